@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+# The only entry. `make help` lists the targets. Everything generated lives under build/.
+# Each room brings its own rules: <room>/<room>.mk.
+
+BUILD := build
+GEN := $(BUILD)/gen
+VENV := $(BUILD)/venv
+STAMPS := $(BUILD)/stamps
+PYTHON ?= python3
+JOBS ?= $(shell nproc)
+SECONDS ?=
+CAMERA ?=
+
+MAKEFLAGS += --no-builtin-rules --no-print-directory
+SHELL := /bin/bash
+.SHELLFLAGS := -eu -o pipefail -c
+.DELETE_ON_ERROR:
+.SUFFIXES:
+.DEFAULT_GOAL := help
+
+.PHONY: help
+help: ## list the targets
+	@echo 'lightprobe: make TARGET'
+	@grep -hE '^[a-z0-9-]+:.*?## ' $(MAKEFILE_LIST) | sort | awk -F':.*## ' '{printf "  %-18s %s\n", $$1, $$2}'
+
+include packaging/packaging.mk
+include proto/proto.mk
+include daemon/daemon.mk
+include host_py/host_py.mk
+include tests/tests.mk
+include tests/kernel/kernel.mk
+include tests/bench/bench.mk
+include tests/arm64/arm64.mk
+-include $(wildcard firmware/firmware.mk hw/hw.mk)
+
+.PHONY: setup build demo test check format clean
+
+setup: setup-build setup-python ## install what building and testing needs (apt, venv); quick the second time
+
+build: setup ## build the daemon, the Python package and what belongs to them
+	@$(MAKE) -j$(JOBS) daemon python
+
+demo: build $(if $(CAMERA),,$(BUILD)/scenes/blender.stamp) ## the whole path, live: simulated room (or CAMERA=v4l2:/dev/video0), daemon, view; SECONDS=n ends it
+	@$(VENV)/bin/lightprobe demo $(if $(SECONDS),--seconds $(SECONDS)) $(if $(CAMERA),--source $(CAMERA))
+
+test: build ## build everything and run all tests that need no hardware and no kernel
+	@$(MAKE) check
+	@$(MAKE) test-all
+
+check: build ## format, lint, types, and who may include whom
+	@$(MAKE) check-c check-python check-rules
+
+format: setup ## rewrite sources in the project's format
+	@$(MAKE) format-c format-python
+
+clean: ## delete everything generated
+	rm -rf $(BUILD)
