@@ -1,0 +1,21 @@
+# SPDX-License-Identifier: Apache-2.0
+# C from the schemas, by nanopb's generator. (Python: host_py/hatch_build.py.)
+
+PROTO_C := $(GEN)/proto/lightprobe.pb.c
+PROTO_H := $(GEN)/proto/lightprobe.pb.h
+
+$(PROTO_C) $(PROTO_H) &: proto/lightprobe.proto proto/lightprobe.options | $(call apt,build)
+	@mkdir -p $(GEN)/proto
+	@protoc -Iproto --plugin=protoc-gen-nanopb=/usr/bin/protoc-gen-nanopb \
+		'--nanopb_out=-I proto -f proto/lightprobe.options:$(GEN)/proto' lightprobe.proto
+	@touch $(PROTO_C) $(PROTO_H)
+
+# C packers of the microcontroller's messages, by cantools (from the venv). No floating point: raw integers.
+DBC_C := $(GEN)/dbc/mcu.c
+DBC_H := $(GEN)/dbc/mcu.h
+
+$(DBC_C) $(DBC_H) &: proto/mcu.dbc | $(STAMPS)/venv
+	@mkdir -p $(GEN)/dbc
+	@$(VENV)/bin/python -m cantools generate_c_source --no-floating-point-numbers \
+		--database-name mcu -o $(GEN)/dbc proto/mcu.dbc >/dev/null
+	@touch $(DBC_C) $(DBC_H)
