@@ -1,0 +1,21 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Time: int64 nanoseconds of CLOCK_MONOTONIC everywhere inside; Unix time only on the wire. */
+#ifndef LP_BASE_CLOCK_H
+#define LP_BASE_CLOCK_H
+
+#include <stdint.h>
+
+#define LP_NS_PER_S INT64_C(1000000000)
+#define LP_NS_PER_MS INT64_C(1000000)
+#define LP_NS_PER_US INT64_C(1000)
+
+int64_t lp_clock_ns(void);
+
+/* Unix time of a CLOCK_MONOTONIC instant by both clocks as they stand now: a step of the wall clock
+ * shows in the next packet and in nothing else. */
+int64_t lp_clock_unix_ns(int64_t monotonic_ns);
+
+/* Processor time of the whole process. */
+int64_t lp_clock_cpu_ns(void);
+
+#endif

@@ -1,0 +1,135 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "base/mailbox.h"
+
+#include <assert.h>
+#include <pthread.h>
+#include <stdbool.h>
+#include <stdlib.h>
+#include <sys/eventfd.h>
+#include <unistd.h>
+
+struct lp_mailbox {
+	pthread_mutex_t lock;
+	pthread_cond_t filled;
+	int event_fd;
+	int capacity, first, count;
+	bool closed;
+	uint64_t lost;
+	void *items[]; /* ring */
+};
+
+struct lp_mailbox *lp_mailbox_create(int capacity)
+{
+	struct lp_mailbox *mailbox =
+		calloc(1, sizeof(*mailbox) + (size_t)capacity * sizeof(void *));
+
+	if (!mailbox)
+		return NULL;
+	mailbox->capacity = capacity;
+	mailbox->event_fd = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
+	if (mailbox->event_fd < 0) {
+		free(mailbox);
+		return NULL;
+	}
+	pthread_mutex_init(&mailbox->lock, NULL);
+	pthread_cond_init(&mailbox->filled, NULL);
+	return mailbox;
+}
+
+/* Make the descriptor readable when there is an item, and only then. Neither call can fail:
+ * the counter goes from 0 to 1 and back. */
+static void signal_fd(struct lp_mailbox *mailbox, bool readable)
+{
+	eventfd_t value;
+
+	if (readable)
+		(void)eventfd_write(mailbox->event_fd, 1);
+	else
+		(void)eventfd_read(mailbox->event_fd, &value);
+}
+
+static void *take_locked(struct lp_mailbox *mailbox)
+{
+	void *item;
+
+	if (mailbox->count == 0)
+		return NULL;
+	item = mailbox->items[mailbox->first];
+	mailbox->first = (mailbox->first + 1) % mailbox->capacity;
+	if (--mailbox->count == 0)
+		signal_fd(mailbox, false);
+	return item;
+}
+
+void *lp_mailbox_put(struct lp_mailbox *mailbox, void *item)
+{
+	void *lost = NULL;
+
+	pthread_mutex_lock(&mailbox->lock);
+	if (mailbox->count == mailbox->capacity) {
+		lost = take_locked(mailbox);
+		mailbox->lost++;
+	}
+	mailbox->items[(mailbox->first + mailbox->count) % mailbox->capacity] = item;
+	if (mailbox->count++ == 0)
+		signal_fd(mailbox, true);
+	pthread_cond_signal(&mailbox->filled);
+	pthread_mutex_unlock(&mailbox->lock);
+	return lost;
+}
+
+void *lp_mailbox_take(struct lp_mailbox *mailbox)
+{
+	void *item;
+
+	pthread_mutex_lock(&mailbox->lock);
+	item = take_locked(mailbox);
+	pthread_mutex_unlock(&mailbox->lock);
+	return item;
+}
+
+void *lp_mailbox_wait(struct lp_mailbox *mailbox)
+{
+	void *item;
+
+	pthread_mutex_lock(&mailbox->lock);
+	while (mailbox->count == 0 && !mailbox->closed)
+		pthread_cond_wait(&mailbox->filled, &mailbox->lock);
+	item = take_locked(mailbox);
+	pthread_mutex_unlock(&mailbox->lock);
+	return item;
+}
+
+void lp_mailbox_close(struct lp_mailbox *mailbox)
+{
+	pthread_mutex_lock(&mailbox->lock);
+	mailbox->closed = true;
+	pthread_cond_broadcast(&mailbox->filled);
+	pthread_mutex_unlock(&mailbox->lock);
+}
+
+int lp_mailbox_fd(const struct lp_mailbox *mailbox)
+{
+	return mailbox->event_fd;
+}
+
+uint64_t lp_mailbox_lost(struct lp_mailbox *mailbox)
+{
+	uint64_t lost;
+
+	pthread_mutex_lock(&mailbox->lock);
+	lost = mailbox->lost;
+	pthread_mutex_unlock(&mailbox->lock);
+	return lost;
+}
+
+void lp_mailbox_destroy(struct lp_mailbox *mailbox)
+{
+	if (!mailbox)
+		return;
+	assert(mailbox->count == 0);
+	close(mailbox->event_fd);
+	pthread_cond_destroy(&mailbox->filled);
+	pthread_mutex_destroy(&mailbox->lock);
+	free(mailbox);
+}

@@ -1,0 +1,37 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Hand-over of pointers between two threads. A full mailbox gives its oldest item back to whoever
+ * puts a new one in: the newest wins, and what was lost is counted.
+ */
+#ifndef LP_BASE_MAILBOX_H
+#define LP_BASE_MAILBOX_H
+
+#include <stdint.h>
+
+struct lp_mailbox;
+
+/* NULL: out of memory or descriptors (errno). */
+struct lp_mailbox *lp_mailbox_create(int capacity);
+
+/* Returns the item that had to go, for the caller to release; NULL when none had to. */
+void *lp_mailbox_put(struct lp_mailbox *mailbox, void *item);
+
+/* The oldest item; NULL when empty. */
+void *lp_mailbox_take(struct lp_mailbox *mailbox);
+
+/* Waits for an item. NULL: closed and empty. */
+void *lp_mailbox_wait(struct lp_mailbox *mailbox);
+
+/* Ends lp_mailbox_wait() once the mailbox is empty. */
+void lp_mailbox_close(struct lp_mailbox *mailbox);
+
+/* Readable while an item waits. */
+int lp_mailbox_fd(const struct lp_mailbox *mailbox);
+
+/* Items given back by put(), ever. */
+uint64_t lp_mailbox_lost(struct lp_mailbox *mailbox);
+
+/* Accepts NULL. Must be empty: take() and release what is left first. */
+void lp_mailbox_destroy(struct lp_mailbox *mailbox);
+
+#endif

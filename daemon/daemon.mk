@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+# lightprobed, and one static library per room of it. VARIANT chooses how it is built:
+#   release   what ships           asan   address + undefined-behaviour sanitizers (tests)
+#   tsan      thread sanitizer     cov    line coverage        arm64  cross-built
+#   fuzz      clang, for libFuzzer
+
+VARIANT ?= release
+OUT := $(BUILD)/$(VARIANT)
+VERSION := 0.1.0
+
+CROSS_arm64 := aarch64-linux-gnu-
+CC := $(if $(filter fuzz,$(VARIANT)),clang,$(CROSS_$(VARIANT))gcc)
+CXX := $(if $(filter fuzz,$(VARIANT)),clang++,$(CROSS_$(VARIANT))g++)
+AR := $(CROSS_$(VARIANT))ar
+PKG_CONFIG := $(if $(filter arm64,$(VARIANT)),PKG_CONFIG_LIBDIR=/usr/lib/aarch64-linux-gnu/pkgconfig:/usr/share/pkgconfig )pkg-config
+
+# Optional libraries: 0 or 1. A missing one is an error that names the package and the way without.
+WITH_SYSTEMD ?= 1
+WITH_SIM ?= 1
+WITH_LIBUSB ?= 1
+WITH_GPIOD ?= 1
+WITH_LIBCAMERA ?= 1
+WITH_OPTIONS := SYSTEMD SIM LIBUSB GPIOD LIBCAMERA
+PACKAGE_SYSTEMD := libsystemd
+DEBIAN_SYSTEMD := libsystemd-dev
+PACKAGE_LIBUSB := libusb-1.0
+DEBIAN_LIBUSB := libusb-1.0-0-dev
+PACKAGE_GPIOD := libgpiod
+DEBIAN_GPIOD := libgpiod-dev
+PACKAGE_LIBCAMERA := libcamera
+DEBIAN_LIBCAMERA := libcamera-dev
+LP_EXCLUDE := $(if $(filter 0,$(WITH_GPIOD)),daemon/drivers/rotator_pca9685.c) \
+	$(if $(filter 0,$(WITH_LIBCAMERA)),$(wildcard daemon/drivers/source_libcamera*))
+LP_PACKAGES := libuv libturbojpeg inih $(foreach o,$(WITH_OPTIONS),$(if $(filter 1,$(WITH_$o)),$(PACKAGE_$o)))
+
+FLAGS_release := -O2
+FLAGS_arm64 := -O2
+FLAGS_asan := -O1 -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
+FLAGS_fuzz := -O1 -fsanitize=fuzzer-no-link,address,undefined -fno-sanitize-recover=all
+FLAGS_tsan := -O1 -fsanitize=thread
+FLAGS_cov := -O0 --coverage
+WARNINGS := -Wall -Wextra -Werror -Wshadow -Wpointer-arith -Wvla -Wundef
+# x86: SSE4.1 and what comes with it, in every processor since 2009. ARM: NEON is part of the base.
+ARCH_FLAGS := $(if $(filter x86_64-%,$(shell $(CC) -dumpmachine 2>/dev/null)),-march=x86-64-v2)
+C_WARNINGS := $(WARNINGS) -Wstrict-prototypes -Wmissing-prototypes
+
+LP_CPPFLAGS = -D_GNU_SOURCE -DLP_VERSION='"$(VERSION)"' -DLP_VARIANT='"$(VARIANT)"' \
+	$(foreach o,$(WITH_OPTIONS),-DWITH_$o=$(WITH_$o)) \
+	-Idaemon -Idaemon/include -I$(GEN) -isystem /usr/include/opencv4 -MMD -MP
+LP_CFLAGS = -std=c17 -g $(ARCH_FLAGS) $(FLAGS_$(VARIANT)) $(C_WARNINGS) $(shell $(PKG_CONFIG) --cflags $(LP_PACKAGES))
+LP_CXXFLAGS = -std=c++17 -g $(ARCH_FLAGS) $(FLAGS_$(VARIANT)) $(WARNINGS) $(LIBCAMERA_CFLAGS)
+LP_LDFLAGS = $(FLAGS_$(VARIANT))
+LP_LDLIBS = $(shell $(PKG_CONFIG) --libs $(LP_PACKAGES)) -lopencv_imgproc -lopencv_core \
+	-lprotobuf-nanopb -lstdc++ -lpthread -lm
+
+# Its headers are not held to our warnings.
+LIBCAMERA_CFLAGS = $(if $(filter 1,$(WITH_LIBCAMERA)),$(subst -I,-isystem ,$(shell $(PKG_CONFIG) --cflags libcamera)))
+
+DAEMON_ROOMS := app drivers vision light base
+# Objects of one room: $(call objects,ROOM)
+objects = $(patsubst %,$(OUT)/%.o,$(filter-out $(LP_EXCLUDE),$(wildcard daemon/$(1)/*.c daemon/$(1)/*.cpp)))
+# Everything but main() is in libraries, so that tests link what the daemon links.
+DAEMON_LIBS := $(foreach r,$(DAEMON_ROOMS),$(OUT)/lib/liblp_$(r).a)
+
+.PHONY: daemon
+daemon: $(OUT)/bin/lightprobed
+
+$(OUT)/bin/lightprobed: $(OUT)/daemon/app/main.c.o $(DAEMON_LIBS)
+	@mkdir -p $(@D) && echo '  ld $@'
+	@$(CC) $(LP_LDFLAGS) -o $@ $^ $(LP_LDLIBS)
+
+$(OUT)/lib/liblp_app.a: $(OUT)/proto/lightprobe.pb.c.o
+$(OUT)/lib/liblp_drivers.a: $(OUT)/dbc/mcu.c.o
+define lp_library
+$(OUT)/lib/liblp_$(1).a: $(filter-out %/main.c.o,$(call objects,$(1)))
+	@mkdir -p $$(@D) && rm -f $$@
+	@$(AR) rcs $$@ $$^
+endef
+$(foreach r,$(DAEMON_ROOMS),$(eval $(call lp_library,$(r))))
+
+$(OUT)/%.c.o: %.c $(OUT)/packages.stamp | $(PROTO_H) $(DBC_H)
+	@mkdir -p $(@D) && echo '  cc $@'
+	@$(CC) $(LP_CPPFLAGS) $(LP_CFLAGS) -c -o $@ $<
+
+$(OUT)/%.cpp.o: %.cpp $(OUT)/packages.stamp | $(PROTO_H)
+	@mkdir -p $(@D) && echo '  c++ $@'
+	@$(CXX) $(LP_CPPFLAGS) $(LP_CXXFLAGS) -c -o $@ $<
+
+$(OUT)/proto/%.c.o: $(GEN)/proto/%.c
+	@mkdir -p $(@D) && echo '  cc $@'
+	@$(CC) $(LP_CPPFLAGS) $(filter-out -Wundef,$(LP_CFLAGS)) -c -o $@ $<
+
+$(OUT)/dbc/%.c.o: $(GEN)/dbc/%.c
+	@mkdir -p $(@D) && echo '  cc $@'
+	@$(CC) $(LP_CPPFLAGS) $(filter-out -Wundef,$(LP_CFLAGS)) -c -o $@ $<
+
+# Optional libraries are asked for once per variant and choice.
+WITH_CHOICE := $(foreach o,$(WITH_OPTIONS),WITH_$o=$(WITH_$o))
+$(OUT)/packages.stamp: daemon/daemon.mk $(OUT)/with.choice
+	@mkdir -p $(@D)
+	@$(foreach o,$(WITH_OPTIONS),if [ '$(WITH_$o)' = 1 ] && ! $(PKG_CONFIG) --exists libuv $(PACKAGE_$o); then \
+		echo 'build: $(PACKAGE_$o) is missing: apt-get install $(DEBIAN_$o), or build without: make WITH_$o=0' >&2; \
+		exit 1; fi;)
+	@touch $@
+$(OUT)/with.choice: FORCE
+	@mkdir -p $(@D)
+	@echo '$(WITH_CHOICE)' | cmp -s - $@ || echo '$(WITH_CHOICE)' >$@
+FORCE:
+
+DAEMON_SOURCES = $(wildcard $(foreach r,include $(DAEMON_ROOMS),daemon/$(r)/*.[ch] daemon/$(r)/*.cpp))
+
+.PHONY: check-c format-c
+check-c: $(PROTO_H) ## clang-format and clang-tidy over the C and C++ sources
+	@clang-format --dry-run -Werror $(C_SOURCES)
+	@printf '%s\n' $(filter %.c,$(DAEMON_SOURCES)) | xargs -P$(JOBS) -I@ clang-tidy --quiet \
+		--warnings-as-errors='*' @ -- -std=c17 $(filter-out -MMD -MP,$(LP_CPPFLAGS)) 2>&1 \
+		| { grep -vE 'warnings? generated|^$$' || true; }
+format-c:
+	@clang-format -i $(C_SOURCES)
+
+-include $(shell find $(OUT) -name '*.d' 2>/dev/null)

@@ -1,0 +1,63 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* One picture as the camera delivered it: compressed or raw, never yet interpreted. */
+#ifndef LP_FRAME_H
+#define LP_FRAME_H
+
+#include <math.h>
+#include <stddef.h>
+#include <stdint.h>
+
+enum lp_pixel_format {
+	LP_FORMAT_MJPEG = 1, /* one JPEG image; also without DHT, as many UVC cameras send it */
+	LP_FORMAT_YUYV,	     /* 4:2:2 packed, BT.601 full range as UVC cameras deliver */
+	LP_FORMAT_NV12,	     /* 4:2:0, luma plane then interleaved CbCr */
+	LP_FORMAT_GREY,	     /* 8-bit luma */
+	LP_FORMAT_RGB_F32,   /* 3 x float32 scene-linear radiance, row 0 up; exposure is not applied
+			      */
+};
+
+enum lp_frame_flag {
+	LP_FRAME_CORRUPT = 1 << 0, /* the driver says so: count it, do not use it */
+	LP_FRAME_EXPOSURE_VERIFIED =
+		1 << 1,		/* exposure_us was read back or seen, not just commanded */
+	LP_FRAME_LAST = 1 << 2, /* the source ends with this frame (`once`) */
+};
+
+/* So many frames the consumer may hold at once: a raw one for each exposure of the largest bracket,
+ * for a closer look at lamps later, and the one it works on. A source has some more to fill. */
+#define LP_FRAMES_HELD 9
+
+/*
+ * Borrowed from the source's pool: whoever holds it calls lp_frame_release() once, from any thread.
+ * The source must outlive its frames. Everything but `data` may be read from any thread.
+ */
+struct lp_frame {
+	enum lp_pixel_format format;
+	uint32_t width_px, height_px;
+	uint32_t stride_bytes; /* of a row of the first plane; 0 for MJPEG */
+	const uint8_t *data;
+	size_t size_bytes;
+	uint64_t sequence;     /* the source's own count; gaps are frames lost before us */
+	int64_t t_start_ns;    /* CLOCK_MONOTONIC at the start of exposure */
+	int64_t t_arrival_ns;  /* CLOCK_MONOTONIC when the whole frame was in memory */
+	float exposure_us;     /* NAN: unknown */
+	float gain;	       /* linear factor, 1 = base sensitivity; NAN: unknown */
+	float wheel_deg;       /* polarizer angle during the exposure; NAN: no wheel, or unknown */
+	float wheel_sigma_deg; /* 1 sigma; NAN: unknown */
+	uint32_t flags;	       /* enum lp_frame_flag */
+	void (*release)(struct lp_frame *frame);
+};
+
+/* Exposure times gain; NAN: unknown. An unknown gain counts as 1. */
+static inline float lp_frame_exposure_us(const struct lp_frame *frame)
+{
+	return frame->exposure_us * (isnan(frame->gain) ? 1.0F : frame->gain);
+}
+
+static inline void lp_frame_release(struct lp_frame *frame)
+{
+	if (frame)
+		frame->release(frame);
+}
+
+#endif

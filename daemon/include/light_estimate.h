@@ -1,0 +1,78 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The result: lamps, spherical harmonics for the rest, and how much of it to believe. By value. */
+#ifndef LP_LIGHT_ESTIMATE_H
+#define LP_LIGHT_ESTIMATE_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#define LP_MAX_LIGHTS 8
+#define LP_MAX_SH_ORDER 4 /* on the wire */
+#define LP_SH_COUNT(order) (((order) + 1) * ((order) + 1))
+#define LP_MAX_SH_COUNT LP_SH_COUNT(LP_MAX_SH_ORDER)
+
+/* Same values as LightFlag of lightprobe.proto; app/codec.c asserts it. */
+enum lp_light_flag {
+	LP_LIGHT_CLIPPED = 1 << 0,
+	LP_LIGHT_REFLECTION = 1 << 1,
+	LP_LIGHT_EXTENDED = 1 << 2,
+	LP_LIGHT_RING = 1 << 3,
+	LP_LIGHT_HELD = 1 << 4,
+};
+
+/* Same values as EstimateFlag of lightprobe.proto; app/codec.c asserts it. */
+enum lp_estimate_flag {
+	LP_ESTIMATE_STALE = 1 << 0,
+	LP_ESTIMATE_EXPOSURE_UNKNOWN = 1 << 1,
+	LP_ESTIMATE_CLIPPED = 1 << 2,
+	LP_ESTIMATE_UNDEREXPOSED = 1 << 3,
+	LP_ESTIMATE_BRACKET_INCOMPLETE = 1 << 4,
+	LP_ESTIMATE_PARTIAL_VIEW = 1 << 5,
+	LP_ESTIMATE_MORE_LIGHTS = 1 << 6,
+	LP_ESTIMATE_INVALID_INPUT = 1 << 7,
+	LP_ESTIMATE_DEGRADED = 1 << 8,
+	LP_ESTIMATE_RING_ONLY = 1 << 9,
+	LP_ESTIMATE_EXPOSURE_IGNORED = 1 << 10,
+	LP_ESTIMATE_RING_FAULT = 1 << 11,
+	LP_ESTIMATE_WHEEL_FAULT = 1 << 12,
+	LP_ESTIMATE_NO_LIGHT = 1 << 13,
+};
+
+/* One lamp. Unknown values are NAN. Directions are unit vectors towards the light, probe frame. */
+struct lp_light {
+	uint32_t id; /* stable while tracked; 0 before tracking */
+	float direction[3];
+	float irradiance[3]; /* RGB at normal incidence: integral of the radiance above its surround
+			      */
+	float angular_radius_deg; /* of the disc with the same solid angle */
+	float direction_sigma_deg;
+	float irradiance_sigma; /* relative, 1 sigma */
+	float confidence;	/* 0..1, that this is a light source */
+	float distance_m;
+	uint32_t flags; /* enum lp_light_flag */
+};
+
+/*
+ * The whole estimate. `sh_total` holds the light of everything; what a packet calls AMBIENT is
+ * sh_total minus the projection of the lights that the packet lists (light/model.h), so that
+ * AMBIENT + lights = TOTAL holds exactly in every band, whatever a subscriber asked for.
+ */
+struct lp_light_estimate {
+	int64_t t_capture_ns; /* CLOCK_MONOTONIC, mid-exposure of the newest frame used */
+	int64_t t_arrival_ns; /* CLOCK_MONOTONIC, arrival of that frame: latency is counted from
+				 here */
+	uint32_t sequence;
+	uint32_t flags; /* enum lp_estimate_flag */
+	int light_count;
+	struct lp_light lights[LP_MAX_LIGHTS]; /* strongest first */
+	float sh_total[LP_MAX_SH_COUNT][3];
+	/* Predicted relighting error of order l with the first k lights; relative to mean
+	 * irradiance. */
+	float predicted_error[LP_MAX_SH_ORDER + 1][LP_MAX_LIGHTS + 1];
+	float exposure_us; /* longest used; NAN: unknown */
+	int exposure_count;
+	float cd_m2_per_unit;		  /* NAN: not calibrated */
+	float wheel_deg, wheel_sigma_deg; /* of the newest frame used (frame.h) */
+};
+
+#endif

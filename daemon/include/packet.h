@@ -1,0 +1,38 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Encoded bytes, shared by every client that gets the same message. Immutable once published. */
+#ifndef LP_PACKET_H
+#define LP_PACKET_H
+
+#include <stdint.h>
+
+#define LP_PACKET_MAX_BYTES 2048
+
+/* What a slow client may lose: a newer STATE replaces an older one still unsent; CONTROL is kept.
+ */
+enum lp_packet_kind {
+	LP_PACKET_STATE,
+	LP_PACKET_CONTROL,
+};
+
+/* Counted reference; all calls on the loop thread. `release` puts it back into its pool. */
+struct lp_packet {
+	uint32_t references;
+	enum lp_packet_kind kind;
+	uint32_t size_bytes;
+	void (*release)(struct lp_packet *packet);
+	uint8_t data[LP_PACKET_MAX_BYTES]; /* length prefix included: goes to the stream as it is */
+};
+
+static inline struct lp_packet *lp_packet_hold(struct lp_packet *packet)
+{
+	packet->references++;
+	return packet;
+}
+
+static inline void lp_packet_drop(struct lp_packet *packet)
+{
+	if (packet && --packet->references == 0)
+		packet->release(packet);
+}
+
+#endif

@@ -1,0 +1,68 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * A publisher of packets: moves bytes to and from clients and knows nothing of their meaning.
+ * One back end = one file drivers/publisher_<scheme>.c, registered in app/backends.c.
+ *
+ * Contract as in source.h: ops on the loop thread, one fd, dispatch when readable. A client is
+ * named by a handle that the publisher gives out and that is never used again after disconnected().
+ */
+#ifndef LP_PUBLISHER_H
+#define LP_PUBLISHER_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+struct lp_packet;
+struct lp_publisher;
+struct lp_uri;
+struct lp_client; /* owned by the publisher */
+
+/* Longest request a client may send; a Subscription needs about 30 bytes. */
+#define LP_REQUEST_MAX_BYTES 256
+
+/* Callbacks into the application, all on the loop thread. */
+struct lp_publisher_host {
+	void *context;
+	/* May call send() at once. *user is the application's own pointer for this client. A
+	 * negative result refuses it: what was sent goes out, the connection closes, nothing more
+	 * is heard. */
+	int (*connected)(void *context, struct lp_publisher *publisher, struct lp_client *client,
+			 void **user);
+	/* One whole request without its length prefix; valid during the call.
+	 * A negative result makes the publisher close the connection once its queue is sent. */
+	int (*request)(void *context, void *user, const uint8_t *data, size_t size_bytes);
+	/* What the client sends has no readable length; may call send(), then the connection
+	 * closes. */
+	void (*unreadable)(void *context, void *user, const char *reason);
+	void (*disconnected)(void *context, void *user);
+	/* A packet was given up for a newer one before it was sent. */
+	void (*superseded)(void *context, void *user);
+};
+
+struct lp_publisher_ops {
+	const char *scheme;
+	const char *help;
+	int (*create)(const struct lp_uri *uri, const struct lp_publisher_host *host,
+		      struct lp_publisher **publisher);
+	int (*start)(struct lp_publisher *publisher);
+	int (*fd)(const struct lp_publisher *publisher);
+	/* Negative: this publisher cannot go on, and the daemon ends; -EPIPE: because the only
+	 * client there can ever be has gone, which is no fault. */
+	int (*dispatch)(struct lp_publisher *publisher);
+	/* Holds its own reference to `packet` while it needs it. Never blocks, never calls the
+	 * host. */
+	void (*send)(struct lp_publisher *publisher, struct lp_client *client,
+		     struct lp_packet *packet);
+	/* Bytes of a packet still wait for a client that may take them. */
+	bool (*pending)(const struct lp_publisher *publisher);
+	void (*destroy)(struct lp_publisher *publisher);
+};
+
+/* Base of every back end: embed it as the first member. */
+struct lp_publisher {
+	const struct lp_publisher_ops *ops;
+	struct lp_publisher_host host;
+};
+
+#endif

@@ -1,0 +1,42 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The ring of light sensors. One back end = one file drivers/ring_<scheme>.c with one
+ * `const struct lp_ring_ops`, registered by one line in app/backends.c. Contract as in source.h.
+ */
+#ifndef LP_RING_H
+#define LP_RING_H
+
+#include <stdint.h>
+
+struct lp_mcu;
+struct lp_ring;
+struct lp_ring_sample;
+struct lp_uri;
+
+/* Callbacks into the application, all on the loop thread. */
+struct lp_ring_host {
+	void *context;
+	void (*sample)(void *context, const struct lp_ring_sample *sample);
+	/* As in rotator.h. */
+	void (*fault)(void *context, const char *id, const char *text);
+	struct lp_mcu **mcus;
+};
+
+struct lp_ring_ops {
+	const char *scheme;
+	const char *help;
+	int (*create)(const struct lp_uri *uri, const struct lp_ring_host *host,
+		      struct lp_ring **ring);
+	int (*start)(struct lp_ring *ring);
+	int (*fd)(const struct lp_ring *ring); /* -1: somebody else watches the connection */
+	int (*dispatch)(struct lp_ring *ring);
+	void (*destroy)(struct lp_ring *ring); /* accepts NULL */
+};
+
+/* Base of every back end: embed it as the first member. */
+struct lp_ring {
+	const struct lp_ring_ops *ops;
+	struct lp_ring_host host;
+};
+
+#endif

@@ -1,0 +1,18 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* One reading of the ring of light sensors: eight on the equator, one up (docs/conventions.md). */
+#ifndef LP_RING_SAMPLE_H
+#define LP_RING_SAMPLE_H
+
+#include <stdint.h>
+
+#define LP_RING_SENSORS 9
+
+struct lp_ring_sample {
+	int64_t t_ns;				/* CLOCK_MONOTONIC of the middle of the scan */
+	uint32_t sequence;			/* gaps are samples lost on the link */
+	float illuminance_lux[LP_RING_SENSORS]; /* NAN: sensor open, shorted, saturated or not
+						   fitted */
+	float sigma_relative[LP_RING_SENSORS];
+};
+
+#endif

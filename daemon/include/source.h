@@ -1,0 +1,82 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * A source of frames: camera, files, simulator. One back end = one file drivers/source_<scheme>.c
+ * with one `const struct lp_source_ops`, registered by one line in app/backends.c.
+ *
+ * Contract. create() only parses and allocates; start() opens the device. A device that is absent
+ * is no error of start() when it may come (camera, simulator): it reports WAITING and tries again
+ * with back-off. All ops run on the loop thread and take less than 1 ms; what blocks runs in a
+ * thread of the back end's own. fd() is one descriptor for the source's whole life (an epoll
+ * descriptor where there are several); when it is readable the loop calls dispatch(), which hands
+ * frames to the host. Results are 0 or negative errno; the message has been logged where the
+ * failure was seen.
+ */
+#ifndef LP_SOURCE_H
+#define LP_SOURCE_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+struct lp_frame;
+struct lp_uri;
+struct lp_source;
+
+enum lp_source_state {
+	LP_SOURCE_DOWN = 1,
+	LP_SOURCE_WAITING, /* device absent; trying again */
+	LP_SOURCE_STREAMING,
+	LP_SOURCE_STALLED, /* present but silent */
+	LP_SOURCE_ENDED,   /* a finite source has given its last frame */
+};
+
+/* Callbacks into the application, all on the loop thread. */
+struct lp_source_host {
+	void *context;
+	/* Every picture exactly once, as fast as it is taken, then LP_FRAME_LAST and ENDED: a
+	 * source that could repeat, pace or leave out does none of it. Cameras cannot, and just
+	 * stream. */
+	bool once;
+	/* Takes over the reference to `frame`. */
+	void (*frame)(void *context, struct lp_frame *frame);
+	/* `reason` names object, stage and next step; valid during the call. */
+	void (*state)(void *context, enum lp_source_state state, const char *reason);
+	/* The camera as --camera names it: "equirect", or the path of a camera file, whose section
+	 * named as the back end's scheme is the driver's. NULL: none. Borrowed during create(). */
+	const char *camera;
+};
+
+/* What the source can do about exposure; NAN or 0 where it does not apply. */
+struct lp_source_caps {
+	bool exposure_settable;
+	bool exposure_tagged; /* frames carry their true exposure */
+	float exposure_min_us, exposure_max_us;
+	float exposure_step_us; /* commands are rounded to multiples of this; 0: any value */
+	float gain_min, gain_max;
+	int exposure_delay_frames; /* frames from command to effect; -1: unknown */
+	float frame_rate_hz;
+	bool finite; /* ends by itself, with LP_FRAME_LAST and ENDED */
+};
+
+struct lp_source_ops {
+	const char *scheme;
+	const char *help; /* one line for --help: URI form and options */
+	int (*create)(const struct lp_uri *uri, const struct lp_source_host *host,
+		      struct lp_source **source);
+	int (*start)(struct lp_source *source);
+	int (*fd)(const struct lp_source *source);
+	int (*dispatch)(struct lp_source *source);
+	void (*caps)(const struct lp_source *source, struct lp_source_caps *caps);
+	/* Optional (NULL): command exposure; takes effect some frames later. */
+	int (*set_exposure)(struct lp_source *source, float exposure_us, float gain);
+	/* Accepts NULL. Restores what start() changed on the device. Frames must be back by then.
+	 */
+	void (*destroy)(struct lp_source *source);
+};
+
+/* Base of every back end: embed it as the first member. */
+struct lp_source {
+	const struct lp_source_ops *ops;
+	struct lp_source_host host;
+};
+
+#endif
