@@ -1,0 +1,209 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "vision/cells.h"
+
+#include <algorithm>
+#include <cerrno>
+#include <cmath>
+#include <cstdlib>
+#include <cstring>
+
+#include "include/frame.h"
+#include "vision/cells_store.hpp"
+#include "vision/raw_pixels.hpp"
+#include "vision/response.h"
+
+/* Cells of storage beyond the last: vector stores may touch them. */
+static constexpr size_t kMargin = 4;
+
+extern "C" int lp_cells_reserve(struct lp_cells *cells, int width, int height, int cell_px)
+{
+	const size_t count = static_cast<size_t>(width) * height;
+
+	if (count > cells->capacity) {
+		const size_t room = count + kMargin;
+
+		lp_cells_release(cells);
+		cells->radiance = static_cast<float(*)[4]>(std::malloc(room * sizeof(float[4])));
+		cells->clipped = static_cast<uint8_t *>(std::malloc(room));
+		if (!cells->radiance || !cells->clipped) {
+			lp_cells_release(cells);
+			return -ENOMEM;
+		}
+		cells->capacity = count;
+	}
+	cells->width = width;
+	cells->height = height;
+	cells->cell_px = cell_px;
+	cells->clipped_count = 0;
+	cells->invalid_count = 0;
+	cells->mean_code = NAN;
+	return 0;
+}
+
+extern "C" void lp_cells_release(struct lp_cells *cells)
+{
+	std::free(cells->radiance);
+	std::free(cells->clipped);
+	*cells = {};
+}
+
+namespace
+{
+
+/* What is summed over the at most 64 pixels of one cell. */
+struct cell_sum {
+	float rgb[3];
+	float weight;
+	int luma; /* codes; green stands for it */
+	int left_out;
+	bool clipped;
+
+	void add(const float linear[3], float w)
+	{
+		for (int c = 0; c < 3; c++)
+			rgb[c] += w * linear[c];
+		weight += w;
+	}
+
+	/* A run of pixels of one row, three codes each. */
+	void add(const uint8_t *codes, int count, const struct lp_response *response, float w)
+	{
+		const float *red = response->pixel[0], *green = response->pixel[1];
+		const float *blue = response->pixel[2];
+		float r = 0.0F, g = 0.0F, b = 0.0F;
+		unsigned int above = 0; /* bit 8: some code is at the top */
+
+		for (const uint8_t *p = codes; p < codes + 3 * count; p += 3) {
+			r += red[p[0]];
+			g += green[p[1]];
+			b += blue[p[2]];
+			luma += p[1];
+			above |= (p[0] + 256U - lp::kTopCode) | (p[1] + 256U - lp::kTopCode) |
+				 (p[2] + 256U - lp::kTopCode);
+		}
+		rgb[0] += w * r;
+		rgb[1] += w * g;
+		rgb[2] += w * b;
+		weight += w * static_cast<float>(count);
+		clipped |= (above & 256U) != 0;
+	}
+};
+
+/* The pixels of every cell, cell by cell: `gather(x0, x1, y, row_weight, sum)` adds a run. */
+template <typename Gather>
+int fill_from_pixels(struct lp_cells *cells, int width_px, int height_px, int cell_px,
+		     const float *row_weight, float scale, Gather gather)
+{
+	const int width = (width_px + cell_px - 1) / cell_px;
+	const int height = (height_px + cell_px - 1) / cell_px;
+	double luma = 0.0;
+	int ret = lp_cells_reserve(cells, width, height, cell_px);
+
+	cells->scale = scale;
+	for (int row = 0; ret == 0 && row < height; row++)
+		for (int column = 0; column < width; column++) {
+			const int x1 = std::min((column + 1) * cell_px, width_px);
+			const int y1 = std::min((row + 1) * cell_px, height_px);
+			cell_sum sum = {};
+			float mean[3] = {};
+
+			for (int y = row * cell_px; y < y1; y++) {
+				const float w = row_weight ? row_weight[y] : 1.0F;
+
+				gather(column * cell_px, x1, y, w, sum);
+			}
+			for (int c = 0; c < 3 && sum.weight > 0.0F; c++)
+				mean[c] = sum.rgb[c] / sum.weight;
+			cells->invalid_count += sum.left_out;
+			luma += sum.luma;
+			lp::store_cell(cells, static_cast<size_t>(row) * width + column, mean,
+				       sum.clipped);
+		}
+	if (ret == 0)
+		cells->mean_code = luma / (static_cast<double>(width_px) * height_px);
+	return ret;
+}
+
+bool float_pixel(const struct lp_frame *frame, int x, int y, float linear[3])
+{
+	std::memcpy(linear,
+		    frame->data + static_cast<size_t>(y) * frame->stride_bytes +
+			    static_cast<size_t>(x) * 3 * sizeof(float),
+		    3 * sizeof(float));
+	/* one broken channel spoils the sample; !(a >= 0) is also true of NaN */
+	for (int c = 0; c < 3; c++)
+		if (!(linear[c] >= 0.0F) || std::isinf(linear[c]))
+			return false;
+	return true;
+}
+
+int fill_from_float(struct lp_cells *cells, const struct lp_frame *frame, int cell_px,
+		    const float *row_weight, float scale)
+{
+	const auto gather = [frame](int x0, int x1, int y, float w, cell_sum &sum) {
+		float linear[3];
+
+		for (int x = x0; x < x1; x++) {
+			if (float_pixel(frame, x, y, linear))
+				sum.add(linear, w);
+			else
+				sum.left_out++;
+		}
+	};
+	const int ret = fill_from_pixels(cells, frame->width_px, frame->height_px, cell_px,
+					 row_weight, scale, gather);
+
+	cells->mean_code = NAN;
+	return ret;
+}
+
+} /* namespace */
+
+extern "C" int lp_cells_from_rgb8(struct lp_cells *cells, const uint8_t *rgb, int width_px,
+				  int height_px, size_t stride_bytes, int cell_px,
+				  const float *row_weight, const struct lp_response *response,
+				  float scale)
+{
+	const auto gather = [=](int x0, int x1, int y, float w, cell_sum &sum) {
+		sum.add(rgb + y * stride_bytes + x0 * 3, x1 - x0, response, w);
+	};
+
+	return fill_from_pixels(cells, width_px, height_px, cell_px, row_weight, scale, gather);
+}
+
+extern "C" int lp_cells_from_raw(struct lp_cells *cells, const struct lp_frame *frame, int cell_px,
+				 const float *row_weight, const struct lp_response *response,
+				 float scale)
+{
+	const auto gather = [=](int x0, int x1, int y, float w, cell_sum &sum) {
+		uint8_t codes[8 * 3];
+
+		for (int x = x0; x < x1; x++)
+			lp::raw_codes(frame, x, y, codes + 3 * (x - x0));
+		sum.add(codes, x1 - x0, response, w);
+	};
+
+	if (frame->format == LP_FORMAT_RGB_F32)
+		return fill_from_float(cells, frame, cell_px, row_weight, scale);
+	return fill_from_pixels(cells, frame->width_px, frame->height_px, cell_px, row_weight,
+				scale, gather);
+}
+
+extern "C" void lp_frame_linear_pixel(const struct lp_frame *frame, int x, int y,
+				      const struct lp_response *response, float scale, float rgb[3])
+{
+	x = std::clamp(x, 0, static_cast<int>(frame->width_px) - 1);
+	y = std::clamp(y, 0, static_cast<int>(frame->height_px) - 1);
+	if (frame->format == LP_FORMAT_RGB_F32) {
+		const bool sound = float_pixel(frame, x, y, rgb);
+
+		for (int c = 0; c < 3; c++)
+			rgb[c] = sound ? rgb[c] * scale : 0.0F;
+		return;
+	}
+	uint8_t code[3];
+
+	lp::raw_codes(frame, x, y, code);
+	for (int c = 0; c < 3; c++)
+		rgb[c] = scale * response->pixel[c][code[c]];
+}

@@ -1,0 +1,73 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * One exposure as linear radiance on the camera's own coarse grid: a cell is a block of cell_px x
+ * cell_px pixels. What every kind of frame becomes before exposures are merged and the panorama is
+ * filled.
+ */
+#ifndef LP_VISION_CELLS_H
+#define LP_VISION_CELLS_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+struct lp_frame;
+struct lp_jpeg_reader;
+struct lp_response;
+
+/* Storage grows to the largest frame seen and stays. */
+struct lp_cells {
+	int width, height; /* in cells */
+	int cell_px;
+	float (*radiance)[4]; /* R, G, B, luminance; of full scale at one second, or the file's unit
+			       */
+	float scale;	      /* that the frame was scaled by: full scale to radiance */
+	uint8_t *clipped;     /* 1: some pixel of the cell is at the top of the scale */
+	size_t capacity;
+	int clipped_count;
+	int invalid_count; /* samples left out: NaN, infinite, negative */
+	double mean_code;  /* mean luma code 0..255 of 8-bit frames; NAN for float frames */
+};
+
+int lp_cells_reserve(struct lp_cells *cells, int width, int height, int cell_px);
+void lp_cells_release(struct lp_cells *cells);
+
+/* `scale` turns full scale into radiance: 1 / (exposure in s * gain), or 1 when that is unknown.
+ * row_weight: per pixel row, its solid angle up to a factor; NULL: all alike. */
+
+/*
+ * From block means and detail of a JPEG (vision/jpeg_blocks.h), without its pixels; cells of 8 px.
+ * At most `exact_blocks` of the blocks whose mean tells least are decoded, and those with detail
+ * where row_weight is uneven across a block. row_weight holds whole blocks.
+ */
+int lp_cells_from_jpeg(struct lp_cells *cells, const struct lp_jpeg_reader *reader,
+		       const float *row_weight, const struct lp_response *response, float scale,
+		       int exact_blocks);
+
+/* From decoded pixels: RGB, 8 bit, each linearised on its own. */
+int lp_cells_from_rgb8(struct lp_cells *cells, const uint8_t *rgb, int width_px, int height_px,
+		       size_t stride_bytes, int cell_px, const float *row_weight,
+		       const struct lp_response *response, float scale);
+
+/* From block means and detail of a raw 8-bit frame; otherwise as from a JPEG. */
+int lp_cells_from_raw_blocks(struct lp_cells *cells, const struct lp_frame *frame,
+			     const float *row_weight, const struct lp_response *response,
+			     float scale, int exact_blocks);
+
+/* From a raw frame pixel by pixel: YUYV, NV12, GREY, RGB_F32. */
+int lp_cells_from_raw(struct lp_cells *cells, const struct lp_frame *frame, int cell_px,
+		      const float *row_weight, const struct lp_response *response, float scale);
+
+/* Linear radiance of one pixel of a raw frame; beyond the picture its edge, 0 for a broken sample.
+ */
+void lp_frame_linear_pixel(const struct lp_frame *frame, int x, int y,
+			   const struct lp_response *response, float scale, float rgb[3]);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

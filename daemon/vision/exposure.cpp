@@ -1,0 +1,253 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "vision/exposure.h"
+
+#include <algorithm>
+#include <cerrno>
+#include <cmath>
+#include <cstdlib>
+#include <cstring>
+
+#include <turbojpeg.h>
+
+#include "include/frame.h"
+#include "vision/cells.h"
+#include "vision/jpeg_blocks.h"
+#include "vision/jpeg_pixels.h"
+#include "vision/response.h"
+#include "vision/simd.hpp"
+
+extern "C" {
+#include "base/log.h"
+}
+
+extern "C" void lp_exposure_release(struct lp_exposure *exposure)
+{
+	lp_cells_release(&exposure->cells);
+	lp_frame_release(exposure->frame);
+	lp_jpeg_reader_destroy(exposure->jpeg);
+	std::free(exposure->rgb);
+	if (exposure->turbo)
+		tjDestroy(exposure->turbo);
+	*exposure = {};
+}
+
+namespace
+{
+
+int refuse(const char *stage, const char *reason)
+{
+	lp_warning("frame", stage, "%s; frame left out", reason);
+	return -EBADMSG;
+}
+
+/* A decompressor that failed on a header misreads the next one (libjpeg-turbo 2.1): begin anew. */
+int refuse_turbo(struct lp_exposure *exposure, const char *stage)
+{
+	const int ret = refuse(stage, tjGetErrorStr2(exposure->turbo));
+
+	tjDestroy(exposure->turbo);
+	exposure->turbo = nullptr;
+	return ret;
+}
+
+/* Whole picture by libjpeg-turbo at 1/divisor. */
+int decode_picture(struct lp_exposure *exposure, const struct lp_frame *frame, int divisor)
+{
+	int width, height, subsampling, colourspace;
+
+	if (!exposure->turbo)
+		exposure->turbo = tjInitDecompress();
+	if (!exposure->turbo)
+		return -ENOMEM;
+	if (tjDecompressHeader3(exposure->turbo, frame->data, frame->size_bytes, &width, &height,
+				&subsampling, &colourspace) < 0)
+		return refuse_turbo(exposure, "JPEG header");
+	if (width != static_cast<int>(frame->width_px) ||
+	    height != static_cast<int>(frame->height_px))
+		return refuse("JPEG header", "the picture's size is not the stream's");
+	const tjscalingfactor factor = {1, divisor};
+	const int w = TJSCALED(width, factor), h = TJSCALED(height, factor);
+	const size_t bytes = static_cast<size_t>(w) * h * 3;
+
+	if (bytes > exposure->rgb_capacity) {
+		std::free(exposure->rgb);
+		exposure->rgb_capacity = 0;
+		exposure->rgb = static_cast<uint8_t *>(std::malloc(bytes));
+		if (!exposure->rgb)
+			return -ENOMEM;
+		exposure->rgb_capacity = bytes;
+	}
+	/* warnings are broken data too: libjpeg fills in what is missing, and light is no filling
+	 */
+	if (tjDecompress2(exposure->turbo, frame->data, frame->size_bytes, exposure->rgb, w, 0, h,
+			  TJPF_RGB, 0) < 0)
+		return refuse_turbo(exposure, "JPEG data");
+	exposure->rgb_width_px = w;
+	exposure->rgb_height_px = h;
+	exposure->rgb_divisor = divisor;
+	return 0;
+}
+
+int load_picture(struct lp_exposure *exposure, const struct lp_frame *frame, int divisor,
+		 int cell_px, const float *row_weight, const struct lp_response *response)
+{
+	int ret = decode_picture(exposure, frame, divisor);
+
+	if (ret == 0)
+		ret = lp_cells_from_rgb8(&exposure->cells, exposure->rgb, exposure->rgb_width_px,
+					 exposure->rgb_height_px,
+					 static_cast<size_t>(exposure->rgb_width_px) * 3,
+					 cell_px / divisor, divisor == 1 ? row_weight : nullptr,
+					 response, exposure->scale);
+	exposure->cells.cell_px = cell_px;
+	return ret;
+}
+
+int load_blocks(struct lp_exposure *exposure, const struct lp_frame *frame,
+		const struct lp_decode_options *options, const float *row_weight,
+		const struct lp_response *response)
+{
+	int ret = exposure->jpeg ? 0 : lp_jpeg_reader_create(&exposure->jpeg);
+
+	if (ret == 0)
+		ret = lp_jpeg_read(exposure->jpeg, frame->data, frame->size_bytes);
+	if (ret == -ENOTSUP) /* progressive and the like: still cells of blocks */
+		return load_picture(exposure, frame, 1, 8, nullptr, response);
+	if (ret == -EBADMSG)
+		return refuse("JPEG", "the data is broken or ends early");
+	if (ret < 0)
+		return ret;
+	if (exposure->jpeg->width_px != static_cast<int>(frame->width_px) ||
+	    exposure->jpeg->height_px != static_cast<int>(frame->height_px))
+		return refuse("JPEG header", "the picture's size is not the stream's");
+	exposure->jpeg_holds_frame = true;
+	return lp_cells_from_jpeg(&exposure->cells, exposure->jpeg, row_weight, response,
+				  exposure->scale, options->exact_blocks);
+}
+
+size_t raw_size(const struct lp_frame *frame)
+{
+	const size_t plane = static_cast<size_t>(frame->stride_bytes) * frame->height_px;
+
+	return frame->format == LP_FORMAT_NV12
+		       ? plane + frame->stride_bytes * ((frame->height_px + 1) / 2)
+		       : plane;
+}
+
+size_t least_stride(const struct lp_frame *frame)
+{
+	switch (frame->format) {
+	case LP_FORMAT_YUYV:
+		return static_cast<size_t>((frame->width_px + 1) / 2) * 4;
+	case LP_FORMAT_NV12:
+		return static_cast<size_t>((frame->width_px + 1) / 2) * 2;
+	case LP_FORMAT_RGB_F32:
+		return static_cast<size_t>(frame->width_px) * 3 * sizeof(float);
+	default:
+		return frame->width_px;
+	}
+}
+
+int load_raw(struct lp_exposure *exposure, struct lp_frame *frame,
+	     const struct lp_decode_options *options, const float *row_weight,
+	     const struct lp_response *response)
+{
+	int ret;
+
+	if (frame->stride_bytes < least_stride(frame) || frame->size_bytes < raw_size(frame))
+		return refuse("raw frame", "fewer bytes than its size needs");
+	ret = options->decode == LP_DECODE_BLOCKS
+		      ? lp_cells_from_raw_blocks(&exposure->cells, frame, row_weight, response,
+						 exposure->scale, options->exact_blocks)
+		      : lp_cells_from_raw(&exposure->cells, frame, options->cell_px, row_weight,
+					  response, exposure->scale);
+	if (ret == 0)
+		exposure->frame = frame;
+	return ret;
+}
+
+} /* namespace */
+
+extern "C" int lp_exposure_load(struct lp_exposure *exposure, struct lp_frame *frame,
+				const struct lp_decode_options *options, const float *row_weight,
+				const struct lp_response *response)
+{
+	int ret;
+
+	lp_frame_release(exposure->frame);
+	exposure->frame = nullptr;
+	exposure->jpeg_holds_frame = false;
+	exposure->noise = lp_code_noise_of(frame);
+	if (frame->format != LP_FORMAT_MJPEG)
+		ret = load_raw(exposure, frame, options, row_weight, response);
+	else if (options->decode == LP_DECODE_BLOCKS)
+		ret = load_blocks(exposure, frame, options, row_weight, response);
+	else
+		ret = load_picture(exposure, frame, options->divisor, options->cell_px, row_weight,
+				   response);
+	if (!exposure->frame)
+		lp_frame_release(frame);
+	return ret;
+}
+
+extern "C" void lp_exposure_rescale(struct lp_exposure *exposure, float scale)
+{
+	struct lp_cells *cells = &exposure->cells;
+	const cv::v_float32x4 ratio = cv::v_setall_f32(scale / exposure->scale);
+
+	if (scale == exposure->scale)
+		return;
+	for (size_t i = 0; i < static_cast<size_t>(cells->width) * cells->height; i++)
+		cv::v_store(cells->radiance[i], cv::v_load(cells->radiance[i]) * ratio);
+	exposure->scale = cells->scale = scale;
+}
+
+namespace
+{
+
+void block_pixels(const struct lp_exposure *exposure, int column, int row,
+		  const struct lp_response *response, float (*rgb)[3])
+{
+	uint8_t code[64][3];
+
+	lp_jpeg_block_rgb(exposure->jpeg, column, row, code);
+	for (int p = 0; p < 64; p++)
+		for (int c = 0; c < 3; c++)
+			rgb[p][c] = exposure->scale * response->pixel[c][code[p][c]];
+}
+
+void picture_pixel(const struct lp_exposure *exposure, int x, int y,
+		   const struct lp_response *response, float rgb[3])
+{
+	const int px = std::min(x / exposure->rgb_divisor, exposure->rgb_width_px - 1);
+	const int py = std::min(y / exposure->rgb_divisor, exposure->rgb_height_px - 1);
+	const uint8_t *code =
+		exposure->rgb + (static_cast<size_t>(py) * exposure->rgb_width_px + px) * 3;
+
+	for (int c = 0; c < 3; c++)
+		rgb[c] = exposure->scale * response->pixel[c][code[c]];
+}
+
+} /* namespace */
+
+extern "C" void lp_exposure_cell_pixels(const struct lp_exposure *exposure, int column, int row,
+					const struct lp_response *response, float (*rgb)[3])
+{
+	const int side = exposure->cells.cell_px;
+
+	if (exposure->jpeg_holds_frame) {
+		block_pixels(exposure, column, row, response, rgb);
+		return;
+	}
+	for (int y = 0; y < side; y++)
+		for (int x = 0; x < side; x++) {
+			float *out = rgb[y * side + x];
+			const int px = column * side + x, py = row * side + y;
+
+			if (exposure->frame)
+				lp_frame_linear_pixel(exposure->frame, px, py, response,
+						      exposure->scale, out);
+			else
+				picture_pixel(exposure, px, py, response, out);
+		}
+}

@@ -1,0 +1,475 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Full-resolution look at a lamp: lp_imager_refine(). */
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "include/light_estimate.h"
+#include "light/grid.h"
+#include "light/lamps.h"
+#include "vision/code_noise.h"
+#include "vision/imager_internal.h"
+#include "vision/remap.h"
+
+#define LUMINANCE 3
+/* Response, roll-off and white balance of a camera: what a lamp's strength is uncertain by at best.
+ */
+#define CAMERA_SIGMA 0.02F
+#define TOP_CODE 250 /* codes from here on count as saturated */
+/* Pixels fainter than this share of the lamp's peak, or lost in the surround's noise, add to its
+ * irradiance but say nothing of where and how large it is. */
+#define CORE_SHARE 0.05F
+/* A direction is never better known than this part of a pixel: registration of lens and sensor. */
+#define LEAST_SIGMA_PX 0.05
+/* Of camera cells near a pole, in cells at the horizon; and how many one may stand for. */
+#define MOST_SPACING 0.5
+#define MOST_THINNED 16
+
+/* The camera cells behind a lamp, and how much of each belongs to it: a cell at the lamp's border
+ * also serves panorama cells outside of it. */
+struct patch {
+	int count;
+	int cells[LP_REFINE_MAX_CELLS];
+	float share[LP_REFINE_MAX_CELLS];
+	float brightest[LP_REFINE_MAX_CELLS]; /* luminance of a pixel: load_pixels() */
+};
+
+/*
+ * Near the poles of an equirectangular picture neighbours in a row look almost the same way: where
+ * there are too many of them, of those that are not bright every n-th stands for n. A power of two,
+ * at most `most`, as long as they stay within MOST_SPACING.
+ */
+static int polar_stride(const struct lp_imager *imager, int row, int most)
+{
+	const struct lp_remap *remap = imager->remap;
+	const int columns = remap->width_px / remap->cell_px;
+	const double sine = sin(M_PI * (row + 0.5) * remap->cell_px / remap->height_px);
+	int stride = 1;
+
+	if (imager->camera->projection != LP_EQUIRECT)
+		return 1;
+	while (stride < most && columns % (2 * stride) == 0 && 2.0 * stride * sine < MOST_SPACING)
+		stride *= 2;
+	return stride;
+}
+
+/* Camera cells that hold the lamp's light, and not just its surround's, each count by themselves.
+ */
+static bool bright(const struct lp_imager *imager, const struct lp_lamp *lamp, int source)
+{
+	const float surround = lamp->background[LUMINANCE];
+
+	return imager->shown->radiance[source][LUMINANCE] - surround >
+	       CORE_SHARE * (lamp->peak - surround);
+}
+
+/* Camera cells behind the lamp's panorama cells, thinned where polar_stride() allows it; the bright
+ * ones only if `all`. False: more than `most`. */
+static bool collect_thinned(struct lp_imager *imager, const struct lp_lamp_finder *finder,
+			    const struct lp_lamp *lamp, int most, int thin, bool all,
+			    struct patch *patch)
+{
+	const struct lp_remap *remap = imager->remap;
+	const int columns = (remap->width_px + remap->cell_px - 1) / remap->cell_px;
+
+	patch->count = 0;
+	for (int i = 0; i < lamp->count; i++) {
+		const int32_t cell = finder->cells[lamp->first + i];
+		const float omega = lp_grid_solid_angle_sr(imager->grid, cell);
+
+		for (int k = remap->start[cell]; k < remap->start[cell + 1]; k++) {
+			const int source = remap->source[k];
+			const int stride = thin == 1 || (!all && bright(imager, lamp, source))
+						   ? 1
+						   : polar_stride(imager, source / columns, thin);
+			int *place = &imager->place[source];
+
+			if (source % columns % stride)
+				continue;
+			/* place: where the patch holds this cell; only valid if it really does */
+			if (*place >= patch->count || patch->cells[*place] != source) {
+				if (patch->count == most)
+					return false;
+				*place = patch->count;
+				patch->cells[patch->count] = source;
+				patch->share[patch->count++] = 0.0F;
+			}
+			patch->share[*place] +=
+				(float)stride * remap->weight[k] * omega / remap->given_sr[source];
+		}
+	}
+	return patch->count > 0;
+}
+
+static bool collect(struct lp_imager *imager, const struct lp_lamp_finder *finder,
+		    const struct lp_lamp *lamp, int most, struct patch *patch)
+{
+	for (int all = 0; all <= 1; all++) /* bright cells so many are alike, too */
+		for (int thin = 1; thin <= MOST_THINNED; thin *= 2)
+			if (collect_thinned(imager, finder, lamp, most, thin, all, patch))
+				return true;
+	return false;
+}
+
+static bool clips(const struct lp_exposure *exposure, const struct patch *patch)
+{
+	for (int i = 0; i < patch->count; i++)
+		if (exposure->cells.clipped[patch->cells[i]])
+			return true;
+	return false;
+}
+
+/* The longest exposure that does not clip there, else the shortest. */
+static const struct lp_exposure *best_exposure(const struct lp_imager *imager,
+					       const struct patch *patch, bool *clipped)
+{
+	const struct lp_exposure *best = NULL, *shortest = NULL;
+
+	for (int k = 0; k < LP_MAX_BRACKET; k++) {
+		const struct lp_exposure *e = &imager->exposure[k];
+
+		if (!e->serial)
+			continue;
+		if (!shortest || e->scale > shortest->scale)
+			shortest = e;
+		if ((!best || e->scale < best->scale) && !clips(e, patch))
+			best = e;
+	}
+	*clipped = !best;
+	return best ? best : shortest;
+}
+
+/* How the pixels of one camera cell lie on the sphere: direction by bilinear interpolation of its
+ * corners, which errs by less than a hundredth of a degree over a block. */
+struct cell_geometry {
+	double corner[4][3];
+	double pixel_solid_angle_sr; /* lenses: times the share of this lens, over its illumination
+				      */
+	bool seen;
+};
+
+static struct cell_geometry equirect_geometry(const struct lp_imager *imager, int column, int row)
+{
+	const double theta_step = M_PI * imager->remap->cell_px / imager->remap->height_px;
+	const double lambda_step = 2.0 * M_PI * imager->remap->cell_px / imager->remap->width_px;
+	struct cell_geometry g = {.seen = true};
+
+	for (int v = 0; v < 2; v++) {
+		const double sine = sin((row + v) * theta_step),
+			     cosine = cos((row + v) * theta_step);
+
+		for (int h = 0; h < 2; h++) {
+			const double lambda = (column + h) * lambda_step - M_PI;
+
+			g.corner[2 * v + h][0] = sine * sin(lambda);
+			g.corner[2 * v + h][1] = cosine;
+			g.corner[2 * v + h][2] = -sine * cos(lambda);
+		}
+	}
+	return g;
+}
+
+/* This lens's share of the light along `d`, over its illumination there. */
+static double lens_share(const struct lp_imager *imager, int own, const double d[3])
+{
+	double pixel[2], share = 0.0, total = 0.0, illumination = 1.0;
+
+	for (int lens = 0; lens < imager->camera->lens_count; lens++) {
+		double at, relative;
+
+		if (!lp_camera_project(imager->camera, lens, imager->remap->width_px,
+				       imager->remap->height_px, d, pixel, &at, &relative))
+			continue;
+		total += at;
+		if (lens == own) {
+			share = at;
+			illumination = relative;
+		}
+	}
+	return total > 0.0 ? share / total / illumination : 0.0;
+}
+
+static struct cell_geometry lens_geometry(const struct lp_imager *imager, int column, int row)
+{
+	const int side = imager->remap->cell_px;
+	const int width = imager->remap->width_px, height = imager->remap->height_px;
+	const double x = (column + 0.5) * side, y = (row + 0.5) * side;
+	struct cell_geometry g = {.seen = true};
+	double d[3];
+	int lens;
+
+	for (int k = 0; k < 4; k++)
+		g.seen &= lp_camera_ray(imager->camera, width, height, (column + k % 2) * side,
+					(row + k / 2) * side, g.corner[k], &lens);
+	g.seen &= lp_camera_ray(imager->camera, width, height, x, y, d, &lens);
+	if (g.seen)
+		g.pixel_solid_angle_sr =
+			lp_camera_pixel_solid_angle_sr(imager->camera, width, height, x, y) *
+			lens_share(imager, lens, d);
+	return g;
+}
+
+struct sums {
+	double flux[4];	 /* R, G, B, luminance above the background: all pixels */
+	double all[3];	 /* sum excess Omega d, luminance: all pixels */
+	double core;	 /* luminance flux of the core pixels */
+	double squared;	 /* of the core: sum excess^2 Omega */
+	double first[3]; /* of the core: sum excess Omega d */
+	double noise;	 /* of the core: sum (Omega * distance)^2, for the centroid's sigma */
+};
+
+/* One row of a cell's pixels, u = 0..1 across the cell. */
+struct row_sums {
+	float flux[4]; /* excess over the background: R, G, B, luminance */
+	float moment;  /* luminance excess * u */
+	float core, core_moment;
+	float core_squared;  /* in units of the threshold, so that no radiance overflows */
+	float pixels, u, uu; /* of the core: how many, sum u, sum u^2 */
+};
+
+/* Without a branch per pixel: what is core is anything but predictable. */
+static struct row_sums sum_row(const float (*rgb)[3], int count, float step,
+			       const float *background, float threshold)
+{
+	const float inverse = 1.0F / fmaxf(threshold, FLT_MIN);
+	struct row_sums s = {.pixels = 0.0F};
+
+	for (int x = 0; x < count; x++) {
+		const float u = ((float)x + 0.5F) * step;
+		const float light = 0.2126F * rgb[x][0] + 0.7152F * rgb[x][1] +
+				    0.0722F * rgb[x][2] - background[LUMINANCE];
+		const float one = light > threshold ? 1.0F : 0.0F, core = one * light;
+
+		for (int c = 0; c < 3; c++)
+			s.flux[c] += rgb[x][c] - background[c];
+		s.flux[LUMINANCE] += light;
+		s.moment += light * u;
+		s.core += core;
+		s.core_moment += core * u;
+		s.core_squared += core * (light * inverse);
+		s.pixels += one;
+		s.u += one * u;
+		s.uu += one * u * u;
+	}
+	return s;
+}
+
+/* Directions along a row are first + u * along: a cell is so small that their lengths differ from 1
+ * by no more than 1e-4. */
+struct row_geometry {
+	double first[3], along[3];
+};
+
+static struct row_geometry row_in(const struct cell_geometry *g, double v)
+{
+	struct row_geometry row;
+
+	for (int a = 0; a < 3; a++) {
+		row.first[a] = (1.0 - v) * g->corner[0][a] + v * g->corner[2][a];
+		row.along[a] = (1.0 - v) * g->corner[1][a] + v * g->corner[3][a] - row.first[a];
+	}
+	return row;
+}
+
+static void add_row(struct sums *s, const struct row_sums *row, const struct row_geometry *g,
+		    const struct lp_lamp *lamp, double omega, float threshold)
+{
+	double apart[3] = {0.0}; /* of the core: sum of (d - direction)^2 */
+
+	for (int c = 0; c < 4; c++)
+		s->flux[c] += row->flux[c] * omega;
+	s->core += row->core * omega;
+	s->squared += (double)row->core_squared * fmaxf(threshold, FLT_MIN) * omega;
+	for (int a = 0; a < 3; a++) {
+		const double from = g->first[a] - lamp->direction[a];
+
+		s->all[a] +=
+			omega * (row->flux[LUMINANCE] * g->first[a] + row->moment * g->along[a]);
+		s->first[a] += omega * (row->core * g->first[a] + row->core_moment * g->along[a]);
+		apart[a] = row->pixels * from * from + 2.0 * row->u * from * g->along[a] +
+			   row->uu * g->along[a] * g->along[a];
+	}
+	s->noise += omega * omega * (apart[0] + apart[1] + apart[2]);
+}
+
+static float brightest(const float (*rgb)[3], int count)
+{
+	float most = 0.0F;
+
+	for (int p = 0; p < count; p++)
+		most = fmaxf(most, 0.2126F * rgb[p][0] + 0.7152F * rgb[p][1] + 0.0722F * rgb[p][2]);
+	return most;
+}
+
+static void fill(float (*rgb)[3], int count, const float value[3])
+{
+	for (int p = 0; p < count; p++)
+		memcpy(rgb[p], value, sizeof(rgb[p]));
+}
+
+/* Pixels of the patch, camera cell after camera cell; returns the highest luminance. */
+static float load_pixels(struct lp_imager *imager, const struct lp_exposure *exposure,
+			 struct patch *patch)
+{
+	const int side = exposure->cells.cell_px, per_cell = side * side;
+	float peak = 0.0F;
+
+	for (int i = 0; i < patch->count; i++) {
+		float(*rgb)[3] = imager->pixels + (size_t)i * per_cell;
+
+		lp_exposure_cell_pixels(exposure, patch->cells[i] % exposure->cells.width,
+					patch->cells[i] / exposure->cells.width, &imager->response,
+					rgb);
+		patch->brightest[i] = brightest((const float(*)[3])rgb, per_cell);
+		peak = fmaxf(peak, patch->brightest[i]);
+	}
+	return peak;
+}
+
+/*
+ * Pixels of a dark JPEG are cut off at black and so too bright on average, its block means are not:
+ * where nothing of the core is, the cell's mean stands for its pixels, as it does in the
+ * background.
+ */
+static struct sums sum_patch(struct lp_imager *imager, const struct lp_exposure *exposure,
+			     const struct patch *patch, const struct lp_lamp *lamp, float threshold)
+{
+	const bool equirect = imager->camera->projection == LP_EQUIRECT;
+	const int side = exposure->cells.cell_px;
+	const int width = imager->remap->width_px, height = imager->remap->height_px;
+	struct sums s = {0};
+
+	for (int i = 0; i < patch->count; i++) {
+		const int column = patch->cells[i] % exposure->cells.width;
+		const int row = patch->cells[i] / exposure->cells.width;
+		const int columns = width - column * side < side ? width - column * side : side;
+		const struct cell_geometry g = equirect ? equirect_geometry(imager, column, row)
+							: lens_geometry(imager, column, row);
+		float(*rgb)[3] = imager->pixels + (size_t)i * side * side;
+
+		if (patch->brightest[i] - lamp->background[LUMINANCE] <= threshold)
+			fill(rgb, side * side, exposure->cells.radiance[patch->cells[i]]);
+
+		for (int y = 0; g.seen && y < side && row * side + y < height; y++) {
+			const double omega = equirect ? imager->row_solid_angle_sr[row * side + y]
+						      : g.pixel_solid_angle_sr;
+			const struct row_sums sums =
+				sum_row((const float(*)[3])rgb + y * side, columns,
+					1.0F / (float)side, lamp->background, threshold);
+			const struct row_geometry geometry = row_in(&g, (y + 0.5) / side);
+
+			add_row(&s, &sums, &geometry, lamp, omega * patch->share[i], threshold);
+		}
+	}
+	return s;
+}
+
+static void normalise(const double vector[3], float unit[3])
+{
+	const double length =
+		sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2]);
+
+	for (int a = 0; length > 0.0 && a < 3; a++)
+		unit[a] = (float)(vector[a] / length);
+}
+
+/* Of one pixel of the lamp's tone, from the rounding of a JPEG's detail. */
+static double pixel_noise(const struct lp_imager *imager, const struct lp_exposure *exposure,
+			  const struct lp_lamp *lamp)
+{
+	const float tone = (float)lamp->irradiance[LUMINANCE] / lamp->solid_angle_sr;
+
+	return (double)tone * exposure->noise.pixel *
+	       lp_relative_slope(&imager->response, tone / exposure->scale);
+}
+
+/*
+ * A clipped lamp is a plateau whose rim is known to whole pixels: each of the 2 pi r along it errs
+ * by up to half of itself (uniform: 1 / sqrt(12)), at the distance r from a centre that pi r^2 hold
+ * together. Root mean square of the centroid's angle, in pixels.
+ */
+static double plateau_sigma_px(double radius_px)
+{
+	return sqrt(1.0 / (6.0 * M_PI * fmax(radius_px, 0.5)));
+}
+
+static void apply(const struct lp_imager *imager, const struct lp_exposure *exposure,
+		  const struct sums *s, bool clipped, struct lp_lamp *lamp)
+{
+	/* pixels across the horizon: the scale of one pixel */
+	const double pixel_rad =
+		sqrt(4.0 * M_PI / ((double)imager->remap->width_px * imager->remap->height_px));
+
+	normalise(s->first, lamp->direction);
+	normalise(s->all, lamp->centroid);
+	for (int c = 0; c < 4; c++)
+		lamp->irradiance[c] = (float)fmax(s->flux[c], 0.0);
+	lamp->solid_angle_sr = (float)(s->core * s->core / s->squared);
+
+	const double noise = hypot(lamp->background_noise, pixel_noise(imager, exposure, lamp));
+	const double radius_px = sqrt(lamp->solid_angle_sr / M_PI) / pixel_rad;
+	const double sigma_px = hypot(LEAST_SIGMA_PX, clipped ? plateau_sigma_px(radius_px) : 0.0);
+	const double sigma_rad = hypot(sigma_px * pixel_rad, noise * sqrt(s->noise) / s->core);
+
+	lamp->direction_sigma_deg = (float)(sigma_rad * 180.0 / M_PI);
+	lamp->flags =
+		(lamp->flags & ~(uint32_t)LP_LIGHT_CLIPPED) | (clipped ? LP_LIGHT_CLIPPED : 0);
+}
+
+bool lp_imager_refine(struct lp_imager *imager, const struct lp_lamp_finder *finder,
+		      struct lp_lamp *lamp, int most_cells)
+{
+	struct patch patch;
+	bool clipped;
+
+	if (most_cells > LP_REFINE_MAX_CELLS)
+		most_cells = LP_REFINE_MAX_CELLS;
+	if (!imager->remap || !collect(imager, finder, lamp, most_cells, &patch))
+		return false;
+	const struct lp_exposure *exposure = best_exposure(imager, &patch, &clipped);
+	if (!exposure)
+		return false;
+	const float peak = load_pixels(imager, exposure, &patch) - lamp->background[LUMINANCE];
+	const float threshold = fmaxf(CORE_SHARE * peak, 3.0F * lamp->background_noise);
+	const struct sums s = sum_patch(imager, exposure, &patch, lamp, threshold);
+
+	if (!(s.core > 0.0) || !(s.flux[LUMINANCE] > 0.0))
+		return false;
+	apply(imager, exposure, &s, clipped, lamp);
+	return true;
+}
+
+/* The longest exposure in which this tone does not clip, else the shortest; NULL: no frame. */
+static const struct lp_exposure *exposure_for(const struct lp_imager *imager, float tone)
+{
+	const float top = imager->response.pixel[1][TOP_CODE];
+	const struct lp_exposure *best = NULL, *shortest = NULL;
+
+	for (int k = 0; k < LP_MAX_BRACKET; k++) {
+		const struct lp_exposure *e = &imager->exposure[k];
+
+		if (!e->serial)
+			continue;
+		if (!shortest || e->scale > shortest->scale)
+			shortest = e;
+		if (tone < top * e->scale && (!best || e->scale < best->scale))
+			best = e;
+	}
+	return best ? best : shortest;
+}
+
+float lp_imager_strength_sigma(const struct lp_imager *imager, const struct lp_lamp *lamp)
+{
+	const float tone = lamp->irradiance[LUMINANCE] / lamp->solid_angle_sr;
+	const struct lp_exposure *e = exposure_for(imager, tone);
+
+	if (!e || !(e->noise.common > 0.0F) || !(tone > 0.0F))
+		return 0.0F;
+	const float pixel_sr = 4.0F * (float)M_PI /
+			       ((float)imager->remap->width_px * (float)imager->remap->height_px);
+	const float pixels = fmaxf(lamp->solid_angle_sr / pixel_sr, 1.0F);
+	const float codes = hypotf(e->noise.common, e->noise.pixel / sqrtf(pixels));
+
+	return hypotf(CAMERA_SIGMA, codes * lp_relative_slope(&imager->response, tone / e->scale));
+}

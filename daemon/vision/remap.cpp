@@ -1,0 +1,354 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "vision/remap.h"
+
+#include <algorithm>
+#include <cerrno>
+#include <cmath>
+#include <cstdlib>
+#include <cstring>
+#include <memory>
+#include <new>
+#include <vector>
+
+#include "include/panorama.h"
+#include "vision/camera.h"
+#include "vision/cells.h"
+#include "vision/simd.hpp"
+
+namespace
+{
+
+struct entry {
+	int source;
+	double weight; /* share of the panorama cell's solid angle */
+	double illumination;
+};
+
+using matrix = std::vector<std::vector<entry>>;
+
+int cells_across(int pixels, int cell_px)
+{
+	return (pixels + cell_px - 1) / cell_px;
+}
+
+/* Overlaps of `n` equal intervals with the cells of `pixels` pixels, in the measure `at`: fraction
+ * [0, 1] -> cumulative measure. */
+template <typename Measure> matrix overlaps(int n, int pixels, int cell_px, Measure at)
+{
+	const int cells = cells_across(pixels, cell_px);
+	matrix result(n);
+
+	for (int i = 0; i < n; i++) {
+		const double low = static_cast<double>(i) / n, high = (i + 1.0) / n;
+
+		for (int k = 0; k < cells; k++) {
+			const double a = std::max(low, static_cast<double>(k) * cell_px / pixels);
+			const double b = std::min(
+				high, std::min(static_cast<double>(k + 1) * cell_px / pixels, 1.0));
+
+			if (b - a > 1e-9)
+				result[i].push_back(
+					{k, (at(b) - at(a)) / (at(high) - at(low)), 1.0});
+		}
+	}
+	return result;
+}
+
+/* Equirectangular to equirectangular: rows and columns overlap separately and exactly. */
+matrix map_equirect(int width_px, int height_px, int cell_px, int width, int height)
+{
+	const int across = cells_across(width_px, cell_px);
+	const matrix columns = overlaps(width, width_px, cell_px, [](double f) { return f; });
+	const matrix rows =
+		overlaps(height, height_px, cell_px, [](double f) { return -std::cos(M_PI * f); });
+	matrix result(static_cast<size_t>(width) * height);
+
+	for (int r = 0; r < height; r++)
+		for (int c = 0; c < width; c++)
+			for (const entry &row : rows[r])
+				for (const entry &column : columns[c])
+					result[static_cast<size_t>(r) * width + c].push_back(
+						{row.source * across + column.source,
+						 row.weight * column.weight, 1.0});
+	return result;
+}
+
+/* What one direction sees, over all lenses. */
+void sample(const struct lp_camera &camera, int width_px, int height_px, int cell_px,
+	    const double d[3], double weight, std::vector<entry> &row)
+{
+	const int across = cells_across(width_px, cell_px);
+	entry seen[LP_MAX_LENSES];
+	double total = 0.0;
+	int count = 0;
+
+	for (int lens = 0; lens < camera.lens_count; lens++) {
+		double pixel[2], share, illumination;
+
+		if (!lp_camera_project(&camera, lens, width_px, height_px, d, pixel, &share,
+				       &illumination))
+			continue;
+		const int x = std::min(static_cast<int>(pixel[0]), width_px - 1) / cell_px;
+		const int y = std::min(static_cast<int>(pixel[1]), height_px - 1) / cell_px;
+
+		seen[count++] = {y * across + x, share, illumination};
+		total += share;
+	}
+	for (int k = 0; k < count; k++) {
+		const double part = weight * seen[k].weight / total;
+		const auto same = std::find_if(row.begin(), row.end(), [&](const entry &e) {
+			return e.source == seen[k].source;
+		});
+
+		if (same != row.end()) {
+			same->illumination =
+				(same->illumination * same->weight + seen[k].illumination * part) /
+				(same->weight + part);
+			same->weight += part;
+		} else {
+			row.push_back({seen[k].source, part, seen[k].illumination});
+		}
+	}
+}
+
+double row_solid_angle(int row, int width, int height)
+{
+	return 2.0 * M_PI / width *
+	       (std::cos(M_PI * row / height) - std::cos(M_PI * (row + 1) / height));
+}
+
+/*
+ * Sampling gives a camera cell now too much, now too little weight. Scale columns to the light they
+ * hold and rows to 1 in turn (Sinkhorn & Knopp 1967) until both nearly hold.
+ */
+void balance(const struct lp_camera &camera, int width_px, int height_px, int cell_px, int width,
+	     int height, matrix &rows)
+{
+	const int across = cells_across(width_px, cell_px);
+	const int count = across * cells_across(height_px, cell_px);
+	std::vector<double> holds(count, 0.0), given(count), covered(rows.size(), 0.0);
+
+	for (int k = 0; k < count;
+	     k++) { /* 2 x 2 samples of the solid angle per pixel are plenty */
+		const double x0 = k % across * cell_px, y0 = k / across * cell_px;
+
+		for (int s = 0; s < 16; s++)
+			holds[k] +=
+				lp_camera_pixel_solid_angle_sr(&camera, width_px, height_px,
+							       x0 + cell_px * (s % 4 + 0.5) / 4.0,
+							       y0 + cell_px * (s / 4 + 0.5) / 4.0) *
+				cell_px * cell_px / 16.0;
+	}
+	for (size_t i = 0; i < rows.size(); i++)
+		for (const entry &e : rows[i])
+			covered[i] += e.weight;
+	for (int iteration = 0; iteration < 12; iteration++) {
+		std::fill(given.begin(), given.end(), 0.0);
+		for (size_t i = 0; i < rows.size(); i++)
+			for (const entry &e : rows[i])
+				given[e.source] +=
+					e.weight *
+					row_solid_angle(static_cast<int>(i) / width, width, height);
+		for (size_t i = 0; i < rows.size(); i++) {
+			double total = 0.0;
+
+			for (entry &e : rows[i]) {
+				/* at seams and rims a cell serves only in part: leave those */
+				const double ratio = holds[e.source] / given[e.source];
+
+				if (ratio > 0.7 && ratio < 1.4)
+					e.weight *= ratio;
+				total += e.weight;
+			}
+			for (entry &e : rows[i])
+				e.weight *= covered[i] / total;
+		}
+	}
+}
+
+matrix map_lenses(const struct lp_camera &camera, int width_px, int height_px, int cell_px,
+		  int width, int height)
+{
+	constexpr int samples = 5; /* a side */
+	matrix rows(static_cast<size_t>(width) * height);
+
+	for (int i = 0; i < width * height; i++) {
+		const int r = i / width, c = i % width;
+		const double top = std::cos(M_PI * r / height);
+		const double bottom = std::cos(M_PI * (r + 1) / height);
+
+		for (int s = 0; s < samples * samples; s++) {
+			/* equal solid angles: even in the cosine */
+			const double y = top + (bottom - top) * (s / samples + 0.5) / samples;
+			const double l =
+				2.0 * M_PI * ((c + (s % samples + 0.5) / samples) / width - 0.5);
+			const double sine = std::sqrt(std::max(0.0, 1.0 - y * y));
+			const double d[3] = {sine * std::sin(l), y, -sine * std::cos(l)};
+
+			sample(camera, width_px, height_px, cell_px, d, 1.0 / (samples * samples),
+			       rows[i]);
+		}
+	}
+	balance(camera, width_px, height_px, cell_px, width, height, rows);
+	return rows;
+}
+
+bool is_identity(const matrix &rows, int sources)
+{
+	if (static_cast<int>(rows.size()) != sources)
+		return false;
+	for (size_t i = 0; i < rows.size(); i++)
+		if (rows[i].size() != 1 || rows[i][0].source != static_cast<int>(i))
+			return false;
+	return true;
+}
+
+int compress(const matrix &rows, int sources, struct lp_remap *remap)
+{
+	size_t count = 0;
+	double seen = 0.0;
+
+	for (const auto &row : rows)
+		count += row.size();
+	remap->start = static_cast<int *>(std::malloc((rows.size() + 1) * sizeof(int)));
+	remap->source = static_cast<int *>(std::malloc((count + 1) * sizeof(int)));
+	remap->weight = static_cast<float *>(std::malloc((count + 1) * sizeof(float)));
+	remap->given_sr = static_cast<float *>(std::calloc(sources, sizeof(float)));
+	if (!remap->start || !remap->source || !remap->weight || !remap->given_sr)
+		return -ENOMEM;
+	count = 0;
+	for (size_t i = 0; i < rows.size(); i++) {
+		double covered = 0.0;
+
+		remap->start[i] = static_cast<int>(count);
+		for (const entry &e : rows[i])
+			covered += e.weight;
+		for (const entry &e : rows[i]) {
+			remap->source[count] = e.source;
+			/* a cell seen in part takes the radiance of the part */
+			remap->weight[count] =
+				static_cast<float>(e.weight / covered / e.illumination);
+			remap->given_sr[e.source] +=
+				remap->weight[count++] *
+				static_cast<float>(
+					row_solid_angle(static_cast<int>(i) / remap->width,
+							remap->width, remap->height));
+		}
+		if (covered > 0.0)
+			seen += row_solid_angle(static_cast<int>(i) / remap->width, remap->width,
+						remap->height);
+	}
+	remap->start[rows.size()] = static_cast<int>(count);
+	seen /= 4.0 * M_PI;
+	remap->seen_fraction = seen > 0.9999 ? 1.0F : static_cast<float>(seen);
+	return 0;
+}
+
+} /* namespace */
+
+extern "C" int lp_remap_create(const struct lp_camera *camera, int width_px, int height_px,
+			       int cell_px, int panorama_width, struct lp_remap **remap)
+try {
+	const int height = panorama_width / 2;
+	auto *r = static_cast<struct lp_remap *>(std::calloc(1, sizeof(struct lp_remap)));
+	int ret;
+
+	if (!r)
+		return -ENOMEM;
+	r->width = panorama_width;
+	r->height = height;
+	r->width_px = width_px;
+	r->height_px = height_px;
+	r->cell_px = cell_px;
+	const matrix rows =
+		camera->projection == LP_EQUIRECT
+			? map_equirect(width_px, height_px, cell_px, panorama_width, height)
+			: map_lenses(*camera, width_px, height_px, cell_px, panorama_width, height);
+	const int sources = cells_across(width_px, cell_px) * cells_across(height_px, cell_px);
+
+	r->identity = camera->projection == LP_EQUIRECT && is_identity(rows, sources);
+	ret = compress(rows, sources, r);
+	if (ret < 0) {
+		lp_remap_destroy(r);
+		return ret;
+	}
+	*remap = r;
+	return 0;
+} catch (const std::bad_alloc &) {
+	return -ENOMEM;
+}
+
+extern "C" void lp_remap_destroy(struct lp_remap *remap)
+{
+	if (!remap)
+		return;
+	std::free(remap->given_sr);
+	std::free(remap->weight);
+	std::free(remap->source);
+	std::free(remap->start);
+	std::free(remap);
+}
+
+/* A panorama cell is clipped when any camera cell in it is. */
+static uint8_t flags_of(const struct lp_remap *remap, const struct lp_cells *cells, int i)
+{
+	uint8_t clipped = 0;
+
+	if (remap->start[i] == remap->start[i + 1])
+		return LP_CELL_UNSEEN;
+	for (int k = remap->start[i]; k < remap->start[i + 1]; k++)
+		clipped |= cells->clipped[remap->source[k]];
+	return clipped ? LP_CELL_CLIPPED : 0;
+}
+
+/* Flagged cells of a row, eight at a time; widths are multiples of eight. */
+static int count_clipped(const uint8_t *flags, int width)
+{
+	uint64_t sum = 0;
+
+	for (int i = 0; i < width; i += 8) {
+		uint64_t eight;
+
+		std::memcpy(&eight, flags + i, sizeof(eight));
+		sum += __builtin_popcountll(eight & 0x0101010101010101ULL * LP_CELL_CLIPPED);
+	}
+	return static_cast<int>(sum);
+}
+
+static float clipped_fraction(const struct lp_remap *remap, const uint8_t *flags)
+{
+	double sum = 0.0;
+
+	for (int r = 0; r < remap->height; r++) {
+		const int clipped = count_clipped(flags + r * remap->width, remap->width);
+
+		if (clipped)
+			sum += clipped * row_solid_angle(r, remap->width, remap->height);
+	}
+	return static_cast<float>(sum / (4.0 * M_PI));
+}
+
+extern "C" void lp_remap_apply(const struct lp_remap *remap, const struct lp_cells *cells,
+			       struct lp_panorama *panorama)
+{
+	const int count = remap->width * remap->height;
+
+	if (!remap->identity) {
+		for (int i = 0; i < count; i++) {
+			cv::v_float32x4 sum = cv::v_setzero_f32();
+
+			for (int k = remap->start[i]; k < remap->start[i + 1]; k++)
+				sum = cv::v_fma(cv::v_load(cells->radiance[remap->source[k]]),
+						cv::v_setall_f32(remap->weight[k]), sum);
+			cv::v_store(panorama->cells[i], sum);
+		}
+		if (cells->clipped_count || remap->seen_fraction < 1.0F)
+			for (int i = 0; i < count; i++)
+				panorama->flags[i] = flags_of(remap, cells, i);
+		else
+			std::memset(panorama->flags, 0, count);
+	}
+	panorama->seen_fraction = remap->seen_fraction;
+	panorama->clipped_fraction =
+		cells->clipped_count ? clipped_fraction(remap, panorama->flags) : 0.0F;
+}
