@@ -1,0 +1,88 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "light/detection.h"
+
+#include <errno.h>
+#include <stdlib.h>
+
+#include "light/grid.h"
+#include "light/mediancut.h"
+#include "light/research.h"
+#include "light/threshold.h"
+
+/* A lamp is brighter than twice the mean and of the brightest tenth of the sphere, 1.6 times its
+ * own saddle to a brighter one, and reaches down to a tenth of its peak; it gives a surface facing
+ * it at least a hundredth of its light, stands out of its surround twofold, and is split when wider
+ * than 10 degrees RMS. `make evaluate` shows the effect. */
+static const struct lp_peak_options peak_options = {.floor_ratio = 2.0F,
+						    .area_sr = 1.2F,
+						    .persistence_ratio = 1.6F,
+						    .core_ratio = 0.1F};
+static const struct lp_lamp_options lamp_options = {.min_strength = 0.01F,
+						    .min_contrast = 2.0F,
+						    .max_spread_deg = 10.0F};
+
+int lp_detection_create(const struct lp_grid *grid, const struct lp_detector_options *options,
+			struct lp_detection **detection)
+{
+	struct lp_detection *d = calloc(1, sizeof(*d));
+	int ret = -ENOMEM;
+
+	if (!d)
+		return ret;
+	d->grid = grid;
+	d->options = *options;
+	d->scratch = calloc(2 * (size_t)grid->width * grid->height, sizeof(*d->scratch));
+	if (d->scratch)
+		ret = lp_regions_create(grid, &d->regions);
+	if (ret == 0)
+		ret = lp_lamp_finder_create(grid, &d->finder);
+	if (ret < 0) {
+		lp_detection_destroy(d);
+		return ret;
+	}
+	*detection = d;
+	return 0;
+}
+
+void lp_detection_destroy(struct lp_detection *detection)
+{
+	if (!detection)
+		return;
+	lp_lamp_finder_destroy(detection->finder);
+	lp_regions_destroy(detection->regions);
+	free(detection->scratch);
+	free(detection);
+}
+
+static void detect_above(struct lp_detection *detection, const struct lp_panorama *panorama,
+			 float level, float mean)
+{
+	lp_regions_from_threshold(detection->regions, panorama, level);
+	lp_find_lamps(detection->finder, panorama, detection->regions, mean, &lamp_options);
+}
+
+void lp_detect(struct lp_detection *detection, const struct lp_panorama *panorama, float mean)
+{
+	switch (detection->options.detector) {
+	case LP_DETECTOR_ADAPTIVE:
+		lp_regions_from_peaks(detection->regions, panorama, mean, &peak_options);
+		lp_find_lamps(detection->finder, panorama, detection->regions, mean, &lamp_options);
+		return;
+	case LP_DETECTOR_MEDIAN:
+		detect_above(detection, panorama, lp_threshold_median(panorama, detection->scratch),
+			     mean);
+		return;
+	case LP_DETECTOR_OTSU:
+		detect_above(detection, panorama, lp_threshold_otsu(panorama), mean);
+		return;
+	case LP_DETECTOR_STATIC:
+		detect_above(detection, panorama, detection->options.threshold, mean);
+		return;
+	case LP_DETECTOR_RESEARCH:
+		lp_research_detect(detection->finder, panorama, detection->scratch);
+		return;
+	case LP_DETECTOR_MEDIANCUT:
+		lp_mediancut(detection->finder, panorama, detection->options.lights);
+		return;
+	}
+}

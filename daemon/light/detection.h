@@ -1,0 +1,42 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * One panorama into lamps: which detector, with what settings. What follows (refinement at full
+ * resolution, projection) needs pixels and is the application's pipeline.
+ */
+#ifndef LP_LIGHT_DETECTION_H
+#define LP_LIGHT_DETECTION_H
+
+#include "light/lamps.h"
+#include "light/regions.h"
+
+enum lp_detector {
+	LP_DETECTOR_ADAPTIVE,  /* default: peaks with persistence, excess over the surround */
+	LP_DETECTOR_MEDIAN,    /* connected cells above the histogram's median */
+	LP_DETECTOR_OTSU,      /* above Otsu's threshold of the logarithm */
+	LP_DETECTOR_STATIC,    /* above a given radiance */
+	LP_DETECTOR_RESEARCH,  /* the published recipe, step by step */
+	LP_DETECTOR_MEDIANCUT, /* a constellation of N lights */
+};
+
+struct lp_detector_options {
+	enum lp_detector detector;
+	float threshold; /* STATIC: radiance */
+	int lights;	 /* MEDIANCUT: how many */
+};
+
+struct lp_detection {
+	const struct lp_grid *grid; /* borrowed */
+	struct lp_detector_options options;
+	struct lp_regions *regions;
+	struct lp_lamp_finder *finder;
+	float *scratch; /* two planes of the grid */
+};
+
+int lp_detection_create(const struct lp_grid *grid, const struct lp_detector_options *options,
+			struct lp_detection **detection);
+void lp_detection_destroy(struct lp_detection *detection); /* accepts NULL; the grid stays */
+
+/* Lamps into detection->finder->lamps. mean: mean luminance over the sphere. */
+void lp_detect(struct lp_detection *detection, const struct lp_panorama *panorama, float mean);
+
+#endif

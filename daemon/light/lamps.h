@@ -1,0 +1,67 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * From regions of the panorama to lamps: direction, irradiance above the surround, solid angle. A
+ * region too wide for one direction (a window, a soft box) is split into parts along its longest
+ * axis.
+ */
+#ifndef LP_LIGHT_LAMPS_H
+#define LP_LIGHT_LAMPS_H
+
+#include <stdint.h>
+
+struct lp_grid;
+struct lp_panorama;
+struct lp_regions;
+
+#define LP_MAX_LAMPS 32 /* found; an estimate lists the strongest LP_MAX_LIGHTS */
+
+/* One lamp on the grid. Directions are unit vectors towards the light, probe frame. */
+struct lp_lamp {
+	float centroid[3];   /* unit vector of all the flux above the background */
+	float direction[3];  /* of the flux-weighted centroid */
+	float irradiance[4]; /* R, G, B, luminance at normal incidence: sum (L - background) * Omega
+			      */
+	float background[4]; /* median radiance of the ring around it: R, G, B, luminance */
+	float background_noise; /* 1 sigma of the ring's luminance, from its median deviation */
+	float solid_angle_sr;	/* (sum L Omega)^2 / sum L^2 Omega: exact for a uniform disc */
+	float direction_sigma_deg;
+	float spread_deg; /* RMS angle along its longest axis */
+	float peak;	  /* highest luminance in it */
+	uint32_t flags;	  /* enum lp_light_flag: CLIPPED, EXTENDED */
+	int first, count; /* its cells: lp_lamp_finder.cells */
+};
+
+struct lp_lamp_options {
+	float min_strength; /* share of the light on a surface facing it, below which it is no lamp
+			     */
+	float min_contrast; /* mean luminance of its core over the surround's, likewise */
+	float max_spread_deg; /* wider regions are split */
+};
+
+struct lp_lamp_finder {
+	const struct lp_grid *grid; /* borrowed */
+	int count;
+	struct lp_lamp lamps[LP_MAX_LAMPS]; /* by luminance of irradiance, strongest first */
+	int32_t *cells;			    /* cell indices, lamp after lamp: core and rim */
+
+	/* workspace */
+	int *reach; /* per row: columns that span about one row's height */
+	int cell_count;
+	uint8_t *mark; /* per cell: what it has been taken for in this run */
+	int touched_count;
+	int32_t *touched, *ring;
+	float *values;
+};
+
+int lp_lamp_finder_create(const struct lp_grid *grid, struct lp_lamp_finder **finder);
+void lp_lamp_finder_destroy(struct lp_lamp_finder *finder); /* accepts NULL; the grid stays */
+
+/* Measure every region; mean: mean luminance over the sphere. Result in finder->lamps. */
+void lp_find_lamps(struct lp_lamp_finder *finder, const struct lp_panorama *panorama,
+		   const struct lp_regions *regions, float mean,
+		   const struct lp_lamp_options *options);
+
+/* Insert by strength; the weakest falls off the end. */
+void lp_lamp_insert(struct lp_lamp_finder *finder, const struct lp_lamp *lamp);
+
+#endif

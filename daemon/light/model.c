@@ -1,0 +1,114 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "light/model.h"
+
+#include <math.h>
+#include <string.h>
+
+/* Bytes on the wire (proto/lightprobe.proto): three floats a coefficient; a light message. */
+#define COEFFICIENT_BYTES 12
+#define LIGHT_BYTES 49
+
+static double luminance(const double rgb[3])
+{
+	return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
+}
+
+static float light_luminance(const struct lp_light *light)
+{
+	return 0.2126F * light->irradiance[0] + 0.7152F * light->irradiance[1] +
+	       0.0722F * light->irradiance[2];
+}
+
+float lp_shadow_strength(const struct lp_light_estimate *estimate, int index)
+{
+	const struct lp_light *light = &estimate->lights[index];
+	const float own = light_luminance(light);
+	float facing[3];
+
+	lp_sh_irradiance(2, estimate->sh_total, light->direction, facing);
+	/* order 2 carries 15/16 of a lamp's own irradiance towards a surface facing it (17/16 in
+	 * all) */
+	const float all = 0.2126F * facing[0] + 0.7152F * facing[1] + 0.0722F * facing[2];
+	const float rest = fmaxf(all - own * 17.0F / 16.0F, 0.0F);
+
+	return own > 0.0F ? own / (own + rest) : 0.0F;
+}
+
+/* Root mean square over normals of the irradiance in the bands above each order, luminance. */
+static void residual_rms(const double (*sh)[3], double rms[LP_MAX_SH_ORDER + 1])
+{
+	double sum = 0.0;
+
+	for (int l = LP_SH_MAX_ORDER; l > 0; l--) {
+		const double a = lp_sh_cosine(l);
+
+		for (int i = l * l; i < (l + 1) * (l + 1); i++)
+			sum += a * a * luminance(sh[i]) * luminance(sh[i]);
+		if (l - 1 <= LP_MAX_SH_ORDER)
+			rms[l - 1] = sqrt(sum / (4.0 * M_PI));
+	}
+}
+
+void lp_model_predict(const double (*total)[3], struct lp_light_estimate *estimate)
+{
+	/* mean irradiance over normals = integral of radiance / 4 = sqrt(4 pi) L00 / 4 */
+	const double mean = luminance(total[0]) * sqrt(4.0 * M_PI) / 4.0;
+	double residual[LP_SH_MAX_COUNT][3];
+	float shadow[LP_MAX_LIGHTS + 1] = {0.0F}; /* contrast lost with lights k and beyond */
+
+	memcpy(residual, total, sizeof(residual));
+	for (int k = estimate->light_count - 1; k >= 0; k--)
+		shadow[k] = shadow[k + 1] + lp_shadow_strength(estimate, k);
+	for (int k = 0; k <= LP_MAX_LIGHTS; k++) {
+		double rms[LP_MAX_SH_ORDER + 1];
+
+		residual_rms(residual, rms);
+		for (int l = 0; l <= LP_MAX_SH_ORDER; l++)
+			estimate->predicted_error[l][k] =
+				mean > 0.0 ? (float)(rms[l] / mean) + LP_SHADOW_SHARE * shadow[k]
+					   : 0.0F;
+		if (k < estimate->light_count)
+			lp_sh_add_lamp(LP_SH_MAX_ORDER, estimate->lights[k].direction,
+				       estimate->lights[k].irradiance, 0.0, -1.0, residual);
+	}
+}
+
+void lp_model_choose(const struct lp_light_estimate *estimate, int max_order, int max_lights,
+		     float tolerance, int *order, int *lights)
+{
+	const int most = max_lights < estimate->light_count ? max_lights : estimate->light_count;
+	int least_bytes = -1;
+
+	*order = max_order;
+	*lights = most;
+	if (!(tolerance > 0.0F))
+		return;
+	for (int l = 0; l <= max_order; l++)
+		for (int k = 0; k <= most; k++) {
+			const int bytes = COEFFICIENT_BYTES * LP_SH_COUNT(l) + LIGHT_BYTES * k;
+
+			if (estimate->predicted_error[l][k] > tolerance ||
+			    (least_bytes >= 0 && bytes >= least_bytes))
+				continue;
+			least_bytes = bytes;
+			*order = l;
+			*lights = k;
+		}
+}
+
+void lp_model_ambient(const struct lp_light_estimate *estimate, int order, int lights,
+		      float (*ambient)[3])
+{
+	double sh[LP_MAX_SH_COUNT][3];
+	const int count = LP_SH_COUNT(order);
+
+	for (int i = 0; i < count; i++)
+		for (int c = 0; c < 3; c++)
+			sh[i][c] = estimate->sh_total[i][c];
+	for (int k = 0; k < lights; k++)
+		lp_sh_add_lamp(order, estimate->lights[k].direction, estimate->lights[k].irradiance,
+			       0.0, -1.0, sh);
+	for (int i = 0; i < count; i++)
+		for (int c = 0; c < 3; c++)
+			ambient[i][c] = (float)sh[i][c];
+}

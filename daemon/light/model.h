@@ -1,0 +1,38 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Model only what a scene requires: a model is an SH order and a number of lights. What each leaves
+ * out is predicted, and the smallest one under a subscriber's tolerance is sent.
+ */
+#ifndef LP_LIGHT_MODEL_H
+#define LP_LIGHT_MODEL_H
+
+#include "include/light_estimate.h"
+#include "light/sh.h"
+
+/*
+ * Fill estimate->predicted_error from the projection to order LP_SH_MAX_ORDER and the lights
+ * listed. Error of order l with the first k lights, relative to the mean irradiance over all
+ * normals: root mean square over normals of the irradiance in the bands above l that the k lights
+ * do not bring (by Parseval; Ramamoorthi & Hanrahan 2001), plus LP_SHADOW_SHARE of the shadow
+ * contrast that is lost with the lights left out.
+ */
+void lp_model_predict(const double (*total)[3], struct lp_light_estimate *estimate);
+
+/* Share of what is looked at that a lamp's shadow covers: weighs a lost shadow against a shading
+ * error. */
+#define LP_SHADOW_SHARE 0.1F
+
+/* Smallest model, in bytes on the wire, whose predicted error is at most `tolerance`, within
+ * max_order and max_lights; the most exact one when none is, or when tolerance is 0. */
+void lp_model_choose(const struct lp_light_estimate *estimate, int max_order, int max_lights,
+		     float tolerance, int *order, int *lights);
+
+/* AMBIENT of a packet that lists the first `lights` lights: sh_total minus their projection, so
+ * that AMBIENT + lights = TOTAL in every band. */
+void lp_model_ambient(const struct lp_light_estimate *estimate, int order, int lights,
+		      float (*ambient)[3]);
+
+/* Share of the light reaching a surface that faces light `index`; 0..1. */
+float lp_shadow_strength(const struct lp_light_estimate *estimate, int index);
+
+#endif

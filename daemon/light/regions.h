@@ -1,0 +1,58 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Segmentation of the small panorama: which cells belong together as one source of light. Regions
+ * wrap at the seam and close over the poles. Two ways, one result:
+ *  - peaks: every local maximum that stands out of its surroundings (topological persistence);
+ *  - threshold: connected cells above one level.
+ */
+#ifndef LP_LIGHT_REGIONS_H
+#define LP_LIGHT_REGIONS_H
+
+#include <stdint.h>
+
+struct lp_grid;
+struct lp_panorama;
+
+#define LP_MAX_REGIONS 32
+
+struct lp_region {
+	int first, count; /* into lp_regions.cells */
+	float peak;	  /* highest luminance in it */
+	double flux; /* sum of luminance * solid angle: what it casts, before the surround is taken
+			off */
+};
+
+/* All storage is allocated once; one segmentation overwrites the last. One thread at a time. */
+struct lp_regions {
+	const struct lp_grid *grid; /* borrowed */
+	int count;
+	struct lp_region list[LP_MAX_REGIONS]; /* by flux, strongest first */
+	int32_t *cells;			       /* cell indices, region after region */
+
+	/* workspace */
+	int candidate_count;
+	int32_t *candidates, *scratch; /* cells, brightest first */
+	int32_t *parent;	       /* union-find; -1: no candidate */
+	int32_t *slot;		       /* root cell -> entry of list, or -1 */
+};
+
+struct lp_peak_options {
+	float floor_ratio; /* candidates are brighter than this many times the mean radiance */
+	float area_sr;	   /* and among the brightest so many steradians, to an eighth of a stop */
+	float persistence_ratio; /* a peak is its own when it is this many times its highest saddle
+				  */
+	float core_ratio;	 /* a region keeps the cells above this share of its peak */
+};
+
+int lp_regions_create(const struct lp_grid *grid, struct lp_regions **regions);
+void lp_regions_destroy(struct lp_regions *regions); /* accepts NULL; the grid stays */
+
+/* mean: mean luminance over the sphere. Cost: the candidates, not the grid, beyond one scan. */
+void lp_regions_from_peaks(struct lp_regions *regions, const struct lp_panorama *panorama,
+			   float mean, const struct lp_peak_options *options);
+
+/* Connected cells whose luminance is above `level`. */
+void lp_regions_from_threshold(struct lp_regions *regions, const struct lp_panorama *panorama,
+			       float level);
+
+#endif

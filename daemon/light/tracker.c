@@ -1,0 +1,191 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "light/tracker.h"
+
+#include <math.h>
+#include <string.h>
+
+/* Two sightings are one lamp when they are closer than this, or than its own radius and
+ * uncertainty. */
+#define GATE_DEG 4.0F
+/* An id is kept this long for a lamp that is not seen (flicker, someone walking past). */
+#define MEMORY_NS 2000000000LL
+/* Below this share of its full strength a fading lamp is no longer listed. */
+#define LEAST_SHARE 0.02F
+
+static float luminance(const struct lp_light *light)
+{
+	return 0.2126F * light->irradiance[0] + 0.7152F * light->irradiance[1] +
+	       0.0722F * light->irradiance[2];
+}
+
+static float angle_deg(const float a[3], const float b[3])
+{
+	/* chord, not arc cosine: exact for small angles */
+	const float x = a[0] - b[0], y = a[1] - b[1], z = a[2] - b[2];
+
+	return 2.0F * asinf(fminf(sqrtf(x * x + y * y + z * z) / 2.0F, 1.0F)) * 180.0F /
+	       (float)M_PI;
+}
+
+static float gate_deg(const struct lp_light *light)
+{
+	const float sigma = isnan(light->direction_sigma_deg) ? 0.0F : light->direction_sigma_deg;
+
+	return fmaxf(GATE_DEG, fmaxf(3.0F * sigma, 0.7F * light->angular_radius_deg));
+}
+
+/* Nearest pairs first; each lamp and each track once. */
+static void associate(struct lp_tracker *tracker, const struct lp_light_estimate *raw,
+		      struct lp_track *of_light[LP_MAX_LIGHTS])
+{
+	for (int pair = 0; pair < raw->light_count; pair++) {
+		struct lp_track *best_track = NULL;
+		int best_light = 0;
+		float best = INFINITY;
+
+		for (int k = 0; k < raw->light_count; k++)
+			for (int t = 0; !of_light[k] && t < LP_MAX_TRACKS; t++) {
+				struct lp_track *track = &tracker->track[t];
+
+				if (!track->light.id || track->seen)
+					continue;
+				const float a =
+					angle_deg(track->light.direction, raw->lights[k].direction);
+				if (a < best && a < gate_deg(&raw->lights[k])) {
+					best = a;
+					best_track = track;
+					best_light = k;
+				}
+			}
+		if (!best_track)
+			return;
+		of_light[best_light] = best_track;
+		best_track->seen = true;
+	}
+}
+
+/* A free track; else the faintest that is not seen. */
+static struct lp_track *new_track(struct lp_tracker *tracker)
+{
+	struct lp_track *faintest = NULL;
+
+	for (int t = 0; t < LP_MAX_TRACKS; t++) {
+		struct lp_track *track = &tracker->track[t];
+
+		if (!track->light.id)
+			return track;
+		if (!track->seen &&
+		    (!faintest || luminance(&track->light) < luminance(&faintest->light)))
+			faintest = track;
+	}
+	return faintest; /* never NULL: half of the tracks cannot be seen at once */
+}
+
+static void start_track(struct lp_tracker *tracker, struct lp_track *track,
+			const struct lp_light *light)
+{
+	track->light = *light;
+	track->seen = true;
+	if (++tracker->last_id == 0) /* 0 means no track */
+		tracker->last_id = 1;
+	track->light.id = tracker->last_id;
+	if (tracker->started)
+		memset(track->light.irradiance, 0, sizeof(track->light.irradiance));
+}
+
+static float follow(float from, float to, float alpha)
+{
+	/* unknown stays unknown, and a first value is taken as it is */
+	return isnan(from) || isnan(to) ? to : from + alpha * (to - from);
+}
+
+static void follow_light(struct lp_track *track, const struct lp_light *target, float alpha)
+{
+	struct lp_light *l = &track->light;
+	float length = 0.0F;
+
+	for (int a = 0; a < 3; a++) {
+		l->direction[a] = follow(l->direction[a], target->direction[a], alpha);
+		length += l->direction[a] * l->direction[a];
+		l->irradiance[a] = follow(l->irradiance[a], target->irradiance[a], alpha);
+	}
+	length = sqrtf(length);
+	for (int a = 0; a < 3; a++)
+		l->direction[a] = length > 0.0F ? l->direction[a] / length : target->direction[a];
+	l->angular_radius_deg = follow(l->angular_radius_deg, target->angular_radius_deg, alpha);
+	l->direction_sigma_deg = follow(l->direction_sigma_deg, target->direction_sigma_deg, alpha);
+	l->irradiance_sigma = follow(l->irradiance_sigma, target->irradiance_sigma, alpha);
+	l->confidence = follow(l->confidence, target->confidence, alpha);
+	l->distance_m = follow(l->distance_m, target->distance_m, alpha);
+	l->flags = target->flags;
+	track->full = luminance(target);
+}
+
+static void fade(struct lp_track *track, float alpha, int64_t now_ns)
+{
+	for (int c = 0; c < 3; c++)
+		track->light.irradiance[c] *= 1.0F - alpha;
+	track->light.flags |= LP_LIGHT_HELD;
+	if (now_ns - track->t_seen_ns > MEMORY_NS)
+		track->light.id = 0;
+}
+
+/* Tracks that still shine, strongest first. */
+static void list_tracks(const struct lp_tracker *tracker, struct lp_light_estimate *smoothed)
+{
+	int count = 0;
+
+	for (int t = 0; t < LP_MAX_TRACKS; t++) {
+		const struct lp_track *track = &tracker->track[t];
+		const float strength = luminance(&track->light);
+		int at;
+
+		if (!track->light.id || strength < LEAST_SHARE * track->full || strength <= 0.0F)
+			continue;
+		for (at = count; at > 0 && luminance(&smoothed->lights[at - 1]) < strength; at--)
+			if (at < LP_MAX_LIGHTS)
+				smoothed->lights[at] = smoothed->lights[at - 1];
+		if (at < LP_MAX_LIGHTS)
+			smoothed->lights[at] = track->light;
+		if (count < LP_MAX_LIGHTS)
+			count++;
+	}
+	smoothed->light_count = count;
+}
+
+void lp_tracker_update(struct lp_tracker *tracker, struct lp_light_estimate *raw,
+		       struct lp_light_estimate *smoothed)
+{
+	const int64_t now_ns = raw->t_capture_ns;
+	const double elapsed_ms = fmax((double)(now_ns - tracker->t_last_ns) / 1e6, 0.0);
+	const float alpha = tracker->started && tracker->time_constant_ms > 0.0F
+				    ? (float)-expm1(-elapsed_ms / tracker->time_constant_ms)
+				    : 1.0F;
+	struct lp_track *of_light[LP_MAX_LIGHTS] = {NULL};
+
+	for (int t = 0; t < LP_MAX_TRACKS; t++)
+		tracker->track[t].seen = false;
+	associate(tracker, raw, of_light);
+	for (int k = 0; k < raw->light_count; k++) {
+		if (!of_light[k]) {
+			of_light[k] = new_track(tracker);
+			start_track(tracker, of_light[k], &raw->lights[k]);
+		}
+		raw->lights[k].id = of_light[k]->light.id;
+		follow_light(of_light[k], &raw->lights[k], alpha);
+		of_light[k]->t_seen_ns = now_ns;
+	}
+	for (int t = 0; t < LP_MAX_TRACKS; t++)
+		if (tracker->track[t].light.id && !tracker->track[t].seen)
+			fade(&tracker->track[t], alpha, now_ns);
+	for (int i = 0; i < LP_MAX_SH_COUNT; i++)
+		for (int c = 0; c < 3; c++)
+			tracker->sh_total[i][c] =
+				follow(tracker->sh_total[i][c], raw->sh_total[i][c], alpha);
+	tracker->started = true;
+	tracker->t_last_ns = now_ns;
+
+	*smoothed = *raw;
+	memcpy(smoothed->sh_total, tracker->sh_total, sizeof(smoothed->sh_total));
+	list_tracks(tracker, smoothed);
+}
