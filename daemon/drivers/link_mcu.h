@@ -1,0 +1,73 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The microcontroller, over any carrier: greets it, checks its version, matches the clocks, turns
+ * messages of proto/mcu.dbc into numbers and back, and starts again when it was reset, unplugged or
+ * silent. One connection serves every back end that names it. Loop thread.
+ */
+#ifndef LP_LINK_MCU_H
+#define LP_LINK_MCU_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "include/ring_sample.h"
+#include "include/rotator.h"
+
+struct lp_param;
+struct lp_uri;
+
+struct lp_mcu_wheel {
+	uint8_t token; /* of the command that this is the state of */
+	struct lp_wheel_state state;
+};
+
+struct lp_mcu_ring {
+	uint32_t sequence;		  /* gaps are rings lost on the link */
+	int64_t t_ns;			  /* CLOCK_MONOTONIC, middle of the averaging window */
+	uint16_t levels[LP_RING_SENSORS]; /* 1/4092 of the supply */
+	uint16_t dead;			  /* bit k: sensor k is open or shorted */
+};
+#define LP_RING_FULL_SCALE 4092
+
+/* Whoever uses the connection: embed it. Callbacks may be NULL. */
+struct lp_mcu_user {
+	struct lp_mcu_user *next;
+	/* It speaks our protocol, and was just started or found: nothing is known of the wheel. */
+	void (*found)(struct lp_mcu_user *user);
+	void (*lost)(struct lp_mcu_user *user);
+	void (*wheel)(struct lp_mcu_user *user, const struct lp_mcu_wheel *wheel);
+	void (*ring)(struct lp_mcu_user *user, const struct lp_mcu_ring *ring);
+	/* A command for the wheel was refused for good. */
+	void (*refused)(struct lp_mcu_user *user, uint8_t token, const char *reason);
+	/* Never NULL; as in rotator.h. */
+	void (*fault)(struct lp_mcu_user *user, const char *id, const char *text);
+};
+
+/* -EINVAL, logged: a key that neither the connection nor `own` knows. */
+int lp_mcu_check_keys(const struct lp_uri *uri, const struct lp_param *own, size_t own_count);
+
+/*
+ * Join the connection that `uri` names (mcu:CARRIER:DEVICE), or make it. `list` is the
+ * application's. The first URI to name a
+ * connection decides its keys (baud, address, ring_scans). -EINVAL, -ENOMEM, logged.
+ */
+int lp_mcu_join(struct lp_mcu **list, const struct lp_uri *uri, struct lp_mcu_user *user,
+		struct lp_mcu **mcu);
+void lp_mcu_leave(struct lp_mcu *mcu, struct lp_mcu_user *user); /* the last one closes it */
+
+/* Opens it, or begins to wait for it; the second call does nothing. */
+int lp_mcu_start(struct lp_mcu *mcu);
+
+/* The descriptor, for the first user; -1 for the others. */
+int lp_mcu_fd(const struct lp_mcu *mcu, const struct lp_mcu_user *user);
+int lp_mcu_dispatch(struct lp_mcu *mcu);
+
+/* Commands; a lost one shows in the wheel's state, which keeps its old token. */
+void lp_mcu_home(struct lp_mcu *mcu, uint8_t token);
+void lp_mcu_move(struct lp_mcu *mcu, uint8_t token, float target_deg);
+void lp_mcu_release(struct lp_mcu *mcu);
+/* Ask for a wheel state seen from now on. */
+void lp_mcu_look(struct lp_mcu *mcu);
+
+#endif

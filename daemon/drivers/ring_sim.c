@@ -1,0 +1,131 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* sim:?lux=... — a ring that reads what it is told, and can misbehave. It sees no simulated scene:
+ * for that, lightprobe simulate starts the whole box, to be named by mcu:. */
+#include <errno.h>
+#include <math.h>
+#include <stdlib.h>
+
+#include "base/clock.h"
+#include "base/log.h"
+#include "base/param.h"
+#include "base/poller.h"
+#include "base/uri.h"
+#include "include/ring.h"
+#include "include/ring_sample.h"
+
+extern const struct lp_ring_ops lp_ring_sim_ops;
+
+struct keys {
+	struct lp_floats lux;
+	float rate_hz, sigma, silent_after_s;
+	int dead;
+};
+
+struct ring_sim {
+	struct lp_ring base;
+	struct keys keys;
+	struct lp_poller *poller;
+	struct lp_timer tick;
+	int64_t t_start_ns;
+	uint32_t sequence;
+};
+
+static const struct lp_param params[] = {
+	{"lux", LP_PARAM_FLOATS, offsetof(struct keys, lux), .initial = "100", .max = 1e6},
+	{"rate_hz", LP_PARAM_FLOAT, offsetof(struct keys, rate_hz), .initial = "100", .min = 0.1,
+	 .max = 1000},
+	{"sigma", LP_PARAM_FLOAT, offsetof(struct keys, sigma), .initial = "0.03", .max = 10},
+	{"dead", LP_PARAM_INT, offsetof(struct keys, dead), .initial = "0", .max = 511},
+	{"silent_after_s", LP_PARAM_FLOAT, offsetof(struct keys, silent_after_s), .initial = "1e9",
+	 .max = 1e9},
+};
+
+static struct ring_sim *self_of(const struct lp_ring *ring)
+{
+	return (struct ring_sim *)ring;
+}
+
+static void on_tick(struct lp_timer *timer)
+{
+	struct ring_sim *self = LP_CONTAINER_OF(timer, struct ring_sim, tick);
+	const struct lp_floats *lux = &self->keys.lux;
+	const int64_t now_ns = lp_clock_ns();
+	struct lp_ring_sample sample = {.t_ns = now_ns, .sequence = ++self->sequence};
+
+	if ((double)(now_ns - self->t_start_ns) / 1e9 > (double)self->keys.silent_after_s)
+		return;
+	for (int k = 0; k < LP_RING_SENSORS; k++) {
+		sample.illuminance_lux[k] =
+			self->keys.dead >> k & 1 ? NAN : lux->values[k % lux->count];
+		sample.sigma_relative[k] = self->keys.sigma;
+	}
+	self->base.host.sample(self->base.host.context, &sample);
+}
+
+static int sim_start(struct lp_ring *ring)
+{
+	struct ring_sim *self = self_of(ring);
+	const int ret = lp_timer_start(&self->tick, self->poller, on_tick);
+
+	self->t_start_ns = lp_clock_ns();
+	if (ret == 0)
+		lp_timer_set(&self->tick, 1, (int64_t)(1e9F / self->keys.rate_hz));
+	return ret;
+}
+
+static int sim_fd(const struct lp_ring *ring)
+{
+	return lp_poller_fd(self_of(ring)->poller);
+}
+
+static int sim_dispatch(struct lp_ring *ring)
+{
+	return lp_poller_dispatch(self_of(ring)->poller);
+}
+
+static void sim_destroy(struct lp_ring *ring)
+{
+	struct ring_sim *self = self_of(ring);
+
+	if (!self)
+		return;
+	if (self->poller)
+		lp_timer_stop(&self->tick, self->poller);
+	lp_poller_destroy(self->poller);
+	free(self);
+}
+
+static int sim_create(const struct lp_uri *uri, const struct lp_ring_host *host,
+		      struct lp_ring **ring)
+{
+	struct ring_sim *self = calloc(1, sizeof(*self));
+	int ret;
+
+	if (!self)
+		return -ENOMEM;
+	self->base = (struct lp_ring){.ops = &lp_ring_sim_ops, .host = *host};
+	ret = lp_uri_read(uri, params, sizeof(params) / sizeof(params[0]), &self->keys);
+	if (ret == 0 && self->keys.lux.count != 1 && self->keys.lux.count != LP_RING_SENSORS) {
+		lp_error(uri->text, "lux", "one value, or nine");
+		ret = -EINVAL;
+	}
+	if (ret == 0)
+		ret = lp_poller_create(&self->poller);
+	if (ret < 0) {
+		sim_destroy(&self->base);
+		return ret;
+	}
+	*ring = &self->base;
+	return 0;
+}
+
+const struct lp_ring_ops lp_ring_sim_ops = {
+	.scheme = "sim",
+	.help = "sim:  a ring inside the daemon ?lux=100 (or nine) &rate_hz=100 &sigma=0.03\n"
+		"      &dead=MASK &silent_after_s=N",
+	.create = sim_create,
+	.start = sim_start,
+	.fd = sim_fd,
+	.dispatch = sim_dispatch,
+	.destroy = sim_destroy,
+};

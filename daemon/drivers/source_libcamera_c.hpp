@@ -1,0 +1,24 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The daemon's C headers, for the C++ of this driver. */
+#ifndef LP_SOURCE_LIBCAMERA_C_HPP
+#define LP_SOURCE_LIBCAMERA_C_HPP
+
+#include <math.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+extern "C" {
+#include "base/clock.h"
+#include "base/log.h"
+#include "base/pool.h"
+#include "drivers/source_frames.h"
+#include "drivers/source_libcamera_settings.h"
+#include "drivers/source_offers.h"
+#include "drivers/source_outbox.h"
+#include "drivers/source_tag.h"
+#include "include/frame.h"
+#include "include/source.h"
+}
+
+#endif

@@ -1,0 +1,21 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What a camera of libcamera's offers, in the words of source_offers.h. */
+#ifndef LP_SOURCE_LIBCAMERA_OFFERS_HPP
+#define LP_SOURCE_LIBCAMERA_OFFERS_HPP
+
+#include <libcamera/stream.h>
+
+#include "drivers/source_libcamera_c.hpp"
+
+namespace lp
+{
+
+/* libcamera's name of a format, and ours. */
+libcamera::PixelFormat pixel_format(uint32_t fourcc);
+uint32_t fourcc_of(libcamera::PixelFormat format);
+
+void list_offers(const libcamera::StreamFormats &formats, struct lp_offers &offers);
+
+} // namespace lp
+
+#endif

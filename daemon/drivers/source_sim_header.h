@@ -1,0 +1,30 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The header before each picture on the simulator link (proto/sim.md). */
+#ifndef LP_SOURCE_SIM_HEADER_H
+#define LP_SOURCE_SIM_HEADER_H
+
+#include <stdint.h>
+
+#include "include/frame.h"
+
+#define LP_SIM_HEADER_BYTES 64
+#define LP_SIM_HEADER_MAX_BYTES 4096
+#define LP_SIM_PAYLOAD_MAX_BYTES ((uint64_t)128 << 20)
+
+struct lp_sim_header {
+	uint32_t header_bytes; /* what is beyond LP_SIM_HEADER_BYTES is to be skipped */
+	uint64_t payload_bytes;
+	enum lp_pixel_format format;
+	uint32_t width_px, height_px,
+		stride_bytes; /* stride as frame.h has it, never 0 but for MJPEG */
+	uint64_t sequence;
+	int64_t t_start_ns;
+	float exposure_us, gain; /* NAN: not said */
+	uint32_t flags; /* enum lp_frame_flag; CORRUPT also when the payload's size is wrong */
+};
+
+/* NULL, or what is wrong with it: then nothing more of the stream can be understood. */
+const char *lp_sim_header_parse(const uint8_t data[LP_SIM_HEADER_BYTES],
+				struct lp_sim_header *header);
+
+#endif

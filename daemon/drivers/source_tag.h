@@ -1,0 +1,40 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Which exposure a frame was taken with. UVC frames do not say; what is known is when a command was
+ * given and how many frames late this camera obeys. Around the change, where one frame more or less
+ * decides, the exposure is unknown rather than wrong.
+ */
+#ifndef LP_SOURCE_TAG_H
+#define LP_SOURCE_TAG_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+struct lp_frame;
+
+struct lp_exposure_tag {
+	int delay_frames; /* -1: not known, up to five */
+	bool pending;	  /* the command's frame may still be to come */
+	int64_t commanded_ns;
+	bool seen_after; /* a frame begun after the command has been seen: the one below */
+	uint64_t first_after;
+	float exposure_us, gain;	       /* in force once settled; NAN: unknown */
+	float before_exposure_us, before_gain; /* until then */
+};
+
+/* Nothing is known of frames so far. */
+void lp_exposure_tag_init(struct lp_exposure_tag *tag, int delay_frames);
+
+/* Exposure and gain (NAN: unknown) were commanded; the call returned at `now_ns`. */
+void lp_exposure_tag_command(struct lp_exposure_tag *tag, float exposure_us, float gain,
+			     int64_t now_ns);
+
+/*
+ * Fill in exposure_us and gain of the next frame, and turn t_start_ns from the driver's time stamp
+ * into the start of exposure. The stamp is of the frame's first bytes, when its first row had been
+ * exposed and read; so the exposure ended then at the latest. Where the driver gives no stamp (0)
+ * the arrival stands in for it; where the exposure is unknown nothing is subtracted.
+ */
+void lp_exposure_tag_frame(struct lp_exposure_tag *tag, struct lp_frame *frame);
+
+#endif
