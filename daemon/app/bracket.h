@@ -1,0 +1,100 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Exposure brackets on cameras that take a command some frames later and do not say when. Set,
+ * wait, verify by what the picture shows, accept: a frame is merged only when its brightness, cell
+ * by cell, is that of the exposure in effect or of the one commanded last, and clearly not of the
+ * other. Chooses the exposures itself: the longest resolves the dark half of the scene, the
+ * shortest clips almost nothing, one when one suffices. Pure logic: no I/O, no pixels; owned by the
+ * worker.
+ */
+#ifndef LP_APP_BRACKET_H
+#define LP_APP_BRACKET_H
+
+#include <stdbool.h>
+
+#include "vision/imager.h"
+
+#define LP_MAX_PLANNED 4
+
+struct lp_source_caps;
+
+struct lp_bracket_limits {
+	float min_us, max_us; /* of exposure times gain */
+	float step_us;	      /* commands are rounded to multiples of this; 0: any value */
+	int delay_frames;     /* from command to effect; -1: unknown */
+};
+
+/* What the merged panorama says of the scene; luminance. */
+struct lp_bracket_scene {
+	float median; /* radiance that half of the sphere stays below */
+	float peak;   /* highest of a cell */
+	bool clipped; /* something saturates in the shortest exposure */
+};
+
+enum lp_bracket_state {
+	LP_BRACKET_STARTING, /* exposure in effect not known yet: frames are left out */
+	LP_BRACKET_RUNNING,
+	LP_BRACKET_IGNORED, /* the camera does not follow: exposures are unknown */
+};
+
+struct lp_bracket {
+	int most; /* exposures; 1..LP_MAX_PLANNED */
+	struct lp_bracket_limits limits;
+	enum lp_bracket_state state;
+	bool verified; /* a command has been seen to take effect */
+
+	float plan_us[LP_MAX_PLANNED]; /* longest first */
+	int planned, at;	       /* plan_us[at] is commanded */
+	int taken;		       /* of this plan, until each has been once */
+	float shortest_us;	       /* adapted to the scene's peak */
+	float clips_us, clips_peak;    /* known to clip, while the peak is like this; 0: none */
+
+	float settled_us, commanded_us;
+	int frames_since_command;
+	int misses;				 /* commands in a row without effect */
+	int strange;				 /* frames in a row that fit neither exposure */
+	int changes;				 /* seen to take effect */
+	int least_seen_frames, most_seen_frames; /* from command to effect */
+	int frames_ignored;			 /* since the camera was found not to follow */
+};
+
+/* What to do with the frame just judged, and with the camera. */
+struct lp_bracket_decision {
+	bool accept;
+	float exposure_us; /* of the accepted frame; NAN: unknown */
+	bool forget;	   /* what is known of the scene no longer fits: start anew */
+	bool command;
+	float command_us;
+};
+
+/* Of a source; where it does not say, what any camera of 30 frames a second can do. */
+struct lp_bracket_limits lp_bracket_limits_of(const struct lp_source_caps *caps);
+
+/* The nearest value that the camera can take. */
+float lp_bracket_allowed(const struct lp_bracket_limits *limits, float exposure_us);
+
+void lp_bracket_init(struct lp_bracket *bracket, int most, const struct lp_bracket_limits *limits);
+
+/* Before the first frame: the first command. */
+float lp_bracket_first_us(const struct lp_bracket *bracket);
+
+/*
+ * Judge the frame just loaded. settled and commanded: how it matches bracket->settled_us and
+ * bracket->commanded_us. scene: NULL before anything is known.
+ */
+struct lp_bracket_decision lp_bracket_judge(struct lp_bracket *bracket,
+					    const struct lp_exposure_match *settled,
+					    const struct lp_exposure_match *commanded);
+
+/* The same for a camera whose frames tell their true exposure: nothing is left to verify. */
+struct lp_bracket_decision lp_bracket_told(struct lp_bracket *bracket, float exposure_us);
+
+/* Every exposure of the plan has been taken since it was made: others are of the past. */
+bool lp_bracket_whole(const struct lp_bracket *bracket);
+
+/* After an accepted frame has been merged: plan by the scene, and the next command if one is due.
+ */
+bool lp_bracket_next(struct lp_bracket *bracket, const struct lp_bracket_scene *scene,
+		     float *command_us);
+
+#endif

@@ -1,0 +1,333 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "app/codec.h"
+
+#include <assert.h>
+#include <errno.h>
+#include <math.h>
+#include <pb_decode.h>
+#include <pb_encode.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "app/health.h"
+#include "base/clock.h"
+#include "include/packet.h"
+#include "include/publisher.h"
+#include "light/model.h"
+#include "proto/lightprobe.pb.h"
+
+#define PROTOCOL_MAJOR 1
+#define PROTOCOL_MINOR 0
+#define LENGTH_PREFIX_BYTES 2 /* of messages up to 16383 bytes */
+
+static_assert(lightprobe_v1_FromProbe_size + LENGTH_PREFIX_BYTES <= LP_PACKET_MAX_BYTES,
+	      "a packet holds the largest message");
+static_assert(lightprobe_v1_FromClient_size <= LP_REQUEST_MAX_BYTES,
+	      "a request may be as long as the largest message");
+
+/* The header's flags and states are the wire's, bit for bit. */
+#define SAME(ours, wire) static_assert((int)(ours) == (int)(lightprobe_v1_##wire), #ours)
+SAME(LP_LIGHT_CLIPPED, LightFlag_LIGHT_FLAG_CLIPPED);
+SAME(LP_LIGHT_REFLECTION, LightFlag_LIGHT_FLAG_REFLECTION);
+SAME(LP_LIGHT_EXTENDED, LightFlag_LIGHT_FLAG_EXTENDED);
+SAME(LP_LIGHT_RING, LightFlag_LIGHT_FLAG_RING);
+SAME(LP_LIGHT_HELD, LightFlag_LIGHT_FLAG_HELD);
+SAME(LP_ESTIMATE_STALE, EstimateFlag_ESTIMATE_FLAG_STALE);
+SAME(LP_ESTIMATE_EXPOSURE_UNKNOWN, EstimateFlag_ESTIMATE_FLAG_EXPOSURE_UNKNOWN);
+SAME(LP_ESTIMATE_CLIPPED, EstimateFlag_ESTIMATE_FLAG_CLIPPED);
+SAME(LP_ESTIMATE_UNDEREXPOSED, EstimateFlag_ESTIMATE_FLAG_UNDEREXPOSED);
+SAME(LP_ESTIMATE_BRACKET_INCOMPLETE, EstimateFlag_ESTIMATE_FLAG_BRACKET_INCOMPLETE);
+SAME(LP_ESTIMATE_PARTIAL_VIEW, EstimateFlag_ESTIMATE_FLAG_PARTIAL_VIEW);
+SAME(LP_ESTIMATE_MORE_LIGHTS, EstimateFlag_ESTIMATE_FLAG_MORE_LIGHTS);
+SAME(LP_ESTIMATE_INVALID_INPUT, EstimateFlag_ESTIMATE_FLAG_INVALID_INPUT);
+SAME(LP_ESTIMATE_DEGRADED, EstimateFlag_ESTIMATE_FLAG_DEGRADED);
+SAME(LP_ESTIMATE_RING_ONLY, EstimateFlag_ESTIMATE_FLAG_RING_ONLY);
+SAME(LP_ESTIMATE_EXPOSURE_IGNORED, EstimateFlag_ESTIMATE_FLAG_EXPOSURE_IGNORED);
+SAME(LP_ESTIMATE_RING_FAULT, EstimateFlag_ESTIMATE_FLAG_RING_FAULT);
+SAME(LP_ESTIMATE_WHEEL_FAULT, EstimateFlag_ESTIMATE_FLAG_WHEEL_FAULT);
+SAME(LP_ESTIMATE_NO_LIGHT, EstimateFlag_ESTIMATE_FLAG_NO_LIGHT);
+SAME(LP_WHEEL_UNKNOWN, Wheel_Phase_UNKNOWN);
+SAME(LP_WHEEL_HOMING, Wheel_Phase_HOMING);
+SAME(LP_WHEEL_MOVING, Wheel_Phase_MOVING);
+SAME(LP_WHEEL_SETTLED, Wheel_Phase_SETTLED);
+SAME(LP_WHEEL_FAULT, Wheel_Phase_FAULT);
+SAME(LP_WHEEL_ABSENT, Wheel_Phase_ABSENT);
+SAME(LP_SOURCE_DOWN, Health_SourceState_DOWN);
+SAME(LP_SOURCE_WAITING, Health_SourceState_WAITING);
+SAME(LP_SOURCE_STREAMING, Health_SourceState_STREAMING);
+SAME(LP_SOURCE_STALLED, Health_SourceState_STALLED);
+SAME(LP_SOURCE_ENDED, Health_SourceState_ENDED);
+static_assert(LP_MAX_FAULTS * sizeof(lightprobe_v1_Fault) ==
+		      sizeof(((lightprobe_v1_Health *)NULL)->faults),
+	      "as many faults as the wire holds");
+
+/* ---------------------------------------------------------------- encoding */
+
+static void encode(const lightprobe_v1_FromProbe *message, enum lp_packet_kind kind,
+		   struct lp_packet *packet)
+{
+	pb_ostream_t stream = pb_ostream_from_buffer(packet->data, sizeof(packet->data));
+	const bool done = pb_encode_delimited(&stream, lightprobe_v1_FromProbe_fields, message);
+
+	assert(done); /* every field is bounded, and the buffer holds them all */
+	(void)done;
+	packet->kind = kind;
+	packet->size_bytes = (uint32_t)stream.bytes_written;
+}
+
+/* A ratio as a whole number of `parts`; false when it is not known. */
+static bool scaled(float ratio, float parts, uint32_t *value)
+{
+	if (isnan(ratio))
+		return false;
+	*value = (uint32_t)fminf(fmaxf(roundf(ratio * parts), 0.0F), 1e6F);
+	return true;
+}
+
+static bool known(float value, float *field)
+{
+	if (!isfinite(value))
+		return false;
+	*field = value;
+	return true;
+}
+
+/* False: a number that must be there is not. */
+static bool copy_finite(float *to, const float *from, size_t count)
+{
+	for (size_t i = 0; i < count; i++) {
+		if (!isfinite(from[i]))
+			return false;
+		to[i] = from[i];
+	}
+	return true;
+}
+
+static bool fill_light(lightprobe_v1_Light *wire, const struct lp_light *light)
+{
+	wire->id = light->id;
+	wire->flags = light->flags;
+	wire->direction_count = 3;
+	wire->irradiance_count = 3;
+	wire->has_direction_sigma_deg =
+		known(light->direction_sigma_deg, &wire->direction_sigma_deg);
+	wire->has_irradiance_sigma_permille =
+		scaled(light->irradiance_sigma, 1000, &wire->irradiance_sigma_permille);
+	wire->has_confidence_percent = scaled(light->confidence, 100, &wire->confidence_percent);
+	wire->has_distance_m = known(light->distance_m, &wire->distance_m);
+	return copy_finite(wire->direction, light->direction, 3) &&
+	       copy_finite(wire->irradiance, light->irradiance, 3) &&
+	       copy_finite(&wire->angular_radius_deg, &light->angular_radius_deg, 1);
+}
+
+static bool fill_sh(lightprobe_v1_SphericalHarmonics *wire,
+		    const struct lp_light_estimate *estimate, const struct lp_variant *variant)
+{
+	float ambient[LP_MAX_SH_COUNT][3];
+	const float(*coefficients)[3] = estimate->sh_total;
+	const int values = 3 * LP_SH_COUNT(variant->sh_order);
+
+	if (!variant->total) {
+		lp_model_ambient(estimate, variant->sh_order, variant->lights, ambient);
+		coefficients = (const float(*)[3])ambient;
+	}
+	wire->kind = variant->total ? lightprobe_v1_SphericalHarmonics_Kind_TOTAL
+				    : lightprobe_v1_SphericalHarmonics_Kind_AMBIENT;
+	wire->order = (uint32_t)variant->sh_order;
+	wire->coefficients_count = (pb_size_t)values;
+	return copy_finite(wire->coefficients, coefficients[0], (size_t)values);
+}
+
+int lp_encode_estimate(const struct lp_light_estimate *estimate, const struct lp_variant *variant,
+		       const struct lp_stamp *stamp, struct lp_packet *packet)
+{
+	lightprobe_v1_FromProbe message = {.which_message = lightprobe_v1_FromProbe_estimate_tag};
+	lightprobe_v1_Estimate *wire = &message.message.estimate;
+	const int64_t delay_us = (stamp->t_send_ns - estimate->t_capture_ns) / LP_NS_PER_US;
+
+	wire->sequence = estimate->sequence;
+	wire->boot_id = stamp->boot_id;
+	wire->capture_time_unix_ns = (uint64_t)lp_clock_unix_ns(estimate->t_capture_ns);
+	/* 71 minutes and more read as 71 minutes. */
+	wire->send_delay_us = delay_us < 0	      ? 0
+			      : delay_us > UINT32_MAX ? UINT32_MAX
+						      : (uint32_t)delay_us;
+	wire->ttl_ms = stamp->ttl_ms;
+	wire->flags = estimate->flags;
+	if (estimate->light_count > variant->lights)
+		wire->flags |= LP_ESTIMATE_MORE_LIGHTS;
+	wire->has_predicted_error_permille =
+		scaled(estimate->predicted_error[variant->sh_order][variant->lights], 1000,
+		       &wire->predicted_error_permille);
+	wire->has_exposure_us = isfinite(estimate->exposure_us);
+	if (wire->has_exposure_us)
+		wire->exposure_us = (uint32_t)fminf(fmaxf(roundf(estimate->exposure_us), 0), 4e9F);
+	wire->exposure_count = (uint32_t)estimate->exposure_count;
+	wire->has_cd_m2_per_unit = known(estimate->cd_m2_per_unit, &wire->cd_m2_per_unit);
+	/* An angle without its uncertainty is of no use. */
+	wire->has_wheel_sigma_deg = known(estimate->wheel_sigma_deg, &wire->wheel_sigma_deg);
+	wire->has_wheel_deg =
+		wire->has_wheel_sigma_deg && known(estimate->wheel_deg, &wire->wheel_deg);
+	wire->has_sh = true;
+	wire->lights_count = (pb_size_t)variant->lights;
+	for (int i = 0; i < variant->lights; i++) {
+		if (!fill_light(&wire->lights[i], &estimate->lights[i]))
+			return -ERANGE;
+	}
+	if (!fill_sh(&wire->sh, estimate, variant))
+		return -ERANGE;
+	encode(&message, LP_PACKET_STATE, packet);
+	return 0;
+}
+
+/* Cut to the field, never within a UTF-8 character. */
+static void copy_text(char *field, size_t size_bytes, const char *text)
+{
+	size_t length = strlen(text);
+
+	if (length >= size_bytes) {
+		length = size_bytes - 1;
+		while (length > 0 && ((unsigned char)text[length] & 0xc0) == 0x80)
+			length--;
+	}
+	memcpy(field, text, length);
+	field[length] = '\0';
+}
+#define COPY_TEXT(field, text) copy_text(field, sizeof(field), text)
+
+void lp_encode_hello(const struct lp_hello *hello, struct lp_packet *packet)
+{
+	lightprobe_v1_FromProbe message = {.which_message = lightprobe_v1_FromProbe_hello_tag};
+	lightprobe_v1_Hello *wire = &message.message.hello;
+
+	wire->protocol_major = PROTOCOL_MAJOR;
+	wire->protocol_minor = PROTOCOL_MINOR;
+	COPY_TEXT(wire->software, "lightprobed " LP_VERSION);
+	wire->boot_id = hello->boot_id;
+	COPY_TEXT(wire->source, hello->source);
+	wire->max_sh_order = (uint32_t)hello->max_sh_order;
+	wire->max_lights = (uint32_t)hello->max_lights;
+	wire->smoothing_time_constant_ms = hello->smoothing_ms;
+	COPY_TEXT(wire->clock, "CLOCK_REALTIME");
+	COPY_TEXT(wire->preset, hello->preset);
+	wire->has_wheel = hello->has_wheel;
+	wire->has_ring = hello->has_ring;
+	encode(&message, LP_PACKET_CONTROL, packet);
+}
+
+static void fill_wheel(lightprobe_v1_Wheel *wire, const struct lp_wheel_report *wheel)
+{
+	const struct lp_wheel_state *state = &wheel->state;
+
+	wire->phase = (lightprobe_v1_Wheel_Phase)state->phase;
+	wire->has_commanded_deg = known(state->commanded_deg, &wire->commanded_deg);
+	wire->has_measured_deg = known(state->measured_deg, &wire->measured_deg);
+	wire->has_sigma_deg = known(state->sigma_deg, &wire->sigma_deg);
+	wire->moves = wheel->moves;
+	wire->frames_stamped = wheel->frames_stamped;
+	wire->frames_moving = wheel->frames_moving;
+	wire->frames_unknown = wheel->frames_unknown;
+	wire->has_clock_sigma_us = known(state->clock_sigma_us, &wire->clock_sigma_us);
+	wire->reconnects = state->reconnects;
+}
+
+static void fill_ring(lightprobe_v1_Ring *wire, const struct lp_ring_report *ring)
+{
+	wire->illuminance_lux_count = LP_RING_SENSORS;
+	memcpy(wire->illuminance_lux, ring->illuminance_lux, sizeof(ring->illuminance_lux));
+	wire->samples_per_s = ring->samples_per_s;
+	wire->samples = ring->samples;
+	wire->samples_lost = ring->samples_lost;
+}
+
+void lp_encode_health(const struct lp_health_report *report, struct lp_packet *packet)
+{
+	lightprobe_v1_FromProbe message = {.which_message = lightprobe_v1_FromProbe_health_tag};
+	lightprobe_v1_Health *wire = &message.message.health;
+
+	wire->uptime_ms = report->uptime_ms;
+	wire->source_state = (lightprobe_v1_Health_SourceState)report->source_state;
+	wire->frames_received = report->frames_received;
+	wire->frames_dropped = report->frames_dropped;
+	wire->frames_rejected = report->frames_rejected;
+	wire->source_reconnects = report->source_reconnects;
+	wire->estimates = report->estimates;
+	wire->estimates_per_s = report->estimates_per_s;
+	wire->latency_p50_us = report->latency_p50_us;
+	wire->latency_p99_us = report->latency_p99_us;
+	wire->clients = report->clients;
+	wire->packets_sent = report->packets_sent;
+	wire->packets_superseded = report->packets_superseded;
+	wire->requests_rejected = report->requests_rejected;
+	wire->cpu_percent = report->cpu_percent;
+	wire->rss_kib = report->rss_kib;
+	COPY_TEXT(wire->preset, report->preset ? report->preset : "");
+	wire->has_wheel = report->has_wheel;
+	fill_wheel(&wire->wheel, &report->wheel);
+	wire->has_ring = report->has_ring;
+	fill_ring(&wire->ring, &report->ring);
+	wire->faults_count = (pb_size_t)report->fault_count;
+	for (int i = 0; i < report->fault_count; i++) {
+		COPY_TEXT(wire->faults[i].id, report->faults[i].id);
+		COPY_TEXT(wire->faults[i].text, report->faults[i].text);
+	}
+	encode(&message, LP_PACKET_CONTROL, packet);
+}
+
+void lp_encode_error(int code, const char *text, struct lp_packet *packet)
+{
+	lightprobe_v1_FromProbe message = {.which_message = lightprobe_v1_FromProbe_error_tag};
+
+	message.message.error.code = code;
+	COPY_TEXT(message.message.error.text, text);
+	encode(&message, LP_PACKET_CONTROL, packet);
+}
+
+/* ---------------------------------------------------------------- decoding */
+
+struct lp_subscription lp_default_subscription(void)
+{
+	return (struct lp_subscription){.sh_order = 2, .max_lights = 4};
+}
+
+static int read_subscription(const lightprobe_v1_Subscription *wire,
+			     struct lp_subscription *subscription, const char **reason)
+{
+	*subscription = lp_default_subscription();
+	*reason = "rate_hz: must be 0 or a positive number";
+	if (!isfinite(wire->rate_hz) || wire->rate_hz < 0)
+		return -ERANGE;
+	*reason = "kind: must be AMBIENT or TOTAL";
+	if ((int)wire->kind < 0 || wire->kind > lightprobe_v1_SphericalHarmonics_Kind_TOTAL)
+		return -ERANGE;
+	*reason = "smoothing: must be SMOOTHED or RAW";
+	if ((int)wire->smoothing < 0 || wire->smoothing > lightprobe_v1_Subscription_Smoothing_RAW)
+		return -ERANGE;
+	subscription->rate_hz = wire->rate_hz;
+	if (wire->has_sh_order)
+		subscription->sh_order =
+			wire->sh_order > LP_MAX_SH_ORDER ? LP_MAX_SH_ORDER : (int)wire->sh_order;
+	if (wire->has_max_lights)
+		subscription->max_lights =
+			wire->max_lights > LP_MAX_LIGHTS ? LP_MAX_LIGHTS : (int)wire->max_lights;
+	subscription->total = wire->kind == lightprobe_v1_SphericalHarmonics_Kind_TOTAL;
+	subscription->raw = wire->smoothing == lightprobe_v1_Subscription_Smoothing_RAW;
+	subscription->tolerance = (float)wire->tolerance_permille / 1000.0F;
+	subscription->health_period_ms = wire->health_period_ms;
+	return 0;
+}
+
+int lp_decode_request(const uint8_t *data, size_t size_bytes, struct lp_subscription *subscription,
+		      const char **reason)
+{
+	lightprobe_v1_FromClient message = lightprobe_v1_FromClient_init_zero;
+	pb_istream_t stream = pb_istream_from_buffer(data, size_bytes);
+
+	*reason = "is no lightprobe.v1.FromClient message";
+	if (!pb_decode(&stream, lightprobe_v1_FromClient_fields, &message))
+		return -EBADMSG;
+	*reason = "is not known to this version";
+	if (message.which_message != lightprobe_v1_FromClient_subscribe_tag)
+		return -EOPNOTSUPP;
+	return read_subscription(&message.message.subscribe, subscription, reason);
+}

@@ -1,0 +1,506 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "app/daemon.h"
+
+#include <errno.h>
+#include <inttypes.h>
+#include <math.h>
+#include <signal.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/random.h>
+
+#include "app/backends.h"
+#include "app/health.h"
+#include "app/hub.h"
+#include "app/instruments.h"
+#include "app/loop.h"
+#include "app/options.h"
+#include "app/service.h"
+#include "app/worker.h"
+#include "base/clock.h"
+#include "base/log.h"
+#include "include/frame.h"
+#include "include/source.h"
+
+#define TICK_MS 100
+#define DRAIN_NS (5 * LP_NS_PER_S) /* how long the last packets may take to leave */
+
+struct publisher_slot {
+	struct lp_daemon *daemon;
+	struct lp_publisher *publisher;
+};
+
+struct lp_daemon {
+	const struct lp_options *options;
+	struct lp_loop *loop;
+	struct lp_hub *hub;
+	struct lp_worker *worker;
+	struct lp_source *source;
+	struct lp_source_caps caps;
+	struct lp_instruments *instruments;
+	struct publisher_slot publishers[LP_MAX_PUBLISHERS];
+	int publisher_count;
+	struct lp_health health;
+	struct lp_governor governor;
+	bool has_streamed;
+	bool has_frames;	    /* the next two count */
+	uint64_t next_sequence;	    /* of the source, if nothing is lost */
+	uint64_t frames_lost;	    /* between the camera and us */
+	struct lp_result once_best; /* --once: the newest estimate of the set */
+	bool once_has_best;
+
+	int64_t watchdog_ns; /* 0: nobody watches */
+	int64_t fed_ns;	     /* the watchdog, last */
+	int64_t ending_ns;   /* since when; 0: running */
+	enum lp_exit exit_code;
+};
+
+/* ---------------------------------------------------------------- the end */
+
+static bool anything_pending(const struct lp_daemon *daemon)
+{
+	for (int i = 0; i < daemon->publisher_count; i++) {
+		const struct lp_publisher *publisher = daemon->publishers[i].publisher;
+
+		if (publisher->ops->pending(publisher))
+			return true;
+	}
+	return false;
+}
+
+/* Stop the loop once the last packets have left. */
+static void continue_ending(struct lp_daemon *daemon)
+{
+	if (!daemon->ending_ns)
+		return;
+	if (!anything_pending(daemon) || lp_clock_ns() - daemon->ending_ns > DRAIN_NS)
+		lp_loop_stop(daemon->loop);
+}
+
+static void begin_ending(struct lp_daemon *daemon, enum lp_exit exit_code)
+{
+	if (daemon->ending_ns)
+		return;
+	daemon->ending_ns = lp_clock_ns();
+	daemon->exit_code = exit_code;
+	lp_service_stopping();
+	continue_ending(daemon);
+}
+
+static void on_signal(void *context, int signal_number)
+{
+	struct lp_daemon *daemon = context;
+
+	lp_info("lightprobed", "signal", "%s: ending", strsignal(signal_number));
+	/* A set that was interrupted has no estimate. */
+	begin_ending(daemon, daemon->options->once ? LP_EXIT_FAILURE : LP_EXIT_OK);
+	lp_loop_stop(daemon->loop);
+}
+
+/* ---------------------------------------------------------------- from the source */
+
+static void on_stamped_frame(void *context, struct lp_frame *frame)
+{
+	struct lp_daemon *daemon = context;
+	const struct lp_demand demand = lp_hub_demand(daemon->hub);
+
+	lp_worker_submit(daemon->worker, frame, &demand);
+}
+
+static void on_frame(void *context, struct lp_frame *frame)
+{
+	struct lp_daemon *daemon = context;
+
+	daemon->health.report.frames_received++;
+	/* A smaller number is that of a camera that has come back. */
+	if (daemon->has_frames && frame->sequence > daemon->next_sequence)
+		daemon->frames_lost += frame->sequence - daemon->next_sequence;
+	daemon->next_sequence = frame->sequence + 1;
+	daemon->has_frames = true;
+	lp_instruments_frame(daemon->instruments, frame);
+}
+
+/* What is wrong with the source, for health messages. */
+static void set_fault(struct lp_daemon *daemon, enum lp_source_state state, const char *reason)
+{
+	const char *id = state == LP_SOURCE_WAITING   ? "source-waiting"
+			 : state == LP_SOURCE_STALLED ? "source-stalled"
+			 : state == LP_SOURCE_DOWN    ? "source-down"
+						      : NULL;
+
+	lp_health_fault(&daemon->health, "source-waiting", NULL);
+	lp_health_fault(&daemon->health, "source-stalled", NULL);
+	lp_health_fault(&daemon->health, "source-down", NULL);
+	if (id)
+		lp_health_fault(&daemon->health, id, reason);
+}
+
+/* A fixed exposure if one is asked for; else the worker makes brackets, where the camera can. */
+static void begin_exposures(struct lp_daemon *daemon)
+{
+	const struct lp_options *options = daemon->options;
+	const struct lp_source_caps *caps = &daemon->caps;
+	const struct lp_camera_control control = {.settable = caps->exposure_settable &&
+							      daemon->source->ops->set_exposure &&
+							      options->exposure_us <= 0,
+						  .tagged = caps->exposure_tagged,
+						  .limits = lp_bracket_limits_of(caps)};
+
+	if (options->exposure_us > 0 && daemon->source->ops->set_exposure)
+		(void)daemon->source->ops->set_exposure(daemon->source, options->exposure_us,
+							options->gain > 0 ? options->gain : 1.0F);
+	lp_worker_control(daemon->worker, &control);
+}
+
+static void on_state(void *context, enum lp_source_state state, const char *reason)
+{
+	static const char *const names[] = {"unknown",	 "down",    "waiting",
+					    "streaming", "stalled", "ended"};
+	struct lp_daemon *daemon = context;
+	char status[256];
+
+	if (state == LP_SOURCE_STREAMING && daemon->has_streamed &&
+	    daemon->health.report.source_state != LP_SOURCE_STALLED)
+		daemon->health.report.source_reconnects++;
+	daemon->has_streamed |= state == LP_SOURCE_STREAMING;
+	daemon->health.report.source_state = state;
+	set_fault(daemon, state, reason);
+	(void)snprintf(status, sizeof(status), "source %s %s", names[state], reason);
+	lp_service_status(status);
+	if (state == LP_SOURCE_STREAMING) {
+		daemon->source->ops->caps(daemon->source, &daemon->caps);
+		begin_exposures(daemon);
+	}
+	if (state == LP_SOURCE_DOWN && daemon->options->once)
+		begin_ending(daemon, LP_EXIT_FAILURE);
+}
+
+/* ---------------------------------------------------------------- from the worker */
+
+/* The set is complete: publish its estimate and end. */
+static void finish_once(struct lp_daemon *daemon)
+{
+	struct lp_light_estimate *raw = &daemon->once_best.estimates.raw;
+
+	if (!daemon->once_has_best) {
+		lp_error("lightprobed", "once", "no picture gave an estimate (see above)");
+		begin_ending(daemon, LP_EXIT_FAILURE);
+		return;
+	}
+	if (lp_worker_rejected(daemon->worker) > 0)
+		raw->flags |= LP_ESTIMATE_BRACKET_INCOMPLETE;
+	lp_hub_publish(daemon->hub, &daemon->once_best.estimates, &daemon->once_best.demand);
+	begin_ending(daemon, LP_EXIT_OK);
+}
+
+static void take_once(struct lp_daemon *daemon, const struct lp_result *result)
+{
+	if (daemon->ending_ns)
+		return;
+	if (result->status == 0) {
+		daemon->once_best = *result;
+		daemon->once_has_best = true;
+	}
+	if (result->last_frame || !daemon->caps.finite)
+		finish_once(daemon);
+}
+
+static void publish(struct lp_daemon *daemon, struct lp_result *result)
+{
+	const uint32_t flags = lp_instruments_flags(daemon->instruments);
+
+	result->estimates.raw.flags |= flags;
+	result->estimates.smoothed.flags |= flags;
+	lp_hub_publish(daemon->hub, &result->estimates, &result->demand);
+	lp_governor_estimate(&daemon->governor, lp_clock_ns() - result->estimates.raw.t_arrival_ns);
+}
+
+static void on_result(void *context)
+{
+	struct lp_daemon *daemon = context;
+	struct lp_result *result = lp_worker_take(daemon->worker);
+
+	if (!result)
+		return;
+	if (!isnan(result->command_us))
+		(void)daemon->source->ops->set_exposure(daemon->source, result->command_us, 1.0F);
+	if (daemon->options->once)
+		take_once(daemon, result);
+	else if (result->status == 0)
+		publish(daemon, result);
+	lp_worker_give(daemon->worker, result);
+	continue_ending(daemon);
+}
+
+/* ---------------------------------------------------------------- descriptors and time */
+
+static void on_source_ready(void *context)
+{
+	struct lp_daemon *daemon = context;
+
+	(void)daemon->source->ops->dispatch(daemon->source);
+}
+
+static void on_publisher_ready(void *context)
+{
+	struct publisher_slot *slot = context;
+	struct lp_daemon *daemon = slot->daemon;
+	const int ret = slot->publisher->ops->dispatch(slot->publisher);
+
+	if (ret < 0) /* a set whose reader left before its estimate has failed */
+		begin_ending(daemon, ret == -EPIPE && !daemon->options->once ? LP_EXIT_OK
+									     : LP_EXIT_FAILURE);
+	continue_ending(daemon);
+}
+
+/* The loop runs, or we would not be here; a worker that has been busy for half the watchdog's
+ * patience is stuck. */
+static void feed_watchdog(struct lp_daemon *daemon)
+{
+	const int64_t now_ns = lp_clock_ns();
+
+	if (daemon->watchdog_ns == 0 || now_ns - daemon->fed_ns < daemon->watchdog_ns / 4)
+		return;
+	if (lp_worker_busy_ns(daemon->worker) > daemon->watchdog_ns / 2) {
+		lp_error("worker", "watchdog", "one frame has taken %" PRId64 " ms: not fed",
+			 lp_worker_busy_ns(daemon->worker) / LP_NS_PER_MS);
+		return;
+	}
+	daemon->fed_ns = now_ns;
+	lp_service_watchdog_feed();
+}
+
+/* Lower or raise the preset, where a goal is set, and say so. */
+static void govern(struct lp_daemon *daemon)
+{
+	struct lp_governor *governor = &daemon->governor;
+	const char *name;
+	char reason[96], text[192];
+
+	if (!lp_governor_tick(governor, lp_clock_ns(), lp_clock_cpu_ns(), reason, sizeof(reason)))
+		return;
+	name = lp_preset_name(governor->preset);
+	lp_worker_preset(daemon->worker, (enum lp_preset)governor->preset);
+	daemon->health.report.preset = name;
+	lp_hub_preset(daemon->hub, name);
+	(void)snprintf(text, sizeof(text), "governor: preset %s instead of %s: %s", name,
+		       lp_preset_name(governor->chosen), reason);
+	lp_health_fault(&daemon->health, "preset-lowered",
+			governor->preset < governor->chosen ? text : NULL);
+	lp_info("governor", name, "preset in force: %s", reason);
+}
+
+static void on_tick(void *context)
+{
+	struct lp_daemon *daemon = context;
+	struct lp_health_report *report = &daemon->health.report;
+
+	report->frames_dropped = lp_worker_dropped(daemon->worker) + daemon->frames_lost;
+	report->frames_rejected = lp_worker_rejected(daemon->worker);
+	lp_instruments_tick(daemon->instruments, lp_clock_ns());
+	govern(daemon);
+	lp_hub_tick(daemon->hub);
+	feed_watchdog(daemon);
+	lp_log_flush(0);
+	continue_ending(daemon);
+}
+
+/* ---------------------------------------------------------------- building up and down */
+
+static int create_hub(struct lp_daemon *daemon)
+{
+	const struct lp_options *options = daemon->options;
+	const struct lp_pipeline_options pipeline = lp_options_pipeline(options);
+	struct lp_hub_options hub = {
+		.hello = {.source = daemon->source->ops->scheme,
+			  .preset = lp_preset_name(options->preset),
+			  .max_sh_order = pipeline.sh_order,
+			  .max_lights = pipeline.max_lights,
+			  .smoothing_ms = (uint32_t)lrintf(options->smoothing_ms),
+			  .has_wheel = *options->rotator,
+			  .has_ring = *options->ring},
+		.initial = lp_default_subscription(),
+		.ttl_ms = (uint32_t)lrintf(options->ttl_ms),
+		.max_clients = options->max_clients,
+		.health = &daemon->health,
+	};
+
+	if (getrandom(&hub.hello.boot_id, sizeof(hub.hello.boot_id), GRND_NONBLOCK) < 0)
+		hub.hello.boot_id = (uint32_t)lp_clock_unix_ns(lp_clock_ns());
+	if (options->once) {
+		/* One estimate of this set, as it is, with all that was asked for. */
+		hub.initial.raw = true;
+		hub.initial.sh_order = pipeline.sh_order;
+		hub.initial.max_lights = pipeline.max_lights;
+	}
+	daemon->health.report.preset = hub.hello.preset;
+	return lp_hub_create(&hub, &daemon->hub);
+}
+
+static int create_source(struct lp_daemon *daemon)
+{
+	const struct lp_source_host host = {.context = daemon,
+					    .once = daemon->options->once,
+					    .frame = on_frame,
+					    .state = on_state,
+					    .camera = daemon->options->camera};
+	int ret;
+
+	if (!*daemon->options->source) {
+		lp_error("lightprobed", "--source", "no camera is named — see lightprobed --help");
+		return -EINVAL;
+	}
+	ret = lp_source_open(daemon->options->source, &host, &daemon->source);
+	if (ret < 0)
+		return ret;
+	daemon->source->ops->caps(daemon->source, &daemon->caps);
+	if (daemon->options->exposure_us > 0 && !daemon->source->ops->set_exposure) {
+		lp_error(daemon->options->source, "--exposure-us",
+			 "the exposure of this source cannot be set");
+		return -EINVAL;
+	}
+	return 0;
+}
+
+static int create_instruments(struct lp_daemon *daemon)
+{
+	const struct lp_instruments_host host = {.context = daemon, .frame = on_stamped_frame};
+
+	return lp_instruments_create(daemon->options, &daemon->health, &host, &daemon->instruments);
+}
+
+static int create_publishers(struct lp_daemon *daemon)
+{
+	const struct lp_publisher_host host = lp_hub_publisher_host(daemon->hub);
+	int ret = 0;
+
+	for (int i = 0; i < daemon->options->publish.count && ret == 0; i++) {
+		struct publisher_slot *slot = &daemon->publishers[i];
+
+		slot->daemon = daemon;
+		ret = lp_publisher_open(daemon->options->publish.texts[i], &host, &slot->publisher);
+		if (ret == 0)
+			daemon->publisher_count++;
+	}
+	return ret;
+}
+
+static int create_worker(struct lp_daemon *daemon)
+{
+	const struct lp_pipeline_options options = lp_options_pipeline(daemon->options);
+	struct lp_pipeline *pipeline;
+	const int ret = lp_pipeline_create(&options, &pipeline);
+
+	return ret < 0 ? ret : lp_worker_create(pipeline, daemon->options->once, &daemon->worker);
+}
+
+/* Everything that can be wrong in what the user wrote shows here. */
+static int create_all(struct lp_daemon *daemon)
+{
+	int ret;
+
+	lp_health_init(&daemon->health, lp_clock_ns());
+	lp_governor_init(&daemon->governor, &daemon->options->goals, daemon->options->preset,
+			 lp_clock_ns(), lp_clock_cpu_ns());
+	ret = create_source(daemon);
+	if (ret == 0)
+		ret = create_instruments(daemon);
+	if (ret == 0)
+		ret = create_hub(daemon);
+	if (ret == 0)
+		ret = create_publishers(daemon);
+	if (ret == 0)
+		ret = create_worker(daemon);
+	return ret;
+}
+
+/* In this order: frames go back before their source, packets before their hub. */
+static void destroy_all(struct lp_daemon *daemon)
+{
+	lp_loop_destroy(daemon->loop);
+	lp_instruments_destroy(daemon->instruments);
+	lp_worker_destroy(daemon->worker);
+	for (int i = 0; i < daemon->publisher_count; i++)
+		daemon->publishers[i].publisher->ops->destroy(daemon->publishers[i].publisher);
+	if (daemon->source)
+		daemon->source->ops->destroy(daemon->source);
+	lp_hub_destroy(daemon->hub);
+	lp_log_flush(1);
+}
+
+static int watch_signals(struct lp_daemon *daemon)
+{
+	static const int signals[] = {SIGINT, SIGTERM, SIGHUP};
+	int ret = 0;
+
+	for (size_t i = 0; i < sizeof(signals) / sizeof(signals[0]) && ret == 0; i++)
+		ret = lp_loop_on_signal(daemon->loop, signals[i], on_signal, daemon);
+	return ret;
+}
+
+static int watch_descriptors(struct lp_daemon *daemon)
+{
+	struct lp_loop *loop = daemon->loop;
+	int ret = lp_loop_watch(loop, lp_worker_fd(daemon->worker), on_result, daemon);
+
+	if (ret == 0)
+		ret = lp_loop_watch(loop, daemon->source->ops->fd(daemon->source), on_source_ready,
+				    daemon);
+	if (ret == 0)
+		ret = lp_instruments_watch(daemon->instruments, loop);
+	for (int i = 0; i < daemon->publisher_count && ret == 0; i++) {
+		struct publisher_slot *slot = &daemon->publishers[i];
+
+		ret = lp_loop_watch(loop, slot->publisher->ops->fd(slot->publisher),
+				    on_publisher_ready, slot);
+	}
+	return ret;
+}
+
+/* Signals first, so that whatever has been opened is closed; publishers before the source: whoever
+ * waits for the service finds them open. Who fails says why, but for the loop. */
+static int start_all(struct lp_daemon *daemon)
+{
+	int ret = lp_loop_create(&daemon->loop);
+
+	if (ret == 0)
+		ret = watch_signals(daemon);
+	if (ret == 0)
+		ret = lp_loop_every(daemon->loop, TICK_MS, on_tick, daemon);
+	if (ret == 0)
+		ret = watch_descriptors(daemon);
+	if (ret < 0) {
+		lp_error("lightprobed", "loop", "%s", lp_strerror(ret));
+		return ret;
+	}
+	for (int i = 0; i < daemon->publisher_count && ret == 0; i++)
+		ret = daemon->publishers[i].publisher->ops->start(daemon->publishers[i].publisher);
+	if (ret == 0)
+		ret = lp_instruments_start(daemon->instruments);
+	return ret == 0 ? daemon->source->ops->start(daemon->source) : ret;
+}
+
+int lp_daemon_run(const struct lp_options *options)
+{
+	struct lp_daemon daemon = {.options = options, .exit_code = LP_EXIT_USAGE};
+
+	if (create_all(&daemon) == 0) {
+		daemon.exit_code = LP_EXIT_FAILURE;
+		if (start_all(&daemon) == 0) {
+			daemon.watchdog_ns = lp_service_watchdog_ns();
+			lp_service_ready();
+			lp_loop_run(daemon.loop);
+		}
+	}
+	destroy_all(&daemon);
+	return daemon.exit_code;
+}
+
+int lp_daemon_check(const struct lp_options *options)
+{
+	struct lp_daemon daemon = {.options = options};
+	const int ret = create_all(&daemon);
+
+	destroy_all(&daemon);
+	return ret == 0 ? LP_EXIT_OK : LP_EXIT_USAGE;
+}

@@ -1,0 +1,437 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "app/hub.h"
+
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "app/health.h"
+#include "base/clock.h"
+#include "base/log.h"
+#include "base/pool.h"
+#include "include/packet.h"
+#include "light/model.h"
+
+/* A client may hold one packet half sent, the newest estimate, and a queue of control messages. */
+#define PACKETS_PER_CLIENT 12
+#define STALE_PERIOD_NS LP_NS_PER_S
+#define SHORTEST_HEALTH_PERIOD_MS 100
+
+struct packet {
+	struct lp_packet base;
+	struct lp_pool *pool;
+};
+
+struct client {
+	struct lp_publisher *publisher;
+	struct lp_client *handle;
+	struct lp_subscription subscription;
+	int64_t due_ns; /* earliest next estimate */
+	int64_t health_due_ns;
+	int index; /* in hub->clients */
+};
+
+#define VARIANTS (2 * 2 * (LP_MAX_SH_ORDER + 1) * (LP_MAX_LIGHTS + 1))
+
+struct lp_hub {
+	struct lp_hub_options options;
+	struct lp_pool *packets, *client_pool;
+	struct client **clients; /* [client_count] */
+	int client_count;
+
+	bool has_last;
+	struct lp_estimates last;
+	struct lp_demand last_computed;
+	int64_t last_ns;  /* when it came */
+	int64_t stale_ns; /* when it was last repeated; 0: it is fresh */
+	uint32_t sequence;
+	/* Packets of the last estimate that are encoded already; empty between calls. */
+	struct lp_packet *cache[VARIANTS];
+};
+
+/* ---------------------------------------------------------------- packets */
+
+static void release_packet(struct lp_packet *packet)
+{
+	struct packet *self = (struct packet *)packet;
+
+	lp_pool_give(self->pool, self);
+}
+
+/* With one reference. NULL: out of memory (the pool is large enough by construction). */
+static struct lp_packet *new_packet(struct lp_hub *hub)
+{
+	struct packet *packet = lp_pool_take(hub->packets);
+
+	if (!packet) {
+		lp_error("hub", "packet", "out of memory: a message is lost");
+		return NULL;
+	}
+	packet->pool = hub->packets;
+	packet->base.references = 1;
+	packet->base.release = release_packet;
+	return &packet->base;
+}
+
+static void send_packet(struct lp_hub *hub, struct client *client, struct lp_packet *packet)
+{
+	hub->options.health->report.packets_sent++;
+	client->publisher->ops->send(client->publisher, client->handle, packet);
+}
+
+/* Send and drop `packet`, which may be NULL. */
+static void send_last(struct lp_hub *hub, struct client *client, struct lp_packet *packet)
+{
+	if (packet)
+		send_packet(hub, client, packet);
+	lp_packet_drop(packet);
+}
+
+static void send_error(struct lp_hub *hub, struct client *client, int code, const char *text)
+{
+	struct lp_packet *packet = new_packet(hub);
+
+	if (packet)
+		lp_encode_error(code, text, packet);
+	send_last(hub, client, packet);
+}
+
+static void send_hello(struct lp_hub *hub, struct client *client)
+{
+	struct lp_packet *packet = new_packet(hub);
+
+	if (packet)
+		lp_encode_hello(&hub->options.hello, packet);
+	send_last(hub, client, packet);
+}
+
+void lp_hub_preset(struct lp_hub *hub, const char *name)
+{
+	hub->options.hello.preset = name;
+	for (int i = 0; i < hub->client_count; i++)
+		send_hello(hub, hub->clients[i]);
+}
+
+/* ---------------------------------------------------------------- estimates */
+
+static int min_int(int a, int b)
+{
+	return a < b ? a : b;
+}
+
+/* The model for one client: the smallest under its tolerance, or the largest it allows. */
+static struct lp_variant choose(const struct lp_hub *hub, const struct lp_light_estimate *estimate,
+				const struct lp_subscription *wanted)
+{
+	struct lp_variant variant = {
+		.total = wanted->total,
+		.sh_order = min_int(wanted->sh_order, hub->last_computed.sh_order),
+		.lights = min_int(wanted->max_lights,
+				  min_int(estimate->light_count, hub->last_computed.max_lights)),
+	};
+
+	if (wanted->tolerance > 0)
+		lp_model_choose(estimate, variant.sh_order, variant.lights, wanted->tolerance,
+				&variant.sh_order, &variant.lights);
+	return variant;
+}
+
+static int variant_index(bool raw, const struct lp_variant *variant)
+{
+	const int kind = 2 * raw + variant->total;
+
+	return (kind * (LP_MAX_SH_ORDER + 1) + variant->sh_order) * (LP_MAX_LIGHTS + 1) +
+	       variant->lights;
+}
+
+/* The packet of the last estimate for this client, encoded now or before. NULL: cannot be sent. */
+static struct lp_packet *estimate_packet(struct lp_hub *hub, const struct client *client)
+{
+	const struct lp_subscription *wanted = &client->subscription;
+	const struct lp_light_estimate *estimate =
+		wanted->raw ? &hub->last.raw : &hub->last.smoothed;
+	const struct lp_variant variant = choose(hub, estimate, wanted);
+	const struct lp_stamp stamp = {.boot_id = hub->options.hello.boot_id,
+				       .ttl_ms = hub->options.ttl_ms,
+				       .t_send_ns = lp_clock_ns()};
+	struct lp_packet **slot = &hub->cache[variant_index(wanted->raw, &variant)];
+
+	if (*slot)
+		return *slot;
+	*slot = new_packet(hub);
+	if (*slot && lp_encode_estimate(estimate, &variant, &stamp, *slot) < 0) {
+		lp_error("hub", "encode",
+			 "an estimate holds a number that is not finite: not sent");
+		lp_packet_drop(*slot);
+		*slot = NULL;
+	}
+	return *slot;
+}
+
+static void empty_cache(struct lp_hub *hub)
+{
+	for (int i = 0; i < VARIANTS; i++) {
+		lp_packet_drop(hub->cache[i]);
+		hub->cache[i] = NULL;
+	}
+}
+
+static void send_estimate(struct lp_hub *hub, struct client *client)
+{
+	struct lp_packet *packet = estimate_packet(hub, client);
+
+	if (packet)
+		send_packet(hub, client, packet);
+}
+
+/*
+ * Whether an estimate may go now. Half a period early counts as in time, so that a client that asks
+ * for the camera's own rate misses nothing to jitter; the schedule keeps the mean rate.
+ */
+static bool take_turn(struct client *client, int64_t now_ns)
+{
+	const float rate_hz = client->subscription.rate_hz;
+	int64_t period_ns;
+
+	if (rate_hz <= 0)
+		return true;
+	period_ns = rate_hz < 1e-3F ? 1000 * LP_NS_PER_S : (int64_t)(1e9F / rate_hz);
+	if (now_ns < client->due_ns - period_ns / 2)
+		return false;
+	client->due_ns += period_ns;
+	if (client->due_ns < now_ns) /* no burst after a pause */
+		client->due_ns = now_ns + period_ns;
+	return true;
+}
+
+static void send_to_all(struct lp_hub *hub)
+{
+	const int64_t now_ns = lp_clock_ns();
+
+	for (int i = 0; i < hub->client_count; i++) {
+		if (take_turn(hub->clients[i], now_ns))
+			send_estimate(hub, hub->clients[i]);
+	}
+	empty_cache(hub);
+}
+
+void lp_hub_publish(struct lp_hub *hub, const struct lp_estimates *estimates,
+		    const struct lp_demand *computed)
+{
+	struct lp_health *health = hub->options.health;
+
+	hub->last = *estimates;
+	hub->last_computed = *computed;
+	hub->last.raw.sequence = hub->last.smoothed.sequence = ++hub->sequence;
+	hub->last_ns = lp_clock_ns();
+	hub->stale_ns = 0;
+	hub->has_last = true;
+	health->report.estimates++;
+	send_to_all(hub);
+	lp_health_add_latency(health, lp_clock_ns() - estimates->raw.t_arrival_ns);
+}
+
+static void repeat_when_stale(struct lp_hub *hub, int64_t now_ns)
+{
+	if (!hub->has_last || now_ns - hub->last_ns < hub->options.ttl_ms * LP_NS_PER_MS)
+		return;
+	if (hub->stale_ns && now_ns - hub->stale_ns < STALE_PERIOD_NS)
+		return;
+	hub->stale_ns = now_ns;
+	hub->last.raw.flags |= LP_ESTIMATE_STALE;
+	hub->last.smoothed.flags |= LP_ESTIMATE_STALE;
+	send_to_all(hub);
+}
+
+static void send_health(struct lp_hub *hub, int64_t now_ns)
+{
+	struct lp_packet *packet = NULL;
+
+	for (int i = 0; i < hub->client_count; i++) {
+		struct client *client = hub->clients[i];
+		const uint32_t period_ms = client->subscription.health_period_ms;
+
+		if (period_ms == 0 || now_ns < client->health_due_ns)
+			continue;
+		client->health_due_ns = now_ns + period_ms * LP_NS_PER_MS;
+		if (!packet) {
+			packet = new_packet(hub);
+			if (!packet)
+				return;
+			lp_health_update(hub->options.health, now_ns);
+			lp_encode_health(&hub->options.health->report, packet);
+		}
+		send_packet(hub, client, packet);
+	}
+	lp_packet_drop(packet);
+}
+
+void lp_hub_tick(struct lp_hub *hub)
+{
+	const int64_t now_ns = lp_clock_ns();
+
+	repeat_when_stale(hub, now_ns);
+	send_health(hub, now_ns);
+}
+
+struct lp_demand lp_hub_demand(const struct lp_hub *hub)
+{
+	const struct lp_subscription *initial = &hub->options.initial;
+	struct lp_demand demand = {.sh_order = initial->sh_order,
+				   .max_lights = initial->max_lights};
+
+	for (int i = 0; i < hub->client_count; i++) {
+		const struct lp_subscription *wanted = &hub->clients[i]->subscription;
+
+		if (wanted->sh_order > demand.sh_order)
+			demand.sh_order = wanted->sh_order;
+		if (wanted->max_lights > demand.max_lights)
+			demand.max_lights = wanted->max_lights;
+	}
+	demand.sh_order = min_int(demand.sh_order, hub->options.hello.max_sh_order);
+	demand.max_lights = min_int(demand.max_lights, hub->options.hello.max_lights);
+	return demand;
+}
+
+/* ---------------------------------------------------------------- clients */
+
+/* Refused clients get their reason through an entry of this stack only. */
+static int refuse(struct lp_hub *hub, struct lp_publisher *publisher, struct lp_client *handle)
+{
+	struct client passing = {.publisher = publisher, .handle = handle};
+	char text[128];
+
+	(void)snprintf(
+		text, sizeof(text),
+		"lightprobed: connect: %d clients are connected already — raise --max-clients",
+		hub->client_count);
+	lp_warning("hub", "connect", "a client is refused: %d are connected — raise --max-clients",
+		   hub->client_count);
+	send_error(hub, &passing, -EUSERS, text);
+	return -EUSERS;
+}
+
+static int on_connected(void *context, struct lp_publisher *publisher, struct lp_client *handle,
+			void **user)
+{
+	struct lp_hub *hub = context;
+	struct client *client = lp_pool_take(hub->client_pool);
+
+	if (!client)
+		return refuse(hub, publisher, handle);
+	*client = (struct client){.publisher = publisher,
+				  .handle = handle,
+				  .subscription = hub->options.initial,
+				  .index = hub->client_count};
+	hub->clients[hub->client_count++] = client;
+	hub->options.health->report.clients = (uint32_t)hub->client_count;
+	*user = client;
+	send_hello(hub, client);
+	if (hub->has_last)
+		send_estimate(hub, client);
+	empty_cache(hub);
+	return 0;
+}
+
+static int on_request(void *context, void *user, const uint8_t *data, size_t size_bytes)
+{
+	struct lp_hub *hub = context;
+	struct client *client = user;
+	struct lp_subscription subscription;
+	const char *reason;
+	char text[160];
+	const int ret = lp_decode_request(data, size_bytes, &subscription, &reason);
+
+	if (ret < 0) {
+		hub->options.health->report.requests_rejected++;
+		(void)snprintf(text, sizeof(text), "lightprobed: request of %zu bytes: %s",
+			       size_bytes, reason);
+		lp_warning("hub", "request", "refused: %s", reason);
+		send_error(hub, client, ret, text);
+		return ret == -EOPNOTSUPP ? 0 : ret; /* a newer client may go on without it */
+	}
+	if (subscription.health_period_ms &&
+	    subscription.health_period_ms < SHORTEST_HEALTH_PERIOD_MS)
+		subscription.health_period_ms = SHORTEST_HEALTH_PERIOD_MS;
+	client->subscription = subscription;
+	client->due_ns = client->health_due_ns = 0;
+	if (hub->has_last && take_turn(client, lp_clock_ns()))
+		send_estimate(hub, client);
+	empty_cache(hub);
+	return 0;
+}
+
+static void on_unreadable(void *context, void *user, const char *reason)
+{
+	struct lp_hub *hub = context;
+	char text[160];
+
+	hub->options.health->report.requests_rejected++;
+	lp_warning("hub", "request", "refused: %s", reason);
+	(void)snprintf(text, sizeof(text), "lightprobed: request: %s", reason);
+	send_error(hub, user, -EMSGSIZE, text);
+}
+
+static void on_disconnected(void *context, void *user)
+{
+	struct lp_hub *hub = context;
+	struct client *client = user;
+
+	hub->client_count--;
+	hub->clients[client->index] = hub->clients[hub->client_count];
+	hub->clients[client->index]->index = client->index;
+	hub->options.health->report.clients = (uint32_t)hub->client_count;
+	lp_pool_give(hub->client_pool, client);
+}
+
+static void on_superseded(void *context, void *user)
+{
+	struct lp_hub *hub = context;
+
+	(void)user;
+	hub->options.health->report.packets_superseded++;
+}
+
+struct lp_publisher_host lp_hub_publisher_host(struct lp_hub *hub)
+{
+	return (struct lp_publisher_host){
+		.context = hub,
+		.connected = on_connected,
+		.request = on_request,
+		.unreadable = on_unreadable,
+		.disconnected = on_disconnected,
+		.superseded = on_superseded,
+	};
+}
+
+/* ---------------------------------------------------------------- life */
+
+int lp_hub_create(const struct lp_hub_options *options, struct lp_hub **hub)
+{
+	const int packets = options->max_clients * PACKETS_PER_CLIENT + VARIANTS;
+	struct lp_hub *self = calloc(1, sizeof(*self));
+
+	if (!self)
+		return -ENOMEM;
+	self->options = *options;
+	self->clients = calloc((size_t)options->max_clients, sizeof(struct client *));
+	self->client_pool = lp_pool_create(sizeof(struct client), options->max_clients, NULL);
+	self->packets = lp_pool_create(sizeof(struct packet), packets, NULL);
+	if (!self->clients || !self->client_pool || !self->packets) {
+		lp_hub_destroy(self);
+		return -ENOMEM;
+	}
+	*hub = self;
+	return 0;
+}
+
+void lp_hub_destroy(struct lp_hub *hub)
+{
+	if (!hub)
+		return;
+	lp_pool_destroy(hub->packets);
+	lp_pool_destroy(hub->client_pool);
+	free((void *)hub->clients);
+	free(hub);
+}

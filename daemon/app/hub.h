@@ -1,0 +1,53 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Between one stream of estimates and many clients, each with a subscription of its own. Clients
+ * that want the same get the same packet, encoded once. All calls on the loop thread.
+ */
+#ifndef LP_APP_HUB_H
+#define LP_APP_HUB_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "app/codec.h"
+#include "app/pipeline.h"
+#include "include/publisher.h"
+
+struct lp_health;
+struct lp_hub;
+
+struct lp_hub_options {
+	struct lp_hello hello;
+	/* What a client gets before it subscribes. */
+	struct lp_subscription initial;
+	uint32_t ttl_ms;
+	int max_clients;
+	struct lp_health *health; /* counted into; borrowed */
+};
+
+int lp_hub_create(const struct lp_hub_options *options, struct lp_hub **hub);
+
+/* The callbacks to give to every publisher. */
+struct lp_publisher_host lp_hub_publisher_host(struct lp_hub *hub);
+
+/*
+ * Send the estimates to every client that is due, and keep them for those to come. `computed` says
+ * what they hold. The hub counts them: `sequence` is its own.
+ */
+void lp_hub_publish(struct lp_hub *hub, const struct lp_estimates *estimates,
+		    const struct lp_demand *computed);
+
+/* Health messages that are due, and the last estimate marked stale when frames stay away; call it
+ * several times a second. */
+void lp_hub_tick(struct lp_hub *hub);
+
+/* The preset in force has changed: tell all clients. `name`: static storage. */
+void lp_hub_preset(struct lp_hub *hub, const char *name);
+
+/* The most that any client asks for. */
+struct lp_demand lp_hub_demand(const struct lp_hub *hub);
+
+/* Accepts NULL. Publishers must be destroyed before. */
+void lp_hub_destroy(struct lp_hub *hub);
+
+#endif

@@ -1,0 +1,269 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "app/instruments.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdbool.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "app/backends.h"
+#include "app/health.h"
+#include "app/loop.h"
+#include "app/options.h"
+#include "app/sweep.h"
+#include "base/clock.h"
+#include "base/log.h"
+#include "include/frame.h"
+#include "include/light_estimate.h"
+#include "include/ring.h"
+#include "include/rotator.h"
+
+#define SILENCE_NS (1 * LP_NS_PER_S)
+#define RATE_WINDOW_NS (1 * LP_NS_PER_S)
+
+struct lp_instruments {
+	struct lp_instruments_host host;
+	struct lp_health *health;
+	struct lp_mcu *mcus;
+	struct lp_rotator *rotator; /* NULL: none */
+	struct lp_ring *ring;	    /* NULL: none */
+	struct lp_sweep sweep;
+
+	bool ring_heard; /* the next two count */
+	uint32_t ring_sequence;
+	int64_t t_ring_ns;
+	bool ring_silent;
+	int64_t window_start_ns;
+	uint64_t window_start_samples;
+};
+
+static void on_fault(void *context, const char *id, const char *text)
+{
+	struct lp_instruments *self = context;
+
+	lp_health_fault(self->health, id, text);
+}
+
+/* ---------------------------------------------------------------- wheel */
+
+static void on_wheel(void *context, const struct lp_wheel_state *state)
+{
+	struct lp_instruments *self = context;
+
+	lp_sweep_state(&self->sweep, state, lp_clock_ns());
+}
+
+static void emit(void *context, struct lp_frame *frame)
+{
+	struct lp_instruments *self = context;
+
+	self->host.frame(self->host.context, frame);
+}
+
+static void move(void *context, float target_deg)
+{
+	struct lp_instruments *self = context;
+
+	self->rotator->ops->move(self->rotator, target_deg);
+}
+
+static void look(void *context)
+{
+	struct lp_instruments *self = context;
+
+	self->rotator->ops->look(self->rotator);
+}
+
+void lp_instruments_frame(struct lp_instruments *instruments, struct lp_frame *frame)
+{
+	if (instruments->rotator)
+		lp_sweep_frame(&instruments->sweep, frame, lp_clock_ns());
+	else
+		emit(instruments, frame);
+}
+
+/* ---------------------------------------------------------------- ring */
+
+static void on_sample(void *context, const struct lp_ring_sample *sample)
+{
+	struct lp_instruments *self = context;
+	struct lp_ring_report *report = &self->health->report.ring;
+	const uint32_t gap = sample->sequence - self->ring_sequence - 1;
+
+	if (self->ring_heard && gap < UINT32_MAX / 2)
+		report->samples_lost += gap;
+	self->ring_heard = true;
+	self->ring_sequence = sample->sequence;
+	self->t_ring_ns = lp_clock_ns();
+	report->samples++;
+	memcpy(report->illuminance_lux, sample->illuminance_lux, sizeof(report->illuminance_lux));
+	if (self->ring_silent)
+		lp_health_fault(self->health, "ring-silent", NULL);
+	self->ring_silent = false;
+}
+
+static void watch_ring(struct lp_instruments *self, int64_t now_ns)
+{
+	struct lp_ring_report *report = &self->health->report.ring;
+	const int64_t window_ns = now_ns - self->window_start_ns;
+
+	if (!self->ring_silent && now_ns - self->t_ring_ns > SILENCE_NS) {
+		self->ring_silent = true;
+		self->ring_heard = false;
+		for (int k = 0; k < LP_RING_SENSORS; k++)
+			report->illuminance_lux[k] = NAN;
+		lp_warning("ring", "receive", "no sample for a second");
+		lp_health_fault(self->health, "ring-silent",
+				"ring: receive: no sample for a second — see the other faults");
+	}
+	if (window_ns < RATE_WINDOW_NS)
+		return;
+	report->samples_per_s = (float)((double)(report->samples - self->window_start_samples) *
+					(double)LP_NS_PER_S / (double)window_ns);
+	self->window_start_ns = now_ns;
+	self->window_start_samples = report->samples;
+}
+
+/* ---------------------------------------------------------------- both */
+
+void lp_instruments_tick(struct lp_instruments *instruments, int64_t now_ns)
+{
+	if (instruments->rotator)
+		lp_sweep_tick(&instruments->sweep, now_ns);
+	if (instruments->ring)
+		watch_ring(instruments, now_ns);
+}
+
+uint32_t lp_instruments_flags(const struct lp_instruments *instruments)
+{
+	const struct lp_ring_report *ring = &instruments->health->report.ring;
+	uint32_t flags = 0;
+
+	if (instruments->rotator && lp_sweep_lost(&instruments->sweep))
+		flags |= LP_ESTIMATE_WHEEL_FAULT;
+	for (int k = 0; instruments->ring && k < LP_RING_SENSORS; k++) {
+		if (isnan(ring->illuminance_lux[k]))
+			flags |= LP_ESTIMATE_RING_FAULT;
+	}
+	return flags;
+}
+
+static void on_rotator_ready(void *context)
+{
+	struct lp_instruments *self = context;
+
+	(void)self->rotator->ops->dispatch(self->rotator);
+}
+
+static void on_ring_ready(void *context)
+{
+	struct lp_instruments *self = context;
+
+	(void)self->ring->ops->dispatch(self->ring);
+}
+
+int lp_instruments_watch(struct lp_instruments *instruments, struct lp_loop *loop)
+{
+	struct lp_rotator *rotator = instruments->rotator;
+	struct lp_ring *ring = instruments->ring;
+	int ret = 0;
+
+	if (rotator && rotator->ops->fd(rotator) >= 0)
+		ret = lp_loop_watch(loop, rotator->ops->fd(rotator), on_rotator_ready, instruments);
+	if (ret == 0 && ring && ring->ops->fd(ring) >= 0)
+		ret = lp_loop_watch(loop, ring->ops->fd(ring), on_ring_ready, instruments);
+	return ret;
+}
+
+int lp_instruments_start(struct lp_instruments *instruments)
+{
+	int ret = 0;
+
+	instruments->t_ring_ns = instruments->window_start_ns = lp_clock_ns();
+	if (instruments->rotator) {
+		lp_sweep_start(&instruments->sweep);
+		ret = instruments->rotator->ops->start(instruments->rotator);
+	}
+	if (ret == 0 && instruments->ring)
+		ret = instruments->ring->ops->start(instruments->ring);
+	return ret;
+}
+
+static int open_rotator(struct lp_instruments *self, const struct lp_options *options)
+{
+	const struct lp_rotator_host host = {.context = self,
+					     .state = on_wheel,
+					     .fault = on_fault,
+					     .mcus = &self->mcus};
+	struct lp_wheel_report *report = &self->health->report.wheel;
+
+	report->state = (struct lp_wheel_state){.phase = LP_WHEEL_ABSENT,
+						.commanded_deg = NAN,
+						.measured_deg = NAN,
+						.sigma_deg = NAN,
+						.clock_sigma_us = NAN};
+	self->health->report.has_wheel = true;
+	self->sweep = (struct lp_sweep){
+		.host = {.context = self, .frame = emit, .move = move, .look = look},
+		.report = report,
+		.angle_count = options->wheel_angles_deg.count,
+		.dwell_ns = (int64_t)((double)options->wheel_dwell_ms * 1e6)};
+	memcpy(self->sweep.angles_deg, options->wheel_angles_deg.values,
+	       sizeof(self->sweep.angles_deg));
+	return lp_rotator_open(options->rotator, &host, &self->rotator);
+}
+
+static int open_ring(struct lp_instruments *self, const struct lp_options *options)
+{
+	const struct lp_ring_host host = {.context = self,
+					  .sample = on_sample,
+					  .fault = on_fault,
+					  .mcus = &self->mcus};
+
+	self->health->report.has_ring = true;
+	for (int k = 0; k < LP_RING_SENSORS; k++)
+		self->health->report.ring.illuminance_lux[k] = NAN;
+	return lp_ring_open(options->ring, &host, &self->ring);
+}
+
+int lp_instruments_create(const struct lp_options *options, struct lp_health *health,
+			  const struct lp_instruments_host *host,
+			  struct lp_instruments **instruments)
+{
+	struct lp_instruments *self = calloc(1, sizeof(*self));
+	int ret = 0;
+
+	if (!self)
+		return -ENOMEM;
+	self->host = *host;
+	self->health = health;
+	if (options->once && (*options->rotator || *options->ring)) {
+		lp_error("lightprobed", "--once",
+			 "a set of pictures has no wheel and no ring — "
+			 "leave out --rotator and --ring");
+		ret = -EINVAL;
+	}
+	if (ret == 0 && *options->rotator)
+		ret = open_rotator(self, options);
+	if (ret == 0 && *options->ring)
+		ret = open_ring(self, options);
+	if (ret < 0) {
+		lp_instruments_destroy(self);
+		return ret;
+	}
+	*instruments = self;
+	return 0;
+}
+
+void lp_instruments_destroy(struct lp_instruments *instruments)
+{
+	if (!instruments)
+		return;
+	lp_sweep_finish(&instruments->sweep);
+	if (instruments->ring)
+		instruments->ring->ops->destroy(instruments->ring);
+	if (instruments->rotator)
+		instruments->rotator->ops->destroy(instruments->rotator);
+	free(instruments);
+}

@@ -1,0 +1,41 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What the box has besides its camera: the polarizer wheel and the ring of light sensors, each
+ * optional. Loop thread. */
+#ifndef LP_APP_INSTRUMENTS_H
+#define LP_APP_INSTRUMENTS_H
+
+#include <stdint.h>
+
+struct lp_frame;
+struct lp_health;
+struct lp_instruments;
+struct lp_loop;
+struct lp_options;
+
+struct lp_instruments_host {
+	void *context;
+	/* A frame that may be used, stamped with the wheel's angle where it is known. Takes over
+	 * the reference. */
+	void (*frame)(void *context, struct lp_frame *frame);
+};
+
+/* `health` is counted into; borrowed. -EINVAL, -EPROTONOSUPPORT, logged. */
+int lp_instruments_create(const struct lp_options *options, struct lp_health *health,
+			  const struct lp_instruments_host *host,
+			  struct lp_instruments **instruments);
+int lp_instruments_watch(struct lp_instruments *instruments, struct lp_loop *loop);
+int lp_instruments_start(struct lp_instruments *instruments);
+
+/* Takes over the reference to `frame`. */
+void lp_instruments_frame(struct lp_instruments *instruments, struct lp_frame *frame);
+
+/* Several times a second. */
+void lp_instruments_tick(struct lp_instruments *instruments, int64_t now_ns);
+
+/* enum lp_estimate_flag: what is wrong with wheel and ring now. */
+uint32_t lp_instruments_flags(const struct lp_instruments *instruments);
+
+/* Accepts NULL. Frames that wait go back to their source, which must still be there. */
+void lp_instruments_destroy(struct lp_instruments *instruments);
+
+#endif

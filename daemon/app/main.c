@@ -1,0 +1,78 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include <errno.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <sys/resource.h>
+
+#include "app/backends.h"
+#include "app/daemon.h"
+#include "app/options.h"
+#include "app/series.h"
+#include "base/log.h"
+
+static void print_help(void)
+{
+	(void)printf("lightprobed " LP_VERSION ": measures real light and publishes it\n\n"
+		     "lightprobed --source=URI [--publish=URI]... [OPTION=VALUE]...\n\n"
+		     "Options, with their defaults:\n");
+	lp_options_help(stdout);
+	lp_backends_help(stdout);
+	(void)printf("\nExit status: 0 ended as asked, 1 a device, a socket or no estimate, "
+		     "2 command line or configuration.\n");
+}
+
+static void print_version(void)
+{
+	(void)printf("lightprobed " LP_VERSION "\nvariant=" LP_VARIANT "\n");
+	lp_backends_version(stdout);
+}
+
+/* Many clients need many descriptors; the hard limit is the administrator's. */
+static void raise_descriptor_limit(void)
+{
+	struct rlimit limit;
+
+	if (getrlimit(RLIMIT_NOFILE, &limit) == 0) {
+		limit.rlim_cur = limit.rlim_max;
+		(void)setrlimit(RLIMIT_NOFILE, &limit);
+	}
+}
+
+static int run(const struct lp_options *options)
+{
+	if (options->help) {
+		print_help();
+		return LP_EXIT_OK;
+	}
+	if (options->version) {
+		print_version();
+		return LP_EXIT_OK;
+	}
+	if (options->check_config) {
+		const int exit_code = lp_daemon_check(options);
+
+		if (exit_code == LP_EXIT_OK)
+			(void)printf("configuration is good: source %s, %d publishers\n",
+				     options->source, options->publish.count);
+		return exit_code;
+	}
+	return *options->series ? lp_series_run(options) : lp_daemon_run(options);
+}
+
+int main(int argc, char **argv)
+{
+	struct lp_options *options = malloc(sizeof(*options));
+	int exit_code = LP_EXIT_USAGE;
+
+	if (!options)
+		return LP_EXIT_FAILURE;
+	(void)signal(SIGPIPE, SIG_IGN); /* writers see EPIPE instead */
+	raise_descriptor_limit();
+	if (lp_options_read(options, argc, argv) == 0) {
+		lp_log_set_level((enum lp_log_level)options->log_level);
+		exit_code = run(options);
+	}
+	free(options);
+	return exit_code;
+}

@@ -1,0 +1,469 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "app/options.h"
+
+#include <errno.h>
+#include <ini.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/param.h"
+
+static const char *const presets[] = {"fast", "balanced", "accurate", "reference", NULL};
+static const char *const log_levels[] = {"error", "warning", "info", "debug", NULL};
+
+const char *lp_preset_name(int preset)
+{
+	return presets[preset];
+}
+
+/* ---------------------------------------------------------------- values with a form of their own
+ */
+
+static int parse_publish(const char *text, void *field)
+{
+	struct lp_uri_texts *list = field;
+
+	const size_t length = strlen(text);
+
+	if (list->count == LP_MAX_PUBLISHERS || length == 0 || length >= LP_URI_MAX_BYTES)
+		return -EINVAL;
+	memcpy(list->texts[list->count++], text, length + 1);
+	return 0;
+}
+
+static int parse_width(const char *text, void *field)
+{
+	char *end;
+	const long width = strtol(text, &end, 10);
+
+	if (end == text || *end || (width != 0 && (width < 16 || width > 960 || width % 8)))
+		return -EINVAL;
+	*(int *)field = (int)width;
+	return 0;
+}
+
+static int parse_decode(const char *text, void *field)
+{
+	int *divisor = field;
+
+	if (strcmp(text, "blocks") == 0)
+		*divisor = LP_DECODE_BY_BLOCKS;
+	else if (strcmp(text, "pixels") == 0)
+		*divisor = 1;
+	else if (strlen(text) == 1 && strchr("01248", text[0]))
+		*divisor = text[0] - '0';
+	else
+		return -EINVAL;
+	return 0;
+}
+
+/* `preset` is 0, and 0 is LP_NONE. */
+static int parse_count(const char *text, int most, int *count)
+{
+	char *end;
+	const long number = strtol(text, &end, 10);
+
+	if (strcmp(text, "preset") == 0) {
+		*count = 0;
+		return 0;
+	}
+	if (end == text || *end || number < 0 || number > most)
+		return -EINVAL;
+	*count = number ? (int)number : LP_NONE;
+	return 0;
+}
+
+static int parse_exact_blocks(const char *text, void *field)
+{
+	return parse_count(text, LP_MOST_EXACT_BLOCKS, field);
+}
+
+static int parse_refine_cells(const char *text, void *field)
+{
+	return parse_count(text, LP_MOST_REFINE_CELLS, field);
+}
+
+/* NAME, or NAME:NUMBER where the detector has one. */
+static int parse_detector(const char *text, void *field)
+{
+	static const struct {
+		const char *name;
+		enum lp_detector detector;
+	} plain[] = {
+		{"adaptive", LP_DETECTOR_ADAPTIVE},
+		{"median", LP_DETECTOR_MEDIAN},
+		{"otsu", LP_DETECTOR_OTSU},
+		{"research", LP_DETECTOR_RESEARCH},
+	};
+	struct lp_detector_options *choice = field;
+	const char *number = strchr(text, ':');
+	char *end;
+
+	for (size_t i = 0; i < sizeof(plain) / sizeof(plain[0]); i++) {
+		if (strcmp(text, plain[i].name) == 0) {
+			*choice = (struct lp_detector_options){.detector = plain[i].detector};
+			return 0;
+		}
+	}
+	if (!number || !number[1])
+		return -EINVAL;
+	*choice = (struct lp_detector_options){0};
+	if (strncmp(text, "static:", 7) == 0) {
+		choice->detector = LP_DETECTOR_STATIC;
+		choice->threshold = strtof(number + 1, &end);
+		return *end || !isfinite(choice->threshold) || choice->threshold <= 0 ? -EINVAL : 0;
+	}
+	if (strncmp(text, "mediancut:", 10) == 0) {
+		choice->detector = LP_DETECTOR_MEDIANCUT;
+		choice->lights = number[1] - '0';
+		return number[2] || choice->lights < 1 || choice->lights > LP_MAX_LIGHTS ? -EINVAL
+											 : 0;
+	}
+	return -EINVAL;
+}
+
+/* ---------------------------------------------------------------- the table */
+
+#define FIELD(name) offsetof(struct lp_options, name)
+
+static const struct lp_param params[] = {
+	{"source", LP_PARAM_TEXT, FIELD(source), .initial = "", .max = LP_URI_MAX_BYTES,
+	 .help = "URI of the camera (see below)"},
+	{"publish", LP_PARAM_OWN, FIELD(publish), .parse = parse_publish,
+	 .expects = "a URI, at most eight of them",
+	 .help = "URI of a publisher; repeat it for more. Default: tcp:127.0.0.1:7700 and a\n"
+		 "Unix socket in $XDG_RUNTIME_DIR or /run/lightprobe; with --once: stdout:"},
+	{"camera", LP_PARAM_TEXT, FIELD(camera), .initial = "equirect", .max = 1024,
+	 .help = "equirect, or a camera file (lenses, masks, rotation)"},
+	{"preset", LP_PARAM_CHOICE, FIELD(preset), .initial = "balanced", .choices = presets,
+	 .help = "speed against accuracy"},
+	{"panorama-width", LP_PARAM_OWN, FIELD(panorama_width_px), .initial = "0",
+	 .parse = parse_width, .expects = "0, or a multiple of 8 in 16..960",
+	 .help = "columns of the panorama; 0: as the preset says"},
+	{"decode", LP_PARAM_OWN, FIELD(decode_divisor), .initial = "0", .parse = parse_decode,
+	 .expects = "0|blocks|pixels|2|4|8",
+	 .help = "read frames by blocks (no pixels), by every pixel, or JPEG at 1/N of its size;\n"
+		 "0: as the preset says"},
+	{"exact-blocks", LP_PARAM_OWN, FIELD(exact_blocks), .initial = "preset",
+	 .parse = parse_exact_blocks, .expects = "preset, or a whole number 0..65536",
+	 .help = "where blocks are read: most blocks decoded after all, those whose mean tells\n"
+		 "least"},
+	{"refine-cells", LP_PARAM_OWN, FIELD(refine_cells), .initial = "preset",
+	 .parse = parse_refine_cells, .expects = "preset, or a whole number 0..1024",
+	 .help = "largest lamp looked at in full resolution, in camera cells; 0: none"},
+	{"latency-goal-ms", LP_PARAM_FLOAT, FIELD(goals.latency_ms), .initial = "0", .max = 60000,
+	 .help = "lower the preset while more than one estimate in ten takes longer; 0: never"},
+	{"cpu-budget-percent", LP_PARAM_FLOAT, FIELD(goals.cpu_percent), .initial = "0",
+	 .max = 6400, .help = "lower the preset while more of a core is used; 0: never"},
+	{"detector", LP_PARAM_OWN, FIELD(detector), .initial = "adaptive", .parse = parse_detector,
+	 .expects = "adaptive|median|otsu|static:RADIANCE|research|mediancut:1..8",
+	 .help = "how lamps are found"},
+	{"sh-order", LP_PARAM_INT, FIELD(sh_order), .initial = "4", .max = LP_MAX_SH_ORDER,
+	 .help = "highest order of spherical harmonics offered"},
+	{"lights", LP_PARAM_INT, FIELD(lights), .initial = "8", .max = LP_MAX_LIGHTS,
+	 .help = "most lights looked for"},
+	{"smoothing-ms", LP_PARAM_FLOAT, FIELD(smoothing_ms), .initial = "200", .max = 60000,
+	 .help = "time constant of the smoothed estimate; 0: none"},
+	{"ttl-ms", LP_PARAM_FLOAT, FIELD(ttl_ms), .initial = "1000", .min = 10, .max = 3600000,
+	 .help = "without frames for so long, the last estimate is repeated, marked stale"},
+	{"brackets", LP_PARAM_INT, FIELD(brackets), .initial = "3", .max = LP_MAX_PLANNED,
+	 .help = "most exposures of a bracket, where exposure can be set; the scene decides how\n"
+		 "many are used; 0: exposure is left alone"},
+	{"exposure-us", LP_PARAM_FLOAT, FIELD(exposure_us), .initial = "0", .max = 1e8,
+	 .help = "one fixed exposure instead of brackets, where it can be set; 0: brackets"},
+	{"gain", LP_PARAM_FLOAT, FIELD(gain), .initial = "0", .max = 1e4,
+	 .help = "set the camera's gain (linear factor), with --exposure-us; 0: leave it"},
+	{"rotator", LP_PARAM_TEXT, FIELD(rotator), .initial = "", .max = LP_URI_MAX_BYTES,
+	 .help = "URI of the polarizer wheel (see below); none unless named"},
+	{"wheel-angles", LP_PARAM_FLOATS, FIELD(wheel_angles_deg), .initial = "0", .max = 180,
+	 .help = "angles of the wheel in degrees: one, where it stays; several, which it goes\n"
+		 "round for ever"},
+	{"wheel-dwell-ms", LP_PARAM_FLOAT, FIELD(wheel_dwell_ms), .initial = "500", .max = 3600000,
+	 .help = "how long the wheel stays at each of several angles"},
+	{"ring", LP_PARAM_TEXT, FIELD(ring), .initial = "", .max = LP_URI_MAX_BYTES,
+	 .help = "URI of the ring of light sensors (see below); none unless named"},
+	{"max-clients", LP_PARAM_INT, FIELD(max_clients), .initial = "256", .min = 1, .max = 4096,
+	 .help = "more are refused"},
+	{"log-level", LP_PARAM_CHOICE, FIELD(log_level), .initial = "info", .choices = log_levels,
+	 .help = "least severe message printed"},
+	/* From here on: on the command line only. */
+	{"config", LP_PARAM_TEXT, FIELD(config), .initial = "", .max = 1024,
+	 .help = "read options from this file: NAME = VALUE lines, # comments"},
+	{"once", LP_PARAM_BOOL, FIELD(once), .initial = "0",
+	 .help = "process a finite source as one set, publish one estimate, exit"},
+	{"series", LP_PARAM_TEXT, FIELD(series), .initial = "", .max = 1024,
+	 .help = "instead of estimating, write the camera's raw frames into this new folder and\n"
+		 "exit: for calibration; pictures leave the box only by this"},
+	{"series-us", LP_PARAM_FLOATS, FIELD(series_us), .min = 0.001, .max = 1e8,
+	 .help = "exposures to command one after the other, with --series; none: as they come"},
+	{"series-frames", LP_PARAM_INT, FIELD(series_frames), .initial = "12", .max = 10000,
+	 .help = "frames to write after each command; 0: until the source ends"},
+	{"check-config", LP_PARAM_BOOL, FIELD(check_config), .initial = "0",
+	 .help = "say what is in force, or what is wrong, and exit"},
+	{"version", LP_PARAM_BOOL, FIELD(version), .initial = "0",
+	 .help = "print version and build options, and exit"},
+	{"help", LP_PARAM_BOOL, FIELD(help), .initial = "0", .help = "print this, and exit"},
+};
+#define PARAMS (sizeof(params) / sizeof(params[0]))
+
+/* Those that make sense in a configuration file: all before "config". */
+static size_t config_params(void)
+{
+	return (size_t)(lp_param_find(params, PARAMS, "config") - params);
+}
+
+void lp_options_defaults(struct lp_options *options)
+{
+	memset(options, 0, sizeof(*options));
+	lp_param_defaults(params, PARAMS, options);
+}
+
+/* ---------------------------------------------------------------- configuration file */
+
+struct config_reader {
+	struct lp_options *options;
+	const char *name;
+	const char *text;
+	size_t left_bytes;
+	int line;
+	int ret;
+};
+
+static void config_object(const struct config_reader *reader, char *object, size_t size_bytes)
+{
+	(void)snprintf(object, size_bytes, "%s:%d", reader->name, reader->line);
+}
+
+/* inih's fgets: one whole line, without the indentation that inih would take for a continuation. */
+static char *config_line(char *line, int size_bytes, void *stream)
+{
+	struct config_reader *reader = stream;
+	const char *end = memchr(reader->text, '\n', reader->left_bytes);
+	size_t length = end ? (size_t)(end - reader->text) + 1 : reader->left_bytes;
+	const char *begin = reader->text;
+
+	if (length == 0)
+		return NULL;
+	reader->text += length;
+	reader->left_bytes -= length;
+	reader->line++;
+	while (length > 0 && (*begin == ' ' || *begin == '\t')) {
+		begin++;
+		length--;
+	}
+	if (length >= (size_t)size_bytes || memchr(begin, '\0', length)) {
+		char object[1100];
+
+		config_object(reader, object, sizeof(object));
+		lp_error(object, "parse", "a line is text of at most %d bytes", size_bytes - 1);
+		reader->ret = -EINVAL;
+		length = 0;
+	}
+	memcpy(line, begin, length);
+	line[length] = '\0';
+	return line;
+}
+
+/* inih's handler: 1 means well. */
+static int config_value(void *user, const char *section, const char *name, const char *value)
+{
+	struct config_reader *reader = user;
+	char object[1100];
+	int ret = -EINVAL;
+
+	config_object(reader, object, sizeof(object));
+	if (*section)
+		lp_error(object, "parse", "[%s]: this file has no sections", section);
+	else
+		ret = lp_param_set(params, config_params(), reader->options, object, name, value);
+	if (ret < 0)
+		reader->ret = ret;
+	return ret == 0;
+}
+
+int lp_options_read_config(struct lp_options *options, const char *name, const char *text,
+			   size_t size_bytes)
+{
+	struct config_reader reader = {.options = options,
+				       .name = name,
+				       .text = text,
+				       .left_bytes = size_bytes};
+	const int bad_line = ini_parse_stream(config_line, &reader, config_value, &reader);
+
+	if (bad_line > 0 && reader.ret == 0) {
+		char object[1100];
+
+		reader.line = bad_line;
+		config_object(&reader, object, sizeof(object));
+		lp_error(object, "parse", "neither NAME = VALUE nor a # comment");
+		return -EINVAL;
+	}
+	return bad_line < 0 ? -ENOMEM : reader.ret;
+}
+
+static int read_config_file(struct lp_options *options, const char *path)
+{
+	char *text = malloc(LP_CONFIG_MAX_BYTES + 1);
+	FILE *file = fopen(path, "re");
+	size_t size = 0;
+	int ret = 0;
+
+	if (!text || !file)
+		ret = errno ? -errno : -ENOMEM;
+	if (ret == 0) {
+		size = fread(text, 1, LP_CONFIG_MAX_BYTES + 1, file);
+		if (ferror(file))
+			ret = -errno;
+		else if (size > LP_CONFIG_MAX_BYTES)
+			ret = -EFBIG;
+	}
+	if (ret < 0)
+		lp_error(path, "read", "%s — check --config", lp_strerror(ret));
+	else
+		ret = lp_options_read_config(options, path, text, size);
+	if (file)
+		(void)fclose(file);
+	free(text);
+	return ret;
+}
+
+/* ---------------------------------------------------------------- command line */
+
+struct argument {
+	char name[32];
+	const char *value;
+};
+
+/*
+ * The argument at argv[*at]: --name=value, --name value, or --name of a yes/no option. Steps over
+ * it. Unknown names pass: lp_param_set() knows better what to say.
+ */
+static int next_argument(int argc, char **argv, int *at, struct argument *argument)
+{
+	const char *text = argv[(*at)++];
+	const char *equals = strchr(text, '=');
+	const size_t length = equals ? (size_t)(equals - text) : strlen(text);
+	const struct lp_param *param;
+
+	if (length < 3 || strncmp(text, "--", 2) != 0 || length - 2 >= sizeof(argument->name)) {
+		lp_error("lightprobed", text, "not an option — see lightprobed --help");
+		return -EINVAL;
+	}
+	(void)snprintf(argument->name, sizeof(argument->name), "%.*s", (int)length - 2, text + 2);
+	argument->value = equals ? equals + 1 : "";
+	param = lp_param_find(params, PARAMS, argument->name);
+	if (equals || !param)
+		return 0;
+	if (param->type == LP_PARAM_BOOL) {
+		argument->value = "1";
+	} else if (*at < argc) {
+		argument->value = argv[(*at)++];
+	} else {
+		lp_error("lightprobed", text, "needs a value — see lightprobed --help");
+		return -EINVAL;
+	}
+	return 0;
+}
+
+/* Apply the arguments named `only`, or all of them (NULL). */
+static int read_arguments(struct lp_options *options, int argc, char **argv, const char *only)
+{
+	struct argument argument;
+	int ret = 0;
+
+	for (int at = 1; at < argc && ret == 0;) {
+		ret = next_argument(argc, argv, &at, &argument);
+		if (ret == 0 && (!only || strcmp(argument.name, only) == 0))
+			ret = lp_param_set(params, PARAMS, options, "lightprobed", argument.name,
+					   argument.value);
+	}
+	return ret;
+}
+
+static void add_default_publishers(struct lp_options *options)
+{
+	const char *runtime = getenv("XDG_RUNTIME_DIR");
+	char unix_socket[LP_URI_MAX_BYTES];
+
+	if (options->once) {
+		(void)parse_publish("stdout:", &options->publish);
+		return;
+	}
+	(void)parse_publish("tcp:127.0.0.1:7700", &options->publish);
+	(void)snprintf(unix_socket, sizeof(unix_socket), "unix:%s/lightprobe.sock",
+		       runtime && *runtime ? runtime : "/run/lightprobe");
+	(void)parse_publish(unix_socket, &options->publish);
+}
+
+int lp_options_read(struct lp_options *options, int argc, char **argv)
+{
+	int ret;
+
+	lp_options_defaults(options);
+	ret = read_arguments(options, argc, argv, "config");
+	if (ret == 0 && *options->config)
+		ret = read_config_file(options, options->config);
+	if (ret == 0) {
+		/* Publishers on the command line replace those of the file. */
+		const int from_file = options->publish.count;
+
+		options->publish.count = 0;
+		ret = read_arguments(options, argc, argv, NULL);
+		if (options->publish.count == 0)
+			options->publish.count = from_file;
+	}
+	if (ret == 0 && options->publish.count == 0)
+		add_default_publishers(options);
+	return ret;
+}
+
+/* ---------------------------------------------------------------- for others */
+
+/* Text of several lines, each indented. */
+static void print_indented(FILE *out, const char *text)
+{
+	while (*text) {
+		const size_t length = strcspn(text, "\n");
+
+		(void)fprintf(out, "      %.*s\n", (int)length, text);
+		text += length + (text[length] != '\0');
+	}
+}
+
+void lp_options_help(FILE *out)
+{
+	for (size_t i = 0; i < PARAMS; i++) {
+		char expects[256];
+
+		lp_param_describe(&params[i], expects, sizeof(expects));
+		if (params[i].type == LP_PARAM_BOOL)
+			(void)fprintf(out, "  --%s\n", params[i].name);
+		else if (params[i].type == LP_PARAM_TEXT)
+			(void)fprintf(out, "  --%s=%s\n", params[i].name, params[i].initial);
+		else if (params[i].initial)
+			(void)fprintf(out, "  --%s=%s   (%s)\n", params[i].name, params[i].initial,
+				      expects);
+		else
+			(void)fprintf(out, "  --%s=   (%s)\n", params[i].name, expects);
+		print_indented(out, params[i].help);
+	}
+}
+
+struct lp_pipeline_options lp_options_pipeline(const struct lp_options *options)
+{
+	return (struct lp_pipeline_options){
+		.camera = options->camera,
+		.preset = (enum lp_preset)options->preset,
+		.panorama_width = options->panorama_width_px,
+		.decode_divisor = options->decode_divisor,
+		.exact_blocks = options->exact_blocks,
+		.refine_cells = options->refine_cells,
+		.detector = options->detector,
+		.max_lights = options->lights,
+		.sh_order = options->sh_order,
+		.brackets = options->brackets,
+		.smoothing_ms = options->smoothing_ms,
+		.ttl_ms = options->ttl_ms,
+	};
+}

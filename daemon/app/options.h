@@ -1,0 +1,71 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What a user can choose: one table for command line, configuration file, help and defaults. */
+#ifndef LP_APP_OPTIONS_H
+#define LP_APP_OPTIONS_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdio.h>
+
+#include "app/governor.h"
+#include "app/pipeline.h"
+#include "base/log.h"
+#include "base/param.h"
+#include "base/uri.h"
+
+#define LP_MAX_PUBLISHERS 8
+#define LP_CONFIG_MAX_BYTES ((size_t)64 << 10)
+
+struct lp_uri_texts {
+	int count;
+	char texts[LP_MAX_PUBLISHERS][LP_URI_MAX_BYTES];
+};
+
+struct lp_options {
+	char source[LP_URI_MAX_BYTES];
+	struct lp_uri_texts publish;
+	char camera[1024];
+	int preset; /* enum lp_preset */
+	int panorama_width_px;
+	int decode_divisor;		/* 0: as the preset says; LP_DECODE_BY_BLOCKS */
+	int exact_blocks, refine_cells; /* 0: as the preset says; LP_NONE */
+	struct lp_governor_goals goals;
+	struct lp_detector_options detector;
+	int sh_order, lights;
+	float smoothing_ms, ttl_ms;
+	int brackets;			/* most exposures of a bracket; 0: exposure is left alone */
+	float exposure_us, gain;	/* commanded of a source that can; 0: left alone */
+	char rotator[LP_URI_MAX_BYTES]; /* "": none */
+	char ring[LP_URI_MAX_BYTES];	/* "": none */
+	struct lp_floats wheel_angles_deg;
+	float wheel_dwell_ms;
+	int max_clients;
+	int log_level; /* enum lp_log_level */
+	char config[1024];
+	char series[1024]; /* folder; empty: estimate */
+	struct lp_floats series_us;
+	int series_frames;
+	bool once, version, help, check_config;
+};
+
+/*
+ * Defaults, then the configuration file if one is named, then the command line; what is missing is
+ * completed (publishers). -EINVAL or the file's error, logged with what is known and the next step.
+ */
+int lp_options_read(struct lp_options *options, int argc, char **argv);
+
+/* One configuration file in memory, `name` for messages. 0 or -EINVAL, logged as FILE:LINE. */
+int lp_options_read_config(struct lp_options *options, const char *name, const char *text,
+			   size_t size_bytes);
+
+void lp_options_defaults(struct lp_options *options);
+
+/* The options' part of --help. */
+void lp_options_help(FILE *out);
+
+/* Options of the pipeline; borrows strings from `options`. */
+struct lp_pipeline_options lp_options_pipeline(const struct lp_options *options);
+
+const char *lp_preset_name(int preset);
+
+#endif

@@ -1,0 +1,473 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "app/pipeline.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/log.h"
+#include "include/frame.h"
+#include "include/panorama.h"
+#include "light/grid.h"
+#include "light/model.h"
+#include "light/select.h"
+#include "light/sh.h"
+#include "light/tracker.h"
+#include "vision/camera.h"
+#include "vision/imager.h"
+#include "vision/sh_project.h"
+
+#define LUMINANCE 3
+#define DEG (180.0F / (float)M_PI)
+/* What the wire can say. */
+#define LEAST_IRRADIANCE_SIGMA 0.001F
+/* Below this mean code of the longest exposure most of an 8-bit picture is noise. */
+#define DARK_CODE 4.0F
+#define LEAST_CLIPPED_FRACTION 1e-5F
+
+/* What each preset means; `make bench` measures the trade. */
+struct preset {
+	enum lp_decode decode;
+	int divisor;
+	int exact_blocks;
+	int refine_cells; /* largest lamp refined, in camera cells; 0: none */
+	int panorama_width;
+};
+
+static const struct preset presets[] = {
+	[LP_PRESET_FAST] = {LP_DECODE_BLOCKS, 1, 0, 0, LP_PANORAMA_WIDTH / 2},
+	[LP_PRESET_BALANCED] = {LP_DECODE_BLOCKS, 1, 16, 49, LP_PANORAMA_WIDTH},
+	[LP_PRESET_ACCURATE] = {LP_DECODE_PIXELS, 1, 0, 1024, LP_PANORAMA_WIDTH},
+	[LP_PRESET_REFERENCE] = {LP_DECODE_PIXELS, 1, 0, 1024, 2 * LP_PANORAMA_WIDTH},
+};
+
+struct lp_pipeline {
+	struct lp_pipeline_options options;
+	struct preset preset;	 /* in force, with what single options say */
+	enum lp_preset in_force; /* may be lower than options.preset */
+	struct lp_camera *camera;
+	struct lp_imager *imager;
+	struct lp_detection *detection;
+	struct lp_sh_projector *projector;
+	struct lp_tracker tracker;
+	struct lp_bracket bracket;
+	bool bracketing, tagged;
+	float *scratch;	   /* cells of the panorama, for its median */
+	int wanted_lights; /* by the options and the most demanding subscriber */
+	uint32_t sequence;
+};
+
+static int check(const struct lp_pipeline_options *o)
+{
+	if (o->max_lights < 0 || o->max_lights > LP_MAX_LIGHTS || o->sh_order < 0 ||
+	    o->sh_order > LP_MAX_SH_ORDER) {
+		lp_error("options", "pipeline", "lights 0..%d, SH order 0..%d", LP_MAX_LIGHTS,
+			 LP_MAX_SH_ORDER);
+		return -EINVAL;
+	}
+	if (o->exact_blocks > LP_MOST_EXACT_BLOCKS || o->refine_cells > LP_MOST_REFINE_CELLS) {
+		lp_error("options", "pipeline", "exact-blocks up to %d, refine-cells up to %d",
+			 LP_MOST_EXACT_BLOCKS, LP_MOST_REFINE_CELLS);
+		return -EINVAL;
+	}
+	if (o->panorama_width && (o->panorama_width % 8 || o->panorama_width < 16 ||
+				  o->panorama_width > LP_PANORAMA_MAX_WIDTH)) {
+		lp_error("panorama-width", "pipeline", "a multiple of 8, 16..%d",
+			 LP_PANORAMA_MAX_WIDTH);
+		return -EINVAL;
+	}
+	return 0;
+}
+
+static struct preset effective_preset(const struct lp_pipeline_options *o, enum lp_preset preset)
+{
+	struct preset p = presets[preset];
+
+	if (o->panorama_width)
+		p.panorama_width = o->panorama_width;
+	if (o->decode_divisor == LP_DECODE_BY_BLOCKS) {
+		p.decode = LP_DECODE_BLOCKS;
+	} else if (o->decode_divisor) {
+		p.decode = LP_DECODE_PIXELS;
+		p.divisor = o->decode_divisor;
+	}
+	if (o->exact_blocks)
+		p.exact_blocks = o->exact_blocks == LP_NONE ? 0 : o->exact_blocks;
+	if (o->refine_cells)
+		p.refine_cells = o->refine_cells == LP_NONE ? 0 : o->refine_cells;
+	return p;
+}
+
+/* What depends on the preset. */
+struct stages {
+	struct lp_imager *imager;
+	struct lp_detection *detection;
+	struct lp_sh_projector *projector;
+	float *scratch;
+};
+
+static void destroy_stages(const struct stages *stages)
+{
+	free(stages->scratch);
+	lp_sh_projector_destroy(stages->projector);
+	lp_detection_destroy(stages->detection);
+	lp_imager_destroy(stages->imager);
+}
+
+static int create_stages(const struct lp_pipeline *p, const struct preset *preset,
+			 struct stages *stages)
+{
+	const int width = preset->panorama_width, height = width / 2;
+	const struct lp_imager_options imager = {.panorama_width = width,
+						 .decode = preset->decode,
+						 .divisor = preset->divisor,
+						 .exact_blocks = preset->exact_blocks};
+	int ret;
+
+	*stages = (struct stages){0};
+	ret = lp_imager_create(p->camera, &imager, &stages->imager);
+	if (ret == 0)
+		ret = lp_detection_create(lp_imager_grid(stages->imager), &p->options.detector,
+					  &stages->detection);
+	if (ret == 0)
+		ret = lp_sh_projector_create(width, height, LP_SH_MAX_ORDER, &stages->projector);
+	if (ret == 0) {
+		stages->scratch = calloc((size_t)width * height, sizeof(*stages->scratch));
+		ret = stages->scratch ? 0 : -ENOMEM;
+	}
+	if (ret < 0)
+		destroy_stages(stages);
+	return ret;
+}
+
+int lp_pipeline_set_preset(struct lp_pipeline *pipeline, enum lp_preset preset)
+{
+	const struct preset effective = effective_preset(&pipeline->options, preset);
+	const struct stages old = {pipeline->imager, pipeline->detection, pipeline->projector,
+				   pipeline->scratch};
+	struct stages stages;
+	const int ret = create_stages(pipeline, &effective, &stages);
+
+	if (ret < 0) {
+		lp_error("pipeline", "preset", "%s — the preset stays as it is", lp_strerror(ret));
+		return ret;
+	}
+	destroy_stages(&old);
+	pipeline->imager = stages.imager;
+	pipeline->detection = stages.detection;
+	pipeline->projector = stages.projector;
+	pipeline->scratch = stages.scratch;
+	pipeline->preset = effective;
+	pipeline->in_force = preset;
+	return 0;
+}
+
+int lp_pipeline_create(const struct lp_pipeline_options *options, struct lp_pipeline **pipeline)
+{
+	struct lp_pipeline *p;
+	int ret = check(options);
+
+	if (ret < 0)
+		return ret;
+	p = calloc(1, sizeof(*p));
+	if (!p)
+		return -ENOMEM;
+	p->options = *options;
+	p->options.camera = NULL; /* was borrowed */
+	p->tracker.time_constant_ms = options->smoothing_ms;
+	ret = lp_camera_load(options->camera, &p->camera);
+	if (ret == 0)
+		ret = lp_pipeline_set_preset(p, options->preset);
+	if (ret < 0) {
+		lp_pipeline_destroy(p);
+		return ret;
+	}
+	*pipeline = p;
+	return 0;
+}
+
+void lp_pipeline_destroy(struct lp_pipeline *pipeline)
+{
+	if (!pipeline)
+		return;
+	destroy_stages(&(struct stages){pipeline->imager, pipeline->detection, pipeline->projector,
+					pipeline->scratch});
+	lp_camera_destroy(pipeline->camera);
+	free(pipeline);
+}
+
+/* Mean luminance over what is seen of the sphere: rows in float, four columns at a time. */
+static float mean_luminance(const struct lp_panorama *panorama, const struct lp_grid *grid)
+{
+	double sum = 0.0;
+
+	for (int r = 0; r < panorama->height; r++) {
+		const float(*row)[4] =
+			(const float(*)[4])panorama->cells + (size_t)r * panorama->width;
+		float part[4] = {0.0F};
+
+		for (int c = 0; c < panorama->width; c += 4)
+			for (int k = 0; k < 4; k++)
+				part[k] += row[c + k][LUMINANCE];
+		sum += (double)(part[0] + part[1] + part[2] + part[3]) *
+		       grid->row_solid_angle_sr[r];
+	}
+	return panorama->seen_fraction > 0.0F
+		       ? (float)(sum / (4.0 * M_PI * panorama->seen_fraction))
+		       : 0.0F;
+}
+
+/* What no camera pixel sees is given the mean of what is seen, lamps apart. */
+static void fill_unseen(struct lp_panorama *panorama, const struct lp_grid *grid,
+			const struct lp_lamp_finder *finder)
+{
+	double sum[4] = {0.0}, seen = 4.0 * M_PI * panorama->seen_fraction;
+	float fill[4];
+
+	if (panorama->seen_fraction >= 1.0F || seen <= 0.0)
+		return;
+	for (int i = 0; i < panorama->width * panorama->height; i++)
+		for (int c = 0; c < 4; c++)
+			sum[c] += (double)panorama->cells[i][c] * lp_grid_solid_angle_sr(grid, i);
+	for (int k = 0; k < finder->count; k++)
+		for (int c = 0; c < 4; c++)
+			sum[c] -= finder->lamps[k].irradiance[c];
+	for (int c = 0; c < 4; c++)
+		fill[c] = (float)fmax(sum[c] / seen, 0.0);
+	for (int i = 0; i < panorama->width * panorama->height; i++)
+		if (panorama->flags[i] & LP_CELL_UNSEEN)
+			memcpy(panorama->cells[i], fill, sizeof(fill));
+}
+
+static float radius_rad(const struct lp_lamp *lamp)
+{
+	/* of Omega = 4 pi sin^2(r / 2): exact for tiny ones */
+	return 2.0F * asinf(fminf(sqrtf(lamp->solid_angle_sr / (4.0F * (float)M_PI)), 1.0F));
+}
+
+/*
+ * Lamps are looked at in full resolution, the small ones that the grid misplaces above all, and
+ * their share of the projection is moved from where the grid saw it to where it is: shape from the
+ * grid, place and strength from the pixels.
+ */
+static void project_and_refine(struct lp_pipeline *p, const struct lp_panorama *panorama,
+			       double (*total)[3])
+{
+	struct lp_lamp_finder *finder = p->detection->finder;
+	struct lp_lamp lamps[LP_MAX_LAMPS];
+	const int count = finder->count;
+
+	lp_sh_project(p->projector, panorama, LP_SH_MAX_ORDER, total);
+	if (!p->preset.refine_cells)
+		return;
+	memcpy(lamps, finder->lamps, count * sizeof(*lamps));
+	finder->count = 0;
+	for (int k = 0; k < count; k++) {
+		struct lp_lamp lamp = lamps[k];
+
+		if (k < p->wanted_lights &&
+		    lp_imager_refine(p->imager, finder, &lamp, p->preset.refine_cells)) {
+			lp_sh_add_lamp(LP_SH_MAX_ORDER, lamps[k].centroid, lamps[k].irradiance, 0.0,
+				       -1.0, total);
+			lp_sh_add_lamp(LP_SH_MAX_ORDER, lamp.centroid, lamp.irradiance, 0.0, 1.0,
+				       total);
+		}
+		lp_lamp_insert(finder, &lamp); /* strengths may have changed places */
+	}
+}
+
+static float confidence_of(const struct lp_lamp *lamp)
+{
+	const float surround = fmaxf(lamp->background[LUMINANCE], 0.0F);
+
+	return lamp->peak > 0.0F ? fminf(fmaxf(1.0F - surround / lamp->peak, 0.0F), 1.0F) : 0.0F;
+}
+
+static void list_light(const struct lp_imager *imager, const struct lp_lamp *lamp,
+		       struct lp_light *light)
+{
+	const float noise = lamp->background_noise * lamp->solid_angle_sr /
+			    fmaxf(lamp->irradiance[LUMINANCE], 1e-30F);
+
+	memcpy(light->direction, lamp->direction, sizeof(light->direction));
+	memcpy(light->irradiance, lamp->irradiance, sizeof(light->irradiance));
+	light->id = 0;
+	light->angular_radius_deg = radius_rad(lamp) * DEG;
+	light->direction_sigma_deg = lamp->direction_sigma_deg;
+	light->irradiance_sigma =
+		lamp->flags & LP_LIGHT_CLIPPED
+			? NAN /* a lower bound has no sigma */
+			: fmaxf(hypotf(lp_imager_strength_sigma(imager, lamp), noise),
+				LEAST_IRRADIANCE_SIGMA);
+	light->confidence = confidence_of(lamp);
+	light->distance_m = NAN;
+	light->flags = lamp->flags;
+}
+
+static uint32_t flags_of(const struct lp_pipeline *p, const struct lp_panorama *panorama,
+			 const struct lp_imager_status *status, float mean)
+{
+	uint32_t flags = 0;
+
+	if (status->exposure_unknown)
+		flags |= LP_ESTIMATE_EXPOSURE_UNKNOWN;
+	if (panorama->clipped_fraction > LEAST_CLIPPED_FRACTION)
+		flags |= LP_ESTIMATE_CLIPPED;
+	if (status->mean_code < DARK_CODE) /* false for NAN: float frames have no codes */
+		flags |= LP_ESTIMATE_UNDEREXPOSED;
+	if (panorama->seen_fraction < 1.0F)
+		flags |= LP_ESTIMATE_PARTIAL_VIEW;
+	if (status->invalid_samples)
+		flags |= LP_ESTIMATE_INVALID_INPUT;
+	if (p->detection->finder->count > p->wanted_lights)
+		flags |= LP_ESTIMATE_MORE_LIGHTS;
+	if (!(mean > 0.0F))
+		flags |= LP_ESTIMATE_NO_LIGHT;
+	if (p->in_force < p->options.preset)
+		flags |= LP_ESTIMATE_DEGRADED;
+	if (p->bracketing && p->bracket.state == LP_BRACKET_IGNORED)
+		flags |= LP_ESTIMATE_EXPOSURE_IGNORED;
+	else if (p->bracketing && status->exposure_count < p->bracket.planned)
+		flags |= LP_ESTIMATE_BRACKET_INCOMPLETE;
+	return flags;
+}
+
+static void fill_estimate(struct lp_pipeline *p, const struct lp_panorama *panorama, float mean,
+			  const double (*total)[3], struct lp_light_estimate *e)
+{
+	const struct lp_lamp_finder *finder = p->detection->finder;
+	struct lp_imager_status status;
+
+	lp_imager_status(p->imager, &status);
+	memset(e, 0, sizeof(*e));
+	e->t_capture_ns = panorama->t_capture_ns;
+	e->sequence = ++p->sequence;
+	e->flags = flags_of(p, panorama, &status, mean);
+	e->exposure_us = status.longest_exposure_us;
+	e->exposure_count = status.exposure_count;
+	e->cd_m2_per_unit = NAN;
+	for (int k = 0; k < finder->count && k < p->wanted_lights; k++)
+		list_light(p->imager, &finder->lamps[k], &e->lights[e->light_count++]);
+	for (int i = 0; i < LP_MAX_SH_COUNT; i++)
+		for (int c = 0; c < 3; c++)
+			e->sh_total[i][c] = (float)total[i][c];
+	lp_model_predict(total, e);
+}
+
+bool lp_pipeline_control(struct lp_pipeline *pipeline, const struct lp_camera_control *control,
+			 float *command_us)
+{
+	pipeline->bracketing = control->settable && pipeline->options.brackets > 0;
+	pipeline->tagged = control->tagged;
+	if (!pipeline->bracketing)
+		return false;
+	lp_imager_forget(pipeline->imager);
+	lp_bracket_init(&pipeline->bracket, pipeline->options.brackets, &control->limits);
+	*command_us = lp_bracket_first_us(&pipeline->bracket);
+	return true;
+}
+
+/* Median of a sample of cells, and the peak. */
+static struct lp_bracket_scene look_at_scene(struct lp_pipeline *p,
+					     const struct lp_panorama *panorama)
+{
+	struct lp_bracket_scene scene = {.clipped = panorama->clipped_fraction >
+						    LEAST_CLIPPED_FRACTION};
+	int count = 0;
+
+	for (int r = 0; r < panorama->height; r += 2) {
+		/* rows count by their length, so that poles do not */
+		const int step = (int)fminf(4.0F / lp_imager_grid(p->imager)->row_sin[r],
+					    (float)panorama->width);
+
+		for (int c = r % 4; c < panorama->width; c += step) {
+			const int cell = r * panorama->width + c;
+
+			if (!(panorama->flags[cell] & LP_CELL_UNSEEN))
+				p->scratch[count++] = panorama->cells[cell][LUMINANCE];
+		}
+	}
+	if (count)
+		scene.median = lp_select(p->scratch, count, count / 2);
+	for (int i = 0; i < panorama->width * panorama->height; i++)
+		scene.peak = fmaxf(scene.peak, panorama->cells[i][LUMINANCE]);
+	return scene;
+}
+
+static struct lp_bracket_decision judge(struct lp_pipeline *p, float told_us)
+{
+	struct lp_bracket *b = &p->bracket;
+
+	if (p->tagged)
+		return lp_bracket_told(b, told_us);
+	const struct lp_exposure_match settled = lp_imager_match(p->imager, b->settled_us);
+	const struct lp_exposure_match commanded = lp_imager_match(p->imager, b->commanded_us);
+
+	return lp_bracket_judge(b, &settled, &commanded);
+}
+
+/* The bracket says whether and as what the frame counts. 0, -EAGAIN or an error. */
+static int add_to_bracket(struct lp_pipeline *p, struct lp_frame *frame, float *command_us)
+{
+	const float told_us = lp_frame_exposure_us(frame);
+	int ret = lp_imager_load(p->imager, frame, p->bracket.commanded_us);
+
+	if (ret < 0)
+		return ret;
+	const struct lp_bracket_decision decision = judge(p, told_us);
+
+	if (decision.command)
+		*command_us = decision.command_us;
+	if (decision.forget)
+		lp_imager_forget(p->imager);
+	if (!decision.accept)
+		return -EAGAIN;
+	ret = lp_imager_accept(p->imager, decision.exposure_us);
+	if (ret < 0)
+		return ret;
+	const struct lp_bracket_scene scene = look_at_scene(p, lp_imager_panorama(p->imager));
+	float next_us;
+
+	if (lp_bracket_next(&p->bracket, &scene, &next_us))
+		*command_us = next_us;
+	if (lp_bracket_whole(&p->bracket))
+		lp_imager_keep(p->imager, p->bracket.plan_us, p->bracket.planned);
+	return 0;
+}
+
+int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
+			const struct lp_demand *demand, struct lp_estimates *estimates,
+			float *command_us)
+{
+	const int64_t t_arrival_ns = frame->t_arrival_ns;
+	const float wheel_deg = frame->wheel_deg;
+	const float wheel_sigma_deg = frame->wheel_sigma_deg;
+	double total[LP_SH_MAX_COUNT][3];
+	int ret;
+
+	pipeline->wanted_lights = demand->max_lights < pipeline->options.max_lights
+					  ? demand->max_lights
+					  : pipeline->options.max_lights;
+	*command_us = NAN;
+	ret = pipeline->bracketing ? add_to_bracket(pipeline, frame, command_us)
+				   : lp_imager_add(pipeline->imager, frame);
+	if (ret < 0)
+		return ret;
+	struct lp_panorama *panorama = lp_imager_panorama(pipeline->imager);
+	const struct lp_grid *grid = lp_imager_grid(pipeline->imager);
+	const float mean = mean_luminance(panorama, grid);
+
+	if (pipeline->wanted_lights) /* else all light is in the SH anyway */
+		lp_detect(pipeline->detection, panorama, mean);
+	else
+		pipeline->detection->finder->count = 0;
+	fill_unseen(panorama, grid, pipeline->detection->finder);
+	project_and_refine(pipeline, panorama, total);
+	fill_estimate(pipeline, panorama, mean, total, &estimates->raw);
+	estimates->raw.t_arrival_ns = t_arrival_ns;
+	estimates->raw.wheel_deg = wheel_deg;
+	estimates->raw.wheel_sigma_deg = wheel_sigma_deg;
+	lp_tracker_update(&pipeline->tracker, &estimates->raw, &estimates->smoothed);
+	return 0;
+}

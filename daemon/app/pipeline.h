@@ -1,0 +1,91 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * From one frame to one estimate, synchronously: vision, light and tracking in order. Owned and
+ * called by the worker thread alone; knows nothing of loops, devices or clients.
+ */
+#ifndef LP_APP_PIPELINE_H
+#define LP_APP_PIPELINE_H
+
+#include <stdbool.h>
+
+#include "app/bracket.h"
+#include "include/light_estimate.h"
+#include "light/detection.h"
+
+struct lp_frame;
+struct lp_pipeline;
+
+#define LP_MAX_EXPOSURES 8
+
+#define LP_DECODE_BY_BLOCKS (-1)
+#define LP_NONE (-1)
+#define LP_MOST_EXACT_BLOCKS 65536
+#define LP_MOST_REFINE_CELLS 1024
+
+/* From the fastest to the most accurate. */
+enum lp_preset { LP_PRESET_FAST, LP_PRESET_BALANCED, LP_PRESET_ACCURATE, LP_PRESET_REFERENCE };
+
+struct lp_pipeline_options {
+	const char *camera; /* "equirect", or the path of a camera file; borrowed during create */
+	enum lp_preset preset;
+	int panorama_width; /* 0: as the preset says */
+	/* JPEG: 1, 2, 4, 8 by libjpeg-turbo; 0: as the preset says; LP_DECODE_BY_BLOCKS */
+	int decode_divisor;
+	/* 0: as the preset says; LP_NONE: none */
+	int exact_blocks; /* most blocks decoded after all, where blocks are read */
+	int refine_cells; /* largest lamp refined, in camera cells */
+	struct lp_detector_options detector;
+	int max_lights; /* 0..8: most lights looked for */
+	int sh_order;	/* 0..4: highest order estimated */
+	int brackets; /* most exposures of a bracket of our own making; 0: exposure is left alone */
+	float smoothing_ms; /* time constant of the smoothed estimate; 0: none */
+	float ttl_ms;
+};
+
+/* The most that any subscriber asks for; more is not computed. */
+struct lp_demand {
+	int sh_order;
+	int max_lights;
+};
+
+struct lp_estimates {
+	struct lp_light_estimate raw;	   /* this frame (and the bracket it completes) alone */
+	struct lp_light_estimate smoothed; /* tracked in time; same ids */
+};
+
+/* What can be done about the camera's exposure (include/source.h), once it is known. */
+struct lp_camera_control {
+	bool settable;
+	bool tagged; /* frames tell their true exposure */
+	struct lp_bracket_limits limits;
+};
+
+/* -EINVAL: an option is out of range; -ENOENT, -EBADMSG: the camera file (logged by name and line).
+ */
+int lp_pipeline_create(const struct lp_pipeline_options *options, struct lp_pipeline **pipeline);
+
+/*
+ * Work by another preset from the next frame on; what single options say stays in force. Lower than
+ * the one chosen at create(): estimates are flagged DEGRADED. The panorama begins anew, so that a
+ * bracket takes a round to be whole again. -ENOMEM, logged: all is as before.
+ */
+int lp_pipeline_set_preset(struct lp_pipeline *pipeline, enum lp_preset preset);
+
+/* A camera has begun to stream: begin a bracket with it, if options and camera allow. Returns
+ * whether there is a first command to give. */
+bool lp_pipeline_control(struct lp_pipeline *pipeline, const struct lp_camera_control *control,
+			 float *command_us);
+
+/*
+ * Takes over the reference to `frame`. 0: `estimates` is filled. -EAGAIN: no estimate from this
+ * frame (its exposure could not be told, and a wrong one is worse than none). -EBADMSG: frame
+ * refused (broken, wrong size), logged; the state is as before the call. *command_us: exposure
+ * times gain to command now; NAN: leave the camera as it is.
+ */
+int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
+			const struct lp_demand *demand, struct lp_estimates *estimates,
+			float *command_us);
+
+void lp_pipeline_destroy(struct lp_pipeline *pipeline); /* accepts NULL */
+
+#endif

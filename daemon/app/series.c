@@ -1,0 +1,233 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "app/series.h"
+
+#include <errno.h>
+#include <math.h>
+#include <signal.h>
+#include <string.h>
+
+#include "app/backends.h"
+#include "app/bracket.h"
+#include "app/daemon.h"
+#include "app/loop.h"
+#include "app/options.h"
+#include "app/series_writer.h"
+#include "base/clock.h"
+#include "base/log.h"
+#include "include/frame.h"
+#include "include/source.h"
+
+#define TICK_MS 100
+
+struct series {
+	const struct lp_options *options;
+	struct lp_loop *loop;
+	struct lp_source *source;
+	struct lp_series_writer *writer;
+	struct lp_floats schedule; /* what of the user's this camera can do; empty: as it comes */
+	struct lp_series_shot shot;
+	int frames;  /* since the command */
+	bool begun;  /* the camera has streamed */
+	bool ending; /* no more frames are wanted */
+	enum lp_exit exit_code;
+};
+
+static void end(struct series *series, enum lp_exit exit_code)
+{
+	if (series->ending)
+		return;
+	series->ending = true;
+	series->exit_code = exit_code;
+	lp_loop_stop(series->loop);
+}
+
+/* The user's exposures as the camera rounds them; what then repeats itself is left out. */
+static void make_schedule(struct series *series, const struct lp_source_caps *caps)
+{
+	const struct lp_bracket_limits limits = lp_bracket_limits_of(caps);
+	const struct lp_floats *wanted = &series->options->series_us;
+	struct lp_floats *schedule = &series->schedule;
+
+	schedule->count = 0;
+	for (int i = 0; i < wanted->count; i++) {
+		const float us = lp_bracket_allowed(&limits, wanted->values[i]);
+
+		if (schedule->count == 0 || schedule->values[schedule->count - 1] != us)
+			schedule->values[schedule->count++] = us;
+	}
+}
+
+/* Command step `step` of the schedule. */
+static void command(struct series *series, int step)
+{
+	const float us = series->schedule.values[step];
+	const float gain = series->options->gain > 0 ? series->options->gain : 1.0F;
+	const int ret = series->source->ops->set_exposure(series->source, us / gain, gain);
+
+	if (ret < 0) {
+		lp_error(series->options->source, "exposure", "%g us: %s — the series ends",
+			 (double)us, lp_strerror(ret));
+		end(series, LP_EXIT_FAILURE);
+		return;
+	}
+	series->shot = (struct lp_series_shot){.step = step,
+					       .exposure_us = us,
+					       .t_command_ns = lp_clock_ns()};
+	series->frames = 0;
+}
+
+static void on_frame(void *context, struct lp_frame *frame)
+{
+	struct series *series = context;
+	const bool last = frame->flags & LP_FRAME_LAST;
+	const int wanted = series->options->series_frames;
+
+	if (series->ending) {
+		lp_frame_release(frame);
+		return;
+	}
+	lp_series_writer_put(series->writer, frame, &series->shot);
+	series->frames++;
+	if (last)
+		end(series, LP_EXIT_OK);
+	else if (!wanted || series->frames < wanted)
+		return;
+	else if (series->shot.step + 1 < series->schedule.count)
+		command(series, series->shot.step + 1);
+	else
+		end(series, LP_EXIT_OK);
+}
+
+static void begin(struct series *series)
+{
+	struct lp_source_caps caps;
+
+	series->source->ops->caps(series->source, &caps);
+	series->begun = true;
+	lp_series_writer_camera(series->writer, series->source->ops->scheme, &caps);
+	if (series->options->series_us.count == 0)
+		return;
+	if (!caps.exposure_settable || !series->source->ops->set_exposure) {
+		lp_error(series->options->source, "exposure",
+			 "this camera's exposure cannot be set — leave --series-us out to take its "
+			 "frames as they come");
+		end(series, LP_EXIT_FAILURE);
+		return;
+	}
+	make_schedule(series, &caps);
+	command(series, 0);
+}
+
+static void on_state(void *context, enum lp_source_state state, const char *reason)
+{
+	struct series *series = context;
+
+	(void)reason; /* the source has logged it */
+	if (series->ending)
+		return;
+	if (state == LP_SOURCE_STREAMING && !series->begun) {
+		begin(series);
+	} else if (state == LP_SOURCE_DOWN || (state == LP_SOURCE_WAITING && series->begun)) {
+		lp_error(series->options->source, "series",
+			 "the camera has gone: the series is not complete — run it again");
+		end(series, LP_EXIT_FAILURE);
+	} else if (state == LP_SOURCE_ENDED) {
+		end(series, series->begun ? LP_EXIT_OK : LP_EXIT_FAILURE);
+	}
+}
+
+static void on_source_ready(void *context)
+{
+	struct series *series = context;
+
+	(void)series->source->ops->dispatch(series->source);
+}
+
+static void on_signal(void *context, int signal_number)
+{
+	lp_info("lightprobed", "signal", "%s: ending", strsignal(signal_number));
+	end(context, LP_EXIT_FAILURE);
+}
+
+static void on_tick(void *context)
+{
+	struct series *series = context;
+
+	if (lp_series_writer_error(series->writer) < 0)
+		end(series, LP_EXIT_FAILURE);
+	lp_log_flush(0);
+}
+
+/* Everything that can be wrong in what the user wrote shows here. */
+static int create_all(struct series *series)
+{
+	const struct lp_options *options = series->options;
+	const struct lp_source_host host = {.context = series,
+					    .once = true,
+					    .frame = on_frame,
+					    .state = on_state,
+					    .camera = options->camera};
+	struct lp_source_caps caps;
+	int ret;
+
+	if (!*options->source || options->once) {
+		lp_error("lightprobed", "--series", "needs a --source, and goes without --once");
+		return -EINVAL;
+	}
+	ret = lp_source_open(options->source, &host, &series->source);
+	if (ret < 0)
+		return ret;
+	series->source->ops->caps(series->source, &caps);
+	if (options->series_us.count && !series->source->ops->set_exposure) {
+		lp_error(options->source, "--series-us",
+			 "the exposure of this source cannot be set — leave it out");
+		return -EINVAL;
+	}
+	if (!options->series_frames && !caps.finite) {
+		lp_error(options->source, "--series-frames",
+			 "a camera has no end: say how many frames are wanted");
+		return -EINVAL;
+	}
+	return lp_series_writer_create(options->series, &series->writer);
+}
+
+static int start_all(struct series *series)
+{
+	static const int signals[] = {SIGINT, SIGTERM, SIGHUP};
+	int ret = lp_loop_create(&series->loop);
+
+	for (size_t i = 0; i < sizeof(signals) / sizeof(signals[0]) && ret == 0; i++)
+		ret = lp_loop_on_signal(series->loop, signals[i], on_signal, series);
+	if (ret == 0)
+		ret = lp_loop_every(series->loop, TICK_MS, on_tick, series);
+	if (ret == 0)
+		ret = lp_loop_watch(series->loop, series->source->ops->fd(series->source),
+				    on_source_ready, series);
+	if (ret < 0) {
+		lp_error("lightprobed", "loop", "%s", lp_strerror(ret));
+		return ret;
+	}
+	return series->source->ops->start(series->source);
+}
+
+int lp_series_run(const struct lp_options *options)
+{
+	struct series series = {.options = options,
+				.shot = {.step = -1, .exposure_us = NAN},
+				.exit_code = LP_EXIT_USAGE};
+
+	if (create_all(&series) == 0) {
+		series.exit_code = LP_EXIT_FAILURE;
+		if (start_all(&series) == 0)
+			lp_loop_run(series.loop);
+	}
+	lp_loop_destroy(series.loop);
+	/* Frames go back before their source. */
+	if (series.writer &&
+	    lp_series_writer_finish(series.writer, series.exit_code == LP_EXIT_OK) < 0)
+		series.exit_code = LP_EXIT_FAILURE;
+	if (series.source)
+		series.source->ops->destroy(series.source);
+	lp_log_flush(1);
+	return series.exit_code;
+}

@@ -1,0 +1,158 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "app/sweep.h"
+
+#include <math.h>
+#include <stddef.h>
+
+#include "base/clock.h"
+#include "include/frame.h"
+
+#define ANSWER_NS (100 * LP_NS_PER_MS) /* a frame waits no longer for its angle */
+#define SAME_DEG 0.02F
+
+static bool turning(const struct lp_sweep *sweep)
+{
+	const enum lp_wheel_phase phase = sweep->report->state.phase;
+
+	return phase == LP_WHEEL_MOVING || phase == LP_WHEEL_HOMING;
+}
+
+bool lp_sweep_lost(const struct lp_sweep *sweep)
+{
+	return sweep->report->state.phase != LP_WHEEL_SETTLED && !turning(sweep);
+}
+
+/* ---------------------------------------------------------------- frames */
+
+static void pass(struct lp_sweep *sweep, struct lp_frame *frame, float wheel_deg, float sigma_deg)
+{
+	frame->wheel_deg = wheel_deg;
+	frame->wheel_sigma_deg = sigma_deg;
+	if (isnan(wheel_deg))
+		sweep->report->frames_unknown++;
+	else
+		sweep->report->frames_stamped++;
+	sweep->host.frame(sweep->host.context, frame);
+}
+
+static void leave_out(struct lp_sweep *sweep, struct lp_frame *frame)
+{
+	sweep->report->frames_moving++;
+	lp_frame_release(frame);
+}
+
+static struct lp_frame *take_held(struct lp_sweep *sweep)
+{
+	struct lp_frame *frame = sweep->held;
+
+	sweep->held = NULL;
+	return frame;
+}
+
+/* The end of the exposure, or later. */
+static int64_t end_ns(const struct lp_frame *frame)
+{
+	return isnan(frame->exposure_us)
+		       ? frame->t_arrival_ns
+		       : frame->t_start_ns + (int64_t)((double)frame->exposure_us * 1e3);
+}
+
+/* No answer came, or none that says anything: without an angle, unless it was turning. */
+static void give_up(struct lp_sweep *sweep)
+{
+	struct lp_frame *frame = take_held(sweep);
+
+	if (!frame)
+		return;
+	if (turning(sweep))
+		leave_out(sweep, frame);
+	else
+		pass(sweep, frame, NAN, NAN);
+}
+
+static void judge(struct lp_sweep *sweep)
+{
+	const struct lp_wheel_state *state = &sweep->report->state;
+	struct lp_frame *frame = sweep->held;
+
+	if (!frame)
+		return;
+	if (lp_sweep_lost(sweep) || turning(sweep)) {
+		give_up(sweep);
+		return;
+	}
+	if (state->t_seen_ns < end_ns(frame))
+		return;
+	frame = take_held(sweep);
+	if (state->t_phase_ns > frame->t_start_ns)
+		leave_out(sweep, frame);
+	else if (isnan(state->sigma_deg))
+		pass(sweep, frame, NAN, NAN);
+	else
+		pass(sweep, frame, state->measured_deg, state->sigma_deg);
+}
+
+void lp_sweep_frame(struct lp_sweep *sweep, struct lp_frame *frame, int64_t now_ns)
+{
+	give_up(sweep); /* the one before */
+	if (lp_sweep_lost(sweep) || (frame->flags & LP_FRAME_LAST)) {
+		pass(sweep, frame, NAN, NAN);
+	} else if (turning(sweep)) {
+		leave_out(sweep, frame);
+	} else {
+		sweep->held = frame;
+		sweep->t_held_ns = now_ns;
+		sweep->host.look(sweep->host.context);
+	}
+}
+
+/* ---------------------------------------------------------------- angles */
+
+static bool arrived(const struct lp_sweep *sweep)
+{
+	const struct lp_wheel_state *state = &sweep->report->state;
+
+	return state->phase == LP_WHEEL_SETTLED &&
+	       fabsf(state->commanded_deg - sweep->angles_deg[sweep->at]) < SAME_DEG;
+}
+
+static void go_on(struct lp_sweep *sweep, int64_t now_ns)
+{
+	if (!arrived(sweep)) {
+		sweep->t_arrived_ns = 0;
+		return;
+	}
+	if (sweep->t_arrived_ns == 0) {
+		sweep->t_arrived_ns = now_ns;
+		sweep->report->moves++;
+	}
+	if (sweep->angle_count > 1 && now_ns - sweep->t_arrived_ns >= sweep->dwell_ns) {
+		sweep->at = (sweep->at + 1) % sweep->angle_count;
+		sweep->t_arrived_ns = 0;
+		sweep->host.move(sweep->host.context, sweep->angles_deg[sweep->at]);
+	}
+}
+
+void lp_sweep_start(struct lp_sweep *sweep)
+{
+	sweep->host.move(sweep->host.context, sweep->angles_deg[0]);
+}
+
+void lp_sweep_state(struct lp_sweep *sweep, const struct lp_wheel_state *state, int64_t now_ns)
+{
+	sweep->report->state = *state;
+	judge(sweep);
+	go_on(sweep, now_ns);
+}
+
+void lp_sweep_tick(struct lp_sweep *sweep, int64_t now_ns)
+{
+	if (sweep->held && now_ns - sweep->t_held_ns > ANSWER_NS)
+		give_up(sweep);
+	go_on(sweep, now_ns);
+}
+
+void lp_sweep_finish(struct lp_sweep *sweep)
+{
+	lp_frame_release(take_held(sweep));
+}

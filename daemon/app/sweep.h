@@ -1,0 +1,54 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Which way the polarizer stood during a frame's exposure. A frame gets an angle only when the
+ * wheel's device, asked after the frame had come, says that the wheel has been settled since before
+ * the exposure began. Until the answer comes the frame waits; a frame exposed while the wheel moved
+ * is left out; where nothing is known of the wheel the frame passes without an angle.
+ *
+ * Besides, it goes round the angles that were asked for. No I/O: time and states are handed in.
+ */
+#ifndef LP_APP_SWEEP_H
+#define LP_APP_SWEEP_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "app/health.h"
+#include "include/rotator.h"
+
+#define LP_SWEEP_ANGLES 16
+
+struct lp_frame;
+
+struct lp_sweep_host {
+	void *context;
+	void (*frame)(void *context, struct lp_frame *frame); /* takes over the reference */
+	void (*move)(void *context, float target_deg);
+	void (*look)(void *context);
+};
+
+struct lp_sweep {
+	struct lp_sweep_host host;
+	struct lp_wheel_report *report; /* counted into; borrowed */
+	int angle_count;
+	float angles_deg[LP_SWEEP_ANGLES];
+	int64_t dwell_ns;
+	int at;		      /* angles_deg[at] is commanded */
+	int64_t t_arrived_ns; /* 0: not there yet */
+	struct lp_frame *held;
+	int64_t t_held_ns;
+};
+
+/* Commands the first angle. */
+void lp_sweep_start(struct lp_sweep *sweep);
+void lp_sweep_state(struct lp_sweep *sweep, const struct lp_wheel_state *state, int64_t now_ns);
+/* Takes over the reference to `frame`. */
+void lp_sweep_frame(struct lp_sweep *sweep, struct lp_frame *frame, int64_t now_ns);
+/* Several times a second. */
+void lp_sweep_tick(struct lp_sweep *sweep, int64_t now_ns);
+void lp_sweep_finish(struct lp_sweep *sweep); /* releases what waits */
+
+/* The wheel is not where it should be, or nobody knows. */
+bool lp_sweep_lost(const struct lp_sweep *sweep);
+
+#endif

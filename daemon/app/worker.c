@@ -1,0 +1,213 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "app/worker.h"
+
+#include <errno.h>
+#include <math.h>
+#include <pthread.h>
+#include <stdatomic.h>
+#include <stdlib.h>
+
+#include "base/clock.h"
+#include "base/log.h"
+#include "base/mailbox.h"
+#include "base/pool.h"
+#include "include/frame.h"
+
+#define LOSSLESS_FRAMES 64 /* more than any source has */
+#define RESULTS 4	   /* so many the loop may be late before one is lost */
+
+struct lp_worker {
+	struct lp_pipeline *pipeline;
+	struct lp_mailbox *inbox, *outbox;
+	struct lp_pool *results;
+	pthread_t thread;
+	bool thread_runs;
+	atomic_int demand_sh_order, demand_max_lights;
+	pthread_mutex_t control_lock;
+	struct lp_camera_control control;
+	bool control_is_new;
+	atomic_int new_preset; /* -1: none */
+	atomic_uint_fast64_t rejected;
+	atomic_int_fast64_t busy_since_ns; /* 0: idle */
+};
+
+/* Hand a new control to the pipeline. Returns its first command; NAN: none. */
+static float take_control(struct lp_worker *worker)
+{
+	struct lp_camera_control control;
+	float command_us = NAN;
+	bool is_new;
+
+	pthread_mutex_lock(&worker->control_lock);
+	control = worker->control;
+	is_new = worker->control_is_new;
+	worker->control_is_new = false;
+	pthread_mutex_unlock(&worker->control_lock);
+	if (is_new)
+		lp_pipeline_control(worker->pipeline, &control, &command_us);
+	return command_us;
+}
+
+/* Run the pipeline, or count the frame that the driver marked corrupt as refused. */
+static int process(struct lp_worker *worker, struct lp_frame *frame, struct lp_result *result)
+{
+	const int preset = atomic_exchange(&worker->new_preset, -1);
+	float first_us = take_control(worker);
+	int ret;
+
+	if (preset >= 0)
+		(void)lp_pipeline_set_preset(worker->pipeline, (enum lp_preset)preset);
+
+	result->command_us = NAN;
+	result->demand = (struct lp_demand){.sh_order = atomic_load(&worker->demand_sh_order),
+					    .max_lights = atomic_load(&worker->demand_max_lights)};
+	if (frame->flags & LP_FRAME_CORRUPT) {
+		lp_frame_release(frame);
+		ret = -EBADMSG;
+	} else {
+		ret = lp_pipeline_process(worker->pipeline, frame, &result->demand,
+					  &result->estimates, &result->command_us);
+	}
+	if (isnan(result->command_us))
+		result->command_us = first_us;
+	if (ret < 0 && ret != -EAGAIN)
+		atomic_fetch_add(&worker->rejected, 1);
+	return ret;
+}
+
+static void *work(void *argument)
+{
+	struct lp_worker *worker = argument;
+	struct lp_result *result = lp_pool_take(worker->results);
+	struct lp_frame *frame;
+
+	while (result && (frame = lp_mailbox_wait(worker->inbox)) != NULL) {
+		atomic_store(&worker->busy_since_ns, lp_clock_ns());
+		result->last_frame = frame->flags & LP_FRAME_LAST;
+		result->status = process(worker, frame, result);
+		atomic_store(&worker->busy_since_ns, 0);
+		if (result->status < 0 && !result->last_frame && isnan(result->command_us))
+			continue;
+		result = lp_mailbox_put(worker->outbox, result);
+		if (!result)
+			result = lp_pool_take(worker->results);
+	}
+	if (result)
+		lp_pool_give(worker->results, result);
+	else
+		lp_error("worker", "result", "out of memory: no more estimates");
+	return NULL;
+}
+
+int lp_worker_create(struct lp_pipeline *pipeline, bool lossless, struct lp_worker **worker)
+{
+	struct lp_worker *self = calloc(1, sizeof(*self));
+	int ret = -ENOMEM;
+
+	if (!self) {
+		lp_pipeline_destroy(pipeline);
+		return -ENOMEM;
+	}
+	self->pipeline = pipeline;
+	atomic_init(&self->new_preset, -1);
+	(void)pthread_mutex_init(&self->control_lock, NULL);
+	self->inbox = lp_mailbox_create(lossless ? LOSSLESS_FRAMES : 1);
+	self->outbox = lp_mailbox_create(RESULTS);
+	/* One at work and one at the loop besides those that wait: there is always one to take. */
+	self->results = lp_pool_create(sizeof(struct lp_result), RESULTS + 2, NULL);
+	if (!self->inbox || !self->outbox || !self->results)
+		goto err_destroy;
+	ret = -pthread_create(&self->thread, NULL, work, self);
+	if (ret < 0)
+		goto err_destroy;
+	self->thread_runs = true;
+	*worker = self;
+	return 0;
+err_destroy:
+	lp_error("worker", "start", "%s", lp_strerror(ret));
+	lp_worker_destroy(self);
+	return ret;
+}
+
+void lp_worker_submit(struct lp_worker *worker, struct lp_frame *frame,
+		      const struct lp_demand *demand)
+{
+	atomic_store(&worker->demand_sh_order, demand->sh_order);
+	atomic_store(&worker->demand_max_lights, demand->max_lights);
+	lp_frame_release(lp_mailbox_put(worker->inbox, frame));
+}
+
+void lp_worker_control(struct lp_worker *worker, const struct lp_camera_control *control)
+{
+	pthread_mutex_lock(&worker->control_lock);
+	worker->control = *control;
+	worker->control_is_new = true;
+	pthread_mutex_unlock(&worker->control_lock);
+}
+
+void lp_worker_preset(struct lp_worker *worker, enum lp_preset preset)
+{
+	atomic_store(&worker->new_preset, (int)preset);
+}
+
+int lp_worker_fd(const struct lp_worker *worker)
+{
+	return lp_mailbox_fd(worker->outbox);
+}
+
+struct lp_result *lp_worker_take(struct lp_worker *worker)
+{
+	return lp_mailbox_take(worker->outbox);
+}
+
+void lp_worker_give(struct lp_worker *worker, struct lp_result *result)
+{
+	lp_pool_give(worker->results, result);
+}
+
+uint64_t lp_worker_dropped(struct lp_worker *worker)
+{
+	return lp_mailbox_lost(worker->inbox);
+}
+
+uint64_t lp_worker_rejected(struct lp_worker *worker)
+{
+	return atomic_load(&worker->rejected);
+}
+
+int64_t lp_worker_busy_ns(struct lp_worker *worker)
+{
+	const int64_t since_ns = atomic_load(&worker->busy_since_ns);
+
+	return since_ns ? lp_clock_ns() - since_ns : 0;
+}
+
+static void discard_frames(struct lp_worker *worker)
+{
+	struct lp_frame *frame;
+
+	while (worker->inbox && (frame = lp_mailbox_take(worker->inbox)) != NULL)
+		lp_frame_release(frame);
+}
+
+void lp_worker_destroy(struct lp_worker *worker)
+{
+	struct lp_result *result;
+
+	if (!worker)
+		return;
+	discard_frames(worker);
+	if (worker->thread_runs) {
+		lp_mailbox_close(worker->inbox);
+		pthread_join(worker->thread, NULL);
+	}
+	discard_frames(worker);
+	while (worker->outbox && (result = lp_mailbox_take(worker->outbox)) != NULL)
+		lp_pool_give(worker->results, result);
+	lp_pool_destroy(worker->results);
+	lp_mailbox_destroy(worker->outbox);
+	lp_mailbox_destroy(worker->inbox);
+	lp_pipeline_destroy(worker->pipeline);
+	(void)pthread_mutex_destroy(&worker->control_lock);
+	free(worker);
+}

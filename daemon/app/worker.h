@@ -1,0 +1,56 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The thread that owns the pipeline. Frames go in, estimates come out through one descriptor. A
+ * frame that finds the worker busy waits; the next one takes its place, counted (newest wins). A
+ * lossless worker keeps them all instead: the source's own pool limits how many there can be.
+ */
+#ifndef LP_APP_WORKER_H
+#define LP_APP_WORKER_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "app/pipeline.h"
+
+struct lp_worker;
+
+struct lp_result {
+	int status;		 /* of lp_pipeline_process(); only 0 comes with estimates */
+	bool last_frame;	 /* the frame was flagged LP_FRAME_LAST */
+	float command_us;	 /* exposure times gain to command of the camera; NAN: leave it */
+	struct lp_demand demand; /* what was computed */
+	struct lp_estimates estimates;
+};
+
+/* Starts the thread. Takes over `pipeline`, also on error. */
+int lp_worker_create(struct lp_pipeline *pipeline, bool lossless, struct lp_worker **worker);
+
+/* Takes over the reference to `frame`. Loop thread. */
+void lp_worker_submit(struct lp_worker *worker, struct lp_frame *frame,
+		      const struct lp_demand *demand);
+
+/* The camera streams (again), and this is what can be done about its exposure. Loop thread. */
+void lp_worker_control(struct lp_worker *worker, const struct lp_camera_control *control);
+
+/* Work by another preset from the next frame on: lp_pipeline_set_preset(). Loop thread. */
+void lp_worker_preset(struct lp_worker *worker, enum lp_preset preset);
+
+/* Readable while a result waits. */
+int lp_worker_fd(const struct lp_worker *worker);
+
+/* The oldest result, for lp_worker_give(); NULL when there is none. A frame that gave no estimate
+ * has a result only when it was the last one, or when there is a command. Loop thread. */
+struct lp_result *lp_worker_take(struct lp_worker *worker);
+void lp_worker_give(struct lp_worker *worker, struct lp_result *result);
+
+/* Frames replaced by a newer one, and frames that the pipeline or the driver refused. */
+uint64_t lp_worker_dropped(struct lp_worker *worker);
+uint64_t lp_worker_rejected(struct lp_worker *worker);
+
+/* For how long the frame at work has been so; 0: idle. */
+int64_t lp_worker_busy_ns(struct lp_worker *worker);
+
+/* Accepts NULL. Waits for the frame at work; releases all frames, destroys the pipeline. */
+void lp_worker_destroy(struct lp_worker *worker);
+
+#endif
