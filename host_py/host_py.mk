@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
+# The Python package, installed in editable form into build/venv with everything it and its tests need.
+
+.PHONY: setup-python python check-python format-python
+setup-python: $(STAMPS)/venv
+
+$(STAMPS)/venv: host_py/pyproject.toml host_py/hatch_build.py host_py/constraints.txt $(wildcard proto/*.proto proto/*.dbc) | $(call apt,build)
+	@echo 'setup: Python packages into $(VENV) (host_py/constraints.txt)'
+	@[ -x $(VENV)/bin/python ] || $(PYTHON) -m venv $(VENV)
+	@PIP_CONSTRAINT=host_py/constraints.txt $(VENV)/bin/pip install --quiet --disable-pip-version-check -e 'host_py[dev]'
+	@mkdir -p $(@D) && touch $@
+
+# Tools find other programs beside their interpreter. The last one is there after `make firmware-avr`.
+python: $(STAMPS)/venv daemon firmware-host
+	@ln -sf ../../release/bin/lightprobed $(VENV)/bin/lightprobed
+	@ln -sf ../../firmware/lightprobe-mcu-host ../../firmware/lightprobe-mcu-simavr $(VENV)/bin
+
+RUFF := RUFF_CACHE_DIR=$(BUILD)/cache/ruff $(VENV)/bin/ruff --config host_py/pyproject.toml
+
+check-python:
+	@$(RUFF) format --check -q host_py tests
+	@$(RUFF) check -q host_py tests
+	@$(VENV)/bin/mypy --config-file host_py/pyproject.toml host_py/lightprobe
+
+format-python:
+	@$(RUFF) format -q host_py tests
+	@$(RUFF) check -q --fix host_py tests
+
+# Real panoramas, for the demo and the accuracy tests.
+.PHONY: scenes
+scenes: $(BUILD)/scenes/blender.stamp ## fetch CC0 panoramas (Debian's blender-data) into build/scenes
+
+$(BUILD)/scenes/blender.stamp: packaging/fetch-scenes
+	@packaging/fetch-scenes $(@D)
+	@touch $@
+
+.PHONY: evaluate
+evaluate: build $(BUILD)/scenes/blender.stamp ## accuracy against exact truth: table, build/evaluate/accuracy.{json,png}
+	@mkdir -p $(BUILD)/evaluate
+	@$(VENV)/bin/lightprobe evaluate --scenes procedural --scenes blender --brackets float,1,2,3,4 \
+		--settings preset=fast --settings preset=balanced --settings preset=accurate \
+		--plot $(BUILD)/evaluate/accuracy.png --json-file $(BUILD)/evaluate/accuracy.json
+
+.PHONY: accuracy
+accuracy: build $(BUILD)/scenes/blender.stamp ## measure accuracy anew and write it into docs/accuracy.md (ten minutes)
+	@$(VENV)/bin/python tests/accuracy/report.py

@@ -1,0 +1,5 @@
+"""`python -m lightprobe` is the command `lightprobe`."""
+
+from lightprobe.cli import main
+
+main()

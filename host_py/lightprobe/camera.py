@@ -1,0 +1,260 @@
+"""Cameras: where a pixel looks. Equirectangular, or fisheye lenses by a camera file.
+
+The file is INI; its numbers refer to the size it states, and any other frame size is scaled:
+
+    [camera]   version = 1, name, projection = equirect | fisheye, width_px, height_px
+    [lens.0]   cx_px, cy_px       image centre; the first pixel's centre is at (0.5, 0.5)
+               fx_px, fy_px       focal lengths; r = f·(θ + k1·θ³ + k2·θ⁵ + k3·θ⁷ + k4·θ⁹)
+               k1 … k4            (Kannala and Brandt 2006); default 0
+               max_theta_deg      half the field of view
+               rotation_wxyz      quaternion from the lens' frame (x right, y up, −z forward)
+                                  to the probe's; default 1, 0, 0, 0
+               rolloff            a1, a2, a3: relative illumination 1 + a1·θ² + a2·θ⁴ + a3·θ⁶
+               mask               PGM beside the file; 0 where the lens sees nothing useful
+    [lens.1]   …
+    [response] table              file of 256 rows r g b: linear light of each code, scaled so
+                                  that the last row of green is 1; default sRGB
+"""
+
+from __future__ import annotations
+
+import configparser
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lightprobe.colour import srgb_table
+from lightprobe.errors import LightprobeError
+from lightprobe.geometry import Array, equirect_direction, rotation_matrix
+
+VERSION = 1  # of the format
+_THETA_STEPS = 4096
+
+
+class CameraError(LightprobeError):
+    """A camera file that cannot be used; names file, section and key."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lens:
+    """One fisheye lens; pixels of the size that the camera states."""
+
+    centre_px: tuple[float, float]
+    focal_px: tuple[float, float]
+    k: tuple[float, float, float, float]
+    max_theta_deg: float
+    rotation_wxyz: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0)
+    rolloff: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    mask: NDArray[np.uint8] | None = None
+
+    def radius(self, theta: ArrayLike) -> Array:
+        """Image radius in focal lengths at angle theta (rad) off the axis."""
+        t = np.asarray(theta, dtype=np.float64)
+        odd = (t ** (2 * power + 3) * k for power, k in enumerate(self.k))
+        return np.asarray(t + sum(odd, np.zeros_like(t)))
+
+    def illumination(self, theta: ArrayLike) -> Array:
+        """Relative illumination at angle theta (rad) off the axis; 1 on it, never below 0."""
+        square = np.asarray(theta, dtype=np.float64) ** 2
+        a1, a2, a3 = self.rolloff
+        return np.maximum(1 + square * (a1 + square * (a2 + square * a3)), 0)
+
+    def offset(self, x_px: Array, y_px: Array) -> tuple[Array, Array, Array]:
+        """Right, down and radial distance from the image centre, in focal lengths."""
+        a = (x_px - self.centre_px[0]) / self.focal_px[0]
+        b = (y_px - self.centre_px[1]) / self.focal_px[1]
+        return a, b, np.hypot(a, b)
+
+    def look(self, x_px: Array, y_px: Array) -> tuple[Array, Array]:
+        """Give (direction (…, 3) in the probe frame, theta in rad); NaN where nothing is seen."""
+        a, b, radius = self.offset(x_px, y_px)
+        steps = np.linspace(0, np.radians(self.max_theta_deg), _THETA_STEPS)
+        theta = np.interp(radius, self.radius(steps), steps, right=np.nan)
+        scale = np.sin(theta) / np.where(radius > 0, radius, 1)
+        direction = np.stack([a * scale, -b * scale, -np.cos(theta)], axis=-1)
+        return direction @ rotation_matrix(self.rotation_wxyz).T, theta
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A camera: a projection and a response."""
+
+    name: str
+    width_px: int
+    height_px: int
+    lenses: tuple[Lens, ...] = ()  # none: equirectangular
+    response: Array | None = None  # (256, 3) linear light of each code; None: sRGB
+
+    @property
+    def is_equirect(self) -> bool:
+        """True for an equirectangular picture."""
+        return not self.lenses
+
+    def response_table(self) -> Array:
+        """Linear light (256, 3) of the codes, full scale = 1."""
+        return np.repeat(srgb_table()[:, None], 3, 1) if self.response is None else self.response
+
+    def look(self, width_px: int, height_px: int) -> tuple[Array, Array]:
+        """Directions (H, W, 3) of a frame's pixels and relative illumination (H, W).
+
+        Where nothing is seen the illumination is 0 and the direction NaN.
+        """
+        if self.is_equirect:
+            columns, rows = np.arange(width_px)[None, :], np.arange(height_px)[:, None]
+            directions = equirect_direction(columns, rows, width_px, height_px)
+            return directions, np.ones((height_px, width_px))
+        x, y = self._stated_px(width_px, height_px)
+        owner = self.owner(width_px, height_px)
+        directions = np.full((height_px, width_px, 3), np.nan)
+        illumination = np.zeros((height_px, width_px))
+        for number, lens in enumerate(self.lenses):
+            direction, theta = lens.look(x, y)
+            seen = np.isfinite(theta) & (owner == number)
+            if lens.mask is not None:
+                size = (width_px, height_px)
+                seen &= cv2.resize(lens.mask, size, interpolation=cv2.INTER_NEAREST) > 0
+            directions[seen] = direction[seen]
+            illumination[seen] = lens.illumination(theta[seen])
+        return directions, illumination
+
+    def owner(self, width_px: int, height_px: int) -> NDArray[np.intp]:
+        """Index (H, W) of the lens that a frame's pixels belong to: the nearest; 0 without any."""
+        if self.is_equirect:
+            return np.zeros((height_px, width_px), np.intp)
+        x, y = self._stated_px(width_px, height_px)
+        return np.asarray(np.argmin([lens.offset(x, y)[2] for lens in self.lenses], axis=0))
+
+    def _stated_px(self, width_px: int, height_px: int) -> tuple[Array, Array]:
+        """Where a frame's pixels (H, W) are in a picture of the size that the camera states."""
+        x = (np.arange(width_px)[None, :] + 0.5) * self.width_px / width_px
+        y = (np.arange(height_px)[:, None] + 0.5) * self.height_px / height_px
+        x, y = np.broadcast_arrays(x, y)
+        return x, y
+
+
+def equirect(width_px: int = 1920, height_px: int = 960) -> Camera:
+    """Give the camera whose frames are panoramas already."""
+    return Camera("equirect", width_px, height_px)
+
+
+def load(name: str) -> Camera:
+    """`equirect`, or the path of a camera file; raises :class:`CameraError`."""
+    if name == "equirect":
+        return equirect()
+    path = Path(name)
+    config = configparser.ConfigParser(inline_comment_prefixes=(";", "#"))
+    try:
+        with open(path) as file:
+            config.read_file(file)
+    except OSError as error:
+        raise CameraError(f"camera: {path}: open: {error.strerror}") from None
+    except (configparser.Error, UnicodeDecodeError) as error:
+        raise CameraError(f"camera: {path}: parse: {error}") from None
+    return _camera(_Section(path, config))
+
+
+class _Section:
+    """Values of a section; what is missing or wrong is named by file, section and key."""
+
+    def __init__(self, path: Path, config: configparser.ConfigParser, name: str = "camera") -> None:
+        self.path, self.config, self.name = path, config, name
+        if not config.has_section(name):
+            raise CameraError(f"camera: {path}: section [{name}] is missing")
+
+    def text(self, key: str, default: str | None = None) -> str:
+        value = self.config.get(self.name, key, fallback=default)
+        if value is None:
+            raise CameraError(f"camera: {self.path}: [{self.name}] {key} is missing")
+        return value
+
+    def numbers(self, key: str, count: int, default: str | None = None) -> tuple[float, ...]:
+        text = self.text(key, default)
+        try:
+            values = tuple(float(word) for word in text.replace(",", " ").split())
+        except ValueError:
+            values = ()
+        if len(values) != count or not np.all(np.isfinite(values)):
+            wanted = "a number" if count == 1 else f"{count} numbers"
+            raise CameraError(f"camera: {self.path}: [{self.name}] {key} = {text}: want {wanted}")
+        return values
+
+    def number(self, key: str, default: str | None = None) -> float:
+        return self.numbers(key, 1, default)[0]
+
+
+def _camera(section: _Section) -> Camera:
+    version = section.text("version", str(VERSION))
+    if version != str(VERSION):
+        raise CameraError(
+            f"camera: {section.path}: [camera] version = {version}: this lightprobe reads {VERSION}"
+        )
+    projection = section.text("projection")
+    if projection not in ("equirect", "fisheye"):
+        raise CameraError(
+            f"camera: {section.path}: [camera] projection = {projection}: want equirect or fisheye"
+        )
+    config = section.config
+    names = sorted(n for n in config.sections() if n.startswith("lens."))
+    if (projection == "fisheye") != bool(names):
+        raise CameraError(
+            f"camera: {section.path}: {projection} with {len(names)} [lens.N] sections"
+        )
+    return Camera(
+        name=section.text("name", section.path.stem),
+        width_px=int(section.number("width_px")),
+        height_px=int(section.number("height_px")),
+        lenses=tuple(_lens(_Section(section.path, config, name)) for name in names),
+        response=_response(section) if config.has_option("response", "table") else None,
+    )
+
+
+def _lens(section: _Section) -> Lens:
+    k = tuple(section.number(f"k{i}", "0") for i in (1, 2, 3, 4))
+    rolloff = section.numbers("rolloff", 3, "0, 0, 0")
+    lens = Lens(
+        centre_px=(section.number("cx_px"), section.number("cy_px")),
+        focal_px=(section.number("fx_px"), section.number("fy_px")),
+        k=(k[0], k[1], k[2], k[3]),
+        max_theta_deg=section.number("max_theta_deg"),
+        rotation_wxyz=section.numbers("rotation_wxyz", 4, "1, 0, 0, 0"),
+        rolloff=(rolloff[0], rolloff[1], rolloff[2]),
+        mask=_mask(section),
+    )
+    where = f"camera: {section.path}: [{section.name}]"
+    if not 0 < lens.max_theta_deg <= 180 or min(lens.focal_px) <= 0 or not any(lens.rotation_wxyz):
+        raise CameraError(f"{where} want 0 < max_theta_deg ≤ 180, fx_px, fy_px > 0, a rotation")
+    steps = np.linspace(0, np.radians(lens.max_theta_deg), _THETA_STEPS)
+    if np.any(np.diff(lens.radius(steps)) <= 0):
+        raise CameraError(f"{where} k1…k4: the radius does not grow up to {lens.max_theta_deg}°")
+    return lens
+
+
+def _mask(section: _Section) -> NDArray[np.uint8] | None:
+    name = section.text("mask", "")
+    if not name:
+        return None
+    path = section.path.parent / name
+    mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None
+    if mask is None:
+        raise CameraError(f"camera: {section.path}: [{section.name}] mask {path}: no readable PGM")
+    return np.asarray(mask, dtype=np.uint8)
+
+
+def _response(section: _Section) -> Array:
+    return read_table(section.path.parent / section.config.get("response", "table"))
+
+
+def read_table(path: Path) -> Array:
+    """Read a response table (256, 3), the last row of green = 1; raises :class:`CameraError`."""
+    try:
+        table = np.loadtxt(path, dtype=np.float64)
+    except (OSError, ValueError) as error:
+        raise CameraError(f"camera: {path}: response table: {error}") from None
+    if table.shape != (256, 3) or np.any(np.diff(table, axis=0) < 0):
+        raise CameraError(f"camera: {path}: want 256 rows r g b that never fall")
+    if table[255, 1] <= 0:
+        raise CameraError(f"camera: {path}: the last row of green is the scale: want it above 0")
+    return np.asarray(table / table[255, 1])

@@ -1,0 +1,305 @@
+"""What the probe says, typed: arrays are numpy, units are in names, unknown is None (never 0)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import IntFlag
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lightprobe import sh as harmonics
+from lightprobe.geometry import Array, angles_from_direction, cap_solid_angle_sr
+
+Kind = Literal["AMBIENT", "TOTAL"]
+
+
+class LightFlag(IntFlag):
+    """Bits of a light's flags; the same values as LightFlag of proto/lightprobe.proto."""
+
+    CLIPPED = 1
+    REFLECTION = 2
+    EXTENDED = 4
+    RING = 8
+    HELD = 16
+
+
+NO_LIGHT_FLAG = LightFlag(0)
+
+
+class EstimateFlag(IntFlag):
+    """Why an estimate is less than the probe at its best; 0 is a healthy one."""
+
+    STALE = 1
+    EXPOSURE_UNKNOWN = 2
+    CLIPPED = 4
+    UNDEREXPOSED = 8
+    BRACKET_INCOMPLETE = 16
+    PARTIAL_VIEW = 32
+    MORE_LIGHTS = 64
+    INVALID_INPUT = 128
+    DEGRADED = 256
+    RING_ONLY = 512
+    EXPOSURE_IGNORED = 1024
+    RING_FAULT = 2048
+    WHEEL_FAULT = 4096
+    NO_LIGHT = 8192
+
+
+#: The flags in words, each with what to do about it where something can be done.
+FLAG_WORDS: dict[str, str] = {
+    "STALE": "no frame for longer than its time to live: the last estimate, repeated",
+    "EXPOSURE_UNKNOWN": "the camera tells no exposure: light is relative to full scale",
+    "CLIPPED": "saturated in every exposure used: light is missing; use shorter exposures",
+    "UNDEREXPOSED": "most of the picture is below the noise; use longer exposures",
+    "BRACKET_INCOMPLETE": "not all exposures of the bracket have arrived",
+    "PARTIAL_VIEW": "part of the sphere is not seen: filled, not measured",
+    "MORE_LIGHTS": "more lamps found than listed; the rest is in the SH",
+    "INVALID_INPUT": "NaN, infinite or negative samples were left out",
+    "DEGRADED": "the governor lowered the preset to keep its budget",
+    "RING_ONLY": "no camera: from the ring of light sensors alone",
+    "EXPOSURE_IGNORED": "the camera did not follow the exposure command",
+    "RING_FAULT": "the ring, or part of it, is not usable",
+    "WHEEL_FAULT": "the polarizer wheel is not where it should be; not used",
+    "NO_LIGHT": "the scene is black as far as the camera can tell",
+    "REFLECTION": "suspected reflection (glare), not a lamp",
+    "EXTENDED": "one part of a larger source",
+    "RING": "strength or direction from the ring of light sensors",
+    "HELD": "not seen in the newest frame; held by the tracker",
+}
+
+
+def flag_names(flags: IntFlag) -> list[str]:
+    """Names of the bits that are set; a bit that this version does not know as BIT_n."""
+    names = []
+    for bit in range(int(flags).bit_length()):
+        if int(flags) >> bit & 1:
+            known = type(flags).__members__.values()
+            name = next((m.name for m in known if int(m) == 1 << bit), None)
+            names.append(name or f"BIT_{bit}")
+    return names
+
+
+@dataclass(frozen=True, eq=False)
+class Light:
+    """One lamp: a disc of the given angular radius, far away."""
+
+    id: int  # stable while tracked
+    direction: Array  # (3,) unit vector towards the light, probe frame
+    irradiance: Array  # (3,) RGB on a surface that faces it
+    angular_radius_deg: float
+    direction_sigma_deg: float | None = None
+    irradiance_sigma: Array | None = None  # (3,) 1 sigma, in units of `irradiance`
+    confidence: float | None = None  # 0…1, that this is a light source
+    flags: LightFlag = NO_LIGHT_FLAG
+    distance_m: float | None = None
+
+    @property
+    def solid_angle_sr(self) -> float:
+        """Solid angle of the disc."""
+        return float(cap_solid_angle_sr(self.angular_radius_deg))
+
+    @property
+    def azimuth_deg(self) -> float:
+        """0 forward (−Z), positive to the right."""
+        return float(angles_from_direction(self.direction)[0])
+
+    @property
+    def elevation_deg(self) -> float:
+        """Up is positive."""
+        return float(angles_from_direction(self.direction)[1])
+
+    def to_json(self) -> dict[str, Any]:
+        """Give the JSON shape of every command's lights."""
+        return {
+            "id": self.id,
+            "direction": _numbers(self.direction),
+            "irradiance": _numbers(self.irradiance),
+            "angular_radius_deg": _number(self.angular_radius_deg),
+            "solid_angle_sr": _number(self.solid_angle_sr),
+            "direction_sigma_deg": _number(self.direction_sigma_deg),
+            "irradiance_sigma": _numbers(self.irradiance_sigma),
+            "confidence": _number(self.confidence),
+            "distance_m": _number(self.distance_m),
+            "flags": flag_names(self.flags),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class SphericalHarmonics:
+    """SH of incident radiance (see :mod:`lightprobe.sh`)."""
+
+    kind: Kind  # AMBIENT: add the lights; TOTAL: they are in it
+    order: int
+    coefficients: Array  # ((order+1)², 3)
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """One packet: the light at the probe."""
+
+    sequence: int
+    boot_id: int
+    capture_time_unix_ns: int  # mid-exposure of the newest frame used
+    send_delay_us: int  # send time = capture time + this
+    ttl_ms: int  # older than this after capture: fade to your default
+    flags: EstimateFlag
+    lights: tuple[Light, ...]  # strongest first
+    sh: SphericalHarmonics
+    predicted_error: float | None  # left out by the chosen model, relative to mean irradiance
+    exposure_us: float | None  # longest used
+    exposure_count: int
+    cd_m2_per_unit: float | None  # None: not calibrated
+    wheel_deg: float | None = None  # of the polarizer in the newest frame; None: none, or unknown
+    wheel_sigma_deg: float | None = None
+
+    @property
+    def send_time_unix_ns(self) -> int:
+        """When the probe sent it, by the probe's clock."""
+        return self.capture_time_unix_ns + 1000 * self.send_delay_us
+
+    def total(self) -> SphericalHarmonics:
+        """SH with the lights put in (TOTAL), each as the point that was taken out of AMBIENT."""
+        if self.sh.kind == "TOTAL":
+            return self.sh
+        coefficients = self.sh.coefficients.copy()
+        for light in self.lights:
+            shape = harmonics.lamp(light.direction, self.sh.order)
+            coefficients += shape[:, None] * light.irradiance
+        return replace(self.sh, kind="TOTAL", coefficients=coefficients)
+
+    def irradiance(self, normals: ArrayLike) -> Array:
+        """Irradiance (…, 3) on surfaces with the given normals (…, 3): SH and lights together."""
+        n = np.asarray(normals, dtype=np.float64)
+        total = harmonics.irradiance(self.sh.coefficients, n)
+        if self.sh.kind == "AMBIENT":
+            for light in self.lights:
+                total += np.maximum(n @ light.direction, 0)[..., None] * light.irradiance
+        return total
+
+    def to_json(self) -> dict[str, Any]:
+        """Give the one JSON shape of an estimate; unknown values are null."""
+        return {
+            "sequence": self.sequence,
+            "boot_id": self.boot_id,
+            "capture_time_unix_ns": self.capture_time_unix_ns,
+            "send_delay_us": self.send_delay_us,
+            "ttl_ms": self.ttl_ms,
+            "lights": [light.to_json() for light in self.lights],
+            "sh": {
+                "order": self.sh.order,
+                "kind": self.sh.kind,
+                "coefficients": [_numbers(row) for row in self.sh.coefficients],
+            },
+            "scale": {
+                "cd_m2_per_unit": _number(self.cd_m2_per_unit),
+                "calibrated": self.cd_m2_per_unit is not None,
+            },
+            "exposure": {"exposure_us": _number(self.exposure_us), "count": self.exposure_count},
+            "model": {
+                "sh_order": self.sh.order,
+                "lights": len(self.lights),
+                "predicted_error": _number(self.predicted_error),
+            },
+            "wheel": {
+                "angle_deg": _number(self.wheel_deg),
+                "sigma_deg": _number(self.wheel_sigma_deg),
+            },
+            "flags": flag_names(self.flags),
+        }
+
+
+@dataclass(frozen=True)
+class Hello:
+    """First message on every connection."""
+
+    protocol_major: int
+    protocol_minor: int
+    software: str
+    boot_id: int
+    source: str
+    max_sh_order: int
+    max_lights: int
+    smoothing_time_constant_ms: int
+    clock: str
+    has_wheel: bool
+    has_ring: bool
+    preset: str
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One thing that is wrong now: object, stage, next step."""
+
+    id: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Wheel:
+    """The polarizer wheel, as its device reports it."""
+
+    phase: str  # UNKNOWN HOMING MOVING SETTLED FAULT ABSENT
+    commanded_deg: float | None
+    measured_deg: float | None
+    sigma_deg: float | None
+    moves: int
+    frames_stamped: int  # exposed at a known angle
+    frames_moving: int  # left out: exposed while it turned
+    frames_unknown: int  # used without an angle
+    clock_sigma_us: float | None  # of the microcontroller's clock on the probe's
+    reconnects: int
+
+
+@dataclass(frozen=True)
+class Ring:
+    """The ring of light sensors."""
+
+    illuminance_lux: tuple[float | None, ...]  # nine; None: this sensor is not usable
+    samples_per_s: float
+    samples: int
+    samples_lost: int
+
+
+@dataclass(frozen=True)
+class Health:
+    """Counters of the daemon since its start."""
+
+    uptime_ms: int
+    source_state: str  # UNKNOWN DOWN WAITING STREAMING STALLED ENDED
+    frames_received: int
+    frames_dropped: int
+    frames_rejected: int
+    source_reconnects: int
+    estimates: int
+    estimates_per_s: float
+    latency_p50_us: int  # frame arrival to packet sent
+    latency_p99_us: int
+    clients: int
+    packets_sent: int
+    packets_superseded: int
+    requests_rejected: int
+    cpu_percent: float
+    rss_kib: int
+    preset: str
+    faults: tuple[Fault, ...]
+    wheel: Wheel | None = None  # None: no wheel
+    ring: Ring | None = None  # None: no ring
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """The probe refused a request."""
+
+    code: int  # negative errno
+    text: str
+
+
+def _number(value: float | None) -> float | None:
+    """Shorten to a float32's digits, so that JSON shows what was sent; None stays."""
+    return None if value is None or not np.isfinite(value) else float(f"{value:.8g}")
+
+
+def _numbers(values: ArrayLike | None) -> list[float | None] | None:
+    return None if values is None else [_number(float(v)) for v in np.asarray(values)]

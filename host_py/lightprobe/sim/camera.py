@@ -1,0 +1,221 @@
+"""The simulated camera: the world at a time, through lens and sensor, as bytes of a frame."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Hashable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lightprobe import geometry
+from lightprobe.camera import Camera
+from lightprobe.geometry import Array
+from lightprobe.sim.exposure import bracket_us, median_luminance
+from lightprobe.sim.polarizer import Polarizer, Sheet
+from lightprobe.sim.sensor import Codes, Expected, Sensor, SensorModel, encode_jpeg
+from lightprobe.sim.world import State, World
+
+#: Radiance (H, W, 3), and S1, S2 (2, H, W, 3) or None for unpolarized light.
+Composed = tuple[NDArray[np.float32], NDArray[np.float32] | None]
+
+FORMATS = ("MJPG", "YUYV", "NV12", "GREY", "RGBF")
+#: Noiseless signals kept: a bracket of the scene before and after a lamp is switched.
+_CACHED = 12
+_LEAST_EXPOSURE_US = 1.0
+
+
+@dataclass(frozen=True)
+class Shot:
+    """How one frame is to be exposed."""
+
+    exposure_us: float
+    gain: float = 1.0
+
+
+class SimulatedCamera:
+    """Frames of a world; frame n shows the world at n / rate seconds, always the same."""
+
+    def __init__(
+        self,
+        world: World,
+        lens: Camera,
+        size_px: tuple[int, int],
+        *,
+        rate_hz: float = 30.0,
+        pixel_format: str = "MJPG",
+        quality: int = 85,
+        chroma: str = "420",
+        seed: int = 0,
+        model: SensorModel | None = None,
+        sheet: Sheet | None = None,
+        response: Array | None = None,
+    ) -> None:
+        """`size_px` (width, height), both even for YUYV and NV12; `sheet`: of a polarizer.
+
+        `response`: linear light (256, 3) of each code; None: as the camera file of the lens says.
+        """
+        self.world, self.lens, self.size_px = world, lens, size_px
+        self.rate_hz, self.pixel_format = rate_hz, pixel_format
+        self.quality, self.chroma = quality, chroma
+        self.sensor = Sensor(
+            *size_px, model, lens.response_table() if response is None else response, seed
+        )
+        # A lens samples a map finer than its own pixels.
+        self._map_px = size_px if lens.is_equirect else (2 * size_px[0], size_px[0])
+        self._rays = None if lens.is_equirect else _Rays(lens, size_px, self._map_px)
+        # All of it now: a camera does not pause when the scene changes.
+        self._layers = [scene.render(*self._map_px) for scene in world.scenes]
+        self.sheet = sheet
+        polarized = not all(layers.unpolarized for layers in self._layers)
+        self._polarizer = Polarizer(sheet, lens, size_px) if sheet and polarized else None
+        self._medians: dict[int, float] = {}
+        self._composed: tuple[Hashable, Composed] | None = None
+        self._signals: OrderedDict[Hashable, Expected] = OrderedDict()
+
+    def state(self, frame: int, shot: Shot) -> State:
+        """State of the world while frame `frame` is exposed."""
+        return self.world.at(frame / self.rate_hz, 1e-6 * shot.exposure_us)
+
+    def automatic(self, frame: int, count: int = 1) -> list[Shot]:
+        """Exposures that the camera would choose by itself: a bracket around the scene's median.
+
+        No exposure is longer than the frame period.
+        """
+        state = self.world.at(frame / self.rate_hz)
+        if state.act not in self._medians:
+            radiance = self._layers[state.act].compose(np.ones(len(state.scene.lamps)))
+            self._medians[state.act] = max(self.gain * median_luminance(radiance), 1e-9)
+        longest = 1e6 / self.rate_hz
+        exposures_us = bracket_us(self._medians[state.act], count)
+        scale = min(1.0, longest / exposures_us[0])
+        return [Shot(max(scale * us, _LEAST_EXPOSURE_US)) for us in exposures_us]
+
+    @property
+    def gain(self) -> float:
+        """Share of unpolarized light that reaches the lens."""
+        return self.sheet.unpolarized_gain if self.sheet else 1.0
+
+    def frame(self, number: int, shot: Shot, wheel_deg: tuple[float, ...] = (0.0,)) -> bytes:
+        """Payload of frame `number`; `wheel_deg`: angles of the polarizer while it was exposed."""
+        state = self.state(number, shot)
+        if self.pixel_format == "RGBF":
+            return self._turned(self._radiance(state, wheel_deg), state).astype("<f4").tobytes()
+        turn_px = 0 if self._turns_first(state) else self._turn_px(state)
+        signal = self._signal(state, shot, wheel_deg)
+        codes = self.sensor.develop(signal, number, shot.gain, turn_px)
+        return encode(codes, self.pixel_format, self.quality, self.chroma)
+
+    def true_yaw_deg(self, state: State) -> float:
+        """Yaw of the picture: equirectangular ones turn by whole pixels."""
+        if self._rays is not None:
+            return state.yaw_deg
+        return round(state.yaw_deg / 360 * self.size_px[0]) * 360 / self.size_px[0]
+
+    def _turn_px(self, state: State) -> int:
+        return 0 if self._rays else round(state.yaw_deg / 360 * self.size_px[0])
+
+    def _polarized(self, state: State) -> bool:
+        return self._polarizer is not None and not self._layers[state.act].unpolarized
+
+    def sees_wheel(self, state: State) -> bool:
+        """Tell whether the polarizer's angle shapes the picture: where nothing is polarized, no."""
+        return self._polarized(state)
+
+    def _turns_first(self, state: State) -> bool:
+        """Tell whether :meth:`_radiance` is turned already: what the polarizer sees must be."""
+        return self._rays is not None or self._polarized(state)
+
+    def _compose(self, state: State) -> Composed:
+        """Light of the whole sphere, unturned; the last one is kept."""
+        key = (state.act, state.powers.tobytes())
+        if self._composed is None or self._composed[0] != key:
+            layers, polarized = self._layers[state.act], None
+            if self._polarized(state):
+                polarized = layers.compose_polarized(state.powers)
+            self._composed = (key, (layers.compose(state.powers), polarized))
+        return self._composed[1]
+
+    def _radiance(self, state: State, wheel_deg: tuple[float, ...]) -> NDArray[np.float32]:
+        """Radiance (H, W, 3) at the sensor; turned when :meth:`_turns_first`."""
+        radiance, polarized = self._compose(state)
+        if self._rays is not None:
+            radiance = self._rays.sample(radiance, state.yaw_deg)
+            if polarized is not None:
+                polarized = np.stack([self._rays.sample(p, state.yaw_deg) for p in polarized])
+        elif polarized is not None:
+            turn_px = self._turn_px(state)
+            radiance = np.roll(radiance, turn_px, axis=1)
+            polarized = np.roll(polarized, turn_px, axis=2)
+        if self._polarizer is not None:
+            return self._polarizer.through(radiance, polarized, wheel_deg)
+        return radiance if self.sheet is None else np.float32(self.gain) * radiance
+
+    def _turned(self, radiance: NDArray[np.float32], state: State) -> NDArray[np.float32]:
+        if self._turns_first(state):
+            return radiance
+        return np.roll(radiance, self._turn_px(state), axis=1)
+
+    def _signal(self, state: State, shot: Shot, wheel_deg: tuple[float, ...]) -> Expected:
+        """Noiseless signal, from the cache while all that shapes it stays the same."""
+        yaw = self._turn_px(state) if self._rays is None else state.yaw_deg
+        key = (
+            state.act, state.powers.tobytes(), shot,
+            yaw if self._turns_first(state) else None,
+            wheel_deg if self._polarized(state) else None,
+        )  # fmt: skip
+        signal = self._signals.get(key)
+        if signal is None:
+            radiance = self._radiance(state, wheel_deg)
+            signal = self.sensor.expect(radiance, shot.exposure_us, shot.gain)
+            self._signals[key] = signal
+            if len(self._signals) > _CACHED:
+                self._signals.popitem(last=False)
+        self._signals.move_to_end(key)
+        return signal
+
+
+class _Rays:
+    """Resamples an equirectangular map to what lenses see."""
+
+    def __init__(self, lens: Camera, size_px: tuple[int, int], map_px: tuple[int, int]) -> None:
+        directions, illumination = lens.look(*size_px)
+        seen = illumination > 0
+        directions = np.where(seen[..., None], directions, [0.0, 0, -1])
+        column, row = geometry.equirect_pixel(directions, *map_px)
+        self._column, self._row = column.astype(np.float32), row.astype(np.float32)
+        self._illumination = (illumination * seen).astype(np.float32)[..., None]
+        self._width = map_px[0]
+
+    def sample(self, radiance: NDArray[np.float32], yaw_deg: float) -> NDArray[np.float32]:
+        """Radiance (H, W, 3) behind the lenses, roll-off included, of a map turned to the right."""
+        padded = cv2.copyMakeBorder(radiance, 0, 0, 1, 1, cv2.BORDER_WRAP)
+        column = (self._column - np.float32(yaw_deg / 360 * self._width)) % self._width + 1
+        seen = cv2.remap(
+            padded, column, self._row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
+        return np.asarray(seen * self._illumination, dtype=np.float32)
+
+
+def encode(codes: Codes, pixel_format: str, quality: int, chroma: str) -> bytes:
+    """8-bit RGB (H, W, 3) as the bytes of a camera's format; BT.601, full range."""
+    if pixel_format == "MJPG":
+        return encode_jpeg(codes, quality, chroma)
+    planes = cv2.cvtColor(codes, cv2.COLOR_RGB2YCrCb)
+    luma, cr, cb = planes[..., 0], planes[..., 1], planes[..., 2]
+    if pixel_format == "GREY":
+        return luma.tobytes()
+    height, width = luma.shape
+    if pixel_format == "YUYV":
+        packed = np.empty((height, width, 2), np.uint8)
+        packed[..., 0] = luma
+        for offset, plane in enumerate((cb, cr)):
+            packed[:, offset::2, 1] = cv2.resize(
+                plane, (width // 2, height), interpolation=cv2.INTER_AREA
+            )
+        return packed.tobytes()
+    half = (width // 2, height // 2)
+    mixed = [cv2.resize(plane, half, interpolation=cv2.INTER_AREA) for plane in (cb, cr)]
+    return luma.tobytes() + np.stack(mixed, axis=-1).tobytes()

@@ -1,0 +1,69 @@
+"""How the simulated camera misbehaves when asked to, as real ones do unasked."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, fields, replace
+from urllib.parse import parse_qsl, urlencode
+
+from lightprobe.errors import UsageError
+
+
+@dataclass(frozen=True)
+class Faults:
+    """Options of `simulate --faults` and of the daemon's `hello` (sim:PATH?KEY=VALUE&…)."""
+
+    late_ms: float = 0.0  # every frame arrives this late
+    jitter_ms: float = 0.0  # and up to this much later still
+    drop: float = 0.0  # share of frames lost before the link
+    corrupt: float = 0.0  # share of frames with some bytes changed
+    truncate: float = 0.0  # share of frames cut short
+    garbage: float = 0.0  # share of frames replaced by random bytes
+    marked: float = 0.0  # share of frames that the driver itself marks corrupt
+    wrong_size: float = 0.0  # share of frames whose header tells half the size
+    stall_after: int = 0  # frames until the camera falls silent; 0: never
+    stall_s: float = 0.0  # how long it stays silent; 0: for ever
+    disconnect_after: int = 0  # frames until it is unplugged, each time; 0: never
+    cut_after: int = 0  # frames until it is unplugged in the middle of one; 0: never
+    untagged: int = 0  # 1: frames do not tell their exposure
+    ignore_exposure: int = 0  # 1: exposure commands have no effect
+    delay_frames: int = -1  # frames from exposure command to effect; -1: as the camera is
+
+    def merged(self, query: str) -> Faults:
+        """Give these faults with those of a query string put in; UsageError for an unknown one."""
+        known = {field.name: field for field in fields(self)}
+        changes = {}
+        for key, text in parse_qsl(query, keep_blank_values=True):
+            if key not in known:
+                raise UsageError(f"faults: unknown option {key}: known are {', '.join(known)}")
+            try:
+                changes[key] = (int if known[key].type == "int" else float)(text)
+            except ValueError:
+                raise UsageError(f"faults: {key}={text}: want a number") from None
+        return replace(self, **changes)  # type: ignore[arg-type]
+
+
+def split(query: str, box: Collection[str]) -> tuple[str, dict[str, float]]:
+    """Part a query string into the camera's faults, still as one, and numbers of the box.
+
+    `box`: names that the box knows. UsageError for one that neither knows, or for no number.
+    """
+    camera, numbers = [], {}
+    known = [field.name for field in fields(Faults)]
+    for key, text in parse_qsl(query, keep_blank_values=True):
+        if key in known:
+            camera.append((key, text))
+            continue
+        if key not in box:
+            more = f"; of the box {', '.join(sorted(box))}" if box else ""
+            raise UsageError(f"faults: unknown option {key}: known are {', '.join(known)}{more}")
+        try:
+            numbers[key] = float(text)
+        except ValueError:
+            raise UsageError(f"faults: {key}={text}: want a number") from None
+    return urlencode(camera), numbers
+
+
+def describe() -> str:
+    """Names of all faults, for --help."""
+    return ", ".join(field.name for field in fields(Faults))

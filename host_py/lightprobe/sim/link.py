@@ -1,0 +1,393 @@
+"""The simulator's end of the link to the daemon (proto/sim.md): a camera on a Unix socket."""
+
+from __future__ import annotations
+
+import heapq
+import json
+import math
+import selectors
+import socket
+import struct
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol, TextIO
+
+import numpy as np
+
+from lightprobe.errors import LightprobeError, UsageError
+from lightprobe.sim.camera import Shot, SimulatedCamera
+from lightprobe.sim.faults import Faults
+from lightprobe.sim.world import State
+
+HEADER = struct.Struct("<4sIQ4sIIIQqffII")
+MAGIC = b"LPF1"
+MARKED_CORRUPT = 1
+_SEND_TIMEOUT_S = 2.0
+_MOST_COMMAND_BYTES = 4096
+
+
+class LinkError(LightprobeError):
+    """The socket cannot be served."""
+
+
+@dataclass
+class Counters:
+    """What has been sent since the start."""
+
+    connections: int = 0
+    frames: int = 0
+    dropped: int = 0  # by fault, or because the daemon or this machine was too slow
+    commands: int = 0
+
+
+@dataclass
+class Exposure:
+    """The camera's exposure control: automatic until commanded, then as late as real ones."""
+
+    camera: SimulatedCamera
+    bracket: int = 1  # exposures that automatic mode cycles through
+    fixed: Shot | None = None
+    delay_frames: int = 0
+    _pending: deque[tuple[int, Shot]] = field(default_factory=deque)
+
+    def command(self, shot: Shot, next_frame: int, delay_frames: int) -> None:
+        """Take a command that arrives before `next_frame` is exposed."""
+        delay = self.delay_frames if delay_frames < 0 else delay_frames
+        self._pending.append((next_frame + delay, shot))
+
+    def shot(self, frame: int) -> Shot:
+        """Exposure of a frame."""
+        while self._pending and self._pending[0][0] <= frame:
+            self.fixed = self._pending.popleft()[1]
+        if self.fixed is not None:
+            return self.fixed
+        return self.camera.automatic(frame, self.bracket)[frame % self.bracket]
+
+
+class Surroundings(Protocol):
+    """What else there is besides the camera: a polarizer before its lens, and a ring."""
+
+    def wheel_deg(self, from_ns: int, to_ns: int) -> tuple[float, ...] | None:
+        """Angles of the polarizer from `from_ns` to `to_ns` (CLOCK_MONOTONIC), both past.
+
+        None: nobody knows any more.
+        """
+
+    def misbehave(self, query: str) -> str:
+        """Take what is not the camera's out of a query string of faults, and do it."""
+
+    def truth(self, state: State) -> dict[str, Any]:
+        """What is true of them, for the account of a frame."""
+
+
+class Link:
+    """Serves frames to one daemon at a time, in real time, until told to stop."""
+
+    def __init__(
+        self,
+        path: Path,
+        camera: SimulatedCamera,
+        exposure: Exposure,
+        faults: Faults | None = None,
+        truth: TextIO | None = None,
+        surroundings: Surroundings | None = None,
+        say: Callable[[str], None] = lambda text: print(text, file=sys.stderr, flush=True),
+    ) -> None:
+        """`truth` gets one JSON line per frame; `say` gets log lines. Without `surroundings`
+        there is no polarizer."""
+        self.path, self.camera, self.exposure = path, camera, exposure
+        self.faults = faults or Faults()
+        self.counters = Counters()
+        self.surroundings = surroundings
+        self._session: _Session | None = None
+        self._truth, self._say = truth, say
+        self._stop = threading.Event()
+        self._start_ns = time.monotonic_ns()
+
+    def stop(self) -> None:
+        """End :meth:`serve` soon; from any thread."""
+        self._stop.set()
+
+    def serve(self, seconds: float | None = None) -> None:
+        """Listen and serve until :meth:`stop`, or for some seconds."""
+        deadline = math.inf if seconds is None else time.monotonic() + seconds
+        listener = self._listen()
+        try:
+            listener.settimeout(0.1)
+            while not self._stop.is_set() and time.monotonic() < deadline:
+                with suppress(TimeoutError):
+                    connection, _ = listener.accept()
+                    with connection:
+                        self._serve_one(connection, deadline)
+        finally:
+            listener.close()
+            self.path.unlink(missing_ok=True)
+
+    def _listen(self) -> socket.socket:
+        listener = socket.socket(socket.AF_UNIX)
+        try:
+            if self.path.is_socket() and not _alive(self.path):
+                self.path.unlink()  # left over from a simulator that was killed
+            listener.bind(str(self.path))
+        except OSError as error:
+            listener.close()
+            next_step = "is another simulator running?" if error.errno == 98 else "choose --socket"
+            raise LinkError(f"simulate: {self.path}: bind: {error.strerror}: {next_step}") from None
+        listener.listen(1)
+        return listener
+
+    def _serve_one(self, connection: socket.socket, deadline: float) -> None:
+        """One daemon, until it leaves or a fault unplugs the camera."""
+        self.counters.connections += 1
+        session = self._session = _Session(self, connection)
+        try:
+            while not self._stop.is_set() and time.monotonic() < deadline:
+                if not session.step():
+                    break
+        except (OSError, TimeoutError) as error:
+            self._say(f"simulate: daemon: {error}: waiting for the next")
+        finally:
+            self._session = None
+
+    def misbehave(self, query: str) -> None:
+        """Change the faults from now on, from any thread; UsageError for unknown ones."""
+        rest = self.surroundings.misbehave(query) if self.surroundings else query
+        self.faults = self.faults.merged(rest)
+        session = self._session
+        if session is not None:
+            session.faults = session.faults.merged(rest)
+
+    def state_now(self) -> State:
+        """Give the world as it is now; flicker at its mean. From any thread."""
+        elapsed_s = (time.monotonic_ns() - self._start_ns) / 1e9
+        flicker_hz = self.camera.world.behaviour.flicker_hz
+        return self.camera.world.at(elapsed_s, 1 / flicker_hz if flicker_hz else 0)
+
+    # The parts of a frame's life that a session needs.
+
+    def frame_now(self) -> int:
+        """Give the number of the frame whose exposure started last."""
+        elapsed_s = (time.monotonic_ns() - self._start_ns) / 1e9
+        return math.floor(elapsed_s * self.camera.rate_hz)
+
+    def start_ns(self, frame: int) -> int:
+        """CLOCK_MONOTONIC at the start of a frame's exposure."""
+        return self._start_ns + round(1e9 * frame / self.camera.rate_hz)
+
+    def log_truth(self, frame: int, shot: Shot, wheel_deg: tuple[float, ...]) -> None:
+        """Write what is true during a frame."""
+        if self._truth is None:
+            return
+        state = self.camera.state(frame, shot)
+        yaw_deg = self.camera.true_yaw_deg(state)
+        line = {
+            "sequence": frame,
+            "t_start_ns": self.start_ns(frame),
+            "t_s": state.t_s,
+            "exposure_us": shot.exposure_us,
+            "gain": shot.gain,
+            "scene": state.scene.name,
+            "act": state.act,
+            "yaw_deg": yaw_deg,
+            "powers": state.powers.tolist(),
+        }
+        if self.surroundings is not None:
+            line |= {
+                "wheel_deg": sum(wheel_deg) / len(wheel_deg),
+                "polarizer_gain": self.camera.gain,
+            }
+            line |= self.surroundings.truth(state)
+        self._truth.write(json.dumps(line) + "\n")
+        self._truth.flush()
+
+    def say(self, text: str) -> None:
+        """Log a line."""
+        self._say(text)
+
+
+@dataclass(order=True)
+class _Ready:
+    """A frame on its way to the daemon: exposed, then developed, then delivered."""
+
+    due_ns: int
+    number: int
+    shot: Shot = field(compare=False)
+    deliver_ns: int = field(compare=False)
+    payload: bytes | None = field(compare=False, default=None)
+    developed: bool = field(compare=False, default=False)
+
+
+class _Session:
+    """One connection: commands in, frames out."""
+
+    def __init__(self, link: Link, connection: socket.socket) -> None:
+        connection.settimeout(_SEND_TIMEOUT_S)
+        self.link, self.connection, self.faults = link, connection, link.faults
+        self.frames = 0  # sent on this connection
+        self.next = link.frame_now() + 1  # to be exposed
+        self.stalled_since = math.inf
+        self._ready: list[_Ready] = []  # a heap
+        self._text = b""
+        self._selector = selectors.DefaultSelector()
+        self._selector.register(connection, selectors.EVENT_READ)
+
+    def step(self) -> bool:
+        """Expose or deliver one frame, whichever is due first; False ends the connection."""
+        start_ns = self.link.start_ns(self.next)
+        if self._ready and self._ready[0].due_ns <= start_ns:
+            if not self._wait_until(self._ready[0].due_ns):
+                return False
+            ready = heapq.heappop(self._ready)
+            if ready.developed and ready.payload is not None:
+                return self._send(ready, ready.payload)
+            self._develop(ready)
+            return True
+        if not self._wait_until(start_ns):
+            return False
+        self._expose()
+        return True
+
+    def _rng(self, frame: int, purpose: int) -> np.random.Generator:
+        """Chance that repeats: by seed, frame and what it is for."""
+        return np.random.default_rng([self.link.camera.sensor.seed, frame, purpose])
+
+    def _expose(self) -> None:
+        """Take the next frame; those that this machine was too slow for are lost."""
+        link, f = self.link, self.faults
+        frame = max(self.next, link.frame_now())
+        link.counters.dropped += frame - self.next
+        self.next = frame + 1
+        rng = self._rng(frame, 0)
+        if self._stalled():
+            return
+        if rng.random() < f.drop:
+            link.counters.dropped += 1
+            return
+        shot = link.exposure.shot(frame)
+        late_ms = f.late_ms + f.jitter_ms * rng.random()
+        end_ns = link.start_ns(frame) + round(1e3 * shot.exposure_us)
+        ready = _Ready(end_ns, frame, shot, end_ns + round(1e6 * late_ms))
+        if link.surroundings is None or not link.camera.sees_wheel(link.camera.state(frame, shot)):
+            ready.payload = link.camera.frame(frame, shot)
+        # Else its picture must wait until the wheel's way during the exposure is known.
+        heapq.heappush(self._ready, ready)
+
+    def _develop(self, ready: _Ready) -> None:
+        """Finish a frame whose exposure has ended, and put it on its way."""
+        link, frame, shot = self.link, ready.number, ready.shot
+        wheel_deg: tuple[float, ...] | None = (0.0,)
+        if link.surroundings is not None:
+            wheel_deg = link.surroundings.wheel_deg(link.start_ns(frame), ready.due_ns)
+        if wheel_deg is None:
+            link.counters.dropped += 1
+            return
+        if ready.payload is None:
+            ready.payload = link.camera.frame(frame, shot, wheel_deg)
+        link.log_truth(frame, shot, wheel_deg)
+        ready.due_ns, ready.developed = ready.deliver_ns, True
+        heapq.heappush(self._ready, ready)
+
+    def _stalled(self) -> bool:
+        f = self.faults
+        if not f.stall_after or self.frames < f.stall_after:
+            return False
+        now = time.monotonic()
+        self.stalled_since = min(self.stalled_since, now)
+        if f.stall_s and now - self.stalled_since > f.stall_s:
+            self.stalled_since, self.frames = math.inf, 0
+            return False
+        return True
+
+    def _send(self, ready: _Ready, payload: bytes) -> bool:
+        f, camera, rng = self.faults, self.link.camera, self._rng(ready.number, 1)
+        payload = _spoil(payload, f, rng)
+        width, height = camera.size_px
+        if rng.random() < f.wrong_size:
+            width, height = width // 2, height // 2
+        header = HEADER.pack(
+            MAGIC, HEADER.size, len(payload), camera.pixel_format.encode(), width, height, 0,
+            ready.number, self.link.start_ns(ready.number),
+            math.nan if f.untagged else ready.shot.exposure_us,
+            math.nan if f.untagged else ready.shot.gain,
+            MARKED_CORRUPT if rng.random() < f.marked else 0, 0,
+        )  # fmt: skip
+        self.frames += 1
+        if f.cut_after and self.frames >= f.cut_after:
+            self.connection.sendall(header + payload[: len(payload) // 2])
+            return False
+        self.connection.sendall(header)
+        self.connection.sendall(payload)
+        self.link.counters.frames += 1
+        return not (f.disconnect_after and self.frames >= f.disconnect_after)
+
+    def _wait_until(self, t_ns: int) -> bool:
+        """Sleep, taking commands meanwhile; False when the daemon has left."""
+        while True:
+            left_s = (t_ns - time.monotonic_ns()) / 1e9
+            if self._selector.select(max(left_s, 0)) and not self._take_commands():
+                return False
+            if left_s <= 0:
+                return True
+
+    def _take_commands(self) -> bool:
+        data = self.connection.recv(4096)
+        if not data:
+            return False
+        *lines, self._text = (self._text + data).split(b"\n")
+        if len(self._text) > _MOST_COMMAND_BYTES:
+            raise OSError("a command without end")
+        for line in lines:
+            self._obey(line.decode(errors="replace").strip())
+        return True
+
+    def _obey(self, line: str) -> None:
+        """Carry out one command; what is not understood is told and left."""
+        self.link.counters.commands += 1
+        word, _, rest = line.partition(" ")
+        try:
+            if word == "hello":
+                around = self.link.surroundings
+                self.faults = self.link.faults.merged(around.misbehave(rest) if around else rest)
+            elif word == "exposure":
+                exposure_us, gain = (float(value) for value in rest.split())
+                if not (exposure_us > 0 and gain > 0):
+                    raise ValueError(line)
+                if not self.faults.ignore_exposure:
+                    shot = Shot(exposure_us, gain)
+                    self.link.exposure.command(shot, self.next, self.faults.delay_frames)
+            else:
+                raise ValueError(line)
+        except ValueError:
+            self.link.say(f"simulate: command not understood: {line!r}")
+        except UsageError as error:
+            self.link.say(f"simulate: hello: {error}")
+
+
+def _alive(path: Path) -> bool:
+    """Say whether somebody listens on a socket."""
+    with socket.socket(socket.AF_UNIX) as probe:
+        try:
+            probe.connect(str(path))
+        except OSError:
+            return False
+    return True
+
+
+def _spoil(payload: bytes, faults: Faults, rng: np.random.Generator) -> bytes:
+    """Break a frame as faults ask for."""
+    if rng.random() < faults.garbage:
+        return rng.bytes(len(payload))
+    if rng.random() < faults.truncate:
+        return payload[: int(len(payload) * rng.uniform(0.05, 0.95))]
+    if rng.random() < faults.corrupt:
+        data = np.frombuffer(payload, np.uint8).copy()
+        where = rng.integers(0, len(data), max(1, len(data) // 2000))
+        data[where] ^= rng.integers(1, 256, len(where), dtype=np.uint8)
+        return data.tobytes()
+    return payload

@@ -1,0 +1,137 @@
+"""A furnished box with round lamps in it: a procedural room that the eye can read.
+
+Lamps are glowing spheres, so each is a disc from the probe and lights the walls by the inverse
+square of its distance. A lamp's layer holds both: the disc, which is the lamp of the truth, and
+what it makes of the walls, which is ambient light and goes when the lamp goes. Light that has
+bounced more than once is one constant per lamp, from the walls' mean reflectance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lightprobe import geometry
+from lightprobe.colour import luminance
+from lightprobe.geometry import Array
+from lightprobe.sim.scene import Lamp, Layer, Layers, MapTruth, disc_layer, lit_lamps
+
+#: Size of the map that truth is summed over.
+_TRUTH_PX = (1024, 512)
+# Corners of the room in metres, seen from the probe at the origin.
+_LOW, _HIGH = np.array([-2.6, -1.3, -3.4]), np.array([2.2, 1.4, 2.6])
+# Reflectance of the faces −x, +x, −y (floor), +y (ceiling), −z, +z.
+_WALLS = np.array(
+    [[.62, .60, .55], [.62, .60, .55], [.36, .24, .15], [.80, .80, .78], [.30, .42, .52],
+     [.62, .60, .55]]
+)  # fmt: skip
+#: A window's worth of daylight, as radiance of every wall: what is left when all lamps are off.
+_DAYLIGHT = np.array([0.010, 0.012, 0.016])
+
+
+@dataclass(frozen=True)
+class Bulb:
+    """A glowing sphere: where it is (m from the probe), its radius, and its colour."""
+
+    position_m: tuple[float, float, float]
+    radius_m: float
+    radiance: tuple[float, float, float]
+
+    def lamp(self) -> Lamp:
+        """Give what the probe sees of it: a disc of uniform radiance."""
+        position = np.array(self.position_m)
+        radius_deg = float(np.degrees(np.arcsin(self.radius_m / np.linalg.norm(position))))
+        solid_angle = float(geometry.cap_solid_angle_sr(radius_deg))
+        return Lamp(geometry.normalize(position), radius_deg, solid_angle * np.array(self.radiance))
+
+
+_BULBS = (
+    Bulb((-1.1, 0.85, -1.6), 0.10, (62.0, 50.0, 34.0)),  # hanging, warm
+    Bulb((1.1, 0.9, 1.0), 0.13, (30.0, 32.0, 36.0)),  # hanging, cool
+    Bulb((1.5, 0.1, -2.2), 0.16, (20.0, 11.0, 5.0)),  # standing, orange
+    Bulb((-1.9, -0.2, 1.4), 0.08, (14.0, 30.0, 70.0)),  # small, blue
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Room:
+    """The room, with some of its bulbs, at some brightness."""
+
+    name: str = "room"
+    bulbs: tuple[Bulb, ...] = _BULBS
+    brightness: float = 1.0
+
+    @property
+    def lamps(self) -> tuple[Lamp, ...]:
+        """See :class:`lightprobe.sim.scene.Scene`."""
+        return tuple(bulb.lamp().scaled(self.brightness) for bulb in self.bulbs)
+
+    def scaled(self, factor: float) -> Room:
+        """See :class:`lightprobe.sim.scene.Scene`."""
+        return Room(self.name, self.bulbs, factor * self.brightness)
+
+    def render(self, width_px: int, height_px: int) -> Layers:
+        """See :class:`lightprobe.sim.scene.Scene`."""
+        point, normal, reflectance = _walls(geometry.equirect_directions(width_px, height_px))
+        base = (self.brightness * _DAYLIGHT * reflectance / 0.5).astype(np.float32)
+        layers = []
+        for bulb, lamp in zip(self.bulbs, self.lamps, strict=True):
+            glow = self.brightness * reflectance / np.pi * _irradiance(bulb, point, normal)
+            disc = disc_layer(lamp, width_px, height_px)
+            flat = glow.reshape(-1, 3).astype(np.float32)
+            # The disc hides the wall behind it; at its rim, by the share that it covers.
+            cover = disc.values[:, 1] / np.float32(lamp.radiance[1])
+            flat[disc.index] += disc.values - cover[:, None] * flat[disc.index]
+            layers.append(Layer(slice(None), flat))
+        return Layers(base, tuple(layers))
+
+    def truth(self, powers: ArrayLike, yaw_deg: float = 0.0) -> MapTruth:
+        """Sum over the map; lamps in closed form."""
+        radiance = self.render(*_TRUTH_PX).compose(powers)
+        return MapTruth(radiance, yaw_deg, lit_lamps(self.lamps, powers, yaw_deg))
+
+
+def _walls(directions: Array) -> tuple[Array, Array, Array]:
+    """Where rays from the probe meet the walls: point, inward normal, reflectance; (H, W, 3)."""
+    safe = np.where(np.abs(directions) < 1e-12, 1e-12, directions)
+    reach = np.where(safe > 0, _HIGH / safe, _LOW / safe)
+    axis = reach.argmin(axis=-1)
+    point = safe * np.take_along_axis(reach, axis[..., None], -1)
+    positive = np.take_along_axis(safe, axis[..., None], -1)[..., 0] > 0
+    normal = np.zeros_like(safe)
+    np.put_along_axis(normal, axis[..., None], np.where(positive, -1.0, 1.0)[..., None], -1)
+    face = 2 * axis + positive
+    return point, normal, _WALLS[face] * _pattern(point, face)[..., None]
+
+
+def _pattern(point: Array, face: NDArray[np.intp]) -> Array:
+    """Floor boards, a door, pictures, skirting: factors of reflectance, for the eye to hold on."""
+    x, y, z = point[..., 0], point[..., 1], point[..., 2]
+    factor = np.ones(face.shape)
+    boards = np.floor(x / 0.18)
+    factor[face == 2] = (0.8 + 0.2 * np.sin(boards * 12.9898) ** 2)[face == 2]
+    factor[(face != 2) & (face != 3) & (y < _LOW[1] + 0.12)] = 0.5  # skirting
+    door = (face == 1) & (np.abs(z - 0.9) < 0.45) & (y < 0.75)
+    factor[door] = 0.45
+    for centre, width, height, shade in ((-1.2, 0.5, 0.35, 0.3), (0.6, 0.35, 0.45, 0.55)):
+        picture = (face == 4) & (np.abs(x - centre) < width) & (np.abs(y - 0.15) < height)
+        factor[picture] = shade
+    shelf = (face == 0) & (np.abs(z + 1.2) < 0.8) & (np.abs((y + 0.2) % 0.5 - 0.25) < 0.04)
+    factor[shelf] = 0.25
+    return factor
+
+
+def _irradiance(bulb: Bulb, point: Array, normal: Array) -> Array:
+    """Irradiance (H, W, 3) on the walls by a glowing sphere, first light and a constant bounce."""
+    towards = np.array(bulb.position_m) - point
+    square = np.maximum((towards**2).sum(axis=-1), bulb.radius_m**2)
+    cosine = np.maximum((towards * normal).sum(axis=-1) / np.sqrt(square), 0)
+    first = np.pi * bulb.radius_m**2 / square * cosine  # of radiance 1
+    sides = _HIGH - _LOW
+    area = 2 * (sides[0] * sides[1] + sides[1] * sides[2] + sides[2] * sides[0])
+    reflectance = float(luminance(_WALLS).mean())
+    power = 4 * np.pi**2 * bulb.radius_m**2
+    bounced = power / area * reflectance / (1 - reflectance)
+    return np.asarray((first + bounced)[..., None] * np.array(bulb.radiance))

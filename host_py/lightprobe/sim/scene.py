@@ -1,0 +1,416 @@
+"""Scenes with known light: lamps over a background, rendered as equirectangular radiance maps.
+
+A scene is linear: a base map, plus one layer per lamp that can be switched and dimmed. Rendering
+and truth come from the same numbers, and truth is exact: closed forms for procedural scenes, sums
+in float64 over the unclipped map for panoramas.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lightprobe import geometry, image, sh
+from lightprobe.colour import luminance
+from lightprobe.geometry import Array
+
+#: Highest SH order of truth.
+ORDER = sh.MAX_ORDER
+_SUBPIXELS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Lamp:
+    """A lamp at full power: what it adds to the background."""
+
+    direction: Array  # (3,) towards it, probe frame
+    radius_deg: float  # of the disc with the same solid angle
+    irradiance: Array  # (3,) ∫ L dω of what it adds
+
+    @property
+    def radiance(self) -> Array:
+        """Mean radiance (3,) that it adds."""
+        return self.irradiance / float(geometry.cap_solid_angle_sr(self.radius_deg))
+
+    def scaled(self, factor: float) -> Lamp:
+        """Give the same lamp, brighter by a factor."""
+        return Lamp(self.direction, self.radius_deg, factor * self.irradiance)
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """What a lamp adds to a map, at full power: pixels by flat index, or all of them."""
+
+    index: NDArray[np.int64] | slice
+    values: NDArray[np.float32]  # (len(index), 3)
+    polarized: NDArray[np.float32] | None = None  # (2, len(index), 3): S1, S2; None: zero
+
+
+@dataclass(frozen=True, eq=False)
+class Layers:
+    """A rendered scene: base map (H, W, 3) and one layer per lamp.
+
+    Polarized light is Stokes' S1 and S2 in each pixel's own frame: x = d × up, y up, angles
+    counter-clockwise as seen from the probe; radiance is S0. The frame turns with the scene about
+    the vertical, so a map may be rolled as it is.
+    """
+
+    base: NDArray[np.float32]
+    lamps: tuple[Layer, ...]
+    polarized: NDArray[np.float32] | None = None  # (2, H, W, 3): S1, S2 of the base; None: zero
+
+    @property
+    def unpolarized(self) -> bool:
+        """True when no part of the scene is polarized."""
+        return self.polarized is None and all(layer.polarized is None for layer in self.lamps)
+
+    def compose(self, powers: ArrayLike) -> NDArray[np.float32]:
+        """Radiance with each lamp at its power (0 off, 1 full)."""
+        radiance = self.base.copy()
+        flat = radiance.reshape(-1, 3)
+        for layer, power in zip(self.lamps, np.asarray(powers, dtype=np.float32), strict=True):
+            if power:
+                flat[layer.index] += power * layer.values
+        return radiance
+
+    def compose_polarized(self, powers: ArrayLike) -> NDArray[np.float32]:
+        """S1 and S2 (2, H, W, 3) with each lamp at its power."""
+        stokes = np.zeros((2, *self.base.shape), np.float32)
+        if self.polarized is not None:
+            stokes += self.polarized
+        flat = stokes.reshape(2, -1, 3)
+        for layer, power in zip(self.lamps, np.asarray(powers, dtype=np.float32), strict=True):
+            if power and layer.polarized is not None:
+                flat[:, layer.index] += power * layer.polarized
+        return stokes
+
+
+class Truth(Protocol):
+    """Light that a scene really casts."""
+
+    @property
+    def lamps(self) -> tuple[Lamp, ...]:
+        """Lamps that are lit, as bright as they are."""
+
+    @property
+    def total(self) -> Array:
+        """SH of everything, TOTAL: ((ORDER+1)², 3)."""
+
+    def irradiance(self, normals: ArrayLike) -> Array:
+        """Irradiance (N, 3) on surfaces with normals (N, 3)."""
+
+
+class Scene(Protocol):
+    """Anything with a name, lamps, a picture, and the truth about its light."""
+
+    @property
+    def name(self) -> str:
+        """For tables."""
+
+    @property
+    def lamps(self) -> tuple[Lamp, ...]:
+        """All lamps, at full power."""
+
+    def render(self, width_px: int, height_px: int) -> Layers:
+        """Equirectangular map of radiance."""
+
+    def truth(self, powers: ArrayLike, yaw_deg: float = 0.0) -> Truth:
+        """Truth with lamps at their powers and the scene turned to the right about the vertical."""
+
+    def scaled(self, factor: float) -> Scene:
+        """Give the same scene, brighter by a factor."""
+
+
+# ---------------------------------------------------------------- procedural scenes
+
+
+@dataclass(frozen=True, eq=False)
+class ProceduralScene:
+    """Disc lamps over a smooth gradient (SH of order ≤ 2, positive everywhere)."""
+
+    name: str
+    background: Array  # (9, 3) SH of radiance
+    lamps: tuple[Lamp, ...]
+
+    def render(self, width_px: int, height_px: int) -> Layers:
+        """Render anti-aliased discs; each one's flux is its irradiance to float32's precision."""
+        directions = geometry.equirect_directions(width_px, height_px)
+        base = sh.radiance(self.background, directions).astype(np.float32)
+        return Layers(base, tuple(disc_layer(lamp, width_px, height_px) for lamp in self.lamps))
+
+    def scaled(self, factor: float) -> ProceduralScene:
+        """See :class:`Scene`."""
+        lamps = tuple(lamp.scaled(factor) for lamp in self.lamps)
+        return ProceduralScene(self.name, factor * self.background, lamps)
+
+    def truth(self, powers: ArrayLike, yaw_deg: float = 0.0) -> ProceduralTruth:
+        """Give closed forms."""
+        turn = _yaw(yaw_deg)
+        return ProceduralTruth(
+            sh.rotate(self.background, turn), lit_lamps(self.lamps, powers, yaw_deg)
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class ProceduralTruth:
+    """Closed forms: a gradient's SH, and uniform discs."""
+
+    background: Array
+    lamps: tuple[Lamp, ...]
+
+    @property
+    def total(self) -> Array:
+        """See :class:`Truth`."""
+        total = np.zeros((sh.count(ORDER), 3))
+        total[: len(self.background)] = self.background
+        for lamp in self.lamps:
+            total += np.outer(sh.lamp(lamp.direction, ORDER, lamp.radius_deg), lamp.irradiance)
+        return total
+
+    def irradiance(self, normals: ArrayLike) -> Array:
+        """See :class:`Truth`; discs as 256 points of equal solid angle, so that they set softly."""
+        n = np.asarray(normals, dtype=np.float64)
+        total = sh.irradiance(self.background, n)
+        for lamp in self.lamps:
+            points = disc_points(lamp.direction, lamp.radius_deg, 256)
+            share = np.maximum(n @ points.T, 0).mean(axis=-1)
+            total += share[:, None] * lamp.irradiance
+        return total
+
+
+def disc_points(direction: ArrayLike, radius_deg: float, number: int) -> Array:
+    """Points (number, 3) that share a disc's solid angle evenly (a sunflower's spiral)."""
+    k = np.arange(number)
+    cosine = 1 - (k + 0.5) / number * 2 * np.sin(np.radians(radius_deg) / 2) ** 2
+    turn = k * np.pi * (3 - 5**0.5)
+    d = geometry.normalize(direction)
+    side = geometry.normalize(np.cross(d, [1.0, 0, 0] if abs(d[0]) < 0.7 else [0, 1.0, 0]))
+    around = np.outer(np.cos(turn), side) + np.outer(np.sin(turn), np.cross(d, side))
+    return np.asarray(cosine[:, None] * d + np.sqrt(1 - cosine**2)[:, None] * around)
+
+
+def disc_layer(lamp: Lamp, width_px: int, height_px: int) -> Layer:
+    """Pixels of a disc, each by the share of it that the disc covers.
+
+    Pixels at the rim are sampled on a fine grid; then all shares are scaled by the little that
+    makes their solid angles add up to the disc's.
+    """
+    reach = np.radians(lamp.radius_deg)
+    pixel = np.pi / height_px
+    theta = np.arccos(np.clip(lamp.direction[1], -1, 1))
+    top = max(0, int((theta - reach) / pixel) - 1)
+    bottom = min(height_px, int((theta + reach) / pixel) + 2)
+    rows = np.arange(top, bottom)[:, None]
+    columns = np.arange(width_px)[None, :]
+    away = np.radians(_angle(lamp, columns, rows, width_px, height_px))
+    cover = (away < reach).astype(np.float64)
+    rim_row, rim_column = np.nonzero(np.abs(away - reach) < pixel)
+    steps = (np.arange(_SUBPIXELS) + 0.5) / _SUBPIXELS - 0.5
+    fine_column = rim_column[:, None, None] + steps[None, None, :]
+    fine_row = rim_row[:, None, None] + top + steps[None, :, None]
+    fine = np.radians(_angle(lamp, fine_column, fine_row, width_px, height_px)) < reach
+    weight = np.sin((fine_row + 0.5) * pixel)  # near a pole a pixel is a wedge
+    cover[rim_row, rim_column] = (fine * weight).sum(axis=(1, 2)) / (_SUBPIXELS * weight).sum(
+        axis=(1, 2)
+    )
+    if not cover.any():  # a lamp between the points that were looked at
+        cover[np.unravel_index(away.argmin(), away.shape)] = 1
+    row, column = np.nonzero(cover)
+    solid_angle = geometry.equirect_solid_angles(width_px, height_px)[row + top]
+    share = cover[row, column]
+    share *= geometry.cap_solid_angle_sr(lamp.radius_deg) / (share @ solid_angle)
+    values = share[:, None] * lamp.radiance
+    return Layer((row + top) * width_px + column, values.astype(np.float32))
+
+
+def _angle(lamp: Lamp, column: ArrayLike, row: ArrayLike, width_px: int, height_px: int) -> Array:
+    directions = geometry.equirect_direction(column, row, width_px, height_px)
+    return geometry.angle_deg(directions, lamp.direction)
+
+
+def _yaw(yaw_deg: float) -> Array:
+    """Turn to the right: what was forward (−Z) comes to +X, as columns grow."""
+    return geometry.quaternion([0, 1, 0], -yaw_deg)
+
+
+def lit_lamps(lamps: tuple[Lamp, ...], powers: ArrayLike, yaw_deg: float) -> tuple[Lamp, ...]:
+    """Lamps that are on, as bright as they are, turned with the scene."""
+    turn = _yaw(yaw_deg)
+    return tuple(
+        Lamp(geometry.rotate(turn, lamp.direction), lamp.radius_deg, power * lamp.irradiance)
+        for lamp, power in zip(lamps, np.asarray(powers, dtype=np.float64), strict=True)
+        if power > 0
+    )
+
+
+# ---------------------------------------------------------------- panoramas
+
+
+@dataclass(frozen=True, eq=False)
+class PanoramaScene:
+    """A real radiance map; its lamps are what stands out of it (see :func:`split_lamps`)."""
+
+    name: str
+    radiance: NDArray[np.float32]  # (H, W, 3), unclipped, lamps included
+    base: NDArray[np.float32]  # without the lamps
+    lamps: tuple[Lamp, ...]
+    layers: tuple[Layer, ...]
+
+    @classmethod
+    def load(cls, path: str | Path) -> PanoramaScene:
+        """Read any picture :mod:`lightprobe.image` reads."""
+        picture = image.read(path)
+        height, width, _ = picture.radiance.shape
+        if width != 2 * height:
+            raise image.ImageError(
+                f"image: {path}: {width}×{height}: an equirectangular map is twice as wide as high"
+            )
+        if not np.all(np.isfinite(picture.radiance)):
+            raise image.ImageError(f"image: {path}: NaN or infinite samples: no truth can be had")
+        return cls.of(Path(path).stem, picture.radiance)
+
+    @classmethod
+    def of(cls, name: str, radiance: NDArray[np.float32]) -> PanoramaScene:
+        """Make a scene of a map (H, 2H, 3)."""
+        base, lamps, layers = split_lamps(radiance)
+        return cls(name, radiance, base, lamps, layers)
+
+    def render(self, width_px: int, height_px: int) -> Layers:
+        """Resample to another size; seamless at the seam."""
+        height, width, _ = self.radiance.shape
+        if (height, width) == (height_px, width_px):
+            return Layers(self.base, self.layers)
+        base = resize(self.base, width_px, height_px)
+        layers = []
+        for layer in self.layers:
+            alone = np.zeros_like(self.base)
+            alone.reshape(-1, 3)[layer.index] = layer.values
+            flat = resize(alone, width_px, height_px).reshape(-1, 3)
+            index = np.flatnonzero(flat.any(axis=1))
+            layers.append(Layer(index, flat[index]))
+        return Layers(base, tuple(layers))
+
+    def scaled(self, factor: float) -> PanoramaScene:
+        """See :class:`Scene`."""
+        gain = np.float32(factor)
+        return PanoramaScene(
+            self.name,
+            gain * self.radiance,
+            gain * self.base,
+            tuple(lamp.scaled(factor) for lamp in self.lamps),
+            tuple(Layer(layer.index, gain * layer.values) for layer in self.layers),
+        )
+
+    def truth(self, powers: ArrayLike, yaw_deg: float = 0.0) -> MapTruth:
+        """Sum over the map."""
+        radiance = Layers(self.base, self.layers).compose(powers)
+        return MapTruth(radiance, yaw_deg, lit_lamps(self.lamps, powers, yaw_deg))
+
+
+@dataclass(frozen=True, eq=False)
+class MapTruth:
+    """Sums in float64 over all pixels of a map that is turned by `yaw_deg`."""
+
+    radiance: NDArray[np.float32]
+    yaw_deg: float = 0.0
+    lamps: tuple[Lamp, ...] = field(default=())
+
+    @property
+    def total(self) -> Array:
+        """See :class:`Truth`."""
+        return sh.rotate(sh.project(self.radiance, ORDER), _yaw(self.yaw_deg))
+
+    def irradiance(self, normals: ArrayLike) -> Array:
+        """See :class:`Truth`."""
+        n = np.asarray(normals, dtype=np.float64) @ geometry.rotation_matrix(_yaw(self.yaw_deg))
+        height, width, _ = self.radiance.shape
+        solid_angle = geometry.equirect_solid_angles(width, height)
+        columns = np.arange(width)
+        total = np.zeros((len(n), 3))
+        for row in range(height):
+            directions = geometry.equirect_direction(columns, row, width, height).T
+            weighted = self.radiance[row].astype(np.float64) * solid_angle[row]
+            # In blocks that the BLAS does not spread over threads, which would fight for the cores.
+            for block in range(0, len(n), 128):
+                cosine = np.maximum(n[block : block + 128] @ directions, 0)
+                total[block : block + 128] += cosine @ weighted
+        return total
+
+
+def resize(radiance: NDArray[np.float32], width_px: int, height_px: int) -> NDArray[np.float32]:
+    """Resample an equirectangular map; area means when smaller, bilinear when larger."""
+    height, width, _ = radiance.shape
+    if width_px <= width:
+        return np.asarray(
+            cv2.resize(radiance, (width_px, height_px), interpolation=cv2.INTER_AREA), np.float32
+        )
+    padded = cv2.copyMakeBorder(radiance, 0, 0, 1, 1, cv2.BORDER_WRAP)
+    columns = ((np.arange(width_px) + 0.5) * width / width_px + 0.5).astype(np.float32)
+    rows = ((np.arange(height_px) + 0.5) * height / height_px - 0.5).astype(np.float32)
+    x, y = np.meshgrid(columns, rows)
+    return np.asarray(
+        cv2.remap(padded, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32
+    )
+
+
+def split_lamps(
+    radiance: NDArray[np.float32], most: int = 8, least_share: float = 0.04
+) -> tuple[NDArray[np.float32], tuple[Lamp, ...], tuple[Layer, ...]]:
+    """Split a map into what remains and its lamps: bright regions, strongest first.
+
+    A lamp is a connected region above 12 times the mean luminance, at most 3.5° in radius, that
+    casts at least `least_share` of the light on a surface facing it. This decides what can be
+    switched and what a picture marks; no measure of accuracy on panoramas uses it.
+    """
+    height, width, _ = radiance.shape
+    solid_angle = np.repeat(geometry.equirect_solid_angles(width, height), width)
+    brightness = luminance(radiance.astype(np.float64))
+    mean = float(brightness.ravel() @ solid_angle) / (4 * np.pi)
+    labels = wrapped_regions(brightness > 12 * mean)
+    flat, flux = radiance.reshape(-1, 3), brightness.ravel() * solid_angle
+    strength = np.bincount(labels.ravel(), weights=flux)
+    strength[0] = 0
+    base, lamps, layers = radiance.copy(), [], []
+    directions = geometry.equirect_directions(width, height).reshape(-1, 3)
+    for label in np.argsort(-strength)[:most]:
+        inside = labels == label
+        size = solid_angle[inside.ravel()].sum()
+        if strength[label] < least_share * np.pi * mean:
+            break
+        if size > geometry.cap_solid_angle_sr(3.5):
+            continue  # a window or a bright sky: no lamp
+        ring = cv2.dilate(inside.astype(np.uint8), np.ones((7, 7), np.uint8)).astype(bool) & ~inside
+        surround = np.median(radiance[ring], axis=0)
+        index = np.flatnonzero(inside)
+        values = np.maximum(flat[index] - surround, 0)
+        base.reshape(-1, 3)[index] = flat[index] - values
+        weight = values * solid_angle[index, None]
+        direction = geometry.normalize(luminance(weight) @ directions[index])
+        lamps.append(Lamp(direction, float(geometry.cap_radius_deg(size)), weight.sum(axis=0)))
+        layers.append(Layer(index, values.astype(np.float32)))
+    return base, tuple(lamps), tuple(layers)
+
+
+def wrapped_regions(mask: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """Label connected regions of an equirectangular mask, across the seam and over the poles."""
+    count, labels = cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)
+    same = list(range(count))
+
+    def root(label: int) -> int:
+        while same[label] != label:
+            label = same[label]
+        return label
+
+    pairs = [(labels[row, 0], labels[row, -1]) for row in range(len(mask))]
+    for edge in (labels[0], labels[-1]):  # all pixels of the first row touch the pole
+        touching = [int(label) for label in np.unique(edge) if label]
+        pairs += [(touching[0], label) for label in touching[1:]]
+    for a, b in pairs:
+        if a and b:
+            same[root(int(a))] = root(int(b))
+    return np.asarray(np.array([root(label) for label in range(count)], dtype=np.int32)[labels])

@@ -1,0 +1,81 @@
+"""What stands around the simulated camera: a polarizer set by hand, or the whole box."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from lightprobe.errors import UsageError
+from lightprobe.geometry import Array
+from lightprobe.sim import faults
+from lightprobe.sim.box import Box
+from lightprobe.sim.illuminance import RingLight
+from lightprobe.sim.world import Behaviour, State
+
+
+class FixedPolarizer:
+    """A polarizer that somebody has set to an angle."""
+
+    def __init__(self, angle_deg: float) -> None:
+        """`angle_deg`: of its transmission axis."""
+        self._angle_deg = angle_deg
+
+    def wheel_deg(self, from_ns: int, to_ns: int) -> tuple[float, ...] | None:
+        """See :class:`lightprobe.sim.link.Surroundings`."""
+        return (self._angle_deg,)
+
+    def misbehave(self, query: str) -> str:
+        """See :class:`lightprobe.sim.link.Surroundings`; there is nothing that could."""
+        return query
+
+    def truth(self, state: State) -> dict[str, Any]:
+        """See :class:`lightprobe.sim.link.Surroundings`."""
+        return {}
+
+
+class WheelAndRing:
+    """The box: its wheel turns the polarizer, its ring stands in the scene's light."""
+
+    def __init__(self, box: Box, light: RingLight) -> None:
+        """Take both over."""
+        self._box, self._light = box, light
+
+    def wheel_deg(self, from_ns: int, to_ns: int) -> tuple[float, ...] | None:
+        """See :class:`lightprobe.sim.link.Surroundings`."""
+        return self._box.angles_deg(from_ns, to_ns)
+
+    def misbehave(self, query: str) -> str:
+        """See :class:`lightprobe.sim.link.Surroundings`."""
+        camera, numbers = faults.split(query, self._box.names)
+        faults.Faults().merged(camera)  # all of it or nothing
+        self._box.set(**numbers)
+        return camera
+
+    def truth(self, state: State) -> dict[str, Any]:
+        """See :class:`lightprobe.sim.link.Surroundings`."""
+        return {"ring_lux": [round(float(value), 4) for value in self._light.lux(state)]}
+
+
+def spread_ring(box: Box, spread: float, seed: int) -> tuple[Array, Array]:
+    """Give the nine LDRs their own R10 and gamma; returns both, (9,).
+
+    `spread` 1: as parts from one bag differ, ±25 % and ±0.05 (1 sigma); 0: all nominal.
+    """
+    if not 0 <= spread <= 2:
+        raise UsageError(f"simulate: --ring-spread {spread:g}: want 0…2")
+    rng = np.random.default_rng([seed, 0x1D4])
+    r10_ohm = 14000 * np.exp(spread * 0.25 * np.clip(rng.standard_normal(9), -2, 2))
+    gamma = 0.7 + spread * 0.05 * np.clip(rng.standard_normal(9), -2, 2)
+    for k in range(9):
+        box.set(**{f"ldr{k}_r10_ohm": float(r10_ohm[k]), f"ldr{k}_gamma": float(gamma[k])})
+    return r10_ohm, gamma
+
+
+def flicker_share(behaviour: Behaviour, light: RingLight, state: State) -> float:
+    """Share of the ring's light that flickers, the mean over the sensors."""
+    if not behaviour.flicker_hz:
+        return 0.0
+    lit = light.lux(state)
+    dark = light.lux(State(state.t_s, state.act, state.scene, state.yaw_deg, 0 * state.powers))
+    return float(behaviour.flicker_depth * np.mean(1 - dark / np.maximum(lit, 1e-9)))

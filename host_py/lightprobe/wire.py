@@ -1,0 +1,238 @@
+"""The wire: delimited protobuf to typed values and back. The one module that sees generated code.
+
+Nothing received is trusted: a message that is too long, does not parse, or holds numbers that make
+no sense raises :class:`WireError`, and the connection it came from is not worth keeping.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from google.protobuf.message import DecodeError
+from lightprobe_proto import lightprobe_pb2 as pb
+
+from lightprobe.estimate import (
+    Estimate,
+    EstimateFlag,
+    Fault,
+    Health,
+    Hello,
+    Kind,
+    Light,
+    LightFlag,
+    Refusal,
+    Ring,
+    SphericalHarmonics,
+    Wheel,
+)
+from lightprobe.geometry import Array
+
+PROTOCOL_MAJOR = 1
+#: The daemon's messages stay below 2 KiB; the rest is room to grow.
+MAX_MESSAGE_BYTES = 64 * 1024
+
+Message = Hello | Estimate | Health | Refusal
+
+
+class WireError(Exception):
+    """Bytes that are no message of lightprobe.v1."""
+
+
+@dataclass(frozen=True)
+class Subscription:
+    """What a client wants; the newest subscription holds."""
+
+    rate_hz: float = 0.0  # most estimates a second; 0: every one
+    sh_order: int = 2  # highest order wanted, 0…4
+    max_lights: int = 4  # 0…8
+    kind: Kind = "AMBIENT"
+    tolerance: float = 0.0  # smallest model with a predicted error below this; 0: the largest
+    smoothing: Literal["SMOOTHED", "RAW"] = "SMOOTHED"
+    health_period_ms: int = 1000  # 0: no health messages
+
+
+def delimit(payload: bytes) -> bytes:
+    """Put the length before a message, as a base-128 varint."""
+    length, prefix = len(payload), bytearray()
+    while length > 0x7F:
+        prefix.append(length & 0x7F | 0x80)
+        length >>= 7
+    prefix.append(length)
+    return bytes(prefix) + payload
+
+
+def encode_subscription(subscription: Subscription) -> bytes:
+    """Delimited FromClient message."""
+    message = pb.FromClient()
+    wish = message.subscribe
+    wish.rate_hz = subscription.rate_hz
+    wish.sh_order = subscription.sh_order
+    wish.max_lights = subscription.max_lights
+    wish.kind = pb.SphericalHarmonics.Kind.Value(subscription.kind)
+    wish.tolerance_permille = round(1000 * subscription.tolerance)
+    wish.smoothing = pb.Subscription.Smoothing.Value(subscription.smoothing)
+    wish.health_period_ms = subscription.health_period_ms
+    return delimit(message.SerializeToString())
+
+
+class Decoder:
+    """Bytes in, messages out, in whatever pieces they arrive."""
+
+    def __init__(self) -> None:
+        """Start empty."""
+        self._buffer = bytearray()
+
+    def feed(self, data: bytes) -> list[Message]:
+        """Take bytes; give the messages that are now whole. Kinds newer than us are skipped."""
+        self._buffer += data
+        messages = []
+        while (payload := self._take()) is not None:
+            message = decode(payload)
+            if message is not None:
+                messages.append(message)
+        return messages
+
+    def _take(self) -> bytes | None:
+        """Remove one whole payload from the buffer; None when there is none yet."""
+        length, start = 0, 0
+        while True:
+            if start == len(self._buffer):
+                return None
+            byte = self._buffer[start]
+            length |= (byte & 0x7F) << 7 * start
+            start += 1
+            if length > MAX_MESSAGE_BYTES or start > 4:
+                raise WireError(f"message of {length} bytes: at most {MAX_MESSAGE_BYTES}")
+            if byte < 0x80:
+                break
+        if len(self._buffer) - start < length:
+            return None
+        payload = bytes(self._buffer[start : start + length])
+        del self._buffer[: start + length]
+        return payload
+
+
+def decode(payload: bytes) -> Message | None:
+    """One FromProbe message; None when it is of a kind newer than this client."""
+    message = pb.FromProbe()
+    try:
+        message.ParseFromString(payload)
+    except DecodeError as error:
+        raise WireError(f"no FromProbe message: {error}") from None
+    kind = message.WhichOneof("message")
+    if kind == "hello":
+        return _hello(message.hello)
+    if kind == "estimate":
+        return _estimate(message.estimate)
+    if kind == "health":
+        return _health(message.health)
+    if kind == "error":
+        return Refusal(message.error.code, message.error.text)
+    return None
+
+
+def _hello(m: pb.Hello) -> Hello:
+    return Hello(**{name: getattr(m, name) for name in Hello.__dataclass_fields__})
+
+
+def _health(m: pb.Health) -> Health:
+    plain = set(Health.__dataclass_fields__) - {"source_state", "faults", "wheel", "ring"}
+    return Health(
+        source_state=_name(pb.Health.SourceState, m.source_state),
+        faults=tuple(Fault(fault.id, fault.text) for fault in m.faults),
+        wheel=_wheel(m.wheel) if m.HasField("wheel") else None,
+        ring=_ring(m.ring) if m.HasField("ring") else None,
+        **{name: getattr(m, name) for name in plain},
+    )
+
+
+def _name(kind: Any, number: int) -> str:
+    """Name of an enumeration's value; UNKNOWN for one of the future."""
+    return str(kind.Name(number)) if int(number) in kind.values() else "UNKNOWN"
+
+
+def _wheel(m: pb.Wheel) -> Wheel:
+    def known(name: str) -> float | None:
+        return float(getattr(m, name)) if m.HasField(name) else None
+
+    return Wheel(
+        phase=_name(pb.Wheel.Phase, m.phase),
+        commanded_deg=known("commanded_deg"),
+        measured_deg=known("measured_deg"),
+        sigma_deg=known("sigma_deg"),
+        moves=m.moves,
+        frames_stamped=m.frames_stamped,
+        frames_moving=m.frames_moving,
+        frames_unknown=m.frames_unknown,
+        clock_sigma_us=known("clock_sigma_us"),
+        reconnects=m.reconnects,
+    )
+
+
+def _ring(m: pb.Ring) -> Ring:
+    lux = tuple(float(value) if np.isfinite(value) else None for value in m.illuminance_lux)
+    return Ring(lux, m.samples_per_s, m.samples, m.samples_lost)
+
+
+def _estimate(m: pb.Estimate) -> Estimate:
+    return Estimate(
+        sequence=m.sequence,
+        boot_id=m.boot_id,
+        capture_time_unix_ns=m.capture_time_unix_ns,
+        send_delay_us=m.send_delay_us,
+        ttl_ms=m.ttl_ms,
+        flags=EstimateFlag(m.flags),
+        lights=tuple(_light(light) for light in m.lights),
+        sh=_sh(m.sh),
+        predicted_error=(
+            m.predicted_error_permille / 1000 if m.HasField("predicted_error_permille") else None
+        ),
+        exposure_us=float(m.exposure_us) if m.HasField("exposure_us") else None,
+        exposure_count=m.exposure_count,
+        cd_m2_per_unit=m.cd_m2_per_unit if m.HasField("cd_m2_per_unit") else None,
+        wheel_deg=m.wheel_deg if m.HasField("wheel_deg") else None,
+        wheel_sigma_deg=m.wheel_sigma_deg if m.HasField("wheel_sigma_deg") else None,
+    )
+
+
+def _light(m: pb.Light) -> Light:
+    direction = _floats(m.direction, 3, "light direction")
+    length = float(np.linalg.norm(direction))
+    if abs(length - 1) > 1e-3:
+        raise WireError(f"light direction of length {length:.3g}: want a unit vector")
+    irradiance = _floats(m.irradiance, 3, "light irradiance")
+    sigma = m.irradiance_sigma_permille / 1000 if m.HasField("irradiance_sigma_permille") else None
+    return Light(
+        id=m.id,
+        direction=direction / length,
+        irradiance=irradiance,
+        angular_radius_deg=m.angular_radius_deg,
+        direction_sigma_deg=m.direction_sigma_deg if m.HasField("direction_sigma_deg") else None,
+        irradiance_sigma=None if sigma is None else sigma * irradiance,
+        confidence=m.confidence_percent / 100 if m.HasField("confidence_percent") else None,
+        flags=LightFlag(m.flags),
+        distance_m=m.distance_m if m.HasField("distance_m") else None,
+    )
+
+
+def _sh(m: pb.SphericalHarmonics) -> SphericalHarmonics:
+    if (
+        m.basis != pb.SphericalHarmonics.REAL_POSITIVE
+        or m.quantity != pb.SphericalHarmonics.RADIANCE
+    ):
+        raise WireError("SH of a basis or quantity that this client does not know")
+    kinds: dict[int, Kind] = {1: "AMBIENT", 2: "TOTAL"}
+    if int(m.kind) not in kinds or m.order > 8:
+        raise WireError(f"SH of kind {int(m.kind)}, order {m.order}: want AMBIENT or TOTAL, 0…8")
+    number = (m.order + 1) ** 2
+    coefficients = _floats(m.coefficients, 3 * number, "SH coefficients").reshape(number, 3)
+    return SphericalHarmonics(kinds[int(m.kind)], m.order, coefficients)
+
+
+def _floats(values: object, number: int, what: str) -> Array:
+    array = np.array(values, dtype=np.float64)
+    if array.shape != (number,) or not np.all(np.isfinite(array)):
+        raise WireError(f"{what}: {array.size} numbers: want {number}, all finite")
+    return array
