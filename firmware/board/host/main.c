@@ -1,0 +1,229 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The firmware as a Linux process: on a pty, paced by the wall clock, or in lock-step. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "board/host/console.h"
+#include "board/host/frame_log.h"
+#include "board/host/host.h"
+#include "firmware.h"
+
+#define POLL_US 500
+
+struct process {
+	struct firmware firmware;
+	struct console console;
+	struct frame_log log;
+	struct line line;
+	const char *eeprom;
+};
+
+static void usage(void)
+{
+	puts("usage: lightprobe-mcu-host (--pty PATH | --lock-step) [options]\n"
+	     "The microcontroller's firmware as a process, with a simulated wheel and ring.\n"
+	     "  --pty PATH      symbolic link to make: the serial line; wall-clock time\n"
+	     "  --lock-step     no serial line; time passes only in `run`\n"
+	     "  --control PATH  Unix socket for commands; else stdin and stdout\n"
+	     "  --eeprom FILE   keep the parameters there\n"
+	     "  --seed N        of the simulated noise\n"
+	     "Commands, one a line, each with one answer:\n"
+	     "  set NAME VALUE, get NAME, names   numbers of the box: board/host/world.h\n"
+	     "  angles FROM_NS TO_NS COUNT        where the wheel was, by CLOCK_MONOTONIC\n"
+	     "  run US          let time pass (lock-step)\n"
+	     "  tx HEX          bytes to the firmware\n"
+	     "  frames          frames from it: count, then lines of time, least and\n"
+	     "                  greatest wheel angle of the 2 ms before, bytes\n"
+	     "  time, reset, quit");
+}
+
+static void save_eeprom(const char *path)
+{
+	FILE *file = path ? fopen(path, "wb") : NULL;
+
+	if (path &&
+	    (!file || fwrite(host.eeprom, 1, sizeof(host.eeprom), file) != sizeof(host.eeprom)))
+		perror(path);
+	if (file)
+		fclose(file);
+}
+
+static void load_eeprom(const char *path)
+{
+	FILE *file = path ? fopen(path, "rb") : NULL;
+
+	if (!file)
+		return; /* a new chip */
+	if (fread(host.eeprom, 1, sizeof(host.eeprom), file) != sizeof(host.eeprom))
+		fprintf(stderr, "%s: shorter than an EEPROM: the rest is blank\n", path);
+	fclose(file);
+}
+
+static void on_out(void *context, const uint8_t *bytes, uint8_t count)
+{
+	struct process *process = context;
+
+	uint8_t sent[UINT8_MAX];
+
+	for (uint8_t i = 0; i < count; i++)
+		frame_log_byte(&process->log, bytes[i], host.t_us, &host.world);
+	memcpy(sent, bytes, count);
+	size_t left = world_line(&host.world, sent, count);
+	/* Nobody reads and the pty is full: as on a line with no one at its end. */
+	if (process->line.master >= 0 && write(process->line.master, sent, left) < 0)
+		return;
+}
+
+static void start(struct process *process)
+{
+	memset(&process->firmware, 0, sizeof(process->firmware));
+	firmware_start(&process->firmware);
+}
+
+static void run_for(struct process *process, int64_t us)
+{
+	for (; us > 0; us -= POLL_US) {
+		host_pass(us < POLL_US ? us : POLL_US);
+		firmware_poll(&process->firmware);
+		board_idle();
+		if (host.reset_asked)
+			start(process);
+	}
+}
+
+static void command_tx(struct process *process, const char *hex)
+{
+	static uint8_t bytes[HOST_LINE_BYTES];
+	int count = console_unhex(hex, bytes, sizeof(bytes));
+
+	if (count < 0) {
+		console_answer(&process->console, "error: not hexadecimal");
+		return;
+	}
+	host_send(bytes, count);
+	console_answer(&process->console, "ok");
+}
+
+static void execute(void *context, const char *line)
+{
+	struct process *process = context;
+	struct console *console = &process->console;
+	char answer[2048];
+	unsigned long us;
+
+	if (sscanf(line, "run %lu", &us) == 1) {
+		run_for(process, us);
+		console_answer(console, "ok");
+	} else if (strncmp(line, "tx ", 3) == 0) {
+		command_tx(process, line + 3);
+	} else if (strcmp(line, "frames") == 0) {
+		frame_log_answer(&process->log, console);
+	} else if (strcmp(line, "reset") == 0) {
+		board_reset(RESET_CAUSE_EXTERNAL);
+		console_answer(console, "ok");
+	} else if (strcmp(line, "time") == 0) {
+		console_answer(console, "%llu", (unsigned long long)host.t_us);
+	} else if (strcmp(line, "quit") == 0) {
+		console->closed = true;
+		console_answer(console, "ok");
+	} else if (world_command(&host.world, line, answer, sizeof(answer))) {
+		console_answer(console, "%s", answer);
+	} else {
+		console_answer(console, "error: unknown command");
+	}
+}
+
+static void take_line(struct process *process)
+{
+	uint8_t bytes[512];
+
+	line_plug(&process->line, !host.world.line_unplugged);
+	if (process->line.master < 0)
+		return;
+	ssize_t got = read(process->line.master, bytes, sizeof(bytes));
+	if (got > 0)
+		host_send(bytes, (unsigned)world_line(&host.world, bytes, got));
+}
+
+static int64_t now_us(void)
+{
+	struct timespec now;
+
+	clock_gettime(CLOCK_MONOTONIC, &now);
+	return now.tv_sec * 1000000LL + now.tv_nsec / 1000;
+}
+
+static void run_real_time(struct process *process)
+{
+	int64_t offset_us = now_us() - (int64_t)host.t_us;
+
+	while (!process->console.closed) {
+		console_serve(&process->console, 1, execute, process);
+		take_line(process);
+		int64_t due_us = now_us() - offset_us - (int64_t)host.t_us;
+		world_behind(&host.world, due_us);
+		if (due_us > WORLD_BEHIND_US) {
+			offset_us += due_us - WORLD_BEHIND_US;
+			due_us = WORLD_BEHIND_US;
+		}
+		host.world.start_ns = offset_us * 1000;
+		run_for(process, due_us);
+	}
+	line_plug(&process->line, false);
+}
+
+int main(int argc, char **argv)
+{
+	static struct process process = {.line = {.master = -1, .slave = -1}};
+	bool lock_step = false;
+	const char *control = NULL, *pty = NULL;
+	uint32_t seed = 1;
+
+	for (int i = 1; i < argc; i++) {
+		const char *option = argv[i];
+		const char *value = i + 1 < argc ? argv[i + 1] : "";
+		if (strcmp(option, "--help") == 0) {
+			usage();
+			return 0;
+		}
+		if (strcmp(option, "--lock-step") == 0) {
+			lock_step = true;
+			continue;
+		}
+		i++;
+		if (strcmp(option, "--pty") == 0)
+			pty = value;
+		else if (strcmp(option, "--control") == 0)
+			control = value;
+		else if (strcmp(option, "--eeprom") == 0)
+			process.eeprom = value;
+		else if (strcmp(option, "--seed") == 0)
+			seed = strtoul(value, NULL, 0);
+		else {
+			fprintf(stderr, "unknown option %s; --help lists them\n", option);
+			return 2;
+		}
+	}
+	if (lock_step == (pty != NULL)) {
+		usage();
+		return 2;
+	}
+	host_init(seed);
+	load_eeprom(process.eeprom);
+	host.out = on_out;
+	host.context = &process;
+	console_open(&process.console, control);
+	start(&process);
+	process.line.path = pty;
+	line_plug(&process.line, true);
+	if (pty)
+		run_real_time(&process);
+	while (!process.console.closed)
+		console_serve(&process.console, -1, execute, &process);
+	save_eeprom(process.eeprom);
+	console_close(&process.console);
+	return 0;
+}

@@ -1,0 +1,111 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The box around the microcontroller, simulated: servo and wheel, its comb under two sensors,
+ * feedback voltage, nine LDR voltages, supply. Used by the host build and around simavr
+ * (firmware/simavr).
+ *
+ * Every number has a name and can be set and read as text while it runs: that is how faults are
+ * made. Units are in the names; angles are wheel degrees unless they say shaft.
+ */
+#ifndef WORLD_H
+#define WORLD_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#define WORLD_STEP_US 100
+#define WORLD_LDRS 9
+#define WORLD_HISTORY 32768 /* steps of the wheel's angle kept: 3.3 s */
+
+struct world {
+	/* Servo: pulse to wheel angle (with its gear), and how it moves. */
+	double servo_zero_us, servo_gain_us_deg;
+	double servo_slew_deg_s;
+	double servo_tau_ms; /* approach to the asked angle */
+	double servo_deadband_deg;
+	double servo_crooked_deg;	      /* amplitude of the angle's error over the range */
+	double servo_low_deg, servo_high_deg; /* mechanical stops */
+	double backlash_deg;
+	/* The comb, as built: lowest edge, distance from edge to edge, number. */
+	double comb_first_deg, comb_pitch_deg, comb_edges;
+	/* Feedback: share of the supply at 0 degrees and per degree; fitted or not. */
+	double feedback_fitted, feedback_zero, feedback_per_deg, feedback_noise_deg;
+	double supply_mv, bandgap_mv;
+	/* LDRs from the supply to the ring's pins, a resistor from there to ground. What an LDR
+	 * feels follows the illuminance with a first-order lag; R = r10 (felt / 10 lux)^-gamma. */
+	double ldr_lux[WORLD_LDRS]; /* -1: the voltage is set, not the light */
+	double ldr_mv[WORLD_LDRS];  /* at a supply of 5 V */
+	double ldr_r10_ohm[WORLD_LDRS], ldr_gamma[WORLD_LDRS];
+	double ldr_dark_ohm, ldr_divider_ohm;
+	double ldr_rise_ms, ldr_fall_ms;
+	double flicker_hz, flicker_share; /* of the light on all LDRs, sinusoidal */
+
+	/* Faults. */
+	double stuck;	 /* 1: the servo cannot turn */
+	double slow;	 /* factor on the slew; 1: healthy */
+	double slip_deg; /* the wheel has slipped by so much in all (it gets there at 350 deg/s) */
+	double lie_deg;	 /* the sensors see the wheel so far ahead (at 5000 deg/s) */
+	double index_a_forced, index_b_forced; /* -1: real; 0: never on a tooth; 1: always */
+	double index_glitches;	       /* changes of sensor A, one a step, still to be made */
+	double feedback_forced;	       /* -1: real; else this share of the supply */
+	double ldr_forced[WORLD_LDRS]; /* -1: real; else this share of the supply: 0 open, 1
+					  shorted */
+	double line_noise;	       /* share of the serial line's bytes that are changed */
+	double line_cut;	       /* 1: none passes */
+	double line_unplugged;	       /* 1: the serial device is not there */
+
+	/* State. */
+	double t_us;
+	int64_t start_ns; /* CLOCK_MONOTONIC when t_us was 0; 0 in lock-step. Grows when time is
+			   * lost
+			   */
+	/* How far the box has been behind the clock, at most since somebody set it to 0: what its
+	 * wheel did then it did later than `angles` says. */
+	double behind_us;
+	double ldr_felt_lux[WORLD_LDRS];
+	double pulse_us; /* of the last pulse */
+	double since_pulse_us;
+	double powered;
+	double shaft_deg, wheel_deg, slipped_deg, lying_deg;
+	uint8_t index_levels; /* bit 0: A on a tooth, bit 1: B */
+	uint32_t random;
+	double history_deg[WORLD_HISTORY];
+	int64_t history_ns[WORLD_HISTORY]; /* CLOCK_MONOTONIC */
+	unsigned history_at;
+};
+
+/* The box is so far behind the clock now. */
+void world_behind(struct world *world, double us);
+
+void world_init(struct world *world, uint32_t seed);
+
+/* The servo's pins: a pulse has ended; the supply switch. */
+void world_pulse(struct world *world, double width_us);
+void world_power(struct world *world, bool on);
+
+/* Goes on by WORLD_STEP_US. */
+void world_step(struct world *world);
+
+/* What the pins see. */
+double world_ldr_mv(const struct world *world, unsigned channel);
+double world_feedback_mv(struct world *world);
+
+/* Least and greatest angle of the last 2 ms. */
+void world_recent(const struct world *world, double *low_deg, double *high_deg);
+
+/* What the serial line makes of bytes that pass; gives how many are left. */
+size_t world_line(struct world *world, uint8_t *bytes, size_t count);
+
+/* In real time: more than this a machine may lag before time is forgotten. A lost moment looks to
+ * the host as if the microcontroller's clock had jumped, which no real one does. */
+#define WORLD_BEHIND_US 2000000
+
+/*
+ * "angles FROM_NS TO_NS COUNT": the wheel's angle at COUNT (1…64) times from FROM_NS to TO_NS of
+ * CLOCK_MONOTONIC; "error: not yet" or "error: forgotten" outside of what is known.
+ * "set NAME VALUE", "get NAME", "names": false when the line is none of these. The answer has no
+ * newline. */
+bool world_command(struct world *world, const char *line, char *answer, size_t answer_size);
+
+#endif

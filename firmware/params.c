@@ -1,0 +1,150 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "params.h"
+
+#include "board/board.h"
+#include "envelope.h"
+
+#define COPY_STRIDE 256
+#define VERSION 1
+#define HEADER 3 /* version, generation, count */
+#define SIZE(count) (HEADER + 2 * (count) + 2)
+
+struct limits {
+	int16_t initial, minimum, maximum;
+};
+
+static const BOARD_FLASH struct limits table[PARAM_COUNT] = {
+#define PARAM_LIMITS(name, initial, minimum, maximum) {initial, minimum, maximum},
+	PARAMS(PARAM_LIMITS)
+#undef PARAM_LIMITS
+};
+
+_Static_assert(SIZE(PARAM_COUNT) < PARAMS_IDLE, "a copy is counted in 8 bits");
+
+void params_defaults(struct params *params)
+{
+	for (uint8_t i = 0; i < PARAM_COUNT; i++)
+		params->values[i] = table[i].initial;
+}
+
+void param_limits(enum param which, int16_t *minimum, int16_t *maximum)
+{
+	*minimum = table[which].minimum;
+	*maximum = table[which].maximum;
+}
+
+bool param_set(struct params *params, enum param which, int16_t value)
+{
+	if (value < table[which].minimum || value > table[which].maximum)
+		return false;
+	params->values[which] = value;
+	return true;
+}
+
+static uint8_t stored(uint8_t copy, uint8_t at)
+{
+	return board_eeprom_read((uint16_t)copy * COPY_STRIDE + at);
+}
+
+static bool copy_blank(uint8_t copy)
+{
+	for (uint8_t i = 0; i < HEADER; i++) {
+		if (stored(copy, i) != 0xFF)
+			return false;
+	}
+	return true;
+}
+
+static bool copy_good(uint8_t copy)
+{
+	uint8_t count = stored(copy, 2);
+	uint16_t crc = CRC16_START;
+
+	if (stored(copy, 0) != VERSION || stored(copy, 1) == 0 || count == 0 || count > PARAM_COUNT)
+		return false;
+	for (uint8_t i = 0; i < SIZE(count) - 2; i++)
+		crc = crc16(crc, stored(copy, i));
+	return stored(copy, SIZE(count) - 2) == (crc & 0xFF) &&
+	       stored(copy, SIZE(count) - 1) == crc >> 8;
+}
+
+static void take(struct params *params, uint8_t copy)
+{
+	uint8_t count = stored(copy, 2);
+
+	params->copy = copy;
+	params->generation = stored(copy, 1);
+	for (uint8_t i = 0; i < count; i++) {
+		uint8_t at = HEADER + 2 * i;
+		/* Out of range: a former firmware's limits were wider. The default stays. */
+		param_set(params, i, (int16_t)(stored(copy, at) | stored(copy, at + 1) << 8));
+	}
+}
+
+enum params_load params_load(struct params *params)
+{
+	bool good[2] = {copy_good(0), copy_good(1)};
+
+	params_defaults(params);
+	params->generation = 0;
+	params->copy = 1;
+	params->save_at = PARAMS_IDLE;
+	if (!good[0] && !good[1])
+		return copy_blank(0) && copy_blank(1) ? PARAMS_BLANK : PARAMS_CORRUPT;
+	if (good[0] && good[1]) {
+		/* Generations count up modulo 255 and differ by one. */
+		take(params, (int8_t)(stored(1, 1) - stored(0, 1)) > 0);
+		return PARAMS_LOADED;
+	}
+	take(params, good[1]);
+	return copy_blank(!params->copy) ? PARAMS_LOADED : PARAMS_ONE_COPY;
+}
+
+static uint8_t byte_to_store(const struct params *params, uint8_t at)
+{
+	if (at == 0)
+		return VERSION;
+	if (at == 1)
+		return params->generation == 0xFF ? 1 : params->generation + 1;
+	if (at == 2)
+		return PARAM_COUNT;
+	if (at == SIZE(PARAM_COUNT) - 2)
+		return params->save_crc & 0xFF;
+	if (at == SIZE(PARAM_COUNT) - 1)
+		return params->save_crc >> 8;
+	uint16_t value = (uint16_t)params->values[(at - HEADER) / 2];
+	return (at - HEADER) & 1 ? value >> 8 : value & 0xFF;
+}
+
+void params_save(struct params *params)
+{
+	params->save_at = 0;
+	params->save_crc = CRC16_START;
+}
+
+bool params_saving(const struct params *params)
+{
+	return params->save_at != PARAMS_IDLE;
+}
+
+bool params_poll(struct params *params)
+{
+	uint8_t at = params->save_at;
+
+	if (at == PARAMS_IDLE)
+		return false;
+	if (at < SIZE(PARAM_COUNT)) {
+		uint8_t value = byte_to_store(params, at);
+		uint16_t address = (uint16_t)!params->copy * COPY_STRIDE + at;
+		if (!board_eeprom_write(address, value))
+			return false;
+		if (at < SIZE(PARAM_COUNT) - 2)
+			params->save_crc = crc16(params->save_crc, value);
+		params->save_at++;
+		return false;
+	}
+	params->generation = byte_to_store(params, 1);
+	params->copy = !params->copy;
+	params->save_at = PARAMS_IDLE;
+	return true;
+}
