@@ -1,0 +1,132 @@
+// SPDX-License-Identifier: Apache-2.0
+// Every dimension of the box, in mm and degrees; the only place for numbers.
+//
+// Box frame: x right, y forward (to where the wheel looks), z up, origin in the middle of the camera:
+// the probe frame's (x, -z, y). Wheel frame: x right, y up, z backwards, so that angles count
+// counter-clockwise seen from inside looking out, as the wheel's do; in_box() turns one into the other.
+//
+// tools/dimensions.py reads the lines `name = number;` of this file; tests measure the parts against them.
+
+// --- printing
+gap = 0.15;              // between parts that are pushed together, per side
+wall_min = 1.2;          // three lines of a 0.4 mm nozzle
+$fa = 3;
+$fs = 0.5;
+
+// --- camera: a ball with a plug below (Insta360 Air class)
+camera_diameter = 37.6;
+camera_plug_width = 13;  // of the cable's plug, along x
+camera_plug_depth = 9;   // along y
+pupil_behind_apex = 4.0; // of the front lens
+film_before_apex = 2.0;
+
+// --- polarizing film and the wheel that carries it
+film_diameter = 52;
+film_thickness = 0.8;    // with a paper ring under it if thinner
+film_lip = 0.8;          // before the film
+lip_radius = 24;         // clear view
+wheel_front_thickness = 6.0;
+wheel_screw_radius = 29;
+wheel_screw_hole = 2.1;  // M2.5, cuts its own thread
+wheel_screw_clear = 2.8;
+rim_radius = 37;         // tip of the V
+rim_thickness = 4.0;
+rim_flat = 1.0;          // width of the V's tip
+rim_shoulder = 3.9;      // between rim and comb: room for the rollers' nuts
+gauge_hole = 2.1;        // a 2 mm drill holds the wheel
+gauge_radius = 33.6;
+gauge_deg = 135;         // where the plate's gauge hole is
+
+// --- comb: what firmware/README.md assumes; COMB_* of firmware/params.h
+comb_first_deg = -16.5;
+comb_step_deg = 3;       // edge to edge, both sensors together
+comb_teeth = 17;         // that the firmware counts; comb_extra more, so that counting goes on above
+comb_extra = 4;
+comb_tooth_deg = 6;
+sensor_skip = 2;         // sensors are 3 + 12 * skip degrees apart; that many teeth are short
+sensor_a_deg = 40;
+comb_thickness = 1.6;
+comb_radius = 45;
+comb_zone = 2.6;         // radial height of one sensor's zone: A outside, B inside
+
+// --- slotted sensors (TCST2202 class)
+fork_length = 25;        // with ears, across the slot
+fork_body = 12.4;
+fork_width = 6.4;
+fork_height = 10.8;      // from seat to tips
+fork_ear = 3.1;
+fork_slot = 3.1;
+fork_slot_depth = 7.2;
+fork_beam = 2.5;         // below the tips
+fork_hole_distance = 19;
+
+// --- rollers: V623ZZ, 3 x 12 x 4
+roller_bore = 3;
+roller_radius = 6;
+roller_width = 4;
+roller_groove = 1.5;     // depth
+roller_screw = 12;       // M3, from behind the plate
+roller_nut = 2.4;
+roller_play = 1.5;       // the top one slides so far up
+
+// --- gears
+gear_module = 1;
+wheel_gear_teeth = 66;
+gear_backlash = 0.15;    // added to the distance of the axes
+gear_pressure_deg = 20;
+wheel_travel_deg = 270;  // of the wheel for the servo's whole travel
+
+// --- servo: 270 (straight) or 180 (geared 3:2 up)
+servo_travel_deg = 270;
+servo_gear_thickness = 5;
+servo_case_above = 10;   // case beyond the ears, towards the gear
+servo_case_below = 28;   // behind the ears
+horn_hole_radius = 8;
+horn_hole = 2.2;
+horn_centre_hole = 8;
+
+// --- plate
+plate_thickness = 4;
+plate_margin = 1;        // roller above the plate: a washer
+plate_hole_radius = 28;
+plate_half_width = 46;
+plate_tab = 13;          // height of its two feet
+m3_clear = 3.3;
+m3_thread = 2.6;
+
+// --- drum and ring
+ring_radius = 60;
+ring_flat = 59;          // distance of the sensors' faces from the axis
+ring_height = 14;
+ring_z = -77;            // of the eight sensors
+drum_wall = 3;
+drum_floor = 4;
+lid_top = -48;
+lid_top_radius = 43;
+lid_screw_radius = 54;
+lid_screw_seat = 4;      // of the heads, above the lid's lower edge
+ldr_diameter = 5.6;      // GL5528: 5.1 x 4.3
+ldr_depth = 2.2;
+ldr_leads = 3.4;
+ldr_lead_hole = 1.0;
+ldr_top_z = 63;
+board_width = 70;        // perforated board, 70 x 50
+board_depth = 50;
+board_y = -17;           // its middle
+board_post = 8;
+board_parts = 12;        // height of what stands on it
+cable_width = 16;
+cable_height = 10;
+
+// --- mounts
+tripod_nut_flats = 11.2; // 1/4-20: 7/16 inch
+tripod_nut_height = 5.8;
+tripod_hole = 6.7;
+peg_distance = 20;
+peg_diameter = 4;
+peg_depth = 2.2;
+headset_length = 120;
+headset_width = 70;
+headset_thickness = 4;
+strap_width = 26;
+strap_slot = 4;
