@@ -1,0 +1,42 @@
+"""Shared by all Python tests."""
+
+import os
+from pathlib import Path
+
+import hypothesis
+import pytest
+from hypothesis.database import DirectoryBasedExampleDatabase
+
+ROOT = Path(__file__).resolve().parents[1]
+BUILD = ROOT / "build"
+
+# No deadlines: the machine may be busy. What a failure needs to be seen again lies under build/.
+hypothesis.settings.register_profile(
+    "lightprobe",
+    deadline=None,
+    max_examples=int(os.environ.get("HYPOTHESIS_EXAMPLES", "50")),
+    database=DirectoryBasedExampleDatabase(BUILD / "cache" / "hypothesis"),
+)
+hypothesis.settings.load_profile("lightprobe")
+
+
+def daemon_path(variant: str) -> Path:
+    """Path of the daemon as built in a variant; fails when `make` has not built it."""
+    path = BUILD / variant / "bin" / "lightprobed"
+    assert path.is_file(), f"{path} is missing: make VARIANT={variant} daemon"
+    return path
+
+
+@pytest.fixture(autouse=True)
+def _sanitized_daemon(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every test runs the daemon that has the sanitizers in it, unless it asks for another."""
+    monkeypatch.setenv("LIGHTPROBED", str(BUILD / "asan" / "bin" / "lightprobed"))
+    monkeypatch.setenv("LIGHTPROBE_SCENES", str(BUILD / "scenes"))
+
+
+@pytest.fixture
+def released_daemon(monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Run the daemon as it ships: where it is the speed or the numbers that count."""
+    path = daemon_path("release")
+    monkeypatch.setenv("LIGHTPROBED", str(path))
+    return path

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+# Tests by tier. C unit tests: one binary per tests/unit/test_*.c (or .cpp), linked with the daemon's libraries
+# in the asan variant. Python tests: pytest.
+
+C_SOURCES = $(DAEMON_SOURCES) $(wildcard tests/*/*.[ch] tests/*/*.cpp)
+
+UNIT_SOURCES := $(filter-out $(if $(filter 0,$(WITH_LIBCAMERA)),%_libcamera.cpp),$(wildcard tests/unit/test_*.c tests/unit/test_*.cpp))
+UNIT_TESTS := $(patsubst tests/unit/%,$(OUT)/tests/%,$(basename $(UNIT_SOURCES)))
+
+link_unit_test = mkdir -p $(@D) && $(CC) $(LP_LDFLAGS) -o $@ $^ $(LP_LDLIBS) -lcmocka -ljpeg
+$(OUT)/tests/%: $(OUT)/tests/unit/%.c.o $(DAEMON_LIBS)
+	@$(link_unit_test)
+$(OUT)/tests/%: $(OUT)/tests/unit/%.cpp.o $(DAEMON_LIBS)
+	@$(link_unit_test)
+.PRECIOUS: $(OUT)/%.c.o $(OUT)/%.cpp.o
+
+# The expected values of the golden bytes, as C.
+$(GEN)/golden.inc: proto/golden/v1.json tests/unit/golden.py
+	@mkdir -p $(@D)
+	@$(PYTHON) tests/unit/golden.py header >$@
+$(OUT)/tests/unit/test_golden.c.o: $(GEN)/golden.inc
+
+.PHONY: unit-tests run-unit-tests test-unit test-python test-all
+unit-tests: $(UNIT_TESTS)
+# EMULATOR: what runs another processor's programs.
+run-unit-tests: unit-tests
+	@for t in $(UNIT_TESTS); do echo "== $$t"; $(EMULATOR) $$t; done
+
+test-unit: ## C unit tests, under the address and undefined-behaviour sanitizers
+	@$(MAKE) VARIANT=asan -j$(JOBS) unit-tests
+	@$(MAKE) VARIANT=asan run-unit-tests
+
+test-python: build $(BUILD)/scenes/blender.stamp
+	@$(MAKE) VARIANT=asan -j$(JOBS) daemon
+	@$(MAKE) -j$(JOBS) firmware firmware-avr test-firmware-parts bench-programs
+	@$(VENV)/bin/pytest -q tests --ignore=tests/firmware --ignore=tests/arm64 --ignore=tests/hw
+
+test-all: test-unit test-python
+
+.PHONY: check-rules
+check-rules: build
+	@$(VENV)/bin/python tests/rules/check_includes.py
+
+.PHONY: soak
+soak: build ## an hour of simulated frames as fast as they are taken: memory must stay flat; FRAMES=n
+	@$(VENV)/bin/python tests/e2e/soak.py $(if $(FRAMES),--frames $(FRAMES))
+
+# One libFuzzer target per tests/fuzz/fuzz_NAME.c; what it finds on its way stays under build/.
+FUZZ_TARGETS := $(patsubst tests/fuzz/fuzz_%.c,%,$(wildcard tests/fuzz/fuzz_*.c))
+FUZZ_SECONDS := $(or $(SECONDS),60)
+
+$(OUT)/fuzz/%: $(OUT)/tests/fuzz/fuzz_%.c.o $(DAEMON_LIBS)
+	@mkdir -p $(@D)
+	@$(CXX) $(LP_LDFLAGS) -fsanitize=fuzzer -o $@ $^ $(LP_LDLIBS) -ljpeg
+$(OUT)/fuzz/link: LP_LDFLAGS += -Wl,--wrap=lp_clock_ns
+
+.PHONY: fuzz fuzz-targets run-fuzz
+fuzz-targets: $(FUZZ_TARGETS:%=$(OUT)/fuzz/%)
+run-fuzz: fuzz-targets
+	@for target in $(FUZZ_TARGETS); do \
+		echo "== fuzz $$target, $(FUZZ_SECONDS) s"; \
+		mkdir -p $(BUILD)/fuzz/$$target tests/fuzz/corpus/$$target; \
+		$(OUT)/fuzz/$$target -max_total_time=$(FUZZ_SECONDS) -timeout=20 -max_len=65536 \
+			-artifact_prefix=$(BUILD)/fuzz/$$target- -print_final_stats=1 -verbosity=0 \
+			$(BUILD)/fuzz/$$target tests/fuzz/corpus/$$target 2>&1 \
+			| { grep -E 'ERROR|SUMMARY|executed_units|artifact' || true; }; \
+	done
+fuzz: setup-build ## libFuzzer, every target for SECONDS=60; what breaks one lies in build/fuzz/
+	@$(MAKE) VARIANT=fuzz -j$(JOBS) fuzz-targets
+	@$(MAKE) VARIANT=fuzz SECONDS=$(FUZZ_SECONDS) run-fuzz

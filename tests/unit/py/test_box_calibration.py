@@ -1,0 +1,123 @@
+"""Calibration of wheel and ring: the numerics, against numbers that were put in."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from lightprobe import ring, ring_calibration
+from lightprobe.calibration import CalibrationError
+from lightprobe.wheel_calibration import Crossing, Reading, WheelCalibration, crossings, fit
+
+seeds = st.integers(0, 2**32 - 1).map(np.random.default_rng)
+
+
+def swept(
+    zero: float, gain: float, lag: float, backlash: float, noise_us: float, rng: np.random.Generator
+) -> list[Crossing]:
+    edges = -16.5 + 3.0 * np.arange(4, 66)
+    return [
+        Crossing(
+            edge,
+            zero + gain * (edge + lag * speed - (backlash if speed < 0 else 0))
+            + noise_us * rng.standard_normal(),
+            speed,
+        )
+        for speed in (40.0, -40.0, 15.0, -15.0)
+        for edge in edges
+    ]  # fmt: skip
+
+
+@given(
+    rng=seeds, zero=st.floats(600, 1000), gain=st.floats(5, 11), lag=st.floats(0, 0.1),
+    backlash=st.floats(0, 5), sign=st.sampled_from([1, -1]),
+)  # fmt: skip
+def test_what_was_put_in_comes_out(
+    rng: np.random.Generator, zero: float, gain: float, lag: float, backlash: float, sign: int
+) -> None:
+    found = fit(swept(zero, sign * gain, lag, backlash, 0.3, rng))
+    assert found.zero_us == pytest.approx(zero, abs=6 * found.zero_sigma_us)
+    assert found.gain_us_deg == pytest.approx(sign * gain, abs=6 * found.gain_sigma_us_deg)
+    assert found.backlash_deg == pytest.approx(backlash, abs=6 * found.backlash_sigma_deg)
+    assert found.lag_s == pytest.approx(lag, abs=0.003)
+    assert found.gain_sigma_us_deg < 0.01
+
+
+@given(rng=seeds)
+def test_edges_that_were_read_wrongly_do_no_harm(rng: np.random.Generator) -> None:
+    passed = swept(800, 7.4, 0.02, 1.0, 0.3, rng)
+    for k in rng.choice(len(passed), 8, replace=False):
+        passed[k] = Crossing(passed[k].edge_deg, passed[k].pulse_us + 22, passed[k].speed_deg_s)
+    found = fit(passed)
+    assert found.gain_us_deg == pytest.approx(7.4, abs=0.01)
+    assert found.backlash_deg == pytest.approx(1, abs=0.1)
+    assert found.crossings <= len(passed) - 8 + 1
+
+
+def test_crossings_are_between_readings_of_the_same_way() -> None:
+    up = [Reading(800 + 10 * k, k // 2) for k in range(20)]
+    up.insert(12, Reading(up[11].pulse_us, up[11].edges))  # the same twice
+    passed = crossings(up, -16.5, 3.0, 40)
+    assert [c.edge_deg for c in passed] == [-16.5 + 3 * k for k in range(2, 9)]
+    assert passed[0].pulse_us == 800 + 55
+    assert crossings(up[::-1], -16.5, 3.0, -40)[-1].edge_deg == -16.5
+    assert crossings(up, -16.5, 3.0, -40) == []
+    standing = [Reading(900, k) for k in range(9)]
+    assert crossings(standing, 0, 3, 40) == []
+
+
+def test_too_little_is_refused() -> None:
+    rng = np.random.default_rng(1)
+    passed = swept(800, 7.4, 0.02, 1, 0, rng)
+    with pytest.raises(CalibrationError, match="only 20 edges"):
+        fit(passed[:20])
+    with pytest.raises(CalibrationError, match="both ways, at two speeds"):
+        fit(passed[:62])
+    assert isinstance(fit(passed), WheelCalibration)
+
+
+# ---------------------------------------------------------------- ring
+
+
+def drawn(rng: np.random.Generator) -> ring.Ring:
+    return ring.Ring(
+        np.exp(rng.uniform(np.log(8e3), np.log(2e4), 9)), rng.uniform(0.6, 0.8, 9), np.zeros(9)
+    )
+
+
+@given(rng=seeds)
+def test_ldrs_come_out_of_levels(rng: np.random.Generator) -> None:
+    true = drawn(rng)
+    lux = np.repeat(np.array([10.0, 100, 1000])[:, None], 9, axis=1)
+    found = ring_calibration.fit(lux, np.rint(true.level(lux)), 0.03)
+    assert found.r10_ohm == pytest.approx(true.r10_ohm, rel=0.01)
+    assert found.gamma == pytest.approx(true.gamma, abs=0.01)
+    other = np.exp(rng.uniform(np.log(20), np.log(5000), (4, 9)))
+    assert found.lux(true.level(other)) == pytest.approx(other, rel=0.03)
+    assert np.all((found.sigma >= 0.03) & (found.sigma < 0.05))
+
+
+@given(rng=seeds)
+def test_one_level_leaves_gamma_to_the_data_sheet_and_says_so(rng: np.random.Generator) -> None:
+    true = drawn(rng)
+    lux = np.full((1, 9), 300.0)
+    found = ring_calibration.fit(lux, true.level(lux), 0.0)
+    assert found.gamma == pytest.approx(0.7)
+    assert found.lux(true.level(lux)) == pytest.approx(lux)
+    away = np.full(9, 10.0)
+    wrong = np.log(found.lux(true.level(away)) / away)
+    assert np.all(np.abs(wrong) < 2.2 * found.sigma)
+    assert np.all(found.sigma > 0.3)
+
+
+def test_a_sensor_that_is_dark_or_no_ldr_is_named() -> None:
+    true = ring.Ring()
+    lux = np.repeat(np.array([10.0, 100])[:, None], 9, axis=1)
+    level = true.level(lux)
+    dark = level.copy()
+    dark[:, 4] = np.nan
+    with pytest.raises(CalibrationError, match="sensor 4: no usable reading"):
+        ring_calibration.fit(lux, dark, 0.03)
+    backwards = level.copy()
+    backwards[:, 7] = level[::-1, 7]
+    with pytest.raises(CalibrationError, match=r"sensor 7: gamma would be -0\.7"):
+        ring_calibration.fit(lux, backwards, 0.03)

@@ -1,0 +1,124 @@
+"""Camera files and where their pixels look."""
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from lightprobe import camera, geometry
+
+DUAL = """
+[camera]
+name = two lenses
+projection = fisheye
+width_px = 1600
+height_px = 800
+[lens.0]
+cx_px = 400
+cy_px = 400
+fx_px = 230
+fy_px = 230
+k1 = 0.01   ; a little
+max_theta_deg = 97
+rolloff = -0.05, 0.0, 0.0
+[lens.1]
+cx_px = 1200
+cy_px = 400
+fx_px = 230
+fy_px = 230
+k1 = 0.01
+max_theta_deg = 97
+rotation_wxyz = 0, 0, 1, 0
+"""
+
+
+@pytest.fixture
+def dual(tmp_path):
+    path = tmp_path / "dual.camera"
+    path.write_text(DUAL)
+    return camera.load(str(path))
+
+
+def test_equirect_needs_no_file():
+    directions, illumination = camera.load("equirect").look(64, 32)
+    assert directions == pytest.approx(geometry.equirect_directions(64, 32))
+    assert np.all(illumination == 1)
+
+
+def test_lenses_look_ahead_and_behind(dual):
+    directions, illumination = dual.look(1600, 800)
+    ahead, behind = directions[399:401, 399:401], directions[399:401, 1199:1201]
+    assert geometry.normalize(ahead.sum(axis=(0, 1))) == pytest.approx([0, 0, -1], abs=1e-9)
+    assert geometry.normalize(behind.sum(axis=(0, 1))) == pytest.approx([0, 0, 1], abs=1e-9)
+    assert directions[400, 500][0] > 0.3  # right of the axis is +X
+    assert directions[300, 400][1] > 0.3  # above it is +Y
+    assert directions[400, 1300][0] < -0.3  # a camera turned about Y sees −X on its right
+    assert illumination[0, 0] == 0
+    assert np.isnan(directions[0, 0]).all()
+
+
+def test_rolloff_and_field_of_view(dual):
+    directions, illumination = dual.look(1600, 800)
+    theta = np.radians(geometry.angle_deg(directions[400, 600], [0, 0, -1]))
+    assert illumination[400, 600] == pytest.approx(1 - 0.05 * theta**2, rel=1e-6)
+    seen = illumination[:, :800] > 0
+    off_axis = geometry.angle_deg(directions[:, :800][seen], [0, 0, -1])
+    assert off_axis.max() == pytest.approx(97, abs=0.5)
+
+
+def test_smaller_frames_are_the_same_picture(dual):
+    whole, _ = dual.look(1600, 800)
+    half, _ = dual.look(800, 400)
+    between = geometry.normalize(whole[400:402, 500:502].mean(axis=(0, 1)))
+    assert geometry.angle_deg(between, half[200, 250]) < 1e-3
+
+
+@given(st.floats(0, 1.7), st.floats(-0.03, 0.03), st.floats(-0.01, 0.01))
+def test_polynomial_is_undone(theta, k1, k2):
+    lens = camera.Lens((0.0, 0.0), (200.0, 220.0), (k1, k2, 0.0, 0.0), 100)
+    r = lens.radius(theta)
+    _, seen = lens.look(np.array([200.0 * r]), np.array([0.0]))
+    assert seen[0] == pytest.approx(theta, abs=1e-6)
+
+
+def test_mask_and_response(tmp_path):
+    mask = np.full((80, 160), 255, np.uint8)
+    mask[:40] = 0
+    cv2.imwrite(str(tmp_path / "mask.pgm"), mask)
+    table = np.repeat(np.linspace(0, 2, 256)[:, None], 3, 1)
+    np.savetxt(tmp_path / "response.txt", table)
+    text = DUAL.replace("k1 = 0.01   ; a little", "mask = mask.pgm")
+    path = tmp_path / "x.camera"
+    path.write_text(text + "[response]\ntable = response.txt\n")
+    loaded = camera.load(str(path))
+    _, illumination = loaded.look(160, 80)
+    assert np.all(illumination[:40, :80] == 0)
+    assert np.any(illumination[:40, 80:] > 0)
+    assert loaded.response_table()[255] == pytest.approx([1, 1, 1])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("[camera]", "[lens.9]", "section .camera. is missing"),
+        ("projection = fisheye", "projection = pinhole", "pinhole: want equirect or fisheye"),
+        ("cx_px = 400", "cx_px = left", r"\[lens.0\] cx_px = left: want a number"),
+        ("fx_px = 230\n", "", r"\[lens.0\] fx_px is missing"),
+        ("max_theta_deg = 97", "max_theta_deg = 0", "max_theta_deg"),
+        ("k1 = 0.01   ;", "k1 = -1 ;", "does not grow"),
+        ("rolloff = -0.05, 0.0, 0.0", "rolloff = 1, 2", "want 3 numbers"),
+        ("rolloff", "mask = none.pgm\nrolloff", "no readable PGM"),
+        ("[camera]", "[camera\n", "parse"),
+    ],
+)
+def test_bad_files_are_named(tmp_path, old, new, message):
+    path = tmp_path / "bad.camera"
+    path.write_text(DUAL.replace(old, new, 1))
+    with pytest.raises(camera.CameraError, match=message) as error:
+        camera.load(str(path))
+    assert "bad.camera" in str(error.value)
+
+
+def test_missing_file():
+    with pytest.raises(camera.CameraError, match=r"none\.camera: open: No such file"):
+        camera.load("none.camera")

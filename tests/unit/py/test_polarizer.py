@@ -1,0 +1,251 @@
+"""Malus' law through the simulated wheel, and the polarized scenes that it is for."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from lightprobe import camera, geometry, scenes
+from lightprobe.camera import Camera, Lens
+from lightprobe.errors import LightprobeError
+from lightprobe.sim.camera import Shot, SimulatedCamera
+from lightprobe.sim.polarized import PolishedFloor, Sky, StokesPanorama, fresnel, pixel_frame
+from lightprobe.sim.polarizer import Polarizer, Sheet
+from lightprobe.sim.procedural import random_scene
+from lightprobe.sim.world import Behaviour, World
+
+SIZE = (32, 16)
+SHEET = Sheet(transmission=0.8, extinction_ratio=100)
+FISHEYE = Camera(
+    "two", 64, 32,
+    lenses=tuple(
+        Lens((x, 16), (9, 9), (0, 0, 0, 0), 95, rotation_wxyz=turn)
+        for x, turn in ((16, (1, 0, 0, 0)), (48, (0, 0, 1, 0)))
+    ),
+)  # fmt: skip
+
+angles = st.floats(-360, 360)
+seeds = st.integers(0, 2**32 - 1)
+
+
+def equirect_polarizer() -> Polarizer:
+    return Polarizer(SHEET, camera.equirect(), SIZE)
+
+
+def drawn_stokes(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Physical S0 (H, W, 3) and S1, S2 (2, H, W, 3)."""
+    rng = np.random.default_rng(seed)
+    s0 = rng.uniform(0.1, 10, (SIZE[1], SIZE[0], 3))
+    degree, turn = rng.uniform(0, 1, s0.shape), rng.uniform(0, 2 * np.pi, s0.shape)
+    linear = np.stack([degree * s0 * np.cos(turn), degree * s0 * np.sin(turn)])
+    return s0.astype(np.float32), linear.astype(np.float32)
+
+
+@given(wheel_deg=angles, light_deg=angles)
+def test_malus_law_on_the_axis(wheel_deg: float, light_deg: float) -> None:
+    """Straight ahead, wholly polarized at light_deg: transmission of the sheet's two axes."""
+    polarizer = equirect_polarizer()
+    s0 = np.ones((SIZE[1], SIZE[0], 3), np.float32)
+    turn = np.radians(2 * light_deg)
+    linear = np.stack([np.cos(turn) * s0, np.sin(turn) * s0]).astype(np.float32)
+    seen = polarizer.through(s0, linear, (wheel_deg,))[7:9, 15:17].mean()
+    along = SHEET.transmission * SHEET.extinction_ratio / (SHEET.extinction_ratio + 1)
+    across = SHEET.transmission / (SHEET.extinction_ratio + 1)
+    cosine = np.cos(np.radians(wheel_deg - light_deg)) ** 2
+    # Half a pixel off the axis all around: their mean is on it, to second order.
+    assert seen == pytest.approx(along * cosine + across * (1 - cosine), abs=0.01)
+
+
+@given(wheel_deg=angles, seed=seeds)
+def test_unpolarized_light_loses_the_same_everywhere(wheel_deg: float, seed: int) -> None:
+    s0, _ = drawn_stokes(seed)
+    polarizer = equirect_polarizer()
+    assert polarizer.through(s0, None, (wheel_deg,)) == pytest.approx(0.4 * s0, rel=1e-6)
+    none = np.zeros((2, *s0.shape), np.float32)
+    assert polarizer.through(s0, none, (wheel_deg,)) == pytest.approx(0.4 * s0, rel=1e-6)
+
+
+@pytest.mark.parametrize("lens", [camera.equirect(), FISHEYE])
+@given(wheel_deg=angles)
+def test_what_passes_is_across_what_the_sheet_absorbs(lens: Camera, wheel_deg: float) -> None:
+    """The field that passes is normal to the ray and to the absorbing direction n × p."""
+    size = (32, 16)
+    cosine, sine = Polarizer(SHEET, lens, size).axis(wheel_deg)
+    directions, light = lens.look(*size)
+    directions = np.where(light[..., None] > 0, directions, [0, 0, -1.0])
+    right, up = pixel_frame(directions)
+    psi = np.arctan2(sine, cosine) / 2
+    field = np.cos(psi)[..., None] * right + np.sin(psi)[..., None] * up
+    owner = lens.owner(*size)
+    turns = [geometry.rotation_matrix(part.rotation_wxyz) for part in lens.lenses] or [np.eye(3)]
+    t = np.radians(wheel_deg)
+    for number, turn in enumerate(turns):
+        absorbed = turn @ np.cross([0, 0, -1.0], [np.cos(t), np.sin(t), 0])
+        mine = field[(owner == number) & (light > 0)]
+        assert np.abs(mine @ absorbed).max() < 1e-5
+    assert np.abs((field * directions).sum(-1)).max() < 1e-6
+    assert cosine**2 + sine**2 == pytest.approx(1, abs=1e-5)
+
+
+@given(seed=seeds)
+def test_three_angles_give_the_stokes_parameters_back(seed: int) -> None:
+    s0, linear = drawn_stokes(seed)
+    polarizer = equirect_polarizer()
+    wheel = (0.0, 60.0, 120.0)
+    seen = np.stack([polarizer.through(s0, linear, (deg,)) for deg in wheel]).astype(np.float64)
+    axes = [polarizer.axis(deg) for deg in wheel]
+    d = SHEET.diattenuation
+    # (H, W, 3 angles, 3 unknowns); badly conditioned where the sheet is seen edge-on.
+    system = 0.4 * np.stack([np.stack([np.ones_like(c), d * c, d * s], -1) for c, s in axes], -2)
+    good = np.linalg.cond(system) < 20
+    assert good.mean() > 0.6
+    found = np.linalg.solve(system[good], np.moveaxis(seen, 0, 2)[good])
+    truth = np.stack([s0, *linear], axis=2)[good]
+    assert found == pytest.approx(truth, abs=2e-3)
+
+
+@given(start=angles, speed=st.floats(-8, 8), seed=seeds)
+def test_a_moving_wheel_is_the_mean_of_its_angles(start: float, speed: float, seed: int) -> None:
+    s0, linear = drawn_stokes(seed)
+    polarizer = equirect_polarizer()
+    way = [start + speed * k for k in range(4)]
+    mean = np.mean([polarizer.through(s0, linear, (deg,)) for deg in way], axis=0)
+    assert polarizer.through(s0, linear, way) == pytest.approx(mean, rel=1e-3, abs=1e-4)
+
+
+# ---------------------------------------------------------------- scenes
+
+
+def test_fresnel() -> None:
+    across, along = fresnel([0, np.degrees(np.arctan(1.5)), 90], 1.5)
+    assert across[0] == along[0] == pytest.approx(0.04)
+    assert along[1] == pytest.approx(0, abs=1e-12)
+    assert across[1] == pytest.approx(0.14793, abs=1e-5)
+    assert (across[2], along[2]) == pytest.approx((1, 1))
+
+
+@settings(max_examples=12)
+@given(seed=st.integers(0, 200), yaw=st.floats(0, 360))
+def test_a_polished_floor_mirrors_lamps_and_adds_none(seed: int, yaw: float) -> None:
+    plain = random_scene(seed)
+    scene = PolishedFloor(plain)
+    powers = np.ones(len(scene.lamps))
+    before, after = plain.render(64, 32), scene.render(64, 32)
+    s0, (s1, s2) = after.compose(powers), after.compose_polarized(powers)
+    assert not after.unpolarized
+    assert s0[:16] == pytest.approx(before.compose(powers)[:16])
+    mirrored = s0[16:] - before.compose(powers)[16:]
+    elevation_deg = 180 * (np.arange(16) + 0.5) / 32
+    across, along = fresnel(90 - elevation_deg, 1.5)
+    sky = before.compose(powers)[15::-1]
+    tall = 1e-5 * float(s0.max())
+    assert mirrored == pytest.approx((across + along)[:, None, None] / 2 * sky, rel=1e-3, abs=tall)
+    assert s1[16:] == pytest.approx((across - along)[:, None, None] / 2 * sky, rel=1e-3, abs=tall)
+    assert not s2.any()
+    assert np.all(np.hypot(s1, s2) <= s0 + tall)
+    assert len(scene.truth(powers, yaw).lamps) == len(plain.lamps)
+
+
+def test_a_polished_polished_floor_switches_lamps_with_their_reflections() -> None:
+    scene = PolishedFloor(scenes.load(["room"])[0])
+    layers = scene.render(64, 32)
+    off = np.zeros(len(scene.lamps))
+    dark, lit = layers.compose_polarized(off), layers.compose_polarized(off + 1)
+    assert lit[0].max() > 3 * dark[0].max()
+    assert scene.scaled(2).render(64, 32).compose_polarized(off + 1) == pytest.approx(2 * lit)
+
+
+def test_the_skys_polarization() -> None:
+    sky = Sky(sun_elevation_deg=0, sun_azimuth_deg=0)
+    assert sky.sun == pytest.approx([0, 0, -1])
+    # 90° to the right of a sun on the horizon: scattered in the horizontal plane, so vertical.
+    right = sky.stokes(np.array([1.0, 0, 0]))
+    assert right[1] / right[0] == pytest.approx(-0.75)
+    assert right[2] == pytest.approx(0, abs=1e-12)
+    # At the sun itself nothing is polarized.
+    near = sky.stokes(geometry.direction_from_angles(0.1, 0))
+    assert np.hypot(near[1], near[2]) / near[0] == pytest.approx(0, abs=1e-5)
+
+
+@given(azimuth=st.floats(-180, 180), elevation=st.floats(-85, 85), sun=st.floats(-80, 80))
+def test_the_skys_field_is_across_sun_and_view(
+    azimuth: float, elevation: float, sun: float
+) -> None:
+    sky = Sky(sun_elevation_deg=sun)
+    view = geometry.direction_from_angles(azimuth, elevation)
+    s0, s1, s2 = sky.stokes(view)[:, 1]
+    degree = np.hypot(s1, s2) / s0
+    assert degree <= 0.75 + 1e-9
+    if degree > 1e-3:
+        right, up = pixel_frame(view)
+        psi = np.arctan2(s2, s1) / 2
+        field = np.cos(psi) * right + np.sin(psi) * up
+        assert field @ sky.sun == pytest.approx(0, abs=1e-6)
+
+
+def test_stokes_panoramas_from_files(tmp_path: Path) -> None:
+    layers = Sky().render(64, 32)
+    stokes = np.zeros((32, 64, 4, 3), np.float32)
+    stokes[:, :, 0] = layers.base
+    stokes[:, :, 1:3] = np.moveaxis(layers.polarized, 0, 2)
+    np.savez(tmp_path / "sky.npz", S=stokes)
+    scene = scenes.load([str(tmp_path / "sky.npz")])[0]
+    assert isinstance(scene, StokesPanorama)
+    powers = np.ones(len(scene.lamps))
+    assert scene.render(64, 32).compose_polarized(powers) == pytest.approx(layers.polarized)
+    small = scene.scaled(2).render(32, 16).compose_polarized(powers)
+    means = layers.polarized.reshape(2, 16, 2, 32, 2, 3).mean(axis=(2, 4))
+    assert small == pytest.approx(2 * means, rel=1e-4, abs=1e-5)
+    np.savez(tmp_path / "bad.npz", S=stokes[:, :32])
+    (tmp_path / "text.npz").write_text("no archive")
+    for name, message in [("bad.npz", "want"), ("text.npz", "array S"), ("none.npz", "No such")]:
+        with pytest.raises(LightprobeError, match=message):
+            scenes.load([str(tmp_path / name)])
+
+
+# ---------------------------------------------------------------- through the camera
+
+
+def simulated(scene: object, behaviour: Behaviour, lens: Camera, form: str) -> SimulatedCamera:
+    world = World([scene], behaviour)
+    return SimulatedCamera(world, lens, SIZE, pixel_format=form, sheet=SHEET)
+
+
+def floats(frame: bytes) -> np.ndarray:
+    return np.frombuffer(frame, "<f4").reshape(SIZE[1], SIZE[0], 3)
+
+
+@given(wheel_deg=angles, number=st.integers(0, 400))
+def test_the_camera_sees_a_turning_polarized_world_through_a_wheel_that_does_not_turn_with_it(
+    wheel_deg: float, number: int
+) -> None:
+    lens = camera.equirect()
+    taken = simulated(Sky(), Behaviour(turn_deg_s=30), lens, "RGBF")
+    frame = floats(taken.frame(number, Shot(1000), (wheel_deg,)))
+    turn_px = round(taken.state(number, Shot(1000)).yaw_deg / 360 * SIZE[0])
+    layers = Sky().render(*SIZE)
+    s0 = np.roll(layers.compose([1]), turn_px, axis=1)
+    linear = np.roll(layers.compose_polarized([1]), turn_px, axis=2)
+    assert frame == pytest.approx(equirect_polarizer().through(s0, linear, (wheel_deg,)), rel=1e-5)
+
+
+@pytest.mark.parametrize("lens", [camera.equirect(), FISHEYE])
+def test_codes_follow_the_wheel_only_where_light_is_polarized(lens: Camera) -> None:
+    quiet = Behaviour(turn_deg_s=10)
+    for scene, follows in ((random_scene(2), False), (Sky(), True)):
+        taken = simulated(scene, quiet, lens, "GREY")
+        shot = taken.automatic(0)[0]
+        frames = [taken.frame(9, shot, (deg,)) for deg in (0.0, 90.0, 180.0)]
+        assert frames[0] == frames[2]
+        assert (frames[0] != frames[1]) == follows
+
+
+def test_automatic_exposure_makes_up_for_the_polarizer() -> None:
+    world = World([random_scene(1)], None, 30.0)
+    bare = SimulatedCamera(world, camera.equirect(), SIZE)
+    through = SimulatedCamera(world, camera.equirect(), SIZE, sheet=SHEET)
+    shots = bare.automatic(0)[0], through.automatic(0)[0]
+    assert shots[1].exposure_us == pytest.approx(shots[0].exposure_us / 0.4)
+    same = [taken.frame(3, shot) for taken, shot in zip((bare, through), shots, strict=True)]
+    assert same[0] == same[1]

@@ -1,0 +1,115 @@
+"""The ring's model: against its own inversion, the data sheet, and the simulated box in C."""
+
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from lightprobe import ring
+from lightprobe.calibration import CalibrationError
+
+BOX = Path(__file__).resolve().parents[3] / "build" / "firmware" / "lightprobe-mcu-host"
+
+nine = st.integers(0, 2**32 - 1).map(np.random.default_rng)
+
+
+def drawn(rng: np.random.Generator) -> ring.Ring:
+    return ring.Ring(
+        r10_ohm=np.exp(rng.uniform(np.log(5e3), np.log(3e4), 9)),
+        gamma=rng.uniform(0.5, 0.9, 9),
+        sigma=rng.uniform(0, 1, 9),
+        divider_ohm=rng.uniform(1e3, 1e4),
+    )
+
+
+@given(rng=nine)
+def test_levels_and_illuminance_are_each_others_inverse(rng: np.random.Generator) -> None:
+    sensors = drawn(rng)
+    lux = np.exp(rng.uniform(np.log(0.1), np.log(1e5), (5, 9)))
+    assert sensors.lux(sensors.level(lux)) == pytest.approx(lux, rel=1e-9)
+    assert np.all(np.diff(sensors.level(np.sort(lux, axis=0)), axis=0) >= 0)
+
+
+@given(rng=nine)
+def test_one_level_more_or_less_costs_what_the_slope_says(rng: np.random.Generator) -> None:
+    """dE/E = dlevel / (gamma · level · (1 − level / full scale))."""
+    sensors = drawn(rng)
+    level = rng.uniform(50, 4000, 9)
+    change = sensors.lux(level + 0.01) / sensors.lux(level) - 1
+    slope = 1 / (sensors.gamma * level * (1 - level / ring.FULL_SCALE))
+    assert change == pytest.approx(0.01 * slope, rel=1e-2)
+
+
+def test_the_data_sheets_points() -> None:
+    sensors = ring.Ring()
+    assert sensors.resistance_ohm(np.full(9, 10.0)) == pytest.approx(14000)
+    ratio = sensors.resistance_ohm(np.full(9, 10.0)) / sensors.resistance_ohm(np.full(9, 100.0))
+    assert np.log10(ratio) == pytest.approx(0.7)
+    assert np.isnan(sensors.lux(np.array([0, 4092, 4095, -1, *[5] * 5]))[:4]).all()
+    assert sensors.level(np.zeros(9)) == pytest.approx(0)
+
+
+def test_directions_are_the_conventions() -> None:
+    looks = ring.directions()
+    assert looks.shape == (9, 3)
+    assert np.linalg.norm(looks, axis=1) == pytest.approx(1)
+    assert looks[0] == pytest.approx([1, 0, 0])
+    assert looks[2] == pytest.approx([0, 0, 1])
+    assert looks[6] == pytest.approx([0, 0, -1])
+    assert looks[8] == pytest.approx([0, 1, 0])
+
+
+def test_the_simulated_box_has_the_same_model() -> None:
+    """An oracle written in another language: voltages of the box, at rest."""
+    rng = np.random.default_rng(5)
+    sensors = drawn(rng)
+    lux = np.exp(rng.uniform(np.log(1), np.log(2e4), 9))
+    lines = [f"set ldr_divider_ohm {sensors.divider_ohm}"]
+    for k in range(9):
+        lines += [
+            f"set ldr{k}_r10_ohm {sensors.r10_ohm[k]}",
+            f"set ldr{k}_gamma {sensors.gamma[k]}",
+        ]
+        lines += [f"set ldr{k}_lux {lux[k]}"]
+    lines += ["run 2000000", *(f"get ldr{k}_mv" for k in range(9))]
+    done = subprocess.run(
+        [BOX, "--lock-step"], input="\n".join(lines) + "\n", capture_output=True, text=True
+    )
+    mv = [float(line) for line in done.stdout.splitlines()[-9:]]
+    assert mv == pytest.approx(sensors.level(lux) / ring.FULL_SCALE * 5000, rel=1e-5)
+
+
+@given(rng=nine)
+def test_a_file_gives_back_what_was_written(
+    rng: np.random.Generator, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    path = tmp_path_factory.mktemp("ring") / "ring.ini"
+    written = drawn(rng)
+    path.write_text(written.text())
+    read = ring.load(path)
+    for name in ("r10_ohm", "gamma", "sigma", "divider_ohm"):
+        assert getattr(read, name) == pytest.approx(getattr(written, name), rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("version = 1", "version = 2", "version 2: this program reads 1"),
+        ("version = 1", "", "version none"),
+        ("gamma = 0.7,", "gamma = 0.1,", "gamma = 0.1.*want 9 numbers from 0.3 to 1.5"),
+        ("gamma = 0.7,", "gamma =", "want 9 numbers"),
+        ("sigma = 1,", "sigma = nan,", "want 9 numbers"),
+        ("[ring]", "[rang]", r"section \[ring\] is missing"),
+        ("[ring]", "[ring]\ncolour = blue", "unknown key colour"),
+        ("[ring]", "ring", "parse"),
+    ],
+)
+def test_bad_files_are_named(tmp_path: Path, old: str, new: str, message: str) -> None:
+    path = tmp_path / "ring.ini"
+    path.write_text(ring.Ring().text().replace(old, new, 1))
+    with pytest.raises(CalibrationError, match=rf"ring\.ini: .*{message}"):
+        ring.load(path)
+    with pytest.raises(CalibrationError, match="open: No such file"):
+        ring.load(tmp_path / "none")

@@ -1,0 +1,149 @@
+"""The world over time, the room in it, and how the camera sees it."""
+
+import cv2
+import numpy as np
+import pytest
+from lightprobe import camera as lenses
+from lightprobe import geometry, sh
+from lightprobe.colour import luminance, srgb_table
+from lightprobe.errors import UsageError
+from lightprobe.sim.camera import Shot, SimulatedCamera
+from lightprobe.sim.exposure import median_luminance
+from lightprobe.sim.faults import Faults
+from lightprobe.sim.procedural import random_scene
+from lightprobe.sim.room import Room
+from lightprobe.sim.scene import MapTruth, disc_layer
+from lightprobe.sim.world import Behaviour, World
+
+SIZE = (256, 128)
+
+
+def test_acts_follow_each_other_and_come_again():
+    world = World([random_scene(0), random_scene(1)], Behaviour(act_s=2))
+    assert [world.at(t).act for t in (0, 1.9, 2, 3.9, 4)] == [0, 0, 1, 1, 0]
+    assert World([random_scene(0), random_scene(1)], Behaviour(act_s=0)).at(99).act == 0
+
+
+def test_lamps_are_off_in_turn():
+    world = World([random_scene(2)], Behaviour(act_s=0, switch_s=1))
+    lit = [tuple(world.at(t + 0.5).powers > 0) for t in range(4)]
+    assert lit == [
+        (True, True, True),
+        (False, True, True),
+        (True, False, True),
+        (True, True, False),
+    ]
+    assert len(world.at(1.5).truth().lamps) == 2
+    assert np.all(World([random_scene(0)], Behaviour(switch_s=1)).at(1.5).powers == 1)
+
+
+def test_flicker_is_averaged_by_the_exposure():
+    world = World([random_scene(0)], Behaviour(flicker_hz=100, flicker_depth=0.4))
+    powers = [float(world.at(t, 1e-6).powers[0]) for t in np.linspace(0, 0.01, 41)]
+    assert max(powers) == pytest.approx(1.4, abs=0.01)
+    assert min(powers) == pytest.approx(0.6, abs=0.01)
+    assert world.at(0.0033, 0.01).powers[0] == pytest.approx(1)
+
+
+def test_scenes_are_brought_to_one_brightness():
+    for scene in World([random_scene(3), Room()], median_radiance=30).scenes:
+        radiance = scene.render(*SIZE).compose(np.ones(len(scene.lamps)))
+        assert median_luminance(radiance) == pytest.approx(30, rel=1e-3)
+
+
+def test_room_truth_is_its_picture_and_its_lamps_are_in_it():
+    room, powers = Room(), [0, 1, 0.7, 0.5]
+    truth = room.truth(powers, 30)
+    shown = MapTruth(room.render(1920, 960).compose(powers), 30)
+    assert truth.total[:9] == pytest.approx(shown.total[:9], abs=5e-3 * np.abs(shown.total).max())
+    assert len(truth.lamps) == np.count_nonzero(powers)
+    dark = MapTruth(room.render(*SIZE).compose([0, 0, 0, 0]), 30).total
+    for lamp in truth.lamps:
+        share = np.outer(sh.lamp(lamp.direction, 2), lamp.irradiance)
+        assert np.all(truth.total[0] > dark[0] + share[0])
+
+
+def test_room_lights_its_walls_by_the_inverse_square():
+    """Radiance of a disc's own pixels is the bulb's; walls are dimmer, and brightest near it."""
+    room = Room()
+    radiance = room.render(1024, 512).compose([0, 0, 1, 0])
+    lamp = room.lamps[2]
+    disc = disc_layer(lamp, 1024, 512)
+    inside = radiance.reshape(-1, 3)[disc.index]
+    assert inside.max(axis=0) == pytest.approx(lamp.radiance + inside.min() * 0, rel=0.02)
+    away = geometry.angle_deg(geometry.equirect_directions(1024, 512), lamp.direction)
+    wall = luminance(radiance)
+    assert wall[away > 90].max() < 0.2 * wall[(away > 6) & (away < 20)].max()
+
+
+def dual_fisheye(tmp_path):
+    text = "[camera]\nprojection = fisheye\nwidth_px = 256\nheight_px = 128\n"
+    for k, rotation in enumerate(("1, 0, 0, 0", "0, 0, 1, 0")):
+        text += f"[lens.{k}]\ncx_px = {64 + 128 * k}\ncy_px = 64\nfx_px = 38\nfy_px = 38\n"
+        text += f"max_theta_deg = 95\nrotation_wxyz = {rotation}\nrolloff = -0.1, 0, 0\n"
+    (tmp_path / "dual.camera").write_text(text)
+    return lenses.load(str(tmp_path / "dual.camera"))
+
+
+def test_fisheye_sees_the_scene_through_its_lenses(tmp_path):
+    """Floats off the sensor are the scene's radiance where each pixel looks, times roll-off."""
+    lens = dual_fisheye(tmp_path)
+    scene = random_scene(1)
+    world = World([scene], Behaviour(act_s=0, turn_deg_s=40))
+    simulated = SimulatedCamera(world, lens, SIZE, rate_hz=1, pixel_format="RGBF")
+    frame = np.frombuffer(simulated.frame(2, Shot(1000)), "<f4").reshape(128, 256, 3)
+    directions, illumination = lens.look(*SIZE)
+    seen = illumination > 0
+    turned_back = geometry.rotate(geometry.quaternion([0, 1, 0], 80), directions[seen])
+    background = sh.radiance(scene.background, turned_back) * illumination[seen][:, None]
+    lit = np.zeros(len(turned_back), bool)
+    for lamp in scene.lamps:
+        lit |= geometry.angle_deg(turned_back, lamp.direction) < lamp.radius_deg + 3
+    assert frame[seen][~lit] == pytest.approx(background[~lit], rel=0.02)
+    assert np.all(frame[~seen] == 0)
+    assert luminance(frame[seen][lit]).max() > 10 * luminance(background).max()
+
+
+@pytest.mark.parametrize("pixel_format", ["MJPG", "YUYV", "NV12", "GREY", "RGBF"])
+def test_every_format_shows_the_same_picture(pixel_format):
+    """Decoded by OpenCV (limited range, so luma is undone by hand) to the same mean light."""
+    world = World([Room()], Behaviour(act_s=0), median_radiance=30)
+    simulated = SimulatedCamera(world, lenses.equirect(), SIZE, pixel_format=pixel_format)
+    (shot,) = simulated.automatic(0)
+    data = np.frombuffer(simulated.frame(0, shot), np.uint8)
+    truth = world.scenes[0].render(*SIZE).compose([1, 1, 1, 1]) * shot.exposure_us * 1e-6
+    luma = srgb_code(np.minimum(truth, 1)) @ [0.299, 0.587, 0.114]
+    if pixel_format == "MJPG":
+        picture = cv2.imdecode(data, cv2.IMREAD_COLOR)
+        seen = cv2.cvtColor(picture, cv2.COLOR_BGR2YCrCb)[..., 0]
+    elif pixel_format == "RGBF":
+        radiance = data.view("<f4").reshape(128, 256, 3) * shot.exposure_us * 1e-6
+        seen = srgb_code(np.minimum(radiance, 1)) @ [0.299, 0.587, 0.114]
+    else:
+        assert len(data) == {"YUYV": 2, "NV12": 1.5, "GREY": 1}[pixel_format] * 256 * 128
+        seen = data[: 2 * 256 * 128 : 2] if pixel_format == "YUYV" else data[: 256 * 128]
+        seen = seen.reshape(128, 256)
+    assert np.abs(seen.astype(float) - luma).mean() < 2.5
+
+
+def srgb_code(linear):
+    return np.interp(linear, srgb_table(), np.arange(256))
+
+
+def test_automatic_bracket():
+    world = World([Room()], median_radiance=30)
+    simulated = SimulatedCamera(world, lenses.equirect(), SIZE)
+    exposures_us = [shot.exposure_us for shot in simulated.automatic(0, 3)]
+    assert exposures_us[0] == pytest.approx(8333, rel=0.02)
+    assert exposures_us[0] / exposures_us[2] == pytest.approx(256)
+    dim = SimulatedCamera(World([Room()], median_radiance=1e-3), lenses.equirect(), SIZE)
+    assert dim.automatic(0)[0].exposure_us == pytest.approx(1e6 / 30)  # never beyond the period
+
+
+def test_faults_are_merged_and_checked():
+    faults = Faults(drop=0.5).merged("late_ms=40&stall_after=3")
+    assert (faults.drop, faults.late_ms, faults.stall_after) == (0.5, 40, 3)
+    with pytest.raises(UsageError, match="unknown option explode"):
+        faults.merged("explode=1")
+    with pytest.raises(UsageError, match="late_ms=soon: want a number"):
+        faults.merged("late_ms=soon")

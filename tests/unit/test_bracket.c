@@ -1,0 +1,402 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Brackets on simulated cameras that take commands late, round them, or do not follow; through the
+ * whole pipeline, so that what is merged is judged by the light that comes out. */
+#include "app/bracket.h"
+
+#include <errno.h>
+#include <math.h>
+
+#include "app/pipeline.h"
+#include "include/source.h"
+#include "lp_test.h"
+#include "scene.h"
+
+#define WIDTH 480
+#define HEIGHT 240
+#define MOST_DELAY 8
+
+struct camera {
+	int delay_frames;
+	float step_us;
+	bool ignores, tagged;
+	float in_effect_us;
+	float queue_us[MOST_DELAY + 1]; /* takes effect after so many frames */
+	int frames;
+};
+
+/* Twelve stops: a dim room with texture, a bright wall, two lamps. */
+static float radiance_at(int x, int y)
+{
+	const float texture = 0.6F + 0.4F * sinf((float)x * 0.9F) * sinf((float)y * 0.7F);
+	const int dx = x - 120, dy = y - 80, ex = x - 400, ey = y - 60;
+
+	if (dx * dx + dy * dy < 36 || ex * ex + ey * ey < 16)
+		return 20000.0F;
+	return (x / 60 % 3 == 0 ? 60.0F : 8.0F) * texture;
+}
+
+/* Thousands of frames are taken of the scene, so what can be is computed once. */
+static float root_radiance[WIDTH * HEIGHT];
+
+/* sRGB code in 256ths, by the root of the light, so that dark tones are fine enough. */
+#define CODE_STEPS 4096
+static uint16_t code_of_root[CODE_STEPS + 1];
+
+static int prepare(void **state)
+{
+	(void)state;
+	for (int i = 0; i < WIDTH * HEIGHT; i++)
+		root_radiance[i] = sqrtf(radiance_at(i % WIDTH, i / WIDTH));
+	for (int i = 0; i <= CODE_STEPS; i++) {
+		const float root = (float)i / CODE_STEPS, light = root * root;
+		const float v = light <= 0.0031308F ? 12.92F * light
+						    : 1.055F * powf(light, 1 / 2.4F) - 0.055F;
+
+		code_of_root[i] = (uint16_t)lroundf(255.0F * 256.0F * v);
+	}
+	return 0;
+}
+
+/* 0..255 (Numerical Recipes' linear congruential generator): added to 256ths of a code, noise of
+ * one code. */
+static unsigned int dither(void)
+{
+	static uint32_t state;
+
+	state = 1664525U * state + 1013904223U;
+	return state >> 24;
+}
+
+static struct lp_frame *expose(const struct camera *camera, float level)
+{
+	struct lp_frame *frame = new_frame(LP_FORMAT_GREY, WIDTH, HEIGHT, WIDTH, WIDTH * HEIGHT);
+	const float factor = CODE_STEPS * sqrtf(level * camera->in_effect_us * 1e-6F);
+	uint8_t *data = (uint8_t *)frame->data;
+
+	for (int i = 0; i < WIDTH * HEIGHT; i++) {
+		const float root = root_radiance[i] * factor;
+		const int step = root < CODE_STEPS ? (int)root : CODE_STEPS;
+
+		data[i] = (uint8_t)((code_of_root[step] + dither()) >> 8);
+	}
+	frame->t_start_ns += camera->frames * 33333333LL;
+	if (camera->tagged)
+		frame->exposure_us = camera->in_effect_us;
+	return frame;
+}
+
+static void take_command(struct camera *camera, float command_us)
+{
+	if (camera->ignores || isnan(command_us))
+		return;
+	if (camera->step_us > 0.0F)
+		command_us = roundf(command_us / camera->step_us) * camera->step_us;
+	camera->queue_us[camera->delay_frames] = command_us;
+}
+
+static void next_frame(struct camera *camera)
+{
+	camera->frames++;
+	if (camera->queue_us[0] > 0.0F)
+		camera->in_effect_us = camera->queue_us[0];
+	memmove(camera->queue_us, camera->queue_us + 1, MOST_DELAY * sizeof(float));
+	camera->queue_us[MOST_DELAY] = 0.0F;
+}
+
+struct outcome {
+	int estimates, refused;
+	struct lp_light_estimate last;
+	int64_t first_complete; /* frame of the first estimate without BRACKET_INCOMPLETE */
+};
+
+static struct lp_pipeline *new_pipeline(struct camera *camera, int brackets)
+{
+	const struct lp_pipeline_options options = {.camera = "equirect",
+						    .max_lights = 8,
+						    .sh_order = 2,
+						    .brackets = brackets,
+						    .preset = LP_PRESET_BALANCED};
+	const struct lp_camera_control control = {.settable = true,
+						  .tagged = camera->tagged,
+						  .limits = {.min_us = 10.0F,
+							     .max_us = 33000.0F,
+							     .step_us = camera->step_us,
+							     .delay_frames = -1}};
+	struct lp_pipeline *pipeline;
+	float command_us = NAN;
+
+	assert_int_equal(lp_pipeline_create(&options, &pipeline), 0);
+	assert_true(lp_pipeline_control(pipeline, &control, &command_us));
+	camera->in_effect_us = 3000.0F; /* whatever it was left at */
+	take_command(camera, command_us);
+	return pipeline;
+}
+
+static struct outcome run(struct lp_pipeline *pipeline, struct camera *camera, int frames,
+			  float level)
+{
+	static const struct lp_demand demand = {2, 8};
+	struct outcome outcome = {.first_complete = -1};
+	struct lp_estimates estimates;
+	float command_us;
+
+	for (int n = 0; n < frames; n++) {
+		next_frame(camera);
+		const int ret = lp_pipeline_process(pipeline, expose(camera, level), &demand,
+						    &estimates, &command_us);
+
+		take_command(camera, command_us);
+		assert_true(ret == 0 || ret == -EAGAIN);
+		outcome.refused += ret < 0;
+		if (ret < 0)
+			continue;
+		outcome.estimates++;
+		outcome.last = estimates.raw;
+		if (outcome.first_complete < 0 &&
+		    !(estimates.raw.flags & LP_ESTIMATE_BRACKET_INCOMPLETE))
+			outcome.first_complete = n;
+	}
+	return outcome;
+}
+
+/* Mean radiance of the scene: what sh_total[0] must be, / sqrt(4 pi). */
+static double true_mean(float level)
+{
+	double sum = 0.0, weight = 0.0;
+
+	for (int y = 0; y < HEIGHT; y++)
+		for (int x = 0; x < WIDTH; x++) {
+			const double w = sin(M_PI * (y + 0.5) / HEIGHT);
+
+			sum += w * level * radiance_at(x, y);
+			weight += w;
+		}
+	return sum / weight;
+}
+
+static void expect_right_light(const struct outcome *outcome, float level, double tolerance)
+{
+	assert_float_equal(outcome->last.sh_total[0][1] / sqrt(4.0 * M_PI) / true_mean(level), 1.0,
+			   tolerance);
+}
+
+static void test_any_delay_merges_rightly(void **state)
+{
+	(void)state;
+	for (int delay = 0; delay <= 4; delay++) {
+		struct camera camera = {.delay_frames = delay, .step_us = 10.0F};
+		struct lp_pipeline *pipeline = new_pipeline(&camera, 3);
+		struct outcome outcome = run(pipeline, &camera, 120, 1.0F);
+
+		assert_int_equal(outcome.last.exposure_count, 3);
+		assert_int_equal(outcome.last.flags, 0);
+		assert_int_equal(outcome.last.light_count, 2);
+		expect_right_light(&outcome, 1.0F, 0.03);
+		assert_true(outcome.first_complete > 0 && outcome.first_complete < 100);
+		/* once it runs, each frame counts: nearly none is refused */
+		outcome = run(pipeline, &camera, 120, 1.0F);
+		assert_true(outcome.refused <= 12);
+		lp_pipeline_destroy(pipeline);
+	}
+}
+
+static void test_tagged_frames_need_no_verifying(void **state)
+{
+	struct camera camera = {.delay_frames = 3, .tagged = true};
+	struct lp_pipeline *pipeline = new_pipeline(&camera, 3);
+	struct outcome outcome = run(pipeline, &camera, 90, 1.0F);
+
+	(void)state;
+	assert_int_equal(outcome.refused, 0);
+	assert_int_equal(outcome.last.flags, 0);
+	expect_right_light(&outcome, 1.0F, 0.03);
+	lp_pipeline_destroy(pipeline);
+}
+
+/* A camera on automatic, or driven by another program: detected, flagged, never merged. */
+static void test_a_camera_that_ignores_commands(void **state)
+{
+	struct camera camera = {.ignores = true};
+	struct lp_pipeline *pipeline = new_pipeline(&camera, 3);
+	struct capture capture;
+
+	(void)state;
+	capture_begin(&capture);
+	struct outcome outcome = run(pipeline, &camera, 60, 1.0F);
+	assert_contains(capture_end(&capture), "does not follow commands");
+	assert_true(outcome.last.flags & LP_ESTIMATE_EXPOSURE_IGNORED);
+	assert_true(outcome.last.flags & LP_ESTIMATE_EXPOSURE_UNKNOWN);
+	assert_int_equal(outcome.last.exposure_count, 1);
+	assert_true(isnan(outcome.last.exposure_us));
+	/* it is tried again, and works when the camera comes to its senses */
+	camera.ignores = false;
+	outcome = run(pipeline, &camera, 500, 1.0F);
+	assert_int_equal(outcome.last.flags, 0);
+	expect_right_light(&outcome, 1.0F, 0.03);
+	lp_pipeline_destroy(pipeline);
+}
+
+/* The whole room darker or brighter at once looks like another exposure: it must not become one. */
+static void test_a_change_of_all_light(void **state)
+{
+	const float levels[] = {0.06F, 1.0F, 4.0F, 0.3F};
+	struct camera camera = {.delay_frames = 2, .step_us = 10.0F};
+	struct lp_pipeline *pipeline = new_pipeline(&camera, 3);
+	struct outcome outcome = run(pipeline, &camera, 100, 1.0F);
+
+	(void)state;
+	expect_right_light(&outcome, 1.0F, 0.03);
+	for (unsigned int k = 0; k < ARRAY_COUNT(levels); k++) {
+		outcome = run(pipeline, &camera, 150, levels[k]);
+		expect_right_light(&outcome, levels[k], 0.05);
+		assert_false(outcome.last.flags & LP_ESTIMATE_EXPOSURE_IGNORED);
+	}
+	lp_pipeline_destroy(pipeline);
+}
+
+static void test_darkness(void **state)
+{
+	struct camera camera = {.delay_frames = 2, .step_us = 10.0F};
+	struct lp_pipeline *pipeline = new_pipeline(&camera, 3);
+	struct outcome outcome = run(pipeline, &camera, 150, 0.0F);
+
+	(void)state;
+	assert_true(outcome.estimates > 50);
+	assert_true(outcome.last.flags & LP_ESTIMATE_UNDEREXPOSED);
+	assert_false(outcome.last.flags & LP_ESTIMATE_EXPOSURE_IGNORED);
+	outcome = run(pipeline, &camera, 150, 1.0F); /* and the light goes on */
+	expect_right_light(&outcome, 1.0F, 0.05);
+	lp_pipeline_destroy(pipeline);
+}
+
+/* One exposure when one suffices. */
+static void test_number_of_exposures_by_the_scene(void **state)
+{
+	const struct lp_bracket_limits limits = {.min_us = 1.0F,
+						 .max_us = 33000.0F,
+						 .delay_frames = 0};
+	const struct lp_exposure_match none = {.difference_codes = NAN}, right = {1.0F, 0.9F},
+				       wrong = {60.0F, 0.9F};
+	const struct {
+		float median, peak;
+		int count;
+	} scenes[] = {{30.0F, 60.0F, 1}, {30.0F, 240.0F, 1}, {30.0F, 3000.0F, 2}, {30.0F, 1e5F, 4}};
+
+	(void)state;
+	for (unsigned int k = 0; k < ARRAY_COUNT(scenes); k++) {
+		struct lp_bracket bracket;
+		float command_us;
+
+		lp_bracket_init(&bracket, 4, &limits);
+		for (int n = 0; n < 400; n++) {
+			const struct lp_bracket_decision d =
+				lp_bracket_judge(&bracket, n ? &wrong : &none, n ? &right : &none);
+			/* something of the peak's brightness clips when it is put above 0.5 */
+			const struct lp_bracket_scene scene = {
+				.median = scenes[k].median,
+				.peak = scenes[k].peak,
+				.clipped = scenes[k].peak * bracket.plan_us[bracket.planned - 1] >
+					   0.5e6F};
+
+			if (d.accept)
+				lp_bracket_next(&bracket, &scene, &command_us);
+		}
+		assert_int_equal(bracket.planned, scenes[k].count);
+		assert_true(scenes[k].peak * bracket.plan_us[bracket.planned - 1] < 0.5e6F);
+		if (bracket.planned > 1)
+			assert_float_equal(log2f(bracket.plan_us[0] * scenes[k].median / 0.25e6F),
+					   0.0, 0.8);
+	}
+}
+
+/* A lamp smaller than a cell clips while its cell's mean is low: the shortest exposure comes to
+ * rest all the same, and lets go when the lamp goes out. */
+static void test_a_lamp_smaller_than_a_cell(void **state)
+{
+	const struct lp_bracket_limits limits = {.min_us = 1.0F, .max_us = 33000.0F};
+	struct lp_bracket bracket;
+	float resting_us = 0.0F, command_us;
+
+	(void)state;
+	lp_bracket_init(&bracket, 3, &limits);
+	for (int n = 0; n < 600; n++) {
+		const bool on = n < 400;
+		const float peak = on ? 3e4F : 60.0F, pixel = on ? 20.0F * peak : 80.0F;
+		const float shortest_us = bracket.plan_us[bracket.planned - 1];
+		const struct lp_bracket_scene scene = {.median = 30.0F,
+						       .peak = peak,
+						       .clipped = pixel * shortest_us > 1e6F};
+
+		if (lp_bracket_told(&bracket, bracket.commanded_us).accept)
+			lp_bracket_next(&bracket, &scene, &command_us);
+		if (n == 200)
+			resting_us = shortest_us;
+		if (n > 200 && on)
+			assert_float_equal(shortest_us, resting_us, 0.0);
+	}
+	assert_true(resting_us * 3e4F * 20.0F < 1e6F);
+	assert_int_equal(bracket.planned, 1);
+	assert_true(bracket.plan_us[0] > 500.0F);
+}
+
+/* The governor changes the preset at any moment of a bracket: nothing is merged wrongly. */
+static void test_another_preset_amid_a_bracket(void **state)
+{
+	struct camera camera = {.delay_frames = 3, .step_us = 10.0F};
+	struct lp_pipeline *pipeline = new_pipeline(&camera, 3);
+
+	(void)state;
+	run(pipeline, &camera, 120, 1.0F);
+	for (int moment = 0; moment < 6; moment++) {
+		const bool lower = moment % 2 == 0;
+		struct outcome outcome;
+
+		run(pipeline, &camera, moment, 1.0F);
+		assert_int_equal(lp_pipeline_set_preset(pipeline, lower ? LP_PRESET_FAST
+									: LP_PRESET_BALANCED),
+				 0);
+		outcome = run(pipeline, &camera, 80, 1.0F);
+		assert_int_equal(outcome.last.exposure_count, 3);
+		assert_int_equal(outcome.last.flags, lower ? LP_ESTIMATE_DEGRADED : 0);
+		assert_true(outcome.first_complete >= 0 && outcome.first_complete < 60);
+		expect_right_light(&outcome, 1.0F, 0.03);
+	}
+	lp_pipeline_destroy(pipeline);
+}
+
+static void test_values_that_a_camera_can_take(void **state)
+{
+	const struct lp_source_caps silent = {.exposure_min_us = NAN,
+					      .exposure_max_us = NAN,
+					      .exposure_step_us = NAN,
+					      .exposure_delay_frames = -1};
+	const struct lp_bracket_limits any = lp_bracket_limits_of(&silent);
+	const struct lp_bracket_limits steps = {.min_us = 100, .max_us = 50000, .step_us = 100};
+
+	(void)state;
+	assert_int_equal(any.delay_frames, -1);
+	assert_true(lp_bracket_allowed(&any, 0.01F) == 1.0F);
+	assert_true(lp_bracket_allowed(&any, 123.4F) == 123.4F);
+	assert_true(lp_bracket_allowed(&any, 1e6F) == 33000.0F);
+	assert_true(lp_bracket_allowed(&steps, 3.0F) == 100.0F);
+	assert_true(lp_bracket_allowed(&steps, 149.0F) == 100.0F);
+	assert_true(lp_bracket_allowed(&steps, 151.0F) == 200.0F);
+	assert_true(lp_bracket_allowed(&steps, 1e6F) == 50000.0F);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_another_preset_amid_a_bracket),
+		cmocka_unit_test(test_values_that_a_camera_can_take),
+		cmocka_unit_test(test_any_delay_merges_rightly),
+		cmocka_unit_test(test_tagged_frames_need_no_verifying),
+		cmocka_unit_test(test_a_camera_that_ignores_commands),
+		cmocka_unit_test(test_a_change_of_all_light),
+		cmocka_unit_test(test_darkness),
+		cmocka_unit_test(test_number_of_exposures_by_the_scene),
+		cmocka_unit_test(test_a_lamp_smaller_than_a_cell),
+	};
+
+	return cmocka_run_group_tests(tests, prepare, NULL);
+}

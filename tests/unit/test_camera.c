@@ -1,0 +1,347 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Camera files, projection, and the mapping of camera cells onto the panorama. */
+#include "vision/camera.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "include/panorama.h"
+#include "light/grid.h"
+#include "lp_test.h"
+#include "scene.h"
+#include "vision/cells.h"
+#include "vision/remap.h"
+
+static const char dual_fisheye[] = "# two lenses back to back\n"
+				   "[camera]\n"
+				   "name = test dual\n"
+				   "projection = fisheye\n"
+				   "width_px = 1280\n"
+				   "height_px = 720\n"
+				   "[lens.0]\n"
+				   "cx_px = 320\ncy_px = 360\nfx_px = 183\nfy_px = 184\n"
+				   "k1 = 0.02\nk2 = -0.004\nmax_theta_deg = 97\n"
+				   "rolloff = -0.05, 0.01\n"
+				   "[lens.1]\n"
+				   "cx_px = 960\ncy_px = 358\nfx_px = 183\nfy_px = 183\n"
+				   "max_theta_deg = 97\n"
+				   "rotation_wxyz = 0, 0, 1, 0\n"
+				   "[v4l2]\n"
+				   "fps = 30\n";
+
+static char path[] = "/tmp/lp_camera_XXXXXX";
+
+static void write_file(const char *text)
+{
+	FILE *file = fopen(path, "w");
+
+	assert_non_null(file);
+	fputs(text, file);
+	fclose(file);
+}
+
+static struct lp_camera *load(const char *text)
+{
+	struct lp_camera *camera;
+
+	write_file(text);
+	assert_int_equal(lp_camera_load(path, &camera), 0);
+	return camera;
+}
+
+static void test_pixels_and_rays_are_inverse(void **state)
+{
+	struct lp_camera *camera = load(dual_fisheye);
+	int seen = 0;
+
+	(void)state;
+	assert_int_equal(camera->lens_count, 2);
+	for (int y = 4; y < 360; y += 7) /* at half the size that the file speaks of */
+		for (int x = 4; x < 640; x += 7) {
+			double d[3], pixel[2], share, illumination;
+			int lens;
+
+			if (!lp_camera_ray(camera, 640, 360, x, y, d, &lens))
+				continue;
+			seen++;
+			assert_float_equal(d[0] * d[0] + d[1] * d[1] + d[2] * d[2], 1.0, 1e-9);
+			assert_true(lp_camera_project(camera, lens, 640, 360, d, pixel, &share,
+						      &illumination));
+			assert_float_equal(pixel[0], x, 1e-5);
+			assert_float_equal(pixel[1], y, 1e-5);
+		}
+	assert_true(seen > 2000);
+	lp_camera_destroy(camera);
+}
+
+/* The optical axes look where the file says: lens 0 along -Z, lens 1 turned by half a turn about
+ * +Y. */
+static void test_axes(void **state)
+{
+	struct lp_camera *camera = load(dual_fisheye);
+	double d[3];
+	int lens;
+
+	(void)state;
+	assert_true(lp_camera_ray(camera, 1280, 720, 320, 360, d, &lens));
+	assert_float_equal(d[2], -1.0, 1e-9);
+	assert_true(lp_camera_ray(camera, 1280, 720, 960, 358, d, &lens));
+	assert_float_equal(d[2], 1.0, 1e-6);
+	assert_true(lp_camera_ray(camera, 1280, 720, 420, 360, d, &lens)); /* right is +X */
+	assert_true(d[0] > 0.4);
+	assert_true(lp_camera_ray(camera, 1280, 720, 320, 260, d, &lens)); /* up is +Y */
+	assert_true(d[1] > 0.4);
+	assert_true(
+		lp_camera_ray(camera, 1280, 720, 1060, 358, d, &lens)); /* behind: right is -X */
+	assert_true(d[0] < -0.4);
+	assert_false(lp_camera_ray(camera, 1280, 720, 3, 3, d, &lens)); /* dark corner */
+	lp_camera_destroy(camera);
+}
+
+static void test_pixel_solid_angles(void **state)
+{
+	struct lp_camera *camera = load(dual_fisheye);
+	struct lp_camera *equirect;
+	const double cap = 2.0 * M_PI * (1.0 - cos(97.0 * TEST_DEG));
+	double sum = 0.0;
+
+	(void)state;
+	for (int y = 0; y < 720; y++)
+		for (int x = 0; x < 1280; x++)
+			sum += lp_camera_pixel_solid_angle_sr(camera, 1280, 720, x + 0.5, y + 0.5);
+	assert_float_equal(sum / (2.0 * cap), 1.0, 0.002);
+	lp_camera_destroy(camera);
+
+	assert_int_equal(lp_camera_load("equirect", &equirect), 0);
+	sum = 0.0;
+	for (int y = 0; y < 45; y++)
+		for (int x = 0; x < 90; x++)
+			sum += lp_camera_pixel_solid_angle_sr(equirect, 90, 45, x + 0.5, y + 0.5);
+	assert_float_equal(sum, 4.0 * M_PI, 1e-9);
+	lp_camera_destroy(equirect);
+}
+
+/* A camera's cells under a uniform sky, roll-off included. */
+static void fill_uniform(struct lp_cells *cells, const struct lp_camera *camera, int width_px,
+			 int height_px, int cell_px)
+{
+	const int width = (width_px + cell_px - 1) / cell_px;
+	const int height = (height_px + cell_px - 1) / cell_px;
+
+	assert_int_equal(lp_cells_reserve(cells, width, height, cell_px), 0);
+	for (int i = 0; i < width * height; i++) {
+		double d[3], pixel[2], share, illumination = 1.0;
+		int lens;
+
+		if (lp_camera_ray(camera, width_px, height_px, (i % width + 0.5) * cell_px,
+				  (i / width + 0.5) * cell_px, d, &lens))
+			lp_camera_project(camera, lens, width_px, height_px, d, pixel, &share,
+					  &illumination);
+		for (int c = 0; c < 4; c++)
+			cells->radiance[i][c] = (float)illumination;
+		cells->clipped[i] = 0;
+	}
+}
+
+static void test_uniform_stays_uniform(void **state)
+{
+	const struct {
+		int width, height, cell, panorama;
+	} cases[] = {{1920, 960, 8, 240}, {1024, 512, 4, 240}, {3840, 1920, 8, 240},
+		     {1000, 500, 8, 240}, {16, 8, 1, 16},      {1280, 720, 8, 240},
+		     {640, 360, 4, 120},  {7680, 3840, 8, 480}};
+	(void)state;
+	for (unsigned int k = 0; k < ARRAY_COUNT(cases); k++) {
+		const int fisheye = cases[k].height * 2 != cases[k].width;
+		struct lp_camera *camera;
+		struct lp_panorama panorama = new_panorama(cases[k].panorama);
+		struct lp_cells cells = {0};
+		struct lp_remap *remap;
+
+		if (fisheye)
+			camera = load(dual_fisheye);
+		else
+			assert_int_equal(lp_camera_load("equirect", &camera), 0);
+		assert_int_equal(lp_remap_create(camera, cases[k].width, cases[k].height,
+						 cases[k].cell, cases[k].panorama, &remap),
+				 0);
+		fill_uniform(&cells, camera, cases[k].width, cases[k].height, cases[k].cell);
+		lp_remap_apply(remap, &cells, &panorama);
+		assert_float_equal(panorama.seen_fraction, 1.0, 0.0);
+		for (int i = 0; i < panorama.width * panorama.height; i++)
+			assert_float_equal((remap->identity ? cells.radiance
+							    : panorama.cells)[i][1],
+					   1.0, fisheye ? 0.01 : 1e-5);
+		lp_remap_destroy(remap);
+		lp_cells_release(&cells);
+		lp_camera_destroy(camera);
+		free_panorama(&panorama);
+	}
+}
+
+/* One bright camera cell gives the panorama the light it holds, wherever it looks. */
+static void test_light_is_kept(void **state)
+{
+	const struct {
+		int width, height, cell, panorama;
+		double tolerance;
+	} cases[] = {{1024, 512, 4, 240, 1e-5},
+		     {1000, 500, 8, 240, 1e-5},
+		     {1280, 720, 8, 240, 0.08}};
+
+	(void)state;
+	srand(4);
+	for (unsigned int k = 0; k < ARRAY_COUNT(cases); k++) {
+		const int fisheye = k == 2;
+		struct lp_camera *camera;
+		struct lp_panorama panorama = new_panorama(cases[k].panorama);
+		struct lp_cells cells = {0};
+		struct lp_remap *remap;
+		struct lp_grid *grid;
+		int tried = 0;
+
+		if (fisheye)
+			camera = load(dual_fisheye);
+		else
+			assert_int_equal(lp_camera_load("equirect", &camera), 0);
+		assert_int_equal(lp_grid_create(cases[k].panorama, cases[k].panorama / 2, &grid),
+				 0);
+		assert_int_equal(lp_remap_create(camera, cases[k].width, cases[k].height,
+						 cases[k].cell, cases[k].panorama, &remap),
+				 0);
+		fill_uniform(&cells, camera, cases[k].width, cases[k].height, cases[k].cell);
+		memset(cells.radiance, 0, sizeof(*cells.radiance) * cells.width * cells.height);
+		while (tried < 200) {
+			const int cell = rand() % (cells.width * cells.height);
+			const int x0 = cell % cells.width * cases[k].cell;
+			const int y0 = cell / cells.width * cases[k].cell;
+			double holds = 0.0, got = 0.0, d[3], pixel[2], share, illumination = 1.0;
+			int lens, inside = 1;
+
+			for (int y = y0; y < y0 + cases[k].cell && y < cases[k].height; y++)
+				for (int x = x0; x < x0 + cases[k].cell && x < cases[k].width; x++)
+					holds += lp_camera_pixel_solid_angle_sr(camera,
+										cases[k].width,
+										cases[k].height,
+										x + 0.5, y + 0.5);
+			if (fisheye) { /* away from seam and rim, where a lens serves in part */
+				inside = lp_camera_ray(camera, 1280, 720, x0 + 4, y0 + 4, d,
+						       &lens) &&
+					 fabs(d[2]) > sin(15.0 * TEST_DEG) &&
+					 (lens == 0) == (d[2] < 0);
+				if (inside)
+					lp_camera_project(camera, lens, 1280, 720, d, pixel, &share,
+							  &illumination);
+			}
+			if (!inside)
+				continue;
+			tried++;
+			cells.radiance[cell][1] = 1.0F;
+			lp_remap_apply(remap, &cells, &panorama);
+			cells.radiance[cell][1] = 0.0F;
+			for (int i = 0; i < panorama.width * panorama.height; i++)
+				got += (double)panorama.cells[i][1] *
+				       lp_grid_solid_angle_sr(grid, i);
+			assert_float_equal(got * illumination / holds, 1.0, cases[k].tolerance);
+		}
+		lp_remap_destroy(remap);
+		lp_grid_destroy(grid);
+		lp_cells_release(&cells);
+		lp_camera_destroy(camera);
+		free_panorama(&panorama);
+	}
+}
+
+static void test_one_lens_sees_a_part(void **state)
+{
+	const char *text = "[camera]\nprojection = fisheye\nwidth_px = 720\nheight_px = 720\n"
+			   "[lens.0]\ncx_px = 360\ncy_px = 360\nfx_px = 220\nfy_px = 220\n"
+			   "max_theta_deg = 90\nrotation_wxyz = 1, 1, 0, 0\n"; /* looks up */
+	struct lp_camera *camera = load(text);
+	struct lp_panorama panorama = new_panorama(240);
+	struct lp_cells cells = {0};
+	struct lp_remap *remap;
+
+	(void)state;
+	assert_int_equal(lp_remap_create(camera, 720, 720, 8, 240, &remap), 0);
+	assert_float_equal(remap->seen_fraction, 0.5, 0.02);
+	fill_uniform(&cells, camera, 720, 720, 8);
+	lp_remap_apply(remap, &cells, &panorama);
+	assert_false(panorama.flags[10 * 240 + 17] & LP_CELL_UNSEEN);
+	assert_true(panorama.flags[100 * 240 + 17] & LP_CELL_UNSEEN);
+	lp_remap_destroy(remap);
+	lp_cells_release(&cells);
+	lp_camera_destroy(camera);
+	free_panorama(&panorama);
+}
+
+/* Each broken file: refused, with its name, where, and what would be right. */
+static void test_broken_files(void **state)
+{
+	const struct {
+		const char *text, *says;
+	} cases[] = {
+		{"", "needs projection"},
+		{"[camera]\nprojection = cubic\n", ":2"},
+		{"[camera]\nprojection = fisheye\n", "needs width_px"},
+		{"[camera]\nprojection = fisheye\nwidth_px = 64\nheight_px = 64\n",
+		 "needs a [lens.0]"},
+		{"[camera]\nprojection = equirect\nheigth_px = 64\n", "heigth_px"},
+		{"[camera]\nversion = 2\nprojection = equirect\n", "version"},
+		{"[lens.9]\ncx_px = 1\n", "lens.9"},
+		{"[camera]\nprojection equirect\n", "line 2"},
+		{"[camera]\nprojection = fisheye\nwidth_px = 64\nheight_px = 64\n[lens.0]\ncx_px = "
+		 "3\n",
+		 "max_theta_deg"},
+		{"[camera]\nprojection = fisheye\nwidth_px = 64\nheight_px = 64\n[lens.0]\n"
+		 "fx_px = 20\nfy_px = 20\nmax_theta_deg = 90\nk1 = -3\n",
+		 "does not grow"},
+		{"[camera]\nprojection = equirect\n[response]\ntable = /nonexistent.txt\n",
+		 "/nonexistent.txt"},
+	};
+
+	(void)state;
+	for (unsigned int k = 0; k < ARRAY_COUNT(cases); k++) {
+		struct lp_camera *camera = NULL;
+		struct capture capture;
+		const char *said;
+
+		write_file(cases[k].text);
+		capture_begin(&capture);
+		const int ret = lp_camera_load(path, &camera);
+		said = capture_end(&capture);
+		assert_true(ret == -EBADMSG || ret == -ENOENT);
+		assert_contains(said, cases[k].says);
+	}
+	struct lp_camera *camera;
+	struct capture capture;
+
+	capture_begin(&capture);
+	assert_int_equal(lp_camera_load("/nonexistent.camera", &camera), -ENOENT);
+	assert_contains(capture_end(&capture), "/nonexistent.camera");
+	lp_camera_destroy(NULL);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_pixels_and_rays_are_inverse),
+		cmocka_unit_test(test_axes),
+		cmocka_unit_test(test_pixel_solid_angles),
+		cmocka_unit_test(test_uniform_stays_uniform),
+		cmocka_unit_test(test_light_is_kept),
+		cmocka_unit_test(test_one_lens_sees_a_part),
+		cmocka_unit_test(test_broken_files),
+	};
+	const int fd = mkstemp(path);
+	int failed;
+
+	if (fd < 0)
+		return 1;
+	close(fd);
+	failed = cmocka_run_group_tests(tests, NULL, NULL);
+	unlink(path);
+	return failed;
+}

@@ -1,0 +1,380 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "wire.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdlib.h>
+#include <sys/mman.h>
+
+#include "app/codec.h"
+#include "include/publisher.h"
+#include "app/health.h"
+#include "base/clock.h"
+#include "light/model.h"
+
+static struct lp_packet packet;
+static const struct lp_stamp no_stamp;
+
+/* Every field set, with values as large as a probe that has run for a day would send. */
+static struct lp_light_estimate full_estimate(void)
+{
+	struct lp_light_estimate estimate = {
+		.t_capture_ns = lp_clock_ns(),
+		.sequence = 30 * 86400 - 1,
+		.light_count = LP_MAX_LIGHTS,
+		.exposure_us = 33333,
+		.exposure_count = 4,
+		.cd_m2_per_unit = NAN,
+		.wheel_deg = NAN,
+		.wheel_sigma_deg = NAN,
+	};
+
+	for (int i = 0; i < LP_MAX_LIGHTS; i++)
+		estimate.lights[i] = (struct lp_light){
+			.id = 100 + (uint32_t)i,
+			.direction = {0.6F, 0.8F, 0},
+			.irradiance = {3, 2, 1},
+			.angular_radius_deg = 1.5F,
+			.direction_sigma_deg = 0.1F,
+			.irradiance_sigma = 0.999F,
+			.confidence = 1,
+			.distance_m = NAN,
+		};
+	for (int i = 0; i < LP_MAX_SH_COUNT; i++) {
+		for (int c = 0; c < 3; c++)
+			estimate.sh_total[i][c] = 1.0F + (float)(3 * i + c);
+	}
+	for (int order = 0; order <= LP_MAX_SH_ORDER; order++) {
+		for (int lights = 0; lights <= LP_MAX_LIGHTS; lights++)
+			estimate.predicted_error[order][lights] =
+				0.9F - 0.1F * (float)order - 0.01F * (float)lights;
+	}
+	return estimate;
+}
+
+static lightprobe_v1_Estimate encode(const struct lp_light_estimate *estimate, bool total,
+				     int sh_order, int lights, const struct lp_stamp *stamp)
+{
+	const struct lp_variant variant = {total, sh_order, lights};
+	lightprobe_v1_FromProbe message;
+
+	assert_int_equal(lp_encode_estimate(estimate, &variant, stamp, &packet), 0);
+	assert_int_equal(packet.kind, LP_PACKET_STATE);
+	message = decode_packet(&packet);
+	assert_int_equal(message.which_message, lightprobe_v1_FromProbe_estimate_tag);
+	return message.message.estimate;
+}
+
+static void test_size_budgets(void **state)
+{
+	struct lp_light_estimate estimate = full_estimate();
+	const struct lp_stamp stamp = {.boot_id = 1,
+				       .ttl_ms = 1000,
+				       .t_send_ns = estimate.t_capture_ns + LP_NS_PER_S};
+
+	(void)state;
+	/* The flags that an ordinary picture brings: one byte for the estimate, one for each light.
+	 */
+	estimate.flags = LP_ESTIMATE_CLIPPED;
+	for (int i = 0; i < LP_MAX_LIGHTS; i++)
+		estimate.lights[i].flags = LP_LIGHT_CLIPPED;
+	encode(&estimate, false, 2, 4, &stamp);
+	print_message("order 2, 4 lights: %u bytes\n", packet.size_bytes);
+	assert_in_range(packet.size_bytes, 300, 360);
+	encode(&estimate, false, 1, 0, &stamp);
+	print_message("order 1, no lights: %u bytes\n", packet.size_bytes);
+	assert_in_range(packet.size_bytes, 60, 96);
+}
+
+static void test_every_variant_fits_a_packet(void **state)
+{
+	struct lp_light_estimate estimate = full_estimate();
+	const struct lp_stamp stamp = {.boot_id = UINT32_MAX,
+				       .ttl_ms = UINT32_MAX,
+				       .t_send_ns = estimate.t_capture_ns + (INT64_C(1) << 50)};
+
+	(void)state;
+	estimate.sequence = UINT32_MAX;
+	estimate.flags = UINT32_MAX;
+	estimate.exposure_count = INT32_MAX;
+	estimate.exposure_us = 1e30F;
+	estimate.cd_m2_per_unit = 1e30F;
+	for (int i = 0; i < LP_MAX_LIGHTS; i++) {
+		estimate.lights[i].id = UINT32_MAX;
+		estimate.lights[i].flags = UINT32_MAX;
+		estimate.lights[i].irradiance_sigma = 1e30F;
+		estimate.lights[i].confidence = 1e30F;
+		estimate.lights[i].distance_m = 1e30F;
+	}
+	for (int order = 0; order <= LP_MAX_SH_ORDER; order++) {
+		for (int lights = 0; lights <= LP_MAX_LIGHTS; lights++) {
+			encode(&estimate, false, order, lights, &stamp);
+			assert_true(packet.size_bytes <= LP_PACKET_MAX_BYTES);
+		}
+	}
+}
+
+static void test_values_arrive(void **state)
+{
+	struct lp_light_estimate estimate = full_estimate();
+	const struct lp_stamp stamp = {.boot_id = 77,
+				       .ttl_ms = 500,
+				       .t_send_ns = estimate.t_capture_ns + 1234 * LP_NS_PER_US};
+	float ambient[LP_MAX_SH_COUNT][3];
+	lightprobe_v1_Estimate wire;
+
+	(void)state;
+	estimate.cd_m2_per_unit = 42;
+	estimate.wheel_deg = 135;
+	estimate.wheel_sigma_deg = 0.5F;
+	estimate.flags = LP_ESTIMATE_STALE;
+	estimate.lights[1].distance_m = 2.5F;
+	wire = encode(&estimate, false, 3, 2, &stamp);
+	assert_int_equal(wire.sequence, estimate.sequence);
+	assert_int_equal(wire.boot_id, 77);
+	assert_int_equal(wire.ttl_ms, 500);
+	assert_int_equal(wire.send_delay_us, 1234);
+	assert_true(llabs((int64_t)wire.capture_time_unix_ns -
+			  lp_clock_unix_ns(estimate.t_capture_ns)) < LP_NS_PER_S);
+	assert_int_equal(wire.flags, LP_ESTIMATE_STALE | LP_ESTIMATE_MORE_LIGHTS);
+	assert_true(wire.has_exposure_us && wire.exposure_us == 33333);
+	assert_int_equal(wire.exposure_count, 4);
+	assert_true(wire.has_cd_m2_per_unit && wire.cd_m2_per_unit == 42);
+	assert_true(wire.has_wheel_deg && wire.wheel_deg == 135);
+	assert_true(wire.has_wheel_sigma_deg && wire.wheel_sigma_deg == 0.5F);
+	assert_int_equal(wire.predicted_error_permille, 580);
+	assert_int_equal(wire.lights_count, 2);
+	assert_int_equal(wire.lights[1].id, 101);
+	assert_true(wire.lights[0].direction[1] == 0.8F && wire.lights[0].irradiance[2] == 1);
+	assert_int_equal(wire.lights[0].irradiance_sigma_permille, 999);
+	assert_int_equal(wire.lights[0].confidence_percent, 100);
+	assert_false(wire.lights[0].has_distance_m);
+	assert_true(wire.lights[1].has_distance_m && wire.lights[1].distance_m == 2.5F);
+	assert_int_equal(wire.sh.order, 3);
+	assert_int_equal(wire.sh.kind, lightprobe_v1_SphericalHarmonics_Kind_AMBIENT);
+	assert_int_equal(wire.sh.coefficients_count, 48);
+	lp_model_ambient(&estimate, 3, 2, ambient);
+	assert_memory_equal(wire.sh.coefficients, ambient, 48 * sizeof(float));
+
+	wire = encode(&estimate, true, 4, 8, &stamp);
+	assert_int_equal(wire.sh.kind, lightprobe_v1_SphericalHarmonics_Kind_TOTAL);
+	assert_int_equal(wire.flags, LP_ESTIMATE_STALE);
+	assert_memory_equal(wire.sh.coefficients, estimate.sh_total, 75 * sizeof(float));
+}
+
+static void test_unknown_is_absent_not_zero(void **state)
+{
+	struct lp_light_estimate estimate = full_estimate();
+	lightprobe_v1_Estimate wire;
+
+	(void)state;
+	estimate.exposure_us = NAN;
+	estimate.lights[0].direction_sigma_deg = NAN;
+	estimate.lights[0].irradiance_sigma = NAN;
+	estimate.lights[0].confidence = NAN;
+	estimate.predicted_error[2][1] = NAN;
+	wire = encode(&estimate, false, 2, 1, &no_stamp);
+	assert_false(wire.has_exposure_us || wire.has_cd_m2_per_unit || wire.has_wheel_deg ||
+		     wire.has_wheel_sigma_deg || wire.has_predicted_error_permille);
+	assert_false(wire.lights[0].has_direction_sigma_deg ||
+		     wire.lights[0].has_irradiance_sigma_permille ||
+		     wire.lights[0].has_confidence_percent || wire.lights[0].has_distance_m);
+}
+
+static void test_what_is_not_finite_is_not_sent(void **state)
+{
+	struct lp_light_estimate good = full_estimate();
+	const struct lp_variant variant = {.total = true, .sh_order = 1, .lights = 1};
+	float *const fields[] = {&good.lights[0].direction[2], &good.lights[0].irradiance[0],
+				 &good.lights[0].angular_radius_deg, &good.sh_total[3][2]};
+	const float bad[] = {NAN, INFINITY, -INFINITY};
+
+	(void)state;
+	for (size_t i = 0; i < ARRAY_COUNT(fields); i++) {
+		for (size_t j = 0; j < ARRAY_COUNT(bad); j++) {
+			const float saved = *fields[i];
+
+			*fields[i] = bad[j];
+			assert_int_equal(lp_encode_estimate(&good, &variant, &no_stamp, &packet),
+					 -ERANGE);
+			*fields[i] = saved;
+		}
+	}
+	good.sh_total[4][0] = NAN; /* not part of order 1 */
+	assert_int_equal(lp_encode_estimate(&good, &variant, &no_stamp, &packet), 0);
+}
+
+static void test_delays_saturate(void **state)
+{
+	struct lp_light_estimate estimate = full_estimate();
+	struct lp_stamp stamp = {.t_send_ns = estimate.t_capture_ns - 1};
+
+	(void)state;
+	assert_int_equal(encode(&estimate, false, 0, 0, &stamp).send_delay_us, 0);
+	stamp.t_send_ns = estimate.t_capture_ns + 7200 * LP_NS_PER_S;
+	assert_int_equal(encode(&estimate, false, 0, 0, &stamp).send_delay_us, UINT32_MAX);
+}
+
+static void test_hello_error_health(void **state)
+{
+	const struct lp_hello hello = {.boot_id = 9,
+				       .source = "a-scheme-longer-than-the-field",
+				       .preset = "fast",
+				       .max_sh_order = 3,
+				       .max_lights = 7,
+				       .smoothing_ms = 250};
+	static struct lp_health_report report = {.fault_count = LP_MAX_FAULTS, .preset = "fast"};
+	lightprobe_v1_FromProbe message;
+	char text[400];
+
+	(void)state;
+	lp_encode_hello(&hello, &packet);
+	assert_int_equal(packet.kind, LP_PACKET_CONTROL);
+	message = decode_packet(&packet);
+	assert_int_equal(message.which_message, lightprobe_v1_FromProbe_hello_tag);
+	assert_int_equal(message.message.hello.protocol_major, 1);
+	assert_string_equal(message.message.hello.source, "a-scheme-longer");
+	assert_string_equal(message.message.hello.software, "lightprobed " LP_VERSION);
+	assert_int_equal(message.message.hello.smoothing_time_constant_ms, 250);
+
+	/* Cut at a character, not within: the field holds 239 bytes, the dash has three. */
+	memset(text, 'x', 238);
+	(void)strcpy(text + 238, "— and more");
+	lp_encode_error(-EMSGSIZE, text, &packet);
+	message = decode_packet(&packet);
+	assert_int_equal(message.message.error.code, -EMSGSIZE);
+	assert_int_equal(strlen(message.message.error.text), 238);
+
+	for (int i = 0; i < LP_MAX_FAULTS; i++) {
+		report.faults[i].id = "source-waiting-with-a-rather-long-name";
+		memset(report.faults[i].text, 'y', sizeof(report.faults[i].text) - 1);
+	}
+	memset(&report.frames_received, 0xff, sizeof(uint64_t));
+	report.source_state = LP_SOURCE_STALLED;
+	lp_encode_health(&report, &packet);
+	message = decode_packet(&packet);
+	assert_int_equal(message.which_message, lightprobe_v1_FromProbe_health_tag);
+	assert_int_equal(message.message.health.faults_count, LP_MAX_FAULTS);
+	assert_int_equal(message.message.health.source_state,
+			 lightprobe_v1_Health_SourceState_STALLED);
+	assert_true(message.message.health.frames_received == UINT64_MAX);
+}
+
+static void test_wheel_and_ring_in_health(void **state)
+{
+	struct lp_health_report report = {
+		.preset = "",
+		.has_wheel = true,
+		.has_ring = true,
+		.wheel = {.state = {.phase = LP_WHEEL_MOVING,
+				    .commanded_deg = 45,
+				    .measured_deg = NAN,
+				    .sigma_deg = NAN,
+				    .clock_sigma_us = 12,
+				    .reconnects = 2},
+			  .moves = 3,
+			  .frames_moving = 4},
+		.ring = {.illuminance_lux = {1, 2, NAN, 4, 5, 6, 7, 8, 9}, .samples_lost = 7},
+	};
+	lightprobe_v1_Health wire;
+
+	(void)state;
+	lp_encode_health(&report, &packet);
+	wire = decode_packet(&packet).message.health;
+	assert_true(wire.has_wheel && wire.has_ring);
+	assert_int_equal(wire.wheel.phase, lightprobe_v1_Wheel_Phase_MOVING);
+	assert_true(wire.wheel.has_commanded_deg && !wire.wheel.has_measured_deg);
+	assert_true(wire.wheel.has_clock_sigma_us && wire.wheel.reconnects == 2);
+	assert_true(wire.wheel.moves == 3 && wire.wheel.frames_moving == 4);
+	assert_int_equal(wire.ring.illuminance_lux_count, 9);
+	assert_true(isnan(wire.ring.illuminance_lux[2]) && wire.ring.illuminance_lux[8] == 9);
+	assert_true(wire.ring.samples_lost == 7);
+	report.has_wheel = report.has_ring = false;
+	lp_encode_health(&report, &packet);
+	wire = decode_packet(&packet).message.health;
+	assert_false(wire.has_wheel || wire.has_ring);
+}
+
+static int decode(const lightprobe_v1_Subscription *wire, struct lp_subscription *subscription)
+{
+	uint8_t data[LP_REQUEST_MAX_BYTES];
+	const char *reason;
+
+	return lp_decode_request(data, encode_request(wire, data, sizeof(data)), subscription,
+				 &reason);
+}
+
+static void test_subscription_defaults_and_values(void **state)
+{
+	lightprobe_v1_Subscription wire = lightprobe_v1_Subscription_init_zero;
+	struct lp_subscription subscription;
+
+	(void)state;
+	assert_int_equal(decode(&wire, &subscription), 0);
+	assert_int_equal(subscription.sh_order, 2);
+	assert_int_equal(subscription.max_lights, 4);
+	assert_false(subscription.total || subscription.raw);
+	assert_true(subscription.rate_hz == 0 && subscription.tolerance == 0);
+
+	wire = (lightprobe_v1_Subscription){
+		.rate_hz = 12.5F,
+		.has_sh_order = true,
+		.sh_order = 0,
+		.has_max_lights = true,
+		.max_lights = 99,
+		.kind = lightprobe_v1_SphericalHarmonics_Kind_TOTAL,
+		.tolerance_permille = 50,
+		.smoothing = lightprobe_v1_Subscription_Smoothing_RAW,
+		.health_period_ms = 1000,
+	};
+	assert_int_equal(decode(&wire, &subscription), 0);
+	assert_int_equal(subscription.sh_order, 0);
+	assert_int_equal(subscription.max_lights, LP_MAX_LIGHTS);
+	assert_true(subscription.total && subscription.raw && subscription.rate_hz == 12.5F);
+	assert_true(fabsf(subscription.tolerance - 0.05F) < 1e-6F);
+	assert_int_equal(subscription.health_period_ms, 1000);
+}
+
+static void test_bad_requests(void **state)
+{
+	static const uint8_t garbage[] = {0xff, 0xff, 0xff, 0xff};
+	static const uint8_t unknown_request[] = {0x7a, 0x00}; /* field 15, empty message */
+	lightprobe_v1_Subscription wire = lightprobe_v1_Subscription_init_zero;
+	struct lp_subscription subscription;
+	const float rates[] = {-1, NAN, INFINITY};
+	const char *reason;
+
+	(void)state;
+	assert_int_equal(lp_decode_request(garbage, 4, &subscription, &reason), -EBADMSG);
+	assert_int_equal(lp_decode_request(NULL, 0, &subscription, &reason), -EOPNOTSUPP);
+	assert_int_equal(lp_decode_request(unknown_request, 2, &subscription, &reason),
+			 -EOPNOTSUPP);
+	for (size_t i = 0; i < ARRAY_COUNT(rates); i++) {
+		wire.rate_hz = rates[i];
+		assert_int_equal(decode(&wire, &subscription), -ERANGE);
+	}
+	wire.rate_hz = 0;
+	wire.kind = (lightprobe_v1_SphericalHarmonics_Kind)7;
+	assert_int_equal(decode(&wire, &subscription), -ERANGE);
+	wire.kind = 0;
+	wire.smoothing = (lightprobe_v1_Subscription_Smoothing)7;
+	assert_int_equal(decode(&wire, &subscription), -ERANGE);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_size_budgets),
+		cmocka_unit_test(test_every_variant_fits_a_packet),
+		cmocka_unit_test(test_values_arrive),
+		cmocka_unit_test(test_unknown_is_absent_not_zero),
+		cmocka_unit_test(test_what_is_not_finite_is_not_sent),
+		cmocka_unit_test(test_delays_saturate),
+		cmocka_unit_test(test_hello_error_health),
+		cmocka_unit_test(test_wheel_and_ring_in_health),
+		cmocka_unit_test(test_subscription_defaults_and_values),
+		cmocka_unit_test(test_bad_requests),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,392 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "wire.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdlib.h>
+#include <time.h>
+
+#include "app/health.h"
+#include "app/hub.h"
+#include "base/clock.h"
+
+#define MAX_CLIENTS 8
+
+/* A publisher that keeps what it is told to send. */
+struct lp_client {
+	void *user;
+	int count; /* packets, ever */
+	struct lp_packet *packets[64];
+};
+
+static struct lp_hub *hub;
+static struct lp_health health;
+static struct lp_publisher_host host;
+static struct lp_client clients[MAX_CLIENTS + 1];
+
+static void keep(struct lp_publisher *publisher, struct lp_client *client, struct lp_packet *packet)
+{
+	(void)publisher;
+	assert_true(client->count < 64);
+	client->packets[client->count++] = lp_packet_hold(packet);
+}
+
+static const struct lp_publisher_ops ops = {.scheme = "test", .send = keep};
+static struct lp_publisher publisher = {.ops = &ops};
+
+static int setup(void **state)
+{
+	const struct lp_hub_options options = {
+		.hello = {.boot_id = 5,
+			  .source = "test",
+			  .preset = "fast",
+			  .max_sh_order = 3,
+			  .max_lights = 6},
+		.initial = lp_default_subscription(),
+		.ttl_ms = 30,
+		.max_clients = MAX_CLIENTS,
+		.health = &health,
+	};
+
+	(void)state;
+	lp_health_init(&health, lp_clock_ns());
+	health.report.preset = "fast";
+	memset(clients, 0, sizeof(clients));
+	if (lp_hub_create(&options, &hub) < 0)
+		return -1;
+	host = lp_hub_publisher_host(hub);
+	return 0;
+}
+
+static void forget_packets(struct lp_client *client)
+{
+	for (int i = 0; i < client->count; i++)
+		lp_packet_drop(client->packets[i]);
+	client->count = 0;
+}
+
+static void leave(struct lp_client *client)
+{
+	forget_packets(client);
+	host.disconnected(host.context, client->user);
+	client->user = NULL;
+}
+
+static int teardown(void **state)
+{
+	(void)state;
+	for (size_t i = 0; i < ARRAY_COUNT(clients); i++) {
+		forget_packets(&clients[i]);
+		if (clients[i].user)
+			leave(&clients[i]);
+	}
+	lp_hub_destroy(hub); /* fails when a packet is still held */
+	return 0;
+}
+
+static struct lp_client *join(int index)
+{
+	assert_int_equal(host.connected(host.context, &publisher, &clients[index],
+					&clients[index].user),
+			 0);
+	return &clients[index];
+}
+
+static int subscribe(struct lp_client *client, const lightprobe_v1_Subscription *wire)
+{
+	uint8_t data[LP_REQUEST_MAX_BYTES];
+	const size_t size = encode_request(wire, data, sizeof(data));
+
+	return host.request(host.context, client->user, data, size);
+}
+
+static void publish(float value)
+{
+	const struct lp_demand computed = {.sh_order = 3, .max_lights = 6};
+	struct lp_estimates estimates = {0};
+
+	estimates.raw.t_capture_ns = estimates.raw.t_arrival_ns = lp_clock_ns();
+	estimates.raw.cd_m2_per_unit = estimates.raw.exposure_us = NAN;
+	estimates.raw.light_count = 3;
+	for (int i = 0; i < 3; i++)
+		estimates.raw.lights[i] = (struct lp_light){.id = 1, .direction = {0, 1, 0}};
+	for (int order = 0; order <= LP_MAX_SH_ORDER; order++) {
+		for (int lights = 0; lights <= LP_MAX_LIGHTS; lights++)
+			estimates.raw.predicted_error[order][lights] =
+				0.5F - 0.1F * (float)order - 0.01F * (float)lights;
+	}
+	estimates.smoothed = estimates.raw;
+	estimates.raw.sh_total[0][0] = value;
+	estimates.smoothed.sh_total[0][0] = -value;
+	lp_hub_publish(hub, &estimates, &computed);
+}
+
+static lightprobe_v1_Estimate last_estimate(const struct lp_client *client)
+{
+	lightprobe_v1_FromProbe message;
+
+	assert_true(client->count > 0);
+	message = decode_packet(client->packets[client->count - 1]);
+	assert_int_equal(message.which_message, lightprobe_v1_FromProbe_estimate_tag);
+	return message.message.estimate;
+}
+
+static void test_hello_first_then_the_last_value_at_once(void **state)
+{
+	struct lp_client *early = join(0), *late;
+
+	(void)state;
+	assert_int_equal(early->count, 1);
+	assert_int_equal(decode_packet(early->packets[0]).which_message,
+			 lightprobe_v1_FromProbe_hello_tag);
+	publish(1);
+	publish(2);
+	assert_int_equal(early->count, 3);
+	late = join(1);
+	assert_int_equal(late->count, 2);
+	assert_int_equal(decode_packet(late->packets[0]).which_message,
+			 lightprobe_v1_FromProbe_hello_tag);
+	assert_int_equal(last_estimate(late).sequence, 2);
+	assert_int_equal(last_estimate(late).boot_id, 5);
+	assert_int_equal(last_estimate(late).sh.order, 2);
+}
+
+static void test_a_new_preset_is_told_to_all(void **state)
+{
+	struct lp_client *client = join(0), *late;
+	lightprobe_v1_FromProbe message;
+
+	(void)state;
+	lp_hub_preset(hub, "fast");
+	assert_int_equal(client->count, 2);
+	message = decode_packet(client->packets[1]);
+	assert_int_equal(message.which_message, lightprobe_v1_FromProbe_hello_tag);
+	assert_string_equal(message.message.hello.preset, "fast");
+	late = join(1);
+	message = decode_packet(late->packets[0]);
+	assert_string_equal(message.message.hello.preset, "fast");
+}
+
+static void test_same_wishes_share_one_packet(void **state)
+{
+	const lightprobe_v1_Subscription raw = {.smoothing =
+							lightprobe_v1_Subscription_Smoothing_RAW};
+
+	(void)state;
+	for (int i = 0; i < 4; i++)
+		join(i);
+	assert_int_equal(subscribe(&clients[3], &raw), 0);
+	publish(1);
+	assert_ptr_equal(clients[0].packets[1], clients[1].packets[1]);
+	assert_ptr_equal(clients[0].packets[1], clients[2].packets[1]);
+	assert_ptr_not_equal(clients[0].packets[1], clients[3].packets[1]);
+	assert_int_equal(clients[0].packets[1]->references, 3);
+	assert_true(last_estimate(&clients[0]).sh.coefficients[0] == -1);
+	assert_true(last_estimate(&clients[3]).sh.coefficients[0] == 1);
+}
+
+static void test_wishes_are_kept_within_what_was_computed(void **state)
+{
+	const lightprobe_v1_Subscription much = {
+		.has_sh_order = true,
+		.sh_order = 4,
+		.has_max_lights = true,
+		.max_lights = 8,
+		.kind = lightprobe_v1_SphericalHarmonics_Kind_TOTAL};
+	struct lp_client *client = join(0);
+
+	(void)state;
+	publish(1);
+	assert_int_equal(subscribe(client, &much), 0);
+	assert_int_equal(last_estimate(client).sh.order, 3);
+	assert_int_equal(last_estimate(client).lights_count, 3);
+	assert_int_equal(last_estimate(client).sh.kind,
+			 lightprobe_v1_SphericalHarmonics_Kind_TOTAL);
+}
+
+static void test_tolerance_chooses_a_smaller_model(void **state)
+{
+	const lightprobe_v1_Subscription tolerant = {.tolerance_permille = 450};
+	struct lp_client *client = join(0);
+
+	(void)state;
+	assert_int_equal(subscribe(client, &tolerant), 0);
+	publish(1);
+	assert_true(last_estimate(client).sh.order < 2);
+	assert_true(last_estimate(client).predicted_error_permille <= 450);
+}
+
+static void test_demand_is_the_most_any_client_asks(void **state)
+{
+	const lightprobe_v1_Subscription little = {.has_sh_order = true, .has_max_lights = true};
+	const lightprobe_v1_Subscription much = {.has_sh_order = true,
+						 .sh_order = 4,
+						 .has_max_lights = true,
+						 .max_lights = 8};
+
+	(void)state;
+	assert_int_equal(lp_hub_demand(hub).sh_order, 2);
+	assert_int_equal(lp_hub_demand(hub).max_lights, 4);
+	join(0);
+	join(1);
+	assert_int_equal(subscribe(&clients[0], &little), 0);
+	assert_int_equal(lp_hub_demand(hub).sh_order, 2);
+	assert_int_equal(subscribe(&clients[1], &much), 0);
+	assert_int_equal(lp_hub_demand(hub).sh_order, 3);
+	assert_int_equal(lp_hub_demand(hub).max_lights, 6);
+	leave(&clients[1]);
+	assert_int_equal(lp_hub_demand(hub).sh_order, 2);
+}
+
+static void sleep_ms(int ms)
+{
+	const struct timespec time = {.tv_nsec = ms * 1000000L};
+
+	nanosleep(&time, NULL);
+}
+
+static void test_rate_limit(void **state)
+{
+	const lightprobe_v1_Subscription slow = {.rate_hz = 50};
+	struct lp_client *client = join(0);
+	const int64_t start_ns = lp_clock_ns();
+	int expected;
+
+	(void)state;
+	assert_int_equal(subscribe(client, &slow), 0);
+	for (int i = 0; i < 60; i++) {
+		publish(1);
+		sleep_ms(2);
+	}
+	/* At most the rate times the time, and the one that may be early. */
+	expected = (int)((double)(lp_clock_ns() - start_ns) * 50e-9) + 2;
+	assert_in_range(client->count - 1, 3, expected);
+}
+
+static void test_stale_estimates_are_repeated_and_marked(void **state)
+{
+	struct lp_client *client = join(0);
+
+	(void)state;
+	lp_hub_tick(hub);
+	assert_int_equal(client->count, 1); /* nothing to repeat */
+	publish(1);
+	lp_hub_tick(hub);
+	assert_int_equal(client->count, 2);
+	assert_int_equal(last_estimate(client).flags & LP_ESTIMATE_STALE, 0);
+	sleep_ms(40);
+	lp_hub_tick(hub);
+	lp_hub_tick(hub); /* at a low rate: not again so soon */
+	assert_int_equal(client->count, 3);
+	assert_int_equal(last_estimate(client).flags & LP_ESTIMATE_STALE, LP_ESTIMATE_STALE);
+	assert_int_equal(last_estimate(client).sequence, 1);
+	assert_true(last_estimate(client).send_delay_us >= 40000);
+	assert_int_equal(last_estimate(join(1)).flags & LP_ESTIMATE_STALE, LP_ESTIMATE_STALE);
+	publish(2);
+	assert_int_equal(last_estimate(client).flags & LP_ESTIMATE_STALE, 0);
+	assert_int_equal(last_estimate(client).sequence, 2);
+}
+
+static void test_health_at_its_period(void **state)
+{
+	const lightprobe_v1_Subscription with_health = {.health_period_ms = 1};
+	struct lp_client *client = join(0);
+	lightprobe_v1_FromProbe message;
+
+	(void)state;
+	join(1);
+	assert_int_equal(subscribe(client, &with_health), 0);
+	publish(1);
+	lp_hub_tick(hub);
+	lp_hub_tick(hub); /* the shortest period is 100 ms */
+	assert_int_equal(client->count, 3);
+	message = decode_packet(client->packets[2]);
+	assert_int_equal(message.which_message, lightprobe_v1_FromProbe_health_tag);
+	assert_int_equal(message.message.health.clients, 2);
+	assert_int_equal(message.message.health.estimates, 1);
+	assert_string_equal(message.message.health.preset, "fast");
+	assert_int_equal(clients[1].count, 2);
+}
+
+static void test_bad_requests_get_an_error(void **state)
+{
+	static const uint8_t garbage[] = {0xff, 0xff, 0xff};
+	const lightprobe_v1_Subscription bad_rate = {.rate_hz = -1};
+	struct lp_client *client = join(0);
+	lightprobe_v1_FromProbe message;
+
+	(void)state;
+	assert_true(host.request(host.context, client->user, garbage, 3) < 0);
+	message = decode_packet(client->packets[client->count - 1]);
+	assert_int_equal(message.which_message, lightprobe_v1_FromProbe_error_tag);
+	assert_int_equal(message.message.error.code, -EBADMSG);
+	assert_contains(message.message.error.text, "request of 3 bytes");
+	assert_true(subscribe(client, &bad_rate) < 0);
+	message = decode_packet(client->packets[client->count - 1]);
+	assert_contains(message.message.error.text, "rate_hz");
+	/* A request that only a newer daemon knows: told, but not thrown out. */
+	assert_int_equal(host.request(host.context, client->user, garbage, 0), 0);
+	message = decode_packet(client->packets[client->count - 1]);
+	assert_int_equal(message.message.error.code, -EOPNOTSUPP);
+	host.unreadable(host.context, client->user, "too long");
+	message = decode_packet(client->packets[client->count - 1]);
+	assert_contains(message.message.error.text, "too long");
+	assert_int_equal(health.report.requests_rejected, 4);
+}
+
+static void test_too_many_clients_are_refused_with_a_reason(void **state)
+{
+	struct lp_client *refused = &clients[MAX_CLIENTS];
+	lightprobe_v1_FromProbe message;
+
+	(void)state;
+	for (int i = 0; i < MAX_CLIENTS; i++)
+		join(i);
+	assert_int_equal(host.connected(host.context, &publisher, refused, &refused->user),
+			 -EUSERS);
+	assert_int_equal(refused->count, 1);
+	message = decode_packet(refused->packets[0]);
+	assert_int_equal(message.message.error.code, -EUSERS);
+	assert_contains(message.message.error.text, "--max-clients");
+	leave(&clients[0]);
+	join(0);
+	assert_int_equal(health.report.clients, MAX_CLIENTS);
+}
+
+static void test_clients_that_come_and_go_leave_the_others_alone(void **state)
+{
+	(void)state;
+	for (int i = 0; i < 5; i++)
+		join(i);
+	leave(&clients[1]);
+	leave(&clients[4]);
+	publish(1);
+	assert_int_equal(clients[0].count, 2);
+	assert_int_equal(clients[1].count, 0);
+	assert_int_equal(clients[2].count, 2);
+	assert_int_equal(clients[3].count, 2);
+	assert_int_equal(clients[4].count, 0);
+	assert_int_equal(health.report.clients, 3);
+}
+
+#define HUB_TEST(test) cmocka_unit_test_setup_teardown(test, setup, teardown)
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		HUB_TEST(test_a_new_preset_is_told_to_all),
+		HUB_TEST(test_hello_first_then_the_last_value_at_once),
+		HUB_TEST(test_same_wishes_share_one_packet),
+		HUB_TEST(test_wishes_are_kept_within_what_was_computed),
+		HUB_TEST(test_tolerance_chooses_a_smaller_model),
+		HUB_TEST(test_demand_is_the_most_any_client_asks),
+		HUB_TEST(test_rate_limit),
+		HUB_TEST(test_stale_estimates_are_repeated_and_marked),
+		HUB_TEST(test_health_at_its_period),
+		HUB_TEST(test_bad_requests_get_an_error),
+		HUB_TEST(test_too_many_clients_are_refused_with_a_reason),
+		HUB_TEST(test_clients_that_come_and_go_leave_the_others_alone),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,305 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The block reader against libjpeg-turbo: DC bit for bit, energy and pixels within what they
+ * promise. */
+#include "vision/jpeg_blocks.h"
+
+#include <errno.h>
+#include <math.h>
+
+#include "jpeg_encode.h"
+#include "lp_test.h"
+#include "vision/jpeg_pixels.h"
+
+static const struct jpeg_kind kinds[] = {
+	{3, 2, 2, 85, 0, 0, 0},	 {3, 2, 1, 90, 0, 0, 0},  {3, 1, 1, 95, 0, 0, 0},
+	{3, 1, 2, 80, 0, 0, 0},	 {1, 1, 1, 85, 0, 0, 0},  {1, 2, 2, 85, 0, 0, 0},
+	{3, 2, 2, 85, 1, 0, 0},	 {3, 2, 2, 85, 7, 0, 0},  {3, 2, 1, 85, 1000, 0, 0},
+	{3, 2, 2, 50, 0, 1, 0},	 {3, 2, 2, 100, 0, 1, 0}, {3, 2, 1, 5, 3, 1, 0},
+	{1, 1, 1, 100, 5, 1, 0},
+};
+static const int sizes[][2] = {{256, 128}, {250, 121}, {8, 8}, {1, 1}, {17, 9}, {640, 48}};
+
+struct coefficients {
+	struct jpeg_decompress_struct info;
+	struct jpeg_error_mgr errors;
+	jvirt_barray_ptr *arrays;
+};
+
+static void read_coefficients(struct coefficients *c, const uint8_t *data, unsigned long size)
+{
+	c->info.err = jpeg_std_error(&c->errors);
+	jpeg_create_decompress(&c->info);
+	jpeg_mem_src(&c->info, data, size);
+	jpeg_read_header(&c->info, TRUE);
+	c->arrays = jpeg_read_coefficients(&c->info);
+}
+
+static JCOEFPTR block_of(struct coefficients *c, int component, int row, int column)
+{
+	JBLOCKARRAY rows = c->info.mem->access_virt_barray((j_common_ptr)&c->info,
+							   c->arrays[component], row, 1, FALSE);
+
+	return rows[0][column];
+}
+
+static void compare_component(const struct lp_jpeg_reader *reader, struct coefficients *c, int k)
+{
+	const jpeg_component_info *theirs = &c->info.comp_info[k];
+	const struct lp_jpeg_component *ours = &reader->component[k];
+
+	assert_int_equal(ours->dc_step, theirs->quant_table->quantval[0]);
+	for (JDIMENSION y = 0; y < theirs->height_in_blocks; y++)
+		for (JDIMENSION x = 0; x < theirs->width_in_blocks; x++) {
+			const JCOEFPTR block = block_of(c, k, (int)y, (int)x);
+			double energy = 0.0;
+
+			assert_int_equal(ours->dc[y * ours->blocks_x + x], block[0]);
+			for (int i = 1; i < 64 && k == 0; i++) {
+				const double v =
+					(double)block[i] * theirs->quant_table->quantval[i];
+
+				energy += v * v;
+			}
+			if (k == 0 && energy == 0.0)
+				assert_float_equal(reader->energy[y * ours->blocks_x + x], 0.0,
+						   0.0);
+		}
+}
+
+static void test_dc_is_libjpegs(void **state)
+{
+	struct lp_jpeg_reader *reader;
+
+	(void)state;
+	assert_int_equal(lp_jpeg_reader_create(&reader), 0);
+	for (unsigned int k = 0; k < ARRAY_COUNT(kinds); k++)
+		for (unsigned int s = 0; s < ARRAY_COUNT(sizes); s++) {
+			struct coefficients c;
+			unsigned long size;
+			uint8_t *data = encode_jpeg(&kinds[k], sizes[s][0], sizes[s][1], &size);
+
+			assert_int_equal(lp_jpeg_read(reader, data, size), 0);
+			assert_int_equal(reader->width_px, sizes[s][0]);
+			assert_int_equal(reader->height_px, sizes[s][1]);
+			read_coefficients(&c, data, size);
+			for (int i = 0; i < kinds[k].components; i++)
+				compare_component(reader, &c, i);
+			jpeg_destroy_decompress(&c.info);
+			free(data);
+		}
+	lp_jpeg_reader_destroy(reader);
+}
+
+/* The energy is read from symbols, several at a time: right on the whole, block by block roughly.
+ */
+static void test_energy(void **state)
+{
+	const int qualities[] = {50, 75, 85, 95};
+	struct lp_jpeg_reader *reader;
+
+	(void)state;
+	assert_int_equal(lp_jpeg_reader_create(&reader), 0);
+	for (unsigned int q = 0; q < ARRAY_COUNT(qualities); q++) {
+		const struct jpeg_kind kind = {3, 2, 2, qualities[q], 0, 0, 0};
+		double ours = 0.0, theirs = 0.0, deviation = 0.0;
+		struct coefficients c;
+		unsigned long size;
+		uint8_t *data = encode_jpeg(&kind, 640, 320, &size);
+
+		assert_int_equal(lp_jpeg_read(reader, data, size), 0);
+		read_coefficients(&c, data, size);
+		for (int y = 0; y < 40; y++)
+			for (int x = 0; x < 80; x++) {
+				const JCOEFPTR block = block_of(&c, 0, y, x);
+				double energy = 0.0;
+
+				for (int i = 1; i < 64; i++)
+					energy += pow((double)block[i] *
+							      c.info.comp_info[0]
+								      .quant_table->quantval[i],
+						      2);
+				ours += reader->energy[y * 80 + x];
+				theirs += energy;
+				deviation += fabs(reader->energy[y * 80 + x] - energy);
+			}
+		assert_float_equal(ours / theirs, 1.0, 0.05);
+		assert_true(deviation / theirs < 0.15);
+		jpeg_destroy_decompress(&c.info);
+		free(data);
+	}
+	lp_jpeg_reader_destroy(reader);
+}
+
+/* Pixels of single blocks against the whole decoded picture; chroma is repeated in both. */
+static void test_block_pixels(void **state)
+{
+	struct lp_jpeg_reader *reader;
+
+	(void)state;
+	assert_int_equal(lp_jpeg_reader_create(&reader), 0);
+	for (unsigned int k = 0; k < ARRAY_COUNT(kinds); k++) {
+		const int width = 250, height = 121;
+		struct jpeg_decompress_struct info;
+		struct jpeg_error_mgr errors;
+		unsigned long size;
+		uint8_t *data = encode_jpeg(&kinds[k], width, height, &size);
+		uint8_t *picture = malloc((size_t)width * height * 3);
+		int worst = 0;
+
+		info.err = jpeg_std_error(&errors);
+		jpeg_create_decompress(&info);
+		jpeg_mem_src(&info, data, size);
+		jpeg_read_header(&info, TRUE);
+		info.out_color_space = JCS_RGB;
+		info.dct_method = JDCT_FLOAT;
+		info.do_fancy_upsampling = FALSE;
+		jpeg_start_decompress(&info);
+		while (info.output_scanline < info.output_height) {
+			JSAMPROW row[1] = {picture + (size_t)info.output_scanline * width * 3};
+			jpeg_read_scanlines(&info, row, 1);
+		}
+		jpeg_destroy_decompress(&info);
+
+		assert_int_equal(lp_jpeg_read(reader, data, size), 0);
+		for (int by = 0; by < lp_jpeg_visible_blocks_y(reader, 0); by++)
+			for (int bx = 0; bx < lp_jpeg_visible_blocks_x(reader, 0); bx++) {
+				uint8_t rgb[64][3];
+
+				lp_jpeg_block_rgb(reader, bx, by, rgb);
+				for (int p = 0; p < 64; p++) {
+					const int x = 8 * bx + p % 8, y = 8 * by + p / 8;
+
+					for (int c = 0; c < 3 && x < width && y < height; c++) {
+						const int e = abs(
+							rgb[p][c] -
+							picture[((size_t)y * width + x) * 3 + c]);
+						worst = e > worst ? e : worst;
+					}
+				}
+			}
+		assert_true(worst <= 2); /* two roundings, of samples and of colour */
+		free(picture);
+		free(data);
+	}
+	lp_jpeg_reader_destroy(reader);
+}
+
+static void test_motion_jpeg_without_tables(void **state)
+{
+	const struct jpeg_kind kind = {3, 2, 1, 85, 0, 0, 0}, other = {3, 2, 1, 85, 0, 1, 0};
+	struct lp_jpeg_reader *reader;
+	unsigned long size, full_size;
+	uint8_t *full = encode_jpeg(&kind, 128, 64, &full_size);
+	uint8_t *data = encode_jpeg(&kind, 128, 64, &size);
+	uint8_t *optimised;
+	int16_t dc[128];
+
+	(void)state;
+	assert_int_equal(lp_jpeg_reader_create(&reader), 0);
+	assert_int_equal(lp_jpeg_read(reader, full, full_size), 0);
+	memcpy(dc, reader->component[0].dc, sizeof(dc));
+	strip_dht(data, &size);
+	assert_true(size < full_size);
+	/* with own tables in between: the standard ones must come back */
+	for (int round = 0; round < 2; round++) {
+		unsigned long optimised_size;
+
+		assert_int_equal(lp_jpeg_read(reader, data, size), 0);
+		assert_memory_equal(dc, reader->component[0].dc, sizeof(dc));
+		optimised = encode_jpeg(&other, 128, 64, &optimised_size);
+		assert_int_equal(lp_jpeg_read(reader, optimised, optimised_size), 0);
+		assert_memory_equal(dc, reader->component[0].dc, sizeof(dc));
+		free(optimised);
+	}
+	free(data);
+	free(full);
+	lp_jpeg_reader_destroy(reader);
+}
+
+static void test_other_jpegs_are_left_to_libjpeg(void **state)
+{
+	const struct jpeg_kind progressive = {3, 2, 2, 85, 0, 0, 1}, wide = {3, 4, 1, 85, 0, 0, 0};
+	struct lp_jpeg_reader *reader;
+	unsigned long size;
+	uint8_t *data = encode_jpeg(&progressive, 64, 64, &size);
+
+	(void)state;
+	assert_int_equal(lp_jpeg_reader_create(&reader), 0);
+	assert_int_equal(lp_jpeg_read(reader, data, size), -ENOTSUP);
+	assert_int_equal(reader->width_px, 0);
+	free(data);
+	data = encode_jpeg(&wide, 64, 64, &size);
+	assert_int_equal(lp_jpeg_read(reader, data, size), -ENOTSUP);
+	free(data);
+	lp_jpeg_reader_destroy(reader);
+}
+
+/* Cut anywhere, the frame is refused; what is read is ours (AddressSanitizer watches). */
+static void test_truncation(void **state)
+{
+	const struct jpeg_kind kind = {3, 2, 2, 85, 4, 0, 0};
+	struct lp_jpeg_reader *reader;
+	unsigned long size;
+	uint8_t *data = encode_jpeg(&kind, 96, 64, &size);
+
+	(void)state;
+	assert_int_equal(lp_jpeg_reader_create(&reader), 0);
+	for (unsigned long cut = 0; cut + 3 < size; cut++) {
+		uint8_t *part = malloc(cut ? cut : 1); /* exact size: reads beyond are seen */
+
+		memcpy(part, data, cut);
+		assert_int_equal(lp_jpeg_read(reader, part, cut), -EBADMSG);
+		free(part);
+	}
+	assert_int_equal(lp_jpeg_read(reader, data, size - 2), 0); /* only EOI is missing */
+	free(data);
+	lp_jpeg_reader_destroy(reader);
+}
+
+/* Any damage: an answer, never a crash; a frame that passes holds blocks that can be decoded. */
+static void test_damage(void **state)
+{
+	struct lp_jpeg_reader *reader;
+
+	(void)state;
+	srand(11);
+	assert_int_equal(lp_jpeg_reader_create(&reader), 0);
+	for (unsigned int k = 0; k < ARRAY_COUNT(kinds); k++) {
+		unsigned long size;
+		uint8_t *data = encode_jpeg(&kinds[k], 96, 64, &size);
+
+		for (int n = 0; n < 1500; n++) {
+			uint8_t *damaged = malloc(size);
+
+			memcpy(damaged, data, size);
+			for (int j = 0; j < 1 + n % 4; j++)
+				damaged[n % 2 ? (unsigned long)rand() % size
+					      : (unsigned long)rand() % 700 % size] =
+					(uint8_t)rand();
+			if (lp_jpeg_read(reader, damaged, size) == 0) {
+				uint8_t rgb[64][3];
+
+				lp_jpeg_block_rgb(reader, lp_jpeg_visible_blocks_x(reader, 0) - 1,
+						  lp_jpeg_visible_blocks_y(reader, 0) - 1, rgb);
+			}
+			free(damaged);
+		}
+		free(data);
+	}
+	lp_jpeg_reader_destroy(reader);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_dc_is_libjpegs),
+		cmocka_unit_test(test_energy),
+		cmocka_unit_test(test_block_pixels),
+		cmocka_unit_test(test_motion_jpeg_without_tables),
+		cmocka_unit_test(test_other_jpegs_are_left_to_libjpeg),
+		cmocka_unit_test(test_truncation),
+		cmocka_unit_test(test_damage),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}

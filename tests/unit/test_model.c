@@ -1,0 +1,147 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "light/model.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+#include "lp_test.h"
+
+/* Random ambient light in the bands up to 8 and lamps on top. */
+static struct lp_light_estimate random_estimate(int lights, double total[LP_SH_MAX_COUNT][3])
+{
+	struct lp_light_estimate e = {.light_count = lights};
+
+	for (int i = 0; i < LP_SH_MAX_COUNT; i++)
+		for (int c = 0; c < 3; c++)
+			total[i][c] = i ? (rand() / (double)RAND_MAX - 0.5) / (1 + i) : 5.0;
+	for (int k = 0; k < lights; k++) {
+		const float a = 0.7F * (float)k;
+
+		e.lights[k] = (struct lp_light){.direction = {cosf(a) * 0.6F, 0.8F, sinf(a) * 0.6F},
+						.irradiance = {3.0F / (float)(k + 1), 2.0F, 1.0F}};
+		lp_sh_add_lamp(LP_SH_MAX_ORDER, e.lights[k].direction, e.lights[k].irradiance, 0.0,
+			       1.0, total);
+	}
+	for (int i = 0; i < LP_MAX_SH_COUNT; i++)
+		for (int c = 0; c < 3; c++)
+			e.sh_total[i][c] = (float)total[i][c];
+	return e;
+}
+
+/* E(AMBIENT) + sum of lights' own projection = E(TOTAL), for any choice of order and lights. */
+static void test_the_invariant(void **state)
+{
+	double total[LP_SH_MAX_COUNT][3];
+	const struct lp_light_estimate e = random_estimate(5, total);
+
+	(void)state;
+	for (int order = 0; order <= LP_MAX_SH_ORDER; order++)
+		for (int lights = 0; lights <= 5; lights++) {
+			float ambient[LP_MAX_SH_COUNT][3];
+			double sum[LP_SH_MAX_COUNT][3];
+
+			lp_model_ambient(&e, order, lights, ambient);
+			for (int i = 0; i < LP_SH_COUNT(order); i++)
+				for (int c = 0; c < 3; c++)
+					sum[i][c] = ambient[i][c];
+			for (int k = 0; k < lights; k++)
+				lp_sh_add_lamp(order, e.lights[k].direction, e.lights[k].irradiance,
+					       0.0, 1.0, sum);
+			for (int i = 0; i < LP_SH_COUNT(order); i++)
+				for (int c = 0; c < 3; c++)
+					assert_float_equal(sum[i][c], e.sh_total[i][c], 1e-5);
+		}
+}
+
+/* The prediction against what it predicts: RMS over many normals of what the model leaves out. */
+static void test_predicted_error_is_the_real_one(void **state)
+{
+	double total[LP_SH_MAX_COUNT][3];
+	struct lp_light_estimate e = random_estimate(3, total);
+	const int normals = 4000;
+
+	(void)state;
+	lp_model_predict((const double(*)[3])total, &e);
+	for (int order = 0; order <= LP_MAX_SH_ORDER; order++) {
+		double squared = 0.0, mean = 0.0;
+
+		for (int n = 0; n < normals; n++) { /* golden spiral */
+			const double y = 1.0 - 2.0 * (n + 0.5) / normals, r = sqrt(1.0 - y * y);
+			const double a = 2.0 * M_PI * 0.6180339887498949 * n;
+			const double d[3] = {r * cos(a), y, r * sin(a)};
+			double basis[LP_SH_MAX_COUNT], all = 0.0, lost = 0.0;
+
+			lp_sh_basis(LP_SH_MAX_ORDER, d, basis);
+			for (int l = 0; l <= LP_SH_MAX_ORDER; l++)
+				for (int i = l * l; i < (l + 1) * (l + 1); i++) {
+					const double v =
+						lp_sh_cosine(l) * basis[i] *
+						(0.2126 * total[i][0] + 0.7152 * total[i][1] +
+						 0.0722 * total[i][2]);
+
+					all += v;
+					lost += l > order ? v : 0.0;
+				}
+			squared += lost * lost / normals;
+			mean += all / normals;
+		}
+		const float shadows = lp_shadow_strength(&e, 0) + lp_shadow_strength(&e, 1) +
+				      lp_shadow_strength(&e, 2);
+		assert_float_equal(e.predicted_error[order][0],
+				   sqrt(squared) / mean + LP_SHADOW_SHARE * shadows, 1e-3);
+	}
+}
+
+static void test_smallest_model_under_the_tolerance(void **state)
+{
+	double total[LP_SH_MAX_COUNT][3];
+	struct lp_light_estimate e = random_estimate(3, total);
+	int order, lights, loose_order, loose_lights;
+
+	(void)state;
+	lp_model_predict((const double(*)[3])total, &e);
+	lp_model_choose(&e, 4, 8, 0.0F, &order, &lights);
+	assert_int_equal(order, 4);
+	assert_int_equal(lights, 3);
+	for (float tolerance = 0.001F; tolerance < 1.0F; tolerance *= 1.5F) {
+		lp_model_choose(&e, 4, 8, tolerance, &order, &lights);
+		if (e.predicted_error[order][lights] > tolerance) /* none is good enough */
+			assert_true(order == 4 && lights == 3);
+		for (int l = 0; l <= order; l++) /* nothing smaller would do */
+			for (int k = 0; k <= lights; k++)
+				if (l != order || k != lights)
+					assert_true(e.predicted_error[l][k] > tolerance);
+	}
+	lp_model_choose(&e, 4, 8, 100.0F, &loose_order, &loose_lights);
+	assert_int_equal(loose_order, 0);
+	assert_int_equal(loose_lights, 0);
+}
+
+/* An even sky needs one number. */
+static void test_overcast(void **state)
+{
+	double total[LP_SH_MAX_COUNT][3] = {{3.0, 3.0, 3.0}};
+	struct lp_light_estimate e = {.sh_total = {{3.0F, 3.0F, 3.0F}}};
+	int order, lights;
+
+	(void)state;
+	lp_model_predict((const double(*)[3])total, &e);
+	lp_model_choose(&e, 4, 8, 0.001F, &order, &lights);
+	assert_int_equal(order, 0);
+	assert_int_equal(lights, 0);
+	total[0][0] = total[0][1] = total[0][2] = 0.0; /* black: no division by nothing */
+	lp_model_predict((const double(*)[3])total, &e);
+	assert_float_equal(e.predicted_error[0][0], 0.0, 0.0);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_the_invariant),
+		cmocka_unit_test(test_predicted_error_is_the_real_one),
+		cmocka_unit_test(test_smallest_model_under_the_tolerance),
+		cmocka_unit_test(test_overcast),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,311 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* From frames to estimates: what the flags say, and that lights and SH belong together. */
+#include "app/pipeline.h"
+
+#include <errno.h>
+#include <math.h>
+
+#include "light/model.h"
+#include "lp_test.h"
+#include "scene.h"
+
+static const struct lp_demand everything = {LP_MAX_SH_ORDER, LP_MAX_LIGHTS};
+
+static struct lp_pipeline *new_pipeline(enum lp_preset preset, int max_lights)
+{
+	const struct lp_pipeline_options options = {.camera = "equirect",
+						    .preset = preset,
+						    .max_lights = max_lights,
+						    .sh_order = 2,
+						    .smoothing_ms = 100.0F,
+						    .ttl_ms = 1000.0F};
+	struct lp_pipeline *pipeline;
+
+	assert_int_equal(lp_pipeline_create(&options, &pipeline), 0);
+	return pipeline;
+}
+
+static struct lp_light_estimate estimate(struct lp_pipeline *pipeline, struct lp_frame *frame)
+{
+	struct lp_estimates estimates;
+	float command_us;
+
+	assert_int_equal(lp_pipeline_process(pipeline, frame, &everything, &estimates, &command_us),
+			 0);
+	assert_true(isnan(command_us)); /* no bracket: the camera is left alone */
+	return estimates.raw;
+}
+
+static double total_irradiance(const struct lp_light_estimate *e, const float normal[3])
+{
+	float rgb[3];
+
+	lp_sh_irradiance(2, (const float(*)[3])e->sh_total, normal, rgb);
+	return rgb[1];
+}
+
+static void test_lamps_and_ambient(void **state)
+{
+	const struct disc discs[] = {{30, 20, 2, 400}, {180, 50, 0.3, 2e4}, {-60, -30, 6, 40}};
+	const enum lp_preset presets[] = {LP_PRESET_BALANCED, LP_PRESET_ACCURATE,
+					  LP_PRESET_REFERENCE};
+
+	(void)state;
+	for (unsigned int p = 0; p < ARRAY_COUNT(presets); p++) {
+		struct lp_pipeline *pipeline = new_pipeline(presets[p], 8);
+		const struct lp_light_estimate e =
+			estimate(pipeline, scene_frame(1920, 960, discs, 3, 1.5));
+		float ambient[LP_MAX_SH_COUNT][3];
+
+		assert_int_equal(e.light_count, 3);
+		assert_int_equal(e.flags, 0);
+		for (int k = 0; k < 3; k++) {
+			double d[3], best = 180.0;
+
+			disc_direction(&discs[k], d);
+			for (int j = 0; j < 3; j++)
+				best = fmin(best, angle_between_deg(d, e.lights[j].direction));
+			assert_true(best < 0.1);
+		}
+		for (int j = 0; j < 3; j++) {
+			assert_true(e.lights[j].id != 0);
+			assert_true(e.lights[j].confidence > 0.8F);
+			assert_true(lp_shadow_strength(&e, j) > 0.1F);
+			if (j)
+				assert_true(e.lights[j].irradiance[1] <=
+					    e.lights[j - 1].irradiance[1]);
+		}
+		/* without the lamps an even sphere of 1.5 is left */
+		lp_model_ambient(&e, 2, 3, ambient);
+		assert_float_equal(ambient[0][1] / (1.5 * sqrt(4.0 * M_PI)), 1.0, 0.01);
+		for (int i = 1; i < 9; i++)
+			assert_float_equal(ambient[i][1] / ambient[0][1], 0.0, 0.03);
+		lp_pipeline_destroy(pipeline);
+	}
+}
+
+/* Lights that are not listed stay in AMBIENT. */
+static void test_light_limit(void **state)
+{
+	struct disc discs[9];
+	struct lp_pipeline *pipeline = new_pipeline(LP_PRESET_BALANCED, 3);
+
+	(void)state;
+	for (int k = 0; k < 9; k++)
+		discs[k] = (struct disc){40.0 * k, k % 2 ? 20 : -20, 2, 100.0 + 10 * k};
+	const struct lp_light_estimate e = estimate(pipeline, scene_frame(960, 480, discs, 9, 0.5));
+
+	assert_int_equal(e.light_count, 3);
+	assert_true(e.flags & LP_ESTIMATE_MORE_LIGHTS);
+	assert_true(e.lights[0].irradiance[1] >= e.lights[2].irradiance[1]);
+	lp_pipeline_destroy(pipeline);
+}
+
+/* No more is computed than the most demanding subscriber asks for. */
+static void test_demand(void **state)
+{
+	const struct disc discs[] = {{30, 20, 2, 400}, {-60, -30, 6, 40}};
+	const struct lp_demand demands[] = {{2, 1}, {2, 0}};
+	struct lp_pipeline *pipeline = new_pipeline(LP_PRESET_BALANCED, 8);
+	struct lp_estimates estimates;
+	float command_us;
+
+	(void)state;
+	for (int k = 0; k < 2; k++) {
+		assert_int_equal(lp_pipeline_process(pipeline, scene_frame(480, 240, discs, 2, 1.0),
+						     &demands[k], &estimates, &command_us),
+				 0);
+		assert_int_equal(estimates.raw.light_count, demands[k].max_lights);
+		/* what is not listed is still in the total */
+		assert_float_equal(estimates.raw.sh_total[0][1] / sqrt(4.0 * M_PI),
+				   1.0 + (disc_irradiance(&discs[0]) + disc_irradiance(&discs[1])) /
+						   (4.0 * M_PI),
+				   0.05);
+	}
+	lp_pipeline_destroy(pipeline);
+}
+
+static void test_black_and_white(void **state)
+{
+	struct lp_pipeline *pipeline = new_pipeline(LP_PRESET_BALANCED, 8);
+	struct lp_light_estimate e = estimate(pipeline, scene_frame(480, 240, NULL, 0, 0.0));
+	struct lp_frame *white;
+
+	(void)state;
+	assert_true(e.flags & LP_ESTIMATE_NO_LIGHT);
+	assert_int_equal(e.light_count, 0);
+	for (int i = 0; i < LP_MAX_SH_COUNT; i++)
+		assert_float_equal(e.sh_total[i][0], 0.0, 0.0);
+	assert_float_equal(e.predicted_error[0][0], 0.0, 0.0);
+
+	e = estimate(pipeline, scene_frame(480, 240, NULL, 0, 3.0)); /* white furnace */
+	assert_int_equal(e.flags, 0);
+	for (int n = 0; n < 50; n++) {
+		const float a = 0.5F * (float)n, y = 1.0F - 2.0F * ((float)n + 0.5F) / 50.0F;
+		const float r = sqrtf(1.0F - y * y);
+		const float normal[3] = {r * cosf(a), y, r * sinf(a)};
+
+		assert_float_equal(total_irradiance(&e, normal) / (3.0 * M_PI), 1.0, 1e-5);
+	}
+
+	white = new_frame(LP_FORMAT_GREY, 480, 240, 480, (size_t)480 * 240);
+	memset((void *)white->data, 255, white->size_bytes);
+	white->exposure_us = 1000.0F;
+	e = estimate(pipeline, white); /* saturated everywhere: a lower bound, and said so */
+	assert_true(e.flags & LP_ESTIMATE_CLIPPED);
+	assert_float_equal(e.sh_total[0][1] / (1000.0 * sqrt(4.0 * M_PI)), 1.0, 1e-4);
+	lp_pipeline_destroy(pipeline);
+}
+
+static void test_flags_of_bad_light(void **state)
+{
+	struct lp_pipeline *pipeline = new_pipeline(LP_PRESET_BALANCED, 8);
+	struct lp_frame *frame = new_frame(LP_FORMAT_GREY, 480, 240, 480, (size_t)480 * 240);
+
+	(void)state;
+	memset((void *)frame->data, 2, frame->size_bytes);
+	assert_int_equal(estimate(pipeline, frame).flags,
+			 LP_ESTIMATE_EXPOSURE_UNKNOWN | LP_ESTIMATE_UNDEREXPOSED);
+	frame = new_float_frame(480, 240);
+	for (int i = 0; i < 480 * 240 * 3; i++)
+		((float *)frame->data)[i] = i % 1000 ? 1.0F : NAN;
+	assert_int_equal(estimate(pipeline, frame).flags, LP_ESTIMATE_INVALID_INPUT);
+	lp_pipeline_destroy(pipeline);
+}
+
+/* A bad frame in mid-stream: refused, and the next one goes on with the same ids. */
+static void test_stream_goes_on(void **state)
+{
+	const struct disc disc = {30, 20, 2, 400};
+	struct lp_pipeline *pipeline = new_pipeline(LP_PRESET_BALANCED, 8);
+	const struct lp_light_estimate first =
+		estimate(pipeline, scene_frame(480, 240, &disc, 1, 1.0));
+	struct lp_frame *bad = new_float_frame(480, 240);
+	struct lp_estimates estimates;
+	struct capture capture;
+	float command_us;
+
+	(void)state;
+	bad->size_bytes = 100;
+	capture_begin(&capture);
+	assert_int_equal(lp_pipeline_process(pipeline, bad, &everything, &estimates, &command_us),
+			 -EBADMSG);
+	assert_contains(capture_end(&capture), "frame");
+	const struct lp_light_estimate second =
+		estimate(pipeline, scene_frame(480, 240, &disc, 1, 1.0));
+
+	assert_int_equal(second.lights[0].id, first.lights[0].id);
+	assert_int_equal(second.sequence, first.sequence + 1);
+	lp_pipeline_destroy(pipeline);
+}
+
+/* Lowered and raised again while frames come: flagged, and right all the way. */
+static void test_another_preset_in_the_middle(void **state)
+{
+	const struct disc discs[] = {{30, 20, 2, 400}};
+	const enum lp_preset steps[] = {LP_PRESET_ACCURATE, LP_PRESET_BALANCED, LP_PRESET_FAST,
+					LP_PRESET_FAST, LP_PRESET_ACCURATE};
+	struct lp_pipeline *pipeline = new_pipeline(LP_PRESET_ACCURATE, 8);
+	uint32_t sequence = 0;
+
+	(void)state;
+	for (unsigned int k = 0; k < ARRAY_COUNT(steps); k++) {
+		assert_int_equal(lp_pipeline_set_preset(pipeline, steps[k]), 0);
+		for (int frame = 0; frame < 2; frame++) {
+			const struct lp_light_estimate e =
+				estimate(pipeline, scene_frame(960, 480, discs, 1, 1.5));
+
+			assert_int_equal(e.sequence, ++sequence);
+			assert_int_equal(e.light_count, 1);
+			assert_true(e.lights[0].direction[1] > 0.33F);
+			assert_true(e.lights[0].direction[1] < 0.355F);
+			assert_int_equal(!!(e.flags & LP_ESTIMATE_DEGRADED),
+					 steps[k] < LP_PRESET_ACCURATE);
+		}
+	}
+	lp_pipeline_destroy(pipeline);
+}
+
+/* The same scene as an 8-bit camera frame; full scale is radiance 500. */
+static struct lp_frame *coded_frame(int width, int height, const struct disc *discs, int count)
+{
+	struct lp_frame *radiance = scene_frame(width, height, discs, count, 1.5);
+	struct lp_frame *frame =
+		new_frame(LP_FORMAT_GREY, width, height, width, (size_t)width * height);
+	const float *rgb = (const float *)radiance->data;
+	uint8_t *codes = (uint8_t *)frame->data;
+
+	for (int i = 0; i < width * height; i++)
+		codes[i] = (uint8_t)lrintf(255.0F * powf(fminf(rgb[3 * i] / 500.0F, 1), 1 / 2.2F));
+	lp_frame_release(radiance);
+	return frame;
+}
+
+/* Each knob by itself makes of one preset what another is. */
+static void test_knobs(void **state)
+{
+	const struct disc discs[] = {{30, 20, 1, 400}, {-100, 40, 3, 90}};
+	const struct lp_pipeline_options base = {.camera = "equirect",
+						 .preset = LP_PRESET_BALANCED,
+						 .max_lights = 8,
+						 .sh_order = 2};
+	struct lp_pipeline_options options[] = {base, base, base, base};
+	struct lp_light_estimate e[4];
+
+	(void)state;
+	options[1].refine_cells = LP_NONE;
+	options[2].preset = LP_PRESET_ACCURATE;
+	options[3].preset = LP_PRESET_ACCURATE;
+	options[3].decode_divisor = LP_DECODE_BY_BLOCKS;
+	for (int k = 0; k < 4; k += 3) {
+		options[k].exact_blocks = 20;
+		options[k].refine_cells = 60;
+	}
+	for (unsigned int k = 0; k < ARRAY_COUNT(options); k++) {
+		struct lp_pipeline *pipeline;
+
+		assert_int_equal(lp_pipeline_create(&options[k], &pipeline), 0);
+		e[k] = estimate(pipeline, coded_frame(1920, 960, discs, 2));
+		lp_pipeline_destroy(pipeline);
+	}
+	assert_memory_equal(e[0].lights, e[3].lights, sizeof(e[0].lights));
+	assert_memory_equal(e[0].sh_total, e[3].sh_total, sizeof(e[0].sh_total));
+	assert_memory_not_equal(e[0].lights, e[1].lights, sizeof(e[0].lights));
+	assert_memory_not_equal(e[0].sh_total, e[2].sh_total, sizeof(e[0].sh_total));
+}
+
+static void test_options_are_checked(void **state)
+{
+	struct lp_pipeline_options options = {.camera = "equirect", .max_lights = 9};
+	struct lp_pipeline *pipeline;
+	struct capture capture;
+
+	(void)state;
+	capture_begin(&capture);
+	assert_int_equal(lp_pipeline_create(&options, &pipeline), -EINVAL);
+	options = (struct lp_pipeline_options){.camera = "equirect", .panorama_width = 100};
+	assert_int_equal(lp_pipeline_create(&options, &pipeline), -EINVAL);
+	options = (struct lp_pipeline_options){.camera = "equirect", .exact_blocks = 1 << 20};
+	assert_int_equal(lp_pipeline_create(&options, &pipeline), -EINVAL);
+	options = (struct lp_pipeline_options){.camera = "/nonexistent.camera"};
+	assert_int_equal(lp_pipeline_create(&options, &pipeline), -ENOENT);
+	assert_contains(capture_end(&capture), "/nonexistent.camera");
+	lp_pipeline_destroy(NULL);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_lamps_and_ambient),
+		cmocka_unit_test(test_light_limit),
+		cmocka_unit_test(test_demand),
+		cmocka_unit_test(test_black_and_white),
+		cmocka_unit_test(test_flags_of_bad_light),
+		cmocka_unit_test(test_stream_goes_on),
+		cmocka_unit_test(test_another_preset_in_the_middle),
+		cmocka_unit_test(test_knobs),
+		cmocka_unit_test(test_options_are_checked),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}

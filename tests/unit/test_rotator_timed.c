@@ -1,0 +1,193 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "lp_test.h"
+
+#include <errno.h>
+
+#include <math.h>
+#include <stdlib.h>
+
+#include "base/clock.h"
+#include "base/param.h"
+#include "drivers/rotator_timed.h"
+
+#define STEP_NS LP_NS_PER_MS
+
+/* A servo with its wheel, under a model that sees its edges only. */
+static struct world {
+	struct lp_timed timed;
+	int64_t now_ns;
+	float wheel_deg;
+	float servo_deg_s, off_deg; /* of the servo's zero */
+	bool stuck, dark, lying;
+	float asked_deg[64]; /* the lag */
+} world;
+
+static int setup(void **state)
+{
+	(void)state;
+	world = (struct world){.now_ns = LP_NS_PER_S, .wheel_deg = 100, .servo_deg_s = 400};
+	lp_param_defaults(lp_timed_param_table, (size_t)lp_timed_param_count, &world.timed.params);
+	lp_timed_init(&world.timed);
+	return 0;
+}
+
+static int below(float angle_deg)
+{
+	const int count = (int)ceilf((angle_deg + 16.5F) / 6);
+
+	return count < 0 ? 0 : count > 34 ? 34 : count;
+}
+
+static void step(void)
+{
+	const float pulse_us = lp_timed_pulse_us(&world.timed, world.now_ns);
+	const int at = (int)(world.now_ns / STEP_NS % 64);
+	const int before = below(world.wheel_deg);
+	const float most_deg = world.servo_deg_s * 1e-3F;
+
+	world.asked_deg[at] = pulse_us > 0 ? (pulse_us - 800) / 7.407F - world.off_deg : NAN;
+	const float asked_deg = world.asked_deg[(at + 64 - 40) % 64];
+
+	if (!world.stuck && !isnan(asked_deg))
+		world.wheel_deg += fminf(fmaxf(asked_deg - world.wheel_deg, -most_deg), most_deg);
+	world.now_ns += STEP_NS;
+	for (int k = abs(below(world.wheel_deg) - before); k > 0 && !world.dark; k--)
+		lp_timed_edge(&world.timed, world.now_ns);
+	if (world.lying && world.timed.step == LP_TIMED_UP &&
+	    world.now_ns - world.timed.t_step_ns > LP_NS_PER_S / 7)
+		lp_timed_edge(&world.timed, world.now_ns);
+	lp_timed_tick(&world.timed, world.now_ns, false);
+}
+
+/* Until it rests or fails; the angle that it claims is the true one, all the way. */
+static struct lp_wheel_state run(float seconds)
+{
+	struct lp_wheel_state state;
+
+	for (int i = 0; i < (int)(seconds * 1000); i++) {
+		step();
+		lp_timed_state(&world.timed, world.now_ns, &state);
+		assert_true(isnan(state.measured_deg) ||
+			    fabsf(state.measured_deg - world.wheel_deg) <= 3 * state.sigma_deg);
+	}
+	return state;
+}
+
+static void move(float target_deg)
+{
+	const char *reason;
+
+	assert_int_equal(lp_timed_move(&world.timed, target_deg, world.now_ns, &reason), 0);
+}
+
+static void test_moves_arrive(void **state)
+{
+	static const float offsets[] = {0, 4, -4};
+
+	for (size_t i = 0; i < ARRAY_COUNT(offsets); i++) {
+		setup(state);
+		world.off_deg = offsets[i];
+		move(45);
+		assert_int_equal(run(0.5F).phase, LP_WHEEL_HOMING);
+		assert_int_equal(run(7).phase, LP_WHEEL_SETTLED);
+		assert_true(fabsf(world.wheel_deg - 45) < 1);
+		for (int target = 0; target <= 180; target += 45) {
+			move((float)target);
+			assert_int_equal(run(0.2F).phase, LP_WHEEL_MOVING);
+			const struct lp_wheel_state there = run(7);
+
+			assert_int_equal(there.phase, LP_WHEEL_SETTLED);
+			assert_true(fabsf(world.wheel_deg - (float)target) < 1);
+			assert_true(there.sigma_deg < 1.7F);
+		}
+		/* Let go after a while; what is known stays so. */
+		assert_int_equal(run(11).phase, LP_WHEEL_SETTLED);
+		assert_true(lp_timed_pulse_us(&world.timed, world.now_ns) == 0);
+	}
+}
+
+static void test_targets_that_nothing_proves_are_refused(void **state)
+{
+	static const float bad[] = {-20, -11, 1.4F, 184, 200};
+	const char *reason;
+
+	(void)state;
+	for (size_t i = 0; i < ARRAY_COUNT(bad); i++)
+		assert_int_equal(lp_timed_move(&world.timed, bad[i], world.now_ns, &reason),
+				 -ERANGE);
+}
+
+static void expect_fault(const char *name)
+{
+	assert_int_equal(run(8).phase, LP_WHEEL_FAULT);
+	assert_string_equal(world.timed.fault, name);
+	assert_true(lp_timed_pulse_us(&world.timed, world.now_ns) == 0);
+}
+
+static void test_faults_have_names_and_end(void **state)
+{
+	static const struct {
+		const char *name;
+		struct world fault;
+	} cases[] = {
+		{"INDEX_NEVER", {.stuck = true, .servo_deg_s = 400}},
+		{"INDEX_NEVER", {.dark = true, .servo_deg_s = 400}},
+		{"WHEEL_SLOW", {.servo_deg_s = 40}},
+		{"WHEEL_SLOW", {.servo_deg_s = 400, .off_deg = 8}},
+		{"WHEEL_SLIP", {.servo_deg_s = 400, .off_deg = -8}},
+		{"WHEEL_TOO_FAST", {.stuck = true, .lying = true, .servo_deg_s = 400}},
+	};
+
+	for (size_t i = 0; i < ARRAY_COUNT(cases); i++) {
+		setup(state);
+		move(45);
+		assert_int_equal(run(7).phase, LP_WHEEL_SETTLED);
+		world.stuck = cases[i].fault.stuck;
+		world.dark = cases[i].fault.dark;
+		world.lying = cases[i].fault.lying;
+		world.servo_deg_s = cases[i].fault.servo_deg_s;
+		world.off_deg = cases[i].fault.off_deg;
+		world.timed.again_ns = 60 * LP_NS_PER_S;
+		move(135);
+		expect_fault(cases[i].name);
+		world.stuck = world.dark = world.lying = false;
+		world.servo_deg_s = 400;
+		world.off_deg = 0;
+		assert_int_equal(run(65).phase, LP_WHEEL_SETTLED); /* tries again by itself */
+		assert_null(world.timed.fault);
+		assert_true(fabsf(world.wheel_deg - 135) < 1);
+	}
+}
+
+static void test_stuck_on_its_way_and_slipping_at_rest(void **state)
+{
+	(void)state;
+	move(45);
+	(void)run(7);
+	world.timed.again_ns = 60 * LP_NS_PER_S;
+	move(135);
+	while (world.timed.step != LP_TIMED_UP || world.wheel_deg < 60)
+		step();
+	world.stuck = true;
+	expect_fault("WHEEL_STUCK");
+	setup(state);
+	move(45);
+	(void)run(7);
+	world.timed.again_ns = 60 * LP_NS_PER_S;
+	world.stuck = true;
+	world.wheel_deg = 56;
+	lp_timed_edge(&world.timed, world.now_ns);
+	assert_string_equal(world.timed.fault, "WHEEL_SLIP");
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test_setup(test_moves_arrive, setup),
+		cmocka_unit_test_setup(test_targets_that_nothing_proves_are_refused, setup),
+		cmocka_unit_test_setup(test_faults_have_names_and_end, setup),
+		cmocka_unit_test_setup(test_stuck_on_its_way_and_slipping_at_rest, setup),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}

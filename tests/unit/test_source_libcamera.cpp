@@ -1,0 +1,214 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What the libcamera source decides without a camera; with one: tests/kernel. */
+#include <libcamera/control_ids.h>
+#include <libcamera/formats.h>
+#include <libcamera/libcamera.h>
+
+#include <cerrno>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <map>
+#include <vector>
+
+#include "drivers/source_libcamera_c.hpp"
+#include "drivers/source_libcamera_metadata.hpp"
+#include "drivers/source_libcamera_offers.hpp"
+
+extern "C" {
+#include "lp_test.h"
+
+#include "base/uri.h"
+}
+
+namespace controls = libcamera::controls;
+namespace formats = libcamera::formats;
+
+namespace
+{
+
+void test_a_request_tells_exposure_and_gain(void **)
+{
+	libcamera::ControlList metadata(controls::controls);
+	lp_frame frame{};
+
+	metadata.set(controls::ExposureTime, 12345);
+	metadata.set(controls::AnalogueGain, 2.0F);
+	metadata.set(controls::DigitalGain, 1.5F);
+	assert_true(lp::describe_frame(metadata, 1000000000, frame));
+	assert_float_equal(frame.exposure_us, 12345, 0);
+	assert_float_equal(frame.gain, 3, 1e-6);
+	assert_int_equal(frame.t_start_ns, 1000000000 - 12345000);
+	assert_int_equal(frame.flags, LP_FRAME_EXPOSURE_VERIFIED);
+	assert_float_equal(lp_frame_exposure_us(&frame), 3 * 12345, 0.1);
+}
+
+void test_gain_without_digital_gain(void **)
+{
+	libcamera::ControlList metadata(controls::controls);
+	lp_frame frame{};
+
+	metadata.set(controls::ExposureTime, 100);
+	metadata.set(controls::AnalogueGain, 4.0F);
+	assert_true(lp::describe_frame(metadata, 0, frame));
+	assert_float_equal(frame.gain, 4, 0);
+}
+
+void test_a_request_that_does_not_tell(void **)
+{
+	libcamera::ControlList metadata(controls::controls);
+	lp_frame frame{};
+
+	frame.exposure_us = 7;
+	metadata.set(controls::SensorTimestamp, 5);
+	assert_false(lp::describe_frame(metadata, 5, frame));
+	assert_float_equal(frame.exposure_us, 7, 0);
+	assert_int_equal(frame.flags, 0);
+}
+
+void test_offers_of_fixed_sizes(void **)
+{
+	const std::map<libcamera::PixelFormat, std::vector<libcamera::SizeRange>> camera{
+		{formats::R8, {libcamera::SizeRange({640, 320})}},
+		{formats::MJPEG,
+		 {libcamera::SizeRange({640, 320}), libcamera::SizeRange({1920, 960})}},
+	};
+	lp_offers offers;
+	lp_offer_choice choice;
+	lp_offer_wish wish{};
+
+	lp::list_offers(libcamera::StreamFormats(camera), offers);
+	assert_int_equal(offers.count, 3);
+	assert_int_equal(lp_offers_choose(&offers, &wish, &choice), 0);
+	assert_int_equal(choice.format, LP_FORMAT_MJPEG);
+	assert_int_equal(choice.width_px, 1920);
+	wish.format = LP_FORMAT_GREY;
+	assert_int_equal(lp_offers_choose(&offers, &wish, &choice), 0);
+	assert_true(lp::pixel_format(choice.fourcc) == formats::R8);
+	wish.size_px = {800, 400};
+	assert_int_equal(lp_offers_choose(&offers, &wish, &choice), -EINVAL);
+}
+
+void test_offers_of_any_size(void **)
+{
+	const std::map<libcamera::PixelFormat, std::vector<libcamera::SizeRange>> camera{
+		{formats::NV12, {libcamera::SizeRange({32, 32}, {4056, 3040}, 2, 2)}},
+		{formats::BGR888, {libcamera::SizeRange({32, 32}, {4056, 3040}, 2, 2)}},
+	};
+	lp_offers offers;
+	lp_offer_choice choice;
+	lp_offer_wish wish{};
+
+	lp::list_offers(libcamera::StreamFormats(camera), offers);
+	wish.size_px = {1014, 760};
+	assert_int_equal(lp_offers_choose(&offers, &wish, &choice), 0);
+	assert_int_equal(choice.format, LP_FORMAT_NV12);
+	wish.size_px = {1015, 760};
+	assert_int_equal(lp_offers_choose(&offers, &wish, &choice), -EINVAL);
+	/* Left open: a usual size, not the whole of a large sensor. */
+	wish.size_px = {0, 0};
+	assert_int_equal(lp_offers_choose(&offers, &wish, &choice), 0);
+	assert_int_equal(choice.width_px, 1920);
+}
+
+int read_settings(const char *text, const char *profile, lp_libcamera_settings *settings)
+{
+	char path[] = "/tmp/lp-camera-XXXXXX";
+	lp_uri uri;
+
+	assert_int_equal(lp_uri_parse(&uri, text), 0);
+	if (!profile)
+		return lp_libcamera_settings_read(&uri, nullptr, settings);
+	const int fd = mkstemp(path);
+
+	assert_true(fd >= 0);
+	assert_int_equal(write(fd, profile, strlen(profile)), (ssize_t)strlen(profile));
+	close(fd);
+	const int ret = lp_libcamera_settings_read(&uri, path, settings);
+
+	unlink(path);
+	return ret;
+}
+
+void test_settings(void **)
+{
+	lp_libcamera_settings settings;
+
+	assert_int_equal(read_settings("libcamera:imx477?fps=15&colour_gains=1.5,2", nullptr,
+				       &settings),
+			 0);
+	assert_string_equal(settings.name, "imx477");
+	assert_float_equal(settings.wish.fps, 15, 0);
+	assert_float_equal(settings.colour_gains.values[1], 2, 0);
+	assert_true(settings.exposure_settable);
+	assert_int_equal(read_settings("libcamera:",
+				       "[camera]\nwidth_px = 1014\nheight_px = 760\n"
+				       "[libcamera]\nexposure = auto\nformat = nv12\n"
+				       "[v4l2]\nformat = mjpeg\n",
+				       &settings),
+			 0);
+	assert_int_equal(settings.wish.size_px.width, 1014);
+	assert_int_equal(settings.wish.format, LP_FORMAT_NV12);
+	assert_false(settings.exposure_settable);
+}
+
+void test_faults_in_settings_are_told(void **)
+{
+	lp_libcamera_settings settings;
+	struct capture capture;
+
+	capture_begin(&capture);
+	assert_int_equal(read_settings("libcamera:?colour_gains=1", nullptr, &settings), -EINVAL);
+	assert_int_equal(read_settings("libcamera:?exposure=best", nullptr, &settings), -EINVAL);
+	assert_int_equal(read_settings("libcamera:?speed=1", nullptr, &settings), -EINVAL);
+	assert_int_equal(read_settings("libcamera:", "[libcamera]\ngain = 2\n", &settings),
+			 -EBADMSG);
+	capture_end(&capture);
+	assert_contains(capture.text, "two numbers are needed, RED,BLUE");
+	assert_contains(capture.text, "settable or auto");
+	assert_contains(capture.text, "speed: unknown key");
+	assert_contains(capture.text, ":2: gain: unknown key");
+}
+
+void test_the_camera_that_is_meant(void **)
+{
+	const char *const usb = "\\_SB_.PCI0.XHC-1:1.0-2e1a:1000";
+	const char *const csi = "/base/soc/i2c0mux/i2c@1/imx477@1a";
+	lp_libcamera_settings settings;
+
+	assert_int_equal(read_settings("libcamera:", nullptr, &settings), 0);
+	assert_true(lp_libcamera_is_meant(&settings, csi, "imx477"));
+	assert_int_equal(read_settings("libcamera:imx477", nullptr, &settings), 0);
+	assert_true(lp_libcamera_is_meant(&settings, csi, "imx477"));
+	assert_false(lp_libcamera_is_meant(&settings, csi, "imx708"));
+	assert_int_equal(read_settings("libcamera:/base/soc/i2c0mux/i2c@1/imx477@1a", nullptr,
+				       &settings),
+			 0);
+	assert_true(lp_libcamera_is_meant(&settings, csi, "imx477"));
+	assert_int_equal(read_settings("libcamera:2e1a:1000", nullptr, &settings), 0);
+	assert_true(lp_libcamera_is_meant(&settings, usb, "Insta360 Air"));
+	assert_false(lp_libcamera_is_meant(&settings, csi, "imx477"));
+	assert_int_equal(read_settings("libcamera:", "[camera]\nmatch = usb:2e1a:1000\n",
+				       &settings),
+			 0);
+	assert_true(lp_libcamera_is_meant(&settings, usb, "Insta360 Air"));
+	assert_false(lp_libcamera_is_meant(&settings, csi, "imx477"));
+}
+
+} // namespace
+
+int main()
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_a_request_tells_exposure_and_gain),
+		cmocka_unit_test(test_gain_without_digital_gain),
+		cmocka_unit_test(test_a_request_that_does_not_tell),
+		cmocka_unit_test(test_offers_of_fixed_sizes),
+		cmocka_unit_test(test_offers_of_any_size),
+		cmocka_unit_test(test_settings),
+		cmocka_unit_test(test_faults_in_settings_are_told),
+		cmocka_unit_test(test_the_camera_that_is_meant),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}

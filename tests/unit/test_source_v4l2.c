@@ -1,0 +1,481 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What the v4l2 source decides without a camera; with one: tests/kernel. */
+#include "lp_test.h"
+
+#include <errno.h>
+#include <linux/videodev2.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <sys/stat.h>
+
+#include "base/clock.h"
+#include "base/uri.h"
+#include "drivers/source_v4l2_controls.h"
+#include "drivers/source_v4l2_nodes.h"
+#include "drivers/source_v4l2_offers.h"
+#include "drivers/source_v4l2_settings.h"
+#include "drivers/source_tag.h"
+#include "include/frame.h"
+
+/* ---------------------------------------------------------------- which device */
+
+static void test_device_names(void **state)
+{
+	struct lp_v4l2_target target;
+
+	(void)state;
+	assert_int_equal(lp_v4l2_target_parse("/dev/video0", &target), 0);
+	assert_int_equal(target.kind, LP_V4L2_PATH);
+	assert_int_equal(lp_v4l2_target_parse("usb-A_B_1-video-index0", &target), 0);
+	assert_int_equal(target.kind, LP_V4L2_ID_NAME);
+	assert_int_equal(lp_v4l2_target_parse("", &target), 0);
+	assert_int_equal(target.kind, LP_V4L2_ANY);
+	assert_int_equal(lp_v4l2_target_parse("2e1a:1000", &target), 0);
+	assert_int_equal(target.kind, LP_V4L2_USB);
+	assert_int_equal(target.usb.vendor, 0x2e1a);
+	assert_int_equal(target.usb.product, 0x1000);
+	assert_string_equal(target.serial, "");
+	assert_int_equal(lp_v4l2_target_parse("2E1A:1000:AB:12", &target), 0);
+	assert_string_equal(target.serial, "AB:12");
+	for (const char *const *bad =
+		     (const char *const[]){"video0", "2e1a", "2e1a:10", "2e1a:1000x", "2e1:1000",
+					   "12345:1000", NULL};
+	     *bad; bad++)
+		assert_int_equal(lp_v4l2_target_parse(*bad, &target), -EINVAL);
+}
+
+static void make_folder(const char *format, const char *root)
+{
+	char command[512], path[256];
+
+	snprintf(path, sizeof(path), format, root);
+	snprintf(command, sizeof(command), "mkdir -p '%s'", path);
+	assert_int_equal(system(command), 0); /* NOLINT(cert-env33-c) */
+}
+
+static void write_text(const char *folder, const char *name, const char *text)
+{
+	char path[512];
+	FILE *file;
+
+	snprintf(path, sizeof(path), "%s/%s", folder, name);
+	file = fopen(path, "w");
+	assert_non_null(file);
+	fputs(text, file);
+	assert_int_equal(fclose(file), 0);
+}
+
+/* A machine with one USB camera (two nodes) and one loop-back device. */
+static void make_sysfs(const char *root)
+{
+	char path[256], target[512];
+
+	make_folder("%s/class/video4linux", root);
+	make_folder("%s/devices/usb1/1-2/1-2:1.0/video4linux/video0", root);
+	make_folder("%s/devices/usb1/1-2/1-2:1.0/video4linux/video1", root);
+	make_folder("%s/devices/virtual/video10", root);
+	snprintf(path, sizeof(path), "%s/devices/usb1/1-2", root);
+	write_text(path, "idVendor", "2e1a\n");
+	write_text(path, "idProduct", "1000\n");
+	write_text(path, "serial", "IXE 7\n");
+	write_text(path, "manufacturer", "Insta360\n");
+	write_text(path, "product", "Air  (rev/2)\n");
+	write_text(path, "busnum", "1\n");
+	write_text(path, "devnum", "9\n");
+	for (int i = 0; i < 2; i++) {
+		snprintf(path, sizeof(path), "%s/devices/usb1/1-2/1-2:1.0/video4linux/video%d",
+			 root, i);
+		write_text(path, "index", i ? "1\n" : "0\n");
+		write_text(path, "name", "Insta360 Air\n");
+		snprintf(target, sizeof(target), "%s/device", path);
+		assert_int_equal(symlink("../..", target), 0);
+		snprintf(target, sizeof(target), "%s/class/video4linux/video%d", root, i);
+		assert_int_equal(symlink(path, target), 0);
+	}
+	snprintf(path, sizeof(path), "%s/devices/virtual/video10", root);
+	write_text(path, "index", "0\n");
+	write_text(path, "name", "Loop\n");
+	snprintf(target, sizeof(target), "%s/class/video4linux/video10", root);
+	assert_int_equal(symlink(path, target), 0);
+}
+
+static void test_nodes_of_a_machine(void **state)
+{
+	char root[] = "/tmp/lp-sysfs-XXXXXX", command[64];
+	struct lp_v4l2_node nodes[LP_V4L2_MAX_NODES];
+
+	(void)state;
+	assert_non_null(mkdtemp(root));
+	make_sysfs(root);
+	assert_int_equal(lp_v4l2_nodes_read(root, nodes, LP_V4L2_MAX_NODES), 2);
+	assert_string_equal(nodes[0].path, "/dev/video0");
+	assert_string_equal(nodes[0].name, "Insta360 Air");
+	assert_true(nodes[0].usb);
+	assert_int_equal(nodes[0].vendor, 0x2e1a);
+	assert_int_equal(nodes[0].product, 0x1000);
+	assert_string_equal(nodes[0].serial, "IXE 7");
+	assert_string_equal(nodes[0].port, "1-2");
+	assert_int_equal(nodes[0].bus, 1);
+	assert_int_equal(nodes[0].address, 9);
+	assert_string_equal(nodes[0].id_name, "usb-Insta360_Air__rev_2__IXE_7-video-index0");
+	assert_string_equal(nodes[1].path, "/dev/video10");
+	assert_false(nodes[1].usb);
+	assert_int_equal(lp_v4l2_nodes_read("/nonexistent", nodes, LP_V4L2_MAX_NODES), 0);
+	snprintf(command, sizeof(command), "rm -r %s", root);
+	assert_int_equal(system(command), 0); /* NOLINT(cert-env33-c) */
+}
+
+#define CAMERA(number, id, serial_text, port_text)                                             \
+	{                                                                                      \
+		.path = "/dev/video" #number, .name = "camera", .usb = true, .vendor = 0x1d6b, \
+		.product = id, .serial = serial_text, .port = port_text,                       \
+		.id_name = "usb-a_b_" serial_text "-video-index0",                             \
+	}
+
+static int select_by(const char *text, const struct lp_v4l2_node *nodes, int count,
+		     const struct lp_v4l2_node *known, char *reason)
+{
+	struct lp_v4l2_target target;
+
+	assert_int_equal(lp_v4l2_target_parse(text, &target), 0);
+	return lp_v4l2_nodes_select(nodes, count, &target, known, reason, 512);
+}
+
+static void test_the_node_that_is_meant(void **state)
+{
+	const struct lp_v4l2_node nodes[] = {CAMERA(0, 0x0102, "A", "1-1"),
+					     CAMERA(2, 0x0102, "B", "1-2")};
+	char reason[512];
+
+	(void)state;
+	assert_int_equal(select_by("/dev/video2", nodes, 2, NULL, reason), 1);
+	assert_int_equal(select_by("usb-a_b_A-video-index0", nodes, 2, NULL, reason), 0);
+	assert_int_equal(select_by("1d6b:0102:B", nodes, 2, NULL, reason), 1);
+	assert_int_equal(select_by("", nodes, 1, NULL, reason), 0);
+	assert_int_equal(select_by("1d6b:0102", nodes, 2, NULL, reason), -ENOTUNIQ);
+	assert_contains(reason, "several");
+	assert_contains(reason, "1d6b:0102:B, port 1-2");
+	assert_int_equal(select_by("1d6b:0103", nodes, 2, NULL, reason), -ENOENT);
+	assert_contains(reason, "no such device; present: /dev/video0");
+	assert_int_equal(select_by("", nodes, 0, NULL, reason), -ENOENT);
+	assert_contains(reason, "no camera is present");
+}
+
+static void test_the_same_camera_again(void **state)
+{
+	const struct lp_v4l2_node was = CAMERA(0, 0x0102, "A", "1-1");
+	const struct lp_v4l2_node decoy_and_moved[] = {CAMERA(0, 0x0102, "B", "1-1"),
+						       CAMERA(2, 0x0102, "A", "2-1")};
+	const struct lp_v4l2_node nameless = CAMERA(0, 0x0102, "", "1-1");
+	const struct lp_v4l2_node twins[] = {CAMERA(2, 0x0102, "", "1-2"),
+					     CAMERA(3, 0x0102, "", "1-1")};
+	char reason[512];
+
+	(void)state;
+	/* By its serial number, wherever it is; not what took its node. */
+	assert_int_equal(select_by("/dev/video0", decoy_and_moved, 2, &was, reason), 1);
+	assert_int_equal(select_by("/dev/video0", decoy_and_moved, 1, &was, reason), -ENOENT);
+	/* Without one, by its port; moved, only where there is no doubt. */
+	assert_int_equal(select_by("", twins, 2, &nameless, reason), 1);
+	assert_int_equal(select_by("", twins, 1, &nameless, reason), 0);
+	assert_int_equal(select_by("", (struct lp_v4l2_node[]){twins[0], twins[0]}, 2, &nameless,
+				   reason),
+			 -ENOTUNIQ);
+}
+
+/* ---------------------------------------------------------------- settings */
+
+static int read_settings(const char *text, const char *profile, struct lp_v4l2_settings *settings,
+			 struct lp_v4l2_target *target)
+{
+	char path[] = "/tmp/lp-camera-XXXXXX";
+	struct lp_uri uri;
+	int ret, fd;
+
+	assert_int_equal(lp_uri_parse(&uri, text), 0);
+	if (!profile)
+		return lp_v4l2_settings_read(&uri, "equirect", settings, target);
+	fd = mkstemp(path);
+	assert_true(fd >= 0);
+	assert_int_equal(write(fd, profile, strlen(profile)), (ssize_t)strlen(profile));
+	close(fd);
+	ret = lp_v4l2_settings_read(&uri, path, settings, target);
+	unlink(path);
+	return ret;
+}
+
+static const char profile[] = "[camera]\n"
+			      "name = Test\n"
+			      "match = usb:2e1a:1000\n"
+			      "projection = fisheye\n"
+			      "width_px = 1472\n"
+			      "height_px = 736\n"
+			      "[v4l2]\n"
+			      "format = mjpeg\n"
+			      "fps = 30\n"
+			      "exposure_delay_frames = 2\n"
+			      "[lens.0]\n"
+			      "cx_px = 1\n";
+
+static void test_settings_of_a_camera_file(void **state)
+{
+	struct lp_v4l2_settings settings;
+	struct lp_v4l2_target target;
+
+	(void)state;
+	assert_int_equal(read_settings("v4l2:", profile, &settings, &target), 0);
+	assert_int_equal(target.kind, LP_V4L2_USB);
+	assert_int_equal(target.usb.vendor, 0x2e1a);
+	assert_int_equal(settings.wish.size_px.width, 1472);
+	assert_int_equal(settings.wish.size_px.height, 736);
+	assert_int_equal(settings.wish.format, LP_FORMAT_MJPEG);
+	assert_int_equal(settings.exposure_delay_frames, 2);
+	assert_float_equal(settings.stall_ms, 1000, 0);
+	/* The URI has the last word. */
+	assert_int_equal(read_settings("v4l2:/dev/video3?fps=15&format=auto", profile, &settings,
+				       &target),
+			 0);
+	assert_int_equal(target.kind, LP_V4L2_PATH);
+	assert_int_equal(settings.wish.format, 0);
+	assert_float_equal(settings.wish.fps, 15, 0);
+	assert_int_equal(settings.exposure_delay_frames, 2);
+}
+
+static void test_faults_in_settings_are_located(void **state)
+{
+	struct lp_v4l2_settings settings;
+	struct lp_v4l2_target target;
+	struct capture capture;
+
+	(void)state;
+	capture_begin(&capture);
+	assert_int_equal(read_settings("v4l2:video0", NULL, &settings, &target), -EINVAL);
+	assert_int_equal(read_settings("v4l2:?speed=1", NULL, &settings, &target), -EINVAL);
+	assert_int_equal(read_settings("v4l2:", "[v4l2]\n\nfps = fast\n", &settings, &target),
+			 -EBADMSG);
+	assert_int_equal(read_settings("v4l2:", "[camera]\nmatch = usb:12:1\n", &settings, &target),
+			 -EBADMSG);
+	assert_int_equal(read_settings("v4l2:", "[v4l2]\nfps\n", &settings, &target), -EBADMSG);
+	capture_end(&capture);
+	assert_contains(capture.text, "'video0' names no camera");
+	assert_contains(capture.text, "speed: unknown key; known: format, size");
+	assert_contains(capture.text, ":3: fps");
+	assert_contains(capture.text, ":2: match");
+	assert_contains(capture.text, "line 2 is neither");
+}
+
+/* ---------------------------------------------------------------- negotiation */
+
+static const struct lp_offers offers = {
+	.count = 5,
+	.list = {{.fourcc = V4L2_PIX_FMT_YUYV,
+		  .width_px = 1920,
+		  .height_px = 960,
+		  .rate_count = 1,
+		  .rates_hz = {5}},
+		 {.fourcc = V4L2_PIX_FMT_MJPEG,
+		  .width_px = 3840,
+		  .height_px = 1920,
+		  .rate_count = 1,
+		  .rates_hz = {30}},
+		 {.fourcc = V4L2_PIX_FMT_MJPEG,
+		  .width_px = 1920,
+		  .height_px = 960,
+		  .rate_count = 3,
+		  .rates_hz = {60, 29.97F, 15}},
+		 {.fourcc = V4L2_PIX_FMT_MJPEG, .width_px = 640, .height_px = 320},
+		 {.fourcc = V4L2_PIX_FMT_H264, .width_px = 1920, .height_px = 960}},
+};
+
+static int choose(struct lp_offer_wish wish, struct lp_offer_choice *choice)
+{
+	return lp_offers_choose(&offers, &wish, choice);
+}
+
+static void test_choice_of_format(void **state)
+{
+	struct lp_offer_choice choice;
+
+	(void)state;
+	assert_int_equal(choose((struct lp_offer_wish){0}, &choice), 0);
+	assert_int_equal(choice.format, LP_FORMAT_MJPEG);
+	assert_int_equal(choice.width_px, 1920);
+	assert_float_equal(choice.rate_hz, 29.97, 1e-4);
+	assert_int_equal(choose((struct lp_offer_wish){.format = LP_FORMAT_YUYV}, &choice), 0);
+	assert_int_equal(choice.fourcc, V4L2_PIX_FMT_YUYV);
+	assert_int_equal(choose((struct lp_offer_wish){.size_px = {3840, 1920}}, &choice), 0);
+	assert_int_equal(choice.height_px, 1920);
+	assert_int_equal(choose((struct lp_offer_wish){.fps = 30, .size_px = {1920, 960}}, &choice),
+			 0);
+	assert_float_equal(choice.rate_hz, 29.97, 1e-4);
+	/* A rate that the driver does not list is left to it. */
+	assert_int_equal(choose((struct lp_offer_wish){.fps = 25, .size_px = {640, 320}}, &choice),
+			 0);
+	assert_float_equal(choice.rate_hz, 25, 0);
+	assert_int_equal(choose((struct lp_offer_wish){.format = LP_FORMAT_NV12}, &choice),
+			 -EINVAL);
+	assert_int_equal(choose((struct lp_offer_wish){.size_px = {800, 400}}, &choice), -EINVAL);
+	assert_int_equal(choose((struct lp_offer_wish){.fps = 20, .size_px = {1920, 960}}, &choice),
+			 -EINVAL);
+}
+
+static void test_choice_in_a_range_of_sizes(void **state)
+{
+	const struct lp_offers range = {.count = 1,
+					.list = {{.fourcc = V4L2_PIX_FMT_GREY,
+						  .width_px = 1280,
+						  .height_px = 720,
+						  .least_width_px = 16,
+						  .least_height_px = 16,
+						  .step_width_px = 4,
+						  .step_height_px = 2}}};
+	struct lp_offer_wish wish = {.size_px = {640, 320}};
+	struct lp_offer_choice choice;
+
+	(void)state;
+	assert_int_equal(lp_offers_choose(&range, &wish, &choice), 0);
+	assert_int_equal(choice.width_px, 640);
+	wish.size_px.width = 642;
+	assert_int_equal(lp_offers_choose(&range, &wish, &choice), -EINVAL);
+	wish.size_px.width = 1284;
+	assert_int_equal(lp_offers_choose(&range, &wish, &choice), -EINVAL);
+	wish.size_px = (struct lp_size){0};
+	assert_int_equal(lp_offers_choose(&range, &wish, &choice), 0);
+	assert_int_equal(choice.width_px, 1280);
+}
+
+static void test_offers_in_words(void **state)
+{
+	char text[256], little[40];
+
+	(void)state;
+	lp_offers_describe(&offers, text, sizeof(text));
+	assert_string_equal(text,
+			    "YUYV 1920x960 at 5; MJPG 3840x1920 at 30, 1920x960 at 60/29.97/15, "
+			    "640x320; H264 1920x960");
+	lp_offers_describe(&offers, little, sizeof(little));
+	assert_string_equal(little, "YUYV 1920x960 at 5 ...");
+	lp_offers_describe(&(struct lp_offers){0}, text, sizeof(text));
+	assert_string_equal(text, "nothing");
+}
+
+static void test_sizes_of_pictures(void **state)
+{
+	(void)state;
+	assert_int_equal(lp_row_bytes(LP_FORMAT_YUYV, 640), 1280);
+	assert_int_equal(lp_row_bytes(LP_FORMAT_MJPEG, 640), 0);
+	assert_int_equal(lp_picture_bytes(LP_FORMAT_NV12, 640, 320), 640 * 480);
+	assert_int_equal(lp_picture_bytes(LP_FORMAT_GREY, 640, 320), 640 * 320);
+}
+
+/* ---------------------------------------------------------------- exposure */
+
+static void test_values_become_control_values(void **state)
+{
+	const struct lp_v4l2_range range = {.minimum = 3, .maximum = 100, .step = 10};
+
+	(void)state;
+	assert_int_equal(lp_v4l2_to_control(0, &range), 3);
+	assert_int_equal(lp_v4l2_to_control(NAN, &range), 3);
+	assert_int_equal(lp_v4l2_to_control(7.9, &range), 3);
+	assert_int_equal(lp_v4l2_to_control(8.1, &range), 13);
+	assert_int_equal(lp_v4l2_to_control(99, &range), 93);
+	assert_int_equal(lp_v4l2_to_control(1e30, &range), 100);
+	assert_int_equal(lp_v4l2_to_control(42, &(struct lp_v4l2_range){0, 255, 0}), 42);
+}
+
+/* Exposures of frames 0.. at 10 ms, with a change from 100 to 800 us commanded during frame 4. */
+static void tag_frames(int delay_frames, float *exposures_us, int count)
+{
+	struct lp_exposure_tag tag;
+
+	lp_exposure_tag_init(&tag, delay_frames);
+	tag.exposure_us = 100;
+	tag.gain = 1;
+	for (int i = 0; i < count; i++) {
+		struct lp_frame frame = {.sequence = 70 + (uint64_t)i,
+					 .t_start_ns = (i + 1) * 10 * LP_NS_PER_MS};
+
+		lp_exposure_tag_frame(&tag, &frame);
+		exposures_us[i] = frame.exposure_us;
+		if (i == 4)
+			lp_exposure_tag_command(&tag, 800, 1, frame.t_start_ns + LP_NS_PER_MS);
+	}
+}
+
+static void test_frames_around_a_change_are_unknown(void **state)
+{
+	static const struct {
+		int delay_frames, last_old, first_new;
+	} cases[] = {{0, 4, 6}, {1, 4, 7}, {2, 5, 8}, {4, 7, 10}, {-1, 4, 11}};
+	float exposures_us[16];
+
+	(void)state;
+	for (size_t c = 0; c < ARRAY_COUNT(cases); c++) {
+		tag_frames(cases[c].delay_frames, exposures_us, 16);
+		for (int i = 0; i < 16; i++) {
+			if (i <= cases[c].last_old)
+				assert_float_equal(exposures_us[i], 100, 0);
+			else if (i >= cases[c].first_new)
+				assert_float_equal(exposures_us[i], 800, 0);
+			else
+				assert_true(isnan(exposures_us[i]));
+		}
+	}
+}
+
+static void test_a_second_change_before_the_first_has_landed(void **state)
+{
+	struct lp_exposure_tag tag;
+	struct lp_frame frame = {.sequence = 1, .t_start_ns = 10 * LP_NS_PER_MS};
+
+	(void)state;
+	lp_exposure_tag_init(&tag, 2);
+	tag.exposure_us = 100;
+	lp_exposure_tag_command(&tag, 200, 1, 5 * LP_NS_PER_MS);
+	lp_exposure_tag_command(&tag, 400, 1, 6 * LP_NS_PER_MS);
+	lp_exposure_tag_frame(&tag, &frame);
+	assert_true(isnan(frame.exposure_us));
+	frame = (struct lp_frame){.sequence = 4, .t_start_ns = 40 * LP_NS_PER_MS};
+	lp_exposure_tag_frame(&tag, &frame);
+	assert_float_equal(frame.exposure_us, 400, 0);
+}
+
+static void test_start_of_exposure(void **state)
+{
+	struct lp_frame frame = {.t_start_ns = 50 * LP_NS_PER_MS,
+				 .t_arrival_ns = 70 * LP_NS_PER_MS};
+	struct lp_exposure_tag tag;
+
+	(void)state;
+	lp_exposure_tag_init(&tag, 0);
+	lp_exposure_tag_frame(&tag, &frame);
+	assert_int_equal(frame.t_start_ns, 50 * LP_NS_PER_MS);
+	frame.t_start_ns = 0;
+	tag.exposure_us = 8000;
+	lp_exposure_tag_frame(&tag, &frame);
+	assert_int_equal(frame.t_start_ns, 62 * LP_NS_PER_MS);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_device_names),
+		cmocka_unit_test(test_nodes_of_a_machine),
+		cmocka_unit_test(test_the_node_that_is_meant),
+		cmocka_unit_test(test_the_same_camera_again),
+		cmocka_unit_test(test_settings_of_a_camera_file),
+		cmocka_unit_test(test_faults_in_settings_are_located),
+		cmocka_unit_test(test_choice_of_format),
+		cmocka_unit_test(test_choice_in_a_range_of_sizes),
+		cmocka_unit_test(test_offers_in_words),
+		cmocka_unit_test(test_sizes_of_pictures),
+		cmocka_unit_test(test_values_become_control_values),
+		cmocka_unit_test(test_frames_around_a_change_are_unknown),
+		cmocka_unit_test(test_a_second_change_before_the_first_has_landed),
+		cmocka_unit_test(test_start_of_exposure),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,241 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "lp_test.h"
+
+#include <math.h>
+
+#include "app/sweep.h"
+#include "base/clock.h"
+#include "include/frame.h"
+
+#define MS LP_NS_PER_MS
+
+/* One frame at a time, exposed from 1000 to 1010 ms, arrived at 1020 ms. */
+static struct lp_frame frame;
+static int emitted, released, looks, moves;
+static float target_deg;
+
+static void on_frame(void *context, struct lp_frame *emitted_frame)
+{
+	(void)context;
+	assert_ptr_equal(emitted_frame, &frame);
+	emitted++;
+}
+
+static void on_release(struct lp_frame *released_frame)
+{
+	assert_ptr_equal(released_frame, &frame);
+	released++;
+}
+
+static void on_move(void *context, float deg)
+{
+	(void)context;
+	moves++;
+	target_deg = deg;
+}
+
+static void on_look(void *context)
+{
+	(void)context;
+	looks++;
+}
+
+static struct lp_wheel_report report;
+static struct lp_sweep sweep;
+
+static int setup(void **state)
+{
+	(void)state;
+	frame = (struct lp_frame){.t_start_ns = 1000 * MS,
+				  .exposure_us = 10000,
+				  .gain = 1,
+				  .t_arrival_ns = 1020 * MS,
+				  .wheel_deg = 77,
+				  .release = on_release};
+	emitted = released = looks = moves = 0;
+	report = (struct lp_wheel_report){.state.phase = LP_WHEEL_ABSENT};
+	sweep = (struct lp_sweep){.host = {.frame = on_frame, .move = on_move, .look = on_look},
+				  .report = &report,
+				  .angle_count = 3,
+				  .angles_deg = {0, 45, 90},
+				  .dwell_ns = 500 * MS};
+	return 0;
+}
+
+static struct lp_wheel_state settled(int64_t since_ms, int64_t seen_ms)
+{
+	return (struct lp_wheel_state){.phase = LP_WHEEL_SETTLED,
+				       .commanded_deg = 0,
+				       .measured_deg = 0.25F,
+				       .sigma_deg = 0.5F,
+				       .t_phase_ns = since_ms * MS,
+				       .t_seen_ns = seen_ms * MS};
+}
+
+static struct lp_wheel_state in_phase(enum lp_wheel_phase phase)
+{
+	return (struct lp_wheel_state){.phase = phase,
+				       .commanded_deg = NAN,
+				       .measured_deg = NAN,
+				       .sigma_deg = NAN,
+				       .t_seen_ns = 5000 * MS};
+}
+
+static void tell(struct lp_wheel_state state, int64_t now_ms)
+{
+	lp_sweep_state(&sweep, &state, now_ms * MS);
+}
+
+static void test_a_frame_waits_for_what_is_seen_after_it(void **state)
+{
+	(void)state;
+	tell(settled(900, 950), 960);
+	lp_sweep_frame(&sweep, &frame, 1020 * MS);
+	assert_int_equal(looks, 1);
+	tell(settled(900, 1005), 1021); /* seen within the exposure: says nothing of its end */
+	assert_int_equal(emitted, 0);
+	tell(settled(900, 1020), 1023);
+	assert_int_equal(emitted, 1);
+	assert_true(frame.wheel_deg == 0.25F && frame.wheel_sigma_deg == 0.5F);
+	assert_int_equal(report.frames_stamped, 1);
+}
+
+static void test_settled_within_the_exposure_is_too_late(void **state)
+{
+	(void)state;
+	tell(settled(1005, 1006), 1010);
+	lp_sweep_frame(&sweep, &frame, 1020 * MS);
+	tell(settled(1005, 1021), 1023);
+	assert_true(emitted == 0 && released == 1);
+	assert_int_equal(report.frames_moving, 1);
+}
+
+static void test_what_happens_while_a_frame_waits(void **state)
+{
+	static const struct {
+		enum lp_wheel_phase phase;
+		bool passes;
+	} cases[] = {{LP_WHEEL_MOVING, false},
+		     {LP_WHEEL_HOMING, false},
+		     {LP_WHEEL_FAULT, true},
+		     {LP_WHEEL_ABSENT, true},
+		     {LP_WHEEL_UNKNOWN, true}};
+
+	for (size_t i = 0; i < ARRAY_COUNT(cases); i++) {
+		setup(state);
+		tell(settled(900, 950), 960);
+		lp_sweep_frame(&sweep, &frame, 1020 * MS);
+		tell(in_phase(cases[i].phase), 1023);
+		assert_int_equal(emitted, cases[i].passes);
+		assert_int_equal(released, !cases[i].passes);
+		assert_true(!cases[i].passes || isnan(frame.wheel_deg));
+		assert_int_equal(lp_sweep_lost(&sweep), cases[i].passes);
+	}
+}
+
+static void test_without_a_wheel_there_is_no_waiting(void **state)
+{
+	static const enum lp_wheel_phase lost[] = {LP_WHEEL_ABSENT, LP_WHEEL_UNKNOWN,
+						   LP_WHEEL_FAULT};
+
+	for (size_t i = 0; i < ARRAY_COUNT(lost); i++) {
+		setup(state);
+		tell(in_phase(lost[i]), 960);
+		lp_sweep_frame(&sweep, &frame, 1020 * MS);
+		assert_true(emitted == 1 && looks == 0 && isnan(frame.wheel_deg));
+		assert_int_equal(report.frames_unknown, 1);
+	}
+}
+
+static void test_frames_of_a_turning_wheel_are_left_out(void **state)
+{
+	(void)state;
+	tell(in_phase(LP_WHEEL_MOVING), 960);
+	lp_sweep_frame(&sweep, &frame, 1020 * MS);
+	assert_true(emitted == 0 && released == 1 && report.frames_moving == 1);
+	frame.flags = LP_FRAME_LAST; /* but for the one that says that no more will come */
+	lp_sweep_frame(&sweep, &frame, 1020 * MS);
+	assert_true(emitted == 1 && isnan(frame.wheel_deg));
+}
+
+static void test_no_answer_is_no_angle(void **state)
+{
+	(void)state;
+	tell(settled(900, 950), 960);
+	lp_sweep_frame(&sweep, &frame, 1020 * MS);
+	lp_sweep_tick(&sweep, 1100 * MS);
+	assert_int_equal(emitted, 0);
+	lp_sweep_tick(&sweep, 1130 * MS);
+	assert_true(emitted == 1 && isnan(frame.wheel_deg));
+	/* The next frame does not wait for its own answer, it replaces the one before. */
+	lp_sweep_frame(&sweep, &frame, 1140 * MS);
+	lp_sweep_frame(&sweep, &frame, 1150 * MS);
+	assert_int_equal(emitted, 2);
+	lp_sweep_finish(&sweep);
+	assert_int_equal(released, 1);
+}
+
+static void test_unknown_exposure_counts_to_the_arrival(void **state)
+{
+	(void)state;
+	frame.exposure_us = NAN;
+	tell(settled(900, 950), 960);
+	lp_sweep_frame(&sweep, &frame, 1020 * MS);
+	tell(settled(900, 1015), 1021);
+	assert_int_equal(emitted, 0);
+	tell(settled(900, 1020), 1022);
+	assert_int_equal(emitted, 1);
+}
+
+static void test_doubt_is_no_angle(void **state)
+{
+	struct lp_wheel_state doubt = settled(900, 1020);
+
+	(void)state;
+	doubt.measured_deg = doubt.sigma_deg = NAN;
+	tell(settled(900, 950), 960);
+	lp_sweep_frame(&sweep, &frame, 1020 * MS);
+	tell(doubt, 1021);
+	assert_true(emitted == 1 && isnan(frame.wheel_deg) && report.frames_unknown == 1);
+}
+
+static void test_it_goes_round_the_angles(void **state)
+{
+	struct lp_wheel_state there = settled(900, 950);
+
+	(void)state;
+	lp_sweep_start(&sweep);
+	assert_true(moves == 1 && target_deg == 0);
+	for (int step = 0; step < 7; step++) {
+		const int64_t t_ms = 2000 + 1000 * step;
+
+		there.commanded_deg = sweep.angles_deg[step % 3];
+		tell(there, t_ms);
+		lp_sweep_tick(&sweep, (t_ms + 499) * MS);
+		assert_int_equal(moves, 1 + step);
+		lp_sweep_tick(&sweep, (t_ms + 500) * MS);
+		assert_int_equal(moves, 2 + step);
+		assert_true(target_deg == sweep.angles_deg[(step + 1) % 3]);
+		/* Still settled at the old angle: that is no arrival. */
+		lp_sweep_tick(&sweep, (t_ms + 999) * MS);
+		assert_int_equal(moves, 2 + step);
+	}
+	assert_int_equal(report.moves, 7);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test_setup(test_a_frame_waits_for_what_is_seen_after_it, setup),
+		cmocka_unit_test_setup(test_settled_within_the_exposure_is_too_late, setup),
+		cmocka_unit_test_setup(test_what_happens_while_a_frame_waits, setup),
+		cmocka_unit_test_setup(test_without_a_wheel_there_is_no_waiting, setup),
+		cmocka_unit_test_setup(test_frames_of_a_turning_wheel_are_left_out, setup),
+		cmocka_unit_test_setup(test_no_answer_is_no_angle, setup),
+		cmocka_unit_test_setup(test_unknown_exposure_counts_to_the_arrival, setup),
+		cmocka_unit_test_setup(test_doubt_is_no_angle, setup),
+		cmocka_unit_test_setup(test_it_goes_round_the_angles, setup),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,216 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "light/tracker.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "lp_test.h"
+
+#define FRAME_NS 33333333LL
+
+static struct lp_light lamp(float azimuth_deg, float strength)
+{
+	const float a = azimuth_deg * (float)M_PI / 180.0F;
+
+	return (struct lp_light){.direction = {sinf(a), 0.0F, -cosf(a)},
+				 .irradiance = {strength, strength, strength},
+				 .angular_radius_deg = 2.0F,
+				 .direction_sigma_deg = 0.1F,
+				 .irradiance_sigma = 0.02F,
+				 .confidence = 0.9F,
+				 .distance_m = NAN};
+}
+
+static struct lp_light_estimate at(int64_t t_ns, int count, const struct lp_light *lights)
+{
+	struct lp_light_estimate e = {.t_capture_ns = t_ns, .light_count = count};
+
+	for (int k = 0; k < count; k++) {
+		e.lights[k] = lights[k];
+		e.sh_total[0][0] += lights[k].irradiance[0];
+	}
+	return e;
+}
+
+static void test_ids_follow_the_lamps(void **state)
+{
+	struct lp_tracker tracker = {.time_constant_ms = 100.0F};
+	struct lp_light_estimate raw, smoothed;
+	uint32_t first = 0, second = 0;
+
+	(void)state;
+	for (int n = 0; n < 600; n++) { /* two lamps turn past each other's first place */
+		const float turn = (float)n * 0.3F;
+		struct lp_light lights[2] = {lamp(turn, 5.0F), lamp(turn + 40.0F, 4.0F)};
+
+		if (n % 2) { /* the detector's order may change */
+			const struct lp_light swap = lights[0];
+			lights[0] = lights[1];
+			lights[1] = swap;
+		}
+		raw = at(n * FRAME_NS, 2, lights);
+		lp_tracker_update(&tracker, &raw, &smoothed);
+		assert_int_equal(smoothed.light_count, 2);
+		if (n == 0) {
+			first = raw.lights[0].id;
+			second = raw.lights[1].id;
+			assert_true(first && second && first != second);
+		}
+		assert_int_equal(raw.lights[n % 2].id, first);
+		assert_int_equal(raw.lights[1 - n % 2].id, second);
+		assert_int_equal(smoothed.lights[0].id, first);
+	}
+}
+
+static void test_first_estimate_is_taken_as_it_is(void **state)
+{
+	struct lp_tracker tracker = {.time_constant_ms = 1000.0F};
+	const struct lp_light light = lamp(10.0F, 5.0F);
+	struct lp_light_estimate raw = at(0, 1, &light), smoothed;
+
+	(void)state;
+	lp_tracker_update(&tracker, &raw, &smoothed);
+	assert_float_equal(smoothed.lights[0].irradiance[0], 5.0F, 0.0F);
+	assert_float_equal(smoothed.sh_total[0][0], 5.0F, 0.0F);
+}
+
+/* The declared time constant is the one that a step shows, at any frame rate. */
+static void test_time_constant(void **state)
+{
+	const int64_t periods[] = {1000000, FRAME_NS, 100000000};
+
+	(void)state;
+	for (int p = 0; p < 3; p++) {
+		struct lp_tracker tracker = {.time_constant_ms = 200.0F};
+		struct lp_light light = lamp(0.0F, 1.0F);
+		struct lp_light_estimate raw = at(0, 1, &light), smoothed;
+		int64_t t = 0;
+
+		lp_tracker_update(&tracker, &raw, &smoothed);
+		light = lamp(0.0F, 2.0F);
+		while (t < 200000000) {
+			t += periods[p];
+			raw = at(t, 1, &light);
+			lp_tracker_update(&tracker, &raw, &smoothed);
+		}
+		assert_float_equal(smoothed.lights[0].irradiance[0], 2.0 - exp(-(double)t / 200e6),
+				   1e-4);
+	}
+}
+
+/* What smoothing does to lights it does to the SH, so that AMBIENT (their difference) stays put. */
+static void test_lights_and_sh_stay_consistent(void **state)
+{
+	struct lp_tracker tracker = {.time_constant_ms = 150.0F};
+	struct lp_light_estimate raw, smoothed;
+
+	(void)state;
+	for (int n = 0; n < 300; n++) {
+		const struct lp_light lights[2] = {lamp(0.0F, 5.0F), lamp(90.0F, 3.0F)};
+		const int count = n < 100 ? 1 : n < 200 ? 2 : 0; /* appears; all vanish */
+		float sum = 0.0F;
+
+		raw = at(n * FRAME_NS, count, lights);
+		raw.sh_total[0][0] += 7.0F; /* ambient */
+		lp_tracker_update(&tracker, &raw, &smoothed);
+		for (int k = 0; k < smoothed.light_count; k++)
+			sum += smoothed.lights[k].irradiance[0];
+		/* the faintest fifth of a hundredth is no longer listed */
+		assert_float_equal(smoothed.sh_total[0][0] - sum, 7.0F, 0.2F);
+	}
+	assert_int_equal(smoothed.light_count, 0);
+}
+
+static void test_a_short_absence_keeps_the_id(void **state)
+{
+	struct lp_tracker tracker = {.time_constant_ms = 100.0F};
+	const struct lp_light light = lamp(0.0F, 5.0F);
+	struct lp_light_estimate raw = at(0, 1, &light), smoothed;
+	int64_t t = 0;
+
+	(void)state;
+	lp_tracker_update(&tracker, &raw, &smoothed);
+	const uint32_t id = raw.lights[0].id;
+	for (int n = 0; n < 3; n++) {
+		t += FRAME_NS;
+		raw = at(t, 0, NULL);
+		lp_tracker_update(&tracker, &raw, &smoothed);
+		assert_int_equal(smoothed.light_count, 1);
+		assert_true(smoothed.lights[0].flags & LP_LIGHT_HELD);
+	}
+	t += FRAME_NS;
+	raw = at(t, 1, &light);
+	lp_tracker_update(&tracker, &raw, &smoothed);
+	assert_int_equal(raw.lights[0].id, id);
+	assert_false(smoothed.lights[0].flags & LP_LIGHT_HELD);
+	t += 10 * 1000000000LL; /* much later it is another lamp */
+	raw = at(t, 0, NULL);
+	lp_tracker_update(&tracker, &raw, &smoothed);
+	raw = at(t + FRAME_NS, 1, &light);
+	lp_tracker_update(&tracker, &raw, &smoothed);
+	assert_int_not_equal(raw.lights[0].id, id);
+}
+
+static void test_time_may_stand_still_or_go_back(void **state)
+{
+	struct lp_tracker tracker = {.time_constant_ms = 100.0F};
+	const struct lp_light light = lamp(0.0F, 5.0F);
+	struct lp_light_estimate raw, smoothed;
+	const int64_t times[] = {5000000000, 5000000000, 1000000000, INT64_MAX / 2, 0};
+
+	(void)state;
+	for (int n = 0; n < 5; n++) {
+		raw = at(times[n], 1, &light);
+		lp_tracker_update(&tracker, &raw, &smoothed);
+		assert_int_equal(smoothed.light_count, 1);
+		assert_float_equal(smoothed.lights[0].irradiance[0], 5.0F, 1e-6F);
+	}
+}
+
+/* A day at 12 frames a second, lamps coming and going: no id is lost, nothing drifts, nothing is
+ * NaN. */
+static void test_a_million_frames(void **state)
+{
+	struct lp_tracker tracker = {.time_constant_ms = 150.0F};
+	struct lp_light_estimate raw, smoothed;
+
+	(void)state;
+	srand(3);
+	for (int n = 0; n < 1000000; n++) {
+		struct lp_light lights[LP_MAX_LIGHTS];
+		const int count = n / 1000 % (LP_MAX_LIGHTS + 1);
+
+		for (int k = 0; k < count; k++)
+			lights[k] = lamp(45.0F * (float)k + (float)(rand() % 100) * 0.01F,
+					 1.0F + (float)k);
+		raw = at(n * 83333333LL, count, lights);
+		lp_tracker_update(&tracker, &raw, &smoothed);
+		assert_true(smoothed.light_count <= LP_MAX_LIGHTS);
+		for (int k = 0; k < smoothed.light_count; k++) {
+			const float *d = smoothed.lights[k].direction;
+
+			assert_true(isfinite(smoothed.lights[k].irradiance[0]));
+			assert_true(fabsf(d[0] * d[0] + d[1] * d[1] + d[2] * d[2] - 1.0F) < 1e-5F);
+			for (int j = 0; j < k; j++)
+				assert_int_not_equal(smoothed.lights[j].id, smoothed.lights[k].id);
+		}
+	}
+	/* one id per appearance: 8 lamps appear in each cycle of 9000 frames */
+	assert_true(tracker.last_id <= 8 * (1000000 / 9000 + 1));
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_ids_follow_the_lamps),
+		cmocka_unit_test(test_first_estimate_is_taken_as_it_is),
+		cmocka_unit_test(test_time_constant),
+		cmocka_unit_test(test_lights_and_sh_stay_consistent),
+		cmocka_unit_test(test_a_short_absence_keeps_the_id),
+		cmocka_unit_test(test_time_may_stand_still_or_go_back),
+		cmocka_unit_test(test_a_million_frames),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,248 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "lp_test.h"
+
+#include <errno.h>
+#include <poll.h>
+#include <pthread.h>
+#include <stdatomic.h>
+#include <stdlib.h>
+
+#include "app/worker.h"
+#include "include/frame.h"
+
+/* A pipeline in the place of the real one: takes as long as the test wants, and says what it is
+ * told by the frame's sequence. */
+struct lp_pipeline {
+	pthread_mutex_t gate; /* held by the test: process() waits */
+	atomic_int begun;
+};
+
+static atomic_int frames_alive;
+static struct lp_pipeline pipeline = {.gate = PTHREAD_MUTEX_INITIALIZER};
+
+void lp_pipeline_destroy(struct lp_pipeline *self)
+{
+	assert_true(!self || self == &pipeline);
+}
+
+int lp_pipeline_process(struct lp_pipeline *self, struct lp_frame *frame,
+			const struct lp_demand *demand, struct lp_estimates *estimates,
+			float *command_us)
+{
+	const uint64_t sequence = frame->sequence;
+
+	*command_us = sequence % 100 == 97 ? 1000.0F : NAN;
+	atomic_fetch_add(&self->begun, 1);
+	pthread_mutex_lock(&self->gate);
+	pthread_mutex_unlock(&self->gate);
+	lp_frame_release(frame);
+	if (sequence % 10 == 9)
+		return -EBADMSG;
+	if (sequence % 10 == 8)
+		return -EAGAIN;
+	if (sequence % 100 == 97)
+		return -EAGAIN;
+	estimates->raw.sequence = (uint32_t)sequence;
+	estimates->raw.light_count = demand->max_lights;
+	return 0;
+}
+
+static atomic_int preset_set = -1;
+
+int lp_pipeline_set_preset(struct lp_pipeline *self, enum lp_preset preset)
+{
+	assert_ptr_equal(self, &pipeline);
+	atomic_store(&preset_set, (int)preset);
+	return 0;
+}
+
+bool lp_pipeline_control(struct lp_pipeline *self, const struct lp_camera_control *control,
+			 float *command_us)
+{
+	assert_ptr_equal(self, &pipeline);
+	*command_us = control->limits.min_us;
+	return true;
+}
+
+static void release(struct lp_frame *frame)
+{
+	atomic_fetch_sub(&frames_alive, 1);
+	free(frame);
+}
+
+static const struct lp_demand demand = {.sh_order = 2, .max_lights = 3};
+
+static void submit(struct lp_worker *worker, uint64_t sequence, uint32_t flags)
+{
+	struct lp_frame *frame = calloc(1, sizeof(*frame));
+
+	frame->sequence = sequence;
+	frame->flags = flags;
+	frame->release = release;
+	atomic_fetch_add(&frames_alive, 1);
+	lp_worker_submit(worker, frame, &demand);
+}
+
+static struct lp_worker *start(bool lossless)
+{
+	struct lp_worker *worker;
+
+	atomic_store(&pipeline.begun, 0);
+	assert_int_equal(lp_worker_create(&pipeline, lossless, &worker), 0);
+	return worker;
+}
+
+static struct lp_result *wait_result(struct lp_worker *worker)
+{
+	struct pollfd poll_fd = {.fd = lp_worker_fd(worker), .events = POLLIN};
+
+	assert_int_equal(poll(&poll_fd, 1, 60000), 1);
+	return lp_worker_take(worker);
+}
+
+static void wait_begun(int count)
+{
+	while (atomic_load(&pipeline.begun) < count)
+		usleep(1000);
+}
+
+static void test_newest_frame_wins_and_drops_are_counted(void **state)
+{
+	struct lp_worker *worker = start(false);
+	struct lp_result *result;
+
+	(void)state;
+	assert_int_equal(lp_worker_busy_ns(worker), 0);
+	pthread_mutex_lock(&pipeline.gate);
+	submit(worker, 0, 0);
+	wait_begun(1);
+	for (uint64_t i = 1; i <= 5; i++)
+		submit(worker, i, 0);
+	assert_true(lp_worker_busy_ns(worker) > 0);
+	assert_int_equal(atomic_load(&frames_alive), 2);
+	pthread_mutex_unlock(&pipeline.gate);
+	result = wait_result(worker);
+	assert_int_equal(result->estimates.raw.sequence, 0);
+	assert_int_equal(result->demand.max_lights, 3);
+	assert_int_equal(result->estimates.raw.light_count, 3);
+	lp_worker_give(worker, result);
+	result = wait_result(worker);
+	assert_int_equal(result->estimates.raw.sequence, 5);
+	lp_worker_give(worker, result);
+	assert_null(lp_worker_take(worker));
+	assert_int_equal(lp_worker_dropped(worker), 4);
+	lp_worker_destroy(worker);
+	assert_int_equal(atomic_load(&frames_alive), 0);
+}
+
+static void test_a_new_preset_comes_before_the_next_frame(void **state)
+{
+	struct lp_worker *worker = start(false);
+
+	(void)state;
+	submit(worker, 0, 0);
+	lp_worker_give(worker, wait_result(worker));
+	assert_int_equal(atomic_load(&preset_set), -1);
+	lp_worker_preset(worker, LP_PRESET_FAST);
+	lp_worker_preset(worker, LP_PRESET_BALANCED);
+	submit(worker, 1, 0);
+	lp_worker_give(worker, wait_result(worker));
+	assert_int_equal(atomic_exchange(&preset_set, -1), LP_PRESET_BALANCED);
+	submit(worker, 2, 0);
+	lp_worker_give(worker, wait_result(worker));
+	assert_int_equal(atomic_load(&preset_set), -1);
+	lp_worker_destroy(worker);
+}
+
+static void test_lossless_keeps_them_all(void **state)
+{
+	struct lp_worker *worker = start(true);
+
+	(void)state;
+	pthread_mutex_lock(&pipeline.gate);
+	for (uint64_t i = 0; i < 4; i++)
+		submit(worker, i, 0);
+	pthread_mutex_unlock(&pipeline.gate);
+	for (uint64_t i = 0; i < 4; i++) {
+		struct lp_result *result = wait_result(worker);
+
+		assert_int_equal(result->estimates.raw.sequence, i);
+		lp_worker_give(worker, result);
+	}
+	assert_int_equal(lp_worker_dropped(worker), 0);
+	lp_worker_destroy(worker);
+}
+
+static void test_refused_frames_are_counted_and_the_last_always_tells(void **state)
+{
+	struct lp_worker *worker = start(true);
+	struct lp_result *result;
+
+	(void)state;
+	submit(worker, 9, 0);		     /* -EBADMSG */
+	submit(worker, 8, 0);		     /* -EAGAIN: accepted, no result */
+	submit(worker, 1, LP_FRAME_CORRUPT); /* never shown to the pipeline */
+	submit(worker, 19, LP_FRAME_LAST);   /* -EBADMSG, but the last */
+	result = wait_result(worker);
+	assert_int_equal(result->status, -EBADMSG);
+	assert_true(result->last_frame);
+	lp_worker_give(worker, result);
+	submit(worker, 8, LP_FRAME_LAST);
+	result = wait_result(worker);
+	assert_int_equal(result->status, -EAGAIN);
+	lp_worker_give(worker, result);
+	assert_int_equal(lp_worker_rejected(worker), 3);
+	assert_int_equal(atomic_load(&pipeline.begun), 4);
+	lp_worker_destroy(worker);
+	assert_int_equal(atomic_load(&frames_alive), 0);
+}
+
+/* A loop that does not take results loses the oldest, not the newest. */
+static void test_results_that_nobody_takes(void **state)
+{
+	struct lp_worker *worker = start(true);
+	struct lp_result *result;
+	uint32_t last = 0;
+	int taken = 0;
+
+	(void)state;
+	for (uint64_t i = 0; i < 8; i++)
+		submit(worker, i, 0);
+	wait_begun(8);
+	while (lp_worker_busy_ns(worker) > 0)
+		usleep(1000);
+	for (; last != 7; taken++) {
+		result = wait_result(worker);
+		assert_true(taken == 0 || result->estimates.raw.sequence > last);
+		last = result->estimates.raw.sequence;
+		lp_worker_give(worker, result);
+	}
+	assert_in_range(taken, 4, 5);
+	lp_worker_destroy(worker);
+}
+
+static void test_destroy_with_work_left(void **state)
+{
+	struct lp_worker *worker = start(true);
+
+	(void)state;
+	for (uint64_t i = 0; i < 4; i++)
+		submit(worker, i, 0);
+	lp_worker_destroy(worker);
+	assert_int_equal(atomic_load(&frames_alive), 0);
+	lp_worker_destroy(NULL);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_newest_frame_wins_and_drops_are_counted),
+		cmocka_unit_test(test_a_new_preset_comes_before_the_next_frame),
+		cmocka_unit_test(test_lossless_keeps_them_all),
+		cmocka_unit_test(test_refused_frames_are_counted_and_the_last_always_tells),
+		cmocka_unit_test(test_results_that_nobody_takes),
+		cmocka_unit_test(test_destroy_with_work_left),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}
