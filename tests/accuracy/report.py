@@ -1,0 +1,153 @@
+"""Writes the generated parts of docs/accuracy.md and its plot: `make accuracy`.
+
+Parts stand between `<!-- generated: NAME -->` and `<!-- end -->`; what is around them is written by
+hand. All figures go to build/accuracy/accuracy.json besides.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from lightprobe import evaluation, offline, scenes
+from lightprobe.evaluation import Case, Input
+from lightprobe.metrics import Summary
+from lightprobe.tools import evaluate, evaluate_plot
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tests/extremes"))
+from cases import CASES  # noqa: E402
+
+#: What the daemon grants the response and white balance of a camera; what the wire resolves.
+CAMERA_SIGMA, LEAST_SIGMA = 0.02, 0.001
+PRESETS = ("fast", "balanced", "accurate")
+SETTINGS = {f"preset={name}": offline.Settings(preset=name) for name in PRESETS}
+#: What a numerical trial on 21 maps found possible for a camera without a ring: median (worst)
+#: relighting MAE by number of exposures, four stops apart.
+POSSIBLE = {"1": "0.25 (0.37)", "2": "0.17 (0.32)", "3": "0.12 (0.28)", "4": "0.05 (0.22)"}
+
+
+def table(head: list[str], rows: list[list[str]]) -> str:
+    """Markdown."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join("| " + " | ".join(row) + " |" for row in lines)
+
+
+def percent(share: float | None) -> str:
+    """A share, or a dash."""
+    return "–" if share is None else f"{100 * share:.0f} %"
+
+
+def own_terms(cases: list[Case], preset: str, name: str) -> tuple[float, float]:
+    """Irradiances within 1 and 2 sigma, the share left out that no simulated camera has."""
+    left_out = 0.0 if name == "float" else CAMERA_SIGMA
+    matches = [
+        match
+        for case in cases
+        if (case.settings, case.input) == (preset, name) and case.score
+        for match in case.score.matches
+        if match.irradiance_sigma is not None
+    ]
+    error = np.abs([match.irradiance_error for match in matches])
+    stated = np.array([match.irradiance_sigma for match in matches], float)
+    sigma = np.sqrt(np.maximum(stated**2 - left_out**2, LEAST_SIGMA**2))
+    return float(np.mean(error <= sigma)), float(np.mean(error <= 2 * sigma))
+
+
+def lamps_table(cases: list[Case], groups: evaluate.Groups) -> str:
+    """Directions and strengths: procedural scenes."""
+    rows = [
+        [preset.partition("=")[2], name, f"{s.direction_rmse_deg:.4f}°",
+         f"{s.direction_worst_deg:.3f}°", f"{s.missed}", f"{s.false}",
+         percent(s.direction_within_1_sigma), percent(s.direction_within_2_sigma),
+         percent(s.irradiance_within_1_sigma), percent(s.irradiance_within_2_sigma),
+         *map(percent, own_terms(cases, preset, name))]
+        for (preset, name), s in groups.items()
+    ]  # fmt: skip
+    head = ["preset", "input", "direction RMSE", "worst", "missed", "false", "direction within 1σ",
+            "2σ", "irradiance within 1σ", "2σ", "without the camera's 2 %: 1σ", "2σ"]  # fmt: skip
+    return table(head, rows)
+
+
+def light_row(preset: str, name: str, s: Summary, possible: bool) -> list[str]:
+    """Relighting and SH of one group."""
+    row = [
+        preset.partition("=")[2], name,
+        f"{s.relighting_mae_median:.4f} ({s.relighting_mae_worst:.4f})",
+        f"{s.relighting_rmse_median:.4f}",
+        f"{100 * s.sh_error_median:.2f} % ({100 * s.sh_error_worst:.2f} %)",
+    ]  # fmt: skip
+    return [*row, POSSIBLE.get(name, "–")] if possible else row
+
+
+def light_table(groups: evaluate.Groups, possible: bool = False) -> str:
+    """Light on a sphere, and SH."""
+    head = ["preset", "input", "relighting MAE, median (worst)", "RMSE, median",
+            "SH error, median (worst)"]  # fmt: skip
+    rows = [light_row(preset, name, s, possible) for (preset, name), s in groups.items()]
+    return table([*head, "MAE possible for a camera alone"] if possible else head, rows)
+
+
+def extremes_table() -> str:
+    """Run every case of tests/extremes."""
+    rows = []
+    for case in CASES:
+        with tempfile.TemporaryDirectory(prefix="lightprobe-") as folder:
+            result = case.measure(Path(folder))
+        flags = ", ".join(f"`{name}`" for name in sorted(result.flags)) or "–"
+        rows.append([case.name, case.error, f"{result.error:.2g}", f"{case.bound:g}", flags])
+    return table(["input", "error", "found", "bound", "flags"], rows)
+
+
+def evaluated(names: list[str], inputs: list[str]) -> tuple[list[Case], evaluate.Groups]:
+    """Scenes x presets x inputs; SystemExit when a scene got no estimate."""
+    loaded = scenes.load(names)
+    cases = evaluation.evaluate(loaded, SETTINGS, [Input.parse(name) for name in inputs])
+    for case in cases:
+        if case.score is None:
+            raise SystemExit(f"accuracy: no estimate of {case.scene}: {case.error}")
+    return cases, evaluate.group(cases)
+
+
+def replace(text: str, name: str, part: str) -> str:
+    """Put `part` where `name` is marked; SystemExit when it is not."""
+    pattern = rf"(<!-- generated: {name} -->\n).*?(<!-- end -->)"
+    if not re.search(pattern, text, re.DOTALL):
+        raise SystemExit(f"accuracy: docs/accuracy.md: no mark for {name}")
+    return re.sub(pattern, lambda m: f"{m[1]}{part}\n{m[2]}", text, flags=re.DOTALL)
+
+
+def main() -> None:
+    """Measure and write."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--procedural", type=int, default=60, help="scenes with known lamps")
+    count = parser.parse_args().procedural
+    out, page = ROOT / "build/accuracy", ROOT / "docs/accuracy.md"
+    out.mkdir(parents=True, exist_ok=True)
+    lamp_cases, lamps = evaluated([f"procedural:{count}"], ["float", "unclipped", "3"])
+    panorama_cases, panoramas = evaluated(["blender"], ["float", "1", "2", "3", "4"])
+    parts = {
+        "lamps": f"{count} scenes:\n\n{lamps_table(lamp_cases, lamps)}",
+        "light": light_table(panoramas, possible=True),
+        "light-procedural": light_table(lamps),
+        "extremes": extremes_table(),
+    }
+    text = page.read_text()
+    for name, part in parts.items():
+        text = replace(text, name, part)
+    page.write_text(text)
+    figures = {
+        "procedural": evaluate.to_json(lamp_cases, lamps),
+        "panoramas": evaluate.to_json(panorama_cases, panoramas),
+    }
+    (out / "accuracy.json").write_text(json.dumps(figures, indent=2) + "\n")
+    evaluate_plot.draw(lamp_cases, ROOT / "docs/accuracy.png")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,25 @@
+# SPDX-License-Identifier: Apache-2.0
+# Speed and its trade for accuracy: tests/bench/bench.py drives the program below.
+
+BENCH_OBJECTS := $(patsubst %.cpp,$(OUT)/%.cpp.o,$(wildcard tests/bench/*.cpp))
+
+# A struct and a function of one name are C, and shadowing to C++.
+$(BENCH_OBJECTS): LP_CXXFLAGS += -Wno-shadow
+$(OUT)/bench/bench: $(BENCH_OBJECTS) $(DAEMON_LIBS)
+	@mkdir -p $(@D) && echo '  ld $@'
+	@$(CXX) $(LP_LDFLAGS) -o $@ $^ $(LP_LDLIBS)
+
+$(OUT)/bench/count_allocations.so: tests/bench/count_allocations.c
+	@mkdir -p $(@D) && echo '  ld $@'
+	@$(CC) $(LP_CPPFLAGS) $(LP_CFLAGS) -Wno-missing-prototypes -fPIC -shared -o $@ $<
+
+.PHONY: bench bench-programs
+bench-programs: $(OUT)/bench/bench $(OUT)/bench/count_allocations.so
+bench: build $(BUILD)/scenes/blender.stamp ## speed of presets, stages and baselines, and its trade for accuracy: docs/speed.md; QUICK=1 only checks that it runs; ROUNDS=n
+	@$(MAKE) -j$(JOBS) bench-programs
+	@$(VENV)/bin/python tests/bench/bench.py $(if $(QUICK),--quick) $(if $(ROUNDS),--rounds $(ROUNDS))
+
+.PHONY: instructions
+instructions: build ## record the instructions of the hot path (tests/bench/instructions.json), where a test finds them changed
+	@$(MAKE) -j$(JOBS) bench-programs
+	@$(VENV)/bin/python tests/bench/instructions.py --write

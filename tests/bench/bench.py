@@ -1,0 +1,140 @@
+"""Speed, and its trade for accuracy: what `make bench` runs.
+
+    bench.py [--quick] [--rounds N]
+
+Writes build/bench/speed.json; without --quick also docs/speed.md and docs/speed_accuracy.png.
+--quick runs everything a little, to see that it works, and says nothing about speed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import json
+import os
+import platform
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import accuracy
+import daemon_load
+import frames
+import report
+import timing
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+ROOT = Path(__file__).resolve().parents[2]
+OUT = ROOT / "build" / "bench"
+ROUNDS, QUICK_ROUNDS = 200, 2
+SECONDS, QUICK_SECONDS = 15.0, 2.0
+DAEMON_KIND = "equirect_1920x960_420"
+SUBSCRIBERS = (1, 10, 100)
+#: The published recipe is the same in C++ and in Python, but for rounding of the decoders.
+AGREEMENT_DEG = 1.0
+
+
+def machine() -> dict[str, Any]:
+    """Say what the figures were measured on."""
+    cpu = Path("/proc/cpuinfo").read_text().partition("model name")[2]
+    model = cpu.partition(":")[2].partition("\n")[0].strip() or platform.machine()
+    return {
+        "processor": model,
+        "architecture": platform.machine(),
+        "cores": os.cpu_count(),
+        "load_average": os.getloadavg()[0],
+        "date": datetime.date.today().isoformat(),
+        "revision": _revision(),
+    }
+
+
+def _revision() -> str:
+    done = subprocess.run(
+        ["git", "-C", ROOT, "describe", "--always", "--dirty"], capture_output=True, text=True
+    )
+    return done.stdout.strip() or "unknown"
+
+
+def check_published(kind: frames.Kind, files: list[Path]) -> None:
+    """Both versions of the published recipe must find the same regions."""
+    import numpy as np
+    from lightprobe import geometry
+    from published import published
+
+    with timing.Program(kind.camera, files) as program:
+        for index, path in enumerate(files):
+            theirs = program.ask("result", index, "published_cpp")
+            ours = published(np.fromfile(path, np.uint8))
+            if not theirs or not ours:
+                raise SystemExit(f"bench: published: nothing found in {path.name}")
+            apart = geometry.angle_deg(theirs[0]["direction"], ours[0].direction)
+            if apart > AGREEMENT_DEG:
+                raise SystemExit(
+                    f"bench: published: C++ and Python are {apart:.2f}° apart in {path.name}"
+                )
+
+
+def measure_daemon(files: list[Path], quick: bool) -> dict[str, Any]:
+    """Whole daemon at DAEMON_KIND."""
+    load = daemon_load.Load(frames.KINDS[DAEMON_KIND], files, QUICK_SECONDS if quick else SECONDS)
+    counts = SUBSCRIBERS[:2] if quick else SUBSCRIBERS
+    return {
+        "frame": DAEMON_KIND,
+        "rate_hz": daemon_load.RATE_HZ,
+        "subscribers": {str(n): daemon_load.crowd(load, n) for n in counts},
+        "allocations_per_frame": daemon_load.allocations_per_frame(load, OUT),
+    }
+
+
+def run(quick: bool, rounds: int) -> dict[str, Any]:
+    """Measure everything."""
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
+    speed: dict[str, Any] = {"machine": machine(), "quick": quick, "frames": {}}
+    with Progress(*columns, console=Console(stderr=True)) as bar:
+        folder = OUT / ("frames-quick" if quick else "frames")
+        task = bar.add_task("pictures", total=len(frames.KINDS))
+        pictures = {}
+        for name, kind in frames.KINDS.items():
+            pictures[name] = frames.make(kind, folder, quick)
+            bar.advance(task)
+        check_published(frames.KINDS[DAEMON_KIND], pictures[DAEMON_KIND])
+        for name, kind in frames.KINDS.items():
+            # 4K takes four times as long
+            number = (rounds + 1) // 2 if kind.width_px > 1920 else rounds
+            speed["frames"][name] = timing.time_kind(kind, pictures[name], number, bar)
+        task = bar.add_task("daemon", total=1)
+        speed["daemon"] = measure_daemon(pictures[DAEMON_KIND], quick)
+        bar.advance(task)
+        save(speed)  # what is there already, should the rest fail
+        speed["accuracy"] = accuracy.measure(quick, bar)
+    return speed
+
+
+def save(speed: dict[str, Any]) -> Path:
+    """Write speed.json; returns its path."""
+    path = OUT / ("speed-quick.json" if speed["quick"] else "speed.json")
+    path.write_text(json.dumps(speed, indent=2) + "\n")
+    return path
+
+
+def main() -> int:
+    """Run; exit status 1 when something does not work."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="only check that it runs")
+    parser.add_argument("--rounds", type=int, help=f"how often; default {ROUNDS}")
+    arguments = parser.parse_args()
+    quick = arguments.quick
+    OUT.mkdir(parents=True, exist_ok=True)
+    speed = run(quick, arguments.rounds or (QUICK_ROUNDS if quick else ROUNDS))
+    path = save(speed)
+    docs = OUT if quick else ROOT / "docs"
+    (docs / "speed.md").write_text(report.markdown(speed))
+    report.plot(speed, docs / "speed_accuracy.png")
+    print(f"bench: {path.relative_to(ROOT)}, {(docs / 'speed.md').relative_to(ROOT)}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

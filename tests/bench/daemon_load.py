@@ -1,0 +1,164 @@
+"""The whole daemon under a 30 Hz camera and many subscribers: latency, processor, memory, bytes."""
+
+from __future__ import annotations
+
+import mmap
+import os
+import selectors
+import sys
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from frames import Kind
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tests" / "e2e"))
+
+from harness import Camera, Client, Daemon, camera  # noqa: E402
+
+RATE_HZ = 30
+COUNTER = ROOT / "build" / "release" / "bench" / "count_allocations.so"
+
+
+@dataclass(frozen=True)
+class Load:
+    """What is sent to the daemon, and for how long."""
+
+    kind: Kind
+    files: Sequence[Path]
+    seconds: float  # longer than the daemon's own window of figures (10 s), to be meaningful
+
+
+class Readers:
+    """Subscribers that read as fast as they can, in one thread."""
+
+    def __init__(self, daemon: Daemon, count: int) -> None:
+        self._selector = selectors.DefaultSelector()
+        self._ended = threading.Event()
+        self._bytes = [0]
+        for _ in range(count):
+            client = Client(daemon.socket)
+            client.subscribe()
+            client.socket.setblocking(False)
+            self._selector.register(client.socket, selectors.EVENT_READ, client)
+        self._thread = threading.Thread(target=self._read)
+
+    def __enter__(self) -> Readers:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        self._thread.join()
+        for key in list(self._selector.get_map().values()):
+            key.data.socket.close()
+
+    @property
+    def bytes_read(self) -> int:
+        """Of all subscribers together."""
+        return self._bytes[0]
+
+    def _read(self) -> None:
+        while not self._ended.is_set():
+            for key, _ in self._selector.select(0.1):
+                self._bytes[0] += len(key.data.socket.recv(1 << 16))
+
+
+@contextmanager
+def _streaming(cam: Camera, load: Load) -> Iterator[None]:
+    """Send the pictures round and round at RATE_HZ."""
+    pictures = [path.read_bytes() for path in load.files]
+    ended = threading.Event()
+
+    def stream() -> None:
+        number, due = 0, time.monotonic()
+        while not ended.is_set():
+            cam.send(
+                pictures[number % len(pictures)],
+                width=load.kind.width_px,
+                height=load.kind.height_px,
+                exposure_us=10000.0,
+            )
+            number, due = number + 1, due + 1 / RATE_HZ
+            ended.wait(max(0.0, due - time.monotonic()))
+
+    thread = threading.Thread(target=stream)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+
+
+@contextmanager
+def _running(load: Load, **popen: Any) -> Iterator[Daemon]:
+    """The daemon with a camera that streams to it; exposure is left alone: one estimate a frame."""
+    with camera() as cam:
+        options = [f"--source=sim:{cam.path}", f"--camera={load.kind.camera}", "--brackets=0"]
+        with Daemon(*options, variant="release", **popen) as daemon:
+            cam.accept()
+            with _streaming(cam, load):
+                yield daemon
+
+
+def _cpu_s(pid: int) -> float:
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def _peak_rss_kib(pid: int) -> int:
+    status = Path(f"/proc/{pid}/status").read_text()
+    return int(status.partition("VmHWM:")[2].split()[0])
+
+
+def crowd(load: Load, subscribers: int) -> dict[str, float]:
+    """Figures of the daemon's own health report, and of the operating system, over some seconds."""
+    with _running(load) as daemon, Readers(daemon, subscribers) as readers, ExitStack() as stack:
+        watcher = stack.enter_context(daemon.client(rate_hz=0.001, health_period_ms=1000))
+        watcher.until(lambda h: h.estimates >= RATE_HZ, "health")
+        assert daemon.process is not None
+        pid = daemon.process.pid
+        first = watcher.next("health")
+        begin_s, cpu_s, data = time.monotonic(), _cpu_s(pid), readers.bytes_read
+        end_s = begin_s + load.seconds
+        last = watcher.until(lambda h: time.monotonic() >= end_s, "health")
+        elapsed_s = time.monotonic() - begin_s
+        packets = subscribers * (last.estimates - first.estimates)
+        return {
+            "latency_p50_ms": last.latency_p50_us / 1e3,
+            "latency_p99_ms": last.latency_p99_us / 1e3,
+            "cpu_percent": 100 * (_cpu_s(pid) - cpu_s) / elapsed_s,
+            "peak_rss_mib": _peak_rss_kib(pid) / 1024,
+            "bytes_per_packet": (readers.bytes_read - data) / max(packets, 1),
+            "estimates_per_s": (last.estimates - first.estimates) / elapsed_s,
+        }
+
+
+def allocations_per_frame(load: Load, folder: Path) -> float:
+    """Calls that allocate, in the whole daemon, per estimate with ten subscribers.
+
+    Counted from a client's view between two of its estimates: health reports, which read files of
+    the operating system, are left out.
+    """
+    path = folder / "allocations"
+    path.write_bytes(bytes(8))
+    environment = {"LD_PRELOAD": str(COUNTER), "LP_ALLOCATIONS": str(path)}
+    with (
+        open(path, "r+b") as file,
+        mmap.mmap(file.fileno(), 8) as counter,
+        _running(load, env=environment) as daemon,
+        Readers(daemon, 9),
+        daemon.client(rate_hz=0) as client,
+    ):
+        warm = client.until(lambda e: e.sequence >= 3 * len(load.files) + RATE_HZ)
+        before = int.from_bytes(counter[:8], "little")
+        assert before > 0, "the counter counts nothing: is LD_PRELOAD allowed?"
+        done = client.until(lambda e: e.sequence >= warm.sequence + 3 * RATE_HZ)
+        count = int.from_bytes(counter[:8], "little") - before
+        return count / (done.sequence - warm.sequence)

@@ -1,0 +1,128 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The daemon's own pipeline, from the bytes of a frame to an estimate: presets, other decodes,
+ * other numbers of lights. */
+#include <cmath>
+#include <cstring>
+
+#include "contestant.hpp"
+
+extern "C" {
+#include "app/pipeline.h"
+#include "include/frame.h"
+}
+
+namespace
+{
+
+constexpr float kExposureUs = 10000.0F; /* all pictures are of one exposure setting */
+constexpr float kBracketStep = 16.0F;
+
+void keep(struct lp_frame *)
+{
+}
+
+struct lp_frame frame_of(const bench::picture &p)
+{
+	struct lp_frame frame = {};
+
+	frame.format = LP_FORMAT_MJPEG;
+	frame.width_px = static_cast<uint32_t>(p.width_px);
+	frame.height_px = static_cast<uint32_t>(p.height_px);
+	frame.data = p.jpeg.data();
+	frame.size_bytes = p.jpeg.size();
+	frame.exposure_us = kExposureUs;
+	frame.gain = 1.0F;
+	frame.wheel_deg = frame.wheel_sigma_deg = NAN;
+	frame.release = keep;
+	return frame;
+}
+
+struct pipeline final : bench::contestant {
+	struct lp_pipeline *self = nullptr;
+	struct lp_demand demand;
+	struct lp_estimates estimates = {};
+
+	int exposures, number = 0; /* of a bracket that goes round */
+
+	pipeline(const char *its_name, const char *camera, enum lp_preset preset, int divisor,
+		 int lights, int its_exposures)
+	    : contestant(its_name), demand{LP_MAX_SH_ORDER, lights}, exposures(its_exposures)
+	{
+		struct lp_pipeline_options options = {}; /* the daemon's defaults */
+
+		options.camera = camera;
+		options.preset = preset;
+		options.decode_divisor = divisor;
+		options.max_lights = LP_MAX_LIGHTS;
+		options.sh_order = LP_MAX_SH_ORDER;
+		options.smoothing_ms = 200.0F;
+		options.ttl_ms = 1000.0F;
+		if (lp_pipeline_create(&options, &self) < 0)
+			bench::die(its_name, "create");
+	}
+	~pipeline() override
+	{
+		lp_pipeline_destroy(self);
+	}
+	pipeline(const pipeline &) = delete;
+	pipeline &operator=(const pipeline &) = delete;
+
+	void run(const bench::picture &p) override
+	{
+		struct lp_frame frame = frame_of(p);
+		float command_us;
+
+		frame.gain = std::pow(kBracketStep, static_cast<float>(-(number++ % exposures)));
+		if (lp_pipeline_process(self, &frame, &demand, &estimates, &command_us) < 0)
+			bench::die(name.c_str(), "no estimate");
+	}
+
+	std::string result() const override
+	{
+		const struct lp_light_estimate &e = estimates.raw;
+		std::string text = "{\"lights\": " + std::to_string(e.light_count) + ", \"sh\": [";
+
+		for (int i = 0; i < LP_MAX_SH_COUNT; i++) {
+			char row[100];
+
+			std::snprintf(row, sizeof(row), "%s[%.9g, %.9g, %.9g]", i ? ", " : "",
+				      static_cast<double>(e.sh_total[i][0]),
+				      static_cast<double>(e.sh_total[i][1]),
+				      static_cast<double>(e.sh_total[i][2]));
+			text += row;
+		}
+		return text + "]}";
+	}
+};
+
+} /* namespace */
+
+void bench::add_pipelines(contestants &list, const char *camera)
+{
+	const struct {
+		const char *name;
+		enum lp_preset preset;
+		int divisor, lights, exposures;
+	} all[] = {
+		{"fast", LP_PRESET_FAST, 0, LP_MAX_LIGHTS, 1},
+		{"balanced", LP_PRESET_BALANCED, 0, LP_MAX_LIGHTS, 1},
+		{"accurate", LP_PRESET_ACCURATE, 0, LP_MAX_LIGHTS, 1},
+		{"reference", LP_PRESET_REFERENCE, 0, LP_MAX_LIGHTS, 1},
+		{"balanced_decode_1_1", LP_PRESET_BALANCED, 1, LP_MAX_LIGHTS, 1},
+		{"balanced_decode_1_2", LP_PRESET_BALANCED, 2, LP_MAX_LIGHTS, 1},
+		{"balanced_decode_1_4", LP_PRESET_BALANCED, 4, LP_MAX_LIGHTS, 1},
+		{"balanced_decode_1_8", LP_PRESET_BALANCED, 8, LP_MAX_LIGHTS, 1},
+		{"lights_0", LP_PRESET_BALANCED, 0, 0, 1},
+		{"lights_1", LP_PRESET_BALANCED, 0, 1, 1},
+		{"lights_2", LP_PRESET_BALANCED, 0, 2, 1},
+		{"lights_4", LP_PRESET_BALANCED, 0, 4, 1},
+		{"lights_8", LP_PRESET_BALANCED, 0, 8, 1},
+		{"exposures_2", LP_PRESET_BALANCED, 0, LP_MAX_LIGHTS, 2},
+		{"exposures_3", LP_PRESET_BALANCED, 0, LP_MAX_LIGHTS, 3},
+		{"exposures_4", LP_PRESET_BALANCED, 0, LP_MAX_LIGHTS, 4},
+	};
+
+	for (const auto &a : all)
+		list.push_back(std::make_unique<pipeline>(a.name, camera, a.preset, a.divisor,
+							  a.lights, a.exposures));
+}

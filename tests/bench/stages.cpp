@@ -1,0 +1,163 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Where the time of a preset goes: its stages by the same calls that app/pipeline.c makes. */
+#include <cmath>
+
+#include "contestant.hpp"
+#include "vision/camera.h"
+#include "vision/cells.h"
+#include "vision/imager.h"
+#include "vision/imager_internal.h"
+#include "vision/jpeg_blocks.h"
+#include "vision/merge.h"
+#include "vision/remap.h"
+#include "vision/sh_project.h"
+
+extern "C" {
+#include "include/frame.h"
+#include "include/panorama.h"
+#include "light/detection.h"
+#include "light/grid.h"
+#include "light/model.h"
+#include "light/tracker.h"
+}
+
+namespace
+{
+
+constexpr int kExactBlocks = 16, kRefineCells = 49; /* `balanced`, app/pipeline.c */
+constexpr float kScale = 100.0F;		    /* 10 ms */
+
+/* Stages of `balanced`, one after the other. */
+struct stages final : bench::contestant {
+	struct lp_camera *camera = nullptr;
+	struct lp_imager *imager = nullptr;
+	struct lp_detection *detection = nullptr;
+	struct lp_sh_projector *projector = nullptr;
+	struct lp_jpeg_reader *reader = nullptr;
+	struct lp_response response = {};
+	struct lp_cells cells = {};
+	struct lp_tracker tracker = {};
+	std::vector<bench::timing> times;
+	int64_t last_ns = 0;
+
+	explicit stages(const char *camera_name);
+	~stages() override;
+	stages(const stages &) = delete;
+	stages &operator=(const stages &) = delete;
+
+	void lap(const char *stage)
+	{
+		times.push_back({std::string("stage_") + stage, bench::now_ns() - last_ns});
+		last_ns = bench::now_ns();
+	}
+	void run(const bench::picture &p) override;
+	std::vector<bench::timing> measure(const bench::picture &p) override
+	{
+		run(p);
+		return times;
+	}
+};
+
+stages::stages(const char *camera_name) : contestant("stages")
+{
+	const struct lp_imager_options options = {.panorama_width = LP_PANORAMA_WIDTH,
+						  .decode = LP_DECODE_BLOCKS,
+						  .divisor = 1,
+						  .exact_blocks = kExactBlocks};
+	const struct lp_detector_options detector = {};
+
+	if (lp_camera_load(camera_name, &camera) < 0 ||
+	    lp_imager_create(camera, &options, &imager) < 0 ||
+	    lp_detection_create(lp_imager_grid(imager), &detector, &detection) < 0 ||
+	    lp_sh_projector_create(LP_PANORAMA_WIDTH, LP_PANORAMA_HEIGHT, LP_SH_MAX_ORDER,
+				   &projector) < 0 ||
+	    lp_jpeg_reader_create(&reader) < 0)
+		bench::die("stages", "create");
+	lp_response_init(&response, camera);
+	tracker.time_constant_ms = 200.0F;
+}
+
+stages::~stages()
+{
+	lp_cells_release(&cells);
+	lp_jpeg_reader_destroy(reader);
+	lp_sh_projector_destroy(projector);
+	lp_detection_destroy(detection);
+	lp_imager_destroy(imager);
+	lp_camera_destroy(camera);
+}
+
+void keep(struct lp_frame *)
+{
+}
+
+float mean_luminance(const struct lp_panorama *panorama, const struct lp_grid *grid)
+{
+	double sum = 0.0;
+
+	for (int r = 0; r < panorama->height; r++) {
+		float row = 0.0F;
+
+		for (int c = 0; c < panorama->width; c++)
+			row += panorama->cells[r * panorama->width + c][3];
+		sum += static_cast<double>(row * grid->row_solid_angle_sr[r]);
+	}
+	return static_cast<float>(sum /
+				  (4.0 * M_PI * static_cast<double>(panorama->seen_fraction)));
+}
+
+void stages::run(const bench::picture &p)
+{
+	struct lp_frame frame = {};
+	double total[LP_SH_MAX_COUNT][3];
+	struct lp_light_estimate raw = {}, smoothed;
+
+	frame.format = LP_FORMAT_MJPEG;
+	frame.width_px = static_cast<uint32_t>(p.width_px);
+	frame.height_px = static_cast<uint32_t>(p.height_px);
+	frame.data = p.jpeg.data();
+	frame.size_bytes = p.jpeg.size();
+	frame.exposure_us = 1e6F / kScale;
+	frame.gain = 1.0F;
+	frame.release = keep;
+	/* untimed: the imager's own pass, so that the stages after it have their panorama */
+	if (lp_imager_add(imager, &frame) < 0)
+		bench::die("stages", "imager");
+	times.clear();
+	last_ns = bench::now_ns();
+	if (lp_jpeg_read(reader, p.jpeg.data(), p.jpeg.size()) < 0)
+		bench::die("stages", "reader");
+	lap("reader");
+	lp_cells_from_jpeg(&cells, reader, imager->row_weight, &response, kScale, 0);
+	lap("cells");
+	lp_cells_from_jpeg(&cells, reader, imager->row_weight, &response, kScale, kExactBlocks);
+	const int64_t with_exact_ns = bench::now_ns() - last_ns;
+	times.push_back({"stage_exact_blocks", with_exact_ns - times.back().ns});
+	last_ns = bench::now_ns();
+	lp_remap_apply(imager->remap, imager->shown, lp_imager_panorama(imager));
+	lap("panorama");
+	struct lp_panorama *panorama = lp_imager_panorama(imager);
+	const float mean = mean_luminance(panorama, lp_imager_grid(imager));
+	lap("mean");
+	lp_detect(detection, panorama, mean);
+	lap("detection");
+	lp_sh_project(projector, panorama, LP_SH_MAX_ORDER, total);
+	lap("projection");
+	struct lp_lamp_finder *finder = detection->finder;
+	for (int k = 0; k < finder->count && k < LP_MAX_LIGHTS; k++) {
+		struct lp_lamp lamp = finder->lamps[k];
+
+		lp_imager_refine(imager, finder, &lamp, kRefineCells);
+	}
+	lap("refinement");
+	lp_model_predict(total, &raw);
+	lp_tracker_update(&tracker, &raw, &smoothed);
+	lap("model_and_tracker");
+}
+
+} /* namespace */
+
+void bench::add_stages(contestants &list, const char *camera)
+{
+	list.push_back(std::make_unique<stages>(camera));
+}

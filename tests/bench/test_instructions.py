@@ -1,0 +1,25 @@
+"""The hot path takes no more instructions than on record (tests/bench/instructions.json)."""
+
+import platform
+
+import instructions
+import pytest
+
+
+def test_counts_are_those_on_record():
+    """After a change for the better or with good reason: `make instructions`, and commit it."""
+    old = instructions.recorded()
+    if old is None:
+        pytest.skip(f"no counts on record for {platform.machine()}")
+    new = instructions.measure()
+    for functions in new.values():
+        assert functions[instructions.WHOLE] >= functions["lp_jpeg_read"] > 1e6
+    changed = instructions.differences(old, new)
+    assert not changed, [f"{what}: {a} -> {b} ({b / a - 1:+.1%})" for what, a, b in changed]
+
+
+def test_differences_are_seen():
+    old = {"a": {"f": 1000, "g": 1000}}
+    assert instructions.differences(old, {"a": {"f": 1049, "g": 951}}) == []
+    assert instructions.differences(old, {"a": {"f": 1051, "g": 1000}}) == [("a f", 1000, 1051)]
+    assert instructions.differences(old, {"a": {"f": 1000}}) == [("a g", 1000, 0)]

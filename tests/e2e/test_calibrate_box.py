@@ -1,0 +1,157 @@
+"""`lightprobe calibrate wheel` and `ring`, against a box whose numbers are known."""
+
+import json
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from lightprobe import daemon, ring
+from lightprobe.sim.box import Box
+from test_simulated_box import simulator
+
+LIGHTPROBE = Path(sys.executable).parent / "lightprobe"
+
+
+def calibrate(folder: Path, *words: str, status: int = 0, stdin: str = "") -> str:
+    """Output of a command; its errors when it ends with another status than 0."""
+    environment = {**os.environ, "LIGHTPROBE_MCU": f"serial:{folder / 'mcu'}"}
+    done = subprocess.run(
+        [LIGHTPROBE, "calibrate", *words], capture_output=True, text=True, env=environment,
+        input=stdin, timeout=280,
+    )  # fmt: skip
+    assert done.returncode == status, done.stdout + done.stderr
+    assert "Traceback" not in done.stderr
+    return done.stderr if status else done.stdout
+
+
+def test_wheel(tmp_path: Path) -> None:
+    """Gain, zero and backlash of a crooked box; kept, and good for moving with."""
+    with Box("host", tmp_path / "mcu", eeprom=tmp_path / "eeprom") as box:
+        box.set(servo_zero_us=815, servo_gain_us_deg=7.55, backlash_deg=1.5)
+        told = json.loads(
+            calibrate(tmp_path, "wheel", "--save", "--json", "--output", str(tmp_path / "w.ini"))
+        )
+        found, dead_band_deg = told["found"], 0.2
+        assert found["gain_us_deg"] == pytest.approx(7.55, rel=0.005)
+        assert found["zero_us"] == pytest.approx(815, abs=7.55 * 0.5)
+        assert 1.5 - 0.2 <= found["backlash_deg"] <= 1.5 + 2 * dead_band_deg + 0.2
+        assert told["after"]["servo_gain_ns_deg"] == pytest.approx(7550, rel=0.005)
+        assert "[wheel]\nversion = 1\n" in (tmp_path / "w.ini").read_text()
+        box.set(reset=1)
+        environment = {**os.environ, "LIGHTPROBE_MCU": f"serial:{tmp_path / 'mcu'}"}
+        mcu = [LIGHTPROBE, "mcu"]
+        kept = subprocess.run(
+            [*mcu, "params", "get", "servo_gain_ns_deg", "--json"], env=environment,
+            capture_output=True, text=True, check=True,
+        )  # fmt: skip
+        assert json.loads(kept.stdout)[0]["value"] == told["after"]["servo_gain_ns_deg"]
+
+
+def test_a_wheel_that_does_not_turn_is_named(tmp_path: Path) -> None:
+    with Box("host", tmp_path / "mcu") as box:
+        box.set(stuck=1)
+        words = calibrate(tmp_path, "wheel", status=1)
+    assert "INDEX_ALWAYS: a sensor always sees a tooth" in words  # it stands on one, at 37°
+    assert "a wheel that stands still" in words
+    assert "mcu clear" in words
+
+
+def test_ring_at_known_levels(tmp_path: Path) -> None:
+    """Somebody sets the light and presses Enter; the file gives back every sensor's own curve."""
+    rng = np.random.default_rng(3)
+    r10, gamma = 14000 * np.exp(0.2 * rng.standard_normal(9)), rng.uniform(0.62, 0.78, 9)
+    file = tmp_path / "ring.ini"
+    with Box("host", tmp_path / "mcu") as box:
+        for k in range(9):
+            box.set(**{f"ldr{k}_r10_ohm": r10[k], f"ldr{k}_gamma": gamma[k]})
+        environment = {**os.environ, "LIGHTPROBE_MCU": f"serial:{tmp_path / 'mcu'}"}
+        process = subprocess.Popen(
+            [LIGHTPROBE, "calibrate", "ring", "--levels", "10,100,1000", "--output", file,
+             "--json"],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+            env=environment, bufsize=0,
+        )  # fmt: skip
+        said = ""
+        for number, level in enumerate((10, 100, 1000), 1):
+            while f"{number}/3: {level} lux" not in said:
+                letter = process.stderr.read(1)
+                assert letter, said
+                said += letter
+            box.set(**{f"ldr{k}_lux": level for k in range(9)})
+            process.stdin.write("\n")
+        out, said = process.communicate(timeout=60)
+    assert process.returncode == 0, said
+    assert json.loads(out)["pairs"] == 3
+    found = ring.load(file)
+    assert found.r10_ohm == pytest.approx(r10, rel=0.02)
+    assert found.gamma == pytest.approx(gamma, abs=0.02)
+    assert np.all(found.sigma < 0.06)
+
+
+def every(seconds: float, act: Callable[[], None], stop: threading.Event) -> threading.Thread:
+    def run() -> None:
+        while not stop.wait(seconds):
+            act()
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    return thread
+
+
+def test_ring_against_the_camera(tmp_path: Path) -> None:
+    """The probe's own estimates are the light meter; lamps are switched meanwhile."""
+    options = ("--size", "960x480", "--rate", "20", "--scenes", "procedural:5", "--act-s", "4",
+               "--ring-spread", "1", "--median-radiance", "0")  # fmt: skip
+    uri = f"unix:{tmp_path / 'probe'}"
+    polarizer = 0.42
+    with simulator(tmp_path, *options) as running:
+        arguments = [f"--source=sim:{tmp_path / 'camera'}", f"--publish={uri}"]
+        with daemon.Daemon(arguments, tmp_path / "daemon.log") as probe:
+            while not (tmp_path / "probe").exists():
+                probe.check()
+                time.sleep(0.05)
+            calibrate(
+                tmp_path, "ring", "--against", uri, "--seconds", "40", "--cd-m2-per-unit",
+                str(2.0 / polarizer), "--output", str(tmp_path / "ring.ini"),
+            )  # fmt: skip
+        r10 = [float(running.tell(f"get ldr{k}_r10_ohm")) for k in range(9)]
+        gamma = [float(running.tell(f"get ldr{k}_gamma")) for k in range(9)]
+    found = ring.load(tmp_path / "ring.ini")
+    true = ring.Ring(np.array(r10), np.array(gamma))
+    for lux in (100.0, 300.0):
+        levels = true.level(np.full(9, lux))
+        nominal = np.abs(np.log(ring.Ring().lux(levels) / lux))
+        calibrated = np.abs(np.log(found.lux(levels) / lux))
+        assert np.median(calibrated) < 0.12
+        assert np.median(calibrated) < 0.6 * np.median(nominal)
+
+
+def test_bad_requests_say_what_to_do(tmp_path: Path) -> None:
+    assert "want --levels LUX,LUX,… or --against" in calibrate(tmp_path, "ring", status=2)
+    both = ("ring", "--levels", "1", "--against", "unix:x")
+    assert "want --levels" in calibrate(tmp_path, *both, status=2)
+    with Box("host", tmp_path / "mcu") as box:
+        assert "like 10,100,1000" in calibrate(tmp_path, "ring", "--levels", "dark", status=2)
+        words = calibrate(tmp_path, "ring", "--levels", "10,20", status=1)
+        assert "input ended" in words
+        box.set(ldr2_forced=0, **{f"ldr{k}_lux": 50 for k in range(9)})
+        folder = tmp_path / "file"
+        folder.write_text("")
+        words = calibrate(
+            tmp_path, "ring", "--levels", "50", "--output", str(folder / "ring.ini"),
+            stdin="\n", status=1,
+        )  # fmt: skip
+        assert "sensor 2: no usable reading" in words
+        box.set(ldr2_forced=-1)
+        words = calibrate(
+            tmp_path, "ring", "--levels", "50", "--output", str(folder / "ring.ini"),
+            stdin="\n", status=1,
+        )  # fmt: skip
+        assert "write" in words
+        assert "--output" in words

@@ -1,0 +1,381 @@
+"""The real daemon, the firmware in its box, and what is true of the box: angles, faults, light."""
+
+from __future__ import annotations
+
+import math
+import os
+import random
+import time
+import tty
+from collections import Counter, deque
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import pytest
+from box import Box, monotonic_ns
+from harness import Camera, Client, Daemon, camera, jpeg, run, streaming, wait_for
+from lightprobe import mcu, mcu_link
+from lightprobe_proto import lightprobe_pb2 as pb
+
+RING_FAULT, WHEEL_FAULT = 2048, 4096
+EXPOSURE_US = 10_000.0
+Phase = pb.Wheel.Phase
+
+
+@dataclass
+class Probe:
+    """Everything that runs, and a client that gets estimates and health."""
+
+    box: Box
+    cam: Camera
+    daemon: Daemon
+    client: Client
+    stamped: int = 0
+    worst_sigmas: float = 0.0
+    behind_us: deque[float] = field(default_factory=lambda: deque(maxlen=4))
+
+    def check(self, estimate: pb.Estimate) -> None:
+        """No angle is further from the truth than three of its sigmas, all exposure long.
+
+        A box that is behind the clock does everything so much later than `angles` says: the
+        exposure was then somewhere in the time that it was behind.
+        """
+        self.behind_us.append(float(self.box.command("get behind_us")))
+        self.box.set(behind_us=0)
+        if not estimate.HasField("wheel_deg"):
+            return
+        exposure_ns = int(EXPOSURE_US * 1000)
+        span_ns = exposure_ns + int(max(self.behind_us) * 1000)
+        end_ns = monotonic_ns(estimate.capture_time_unix_ns) + exposure_ns // 2
+        try:
+            angles = self.box.angles(end_ns - span_ns, end_ns, 64)
+        except RuntimeError:  # not yet, or forgotten: this machine was busy
+            return
+        window = max(2, math.ceil(64 * exposure_ns / span_ns))
+        offs = [abs(angle - estimate.wheel_deg) for angle in angles]
+        off = min(max(offs[at : at + window]) for at in range(64 - window + 1))
+        sigmas = off / estimate.wheel_sigma_deg
+        self.stamped += 1
+        self.worst_sigmas = max(self.worst_sigmas, sigmas)
+        assert sigmas <= 3, f"said {estimate.wheel_deg}, was {angles}"
+
+    def until(self, condition, kind: str = "estimate", limit_s: float = 60):
+        """The first message of a kind that fulfils a condition; all estimates are checked."""
+        end = time.monotonic() + limit_s
+        while time.monotonic() < end:
+            message = self.client.next()
+            if isinstance(message, pb.Estimate):
+                self.check(message)
+            if type(message).__name__.lower() == kind and condition(message):
+                return message
+        raise AssertionError(f"no such {kind} in {limit_s} s; the last message: {message}")
+
+    def phase(self, phase: int) -> pb.Health:
+        """Wait for a phase of the wheel."""
+        return self.until(lambda h: h.wheel.phase == phase, "health")
+
+    def fault(self, name: str, there: bool = True) -> pb.Health:
+        """Wait for a fault, or its end."""
+        return self.until(lambda h: (name in {f.id for f in h.faults}) == there, "health")
+
+    def stamp(self, near_deg: float) -> pb.Estimate:
+        """Wait for an estimate with this angle."""
+        return self.until(lambda e: e.HasField("wheel_deg") and abs(e.wheel_deg - near_deg) < 3)
+
+
+@contextmanager
+def probe(target: str = "host", *options: str, ring: bool = True) -> Iterator[Probe]:
+    with Box(target) as box, camera() as cam:
+        uri = f"mcu:serial:{box.tty}"
+        arguments = [f"--source=sim:{cam.path}", f"--rotator={uri}", "--brackets=0"]
+        arguments += [f"--ring={uri}"] if ring else []
+        with Daemon(*arguments, *options) as daemon:
+            cam.accept()
+            with (
+                daemon.client(health_period_ms=100, sh_order=0, max_lights=0) as client,
+                streaming(cam, jpeg(), exposure_us=EXPOSURE_US),
+            ):
+                yield Probe(box, cam, daemon, client)
+
+
+@pytest.mark.parametrize("target", ["host", "avr"])
+def test_frames_carry_the_wheels_true_angle(target):
+    with probe(target, "--wheel-angles=0,45,90", "--wheel-dwell-ms=300") as p:
+        hello = p.client.next("hello")
+        assert hello.has_wheel
+        assert hello.has_ring
+        for angle in (0, 45, 90, 0, 45):
+            p.stamp(angle)
+        health = p.until(lambda h: h.wheel.moves >= 5, "health")
+        assert health.wheel.frames_stamped > 5
+        assert health.wheel.frames_moving > 5
+        assert health.wheel.clock_sigma_us < 100_000
+        assert not health.faults
+        assert p.stamped > 3
+        print(f"{p.stamped} angles checked, the worst {p.worst_sigmas:.2f} sigma off")
+
+
+def test_the_ring_follows_the_light():
+    with probe() as p:
+        p.box.set(**{f"ldr{k}_mv": 1000 + 300 * k for k in range(9)})
+
+        def as_set(health: pb.Health) -> bool:
+            lux = health.ring.illuminance_lux
+            ohm = [3300 * (5000 / (1000 + 300 * k) - 1) for k in range(9)]
+            wanted = [10 * (14000 / r) ** (1 / 0.7) for r in ohm]
+            return all(abs(a / b - 1) < 0.02 for a, b in zip(lux, wanted, strict=True))
+
+        p.until(as_set, "health")
+        health = p.until(lambda h: h.ring.samples > 200, "health")
+        assert len(health.ring.illuminance_lux) == 9
+
+
+def test_an_open_sensor_is_named_and_flagged():
+    with probe() as p:
+        p.stamp(0)
+        p.box.set(ldr3_mv=0)
+        health = p.fault("LDR_OPEN")
+        assert "LDR_OPEN" in health.faults[0].text
+        estimate = p.until(lambda e: e.flags & RING_FAULT)
+        assert not estimate.flags & WHEEL_FAULT
+        health = p.until(lambda h: str(h.ring.illuminance_lux[3]) == "nan", "health")
+        assert health.ring.illuminance_lux[2] > 0
+        p.box.set(ldr3_mv=1500)
+        p.fault("LDR_OPEN", there=False)
+        p.until(lambda e: not e.flags & RING_FAULT)
+
+
+FAULTS = {
+    "stuck": ({"stuck": 1}, {"stuck": 0}, {"WHEEL_STUCK"}),
+    "slow": ({"slow": 0.2}, {"slow": 1}, {"WHEEL_SLOW"}),
+    "slipping": ({"slip_deg": 30}, {"slip_deg": 0}, {"WHEEL_SLIP"}),
+    "acknowledged faster than physics": (
+        {"stuck": 1, "lie_deg": 60},
+        {"stuck": 0, "lie_deg": 0},
+        {"WHEEL_TOO_FAST"},
+    ),
+    "index noise": ({"index_glitches": 4000}, {"index_glitches": 0}, {"INDEX_NOISE"}),
+    "supply low": ({"supply_mv": 4000}, {"supply_mv": 5000}, {"SUPPLY_LOW"}),
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_wheel_that_lies_is_caught_and_comes_back(name):
+    make, mend, names = FAULTS[name]
+    with probe("host", "--wheel-angles=0,120", "--wheel-dwell-ms=200") as p:
+        p.stamp(0)
+        p.box.set(**make)
+        health = p.until(lambda h: {f.id for f in h.faults} & names, "health")
+        assert health.wheel.phase in (Phase.FAULT, Phase.UNKNOWN, Phase.HOMING)
+        assert not health.wheel.HasField("measured_deg")
+        p.until(lambda e: e.flags & WHEEL_FAULT and not e.HasField("wheel_deg"))
+        p.box.set(**mend)
+        p.stamp(120)  # without restart
+        for fault in names:
+            p.fault(fault, there=False)
+        p.until(lambda e: not e.flags & WHEEL_FAULT)
+
+
+@pytest.mark.parametrize(("sensor", "level"), [("a", 0), ("b", 1), ("ab", 0), ("ab", 1)])
+def test_index_never_or_always_seen(sensor, level):
+    with probe("host", "--wheel-angles=0,120", "--wheel-dwell-ms=200") as p:
+        p.stamp(0)
+        p.box.set(**{f"index_{s}_forced": level for s in sensor})
+        wanted = {"INDEX_PATTERN"} if len(sensor) == 1 else {("INDEX_NEVER", "INDEX_ALWAYS")[level]}
+        # A move may blame the wheel; the homing after it tells.
+        p.until(lambda h: {f.id for f in h.faults} == wanted, "health")
+        p.box.set(index_a_forced=-1, index_b_forced=-1)
+        p.stamp(120)
+
+
+def test_reset_in_the_middle_of_a_move():
+    with probe("host", "--wheel-angles=0,180", "--wheel-dwell-ms=100") as p:
+        p.stamp(0)
+        p.until(lambda h: h.wheel.phase == Phase.MOVING, "health")
+        p.box.command("reset")
+        # Seen as one, and nothing is believed of the wheel before it has been homed again.
+        p.until(lambda h: h.wheel.reconnects >= 1 and h.wheel.phase == Phase.HOMING, "health")
+        p.stamp(180)
+        assert "was reset" in p.daemon.log()
+
+
+def test_cable_pulled_and_plugged_in_again():
+    with probe() as p:
+        p.stamp(0)
+        p.box.set(line_unplugged=1)
+        health = p.fault("mcu-waiting")
+        assert health.wheel.phase == Phase.ABSENT
+        assert any("is it plugged in?" in f.text for f in health.faults)
+        p.fault("ring-silent")
+        p.until(lambda e: e.flags & WHEEL_FAULT and e.flags & RING_FAULT)
+        p.box.set(line_unplugged=0)
+        p.stamp(0)
+        p.until(lambda h: not h.faults and h.wheel.reconnects >= 1, "health")
+
+
+def test_silence_on_the_line():
+    with probe() as p:
+        p.stamp(0)
+        p.box.set(line_cut=1)
+        p.fault("mcu-silent")
+        p.until(lambda e: e.flags & WHEEL_FAULT and not e.HasField("wheel_deg"))
+        p.box.set(line_cut=0)
+        p.stamp(0)
+        p.fault("mcu-silent", there=False)
+
+
+def test_one_byte_in_a_hundred_is_changed():
+    with probe("host", "--wheel-angles=0,45", "--wheel-dwell-ms=200") as p:
+        p.box.set(line_noise=0.01)
+        before = p.until(lambda h: h.ring.samples > 0, "health")
+        for angle in (0, 45, 0, 45):
+            p.stamp(angle)
+        after = p.until(lambda h: h.ring.samples > before.ring.samples + 500, "health")
+        assert after.ring.samples_lost > 0
+        assert not {f.id for f in after.faults} - {"mcu-silent"}
+
+
+def test_absent_at_the_start_and_then_there():
+    with camera() as cam, Box() as box:
+        box.set(line_unplugged=1)
+        wait_for(lambda: not box.tty.exists(), "the line is still there")
+        with Daemon(f"--source=sim:{cam.path}", f"--rotator=mcu:serial:{box.tty}") as daemon:
+            cam.accept()
+            daemon.wait_log("is it plugged in?")
+            with daemon.client(health_period_ms=100) as client, streaming(cam, jpeg()):
+                estimate = client.until(lambda e: e.flags & WHEEL_FAULT)
+                assert not estimate.HasField("wheel_deg")
+                box.set(line_unplugged=0)
+                client.until(lambda e: e.HasField("wheel_deg"))
+                client.until(lambda e: not e.flags & WHEEL_FAULT)
+
+
+def test_an_angle_out_of_range_is_named():
+    with probe("host", "--wheel-angles=0") as p:
+        p.stamp(0)
+    with Box() as box, camera() as cam:
+        options = [f"--rotator=mcu:serial:{box.tty}", "--wheel-angles=181"]
+        with pytest.raises(AssertionError, match="181"):
+            Daemon(f"--source=sim:{cam.path}", *options).__enter__()
+
+
+@pytest.mark.parametrize(
+    ("major", "says"), [(0, "the firmware is older: make flash"), (2, "the firmware is newer")]
+)
+def test_firmware_of_another_protocol_is_named(major, says):
+    device, line = os.openpty()
+    tty.setraw(line)
+    hello = mcu.encode(
+        "Hello", protocol_major=major, protocol_minor=0, firmware_major=3, firmware_minor=1,
+        firmware_patch=4, reset_cause="POWER_ON", board="ATMEGA328P", boot_count=7,
+    )  # fmt: skip
+    with camera() as cam:
+        options = [f"--rotator=mcu:serial:{os.ttyname(line)}"]
+        with Daemon(f"--source=sim:{cam.path}", *options) as daemon:
+            cam.accept()
+            assert os.read(device, 100)  # the greeting
+            os.write(device, mcu_link.serial_frame(*hello))
+            with daemon.client(health_period_ms=100) as client, streaming(cam, jpeg()):
+                health = client.until(lambda h: h.faults, "health")
+                assert health.faults[0].id == "mcu-version"
+                assert says in health.faults[0].text
+                assert f"3.1.4 speaks protocol {major}.0" in health.faults[0].text
+                client.until(lambda e: e.flags & WHEEL_FAULT)
+    os.close(line)
+    os.close(device)
+
+
+@pytest.mark.parametrize(
+    ("fault", "name"),
+    [
+        ("stuck", "INDEX_NEVER"),
+        ("slow", "WHEEL_SLOW"),
+        ("slip", "WHEEL_SLIP"),
+        ("too-fast", "WHEEL_TOO_FAST"),
+    ],
+)
+def test_the_simulated_wheel_misbehaves_on_request(fault, name):
+    rotator = f"sim:?fault={fault}&after_s=1"
+    with camera() as cam, Daemon(f"--source=sim:{cam.path}", f"--rotator={rotator}") as daemon:
+        cam.accept()
+        with daemon.client(health_period_ms=100) as client, streaming(cam, jpeg()):
+            health = client.until(lambda h: h.faults, "health")
+            assert {f.id for f in health.faults} == {name}
+            assert not health.wheel.HasField("measured_deg")
+            client.until(lambda e: e.flags & WHEEL_FAULT)
+
+
+def test_simulated_wheel_and_ring():
+    rotator, ring = "sim:?slew_deg_s=300", "sim:?lux=1,2,3,4,5,6,7,8,9&dead=4&silent_after_s=3"
+    options = [f"--rotator={rotator}", f"--ring={ring}", "--wheel-angles=90"]
+    with camera() as cam, Daemon(f"--source=sim:{cam.path}", *options) as daemon:
+        cam.accept()
+        with daemon.client(health_period_ms=100) as client, streaming(cam, jpeg()):
+            health = client.until(lambda h: h.ring.samples > 50, "health")
+            assert list(health.ring.illuminance_lux)[3:] == [4, 5, 6, 7, 8, 9]
+            estimate = client.until(lambda e: e.HasField("wheel_deg"))
+            assert estimate.wheel_deg == 90
+            assert estimate.flags & RING_FAULT
+            client.until(lambda h: {f.id for f in h.faults} == {"ring-silent"}, "health")
+
+
+def test_what_the_command_line_says_of_wheel_and_ring(tmp_path):
+    def says(*options: str) -> str:
+        status, _, log = run("--source=sim:/nowhere", "--check-config", *options)
+        assert status == 2
+        return log
+
+    assert "name one: mcu:serial:" in says("--rotator=mcu:/dev/ttyUSB0")
+    assert "known: mcu:, pca9685:, sim:" in says("--rotator=servo:")
+    assert "known: baud, address, ring_scans" in says("--rotator=mcu:can:can0?rate=1")
+    assert "baud" in says("--rotator=mcu:serial:/dev/x?baud=250000")
+    assert "name the bus" in says("--rotator=pca9685:")
+    assert "no such file" in says(f"--ring=mcu:can:can0?calibration={tmp_path}/ring.ini")
+    (tmp_path / "ring.ini").write_text("[ring]\nversion = 1\ndivider_ohm = 3300\nr10_ohm = 1000\n")
+    assert "want nine" in says(f"--ring=mcu:can:can0?calibration={tmp_path}/ring.ini")
+    (tmp_path / "ring.ini").write_text("[ring]\nversion = 2\n")
+    assert "calibrate anew" in says(f"--ring=mcu:can:can0?calibration={tmp_path}/ring.ini")
+    (tmp_path / "ring.ini").write_text("[ring]\ngamma = 2\n")
+    assert "0.3..1.5" in says(f"--ring=mcu:can:can0?calibration={tmp_path}/ring.ini")
+    status, _, log = run("--source=file:x.jpg", "--once", "--ring=sim:")
+    assert status == 2
+    assert "leave out --rotator and --ring" in log
+
+
+@pytest.mark.parametrize("target", ["host", "avr"])
+def test_random_faults_never_stamp_a_frame_wrongly(target):
+    """Random moves and random faults; every estimate's angle is held against the true one.
+
+    LP_WHEEL_SECONDS=n makes it longer (make test-firmware-long).
+    """
+    rng = random.Random(1)
+    seconds = float(os.environ.get("LP_WHEEL_SECONDS", "25"))
+    angles = ",".join(str(rng.choice((0, 45, 90, 135, 180, 20.5, 101.2))) for _ in range(16))
+    with probe(target, f"--wheel-angles={angles}", "--wheel-dwell-ms=150") as p:
+        p.until(lambda e: e.HasField("wheel_deg"))
+        names: Counter[str] = Counter()
+        end = time.monotonic() + seconds
+        health = None
+        while time.monotonic() < end:
+            make, mend, wanted = FAULTS[rng.choice(sorted(FAULTS))]
+            pause = time.monotonic() + rng.uniform(0.2, 2)
+            p.until(lambda m, pause=pause: time.monotonic() > pause)
+            if "lie_deg" in make and float(p.box.command("get wheel_deg")) > 90:
+                make = {"stuck": 1, "lie_deg": -60}  # towards the middle: the comb has an end
+            p.box.set(**make)
+            health = p.until(lambda h: h.wheel.phase == Phase.FAULT, "health")
+            seen = {f.id for f in health.faults}
+            assert seen & wanted, (seen, wanted)
+            names.update(seen & wanted)
+            p.box.set(**mend)
+            if rng.random() < 0.2:
+                p.box.command("reset external" if target == "avr" else "reset")
+            p.until(lambda e: e.HasField("wheel_deg"))
+        assert p.stamped > 3
+        health = p.until(lambda h: True, "health")
+        print(
+            f"{target}: {health.wheel.moves} moves, {p.stamped} stamped frames checked, the worst "
+            f"{p.worst_sigmas:.2f} sigma off (limit 3); "
+            f"faults: {dict(names)}"
+        )

@@ -1,0 +1,115 @@
+"""`lightprobe demo`: what `make demo` runs, from scene to picture."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from lightprobe.sim.room import Room
+from lightprobe.sim.sensor import Sensor, encode_jpeg
+
+LIGHTPROBE = Path(sys.executable).parent / "lightprobe"
+LONG_S = 180
+
+
+def run(*arguments):
+    return subprocess.run(
+        [LIGHTPROBE, "demo", *map(str, arguments)], capture_output=True, text=True, timeout=LONG_S
+    )
+
+
+def test_lamps_are_where_they_are(tmp_path):
+    """The default scenes' first: lamps switch, the room turns, and the picture agrees."""
+    done = run("--seconds", 8, "--scenes", "room", "--every-s", 3, "--output", tmp_path, "--json")
+    assert done.returncode == 0, done.stderr
+    summary = json.loads(done.stdout)
+    assert summary["estimates"] > 20
+    assert summary["frames_rejected"] == 0
+    wheel, ring = summary["wheel"], summary["ring"]
+    assert wheel["phase"] == "SETTLED"
+    assert abs(wheel["measured_deg"] - 45) <= 3 * wheel["sigma_deg"] < 3
+    assert wheel["frames_stamped"] > 20
+    assert all(lux > 0 for lux in ring["illuminance_lux"])
+    assert not [fault for fault in summary["faults"] if fault.startswith(("WHEEL", "mcu", "LDR"))]
+    (figures,) = summary["pictures"].values()
+    assert figures["found"] == figures["lamps"] > 0
+    assert figures["direction_rmse_deg"] < 1
+    assert figures["relighting_mae"] < 0.05
+    for name in ("room.png", "latest.png"):
+        assert cv2.imread(str(tmp_path / name)).shape == (650, 1600, 3)
+    assert list(Path("/tmp").glob("lightprobe-*/camera")) == []
+
+
+def test_ctrl_c_ends_it_well(tmp_path):
+    command = [
+        LIGHTPROBE,
+        "demo",
+        "--scenes",
+        "procedural:2",
+        "--output",
+        tmp_path,
+        "--every-s",
+        "1",
+    ]
+    process = subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        # What runs in the background of a shell starts with Ctrl-C ignored.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    deadline = time.monotonic() + LONG_S
+    while not list(tmp_path.glob("*.png")) and time.monotonic() < deadline:
+        assert process.poll() is None
+        time.sleep(0.2)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does it
+    out, err = process.communicate(timeout=LONG_S)
+    assert process.returncode == 0, err
+    assert "estimates" in out
+    assert "picture:" in out
+    assert "Traceback" not in err
+
+
+def test_another_source_has_no_truth(tmp_path):
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    radiance = Room().render(640, 320).compose([1, 1, 1, 1])
+    sensor = Sensor(640, 320)
+    for k in range(3):
+        codes = sensor.capture(radiance, 5e5, frame=k)
+        (frames / f"{k}.jpg").write_bytes(encode_jpeg(codes))
+    done = run("--source", f"file:{frames}?rate=20&loop=1", "--seconds", 3, "--output", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "camera.png" in done.stdout
+    assert np.ptp(cv2.imread(str(tmp_path / "camera.png"))) > 100
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--source", "magic:wand"], "magic"),
+        (["--source", "file:/nowhere"], "/nowhere"),
+        (["--camera", "none.camera"], "none.camera"),
+        (["--scenes", "none.exr"], "none.exr"),
+    ],
+)
+def test_what_cannot_be_shown_says_why(tmp_path, options, message):
+    done = run(*options, "--seconds", 2, "--output", tmp_path)
+    assert done.returncode in (1, 2)
+    assert message in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_no_panoramas_says_how_to_get_them(tmp_path, monkeypatch):
+    monkeypatch.setenv("LIGHTPROBE_SCENES", str(tmp_path))
+    done = run("--seconds", 2)
+    assert done.returncode == 2
+    assert "make scenes" in done.stderr

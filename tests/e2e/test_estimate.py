@@ -1,0 +1,241 @@
+"""`lightprobe estimate` through the daemon's own pipeline: what goes in, what comes out."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import OpenEXR
+import pytest
+from lightprobe import geometry, image
+from lightprobe.colour import luminance
+from lightprobe.sim.procedural import random_scene
+from lightprobe.sim.sensor import Sensor, encode_jpeg
+
+LIGHTPROBE = Path(sys.executable).parent / "lightprobe"
+ROOM = random_scene(2)  # three lamps
+
+
+@pytest.fixture(scope="module")
+def radiance():
+    return ROOM.render(1024, 512).compose(np.ones(3))
+
+
+def run(*arguments):
+    return subprocess.run(
+        [LIGHTPROBE, "estimate", *map(str, arguments)], capture_output=True, text=True, timeout=60
+    )
+
+
+def run_json(*arguments):
+    done = run(*arguments, "--json")
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def same_lamps(result, limit_deg=1.0):
+    true = [lamp.direction for lamp in ROOM.lamps]
+    pairs = geometry.match_directions(true, [light["direction"] for light in result["lights"]])
+    return len(pairs) == 3 and max(angle for *_, angle in pairs) < limit_deg
+
+
+def same_strengths(result, relative=0.12):
+    """Luminance alone: JPEG's chroma is too coarse for the colour of lamps of two pixels."""
+    for lamp in ROOM.lamps:
+        light = max(result["lights"], key=lambda item: np.dot(item["direction"], lamp.direction))
+        if abs(luminance(light["irradiance"]) / luminance(lamp.irradiance) - 1) > relative:
+            return False
+    return True
+
+
+def test_json_has_the_one_shape(radiance, tmp_path):
+    image.write_pfm(tmp_path / "x.pfm", radiance)
+    result = run_json(tmp_path / "x.pfm", "--order", 3)
+    assert set(result) >= {"sequence", "capture_time_unix_ns", "lights", "sh", "scale", "exposure",
+                           "model", "flags"}  # fmt: skip
+    assert set(result["lights"][0]) >= {
+        "id", "direction", "irradiance", "angular_radius_deg", "solid_angle_sr",
+        "direction_sigma_deg", "irradiance_sigma", "confidence", "flags",
+    }  # fmt: skip
+    assert np.shape(result["sh"]["coefficients"]) == (16, 3)
+    assert (result["sh"]["order"], result["sh"]["kind"]) == (3, "AMBIENT")
+    assert result["scale"] == {"cd_m2_per_unit": None, "calibrated": False}
+    assert result["exposure"]["exposure_us"] is None
+    assert result["model"]["sh_order"] == 3
+    assert result["model"]["lights"] == 3
+    assert same_lamps(result)
+    for light in result["lights"]:
+        assert np.linalg.norm(light["direction"]) == pytest.approx(1, abs=1e-6)
+        assert light["solid_angle_sr"] == pytest.approx(
+            float(geometry.cap_solid_angle_sr(light["angular_radius_deg"])), rel=1e-6
+        )
+
+
+def test_hdr_formats_give_the_same_light_in_the_file_s_own_units(radiance, tmp_path):
+    image.write_pfm(tmp_path / "x.pfm", radiance)
+    cv2.imwrite(str(tmp_path / "x.hdr"), radiance[..., ::-1])
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    with OpenEXR.File(header, {"RGB": np.ascontiguousarray(radiance)}) as file:
+        file.write(str(tmp_path / "x.exr"))
+    seen = {kind: run_json(tmp_path / f"x.{kind}") for kind in ("pfm", "exr", "hdr")}
+    assert seen["pfm"]["sh"] == seen["exr"]["sh"]
+    total = ROOM.truth(np.ones(3)).total
+    for result in seen.values():
+        assert same_lamps(result)
+        by_strength = sorted(ROOM.lamps, key=lambda lamp: -lamp.irradiance[1])
+        assert result["lights"][0]["irradiance"] == pytest.approx(
+            by_strength[0].irradiance, rel=0.03
+        )
+    whole = run_json(tmp_path / "x.exr", "--kind", "TOTAL")
+    assert whole["sh"]["kind"] == "TOTAL"
+    assert whole["sh"]["coefficients"][0] == pytest.approx(total[0], rel=0.01)
+
+
+def test_a_bracket_is_one_estimate_in_radiance_at_one_second(tmp_path):
+    radiance = ROOM.render(1920, 960).compose(np.ones(3))
+    sensor = Sensor(1920, 960, seed=2)
+    exposures_us = [200000 / radiance.max() * 16**k for k in (2, 1, 0)]
+    files = [tmp_path / f"{name}.jpg" for name in ("long", "middle", "short")]
+    for index, (path, exposure_us) in enumerate(zip(files, exposures_us, strict=True)):
+        path.write_bytes(encode_jpeg(sensor.capture(radiance, exposure_us, index), 95))
+    text = ",".join(f"{value:.6f}" for value in exposures_us)
+    result = run_json(*files, "--exposure-us", text)
+    assert result["exposure"]["count"] == 3
+    assert "CLIPPED" not in result["flags"]
+    assert same_lamps(result)
+    assert same_strengths(result, relative=0.2)
+    # The order in which a bracket is named does not matter.
+    turned = run_json(*files[::-1], "--exposure-us", ",".join(text.split(",")[::-1]))
+    assert turned["sh"]["coefficients"][0] == pytest.approx(
+        result["sh"]["coefficients"][0], rel=0.01
+    )
+
+
+def test_without_exposure_light_is_relative_and_says_so(radiance, tmp_path):
+    codes = Sensor(1024, 512).capture(radiance, 900000 / radiance.max())
+    (tmp_path / "x.jpg").write_bytes(encode_jpeg(codes, 95))
+    result = run_json(tmp_path / "x.jpg")
+    assert "EXPOSURE_UNKNOWN" in result["flags"]
+    assert result["exposure"]["exposure_us"] is None
+
+
+def test_clipped_lamps_are_flagged(radiance, tmp_path):
+    codes = Sensor(1024, 512).capture(radiance, 2e7 / radiance.max())
+    (tmp_path / "x.jpg").write_bytes(encode_jpeg(codes, 95))
+    result = run_json(tmp_path / "x.jpg", "--exposure-us", 2e7 / radiance.max())
+    assert "CLIPPED" in result["flags"]
+    assert all("CLIPPED" in light["flags"] for light in result["lights"])
+
+
+def test_options_reach_the_daemon(radiance, tmp_path):
+    image.write_pfm(tmp_path / "x.pfm", radiance)
+    path = tmp_path / "x.pfm"
+    assert run_json(path, "--lights", 1)["model"]["lights"] == 1
+    assert "MORE_LIGHTS" in run_json(path, "--lights", 1)["flags"]
+    assert run_json(path, "--lights", 0)["lights"] == []
+    assert np.shape(run_json(path, "--order", 0)["sh"]["coefficients"]) == (1, 3)
+    for preset in ("fast", "balanced", "accurate", "reference"):
+        assert same_lamps(run_json(path, "--preset", preset), limit_deg=2)
+    assert len(run_json(path, "--detector", "mediancut:4", "--lights", 4)["lights"]) == 4
+
+
+def test_a_fisheye_camera_is_read_by_its_file(tmp_path):
+    """A dual fisheye picture of the scene gives the same lamps as its panorama."""
+    from lightprobe import camera as lenses
+    from lightprobe.sim.camera import Shot, SimulatedCamera
+    from lightprobe.sim.world import Behaviour, World
+
+    text = "[camera]\nprojection = fisheye\nwidth_px = 1600\nheight_px = 800\n"
+    for k, rotation in enumerate(("1, 0, 0, 0", "0, 0, 1, 0")):
+        text += f"[lens.{k}]\ncx_px = {400 + 800 * k}\ncy_px = 400\nfx_px = 238\nfy_px = 238\n"
+        text += f"max_theta_deg = 95\nrotation_wxyz = {rotation}\nrolloff = -0.05, 0, 0\n"
+    path = tmp_path / "dual.camera"
+    path.write_text(text)
+    lens = lenses.load(str(path))
+    world = World([ROOM], Behaviour(act_s=0))
+    simulated = SimulatedCamera(world, lens, (1600, 800), quality=95)
+    radiance = ROOM.render(1600, 800).compose(np.ones(3))
+    exposure_us = 9e5 / float(radiance.max())
+    (tmp_path / "x.jpg").write_bytes(simulated.frame(0, Shot(exposure_us)))
+    result = run_json(tmp_path / "x.jpg", "--camera", path, "--exposure-us", exposure_us)
+    assert same_lamps(result)
+    assert same_strengths(result)
+
+
+def test_negative_samples_are_noted_on_stderr(tmp_path):
+    pixels = np.full((64, 128, 3), 0.5, np.float32)
+    pixels[0, 0] = -0.001
+    image.write_pfm(tmp_path / "x.pfm", pixels)
+    done = run(tmp_path / "x.pfm")
+    assert done.returncode == 0
+    assert "note:" in done.stderr
+    assert "3 negative samples" in done.stderr
+    assert "no lamps" in done.stdout
+
+
+def test_table_for_the_eye(radiance, tmp_path):
+    image.write_pfm(tmp_path / "x.pfm", radiance)
+    done = run(tmp_path / "x.pfm")
+    assert done.returncode == 0
+    assert "azimuth" in done.stdout
+    assert "SH of radiance, order 2, AMBIENT" in done.stdout
+
+
+@pytest.fixture
+def bad(tmp_path):
+    """Files that are no pictures."""
+    (tmp_path / "empty.jpg").write_bytes(b"")
+    (tmp_path / "text.jpg").write_text("no picture at all")
+    (tmp_path / "text.exr").write_text("no picture at all")
+    (tmp_path / "text.pfm").write_text("PF\n10")
+    image.write_pfm(tmp_path / "narrow.pfm", np.ones((64, 64, 3), np.float32))
+    good = encode_jpeg(np.full((256, 512, 3), 99, np.uint8))
+    (tmp_path / "good.jpg").write_bytes(good)
+    (tmp_path / "cut.jpg").write_bytes(good[: len(good) // 8])
+    (tmp_path / "bad.camera").write_text("[camera]\nprojection = cube\n")
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (["none.jpg"], 1, "none.jpg: open: no such file"),
+        (["none.exr"], 1, "none.exr: open: no such file"),
+        (["empty.jpg"], 1, ""),
+        (["text.jpg"], 1, ""),
+        (["cut.jpg"], 1, ""),
+        (["text.exr"], 1, "text.exr: decode"),
+        (["text.pfm"], 1, "text.pfm: header"),
+        (["good.jpg", "good.jpg"], 2, "give --exposure-us"),
+        (["good.jpg", "--exposure-us", "1,2"], 2, "one for each file"),
+        (["good.jpg", "--exposure-us", "-3"], 2, "microseconds above 0"),
+        (["good.jpg", "--exposure-us", "soon"], 2, "want numbers"),
+        (["narrow.pfm", "--exposure-us", "100"], 2, "HDR files are radiance already"),
+        (["good.jpg", "--preset", "magic"], 2, "magic"),
+        (["good.jpg", "--detector", "magic"], 2, "magic"),
+        (["good.jpg", "--camera", "none.camera"], 2, "none.camera"),
+        (["good.jpg", "--camera", "bad.camera"], 2, "bad.camera"),
+        (["good.jpg", "--kind", "BOTH"], 2, "AMBIENT or TOTAL"),
+        (["good.jpg", "--order", "9"], 2, "--order"),
+        ([], 2, "FILE"),
+    ],
+)
+def test_bad_input_names_object_stage_and_next_step(bad, monkeypatch, arguments, code, message):
+    monkeypatch.chdir(bad)
+    done = run(*arguments)
+    assert message in done.stderr
+    assert len(done.stderr.strip()) > 20
+    assert "Traceback" not in done.stderr
+    assert "Sanitizer" not in done.stderr
+    assert done.returncode == code
+    assert done.stdout == ""
+
+
+def test_no_daemon_says_where_it_was_looked_for(tmp_path, monkeypatch):
+    monkeypatch.setenv("LIGHTPROBED", str(tmp_path / "nothing"))
+    image.write_pfm(tmp_path / "x.pfm", np.ones((64, 128, 3), np.float32))
+    done = run(tmp_path / "x.pfm")
+    assert done.returncode == 1
+    assert "no executable file there" in done.stderr

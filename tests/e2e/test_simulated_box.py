@@ -1,0 +1,332 @@
+"""Camera, wheel, ring and firmware of the simulator as one: what each tells must fit the others."""
+
+import contextlib
+import json
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from lightprobe import camera, mcu, mcu_link, ring, scenes
+from lightprobe.sim import control
+from lightprobe.sim.polarizer import Polarizer, Sheet
+from lightprobe.sim.world import World
+from test_simulator import Camera
+
+LIGHTPROBE = Path(sys.executable).parent / "lightprobe"
+PATIENCE_S = 60.0
+SIZE = (64, 32)
+OPTIONS = ["--size", "64x32", "--act-s", "0", "--rate", "10"]
+
+
+@dataclass
+class Running:
+    """A simulator with a box."""
+
+    folder: Path
+    process: subprocess.Popen[str]
+
+    def tell(self, line: str) -> str:
+        return control.tell(self.folder / "control", line)
+
+    def status(self) -> dict:
+        return json.loads(self.tell("status"))
+
+    def connect(self) -> mcu.Mcu:
+        link = mcu.Mcu(mcu_link.open_carrier(f"serial:{self.folder / 'mcu'}"))
+        link.hello(timeout_s=PATIENCE_S)
+        return link
+
+
+@contextlib.contextmanager
+def simulator(folder: Path, *options: str, firmware: str = "host") -> Iterator[Running]:
+    command = [LIGHTPROBE, "simulate", "--socket", folder / "camera", "--pty", folder / "mcu",
+               "--control", folder / "control", "--firmware", firmware, "--truth",
+               folder / "truth", *OPTIONS, *options]  # fmt: skip
+    with open(folder / "log", "w") as log:
+        process = subprocess.Popen(command, stdout=log, stderr=log, text=True)
+    try:
+        deadline = time.monotonic() + PATIENCE_S
+        while "microcontroller" not in (folder / "log").read_text():
+            assert process.poll() is None, (folder / "log").read_text()
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        yield Running(folder, process)
+        assert process.poll() is None, (folder / "log").read_text()
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait(30)
+    assert "Traceback" not in (folder / "log").read_text()
+    assert not (folder / "mcu").is_symlink()
+    assert not (folder / "control").exists()
+
+
+def until(link: mcu.Mcu, wanted: Callable[[mcu.Event], bool]) -> mcu.Event:
+    end = time.monotonic() + PATIENCE_S
+    while time.monotonic() < end:
+        for event in link.events(0.5):
+            if wanted(event):
+                return event
+            if time.monotonic() > end:
+                break
+    raise AssertionError("what was waited for did not come")
+
+
+def settle(link: mcu.Mcu, token: int) -> mcu.WheelState:
+    state = until(
+        link, lambda e: isinstance(e, mcu.WheelState) and e.token == token
+        and e.phase in (mcu.Phase.SETTLED, mcu.Phase.FAULT),
+    )  # fmt: skip
+    assert isinstance(state, mcu.WheelState)
+    assert state.phase is mcu.Phase.SETTLED
+    return state
+
+
+def settled_frame(running: Running, eye: Camera) -> tuple[float, np.ndarray]:
+    """A frame taken from now on, and the true angle of the wheel in it."""
+    end = time.monotonic_ns()
+    while True:
+        header, payload = eye.frame()
+        if header["t_start_ns"] > end:
+            break
+    lines = [json.loads(line) for line in (running.folder / "truth").read_text().splitlines()]
+    line = next(line for line in lines if line["sequence"] == header["sequence"])
+    return line["wheel_deg"], np.frombuffer(payload, "<f4").reshape(SIZE[1], SIZE[0], 3)
+
+
+@pytest.mark.parametrize("firmware", ["host", "avr"])
+def test_the_wheel_shapes_the_frames(tmp_path: Path, firmware: str) -> None:
+    """Firmware's word, the box's truth and the picture's Malus law agree at every angle."""
+    scene = World(scenes.load(["sky"]), None, 30.0).scenes[0]
+    layers = scene.render(*SIZE)
+    polarizer = Polarizer(Sheet(), camera.equirect(), SIZE)
+    options = ("--scenes", "sky", "--format", "RGBF")
+    with simulator(tmp_path, *options, firmware=firmware) as running:
+        link = running.connect()
+        link.rates(wheel_ms=50)
+        settle(link, link.home())
+        with Camera(tmp_path / "camera") as eye:
+            seen = []
+            for target in (0.0, 45.0, 120.0):
+                state = settle(link, link.move(target, hold_s=0.1))
+                true_deg, frame = settled_frame(running, eye)
+                assert abs(true_deg - state.measured_deg) <= 3 * state.sigma_deg
+                assert true_deg == pytest.approx(float(running.tell("get wheel_deg")), abs=0.6)
+                expected = polarizer.through(
+                    layers.compose([1]), layers.compose_polarized([1]), (true_deg,)
+                )
+                assert frame == pytest.approx(expected, rel=1e-3, abs=1e-4)
+                seen.append(frame)
+        assert not np.allclose(seen[0], seen[1], rtol=0.05)
+        link.close()
+
+
+def test_a_moving_wheel_smears_a_long_exposure(tmp_path: Path) -> None:
+    options = ("--scenes", "sky", "--format", "RGBF", "--exposure-us", "90000")
+    with simulator(tmp_path, *options) as running:
+        link = running.connect()
+        link.rates(wheel_ms=50)
+        settle(link, link.home())
+        token = link.move(180, slew_deg_s=60)
+        with Camera(tmp_path / "camera") as eye:
+            angles = [settled_frame(running, eye)[0] for _ in range(8)]
+        settle(link, token)
+        link.close()
+    assert all(-25 < deg < 185 for deg in angles)
+    assert len({round(deg, 1) for deg in angles}) > 4
+    assert max(np.diff(angles)) < 60 * 1.0  # no jump: it goes its way as fast as it was told
+
+
+def test_the_scenes_light_is_on_the_ring(tmp_path: Path) -> None:
+    with simulator(tmp_path, "--scenes", "procedural:3") as running:
+        link = running.connect()
+        link.rates(ring_scans=8)
+        lux = running.status()["ring_lux"]
+        sensors = ring.Ring()
+
+        def fits(event: mcu.Event) -> bool:
+            if not isinstance(event, mcu.Ring):
+                return False
+            return sensors.lux(event.levels) == pytest.approx(lux, rel=0.02)
+
+        until(link, fits)
+        assert max(lux) > 1.2 * min(lux)
+        for level_lux in (10.0, 1000.0):
+            assert running.tell(f"light {level_lux}") == "ok"
+            lux = [level_lux] * 9
+            until(link, fits)
+        assert running.tell("light scene") == "ok"
+        lux = running.status()["ring_lux"]
+        until(link, fits)
+        link.close()
+
+
+def test_ldrs_that_differ_read_differently(tmp_path: Path) -> None:
+    with simulator(tmp_path, "--scenes", "procedural:1", "--ring-spread", "1") as running:
+        running.tell("light 100")
+        link = running.connect()
+        link.rates(ring_scans=8)
+        r10 = [float(running.tell(f"get ldr{k}_r10_ohm")) for k in range(9)]
+        gamma = [float(running.tell(f"get ldr{k}_gamma")) for k in range(9)]
+        assert np.std(np.log(r10)) > 0.08
+        own = ring.Ring(np.array(r10), np.array(gamma))
+        until(
+            link, lambda e: isinstance(e, mcu.Ring)
+            and own.lux(e.levels) == pytest.approx(100, rel=0.02),
+        )  # fmt: skip
+        link.close()
+
+
+def test_faults_at_run_time_get_their_names(tmp_path: Path) -> None:
+    with simulator(tmp_path, "--scenes", "procedural:1") as running:
+        link = running.connect()
+        link.rates(ring_scans=80, wheel_ms=100)
+        settle(link, link.home())
+
+        def fault(name: str) -> Callable[[mcu.Event], bool]:
+            return lambda e: isinstance(e, mcu.Fault) and e.name == name and e.active
+
+        running.tell("faults stuck=1&drop=0.5")
+        link.move(135)
+        until(link, fault("WHEEL_STUCK"))
+        assert running.status()["faults"]["drop"] == 0.5
+        running.tell("faults ldr3_forced=0")
+        open_sensor = until(link, fault("LDR_OPEN"))
+        assert open_sensor.detail == 1 << 3
+        running.tell("faults stuck=0&ldr3_forced=-1&drop=0")
+        time.sleep(0.3)
+        link.clear_faults()
+        settle(link, link.home())
+        running.tell("faults reset=1")
+        hello = until(link, lambda e: isinstance(e, mcu.Message) and e.name == "Hello")
+        assert hello["reset_cause"] == "EXTERNAL"
+        link.close()
+
+
+def talk(link: mcu.Mcu, seconds: float) -> None:
+    """Ask and listen; what comes is of no interest."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        link.carrier.send(*mcu.encode("HelloRequest", protocol_major=1, protocol_minor=0))
+        list(link.events(0.1))
+
+
+def test_the_line_can_be_noisy_cut_and_unplugged(tmp_path: Path) -> None:
+    with simulator(tmp_path, "--scenes", "procedural:1") as running:
+        link = running.connect()
+        link.rates(ring_scans=8)
+        running.tell("faults line_noise=0.02")
+        carrier = link.carrier
+        assert isinstance(carrier, mcu_link.SerialCarrier)
+        deadline = time.monotonic() + PATIENCE_S
+        while carrier.decoder.bad < 5:
+            assert time.monotonic() < deadline
+            for event in link.events(0.05):  # what passes is right
+                assert not isinstance(event, mcu.Ring) or len(event.levels) == 9
+                if carrier.decoder.bad >= 5:
+                    break
+        running.tell("faults line_noise=0&line_cut=1")
+        time.sleep(0.2)
+        list(link.events(0.1))
+        assert not list(link.events(0.5))
+        running.tell("faults line_cut=0&line_unplugged=1")
+        with pytest.raises(OSError, match=r"(?i)device|input/output"):
+            talk(link, 10)
+        assert not (tmp_path / "mcu").exists()
+        link.close()
+        running.tell("faults line_unplugged=0")
+        while not (tmp_path / "mcu").exists():
+            assert time.monotonic() < deadline + PATIENCE_S
+            time.sleep(0.02)
+        again = running.connect()
+        again.close()
+
+
+def test_parameters_are_kept(tmp_path: Path) -> None:
+    for expected in (7407, 7500):
+        with simulator(
+            tmp_path, "--scenes", "procedural:1", "--eeprom", str(tmp_path / "eeprom")
+        ) as running:
+            link = running.connect()
+            assert link.param(1).value == expected
+            link.param(1, 7500)
+            link.save_params()
+            link.close()
+
+
+def test_a_polarizer_set_by_hand_needs_no_firmware(tmp_path: Path) -> None:
+    command = [LIGHTPROBE, "simulate", "--socket", tmp_path / "camera", *OPTIONS, "--scenes",
+               "sky", "--format", "RGBF", "--polarizer", "30"]  # fmt: skip
+    process = subprocess.Popen(command, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+    try:
+        with Camera(tmp_path / "camera") as eye:
+            frame = np.frombuffer(eye.frame()[1], "<f4").reshape(SIZE[1], SIZE[0], 3)
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait(30)
+    layers = World(scenes.load(["sky"]), None, 30.0).scenes[0].render(*SIZE)
+    polarizer = Polarizer(Sheet(), camera.equirect(), SIZE)
+    expected = polarizer.through(layers.compose([1]), layers.compose_polarized([1]), (30.0,))
+    assert frame == pytest.approx(expected, rel=1e-5)
+
+
+def test_a_firmware_that_dies_ends_the_simulator_with_its_words(tmp_path: Path) -> None:
+    program = tmp_path / "lightprobe-mcu-host"
+    program.write_text(
+        "#!/bin/sh\nread names; echo stuck; read any; echo broken servo >&2; exit 7\n"
+    )
+    program.chmod(0o755)
+    done = run("--firmware", "host", folder=tmp_path)
+    assert done.returncode == 1
+    assert "firmware: ended with status 7: broken servo" in done.stderr
+
+
+def run(*options: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    command = [LIGHTPROBE, "simulate", "--socket", folder / "camera", "--pty", folder / "mcu",
+               *OPTIONS, "--scenes", "procedural:1", "--seconds", "20", *options]  # fmt: skip
+    environment = {"LIGHTPROBE_FIRMWARE": str(folder), "PATH": "/usr/bin:/bin"}
+    return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=120)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--firmware", "arm"], "want host, avr, none"),
+        (["--firmware", "host"], "no lightprobe-mcu-host in .*make firmware-host"),
+        (["--firmware", "avr"], "no lightprobe-mcu-simavr in .*make firmware-avr"),
+        (["--firmware", "host", "--polarizer", "3"], "the wheel turns it"),
+        (["--faults", "stuck=1"], "unknown option stuck"),
+    ],
+)
+def test_bad_options_say_what_to_do(tmp_path: Path, options: list[str], message: str) -> None:
+    done = run(*options, folder=tmp_path)
+    assert done.returncode in (1, 2)
+    assert re.search(message, done.stderr), done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_tell_names_what_is_wrong(tmp_path: Path) -> None:
+    tell = [LIGHTPROBE, "tell", tmp_path / "none", "status"]
+    done = subprocess.run(tell, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert "none: No such file or directory: is lightprobe simulate --control=" in done.stderr
+    with simulator(tmp_path, "--scenes", "procedural:1") as running:
+        for line, message in [
+            ("dance", "unknown command: known are faults, get, light, status"),
+            ("faults explode=1", "unknown option explode"),
+            ("light dark", "want lux, or scene"),
+            ("get nothing", "no number nothing"),
+        ]:
+            done = subprocess.run(
+                [LIGHTPROBE, "tell", tmp_path / "control", *line.split()],
+                capture_output=True, text=True,
+            )  # fmt: skip
+            assert done.returncode == 2
+            assert message in done.stderr
+        assert running.status()["counters"]["connections"] == 0

@@ -1,0 +1,260 @@
+"""The simulator over its real socket, as the daemon sees it (proto/sim.md)."""
+
+import contextlib
+import json
+import math
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from lightprobe.sim.link import HEADER, MAGIC
+
+SMALL = ["--size", "256x128", "--scenes", "procedural:1", "--act-s", "0"]
+LIGHTPROBE = Path(sys.executable).parent / "lightprobe"
+
+
+@contextlib.contextmanager
+def simulator(tmp_path, *options):
+    path = tmp_path / "sim.sock"
+    command = [LIGHTPROBE, "simulate", "--socket", path, *SMALL, *options]
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    try:
+        yield path, process
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=30)
+
+
+class Camera:
+    """What the daemon's driver does, by hand."""
+
+    def __init__(self, path, hello=""):
+        deadline = time.monotonic() + 60
+        while True:
+            self.socket = socket.socket(socket.AF_UNIX)
+            self.socket.settimeout(30)
+            try:
+                self.socket.connect(str(path))
+                break
+            except OSError:
+                self.socket.close()
+                assert time.monotonic() < deadline
+                time.sleep(0.05)
+        self.send(f"hello {hello}\n")
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.socket.close()
+
+    def send(self, text):
+        self.socket.sendall(text.encode())
+
+    def bytes(self, number):
+        data = bytearray()
+        while len(data) < number:
+            piece = self.socket.recv(number - len(data))
+            if not piece:
+                raise EOFError(len(data))
+            data += piece
+        return bytes(data)
+
+    def frame(self):
+        names = ["magic", "header", "size", "format", "width", "height", "stride", "sequence",
+                 "t_start_ns", "exposure_us", "gain", "flags", "reserved"]  # fmt: skip
+        header = dict(zip(names, HEADER.unpack(self.bytes(64)), strict=True))
+        assert (header["magic"], header["header"]) == (MAGIC, 64)
+        return header, self.bytes(header["size"])
+
+    def frames(self, number):
+        return [self.frame() for _ in range(number)]
+
+
+def decode(payload):
+    return cv2.imdecode(np.frombuffer(payload, np.uint8), cv2.IMREAD_COLOR)
+
+
+def test_frames_are_pictures_with_their_time_and_exposure(tmp_path):
+    with simulator(tmp_path) as (path, _), Camera(path) as camera:
+        for header, payload in camera.frames(5):
+            now_ns = time.monotonic_ns()
+            assert (header["format"], header["width"], header["height"]) == (b"MJPG", 256, 128)
+            assert decode(payload).shape == (128, 256, 3)
+            assert 0 < now_ns - header["t_start_ns"] < 20e9
+            assert header["exposure_us"] == pytest.approx(8333, rel=0.1)
+            assert (header["gain"], header["flags"], header["stride"]) == (1, 0, 0)
+
+
+def test_header_is_the_one_in_the_contract():
+    assert HEADER.size == 64
+    offsets = [0, 4, 8, 16, 20, 24, 28, 32, 40, 48, 52, 56, 60]
+    parts = ["4s", "I", "Q", "4s", "I", "I", "I", "Q", "q", "f", "f", "I", "I"]
+    assert HEADER.format == "<" + "".join(parts)
+    import struct
+
+    assert [struct.calcsize("<" + "".join(parts[:k])) for k in range(13)] == offsets
+
+
+def test_the_same_seed_repeats_every_byte(tmp_path):
+    runs = []
+    for _ in range(2):
+        changing = ["--seed", "7", "--turn-deg-s", "9", "--switch-s", "1"]
+        with simulator(tmp_path, *changing) as (path, _), Camera(path) as camera:
+            runs.append({header["sequence"]: payload for header, payload in camera.frames(60)})
+    common = runs[0].keys() & runs[1].keys()
+    assert common, "the two runs share no frame number"
+    assert all(runs[0][number] == runs[1][number] for number in common)
+    assert len(set(runs[0].values())) == len(runs[0])  # and no frame is another's copy
+
+
+@pytest.mark.parametrize("delay", [0, 2, 4])
+def test_exposure_commands_land_late(tmp_path, delay):
+    with simulator(tmp_path, "--delay-frames", str(delay), "--rate", "5") as (path, _), \
+            Camera(path) as camera:  # fmt: skip
+        before = camera.frame()[0]
+        camera.send("exposure 250 2\n")
+        after = camera.frames(delay + 4)
+        landed = next(h for h, _ in after if h["exposure_us"] == 250)
+        assert landed["gain"] == 2
+        # The frame under exposure when the command comes is not counted.
+        assert landed["sequence"] - before["sequence"] in (delay + 1, delay + 2)
+        assert all(h["exposure_us"] == 250 for h, _ in after if h["sequence"] > landed["sequence"])
+
+
+def test_exposure_changes_the_picture(tmp_path):
+    with simulator(tmp_path, "--delay-frames", "0") as (path, _), Camera(path) as camera:
+        bright = decode(camera.frame()[1]).mean()
+        camera.send("exposure 100 1\n")
+        dark = decode(camera.frames(10)[-1][1]).mean()
+        assert dark < 0.3 * bright
+
+
+def test_bracket_cycles(tmp_path):
+    with simulator(tmp_path, "--bracket", "3") as (path, _), Camera(path) as camera:
+        frames = camera.frames(7)
+        ladder = sorted({h["exposure_us"] for h, _ in frames}, reverse=True)
+        assert np.divide(ladder[:-1], ladder[1:]) == pytest.approx(16, rel=1e-3)
+        assert all(h["exposure_us"] == ladder[h["sequence"] % 3] for h, _ in frames)
+
+
+def test_truth_is_written_for_every_frame(tmp_path):
+    truth = tmp_path / "truth.jsonl"
+    with simulator(tmp_path, "--truth", str(truth), "--switch-s", "1", "--turn-deg-s", "30") as \
+            (path, _), Camera(path) as camera:  # fmt: skip
+        frames = camera.frames(4)
+        lines = {line["sequence"]: line for line in map(json.loads, truth.read_text().splitlines())}
+    for header, _ in frames:
+        line = lines[header["sequence"]]
+        assert line["t_start_ns"] == header["t_start_ns"]
+        assert line["exposure_us"] == pytest.approx(header["exposure_us"])
+        assert line["yaw_deg"] == pytest.approx(30 * line["t_s"] % 360, abs=360 / 256)
+        assert line["scene"] == "procedural-0"
+
+
+def test_misbehaviour_on_request(tmp_path):
+    """Each fault as the daemon asks for it: hello KEY=VALUE&…"""
+    with simulator(tmp_path) as (path, _):
+        with Camera(path, "untagged=1") as camera:
+            header, _ = camera.frame()
+            assert math.isnan(header["exposure_us"])
+            assert math.isnan(header["gain"])
+        with Camera(path, "wrong_size=1&marked=1") as camera:
+            header, payload = camera.frame()
+            assert (header["width"], header["height"], header["flags"]) == (128, 64, 1)
+            assert decode(payload).shape == (128, 256, 3)
+        with Camera(path, "truncate=1") as camera:
+            _, payload = camera.frame()
+            assert payload[:2] == b"\xff\xd8"
+            assert payload[-2:] != b"\xff\xd9"
+        with Camera(path, "garbage=1") as camera:
+            assert decode(camera.frame()[1]) is None
+        with Camera(path, "corrupt=1") as camera:
+            _, payload = camera.frame()
+            assert payload
+        with Camera(path, "drop=0.5") as camera:
+            numbers = [h["sequence"] for h, _ in camera.frames(20)]
+            assert numbers[-1] - numbers[0] > 22
+        with Camera(path, "late_ms=300") as camera:
+            header, _ = camera.frame()
+            assert time.monotonic_ns() - header["t_start_ns"] > 300e6
+        with Camera(path, "ignore_exposure=1") as camera:
+            camera.send("exposure 250 2\n")
+            assert all(h["exposure_us"] != 250 for h, _ in camera.frames(8))
+        with Camera(path, "disconnect_after=3") as camera:
+            camera.frames(3)
+            with pytest.raises(EOFError):
+                camera.frame()
+        with Camera(path, "cut_after=2") as camera:
+            camera.frame()
+            with pytest.raises(EOFError):
+                camera.frame()
+
+
+def test_stall_and_recovery(tmp_path):
+    with simulator(tmp_path) as (path, _), Camera(path, "stall_after=3&stall_s=0.5") as camera:
+        numbers = [h["sequence"] for h, _ in camera.frames(4)]
+        assert numbers[3] - numbers[2] > 10
+
+
+def test_a_daemon_that_leaves_or_babbles_does_no_harm(tmp_path):
+    with simulator(tmp_path) as (path, process):
+        with Camera(path) as camera:
+            camera.send("exposure nan 1\nexposure\nfire!\n\xff\xfe\nexposure 400 1\n")
+            frames = camera.frames(20)
+            assert frames[-1][0]["exposure_us"] == 400
+        with Camera(path, "explode=1") as camera:
+            camera.frame()
+        assert process.poll() is None
+    # The context has ended it by SIGINT; what it said is in the pipe it was given.
+
+
+def test_counters_and_exit(tmp_path):
+    path = tmp_path / "sim.sock"
+    command = [LIGHTPROBE, "simulate", "--socket", path, *SMALL, "--seconds", "0.5", "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0
+    assert json.loads(done.stdout)["connections"] == 0
+    assert not path.exists()
+
+
+def test_socket_in_use_and_left_over(tmp_path):
+    with simulator(tmp_path) as (path, _), Camera(path):
+        command = [LIGHTPROBE, "simulate", "--socket", path, *SMALL]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+        assert done.returncode == 1
+        assert "is another simulator running?" in done.stderr
+    left = tmp_path / "left.sock"
+    with socket.socket(socket.AF_UNIX) as sock:
+        sock.bind(str(left))
+    assert os.path.exists(left)
+    command = [LIGHTPROBE, "simulate", "--socket", left, *SMALL, "--seconds", "0.2"]
+    assert subprocess.run(command, capture_output=True, timeout=60).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--size", "17"], "want WIDTHxHEIGHT"),
+        (["--size", "255x128"], "even numbers"),
+        (["--format", "H264"], "want one of MJPG"),
+        (["--faults", "explode=1"], "unknown option explode"),
+        (["--scenes", "procedural:0"], "procedural:N with N"),
+        (["--scenes", "nowhere.exr"], "no such file"),
+        (["--camera", "nowhere.camera"], "nowhere.camera: open"),
+    ],
+)
+def test_bad_options_say_what_to_do(options, message):
+    done = subprocess.run([LIGHTPROBE, "simulate", *options], capture_output=True, text=True)
+    assert done.returncode in (1, 2)
+    assert message in done.stderr
+    assert "Traceback" not in done.stderr

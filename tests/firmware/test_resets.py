@@ -1,0 +1,117 @@
+"""Resets of the flashed binary: what caused them, and that nothing is assumed after one."""
+
+from collections.abc import Callable
+
+import pytest
+from lightprobe import mcu
+from rig import RELATIVE_JUMP_TO_ITSELF, Rig, symbols
+
+MakeRig = Callable[..., Rig]
+
+
+def hellos(rig: Rig, us: int) -> list[mcu.Message]:
+    events = [item.event for item in rig.run(us)]
+    return [e for e in events if isinstance(e, mcu.Message) and e.name == "Hello"]
+
+
+def test_hello_every_second_until_the_host_has_set_rates(make_rig: MakeRig) -> None:
+    rig = make_rig(hello=False)
+    assert len(hellos(rig, 3_500_000)) == 4
+    rig.ask("Rates", ring_scans=0, wheel_ms=0, counters_ms=0)
+    assert hellos(rig, 2_500_000) == []
+    rig.command("reset external")
+    (hello,) = hellos(rig, 500_000)
+    assert hello["reset_cause"] == "EXTERNAL"
+    assert hello["boot_count"] == 2
+
+
+def test_nothing_streams_after_a_reset(rig: Rig) -> None:
+    rig.ask("Rates", ring_scans=2, wheel_ms=10, counters_ms=100)
+    assert len(rig.run(100_000)) > 30
+    rig.command("reset external")
+    names = {getattr(item.event, "name", type(item.event).__name__) for item in rig.run(900_000)}
+    assert names == {"Hello"}
+
+
+def hang(rig: Rig) -> None:
+    """Let the program stop in a loop of its own until the watchdog bites; then mend it."""
+    where = symbols()["board_time_us"]
+    resets = rig.command("resets")
+    was = rig.command(f"flash {where} {RELATIVE_JUMP_TO_ITSELF}")
+    for _ in range(3000):
+        rig.command("run 100")
+        if rig.command("resets") != resets:
+            break
+    else:
+        raise AssertionError("the watchdog did not bite within 300 ms")
+    rig.command(f"flash {where} {was}")
+
+
+def test_watchdog_bites_a_program_that_hangs(homed: Rig) -> None:
+    homed.start_move(180)
+    homed.run(200_000)
+    hang(homed)
+    homed.faults.clear()
+    assert homed.get("powered") == 0
+    hello, *_ = hellos(homed, 50_000)
+    assert hello["reset_cause"] == "WATCHDOG"
+    homed.ask("Rates", ring_scans=0, wheel_ms=20, counters_ms=0)
+    homed.run(50_000)
+    assert set(homed.faults) == {"RESET_WATCHDOG"}
+    assert homed.phase() == "UNKNOWN"
+    homed.clear_faults()
+    homed.home()
+    assert homed.phase() == "SETTLED"
+
+
+def test_the_watchdog_does_not_bite_a_busy_program(homed: Rig) -> None:
+    homed.ask("Rates", ring_scans=1, wheel_ms=5, counters_ms=10)
+    resets = homed.command("resets")
+    homed.ask("ParamAction", wait_us=1_000_000, action="SAVE")
+    homed.move(180)
+    homed.run(1_000_000)
+    assert homed.command("resets") == resets
+
+
+def test_a_stack_that_grows_into_the_data_resets_and_says_so(homed: Rig) -> None:
+    guard = symbols()["__heap_start"]
+    homed.start_move(180)
+    homed.run(200_000)
+    homed.command(f"ram {guard + 15} =00")
+    hello, *_ = hellos(homed, 400_000)
+    assert hello["reset_cause"] == "STACK"
+    homed.faults.clear()
+    homed.ask("Rates", ring_scans=0, wheel_ms=20, counters_ms=0)
+    homed.run(50_000)
+    assert set(homed.faults) == {"RESET_STACK"}
+    assert homed.get("powered") == 0
+    assert homed.phase() == "UNKNOWN"
+
+
+def test_brown_out_and_power_on_are_told_apart(rig: Rig) -> None:
+    for why, cause in (("brownout", "BROWN_OUT"), ("power", "POWER_ON")):
+        rig.command(f"reset {why}")
+        hello, *_ = hellos(rig, 50_000)
+        assert hello["reset_cause"] == cause
+
+
+def test_reset_on_request_needs_its_key(homed: Rig) -> None:
+    assert homed.ask("Reset", key=0xB006)["result"] == "OUT_OF_RANGE"
+    assert homed.phase() == "SETTLED"
+    homed.send("Reset", key=mcu.RESET_KEY)
+    hello, *_ = hellos(homed, 400_000)
+    assert hello["reset_cause"] == "REQUESTED"
+    assert not homed.faults
+    assert homed.get("powered") == 0
+
+
+@pytest.mark.parametrize(("major", "refused"), [(1, False), (0, True), (2, True)])
+def test_another_protocol_version_is_answered_with_ours(
+    rig: Rig, major: int, refused: bool
+) -> None:
+    rig.send("HelloRequest", protocol_major=major, protocol_minor=7)
+    events = [item.event for item in rig.run(20_000)]
+    (hello,) = [e for e in events if isinstance(e, mcu.Message) and e.name == "Hello"]
+    assert hello["protocol_major"] == 1
+    results = [e["result"] for e in events if isinstance(e, mcu.Message) and e.name == "Result"]
+    assert results == (["BAD_VERSION"] if refused else [])
