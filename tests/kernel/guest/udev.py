@@ -1,0 +1,21 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The host's udev in the guest, with the project's rules, for tests that need its database."""
+
+import shutil
+from pathlib import Path
+
+from machine import run
+
+RULES = Path(__file__).resolve().parents[3] / "packaging" / "udev" / "70-lightprobe.rules"
+
+
+def start_udev() -> None:
+    """Start it; from now on nodes get their group, and devices their properties."""
+    Path("/etc/udev/rules.d").mkdir(parents=True, exist_ok=True)
+    shutil.copy(RULES, "/etc/udev/rules.d")
+    run("/lib/systemd/systemd-udevd", "--daemon")
+
+
+def settle() -> None:
+    """Wait until all events are handled."""
+    run("udevadm", "settle", "--timeout=60", timeout_s=90)

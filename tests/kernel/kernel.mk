@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: Apache-2.0
+# Tests on a real kernel: Debian's, in QEMU, with devices made in software (README.md here).
+
+UVC_CAMERA := $(BUILD)/kernel/bin/uvc_camera
+UVC_CAMERA_OBJECTS := $(patsubst %.c,$(BUILD)/kernel/obj/%.o,$(notdir $(wildcard tests/kernel/uvc_camera/*.c)))
+KERNEL_PICTURES := $(BUILD)/kernel/pictures
+GROUP ?=
+C_SOURCES += $(wildcard tests/kernel/uvc_camera/*.[ch])
+
+.PHONY: test-kernel kernel-coverage kernel-shell kernel-list kernel-setup
+test-kernel: kernel-setup ## tests on Debian's kernel in QEMU; GROUP=uvc for one group, make kernel-list names them
+	@$(PYTHON) tests/kernel/run.py $(GROUP)
+
+kernel-coverage: kernel-setup ## the kernel tests with line coverage of the daemon
+	@$(MAKE) VARIANT=cov -j$(JOBS) daemon
+	@$(PYTHON) tests/kernel/run.py --variant=cov $(GROUP)
+
+kernel-shell: kernel-setup ## a shell in the kernel tests' guest, with all their devices
+	@$(PYTHON) tests/kernel/run.py --shell
+
+kernel-list:
+	@$(PYTHON) tests/kernel/run.py --list
+
+kernel-setup: $(call apt,kernel) build $(UVC_CAMERA) $(KERNEL_PICTURES)/truth.json
+	@$(MAKE) -j$(JOBS) firmware-host
+	@$(PYTHON) tests/kernel/kernel_package.py
+
+$(KERNEL_PICTURES)/truth.json: tests/kernel/make_pictures.py $(wildcard host_py/lightprobe/*.py host_py/lightprobe/sim/*.py) | setup
+	@$(VENV)/bin/python $< $(@D)
+
+$(UVC_CAMERA): $(UVC_CAMERA_OBJECTS)
+	@mkdir -p $(@D)
+	gcc -o $@ $^ -lturbojpeg -lpthread -lm
+
+$(BUILD)/kernel/obj/%.o: tests/kernel/uvc_camera/%.c | $(call apt,build)
+	@mkdir -p $(@D)
+	gcc -std=c17 -D_GNU_SOURCE -O2 -g $(C_WARNINGS) -MMD -MP -c -o $@ $<
+-include $(UVC_CAMERA_OBJECTS:.o=.d)
