@@ -144,8 +144,8 @@ static void test_no_lamp_in_noise(void **state)
 	assert_int_equal(f->detection->finder->count, 0);
 }
 
-/* Of a sky that is all bright only the brightest tenth of the sphere is looked at; a lamp below it is
- * found all the same. */
+/* Of a sky that is all bright only the brightest tenth of the sphere is looked at; a lamp below it
+ * is found all the same. */
 static void test_a_bright_sky_is_not_searched(void **state)
 {
 	const struct disc lamp = {40, -30, 3, 500};
