@@ -11,7 +11,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 
 	if (size > LP_CONFIG_MAX_BYTES)
 		return 0;
-	lp_log_set_level((enum lp_log_level) - 1);
+	lp_log_set_level(LP_LOG_ERROR);
 	lp_options_defaults(&options);
 	(void)lp_options_read_config(&options, "fuzz", (const char *)data, size);
 	fuzz_assert(options.publish.count >= 0 && options.publish.count <= LP_MAX_PUBLISHERS);

@@ -58,7 +58,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 	char uri[64];
 	int listening, peer;
 
-	lp_log_set_level((enum lp_log_level) - 1);
+	lp_log_set_level(LP_LOG_ERROR);
 	(void)snprintf(uri, sizeof(uri), "sim:/tmp/lp-fuzz-%d.sock", (int)getpid());
 	listening = listener(uri + 4);
 	fuzz_assert(lp_source_open(uri, &host, &source) == 0);
