@@ -65,6 +65,6 @@ run-fuzz: fuzz-targets
 			$(BUILD)/fuzz/$$target tests/fuzz/corpus/$$target 2>&1 \
 			| { grep -E 'ERROR|SUMMARY|executed_units|artifact' || true; }; \
 	done
-fuzz: setup-build ## libFuzzer, every target for SECONDS=60; what breaks one lies in build/fuzz/
+fuzz: setup-build $(call apt,fuzz) ## libFuzzer, every target for SECONDS=60; what breaks one lies in build/fuzz/
 	@$(MAKE) VARIANT=fuzz -j$(JOBS) fuzz-targets
 	@$(MAKE) VARIANT=fuzz SECONDS=$(FUZZ_SECONDS) run-fuzz
