@@ -99,7 +99,7 @@ WITH_CHOICE := $(foreach o,$(WITH_OPTIONS),WITH_$o=$(WITH_$o))
 $(OUT)/packages.stamp: daemon/daemon.mk $(OUT)/with.choice
 	@mkdir -p $(@D)
 	@$(foreach o,$(WITH_OPTIONS),if [ '$(WITH_$o)' = 1 ] && ! $(PKG_CONFIG) --exists libuv $(PACKAGE_$o); then \
-		echo 'build: $(PACKAGE_$o) is missing: apt-get install $(DEBIAN_$o), or build without: make WITH_$o=0' >&2; \
+		echo 'build: $(PACKAGE_$o) is missing: apt-get install $(DEBIAN_$o), or build without: make daemon WITH_$o=0' >&2; \
 		exit 1; fi;)
 	@touch $@
 $(OUT)/with.choice: FORCE

@@ -73,7 +73,7 @@ const void *lp_backend_find(const struct lp_backend *table, const char *role,
 	if (row->ops)
 		return row->ops;
 	if (row->scheme) {
-		lp_error(uri->text, role, "%s: is known but not in this build — make %s=1",
+		lp_error(uri->text, role, "%s: is known but not in this build — make daemon %s=1",
 			 row->scheme, row->option);
 		return NULL;
 	}

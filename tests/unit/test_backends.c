@@ -42,7 +42,7 @@ static void test_unknown_and_not_built_are_different_messages(void **state)
 	assert_contains(capture.text,
 			"error ftp:a: source: ftp: is no known scheme; known: file:, v4l2:\n");
 	assert_contains(capture.text, "error v4l2:/dev/video0: source: v4l2: is known but not in "
-				      "this build — make WITH_V4L2=1\n");
+				      "this build — make daemon WITH_V4L2=1\n");
 }
 
 static void test_every_back_end_states_its_contract(void **state)
