@@ -65,7 +65,7 @@ int lp_mcu_dispatch(struct lp_mcu *mcu);
 
 /* Commands; a lost one shows in the wheel's state, which keeps its old token. */
 void lp_mcu_home(struct lp_mcu *mcu, uint8_t token);
-void lp_mcu_move(struct lp_mcu *mcu, uint8_t token, float target_deg);
+void lp_mcu_move(struct lp_mcu *mcu, uint8_t token, float target_deg); /* 0..180 */
 void lp_mcu_release(struct lp_mcu *mcu);
 /* Ask for a wheel state seen from now on. */
 void lp_mcu_look(struct lp_mcu *mcu);

@@ -64,8 +64,8 @@ struct lp_rotator_ops {
 	/* -1: somebody else watches the connection. */
 	int (*fd)(const struct lp_rotator *rotator);
 	int (*dispatch)(struct lp_rotator *rotator);
-	/* Turn the wheel to `target_deg`, as soon as its angle is known. A newer target replaces an
-	 * older one. */
+	/* Turn the wheel to `target_deg` (0..180), as soon as its angle is known. A newer target
+	 * replaces an older one. */
 	void (*move)(struct lp_rotator *rotator, float target_deg);
 	/* Ask for a state with t_seen_ns of now or later. */
 	void (*look)(struct lp_rotator *rotator);
