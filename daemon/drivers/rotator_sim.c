@@ -175,8 +175,7 @@ static void sim_destroy(struct lp_rotator *rotator)
 
 	if (!self)
 		return;
-	if (self->poller)
-		lp_timer_stop(&self->tick, self->poller);
+	lp_timer_stop(&self->tick, self->poller);
 	lp_poller_destroy(self->poller);
 	free(self);
 }
