@@ -23,7 +23,6 @@ from collections import deque
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
-from types import TracebackType
 from typing import Any, Self, TypeVar
 
 from lightprobe.errors import LightprobeError
@@ -334,12 +333,7 @@ class Client:
         self._call(self._async.__aenter__())
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Disconnect."""
         self._call(self._async.__aexit__())
         self._loop.call_soon_threadsafe(self._loop.stop)

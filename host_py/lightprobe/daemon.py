@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from lightprobe.errors import LightprobeError, UsageError
@@ -89,12 +88,7 @@ class Daemon:
             )  # fmt: skip
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Ask it to end; insist after 5 s."""
         assert self.process is not None
         if self.process.poll() is None:

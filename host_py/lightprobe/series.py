@@ -57,6 +57,13 @@ class Frame:
         return decode(data, self.format, (self.width_px, self.height_px), self.stride_bytes)
 
 
+# Fields of Frame that the index has by the same name.
+_AS_WRITTEN = (
+    "format", "width_px", "height_px", "stride_bytes", "sequence", "t_start_ns", "corrupt", "step",
+    "t_command_ns", "commanded_us",
+)  # fmt: skip
+
+
 @dataclass(frozen=True)
 class Series:
     """What a camera can do with its exposure, and its frames in order."""
@@ -160,16 +167,7 @@ def _frame(folder: Path, row: dict[str, Any]) -> Frame:
     stated, gain = row["exposure_us"], row["gain"]
     return Frame(
         path=folder / row["file"],
-        format=row["format"],
-        width_px=row["width_px"],
-        height_px=row["height_px"],
-        stride_bytes=row["stride_bytes"],
-        sequence=row["sequence"],
-        t_start_ns=row["t_start_ns"],
-        corrupt=row["corrupt"],
-        step=row["step"],
-        t_command_ns=row["t_command_ns"],
-        commanded_us=row["commanded_us"],
+        **{name: row[name] for name in _AS_WRITTEN},
         stated_us=None if stated is None else stated * (1.0 if gain is None else gain),
     )
 

@@ -8,7 +8,6 @@ import socketserver
 import threading
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from lightprobe.errors import LightprobeError, UsageError
@@ -44,12 +43,7 @@ class Control:
         threading.Thread(target=self._server.serve_forever, daemon=True).start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """End, and take the socket away."""
         self._server.shutdown()
         self._server.server_close()
