@@ -19,7 +19,7 @@ from frames import Kind
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "e2e"))
 
-from harness import Camera, Client, Daemon, camera  # noqa: E402
+from harness import Client, Daemon, camera, streaming  # noqa: E402
 
 RATE_HZ = 30
 COUNTER = ROOT / "build" / "release" / "bench" / "count_allocations.so"
@@ -70,40 +70,15 @@ class Readers:
 
 
 @contextmanager
-def _streaming(cam: Camera, load: Load) -> Iterator[None]:
-    """Send the pictures round and round at RATE_HZ."""
-    pictures = [path.read_bytes() for path in load.files]
-    ended = threading.Event()
-
-    def stream() -> None:
-        number, due = 0, time.monotonic()
-        while not ended.is_set():
-            cam.send(
-                pictures[number % len(pictures)],
-                width=load.kind.width_px,
-                height=load.kind.height_px,
-                exposure_us=10000.0,
-            )
-            number, due = number + 1, due + 1 / RATE_HZ
-            ended.wait(max(0.0, due - time.monotonic()))
-
-    thread = threading.Thread(target=stream)
-    thread.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        thread.join()
-
-
-@contextmanager
 def _running(load: Load, **popen: Any) -> Iterator[Daemon]:
     """The daemon with a camera that streams to it; exposure is left alone: one estimate a frame."""
     with camera() as cam:
         options = [f"--source=sim:{cam.path}", f"--camera={load.kind.camera}", "--brackets=0"]
         with Daemon(*options, variant="release", **popen) as daemon:
             cam.accept()
-            with _streaming(cam, load):
+            pictures = [path.read_bytes() for path in load.files]
+            size = {"width": load.kind.width_px, "height": load.kind.height_px}
+            with streaming(cam, pictures, RATE_HZ, **size, exposure_us=10000.0):
                 yield daemon
 
 

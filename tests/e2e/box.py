@@ -6,11 +6,38 @@ import socket
 import subprocess
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 
-from harness import BUILD, wait_for
+from harness import BUILD, LONG_S, wait_for
+from lightprobe import mcu
 
 FIRMWARE = BUILD / "firmware"
+
+
+def ask(control: socket.socket, line: str) -> str:
+    """Send one command to a box; RuntimeError when it answers with an error."""
+    control.sendall(line.encode() + b"\n")
+    answer = b""
+    while not answer.endswith(b"\n"):
+        part = control.recv(65536)
+        assert part, "the box has ended"
+        answer += part
+    if answer.startswith(b"error"):
+        raise RuntimeError(f"{line}: {answer.decode()}")
+    return answer.decode().strip()
+
+
+def until(link: mcu.Mcu, wanted: Callable[[mcu.Event], bool]) -> mcu.Event:
+    """Wait for an event of a box's firmware."""
+    end = time.monotonic() + LONG_S
+    while time.monotonic() < end:
+        for event in link.events(0.5):
+            if wanted(event):
+                return event
+            if time.monotonic() > end:
+                break
+    raise AssertionError("what was waited for did not come")
 
 
 class Box:
@@ -59,15 +86,7 @@ class Box:
     def command(self, line: str) -> str:
         """Send one command; RuntimeError when it answers with an error."""
         assert self.control is not None
-        self.control.sendall(line.encode() + b"\n")
-        answer = b""
-        while not answer.endswith(b"\n"):
-            part = self.control.recv(65536)
-            assert part, "the box has ended"
-            answer += part
-        if answer.startswith(b"error"):
-            raise RuntimeError(f"{line}: {answer.decode()}")
-        return answer.decode().strip()
+        return ask(self.control, line)
 
     def set(self, **numbers: float) -> None:
         """Set numbers of the box (firmware/board/host/world.h)."""

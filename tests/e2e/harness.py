@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 import signal
 import socket
@@ -11,7 +12,7 @@ import subprocess
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -358,15 +359,18 @@ def camera() -> Iterator[Camera]:
 
 
 @contextlib.contextmanager
-def streaming(cam: Camera, payload: bytes, rate_hz: float = 30, **frame: Any) -> Iterator[None]:
-    """Send the same frame again and again in the background."""
+def streaming(
+    cam: Camera, payload: bytes | Sequence[bytes], rate_hz: float = 30, **frame: Any
+) -> Iterator[None]:
+    """Send the same frame, or these in turn, again and again in the background."""
+    payloads = itertools.cycle([payload] if isinstance(payload, bytes) else payload)
     ended = threading.Event()
 
     def stream() -> None:
         due = time.monotonic()
         with contextlib.suppress(OSError):
             while not ended.is_set():
-                cam.send(payload, **frame)
+                cam.send(next(payloads), **frame)
                 due = max(due + 1 / rate_hz, time.monotonic())
                 ended.wait(max(0.0, due - time.monotonic()))
 

@@ -85,13 +85,19 @@ def test_what_makes_no_sense_is_refused(tmp_path):
         assert not (tmp_path / "series").exists()
 
 
+def start_series(cam, folder):
+    """A daemon that has written the first frame and waits for more."""
+    daemon = Daemon(f"--source=sim:{cam.path}", f"--series={folder}").start()
+    cam.accept()
+    cam.send(jpeg())
+    wait_for((folder / "00000.jpg").exists, "the first frame is not written")
+    return daemon
+
+
 def test_a_camera_that_goes_away_ends_it(tmp_path):
     folder = tmp_path / "series"
     with camera() as cam:
-        daemon = Daemon(f"--source=sim:{cam.path}", f"--series={folder}").start()
-        cam.accept()
-        cam.send(jpeg())
-        wait_for(lambda: (folder / "00000.jpg").exists(), "the first frame is not written")
+        daemon = start_series(cam, folder)
         cam.unplug()
         assert daemon.wait() == 1
         assert "not complete" in daemon.log()
@@ -101,10 +107,7 @@ def test_a_camera_that_goes_away_ends_it(tmp_path):
 def test_a_signal_ends_it(tmp_path):
     folder = tmp_path / "series"
     with camera() as cam:
-        daemon = Daemon(f"--source=sim:{cam.path}", f"--series={folder}").start()
-        cam.accept()
-        cam.send(jpeg())
-        wait_for(lambda: (folder / "00000.jpg").exists(), "the first frame is not written")
+        daemon = start_series(cam, folder)
         assert daemon.stop(signal.SIGINT) == 1
     assert not rows(folder)[-1]["complete"]
 

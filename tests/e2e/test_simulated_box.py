@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from box import until
 from lightprobe import camera, mcu, mcu_link, ring, scenes
 from lightprobe.sim import control
 from lightprobe.sim.polarizer import Polarizer, Sheet
@@ -65,17 +66,6 @@ def simulator(folder: Path, *options: str, firmware: str = "host") -> Iterator[R
     assert "Traceback" not in (folder / "log").read_text()
     assert not (folder / "mcu").is_symlink()
     assert not (folder / "control").exists()
-
-
-def until(link: mcu.Mcu, wanted: Callable[[mcu.Event], bool]) -> mcu.Event:
-    end = time.monotonic() + PATIENCE_S
-    while time.monotonic() < end:
-        for event in link.events(0.5):
-            if wanted(event):
-                return event
-            if time.monotonic() > end:
-                break
-    raise AssertionError("what was waited for did not come")
 
 
 def settle(link: mcu.Mcu, token: int) -> mcu.WheelState:

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import can
 import pytest
+from box import ask, until
+from harness import wait_for
 from lightprobe import mcu, mcu_link
 from rig import ELF, HOST, RUNNER
 
@@ -29,22 +31,7 @@ class Box:
 
     def command(self, line: str) -> str:
         """Send one command to the box; raise RuntimeError when it answers with an error."""
-        self.control.sendall(line.encode() + b"\n")
-        answer = b""
-        while not answer.endswith(b"\n"):
-            part = self.control.recv(65536)
-            assert part, "the box has ended"
-            answer += part
-        if answer.startswith(b"error"):
-            raise RuntimeError(f"{line}: {answer.decode()}")
-        return answer.decode().strip()
-
-
-def wait_for(path: Path) -> None:
-    end = time.monotonic() + PATIENCE_S
-    while not path.exists():
-        assert time.monotonic() < end, f"{path} does not appear"
-        time.sleep(0.02)
+        return ask(self.control, line)
 
 
 @pytest.fixture
@@ -62,7 +49,7 @@ def boot(tmp_path: Path) -> Iterator[Callable[..., Box]]:
             command = [HOST, *options]
         process = subprocess.Popen(command)
         for path in (pty, control_path):
-            wait_for(path)
+            wait_for(path.exists, f"{path} does not appear")
         control = socket.socket(socket.AF_UNIX)
         control.connect(str(control_path))
         boxes.append(Box(process, pty, bus, control))
@@ -127,15 +114,6 @@ def connect(box: Box, carrier: str) -> mcu_link.Carrier:
     if carrier == "can":
         return mcu_link.CanCarrier(BoxCanBus(box))
     return mcu_link.open_carrier(f"serial:{box.pty}")
-
-
-def until(link: mcu.Mcu, wanted: Callable[[mcu.Event], bool]) -> mcu.Event:
-    end = time.monotonic() + PATIENCE_S
-    while time.monotonic() < end:
-        for event in link.events(0.5):
-            if wanted(event):
-                return event
-    raise AssertionError("what was waited for did not come")
 
 
 def settled(token: int) -> Callable[[mcu.Event], bool]:

@@ -16,8 +16,8 @@ struct machine {
 	char reason[96];
 };
 
-/* 30 estimates and 10 ticks a second. */
-static void run_s(struct machine *m, int seconds)
+/* 30 estimates and 10 ticks a second. Returns the preset in force at the end. */
+static int run_s(struct machine *m, int seconds)
 {
 	for (int tick = 0; tick < 10 * seconds; tick++) {
 		const int preset = m->governor.preset;
@@ -34,6 +34,7 @@ static void run_s(struct machine *m, int seconds)
 			assert_in_range(m->governor.preset, 0, m->governor.chosen);
 		}
 	}
+	return m->governor.preset;
 }
 
 static struct machine machine(float latency_goal_ms, float cpu_budget_percent, int chosen)
@@ -74,13 +75,11 @@ static void test_steps_down_to_what_keeps_the_latency(void **state)
 	struct machine m = machine(5, 0, 3);
 
 	(void)state;
-	run_s(&m, 5);
-	assert_int_equal(m.governor.preset, 2);
+	assert_int_equal(run_s(&m, 5), 2);
 	assert_non_null(strstr(m.reason, "later than 5 ms"));
-	run_s(&m, 5);
-	assert_int_equal(m.governor.preset, 1);
-	run_s(&m, 600); /* 4 ms are kept, without room to spare: there it stays */
-	assert_int_equal(m.governor.preset, 1);
+	assert_int_equal(run_s(&m, 5), 1);
+	/* 4 ms are kept, without room to spare: there it stays */
+	assert_int_equal(run_s(&m, 600), 1);
 	assert_int_equal(m.changes, 2);
 }
 
@@ -89,11 +88,9 @@ static void test_steps_down_to_what_keeps_the_processor(void **state)
 	struct machine m = machine(0, 30, 2);
 
 	(void)state;
-	run_s(&m, 5);
-	assert_int_equal(m.governor.preset, 1);
+	assert_int_equal(run_s(&m, 5), 1);
 	assert_non_null(strstr(m.reason, "45 % of a core"));
-	run_s(&m, 600);
-	assert_int_equal(m.governor.preset, 1);
+	assert_int_equal(run_s(&m, 600), 1);
 }
 
 static void test_the_fastest_is_the_end(void **state)
@@ -101,8 +98,7 @@ static void test_the_fastest_is_the_end(void **state)
 	struct machine m = machine(1, 0, 1);
 
 	(void)state;
-	run_s(&m, 600);
-	assert_int_equal(m.governor.preset, 0);
+	assert_int_equal(run_s(&m, 600), 0);
 	assert_int_equal(m.changes, 1);
 }
 
@@ -112,15 +108,12 @@ static void test_rises_again_when_the_load_has_gone(void **state)
 
 	(void)state;
 	m.latency_ms[2] = m.latency_ms[1] = 25; /* another program */
-	run_s(&m, 14);
-	assert_int_equal(m.governor.preset, 0);
+	assert_int_equal(run_s(&m, 14), 0);
 	m.latency_ms[3] = 9;
 	m.latency_ms[2] = 8;
 	m.latency_ms[1] = 4;
-	run_s(&m, 4);
-	assert_int_equal(m.governor.preset, 0); /* not at once */
-	run_s(&m, 60);
-	assert_int_equal(m.governor.preset, 3);
+	assert_int_equal(run_s(&m, 4), 0); /* not at once */
+	assert_int_equal(run_s(&m, 60), 3);
 	assert_non_null(strstr(m.reason, "room to spare"));
 }
 
