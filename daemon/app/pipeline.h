@@ -15,8 +15,6 @@
 struct lp_frame;
 struct lp_pipeline;
 
-#define LP_MAX_EXPOSURES 8
-
 #define LP_DECODE_BY_BLOCKS (-1)
 #define LP_NONE (-1)
 #define LP_MOST_EXACT_BLOCKS 65536

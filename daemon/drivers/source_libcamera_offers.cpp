@@ -38,16 +38,16 @@ void add_range(lp_offers &offers, uint32_t fourcc, const libcamera::SizeRange &r
 	add(offers, offer);
 }
 
+uint32_t fourcc_of(libcamera::PixelFormat format)
+{
+	return format == libcamera::formats::R8 ? LP_FOURCC_GREY : format.fourcc();
+}
+
 } // namespace
 
 libcamera::PixelFormat pixel_format(uint32_t fourcc)
 {
 	return fourcc == LP_FOURCC_GREY ? libcamera::formats::R8 : libcamera::PixelFormat(fourcc);
-}
-
-uint32_t fourcc_of(libcamera::PixelFormat format)
-{
-	return format == libcamera::formats::R8 ? LP_FOURCC_GREY : format.fourcc();
 }
 
 void list_offers(const libcamera::StreamFormats &formats, lp_offers &offers)

@@ -10,9 +10,8 @@
 namespace lp
 {
 
-/* libcamera's name of a format, and ours. */
+/* libcamera's name of a format. */
 libcamera::PixelFormat pixel_format(uint32_t fourcc);
-uint32_t fourcc_of(libcamera::PixelFormat format);
 
 void list_offers(const libcamera::StreamFormats &formats, struct lp_offers &offers);
 

@@ -35,7 +35,8 @@ static int preference(uint32_t fourcc)
 	return i;
 }
 
-enum lp_pixel_format lp_format_of(uint32_t fourcc)
+/* 0: none that can be used. */
+static enum lp_pixel_format format_of(uint32_t fourcc)
 {
 	const int i = preference(fourcc);
 
@@ -91,7 +92,7 @@ static bool consider(const struct lp_offer *offer, const struct lp_offer_wish *w
 
 	*choice = (struct lp_offer_choice){
 		.fourcc = offer->fourcc,
-		.format = lp_format_of(offer->fourcc),
+		.format = format_of(offer->fourcc),
 		.width_px = size->width ? size->width : offer->width_px,
 		.height_px = size->height ? size->height : offer->height_px,
 		.rate_hz = choose_rate(offer, wish->fps),

@@ -53,9 +53,6 @@ struct lp_offer_choice {
 /* The words for lp_offer_wish.format, by its value; ends with NULL. */
 extern const char *const lp_offer_formats[];
 
-/* The format of a FOURCC; 0: none that can be used. */
-enum lp_pixel_format lp_format_of(uint32_t fourcc);
-
 /* Bytes of one row of the first plane, packed; 0 for MJPEG. And of the whole picture. */
 uint32_t lp_row_bytes(enum lp_pixel_format format, uint32_t width_px);
 size_t lp_picture_bytes(enum lp_pixel_format format, uint32_t stride_bytes, uint32_t height_px);

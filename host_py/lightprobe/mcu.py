@@ -15,7 +15,6 @@ from lightprobe.mcu_link import CAN_BASE, Carrier, McuError, database
 
 PROTOCOL_MAJOR = 1
 PROTOCOL_MINOR = 0
-LEVEL_FULL_SCALE = 4092
 RESET_KEY = 0xB007
 REPEAT_AFTER_S = 0.1
 

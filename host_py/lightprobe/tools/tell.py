@@ -12,7 +12,7 @@ from lightprobe.sim import control
 
 def command(
     path: Annotated[Path, typer.Argument(help="What `simulate --control` was given.")],
-    words: Annotated[list[str], typer.Argument(metavar="COMMAND…", help="See below.")],
+    words: Annotated[list[str], typer.Argument(metavar="COMMAND…", help="See above.")],
 ) -> None:
     """Tell a running simulator how to misbehave, or ask it what is true.
 
