@@ -5,6 +5,7 @@ degrees, times seconds unless a name says otherwise; unknown is None, never zero
 """
 
 import enum
+import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -256,14 +257,14 @@ class Mcu:
     ) -> Message:
         """Send a request and return its answer; repeats it until `timeout_s` is over.
 
+        Tries are counted, not only time: a machine that stops for a while loses one of them.
         Raises McuError when no answer came, or when the answer refuses.
         """
         message_id, payload = encode(name, **signals)
-        end = time.monotonic() + timeout_s
-        while (left := end - time.monotonic()) > 0:
+        tries = max(1, math.ceil(timeout_s / REPEAT_AFTER_S)) if repeat else 1
+        for _ in range(tries):
             self.carrier.send(message_id, payload)
-            wait_s = min(left, REPEAT_AFTER_S) if repeat else left
-            answer = self._await(message_id, _answer_to(name, signals), wait_s)
+            answer = self._await(message_id, _answer_to(name, signals), timeout_s / tries)
             if answer is None:
                 continue
             if answer.name == "Result" and answer["result"] != "OK":

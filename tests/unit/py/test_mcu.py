@@ -1,0 +1,53 @@
+"""Requests to the microcontroller, over a carrier and a clock of the test's own."""
+
+import itertools
+import time
+
+import pytest
+from lightprobe import mcu
+from lightprobe.mcu_link import McuError
+
+
+class Line:
+    """Answers every request from the `answers_from`-th on; sending takes `sending_s` each time."""
+
+    def __init__(self, monkeypatch, answers_from, sending_s):
+        self.now_s, self.sent, self.ready = 0.0, 0, []
+        self.answers_from, self.sending_s = answers_from, iter(sending_s)
+        monkeypatch.setattr(time, "monotonic", lambda: self.now_s)
+
+    def send(self, message_id, payload):
+        self.sent += 1
+        self.now_s += next(self.sending_s)
+        if self.sent >= self.answers_from:
+            signals = {"request": message_id, "result": "OK", "token": 0, "detail": 0}
+            self.ready.append(mcu.encode("Result", **signals))
+
+    def receive(self, timeout_s):
+        if self.ready:
+            return self.ready.pop(0)
+        self.now_s += timeout_s
+        return None
+
+    def close(self):
+        pass
+
+
+def test_a_request_is_repeated_until_it_is_answered(monkeypatch):
+    line = Line(monkeypatch, answers_from=10, sending_s=itertools.repeat(0.0))
+    mcu.Mcu(line).rates()
+    assert line.sent == 10
+    assert line.now_s == pytest.approx(0.9)
+
+
+def test_silence_ends_after_the_time_it_was_given(monkeypatch):
+    line = Line(monkeypatch, answers_from=99, sending_s=itertools.repeat(0.0))
+    with pytest.raises(McuError, match="Rates: no answer in 1 s"):
+        mcu.Mcu(line).rates()
+    assert line.now_s == pytest.approx(1.0)
+
+
+def test_a_machine_that_stops_for_a_while_loses_one_try(monkeypatch):
+    line = Line(monkeypatch, answers_from=2, sending_s=[3.0, 0.0])
+    mcu.Mcu(line).rates()
+    assert line.sent == 2
