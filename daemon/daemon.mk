@@ -56,6 +56,9 @@ LP_LDLIBS = $(shell $(PKG_CONFIG) --libs $(LP_PACKAGES)) -lopencv_imgproc -lopen
 # Its headers are not held to our warnings.
 LIBCAMERA_CFLAGS = $(if $(filter 1,$(WITH_LIBCAMERA)),$(subst -I,-isystem ,$(shell $(PKG_CONFIG) --cflags libcamera)))
 
+# Two of a walk's registers in one vector register would cost every step four more moves.
+$(OUT)/daemon/vision/jpeg_walk.c.o: LP_CFLAGS += -fno-tree-slp-vectorize
+
 DAEMON_ROOMS := app drivers vision light base
 # Objects of one room: $(call objects,ROOM)
 objects = $(patsubst %,$(OUT)/%.o,$(filter-out $(LP_EXCLUDE),$(wildcard daemon/$(1)/*.c daemon/$(1)/*.cpp)))

@@ -5,17 +5,15 @@
 #include <stdlib.h>
 #include <string.h>
 
-/*
- * The longest MCU: 6 blocks of a DC (16 + 15 bits) and 63 AC symbols (16 + 15 bits) each. The
- * stream is padded by more than that, so bounds are checked once per MCU, and what lies between is
- * memory of ours.
- */
-#define MAX_MCU_BYTES (6 * 64 * 31 / 8)
-#define STREAM_PADDING_BYTES (2 * MAX_MCU_BYTES)
 #define SEGMENT_GAP_BYTES 8
-/* A window holds 56 bits when it is full. */
-#define PROBES_PER_REFILL (56 / LP_PROBE_MAX_BITS)
-#define PROBES_AFTER_HEAD ((56 - LP_HEAD_BITS) / LP_PROBE_MAX_BITS)
+/* Bytes that a walk has read beyond the bits it has passed. */
+#define WALK_AHEAD_BYTES 8
+/* A stretch of the stream that is worth two walks. */
+#define WORTH_TWO_BITS (8 * 1024)
+/* A guess that breaks so near to the end has no more to find. */
+#define GUESS_LEAST_BITS (8 * 64)
+/* How far the first walk goes on before it looks again whether it has met the second. */
+#define MEET_BYTES 128
 
 int lp_jpeg_reader_create(struct lp_jpeg_reader **reader)
 {
@@ -33,6 +31,7 @@ void lp_jpeg_reader_destroy(struct lp_jpeg_reader *reader)
 	free(reader->stream);
 	free(reader->segment_start);
 	free(reader->mcu_bit);
+	free(reader->marks);
 	free(reader);
 }
 
@@ -109,7 +108,7 @@ static int unstuff(struct lp_jpeg_reader *reader, const uint8_t *data, size_t si
 	/* each restart marker (2 bytes) becomes a gap: at most four times the room */
 	ret = reserve(&reader->stream, &reader->stream_capacity,
 		      (reader->restart_interval ? SEGMENT_GAP_BYTES / 2 : 1) * size +
-			      STREAM_PADDING_BYTES,
+			      LP_JPEG_WALK_PADDING,
 		      1);
 	if (ret < 0)
 		return ret;
@@ -140,252 +139,316 @@ static int unstuff(struct lp_jpeg_reader *reader, const uint8_t *data, size_t si
 			break; /* EOI, or what only another scan would need */
 		}
 	}
-	memset(to, 0, STREAM_PADDING_BYTES);
+	memset(to, 0, LP_JPEG_WALK_PADDING);
 	reader->stream_size = to - reader->stream;
 	reader->segment_start[reader->segment_count] =
 		(uint32_t)(reader->stream_size + SEGMENT_GAP_BYTES);
 	return ret;
 }
 
-/* For what read_segment() consists of: bits in registers, and a version each for luma and chroma.
- */
-#define HOT_INLINE static inline __attribute__((always_inline))
-
-/* Bits of a stream, most significant first; `count` of them are in `window`, left-aligned. */
-struct bits {
-	const uint8_t *next;
-	uint64_t window;
-	int count;
+/* Where the blocks of one slot of the MCUs go: beginning with the MCU at hand. */
+struct outlet {
+	int16_t *dc;
+	float *energy; /* NULL: chroma */
+	int step;      /* to the next MCU's */
+	const struct lp_huffman_dc *table;
+	int16_t *prediction;
 };
 
-/* At least 56 bits afterwards. Reads 8 bytes at `next` (the stream is padded). */
-static inline void refill(struct bits *b)
+/* Returns the end of the outlets. */
+static struct outlet *open_outlets(struct lp_jpeg_reader *reader, int x, int y,
+				   struct outlet *outlet)
 {
-	uint64_t word;
+	for (int k = 0; k < reader->component_count; k++) {
+		struct lp_jpeg_component *c = &reader->component[k];
 
-	memcpy(&word, b->next, sizeof(word));
-	b->window |= __builtin_bswap64(word) >> b->count;
-	b->next += (63 - b->count) >> 3;
-	b->count |= 56;
-}
+		for (int b = 0; b < c->h * c->v; b++) {
+			const size_t at =
+				(size_t)(y * c->v + b / c->h) * c->blocks_x + x * c->h + b % c->h;
 
-static inline uint32_t peek(const struct bits *b, int n)
-{
-	return (uint32_t)(b->window >> (64 - n));
-}
-
-static inline void drop(struct bits *b, int n)
-{
-	b->window <<= n;
-	b->count -= n;
-}
-
-static inline uint32_t position(const struct bits *b, const uint8_t *stream)
-{
-	return (uint32_t)((b->next - stream) * 8 - b->count);
-}
-
-static struct bits bits_at(const uint8_t *stream, uint32_t bit)
-{
-	struct bits b = {.next = stream + bit / 8};
-
-	refill(&b);
-	drop(&b, (int)(bit % 8));
-	return b;
-}
-
-/* One symbol and its value bits, the slow way; needs 31 bits. -1: no such code. */
-static __attribute__((noinline, cold)) int slow_symbol(struct bits *b,
-						       const struct lp_huffman *code, int *value)
-{
-	int length, symbol = lp_huffman_slow(code, peek(b, 16), &length);
-
-	if (symbol < 0)
-		return -1;
-	drop(b, length);
-	*value = 0;
-	if (symbol & 15) {
-		*value = lp_jpeg_extend(peek(b, symbol & 15), symbol & 15);
-		drop(b, symbol & 15);
+			*outlet++ = (struct outlet){.dc = c->dc + at,
+						    .energy = k ? NULL : reader->energy + at,
+						    .step = c->h,
+						    .table = &reader->dc_table[c->dc_table],
+						    .prediction = &c->prediction};
+		}
 	}
-	return symbol;
+	return outlet;
 }
 
-/* One AC symbol whose code is longer than a probe, or that ends the block exactly. Returns the next
- * coefficient's index, 64 when the block is done, -1 when the data is broken. */
-static __attribute__((noinline, cold)) int pass_slowly(struct bits *b,
-						       const struct lp_huffman *code, int k,
-						       const float *weight, float *energy)
+/* DC difference at `bit`. The block has been walked: its code is sound. */
+static inline int dc_difference(const uint8_t *stream, uint32_t bit,
+				const struct lp_huffman_dc *table)
 {
-	int value;
+	uint64_t window;
+	int length;
 
-	refill(b);
-	const int symbol = slow_symbol(b, code, &value);
+	memcpy(&window, stream + bit / 8, sizeof(window));
+	window = __builtin_bswap64(window) << bit % 8;
 
-	if (symbol < 0)
-		return -1;
-	if ((symbol & 15) == 0 && symbol >> 4 != 15)
-		return 64;
-	k += (symbol >> 4) + 1;
-	if (k > 64)
-		return -1;
-	if (weight)
-		*energy += (float)value * (float)value * weight[k - 1];
-	return k;
+	const int difference = table->difference[window >> (64 - LP_DC_PROBE_BITS)];
+
+	if (__builtin_expect(difference != LP_DC_UNKNOWN, 1))
+		return difference;
+
+	const int size = lp_huffman_symbol(&table->code, (uint32_t)(window >> 48), &length);
+
+	return size > 0 ? lp_jpeg_extend((uint32_t)(window << length >> (64 - size)), size) : 0;
+}
+
+/* What has been walked through: MCUs first .. last - 1, from `bit` on. Returns where they end. */
+static uint32_t store(struct lp_jpeg_reader *reader, int first, int last, uint32_t bit,
+		      const struct lp_jpeg_mark *marks)
+{
+	const uint8_t *stream = reader->stream;
+	struct outlet outlets[LP_JPEG_SLOTS], *end = outlets;
+
+	for (int mcu = first; mcu < last; mcu++) {
+		const int x = mcu % reader->mcus_x;
+
+		if (mcu == first || x == 0)
+			end = open_outlets(reader, x, mcu / reader->mcus_x, outlets);
+		reader->mcu_bit[mcu] = bit;
+		for (struct outlet *o = outlets; o < end; o++, marks++) {
+			const int difference = dc_difference(stream, bit, o->table);
+
+			*o->dc = *o->prediction = (int16_t)(*o->prediction + difference);
+			o->dc += o->step;
+			bit = marks->end_bit;
+			if (!o->energy)
+				continue;
+			/* the highest bit is nonsense of a broken stream */
+			*o->energy = (float)(int32_t)(marks->energy & INT32_MAX) *
+				     (1.0F / LP_ENERGY_STEPS);
+			o->energy += o->step;
+		}
+	}
+	return bit;
+}
+
+static void forget_predictions(struct lp_jpeg_reader *reader)
+{
+	for (int k = 0; k < reader->component_count; k++)
+		reader->component[k].prediction = 0;
+}
+
+/* MCUs between two restart markers, or all of them. */
+struct stretch {
+	int first, last;
+	uint32_t bit, end_bit; /* of the stream */
+	const uint8_t *limit;  /* a walk that has read this far has left it */
+	struct lp_jpeg_mark *marks;
+};
+
+static struct stretch stretch_at(struct lp_jpeg_reader *reader, int segment, int interval,
+				 struct lp_jpeg_mark *marks)
+{
+	const int mcus = reader->mcus_x * reader->mcus_y;
+	const uint32_t end = reader->segment_start[segment + 1] - SEGMENT_GAP_BYTES;
+	const int first = segment * interval;
+
+	return (struct stretch){.first = first,
+				.last = interval < mcus - first ? first + interval : mcus,
+				.bit = 8 * reader->segment_start[segment],
+				.end_bit = 8 * end,
+				.limit = reader->stream + end + WALK_AHEAD_BYTES,
+				.marks = marks};
+}
+
+static void begin(const struct lp_jpeg_reader *reader, const struct stretch *s,
+		  struct lp_jpeg_walk *walk)
+{
+	lp_jpeg_walk_begin(walk, &reader->path, reader->stream, s->bit, s->limit, s->marks,
+			   (size_t)(s->last - s->first) * reader->path.slots);
+}
+
+/* What a walk has passed must be all of its stretch, and no more. */
+static int finish(struct lp_jpeg_reader *reader, const struct stretch *s,
+		  const struct lp_jpeg_walk *walk)
+{
+	if (walk->mark < walk->last)
+		return -EBADMSG;
+	forget_predictions(reader);
+	return store(reader, s->first, s->last, s->bit, s->marks) > s->end_bit ? -EBADMSG : 0;
+}
+
+/* Two restart segments in turns, or one. */
+static int read_stretches(struct lp_jpeg_reader *reader, const struct stretch *s, int count)
+{
+	struct lp_jpeg_walk walk[2];
+	int ret = 0;
+
+	for (int k = 0; k < count; k++)
+		begin(reader, &s[k], &walk[k]);
+	if (count == 2)
+		lp_jpeg_walk_both(&walk[0], &walk[1], &reader->path);
+	for (int k = 0; k < count && ret == 0; k++) {
+		lp_jpeg_walk_on(&walk[k], &reader->path);
+		ret = finish(reader, &s[k], &walk[k]);
+	}
+	return ret;
 }
 
 /*
- * Pass a block's AC coefficients right after its head. With `weight` (squared quantisers, zigzag
- * order; luma) *energy receives the sum of the squared values. False: broken.
- *
- * The bits live in a local, and the slow path gets a copy of its own: were the local's address
- * taken, every probe would go through memory, and this loop is nothing but probes.
+ * A stretch without restart markers in two walks. The second one begins in the middle, at a place
+ * that is no block's beginning, and knows neither which MCU it is in nor where: Huffman codes
+ * synchronise themselves (Ferguson & Rabinowitz 1984, "Self-synchronizing Huffman codes"; for JPEG:
+ * Klein & Wiseman 2003, "Parallel Huffman decoding with applications to JPEG files"). After some
+ * blocks of nonsense it goes where the first one will come, and from the MCU on whose end both
+ * agree its marks are true. Until then nothing of it counts.
  */
-HOT_INLINE bool pass_ac(struct bits *bits, const struct lp_huffman_ac *table, const float *weight,
-			float *energy)
+struct guess {
+	struct lp_jpeg_walk walk;
+	struct lp_jpeg_mark *marks;
+	uint32_t bit;
+};
+
+static void begin_guess(const struct lp_jpeg_reader *reader, const struct stretch *s,
+			struct guess *g, uint32_t bit)
 {
-	const uint16_t *skips = table->skip;
-	const uint32_t *energies = table->energy;
-	struct bits b = *bits;
-	float sum = 0.0F;
-	int k = 1, probes = PROBES_AFTER_HEAD;
-
-	/* as they are: an address that is put together anew for every probe costs it a cycle */
-	__asm__("" : "+r"(skips), "+r"(energies));
-	while (k < 64) {
-		for (; probes > 0; probes--) {
-			const uint32_t p = peek(&b, LP_PROBE_BITS);
-			const uint32_t skip = skips[p];
-			const int after = k + (int)lp_skip_advance(skip);
-
-			if (__builtin_expect(after >= 64, 0) && !lp_skip_ends(after)) {
-				struct bits copy = b;
-				float more = 0.0F;
-
-				k = pass_slowly(&copy, &table->code, k, weight, &more);
-				b = copy;
-				sum += more;
-				break;
-			}
-			if (weight)
-				sum += lp_probe_energy(energies[p]) *
-				       weight[(k + lp_probe_strongest(energies[p])) & 63];
-			drop(&b, lp_skip_bits(skip));
-			k = after;
-			if (k >= 64)
-				break;
-		}
-		if (k < 0)
-			return false;
-		if (k >= 64)
-			break;
-		refill(&b);
-		probes = PROBES_PER_REFILL;
-	}
-	if (energy)
-		*energy = sum;
-	*bits = b;
-	return true;
+	g->bit = bit;
+	lp_jpeg_walk_begin(&g->walk, &reader->path, reader->stream, bit, s->limit, g->marks,
+			   (size_t)(s->last - s->first) * reader->path.slots);
 }
 
-/* DC of the block at `bits`. *whole: it has no more than that, and is passed. False: broken. */
-HOT_INLINE bool read_head(const struct lp_jpeg_reader *reader, struct bits *bits,
-			  const struct lp_jpeg_component *c, int *difference, bool *whole)
+/* A guess that came upon no code begins anew behind it; at the end it has no more to find. */
+static bool guess_again(const struct lp_jpeg_reader *reader, const struct stretch *s,
+			struct guess *g)
 {
-	struct bits b = *bits;
+	const uint32_t bit = (g->walk.bit & ~7U) + 8;
 
-	refill(&b);
-	const struct lp_dc_probe probe =
-		reader->head[c->dc_table][c->ac_table][peek(&b, LP_HEAD_BITS)];
-
-	*whole = probe.block_bits;
-	*difference = probe.difference;
-	if (__builtin_expect(probe.bits == 0, 0)) {
-		struct bits copy = b; /* see pass_ac() */
-		const bool sound =
-			slow_symbol(&copy, &reader->dc_table[c->dc_table], difference) >= 0;
-
-		refill(&copy);
-		*bits = copy;
-		return sound;
-	}
-	drop(&b, probe.block_bits ? probe.block_bits : probe.bits);
-	*bits = b;
-	return true;
-}
-
-HOT_INLINE bool read_block(struct lp_jpeg_reader *reader, struct bits *b,
-			   struct lp_jpeg_component *c, bool luma, const float *weight,
-			   size_t block)
-{
-	int difference;
-	bool whole;
-
-	if (!read_head(reader, b, c, &difference, &whole))
+	if (!g->walk.broken || bit + GUESS_LEAST_BITS > s->end_bit)
 		return false;
-	c->prediction = (int16_t)(c->prediction + difference);
-	c->dc[block] = c->prediction;
-	if (luma)
-		reader->energy[block] = 0.0F;
-	if (whole)
-		return true;
-	return luma ? pass_ac(b, &reader->ac_table[c->ac_table], weight, &reader->energy[block])
-		    : pass_ac(b, &reader->ac_table[c->ac_table], NULL, NULL);
+	begin_guess(reader, s, g, bit);
+	return true;
 }
 
-/* The MCUs of one restart segment; its bits must not run past its end. */
-static int read_segment(struct lp_jpeg_reader *reader, int segment, int first_mcu, int last_mcu,
-			const float *weight)
+/* The MCU on whose end the walk and the guess agree, by how many MCUs each has passed until there.
+ */
+static bool meet(const struct lp_jpeg_walk *walk, const struct stretch *s, const struct guess *g,
+		 int slots, int passed[2])
 {
-	const uint32_t end_bit = (reader->segment_start[segment + 1] - SEGMENT_GAP_BYTES) * 8;
-	struct bits b = bits_at(reader->stream, reader->segment_start[segment] * 8);
-	int x = first_mcu % reader->mcus_x, y = first_mcu / reader->mcus_x;
+	const int walked = (int)((walk->mark - s->marks) / slots);
+	const int count = walked < s->last - s->first ? walked : s->last - s->first;
+	const int guessed = (int)((g->walk.mark - g->marks) / slots);
 
-	for (int k = 0; k < reader->component_count; k++)
-		reader->component[k].prediction = 0;
-	for (int mcu = first_mcu; mcu < last_mcu; mcu++) {
-		reader->mcu_bit[mcu] = position(&b, reader->stream);
-		if (reader->mcu_bit[mcu] > end_bit)
+	while (passed[0] < count && passed[1] < guessed) {
+		const uint32_t end = s->marks[(passed[0] + 1) * slots - 1].end_bit;
+		const uint32_t guess_end = g->marks[(passed[1] + 1) * slots - 1].end_bit;
+
+		passed[0] += end <= guess_end;
+		passed[1] += guess_end <= end;
+		if (end == guess_end) /* with more nonsense than truth its marks have no room */
+			return passed[1] <= passed[0];
+	}
+	return false;
+}
+
+static int read_in_two(struct lp_jpeg_reader *reader, const struct stretch *s,
+		       struct lp_jpeg_mark *marks)
+{
+	const struct lp_jpeg_path *path = &reader->path;
+	const uint32_t middle = s->bit / 16 + s->end_bit / 16; /* bytes */
+	struct lp_jpeg_walk walk;
+	struct guess guess = {.marks = marks};
+	int passed[2] = {0, 0};
+
+	begin(reader, s, &walk);
+	walk.limit = reader->stream + middle;
+	begin_guess(reader, s, &guess, 8 * middle);
+	do
+		lp_jpeg_walk_both(&walk, &guess.walk, path);
+	while (!lp_jpeg_walk_ended(&walk) && guess_again(reader, s, &guess));
+	for (;;) {
+		lp_jpeg_walk_on(&walk, path);
+		if (walk.broken)
 			return -EBADMSG;
-		for (int k = 0; k < reader->component_count; k++) {
-			struct lp_jpeg_component *c = &reader->component[k];
+		if (meet(&walk, s, &guess, path->slots, passed))
+			break;
+		if (walk.limit >= s->limit) /* never met: one walk it is */
+			return finish(reader, s, &walk);
+		walk.limit =
+			walk.limit + MEET_BYTES < s->limit ? walk.limit + MEET_BYTES : s->limit;
+	}
 
-			for (int v = 0; v < c->v; v++)
-				for (int h = 0; h < c->h; h++)
-					if (!read_block(reader, &b, c, k == 0, weight,
-							(size_t)(y * c->v + v) * c->blocks_x +
-								x * c->h + h))
-						return -EBADMSG;
-		}
-		if (++x == reader->mcus_x) {
-			x = 0;
-			y++;
+	const int met = s->first + passed[0];
+
+	guess.walk.last = marks + (size_t)(passed[1] + s->last - met) * path->slots;
+	lp_jpeg_walk_on(&guess.walk, path);
+	if (guess.walk.mark < guess.walk.last)
+		return -EBADMSG;
+	forget_predictions(reader);
+
+	const uint32_t bit = store(reader, s->first, met, s->bit, s->marks);
+
+	return store(reader, met, s->last, bit, marks + (size_t)passed[1] * path->slots) >
+			       s->end_bit
+		       ? -EBADMSG
+		       : 0;
+}
+
+static void prepare_path(struct lp_jpeg_reader *reader)
+{
+	const uint16_t *quant = reader->quant[reader->component[0].quant_table];
+	struct lp_jpeg_path *path = &reader->path;
+	const int16_t *head[LP_JPEG_SLOTS] = {NULL};
+
+	path->slots = 0;
+	for (int k = 0; k < reader->component_count; k++) {
+		const struct lp_jpeg_component *c = &reader->component[k];
+
+		for (int b = 0; b < c->h * c->v; b++) {
+			head[path->slots] = reader->head[c->dc_table][c->ac_table];
+			path->slot[path->slots++] =
+				(struct lp_jpeg_slot){.ac = reader->ac_table[c->ac_table].skip,
+						      .dc_code =
+							      &reader->dc_table[c->dc_table].code,
+						      .ac_code =
+							      &reader->ac_table[c->ac_table].code};
 		}
 	}
-	return position(&b, reader->stream) > end_bit ? -EBADMSG : 0;
+	for (int k = 0; k < path->slots; k++) {
+		struct lp_jpeg_slot *slot = &path->slot[k];
+		const int next = (k + 1) % path->slots;
+
+		slot->next[0] = slot;
+		slot->next[1] = &path->slot[next];
+		slot->to_head = (const char *)head[next] - (const char *)slot->ac;
+	}
+	path->head = head[0];
+	path->energy = reader->ac_table[reader->component[0].ac_table].energy;
+	for (int k = 1; k < 64; k++)
+		path->weight[k] = (uint32_t)quant[k] * quant[k];
 }
 
 static int read_scan(struct lp_jpeg_reader *reader)
 {
 	const int mcus = reader->mcus_x * reader->mcus_y;
-	const int interval = reader->restart_interval ? reader->restart_interval : mcus;
+	const int interval = reader->restart_interval && reader->restart_interval < mcus
+				     ? reader->restart_interval
+				     : mcus;
 	const int segments = (mcus + interval - 1) / interval;
-	const uint16_t *quant = reader->quant[reader->component[0].quant_table];
-	float weight[64];
+	int ret = 0;
+
+	prepare_path(reader);
+
+	const size_t room = (size_t)interval * reader->path.slots + LP_JPEG_WALK_MARGIN;
 
 	if (reader->segment_count < segments)
 		return -EBADMSG;
-	for (int k = 0; k < 64; k++)
-		weight[k] = (float)quant[k] * (float)quant[k];
-	for (int s = 0; s < segments; s++) {
-		const int first = s * interval;
-		const int last = first + interval < mcus ? first + interval : mcus;
-		int ret = read_segment(reader, s, first, last, weight);
+	ret = reserve(&reader->marks, &reader->mark_capacity, 2 * room, sizeof(*reader->marks));
+	for (int s = 0; ret == 0 && s < segments; s += 2) {
+		const int count = s + 1 < segments ? 2 : 1;
+		struct stretch stretch[2];
 
-		if (ret < 0)
-			return ret;
+		for (int k = 0; k < count; k++)
+			stretch[k] = stretch_at(reader, s + k, interval, reader->marks + k * room);
+		if (count == 1 && stretch[0].end_bit - stretch[0].bit > WORTH_TWO_BITS)
+			ret = read_in_two(reader, stretch, reader->marks + room);
+		else
+			ret = read_stretches(reader, stretch, count);
 	}
-	return 0;
+	return ret;
 }
 
 int lp_jpeg_read(struct lp_jpeg_reader *reader, const uint8_t *data, size_t size_bytes)
@@ -416,88 +479,4 @@ int lp_jpeg_visible_blocks_y(const struct lp_jpeg_reader *reader, int c)
 	const int step = 8 * reader->component[0].v / reader->component[c].v;
 
 	return (reader->height_px + step - 1) / step;
-}
-
-static const uint8_t natural_order[64] = {0,  1,  8,  16, 9,  2,  3,  10, 17, 24, 32, 25, 18,
-					  11, 4,  5,  12, 19, 26, 33, 40, 48, 41, 34, 27, 20,
-					  13, 6,  7,  14, 21, 28, 35, 42, 49, 56, 57, 50, 43,
-					  36, 29, 22, 15, 23, 30, 37, 44, 51, 58, 59, 52, 45,
-					  38, 31, 39, 46, 53, 60, 61, 54, 47, 55, 62, 63};
-
-/* A symbol and its value bits, by the probe's length table when the code is short; needs 31 bits.
- * The stream has been found sound by lp_jpeg_read(). */
-static inline int sound_symbol(struct bits *b, const struct lp_huffman *code, int *value)
-{
-	const uint32_t probe = peek(b, LP_PROBE_BITS);
-
-	if (!code->length_at[probe])
-		return slow_symbol(b, code, value);
-	const int symbol = code->symbol_at[probe];
-
-	drop(b, code->length_at[probe]);
-	*value = 0;
-	if (symbol & 15) {
-		*value = lp_jpeg_extend(peek(b, symbol & 15), symbol & 15);
-		drop(b, symbol & 15);
-	}
-	return symbol;
-}
-
-/* All coefficients of the block at `b`, whose DC is known. */
-static void decode_block(const struct lp_jpeg_reader *reader, struct bits *b,
-			 const struct lp_jpeg_component *c, int16_t dc, int16_t *coefficients)
-{
-	const struct lp_huffman *code = &reader->ac_table[c->ac_table].code;
-	const uint16_t *quant = reader->quant[c->quant_table];
-	bool whole;
-	int value;
-
-	memset(coefficients, 0, 64 * sizeof(*coefficients));
-	coefficients[0] = (int16_t)(dc * quant[0]);
-	if (!read_head(reader, b, c, &value, &whole) || whole)
-		return;
-	for (int k = 1; k < 64; k++) {
-		refill(b);
-		const int symbol = sound_symbol(b, code, &value);
-
-		if (symbol < 0 || ((symbol & 15) == 0 && symbol >> 4 != 15))
-			return;
-		k += symbol >> 4;
-		if (k > 63)
-			return;
-		coefficients[natural_order[k]] = (int16_t)(value * quant[k]);
-	}
-}
-
-/* Pass the block at `b`. */
-static void skip_block(const struct lp_jpeg_reader *reader, struct bits *b,
-		       const struct lp_jpeg_component *c)
-{
-	int difference;
-	bool whole;
-
-	if (read_head(reader, b, c, &difference, &whole) && !whole)
-		pass_ac(b, &reader->ac_table[c->ac_table], NULL, NULL);
-}
-
-void lp_jpeg_block_coefficients(const struct lp_jpeg_reader *reader, int bx, int by,
-				struct lp_jpeg_mcu_block *block)
-{
-	const struct lp_jpeg_component *luma = &reader->component[0];
-	const int mcu_x = bx / luma->h, mcu_y = by / luma->v;
-	const int mcu = mcu_y * reader->mcus_x + mcu_x;
-	const int wanted = by % luma->v * luma->h + bx % luma->h;
-	struct bits b = bits_at(reader->stream, reader->mcu_bit[mcu]);
-	int16_t *chroma[2] = {block->cb, block->cr};
-
-	for (int k = 0; k < luma->h * luma->v; k++) {
-		if (k == wanted)
-			decode_block(reader, &b, luma, luma->dc[(size_t)by * luma->blocks_x + bx],
-				     block->luma);
-		else if (k < wanted || reader->component_count > 1)
-			skip_block(reader, &b, luma);
-	}
-	for (int k = 1; k < reader->component_count && k <= 2; k++)
-		decode_block(reader, &b, &reader->component[k], reader->component[k].dc[mcu],
-			     chroma[k - 1]);
 }

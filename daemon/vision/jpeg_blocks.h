@@ -17,6 +17,7 @@
 #include <stdint.h>
 
 #include "vision/jpeg_huffman.h"
+#include "vision/jpeg_walk.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -34,7 +35,7 @@ struct lp_jpeg_component {
 	int dc_step;		/* quantiser of DC */
 	int16_t *dc;		/* quantised, row-major */
 	int quant_table, dc_table, ac_table;
-	int16_t prediction; /* running, within a restart segment */
+	int16_t prediction; /* of DC: running, within a restart segment */
 };
 
 /* Everything one frame needs; storage grows to the largest frame seen and stays. One thread. */
@@ -51,9 +52,9 @@ struct lp_jpeg_reader {
 
 	uint16_t quant[4][64]; /* in zigzag order */
 	bool quant_defined[4];
-	struct lp_huffman dc_table[2];
+	struct lp_huffman_dc dc_table[2];
 	struct lp_huffman_ac ac_table[2];
-	struct lp_dc_probe head[2][2][LP_HEADS]; /* of blocks, by DC and AC table */
+	int16_t head[2][2][LP_PROBES]; /* skips of blocks' heads, by DC and AC table */
 	bool head_built[2][2];
 	uint8_t dht[2048]; /* the DHT bytes that the tables were built from, to build them once */
 	size_t dht_size;
@@ -67,6 +68,9 @@ struct lp_jpeg_reader {
 	int segment_count, segment_capacity;
 	uint32_t *mcu_bit; /* bit offset into stream where each MCU begins */
 	size_t block_capacity[3], mcu_capacity;
+	struct lp_jpeg_path path;
+	struct lp_jpeg_mark *marks; /* of the blocks of two walks */
+	size_t mark_capacity;
 };
 
 int lp_jpeg_reader_create(struct lp_jpeg_reader **reader);

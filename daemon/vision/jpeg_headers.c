@@ -53,7 +53,7 @@ static int build_tables(struct lp_jpeg_reader *reader)
 	size_t left = reader->dht_size;
 
 	for (int t = 0; t < 2; t++)
-		reader->dc_table[t].defined = reader->ac_table[t].code.defined = false;
+		reader->dc_table[t].code.defined = reader->ac_table[t].code.defined = false;
 	while (left) {
 		const int ac = p[0] >> 4, table = p[0] & 15;
 		size_t values = 0;
@@ -189,11 +189,11 @@ static int check_tables(struct lp_jpeg_reader *reader)
 		const struct lp_jpeg_component *c = &reader->component[k];
 
 		if (!reader->quant_defined[c->quant_table] ||
-		    !reader->dc_table[c->dc_table].defined ||
+		    !reader->dc_table[c->dc_table].code.defined ||
 		    !reader->ac_table[c->ac_table].code.defined)
 			return -EBADMSG;
 		if (!reader->head_built[c->dc_table][c->ac_table])
-			lp_huffman_heads(&reader->dc_table[c->dc_table],
+			lp_huffman_heads(&reader->dc_table[c->dc_table].code,
 					 &reader->ac_table[c->ac_table].code,
 					 reader->head[c->dc_table][c->ac_table]);
 		reader->head_built[c->dc_table][c->ac_table] = true;

@@ -2,6 +2,7 @@
 #include "vision/jpeg_huffman.h"
 
 #include <errno.h>
+#include <math.h>
 #include <string.h>
 
 static int build_code(struct lp_huffman *code, const uint8_t counts[16], const uint8_t *values)
@@ -34,9 +35,14 @@ static int build_code(struct lp_huffman *code, const uint8_t counts[16], const u
 	return 0;
 }
 
-int lp_huffman_slow(const struct lp_huffman *code, uint32_t window, int *length)
+int lp_huffman_symbol(const struct lp_huffman *code, uint32_t window, int *length)
 {
-	for (int l = 1; l <= 16; l++) {
+	const uint32_t probe = window >> (16 - LP_PROBE_BITS);
+
+	*length = code->length_at[probe];
+	if (*length)
+		return code->symbol_at[probe];
+	for (int l = LP_PROBE_BITS + 1; l <= 16; l++) {
 		const uint32_t prefix = window >> (16 - l);
 
 		if (prefix - code->first_code[l] < code->count[l]) {
@@ -47,39 +53,52 @@ int lp_huffman_slow(const struct lp_huffman *code, uint32_t window, int *length)
 	return -1;
 }
 
-int lp_huffman_dc_build(struct lp_huffman *table, const uint8_t counts[16], const uint8_t *values)
+/* Bits of the DC difference, code and value, that a probe begins with; 0: longer than the probe. */
+static int dc_bits(const struct lp_huffman *code, uint32_t probe)
 {
-	int ret = build_code(table, counts, values);
+	const int length = code->length_at[probe], bits = length + code->symbol_at[probe];
+
+	return length && bits <= LP_PROBE_BITS ? bits : 0;
+}
+
+int lp_huffman_dc_build(struct lp_huffman_dc *table, const uint8_t counts[16],
+			const uint8_t *values)
+{
+	struct lp_huffman *code = &table->code;
+	int ret = build_code(code, counts, values);
 
 	if (ret < 0)
 		return ret;
-	for (int k = 0, n = table->first_value[16] + table->count[16]; k < n; k++)
-		if (table->value[k] > 15)
+	for (int k = 0, n = code->first_value[16] + code->count[16]; k < n; k++)
+		if (code->value[k] > 15)
 			return -EBADMSG;
+	for (uint32_t d = 0; d < LP_DC_PROBES; d++) {
+		const uint32_t p = d << (LP_PROBE_BITS - LP_DC_PROBE_BITS);
+		const int bits = dc_bits(code, p), size = code->symbol_at[p];
+
+		table->difference[d] = LP_DC_UNKNOWN;
+		if (bits && bits <= LP_DC_PROBE_BITS)
+			table->difference[d] = (int16_t)lp_jpeg_extend(p >> (LP_PROBE_BITS - bits) &
+									       ((1U << size) - 1),
+								       size);
+	}
 	return 0;
 }
 
 void lp_huffman_heads(const struct lp_huffman *dc, const struct lp_huffman *ac,
-		      struct lp_dc_probe probe[LP_HEADS])
+		      int16_t skip[LP_PROBES])
 {
-	for (uint32_t h = 0; h < LP_HEADS; h++) {
-		const uint32_t p = h << (LP_PROBE_BITS - LP_HEAD_BITS);
-		const int length = dc->length_at[p], size = dc->symbol_at[p];
-		const int used = length + size;
-
-		probe[h] = (struct lp_dc_probe){0};
-		if (!length || used > LP_HEAD_BITS)
-			continue;
-		probe[h].bits = (uint8_t)used;
-		probe[h].difference =
-			(int16_t)lp_jpeg_extend(p >> (LP_PROBE_BITS - used) & ((1U << size) - 1),
-						size);
-
+	for (uint32_t p = 0; p < LP_PROBES; p++) {
+		const int used = dc_bits(dc, p);
 		const uint32_t rest = p << used & (LP_PROBES - 1);
 		const int end = ac->length_at[rest];
 
-		if (end && used + end <= LP_HEAD_BITS && ac->symbol_at[rest] == 0)
-			probe[h].block_bits = (uint8_t)(used + end);
+		if (!used)
+			skip[p] = LP_SKIP_NONE;
+		else if (end && used + end <= LP_PROBE_BITS && ac->symbol_at[rest] == 0)
+			skip[p] = (int16_t)(LP_SKIP_END | (used + end));
+		else
+			skip[p] = (int16_t)(used | 1 << LP_SKIP_COEFFICIENT);
 	}
 }
 
@@ -113,10 +132,8 @@ static float mean_square(uint32_t bits, int known, int size)
 
 static uint32_t pack_energy(float energy, int strongest)
 {
-	uint32_t bits;
-
-	memcpy(&bits, &energy, sizeof(bits));
-	return energy > 0.0F ? (bits & ~63U) | (uint32_t)strongest : 0;
+	return (uint32_t)lrintf(energy * LP_ENERGY_STEPS) << LP_ENERGY_OFFSET_BITS |
+	       (uint32_t)strongest;
 }
 
 /* Pass as many symbols as begin and have their whole code inside the 12 bits of `p`. */
@@ -125,23 +142,23 @@ static void probe_symbols(struct lp_huffman_ac *table, uint32_t p)
 	const struct lp_huffman *code = &table->code;
 	float energy = 0.0F, largest = 0.0F;
 	int used = 0, advance = 0, strongest = 0;
-	bool any = false;
+	bool ends = false;
 
-	while (used < LP_PROBE_BITS) {
+	while (used < LP_PROBE_BITS && !ends) {
 		const uint32_t rest = p << used & (LP_PROBES - 1);
 		const int length = code->length_at[rest];
 		const int run = code->symbol_at[rest] >> 4, size = code->symbol_at[rest] & 15;
 
 		if (!length || used + length > LP_PROBE_BITS)
 			break;
-		if (!size && run != 15) { /* end of block */
+		if (!size && run != 15) {
 			used += length;
-			advance += LP_ADVANCE_END;
-			any = true;
+			ends = true;
 			break;
 		}
-		/* size 0 here: sixteen zeros. A block never holds more than 63 coefficients. */
-		if (advance + run + 1 > 63 || used + length + size > LP_PROBE_MAX_BITS)
+		/* size 0 here: sixteen zeros. A block never holds more than 63 coefficients, and
+		 * they no more than 10 bits. */
+		if (advance + run + 1 > 63 || used + length + size > LP_PROBE_MAX_BITS || size > 10)
 			break;
 		const int inside = LP_PROBE_BITS - used - length;
 
@@ -159,9 +176,10 @@ static void probe_symbols(struct lp_huffman_ac *table, uint32_t p)
 		}
 		used += length + size;
 		advance += run + 1;
-		any = true;
 	}
-	table->skip[p] = (uint16_t)(used | (any ? advance : LP_ADVANCE_NONE) << 8);
+	table->skip[p] =
+		used ? (int16_t)((ends ? LP_SKIP_END : 0) | used | advance << LP_SKIP_COEFFICIENT)
+		     : LP_SKIP_NONE;
 	table->energy[p] = pack_energy(energy, strongest);
 }
 
@@ -212,7 +230,7 @@ static const uint8_t ac_values[2][162] = {
 	 0xe8, 0xe9, 0xea, 0xf2, 0xf3, 0xf4, 0xf5, 0xf6, 0xf7, 0xf8, 0xf9, 0xfa},
 };
 
-void lp_huffman_dc_standard(struct lp_huffman *table, int chroma)
+void lp_huffman_dc_standard(struct lp_huffman_dc *table, int chroma)
 {
 	lp_huffman_dc_build(table, dc_counts[chroma], dc_values);
 }

@@ -17,7 +17,8 @@ static const struct jpeg_kind kinds[] = {
 	{3, 2, 2, 50, 0, 1, 0},	 {3, 2, 2, 100, 0, 1, 0}, {3, 2, 1, 5, 3, 1, 0},
 	{1, 1, 1, 100, 5, 1, 0},
 };
-static const int sizes[][2] = {{256, 128}, {250, 121}, {8, 8}, {1, 1}, {17, 9}, {640, 48}};
+static const int sizes[][2] = {{256, 128}, {250, 121}, {8, 8},	   {1, 1},
+			       {17, 9},	   {640, 48},  {1280, 640}};
 
 struct coefficients {
 	struct jpeg_decompress_struct info;
@@ -237,22 +238,27 @@ static void test_other_jpegs_are_left_to_libjpeg(void **state)
 /* Cut anywhere, the frame is refused; what is read is ours (AddressSanitizer watches). */
 static void test_truncation(void **state)
 {
-	const struct jpeg_kind kind = {3, 2, 2, 85, 4, 0, 0};
+	/* many restart segments; and one stretch, long enough to be read from two places */
+	const struct jpeg_kind cut_kinds[] = {{3, 2, 2, 85, 4, 0, 0}, {3, 2, 1, 95, 0, 0, 0}};
 	struct lp_jpeg_reader *reader;
-	unsigned long size;
-	uint8_t *data = encode_jpeg(&kind, 96, 64, &size);
 
 	(void)state;
 	assert_int_equal(lp_jpeg_reader_create(&reader), 0);
-	for (unsigned long cut = 0; cut + 3 < size; cut++) {
-		uint8_t *part = malloc(cut ? cut : 1); /* exact size: reads beyond are seen */
+	for (unsigned int k = 0; k < ARRAY_COUNT(cut_kinds); k++) {
+		unsigned long size;
+		uint8_t *data = encode_jpeg(&cut_kinds[k], 96, 64, &size);
 
-		memcpy(part, data, cut);
-		assert_int_equal(lp_jpeg_read(reader, part, cut), -EBADMSG);
-		free(part);
+		for (unsigned long cut = 0; cut + 3 < size; cut++) {
+			uint8_t *part =
+				malloc(cut ? cut : 1); /* exact size: reads beyond are seen */
+
+			memcpy(part, data, cut);
+			assert_int_equal(lp_jpeg_read(reader, part, cut), -EBADMSG);
+			free(part);
+		}
+		assert_int_equal(lp_jpeg_read(reader, data, size - 2), 0); /* only EOI is missing */
+		free(data);
 	}
-	assert_int_equal(lp_jpeg_read(reader, data, size - 2), 0); /* only EOI is missing */
-	free(data);
 	lp_jpeg_reader_destroy(reader);
 }
 

@@ -1,0 +1,174 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "vision/jpeg_walk.h"
+
+#include <assert.h>
+#include <string.h>
+
+/* Steps between two refills: none passes more bits than LP_PROBE_MAX_BITS. */
+#define STEPS 3
+#define HOT_INLINE static inline __attribute__((always_inline))
+/* Hides from the compiler how a value came to be: it would make a branch of a mask, and which step
+ * is a block's last is anything but predictable. */
+#define OPAQUE(value) __asm__("" : "+r"(value))
+
+static_assert(STEPS * LP_PROBE_MAX_BITS <= 56, "a full window holds 56 bits");
+
+/* At least 56 bits afterwards. Reads 8 bytes at `next`. */
+HOT_INLINE void refill(struct lp_jpeg_walk *w)
+{
+	const uint32_t count = w->next_bit - w->bit;
+	const uint32_t bytes = (63 - count) >> 3;
+	uint64_t word;
+
+	memcpy(&word, w->next, sizeof(word));
+	w->window |= __builtin_bswap64(word) >> count;
+	w->next += bytes;
+	w->next_bit += 8 * bytes;
+}
+
+HOT_INLINE void drop(struct lp_jpeg_walk *w, uint64_t bits)
+{
+	w->window <<= bits & 63;
+	w->bit += bits & 63;
+}
+
+void lp_jpeg_walk_begin(struct lp_jpeg_walk *walk, const struct lp_jpeg_path *path,
+			const uint8_t *stream, uint32_t bit, const uint8_t *limit,
+			struct lp_jpeg_mark *marks, size_t blocks)
+{
+	*walk = (struct lp_jpeg_walk){.next = stream + bit / 8,
+				      .next_bit = bit & ~7U,
+				      .bit = bit & ~7U,
+				      .skip = path->head,
+				      .slot = path->slot,
+				      .mark = marks,
+				      .last = marks + blocks,
+				      .limit = limit};
+	refill(walk);
+	drop(walk, bit % 8);
+}
+
+static void pass_mark(struct lp_jpeg_walk *w, bool ends)
+{
+	w->mark->end_bit = w->bit;
+	w->mark->energy = w->energy;
+	w->skip = (const int16_t *)((const char *)w->slot->ac + (ends ? w->slot->to_head : 0));
+	w->inside = ends ? 0 : UINT32_MAX;
+	if (!ends)
+		return;
+	w->coefficient = 0;
+	w->mark++;
+	w->slot = w->slot->next[1];
+}
+
+/* One symbol that a probe does not pass, whole. */
+static __attribute__((noinline, cold)) void step_slowly(struct lp_jpeg_walk *w,
+							const struct lp_jpeg_path *path)
+{
+	const struct lp_huffman *code = w->inside ? w->slot->ac_code : w->slot->dc_code;
+	uint32_t k = w->coefficient >> LP_SKIP_COEFFICIENT;
+	int length, symbol, size;
+
+	refill(w);
+	symbol = lp_huffman_symbol(code, (uint32_t)(w->window >> 48), &length);
+	if (symbol < 0) {
+		w->broken = w->mark < w->last;
+		w->limit = w->next - 1;
+		return;
+	}
+	drop(w, (uint64_t)length);
+	size = symbol & 15;
+	const int64_t value = size ? lp_jpeg_extend((uint32_t)(w->window >> (64 - size)), size) : 0;
+
+	drop(w, (uint64_t)size);
+	refill(w);
+	if (!w->inside) {
+		w->energy = 0;
+		w->coefficient = 1 << LP_SKIP_COEFFICIENT;
+		pass_mark(w, false);
+	} else if (!size && symbol >> 4 != 15) {
+		pass_mark(w, true);
+	} else {
+		k += (uint32_t)(symbol >> 4) + 1;
+		if (k > 64) {
+			w->broken = w->mark < w->last;
+			w->limit = w->next - 1;
+			return;
+		}
+		w->energy += (uint32_t)(value * value * LP_ENERGY_STEPS * path->weight[k - 1]);
+		w->coefficient = k << LP_SKIP_COEFFICIENT;
+		pass_mark(w, k == 64);
+	}
+}
+
+/*
+ * One probe, and the change to the next block if it ends this one: without a branch, but for what
+ * is rare. The mark is written at every step; the block's last one stays.
+ */
+HOT_INLINE void step(struct lp_jpeg_walk *w, const struct lp_jpeg_path *path)
+{
+	const struct lp_jpeg_slot *slot = w->slot;
+	const uint32_t probe = (uint32_t)(w->window >> (64 - LP_PROBE_BITS));
+	const int64_t skip = w->skip[probe];
+	const uint32_t k = w->coefficient;
+	const uint32_t after = k + (skip & (127 << LP_SKIP_COEFFICIENT));
+
+	if (__builtin_expect(after & LP_SKIP_NONE, 0)) { /* none, or beyond the block */
+		struct lp_jpeg_walk copy =
+			*w; /* its address must not be taken: see lp_jpeg_walk_on() */
+
+		step_slowly(&copy, path);
+		*w = copy;
+		return;
+	}
+	const uint32_t energy = path->energy[probe];
+	const uint32_t strongest = energy & ((1 << LP_ENERGY_OFFSET_BITS) - 1);
+	const uint32_t weight = path->weight[(k >> LP_SKIP_COEFFICIENT) + strongest];
+	int64_t ends = skip >> 15;
+
+	OPAQUE(ends);
+	w->energy = (w->energy + (energy >> LP_ENERGY_OFFSET_BITS) * weight) & w->inside;
+	drop(w, (uint64_t)skip);
+	w->mark->end_bit = w->bit;
+	w->mark->energy = w->energy;
+	w->mark = (struct lp_jpeg_mark *)((char *)w->mark + (ends & (int)sizeof(*w->mark)));
+	w->coefficient = after & ~(uint32_t)ends;
+	w->skip = (const int16_t *)((const char *)slot->ac + (slot->to_head & ends));
+	w->slot = *(const struct lp_jpeg_slot *const *)((const char *)slot->next +
+							(ends & (int)sizeof(uintptr_t)));
+	w->inside = ~(uint32_t)ends;
+}
+
+/* The walks live in locals whose address is never taken: were they in memory, every step would wait
+ * for it. */
+void lp_jpeg_walk_on(struct lp_jpeg_walk *walk, const struct lp_jpeg_path *path)
+{
+	struct lp_jpeg_walk w = *walk;
+
+	while (!lp_jpeg_walk_ended(&w)) {
+		refill(&w);
+		step(&w, path);
+		step(&w, path);
+		step(&w, path);
+	}
+	*walk = w;
+}
+
+void lp_jpeg_walk_both(struct lp_jpeg_walk *one, struct lp_jpeg_walk *other,
+		       const struct lp_jpeg_path *path)
+{
+	struct lp_jpeg_walk a = *one, b = *other;
+
+	while (!lp_jpeg_walk_ended(&a) && !lp_jpeg_walk_ended(&b)) {
+		refill(&a);
+		refill(&b);
+		step(&a, path);
+		step(&b, path);
+		step(&a, path);
+		step(&b, path);
+		step(&a, path);
+		step(&b, path);
+	}
+	*one = a;
+	*other = b;
+}

@@ -1,0 +1,86 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Walking through the entropy-coded blocks of a JPEG without decoding them: where each ends, and
+ * the energy of its AC coefficients. Internal to the reader (vision/jpeg_blocks.h).
+ *
+ * A walk is a chain of table lookups, each of which tells where the next one begins: most of its
+ * time is waiting. Two walks at different places of the stream, in turns, take little longer than
+ * one.
+ */
+#ifndef LP_VISION_JPEG_WALK_H
+#define LP_VISION_JPEG_WALK_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "vision/jpeg_huffman.h"
+
+/* Blocks of an MCU: 2 x 2 luma, 2 chroma. */
+#define LP_JPEG_SLOTS 6
+/* A walk may go on for less than this many blocks after its last. */
+#define LP_JPEG_WALK_MARGIN 4
+/* Bytes behind the end of a stream that walks may read. */
+#define LP_JPEG_WALK_PADDING 256
+
+/* A block of the MCU: how it is coded, and which comes next. */
+struct lp_jpeg_slot {
+	const struct lp_jpeg_slot *next[2]; /* after a step inside the block, and after its last */
+	const int16_t *ac;		    /* its skips: LP_PROBES */
+	intptr_t to_head; /* bytes from those to the ones of the next one's head */
+	const struct lp_huffman *dc_code, *ac_code;
+	bool luma;
+};
+
+/* What the walks through one frame share. */
+struct lp_jpeg_path {
+	struct lp_jpeg_slot slot[LP_JPEG_SLOTS];
+	int slots;
+	const int16_t *head;	/* skips of the first one's head */
+	const uint32_t *energy; /* of luma's probes */
+	/* squared quantisers of luma in zigzag order; zeros behind them, for what is looked up in
+	 * vain */
+	uint32_t weight[128];
+};
+
+/* A block that has been passed. */
+struct lp_jpeg_mark {
+	uint32_t end_bit; /* of the stream */
+	uint32_t energy;  /* luma: sum of the squared dequantised AC values, in LP_ENERGY_STEPS */
+};
+
+/* All in one place: the steps keep it in registers. */
+struct lp_jpeg_walk {
+	const uint8_t *next; /* of the stream */
+	uint64_t window;     /* the next bits, most significant first */
+	uint32_t next_bit;   /* of the stream: where that is; those up to there are in the window */
+	uint32_t bit;	     /* of the stream */
+	uint32_t coefficient; /* the next one, << LP_SKIP_COEFFICIENT */
+	uint32_t energy;      /* of the block so far */
+	uint32_t inside;      /* all ones; 0 at a block's head */
+	const int16_t *skip;  /* for the next probe */
+	const struct lp_jpeg_slot *slot;
+	struct lp_jpeg_mark *mark; /* of the block */
+	struct lp_jpeg_mark *last; /* the walk ends before this one, */
+	const uint8_t *limit;	   /* or once it has read this far, */
+	bool broken;		   /* or at what is no code; then mark < last */
+};
+
+/* At the first block of an MCU. `marks` have room for LP_JPEG_WALK_MARGIN more than `blocks`. */
+void lp_jpeg_walk_begin(struct lp_jpeg_walk *walk, const struct lp_jpeg_path *path,
+			const uint8_t *stream, uint32_t bit, const uint8_t *limit,
+			struct lp_jpeg_mark *marks, size_t blocks);
+
+static inline bool lp_jpeg_walk_ended(const struct lp_jpeg_walk *walk)
+{
+	return walk->mark >= walk->last || walk->next > walk->limit || walk->broken;
+}
+
+/* To its end. */
+void lp_jpeg_walk_on(struct lp_jpeg_walk *walk, const struct lp_jpeg_path *path);
+
+/* In turns, until one has ended. */
+void lp_jpeg_walk_both(struct lp_jpeg_walk *one, struct lp_jpeg_walk *other,
+		       const struct lp_jpeg_path *path);
+
+#endif
