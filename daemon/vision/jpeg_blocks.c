@@ -186,7 +186,7 @@ static inline int dc_difference(const uint8_t *stream, uint32_t bit,
 	memcpy(&window, stream + bit / 8, sizeof(window));
 	window = __builtin_bswap64(window) << bit % 8;
 
-	const int difference = table->difference[window >> (64 - LP_DC_PROBE_BITS)];
+	const int difference = table->difference[window >> (64 - LP_PROBE_BITS)];
 
 	if (__builtin_expect(difference != LP_DC_UNKNOWN, 1))
 		return difference;
@@ -398,7 +398,7 @@ static void prepare_path(struct lp_jpeg_reader *reader)
 		const struct lp_jpeg_component *c = &reader->component[k];
 
 		for (int b = 0; b < c->h * c->v; b++) {
-			head[path->slots] = reader->head[c->dc_table][c->ac_table];
+			head[path->slots] = reader->head[k > 0][c->dc_table][c->ac_table];
 			path->slot[path->slots++] =
 				(struct lp_jpeg_slot){.ac = reader->ac_table[c->ac_table].skip,
 						      .dc_code =

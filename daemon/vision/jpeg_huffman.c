@@ -72,34 +72,16 @@ int lp_huffman_dc_build(struct lp_huffman_dc *table, const uint8_t counts[16],
 	for (int k = 0, n = code->first_value[16] + code->count[16]; k < n; k++)
 		if (code->value[k] > 15)
 			return -EBADMSG;
-	for (uint32_t d = 0; d < LP_DC_PROBES; d++) {
-		const uint32_t p = d << (LP_PROBE_BITS - LP_DC_PROBE_BITS);
+	for (uint32_t p = 0; p < LP_PROBES; p++) {
 		const int bits = dc_bits(code, p), size = code->symbol_at[p];
 
-		table->difference[d] = LP_DC_UNKNOWN;
-		if (bits && bits <= LP_DC_PROBE_BITS)
-			table->difference[d] = (int16_t)lp_jpeg_extend(p >> (LP_PROBE_BITS - bits) &
+		table->difference[p] = LP_DC_UNKNOWN;
+		if (bits)
+			table->difference[p] = (int16_t)lp_jpeg_extend(p >> (LP_PROBE_BITS - bits) &
 									       ((1U << size) - 1),
 								       size);
 	}
 	return 0;
-}
-
-void lp_huffman_heads(const struct lp_huffman *dc, const struct lp_huffman *ac,
-		      int16_t skip[LP_PROBES])
-{
-	for (uint32_t p = 0; p < LP_PROBES; p++) {
-		const int used = dc_bits(dc, p);
-		const uint32_t rest = p << used & (LP_PROBES - 1);
-		const int end = ac->length_at[rest];
-
-		if (!used)
-			skip[p] = LP_SKIP_NONE;
-		else if (end && used + end <= LP_PROBE_BITS && ac->symbol_at[rest] == 0)
-			skip[p] = (int16_t)(LP_SKIP_END | (used + end));
-		else
-			skip[p] = (int16_t)(used | 1 << LP_SKIP_COEFFICIENT);
-	}
 }
 
 /* Sum of the squares 1 .. n. */
@@ -130,57 +112,68 @@ static float mean_square(uint32_t bits, int known, int size)
 	return (float)((sum_squares(high) - sum_squares(low - 1.0)) / (high - low + 1.0));
 }
 
-static uint32_t pack_energy(float energy, int strongest)
+/* What a probe passes. */
+struct passed {
+	int bits, coefficients;
+	bool ends;
+	float energy, largest;
+	int strongest; /* offset of the largest */
+};
+
+static void add_energy(struct passed *passed, float square, int offset)
 {
-	return (uint32_t)lrintf(energy * LP_ENERGY_STEPS) << LP_ENERGY_OFFSET_BITS |
-	       (uint32_t)strongest;
+	if (square > passed->largest) {
+		passed->largest = square;
+		passed->strongest = offset;
+	}
+	passed->energy += square;
 }
 
-/* Pass as many symbols as begin and have their whole code inside the 12 bits of `p`. */
-static void probe_symbols(struct lp_huffman_ac *table, uint32_t p)
+/* Pass as many AC symbols as begin and have their whole code inside the 12 bits of `p`. */
+static void pass_symbols(const struct lp_huffman *code, uint32_t p, struct passed *passed)
 {
-	const struct lp_huffman *code = &table->code;
-	float energy = 0.0F, largest = 0.0F;
-	int used = 0, advance = 0, strongest = 0;
-	bool ends = false;
-
-	while (used < LP_PROBE_BITS && !ends) {
-		const uint32_t rest = p << used & (LP_PROBES - 1);
+	while (passed->bits < LP_PROBE_BITS && !passed->ends) {
+		const uint32_t rest = p << passed->bits & (LP_PROBES - 1);
 		const int length = code->length_at[rest];
 		const int run = code->symbol_at[rest] >> 4, size = code->symbol_at[rest] & 15;
+		const int inside = LP_PROBE_BITS - passed->bits - length;
 
-		if (!length || used + length > LP_PROBE_BITS)
-			break;
+		if (!length || inside < 0)
+			return;
 		if (!size && run != 15) {
-			used += length;
-			ends = true;
-			break;
+			passed->bits += length;
+			passed->ends = true;
+			return;
 		}
 		/* size 0 here: sixteen zeros. A block never holds more than 63 coefficients, and
 		 * they no more than 10 bits. */
-		if (advance + run + 1 > 63 || used + length + size > LP_PROBE_MAX_BITS || size > 10)
-			break;
-		const int inside = LP_PROBE_BITS - used - length;
-
+		if (passed->coefficients + run + 1 > 63 || size > 10 ||
+		    passed->bits + length + size > LP_PROBE_MAX_BITS)
+			return;
 		if (size) {
 			const int known = size < inside ? size : inside;
-			const float square =
-				mean_square(rest >> (inside + used - known) & ((1U << known) - 1),
-					    known, size);
+			const uint32_t bits = rest >> (LP_PROBE_BITS - length - known);
 
-			if (square > largest) {
-				largest = square;
-				strongest = advance + run;
-			}
-			energy += square;
+			add_energy(passed, mean_square(bits & ((1U << known) - 1), known, size),
+				   passed->coefficients + run);
 		}
-		used += length + size;
-		advance += run + 1;
+		passed->bits += length + size;
+		passed->coefficients += run + 1;
 	}
-	table->skip[p] =
-		used ? (int16_t)((ends ? LP_SKIP_END : 0) | used | advance << LP_SKIP_COEFFICIENT)
-		     : LP_SKIP_NONE;
-	table->energy[p] = pack_energy(energy, strongest);
+}
+
+static int16_t pack_skip(const struct passed *passed)
+{
+	if (!passed->bits)
+		return LP_SKIP_NONE;
+	return (int16_t)((passed->ends ? LP_SKIP_END : 0) | passed->bits |
+			 passed->coefficients << LP_SKIP_COEFFICIENT);
+}
+
+static uint32_t pack_energy(const struct passed *passed)
+{
+	return (uint32_t)lrintf(passed->energy * LP_ENERGY_STEPS) << LP_ENERGY_OFFSET_BITS |
+	       (uint32_t)passed->strongest;
 }
 
 int lp_huffman_ac_build(struct lp_huffman_ac *table, const uint8_t counts[16],
@@ -190,9 +183,29 @@ int lp_huffman_ac_build(struct lp_huffman_ac *table, const uint8_t counts[16],
 
 	if (ret < 0)
 		return ret;
-	for (uint32_t p = 0; p < LP_PROBES; p++)
-		probe_symbols(table, p);
+	for (uint32_t p = 0; p < LP_PROBES; p++) {
+		struct passed passed = {0};
+
+		pass_symbols(&table->code, p, &passed);
+		table->skip[p] = pack_skip(&passed);
+		table->energy[p] = pack_energy(&passed);
+	}
 	return 0;
+}
+
+void lp_huffman_heads(const struct lp_huffman *dc, const struct lp_huffman *ac, bool with_energy,
+		      int16_t skip[LP_PROBES])
+{
+	for (uint32_t p = 0; p < LP_PROBES; p++) {
+		const struct passed head = {.bits = dc_bits(dc, p), .coefficients = 1};
+		struct passed passed = head;
+
+		if (head.bits)
+			pass_symbols(ac, p, &passed);
+		if (with_energy && !(passed.ends && passed.coefficients == 1))
+			passed = head;
+		skip[p] = pack_skip(&passed);
+	}
 }
 
 /* T.81, tables K.3 to K.6. */

@@ -11,9 +11,7 @@
 
 #define LP_PROBE_BITS 12
 #define LP_PROBES (1 << LP_PROBE_BITS)
-#define LP_PROBE_MAX_BITS 18 /* that one passes: value bits may reach beyond the probe */
-#define LP_DC_PROBE_BITS 10
-#define LP_DC_PROBES (1 << LP_DC_PROBE_BITS)
+#define LP_PROBE_MAX_BITS 18	/* that one passes: value bits may reach beyond the probe */
 #define LP_DC_UNKNOWN INT16_MIN /* code and value are longer than a probe */
 
 /*
@@ -48,7 +46,7 @@ struct lp_huffman {
 
 struct lp_huffman_dc {
 	struct lp_huffman code;
-	int16_t difference[LP_DC_PROBES]; /* or LP_DC_UNKNOWN */
+	int16_t difference[LP_PROBES]; /* or LP_DC_UNKNOWN */
 };
 
 /* In two tables: where the next probe begins waits for the first one, which is small enough to stay
@@ -71,8 +69,8 @@ void lp_huffman_dc_standard(struct lp_huffman_dc *table, int chroma);
 void lp_huffman_ac_standard(struct lp_huffman_ac *table, int chroma);
 
 /* Skips for the heads of blocks that are coded with this pair of tables: DC, and the block's end
- * when it follows at once. */
-void lp_huffman_heads(const struct lp_huffman *dc, const struct lp_huffman *ac,
+ * when it follows at once; or, where nobody asks for the energy, whatever follows. */
+void lp_huffman_heads(const struct lp_huffman *dc, const struct lp_huffman *ac, bool with_energy,
 		      int16_t skip[LP_PROBES]);
 
 /* Symbol at the head of `window` (16 bits, left-aligned in the low 16); *length receives its code's
