@@ -12,6 +12,7 @@ import struct
 import subprocess
 import threading
 import tty
+from abc import ABC, abstractmethod
 from contextlib import suppress
 from pathlib import Path
 
@@ -83,7 +84,7 @@ def envelope_of(identifier: int, payload: bytes) -> bytes:
     return data + struct.pack("<H", crc)
 
 
-class Bridge(threading.Thread):
+class Bridge(threading.Thread, ABC):
     """Carries messages between a line and a device until stop()."""
 
     def __init__(self, line: Path) -> None:
@@ -94,17 +95,17 @@ class Bridge(threading.Thread):
         self._ended = threading.Event()
         self.start()
 
+    @abstractmethod
     def open(self) -> int:
         """Descriptor of the device; -1: not there."""
-        raise NotImplementedError
 
+    @abstractmethod
     def read(self, fd: int) -> bytes:
         """What came from the daemon, as bytes of the line."""
-        raise NotImplementedError
 
+    @abstractmethod
     def write(self, fd: int, frames: list[bytes], raw: bytes) -> None:
         """Hand on what the firmware has said: envelopes, and the line's own bytes."""
-        raise NotImplementedError
 
     def _take_line(self) -> tuple[list[bytes], bytes]:
         raw = os.read(self._line, 4096)

@@ -75,6 +75,32 @@ def simulator():
         process.kill()
 
 
+@pytest.fixture(scope="module")
+def vcan():
+    """Name of a virtual CAN interface that is up."""
+    from machine import modprobe, run
+
+    modprobe("vcan")
+    modprobe("can-raw")
+    run("ip", "link", "add", "dev", "vcan0", "type", "vcan")
+    run("ip", "link", "set", "up", "vcan0")
+    return "vcan0"
+
+
+@pytest.fixture(scope="module")
+def kvaser():
+    """Names of two interfaces on one bus at 500 kbit/s."""
+    from machine import modprobe, run, wait_for
+
+    modprobe("can-raw")
+    modprobe("kvaser_pci")
+    for name in ("can0", "can1"):
+        wait_for(name, lambda name=name: name in run("ip", "-br", "link"))
+        run("ip", "link", "set", name, "type", "can", "bitrate", "500000", "restart-ms", "100")
+        run("ip", "link", "set", name, "up")
+    return "can0", "can1"
+
+
 def pytest_runtest_logreport(report):
     """Show a failure at once: a guest that hangs later never comes to the summary."""
     if report.failed:

@@ -126,6 +126,16 @@ class Daemon:
         self._skip_waiting()
         return self.wait_health("health", lambda health: True)
 
+    def expect_stall(self, silence: Callable[[str], object], told: str) -> None:
+        """A camera that falls silent is a state, told in the log's words; and it ends."""
+        self.wait_estimate()
+        silence("silent 1")
+        health = self.wait_state("STALLED")
+        assert told in health.faults[0].text
+        silence("silent 0")
+        self.wait_state("STREAMING")
+        self.wait_estimate(time.time_ns())
+
     def log(self) -> str:
         """Return all that it has printed."""
         return self._log.read_text(errors="replace")

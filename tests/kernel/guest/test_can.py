@@ -4,30 +4,7 @@
 import subprocess
 from pathlib import Path
 
-import pytest
-from machine import modprobe, run, wait_for
-
-
-@pytest.fixture(scope="module")
-def vcan():
-    """Name of a virtual CAN interface that is up."""
-    modprobe("vcan")
-    modprobe("can-raw")
-    run("ip", "link", "add", "dev", "vcan0", "type", "vcan")
-    run("ip", "link", "set", "up", "vcan0")
-    return "vcan0"
-
-
-@pytest.fixture(scope="module")
-def kvaser():
-    """Names of two interfaces on one bus at 500 kbit/s."""
-    modprobe("can-raw")
-    modprobe("kvaser_pci")
-    for name in ("can0", "can1"):
-        wait_for(name, lambda name=name: name in run("ip", "-br", "link"))
-        run("ip", "link", "set", name, "type", "can", "bitrate", "500000")
-        run("ip", "link", "set", name, "up")
-    return "can0", "can1"
+from machine import run, wait_for
 
 
 def listening_interfaces() -> set[str]:
@@ -39,7 +16,9 @@ def listening_interfaces() -> set[str]:
 def frame_over(sender: str, receiver: str, frame: str) -> str:
     """Send one frame and return what candump saw at the other end."""
     with subprocess.Popen(
-        ["candump", "-L", "-n", "1", "-T", "15000", receiver], stdout=subprocess.PIPE, text=True
+        ["candump", "-L", "-n", "1", "-T", "15000", receiver],
+        stdout=subprocess.PIPE,
+        text=True,
     ) as dump:
         wait_for("candump", lambda: receiver in listening_interfaces())
         run("cansend", sender, frame)

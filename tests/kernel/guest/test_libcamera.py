@@ -106,13 +106,7 @@ def test_unplugged_and_plugged_in_again(start, plugged, record_property):
 
 def test_stall_is_told_and_ends(start, plugged):
     daemon = start(f"libcamera:?{SMALL}&stall_ms=500")
-    daemon.wait_estimate()
-    plugged.command("silent 1")
-    health = daemon.wait_state("STALLED")
-    assert "opening the camera anew" in health.faults[0].text
-    plugged.command("silent 0")
-    daemon.wait_state("STREAMING")
-    daemon.wait_estimate(time.time_ns())
+    daemon.expect_stall(plugged.command, "opening the camera anew")
 
 
 def test_lost_frames_are_counted(start, plugged):

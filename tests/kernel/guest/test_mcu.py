@@ -95,28 +95,6 @@ def ftdi():
 
 
 @pytest.fixture(scope="module")
-def vcan():
-    """A virtual CAN interface that is up."""
-    modprobe("vcan")
-    modprobe("can-raw")
-    run("ip", "link", "add", "dev", "vcan0", "type", "vcan")
-    run("ip", "link", "set", "up", "vcan0")
-    return "vcan0"
-
-
-@pytest.fixture(scope="module")
-def kvaser():
-    """Two interfaces on one bus at 500 kbit/s."""
-    modprobe("can-raw")
-    modprobe("kvaser_pci")
-    for name in ("can0", "can1"):
-        wait_for(name, lambda name=name: name in run("ip", "-br", "link"))
-        run("ip", "link", "set", name, "type", "can", "bitrate", "500000", "restart-ms", "100")
-        run("ip", "link", "set", name, "up")
-    return "can0", "can1"
-
-
-@pytest.fixture(scope="module")
 def mailbox():
     """Device of an I2C bus with the mailbox on it."""
     modprobe("i2c-dev")
