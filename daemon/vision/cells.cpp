@@ -9,7 +9,7 @@
 
 #include "include/frame.h"
 #include "vision/cells_store.hpp"
-#include "vision/raw_pixels.hpp"
+#include "vision/planes.hpp"
 #include "vision/response.h"
 
 /* Cells of storage beyond the last: vector stores may touch them. */
@@ -157,6 +157,34 @@ int fill_from_float(struct lp_cells *cells, const struct lp_frame *frame, int ce
 	return ret;
 }
 
+/* Pixels of a raw 8-bit frame, tile by tile; a cell lies within one. */
+class raw_tiles
+{
+	lp::planes planes;
+	int column = -1, row = -1; /* of the tile at hand */
+	uint8_t rgb[64][3];
+
+      public:
+	explicit raw_tiles(const struct lp_frame *frame) : planes(lp::planes_of(frame))
+	{
+	}
+
+	/* From pixel (x, y) to the end of its tile's row. */
+	const uint8_t *codes(int x, int y)
+	{
+		if (x / 8 != column || y / 8 != row) {
+			lp::tile tile;
+
+			column = x / 8;
+			row = y / 8;
+			lp::plane_tile(planes, column, row, tile);
+			lp::follow_luma(tile);
+			lp::tile_rgb(tile, rgb);
+		}
+		return rgb[y % 8 * 8 + x % 8];
+	}
+};
+
 } /* namespace */
 
 extern "C" int lp_cells_from_rgb8(struct lp_cells *cells, const uint8_t *rgb, int width_px,
@@ -175,12 +203,9 @@ extern "C" int lp_cells_from_raw(struct lp_cells *cells, const struct lp_frame *
 				 const float *row_weight, const struct lp_response *response,
 				 float scale)
 {
-	const auto gather = [=](int x0, int x1, int y, float w, cell_sum &sum) {
-		uint8_t codes[8 * 3];
-
-		for (int x = x0; x < x1; x++)
-			lp::raw_codes(frame, x, y, codes + 3 * (x - x0));
-		sum.add(codes, x1 - x0, response, w);
+	raw_tiles tiles(frame);
+	const auto gather = [&tiles, response](int x0, int x1, int y, float w, cell_sum &sum) {
+		sum.add(tiles.codes(x0, y), x1 - x0, response, w);
 	};
 
 	if (frame->format == LP_FORMAT_RGB_F32)
@@ -189,21 +214,38 @@ extern "C" int lp_cells_from_raw(struct lp_cells *cells, const struct lp_frame *
 				scale, gather);
 }
 
-extern "C" void lp_frame_linear_pixel(const struct lp_frame *frame, int x, int y,
-				      const struct lp_response *response, float scale, float rgb[3])
+namespace
 {
-	x = std::clamp(x, 0, static_cast<int>(frame->width_px) - 1);
-	y = std::clamp(y, 0, static_cast<int>(frame->height_px) - 1);
-	if (frame->format == LP_FORMAT_RGB_F32) {
-		const bool sound = float_pixel(frame, x, y, rgb);
+
+void float_pixels(const struct lp_frame *frame, int x0, int y0, int side, float scale,
+		  float (*rgb)[3])
+{
+	for (int p = 0; p < side * side; p++) {
+		const int x = std::min(x0 + p % side, static_cast<int>(frame->width_px) - 1);
+		const int y = std::min(y0 + p / side, static_cast<int>(frame->height_px) - 1);
+		const bool sound = float_pixel(frame, x, y, rgb[p]);
 
 		for (int c = 0; c < 3; c++)
-			rgb[c] = sound ? rgb[c] * scale : 0.0F;
+			rgb[p][c] = sound ? rgb[p][c] * scale : 0.0F;
+	}
+}
+
+} /* namespace */
+
+extern "C" void lp_frame_linear_pixels(const struct lp_frame *frame, int x, int y, int side,
+				       const struct lp_response *response, float scale,
+				       float (*rgb)[3])
+{
+	if (frame->format == LP_FORMAT_RGB_F32) {
+		float_pixels(frame, x, y, side, scale, rgb);
 		return;
 	}
-	uint8_t code[3];
+	raw_tiles tiles(frame);
 
-	lp::raw_codes(frame, x, y, code);
-	for (int c = 0; c < 3; c++)
-		rgb[c] = scale * response->pixel[c][code[c]];
+	for (int row = 0; row < side; row++) {
+		const uint8_t *code = tiles.codes(x, y + row);
+
+		for (int i = 0; i < 3 * side; i++)
+			rgb[row * side + i / 3][i % 3] = scale * response->pixel[i % 3][code[i]];
+	}
 }

@@ -61,10 +61,10 @@ int lp_cells_from_raw_blocks(struct lp_cells *cells, const struct lp_frame *fram
 int lp_cells_from_raw(struct lp_cells *cells, const struct lp_frame *frame, int cell_px,
 		      const float *row_weight, const struct lp_response *response, float scale);
 
-/* Linear radiance of one pixel of a raw frame; beyond the picture its edge, 0 for a broken sample.
- */
-void lp_frame_linear_pixel(const struct lp_frame *frame, int x, int y,
-			   const struct lp_response *response, float scale, float rgb[3]);
+/* Linear radiance of the side * side pixels from (x, y) on of a raw frame, row-major; beyond the
+ * picture its edge, 0 for a broken sample. side and the alignment of x, y: of cells, up to 8. */
+void lp_frame_linear_pixels(const struct lp_frame *frame, int x, int y, int side,
+			    const struct lp_response *response, float scale, float (*rgb)[3]);
 
 #ifdef __cplusplus
 }

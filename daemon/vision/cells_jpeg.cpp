@@ -5,9 +5,9 @@
 #include "vision/block_row.hpp"
 #include "vision/cells.h"
 #include "vision/jpeg_blocks.h"
-#include "vision/jpeg_pixels.h"
 #include "vision/response.h"
 #include "vision/simd.hpp"
+#include "vision/tile.hpp"
 
 static_assert(LP_CODE_STEPS == 8, "dc * step / 8 is a mean code: dc * step counts eighths");
 
@@ -31,7 +31,11 @@ struct jpeg_picture final : lp::block_picture {
 
 	void pixels(int column, int row, uint8_t rgb[64][3]) const override
 	{
-		lp_jpeg_block_rgb(reader, column, row, rgb);
+		lp::tile tile;
+
+		lp::jpeg_tile(reader, column, row, tile);
+		lp::follow_luma(tile);
+		lp::tile_rgb(tile, rgb);
 	}
 };
 

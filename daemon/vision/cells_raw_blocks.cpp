@@ -8,7 +8,7 @@
 #include "include/frame.h"
 #include "vision/block_row.hpp"
 #include "vision/cells.h"
-#include "vision/raw_pixels.hpp"
+#include "vision/planes.hpp"
 #include "vision/response.h"
 #include "vision/simd.hpp"
 
@@ -82,8 +82,9 @@ void finish(const pair_sums &luma, const pair_chroma &chroma, int chroma_rows, b
 
 struct raw_picture final : lp::block_picture {
 	const struct lp_frame *frame;
+	lp::planes planes;
 
-	explicit raw_picture(const struct lp_frame *f) : frame(f)
+	explicit raw_picture(const struct lp_frame *f) : frame(f), planes(lp::planes_of(f))
 	{
 		width = (static_cast<int>(f->width_px) + 7) / 8;
 		height = (static_cast<int>(f->height_px) + 7) / 8;
@@ -94,9 +95,11 @@ struct raw_picture final : lp::block_picture {
 
 	void pixels(int column, int row, uint8_t rgb[64][3]) const override
 	{
-		for (int p = 0; p < 64; p++)
-			lp::raw_codes(frame, std::min<int>(8 * column + p % 8, frame->width_px - 1),
-				      std::min<int>(8 * row + p / 8, frame->height_px - 1), rgb[p]);
+		lp::tile tile;
+
+		lp::plane_tile(planes, column, row, tile);
+		lp::follow_luma(tile);
+		lp::tile_rgb(tile, rgb);
 	}
 
 	void pair(int bx, int by, block_sums out[2]) const;
@@ -142,7 +145,7 @@ block_sums raw_picture::single(int bx, int by) const
 	for (int p = 0; p < 64; p++) {
 		const int x = std::min<int>(8 * bx + p % 8, frame->width_px - 1);
 		const int y = std::min<int>(8 * by + p / 8, frame->height_px - 1);
-		const lp::ycbcr code = lp::raw_ycbcr(frame, x, y);
+		const lp::ycbcr code = planes.at(x, y);
 
 		s.luma += code.y;
 		s.squares += code.y * code.y;

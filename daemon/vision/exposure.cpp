@@ -12,9 +12,10 @@
 #include "include/frame.h"
 #include "vision/cells.h"
 #include "vision/jpeg_blocks.h"
-#include "vision/jpeg_pixels.h"
+#include "vision/planes.hpp"
 #include "vision/response.h"
 #include "vision/simd.hpp"
+#include "vision/tile.hpp"
 
 extern "C" {
 #include "base/log.h"
@@ -26,6 +27,7 @@ extern "C" void lp_exposure_release(struct lp_exposure *exposure)
 	lp_frame_release(exposure->frame);
 	lp_jpeg_reader_destroy(exposure->jpeg);
 	std::free(exposure->rgb);
+	std::free(exposure->yuv);
 	if (exposure->turbo)
 		tjDestroy(exposure->turbo);
 	*exposure = {};
@@ -50,41 +52,92 @@ int refuse_turbo(struct lp_exposure *exposure, const char *stage)
 	return ret;
 }
 
+/* At least `bytes` of storage, contents lost. */
+int reserve(uint8_t **buffer, size_t *capacity, size_t bytes)
+{
+	if (bytes <= *capacity)
+		return 0;
+	std::free(*buffer);
+	*buffer = static_cast<uint8_t *>(std::malloc(bytes));
+	*capacity = *buffer ? bytes : 0;
+	return *buffer ? 0 : -ENOMEM;
+}
+
+/* What tjDecompressHeader3() tells. */
+struct turbo_header {
+	int width, height, subsampling, colourspace;
+};
+
+/* Subsampled chroma is made finer here: libjpeg would smooth it. */
+bool follows_luma(const turbo_header &header, int divisor)
+{
+	return divisor == 1 && header.colourspace == TJCS_YCbCr &&
+	       (header.subsampling == TJSAMP_420 || header.subsampling == TJSAMP_422);
+}
+
+int decode_planes(struct lp_exposure *exposure, const struct lp_frame *frame,
+		  const turbo_header &header)
+{
+	unsigned char *plane[3];
+	size_t size[3];
+
+	for (int c = 0; c < 3; c++)
+		size[c] = tjPlaneSizeYUV(c, header.width, 0, header.height, header.subsampling);
+	if (reserve(&exposure->yuv, &exposure->yuv_capacity, size[0] + size[1] + size[2]) < 0)
+		return -ENOMEM;
+	plane[0] = exposure->yuv;
+	plane[1] = plane[0] + size[0];
+	plane[2] = plane[1] + size[1];
+	if (tjDecompressToYUVPlanes(exposure->turbo, frame->data, frame->size_bytes, plane,
+				    header.width, nullptr, header.height, 0) < 0)
+		return refuse_turbo(exposure, "JPEG data");
+
+	lp::planes planes;
+
+	planes.luma = plane[0];
+	planes.cb = plane[1];
+	planes.cr = plane[2];
+	planes.luma_stride = tjPlaneWidth(0, header.width, header.subsampling);
+	planes.chroma_stride = tjPlaneWidth(1, header.width, header.subsampling);
+	planes.luma_step = planes.chroma_step = 1;
+	planes.width = header.width;
+	planes.height = header.height;
+	planes.h = 2;
+	planes.v = header.subsampling == TJSAMP_420 ? 2 : 1;
+	lp::planes_to_rgb(planes, exposure->rgb);
+	return 0;
+}
+
 /* Whole picture by libjpeg-turbo at 1/divisor. */
 int decode_picture(struct lp_exposure *exposure, const struct lp_frame *frame, int divisor)
 {
-	int width, height, subsampling, colourspace;
+	turbo_header header;
 
 	if (!exposure->turbo)
 		exposure->turbo = tjInitDecompress();
 	if (!exposure->turbo)
 		return -ENOMEM;
-	if (tjDecompressHeader3(exposure->turbo, frame->data, frame->size_bytes, &width, &height,
-				&subsampling, &colourspace) < 0)
+	if (tjDecompressHeader3(exposure->turbo, frame->data, frame->size_bytes, &header.width,
+				&header.height, &header.subsampling, &header.colourspace) < 0)
 		return refuse_turbo(exposure, "JPEG header");
-	if (width != static_cast<int>(frame->width_px) ||
-	    height != static_cast<int>(frame->height_px))
+	if (header.width != static_cast<int>(frame->width_px) ||
+	    header.height != static_cast<int>(frame->height_px))
 		return refuse("JPEG header", "the picture's size is not the stream's");
 	const tjscalingfactor factor = {1, divisor};
-	const int w = TJSCALED(width, factor), h = TJSCALED(height, factor);
-	const size_t bytes = static_cast<size_t>(w) * h * 3;
+	const int w = TJSCALED(header.width, factor), h = TJSCALED(header.height, factor);
 
-	if (bytes > exposure->rgb_capacity) {
-		std::free(exposure->rgb);
-		exposure->rgb_capacity = 0;
-		exposure->rgb = static_cast<uint8_t *>(std::malloc(bytes));
-		if (!exposure->rgb)
-			return -ENOMEM;
-		exposure->rgb_capacity = bytes;
-	}
+	if (reserve(&exposure->rgb, &exposure->rgb_capacity, static_cast<size_t>(w) * h * 3) < 0)
+		return -ENOMEM;
+	exposure->rgb_width_px = w;
+	exposure->rgb_height_px = h;
+	exposure->rgb_divisor = divisor;
+	if (follows_luma(header, divisor))
+		return decode_planes(exposure, frame, header);
 	/* warnings are broken data too: libjpeg fills in what is missing, and light is no filling
 	 */
 	if (tjDecompress2(exposure->turbo, frame->data, frame->size_bytes, exposure->rgb, w, 0, h,
 			  TJPF_RGB, 0) < 0)
 		return refuse_turbo(exposure, "JPEG data");
-	exposure->rgb_width_px = w;
-	exposure->rgb_height_px = h;
-	exposure->rgb_divisor = divisor;
 	return 0;
 }
 
@@ -208,9 +261,12 @@ namespace
 void block_pixels(const struct lp_exposure *exposure, int column, int row,
 		  const struct lp_response *response, float (*rgb)[3])
 {
+	lp::tile tile;
 	uint8_t code[64][3];
 
-	lp_jpeg_block_rgb(exposure->jpeg, column, row, code);
+	lp::jpeg_tile(exposure->jpeg, column, row, tile);
+	lp::follow_luma(tile);
+	lp::tile_rgb(tile, code);
 	for (int p = 0; p < 64; p++)
 		for (int c = 0; c < 3; c++)
 			rgb[p][c] = exposure->scale * response->pixel[c][code[p][c]];
@@ -239,15 +295,13 @@ extern "C" void lp_exposure_cell_pixels(const struct lp_exposure *exposure, int 
 		block_pixels(exposure, column, row, response, rgb);
 		return;
 	}
+	if (exposure->frame) {
+		lp_frame_linear_pixels(exposure->frame, column * side, row * side, side, response,
+				       exposure->scale, rgb);
+		return;
+	}
 	for (int y = 0; y < side; y++)
-		for (int x = 0; x < side; x++) {
-			float *out = rgb[y * side + x];
-			const int px = column * side + x, py = row * side + y;
-
-			if (exposure->frame)
-				lp_frame_linear_pixel(exposure->frame, px, py, response,
-						      exposure->scale, out);
-			else
-				picture_pixel(exposure, px, py, response, out);
-		}
+		for (int x = 0; x < side; x++)
+			picture_pixel(exposure, column * side + x, row * side + y, response,
+				      rgb[y * side + x]);
 }

@@ -226,11 +226,12 @@ static void test_jpeg_against_its_own_pixels(void **state)
 			total += b[1];
 		}
 		/* full-scale edges and noise all over, of all colours: far worse than a room; the
-		 * detail of chroma is not read, so grey does better, and pixels are exact */
+		 * detail of chroma is not read, and pixels' chroma follows their luma, so grey does
+		 * better, and pixels are exact */
 		const int exact = kinds[k].progressive, grey = kinds[k].components == 1;
 
 		assert_true(difference / total < (exact ? 0.01 : grey ? 0.02 : 0.1));
-		assert_true(fabs(bias / total) < (exact ? 0.001 : grey ? 0.005 : 0.03));
+		assert_true(fabs(bias / total) < (exact ? 0.001 : grey ? 0.005 : 0.05));
 		lp_imager_destroy(blocks);
 		lp_imager_destroy(pixels);
 	}
@@ -268,8 +269,8 @@ static void test_raw_blocks_against_pixels(void **state)
 				bias += a - b;
 				total += b;
 			}
-		assert_true(difference / total < 0.02);
-		assert_true(fabs(bias / total) < 0.02); /* the variance of chroma is left out */
+		assert_true(difference / total < 0.025);
+		assert_true(fabs(bias / total) < 0.025); /* the variance of chroma is left out */
 		lp_imager_destroy(imagers[0]);
 		lp_imager_destroy(imagers[1]);
 	}
