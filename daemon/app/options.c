@@ -151,7 +151,8 @@ static const struct lp_param params[] = {
 		 "least"},
 	{"refine-cells", LP_PARAM_OWN, FIELD(refine_cells), .initial = "preset",
 	 .parse = parse_refine_cells, .expects = "preset, or a whole number 0..1024",
-	 .help = "largest lamp looked at in full resolution, in camera cells; 0: none"},
+	 .help = "largest lamp looked at in full resolution, in camera cells that hold its\n"
+		 "light; 0: none"},
 	{"latency-goal-ms", LP_PARAM_FLOAT, FIELD(goals.latency_ms), .initial = "0", .max = 60000,
 	 .help = "lower the preset while more than one estimate in ten takes longer; 0: never"},
 	{"cpu-budget-percent", LP_PARAM_FLOAT, FIELD(goals.cpu_percent), .initial = "0",

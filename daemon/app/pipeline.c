@@ -31,7 +31,7 @@ struct preset {
 	enum lp_decode decode;
 	int divisor;
 	int exact_blocks;
-	int refine_cells; /* largest lamp refined, in camera cells; 0: none */
+	int refine_cells; /* largest lamp refined, in cells that hold its light; 0: none */
 	int panorama_width;
 };
 

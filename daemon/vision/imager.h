@@ -81,9 +81,9 @@ void lp_imager_status(const struct lp_imager *imager, struct lp_imager_status *s
 
 /*
  * Look at the full-resolution pixels behind a lamp, of the longest exposure that does not clip
- * there: direction, irradiance, solid angle and the direction's sigma become theirs. False: the
- * lamp covers more than `most_cells` camera cells, where the grid serves as well, and is left as it
- * was.
+ * there: direction, irradiance, solid angle and the direction's sigma become theirs. False: more
+ * than `most_cells` camera cells hold the lamp's light, where the grid serves as well, and it is
+ * left as it was.
  */
 bool lp_imager_refine(struct lp_imager *imager, const struct lp_lamp_finder *finder,
 		      struct lp_lamp *lamp, int most_cells);

@@ -20,6 +20,9 @@
 /* Pixels fainter than this share of the lamp's peak, or lost in the surround's noise, add to its
  * irradiance but say nothing of where and how large it is. */
 #define CORE_SHARE 0.05F
+/* Cells whose mean holds less than this share of the lamp's peak are not decoded: of such a cell
+ * the mean is right enough. One bright pixel of 64 holds more. */
+#define DECODED_SHARE 0.01F
 /* A direction is never better known than this part of a pixel: registration of lens and sensor. */
 #define LEAST_SIGMA_PX 0.05
 /* Of camera cells near a pole, in cells at the horizon; and how many one may stand for. */
@@ -32,7 +35,7 @@ struct patch {
 	int count;
 	int cells[LP_REFINE_MAX_CELLS];
 	float share[LP_REFINE_MAX_CELLS];
-	float brightest[LP_REFINE_MAX_CELLS]; /* luminance of a pixel: load_pixels() */
+	float brightest[LP_REFINE_MAX_CELLS]; /* luminance of a pixel; -FLT_MAX: not decoded */
 };
 
 /*
@@ -54,21 +57,18 @@ static int polar_stride(const struct lp_imager *imager, int row, int most)
 	return stride;
 }
 
-/* Camera cells that hold the lamp's light, and not just its surround's, each count by themselves.
- */
-static bool bright(const struct lp_imager *imager, const struct lp_lamp *lamp, int source)
+/* Does this camera cell hold so much of the lamp's light, and not just its surround's? */
+static bool holds(const struct lp_cells *cells, const struct lp_lamp *lamp, int source, float share)
 {
 	const float surround = lamp->background[LUMINANCE];
 
-	return imager->shown->radiance[source][LUMINANCE] - surround >
-	       CORE_SHARE * (lamp->peak - surround);
+	return cells->radiance[source][LUMINANCE] - surround > share * (lamp->peak - surround);
 }
 
 /* Camera cells behind the lamp's panorama cells, thinned where polar_stride() allows it; the bright
- * ones only if `all`. False: more than `most`. */
+ * ones, which each count by themselves, only if `all`. False: too many. */
 static bool collect_thinned(struct lp_imager *imager, const struct lp_lamp_finder *finder,
-			    const struct lp_lamp *lamp, int most, int thin, bool all,
-			    struct patch *patch)
+			    const struct lp_lamp *lamp, int thin, bool all, struct patch *patch)
 {
 	const struct lp_remap *remap = imager->remap;
 	const int columns = (remap->width_px + remap->cell_px - 1) / remap->cell_px;
@@ -80,7 +80,8 @@ static bool collect_thinned(struct lp_imager *imager, const struct lp_lamp_finde
 
 		for (int k = remap->start[cell]; k < remap->start[cell + 1]; k++) {
 			const int source = remap->source[k];
-			const int stride = thin == 1 || (!all && bright(imager, lamp, source))
+			const int stride = thin == 1 || (!all && holds(imager->shown, lamp, source,
+								       CORE_SHARE))
 						   ? 1
 						   : polar_stride(imager, source / columns, thin);
 			int *place = &imager->place[source];
@@ -89,7 +90,7 @@ static bool collect_thinned(struct lp_imager *imager, const struct lp_lamp_finde
 				continue;
 			/* place: where the patch holds this cell; only valid if it really does */
 			if (*place >= patch->count || patch->cells[*place] != source) {
-				if (patch->count == most)
+				if (patch->count == LP_REFINE_MAX_CELLS)
 					return false;
 				*place = patch->count;
 				patch->cells[patch->count] = source;
@@ -100,16 +101,6 @@ static bool collect_thinned(struct lp_imager *imager, const struct lp_lamp_finde
 		}
 	}
 	return patch->count > 0;
-}
-
-static bool collect(struct lp_imager *imager, const struct lp_lamp_finder *finder,
-		    const struct lp_lamp *lamp, int most, struct patch *patch)
-{
-	for (int all = 0; all <= 1; all++) /* bright cells so many are alike, too */
-		for (int thin = 1; thin <= MOST_THINNED; thin *= 2)
-			if (collect_thinned(imager, finder, lamp, most, thin, all, patch))
-				return true;
-	return false;
 }
 
 static bool clips(const struct lp_exposure *exposure, const struct patch *patch)
@@ -138,6 +129,42 @@ static const struct lp_exposure *best_exposure(const struct lp_imager *imager,
 	}
 	*clipped = !best;
 	return best ? best : shortest;
+}
+
+/* Which cells of the patch are to be decoded; returns how many. By one exposure: in a merged cell
+ * of few bright pixels these may be cut off. */
+static int choose_decoded(const struct lp_exposure *exposure, const struct lp_lamp *lamp,
+			  struct patch *patch)
+{
+	int count = 0;
+
+	for (int i = 0; i < patch->count; i++) {
+		const bool decode = holds(&exposure->cells, lamp, patch->cells[i], DECODED_SHARE);
+
+		patch->brightest[i] = decode ? 0.0F : -FLT_MAX;
+		count += decode;
+	}
+	return count;
+}
+
+/* The patch, of which at most `most` cells are to be decoded, and the exposure to look at it in;
+ * NULL: none. */
+static const struct lp_exposure *collect(struct lp_imager *imager,
+					 const struct lp_lamp_finder *finder,
+					 const struct lp_lamp *lamp, int most, struct patch *patch,
+					 bool *clipped)
+{
+	for (int all = 0; all <= 1; all++) /* bright cells so many are alike, too */
+		for (int thin = 1; thin <= MOST_THINNED; thin *= 2) {
+			const struct lp_exposure *exposure;
+
+			if (!collect_thinned(imager, finder, lamp, thin, all, patch))
+				continue;
+			exposure = best_exposure(imager, patch, clipped);
+			if (!exposure || choose_decoded(exposure, lamp, patch) <= most)
+				return exposure;
+		}
+	return NULL;
 }
 
 /* How the pixels of one camera cell lie on the sphere: direction by bilinear interpolation of its
@@ -302,10 +329,16 @@ static float brightest(const float (*rgb)[3], int count)
 	return most;
 }
 
-static void fill(float (*rgb)[3], int count, const float value[3])
+/* The same of a row of pixels that are all alike and not of the core. */
+static struct row_sums flat_row(const float *radiance, int count, float step,
+				const float *background)
 {
-	for (int p = 0; p < count; p++)
-		memcpy(rgb[p], value, sizeof(rgb[p]));
+	struct row_sums s = {.pixels = 0.0F};
+
+	for (int c = 0; c < 4; c++)
+		s.flux[c] = (float)count * (radiance[c] - background[c]);
+	s.moment = s.flux[LUMINANCE] * 0.5F * (float)count * step;
+	return s;
 }
 
 /* Pixels of the patch, camera cell after camera cell; returns the highest luminance. */
@@ -318,6 +351,8 @@ static float load_pixels(struct lp_imager *imager, const struct lp_exposure *exp
 	for (int i = 0; i < patch->count; i++) {
 		float(*rgb)[3] = imager->pixels + (size_t)i * per_cell;
 
+		if (patch->brightest[i] < 0.0F)
+			continue;
 		lp_exposure_cell_pixels(exposure, patch->cells[i] % exposure->cells.width,
 					patch->cells[i] / exposure->cells.width, &imager->response,
 					rgb);
@@ -346,17 +381,19 @@ static struct sums sum_patch(struct lp_imager *imager, const struct lp_exposure 
 		const int columns = width - column * side < side ? width - column * side : side;
 		const struct cell_geometry g = equirect ? equirect_geometry(imager, column, row)
 							: lens_geometry(imager, column, row);
-		float(*rgb)[3] = imager->pixels + (size_t)i * side * side;
-
-		if (patch->brightest[i] - lamp->background[LUMINANCE] <= threshold)
-			fill(rgb, side * side, exposure->cells.radiance[patch->cells[i]]);
+		const float(*rgb)[3] =
+			(const float(*)[3])(imager->pixels + (size_t)i * side * side);
+		const bool flat = patch->brightest[i] - lamp->background[LUMINANCE] <= threshold;
 
 		for (int y = 0; g.seen && y < side && row * side + y < height; y++) {
 			const double omega = equirect ? imager->row_solid_angle_sr[row * side + y]
 						      : g.pixel_solid_angle_sr;
+			const float step = 1.0F / (float)side;
 			const struct row_sums sums =
-				sum_row((const float(*)[3])rgb + y * side, columns,
-					1.0F / (float)side, lamp->background, threshold);
+				flat ? flat_row(exposure->cells.radiance[patch->cells[i]], columns,
+						step, lamp->background)
+				     : sum_row(rgb + y * side, columns, step, lamp->background,
+					       threshold);
 			const struct row_geometry geometry = row_in(&g, (y + 0.5) / side);
 
 			add_row(&s, &sums, &geometry, lamp, omega * patch->share[i], threshold);
@@ -425,9 +462,10 @@ bool lp_imager_refine(struct lp_imager *imager, const struct lp_lamp_finder *fin
 
 	if (most_cells > LP_REFINE_MAX_CELLS)
 		most_cells = LP_REFINE_MAX_CELLS;
-	if (!imager->remap || !collect(imager, finder, lamp, most_cells, &patch))
+	if (!imager->remap)
 		return false;
-	const struct lp_exposure *exposure = best_exposure(imager, &patch, &clipped);
+	const struct lp_exposure *exposure =
+		collect(imager, finder, lamp, most_cells, &patch, &clipped);
 	if (!exposure)
 		return false;
 	const float peak = load_pixels(imager, exposure, &patch) - lamp->background[LUMINANCE];
