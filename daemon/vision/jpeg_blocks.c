@@ -300,13 +300,11 @@ static int read_stretches(struct lp_jpeg_reader *reader, const struct stretch *s
 struct guess {
 	struct lp_jpeg_walk walk;
 	struct lp_jpeg_mark *marks;
-	uint32_t bit;
 };
 
 static void begin_guess(const struct lp_jpeg_reader *reader, const struct stretch *s,
 			struct guess *g, uint32_t bit)
 {
-	g->bit = bit;
 	lp_jpeg_walk_begin(&g->walk, &reader->path, reader->stream, bit, s->limit, g->marks,
 			   (size_t)(s->last - s->first) * reader->path.slots);
 }
