@@ -131,6 +131,37 @@ static void test_energy(void **state)
 	lp_jpeg_reader_destroy(reader);
 }
 
+/* However the data is cut into stretches, and from wherever they are walked through: the same
+ * coefficients, so the same light to the last bit. */
+static void test_stretches_do_not_matter(void **state)
+{
+	const int intervals[] = {0, 1, 7, 80, 1000, 3199};
+	const size_t blocks = (size_t)160 * 80;
+	struct lp_jpeg_reader *reader;
+	float *energy = malloc(blocks * sizeof(*energy));
+	int16_t *dc = malloc(blocks * sizeof(*dc));
+
+	(void)state;
+	assert_int_equal(lp_jpeg_reader_create(&reader), 0);
+	for (unsigned int i = 0; i < ARRAY_COUNT(intervals); i++) {
+		const struct jpeg_kind kind = {3, 2, 2, 90, intervals[i], 0, 0};
+		unsigned long size;
+		uint8_t *data = encode_jpeg(&kind, 1280, 640, &size);
+
+		assert_int_equal(lp_jpeg_read(reader, data, size), 0);
+		if (i == 0) {
+			memcpy(energy, reader->energy, blocks * sizeof(*energy));
+			memcpy(dc, reader->component[0].dc, blocks * sizeof(*dc));
+		}
+		assert_memory_equal(reader->energy, energy, blocks * sizeof(*energy));
+		assert_memory_equal(reader->component[0].dc, dc, blocks * sizeof(*dc));
+		free(data);
+	}
+	free(dc);
+	free(energy);
+	lp_jpeg_reader_destroy(reader);
+}
+
 /* Pixels of single blocks against the whole decoded picture; chroma is repeated in both. */
 static void test_block_pixels(void **state)
 {
@@ -300,6 +331,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_dc_is_libjpegs),
 		cmocka_unit_test(test_energy),
+		cmocka_unit_test(test_stretches_do_not_matter),
 		cmocka_unit_test(test_block_pixels),
 		cmocka_unit_test(test_motion_jpeg_without_tables),
 		cmocka_unit_test(test_other_jpegs_are_left_to_libjpeg),
