@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cstring>
 
+#include "vision/simd.hpp"
+
 lp::planes lp::planes_of(const struct lp_frame *frame)
 {
 	const size_t stride = frame->stride_bytes;
@@ -39,7 +41,7 @@ struct window {
 	float middle;
 };
 
-void load(const uint8_t *plane, size_t stride, int step, const window &w, float *out)
+void load_clamped(const uint8_t *plane, size_t stride, int step, const window &w, float *out)
 {
 	for (int y = 0; y < w.rows; y++) {
 		const uint8_t *row = plane + std::min(w.y0 + y, w.height - 1) * stride;
@@ -48,6 +50,29 @@ void load(const uint8_t *plane, size_t stride, int step, const window &w, float 
 			out[8 * y + x] =
 				static_cast<float>(row[std::min(w.x0 + x, w.width - 1) * step]) -
 				w.middle;
+	}
+}
+
+void load(const uint8_t *plane, size_t stride, int step, const window &w, float *out)
+{
+	const cv::v_float32x4 middle = cv::v_setall_f32(w.middle);
+
+	if (step != 1 || w.x0 + w.columns > w.width || w.y0 + w.rows > w.height) {
+		load_clamped(plane, stride, step, w, out);
+		return;
+	}
+	for (int y = 0; y < w.rows; y++) {
+		const uint8_t *row = plane + (w.y0 + y) * stride + w.x0;
+
+		for (int x = 0; x < w.columns; x += 4) {
+			alignas(4) uint8_t four[4];
+
+			std::memcpy(four, row + x, sizeof(four));
+			const cv::v_uint32x4 codes = cv::v_load_expand_q(four);
+
+			cv::v_store(out + 8 * y + x,
+				    cv::v_cvt_f32(cv::v_reinterpret_as_s32(codes)) - middle);
+		}
 	}
 }
 
