@@ -231,6 +231,11 @@ def run_group(kernel: Kernel, options: argparse.Namespace, name: str) -> bool:
     return reason is None
 
 
+def run_attempts(kernel: Kernel, options: argparse.Namespace, name: str) -> bool:
+    """Run one group until it passes, as often as allowed; every attempt is reported."""
+    return any(run_group(kernel, options, name) for _ in range(options.attempts))
+
+
 def shell(kernel: Kernel, variant: str) -> int:
     """Boot to an interactive shell with the devices of all groups."""
     with tempfile.TemporaryDirectory(prefix="lp-kernel-") as folder:
@@ -246,6 +251,10 @@ def main() -> int:
     parser.add_argument("--variant", default="release", help="build of the daemon to run")
     parser.add_argument("--select", default="", help="only tests whose name contains this")
     parser.add_argument("--jobs", type=int, default=2, help="guests at a time (2)")
+    parser.add_argument(
+        "--attempts", type=int, default=1,
+        help="how often a group that fails is tried (1): emulated, time is at the machine's mercy",
+    )  # fmt: skip
     parser.add_argument("--verbose", action="store_true", help="show the guest's console")
     options = parser.parse_args()
     if options.list:
@@ -268,7 +277,7 @@ def main() -> int:
     # They would add to the same counts of coverage at once, though.
     jobs = 1 if options.variant == "cov" else options.jobs
     with ThreadPoolExecutor(jobs) as pool:
-        passed = list(pool.map(partial(run_group, kernel, options), options.groups or GROUPS))
+        passed = list(pool.map(partial(run_attempts, kernel, options), options.groups or GROUPS))
     if options.variant == "cov":
         coverage.report(OUT / "gcov", OUT / "coverage.txt")
     return 0 if all(passed) else 1
