@@ -13,8 +13,8 @@ from lightprobe.sim.world import State, World
 
 #: Map that illuminance is summed over; lamps keep their flux in it.
 _MAP_PX = (512, 256)
-#: Turning scenes: sensors around the equator look up their place at this many azimuths. A lamp at a
-#: sensor's horizon is a kink there: a quarter of a step, in radians, of its irradiance is the error.
+#: Turning scenes: sensors around the equator look up their place at this many azimuths. A lamp at
+#: a sensor's horizon is a kink there: the error is a quarter of a step, in radians, of its light.
 _AZIMUTHS = 240
 _BLOCK = 8192
 
