@@ -9,7 +9,7 @@
 /* Bytes that a walk has read beyond the bits it has passed. */
 #define WALK_AHEAD_BYTES 8
 /* A stretch of the stream that is worth two walks. */
-#define WORTH_TWO_BITS (8 * 1024)
+#define WORTH_TWO_BITS (8 * 128)
 /* A guess that breaks so near to the end has no more to find. */
 #define GUESS_LEAST_BITS (8 * 64)
 /* How far the first walk goes on before it looks again whether it has met the second. */
