@@ -266,7 +266,7 @@ static void begin(const struct lp_jpeg_reader *reader, const struct stretch *s,
 static int finish(struct lp_jpeg_reader *reader, const struct stretch *s,
 		  const struct lp_jpeg_walk *walk)
 {
-	if (walk->mark < walk->last)
+	if (!lp_jpeg_walk_is_whole(walk))
 		return -EBADMSG;
 	forget_predictions(reader);
 	return store(reader, s->first, s->last, s->bit, s->marks) > s->end_bit ? -EBADMSG : 0;
@@ -328,7 +328,8 @@ static bool meet(const struct lp_jpeg_walk *walk, const struct stretch *s, const
 {
 	const int walked = (int)((walk->mark - s->marks) / slots);
 	const int count = walked < s->last - s->first ? walked : s->last - s->first;
-	const int guessed = (int)((g->walk.mark - g->marks) / slots);
+	const struct lp_jpeg_mark *sound = g->walk.broken ? g->walk.broken_at : g->walk.mark;
+	const int guessed = (int)((sound - g->marks) / slots);
 
 	while (passed[0] < count && passed[1] < guessed) {
 		const uint32_t end = s->marks[(passed[0] + 1) * slots - 1].end_bit;
@@ -359,7 +360,7 @@ static int read_in_two(struct lp_jpeg_reader *reader, const struct stretch *s,
 	while (!lp_jpeg_walk_ended(&walk) && guess_again(reader, s, &guess));
 	for (;;) {
 		lp_jpeg_walk_on(&walk, path);
-		if (walk.broken)
+		if (lp_jpeg_walk_failed(&walk))
 			return -EBADMSG;
 		if (meet(&walk, s, &guess, path->slots, passed))
 			break;
@@ -373,7 +374,7 @@ static int read_in_two(struct lp_jpeg_reader *reader, const struct stretch *s,
 
 	guess.walk.last = marks + (size_t)(passed[1] + s->last - met) * path->slots;
 	lp_jpeg_walk_on(&guess.walk, path);
-	if (guess.walk.mark < guess.walk.last)
+	if (!lp_jpeg_walk_is_whole(&guess.walk))
 		return -EBADMSG;
 	forget_predictions(reader);
 

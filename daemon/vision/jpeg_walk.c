@@ -61,6 +61,14 @@ static void pass_mark(struct lp_jpeg_walk *w, bool ends)
 	w->slot = w->slot->next[1];
 }
 
+/* The steps that are left until the next refill go on, through nonsense. */
+static void break_off(struct lp_jpeg_walk *w)
+{
+	if (!w->broken)
+		w->broken_at = w->mark;
+	w->broken = true;
+}
+
 /* One symbol that a probe does not pass, whole. */
 static __attribute__((noinline, cold)) void step_slowly(struct lp_jpeg_walk *w,
 							const struct lp_jpeg_path *path)
@@ -72,8 +80,7 @@ static __attribute__((noinline, cold)) void step_slowly(struct lp_jpeg_walk *w,
 	refill(w);
 	symbol = lp_huffman_symbol(code, (uint32_t)(w->window >> 48), &length);
 	if (symbol < 0) {
-		w->broken = w->mark < w->last;
-		w->limit = w->next - 1;
+		break_off(w);
 		return;
 	}
 	drop(w, (uint64_t)length);
@@ -91,8 +98,7 @@ static __attribute__((noinline, cold)) void step_slowly(struct lp_jpeg_walk *w,
 	} else {
 		k += (uint32_t)(symbol >> 4) + 1;
 		if (k > 64) {
-			w->broken = w->mark < w->last;
-			w->limit = w->next - 1;
+			break_off(w);
 			return;
 		}
 		w->energy += (uint32_t)(value * value * LP_ENERGY_STEPS * path->weight[k - 1]);

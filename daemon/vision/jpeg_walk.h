@@ -60,10 +60,11 @@ struct lp_jpeg_walk {
 	uint32_t inside;      /* all ones; 0 at a block's head */
 	const int16_t *skip;  /* for the next probe */
 	const struct lp_jpeg_slot *slot;
-	struct lp_jpeg_mark *mark; /* of the block */
-	struct lp_jpeg_mark *last; /* the walk ends before this one, */
-	const uint8_t *limit;	   /* or once it has read this far, */
-	bool broken;		   /* or at what is no code; then mark < last */
+	struct lp_jpeg_mark *mark;	      /* of the block */
+	struct lp_jpeg_mark *last;	      /* the walk ends before this one, */
+	const uint8_t *limit;		      /* or once it has read this far, */
+	bool broken;			      /* or at what is no code: */
+	const struct lp_jpeg_mark *broken_at; /* of this block */
 };
 
 /* At the first block of an MCU. `marks` have room for LP_JPEG_WALK_MARGIN more than `blocks`. */
@@ -74,6 +75,18 @@ void lp_jpeg_walk_begin(struct lp_jpeg_walk *walk, const struct lp_jpeg_path *pa
 static inline bool lp_jpeg_walk_ended(const struct lp_jpeg_walk *walk)
 {
 	return walk->mark >= walk->last || walk->next > walk->limit || walk->broken;
+}
+
+/* It came upon what is no code, and not just behind its last block. */
+static inline bool lp_jpeg_walk_failed(const struct lp_jpeg_walk *walk)
+{
+	return walk->broken && walk->broken_at < walk->last;
+}
+
+/* All its blocks are passed. */
+static inline bool lp_jpeg_walk_is_whole(const struct lp_jpeg_walk *walk)
+{
+	return walk->mark >= walk->last && !lp_jpeg_walk_failed(walk);
 }
 
 /* To its end. */

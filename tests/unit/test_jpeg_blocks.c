@@ -293,6 +293,60 @@ static void test_truncation(void **state)
 	lp_jpeg_reader_destroy(reader);
 }
 
+/* Bits of a string of zeros and ones, stuffed, padded with ones, and the end of the picture. */
+static unsigned long write_bits(const char *bits, uint8_t *out)
+{
+	unsigned long size = 0;
+
+	for (unsigned int byte = 0, n = 0; n % 8 || *bits; n++) {
+		byte = byte << 1 | (*bits ? *bits++ == '1' : 1);
+		if (n % 8 < 7)
+			continue;
+		out[size++] = (uint8_t)byte;
+		if ((byte & 255) == 255)
+			out[size++] = 0;
+	}
+	out[size++] = 0xff;
+	out[size++] = 0xd9;
+	return size;
+}
+
+/* A block of more than 63 AC coefficients is refused, be it the last one: where the walk is over,
+ * whatever it came upon. */
+static void test_overfull_block(void **state)
+{
+	/* DC 0; 62 coefficients +1; then that one, or one behind a run of 2; the block's end */
+	const char *const last[] = {"001", "111001"};
+	const int expected[] = {0, -EBADMSG};
+	const struct jpeg_kind kind = {1, 1, 1, 85, 0, 0, 0};
+	struct lp_jpeg_reader *reader;
+
+	(void)state;
+	assert_int_equal(lp_jpeg_reader_create(&reader), 0);
+	for (int k = 0; k < 2; k++) {
+		char bits[256] = "00";
+		unsigned long size;
+		uint8_t *data = encode_jpeg(&kind, 8, 8, &size), *broken = malloc(size + 64);
+		unsigned long scan = 0;
+
+		for (int n = 0; n < 62; n++)
+			strcat(bits, "001");
+		strcat(bits, last[k]);
+		if (k)
+			strcat(bits, "1010");
+		while (data[scan] != 0xff || data[scan + 1] != 0xda)
+			scan++;
+		scan += 2 + (data[scan + 2] << 8 | data[scan + 3]);
+		memcpy(broken, data, scan);
+		assert_int_equal(lp_jpeg_read(reader, broken,
+					      scan + write_bits(bits, broken + scan)),
+				 expected[k]);
+		free(broken);
+		free(data);
+	}
+	lp_jpeg_reader_destroy(reader);
+}
+
 /* Any damage: an answer, never a crash; a frame that passes holds blocks that can be decoded. */
 static void test_damage(void **state)
 {
@@ -336,6 +390,7 @@ int main(void)
 		cmocka_unit_test(test_motion_jpeg_without_tables),
 		cmocka_unit_test(test_other_jpegs_are_left_to_libjpeg),
 		cmocka_unit_test(test_truncation),
+		cmocka_unit_test(test_overfull_block),
 		cmocka_unit_test(test_damage),
 	};
 
