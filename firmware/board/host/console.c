@@ -20,18 +20,20 @@ static void fail(const char *what)
 	exit(1);
 }
 
+/* The path appears when somebody listens there, not before. */
 int listen_on(const char *path)
 {
 	struct sockaddr_un address = {.sun_family = AF_UNIX};
+	const int room = sizeof(address.sun_path);
 	int fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
 
-	if (strlen(path) >= sizeof(address.sun_path)) {
+	if (snprintf(address.sun_path, room, "%s.new", path) >= room) {
 		errno = ENAMETOOLONG;
 		fail(path);
 	}
-	memcpy(address.sun_path, path, strlen(path));
-	unlink(path);
-	if (fd < 0 || bind(fd, (struct sockaddr *)&address, sizeof(address)) || listen(fd, 1))
+	unlink(address.sun_path);
+	if (fd < 0 || bind(fd, (struct sockaddr *)&address, sizeof(address)) || listen(fd, 1) ||
+	    rename(address.sun_path, path))
 		fail(path);
 	return fd;
 }
