@@ -197,27 +197,6 @@ void lp_pipeline_destroy(struct lp_pipeline *pipeline)
 	free(pipeline);
 }
 
-/* Mean luminance over what is seen of the sphere: rows in float, four columns at a time. */
-static float mean_luminance(const struct lp_panorama *panorama, const struct lp_grid *grid)
-{
-	double sum = 0.0;
-
-	for (int r = 0; r < panorama->height; r++) {
-		const float(*row)[4] =
-			(const float(*)[4])panorama->cells + (size_t)r * panorama->width;
-		float part[4] = {0.0F};
-
-		for (int c = 0; c < panorama->width; c += 4)
-			for (int k = 0; k < 4; k++)
-				part[k] += row[c + k][LUMINANCE];
-		sum += (double)(part[0] + part[1] + part[2] + part[3]) *
-		       grid->row_solid_angle_sr[r];
-	}
-	return panorama->seen_fraction > 0.0F
-		       ? (float)(sum / (4.0 * M_PI * panorama->seen_fraction))
-		       : 0.0F;
-}
-
 /* What no camera pixel sees is given the mean of what is seen, lamps apart. */
 static void fill_unseen(struct lp_panorama *panorama, const struct lp_grid *grid,
 			const struct lp_lamp_finder *finder)
@@ -456,7 +435,7 @@ int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
 		return ret;
 	struct lp_panorama *panorama = lp_imager_panorama(pipeline->imager);
 	const struct lp_grid *grid = lp_imager_grid(pipeline->imager);
-	const float mean = mean_luminance(panorama, grid);
+	const float mean = lp_grid_mean_luminance(grid, panorama);
 
 	if (pipeline->wanted_lights) /* else all light is in the SH anyway */
 		lp_detect(pipeline->detection, panorama, mean);

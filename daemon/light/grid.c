@@ -7,6 +7,8 @@
 
 #include "include/panorama.h"
 
+#define LUMINANCE 3 /* fourth channel of a panorama cell */
+
 static void fill(struct lp_grid *grid)
 {
 	const double step_rad = M_PI / grid->height;
@@ -108,4 +110,25 @@ int lp_grid_cell(const struct lp_grid *grid, const float direction[3])
 
 	row = row < grid->height ? row : grid->height - 1;
 	return row * grid->width + column % grid->width;
+}
+
+/* Rows in float, four columns at a time. */
+float lp_grid_mean_luminance(const struct lp_grid *grid, const struct lp_panorama *panorama)
+{
+	double sum = 0.0;
+
+	for (int r = 0; r < panorama->height; r++) {
+		const float(*row)[4] =
+			(const float(*)[4])panorama->cells + (size_t)r * panorama->width;
+		float part[4] = {0.0F};
+
+		for (int c = 0; c < panorama->width; c += 4)
+			for (int k = 0; k < 4; k++)
+				part[k] += row[c + k][LUMINANCE];
+		sum += (double)(part[0] + part[1] + part[2] + part[3]) *
+		       grid->row_solid_angle_sr[r];
+	}
+	return panorama->seen_fraction > 0.0F
+		       ? (float)(sum / (4.0 * M_PI * panorama->seen_fraction))
+		       : 0.0F;
 }

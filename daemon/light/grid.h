@@ -7,6 +7,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+struct lp_panorama;
+
 #define LP_NEIGHBOURS 8
 
 /* Immutable after creation; may be read from any thread. */
@@ -30,6 +32,10 @@ static inline void lp_grid_neighbours(const struct lp_grid *grid, int index,
 				      int neighbours[LP_NEIGHBOURS]);
 void lp_grid_neighbours_at_edge(const struct lp_grid *grid, int index,
 				int neighbours[LP_NEIGHBOURS]);
+
+/* Mean radiance (luminance) of what the panorama has seen of the sphere; 0 when it has seen
+ * nothing. */
+float lp_grid_mean_luminance(const struct lp_grid *grid, const struct lp_panorama *panorama);
 
 /* Cell that contains `direction` (any length > 0). */
 int lp_grid_cell(const struct lp_grid *grid, const float direction[3]);

@@ -1,7 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Where the time of a preset goes: its stages by the same calls that app/pipeline.c makes. */
-#include <cmath>
-
 #include "contestant.hpp"
 #include "vision/camera.h"
 #include "vision/cells.h"
@@ -91,21 +89,6 @@ void keep(struct lp_frame *)
 {
 }
 
-float mean_luminance(const struct lp_panorama *panorama, const struct lp_grid *grid)
-{
-	double sum = 0.0;
-
-	for (int r = 0; r < panorama->height; r++) {
-		float row = 0.0F;
-
-		for (int c = 0; c < panorama->width; c++)
-			row += panorama->cells[r * panorama->width + c][3];
-		sum += static_cast<double>(row * grid->row_solid_angle_sr[r]);
-	}
-	return static_cast<float>(sum /
-				  (4.0 * M_PI * static_cast<double>(panorama->seen_fraction)));
-}
-
 void stages::run(const bench::picture &p)
 {
 	struct lp_frame frame = {};
@@ -137,7 +120,7 @@ void stages::run(const bench::picture &p)
 	lp_remap_apply(imager->remap, imager->shown, lp_imager_panorama(imager));
 	lap("panorama");
 	struct lp_panorama *panorama = lp_imager_panorama(imager);
-	const float mean = mean_luminance(panorama, lp_imager_grid(imager));
+	const float mean = lp_grid_mean_luminance(lp_imager_grid(imager), panorama);
 	lap("mean");
 	lp_detect(detection, panorama, mean);
 	lap("detection");
