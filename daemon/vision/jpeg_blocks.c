@@ -6,14 +6,14 @@
 #include <string.h>
 
 #define SEGMENT_GAP_BYTES 8
-/* Bytes that a walk has read beyond the bits it has passed. */
-#define WALK_AHEAD_BYTES 8
+/* A walk that is so far behind the end has left its stretch. */
+#define WALK_BEYOND_BITS 64
 /* A stretch of the stream that is worth two walks. */
 #define WORTH_TWO_BITS (8 * 128)
 /* A guess that breaks so near to the end has no more to find. */
 #define GUESS_LEAST_BITS (8 * 64)
 /* How far the first walk goes on before it looks again whether it has met the second. */
-#define MEET_BYTES 128
+#define MEET_BITS (8 * 128)
 
 int lp_jpeg_reader_create(struct lp_jpeg_reader **reader)
 {
@@ -196,9 +196,9 @@ static inline int dc_difference(const uint8_t *stream, uint32_t bit,
 	return size > 0 ? lp_jpeg_extend((uint32_t)(window << length >> (64 - size)), size) : 0;
 }
 
-/* What has been walked through: MCUs first .. last - 1, from `bit` on. Returns where they end. */
-static uint32_t store(struct lp_jpeg_reader *reader, int first, int last, uint32_t bit,
-		      const struct lp_jpeg_mark *marks)
+/* What has been walked through: MCUs first .. last - 1, from `from` on. Returns where they end. */
+static uint32_t store(struct lp_jpeg_reader *reader, int first, int last, struct lp_jpeg_mark from,
+			  const struct lp_jpeg_mark *marks)
 {
 	const uint8_t *stream = reader->stream;
 	struct outlet outlets[LP_JPEG_SLOTS], *end = outlets;
@@ -208,22 +208,24 @@ static uint32_t store(struct lp_jpeg_reader *reader, int first, int last, uint32
 
 		if (mcu == first || x == 0)
 			end = open_outlets(reader, x, mcu / reader->mcus_x, outlets);
-		reader->mcu_bit[mcu] = bit;
+		reader->mcu_bit[mcu] = from.end_bit;
 		for (struct outlet *o = outlets; o < end; o++, marks++) {
-			const int difference = dc_difference(stream, bit, o->table);
+			const int difference = dc_difference(stream, from.end_bit, o->table);
 
 			*o->dc = *o->prediction = (int16_t)(*o->prediction + difference);
 			o->dc += o->step;
-			bit = marks->end_bit;
-			if (!o->energy)
-				continue;
-			/* the highest bit is nonsense of a broken stream */
-			*o->energy = (float)(int32_t)(marks->energy & INT32_MAX) *
-				     (1.0F / LP_ENERGY_STEPS);
-			o->energy += o->step;
+			if (o->energy) {
+				const uint32_t energy = marks->energy - from.energy;
+
+				/* the highest bit is nonsense of a broken stream */
+				*o->energy = (float)(int32_t)(energy & INT32_MAX) *
+					     (1.0F / LP_ENERGY_STEPS);
+				o->energy += o->step;
+			}
+			from = *marks;
 		}
 	}
-	return bit;
+	return from.end_bit;
 }
 
 static void forget_predictions(struct lp_jpeg_reader *reader)
@@ -236,7 +238,7 @@ static void forget_predictions(struct lp_jpeg_reader *reader)
 struct stretch {
 	int first, last;
 	uint32_t bit, end_bit; /* of the stream */
-	const uint8_t *limit;  /* a walk that has read this far has left it */
+	uint32_t limit_bit;    /* a walk that is there has left it */
 	struct lp_jpeg_mark *marks;
 };
 
@@ -251,14 +253,14 @@ static struct stretch stretch_at(struct lp_jpeg_reader *reader, int segment, int
 				.last = interval < mcus - first ? first + interval : mcus,
 				.bit = 8 * reader->segment_start[segment],
 				.end_bit = 8 * end,
-				.limit = reader->stream + end + WALK_AHEAD_BYTES,
+				.limit_bit = 8 * end + WALK_BEYOND_BITS,
 				.marks = marks};
 }
 
 static void begin(const struct lp_jpeg_reader *reader, const struct stretch *s,
 		  struct lp_jpeg_walk *walk)
 {
-	lp_jpeg_walk_begin(walk, &reader->path, reader->stream, s->bit, s->limit, s->marks,
+	lp_jpeg_walk_begin(walk, &reader->path, s->bit, s->limit_bit, s->marks,
 			   (size_t)(s->last - s->first) * reader->path.slots);
 }
 
@@ -269,7 +271,8 @@ static int finish(struct lp_jpeg_reader *reader, const struct stretch *s,
 	if (!lp_jpeg_walk_is_whole(walk))
 		return -EBADMSG;
 	forget_predictions(reader);
-	return store(reader, s->first, s->last, s->bit, s->marks) > s->end_bit ? -EBADMSG : 0;
+	return store(reader, s->first, s->last, (struct lp_jpeg_mark){s->bit, 0}, s->marks) > s->end_bit ? -EBADMSG
+										  : 0;
 }
 
 /* Two restart segments in turns, or one. */
@@ -305,7 +308,7 @@ struct guess {
 static void begin_guess(const struct lp_jpeg_reader *reader, const struct stretch *s,
 			struct guess *g, uint32_t bit)
 {
-	lp_jpeg_walk_begin(&g->walk, &reader->path, reader->stream, bit, s->limit, g->marks,
+	lp_jpeg_walk_begin(&g->walk, &reader->path, bit, s->limit_bit, g->marks,
 			   (size_t)(s->last - s->first) * reader->path.slots);
 }
 
@@ -315,7 +318,7 @@ static bool guess_again(const struct lp_jpeg_reader *reader, const struct stretc
 {
 	const uint32_t bit = (g->walk.bit & ~7U) + 8;
 
-	if (!g->walk.broken || bit + GUESS_LEAST_BITS > s->end_bit)
+	if (!g->walk.broken_at || bit + GUESS_LEAST_BITS > s->end_bit)
 		return false;
 	begin_guess(reader, s, g, bit);
 	return true;
@@ -328,7 +331,7 @@ static bool meet(const struct lp_jpeg_walk *walk, const struct stretch *s, const
 {
 	const int walked = (int)((walk->mark - s->marks) / slots);
 	const int count = walked < s->last - s->first ? walked : s->last - s->first;
-	const struct lp_jpeg_mark *sound = g->walk.broken ? g->walk.broken_at : g->walk.mark;
+	const struct lp_jpeg_mark *sound = g->walk.broken_at ? g->walk.broken_at : g->walk.mark;
 	const int guessed = (int)((sound - g->marks) / slots);
 
 	while (passed[0] < count && passed[1] < guessed) {
@@ -347,14 +350,14 @@ static int read_in_two(struct lp_jpeg_reader *reader, const struct stretch *s,
 		       struct lp_jpeg_mark *marks)
 {
 	const struct lp_jpeg_path *path = &reader->path;
-	const uint32_t middle = s->bit / 16 + s->end_bit / 16; /* bytes */
+	const uint32_t middle = s->bit / 2 + s->end_bit / 2;
 	struct lp_jpeg_walk walk;
 	struct guess guess = {.marks = marks};
 	int passed[2] = {0, 0};
 
 	begin(reader, s, &walk);
-	walk.limit = reader->stream + middle;
-	begin_guess(reader, s, &guess, 8 * middle);
+	walk.limit_bit = middle;
+	begin_guess(reader, s, &guess, middle);
 	do
 		lp_jpeg_walk_both(&walk, &guess.walk, path);
 	while (!lp_jpeg_walk_ended(&walk) && guess_again(reader, s, &guess));
@@ -364,10 +367,11 @@ static int read_in_two(struct lp_jpeg_reader *reader, const struct stretch *s,
 			return -EBADMSG;
 		if (meet(&walk, s, &guess, path->slots, passed))
 			break;
-		if (walk.limit >= s->limit) /* never met: one walk it is */
+		if (walk.limit_bit >= s->limit_bit) /* never met: one walk it is */
 			return finish(reader, s, &walk);
-		walk.limit =
-			walk.limit + MEET_BYTES < s->limit ? walk.limit + MEET_BYTES : s->limit;
+		walk.limit_bit = walk.limit_bit + MEET_BITS < s->limit_bit
+					 ? walk.limit_bit + MEET_BITS
+					 : s->limit_bit;
 	}
 
 	const int met = s->first + passed[0];
@@ -378,32 +382,29 @@ static int read_in_two(struct lp_jpeg_reader *reader, const struct stretch *s,
 		return -EBADMSG;
 	forget_predictions(reader);
 
-	const uint32_t bit = store(reader, s->first, met, s->bit, s->marks);
-
-	return store(reader, met, s->last, bit, marks + (size_t)passed[1] * path->slots) >
-			       s->end_bit
-		       ? -EBADMSG
-		       : 0;
+	store(reader, s->first, met, (struct lp_jpeg_mark){s->bit, 0}, s->marks);
+	marks += (size_t)passed[1] * path->slots;
+	return store(reader, met, s->last, marks[-1], marks) > s->end_bit ? -EBADMSG : 0;
 }
 
 static void prepare_path(struct lp_jpeg_reader *reader)
 {
 	const uint16_t *quant = reader->quant[reader->component[0].quant_table];
 	struct lp_jpeg_path *path = &reader->path;
-	const int16_t *head[LP_JPEG_SLOTS] = {NULL};
+	const struct lp_probes *head[LP_JPEG_SLOTS] = {NULL};
 
 	path->slots = 0;
 	for (int k = 0; k < reader->component_count; k++) {
 		const struct lp_jpeg_component *c = &reader->component[k];
+		const struct lp_huffman_ac *ac = &reader->ac_table[c->ac_table];
 
 		for (int b = 0; b < c->h * c->v; b++) {
-			head[path->slots] = reader->head[k > 0][c->dc_table][c->ac_table];
+			head[path->slots] = &reader->head[c->dc_table][c->ac_table];
 			path->slot[path->slots++] =
-				(struct lp_jpeg_slot){.ac = reader->ac_table[c->ac_table].skip,
+				(struct lp_jpeg_slot){.inside = &ac->probes,
 						      .dc_code =
 							      &reader->dc_table[c->dc_table].code,
-						      .ac_code =
-							      &reader->ac_table[c->ac_table].code};
+						      .ac_code = &ac->code};
 		}
 	}
 	for (int k = 0; k < path->slots; k++) {
@@ -412,10 +413,9 @@ static void prepare_path(struct lp_jpeg_reader *reader)
 
 		slot->next[0] = slot;
 		slot->next[1] = &path->slot[next];
-		slot->to_head = (const char *)head[next] - (const char *)slot->ac;
+		slot->to_head = (const char *)head[next] - (const char *)slot->inside;
 	}
-	path->head = head[0];
-	path->energy = reader->ac_table[reader->component[0].ac_table].energy;
+	path->stream = reader->stream;
 	for (int k = 1; k < 64; k++)
 		path->weight[k] = (uint32_t)quant[k] * quant[k];
 }

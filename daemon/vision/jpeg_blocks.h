@@ -54,9 +54,8 @@ struct lp_jpeg_reader {
 	bool quant_defined[4];
 	struct lp_huffman_dc dc_table[2];
 	struct lp_huffman_ac ac_table[2];
-	/* skips of blocks' heads: luma or chroma, by DC and AC table */
-	int16_t head[2][2][2][LP_PROBES];
-	bool head_built[2][2][2];
+	struct lp_probes head[2][2]; /* of blocks, by DC and AC table */
+	bool head_built[2][2];
 	uint8_t dht[2048]; /* the DHT bytes that the tables were built from, to build them once */
 	size_t dht_size;
 	bool dht_standard;   /* tables are the standard ones: the frame had no DHT */

@@ -192,12 +192,12 @@ static int check_tables(struct lp_jpeg_reader *reader)
 		    !reader->dc_table[c->dc_table].code.defined ||
 		    !reader->ac_table[c->ac_table].code.defined)
 			return -EBADMSG;
-		bool *built = &reader->head_built[k > 0][c->dc_table][c->ac_table];
+		bool *built = &reader->head_built[c->dc_table][c->ac_table];
 
 		if (!*built)
 			lp_huffman_heads(&reader->dc_table[c->dc_table].code,
-					 &reader->ac_table[c->ac_table].code, k == 0,
-					 reader->head[k > 0][c->dc_table][c->ac_table]);
+					 &reader->ac_table[c->ac_table].code,
+					 &reader->head[c->dc_table][c->ac_table]);
 		*built = true;
 	}
 	return 0;

@@ -53,12 +53,13 @@ int lp_huffman_symbol(const struct lp_huffman *code, uint32_t window, int *lengt
 	return -1;
 }
 
-/* Bits of the DC difference, code and value, that a probe begins with; 0: longer than the probe. */
-static int dc_bits(const struct lp_huffman *code, uint32_t probe)
+/* Bits of the DC difference, code and value, that a probe begins with; 0: more than `most`, or its
+ * code is longer than the probe. */
+static int dc_bits(const struct lp_huffman *code, uint32_t probe, int most)
 {
 	const int length = code->length_at[probe], bits = length + code->symbol_at[probe];
 
-	return length && bits <= LP_PROBE_BITS ? bits : 0;
+	return length && bits <= most ? bits : 0;
 }
 
 int lp_huffman_dc_build(struct lp_huffman_dc *table, const uint8_t counts[16],
@@ -73,7 +74,7 @@ int lp_huffman_dc_build(struct lp_huffman_dc *table, const uint8_t counts[16],
 		if (code->value[k] > 15)
 			return -EBADMSG;
 	for (uint32_t p = 0; p < LP_PROBES; p++) {
-		const int bits = dc_bits(code, p), size = code->symbol_at[p];
+		const int bits = dc_bits(code, p, LP_PROBE_BITS), size = code->symbol_at[p];
 
 		table->difference[p] = LP_DC_UNKNOWN;
 		if (bits)
@@ -176,6 +177,12 @@ static uint32_t pack_energy(const struct passed *passed)
 	       (uint32_t)passed->strongest;
 }
 
+static void fill_probe(struct lp_probes *probes, uint32_t p, const struct passed *passed)
+{
+	probes->skip[p] = pack_skip(passed);
+	probes->energy[p] = pack_energy(passed);
+}
+
 int lp_huffman_ac_build(struct lp_huffman_ac *table, const uint8_t counts[16],
 			const uint8_t *values)
 {
@@ -187,24 +194,21 @@ int lp_huffman_ac_build(struct lp_huffman_ac *table, const uint8_t counts[16],
 		struct passed passed = {0};
 
 		pass_symbols(&table->code, p, &passed);
-		table->skip[p] = pack_skip(&passed);
-		table->energy[p] = pack_energy(&passed);
+		fill_probe(&table->probes, p, &passed);
 	}
 	return 0;
 }
 
-void lp_huffman_heads(const struct lp_huffman *dc, const struct lp_huffman *ac, bool with_energy,
-		      int16_t skip[LP_PROBES])
+void lp_huffman_heads(const struct lp_huffman *dc, const struct lp_huffman *ac,
+		      struct lp_probes *heads)
 {
 	for (uint32_t p = 0; p < LP_PROBES; p++) {
-		const struct passed head = {.bits = dc_bits(dc, p), .coefficients = 1};
-		struct passed passed = head;
+		struct passed passed = {.bits = dc_bits(dc, p, LP_PROBE_MAX_BITS),
+					.coefficients = 1};
 
-		if (head.bits)
+		if (passed.bits)
 			pass_symbols(ac, p, &passed);
-		if (with_energy && !(passed.ends && passed.coefficients == 1))
-			passed = head;
-		skip[p] = pack_skip(&passed);
+		fill_probe(heads, p, &passed);
 	}
 }
 

@@ -51,10 +51,14 @@ struct lp_huffman_dc {
 
 /* In two tables: where the next probe begins waits for the first one, which is small enough to stay
  * in the processor's nearest cache; the second can come late. */
-struct lp_huffman_ac {
-	struct lp_huffman code;
+struct lp_probes {
 	int16_t skip[LP_PROBES];
 	uint32_t energy[LP_PROBES];
+};
+
+struct lp_huffman_ac {
+	struct lp_huffman code;
+	struct lp_probes probes;
 };
 
 /* counts[1..16] and values as in a DHT segment. -EBADMSG: not a prefix code, or (DC) a category
@@ -68,10 +72,10 @@ int lp_huffman_ac_build(struct lp_huffman_ac *table, const uint8_t counts[16],
 void lp_huffman_dc_standard(struct lp_huffman_dc *table, int chroma);
 void lp_huffman_ac_standard(struct lp_huffman_ac *table, int chroma);
 
-/* Skips for the heads of blocks that are coded with this pair of tables: DC, and the block's end
- * when it follows at once; or, where nobody asks for the energy, whatever follows. */
-void lp_huffman_heads(const struct lp_huffman *dc, const struct lp_huffman *ac, bool with_energy,
-		      int16_t skip[LP_PROBES]);
+/* Probes at the heads of blocks that are coded with this pair of tables: DC, which has no energy,
+ * and what follows. */
+void lp_huffman_heads(const struct lp_huffman *dc, const struct lp_huffman *ac,
+		      struct lp_probes *heads);
 
 /* Symbol at the head of `window` (16 bits, left-aligned in the low 16); *length receives its code's
  * length. -1: no such code. */

@@ -32,79 +32,80 @@ HOT_INLINE void drop(struct lp_jpeg_walk *w, uint64_t bits)
 	w->bit += bits & 63;
 }
 
-void lp_jpeg_walk_begin(struct lp_jpeg_walk *walk, const struct lp_jpeg_path *path,
-			const uint8_t *stream, uint32_t bit, const uint8_t *limit,
-			struct lp_jpeg_mark *marks, size_t blocks)
+/* For the next step; `ends`: all ones when the block has, else 0. */
+HOT_INLINE const struct lp_probes *probes_after(const struct lp_jpeg_slot *slot, intptr_t ends)
 {
-	*walk = (struct lp_jpeg_walk){.next = stream + bit / 8,
-				      .next_bit = bit & ~7U,
-				      .bit = bit & ~7U,
-				      .skip = path->head,
-				      .slot = path->slot,
-				      .mark = marks,
-				      .last = marks + blocks,
-				      .limit = limit};
-	refill(walk);
-	drop(walk, bit % 8);
+	return (const struct lp_probes *)((const char *)slot->inside + (slot->to_head & ends));
 }
 
-static void pass_mark(struct lp_jpeg_walk *w, bool ends)
+void lp_jpeg_walk_begin(struct lp_jpeg_walk *walk, const struct lp_jpeg_path *path, uint32_t bit,
+			uint32_t limit_bit, struct lp_jpeg_mark *marks, size_t blocks)
 {
-	w->mark->end_bit = w->bit;
-	w->mark->energy = w->energy;
-	w->skip = (const int16_t *)((const char *)w->slot->ac + (ends ? w->slot->to_head : 0));
-	w->inside = ends ? 0 : UINT32_MAX;
-	if (!ends)
-		return;
-	w->coefficient = 0;
-	w->mark++;
-	w->slot = w->slot->next[1];
+	const struct lp_jpeg_slot *last = &path->slot[path->slots - 1];
+
+	*walk = (struct lp_jpeg_walk){.next = path->stream + bit / 8,
+				      .next_bit = bit & ~7U,
+				      .bit = bit & ~7U,
+				      .probes = probes_after(last, -1),
+				      .slot = last->next[1],
+				      .mark = marks,
+				      .last = marks + blocks,
+				      .limit_bit = limit_bit};
+	refill(walk);
+	drop(walk, bit % 8);
 }
 
 /* The steps that are left until the next refill go on, through nonsense. */
 static void break_off(struct lp_jpeg_walk *w)
 {
-	if (!w->broken)
+	if (!w->broken_at)
 		w->broken_at = w->mark;
-	w->broken = true;
+	w->limit_bit = 0;
 }
 
 /* One symbol that a probe does not pass, whole. */
 static __attribute__((noinline, cold)) void step_slowly(struct lp_jpeg_walk *w,
 							const struct lp_jpeg_path *path)
 {
-	const struct lp_huffman *code = w->inside ? w->slot->ac_code : w->slot->dc_code;
+	const struct lp_jpeg_slot *slot = w->slot;
 	uint32_t k = w->coefficient >> LP_SKIP_COEFFICIENT;
-	int length, symbol, size;
+	bool ends = false;
+	int length;
 
 	refill(w);
-	symbol = lp_huffman_symbol(code, (uint32_t)(w->window >> 48), &length);
+	const int symbol = lp_huffman_symbol(k ? slot->ac_code : slot->dc_code,
+					     (uint32_t)(w->window >> 48), &length);
+
 	if (symbol < 0) {
 		break_off(w);
 		return;
 	}
-	drop(w, (uint64_t)length);
-	size = symbol & 15;
-	const int64_t value = size ? lp_jpeg_extend((uint32_t)(w->window >> (64 - size)), size) : 0;
+	const int size = symbol & 15;
+	const uint32_t bits =
+		size ? (uint32_t)(w->window << length >> (64 - size)) : 0;
 
-	drop(w, (uint64_t)size);
-	refill(w);
-	if (!w->inside) {
-		w->energy = 0;
-		w->coefficient = 1 << LP_SKIP_COEFFICIENT;
-		pass_mark(w, false);
+	if (!k) {
+		k = 1;
 	} else if (!size && symbol >> 4 != 15) {
-		pass_mark(w, true);
+		ends = true;
 	} else {
+		const int64_t value = lp_jpeg_extend(bits, size);
+
 		k += (uint32_t)(symbol >> 4) + 1;
 		if (k > 64) {
 			break_off(w);
 			return;
 		}
 		w->energy += (uint32_t)(value * value * LP_ENERGY_STEPS * path->weight[k - 1]);
-		w->coefficient = k << LP_SKIP_COEFFICIENT;
-		pass_mark(w, k == 64);
+		ends = k == 64;
 	}
+	drop(w, (uint32_t)(length + size));
+	refill(w);
+	*w->mark = (struct lp_jpeg_mark){w->bit, w->energy};
+	w->coefficient = ends ? 0 : k << LP_SKIP_COEFFICIENT;
+	w->probes = probes_after(slot, -(intptr_t)ends);
+	w->slot = slot->next[ends];
+	w->mark += ends;
 }
 
 /*
@@ -115,7 +116,8 @@ HOT_INLINE void step(struct lp_jpeg_walk *w, const struct lp_jpeg_path *path)
 {
 	const struct lp_jpeg_slot *slot = w->slot;
 	const uint32_t probe = (uint32_t)(w->window >> (64 - LP_PROBE_BITS));
-	const int64_t skip = w->skip[probe];
+	const int64_t skip = w->probes->skip[probe];
+	const uint32_t energy = w->probes->energy[probe];
 	const uint32_t k = w->coefficient;
 	const uint32_t after = k + (skip & (127 << LP_SKIP_COEFFICIENT));
 
@@ -127,22 +129,19 @@ HOT_INLINE void step(struct lp_jpeg_walk *w, const struct lp_jpeg_path *path)
 		*w = copy;
 		return;
 	}
-	const uint32_t energy = path->energy[probe];
 	const uint32_t strongest = energy & ((1 << LP_ENERGY_OFFSET_BITS) - 1);
 	const uint32_t weight = path->weight[(k >> LP_SKIP_COEFFICIENT) + strongest];
 	int64_t ends = skip >> 15;
 
 	OPAQUE(ends);
-	w->energy = (w->energy + (energy >> LP_ENERGY_OFFSET_BITS) * weight) & w->inside;
+	w->energy += (energy >> LP_ENERGY_OFFSET_BITS) * weight;
 	drop(w, (uint64_t)skip);
-	w->mark->end_bit = w->bit;
-	w->mark->energy = w->energy;
+	*w->mark = (struct lp_jpeg_mark){w->bit, w->energy};
 	w->mark = (struct lp_jpeg_mark *)((char *)w->mark + (ends & (int)sizeof(*w->mark)));
 	w->coefficient = after & ~(uint32_t)ends;
-	w->skip = (const int16_t *)((const char *)slot->ac + (slot->to_head & ends));
+	w->probes = probes_after(slot, ends);
 	w->slot = *(const struct lp_jpeg_slot *const *)((const char *)slot->next +
-							(ends & (int)sizeof(uintptr_t)));
-	w->inside = ~(uint32_t)ends;
+							(ends & (int)sizeof(slot->next[0])));
 }
 
 /* The walks live in locals whose address is never taken: were they in memory, every step would wait

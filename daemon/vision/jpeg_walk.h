@@ -26,18 +26,16 @@
 /* A block of the MCU: how it is coded, and which comes next. */
 struct lp_jpeg_slot {
 	const struct lp_jpeg_slot *next[2]; /* after a step inside the block, and after its last */
-	const int16_t *ac;		    /* its skips: LP_PROBES */
-	intptr_t to_head; /* bytes from those to the ones of the next one's head */
+	const struct lp_probes *inside;	    /* for what follows its head */
+	intptr_t to_head;		    /* bytes from those to the ones of the next one's head */
 	const struct lp_huffman *dc_code, *ac_code;
-	bool luma;
 };
 
 /* What the walks through one frame share. */
 struct lp_jpeg_path {
 	struct lp_jpeg_slot slot[LP_JPEG_SLOTS];
 	int slots;
-	const int16_t *head;	/* skips of the first one's head */
-	const uint32_t *energy; /* of luma's probes */
+	const uint8_t *stream;
 	/* squared quantisers of luma in zigzag order; zeros behind them, for what is looked up in
 	 * vain */
 	uint32_t weight[128];
@@ -46,41 +44,40 @@ struct lp_jpeg_path {
 /* A block that has been passed. */
 struct lp_jpeg_mark {
 	uint32_t end_bit; /* of the stream */
-	uint32_t energy;  /* luma: sum of the squared dequantised AC values, in LP_ENERGY_STEPS */
+	/* of all blocks up to there: sum of the squared dequantised AC values, in LP_ENERGY_STEPS,
+	 * modulo 2^32; what chroma adds is nonsense */
+	uint32_t energy;
 };
 
 /* All in one place: the steps keep it in registers. */
 struct lp_jpeg_walk {
-	const uint8_t *next; /* of the stream */
-	uint64_t window;     /* the next bits, most significant first */
-	uint32_t next_bit;   /* of the stream: where that is; those up to there are in the window */
-	uint32_t bit;	     /* of the stream */
-	uint32_t coefficient; /* the next one, << LP_SKIP_COEFFICIENT */
-	uint32_t energy;      /* of the block so far */
-	uint32_t inside;      /* all ones; 0 at a block's head */
-	const int16_t *skip;  /* for the next probe */
+	const uint8_t *next;  /* of the stream */
+	uint32_t next_bit;    /* of the stream: where that is; those up to there are in the window */
+	uint64_t window;      /* the next bits, most significant first */
+	uint32_t bit;	      /* of the stream: where that is */
+	uint32_t energy;      /* of all blocks so far */
+	uint32_t coefficient; /* the next one, << LP_SKIP_COEFFICIENT; 0: a block's head */
+	const struct lp_probes *probes; /* for the next step */
 	const struct lp_jpeg_slot *slot;
-	struct lp_jpeg_mark *mark;	      /* of the block */
-	struct lp_jpeg_mark *last;	      /* the walk ends before this one, */
-	const uint8_t *limit;		      /* or once it has read this far, */
-	bool broken;			      /* or at what is no code: */
-	const struct lp_jpeg_mark *broken_at; /* of this block */
+	struct lp_jpeg_mark *mark;	       /* of the block */
+	struct lp_jpeg_mark *last;	       /* the walk ends before this one, */
+	uint32_t limit_bit;	       /* or once it is there, */
+	const struct lp_jpeg_mark *broken_at; /* or at what is no code, of this block; else NULL */
 };
 
 /* At the first block of an MCU. `marks` have room for LP_JPEG_WALK_MARGIN more than `blocks`. */
-void lp_jpeg_walk_begin(struct lp_jpeg_walk *walk, const struct lp_jpeg_path *path,
-			const uint8_t *stream, uint32_t bit, const uint8_t *limit,
-			struct lp_jpeg_mark *marks, size_t blocks);
+void lp_jpeg_walk_begin(struct lp_jpeg_walk *walk, const struct lp_jpeg_path *path, uint32_t bit,
+			uint32_t limit_bit, struct lp_jpeg_mark *marks, size_t blocks);
 
 static inline bool lp_jpeg_walk_ended(const struct lp_jpeg_walk *walk)
 {
-	return walk->mark >= walk->last || walk->next > walk->limit || walk->broken;
+	return walk->mark >= walk->last || walk->bit >= walk->limit_bit;
 }
 
 /* It came upon what is no code, and not just behind its last block. */
 static inline bool lp_jpeg_walk_failed(const struct lp_jpeg_walk *walk)
 {
-	return walk->broken && walk->broken_at < walk->last;
+	return walk->broken_at && walk->broken_at < walk->last;
 }
 
 /* All its blocks are passed. */
