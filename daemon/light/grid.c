@@ -112,22 +112,28 @@ int lp_grid_cell(const struct lp_grid *grid, const float direction[3])
 	return row * grid->width + column % grid->width;
 }
 
-/* Rows in float, four columns at a time. */
+/* In four chains: an addition waits for the one before. */
+static float row_luminance(const float (*cells)[4], int width)
+{
+	float a = 0.0F, b = 0.0F, c = 0.0F, d = 0.0F;
+
+	for (const float(*end)[4] = cells + width; cells < end; cells += 4) {
+		a += cells[0][LUMINANCE];
+		b += cells[1][LUMINANCE];
+		c += cells[2][LUMINANCE];
+		d += cells[3][LUMINANCE];
+	}
+	return a + b + c + d;
+}
+
+/* Rows in float, their sum in double. */
 float lp_grid_mean_luminance(const struct lp_grid *grid, const struct lp_panorama *panorama)
 {
+	const float(*cells)[4] = (const float(*)[4])panorama->cells;
 	double sum = 0.0;
 
-	for (int r = 0; r < panorama->height; r++) {
-		const float(*row)[4] =
-			(const float(*)[4])panorama->cells + (size_t)r * panorama->width;
-		float part[4] = {0.0F};
-
-		for (int c = 0; c < panorama->width; c += 4)
-			for (int k = 0; k < 4; k++)
-				part[k] += row[c + k][LUMINANCE];
-		sum += (double)(part[0] + part[1] + part[2] + part[3]) *
-		       grid->row_solid_angle_sr[r];
-	}
+	for (int r = 0; r < panorama->height; r++, cells += panorama->width)
+		sum += (double)row_luminance(cells, panorama->width) * grid->row_solid_angle_sr[r];
 	return panorama->seen_fraction > 0.0F
 		       ? (float)(sum / (4.0 * M_PI * panorama->seen_fraction))
 		       : 0.0F;

@@ -20,6 +20,8 @@
 #define MAX_RING_CELLS 128   /* of it, taken evenly: enough for a median */
 #define MAD_TO_SIGMA 1.4826F /* median absolute deviation of a normal distribution */
 
+#define WORD_MARKS 8	     /* marks that are looked at in one go */
+
 enum mark {
 	FREE,
 	CORE, /* of some region */
@@ -36,12 +38,12 @@ int lp_lamp_finder_create(const struct lp_grid *grid, struct lp_lamp_finder **fi
 		return -ENOMEM;
 	f->grid = grid;
 	f->cells = calloc(n, sizeof(*f->cells));
-	f->touched = calloc(n, sizeof(*f->touched));
-	f->mark = calloc(n, sizeof(*f->mark));
+	f->mark = calloc(n + WORD_MARKS, sizeof(*f->mark)); /* words reach beyond the last */
 	f->ring = calloc(n, sizeof(*f->ring));
 	f->values = calloc(MAX_RING_CELLS, sizeof(*f->values));
 	f->reach = calloc(grid->height, sizeof(*f->reach));
-	if (!f->reach || !f->cells || !f->touched || !f->mark || !f->ring || !f->values) {
+	f->free = calloc(grid->height, sizeof(*f->free));
+	if (!f->reach || !f->free || !f->cells || !f->mark || !f->ring || !f->values) {
 		lp_lamp_finder_destroy(f);
 		return -ENOMEM;
 	}
@@ -58,59 +60,74 @@ void lp_lamp_finder_destroy(struct lp_lamp_finder *finder)
 {
 	if (!finder)
 		return;
+	free(finder->free);
 	free(finder->reach);
 	free(finder->values);
 	free(finder->ring);
 	free(finder->mark);
-	free(finder->touched);
 	free(finder->cells);
 	free(finder);
 }
 
-static void take(struct lp_lamp_finder *finder, int32_t cell, enum mark mark)
+static void take(struct lp_lamp_finder *finder, int row, int32_t cell, enum mark mark)
 {
-	if (finder->mark[cell] == FREE)
-		finder->touched[finder->touched_count++] = cell;
+	finder->free[row]--;
 	finder->mark[cell] = (uint8_t)mark;
 }
 
 static void start_run(struct lp_lamp_finder *finder, const struct lp_regions *regions)
 {
-	for (int i = 0; i < finder->touched_count; i++)
-		finder->mark[finder->touched[i]] = FREE;
-	finder->touched_count = 0;
+	const struct lp_grid *grid = finder->grid;
+
+	memset(finder->mark, FREE, (size_t)grid->width * grid->height);
+	for (int r = 0; r < grid->height; r++)
+		finder->free[r] = grid->width;
 	finder->cell_count = 0;
 	finder->count = 0;
 	for (int k = 0; k < regions->count; k++)
-		for (int i = 0; i < regions->list[k].count; i++)
-			take(finder, regions->cells[regions->list[k].first + i], CORE);
+		for (int i = 0; i < regions->list[k].count; i++) {
+			const int32_t cell = regions->cells[regions->list[k].first + i];
+
+			take(finder, lp_grid_row(grid, cell), cell, CORE);
+		}
 }
 
-static int take_free(struct lp_lamp_finder *finder, int32_t cell, enum mark mark, int32_t *out,
-		     int count)
+/* The first `count` marks from a cell on, the first in the lowest byte; the others are zero. */
+static uint64_t marks_at(const struct lp_lamp_finder *finder, int32_t cell, int count)
 {
-	if (finder->mark[cell] != FREE)
-		return count;
-	take(finder, cell, mark);
-	out[count] = cell;
-	return count + 1;
+	uint64_t word;
+
+	memcpy(&word, finder->mark + cell, sizeof(word));
+	return count < WORD_MARKS ? word & ((UINT64_C(1) << 8 * count) - 1) : word;
 }
 
-/* A row at the seam, or beyond a pole: there the grid goes on half a turn away. */
-static int grow_around(struct lp_lamp_finder *finder, int row, int column, enum mark mark,
-		       int32_t *out)
+/* The high bit of each of the first `count` bytes that is FREE (0): Warren, "Hacker's Delight",
+ * section 6-1. */
+static uint64_t free_bytes(uint64_t marks, int count)
 {
-	const struct lp_grid *grid = finder->grid;
+	const uint64_t low = UINT64_C(0x7f7f7f7f7f7f7f7f);
+	const uint64_t zero = ~(((marks & low) + low) | marks | low);
+
+	return count < WORD_MARKS ? zero & ((UINT64_C(1) << 8 * count) - 1) : zero;
+}
+
+/* Append what is free of a row's columns from .. to - 1. */
+static int take_free(struct lp_lamp_finder *finder, int row, int from, int to, enum mark mark,
+		     int32_t *out)
+{
+	const int32_t first = row * finder->grid->width;
 	int count = 0;
 
-	for (int r = row - 1; r <= row + 1; r++) {
-		const bool beyond = r < 0 || r >= grid->height;
-		const int rr = beyond ? row : r, reach = finder->reach[rr];
-		const int turn = (beyond ? grid->width / 2 : 0) + 2 * grid->width;
+	for (int c = from; c < to; c += WORD_MARKS) {
+		const int left = to - c;
 
-		for (int c = column - reach; c <= column + reach; c++)
-			count = take_free(finder, rr * grid->width + (c + turn) % grid->width, mark,
-					  out, count);
+		for (uint64_t bytes = free_bytes(marks_at(finder, first + c, left), left); bytes;
+		     bytes &= bytes - 1) {
+			const int32_t cell = first + c + __builtin_ctzll(bytes) / 8;
+
+			take(finder, row, cell, mark);
+			out[count++] = cell;
+		}
 	}
 	return count;
 }
@@ -118,38 +135,44 @@ static int grow_around(struct lp_lamp_finder *finder, int row, int column, enum 
 /* Nothing but cores around: what lies further off is within reach of their outermost cells. */
 static bool enclosed(const struct lp_lamp_finder *finder, int32_t cell)
 {
-	int neighbours[LP_NEIGHBOURS], other = 0;
+	const uint64_t cores = CORE * UINT64_C(0x010101);
+	const int width = finder->grid->width;
 
-	lp_grid_neighbours(finder->grid, cell, neighbours);
-	for (int k = 0; k < LP_NEIGHBOURS; k++)
-		other |= finder->mark[neighbours[k]] ^ CORE;
-	return !other;
+	/* the others do not matter: growing finds nothing where there is nothing */
+	return lp_grid_inside(finder->grid, cell) &&
+	       marks_at(finder, cell - width - 1, 3) == cores &&
+	       marks_at(finder, cell - 1, 3) == cores &&
+	       marks_at(finder, cell + width - 1, 3) == cores;
 }
 
 /*
  * Append the free cells that lie within one row's height of a given cell. Columns crowd towards the
- * poles: there as many are taken as span the same angle. `out` has room for what is free.
+ * poles: there as many are taken as span the same angle. Beyond a pole the grid goes on in the same
+ * row, half a turn away. `out` has room for what is free.
  */
 static int grow(struct lp_lamp_finder *finder, int32_t cell, enum mark mark, int32_t *out)
 {
 	const struct lp_grid *grid = finder->grid;
-	const int row = lp_grid_row(grid, cell), column = cell - row * grid->width;
+	const int width = grid->width;
+	const int row = lp_grid_row(grid, cell), column = cell - row * width;
 	int count = 0;
 
-	if (row == 0 || row == grid->height - 1)
-		return grow_around(finder, row, column, mark, out);
-	for (int r = -1; r <= 1; r++) {
-		const int reach = finder->reach[row + r];
+	for (int r = row - 1; r <= row + 1; r++) {
+		const bool beyond = r < 0 || r >= grid->height;
+		const int rr = beyond ? row : r, reach = finder->reach[rr];
+		const int from = column - reach + (beyond && column < width / 2   ? width / 2
+						   : beyond ? -width / 2
+							    : 0);
+		const int to = from + 2 * reach + 1;
 
-		if (column < reach || column >= grid->width - reach)
-			return grow_around(finder, row, column, mark, out);
-	}
-	for (int r = -1; r <= 1; r++) {
-		const int32_t middle = cell + r * grid->width;
-		const int reach = finder->reach[row + r];
-
-		for (int32_t c = middle - reach; c <= middle + reach; c++)
-			count = take_free(finder, c, mark, out, count);
+		if (!finder->free[rr])
+			continue;
+		if (from < 0)
+			count += take_free(finder, rr, from + width, width, mark, out + count);
+		count += take_free(finder, rr, from < 0 ? 0 : from, to < width ? to : width, mark,
+				   out + count);
+		if (to > width)
+			count += take_free(finder, rr, 0, to - width, mark, out + count);
 	}
 	return count;
 }
@@ -187,7 +210,6 @@ static void find_background(struct lp_lamp_finder *finder, const struct lp_panor
 			    int rim, struct lp_lamp *lamp)
 {
 	const int32_t *cells = finder->cells + lamp->first;
-	const int touched = finder->touched_count;
 	int from = 0, count = 0;
 
 	for (int i = lamp->count - rim; i < lamp->count; i++)
@@ -203,8 +225,10 @@ static void find_background(struct lp_lamp_finder *finder, const struct lp_panor
 		measure_background(finder, panorama, finder->ring, count, lamp);
 	else /* shut in by other regions */
 		measure_background(finder, panorama, cells, lamp->count, lamp);
-	while (finder->touched_count > touched)
-		finder->mark[finder->touched[--finder->touched_count]] = FREE;
+	for (int i = 0; i < count; i++) {
+		finder->mark[finder->ring[i]] = FREE;
+		finder->free[lp_grid_row(finder->grid, finder->ring[i])]++;
+	}
 }
 
 /* Sums over a lamp's cells of what lies above the background. */
@@ -312,6 +336,12 @@ static int divide(struct lp_lamp_finder *finder, const struct lp_lamp *lamp, con
 	return head;
 }
 
+/* Of a region; all of it to begin with. */
+struct part {
+	struct lp_lamp lamp;
+	double axis[3]; /* of its longest extent */
+};
+
 static bool stands_out(const struct lp_lamp *lamp, float core_mean,
 		       const struct lp_lamp_options *options)
 {
@@ -343,38 +373,43 @@ void lp_lamp_insert(struct lp_lamp_finder *finder, const struct lp_lamp *lamp)
 	finder->lamps[at] = *lamp;
 }
 
+/* Lamp and longest axis from its cells; false as of describe(). */
+static bool measure(const struct lp_lamp_finder *finder, const struct lp_panorama *panorama,
+		    struct part *part)
+{
+	const struct moments m = moments_of(finder, panorama, &part->lamp);
+
+	return describe(finder, &m, &part->lamp, part->axis);
+}
+
 /* Split until every part is narrow enough; a part of one cell is. */
 static void split_and_insert(struct lp_lamp_finder *finder, const struct lp_panorama *panorama,
-			     struct lp_lamp whole, const struct lp_lamp_options *options)
+			     const struct part *whole, const struct lp_lamp_options *options)
 {
-	struct lp_lamp stack[2 * LP_MAX_LAMPS];
+	struct part stack[2 * LP_MAX_LAMPS];
 	int depth = 0;
 
-	stack[depth++] = whole;
+	stack[depth++] = *whole;
 	while (depth) {
-		struct lp_lamp lamp = stack[--depth];
-		const struct moments m = moments_of(finder, panorama, &lamp);
-		double axis[3];
+		const struct part part = stack[--depth];
+		int head = 0;
 
-		if (!describe(finder, &m, &lamp, axis))
-			continue;
-		if (lamp.spread_deg <= options->max_spread_deg || lamp.count < 2 ||
-		    depth + 2 > (int)(sizeof(stack) / sizeof(stack[0]))) {
-			lp_lamp_insert(finder, &lamp);
+		if (part.lamp.spread_deg > options->max_spread_deg && part.lamp.count > 1 &&
+		    depth + 2 <= (int)(sizeof(stack) / sizeof(stack[0])))
+			head = divide(finder, &part.lamp, part.axis);
+		if (head == 0 || head == part.lamp.count) { /* rounding may leave nothing to divide */
+			lp_lamp_insert(finder, &part.lamp);
 			continue;
 		}
-		const int head = divide(finder, &lamp, axis);
-
-		if (head == 0 || head == lamp.count) { /* rounding left nothing to divide */
-			lp_lamp_insert(finder, &lamp);
-			continue;
-		}
-		lamp.flags |= LP_LIGHT_EXTENDED;
-		stack[depth] = lamp;
-		stack[depth++].count = head;
-		stack[depth] = lamp;
-		stack[depth].first += head;
-		stack[depth++].count -= head;
+		stack[depth] = part;
+		stack[depth].lamp.flags |= LP_LIGHT_EXTENDED;
+		stack[depth].lamp.count = head;
+		depth += measure(finder, panorama, &stack[depth]);
+		stack[depth] = part;
+		stack[depth].lamp.flags |= LP_LIGHT_EXTENDED;
+		stack[depth].lamp.first += head;
+		stack[depth].lamp.count -= head;
+		depth += measure(finder, panorama, &stack[depth]);
 	}
 }
 
@@ -383,34 +418,31 @@ static void measure_region(struct lp_lamp_finder *finder, const struct lp_panora
 			   float mean, const struct lp_lamp_options *options)
 {
 	const int room = finder->grid->width * finder->grid->height;
-	struct lp_lamp lamp = {.first = finder->cell_count,
-			       .count = region->count,
-			       .peak = region->peak};
+	struct part part = {.lamp = {.first = finder->cell_count,
+				     .count = region->count,
+				     .peak = region->peak}};
+	struct lp_lamp *lamp = &part.lamp;
 	float core_solid_angle = 0.0F;
-	double axis[3];
 
 	if (RIM_FACTOR * region->flux < (double)options->min_strength * M_PI * mean)
 		return;
 	if (finder->cell_count + region->count > room)
 		return;
-	memcpy(finder->cells + lamp.first, regions->cells + region->first,
+	memcpy(finder->cells + lamp->first, regions->cells + region->first,
 	       region->count * sizeof(*finder->cells));
 	for (int i = 0; i < region->count; i++) {
-		const int32_t cell = finder->cells[lamp.first + i];
+		const int32_t cell = finder->cells[lamp->first + i];
 
 		core_solid_angle += lp_grid_solid_angle_sr(finder->grid, cell);
 		if (!enclosed(finder, cell))
-			lamp.count +=
-				grow(finder, cell, RIM, finder->cells + lamp.first + lamp.count);
+			lamp->count +=
+				grow(finder, cell, RIM, finder->cells + lamp->first + lamp->count);
 	}
-	finder->cell_count += lamp.count;
-	find_background(finder, panorama, lamp.count - region->count, &lamp);
-	if (!stands_out(&lamp, (float)region->flux / core_solid_angle, options))
-		return;
-
-	const struct moments m = moments_of(finder, panorama, &lamp);
-	if (describe(finder, &m, &lamp, axis) && strong(&lamp, mean, options))
-		split_and_insert(finder, panorama, lamp, options);
+	finder->cell_count += lamp->count;
+	find_background(finder, panorama, lamp->count - region->count, lamp);
+	if (stands_out(lamp, (float)region->flux / core_solid_angle, options) &&
+	    measure(finder, panorama, &part) && strong(lamp, mean, options))
+		split_and_insert(finder, panorama, &part, options);
 }
 
 /* The list is full of lamps that no remaining region can outshine: a rim holds a few times what its

@@ -13,25 +13,37 @@
 #define LUMINANCE 3 /* fourth channel of a panorama cell */
 /* Fewer candidates cost nothing worth saving. */
 #define MANY_CANDIDATES 1024
-#define STEP_BITS 5 /* of a key's 16: an eighth of a stop */
+#define KEYS (1 << 16)
+#define STEP_BITS 5 /* of a key's: an eighth of a stop */
+
+/* What flows down to one peak. */
+struct lp_basin {
+	int32_t parent; /* that it was absorbed by; itself: a root */
+	int32_t next;	/* root: how many cells its core has; then where the next one goes */
+	float peak;
+	double flux; /* root: of its core */
+};
 
 int lp_regions_create(const struct lp_grid *grid, struct lp_regions **regions)
 {
 	const size_t n = (size_t)grid->width * grid->height;
 	struct lp_regions *r = calloc(1, sizeof(*r));
-	int32_t *storage = calloc(5 * n, sizeof(*storage));
 
-	if (!r || !storage) {
-		free(storage);
-		free(r);
+	if (!r)
+		return -ENOMEM;
+	r->grid = grid;
+	r->cells = calloc(n, sizeof(*r->cells));
+	r->candidates = calloc(n, sizeof(*r->candidates));
+	r->scratch = calloc(n, sizeof(*r->scratch));
+	r->start = calloc(KEYS, sizeof(*r->start));
+	r->basins = calloc(n / 4, sizeof(*r->basins)); /* no two peaks touch */
+	r->basin_at = calloc(n + 1, sizeof(*r->basin_at)); /* rows of four end beyond the last */
+	r->basin_of = calloc(n, sizeof(*r->basin_of));
+	if (!r->cells || !r->candidates || !r->scratch || !r->start || !r->basins ||
+	    !r->basin_at || !r->basin_of) {
+		lp_regions_destroy(r);
 		return -ENOMEM;
 	}
-	r->grid = grid;
-	r->cells = storage; /* one block; freed through this pointer */
-	r->candidates = storage + n;
-	r->scratch = r->candidates + n;
-	r->parent = r->scratch + n;
-	r->slot = r->parent + n;
 	*regions = r;
 	return 0;
 }
@@ -40,155 +52,199 @@ void lp_regions_destroy(struct lp_regions *regions)
 {
 	if (!regions)
 		return;
+	free(regions->basin_of);
+	free(regions->basin_at);
+	free(regions->basins);
+	free(regions->start);
+	free(regions->scratch);
+	free(regions->candidates);
 	free(regions->cells);
 	free(regions);
 }
 
+/* Most cells are none: four at a time are passed over; and the others without a branch, for
+ * brightness is anything but predictable. */
 static void collect(struct lp_regions *regions, const struct lp_panorama *panorama, float level)
 {
+	const float(*cells)[4] = (const float(*)[4])panorama->cells;
 	const int n = panorama->width * panorama->height;
 	int count = 0;
 
-	memset(regions->parent, 0xff, n * sizeof(*regions->parent));
-	for (int i = 0; i < n; i++) { /* without a branch: brightness is anything but predictable */
-		regions->candidates[count] = i;
-		count += panorama->cells[i][LUMINANCE] > level;
+	memset(regions->basin_at, 0xff, n * sizeof(*regions->basin_at));
+	for (int i = 0; i < n; i += 4) {
+		if (!((cells[i][LUMINANCE] > level) | (cells[i + 1][LUMINANCE] > level) |
+		      (cells[i + 2][LUMINANCE] > level) | (cells[i + 3][LUMINANCE] > level)))
+			continue;
+		for (int j = i; j < i + 4; j++) {
+			regions->candidates[count] = (struct lp_candidate){cells[j][LUMINANCE], j};
+			count += cells[j][LUMINANCE] > level;
+		}
 	}
 	regions->candidate_count = count;
 }
 
 /* Order of luminance in 16 bits: the pattern of a positive float grows with its value. */
-static uint32_t key_of(const struct lp_panorama *panorama, int32_t cell)
+static int key_of(const struct lp_candidate *candidate)
 {
 	uint32_t bits;
 
-	memcpy(&bits, &panorama->cells[cell][LUMINANCE], sizeof(bits));
-	return bits >> 15;
+	memcpy(&bits, &candidate->luminance, sizeof(bits));
+	return (int)(bits >> 15);
+}
+
+/* Stable counting sort, brightest first: equal cells stay in grid order, so results repeat. */
+static void sort_candidates(struct lp_regions *regions)
+{
+	struct lp_candidate *sorted = regions->scratch;
+	int32_t *start = regions->start; /* by how much a key is below the highest */
+	int lowest = KEYS - 1, highest = 0, next = 0;
+
+	for (int k = 0; k < regions->candidate_count; k++) {
+		const int key = key_of(&regions->candidates[k]);
+
+		lowest = key < lowest ? key : lowest;
+		highest = key > highest ? key : highest;
+	}
+	for (int b = 0; b <= highest - lowest; b++)
+		start[b] = 0;
+	for (int k = 0; k < regions->candidate_count; k++)
+		start[highest - key_of(&regions->candidates[k])]++;
+	for (int b = 0; b <= highest - lowest; b++) {
+		const int size = start[b];
+
+		start[b] = next;
+		next += size;
+	}
+	for (int k = 0; k < regions->candidate_count; k++)
+		sorted[start[highest - key_of(&regions->candidates[k])]++] = regions->candidates[k];
+	regions->scratch = regions->candidates;
+	regions->candidates = sorted;
 }
 
 /*
  * A bright sky is no lamp, and no lamp is as large: of many candidates only the brightest area_sr
  * stay, and what is as bright as the last of them: counted in steps of an eighth of a stop.
  */
-static void limit_area(struct lp_regions *regions, const struct lp_panorama *panorama,
-		       float area_sr)
+static void limit_area(struct lp_regions *regions, float area_sr)
 {
-	float area[1 << 16 >> STEP_BITS] = {0}, total = 0.0F;
-	int32_t *candidates = regions->candidates;
-	int step = (1 << 16 >> STEP_BITS) - 1, count = 0;
+	const struct lp_candidate *candidates = regions->candidates;
+	float area = 0.0F;
+	int count = 0;
 
 	if (regions->candidate_count < MANY_CANDIDATES)
 		return;
-	for (int k = 0; k < regions->candidate_count; k++)
-		area[key_of(panorama, candidates[k]) >> STEP_BITS] +=
-			lp_grid_solid_angle_sr(regions->grid, candidates[k]);
-	while (step > 0 && total + area[step] <= area_sr)
-		total += area[step--];
-	for (int k = 0; k < regions->candidate_count; k++) {
-		const int32_t cell = candidates[k];
-
-		candidates[count] = cell;
-		count += (int)(key_of(panorama, cell) >> STEP_BITS) >= step;
-	}
+	while (count < regions->candidate_count && area <= area_sr)
+		area += lp_grid_solid_angle_sr(regions->grid, candidates[count++].cell);
+	while (count < regions->candidate_count && key_of(&candidates[count]) >> STEP_BITS ==
+							   key_of(&candidates[count - 1]) >> STEP_BITS)
+		count++;
 	regions->candidate_count = count;
 }
 
-/* Stable radix sort, brightest first: equal cells stay in grid order, so results repeat. */
-static void sort_candidates(struct lp_regions *regions, const struct lp_panorama *panorama)
+static int32_t find_root(struct lp_basin *basins, int32_t basin)
 {
-	int32_t *from = regions->candidates, *to = regions->scratch;
-
-	for (int shift = 0; shift < 16; shift += 8) {
-		int start[257] = {0};
-
-		for (int k = 0; k < regions->candidate_count; k++)
-			start[256 - (key_of(panorama, from[k]) >> shift & 255)]++;
-		for (int b = 0; b < 256; b++)
-			start[b + 1] += start[b];
-		for (int k = 0; k < regions->candidate_count; k++)
-			to[start[255 - (key_of(panorama, from[k]) >> shift & 255)]++] = from[k];
-		int32_t *swap = from;
-		from = to;
-		to = swap;
+	while (basins[basin].parent != basin) {
+		basins[basin].parent = basins[basins[basin].parent].parent;
+		basin = basins[basin].parent;
 	}
+	return basin;
 }
 
-static int32_t find_root(int32_t *parent, int32_t cell)
+typedef int32_t four __attribute__((vector_size(16)));
+
+/* Three neighbours in a row; the fourth lane is none. */
+static four load_three(const int32_t *basins)
 {
-	while (parent[cell] != cell) {
-		parent[cell] = parent[parent[cell]];
-		cell = parent[cell];
-	}
-	return cell;
+	const four none = {0, 0, 0, -1};
+	four loaded;
+
+	memcpy(&loaded, basins, sizeof(loaded));
+	return loaded | none;
 }
 
-/* The one root that all flooded neighbours point at; -1: none is flooded; -2: there may be several.
- * Without a branch per neighbour: which of them are flooded is anything but predictable. */
-static int32_t only_root(const int32_t *parent, const int neighbours[LP_NEIGHBOURS])
+/* The one root that all flooded neighbours of a cell belong to; -1: none is flooded; -2: there may
+ * be several. Without a branch per neighbour: which of them are flooded is anything but
+ * predictable. */
+static int32_t only_root(const struct lp_regions *regions, int32_t cell)
 {
-	int32_t highest = -1;
-	uint32_t lowest = UINT32_MAX; /* as unsigned numbers, -1 is the highest of all */
+	const int width = regions->grid->width;
+	const int32_t *at = regions->basin_at + cell - 1;
 
-	for (int j = 0; j < LP_NEIGHBOURS; j++) {
-		const int32_t found = parent[neighbours[j]];
+	if (!lp_grid_inside(regions->grid, cell))
+		return -2;
+	/* the cell is among them, and is not flooded: -1, which is all ones */
+	const four above = load_three(at - width), here = load_three(at);
+	const four below = load_three(at + width), all = above & here & below;
+	const int32_t common = all[0] & all[1] & all[2];
 
-		highest = found > highest ? found : highest;
-		lowest = (uint32_t)found < lowest ? (uint32_t)found : lowest;
-	}
-	if (highest < 0)
+	if (common == -1)
 		return -1;
-	return (uint32_t)highest == lowest && parent[highest] == highest ? highest : -2;
+	const four others = ((above != common) & (above != -1)) | ((here != common) & (here != -1)) |
+			    ((below != common) & (below != -1));
+
+	return !(others[0] | others[1] | others[2]) && regions->basins[common].parent == common
+		       ? common
+		       : -2;
 }
 
-/* Basins meet at the cell: it joins the one with the highest peak, which absorbs those that do not
- * stand `persistence` times above the cell. */
-static void join(struct lp_regions *regions, const struct lp_panorama *panorama, int32_t cell,
-		 const int neighbours[LP_NEIGHBOURS], float persistence)
+static int32_t new_basin(struct lp_regions *regions, float peak)
 {
-	int32_t *parent = regions->parent, roots[LP_NEIGHBOURS], home = cell;
+	const int32_t basin = regions->basin_count++;
+
+	regions->basins[basin] = (struct lp_basin){.parent = basin, .peak = peak};
+	return basin;
+}
+
+/* Basins may meet at a cell: it joins the one with the highest peak, which is returned and absorbs
+ * those that do not stand `persistence` times above the cell. */
+static int32_t join(struct lp_regions *regions, const struct lp_candidate *candidate,
+		    float persistence)
+{
+	struct lp_basin *basins = regions->basins;
+	int neighbours[LP_NEIGHBOURS];
+	int32_t roots[LP_NEIGHBOURS], home = -1;
 	float highest = -1.0F;
 	int count = 0;
 
+	lp_grid_neighbours(regions->grid, candidate->cell, neighbours);
 	for (int j = 0; j < LP_NEIGHBOURS; j++) {
-		if (parent[neighbours[j]] < 0)
-			continue;
-		const int32_t root = find_root(parent, neighbours[j]);
+		int32_t *at = &regions->basin_at[neighbours[j]];
 
-		parent[neighbours[j]] = root; /* short ways for the next cell */
-		if (count && root == roots[count - 1])
+		if (*at < 0)
 			continue;
-		roots[count++] = root;
-		if (panorama->cells[root][LUMINANCE] > highest) {
-			highest = panorama->cells[root][LUMINANCE];
-			home = root;
+		*at = find_root(basins, *at); /* short ways for the next cell */
+		if (count && *at == roots[count - 1])
+			continue;
+		roots[count++] = *at;
+		if (basins[*at].peak > highest) {
+			highest = basins[*at].peak;
+			home = *at;
 		}
 	}
-	parent[cell] = home;
 	for (int j = 0; j < count; j++)
-		if (roots[j] != home && panorama->cells[roots[j]][LUMINANCE] <
-						persistence * panorama->cells[cell][LUMINANCE])
-			parent[roots[j]] = home;
+		if (roots[j] != home && basins[roots[j]].peak < persistence * candidate->luminance)
+			basins[roots[j]].parent = home;
+	return home < 0 ? new_basin(regions, candidate->luminance) : home;
 }
 
 /*
  * Flood from the brightest cell down. A cell joins the neighbouring basin with the highest peak;
  * where basins meet, the lower peak is absorbed unless it stands `persistence` times above the
  * meeting level (Edelsbrunner, Letscher & Zomorodian 2002, "Topological persistence and
- * simplification"). A root is the peak of its basin.
+ * simplification").
  */
-static void flood(struct lp_regions *regions, const struct lp_panorama *panorama, float persistence)
+static void flood(struct lp_regions *regions, float persistence)
 {
+	regions->basin_count = 0;
 	for (int k = 0; k < regions->candidate_count; k++) {
-		const int32_t cell = regions->candidates[k];
-		int neighbours[LP_NEIGHBOURS];
+		const struct lp_candidate *candidate = &regions->candidates[k];
+		int32_t basin = only_root(regions, candidate->cell);
 
-		lp_grid_neighbours(regions->grid, cell, neighbours);
-		const int32_t root = only_root(regions->parent, neighbours);
-
-		if (root >= -1)
-			regions->parent[cell] = root < 0 ? cell : root;
-		else
-			join(regions, panorama, cell, neighbours, persistence);
+		if (basin == -1)
+			basin = new_basin(regions, candidate->luminance);
+		else if (basin == -2)
+			basin = join(regions, candidate, persistence);
+		regions->basin_at[candidate->cell] = regions->basin_of[k] = basin;
 	}
 }
 
@@ -214,71 +270,68 @@ static struct lp_region *admit(struct lp_regions *regions, double flux)
 	return weakest->flux < flux ? weakest : NULL;
 }
 
-static double flux_of(const struct lp_regions *regions, const struct lp_panorama *panorama,
-		      int cell)
+/* The cores of the basins: the cells above core_ratio * peak. Of the others basin_of becomes -1. */
+static void find_cores(struct lp_regions *regions, float core_ratio)
 {
-	return (double)panorama->cells[cell][LUMINANCE] *
-	       lp_grid_solid_angle_sr(regions->grid, cell);
-}
+	struct lp_basin *basins = regions->basins;
 
-/* The root of every candidate whose cell is of its basin's core, the cells above core_ratio * peak;
- * -1 for the others. Returned in regions->scratch; and how many each root has, in regions->slot. */
-static void find_cores(struct lp_regions *regions, const struct lp_panorama *panorama,
-		       float core_ratio)
-{
-	for (int k = 0; k < regions->candidate_count; k++)
-		regions->slot[regions->candidates[k]] = 0;
+	for (int b = 0; b < regions->basin_count; b++)
+		basins[b].parent = find_root(basins, b);
 	for (int k = 0; k < regions->candidate_count; k++) {
-		const int32_t cell = regions->candidates[k];
-		const int32_t root = find_root(regions->parent, cell);
-		const bool core = panorama->cells[cell][LUMINANCE] >
-				  core_ratio * panorama->cells[root][LUMINANCE];
+		const int32_t root = basins[regions->basin_of[k]].parent;
+		const bool core =
+			regions->candidates[k].luminance > core_ratio * basins[root].peak;
 
-		regions->scratch[k] = core ? root : -1;
-		regions->slot[root] += core;
+		regions->basin_of[k] = core ? root : -1;
+		basins[root].next += core;
 	}
 }
 
-/*
- * Gather the cores of the basins: lay their cells out basin by basin (counting sort on the root),
- * then keep the strongest.
- */
-static void gather(struct lp_regions *regions, const struct lp_panorama *panorama, float core_ratio)
+/* Lay the cores' cells out, basin by basin. */
+static void lay_out(struct lp_regions *regions)
 {
-	int32_t *next_at = regions->slot; /* per root: how many, then where the next goes */
+	struct lp_basin *basins = regions->basins;
 	int next = 0;
 
-	regions->count = 0;
-	find_cores(regions, panorama, core_ratio);
-	for (int k = 0; k < regions->candidate_count; k++) {
-		const int32_t root = regions->candidates[k];
+	for (int b = 0; b < regions->basin_count; b++) {
+		const int size = basins[b].next;
 
-		if (regions->parent[root] == root) {
-			const int size = next_at[root];
-
-			next_at[root] = next;
-			next += size;
-		}
+		basins[b].next = next;
+		next += size;
 	}
-	for (int k = 0; k < regions->candidate_count; k++)
-		if (regions->scratch[k] >= 0)
-			regions->cells[next_at[regions->scratch[k]]++] = regions->candidates[k];
-	for (int k = 0, first = 0; k < regions->candidate_count; k++) {
-		const int32_t root = regions->candidates[k];
-		double flux = 0.0;
+	for (int k = 0; k < regions->candidate_count; k++) {
+		const struct lp_candidate *candidate = &regions->candidates[k];
 
-		if (regions->parent[root] != root)
+		if (regions->basin_of[k] < 0)
 			continue;
-		for (int i = first; i < next_at[root]; i++)
-			flux += flux_of(regions, panorama, regions->cells[i]);
+		struct lp_basin *basin = &basins[regions->basin_of[k]];
 
-		struct lp_region *region = admit(regions, flux);
+		regions->cells[basin->next++] = candidate->cell;
+		basin->flux += (double)candidate->luminance *
+			       lp_grid_solid_angle_sr(regions->grid, candidate->cell);
+	}
+}
+
+/* Gather the cores of the basins and keep the strongest. */
+static void gather(struct lp_regions *regions, float core_ratio)
+{
+	int first = 0;
+
+	find_cores(regions, core_ratio);
+	lay_out(regions);
+	regions->count = 0;
+	for (int b = 0; b < regions->basin_count; b++) {
+		const struct lp_basin *basin = &regions->basins[b];
+
+		if (basin->parent != b)
+			continue;
+		struct lp_region *region = admit(regions, basin->flux);
 		if (region)
 			*region = (struct lp_region){.first = first,
-						     .count = next_at[root] - first,
-						     .peak = panorama->cells[root][LUMINANCE],
-						     .flux = flux};
-		first = next_at[root];
+						     .count = basin->next - first,
+						     .peak = basin->peak,
+						     .flux = basin->flux};
+		first = basin->next;
 	}
 	qsort(regions->list, regions->count, sizeof(regions->list[0]), stronger_first);
 }
@@ -287,17 +340,17 @@ void lp_regions_from_peaks(struct lp_regions *regions, const struct lp_panorama 
 			   float mean, const struct lp_peak_options *options)
 {
 	collect(regions, panorama, fmaxf(options->floor_ratio * mean, 0.0F));
-	limit_area(regions, panorama, options->area_sr);
-	sort_candidates(regions, panorama);
-	flood(regions, panorama, options->persistence_ratio);
-	gather(regions, panorama, options->core_ratio);
+	sort_candidates(regions);
+	limit_area(regions, options->area_sr);
+	flood(regions, options->persistence_ratio);
+	gather(regions, options->core_ratio);
 }
 
 void lp_regions_from_threshold(struct lp_regions *regions, const struct lp_panorama *panorama,
 			       float level)
 {
 	collect(regions, panorama, fmaxf(level, 0.0F));
-	sort_candidates(regions, panorama);
-	flood(regions, panorama, INFINITY);
-	gather(regions, panorama, 0.0F);
+	sort_candidates(regions);
+	flood(regions, INFINITY);
+	gather(regions, 0.0F);
 }

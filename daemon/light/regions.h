@@ -22,6 +22,14 @@ struct lp_region {
 			off */
 };
 
+struct lp_basin; /* regions.c */
+
+/* A cell that is bright enough. */
+struct lp_candidate {
+	float luminance;
+	int32_t cell;
+};
+
 /* All storage is allocated once; one segmentation overwrites the last. One thread at a time. */
 struct lp_regions {
 	const struct lp_grid *grid; /* borrowed */
@@ -30,10 +38,12 @@ struct lp_regions {
 	int32_t *cells;			       /* cell indices, region after region */
 
 	/* workspace */
-	int candidate_count;
-	int32_t *candidates, *scratch; /* cells, brightest first */
-	int32_t *parent;	       /* union-find; -1: no candidate */
-	int32_t *slot;		       /* root cell -> entry of list, or -1 */
+	int candidate_count, basin_count;
+	struct lp_candidate *candidates, *scratch; /* brightest first */
+	int32_t *start;				   /* of each brightness in them */
+	struct lp_basin *basins;		   /* by their peaks, brightest first */
+	int32_t *basin_at;			   /* per cell; -1: not flooded */
+	int32_t *basin_of;			   /* per candidate */
 };
 
 struct lp_peak_options {
