@@ -146,9 +146,8 @@ static void pass_symbols(const struct lp_huffman *code, uint32_t p, struct passe
 			passed->ends = true;
 			return;
 		}
-		/* size 0 here: sixteen zeros. A block never holds more than 63 coefficients, and
-		 * they no more than 10 bits. */
-		if (passed->coefficients + run + 1 > 63 || size > 10 ||
+		/* size 0 here: sixteen zeros. A block never holds more than 63 coefficients. */
+		if (passed->coefficients + run + 1 > 63 || size > LP_PASSED_MAX_SIZE ||
 		    passed->bits + length + size > LP_PROBE_MAX_BITS)
 			return;
 		if (size) {
@@ -163,24 +162,16 @@ static void pass_symbols(const struct lp_huffman *code, uint32_t p, struct passe
 	}
 }
 
-static int16_t pack_skip(const struct passed *passed)
-{
-	if (!passed->bits)
-		return LP_SKIP_NONE;
-	return (int16_t)((passed->ends ? LP_SKIP_END : 0) | passed->bits |
-			 passed->coefficients << LP_SKIP_COEFFICIENT);
-}
-
-static uint32_t pack_energy(const struct passed *passed)
-{
-	return (uint32_t)lrintf(passed->energy * LP_ENERGY_STEPS) << LP_ENERGY_OFFSET_BITS |
-	       (uint32_t)passed->strongest;
-}
-
 static void fill_probe(struct lp_probes *probes, uint32_t p, const struct passed *passed)
 {
-	probes->skip[p] = pack_skip(passed);
-	probes->energy[p] = pack_energy(passed);
+	const uint32_t energy = (uint32_t)lrintf(passed->energy * LP_ENERGY_STEPS);
+	const uint32_t coefficients = (uint32_t)passed->coefficients;
+
+	probes->skip[p] = (uint8_t)(passed->bits | (passed->ends ? LP_SKIP_END : 0));
+	probes->passed[p] = passed->bits ? energy << LP_PASSED_ENERGY |
+						   coefficients << LP_PASSED_COEFFICIENT |
+						   (uint32_t)passed->strongest
+					 : LP_PASSED_NONE;
 }
 
 int lp_huffman_ac_build(struct lp_huffman_ac *table, const uint8_t counts[16],

@@ -15,21 +15,22 @@
 #define LP_DC_UNKNOWN INT16_MIN /* code and value are longer than a probe */
 
 /*
- * A skip is what a probe of AC data, or of a block's head, passes: the bits consumed (codes and
- * value bits), in the six lowest bits; from LP_SKIP_COEFFICIENT on the coefficients passed, or
- * LP_SKIP_NONE for no whole symbol; and the sign when the block ends.
+ * A skip is how far a probe of AC data, or of a block's head, goes: the bits consumed (codes and
+ * value bits) in the six lowest bits, and LP_SKIP_END when the block ends.
  */
-#define LP_SKIP_COEFFICIENT 8
-#define LP_SKIP_NONE (64 << LP_SKIP_COEFFICIENT)
-#define LP_SKIP_END INT16_MIN
+#define LP_SKIP_END 0x80
 
 /*
- * The energy of a probe is the sum of the squared quantised values that it passes, expected where
- * the last one's bits reach beyond the probe, in quarters; and in the six lowest bits the offset of
- * the largest. 0: no energy.
+ * What it passes there: in the six lowest bits the offset of the largest value; from
+ * LP_PASSED_COEFFICIENT on the number of coefficients, or LP_PASSED_NONE for no whole symbol; from
+ * LP_PASSED_ENERGY on the sum of the squared quantised values, expected where the last one's bits
+ * reach beyond the probe, in quarters.
  */
+#define LP_PASSED_COEFFICIENT 6
+#define LP_PASSED_NONE (64 << LP_PASSED_COEFFICIENT)
+#define LP_PASSED_ENERGY 13
+#define LP_PASSED_MAX_SIZE 8 /* of a value, in bits: so that the energy has room */
 #define LP_ENERGY_STEPS 4
-#define LP_ENERGY_OFFSET_BITS 6
 
 struct lp_huffman {
 	bool defined;
@@ -52,8 +53,8 @@ struct lp_huffman_dc {
 /* In two tables: where the next probe begins waits for the first one, which is small enough to stay
  * in the processor's nearest cache; the second can come late. */
 struct lp_probes {
-	int16_t skip[LP_PROBES];
-	uint32_t energy[LP_PROBES];
+	uint8_t skip[LP_PROBES];
+	uint32_t passed[LP_PROBES];
 };
 
 struct lp_huffman_ac {

@@ -68,7 +68,7 @@ static __attribute__((noinline, cold)) void step_slowly(struct lp_jpeg_walk *w,
 							const struct lp_jpeg_path *path)
 {
 	const struct lp_jpeg_slot *slot = w->slot;
-	uint32_t k = w->coefficient >> LP_SKIP_COEFFICIENT;
+	uint32_t k = w->coefficient >> LP_PASSED_COEFFICIENT;
 	bool ends = false;
 	int length;
 
@@ -102,7 +102,7 @@ static __attribute__((noinline, cold)) void step_slowly(struct lp_jpeg_walk *w,
 	drop(w, (uint32_t)(length + size));
 	refill(w);
 	*w->mark = (struct lp_jpeg_mark){w->bit, w->energy};
-	w->coefficient = ends ? 0 : k << LP_SKIP_COEFFICIENT;
+	w->coefficient = ends ? 0 : k << LP_PASSED_COEFFICIENT;
 	w->probes = probes_after(slot, -(intptr_t)ends);
 	w->slot = slot->next[ends];
 	w->mark += ends;
@@ -116,12 +116,12 @@ HOT_INLINE void step(struct lp_jpeg_walk *w, const struct lp_jpeg_path *path)
 {
 	const struct lp_jpeg_slot *slot = w->slot;
 	const uint32_t probe = (uint32_t)(w->window >> (64 - LP_PROBE_BITS));
-	const int64_t skip = w->probes->skip[probe];
-	const uint32_t energy = w->probes->energy[probe];
+	const uint32_t skip = w->probes->skip[probe];
+	const uint32_t passed = w->probes->passed[probe];
 	const uint32_t k = w->coefficient;
-	const uint32_t after = k + (skip & (127 << LP_SKIP_COEFFICIENT));
+	const uint32_t after = k + (passed & (127 << LP_PASSED_COEFFICIENT));
 
-	if (__builtin_expect(after & LP_SKIP_NONE, 0)) { /* none, or beyond the block */
+	if (__builtin_expect(after & LP_PASSED_NONE, 0)) { /* none, or beyond the block */
 		struct lp_jpeg_walk copy =
 			*w; /* its address must not be taken: see lp_jpeg_walk_on() */
 
@@ -129,13 +129,13 @@ HOT_INLINE void step(struct lp_jpeg_walk *w, const struct lp_jpeg_path *path)
 		*w = copy;
 		return;
 	}
-	const uint32_t strongest = energy & ((1 << LP_ENERGY_OFFSET_BITS) - 1);
-	const uint32_t weight = path->weight[(k >> LP_SKIP_COEFFICIENT) + strongest];
-	int64_t ends = skip >> 15;
+	const uint32_t strongest = (k >> LP_PASSED_COEFFICIENT) +
+				   (passed & ((1 << LP_PASSED_COEFFICIENT) - 1));
+	int64_t ends = (int8_t)skip >> 7;
 
 	OPAQUE(ends);
-	w->energy += (energy >> LP_ENERGY_OFFSET_BITS) * weight;
-	drop(w, (uint64_t)skip);
+	w->energy += (passed >> LP_PASSED_ENERGY) * path->weight[strongest];
+	drop(w, skip);
 	*w->mark = (struct lp_jpeg_mark){w->bit, w->energy};
 	w->mark = (struct lp_jpeg_mark *)((char *)w->mark + (ends & (int)sizeof(*w->mark)));
 	w->coefficient = after & ~(uint32_t)ends;

@@ -56,7 +56,7 @@ struct lp_jpeg_walk {
 	uint64_t window;      /* the next bits, most significant first */
 	uint32_t bit;	      /* of the stream: where that is */
 	uint32_t energy;      /* of all blocks so far */
-	uint32_t coefficient; /* the next one, << LP_SKIP_COEFFICIENT; 0: a block's head */
+	uint32_t coefficient; /* the next one, << LP_PASSED_COEFFICIENT; 0: a block's head */
 	const struct lp_probes *probes; /* for the next step */
 	const struct lp_jpeg_slot *slot;
 	struct lp_jpeg_mark *mark;	       /* of the block */
