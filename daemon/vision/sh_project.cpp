@@ -2,6 +2,7 @@
 #include "vision/sh_project.h"
 #include "vision/simd.hpp"
 
+#include <algorithm>
 #include <cerrno>
 #include <cmath>
 #include <cstdlib>
@@ -66,7 +67,8 @@ struct lp_sh_projector {
 	int width, height, order;
 	std::vector<double>
 		rows; /* height * kTri: integral of normalised P_lm * sin over the row */
-	std::vector<float> columns; /* kOrders * width / 4 * 2: integral of cos, sin(m lambda) */
+	/* kOrders * width / 4 * 2: integral of cos, sin(m lambda), each four times over */
+	std::vector<float> columns;
 	double turn[kCount][2 * LP_SH_MAX_ORDER + 1]; /* row i: band-local matrix */
 
 	void fill_rows();
@@ -104,10 +106,12 @@ void lp_sh_projector::fill_columns()
 			const double span = m ? 2.0 * std::sin(m * step / 2.0) / m : step;
 			/* azimuth of the panorama's frame = pi - lambda */
 			const double sign = m % 2 ? -1.0 : 1.0;
-			float *out = &columns[(static_cast<size_t>(m) * (width / 4) + c) * 2];
+			float *out = &columns[(static_cast<size_t>(m) * (width / 4) + c) * 8];
 
-			out[0] = static_cast<float>(sign * span * std::cos(m * lambda));
-			out[1] = static_cast<float>(-sign * span * std::sin(m * lambda));
+			std::fill_n(out, 4,
+				    static_cast<float>(sign * span * std::cos(m * lambda)));
+			std::fill_n(out + 4, 4,
+				    static_cast<float>(-sign * span * std::sin(m * lambda)));
 		}
 }
 
@@ -147,7 +151,7 @@ extern "C" int lp_sh_projector_create(int width, int height, int order,
 		p->height = height;
 		p->order = order;
 		p->rows.assign(static_cast<size_t>(height) * kTri, 0.0);
-		p->columns.assign(static_cast<size_t>(width / 4) * kOrders * 2, 0.0F);
+		p->columns.assign(static_cast<size_t>(width / 4) * kOrders * 8, 0.0F);
 		p->fill_rows();
 		p->fill_columns();
 		p->fill_turn();
@@ -219,16 +223,16 @@ void project(const lp_sh_projector &p, const struct lp_panorama &panorama, int o
 
 		row.fold(panorama.cells + static_cast<size_t>(r) * p.width, p.width);
 		for (int m = 0; m <= order; m++) {
-			const float *column = &p.columns[static_cast<size_t>(m) * quarter * 2];
+			const float *column = &p.columns[static_cast<size_t>(m) * quarter * 8];
 			const v_float32x4 *even = row.cosine[m % 2], *odd = row.sine[m % 2];
 			/* two chains each: an addition waits for the one before */
 			v_float32x4 c0 = cv::v_setzero_f32(), c1 = c0, s0 = c0, s1 = c0;
 
-			for (int c = 0; c < quarter; c += 2, column += 4) {
-				c0 = cv::v_fma(even[c], cv::v_setall_f32(column[0]), c0);
-				s0 = cv::v_fma(odd[c], cv::v_setall_f32(column[1]), s0);
-				c1 = cv::v_fma(even[c + 1], cv::v_setall_f32(column[2]), c1);
-				s1 = cv::v_fma(odd[c + 1], cv::v_setall_f32(column[3]), s1);
+			for (int c = 0; c < quarter; c += 2, column += 16) {
+				c0 = cv::v_fma(even[c], cv::v_load(column), c0);
+				s0 = cv::v_fma(odd[c], cv::v_load(column + 4), s0);
+				c1 = cv::v_fma(even[c + 1], cv::v_load(column + 8), c1);
+				s1 = cv::v_fma(odd[c + 1], cv::v_load(column + 12), s1);
 			}
 			const row_sum cosine_sum(c0 + c1), sine_sum(s0 + s1);
 
