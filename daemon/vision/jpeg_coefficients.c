@@ -10,15 +10,21 @@ static const uint8_t natural_order[64] = {0,  1,  8,  16, 9,  2,  3,  10, 17, 24
 					  36, 29, 22, 15, 23, 30, 37, 44, 51, 58, 59, 52, 45,
 					  38, 31, 39, 46, 53, 60, 61, 54, 47, 55, 62, 63};
 
-/* The symbol at `*bit` and its value bits; passes them. -1: no code. */
-static int read_symbol(const struct lp_jpeg_reader *reader, uint32_t *bit,
-		       const struct lp_huffman *code, int *value)
+/* At least 57 bits of the stream from `bit` on, the first one highest. */
+static inline uint64_t window_at(const struct lp_jpeg_reader *reader, uint32_t bit)
 {
 	uint64_t window;
-	int length;
 
-	memcpy(&window, reader->stream + *bit / 8, sizeof(window));
-	window = __builtin_bswap64(window) << *bit % 8;
+	memcpy(&window, reader->stream + bit / 8, sizeof(window));
+	return __builtin_bswap64(window) << bit % 8;
+}
+
+/* The symbol at `*bit` and its value bits; passes them. -1: no code. */
+static inline int read_symbol(const struct lp_jpeg_reader *reader, uint32_t *bit,
+			      const struct lp_huffman *code, int *value)
+{
+	const uint64_t window = window_at(reader, *bit);
+	int length;
 
 	const int symbol = lp_huffman_symbol(code, (uint32_t)(window >> 48), &length);
 	const int size = symbol & 15;
@@ -55,6 +61,36 @@ static void decode_block(const struct lp_jpeg_reader *reader, uint32_t *bit,
 	}
 }
 
+/* Passes the block at `*bit`, many symbols at a time. */
+static void pass_block(const struct lp_jpeg_reader *reader, uint32_t *bit,
+		       const struct lp_jpeg_component *c)
+{
+	const struct lp_probes *probes = &reader->head[c->dc_table][c->ac_table];
+	const struct lp_huffman_ac *ac = &reader->ac_table[c->ac_table];
+	int value;
+
+	for (uint32_t k = 0; k < 64; probes = &ac->probes) {
+		const uint64_t probe = window_at(reader, *bit) >> (64 - LP_PROBE_BITS);
+		const uint32_t passed = probes->passed[probe] >> LP_PASSED_COEFFICIENT & 127;
+
+		if (k + passed < 64) {
+			*bit += probes->skip[probe] & (LP_SKIP_END - 1);
+			if (probes->skip[probe] & LP_SKIP_END)
+				return;
+			k += passed;
+		} else if (!k) {
+			read_symbol(reader, bit, &reader->dc_table[c->dc_table].code, &value);
+			k = 1;
+		} else {
+			const int symbol = read_symbol(reader, bit, &ac->code, &value);
+
+			if (symbol < 0 || ((symbol & 15) == 0 && symbol >> 4 != 15))
+				return;
+			k += (uint32_t)(symbol >> 4) + 1;
+		}
+	}
+}
+
 void lp_jpeg_block_coefficients(const struct lp_jpeg_reader *reader, int bx, int by,
 				struct lp_jpeg_mcu_block *block)
 {
@@ -65,12 +101,11 @@ void lp_jpeg_block_coefficients(const struct lp_jpeg_reader *reader, int bx, int
 	uint32_t bit = reader->mcu_bit[mcu];
 	int16_t *chroma[2] = {block->cb, block->cr};
 
-	for (int k = 0; k < luma->h * luma->v; k++) {
-		int16_t passed[64];
-
-		decode_block(reader, &bit, luma, luma->dc[(size_t)by * luma->blocks_x + bx],
-			     k == wanted ? block->luma : passed);
-	}
+	for (int k = 0; k < wanted; k++)
+		pass_block(reader, &bit, luma);
+	decode_block(reader, &bit, luma, luma->dc[(size_t)by * luma->blocks_x + bx], block->luma);
+	for (int k = wanted + 1; k < luma->h * luma->v; k++)
+		pass_block(reader, &bit, luma);
 	for (int k = 1; k < reader->component_count && k <= 2; k++)
 		decode_block(reader, &bit, &reader->component[k], reader->component[k].dc[mcu],
 			     chroma[k - 1]);

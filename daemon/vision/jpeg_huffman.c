@@ -35,13 +35,8 @@ static int build_code(struct lp_huffman *code, const uint8_t counts[16], const u
 	return 0;
 }
 
-int lp_huffman_symbol(const struct lp_huffman *code, uint32_t window, int *length)
+int lp_huffman_long_symbol(const struct lp_huffman *code, uint32_t window, int *length)
 {
-	const uint32_t probe = window >> (16 - LP_PROBE_BITS);
-
-	*length = code->length_at[probe];
-	if (*length)
-		return code->symbol_at[probe];
 	for (int l = LP_PROBE_BITS + 1; l <= 16; l++) {
 		const uint32_t prefix = window >> (16 - l);
 

@@ -78,9 +78,18 @@ void lp_huffman_ac_standard(struct lp_huffman_ac *table, int chroma);
 void lp_huffman_heads(const struct lp_huffman *dc, const struct lp_huffman *ac,
 		      struct lp_probes *heads);
 
+/* internal: lp_huffman_symbol() where the code is longer than a probe */
+int lp_huffman_long_symbol(const struct lp_huffman *code, uint32_t window, int *length);
+
 /* Symbol at the head of `window` (16 bits, left-aligned in the low 16); *length receives its code's
  * length. -1: no such code. */
-int lp_huffman_symbol(const struct lp_huffman *code, uint32_t window, int *length);
+static inline int lp_huffman_symbol(const struct lp_huffman *code, uint32_t window, int *length)
+{
+	const uint32_t probe = window >> (16 - LP_PROBE_BITS);
+
+	*length = code->length_at[probe];
+	return *length ? code->symbol_at[probe] : lp_huffman_long_symbol(code, window, length);
+}
 
 /* Value of `size` bits in JPEG's sign convention (T.81, F.2.2.1 EXTEND). */
 static inline int lp_jpeg_extend(uint32_t bits, int size)
