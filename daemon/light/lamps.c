@@ -69,10 +69,26 @@ void lp_lamp_finder_destroy(struct lp_lamp_finder *finder)
 	free(finder);
 }
 
+/* Rows near a pole, where to grow by one cell is to look at many: they count what is free. */
+static bool is_crowded(const struct lp_lamp_finder *finder, int row)
+{
+	return finder->reach[row] > WORD_MARKS;
+}
+
 static void take(struct lp_lamp_finder *finder, int row, int32_t cell, enum mark mark)
 {
-	finder->free[row]--;
 	finder->mark[cell] = (uint8_t)mark;
+	if (is_crowded(finder, row))
+		finder->free[row]--;
+}
+
+static void give_back(struct lp_lamp_finder *finder, int32_t cell)
+{
+	const int row = lp_grid_row(finder->grid, cell);
+
+	finder->mark[cell] = FREE;
+	if (is_crowded(finder, row))
+		finder->free[row]++;
 }
 
 static void start_run(struct lp_lamp_finder *finder, const struct lp_regions *regions)
@@ -165,7 +181,7 @@ static int grow(struct lp_lamp_finder *finder, int32_t cell, enum mark mark, int
 							    : 0);
 		const int to = from + 2 * reach + 1;
 
-		if (!finder->free[rr])
+		if (is_crowded(finder, rr) && !finder->free[rr])
 			continue;
 		if (from < 0)
 			count += take_free(finder, rr, from + width, width, mark, out + count);
@@ -225,10 +241,8 @@ static void find_background(struct lp_lamp_finder *finder, const struct lp_panor
 		measure_background(finder, panorama, finder->ring, count, lamp);
 	else /* shut in by other regions */
 		measure_background(finder, panorama, cells, lamp->count, lamp);
-	for (int i = 0; i < count; i++) {
-		finder->mark[finder->ring[i]] = FREE;
-		finder->free[lp_grid_row(finder->grid, finder->ring[i])]++;
-	}
+	for (int i = 0; i < count; i++)
+		give_back(finder, finder->ring[i]);
 }
 
 /* Sums over a lamp's cells of what lies above the background. */

@@ -37,7 +37,7 @@ int lp_regions_create(const struct lp_grid *grid, struct lp_regions **regions)
 	r->scratch = calloc(n, sizeof(*r->scratch));
 	r->start = calloc(KEYS, sizeof(*r->start));
 	r->basins = calloc(n / 4, sizeof(*r->basins)); /* no two peaks touch */
-	r->basin_at = calloc(n + 1, sizeof(*r->basin_at)); /* rows of four end beyond the last */
+	r->basin_at = calloc(n, sizeof(*r->basin_at));
 	r->basin_of = calloc(n, sizeof(*r->basin_of));
 	if (!r->cells || !r->candidates || !r->scratch || !r->start || !r->basins ||
 	    !r->basin_at || !r->basin_of) {
@@ -150,41 +150,28 @@ static int32_t find_root(struct lp_basin *basins, int32_t basin)
 	return basin;
 }
 
-typedef int32_t four __attribute__((vector_size(16)));
-
-/* Three neighbours in a row; the fourth lane is none. */
-static four load_three(const int32_t *basins)
-{
-	const four none = {0, 0, 0, -1};
-	four loaded;
-
-	memcpy(&loaded, basins, sizeof(loaded));
-	return loaded | none;
-}
-
 /* The one root that all flooded neighbours of a cell belong to; -1: none is flooded; -2: there may
  * be several. Without a branch per neighbour: which of them are flooded is anything but
  * predictable. */
 static int32_t only_root(const struct lp_regions *regions, int32_t cell)
 {
 	const int width = regions->grid->width;
-	const int32_t *at = regions->basin_at + cell - 1;
+	const int32_t *here = regions->basin_at + cell;
 
 	if (!lp_grid_inside(regions->grid, cell))
 		return -2;
-	/* the cell is among them, and is not flooded: -1, which is all ones */
-	const four above = load_three(at - width), here = load_three(at);
-	const four below = load_three(at + width), all = above & here & below;
-	const int32_t common = all[0] & all[1] & all[2];
+	const int32_t *above = here - width, *below = here + width;
+	const int32_t around[LP_NEIGHBOURS] = {above[-1], above[0], above[1], here[-1],
+					       here[1],	  below[-1], below[0], below[1]};
+	int32_t common = -1, highest = -1; /* -1, all ones, leaves both alone */
 
-	if (common == -1)
+	for (int j = 0; j < LP_NEIGHBOURS; j++) {
+		common &= around[j];
+		highest = around[j] > highest ? around[j] : highest;
+	}
+	if (highest < 0)
 		return -1;
-	const four others = ((above != common) & (above != -1)) | ((here != common) & (here != -1)) |
-			    ((below != common) & (below != -1));
-
-	return !(others[0] | others[1] | others[2]) && regions->basins[common].parent == common
-		       ? common
-		       : -2;
+	return common == highest && regions->basins[highest].parent == highest ? highest : -2;
 }
 
 static int32_t new_basin(struct lp_regions *regions, float peak)
@@ -287,29 +274,40 @@ static void find_cores(struct lp_regions *regions, float core_ratio)
 	}
 }
 
+/* Candidates from `k` on that go into the basin of the first one; returns where they end. What a
+ * basin sums up is kept in registers meanwhile: memory would let every sum wait for the last. */
+static int lay_out_run(struct lp_regions *regions, int k)
+{
+	const int32_t root = regions->basin_of[k];
+	struct lp_basin *basin = &regions->basins[root];
+	int32_t next = basin->next;
+	double flux = basin->flux;
+
+	for (; k < regions->candidate_count && regions->basin_of[k] == root; k++) {
+		const struct lp_candidate *candidate = &regions->candidates[k];
+
+		regions->cells[next++] = candidate->cell;
+		flux += (double)candidate->luminance *
+			lp_grid_solid_angle_sr(regions->grid, candidate->cell);
+	}
+	basin->next = next;
+	basin->flux = flux;
+	return k;
+}
+
 /* Lay the cores' cells out, basin by basin. */
 static void lay_out(struct lp_regions *regions)
 {
-	struct lp_basin *basins = regions->basins;
 	int next = 0;
 
 	for (int b = 0; b < regions->basin_count; b++) {
-		const int size = basins[b].next;
+		const int size = regions->basins[b].next;
 
-		basins[b].next = next;
+		regions->basins[b].next = next;
 		next += size;
 	}
-	for (int k = 0; k < regions->candidate_count; k++) {
-		const struct lp_candidate *candidate = &regions->candidates[k];
-
-		if (regions->basin_of[k] < 0)
-			continue;
-		struct lp_basin *basin = &basins[regions->basin_of[k]];
-
-		regions->cells[basin->next++] = candidate->cell;
-		basin->flux += (double)candidate->luminance *
-			       lp_grid_solid_angle_sr(regions->grid, candidate->cell);
-	}
+	for (int k = 0; k < regions->candidate_count;)
+		k = regions->basin_of[k] < 0 ? k + 1 : lay_out_run(regions, k);
 }
 
 /* Gather the cores of the basins and keep the strongest. */
