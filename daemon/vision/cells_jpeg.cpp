@@ -66,11 +66,12 @@ void jpeg_picture::read(int row, lp::block_row &out) const
 	const size_t first = static_cast<size_t>(row) * y.blocks_x;
 	const cv::v_int32x4 step = cv::v_setall_s32(y.dc_step);
 	const cv::v_int32x4 middle = cv::v_setall_s32(128 * LP_CODE_STEPS);
-	const cv::v_float32x4 samples = cv::v_setall_f32(1.0F / 64.0F);
+	const cv::v_float32x4 samples = cv::v_setall_f32(1.0F / 64.0F / LP_ENERGY_STEPS);
 
 	for (int bx = 0; bx < width; bx += 4) {
 		cv::v_store(out.luma + bx, cv::v_load_expand(y.dc + first + bx) * step + middle);
-		cv::v_store(out.variance + bx, cv::v_load(reader->energy + first + bx) * samples);
+		cv::v_store(out.variance + bx,
+			    cv::v_cvt_f32(cv::v_load(reader->energy + first + bx)) * samples);
 	}
 	if (grey)
 		return;

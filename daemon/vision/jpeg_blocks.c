@@ -146,36 +146,6 @@ static int unstuff(struct lp_jpeg_reader *reader, const uint8_t *data, size_t si
 	return ret;
 }
 
-/* Where the blocks of one slot of the MCUs go: beginning with the MCU at hand. */
-struct outlet {
-	int16_t *dc;
-	float *energy; /* NULL: chroma */
-	int step;      /* to the next MCU's */
-	const struct lp_huffman_dc *table;
-	int16_t *prediction;
-};
-
-/* Returns the end of the outlets. */
-static struct outlet *open_outlets(struct lp_jpeg_reader *reader, int x, int y,
-				   struct outlet *outlet)
-{
-	for (int k = 0; k < reader->component_count; k++) {
-		struct lp_jpeg_component *c = &reader->component[k];
-
-		for (int b = 0; b < c->h * c->v; b++) {
-			const size_t at =
-				(size_t)(y * c->v + b / c->h) * c->blocks_x + x * c->h + b % c->h;
-
-			*outlet++ = (struct outlet){.dc = c->dc + at,
-						    .energy = k ? NULL : reader->energy + at,
-						    .step = c->h,
-						    .table = &reader->dc_table[c->dc_table],
-						    .prediction = &c->prediction};
-		}
-	}
-	return outlet;
-}
-
 /* DC difference at `bit`. The block has been walked: its code is sound. */
 static inline int dc_difference(const uint8_t *stream, uint32_t bit,
 				const struct lp_huffman_dc *table)
@@ -196,42 +166,83 @@ static inline int dc_difference(const uint8_t *stream, uint32_t bit,
 	return size > 0 ? lp_jpeg_extend((uint32_t)(window << length >> (64 - size)), size) : 0;
 }
 
-/* What has been walked through: MCUs first .. last - 1, from `from` on. Returns where they end. */
-static uint32_t store(struct lp_jpeg_reader *reader, int first, int last, struct lp_jpeg_mark from,
-			  const struct lp_jpeg_mark *marks)
+/* Where the blocks of the MCUs in a row go, beginning with the first in the picture. */
+struct row {
+	int16_t *luma[4], *chroma[2]; /* DC */
+	int32_t *energy[4];
+};
+
+static struct row row_at(struct lp_jpeg_reader *reader, int mcu_y)
 {
-	const uint8_t *stream = reader->stream;
-	struct outlet outlets[LP_JPEG_SLOTS], *end = outlets;
+	const struct lp_jpeg_component *luma = &reader->component[0];
+	struct row row = {{NULL}, {NULL}, {NULL}};
 
-	for (int mcu = first; mcu < last; mcu++) {
-		const int x = mcu % reader->mcus_x;
+	for (int b = 0; b < luma->h * luma->v; b++) {
+		const size_t at =
+			(size_t)(mcu_y * luma->v + b / luma->h) * luma->blocks_x + b % luma->h;
 
-		if (mcu == first || x == 0)
-			end = open_outlets(reader, x, mcu / reader->mcus_x, outlets);
-		reader->mcu_bit[mcu] = from.end_bit;
-		for (struct outlet *o = outlets; o < end; o++, marks++) {
-			const int difference = dc_difference(stream, from.end_bit, o->table);
+		row.luma[b] = luma->dc + at;
+		row.energy[b] = reader->energy + at;
+	}
+	for (int k = 1; k < reader->component_count; k++)
+		row.chroma[k - 1] = reader->component[k].dc + (size_t)mcu_y * reader->mcus_x;
+	return row;
+}
 
-			*o->dc = *o->prediction = (int16_t)(*o->prediction + difference);
-			o->dc += o->step;
-			if (o->energy) {
-				const uint32_t energy = marks->energy - from.energy;
+/* What has been walked through, of one row: its MCUs first .. last - 1, from `from` on. Returns the
+ * last mark. */
+static struct lp_jpeg_mark store_row(struct lp_jpeg_reader *reader, int mcu_y, int first, int last,
+				     struct lp_jpeg_mark from, const struct lp_jpeg_mark *marks)
+{
+	const struct lp_jpeg_component *luma = &reader->component[0];
+	const struct lp_huffman_dc *luma_table = &reader->dc_table[luma->dc_table];
+	const int step = luma->h, lumas = luma->h * luma->v, chromas = reader->component_count - 1;
+	const struct row row = row_at(reader, mcu_y);
+	uint32_t *bit = reader->mcu_bit + (size_t)mcu_y * reader->mcus_x;
+	uint32_t dc = reader->prediction[0]; /* modulo 2^16, as far as it counts */
 
-				/* the highest bit is nonsense of a broken stream */
-				*o->energy = (float)(int32_t)(energy & INT32_MAX) *
-					     (1.0F / LP_ENERGY_STEPS);
-				o->energy += o->step;
-			}
-			from = *marks;
+	for (int x = first; x < last; x++) {
+		bit[x] = from.end_bit;
+		for (int b = 0; b < lumas; b++, from = *marks++) {
+			dc += (uint32_t)dc_difference(reader->stream, from.end_bit, luma_table);
+			row.luma[b][x * step] = (int16_t)dc;
+			/* the highest bit is nonsense of a broken stream */
+			row.energy[b][x * step] =
+				(int32_t)((marks->energy - from.energy) & INT32_MAX);
 		}
+		for (int k = 0; k < chromas; k++, from = *marks++) {
+			const struct lp_huffman_dc *table =
+				&reader->dc_table[reader->component[k + 1].dc_table];
+
+			reader->prediction[k + 1] +=
+				(uint32_t)dc_difference(reader->stream, from.end_bit, table);
+			row.chroma[k][x] = (int16_t)reader->prediction[k + 1];
+		}
+	}
+	reader->prediction[0] = dc;
+	return from;
+}
+
+/* Same for MCUs of the picture, row after row. Returns where they end. */
+static uint32_t store(struct lp_jpeg_reader *reader, int first, int last, struct lp_jpeg_mark from,
+		      const struct lp_jpeg_mark *marks)
+{
+	const int width = reader->mcus_x;
+
+	while (first < last) {
+		const int y = first / width, x = first % width;
+		const int end = last - first < width - x ? x + last - first : width;
+
+		from = store_row(reader, y, x, end, from, marks);
+		marks += (size_t)(end - x) * reader->path.slots;
+		first += end - x;
 	}
 	return from.end_bit;
 }
 
 static void forget_predictions(struct lp_jpeg_reader *reader)
 {
-	for (int k = 0; k < reader->component_count; k++)
-		reader->component[k].prediction = 0;
+	memset(reader->prediction, 0, sizeof(reader->prediction));
 }
 
 /* MCUs between two restart markers, or all of them. */

@@ -35,7 +35,6 @@ struct lp_jpeg_component {
 	int dc_step;		/* quantiser of DC */
 	int16_t *dc;		/* quantised, row-major */
 	int quant_table, dc_table, ac_table;
-	int16_t prediction; /* of DC: running, within a restart segment */
 };
 
 /* Everything one frame needs; storage grows to the largest frame seen and stays. One thread. */
@@ -46,9 +45,9 @@ struct lp_jpeg_reader {
 	int mcus_x, mcus_y;
 	int restart_interval; /* in MCUs; 0: none */
 
-	/* Luma detail: sum of squared dequantised AC coefficients; variance of the samples = this
-	 * / 64. */
-	float *energy;
+	/* Luma detail: sum of squared dequantised AC coefficients, in LP_ENERGY_STEPS; variance of
+	 * the samples = this / LP_ENERGY_STEPS / 64. */
+	int32_t *energy;
 
 	uint16_t quant[4][64]; /* in zigzag order */
 	bool quant_defined[4];
@@ -68,6 +67,7 @@ struct lp_jpeg_reader {
 	int segment_count, segment_capacity;
 	uint32_t *mcu_bit; /* bit offset into stream where each MCU begins */
 	size_t block_capacity[3], mcu_capacity;
+	uint32_t prediction[3]; /* of DC: running, within a restart segment */
 	struct lp_jpeg_path path;
 	struct lp_jpeg_mark *marks; /* of the blocks of two walks */
 	size_t mark_capacity;
