@@ -193,37 +193,49 @@ static int grow(struct lp_lamp_finder *finder, int32_t cell, enum mark mark, int
 	return count;
 }
 
-/* Up to MAX_RING_CELLS of the cells, taken evenly; one channel into finder->values. */
+/* The cells whose light is a lamp's background. */
+struct surround {
+	const int32_t *cells;
+	int count;
+};
+
+/* Up to MAX_RING_CELLS of them, taken evenly; one channel into finder->values. */
 static int sample(struct lp_lamp_finder *finder, const struct lp_panorama *panorama,
-		  const int32_t *cells, int count, int channel)
+		  const struct surround *around, int channel)
 {
-	const int step = (count + MAX_RING_CELLS - 1) / MAX_RING_CELLS;
+	const int step = (around->count + MAX_RING_CELLS - 1) / MAX_RING_CELLS;
 	int used = 0;
 
-	for (int i = 0; i < count; i += step)
-		finder->values[used++] = panorama->cells[cells[i]][channel];
+	for (int i = 0; i < around->count; i += step)
+		finder->values[used++] = panorama->cells[around->cells[i]][channel];
 	return used;
 }
 
-/* Median radiance of `cells`, and the spread of their luminance. */
-static void measure_background(struct lp_lamp_finder *finder, const struct lp_panorama *panorama,
-			       const int32_t *cells, int count, struct lp_lamp *lamp)
+/* Median radiance of a lamp's surround, one channel. */
+static float median(struct lp_lamp_finder *finder, const struct lp_panorama *panorama,
+		    const struct surround *around, int channel)
 {
-	int used = 0;
+	const int used = sample(finder, panorama, around, channel);
 
-	for (int channel = 0; channel < 4; channel++) { /* luminance last: its values stay */
-		used = sample(finder, panorama, cells, count, channel);
-		lamp->background[channel] = lp_select(finder->values, used, used / 2);
-	}
+	return lp_select(finder->values, used, used / 2);
+}
+
+static void measure_luminance(struct lp_lamp_finder *finder, const struct lp_panorama *panorama,
+			      const struct surround *around, struct lp_lamp *lamp)
+{
+	const int used = sample(finder, panorama, around, LUMINANCE);
+	const float middle = lp_select(finder->values, used, used / 2);
+
 	for (int i = 0; i < used; i++)
-		finder->values[i] = fabsf(finder->values[i] - lamp->background[LUMINANCE]);
+		finder->values[i] = fabsf(finder->values[i] - middle);
+	lamp->background[LUMINANCE] = middle;
 	lamp->background_noise = MAD_TO_SIGMA * lp_select(finder->values, used, used / 2);
 }
 
 /* Ring of free cells around the lamp's last `rim` cells; the marks are taken back so that
- * neighbours may use them too. */
-static void find_background(struct lp_lamp_finder *finder, const struct lp_panorama *panorama,
-			    int rim, struct lp_lamp *lamp)
+ * neighbours may use them too. The lamp itself, where other regions shut it in. */
+static struct surround find_surround(struct lp_lamp_finder *finder, const struct lp_lamp *lamp,
+				     int rim)
 {
 	const int32_t *cells = finder->cells + lamp->first;
 	int from = 0, count = 0;
@@ -237,12 +249,10 @@ static void find_background(struct lp_lamp_finder *finder, const struct lp_panor
 			count += grow(finder, finder->ring[i], RING, finder->ring + count);
 		from = to;
 	}
-	if (count)
-		measure_background(finder, panorama, finder->ring, count, lamp);
-	else /* shut in by other regions */
-		measure_background(finder, panorama, cells, lamp->count, lamp);
 	for (int i = 0; i < count; i++)
 		give_back(finder, finder->ring[i]);
+	return count ? (struct surround){finder->ring, count}
+		     : (struct surround){cells, lamp->count};
 }
 
 /* Sums over a lamp's cells of what lies above the background. */
@@ -453,9 +463,15 @@ static void measure_region(struct lp_lamp_finder *finder, const struct lp_panora
 				grow(finder, cell, RIM, finder->cells + lamp->first + lamp->count);
 	}
 	finder->cell_count += lamp->count;
-	find_background(finder, panorama, lamp->count - region->count, lamp);
-	if (stands_out(lamp, (float)region->flux / core_solid_angle, options) &&
-	    measure(finder, panorama, &part) && strong(lamp, mean, options))
+
+	const struct surround around = find_surround(finder, lamp, lamp->count - region->count);
+
+	measure_luminance(finder, panorama, &around, lamp);
+	if (!stands_out(lamp, (float)region->flux / core_solid_angle, options))
+		return;
+	for (int channel = 0; channel < LUMINANCE; channel++)
+		lamp->background[channel] = median(finder, panorama, &around, channel);
+	if (measure(finder, panorama, &part) && strong(lamp, mean, options))
 		split_and_insert(finder, panorama, &part, options);
 }
 
