@@ -20,7 +20,7 @@
 #define MAX_RING_CELLS 128   /* of it, taken evenly: enough for a median */
 #define MAD_TO_SIGMA 1.4826F /* median absolute deviation of a normal distribution */
 
-#define WORD_MARKS 8	     /* marks that are looked at in one go */
+#define WORD_MARKS 8 /* marks that are looked at in one go */
 
 enum mark {
 	FREE,
@@ -108,23 +108,26 @@ static void start_run(struct lp_lamp_finder *finder, const struct lp_regions *re
 		}
 }
 
-/* The first `count` marks from a cell on, the first in the lowest byte; the others are zero. */
-static uint64_t marks_at(const struct lp_lamp_finder *finder, int32_t cell, int count)
+/* WORD_MARKS marks from a cell on, the first in the lowest byte. */
+static uint64_t marks_at(const struct lp_lamp_finder *finder, int32_t cell)
 {
 	uint64_t word;
 
 	memcpy(&word, finder->mark + cell, sizeof(word));
-	return count < WORD_MARKS ? word & ((UINT64_C(1) << 8 * count) - 1) : word;
+	return word;
 }
 
-/* The high bit of each of the first `count` bytes that is FREE (0): Warren, "Hacker's Delight",
- * section 6-1. */
-static uint64_t free_bytes(uint64_t marks, int count)
+/* The high bit of each byte that is FREE (0): Warren, "Hacker's Delight", section 6-1. */
+static uint64_t free_bytes(uint64_t marks)
 {
 	const uint64_t low = UINT64_C(0x7f7f7f7f7f7f7f7f);
-	const uint64_t zero = ~(((marks & low) + low) | marks | low);
 
-	return count < WORD_MARKS ? zero & ((UINT64_C(1) << 8 * count) - 1) : zero;
+	return ~(((marks & low) + low) | marks | low);
+}
+
+static uint64_t first_bytes(uint64_t word, int count)
+{
+	return count < WORD_MARKS ? word & ((UINT64_C(1) << 8 * count) - 1) : word;
 }
 
 /* Append what is free of a row's columns from .. to - 1. */
@@ -135,11 +138,10 @@ static int take_free(struct lp_lamp_finder *finder, int row, int from, int to, e
 	int count = 0;
 
 	for (int c = from; c < to; c += WORD_MARKS) {
-		const int left = to - c;
+		uint64_t found = first_bytes(free_bytes(marks_at(finder, first + c)), to - c);
 
-		for (uint64_t bytes = free_bytes(marks_at(finder, first + c, left), left); bytes;
-		     bytes &= bytes - 1) {
-			const int32_t cell = first + c + __builtin_ctzll(bytes) / 8;
+		for (; found; found &= found - 1) {
+			const int32_t cell = first + c + __builtin_ctzll(found) / 8;
 
 			take(finder, row, cell, mark);
 			out[count++] = cell;
@@ -148,17 +150,19 @@ static int take_free(struct lp_lamp_finder *finder, int row, int from, int to, e
 	return count;
 }
 
-/* Nothing but cores around: what lies further off is within reach of their outermost cells. */
+/* Nothing but cores around, as far as a glance tells: what lies further off is within reach of
+ * their outermost cells. */
 static bool enclosed(const struct lp_lamp_finder *finder, int32_t cell)
 {
 	const uint64_t cores = CORE * UINT64_C(0x010101);
 	const int width = finder->grid->width;
 
-	/* the others do not matter: growing finds nothing where there is nothing */
-	return lp_grid_inside(finder->grid, cell) &&
-	       marks_at(finder, cell - width - 1, 3) == cores &&
-	       marks_at(finder, cell - 1, 3) == cores &&
-	       marks_at(finder, cell + width - 1, 3) == cores;
+	if (!lp_grid_inside(finder->grid, cell))
+		return false;
+	for (int32_t middle = cell - width; middle <= cell + width; middle += width)
+		if (first_bytes(marks_at(finder, middle - 1), 3) != cores)
+			return false;
+	return true;
 }
 
 /*
@@ -176,9 +180,8 @@ static int grow(struct lp_lamp_finder *finder, int32_t cell, enum mark mark, int
 	for (int r = row - 1; r <= row + 1; r++) {
 		const bool beyond = r < 0 || r >= grid->height;
 		const int rr = beyond ? row : r, reach = finder->reach[rr];
-		const int from = column - reach + (beyond && column < width / 2   ? width / 2
-						   : beyond ? -width / 2
-							    : 0);
+		const int half_turn = column < width / 2 ? width / 2 : -width / 2;
+		const int from = column + (beyond ? half_turn : 0) - reach;
 		const int to = from + 2 * reach + 1;
 
 		if (is_crowded(finder, rr) && !finder->free[rr])
@@ -421,7 +424,8 @@ static void split_and_insert(struct lp_lamp_finder *finder, const struct lp_pano
 		if (part.lamp.spread_deg > options->max_spread_deg && part.lamp.count > 1 &&
 		    depth + 2 <= (int)(sizeof(stack) / sizeof(stack[0])))
 			head = divide(finder, &part.lamp, part.axis);
-		if (head == 0 || head == part.lamp.count) { /* rounding may leave nothing to divide */
+		if (head == 0 ||
+		    head == part.lamp.count) { /* rounding may leave nothing to divide */
 			lp_lamp_insert(finder, &part.lamp);
 			continue;
 		}

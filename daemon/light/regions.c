@@ -39,8 +39,8 @@ int lp_regions_create(const struct lp_grid *grid, struct lp_regions **regions)
 	r->basins = calloc(n / 4, sizeof(*r->basins)); /* no two peaks touch */
 	r->basin_at = calloc(n, sizeof(*r->basin_at));
 	r->basin_of = calloc(n, sizeof(*r->basin_of));
-	if (!r->cells || !r->candidates || !r->scratch || !r->start || !r->basins ||
-	    !r->basin_at || !r->basin_of) {
+	if (!r->cells || !r->candidates || !r->scratch || !r->start || !r->basins || !r->basin_at ||
+	    !r->basin_of) {
 		lp_regions_destroy(r);
 		return -ENOMEM;
 	}
@@ -135,8 +135,9 @@ static void limit_area(struct lp_regions *regions, float area_sr)
 		return;
 	while (count < regions->candidate_count && area <= area_sr)
 		area += lp_grid_solid_angle_sr(regions->grid, candidates[count++].cell);
-	while (count < regions->candidate_count && key_of(&candidates[count]) >> STEP_BITS ==
-							   key_of(&candidates[count - 1]) >> STEP_BITS)
+	while (count < regions->candidate_count &&
+	       key_of(&candidates[count]) >> STEP_BITS ==
+		       key_of(&candidates[count - 1]) >> STEP_BITS)
 		count++;
 	regions->candidate_count = count;
 }
@@ -161,7 +162,7 @@ static int32_t only_root(const struct lp_regions *regions, int32_t cell)
 	if (!lp_grid_inside(regions->grid, cell))
 		return -2;
 	const int32_t *above = here - width, *below = here + width;
-	const int32_t around[LP_NEIGHBOURS] = {above[-1], above[0], above[1], here[-1],
+	const int32_t around[LP_NEIGHBOURS] = {above[-1], above[0],  above[1], here[-1],
 					       here[1],	  below[-1], below[0], below[1]};
 	int32_t common = -1, highest = -1; /* -1, all ones, leaves both alone */
 
@@ -266,8 +267,7 @@ static void find_cores(struct lp_regions *regions, float core_ratio)
 		basins[b].parent = find_root(basins, b);
 	for (int k = 0; k < regions->candidate_count; k++) {
 		const int32_t root = basins[regions->basin_of[k]].parent;
-		const bool core =
-			regions->candidates[k].luminance > core_ratio * basins[root].peak;
+		const bool core = regions->candidates[k].luminance > core_ratio * basins[root].peak;
 
 		regions->basin_of[k] = core ? root : -1;
 		basins[root].next += core;

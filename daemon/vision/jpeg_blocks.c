@@ -282,8 +282,10 @@ static int finish(struct lp_jpeg_reader *reader, const struct stretch *s,
 	if (!lp_jpeg_walk_is_whole(walk))
 		return -EBADMSG;
 	forget_predictions(reader);
-	return store(reader, s->first, s->last, (struct lp_jpeg_mark){s->bit, 0}, s->marks) > s->end_bit ? -EBADMSG
-										  : 0;
+	return store(reader, s->first, s->last, (struct lp_jpeg_mark){s->bit, 0}, s->marks) >
+			       s->end_bit
+		       ? -EBADMSG
+		       : 0;
 }
 
 /* Two restart segments in turns, or one. */

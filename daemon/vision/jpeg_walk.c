@@ -81,8 +81,7 @@ static __attribute__((noinline, cold)) void step_slowly(struct lp_jpeg_walk *w,
 		return;
 	}
 	const int size = symbol & 15;
-	const uint32_t bits =
-		size ? (uint32_t)(w->window << length >> (64 - size)) : 0;
+	const uint32_t bits = size ? (uint32_t)(w->window << length >> (64 - size)) : 0;
 
 	if (!k) {
 		k = 1;
@@ -129,8 +128,8 @@ HOT_INLINE void step(struct lp_jpeg_walk *w, const struct lp_jpeg_path *path)
 		*w = copy;
 		return;
 	}
-	const uint32_t strongest = (k >> LP_PASSED_COEFFICIENT) +
-				   (passed & ((1 << LP_PASSED_COEFFICIENT) - 1));
+	const uint32_t strongest =
+		(k >> LP_PASSED_COEFFICIENT) + (passed & ((1 << LP_PASSED_COEFFICIENT) - 1));
 	int64_t ends = (int8_t)skip >> 7;
 
 	OPAQUE(ends);
@@ -141,7 +140,7 @@ HOT_INLINE void step(struct lp_jpeg_walk *w, const struct lp_jpeg_path *path)
 	w->coefficient = after & ~(uint32_t)ends;
 	w->probes = probes_after(slot, ends);
 	w->slot = *(const struct lp_jpeg_slot *const *)((const char *)slot->next +
-							(ends & (int)sizeof(slot->next[0])));
+							(ends & (int)sizeof(uintptr_t)));
 }
 
 /* The walks live in locals whose address is never taken: were they in memory, every step would wait

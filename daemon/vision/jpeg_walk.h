@@ -27,7 +27,7 @@
 struct lp_jpeg_slot {
 	const struct lp_jpeg_slot *next[2]; /* after a step inside the block, and after its last */
 	const struct lp_probes *inside;	    /* for what follows its head */
-	intptr_t to_head;		    /* bytes from those to the ones of the next one's head */
+	intptr_t to_head; /* bytes from those to the ones of the next one's head */
 	const struct lp_huffman *dc_code, *ac_code;
 };
 
@@ -51,17 +51,17 @@ struct lp_jpeg_mark {
 
 /* All in one place: the steps keep it in registers. */
 struct lp_jpeg_walk {
-	const uint8_t *next;  /* of the stream */
-	uint32_t next_bit;    /* of the stream: where that is; those up to there are in the window */
-	uint64_t window;      /* the next bits, most significant first */
-	uint32_t bit;	      /* of the stream: where that is */
-	uint32_t energy;      /* of all blocks so far */
+	const uint8_t *next; /* of the stream */
+	uint32_t next_bit;   /* of the stream: where that is; those up to there are in the window */
+	uint64_t window;     /* the next bits, most significant first */
+	uint32_t bit;	     /* of the stream: where that is */
+	uint32_t energy;     /* of all blocks so far */
 	uint32_t coefficient; /* the next one, << LP_PASSED_COEFFICIENT; 0: a block's head */
 	const struct lp_probes *probes; /* for the next step */
 	const struct lp_jpeg_slot *slot;
-	struct lp_jpeg_mark *mark;	       /* of the block */
-	struct lp_jpeg_mark *last;	       /* the walk ends before this one, */
-	uint32_t limit_bit;	       /* or once it is there, */
+	struct lp_jpeg_mark *mark;	      /* of the block */
+	struct lp_jpeg_mark *last;	      /* the walk ends before this one, */
+	uint32_t limit_bit;		      /* or once it is there, */
 	const struct lp_jpeg_mark *broken_at; /* or at what is no code, of this block; else NULL */
 };
 

@@ -108,8 +108,7 @@ void lp_sh_projector::fill_columns()
 			const double sign = m % 2 ? -1.0 : 1.0;
 			float *out = &columns[(static_cast<size_t>(m) * (width / 4) + c) * 8];
 
-			std::fill_n(out, 4,
-				    static_cast<float>(sign * span * std::cos(m * lambda)));
+			std::fill_n(out, 4, static_cast<float>(sign * span * std::cos(m * lambda)));
 			std::fill_n(out + 4, 4,
 				    static_cast<float>(-sign * span * std::sin(m * lambda)));
 		}

@@ -162,7 +162,8 @@ static void test_a_bright_sky_is_not_searched(void **state)
 	}
 	lp_detect(f->detection, &f->panorama, mean_of(f));
 	for (int k = 0; k < f->detection->regions->candidate_count; k++)
-		area_sr += lp_grid_solid_angle_sr(f->grid, f->detection->regions->candidates[k].cell);
+		area_sr +=
+			lp_grid_solid_angle_sr(f->grid, f->detection->regions->candidates[k].cell);
 	assert_in_range((int)(area_sr * 100.0F), 120, 170); /* the last step is whole */
 	expect(f->detection->finder, &lamp, 1, 0.3);
 }
