@@ -25,15 +25,19 @@ DECODES = ("decode_1_2", "decode_1_4", "decode_1_8")
 DIVISORS = tuple(f"balanced_decode_1_{n}" for n in (1, 2, 4, 8))
 LIGHTS = tuple(f"lights_{n}" for n in (0, 1, 2, 4, 8))
 EXPOSURES = ("exposures_2", "exposures_3", "exposures_4")
-EVERY_ROUND = (YARDSTICK, *PRESETS, *DECODES, *DIVISORS, *LIGHTS, *EXPOSURES, "stages")
-#: Slow ones run in every so many rounds.
+PUBLISHED = "published_cpp"
+EVERY_ROUND = (
+    YARDSTICK, *PRESETS, *DECODES, *DIVISORS, *LIGHTS, *EXPOSURES, PUBLISHED, "stages",
+)  # fmt: skip
+#: Slow ones run in one of so many rounds.
 SELDOM = 5
-SLOW = ("published_cpp", "sh_naive_cpp", "sh_separable_cpp")
+SLOW = ("sh_naive_cpp", "sh_separable_cpp")
 IN_PYTHON: dict[str, Callable[[Any], Any]] = {
     "published_python": published,
     "sh_ducc0_python": project_ducc0,
 }
-BASELINES = (*DECODES, *DIVISORS, *SLOW, *IN_PYTHON)
+SLOW_IN_PYTHON = ("sh_ducc0_python",)
+BASELINES = (*DECODES, *DIVISORS, PUBLISHED, *SLOW, *IN_PYTHON)
 
 
 class Program:
@@ -61,6 +65,11 @@ class Program:
         return json.loads(line)
 
 
+def is_slow_round(number: int, pictures: int) -> bool:
+    """One in SELDOM, another one each time the pictures have gone round: all meet all."""
+    return number % SELDOM == number // pictures % SELDOM
+
+
 def suits(name: str, kind: Kind) -> bool:
     """Projections over pixels only know equirectangular pictures."""
     return kind.camera == "equirect" or not name.startswith("sh_")
@@ -78,15 +87,14 @@ def time_kind(kind: Kind, files: Sequence[Path], rounds: int, bar: Progress) -> 
             program.ask("run", index, *EVERY_ROUND)
         for number in range(rounds):
             index = number % len(files)
-            # Pictures and slow rounds take turns at different periods: all meet all.
-            slow = [n for n in SLOW if suits(n, kind)] if number % SELDOM == 0 else []
-            names = rng.permutation([*EVERY_ROUND, *slow])
+            slow = is_slow_round(number, len(files))
+            names = rng.permutation([*EVERY_ROUND, *(n for n in SLOW if slow and suits(n, kind))])
             for name, ns in program.ask("run", index, *names).items():
                 samples.setdefault(name, []).append(ns)
-            for name, run in IN_PYTHON.items() if slow else ():
-                if suits(name, kind):
+            for name, run in IN_PYTHON.items():
+                if suits(name, kind) and (slow or name not in SLOW_IN_PYTHON):
                     begin = time.thread_time_ns()
-                    run(jpegs[number // SELDOM % len(files)])
+                    run(jpegs[index])
                     samples.setdefault(name, []).append(time.thread_time_ns() - begin)
             bar.advance(task)
         fidelity = _fidelity(program, len(files)) if kind.camera == "equirect" else {}
