@@ -450,7 +450,6 @@ static void measure_region(struct lp_lamp_finder *finder, const struct lp_panora
 				     .count = region->count,
 				     .peak = region->peak}};
 	struct lp_lamp *lamp = &part.lamp;
-	float core_solid_angle = 0.0F;
 
 	if (RIM_FACTOR * region->flux < (double)options->min_strength * M_PI * mean)
 		return;
@@ -461,7 +460,6 @@ static void measure_region(struct lp_lamp_finder *finder, const struct lp_panora
 	for (int i = 0; i < region->count; i++) {
 		const int32_t cell = finder->cells[lamp->first + i];
 
-		core_solid_angle += lp_grid_solid_angle_sr(finder->grid, cell);
 		if (!enclosed(finder, cell))
 			lamp->count +=
 				grow(finder, cell, RIM, finder->cells + lamp->first + lamp->count);
@@ -471,7 +469,7 @@ static void measure_region(struct lp_lamp_finder *finder, const struct lp_panora
 	const struct surround around = find_surround(finder, lamp, lamp->count - region->count);
 
 	measure_luminance(finder, panorama, &around, lamp);
-	if (!stands_out(lamp, (float)region->flux / core_solid_angle, options))
+	if (!stands_out(lamp, (float)(region->flux / region->solid_angle_sr), options))
 		return;
 	for (int channel = 0; channel < LUMINANCE; channel++)
 		lamp->background[channel] = median(finder, panorama, &around, channel);

@@ -21,7 +21,7 @@ struct lp_basin {
 	int32_t parent; /* that it was absorbed by; itself: a root */
 	int32_t next;	/* root: how many cells its core has; then where the next one goes */
 	float peak;
-	double flux; /* root: of its core */
+	double flux, solid_angle_sr; /* root: of its core */
 };
 
 int lp_regions_create(const struct lp_grid *grid, struct lp_regions **regions)
@@ -123,7 +123,8 @@ static void sort_candidates(struct lp_regions *regions)
 
 /*
  * A bright sky is no lamp, and no lamp is as large: of many candidates only the brightest area_sr
- * stay, and what is as bright as the last of them: counted in steps of an eighth of a stop.
+ * stay, and what is as bright as the last of them: counted in steps of an eighth of a stop. Of a
+ * sky that is as bright all over that is still all, in one region too large (gather()).
  */
 static void limit_area(struct lp_regions *regions, float area_sr)
 {
@@ -279,19 +280,17 @@ static void find_cores(struct lp_regions *regions, float core_ratio)
 static int lay_out_run(struct lp_regions *regions, int k)
 {
 	const int32_t root = regions->basin_of[k];
-	struct lp_basin *basin = &regions->basins[root];
-	int32_t next = basin->next;
-	double flux = basin->flux;
+	struct lp_basin basin = regions->basins[root];
 
 	for (; k < regions->candidate_count && regions->basin_of[k] == root; k++) {
 		const struct lp_candidate *candidate = &regions->candidates[k];
+		const double omega = lp_grid_solid_angle_sr(regions->grid, candidate->cell);
 
-		regions->cells[next++] = candidate->cell;
-		flux += (double)candidate->luminance *
-			lp_grid_solid_angle_sr(regions->grid, candidate->cell);
+		regions->cells[basin.next++] = candidate->cell;
+		basin.flux += candidate->luminance * omega;
+		basin.solid_angle_sr += omega;
 	}
-	basin->next = next;
-	basin->flux = flux;
+	regions->basins[root] = basin;
 	return k;
 }
 
@@ -310,8 +309,8 @@ static void lay_out(struct lp_regions *regions)
 		k = regions->basin_of[k] < 0 ? k + 1 : lay_out_run(regions, k);
 }
 
-/* Gather the cores of the basins and keep the strongest. */
-static void gather(struct lp_regions *regions, float core_ratio)
+/* Gather the cores of the basins and keep the strongest that are not larger than area_sr. */
+static void gather(struct lp_regions *regions, float core_ratio, float area_sr)
 {
 	int first = 0;
 
@@ -323,12 +322,14 @@ static void gather(struct lp_regions *regions, float core_ratio)
 
 		if (basin->parent != b)
 			continue;
-		struct lp_region *region = admit(regions, basin->flux);
+		struct lp_region *region =
+			basin->solid_angle_sr <= area_sr ? admit(regions, basin->flux) : NULL;
 		if (region)
 			*region = (struct lp_region){.first = first,
 						     .count = basin->next - first,
 						     .peak = basin->peak,
-						     .flux = basin->flux};
+						     .flux = basin->flux,
+						     .solid_angle_sr = basin->solid_angle_sr};
 		first = basin->next;
 	}
 	qsort(regions->list, regions->count, sizeof(regions->list[0]), stronger_first);
@@ -341,7 +342,7 @@ void lp_regions_from_peaks(struct lp_regions *regions, const struct lp_panorama 
 	sort_candidates(regions);
 	limit_area(regions, options->area_sr);
 	flood(regions, options->persistence_ratio);
-	gather(regions, options->core_ratio);
+	gather(regions, options->core_ratio, options->area_sr);
 }
 
 void lp_regions_from_threshold(struct lp_regions *regions, const struct lp_panorama *panorama,
@@ -350,5 +351,5 @@ void lp_regions_from_threshold(struct lp_regions *regions, const struct lp_panor
 	collect(regions, panorama, fmaxf(level, 0.0F));
 	sort_candidates(regions);
 	flood(regions, INFINITY);
-	gather(regions, 0.0F);
+	gather(regions, 0.0F, INFINITY);
 }

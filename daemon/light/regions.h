@@ -20,6 +20,7 @@ struct lp_region {
 	float peak;	  /* highest luminance in it */
 	double flux; /* sum of luminance * solid angle: what it casts, before the surround is taken
 			off */
+	double solid_angle_sr;
 };
 
 struct lp_basin; /* regions.c */
@@ -48,7 +49,9 @@ struct lp_regions {
 
 struct lp_peak_options {
 	float floor_ratio; /* candidates are brighter than this many times the mean radiance */
-	float area_sr;	   /* and among the brightest so many steradians, to an eighth of a stop */
+	/* and among the brightest so many steradians, to an eighth of a stop; no region is larger
+	 */
+	float area_sr;
 	float persistence_ratio; /* a peak is its own when it is this many times its highest saddle
 				  */
 	float core_ratio;	 /* a region keeps the cells above this share of its peak */

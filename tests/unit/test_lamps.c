@@ -168,6 +168,15 @@ static void test_a_bright_sky_is_not_searched(void **state)
 	expect(f->detection->finder, &lamp, 1, 0.3);
 }
 
+/* What is as bright all over and larger than that tenth is no lamp either; a window is. */
+static void test_no_lamp_is_as_large_as_a_sky(void **state)
+{
+	const struct disc sky = {60, 0, 40, 10}, window = {60, 0, 30, 10};
+
+	assert_int_equal(detect(*state, &sky, 1, 0.1)->count, 0);
+	assert_true(detect(*state, &window, 1, 0.1)->count > 0);
+}
+
 /* A wide source becomes parts that together are the source. */
 static void test_a_window_is_split(void **state)
 {
@@ -268,6 +277,7 @@ int main(void)
 		TEST(test_no_lamp_in_smooth_light),
 		TEST(test_no_lamp_in_noise),
 		TEST(test_a_bright_sky_is_not_searched),
+		TEST(test_no_lamp_is_as_large_as_a_sky),
 		TEST(test_a_window_is_split),
 		TEST(test_irradiance_is_above_the_surround),
 		TEST(test_results_scale_with_the_light),
