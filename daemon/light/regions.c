@@ -237,26 +237,20 @@ static void flood(struct lp_regions *regions, float persistence)
 	}
 }
 
-static int stronger_first(const void *a, const void *b)
+/* Insert by flux; of more than LP_MAX_REGIONS the weakest falls off the end. */
+static void admit(struct lp_regions *regions, const struct lp_region *region)
 {
-	const struct lp_region *p = a, *q = b;
+	int at = regions->count;
 
-	if (p->flux != q->flux)
-		return p->flux < q->flux ? 1 : -1;
-	return p->first - q->first;
-}
-
-/* The list keeps the strongest LP_MAX_REGIONS; the weakest makes room for a stronger newcomer. */
-static struct lp_region *admit(struct lp_regions *regions, double flux)
-{
-	struct lp_region *weakest = NULL;
-
+	while (at > 0 && regions->list[at - 1].flux < region->flux)
+		at--;
+	if (at == LP_MAX_REGIONS)
+		return;
 	if (regions->count < LP_MAX_REGIONS)
-		return &regions->list[regions->count++];
-	for (int i = 0; i < LP_MAX_REGIONS; i++)
-		if (!weakest || regions->list[i].flux < weakest->flux)
-			weakest = &regions->list[i];
-	return weakest->flux < flux ? weakest : NULL;
+		regions->count++;
+	memmove(regions->list + at + 1, regions->list + at,
+		(regions->count - 1 - at) * sizeof(*region));
+	regions->list[at] = *region;
 }
 
 /* The cores of the basins: the cells above core_ratio * peak. Of the others basin_of becomes -1. */
@@ -319,20 +313,18 @@ static void gather(struct lp_regions *regions, float core_ratio, float area_sr)
 	regions->count = 0;
 	for (int b = 0; b < regions->basin_count; b++) {
 		const struct lp_basin *basin = &regions->basins[b];
+		const struct lp_region region = {.first = first,
+						 .count = basin->next - first,
+						 .peak = basin->peak,
+						 .flux = basin->flux,
+						 .solid_angle_sr = basin->solid_angle_sr};
 
 		if (basin->parent != b)
 			continue;
-		struct lp_region *region =
-			basin->solid_angle_sr <= area_sr ? admit(regions, basin->flux) : NULL;
-		if (region)
-			*region = (struct lp_region){.first = first,
-						     .count = basin->next - first,
-						     .peak = basin->peak,
-						     .flux = basin->flux,
-						     .solid_angle_sr = basin->solid_angle_sr};
+		if (region.solid_angle_sr <= area_sr)
+			admit(regions, &region);
 		first = basin->next;
 	}
-	qsort(regions->list, regions->count, sizeof(regions->list[0]), stronger_first);
 }
 
 void lp_regions_from_peaks(struct lp_regions *regions, const struct lp_panorama *panorama,
