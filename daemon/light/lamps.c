@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "light/lamps.h"
 
+#include <assert.h>
 #include <errno.h>
 #include <math.h>
 #include <stdbool.h>
@@ -107,6 +108,8 @@ static void start_run(struct lp_lamp_finder *finder, const struct lp_regions *re
 			take(finder, lp_grid_row(grid, cell), cell, CORE);
 		}
 }
+
+static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the first mark is the lowest byte");
 
 /* WORD_MARKS marks from a cell on, the first in the lowest byte. */
 static uint64_t marks_at(const struct lp_lamp_finder *finder, int32_t cell)

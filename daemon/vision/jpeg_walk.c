@@ -11,6 +11,7 @@
  * is a block's last is anything but predictable. */
 #define OPAQUE(value) __asm__("" : "+r"(value))
 
+static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "refill() swaps bytes");
 static_assert(STEPS * LP_PROBE_MAX_BITS <= 56, "a full window holds 56 bits");
 
 /* At least 56 bits afterwards. Reads 8 bytes at `next`. */
