@@ -8,6 +8,7 @@
 #include "include/light_estimate.h"
 #include "light/grid.h"
 #include "light/lamps.h"
+#include "vision/cell_geometry.h"
 #include "vision/code_noise.h"
 #include "vision/imager_internal.h"
 #include "vision/remap.h"
@@ -167,76 +168,6 @@ static const struct lp_exposure *collect(struct lp_imager *imager,
 	return NULL;
 }
 
-/* How the pixels of one camera cell lie on the sphere: direction by bilinear interpolation of its
- * corners, which errs by less than a hundredth of a degree over a block. */
-struct cell_geometry {
-	double corner[4][3];
-	double pixel_solid_angle_sr; /* lenses: times the share of this lens, over its illumination
-				      */
-	bool seen;
-};
-
-static struct cell_geometry equirect_geometry(const struct lp_imager *imager, int column, int row)
-{
-	const double theta_step = M_PI * imager->remap->cell_px / imager->remap->height_px;
-	const double lambda_step = 2.0 * M_PI * imager->remap->cell_px / imager->remap->width_px;
-	struct cell_geometry g = {.seen = true};
-
-	for (int v = 0; v < 2; v++) {
-		const double sine = sin((row + v) * theta_step),
-			     cosine = cos((row + v) * theta_step);
-
-		for (int h = 0; h < 2; h++) {
-			const double lambda = (column + h) * lambda_step - M_PI;
-
-			g.corner[2 * v + h][0] = sine * sin(lambda);
-			g.corner[2 * v + h][1] = cosine;
-			g.corner[2 * v + h][2] = -sine * cos(lambda);
-		}
-	}
-	return g;
-}
-
-/* This lens's share of the light along `d`, over its illumination there. */
-static double lens_share(const struct lp_imager *imager, int own, const double d[3])
-{
-	double pixel[2], share = 0.0, total = 0.0, illumination = 1.0;
-
-	for (int lens = 0; lens < imager->camera->lens_count; lens++) {
-		double at, relative;
-
-		if (!lp_camera_project(imager->camera, lens, imager->remap->width_px,
-				       imager->remap->height_px, d, pixel, &at, &relative))
-			continue;
-		total += at;
-		if (lens == own) {
-			share = at;
-			illumination = relative;
-		}
-	}
-	return total > 0.0 ? share / total / illumination : 0.0;
-}
-
-static struct cell_geometry lens_geometry(const struct lp_imager *imager, int column, int row)
-{
-	const int side = imager->remap->cell_px;
-	const int width = imager->remap->width_px, height = imager->remap->height_px;
-	const double x = (column + 0.5) * side, y = (row + 0.5) * side;
-	struct cell_geometry g = {.seen = true};
-	double d[3];
-	int lens;
-
-	for (int k = 0; k < 4; k++)
-		g.seen &= lp_camera_ray(imager->camera, width, height, (column + k % 2) * side,
-					(row + k / 2) * side, g.corner[k], &lens);
-	g.seen &= lp_camera_ray(imager->camera, width, height, x, y, d, &lens);
-	if (g.seen)
-		g.pixel_solid_angle_sr =
-			lp_camera_pixel_solid_angle_sr(imager->camera, width, height, x, y) *
-			lens_share(imager, lens, d);
-	return g;
-}
-
 struct sums {
 	double flux[4];	 /* R, G, B, luminance above the background: all pixels */
 	double all[3];	 /* sum excess Omega d, luminance: all pixels */
@@ -282,24 +213,7 @@ static struct row_sums sum_row(const float (*rgb)[3], int count, float step,
 	return s;
 }
 
-/* Directions along a row are first + u * along: a cell is so small that their lengths differ from 1
- * by no more than 1e-4. */
-struct row_geometry {
-	double first[3], along[3];
-};
-
-static struct row_geometry row_in(const struct cell_geometry *g, double v)
-{
-	struct row_geometry row;
-
-	for (int a = 0; a < 3; a++) {
-		row.first[a] = (1.0 - v) * g->corner[0][a] + v * g->corner[2][a];
-		row.along[a] = (1.0 - v) * g->corner[1][a] + v * g->corner[3][a] - row.first[a];
-	}
-	return row;
-}
-
-static void add_row(struct sums *s, const struct row_sums *row, const struct row_geometry *g,
+static void add_row(struct sums *s, const struct row_sums *row, const struct lp_row_geometry *g,
 		    const struct lp_lamp *lamp, double omega, float threshold)
 {
 	double apart[3] = {0.0}; /* of the core: sum of (d - direction)^2 */
@@ -379,8 +293,7 @@ static struct sums sum_patch(struct lp_imager *imager, const struct lp_exposure 
 		const int column = patch->cells[i] % exposure->cells.width;
 		const int row = patch->cells[i] / exposure->cells.width;
 		const int columns = width - column * side < side ? width - column * side : side;
-		const struct cell_geometry g = equirect ? equirect_geometry(imager, column, row)
-							: lens_geometry(imager, column, row);
+		const struct lp_cell_geometry g = lp_cell_geometry(imager, column, row);
 		const float(*rgb)[3] =
 			(const float(*)[3])(imager->pixels + (size_t)i * side * side);
 		const bool flat = patch->brightest[i] - lamp->background[LUMINANCE] <= threshold;
@@ -394,7 +307,8 @@ static struct sums sum_patch(struct lp_imager *imager, const struct lp_exposure 
 						step, lamp->background)
 				     : sum_row(rgb + y * side, columns, step, lamp->background,
 					       threshold);
-			const struct row_geometry geometry = row_in(&g, (y + 0.5) / side);
+			const struct lp_row_geometry geometry =
+				lp_row_geometry(&g, (y + 0.5) / side);
 
 			add_row(&s, &sums, &geometry, lamp, omega * patch->share[i], threshold);
 		}

@@ -1,0 +1,87 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "vision/cell_geometry.h"
+
+#include <math.h>
+
+#include "vision/camera.h"
+#include "vision/imager_internal.h"
+#include "vision/remap.h"
+
+static struct lp_cell_geometry equirect_geometry(const struct lp_imager *imager, int column,
+						 int row)
+{
+	const double theta_step = M_PI * imager->remap->cell_px / imager->remap->height_px;
+	const double lambda_step = 2.0 * M_PI * imager->remap->cell_px / imager->remap->width_px;
+	struct lp_cell_geometry g = {.seen = true};
+
+	for (int v = 0; v < 2; v++) {
+		const double sine = sin((row + v) * theta_step),
+			     cosine = cos((row + v) * theta_step);
+
+		for (int h = 0; h < 2; h++) {
+			const double lambda = (column + h) * lambda_step - M_PI;
+
+			g.corner[2 * v + h][0] = sine * sin(lambda);
+			g.corner[2 * v + h][1] = cosine;
+			g.corner[2 * v + h][2] = -sine * cos(lambda);
+		}
+	}
+	return g;
+}
+
+/* This lens's share of the light along `d`, over its illumination there. */
+static double lens_share(const struct lp_imager *imager, int own, const double d[3])
+{
+	double pixel[2], share = 0.0, total = 0.0, illumination = 1.0;
+
+	for (int lens = 0; lens < imager->camera->lens_count; lens++) {
+		double at, relative;
+
+		if (!lp_camera_project(imager->camera, lens, imager->remap->width_px,
+				       imager->remap->height_px, d, pixel, &at, &relative))
+			continue;
+		total += at;
+		if (lens == own) {
+			share = at;
+			illumination = relative;
+		}
+	}
+	return total > 0.0 ? share / total / illumination : 0.0;
+}
+
+static struct lp_cell_geometry lens_geometry(const struct lp_imager *imager, int column, int row)
+{
+	const int side = imager->remap->cell_px;
+	const int width = imager->remap->width_px, height = imager->remap->height_px;
+	const double x = (column + 0.5) * side, y = (row + 0.5) * side;
+	struct lp_cell_geometry g = {.seen = true};
+	double d[3];
+	int lens;
+
+	for (int k = 0; k < 4; k++)
+		g.seen &= lp_camera_ray(imager->camera, width, height, (column + k % 2) * side,
+					(row + k / 2) * side, g.corner[k], &lens);
+	g.seen &= lp_camera_ray(imager->camera, width, height, x, y, d, &lens);
+	if (g.seen)
+		g.pixel_solid_angle_sr =
+			lp_camera_pixel_solid_angle_sr(imager->camera, width, height, x, y) *
+			lens_share(imager, lens, d);
+	return g;
+}
+
+struct lp_cell_geometry lp_cell_geometry(const struct lp_imager *imager, int column, int row)
+{
+	return imager->camera->projection == LP_EQUIRECT ? equirect_geometry(imager, column, row)
+							 : lens_geometry(imager, column, row);
+}
+
+struct lp_row_geometry lp_row_geometry(const struct lp_cell_geometry *g, double v)
+{
+	struct lp_row_geometry row;
+
+	for (int a = 0; a < 3; a++) {
+		row.first[a] = (1.0 - v) * g->corner[0][a] + v * g->corner[2][a];
+		row.along[a] = (1.0 - v) * g->corner[1][a] + v * g->corner[3][a] - row.first[a];
+	}
+	return row;
+}
