@@ -454,7 +454,8 @@ static void measure_region(struct lp_lamp_finder *finder, const struct lp_panora
 				     .peak = region->peak}};
 	struct lp_lamp *lamp = &part.lamp;
 
-	if (RIM_FACTOR * region->flux < (double)options->min_strength * M_PI * mean)
+	if (region->too_large ||
+	    RIM_FACTOR * region->flux < (double)options->min_strength * M_PI * mean)
 		return;
 	if (finder->cell_count + region->count > room)
 		return;

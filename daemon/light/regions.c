@@ -303,7 +303,7 @@ static void lay_out(struct lp_regions *regions)
 		k = regions->basin_of[k] < 0 ? k + 1 : lay_out_run(regions, k);
 }
 
-/* Gather the cores of the basins and keep the strongest that are not larger than area_sr. */
+/* Gather the cores of the basins and keep the strongest; larger than area_sr is too large. */
 static void gather(struct lp_regions *regions, float core_ratio, float area_sr)
 {
 	int first = 0;
@@ -317,12 +317,12 @@ static void gather(struct lp_regions *regions, float core_ratio, float area_sr)
 						 .count = basin->next - first,
 						 .peak = basin->peak,
 						 .flux = basin->flux,
-						 .solid_angle_sr = basin->solid_angle_sr};
+						 .solid_angle_sr = basin->solid_angle_sr,
+						 .too_large = basin->solid_angle_sr > area_sr};
 
 		if (basin->parent != b)
 			continue;
-		if (region.solid_angle_sr <= area_sr)
-			admit(regions, &region);
+		admit(regions, &region);
 		first = basin->next;
 	}
 }

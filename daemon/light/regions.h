@@ -8,6 +8,7 @@
 #ifndef LP_LIGHT_REGIONS_H
 #define LP_LIGHT_REGIONS_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 struct lp_grid;
@@ -21,6 +22,7 @@ struct lp_region {
 	double flux; /* sum of luminance * solid angle: what it casts, before the surround is taken
 			off */
 	double solid_angle_sr;
+	bool too_large; /* to be a lamp: a sky, say; its cells are no lamp's surround either */
 };
 
 struct lp_basin; /* regions.c */
