@@ -20,8 +20,7 @@
 #define RING_CELLS 2	     /* width of the ring that gives the background */
 #define MAX_RING_CELLS 128   /* of it, taken evenly: enough for a median */
 #define MAD_TO_SIGMA 1.4826F /* median absolute deviation of a normal distribution */
-
-#define WORD_MARKS 8 /* marks that are looked at in one go */
+#define WORD_MARKS 8	     /* marks that are looked at in one go */
 
 enum mark {
 	FREE,
@@ -217,24 +216,21 @@ static int sample(struct lp_lamp_finder *finder, const struct lp_panorama *panor
 	return used;
 }
 
-/* Median radiance of a lamp's surround, one channel. */
-static float median(struct lp_lamp_finder *finder, const struct lp_panorama *panorama,
-		    const struct surround *around, int channel)
+/* Median radiance, one channel; the sample stays in finder->values, and its size is returned. */
+static int measure_background(struct lp_lamp_finder *finder, const struct lp_panorama *panorama,
+			      const struct surround *around, int channel, struct lp_lamp *lamp)
 {
 	const int used = sample(finder, panorama, around, channel);
 
-	return lp_select(finder->values, used, used / 2);
+	lamp->background[channel] = lp_select(finder->values, used, used / 2);
+	return used;
 }
 
-static void measure_luminance(struct lp_lamp_finder *finder, const struct lp_panorama *panorama,
-			      const struct surround *around, struct lp_lamp *lamp)
+/* Spread of the luminance, of which `used` values have been sampled last. */
+static void measure_noise(struct lp_lamp_finder *finder, int used, struct lp_lamp *lamp)
 {
-	const int used = sample(finder, panorama, around, LUMINANCE);
-	const float middle = lp_select(finder->values, used, used / 2);
-
 	for (int i = 0; i < used; i++)
-		finder->values[i] = fabsf(finder->values[i] - middle);
-	lamp->background[LUMINANCE] = middle;
+		finder->values[i] = fabsf(finder->values[i] - lamp->background[LUMINANCE]);
 	lamp->background_noise = MAD_TO_SIGMA * lp_select(finder->values, used, used / 2);
 }
 
@@ -412,35 +408,43 @@ static bool measure(const struct lp_lamp_finder *finder, const struct lp_panoram
 	return describe(finder, &m, &part->lamp, part->axis);
 }
 
-/* Split until every part is narrow enough; a part of one cell is. */
+/* Where the second half of a part that is too wide begins; 0: it is not to be divided. A part of
+ * one cell is narrow enough, and rounding may leave nothing to divide. */
+static int halve(struct lp_lamp_finder *finder, const struct part *part, float max_spread_deg)
+{
+	int head = 0;
+
+	if (part->lamp.spread_deg > max_spread_deg && part->lamp.count > 1)
+		head = divide(finder, &part->lamp, part->axis);
+	return head < part->lamp.count ? head : 0;
+}
+
+/* Split until every part is narrow enough, or the stack is full. */
 static void split_and_insert(struct lp_lamp_finder *finder, const struct lp_panorama *panorama,
 			     const struct part *whole, const struct lp_lamp_options *options)
 {
 	struct part stack[2 * LP_MAX_LAMPS];
+	const int room = sizeof(stack) / sizeof(stack[0]);
 	int depth = 0;
 
 	stack[depth++] = *whole;
 	while (depth) {
-		const struct part part = stack[--depth];
-		int head = 0;
+		struct part part = stack[--depth];
+		const int head =
+			depth + 2 <= room ? halve(finder, &part, options->max_spread_deg) : 0;
+		const int first[2] = {0, head}, count[2] = {head, part.lamp.count - head};
 
-		if (part.lamp.spread_deg > options->max_spread_deg && part.lamp.count > 1 &&
-		    depth + 2 <= (int)(sizeof(stack) / sizeof(stack[0])))
-			head = divide(finder, &part.lamp, part.axis);
-		if (head == 0 ||
-		    head == part.lamp.count) { /* rounding may leave nothing to divide */
+		if (!head) {
 			lp_lamp_insert(finder, &part.lamp);
 			continue;
 		}
-		stack[depth] = part;
-		stack[depth].lamp.flags |= LP_LIGHT_EXTENDED;
-		stack[depth].lamp.count = head;
-		depth += measure(finder, panorama, &stack[depth]);
-		stack[depth] = part;
-		stack[depth].lamp.flags |= LP_LIGHT_EXTENDED;
-		stack[depth].lamp.first += head;
-		stack[depth].lamp.count -= head;
-		depth += measure(finder, panorama, &stack[depth]);
+		part.lamp.flags |= LP_LIGHT_EXTENDED;
+		for (int half = 0; half < 2; half++) {
+			stack[depth] = part;
+			stack[depth].lamp.first += first[half];
+			stack[depth].lamp.count = count[half];
+			depth += measure(finder, panorama, &stack[depth]);
+		}
 	}
 }
 
@@ -472,11 +476,11 @@ static void measure_region(struct lp_lamp_finder *finder, const struct lp_panora
 
 	const struct surround around = find_surround(finder, lamp, lamp->count - region->count);
 
-	measure_luminance(finder, panorama, &around, lamp);
+	measure_noise(finder, measure_background(finder, panorama, &around, LUMINANCE, lamp), lamp);
 	if (!stands_out(lamp, (float)(region->flux / region->solid_angle_sr), options))
 		return;
 	for (int channel = 0; channel < LUMINANCE; channel++)
-		lamp->background[channel] = median(finder, panorama, &around, channel);
+		measure_background(finder, panorama, &around, channel, lamp);
 	if (measure(finder, panorama, &part) && strong(lamp, mean, options))
 		split_and_insert(finder, panorama, &part, options);
 }

@@ -303,7 +303,8 @@ static void lay_out(struct lp_regions *regions)
 		k = regions->basin_of[k] < 0 ? k + 1 : lay_out_run(regions, k);
 }
 
-/* Gather the cores of the basins and keep the strongest; larger than area_sr is too large. */
+/* Gather the cores of the basins and keep the strongest; those of more than area_sr are too large.
+ */
 static void gather(struct lp_regions *regions, float core_ratio, float area_sr)
 {
 	int first = 0;

@@ -51,8 +51,8 @@ struct lp_regions {
 
 struct lp_peak_options {
 	float floor_ratio; /* candidates are brighter than this many times the mean radiance */
-	/* and among the brightest so many steradians, to an eighth of a stop; no region is larger
-	 */
+	/* and among the brightest so many steradians, to an eighth of a stop; a region of more is
+	 * too large to be a lamp */
 	float area_sr;
 	float persistence_ratio; /* a peak is its own when it is this many times its highest saddle
 				  */

@@ -150,11 +150,8 @@ static int unstuff(struct lp_jpeg_reader *reader, const uint8_t *data, size_t si
 static inline int dc_difference(const uint8_t *stream, uint32_t bit,
 				const struct lp_huffman_dc *table)
 {
-	uint64_t window;
+	const uint64_t window = lp_jpeg_window(stream, bit);
 	int length;
-
-	memcpy(&window, stream + bit / 8, sizeof(window));
-	window = __builtin_bswap64(window) << bit % 8;
 
 	const int difference = table->difference[window >> (64 - LP_PROBE_BITS)];
 
@@ -167,15 +164,15 @@ static inline int dc_difference(const uint8_t *stream, uint32_t bit,
 }
 
 /* Where the blocks of the MCUs in a row go, beginning with the first in the picture. */
-struct row {
+struct mcu_row {
 	int16_t *luma[4], *chroma[2]; /* DC */
 	int32_t *energy[4];
 };
 
-static struct row row_at(struct lp_jpeg_reader *reader, int mcu_y)
+static struct mcu_row row_at(struct lp_jpeg_reader *reader, int mcu_y)
 {
 	const struct lp_jpeg_component *luma = &reader->component[0];
-	struct row row = {{NULL}, {NULL}, {NULL}};
+	struct mcu_row row = {{NULL}, {NULL}, {NULL}};
 
 	for (int b = 0; b < luma->h * luma->v; b++) {
 		const size_t at =
@@ -197,7 +194,7 @@ static struct lp_jpeg_mark store_row(struct lp_jpeg_reader *reader, int mcu_y, i
 	const struct lp_jpeg_component *luma = &reader->component[0];
 	const struct lp_huffman_dc *luma_table = &reader->dc_table[luma->dc_table];
 	const int step = luma->h, lumas = luma->h * luma->v, chromas = reader->component_count - 1;
-	const struct row row = row_at(reader, mcu_y);
+	const struct mcu_row row = row_at(reader, mcu_y);
 	uint32_t *bit = reader->mcu_bit + (size_t)mcu_y * reader->mcus_x;
 	uint32_t dc = reader->prediction[0]; /* modulo 2^16, as far as it counts */
 

@@ -10,20 +10,11 @@ static const uint8_t natural_order[64] = {0,  1,  8,  16, 9,  2,  3,  10, 17, 24
 					  36, 29, 22, 15, 23, 30, 37, 44, 51, 58, 59, 52, 45,
 					  38, 31, 39, 46, 53, 60, 61, 54, 47, 55, 62, 63};
 
-/* At least 57 bits of the stream from `bit` on, the first one highest. */
-static inline uint64_t window_at(const struct lp_jpeg_reader *reader, uint32_t bit)
-{
-	uint64_t window;
-
-	memcpy(&window, reader->stream + bit / 8, sizeof(window));
-	return __builtin_bswap64(window) << bit % 8;
-}
-
 /* The symbol at `*bit` and its value bits; passes them. -1: no code. */
 static inline int read_symbol(const struct lp_jpeg_reader *reader, uint32_t *bit,
 			      const struct lp_huffman *code, int *value)
 {
-	const uint64_t window = window_at(reader, *bit);
+	const uint64_t window = lp_jpeg_window(reader->stream, *bit);
 	int length;
 
 	const int symbol = lp_huffman_symbol(code, (uint32_t)(window >> 48), &length);
@@ -52,7 +43,7 @@ static void decode_block(const struct lp_jpeg_reader *reader, uint32_t *bit,
 	for (int k = 1; k < 64; k++) {
 		const int symbol = read_symbol(reader, bit, code, &value);
 
-		if (symbol < 0 || ((symbol & 15) == 0 && symbol >> 4 != 15))
+		if (symbol < 0 || lp_jpeg_ends_block(symbol))
 			return;
 		k += symbol >> 4;
 		if (k > 63)
@@ -70,7 +61,7 @@ static void pass_block(const struct lp_jpeg_reader *reader, uint32_t *bit,
 	int value;
 
 	for (uint32_t k = 0; k < 64; probes = &ac->probes) {
-		const uint64_t probe = window_at(reader, *bit) >> (64 - LP_PROBE_BITS);
+		const uint64_t probe = lp_jpeg_window(reader->stream, *bit) >> (64 - LP_PROBE_BITS);
 		const uint32_t passed = probes->passed[probe] >> LP_PASSED_COEFFICIENT & 127;
 
 		if (k + passed < 64) {
@@ -84,7 +75,7 @@ static void pass_block(const struct lp_jpeg_reader *reader, uint32_t *bit,
 		} else {
 			const int symbol = read_symbol(reader, bit, &ac->code, &value);
 
-			if (symbol < 0 || ((symbol & 15) == 0 && symbol >> 4 != 15))
+			if (symbol < 0 || lp_jpeg_ends_block(symbol))
 				return;
 			k += (uint32_t)(symbol >> 4) + 1;
 		}

@@ -136,7 +136,7 @@ static void pass_symbols(const struct lp_huffman *code, uint32_t p, struct passe
 
 		if (!length || inside < 0)
 			return;
-		if (!size && run != 15) {
+		if (lp_jpeg_ends_block(code->symbol_at[rest])) {
 			passed->bits += length;
 			passed->ends = true;
 			return;

@@ -6,8 +6,10 @@
 #ifndef LP_VISION_JPEG_HUFFMAN_H
 #define LP_VISION_JPEG_HUFFMAN_H
 
+#include <assert.h>
 #include <stdbool.h>
 #include <stdint.h>
+#include <string.h>
 
 #define LP_PROBE_BITS 12
 #define LP_PROBES (1 << LP_PROBE_BITS)
@@ -89,6 +91,23 @@ static inline int lp_huffman_symbol(const struct lp_huffman *code, uint32_t wind
 
 	*length = code->length_at[probe];
 	return *length ? code->symbol_at[probe] : lp_huffman_long_symbol(code, window, length);
+}
+
+/* An AC symbol that ends its block; one without value bits that does not is sixteen zeros. */
+static inline bool lp_jpeg_ends_block(int symbol)
+{
+	return (symbol & 15) == 0 && symbol >> 4 != 15;
+}
+
+static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "a stream's words are swapped");
+
+/* At least 57 bits of a stream from `bit` on, the first one highest. Reads 8 bytes. */
+static inline uint64_t lp_jpeg_window(const uint8_t *stream, uint32_t bit)
+{
+	uint64_t word;
+
+	memcpy(&word, stream + bit / 8, sizeof(word));
+	return __builtin_bswap64(word) << bit % 8;
 }
 
 /* Value of `size` bits in JPEG's sign convention (T.81, F.2.2.1 EXTEND). */

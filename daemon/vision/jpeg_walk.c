@@ -11,7 +11,6 @@
  * is a block's last is anything but predictable. */
 #define OPAQUE(value) __asm__("" : "+r"(value))
 
-static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "refill() swaps bytes");
 static_assert(STEPS * LP_PROBE_MAX_BITS <= 56, "a full window holds 56 bits");
 
 /* At least 56 bits afterwards. Reads 8 bytes at `next`. */
@@ -86,7 +85,7 @@ static __attribute__((noinline, cold)) void step_slowly(struct lp_jpeg_walk *w,
 
 	if (!k) {
 		k = 1;
-	} else if (!size && symbol >> 4 != 15) {
+	} else if (lp_jpeg_ends_block(symbol)) {
 		ends = true;
 	} else {
 		const int64_t value = lp_jpeg_extend(bits, size);

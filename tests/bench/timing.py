@@ -66,8 +66,9 @@ class Program:
 
 
 def is_slow_round(number: int, pictures: int) -> bool:
-    """One in SELDOM, another one each time the pictures have gone round: all meet all."""
-    return number % SELDOM == number // pictures % SELDOM
+    """One in SELDOM, with another picture each time the pictures have gone round: all meet all."""
+    turn, index = divmod(number, pictures)
+    return (turn + index) % SELDOM == 0
 
 
 def suits(name: str, kind: Kind) -> bool:
