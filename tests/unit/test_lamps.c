@@ -55,6 +55,8 @@ static const struct lp_lamp_finder *detect(struct fixture *f, const struct disc 
 					   double background)
 {
 	fill_panorama(&f->panorama, discs, count, background);
+	assert_float_equal(lp_grid_mean_luminance(f->grid, &f->panorama), mean_of(f),
+			   1e-5 * mean_of(f));
 	lp_detect(f->detection, &f->panorama, mean_of(f));
 	return f->detection->finder;
 }
@@ -177,6 +179,33 @@ static void test_no_lamp_is_as_large_as_a_sky(void **state)
 	assert_true(detect(*state, &window, 1, 0.1)->count > 0);
 }
 
+/* A lamp in a hole of such a sky, two cells of the dark around it: its surround is the dark, for
+ * the sky is a source of its own. */
+static void test_a_sky_is_no_lamps_surround(void **state)
+{
+	const struct disc lamp = {0, 0, 4, 30};
+	const double cell_deg = 360.0 / WIDTH, hole_deg = lamp.radius_deg + 2.0 * cell_deg;
+	struct fixture *f = *state;
+	double axis[3];
+
+	disc_direction(&lamp, axis);
+	for (int i = 0; i < WIDTH * WIDTH / 2; i++) {
+		float d[3];
+
+		lp_grid_direction(f->grid, i, d);
+		const double apart_deg = angle_between_deg(axis, d);
+		const float radiance = apart_deg < lamp.radius_deg		  ? 30.0F
+				       : apart_deg > hole_deg && apart_deg < 45.0 ? 10.0F
+										  : 0.1F;
+
+		for (int c = 0; c < 4; c++)
+			f->panorama.cells[i][c] = radiance;
+	}
+	lp_detect(f->detection, &f->panorama, mean_of(f));
+	assert_int_equal(f->detection->finder->count, 1);
+	assert_float_equal(f->detection->finder->lamps[0].background[3], 0.1, 1e-3);
+}
+
 /* A wide source becomes parts that together are the source. */
 static void test_a_window_is_split(void **state)
 {
@@ -278,6 +307,7 @@ int main(void)
 		TEST(test_no_lamp_in_noise),
 		TEST(test_a_bright_sky_is_not_searched),
 		TEST(test_no_lamp_is_as_large_as_a_sky),
+		TEST(test_a_sky_is_no_lamps_surround),
 		TEST(test_a_window_is_split),
 		TEST(test_irradiance_is_above_the_surround),
 		TEST(test_results_scale_with_the_light),
