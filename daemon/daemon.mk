@@ -29,8 +29,8 @@ PACKAGE_GPIOD := libgpiod
 DEBIAN_GPIOD := libgpiod-dev
 PACKAGE_LIBCAMERA := libcamera
 DEBIAN_LIBCAMERA := libcamera-dev
-LP_EXCLUDE := $(if $(filter 0,$(WITH_GPIOD)),daemon/drivers/rotator_pca9685.c) \
-	$(if $(filter 0,$(WITH_LIBCAMERA)),$(wildcard daemon/drivers/source_libcamera*))
+LP_EXCLUDE := $(if $(filter 0,$(WITH_GPIOD)),daemon/drivers/wheel/pca9685.c) \
+	$(if $(filter 0,$(WITH_LIBCAMERA)),daemon/drivers/source/libcamera/%)
 LP_PACKAGES := libuv libturbojpeg inih $(foreach o,$(WITH_OPTIONS),$(if $(filter 1,$(WITH_$o)),$(PACKAGE_$o)))
 
 FLAGS_release := -O2
@@ -57,11 +57,13 @@ LP_LDLIBS = $(shell $(PKG_CONFIG) --libs $(LP_PACKAGES)) -lopencv_imgproc -lopen
 LIBCAMERA_CFLAGS = $(if $(filter 1,$(WITH_LIBCAMERA)),$(subst -I,-isystem ,$(shell $(PKG_CONFIG) --cflags libcamera)))
 
 # Two of a walk's registers in one vector register would cost every step four more moves.
-$(OUT)/daemon/vision/jpeg_walk.c.o: LP_CFLAGS += -fno-tree-slp-vectorize
+$(OUT)/daemon/vision/jpeg/walk.c.o: LP_CFLAGS += -fno-tree-slp-vectorize
 
 DAEMON_ROOMS := app drivers vision light base
+# Sources of one room, in all of its folders: $(call sources,ROOM,PATTERN...)
+sources = $(foreach p,$(2),$(wildcard daemon/$(1)/$(p) daemon/$(1)/*/$(p) daemon/$(1)/*/*/$(p)))
 # Objects of one room: $(call objects,ROOM)
-objects = $(patsubst %,$(OUT)/%.o,$(filter-out $(LP_EXCLUDE),$(wildcard daemon/$(1)/*.c daemon/$(1)/*.cpp)))
+objects = $(patsubst %,$(OUT)/%.o,$(filter-out $(LP_EXCLUDE),$(call sources,$(1),*.c *.cpp)))
 # Everything but main() is in libraries, so that tests link what the daemon links.
 DAEMON_LIBS := $(foreach r,$(DAEMON_ROOMS),$(OUT)/lib/liblp_$(r).a)
 
@@ -77,7 +79,7 @@ $(OUT)/lib/liblp_drivers.a: $(OUT)/dbc/mcu.c.o
 define lp_library
 $(OUT)/lib/liblp_$(1).a: $(filter-out %/main.c.o,$(call objects,$(1)))
 	@mkdir -p $$(@D) && rm -f $$@
-	@$(AR) rcs $$@ $$^
+	@$(AR) qcs $$@ $$^ # appends: several folders have a sim.c
 endef
 $(foreach r,$(DAEMON_ROOMS),$(eval $(call lp_library,$(r))))
 
@@ -110,7 +112,7 @@ $(OUT)/with.choice: FORCE
 	@echo '$(WITH_CHOICE)' | cmp -s - $@ || echo '$(WITH_CHOICE)' >$@
 FORCE:
 
-DAEMON_SOURCES = $(wildcard $(foreach r,include $(DAEMON_ROOMS),daemon/$(r)/*.[ch] daemon/$(r)/*.cpp))
+DAEMON_SOURCES = $(foreach r,include $(DAEMON_ROOMS),$(call sources,$(r),*.[ch] *.cpp *.hpp))
 
 .PHONY: check-c format-c
 check-c: $(PROTO_H) ## clang-format and clang-tidy over the C and C++ sources

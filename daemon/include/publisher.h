@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * A publisher of packets: moves bytes to and from clients and knows nothing of their meaning.
- * One back end = one file drivers/publisher_<scheme>.c, registered in app/backends.c.
+ * One back end = one file drivers/publisher/<scheme>.c, registered in app/backends.c.
  *
  * Contract as in source.h: ops on the loop thread, one fd, dispatch when readable. A client is
  * named by a handle that the publisher gives out and that is never used again after disconnected().

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The ring of light sensors. One back end = one file drivers/ring_<scheme>.c with one
+ * The ring of light sensors. One back end = one file drivers/ring/<scheme>.c with one
  * `const struct lp_ring_ops`, registered by one line in app/backends.c. Contract as in source.h.
  */
 #ifndef LP_RING_H

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * A rotator turns the polarizer wheel. One back end = one file drivers/rotator_<scheme>.c with one
+ * A rotator turns the polarizer wheel. One back end = one file drivers/wheel/<scheme>.c with one
  * `const struct lp_rotator_ops`, registered by one line in app/backends.c.
  *
  * Contract as in source.h: create() parses and allocates, start() opens; a device that is absent is

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * A source of frames: camera, files, simulator. One back end = one file drivers/source_<scheme>.c
- * with one `const struct lp_source_ops`, registered by one line in app/backends.c.
+ * A source of frames: camera, files, simulator. One back end = one file
+ * drivers/source/<scheme>/<scheme>.c with one `const struct lp_source_ops`, registered by one line
+ * in app/backends.c.
  *
  * Contract. create() only parses and allocates; start() opens the device. A device that is absent
  * is no error of start() when it may come (camera, simulator): it reports WAITING and tries again

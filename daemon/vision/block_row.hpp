@@ -9,7 +9,7 @@
 #include <cstdint>
 
 #include "vision/cells.h"
-#include "vision/jpeg_blocks.h"
+#include "vision/jpeg/blocks.h"
 
 namespace lp
 {

@@ -39,7 +39,7 @@ void lp_cells_release(struct lp_cells *cells);
  * row_weight: per pixel row, its solid angle up to a factor; NULL: all alike. */
 
 /*
- * From block means and detail of a JPEG (vision/jpeg_blocks.h), without its pixels; cells of 8 px.
+ * From block means and detail of a JPEG (vision/jpeg/blocks.h), without its pixels; cells of 8 px.
  * At most `exact_blocks` of the blocks whose mean tells least are decoded, and those with detail
  * where row_weight is uneven across a block. row_weight holds whole blocks.
  */

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Blocks of a JPEG, as vision/jpeg_blocks.h reads them. */
+/* Blocks of a JPEG, as vision/jpeg/blocks.h reads them. */
 #include <cstdint>
 
 #include "vision/block_row.hpp"
 #include "vision/cells.h"
-#include "vision/jpeg_blocks.h"
+#include "vision/jpeg/blocks.h"
 #include "vision/response.h"
 #include "vision/simd.hpp"
 #include "vision/tile.hpp"

@@ -11,7 +11,7 @@
 
 #include "include/frame.h"
 #include "vision/cells.h"
-#include "vision/jpeg_blocks.h"
+#include "vision/jpeg/blocks.h"
 #include "vision/planes.hpp"
 #include "vision/response.h"
 #include "vision/simd.hpp"

@@ -16,7 +16,7 @@
 #include "light/sh.h"
 #include "vision/camera.h"
 #include "vision/imager.h"
-#include "vision/jpeg_blocks.h"
+#include "vision/jpeg/blocks.h"
 #include "vision/sh_project.h"
 
 #define WIDTH 1920

@@ -5,7 +5,7 @@
 #include "vision/cells.h"
 #include "vision/imager.h"
 #include "vision/imager_internal.h"
-#include "vision/jpeg_blocks.h"
+#include "vision/jpeg/blocks.h"
 #include "vision/merge.h"
 #include "vision/remap.h"
 #include "vision/sh_project.h"

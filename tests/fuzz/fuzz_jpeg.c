@@ -8,8 +8,8 @@
 
 #include <jpeglib.h>
 
-#include "vision/jpeg_blocks.h"
-#include "vision/jpeg_pixels.h"
+#include "vision/jpeg/blocks.h"
+#include "vision/jpeg/pixels.h"
 
 #define MOST_PIXELS ((size_t)1 << 18) /* libjpeg-turbo keeps all coefficients */
 #define MOST_BLOCKS 256		      /* decoded to pixels */

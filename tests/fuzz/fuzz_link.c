@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * What the microcontroller may send: through the serial reader and the session into the wheel and
- * the ring. Only the tty is left out (drivers/link_serial.c), and time is the input's. Input:
+ * the ring. Only the tty is left out (drivers/link/serial.c), and time is the input's. Input:
  * (kind, count) pieces, some followed by count bytes: bytes on the line, whole messages with a
  * right envelope, time, commands, the line going away.
  */
@@ -11,8 +11,8 @@
 
 #include "app/backends.h"
 #include "base/log.h"
-#include "drivers/link_envelope.h"
-#include "drivers/link_mcu_parts.h"
+#include "drivers/link/envelope.h"
+#include "drivers/link/mcu_parts.h"
 #include "fuzz.h"
 #include "include/ring.h"
 #include "include/ring_sample.h"

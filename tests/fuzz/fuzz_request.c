@@ -3,7 +3,7 @@
 #include "fuzz.h"
 
 #include "app/codec.h"
-#include "drivers/publisher_framing.h"
+#include "drivers/publisher/framing.h"
 #include "include/publisher.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)

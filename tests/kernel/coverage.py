@@ -38,11 +38,11 @@ def report(counts: Path, out: Path) -> None:
     rows = collect(counts)
     lines = [f"{percent:6.1f} %  {total:5d} lines  {name}" for name, percent, total in rows]
     out.write_text("\n".join(lines) + "\n")
-    own = [row for row in rows if row[0].startswith("daemon/drivers/source_v4l2")]
+    own = [row for row in rows if row[0].startswith("daemon/drivers/source/v4l2/")]
     if own:
         total = sum(lines for _, _, lines in own)
         run = sum(percent * lines / 100 for _, percent, lines in own)
         print(
-            f"kernel: coverage of drivers/source_v4l2*: {100 * run / total:.1f} % of {total} lines"
+            f"kernel: coverage of drivers/source/v4l2: {100 * run / total:.1f} % of {total} lines"
         )
     print(f"kernel: coverage of every file: {out}")

@@ -1,9 +1,10 @@
 """Who may include whom in daemon/ (README.md of daemon): run by `make check`.
 
 base <- include <- light <- vision <- app, and base, include <- drivers <- app. Besides:
-generated protobuf only in app/codec.c, generated DBC packers only in drivers/*_mcu* and
-firmware/messages.c, OpenCV only in vision/*.cpp, a driver never another role's driver
-(link_* below the MCU drivers is the shared pair), concrete back ends only in app/backends.c.
+generated protobuf only in app/codec.c, generated DBC packers only in drivers/link and
+firmware/messages.c, OpenCV only in C++ of vision/, concrete back ends only in app/backends.c.
+A driver may include what lies in its own folder, in a folder above it, or in drivers/link
+(wheel and ring share that).
 """
 
 import re
@@ -19,27 +20,30 @@ MAY = {
     "drivers": {"drivers", "include", "base"},
     "app": {"app", "drivers", "vision", "light", "include", "base"},
 }
+LINKS = ROOT / "daemon" / "drivers" / "link"
+SUFFIXES = (".c", ".h", ".cpp", ".hpp")
 INCLUDE = re.compile(r'^\s*#\s*include\s+(["<])([^">]+)[">]', re.M)
 DECLARES_BACK_END = re.compile(r"\blp_(source|rotator|ring|publisher)_[a-z0-9_]+_ops\b")
 
 
-def room_of(included: str, includer: Path) -> str | None:
-    """Name the room a quoted include lives in; None when it is no file of the daemon."""
+def target_of(included: str, includer: Path) -> Path | None:
+    """Find the file a quoted include means; None when it is no file of the daemon."""
     for base in (includer.parent, ROOT / "daemon", ROOT / "daemon" / "include"):
         path = (base / included).resolve()
         if path.is_file() and (ROOT / "daemon") in path.parents:
-            return path.relative_to(ROOT / "daemon").parts[0]
+            return path
     return None
 
 
-def role(name: str) -> str:
-    """Role of a driver file: source_file.c -> source."""
-    return name.split("_", 1)[0]
+def may_share(includer: Path, included: Path) -> bool:
+    """Whether a driver may include another driver's header: its folder, one above, the links."""
+    return included.parent == LINKS or included.parent in includer.parents
 
 
 def faults_of(path: Path) -> list[str]:
     """List what one source file includes and must not."""
-    room = path.relative_to(ROOT / "daemon").parts[0]
+    folders = path.relative_to(ROOT / "daemon").parts[:-1]
+    room = folders[0]
     here = path.relative_to(ROOT)
     text = path.read_text()
     faults = []
@@ -48,19 +52,22 @@ def faults_of(path: Path) -> list[str]:
             faults.append(
                 f"{here}: includes {name}: generated protobuf belongs to app/codec.c alone"
             )
-        if "dbc/" in name and not (room == "drivers" and "_mcu" in path.stem):
-            faults.append(f"{here}: includes {name}: DBC packers belong to drivers/*_mcu* alone")
-        if name.startswith("opencv2/") and not (room == "vision" and path.suffix == ".cpp"):
-            faults.append(f"{here}: includes {name}: OpenCV belongs to vision/*.cpp alone")
+        if "dbc/" in name and not (room == "drivers" and folders[1] == "link"):
+            faults.append(f"{here}: includes {name}: DBC packers belong to the MCU's drivers alone")
+        if name.startswith("opencv2/") and not (
+            room == "vision" and path.suffix in (".cpp", ".hpp")
+        ):
+            faults.append(f"{here}: includes {name}: OpenCV belongs to C++ of vision alone")
         if quote != '"':
             continue
-        target = room_of(name, path)
-        if target and target not in MAY[room]:
-            faults.append(f"{here}: includes {name}: {room} must not know {target}")
-        if room == "drivers" and target == "drivers":
-            other = Path(name).name
-            if role(other) not in (role(path.name), "link"):
-                faults.append(f"{here}: includes {name}: a driver of another role")
+        target = target_of(name, path)
+        if not target:
+            continue
+        other = target.relative_to(ROOT / "daemon").parts[0]
+        if other not in MAY[room]:
+            faults.append(f"{here}: includes {name}: {room} must not know {other}")
+        if room == other == "drivers" and not may_share(path, target):
+            faults.append(f"{here}: includes {name}: another driver's")
     if room == "app" and path.name != "backends.c" and DECLARES_BACK_END.search(text):
         faults.append(f"{here}: names a concrete back end; only app/backends.c may")
     return faults
@@ -68,7 +75,7 @@ def faults_of(path: Path) -> list[str]:
 
 def main() -> int:
     """Print every fault; the exit status says whether there was one."""
-    sources = [p for p in sorted((ROOT / "daemon").rglob("*")) if p.suffix in (".c", ".h", ".cpp")]
+    sources = [p for p in sorted((ROOT / "daemon").rglob("*")) if p.suffix in SUFFIXES]
     faults = [fault for path in sources for fault in faults_of(path)]
     print("\n".join(faults) if faults else f"include rules: {len(sources)} files, no fault")
     return 1 if faults else 0

@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The block reader against libjpeg-turbo: DC bit for bit, energy and pixels within what they
  * promise. */
-#include "vision/jpeg_blocks.h"
+#include "vision/jpeg/blocks.h"
 
 #include <errno.h>
 #include <math.h>
 
 #include "jpeg_encode.h"
 #include "lp_test.h"
-#include "vision/jpeg_pixels.h"
+#include "vision/jpeg/pixels.h"
 
 static const struct jpeg_kind kinds[] = {
 	{3, 2, 2, 85, 0, 0, 0},	 {3, 2, 1, 90, 0, 0, 0},  {3, 1, 1, 95, 0, 0, 0},

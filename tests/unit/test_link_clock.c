@@ -4,7 +4,7 @@
 #include <stdlib.h>
 
 #include "base/clock.h"
-#include "drivers/link_clock.h"
+#include "drivers/link/clock.h"
 
 /* A microcontroller whose clock is off and drifts, behind a line that takes its time. */
 struct world {

@@ -5,7 +5,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "drivers/link_envelope.h"
+#include "drivers/link/envelope.h"
 
 static size_t unhex(const char *text, uint8_t *bytes)
 {

@@ -12,10 +12,10 @@
 
 #include "base/uri.h"
 #include "dbc/mcu.h"
-#include "drivers/link_envelope.h"
-#include "drivers/link_mcu.h"
-#include "drivers/link_mcu_faults.h"
-#include "drivers/ring_ldr.h"
+#include "drivers/link/envelope.h"
+#include "drivers/link/mcu.h"
+#include "drivers/link/mcu_faults.h"
+#include "drivers/ring/ldr.h"
 
 static void test_names_are_the_schemas(void **state)
 {

@@ -3,7 +3,7 @@
 
 #include <errno.h>
 
-#include "drivers/publisher_framing.h"
+#include "drivers/publisher/framing.h"
 
 static int next(const uint8_t *data, size_t size, size_t *offset, size_t *length)
 {

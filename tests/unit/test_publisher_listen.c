@@ -8,7 +8,7 @@
 #include <sys/stat.h>
 #include <sys/un.h>
 
-#include "drivers/publisher_listen.h"
+#include "drivers/publisher/listen.h"
 
 static char path[64];
 

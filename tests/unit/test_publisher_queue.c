@@ -6,7 +6,7 @@
 #include <signal.h>
 #include <stdlib.h>
 
-#include "drivers/publisher_queue.h"
+#include "drivers/publisher/queue.h"
 #include "include/packet.h"
 
 static int alive;

@@ -8,7 +8,7 @@
 
 #include "base/clock.h"
 #include "base/param.h"
-#include "drivers/rotator_timed.h"
+#include "drivers/wheel/timed.h"
 
 #define STEP_NS LP_NS_PER_MS
 

@@ -11,9 +11,9 @@
 #include <map>
 #include <vector>
 
-#include "drivers/source_libcamera_c.hpp"
-#include "drivers/source_libcamera_metadata.hpp"
-#include "drivers/source_libcamera_offers.hpp"
+#include "drivers/source/libcamera/c.hpp"
+#include "drivers/source/libcamera/metadata.hpp"
+#include "drivers/source/libcamera/offers.hpp"
 
 extern "C" {
 #include "lp_test.h"

@@ -10,7 +10,7 @@
 #include <sys/un.h>
 
 #include "base/uri.h"
-#include "drivers/source_sim_header.h"
+#include "drivers/source/sim/header.h"
 #include "include/frame.h"
 #include "include/source.h"
 

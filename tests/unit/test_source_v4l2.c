@@ -11,11 +11,11 @@
 
 #include "base/clock.h"
 #include "base/uri.h"
-#include "drivers/source_v4l2_controls.h"
-#include "drivers/source_v4l2_nodes.h"
-#include "drivers/source_v4l2_offers.h"
-#include "drivers/source_v4l2_settings.h"
-#include "drivers/source_tag.h"
+#include "drivers/source/v4l2/controls.h"
+#include "drivers/source/v4l2/nodes.h"
+#include "drivers/source/v4l2/offers.h"
+#include "drivers/source/v4l2/settings.h"
+#include "drivers/source/tag.h"
 #include "include/frame.h"
 
 /* ---------------------------------------------------------------- which device */

@@ -1,0 +1,249 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Who uses the connection, how it is built up and down, and the users' commands. */
+#include "drivers/link/mcu.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/log.h"
+#include "base/param.h"
+#include "base/uri.h"
+#include "drivers/link/mcu_parts.h"
+
+#define TICK_NS (20 * LP_NS_PER_MS)
+
+void lp_mcu_tell_fault(struct lp_mcu *mcu, const char *id, const char *text)
+{
+	for (struct lp_mcu_user *user = mcu->users; user; user = user->next)
+		user->fault(user, id, text);
+}
+
+/* ---------------------------------------------------------------- building up and down */
+
+static int parse_address(const char *text, void *field)
+{
+	char *end;
+	const long address = strtol(text, &end, 0);
+
+	if (end == text || *end || address < 0x08 || address > 0x77)
+		return -EINVAL;
+	*(int *)field = (int)address;
+	return 0;
+}
+
+static const struct lp_link_ops *carrier_of(const struct lp_uri *uri, const char **device)
+{
+	static const struct lp_link_ops *const carriers[] = {&lp_link_serial_ops, &lp_link_i2c_ops,
+							     &lp_link_can_ops};
+
+	for (size_t i = 0; i < sizeof(carriers) / sizeof(carriers[0]); i++) {
+		const size_t length = strlen(carriers[i]->scheme);
+
+		if (strncmp(uri->rest, carriers[i]->scheme, length) == 0 &&
+		    uri->rest[length] == ':' && uri->rest[length + 1]) {
+			*device = uri->rest + length + 1;
+			return carriers[i];
+		}
+	}
+	lp_error(uri->text, "carrier",
+		 "name one: mcu:serial:/dev/ttyUSB0, mcu:i2c:/dev/i2c-1 or mcu:can:can0");
+	return NULL;
+}
+
+static const struct lp_param params[] = {
+	{"baud", LP_PARAM_INT, offsetof(struct lp_mcu_settings, baud), .initial = "500000",
+	 .min = 115200, .max = 1000000},
+	{"address", LP_PARAM_OWN, offsetof(struct lp_mcu_settings, address), .initial = "0x2c",
+	 .parse = parse_address, .expects = "an I2C address, 0x08..0x77"},
+	{"ring_scans", LP_PARAM_INT, offsetof(struct lp_mcu_settings, ring_scans), .min = 1,
+	 .max = 255},
+};
+#define PARAMS (sizeof(params) / sizeof(params[0]))
+
+int lp_mcu_check_keys(const struct lp_uri *uri, const struct lp_param *own, size_t own_count)
+{
+	for (int i = 0; i < uri->key_count; i++) {
+		const char *name = uri->keys[i].name;
+
+		if (lp_param_find(params, PARAMS, name) || lp_param_find(own, own_count, name))
+			continue;
+		lp_error(uri->text, "options",
+			 "%s is not known; known: baud, address, ring_scans%s%s", name,
+			 own_count ? ", " : "", own_count ? own[0].name : "");
+		return -EINVAL;
+	}
+	return 0;
+}
+
+/* Keys of the connection; those of the user's own are its to read. */
+static int read_settings(const struct lp_uri *uri, const char *carrier,
+			 struct lp_mcu_settings *settings)
+{
+	int ret = 0;
+
+	lp_param_defaults(params, PARAMS, settings);
+	/* Every message waits for a poll on I2C: 100 rings a second there, else 400. */
+	settings->ring_scans = strcmp(carrier, "i2c") == 0 ? 8 : 2;
+	for (int i = 0; i < uri->key_count && ret == 0; i++) {
+		if (lp_param_find(params, PARAMS, uri->keys[i].name))
+			ret = lp_param_set(params, PARAMS, settings, uri->text, uri->keys[i].name,
+					   uri->keys[i].value);
+	}
+	return ret;
+}
+
+static void destroy(struct lp_mcu *mcu)
+{
+	struct lp_mcu **at = mcu->list;
+
+	while (*at && *at != mcu)
+		at = &(*at)->next;
+	if (*at)
+		*at = mcu->next;
+	if (mcu->link)
+		mcu->link->ops->destroy(mcu->link);
+	if (mcu->started)
+		lp_timer_stop(&mcu->tick, mcu->poller);
+	lp_poller_destroy(mcu->poller);
+	free(mcu);
+}
+
+static int create_parts(struct lp_mcu *mcu, const struct lp_uri *uri,
+			const struct lp_link_ops *carrier, const char *device)
+{
+	const struct lp_link_host host = {.context = mcu,
+					  .received = lp_mcu_received,
+					  .lost = lp_mcu_lost,
+					  .fault = lp_mcu_link_fault};
+	struct lp_link_settings settings;
+	int ret;
+
+	ret = read_settings(uri, carrier->scheme, &mcu->settings);
+	if (ret == 0)
+		ret = lp_poller_create(&mcu->poller);
+	if (ret < 0)
+		return ret;
+	settings = (struct lp_link_settings){.baud = mcu->settings.baud,
+					     .address = mcu->settings.address};
+	return carrier->create(device, &settings, &host, mcu->poller, &mcu->link);
+}
+
+static int create(struct lp_mcu **list, const struct lp_uri *uri, struct lp_mcu **result)
+{
+	const char *device;
+	const struct lp_link_ops *carrier = carrier_of(uri, &device);
+	struct lp_mcu *mcu = carrier ? calloc(1, sizeof(*mcu)) : NULL;
+	int ret;
+
+	if (!mcu)
+		return carrier ? -ENOMEM : -EINVAL;
+	mcu->list = list;
+	mcu->retry_ns = LP_MCU_FIRST_RETRY_NS;
+	mcu->clear_ns = LP_MCU_FIRST_CLEAR_NS;
+	(void)snprintf(mcu->name, sizeof(mcu->name), "%s", uri->rest);
+	(void)snprintf(mcu->object, sizeof(mcu->object), "mcu:%s", mcu->name);
+	ret = create_parts(mcu, uri, carrier, device);
+	if (ret < 0) {
+		if (ret != -EINVAL)
+			lp_error(uri->text, "create", "%s", lp_strerror(ret));
+		destroy(mcu);
+		return ret;
+	}
+	mcu->next = *list;
+	*list = mcu;
+	*result = mcu;
+	return 0;
+}
+
+int lp_mcu_join(struct lp_mcu **list, const struct lp_uri *uri, struct lp_mcu_user *user,
+		struct lp_mcu **mcu)
+{
+	struct lp_mcu *it = *list;
+	struct lp_mcu_user **end;
+	int ret = 0;
+
+	while (it && strcmp(it->name, uri->rest) != 0)
+		it = it->next;
+	if (!it)
+		ret = create(list, uri, &it);
+	if (ret < 0)
+		return ret;
+	for (end = &it->users; *end; end = &(*end)->next)
+		;
+	user->next = NULL;
+	*end = user;
+	*mcu = it;
+	return 0;
+}
+
+void lp_mcu_leave(struct lp_mcu *mcu, struct lp_mcu_user *user)
+{
+	struct lp_mcu_user **at = &mcu->users;
+
+	while (*at && *at != user)
+		at = &(*at)->next;
+	if (*at)
+		*at = user->next;
+	if (!mcu->users)
+		destroy(mcu);
+}
+
+int lp_mcu_start(struct lp_mcu *mcu)
+{
+	int ret;
+
+	if (mcu->started)
+		return 0;
+	ret = lp_timer_start(&mcu->tick, mcu->poller, lp_mcu_tick);
+	if (ret < 0)
+		return ret;
+	mcu->started = true;
+	lp_timer_set(&mcu->tick, 1, TICK_NS);
+	return 0;
+}
+
+int lp_mcu_fd(const struct lp_mcu *mcu, const struct lp_mcu_user *user)
+{
+	return mcu->users == user ? lp_poller_fd(mcu->poller) : -1;
+}
+
+int lp_mcu_dispatch(struct lp_mcu *mcu)
+{
+	return lp_poller_dispatch(mcu->poller);
+}
+
+/* ---------------------------------------------------------------- commands */
+
+void lp_mcu_home(struct lp_mcu *mcu, uint8_t token)
+{
+	const struct mcu_wheel_action_t action = {token, MCU_WHEEL_ACTION_ACTION_HOME_CHOICE};
+
+	LP_MCU_SEND(mcu, wheel_action, WHEEL_ACTION, &action);
+}
+
+void lp_mcu_release(struct lp_mcu *mcu)
+{
+	const struct mcu_wheel_action_t action = {0, MCU_WHEEL_ACTION_ACTION_RELEASE_CHOICE};
+
+	if (mcu->state == LP_MCU_READY)
+		LP_MCU_SEND(mcu, wheel_action, WHEEL_ACTION, &action);
+}
+
+void lp_mcu_move(struct lp_mcu *mcu, uint8_t token, float target_deg)
+{
+	const struct mcu_wheel_move_t move = {.token = token,
+					      .target_cdeg = (int16_t)lrintf(target_deg * 100.0F)};
+
+	LP_MCU_SEND(mcu, wheel_move, WHEEL_MOVE, &move);
+}
+
+void lp_mcu_look(struct lp_mcu *mcu)
+{
+	if (mcu->state != LP_MCU_READY)
+		return;
+	lp_mcu_ask_time(mcu);
+	lp_mcu_ask_status(mcu);
+}

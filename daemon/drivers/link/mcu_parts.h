@@ -1,0 +1,100 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The connection from the inside, for its three parts: link_mcu.c (users, building, commands),
+ * link_mcu_session.c (greeting, silence, starting again), link_mcu_reports.c (messages to numbers).
+ */
+#ifndef LP_LINK_MCU_PARTS_H
+#define LP_LINK_MCU_PARTS_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "base/clock.h"
+#include "base/poller.h"
+#include "dbc/mcu.h"
+#include "drivers/link/carrier.h"
+#include "drivers/link/clock.h"
+#include "drivers/link/mcu.h"
+
+#define LP_MCU_FIRST_RETRY_NS (200 * LP_NS_PER_MS)
+#define LP_MCU_FIRST_CLEAR_NS (2 * LP_NS_PER_S)
+
+enum lp_mcu_state {
+	LP_MCU_CLOSED,	 /* to be opened at t_next_ns */
+	LP_MCU_GREETING, /* HelloRequest until Hello */
+	LP_MCU_SETTING,	 /* Rates until its Result */
+	LP_MCU_READY,
+};
+
+struct lp_mcu_settings {
+	int baud, address, ring_scans;
+};
+
+struct lp_mcu {
+	struct lp_mcu *next;
+	struct lp_mcu **list;
+	struct lp_mcu_user *users;
+	char name[300]; /* "serial:/dev/ttyUSB0" */
+	char object[308];
+	struct lp_link *link;
+	struct lp_poller *poller;
+	struct lp_timer tick;
+	bool started;
+	struct lp_mcu_settings settings;
+
+	enum lp_mcu_state state;
+	int64_t t_state_ns, t_next_ns, t_heard_ns, t_hello_ns, t_time_ns;
+	int64_t retry_ns;
+	uint16_t boot_count;
+	bool was_found;
+	uint64_t reconnects;
+
+	struct lp_link_clock clock;
+	uint8_t time_count;
+	int64_t time_sent_ns[256]; /* by count; 0: answered, or never asked */
+	int64_t t_seen_ns;	   /* sending of the newest TimeRequest that was answered */
+
+	struct mcu_wheel_state_t wheel;
+	bool wheel_waits; /* for the WheelTime that belongs to it */
+	bool phase_known; /* the next three */
+	struct mcu_wheel_time_t phase;
+	int64_t t_phase_ns;
+
+	struct mcu_ring0_t ring0;
+	struct mcu_ring1_t ring1;
+	bool ring_known;
+	uint32_t ring_sequence;
+
+	uint32_t faults; /* latched, as last told */
+	int64_t t_clear_ns, clear_ns;
+};
+
+/* Of a message of proto/mcu.dbc, as in struct lp_link_message. */
+#define LP_MCU_CAN_BASE 0x500
+#define LP_MCU_ID(NAME) ((uint8_t)(MCU_##NAME##_FRAME_ID - LP_MCU_CAN_BASE))
+
+#define LP_MCU_SEND(mcu, name, NAME, signals)                                       \
+	do {                                                                        \
+		struct lp_link_message out = {.id = LP_MCU_ID(NAME),                \
+					      .length_bytes = MCU_##NAME##_LENGTH}; \
+		mcu_##name##_pack(out.payload, signals, sizeof(out.payload));       \
+		(void)(mcu)->link->ops->send((mcu)->link, &out);                    \
+	} while (0)
+
+/* A fault by name to every user; text NULL: it is over. */
+void lp_mcu_tell_fault(struct lp_mcu *mcu, const char *id, const char *text);
+
+/* Of the session: the timer's, and the carrier's three (struct lp_link_host). */
+void lp_mcu_tick(struct lp_timer *timer);
+void lp_mcu_received(void *context, const struct lp_link_message *message, int64_t t_ns);
+void lp_mcu_lost(void *context, const char *stage, const char *reason);
+void lp_mcu_link_fault(void *context, const char *id, const char *text);
+void lp_mcu_ask_time(struct lp_mcu *mcu);
+void lp_mcu_ask_status(struct lp_mcu *mcu);
+
+/* What only counts once rates are set: before that it may be left over from before a reset. */
+void lp_mcu_report(struct lp_mcu *mcu, const struct lp_link_message *message, int64_t t_ns);
+/* All latched faults by bit; those that came or went are told. */
+void lp_mcu_set_faults(struct lp_mcu *mcu, uint32_t faults, int detail);
+
+#endif

@@ -1,0 +1,327 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The conversation with the microcontroller: opened, greeted, told its rates, served; begun anew
+ * when it was reset, unplugged or silent.
+ */
+#include <stdio.h>
+#include <string.h>
+
+#include "base/log.h"
+#include "drivers/link/mcu_faults.h"
+#include "drivers/link/mcu_parts.h"
+
+#define PROTOCOL_MAJOR 1
+#define PROTOCOL_MINOR 0
+
+#define ASK_NS (200 * LP_NS_PER_MS)   /* greeting and rates are repeated */
+#define GREETING_NS (5 * LP_NS_PER_S) /* a boot loader takes two seconds of it */
+#define SILENCE_NS (2 * LP_NS_PER_S)
+#define LAST_RETRY_NS (2 * LP_NS_PER_S)
+#define REFUSED_NS (10 * LP_NS_PER_S)	   /* until a wrong version is looked at again */
+#define HELLO_ECHO_NS (500 * LP_NS_PER_MS) /* a Hello is the answer to ours for so long */
+#define TIME_FAST_NS (100 * LP_NS_PER_MS)
+#define TIME_SLOW_NS (1 * LP_NS_PER_S)
+#define FAST_EXCHANGES 16
+#define WHEEL_MS 100
+#define COUNTERS_MS 1000
+#define LAST_CLEAR_NS (60 * LP_NS_PER_S)
+
+/* ---------------------------------------------------------------- what is asked */
+
+static void ask_hello(struct lp_mcu *mcu, int64_t now_ns)
+{
+	const struct mcu_hello_request_t request = {PROTOCOL_MAJOR, PROTOCOL_MINOR};
+
+	mcu->t_hello_ns = now_ns;
+	LP_MCU_SEND(mcu, hello_request, HELLO_REQUEST, &request);
+}
+
+static bool anyone_wants_rings(const struct lp_mcu *mcu)
+{
+	for (const struct lp_mcu_user *user = mcu->users; user; user = user->next) {
+		if (user->ring)
+			return true;
+	}
+	return false;
+}
+
+static void ask_rates(struct lp_mcu *mcu)
+{
+	const struct mcu_rates_t rates = {.ring_scans = anyone_wants_rings(mcu)
+								? (uint8_t)mcu->settings.ring_scans
+								: 0,
+					  .wheel_ms = WHEEL_MS,
+					  .counters_ms = COUNTERS_MS};
+
+	LP_MCU_SEND(mcu, rates, RATES, &rates);
+}
+
+void lp_mcu_ask_time(struct lp_mcu *mcu)
+{
+	const struct mcu_time_request_t request = {++mcu->time_count};
+
+	mcu->t_time_ns = lp_clock_ns();
+	mcu->time_sent_ns[mcu->time_count] = mcu->t_time_ns;
+	LP_MCU_SEND(mcu, time_request, TIME_REQUEST, &request);
+}
+
+void lp_mcu_ask_status(struct lp_mcu *mcu)
+{
+	const struct mcu_status_request_t request = {0};
+
+	LP_MCU_SEND(mcu, status_request, STATUS_REQUEST, &request);
+}
+
+/* ---------------------------------------------------------------- states */
+
+/* A fault of the connection, logged; NULL: over. */
+static void connection_fault(struct lp_mcu *mcu, const char *id, const char *stage,
+			     const char *reason)
+{
+	char text[640];
+
+	if (reason) {
+		(void)snprintf(text, sizeof(text), "%s: %s: %s", mcu->object, stage, reason);
+		lp_warning(mcu->object, stage, "%s", reason);
+	}
+	lp_mcu_tell_fault(mcu, id, reason ? text : NULL);
+}
+
+/* Nothing is known of the microcontroller any more. */
+static void forget(struct lp_mcu *mcu)
+{
+	if (mcu->state == LP_MCU_READY) {
+		for (struct lp_mcu_user *user = mcu->users; user; user = user->next) {
+			if (user->lost)
+				user->lost(user);
+		}
+	}
+	lp_mcu_set_faults(mcu, 0, 0);
+	memset(&mcu->clock, 0, sizeof(mcu->clock));
+	memset(mcu->time_sent_ns, 0, sizeof(mcu->time_sent_ns));
+	mcu->wheel_waits = mcu->phase_known = mcu->ring_known = false;
+	mcu->t_clear_ns = 0;
+	mcu->t_seen_ns = 0;
+}
+
+static void enter(struct lp_mcu *mcu, enum lp_mcu_state state)
+{
+	mcu->state = state;
+	mcu->t_state_ns = lp_clock_ns();
+	mcu->t_next_ns = mcu->t_state_ns;
+}
+
+static void close_link(struct lp_mcu *mcu, int64_t retry_ns)
+{
+	mcu->link->ops->close(mcu->link);
+	forget(mcu);
+	enter(mcu, LP_MCU_CLOSED);
+	mcu->t_next_ns += retry_ns;
+}
+
+static void found(struct lp_mcu *mcu)
+{
+	enter(mcu, LP_MCU_READY);
+	mcu->retry_ns = LP_MCU_FIRST_RETRY_NS;
+	mcu->reconnects += mcu->was_found;
+	mcu->was_found = true;
+	for (struct lp_mcu_user *user = mcu->users; user; user = user->next) {
+		if (user->found)
+			user->found(user);
+	}
+	lp_mcu_ask_time(mcu);
+	lp_mcu_ask_status(mcu);
+}
+
+/* ---------------------------------------------------------------- what it says */
+
+/* The answer to a greeting that was sent twice. */
+static bool is_echo(const struct lp_mcu *mcu, const struct mcu_hello_t *hello)
+{
+	return mcu->state != LP_MCU_GREETING && hello->boot_count == mcu->boot_count &&
+	       mcu->t_heard_ns - mcu->t_hello_ns < HELLO_ECHO_NS;
+}
+
+static void refuse_version(struct lp_mcu *mcu, const struct mcu_hello_t *hello)
+{
+	char text[200];
+
+	(void)snprintf(text, sizeof(text),
+		       "firmware %d.%d.%d speaks protocol %d.%d, this lightprobed %d.%d — %s",
+		       hello->firmware_major, hello->firmware_minor, hello->firmware_patch,
+		       hello->protocol_major, hello->protocol_minor, PROTOCOL_MAJOR, PROTOCOL_MINOR,
+		       hello->protocol_major < PROTOCOL_MAJOR
+			       ? "the firmware is older: make flash PORT=..."
+			       : "the firmware is newer: install a newer lightprobe");
+	connection_fault(mcu, "mcu-version", "version", text);
+	close_link(mcu, REFUSED_NS);
+}
+
+static void accept_version(struct lp_mcu *mcu, const struct mcu_hello_t *hello)
+{
+	if (hello->protocol_minor != PROTOCOL_MINOR)
+		lp_info(mcu->object, "version",
+			"protocol %d.%d, ours %d.%d: what both know is used", hello->protocol_major,
+			hello->protocol_minor, PROTOCOL_MAJOR, PROTOCOL_MINOR);
+	connection_fault(mcu, "mcu-version", "version", NULL);
+	connection_fault(mcu, "mcu-silent", "hello", NULL);
+	lp_info(mcu->object, "hello", "firmware %d.%d.%d", hello->firmware_major,
+		hello->firmware_minor, hello->firmware_patch);
+	enter(mcu, LP_MCU_SETTING);
+	ask_rates(mcu);
+	mcu->t_next_ns += ASK_NS;
+}
+
+static void on_hello(struct lp_mcu *mcu, const uint8_t *payload)
+{
+	struct mcu_hello_t hello;
+
+	mcu_hello_unpack(&hello, payload, LP_LINK_MAX_BYTES);
+	if (is_echo(mcu, &hello))
+		return;
+	if (mcu->state != LP_MCU_GREETING ||
+	    (mcu->was_found && hello.boot_count != mcu->boot_count))
+		lp_warning(mcu->object, "reset",
+			   "the microcontroller was reset (%s): starting anew",
+			   lp_mcu_reset_cause(hello.reset_cause));
+	forget(mcu);
+	mcu->boot_count = hello.boot_count;
+	if (hello.protocol_major == PROTOCOL_MAJOR)
+		accept_version(mcu, &hello);
+	else
+		refuse_version(mcu, &hello);
+}
+
+static void tell_refused(struct lp_mcu *mcu, uint8_t token)
+{
+	for (struct lp_mcu_user *user = mcu->users; user; user = user->next) {
+		if (user->refused)
+			user->refused(user, token, "out of the wheel's range");
+	}
+}
+
+static void on_result(struct lp_mcu *mcu, const uint8_t *payload)
+{
+	struct mcu_result_t result;
+
+	mcu_result_unpack(&result, payload, LP_LINK_MAX_BYTES);
+	if (result.request == LP_MCU_ID(RATES) && mcu->state == LP_MCU_SETTING)
+		found(mcu);
+	else if (result.request == LP_MCU_ID(WHEEL_MOVE) &&
+		 result.result == MCU_RESULT_RESULT_OUT_OF_RANGE_CHOICE)
+		tell_refused(mcu, result.token);
+}
+
+void lp_mcu_received(void *context, const struct lp_link_message *message, int64_t t_ns)
+{
+	struct lp_mcu *mcu = context;
+
+	mcu->t_heard_ns = t_ns;
+	if (message->id == LP_MCU_ID(HELLO))
+		on_hello(mcu, message->payload);
+	else if (message->id == LP_MCU_ID(RESULT))
+		on_result(mcu, message->payload);
+	else if (mcu->state == LP_MCU_READY)
+		lp_mcu_report(mcu, message, t_ns);
+}
+
+void lp_mcu_lost(void *context, const char *stage, const char *reason)
+{
+	struct lp_mcu *mcu = context;
+
+	connection_fault(mcu, "mcu-waiting", stage, reason);
+	close_link(mcu, mcu->retry_ns);
+}
+
+void lp_mcu_link_fault(void *context, const char *id, const char *text)
+{
+	connection_fault(context, id, id, text);
+}
+
+/* ---------------------------------------------------------------- by time */
+
+static void open_link(struct lp_mcu *mcu)
+{
+	const char *next_step = "";
+	const int ret = mcu->link->ops->open(mcu->link, &next_step);
+	char reason[300];
+
+	if (ret < 0) {
+		(void)snprintf(reason, sizeof(reason), "%s — %s", lp_strerror(ret), next_step);
+		connection_fault(mcu, "mcu-waiting", "open", reason);
+		mcu->t_next_ns = lp_clock_ns() + mcu->retry_ns;
+		mcu->retry_ns =
+			2 * mcu->retry_ns > LAST_RETRY_NS ? LAST_RETRY_NS : 2 * mcu->retry_ns;
+		return;
+	}
+	connection_fault(mcu, "mcu-waiting", "open", NULL);
+	enter(mcu, LP_MCU_GREETING);
+}
+
+static void greet(struct lp_mcu *mcu, int64_t now_ns)
+{
+	if (now_ns - mcu->t_state_ns < GREETING_NS) {
+		ask_hello(mcu, now_ns);
+		mcu->t_next_ns = now_ns + ASK_NS;
+		return;
+	}
+	connection_fault(mcu, "mcu-silent", "hello",
+			 "no answer in 5 s — firmware flashed? right device? carrier strap?");
+	close_link(mcu, mcu->retry_ns);
+}
+
+static void clear_faults(struct lp_mcu *mcu, int64_t now_ns)
+{
+	const struct mcu_fault_clear_t clear = {UINT32_MAX};
+
+	if (mcu->t_clear_ns == 0 || now_ns < mcu->t_clear_ns)
+		return;
+	if (mcu->faults) {
+		LP_MCU_SEND(mcu, fault_clear, FAULT_CLEAR, &clear);
+		lp_mcu_ask_status(mcu);
+		mcu->clear_ns =
+			2 * mcu->clear_ns > LAST_CLEAR_NS ? LAST_CLEAR_NS : 2 * mcu->clear_ns;
+		mcu->t_clear_ns = now_ns + mcu->clear_ns;
+	} else { /* none came back meanwhile */
+		mcu->clear_ns = LP_MCU_FIRST_CLEAR_NS;
+		mcu->t_clear_ns = 0;
+	}
+}
+
+static void serve(struct lp_mcu *mcu, int64_t now_ns)
+{
+	const int64_t time_ns = mcu->clock.count < FAST_EXCHANGES ? TIME_FAST_NS : TIME_SLOW_NS;
+
+	if (now_ns - mcu->t_heard_ns > SILENCE_NS) {
+		connection_fault(
+			mcu, "mcu-silent", "receive",
+			"silent for two seconds — power and cable of the microcontroller?");
+		forget(mcu);
+		enter(mcu, LP_MCU_GREETING);
+		return;
+	}
+	if (now_ns - mcu->t_time_ns >= time_ns)
+		lp_mcu_ask_time(mcu);
+	clear_faults(mcu, now_ns);
+}
+
+void lp_mcu_tick(struct lp_timer *timer)
+{
+	struct lp_mcu *mcu = LP_CONTAINER_OF(timer, struct lp_mcu, tick);
+	const int64_t now_ns = lp_clock_ns();
+
+	if (mcu->state == LP_MCU_READY) {
+		serve(mcu, now_ns);
+	} else if (now_ns < mcu->t_next_ns) {
+		return;
+	} else if (mcu->state == LP_MCU_CLOSED) {
+		open_link(mcu);
+	} else if (mcu->state == LP_MCU_GREETING) {
+		greet(mcu, now_ns);
+	} else if (now_ns - mcu->t_state_ns > GREETING_NS) {
+		enter(mcu, LP_MCU_GREETING);
+	} else {
+		ask_rates(mcu);
+		mcu->t_next_ns = now_ns + ASK_NS;
+	}
+}

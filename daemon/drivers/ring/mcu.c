@@ -1,0 +1,143 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* mcu:CARRIER:DEVICE — the ring of LDRs on the microcontroller. */
+#include <errno.h>
+#include <math.h>
+#include <stddef.h>
+#include <stdlib.h>
+
+#include "base/log.h"
+#include "base/param.h"
+#include "base/uri.h"
+#include "drivers/link/mcu.h"
+#include "drivers/ring/ldr.h"
+#include "include/ring.h"
+
+extern const struct lp_ring_ops lp_ring_mcu_ops;
+
+struct ring_mcu {
+	struct lp_ring base;
+	struct lp_mcu *mcu;
+	struct lp_mcu_user user;
+	struct lp_ldr_calibration calibration;
+};
+
+struct keys {
+	char calibration[1024];
+};
+
+static const struct lp_param params[] = {
+	{"calibration", LP_PARAM_TEXT, offsetof(struct keys, calibration), .initial = "",
+	 .max = 1024},
+};
+#define PARAMS (sizeof(params) / sizeof(params[0]))
+
+static struct ring_mcu *self_of(const struct lp_ring *ring)
+{
+	return (struct ring_mcu *)ring;
+}
+
+static struct ring_mcu *self_of_user(struct lp_mcu_user *user)
+{
+	return (struct ring_mcu *)(void *)((char *)user - offsetof(struct ring_mcu, user));
+}
+
+static void on_ring(struct lp_mcu_user *user, const struct lp_mcu_ring *ring)
+{
+	const struct ring_mcu *self = self_of_user(user);
+	struct lp_ring_sample sample = {.t_ns = ring->t_ns, .sequence = ring->sequence};
+
+	for (int k = 0; k < LP_RING_SENSORS; k++) {
+		const bool dead = ring->dead >> k & 1;
+		const float share = (float)ring->levels[k] / LP_RING_FULL_SCALE;
+
+		sample.illuminance_lux[k] = dead ? NAN : lp_ldr_lux(&self->calibration, k, share);
+		sample.sigma_relative[k] = self->calibration.sigma[k];
+	}
+	self->base.host.sample(self->base.host.context, &sample);
+}
+
+static void on_fault(struct lp_mcu_user *user, const char *id, const char *text)
+{
+	const struct lp_ring_host *host = &self_of_user(user)->base.host;
+
+	host->fault(host->context, id, text);
+}
+
+/* ---------------------------------------------------------------- ops */
+
+static int mcu_start(struct lp_ring *ring)
+{
+	return lp_mcu_start(self_of(ring)->mcu);
+}
+
+static int mcu_fd(const struct lp_ring *ring)
+{
+	const struct ring_mcu *self = self_of(ring);
+
+	return lp_mcu_fd(self->mcu, &self->user);
+}
+
+static int mcu_dispatch(struct lp_ring *ring)
+{
+	return lp_mcu_dispatch(self_of(ring)->mcu);
+}
+
+static void mcu_destroy(struct lp_ring *ring)
+{
+	struct ring_mcu *self = self_of(ring);
+
+	if (!self)
+		return;
+	lp_mcu_leave(self->mcu, &self->user);
+	free(self);
+}
+
+static int mcu_create(const struct lp_uri *uri, const struct lp_ring_host *host,
+		      struct lp_ring **ring)
+{
+	struct keys keys = {""};
+	struct ring_mcu *self;
+	int ret = lp_mcu_check_keys(uri, params, PARAMS);
+
+	for (int i = 0; i < uri->key_count && ret == 0; i++) {
+		if (lp_param_find(params, PARAMS, uri->keys[i].name))
+			ret = lp_param_set(params, PARAMS, &keys, uri->text, uri->keys[i].name,
+					   uri->keys[i].value);
+	}
+	if (ret < 0)
+		return ret;
+	self = calloc(1, sizeof(*self));
+	if (!self)
+		return -ENOMEM;
+	self->base = (struct lp_ring){.ops = &lp_ring_mcu_ops, .host = *host};
+	self->user = (struct lp_mcu_user){.ring = on_ring, .fault = on_fault};
+	lp_ldr_defaults(&self->calibration);
+	if (*keys.calibration)
+		ret = lp_ldr_read(&self->calibration, keys.calibration);
+	else
+		lp_info(uri->text, "calibration",
+			"none: illuminance is right within a factor of two — lightprobe "
+			"calibrate ring");
+	if (ret == 0)
+		ret = lp_mcu_join(host->mcus, uri, &self->user, &self->mcu);
+	if (ret < 0) {
+		free(self);
+		return ret;
+	}
+	*ring = &self->base;
+	return 0;
+}
+
+const struct lp_ring_ops lp_ring_mcu_ops = {
+	.scheme = "mcu",
+	.help = "mcu:CARRIER:DEVICE  the ring on the microcontroller, as for the wheel; the same\n"
+		"      device in both is one connection\n"
+		"      ?calibration=FILE (lightprobe calibrate ring) &ring_scans=N: a sample every "
+		"N\n"
+		"      scans of 1.25 ms (2; on I2C 8)",
+	.create = mcu_create,
+	.start = mcu_start,
+	.fd = mcu_fd,
+	.dispatch = mcu_dispatch,
+	.destroy = mcu_destroy,
+};

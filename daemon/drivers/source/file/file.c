@@ -1,0 +1,352 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * file:PATH - pictures from a file or a folder, as a camera would deliver them. A thread of its own
+ * reads and paces, because a large float picture takes longer to read than the loop may wait.
+ */
+#include <errno.h>
+#include <math.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/clock.h"
+#include "base/log.h"
+#include "base/mailbox.h"
+#include "base/param.h"
+#include "base/pool.h"
+#include "base/uri.h"
+#include "drivers/source/file/reader.h"
+#include "drivers/source/frames.h"
+#include "include/source.h"
+
+/* One being read, one read ahead, one waiting for the worker, and those it holds. */
+#define FRAMES (LP_FRAMES_HELD + 3)
+#define OUTBOX_ITEMS (FRAMES + 1) /* and the notice: nothing is ever displaced */
+
+/* The query of the URI. `format` counts as enum lp_encoding. */
+struct options {
+	float rate_hz; /* 0: as fast as frames are taken */
+	bool loop;
+	int format;
+	struct lp_size size_px; /* raw formats */
+	struct lp_floats exposures_us;
+	float gain;
+};
+
+static const char *const formats[] = {"auto", "mjpeg", "yuyv", "nv12", "grey", "pfm", NULL};
+
+static const struct lp_param params[] = {
+	{"rate", LP_PARAM_FLOAT, offsetof(struct options, rate_hz), .initial = "30", .max = 1000},
+	{"loop", LP_PARAM_BOOL, offsetof(struct options, loop), .initial = "1"},
+	{"format", LP_PARAM_CHOICE, offsetof(struct options, format), .initial = "auto",
+	 .choices = formats},
+	{"size", LP_PARAM_SIZE, offsetof(struct options, size_px), .max = LP_PICTURE_MAX_SIDE_PX},
+	{"exposures_us", LP_PARAM_FLOATS, offsetof(struct options, exposures_us), .min = 0.001,
+	 .max = 1e9},
+	{"gain", LP_PARAM_FLOAT, offsetof(struct options, gain), .min = 1e-6, .max = 1e6},
+};
+
+struct source_file {
+	struct lp_source base;
+	struct options options;
+	char *path;
+	struct lp_file_reader *reader;
+	struct lp_pool *frames;
+	struct lp_mailbox *outbox; /* thread to loop: frames, and `&notice` for a change of state */
+	struct lp_frame notice;
+	pthread_t thread;
+	bool thread_runs;
+
+	pthread_mutex_t lock; /* of what follows */
+	pthread_cond_t stopped;
+	bool stop;
+	enum lp_source_state state;
+	char reason[512];
+};
+
+static struct source_file *self_of(const struct lp_source *source)
+{
+	return (struct source_file *)source;
+}
+
+/* ---------------------------------------------------------------- the reading thread */
+
+static void tell_state(struct source_file *self, enum lp_source_state state, const char *reason)
+{
+	pthread_mutex_lock(&self->lock);
+	self->state = state;
+	(void)snprintf(self->reason, sizeof(self->reason), "file: %s: read: %s", self->path,
+		       reason);
+	pthread_mutex_unlock(&self->lock);
+	(void)lp_mailbox_put(self->outbox, &self->notice);
+}
+
+/* False: the source is being destroyed. */
+static bool sleep_until(struct source_file *self, int64_t due_ns)
+{
+	const struct timespec due = {.tv_sec = due_ns / LP_NS_PER_S,
+				     .tv_nsec = due_ns % LP_NS_PER_S};
+	bool stop;
+
+	pthread_mutex_lock(&self->lock);
+	while (!self->stop && lp_clock_ns() < due_ns)
+		pthread_cond_timedwait(&self->stopped, &self->lock, &due);
+	stop = self->stop;
+	pthread_mutex_unlock(&self->lock);
+	return !stop;
+}
+
+/* What the reading thread carries from picture to picture. */
+struct progress {
+	uint64_t sequence;
+	int in_pass;		      /* pictures since the beginning of this pass */
+	int64_t due_ns;		      /* of the next frame to deliver */
+	struct lp_owned_frame *ahead; /* read, not delivered: it may turn out to be the last */
+};
+
+static void stamp(struct source_file *self, struct progress *progress, struct lp_frame *frame)
+{
+	const struct lp_floats *exposures = &self->options.exposures_us;
+
+	frame->sequence = progress->sequence++;
+	frame->gain = self->options.gain;
+	if (exposures->count > 0)
+		frame->exposure_us = exposures->values[progress->in_pass % exposures->count];
+	progress->in_pass++;
+}
+
+/* Hand the frame read ahead to the loop, at its time. False: stop. */
+static bool deliver(struct source_file *self, struct progress *progress)
+{
+	struct lp_frame *frame = &progress->ahead->frame;
+	const int64_t now_ns = lp_clock_ns();
+
+	if (self->options.rate_hz > 0) {
+		if (progress->due_ns < now_ns) /* first one, or too late: no burst to catch up */
+			progress->due_ns = now_ns;
+		if (!sleep_until(self, progress->due_ns))
+			return false;
+		progress->due_ns += (int64_t)((double)LP_NS_PER_S / self->options.rate_hz);
+	}
+	frame->t_arrival_ns = lp_clock_ns();
+	frame->t_start_ns = frame->t_arrival_ns;
+	if (!isnan(frame->exposure_us))
+		frame->t_start_ns -= (int64_t)(frame->exposure_us * 1e3);
+	progress->ahead = NULL;
+	(void)lp_mailbox_put(self->outbox, frame);
+	return true;
+}
+
+/*
+ * Ends the stream. A `once` set in which a file failed is no set: it has no last frame. A loop ends
+ * only when nothing can be read any more.
+ */
+static void finish(struct source_file *self, struct progress *progress, int failure)
+{
+	const bool ended =
+		progress->ahead && !self->options.loop && !(failure < 0 && self->base.host.once);
+
+	if (ended)
+		progress->ahead->frame.flags |= LP_FRAME_LAST;
+	if (progress->ahead && (ended || !self->base.host.once) && !deliver(self, progress))
+		return;
+	tell_state(self, ended ? LP_SOURCE_ENDED : LP_SOURCE_DOWN,
+		   ended ? "the last picture has been delivered"
+			 : "no picture to deliver (see above)");
+}
+
+static void read_all(struct source_file *self, struct progress *progress)
+{
+	int failure = 0, ret;
+
+	for (;;) {
+		struct lp_owned_frame *frame = lp_owned_frame_take(self->frames, true);
+
+		if (!frame)
+			return;
+		ret = lp_file_reader_next(self->reader, frame);
+		if (ret != 1)
+			lp_frame_release(&frame->frame);
+		if (ret < 0) {
+			failure = ret;
+			continue;
+		}
+		if (ret == 0) {
+			if (!self->options.loop || progress->in_pass == 0)
+				break;
+			progress->in_pass = 0;
+			continue;
+		}
+		stamp(self, progress, &frame->frame);
+		if (progress->ahead && !deliver(self, progress)) {
+			lp_frame_release(&frame->frame);
+			return;
+		}
+		progress->ahead = frame;
+	}
+	finish(self, progress, failure);
+}
+
+static void *read_thread(void *argument)
+{
+	struct source_file *self = argument;
+	struct progress progress = {0};
+
+	read_all(self, &progress);
+	if (progress.ahead)
+		lp_frame_release(&progress.ahead->frame);
+	return NULL;
+}
+
+/* ---------------------------------------------------------------- ops, on the loop thread */
+
+static void file_destroy(struct lp_source *source)
+{
+	struct source_file *self = self_of(source);
+	struct lp_frame *frame;
+
+	if (!source)
+		return;
+	pthread_mutex_lock(&self->lock);
+	self->stop = true;
+	pthread_cond_broadcast(&self->stopped);
+	pthread_mutex_unlock(&self->lock);
+	if (self->frames)
+		lp_pool_close(self->frames);
+	if (self->thread_runs)
+		pthread_join(self->thread, NULL);
+	while (self->outbox && (frame = lp_mailbox_take(self->outbox)) != NULL) {
+		if (frame != &self->notice)
+			lp_frame_release(frame);
+	}
+	lp_mailbox_destroy(self->outbox);
+	lp_pool_destroy(self->frames);
+	lp_file_reader_destroy(self->reader);
+	pthread_cond_destroy(&self->stopped);
+	pthread_mutex_destroy(&self->lock);
+	free(self->path);
+	free(self);
+}
+
+static void init_lock(struct source_file *self)
+{
+	pthread_condattr_t attributes;
+
+	pthread_mutex_init(&self->lock, NULL);
+	pthread_condattr_init(&attributes);
+	pthread_condattr_setclock(&attributes, CLOCK_MONOTONIC);
+	pthread_cond_init(&self->stopped, &attributes);
+	pthread_condattr_destroy(&attributes);
+}
+
+const struct lp_source_ops lp_source_file_ops;
+
+static int file_create(const struct lp_uri *uri, const struct lp_source_host *host,
+		       struct lp_source **source)
+{
+	struct source_file *self = calloc(1, sizeof(*self));
+	int ret;
+
+	if (!self)
+		return -ENOMEM;
+	self->base = (struct lp_source){.ops = &lp_source_file_ops, .host = *host};
+	init_lock(self);
+	self->options.gain = NAN;
+	ret = lp_uri_read(uri, params, sizeof(params) / sizeof(params[0]), &self->options);
+	if (ret < 0)
+		goto err_destroy;
+	if (!*uri->rest) {
+		lp_error(uri->text, "parse", "no path — file:PATH, a picture file or a folder");
+		ret = -EINVAL;
+		goto err_destroy;
+	}
+	if (host->once) {
+		self->options.loop = false;
+		self->options.rate_hz = 0;
+	}
+	ret = -ENOMEM;
+	self->path = strdup(uri->rest);
+	self->frames = lp_owned_frames_create(FRAMES);
+	self->outbox = lp_mailbox_create(OUTBOX_ITEMS);
+	if (!self->path || !self->frames || !self->outbox)
+		goto err_destroy;
+	*source = &self->base;
+	return 0;
+err_destroy:
+	file_destroy(&self->base);
+	return ret;
+}
+
+static int file_start(struct lp_source *source)
+{
+	struct source_file *self = self_of(source);
+	int ret = lp_file_reader_create(self->path, (enum lp_encoding)self->options.format,
+					self->options.size_px.width, self->options.size_px.height,
+					&self->reader);
+
+	if (ret < 0)
+		return ret;
+	ret = -pthread_create(&self->thread, NULL, read_thread, self);
+	if (ret < 0) {
+		lp_error("file", "start", "no thread: %s", lp_strerror(ret));
+		return ret;
+	}
+	self->thread_runs = true;
+	source->host.state(source->host.context, LP_SOURCE_STREAMING, "");
+	return 0;
+}
+
+static int file_fd(const struct lp_source *source)
+{
+	return lp_mailbox_fd(self_of(source)->outbox);
+}
+
+static int file_dispatch(struct lp_source *source)
+{
+	struct source_file *self = self_of(source);
+	struct lp_frame *frame = lp_mailbox_take(self->outbox);
+	char reason[sizeof(self->reason)];
+	enum lp_source_state state;
+
+	if (frame && frame != &self->notice) {
+		source->host.frame(source->host.context, frame);
+	} else if (frame) {
+		pthread_mutex_lock(&self->lock);
+		state = self->state;
+		memcpy(reason, self->reason, sizeof(reason));
+		pthread_mutex_unlock(&self->lock);
+		source->host.state(source->host.context, state, reason);
+	}
+	return 0;
+}
+
+static void file_caps(const struct lp_source *source, struct lp_source_caps *caps)
+{
+	const struct options *options = &self_of(source)->options;
+
+	*caps = (struct lp_source_caps){
+		.exposure_tagged = options->exposures_us.count > 0,
+		.exposure_min_us = NAN,
+		.exposure_max_us = NAN,
+		.gain_min = NAN,
+		.gain_max = NAN,
+		.exposure_delay_frames = -1,
+		.frame_rate_hz = options->rate_hz,
+		.finite = !options->loop,
+	};
+}
+
+const struct lp_source_ops lp_source_file_ops = {
+	.scheme = "file",
+	.help = "file:PATH  a JPEG, an MJPEG stream, raw YUYV/NV12/GREY, PFM, or a folder of them\n"
+		"      ?rate=30 (0: as fast as taken) &loop=1 "
+		"&format=auto|mjpeg|yuyv|nv12|grey|pfm\n"
+		"      &size=WxH (raw) &exposures_us=a,b,c (in turn) &gain=1",
+	.create = file_create,
+	.start = file_start,
+	.fd = file_fd,
+	.dispatch = file_dispatch,
+	.caps = file_caps,
+	.destroy = file_destroy,
+};

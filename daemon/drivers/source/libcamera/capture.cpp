@@ -1,0 +1,349 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "drivers/source/libcamera/capture.hpp"
+
+#include <cerrno>
+#include <chrono>
+#include <exception>
+
+#include <glob.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "drivers/source/libcamera/log.hpp"
+
+namespace lp
+{
+namespace
+{
+
+constexpr int FRAMES = LP_FRAMES_HELD + 3; /* waiting for the worker, on their way, being filled */
+constexpr int64_t RETRY_FIRST_NS = 100 * LP_NS_PER_MS;
+constexpr int64_t RETRY_LONGEST_NS = LP_NS_PER_S;
+constexpr int64_t FIRST_FRAME_NS = 5 * LP_NS_PER_S; /* cameras take their time to start */
+
+std::string model_of(const libcamera::Camera &camera)
+{
+	return camera.properties().get(libcamera::properties::Model).value_or("");
+}
+
+std::vector<Node> nodes_of(libcamera::CameraManager &manager,
+			   const std::shared_ptr<libcamera::Camera> &camera)
+{
+	std::vector<Node> nodes;
+	glob_t paths;
+
+	if (glob("/dev/video*", 0, nullptr, &paths) != 0)
+		return nodes;
+	for (size_t i = 0; i < paths.gl_pathc; i++) {
+		struct stat about;
+
+		if (stat(paths.gl_pathv[i], &about) == 0 && manager.get(about.st_rdev) == camera)
+			nodes.push_back({paths.gl_pathv[i], about.st_ino});
+	}
+	globfree(&paths);
+	return nodes;
+}
+
+/* A media device that this user may not open; "": none. libcamera leaves such cameras out. */
+std::string forbidden_device()
+{
+	std::string found;
+	glob_t paths;
+
+	if (glob("/dev/media*", 0, nullptr, &paths) != 0)
+		return "";
+	for (size_t i = 0; i < paths.gl_pathc && found.empty(); i++) {
+		if (access(paths.gl_pathv[i], R_OK | W_OK) < 0 && errno == EACCES)
+			found = paths.gl_pathv[i];
+	}
+	globfree(&paths);
+	return found;
+}
+
+} // namespace
+
+Capture::Capture(const lp_libcamera_settings &how)
+    : settings(how), outbox(lp_source_outbox_create()), frames(lp_owned_frames_create(FRAMES)),
+      retry_ns(RETRY_FIRST_NS)
+{
+	present.exposure_min_us = present.exposure_max_us = NAN;
+	present.gain_min = present.gain_max = NAN;
+	present.exposure_delay_frames = -1;
+}
+
+Capture::~Capture()
+{
+	{
+		const std::lock_guard<std::mutex> guard(lock);
+
+		stop = true;
+	}
+	lp_source_outbox_close(outbox);
+	changed.notify_all();
+	if (thread.joinable())
+		thread.join();
+	lp_source_outbox_destroy(outbox);
+	lp_pool_destroy(frames);
+}
+
+/* ---------------------------------------------------------------- on the loop thread */
+
+bool Capture::is_valid() const
+{
+	return outbox && frames;
+}
+
+void Capture::start()
+{
+	thread = std::thread([this] {
+		try {
+			run();
+		} catch (const std::exception &error) {
+			tell(LP_LOG_ERROR, LP_SOURCE_DOWN, "libcamera", error.what());
+		}
+	});
+}
+
+int Capture::fd() const
+{
+	return lp_source_outbox_fd(outbox);
+}
+
+bool Capture::take(lp_source_news &item)
+{
+	return lp_source_outbox_take(outbox, &item);
+}
+
+lp_source_caps Capture::caps()
+{
+	const std::lock_guard<std::mutex> guard(lock);
+
+	return present;
+}
+
+int Capture::set_exposure(float exposure_us, float gain)
+{
+	const std::lock_guard<std::mutex> guard(lock);
+
+	if (is_open && !present.exposure_settable) {
+		lp_error("libcamera", "exposure", "this camera's exposure cannot be set");
+		return -EOPNOTSUPP;
+	}
+	if (gain != 1 && !present.exposure_tagged) {
+		lp_error("libcamera", "gain",
+			 "%g: what this camera's gain means is not known: its frames do not tell",
+			 static_cast<double>(gain));
+		return -EINVAL;
+	}
+	wanted_us = exposure_us;
+	wanted_gain = gain;
+	news = true;
+	changed.notify_all();
+	return 0;
+}
+
+/* ---------------------------------------------------------------- the thread */
+
+std::string Capture::object() const
+{
+	const std::string &name = camera_id.empty() ? std::string(settings.name) : camera_id;
+
+	return "libcamera: " + (name.empty() ? "any" : name);
+}
+
+void Capture::tell(lp_log_level level, lp_source_state state, const std::string &stage,
+		   const std::string &reason)
+{
+	lp_log(level, object().c_str(), stage.c_str(), "%s", reason.c_str());
+	told = state;
+	lp_source_outbox_tell(outbox, state, object().c_str(), stage.c_str(), reason.c_str());
+}
+
+/* From any thread. */
+void Capture::notify()
+{
+	const std::lock_guard<std::mutex> guard(lock);
+
+	news = true;
+	changed.notify_all();
+}
+
+/* Waits for news, at most until then. False: the thread shall end. */
+bool Capture::wait_until(int64_t end_ns)
+{
+	std::unique_lock<std::mutex> guard(lock);
+	const auto left = std::chrono::nanoseconds(std::max<int64_t>(0, end_ns - lp_clock_ns()));
+
+	changed.wait_for(guard, left, [this] { return stop || news; });
+	news = false;
+	return !stop;
+}
+
+/* The camera that is meant; NULL: told why not. */
+std::shared_ptr<libcamera::Camera> Capture::find()
+{
+	std::shared_ptr<libcamera::Camera> found;
+	std::string present_ones;
+	int matches = 0;
+
+	for (const auto &camera : manager->cameras()) {
+		const std::string model = model_of(*camera);
+
+		present_ones +=
+			(present_ones.empty() ? "" : ", ") + camera->id() + " (" + model + ")";
+		if (!lp_libcamera_is_meant(&settings, camera->id().c_str(), model.c_str()))
+			continue;
+		found = camera;
+		matches++;
+	}
+	if (matches == 1)
+		return found;
+	const std::string forbidden = matches ? "" : forbidden_device();
+
+	if (told == LP_SOURCE_WAITING)
+		return nullptr;
+	if (matches)
+		tell(LP_LOG_WARNING, LP_SOURCE_WAITING, "find",
+		     "several cameras could be meant — name one by its identity; present: " +
+			     present_ones);
+	else if (!forbidden.empty())
+		tell(LP_LOG_WARNING, LP_SOURCE_WAITING, "find",
+		     "no permission for " + forbidden +
+			     " — add this user to the group video (usermod -aG video USER, then "
+			     "log in again), or install packaging/udev/70-lightprobe.rules");
+	else
+		tell(LP_LOG_WARNING, LP_SOURCE_WAITING, "find",
+		     "no such camera; " + (present_ones.empty()
+						   ? std::string("libcamera knows none here")
+						   : "present: " + present_ones));
+	return nullptr;
+}
+
+/* A manager knows the cameras of its beginning: for each attempt there is a new one. */
+std::unique_ptr<Session> Capture::open()
+{
+	Fault fault;
+
+	camera_id.clear();
+	manager = std::make_unique<libcamera::CameraManager>();
+	const int ret = manager->start();
+
+	if (ret < 0) {
+		tell(LP_LOG_ERROR, LP_SOURCE_WAITING, "start", lp_strerror(ret));
+		return nullptr;
+	}
+	auto camera = find();
+
+	if (!camera)
+		return nullptr;
+	camera_id = camera->id();
+	const std::string model = model_of(*camera);
+	auto nodes = nodes_of(*manager, camera);
+	auto session = Session::open(
+		std::move(camera), std::move(nodes), settings, frames, next_sequence,
+		[this] { notify(); }, fault);
+
+	if (!session) {
+		tell(LP_LOG_ERROR, fault.state, fault.stage, fault.reason);
+		return nullptr;
+	}
+	lp_info(object().c_str(), "open", "%s: %s", model.c_str(), session->description().c_str());
+	return session;
+}
+
+void Capture::command(Session &session)
+{
+	const std::lock_guard<std::mutex> guard(lock);
+
+	if (std::isnan(wanted_us))
+		return;
+	session.set_exposure(wanted_us, wanted_gain);
+	wanted_us = NAN;
+}
+
+void Capture::deliver(Session &session)
+{
+	lp_frame *frame;
+
+	while ((frame = session.take())) {
+		silent_ns = frame->t_arrival_ns;
+		if (!(frame->flags & LP_FRAME_CORRUPT) && told != LP_SOURCE_STREAMING) {
+			{
+				const std::lock_guard<std::mutex> guard(lock);
+
+				present = session.caps();
+				is_open = true;
+			}
+			tell(LP_LOG_INFO, LP_SOURCE_STREAMING, "stream", "frames arrive");
+		}
+		has_frames |= !(frame->flags & LP_FRAME_CORRUPT);
+		lp_source_outbox_send(outbox, frame);
+	}
+	if (has_frames)
+		retry_ns = RETRY_FIRST_NS;
+}
+
+/* Until the camera goes, stalls, or the thread shall end. */
+void Capture::use(Session &session)
+{
+	silent_ns = lp_clock_ns();
+	has_frames = false;
+	for (;;) {
+		const auto patience_ns =
+			std::max(static_cast<int64_t>(static_cast<double>(settings.stall_ms) *
+						      static_cast<double>(LP_NS_PER_MS)),
+				 has_frames ? 0 : FIRST_FRAME_NS);
+		const bool goes_on = wait_until(silent_ns + patience_ns);
+
+		if (!goes_on)
+			return;
+		command(session);
+		deliver(session);
+		if (session.gone()) {
+			tell(LP_LOG_WARNING, LP_SOURCE_WAITING, "stream",
+			     "unplugged: waiting for it to come back");
+			return;
+		}
+		if (lp_clock_ns() < silent_ns + patience_ns)
+			continue;
+		if (!session.present()) { /* libcamera will say so */
+			silent_ns = lp_clock_ns();
+			continue;
+		}
+		tell(LP_LOG_WARNING, LP_SOURCE_STALLED, "stream",
+		     "no frame for " + std::to_string(patience_ns / LP_NS_PER_MS) +
+			     " ms: opening the camera anew");
+		return;
+	}
+}
+
+void Capture::run()
+{
+	bool goes_on = true;
+
+	take_over_log();
+	while (goes_on) {
+		auto session = open();
+
+		if (session) {
+			use(*session);
+			next_sequence = session->next_sequence();
+			{
+				const std::lock_guard<std::mutex> guard(lock);
+
+				is_open = false;
+			}
+			session.reset();
+		}
+		manager.reset();
+		/* News of a session that is over would end the wait at once. */
+		const int64_t end_ns = lp_clock_ns() + retry_ns;
+
+		do
+			goes_on = wait_until(end_ns);
+		while (goes_on && lp_clock_ns() < end_ns);
+		retry_ns = std::min(retry_ns * 2, RETRY_LONGEST_NS);
+	}
+}
+
+} // namespace lp

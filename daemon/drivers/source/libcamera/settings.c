@@ -1,0 +1,80 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "drivers/source/libcamera/settings.h"
+
+#include <errno.h>
+#include <stddef.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "base/log.h"
+#include "base/uri.h"
+
+#define COUNT(array) (sizeof(array) / sizeof((array)[0]))
+#define FIELD(name) offsetof(struct lp_libcamera_settings, name)
+
+static int parse_exposure(const char *text, void *field)
+{
+	bool *settable = field;
+
+	*settable = !strcmp(text, "settable");
+	return *settable || !strcmp(text, "auto") ? 0 : -EINVAL;
+}
+
+static const struct lp_param params[] = {
+	{"format", LP_PARAM_CHOICE, FIELD(wish.format), .initial = "auto",
+	 .choices = lp_offer_formats},
+	{"size", LP_PARAM_SIZE, FIELD(wish.size_px), .max = 16384},
+	{"fps", LP_PARAM_FLOAT, FIELD(wish.fps), .initial = "0", .max = 1000},
+	{"exposure", LP_PARAM_OWN, FIELD(exposure_settable), .initial = "settable",
+	 .parse = parse_exposure, .expects = "settable or auto"},
+	{"exposure_delay_frames", LP_PARAM_INT, FIELD(exposure_delay_frames), .initial = "-1",
+	 .min = -1, .max = 30},
+	{"colour_gains", LP_PARAM_FLOATS, FIELD(colour_gains), .min = 0.01, .max = 100},
+	{"stall_ms", LP_PARAM_FLOAT, FIELD(stall_ms), .initial = "1000", .min = 100, .max = 60000},
+};
+
+int lp_libcamera_settings_read(const struct lp_uri *uri, const char *camera,
+			       struct lp_libcamera_settings *settings)
+{
+	const struct lp_profile_table table = {"libcamera", params, COUNT(params), settings};
+	struct lp_profile profile;
+	int ret;
+
+	memset(settings, 0, sizeof(*settings));
+	ret = lp_profile_read(uri, camera, &table, &profile);
+	if (ret < 0)
+		return ret;
+	if (settings->colour_gains.count != 0 && settings->colour_gains.count != 2) {
+		lp_error(uri->text, "colour_gains", "two numbers are needed, RED,BLUE");
+		return -EINVAL;
+	}
+	if (strlen(uri->rest) >= sizeof(settings->name)) {
+		lp_error(uri->text, "parse", "the camera's name is too long");
+		return -EINVAL;
+	}
+	snprintf(settings->name, sizeof(settings->name), "%s", uri->rest);
+	settings->usb = profile.usb;
+	if (!settings->wish.size_px.width)
+		settings->wish.size_px = profile.size_px;
+	return 0;
+}
+
+static bool ends_with(const char *text, const char *end)
+{
+	const size_t length = strlen(text), end_length = strlen(end);
+
+	return length > end_length && text[length - end_length - 1] == '-' &&
+	       !strcmp(text + length - end_length, end);
+}
+
+bool lp_libcamera_is_meant(const struct lp_libcamera_settings *settings, const char *id,
+			   const char *model)
+{
+	char usb[16];
+
+	if (*settings->name)
+		return !strcmp(id, settings->name) || !strcmp(model, settings->name) ||
+		       ends_with(id, settings->name);
+	snprintf(usb, sizeof(usb), "%04x:%04x", settings->usb.vendor, settings->usb.product);
+	return !settings->usb.known || ends_with(id, usb);
+}

@@ -1,0 +1,101 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "drivers/source/outbox.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/mailbox.h"
+#include "base/pool.h"
+#include "include/frame.h"
+
+#define NOTICES 8
+#define ITEMS (NOTICES + 64) /* more than a driver has buffers: nothing is ever displaced */
+
+/* A change of state; among frames, the one that cannot be released. */
+struct notice {
+	struct lp_frame frame;
+	enum lp_source_state state;
+	char reason[LP_SOURCE_REASON_BYTES];
+};
+
+struct lp_source_outbox {
+	struct lp_mailbox *mailbox;
+	struct lp_pool *notices;
+	struct notice told; /* capture thread's own */
+};
+
+struct lp_source_outbox *lp_source_outbox_create(void)
+{
+	struct lp_source_outbox *outbox = calloc(1, sizeof(*outbox));
+
+	if (!outbox)
+		return NULL;
+	outbox->mailbox = lp_mailbox_create(ITEMS);
+	outbox->notices = lp_pool_create(sizeof(struct notice), NOTICES, NULL);
+	if (outbox->mailbox && outbox->notices)
+		return outbox;
+	lp_source_outbox_destroy(outbox);
+	return NULL;
+}
+
+int lp_source_outbox_fd(const struct lp_source_outbox *outbox)
+{
+	return lp_mailbox_fd(outbox->mailbox);
+}
+
+void lp_source_outbox_send(struct lp_source_outbox *outbox, struct lp_frame *frame)
+{
+	(void)lp_mailbox_put(outbox->mailbox, frame);
+}
+
+void lp_source_outbox_tell(struct lp_source_outbox *outbox, enum lp_source_state state,
+			   const char *object, const char *stage, const char *reason)
+{
+	struct notice *notice, now = {.state = state};
+
+	snprintf(now.reason, sizeof(now.reason), "%s: %s: %s", object, stage, reason);
+	if (now.state == outbox->told.state && !strcmp(now.reason, outbox->told.reason))
+		return;
+	outbox->told = now;
+	notice = lp_pool_wait(outbox->notices);
+	if (!notice)
+		return;
+	*notice = now;
+	(void)lp_mailbox_put(outbox->mailbox, &notice->frame);
+}
+
+bool lp_source_outbox_take(struct lp_source_outbox *outbox, struct lp_source_news *news)
+{
+	struct lp_frame *item = lp_mailbox_take(outbox->mailbox);
+	struct notice *notice = (struct notice *)item;
+
+	if (!item)
+		return false;
+	news->frame = item->release ? item : NULL;
+	if (!item->release) {
+		news->state = notice->state;
+		memcpy(news->reason, notice->reason, sizeof(news->reason));
+		lp_pool_give(outbox->notices, notice);
+	}
+	return true;
+}
+
+void lp_source_outbox_close(struct lp_source_outbox *outbox)
+{
+	if (outbox)
+		lp_pool_close(outbox->notices);
+}
+
+void lp_source_outbox_destroy(struct lp_source_outbox *outbox)
+{
+	struct lp_source_news news;
+
+	if (!outbox)
+		return;
+	while (outbox->mailbox && lp_source_outbox_take(outbox, &news))
+		lp_frame_release(news.frame);
+	lp_mailbox_destroy(outbox->mailbox);
+	lp_pool_destroy(outbox->notices);
+	free(outbox);
+}

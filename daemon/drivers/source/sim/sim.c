@@ -1,0 +1,401 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * sim:PATH?... — frames from the simulator over its Unix socket (proto/sim.md). A camera in every
+ * respect: it may be absent, go away, fall silent, come back, and be told its exposure.
+ */
+#include <errno.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#include "base/clock.h"
+#include "base/log.h"
+#include "base/poller.h"
+#include "base/pool.h"
+#include "base/uri.h"
+#include "drivers/source/frames.h"
+#include "drivers/source/sim/header.h"
+#include "include/source.h"
+
+#define FRAMES (LP_FRAMES_HELD + 3)    /* waiting for the worker, being filled, and one in hand */
+#define READ_BYTES ((size_t)512 << 10) /* of one dispatch: well below a millisecond */
+#define FIRST_BACKOFF_NS (100 * LP_NS_PER_MS)
+#define LONGEST_BACKOFF_NS (2 * LP_NS_PER_S)
+#define STALL_NS (2 * LP_NS_PER_S)
+
+struct source_sim {
+	struct lp_source base;
+	struct sockaddr_un address;
+	char object[sizeof(((struct sockaddr_un *)NULL)->sun_path) + 8];
+	char *hello;
+	struct lp_pool *frames;
+	struct lp_poller *poller;
+	struct lp_watch link;  /* fd -1: not connected */
+	struct lp_timer retry; /* next attempt to connect */
+	struct lp_timer stall; /* no frame for too long */
+	int64_t backoff_ns;
+	bool streaming, tagged;
+
+	/* What is being read: a header, what the header is longer than ours, a payload. */
+	uint8_t header_data[LP_SIM_HEADER_BYTES];
+	struct lp_sim_header header;
+	uint64_t got_bytes;	      /* of header, its rest and payload together */
+	struct lp_owned_frame *frame; /* NULL: the payload is read and forgotten */
+
+	/* What is being written: one line; then the newest exposure command, if one waits. */
+	char *line;
+	size_t line_bytes, line_sent;
+	bool exposure_waits;
+	float exposure_us, gain;
+};
+
+static struct source_sim *self_of(const struct lp_source *source)
+{
+	return (struct source_sim *)source;
+}
+
+static void tell_state(struct source_sim *self, enum lp_source_state state, const char *stage,
+		       const char *reason)
+{
+	char text[512];
+
+	(void)snprintf(text, sizeof(text), "%s: %s: %s", self->object, stage, reason);
+	if (state == LP_SOURCE_STREAMING)
+		lp_info(self->object, stage, "%s", reason);
+	else
+		lp_warning(self->object, stage, "%s", reason);
+	self->base.host.state(self->base.host.context, state, text);
+}
+
+/* ---------------------------------------------------------------- connection */
+
+static void forget_frame(struct source_sim *self)
+{
+	if (self->frame)
+		lp_frame_release(&self->frame->frame);
+	self->frame = NULL;
+	self->got_bytes = 0;
+}
+
+static void disconnect(struct source_sim *self)
+{
+	const int fd = self->link.fd;
+
+	if (fd < 0)
+		return;
+	lp_poller_remove(self->poller, &self->link);
+	close(fd);
+	forget_frame(self);
+	self->line_bytes = self->line_sent = 0;
+	self->exposure_waits = false;
+	self->streaming = false;
+	lp_timer_set(&self->stall, 0, 0);
+}
+
+/* The link is of no more use: say why, and try again later. */
+static void lose_link(struct source_sim *self, const char *stage, const char *reason)
+{
+	disconnect(self);
+	lp_timer_set(&self->retry, self->backoff_ns, 0);
+	self->backoff_ns *= 2;
+	if (self->backoff_ns > LONGEST_BACKOFF_NS)
+		self->backoff_ns = LONGEST_BACKOFF_NS;
+	tell_state(self, LP_SOURCE_WAITING, stage, reason);
+}
+
+/* ---------------------------------------------------------------- commands */
+
+/* Write what waits, as far as the socket takes it. A broken link shows when it is read. */
+static void write_lines(struct source_sim *self)
+{
+	for (;;) {
+		ssize_t sent;
+
+		if (self->line_sent == self->line_bytes) {
+			if (!self->exposure_waits)
+				break;
+			self->exposure_waits = false;
+			self->line_sent = 0;
+			self->line_bytes =
+				(size_t)snprintf(self->line, LP_URI_MAX_BYTES,
+						 "exposure %.9g %.9g\n", (double)self->exposure_us,
+						 (double)self->gain);
+		}
+		sent = send(self->link.fd, self->line + self->line_sent,
+			    self->line_bytes - self->line_sent, MSG_NOSIGNAL);
+		if (sent < 0)
+			break;
+		self->line_sent += (size_t)sent;
+	}
+	lp_poller_modify(self->poller, &self->link,
+			 self->line_sent < self->line_bytes ? EPOLLIN | EPOLLOUT : EPOLLIN);
+}
+
+static int sim_set_exposure(struct lp_source *source, float exposure_us, float gain)
+{
+	struct source_sim *self = self_of(source);
+
+	if (self->link.fd < 0)
+		return -ENOTCONN;
+	self->exposure_us = exposure_us;
+	self->gain = gain;
+	self->exposure_waits = true;
+	write_lines(self);
+	return 0;
+}
+
+/* ---------------------------------------------------------------- frames */
+
+static void deliver(struct source_sim *self)
+{
+	const struct lp_sim_header *header = &self->header;
+	struct lp_frame *frame = self->frame ? &self->frame->frame : NULL;
+
+	self->frame = NULL;
+	self->got_bytes = 0;
+	self->backoff_ns = FIRST_BACKOFF_NS;
+	self->tagged = !isnan(header->exposure_us);
+	lp_timer_set(&self->stall, STALL_NS, 0);
+	if (!self->streaming) {
+		self->streaming = true;
+		tell_state(self, LP_SOURCE_STREAMING, "read", "frames arrive");
+	}
+	if (!frame)
+		return;
+	frame->format = header->format;
+	frame->width_px = header->width_px;
+	frame->height_px = header->height_px;
+	frame->stride_bytes = header->stride_bytes;
+	frame->size_bytes = header->payload_bytes;
+	frame->sequence = header->sequence;
+	frame->t_start_ns = header->t_start_ns;
+	frame->t_arrival_ns = lp_clock_ns();
+	frame->exposure_us = header->exposure_us;
+	frame->gain = header->gain;
+	frame->flags = header->flags;
+	if (header->flags & LP_FRAME_CORRUPT)
+		lp_error(
+			self->object, "read",
+			"a frame is marked corrupt, or its size does not fit its format: not used");
+	self->base.host.frame(self->base.host.context, frame);
+}
+
+/* The header is complete: find a place for the payload. False: it makes no sense. */
+static bool begin_payload(struct source_sim *self)
+{
+	const char *fault = lp_sim_header_parse(self->header_data, &self->header);
+
+	if (fault) {
+		lp_error(self->object, "header", "%s — simulator of another version?", fault);
+		lose_link(self, "header", fault);
+		return false;
+	}
+	self->frame = lp_owned_frame_take(self->frames, false);
+	if (self->frame && lp_owned_frame_reserve(self->frame, self->header.payload_bytes) < 0) {
+		lp_frame_release(&self->frame->frame);
+		self->frame = NULL;
+	}
+	if (!self->frame)
+		lp_error(self->object, "read", "no buffer is free: a frame is lost");
+	return true;
+}
+
+/* Where the next bytes go and how many are wanted, by what has been read of this frame. */
+static size_t next_place(struct source_sim *self, uint8_t *scratch, uint8_t **place)
+{
+	const uint64_t header = self->got_bytes < LP_SIM_HEADER_BYTES ? LP_SIM_HEADER_BYTES
+								      : self->header.header_bytes;
+	uint64_t wanted;
+
+	if (self->got_bytes < LP_SIM_HEADER_BYTES) {
+		*place = self->header_data + self->got_bytes;
+		return LP_SIM_HEADER_BYTES - self->got_bytes;
+	}
+	if (self->got_bytes < header || !self->frame) {
+		*place = scratch;
+		wanted = (self->got_bytes < header ? header : header + self->header.payload_bytes) -
+			 self->got_bytes;
+		return wanted < LP_SIM_HEADER_MAX_BYTES ? wanted : LP_SIM_HEADER_MAX_BYTES;
+	}
+	*place = self->frame->buffer + (self->got_bytes - header);
+	wanted = header + self->header.payload_bytes - self->got_bytes;
+	return wanted < READ_BYTES ? wanted : READ_BYTES;
+}
+
+static void read_link(struct source_sim *self)
+{
+	uint8_t scratch[LP_SIM_HEADER_MAX_BYTES];
+	uint8_t *place;
+	const size_t wanted = next_place(self, scratch, &place);
+	const ssize_t got = read(self->link.fd, place, wanted);
+	const bool in_header = self->got_bytes < LP_SIM_HEADER_BYTES;
+
+	if (got < 0 && (errno == EAGAIN || errno == EINTR))
+		return;
+	if (got <= 0) {
+		lose_link(self, "read", "the simulator has gone — trying to connect again");
+		return;
+	}
+	self->got_bytes += (uint64_t)got;
+	if (in_header && (self->got_bytes < LP_SIM_HEADER_BYTES || !begin_payload(self)))
+		return;
+	if (self->got_bytes == self->header.header_bytes + self->header.payload_bytes)
+		deliver(self);
+}
+
+/* ---------------------------------------------------------------- events */
+
+static void on_link_ready(struct lp_watch *watch, uint32_t events)
+{
+	struct source_sim *self = LP_CONTAINER_OF(watch, struct source_sim, link);
+
+	if (events & EPOLLOUT)
+		write_lines(self);
+	if (events & (EPOLLIN | EPOLLHUP | EPOLLERR))
+		read_link(self);
+}
+
+static void connect_link(struct source_sim *self)
+{
+	const int fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+	char reason[160];
+	int ret = fd < 0 ? -errno : 0;
+
+	if (ret == 0 && connect(fd, (struct sockaddr *)&self->address, sizeof(self->address)) < 0)
+		ret = -errno;
+	if (ret == 0)
+		ret = lp_poller_add(self->poller, &self->link, fd, EPOLLIN, on_link_ready);
+	if (ret < 0) {
+		if (fd >= 0)
+			close(fd);
+		(void)snprintf(reason, sizeof(reason),
+			       "%s — is `lightprobe simulate` running? Trying again",
+			       lp_strerror(ret));
+		lose_link(self, "connect", reason);
+		return;
+	}
+	self->line_sent = 0;
+	self->line_bytes = (size_t)snprintf(self->line, LP_URI_MAX_BYTES + 8, "%s", self->hello);
+	write_lines(self);
+	lp_timer_set(&self->stall, STALL_NS, 0);
+}
+
+static void on_retry(struct lp_timer *timer)
+{
+	connect_link(LP_CONTAINER_OF(timer, struct source_sim, retry));
+}
+
+static void on_stall(struct lp_timer *timer)
+{
+	struct source_sim *self = LP_CONTAINER_OF(timer, struct source_sim, stall);
+
+	self->streaming = false;
+	tell_state(self, LP_SOURCE_STALLED, "read", "connected, but no frame for 2 s");
+}
+
+/* ---------------------------------------------------------------- ops */
+
+static void sim_destroy(struct lp_source *source)
+{
+	struct source_sim *self = self_of(source);
+
+	if (!source)
+		return;
+	disconnect(self);
+	lp_timer_stop(&self->retry, self->poller);
+	lp_timer_stop(&self->stall, self->poller);
+	lp_poller_destroy(self->poller);
+	lp_pool_destroy(self->frames);
+	free(self->line);
+	free(self->hello);
+	free(self);
+}
+
+const struct lp_source_ops lp_source_sim_ops;
+
+static int sim_create(const struct lp_uri *uri, const struct lp_source_host *host,
+		      struct lp_source **source)
+{
+	struct source_sim *self;
+	int ret = -ENOMEM;
+
+	if (!*uri->rest || strlen(uri->rest) >= sizeof(self->address.sun_path)) {
+		lp_error(uri->text, "parse", "must be sim:PATH of a socket, at most %zu bytes",
+			 sizeof(self->address.sun_path) - 1);
+		return -EINVAL;
+	}
+	self = calloc(1, sizeof(*self));
+	if (!self)
+		return -ENOMEM;
+	self->base = (struct lp_source){.ops = &lp_source_sim_ops, .host = *host};
+	self->link.fd = -1;
+	self->backoff_ns = FIRST_BACKOFF_NS;
+	self->address.sun_family = AF_UNIX;
+	memcpy(self->address.sun_path, uri->rest, strlen(uri->rest) + 1);
+	(void)snprintf(self->object, sizeof(self->object), "sim: %s", uri->rest);
+	self->line = malloc(LP_URI_MAX_BYTES + 8);
+	self->frames = lp_owned_frames_create(FRAMES);
+	if (!self->line || !self->frames || asprintf(&self->hello, "hello %s\n", uri->query) < 0)
+		goto err_destroy;
+	ret = lp_poller_create(&self->poller);
+	if (ret == 0)
+		ret = lp_timer_start(&self->retry, self->poller, on_retry);
+	if (ret == 0)
+		ret = lp_timer_start(&self->stall, self->poller, on_stall);
+	if (ret < 0)
+		goto err_destroy;
+	*source = &self->base;
+	return 0;
+err_destroy:
+	lp_error(self->object, "create", "%s", lp_strerror(ret));
+	sim_destroy(&self->base);
+	return ret;
+}
+
+static int sim_start(struct lp_source *source)
+{
+	connect_link(self_of(source));
+	return 0;
+}
+
+static int sim_fd(const struct lp_source *source)
+{
+	return lp_poller_fd(self_of(source)->poller);
+}
+
+static int sim_dispatch(struct lp_source *source)
+{
+	return lp_poller_dispatch(self_of(source)->poller);
+}
+
+static void sim_caps(const struct lp_source *source, struct lp_source_caps *caps)
+{
+	*caps = (struct lp_source_caps){
+		.exposure_settable = true,
+		.exposure_tagged = self_of(source)->tagged,
+		.exposure_min_us = NAN,
+		.exposure_max_us = NAN,
+		.gain_min = NAN,
+		.gain_max = NAN,
+		.exposure_delay_frames = -1,
+	};
+}
+
+const struct lp_source_ops lp_source_sim_ops = {
+	.scheme = "sim",
+	.help = "sim:PATH  the simulator's socket (lightprobe simulate); waits for it, and again "
+		"when\n"
+		"      it goes. Its own options follow as ?KEY=VALUE&... (lightprobe simulate "
+		"--help)",
+	.create = sim_create,
+	.start = sim_start,
+	.fd = sim_fd,
+	.dispatch = sim_dispatch,
+	.caps = sim_caps,
+	.set_exposure = sim_set_exposure,
+	.destroy = sim_destroy,
+};

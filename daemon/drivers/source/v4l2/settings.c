@@ -1,0 +1,89 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "drivers/source/v4l2/settings.h"
+
+#include <errno.h>
+#include <stddef.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/log.h"
+#include "base/uri.h"
+#include "drivers/source/profile.h"
+
+#define COUNT(array) (sizeof(array) / sizeof((array)[0]))
+#define FIELD(name) offsetof(struct lp_v4l2_settings, name)
+
+static const char *const exposures[] = {"settable", "auto", "unknown", NULL};
+static const char *const power_lines[] = {"keep", "off", "50", "60", NULL};
+
+static const struct lp_param params[] = {
+	{"format", LP_PARAM_CHOICE, FIELD(wish.format), .initial = "auto",
+	 .choices = lp_offer_formats},
+	{"size", LP_PARAM_SIZE, FIELD(wish.size_px), .max = 16384},
+	{"fps", LP_PARAM_FLOAT, FIELD(wish.fps), .initial = "0", .max = 1000},
+	{"exposure", LP_PARAM_CHOICE, FIELD(exposure), .initial = "settable", .choices = exposures},
+	{"exposure_delay_frames", LP_PARAM_INT, FIELD(exposure_delay_frames), .initial = "-1",
+	 .min = -1, .max = 30},
+	{"gain_unity", LP_PARAM_FLOAT, FIELD(gain_unity), .initial = "0", .max = 1e6},
+	{"white_balance_k", LP_PARAM_FLOAT, FIELD(white_balance_k), .initial = "0", .max = 20000},
+	{"power_line", LP_PARAM_CHOICE, FIELD(power_line), .initial = "off",
+	 .choices = power_lines},
+	{"stall_ms", LP_PARAM_FLOAT, FIELD(stall_ms), .initial = "1000", .min = 100, .max = 60000},
+	{"reset", LP_PARAM_BOOL, FIELD(reset), .initial = "1"},
+};
+
+/* False: not of the form vendor:product[:serial]. */
+static bool parse_usb(const char *text, struct lp_v4l2_target *target)
+{
+	const size_t length = lp_usb_id_parse(text, &target->usb);
+
+	if (!length || (text[length] && text[length] != ':'))
+		return false;
+	if (text[length])
+		snprintf(target->serial, sizeof(target->serial), "%s", text + length + 1);
+	target->kind = LP_V4L2_USB;
+	return true;
+}
+
+int lp_v4l2_target_parse(const char *text, struct lp_v4l2_target *target)
+{
+	*target = (struct lp_v4l2_target){.kind = LP_V4L2_ANY};
+	if (strlen(text) >= sizeof(target->text))
+		return -EINVAL;
+	snprintf(target->text, sizeof(target->text), "%s", text);
+	if (!*text || parse_usb(text, target))
+		return 0;
+	if (text[0] == '/')
+		target->kind = LP_V4L2_PATH;
+	else if (!strncmp(text, "usb-", 4))
+		target->kind = LP_V4L2_ID_NAME;
+	else
+		return -EINVAL;
+	return 0;
+}
+
+int lp_v4l2_settings_read(const struct lp_uri *uri, const char *camera,
+			  struct lp_v4l2_settings *settings, struct lp_v4l2_target *target)
+{
+	const struct lp_profile_table table = {"v4l2", params, COUNT(params), settings};
+	struct lp_profile profile;
+	int ret;
+
+	memset(settings, 0, sizeof(*settings));
+	ret = lp_profile_read(uri, camera, &table, &profile);
+	if (ret < 0)
+		return ret;
+	if (!settings->wish.size_px.width)
+		settings->wish.size_px = profile.size_px;
+	if (lp_v4l2_target_parse(uri->rest, target) < 0) {
+		lp_error(uri->text, "parse",
+			 "'%s' names no camera — v4l2:/dev/video0, v4l2:VENDOR:PRODUCT[:SERIAL], "
+			 "or a name from /dev/v4l/by-id",
+			 uri->rest);
+		return -EINVAL;
+	}
+	if (target->kind == LP_V4L2_ANY && profile.usb.known)
+		*target = (struct lp_v4l2_target){.kind = LP_V4L2_USB, .usb = profile.usb};
+	return 0;
+}

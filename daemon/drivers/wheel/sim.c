@@ -1,0 +1,229 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * sim:?... — a servo and its wheel inside the daemon, seen through a simulated comb as the servo
+ * hat's is (rotator_timed.h). It can be told to misbehave. It turns no simulated camera's
+ * polarizer: for that, lightprobe simulate starts the whole box, to be named by mcu:.
+ */
+#include <errno.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/clock.h"
+#include "base/log.h"
+#include "base/param.h"
+#include "base/poller.h"
+#include "base/uri.h"
+#include "drivers/wheel/timed.h"
+#include "include/rotator.h"
+
+#define STEP_NS (2 * LP_NS_PER_MS)
+#define SERVO_DEG_S 300.0F
+
+extern const struct lp_rotator_ops lp_rotator_sim_ops;
+
+struct keys {
+	struct lp_timed_params timed;
+	int fault; /* index of `faults` */
+	float after_s;
+};
+
+enum { FAULT_NONE, FAULT_STUCK, FAULT_SLOW, FAULT_SLIP, FAULT_TOO_FAST, FAULT_ABSENT };
+static const char *const faults[] = {"none", "stuck", "slow", "slip", "too-fast", "absent", NULL};
+
+struct rotator_sim {
+	struct lp_rotator base;
+	struct keys keys;
+	struct lp_timed timed;
+	const char *told_fault;
+	struct lp_poller *poller;
+	struct lp_timer tick;
+	int64_t t_start_ns, t_step_ns;
+	float wheel_deg;
+	bool slipped;
+};
+
+static struct rotator_sim *self_of(const struct lp_rotator *rotator)
+{
+	return (struct rotator_sim *)rotator;
+}
+
+static int fault_now(const struct rotator_sim *self)
+{
+	const float running_s = (float)(lp_clock_ns() - self->t_start_ns) / 1e9F;
+
+	return running_s >= self->keys.after_s ? self->keys.fault : FAULT_NONE;
+}
+
+static void tell(const struct rotator_sim *self)
+{
+	struct lp_wheel_state state;
+
+	lp_timed_state(&self->timed, lp_clock_ns(), &state);
+	if (fault_now(self) == FAULT_ABSENT)
+		state = (struct lp_wheel_state){.phase = LP_WHEEL_ABSENT,
+						.commanded_deg = NAN,
+						.measured_deg = NAN,
+						.sigma_deg = NAN,
+						.clock_sigma_us = NAN};
+	self->base.host.state(self->base.host.context, &state);
+}
+
+static void tell_fault(struct rotator_sim *self)
+{
+	const struct lp_rotator_host *host = &self->base.host;
+
+	if (self->timed.fault == self->told_fault)
+		return;
+	if (self->told_fault)
+		host->fault(host->context, self->told_fault, NULL);
+	if (self->timed.fault)
+		host->fault(host->context, self->timed.fault, self->timed.next_step);
+	self->told_fault = self->timed.fault;
+}
+
+/* Edges of the comb below an angle. */
+static int below(const struct rotator_sim *self, float angle_deg)
+{
+	const struct lp_timed_params *p = &self->keys.timed;
+	const int count = (int)ceilf((angle_deg - p->first_deg) / p->pitch_deg);
+
+	return count < 0 ? 0 : count > p->edges ? p->edges : count;
+}
+
+static void turn(struct rotator_sim *self, int64_t now_ns, int fault)
+{
+	const struct lp_timed_params *p = &self->keys.timed;
+	const float pulse_us =
+		lp_timed_pulse_us(&self->timed, now_ns - (int64_t)(p->lag_ms * 1e6F));
+	const float step_s = (float)(now_ns - self->t_step_ns) / 1e9F;
+	const float most_deg = SERVO_DEG_S * step_s * (fault == FAULT_SLOW ? 0.1F : 1.0F);
+	const int before = below(self, self->wheel_deg);
+
+	self->t_step_ns = now_ns;
+	if (pulse_us > 0 && fault != FAULT_STUCK && fault != FAULT_TOO_FAST) {
+		const float asked_deg = (pulse_us - p->servo_zero_us) / p->servo_us_per_deg;
+
+		self->wheel_deg += fminf(fmaxf(asked_deg - self->wheel_deg, -most_deg), most_deg);
+	}
+	if (fault == FAULT_SLIP && !self->slipped && self->timed.step == LP_TIMED_REST) {
+		self->slipped = true;
+		self->wheel_deg += 2 * p->pitch_deg;
+	}
+	for (int k = abs(below(self, self->wheel_deg) - before); k > 0; k--)
+		lp_timed_edge(&self->timed, now_ns);
+	if (fault == FAULT_TOO_FAST && self->timed.step == LP_TIMED_UP &&
+	    now_ns - self->timed.t_step_ns >
+		    (int64_t)(9.0F / p->slew_deg_s * 1e9F) + (int64_t)(p->lag_ms * 1e6F))
+		lp_timed_edge(&self->timed, now_ns);
+}
+
+static void on_tick(struct lp_timer *timer)
+{
+	struct rotator_sim *self = LP_CONTAINER_OF(timer, struct rotator_sim, tick);
+	const enum lp_timed_step before = self->timed.step;
+	const int64_t now_ns = lp_clock_ns();
+
+	turn(self, now_ns, fault_now(self));
+	lp_timed_tick(&self->timed, now_ns, false);
+	tell_fault(self);
+	if (self->timed.step != before || fault_now(self) == FAULT_ABSENT)
+		tell(self);
+}
+
+static int sim_start(struct lp_rotator *rotator)
+{
+	struct rotator_sim *self = self_of(rotator);
+	const int ret = lp_timer_start(&self->tick, self->poller, on_tick);
+
+	self->t_start_ns = self->t_step_ns = lp_clock_ns();
+	if (ret == 0)
+		lp_timer_set(&self->tick, 1, STEP_NS);
+	return ret;
+}
+
+static int sim_fd(const struct lp_rotator *rotator)
+{
+	return lp_poller_fd(self_of(rotator)->poller);
+}
+
+static int sim_dispatch(struct lp_rotator *rotator)
+{
+	return lp_poller_dispatch(self_of(rotator)->poller);
+}
+
+static void sim_move(struct lp_rotator *rotator, float target_deg)
+{
+	struct rotator_sim *self = self_of(rotator);
+	const struct lp_rotator_host *host = &self->base.host;
+	const char *reason = NULL;
+
+	if (lp_timed_move(&self->timed, target_deg, lp_clock_ns(), &reason) == 0)
+		reason = NULL;
+	host->fault(host->context, "wheel-refused", reason);
+	tell(self);
+}
+
+static void sim_look(struct lp_rotator *rotator)
+{
+	tell(self_of(rotator));
+}
+
+static void sim_destroy(struct lp_rotator *rotator)
+{
+	struct rotator_sim *self = self_of(rotator);
+
+	if (!self)
+		return;
+	lp_timer_stop(&self->tick, self->poller);
+	lp_poller_destroy(self->poller);
+	free(self);
+}
+
+#define OWN_KEYS 2
+#define MOST_KEYS 20
+
+static int sim_create(const struct lp_uri *uri, const struct lp_rotator_host *host,
+		      struct lp_rotator **rotator)
+{
+	struct lp_param table[MOST_KEYS] = {
+		{"fault", LP_PARAM_CHOICE, offsetof(struct keys, fault), .initial = "none",
+		 .choices = faults},
+		{"after_s", LP_PARAM_FLOAT, offsetof(struct keys, after_s), .initial = "0",
+		 .max = 1e6},
+	};
+	struct rotator_sim *self = calloc(1, sizeof(*self));
+	int ret;
+
+	if (!self)
+		return -ENOMEM;
+	_Static_assert(offsetof(struct keys, timed) == 0, "the model's offsets hold");
+	memcpy(table + OWN_KEYS, lp_timed_param_table,
+	       (size_t)lp_timed_param_count * sizeof(table[0]));
+	self->base = (struct lp_rotator){.ops = &lp_rotator_sim_ops, .host = *host};
+	ret = lp_uri_read(uri, table, OWN_KEYS + (size_t)lp_timed_param_count, &self->keys);
+	if (ret == 0)
+		ret = lp_poller_create(&self->poller);
+	if (ret < 0) {
+		sim_destroy(&self->base);
+		return ret;
+	}
+	self->timed.params = self->keys.timed;
+	self->wheel_deg = 37;
+	lp_timed_init(&self->timed);
+	*rotator = &self->base;
+	return 0;
+}
+
+const struct lp_rotator_ops lp_rotator_sim_ops = {
+	.scheme = "sim",
+	.help = "sim:  a wheel inside the daemon, for tests of what follows from it\n"
+		"      ?fault=none|stuck|slow|slip|too-fast|absent &after_s=0, and pca9685's",
+	.create = sim_create,
+	.start = sim_start,
+	.fd = sim_fd,
+	.dispatch = sim_dispatch,
+	.move = sim_move,
+	.look = sim_look,
+	.destroy = sim_destroy,
+};

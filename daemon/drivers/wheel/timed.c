@@ -1,0 +1,251 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "drivers/wheel/timed.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stddef.h>
+
+#include "base/clock.h"
+#include "base/param.h"
+
+#define BELOW_DEG 9.0F	     /* the way up begins so far below the comb */
+#define MARGIN_DEG 1.0F	     /* a target closer to an edge may lie on either side of it */
+#define DRIFT_DEG 2.0F	     /* edges after the first, from where that one says */
+#define TRAVEL_DEG 270.0F    /* from wherever the wheel was */
+#define SLOWEST_DEG_S 120.0F /* of a servo that is not ramped */
+#define FIRST_AGAIN_NS (2 * LP_NS_PER_S)
+#define LAST_AGAIN_NS (60 * LP_NS_PER_S)
+
+#define FIELD(name) offsetof(struct lp_timed_params, name)
+const struct lp_param lp_timed_param_table[] = {
+	{"servo_zero_us", LP_PARAM_FLOAT, FIELD(servo_zero_us), .initial = "800", .min = 300,
+	 .max = 2700},
+	{"servo_us_per_deg", LP_PARAM_FLOAT, FIELD(servo_us_per_deg), .initial = "7.407",
+	 .min = -20, .max = 20},
+	{"slew_deg_s", LP_PARAM_FLOAT, FIELD(slew_deg_s), .initial = "90", .min = 10, .max = 400},
+	{"slew_physical_deg_s", LP_PARAM_FLOAT, FIELD(slew_physical_deg_s), .initial = "900",
+	 .min = 50, .max = 5000},
+	{"lag_ms", LP_PARAM_FLOAT, FIELD(lag_ms), .initial = "40", .max = 500},
+	{"settle_ms", LP_PARAM_FLOAT, FIELD(settle_ms), .initial = "200", .min = 20, .max = 5000},
+	{"hold_s", LP_PARAM_FLOAT, FIELD(hold_s), .initial = "10", .min = 0.1, .max = 60},
+	{"first_deg", LP_PARAM_FLOAT, FIELD(first_deg), .initial = "-16.5", .min = -60, .max = 60},
+	{"pitch_deg", LP_PARAM_FLOAT, FIELD(pitch_deg), .initial = "6", .min = 2, .max = 60},
+	{"edges", LP_PARAM_INT, FIELD(edges), .initial = "34", .min = 2, .max = 200},
+	{"edge_error_deg", LP_PARAM_FLOAT, FIELD(edge_error_deg), .initial = "0.3", .max = 5},
+	{"tolerance_deg", LP_PARAM_FLOAT, FIELD(tolerance_deg), .initial = "6", .min = 1,
+	 .max = 20},
+};
+const int lp_timed_param_count = sizeof(lp_timed_param_table) / sizeof(lp_timed_param_table[0]);
+
+/* ---------------------------------------------------------------- geometry */
+
+static float edge_deg(const struct lp_timed *timed, int edge)
+{
+	return timed->params.first_deg + (float)edge * timed->params.pitch_deg;
+}
+
+/* Edges that lie below an angle. */
+static int edges_below(const struct lp_timed *timed, float angle_deg)
+{
+	const float above = angle_deg - timed->params.first_deg;
+	const int count = (int)ceilf(above / timed->params.pitch_deg);
+
+	return count < 0 ? 0 : count > timed->params.edges ? timed->params.edges : count;
+}
+
+static float low_deg(const struct lp_timed *timed)
+{
+	return timed->params.first_deg - BELOW_DEG;
+}
+
+static float seconds(int64_t from_ns, int64_t to_ns)
+{
+	return (float)(to_ns - from_ns) / 1e9F;
+}
+
+static float lag_s(const struct lp_timed *timed)
+{
+	return timed->params.lag_ms / 1000.0F;
+}
+
+/* The command as it is so long after the step began; the servo's angle, not the wheel's. */
+static float command_deg(const struct lp_timed *timed, float elapsed_s)
+{
+	const float gone_deg = timed->params.slew_deg_s * fmaxf(elapsed_s, 0);
+
+	if (timed->step == LP_TIMED_UP)
+		return fminf(low_deg(timed) + gone_deg, timed->target_deg + timed->offset_deg);
+	if (timed->step == LP_TIMED_DOWN) /* a servo whose place nobody knows cannot be ramped */
+		return timed->homed ? fmaxf(timed->from_deg - gone_deg, low_deg(timed))
+				    : low_deg(timed);
+	return timed->target_deg + timed->offset_deg;
+}
+
+/* ---------------------------------------------------------------- steps */
+
+static void enter(struct lp_timed *timed, enum lp_timed_step step, int64_t now_ns)
+{
+	timed->step = step;
+	timed->t_step_ns = now_ns;
+}
+
+static void fail(struct lp_timed *timed, const char *fault, const char *next_step, int64_t now_ns)
+{
+	timed->fault = fault;
+	timed->next_step = next_step;
+	timed->homed = false;
+	enter(timed, LP_TIMED_FAULT, now_ns);
+	timed->t_again_ns = now_ns + timed->again_ns;
+	timed->again_ns = 2 * timed->again_ns > LAST_AGAIN_NS ? LAST_AGAIN_NS : 2 * timed->again_ns;
+}
+
+static void go_down(struct lp_timed *timed, int64_t now_ns)
+{
+	timed->from_deg = timed->target_deg + timed->offset_deg;
+	enter(timed, LP_TIMED_DOWN, now_ns);
+}
+
+void lp_timed_init(struct lp_timed *timed)
+{
+	timed->step = LP_TIMED_IDLE;
+	timed->target_deg = NAN;
+	timed->again_ns = FIRST_AGAIN_NS;
+}
+
+int lp_timed_move(struct lp_timed *timed, float target_deg, int64_t now_ns, const char **reason)
+{
+	const int below = edges_below(timed, target_deg);
+
+	*reason = "beyond the comb";
+	if (below < 2 || below >= timed->params.edges)
+		return -ERANGE;
+	*reason = "too close to an edge of the comb";
+	if (target_deg - edge_deg(timed, below - 1) < MARGIN_DEG ||
+	    edge_deg(timed, below) - target_deg < MARGIN_DEG)
+		return -ERANGE;
+	if (timed->step == LP_TIMED_REST || timed->step == LP_TIMED_UP)
+		go_down(timed, now_ns);
+	timed->target_deg = target_deg;
+	return 0;
+}
+
+void lp_timed_forget(struct lp_timed *timed, int64_t now_ns)
+{
+	timed->homed = false;
+	timed->offset_deg = 0;
+	timed->fault = NULL;
+	enter(timed, LP_TIMED_IDLE, now_ns);
+}
+
+void lp_timed_edge(struct lp_timed *timed, int64_t t_ns)
+{
+	const struct lp_timed_params *p = &timed->params;
+	const float apart_s = seconds(timed->t_edge_ns, t_ns);
+
+	timed->t_edge_ns = t_ns;
+	if (timed->step == LP_TIMED_REST) {
+		fail(timed, "WHEEL_SLIP", "the wheel moved by itself: horn, gear, touched?", t_ns);
+		return;
+	}
+	if (timed->step != LP_TIMED_UP)
+		return;
+	const float at_deg = command_deg(timed, seconds(timed->t_step_ns, t_ns) - lag_s(timed));
+	const float off_deg = at_deg - edge_deg(timed, timed->edges);
+	const bool first = timed->edges++ == 0;
+
+	if (!first && apart_s < (p->pitch_deg - 2 * p->edge_error_deg) / p->slew_physical_deg_s)
+		fail(timed, "WHEEL_TOO_FAST", "faster than anything real: wiring, stray light?",
+		     t_ns);
+	else if (off_deg - (first ? 0 : timed->offset_deg) > (first ? p->tolerance_deg : DRIFT_DEG))
+		fail(timed, "WHEEL_SLOW", "the wheel follows late: friction, weak supply?", t_ns);
+	else if (off_deg - (first ? 0 : timed->offset_deg) <
+		 -(first ? p->tolerance_deg : DRIFT_DEG))
+		fail(timed, "WHEEL_SLIP", "an edge came early: horn, gear, noise?", t_ns);
+	else if (first)
+		timed->offset_deg = off_deg;
+}
+
+/* All the way has been commanded, and time has passed: is the wheel there? */
+static void arrive(struct lp_timed *timed, int64_t now_ns, bool sensor_on)
+{
+	const int wanted = edges_below(timed, timed->target_deg);
+
+	if (timed->edges == 0 && sensor_on) {
+		fail(timed, "INDEX_ALWAYS", "always on a tooth: plug, dirt? does the wheel turn?",
+		     now_ns);
+	} else if (timed->edges == 0) {
+		fail(timed, "INDEX_NEVER", "no tooth was seen: plug? does the wheel turn?", now_ns);
+	} else if (timed->edges < wanted) {
+		fail(timed, "WHEEL_STUCK", "the wheel does not follow: free it; supply?", now_ns);
+	} else if (timed->edges > wanted) {
+		fail(timed, "WHEEL_SLIP", "the wheel went too far: horn, gear, noise?", now_ns);
+	} else {
+		timed->homed = true;
+		timed->fault = NULL;
+		timed->again_ns = FIRST_AGAIN_NS;
+		enter(timed, LP_TIMED_REST, now_ns);
+	}
+}
+
+void lp_timed_tick(struct lp_timed *timed, int64_t now_ns, bool sensor_on)
+{
+	const struct lp_timed_params *p = &timed->params;
+	const float elapsed_s = seconds(timed->t_step_ns, now_ns);
+	const float rest_s = lag_s(timed) + p->settle_ms / 1000.0F;
+
+	if (isnan(timed->target_deg))
+		return;
+	if (timed->step == LP_TIMED_IDLE ||
+	    (timed->step == LP_TIMED_FAULT && now_ns >= timed->t_again_ns)) {
+		timed->offset_deg = 0;
+		go_down(timed, now_ns);
+	} else if (timed->step == LP_TIMED_DOWN) {
+		const float way_deg = timed->homed ? timed->from_deg - low_deg(timed) : TRAVEL_DEG;
+		const float pace = timed->homed ? p->slew_deg_s : SLOWEST_DEG_S;
+
+		if (elapsed_s < way_deg / pace + rest_s)
+			return;
+		timed->edges = 0;
+		timed->offset_deg = 0;
+		enter(timed, LP_TIMED_UP, now_ns);
+	} else if (timed->step == LP_TIMED_UP) {
+		const float way_deg = timed->target_deg + timed->offset_deg - low_deg(timed);
+
+		if (elapsed_s >= way_deg / p->slew_deg_s + rest_s)
+			arrive(timed, now_ns, sensor_on);
+	}
+}
+
+float lp_timed_pulse_us(const struct lp_timed *timed, int64_t now_ns)
+{
+	const float elapsed_s = seconds(timed->t_step_ns, now_ns);
+
+	if (timed->step == LP_TIMED_IDLE || timed->step == LP_TIMED_FAULT ||
+	    (timed->step == LP_TIMED_REST && elapsed_s > timed->params.hold_s))
+		return 0;
+	return timed->params.servo_zero_us +
+	       timed->params.servo_us_per_deg * command_deg(timed, elapsed_s);
+}
+
+void lp_timed_state(const struct lp_timed *timed, int64_t now_ns, struct lp_wheel_state *state)
+{
+	*state = (struct lp_wheel_state){.phase = timed->step == LP_TIMED_IDLE	  ? LP_WHEEL_UNKNOWN
+						  : timed->step == LP_TIMED_REST  ? LP_WHEEL_SETTLED
+						  : timed->step == LP_TIMED_FAULT ? LP_WHEEL_FAULT
+						  : timed->homed		  ? LP_WHEEL_MOVING
+										  : LP_WHEEL_HOMING,
+					 .commanded_deg = timed->target_deg,
+					 .measured_deg = NAN,
+					 .sigma_deg = NAN,
+					 .t_phase_ns = timed->t_step_ns,
+					 .t_seen_ns = now_ns,
+					 .clock_sigma_us = NAN};
+	if (timed->step != LP_TIMED_REST)
+		return;
+	const int below = edges_below(timed, timed->target_deg);
+	const float under_deg = timed->target_deg - edge_deg(timed, below - 1);
+	const float over_deg = edge_deg(timed, below) - timed->target_deg;
+
+	state->measured_deg = timed->target_deg;
+	state->sigma_deg = (fmaxf(under_deg, over_deg) + timed->params.edge_error_deg) / 3;
+}
