@@ -52,7 +52,6 @@ FUZZ_SECONDS := $(or $(SECONDS),60)
 $(OUT)/fuzz/%: $(OUT)/tests/fuzz/fuzz_%.c.o $(DAEMON_LIBS)
 	@mkdir -p $(@D)
 	@$(CXX) $(LP_LDFLAGS) -fsanitize=fuzzer -o $@ $^ $(LP_LDLIBS) -ljpeg
-$(OUT)/fuzz/link: LP_LDFLAGS += -Wl,--wrap=lp_clock_ns
 
 .PHONY: fuzz fuzz-targets run-fuzz
 fuzz-targets: $(FUZZ_TARGETS:%=$(OUT)/fuzz/%)

@@ -13,32 +13,29 @@
 #include "app/health.h"
 #include "app/hub.h"
 #include "app/instruments.h"
-#include "app/loop.h"
 #include "app/options.h"
 #include "app/service.h"
 #include "app/worker.h"
 #include "base/clock.h"
 #include "base/log.h"
+#include "base/loop.h"
 #include "include/frame.h"
 #include "include/source.h"
 
-#define TICK_MS 100
+#define TICK_NS (100 * LP_NS_PER_MS)
 #define DRAIN_NS (5 * LP_NS_PER_S) /* how long the last packets may take to leave */
-
-struct publisher_slot {
-	struct lp_daemon *daemon;
-	struct lp_publisher *publisher;
-};
 
 struct lp_daemon {
 	const struct lp_options *options;
 	struct lp_loop *loop;
+	struct lp_timer tick;
+	struct lp_watch results; /* of the worker */
 	struct lp_hub *hub;
 	struct lp_worker *worker;
 	struct lp_source *source;
 	struct lp_source_caps caps;
 	struct lp_instruments *instruments;
-	struct publisher_slot publishers[LP_MAX_PUBLISHERS];
+	struct lp_publisher *publishers[LP_MAX_PUBLISHERS];
 	int publisher_count;
 	struct lp_health health;
 	struct lp_governor governor;
@@ -60,7 +57,7 @@ struct lp_daemon {
 static bool anything_pending(const struct lp_daemon *daemon)
 {
 	for (int i = 0; i < daemon->publisher_count; i++) {
-		const struct lp_publisher *publisher = daemon->publishers[i].publisher;
+		const struct lp_publisher *publisher = daemon->publishers[i];
 
 		if (publisher->ops->pending(publisher))
 			return true;
@@ -215,11 +212,12 @@ static void publish(struct lp_daemon *daemon, struct lp_result *result)
 	lp_governor_estimate(&daemon->governor, lp_clock_ns() - result->estimates.raw.t_arrival_ns);
 }
 
-static void on_result(void *context)
+static void on_result(struct lp_watch *watch, unsigned int events)
 {
-	struct lp_daemon *daemon = context;
+	struct lp_daemon *daemon = LP_CONTAINER_OF(watch, struct lp_daemon, results);
 	struct lp_result *result = lp_worker_take(daemon->worker);
 
+	(void)events;
 	if (!result)
 		return;
 	if (!isnan(result->command_us))
@@ -234,23 +232,13 @@ static void on_result(void *context)
 
 /* ---------------------------------------------------------------- descriptors and time */
 
-static void on_source_ready(void *context)
+/* A `once` set whose reader left before its estimate has failed. */
+static void on_publisher_failed(void *context, int failure)
 {
 	struct lp_daemon *daemon = context;
 
-	(void)daemon->source->ops->dispatch(daemon->source);
-}
-
-static void on_publisher_ready(void *context)
-{
-	struct publisher_slot *slot = context;
-	struct lp_daemon *daemon = slot->daemon;
-	const int ret = slot->publisher->ops->dispatch(slot->publisher);
-
-	if (ret < 0) /* a set whose reader left before its estimate has failed */
-		begin_ending(daemon, ret == -EPIPE && !daemon->options->once ? LP_EXIT_OK
-									     : LP_EXIT_FAILURE);
-	continue_ending(daemon);
+	begin_ending(daemon,
+		     failure == -EPIPE && !daemon->options->once ? LP_EXIT_OK : LP_EXIT_FAILURE);
 }
 
 /* The loop runs, or we would not be here; a worker that has been busy for half the watchdog's
@@ -290,9 +278,9 @@ static void govern(struct lp_daemon *daemon)
 	lp_info("governor", name, "preset in force: %s", reason);
 }
 
-static void on_tick(void *context)
+static void on_tick(struct lp_timer *timer)
 {
-	struct lp_daemon *daemon = context;
+	struct lp_daemon *daemon = LP_CONTAINER_OF(timer, struct lp_daemon, tick);
 	struct lp_health_report *report = &daemon->health.report;
 
 	report->frames_dropped = lp_worker_dropped(daemon->worker) + daemon->frames_lost;
@@ -323,6 +311,9 @@ static int create_hub(struct lp_daemon *daemon)
 		.ttl_ms = (uint32_t)lrintf(options->ttl_ms),
 		.max_clients = options->max_clients,
 		.health = &daemon->health,
+		.loop = daemon->loop,
+		.context = daemon,
+		.failed = on_publisher_failed,
 	};
 
 	if (getrandom(&hub.hello.boot_id, sizeof(hub.hello.boot_id), GRND_NONBLOCK) < 0)
@@ -340,6 +331,7 @@ static int create_hub(struct lp_daemon *daemon)
 static int create_source(struct lp_daemon *daemon)
 {
 	const struct lp_source_host host = {.context = daemon,
+					    .loop = daemon->loop,
 					    .once = daemon->options->once,
 					    .frame = on_frame,
 					    .state = on_state,
@@ -364,7 +356,9 @@ static int create_source(struct lp_daemon *daemon)
 
 static int create_instruments(struct lp_daemon *daemon)
 {
-	const struct lp_instruments_host host = {.context = daemon, .frame = on_stamped_frame};
+	const struct lp_instruments_host host = {.context = daemon,
+						 .loop = daemon->loop,
+						 .frame = on_stamped_frame};
 
 	return lp_instruments_create(daemon->options, &daemon->health, &host, &daemon->instruments);
 }
@@ -375,10 +369,8 @@ static int create_publishers(struct lp_daemon *daemon)
 	int ret = 0;
 
 	for (int i = 0; i < daemon->options->publish.count && ret == 0; i++) {
-		struct publisher_slot *slot = &daemon->publishers[i];
-
-		slot->daemon = daemon;
-		ret = lp_publisher_open(daemon->options->publish.texts[i], &host, &slot->publisher);
+		ret = lp_publisher_open(daemon->options->publish.texts[i], &host,
+					&daemon->publishers[i]);
 		if (ret == 0)
 			daemon->publisher_count++;
 	}
@@ -399,6 +391,11 @@ static int create_all(struct lp_daemon *daemon)
 {
 	int ret;
 
+	ret = lp_loop_create(&daemon->loop);
+	if (ret < 0) {
+		lp_error("lightprobed", "loop", "%s", lp_strerror(ret));
+		return ret;
+	}
 	lp_health_init(&daemon->health, lp_clock_ns());
 	lp_governor_init(&daemon->governor, &daemon->options->goals, daemon->options->preset,
 			 lp_clock_ns(), lp_clock_cpu_ns());
@@ -417,14 +414,16 @@ static int create_all(struct lp_daemon *daemon)
 /* In this order: frames go back before their source, packets before their hub. */
 static void destroy_all(struct lp_daemon *daemon)
 {
-	lp_loop_destroy(daemon->loop);
+	lp_timer_stop(&daemon->tick);
+	lp_watch_stop(&daemon->results);
 	lp_instruments_destroy(daemon->instruments);
 	lp_worker_destroy(daemon->worker);
 	for (int i = 0; i < daemon->publisher_count; i++)
-		daemon->publishers[i].publisher->ops->destroy(daemon->publishers[i].publisher);
+		daemon->publishers[i]->ops->destroy(daemon->publishers[i]);
 	if (daemon->source)
 		daemon->source->ops->destroy(daemon->source);
 	lp_hub_destroy(daemon->hub);
+	lp_loop_destroy(daemon->loop);
 	lp_log_flush(1);
 }
 
@@ -438,43 +437,23 @@ static int watch_signals(struct lp_daemon *daemon)
 	return ret;
 }
 
-static int watch_descriptors(struct lp_daemon *daemon)
-{
-	struct lp_loop *loop = daemon->loop;
-	int ret = lp_loop_watch(loop, lp_worker_fd(daemon->worker), on_result, daemon);
-
-	if (ret == 0)
-		ret = lp_loop_watch(loop, daemon->source->ops->fd(daemon->source), on_source_ready,
-				    daemon);
-	if (ret == 0)
-		ret = lp_instruments_watch(daemon->instruments, loop);
-	for (int i = 0; i < daemon->publisher_count && ret == 0; i++) {
-		struct publisher_slot *slot = &daemon->publishers[i];
-
-		ret = lp_loop_watch(loop, slot->publisher->ops->fd(slot->publisher),
-				    on_publisher_ready, slot);
-	}
-	return ret;
-}
-
 /* Signals first, so that whatever has been opened is closed; publishers before the source: whoever
  * waits for the service finds them open. Who fails says why, but for the loop. */
 static int start_all(struct lp_daemon *daemon)
 {
-	int ret = lp_loop_create(&daemon->loop);
+	int ret = watch_signals(daemon);
 
 	if (ret == 0)
-		ret = watch_signals(daemon);
-	if (ret == 0)
-		ret = lp_loop_every(daemon->loop, TICK_MS, on_tick, daemon);
-	if (ret == 0)
-		ret = watch_descriptors(daemon);
+		ret = lp_watch_start(daemon->loop, &daemon->results, lp_worker_fd(daemon->worker),
+				     LP_READABLE, on_result);
+	lp_timer_init(daemon->loop, &daemon->tick, on_tick);
+	lp_timer_set(&daemon->tick, TICK_NS, TICK_NS);
 	if (ret < 0) {
 		lp_error("lightprobed", "loop", "%s", lp_strerror(ret));
 		return ret;
 	}
 	for (int i = 0; i < daemon->publisher_count && ret == 0; i++)
-		ret = daemon->publishers[i].publisher->ops->start(daemon->publishers[i].publisher);
+		ret = daemon->publishers[i]->ops->start(daemon->publishers[i]);
 	if (ret == 0)
 		ret = lp_instruments_start(daemon->instruments);
 	return ret == 0 ? daemon->source->ops->start(daemon->source) : ret;

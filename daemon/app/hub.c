@@ -393,15 +393,25 @@ static void on_superseded(void *context, void *user)
 	hub->options.health->report.packets_superseded++;
 }
 
+static void on_failed(void *context, struct lp_publisher *publisher, int failure)
+{
+	struct lp_hub *hub = context;
+
+	(void)publisher;
+	hub->options.failed(hub->options.context, failure);
+}
+
 struct lp_publisher_host lp_hub_publisher_host(struct lp_hub *hub)
 {
 	return (struct lp_publisher_host){
 		.context = hub,
+		.loop = hub->options.loop,
 		.connected = on_connected,
 		.request = on_request,
 		.unreadable = on_unreadable,
 		.disconnected = on_disconnected,
 		.superseded = on_superseded,
+		.failed = on_failed,
 	};
 }
 

@@ -23,6 +23,10 @@ struct lp_hub_options {
 	uint32_t ttl_ms;
 	int max_clients;
 	struct lp_health *health; /* counted into; borrowed */
+	struct lp_loop *loop;	  /* the publishers'; outlives them */
+	void *context;
+	/* A publisher cannot go on (publisher.h). */
+	void (*failed)(void *context, int failure);
 };
 
 int lp_hub_create(const struct lp_hub_options *options, struct lp_hub **hub);

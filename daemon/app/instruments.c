@@ -9,11 +9,12 @@
 
 #include "app/backends.h"
 #include "app/health.h"
-#include "app/loop.h"
 #include "app/options.h"
 #include "app/sweep.h"
 #include "base/clock.h"
 #include "base/log.h"
+#include "base/loop.h"
+#include "include/connections.h"
 #include "include/frame.h"
 #include "include/light_estimate.h"
 #include "include/ring.h"
@@ -25,7 +26,7 @@
 struct lp_instruments {
 	struct lp_instruments_host host;
 	struct lp_health *health;
-	struct lp_mcu *mcus;
+	struct lp_connections connections;
 	struct lp_rotator *rotator; /* NULL: none */
 	struct lp_ring *ring;	    /* NULL: none */
 	struct lp_sweep sweep;
@@ -149,33 +150,6 @@ uint32_t lp_instruments_flags(const struct lp_instruments *instruments)
 	return flags;
 }
 
-static void on_rotator_ready(void *context)
-{
-	struct lp_instruments *self = context;
-
-	(void)self->rotator->ops->dispatch(self->rotator);
-}
-
-static void on_ring_ready(void *context)
-{
-	struct lp_instruments *self = context;
-
-	(void)self->ring->ops->dispatch(self->ring);
-}
-
-int lp_instruments_watch(struct lp_instruments *instruments, struct lp_loop *loop)
-{
-	struct lp_rotator *rotator = instruments->rotator;
-	struct lp_ring *ring = instruments->ring;
-	int ret = 0;
-
-	if (rotator && rotator->ops->fd(rotator) >= 0)
-		ret = lp_loop_watch(loop, rotator->ops->fd(rotator), on_rotator_ready, instruments);
-	if (ret == 0 && ring && ring->ops->fd(ring) >= 0)
-		ret = lp_loop_watch(loop, ring->ops->fd(ring), on_ring_ready, instruments);
-	return ret;
-}
-
 int lp_instruments_start(struct lp_instruments *instruments)
 {
 	int ret = 0;
@@ -193,9 +167,10 @@ int lp_instruments_start(struct lp_instruments *instruments)
 static int open_rotator(struct lp_instruments *self, const struct lp_options *options)
 {
 	const struct lp_rotator_host host = {.context = self,
+					     .loop = self->host.loop,
 					     .state = on_wheel,
 					     .fault = on_fault,
-					     .mcus = &self->mcus};
+					     .connections = &self->connections};
 	struct lp_wheel_report *report = &self->health->report.wheel;
 
 	report->state = (struct lp_wheel_state){.phase = LP_WHEEL_ABSENT,
@@ -217,9 +192,10 @@ static int open_rotator(struct lp_instruments *self, const struct lp_options *op
 static int open_ring(struct lp_instruments *self, const struct lp_options *options)
 {
 	const struct lp_ring_host host = {.context = self,
+					  .loop = self->host.loop,
 					  .sample = on_sample,
 					  .fault = on_fault,
-					  .mcus = &self->mcus};
+					  .connections = &self->connections};
 
 	self->health->report.has_ring = true;
 	for (int k = 0; k < LP_RING_SENSORS; k++)

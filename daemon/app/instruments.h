@@ -14,6 +14,7 @@ struct lp_options;
 
 struct lp_instruments_host {
 	void *context;
+	struct lp_loop *loop; /* outlives the instruments */
 	/* A frame that may be used, stamped with the wheel's angle where it is known. Takes over
 	 * the reference. */
 	void (*frame)(void *context, struct lp_frame *frame);
@@ -23,7 +24,6 @@ struct lp_instruments_host {
 int lp_instruments_create(const struct lp_options *options, struct lp_health *health,
 			  const struct lp_instruments_host *host,
 			  struct lp_instruments **instruments);
-int lp_instruments_watch(struct lp_instruments *instruments, struct lp_loop *loop);
 int lp_instruments_start(struct lp_instruments *instruments);
 
 /* Takes over the reference to `frame`. */

@@ -9,19 +9,20 @@
 #include "app/backends.h"
 #include "app/bracket.h"
 #include "app/daemon.h"
-#include "app/loop.h"
 #include "app/options.h"
 #include "app/series_writer.h"
 #include "base/clock.h"
 #include "base/log.h"
+#include "base/loop.h"
 #include "include/frame.h"
 #include "include/source.h"
 
-#define TICK_MS 100
+#define TICK_NS (100 * LP_NS_PER_MS)
 
 struct series {
 	const struct lp_options *options;
 	struct lp_loop *loop;
+	struct lp_timer tick;
 	struct lp_source *source;
 	struct lp_series_writer *writer;
 	struct lp_floats schedule; /* what of the user's this camera can do; empty: as it comes */
@@ -136,22 +137,15 @@ static void on_state(void *context, enum lp_source_state state, const char *reas
 	}
 }
 
-static void on_source_ready(void *context)
-{
-	struct series *series = context;
-
-	(void)series->source->ops->dispatch(series->source);
-}
-
 static void on_signal(void *context, int signal_number)
 {
 	lp_info("lightprobed", "signal", "%s: ending", strsignal(signal_number));
 	end(context, LP_EXIT_FAILURE);
 }
 
-static void on_tick(void *context)
+static void on_tick(struct lp_timer *timer)
 {
-	struct series *series = context;
+	struct series *series = LP_CONTAINER_OF(timer, struct series, tick);
 
 	if (lp_series_writer_error(series->writer) < 0)
 		end(series, LP_EXIT_FAILURE);
@@ -163,6 +157,7 @@ static int create_all(struct series *series)
 {
 	const struct lp_options *options = series->options;
 	const struct lp_source_host host = {.context = series,
+					    .loop = series->loop,
 					    .once = true,
 					    .frame = on_frame,
 					    .state = on_state,
@@ -194,15 +189,12 @@ static int create_all(struct series *series)
 static int start_all(struct series *series)
 {
 	static const int signals[] = {SIGINT, SIGTERM, SIGHUP};
-	int ret = lp_loop_create(&series->loop);
+	int ret = 0;
 
 	for (size_t i = 0; i < sizeof(signals) / sizeof(signals[0]) && ret == 0; i++)
 		ret = lp_loop_on_signal(series->loop, signals[i], on_signal, series);
-	if (ret == 0)
-		ret = lp_loop_every(series->loop, TICK_MS, on_tick, series);
-	if (ret == 0)
-		ret = lp_loop_watch(series->loop, series->source->ops->fd(series->source),
-				    on_source_ready, series);
+	lp_timer_init(series->loop, &series->tick, on_tick);
+	lp_timer_set(&series->tick, TICK_NS, TICK_NS);
 	if (ret < 0) {
 		lp_error("lightprobed", "loop", "%s", lp_strerror(ret));
 		return ret;
@@ -216,18 +208,23 @@ int lp_series_run(const struct lp_options *options)
 				.shot = {.step = -1, .exposure_us = NAN},
 				.exit_code = LP_EXIT_USAGE};
 
+	if (lp_loop_create(&series.loop) < 0) {
+		lp_error("lightprobed", "loop", "out of memory or descriptors");
+		return LP_EXIT_FAILURE;
+	}
 	if (create_all(&series) == 0) {
 		series.exit_code = LP_EXIT_FAILURE;
 		if (start_all(&series) == 0)
 			lp_loop_run(series.loop);
 	}
-	lp_loop_destroy(series.loop);
+	lp_timer_stop(&series.tick);
 	/* Frames go back before their source. */
 	if (series.writer &&
 	    lp_series_writer_finish(series.writer, series.exit_code == LP_EXIT_OK) < 0)
 		series.exit_code = LP_EXIT_FAILURE;
 	if (series.source)
 		series.source->ops->destroy(series.source);
+	lp_loop_destroy(series.loop);
 	lp_log_flush(1);
 	return series.exit_code;
 }

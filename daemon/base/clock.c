@@ -1,7 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "base/clock.h"
 
+#include <stdatomic.h>
 #include <time.h>
+
+static atomic_int_fast64_t simulated_ns; /* 0: time is the system's */
+static atomic_int_fast64_t unix_minus_simulated_ns;
 
 static int64_t read_clock(clockid_t id)
 {
@@ -13,11 +17,27 @@ static int64_t read_clock(clockid_t id)
 
 int64_t lp_clock_ns(void)
 {
-	return read_clock(CLOCK_MONOTONIC);
+	const int64_t now_ns = atomic_load_explicit(&simulated_ns, memory_order_relaxed);
+
+	return now_ns ? now_ns : read_clock(CLOCK_MONOTONIC);
+}
+
+void lp_clock_simulate(int64_t t_ns)
+{
+	if (!lp_clock_is_simulated())
+		atomic_store(&unix_minus_simulated_ns, read_clock(CLOCK_REALTIME) - t_ns);
+	atomic_store(&simulated_ns, t_ns);
+}
+
+bool lp_clock_is_simulated(void)
+{
+	return atomic_load_explicit(&simulated_ns, memory_order_relaxed) != 0;
 }
 
 int64_t lp_clock_unix_ns(int64_t monotonic_ns)
 {
+	if (lp_clock_is_simulated())
+		return monotonic_ns + atomic_load(&unix_minus_simulated_ns);
 	return read_clock(CLOCK_REALTIME) - (read_clock(CLOCK_MONOTONIC) - monotonic_ns);
 }
 

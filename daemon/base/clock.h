@@ -3,6 +3,7 @@
 #ifndef LP_BASE_CLOCK_H
 #define LP_BASE_CLOCK_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #define LP_NS_PER_S INT64_C(1000000000)
@@ -10,6 +11,13 @@
 #define LP_NS_PER_US INT64_C(1000)
 
 int64_t lp_clock_ns(void);
+
+/*
+ * Simulated time, for tests: from now on lp_clock_ns() is `t_ns` (not 0) until the next call, and
+ * Unix time follows it. There is no way back. One thread sets it, any may read.
+ */
+void lp_clock_simulate(int64_t t_ns);
+bool lp_clock_is_simulated(void);
 
 /* Unix time of a CLOCK_MONOTONIC instant by both clocks as they stand now: a step of the wall clock
  * shows in the next packet and in nothing else. */

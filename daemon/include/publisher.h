@@ -3,7 +3,7 @@
  * A publisher of packets: moves bytes to and from clients and knows nothing of their meaning.
  * One back end = one file drivers/publisher/<scheme>.c, registered in app/backends.c.
  *
- * Contract as in source.h: ops on the loop thread, one fd, dispatch when readable. A client is
+ * Contract as in source.h: ops and callbacks on the loop thread. A client is
  * named by a handle that the publisher gives out and that is never used again after disconnected().
  */
 #ifndef LP_PUBLISHER_H
@@ -13,6 +13,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+struct lp_loop;
 struct lp_packet;
 struct lp_publisher;
 struct lp_uri;
@@ -24,6 +25,7 @@ struct lp_client; /* owned by the publisher */
 /* Callbacks into the application, all on the loop thread. */
 struct lp_publisher_host {
 	void *context;
+	struct lp_loop *loop; /* outlives the publisher */
 	/* May call send() at once. *user is the application's own pointer for this client. A
 	 * negative result refuses it: what was sent goes out, the connection closes, nothing more
 	 * is heard. */
@@ -38,6 +40,9 @@ struct lp_publisher_host {
 	void (*disconnected)(void *context, void *user);
 	/* A packet was given up for a newer one before it was sent. */
 	void (*superseded)(void *context, void *user);
+	/* This publisher cannot go on, and the daemon ends; -EPIPE: because the only client there
+	 * can ever be has gone, which is no fault. */
+	void (*failed)(void *context, struct lp_publisher *publisher, int failure);
 };
 
 struct lp_publisher_ops {
@@ -46,10 +51,6 @@ struct lp_publisher_ops {
 	int (*create)(const struct lp_uri *uri, const struct lp_publisher_host *host,
 		      struct lp_publisher **publisher);
 	int (*start)(struct lp_publisher *publisher);
-	int (*fd)(const struct lp_publisher *publisher);
-	/* Negative: this publisher cannot go on, and the daemon ends; -EPIPE: because the only
-	 * client there can ever be has gone, which is no fault. */
-	int (*dispatch)(struct lp_publisher *publisher);
 	/* Holds its own reference to `packet` while it needs it. Never blocks, never calls the
 	 * host. */
 	void (*send)(struct lp_publisher *publisher, struct lp_client *client,

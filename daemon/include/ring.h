@@ -8,7 +8,8 @@
 
 #include <stdint.h>
 
-struct lp_mcu;
+struct lp_connections;
+struct lp_loop;
 struct lp_ring;
 struct lp_ring_sample;
 struct lp_uri;
@@ -16,10 +17,11 @@ struct lp_uri;
 /* Callbacks into the application, all on the loop thread. */
 struct lp_ring_host {
 	void *context;
+	struct lp_loop *loop; /* outlives the ring */
 	void (*sample)(void *context, const struct lp_ring_sample *sample);
 	/* As in rotator.h. */
 	void (*fault)(void *context, const char *id, const char *text);
-	struct lp_mcu **mcus;
+	struct lp_connections *connections; /* shared with other roles; outlives the ring */
 };
 
 struct lp_ring_ops {
@@ -28,8 +30,6 @@ struct lp_ring_ops {
 	int (*create)(const struct lp_uri *uri, const struct lp_ring_host *host,
 		      struct lp_ring **ring);
 	int (*start)(struct lp_ring *ring);
-	int (*fd)(const struct lp_ring *ring); /* -1: somebody else watches the connection */
-	int (*dispatch)(struct lp_ring *ring);
 	void (*destroy)(struct lp_ring *ring); /* accepts NULL */
 };
 

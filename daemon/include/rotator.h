@@ -15,7 +15,8 @@
 
 #include <stdint.h>
 
-struct lp_mcu;
+struct lp_connections;
+struct lp_loop;
 struct lp_rotator;
 struct lp_uri;
 
@@ -46,13 +47,13 @@ struct lp_wheel_state {
 /* Callbacks into the application, all on the loop thread. */
 struct lp_rotator_host {
 	void *context;
+	struct lp_loop *loop; /* outlives the rotator */
 	/* At every change, whenever the device reports, and in answer to look(). */
 	void (*state)(void *context, const struct lp_wheel_state *state);
 	/* A fault by its name in docs/faults.md (static text). `text`: object, stage, next step;
 	 * valid during the call; NULL: it is over. */
 	void (*fault)(void *context, const char *id, const char *text);
-	/* Connections that back ends of several roles share: head of a list, NULL at first. */
-	struct lp_mcu **mcus;
+	struct lp_connections *connections; /* shared with other roles; outlives the rotator */
 };
 
 struct lp_rotator_ops {
@@ -61,9 +62,6 @@ struct lp_rotator_ops {
 	int (*create)(const struct lp_uri *uri, const struct lp_rotator_host *host,
 		      struct lp_rotator **rotator);
 	int (*start)(struct lp_rotator *rotator);
-	/* -1: somebody else watches the connection. */
-	int (*fd)(const struct lp_rotator *rotator);
-	int (*dispatch)(struct lp_rotator *rotator);
 	/* Turn the wheel to `target_deg` (0..180), as soon as its angle is known. A newer target
 	 * replaces an older one. */
 	void (*move)(struct lp_rotator *rotator, float target_deg);

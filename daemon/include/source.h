@@ -6,11 +6,10 @@
  *
  * Contract. create() only parses and allocates; start() opens the device. A device that is absent
  * is no error of start() when it may come (camera, simulator): it reports WAITING and tries again
- * with back-off. All ops run on the loop thread and take less than 1 ms; what blocks runs in a
- * thread of the back end's own. fd() is one descriptor for the source's whole life (an epoll
- * descriptor where there are several); when it is readable the loop calls dispatch(), which hands
- * frames to the host. Results are 0 or negative errno; the message has been logged where the
- * failure was seen.
+ * with back-off. All ops and callbacks run on the loop thread and take less than 1 ms; what blocks
+ * runs in a thread of the back end's own, which hands over through drivers/source/outbox.h.
+ * Descriptors and timers are watched on host.loop (base/loop.h) from start() on. Results are 0 or
+ * negative errno; the error has been logged where it was detected.
  */
 #ifndef LP_SOURCE_H
 #define LP_SOURCE_H
@@ -19,6 +18,7 @@
 #include <stdint.h>
 
 struct lp_frame;
+struct lp_loop;
 struct lp_uri;
 struct lp_source;
 
@@ -33,6 +33,7 @@ enum lp_source_state {
 /* Callbacks into the application, all on the loop thread. */
 struct lp_source_host {
 	void *context;
+	struct lp_loop *loop; /* outlives the source */
 	/* Every picture exactly once, as fast as it is taken, then LP_FRAME_LAST and ENDED: a
 	 * source that could repeat, pace or leave out does none of it. Cameras cannot, and just
 	 * stream. */
@@ -64,8 +65,6 @@ struct lp_source_ops {
 	int (*create)(const struct lp_uri *uri, const struct lp_source_host *host,
 		      struct lp_source **source);
 	int (*start)(struct lp_source *source);
-	int (*fd)(const struct lp_source *source);
-	int (*dispatch)(struct lp_source *source);
 	void (*caps)(const struct lp_source *source, struct lp_source_caps *caps);
 	/* Optional (NULL): command exposure; takes effect some frames later. */
 	int (*set_exposure)(struct lp_source *source, float exposure_us, float gain);

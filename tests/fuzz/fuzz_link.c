@@ -10,7 +10,9 @@
 #include <string.h>
 
 #include "app/backends.h"
+#include "base/clock.h"
 #include "base/log.h"
+#include "base/loop.h"
 #include "drivers/link/envelope.h"
 #include "drivers/link/mcu_parts.h"
 #include "fuzz.h"
@@ -22,13 +24,12 @@
 #define TICK_NS (20 * LP_NS_PER_MS)
 #define FIRST_ID 0x40 /* of the microcontroller's messages; 16 follow */
 
-static int64_t now_ns;
+static int64_t now_ns; /* simulated: a fault shows the same way every time */
 
-/* Linked in place of lp_clock_ns (tests.mk): a fault shows the same way every time. */
-int64_t __wrap_lp_clock_ns(void);
-int64_t __wrap_lp_clock_ns(void)
+static void set_time(int64_t t_ns)
 {
-	return now_ns;
+	now_ns = t_ns;
+	lp_clock_simulate(t_ns);
 }
 
 /* ---------------------------------------------------------------- the line */
@@ -78,7 +79,7 @@ static const struct lp_link_ops line_ops = {
 	.destroy = line_close,
 };
 
-/* As link_serial.c does: handing a message on may close the line. */
+/* As serial.c does: handing a message on may close the line. */
 static void receive(const uint8_t *bytes, size_t count)
 {
 	const struct lp_link_host *host = &line.base.host;
@@ -152,36 +153,44 @@ static void on_fault(void *context, const char *id, const char *text)
 
 /* ---------------------------------------------------------------- a run */
 
-static struct lp_mcu *mcus;
+static struct lp_loop *loop;
+static struct lp_connections connections;
 static struct lp_rotator *rotator;
 static struct lp_ring *ring;
+
+static struct lp_mcu *mcu(void)
+{
+	return (struct lp_mcu *)connections.first;
+}
 
 static void setup(void)
 {
 	static const char uri[] = "mcu:serial:fuzz"; /* never opened: see below */
-	const struct lp_rotator_host wheel_host = {.state = on_state,
-						   .fault = on_fault,
-						   .mcus = &mcus};
-	const struct lp_ring_host ring_host = {.sample = on_sample,
-					       .fault = on_fault,
-					       .mcus = &mcus};
+	struct lp_rotator_host wheel_host = {.state = on_state,
+					     .fault = on_fault,
+					     .connections = &connections};
+	struct lp_ring_host ring_host = {.sample = on_sample,
+					 .fault = on_fault,
+					 .connections = &connections};
 
 	lp_log_set_level(LP_LOG_ERROR);
-	now_ns = 10000 * LP_NS_PER_S;
+	set_time(10000 * LP_NS_PER_S);
+	fuzz_assert(lp_loop_create(&loop) == 0);
+	wheel_host.loop = ring_host.loop = loop;
 	fuzz_assert(lp_rotator_open(uri, &wheel_host, &rotator) == 0);
 	fuzz_assert(lp_ring_open(uri, &ring_host, &ring) == 0);
 	memset(&line, 0, sizeof(line));
-	line.base = *mcus->link;
+	line.base = *mcu()->link;
 	line.base.ops = &line_ops;
-	mcus->link->ops->destroy(mcus->link);
-	mcus->link = &line.base;
+	mcu()->link->ops->destroy(mcu()->link);
+	mcu()->link = &line.base;
 }
 
 static void pass(unsigned ticks)
 {
 	for (; ticks > 0; ticks--) {
-		now_ns += TICK_NS;
-		lp_mcu_tick(&mcus->tick);
+		set_time(now_ns + TICK_NS);
+		lp_mcu_tick(&mcu()->tick);
 	}
 }
 
@@ -215,12 +224,13 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 			rotator->ops->look(rotator);
 		else
 			lose_line(count & 1);
-		now_ns += LP_NS_PER_MS;
+		set_time(now_ns + LP_NS_PER_MS);
 		at += kind < 2 ? count : 0;
 	}
 	pass(2);
 	rotator->ops->destroy(rotator);
 	ring->ops->destroy(ring);
-	fuzz_assert(mcus == NULL);
+	fuzz_assert(connections.first == NULL);
+	lp_loop_destroy(loop);
 	return 0;
 }

@@ -2,7 +2,6 @@
 /* What a simulator may send: the bytes go through a real socket into the source. */
 #include "fuzz.h"
 
-#include <poll.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/socket.h>
@@ -11,6 +10,7 @@
 
 #include "app/backends.h"
 #include "base/log.h"
+#include "base/loop.h"
 #include "include/frame.h"
 #include "include/source.h"
 
@@ -51,9 +51,7 @@ static int listener(const char *path)
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
 	enum lp_source_state state = 0;
-	const struct lp_source_host host = {.context = &state,
-					    .frame = on_frame,
-					    .state = on_state};
+	struct lp_source_host host = {.context = &state, .frame = on_frame, .state = on_state};
 	struct lp_source *source;
 	char uri[64];
 	int listening, peer;
@@ -61,19 +59,17 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 	lp_log_set_level(LP_LOG_ERROR);
 	(void)snprintf(uri, sizeof(uri), "sim:/tmp/lp-fuzz-%d.sock", (int)getpid());
 	listening = listener(uri + 4);
+	fuzz_assert(lp_loop_create(&host.loop) == 0);
 	fuzz_assert(lp_source_open(uri, &host, &source) == 0);
 	fuzz_assert(source->ops->start(source) == 0);
 	peer = accept(listening, NULL, NULL);
 	/* More than the socket holds is cut off: a simulator that dies. */
 	(void)!send(peer, data, size, MSG_DONTWAIT | MSG_NOSIGNAL);
 	(void)shutdown(peer, SHUT_WR);
-	while (state != LP_SOURCE_WAITING) {
-		struct pollfd poll_fd = {.fd = source->ops->fd(source), .events = POLLIN};
-
-		fuzz_assert(poll(&poll_fd, 1, 10000) == 1);
-		fuzz_assert(source->ops->dispatch(source) == 0);
-	}
+	while (state != LP_SOURCE_WAITING)
+		(void)lp_loop_run_once(host.loop);
 	close(peer);
 	source->ops->destroy(source);
+	lp_loop_destroy(host.loop);
 	return 0;
 }

@@ -4,6 +4,7 @@
 #include <errno.h>
 
 #include "app/backends.h"
+#include "base/loop.h"
 #include "base/uri.h"
 #include "include/publisher.h"
 #include "include/source.h"
@@ -45,6 +46,21 @@ static void test_unknown_and_not_built_are_different_messages(void **state)
 				      "this build — make daemon WITH_V4L2=1\n");
 }
 
+static struct lp_loop *loop;
+
+static int setup(void **state)
+{
+	(void)state;
+	return lp_loop_create(&loop);
+}
+
+static int teardown(void **state)
+{
+	(void)state;
+	lp_loop_destroy(loop);
+	return 0;
+}
+
 static void test_every_back_end_states_its_contract(void **state)
 {
 	static const char *const sources[] = {
@@ -56,8 +72,8 @@ static void test_every_back_end_states_its_contract(void **state)
 #endif
 	};
 	static const char *const publishers[] = {"tcp:127.0.0.1:0", "unix:/nowhere", "stdout:"};
-	const struct lp_source_host source_host = {0};
-	const struct lp_publisher_host publisher_host = {0};
+	const struct lp_source_host source_host = {.loop = loop};
+	const struct lp_publisher_host publisher_host = {.loop = loop};
 
 	(void)state;
 	for (size_t i = 0; i < ARRAY_COUNT(sources); i++) {
@@ -66,8 +82,7 @@ static void test_every_back_end_states_its_contract(void **state)
 		assert_int_equal(lp_source_open(sources[i], &source_host, &source), 0);
 		assert_memory_equal(source->ops->scheme, sources[i], strlen(source->ops->scheme));
 		assert_memory_equal(source->ops->help, sources[i], strlen(source->ops->scheme));
-		assert_true(source->ops->start && source->ops->fd && source->ops->dispatch &&
-			    source->ops->caps);
+		assert_true(source->ops->start && source->ops->caps);
 		const struct lp_source_ops *ops = source->ops;
 
 		ops->destroy(source);
@@ -79,8 +94,7 @@ static void test_every_back_end_states_its_contract(void **state)
 		assert_int_equal(lp_publisher_open(publishers[i], &publisher_host, &publisher), 0);
 		assert_memory_equal(publisher->ops->help, publishers[i],
 				    strlen(publisher->ops->scheme));
-		assert_true(publisher->ops->start && publisher->ops->fd &&
-			    publisher->ops->dispatch && publisher->ops->send &&
+		assert_true(publisher->ops->start && publisher->ops->send &&
 			    publisher->ops->pending);
 		const struct lp_publisher_ops *ops = publisher->ops;
 
@@ -96,8 +110,8 @@ static void test_wrong_keys_are_errors_of_create(void **state)
 	static const char *const bad_publishers[] = {"tcp:127.0.0.1:1?mode=1", "unix:/a?mode=9",
 						     "unix:/a?mode=1777", "stdout:x",
 						     "stdout:?a=b"};
-	const struct lp_source_host source_host = {0};
-	const struct lp_publisher_host publisher_host = {0};
+	const struct lp_source_host source_host = {.loop = loop};
+	const struct lp_publisher_host publisher_host = {.loop = loop};
 	struct lp_source *source;
 	struct lp_publisher *publisher;
 
@@ -120,5 +134,5 @@ int main(void)
 		cmocka_unit_test(test_wrong_keys_are_errors_of_create),
 	};
 
-	return cmocka_run_group_tests(tests, NULL, NULL);
+	return cmocka_run_group_tests(tests, setup, teardown);
 }

@@ -16,6 +16,8 @@
 #include "drivers/link/mcu.h"
 #include "drivers/link/mcu_faults.h"
 #include "drivers/ring/ldr.h"
+#include "include/connections.h"
+#include "loop_test.h"
 
 static void test_names_are_the_schemas(void **state)
 {
@@ -53,7 +55,9 @@ static void test_names_are_the_schemas(void **state)
 
 static struct session {
 	int device;
-	struct lp_mcu *mcus, *mcu;
+	struct lp_loop *loop;
+	struct lp_connections connections;
+	struct lp_mcu *mcu;
 	struct lp_mcu_user user;
 	int found, lost, wheels, rings;
 	struct lp_mcu_wheel wheel;
@@ -112,10 +116,11 @@ static int setup(void **state)
 					    .wheel = on_wheel,
 					    .ring = on_ring,
 					    .fault = on_fault};
-	if (lp_uri_parse(&uri, text) < 0 ||
-	    lp_mcu_join(&session.mcus, &uri, &session.user, &session.mcu) < 0)
+	if (lp_uri_parse(&uri, text) < 0 || lp_loop_create(&session.loop) < 0 ||
+	    lp_mcu_join(&session.connections, session.loop, &uri, &session.user, &session.mcu) < 0)
 		return -1;
-	return lp_mcu_start(session.mcu);
+	lp_mcu_start(session.mcu);
+	return 0;
 }
 
 static int teardown(void **state)
@@ -123,7 +128,8 @@ static int teardown(void **state)
 	(void)state;
 	lp_mcu_leave(session.mcu, &session.user);
 	close(session.device);
-	return session.mcus ? -1 : 0;
+	lp_loop_destroy(session.loop);
+	return session.connections.first ? -1 : 0;
 }
 
 #define ID(NAME) (MCU_##NAME##_FRAME_ID - 0x500)
@@ -145,20 +151,15 @@ static bool until(const int *count, int wanted, int id)
 	static size_t length;
 
 	for (int i = 0; i < 2000; i++) {
-		struct pollfd polled[] = {{.fd = lp_mcu_fd(session.mcu, &session.user),
-					   .events = POLLIN},
-					  {.fd = session.device, .events = POLLIN}};
+		struct pollfd polled = {.fd = session.device, .events = POLLIN};
 		uint8_t byte;
 
 		if (count && *count >= wanted)
 			return true;
 		if (session.found && i % 50 == 49) /* it is not silent */
 			SAY(counters_work, COUNTERS_WORK, .uptime_s = 1);
-		(void)poll(polled, 2, 10);
-		if (polled[0].revents)
-			(void)lp_mcu_dispatch(session.mcu);
-		while (polled[1].revents && poll(&polled[1], 1, 0) == 1 &&
-		       read(session.device, &byte, 1) == 1) {
+		(void)loop_turn(session.loop, 10);
+		while (poll(&polled, 1, 0) == 1 && read(session.device, &byte, 1) == 1) {
 			if (byte || length == 0) {
 				if (byte && length < sizeof(frame))
 					frame[length++] = byte;

@@ -16,6 +16,7 @@
 #include "base/uri.h"
 #include "include/packet.h"
 #include "include/publisher.h"
+#include "loop_test.h"
 
 extern const struct lp_publisher_ops lp_publisher_tcp_ops;
 extern const struct lp_publisher_ops lp_publisher_unix_ops;
@@ -105,7 +106,7 @@ static void on_superseded(void *context, void *user)
 	heard.superseded++;
 }
 
-static const struct lp_publisher_host host = {
+static struct lp_publisher_host host = {
 	.connected = on_connected,
 	.request = on_request,
 	.unreadable = on_unreadable,
@@ -142,6 +143,7 @@ static int setup(void **state)
 	memset(&heard, 0, sizeof(heard));
 	(void)snprintf(path, sizeof(path), "/tmp/lp-pub-%d.sock", (int)getpid());
 	unlink(path);
+	assert_int_equal(lp_loop_create(&host.loop), 0);
 	publisher = create_unix("");
 	return publisher->ops->start(publisher);
 }
@@ -154,6 +156,7 @@ static int teardown(void **state)
 	if (publisher)
 		publisher->ops->destroy(publisher);
 	publisher = NULL;
+	lp_loop_destroy(host.loop);
 	assert_int_equal(packets_alive, 0);
 	assert_int_equal(heard.connected, heard.disconnected);
 	assert_true(stat(path, &status) < 0); /* the socket file is gone */
@@ -172,21 +175,15 @@ static int dial(void)
 
 static void dispatch_all(void)
 {
-	struct pollfd poll_fd = {.fd = publisher->ops->fd(publisher), .events = POLLIN};
-
-	while (poll(&poll_fd, 1, 0) == 1)
-		assert_int_equal(publisher->ops->dispatch(publisher), 0);
+	while (loop_turn(host.loop, 0)) {
+	}
 }
 
 /* Dispatch until `*counter` is `value`. */
 static void pump(const int *counter, int value)
 {
-	struct pollfd poll_fd = {.fd = publisher->ops->fd(publisher), .events = POLLIN};
-
-	while (*counter != value) {
-		assert_int_equal(poll(&poll_fd, 1, 60000), 1);
-		assert_int_equal(publisher->ops->dispatch(publisher), 0);
-	}
+	while (*counter != value)
+		assert_true(loop_turn(host.loop, 60000));
 }
 
 static int join(void)
@@ -378,7 +375,7 @@ static void test_send_to_a_client_that_has_just_died(void **state)
 	close(fd);
 	for (int i = 0; i < 3; i++)
 		send_text(publisher, client, "state", LP_PACKET_STATE, 5);
-	assert_int_equal(heard.disconnected, 0); /* told by dispatch(), never by send() */
+	assert_int_equal(heard.disconnected, 0); /* told by the loop, never by send() */
 	pump(&heard.disconnected, 1);
 }
 

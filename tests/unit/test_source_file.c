@@ -12,6 +12,7 @@
 #include "base/uri.h"
 #include "include/frame.h"
 #include "include/source.h"
+#include "loop_test.h"
 
 extern const struct lp_source_ops lp_source_file_ops;
 
@@ -40,8 +41,11 @@ static void on_state(void *context, enum lp_source_state state, const char *reas
 	(void)snprintf(heard.reason, sizeof(heard.reason), "%s", reason);
 }
 
+static struct lp_loop *loop;
+
 static int setup(void **state)
 {
+	assert_int_equal(lp_loop_create(&loop), 0);
 	(void)state;
 	memset(&heard, 0, sizeof(heard));
 	(void)strcpy(folder, "/tmp/lp-file-XXXXXX");
@@ -63,6 +67,7 @@ static int teardown(void **state)
 
 	(void)state;
 	destroy();
+	lp_loop_destroy(loop);
 	(void)snprintf(command, sizeof(command), "rm -r %s", folder);
 	return system(command);
 }
@@ -82,7 +87,10 @@ static void write_file(const char *name, const void *data, size_t size)
 /* Create; `name` is below the folder. */
 static int create(const char *name, const char *query, bool once)
 {
-	const struct lp_source_host host = {.once = once, .frame = on_frame, .state = on_state};
+	const struct lp_source_host host = {.loop = loop,
+					    .once = once,
+					    .frame = on_frame,
+					    .state = on_state};
 	struct lp_uri uri;
 	char text[256];
 
@@ -94,13 +102,9 @@ static int create(const char *name, const char *query, bool once)
 /* Dispatch until the source has ended or `count` frames are here. */
 static void pump(int count)
 {
-	struct pollfd poll_fd = {.fd = lp_source_file_ops.fd(source), .events = POLLIN};
-
 	while (heard.count < count && heard.state != LP_SOURCE_ENDED &&
-	       heard.state != LP_SOURCE_DOWN) {
-		assert_int_equal(poll(&poll_fd, 1, 60000), 1);
-		assert_int_equal(lp_source_file_ops.dispatch(source), 0);
-	}
+	       heard.state != LP_SOURCE_DOWN)
+		assert_true(loop_turn(loop, 60000));
 }
 
 static const char grey[] = "AAAABBBBCCCC"; /* three pictures of 2x2 */

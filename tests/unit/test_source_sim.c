@@ -13,6 +13,7 @@
 #include "drivers/source/sim/header.h"
 #include "include/frame.h"
 #include "include/source.h"
+#include "loop_test.h"
 
 extern const struct lp_source_ops lp_source_sim_ops;
 
@@ -150,13 +151,17 @@ static void stop_simulator(void)
 	peer = listener = -1;
 }
 
+static struct lp_loop *loop;
+
 static int setup(void **state)
 {
-	const struct lp_source_host host = {.frame = on_frame, .state = on_state};
+	const int created = lp_loop_create(&loop);
+	const struct lp_source_host host = {.loop = loop, .frame = on_frame, .state = on_state};
 	struct lp_uri uri;
 	char text[128];
 
 	(void)state;
+	assert_int_equal(created, 0);
 	memset(&heard, 0, sizeof(heard));
 	(void)snprintf(path, sizeof(path), "/tmp/lp-sim-%d.sock", (int)getpid());
 	unlink(path);
@@ -171,6 +176,7 @@ static int teardown(void **state)
 	(void)state;
 	lp_source_sim_ops.destroy(source);
 	source = NULL;
+	lp_loop_destroy(loop);
 	if (listener >= 0)
 		stop_simulator();
 	return 0;
@@ -178,10 +184,7 @@ static int teardown(void **state)
 
 static void dispatch(int timeout_ms)
 {
-	struct pollfd poll_fd = {.fd = lp_source_sim_ops.fd(source), .events = POLLIN};
-
-	if (poll(&poll_fd, 1, timeout_ms) == 1)
-		assert_int_equal(lp_source_sim_ops.dispatch(source), 0);
+	(void)loop_turn(loop, timeout_ms);
 }
 
 static void pump_frames(int count)

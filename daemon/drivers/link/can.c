@@ -13,7 +13,7 @@
 
 #include "base/clock.h"
 #include "base/log.h"
-#include "base/poller.h"
+#include "base/loop.h"
 #include "drivers/link/carrier.h"
 
 #define CAN_BASE 0x500 /* identifier of id 0 */
@@ -27,7 +27,6 @@ struct link_can {
 	char interface[IFNAMSIZ];
 	struct lp_watch watch;
 	bool bus_off;
-	uint64_t errors;
 };
 
 static struct link_can *self_of(const struct lp_link *link)
@@ -70,15 +69,13 @@ static void take_frame(struct link_can *self, const struct can_frame *frame, int
 	message.id = (uint8_t)((frame->can_id & CAN_SFF_MASK) - CAN_BASE);
 	message.length_bytes = frame->can_dlc;
 	if ((frame->can_id & (CAN_EFF_FLAG | CAN_RTR_FLAG)) ||
-	    lp_link_length(message.id) != frame->can_dlc) {
-		self->errors++;
+	    lp_link_length(message.id) != frame->can_dlc)
 		return;
-	}
 	memcpy(message.payload, frame->data, frame->can_dlc);
 	host->received(host->context, &message, t_ns);
 }
 
-static void on_ready(struct lp_watch *watch, uint32_t events)
+static void on_ready(struct lp_watch *watch, unsigned int events)
 {
 	struct link_can *self = LP_CONTAINER_OF(watch, struct link_can, watch);
 	const struct lp_link_host *host = &self->base.host;
@@ -105,7 +102,7 @@ static void can_close(struct lp_link *link)
 
 	if (fd < 0)
 		return;
-	lp_poller_remove(link->poller, &self->watch);
+	lp_watch_stop(&self->watch);
 	close(fd);
 	set_bus_off(self, false);
 }
@@ -140,7 +137,7 @@ static int can_open(struct lp_link *link, const char **reason)
 	int ret = fd < 0 ? -errno : bind_to(self, fd);
 
 	if (ret == 0)
-		ret = lp_poller_add(link->poller, &self->watch, fd, EPOLLIN, on_ready);
+		ret = lp_watch_start(link->host.loop, &self->watch, fd, LP_READABLE, on_ready);
 	if (ret == 0)
 		return 0;
 	*reason = ret == -EAFNOSUPPORT ? "the kernel has no CAN — modprobe can-raw" : why(-ret);
@@ -162,11 +159,6 @@ static int can_send(struct lp_link *link, const struct lp_link_message *message)
 	return send(self->watch.fd, &frame, sizeof(frame), MSG_DONTWAIT) < 0 ? -EAGAIN : 0;
 }
 
-static uint64_t can_errors(const struct lp_link *link)
-{
-	return self_of(link)->errors;
-}
-
 static void can_destroy(struct lp_link *link)
 {
 	can_close(link);
@@ -174,8 +166,7 @@ static void can_destroy(struct lp_link *link)
 }
 
 static int can_create(const char *device, const struct lp_link_settings *settings,
-		      const struct lp_link_host *host, struct lp_poller *poller,
-		      struct lp_link **link)
+		      const struct lp_link_host *host, struct lp_link **link)
 {
 	struct link_can *self;
 
@@ -185,7 +176,7 @@ static int can_create(const char *device, const struct lp_link_settings *setting
 	self = calloc(1, sizeof(*self));
 	if (!self)
 		return -ENOMEM;
-	self->base = (struct lp_link){.ops = &lp_link_can_ops, .host = *host, .poller = poller};
+	self->base = (struct lp_link){.ops = &lp_link_can_ops, .host = *host};
 	memcpy(self->interface, device, strlen(device) + 1);
 	self->watch.fd = -1;
 	*link = &self->base;
@@ -194,11 +185,9 @@ static int can_create(const char *device, const struct lp_link_settings *setting
 
 const struct lp_link_ops lp_link_can_ops = {
 	.scheme = "can",
-	.help = "can:INTERFACE",
 	.create = can_create,
 	.open = can_open,
 	.send = can_send,
 	.close = can_close,
 	.destroy = can_destroy,
-	.errors = can_errors,
 };

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * How messages travel to and from the microcontroller (proto/framing.md): one file
- * link_<carrier>.c each. Single messages of an id and up to eight bytes; what they mean is
- * link_mcu_*.c's. All on the loop thread; nothing blocks.
+ * <carrier>.c each. Single messages of an id and up to eight bytes; what they mean is
+ * mcu_*.c's. All on the loop thread; nothing blocks.
  */
 #ifndef LP_LINK_CARRIER_H
 #define LP_LINK_CARRIER_H
@@ -13,7 +13,7 @@
 #define LP_LINK_MAX_BYTES 8
 
 struct lp_link;
-struct lp_poller;
+struct lp_loop;
 
 struct lp_link_message {
 	uint8_t id; /* as on serial and I2C; the CAN identifier minus 0x500 */
@@ -29,6 +29,7 @@ struct lp_link_settings {
 
 struct lp_link_host {
 	void *context;
+	struct lp_loop *loop; /* outlives the link */
 	/* t_ns: CLOCK_MONOTONIC, when it had come. */
 	void (*received)(void *context, const struct lp_link_message *message, int64_t t_ns);
 	/* The device is gone: close() and open() again, later. Last call before either. */
@@ -39,26 +40,21 @@ struct lp_link_host {
 
 struct lp_link_ops {
 	const char *scheme;
-	const char *help;
 	/* `device` is copied. 0, -ENOMEM, -ENAMETOOLONG. */
 	int (*create)(const char *device, const struct lp_link_settings *settings,
-		      const struct lp_link_host *host, struct lp_poller *poller,
-		      struct lp_link **link);
+		      const struct lp_link_host *host, struct lp_link **link);
 	/* 0, or -errno with *reason (static) as the next step. Nothing is left open then. */
 	int (*open)(struct lp_link *link, const char **reason);
 	/* -EAGAIN: not now, the message is lost; a broken link shows through lost(). */
 	int (*send)(struct lp_link *link, const struct lp_link_message *message);
 	void (*close)(struct lp_link *link); /* does nothing when it is not open */
 	void (*destroy)(struct lp_link *link);
-	/* Bytes or frames that were no message. */
-	uint64_t (*errors)(const struct lp_link *link);
 };
 
 /* Base of every carrier: embed it as the first member. */
 struct lp_link {
 	const struct lp_link_ops *ops;
 	struct lp_link_host host;
-	struct lp_poller *poller;
 };
 
 /* Length that belongs to an id of a message from the microcontroller; -1: no such message. */

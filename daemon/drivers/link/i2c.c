@@ -19,7 +19,7 @@
 
 #include "base/clock.h"
 #include "base/log.h"
-#include "base/poller.h"
+#include "base/loop.h"
 #include "drivers/link/carrier.h"
 #include "drivers/link/envelope.h"
 
@@ -45,7 +45,6 @@ struct link_i2c {
 	struct lp_watch watch; /* the loop's socket */
 	int bus_fd, thread_fd;
 	pthread_t thread;
-	atomic_ulong errors;
 };
 
 static struct link_i2c *self_of(const struct lp_link *link)
@@ -88,8 +87,6 @@ static int read_mail(struct link_i2c *self)
 	if (mail[0] <= LP_ENVELOPE_MAX_BYTES &&
 	    lp_envelope_unpack(mail + 1, mail[0], &packet.message))
 		tell(self, &packet);
-	else
-		atomic_fetch_add(&self->errors, 1);
 	return 1;
 }
 
@@ -135,7 +132,6 @@ static void *run(void *context)
 		troubles = ret == 0 ? 0 : troubles + (troubles < TROUBLES);
 		if (ret == 0)
 			continue;
-		atomic_fetch_add(&self->errors, 1);
 		if (troubles == TROUBLES) {
 			tell(self, &(struct packet){.error = -ret});
 			waiting.events = 0; /* wait for the end only */
@@ -155,7 +151,7 @@ static const char *why(int error)
 				    : lp_strerror(error);
 }
 
-static void on_ready(struct lp_watch *watch, uint32_t events)
+static void on_ready(struct lp_watch *watch, unsigned int events)
 {
 	struct link_i2c *self = LP_CONTAINER_OF(watch, struct link_i2c, watch);
 	const struct lp_link_host *host = &self->base.host;
@@ -182,7 +178,7 @@ static void i2c_close(struct lp_link *link)
 
 	if (fd < 0)
 		return;
-	lp_poller_remove(link->poller, &self->watch);
+	lp_watch_stop(&self->watch);
 	close(fd); /* ends the thread */
 	pthread_join(self->thread, NULL);
 	close(self->thread_fd);
@@ -192,13 +188,14 @@ static void i2c_close(struct lp_link *link)
 
 static int start_thread(struct link_i2c *self, int loop_fd)
 {
-	int ret = lp_poller_add(self->base.poller, &self->watch, loop_fd, EPOLLIN, on_ready);
+	int ret =
+		lp_watch_start(self->base.host.loop, &self->watch, loop_fd, LP_READABLE, on_ready);
 
 	if (ret < 0)
 		return ret;
 	ret = -pthread_create(&self->thread, NULL, run, self);
 	if (ret < 0)
-		lp_poller_remove(self->base.poller, &self->watch);
+		lp_watch_stop(&self->watch);
 	return ret;
 }
 
@@ -249,11 +246,6 @@ static int i2c_send(struct lp_link *link, const struct lp_link_message *message)
 		       : 0;
 }
 
-static uint64_t i2c_errors(const struct lp_link *link)
-{
-	return atomic_load(&self_of(link)->errors);
-}
-
 static void i2c_destroy(struct lp_link *link)
 {
 	i2c_close(link);
@@ -261,8 +253,7 @@ static void i2c_destroy(struct lp_link *link)
 }
 
 static int i2c_create(const char *device, const struct lp_link_settings *settings,
-		      const struct lp_link_host *host, struct lp_poller *poller,
-		      struct lp_link **link)
+		      const struct lp_link_host *host, struct lp_link **link)
 {
 	struct link_i2c *self;
 
@@ -271,7 +262,7 @@ static int i2c_create(const char *device, const struct lp_link_settings *setting
 	self = calloc(1, sizeof(*self));
 	if (!self)
 		return -ENOMEM;
-	self->base = (struct lp_link){.ops = &lp_link_i2c_ops, .host = *host, .poller = poller};
+	self->base = (struct lp_link){.ops = &lp_link_i2c_ops, .host = *host};
 	memcpy(self->device, device, strlen(device) + 1);
 	self->address = (uint16_t)settings->address;
 	self->watch.fd = -1;
@@ -281,11 +272,9 @@ static int i2c_create(const char *device, const struct lp_link_settings *setting
 
 const struct lp_link_ops lp_link_i2c_ops = {
 	.scheme = "i2c",
-	.help = "i2c:DEVICE?address=0x2c",
 	.create = i2c_create,
 	.open = i2c_open,
 	.send = i2c_send,
 	.close = i2c_close,
 	.destroy = i2c_destroy,
-	.errors = i2c_errors,
 };

@@ -97,24 +97,23 @@ static int read_settings(const struct lp_uri *uri, const char *carrier,
 
 static void destroy(struct lp_mcu *mcu)
 {
-	struct lp_mcu **at = mcu->list;
+	struct lp_connection **at = &mcu->connections->first;
 
-	while (*at && *at != mcu)
+	while (*at && *at != &mcu->base)
 		at = &(*at)->next;
 	if (*at)
-		*at = mcu->next;
+		*at = mcu->base.next;
 	if (mcu->link)
 		mcu->link->ops->destroy(mcu->link);
-	if (mcu->started)
-		lp_timer_stop(&mcu->tick, mcu->poller);
-	lp_poller_destroy(mcu->poller);
+	lp_timer_stop(&mcu->tick);
 	free(mcu);
 }
 
-static int create_parts(struct lp_mcu *mcu, const struct lp_uri *uri,
-			const struct lp_link_ops *carrier, const char *device)
+static int create_link(struct lp_mcu *mcu, struct lp_loop *loop, const struct lp_uri *uri,
+		       const struct lp_link_ops *carrier, const char *device)
 {
 	const struct lp_link_host host = {.context = mcu,
+					  .loop = loop,
 					  .received = lp_mcu_received,
 					  .lost = lp_mcu_lost,
 					  .fault = lp_mcu_link_fault};
@@ -122,16 +121,15 @@ static int create_parts(struct lp_mcu *mcu, const struct lp_uri *uri,
 	int ret;
 
 	ret = read_settings(uri, carrier->scheme, &mcu->settings);
-	if (ret == 0)
-		ret = lp_poller_create(&mcu->poller);
 	if (ret < 0)
 		return ret;
 	settings = (struct lp_link_settings){.baud = mcu->settings.baud,
 					     .address = mcu->settings.address};
-	return carrier->create(device, &settings, &host, mcu->poller, &mcu->link);
+	return carrier->create(device, &settings, &host, &mcu->link);
 }
 
-static int create(struct lp_mcu **list, const struct lp_uri *uri, struct lp_mcu **result)
+static int create(struct lp_connections *connections, struct lp_loop *loop,
+		  const struct lp_uri *uri, struct lp_mcu **result)
 {
 	const char *device;
 	const struct lp_link_ops *carrier = carrier_of(uri, &device);
@@ -140,35 +138,39 @@ static int create(struct lp_mcu **list, const struct lp_uri *uri, struct lp_mcu 
 
 	if (!mcu)
 		return carrier ? -ENOMEM : -EINVAL;
-	mcu->list = list;
+	mcu->connections = connections;
+	mcu->base.name = mcu->name;
+	lp_timer_init(loop, &mcu->tick, lp_mcu_tick);
 	mcu->retry_ns = LP_MCU_FIRST_RETRY_NS;
 	mcu->clear_ns = LP_MCU_FIRST_CLEAR_NS;
 	(void)snprintf(mcu->name, sizeof(mcu->name), "%s", uri->rest);
 	(void)snprintf(mcu->object, sizeof(mcu->object), "mcu:%s", mcu->name);
-	ret = create_parts(mcu, uri, carrier, device);
+	ret = create_link(mcu, loop, uri, carrier, device);
 	if (ret < 0) {
 		if (ret != -EINVAL)
 			lp_error(uri->text, "create", "%s", lp_strerror(ret));
 		destroy(mcu);
 		return ret;
 	}
-	mcu->next = *list;
-	*list = mcu;
+	mcu->base.next = connections->first;
+	connections->first = &mcu->base;
 	*result = mcu;
 	return 0;
 }
 
-int lp_mcu_join(struct lp_mcu **list, const struct lp_uri *uri, struct lp_mcu_user *user,
-		struct lp_mcu **mcu)
+int lp_mcu_join(struct lp_connections *connections, struct lp_loop *loop, const struct lp_uri *uri,
+		struct lp_mcu_user *user, struct lp_mcu **mcu)
 {
-	struct lp_mcu *it = *list;
+	struct lp_connection *known = connections->first;
+	struct lp_mcu *it;
 	struct lp_mcu_user **end;
 	int ret = 0;
 
-	while (it && strcmp(it->name, uri->rest) != 0)
-		it = it->next;
+	while (known && strcmp(known->name, uri->rest) != 0)
+		known = known->next;
+	it = (struct lp_mcu *)known;
 	if (!it)
-		ret = create(list, uri, &it);
+		ret = create(connections, loop, uri, &it);
 	if (ret < 0)
 		return ret;
 	for (end = &it->users; *end; end = &(*end)->next)
@@ -191,28 +193,10 @@ void lp_mcu_leave(struct lp_mcu *mcu, struct lp_mcu_user *user)
 		destroy(mcu);
 }
 
-int lp_mcu_start(struct lp_mcu *mcu)
+void lp_mcu_start(struct lp_mcu *mcu)
 {
-	int ret;
-
-	if (mcu->started)
-		return 0;
-	ret = lp_timer_start(&mcu->tick, mcu->poller, lp_mcu_tick);
-	if (ret < 0)
-		return ret;
-	mcu->started = true;
-	lp_timer_set(&mcu->tick, 1, TICK_NS);
-	return 0;
-}
-
-int lp_mcu_fd(const struct lp_mcu *mcu, const struct lp_mcu_user *user)
-{
-	return mcu->users == user ? lp_poller_fd(mcu->poller) : -1;
-}
-
-int lp_mcu_dispatch(struct lp_mcu *mcu)
-{
-	return lp_poller_dispatch(mcu->poller);
+	if (!mcu->tick.is_set)
+		lp_timer_set(&mcu->tick, 0, TICK_NS);
 }
 
 /* ---------------------------------------------------------------- commands */

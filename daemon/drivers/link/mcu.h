@@ -14,6 +14,9 @@
 #include "include/ring_sample.h"
 #include "include/rotator.h"
 
+struct lp_connections;
+struct lp_loop;
+struct lp_mcu;
 struct lp_param;
 struct lp_uri;
 
@@ -48,20 +51,15 @@ struct lp_mcu_user {
 int lp_mcu_check_keys(const struct lp_uri *uri, const struct lp_param *own, size_t own_count);
 
 /*
- * Join the connection that `uri` names (mcu:CARRIER:DEVICE), or make it. `list` is the
- * application's. The first URI to name a
- * connection decides its keys (baud, address, ring_scans). -EINVAL, -ENOMEM, logged.
+ * Join the connection that `uri` names (mcu:CARRIER:DEVICE), or make it, on `loop`. The first URI
+ * to name a connection decides its keys (baud, address, ring_scans). -EINVAL, -ENOMEM, logged.
  */
-int lp_mcu_join(struct lp_mcu **list, const struct lp_uri *uri, struct lp_mcu_user *user,
-		struct lp_mcu **mcu);
+int lp_mcu_join(struct lp_connections *connections, struct lp_loop *loop, const struct lp_uri *uri,
+		struct lp_mcu_user *user, struct lp_mcu **mcu);
 void lp_mcu_leave(struct lp_mcu *mcu, struct lp_mcu_user *user); /* the last one closes it */
 
 /* Opens it, or begins to wait for it; the second call does nothing. */
-int lp_mcu_start(struct lp_mcu *mcu);
-
-/* The descriptor, for the first user; -1 for the others. */
-int lp_mcu_fd(const struct lp_mcu *mcu, const struct lp_mcu_user *user);
-int lp_mcu_dispatch(struct lp_mcu *mcu);
+void lp_mcu_start(struct lp_mcu *mcu);
 
 /* Commands; a lost one shows in the wheel's state, which keeps its old token. */
 void lp_mcu_home(struct lp_mcu *mcu, uint8_t token);

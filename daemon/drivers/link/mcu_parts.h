@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The connection from the inside, for its three parts: link_mcu.c (users, building, commands),
- * link_mcu_session.c (greeting, silence, starting again), link_mcu_reports.c (messages to numbers).
+ * The connection from the inside, for its three parts: mcu.c (users, building, commands),
+ * mcu_session.c (greeting, silence, starting again), mcu_reports.c (messages to numbers).
  */
 #ifndef LP_LINK_MCU_PARTS_H
 #define LP_LINK_MCU_PARTS_H
@@ -10,11 +10,12 @@
 #include <stdint.h>
 
 #include "base/clock.h"
-#include "base/poller.h"
+#include "base/loop.h"
 #include "dbc/mcu.h"
 #include "drivers/link/carrier.h"
 #include "drivers/link/clock.h"
 #include "drivers/link/mcu.h"
+#include "include/connections.h"
 
 #define LP_MCU_FIRST_RETRY_NS (200 * LP_NS_PER_MS)
 #define LP_MCU_FIRST_CLEAR_NS (2 * LP_NS_PER_S)
@@ -31,15 +32,13 @@ struct lp_mcu_settings {
 };
 
 struct lp_mcu {
-	struct lp_mcu *next;
-	struct lp_mcu **list;
+	struct lp_connection base;
+	struct lp_connections *connections;
 	struct lp_mcu_user *users;
 	char name[300]; /* "serial:/dev/ttyUSB0" */
 	char object[308];
 	struct lp_link *link;
-	struct lp_poller *poller;
 	struct lp_timer tick;
-	bool started;
 	struct lp_mcu_settings settings;
 
 	enum lp_mcu_state state;

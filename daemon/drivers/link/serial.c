@@ -11,7 +11,7 @@
 
 #include "base/clock.h"
 #include "base/log.h"
-#include "base/poller.h"
+#include "base/loop.h"
 #include "drivers/link/carrier.h"
 #include "drivers/link/envelope.h"
 
@@ -89,7 +89,7 @@ static void serial_close(struct lp_link *link)
 
 	if (fd < 0)
 		return;
-	lp_poller_remove(link->poller, &self->watch);
+	lp_watch_stop(&self->watch);
 	(void)ioctl(fd, TIOCNXCL);
 	close(fd);
 }
@@ -102,8 +102,7 @@ static void flush(struct link_serial *self)
 		self->out_bytes -= (size_t)sent;
 		memmove(self->outbox, self->outbox + sent, self->out_bytes);
 	}
-	lp_poller_modify(self->base.poller, &self->watch,
-			 self->out_bytes ? EPOLLIN | EPOLLOUT : EPOLLIN);
+	lp_watch_change(&self->watch, self->out_bytes ? LP_READABLE | LP_WRITABLE : LP_READABLE);
 }
 
 /* Handing a message on may close the line. */
@@ -128,13 +127,13 @@ static void read_line(struct link_serial *self)
 	}
 }
 
-static void on_ready(struct lp_watch *watch, uint32_t events)
+static void on_ready(struct lp_watch *watch, unsigned int events)
 {
 	struct link_serial *self = LP_CONTAINER_OF(watch, struct link_serial, watch);
 
-	if (events & EPOLLOUT)
+	if (events & LP_WRITABLE)
 		flush(self);
-	if (events & (EPOLLIN | EPOLLHUP | EPOLLERR))
+	if (events & (LP_READABLE | LP_HANGUP))
 		read_line(self);
 }
 
@@ -156,7 +155,8 @@ static int serial_open(struct lp_link *link, const char **reason)
 		memset(&self->reader, 0, sizeof(self->reader));
 		self->outbox[0] = 0; /* ends half a frame, if one was sent before us */
 		self->out_bytes = 1;
-		ret = lp_poller_add(link->poller, &self->watch, fd, EPOLLIN | EPOLLOUT, on_ready);
+		ret = lp_watch_start(link->host.loop, &self->watch, fd, LP_READABLE | LP_WRITABLE,
+				     on_ready);
 	}
 	if (ret < 0)
 		close(fd);
@@ -174,11 +174,6 @@ static int serial_send(struct lp_link *link, const struct lp_link_message *messa
 	return 0;
 }
 
-static uint64_t serial_errors(const struct lp_link *link)
-{
-	return self_of(link)->reader.errors;
-}
-
 static void serial_destroy(struct lp_link *link)
 {
 	serial_close(link);
@@ -186,8 +181,7 @@ static void serial_destroy(struct lp_link *link)
 }
 
 static int serial_create(const char *device, const struct lp_link_settings *settings,
-			 const struct lp_link_host *host, struct lp_poller *poller,
-			 struct lp_link **link)
+			 const struct lp_link_host *host, struct lp_link **link)
 {
 	struct link_serial *self;
 	speed_t speed;
@@ -202,7 +196,7 @@ static int serial_create(const char *device, const struct lp_link_settings *sett
 	self = calloc(1, sizeof(*self));
 	if (!self)
 		return -ENOMEM;
-	self->base = (struct lp_link){.ops = &lp_link_serial_ops, .host = *host, .poller = poller};
+	self->base = (struct lp_link){.ops = &lp_link_serial_ops, .host = *host};
 	memcpy(self->device, device, strlen(device) + 1);
 	self->baud = settings->baud;
 	self->watch.fd = -1;
@@ -212,11 +206,9 @@ static int serial_create(const char *device, const struct lp_link_settings *sett
 
 const struct lp_link_ops lp_link_serial_ops = {
 	.scheme = "serial",
-	.help = "serial:DEVICE?baud=500000",
 	.create = serial_create,
 	.open = serial_open,
 	.send = serial_send,
 	.close = serial_close,
 	.destroy = serial_destroy,
-	.errors = serial_errors,
 };

@@ -12,8 +12,8 @@
 
 #include "base/clock.h"
 #include "base/log.h"
+#include "base/loop.h"
 #include "base/param.h"
-#include "base/poller.h"
 #include "base/uri.h"
 #include "drivers/publisher/framing.h"
 #include "drivers/publisher/listen.h"
@@ -56,7 +56,6 @@ struct socket_publisher {
 	char *address;
 	bool is_tcp;
 	mode_t mode;
-	struct lp_poller *poller;
 	struct listener listeners[LP_LISTEN_MAX];
 	int listener_count;
 	struct lp_socket_file file;
@@ -80,7 +79,7 @@ static void close_client(struct lp_client *client)
 
 	if (client->announced)
 		self->base.host.disconnected(self->base.host.context, client->user);
-	lp_poller_remove(self->poller, &client->watch);
+	lp_watch_stop(&client->watch);
 	close(fd);
 	lp_send_queue_clear(&client->queue);
 	if (client->previous)
@@ -132,12 +131,12 @@ static void on_reap(struct lp_timer *timer)
 	}
 	self->reaping = closing > 0;
 	if (!self->reaping)
-		lp_timer_set(timer, 0, 0);
+		lp_timer_stop(timer);
 }
 
 /* ---------------------------------------------------------------- sending */
 
-/* Never closes: the host may be in the middle of its list. The poller reports the hang-up. */
+/* Never closes: the host may be in the middle of its list. The loop reports the hang-up. */
 static void flush(struct lp_client *client)
 {
 	const int ret = lp_send_queue_flush(&client->queue, client->watch.fd);
@@ -146,15 +145,14 @@ static void flush(struct lp_client *client)
 		lp_send_queue_clear(&client->queue);
 		(void)shutdown(client->watch.fd, SHUT_RDWR);
 	}
-	lp_poller_modify(client->owner->poller, &client->watch,
-			 ret > 0 ? EPOLLIN | EPOLLOUT : EPOLLIN);
+	lp_watch_change(&client->watch, ret > 0 ? LP_READABLE | LP_WRITABLE : LP_READABLE);
 	shut_when_sent(client);
 }
 
 static void socket_send(struct lp_publisher *publisher, struct lp_client *client,
 			struct lp_packet *packet)
 {
-	const bool waits = client->watch.events & EPOLLOUT;
+	const bool waits = client->watch.events & LP_WRITABLE;
 
 	if (client->closing_ns)
 		return;
@@ -220,17 +218,17 @@ static void receive(struct lp_client *client)
 	}
 }
 
-static void on_client_ready(struct lp_watch *watch, uint32_t events)
+static void on_client_ready(struct lp_watch *watch, unsigned int events)
 {
 	struct lp_client *client = LP_CONTAINER_OF(watch, struct lp_client, watch);
 
-	if (events & (EPOLLHUP | EPOLLERR)) {
+	if (events & LP_HANGUP) {
 		close_client(client);
 		return;
 	}
-	if (events & EPOLLOUT)
+	if (events & LP_WRITABLE)
 		flush(client);
-	if (events & EPOLLIN)
+	if (events & LP_READABLE)
 		receive(client);
 }
 
@@ -265,7 +263,7 @@ static int add_client(struct socket_publisher *self, int fd)
 	if (!client)
 		return -ENOMEM;
 	client->owner = self;
-	ret = lp_poller_add(self->poller, &client->watch, fd, EPOLLIN, on_client_ready);
+	ret = lp_watch_start(host->loop, &client->watch, fd, LP_READABLE, on_client_ready);
 	if (ret < 0) {
 		free(client);
 		return ret;
@@ -297,7 +295,7 @@ static void turn_away(struct socket_publisher *self, int listener_fd)
 	self->spare_fd = open("/dev/null", O_RDONLY | O_CLOEXEC);
 }
 
-static void on_listener_ready(struct lp_watch *watch, uint32_t events)
+static void on_listener_ready(struct lp_watch *watch, unsigned int events)
 {
 	struct socket_publisher *self = LP_CONTAINER_OF(watch, struct listener, watch)->owner;
 
@@ -322,16 +320,6 @@ static void on_listener_ready(struct lp_watch *watch, uint32_t events)
 
 /* ---------------------------------------------------------------- ops */
 
-static int socket_fd(const struct lp_publisher *publisher)
-{
-	return lp_poller_fd(self_of(publisher)->poller);
-}
-
-static int socket_dispatch(struct lp_publisher *publisher)
-{
-	return lp_poller_dispatch(self_of(publisher)->poller);
-}
-
 static bool socket_pending(const struct lp_publisher *publisher)
 {
 	for (const struct lp_client *client = self_of(publisher)->clients; client;
@@ -353,17 +341,16 @@ static void socket_destroy(struct lp_publisher *publisher)
 	for (int i = 0; i < self->listener_count; i++) {
 		const int fd = self->listeners[i].watch.fd;
 
-		lp_poller_remove(self->poller, &self->listeners[i].watch);
+		lp_watch_stop(&self->listeners[i].watch);
 		close(fd);
 	}
 	for (struct lp_client *client = self->clients; client; client = next) {
 		next = client->next;
 		close_client(client);
 	}
-	lp_timer_stop(&self->reaper, self->poller);
+	lp_timer_stop(&self->reaper);
 	if (self->spare_fd >= 0)
 		close(self->spare_fd);
-	lp_poller_destroy(self->poller);
 	free(self->address);
 	free(self->object);
 	free(self);
@@ -373,8 +360,8 @@ static void socket_destroy(struct lp_publisher *publisher)
 static int add_listener(struct socket_publisher *self, int fd)
 {
 	struct listener *listener = &self->listeners[self->listener_count];
-	const int ret =
-		lp_poller_add(self->poller, &listener->watch, fd, EPOLLIN, on_listener_ready);
+	const int ret = lp_watch_start(self->base.host.loop, &listener->watch, fd, LP_READABLE,
+				       on_listener_ready);
 
 	if (ret < 0) {
 		close(fd);
@@ -402,8 +389,6 @@ static int socket_start(struct lp_publisher *publisher)
 		ret = added < 0 ? added : ret;
 	}
 	self->spare_fd = open("/dev/null", O_RDONLY | O_CLOEXEC);
-	if (ret == 0)
-		ret = lp_timer_start(&self->reaper, self->poller, on_reap);
 	if (ret < 0)
 		lp_error(self->object, "start", "%s", lp_strerror(ret));
 	return ret;
@@ -440,9 +425,7 @@ static int create(const struct lp_uri *uri, const struct lp_publisher_host *host
 	self->address = strdup(uri->rest);
 	if (!self->object || !self->address)
 		goto err_free;
-	ret = lp_poller_create(&self->poller);
-	if (ret < 0)
-		goto err_free;
+	lp_timer_init(host->loop, &self->reaper, on_reap);
 	*publisher = &self->base;
 	return 0;
 err_free:
@@ -483,8 +466,6 @@ const struct lp_publisher_ops lp_publisher_tcp_ops = {
 		"      0.0.0.0 or [::] opens it to the network",
 	.create = tcp_create,
 	.start = socket_start,
-	.fd = socket_fd,
-	.dispatch = socket_dispatch,
 	.send = socket_send,
 	.pending = socket_pending,
 	.destroy = socket_destroy,
@@ -496,8 +477,6 @@ const struct lp_publisher_ops lp_publisher_unix_ops = {
 		"      ?mode=660 (permission bits of the socket file)",
 	.create = unix_create,
 	.start = socket_start,
-	.fd = socket_fd,
-	.dispatch = socket_dispatch,
 	.send = socket_send,
 	.pending = socket_pending,
 	.destroy = socket_destroy,

@@ -8,7 +8,7 @@
 #include <unistd.h>
 
 #include "base/log.h"
-#include "base/poller.h"
+#include "base/loop.h"
 #include "base/uri.h"
 #include "drivers/publisher/queue.h"
 #include "include/packet.h"
@@ -18,9 +18,8 @@
 
 struct stdout_publisher {
 	struct lp_publisher base;
-	struct lp_poller *poller;
 	struct lp_watch watch;
-	struct lp_timer wake; /* gets dispatch() called after a send that failed */
+	struct lp_timer wake; /* tells the host of a failure, after the send that met it */
 	struct lp_send_queue queue;
 	int fd;	     /* -1: not started */
 	bool own_fd; /* close it */
@@ -40,8 +39,8 @@ static void fail(struct stdout_publisher *self, int failure)
 		return;
 	self->failure = failure;
 	lp_send_queue_clear(&self->queue);
-	lp_poller_remove(self->poller, &self->watch);
-	lp_timer_set(&self->wake, 1, 0);
+	lp_watch_stop(&self->watch);
+	lp_timer_set(&self->wake, 0, 0);
 	if (failure == -EPIPE)
 		lp_info(OBJECT, "write", "the reader has gone: ending");
 	else
@@ -55,14 +54,14 @@ static void flush(struct stdout_publisher *self)
 	if (ret < 0)
 		fail(self, ret);
 	else
-		lp_poller_modify(self->poller, &self->watch, ret > 0 ? EPOLLOUT : 0);
+		lp_watch_change(&self->watch, ret > 0 ? LP_WRITABLE : LP_HANGUP);
 }
 
-static void on_ready(struct lp_watch *watch, uint32_t events)
+static void on_ready(struct lp_watch *watch, unsigned int events)
 {
 	struct stdout_publisher *self = LP_CONTAINER_OF(watch, struct stdout_publisher, watch);
 
-	if (events & (EPOLLERR | EPOLLHUP))
+	if (events & LP_HANGUP)
 		fail(self, -EPIPE);
 	else
 		flush(self);
@@ -70,7 +69,9 @@ static void on_ready(struct lp_watch *watch, uint32_t events)
 
 static void on_wake(struct lp_timer *timer)
 {
-	(void)timer; /* dispatch() returns the failure */
+	struct stdout_publisher *self = LP_CONTAINER_OF(timer, struct stdout_publisher, wake);
+
+	self->base.host.failed(self->base.host.context, &self->base, self->failure);
 }
 
 /*
@@ -104,10 +105,9 @@ static int stdout_start(struct lp_publisher *publisher)
 	struct stdout_publisher *self = self_of(publisher);
 	int ret = open_nonblocking(self);
 
-	if (ret == 0)
-		ret = lp_timer_start(&self->wake, self->poller, on_wake);
 	if (ret == 0) {
-		ret = lp_poller_add(self->poller, &self->watch, self->fd, 0, on_ready);
+		ret = lp_watch_start(publisher->host.loop, &self->watch, self->fd, LP_HANGUP,
+				     on_ready);
 		if (ret == -EPERM)
 			ret = 0; /* a file: always ready, cannot be watched */
 	}
@@ -119,19 +119,6 @@ static int stdout_start(struct lp_publisher *publisher)
 	self->connected = publisher->host.connected(publisher->host.context, publisher,
 						    (struct lp_client *)self, &self->user) == 0;
 	return 0;
-}
-
-static int stdout_fd(const struct lp_publisher *publisher)
-{
-	return lp_poller_fd(self_of(publisher)->poller);
-}
-
-static int stdout_dispatch(struct lp_publisher *publisher)
-{
-	struct stdout_publisher *self = self_of(publisher);
-	const int ret = lp_poller_dispatch(self->poller);
-
-	return self->failure ? self->failure : ret;
 }
 
 static void stdout_send(struct lp_publisher *publisher, struct lp_client *client,
@@ -161,9 +148,8 @@ static void stdout_destroy(struct lp_publisher *publisher)
 	if (self->connected)
 		publisher->host.disconnected(publisher->host.context, self->user);
 	lp_send_queue_clear(&self->queue);
-	lp_poller_remove(self->poller, &self->watch);
-	lp_timer_stop(&self->wake, self->poller);
-	lp_poller_destroy(self->poller);
+	lp_watch_stop(&self->watch);
+	lp_timer_stop(&self->wake);
 	if (self->own_fd)
 		close(self->fd);
 	free(self);
@@ -188,11 +174,7 @@ static int stdout_create(const struct lp_uri *uri, const struct lp_publisher_hos
 		return -ENOMEM;
 	self->base = (struct lp_publisher){.ops = &lp_publisher_stdout_ops, .host = *host};
 	self->fd = -1;
-	ret = lp_poller_create(&self->poller);
-	if (ret < 0) {
-		free(self);
-		return ret;
-	}
+	lp_timer_init(host->loop, &self->wake, on_wake);
 	*publisher = &self->base;
 	return 0;
 }
@@ -203,8 +185,6 @@ const struct lp_publisher_ops lp_publisher_stdout_ops = {
 		"reader",
 	.create = stdout_create,
 	.start = stdout_start,
-	.fd = stdout_fd,
-	.dispatch = stdout_dispatch,
 	.send = stdout_send,
 	.pending = stdout_pending,
 	.destroy = stdout_destroy,

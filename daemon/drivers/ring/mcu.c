@@ -67,19 +67,8 @@ static void on_fault(struct lp_mcu_user *user, const char *id, const char *text)
 
 static int mcu_start(struct lp_ring *ring)
 {
-	return lp_mcu_start(self_of(ring)->mcu);
-}
-
-static int mcu_fd(const struct lp_ring *ring)
-{
-	const struct ring_mcu *self = self_of(ring);
-
-	return lp_mcu_fd(self->mcu, &self->user);
-}
-
-static int mcu_dispatch(struct lp_ring *ring)
-{
-	return lp_mcu_dispatch(self_of(ring)->mcu);
+	lp_mcu_start(self_of(ring)->mcu);
+	return 0;
 }
 
 static void mcu_destroy(struct lp_ring *ring)
@@ -119,7 +108,7 @@ static int mcu_create(const struct lp_uri *uri, const struct lp_ring_host *host,
 			"none: illuminance is right within a factor of two — lightprobe "
 			"calibrate ring");
 	if (ret == 0)
-		ret = lp_mcu_join(host->mcus, uri, &self->user, &self->mcu);
+		ret = lp_mcu_join(host->connections, host->loop, uri, &self->user, &self->mcu);
 	if (ret < 0) {
 		free(self);
 		return ret;
@@ -137,7 +126,5 @@ const struct lp_ring_ops lp_ring_mcu_ops = {
 		"      scans of 1.25 ms (2; on I2C 8)",
 	.create = mcu_create,
 	.start = mcu_start,
-	.fd = mcu_fd,
-	.dispatch = mcu_dispatch,
 	.destroy = mcu_destroy,
 };

@@ -7,8 +7,8 @@
 
 #include "base/clock.h"
 #include "base/log.h"
+#include "base/loop.h"
 #include "base/param.h"
-#include "base/poller.h"
 #include "base/uri.h"
 #include "include/ring.h"
 #include "include/ring_sample.h"
@@ -24,7 +24,6 @@ struct keys {
 struct ring_sim {
 	struct lp_ring base;
 	struct keys keys;
-	struct lp_poller *poller;
 	struct lp_timer tick;
 	int64_t t_start_ns;
 	uint32_t sequence;
@@ -65,22 +64,10 @@ static void on_tick(struct lp_timer *timer)
 static int sim_start(struct lp_ring *ring)
 {
 	struct ring_sim *self = self_of(ring);
-	const int ret = lp_timer_start(&self->tick, self->poller, on_tick);
 
 	self->t_start_ns = lp_clock_ns();
-	if (ret == 0)
-		lp_timer_set(&self->tick, 1, (int64_t)(1e9F / self->keys.rate_hz));
-	return ret;
-}
-
-static int sim_fd(const struct lp_ring *ring)
-{
-	return lp_poller_fd(self_of(ring)->poller);
-}
-
-static int sim_dispatch(struct lp_ring *ring)
-{
-	return lp_poller_dispatch(self_of(ring)->poller);
+	lp_timer_set(&self->tick, 0, (int64_t)(1e9F / self->keys.rate_hz));
+	return 0;
 }
 
 static void sim_destroy(struct lp_ring *ring)
@@ -89,8 +76,7 @@ static void sim_destroy(struct lp_ring *ring)
 
 	if (!self)
 		return;
-	lp_timer_stop(&self->tick, self->poller);
-	lp_poller_destroy(self->poller);
+	lp_timer_stop(&self->tick);
 	free(self);
 }
 
@@ -108,12 +94,11 @@ static int sim_create(const struct lp_uri *uri, const struct lp_ring_host *host,
 		lp_error(uri->text, "lux", "one value, or nine");
 		ret = -EINVAL;
 	}
-	if (ret == 0)
-		ret = lp_poller_create(&self->poller);
 	if (ret < 0) {
 		sim_destroy(&self->base);
 		return ret;
 	}
+	lp_timer_init(host->loop, &self->tick, on_tick);
 	*ring = &self->base;
 	return 0;
 }
@@ -124,7 +109,5 @@ const struct lp_ring_ops lp_ring_sim_ops = {
 		"      &dead=MASK &silent_after_s=N",
 	.create = sim_create,
 	.start = sim_start,
-	.fd = sim_fd,
-	.dispatch = sim_dispatch,
 	.destroy = sim_destroy,
 };

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/loop.h"
 #include "base/mailbox.h"
 #include "base/pool.h"
 #include "include/frame.h"
@@ -23,6 +24,8 @@ struct lp_source_outbox {
 	struct lp_mailbox *mailbox;
 	struct lp_pool *notices;
 	struct notice told; /* capture thread's own */
+	struct lp_watch watch;
+	struct lp_source *source;
 };
 
 struct lp_source_outbox *lp_source_outbox_create(void)
@@ -37,11 +40,6 @@ struct lp_source_outbox *lp_source_outbox_create(void)
 		return outbox;
 	lp_source_outbox_destroy(outbox);
 	return NULL;
-}
-
-int lp_source_outbox_fd(const struct lp_source_outbox *outbox)
-{
-	return lp_mailbox_fd(outbox->mailbox);
 }
 
 void lp_source_outbox_send(struct lp_source_outbox *outbox, struct lp_frame *frame)
@@ -65,20 +63,31 @@ void lp_source_outbox_tell(struct lp_source_outbox *outbox, enum lp_source_state
 	(void)lp_mailbox_put(outbox->mailbox, &notice->frame);
 }
 
-bool lp_source_outbox_take(struct lp_source_outbox *outbox, struct lp_source_news *news)
+/* One item: what else waits makes the descriptor readable again. */
+static void on_ready(struct lp_watch *watch, unsigned int events)
 {
+	struct lp_source_outbox *outbox = LP_CONTAINER_OF(watch, struct lp_source_outbox, watch);
+	const struct lp_source_host *host = &outbox->source->host;
 	struct lp_frame *item = lp_mailbox_take(outbox->mailbox);
-	struct notice *notice = (struct notice *)item;
+	struct notice notice;
 
+	(void)events;
 	if (!item)
-		return false;
-	news->frame = item->release ? item : NULL;
-	if (!item->release) {
-		news->state = notice->state;
-		memcpy(news->reason, notice->reason, sizeof(news->reason));
-		lp_pool_give(outbox->notices, notice);
+		return;
+	if (item->release) {
+		host->frame(host->context, item);
+		return;
 	}
-	return true;
+	notice = *(struct notice *)item;
+	lp_pool_give(outbox->notices, item);
+	host->state(host->context, notice.state, notice.reason);
+}
+
+int lp_source_outbox_start(struct lp_source_outbox *outbox, struct lp_source *source)
+{
+	outbox->source = source;
+	return lp_watch_start(source->host.loop, &outbox->watch, lp_mailbox_fd(outbox->mailbox),
+			      LP_READABLE, on_ready);
 }
 
 void lp_source_outbox_close(struct lp_source_outbox *outbox)
@@ -89,12 +98,17 @@ void lp_source_outbox_close(struct lp_source_outbox *outbox)
 
 void lp_source_outbox_destroy(struct lp_source_outbox *outbox)
 {
-	struct lp_source_news news;
+	struct lp_frame *item;
 
 	if (!outbox)
 		return;
-	while (outbox->mailbox && lp_source_outbox_take(outbox, &news))
-		lp_frame_release(news.frame);
+	lp_watch_stop(&outbox->watch);
+	while (outbox->mailbox && (item = lp_mailbox_take(outbox->mailbox)) != NULL) {
+		if (item->release)
+			lp_frame_release(item);
+		else
+			lp_pool_give(outbox->notices, item);
+	}
 	lp_mailbox_destroy(outbox->mailbox);
 	lp_pool_destroy(outbox->notices);
 	free(outbox);

@@ -3,8 +3,6 @@
 #ifndef LP_SOURCE_OUTBOX_H
 #define LP_SOURCE_OUTBOX_H
 
-#include <stdbool.h>
-
 #include "include/source.h"
 
 struct lp_frame;
@@ -12,15 +10,12 @@ struct lp_source_outbox;
 
 #define LP_SOURCE_REASON_BYTES 512
 
-/* `frame` NULL: a change of state. */
-struct lp_source_news {
-	struct lp_frame *frame;
-	enum lp_source_state state;
-	char reason[LP_SOURCE_REASON_BYTES];
-};
-
+/* NULL: out of memory or descriptors. */
 struct lp_source_outbox *lp_source_outbox_create(void);
-int lp_source_outbox_fd(const struct lp_source_outbox *outbox);
+
+/* Loop thread, once. From now on the host of `source`, which must outlive the outbox, is called for
+ * everything that was sent and told, in that order. 0 or -errno. */
+int lp_source_outbox_start(struct lp_source_outbox *outbox, struct lp_source *source);
 
 /* Capture thread. Takes over the reference to `frame`. */
 void lp_source_outbox_send(struct lp_source_outbox *outbox, struct lp_frame *frame);
@@ -28,9 +23,6 @@ void lp_source_outbox_send(struct lp_source_outbox *outbox, struct lp_frame *fra
 /* Capture thread. What was told last is not told again. */
 void lp_source_outbox_tell(struct lp_source_outbox *outbox, enum lp_source_state state,
 			   const char *object, const char *stage, const char *reason);
-
-/* Loop thread. False: nothing. The frame is the caller's to release. */
-bool lp_source_outbox_take(struct lp_source_outbox *outbox, struct lp_source_news *news);
 
 /* Accepts NULL. The capture thread will not wait for the loop any more. */
 void lp_source_outbox_close(struct lp_source_outbox *outbox);

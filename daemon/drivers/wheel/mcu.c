@@ -153,19 +153,8 @@ static void on_fault(struct lp_mcu_user *user, const char *id, const char *text)
 
 static int mcu_start(struct lp_rotator *rotator)
 {
-	return lp_mcu_start(self_of(rotator)->mcu);
-}
-
-static int mcu_fd(const struct lp_rotator *rotator)
-{
-	const struct rotator_mcu *self = self_of(rotator);
-
-	return lp_mcu_fd(self->mcu, &self->user);
-}
-
-static int mcu_dispatch(struct lp_rotator *rotator)
-{
-	return lp_mcu_dispatch(self_of(rotator)->mcu);
+	lp_mcu_start(self_of(rotator)->mcu);
+	return 0;
 }
 
 static void mcu_move(struct lp_rotator *rotator, float target_deg)
@@ -221,7 +210,7 @@ static int mcu_create(const struct lp_uri *uri, const struct lp_rotator_host *ho
 	self->state.phase = LP_WHEEL_ABSENT;
 	self->state.clock_sigma_us = NAN;
 	forget_angle(&self->state);
-	ret = lp_mcu_join(host->mcus, uri, &self->user, &self->mcu);
+	ret = lp_mcu_join(host->connections, host->loop, uri, &self->user, &self->mcu);
 	if (ret < 0) {
 		free(self);
 		return ret;
@@ -237,8 +226,6 @@ const struct lp_rotator_ops lp_rotator_mcu_ops = {
 		"      ?baud=500000 (serial) &address=0x2c (I2C)",
 	.create = mcu_create,
 	.start = mcu_start,
-	.fd = mcu_fd,
-	.dispatch = mcu_dispatch,
 	.move = mcu_move,
 	.look = mcu_look,
 	.destroy = mcu_destroy,

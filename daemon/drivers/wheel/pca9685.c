@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * pca9685:I2C-DEVICE — the wheel on a servo hat, straight on the board's I2C bus, and one sensor of
- * the comb on a GPIO line. What is known of the wheel: rotator_timed.h.
+ * the comb on a GPIO line. What is known of the wheel: timed.h.
  *
  * The pulse is renewed every 20 ms by one transfer of five bytes, half a millisecond at 100 kHz.
  */
@@ -19,8 +19,8 @@
 
 #include "base/clock.h"
 #include "base/log.h"
+#include "base/loop.h"
 #include "base/param.h"
-#include "base/poller.h"
 #include "base/uri.h"
 #include "drivers/wheel/timed.h"
 #include "include/rotator.h"
@@ -53,7 +53,6 @@ struct rotator_pca9685 {
 	struct keys keys;
 	struct lp_timed timed;
 	const char *told_fault;
-	struct lp_poller *poller;
 	struct lp_timer tick;
 	struct lp_watch edges;
 	int bus_fd; /* -1: not open */
@@ -145,23 +144,29 @@ static int wake_up(const struct rotator_pca9685 *self)
 
 /* ---------------------------------------------------------------- the sensor */
 
-static void on_edges(struct lp_watch *watch, uint32_t events)
+/* The oldest edge that has not been read. False: none. */
+static bool read_edge(struct rotator_pca9685 *self)
 {
-	struct rotator_pca9685 *self = LP_CONTAINER_OF(watch, struct rotator_pca9685, edges);
 	struct gpiod_line_event event;
 
-	(void)events;
 	if (gpiod_line_event_read(self->line, &event) < 0)
-		return;
+		return false;
 	lp_timed_edge(&self->timed, event.ts.tv_sec * LP_NS_PER_S + event.ts.tv_nsec);
 	tell_fault(self);
-	tell(self);
+	return true;
+}
+
+static void on_edges(struct lp_watch *watch, unsigned int events)
+{
+	struct rotator_pca9685 *self = LP_CONTAINER_OF(watch, struct rotator_pca9685, edges);
+
+	(void)events;
+	if (read_edge(self))
+		tell(self);
 }
 
 static int open_sensor(struct rotator_pca9685 *self)
 {
-	int ret;
-
 	self->chip = gpiod_chip_open_lookup(self->keys.chip);
 	if (!self->chip)
 		return -errno;
@@ -170,16 +175,15 @@ static int open_sensor(struct rotator_pca9685 *self)
 	    gpiod_line_request_both_edges_events_flags(self->line, "lightprobed",
 						       GPIOD_LINE_REQUEST_FLAG_BIAS_PULL_UP) < 0)
 		return -errno;
-	ret = lp_poller_add(self->poller, &self->edges, gpiod_line_event_get_fd(self->line),
-			    EPOLLIN, on_edges);
-	return ret;
+	return lp_watch_start(self->base.host.loop, &self->edges,
+			      gpiod_line_event_get_fd(self->line), LP_READABLE, on_edges);
 }
 
 /* ---------------------------------------------------------------- open, close */
 
 static void close_all(struct rotator_pca9685 *self)
 {
-	lp_poller_remove(self->poller, &self->edges);
+	lp_watch_stop(&self->edges);
 	if (self->chip)
 		gpiod_chip_close(self->chip);
 	self->chip = NULL;
@@ -276,21 +280,9 @@ static void on_tick(struct lp_timer *timer)
 static int pca9685_start(struct lp_rotator *rotator)
 {
 	struct rotator_pca9685 *self = self_of(rotator);
-	const int ret = lp_timer_start(&self->tick, self->poller, on_tick);
 
-	if (ret == 0)
-		lp_timer_set(&self->tick, 1, PERIOD_NS);
-	return ret;
-}
-
-static int pca9685_fd(const struct lp_rotator *rotator)
-{
-	return lp_poller_fd(self_of(rotator)->poller);
-}
-
-static int pca9685_dispatch(struct lp_rotator *rotator)
-{
-	return lp_poller_dispatch(self_of(rotator)->poller);
+	lp_timer_set(&self->tick, 0, PERIOD_NS);
+	return 0;
 }
 
 static void pca9685_move(struct lp_rotator *rotator, float target_deg)
@@ -315,7 +307,8 @@ static void pca9685_look(struct lp_rotator *rotator)
 {
 	struct rotator_pca9685 *self = self_of(rotator);
 
-	(void)lp_poller_dispatch(self->poller);
+	while (self->line && read_edge(self)) {
+	}
 	tell(self);
 }
 
@@ -325,11 +318,8 @@ static void pca9685_destroy(struct lp_rotator *rotator)
 
 	if (!self)
 		return;
-	if (self->poller) {
-		close_all(self);
-		lp_timer_stop(&self->tick, self->poller);
-	}
-	lp_poller_destroy(self->poller);
+	close_all(self);
+	lp_timer_stop(&self->tick);
 	free(self);
 }
 
@@ -385,14 +375,13 @@ static int pca9685_create(const struct lp_uri *uri, const struct lp_rotator_host
 	self->bus_fd = self->edges.fd = -1;
 	self->retry_ns = FIRST_RETRY_NS;
 	ret = read_keys(uri, &self->keys);
-	if (ret == 0)
-		ret = lp_poller_create(&self->poller);
 	if (ret < 0) {
 		pca9685_destroy(&self->base);
 		return ret;
 	}
 	self->timed.params = self->keys.timed;
 	lp_timed_init(&self->timed);
+	lp_timer_init(host->loop, &self->tick, on_tick);
 	*rotator = &self->base;
 	return 0;
 }
@@ -407,8 +396,6 @@ const struct lp_rotator_ops lp_rotator_pca9685_ops = {
 		"      &edge_error_deg=0.3 &tolerance_deg=6 &slew_physical_deg_s=900",
 	.create = pca9685_create,
 	.start = pca9685_start,
-	.fd = pca9685_fd,
-	.dispatch = pca9685_dispatch,
 	.move = pca9685_move,
 	.look = pca9685_look,
 	.destroy = pca9685_destroy,

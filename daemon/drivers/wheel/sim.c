@@ -11,8 +11,8 @@
 
 #include "base/clock.h"
 #include "base/log.h"
+#include "base/loop.h"
 #include "base/param.h"
-#include "base/poller.h"
 #include "base/uri.h"
 #include "drivers/wheel/timed.h"
 #include "include/rotator.h"
@@ -36,7 +36,6 @@ struct rotator_sim {
 	struct keys keys;
 	struct lp_timed timed;
 	const char *told_fault;
-	struct lp_poller *poller;
 	struct lp_timer tick;
 	int64_t t_start_ns, t_step_ns;
 	float wheel_deg;
@@ -134,22 +133,10 @@ static void on_tick(struct lp_timer *timer)
 static int sim_start(struct lp_rotator *rotator)
 {
 	struct rotator_sim *self = self_of(rotator);
-	const int ret = lp_timer_start(&self->tick, self->poller, on_tick);
 
 	self->t_start_ns = self->t_step_ns = lp_clock_ns();
-	if (ret == 0)
-		lp_timer_set(&self->tick, 1, STEP_NS);
-	return ret;
-}
-
-static int sim_fd(const struct lp_rotator *rotator)
-{
-	return lp_poller_fd(self_of(rotator)->poller);
-}
-
-static int sim_dispatch(struct lp_rotator *rotator)
-{
-	return lp_poller_dispatch(self_of(rotator)->poller);
+	lp_timer_set(&self->tick, 0, STEP_NS);
+	return 0;
 }
 
 static void sim_move(struct lp_rotator *rotator, float target_deg)
@@ -175,8 +162,7 @@ static void sim_destroy(struct lp_rotator *rotator)
 
 	if (!self)
 		return;
-	lp_timer_stop(&self->tick, self->poller);
-	lp_poller_destroy(self->poller);
+	lp_timer_stop(&self->tick);
 	free(self);
 }
 
@@ -202,8 +188,6 @@ static int sim_create(const struct lp_uri *uri, const struct lp_rotator_host *ho
 	       (size_t)lp_timed_param_count * sizeof(table[0]));
 	self->base = (struct lp_rotator){.ops = &lp_rotator_sim_ops, .host = *host};
 	ret = lp_uri_read(uri, table, OWN_KEYS + (size_t)lp_timed_param_count, &self->keys);
-	if (ret == 0)
-		ret = lp_poller_create(&self->poller);
 	if (ret < 0) {
 		sim_destroy(&self->base);
 		return ret;
@@ -211,6 +195,7 @@ static int sim_create(const struct lp_uri *uri, const struct lp_rotator_host *ho
 	self->timed.params = self->keys.timed;
 	self->wheel_deg = 37;
 	lp_timed_init(&self->timed);
+	lp_timer_init(host->loop, &self->tick, on_tick);
 	*rotator = &self->base;
 	return 0;
 }
@@ -221,8 +206,6 @@ const struct lp_rotator_ops lp_rotator_sim_ops = {
 		"      ?fault=none|stuck|slow|slip|too-fast|absent &after_s=0, and pca9685's",
 	.create = sim_create,
 	.start = sim_start,
-	.fd = sim_fd,
-	.dispatch = sim_dispatch,
 	.move = sim_move,
 	.look = sim_look,
 	.destroy = sim_destroy,

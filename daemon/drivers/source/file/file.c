@@ -12,17 +12,16 @@
 
 #include "base/clock.h"
 #include "base/log.h"
-#include "base/mailbox.h"
 #include "base/param.h"
 #include "base/pool.h"
 #include "base/uri.h"
 #include "drivers/source/file/reader.h"
 #include "drivers/source/frames.h"
+#include "drivers/source/outbox.h"
 #include "include/source.h"
 
 /* One being read, one read ahead, one waiting for the worker, and those it holds. */
 #define FRAMES (LP_FRAMES_HELD + 3)
-#define OUTBOX_ITEMS (FRAMES + 1) /* and the notice: nothing is ever displaced */
 
 /* The query of the URI. `format` counts as enum lp_encoding. */
 struct options {
@@ -50,19 +49,16 @@ static const struct lp_param params[] = {
 struct source_file {
 	struct lp_source base;
 	struct options options;
-	char *path;
+	char *path, *object; /* "file: PATH" */
 	struct lp_file_reader *reader;
 	struct lp_pool *frames;
-	struct lp_mailbox *outbox; /* thread to loop: frames, and `&notice` for a change of state */
-	struct lp_frame notice;
+	struct lp_source_outbox *outbox;
 	pthread_t thread;
 	bool thread_runs;
 
 	pthread_mutex_t lock; /* of what follows */
 	pthread_cond_t stopped;
 	bool stop;
-	enum lp_source_state state;
-	char reason[512];
 };
 
 static struct source_file *self_of(const struct lp_source *source)
@@ -71,16 +67,6 @@ static struct source_file *self_of(const struct lp_source *source)
 }
 
 /* ---------------------------------------------------------------- the reading thread */
-
-static void tell_state(struct source_file *self, enum lp_source_state state, const char *reason)
-{
-	pthread_mutex_lock(&self->lock);
-	self->state = state;
-	(void)snprintf(self->reason, sizeof(self->reason), "file: %s: read: %s", self->path,
-		       reason);
-	pthread_mutex_unlock(&self->lock);
-	(void)lp_mailbox_put(self->outbox, &self->notice);
-}
 
 /* False: the source is being destroyed. */
 static bool sleep_until(struct source_file *self, int64_t due_ns)
@@ -134,7 +120,9 @@ static bool deliver(struct source_file *self, struct progress *progress)
 	if (!isnan(frame->exposure_us))
 		frame->t_start_ns -= (int64_t)(frame->exposure_us * 1e3);
 	progress->ahead = NULL;
-	(void)lp_mailbox_put(self->outbox, frame);
+	lp_source_outbox_tell(self->outbox, LP_SOURCE_STREAMING, self->object, "read",
+			      "pictures are delivered");
+	lp_source_outbox_send(self->outbox, frame);
 	return true;
 }
 
@@ -151,9 +139,10 @@ static void finish(struct source_file *self, struct progress *progress, int fail
 		progress->ahead->frame.flags |= LP_FRAME_LAST;
 	if (progress->ahead && (ended || !self->base.host.once) && !deliver(self, progress))
 		return;
-	tell_state(self, ended ? LP_SOURCE_ENDED : LP_SOURCE_DOWN,
-		   ended ? "the last picture has been delivered"
-			 : "no picture to deliver (see above)");
+	lp_source_outbox_tell(self->outbox, ended ? LP_SOURCE_ENDED : LP_SOURCE_DOWN, self->object,
+			      "read",
+			      ended ? "the last picture has been delivered"
+				    : "no picture to deliver (see above)");
 }
 
 static void read_all(struct source_file *self, struct progress *progress)
@@ -204,7 +193,6 @@ static void *read_thread(void *argument)
 static void file_destroy(struct lp_source *source)
 {
 	struct source_file *self = self_of(source);
-	struct lp_frame *frame;
 
 	if (!source)
 		return;
@@ -214,17 +202,15 @@ static void file_destroy(struct lp_source *source)
 	pthread_mutex_unlock(&self->lock);
 	if (self->frames)
 		lp_pool_close(self->frames);
+	lp_source_outbox_close(self->outbox);
 	if (self->thread_runs)
 		pthread_join(self->thread, NULL);
-	while (self->outbox && (frame = lp_mailbox_take(self->outbox)) != NULL) {
-		if (frame != &self->notice)
-			lp_frame_release(frame);
-	}
-	lp_mailbox_destroy(self->outbox);
+	lp_source_outbox_destroy(self->outbox);
 	lp_pool_destroy(self->frames);
 	lp_file_reader_destroy(self->reader);
 	pthread_cond_destroy(&self->stopped);
 	pthread_mutex_destroy(&self->lock);
+	free(self->object);
 	free(self->path);
 	free(self);
 }
@@ -268,8 +254,9 @@ static int file_create(const struct lp_uri *uri, const struct lp_source_host *ho
 	ret = -ENOMEM;
 	self->path = strdup(uri->rest);
 	self->frames = lp_owned_frames_create(FRAMES);
-	self->outbox = lp_mailbox_create(OUTBOX_ITEMS);
-	if (!self->path || !self->frames || !self->outbox)
+	self->outbox = lp_source_outbox_create();
+	if (!self->path || !self->frames || !self->outbox ||
+	    asprintf(&self->object, "file: %s", uri->rest) < 0)
 		goto err_destroy;
 	*source = &self->base;
 	return 0;
@@ -285,6 +272,8 @@ static int file_start(struct lp_source *source)
 					self->options.size_px.width, self->options.size_px.height,
 					&self->reader);
 
+	if (ret == 0)
+		ret = lp_source_outbox_start(self->outbox, source);
 	if (ret < 0)
 		return ret;
 	ret = -pthread_create(&self->thread, NULL, read_thread, self);
@@ -293,31 +282,6 @@ static int file_start(struct lp_source *source)
 		return ret;
 	}
 	self->thread_runs = true;
-	source->host.state(source->host.context, LP_SOURCE_STREAMING, "");
-	return 0;
-}
-
-static int file_fd(const struct lp_source *source)
-{
-	return lp_mailbox_fd(self_of(source)->outbox);
-}
-
-static int file_dispatch(struct lp_source *source)
-{
-	struct source_file *self = self_of(source);
-	struct lp_frame *frame = lp_mailbox_take(self->outbox);
-	char reason[sizeof(self->reason)];
-	enum lp_source_state state;
-
-	if (frame && frame != &self->notice) {
-		source->host.frame(source->host.context, frame);
-	} else if (frame) {
-		pthread_mutex_lock(&self->lock);
-		state = self->state;
-		memcpy(reason, self->reason, sizeof(reason));
-		pthread_mutex_unlock(&self->lock);
-		source->host.state(source->host.context, state, reason);
-	}
 	return 0;
 }
 
@@ -345,8 +309,6 @@ const struct lp_source_ops lp_source_file_ops = {
 		"      &size=WxH (raw) &exposures_us=a,b,c (in turn) &gain=1",
 	.create = file_create,
 	.start = file_start,
-	.fd = file_fd,
-	.dispatch = file_dispatch,
 	.caps = file_caps,
 	.destroy = file_destroy,
 };

@@ -93,8 +93,14 @@ bool Capture::is_valid() const
 	return outbox && frames;
 }
 
-void Capture::start()
+int Capture::start(lp_source *source)
 {
+	const int ret = lp_source_outbox_start(outbox, source);
+
+	if (ret < 0) {
+		lp_error("libcamera", "start", "%s", lp_strerror(ret));
+		return ret;
+	}
 	thread = std::thread([this] {
 		try {
 			run();
@@ -102,16 +108,7 @@ void Capture::start()
 			tell(LP_LOG_ERROR, LP_SOURCE_DOWN, "libcamera", error.what());
 		}
 	});
-}
-
-int Capture::fd() const
-{
-	return lp_source_outbox_fd(outbox);
-}
-
-bool Capture::take(lp_source_news &item)
-{
-	return lp_source_outbox_take(outbox, &item);
+	return 0;
 }
 
 lp_source_caps Capture::caps()

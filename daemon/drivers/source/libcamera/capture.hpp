@@ -27,10 +27,8 @@ class Capture
 	Capture &operator=(const Capture &) = delete;
 
 	/* All on the loop thread. */
-	bool is_valid() const; /* false: out of memory or descriptors */
-	void start();
-	int fd() const;
-	bool take(lp_source_news &news);
+	bool is_valid() const;	      /* false: out of memory or descriptors */
+	int start(lp_source *source); /* whose host gets frames and states. 0 or -errno */
 	lp_source_caps caps();
 	/* 0; -EINVAL, -EOPNOTSUPP: logged. */
 	int set_exposure(float exposure_us, float gain);

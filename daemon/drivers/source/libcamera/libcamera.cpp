@@ -2,13 +2,13 @@
 /*
  * libcamera:CAMERA - a camera through libcamera: CSI cameras of single-board computers, with
  * exposure and gain per request and, from their frames' metadata, known exactly. This file is the
- * back end as the loop sees it; the camera is driven by a thread, source_libcamera_capture.cpp.
+ * back end as the loop sees it; the camera is driven by a thread, capture.cpp.
  */
 #include "drivers/source/libcamera/capture.hpp"
 
 #include <cerrno>
 #include <exception>
-#include <new>
+#include <memory>
 #include <system_error>
 
 struct lp_uri;
@@ -20,7 +20,6 @@ namespace
 struct SourceLibcamera {
 	lp_source base;
 	lp::Capture *capture;
-	lp_source_news news;
 };
 
 lp::Capture &capture_of(const lp_source *source)
@@ -43,31 +42,11 @@ int libcamera_create(const lp_uri *uri, const lp_source_host *host, lp_source **
 int libcamera_start(lp_source *source) noexcept
 {
 	try {
-		capture_of(source).start();
-		return 0;
+		return capture_of(source).start(source);
 	} catch (const std::system_error &error) {
 		lp_error("libcamera", "start", "no thread: %s", error.what());
 		return -EAGAIN;
 	}
-}
-
-int libcamera_fd(const lp_source *source)
-{
-	return capture_of(source).fd();
-}
-
-int libcamera_dispatch(lp_source *source)
-{
-	auto *self = reinterpret_cast<SourceLibcamera *>(source);
-	lp_source_news &news = self->news;
-
-	if (!self->capture->take(news))
-		return 0;
-	if (news.frame)
-		source->host.frame(source->host.context, news.frame);
-	else
-		source->host.state(source->host.context, news.state, news.reason);
-	return 0;
 }
 
 void libcamera_caps(const lp_source *source, lp_source_caps *caps)
@@ -80,7 +59,7 @@ int libcamera_set_exposure(lp_source *source, float exposure_us, float gain)
 	return capture_of(source).set_exposure(exposure_us, gain);
 }
 
-const char help[] =
+const char libcamera_help[] =
 	"libcamera:CAMERA  a camera through libcamera, by its identity, its model, or\n"
 	"      VENDOR:PRODUCT; nothing for the only one, or the one that --camera matches\n"
 	"      ?size=WxH &format=auto|mjpeg|yuyv|nv12|grey &fps=30 &exposure=settable|auto\n"
@@ -90,8 +69,8 @@ const char help[] =
 
 extern "C" const lp_source_ops lp_source_libcamera_ops;
 const lp_source_ops lp_source_libcamera_ops = {
-	"libcamera",	    help,	    libcamera_create,	    libcamera_start,   libcamera_fd,
-	libcamera_dispatch, libcamera_caps, libcamera_set_exposure, libcamera_destroy,
+	"libcamera",	libcamera_help,		libcamera_create,  libcamera_start,
+	libcamera_caps, libcamera_set_exposure, libcamera_destroy,
 };
 
 namespace
@@ -105,14 +84,17 @@ int libcamera_create(const lp_uri *uri, const lp_source_host *host, lp_source **
 	if (ret < 0)
 		return ret;
 	try {
-		auto *self = new SourceLibcamera{{&lp_source_libcamera_ops, *host}, nullptr, {}};
+		auto capture = std::make_unique<lp::Capture>(settings);
+		auto self = std::make_unique<SourceLibcamera>();
 
-		*source = &self->base;
-		self->capture = new lp::Capture(settings);
-		if (self->capture->is_valid())
-			return 0;
-		libcamera_destroy(*source);
-		return -ENOMEM;
+		if (!capture->is_valid()) {
+			lp_error("libcamera", "create", "out of memory or descriptors");
+			return -ENOMEM;
+		}
+		self->base = {&lp_source_libcamera_ops, *host};
+		self->capture = capture.release();
+		*source = &self.release()->base;
+		return 0;
 	} catch (const std::exception &error) {
 		lp_error("libcamera", "create", "%s", error.what());
 		return -ENOMEM;

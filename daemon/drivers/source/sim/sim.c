@@ -14,7 +14,7 @@
 
 #include "base/clock.h"
 #include "base/log.h"
-#include "base/poller.h"
+#include "base/loop.h"
 #include "base/pool.h"
 #include "base/uri.h"
 #include "drivers/source/frames.h"
@@ -33,7 +33,6 @@ struct source_sim {
 	char object[sizeof(((struct sockaddr_un *)NULL)->sun_path) + 8];
 	char *hello;
 	struct lp_pool *frames;
-	struct lp_poller *poller;
 	struct lp_watch link;  /* fd -1: not connected */
 	struct lp_timer retry; /* next attempt to connect */
 	struct lp_timer stall; /* no frame for too long */
@@ -87,13 +86,13 @@ static void disconnect(struct source_sim *self)
 
 	if (fd < 0)
 		return;
-	lp_poller_remove(self->poller, &self->link);
+	lp_watch_stop(&self->link);
 	close(fd);
 	forget_frame(self);
 	self->line_bytes = self->line_sent = 0;
 	self->exposure_waits = false;
 	self->streaming = false;
-	lp_timer_set(&self->stall, 0, 0);
+	lp_timer_stop(&self->stall);
 }
 
 /* The link is of no more use: say why, and try again later. */
@@ -131,8 +130,8 @@ static void write_lines(struct source_sim *self)
 			break;
 		self->line_sent += (size_t)sent;
 	}
-	lp_poller_modify(self->poller, &self->link,
-			 self->line_sent < self->line_bytes ? EPOLLIN | EPOLLOUT : EPOLLIN);
+	lp_watch_change(&self->link, self->line_sent < self->line_bytes ? LP_READABLE | LP_WRITABLE
+									: LP_READABLE);
 }
 
 static int sim_set_exposure(struct lp_source *source, float exposure_us, float gain)
@@ -249,13 +248,13 @@ static void read_link(struct source_sim *self)
 
 /* ---------------------------------------------------------------- events */
 
-static void on_link_ready(struct lp_watch *watch, uint32_t events)
+static void on_link_ready(struct lp_watch *watch, unsigned int events)
 {
 	struct source_sim *self = LP_CONTAINER_OF(watch, struct source_sim, link);
 
-	if (events & EPOLLOUT)
+	if (events & LP_WRITABLE)
 		write_lines(self);
-	if (events & (EPOLLIN | EPOLLHUP | EPOLLERR))
+	if (events & (LP_READABLE | LP_HANGUP))
 		read_link(self);
 }
 
@@ -268,7 +267,8 @@ static void connect_link(struct source_sim *self)
 	if (ret == 0 && connect(fd, (struct sockaddr *)&self->address, sizeof(self->address)) < 0)
 		ret = -errno;
 	if (ret == 0)
-		ret = lp_poller_add(self->poller, &self->link, fd, EPOLLIN, on_link_ready);
+		ret = lp_watch_start(self->base.host.loop, &self->link, fd, LP_READABLE,
+				     on_link_ready);
 	if (ret < 0) {
 		if (fd >= 0)
 			close(fd);
@@ -306,9 +306,8 @@ static void sim_destroy(struct lp_source *source)
 	if (!source)
 		return;
 	disconnect(self);
-	lp_timer_stop(&self->retry, self->poller);
-	lp_timer_stop(&self->stall, self->poller);
-	lp_poller_destroy(self->poller);
+	lp_timer_stop(&self->retry);
+	lp_timer_stop(&self->stall);
 	lp_pool_destroy(self->frames);
 	free(self->line);
 	free(self->hello);
@@ -341,13 +340,8 @@ static int sim_create(const struct lp_uri *uri, const struct lp_source_host *hos
 	self->frames = lp_owned_frames_create(FRAMES);
 	if (!self->line || !self->frames || asprintf(&self->hello, "hello %s\n", uri->query) < 0)
 		goto err_destroy;
-	ret = lp_poller_create(&self->poller);
-	if (ret == 0)
-		ret = lp_timer_start(&self->retry, self->poller, on_retry);
-	if (ret == 0)
-		ret = lp_timer_start(&self->stall, self->poller, on_stall);
-	if (ret < 0)
-		goto err_destroy;
+	lp_timer_init(host->loop, &self->retry, on_retry);
+	lp_timer_init(host->loop, &self->stall, on_stall);
 	*source = &self->base;
 	return 0;
 err_destroy:
@@ -360,16 +354,6 @@ static int sim_start(struct lp_source *source)
 {
 	connect_link(self_of(source));
 	return 0;
-}
-
-static int sim_fd(const struct lp_source *source)
-{
-	return lp_poller_fd(self_of(source)->poller);
-}
-
-static int sim_dispatch(struct lp_source *source)
-{
-	return lp_poller_dispatch(self_of(source)->poller);
 }
 
 static void sim_caps(const struct lp_source *source, struct lp_source_caps *caps)
@@ -393,8 +377,6 @@ const struct lp_source_ops lp_source_sim_ops = {
 		"--help)",
 	.create = sim_create,
 	.start = sim_start,
-	.fd = sim_fd,
-	.dispatch = sim_dispatch,
 	.caps = sim_caps,
 	.set_exposure = sim_set_exposure,
 	.destroy = sim_destroy,

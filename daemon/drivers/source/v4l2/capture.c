@@ -435,24 +435,16 @@ int lp_v4l2_capture_create(const struct lp_v4l2_settings *settings,
 	return 0;
 }
 
-int lp_v4l2_capture_start(struct lp_v4l2_capture *capture)
+int lp_v4l2_capture_start(struct lp_v4l2_capture *capture, struct lp_source *source)
 {
-	const int ret = -pthread_create(&capture->thread, NULL, capture_main, capture);
+	int ret = lp_source_outbox_start(capture->outbox, source);
 
+	if (ret == 0)
+		ret = -pthread_create(&capture->thread, NULL, capture_main, capture);
 	if (ret < 0)
-		lp_error("v4l2", "start", "no thread: %s", lp_strerror(ret));
+		lp_error("v4l2", "start", "%s", lp_strerror(ret));
 	capture->thread_runs = ret == 0;
 	return ret;
-}
-
-int lp_v4l2_capture_fd(const struct lp_v4l2_capture *capture)
-{
-	return lp_source_outbox_fd(capture->outbox);
-}
-
-bool lp_v4l2_capture_take(struct lp_v4l2_capture *capture, struct lp_source_news *news)
-{
-	return lp_source_outbox_take(capture->outbox, news);
 }
 
 void lp_v4l2_capture_caps(struct lp_v4l2_capture *capture, struct lp_source_caps *caps)

@@ -11,18 +11,13 @@
 #include "include/source.h"
 
 struct lp_v4l2_capture;
-struct lp_source_news;
 
 /* 0 or -errno. Loop thread, as all calls here. */
 int lp_v4l2_capture_create(const struct lp_v4l2_settings *settings,
 			   const struct lp_v4l2_target *target, struct lp_v4l2_capture **capture);
-int lp_v4l2_capture_start(struct lp_v4l2_capture *capture);
 
-/* Readable while there is news. */
-int lp_v4l2_capture_fd(const struct lp_v4l2_capture *capture);
-
-/* The oldest news (source_v4l2_outbox.h); false: there is none. */
-bool lp_v4l2_capture_take(struct lp_v4l2_capture *capture, struct lp_source_news *news);
+/* Frames and states go to the host of `source`, which must outlive the capture. */
+int lp_v4l2_capture_start(struct lp_v4l2_capture *capture, struct lp_source *source);
 
 /* As known at present: fully once the camera has been opened. */
 void lp_v4l2_capture_caps(struct lp_v4l2_capture *capture, struct lp_source_caps *caps);

@@ -1,21 +1,19 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * v4l2:DEVICE - a camera through the kernel's video interface (UVC and others). This file is the
- * back end as the loop sees it; the camera is driven by a thread of its own, source_v4l2_capture.c.
+ * back end as the loop sees it; the camera is driven by a thread of its own, capture.c.
  */
 #include <errno.h>
 #include <stdlib.h>
 
 #include "base/uri.h"
 #include "drivers/source/v4l2/capture.h"
-#include "drivers/source/outbox.h"
 #include "drivers/source/v4l2/settings.h"
 #include "include/source.h"
 
 struct source_v4l2 {
 	struct lp_source base;
 	struct lp_v4l2_capture *capture;
-	struct lp_source_news news;
 };
 
 static struct lp_v4l2_capture *capture_of(const struct lp_source *source)
@@ -59,26 +57,7 @@ err_free:
 
 static int v4l2_start(struct lp_source *source)
 {
-	return lp_v4l2_capture_start(capture_of(source));
-}
-
-static int v4l2_fd(const struct lp_source *source)
-{
-	return lp_v4l2_capture_fd(capture_of(source));
-}
-
-static int v4l2_dispatch(struct lp_source *source)
-{
-	struct source_v4l2 *self = (struct source_v4l2 *)source;
-	struct lp_source_news *news = &self->news;
-
-	if (!lp_v4l2_capture_take(self->capture, news))
-		return 0;
-	if (news->frame)
-		source->host.frame(source->host.context, news->frame);
-	else
-		source->host.state(source->host.context, news->state, news->reason);
-	return 0;
+	return lp_v4l2_capture_start(capture_of(source), source);
 }
 
 static void v4l2_caps(const struct lp_source *source, struct lp_source_caps *caps)
@@ -102,8 +81,6 @@ const struct lp_source_ops lp_source_v4l2_ops = {
 		"      &power_line=off|50|60|keep &stall_ms=1000 &reset=1",
 	.create = v4l2_create,
 	.start = v4l2_start,
-	.fd = v4l2_fd,
-	.dispatch = v4l2_dispatch,
 	.caps = v4l2_caps,
 	.set_exposure = v4l2_set_exposure,
 	.destroy = v4l2_destroy,
