@@ -30,6 +30,7 @@ struct lp_daemon {
 	struct lp_loop *loop;
 	struct lp_timer tick;
 	struct lp_watch results; /* of the worker */
+	uint64_t results_lost;
 	struct lp_hub *hub;
 	struct lp_worker *worker;
 	struct lp_source *source;
@@ -101,7 +102,9 @@ static void on_stamped_frame(void *context, struct lp_frame *frame)
 	struct lp_daemon *daemon = context;
 	const struct lp_demand demand = lp_hub_demand(daemon->hub);
 
-	lp_worker_submit(daemon->worker, frame, &demand);
+	/* Simulated time stands still while a frame is at work. */
+	if (lp_worker_submit(daemon->worker, frame, &demand))
+		lp_loop_hold(daemon->loop);
 }
 
 static void on_frame(void *context, struct lp_frame *frame)
@@ -212,6 +215,16 @@ static void publish(struct lp_daemon *daemon, struct lp_result *result)
 	lp_governor_estimate(&daemon->governor, lp_clock_ns() - result->estimates.raw.t_arrival_ns);
 }
 
+/* One frame has its result; frames whose results were lost have none to come. */
+static void release_loop(struct lp_daemon *daemon)
+{
+	const uint64_t lost = lp_worker_results_lost(daemon->worker);
+
+	for (; daemon->results_lost < lost; daemon->results_lost++)
+		lp_loop_release(daemon->loop);
+	lp_loop_release(daemon->loop);
+}
+
 static void on_result(struct lp_watch *watch, unsigned int events)
 {
 	struct lp_daemon *daemon = LP_CONTAINER_OF(watch, struct lp_daemon, results);
@@ -220,6 +233,7 @@ static void on_result(struct lp_watch *watch, unsigned int events)
 	(void)events;
 	if (!result)
 		return;
+	release_loop(daemon);
 	if (!isnan(result->command_us))
 		(void)daemon->source->ops->set_exposure(daemon->source, result->command_us, 1.0F);
 	if (daemon->options->once)
@@ -345,6 +359,11 @@ static int create_source(struct lp_daemon *daemon)
 	ret = lp_source_open(daemon->options->source, &host, &daemon->source);
 	if (ret < 0)
 		return ret;
+	if (daemon->options->simulated_time && strcmp(daemon->source->ops->scheme, "sim") != 0) {
+		lp_error(daemon->options->source, "--simulated-time",
+			 "only a simulator can say what time it is — --source=sim:PATH");
+		return -EINVAL;
+	}
 	daemon->source->ops->caps(daemon->source, &daemon->caps);
 	if (daemon->options->exposure_us > 0 && !daemon->source->ops->set_exposure) {
 		lp_error(daemon->options->source, "--exposure-us",
@@ -463,6 +482,8 @@ int lp_daemon_run(const struct lp_options *options)
 {
 	struct lp_daemon daemon = {.options = options, .exit_code = LP_EXIT_USAGE};
 
+	if (options->simulated_time) /* it stands still until the simulator says more */
+		lp_clock_simulate(lp_clock_ns());
 	if (create_all(&daemon) == 0) {
 		daemon.exit_code = LP_EXIT_FAILURE;
 		if (start_all(&daemon) == 0) {

@@ -45,7 +45,7 @@ struct lp_options {
 	char series[1024]; /* folder; empty: estimate */
 	struct lp_floats series_us;
 	int series_frames;
-	bool once, version, help, check_config;
+	bool once, simulated_time, version, help, check_config;
 };
 
 /*

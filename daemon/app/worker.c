@@ -86,8 +86,6 @@ static void *work(void *argument)
 		result->last_frame = frame->flags & LP_FRAME_LAST;
 		result->status = process(worker, frame, result);
 		atomic_store(&worker->busy_since_ns, 0);
-		if (result->status < 0 && !result->last_frame && isnan(result->command_us))
-			continue;
 		result = lp_mailbox_put(worker->outbox, result);
 		if (!result)
 			result = lp_pool_take(worker->results);
@@ -129,12 +127,16 @@ err_destroy:
 	return ret;
 }
 
-void lp_worker_submit(struct lp_worker *worker, struct lp_frame *frame,
+bool lp_worker_submit(struct lp_worker *worker, struct lp_frame *frame,
 		      const struct lp_demand *demand)
 {
+	struct lp_frame *replaced;
+
 	atomic_store(&worker->demand_sh_order, demand->sh_order);
 	atomic_store(&worker->demand_max_lights, demand->max_lights);
-	lp_frame_release(lp_mailbox_put(worker->inbox, frame));
+	replaced = lp_mailbox_put(worker->inbox, frame);
+	lp_frame_release(replaced);
+	return !replaced;
 }
 
 void lp_worker_control(struct lp_worker *worker, const struct lp_camera_control *control)
@@ -173,6 +175,11 @@ uint64_t lp_worker_dropped(struct lp_worker *worker)
 uint64_t lp_worker_rejected(struct lp_worker *worker)
 {
 	return atomic_load(&worker->rejected);
+}
+
+uint64_t lp_worker_results_lost(struct lp_worker *worker)
+{
+	return lp_mailbox_lost(worker->outbox);
 }
 
 int64_t lp_worker_busy_ns(struct lp_worker *worker)

@@ -25,8 +25,9 @@ struct lp_result {
 /* Starts the thread. Takes over `pipeline`, also on error. */
 int lp_worker_create(struct lp_pipeline *pipeline, bool lossless, struct lp_worker **worker);
 
-/* Takes over the reference to `frame`. Loop thread. */
-void lp_worker_submit(struct lp_worker *worker, struct lp_frame *frame,
+/* Takes over the reference to `frame`. Loop thread. False: it replaced one that had to wait, which
+ * will have no result. */
+bool lp_worker_submit(struct lp_worker *worker, struct lp_frame *frame,
 		      const struct lp_demand *demand);
 
 /* The camera streams (again), and this is what can be done about its exposure. Loop thread. */
@@ -38,14 +39,17 @@ void lp_worker_preset(struct lp_worker *worker, enum lp_preset preset);
 /* Readable while a result waits. */
 int lp_worker_fd(const struct lp_worker *worker);
 
-/* The oldest result, for lp_worker_give(); NULL when there is none. A frame that gave no estimate
- * has a result only when it was the last one, or when there is a command. Loop thread. */
+/* The oldest result, for lp_worker_give(); NULL when there is none. Loop thread. Every frame has
+ * one, with or without an estimate, unless it was replaced, or the loop lets too many wait. */
 struct lp_result *lp_worker_take(struct lp_worker *worker);
 void lp_worker_give(struct lp_worker *worker, struct lp_result *result);
 
 /* Frames replaced by a newer one, and frames that the pipeline or the driver refused. */
 uint64_t lp_worker_dropped(struct lp_worker *worker);
 uint64_t lp_worker_rejected(struct lp_worker *worker);
+
+/* Results that the loop let wait for too long. */
+uint64_t lp_worker_results_lost(struct lp_worker *worker);
 
 /* For how long the frame at work has been so; 0: idle. */
 int64_t lp_worker_busy_ns(struct lp_worker *worker);

@@ -173,24 +173,31 @@ static void test_lossless_keeps_them_all(void **state)
 	lp_worker_destroy(worker);
 }
 
-static void test_refused_frames_are_counted_and_the_last_always_tells(void **state)
+static void test_every_frame_has_a_result_and_refused_ones_are_counted(void **state)
 {
+	static const struct {
+		uint64_t number;
+		uint32_t flags;
+		int status;
+	} frames[] = {
+		{9, 0, -EBADMSG},
+		{8, 0, -EAGAIN},		 /* accepted, but no estimate yet */
+		{1, LP_FRAME_CORRUPT, -EBADMSG}, /* never shown to the pipeline */
+		{19, LP_FRAME_LAST, -EBADMSG},
+		{8, LP_FRAME_LAST, -EAGAIN},
+	};
 	struct lp_worker *worker = start(true);
-	struct lp_result *result;
 
 	(void)state;
-	submit(worker, 9, 0);		     /* -EBADMSG */
-	submit(worker, 8, 0);		     /* -EAGAIN: accepted, no result */
-	submit(worker, 1, LP_FRAME_CORRUPT); /* never shown to the pipeline */
-	submit(worker, 19, LP_FRAME_LAST);   /* -EBADMSG, but the last */
-	result = wait_result(worker);
-	assert_int_equal(result->status, -EBADMSG);
-	assert_true(result->last_frame);
-	lp_worker_give(worker, result);
-	submit(worker, 8, LP_FRAME_LAST);
-	result = wait_result(worker);
-	assert_int_equal(result->status, -EAGAIN);
-	lp_worker_give(worker, result);
+	for (size_t i = 0; i < ARRAY_COUNT(frames); i++) {
+		struct lp_result *result;
+
+		submit(worker, frames[i].number, frames[i].flags);
+		result = wait_result(worker);
+		assert_int_equal(result->status, frames[i].status);
+		assert_int_equal(result->last_frame, frames[i].flags == LP_FRAME_LAST);
+		lp_worker_give(worker, result);
+	}
 	assert_int_equal(lp_worker_rejected(worker), 3);
 	assert_int_equal(atomic_load(&pipeline.begun), 4);
 	lp_worker_destroy(worker);
@@ -239,7 +246,7 @@ int main(void)
 		cmocka_unit_test(test_newest_frame_wins_and_drops_are_counted),
 		cmocka_unit_test(test_a_new_preset_comes_before_the_next_frame),
 		cmocka_unit_test(test_lossless_keeps_them_all),
-		cmocka_unit_test(test_refused_frames_are_counted_and_the_last_always_tells),
+		cmocka_unit_test(test_every_frame_has_a_result_and_refused_ones_are_counted),
 		cmocka_unit_test(test_results_that_nobody_takes),
 		cmocka_unit_test(test_destroy_with_work_left),
 	};
