@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from lightprobe import daemon, ring
+from lightprobe import daemon
+from lightprobe.calibrate import ring
 from lightprobe.sim.box import Box
 from test_simulated_box import simulator
 

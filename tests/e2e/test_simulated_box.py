@@ -14,8 +14,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from box import until
-from lightprobe import camera, mcu, mcu_link, ring, scenes
-from lightprobe.sim import control
+from lightprobe.calibrate import ring
+from lightprobe.imaging import camera
+from lightprobe.mcu import link as mcu_link
+from lightprobe.mcu import messages as mcu
+from lightprobe.sim import control, scenes
 from lightprobe.sim.polarizer import Polarizer, Sheet
 from lightprobe.sim.world import World
 from test_simulator import Camera

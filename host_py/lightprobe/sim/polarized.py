@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lightprobe import geometry, image
+from lightprobe import geometry
 from lightprobe.geometry import Array
+from lightprobe.imaging import image
 from lightprobe.sim.scene import (
     Lamp,
     Layer,

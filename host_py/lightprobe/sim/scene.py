@@ -15,9 +15,10 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lightprobe import geometry, image, sh
+from lightprobe import geometry, sh
 from lightprobe.colour import luminance
 from lightprobe.geometry import Array
+from lightprobe.imaging import image
 
 #: Highest SH order of truth.
 ORDER = sh.MAX_ORDER

@@ -3,9 +3,10 @@
 import cv2
 import numpy as np
 import pytest
-from lightprobe import picture, relight, view
+from lightprobe.cli import view
 from lightprobe.colour import luminance
 from lightprobe.estimate import Estimate, EstimateFlag, Light, LightFlag, SphericalHarmonics
+from lightprobe.evaluate import picture, relight
 from lightprobe.sim.procedural import random_scene
 
 ROOM = random_scene(2)
