@@ -31,7 +31,7 @@ _LEAST_SENSITIVE = 0.02
 _UNDECIDED = (0.15, 0.85)
 
 
-class FollowingError(LightprobeError):
+class ExposureResponseError(LightprobeError):
     """Nothing can be said about the camera; says why and what to change."""
 
 
@@ -49,7 +49,7 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Following:
+class ExposureResponse:
     """All commands together."""
 
     changes: tuple[Change, ...]
@@ -98,25 +98,25 @@ class _Look:
     cells: Array
 
 
-def follow(steps: Sequence[Sequence[Frame]]) -> Following:
-    """Judge every command of a series; raises :class:`FollowingError` when none could show."""
+def judge_commands(steps: Sequence[Sequence[Frame]]) -> ExposureResponse:
+    """Judge every command of a series; :class:`ExposureResponseError` when none could show."""
     looks = [[look for frame in step if (look := _look(frame)) is not None] for step in steps]
     changes = tuple(_judge(old, new) for old, new in itertools.pairwise(looks) if old and new)
-    following = Following(changes)
-    if not following.expected and any(change.restless for change in changes):
-        raise FollowingError(
+    obedience = ExposureResponse(changes)
+    if not obedience.expected and any(change.restless for change in changes):
+        raise ExposureResponseError(
             "exposure: the picture does not come to rest between commands: is the light constant, "
             "the camera still? A very slow camera: --frames 24"
         )
-    if not following.expected:
+    if not obedience.expected:
         mean = np.mean([look.cells.mean() for step in looks for look in step] or [np.nan])
         kind = "dark" if mean < 128 else "bright"
         step = "more light" if kind == "dark" else "less light"
-        raise FollowingError(
+        raise ExposureResponseError(
             f"exposure: the picture is too {kind} to tell (mean code {mean:.0f} over all "
             f"exposures), or shows nothing: {step}, or something in view"
         )
-    return following
+    return obedience
 
 
 def _look(frame: Frame) -> _Look | None:

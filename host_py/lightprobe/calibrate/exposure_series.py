@@ -65,7 +65,7 @@ _AS_WRITTEN = (
 
 
 @dataclass(frozen=True)
-class Series:
+class ExposureSeries:
     """What a camera can do with its exposure, and its frames in order."""
 
     source: str
@@ -134,7 +134,7 @@ def _to_rgb(luma: Codes, chroma: Codes) -> Codes:
 # ---------------------------------------------------------------- reading
 
 
-def load(folder: Path) -> Series:
+def load(folder: Path) -> ExposureSeries:
     """Read the index of a series; raises :class:`SeriesError`."""
     where = f"series: {folder / INDEX}"
     try:
@@ -150,7 +150,7 @@ def load(folder: Path) -> Series:
         raise SeriesError(f"{where}: the series was cut short: take it again")
     try:
         camera = rows[0]
-        return Series(
+        return ExposureSeries(
             source=camera["source"],
             settable=camera["exposure_settable"],
             tagged=camera["exposure_tagged"],
@@ -184,7 +184,7 @@ def shoot(
     camera: str = "equirect",
     patience_s: float = 15.0,
     progress: Callable[[int], None] = lambda frames: None,
-) -> Series:
+) -> ExposureSeries:
     """Have the daemon take a series into a new folder, and read its index.
 
     Commands each exposure in turn and takes so many frames after each; without exposures takes the

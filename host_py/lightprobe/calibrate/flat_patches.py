@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lightprobe.calibrate.exposure_series import Codes, Frame, Series
-from lightprobe.calibrate.response_curve import ResponseError, Samples
+from lightprobe.calibrate.exposure_series import Codes, ExposureSeries, Frame
+from lightprobe.calibrate.response_curve import PatchCodes, ResponseError
 from lightprobe.geometry import Array
 
 BLOCK_PX = 8
@@ -87,7 +87,7 @@ def steady_frames(frames: Sequence[Frame]) -> list[Codes]:
     return [picture for picture in pictures if picture is not None]
 
 
-def exposure_of(series: Series, frames: Sequence[Frame]) -> float | None:
+def exposure_of(series: ExposureSeries, frames: Sequence[Frame]) -> float | None:
     """Exposure (times gain) of a step's last frames: stated if the camera does, else commanded."""
     stated = [frame.stated_us for frame in frames[-STEADY_FRAMES:] if frame.stated_us is not None]
     if (series.tagged and stated) or frames[-1].step < 0:
@@ -95,7 +95,7 @@ def exposure_of(series: Series, frames: Sequence[Frame]) -> float | None:
     return frames[-1].commanded_us
 
 
-def collect(steps: Sequence[Step], seed: int = 0) -> tuple[Samples, list[str]]:
+def collect(steps: Sequence[Step], seed: int = 0) -> tuple[PatchCodes, list[str]]:
     """Choose places and give their codes, and notes on what was left out.
 
     Raises :class:`~lightprobe.response.ResponseError` when nothing usable is left.
@@ -127,7 +127,7 @@ def collect(steps: Sequence[Step], seed: int = 0) -> tuple[Samples, list[str]]:
     chosen = _choose(
         np.stack([step.mean for step in good], axis=2).reshape(codes.shape), codes, seed
     )
-    return Samples(codes[chosen][:, order], exposures[order], top), notes
+    return PatchCodes(codes[chosen][:, order], exposures[order], top), notes
 
 
 def _top(steps: Sequence[Step]) -> int:

@@ -56,7 +56,7 @@ class ResponseError(LightprobeError):
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class PatchCodes:
     """Mean codes of places of the scene, at each exposure.
 
     codes: (places, steps, 3), NaN where a place cannot be used (clipped, not flat).
@@ -104,16 +104,16 @@ def monotone(values: Array) -> Array:
     return np.repeat(means, counts)
 
 
-def fit(samples: Samples) -> Response:
+def fit(patches: PatchCodes) -> Response:
     """Fit the response of every channel; raises :class:`ResponseError`.
 
     Exposures that contradict the others (a camera that did not follow, a lamp that flickered) are
     left out one by one, the worst first.
     """
-    _check_follows(samples)
-    used = np.ones(len(samples.exposures_us), bool)
+    _check_follows(patches)
+    used = np.ones(len(patches.exposures_us), bool)
     while True:
-        response = _fit_used(samples, used)
+        response = _fit_used(patches, used)
         wrong = np.where(used, np.abs(response.step_errors), 0.0)
         worst = int(np.argmax(np.nan_to_num(wrong)))
         if not wrong[worst] > MOST_STEP_ERROR:
@@ -124,29 +124,29 @@ def fit(samples: Samples) -> Response:
             raise ResponseError(_DOES_NOT_FOLLOW)
 
 
-def _check_follows(samples: Samples) -> None:
+def _check_follows(patches: PatchCodes) -> None:
     """Raise :class:`ResponseError` when places look the same whatever the exposure."""
-    exposures = samples.exposures_us[None, :, None]
-    seen = np.isfinite(samples.codes)
+    exposures = patches.exposures_us[None, :, None]
+    seen = np.isfinite(patches.codes)
     shortest = np.where(seen, exposures, np.inf).argmin(axis=1, keepdims=True)
     longest = np.where(seen, exposures, -np.inf).argmax(axis=1, keepdims=True)
     ratio = np.take_along_axis(exposures, longest, 1) / np.take_along_axis(exposures, shortest, 1)
-    change = np.take_along_axis(samples.codes, longest, 1) - np.take_along_axis(
-        samples.codes, shortest, 1
+    change = np.take_along_axis(patches.codes, longest, 1) - np.take_along_axis(
+        patches.codes, shortest, 1
     )
-    telling = (ratio >= 2) & (np.take_along_axis(samples.codes, longest, 1) > 2 * _LOWEST)
+    telling = (ratio >= 2) & (np.take_along_axis(patches.codes, longest, 1) > 2 * _LOWEST)
     if telling.any() and np.median(change[telling]) < _LEAST_CHANGE_CODES:
         raise ResponseError(_DOES_NOT_FOLLOW)
 
 
-def step_errors(samples: Samples, table: Array) -> Array:
+def step_errors(patches: PatchCodes, table: Array) -> Array:
     """Light seen at each exposure over what the others and the table say, minus 1; NaN: unseen."""
     ratios = []
     for channel in range(3):
-        light = curve_at(table[:, channel], samples.codes[..., channel])
-        slope = _slope_at(table[:, channel], samples.codes[..., channel])
+        light = curve_at(table[:, channel], patches.codes[..., channel])
+        slope = _slope_at(table[:, channel], patches.codes[..., channel])
         with np.errstate(divide="ignore", invalid="ignore"):
-            relative = np.where(light > 0, light / samples.exposures_us, np.nan)
+            relative = np.where(light > 0, light / patches.exposures_us, np.nan)
             weight = np.nan_to_num((light / slope) ** 2) * np.isfinite(relative)
         relative = np.log(np.where(weight > 0, relative, 1.0))
         ratios.append(_offsets(relative, weight))
@@ -193,18 +193,18 @@ def _weighted_median(values: Array, weight: Array) -> float:
 # ---------------------------------------------------------------- one channel
 
 
-def _fit_used(samples: Samples, used: NDArray[np.bool_]) -> Response:
-    some = replace(samples, codes=samples.codes[:, used], exposures_us=samples.exposures_us[used])
+def _fit_used(patches: PatchCodes, used: NDArray[np.bool_]) -> Response:
+    some = replace(patches, codes=patches.codes[:, used], exposures_us=patches.exposures_us[used])
     fits = [_fit_channel(some, channel) for channel in range(3)]
     table = np.stack([part.table for part in fits], axis=1)
     return Response(
         table=table,
         residual_codes=np.array([part.residual_codes for part in fits]),
         residual_full_scale=np.array([part.residual_full_scale for part in fits]),
-        step_errors=step_errors(samples, table),
+        step_errors=step_errors(patches, table),
         used=used,
         observations=sum(part.observations for part in fits),
-        top=samples.top,
+        top=patches.top,
         lowest_code=max(part.lowest for part in fits),
         highest_code=min(part.highest for part in fits),
     )
@@ -230,21 +230,21 @@ class _Observations:
     places: int
 
 
-def _fit_channel(samples: Samples, channel: int) -> _Channel:
-    seen = _observations(samples, channel)
-    _check_coverage(seen, samples.top, CHANNELS[channel])
-    table = _start(samples.top)
+def _fit_channel(patches: PatchCodes, channel: int) -> _Channel:
+    seen = _observations(patches, channel)
+    _check_coverage(seen, patches.top, CHANNELS[channel])
+    table = _start(patches.top)
     for _ in range(_MOST_ROUNDS):
         size = np.abs(_residuals(seen, table)[0])
         limit = max(_HUBER_CODES, 1.5 * float(np.median(size)))
-        better = _solve(seen, table, np.minimum(1.0, limit / np.maximum(size, 1e-9)), samples.top)
+        better = _solve(seen, table, np.minimum(1.0, limit / np.maximum(size, 1e-9)), patches.top)
         change, table = float(np.abs(better - table).max()), better
         if change < _SETTLED:
             break
     error_codes, error_linear = _residuals(seen, table)
     freedom = max(1, len(seen.code) - seen.places)
     return _Channel(
-        table=_finished(table, samples.top),
+        table=_finished(table, patches.top),
         residual_codes=float(np.sqrt(np.sum(error_codes**2) / freedom)),
         residual_full_scale=float(np.sqrt(np.sum(error_linear**2) / freedom)),
         observations=len(seen.code),
@@ -265,14 +265,14 @@ def _start(top: int) -> Array:
     return np.asarray(np.clip(np.arange(256) / top, 1e-3, 1.0) ** 2.2)
 
 
-def _observations(samples: Samples, channel: int) -> _Observations:
+def _observations(patches: PatchCodes, channel: int) -> _Observations:
     """Places that are usable at two exposures or more."""
-    codes = samples.codes[..., channel]
+    codes = patches.codes[..., channel]
     usable = np.isfinite(codes)
     usable &= usable.sum(axis=1, keepdims=True) >= 2
     place, step = np.nonzero(usable)
     _, number = np.unique(place, return_inverse=True)
-    exposure = samples.exposures_us / samples.exposures_us.max()
+    exposure = patches.exposures_us / patches.exposures_us.max()
     return _Observations(
         place=number,
         code=codes[place, step],
@@ -371,12 +371,12 @@ def _residuals(seen: _Observations, table: Array) -> tuple[Array, Array]:
     return error / slope, error
 
 
-def residuals(samples: Samples, response: Response, channel: int) -> tuple[Array, Array]:
+def residuals(patches: PatchCodes, response: Response, channel: int) -> tuple[Array, Array]:
     """Codes of one channel's observations, and what the fit leaves of each, in codes."""
     some = replace(
-        samples,
-        codes=samples.codes[:, response.used],
-        exposures_us=samples.exposures_us[response.used],
+        patches,
+        codes=patches.codes[:, response.used],
+        exposures_us=patches.exposures_us[response.used],
     )
     seen = _observations(some, channel)
     table = np.maximum(response.table[:, channel], _LEAST_LIGHT)

@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from lightprobe import __version__
-from lightprobe.calibrate.exposure_series import Series, shoot
+from lightprobe.calibrate.exposure_series import ExposureSeries, shoot
 from lightprobe.errors import UsageError
 
 _SOURCE = re.compile(r"[a-z][a-z0-9_]*:")
@@ -55,7 +55,7 @@ def series(
     output: Path | None,
     keep: Path | None,
     patience_s: float,
-) -> Iterator[Series]:
+) -> Iterator[ExposureSeries]:
     """A series of a source, under a progress bar on stderr; its frames last as long as the block.
 
     A source that ends (file:) gives its frames as they come.

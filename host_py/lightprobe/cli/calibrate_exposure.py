@@ -11,13 +11,12 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from lightprobe.calibrate import camera_file
-from lightprobe.calibrate import flat_patches as samples
+from lightprobe.calibrate import camera_file, flat_patches
 from lightprobe.calibrate import response_curve as response
-from lightprobe.calibrate.exposure_response import Following, follow
-from lightprobe.calibrate.exposure_series import Series
+from lightprobe.calibrate.exposure_response import ExposureResponse, judge_commands
+from lightprobe.calibrate.exposure_series import ExposureSeries
 from lightprobe.calibrate.flat_patches import exposure_of, steady_frames, step_of
-from lightprobe.calibrate.response_curve import Samples
+from lightprobe.calibrate.response_curve import PatchCodes
 from lightprobe.cli import calibrate, view
 from lightprobe.errors import LightprobeError, UsageError
 from lightprobe.geometry import Array
@@ -45,7 +44,7 @@ class Report:
     """The whole result."""
 
     source: str
-    following: Following
+    obedience: ExposureResponse
     tagged: bool
     steps: tuple[StepLight, ...]
     linearity_error: float | None  # RMS of effective / commanded − 1
@@ -53,7 +52,7 @@ class Report:
 
     def to_json(self) -> dict[str, Any]:
         """Plain values."""
-        f = self.following
+        f = self.obedience
         return {
             "source": self.source,
             "follows": f.follows,
@@ -100,22 +99,22 @@ def command(
         show(report)
     check(report)
     if output is not None:
-        delay = report.following.delay_frames
+        delay = report.obedience.delay_frames
         camera_file.save(output, size_px, "v4l2", {"exposure_delay_frames": str(delay)})
         typer.echo(f"written: {output}: [v4l2] exposure_delay_frames = {delay}", err=True)
 
 
-def judge(source: str, series: Series, camera: str | None) -> Report:
+def judge(source: str, series: ExposureSeries, camera: str | None) -> Report:
     """Work out the report of a series."""
     steps = series.steps()
-    following = follow(steps)
+    obedience = judge_commands(steps)
     lights, error, how = _effective(series, camera)
-    return Report(source, following, series.tagged, lights, error, how)
+    return Report(source, obedience, series.tagged, lights, error, how)
 
 
 def check(report: Report) -> None:
     """Raise :class:`ExposureIgnoredError` unless the camera follows; says what that costs."""
-    f = report.following
+    f = report.obedience
     if f.ignores:
         raise ExposureIgnoredError(
             f"exposure: {report.source}: the camera ignores exposure commands ({f.expected} "
@@ -136,7 +135,7 @@ def check(report: Report) -> None:
 
 
 def _effective(
-    series: Series, camera: str | None
+    series: ExposureSeries, camera: str | None
 ) -> tuple[tuple[StepLight, ...], float | None, str]:
     """Effective exposure of each step, relative to the commands; RMS error; which response."""
     steps, commanded = [], []
@@ -148,7 +147,7 @@ def _effective(
             commanded.append((exposure_us, exposure_of(series, frames) if series.tagged else None))
     effective: dict[float, float] = {}
     try:
-        chosen, _ = samples.collect(steps)
+        chosen, _ = flat_patches.collect(steps)
         table, how = _response(chosen, camera)
         errors = response.step_errors(chosen, table)
         effective = {
@@ -164,7 +163,7 @@ def _effective(
     return lights, rms, how
 
 
-def _response(chosen: Samples, camera: str | None) -> tuple[Array, str]:
+def _response(chosen: PatchCodes, camera: str | None) -> tuple[Array, str]:
     """The camera file's curve; without one, what explains these very steps best."""
     if camera is not None and Path(camera).exists():
         given = cameras.load(camera).response
@@ -175,7 +174,7 @@ def _response(chosen: Samples, camera: str | None) -> tuple[Array, str]:
 
 def show(report: Report) -> None:
     """Print a report for the eye."""
-    console, f = view.console(), report.following
+    console, f = view.console(), report.obedience
     table = Table(box=None)
     for title in ("commanded µs", "stated µs", "effective µs", "error"):
         table.add_column(title, justify="right")

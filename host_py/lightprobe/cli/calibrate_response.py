@@ -11,12 +11,11 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from lightprobe.calibrate import camera_file
-from lightprobe.calibrate import flat_patches as samples
+from lightprobe.calibrate import camera_file, flat_patches
 from lightprobe.calibrate import response_curve as response
-from lightprobe.calibrate.exposure_series import Series, SeriesError
+from lightprobe.calibrate.exposure_series import ExposureSeries, SeriesError
 from lightprobe.calibrate.flat_patches import Step, exposure_of, steady_frames, step_of
-from lightprobe.calibrate.response_curve import CHANNELS, Response, Samples
+from lightprobe.calibrate.response_curve import CHANNELS, PatchCodes, Response
 from lightprobe.cli import calibrate, view
 from lightprobe.errors import UsageError
 from lightprobe.imaging import image
@@ -62,7 +61,7 @@ def command(
             steps = of_series(series)
     else:
         steps = of_files([Path(name) for name in what], exposures)
-    chosen, notes = samples.collect(steps)
+    chosen, notes = flat_patches.collect(steps)
     result = response.fit(chosen)
     for note in notes + left_out(chosen, result):
         typer.echo(f"note: {note}", err=True)
@@ -77,14 +76,14 @@ def command(
         typer.echo(f"plot: {plot}", err=True)
     if output is not None:
         rows, columns, _ = steps[0].mean.shape
-        size_px = columns * samples.BLOCK_PX, rows * samples.BLOCK_PX
+        size_px = columns * flat_patches.BLOCK_PX, rows * flat_patches.BLOCK_PX
         residual = 100 * result.residual_full_scale.max()
         note = calibrate.remark(f"response, residual {residual:.2f} % of full scale")
         table = camera_file.save_response(output, size_px, result.table, note)
         typer.echo(f"written: {output}: [response] table = {table.name}", err=True)
 
 
-def of_series(series: Series) -> list[Step]:
+def of_series(series: ExposureSeries) -> list[Step]:
     """Steps of a series."""
     steps = []
     for group in series.steps():
@@ -122,7 +121,7 @@ def of_files(files: Sequence[Path], exposures: str | None) -> list[Step]:
     return steps
 
 
-def left_out(chosen: Samples, result: Response) -> list[str]:
+def left_out(chosen: PatchCodes, result: Response) -> list[str]:
     """Say which exposures the fit does not rest on."""
     return [
         f"{exposure_us:g} us left out: its light is {100 * error:+.0f} % off what the others say"
@@ -133,7 +132,7 @@ def left_out(chosen: Samples, result: Response) -> list[str]:
     ]
 
 
-def to_json(chosen: Samples, result: Response) -> dict[str, Any]:
+def to_json(chosen: PatchCodes, result: Response) -> dict[str, Any]:
     """Plain values."""
     return {
         "table": result.table.tolist(),
@@ -149,7 +148,7 @@ def to_json(chosen: Samples, result: Response) -> dict[str, Any]:
     }
 
 
-def show(chosen: Samples, result: Response) -> None:
+def show(chosen: PatchCodes, result: Response) -> None:
     """Print the result for the eye."""
     console = view.console()
     table = Table(box=None)

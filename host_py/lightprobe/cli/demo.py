@@ -385,8 +385,11 @@ def report(summary: dict[str, Any], as_json: bool) -> None:
         print(f"demo: ring {lux} lux")
     for path, figures in summary["pictures"].items():
         words = f"relighting error {100 * figures['relighting_mae']:.1f} %" if figures else ""
+        if "lamps" in figures:
+            words += f", {figures['found']:.0f} of {figures['lamps']:.0f} lamps"
+            words += f", {figures['extra']:.0f} extra" if figures["extra"] else ""
         if "direction_rmse_deg" in figures:
-            words += f", lamps {figures['direction_rmse_deg']:.2f}° off"
+            words += f", {figures['direction_rmse_deg']:.2f}° off"
         print(f"demo: picture: {path}  {words}")
     if not summary["estimates"]:
         raise DemoError("demo: no estimate came")

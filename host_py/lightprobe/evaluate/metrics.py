@@ -20,7 +20,7 @@ from lightprobe import geometry
 from lightprobe.colour import luminance
 from lightprobe.estimate import Estimate
 from lightprobe.geometry import Array
-from lightprobe.sim.scene import Lamp
+from lightprobe.lamp import Lamp
 
 
 @dataclass(frozen=True)

@@ -21,11 +21,12 @@ from lightprobe.colour import linear_to_srgb, luminance
 from lightprobe.estimate import Estimate, flag_names
 from lightprobe.evaluate import metrics, relight
 from lightprobe.geometry import Array
+from lightprobe.lamp import Lamp
 from lightprobe.sim.exposure import median_luminance
-from lightprobe.sim.scene import Lamp, MapTruth
+from lightprobe.sim.scene import MapTruth
 
 _OBJECT_PX = 256
-_INK, _PAPER, _TRUE, _SEEN = "#e6e6e6", "#16181d", "#ffd34d", "#39d0ff"
+_INK, _PAPER, _TRUE, _SEEN, _EXTRA = "#e6e6e6", "#16181d", "#ffd34d", "#39d0ff", "#ff7ac6"
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,15 +101,15 @@ def _lamps(
     numbers = {j: i for i, j, _ in pairs}
     for index, light in enumerate(estimate.lights):
         azimuth, elevation = light.azimuth_deg, light.elevation_deg
-        axis.plot(azimuth, elevation, "+", color=_SEEN, markersize=13, markeredgewidth=2)
-        _ring(axis, light.direction, light.angular_radius_deg, _SEEN, "-", 1.2)
-        if truth is not None and index not in numbers:
-            continue  # part of a window, a sky, a reflection: nothing to compare it with
-        name = f"{numbers[index] + 1}" if truth is not None else f"#{light.id}"
+        extra = truth is not None and index not in numbers
+        colour = _EXTRA if extra else _SEEN
+        axis.plot(azimuth, elevation, "+", color=colour, markersize=13, markeredgewidth=2)
+        _ring(axis, light.direction, light.angular_radius_deg, colour, "-", 1.2)
+        name = f"#{light.id}" if truth is None else "extra" if extra else f"{numbers[index] + 1}"
         left = azimuth > 150
         axis.annotate(
             name, (azimuth, elevation), xytext=(-9 if left else 9, 9), textcoords="offset points",
-            color=_SEEN, fontsize=12, weight="bold", ha="right" if left else "left",
+            color=colour, fontsize=12, weight="bold", ha="right" if left else "left",
             path_effects=_outline(),
         )  # fmt: skip
     for lamp in truth.lamps if truth else ():
@@ -145,7 +146,7 @@ def _objects(
         scale = _brightness(packet)
         _object(figure.add_subplot(grid[0, 1:]), packet, scale, "lit by the packet")  # type: ignore[index]
         return {}
-    true = relight.draw(relight.Lighting.of_map(truth.radiance, truth.lamps), _OBJECT_PX)
+    true = relight.draw(relight.Lighting.of_map(truth.radiance), _OBJECT_PX)
     scale = _brightness(true)
     _object(figure.add_subplot(grid[0, 1]), true, scale, "lit by the truth")  # type: ignore[index]
     _object(figure.add_subplot(grid[0, 2]), packet, scale, "lit by the packet")  # type: ignore[index]
@@ -173,7 +174,11 @@ def _direction_figures(
     pairs: list[tuple[int, int, float]], estimate: Estimate, truth: Scenery
 ) -> dict[str, float]:
     angles = [angle for *_, angle in pairs]
-    figures: dict[str, float] = {"lamps": len(truth.lamps), "found": len(pairs)}
+    figures: dict[str, float] = {
+        "lamps": len(truth.lamps),
+        "found": len(pairs),
+        "extra": len(estimate.lights) - len(pairs),
+    }
     if angles:
         figures["direction_rmse_deg"] = float(np.sqrt(np.mean(np.square(angles))))
     return figures
@@ -191,6 +196,8 @@ def _words(
     if truth is not None:
         handles.insert(0, Line2D([], [], marker="o", color=_TRUE, linestyle="", markersize=12,
                                  fillstyle="none", mew=2, label="true lamp"))  # fmt: skip
+        handles.append(Line2D([], [], marker="+", color=_EXTRA, linestyle="", markersize=12, mew=2,
+                              label="extra: no true lamp there"))  # fmt: skip
     axis.legend(handles=handles, loc="upper left", frameon=False, labelcolor=_INK, fontsize=11,
                 borderaxespad=0.1)  # fmt: skip
     rows = _lamp_rows(estimate, truth, pairs)
@@ -214,7 +221,12 @@ def _lamp_rows(
         ratio = float(luminance(light.irradiance)) / float(luminance(lamp.irradiance))
         rows.append(f"lamp {i + 1}: {angle:.2f}° off, irradiance {100 * (ratio - 1):+.0f}%")
     missed = set(range(len(truth.lamps))) - {i for i, *_ in pairs}
-    return rows + [f"lamp {i + 1}: not listed" for i in sorted(missed)]
+    extra = set(range(len(estimate.lights))) - {j for _, j, _ in pairs}
+    rows += [f"lamp {i + 1}: not listed" for i in sorted(missed)]
+    return rows + [
+        f"extra: az {light.azimuth_deg:+6.1f}° el {light.elevation_deg:+5.1f}°"
+        for light in (estimate.lights[j] for j in sorted(extra))
+    ]
 
 
 def _summary(axis: Axes, estimate: Estimate, figures: dict[str, float]) -> None:
@@ -226,9 +238,11 @@ def _summary(axis: Axes, estimate: Estimate, figures: dict[str, float]) -> None:
                      f"brightest, RMS {100 * figures['relighting_rmse']:.2f} %")  # fmt: skip
         words.append(f"SH error (order {estimate.sh.order}, TOTAL): "
                      f"{100 * figures['sh_error']:.2f} %")  # fmt: skip
-    if "direction_rmse_deg" in figures:
-        words.append(f"lamps: {figures['found']:.0f} of {figures['lamps']:.0f} found, direction "
-                     f"RMSE {figures['direction_rmse_deg']:.2f}°")  # fmt: skip
+    if "lamps" in figures:
+        found = f"{figures['found']:.0f} of {figures['lamps']:.0f} found"
+        rmse_deg = figures.get("direction_rmse_deg")
+        direction = "" if rmse_deg is None else f", direction RMSE {rmse_deg:.2f}°"
+        words.append(f"lamps: {found}, {figures['extra']:.0f} extra{direction}")
     left_out = estimate.predicted_error
     number = len(estimate.lights)
     model = f"packet: order {estimate.sh.order}, {number} lamp{'s' if number != 1 else ''}"

@@ -8,16 +8,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from lightprobe import geometry, sh
-from lightprobe.estimate import Estimate
+from lightprobe.colour import luminance
+from lightprobe.estimate import Estimate, Light
 from lightprobe.geometry import Array
-from lightprobe.sim.scene import Lamp, disc_layer, disc_points
 
 _GRID_PX = (64, 32)
+#: A cell of a map that holds more than this share of all light is drawn in finer cells.
+_FINEST_SHARE = 1 / 4000
+#: A cell with a smaller share is black, but for rounding.
+_ROUNDING = 1e-12
 _POINTS_PER_LAMP = 32
 _ALBEDO, _FLOOR_ALBEDO = 0.8, 0.45
 _EYE_M = np.array([0.0, 1.5, 5.2])  # the sphere has radius 1 and rests on y = −1
@@ -32,42 +35,44 @@ class Lighting:
     powers: Array
 
     @classmethod
-    def of_map(cls, radiance: NDArray[np.float32], lamps: tuple[Lamp, ...]) -> Lighting:
-        """Light of an equirectangular map; its lamps keep their size, the rest is made coarse."""
+    def of_map(cls, radiance: NDArray[np.float32]) -> Lighting:
+        """Light of an equirectangular map (H, W, 3) without negative values, all of it once.
+
+        The map is cut into cells, finer where it is bright. A cell becomes one direction, its
+        centre of light, so no assumption is made on the shape of lamps and nothing counts twice.
+        """
         height, width, _ = radiance.shape
-        rest = radiance.astype(np.float32, copy=True)
-        for lamp in lamps:
-            layer = disc_layer(lamp, width, height)
-            flat = rest.reshape(-1, 3)
-            flat[layer.index] = np.maximum(flat[layer.index] - layer.values, 0)
-        coarse = cv2.resize(rest, _GRID_PX, interpolation=cv2.INTER_AREA)
-        return cls._of_grid(np.asarray(coarse, np.float64)).plus(lamps)
+        solid_angle = geometry.equirect_solid_angles(width, height)[:, None, None]
+        power = radiance.astype(np.float64) * solid_angle
+        moment = luminance(power)[..., None] * geometry.equirect_directions(width, height)
+        table = _summed_area(np.concatenate([power, moment], axis=-1))
+        all_light = float(luminance(power).sum())
+        cells, kept = _cells(height, width), []
+        while len(cells):
+            sums = _sums(table, cells)
+            size_px = (cells[:, 1] - cells[:, 0]) * (cells[:, 3] - cells[:, 2])
+            split = (luminance(sums[:, :3]) > _FINEST_SHARE * all_light) & (size_px > 1)
+            kept.append(sums[~split])
+            cells = _quarters(cells[split])
+        lit = np.concatenate(kept)
+        lit = lit[luminance(lit[:, :3]) > _ROUNDING * all_light]
+        return cls(geometry.normalize(lit[:, 3:]), lit[:, :3])
 
     @classmethod
     def of_estimate(cls, estimate: Estimate) -> Lighting:
         """Light that a packet describes: its SH, and its lamps when they are not in the SH."""
-        directions = geometry.equirect_directions(*_GRID_PX)
-        rest = cls._of_grid(sh.radiance(estimate.sh.coefficients, directions))
-        if estimate.sh.kind == "TOTAL":
-            return rest
-        return rest.plus(
-            tuple(
-                Lamp(light.direction, max(light.angular_radius_deg, 0.1), light.irradiance)
-                for light in estimate.lights
-            )
-        )
-
-    @classmethod
-    def _of_grid(cls, radiance: Array) -> Lighting:
         solid_angle = geometry.equirect_solid_angles(*_GRID_PX)[:, None, None]
-        directions = geometry.equirect_directions(*_GRID_PX).reshape(-1, 3)
-        return cls(directions, (radiance * solid_angle).reshape(-1, 3))
+        directions = geometry.equirect_directions(*_GRID_PX)
+        powers = sh.radiance(estimate.sh.coefficients, directions) * solid_angle
+        rest = cls(directions.reshape(-1, 3), powers.reshape(-1, 3))
+        return rest if estimate.sh.kind == "TOTAL" else rest.plus(estimate.lights)
 
-    def plus(self, lamps: tuple[Lamp, ...]) -> Lighting:
+    def plus(self, lamps: tuple[Light, ...]) -> Lighting:
         """Add lamps, each as points spread over its disc."""
         directions, powers = [self.directions], [self.powers]
         for lamp in lamps:
-            directions.append(disc_points(lamp.direction, lamp.radius_deg, _POINTS_PER_LAMP))
+            radius_deg = max(lamp.angular_radius_deg, 0.1)
+            directions.append(geometry.disc_points(lamp.direction, radius_deg, _POINTS_PER_LAMP))
             powers.append(np.tile(lamp.irradiance / _POINTS_PER_LAMP, (_POINTS_PER_LAMP, 1)))
         return Lighting(np.concatenate(directions), np.concatenate(powers))
 
@@ -87,6 +92,48 @@ class Lighting:
             lit = (away > 1) | (along > 0)
             total[block : block + 4096] = (lit * directions[:, 1]) @ powers
         return _FLOOR_ALBEDO / np.pi * total
+
+
+# Cells of a map are rows of (top, bottom, left, right) in pixels, the ends not included.
+Cells = NDArray[np.intp]
+
+
+def _cells(height: int, width: int) -> Cells:
+    """Cells of a grid of about _GRID_PX over a map."""
+    columns, rows = (
+        min(count, size) for count, size in zip(_GRID_PX, (width, height), strict=True)
+    )
+    row = np.linspace(0, height, rows + 1).astype(np.intp)
+    column = np.linspace(0, width, columns + 1).astype(np.intp)
+    top, left = np.meshgrid(row[:-1], column[:-1], indexing="ij")
+    bottom, right = np.meshgrid(row[1:], column[1:], indexing="ij")
+    return np.stack([top.ravel(), bottom.ravel(), left.ravel(), right.ravel()], axis=1)
+
+
+def _quarters(cells: Cells) -> Cells:
+    """Cut every cell in two along each side that is longer than a pixel."""
+    for low, high in ((0, 1), (2, 3)):
+        middle = (cells[:, low] + cells[:, high]) // 2
+        first, second = cells.copy(), cells.copy()
+        first[:, high] = second[:, low] = middle
+        cells = np.concatenate([first, second])
+        cells = cells[cells[:, low] < cells[:, high]]
+    return cells
+
+
+def _summed_area(values: Array) -> Array:
+    """Sums (H + 1, W + 1, C) of all that is above and to the left."""
+    table = np.zeros((values.shape[0] + 1, values.shape[1] + 1, values.shape[2]))
+    table[1:, 1:] = values.cumsum(axis=0).cumsum(axis=1)
+    return table
+
+
+def _sums(table: Array, cells: Cells) -> Array:
+    """Sums (N, C) over cells."""
+    top, bottom, left, right = cells.T
+    return np.asarray(
+        table[bottom, right] - table[top, right] - table[bottom, left] + table[top, left]
+    )
 
 
 def draw(lighting: Lighting, size_px: int) -> Array:

@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from lightprobe import geometry
 from lightprobe.geometry import Array
 from lightprobe.imaging import image
+from lightprobe.lamp import Lamp
 from lightprobe.sim.scene import (
-    Lamp,
     Layer,
     Layers,
     MapTruth,

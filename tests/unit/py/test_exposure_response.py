@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from lightprobe.calibrate.exposure_response import FollowingError, follow
+from lightprobe.calibrate.exposure_response import ExposureResponseError, judge_commands
 from lightprobe.calibrate.exposure_series import SeriesError, load
 
 SIZE = (64, 32)
@@ -47,42 +47,42 @@ def write_series(folder, delay, *, frames=12, scene=SCENE, lost=(), ignores=Fals
 @given(st.integers(0, 6))
 def test_any_delay_is_found(tmp_path_factory, delay):
     series = write_series(tmp_path_factory.mktemp("series") / "s", delay)
-    following = follow(series.steps())
-    assert following.follows
-    assert following.delay_frames == delay
-    assert set(following.delays()) == {delay}
-    assert not following.gradual
+    obedience = judge_commands(series.steps())
+    assert obedience.follows
+    assert obedience.delay_frames == delay
+    assert set(obedience.delays()) == {delay}
+    assert not obedience.gradual
 
 
 def test_frames_lost_around_a_change_do_not_count(tmp_path):
     series = write_series(tmp_path / "s", 2, lost={12 + 2, 36 + 1, 48 + 2})
-    following = follow(series.steps())
-    assert set(following.delays()) == {2}
-    assert len(following.delays()) == 3
-    assert following.follows
+    obedience = judge_commands(series.steps())
+    assert set(obedience.delays()) == {2}
+    assert len(obedience.delays()) == 3
+    assert obedience.follows
 
 
 def test_a_camera_that_ignores_commands(tmp_path):
-    following = follow(write_series(tmp_path / "s", 0, ignores=True).steps())
-    assert following.ignores
-    assert not following.follows
-    assert following.expected == 6
+    obedience = judge_commands(write_series(tmp_path / "s", 0, ignores=True).steps())
+    assert obedience.ignores
+    assert not obedience.follows
+    assert obedience.expected == 6
 
 
 def test_a_camera_that_fades(tmp_path):
-    assert follow(write_series(tmp_path / "s", 1, fades=1).steps()).gradual
+    assert judge_commands(write_series(tmp_path / "s", 1, fades=1).steps()).gradual
 
 
 def test_darkness_says_nothing(tmp_path):
     series = write_series(tmp_path / "s", 1, scene=SCENE * 1e-4)
-    with pytest.raises(FollowingError, match="too dark"):
-        follow(series.steps())
+    with pytest.raises(ExposureResponseError, match="too dark"):
+        judge_commands(series.steps())
 
 
 def test_glare_says_nothing(tmp_path):
     series = write_series(tmp_path / "s", 1, scene=SCENE * 1e6)
-    with pytest.raises(FollowingError, match="too bright"):
-        follow(series.steps())
+    with pytest.raises(ExposureResponseError, match="too bright"):
+        judge_commands(series.steps())
 
 
 def test_what_is_no_whole_series_is_refused(tmp_path):

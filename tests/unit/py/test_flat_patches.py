@@ -50,13 +50,13 @@ def pictures(exposure, unrest=0):
 
 def test_only_flat_unclipped_places_count():
     steps = [step_of(us, pictures(us)) for us in (1.0, 2.0, 4.0, 8.0)]
-    samples, notes = collect(steps)
+    patches, notes = collect(steps)
     assert not notes
-    assert samples.top == 255
-    known = np.isfinite(samples.codes)
+    assert patches.top == 255
+    known = np.isfinite(patches.codes)
     assert known.any()
-    assert np.nanmax(samples.codes) <= 253
-    assert np.nanmin(samples.codes) >= 2
+    assert np.nanmax(patches.codes) <= 253
+    assert np.nanmin(patches.codes) >= 2
     checkers = np.indices((64, 128)).sum(0) % 2 * 200
     busy = np.repeat(checkers[..., None], 3, 2).astype(np.uint8)
     nothing, _ = collect([step_of(us, [busy]) for us in (1.0, 2.0, 4.0)])
@@ -66,8 +66,8 @@ def test_only_flat_unclipped_places_count():
 
 def test_restless_steps_are_left_out_and_told():
     steps = [step_of(us, pictures(us, unrest=9 if us == 2.0 else 0)) for us in (1, 2.0, 4, 8)]
-    samples, notes = collect(steps)
-    assert len(samples.exposures_us) == 3
+    patches, notes = collect(steps)
+    assert len(patches.exposures_us) == 3
     assert len(notes) == 1
     assert "2 us left out" in notes[0]
     with pytest.raises(ResponseError, match="usable exposures"):
@@ -78,6 +78,6 @@ def test_a_scale_that_ends_early_is_noticed():
     steps = [
         step_of(us, [np.minimum(picture, 235) for picture in pictures(us)]) for us in (1, 2, 4, 16)
     ]
-    samples, notes = collect(steps)
-    assert samples.top == 235
+    patches, notes = collect(steps)
+    assert patches.top == 235
     assert "235" in notes[0]

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from lightprobe.calibrate.response_curve import (
+    PatchCodes,
     ResponseError,
-    Samples,
     fit,
     monotone,
     residuals,
@@ -29,7 +29,7 @@ def seen(table, places=800, exposures_us=EXPOSURES_US, noise_codes=0.3, seed=0, 
     codes = np.stack([np.interp(light, table[:, c], np.arange(256)) for c in range(3)], axis=-1)
     codes = codes + rng.normal(0, noise_codes, codes.shape)
     inside = (codes > 2) & (codes < 253) & (light[..., None] < 1)  # full wells have no noise
-    return Samples(np.where(inside, codes, np.nan), np.asarray(exposures_us))
+    return PatchCodes(np.where(inside, codes, np.nan), np.asarray(exposures_us))
 
 
 def rms(response, table):
@@ -58,10 +58,10 @@ def test_the_residual_is_the_noise():
 
 def test_places_that_lie_do_not_spoil_it():
     table = gammas(2.2, 2.2, 2.2)
-    samples = seen(table)
-    codes = samples.codes.copy()
+    patches = seen(table)
+    codes = patches.codes.copy()
     codes[:40] = np.random.default_rng(1).uniform(10, 240, codes[:40].shape)
-    response = fit(Samples(codes, samples.exposures_us))
+    response = fit(PatchCodes(codes, patches.exposures_us))
     assert np.all(rms(response, table) < 0.01)
 
 
@@ -99,7 +99,7 @@ def test_scenes_that_do_not_show_it_are_refused(radiances, text):
     codes = np.stack([np.interp(light, table[:, 0], np.arange(256))] * 3, axis=-1)
     codes = np.where((codes > 2) & (codes < 253), codes, np.nan)
     with pytest.raises(ResponseError, match=text):
-        fit(Samples(codes, EXPOSURES_US[:11]))
+        fit(PatchCodes(codes, EXPOSURES_US[:11]))
 
 
 @given(st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=60))
