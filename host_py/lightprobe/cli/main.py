@@ -13,13 +13,13 @@ from lightprobe.cli import (
     calibrate_response,
     calibrate_ring,
     calibrate_wheel,
+    control,
     demo,
     doctor,
     estimate,
     evaluate,
     mcu,
     simulate,
-    tell,
     watch,
 )
 from lightprobe.errors import LightprobeError
@@ -34,7 +34,7 @@ app.command("estimate")(estimate.command)
 app.command("evaluate")(evaluate.command)
 app.command("simulate")(simulate.command)
 app.add_typer(mcu.app, name="mcu")
-app.command("tell")(tell.command)
+app.add_typer(control.app, name="control")
 app.command("watch")(watch.command)
 app.command("demo")(demo.command)
 app.command("doctor")(doctor.command)
