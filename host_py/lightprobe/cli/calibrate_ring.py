@@ -20,9 +20,9 @@ from lightprobe.calibrate.files import CalibrationError
 from lightprobe.calibrate.ring_fit import fit
 from lightprobe.cli import calibrate, view
 from lightprobe.cli.mcu import Port, read_ring
-from lightprobe.client import Client, ProbeTimeout
+from lightprobe.client import Client
 from lightprobe.colour import luminance
-from lightprobe.errors import UsageError
+from lightprobe.errors import ProbeTimeout, UsageError
 from lightprobe.estimate import EstimateFlag
 from lightprobe.geometry import Array
 from lightprobe.mcu import messages as mcu

@@ -18,9 +18,10 @@ import typer
 from rich.markup import escape
 
 from lightprobe import __version__, daemon
+from lightprobe.address import Address
 from lightprobe.cli import view
-from lightprobe.client import DEFAULT_URI, Address, Client, ProbeError, ProbeTimeout
-from lightprobe.errors import LightprobeError
+from lightprobe.client import DEFAULT_URI, Client
+from lightprobe.errors import LightprobeError, ProbeError, ProbeTimeout
 from lightprobe.estimate import FLAG_WORDS, Estimate, EstimateFlag, flag_names
 from lightprobe.wire import Subscription
 

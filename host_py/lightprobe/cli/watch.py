@@ -13,8 +13,8 @@ import typer
 from rich.live import Live
 
 from lightprobe.cli import view
-from lightprobe.client import DEFAULT_URI, Client, ProbeTimeout
-from lightprobe.errors import UsageError
+from lightprobe.client import DEFAULT_URI, Client
+from lightprobe.errors import ProbeTimeout, UsageError
 from lightprobe.estimate import Kind
 from lightprobe.wire import Subscription
 
