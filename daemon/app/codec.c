@@ -17,7 +17,7 @@
 #include "proto/lightprobe.pb.h"
 
 #define PROTOCOL_MAJOR 1
-#define PROTOCOL_MINOR 0
+#define PROTOCOL_MINOR 1      /* 1: estimates echo the number of their subscription */
 #define LENGTH_PREFIX_BYTES 2 /* of messages up to 16383 bytes */
 
 static_assert(lightprobe_v1_FromProbe_size + LENGTH_PREFIX_BYTES <= LP_PACKET_MAX_BYTES,
@@ -153,6 +153,7 @@ int lp_encode_estimate(const struct lp_light_estimate *estimate, const struct lp
 			      : delay_us > UINT32_MAX ? UINT32_MAX
 						      : (uint32_t)delay_us;
 	wire->ttl_ms = stamp->ttl_ms;
+	wire->subscription = stamp->subscription;
 	wire->flags = estimate->flags;
 	if (estimate->light_count > variant->lights)
 		wire->flags |= LP_ESTIMATE_MORE_LIGHTS;
@@ -314,6 +315,7 @@ static int read_subscription(const lightprobe_v1_Subscription *wire,
 	subscription->raw = wire->smoothing == lightprobe_v1_Subscription_Smoothing_RAW;
 	subscription->tolerance = (float)wire->tolerance_permille / 1000.0F;
 	subscription->health_period_ms = wire->health_period_ms;
+	subscription->number = wire->number;
 	return 0;
 }
 

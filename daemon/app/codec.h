@@ -22,6 +22,7 @@ struct lp_subscription {
 	bool raw;		   /* not smoothed in time */
 	float tolerance;	   /* relative; 0: the largest model allowed */
 	uint32_t health_period_ms; /* 0: none */
+	uint32_t number;	   /* the client's own, echoed in its estimates; 0: the defaults */
 };
 
 /* Everything that makes one client's estimate packet differ from another's. */
@@ -34,7 +35,8 @@ struct lp_variant {
 struct lp_stamp {
 	uint32_t boot_id;
 	uint32_t ttl_ms;
-	int64_t t_send_ns; /* CLOCK_MONOTONIC */
+	uint32_t subscription; /* number that the client gave to what it wants */
+	int64_t t_send_ns;     /* CLOCK_MONOTONIC */
 };
 
 struct lp_hello {

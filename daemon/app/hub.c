@@ -21,6 +21,7 @@
 struct packet {
 	struct lp_packet base;
 	struct lp_pool *pool;
+	uint32_t subscription; /* of an estimate: the number in it */
 };
 
 struct client {
@@ -145,7 +146,10 @@ static int variant_index(bool raw, const struct lp_variant *variant)
 	       variant->lights;
 }
 
-/* The packet of the last estimate for this client, encoded now or before. NULL: cannot be sent. */
+/*
+ * The packet of the last estimate for this client, encoded now or before. NULL: cannot be sent.
+ * Clients that want the same share it if they number their subscriptions alike, as most do.
+ */
 static struct lp_packet *estimate_packet(struct lp_hub *hub, const struct client *client)
 {
 	const struct lp_subscription *wanted = &client->subscription;
@@ -154,12 +158,16 @@ static struct lp_packet *estimate_packet(struct lp_hub *hub, const struct client
 	const struct lp_variant variant = choose(hub, estimate, wanted);
 	const struct lp_stamp stamp = {.boot_id = hub->options.hello.boot_id,
 				       .ttl_ms = hub->options.ttl_ms,
+				       .subscription = wanted->number,
 				       .t_send_ns = lp_clock_ns()};
 	struct lp_packet **slot = &hub->cache[variant_index(wanted->raw, &variant)];
 
-	if (*slot)
+	if (*slot && ((struct packet *)*slot)->subscription == wanted->number)
 		return *slot;
+	lp_packet_drop(*slot);
 	*slot = new_packet(hub);
+	if (*slot)
+		((struct packet *)*slot)->subscription = wanted->number;
 	if (*slot && lp_encode_estimate(estimate, &variant, &stamp, *slot) < 0) {
 		lp_error("hub", "encode",
 			 "an estimate holds a number that is not finite: not sent");

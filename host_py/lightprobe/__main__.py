@@ -1,5 +1,5 @@
 """`python -m lightprobe` is the command `lightprobe`."""
 
-from lightprobe.cli import main
+from lightprobe.cli.main import main
 
 main()

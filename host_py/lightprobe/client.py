@@ -9,25 +9,32 @@ lost or the probe sends nonsense it connects again, waiting longer after each fa
 of another major protocol version is a final error. The newest estimate wins: who reads slowly
 skips, and the number of skipped ones is counted. `latest()` is None once the estimate has outlived
 its ttl_ms, so that nobody is lit by light of an hour ago.
+
+Estimates that were made for another subscription, as those that a probe sends before it has read
+the client's own, are dropped and counted.
 """
 
 from __future__ import annotations
 
 import asyncio
-import os
+import logging
+import math
 import random
 import socket
 import threading
 import time
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
+from concurrent.futures import CancelledError
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any, Self, TypeVar
+from typing import Any, Never, Self, TypeVar
 
-from lightprobe.errors import LightprobeError
+from lightprobe.address import Address
+from lightprobe.errors import IncompatibleProbe, ProbeError, ProbeTimeout
 from lightprobe.estimate import Estimate, Health, Hello, Refusal
 from lightprobe.wire import (
+    MINOR_WITH_NUMBERS,
     PROTOCOL_MAJOR,
     Decoder,
     Message,
@@ -40,20 +47,14 @@ DEFAULT_URI = "tcp:127.0.0.1:7700"
 CONNECT_TIMEOUT_S = 3.0
 HELLO_TIMEOUT_S = 3.0
 BACKOFF_FIRST_S, BACKOFF_LAST_S = 0.1, 5.0
+#: A wait that lasts longer than this says what it waits for.
+SAY_AFTER_S = 2.0
 
 T = TypeVar("T")
+#: Gets one line on what a client waits for.
+OnWaiting = Callable[[str], None]
 
-
-class ProbeError(LightprobeError):
-    """Something that a user of the client has to know; names object, stage and next step."""
-
-
-class ProbeTimeout(ProbeError, TimeoutError):  # noqa: N818 - reads as what it is
-    """No estimate came in the time given."""
-
-
-class IncompatibleProbe(ProbeError):  # noqa: N818
-    """The probe speaks another major version of the protocol; trying again would not help."""
+_log = logging.getLogger("lightprobe")
 
 
 @dataclass
@@ -64,42 +65,8 @@ class Statistics:
     failures: int = 0  # connections refused, lost, or closed by us for nonsense
     estimates: int = 0
     skipped: int = 0  # superseded before the user took them
+    not_ours: int = 0  # made for another subscription: dropped
     refusals: int = 0
-
-
-@dataclass(frozen=True)
-class Address:
-    """Where a probe listens: `tcp:HOST:PORT` (IPv6 in brackets) or `unix:PATH`."""
-
-    host: str | None
-    port: int
-    path: str | None
-
-    @classmethod
-    def parse(cls, uri: str) -> Address:
-        """Read an address; raises :class:`ProbeError` that says what is wrong with it."""
-        scheme, _, rest = uri.partition(":")
-        if scheme == "unix" and rest:
-            if len(os.fsencode(rest)) > 107:
-                raise ProbeError(f"{uri}: address: socket paths have at most 107 bytes")
-            return cls(None, 0, rest)
-        if scheme == "tcp":
-            host, _, port = rest.rpartition(":")
-            if host and port.isdecimal() and 0 < int(port) < 65536:
-                return cls(host.removeprefix("[").removesuffix("]"), int(port), None)
-        raise ProbeError(f"{uri}: address: want tcp:HOST:PORT or unix:PATH")
-
-    async def connect(self) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
-        """Open a stream."""
-        if self.path is not None:
-            return await asyncio.open_unix_connection(self.path)
-        reader, writer = await asyncio.open_connection(self.host, self.port)
-        sock: socket.socket = writer.get_extra_info("socket")
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        for option, value in (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 2), ("TCP_KEEPCNT", 3)):
-            if hasattr(socket, option):  # a half-open connection shows within ~11 s
-                sock.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
-        return reader, writer
 
 
 @dataclass
@@ -121,6 +88,30 @@ class Ageing:
         return (now_ns - estimate.capture_time_unix_ns - min(tuple(self.offsets_ns))) / 1e6
 
 
+class _Patience:
+    """One wait for an estimate, cut into pieces; after each it says why there is none."""
+
+    def __init__(self, timeout_s: float | None, on_waiting: OnWaiting | None) -> None:
+        if timeout_s is not None and not timeout_s >= 0:  # NaN too
+            raise ValueError(f"receive: timeout_s = {timeout_s}: want seconds, 0 or more, or None")
+        self._timeout_s = math.inf if timeout_s is None else timeout_s
+        self._deadline_s = time.monotonic() + self._timeout_s
+        self._say = on_waiting or _log.warning
+        self._said: str | None = None
+
+    def piece_s(self) -> float:
+        """How long to wait before :meth:`nothing_came` is called."""
+        return max(0.0, min(SAY_AFTER_S, self._deadline_s - time.monotonic()))
+
+    def nothing_came(self, why: str) -> None:
+        """Say why, once for each reason; raises :class:`ProbeTimeout` when the time is over."""
+        if time.monotonic() >= self._deadline_s:
+            raise ProbeTimeout(f"{why} (waited {self._timeout_s:g} s)")
+        if why != self._said:
+            self._say(f"{why}: waiting")
+        self._said = why
+
+
 class AsyncClient:
     """A probe's client for asyncio; use with `async with`. Not for several event loops at once."""
 
@@ -133,26 +124,33 @@ class AsyncClient:
         self.statistics = Statistics()
         self._address = Address.parse(uri)
         self._subscription = subscription or Subscription()
+        self._subscription_number = 1
         self._newest: Estimate | None = None
-        self._number = self._taken = 0
+        self._received = self._taken = 0  # counted since the start
         self._ageing = Ageing()
-        self._fatal: ProbeError | None = None
+        self._final: ProbeError | None = None
+        self._refusal: str | None = None  # of this connection
         self._writer: asyncio.StreamWriter | None = None
         self._news = asyncio.Condition()
         self._task: asyncio.Task[None] | None = None
 
     async def __aenter__(self) -> Self:
-        """Start connecting, in the background."""
+        """Start connecting, in the background. May be entered again after it was left."""
+        if self._task is not None:
+            raise ProbeError(f"{self.uri}: client: in use already: make one client for each block")
+        self._final = None
+        self._news = asyncio.Condition()  # of this event loop
         self._task = asyncio.create_task(self._stay_connected())
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        """Disconnect."""
+        """Disconnect; whoever still waits for an estimate gets a :class:`ProbeError`."""
         if self._task is not None:
             self._task.cancel()
             with suppress(asyncio.CancelledError):
                 await self._task
             self._task = None
+            await self._announce(final=self._not_running())
 
     @property
     def connected(self) -> bool:
@@ -173,66 +171,107 @@ class AsyncClient:
     def _age_ms(self, estimate: Estimate) -> float:
         return self._ageing.age_ms(estimate, time.monotonic_ns())
 
-    async def receive(self, timeout_s: float | None = None) -> Estimate:
+    async def receive(
+        self, timeout_s: float | None = None, on_waiting: OnWaiting | None = None
+    ) -> Estimate:
         """Wait for an estimate that was not received before; the newest wins.
 
-        Raises :class:`ProbeTimeout`, with the reason when known, and :class:`IncompatibleProbe`.
+        When nothing has come for two seconds, and again when the reason changes, `on_waiting` gets
+        a line that says what is waited for; by default it is logged as a warning of the logger
+        "lightprobe". Raises :class:`ProbeTimeout` with the reason when `timeout_s` is over (0: only
+        what is there; None: never), :class:`IncompatibleProbe`, and :class:`ProbeError` outside
+        `async with`.
         """
-        try:
+        patience = _Patience(timeout_s, on_waiting)
+        while (estimate := await self._next(patience.piece_s())) is None:
+            patience.nothing_came(self._why_nothing())
+        return estimate
+
+    async def _next(self, timeout_s: float) -> Estimate | None:
+        """Wait for the next estimate; None when the time is over."""
+        if self._task is None:
+            raise self._not_running()
+        with suppress(TimeoutError):
             async with asyncio.timeout(timeout_s), self._news:
-                await self._news.wait_for(lambda: self._fatal or self._number > self._taken)
-        except TimeoutError:
-            raise ProbeTimeout(self._why_nothing(timeout_s or 0)) from None
-        if self._fatal:
-            raise self._fatal
-        assert self._newest is not None
-        self.statistics.skipped += self._number - self._taken - 1
-        self._taken = self._number
+                await self._news.wait_for(lambda: self._final or self._received > self._taken)
+        if self._final:
+            raise self._final
+        if self._received == self._taken:
+            return None
+        self.statistics.skipped += self._received - self._taken - 1
+        self._taken = self._received
         return self._newest
 
-    def _why_nothing(self, timeout_s: float) -> str:
+    def _why_nothing(self) -> str:
         if self.connected:
             state = f" (source: {self.health.source_state})" if self.health else ""
-            return f"{self.uri}: receive: connected, but no estimate in {timeout_s:g} s{state}"
-        return self.last_error or f"{self.uri}: connect: no answer in {timeout_s:g} s"
+            return f"{self.uri}: receive: connected, but no estimate{state}"
+        return self.last_error or f"{self.uri}: connect: no answer"
 
-    async def estimates(self, timeout_s: float | None = None) -> AsyncIterator[Estimate]:
-        """Every new estimate, for ever; raises as :meth:`receive`."""
+    def _not_running(self) -> ProbeError:
+        return ProbeError(
+            f"{self.uri}: client: not running: use it within `with Client(…) as probe:`"
+        )
+
+    async def estimates(
+        self, timeout_s: float | None = None, on_waiting: OnWaiting | None = None
+    ) -> AsyncIterator[Estimate]:
+        """Every new estimate, for ever; says what it waits for and raises as :meth:`receive`."""
         while True:
-            yield await self.receive(timeout_s)
+            yield await self.receive(timeout_s, on_waiting)
 
     async def subscribe(self, subscription: Subscription) -> None:
-        """Ask for something else, now and after every reconnection."""
+        """Ask for something else, now and after every reconnection.
+
+        :meth:`receive` gives no estimate of the former subscription from now on; :meth:`latest`
+        gives the last of them until the first new one comes.
+        """
         self._subscription = subscription
+        self._subscription_number += 1
+        self._taken = self._received
         if self._writer is not None:
-            self._writer.write(encode_subscription(subscription))
+            self._writer.write(self._request())
             with suppress(OSError):  # the reader sees the loss and reconnects
                 await self._writer.drain()
 
+    def _request(self) -> bytes:
+        return encode_subscription(self._subscription, self._subscription_number)
+
     async def _stay_connected(self) -> None:
+        try:
+            await self._reconnect_for_ever()
+        except IncompatibleProbe as error:
+            await self._announce(final=error)
+        except Exception as error:
+            _log.exception("%s: client: unexpected error", self.uri)
+            await self._announce(
+                final=ProbeError(f"{self.uri}: client: unexpected {error!r}: please report it")
+            )
+
+    async def _reconnect_for_ever(self) -> None:
         wait_s = BACKOFF_FIRST_S
         while True:
             greeted = self.statistics.connections
             try:
                 await self._one_connection()
-            except IncompatibleProbe as error:
-                await self._announce(fatal=error)
-                return
+            except IncompatibleProbe:
+                raise
             except (OSError, WireError, ProbeError, TimeoutError) as error:
-                self.last_error = _explain(self.uri, error)
+                self.last_error = self._refusal or _explain(self.uri, error)
             self.statistics.failures += 1
             if self.statistics.connections > greeted:
                 wait_s = BACKOFF_FIRST_S
             await asyncio.sleep(wait_s * random.uniform(0.8, 1.2))  # not all clients at once
             wait_s = min(2 * wait_s, BACKOFF_LAST_S)
 
-    async def _one_connection(self) -> None:
+    async def _one_connection(self) -> Never:
         """Connect, subscribe, and read until the connection ends; always ends in an exception."""
+        self._refusal = None
         async with asyncio.timeout(CONNECT_TIMEOUT_S):
             reader, writer = await self._address.connect()
         self._writer = writer
         try:
-            writer.write(encode_subscription(self._subscription))
+            writer.write(self._request())
             decoder = Decoder()
             while True:
                 async with asyncio.timeout(self._patience_s()):
@@ -255,19 +294,27 @@ class AsyncClient:
     async def _take(self, message: Message) -> None:
         if isinstance(message, Hello):
             self._greet(message)
+        elif isinstance(message, Refusal):  # comes in place of a Hello when the probe is full
+            self.statistics.refusals += 1
+            self._refusal = self.last_error = f"{self.uri}: request: {message.text}"
         elif not self.connected:
             raise WireError("the first message is no Hello")
         elif isinstance(message, Estimate):
-            self._ageing.arrived(message, time.monotonic_ns())
-            self._newest = message
-            self._number += 1
-            self.statistics.estimates += 1
-            await self._announce()
+            await self._take_estimate(message)
         elif isinstance(message, Health):
             self.health = message
-        elif isinstance(message, Refusal):
-            self.statistics.refusals += 1
-            self.last_error = f"{self.uri}: request: {message.text}"
+
+    async def _take_estimate(self, estimate: Estimate) -> None:
+        assert self.hello is not None
+        numbered = self.hello.protocol_minor >= MINOR_WITH_NUMBERS
+        if numbered and estimate.subscription != self._subscription_number:
+            self.statistics.not_ours += 1
+            return
+        self._ageing.arrived(estimate, time.monotonic_ns())
+        self._newest = estimate
+        self._received += 1
+        self.statistics.estimates += 1
+        await self._announce()
 
     def _greet(self, hello: Hello) -> None:
         if hello.protocol_major != PROTOCOL_MAJOR:
@@ -280,9 +327,9 @@ class AsyncClient:
             self.last_error = None
         self.hello = hello
 
-    async def _announce(self, fatal: ProbeError | None = None) -> None:
+    async def _announce(self, final: ProbeError | None = None) -> None:
         async with self._news:
-            self._fatal = fatal
+            self._final = final
             self._news.notify_all()
 
 
@@ -294,6 +341,8 @@ def _explain(uri: str, error: Exception) -> str:
         return f"{uri}: receive: {error}: is this a lightprobe?"
     if isinstance(error, ConnectionRefusedError | FileNotFoundError):
         return f"{uri}: connect: nobody listens there: is lightprobed running? (lightprobe doctor)"
+    if isinstance(error, socket.gaierror):
+        return f"{uri}: connect: {error.strerror}: is the host's name right?"
     if isinstance(error, PermissionError):
         return f"{uri}: connect: permission denied: are you in the socket's group?"
     if isinstance(error, TimeoutError):
@@ -311,33 +360,49 @@ class Client:
     def __init__(self, uri: str = DEFAULT_URI, subscription: Subscription | None = None) -> None:
         """Take an address (raises :class:`ProbeError` when it is none); connects on entering."""
         self._async = AsyncClient(uri, subscription)
-        self._loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(target=self._run, name=f"lightprobe {uri}", daemon=True)
-
-    def _run(self) -> None:
-        asyncio.set_event_loop(self._loop)
-        self._loop.run_forever()
-        self._loop.close()
-
-    def _call(self, work: Coroutine[Any, Any, T]) -> T:
-        future = asyncio.run_coroutine_threadsafe(work, self._loop)
-        try:
-            return future.result()
-        except BaseException:
-            future.cancel()  # Ctrl-C in the caller's thread
-            raise
+        self._loop: asyncio.AbstractEventLoop | None = None  # runs while the block lasts
+        self._thread: threading.Thread | None = None
 
     def __enter__(self) -> Self:
-        """Start connecting, in the background."""
+        """Start connecting, in the background. May be entered again after it was left."""
+        if self._loop is not None:
+            raise ProbeError(f"{self.uri}: client: in use already: make one client for each block")
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(
+            target=_run, args=(self._loop,), name=f"lightprobe {self.uri}", daemon=True
+        )
         self._thread.start()
         self._call(self._async.__aenter__())
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Disconnect."""
-        self._call(self._async.__aexit__())
-        self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join()
+        """Disconnect; threads that still wait for an estimate get a :class:`ProbeError`."""
+        loop, thread = self._loop, self._thread
+        if loop is None or thread is None:
+            return
+        try:
+            self._call(self._async.__aexit__())
+        finally:
+            self._loop = self._thread = None
+            loop.call_soon_threadsafe(loop.stop)
+            thread.join()
+
+    def _call(self, work: Coroutine[Any, Any, T]) -> T:
+        """Run in the client's thread; :class:`ProbeError` when it does not run."""
+        try:
+            if self._loop is None:
+                raise self._async._not_running()
+            future = asyncio.run_coroutine_threadsafe(work, self._loop)
+        except (ProbeError, RuntimeError):  # RuntimeError: closed just now, by another thread
+            work.close()
+            raise self._async._not_running() from None
+        try:
+            return future.result()
+        except CancelledError:
+            raise self._async._not_running() from None
+        except BaseException:
+            future.cancel()  # Ctrl-C in the caller's thread
+            raise
 
     @property
     def uri(self) -> str:
@@ -377,14 +442,24 @@ class Client:
         """Milliseconds since the newest estimate's capture, aged out or not."""
         return self._async.age_ms()
 
-    def receive(self, timeout_s: float | None = None) -> Estimate:
-        """Wait for an estimate that was not received before; see :meth:`AsyncClient.receive`."""
-        return self._call(self._async.receive(timeout_s))
+    def receive(
+        self, timeout_s: float | None = None, on_waiting: OnWaiting | None = None
+    ) -> Estimate:
+        """Wait for an estimate that was not received before; see :meth:`AsyncClient.receive`.
 
-    def estimates(self, timeout_s: float | None = None) -> Iterator[Estimate]:
-        """Every new estimate, for ever; raises as :meth:`receive`."""
+        `on_waiting` is called in the caller's thread.
+        """
+        patience = _Patience(timeout_s, on_waiting)
+        while (estimate := self._call(self._async._next(patience.piece_s()))) is None:
+            patience.nothing_came(self._async._why_nothing())
+        return estimate
+
+    def estimates(
+        self, timeout_s: float | None = None, on_waiting: OnWaiting | None = None
+    ) -> Iterator[Estimate]:
+        """Every new estimate, for ever; says what it waits for and raises as :meth:`receive`."""
         while True:
-            yield self.receive(timeout_s)
+            yield self.receive(timeout_s, on_waiting)
 
     def wait_for(self, condition: Callable[[Client], bool], timeout_s: float) -> bool:
         """Wait until `condition(client)` holds; False when it does not in time."""
@@ -396,5 +471,16 @@ class Client:
         return True
 
     def subscribe(self, subscription: Subscription) -> None:
-        """Ask for something else, now and after every reconnection."""
+        """Ask for something else; see :meth:`AsyncClient.subscribe`."""
         self._call(self._async.subscribe(subscription))
+
+
+def _run(loop: asyncio.AbstractEventLoop) -> None:
+    """Run an event loop until it is stopped, then end whatever still waits in it."""
+    asyncio.set_event_loop(loop)
+    loop.run_forever()
+    left = asyncio.all_tasks(loop)
+    for task in left:
+        task.cancel()
+    loop.run_until_complete(asyncio.gather(*left, return_exceptions=True))
+    loop.close()

@@ -14,3 +14,15 @@ class UsageError(LightprobeError):
     """What was asked for makes no sense."""
 
     exit_code = 2
+
+
+class ProbeError(LightprobeError):
+    """Something that a user of the client has to know."""
+
+
+class ProbeTimeout(ProbeError, TimeoutError):  # noqa: N818 - reads as what it is
+    """No estimate came in the time given."""
+
+
+class IncompatibleProbe(ProbeError):  # noqa: N818
+    """The probe speaks another major version of the protocol; trying again would not help."""

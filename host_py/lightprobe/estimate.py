@@ -153,6 +153,7 @@ class Estimate:
     cd_m2_per_unit: float | None  # None: not calibrated
     wheel_deg: float | None = None  # of the polarizer in the newest frame; None: none, or unknown
     wheel_sigma_deg: float | None = None
+    subscription: int = 0  # number of the subscription that it answers; 0: the defaults
 
     @property
     def send_time_unix_ns(self) -> int:
@@ -182,6 +183,7 @@ class Estimate:
         """Give the one JSON shape of an estimate; unknown values are null."""
         return {
             "sequence": self.sequence,
+            "subscription": self.subscription,
             "boot_id": self.boot_id,
             "capture_time_unix_ns": self.capture_time_unix_ns,
             "send_delay_us": self.send_delay_us,

@@ -191,3 +191,14 @@ def match_directions(
         return choice
 
     return [(i, j, float(angles[i, j])) for i, j in best(0, 0)[1]]
+
+
+def disc_points(direction: ArrayLike, radius_deg: float, number: int) -> Array:
+    """Unit vectors (number, 3) that share a disc's solid angle evenly (a sunflower's spiral)."""
+    k = np.arange(number)
+    cosine = 1 - (k + 0.5) / number * 2 * np.sin(np.radians(radius_deg) / 2) ** 2
+    turn = k * np.pi * (3 - 5**0.5)
+    d = normalize(direction)
+    side = normalize(np.cross(d, [1.0, 0, 0] if abs(d[0]) < 0.7 else [0, 1.0, 0]))
+    around = np.outer(np.cos(turn), side) + np.outer(np.sin(turn), np.cross(d, side))
+    return np.asarray(cosine[:, None] * d + np.sqrt(1 - cosine**2)[:, None] * around)

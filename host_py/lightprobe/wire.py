@@ -7,12 +7,14 @@ no sense raises :class:`WireError`, and the connection it came from is not worth
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from numbers import Integral, Real
+from typing import Any, Literal, get_args
 
 import numpy as np
 from google.protobuf.message import DecodeError
 from lightprobe_proto import lightprobe_pb2 as pb
 
+from lightprobe.errors import UsageError
 from lightprobe.estimate import (
     Estimate,
     EstimateFlag,
@@ -30,6 +32,8 @@ from lightprobe.estimate import (
 from lightprobe.geometry import Array
 
 PROTOCOL_MAJOR = 1
+#: From this minor version on, estimates carry the number of the subscription that they answer.
+MINOR_WITH_NUMBERS = 1
 #: The daemon's messages stay below 2 KiB; the rest is room to grow.
 MAX_MESSAGE_BYTES = 64 * 1024
 
@@ -40,17 +44,51 @@ class WireError(Exception):
     """Bytes that are no message of lightprobe.v1."""
 
 
+class SubscriptionError(UsageError, ValueError):
+    """A subscription that no probe could serve; names the field and what it may be."""
+
+
 @dataclass(frozen=True)
 class Subscription:
-    """What a client wants; the newest subscription holds."""
+    """What a client wants; the newest subscription holds.
 
-    rate_hz: float = 0.0  # most estimates a second; 0: every one
+    Raises :class:`SubscriptionError` for a value out of range, before anything is sent.
+    """
+
+    rate_hz: float = 0.0  # most estimates a second, up to 1000; 0: every one
     sh_order: int = 2  # highest order wanted, 0…4
     max_lights: int = 4  # 0…8
     kind: Kind = "AMBIENT"
-    tolerance: float = 0.0  # smallest model with a predicted error below this; 0: the largest
+    tolerance: float = 0.0  # smallest model with a predicted error below this share; 0: the largest
     smoothing: Literal["SMOOTHED", "RAW"] = "SMOOTHED"
     health_period_ms: int = 1000  # 0: no health messages
+
+    def __post_init__(self) -> None:
+        """Check every field."""
+        self._check_number("rate_hz", 1000, "estimates a second (0: every one)")
+        self._check_number("tolerance", 1, "as a share of the mean irradiance: 0.05 is 5 %")
+        self._check_whole("sh_order", 4)
+        self._check_whole("max_lights", 8)
+        self._check_whole("health_period_ms", 2**32 - 1)
+        self._check_word("kind", get_args(Kind))
+        self._check_word("smoothing", ("SMOOTHED", "RAW"))
+
+    def _check_number(self, name: str, most: float, unit: str) -> None:
+        value = getattr(self, name)
+        if not (isinstance(value, Real) and 0 <= float(value) <= most):  # NaN fails too
+            raise SubscriptionError(f"subscription: {name} = {value!r}: want 0…{most} {unit}")
+
+    def _check_whole(self, name: str, most: int) -> None:
+        value = getattr(self, name)
+        if not (isinstance(value, Integral) and 0 <= int(value) <= most):
+            raise SubscriptionError(
+                f"subscription: {name} = {value!r}: want a whole number, 0…{most}"
+            )
+
+    def _check_word(self, name: str, known: tuple[str, ...]) -> None:
+        value = getattr(self, name)
+        if value not in known:
+            raise SubscriptionError(f"subscription: {name} = {value!r}: want {' or '.join(known)}")
 
 
 def delimit(payload: bytes) -> bytes:
@@ -63,17 +101,18 @@ def delimit(payload: bytes) -> bytes:
     return bytes(prefix) + payload
 
 
-def encode_subscription(subscription: Subscription) -> bytes:
-    """Delimited FromClient message."""
+def encode_subscription(subscription: Subscription, number: int = 0) -> bytes:
+    """Delimited FromClient message; `number` comes back with every estimate that answers it."""
     message = pb.FromClient()
     wish = message.subscribe
-    wish.rate_hz = subscription.rate_hz
-    wish.sh_order = subscription.sh_order
-    wish.max_lights = subscription.max_lights
+    wish.rate_hz = float(subscription.rate_hz)
+    wish.sh_order = int(subscription.sh_order)
+    wish.max_lights = int(subscription.max_lights)
     wish.kind = pb.SphericalHarmonics.Kind.Value(subscription.kind)
     wish.tolerance_permille = round(1000 * subscription.tolerance)
     wish.smoothing = pb.Subscription.Smoothing.Value(subscription.smoothing)
-    wish.health_period_ms = subscription.health_period_ms
+    wish.health_period_ms = int(subscription.health_period_ms)
+    wish.number = number
     return delimit(message.SerializeToString())
 
 
@@ -194,6 +233,7 @@ def _estimate(m: pb.Estimate) -> Estimate:
         cd_m2_per_unit=m.cd_m2_per_unit if m.HasField("cd_m2_per_unit") else None,
         wheel_deg=m.wheel_deg if m.HasField("wheel_deg") else None,
         wheel_sigma_deg=m.wheel_sigma_deg if m.HasField("wheel_sigma_deg") else None,
+        subscription=m.subscription,
     )
 
 

@@ -14,10 +14,12 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from lightprobe import evaluation, offline, scenes
-from lightprobe.evaluation import Case, Input
-from lightprobe.metrics import Summary
-from lightprobe.tools import evaluate, evaluate_plot
+from lightprobe.cli import evaluate
+from lightprobe.evaluate import evaluation, offline
+from lightprobe.evaluate import plot as evaluate_plot
+from lightprobe.evaluate.evaluation import Case, Input
+from lightprobe.evaluate.metrics import Summary
+from lightprobe.sim import scenes
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests/extremes"))

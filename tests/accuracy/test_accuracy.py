@@ -8,8 +8,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from lightprobe import evaluation, geometry, image, metrics, offline, scenes, sh
-from lightprobe.evaluation import Input
+from lightprobe import geometry, sh
+from lightprobe.evaluate import evaluation, metrics, offline
+from lightprobe.evaluate.evaluation import Input
+from lightprobe.imaging import image
+from lightprobe.sim import scenes
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.sensor import Sensor, encode_jpeg
 

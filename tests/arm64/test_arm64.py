@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from google.protobuf.descriptor import FieldDescriptor
 from harness import BUILD, split
-from lightprobe import image
-from lightprobe.evaluation import Input
+from lightprobe.evaluate.evaluation import Input
+from lightprobe.imaging import image
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.sensor import Sensor, encode_jpeg
 

@@ -14,11 +14,13 @@ from typing import Any
 
 import cv2
 import numpy as np
-from lightprobe import evaluation, offline, scenes, sh
+from lightprobe import sh
 from lightprobe.colour import srgb_table
 from lightprobe.estimate import Estimate, EstimateFlag, SphericalHarmonics
-from lightprobe.evaluation import Case, Input, Studio
-from lightprobe.metrics import summarize
+from lightprobe.evaluate import evaluation, offline
+from lightprobe.evaluate.evaluation import Case, Input, Studio
+from lightprobe.evaluate.metrics import summarize
+from lightprobe.sim import scenes
 from lightprobe.sim.scene import Scene
 from published import as_estimate, published
 from rich.progress import Progress

@@ -15,7 +15,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from lightprobe import camera, scenes
+from lightprobe.imaging import camera
+from lightprobe.sim import scenes
 from lightprobe.sim.camera import Shot, SimulatedCamera
 from lightprobe.sim.exposure import bracket_us, median_luminance
 from lightprobe.sim.procedural import random_scene

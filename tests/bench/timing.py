@@ -12,7 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 from frames import Kind
-from lightprobe import metrics
+from lightprobe.evaluate import metrics
 from published import project_ducc0, published
 from rich.progress import Progress
 

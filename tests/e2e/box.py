@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from harness import BUILD, LONG_S, wait_for
-from lightprobe import mcu
+from lightprobe.mcu import messages as mcu
 
 FIRMWARE = BUILD / "firmware"
 

@@ -8,9 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from lightprobe import camera, evaluation, image, offline, scenes
-from lightprobe.evaluation import Input
+from lightprobe.evaluate import evaluation, offline
+from lightprobe.evaluate.evaluation import Input
+from lightprobe.imaging import camera, image
 from lightprobe.sim import response as responses
+from lightprobe.sim import scenes
 from lightprobe.sim.sensor import Sensor
 
 LIGHTPROBE = Path(sys.executable).parent / "lightprobe"

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from lightprobe import daemon, ring
+from lightprobe import daemon
+from lightprobe.calibrate import ring
 from lightprobe.sim.box import Box
 from test_simulated_box import simulator
 
@@ -120,8 +121,8 @@ def test_ring_against_the_camera(tmp_path: Path) -> None:
                 tmp_path, "ring", "--against", uri, "--seconds", "40", "--cd-m2-per-unit",
                 str(2.0 / polarizer), "--output", str(tmp_path / "ring.ini"),
             )  # fmt: skip
-        r10 = [float(running.tell(f"get ldr{k}_r10_ohm")) for k in range(9)]
-        gamma = [float(running.tell(f"get ldr{k}_gamma")) for k in range(9)]
+        r10 = [float(running.control(f"get ldr{k}_r10_ohm")) for k in range(9)]
+        gamma = [float(running.control(f"get ldr{k}_gamma")) for k in range(9)]
     found = ring.load(tmp_path / "ring.ini")
     true = ring.Ring(np.array(r10), np.array(gamma))
     for lux in (100.0, 300.0):

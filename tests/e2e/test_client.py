@@ -6,31 +6,31 @@ import socket
 import threading
 import time
 
+import numpy as np
 import pytest
 from lightprobe import wire
-from lightprobe.client import (
-    AsyncClient,
-    Client,
-    IncompatibleProbe,
-    ProbeError,
-    ProbeTimeout,
-)
-from lightprobe.wire import Subscription
+from lightprobe.address import Address
+from lightprobe.client import AsyncClient, Client
+from lightprobe.errors import IncompatibleProbe, ProbeError, ProbeTimeout
+from lightprobe.wire import Subscription, SubscriptionError
 from lightprobe_proto import lightprobe_pb2 as pb
 
 LONG_S = 30
 
 
-def hello(major=1):
-    greeting = pb.Hello(protocol_major=major, software="lightprobed 0.0 scripted")
+def hello(major=1, minor=0):
+    """A greeting; by default of a daemon that knows no subscription numbers."""
+    greeting = pb.Hello(
+        protocol_major=major, protocol_minor=minor, software="lightprobed 0.0 scripted"
+    )
     return wire.delimit(pb.FromProbe(hello=greeting).SerializeToString())
 
 
-def estimate(number, ttl_ms=60000, clock_off_s=0.0, old_s=0.0):
+def estimate(number, ttl_ms=60000, clock_off_s=0.0, old_s=0.0, subscription=0):
     sh = pb.SphericalHarmonics(kind=1, order=0, coefficients=[1, 1, 1])
     capture_ns = time.time_ns() + round(1e9 * (clock_off_s - old_s))
     message = pb.Estimate(sequence=number, sh=sh, ttl_ms=ttl_ms, capture_time_unix_ns=capture_ns,
-                          send_delay_us=round(1e6 * old_s))  # fmt: skip
+                          send_delay_us=round(1e6 * old_s), subscription=subscription)  # fmt: skip
     return wire.delimit(pb.FromProbe(estimate=message).SerializeToString())
 
 
@@ -211,11 +211,248 @@ def test_nobody_there():
 
 @pytest.mark.parametrize(
     "uri",
-    ["", "tcp:", "tcp:host", "tcp:host:0", "tcp:host:70000", "udp:host:1", "unix:", "x" * 300],
-)
+    ["", "tcp:", "tcp:host", "tcp:host:0", "tcp:host:70000", "udp:host:1", "unix:", "x" * 300,
+     "127.0.0.1:7700", "localhost", "tcp:a/b:1"],
+)  # fmt: skip
 def test_addresses_that_are_none(uri):
     with pytest.raises(ProbeError, match="want tcp:HOST:PORT or unix:PATH"):
         Client(uri)
+
+
+@pytest.mark.parametrize("uri", ["tcp://127.0.0.1:7700", "tcp://[::1]:7700"])
+def test_an_address_is_no_url(uri):
+    with pytest.raises(ProbeError, match=r"want tcp:HOST:PORT \(without //\)"):
+        Client(uri)
+
+
+@pytest.mark.parametrize("uri", ["tcp:[::1]:9", "tcp:::1:9"])
+def test_ipv6_with_brackets_and_without(uri):
+    assert Address.parse(uri) == Address("::1", 9, None)
+
+
+# ---------------------------------------------------------------- waiting
+
+
+def in_time(call):
+    """Result or error of a call that must not hang, from a thread of its own."""
+    outcome = []
+
+    def run():
+        try:
+            outcome.append(call())
+        except Exception as error:
+            outcome.append(error)
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    thread.join(LONG_S)
+    assert outcome, "it hangs"
+    return outcome[0]
+
+
+@pytest.mark.parametrize("timeout_s", [1.0, None])
+def test_receive_outside_with_is_an_error_and_no_wait(timeout_s):
+    client = Client("tcp:127.0.0.1:9")
+    assert client.latest() is None
+    for call in (lambda: client.receive(timeout_s), lambda: client.subscribe(Subscription())):
+        error = in_time(call)
+        assert isinstance(error, ProbeError)
+        assert not isinstance(error, ProbeTimeout)
+        assert "use it within `with Client" in str(error)
+    client.__exit__()  # never entered: nothing to do
+
+
+def test_a_client_is_entered_again_after_it_was_left():
+    with Probe(serve(hello(), estimate(1)), serve(hello(), estimate(2))) as probe:
+        client = Client(probe.uri)
+        with client:
+            assert client.receive(LONG_S).sequence == 1
+        assert "use it within" in str(in_time(lambda: client.receive(1.0)))
+        with client:
+            assert client.receive(LONG_S).sequence == 2
+            with pytest.raises(ProbeError, match="in use already"):
+                client.__enter__()
+            assert client.connected  # and goes on
+
+
+async def test_an_asyncio_client_is_entered_again_after_it_was_left():
+    with Probe(serve(hello(), estimate(1)), serve(hello(), estimate(2))) as probe:
+        client = AsyncClient(probe.uri)
+        with pytest.raises(ProbeError, match="not running"):
+            await client.receive(1.0)
+        for number in (1, 2):
+            async with client:
+                assert (await client.receive(LONG_S)).sequence == number
+                with pytest.raises(ProbeError, match="in use already"):
+                    await client.__aenter__()
+
+
+def test_a_thread_that_waits_is_told_when_the_client_is_left():
+    with Probe(serve(hello())) as probe:
+        outcome = []
+        with Client(probe.uri) as client:
+            thread = threading.Thread(target=lambda: outcome.append(in_time(client.receive)))
+            thread.start()
+            client.wait_for(lambda c: c.connected, LONG_S)
+        thread.join(LONG_S)
+        assert isinstance(outcome[0], ProbeError)
+        assert "not running" in str(outcome[0])
+
+
+def test_a_timeout_of_zero_polls():
+    with Probe(serve(hello(), estimate(1))) as probe, Client(probe.uri) as client:
+        assert client.wait_for(lambda c: c.statistics.estimates == 1, LONG_S)
+        assert client.receive(0).sequence == 1
+        with pytest.raises(ProbeTimeout):
+            client.receive(0)
+
+
+@pytest.mark.parametrize("timeout_s", [-1, float("nan")])
+def test_timeouts_that_make_no_sense(timeout_s):
+    with Client("tcp:127.0.0.1:9") as client, pytest.raises(ValueError, match="want seconds"):
+        client.receive(timeout_s)
+
+
+def nobody():
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        return f"tcp:127.0.0.1:{free.getsockname()[1]}"
+
+
+def test_estimates_say_what_they_wait_for(caplog):
+    """The README's example without a daemon: a warning that names the next step."""
+    with Client(nobody()) as client, caplog.at_level("WARNING", "lightprobe"):
+        with pytest.raises(ProbeTimeout, match="is lightprobed running"):
+            next(client.estimates(5.0))
+        (record,) = caplog.records
+        assert "nobody listens there: is lightprobed running? (lightprobe doctor): waiting" in (
+            record.getMessage()
+        )
+
+
+def test_each_reason_is_said_once_to_whom_it_shall_be():
+    def silent_camera(probe, connection):
+        connection.sendall(hello() + health(2))
+        while not probe.ended.is_set() and len(said) < 1:
+            time.sleep(0.01)
+        connection.sendall(health(4))
+        while not probe.ended.is_set() and len(said) < 2:
+            time.sleep(0.01)
+        connection.sendall(estimate(1))
+        probe.hold(connection)
+
+    said = []
+    with Probe(silent_camera) as probe, Client(probe.uri) as client:
+        assert in_time(lambda: next(client.estimates(on_waiting=said.append))).sequence == 1
+    assert [line.partition("receive: ")[2] for line in said] == [
+        "connected, but no estimate (source: WAITING): waiting",
+        "connected, but no estimate (source: STALLED): waiting",
+    ]
+
+
+async def test_asyncio_estimates_say_what_they_wait_for():
+    said = []
+    async with AsyncClient(nobody()) as client:
+        with pytest.raises(ProbeTimeout):
+            async for _ in client.estimates(5.0, on_waiting=said.append):
+                pass
+    assert len(said) == 1
+    assert "is lightprobed running" in said[0]
+
+
+def test_a_fault_of_the_client_ends_the_wait(monkeypatch):
+    """Whatever ends the background task is told to who waits."""
+    monkeypatch.setattr("lightprobe.client.encode_subscription", lambda *_: 1 / 0)
+    with Probe(serve(hello())) as probe, Client(probe.uri) as client:
+        error = in_time(client.receive)
+        assert isinstance(error, ProbeError)
+        assert "unexpected ZeroDivisionError" in str(error)
+
+
+# ---------------------------------------------------------------- subscriptions
+
+
+def test_estimates_of_another_subscription_are_dropped():
+    """What a probe sent before it read our subscription: its number is another."""
+    messages = [estimate(1), estimate(1, subscription=1), estimate(2), estimate(3, subscription=1)]
+    with (
+        Probe(serve(hello(minor=1), *messages)) as probe,
+        Client(probe.uri, Subscription(kind="TOTAL")) as client,
+    ):
+        assert client.wait_for(lambda c: c.statistics.estimates == 2, LONG_S)
+        assert client.receive(LONG_S).sequence == 3
+        assert client.statistics.not_ours == 2
+        sent = pb.FromClient.FromString(probe.requests[0][1:]).subscribe
+        assert sent.number == 1
+
+
+def test_a_new_subscription_ends_the_former_at_once():
+    """Nothing of the former is received any more, though it had come and not been taken."""
+
+    def script(probe, connection):
+        connection.sendall(hello(minor=1) + estimate(1, subscription=1))
+        while len(probe.requests) < 2 and not probe.ended.is_set():
+            probe.requests.append(connection.recv(4096))
+        looked.wait(LONG_S)
+        connection.sendall(estimate(2, subscription=1) + estimate(2, subscription=2))
+        probe.hold(connection)
+
+    looked = threading.Event()
+    with Probe(script) as probe, Client(probe.uri) as client:
+        assert client.wait_for(lambda c: c.latest(), LONG_S)
+        client.subscribe(Subscription(kind="TOTAL"))
+        assert client.latest().subscription == 1  # better than none, for a frame
+        looked.set()
+        got = client.receive(LONG_S)
+        assert (got.sequence, got.subscription) == (2, 2)
+        assert client.statistics.not_ours == 1
+
+
+def test_a_refusal_stays_the_reason_when_the_probe_closes():
+    error = wire.delimit(
+        pb.FromProbe(error=pb.Error(code=-87, text="8 clients are connected")).SerializeToString()
+    )
+
+    def refuse(probe, connection):
+        connection.recv(4096)
+        connection.sendall(error)
+
+    with Probe(refuse) as probe, Client(probe.uri) as client:
+        with pytest.raises(ProbeTimeout, match="request: 8 clients are connected"):
+            client.receive(1.0)
+        assert client.statistics.refusals > 0
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("rate_hz", float("nan"), "want 0…1000"),
+        ("rate_hz", float("inf"), "want 0…1000"),
+        ("rate_hz", -1, "want 0…1000"),
+        ("rate_hz", "30", "want 0…1000"),
+        ("sh_order", -1, "whole number, 0…4"),
+        ("sh_order", 9, "whole number, 0…4"),
+        ("sh_order", 2.5, "whole number, 0…4"),
+        ("max_lights", 9, "whole number, 0…8"),
+        ("max_lights", None, "whole number, 0…8"),
+        ("kind", "total", "want AMBIENT or TOTAL"),
+        ("kind", "KIND_UNSPECIFIED", "want AMBIENT or TOTAL"),
+        ("tolerance", 50, "0.05 is 5 %"),
+        ("tolerance", float("nan"), "0.05 is 5 %"),
+        ("smoothing", "smoothed", "want SMOOTHED or RAW"),
+        ("health_period_ms", 2**32, "whole number"),
+    ],
+)
+def test_a_subscription_is_checked_when_it_is_made(field, value, message):
+    with pytest.raises(SubscriptionError, match=f"{field} = .*{message}") as error:
+        Subscription(**{field: value})
+    assert isinstance(error.value, ValueError)
+    assert error.value.exit_code == 2
+
+
+def test_numbers_of_numpy_are_numbers():
+    wish = Subscription(np.float32(2.5), np.int64(3), np.uint8(4), tolerance=np.float64(0.5))
+    sent = pb.FromClient.FromString(wire.encode_subscription(wish)[1:]).subscribe
+    assert (sent.rate_hz, sent.sh_order, sent.max_lights) == (2.5, 3, 4)
 
 
 async def take_while_they_come(client):

@@ -15,7 +15,8 @@ from dataclasses import dataclass, field
 import pytest
 from box import Box, monotonic_ns
 from harness import Camera, Client, Daemon, camera, jpeg, run, streaming, wait_for
-from lightprobe import mcu, mcu_link
+from lightprobe.mcu import link as mcu_link
+from lightprobe.mcu import messages as mcu
 from lightprobe_proto import lightprobe_pb2 as pb
 
 RING_FAULT, WHEEL_FAULT = 2048, 4096

@@ -9,8 +9,10 @@ import cv2
 import numpy as np
 import OpenEXR
 import pytest
-from lightprobe import camera, geometry, image, offline
+from lightprobe import geometry
 from lightprobe.colour import luminance
+from lightprobe.evaluate import offline
+from lightprobe.imaging import camera, image
 from lightprobe.sim.camera import Shot, SimulatedCamera
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.room import Bulb, Room
@@ -146,7 +148,7 @@ def test_options_reach_the_daemon(radiance, tmp_path):
 
 def test_a_fisheye_camera_is_read_by_its_file(tmp_path):
     """A dual fisheye picture of the scene gives the same lamps as its panorama."""
-    from lightprobe import camera as lenses
+    from lightprobe.imaging import camera as lenses
     from lightprobe.sim.camera import Shot, SimulatedCamera
     from lightprobe.sim.world import Behaviour, World
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from lightprobe import image
+from lightprobe.imaging import image
 from lightprobe.sim.room import Room
 
 LIGHTPROBE = Path(sys.executable).parent / "lightprobe"

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from lightprobe import ring
+from lightprobe.calibrate import ring
 from lightprobe.sim.box import Box
 
 LIGHTPROBE = Path(sys.executable).parent / "lightprobe"

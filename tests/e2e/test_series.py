@@ -7,7 +7,7 @@ import stat
 
 import numpy as np
 from harness import Daemon, camera, jpeg, panorama, run, streaming, wait_for
-from lightprobe.series import load
+from lightprobe.calibrate.exposure_series import load
 
 
 def rows(folder):

@@ -14,8 +14,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from box import until
-from lightprobe import camera, mcu, mcu_link, ring, scenes
-from lightprobe.sim import control
+from lightprobe.calibrate import ring
+from lightprobe.errors import UsageError
+from lightprobe.imaging import camera
+from lightprobe.mcu import link as mcu_link
+from lightprobe.mcu import messages as mcu
+from lightprobe.sim import control, scenes
 from lightprobe.sim.polarizer import Polarizer, Sheet
 from lightprobe.sim.world import World
 from test_simulator import Camera
@@ -33,11 +37,11 @@ class Running:
     folder: Path
     process: subprocess.Popen[str]
 
-    def tell(self, line: str) -> str:
-        return control.tell(self.folder / "control", line)
+    def control(self, line: str) -> str:
+        return control.send(self.folder / "control", line)
 
     def status(self) -> dict:
-        return json.loads(self.tell("status"))
+        return json.loads(self.control("status"))
 
     def connect(self) -> mcu.Mcu:
         link = mcu.Mcu(mcu_link.open_carrier(f"serial:{self.folder / 'mcu'}"))
@@ -107,7 +111,7 @@ def test_the_wheel_shapes_the_frames(tmp_path: Path, firmware: str) -> None:
                 state = settle(link, link.move(target, hold_s=0.1))
                 true_deg, frame = settled_frame(running, eye)
                 assert abs(true_deg - state.measured_deg) <= 3 * state.sigma_deg
-                assert true_deg == pytest.approx(float(running.tell("get wheel_deg")), abs=0.6)
+                assert true_deg == pytest.approx(float(running.control("get wheel_deg")), abs=0.6)
                 expected = polarizer.through(
                     layers.compose([1]), layers.compose_polarized([1]), (true_deg,)
                 )
@@ -148,10 +152,10 @@ def test_the_scenes_light_is_on_the_ring(tmp_path: Path) -> None:
         until(link, fits)
         assert max(lux) > 1.2 * min(lux)
         for level_lux in (10.0, 1000.0):
-            assert running.tell(f"light {level_lux}") == "ok"
+            assert running.control(f"light {level_lux}") == "ok"
             lux = [level_lux] * 9
             until(link, fits)
-        assert running.tell("light scene") == "ok"
+        assert running.control("light scene") == "ok"
         lux = running.status()["ring_lux"]
         until(link, fits)
         link.close()
@@ -159,11 +163,11 @@ def test_the_scenes_light_is_on_the_ring(tmp_path: Path) -> None:
 
 def test_ldrs_that_differ_read_differently(tmp_path: Path) -> None:
     with simulator(tmp_path, "--scenes", "procedural:1", "--ring-spread", "1") as running:
-        running.tell("light 100")
+        running.control("light 100")
         link = running.connect()
         link.rates(ring_scans=8)
-        r10 = [float(running.tell(f"get ldr{k}_r10_ohm")) for k in range(9)]
-        gamma = [float(running.tell(f"get ldr{k}_gamma")) for k in range(9)]
+        r10 = [float(running.control(f"get ldr{k}_r10_ohm")) for k in range(9)]
+        gamma = [float(running.control(f"get ldr{k}_gamma")) for k in range(9)]
         assert np.std(np.log(r10)) > 0.08
         own = ring.Ring(np.array(r10), np.array(gamma))
         until(
@@ -182,18 +186,18 @@ def test_faults_at_run_time_get_their_names(tmp_path: Path) -> None:
         def fault(name: str) -> Callable[[mcu.Event], bool]:
             return lambda e: isinstance(e, mcu.Fault) and e.name == name and e.active
 
-        running.tell("faults stuck=1&drop=0.5")
+        running.control("faults stuck=1&drop=0.5")
         link.move(135)
         until(link, fault("WHEEL_STUCK"))
         assert running.status()["faults"]["drop"] == 0.5
-        running.tell("faults ldr3_forced=0")
+        running.control("faults ldr3_forced=0")
         open_sensor = until(link, fault("LDR_OPEN"))
         assert open_sensor.detail == 1 << 3
-        running.tell("faults stuck=0&ldr3_forced=-1&drop=0")
+        running.control("faults stuck=0&ldr3_forced=-1&drop=0")
         time.sleep(0.3)
         link.clear_faults()
         settle(link, link.home())
-        running.tell("faults reset=1")
+        running.control("faults reset=1")
         hello = until(link, lambda e: isinstance(e, mcu.Message) and e.name == "Hello")
         assert hello["reset_cause"] == "EXTERNAL"
         link.close()
@@ -211,7 +215,7 @@ def test_the_line_can_be_noisy_cut_and_unplugged(tmp_path: Path) -> None:
     with simulator(tmp_path, "--scenes", "procedural:1") as running:
         link = running.connect()
         link.rates(ring_scans=8)
-        running.tell("faults line_noise=0.02")
+        running.control("faults line_noise=0.02")
         carrier = link.carrier
         assert isinstance(carrier, mcu_link.SerialCarrier)
         deadline = time.monotonic() + PATIENCE_S
@@ -221,16 +225,16 @@ def test_the_line_can_be_noisy_cut_and_unplugged(tmp_path: Path) -> None:
                 assert not isinstance(event, mcu.Ring) or len(event.levels) == 9
                 if carrier.decoder.bad >= 5:
                     break
-        running.tell("faults line_noise=0&line_cut=1")
+        running.control("faults line_noise=0&line_cut=1")
         time.sleep(0.2)
         list(link.events(0.1))
         assert not list(link.events(0.5))
-        running.tell("faults line_cut=0&line_unplugged=1")
+        running.control("faults line_cut=0&line_unplugged=1")
         with pytest.raises(OSError, match=r"(?i)device|input/output"):
             talk(link, 10)
         assert not (tmp_path / "mcu").exists()
         link.close()
-        running.tell("faults line_unplugged=0")
+        running.control("faults line_unplugged=0")
         while not (tmp_path / "mcu").exists():
             assert time.monotonic() < deadline + PATIENCE_S
             time.sleep(0.02)
@@ -301,22 +305,26 @@ def test_bad_options_say_what_to_do(tmp_path: Path, options: list[str], message:
     assert "Traceback" not in done.stderr
 
 
-def test_tell_names_what_is_wrong(tmp_path: Path) -> None:
-    tell = [LIGHTPROBE, "tell", tmp_path / "none", "status"]
-    done = subprocess.run(tell, capture_output=True, text=True)
+def control_command(*words: str | Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([LIGHTPROBE, "control", *words], capture_output=True, text=True)
+
+
+def test_control_names_what_is_wrong(tmp_path: Path) -> None:
+    done = control_command("status", tmp_path / "none")
     assert done.returncode == 1
     assert "none: No such file or directory: is lightprobe simulate --control=" in done.stderr
     with simulator(tmp_path, "--scenes", "procedural:1") as running:
-        for line, message in [
-            ("dance", "unknown command: known are faults, get, light, status"),
-            ("faults explode=1", "unknown option explode"),
-            ("light dark", "want lux, or scene"),
-            ("get nothing", "no number nothing"),
+        socket = tmp_path / "control"
+        for words, message in [
+            (("inject-fault", socket, "explode=1"), "unknown option explode"),
+            (("light", socket, "dark"), "want lux, or scene"),
+            (("get", socket, "nothing"), "no number nothing"),
         ]:
-            done = subprocess.run(
-                [LIGHTPROBE, "tell", tmp_path / "control", *line.split()],
-                capture_output=True, text=True,
-            )  # fmt: skip
+            done = control_command(*words)
             assert done.returncode == 2
             assert message in done.stderr
+        with pytest.raises(UsageError, match="unknown command: known are faults, get, light"):
+            running.control("dance")
+        assert control_command("inject-fault", socket, "drop=0.5").stdout == "ok\n"
+        assert running.status()["faults"]["drop"] == 0.5
         assert running.status()["counters"]["connections"] == 0

@@ -14,9 +14,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from lightprobe import geometry, image, metrics, offline, sh
+from lightprobe import geometry, sh
 from lightprobe.colour import luminance, srgb_table
 from lightprobe.estimate import Estimate
+from lightprobe.evaluate import metrics, offline
+from lightprobe.imaging import image
 from lightprobe.sim.sensor import encode_jpeg
 
 SIZE_PX = (960, 480)

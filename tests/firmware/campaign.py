@@ -11,7 +11,7 @@ from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 
-from lightprobe import mcu
+from lightprobe.mcu import messages as mcu
 from rig import Rig, Seen, start
 
 # A sensor's last change when it dies is one edge that the wheel did not make: maybe right after a

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from lightprobe import mcu, mcu_link
+from lightprobe.mcu import link as mcu_link
+from lightprobe.mcu import messages as mcu
 
 ROOT = Path(__file__).resolve().parents[2]
 BUILD = ROOT / "build" / "firmware"

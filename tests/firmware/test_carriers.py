@@ -5,7 +5,8 @@ from collections.abc import Callable
 from itertools import pairwise
 
 import pytest
-from lightprobe import mcu, mcu_link
+from lightprobe.mcu import link as mcu_link
+from lightprobe.mcu import messages as mcu
 from rig import Rig
 
 CARRIERS = ("serial", "i2c", "can")

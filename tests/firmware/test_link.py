@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from lightprobe import mcu, mcu_link
+from lightprobe.mcu import link as mcu_link
+from lightprobe.mcu import messages as mcu
 
 GOLDEN = Path(__file__).resolve().parents[2] / "proto" / "golden" / "mcu.txt"
 LINES = [line.split() for line in GOLDEN.read_text().splitlines() if not line.startswith("#")]

@@ -13,7 +13,8 @@ import can
 import pytest
 from box import ask, until
 from harness import wait_for
-from lightprobe import mcu, mcu_link
+from lightprobe.mcu import link as mcu_link
+from lightprobe.mcu import messages as mcu
 from rig import ELF, HOST, RUNNER
 
 FRAME = struct.Struct("<IB3x8s")

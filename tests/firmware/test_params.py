@@ -4,7 +4,7 @@ import random
 from collections.abc import Callable
 
 import pytest
-from lightprobe import mcu_link
+from lightprobe.mcu import link as mcu_link
 from rig import Rig
 
 COUNT = 27

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 import pytest
-from lightprobe import mcu
+from lightprobe.mcu import messages as mcu
 from rig import RELATIVE_JUMP_TO_ITSELF, Rig, symbols
 
 MakeRig = Callable[..., Rig]

@@ -4,7 +4,7 @@ import random
 from itertools import pairwise
 
 import pytest
-from lightprobe import mcu
+from lightprobe.mcu import messages as mcu
 from rig import Rig
 
 LSB = 4  # one count of the 10-bit converter, in levels

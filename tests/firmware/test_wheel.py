@@ -4,7 +4,8 @@ from collections.abc import Callable
 
 import pytest
 from campaign import Campaign
-from lightprobe import mcu, mcu_link
+from lightprobe.mcu import link as mcu_link
+from lightprobe.mcu import messages as mcu
 from rig import Rig
 
 STATIONS = (45, 90, 135, 180, 60, 0)

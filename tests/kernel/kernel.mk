@@ -26,7 +26,7 @@ kernel-setup: $(call apt,kernel) build $(UVC_CAMERA) $(KERNEL_PICTURES)/truth.js
 	@$(MAKE) -j$(JOBS) firmware-host
 	@$(PYTHON) tests/kernel/kernel_package.py
 
-$(KERNEL_PICTURES)/truth.json: tests/kernel/make_pictures.py $(wildcard host_py/lightprobe/*.py host_py/lightprobe/sim/*.py) | setup
+$(KERNEL_PICTURES)/truth.json: tests/kernel/make_pictures.py $(wildcard host_py/lightprobe/*.py host_py/lightprobe/imaging/*.py host_py/lightprobe/sim/*.py) | setup
 	@$(VENV)/bin/python $< $(@D)
 
 $(UVC_CAMERA): $(UVC_CAMERA_OBJECTS)

@@ -10,7 +10,8 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from lightprobe import camera, scenes
+from lightprobe.imaging import camera
+from lightprobe.sim import scenes
 from lightprobe.sim.camera import Shot, SimulatedCamera
 from lightprobe.sim.world import Behaviour, World
 

@@ -119,6 +119,7 @@ static void test_values_arrive(void **state)
 	struct lp_light_estimate estimate = full_estimate();
 	const struct lp_stamp stamp = {.boot_id = 77,
 				       .ttl_ms = 500,
+				       .subscription = 3,
 				       .t_send_ns = estimate.t_capture_ns + 1234 * LP_NS_PER_US};
 	float ambient[LP_MAX_SH_COUNT][3];
 	lightprobe_v1_Estimate wire;
@@ -133,6 +134,7 @@ static void test_values_arrive(void **state)
 	assert_int_equal(wire.sequence, estimate.sequence);
 	assert_int_equal(wire.boot_id, 77);
 	assert_int_equal(wire.ttl_ms, 500);
+	assert_int_equal(wire.subscription, 3);
 	assert_int_equal(wire.send_delay_us, 1234);
 	assert_true(llabs((int64_t)wire.capture_time_unix_ns -
 			  lp_clock_unix_ns(estimate.t_capture_ns)) < LP_NS_PER_S);
@@ -324,6 +326,7 @@ static void test_subscription_defaults_and_values(void **state)
 		.max_lights = 99,
 		.kind = lightprobe_v1_SphericalHarmonics_Kind_TOTAL,
 		.tolerance_permille = 50,
+		.number = 7,
 		.smoothing = lightprobe_v1_Subscription_Smoothing_RAW,
 		.health_period_ms = 1000,
 	};
@@ -332,6 +335,7 @@ static void test_subscription_defaults_and_values(void **state)
 	assert_int_equal(subscription.max_lights, LP_MAX_LIGHTS);
 	assert_true(subscription.total && subscription.raw && subscription.rate_hz == 12.5F);
 	assert_true(fabsf(subscription.tolerance - 0.05F) < 1e-6F);
+	assert_int_equal(subscription.number, 7);
 	assert_int_equal(subscription.health_period_ms, 1000);
 }
 

@@ -185,6 +185,33 @@ static void test_same_wishes_share_one_packet(void **state)
 	assert_true(last_estimate(&clients[3]).sh.coefficients[0] == 1);
 }
 
+static void test_estimates_carry_the_number_of_their_subscription(void **state)
+{
+	const lightprobe_v1_Subscription first = {.number = 1}, second = {.number = 2};
+
+	(void)state;
+	publish(1);
+	for (int i = 0; i < 4; i++)
+		join(i);
+	assert_int_equal(last_estimate(&clients[0]).subscription, 0);
+	assert_int_equal(subscribe(&clients[0], &first), 0);
+	assert_int_equal(last_estimate(&clients[0]).subscription, 1);
+	assert_int_equal(subscribe(&clients[1], &first), 0);
+	assert_int_equal(subscribe(&clients[2], &second), 0);
+	publish(2);
+	for (int i = 0; i < 4; i++) {
+		assert_int_equal(last_estimate(&clients[i]).sequence, 2);
+		assert_int_equal(last_estimate(&clients[i]).subscription,
+				 (uint32_t)((int[]){1, 1, 2, 0})[i]);
+	}
+	assert_ptr_equal(clients[0].packets[clients[0].count - 1],
+			 clients[1].packets[clients[1].count - 1]);
+	/* The same estimate again, of another subscription: told apart by the number alone. */
+	assert_int_equal(subscribe(&clients[0], &second), 0);
+	assert_int_equal(last_estimate(&clients[0]).sequence, 2);
+	assert_int_equal(last_estimate(&clients[0]).subscription, 2);
+}
+
 static void test_wishes_are_kept_within_what_was_computed(void **state)
 {
 	const lightprobe_v1_Subscription much = {
@@ -377,6 +404,7 @@ int main(void)
 		HUB_TEST(test_a_new_preset_is_told_to_all),
 		HUB_TEST(test_hello_first_then_the_last_value_at_once),
 		HUB_TEST(test_same_wishes_share_one_packet),
+		HUB_TEST(test_estimates_carry_the_number_of_their_subscription),
 		HUB_TEST(test_wishes_are_kept_within_what_was_computed),
 		HUB_TEST(test_tolerance_chooses_a_smaller_model),
 		HUB_TEST(test_demand_is_the_most_any_client_asks),

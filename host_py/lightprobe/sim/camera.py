@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightprobe import geometry
-from lightprobe.camera import Camera
 from lightprobe.geometry import Array
+from lightprobe.imaging.camera import Camera
 from lightprobe.sim.exposure import bracket_us, median_luminance
 from lightprobe.sim.polarizer import Polarizer, Sheet
 from lightprobe.sim.sensor import Codes, Expected, Sensor, SensorModel, encode_jpeg

@@ -64,7 +64,7 @@ def _answer(line: str, handlers: Mapping[str, Handler]) -> str:
         return f"error: {error}"
 
 
-def tell(path: Path, line: str) -> str:
+def send(path: Path, line: str) -> str:
     """Send one command to a running simulator; gives its answer. UsageError when it refuses."""
     with socket.socket(socket.AF_UNIX) as connection:
         connection.settimeout(_TIMEOUT_S)
@@ -75,9 +75,9 @@ def tell(path: Path, line: str) -> str:
                 answer = answers.readline().strip()
         except OSError as error:
             raise LightprobeError(
-                f"tell: {path}: {error.strerror or error}: "
+                f"control: {path}: {error.strerror or error}: "
                 f"is lightprobe simulate --control={path} running?"
             ) from None
     if answer.startswith("error: ") or not answer:
-        raise UsageError(answer.removeprefix("error: ") or f"tell: {path}: it has hung up")
+        raise UsageError(answer.removeprefix("error: ") or f"control: {path}: it has hung up")
     return answer

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lightprobe import geometry, ring
+from lightprobe import geometry
+from lightprobe.calibrate import ring
 from lightprobe.colour import luminance
 from lightprobe.geometry import Array
 from lightprobe.sim.scene import Layer, Scene

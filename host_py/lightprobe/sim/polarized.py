@@ -12,10 +12,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lightprobe import geometry, image
+from lightprobe import geometry
 from lightprobe.geometry import Array
+from lightprobe.imaging import image
+from lightprobe.lamp import Lamp
 from lightprobe.sim.scene import (
-    Lamp,
     Layer,
     Layers,
     MapTruth,

@@ -22,8 +22,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lightprobe.camera import Camera
 from lightprobe.geometry import Array, rotation_matrix
+from lightprobe.imaging.camera import Camera
 from lightprobe.sim.polarized import pixel_frame
 
 #: Rows of a picture that are computed at a time.

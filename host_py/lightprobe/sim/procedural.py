@@ -7,7 +7,8 @@ import numpy as np
 from lightprobe import geometry, sh
 from lightprobe.colour import luminance
 from lightprobe.geometry import Array
-from lightprobe.sim.scene import Lamp, ProceduralScene
+from lightprobe.lamp import Lamp
+from lightprobe.sim.scene import ProceduralScene
 
 RADIUS_DEG = (0.25, 7.5)
 #: Radiances of one scene's lamps lie within this factor, so that one exposure sees them all.

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from lightprobe.camera import read_table
 from lightprobe.colour import srgb_table
 from lightprobe.errors import UsageError
 from lightprobe.geometry import Array
+from lightprobe.imaging.camera import read_table
 
 HELP = "srgb, gamma:G[,G,G], log:STOPS, film, or a FILE of 256 rows r g b"
 _CODES = np.arange(256) / 255

@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from lightprobe import geometry
 from lightprobe.colour import luminance
 from lightprobe.geometry import Array
-from lightprobe.sim.scene import Lamp, Layer, Layers, MapTruth, disc_layer, lit_lamps
+from lightprobe.lamp import Lamp
+from lightprobe.sim.scene import Layer, Layers, MapTruth, disc_layer, lit_lamps
 
 #: Size of the map that truth is summed over.
 _TRUTH_PX = (1024, 512)

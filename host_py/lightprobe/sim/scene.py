@@ -15,31 +15,15 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lightprobe import geometry, image, sh
+from lightprobe import geometry, sh
 from lightprobe.colour import luminance
 from lightprobe.geometry import Array
+from lightprobe.imaging import image
+from lightprobe.lamp import Lamp
 
 #: Highest SH order of truth.
 ORDER = sh.MAX_ORDER
 _SUBPIXELS = 8
-
-
-@dataclass(frozen=True, eq=False)
-class Lamp:
-    """A lamp at full power: what it adds to the background."""
-
-    direction: Array  # (3,) towards it, probe frame
-    radius_deg: float  # of the disc with the same solid angle
-    irradiance: Array  # (3,) ∫ L dω of what it adds
-
-    @property
-    def radiance(self) -> Array:
-        """Mean radiance (3,) that it adds."""
-        return self.irradiance / float(geometry.cap_solid_angle_sr(self.radius_deg))
-
-    def scaled(self, factor: float) -> Lamp:
-        """Give the same lamp, brighter by a factor."""
-        return Lamp(self.direction, self.radius_deg, factor * self.irradiance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,21 +161,10 @@ class ProceduralTruth:
         n = np.asarray(normals, dtype=np.float64)
         total = sh.irradiance(self.background, n)
         for lamp in self.lamps:
-            points = disc_points(lamp.direction, lamp.radius_deg, 256)
+            points = geometry.disc_points(lamp.direction, lamp.radius_deg, 256)
             share = np.maximum(n @ points.T, 0).mean(axis=-1)
             total += share[:, None] * lamp.irradiance
         return total
-
-
-def disc_points(direction: ArrayLike, radius_deg: float, number: int) -> Array:
-    """Points (number, 3) that share a disc's solid angle evenly (a sunflower's spiral)."""
-    k = np.arange(number)
-    cosine = 1 - (k + 0.5) / number * 2 * np.sin(np.radians(radius_deg) / 2) ** 2
-    turn = k * np.pi * (3 - 5**0.5)
-    d = geometry.normalize(direction)
-    side = geometry.normalize(np.cross(d, [1.0, 0, 0] if abs(d[0]) < 0.7 else [0, 1.0, 0]))
-    around = np.outer(np.cos(turn), side) + np.outer(np.sin(turn), np.cross(d, side))
-    return np.asarray(cosine[:, None] * d + np.sqrt(1 - cosine**2)[:, None] * around)
 
 
 def disc_layer(lamp: Lamp, width_px: int, height_px: int) -> Layer:

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from lightprobe import ring, ring_calibration
-from lightprobe.calibration import CalibrationError
-from lightprobe.wheel_calibration import Crossing, Reading, WheelCalibration, crossings, fit
+from lightprobe.calibrate import ring
+from lightprobe.calibrate import ring_fit as ring_calibration
+from lightprobe.calibrate.files import CalibrationError
+from lightprobe.calibrate.wheel_fit import Crossing, Reading, WheelCalibration, crossings, fit
 
 seeds = st.integers(0, 2**32 - 1).map(np.random.default_rng)
 

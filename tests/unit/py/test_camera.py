@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from lightprobe import camera, geometry
+from lightprobe import geometry
+from lightprobe.imaging import camera
 
 DUAL = """
 [camera]

@@ -4,9 +4,10 @@ import os
 
 import numpy as np
 import pytest
-from lightprobe import camera, camera_file
-from lightprobe.calibration import CalibrationError
-from lightprobe.camera import CameraError
+from lightprobe.calibrate import camera_file
+from lightprobe.calibrate.files import CalibrationError
+from lightprobe.imaging import camera
+from lightprobe.imaging.camera import CameraError
 
 TEXT = """; my camera
 [camera]

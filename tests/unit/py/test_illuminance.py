@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from lightprobe import ring, scenes
+from lightprobe.calibrate import ring
 from lightprobe.colour import luminance
 from lightprobe.errors import UsageError
-from lightprobe.sim import faults
+from lightprobe.sim import faults, scenes
 from lightprobe.sim.box import thinned
 from lightprobe.sim.illuminance import RingLight
 from lightprobe.sim.procedural import random_scene

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from lightprobe import colour, image
+from lightprobe import colour
+from lightprobe.imaging import image
 
 RNG = np.random.default_rng(3)
 MAP = (RNG.random((16, 32, 3)) * 10).astype(np.float32)

@@ -4,8 +4,8 @@ import itertools
 import time
 
 import pytest
-from lightprobe import mcu
-from lightprobe.mcu_link import McuError
+from lightprobe.mcu import messages as mcu
+from lightprobe.mcu.link import McuError
 
 
 class Line:

@@ -4,9 +4,10 @@ import dataclasses
 
 import numpy as np
 import pytest
-from lightprobe import evaluation, geometry, metrics, sh
+from lightprobe import geometry, sh
 from lightprobe.errors import UsageError
 from lightprobe.estimate import Estimate, EstimateFlag, Light, SphericalHarmonics
+from lightprobe.evaluate import evaluation, metrics
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.scene import ProceduralScene
 

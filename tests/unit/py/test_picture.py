@@ -1,11 +1,16 @@
 """What the eye is shown: relighting, shadows, tables, swatches."""
 
+import dataclasses
+
 import cv2
 import numpy as np
 import pytest
-from lightprobe import picture, relight, view
+from lightprobe import geometry
+from lightprobe.cli import view
 from lightprobe.colour import luminance
 from lightprobe.estimate import Estimate, EstimateFlag, Light, LightFlag, SphericalHarmonics
+from lightprobe.evaluate import picture, relight
+from lightprobe.sim import scene
 from lightprobe.sim.procedural import random_scene
 
 ROOM = random_scene(2)
@@ -23,10 +28,41 @@ def perfect(flags=EstimateFlag(0)):  # noqa: B008 - immutable
 
 def test_a_perfect_packet_lights_as_the_truth_does():
     radiance = ROOM.render(1024, 512).compose(POWERS)
-    true = relight.draw(relight.Lighting.of_map(radiance, ROOM.lamps), 64)
+    true = relight.draw(relight.Lighting.of_map(radiance), 64)
     packet = relight.draw(relight.Lighting.of_estimate(perfect()), 64)
     assert np.abs(true - packet)[..., :3].mean() < 0.01 * true[..., :3].max()
     assert np.array_equal(true[..., 3], packet[..., 3])
+
+
+def street_lights() -> np.ndarray:
+    """A dim map with bright regions that are no discs: a tube, an L, one pixel."""
+    radiance = np.full((256, 512, 3), 0.2, np.float32)
+    radiance[60:62, 100:130] = (90, 80, 60)
+    radiance[90:110, 300:302] = radiance[108:110, 300:320] = (40, 60, 90)
+    radiance[30, 420] = 900
+    return radiance
+
+
+@pytest.mark.parametrize("height", [256, 250])
+def test_light_of_a_map_counts_once_whatever_the_shape_of_its_lamps(height):
+    """Lamps as discs that are taken out of the map and put in again: up to 1.58 × the truth."""
+    radiance = street_lights()[:height]
+    true = scene.MapTruth(radiance)
+    assert len(scene.PanoramaScene.of("street", radiance).lamps) >= 2
+    lighting = relight.Lighting.of_map(radiance)
+    solid_angle = geometry.equirect_solid_angles(512, height)[:, None, None]
+    total = (radiance.astype(np.float64) * solid_angle).sum(axis=(0, 1))
+    assert lighting.powers.sum(axis=0) == pytest.approx(total, rel=1e-9)
+    normals = geometry.sphere_normals()
+    irradiance = np.maximum(normals @ lighting.directions.T, 0) @ lighting.powers
+    exact = true.irradiance(normals)
+    assert np.abs(irradiance - exact).max() < 0.002 * exact.max()
+    assert len(lighting.powers) < 8000  # what is dim stays coarse
+
+
+def test_a_black_map_gives_no_light():
+    lighting = relight.Lighting.of_map(np.zeros((64, 128, 3), np.float32))
+    assert lighting.sphere(geometry.sphere_normals()).max() == 0
 
 
 def test_shadows_fall_away_from_the_lamp():
@@ -66,6 +102,21 @@ def test_picture_is_written_whole(tmp_path, known):
         assert figures["relighting_mae"] < 0.003
     else:
         assert figures == {}
+
+
+def test_a_lamp_that_is_not_there_is_counted_and_drawn(tmp_path):
+    """Of a real panorama too: its true lamps are few, and what else is listed is no match."""
+    estimate = perfect()
+    away = Light(9, np.array([0.0, -1, 0]), np.ones(3), 3.0)
+    more = dataclasses.replace(estimate, lights=(*estimate.lights, away))
+    scenery = picture.Scenery("room", ROOM.render(512, 256).compose(POWERS), ROOM.lamps)
+    figures = picture.draw(tmp_path / "x.png", more, scenery, "footer")
+    assert (figures["lamps"], figures["found"], figures["extra"]) == (3, 3, 1)
+    without = picture.draw(tmp_path / "y.png", estimate, scenery, "footer")
+    assert without["extra"] == 0
+    drawn, plain = (cv2.imread(str(tmp_path / name)).astype(int) for name in ("x.png", "y.png"))
+    pink = np.abs(drawn - (0xC6, 0x7A, 0xFF)).sum(axis=2) < 30
+    assert pink.sum() > (np.abs(plain - (0xC6, 0x7A, 0xFF)).sum(axis=2) < 30).sum() + 50
 
 
 def test_tables_and_lines_tell_everything():

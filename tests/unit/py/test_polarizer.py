@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from lightprobe import camera, geometry, scenes
-from lightprobe.camera import Camera, Lens
+from lightprobe import geometry
 from lightprobe.errors import LightprobeError
+from lightprobe.imaging import camera
+from lightprobe.imaging.camera import Camera, Lens
+from lightprobe.sim import scenes
 from lightprobe.sim.camera import Shot, SimulatedCamera
 from lightprobe.sim.polarized import PolishedFloor, Sky, StokesPanorama, fresnel, pixel_frame
 from lightprobe.sim.polarizer import Polarizer, Sheet

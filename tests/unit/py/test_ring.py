@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from lightprobe import ring
-from lightprobe.calibration import CalibrationError
+from lightprobe.calibrate import ring
+from lightprobe.calibrate.files import CalibrationError
 
 BOX = Path(__file__).resolve().parents[3] / "build" / "firmware" / "lightprobe-mcu-host"
 

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from lightprobe import geometry, sh
 from lightprobe.colour import luminance
+from lightprobe.lamp import Lamp
 from lightprobe.sim import procedural, scene
 
 SIZE = (1920, 960)
@@ -20,7 +21,7 @@ def flux(layer, width, height):
 @given(st.floats(-180, 180), st.floats(-90, 90), st.floats(0.25, 7.5))
 def test_disc_has_its_flux_and_its_direction_anywhere(azimuth_deg, elevation_deg, radius_deg):
     direction = geometry.direction_from_angles(azimuth_deg, elevation_deg)
-    lamp = scene.Lamp(direction, radius_deg, np.array([3.0, 2.0, 1.0]))
+    lamp = Lamp(direction, radius_deg, np.array([3.0, 2.0, 1.0]))
     layer = scene.disc_layer(lamp, *SIZE)
     got, weight = flux(layer, *SIZE)
     assert got == pytest.approx(lamp.irradiance, rel=1e-5)

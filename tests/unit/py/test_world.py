@@ -3,10 +3,10 @@
 import cv2
 import numpy as np
 import pytest
-from lightprobe import camera as lenses
 from lightprobe import geometry, sh
 from lightprobe.colour import luminance, srgb_table
 from lightprobe.errors import UsageError
+from lightprobe.imaging import camera as lenses
 from lightprobe.sim.camera import Shot, SimulatedCamera
 from lightprobe.sim.exposure import median_luminance
 from lightprobe.sim.faults import Faults

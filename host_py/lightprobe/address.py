@@ -1,0 +1,53 @@
+"""Where a probe listens, and the connection to it."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import socket
+from dataclasses import dataclass
+
+from lightprobe.errors import ProbeError
+
+_LONGEST_PATH_BYTES = 107  # of a Unix socket
+
+
+@dataclass(frozen=True)
+class Address:
+    """Where a probe listens: `tcp:HOST:PORT` (IPv6 in brackets) or `unix:PATH`."""
+
+    host: str | None
+    port: int
+    path: str | None
+
+    @classmethod
+    def parse(cls, uri: str) -> Address:
+        """Read an address; raises :class:`ProbeError` that says what is wrong with it."""
+        scheme, _, rest = uri.partition(":")
+        if scheme == "unix" and rest:
+            if len(os.fsencode(rest)) > _LONGEST_PATH_BYTES:
+                raise ProbeError(
+                    f"{uri}: address: socket paths have at most {_LONGEST_PATH_BYTES} bytes"
+                )
+            if not hasattr(socket, "AF_UNIX"):
+                raise ProbeError(f"{uri}: address: no Unix sockets on this system: tcp:HOST:PORT")
+            return cls(None, 0, rest)
+        host, _, port = rest.rpartition(":")
+        host = host.removeprefix("[").removesuffix("]")
+        known = host and "/" not in host and port.isdecimal() and 0 < int(port) < 65536
+        if scheme == "tcp" and known:
+            return cls(host, int(port), None)
+        slashes = " (without //)" if rest.startswith("//") else ""
+        raise ProbeError(f"{uri}: address: want tcp:HOST:PORT{slashes} or unix:PATH")
+
+    async def connect(self) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+        """Open a stream."""
+        if self.path is not None:
+            return await asyncio.open_unix_connection(self.path)
+        reader, writer = await asyncio.open_connection(self.host, self.port)
+        sock: socket.socket = writer.get_extra_info("socket")
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        for option, value in (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 2), ("TCP_KEEPCNT", 3)):
+            if hasattr(socket, option):  # a half-open connection shows within ~11 s
+                sock.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
+        return reader, writer

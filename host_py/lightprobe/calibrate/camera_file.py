@@ -1,0 +1,87 @@
+"""Writing into camera files (docs/camera_files.md): values replaced, everything else as it was.
+
+Files appear whole or not at all, and the former one is kept (:mod:`lightprobe.calibration`).
+Response tables get a new name each (NAME.response-2.txt), so that every camera file, also a former
+one, names the whole table that it was made with.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+from lightprobe.calibrate import files as calibration
+from lightprobe.geometry import Array
+from lightprobe.imaging import camera
+from lightprobe.imaging.camera import CameraError
+
+_SECTION = re.compile(r"\s*\[([^]]+)\]")
+
+
+def edited(text: str, section: str, values: Mapping[str, str]) -> str:
+    """Give INI text with values set in a section; comments and order of the rest are kept."""
+    lines = text.splitlines()
+    start, end = _extent(lines, section)
+    if start is None:
+        lines += ["", f"[{section}]"] if lines else [f"[{section}]"]
+        start = end = len(lines)
+    for key, value in values.items():
+        pattern = re.compile(rf"\s*{re.escape(key)}\s*[=:]")
+        at = next((i for i in range(start, end) if pattern.match(lines[i])), None)
+        if at is None:
+            lines.insert(end, f"{key} = {value}")
+            end += 1
+        else:
+            lines[at] = f"{key} = {value}"
+    return "\n".join(lines) + "\n"
+
+
+def _extent(lines: list[str], section: str) -> tuple[int | None, int]:
+    """First line after a section's heading, and the line after its last that is not empty."""
+    start = None
+    for number, line in enumerate(lines):
+        heading = _SECTION.match(line)
+        if heading and start is not None:
+            return start, _without_blank(lines, start, number)
+        if heading and heading[1].strip() == section:
+            start = number + 1
+    return start, _without_blank(lines, start or 0, len(lines))
+
+
+def _without_blank(lines: list[str], start: int, end: int) -> int:
+    while end > start and not lines[end - 1].strip():
+        end -= 1
+    return end
+
+
+def read_or_new(path: Path, size_px: tuple[int, int]) -> str:
+    """Text of a camera file; that of a new equirectangular one when there is none."""
+    try:
+        return path.read_text()
+    except FileNotFoundError:
+        width, height = size_px
+        return (
+            f"[camera]\nversion = {camera.VERSION}\nname = {path.stem}\nprojection = equirect\n"
+            f"width_px = {width}\nheight_px = {height}\n"
+        )
+    except (OSError, UnicodeDecodeError) as error:
+        raise CameraError(f"camera: {path}: read: {error}") from None
+
+
+def save(path: Path, size_px: tuple[int, int], section: str, values: Mapping[str, str]) -> None:
+    """Set values in a camera file, which is made when there is none; it must be valid after."""
+    if path.exists():
+        camera.load(str(path))  # a broken file is the user's to mend first
+    calibration.save(path, edited(read_or_new(path, size_px), section, values))
+
+
+def save_response(path: Path, size_px: tuple[int, int], table: Array, remark: str) -> Path:
+    """Write a response table (256, 3) beside a camera file and name it there; returns its path."""
+    number = 1
+    while (target := path.with_name(f"{path.stem}.response-{number}.txt")).exists():
+        number += 1
+    rows = "".join(f"{r:.8f} {g:.8f} {b:.8f}\n" for r, g, b in table)
+    calibration.save(target, rows + f"# {remark}\n")
+    save(path, size_px, "response", {"table": target.name})
+    return target

@@ -1,0 +1,191 @@
+"""`lightprobe calibrate ring`: what the nine LDRs' voltages mean."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from lightprobe.calibrate import files as calibration
+from lightprobe.calibrate import ring
+from lightprobe.calibrate.files import CalibrationError
+from lightprobe.calibrate.ring_fit import fit
+from lightprobe.cli import calibrate, view
+from lightprobe.cli.mcu import Port, read_ring
+from lightprobe.client import Client
+from lightprobe.colour import luminance
+from lightprobe.errors import ProbeTimeout, UsageError
+from lightprobe.estimate import EstimateFlag
+from lightprobe.geometry import Array
+from lightprobe.mcu import messages as mcu
+from lightprobe.mcu.session import DEFAULT_PORT, Session, session
+from lightprobe.wire import Subscription
+
+#: LDRs take up to 30 ms; a lamp or a hand much longer.
+_REST_S = 0.5
+#: One pair of camera and ring: the light must have been the same for so long, to such a share.
+_WINDOW_S, _STEADY = 0.4, 0.03
+#: Estimates that tell less light than there is, or light of another moment.
+_UNFIT = (
+    EstimateFlag.STALE | EstimateFlag.EXPOSURE_UNKNOWN | EstimateFlag.CLIPPED
+    | EstimateFlag.UNDEREXPOSED | EstimateFlag.BRACKET_INCOMPLETE | EstimateFlag.PARTIAL_VIEW
+    | EstimateFlag.INVALID_INPUT | EstimateFlag.NO_LIGHT
+)  # fmt: skip
+_LEVEL_SIGMA, _CAMERA_SIGMA = 0.03, 0.1
+
+
+def command(
+    levels: Annotated[
+        str | None,
+        typer.Option(metavar="LUX,LUX,…", help="Known illuminances, the same on every sensor."),
+    ] = None,
+    against: Annotated[
+        str | None,
+        typer.Option(metavar="URI", help="A probe (lightprobed without --ring) to compare with."),
+    ] = None,
+    port: Port = DEFAULT_PORT,
+    output: Annotated[Path, typer.Option(metavar="FILE", help="Write it here.")] = Path("ring.ini"),
+    seconds: Annotated[
+        float, typer.Option(min=0.1, help="Average so long per level; with --against: watch.")
+    ] = 1.0,
+    cd_m2_per_unit: Annotated[
+        float | None, typer.Option(min=1e-9, help="With --against: scale, if the probe has none.")
+    ] = None,
+    divider_ohm: Annotated[
+        float, typer.Option(min=10, help="Resistor from each LDR's pin to ground.")
+    ] = ring.DIVIDER_OHM,
+    level_sigma: Annotated[
+        float | None, typer.Option(min=0, help="Relative 1 sigma of the light; 0.03, camera 0.1.")
+    ] = None,
+    as_json: calibrate.AsJson = False,
+) -> None:
+    """Find R10 and gamma of each sensor, from known light or from what the camera sees.
+
+    --levels 10,100,1000 asks to set each level, all nine sensors alike (a light box, a luxmeter
+    beside them), and to press Enter. --against tcp:127.0.0.1:7700 takes the probe's own estimates
+    while the light changes: let lamps be switched, for --seconds 60. The file is for lightprobed
+    --ring='mcu:…?calibration=FILE'. The former one is kept.
+    """
+    if (levels is None) == (against is None):
+        raise UsageError("calibrate: ring: want --levels LUX,LUX,… or --against URI")
+    with session(port) as link:
+        if against is not None:
+            lux, level = pairs_with_camera(link, against, seconds, cd_m2_per_unit)
+        else:
+            lux, level = pairs_at_levels(link, parse_levels(levels or ""), seconds)
+    default = _CAMERA_SIGMA if against is not None else _LEVEL_SIGMA
+    found = fit(lux, level, default if level_sigma is None else level_sigma, divider_ohm)
+    remark = calibrate.remark("lightprobe calibrate ring")
+    former = calibration.save(output, f"; {remark}\n{found.text()}")
+    report(found, len(lux), output, former, as_json)
+
+
+def parse_levels(text: str) -> list[float]:
+    """Read `10,100,1000`; UsageError for what are no illuminances."""
+    try:
+        levels = [float(word) for word in text.split(",")]
+    except ValueError:
+        levels = []
+    if not levels or not all(0 < level <= 2e5 for level in levels):
+        raise UsageError(f"calibrate: ring: --levels {text}: want lux above 0, like 10,100,1000")
+    return levels
+
+
+def pairs_at_levels(link: Session, levels: list[float], seconds: float) -> tuple[Array, Array]:
+    """Ask for each level and read it: illuminances and levels (N, 9)."""
+    rows = []
+    for number, level in enumerate(levels, 1):
+        print(f"{number}/{len(levels)}: {level:g} lux on all sensors, then Enter ", end="",
+              file=sys.stderr, flush=True)  # fmt: skip
+        if not sys.stdin.readline():
+            raise CalibrationError("calibrate: ring: input ended: nobody sets the light; stopped")
+        read_ring(link, _REST_S)
+        values, dead, _ = read_ring(link, seconds)
+        rows.append(np.where(dead, np.nan, values))
+    return np.repeat(np.array(levels)[:, None], ring.SENSORS, axis=1), np.array(rows)
+
+
+def pairs_with_camera(
+    link: Session, uri: str, seconds: float, cd_m2_per_unit: float | None
+) -> tuple[Array, Array]:
+    """Watch the probe's estimates and the ring together; pairs (N, 9) of steady moments."""
+    lux, level = [], []
+    wish = Subscription(smoothing="RAW", sh_order=4, max_lights=8)
+    with Client(uri, wish) as client, Progress(
+        console=Console(stderr=True), transient=True
+    ) as bar:  # fmt: skip
+        task = bar.add_task("camera and ring", total=seconds)
+        started = time.monotonic()
+        scale = _scale(client, uri, cd_m2_per_unit)
+        link.rates(ring_scans=80)
+        while (elapsed_s := time.monotonic() - started) < seconds:
+            bar.update(task, completed=elapsed_s)
+            pair = _window(link, client, scale)
+            if pair is not None:
+                lux.append(pair[0])
+                level.append(pair[1])
+        link.rates()
+    if not lux:
+        raise CalibrationError(
+            f"calibrate: ring: {uri}: no steady moment in {seconds:g} s: hold camera and light "
+            "still for a second at a time"
+        )
+    return np.array(lux), np.array(level)
+
+
+def _scale(client: Client, uri: str, given: float | None) -> float:
+    """Luminance of radiance 1: as given, or as the probe is calibrated."""
+    estimate = client.receive(10)
+    scale = estimate.cd_m2_per_unit if given is None else given
+    if scale is None:
+        raise CalibrationError(
+            f"calibrate: ring: {uri}: the probe's scale is relative: give --cd-m2-per-unit"
+        )
+    return scale
+
+
+def _window(link: Session, client: Client, scale: float) -> tuple[Array, Array] | None:
+    """One pair, or None when the light changed meanwhile or the estimate was not whole."""
+    rings: list[Array] = []
+    seen: list[Array] = []
+    for event in link.listen(_WINDOW_S):
+        if isinstance(event, mcu.Ring):
+            rings.append(np.where(event.dead, np.nan, np.array(event.levels, dtype=np.float64)))
+            try:
+                estimate = client.receive(1)
+            except ProbeTimeout:
+                return None
+            if estimate.flags & _UNFIT:
+                return None
+            seen.append(scale * luminance(estimate.irradiance(ring.directions())))
+    if len(rings) < 2:
+        return None
+    for values in (np.array(rings), np.array(seen)):
+        if np.nanmax(np.ptp(values, axis=0) / np.nanmean(values, axis=0)) > _STEADY:
+            return None
+    return np.mean(seen, axis=0), np.mean(rings, axis=0)
+
+
+def report(found: ring.Ring, pairs: int, output: Path, former: Path | None, as_json: bool) -> None:
+    """Print the result."""
+    if as_json:
+        told = {"r10_ohm": found.r10_ohm.tolist(), "gamma": found.gamma.tolist(),
+                "sigma": found.sigma.tolist(), "pairs": pairs, "file": str(output),
+                "former": str(former) if former else None}  # fmt: skip
+        print(json.dumps(told, indent=2))
+        return
+    table = Table("sensor", "R10", "gamma", "± of the illuminance", box=None)
+    for k in range(ring.SENSORS):
+        sigma = f"{100 * found.sigma[k]:.1f} %"
+        table.add_row(str(k), f"{found.r10_ohm[k]:.0f} Ω", f"{found.gamma[k]:.3f}", sigma)
+    view.console().print(table)
+    kept = f" (the former one is {former})" if former else ""
+    print(f"{pairs} pairs; written: {output}{kept}")

@@ -1,0 +1,44 @@
+"""`lightprobe control`: questions and faults to a running simulator (proto/sim.md)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lightprobe.sim import control
+
+SocketPath = Annotated[Path, typer.Argument(help="What `simulate --control` was given.")]
+
+app = typer.Typer(help="Steer a running simulator: faults, light, status.", no_args_is_help=True)
+
+
+@app.command("status")
+def status(path: SocketPath) -> None:
+    """Print counters, and what is true now of world, wheel and ring, as JSON."""
+    typer.echo(control.send(path, "status"))
+
+
+@app.command("inject-fault")
+def inject_fault(
+    path: SocketPath,
+    faults: Annotated[str, typer.Argument(metavar="K=V&…", help="As for simulate --faults.")],
+) -> None:
+    """Misbehave from now on; a fault's resting value (mostly 0) ends it."""
+    typer.echo(control.send(path, f"faults {faults}"))
+
+
+@app.command("light")
+def light(
+    path: SocketPath,
+    lux: Annotated[str, typer.Argument(metavar="LUX|scene", help="`scene`: as the scene lights.")],
+) -> None:
+    """Put the same light on all nine sensors, as a light box does."""
+    typer.echo(control.send(path, f"light {lux}"))
+
+
+@app.command("get")
+def get(path: SocketPath, name: Annotated[str, typer.Argument(help="As wheel_deg.")]) -> None:
+    """Print a number of the simulated box."""
+    typer.echo(control.send(path, f"get {name}"))

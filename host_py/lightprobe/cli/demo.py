@@ -1,0 +1,395 @@
+"""`lightprobe demo`: the whole path, live: world, camera, daemon, client, and a picture of it."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import deque
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Self
+
+import typer
+
+from lightprobe import daemon
+from lightprobe.cli import watch
+from lightprobe.cli.simulate import MEDIAN_RADIANCE
+from lightprobe.client import Client
+from lightprobe.errors import LightprobeError
+from lightprobe.estimate import Estimate, EstimateFlag
+from lightprobe.sim import scenes
+from lightprobe.wire import Subscription
+
+if TYPE_CHECKING:
+    from multiprocessing.pool import AsyncResult
+
+PANORAMAS = ("sunset", "forest", "courtyard")
+_ACT_S, _TURN_DEG_S, _SWITCH_S = 8.0, 2.0, 4.0
+#: The wheel homes, goes there and stays: frames that are exposed while it turns are left out.
+_WHEEL_DEG = 45.0
+_FIRST_ESTIMATE_S = 60.0
+#: Homing takes some seconds; if it is not done by then, the show begins and says so.
+_WHEEL_S = 30.0
+_PICTURE_WAIT_S = 60.0
+#: A picture is taken of a world that has been the same for so long.
+_SETTLED_S = 1.5
+
+
+class DemoError(LightprobeError):
+    """The demo cannot run on."""
+
+
+def command(
+    seconds: Annotated[
+        float | None, typer.Option(min=1, help="End after so long, from the first estimate.")
+    ] = None,
+    source: Annotated[
+        str | None,
+        typer.Option(metavar="URI", help="A real camera, as for lightprobed, not the simulator."),
+    ] = None,
+    camera: Annotated[
+        str, typer.Option(metavar="equirect|FILE", help="The camera's projection, or its file.")
+    ] = "equirect",
+    scene: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--scenes",
+            metavar="WHAT",
+            help="As for simulate; default: a room, real CC0 panoramas, procedural lamps.",
+        ),
+    ] = None,
+    every_s: Annotated[float, typer.Option(min=1, help="Seconds between pictures.")] = 8.0,
+    output: Annotated[Path, typer.Option(help="Folder of the pictures.")] = Path("build/demo"),
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+) -> None:
+    """Show the whole path: a simulated room, the daemon, a live view, and a picture of the result.
+
+    Lamps switch, scenes turn and change. The picture shows lamps true and estimated, and an object
+    lit by each. Ends on Ctrl-C, or after --seconds. A real camera has no truth to compare with.
+    """  # fmt: skip
+    daemon.find()
+    chosen = scene or default_scenes() if source is None else []
+    with Painter(output, chosen) as painter:
+        with ExitStack() as stack:
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="lightprobe-")))
+            simulator = None
+            if source is None:
+                simulator = stack.enter_context(simulation(folder, chosen))
+                source = f"sim:{folder / 'camera'}"
+            uri = f"unix:{folder / 'probe'}"
+            arguments = [f"--source={source}", f"--publish={uri}", f"--camera={camera}"]
+            if simulator is not None:
+                box_uri = f"mcu:serial:{folder / 'mcu'}"
+                arguments += [f"--rotator={box_uri}", f"--ring={box_uri}"]
+                arguments.append(f"--wheel-angles={_WHEEL_DEG:g}")
+            running = stack.enter_context(daemon.Daemon(arguments, folder / "daemon.log"))
+            wait_for_socket(folder / "probe", running)
+            wish = Subscription(smoothing="RAW", max_lights=8, health_period_ms=500)
+            client = stack.enter_context(Client(uri, wish))
+            truth = TruthLog(folder / "truth") if simulator else None
+            show = Show(client, running, painter, truth, simulator, seconds, every_s)
+            with suppress(KeyboardInterrupt):
+                watch.show(client, show.step) if not as_json else show.run_silently()
+            summary = show.summary()
+            with suppress(KeyboardInterrupt):
+                show.take_picture(last=True)
+        # Nothing else runs now. A second Ctrl-C ends this too.
+        with suppress(KeyboardInterrupt):
+            if not painter.collect(_PICTURE_WAIT_S):
+                print("demo: the last picture is not done in time: left out", file=sys.stderr)
+    report(summary | {"pictures": painter.pictures}, as_json)
+
+
+def default_scenes() -> list[str]:
+    """Scenes of the demo: one with exact truth, real panoramas, procedural lamps."""
+    folder = scenes.panorama_folder()
+    return ["room", *(str(folder / f"{name}.exr") for name in PANORAMAS), "procedural:5"]
+
+
+@contextmanager
+def simulation(folder: Path, chosen: list[str]) -> Iterator[subprocess.Popen[bytes]]:
+    """Run the simulator in a process of its own."""
+    command_line: list[str | Path] = [
+        sys.executable, "-m", "lightprobe", "simulate", "--socket", folder / "camera",
+        "--truth", folder / "truth", "--act-s", str(_ACT_S), "--turn-deg-s", str(_TURN_DEG_S),
+        "--switch-s", str(_SWITCH_S), "--format", "MJPG", "--firmware", "host",
+        "--pty", folder / "mcu",
+    ]  # fmt: skip
+    for name in chosen:
+        command_line += ["--scenes", name]
+    with open(folder / "simulate.log", "wb") as log:
+        process = subprocess.Popen(
+            command_line, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
+        )
+    try:
+        yield process
+    finally:
+        process.terminate()
+        process.wait()
+
+
+def wait_for_socket(path: Path, running: daemon.Daemon) -> None:
+    """Wait until the daemon listens; raises DaemonError when it ends instead."""
+    while not path.exists():
+        running.check()
+        time.sleep(0.02)
+
+
+class TruthLog:
+    """The simulator's account of its frames, read while it is written."""
+
+    def __init__(self, path: Path) -> None:
+        """`path` may not exist yet."""
+        self._path = path
+        self._offset = 0
+        self._lines: deque[dict[str, Any]] = deque(maxlen=300)
+
+    def at(self, estimate: Estimate) -> dict[str, Any] | None:
+        """Frame of an estimate; None while it is not written, or when the world is on the move."""
+        self._read()
+        # Both clocks of this machine: the daemon tells Unix time, the simulator CLOCK_MONOTONIC.
+        # Compared each time: one clock may be set, and this process may be held up in between.
+        t_ns = estimate.capture_time_unix_ns - (time.time_ns() - time.monotonic_ns())
+        near = [line for line in self._lines if abs(self._middle_ns(line) - t_ns) < 20e6]
+        if not near:
+            return None
+        frame = min(near, key=lambda line: abs(self._middle_ns(line) - t_ns))
+        state = (frame["act"], frame["powers"])
+        before = [line for line in self._lines if 0 <= frame["t_s"] - line["t_s"] < _SETTLED_S]
+        settled = all((line["act"], line["powers"]) == state for line in before)
+        return frame if settled and len(before) > 5 else None
+
+    def _middle_ns(self, line: dict[str, Any]) -> float:
+        return float(line["t_start_ns"] + 500 * line["exposure_us"])
+
+    def _read(self) -> None:
+        with suppress(FileNotFoundError), open(self._path, encoding="utf-8") as file:
+            file.seek(self._offset)
+            for line in iter(file.readline, ""):
+                if not line.endswith("\n"):
+                    break
+                self._offset += len(line.encode())
+                self._lines.append(json.loads(line))
+
+
+class Painter:
+    """Draws pictures in a process of its own, at low priority, one at a time."""
+
+    def __init__(self, output: Path, chosen: list[str]) -> None:
+        """`chosen`: scenes as the simulator has them."""
+        self.output = output
+        self.pictures: dict[str, dict[str, float]] = {}  # path: error figures; the newest last
+        self._job: AsyncResult[tuple[str, dict[str, float]]] | None = None
+        self._pool = multiprocessing.get_context("spawn").Pool(1, _prepare_painter, (chosen,))
+
+    def __enter__(self) -> Self:
+        """Its process has been started."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Do not wait for a picture that nobody wants any more."""
+        self._pool.terminate()
+
+    def collect(self, wait_s: float = 0) -> bool:
+        """Take over a picture that is done; True when none is under way."""
+        if self._job is None:
+            return True
+        try:
+            path, figures = self._job.get(wait_s)
+        except multiprocessing.TimeoutError:
+            return False
+        self._job = None
+        self.pictures.pop(path, None)
+        self.pictures[path] = figures
+        shutil.copyfile(path, self.output / "latest.png")
+        return True
+
+    def start(self, estimate: Estimate, frame: dict[str, Any] | None, footer: str) -> None:
+        """Begin a picture; `frame` is the truth log's line, None for a real camera."""
+        self._job = self._pool.apply_async(_paint, (self.output, estimate, frame, footer))
+
+
+# In the painter's process.
+
+_world: dict[str, Any] = {}
+
+
+def _prepare_painter(chosen: list[str]) -> None:
+    """Be nice, leave Ctrl-C to the parent, remember which world it is."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.nice(4)
+    _world["names"] = chosen
+
+
+def _paint(
+    output: Path, estimate: Estimate, frame: dict[str, Any] | None, footer: str
+) -> tuple[str, dict[str, float]]:
+    """Draw one picture; gives its path and the error figures in it."""
+    import cv2
+    import numpy as np
+
+    from lightprobe.evaluate import picture
+    from lightprobe.sim.world import World
+
+    cv2.setNumThreads(1)
+    if frame is None:
+        path = output / "camera.png"
+        return str(path), picture.draw(path, estimate, None, footer)
+    if "world" not in _world:
+        _world["world"] = World(scenes.load(_world["names"]), None, MEDIAN_RADIANCE)
+    # The camera, and so the estimate, sees the world through the polarizer.
+    scene = _world["world"].scenes[frame["act"]].scaled(frame["polarizer_gain"])
+    radiance = scene.render(1024, 512).compose(frame["powers"])
+    # By whole pixels of the map: the truth beside it is turned by just as much.
+    turn_px = round(frame["yaw_deg"] / 360 * 1024)
+    off_deg = frame["yaw_deg"] - turn_px * 360 / 1024
+    lamps = scene.truth(frame["powers"], frame["yaw_deg"]).lamps
+    turned = np.roll(radiance, turn_px, axis=1)
+    scenery = picture.Scenery(frame["scene"], turned, lamps, off_deg)
+    path = output / f"{frame['scene']}.png"
+    return str(path), picture.draw(path, estimate, scenery, footer)
+
+
+def is_whole(estimate: Estimate) -> bool:
+    """Whether the bracket has caught up with the scene."""
+    return EstimateFlag.BRACKET_INCOMPLETE not in estimate.flags
+
+
+@dataclass
+class Show:
+    """What goes on while the view is shown."""
+
+    client: Client
+    running: daemon.Daemon
+    painter: Painter
+    truth: TruthLog | None
+    simulator: subprocess.Popen[bytes] | None
+    seconds: float | None
+    every_s: float
+    started_s: float = field(default_factory=time.monotonic)
+    seen_s: float | None = None  # the first estimate came
+    first_s: float | None = None  # the wheel stands: from now on it counts
+    before: int = 0  # estimates until then
+    picture_due_s: float = 0.0
+
+    def step(self) -> str | None:
+        """One turn of the loop: a footnote, or None to end."""
+        now = time.monotonic()
+        self.running.check()
+        if self.simulator is not None and self.simulator.poll() is not None:
+            log = (self.running.log.parent / "simulate.log").read_text(errors="replace").strip()
+            raise DemoError(f"demo: the simulator has ended: {log}")
+        if self.first_s is None:
+            self._wait_for_first(now)
+            if self.seen_s is not None:
+                return "starting: the polarizer wheel looks for its marks"
+            return "starting: scenes are rendered, the daemon waits for the camera"
+        if self.seconds is not None and now - self.first_s > self.seconds:
+            return None
+        if now >= self.picture_due_s and self.take_picture():
+            self.picture_due_s = now + self.every_s
+        self.painter.collect()
+        newest = next(reversed(self.painter.pictures), None)
+        return f"picture: {newest}" if newest else ""
+
+    def _wait_for_first(self, now: float) -> None:
+        if self.client.statistics.estimates:
+            self.seen_s = now if self.seen_s is None else self.seen_s
+            if self._wheel_ready() or now - self.seen_s > _WHEEL_S:
+                self.first_s = now
+                self.before = self.client.statistics.estimates
+                self.picture_due_s = now + 2
+        elif now - self.started_s > _FIRST_ESTIMATE_S:
+            why = self.client.last_error or "connected, but silent"
+            words = self.running.log.read_text(errors="replace").strip().splitlines()[-5:]
+            raise DemoError(
+                "\n".join([f"demo: no estimate in {_FIRST_ESTIMATE_S:g} s: {why}", *words])
+            )
+
+    def _wheel_ready(self) -> bool:
+        """Whether there is no wheel to wait for, or it is where it is to be."""
+        health = self.client.health
+        wheel = health.wheel if health else None
+        return self.simulator is None or (wheel is not None and wheel.phase == "SETTLED")
+
+    def run_silently(self) -> None:
+        """The same without a view."""
+        while self.step() is not None:
+            time.sleep(0.05)
+
+    def take_picture(self, last: bool = False) -> bool:
+        """Begin a picture if one can be had now; `last`: wait for a good moment to have one."""
+        if last and not self.painter.collect():
+            return False  # the one under way is recent
+        deadline = time.monotonic() + (5 if last else 0)
+        while True:
+            estimate = self.client.latest()
+            if estimate is not None and is_whole(estimate) and self.painter.collect():
+                frame = self.truth.at(estimate) if self.truth else None
+                if frame is not None or self.truth is None:
+                    self.painter.start(estimate, frame, self._footer(estimate))
+                    return True
+            if time.monotonic() > deadline:
+                return False
+            time.sleep(0.02)
+
+    def _footer(self, estimate: Estimate) -> str:
+        count = estimate.exposure_count
+        return f"{count} exposure{'s' if count != 1 else ''} per estimate · {self.rate_hz():.0f}/s"
+
+    def rate_hz(self) -> float:
+        """Estimates per second that reached the client since the first."""
+        if self.first_s is None:
+            return 0.0
+        elapsed_s = time.monotonic() - self.first_s
+        counted = self.client.statistics.estimates - self.before
+        return counted / elapsed_s if elapsed_s > 0 else 0.0
+
+    def summary(self) -> dict[str, Any]:
+        """Figures of the whole run."""
+        health = self.client.health
+        wheel, ring = (health.wheel, health.ring) if health else (None, None)
+        return {
+            "estimates": self.client.statistics.estimates - self.before,
+            "estimates_per_s": round(self.rate_hz(), 2),
+            "latency_p50_us": health.latency_p50_us if health else None,
+            "latency_p99_us": health.latency_p99_us if health else None,
+            "frames_rejected": health.frames_rejected if health else None,
+            "wheel": asdict(wheel) if wheel else None,
+            "ring": asdict(ring) if ring else None,
+            "faults": [fault.id for fault in health.faults] if health else [],
+        }
+
+
+def report(summary: dict[str, Any], as_json: bool) -> None:
+    """Print the closing words."""
+    if as_json:
+        print(json.dumps(summary, indent=2))
+        return
+    print(f"demo: {summary['estimates']} estimates, {summary['estimates_per_s']:.1f}/s received")
+    wheel, ring = summary["wheel"], summary["ring"]
+    if wheel and wheel["measured_deg"] is not None:
+        at = f"{wheel['measured_deg']:.1f}° ± {wheel['sigma_deg']:.1f}°"
+        print(f"demo: wheel {wheel['phase'].lower()} at {at}")
+    if ring:
+        lux = " ".join("–" if v is None else f"{v:.0f}" for v in ring["illuminance_lux"])
+        print(f"demo: ring {lux} lux")
+    for path, figures in summary["pictures"].items():
+        words = f"relighting error {100 * figures['relighting_mae']:.1f} %" if figures else ""
+        if "lamps" in figures:
+            words += f", {figures['found']:.0f} of {figures['lamps']:.0f} lamps"
+            words += f", {figures['extra']:.0f} extra" if figures["extra"] else ""
+        if "direction_rmse_deg" in figures:
+            words += f", {figures['direction_rmse_deg']:.2f}° off"
+        print(f"demo: picture: {path}  {words}")
+    if not summary["estimates"]:
+        raise DemoError("demo: no estimate came")

@@ -1,0 +1,281 @@
+"""`lightprobe doctor`: what works, what does not, and the next step for each."""
+
+from __future__ import annotations
+
+import grp
+import json
+import os
+import platform
+import stat
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+
+from lightprobe import __version__, daemon
+from lightprobe.address import Address
+from lightprobe.cli import view
+from lightprobe.client import DEFAULT_URI, Client
+from lightprobe.errors import LightprobeError, ProbeError, ProbeTimeout
+from lightprobe.estimate import FLAG_WORDS, Estimate, EstimateFlag, flag_names
+from lightprobe.wire import Subscription
+
+_RATE_OVER_S = 2.0
+#: A probe at its best tells every frame of a slow camera; fewer estimates are worth a look.
+_SLOW_HZ = 10.0
+_COLOURS = {"ok": "green", "warn": "yellow", "fail": "red", "skip": "dim"}
+
+
+class Verdict(StrEnum):
+    """Outcome of one check."""
+
+    OK = "ok"
+    WARN = "warn"  # works, but not as it should
+    FAIL = "fail"
+    SKIP = "skip"  # could not be looked at, or does not apply here
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One check, what it saw, and what to do about it."""
+
+    check: str
+    verdict: Verdict
+    detail: str
+    next_step: str = ""
+
+
+def command(
+    uri: Annotated[str, typer.Argument(help="Address of the probe to look at.")] = DEFAULT_URI,
+    wait_s: Annotated[
+        float, typer.Option("--wait", min=0.1, help="Seconds to wait for a first estimate.")
+    ] = 5.0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
+) -> None:
+    """Check the installation, the devices, and a running probe; name the next step for each fault.
+
+    The exit code is 1 when something fails; warnings do not fail.
+    """
+    findings = [*installation(), *devices(), *probe(uri, wait_s)]
+    failed = any(finding.verdict is Verdict.FAIL for finding in findings)
+    if as_json:
+        print(json.dumps({"ok": not failed, "findings": [asdict(f) for f in findings]}, indent=2))
+    else:
+        show(findings)
+    raise typer.Exit(1 if failed else 0)
+
+
+def show(findings: list[Finding]) -> None:
+    """Print one line per finding, and its next step."""
+    console = view.console()
+    for finding in findings:
+        colour = _COLOURS[finding.verdict]
+        console.print(
+            f"[{colour}]{finding.verdict.value:4}[/] [bold]{finding.check}[/] "
+            f"{escape(finding.detail)}"
+        )
+        if finding.next_step:
+            console.print(f"       → {escape(finding.next_step)}")
+
+
+# ---------------------------------------------------------------- what is installed
+
+
+def installation() -> Iterator[Finding]:
+    """This package, the daemon's binary, and whether the two belong together."""
+    python = f"{__version__} on Python {platform.python_version()}, {platform.machine()}"
+    yield Finding("python package", Verdict.OK, python)
+    try:
+        binary = daemon.find()
+        version = daemon.version(binary)
+    except (LightprobeError, OSError) as error:
+        yield Finding("daemon", Verdict.FAIL, str(error), "build it with `make build`")
+        return
+    yield Finding("daemon", Verdict.OK, f"{version} at {binary}")
+    yield _same_version("versions", version)
+
+
+def _same_version(check: str, software: str) -> Finding:
+    """Compare "lightprobed 0.1.0" with this package."""
+    other = software.rpartition(" ")[2]
+    if other == __version__:
+        return Finding(check, Verdict.OK, f"daemon and package are both {__version__}")
+    return Finding(
+        check, Verdict.WARN, f"daemon {other}, package {__version__}",
+        "install both from the same release",
+    )  # fmt: skip
+
+
+# ---------------------------------------------------------------- devices and permissions
+
+
+def devices() -> Iterator[Finding]:
+    """Cameras and serial ports of this machine, and whether we may open them."""
+    yield _device_class("cameras", "video*", "a 360° camera on USB appears as /dev/videoN")
+    yield _device_class(
+        "serial ports", "tty[AU][CS][MB]*", "the microcontroller appears as /dev/ttyUSBN or ttyACMN"
+    )
+
+
+def _device_class(check: str, pattern: str, absent: str) -> Finding:
+    paths = sorted(Path("/dev").glob(pattern))
+    if not paths:
+        return Finding(check, Verdict.SKIP, f"none on this machine ({absent})")
+    closed = [path for path in paths if not os.access(path, os.R_OK | os.W_OK)]
+    if not closed:
+        return Finding(check, Verdict.OK, f"{', '.join(map(str, paths))}: may be opened")
+    return Finding(
+        check, Verdict.FAIL, f"{', '.join(map(str, closed))}: permission denied", _join(closed[0])
+    )
+
+
+def _join(path: Path) -> str:
+    """Say how to get at a device or socket."""
+    mode = path.stat()
+    try:
+        group = grp.getgrgid(mode.st_gid).gr_name
+    except KeyError:
+        group = str(mode.st_gid)
+    if mode.st_mode & stat.S_IWGRP:
+        return f"sudo usermod -aG {group} $USER, then log in again"
+    return f"{path} is closed to its group {group}: see the udev rule, or the socket's ?mode="
+
+
+# ---------------------------------------------------------------- a running probe
+
+
+def probe(uri: str, wait_s: float) -> Iterator[Finding]:
+    """Connection, greeting, estimate, rate, flags and health of a probe."""
+    try:
+        address = Address.parse(uri)
+    except ProbeError as error:
+        yield Finding("address", Verdict.FAIL, str(error), "tcp:HOST:PORT or unix:PATH")
+        return
+    if address.path is not None:
+        finding = _socket(Path(address.path))
+        yield finding
+        if finding.verdict is Verdict.FAIL:
+            return
+    with Client(uri, Subscription(max_lights=8, health_period_ms=500)) as client:
+        if not client.wait_for(lambda c: c.connected, wait_s):
+            why = client.last_error or f"{uri}: no answer in {wait_s:g} s"
+            why = why.removesuffix(" (lightprobe doctor)")
+            yield Finding("connection", Verdict.FAIL, why, "lightprobed --source=… (see --help)")
+            return
+        yield from _greeting(client)
+        yield from _light(client, wait_s)
+        yield from _health(client, wait_s)
+
+
+def _socket(path: Path) -> Finding:
+    """A Unix socket: there, one, ours to open."""
+    if not path.exists():
+        return Finding(
+            "socket", Verdict.FAIL, f"{path}: no such file",
+            f"start lightprobed with --publish=unix:{path}",
+        )  # fmt: skip
+    if not path.is_socket():
+        return Finding("socket", Verdict.FAIL, f"{path} is no socket", "name the daemon's socket")
+    if not os.access(path, os.R_OK | os.W_OK):
+        return Finding("socket", Verdict.FAIL, f"{path}: permission denied", _join(path))
+    return Finding("socket", Verdict.OK, f"{path}: may be opened")
+
+
+def _greeting(client: Client) -> Iterator[Finding]:
+    hello = client.hello
+    if hello is None:  # lost again already
+        yield Finding("connection", Verdict.FAIL, client.last_error or "lost", "try again")
+        return
+    yield Finding("connection", Verdict.OK, f"{hello.software} at {client.uri}")
+    yield _same_version("probe's version", hello.software)
+    parts = [f"source {hello.source}", f"preset {hello.preset}", f"clock {hello.clock}"]
+    parts += [f"smoothing {hello.smoothing_time_constant_ms} ms"]
+    parts += ["wheel" if hello.has_wheel else "no wheel", "ring" if hello.has_ring else "no ring"]
+    yield Finding("probe", Verdict.OK, ", ".join(parts))
+
+
+def _light(client: Client, wait_s: float) -> Iterator[Finding]:
+    """First estimate, rate, and what its flags say."""
+    try:
+        estimate = client.receive(wait_s)
+    except ProbeTimeout as error:
+        step = "is the camera there? see the source below, and lightprobed's log"
+        yield Finding("estimate", Verdict.FAIL, str(error), step)
+        return
+    before, started = client.statistics.estimates, time.monotonic()
+    time.sleep(_RATE_OVER_S)
+    count, elapsed_s = client.statistics.estimates - before, time.monotonic() - started
+    estimate = client.latest() or estimate
+    age_ms = client.age_ms() or 0.0
+    stale = EstimateFlag.STALE in estimate.flags or client.latest() is None
+    words = f"{len(estimate.lights)} lamps, SH of order {estimate.sh.order}, {age_ms:.0f} ms old"
+    if stale:
+        step = "is the camera still sending? see the source below"
+        yield Finding("estimate", Verdict.FAIL, words + ", stale", step)
+    else:
+        yield Finding("estimate", Verdict.OK, words)
+    yield _rate(count / elapsed_s, stale)
+    yield from _flags(estimate)
+
+
+def _rate(rate_hz: float, stale: bool) -> Finding:
+    words = f"{rate_hz:.1f} estimates/s"
+    if rate_hz >= _SLOW_HZ or stale:
+        return Finding("rate", Verdict.SKIP if stale else Verdict.OK, words)
+    step = "a slow camera, a loaded machine (top), or a preset that is too heavy: --preset=fast"
+    return Finding("rate", Verdict.WARN, words, step)
+
+
+_NEXT_STEPS = {
+    "EXPOSURE_UNKNOWN": "lock the camera's exposure, or use one that tells it",
+    "CLIPPED": "add shorter exposures, or the ring",
+    "UNDEREXPOSED": "longer exposure or more gain",
+    "PARTIAL_VIEW": "check the camera file's lenses and masks",
+    "MORE_LIGHTS": "ask for more lights, up to 8",
+    "NO_LIGHT": "is the lens cap on?",
+    "EXPOSURE_IGNORED": "another program may hold the camera's controls",
+}
+
+
+def _flags(estimate: Estimate) -> Iterator[Finding]:
+    for name in flag_names(estimate.flags):
+        if name != "STALE":
+            words = FLAG_WORDS.get(name, "unknown to this version")
+            yield Finding(f"flag {name}", Verdict.WARN, words, _NEXT_STEPS.get(name, ""))
+
+
+def _health(client: Client, wait_s: float) -> Iterator[Finding]:
+    """Counters and faults that the daemon tells."""
+    if not client.wait_for(lambda c: c.health is not None, wait_s):
+        yield Finding(
+            "health", Verdict.WARN, "no health message came", "is the daemon of this age?"
+        )
+        return
+    health = client.health
+    assert health is not None
+    verdicts = {"STREAMING": Verdict.OK, "ENDED": Verdict.WARN, "WAITING": Verdict.FAIL}
+    verdict = verdicts.get(health.source_state, Verdict.FAIL)
+    step = "" if verdict is Verdict.OK else "check cable, power and URI of the source"
+    frames = (
+        f"{health.source_state.lower()}: {health.frames_received} frames, "
+        f"{health.frames_dropped} dropped, {health.frames_rejected} rejected, "
+        f"{health.source_reconnects} reconnections"
+    )
+    yield Finding("source", verdict, frames, step)
+    rejected = health.frames_rejected > 0.05 * max(health.frames_received, 1)
+    if rejected:
+        step = "a bad cable or hub, or a camera file of another size: see lightprobed's log"
+        yield Finding("frames", Verdict.WARN, "more than one in twenty rejected", step)
+    load = (
+        f"latency p50 {health.latency_p50_us / 1000:.1f} ms, "
+        f"p99 {health.latency_p99_us / 1000:.1f} ms, cpu {health.cpu_percent:.0f} %, "
+        f"{health.rss_kib / 1024:.0f} MiB, {health.clients} clients"
+    )
+    yield Finding("load", Verdict.OK, load)
+    for fault in health.faults:
+        yield Finding(f"fault {fault.id}", Verdict.FAIL, fault.text)

@@ -1,0 +1,93 @@
+"""`lightprobe estimate`: the daemon's own pipeline over files."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lightprobe.cli import view
+from lightprobe.errors import UsageError
+from lightprobe.estimate import Estimate, flag_names
+from lightprobe.evaluate import offline
+
+
+def command(
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FILE…", help="HDR, EXR, PFM, JPEG or PNG; several are one bracket."
+        ),
+    ],
+    exposure_us: Annotated[
+        str | None,
+        typer.Option(metavar="A,B,…", help="Exposure of each 8-bit file, in microseconds."),
+    ] = None,
+    camera: Annotated[
+        str, typer.Option(metavar="equirect|FILE", help="Projection, or a camera file.")
+    ] = "equirect",
+    order: Annotated[int, typer.Option(min=0, max=4, help="Highest SH order.")] = 2,
+    lights: Annotated[int, typer.Option(min=0, max=8, help="Most lamps listed.")] = 8,
+    kind: Annotated[
+        str, typer.Option(help="AMBIENT: SH without the lamps; TOTAL: with them.")
+    ] = "AMBIENT",
+    preset: Annotated[
+        str, typer.Option(help="fast, balanced, accurate or reference; files are in no hurry.")
+    ] = "accurate",
+    panorama_width: Annotated[
+        int | None, typer.Option(metavar="N", help="Width of the small panorama.")
+    ] = None,
+    detector: Annotated[
+        str | None, typer.Option(help="adaptive, median, otsu, static:T, research, mediancut:N.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the estimate as JSON.")] = False,
+) -> None:
+    """Estimate the light in pictures, by the daemon's own pipeline.
+
+    Values are scene-linear: in the file's own units for HDR; for 8-bit pictures with exposures,
+    radiance 1.0 is full scale at one second; without, it is relative to full scale.
+    Example: lightprobe estimate room-1.jpg room-2.jpg --exposure-us 8000,500 --json
+    """
+    if kind.upper() not in ("AMBIENT", "TOTAL"):
+        raise UsageError(f"estimate: --kind {kind}: want AMBIENT or TOTAL")
+    settings = offline.Settings(
+        camera=camera, preset=preset, panorama_width=panorama_width, detector=detector,
+        sh_order=order, lights=lights,
+    )  # fmt: skip
+    result, notes = offline.estimate_files(files, parse_exposures(exposure_us), settings)
+    if kind.upper() == "TOTAL":
+        result = dataclasses.replace(result, sh=result.total())
+    for note in notes:
+        typer.echo(f"note: {note}", err=True)
+    if as_json:
+        typer.echo(json.dumps(result.to_json(), indent=2))
+    else:
+        show(result)
+
+
+def parse_exposures(text: str | None) -> list[float]:
+    """Read `A,B,…` as microseconds; raises UsageError."""
+    try:
+        return [float(word) for word in text.split(",")] if text else []
+    except ValueError:
+        raise UsageError(f"estimate: --exposure-us {text}: want numbers, like 8000,500") from None
+
+
+def show(estimate: Estimate) -> None:
+    """Print an estimate for the eye."""
+    console = view.console()
+    if estimate.lights:
+        console.print(view.lights_table(estimate))
+    else:
+        console.print("no lamps: all of the light is in the SH")
+    console.print(f"\nSH of radiance, order {estimate.sh.order}, {estimate.sh.kind}, luminance:")
+    console.print(view.sh_table(estimate))
+    if estimate.predicted_error is not None:
+        console.print(
+            f"\nleft out by this model: {100 * estimate.predicted_error:.1f} % of mean light"
+        )
+    for line in view.flag_lines(flag_names(estimate.flags)):
+        console.print(f"[yellow]{line}[/yellow]")

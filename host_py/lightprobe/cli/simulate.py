@@ -1,0 +1,271 @@
+"""`lightprobe simulate`: the world, a camera in it, and the box with wheel and ring beside it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import cv2
+import typer
+
+from lightprobe.errors import UsageError
+from lightprobe.imaging import camera as lenses
+from lightprobe.sim import faults as misbehaviour
+from lightprobe.sim import response as responses
+from lightprobe.sim import scenes
+from lightprobe.sim.box import FIRMWARES, Box, Illumination
+from lightprobe.sim.camera import FORMATS, Shot, SimulatedCamera
+from lightprobe.sim.control import Control, Handler
+from lightprobe.sim.illuminance import RingLight
+from lightprobe.sim.link import Exposure, Link, Surroundings
+from lightprobe.sim.polarizer import Sheet
+from lightprobe.sim.sensor import SensorModel
+from lightprobe.sim.surroundings import FixedPolarizer, WheelAndRing, flicker_share, spread_ring
+from lightprobe.sim.world import Behaviour, World
+
+#: Median radiance that scenes are brought to: a quarter of full scale in 1/120 s.
+MEDIAN_RADIANCE = 30.0
+
+
+def command(
+    path: Annotated[Path, typer.Option("--socket", help="Unix socket to listen on.")] = Path(
+        "/tmp/lightprobe-sim.sock"
+    ),
+    scene: Annotated[
+        list[str],
+        typer.Option(
+            "--scenes",
+            metavar="WHAT",
+            help="room, procedural[:N], blender, sky[:ELEVATION], polished:WHAT, FILE, FOLDER.",
+        ),
+    ] = ["procedural:5"],  # noqa: B006 - typer copies it
+    act_s: Annotated[float, typer.Option(help="Seconds per scene; 0: the first for ever.")] = 8.0,
+    turn_deg_s: Annotated[float, typer.Option(help="Scenes turn at this rate.")] = 0.0,
+    switch_s: Annotated[float, typer.Option(help="Lamps are off in turn, so long each.")] = 0.0,
+    flicker_hz: Annotated[float, typer.Option(help="Lamps flicker; mains: 100 or 120.")] = 0.0,
+    flicker_depth: Annotated[float, typer.Option(help="Share of the power that flickers.")] = 0.3,
+    median_radiance: Annotated[
+        float, typer.Option(help="Bring scenes to this median (full scale at 1 s = 1); 0: as is.")
+    ] = MEDIAN_RADIANCE,
+    lens: Annotated[
+        str, typer.Option("--camera", metavar="equirect|FILE", help="Projection, or camera file.")
+    ] = "equirect",
+    size: Annotated[str, typer.Option(metavar="WxH", help="Picture size in pixels.")] = "1920x960",
+    rate_hz: Annotated[float, typer.Option("--rate", help="Frames per second.")] = 30.0,
+    pixel_format: Annotated[
+        str, typer.Option("--format", help=", ".join(FORMATS) + " (float, no noise).")
+    ] = "MJPG",
+    quality: Annotated[int, typer.Option(min=1, max=100, help="Of the JPEG.")] = 85,
+    chroma: Annotated[str, typer.Option(help="Of the JPEG: 420, 422 or 444.")] = "420",
+    exposure_us: Annotated[
+        float | None, typer.Option(help="Fixed exposure; default: automatic until commanded.")
+    ] = None,
+    bracket: Annotated[
+        int, typer.Option(min=1, max=8, help="Exposures that automatic mode cycles through.")
+    ] = 1,
+    delay_frames: Annotated[
+        int, typer.Option(min=0, max=4, help="Frames from an exposure command to its effect.")
+    ] = 2,
+    full_well_e: Annotated[float, typer.Option(help="Electrons that fill a pixel.")] = 12000.0,
+    read_noise_e: Annotated[float, typer.Option(help="Read noise, electrons.")] = 3.0,
+    response: Annotated[
+        str | None,
+        typer.Option(metavar="CURVE", help=f"{responses.HELP}; default: by the camera file."),
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of noise and chance: the same seed repeats.")] = 0,
+    firmware: Annotated[
+        str,
+        typer.Option(help="Wheel and ring: host, avr (the flashed binary in simavr), or none."),
+    ] = "none",
+    pty: Annotated[
+        Path, typer.Option(metavar="PATH", help="Serial line of the firmware, to be made.")
+    ] = Path("/tmp/lightprobe-mcu"),
+    eeprom: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Keeps the firmware's parameters.")
+    ] = None,
+    polarizer_deg: Annotated[
+        float | None,
+        typer.Option("--polarizer", metavar="DEG", help="Without firmware: one set by hand."),
+    ] = None,
+    cd_m2_per_unit: Annotated[
+        float, typer.Option(min=1e-6, help="Luminance of radiance 1, for the ring.")
+    ] = 2.0,
+    ring_spread: Annotated[
+        float, typer.Option(help="LDRs differ: 0 not at all, 1 as real ones do.")
+    ] = 0.0,
+    faults: Annotated[
+        str,
+        typer.Option(
+            metavar="K=V&…",
+            help=f"Misbehave: {misbehaviour.describe()}; with firmware also wheel, ring and line: "
+            "stuck, slow, slip_deg, lie_deg, index_a_forced, ldr0_forced, line_noise, line_cut, "
+            "line_unplugged, reset, … (proto/sim.md).",
+        ),
+    ] = "",
+    control: Annotated[
+        Path | None,
+        typer.Option(metavar="PATH", help="Unix socket for `lightprobe tell`: faults at run time."),
+    ] = None,
+    truth: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write what is true, a JSON line a frame.")
+    ] = None,
+    seconds: Annotated[float | None, typer.Option(help="End by itself after so long.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print counters as JSON at the end.")] = (
+        False
+    ),
+) -> None:
+    """Simulate a camera in a world, and wheel and ring beside it: physics, not playback.
+
+    The daemon connects with --source=sim:SOCKET, and may ask for misbehaviour by itself:
+    --source='sim:SOCKET?late_ms=40&drop=0.1'. With --firmware it finds the microcontroller at
+    --rotator=mcu:serial:PTY --ring=mcu:serial:PTY. Ends on Ctrl-C.
+    """
+    if firmware not in FIRMWARES:
+        raise UsageError(f"simulate: --firmware {firmware}: want {', '.join(FIRMWARES)}")
+    if firmware != "none" and polarizer_deg is not None:
+        raise UsageError("simulate: --polarizer: the wheel turns it: leave --firmware or this away")
+    if firmware == "none":
+        misbehaviour.Faults().merged(faults)
+    polarizer = polarizer_deg is not None or firmware != "none"
+    behaviour = Behaviour(act_s, turn_deg_s, switch_s, flicker_hz, flicker_depth)
+    world = World(scenes.load(scene), behaviour, median_radiance or None)
+    simulated = SimulatedCamera(
+        world, lenses.load(lens), parse_size(size), rate_hz=rate_hz,
+        pixel_format=parse_format(pixel_format), quality=quality, chroma=chroma, seed=seed,
+        model=SensorModel(full_well_e, read_noise_e), sheet=Sheet() if polarizer else None,
+        response=None if response is None else responses.parse(response),
+    )  # fmt: skip
+    fixed = None if exposure_us is None else Shot(exposure_us)
+    exposure = Exposure(simulated, bracket, fixed, delay_frames)
+    cv2.setNumThreads(1)  # one core is enough; the daemon wants the others
+    with ExitStack() as stack:
+        log = stack.enter_context(open(truth or os.devnull, "w", encoding="utf-8"))
+        around: Surroundings | None = None
+        if polarizer_deg is not None:
+            around = FixedPolarizer(polarizer_deg)
+        light, box = None, None
+        if firmware != "none":
+            light = RingLight(world, cd_m2_per_unit)
+            box = stack.enter_context(Box(firmware, pty, seed, eeprom))
+            spread_ring(box, ring_spread, seed)
+            around = WheelAndRing(box, light)
+        link = Link(path, simulated, exposure, truth=log, surroundings=around)
+        link.misbehave(faults)
+        lit = None
+        if box is not None and light is not None:
+            lit = stack.enter_context(illuminated(link, box, light))
+        if control is not None:
+            handlers = Desk(link, box, light, lit).handlers()
+            stack.enter_context(Control(control, handlers))
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: link.stop())
+        typer.echo(f"simulate: {path}: waiting for lightprobed --source=sim:{path}", err=True)
+        if box is not None:
+            uri = f"mcu:serial:{pty}"
+            typer.echo(
+                f"simulate: {pty}: microcontroller, firmware {firmware}: "
+                f"lightprobed --rotator={uri} --ring={uri}",
+                err=True,
+            )
+        link.serve(seconds)
+        if lit is not None and lit.error is not None:
+            raise lit.error
+    counters = asdict(link.counters)
+    typer.echo(
+        json.dumps(counters)
+        if as_json
+        else f"simulate: {', '.join(f'{value} {key}' for key, value in counters.items())}"
+    )
+
+
+@contextmanager
+def illuminated(link: Link, box: Box, light: RingLight) -> Iterator[Illumination]:
+    """Light on the box's ring as long as the block lasts."""
+    state, behaviour = link.state_now(), link.camera.world.behaviour
+    share = flicker_share(behaviour, light, state)
+    box.set(flicker_hz=behaviour.flicker_hz, flicker_share=share)
+    thread = Illumination(box, lambda: light.lux(link.state_now()), link.stop)
+    thread.start()
+    try:
+        yield thread
+    finally:
+        thread.stop()
+
+
+@dataclass
+class Desk:
+    """What can be asked and told while the simulator runs (proto/sim.md)."""
+
+    link: Link
+    box: Box | None
+    light: RingLight | None
+    lit: Illumination | None
+
+    def handlers(self) -> dict[str, Handler]:
+        """Commands by their first words."""
+        return {"faults": self.faults, "status": self.status, "light": self.set_light,
+                "get": self.get}  # fmt: skip
+
+    def faults(self, query: str) -> str:
+        """Misbehave from now on."""
+        self.link.misbehave(query)
+        return "ok"
+
+    def get(self, name: str) -> str:
+        """A number of the box."""
+        return f"{self._box().get(name):.9g}"
+
+    def set_light(self, words: str) -> str:
+        """The same light on all sensors, in lux, as in a light box; or the scene's again."""
+        self._box()
+        assert self.lit is not None
+        try:
+            lux = None if words == "scene" else float(words)
+        except ValueError:
+            lux = -1.0
+        if lux is not None and not 0 <= lux < 1e6:
+            raise UsageError(f"simulate: light {words}: want lux, or scene")
+        self.lit.fixed_lux = lux
+        return "ok"
+
+    def status(self, _: str) -> str:
+        """Counters, faults of the camera, and what is true now, as JSON."""
+        link, state = self.link, self.link.state_now()
+        answer: dict[str, Any] = {"counters": asdict(link.counters), "faults": asdict(link.faults)}
+        answer["world"] = {"t_s": state.t_s, "scene": state.scene.name, "yaw_deg": state.yaw_deg,
+                           "powers": state.powers.tolist()}  # fmt: skip
+        if self.box is not None and self.light is not None and self.lit is not None:
+            fixed = self.lit.fixed_lux
+            lux = self.light.lux(state).tolist() if fixed is None else [fixed] * 9
+            answer["wheel_deg"] = self.box.get("wheel_deg")
+            answer["ring_lux"] = lux
+        return json.dumps(answer)
+
+    def _box(self) -> Box:
+        if self.box is None:
+            raise UsageError("simulate: there is no box: start it with --firmware host")
+        return self.box
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """Read `WxH`; raises UsageError."""
+    width, _, height = text.partition("x")
+    if not (width.isdecimal() and height.isdecimal()):
+        raise UsageError(f"simulate: --size {text}: want WIDTHxHEIGHT, like 1920x960")
+    size = int(width), int(height)
+    if any(side % 2 or not 16 <= side <= 8192 for side in size):
+        raise UsageError(f"simulate: --size {text}: want even numbers, 16…8192")
+    return size
+
+
+def parse_format(text: str) -> str:
+    """Check a pixel format; raises UsageError."""
+    if text.upper() not in FORMATS:
+        raise UsageError(f"simulate: --format {text}: want one of {', '.join(FORMATS)}")
+    return text.upper()

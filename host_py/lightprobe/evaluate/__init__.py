@@ -1,0 +1,1 @@
+"""How good an estimate is: runs of the daemon over scenes, error measures, pictures."""

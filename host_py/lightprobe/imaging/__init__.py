@@ -1,0 +1,1 @@
+"""Pictures as linear light, and where the pixels of a camera look."""
