@@ -15,6 +15,7 @@
 #include "app/instruments.h"
 #include "app/options.h"
 #include "app/service.h"
+#include "app/time_control.h"
 #include "app/worker.h"
 #include "base/clock.h"
 #include "base/log.h"
@@ -29,7 +30,8 @@ struct lp_daemon {
 	const struct lp_options *options;
 	struct lp_loop *loop;
 	struct lp_timer tick;
-	struct lp_watch results; /* of the worker */
+	struct lp_time_control *time_control; /* NULL: the system's time */
+	struct lp_watch results;	      /* of the worker */
 	uint64_t results_lost;
 	struct lp_hub *hub;
 	struct lp_worker *worker;
@@ -359,11 +361,6 @@ static int create_source(struct lp_daemon *daemon)
 	ret = lp_source_open(daemon->options->source, &host, &daemon->source);
 	if (ret < 0)
 		return ret;
-	if (daemon->options->simulated_time && strcmp(daemon->source->ops->scheme, "sim") != 0) {
-		lp_error(daemon->options->source, "--simulated-time",
-			 "only a simulator can say what time it is — --source=sim:PATH");
-		return -EINVAL;
-	}
 	daemon->source->ops->caps(daemon->source, &daemon->caps);
 	if (daemon->options->exposure_us > 0 && !daemon->source->ops->set_exposure) {
 		lp_error(daemon->options->source, "--exposure-us",
@@ -410,11 +407,6 @@ static int create_all(struct lp_daemon *daemon)
 {
 	int ret;
 
-	ret = lp_loop_create(&daemon->loop);
-	if (ret < 0) {
-		lp_error("lightprobed", "loop", "%s", lp_strerror(ret));
-		return ret;
-	}
 	lp_health_init(&daemon->health, lp_clock_ns());
 	lp_governor_init(&daemon->governor, &daemon->options->goals, daemon->options->preset,
 			 lp_clock_ns(), lp_clock_cpu_ns());
@@ -442,6 +434,7 @@ static void destroy_all(struct lp_daemon *daemon)
 	if (daemon->source)
 		daemon->source->ops->destroy(daemon->source);
 	lp_hub_destroy(daemon->hub);
+	lp_time_control_destroy(daemon->time_control);
 	lp_loop_destroy(daemon->loop);
 	lp_log_flush(1);
 }
@@ -478,29 +471,53 @@ static int start_all(struct lp_daemon *daemon)
 	return ret == 0 ? daemon->source->ops->start(daemon->source) : ret;
 }
 
+static int create_loop(struct lp_daemon *daemon)
+{
+	const int ret = lp_loop_create(&daemon->loop);
+
+	if (ret < 0)
+		lp_error("lightprobed", "loop", "%s", lp_strerror(ret));
+	return ret;
+}
+
+static int simulate_time(struct lp_daemon *daemon)
+{
+	const char *path = daemon->options->simulated_time;
+
+	return *path ? lp_time_control_create(path, daemon->loop, &daemon->time_control) : 0;
+}
+
+/* Until the end; sets the exit code. */
+static void run_all(struct lp_daemon *daemon)
+{
+	if (create_all(daemon) < 0)
+		return;
+	daemon->exit_code = LP_EXIT_FAILURE;
+	if (start_all(daemon) < 0)
+		return;
+	daemon->watchdog_ns = lp_service_watchdog_ns();
+	lp_service_ready();
+	lp_loop_run(daemon->loop);
+}
+
 int lp_daemon_run(const struct lp_options *options)
 {
-	struct lp_daemon daemon = {.options = options, .exit_code = LP_EXIT_USAGE};
+	struct lp_daemon daemon = {.options = options, .exit_code = LP_EXIT_FAILURE};
 
-	if (options->simulated_time) /* it stands still until the simulator says more */
-		lp_clock_simulate(lp_clock_ns());
-	if (create_all(&daemon) == 0) {
-		daemon.exit_code = LP_EXIT_FAILURE;
-		if (start_all(&daemon) == 0) {
-			daemon.watchdog_ns = lp_service_watchdog_ns();
-			lp_service_ready();
-			lp_loop_run(daemon.loop);
-		}
+	if (create_loop(&daemon) == 0 && simulate_time(&daemon) == 0) {
+		daemon.exit_code = LP_EXIT_USAGE;
+		run_all(&daemon);
 	}
 	destroy_all(&daemon);
 	return daemon.exit_code;
 }
-
 int lp_daemon_check(const struct lp_options *options)
 {
 	struct lp_daemon daemon = {.options = options};
-	const int ret = create_all(&daemon);
+	int ret = create_loop(&daemon);
 
+	if (ret == 0)
+		ret = create_all(&daemon);
 	destroy_all(&daemon);
 	return ret == 0 ? LP_EXIT_OK : LP_EXIT_USAGE;
 }

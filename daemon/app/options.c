@@ -193,9 +193,8 @@ static const struct lp_param params[] = {
 	 .help = "read options from this file: NAME = VALUE lines, # comments"},
 	{"once", LP_PARAM_BOOL, FIELD(once), .initial = "0",
 	 .help = "process a finite source as one set, publish one estimate, exit"},
-	{"simulated-time", LP_PARAM_BOOL, FIELD(simulated_time), .initial = "0",
-	 .help = "the simulator says what time it is (source sim: only): tests that no load "
-		 "changes"},
+	{"simulated-time", LP_PARAM_TEXT, FIELD(simulated_time), .initial = "", .max = 108,
+	 .help = "for tests: take the time from this Unix socket instead of the clock"},
 	{"series", LP_PARAM_TEXT, FIELD(series), .initial = "", .max = 1024,
 	 .help = "instead of estimating, write the camera's raw frames into this new folder and\n"
 		 "exit: for calibration; pictures leave the box only by this"},

@@ -45,7 +45,8 @@ struct lp_options {
 	char series[1024]; /* folder; empty: estimate */
 	struct lp_floats series_us;
 	int series_frames;
-	bool once, simulated_time, version, help, check_config;
+	char simulated_time[108]; /* socket of a test; empty: the system's time */
+	bool once, version, help, check_config;
 };
 
 /*

@@ -5,7 +5,6 @@
 #include <time.h>
 
 static atomic_int_fast64_t simulated_ns; /* 0: time is the system's */
-static atomic_int_fast64_t unix_minus_simulated_ns;
 
 static int64_t read_clock(clockid_t id)
 {
@@ -24,8 +23,6 @@ int64_t lp_clock_ns(void)
 
 void lp_clock_simulate(int64_t t_ns)
 {
-	if (!lp_clock_is_simulated())
-		atomic_store(&unix_minus_simulated_ns, read_clock(CLOCK_REALTIME) - t_ns);
 	atomic_store(&simulated_ns, t_ns);
 }
 
@@ -37,7 +34,7 @@ bool lp_clock_is_simulated(void)
 int64_t lp_clock_unix_ns(int64_t monotonic_ns)
 {
 	if (lp_clock_is_simulated())
-		return monotonic_ns + atomic_load(&unix_minus_simulated_ns);
+		return monotonic_ns + LP_SIMULATED_UNIX_NS;
 	return read_clock(CLOCK_REALTIME) - (read_clock(CLOCK_MONOTONIC) - monotonic_ns);
 }
 

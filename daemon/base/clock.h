@@ -14,8 +14,9 @@ int64_t lp_clock_ns(void);
 
 /*
  * Simulated time, for tests: from now on lp_clock_ns() is `t_ns` (not 0) until the next call, and
- * Unix time follows it. There is no way back. One thread sets it, any may read.
+ * Unix time is LP_SIMULATED_UNIX_NS later. There is no way back. One thread sets it, any may read.
  */
+#define LP_SIMULATED_UNIX_NS (INT64_C(1700000000) * LP_NS_PER_S)
 void lp_clock_simulate(int64_t t_ns);
 bool lp_clock_is_simulated(void);
 

@@ -10,10 +10,8 @@ import socket
 import struct
 import sys
 import threading
-import time
 from collections import deque
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, TextIO
@@ -22,6 +20,7 @@ import numpy as np
 
 from lightprobe.errors import LightprobeError, UsageError
 from lightprobe.sim.camera import Shot, SimulatedCamera
+from lightprobe.sim.clock import Clock, SystemClock
 from lightprobe.sim.faults import Faults
 from lightprobe.sim.world import State
 
@@ -29,6 +28,7 @@ HEADER = struct.Struct("<4sIQ4sIIIQqffII")
 MAGIC = b"LPF1"
 MARKED_CORRUPT = 1
 _SEND_TIMEOUT_S = 2.0
+_LISTEN_NS = 100_000_000  # how often it is looked whether to stop
 _MOST_COMMAND_BYTES = 4096
 
 
@@ -87,7 +87,7 @@ class Surroundings(Protocol):
 
 
 class Link:
-    """Serves frames to one daemon at a time, in real time, until told to stop."""
+    """Serves frames to one daemon at a time, by a clock, until told to stop."""
 
     def __init__(
         self,
@@ -98,9 +98,10 @@ class Link:
         truth: TextIO | None = None,
         surroundings: Surroundings | None = None,
         say: Callable[[str], None] = lambda text: print(text, file=sys.stderr, flush=True),
+        clock: Clock | None = None,
     ) -> None:
         """`truth` gets one JSON line per frame; `say` gets log lines. Without `surroundings`
-        there is no polarizer."""
+        there is no polarizer; without `clock` it is the system's."""
         self.path, self.camera, self.exposure = path, camera, exposure
         self.faults = faults or Faults()
         self.counters = Counters()
@@ -108,7 +109,9 @@ class Link:
         self._session: _Session | None = None
         self._truth, self._say = truth, say
         self._stop = threading.Event()
-        self._start_ns = time.monotonic_ns()
+        self.clock = clock or SystemClock()
+        self._start_ns = self.clock.now_ns()
+        self._listener: socket.socket | None = None
 
     def stop(self) -> None:
         """End :meth:`serve` soon; from any thread."""
@@ -116,20 +119,37 @@ class Link:
 
     def serve(self, seconds: float | None = None) -> None:
         """Listen and serve until :meth:`stop`, or for some seconds."""
-        deadline = math.inf if seconds is None else time.monotonic() + seconds
-        listener = self._listen()
+        self.listen()
         try:
-            listener.settimeout(0.1)
-            while not self._stop.is_set() and time.monotonic() < deadline:
-                with suppress(TimeoutError):
-                    connection, _ = listener.accept()
-                    with connection:
-                        self._serve_one(connection, deadline)
+            self.run_until(math.inf if seconds is None else self.clock.now_ns() + 1e9 * seconds)
         finally:
-            listener.close()
+            self.close()
+
+    def run_until(self, end_ns: float) -> None:
+        """Serve until a time of the clock, or until :meth:`stop`."""
+        assert self._listener is not None
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._listener, selectors.EVENT_READ)
+            while not self._stop.is_set() and self.clock.now_ns() < end_ns:
+                if self._session is not None:
+                    self._serve(self._session, end_ns)
+                elif self.clock.wait_until(
+                    round(min(end_ns, self.clock.now_ns() + _LISTEN_NS)), selector
+                ):
+                    connection, _ = self._listener.accept()
+                    self.counters.connections += 1
+                    self._session = _Session(self, connection)
+
+    def close(self) -> None:
+        """Unplug the camera for good."""
+        self._end_session()
+        if self._listener is not None:
+            self._listener.close()
+            self._listener = None
             self.path.unlink(missing_ok=True)
 
-    def _listen(self) -> socket.socket:
+    def listen(self) -> None:
+        """Begin to wait for a daemon."""
         listener = socket.socket(socket.AF_UNIX)
         try:
             if self.path.is_socket() and not _alive(self.path):
@@ -140,20 +160,25 @@ class Link:
             next_step = "is another simulator running?" if error.errno == 98 else "choose --socket"
             raise LinkError(f"simulate: {self.path}: bind: {error.strerror}: {next_step}") from None
         listener.listen(1)
-        return listener
+        self._listener = listener
 
-    def _serve_one(self, connection: socket.socket, deadline: float) -> None:
-        """One daemon, until it leaves or a fault unplugs the camera."""
-        self.counters.connections += 1
-        session = self._session = _Session(self, connection)
+    def _end_session(self) -> None:
+        if self._session is not None:
+            self._session.connection.close()
+            self._session = None
+
+    def _serve(self, session: _Session, end_ns: float) -> None:
+        """One daemon, until `end_ns`, or until it leaves or a fault unplugs the camera."""
         try:
-            while not self._stop.is_set() and time.monotonic() < deadline:
+            while not self._stop.is_set() and session.due_ns() <= end_ns:
                 if not session.step():
-                    break
+                    self._end_session()
+                    return
+            if not self._stop.is_set() and not session.wait_until(round(end_ns)):
+                self._end_session()
         except (OSError, TimeoutError) as error:
             self._say(f"simulate: daemon: {error}: waiting for the next")
-        finally:
-            self._session = None
+            self._end_session()
 
     def misbehave(self, query: str) -> None:
         """Change the faults from now on, from any thread; UsageError for unknown ones."""
@@ -165,7 +190,7 @@ class Link:
 
     def state_now(self) -> State:
         """Give the world as it is now; flicker at its mean. From any thread."""
-        elapsed_s = (time.monotonic_ns() - self._start_ns) / 1e9
+        elapsed_s = (self.clock.now_ns() - self._start_ns) / 1e9
         flicker_hz = self.camera.world.behaviour.flicker_hz
         return self.camera.world.at(elapsed_s, 1 / flicker_hz if flicker_hz else 0)
 
@@ -173,7 +198,7 @@ class Link:
 
     def frame_now(self) -> int:
         """Give the number of the frame whose exposure started last."""
-        elapsed_s = (time.monotonic_ns() - self._start_ns) / 1e9
+        elapsed_s = (self.clock.now_ns() - self._start_ns) / 1e9
         return math.floor(elapsed_s * self.camera.rate_hz)
 
     def start_ns(self, frame: int) -> int:
@@ -231,24 +256,29 @@ class _Session:
         self.link, self.connection, self.faults = link, connection, link.faults
         self.frames = 0  # sent on this connection
         self.next = link.frame_now() + 1  # to be exposed
-        self.stalled_since = math.inf
+        self.stalled_ns: int | None = None  # since when the camera is silent
         self._ready: list[_Ready] = []  # a heap
         self._text = b""
         self._selector = selectors.DefaultSelector()
         self._selector.register(connection, selectors.EVENT_READ)
 
+    def due_ns(self) -> int:
+        """Give the time of the next step."""
+        start_ns = self.link.start_ns(self.next)
+        return min(start_ns, self._ready[0].due_ns) if self._ready else start_ns
+
     def step(self) -> bool:
         """Expose or deliver one frame, whichever is due first; False ends the connection."""
         start_ns = self.link.start_ns(self.next)
         if self._ready and self._ready[0].due_ns <= start_ns:
-            if not self._wait_until(self._ready[0].due_ns):
+            if not self.wait_until(self._ready[0].due_ns):
                 return False
             ready = heapq.heappop(self._ready)
             if ready.developed and ready.payload is not None:
                 return self._send(ready, ready.payload)
             self._develop(ready)
             return True
-        if not self._wait_until(start_ns):
+        if not self.wait_until(start_ns):
             return False
         self._expose()
         return True
@@ -297,10 +327,11 @@ class _Session:
         f = self.faults
         if not f.stall_after or self.frames < f.stall_after:
             return False
-        now = time.monotonic()
-        self.stalled_since = min(self.stalled_since, now)
-        if f.stall_s and now - self.stalled_since > f.stall_s:
-            self.stalled_since, self.frames = math.inf, 0
+        now_ns = self.link.clock.now_ns()
+        if self.stalled_ns is None:
+            self.stalled_ns = now_ns
+        if f.stall_s and now_ns - self.stalled_ns > 1e9 * f.stall_s:
+            self.stalled_ns, self.frames = None, 0
             return False
         return True
 
@@ -326,13 +357,14 @@ class _Session:
         self.link.counters.frames += 1
         return not (f.disconnect_after and self.frames >= f.disconnect_after)
 
-    def _wait_until(self, t_ns: int) -> bool:
-        """Sleep, taking commands meanwhile; False when the daemon has left."""
+    def wait_until(self, t_ns: int) -> bool:
+        """Wait, taking commands meanwhile; False when the daemon has left."""
+        clock = self.link.clock
         while True:
-            left_s = (t_ns - time.monotonic_ns()) / 1e9
-            if self._selector.select(max(left_s, 0)) and not self._take_commands():
+            is_due = clock.now_ns() >= t_ns
+            if clock.wait_until(t_ns, self._selector) and not self._take_commands():
                 return False
-            if left_s <= 0:
+            if is_due:
                 return True
 
     def _take_commands(self) -> bool:

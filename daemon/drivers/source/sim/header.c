@@ -85,12 +85,6 @@ static bool size_is_right(const struct lp_sim_header *header)
 const char *lp_sim_header_parse(const uint8_t data[LP_SIM_HEADER_BYTES],
 				struct lp_sim_header *header)
 {
-	if (memcmp(data, "LPT1", 4) == 0) {
-		*header = (struct lp_sim_header){.is_time = true,
-						 .header_bytes = LP_SIM_HEADER_BYTES,
-						 .t_start_ns = (int64_t)read_u64(data + 40)};
-		return header->t_start_ns < 0 ? "a time before 0" : NULL;
-	}
 	if (memcmp(data, "LPF1", 4) != 0)
 		return "does not begin with LPF1";
 	*header = (struct lp_sim_header){

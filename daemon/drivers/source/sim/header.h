@@ -1,9 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The header before each picture, or instead of one, on the simulator link (proto/sim.md). */
+/* The header before each picture on the simulator link (proto/sim.md). */
 #ifndef LP_SOURCE_SIM_HEADER_H
 #define LP_SOURCE_SIM_HEADER_H
 
-#include <stdbool.h>
 #include <stdint.h>
 
 #include "include/frame.h"
@@ -13,7 +12,6 @@
 #define LP_SIM_PAYLOAD_MAX_BYTES ((uint64_t)128 << 20)
 
 struct lp_sim_header {
-	bool is_time;	       /* no picture: time goes on to t_start_ns; nothing else is set */
 	uint32_t header_bytes; /* what is beyond LP_SIM_HEADER_BYTES is to be skipped */
 	uint64_t payload_bytes;
 	enum lp_pixel_format format;

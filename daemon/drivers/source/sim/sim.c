@@ -4,7 +4,6 @@
  * respect: it may be absent, go away, fall silent, come back, and be told its exposure.
  */
 #include <errno.h>
-#include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -46,11 +45,10 @@ struct source_sim {
 	uint64_t got_bytes;	      /* of header, its rest and payload together */
 	struct lp_owned_frame *frame; /* NULL: the payload is read and forgotten */
 
-	/* What is being written: one line; then the newest exposure command, if one waits; then the
-	 * time that was reached. */
+	/* What is being written: one line; then the newest exposure command, if one waits. */
 	char *line;
 	size_t line_bytes, line_sent;
-	bool exposure_waits, time_waits;
+	bool exposure_waits;
 	float exposure_us, gain;
 };
 
@@ -92,7 +90,7 @@ static void disconnect(struct source_sim *self)
 	close(fd);
 	forget_frame(self);
 	self->line_bytes = self->line_sent = 0;
-	self->exposure_waits = self->time_waits = false;
+	self->exposure_waits = false;
 	self->streaming = false;
 	lp_timer_stop(&self->stall);
 }
@@ -110,36 +108,22 @@ static void lose_link(struct source_sim *self, const char *stage, const char *re
 
 /* ---------------------------------------------------------------- commands */
 
-/* Put the next line that waits into self->line. False: none. */
-static bool next_line(struct source_sim *self)
-{
-	int length;
-
-	if (self->exposure_waits)
-		length = snprintf(self->line, LP_URI_MAX_BYTES, "exposure %.9g %.9g\n",
-				  (double)self->exposure_us, (double)self->gain);
-	else if (self->time_waits)
-		length =
-			snprintf(self->line, LP_URI_MAX_BYTES, "time %" PRId64 "\n", lp_clock_ns());
-	else
-		return false;
-	if (self->exposure_waits)
-		self->exposure_waits = false;
-	else
-		self->time_waits = false;
-	self->line_sent = 0;
-	self->line_bytes = (size_t)length;
-	return true;
-}
-
 /* Write what waits, as far as the socket takes it. A broken link shows when it is read. */
 static void write_lines(struct source_sim *self)
 {
 	for (;;) {
 		ssize_t sent;
 
-		if (self->line_sent == self->line_bytes && !next_line(self))
-			break;
+		if (self->line_sent == self->line_bytes) {
+			if (!self->exposure_waits)
+				break;
+			self->exposure_waits = false;
+			self->line_sent = 0;
+			self->line_bytes =
+				(size_t)snprintf(self->line, LP_URI_MAX_BYTES,
+						 "exposure %.9g %.9g\n", (double)self->exposure_us,
+						 (double)self->gain);
+		}
 		sent = send(self->link.fd, self->line + self->line_sent,
 			    self->line_bytes - self->line_sent, MSG_NOSIGNAL);
 		if (sent < 0)
@@ -199,29 +183,7 @@ static void deliver(struct source_sim *self)
 	self->base.host.frame(self->base.host.context, frame);
 }
 
-static void on_time_reached(void *context)
-{
-	struct source_sim *self = context;
-
-	if (self->link.fd < 0)
-		return;
-	self->time_waits = true;
-	write_lines(self);
-}
-
-static void advance_time(struct source_sim *self)
-{
-	self->got_bytes = 0;
-	if (lp_clock_is_simulated())
-		lp_loop_advance(self->base.host.loop, self->header.t_start_ns, on_time_reached,
-				self);
-	else
-		lp_error(self->object, "time",
-			 "the simulator sets the time — start lightprobed with --simulated-time");
-}
-
-/* The header is complete: find a place for the payload. False: it has none, or makes no sense.
- */
+/* The header is complete: find a place for the payload. False: it makes no sense. */
 static bool begin_payload(struct source_sim *self)
 {
 	const char *fault = lp_sim_header_parse(self->header_data, &self->header);
@@ -229,10 +191,6 @@ static bool begin_payload(struct source_sim *self)
 	if (fault) {
 		lp_error(self->object, "header", "%s — simulator of another version?", fault);
 		lose_link(self, "header", fault);
-		return false;
-	}
-	if (self->header.is_time) {
-		advance_time(self);
 		return false;
 	}
 	self->frame = lp_owned_frame_take(self->frames, false);

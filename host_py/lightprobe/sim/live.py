@@ -1,0 +1,154 @@
+"""A daemon before a simulated camera, in simulated time: no load changes what it does."""
+
+from __future__ import annotations
+
+import socket
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+from lightprobe.daemon import Daemon
+from lightprobe.estimate import Estimate, Health
+from lightprobe.sim.camera import SimulatedCamera
+from lightprobe.sim.clock import START_NS, UNIX_NS, SimulatedClock
+from lightprobe.sim.faults import Faults
+from lightprobe.sim.link import Exposure, Link
+from lightprobe.wire import Decoder, Message, Subscription, encode_subscription
+
+
+@dataclass(frozen=True)
+class Received:
+    """A message, and when it came, in seconds since the start."""
+
+    t_s: float
+    message: Message
+
+
+class LiveClient:
+    """A client of the daemon that reads whatever there is."""
+
+    def __init__(self, path: Path, subscription: Subscription | None = None) -> None:
+        """Connect to the daemon's Unix socket; without a subscription as newcomers do."""
+        self._socket = socket.socket(socket.AF_UNIX)
+        self._socket.connect(str(path))
+        self._socket.setblocking(False)
+        self._decoder = Decoder()
+        self.received: list[Received] = []
+        if subscription is not None:
+            self.subscribe(subscription)
+
+    def subscribe(self, subscription: Subscription) -> None:
+        """Ask for something else from now on."""
+        self._socket.sendall(encode_subscription(subscription))
+
+    def read(self, t_s: float) -> None:
+        """Take what has come."""
+        while True:
+            try:
+                data = self._socket.recv(1 << 16)
+            except BlockingIOError:
+                return
+            if not data:
+                return
+            self.received += [Received(t_s, message) for message in self._decoder.feed(data)]
+
+    @property
+    def estimates(self) -> list[Estimate]:
+        """All estimates so far."""
+        return [r.message for r in self.received if isinstance(r.message, Estimate)]
+
+    @property
+    def health(self) -> Health | None:
+        """The newest health message."""
+        found = [r.message for r in self.received if isinstance(r.message, Health)]
+        return found[-1] if found else None
+
+    def close(self) -> None:
+        """Leave."""
+        self._socket.close()
+
+
+class LiveProbe:
+    """Simulated camera, daemon and clients; time goes on in :meth:`run` only.
+
+    with LiveProbe(camera) as probe:
+        client = probe.client(Subscription(max_lights=8))
+        probe.run(5.0)
+        print(client.estimates[-1].flags)
+    """
+
+    def __init__(
+        self,
+        camera: SimulatedCamera,
+        arguments: Sequence[str] = (),
+        *,
+        delay_frames: int = 2,
+        faults: Faults | None = None,
+    ) -> None:
+        """`arguments`: more of lightprobed's; `delay_frames`: from exposure command to effect."""
+        self._folder = tempfile.TemporaryDirectory(prefix="lp-")  # socket paths are short
+        folder = Path(self._folder.name)
+        self.socket, self.log_path = folder / "probe", folder / "log"
+        self.clients: list[LiveClient] = []
+        self.clock = SimulatedClock(folder / "time", self._read, lambda: self._daemon.check())
+        self.link = Link(
+            folder / "camera", camera, Exposure(camera, delay_frames=delay_frames), faults,
+            say=lambda text: None, clock=self.clock,
+        )  # fmt: skip
+        self._daemon = Daemon(
+            [
+                f"--source=sim:{folder / 'camera'}", f"--publish=unix:{self.socket}",
+                f"--simulated-time={folder / 'time'}", *arguments,
+            ],
+            self.log_path,
+        )  # fmt: skip
+
+    def __enter__(self) -> Self:
+        """Start the daemon; its time stands still."""
+        self.link.listen()
+        self._daemon.__enter__()
+        try:
+            self.clock.advance(START_NS)
+        except BaseException:
+            self.__exit__()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End everything."""
+        for client in self.clients:
+            client.close()
+        self._daemon.__exit__()
+        self.link.close()
+        self.clock.close()
+        self._folder.cleanup()
+
+    @property
+    def t_s(self) -> float:
+        """Simulated seconds since the start: the simulated world's time."""
+        return (self.clock.now_ns() - START_NS) / 1e9
+
+    @property
+    def log(self) -> str:
+        """What the daemon has said."""
+        return self.log_path.read_text(errors="replace")
+
+    def client(self, subscription: Subscription | None = None) -> LiveClient:
+        """Connect one more client; it hears from the daemon as time goes on."""
+        client = LiveClient(self.socket, subscription)
+        self.clients.append(client)
+        return client
+
+    def run(self, seconds: float) -> None:
+        """Let time go on."""
+        self.link.run_until(self.clock.now_ns() + round(1e9 * seconds))
+
+    def captured_s(self, estimate: Estimate) -> float:
+        """Say when an estimate's newest frame was captured, in the simulated world's time."""
+        return (estimate.capture_time_unix_ns - UNIX_NS - START_NS) / 1e9
+
+    def _read(self) -> None:
+        for client in self.clients:
+            client.read(self.t_s)
