@@ -11,6 +11,7 @@
 
 #include "app/health.h"
 #include "base/clock.h"
+#include "base/text.h"
 #include "include/packet.h"
 #include "include/publisher.h"
 #include "light/model.h"
@@ -181,20 +182,8 @@ int lp_encode_estimate(const struct lp_light_estimate *estimate, const struct lp
 	return 0;
 }
 
-/* Cut to the field, never within a UTF-8 character. */
-static void copy_text(char *field, size_t size_bytes, const char *text)
-{
-	size_t length = strlen(text);
-
-	if (length >= size_bytes) {
-		length = size_bytes - 1;
-		while (length > 0 && ((unsigned char)text[length] & 0xc0) == 0x80)
-			length--;
-	}
-	memcpy(field, text, length);
-	field[length] = '\0';
-}
-#define COPY_TEXT(field, text) copy_text(field, sizeof(field), text)
+/* All text enters the wire here: a strict client refuses a whole message for one bad byte. */
+#define COPY_TEXT(field, text) lp_text_copy(field, sizeof(field), text)
 
 void lp_encode_hello(const struct lp_hello *hello, struct lp_packet *packet)
 {

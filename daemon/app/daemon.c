@@ -203,7 +203,8 @@ static void take_once(struct lp_daemon *daemon, const struct lp_result *result)
 		daemon->once_best = *result;
 		daemon->once_has_best = true;
 	}
-	if (result->last_frame || !daemon->caps.finite)
+	/* An endless source has no last frame: its first estimate counts. */
+	if (result->last_frame || (!daemon->caps.finite && result->status == 0))
 		finish_once(daemon);
 }
 

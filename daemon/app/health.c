@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include "base/clock.h"
+#include "base/text.h"
 
 #define WINDOW_NS (10 * LP_NS_PER_S)
 #define BINS_PER_DOUBLING 8
@@ -67,8 +68,7 @@ void lp_health_fault(struct lp_health *health, const char *id, const char *text)
 		at++;
 	if (text && at < LP_MAX_FAULTS) {
 		report->faults[at].id = id;
-		(void)snprintf(report->faults[at].text, sizeof(report->faults[at].text), "%s",
-			       text);
+		lp_text_copy(report->faults[at].text, sizeof(report->faults[at].text), text);
 		if (at == report->fault_count)
 			report->fault_count++;
 	} else if (!text && at < report->fault_count) {
@@ -101,11 +101,33 @@ static uint32_t rss_kib(void)
 	return (uint32_t)(pages * (unsigned long)sysconf(_SC_PAGESIZE) / 1024);
 }
 
+/* Over the window that runs. */
+static void update_rates(struct lp_health *health, int64_t now_ns)
+{
+	struct lp_health_report *report = &health->report;
+	const double elapsed_ns = (double)(now_ns - health->window_start_ns);
+	const uint64_t estimates = report->estimates - health->window_start_estimates;
+	const int64_t cpu_ns = lp_clock_cpu_ns() - health->window_start_cpu_ns;
+
+	report->estimates_per_s = (float)((double)estimates * (double)LP_NS_PER_S / elapsed_ns);
+	report->cpu_percent = (float)(100.0 * (double)cpu_ns / elapsed_ns);
+}
+
+void lp_health_tick(struct lp_health *health, int64_t now_ns)
+{
+	if (now_ns - health->window_start_ns < WINDOW_NS)
+		return;
+	update_rates(health, now_ns);
+	health->window_start_ns = now_ns;
+	health->window_start_cpu_ns = lp_clock_cpu_ns();
+	health->window_start_estimates = health->report.estimates;
+	health->latency_us[1] = health->latency_us[0];
+	memset(&health->latency_us[0], 0, sizeof(health->latency_us[0]));
+}
+
 void lp_health_update(struct lp_health *health, int64_t now_ns)
 {
 	struct lp_health_report *report = &health->report;
-	const int64_t cpu_ns = lp_clock_cpu_ns();
-	const double elapsed_ns = (double)(now_ns - health->window_start_ns);
 
 	report->uptime_ms = (uint64_t)((now_ns - health->t_start_ns) / LP_NS_PER_MS);
 	report->rss_kib = rss_kib();
@@ -113,18 +135,7 @@ void lp_health_update(struct lp_health *health, int64_t now_ns)
 		lp_histogram_quantile(&health->latency_us[0], &health->latency_us[1], 0.5);
 	report->latency_p99_us =
 		lp_histogram_quantile(&health->latency_us[0], &health->latency_us[1], 0.99);
-	if (elapsed_ns < (double)LP_NS_PER_S)
-		return;
-	report->estimates_per_s =
-		(float)((double)(report->estimates - health->window_start_estimates) *
-			(double)LP_NS_PER_S / elapsed_ns);
-	report->cpu_percent =
-		(float)(100.0 * (double)(cpu_ns - health->window_start_cpu_ns) / elapsed_ns);
-	if (elapsed_ns < (double)WINDOW_NS)
-		return;
-	health->window_start_ns = now_ns;
-	health->window_start_cpu_ns = cpu_ns;
-	health->window_start_estimates = report->estimates;
-	health->latency_us[1] = health->latency_us[0];
-	memset(&health->latency_us[0], 0, sizeof(health->latency_us[0]));
+	/* A window that has only begun says less than the one before. */
+	if (now_ns - health->window_start_ns >= LP_NS_PER_S)
+		update_rates(health, now_ns);
 }

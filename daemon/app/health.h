@@ -80,7 +80,11 @@ void lp_health_init(struct lp_health *health, int64_t now_ns);
 void lp_health_fault(struct lp_health *health, const char *id, const char *text);
 void lp_health_add_latency(struct lp_health *health, int64_t latency_ns);
 
-/* Bring the derived values of `report` up to date; call it about once a second. */
+/* Call it several times a second, whether anybody listens or not: rates are of the last ten
+ * seconds, not of the time since somebody asked. */
+void lp_health_tick(struct lp_health *health, int64_t now_ns);
+
+/* Bring the derived values of `report` up to date, to be sent. */
 void lp_health_update(struct lp_health *health, int64_t now_ns);
 
 #endif

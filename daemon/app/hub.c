@@ -17,6 +17,11 @@
 #define PACKETS_PER_CLIENT 12
 #define STALE_PERIOD_NS LP_NS_PER_S
 #define SHORTEST_HEALTH_PERIOD_MS 100
+/* A client that asks for more is thrown out: each request costs the loop a few microseconds, and
+ * an app changes its mind far less often. */
+#define MOST_REQUESTS_PER_S 50
+/* A new subscription is answered at once, but not more often than this: it costs an encoding. */
+#define ANSWER_PERIOD_NS (100 * LP_NS_PER_MS)
 
 struct packet {
 	struct lp_packet base;
@@ -30,6 +35,11 @@ struct client {
 	struct lp_subscription subscription;
 	int64_t due_ns; /* earliest next estimate */
 	int64_t health_due_ns;
+	int64_t second_ns; /* begin of the second in which requests are counted */
+	int requests;	   /* in that second */
+	bool unknown_told; /* that it asks for what this daemon does not know */
+	bool subscribed;   /* it has a new subscription, not answered yet */
+	int64_t answered_ns;
 	int index; /* in hub->clients */
 };
 
@@ -193,24 +203,43 @@ static void send_estimate(struct lp_hub *hub, struct client *client)
 		send_packet(hub, client, packet);
 }
 
+/* Least time between estimates; 0: none. */
+static int64_t period_of(const struct client *client)
+{
+	const float rate_hz = client->subscription.rate_hz;
+
+	return rate_hz <= 0 ? 0 : rate_hz < 1e-3F ? 1000 * LP_NS_PER_S : (int64_t)(1e9F / rate_hz);
+}
+
 /*
  * Whether an estimate may go now. Half a period early counts as in time, so that a client that asks
  * for the camera's own rate misses nothing to jitter; the schedule keeps the mean rate.
  */
 static bool take_turn(struct client *client, int64_t now_ns)
 {
-	const float rate_hz = client->subscription.rate_hz;
-	int64_t period_ns;
+	const int64_t period_ns = period_of(client);
 
-	if (rate_hz <= 0)
-		return true;
-	period_ns = rate_hz < 1e-3F ? 1000 * LP_NS_PER_S : (int64_t)(1e9F / rate_hz);
 	if (now_ns < client->due_ns - period_ns / 2)
 		return false;
 	client->due_ns += period_ns;
 	if (client->due_ns < now_ns) /* no burst after a pause */
 		client->due_ns = now_ns + period_ns;
 	return true;
+}
+
+/* Send the last estimate to a client that has subscribed anew; too soon after such an answer it
+ * waits for the next tick. Its schedule begins here. */
+static void answer_subscription(struct lp_hub *hub, struct client *client, int64_t now_ns)
+{
+	if (!client->subscribed ||
+	    (client->answered_ns && now_ns - client->answered_ns < ANSWER_PERIOD_NS))
+		return;
+	client->subscribed = false;
+	client->answered_ns = now_ns;
+	client->due_ns = now_ns + period_of(client);
+	client->health_due_ns = 0;
+	if (hub->has_last)
+		send_estimate(hub, client);
 }
 
 static void send_to_all(struct lp_hub *hub)
@@ -279,7 +308,11 @@ void lp_hub_tick(struct lp_hub *hub)
 {
 	const int64_t now_ns = lp_clock_ns();
 
+	for (int i = 0; i < hub->client_count; i++)
+		answer_subscription(hub, hub->clients[i], now_ns);
+	empty_cache(hub);
 	repeat_when_stale(hub, now_ns);
+	lp_health_tick(hub->options.health, now_ns);
 	send_health(hub, now_ns);
 }
 
@@ -305,29 +338,33 @@ struct lp_demand lp_hub_demand(const struct lp_hub *hub)
 /* ---------------------------------------------------------------- clients */
 
 /* Refused clients get their reason through an entry of this stack only. */
-static int refuse(struct lp_hub *hub, struct lp_publisher *publisher, struct lp_client *handle)
+static int refuse(struct lp_hub *hub, struct lp_publisher *publisher, struct lp_client *handle,
+		  const char *reason)
 {
 	struct client passing = {.publisher = publisher, .handle = handle};
-	char text[128];
+	char text[200];
 
-	(void)snprintf(
-		text, sizeof(text),
-		"lightprobed: connect: %d clients are connected already — raise --max-clients",
-		hub->client_count);
-	lp_warning("hub", "connect", "a client is refused: %d are connected — raise --max-clients",
-		   hub->client_count);
+	(void)snprintf(text, sizeof(text), "lightprobed: connect: %s", reason);
+	lp_warning("hub", "connect", "a client is refused: %s", reason);
 	send_error(hub, &passing, -EUSERS, text);
 	return -EUSERS;
 }
 
 static int on_connected(void *context, struct lp_publisher *publisher, struct lp_client *handle,
-			void **user)
+			const char *refusal, void **user)
 {
 	struct lp_hub *hub = context;
-	struct client *client = lp_pool_take(hub->client_pool);
+	struct client *client;
+	char full[80];
 
-	if (!client)
-		return refuse(hub, publisher, handle);
+	if (refusal)
+		return refuse(hub, publisher, handle, refusal);
+	client = lp_pool_take(hub->client_pool);
+	if (!client) {
+		(void)snprintf(full, sizeof(full), "%d clients are connected — raise --max-clients",
+			       hub->client_count);
+		return refuse(hub, publisher, handle, full);
+	}
 	*client = (struct client){.publisher = publisher,
 				  .handle = handle,
 				  .subscription = hub->options.initial,
@@ -342,32 +379,65 @@ static int on_connected(void *context, struct lp_publisher *publisher, struct lp
 	return 0;
 }
 
+static void refuse_request(struct lp_hub *hub, struct client *client, int code, const char *what,
+			   const char *reason)
+{
+	char text[200];
+
+	(void)snprintf(text, sizeof(text), "lightprobed: %s: %s", what, reason);
+	lp_warning("hub", "request", "refused: %s", reason);
+	send_error(hub, client, code, text);
+}
+
+/* False: too many in this second. */
+static bool count_request(struct client *client)
+{
+	const int64_t now_ns = lp_clock_ns();
+
+	if (now_ns - client->second_ns >= LP_NS_PER_S) {
+		client->second_ns = now_ns;
+		client->requests = 0;
+	}
+	return ++client->requests <= MOST_REQUESTS_PER_S;
+}
+
 static int on_request(void *context, void *user, const uint8_t *data, size_t size_bytes)
 {
 	struct lp_hub *hub = context;
 	struct client *client = user;
 	struct lp_subscription subscription;
 	const char *reason;
-	char text[160];
-	const int ret = lp_decode_request(data, size_bytes, &subscription, &reason);
+	char what[40];
+	int ret;
 
+	if (!count_request(client)) {
+		hub->options.health->report.requests_rejected++;
+		refuse_request(hub, client, -EDQUOT, "requests",
+			       "more than 50 in a second — subscribe only to change something");
+		return -EDQUOT;
+	}
+	ret = lp_decode_request(data, size_bytes, &subscription, &reason);
 	if (ret < 0) {
 		hub->options.health->report.requests_rejected++;
-		(void)snprintf(text, sizeof(text), "lightprobed: request of %zu bytes: %s",
-			       size_bytes, reason);
-		lp_warning("hub", "request", "refused: %s", reason);
-		send_error(hub, client, ret, text);
+		(void)snprintf(what, sizeof(what), "request of %zu bytes", size_bytes);
+		if (ret != -EOPNOTSUPP || !client->unknown_told)
+			refuse_request(hub, client, ret, what, reason);
+		client->unknown_told |= ret == -EOPNOTSUPP;
 		return ret == -EOPNOTSUPP ? 0 : ret; /* a newer client may go on without it */
 	}
 	if (subscription.health_period_ms &&
 	    subscription.health_period_ms < SHORTEST_HEALTH_PERIOD_MS)
 		subscription.health_period_ms = SHORTEST_HEALTH_PERIOD_MS;
 	client->subscription = subscription;
-	client->due_ns = client->health_due_ns = 0;
-	if (hub->has_last && take_turn(client, lp_clock_ns()))
-		send_estimate(hub, client);
-	empty_cache(hub);
+	client->subscribed = true;
 	return 0;
+}
+
+/* Of several subscriptions that came together the newest is answered. */
+static void on_requests_done(void *context, void *user)
+{
+	answer_subscription(context, user, lp_clock_ns());
+	empty_cache(context);
 }
 
 static void on_unreadable(void *context, void *user, const char *reason)
@@ -414,8 +484,10 @@ struct lp_publisher_host lp_hub_publisher_host(struct lp_hub *hub)
 	return (struct lp_publisher_host){
 		.context = hub,
 		.loop = hub->options.loop,
+		.max_clients = hub->options.max_clients,
 		.connected = on_connected,
 		.request = on_request,
+		.requests_done = on_requests_done,
 		.unreadable = on_unreadable,
 		.disconnected = on_disconnected,
 		.superseded = on_superseded,

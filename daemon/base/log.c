@@ -13,8 +13,11 @@
 #include <unistd.h>
 
 #include "base/clock.h"
+#include "base/text.h"
 
-#define TEXT_BYTES 512
+#define TEXT_BYTES 768
+#define OBJECT_BYTES 200 /* leaves room for what happened and what to do */
+#define STAGE_BYTES 64
 #define KINDS 32
 #define FIRST_WINDOW_NS (10 * LP_NS_PER_S)
 #define LONGEST_WINDOW_NS (600 * LP_NS_PER_S)
@@ -149,9 +152,9 @@ void lp_log(enum lp_log_level level, const char *object, const char *stage, cons
 	pthread_mutex_lock(&the_log.lock);
 	if (level > the_log.level)
 		goto unlock;
-	length = snprintf(text, sizeof(text), "%s: %s: ", object, stage);
-	if (length < 0 || length >= (int)sizeof(text))
-		length = (int)sizeof(text) - 1;
+	lp_text_copy(text, OBJECT_BYTES, object);
+	length = (int)strlen(text);
+	length += snprintf(text + length, STAGE_BYTES, ": %.*s: ", STAGE_BYTES - 5, stage);
 	errno = saved_errno; /* for %m */
 	va_start(arguments, reason);
 	(void)vsnprintf(text + length, sizeof(text) - (size_t)length, reason, arguments);

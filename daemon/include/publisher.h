@@ -26,14 +26,18 @@ struct lp_client; /* owned by the publisher */
 struct lp_publisher_host {
 	void *context;
 	struct lp_loop *loop; /* outlives the publisher */
-	/* May call send() at once. *user is the application's own pointer for this client. A
+	int max_clients;      /* of all publishers together */
+	/* May call send() at once. *user is the application's own pointer for this client.
+	 * `refusal`: why the publisher will not have it, next step included; NULL: it may stay. A
 	 * negative result refuses it: what was sent goes out, the connection closes, nothing more
 	 * is heard. */
 	int (*connected)(void *context, struct lp_publisher *publisher, struct lp_client *client,
-			 void **user);
+			 const char *refusal, void **user);
 	/* One whole request without its length prefix; valid during the call.
 	 * A negative result makes the publisher close the connection once its queue is sent. */
 	int (*request)(void *context, void *user, const uint8_t *data, size_t size_bytes);
+	/* All requests that had come together have been handed over. */
+	void (*requests_done)(void *context, void *user);
 	/* What the client sends has no readable length; may call send(), then the connection
 	 * closes. */
 	void (*unreadable)(void *context, void *user, const char *reason);

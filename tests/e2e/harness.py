@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+import math
 import os
 import signal
 import socket
@@ -59,7 +60,7 @@ class Daemon:
         self.variant = variant
         self.arguments = list(arguments)
         if not any(argument.startswith(("--publish", "--once")) for argument in arguments):
-            self.arguments.append(f"--publish=unix:{self.socket}?mode=666")
+            self.arguments.append(f"--publish=unix:{self.socket}?mode=666&per_peer=4096")
         self.popen = popen
         self.log_path = self.folder / "log"
         self.process: subprocess.Popen[bytes] | None = None
@@ -325,7 +326,7 @@ class Camera:
             height,
             0,
             self.sequence,
-            time.monotonic_ns() - round(exposure_us * 1e3),
+            time.monotonic_ns() - (0 if math.isnan(exposure_us) else round(exposure_us * 1e3)),
             exposure_us,
             1.0,
             flags,

@@ -130,7 +130,7 @@ def test_requests_in_pieces_and_in_one_piece(probe):
             time.sleep(0.002)
         client.until(lambda e: e.sh.order == 3)
         last = pb.FromClient(subscribe=pb.Subscription(sh_order=1)).SerializeToString()
-        client.socket.sendall(delimit(request) * 50 + delimit(last))
+        client.socket.sendall(delimit(request) * 40 + delimit(last))
         client.until(lambda e: e.sh.order == 1)
 
 
@@ -184,7 +184,7 @@ def test_one_client_too_many_is_refused_with_a_reason(tmp_path):
             client.next("hello")
         with daemon.client() as refused:
             error = refused.next()
-            assert "3 clients are connected already — raise --max-clients" in error.text
+            assert "3 clients are connected — raise --max-clients" in error.text
             with pytest.raises(EOFError):
                 refused.next()
         clients.pop().socket.close()
@@ -196,6 +196,36 @@ def test_one_client_too_many_is_refused_with_a_reason(tmp_path):
         assert any(admitted() or time.sleep(0.05) for _ in range(100))
         for client in clients:
             client.socket.close()
+
+
+def test_the_network_does_not_lock_local_clients_out(tmp_path):
+    (tmp_path / "a.jpg").write_bytes(GOOD)
+    options = ["--publish=tcp:127.0.0.1:0?per_peer=4096", "--max-clients=16"]
+    with Daemon(f"--source=file:{tmp_path}/a.jpg", *options, f"--publish=unix:{tmp_path}/s") as d:
+        port = int(d.log().split("127.0.0.1 port ")[1].split()[0])
+        crowd = [Client(("127.0.0.1", port)) for _ in range(20)]
+        assert [client.next().DESCRIPTOR.name for client in crowd[:14]] == ["Hello"] * 14
+        refused = crowd[14].next("error")
+        assert "tcp has 14 clients — raise its ?clients=" in refused.text
+        with Client(tmp_path / "s") as local:
+            local.next("estimate")
+        for client in crowd:
+            client.socket.close()
+
+
+@pytest.mark.parametrize(
+    "flood", [bytes(65536), 21845 * delimit(pb.FromClient(subscribe={}).SerializeToString())]
+)
+def test_a_flood_of_requests_ends_with_its_connection(probe, flood):
+    """Each request costs the loop some time: so many are allowed, and no more."""
+    with probe.client() as client, probe.client(health_period_ms=100) as other:
+        client.next("estimate")
+        with contextlib.suppress(ConnectionError):  # it is closed while it still sends
+            client.socket.sendall(flood)
+        assert "more than 50 in a second" in client.until(lambda e: e.code == -122, "error").text
+        client.wait_closed()
+        other.until(lambda e: e.requests_rejected > 0, "health")
+        other.next("estimate")
 
 
 def test_sends_no_picture_whatever_it_is_asked():

@@ -72,10 +72,15 @@ def test_help_names_options_and_back_ends():
         ),
         (["--source=file:a", "--camera=/no/camera"], "/no/camera"),
         (["--config=/no/file"], "/no/file: read: No such file or directory"),
+        (["--source=file:a", "--publish=tcp:nonsense"], "tcp:nonsense: parse: must be tcp:HOST"),
+        (["--source=file:a", "--publish=tcp:127.0.0.1:99999"], "with a port up to 65535"),
+        (["--source=file:a", "--publish=unix:"], "unix:: parse: a socket path has 1 to 107"),
+        (["--source=file:a", "--publish=unix:/tmp/" + 150 * "x"], "a socket path has 1 to 107"),
     ],
 )
-def test_usage_errors(arguments, message):
-    status, out, log = run(*arguments)
+@pytest.mark.parametrize("check", [[], ["--check-config"]])
+def test_usage_errors(arguments, message, check):
+    status, out, log = run(*arguments, *check)
     assert status == 2
     assert message in log
     assert out == b""

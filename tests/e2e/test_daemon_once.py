@@ -1,5 +1,6 @@
 """--once: a finite source as one set, exactly one estimate on standard output, then the end."""
 
+import math
 import os
 import pty
 import subprocess
@@ -17,6 +18,7 @@ from harness import (
     pfm,
     run,
     split,
+    streaming,
 )
 
 
@@ -151,6 +153,16 @@ def test_from_a_camera_the_first_estimate_counts():
         cam.send(jpeg())
         out = daemon.process.stdout.read()
         assert daemon.wait() == 0
+        only_estimate(split(out)[0])
+
+
+def test_a_camera_that_does_not_tell_its_exposure_is_given_the_frames_that_it_needs():
+    """Its first frames give no estimate: which exposure they have must be found out first."""
+    with camera() as cam, Daemon(f"--source=sim:{cam.path}", "--once") as daemon:
+        cam.accept()
+        with streaming(cam, jpeg(), exposure_us=math.nan):
+            out = daemon.process.stdout.read()
+        assert daemon.wait() == 0, daemon.log()
         only_estimate(split(out)[0])
 
 

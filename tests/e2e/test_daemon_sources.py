@@ -1,5 +1,6 @@
 """Pictures as cameras deliver them on a bad day: the daemon counts, says so, and goes on."""
 
+import os
 import time
 
 import numpy as np
@@ -163,6 +164,17 @@ def test_a_frame_larger_than_allowed(probe):
     cam, _, client = probe
     cam.send(b"", claim=1 << 40)
     client.until(lambda h: h.source_state == State.WAITING, "health")
+
+
+@pytest.mark.parametrize("length", [12, 90, 95, 96, 97])
+def test_a_fault_can_be_read_whatever_the_path_is_called(length):
+    """Names of files are bytes; texts on the wire are UTF-8, and no longer than their field."""
+    path = os.fsdecode((b"/tmp/\xff" + 40 * "€".encode())[:length])
+    with Daemon(f"--source=sim:{path}") as daemon, daemon.client(health_period_ms=100) as client:
+        health = client.until(lambda h: h.faults, "health")
+        assert health.faults[0].id == "source-waiting"
+        assert health.faults[0].text.startswith("sim: /tmp/?€")
+        assert health.faults[0].text.endswith("Trying again")
 
 
 def test_waits_for_a_camera_that_is_absent():

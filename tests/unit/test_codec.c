@@ -235,17 +235,19 @@ static void test_hello_error_health(void **state)
 	message = decode_packet(&packet);
 	assert_int_equal(message.which_message, lightprobe_v1_FromProbe_hello_tag);
 	assert_int_equal(message.message.hello.protocol_major, 1);
-	assert_string_equal(message.message.hello.source, "a-scheme-longer");
+	assert_string_equal(message.message.hello.source, "a-sc...he-field");
 	assert_string_equal(message.message.hello.software, "lightprobed " LP_VERSION);
 	assert_int_equal(message.message.hello.smoothing_time_constant_ms, 250);
 
-	/* Cut at a character, not within: the field holds 239 bytes, the dash has three. */
+	/* Too long for the field of 239 bytes: cut between characters, in the middle. */
 	memset(text, 'x', 238);
 	(void)strcpy(text + 238, "— and more");
 	lp_encode_error(-EMSGSIZE, text, &packet);
 	message = decode_packet(&packet);
 	assert_int_equal(message.message.error.code, -EMSGSIZE);
-	assert_int_equal(strlen(message.message.error.text), 238);
+	assert_int_equal(strlen(message.message.error.text), 239);
+	assert_contains(message.message.error.text, "x...x");
+	assert_contains(message.message.error.text, "x— and more");
 
 	for (int i = 0; i < LP_MAX_FAULTS; i++) {
 		report.faults[i].id = "source-waiting-with-a-rather-long-name";

@@ -4,7 +4,6 @@
 #include <errno.h>
 #include <math.h>
 #include <stdlib.h>
-#include <time.h>
 
 #include "app/health.h"
 #include "app/hub.h"
@@ -16,7 +15,7 @@
 struct lp_client {
 	void *user;
 	int count; /* packets, ever */
-	struct lp_packet *packets[64];
+	struct lp_packet *packets[256];
 };
 
 static struct lp_hub *hub;
@@ -27,7 +26,7 @@ static struct lp_client clients[MAX_CLIENTS + 1];
 static void keep(struct lp_publisher *publisher, struct lp_client *client, struct lp_packet *packet)
 {
 	(void)publisher;
-	assert_true(client->count < 64);
+	assert_true(client->count < 256);
 	client->packets[client->count++] = lp_packet_hold(packet);
 }
 
@@ -49,6 +48,7 @@ static int setup(void **state)
 	};
 
 	(void)state;
+	lp_clock_simulate(LP_NS_PER_S);
 	lp_health_init(&health, lp_clock_ns());
 	health.report.preset = "fast";
 	memset(clients, 0, sizeof(clients));
@@ -63,6 +63,18 @@ static void forget_packets(struct lp_client *client)
 	for (int i = 0; i < client->count; i++)
 		lp_packet_drop(client->packets[i]);
 	client->count = 0;
+}
+
+/* Room for more packets. */
+static void forget_all_but_count(struct lp_client *client)
+{
+	static struct lp_packet none = {.references = UINT32_MAX / 2};
+
+	for (int i = 0; i < client->count; i++) {
+		if (client->packets[i] != &none)
+			lp_packet_drop(client->packets[i]);
+		client->packets[i] = &none;
+	}
 }
 
 static void leave(struct lp_client *client)
@@ -86,7 +98,7 @@ static int teardown(void **state)
 
 static struct lp_client *join(int index)
 {
-	assert_int_equal(host.connected(host.context, &publisher, &clients[index],
+	assert_int_equal(host.connected(host.context, &publisher, &clients[index], NULL,
 					&clients[index].user),
 			 0);
 	return &clients[index];
@@ -97,7 +109,17 @@ static int subscribe(struct lp_client *client, const lightprobe_v1_Subscription 
 	uint8_t data[LP_REQUEST_MAX_BYTES];
 	const size_t size = encode_request(wire, data, sizeof(data));
 
-	return host.request(host.context, client->user, data, size);
+	const int ret = host.request(host.context, client->user, data, size);
+
+	if (ret == 0)
+		host.requests_done(host.context, client->user);
+	return ret;
+}
+
+/* Simulated time goes on. */
+static void pass_ms(int ms)
+{
+	lp_clock_simulate(lp_clock_ns() + ms * LP_NS_PER_MS);
 }
 
 static void publish(float value)
@@ -206,8 +228,12 @@ static void test_estimates_carry_the_number_of_their_subscription(void **state)
 	}
 	assert_ptr_equal(clients[0].packets[clients[0].count - 1],
 			 clients[1].packets[clients[1].count - 1]);
-	/* The same estimate again, of another subscription: told apart by the number alone. */
+	/* The same estimate again, of another subscription: told apart by the number alone. So soon
+	 * after the last answer it comes with the next tick. */
 	assert_int_equal(subscribe(&clients[0], &second), 0);
+	assert_int_equal(last_estimate(&clients[0]).subscription, 1);
+	pass_ms(100);
+	lp_hub_tick(hub);
 	assert_int_equal(last_estimate(&clients[0]).sequence, 2);
 	assert_int_equal(last_estimate(&clients[0]).subscription, 2);
 }
@@ -265,29 +291,80 @@ static void test_demand_is_the_most_any_client_asks(void **state)
 	assert_int_equal(lp_hub_demand(hub).sh_order, 2);
 }
 
-static void sleep_ms(int ms)
-{
-	const struct timespec time = {.tv_nsec = ms * 1000000L};
-
-	nanosleep(&time, NULL);
-}
-
 static void test_rate_limit(void **state)
 {
 	const lightprobe_v1_Subscription slow = {.rate_hz = 50};
 	struct lp_client *client = join(0);
-	const int64_t start_ns = lp_clock_ns();
-	int expected;
 
 	(void)state;
 	assert_int_equal(subscribe(client, &slow), 0);
-	for (int i = 0; i < 60; i++) {
+	for (int ms = 0; ms < 1000; ms += 2) {
 		publish(1);
-		sleep_ms(2);
+		forget_all_but_count(client);
+		pass_ms(2);
 	}
-	/* At most the rate times the time, and the one that may be early. */
-	expected = (int)((double)(lp_clock_ns() - start_ns) * 50e-9) + 2;
-	assert_in_range(client->count - 1, 3, expected);
+	assert_in_range(client->count - 1, 50, 51); /* the hello apart; one may be early */
+}
+
+static void test_a_subscription_is_answered_at_once_but_not_over_and_over(void **state)
+{
+	const lightprobe_v1_Subscription slow = {.rate_hz = 1};
+	struct lp_client *client = join(0);
+	int answers = 0;
+
+	(void)state;
+	publish(1);
+	for (int ms = 0; ms < 1000; ms += 25) {
+		const int before = client->count;
+
+		assert_int_equal(subscribe(client, &slow), 0);
+		answers += client->count - before;
+		forget_all_but_count(client);
+		pass_ms(25);
+	}
+	assert_int_equal(answers, 10); /* every 100 ms */
+}
+
+static void test_of_subscriptions_that_come_together_the_newest_is_answered(void **state)
+{
+	struct lp_client *client = join(0);
+	uint8_t data[LP_REQUEST_MAX_BYTES];
+
+	(void)state;
+	publish(1);
+	assert_int_equal(client->count, 2);
+	for (uint32_t number = 1; number <= 9; number++) {
+		const lightprobe_v1_Subscription wire = {.number = number};
+		const size_t size = encode_request(&wire, data, sizeof(data));
+
+		assert_int_equal(host.request(host.context, client->user, data, size), 0);
+	}
+	assert_int_equal(client->count, 2);
+	host.requests_done(host.context, client->user);
+	assert_int_equal(client->count, 3);
+	assert_int_equal(last_estimate(client).subscription, 9);
+}
+
+static void test_a_flood_of_requests_ends_the_connection(void **state)
+{
+	const lightprobe_v1_Subscription wire = {.number = 1};
+	struct lp_client *client = join(0);
+	lightprobe_v1_FromProbe message;
+
+	(void)state;
+	for (int second = 0; second < 3; second++) {
+		for (int i = 0; i < 50; i++)
+			assert_int_equal(subscribe(client, &wire), 0);
+		pass_ms(1000);
+	}
+	for (int i = 0; i < 50; i++)
+		assert_int_equal(subscribe(client, &wire), 0);
+	pass_ms(999);
+	assert_int_equal(subscribe(client, &wire), -EDQUOT);
+	message = decode_packet(client->packets[client->count - 1]);
+	assert_int_equal(message.message.error.code, -EDQUOT);
+	assert_contains(message.message.error.text, "more than 50 in a second");
+	assert_int_equal(health.report.requests_rejected, 1);
 }
 
 static void test_stale_estimates_are_repeated_and_marked(void **state)
@@ -301,13 +378,13 @@ static void test_stale_estimates_are_repeated_and_marked(void **state)
 	lp_hub_tick(hub);
 	assert_int_equal(client->count, 2);
 	assert_int_equal(last_estimate(client).flags & LP_ESTIMATE_STALE, 0);
-	sleep_ms(40);
+	pass_ms(40);
 	lp_hub_tick(hub);
 	lp_hub_tick(hub); /* at a low rate: not again so soon */
 	assert_int_equal(client->count, 3);
 	assert_int_equal(last_estimate(client).flags & LP_ESTIMATE_STALE, LP_ESTIMATE_STALE);
 	assert_int_equal(last_estimate(client).sequence, 1);
-	assert_true(last_estimate(client).send_delay_us >= 40000);
+	assert_int_equal(last_estimate(client).send_delay_us, 40000);
 	assert_int_equal(last_estimate(join(1)).flags & LP_ESTIMATE_STALE, LP_ESTIMATE_STALE);
 	publish(2);
 	assert_int_equal(last_estimate(client).flags & LP_ESTIMATE_STALE, 0);
@@ -341,6 +418,7 @@ static void test_bad_requests_get_an_error(void **state)
 	const lightprobe_v1_Subscription bad_rate = {.rate_hz = -1};
 	struct lp_client *client = join(0);
 	lightprobe_v1_FromProbe message;
+	int count;
 
 	(void)state;
 	assert_true(host.request(host.context, client->user, garbage, 3) < 0);
@@ -351,14 +429,17 @@ static void test_bad_requests_get_an_error(void **state)
 	assert_true(subscribe(client, &bad_rate) < 0);
 	message = decode_packet(client->packets[client->count - 1]);
 	assert_contains(message.message.error.text, "rate_hz");
-	/* A request that only a newer daemon knows: told, but not thrown out. */
+	/* A request that only a newer daemon knows: told, once, but not thrown out. */
 	assert_int_equal(host.request(host.context, client->user, garbage, 0), 0);
 	message = decode_packet(client->packets[client->count - 1]);
 	assert_int_equal(message.message.error.code, -EOPNOTSUPP);
+	count = client->count;
+	assert_int_equal(host.request(host.context, client->user, garbage, 0), 0);
+	assert_int_equal(client->count, count);
 	host.unreadable(host.context, client->user, "too long");
 	message = decode_packet(client->packets[client->count - 1]);
 	assert_contains(message.message.error.text, "too long");
-	assert_int_equal(health.report.requests_rejected, 4);
+	assert_int_equal(health.report.requests_rejected, 5);
 }
 
 static void test_too_many_clients_are_refused_with_a_reason(void **state)
@@ -369,7 +450,7 @@ static void test_too_many_clients_are_refused_with_a_reason(void **state)
 	(void)state;
 	for (int i = 0; i < MAX_CLIENTS; i++)
 		join(i);
-	assert_int_equal(host.connected(host.context, &publisher, refused, &refused->user),
+	assert_int_equal(host.connected(host.context, &publisher, refused, NULL, &refused->user),
 			 -EUSERS);
 	assert_int_equal(refused->count, 1);
 	message = decode_packet(refused->packets[0]);
@@ -409,6 +490,9 @@ int main(void)
 		HUB_TEST(test_tolerance_chooses_a_smaller_model),
 		HUB_TEST(test_demand_is_the_most_any_client_asks),
 		HUB_TEST(test_rate_limit),
+		HUB_TEST(test_a_subscription_is_answered_at_once_but_not_over_and_over),
+		HUB_TEST(test_of_subscriptions_that_come_together_the_newest_is_answered),
+		HUB_TEST(test_a_flood_of_requests_ends_the_connection),
 		HUB_TEST(test_stale_estimates_are_repeated_and_marked),
 		HUB_TEST(test_health_at_its_period),
 		HUB_TEST(test_bad_requests_get_an_error),

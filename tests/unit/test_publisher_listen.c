@@ -4,6 +4,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <stdio.h>
+#include <sys/resource.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/un.h>
@@ -99,6 +100,30 @@ static void test_a_file_that_somebody_replaced_is_left_alone(void **state)
 	close(old_fd);
 }
 
+/* Without descriptors nobody can find out whether a program answers. */
+static void test_a_live_path_is_not_taken_over_for_lack_of_descriptors(void **state)
+{
+	struct lp_socket_file file = {0}, second = {0};
+	const int fd = lp_listen_unix("test", path, 0600, &file);
+	struct rlimit old, low;
+	const int next_fd = dup(fd);
+	int ret;
+
+	(void)state;
+	assert_true(fd >= 0);
+	close(next_fd);
+	assert_int_equal(getrlimit(RLIMIT_NOFILE, &old), 0);
+	low = old;
+	low.rlim_cur = (rlim_t)next_fd + 1; /* for the socket that would listen, no more */
+	assert_int_equal(setrlimit(RLIMIT_NOFILE, &low), 0);
+	ret = lp_listen_unix("second", path, 0600, &second);
+	assert_int_equal(setrlimit(RLIMIT_NOFILE, &old), 0);
+	assert_int_equal(ret, -EADDRINUSE);
+	assert_int_equal(access(path, F_OK), 0);
+	close(fd);
+	lp_socket_file_remove(&file);
+}
+
 static void test_paths_that_cannot_be(void **state)
 {
 	struct lp_socket_file file = {0};
@@ -118,27 +143,26 @@ static void test_paths_that_cannot_be(void **state)
 
 static void test_tcp_addresses(void **state)
 {
-	static const char *const bad[] = {"",
-					  "7700",
-					  ":7700",
-					  "127.0.0.1:",
-					  "::1:7700",
-					  "[::1]7700",
-					  "[::1:7700",
-					  "no.such.host.invalid:1",
-					  "127.0.0.1:99999",
-					  "127.0.0.1:http",
-					  "127.0.0.1:-1"};
+	static const char *const bad[] = {
+		"",	     "7700",	  ":7700",	     "127.0.0.1:",     "::1:7700",
+		"[::1]7700", "[::1:7700", "127.0.0.1:99999", "127.0.0.1:http", "127.0.0.1:-1",
+		"[]:1",	     "[a]b]:1"};
+	struct lp_tcp_address address;
 	int fds[LP_LISTEN_MAX];
 
 	(void)state;
 	for (size_t i = 0; i < ARRAY_COUNT(bad); i++) {
-		if (lp_listen_tcp("test", bad[i], fds) != -EINVAL)
+		if (lp_tcp_address_parse("test", bad[i], &address) != -EINVAL)
 			fail_msg("%s was accepted", bad[i]);
 	}
-	assert_int_equal(lp_listen_tcp("test", "127.0.0.1:0", fds), 1);
+	assert_int_equal(lp_tcp_address_parse("test", "no.such.host.invalid:1", &address), 0);
+	assert_int_equal(lp_listen_tcp("test", &address, fds), -EINVAL);
+	assert_int_equal(lp_tcp_address_parse("test", "127.0.0.1:0", &address), 0);
+	assert_int_equal(lp_listen_tcp("test", &address, fds), 1);
 	close(fds[0]);
-	if (lp_listen_tcp("test", "[::1]:0", fds) == 1)
+	assert_int_equal(lp_tcp_address_parse("test", "[::1]:0", &address), 0);
+	assert_string_equal(address.host, "::1");
+	if (lp_listen_tcp("test", &address, fds) == 1)
 		close(fds[0]);
 	else
 		print_message(
@@ -154,6 +178,7 @@ int main(void)
 		LISTEN_TEST(test_second_daemon_on_a_live_path),
 		LISTEN_TEST(test_a_stale_path_is_replaced),
 		LISTEN_TEST(test_a_file_that_somebody_replaced_is_left_alone),
+		LISTEN_TEST(test_a_live_path_is_not_taken_over_for_lack_of_descriptors),
 		LISTEN_TEST(test_paths_that_cannot_be),
 		LISTEN_TEST(test_tcp_addresses),
 	};

@@ -24,7 +24,7 @@ extern const struct lp_publisher_ops lp_publisher_unix_ops;
 /* ---------------------------------------------------------------- a host that echoes */
 
 static struct {
-	int connected, disconnected, requests, unreadable, superseded;
+	int connected, disconnected, requests, requests_done, unreadable, superseded;
 	struct lp_client *client; /* the newest */
 	struct lp_publisher *publisher;
 	bool refuse;
@@ -56,14 +56,16 @@ static void send_text(struct lp_publisher *publisher, struct lp_client *client, 
 }
 
 static int on_connected(void *context, struct lp_publisher *publisher, struct lp_client *client,
-			void **user)
+			const char *refusal, void **user)
 {
 	(void)context;
 	heard.client = client;
 	heard.publisher = publisher;
 	*user = client;
-	if (heard.refuse) {
-		send_text(publisher, client, "refused", LP_PACKET_CONTROL, 7);
+	if (heard.refuse)
+		refusal = "refused";
+	if (refusal) {
+		send_text(publisher, client, refusal, LP_PACKET_CONTROL, (uint32_t)strlen(refusal));
 		return -EUSERS;
 	}
 	heard.connected++;
@@ -83,6 +85,13 @@ static int on_request(void *context, void *user, const uint8_t *data, size_t siz
 		return -EBADMSG;
 	}
 	return 0;
+}
+
+static void on_requests_done(void *context, void *user)
+{
+	(void)context;
+	(void)user;
+	heard.requests_done++;
 }
 
 static void on_unreadable(void *context, void *user, const char *reason)
@@ -108,7 +117,9 @@ static void on_superseded(void *context, void *user)
 
 static struct lp_publisher_host host = {
 	.connected = on_connected,
+	.max_clients = 16,
 	.request = on_request,
+	.requests_done = on_requests_done,
 	.unreadable = on_unreadable,
 	.disconnected = on_disconnected,
 	.superseded = on_superseded,
@@ -233,6 +244,7 @@ static void test_hello_requests_and_leaving(void **state)
 	assert_int_equal(write(fd, "\3abc\0\2de\1", 9), 9); /* three requests, and a piece */
 	pump(&heard.requests, 3);
 	assert_memory_equal(heard.last, "de", 2);
+	assert_int_equal(heard.requests_done, 1);
 	assert_int_equal(write(fd, "f", 1), 1);
 	pump(&heard.requests, 4);
 	assert_memory_equal(heard.last, "f", 1);
@@ -278,6 +290,38 @@ static void test_refused_client_is_told_and_closed(void **state)
 	assert_int_equal(heard.connected, 0);
 	assert_int_equal(heard.disconnected, 0);
 	close(fd);
+}
+
+/* One user's connections, and all together, have limits of their own. */
+static void test_a_peer_has_its_share_and_so_has_the_publisher(void **state)
+{
+	static const struct {
+		const char *query, *refusal;
+	} cases[] = {
+		{"?per_peer=3", "3 are from the same user — raise ?per_peer="},
+		{"?clients=3", "unix has 3 clients — raise its ?clients="},
+	};
+	int fds[4];
+
+	(void)state;
+	for (size_t k = 0; k < ARRAY_COUNT(cases); k++) {
+		const int before = heard.connected;
+
+		publisher->ops->destroy(publisher);
+		publisher = create_unix(cases[k].query);
+		assert_int_equal(publisher->ops->start(publisher), 0);
+		for (int i = 0; i < 3; i++)
+			fds[i] = join();
+		fds[3] = dial();
+		assert_string_equal(read_to_end(fds[3]), cases[k].refusal);
+		assert_int_equal(heard.connected - before, 3);
+		close(fds[0]); /* one leaves, another may come */
+		close(fds[3]);
+		fds[0] = join();
+		for (int i = 0; i < 3; i++)
+			close(fds[i]);
+		pump(&heard.disconnected, heard.connected);
+	}
 }
 
 /* Closing clients that flood us and never close are cut off all the same, also while others keep
@@ -462,6 +506,7 @@ int main(void)
 		SOCKET_TEST(test_bad_request_gets_its_answer_then_the_connection_closes),
 		SOCKET_TEST(test_oversized_and_unreadable_requests),
 		SOCKET_TEST(test_refused_client_is_told_and_closed),
+		SOCKET_TEST(test_a_peer_has_its_share_and_so_has_the_publisher),
 		SOCKET_TEST(test_closing_does_not_wait_for_ever),
 		SOCKET_TEST(test_client_that_never_reads_costs_a_bounded_amount),
 		SOCKET_TEST(test_client_that_dies_in_the_middle_of_a_request),

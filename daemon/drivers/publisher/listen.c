@@ -42,31 +42,38 @@ static int listen_error(const char *object, const char *stage, int ret)
 
 static bool is_port(const char *text)
 {
-	return strspn(text, "0123456789") == strlen(text) && strlen(text) <= 5 &&
+	return *text && strspn(text, "0123456789") == strlen(text) && strlen(text) <= 5 &&
 	       strtol(text, NULL, 10) <= UINT16_MAX;
 }
 
-/* HOST:PORT or [HOST]:PORT, in place. False: neither. */
-static bool split_address(char *address, const char **host, const char **port)
+/* HOST:PORT or [HOST]:PORT. False: neither. */
+static bool split_address(const char *text, struct lp_tcp_address *address)
 {
-	char *colon = strrchr(address, ':');
-	char *end;
+	const char *colon = strrchr(text, ':');
+	const bool has_brackets = text[0] == '[' && colon && colon[-1] == ']';
+	const char *host = text + has_brackets;
+	size_t length;
 
-	if (!colon || colon == address || !colon[1] || !is_port(colon + 1))
+	if (!colon || !is_port(colon + 1))
 		return false;
-	*colon = '\0';
-	*port = colon + 1;
-	*host = address;
-	if (address[0] == '[') {
-		end = strchr(address, ']');
-		if (!end || end[1])
-			return false;
-		*end = '\0';
-		*host = address + 1;
-	} else if (strchr(address, ':')) {
-		return false; /* IPv6 needs brackets */
-	}
-	return **host != '\0';
+	length = (size_t)(colon - host) - has_brackets;
+	if (length == 0 || length >= sizeof(address->host))
+		return false;
+	memcpy(address->host, host, length);
+	address->host[length] = '\0';
+	memcpy(address->port, colon + 1, strlen(colon + 1) + 1);
+	if (strpbrk(address->host, "[]"))
+		return false;
+	return has_brackets || !strchr(address->host, ':'); /* IPv6 needs brackets */
+}
+
+int lp_tcp_address_parse(const char *object, const char *text, struct lp_tcp_address *address)
+{
+	if (split_address(text, address))
+		return 0;
+	lp_error(object, "parse",
+		 "must be tcp:HOST:PORT with a port up to 65535; IPv6 in brackets: tcp:[::1]:7700");
+	return -EINVAL;
 }
 
 /* What was bound, for the log: port 0 has become a number by now. */
@@ -124,22 +131,14 @@ static int listen_all(const char *object, const struct addrinfo *list, int *fds)
 	return count;
 }
 
-int lp_listen_tcp(const char *object, const char *address, int *fds)
+int lp_listen_tcp(const char *object, const struct lp_tcp_address *address, int *fds)
 {
 	const struct addrinfo hints = {.ai_socktype = SOCK_STREAM,
 				       .ai_flags = AI_PASSIVE | AI_ADDRCONFIG};
 	struct addrinfo *list = NULL;
-	const char *host, *port;
-	char text[256];
 	int ret;
 
-	(void)snprintf(text, sizeof(text), "%s", address);
-	if (!split_address(text, &host, &port)) {
-		lp_error(object, "parse",
-			 "must be tcp:HOST:PORT, IPv6 in brackets: tcp:[::1]:7700");
-		return -EINVAL;
-	}
-	ret = getaddrinfo(host, port, &hints, &list);
+	ret = getaddrinfo(address->host, address->port, &hints, &list);
 	if (ret != 0) {
 		lp_error(object, "address", "%s — check host and port", gai_strerror(ret));
 		return -EINVAL;
@@ -151,17 +150,18 @@ int lp_listen_tcp(const char *object, const char *address, int *fds)
 
 /* ---------------------------------------------------------------- Unix */
 
-/* A program answers on the socket file. */
-static bool is_alive(const struct sockaddr_un *address)
+/* The program that made the socket file has ended. Only a refusal says so: without permission or
+ * descriptors nothing is known. */
+static bool is_left_over(const struct sockaddr_un *address)
 {
 	const int fd = socket(AF_UNIX, SOCKET_FLAGS, 0);
-	const bool alive =
-		fd >= 0 && (connect(fd, (const struct sockaddr *)address, sizeof(*address)) == 0 ||
-			    errno == EAGAIN);
+	const bool refused = fd >= 0 &&
+			     connect(fd, (const struct sockaddr *)address, sizeof(*address)) < 0 &&
+			     errno == ECONNREFUSED;
 
 	if (fd >= 0)
 		close(fd);
-	return alive;
+	return refused;
 }
 
 static int bind_path(int fd, const struct sockaddr_un *address)
@@ -179,7 +179,7 @@ static int bind_or_replace(const char *object, int fd, const struct sockaddr_un 
 		return ret;
 	if (lstat(address->sun_path, &status) == 0 && !S_ISSOCK(status.st_mode))
 		return -EEXIST;
-	if (is_alive(address))
+	if (!is_left_over(address))
 		return ret;
 	lp_info(object, "bind", "nobody answers on this socket file: replaced");
 	if (unlink(address->sun_path) < 0)
@@ -223,17 +223,24 @@ static int open_path(const char *object, const struct sockaddr_un *address, mode
 	return fd;
 }
 
+int lp_socket_path_check(const char *object, const char *path)
+{
+	const size_t room = sizeof(((struct sockaddr_un *)NULL)->sun_path);
+
+	if (*path && strlen(path) < room)
+		return 0;
+	lp_error(object, "parse", "a socket path has 1 to %zu bytes", room - 1);
+	return -EINVAL;
+}
+
 int lp_listen_unix(const char *object, const char *path, mode_t mode, struct lp_socket_file *file)
 {
 	struct sockaddr_un address = {.sun_family = AF_UNIX};
 	struct stat status;
-	int fd;
+	int fd = lp_socket_path_check(object, path);
 
-	if (!*path || strlen(path) >= sizeof(address.sun_path)) {
-		lp_error(object, "parse", "a socket path has 1 to %zu bytes",
-			 sizeof(address.sun_path) - 1);
-		return -EINVAL;
-	}
+	if (fd < 0)
+		return fd;
 	memcpy(address.sun_path, path, strlen(path) + 1);
 	make_folder(path);
 	fd = open_path(object, &address, mode);

@@ -8,11 +8,24 @@
 
 #define LP_LISTEN_MAX 4 /* addresses of one host name */
 
+#define LP_HOST_BYTES 256
+
+struct lp_tcp_address {
+	char host[LP_HOST_BYTES]; /* name or number; IPv6 without its brackets */
+	char port[8];
+};
+
+/* HOST:PORT, IPv6 in brackets. -EINVAL, logged under `object`. The name is not looked up. */
+int lp_tcp_address_parse(const char *object, const char *text, struct lp_tcp_address *address);
+
+/* A path that a Unix socket can have. -EINVAL, logged under `object`. */
+int lp_socket_path_check(const char *object, const char *path);
+
 /*
- * Listen on every address of HOST:PORT (IPv6 in brackets). Fills fds[LP_LISTEN_MAX] and returns how
- * many, or -errno, logged under `object`: -EADDRINUSE when another program has the port.
+ * Listen on every address of a host. Fills fds[LP_LISTEN_MAX] and returns how many, or -errno,
+ * logged under `object`: -EADDRINUSE when another program has the port.
  */
-int lp_listen_tcp(const char *object, const char *address, int *fds);
+int lp_listen_tcp(const char *object, const struct lp_tcp_address *address, int *fds);
 
 /* The socket file that is ours to remove. */
 struct lp_socket_file {
@@ -22,9 +35,10 @@ struct lp_socket_file {
 };
 
 /*
- * Listen on a Unix socket with these permission bits. A socket file that nobody answers on is
- * replaced; one where a program answers is -EADDRINUSE; a file of another kind is left alone
- * (-EEXIST). A missing folder is made. Returns the descriptor or -errno, logged under `object`.
+ * Listen on a Unix socket with these permission bits. A socket file on which connecting is refused
+ * is left over from a program that has ended, and is replaced; any other answer, or none that can
+ * be had, is -EADDRINUSE; a file of another kind is left alone (-EEXIST). A missing folder is made.
+ * Returns the descriptor or -errno, logged under `object`.
  */
 int lp_listen_unix(const char *object, const char *path, mode_t mode, struct lp_socket_file *file);
 

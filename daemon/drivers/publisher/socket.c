@@ -2,6 +2,7 @@
 /* tcp:HOST:PORT and unix:PATH — many clients on stream sockets, each with a bounded queue. */
 #include <errno.h>
 #include <fcntl.h>
+#include <limits.h>
 #include <netinet/in.h>
 #include <netinet/tcp.h>
 #include <stdio.h>
@@ -17,6 +18,7 @@
 #include "base/uri.h"
 #include "drivers/publisher/framing.h"
 #include "drivers/publisher/listen.h"
+#include "drivers/publisher/peer.h"
 #include "drivers/publisher/queue.h"
 #include "include/packet.h"
 #include "include/publisher.h"
@@ -40,6 +42,7 @@ struct lp_client {
 	void *user;
 	bool announced;	    /* the host knows it: it will hear disconnected() */
 	int64_t closing_ns; /* nothing more is taken from it or queued for it; 0: open */
+	struct lp_peer peer;
 	struct lp_send_queue queue;
 	size_t input_bytes;
 	uint8_t input[LP_LENGTH_MAX_BYTES + LP_REQUEST_MAX_BYTES];
@@ -50,12 +53,19 @@ struct listener {
 	struct lp_watch watch;
 };
 
+/* The query of the URI; 0: a share of --max-clients. */
+struct options {
+	mode_t mode;
+	int clients, per_peer;
+};
+
 struct socket_publisher {
 	struct lp_publisher base;
 	char *object; /* the URI; names it in messages */
-	char *address;
 	bool is_tcp;
-	mode_t mode;
+	struct lp_tcp_address address; /* of a TCP publisher */
+	char *path;		       /* of a Unix one */
+	struct options options;
 	struct listener listeners[LP_LISTEN_MAX];
 	int listener_count;
 	struct lp_socket_file file;
@@ -192,6 +202,7 @@ static bool take_requests(struct lp_client *client)
 		host->unreadable(host->context, client->user, unreadable_reason(ret));
 		return false;
 	}
+	host->requests_done(host->context, client->user);
 	client->input_bytes -= used;
 	memmove(client->input, client->input + used, client->input_bytes);
 	return true;
@@ -254,10 +265,34 @@ static void set_socket_options(const struct socket_publisher *self, int fd)
 				 sizeof(options[i].value));
 }
 
+/* Why a client that has just come will not be taken; NULL: it may stay. */
+static const char *refusal_of(const struct socket_publisher *self, const struct lp_peer *peer,
+			      char *text, size_t size_bytes)
+{
+	int count = 0, same = 0;
+
+	for (const struct lp_client *client = self->clients; client; client = client->next) {
+		count++;
+		same += lp_peer_is_same(&client->peer, peer);
+	}
+	if (count >= self->options.clients)
+		(void)snprintf(text, size_bytes,
+			       "%s has %d clients — raise its ?clients=", self->base.ops->scheme,
+			       count);
+	else if (same >= self->options.per_peer)
+		(void)snprintf(text, size_bytes, "%d are from the same %s — raise ?per_peer=", same,
+			       self->is_tcp ? "address" : "user");
+	else
+		return NULL;
+	return text;
+}
+
 static int add_client(struct socket_publisher *self, int fd)
 {
 	struct lp_client *client = calloc(1, sizeof(*client));
 	const struct lp_publisher_host *host = &self->base.host;
+	const char *refusal;
+	char text[96];
 	int ret;
 
 	if (!client)
@@ -269,11 +304,13 @@ static int add_client(struct socket_publisher *self, int fd)
 		return ret;
 	}
 	set_socket_options(self, fd);
+	lp_peer_read(fd, &client->peer);
+	refusal = refusal_of(self, &client->peer, text, sizeof(text));
 	client->next = self->clients;
 	if (client->next)
 		client->next->previous = client;
 	self->clients = client;
-	if (host->connected(host->context, &self->base, client, &client->user) < 0)
+	if (host->connected(host->context, &self->base, client, refusal, &client->user) < 0)
 		begin_closing(client);
 	else
 		client->announced = true;
@@ -351,7 +388,7 @@ static void socket_destroy(struct lp_publisher *publisher)
 	lp_timer_stop(&self->reaper);
 	if (self->spare_fd >= 0)
 		close(self->spare_fd);
-	free(self->address);
+	free(self->path);
 	free(self->object);
 	free(self);
 }
@@ -378,9 +415,9 @@ static int socket_start(struct lp_publisher *publisher)
 	int fds[LP_LISTEN_MAX], count = 1, ret = 0;
 
 	if (self->is_tcp)
-		count = lp_listen_tcp(self->object, self->address, fds);
+		count = lp_listen_tcp(self->object, &self->address, fds);
 	else
-		fds[0] = lp_listen_unix(self->object, self->address, self->mode, &self->file);
+		fds[0] = lp_listen_unix(self->object, self->path, self->options.mode, &self->file);
 	if (count < 0 || fds[0] < 0)
 		return count < 0 ? count : fds[0];
 	for (int i = 0; i < count; i++) {
@@ -406,64 +443,90 @@ static int parse_mode(const char *text, void *field)
 	return 0;
 }
 
-static int create(const struct lp_uri *uri, const struct lp_publisher_host *host,
-		  const struct lp_publisher_ops *ops, const struct lp_param *params,
-		  size_t param_count, struct lp_publisher **publisher)
-{
-	struct socket_publisher *self = calloc(1, sizeof(*self));
-	int ret;
+static const struct lp_param params[] = {
+	{"clients", LP_PARAM_INT, offsetof(struct options, clients), .initial = "0", .max = 4096},
+	{"per_peer", LP_PARAM_INT, offsetof(struct options, per_peer), .initial = "0", .max = 4096},
+	{"mode", LP_PARAM_OWN, offsetof(struct options, mode), .initial = "660",
+	 .parse = parse_mode, .expects = "permission bits in octal, like 666"},
+};
+#define TCP_PARAMS 2 /* a Unix socket has permissions, too */
+#define UNIX_PARAMS 3
 
-	if (!self)
-		return -ENOMEM;
-	self->base = (struct lp_publisher){.ops = ops, .host = *host};
-	self->spare_fd = -1;
-	ret = lp_uri_read(uri, params, param_count, self);
-	if (ret < 0)
-		goto err_free;
-	ret = -ENOMEM;
-	self->object = strdup(uri->text);
-	self->address = strdup(uri->rest);
-	if (!self->object || !self->address)
-		goto err_free;
-	lp_timer_init(host->loop, &self->reaper, on_reap);
-	*publisher = &self->base;
-	return 0;
-err_free:
-	free(self->address);
-	free(self->object);
-	free(self);
-	return ret;
+/*
+ * Shares of --max-clients. The network leaves an eighth to local clients, so that it cannot lock
+ * them out, who have no limit but --max-clients; half of all is enough for one address or user, or
+ * eight where half would be less.
+ */
+static void complete_options(struct socket_publisher *self)
+{
+	const int most = self->base.host.max_clients;
+	struct options *options = &self->options;
+
+	if (options->clients == 0)
+		options->clients = self->is_tcp ? most - most / 8 : INT_MAX;
+	if (options->per_peer == 0)
+		options->per_peer = most / 2 > 8 ? most / 2 : 8;
 }
 
 const struct lp_publisher_ops lp_publisher_tcp_ops;
 const struct lp_publisher_ops lp_publisher_unix_ops;
 
+/* Everything that the user can have written wrongly shows here. */
+static int read_uri(struct socket_publisher *self, const struct lp_uri *uri)
+{
+	int ret = lp_uri_read(uri, params, self->is_tcp ? TCP_PARAMS : UNIX_PARAMS, &self->options);
+
+	if (ret == 0)
+		ret = self->is_tcp ? lp_tcp_address_parse(uri->text, uri->rest, &self->address)
+				   : lp_socket_path_check(uri->text, uri->rest);
+	return ret;
+}
+
+static int create(const struct lp_uri *uri, const struct lp_publisher_host *host, bool is_tcp,
+		  struct lp_publisher **publisher)
+{
+	struct socket_publisher *self = calloc(1, sizeof(*self));
+	int ret = -ENOMEM;
+
+	if (!self)
+		return ret;
+	self->base = (struct lp_publisher){.ops = is_tcp ? &lp_publisher_tcp_ops
+							 : &lp_publisher_unix_ops,
+					   .host = *host};
+	self->is_tcp = is_tcp;
+	self->spare_fd = -1;
+	self->object = strdup(uri->text);
+	self->path = strdup(uri->rest);
+	if (self->object && self->path)
+		ret = read_uri(self, uri);
+	if (ret < 0) {
+		socket_destroy(&self->base);
+		return ret;
+	}
+	complete_options(self);
+	lp_timer_init(host->loop, &self->reaper, on_reap);
+	*publisher = &self->base;
+	return 0;
+}
+
 static int tcp_create(const struct lp_uri *uri, const struct lp_publisher_host *host,
 		      struct lp_publisher **publisher)
 {
-	const int ret = create(uri, host, &lp_publisher_tcp_ops, NULL, 0, publisher);
-
-	if (ret == 0)
-		self_of(*publisher)->is_tcp = true;
-	return ret;
+	return create(uri, host, true, publisher);
 }
 
 static int unix_create(const struct lp_uri *uri, const struct lp_publisher_host *host,
 		       struct lp_publisher **publisher)
 {
-	static const struct lp_param params[] = {
-		{"mode", LP_PARAM_OWN, offsetof(struct socket_publisher, mode), .initial = "660",
-		 .parse = parse_mode, .expects = "permission bits in octal, like 666"},
-	};
-
-	return create(uri, host, &lp_publisher_unix_ops, params, 1, publisher);
+	return create(uri, host, false, publisher);
 }
 
 const struct lp_publisher_ops lp_publisher_tcp_ops = {
 	.scheme = "tcp",
 	.help = "tcp:HOST:PORT  length-prefixed messages to any number of clients; IPv6 in "
 		"brackets.\n"
-		"      0.0.0.0 or [::] opens it to the network",
+		"      0.0.0.0 or [::] opens it to the network\n"
+		"      ?clients=N (7/8 of --max-clients) &per_peer=N (of one address: half)",
 	.create = tcp_create,
 	.start = socket_start,
 	.send = socket_send,
@@ -474,7 +537,8 @@ const struct lp_publisher_ops lp_publisher_tcp_ops = {
 const struct lp_publisher_ops lp_publisher_unix_ops = {
 	.scheme = "unix",
 	.help = "unix:PATH  the same on a Unix socket\n"
-		"      ?mode=660 (permission bits of the socket file)",
+		"      ?mode=660 (permission bits of the socket file) &clients=N\n"
+		"      &per_peer=N (of one user: half)",
 	.create = unix_create,
 	.start = socket_start,
 	.send = socket_send,

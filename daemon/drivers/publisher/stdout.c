@@ -116,8 +116,9 @@ static int stdout_start(struct lp_publisher *publisher)
 			lp_error(OBJECT, "open", "%s", lp_strerror(ret));
 		return ret;
 	}
-	self->connected = publisher->host.connected(publisher->host.context, publisher,
-						    (struct lp_client *)self, &self->user) == 0;
+	self->connected =
+		publisher->host.connected(publisher->host.context, publisher,
+					  (struct lp_client *)self, NULL, &self->user) == 0;
 	return 0;
 }
 
