@@ -14,9 +14,9 @@
 /* Same values as LightFlag of lightprobe.proto; app/codec.c asserts it. */
 enum lp_light_flag {
 	LP_LIGHT_CLIPPED = 1 << 0,
-	LP_LIGHT_REFLECTION = 1 << 1,
+	LP_LIGHT_REFLECTION = 1 << 1, /* not set yet */
 	LP_LIGHT_EXTENDED = 1 << 2,
-	LP_LIGHT_RING = 1 << 3,
+	LP_LIGHT_RING = 1 << 3, /* not set yet */
 	LP_LIGHT_HELD = 1 << 4,
 };
 
@@ -31,7 +31,7 @@ enum lp_estimate_flag {
 	LP_ESTIMATE_MORE_LIGHTS = 1 << 6,
 	LP_ESTIMATE_INVALID_INPUT = 1 << 7,
 	LP_ESTIMATE_DEGRADED = 1 << 8,
-	LP_ESTIMATE_RING_ONLY = 1 << 9,
+	LP_ESTIMATE_RING_ONLY = 1 << 9, /* not set yet */
 	LP_ESTIMATE_EXPOSURE_IGNORED = 1 << 10,
 	LP_ESTIMATE_RING_FAULT = 1 << 11,
 	LP_ESTIMATE_WHEEL_FAULT = 1 << 12,
@@ -48,8 +48,8 @@ struct lp_light {
 	float direction_sigma_deg;
 	float irradiance_sigma; /* relative, 1 sigma */
 	float confidence;	/* 0..1, that this is a light source */
-	float distance_m;
-	uint32_t flags; /* enum lp_light_flag */
+	float distance_m;	/* always NAN yet */
+	uint32_t flags;		/* enum lp_light_flag */
 };
 
 /*
@@ -71,7 +71,7 @@ struct lp_light_estimate {
 	float predicted_error[LP_MAX_SH_ORDER + 1][LP_MAX_LIGHTS + 1];
 	float exposure_us; /* longest used; NAN: unknown */
 	int exposure_count;
-	float cd_m2_per_unit;		  /* NAN: not calibrated */
+	float cd_m2_per_unit;		  /* always NAN yet: not calibrated */
 	float wheel_deg, wheel_sigma_deg; /* of the newest frame used (frame.h) */
 };
 
