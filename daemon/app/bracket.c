@@ -241,6 +241,7 @@ struct lp_bracket_decision lp_bracket_judge(struct lp_bracket *bracket,
 		if (bracket->frames_since_command <= most_delay(bracket))
 			return decision;
 		bracket->state = LP_BRACKET_RUNNING;
+		lp_debug("camera", "bracket", "begins with %g us", (double)bracket->commanded_us);
 		return take_effect(bracket);
 	case LP_BRACKET_RUNNING:
 		return bracket->commanded_us == bracket->settled_us
@@ -251,6 +252,7 @@ struct lp_bracket_decision lp_bracket_judge(struct lp_bracket *bracket,
 		if (++bracket->frames_ignored >= RETRY_FRAMES) {
 			bracket->misses = 0;
 			start(bracket, bracket->commanded_us);
+			lp_debug("camera", "bracket", "%d frames later: tried again", RETRY_FRAMES);
 			decision.accept = false;
 			decision.forget = decision.command = true;
 			decision.command_us = bracket->commanded_us;
@@ -318,6 +320,15 @@ static int plan(struct lp_bracket *b, const struct lp_bracket_scene *scene,
 	return count;
 }
 
+static void log_plan(const float plan_us[LP_MAX_PLANNED], int count)
+{
+	float us[LP_MAX_PLANNED] = {0};
+
+	memcpy(us, plan_us, (size_t)count * sizeof(*us));
+	lp_debug("camera", "bracket", "%d exposures: %g %g %g %g us", count, (double)us[0],
+		 (double)us[1], (double)us[2], (double)us[3]);
+}
+
 static bool differs(const struct lp_bracket *b, const float plan_us[LP_MAX_PLANNED], int count)
 {
 	if (count != b->planned)
@@ -357,6 +368,7 @@ bool lp_bracket_next(struct lp_bracket *bracket, const struct lp_bracket_scene *
 			memcpy(b->plan_us, plan_us, (size_t)count * sizeof(*plan_us));
 			b->planned = count;
 			b->taken = 0;
+			log_plan(plan_us, count);
 			/* what still clips is what is missing: the others can wait */
 			b->at = scene->clipped ? count - 2 : -1;
 		}

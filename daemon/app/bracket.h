@@ -6,6 +6,23 @@
  * other. Chooses the exposures itself: the longest resolves the dark half of the scene, the
  * shortest clips almost nothing, one when one suffices. Pure logic: no I/O, no pixels; owned by the
  * worker.
+ *
+ *            MOST_DELAY frames after the first command       MOST_MISSES commands without effect
+ *   STARTING ------------------------------------> RUNNING ------------------------------> IGNORED
+ *      ^                                              |                                       |
+ *      |   more than MOST_STRANGE frames fit nothing  |        RETRY_FRAMES frames            |
+ *      +----------------------------------------------+---------------------------------------+
+ *
+ * While RUNNING a command is under way, or none is:
+ *
+ *   settled == commanded --plan says another exposure--> settled != commanded
+ *        ^                                                   |   |
+ *        |   a frame fits the commanded exposure, clearly    |   |  more than the longest delay
+ *        +---------------------------------------------------+   |  without effect: another
+ *                                                                +-> exposure is tried (a miss)
+ *
+ * Where frames tell their exposure (lp_bracket_told) only RUNNING is reached. The limits are named
+ * in bracket.c.
  */
 #ifndef LP_APP_BRACKET_H
 #define LP_APP_BRACKET_H
