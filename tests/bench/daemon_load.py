@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+import itertools
 import mmap
 import os
 import selectors
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from frames import Kind
+from lightprobe.sim.clock import SimulatedClock
+from lightprobe.sim.live import LiveClient
+from lightprobe.wire import Subscription
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "e2e"))
 
-from harness import Client, Daemon, camera, streaming  # noqa: E402
+from harness import Camera, Client, Daemon, camera, streaming  # noqa: E402
 
 RATE_HZ = 30
 COUNTER = ROOT / "build" / "release" / "bench" / "count_allocations.so"
@@ -82,6 +86,24 @@ def _running(load: Load, **popen: Any) -> Iterator[Daemon]:
                 yield daemon
 
 
+@contextmanager
+def simulated(
+    load: Load, folder: Path, on_advance: Callable[[], None], **popen: Any
+) -> Iterator[tuple[Daemon, Camera, SimulatedClock]]:
+    """The daemon in simulated time, with a camera and a clock in the caller's hand."""
+    clock = SimulatedClock(folder / "time", on_advance)
+    with camera() as cam:
+        options = [f"--source=sim:{cam.path}", f"--camera={load.kind.camera}", "--brackets=0"]
+        options.append(f"--simulated-time={folder / 'time'}")
+        with Daemon(*options, variant="release", **popen) as daemon:
+            cam.accept()
+            clock.advance(clock.now_ns())
+            try:
+                yield daemon, cam, clock
+            finally:
+                clock.close()
+
+
 def _cpu_s(pid: int) -> float:
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
@@ -118,22 +140,39 @@ def crowd(load: Load, subscribers: int) -> dict[str, float]:
 def allocations_per_frame(load: Load, folder: Path) -> float:
     """Calls that allocate, in the whole daemon, per estimate with ten subscribers.
 
-    Counted from a client's view between two of its estimates: health reports, which read files of
-    the operating system, are left out.
+    In simulated time: each frame is an estimate, sent to all, before the next one comes. Nobody
+    asks for health reports, which read files of the operating system.
     """
     path = folder / "allocations"
     path.write_bytes(bytes(8))
     environment = {"LD_PRELOAD": str(COUNTER), "LP_ALLOCATIONS": str(path)}
+    clients: list[LiveClient] = []
+
+    def read() -> None:
+        for client in clients:
+            client.read(0)
+
     with (
         open(path, "r+b") as file,
         mmap.mmap(file.fileno(), 8) as counter,
-        _running(load, env=environment) as daemon,
-        Readers(daemon, 9),
-        daemon.client(rate_hz=0) as client,
+        simulated(load, folder, read, env=environment) as (daemon, cam, clock),
     ):
-        warm = client.until(lambda e: e.sequence >= 3 * len(load.files) + RATE_HZ)
-        before = int.from_bytes(counter[:8], "little")
+        clients += [LiveClient(daemon.socket, Subscription(health_period_ms=0)) for _ in range(10)]
+        pictures = itertools.cycle([path.read_bytes() for path in load.files])
+        size = {"width": load.kind.width_px, "height": load.kind.height_px}
+
+        def send(count: int) -> None:
+            for _ in range(count):
+                now_ns = clock.now_ns()
+                cam.send(next(pictures), **size, exposure_us=10000.0, t_start_ns=now_ns)
+                clock.advance(now_ns + 1_000_000_000 // RATE_HZ)
+
+        send(3 * len(load.files) + RATE_HZ)
+        before, seen = int.from_bytes(counter[:8], "little"), len(clients[0].estimates)
         assert before > 0, "the counter counts nothing: is LD_PRELOAD allowed?"
-        done = client.until(lambda e: e.sequence >= warm.sequence + 3 * RATE_HZ)
+        send(3 * RATE_HZ)
         count = int.from_bytes(counter[:8], "little") - before
-        return count / (done.sequence - warm.sequence)
+        assert len(clients[0].estimates) == seen + 3 * RATE_HZ
+        for client in clients:
+            client.close()
+        return count / (3 * RATE_HZ)

@@ -313,10 +313,17 @@ class Camera:
         flags: int = 0,
         claim: int | None = None,
         cut: int = 0,
+        t_start_ns: int | None = None,
     ) -> None:
-        """Send one frame; `claim` lies about the payload's size, `cut` leaves its end out."""
+        """Send one frame; `claim` lies about the payload's size, `cut` leaves its end out.
+
+        Its exposure began at `t_start_ns`, or ends now.
+        """
         assert self.link is not None
         self.sequence += 1
+        if t_start_ns is None:
+            t_start_ns = time.monotonic_ns()
+            t_start_ns -= 0 if math.isnan(exposure_us) else round(exposure_us * 1e3)
         header = self.HEADER.pack(
             b"LPF1",
             self.HEADER.size,
@@ -326,7 +333,7 @@ class Camera:
             height,
             0,
             self.sequence,
-            time.monotonic_ns() - (0 if math.isnan(exposure_us) else round(exposure_us * 1e3)),
+            t_start_ns,
             exposure_us,
             1.0,
             flags,

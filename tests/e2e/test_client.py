@@ -146,7 +146,9 @@ def test_an_old_estimate_is_old_on_arrival():
 
 
 @pytest.mark.parametrize(
-    "garbage", [b"HTTP/1.1 400 Bad Request\r\n\r\n", b"\xff" * 64, b"\x05hello", estimate(1)]
+    "garbage",
+    [b"HTTP/1.1 400 Bad Request\r\n\r\n", b"\xff" * 64, b"\x05hello", estimate(1)],
+    ids=["http", "ones", "text", "no-hello-first"],
 )
 def test_garbage_is_told_and_the_next_try_works(garbage):
     with Probe(serve(garbage), serve(hello(), estimate(2))) as probe, Client(probe.uri) as client:

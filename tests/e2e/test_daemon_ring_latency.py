@@ -1,7 +1,7 @@
 """From a light sensor's pin to a sample in the daemon, in the microcontroller's own time.
 
-The flashed binary runs in simavr in lock-step: its time passes only when told to, so how busy this
-machine is does not count.
+The flashed binary runs in simavr in lock-step, and the daemon in simulated time: both go on only when
+told to, so how busy this machine is does not count.
 """
 
 import contextlib
@@ -11,14 +11,17 @@ import tty
 from pathlib import Path
 
 import pytest
-from harness import LONG_S, Daemon, camera, wait_for
+from harness import Daemon
+from lightprobe.sim.clock import SimulatedClock
+from lightprobe.sim.live import LiveClient
+from lightprobe.wire import Subscription
 
 sys.path.append(str(Path(__file__).parents[1] / "firmware"))
 
 from rig import Rig
 
 LIMIT_US = 15_000
-FIRST_US, STEP_US = 10_000, 250  # no sample is earlier: one is a mean over 10 ms
+EARLY_US = 10_000  # no sample is earlier: one is a mean over 10 ms
 SENSORS = 9
 DIVIDER_OHM, R10_OHM, GAMMA = 3300.0, 14000.0, 0.7  # without calibration
 ADC_LSB = 1 / 1023
@@ -66,39 +69,42 @@ def line():
         line.close()
 
 
-def test_a_step_of_light_arrives_within_15_ms(line):
-    with camera() as cam:
-        options = [f"--ring=mcu:serial:{os.ttyname(line.slave)}"]
-        with (
-            Daemon(f"--source=sim:{cam.path}", *options) as daemon,
-            daemon.client(health_period_ms=1) as client,
-        ):
+def test_a_step_of_light_arrives_within_15_ms(line, tmp_path):
+    clock = SimulatedClock(tmp_path / "time")
+    options = [f"--ring=mcu:serial:{os.ttyname(line.slave)}"]
+    options += ["--source=sim:/nowhere", f"--simulated-time={tmp_path / 'time'}"]
+    with Daemon(*options) as daemon:
+        clock.advance(clock.now_ns())
+        client = LiveClient(daemon.socket, Subscription(health_period_ms=100))
 
-            def health_now():
-                """One that was written after all that has been carried."""
-                before = client.next("health").uptime_ms
-                return client.until(lambda h: h.uptime_ms > before + 30, "health")
+        def run(us: int) -> None:
+            """Both go on, and what has been said until then has arrived."""
+            for _ in range(us // 500):
+                line.run(500)
+                clock.advance(clock.now_ns() + 500_000)
 
-            def as_set(step: int) -> bool:
-                health = health_now()
-                wanted = [mv / 5000 for mv in millivolts(step)]
-                pairs = zip(shares(health), wanted, strict=True)
-                return all(abs(got - want) <= ADC_LSB for got, want in pairs)
+        def health_now():
+            """What the daemon knows now: a report comes ten times a second of its time."""
+            clock.advance(clock.now_ns() + 200_000_000)
+            client.read(0)
+            return client.health
 
-            def greeted() -> bool:
-                line.run(20_000)
-                return bool(client.next("health").ring.samples)
+        def as_set(step: int) -> bool:
+            wanted = [mv / 5000 for mv in millivolts(step)]
+            pairs = zip(shares(health_now()), wanted, strict=True)
+            return all(abs(got - want) <= ADC_LSB for got, want in pairs)
 
-            wait_for(greeted, "the daemon has no sample", LONG_S)
-            for step in (1, 2, 3):
-                line.run(3_000 + 700 * step)  # at any phase of the averaging
-                for k, mv in enumerate(millivolts(step)):
-                    line.rig.set(**{f"ldr{k}_mv": mv})
-                passed_us = FIRST_US
-                line.run(FIRST_US)
-                assert not as_set(step)
-                while not as_set(step):
-                    line.run(STEP_US)
-                    passed_us += STEP_US
-                    assert passed_us <= LIMIT_US, shares(health_now())
-                print(f"step {step}: in the daemon after {passed_us / 1000} ms")
+        for _ in range(100):
+            run(100_000)
+            if health_now().ring.samples:
+                break
+        for step in (1, 2, 3):
+            run(3_000 + 500 * step)  # at any phase of the averaging
+            for k, mv in enumerate(millivolts(step)):
+                line.rig.set(**{f"ldr{k}_mv": mv})
+            run(EARLY_US)
+            assert not as_set(step)
+            run(LIMIT_US - EARLY_US)
+            assert as_set(step), shares(health_now())
+        client.close()
+    clock.close()
