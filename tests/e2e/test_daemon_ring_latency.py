@@ -1,7 +1,7 @@
 """From a light sensor's pin to a sample in the daemon, in the microcontroller's own time.
 
-The flashed binary runs in simavr in lock-step, and the daemon in simulated time: both go on only when
-told to, so how busy this machine is does not count.
+The flashed binary runs in simavr in lock-step, and the daemon in simulated time: both go on only
+when told to, so how busy this machine is does not count.
 """
 
 import contextlib
