@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 
 import hypothesis
+import progress
 import pytest
 from hypothesis.database import DirectoryBasedExampleDatabase
 
@@ -21,6 +22,11 @@ hypothesis.settings.register_profile(
     database=None if GATE else DirectoryBasedExampleDatabase(BUILD / "cache" / "hypothesis"),
 )
 hypothesis.settings.load_profile("lightprobe")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Say now and then how far it is."""
+    config.pluginmanager.register(progress.Progress(BUILD / "cache" / "test_seconds.json"))
 
 
 def daemon_path(variant: str) -> Path:

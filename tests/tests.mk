@@ -22,18 +22,30 @@ $(OUT)/tests/unit/test_golden.c.o: $(GEN)/golden.inc
 
 .PHONY: unit-tests run-unit-tests test-unit test-python test-all
 unit-tests: $(UNIT_TESTS)
-# EMULATOR: what runs another processor's programs.
+# EMULATOR: what runs another processor's programs. What a test prints is shown when it has ended.
 run-unit-tests: unit-tests
-	@for t in $(UNIT_TESTS); do echo "== $$t"; $(EMULATOR) $$t; done
+	@printf '%s\n' $(UNIT_TESTS) | xargs -P$(JOBS) -I@ sh -c \
+		'out=$$($(EMULATOR) @ 2>&1); status=$$?; printf "== %s\n%s\n" @ "$$out"; exit $$status'
 
 test-unit: ## C unit tests, under the address and undefined-behaviour sanitizers
 	@$(MAKE) VARIANT=asan -j$(JOBS) unit-tests
 	@$(MAKE) VARIANT=asan run-unit-tests
 
-test-python: build $(BUILD)/scenes/blender.stamp
+# Several processes, because many tests wait: for daemons to start, for frames to come. A test has its
+# own folder and port.
+PYTEST_JOBS ?= $(shell expr $(JOBS) + 1)
+PYTEST = $(VENV)/bin/pytest -q -n $(PYTEST_JOBS) --dist=load --maxschedchunk=1
+PYTEST_ROOMS := accuracy bench e2e extremes rules unit firmware
+
+test-parts: build $(BUILD)/scenes/blender.stamp
 	@$(MAKE) VARIANT=asan -j$(JOBS) daemon
 	@$(MAKE) -j$(JOBS) firmware firmware-avr test-firmware-parts bench-programs
-	@$(VENV)/bin/pytest -q tests --ignore=tests/firmware --ignore=tests/arm64 --ignore=tests/hw
+test-python: test-parts
+	@$(PYTEST) -m 'not long' $(PYTEST_ROOMS:%=tests/%)
+
+.PHONY: test-parts test-long
+test-long: test-parts ## what takes too long for `make test`: random faults, instruction counts, bare Pythons
+	@$(PYTEST) -m long $(PYTEST_ROOMS:%=tests/%)
 
 test-all: test-unit test-python
 

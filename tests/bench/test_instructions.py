@@ -6,6 +6,7 @@ import instructions
 import pytest
 
 
+@pytest.mark.long
 def test_counts_are_those_on_record():
     """After a change for the better or with good reason: `make instructions`, and commit it."""
     old = instructions.recorded()

@@ -22,7 +22,6 @@ test-all: test-firmware
 test-firmware: build ## the flashed firmware in simavr and natively, tests by name
 	@$(MAKE) -j$(JOBS) test-firmware-parts
 	@$(FW_TESTS)/test_link
-	@$(VENV)/bin/pytest -v tests/firmware
 	@$(MAKE) firmware-size
 
 # Apart from `make test` for its time alone: half an hour, two processes.
