@@ -66,9 +66,18 @@ def read_srgb8(path: str | Path) -> NDArray[np.uint8]:
     return np.ascontiguousarray(_three_channels(decoded, Path(path))[..., ::-1])
 
 
+def _bytes(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise ImageError(f"image: {path}: read: {error.strerror}") from None
+
+
 def _decode(path: Path) -> NDArray[np.generic]:
-    data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
-    flags = cv2.IMREAD_UNCHANGED if path.suffix.lower() not in JPEG_SUFFIXES else cv2.IMREAD_COLOR
+    data = np.frombuffer(_bytes(path), dtype=np.uint8)
+    # As the daemon does it: pixels as they are stored, whatever a tag says of their orientation.
+    jpeg = path.suffix.lower() in JPEG_SUFFIXES
+    flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION if jpeg else cv2.IMREAD_UNCHANGED
     try:
         decoded = cv2.imdecode(data, flags) if data.size else None
     except cv2.error as error:
@@ -183,7 +192,7 @@ def write_pfm(path: str | Path, radiance: ArrayLike) -> None:
 
 def read_pfm(path: str | Path) -> Radiance:
     """Read a colour or grey PFM of either byte order."""
-    data = Path(path).read_bytes()
+    data = _bytes(Path(path))
     header = _PFM_HEADER.match(data)
     if header is None:
         raise ImageError(f"image: {path}: header: no PFM: want PF or Pf, width, height, scale")
