@@ -32,6 +32,8 @@ class ProtoHook(BuildHookInterface):  # type: ignore[misc]
             for path in source.iterdir()
             if path.is_file()
         }
+        if self.target_name == "sdist":  # in the repository a link, which would lead nowhere there
+            build_data[target][str((HERE / "LICENSE").resolve())] = "LICENSE"
 
 
 def compile_schema() -> None:

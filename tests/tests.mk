@@ -33,9 +33,13 @@ test-unit: ## C unit tests, under the address and undefined-behaviour sanitizers
 test-python: build $(BUILD)/scenes/blender.stamp
 	@$(MAKE) VARIANT=asan -j$(JOBS) daemon
 	@$(MAKE) -j$(JOBS) firmware firmware-avr test-firmware-parts bench-programs
-	@$(VENV)/bin/pytest -q tests --ignore=tests/firmware --ignore=tests/arm64 --ignore=tests/hw
+	@$(VENV)/bin/pytest -q tests --ignore=tests/firmware --ignore=tests/arm64 --ignore=tests/hw --ignore=tests/package
 
 test-all: test-unit test-python
+
+.PHONY: test-long
+test-long: setup-python ## what takes minutes and a package index: wheel and sdist in bare environments, old and new
+	@$(VENV)/bin/pytest -q -s tests/package
 
 .PHONY: check-rules
 check-rules: build
