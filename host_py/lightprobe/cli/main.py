@@ -110,6 +110,7 @@ class Root(LazyGroup):
     entries: ClassVar[dict[str, Entry]] = {
         "watch": Entry("watch:command", "Watch a probe: lamps, SH, rate, latency, health."),
         "doctor": Entry("doctor:command", "Check installation, devices and a running probe."),
+        "export": Entry("export:command", "Write a probe's light as .hdr, .exr or .glb.", "sim"),
         "estimate": Entry("estimate:command", "Estimate the light in pictures.", "sim"),
         "demo": Entry("demo:command", "Show the whole path: a simulated room or a camera.", "sim"),
         "simulate": Entry("simulate:command", "Simulate camera, wheel, ring and firmware.", "sim"),

@@ -7,8 +7,10 @@ units; 8- and 16-bit pictures are taken as sRGB, full scale = 1.
 from __future__ import annotations
 
 import re
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -176,18 +178,46 @@ def _clamp_negative(radiance: Radiance) -> list[str]:
     return [f"{number} negative samples (down to {lowest:.2g}) set to 0"]
 
 
+def encode(suffix: str, radiance: ArrayLike) -> bytes:
+    """Bytes of linear light (H, W, 3) as .hdr (8 bits of mantissa), .exr (half) or .pfm (float)."""
+    pixels = np.ascontiguousarray(radiance, dtype=np.float32)
+    if suffix == ".pfm":
+        return _pfm(pixels)
+    if suffix == ".exr":
+        return _exr(pixels)
+    done, data = cv2.imencode(suffix, np.ascontiguousarray(pixels[..., ::-1]))
+    if not done:
+        raise ImageError(f"image: {suffix}: encode: not possible for {pixels.shape}")
+    return data.tobytes()
+
+
+def _exr(pixels: Radiance) -> bytes:
+    """Through a file: the library writes nothing else."""
+    import OpenEXR  # slow to load, and only EXR files need it
+
+    most = float(np.finfo(np.float16).max)  # real suns exceed it: then float
+    kind = np.float16 if float(pixels.max(initial=0)) < most else np.float32
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    with tempfile.NamedTemporaryFile(suffix=".exr") as file:
+        OpenEXR.File(header, {"RGB": pixels.astype(kind)}).write(file.name)
+        return Path(file.name).read_bytes()
+
+
 # ---------------------------------------------------------------- PFM
 
 _PFM_HEADER = re.compile(rb"(PF|Pf)\s+(\d+)\s+(\d+)\s+(-?[\d.eE+-]+)\s")
 
 
 def write_pfm(path: str | Path, radiance: ArrayLike) -> None:
-    """Write (H, W, 3) as a little-endian PFM (bottom row first, as the format wants)."""
-    pixels = np.asarray(radiance, dtype="<f4")
-    height, width, _ = pixels.shape
-    with open(path, "wb") as file:
-        file.write(b"PF\n%d %d\n-1.0\n" % (width, height))
-        file.write(np.ascontiguousarray(pixels[::-1]).data)
+    """Write (H, W, 3) as a little-endian PFM."""
+    Path(path).write_bytes(_pfm(np.asarray(radiance)))
+
+
+def _pfm(radiance: NDArray[Any]) -> bytes:
+    """Bottom row first, as the format wants."""
+    height, width, _ = radiance.shape
+    pixels = np.ascontiguousarray(radiance[::-1], dtype="<f4")
+    return b"PF\n%d %d\n-1.0\n" % (width, height) + pixels.tobytes()
 
 
 def read_pfm(path: str | Path) -> Radiance:
