@@ -1,4 +1,4 @@
-"""How messages travel to and from the microcontroller: proto/framing.md on serial, I2C and CAN.
+"""How messages travel to and from the microcontroller: proto/mcu.md on serial, I2C and CAN.
 
 `open_carrier` opens what a URI names. What the messages mean: lightprobe.mcu.messages.
 """
@@ -223,7 +223,7 @@ class LinuxI2cBus:
 
 
 class I2cCarrier:
-    """The mailbox of framing.md; polls it, since a slave cannot speak first."""
+    """The mailbox of mcu.md; polls it, since a slave cannot speak first."""
 
     POLL_S = 0.002
 
