@@ -26,6 +26,10 @@ format-python:
 	@$(RUFF) format -q host_py tests
 	@$(RUFF) check -q --fix host_py tests
 
+.PHONY: package
+package: setup-python ## wheel and source distribution, in build/dist
+	@$(VENV)/bin/python -m build --outdir $(BUILD)/dist host_py
+
 # Real panoramas, for the demo and the accuracy tests.
 .PHONY: scenes
 scenes: $(BUILD)/scenes/blender.stamp ## fetch CC0 panoramas (Debian's blender-data) into build/scenes

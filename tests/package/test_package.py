@@ -49,9 +49,7 @@ def newest_python():
 def built(tmp_path_factory):
     """A folder with wheel and sdist, built as for a release."""
     folder = tmp_path_factory.mktemp("dist")
-    builder = environment(tmp_path_factory.mktemp("builder"), sys.executable)
-    run(builder, "-m", "pip", "install", "-q", "hatchling", "grpcio-tools")
-    run(builder, "-m", "hatchling", "build", "-d", folder, cwd=ROOT / "host_py")
+    run(sys.executable, "-m", "build", "--outdir", folder, ROOT / "host_py")
     return folder
 
 
