@@ -8,6 +8,7 @@ pictures: it sees what is clipped and merges exposures.
 from __future__ import annotations
 
 import itertools
+import re
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -33,6 +34,10 @@ _TELLING_CODES = (6, 245)
 _LEAST_TELLING = 0.01
 #: Light and exposures may disagree by this factor: no camera's curve is quite sRGB.
 _WRONG_RATIO = 2.0
+#: Of the daemon's log: a picture did not count; a line's level; a line that sums up the others.
+_UNUSED = re.compile(r"^error |left out|not used")
+_LEVEL = re.compile(r"^(error|warning|info) ")
+_SEE_ABOVE = re.compile(r"\(see above\)$")
 
 
 @dataclass(frozen=True)
@@ -219,12 +224,12 @@ def estimate_files(
             notes += check_bracket(pictures, exposures_us, camera.response_table())
         try:
             estimate, log = _estimate_folder(Path(name), exposures_us, settings)
-            unused = [line for line in log if line.startswith("error ")]
+            unused = [line for line in log if _UNUSED.search(line)]
             if unused:
                 raise daemon.DaemonError("\n".join(unused))
         except (UsageError, daemon.DaemonError) as error:
-            raise type(error)(_named(str(error), pictures)) from None
-    return estimate, notes + [_named(line, pictures) for line in log]
+            raise type(error)(_in_words(str(error), pictures)) from None
+    return estimate, notes + [_in_words(line, pictures) for line in log]
 
 
 def _camera(name: str) -> Camera:
@@ -235,10 +240,15 @@ def _camera(name: str) -> Camera:
         raise UsageError(str(error)) from None
 
 
-def _named(text: str, pictures: Sequence[Staged]) -> str:
-    """Put the user's files in the place of the temporary ones."""
+def _in_words(log: str, pictures: Sequence[Staged]) -> str:
+    """Log lines as one, with the user's files in the place of the temporary ones."""
+    lines = [_LEVEL.sub("", line) for line in log.splitlines()]
+    text = "; ".join([line for line in lines if not _SEE_ABOVE.search(line)] or lines)
     for picture in pictures:
         text = text.replace(str(picture.frame), str(picture.file))
+    if not any(str(picture.file) in text for picture in pictures):
+        files = ", ".join(str(picture.file) for picture in pictures)
+        text = f"{files}: {text}" if len(pictures) == 1 else f"one of {files}: {text}"
     return text
 
 
