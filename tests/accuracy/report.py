@@ -110,7 +110,11 @@ def readme_table(rooms: evaluate.Groups, panoramas: evaluate.Groups) -> str:
         s = groups.get(("preset=balanced", name))
         if s is None:
             return "–"
-        return f"{100 * s.relighting_mae_median:.1f} % ({100 * s.relighting_mae_worst:.1f} %)"
+        median, worst = (
+            f"{100 * mae:.2f} %" if mae < 0.01 else f"{100 * mae:.1f} %"
+            for mae in (s.relighting_mae_median, s.relighting_mae_worst)
+        )
+        return f"{median} ({worst})"
 
     rows = []
     for name, words in SHOWN.items():
