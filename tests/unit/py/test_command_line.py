@@ -5,6 +5,7 @@ import pkgutil
 import subprocess
 import sys
 
+import lightprobe
 import pytest
 from lightprobe import cli
 from lightprobe.cli import main
@@ -56,3 +57,11 @@ def test_every_command_of_the_package_is_listed():
         if {"command", "app"} & set(vars(importlib.import_module(f"lightprobe.cli.{name}")))
     }
     assert commands - {"main", "mcu_flash"} <= homes  # flash is one of mcu's
+
+
+def test_the_package_offers_what_it_names():
+    for name in lightprobe.__all__:
+        assert getattr(lightprobe, name).__name__ == name
+    assert set(lightprobe.__all__) <= set(dir(lightprobe))
+    with pytest.raises(AttributeError, match="no attribute 'Cliant'"):
+        _ = lightprobe.Cliant
