@@ -44,6 +44,7 @@ test-long: setup-python ## what takes minutes and a package index: wheel and sdi
 .PHONY: check-rules
 check-rules: build
 	@$(VENV)/bin/python tests/rules/check_includes.py
+	@$(VENV)/bin/pytest -q tests/rules
 
 .PHONY: soak
 soak: build ## an hour of simulated frames as fast as they are taken: memory must stay flat; FRAMES=n
