@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Messages and their envelope on serial and I2C: proto/framing.md. */
+/* Messages and their envelope on serial and I2C: proto/mcu.md. */
 #ifndef ENVELOPE_H
 #define ENVELOPE_H
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Messages to and from the host over whichever carrier the board is strapped for: proto/framing.md.
+ * Messages to and from the host over whichever carrier the board is strapped for: proto/mcu.md.
  * One queue outwards; each carrier (link_serial.c, link_i2c.c, link_can.c) takes from it as it can.
  */
 #ifndef LINK_H

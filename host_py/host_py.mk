@@ -4,7 +4,7 @@
 .PHONY: setup-python python check-python format-python
 setup-python: $(STAMPS)/venv
 
-$(STAMPS)/venv: host_py/pyproject.toml host_py/hatch_build.py host_py/constraints.txt $(wildcard proto/*.proto proto/*.dbc) | $(call apt,build)
+$(STAMPS)/venv: host_py/pyproject.toml host_py/hatch_build.py host_py/lightprobe_pb2.py host_py/constraints.txt $(wildcard proto/*.proto proto/*.dbc) | $(call apt,build)
 	@echo 'setup: Python packages into $(VENV) (host_py/constraints.txt)'
 	@[ -x $(VENV)/bin/python ] || $(PYTHON) -m venv $(VENV)
 	@PIP_CONSTRAINT=host_py/constraints.txt $(VENV)/bin/pip install --quiet --disable-pip-version-check -e 'host_py[dev]'
@@ -25,6 +25,10 @@ check-python:
 format-python:
 	@$(RUFF) format -q host_py tests
 	@$(RUFF) check -q --fix host_py tests
+
+.PHONY: package
+package: setup-python ## wheel and source distribution, in build/dist
+	@$(VENV)/bin/python -m build --outdir $(BUILD)/dist host_py
 
 # Real panoramas, for the demo and the accuracy tests.
 .PHONY: scenes

@@ -35,7 +35,7 @@ test-unit: ## C unit tests, under the address and undefined-behaviour sanitizers
 # own folder and port.
 PYTEST_JOBS ?= $(shell expr $(JOBS) + 1)
 PYTEST = $(VENV)/bin/pytest -q -n $(PYTEST_JOBS) --dist=load --maxschedchunk=1
-PYTEST_ROOMS := accuracy bench e2e extremes rules unit firmware
+PYTEST_ROOMS := accuracy bench e2e extremes unit firmware
 
 test-parts: build $(BUILD)/scenes/blender.stamp
 	@$(MAKE) VARIANT=asan -j$(JOBS) daemon
@@ -46,12 +46,14 @@ test-python: test-parts
 .PHONY: test-parts test-long
 test-long: test-parts ## what takes too long for `make test`: random faults, instruction counts, bare Pythons
 	@$(PYTEST) -m long $(PYTEST_ROOMS:%=tests/%)
+	@$(VENV)/bin/pytest -q -s tests/package
 
 test-all: test-unit test-python
 
 .PHONY: check-rules
 check-rules: build
 	@$(VENV)/bin/python tests/rules/check_includes.py
+	@$(VENV)/bin/pytest -q tests/rules
 
 .PHONY: soak
 soak: build ## an hour of simulated frames as fast as they are taken: memory must stay flat; FRAMES=n

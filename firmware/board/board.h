@@ -19,7 +19,7 @@
 #endif
 
 #define BOARD_LDRS 9
-#define BOARD_MAIL_BYTES 13 /* one I2C transaction: length, envelope (proto/framing.md) */
+#define BOARD_MAIL_BYTES 13 /* one I2C transaction: length, envelope (proto/mcu.md) */
 
 /* Same values as Hello.board and Hello.reset_cause; messages.c asserts it. */
 enum board_kind { BOARD_HOST = 0, BOARD_ATMEGA328P = 1 };

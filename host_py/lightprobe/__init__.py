@@ -12,20 +12,21 @@ if TYPE_CHECKING:
     from lightprobe.client import AsyncClient, Client
     from lightprobe.errors import IncompatibleProbe, LightprobeError, ProbeError, ProbeTimeout
     from lightprobe.estimate import Estimate, EstimateFlag, Light, LightFlag
-    from lightprobe.wire import Subscription
+    from lightprobe.wire import Subscription, SubscriptionError
 
 __version__ = "0.1.0"
 
 __all__ = [
     "AsyncClient", "Client", "Estimate", "EstimateFlag", "IncompatibleProbe", "Light", "LightFlag",
     "LightprobeError", "ProbeError", "ProbeTimeout", "Subscription",
+    "SubscriptionError",
 ]  # fmt: skip
 
 _HOMES = {
     "client": ("AsyncClient", "Client"),
     "errors": ("IncompatibleProbe", "LightprobeError", "ProbeError", "ProbeTimeout"),
     "estimate": ("Estimate", "EstimateFlag", "Light", "LightFlag"),
-    "wire": ("Subscription",),
+    "wire": ("Subscription", "SubscriptionError"),
 }
 
 
@@ -35,3 +36,8 @@ def __getattr__(name: str) -> Any:
         if name in names:
             return getattr(import_module(f"lightprobe.{module}"), name)
     raise AttributeError(f"module 'lightprobe' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """What there is to be used, loaded or not."""
+    return sorted({*globals(), *__all__})

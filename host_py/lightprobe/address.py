@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 from lightprobe.errors import ProbeError
 
+#: Python has none on Windows.
+HAS_UNIX_SOCKETS = hasattr(socket, "AF_UNIX") and hasattr(asyncio, "open_unix_connection")
 _LONGEST_PATH_BYTES = 107  # of a Unix socket
 
 
@@ -29,7 +31,7 @@ class Address:
                 raise ProbeError(
                     f"{uri}: address: socket paths have at most {_LONGEST_PATH_BYTES} bytes"
                 )
-            if not hasattr(socket, "AF_UNIX"):
+            if not HAS_UNIX_SOCKETS:
                 raise ProbeError(f"{uri}: address: no Unix sockets on this system: tcp:HOST:PORT")
             return cls(None, 0, rest)
         host, _, port = rest.rpartition(":")

@@ -1,12 +1,14 @@
 """From the probe's convention to that of engines and AR systems, and back.
 
 Every conversion of order-2 SH is a 9×9 matrix: new axes, the basis' signs, and whether the engine
-wants the shader's constants multiplied in. So an :class:`Adapter` is a matrix and a memory layout,
-and its inverse needs no code of its own. `ADAPTERS` is the table of docs/conventions.md.
+wants the cosine lobe or the shader's constants multiplied in. So an :class:`Adapter` is a matrix
+and a memory layout, and its inverse needs no code of its own. `ADAPTERS` is the table of
+docs/conventions.md, which says where each engine states what it wants.
 
 >>> unity = ADAPTERS["unity"]
 >>> unity.coefficients(estimate.sh.coefficients)   # SphericalHarmonicsL2: 27 floats, planar
->>> unity.direction(light.direction), unity.light(light.irradiance)
+>>> lamp = unity.directional_light(estimate.lights[0])
+>>> lamp.direction, lamp.colour, lamp.intensity    # as Unity's Light wants them
 """
 
 from __future__ import annotations
@@ -17,17 +19,28 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lightprobe.colour import linear_to_srgb
+from lightprobe.estimate import Light
 from lightprobe.geometry import Array
 from lightprobe.sh import bands, cosine_lobe
 
 COUNT = 9
 #: Constants K of the basis polynomials, as shaders write them: Y6 = K6·(3z² − 1).
 BASIS_CONSTANTS: Array = np.sqrt(np.array([1, 3, 3, 3, 15, 15, 1.25, 15, 3.75]) / (4 * np.pi))
+#: A/π of each coefficient: with it the SH are those of E/π, the light that a white surface returns.
+LAMBERT_SCALE: Array = np.array([cosine_lobe(int(degree)) for degree in bands(2)]) / np.pi
 #: K·A/π: what engines multiply in so that their shader needs only the polynomials; yields E/π.
-SHADER_SCALE: Array = (
-    BASIS_CONSTANTS * np.array([cosine_lobe(int(degree)) for degree in bands(2)]) / np.pi
-)
+SHADER_SCALE: Array = BASIS_CONSTANTS * LAMBERT_SCALE
 _HALF_SQRT3 = 0.75**0.5
+
+
+@dataclass(frozen=True, eq=False)
+class EngineLight:
+    """A directional light as an engine wants it."""
+
+    direction: Array  # (3,) unit vector in the engine's axes; which way: Adapter.light_points
+    colour: Array  # (3,) its largest channel is 1; encoded as Adapter.colour_encoding says
+    intensity: float  # in the engine's unit
 
 
 @dataclass(frozen=True)
@@ -39,7 +52,14 @@ class Adapter:
     matrix: Array  # (9, 9): target coefficients = matrix @ ours, per channel
     axes: Array  # (3, 3): target vector = axes @ ours
     layout: Literal["coefficient-major", "planar"]  # r0 g0 b0 r1 … or R9 G9 B9
-    light_scale: float  # target's directional light = light_scale · irradiance at normal incidence
+    #: Target's directional light = light_scale · irradiance at normal incidence: 1 where a shader
+    #: divides by π, 1/π where it does not.
+    light_scale: float
+    #: Which way the target's directional light points: towards the light, or as the light travels;
+    #: None: its documentation does not say.
+    light_points: Literal["towards", "travel"] | None
+    #: How the target reads a light's colour: linear, or sRGB that it linearises (its "gamma").
+    colour_encoding: Literal["linear", "srgb"]
 
     def coefficients(self, ours: ArrayLike) -> Array:
         """Target's 27 floats, in its memory layout, from ours of shape (≥ 9, 3); order 2 is kept.
@@ -79,16 +99,27 @@ class Adapter:
         """Colour times intensity (3,) of the target's directional light."""
         return np.asarray(irradiance, dtype=np.float64) * self.light_scale
 
+    def directional_light(self, light: Light) -> EngineLight:
+        """Give a lamp as the target's directional light: direction, colour, intensity.
+
+        Colour times intensity is :meth:`light`, once the target has linearised the colour. A lamp
+        without light is white, of intensity 0. ValueError when the target's way is not known.
+        """
+        if self.light_points is None:
+            raise ValueError(f"convert: {self.name}: does not say which way its light points")
+        towards = self.direction(light.direction)
+        rgb = np.maximum(self.light(light.irradiance), 0)
+        intensity = float(rgb.max())
+        colour = rgb / intensity if intensity > 0 else np.ones(3)
+        return EngineLight(
+            direction=towards if self.light_points == "towards" else -towards,
+            colour=linear_to_srgb(colour) if self.colour_encoding == "srgb" else colour,
+            intensity=intensity,
+        )
+
     def from_light(self, colour: ArrayLike) -> Array:
         """Irradiance (3,) of the target's directional light; the inverse of :meth:`light`."""
         return np.asarray(colour, dtype=np.float64) / self.light_scale
-
-
-def threejs_light(irradiance: ArrayLike) -> tuple[Array, float]:
-    """(colour, intensity) as three.js' XREstimatedLight splits it: colour within 0…1."""
-    rgb = np.asarray(irradiance, dtype=np.float64)
-    intensity = max(1.0, float(rgb.max()))
-    return rgb / intensity, intensity
 
 
 def _negating(*indices: int) -> Array:
@@ -107,8 +138,9 @@ def _rows(*rows: dict[int, float]) -> Array:
 
 _SAME = np.eye(COUNT)
 _SIGNED = _negating(1, 3, 5, 7)  # the Condon–Shortley sign
+_MIRRORED = _negating(2, 5, 7)  # z → −z
 _SHADER = np.diag(SHADER_SCALE)
-_UNITY = _negating(2, 5, 7) @ _SHADER
+_LAMBERT = np.diag(LAMBERT_SCALE)
 _OUR_AXES = np.eye(3)
 _FLIP_Z = np.diag([1.0, 1.0, -1.0])
 # X = −z, Y = x, Z = y; Unreal's basis has the Condon–Shortley sign.
@@ -126,18 +158,34 @@ _Z_UP = _rows(
 
 _C: Final = "coefficient-major"
 _P: Final = "planar"
+_TO: Final = "towards"
+_TRAVEL: Final = "travel"
+_LINEAR: Final = "linear"
+_SRGB: Final = "srgb"
+_PI = np.pi
 _TABLE: list[Adapter] = [
-    Adapter("webxr", "WebXR XRLightEstimate", _SAME, _OUR_AXES, _C, 1.0),
-    Adapter("threejs", "three.js LightProbe", _SAME, _OUR_AXES, _C, 1.0),
-    Adapter("filament-radiance", "Filament radiance()", _SIGNED, _OUR_AXES, _C, 1.0),
-    Adapter("filament-irradiance", "Filament irradiance()", _SHADER, _OUR_AXES, _C, 1.0),
-    Adapter("unity", "Unity SphericalHarmonicsL2", _UNITY, _FLIP_Z, _P, 1 / np.pi),
-    Adapter("unreal", "Unreal FSHVectorRGB3", _UNREAL, _UNREAL_AXES, _P, 1.0),
-    Adapter("z-up", "Z-up right-handed (Blender)", _Z_UP, _Z_UP_AXES, _C, 1.0),
-    Adapter("arcore-positive", "ARCore, read as positive basis", _SAME, _OUR_AXES, _C, 1.0),
-    Adapter("arcore-signed", "ARCore, read as signed basis", _SIGNED, _OUR_AXES, _C, 1.0),
-    Adapter("arkit", "ARKit, planar R9 G9 B9", _SAME, _OUR_AXES, _P, 1.0),
-]
+    Adapter("webxr", "WebXR XRLightEstimate", _SAME, _OUR_AXES, _C, 1.0, _TO, _LINEAR),
+    Adapter("threejs", "three.js LightProbe", _SAME, _OUR_AXES, _C, 1.0, _TO, _LINEAR),
+    Adapter("filament-radiance", "Filament radiance(), intensity(1)",
+            _SIGNED, _OUR_AXES, _C, 1.0, _TRAVEL, _LINEAR),
+    Adapter("filament-irradiance", "Filament irradiance(), intensity(1)",
+            _SHADER, _OUR_AXES, _C, 1.0, _TRAVEL, _LINEAR),
+    Adapter("unity", "Unity SphericalHarmonicsL2; built-in pipeline and URP",
+            _MIRRORED @ _SHADER, _FLIP_Z, _P, 1 / _PI, _TRAVEL, _SRGB),
+    Adapter("unity-hdrp", "Unity SphericalHarmonicsL2; HDRP, intensity in lux",
+            _MIRRORED @ _SHADER, _FLIP_Z, _P, 1.0, _TRAVEL, _SRGB),
+    Adapter("unreal", "Unreal FSHVectorRGB3, intensity in lux",
+            _UNREAL, _UNREAL_AXES, _P, 1.0, _TRAVEL, _SRGB),
+    Adapter("godot", "Godot 4 lightmap probe; light energy",
+            _SAME / _PI, _OUR_AXES, _C, 1 / _PI, _TRAVEL, _SRGB),
+    Adapter("babylon", "Babylon.js SphericalHarmonics, left-handed scene",
+            _SIGNED @ _MIRRORED @ _LAMBERT, _FLIP_Z, _C, 1.0, _TRAVEL, _LINEAR),
+    Adapter("z-up", "Z-up right-handed (Blender)", _Z_UP, _Z_UP_AXES, _C, 1.0, _TRAVEL, _LINEAR),
+    Adapter("arcore", "ARCore LightEstimate", _SIGNED, _OUR_AXES, _C, 1.0, _TO, _LINEAR),
+    Adapter("arcore-positive", "ARCore, as Google's old Unity SDK reads it",
+            _SAME, _OUR_AXES, _C, 1.0, _TO, _LINEAR),
+    Adapter("arkit", "ARKit, planar R9 G9 B9", _SAME, _OUR_AXES, _P, 1.0, None, _LINEAR),
+]  # fmt: skip
 
 #: Every known target by name.
 ADAPTERS: dict[str, Adapter] = {adapter.name: adapter for adapter in _TABLE}

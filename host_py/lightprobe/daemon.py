@@ -23,8 +23,15 @@ class DaemonError(LightprobeError):
     """The daemon cannot be found, started, or has refused its work."""
 
 
+class NotInstalledError(DaemonError):
+    """There is no daemon on this machine; a client of another machine's needs none."""
+
+
 def find() -> Path:
-    """Path of lightprobed: $LIGHTPROBED, else beside this Python, else on PATH."""
+    """Path of lightprobed: $LIGHTPROBED, else beside this Python, else on PATH.
+
+    Raises :class:`NotInstalledError`, or :class:`DaemonError` when the variable names no program.
+    """
     wanted = os.environ.get(ENVIRONMENT)
     if wanted:
         if os.access(wanted, os.X_OK) and Path(wanted).is_file():
@@ -36,7 +43,7 @@ def find() -> Path:
     on_path = shutil.which(NAME)
     if on_path:
         return Path(on_path)
-    raise DaemonError(
+    raise NotInstalledError(
         f"{NAME}: not found: tried ${ENVIRONMENT}, {beside} and PATH: build it with `make build`"
     )
 
@@ -49,8 +56,8 @@ def version(binary: Path) -> str:
     return done.stdout.splitlines()[0].strip()
 
 
-def estimate_once(arguments: list[str], timeout_s: float = 60) -> Estimate:
-    """One estimate from `lightprobed ARGUMENTS --once --publish=stdout:`."""
+def estimate_once(arguments: list[str], timeout_s: float = 60) -> tuple[Estimate, list[str]]:
+    """One estimate from `lightprobed ARGUMENTS --once --publish=stdout:`, and its log lines."""
     command = [str(find()), *arguments, "--once", "--publish=stdout:"]
     try:
         done = subprocess.run(command, capture_output=True, timeout=timeout_s)
@@ -66,7 +73,7 @@ def estimate_once(arguments: list[str], timeout_s: float = 60) -> Estimate:
         raise DaemonError(f"{NAME}: stdout: {error}: are both of the same version?") from None
     for message in messages:
         if isinstance(message, Estimate):
-            return message
+            return message, log.splitlines()
     raise DaemonError(f"{NAME}: exit 0 but no estimate among {len(messages)} messages\n{log}")
 
 

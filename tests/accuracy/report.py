@@ -1,4 +1,4 @@
-"""Writes the generated parts of docs/accuracy.md and its plot: `make accuracy`.
+"""Writes the generated parts of docs/accuracy.md and README.md, and the plot: `make accuracy`.
 
 Parts stand between `<!-- generated: NAME -->` and `<!-- end -->`; what is around them is written by
 hand. All figures go to build/accuracy/accuracy.json besides.
@@ -95,6 +95,38 @@ def light_table(groups: evaluate.Groups, possible: bool = False) -> str:
     return table([*head, "MAE possible for a camera alone"] if possible else head, rows)
 
 
+#: What README.md shows of the preset that is the daemon's default, by input.
+SHOWN = {
+    "3": "three 8-bit exposures: the default",
+    "unclipped": "one 8-bit exposure just below saturation",
+    "float": "all of the light, without a camera",
+}
+
+
+def readme_table(rooms: evaluate.Groups, panoramas: evaluate.Groups) -> str:
+    """The default beside the best, and the worst scene beside the median."""
+
+    def light(groups: evaluate.Groups, name: str) -> str:
+        s = groups.get(("preset=balanced", name))
+        if s is None:
+            return "–"
+        median, worst = (
+            f"{100 * mae:.2f} %" if mae < 0.01 else f"{100 * mae:.1f} %"
+            for mae in (s.relighting_mae_median, s.relighting_mae_worst)
+        )
+        return f"{median} ({worst})"
+
+    rows = []
+    for name, words in SHOWN.items():
+        s = rooms["preset=balanced", name]
+        lamps = f"{s.direction_rmse_deg:.3f}° ({s.direction_worst_deg:.2f}°)"
+        counts = f"{s.missed}, {s.false}"
+        rows.append([words, lamps, counts, light(rooms, name), light(panoramas, name)])
+    head = ["simulated input", "lamp direction, RMSE (worst)", "missed, made up",
+            "light on a white sphere: rooms", "panoramas"]  # fmt: skip
+    return table(head, rows)
+
+
 def extremes_table() -> str:
     """Run every case of tests/extremes."""
     rows = []
@@ -120,7 +152,7 @@ def replace(text: str, name: str, part: str) -> str:
     """Put `part` where `name` is marked; SystemExit when it is not."""
     pattern = rf"(<!-- generated: {name} -->\n).*?(<!-- end -->)"
     if not re.search(pattern, text, re.DOTALL):
-        raise SystemExit(f"accuracy: docs/accuracy.md: no mark for {name}")
+        raise SystemExit(f"accuracy: no mark for {name} in the page")
     return re.sub(pattern, lambda m: f"{m[1]}{part}\n{m[2]}", text, flags=re.DOTALL)
 
 
@@ -143,6 +175,8 @@ def main() -> None:
     for name, part in parts.items():
         text = replace(text, name, part)
     page.write_text(text)
+    readme = ROOT / "README.md"
+    readme.write_text(replace(readme.read_text(), "figures", readme_table(lamps, panoramas)))
     figures = {
         "procedural": evaluate.to_json(lamp_cases, lamps),
         "panoramas": evaluate.to_json(panorama_cases, panoramas),

@@ -1,8 +1,17 @@
 """The Python client and the real daemon."""
 
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
 import pytest
 from harness import LONG_S, Daemon, jpeg
+from lightprobe import geometry
 from lightprobe.client import Client
+from lightprobe.imaging import image
+from lightprobe.sim.scene import MapTruth
 from lightprobe.wire import Subscription
 
 
@@ -36,3 +45,37 @@ def test_after_a_new_subscription_nothing_of_the_former_is_received(uri):
         for number, kind in enumerate(("TOTAL", "AMBIENT", "TOTAL"), start=2):
             client.subscribe(Subscription(kind=kind, sh_order=1))
             assert take(client, 3) == [(kind, number)] * 3
+
+
+def export(*words):
+    command = [Path(sys.executable).parent / "lightprobe", "export", *map(str, words)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=2 * LONG_S)
+
+
+@pytest.mark.parametrize("name", ["x.hdr", "x.exr", "x.pfm", "x.glb"])
+def test_the_light_of_a_probe_as_a_file(uri, tmp_path, name):
+    path = tmp_path / name
+    done = export(path, "--from", uri, "--width", 256, "--order", 4, "--wait", LONG_S, "--json")
+    assert done.returncode == 0, done.stderr
+    assert f"written: {path}: " in done.stderr
+    assert "SH of order 4; relative units: not calibrated" in done.stderr
+    told = json.loads(done.stdout)
+    assert [p.name for p in tmp_path.iterdir()] == [name]
+    if name == "x.glb":
+        data = path.read_bytes()
+        assert data[:4] == b"glTF"
+        assert json.loads(data[20:])["scenes"][0]["extras"]["lightprobe"] == told
+        return
+    radiance = image.read(path).radiance
+    assert radiance.shape == (128, 256, 3)
+    mean = MapTruth(radiance).irradiance(geometry.sphere_normals()).mean(axis=0)
+    ambient = np.array(told["sh"]["coefficients"][0]) * np.pi * 0.282095
+    lamps = sum(np.array(light["irradiance"]) for light in told["lights"]) / 4
+    assert mean == pytest.approx(ambient + lamps, rel=0.1)
+
+
+def test_export_without_a_probe_says_so(tmp_path):
+    done = export(tmp_path / "x.hdr", "--from", "tcp:127.0.0.1:9", "--wait", "0.5")
+    assert done.returncode == 1
+    assert "is lightprobed running" in done.stderr
+    assert list(tmp_path.iterdir()) == []

@@ -97,6 +97,7 @@ def test_another_source_has_no_truth(tmp_path):
     [
         (["--source", "magic:wand"], "magic"),
         (["--source", "file:/nowhere"], "/nowhere"),
+        (["--source", "v4l2:/dev/video99"], "no picture from the source: v4l2: /dev/video99: find"),
         (["--camera", "none.camera"], "none.camera"),
         (["--scenes", "none.exr"], "none.exr"),
     ],

@@ -94,8 +94,29 @@ def test_nobody_listens(tmp_path):
     assert examine("nonsense")[1]["address"]["verdict"] == "fail"
 
 
-def test_no_daemon_installed(tmp_path, monkeypatch):
+def test_a_daemon_that_is_named_and_not_there(tmp_path, monkeypatch):
     monkeypatch.setenv("LIGHTPROBED", str(tmp_path / "nothing"))
     code, found = examine("tcp:127.0.0.1:9", "--wait", 0.5)
     assert code == 1
+    assert found["daemon"]["verdict"] == "fail"
     assert "make build" in found["daemon"]["next_step"]
+
+
+def test_a_machine_with_a_client_alone(tmp_path, probe, monkeypatch):
+    """Neither daemon nor devices are missed where the probe is another machine."""
+    with probe(tmp_path) as uri:
+        monkeypatch.delenv("LIGHTPROBED")
+        monkeypatch.setenv("PATH", "/nowhere")
+        # The daemon beside this Python is not to be found either.
+        code = "import sys; sys.executable = '/nowhere/python'; from lightprobe.__main__ import *; "
+        command = [sys.executable, "-c", code + "main()", "doctor", uri, "--json", "--wait", "60"]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=LONG_S)
+    found = {finding["check"]: finding for finding in json.loads(done.stdout)["findings"]}
+    assert done.returncode == 0, found
+    assert found["daemon"] == {
+        "check": "daemon", "verdict": "skip", "next_step": "",
+        "detail": "none on this machine: a client needs none",
+    }  # fmt: skip
+    assert found["devices"]["verdict"] == "skip"
+    assert found["connection"]["verdict"] == "ok"
+    assert found["extras"]["detail"] == "cli, sim, mcu, calibrate"

@@ -1,6 +1,7 @@
 """`lightprobe estimate` through the daemon's own pipeline: what goes in, what comes out."""
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -18,6 +19,7 @@ from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.room import Bulb, Room
 from lightprobe.sim.sensor import Sensor, encode_jpeg
 from lightprobe.sim.world import Behaviour, World
+from PIL import Image
 
 LIGHTPROBE = Path(sys.executable).parent / "lightprobe"
 ROOM = random_scene(2)  # three lamps
@@ -116,6 +118,46 @@ def test_a_bracket_is_one_estimate_in_radiance_at_one_second(tmp_path):
     assert turned["sh"]["coefficients"][0] == pytest.approx(
         result["sh"]["coefficients"][0], rel=0.01
     )
+
+
+def bracket(tmp_path):
+    """Two exposures, four stops apart, as JPEG; and their paths."""
+    light = ROOM.render(512, 256).compose(np.ones(3))
+    sensor, files = Sensor(512, 256, seed=1), []
+    for index, exposure_us in enumerate((2e5 / light.max(), 3.2e6 / light.max())):
+        files.append(tmp_path / f"{index}.jpg")
+        files[-1].write_bytes(encode_jpeg(sensor.capture(light, exposure_us, index), 95))
+    return files
+
+
+def test_exposures_that_the_pictures_contradict_are_noted(tmp_path):
+    short, long = bracket(tmp_path)
+    assert run(short, long, "--exposure-us", "100,1600").stderr == ""
+    done = run(short, long, "--exposure-us", "100,200")
+    assert done.returncode == 0
+    assert re.search(
+        rf"note: {short} to {long}: the light grows 1[56].* times, the exposure 2 ti", done.stderr
+    )
+
+
+@pytest.mark.parametrize("kind", ["corrupt", "cmyk"])
+def test_what_the_daemon_cannot_use_is_named_as_the_user_named_it(tmp_path, kind):
+    """What this package can read and the daemon cannot, alone and among others."""
+    good, _ = bracket(tmp_path)
+    bad = tmp_path / "bad picture.jpg"
+    if kind == "cmyk":
+        Image.open(good).convert("CMYK").save(bad)
+    else:
+        data = bytearray(good.read_bytes())
+        data[len(data) // 2 : len(data) // 2 + 40] = bytes(40)
+        bad.write_bytes(data)
+    alone, among = run(bad), run(good, bad, "--exposure-us", "100,100")
+    for done, name in ((alone, str(bad)), (among, f"one of {good}, {bad}")):
+        assert done.returncode == 1
+        assert done.stdout == ""
+        # libjpeg, which reads the picture here too, writes its own line about what is corrupt.
+        (line,) = [line for line in done.stderr.splitlines() if not line.startswith("Corrupt JPEG")]
+        assert line.startswith(f"lightprobe: {name}: frame: JPEG data: ")
 
 
 def test_without_exposure_light_is_relative_and_says_so(radiance, tmp_path):

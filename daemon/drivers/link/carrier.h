@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * How messages travel to and from the microcontroller (proto/framing.md): one file
+ * How messages travel to and from the microcontroller (proto/mcu.md): one file
  * <carrier>.c each. Single messages of an id and up to eight bytes; what they mean is
  * mcu_*.c's. All on the loop thread; nothing blocks.
  */

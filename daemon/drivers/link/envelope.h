@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The envelope of serial and I2C, and COBS: proto/framing.md. Pure. */
+/* The envelope of serial and I2C, and COBS: proto/mcu.md. Pure. */
 #ifndef LP_LINK_ENVELOPE_H
 #define LP_LINK_ENVELOPE_H
 

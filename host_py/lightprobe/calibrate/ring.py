@@ -86,7 +86,8 @@ def load(path: Path) -> Ring:
             f"ring: {path}: open: {error.strerror}: lightprobe calibrate ring writes one"
         ) from None
     except (configparser.Error, UnicodeDecodeError) as error:
-        raise CalibrationError(f"ring: {path}: parse: {error}") from None
+        words = " ".join(str(error).split())
+        raise CalibrationError(f"ring: {path}: parse: {words}") from None
     if not config.has_section("ring"):
         raise CalibrationError(f"ring: {path}: section [ring] is missing")
     section = dict(config["ring"])

@@ -16,6 +16,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from lightprobe import __version__
 from lightprobe.calibrate.exposure_series import ExposureSeries, shoot
+from lightprobe.cli import check
 from lightprobe.errors import UsageError
 
 _SOURCE = re.compile(r"[a-z][a-z0-9_]*:")
@@ -30,13 +31,27 @@ SourceCamera = Annotated[
 ]
 Output = Annotated[
     Path | None,
-    typer.Option(metavar="CAMERA.camera", help="Write the result into this camera file."),
+    typer.Option(
+        metavar="CAMERA.camera",
+        callback=check.new_file(),
+        help="Write the result into this camera file.",
+    ),
 ]
 Keep = Annotated[
     Path | None,
-    typer.Option(metavar="FOLDER", help="Keep the frames here; default: they are deleted."),
+    typer.Option(
+        metavar="FOLDER",
+        callback=check.new_folder,
+        help="Keep the frames here; default: they are deleted.",
+    ),
 ]
-Patience = Annotated[float, typer.Option(help="Give up when no frame comes for so long.")]
+Patience = Annotated[
+    float,
+    typer.Option(
+        callback=check.number(0, unit="seconds", above=True),
+        help="Give up when no frame comes for so long.",
+    ),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 
 

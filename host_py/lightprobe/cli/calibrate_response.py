@@ -16,7 +16,7 @@ from lightprobe.calibrate import response_curve as response
 from lightprobe.calibrate.exposure_series import ExposureSeries, SeriesError
 from lightprobe.calibrate.flat_patches import Step, exposure_of, steady_frames, step_of
 from lightprobe.calibrate.response_curve import CHANNELS, PatchCodes, Response
-from lightprobe.cli import calibrate, view
+from lightprobe.cli import calibrate, check, view
 from lightprobe.errors import UsageError
 from lightprobe.imaging import image
 
@@ -37,7 +37,12 @@ def command(
     output: calibrate.Output = None,
     camera: calibrate.SourceCamera = None,
     plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw curve and residuals (png, svg, pdf).")
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            callback=check.new_file(".png", ".svg", ".pdf"),
+            help="Draw curve and residuals (png, svg, pdf).",
+        ),
     ] = None,
     frames: Annotated[int, typer.Option(min=8, max=200, help="Frames after each command.")] = 12,
     keep: calibrate.Keep = None,

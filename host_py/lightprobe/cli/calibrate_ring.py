@@ -18,7 +18,7 @@ from lightprobe.calibrate import files as calibration
 from lightprobe.calibrate import ring
 from lightprobe.calibrate.files import CalibrationError
 from lightprobe.calibrate.ring_fit import fit
-from lightprobe.cli import calibrate, view
+from lightprobe.cli import calibrate, check, view
 from lightprobe.cli.mcu import Port, read_ring
 from lightprobe.client import Client
 from lightprobe.colour import luminance
@@ -52,18 +52,34 @@ def command(
         typer.Option(metavar="URI", help="A probe (lightprobed without --ring) to compare with."),
     ] = None,
     port: Port = DEFAULT_PORT,
-    output: Annotated[Path, typer.Option(metavar="FILE", help="Write it here.")] = Path("ring.ini"),
+    output: Annotated[
+        Path, typer.Option(metavar="FILE", callback=check.new_file(), help="Write it here.")
+    ] = Path("ring.ini"),
     seconds: Annotated[
-        float, typer.Option(min=0.1, help="Average so long per level; with --against: watch.")
+        float,
+        typer.Option(
+            callback=check.number(0.1, 1e5, "seconds"),
+            help="Average so long per level; with --against: watch.",
+        ),
     ] = 1.0,
     cd_m2_per_unit: Annotated[
-        float | None, typer.Option(min=1e-9, help="With --against: scale, if the probe has none.")
+        float | None,
+        typer.Option(
+            callback=check.number(1e-9, 1e9), help="With --against: scale, if the probe has none."
+        ),
     ] = None,
     divider_ohm: Annotated[
-        float, typer.Option(min=10, help="Resistor from each LDR's pin to ground.")
+        float,
+        typer.Option(
+            callback=check.number(*ring.DIVIDER_LIMITS_OHM, "ohms"),
+            help="Resistor from each LDR's pin to ground.",
+        ),
     ] = ring.DIVIDER_OHM,
     level_sigma: Annotated[
-        float | None, typer.Option(min=0, help="Relative 1 sigma of the light; 0.03, camera 0.1.")
+        float | None,
+        typer.Option(
+            callback=check.number(0, 10), help="Relative 1 sigma of the light; 0.03, camera 0.1."
+        ),
     ] = None,
     as_json: calibrate.AsJson = False,
 ) -> None:
@@ -76,11 +92,12 @@ def command(
     """
     if (levels is None) == (against is None):
         raise UsageError("calibrate: ring: want --levels LUX,LUX,… or --against URI")
+    levels_lux = parse_levels(levels) if levels is not None else []
     with session(port) as link:
         if against is not None:
             lux, level = pairs_with_camera(link, against, seconds, cd_m2_per_unit)
         else:
-            lux, level = pairs_at_levels(link, parse_levels(levels or ""), seconds)
+            lux, level = pairs_at_levels(link, levels_lux, seconds)
     default = _CAMERA_SIGMA if against is not None else _LEVEL_SIGMA
     found = fit(lux, level, default if level_sigma is None else level_sigma, divider_ohm)
     remark = calibrate.remark("lightprobe calibrate ring")

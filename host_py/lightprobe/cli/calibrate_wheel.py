@@ -16,7 +16,7 @@ from rich.progress import Progress
 from lightprobe.calibrate import files as calibration
 from lightprobe.calibrate.files import CalibrationError
 from lightprobe.calibrate.wheel_fit import Crossing, Reading, WheelCalibration, crossings, fit
-from lightprobe.cli import calibrate
+from lightprobe.cli import calibrate, check
 from lightprobe.cli.mcu import Port, param_number
 from lightprobe.mcu import messages as mcu
 from lightprobe.mcu.session import DEFAULT_PORT, HOMING_S, Session, home, session
@@ -31,7 +31,10 @@ def command(
         bool, typer.Option("--save", help="Set servo_zero_us and servo_gain_ns_deg; in EEPROM.")
     ] = False,
     output: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Keep the result as a file, too.")
+        Path | None,
+        typer.Option(
+            metavar="FILE", callback=check.new_file(), help="Keep the result as a file, too."
+        ),
     ] = None,
     as_json: calibrate.AsJson = False,
 ) -> None:

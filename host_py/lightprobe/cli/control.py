@@ -11,7 +11,11 @@ from lightprobe.sim import control
 
 SocketPath = Annotated[Path, typer.Argument(help="What `simulate --control` was given.")]
 
-app = typer.Typer(help="Steer a running simulator: faults, light, status.", no_args_is_help=True)
+app = typer.Typer(
+    help="Steer a running simulator: faults, light, status.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
 
 
 @app.command("status")

@@ -15,18 +15,20 @@ from collections import deque
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, field
+from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import typer
 
 from lightprobe import daemon
-from lightprobe.cli import watch
+from lightprobe.cli import check, watch
 from lightprobe.cli.simulate import MEDIAN_RADIANCE
 from lightprobe.client import Client
-from lightprobe.errors import LightprobeError
+from lightprobe.errors import LightprobeError, UsageError
 from lightprobe.estimate import Estimate, EstimateFlag
 from lightprobe.sim import scenes
+from lightprobe.sim.control import require_unix_sockets
 from lightprobe.wire import Subscription
 
 if TYPE_CHECKING:
@@ -37,6 +39,8 @@ _ACT_S, _TURN_DEG_S, _SWITCH_S = 8.0, 2.0, 4.0
 #: The wheel homes, goes there and stays: frames that are exposed while it turns are left out.
 _WHEEL_DEG = 45.0
 _FIRST_ESTIMATE_S = 60.0
+#: A camera that the daemon cannot open by then is not waited for.
+_SOURCE_S = 3.0
 #: Homing takes some seconds; if it is not done by then, the show begins and says so.
 _WHEEL_S = 30.0
 _PICTURE_WAIT_S = 60.0
@@ -50,7 +54,11 @@ class DemoError(LightprobeError):
 
 def command(
     seconds: Annotated[
-        float | None, typer.Option(min=1, help="End after so long, from the first estimate.")
+        float | None,
+        typer.Option(
+            callback=check.number(1, unit="seconds"),
+            help="End after so long, from the first estimate.",
+        ),
     ] = None,
     source: Annotated[
         str | None,
@@ -67,8 +75,13 @@ def command(
             help="As for simulate; default: a room, real CC0 panoramas, procedural lamps.",
         ),
     ] = None,
-    every_s: Annotated[float, typer.Option(min=1, help="Seconds between pictures.")] = 8.0,
-    output: Annotated[Path, typer.Option(help="Folder of the pictures.")] = Path("build/demo"),
+    every_s: Annotated[
+        float,
+        typer.Option(callback=check.number(1, unit="seconds"), help="Seconds between pictures."),
+    ] = 8.0,
+    output: Annotated[
+        Path, typer.Option(callback=check.new_folder, help="Folder of the pictures.")
+    ] = Path("build/demo"),
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
     """Show the whole path: a simulated room, the daemon, a live view, and a picture of the result.
@@ -76,7 +89,9 @@ def command(
     Lamps switch, scenes turn and change. The picture shows lamps true and estimated, and an object
     lit by each. Ends on Ctrl-C, or after --seconds. A real camera has no truth to compare with.
     """  # fmt: skip
+    require_unix_sockets("demo")
     daemon.find()
+    make_folder(output)
     chosen = scene or default_scenes() if source is None else []
     with Painter(output, chosen) as painter:
         with ExitStack() as stack:
@@ -107,6 +122,8 @@ def command(
             if not painter.collect(_PICTURE_WAIT_S):
                 print("demo: the last picture is not done in time: left out", file=sys.stderr)
     report(summary | {"pictures": painter.pictures}, as_json)
+    if painter.problem:
+        raise DemoError(painter.problem)
 
 
 def default_scenes() -> list[str]:
@@ -188,11 +205,19 @@ class Painter:
         """`chosen`: scenes as the simulator has them."""
         self.output = output
         self.pictures: dict[str, dict[str, float]] = {}  # path: error figures; the newest last
+        self.problem: str | None = None  # of a picture that could not be written
         self._job: AsyncResult[tuple[str, dict[str, float]]] | None = None
-        self._pool = multiprocessing.get_context("spawn").Pool(1, _prepare_painter, (chosen,))
+        self._chosen = chosen
 
     def __enter__(self) -> Self:
-        """Its process has been started."""
+        """Start its process."""
+        resource_tracker.ensure_running()  # now: it would unblock Ctrl-C below
+        with ExitStack() as stack:
+            with _ctrl_c_held():
+                spawn = multiprocessing.get_context("spawn")
+                self._pool = spawn.Pool(1, _prepare_painter, (self._chosen,))
+                stack.callback(self._pool.terminate)
+            stack.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -205,12 +230,16 @@ class Painter:
             return True
         try:
             path, figures = self._job.get(wait_s)
+            shutil.copyfile(path, self.output / "latest.png")
         except multiprocessing.TimeoutError:
             return False
+        except OSError as error:
+            self._job = None
+            self.problem = f"demo: {error.filename or self.output}: write: {error.strerror}"
+            return True
         self._job = None
         self.pictures.pop(path, None)
         self.pictures[path] = figures
-        shutil.copyfile(path, self.output / "latest.png")
         return True
 
     def start(self, estimate: Estimate, frame: dict[str, Any] | None, footer: str) -> None:
@@ -259,6 +288,26 @@ def _paint(
     return str(path), picture.draw(path, estimate, scenery, footer)
 
 
+@contextmanager
+def _ctrl_c_held() -> Iterator[None]:
+    """Hold Ctrl-C back as long as the block lasts; a process that starts in it never gets one."""
+    former = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, former)
+
+
+def make_folder(path: Path) -> None:
+    """Make the folder of the pictures before there are any; raises UsageError."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(
+            f"demo: --output {path}: make folder: {error.strerror}: name another"
+        ) from None
+
+
 def is_whole(estimate: Estimate) -> bool:
     """Whether the bracket has caught up with the scene."""
     return EstimateFlag.BRACKET_INCOMPLETE not in estimate.flags
@@ -292,6 +341,8 @@ class Show:
             self._wait_for_first(now)
             if self.seen_s is not None:
                 return "starting: the polarizer wheel looks for its marks"
+            if self.simulator is None:
+                return f"starting: {self._source_fault() or 'the daemon waits for the camera'}"
             return "starting: scenes are rendered, the daemon waits for the camera"
         if self.seconds is not None and now - self.first_s > self.seconds:
             return None
@@ -308,12 +359,19 @@ class Show:
                 self.first_s = now
                 self.before = self.client.statistics.estimates
                 self.picture_due_s = now + 2
+        elif self.simulator is None and now - self.started_s > _SOURCE_S and self._source_fault():
+            raise DemoError(f"demo: no picture from the source: {self._source_fault()}")
         elif now - self.started_s > _FIRST_ESTIMATE_S:
             why = self.client.last_error or "connected, but silent"
             words = self.running.log.read_text(errors="replace").strip().splitlines()[-5:]
             raise DemoError(
                 "\n".join([f"demo: no estimate in {_FIRST_ESTIMATE_S:g} s: {why}", *words])
             )
+
+    def _source_fault(self) -> str | None:
+        """What the daemon says of a source that sends nothing; None while it says nothing."""
+        faults = self.client.health.faults if self.client.health else ()
+        return next((fault.text for fault in faults if fault.id.startswith("source")), None)
 
     def _wheel_ready(self) -> bool:
         """Whether there is no wheel to wait for, or it is where it is to be."""

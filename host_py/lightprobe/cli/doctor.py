@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import grp
 import json
 import os
 import platform
@@ -11,6 +10,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from enum import StrEnum
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
@@ -19,7 +19,7 @@ from rich.markup import escape
 
 from lightprobe import __version__, daemon
 from lightprobe.address import Address
-from lightprobe.cli import view
+from lightprobe.cli import check, view
 from lightprobe.client import DEFAULT_URI, Client
 from lightprobe.errors import LightprobeError, ProbeError, ProbeTimeout
 from lightprobe.estimate import FLAG_WORDS, Estimate, EstimateFlag, flag_names
@@ -53,7 +53,12 @@ class Finding:
 def command(
     uri: Annotated[str, typer.Argument(help="Address of the probe to look at.")] = DEFAULT_URI,
     wait_s: Annotated[
-        float, typer.Option("--wait", min=0.1, help="Seconds to wait for a first estimate.")
+        float,
+        typer.Option(
+            "--wait",
+            callback=check.number(0.1, 3600, "seconds"),
+            help="Seconds to wait for a first estimate.",
+        ),
     ] = 5.0,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:
@@ -61,7 +66,9 @@ def command(
 
     The exit code is 1 when something fails; warnings do not fail.
     """
-    findings = [*installation(), *devices(), *probe(uri, wait_s)]
+    installed = list(installation())
+    hosts_a_probe = any(finding.check == "versions" for finding in installed)
+    findings = [*installed, *devices(hosts_a_probe), *probe(uri, wait_s)]
     failed = any(finding.verdict is Verdict.FAIL for finding in findings)
     if as_json:
         print(json.dumps({"ok": not failed, "findings": [asdict(f) for f in findings]}, indent=2))
@@ -90,14 +97,40 @@ def installation() -> Iterator[Finding]:
     """This package, the daemon's binary, and whether the two belong together."""
     python = f"{__version__} on Python {platform.python_version()}, {platform.machine()}"
     yield Finding("python package", Verdict.OK, python)
+    yield _extras()
     try:
         binary = daemon.find()
         version = daemon.version(binary)
+    except daemon.NotInstalledError:
+        yield Finding("daemon", Verdict.SKIP, "none on this machine: a client needs none")
+        return
     except (LightprobeError, OSError) as error:
         yield Finding("daemon", Verdict.FAIL, str(error), "build it with `make build`")
         return
     yield Finding("daemon", Verdict.OK, f"{version} at {binary}")
     yield _same_version("versions", version)
+
+
+#: What each extra of the package brings.
+_EXTRAS = {
+    "cli": ("typer", "rich"),
+    "sim": ("cv2", "OpenEXR", "matplotlib"),
+    "mcu": ("serial", "can", "cantools"),
+    "calibrate": ("cv2", "OpenEXR", "matplotlib", "serial", "can", "cantools"),
+}
+
+
+def _extras() -> Finding:
+    """Which groups of commands are installed."""
+    there = {name: all(map(find_spec, modules)) for name, modules in _EXTRAS.items()}
+    missing = [name for name, whole in there.items() if not whole]
+    words = ", ".join(name for name, whole in there.items() if whole)
+    if not missing:
+        return Finding("extras", Verdict.OK, words)
+    return Finding(
+        "extras", Verdict.SKIP, f"{words}; not {', '.join(missing)}",
+        f"for their commands: pip install 'lightprobe[{','.join(missing)}]'",
+    )  # fmt: skip
 
 
 def _same_version(check: str, software: str) -> Finding:
@@ -114,8 +147,11 @@ def _same_version(check: str, software: str) -> Finding:
 # ---------------------------------------------------------------- devices and permissions
 
 
-def devices() -> Iterator[Finding]:
-    """Cameras and serial ports of this machine, and whether we may open them."""
+def devices(hosts_a_probe: bool) -> Iterator[Finding]:
+    """Cameras and serial ports of a machine with a daemon, and whether we may open them."""
+    if not hosts_a_probe:
+        yield Finding("devices", Verdict.SKIP, "not looked at: no daemon would use them")
+        return
     yield _device_class("cameras", "video*", "a 360° camera on USB appears as /dev/videoN")
     yield _device_class(
         "serial ports", "tty[AU][CS][MB]*", "the microcontroller appears as /dev/ttyUSBN or ttyACMN"
@@ -137,13 +173,20 @@ def _device_class(check: str, pattern: str, absent: str) -> Finding:
 def _join(path: Path) -> str:
     """Say how to get at a device or socket."""
     mode = path.stat()
-    try:
-        group = grp.getgrgid(mode.st_gid).gr_name
-    except KeyError:
-        group = str(mode.st_gid)
+    group = _group_name(mode.st_gid)
     if mode.st_mode & stat.S_IWGRP:
         return f"sudo usermod -aG {group} $USER, then log in again"
     return f"{path} is closed to its group {group}: see the udev rule, or the socket's ?mode="
+
+
+def _group_name(number: int) -> str:
+    """Name of a group; its number where there is none."""
+    try:
+        from grp import getgrgid  # not on Windows
+
+        return getgrgid(number).gr_name
+    except (ImportError, KeyError):
+        return str(number)
 
 
 # ---------------------------------------------------------------- a running probe

@@ -10,11 +10,12 @@ from typing import Annotated, Any
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.table import Table
 
 from lightprobe import daemon
-from lightprobe.cli import view
+from lightprobe.cli import check, view
 from lightprobe.errors import LightprobeError, UsageError
 from lightprobe.evaluate import evaluation, offline
 from lightprobe.evaluate.evaluation import Case, Input
@@ -49,15 +50,23 @@ def command(
     response: Annotated[
         str, typer.Option(metavar="CURVE", help=f"Of the simulated camera: {responses.HELP}.")
     ] = "srgb",
-    seed: Annotated[int, typer.Option(help="Of the simulated camera's noise.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Of the simulated camera's noise.")] = 0,
     jobs: Annotated[int, typer.Option(min=1, help="Scenes at a time.")] = os.cpu_count() or 1,
     per_scene: Annotated[bool, typer.Option("--per-scene", help="One row per scene too.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print all figures as JSON.")] = False,
     json_file: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write all figures as JSON besides.")
+        Path | None,
+        typer.Option(
+            metavar="FILE", callback=check.new_file(), help="Write all figures as JSON besides."
+        ),
     ] = None,
     plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw a plot (png, svg, pdf).")
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            callback=check.new_file(".png", ".svg", ".pdf"),
+            help="Draw a plot (png, svg, pdf).",
+        ),
     ] = None,
 ) -> None:
     """Measure accuracy: direction, missed and false lamps, relighting and SH error.
@@ -72,27 +81,48 @@ def command(
     """
     chosen = {text: parse_settings(text) for text in settings}
     inputs = [Input.parse(word) for word in brackets.split(",")]
-    daemon.find()  # before the work, not after it
+    curve = responses.parse(response)
+    daemon.find()
     loaded = scenes.load(scene)
-    cases = run(loaded, chosen, inputs, seed, responses.parse(response), jobs)
+    cases = run(loaded, chosen, inputs, seed, curve, jobs)
     groups = group(cases)
-    if json_file is not None:
-        json_file.write_text(json.dumps(to_json(cases, groups), indent=2) + "\n")
+    unwritten = write_files(cases, groups, json_file, plot)
     if as_json:
         typer.echo(json.dumps(to_json(cases, groups), indent=2))
     else:
         show(cases, groups, per_scene)
-    if plot is not None:
-        from lightprobe.evaluate import plot as evaluate_plot  # matplotlib is slow to load
-
-        evaluate_plot.draw(cases, plot)
-        typer.echo(f"plot: {plot}", err=True)
+    if unwritten:
+        raise LightprobeError(unwritten)
     failed = [case for case in cases if case.score is None]
     if failed:
         raise NoScoreError(
             f"evaluate: no estimate for {len(failed)} of {len(cases)}; first {failed[0].scene}: "
             f"{failed[0].error}"
         )
+
+
+def write_files(
+    cases: list[Case], groups: Groups, json_file: Path | None, plot: Path | None
+) -> str:
+    """Write what was asked for; gives what went wrong, so that the figures are shown all the same.
+
+    The paths were good when the work began, but a disk can be full by now.
+    """
+    problems = []
+    if json_file is not None:
+        try:
+            json_file.write_text(json.dumps(to_json(cases, groups), indent=2) + "\n")
+        except OSError as error:
+            problems.append(f"evaluate: {json_file}: write: {error.strerror}")
+    if plot is not None:
+        from lightprobe.evaluate import plot as evaluate_plot  # matplotlib is slow to load
+
+        try:
+            evaluate_plot.draw(cases, plot)
+            typer.echo(f"plot: {plot}", err=True)
+        except OSError as error:
+            problems.append(f"evaluate: {plot}: write: {error.strerror}")
+    return "; ".join(problems)
 
 
 def parse_settings(text: str) -> offline.Settings:
@@ -168,7 +198,8 @@ def show(cases: list[Case], groups: Groups, per_scene: bool) -> None:
         console.print(_coverage_table(groups))
     for case in cases:
         if case.score is None:
-            console.print(f"[red]{case.scene} {case.input} {case.settings}: {case.error}[/red]")
+            words = f"{case.scene} {case.input} {case.settings}: {case.error}"
+            console.print(f"[red]{escape(words)}[/red]")
 
 
 def _table(title: str, names: list[str]) -> Table:

@@ -1,49 +1,134 @@
-"""The command `lightprobe`: one sub-command per file of this package."""
+"""The sub-commands of `lightprobe`, each loaded when it is called.
+
+The table is all that `lightprobe --help` needs, so it answers at once.
+"""
 
 from __future__ import annotations
 
-import sys
-from typing import Annotated
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Annotated, Any, ClassVar
 
 import typer
+from typer.core import TyperGroup
 
 from lightprobe import __version__
-from lightprobe.cli import (
-    calibrate_exposure,
-    calibrate_response,
-    calibrate_ring,
-    calibrate_wheel,
-    control,
-    demo,
-    doctor,
-    estimate,
-    evaluate,
-    mcu,
-    simulate,
-    watch,
+from lightprobe.errors import LightprobeError, UsageError
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Where a sub-command lives."""
+
+    home: str  # MODULE:NAME in lightprobe.cli; NAME is a function, or a Typer with sub-commands
+    help: str  # its first line in --help
+    extra: str = "cli"  # of the package, that brings what it needs
+
+    def load(self, name: str) -> Any:
+        """Import the command (click's); LightprobeError when what it needs is not installed."""
+        module, _, attribute = self.home.partition(":")
+        try:
+            target = getattr(import_module(f"lightprobe.cli.{module}"), attribute)
+        except ModuleNotFoundError as error:
+            raise LightprobeError(
+                f"{name}: needs {error.name}, which is not installed: "
+                f"pip install 'lightprobe[{self.extra}]'"
+            ) from None
+        if not isinstance(target, typer.Typer):
+            target = _alone(target)
+        command = typer.main.get_command(target)
+        command.name = name
+        return command
+
+
+def _alone(function: Callable[..., Any]) -> typer.Typer:
+    alone = typer.Typer(add_completion=False, rich_markup_mode=None)
+    alone.command()(function)
+    return alone
+
+
+class LazyGroup(TyperGroup):
+    """A group that imports a sub-command when it is called, not to list it."""
+
+    entries: ClassVar[dict[str, Entry]]
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Names in the order of the table."""
+        return list(self.entries)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Import one."""
+        entry = self.entries.get(cmd_name)
+        return entry.load(cmd_name) if entry else None
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """List all from the table."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, entry.help) for name, entry in self.entries.items()])
+
+
+class Calibrate(LazyGroup):
+    """`lightprobe calibrate`."""
+
+    entries: ClassVar[dict[str, Entry]] = {
+        "exposure": Entry(
+            "calibrate_exposure:command", "Measure how a camera obeys exposure commands.",
+            "calibrate",
+        ),
+        "response": Entry(
+            "calibrate_response:command", "Measure a camera's response curve from a bracket.",
+            "calibrate",
+        ),
+        "wheel": Entry(
+            "calibrate_wheel:command", "Measure the servo that turns the polarizer wheel.",
+            "calibrate",
+        ),
+        "ring": Entry(
+            "calibrate_ring:command", "Measure the nine light sensors of the ring.", "calibrate"
+        ),
+    }  # fmt: skip
+
+
+calibrate = typer.Typer(
+    cls=Calibrate,
+    help="Calibrate camera (exposure, response), polarizer wheel, ring of light sensors.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    add_completion=False,
 )
-from lightprobe.errors import LightprobeError
+
+
+@calibrate.callback()
+def _calibrate() -> None:
+    """Calibrate camera (exposure, response), polarizer wheel, ring of light sensors."""
+
+
+class Root(LazyGroup):
+    """`lightprobe`."""
+
+    entries: ClassVar[dict[str, Entry]] = {
+        "watch": Entry("watch:command", "Watch a probe: lamps, SH, rate, latency, health."),
+        "doctor": Entry("doctor:command", "Check installation, devices and a running probe."),
+        "export": Entry("export:command", "Write a probe's light as .hdr, .exr or .glb.", "sim"),
+        "estimate": Entry("estimate:command", "Estimate the light in pictures.", "sim"),
+        "demo": Entry("demo:command", "Show the whole path: a simulated room or a camera.", "sim"),
+        "simulate": Entry("simulate:command", "Simulate camera, wheel, ring and firmware.", "sim"),
+        "control": Entry("control:app", "Steer a running simulator: faults, light, status."),
+        "evaluate": Entry("evaluate:command", "Measure accuracy against the exact truth.", "sim"),
+        "calibrate": Entry("main:calibrate", "Calibrate camera, polarizer wheel and ring."),
+        "mcu": Entry("mcu:app", "Talk to the microcontroller of wheel and ring.", "mcu"),
+    }  # fmt: skip
+
 
 app = typer.Typer(
+    cls=Root,
     help="Measure real light for augmented reality: client, simulator and tool box of the probe.",
     no_args_is_help=True,
+    rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command("estimate")(estimate.command)
-app.command("evaluate")(evaluate.command)
-app.command("simulate")(simulate.command)
-app.add_typer(mcu.app, name="mcu")
-app.add_typer(control.app, name="control")
-app.command("watch")(watch.command)
-app.command("demo")(demo.command)
-app.command("doctor")(doctor.command)
-calibrate = typer.Typer(help="Camera (exposure, response), polarizer wheel, ring of light sensors.")
-calibrate.command("wheel")(calibrate_wheel.command)
-calibrate.command("ring")(calibrate_ring.command)
-calibrate.command("exposure")(calibrate_exposure.command)
-calibrate.command("response")(calibrate_response.command)
-app.add_typer(calibrate, name="calibrate", no_args_is_help=True)
 
 
 def _print_version(wanted: bool) -> None:
@@ -61,10 +146,28 @@ def _options(
     """Take options that stand before the sub-command."""
 
 
-def main() -> None:
-    """Run; an error is one message on stderr and an exit code: 1 failed, 2 makes no sense."""
+def run() -> int:
+    """Run the command line of this process; gives its exit status.
+
+    Raises :class:`UsageError` for options that cannot be, KeyboardInterrupt for Ctrl-C.
+    """
     try:
-        app()
-    except LightprobeError as error:
-        print(f"lightprobe: {error}", file=sys.stderr)
-        sys.exit(error.exit_code)
+        status = app(prog_name="lightprobe", standalone_mode=False)
+    except Exception as error:  # typer brings click's errors under a name that depends on its age
+        kind = type(error).__name__
+        if kind == "Abort":
+            raise KeyboardInterrupt from None
+        if not hasattr(error, "format_message"):
+            raise
+        if kind == "NoArgsIsHelpError":
+            error.show()  # type: ignore[attr-defined]
+            return 2
+        raise UsageError(_usage(error)) from None
+    return status if isinstance(status, int) else 0
+
+
+def _usage(error: Any) -> str:
+    """Which command, what is wrong with its options, and the next step."""
+    path = error.ctx.command_path if getattr(error, "ctx", None) else "lightprobe"
+    text = error.format_message().rstrip(".")
+    return f"{path.removeprefix('lightprobe').strip() or 'command line'}: {text} ({path} --help)"

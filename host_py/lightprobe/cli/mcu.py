@@ -39,8 +39,11 @@ Calibration = Annotated[
 app = typer.Typer(
     help="Talk to the microcontroller: over serial, I2C or CAN. lightprobed must not be using it.",
     no_args_is_help=True,
+    rich_markup_mode=None,
 )
-params_app = typer.Typer(help="Its parameters; without a command: all of them.")
+params_app = typer.Typer(
+    help="Its parameters; without a command: all of them.", rich_markup_mode=None
+)
 app.add_typer(params_app, name="params")
 app.command("flash")(mcu_flash.command)
 

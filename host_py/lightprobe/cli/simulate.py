@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TextIO
 
 import cv2
 import typer
 
+from lightprobe.cli import check
 from lightprobe.errors import UsageError
 from lightprobe.imaging import camera as lenses
 from lightprobe.sim import faults as misbehaviour
@@ -21,11 +21,11 @@ from lightprobe.sim import response as responses
 from lightprobe.sim import scenes
 from lightprobe.sim.box import FIRMWARES, Box, Illumination
 from lightprobe.sim.camera import FORMATS, Shot, SimulatedCamera
-from lightprobe.sim.control import Control, Handler
+from lightprobe.sim.control import Control, Handler, require_unix_sockets
 from lightprobe.sim.illuminance import RingLight
 from lightprobe.sim.link import Exposure, Link, Surroundings
 from lightprobe.sim.polarizer import Sheet
-from lightprobe.sim.sensor import SensorModel
+from lightprobe.sim.sensor import CHROMA, FULL_WELL_E, READ_NOISE_E, SensorModel
 from lightprobe.sim.surroundings import FixedPolarizer, WheelAndRing, flicker_share, spread_ring
 from lightprobe.sim.world import Behaviour, World
 
@@ -34,9 +34,9 @@ MEDIAN_RADIANCE = 30.0
 
 
 def command(
-    path: Annotated[Path, typer.Option("--socket", help="Unix socket to listen on.")] = Path(
-        "/tmp/lightprobe-sim.sock"
-    ),
+    path: Annotated[
+        Path, typer.Option("--socket", callback=check.new_socket, help="Unix socket to listen on.")
+    ] = Path("/tmp/lightprobe-sim.sock"),
     scene: Annotated[
         list[str],
         typer.Option(
@@ -45,26 +45,53 @@ def command(
             help="room, procedural[:N], blender, sky[:ELEVATION], polished:WHAT, FILE, FOLDER.",
         ),
     ] = ["procedural:5"],  # noqa: B006 - typer copies it
-    act_s: Annotated[float, typer.Option(help="Seconds per scene; 0: the first for ever.")] = 8.0,
-    turn_deg_s: Annotated[float, typer.Option(help="Scenes turn at this rate.")] = 0.0,
-    switch_s: Annotated[float, typer.Option(help="Lamps are off in turn, so long each.")] = 0.0,
-    flicker_hz: Annotated[float, typer.Option(help="Lamps flicker; mains: 100 or 120.")] = 0.0,
-    flicker_depth: Annotated[float, typer.Option(help="Share of the power that flickers.")] = 0.3,
+    act_s: Annotated[
+        float,
+        typer.Option(callback=check.number(0), help="Seconds per scene; 0: the first for ever."),
+    ] = 8.0,
+    turn_deg_s: Annotated[
+        float, typer.Option(callback=check.number(), help="Scenes turn at this rate.")
+    ] = 0.0,
+    switch_s: Annotated[
+        float, typer.Option(callback=check.number(0), help="Lamps are off in turn, so long each.")
+    ] = 0.0,
+    flicker_hz: Annotated[
+        float,
+        typer.Option(callback=check.number(0, 1e4, "Hz"), help="Lamps flicker; mains: 100 or 120."),
+    ] = 0.0,
+    flicker_depth: Annotated[
+        float, typer.Option(callback=check.number(0, 1), help="Share of the power that flickers.")
+    ] = 0.3,
     median_radiance: Annotated[
-        float, typer.Option(help="Bring scenes to this median (full scale at 1 s = 1); 0: as is.")
+        float,
+        typer.Option(
+            callback=check.number(0),
+            help="Bring scenes to this median (full scale at 1 s = 1); 0: as is.",
+        ),
     ] = MEDIAN_RADIANCE,
     lens: Annotated[
         str, typer.Option("--camera", metavar="equirect|FILE", help="Projection, or camera file.")
     ] = "equirect",
     size: Annotated[str, typer.Option(metavar="WxH", help="Picture size in pixels.")] = "1920x960",
-    rate_hz: Annotated[float, typer.Option("--rate", help="Frames per second.")] = 30.0,
+    rate_hz: Annotated[
+        float,
+        typer.Option(
+            "--rate", callback=check.number(0.1, 1000, "frames a second"), help="Frames per second."
+        ),
+    ] = 30.0,
     pixel_format: Annotated[
         str, typer.Option("--format", help=", ".join(FORMATS) + " (float, no noise).")
     ] = "MJPG",
     quality: Annotated[int, typer.Option(min=1, max=100, help="Of the JPEG.")] = 85,
-    chroma: Annotated[str, typer.Option(help="Of the JPEG: 420, 422 or 444.")] = "420",
+    chroma: Annotated[
+        str, typer.Option(callback=check.one_of(CHROMA), help="Of the JPEG: 420, 422 or 444.")
+    ] = "420",
     exposure_us: Annotated[
-        float | None, typer.Option(help="Fixed exposure; default: automatic until commanded.")
+        float | None,
+        typer.Option(
+            callback=check.number(0, 1e9, "microseconds", above=True),
+            help="Fixed exposure; default: automatic until commanded.",
+        ),
     ] = None,
     bracket: Annotated[
         int, typer.Option(min=1, max=8, help="Exposures that automatic mode cycles through.")
@@ -72,32 +99,63 @@ def command(
     delay_frames: Annotated[
         int, typer.Option(min=0, max=4, help="Frames from an exposure command to its effect.")
     ] = 2,
-    full_well_e: Annotated[float, typer.Option(help="Electrons that fill a pixel.")] = 12000.0,
-    read_noise_e: Annotated[float, typer.Option(help="Read noise, electrons.")] = 3.0,
+    full_well_e: Annotated[
+        float,
+        typer.Option(
+            callback=check.number(*FULL_WELL_E, "electrons"), help="Electrons that fill a pixel."
+        ),
+    ] = 12000.0,
+    read_noise_e: Annotated[
+        float,
+        typer.Option(
+            callback=check.number(*READ_NOISE_E, "electrons"), help="Read noise, electrons."
+        ),
+    ] = 3.0,
     response: Annotated[
         str | None,
         typer.Option(metavar="CURVE", help=f"{responses.HELP}; default: by the camera file."),
     ] = None,
-    seed: Annotated[int, typer.Option(help="Of noise and chance: the same seed repeats.")] = 0,
+    seed: Annotated[
+        int, typer.Option(min=0, help="Of noise and chance: the same seed repeats.")
+    ] = 0,
     firmware: Annotated[
         str,
         typer.Option(help="Wheel and ring: host, avr (the flashed binary in simavr), or none."),
     ] = "none",
     pty: Annotated[
-        Path, typer.Option(metavar="PATH", help="Serial line of the firmware, to be made.")
+        Path,
+        typer.Option(
+            metavar="PATH",
+            callback=check.new_socket,
+            help="Serial line of the firmware, to be made.",
+        ),
     ] = Path("/tmp/lightprobe-mcu"),
     eeprom: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Keeps the firmware's parameters.")
+        Path | None,
+        typer.Option(
+            metavar="FILE", callback=check.new_file(), help="Keeps the firmware's parameters."
+        ),
     ] = None,
     polarizer_deg: Annotated[
         float | None,
-        typer.Option("--polarizer", metavar="DEG", help="Without firmware: one set by hand."),
+        typer.Option(
+            "--polarizer",
+            metavar="DEG",
+            callback=check.number(),
+            help="Without firmware: one set by hand.",
+        ),
     ] = None,
     cd_m2_per_unit: Annotated[
-        float, typer.Option(min=1e-6, help="Luminance of radiance 1, for the ring.")
+        float,
+        typer.Option(
+            callback=check.number(1e-6, 1e6), help="Luminance of radiance 1, for the ring."
+        ),
     ] = 2.0,
     ring_spread: Annotated[
-        float, typer.Option(help="LDRs differ: 0 not at all, 1 as real ones do.")
+        float,
+        typer.Option(
+            callback=check.number(0, 2), help="LDRs differ: 0 not at all, 1 as real ones do."
+        ),
     ] = 0.0,
     faults: Annotated[
         str,
@@ -110,12 +168,25 @@ def command(
     ] = "",
     control: Annotated[
         Path | None,
-        typer.Option(metavar="PATH", help="Unix socket for `lightprobe tell`: faults at run time."),
+        typer.Option(
+            metavar="PATH", callback=check.new_socket, help="Unix socket for `lightprobe control`."
+        ),
     ] = None,
     truth: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write what is true, a JSON line a frame.")
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            callback=check.new_file(),
+            help="Write what is true, a JSON line a frame.",
+        ),
     ] = None,
-    seconds: Annotated[float | None, typer.Option(help="End by itself after so long.")] = None,
+    seconds: Annotated[
+        float | None,
+        typer.Option(
+            callback=check.number(0, unit="seconds", above=True),
+            help="End by itself after so long.",
+        ),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print counters as JSON at the end.")] = (
         False
     ),
@@ -126,26 +197,30 @@ def command(
     --source='sim:SOCKET?late_ms=40&drop=0.1'. With --firmware it finds the microcontroller at
     --rotator=mcu:serial:PTY --ring=mcu:serial:PTY. Ends on Ctrl-C.
     """
+    require_unix_sockets("simulate")
     if firmware not in FIRMWARES:
         raise UsageError(f"simulate: --firmware {firmware}: want {', '.join(FIRMWARES)}")
     if firmware != "none" and polarizer_deg is not None:
         raise UsageError("simulate: --polarizer: the wheel turns it: leave --firmware or this away")
     if firmware == "none":
         misbehaviour.Faults().merged(faults)
+    size_px, kind = parse_size(size), parse_format(pixel_format)
+    curve = None if response is None else responses.parse(response)
+    optics = lenses.load(lens)
     polarizer = polarizer_deg is not None or firmware != "none"
     behaviour = Behaviour(act_s, turn_deg_s, switch_s, flicker_hz, flicker_depth)
     world = World(scenes.load(scene), behaviour, median_radiance or None)
     simulated = SimulatedCamera(
-        world, lenses.load(lens), parse_size(size), rate_hz=rate_hz,
-        pixel_format=parse_format(pixel_format), quality=quality, chroma=chroma, seed=seed,
+        world, optics, size_px, rate_hz=rate_hz, pixel_format=kind, quality=quality, chroma=chroma,
+        seed=seed,
         model=SensorModel(full_well_e, read_noise_e), sheet=Sheet() if polarizer else None,
-        response=None if response is None else responses.parse(response),
+        response=curve,
     )  # fmt: skip
     fixed = None if exposure_us is None else Shot(exposure_us)
     exposure = Exposure(simulated, bracket, fixed, delay_frames)
     cv2.setNumThreads(1)  # one core is enough; the daemon wants the others
     with ExitStack() as stack:
-        log = stack.enter_context(open(truth or os.devnull, "w", encoding="utf-8"))
+        log = stack.enter_context(open_truth(truth)) if truth else None
         around: Surroundings | None = None
         if polarizer_deg is not None:
             around = FixedPolarizer(polarizer_deg)
@@ -182,6 +257,16 @@ def command(
         if as_json
         else f"simulate: {', '.join(f'{value} {key}' for key, value in counters.items())}"
     )
+
+
+def open_truth(path: Path) -> TextIO:
+    """Open the account of what is true; raises UsageError."""
+    try:
+        return open(path, "w", encoding="utf-8")
+    except OSError as error:
+        raise UsageError(
+            f"simulate: --truth {path}: open: {error.strerror}: name another file"
+        ) from None
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 from rich.live import Live
 
-from lightprobe.cli import view
+from lightprobe.cli import check, view
 from lightprobe.client import DEFAULT_URI, Client
 from lightprobe.errors import ProbeTimeout, UsageError
 from lightprobe.estimate import Kind
@@ -33,13 +33,24 @@ def command(
         str, typer.Option(help="AMBIENT: SH without the lamps; TOTAL: with them.")
     ] = "AMBIENT",
     rate_hz: Annotated[
-        float, typer.Option("--rate", min=0, help="Most estimates a second; 0: all.")
+        float,
+        typer.Option(
+            "--rate", callback=check.number(0, 1000), help="Most estimates a second; 0: all."
+        ),
     ] = 0.0,
     tolerance: Annotated[
-        float, typer.Option(min=0, help="Smallest model with a predicted error below this.")
+        float,
+        typer.Option(
+            callback=check.number(0, 1), help="Smallest model with a predicted error below this."
+        ),
     ] = 0.0,
     raw: Annotated[bool, typer.Option("--raw", help="Not smoothed in time.")] = False,
-    seconds: Annotated[float | None, typer.Option(help="End after so long.")] = None,
+    seconds: Annotated[
+        float | None,
+        typer.Option(
+            callback=check.number(0, unit="seconds", above=True), help="End after so long."
+        ),
+    ] = None,
     count: Annotated[int | None, typer.Option(min=1, help="End after so many estimates.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON line per estimate.")] = False,
 ) -> None:

@@ -7,6 +7,8 @@ pictures: it sees what is clipped and merges exposures.
 
 from __future__ import annotations
 
+import itertools
+import re
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,7 +21,23 @@ from numpy.typing import NDArray
 from lightprobe import daemon
 from lightprobe.errors import UsageError
 from lightprobe.estimate import Estimate
+from lightprobe.imaging import camera as cameras
 from lightprobe.imaging import image
+from lightprobe.imaging.camera import Camera
+
+#: How far from two by one an equirectangular picture may be, of its width.
+_OFF_SHAPE = 0.01
+#: A longer exposure may be darker by this much: noise, and nothing to see.
+_DARKER_CODES = 1.0
+#: Codes that tell light: above the noise in the shorter picture, below saturation in the longer.
+_TELLING_CODES = (6, 245)
+_LEAST_TELLING = 0.01
+#: Light and exposures may disagree by this factor: no camera's curve is quite sRGB.
+_WRONG_RATIO = 2.0
+#: Of the daemon's log: a picture did not count; a line's level; a line that sums up the others.
+_UNUSED = re.compile(r"^error |left out|not used")
+_LEVEL = re.compile(r"^(error|warning|info) ")
+_SEE_ABOVE = re.compile(r"\(see above\)$")
 
 
 @dataclass(frozen=True)
@@ -64,23 +82,44 @@ def write_jpeg(path: Path, codes: NDArray[np.uint8]) -> None:
     path.write_bytes(data.tobytes())
 
 
-def stage(files: Sequence[Path], folder: Path) -> list[str]:
-    """Put files into `folder` as frames that the daemon reads, in order; returns notes on them."""
-    notes = []
-    for index, file in enumerate(files):
-        suffix = file.suffix.lower()
-        if not file.is_file():
-            raise image.ImageError(f"image: {file}: open: no such file")
-        if suffix in image.JPEG_SUFFIXES:
-            (folder / f"{index:04}.jpg").symlink_to(file.resolve())
-            continue
-        picture = image.read(file)
-        notes += [f"{file}: {note}" for note in picture.notes]
-        if picture.bits == 8:
-            write_jpeg(folder / f"{index:04}.jpg", image.read_srgb8(file))
-        else:
-            image.write_pfm(folder / f"{index:04}.pfm", picture.radiance)
-    return notes
+@dataclass(frozen=True, eq=False)
+class Staged:
+    """One of the user's files, as the daemon will read it."""
+
+    file: Path
+    frame: Path  # in the temporary folder
+    size_px: tuple[int, int]
+    codes: NDArray[np.uint8] | None  # (height, width, 3) RGB of an 8-bit picture
+    notes: tuple[str, ...] = ()
+
+
+def stage(files: Sequence[Path], folder: Path) -> list[Staged]:
+    """Put files into `folder` as frames that the daemon reads, in order."""
+    return [_stage_one(file, folder / f"{index:04}") for index, file in enumerate(files)]
+
+
+def _stage_one(file: Path, frame: Path) -> Staged:
+    if not file.is_file():
+        raise image.ImageError(f"image: {file}: open: no such file")
+    jpeg = file.suffix.lower() in image.JPEG_SUFFIXES
+    picture = None if jpeg else image.read(file)
+    if picture is not None and picture.bits != 8:
+        frame = frame.with_suffix(".pfm")
+        image.write_pfm(frame, picture.radiance)
+        return Staged(file, frame, _size_px(picture.radiance), None, picture.notes)
+    codes, frame = image.read_srgb8(file), frame.with_suffix(".jpg")
+    if jpeg:
+        frame.symlink_to(file.resolve())
+    else:
+        write_jpeg(frame, codes)
+    return Staged(file, frame, _size_px(codes), codes)
+
+
+def _size_px(picture: NDArray[np.generic]) -> tuple[int, int]:
+    return picture.shape[1], picture.shape[0]
+
+
+# ---------------------------------------------------------------- checks
 
 
 def check_exposures(files: Sequence[Path], exposures_us: Sequence[float]) -> None:
@@ -97,24 +136,133 @@ def check_exposures(files: Sequence[Path], exposures_us: Sequence[float]) -> Non
         raise UsageError("estimate: HDR files are radiance already: leave out --exposure-us")
 
 
+def check_sizes(pictures: Sequence[Staged], camera: Camera) -> None:
+    """Pictures of one bracket have one size, equirectangular ones two by one; else UsageError."""
+    first = pictures[0]
+    for other in pictures[1:]:
+        if other.size_px != first.size_px:
+            raise UsageError(
+                f"estimate: {other.file}: {_times(other)}, but {first.file}: {_times(first)}: "
+                "pictures of one bracket have one size"
+            )
+    width, height = first.size_px
+    if camera.is_equirect and abs(width - 2 * height) > _OFF_SHAPE * width:
+        raise UsageError(
+            f"estimate: {first.file}: {_times(first)}: an equirectangular picture is twice as wide "
+            "as high: name another projection's camera file, --camera FILE (docs/camera_files.md)"
+        )
+
+
+def _times(picture: Staged) -> str:
+    return f"{picture.size_px[0]}×{picture.size_px[1]}"
+
+
+def check_bracket(
+    pictures: Sequence[Staged], exposures_us: Sequence[float], table: NDArray[np.float64]
+) -> list[str]:
+    """Compare neighbours of a bracket by what they show; notes on those that do not fit.
+
+    `table`: linear light (256, 3) of each code. Raises UsageError when a picture is darker than one
+    of a shorter exposure: the exposures are not in the order of the files.
+    """
+    notes = []
+    order = sorted(range(len(pictures)), key=lambda index: exposures_us[index])
+    for i, j in itertools.pairwise(order):
+        short, long = pictures[i], pictures[j]
+        if short.codes is None or long.codes is None or exposures_us[i] == exposures_us[j]:
+            continue
+        if long.codes.mean() < short.codes.mean() - _DARKER_CODES:
+            raise UsageError(
+                f"estimate: {long.file} ({exposures_us[j]:g} us) is darker than {short.file} "
+                f"({exposures_us[i]:g} us): are the exposures in the order of the files?"
+            )
+        seen = _ratio(short.codes, long.codes, table)
+        stated = exposures_us[j] / exposures_us[i]
+        if seen is not None and not 1 / _WRONG_RATIO < seen / stated < _WRONG_RATIO:
+            notes.append(
+                f"{short.file} to {long.file}: the light grows {seen:.3g} times, the exposure "
+                f"{stated:.3g} times: is one of them wrong? or has the camera another curve than "
+                "sRGB (--camera FILE with a [response])?"
+            )
+    return notes
+
+
+def _ratio(
+    short: NDArray[np.uint8], long: NDArray[np.uint8], table: NDArray[np.float64]
+) -> float | None:
+    """How many times more light the longer exposure shows; None where too little tells."""
+    tells = (short >= _TELLING_CODES[0]) & (long <= _TELLING_CODES[1])
+    if tells.mean() < _LEAST_TELLING:
+        return None
+    light = [
+        sum(float(table[codes[..., c], c][tells[..., c]].sum()) for c in range(3))
+        for codes in (short, long)
+    ]
+    return light[1] / light[0] if light[0] > 0 else None
+
+
+# ---------------------------------------------------------------- estimating
+
+
 def estimate_files(
     files: Sequence[Path], exposures_us: Sequence[float] = (), settings: Settings | None = None
 ) -> tuple[Estimate, list[str]]:
     """Estimate from files (several are one bracket); also returns notes on how they were read.
 
     Radiance is in the files' own units (HDR), relative to full scale (8 bit without exposure), or
-    with exposures such that 1.0 = full scale at one second.
+    with exposures such that 1.0 = full scale at one second. Raises UsageError for files that are no
+    bracket, ImageError and DaemonError for those that cannot be used, each with the file's name.
     """
     check_exposures(files, exposures_us)
+    settings = settings or Settings()
+    camera = _camera(settings.camera)
     with tempfile.TemporaryDirectory(prefix="lightprobe-") as name:
-        notes = stage(files, Path(name))
-        return estimate_folder(Path(name), exposures_us, settings), notes
+        pictures = stage(files, Path(name))
+        check_sizes(pictures, camera)
+        notes = [f"{picture.file}: {note}" for picture in pictures for note in picture.notes]
+        if exposures_us:
+            notes += check_bracket(pictures, exposures_us, camera.response_table())
+        try:
+            estimate, log = _estimate_folder(Path(name), exposures_us, settings)
+            unused = [line for line in log if _UNUSED.search(line)]
+            if unused:
+                raise daemon.DaemonError("\n".join(unused))
+        except (UsageError, daemon.DaemonError) as error:
+            raise type(error)(_in_words(str(error), pictures)) from None
+    return estimate, notes + [_in_words(line, pictures) for line in log]
+
+
+def _camera(name: str) -> Camera:
+    """Load what was asked for; UsageError for what is no camera file."""
+    try:
+        return cameras.load(name)
+    except cameras.CameraError as error:
+        raise UsageError(str(error)) from None
+
+
+def _in_words(log: str, pictures: Sequence[Staged]) -> str:
+    """Log lines as one, with the user's files in the place of the temporary ones."""
+    lines = [_LEVEL.sub("", line) for line in log.splitlines()]
+    text = "; ".join([line for line in lines if not _SEE_ABOVE.search(line)] or lines)
+    for picture in pictures:
+        text = text.replace(str(picture.frame), str(picture.file))
+    if not any(str(picture.file) in text for picture in pictures):
+        files = ", ".join(str(picture.file) for picture in pictures)
+        text = f"{files}: {text}" if len(pictures) == 1 else f"one of {files}: {text}"
+    return text
 
 
 def estimate_folder(
     folder: Path, exposures_us: Sequence[float] = (), settings: Settings | None = None
 ) -> Estimate:
     """Estimate from a folder of frames as :func:`stage` leaves it."""
+    return _estimate_folder(folder, exposures_us, settings or Settings())[0]
+
+
+def _estimate_folder(
+    folder: Path, exposures_us: Sequence[float], settings: Settings
+) -> tuple[Estimate, list[str]]:
+    """The same with the daemon's log lines."""
     query = f"?exposures_us={','.join(f'{value:.9g}' for value in exposures_us)}"
     source = f"--source=file:{folder}{query if len(exposures_us) else ''}"
-    return daemon.estimate_once([source, *(settings or Settings()).arguments()])
+    return daemon.estimate_once([source, *settings.arguments()])

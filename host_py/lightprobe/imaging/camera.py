@@ -152,7 +152,8 @@ def load(name: str) -> Camera:
     except OSError as error:
         raise CameraError(f"camera: {path}: open: {error.strerror}") from None
     except (configparser.Error, UnicodeDecodeError) as error:
-        raise CameraError(f"camera: {path}: parse: {error}") from None
+        words = " ".join(str(error).split())
+        raise CameraError(f"camera: {path}: parse: {words}") from None
     return _camera(_Section(path, config))
 
 

@@ -7,8 +7,10 @@ units; 8- and 16-bit pictures are taken as sRGB, full scale = 1.
 from __future__ import annotations
 
 import re
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -66,9 +68,18 @@ def read_srgb8(path: str | Path) -> NDArray[np.uint8]:
     return np.ascontiguousarray(_three_channels(decoded, Path(path))[..., ::-1])
 
 
+def _bytes(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise ImageError(f"image: {path}: read: {error.strerror}") from None
+
+
 def _decode(path: Path) -> NDArray[np.generic]:
-    data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
-    flags = cv2.IMREAD_UNCHANGED if path.suffix.lower() not in JPEG_SUFFIXES else cv2.IMREAD_COLOR
+    data = np.frombuffer(_bytes(path), dtype=np.uint8)
+    # As the daemon does it: pixels as they are stored, whatever a tag says of their orientation.
+    jpeg = path.suffix.lower() in JPEG_SUFFIXES
+    flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION if jpeg else cv2.IMREAD_UNCHANGED
     try:
         decoded = cv2.imdecode(data, flags) if data.size else None
     except cv2.error as error:
@@ -167,23 +178,51 @@ def _clamp_negative(radiance: Radiance) -> list[str]:
     return [f"{number} negative samples (down to {lowest:.2g}) set to 0"]
 
 
+def encode(suffix: str, radiance: ArrayLike) -> bytes:
+    """Bytes of linear light (H, W, 3) as .hdr (8 bits of mantissa), .exr (half) or .pfm (float)."""
+    pixels = np.ascontiguousarray(radiance, dtype=np.float32)
+    if suffix == ".pfm":
+        return _pfm(pixels)
+    if suffix == ".exr":
+        return _exr(pixels)
+    done, data = cv2.imencode(suffix, np.ascontiguousarray(pixels[..., ::-1]))
+    if not done:
+        raise ImageError(f"image: {suffix}: encode: not possible for {pixels.shape}")
+    return data.tobytes()
+
+
+def _exr(pixels: Radiance) -> bytes:
+    """Through a file: the library writes nothing else."""
+    import OpenEXR  # slow to load, and only EXR files need it
+
+    most = float(np.finfo(np.float16).max)  # real suns exceed it: then float
+    kind = np.float16 if float(pixels.max(initial=0)) < most else np.float32
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    with tempfile.NamedTemporaryFile(suffix=".exr") as file:
+        OpenEXR.File(header, {"RGB": pixels.astype(kind)}).write(file.name)
+        return Path(file.name).read_bytes()
+
+
 # ---------------------------------------------------------------- PFM
 
 _PFM_HEADER = re.compile(rb"(PF|Pf)\s+(\d+)\s+(\d+)\s+(-?[\d.eE+-]+)\s")
 
 
 def write_pfm(path: str | Path, radiance: ArrayLike) -> None:
-    """Write (H, W, 3) as a little-endian PFM (bottom row first, as the format wants)."""
-    pixels = np.asarray(radiance, dtype="<f4")
-    height, width, _ = pixels.shape
-    with open(path, "wb") as file:
-        file.write(b"PF\n%d %d\n-1.0\n" % (width, height))
-        file.write(np.ascontiguousarray(pixels[::-1]).data)
+    """Write (H, W, 3) as a little-endian PFM."""
+    Path(path).write_bytes(_pfm(np.asarray(radiance)))
+
+
+def _pfm(radiance: NDArray[Any]) -> bytes:
+    """Bottom row first, as the format wants."""
+    height, width, _ = radiance.shape
+    pixels = np.ascontiguousarray(radiance[::-1], dtype="<f4")
+    return b"PF\n%d %d\n-1.0\n" % (width, height) + pixels.tobytes()
 
 
 def read_pfm(path: str | Path) -> Radiance:
     """Read a colour or grey PFM of either byte order."""
-    data = Path(path).read_bytes()
+    data = _bytes(Path(path))
     header = _PFM_HEADER.match(data)
     if header is None:
         raise ImageError(f"image: {path}: header: no PFM: want PF or Pf, width, height, scale")

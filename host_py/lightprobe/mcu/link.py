@@ -1,6 +1,6 @@
-"""How messages travel to and from the microcontroller: proto/framing.md on serial, I2C and CAN.
+"""How messages travel to and from the microcontroller: proto/mcu.md on serial, I2C and CAN.
 
-`open_carrier` opens what a URI names. What the messages mean: lightprobe.mcu.
+`open_carrier` opens what a URI names. What the messages mean: lightprobe.mcu.messages.
 """
 
 import importlib.resources
@@ -12,7 +12,6 @@ import can
 import cantools.database
 import serial
 from cantools.database.can import Database
-from smbus2 import SMBus, i2c_msg
 
 from lightprobe.errors import LightprobeError
 
@@ -204,15 +203,17 @@ class LinuxI2cBus:
 
     def __init__(self, device: str) -> None:
         """Open `device`, for instance /dev/i2c-1."""
-        self._bus = SMBus(device)
+        from smbus2 import SMBus, i2c_msg  # only Linux has what it imports
+
+        self._bus, self._message = SMBus(device), i2c_msg
 
     def write(self, address: int, data: bytes) -> None:
         """Write one transaction."""
-        self._bus.i2c_rdwr(i2c_msg.write(address, data))
+        self._bus.i2c_rdwr(self._message.write(address, data))
 
     def read(self, address: int, count: int) -> bytes:
         """Read one transaction of `count` bytes."""
-        message = i2c_msg.read(address, count)
+        message = self._message.read(address, count)
         self._bus.i2c_rdwr(message)
         return bytes(message)
 
@@ -222,7 +223,7 @@ class LinuxI2cBus:
 
 
 class I2cCarrier:
-    """The mailbox of framing.md; polls it, since a slave cannot speak first."""
+    """The mailbox of mcu.md; polls it, since a slave cannot speak first."""
 
     POLL_S = 0.002
 

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Self
 
+from lightprobe.address import HAS_UNIX_SOCKETS
 from lightprobe.errors import LightprobeError, UsageError
 
 #: Takes what stands after the command's word; gives the answer.
@@ -22,7 +23,11 @@ class Control:
 
     def __init__(self, path: Path, handlers: Mapping[str, Handler]) -> None:
         """`handlers` by the first word of the line; they may raise LightprobeError."""
+        require_unix_sockets("--control")
         path.unlink(missing_ok=True)
+
+        class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
+            daemon_threads = True
 
         class Conversation(socketserver.StreamRequestHandler):
             def handle(self) -> None:
@@ -31,7 +36,7 @@ class Control:
                     self.wfile.write(answer.encode() + b"\n")
 
         try:
-            self._server = _Server(str(path), Conversation)
+            self._server = Server(str(path), Conversation)
         except OSError as error:
             raise UsageError(
                 f"simulate: --control {path}: bind: {error.strerror}: choose another path"
@@ -50,8 +55,10 @@ class Control:
         self._path.unlink(missing_ok=True)
 
 
-class _Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
-    daemon_threads = True
+def require_unix_sockets(what: str) -> None:
+    """Raise LightprobeError where there are none."""
+    if not HAS_UNIX_SOCKETS:
+        raise LightprobeError(f"{what}: this system has no Unix sockets: use Linux or macOS")
 
 
 def _answer(line: str, handlers: Mapping[str, Handler]) -> str:
@@ -66,6 +73,7 @@ def _answer(line: str, handlers: Mapping[str, Handler]) -> str:
 
 def send(path: Path, line: str) -> str:
     """Send one command to a running simulator; gives its answer. UsageError when it refuses."""
+    require_unix_sockets("control")
     with socket.socket(socket.AF_UNIX) as connection:
         connection.settimeout(_TIMEOUT_S)
         try:

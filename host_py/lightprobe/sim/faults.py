@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from dataclasses import dataclass, fields, replace
 from urllib.parse import parse_qsl, urlencode
@@ -36,11 +37,27 @@ class Faults:
         for key, text in parse_qsl(query, keep_blank_values=True):
             if key not in known:
                 raise UsageError(f"faults: unknown option {key}: known are {', '.join(known)}")
+            whole = known[key].type == "int"
+            low, high = _RANGES.get(key, (0, math.inf))
             try:
-                changes[key] = (int if known[key].type == "int" else float)(text)
+                value = int(text) if whole else float(text)
             except ValueError:
-                raise UsageError(f"faults: {key}={text}: want a number") from None
+                value = math.nan
+            if not (low <= value <= high and math.isfinite(value)):
+                kind = "a whole number" if whole else "a number"
+                limits = f"{low}…{high}" if math.isfinite(high) else f"{low} or more"
+                raise UsageError(f"faults: {key}={text}: want {kind}, {limits}")
+            changes[key] = value
         return replace(self, **changes)  # type: ignore[arg-type]
+
+
+#: What the numbers may be; 0 or more where nothing else is said.
+_SHARES = ("drop", "corrupt", "truncate", "garbage", "marked", "wrong_size")
+_RANGES: dict[str, tuple[float, float]] = {
+    **dict.fromkeys(_SHARES, (0, 1)),
+    **dict.fromkeys(("untagged", "ignore_exposure"), (0, 1)),
+    "delay_frames": (-1, 100),
+}
 
 
 def split(query: str, box: Collection[str]) -> tuple[str, dict[str, float]]:
@@ -60,7 +77,9 @@ def split(query: str, box: Collection[str]) -> tuple[str, dict[str, float]]:
         try:
             numbers[key] = float(text)
         except ValueError:
-            raise UsageError(f"faults: {key}={text}: want a number") from None
+            numbers[key] = math.nan
+        if not math.isfinite(numbers[key]):
+            raise UsageError(f"faults: {key}={text}: want a number")
     return urlencode(camera), numbers
 
 

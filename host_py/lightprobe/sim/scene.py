@@ -19,11 +19,10 @@ from lightprobe import geometry, sh
 from lightprobe.colour import luminance
 from lightprobe.geometry import Array
 from lightprobe.imaging import image
-from lightprobe.lamp import Lamp
+from lightprobe.lamp import Lamp, disc_pixels
 
 #: Highest SH order of truth.
 ORDER = sh.MAX_ORDER
-_SUBPIXELS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,42 +167,8 @@ class ProceduralTruth:
 
 
 def disc_layer(lamp: Lamp, width_px: int, height_px: int) -> Layer:
-    """Pixels of a disc, each by the share of it that the disc covers.
-
-    Pixels at the rim are sampled on a fine grid; then all shares are scaled by the little that
-    makes their solid angles add up to the disc's.
-    """
-    reach = np.radians(lamp.radius_deg)
-    pixel = np.pi / height_px
-    theta = np.arccos(np.clip(lamp.direction[1], -1, 1))
-    top = max(0, int((theta - reach) / pixel) - 1)
-    bottom = min(height_px, int((theta + reach) / pixel) + 2)
-    rows = np.arange(top, bottom)[:, None]
-    columns = np.arange(width_px)[None, :]
-    away = np.radians(_angle(lamp, columns, rows, width_px, height_px))
-    cover = (away < reach).astype(np.float64)
-    rim_row, rim_column = np.nonzero(np.abs(away - reach) < pixel)
-    steps = (np.arange(_SUBPIXELS) + 0.5) / _SUBPIXELS - 0.5
-    fine_column = rim_column[:, None, None] + steps[None, None, :]
-    fine_row = rim_row[:, None, None] + top + steps[None, :, None]
-    fine = np.radians(_angle(lamp, fine_column, fine_row, width_px, height_px)) < reach
-    weight = np.sin((fine_row + 0.5) * pixel)  # near a pole a pixel is a wedge
-    cover[rim_row, rim_column] = (fine * weight).sum(axis=(1, 2)) / (_SUBPIXELS * weight).sum(
-        axis=(1, 2)
-    )
-    if not cover.any():  # a lamp between the points that were looked at
-        cover[np.unravel_index(away.argmin(), away.shape)] = 1
-    row, column = np.nonzero(cover)
-    solid_angle = geometry.equirect_solid_angles(width_px, height_px)[row + top]
-    share = cover[row, column]
-    share *= geometry.cap_solid_angle_sr(lamp.radius_deg) / (share @ solid_angle)
-    values = share[:, None] * lamp.radiance
-    return Layer((row + top) * width_px + column, values.astype(np.float32))
-
-
-def _angle(lamp: Lamp, column: ArrayLike, row: ArrayLike, width_px: int, height_px: int) -> Array:
-    directions = geometry.equirect_direction(column, row, width_px, height_px)
-    return geometry.angle_deg(directions, lamp.direction)
+    """Pixels of a lamp's disc, as a layer; see :func:`lightprobe.lamp.disc_pixels`."""
+    return Layer(*disc_pixels(lamp, width_px, height_px))
 
 
 def _yaw(yaw_deg: float) -> Array:

@@ -26,6 +26,9 @@ _STEPS_PER_SIGMA = 64
 _MARGIN_PX = 256
 #: Headroom above full scale, in electrons' share, that is kept before saturation cuts it off.
 _HEADROOM = 1.2
+#: What a sensor may be: more electrons do not fit into the int16 domain.
+FULL_WELL_E, READ_NOISE_E = (100.0, 50000.0), (0.0, 50.0)
+CHROMA = ("420", "422", "444")
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 """The microcontroller's firmware as a process in the guest, and bridges from its serial line to the
 kernel's devices: a serial gadget, a CAN interface, the mailbox of an I2C slave.
 
-A bridge carries whole messages; what their bytes are on each carrier: proto/framing.md.
+A bridge carries whole messages; what their bytes are on each carrier: proto/mcu.md.
 """
 
 import os

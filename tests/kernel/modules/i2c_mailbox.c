@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0 OR GPL-2.0-only
 /*
- * An I2C bus with one slave on it whose mailbox (proto/framing.md) is served by a program, through
+ * An I2C bus with one slave on it whose mailbox (proto/mcu.md) is served by a program, through
  * /dev/i2c_mailbox: each read gives one write transaction of the master, each write is one mail that
  * the master's next read takes. Without a mail the master reads length 0.
  *

@@ -1,0 +1,226 @@
+"""Every command with every bad input: one sentence, exit status 1 or 2, before any work is done.
+
+Run in this process, so that a traceback of whatever kind is a failure of its own, and nothing that
+should have been refused can take minutes.
+"""
+
+import os
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from lightprobe import __main__ as program
+from lightprobe.imaging import image
+
+TOO_MUCH_WORK = "work was begun before the input was checked"
+
+
+@pytest.fixture
+def pictures(tmp_path, monkeypatch):
+    """A folder to stand in, with good and bad files; nothing in it may be written over."""
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(1)
+    light = cv2.GaussianBlur(rng.random((64, 128, 3)), (0, 0), 6)
+    light = (light - light.min()) / np.ptp(light)
+    for name, gain in (("dark", 60), ("middle", 120), ("bright", 240)):
+        cv2.imwrite(f"{name}.jpg", np.uint8(gain * light))
+    good = cv2.imread("middle.jpg")
+    cv2.imwrite("small.jpg", cv2.resize(good, (64, 32)))
+    cv2.imwrite("square.jpg", good[:, :64])
+    image.write_pfm("square.pfm", np.ones((8, 8, 3)))
+    data = Path("middle.jpg").read_bytes()
+    Path("cut.jpg").write_bytes(data[: len(data) // 3])
+    Path("garbage.jpg").write_bytes(rng.bytes(5000))
+    Path("empty.jpg").touch()
+    Path("words.txt").write_text("words")
+    Path("a_folder").mkdir()
+    return tmp_path
+
+
+@pytest.fixture
+def _no_work(monkeypatch):
+    """Fail when scenes are loaded, or a daemon, painter or client is started."""
+
+    def fail(*_args, **_kwargs):
+        raise AssertionError(TOO_MUCH_WORK)
+
+    for name in (
+        "sim.scenes.load", "daemon.Daemon.__enter__", "daemon.estimate_once",
+        "cli.demo.Painter.__enter__", "client.Client.__enter__", "mcu.session.Session.__init__",
+        "calibrate.exposure_series.subprocess.Popen",
+    ):  # fmt: skip
+        monkeypatch.setattr(f"lightprobe.{name}", fail)
+
+
+def command(capsys, *words):
+    """(exit status, stdout, stderr) of `lightprobe WORDS`."""
+    before, sys.argv = sys.argv, ["lightprobe", *map(str, words)]
+    try:
+        with pytest.raises(SystemExit) as done:
+            program.main()
+    finally:
+        sys.argv = before
+    out, err = capsys.readouterr()
+    return done.value.code, out, err
+
+
+def assert_one_sentence(status, out, err):
+    assert status in (1, 2), err
+    assert out == ""
+    assert err.startswith("lightprobe: ")
+    assert err.count("\n") == 1, err
+    assert "/tmp/lightprobe-" not in err, "a temporary file is named instead of the user's"
+
+
+NO_FOLDER = "nowhere/x"
+#: Words of the command, and what the answer names.
+REFUSED = [
+    ("nothing-such", "No such command 'nothing-such'"),
+    ("watch --seconds -3", "--seconds -3: want more than 0 seconds"),
+    ("watch --seconds nan", "--seconds nan"),
+    ("watch --rate -1", "--rate -1: want 0…1000"),
+    ("watch --rate inf", "--rate inf"),
+    ("watch --tolerance 50", "--tolerance 50: want 0…1"),
+    ("watch --tolerance nan", "--tolerance nan"),
+    ("watch --order 9", "--order"),
+    ("watch --lights 2.5", "--lights"),
+    ("watch --count 0", "--count"),
+    ("watch --kind both", "--kind both: want AMBIENT or TOTAL"),
+    ("watch tcp://127.0.0.1:7700", "want tcp:HOST:PORT (without //)"),
+    ("watch 127.0.0.1:7700", "want tcp:HOST:PORT or unix:PATH"),
+    ("doctor --wait nan", "--wait nan: want 0.1…3600 seconds"),
+    ("doctor --wait 0", "--wait 0"),
+    ("demo --output words.txt", "--output words.txt: want a folder"),
+    ("demo --output words.txt/x", "--output words.txt/x: want a folder"),
+    ("demo --seconds nan", "--seconds nan"),
+    ("demo --every-s 0", "--every-s 0: want 1 or more seconds"),
+    ("simulate --rate 0", "--rate 0: want 0.1…1000 frames a second"),
+    ("simulate --rate nan", "--rate nan"),
+    ("simulate --chroma 411", "--chroma 411: want 420, 422, 444"),
+    ("simulate --act-s -1", "--act-s -1: want 0 or more"),
+    ("simulate --switch-s -1", "--switch-s -1"),
+    ("simulate --turn-deg-s inf", "--turn-deg-s inf: want a finite number"),
+    ("simulate --flicker-hz -5", "--flicker-hz -5: want 0…10000 Hz"),
+    ("simulate --flicker-depth 2", "--flicker-depth 2: want 0…1"),
+    ("simulate --median-radiance -1", "--median-radiance -1"),
+    ("simulate --full-well-e -1", "--full-well-e -1: want 100…50000 electrons"),
+    ("simulate --full-well-e 1e6", "--full-well-e 1e+06"),
+    ("simulate --read-noise-e -1", "--read-noise-e -1"),
+    ("simulate --exposure-us -5", "--exposure-us -5: want more than 0, at most 1e+09 microseconds"),
+    ("simulate --exposure-us 0", "--exposure-us 0"),
+    ("simulate --exposure-us nan", "--exposure-us nan"),
+    ("simulate --seconds -1", "--seconds -1"),
+    ("simulate --seed -1", "--seed"),
+    ("simulate --quality 0", "--quality"),
+    ("simulate --bracket 0", "--bracket"),
+    ("simulate --polarizer nan", "--polarizer nan"),
+    ("simulate --ring-spread 3", "--ring-spread 3"),
+    ("simulate --cd-m2-per-unit 0", "--cd-m2-per-unit 0"),
+    ("simulate --size 100", "--size 100: want WIDTHxHEIGHT"),
+    ("simulate --size 33x16", "want even numbers"),
+    ("simulate --format H264", "--format H264: want one of"),
+    ("simulate --response gamma:nan", "--response gamma:nan"),
+    ("simulate --camera words.txt", "words.txt"),
+    ("simulate --firmware big", "--firmware big: want"),
+    ("simulate --faults drop=-1", "drop=-1: want a number, 0…1"),
+    ("simulate --faults drop=nan", "drop=nan: want a number"),
+    ("simulate --faults late_ms=-5", "late_ms=-5: want a number, 0 or more"),
+    ("simulate --faults stall_after=1.5", "stall_after=1.5: want a whole number"),
+    ("simulate --faults untagged=7", "untagged=7: want a whole number, 0…1"),
+    ("simulate --faults sing=1", "unknown option sing"),
+    ("simulate --truth nowhere/x", "--truth nowhere/x: want a file that can be written"),
+    ("simulate --truth a_folder", "it is a folder"),
+    ("simulate --socket nowhere/x", "--socket nowhere/x: want a path in a folder that exists"),
+    ("simulate --control nowhere/x", "--control nowhere/x"),
+    ("simulate --pty nowhere/x", "--pty nowhere/x"),
+    ("simulate --eeprom nowhere/x", "--eeprom nowhere/x"),
+    ("evaluate --json-file nowhere/x.json", "--json-file nowhere/x.json: want a file that can be"),
+    ("evaluate --json-file a_folder", "it is a folder"),
+    ("evaluate --plot nowhere/x.png", "--plot nowhere/x.png: want a file that can be written"),
+    ("evaluate --plot x.docx", "--plot x.docx: want a name that ends in .png, .svg, .pdf"),
+    ("evaluate --brackets 99", "--brackets 99"),
+    ("evaluate --settings nonsense=1", "--settings nonsense=1"),
+    ("evaluate --settings lights=many", "want a whole number"),
+    ("evaluate --seed -1", "--seed"),
+    ("evaluate --jobs 0", "--jobs"),
+    ("evaluate --response nothing", "--response nothing"),
+    ("estimate", "Missing argument"),
+    ("estimate nothing.jpg", "nothing.jpg: open: no such file"),
+    ("estimate a_folder", "a_folder: open: no such file"),
+    ("estimate words.txt", "words.txt: unknown kind"),
+    ("estimate garbage.jpg", "garbage.jpg"),
+    ("estimate empty.jpg", "empty.jpg"),
+    ("estimate cut.jpg", "cut.jpg"),
+    ("estimate square.jpg", "square.jpg: 64×64: an equirectangular picture is twice as wide"),
+    ("estimate square.pfm", "square.pfm: 8×8: an equirectangular picture is twice as wide"),
+    ("estimate dark.jpg bright.jpg", "give --exposure-us"),
+    ("estimate dark.jpg bright.jpg --exposure-us 100", "one for each file"),
+    ("estimate dark.jpg bright.jpg --exposure-us 0,100", "want microseconds above 0"),
+    ("estimate dark.jpg bright.jpg --exposure-us nan,100", "want microseconds above 0"),
+    ("estimate dark.jpg bright.jpg --exposure-us x", "want numbers"),
+    ("estimate dark.jpg small.jpg bright.jpg --exposure-us 100,400,1600",
+     "small.jpg: 64×32, but dark.jpg: 128×64"),
+    ("estimate bright.jpg middle.jpg dark.jpg --exposure-us 100,400,1600",
+     "middle.jpg (400 us) is darker than bright.jpg (100 us)"),
+    ("estimate dark.jpg bright.jpg middle.jpg --exposure-us 100,400,1600",
+     "middle.jpg (1600 us) is darker than bright.jpg (400 us)"),
+    ("estimate middle.jpg --kind both", "want AMBIENT or TOTAL"),
+    ("estimate middle.jpg --camera nowhere.camera", "nowhere.camera"),
+    ("export", "Missing argument"),
+    ("export x.png", "x.png: want a name that ends in .hdr, .exr, .pfm, .glb"),
+    ("export nowhere/x.hdr", "nowhere/x.hdr: want a file that can be written"),
+    ("export x.hdr --width 15", "--width"),
+    ("export x.hdr --width 101", "--width 101: want an even number"),
+    ("export x.hdr --wait nan", "--wait nan"),
+    ("export x.hdr --from tcp://h:1", "want tcp:HOST:PORT (without //)"),
+    ("control status nowhere/x", "nowhere/x: No such file"),
+    ("calibrate exposure words.txt", "want a camera"),
+    ("calibrate exposure sim:x --output nowhere/x.camera", "--output nowhere/x.camera"),
+    ("calibrate exposure sim:x --patience-s nan", "--patience-s nan"),
+    ("calibrate exposure sim:x --keep words.txt", "--keep words.txt: want a folder"),
+    ("calibrate response sim:x --plot nowhere/x.png", "--plot nowhere/x.png"),
+    ("calibrate response sim:x --plot x.txt", "--plot x.txt: want a name that ends in"),
+    ("calibrate response sim:x --output a_folder", "it is a folder"),
+    ("calibrate response dark.jpg --exposures x", "want numbers"),
+    ("calibrate response nothing.jpg --exposures 8", "nothing.jpg: open: no such file"),
+    ("calibrate ring", "want --levels LUX,LUX,… or --against URI"),
+    ("calibrate ring --levels 10,100 --output nowhere/x", "--output nowhere/x"),
+    ("calibrate ring --levels 10,100 --seconds nan", "--seconds nan"),
+    ("calibrate ring --levels 10,100 --divider-ohm 0", "--divider-ohm 0"),
+    ("calibrate ring --levels dark", "--levels dark: want lux above 0"),
+    ("calibrate wheel --output nowhere/x", "--output nowhere/x"),
+]  # fmt: skip
+
+
+@pytest.mark.usefixtures("_no_work", "pictures")
+@pytest.mark.parametrize(("words", "message"), REFUSED, ids=[words for words, _ in REFUSED])
+def test_bad_input_is_refused_at_once(words, message, capsys):
+    status, out, err = command(capsys, *words.split())
+    assert_one_sentence(status, out, err)
+    assert message in err
+
+
+@pytest.mark.usefixtures("_no_work")
+def test_nothing_of_the_user_s_is_touched(pictures, capsys):
+    def content():
+        return {path: path.read_bytes() for path in pictures.rglob("*") if path.is_file()}
+
+    before = content()
+    for words, _ in REFUSED:
+        command(capsys, *words.split())
+    assert content() == before
+
+
+@pytest.mark.usefixtures("_no_work", "pictures")
+@pytest.mark.parametrize(
+    "words", ["evaluate --plot a_folder/x.png", "demo --output a_folder/x", "simulate --truth x"]
+)
+def test_a_folder_without_permission(words, capsys, monkeypatch):
+    """As for a user; the tests may run as root, who may write everywhere."""
+    may = os.access
+    monkeypatch.setattr(os, "access", lambda path, mode: not mode & os.W_OK and may(path, mode))
+    status, out, err = command(capsys, *words.split())
+    assert_one_sentence(status, out, err)
+    assert "permission denied" in err or "a folder that can be written" in err
