@@ -9,6 +9,7 @@
 #include <stdint.h>
 
 extern "C" {
+#include "base/backoff.h"
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/pool.h"
