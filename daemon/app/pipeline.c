@@ -176,7 +176,7 @@ int lp_pipeline_create(const struct lp_pipeline_options *options, struct lp_pipe
 	p->options = *options;
 	p->options.camera = NULL; /* was borrowed */
 	p->tracker.time_constant_ms = options->smoothing_ms;
-	ret = lp_camera_load(options->camera, &p->camera);
+	ret = lp_camera_create(options->camera, &p->camera);
 	if (ret == 0)
 		ret = lp_pipeline_set_preset(p, options->preset);
 	if (ret < 0) {

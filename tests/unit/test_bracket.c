@@ -111,8 +111,7 @@ struct outcome {
 
 static struct lp_pipeline *new_pipeline(struct camera *camera, int brackets)
 {
-	const struct lp_pipeline_options options = {.camera = "equirect",
-						    .max_lights = 8,
+	const struct lp_pipeline_options options = {.max_lights = 8,
 						    .sh_order = 2,
 						    .brackets = brackets,
 						    .preset = LP_PRESET_BALANCED};

@@ -19,6 +19,7 @@ extern "C" {
 #include "lp_test.h"
 
 #include "base/uri.h"
+#include "camera_file_test.h"
 }
 
 namespace controls = libcamera::controls;
@@ -113,20 +114,20 @@ void test_offers_of_any_size(void **)
 
 int read_settings(const char *text, const char *profile, lp_libcamera_settings *settings)
 {
-	char path[] = "/tmp/lp-camera-XXXXXX";
+	lp_camera_file *file;
 	lp_uri uri;
 
 	assert_int_equal(lp_uri_parse(&uri, text), 0);
 	if (!profile)
 		return lp_libcamera_settings_read(&uri, nullptr, settings);
-	const int fd = mkstemp(path);
+	int ret = read_camera_file(profile, &file);
 
-	assert_true(fd >= 0);
-	assert_int_equal(write(fd, profile, strlen(profile)), (ssize_t)strlen(profile));
-	close(fd);
-	const int ret = lp_libcamera_settings_read(&uri, path, settings);
+	if (ret < 0)
+		return ret;
+	const lp_camera_profile camera = lp_camera_file_profile(file);
 
-	unlink(path);
+	ret = lp_libcamera_settings_read(&uri, &camera, settings);
+	lp_camera_file_destroy(file);
 	return ret;
 }
 

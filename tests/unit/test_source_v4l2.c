@@ -11,6 +11,7 @@
 
 #include "base/clock.h"
 #include "base/uri.h"
+#include "camera_file_test.h"
 #include "drivers/source/v4l2/controls.h"
 #include "drivers/source/v4l2/nodes.h"
 #include "drivers/source/v4l2/offers.h"
@@ -189,19 +190,20 @@ static void test_the_same_camera_again(void **state)
 static int read_settings(const char *text, const char *profile, struct lp_v4l2_settings *settings,
 			 struct lp_v4l2_target *target)
 {
-	char path[] = "/tmp/lp-camera-XXXXXX";
+	struct lp_camera_file *file;
+	struct lp_camera_profile camera;
 	struct lp_uri uri;
-	int ret, fd;
+	int ret;
 
 	assert_int_equal(lp_uri_parse(&uri, text), 0);
 	if (!profile)
-		return lp_v4l2_settings_read(&uri, "equirect", settings, target);
-	fd = mkstemp(path);
-	assert_true(fd >= 0);
-	assert_int_equal(write(fd, profile, strlen(profile)), (ssize_t)strlen(profile));
-	close(fd);
-	ret = lp_v4l2_settings_read(&uri, path, settings, target);
-	unlink(path);
+		return lp_v4l2_settings_read(&uri, NULL, settings, target);
+	ret = read_camera_file(profile, &file);
+	if (ret < 0)
+		return ret;
+	camera = lp_camera_file_profile(file);
+	ret = lp_v4l2_settings_read(&uri, &camera, settings, target);
+	lp_camera_file_destroy(file);
 	return ret;
 }
 
@@ -262,7 +264,7 @@ static void test_faults_in_settings_are_located(void **state)
 	assert_contains(capture.text, "speed: unknown key; known: format, size");
 	assert_contains(capture.text, ":3: fps");
 	assert_contains(capture.text, ":2: match");
-	assert_contains(capture.text, "line 2 is neither");
+	assert_contains(capture.text, ":2: parse: neither NAME = VALUE");
 }
 
 /* ---------------------------------------------------------------- negotiation */
