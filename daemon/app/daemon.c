@@ -147,7 +147,7 @@ static void begin_exposures(struct lp_daemon *daemon)
 	const struct lp_camera_control control = {.settable = caps->exposure_settable &&
 							      daemon->source->ops->set_exposure &&
 							      options->exposure_us <= 0,
-						  .tagged = caps->exposure_tagged,
+						  .reports_exposure = caps->reports_exposure,
 						  .limits = lp_bracket_limits_of(caps)};
 
 	if (options->exposure_us > 0 && daemon->source->ops->set_exposure)

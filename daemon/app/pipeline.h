@@ -55,7 +55,7 @@ struct lp_estimates {
 /* What can be done about the camera's exposure (include/source.h), once it is known. */
 struct lp_camera_control {
 	bool settable;
-	bool tagged; /* frames tell their true exposure */
+	bool reports_exposure; /* each frame carries the exposure that it had */
 	struct lp_bracket_limits limits;
 };
 

@@ -51,7 +51,7 @@ struct lp_source_host {
 /* What the source can do about exposure; NAN or 0 where it does not apply. */
 struct lp_source_caps {
 	bool exposure_settable;
-	bool exposure_tagged; /* frames carry their true exposure */
+	bool reports_exposure; /* each frame carries the exposure that it had: nothing is guessed */
 	float exposure_min_us, exposure_max_us;
 	float exposure_step_us; /* commands are rounded to multiples of this; 0: any value */
 	float gain_min, gain_max;

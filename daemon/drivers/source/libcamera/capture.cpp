@@ -126,7 +126,7 @@ int Capture::set_exposure(float exposure_us, float gain)
 		lp_error("libcamera", "exposure", "this camera's exposure cannot be set");
 		return -EOPNOTSUPP;
 	}
-	if (gain != 1 && !present.exposure_tagged) {
+	if (gain != 1 && !present.reports_exposure) {
 		lp_error("libcamera", "gain",
 			 "%g: what this camera's gain means is not known: its frames do not tell",
 			 static_cast<double>(gain));

@@ -38,7 +38,7 @@ struct source_sim {
 	struct lp_timer retry; /* next attempt to connect */
 	struct lp_timer stall; /* no frame for too long */
 	struct lp_backoff backoff;
-	bool streaming, tagged;
+	bool streaming, reports_exposure;
 
 	/* What is being read: a header, what the header is longer than ours, a payload. */
 	uint8_t header_data[LP_SIM_HEADER_BYTES];
@@ -155,7 +155,7 @@ static void deliver(struct source_sim *self)
 	self->frame = NULL;
 	self->got_bytes = 0;
 	lp_backoff_reset(&self->backoff);
-	self->tagged = !isnan(header->exposure_us);
+	self->reports_exposure = !isnan(header->exposure_us);
 	lp_timer_set(&self->stall, STALL_NS, 0);
 	if (!self->streaming) {
 		self->streaming = true;
@@ -359,7 +359,7 @@ static void sim_caps(const struct lp_source *source, struct lp_source_caps *caps
 {
 	*caps = (struct lp_source_caps){
 		.exposure_settable = true,
-		.exposure_tagged = self_of(source)->tagged,
+		.reports_exposure = self_of(source)->reports_exposure,
 		.exposure_min_us = NAN,
 		.exposure_max_us = NAN,
 		.gain_min = NAN,

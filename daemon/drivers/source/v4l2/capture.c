@@ -21,7 +21,7 @@
 #include "drivers/source/v4l2/reset.h"
 #include "drivers/source/v4l2/session.h"
 #include "drivers/source/v4l2/stream.h"
-#include "drivers/source/tag.h"
+#include "drivers/source/exposure_guess.h"
 #include "include/frame.h"
 
 #define RETRY_FIRST_NS (100 * LP_NS_PER_MS)
@@ -121,7 +121,7 @@ static void set_caps(struct lp_v4l2_capture *self, const struct lp_v4l2_session 
 /* One stream, from open to close. */
 struct run {
 	struct lp_v4l2_session session;
-	struct lp_exposure_tag tag;
+	struct lp_exposure_guess guess;
 	unsigned wish;	   /* the last wanted exposure that was commanded */
 	int64_t silent_ns; /* since when: the last frame, or the last start */
 	bool has_frames;   /* since the last start */
@@ -148,14 +148,15 @@ static void command_exposure(struct lp_v4l2_capture *self, struct run *run)
 		return;
 	(void)lp_v4l2_controls_set_exposure(controls, lp_v4l2_stream_fd(run->session.stream),
 					    exposure_us, gain);
-	if (controls->exposure_us != run->tag.exposure_us || controls->linear_gain != run->tag.gain)
-		lp_exposure_tag_command(&run->tag, controls->exposure_us, controls->linear_gain,
-					lp_clock_ns());
+	if (controls->exposure_us != run->guess.exposure_us ||
+	    controls->linear_gain != run->guess.gain)
+		lp_exposure_guess_command(&run->guess, controls->exposure_us, controls->linear_gain,
+					  lp_clock_ns());
 }
 
 static void deliver(struct lp_v4l2_capture *self, struct run *run, struct lp_frame *frame)
 {
-	lp_exposure_tag_frame(&run->tag, frame);
+	lp_exposure_guess_frame(&run->guess, frame);
 	run->silent_ns = frame->t_arrival_ns;
 	if (!(frame->flags & LP_FRAME_CORRUPT)) {
 		run->has_frames = true;
@@ -356,9 +357,9 @@ static int open_camera(struct lp_v4l2_capture *self, struct run *run)
 	}
 	self->known = *node;
 	self->is_known = true;
-	lp_exposure_tag_init(&run->tag, self->settings.exposure_delay_frames);
-	lp_exposure_tag_command(&run->tag, run->session.controls.exposure_us,
-				run->session.controls.linear_gain, lp_clock_ns());
+	lp_exposure_guess_init(&run->guess, self->settings.exposure_delay_frames);
+	lp_exposure_guess_command(&run->guess, run->session.controls.exposure_us,
+				  run->session.controls.linear_gain, lp_clock_ns());
 	run->silent_ns = lp_clock_ns();
 	return 0;
 }
