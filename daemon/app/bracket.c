@@ -262,7 +262,7 @@ struct lp_bracket_decision lp_bracket_judge(struct lp_bracket *bracket,
 	return decision;
 }
 
-struct lp_bracket_decision lp_bracket_told(struct lp_bracket *bracket, float exposure_us)
+struct lp_bracket_decision lp_bracket_reported(struct lp_bracket *bracket, float exposure_us)
 {
 	bracket->frames_since_command++;
 	bracket->state = LP_BRACKET_RUNNING;

@@ -103,8 +103,8 @@ struct lp_bracket_decision lp_bracket_judge(struct lp_bracket *bracket,
 					    const struct lp_exposure_match *settled,
 					    const struct lp_exposure_match *commanded);
 
-/* The same for a camera whose frames tell their true exposure: nothing is left to verify. */
-struct lp_bracket_decision lp_bracket_told(struct lp_bracket *bracket, float exposure_us);
+/* The same for a camera that reports each frame's exposure: nothing is left to verify. */
+struct lp_bracket_decision lp_bracket_reported(struct lp_bracket *bracket, float exposure_us);
 
 /* Every exposure of the plan has been taken since it was made: others are of the past. */
 bool lp_bracket_whole(const struct lp_bracket *bracket);

@@ -22,12 +22,14 @@
 #include "base/loop.h"
 #include "include/frame.h"
 #include "include/source.h"
+#include "vision/camera_file.h"
 
 #define TICK_NS (100 * LP_NS_PER_MS)
 #define DRAIN_NS (5 * LP_NS_PER_S) /* how long the last packets may take to leave */
 
 struct lp_daemon {
 	const struct lp_options *options;
+	struct lp_camera_file *camera_file;
 	struct lp_loop *loop;
 	struct lp_timer tick;
 	struct lp_time_control *time_control; /* NULL: the system's time */
@@ -145,7 +147,7 @@ static void begin_exposures(struct lp_daemon *daemon)
 	const struct lp_camera_control control = {.settable = caps->exposure_settable &&
 							      daemon->source->ops->set_exposure &&
 							      options->exposure_us <= 0,
-						  .tagged = caps->exposure_tagged,
+						  .reports_exposure = caps->reports_exposure,
 						  .limits = lp_bracket_limits_of(caps)};
 
 	if (options->exposure_us > 0 && daemon->source->ops->set_exposure)
@@ -347,12 +349,13 @@ static int create_hub(struct lp_daemon *daemon)
 
 static int create_source(struct lp_daemon *daemon)
 {
+	const struct lp_camera_profile camera = lp_camera_file_profile(daemon->camera_file);
 	const struct lp_source_host host = {.context = daemon,
 					    .loop = daemon->loop,
 					    .once = daemon->options->once,
 					    .frame = on_frame,
 					    .state = on_state,
-					    .camera = daemon->options->camera};
+					    .camera = &camera};
 	int ret;
 
 	if (!*daemon->options->source) {
@@ -396,10 +399,12 @@ static int create_publishers(struct lp_daemon *daemon)
 
 static int create_worker(struct lp_daemon *daemon)
 {
-	const struct lp_pipeline_options options = lp_options_pipeline(daemon->options);
+	struct lp_pipeline_options options = lp_options_pipeline(daemon->options);
 	struct lp_pipeline *pipeline;
-	const int ret = lp_pipeline_create(&options, &pipeline);
+	int ret;
 
+	options.camera = daemon->camera_file;
+	ret = lp_pipeline_create(&options, &pipeline);
 	return ret < 0 ? ret : lp_worker_create(pipeline, daemon->options->once, &daemon->worker);
 }
 
@@ -411,7 +416,9 @@ static int create_all(struct lp_daemon *daemon)
 	lp_health_init(&daemon->health, lp_clock_ns());
 	lp_governor_init(&daemon->governor, &daemon->options->goals, daemon->options->preset,
 			 lp_clock_ns(), lp_clock_cpu_ns());
-	ret = create_source(daemon);
+	ret = lp_camera_file_read(daemon->options->camera, &daemon->camera_file);
+	if (ret == 0)
+		ret = create_source(daemon);
 	if (ret == 0)
 		ret = create_instruments(daemon);
 	if (ret == 0)
@@ -437,6 +444,7 @@ static void destroy_all(struct lp_daemon *daemon)
 	lp_hub_destroy(daemon->hub);
 	lp_time_control_destroy(daemon->time_control);
 	lp_loop_destroy(daemon->loop);
+	lp_camera_file_destroy(daemon->camera_file);
 	lp_log_flush(1);
 }
 

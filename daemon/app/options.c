@@ -2,11 +2,11 @@
 #include "app/options.h"
 
 #include <errno.h>
-#include <ini.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/ini.h"
 #include "base/param.h"
 
 static const char *const presets[] = {"fast", "balanced", "accurate", "reference", NULL};
@@ -224,111 +224,33 @@ void lp_options_defaults(struct lp_options *options)
 
 /* ---------------------------------------------------------------- configuration file */
 
-struct config_reader {
-	struct lp_options *options;
-	const char *name;
-	const char *text;
-	size_t left_bytes;
-	int line;
-	int ret;
-};
-
-static void config_object(const struct config_reader *reader, char *object, size_t size_bytes)
+/* Takes over what `ini` holds. The file has no sections. */
+static int apply_config(struct lp_options *options, struct lp_ini *ini)
 {
-	(void)snprintf(object, size_bytes, "%s:%d", reader->name, reader->line);
-}
+	static const char *const sections[] = {"", NULL};
+	int ret = lp_ini_check_sections(ini, sections);
 
-/* inih's fgets: one whole line, without the indentation that inih would take for a continuation. */
-static char *config_line(char *line, int size_bytes, void *stream)
-{
-	struct config_reader *reader = stream;
-	const char *end = memchr(reader->text, '\n', reader->left_bytes);
-	size_t length = end ? (size_t)(end - reader->text) + 1 : reader->left_bytes;
-	const char *begin = reader->text;
-
-	if (length == 0)
-		return NULL;
-	reader->text += length;
-	reader->left_bytes -= length;
-	reader->line++;
-	while (length > 0 && (*begin == ' ' || *begin == '\t')) {
-		begin++;
-		length--;
-	}
-	if (length >= (size_t)size_bytes || memchr(begin, '\0', length)) {
-		char object[1100];
-
-		config_object(reader, object, sizeof(object));
-		lp_error(object, "parse", "a line is text of at most %d bytes", size_bytes - 1);
-		reader->ret = -EINVAL;
-		length = 0;
-	}
-	memcpy(line, begin, length);
-	line[length] = '\0';
-	return line;
-}
-
-/* inih's handler: 1 means well. */
-static int config_value(void *user, const char *section, const char *name, const char *value)
-{
-	struct config_reader *reader = user;
-	char object[1100];
-	int ret = -EINVAL;
-
-	config_object(reader, object, sizeof(object));
-	if (*section)
-		lp_error(object, "parse", "[%s]: this file has no sections", section);
-	else
-		ret = lp_param_set(params, config_params(), reader->options, object, name, value);
-	if (ret < 0)
-		reader->ret = ret;
-	return ret == 0;
+	if (ret == 0)
+		ret = lp_ini_set(ini, "", params, config_params(), options);
+	lp_ini_finish(ini);
+	return ret;
 }
 
 int lp_options_read_config(struct lp_options *options, const char *name, const char *text,
 			   size_t size_bytes)
 {
-	struct config_reader reader = {.options = options,
-				       .name = name,
-				       .text = text,
-				       .left_bytes = size_bytes};
-	const int bad_line = ini_parse_stream(config_line, &reader, config_value, &reader);
+	struct lp_ini ini;
+	const int ret = lp_ini_parse(&ini, name, text, size_bytes);
 
-	if (bad_line > 0 && reader.ret == 0) {
-		char object[1100];
-
-		reader.line = bad_line;
-		config_object(&reader, object, sizeof(object));
-		lp_error(object, "parse", "neither NAME = VALUE nor a # comment");
-		return -EINVAL;
-	}
-	return bad_line < 0 ? -ENOMEM : reader.ret;
+	return ret < 0 ? ret : apply_config(options, &ini);
 }
 
 static int read_config_file(struct lp_options *options, const char *path)
 {
-	char *text = malloc(LP_CONFIG_MAX_BYTES + 1);
-	FILE *file = fopen(path, "re");
-	size_t size = 0;
-	int ret = 0;
+	struct lp_ini ini;
+	const int ret = lp_ini_read(&ini, path, "check --config");
 
-	if (!text || !file)
-		ret = errno ? -errno : -ENOMEM;
-	if (ret == 0) {
-		size = fread(text, 1, LP_CONFIG_MAX_BYTES + 1, file);
-		if (ferror(file))
-			ret = -errno;
-		else if (size > LP_CONFIG_MAX_BYTES)
-			ret = -EFBIG;
-	}
-	if (ret < 0)
-		lp_error(path, "read", "%s — check --config", lp_strerror(ret));
-	else
-		ret = lp_options_read_config(options, path, text, size);
-	if (file)
-		(void)fclose(file);
-	free(text);
-	return ret;
+	return ret < 0 ? ret : apply_config(options, &ini);
 }
 
 /* ---------------------------------------------------------------- command line */
@@ -456,7 +378,6 @@ void lp_options_help(FILE *out)
 struct lp_pipeline_options lp_options_pipeline(const struct lp_options *options)
 {
 	return (struct lp_pipeline_options){
-		.camera = options->camera,
 		.preset = (enum lp_preset)options->preset,
 		.panorama_width = options->panorama_width_px,
 		.decode_divisor = options->decode_divisor,

@@ -14,7 +14,6 @@
 #include "base/uri.h"
 
 #define LP_MAX_PUBLISHERS 8
-#define LP_CONFIG_MAX_BYTES ((size_t)64 << 10)
 
 struct lp_uri_texts {
 	int count;
@@ -55,7 +54,7 @@ struct lp_options {
  */
 int lp_options_read(struct lp_options *options, int argc, char **argv);
 
-/* One configuration file in memory, `name` for messages. 0 or -EINVAL, logged as FILE:LINE. */
+/* One configuration file in memory, `name` for messages. 0 or -EBADMSG, logged as FILE:LINE. */
 int lp_options_read_config(struct lp_options *options, const char *name, const char *text,
 			   size_t size_bytes);
 
@@ -64,7 +63,7 @@ void lp_options_defaults(struct lp_options *options);
 /* The options' part of --help. */
 void lp_options_help(FILE *out);
 
-/* Options of the pipeline; borrows strings from `options`. */
+/* Options of the pipeline, but for the camera. */
 struct lp_pipeline_options lp_options_pipeline(const struct lp_options *options);
 
 const char *lp_preset_name(int preset);

@@ -52,7 +52,7 @@ struct lp_pipeline {
 	struct lp_sh_projector *projector;
 	struct lp_tracker tracker;
 	struct lp_bracket bracket;
-	bool bracketing, tagged;
+	bool bracketing, reports_exposure;
 	float *scratch;	   /* cells of the panorama, for its median */
 	int wanted_lights; /* by the options and the most demanding subscriber */
 	uint32_t sequence;
@@ -176,7 +176,7 @@ int lp_pipeline_create(const struct lp_pipeline_options *options, struct lp_pipe
 	p->options = *options;
 	p->options.camera = NULL; /* was borrowed */
 	p->tracker.time_constant_ms = options->smoothing_ms;
-	ret = lp_camera_load(options->camera, &p->camera);
+	ret = lp_camera_create(options->camera, &p->camera);
 	if (ret == 0)
 		ret = lp_pipeline_set_preset(p, options->preset);
 	if (ret < 0) {
@@ -338,7 +338,7 @@ bool lp_pipeline_control(struct lp_pipeline *pipeline, const struct lp_camera_co
 			 float *command_us)
 {
 	pipeline->bracketing = control->settable && pipeline->options.brackets > 0;
-	pipeline->tagged = control->tagged;
+	pipeline->reports_exposure = control->reports_exposure;
 	if (!pipeline->bracketing)
 		return false;
 	lp_imager_forget(pipeline->imager);
@@ -374,12 +374,12 @@ static struct lp_bracket_scene look_at_scene(struct lp_pipeline *p,
 	return scene;
 }
 
-static struct lp_bracket_decision judge(struct lp_pipeline *p, float told_us)
+static struct lp_bracket_decision judge(struct lp_pipeline *p, float reported_us)
 {
 	struct lp_bracket *b = &p->bracket;
 
-	if (p->tagged)
-		return lp_bracket_told(b, told_us);
+	if (p->reports_exposure)
+		return lp_bracket_reported(b, reported_us);
 	const struct lp_exposure_match settled = lp_imager_match(p->imager, b->settled_us);
 	const struct lp_exposure_match commanded = lp_imager_match(p->imager, b->commanded_us);
 
@@ -389,12 +389,12 @@ static struct lp_bracket_decision judge(struct lp_pipeline *p, float told_us)
 /* The bracket says whether and as what the frame counts. 0, -EAGAIN or an error. */
 static int add_to_bracket(struct lp_pipeline *p, struct lp_frame *frame, float *command_us)
 {
-	const float told_us = lp_frame_exposure_us(frame);
+	const float reported_us = lp_frame_exposure_us(frame);
 	int ret = lp_imager_load(p->imager, frame, p->bracket.commanded_us);
 
 	if (ret < 0)
 		return ret;
-	const struct lp_bracket_decision decision = judge(p, told_us);
+	const struct lp_bracket_decision decision = judge(p, reported_us);
 
 	if (decision.command)
 		*command_us = decision.command_us;

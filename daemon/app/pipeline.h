@@ -12,6 +12,7 @@
 #include "include/light_estimate.h"
 #include "light/detection.h"
 
+struct lp_camera_file;
 struct lp_frame;
 struct lp_pipeline;
 
@@ -24,7 +25,7 @@ struct lp_pipeline;
 enum lp_preset { LP_PRESET_FAST, LP_PRESET_BALANCED, LP_PRESET_ACCURATE, LP_PRESET_REFERENCE };
 
 struct lp_pipeline_options {
-	const char *camera; /* "equirect", or the path of a camera file; borrowed during create */
+	const struct lp_camera_file *camera; /* NULL: equirectangular; borrowed during create */
 	enum lp_preset preset;
 	int panorama_width; /* 0: as the preset says */
 	/* JPEG: 1, 2, 4, 8 by libjpeg-turbo; 0: as the preset says; LP_DECODE_BY_BLOCKS */
@@ -54,7 +55,7 @@ struct lp_estimates {
 /* What can be done about the camera's exposure (include/source.h), once it is known. */
 struct lp_camera_control {
 	bool settable;
-	bool tagged; /* frames tell their true exposure */
+	bool reports_exposure; /* each frame carries the exposure that it had */
 	struct lp_bracket_limits limits;
 };
 

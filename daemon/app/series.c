@@ -16,11 +16,13 @@
 #include "base/loop.h"
 #include "include/frame.h"
 #include "include/source.h"
+#include "vision/camera_file.h"
 
 #define TICK_NS (100 * LP_NS_PER_MS)
 
 struct series {
 	const struct lp_options *options;
+	struct lp_camera_file *camera_file;
 	struct lp_loop *loop;
 	struct lp_timer tick;
 	struct lp_source *source;
@@ -152,16 +154,27 @@ static void on_tick(struct lp_timer *timer)
 	lp_log_flush(0);
 }
 
-/* Everything that can be wrong in what the user wrote shows here. */
-static int create_all(struct series *series)
+static int open_source(struct series *series)
 {
-	const struct lp_options *options = series->options;
+	struct lp_camera_profile camera;
 	const struct lp_source_host host = {.context = series,
 					    .loop = series->loop,
 					    .once = true,
 					    .frame = on_frame,
 					    .state = on_state,
-					    .camera = options->camera};
+					    .camera = &camera};
+	const int ret = lp_camera_file_read(series->options->camera, &series->camera_file);
+
+	if (ret < 0)
+		return ret;
+	camera = lp_camera_file_profile(series->camera_file);
+	return lp_source_open(series->options->source, &host, &series->source);
+}
+
+/* Everything that can be wrong in what the user wrote shows here. */
+static int create_all(struct series *series)
+{
+	const struct lp_options *options = series->options;
 	struct lp_source_caps caps;
 	int ret;
 
@@ -169,7 +182,7 @@ static int create_all(struct series *series)
 		lp_error("lightprobed", "--series", "needs a --source, and goes without --once");
 		return -EINVAL;
 	}
-	ret = lp_source_open(options->source, &host, &series->source);
+	ret = open_source(series);
 	if (ret < 0)
 		return ret;
 	series->source->ops->caps(series->source, &caps);
@@ -225,6 +238,7 @@ int lp_series_run(const struct lp_options *options)
 	if (series.source)
 		series.source->ops->destroy(series.source);
 	lp_loop_destroy(series.loop);
+	lp_camera_file_destroy(series.camera_file);
 	lp_log_flush(1);
 	return series.exit_code;
 }

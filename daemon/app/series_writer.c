@@ -56,10 +56,10 @@ static void write_camera(const struct lp_series_writer *writer)
 
 	(void)fprintf(writer->index,
 		      "{\"lightprobe_series\": 1, \"software\": \"lightprobed " LP_VERSION "\", "
-		      "\"source\": \"%s\", \"exposure_settable\": %s, \"exposure_tagged\": %s, "
+		      "\"source\": \"%s\", \"exposure_settable\": %s, \"reports_exposure\": %s, "
 		      "\"exposure_delay_frames\": %d",
 		      writer->scheme, caps->exposure_settable ? "true" : "false",
-		      caps->exposure_tagged ? "true" : "false", caps->exposure_delay_frames);
+		      caps->reports_exposure ? "true" : "false", caps->exposure_delay_frames);
 	put_number(writer->index, "exposure_min_us", caps->exposure_min_us);
 	put_number(writer->index, "exposure_max_us", caps->exposure_max_us);
 	put_number(writer->index, "exposure_step_us", caps->exposure_step_us);

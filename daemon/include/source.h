@@ -17,6 +17,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+struct lp_camera_profile;
 struct lp_frame;
 struct lp_loop;
 struct lp_uri;
@@ -42,15 +43,15 @@ struct lp_source_host {
 	void (*frame)(void *context, struct lp_frame *frame);
 	/* `reason` names object, stage and next step; valid during the call. */
 	void (*state)(void *context, enum lp_source_state state, const char *reason);
-	/* The camera as --camera names it: "equirect", or the path of a camera file, whose section
-	 * named as the back end's scheme is the driver's. NULL: none. Borrowed during create(). */
-	const char *camera;
+	/* What the camera file says to the driver; NULL: there is none. Borrowed during create().
+	 */
+	const struct lp_camera_profile *camera;
 };
 
 /* What the source can do about exposure; NAN or 0 where it does not apply. */
 struct lp_source_caps {
 	bool exposure_settable;
-	bool exposure_tagged; /* frames carry their true exposure */
+	bool reports_exposure; /* each frame carries the exposure that it had: nothing is guessed */
 	float exposure_min_us, exposure_max_us;
 	float exposure_step_us; /* commands are rounded to multiples of this; 0: any value */
 	float gain_min, gain_max;

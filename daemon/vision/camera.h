@@ -42,9 +42,11 @@ struct lp_camera {
 	float response[3][256]; /* linear value 0..1 of each 8-bit code */
 };
 
-/* "equirect", or the path of a camera file (docs/camera_files.md). Errors are logged with file and
- * line: -ENOENT, -EBADMSG. */
-int lp_camera_load(const char *name_or_path, struct lp_camera **camera);
+struct lp_camera_file;
+
+/* The camera that a file (vision/camera_file.h) describes, with the masks and the response table
+ * that it names. NULL: equirectangular. -ENOMEM, -ENOENT, -EBADMSG: logged, with the file. */
+int lp_camera_create(const struct lp_camera_file *file, struct lp_camera **camera);
 void lp_camera_destroy(struct lp_camera *camera); /* accepts NULL */
 
 /*

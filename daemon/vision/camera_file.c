@@ -1,57 +1,45 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Camera files: docs/camera_files.md. */
+#include "vision/camera_file.h"
+
 #include <errno.h>
-#include <ini.h>
-#include <libgen.h>
-#include <limits.h>
-#include <math.h>
+#include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/log.h"
-#include "base/param.h"
-#include "vision/camera.h"
-
 #define COUNT(array) (sizeof(array) / sizeof((array)[0]))
 
-/* A file as it is written; numbers before any check that needs more than one of them. */
-struct lens_fields {
-	bool present;
-	float cx_px, cy_px, fx_px, fy_px, k1, k2, k3, k4, max_theta_deg;
-	struct lp_floats rotation_wxyz, rolloff;
-	char mask[PATH_MAX];
-};
-
-struct fields {
-	int version; /* of the format */
-	char name[64], match[128];
-	int projection;
-	int width_px, height_px;
-	char response[PATH_MAX];
-	struct lens_fields lens[LP_MAX_LENSES];
-};
-
+/* In the order of enum lp_projection. */
 static const char *const projections[] = {"equirect", "fisheye", NULL};
 
+static int parse_match(const char *text, void *field)
+{
+	const bool usb = strncmp(text, "usb:", 4) == 0;
+
+	return usb && text[4] && lp_usb_id_parse(text + 4, field) == strlen(text + 4) ? 0 : -EINVAL;
+}
+
 static const struct lp_param camera_params[] = {
-	{"version", LP_PARAM_INT, offsetof(struct fields, version), .min = 1, .max = 1},
-	{"name", LP_PARAM_TEXT, offsetof(struct fields, name), .max = 64},
-	{"match", LP_PARAM_TEXT, offsetof(struct fields, match), .max = 128},
-	{"projection", LP_PARAM_CHOICE, offsetof(struct fields, projection),
+	{"version", LP_PARAM_INT, offsetof(struct lp_camera_file, version), .min = 1, .max = 1},
+	{"name", LP_PARAM_TEXT, offsetof(struct lp_camera_file, name), .max = 64},
+	{"match", LP_PARAM_OWN, offsetof(struct lp_camera_file, usb), .parse = parse_match,
+	 .expects = "usb:VENDOR:PRODUCT, four hexadecimal digits each"},
+	{"projection", LP_PARAM_CHOICE, offsetof(struct lp_camera_file, projection),
 	 .choices = projections},
-	{"width_px", LP_PARAM_INT, offsetof(struct fields, width_px), .min = 1, .max = 16384},
-	{"height_px", LP_PARAM_INT, offsetof(struct fields, height_px), .min = 1, .max = 16384},
+	{"width_px", LP_PARAM_INT, offsetof(struct lp_camera_file, width_px), .min = 1,
+	 .max = 16384},
+	{"height_px", LP_PARAM_INT, offsetof(struct lp_camera_file, height_px), .min = 1,
+	 .max = 16384},
 };
 
 static const struct lp_param response_params[] = {
-	{"table", LP_PARAM_TEXT, offsetof(struct fields, response), .max = PATH_MAX},
+	{"table", LP_PARAM_TEXT, offsetof(struct lp_camera_file, response), .max = PATH_MAX},
 };
 
-#define LENS_FLOAT(key, low, high)                                                     \
-	{                                                                              \
-#key, LP_PARAM_FLOAT, offsetof(struct lens_fields, key), .min = (low), \
-									 .max = (high) \
+#define LENS_FLOAT(key, low, high)                                                        \
+	{                                                                                 \
+#key, LP_PARAM_FLOAT, offsetof(struct lp_lens_fields, key), .min = (low), \
+									    .max = (high) \
 	}
 
 static const struct lp_param lens_params[] = {
@@ -64,290 +52,76 @@ static const struct lp_param lens_params[] = {
 	LENS_FLOAT(k3, -10, 10),
 	LENS_FLOAT(k4, -10, 10),
 	LENS_FLOAT(max_theta_deg, 1, 150),
-	{"rotation_wxyz", LP_PARAM_FLOATS, offsetof(struct lens_fields, rotation_wxyz), .min = -1,
-	 .max = 1},
-	{"rolloff", LP_PARAM_FLOATS, offsetof(struct lens_fields, rolloff), .min = -100,
+	{"rotation_wxyz", LP_PARAM_FLOATS, offsetof(struct lp_lens_fields, rotation_wxyz),
+	 .min = -1, .max = 1},
+	{"rolloff", LP_PARAM_FLOATS, offsetof(struct lp_lens_fields, rolloff), .min = -100,
 	 .max = 100},
-	{"mask", LP_PARAM_TEXT, offsetof(struct lens_fields, mask), .max = PATH_MAX},
+	{"mask", LP_PARAM_TEXT, offsetof(struct lp_lens_fields, mask), .max = PATH_MAX},
 };
 
-/* inih tells no line to its handler: count them where it reads. */
-struct parser {
-	const char *path;
-	FILE *stream;
-	int line;
-	bool explained; /* the error has been logged */
-	struct fields *fields;
-};
-
-static char *read_line(char *text, int size, void *stream)
+static int set_fields(struct lp_camera_file *file)
 {
-	struct parser *parser = stream;
+	/* The last two are the drivers'. */
+	static const char *const sections[] = {"camera", "response",  "lens.0",
+					       "lens.1", "lens.2",    "lens.3",
+					       "v4l2",	 "libcamera", NULL};
+	int ret = lp_ini_check_sections(&file->ini, sections);
 
-	parser->line++;
-	return fgets(text, size, parser->stream);
-}
+	_Static_assert(LP_MAX_LENSES == 4, "a section for each lens");
+	if (ret == 0)
+		ret = lp_ini_set(&file->ini, "camera", camera_params, COUNT(camera_params), file);
+	if (ret == 0)
+		ret = lp_ini_set(&file->ini, "response", response_params, COUNT(response_params),
+				 file);
+	for (int k = 0; k < LP_MAX_LENSES && ret == 0; k++) {
+		char section[20];
 
-static int set_field(struct parser *parser, const char *section, const char *name,
-		     const char *value)
-{
-	char object[PATH_MAX + 16];
-	unsigned int lens;
-	int end = 0;
-
-	snprintf(object, sizeof(object), "%s:%d", parser->path, parser->line);
-	if (!strcmp(section, "camera"))
-		return lp_param_set(camera_params, COUNT(camera_params), parser->fields, object,
-				    name, value);
-	if (!strcmp(section, "response"))
-		return lp_param_set(response_params, COUNT(response_params), parser->fields, object,
-				    name, value);
-	if (!strcmp(section, "v4l2") || !strcmp(section, "libcamera"))
-		return 0; /* how to drive it: the driver's part of the file */
-	if (sscanf(section, "lens.%u%n", &lens, &end) == 1 && !section[end] &&
-	    lens < LP_MAX_LENSES) {
-		parser->fields->lens[lens].present = true;
-		return lp_param_set(lens_params, COUNT(lens_params), &parser->fields->lens[lens],
-				    object, name, value);
+		(void)snprintf(section, sizeof(section), "lens.%d", k);
+		file->lens[k].present = lp_ini_has(&file->ini, section);
+		ret = lp_ini_set(&file->ini, section, lens_params, COUNT(lens_params),
+				 &file->lens[k]);
 	}
-	lp_error(object, "camera file",
-		 "unknown section [%s]; known: camera, lens.0 .. lens.%d, "
-		 "response, v4l2, libcamera",
-		 section, LP_MAX_LENSES - 1);
-	return -EINVAL;
-}
-
-static int on_field(void *context, const char *section, const char *name, const char *value)
-{
-	struct parser *parser = context;
-	const bool good = set_field(parser, section, name, value) == 0;
-
-	parser->explained |= !good;
-	return good;
-}
-
-/* `name` relative to the folder of the camera file. */
-static FILE *open_beside(const char *camera_path, const char *name)
-{
-	char folder[PATH_MAX], path[2 * PATH_MAX];
-	FILE *file;
-
-	snprintf(folder, sizeof(folder), "%s", camera_path);
-	snprintf(path, sizeof(path), "%s/%s", dirname(folder), name);
-	file = fopen(name[0] == '/' ? name : path, "rb");
-	if (!file)
-		lp_error(name, "camera file", "%s, named in %s", lp_strerror(errno), camera_path);
-	return file;
-}
-
-/* 256 rows "r g b", linear values; scaled so that the last row of green is 1. */
-static int load_response(struct lp_camera *camera, const char *camera_path, const char *name)
-{
-	FILE *file = open_beside(camera_path, name);
-	int rows = 0;
-
-	if (!file)
-		return -ENOENT;
-	while (rows < 256 && fscanf(file, "%f %f %f", &camera->response[0][rows],
-				    &camera->response[1][rows], &camera->response[2][rows]) == 3)
-		rows++;
-	fclose(file);
-	for (int c = 0; c < 3 && rows == 256; c++)
-		for (int v = 0; v < 256; v++)
-			if (!isfinite(camera->response[c][v]) ||
-			    (v && camera->response[c][v] < camera->response[c][v - 1]))
-				rows = -1;
-	if (rows != 256 || camera->response[1][255] <= 0.0F) {
-		lp_error(name, "camera file",
-			 "a response table has 256 rows of three numbers, "
-			 "not decreasing; make one with: lightprobe calibrate response");
-		return -EBADMSG;
-	}
-	const float top = camera->response[1][255];
-	for (int c = 0; c < 3; c++)
-		for (int v = 0; v < 256; v++)
-			camera->response[c][v] /= top;
-	camera->response_given = true;
-	return 0;
-}
-
-/* Binary PGM of the camera's size; 0 = not usable. */
-static int load_mask(struct lp_camera *camera, struct lp_lens *lens, const char *camera_path,
-		     const char *name)
-{
-	const size_t pixels = (size_t)camera->width_px * camera->height_px;
-	FILE *file = open_beside(camera_path, name);
-	int width, height, top;
-	int ret = -EBADMSG;
-
-	if (!file)
-		return -ENOENT;
-	if (fscanf(file, "P5 %d %d %d", &width, &height, &top) != 3 || fgetc(file) == EOF ||
-	    width != camera->width_px || height != camera->height_px || top > 255) {
-		lp_error(name, "camera file", "a mask is an 8-bit binary PGM of %dx%d",
-			 camera->width_px, camera->height_px);
-		goto close_file;
-	}
-	lens->mask = malloc(pixels);
-	ret = !lens->mask ? -ENOMEM : fread(lens->mask, 1, pixels, file) == pixels ? 0 : -EBADMSG;
-	if (ret == -EBADMSG)
-		lp_error(name, "camera file", "the mask ends early");
-close_file:
-	fclose(file);
 	return ret;
 }
 
-/* Rotation matrix of a quaternion, which is normalised first; the identity when none is given. */
-static int set_rotation(struct lp_lens *lens, const struct lp_floats *wxyz)
+int lp_camera_file_read(const char *name_or_path, struct lp_camera_file **file)
 {
-	float w = 1.0F, x = 0.0F, y = 0.0F, z = 0.0F;
+	struct lp_camera_file *self = calloc(1, sizeof(*self));
+	int ret = 0;
 
-	if (wxyz->count == 4) {
-		w = wxyz->values[0];
-		x = wxyz->values[1];
-		y = wxyz->values[2];
-		z = wxyz->values[3];
-	}
-	const float length = sqrtf(w * w + x * x + y * y + z * z);
-	if ((wxyz->count && wxyz->count != 4) || length < 0.5F)
-		return -EINVAL;
-	w /= length;
-	x /= length;
-	y /= length;
-	z /= length;
-	const float rotation[3][3] = {
-		{1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)},
-		{2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)},
-		{2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)},
-	};
-	memcpy(lens->rotation, rotation, sizeof(rotation));
-	return 0;
-}
-
-/* r(theta) must grow up to the rim, or a radius would belong to two angles. */
-static bool grows(const struct lp_lens *lens)
-{
-	double last = 0.0;
-
-	for (int i = 1; i <= 256; i++) {
-		const double t = lens->max_theta_rad * i / 256.0, t2 = t * t;
-		const double r =
-			t * (1 + t2 * (lens->k[0] +
-				       t2 * (lens->k[1] + t2 * (lens->k[2] + t2 * lens->k[3]))));
-
-		if (!(r > last))
-			return false;
-		last = r;
-	}
-	return true;
-}
-
-static int set_lens(struct lp_camera *camera, struct lp_lens *lens, const char *path,
-		    const struct lens_fields *f, int number)
-{
-	*lens = (struct lp_lens){.cx_px = f->cx_px,
-				 .cy_px = f->cy_px,
-				 .fx_px = f->fx_px,
-				 .fy_px = f->fy_px,
-				 .k = {f->k1, f->k2, f->k3, f->k4},
-				 .max_theta_rad = f->max_theta_deg * (float)M_PI / 180.0F};
-	memcpy(lens->rolloff, f->rolloff.values, sizeof(lens->rolloff));
-	if (!f->fx_px || !f->fy_px || !f->max_theta_deg) {
-		lp_error(path, "camera file",
-			 "[lens.%d] needs cx_px, cy_px, fx_px, fy_px and "
-			 "max_theta_deg",
-			 number);
-		return -EBADMSG;
-	}
-	if (f->rolloff.count > 3 || set_rotation(lens, &f->rotation_wxyz) < 0) {
-		lp_error(path, "camera file",
-			 "[lens.%d]: rotation_wxyz takes four numbers, a "
-			 "quaternion; rolloff at most three",
-			 number);
-		return -EBADMSG;
-	}
-	if (!grows(lens)) {
-		lp_error(path, "camera file",
-			 "[lens.%d]: with these k1..k4 the radius does not "
-			 "grow up to max_theta_deg",
-			 number);
-		return -EBADMSG;
-	}
-	return f->mask[0] ? load_mask(camera, lens, path, f->mask) : 0;
-}
-
-static int build(struct lp_camera *camera, const char *path, const struct fields *f)
-{
-	snprintf(camera->name, sizeof(camera->name), "%s", f->name[0] ? f->name : path);
-	camera->projection = f->projection == 0 ? LP_EQUIRECT : LP_FISHEYE;
-	camera->width_px = f->width_px;
-	camera->height_px = f->height_px;
-	camera->lens_count = camera->projection == LP_EQUIRECT;
-	if (camera->projection == LP_FISHEYE && (!f->width_px || !f->height_px)) {
-		lp_error(path, "camera file",
-			 "[camera] needs width_px and height_px, the picture "
-			 "that the lens numbers refer to");
-		return -EBADMSG;
-	}
-	for (int k = 0; camera->projection == LP_FISHEYE && k < LP_MAX_LENSES; k++) {
-		if (!f->lens[k].present)
-			break;
-		camera->lens_count++;
-		int ret = set_lens(camera, &camera->lens[k], path, &f->lens[k], k);
-		if (ret < 0)
-			return ret;
-	}
-	if (!camera->lens_count) {
-		lp_error(path, "camera file", "a fisheye camera needs a [lens.0]");
-		return -EBADMSG;
-	}
-	return f->response[0] ? load_response(camera, path, f->response) : 0;
-}
-
-static int parse(const char *path, struct fields *fields)
-{
-	struct parser parser = {.path = path, .stream = fopen(path, "r"), .fields = fields};
-	int line;
-
-	if (!parser.stream) {
-		lp_error(path, "camera file", "%s; give --camera=equirect or a camera file",
-			 lp_strerror(errno));
-		return -ENOENT;
-	}
-	fields->projection = -1;
-	line = ini_parse_stream(read_line, &parser, on_field, &parser);
-	fclose(parser.stream);
-	if (line > 0 && !parser.explained)
-		lp_error(path, "camera file", "line %d is no `key = value`", line);
-	if (line)
-		return -EBADMSG;
-	if (fields->projection < 0) {
-		lp_error(path, "camera file", "[camera] needs projection = equirect or fisheye");
-		return -EBADMSG;
-	}
-	return 0;
-}
-
-int lp_camera_load(const char *name_or_path, struct lp_camera **camera)
-{
-	struct lp_camera *c = calloc(1, sizeof(*c));
-	struct fields *fields = calloc(1, sizeof(*fields));
-	int ret = c && fields ? 0 : -ENOMEM;
-
-	if (ret == 0 && !strcmp(name_or_path, "equirect")) {
-		snprintf(c->name, sizeof(c->name), "equirect");
-		c->projection = LP_EQUIRECT;
-		c->lens_count = 1;
-	} else if (ret == 0) {
-		ret = parse(name_or_path, fields);
+	if (!self)
+		return -ENOMEM;
+	if (strcmp(name_or_path, "equirect") == 0) {
+		self->projection = LP_EQUIRECT;
+		(void)snprintf(self->name, sizeof(self->name), "equirect");
+	} else {
+		self->projection = -1;
+		ret = lp_ini_read(&self->ini, name_or_path,
+				  "give --camera=equirect or a camera file");
 		if (ret == 0)
-			ret = build(c, name_or_path, fields);
+			ret = set_fields(self);
 	}
-	free(fields);
 	if (ret < 0) {
-		lp_camera_destroy(c);
+		lp_camera_file_destroy(self);
 		return ret;
 	}
-	*camera = c;
+	*file = self;
 	return 0;
+}
+
+void lp_camera_file_destroy(struct lp_camera_file *file)
+{
+	if (!file)
+		return;
+	lp_ini_finish(&file->ini);
+	free(file);
+}
+
+struct lp_camera_profile lp_camera_file_profile(const struct lp_camera_file *file)
+{
+	return (struct lp_camera_profile){
+		.size_px = {(uint32_t)file->width_px, (uint32_t)file->height_px},
+		.usb = file->usb,
+		.file = &file->ini,
+	};
 }

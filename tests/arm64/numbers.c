@@ -169,7 +169,7 @@ int main(void)
 	struct lp_camera *camera;
 	struct lp_imager *bracket;
 
-	check(lp_camera_load("equirect", &camera), "camera");
+	check(lp_camera_create(NULL, &camera), "camera");
 	bracket = new_imager(camera, LP_DECODE_BLOCKS);
 	for (unsigned int k = 0; k < sizeof(jpegs) / sizeof(jpegs[0]); k++) {
 		unsigned long size;

@@ -10,6 +10,8 @@
 #include <utility>
 #include <vector>
 
+struct lp_camera_file;
+
 namespace bench
 {
 
@@ -60,8 +62,8 @@ struct contestant {
 using contestants = std::vector<std::unique_ptr<contestant>>;
 
 void add_decodes(contestants &list);
-void add_pipelines(contestants &list, const char *camera);
-void add_stages(contestants &list, const char *camera);
+void add_pipelines(contestants &list, const lp_camera_file &camera);
+void add_stages(contestants &list, const lp_camera_file &camera);
 void add_published(contestants &list);
 void add_projections(contestants &list);
 

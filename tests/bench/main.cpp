@@ -8,6 +8,9 @@
  *   run INDEX NAME...      nanoseconds of each contestant's run on picture INDEX, in this order
  *   result INDEX NAME      what the contestant makes of the picture
  */
+#include "contestant.hpp"
+#include "vision/camera_file.h"
+
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
@@ -17,8 +20,6 @@
 
 #include <opencv2/core.hpp>
 #include <turbojpeg.h>
-
-#include "contestant.hpp"
 
 using namespace bench;
 
@@ -110,18 +111,22 @@ int main(int argc, char **argv)
 {
 	std::vector<picture> pictures;
 	contestants list;
+	struct lp_camera_file *camera;
 
 	if (argc < 3)
 		die("arguments", "want: bench CAMERA PICTURE.jpg...");
+	if (lp_camera_file_read(argv[1], &camera) < 0)
+		die(argv[1], "cannot be read");
 	for (int i = 2; i < argc; i++)
 		pictures.push_back(load(argv[i]));
 	cv::setNumThreads(1);
 	add_decodes(list);
-	add_pipelines(list, argv[1]);
-	add_stages(list, argv[1]);
+	add_pipelines(list, *camera);
+	add_stages(list, *camera);
 	add_published(list);
 	add_projections(list);
 	for (std::string line; std::getline(std::cin, line);)
 		obey(list, pictures, line);
+	lp_camera_file_destroy(camera);
 	return 0;
 }

@@ -44,13 +44,13 @@ struct pipeline final : bench::contestant {
 
 	int exposures, number = 0; /* of a bracket that goes round */
 
-	pipeline(const char *its_name, const char *camera, enum lp_preset preset, int divisor,
-		 int lights, int its_exposures)
+	pipeline(const char *its_name, const lp_camera_file &camera, enum lp_preset preset,
+		 int divisor, int lights, int its_exposures)
 	    : contestant(its_name), demand{LP_MAX_SH_ORDER, lights}, exposures(its_exposures)
 	{
 		struct lp_pipeline_options options = {}; /* the daemon's defaults */
 
-		options.camera = camera;
+		options.camera = &camera;
 		options.preset = preset;
 		options.decode_divisor = divisor;
 		options.max_lights = LP_MAX_LIGHTS;
@@ -97,7 +97,7 @@ struct pipeline final : bench::contestant {
 
 } /* namespace */
 
-void bench::add_pipelines(contestants &list, const char *camera)
+void bench::add_pipelines(contestants &list, const lp_camera_file &camera)
 {
 	const struct {
 		const char *name;

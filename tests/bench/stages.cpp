@@ -2,6 +2,7 @@
 /* Where the time of a preset goes: its stages by the same calls that app/pipeline.c makes. */
 #include "contestant.hpp"
 #include "vision/camera.h"
+#include "vision/camera_file.h"
 #include "vision/cells.h"
 #include "vision/imager.h"
 #include "vision/imager_internal.h"
@@ -38,7 +39,7 @@ struct stages final : bench::contestant {
 	std::vector<bench::timing> times;
 	int64_t last_ns = 0;
 
-	explicit stages(const char *camera_name);
+	explicit stages(const lp_camera_file &file);
 	~stages() override;
 	stages(const stages &) = delete;
 	stages &operator=(const stages &) = delete;
@@ -56,7 +57,7 @@ struct stages final : bench::contestant {
 	}
 };
 
-stages::stages(const char *camera_name) : contestant("stages")
+stages::stages(const lp_camera_file &file) : contestant("stages")
 {
 	const struct lp_imager_options options = {.panorama_width = LP_PANORAMA_WIDTH,
 						  .decode = LP_DECODE_BLOCKS,
@@ -64,7 +65,7 @@ stages::stages(const char *camera_name) : contestant("stages")
 						  .exact_blocks = kExactBlocks};
 	const struct lp_detector_options detector = {};
 
-	if (lp_camera_load(camera_name, &camera) < 0 ||
+	if (lp_camera_create(&file, &camera) < 0 ||
 	    lp_imager_create(camera, &options, &imager) < 0 ||
 	    lp_detection_create(lp_imager_grid(imager), &detector, &detection) < 0 ||
 	    lp_sh_projector_create(LP_PANORAMA_WIDTH, LP_PANORAMA_HEIGHT, LP_SH_MAX_ORDER,
@@ -140,7 +141,7 @@ void stages::run(const bench::picture &p)
 
 } /* namespace */
 
-void bench::add_stages(contestants &list, const char *camera)
+void bench::add_stages(contestants &list, const lp_camera_file &camera)
 {
 	list.push_back(std::make_unique<stages>(camera));
 }

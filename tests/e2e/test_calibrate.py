@@ -49,7 +49,7 @@ def test_the_delay_of_a_camera_is_found_and_written(tmp_path, delay):
     out.write_text("; mine\n[camera]\nprojection = equirect\nwidth_px = 640\nheight_px = 320\n")
     with simulated(tmp_path, "--delay-frames", str(delay)) as socket:
         done = lightprobe(
-            "calibrate", "exposure", f"sim:{socket}?untagged=1", "--output", out, "--json"
+            "calibrate", "exposure", f"sim:{socket}?hide_exposure=1", "--output", out, "--json"
         )
     report = json.loads(done.stdout)
     assert report["follows"]
@@ -64,7 +64,7 @@ def test_frames_that_tell_their_exposure_are_compared_with_it(tmp_path):
     with simulated(tmp_path) as socket:
         done = lightprobe("calibrate", "exposure", f"sim:{socket}", "--json")
     report = json.loads(done.stdout)
-    assert report["exposure_tagged"]
+    assert report["reports_exposure"]
     assert all(s["stated_us"] == pytest.approx(s["commanded_us"]) for s in report["steps"])
 
 
@@ -72,12 +72,12 @@ def test_a_camera_that_ignores_commands_is_told_and_nothing_is_written(tmp_path)
     out = tmp_path / "probe.camera"
     with simulated(tmp_path) as socket:
         done = lightprobe(
-            "calibrate", "exposure", f"sim:{socket}?untagged=1&ignore_exposure=1", "--output", out,
-            status=1,
+            "calibrate", "exposure", f"sim:{socket}?hide_exposure=1&ignore_exposure=1",
+            "--output", out, status=1,
         )  # fmt: skip
         assert "ignores exposure commands" in done.stderr
         done = lightprobe(
-            "calibrate", "response", f"sim:{socket}?untagged=1&ignore_exposure=1", status=1
+            "calibrate", "response", f"sim:{socket}?hide_exposure=1&ignore_exposure=1", status=1
         )
         assert "does the camera obey" in done.stderr
     assert not out.exists()
@@ -86,7 +86,7 @@ def test_a_camera_that_ignores_commands_is_told_and_nothing_is_written(tmp_path)
 def test_darkness_is_told(tmp_path):
     with simulated(tmp_path, "--median-radiance", "0.0003") as socket:
         for what in ("exposure", "response"):
-            done = lightprobe("calibrate", what, f"sim:{socket}?untagged=1", status=1)
+            done = lightprobe("calibrate", what, f"sim:{socket}?hide_exposure=1", status=1)
             assert "more light" in done.stderr or "large even surfaces" in done.stderr
 
 
@@ -105,7 +105,7 @@ def test_an_unknown_response_is_found_within_one_percent(tmp_path, curve, format
     out, plot = tmp_path / "probe.camera", tmp_path / "curve.png"
     with simulated(tmp_path, "--response", curve, "--format", format) as socket:
         lightprobe(
-            "calibrate", "response", f"sim:{socket}?untagged=1", "--frames", "8",
+            "calibrate", "response", f"sim:{socket}?hide_exposure=1", "--frames", "8",
             "--output", out, "--plot", plot,
         )  # fmt: skip
     error = camera.load(str(out)).response - responses.parse(curve)
@@ -119,7 +119,7 @@ def test_the_calibrated_camera_measures_better(tmp_path, released_daemon):
     """Relighting with the found curve is as good as with the true one, and far better than none."""
     out = tmp_path / "probe.camera"
     with simulated(tmp_path, "--response", "film") as socket:
-        lightprobe("calibrate", "response", f"sim:{socket}?untagged=1", "--output", out)
+        lightprobe("calibrate", "response", f"sim:{socket}?hide_exposure=1", "--output", out)
     settings = {"none": offline.Settings(), "found": offline.Settings(camera=str(out))}
     loaded = scenes.load(["procedural:2"])
     cases = evaluation.evaluate(

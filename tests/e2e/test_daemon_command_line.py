@@ -97,12 +97,12 @@ def test_usage_errors(arguments, message, check):
         ),
         (
             "[daemon]\nsource = file:a\n",
-            ":2: parse: [daemon]: this file has no sections",
+            ":2: parse: unknown section [daemon]; known: (none)",
         ),
         ("source = file:a\nwhat is this\n", ":2: parse: neither NAME = VALUE"),
         (
-            "source = file:a\n" + "#" * 300 + "\n",
-            ":2: parse: a line is text of at most",
+            "source = file:a\ncamera = " + "x" * 300 + "\n",
+            ":2: parse: a line has at most 198 bytes, this one 309",
         ),
     ],
 )

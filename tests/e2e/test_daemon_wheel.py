@@ -332,7 +332,9 @@ def test_what_the_command_line_says_of_wheel_and_ring(tmp_path):
     assert "known: baud, address, ring_scans" in says("--rotator=mcu:can:can0?rate=1")
     assert "baud" in says("--rotator=mcu:serial:/dev/x?baud=250000")
     assert "name the bus" in says("--rotator=pca9685:")
-    assert "no such file" in says(f"--ring=mcu:can:can0?calibration={tmp_path}/ring.ini")
+    assert "No such file or directory — check calibration=" in says(
+        f"--ring=mcu:can:can0?calibration={tmp_path}/ring.ini"
+    )
     (tmp_path / "ring.ini").write_text("[ring]\nversion = 1\ndivider_ohm = 3300\nr10_ohm = 1000\n")
     assert "want nine" in says(f"--ring=mcu:can:can0?calibration={tmp_path}/ring.ini")
     (tmp_path / "ring.ini").write_text("[ring]\nversion = 2\n")

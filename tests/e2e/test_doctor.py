@@ -48,7 +48,7 @@ def test_a_sound_probe(tmp_path, probe):
 
 def test_flags_are_told_in_words(tmp_path, probe):
     # Nobody says what the exposure is, and nobody sets it.
-    with probe(tmp_path, faults="untagged=1", daemon_options=["--brackets=0"]) as uri:
+    with probe(tmp_path, faults="hide_exposure=1", daemon_options=["--brackets=0"]) as uri:
         code, found = examine(uri, "--wait", LONG_S / 3)
     assert code == 0
     assert found["flag EXPOSURE_UNKNOWN"]["verdict"] == "warn"

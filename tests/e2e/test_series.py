@@ -39,7 +39,7 @@ def test_frames_follow_their_commands(tmp_path):
     assert [frame.sequence for frame in series.frames] == list(range(1, 10))
     assert [frame.path.read_bytes() for frame in series.frames] == sent
     assert all(frame.stated_us == 1000 for frame in series.frames)
-    assert series.tagged
+    assert series.reports_exposure
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
     assert all(stat.S_IMODE(path.stat().st_mode) == 0o600 for path in folder.iterdir())
 

@@ -164,7 +164,7 @@ def test_truth_is_written_for_every_frame(tmp_path):
 def test_misbehaviour_on_request(tmp_path):
     """Each fault as the daemon asks for it: hello KEY=VALUE&…"""
     with simulator(tmp_path) as (path, _):
-        with Camera(path, "untagged=1") as camera:
+        with Camera(path, "hide_exposure=1") as camera:
             header, _ = camera.frame()
             assert math.isnan(header["exposure_us"])
             assert math.isnan(header["gain"])

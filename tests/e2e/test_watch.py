@@ -153,7 +153,7 @@ def test_spoiled_frames_are_counted_and_the_light_goes_on(tmp_path, probe):
 def test_no_wrong_merge_of_a_late_camera_that_tells_no_exposure(tmp_path, probe, delay_frames):
     """Ten stops between room and a lamp smaller than a hundredth of the picture; lost frames."""
     options = ["--delay-frames", delay_frames, "--rate", "30"]
-    late = probe(tmp_path, *map(str, options), faults="untagged=1&drop=0.1")
+    late = probe(tmp_path, *map(str, options), faults="hide_exposure=1&drop=0.1")
     with late as uri, Client(uri, Subscription(smoothing="RAW")) as client:
         assert client.wait_for(whole, LONG_S)
         estimates = [client.receive(LONG_S) for _ in range(150)]

@@ -9,8 +9,6 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
 	static struct lp_options options;
 
-	if (size > LP_CONFIG_MAX_BYTES)
-		return 0;
 	lp_log_set_level(LP_LOG_ERROR);
 	lp_options_defaults(&options);
 	(void)lp_options_read_config(&options, "fuzz", (const char *)data, size);

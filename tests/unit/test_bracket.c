@@ -18,7 +18,7 @@
 struct camera {
 	int delay_frames;
 	float step_us;
-	bool ignores, tagged;
+	bool ignores, reports_exposure;
 	float in_effect_us;
 	float queue_us[MOST_DELAY + 1]; /* takes effect after so many frames */
 	int frames;
@@ -80,7 +80,7 @@ static struct lp_frame *expose(const struct camera *camera, float level)
 		data[i] = (uint8_t)((code_of_root[step] + dither()) >> 8);
 	}
 	frame->t_start_ns += camera->frames * 33333333LL;
-	if (camera->tagged)
+	if (camera->reports_exposure)
 		frame->exposure_us = camera->in_effect_us;
 	return frame;
 }
@@ -111,13 +111,12 @@ struct outcome {
 
 static struct lp_pipeline *new_pipeline(struct camera *camera, int brackets)
 {
-	const struct lp_pipeline_options options = {.camera = "equirect",
-						    .max_lights = 8,
+	const struct lp_pipeline_options options = {.max_lights = 8,
 						    .sh_order = 2,
 						    .brackets = brackets,
 						    .preset = LP_PRESET_BALANCED};
 	const struct lp_camera_control control = {.settable = true,
-						  .tagged = camera->tagged,
+						  .reports_exposure = camera->reports_exposure,
 						  .limits = {.min_us = 10.0F,
 							     .max_us = 33000.0F,
 							     .step_us = camera->step_us,
@@ -200,9 +199,9 @@ static void test_any_delay_merges_rightly(void **state)
 	}
 }
 
-static void test_tagged_frames_need_no_verifying(void **state)
+static void test_reported_exposures_need_no_verifying(void **state)
 {
-	struct camera camera = {.delay_frames = 3, .tagged = true};
+	struct camera camera = {.delay_frames = 3, .reports_exposure = true};
 	struct lp_pipeline *pipeline = new_pipeline(&camera, 3);
 	struct outcome outcome = run(pipeline, &camera, 90, 1.0F);
 
@@ -327,7 +326,7 @@ static void test_a_lamp_smaller_than_a_cell(void **state)
 						       .peak = peak,
 						       .clipped = pixel * shortest_us > 1e6F};
 
-		if (lp_bracket_told(&bracket, bracket.commanded_us).accept)
+		if (lp_bracket_reported(&bracket, bracket.commanded_us).accept)
 			lp_bracket_next(&bracket, &scene, &command_us);
 		if (n == 200)
 			resting_us = shortest_us;
@@ -390,7 +389,7 @@ int main(void)
 		cmocka_unit_test(test_another_preset_amid_a_bracket),
 		cmocka_unit_test(test_values_that_a_camera_can_take),
 		cmocka_unit_test(test_any_delay_merges_rightly),
-		cmocka_unit_test(test_tagged_frames_need_no_verifying),
+		cmocka_unit_test(test_reported_exposures_need_no_verifying),
 		cmocka_unit_test(test_a_camera_that_ignores_commands),
 		cmocka_unit_test(test_a_change_of_all_light),
 		cmocka_unit_test(test_darkness),

@@ -11,6 +11,7 @@
 #include "light/grid.h"
 #include "lp_test.h"
 #include "scene.h"
+#include "vision/camera_file.h"
 #include "vision/cells.h"
 #include "vision/remap.h"
 
@@ -42,12 +43,24 @@ static void write_file(const char *text)
 	fclose(file);
 }
 
+static int load_file(const char *name, struct lp_camera **camera)
+{
+	struct lp_camera_file *file;
+	int ret = lp_camera_file_read(name, &file);
+
+	if (ret < 0)
+		return ret;
+	ret = lp_camera_create(file, camera);
+	lp_camera_file_destroy(file);
+	return ret;
+}
+
 static struct lp_camera *load(const char *text)
 {
 	struct lp_camera *camera;
 
 	write_file(text);
-	assert_int_equal(lp_camera_load(path, &camera), 0);
+	assert_int_equal(load_file(path, &camera), 0);
 	return camera;
 }
 
@@ -114,7 +127,7 @@ static void test_pixel_solid_angles(void **state)
 	assert_float_equal(sum / (2.0 * cap), 1.0, 0.002);
 	lp_camera_destroy(camera);
 
-	assert_int_equal(lp_camera_load("equirect", &equirect), 0);
+	assert_int_equal(lp_camera_create(NULL, &equirect), 0);
 	sum = 0.0;
 	for (int y = 0; y < 45; y++)
 		for (int x = 0; x < 90; x++)
@@ -163,7 +176,7 @@ static void test_uniform_stays_uniform(void **state)
 		if (fisheye)
 			camera = load(dual_fisheye);
 		else
-			assert_int_equal(lp_camera_load("equirect", &camera), 0);
+			assert_int_equal(lp_camera_create(NULL, &camera), 0);
 		assert_int_equal(lp_remap_create(camera, cases[k].width, cases[k].height,
 						 cases[k].cell, cases[k].panorama, &remap),
 				 0);
@@ -205,7 +218,7 @@ static void test_light_is_kept(void **state)
 		if (fisheye)
 			camera = load(dual_fisheye);
 		else
-			assert_int_equal(lp_camera_load("equirect", &camera), 0);
+			assert_int_equal(lp_camera_create(NULL, &camera), 0);
 		assert_int_equal(lp_grid_create(cases[k].panorama, cases[k].panorama / 2, &grid),
 				 0);
 		assert_int_equal(lp_remap_create(camera, cases[k].width, cases[k].height,
@@ -291,7 +304,7 @@ static void test_broken_files(void **state)
 		{"[camera]\nprojection = equirect\nheigth_px = 64\n", "heigth_px"},
 		{"[camera]\nversion = 2\nprojection = equirect\n", "version"},
 		{"[lens.9]\ncx_px = 1\n", "lens.9"},
-		{"[camera]\nprojection equirect\n", "line 2"},
+		{"[camera]\nprojection equirect\n", ":2: parse: neither"},
 		{"[camera]\nprojection = fisheye\nwidth_px = 64\nheight_px = 64\n[lens.0]\ncx_px = "
 		 "3\n",
 		 "max_theta_deg"},
@@ -310,7 +323,7 @@ static void test_broken_files(void **state)
 
 		write_file(cases[k].text);
 		capture_begin(&capture);
-		const int ret = lp_camera_load(path, &camera);
+		const int ret = load_file(path, &camera);
 		said = capture_end(&capture);
 		assert_true(ret == -EBADMSG || ret == -ENOENT);
 		assert_contains(said, cases[k].says);
@@ -319,9 +332,28 @@ static void test_broken_files(void **state)
 	struct capture capture;
 
 	capture_begin(&capture);
-	assert_int_equal(lp_camera_load("/nonexistent.camera", &camera), -ENOENT);
+	assert_int_equal(load_file("/nonexistent.camera", &camera), -ENOENT);
 	assert_contains(capture_end(&capture), "/nonexistent.camera");
 	lp_camera_destroy(NULL);
+}
+
+/* Each line is one line, however long: its tail is no setting of its own. */
+static void test_long_lines(void **state)
+{
+	char text[512];
+	struct capture capture;
+	struct lp_camera *camera;
+
+	(void)state;
+	(void)snprintf(text, sizeof(text),
+		       "[camera]\nprojection = equirect\n# %0197dwidth_px = 70000\n", 0);
+	lp_camera_destroy(load(text));
+	(void)snprintf(text, sizeof(text),
+		       "[camera]\nprojection = equirect\nname = %0192dwidth_px = 70\n", 0);
+	write_file(text);
+	capture_begin(&capture);
+	assert_int_equal(load_file(path, &camera), -EBADMSG);
+	assert_contains(capture_end(&capture), ":3: parse: a line has at most 198 bytes");
 }
 
 int main(void)
@@ -334,6 +366,7 @@ int main(void)
 		cmocka_unit_test(test_light_is_kept),
 		cmocka_unit_test(test_one_lens_sees_a_part),
 		cmocka_unit_test(test_broken_files),
+		cmocka_unit_test(test_long_lines),
 	};
 	const int fd = mkstemp(path);
 	int failed;

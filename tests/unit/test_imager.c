@@ -17,7 +17,7 @@ static struct lp_camera *camera;
 static int set_up(void **state)
 {
 	(void)state;
-	return lp_camera_load("equirect", &camera);
+	return lp_camera_create(NULL, &camera);
 }
 
 static int tear_down(void **state)

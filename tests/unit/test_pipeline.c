@@ -8,13 +8,13 @@
 #include "light/model.h"
 #include "lp_test.h"
 #include "scene.h"
+#include "vision/camera_file.h"
 
 static const struct lp_demand everything = {LP_MAX_SH_ORDER, LP_MAX_LIGHTS};
 
 static struct lp_pipeline *new_pipeline(enum lp_preset preset, int max_lights)
 {
-	const struct lp_pipeline_options options = {.camera = "equirect",
-						    .preset = preset,
+	const struct lp_pipeline_options options = {.preset = preset,
 						    .max_lights = max_lights,
 						    .sh_order = 2,
 						    .smoothing_ms = 100.0F,
@@ -245,8 +245,7 @@ static struct lp_frame *coded_frame(int width, int height, const struct disc *di
 static void test_knobs(void **state)
 {
 	const struct disc discs[] = {{30, 20, 1, 400}, {-100, 40, 3, 90}};
-	const struct lp_pipeline_options base = {.camera = "equirect",
-						 .preset = LP_PRESET_BALANCED,
+	const struct lp_pipeline_options base = {.preset = LP_PRESET_BALANCED,
 						 .max_lights = 8,
 						 .sh_order = 2};
 	struct lp_pipeline_options options[] = {base, base, base, base};
@@ -276,20 +275,23 @@ static void test_knobs(void **state)
 
 static void test_options_are_checked(void **state)
 {
-	struct lp_pipeline_options options = {.camera = "equirect", .max_lights = 9};
+	static char path[] = "room.camera";
+	const struct lp_camera_file no_projection = {.ini = {.path = path}, .projection = -1};
+	struct lp_pipeline_options options = {.max_lights = 9};
 	struct lp_pipeline *pipeline;
 	struct capture capture;
 
 	(void)state;
 	capture_begin(&capture);
 	assert_int_equal(lp_pipeline_create(&options, &pipeline), -EINVAL);
-	options = (struct lp_pipeline_options){.camera = "equirect", .panorama_width = 100};
+	options = (struct lp_pipeline_options){.panorama_width = 100};
 	assert_int_equal(lp_pipeline_create(&options, &pipeline), -EINVAL);
-	options = (struct lp_pipeline_options){.camera = "equirect", .exact_blocks = 1 << 20};
+	options = (struct lp_pipeline_options){.exact_blocks = 1 << 20};
 	assert_int_equal(lp_pipeline_create(&options, &pipeline), -EINVAL);
-	options = (struct lp_pipeline_options){.camera = "/nonexistent.camera"};
-	assert_int_equal(lp_pipeline_create(&options, &pipeline), -ENOENT);
-	assert_contains(capture_end(&capture), "/nonexistent.camera");
+	options = (struct lp_pipeline_options){.camera = &no_projection};
+	assert_int_equal(lp_pipeline_create(&options, &pipeline), -EBADMSG);
+	assert_contains(capture_end(&capture),
+			"room.camera: camera file: [camera] needs projection");
 	lp_pipeline_destroy(NULL);
 }
 

@@ -147,7 +147,7 @@ static void test_faults_have_names_and_end(void **state)
 		world.lying = cases[i].fault.lying;
 		world.servo_deg_s = cases[i].fault.servo_deg_s;
 		world.off_deg = cases[i].fault.off_deg;
-		world.timed.again_ns = 60 * LP_NS_PER_S;
+		world.timed.again.first_ns = 60 * LP_NS_PER_S;
 		move(135);
 		expect_fault(cases[i].name);
 		world.stuck = world.dark = world.lying = false;
@@ -164,7 +164,7 @@ static void test_stuck_on_its_way_and_slipping_at_rest(void **state)
 	(void)state;
 	move(45);
 	(void)run(7);
-	world.timed.again_ns = 60 * LP_NS_PER_S;
+	world.timed.again.first_ns = 60 * LP_NS_PER_S;
 	move(135);
 	while (world.timed.step != LP_TIMED_UP || world.wheel_deg < 60)
 		step();
@@ -173,7 +173,7 @@ static void test_stuck_on_its_way_and_slipping_at_rest(void **state)
 	setup(state);
 	move(45);
 	(void)run(7);
-	world.timed.again_ns = 60 * LP_NS_PER_S;
+	world.timed.again.first_ns = 60 * LP_NS_PER_S;
 	world.stuck = true;
 	world.wheel_deg = 56;
 	lp_timed_edge(&world.timed, world.now_ns);

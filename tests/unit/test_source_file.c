@@ -146,7 +146,7 @@ static void test_loop_repeats_and_exposures_follow_the_set(void **state)
 	assert_int_equal(create("a.grey", "?size=2x2&exposures_us=1,2&rate=0", false), 0);
 	lp_source_file_ops.caps(source, &caps);
 	assert_false(caps.finite);
-	assert_true(caps.exposure_tagged);
+	assert_true(caps.reports_exposure);
 	assert_int_equal(lp_source_file_ops.start(source), 0);
 	for (int i = 0; i < 7; i++) {
 		pump(1);

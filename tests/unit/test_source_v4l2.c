@@ -11,11 +11,12 @@
 
 #include "base/clock.h"
 #include "base/uri.h"
+#include "camera_file_test.h"
 #include "drivers/source/v4l2/controls.h"
 #include "drivers/source/v4l2/nodes.h"
 #include "drivers/source/v4l2/offers.h"
 #include "drivers/source/v4l2/settings.h"
-#include "drivers/source/tag.h"
+#include "drivers/source/exposure_guess.h"
 #include "include/frame.h"
 
 /* ---------------------------------------------------------------- which device */
@@ -189,19 +190,20 @@ static void test_the_same_camera_again(void **state)
 static int read_settings(const char *text, const char *profile, struct lp_v4l2_settings *settings,
 			 struct lp_v4l2_target *target)
 {
-	char path[] = "/tmp/lp-camera-XXXXXX";
+	struct lp_camera_file *file;
+	struct lp_camera_profile camera;
 	struct lp_uri uri;
-	int ret, fd;
+	int ret;
 
 	assert_int_equal(lp_uri_parse(&uri, text), 0);
 	if (!profile)
-		return lp_v4l2_settings_read(&uri, "equirect", settings, target);
-	fd = mkstemp(path);
-	assert_true(fd >= 0);
-	assert_int_equal(write(fd, profile, strlen(profile)), (ssize_t)strlen(profile));
-	close(fd);
-	ret = lp_v4l2_settings_read(&uri, path, settings, target);
-	unlink(path);
+		return lp_v4l2_settings_read(&uri, NULL, settings, target);
+	ret = read_camera_file(profile, &file);
+	if (ret < 0)
+		return ret;
+	camera = lp_camera_file_profile(file);
+	ret = lp_v4l2_settings_read(&uri, &camera, settings, target);
+	lp_camera_file_destroy(file);
 	return ret;
 }
 
@@ -262,7 +264,7 @@ static void test_faults_in_settings_are_located(void **state)
 	assert_contains(capture.text, "speed: unknown key; known: format, size");
 	assert_contains(capture.text, ":3: fps");
 	assert_contains(capture.text, ":2: match");
-	assert_contains(capture.text, "line 2 is neither");
+	assert_contains(capture.text, ":2: parse: neither NAME = VALUE");
 }
 
 /* ---------------------------------------------------------------- negotiation */
@@ -386,21 +388,21 @@ static void test_values_become_control_values(void **state)
 }
 
 /* Exposures of frames 0.. at 10 ms, with a change from 100 to 800 us commanded during frame 4. */
-static void tag_frames(int delay_frames, float *exposures_us, int count)
+static void guess_frames(int delay_frames, float *exposures_us, int count)
 {
-	struct lp_exposure_tag tag;
+	struct lp_exposure_guess guess;
 
-	lp_exposure_tag_init(&tag, delay_frames);
-	tag.exposure_us = 100;
-	tag.gain = 1;
+	lp_exposure_guess_init(&guess, delay_frames);
+	guess.exposure_us = 100;
+	guess.gain = 1;
 	for (int i = 0; i < count; i++) {
 		struct lp_frame frame = {.sequence = 70 + (uint64_t)i,
 					 .t_start_ns = (i + 1) * 10 * LP_NS_PER_MS};
 
-		lp_exposure_tag_frame(&tag, &frame);
+		lp_exposure_guess_frame(&guess, &frame);
 		exposures_us[i] = frame.exposure_us;
 		if (i == 4)
-			lp_exposure_tag_command(&tag, 800, 1, frame.t_start_ns + LP_NS_PER_MS);
+			lp_exposure_guess_command(&guess, 800, 1, frame.t_start_ns + LP_NS_PER_MS);
 	}
 }
 
@@ -413,7 +415,7 @@ static void test_frames_around_a_change_are_unknown(void **state)
 
 	(void)state;
 	for (size_t c = 0; c < ARRAY_COUNT(cases); c++) {
-		tag_frames(cases[c].delay_frames, exposures_us, 16);
+		guess_frames(cases[c].delay_frames, exposures_us, 16);
 		for (int i = 0; i < 16; i++) {
 			if (i <= cases[c].last_old)
 				assert_float_equal(exposures_us[i], 100, 0);
@@ -427,18 +429,18 @@ static void test_frames_around_a_change_are_unknown(void **state)
 
 static void test_a_second_change_before_the_first_has_landed(void **state)
 {
-	struct lp_exposure_tag tag;
+	struct lp_exposure_guess guess;
 	struct lp_frame frame = {.sequence = 1, .t_start_ns = 10 * LP_NS_PER_MS};
 
 	(void)state;
-	lp_exposure_tag_init(&tag, 2);
-	tag.exposure_us = 100;
-	lp_exposure_tag_command(&tag, 200, 1, 5 * LP_NS_PER_MS);
-	lp_exposure_tag_command(&tag, 400, 1, 6 * LP_NS_PER_MS);
-	lp_exposure_tag_frame(&tag, &frame);
+	lp_exposure_guess_init(&guess, 2);
+	guess.exposure_us = 100;
+	lp_exposure_guess_command(&guess, 200, 1, 5 * LP_NS_PER_MS);
+	lp_exposure_guess_command(&guess, 400, 1, 6 * LP_NS_PER_MS);
+	lp_exposure_guess_frame(&guess, &frame);
 	assert_true(isnan(frame.exposure_us));
 	frame = (struct lp_frame){.sequence = 4, .t_start_ns = 40 * LP_NS_PER_MS};
-	lp_exposure_tag_frame(&tag, &frame);
+	lp_exposure_guess_frame(&guess, &frame);
 	assert_float_equal(frame.exposure_us, 400, 0);
 }
 
@@ -446,15 +448,15 @@ static void test_start_of_exposure(void **state)
 {
 	struct lp_frame frame = {.t_start_ns = 50 * LP_NS_PER_MS,
 				 .t_arrival_ns = 70 * LP_NS_PER_MS};
-	struct lp_exposure_tag tag;
+	struct lp_exposure_guess guess;
 
 	(void)state;
-	lp_exposure_tag_init(&tag, 0);
-	lp_exposure_tag_frame(&tag, &frame);
+	lp_exposure_guess_init(&guess, 0);
+	lp_exposure_guess_frame(&guess, &frame);
 	assert_int_equal(frame.t_start_ns, 50 * LP_NS_PER_MS);
 	frame.t_start_ns = 0;
-	tag.exposure_us = 8000;
-	lp_exposure_tag_frame(&tag, &frame);
+	guess.exposure_us = 8000;
+	lp_exposure_guess_frame(&guess, &frame);
 	assert_int_equal(frame.t_start_ns, 62 * LP_NS_PER_MS);
 }
 

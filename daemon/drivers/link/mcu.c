@@ -14,6 +14,10 @@
 #include "drivers/link/mcu_parts.h"
 
 #define TICK_NS (20 * LP_NS_PER_MS)
+#define FIRST_RETRY_NS (200 * LP_NS_PER_MS)
+#define LAST_RETRY_NS (2 * LP_NS_PER_S)
+#define FIRST_CLEAR_NS (2 * LP_NS_PER_S)
+#define LAST_CLEAR_NS (60 * LP_NS_PER_S)
 
 void lp_mcu_tell_fault(struct lp_mcu *mcu, const char *id, const char *text)
 {
@@ -141,8 +145,8 @@ static int create(struct lp_connections *connections, struct lp_loop *loop,
 	mcu->connections = connections;
 	mcu->base.name = mcu->name;
 	lp_timer_init(loop, &mcu->tick, lp_mcu_tick);
-	mcu->retry_ns = LP_MCU_FIRST_RETRY_NS;
-	mcu->clear_ns = LP_MCU_FIRST_CLEAR_NS;
+	mcu->retry = (struct lp_backoff){.first_ns = FIRST_RETRY_NS, .longest_ns = LAST_RETRY_NS};
+	mcu->clear = (struct lp_backoff){.first_ns = FIRST_CLEAR_NS, .longest_ns = LAST_CLEAR_NS};
 	(void)snprintf(mcu->name, sizeof(mcu->name), "%s", uri->rest);
 	(void)snprintf(mcu->object, sizeof(mcu->object), "mcu:%s", mcu->name);
 	ret = create_link(mcu, loop, uri, carrier, device);

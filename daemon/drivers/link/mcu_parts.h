@@ -9,6 +9,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "base/backoff.h"
 #include "base/clock.h"
 #include "base/loop.h"
 #include "dbc/mcu.h"
@@ -16,9 +17,6 @@
 #include "drivers/link/clock.h"
 #include "drivers/link/mcu.h"
 #include "include/connections.h"
-
-#define LP_MCU_FIRST_RETRY_NS (200 * LP_NS_PER_MS)
-#define LP_MCU_FIRST_CLEAR_NS (2 * LP_NS_PER_S)
 
 enum lp_mcu_state {
 	LP_MCU_CLOSED,	 /* to be opened at t_next_ns */
@@ -43,7 +41,7 @@ struct lp_mcu {
 
 	enum lp_mcu_state state;
 	int64_t t_state_ns, t_next_ns, t_heard_ns, t_hello_ns, t_time_ns;
-	int64_t retry_ns;
+	struct lp_backoff retry; /* of opening */
 	uint16_t boot_count;
 	bool was_found;
 	uint64_t reconnects;
@@ -64,8 +62,9 @@ struct lp_mcu {
 	bool ring_known;
 	uint32_t ring_sequence;
 
-	uint32_t faults; /* latched, as last told */
-	int64_t t_clear_ns, clear_ns;
+	uint32_t faults;	 /* latched, as last told */
+	struct lp_backoff clear; /* of clearing faults */
+	int64_t t_clear_ns;	 /* 0: nothing to clear */
 };
 
 /* Of a message of proto/mcu.dbc, as in struct lp_link_message. */

@@ -173,7 +173,7 @@ void lp_mcu_set_faults(struct lp_mcu *mcu, uint32_t faults, int detail)
 		lp_mcu_tell_fault(mcu, fault->name, active ? text : NULL);
 	}
 	if (faults && mcu->t_clear_ns == 0)
-		mcu->t_clear_ns = lp_clock_ns() + mcu->clear_ns;
+		mcu->t_clear_ns = lp_clock_ns() + lp_backoff_next_ns(&mcu->clear);
 }
 
 static void on_fault(struct lp_mcu *mcu, const uint8_t *payload)

@@ -16,7 +16,6 @@
 #define ASK_NS (200 * LP_NS_PER_MS)   /* greeting and rates are repeated */
 #define GREETING_NS (5 * LP_NS_PER_S) /* a boot loader takes two seconds of it */
 #define SILENCE_NS (2 * LP_NS_PER_S)
-#define LAST_RETRY_NS (2 * LP_NS_PER_S)
 #define REFUSED_NS (10 * LP_NS_PER_S)	   /* until a wrong version is looked at again */
 #define HELLO_ECHO_NS (500 * LP_NS_PER_MS) /* a Hello is the answer to ours for so long */
 #define TIME_FAST_NS (100 * LP_NS_PER_MS)
@@ -24,7 +23,6 @@
 #define FAST_EXCHANGES 16
 #define WHEEL_MS 100
 #define COUNTERS_MS 1000
-#define LAST_CLEAR_NS (60 * LP_NS_PER_S)
 
 /* ---------------------------------------------------------------- what is asked */
 
@@ -122,7 +120,7 @@ static void close_link(struct lp_mcu *mcu, int64_t retry_ns)
 static void found(struct lp_mcu *mcu)
 {
 	enter(mcu, LP_MCU_READY);
-	mcu->retry_ns = LP_MCU_FIRST_RETRY_NS;
+	lp_backoff_reset(&mcu->retry);
 	mcu->reconnects += mcu->was_found;
 	mcu->was_found = true;
 	for (struct lp_mcu_user *user = mcu->users; user; user = user->next) {
@@ -230,7 +228,7 @@ void lp_mcu_lost(void *context, const char *stage, const char *reason)
 	struct lp_mcu *mcu = context;
 
 	connection_fault(mcu, "mcu-waiting", stage, reason);
-	close_link(mcu, mcu->retry_ns);
+	close_link(mcu, lp_backoff_next_ns(&mcu->retry));
 }
 
 void lp_mcu_link_fault(void *context, const char *id, const char *text)
@@ -249,9 +247,7 @@ static void open_link(struct lp_mcu *mcu)
 	if (ret < 0) {
 		(void)snprintf(reason, sizeof(reason), "%s — %s", lp_strerror(ret), next_step);
 		connection_fault(mcu, "mcu-waiting", "open", reason);
-		mcu->t_next_ns = lp_clock_ns() + mcu->retry_ns;
-		mcu->retry_ns =
-			2 * mcu->retry_ns > LAST_RETRY_NS ? LAST_RETRY_NS : 2 * mcu->retry_ns;
+		mcu->t_next_ns = lp_clock_ns() + lp_backoff_next_ns(&mcu->retry);
 		return;
 	}
 	connection_fault(mcu, "mcu-waiting", "open", NULL);
@@ -267,7 +263,7 @@ static void greet(struct lp_mcu *mcu, int64_t now_ns)
 	}
 	connection_fault(mcu, "mcu-silent", "hello",
 			 "no answer in 5 s — firmware flashed? right device? carrier strap?");
-	close_link(mcu, mcu->retry_ns);
+	close_link(mcu, lp_backoff_next_ns(&mcu->retry));
 }
 
 static void clear_faults(struct lp_mcu *mcu, int64_t now_ns)
@@ -279,11 +275,9 @@ static void clear_faults(struct lp_mcu *mcu, int64_t now_ns)
 	if (mcu->faults) {
 		LP_MCU_SEND(mcu, fault_clear, FAULT_CLEAR, &clear);
 		lp_mcu_ask_status(mcu);
-		mcu->clear_ns =
-			2 * mcu->clear_ns > LAST_CLEAR_NS ? LAST_CLEAR_NS : 2 * mcu->clear_ns;
-		mcu->t_clear_ns = now_ns + mcu->clear_ns;
+		mcu->t_clear_ns = now_ns + lp_backoff_next_ns(&mcu->clear);
 	} else { /* none came back meanwhile */
-		mcu->clear_ns = LP_MCU_FIRST_CLEAR_NS;
+		lp_backoff_reset(&mcu->clear);
 		mcu->t_clear_ns = 0;
 	}
 }

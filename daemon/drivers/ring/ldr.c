@@ -2,11 +2,11 @@
 #include "drivers/ring/ldr.h"
 
 #include <errno.h>
-#include <ini.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
 
+#include "base/ini.h"
 #include "base/log.h"
 #include "base/param.h"
 
@@ -18,12 +18,6 @@ struct fields {
 	int version;
 	float divider_ohm;
 	struct lp_floats r10_ohm, gamma, sigma;
-};
-
-struct reader {
-	const char *path;
-	struct fields fields;
-	int ret;
 };
 
 static const struct lp_param params[] = {
@@ -45,21 +39,6 @@ void lp_ldr_defaults(struct lp_ldr_calibration *calibration)
 	}
 }
 
-/* inih's handler: 1 means well. */
-static int on_value(void *context, const char *section, const char *name, const char *value)
-{
-	struct reader *reader = context;
-
-	if (strcmp(section, "ring") != 0) {
-		lp_error(reader->path, "parse", "[%s]: the only section is [ring]", section);
-		reader->ret = -EBADMSG;
-	} else if (lp_param_set(params, sizeof(params) / sizeof(params[0]), &reader->fields,
-				reader->path, name, value) < 0) {
-		reader->ret = -EBADMSG;
-	}
-	return reader->ret == 0;
-}
-
 static int nine(const char *path, const char *name, const struct lp_floats *values, float *to)
 {
 	if (values->count != LP_RING_SENSORS) {
@@ -70,37 +49,43 @@ static int nine(const char *path, const char *name, const struct lp_floats *valu
 	return 0;
 }
 
+static int read_fields(const char *path, struct fields *fields)
+{
+	static const char *const sections[] = {"ring", NULL};
+	struct lp_ini ini;
+	int ret = lp_ini_read(&ini, path, "check calibration=");
+
+	if (ret < 0)
+		return ret;
+	ret = lp_ini_check_sections(&ini, sections);
+	if (ret == 0)
+		ret = lp_ini_set(&ini, "ring", params, sizeof(params) / sizeof(params[0]), fields);
+	lp_ini_finish(&ini);
+	return ret;
+}
+
 int lp_ldr_read(struct lp_ldr_calibration *calibration, const char *path)
 {
-	struct reader reader = {.path = path};
-	const struct fields *fields = &reader.fields;
-	const int line = ini_parse(path, on_value, &reader);
-	int ret = reader.ret;
+	struct fields fields = {0};
+	int ret = read_fields(path, &fields);
 
-	if (line == -1) {
-		lp_error(path, "read", "no such file, or not readable — check calibration=");
-		return -ENOENT;
-	}
-	if (ret == 0 && line != 0) {
-		lp_error(path, "parse", "line %d: neither [ring] nor NAME = VALUE", line);
-		ret = -EBADMSG;
-	}
-	if (ret == 0 && fields->version != VERSION) {
+	if (ret < 0)
+		return ret;
+	if (fields.version != VERSION) {
 		lp_error(path, "version", "%d: this lightprobed reads %d — calibrate anew",
-			 fields->version, VERSION);
-		ret = -EBADMSG;
+			 fields.version, VERSION);
+		return -EBADMSG;
 	}
-	if (ret == 0 && fields->divider_ohm <= 0) {
+	if (fields.divider_ohm <= 0) {
 		lp_error(path, "divider_ohm", "is missing");
-		ret = -EBADMSG;
+		return -EBADMSG;
 	}
-	calibration->divider_ohm = fields->divider_ohm;
+	calibration->divider_ohm = fields.divider_ohm;
+	ret = nine(path, "r10_ohm", &fields.r10_ohm, calibration->r10_ohm);
 	if (ret == 0)
-		ret = nine(path, "r10_ohm", &fields->r10_ohm, calibration->r10_ohm);
+		ret = nine(path, "gamma", &fields.gamma, calibration->gamma);
 	if (ret == 0)
-		ret = nine(path, "gamma", &fields->gamma, calibration->gamma);
-	if (ret == 0)
-		ret = nine(path, "sigma", &fields->sigma, calibration->sigma);
+		ret = nine(path, "sigma", &fields.sigma, calibration->sigma);
 	return ret;
 }
 

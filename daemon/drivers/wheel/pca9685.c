@@ -17,6 +17,7 @@
 #include <sys/ioctl.h>
 #include <unistd.h>
 
+#include "base/backoff.h"
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/loop.h"
@@ -58,7 +59,8 @@ struct rotator_pca9685 {
 	int bus_fd; /* -1: not open */
 	struct gpiod_chip *chip;
 	struct gpiod_line *line;
-	int64_t t_retry_ns, retry_ns;
+	int64_t t_retry_ns;
+	struct lp_backoff retry;
 	uint64_t opened;
 };
 
@@ -213,8 +215,7 @@ static void lose(struct rotator_pca9685 *self, const char *stage, int ret)
 
 	close_all(self);
 	lp_timed_forget(&self->timed, lp_clock_ns());
-	self->t_retry_ns = lp_clock_ns() + self->retry_ns;
-	self->retry_ns = 2 * self->retry_ns > LAST_RETRY_NS ? LAST_RETRY_NS : 2 * self->retry_ns;
+	self->t_retry_ns = lp_clock_ns() + lp_backoff_next_ns(&self->retry);
 	(void)snprintf(text, sizeof(text), "%s: %s: %s — %s", self->object, stage, lp_strerror(ret),
 		       next_step(ret, stage));
 	lp_warning(self->object, stage, "%s — %s", lp_strerror(ret), next_step(ret, stage));
@@ -246,7 +247,7 @@ static void open_all(struct rotator_pca9685 *self)
 		return;
 	}
 	self->opened++;
-	self->retry_ns = FIRST_RETRY_NS;
+	lp_backoff_reset(&self->retry);
 	lp_timed_forget(&self->timed, lp_clock_ns());
 	host->fault(host->context, WAITING, NULL);
 	lp_info(self->object, "open", "servo hat and index are there");
@@ -373,7 +374,7 @@ static int pca9685_create(const struct lp_uri *uri, const struct lp_rotator_host
 	memcpy(self->device, uri->rest, strlen(uri->rest) + 1);
 	(void)snprintf(self->object, sizeof(self->object), "pca9685: %s", self->device);
 	self->bus_fd = self->edges.fd = -1;
-	self->retry_ns = FIRST_RETRY_NS;
+	self->retry = (struct lp_backoff){.first_ns = FIRST_RETRY_NS, .longest_ns = LAST_RETRY_NS};
 	ret = read_keys(uri, &self->keys);
 	if (ret < 0) {
 		pca9685_destroy(&self->base);

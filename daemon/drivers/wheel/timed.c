@@ -95,8 +95,7 @@ static void fail(struct lp_timed *timed, const char *fault, const char *next_ste
 	timed->next_step = next_step;
 	timed->homed = false;
 	enter(timed, LP_TIMED_FAULT, now_ns);
-	timed->t_again_ns = now_ns + timed->again_ns;
-	timed->again_ns = 2 * timed->again_ns > LAST_AGAIN_NS ? LAST_AGAIN_NS : 2 * timed->again_ns;
+	timed->t_again_ns = now_ns + lp_backoff_next_ns(&timed->again);
 }
 
 static void go_down(struct lp_timed *timed, int64_t now_ns)
@@ -109,7 +108,7 @@ void lp_timed_init(struct lp_timed *timed)
 {
 	timed->step = LP_TIMED_IDLE;
 	timed->target_deg = NAN;
-	timed->again_ns = FIRST_AGAIN_NS;
+	timed->again = (struct lp_backoff){.first_ns = FIRST_AGAIN_NS, .longest_ns = LAST_AGAIN_NS};
 }
 
 int lp_timed_move(struct lp_timed *timed, float target_deg, int64_t now_ns, const char **reason)
@@ -182,7 +181,7 @@ static void arrive(struct lp_timed *timed, int64_t now_ns, bool sensor_on)
 	} else {
 		timed->homed = true;
 		timed->fault = NULL;
-		timed->again_ns = FIRST_AGAIN_NS;
+		lp_backoff_reset(&timed->again);
 		enter(timed, LP_TIMED_REST, now_ns);
 	}
 }

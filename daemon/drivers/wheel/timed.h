@@ -14,6 +14,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "base/backoff.h"
 #include "base/param.h"
 #include "include/rotator.h"
 
@@ -45,9 +46,10 @@ struct lp_timed {
 	bool homed; /* since IDLE: then it is MOVING, else HOMING */
 	float target_deg, from_deg, offset_deg;
 	int64_t t_step_ns, t_edge_ns;
-	int edges;		      /* since UP began */
-	int64_t t_again_ns, again_ns; /* FAULT: tries again then */
-	const char *fault;	      /* name; NULL: none */
+	int edges;	    /* since UP began */
+	int64_t t_again_ns; /* FAULT: tries again then */
+	struct lp_backoff again;
+	const char *fault; /* name; NULL: none */
 	const char *next_step;
 };
 

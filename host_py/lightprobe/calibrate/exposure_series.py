@@ -70,7 +70,7 @@ class ExposureSeries:
 
     source: str
     settable: bool
-    tagged: bool
+    reports_exposure: bool
     min_us: float | None
     max_us: float | None
     step_us: float | None
@@ -153,7 +153,7 @@ def load(folder: Path) -> ExposureSeries:
         return ExposureSeries(
             source=camera["source"],
             settable=camera["exposure_settable"],
-            tagged=camera["exposure_tagged"],
+            reports_exposure=camera["reports_exposure"],
             min_us=camera["exposure_min_us"],
             max_us=camera["exposure_max_us"],
             step_us=camera["exposure_step_us"],

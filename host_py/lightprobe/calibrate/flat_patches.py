@@ -90,7 +90,7 @@ def steady_frames(frames: Sequence[Frame]) -> list[Codes]:
 def exposure_of(series: ExposureSeries, frames: Sequence[Frame]) -> float | None:
     """Exposure (times gain) of a step's last frames: stated if the camera does, else commanded."""
     stated = [frame.stated_us for frame in frames[-STEADY_FRAMES:] if frame.stated_us is not None]
-    if (series.tagged and stated) or frames[-1].step < 0:
+    if (series.reports_exposure and stated) or frames[-1].step < 0:
         return float(np.median(stated)) if stated else None
     return frames[-1].commanded_us
 

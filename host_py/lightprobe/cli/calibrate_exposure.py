@@ -45,7 +45,7 @@ class Report:
 
     source: str
     obedience: ExposureResponse
-    tagged: bool
+    reports_exposure: bool
     steps: tuple[StepLight, ...]
     linearity_error: float | None  # RMS of effective / commanded − 1
     response: str  # which curve the effective exposures rest on, or why there are none
@@ -61,7 +61,7 @@ class Report:
             "delay_frames": f.delay_frames,
             "delays_frames": f.delays(),
             "gradual": f.gradual,
-            "exposure_tagged": self.tagged,
+            "reports_exposure": self.reports_exposure,
             "linearity_error": self.linearity_error,
             "response": self.response,
             "steps": [asdict(step) for step in self.steps],
@@ -109,7 +109,7 @@ def judge(source: str, series: ExposureSeries, camera: str | None) -> Report:
     steps = series.steps()
     obedience = judge_commands(steps)
     lights, error, how = _effective(series, camera)
-    return Report(source, obedience, series.tagged, lights, error, how)
+    return Report(source, obedience, series.reports_exposure, lights, error, how)
 
 
 def check(report: Report) -> None:
@@ -144,7 +144,9 @@ def _effective(
         step = step_of(exposure_us or 1.0, steady_frames(frames))
         if step is not None and exposure_us is not None:
             steps.append(step)
-            commanded.append((exposure_us, exposure_of(series, frames) if series.tagged else None))
+            commanded.append(
+                (exposure_us, exposure_of(series, frames) if series.reports_exposure else None)
+            )
     effective: dict[float, float] = {}
     try:
         chosen, _ = flat_patches.collect(steps)

@@ -26,7 +26,7 @@ class Faults:
     stall_s: float = 0.0  # how long it stays silent; 0: for ever
     disconnect_after: int = 0  # frames until it is unplugged, each time; 0: never
     cut_after: int = 0  # frames until it is unplugged in the middle of one; 0: never
-    untagged: int = 0  # 1: frames do not tell their exposure
+    hide_exposure: int = 0  # 1: frames do not report their exposure
     ignore_exposure: int = 0  # 1: exposure commands have no effect
     delay_frames: int = -1  # frames from exposure command to effect; -1: as the camera is
 

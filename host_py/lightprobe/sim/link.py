@@ -344,8 +344,8 @@ class _Session:
         header = HEADER.pack(
             MAGIC, HEADER.size, len(payload), camera.pixel_format.encode(), width, height, 0,
             ready.number, self.link.start_ns(ready.number),
-            math.nan if f.untagged else ready.shot.exposure_us,
-            math.nan if f.untagged else ready.shot.gain,
+            math.nan if f.hide_exposure else ready.shot.exposure_us,
+            math.nan if f.hide_exposure else ready.shot.gain,
             MARKED_CORRUPT if rng.random() < f.marked else 0, 0,
         )  # fmt: skip
         self.frames += 1

@@ -73,7 +73,7 @@ def test_the_delay_is_calibrated_through_usb(make_camera, simulator, tmp_path):
     assert done.returncode == 0, done.stdout + done.stderr
     report = json.loads(done.stdout)
     assert report["follows"]
-    assert not report["exposure_tagged"]
+    assert not report["reports_exposure"]
     # one frame more is on its way through the bus when the command is given
     assert report["delay_frames"] in (2, 3)
     assert f"exposure_delay_frames = {report['delay_frames']}" in out.read_text()

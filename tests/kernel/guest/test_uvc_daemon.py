@@ -126,7 +126,7 @@ def test_controls_are_held_and_put_back(start, camera):
     assert held["white_balance"] == 5000
     assert held["power_line"] == 1
     daemon.wait_health("exposure", lambda health: True)
-    wait_for("tagged", lambda: daemon.wait_estimate().exposure_us == 2000)
+    wait_for("known exposure", lambda: daemon.wait_estimate().exposure_us == 2000)
     daemon.stop()
     after = camera.state()
     assert {key: after[key] for key in before if key not in ("sent", "overrun")} == {

@@ -19,7 +19,7 @@ def write_series(folder, delay, *, frames=12, scene=SCENE, lost=(), ignores=Fals
     folder.mkdir()
     rng = np.random.default_rng(0)
     rows = [{"lightprobe_series": 1, "source": "test", "exposure_settable": True,
-             "exposure_tagged": False, "exposure_min_us": None, "exposure_max_us": None,
+             "reports_exposure": False, "exposure_min_us": None, "exposure_max_us": None,
              "exposure_step_us": 0}]  # fmt: skip
     in_force = np.full(delay + 1, 1000.0)
     smooth = 1000.0

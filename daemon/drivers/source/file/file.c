@@ -290,7 +290,7 @@ static void file_caps(const struct lp_source *source, struct lp_source_caps *cap
 	const struct options *options = &self_of(source)->options;
 
 	*caps = (struct lp_source_caps){
-		.exposure_tagged = options->exposures_us.count > 0,
+		.reports_exposure = options->exposures_us.count > 0,
 		.exposure_min_us = NAN,
 		.exposure_max_us = NAN,
 		.gain_min = NAN,

@@ -9,6 +9,7 @@
 #include <stdint.h>
 
 extern "C" {
+#include "base/backoff.h"
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/pool.h"
@@ -16,7 +17,7 @@ extern "C" {
 #include "drivers/source/libcamera/settings.h"
 #include "drivers/source/offers.h"
 #include "drivers/source/outbox.h"
-#include "drivers/source/tag.h"
+#include "drivers/source/exposure_guess.h"
 #include "include/frame.h"
 #include "include/source.h"
 }

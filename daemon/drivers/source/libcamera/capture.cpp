@@ -63,8 +63,8 @@ std::string forbidden_device()
 } // namespace
 
 Capture::Capture(const lp_libcamera_settings &how)
-    : settings(how), outbox(lp_source_outbox_create()), frames(lp_owned_frames_create(FRAMES)),
-      retry_ns(RETRY_FIRST_NS)
+    : settings(how), outbox(lp_source_outbox_create()),
+      frames(lp_owned_frames_create(FRAMES)), retry{RETRY_FIRST_NS, RETRY_LONGEST_NS, 0}
 {
 	present.exposure_min_us = present.exposure_max_us = NAN;
 	present.gain_min = present.gain_max = NAN;
@@ -126,7 +126,7 @@ int Capture::set_exposure(float exposure_us, float gain)
 		lp_error("libcamera", "exposure", "this camera's exposure cannot be set");
 		return -EOPNOTSUPP;
 	}
-	if (gain != 1 && !present.exposure_tagged) {
+	if (gain != 1 && !present.reports_exposure) {
 		lp_error("libcamera", "gain",
 			 "%g: what this camera's gain means is not known: its frames do not tell",
 			 static_cast<double>(gain));
@@ -277,7 +277,7 @@ void Capture::deliver(Session &session)
 		lp_source_outbox_send(outbox, frame);
 	}
 	if (has_frames)
-		retry_ns = RETRY_FIRST_NS;
+		lp_backoff_reset(&retry);
 }
 
 /* Until the camera goes, stalls, or the thread shall end. */
@@ -334,12 +334,11 @@ void Capture::run()
 		}
 		manager.reset();
 		/* News of a session that is over would end the wait at once. */
-		const int64_t end_ns = lp_clock_ns() + retry_ns;
+		const int64_t end_ns = lp_clock_ns() + lp_backoff_next_ns(&retry);
 
 		do
 			goes_on = wait_until(end_ns);
 		while (goes_on && lp_clock_ns() < end_ns);
-		retry_ns = std::min(retry_ns * 2, RETRY_LONGEST_NS);
 	}
 }
 

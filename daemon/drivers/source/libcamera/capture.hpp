@@ -63,7 +63,8 @@ class Capture
 	std::unique_ptr<libcamera::CameraManager> manager;
 	std::string camera_id; /* in use */
 	lp_source_state told{};
-	int64_t retry_ns, silent_ns = 0;
+	lp_backoff retry;
+	int64_t silent_ns = 0;
 	bool has_frames = false; /* since it was opened */
 	uint64_t next_sequence = 0;
 };

@@ -17,6 +17,5 @@ bool lp::describe_frame(const libcamera::ControlList &metadata, int64_t stamp_ns
 	frame.exposure_us = static_cast<float>(*exposure_us);
 	frame.gain = *gain * metadata.get(controls::DigitalGain).value_or(1.0F);
 	frame.t_start_ns = stamp_ns - int64_t{*exposure_us} * LP_NS_PER_US;
-	frame.flags |= LP_FRAME_EXPOSURE_VERIFIED;
 	return true;
 }

@@ -241,7 +241,7 @@ void Session::hold_exposure()
 	const libcamera::ControlInfoMap &has = camera->controls();
 	float least = NAN, most = NAN;
 
-	lp_exposure_tag_init(&tag, settings.exposure_delay_frames);
+	lp_exposure_guess_init(&guess, settings.exposure_delay_frames);
 	if (!settings.exposure_settable)
 		return;
 	settable = limits(has, controls::ExposureTime, least, most);
@@ -305,15 +305,15 @@ void Session::put_exposure(libcamera::ControlList &list)
 		return;
 	float exposure_us = std::fmin(std::fmax(wanted_us, least), most);
 
-	if (!told)
+	if (!reports_exposure)
 		exposure_us = std::fmax(std::round(exposure_us / UVC_STEP_US), 1.0F) * UVC_STEP_US;
 	list.set(controls::ExposureTime, static_cast<int32_t>(exposure_us));
 	/* Where frames do not tell their gain, its steps mean nothing: it stays at its least. */
 	if (limits(has, controls::AnalogueGain, least, most))
 		list.set(controls::AnalogueGain,
-			 told ? std::fmin(std::fmax(wanted_gain, least), most) : least);
-	if (exposure_us != tag.exposure_us)
-		lp_exposure_tag_command(&tag, exposure_us, 1, lp_clock_ns());
+			 reports_exposure ? std::fmin(std::fmax(wanted_gain, least), most) : least);
+	if (exposure_us != guess.exposure_us)
+		lp_exposure_guess_command(&guess, exposure_us, 1, lp_clock_ns());
 	wanted_us = NAN;
 }
 
@@ -387,9 +387,12 @@ lp_frame *Session::make_frame(libcamera::Request &request)
 	if (about.status != libcamera::FrameMetadata::FrameSuccess || !frame.size_bytes ||
 	    frame.size_bytes < picture_bytes)
 		frame.flags |= LP_FRAME_CORRUPT;
-	told = describe_frame(request.metadata(), stamp_ns, frame);
-	if (!told)
-		lp_exposure_tag_frame(&tag, &frame);
+	const bool described = describe_frame(request.metadata(), stamp_ns, frame);
+
+	if (!described)
+		lp_exposure_guess_frame(&guess, &frame);
+	if (!(frame.flags & LP_FRAME_CORRUPT)) /* whose metadata may be missing */
+		reports_exposure = described;
 	following_sequence = frame.sequence + 1;
 	return &frame;
 }
@@ -404,7 +407,7 @@ void Session::give_up(libcamera::Request &request)
 			   "it refuses to be set: no brackets, and light levels are relative to "
 			   "each frame");
 	settable = false;
-	lp_exposure_tag_init(&tag, settings.exposure_delay_frames);
+	lp_exposure_guess_init(&guess, settings.exposure_delay_frames);
 	queue(request);
 }
 
@@ -487,13 +490,13 @@ lp_source_caps Session::caps() const
 	caps.exposure_min_us = caps.exposure_max_us = caps.gain_min = caps.gain_max = NAN;
 	caps.exposure_delay_frames = settings.exposure_delay_frames;
 	caps.frame_rate_hz = settings.wish.fps;
-	caps.exposure_tagged = told;
+	caps.reports_exposure = reports_exposure;
 	caps.exposure_settable = settable && limits(has, controls::ExposureTime,
 						    caps.exposure_min_us, caps.exposure_max_us);
 	if (!caps.exposure_settable)
 		return caps;
-	caps.exposure_step_us = told ? 1 : UVC_STEP_US;
-	if (!told || !limits(has, controls::AnalogueGain, caps.gain_min, caps.gain_max))
+	caps.exposure_step_us = reports_exposure ? 1 : UVC_STEP_US;
+	if (!reports_exposure || !limits(has, controls::AnalogueGain, caps.gain_min, caps.gain_max))
 		caps.gain_min = caps.gain_max = 1;
 	return caps;
 }

@@ -120,10 +120,10 @@ class Session
 	std::vector<Mapping> mappings;
 
 	bool settable = false;
-	bool told = false;	       /* frames tell their exposure */
+	bool reports_exposure = false; /* as the caps say; known after the first frame */
 	libcamera::ControlList wanted; /* for the next request */
 	float wanted_us = NAN, wanted_gain = NAN;
-	lp_exposure_tag tag{}; /* where frames do not tell */
+	lp_exposure_guess guess{}; /* where frames do not report it */
 	const uint64_t first_sequence;
 	uint64_t following_sequence;
 

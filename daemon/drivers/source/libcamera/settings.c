@@ -8,6 +8,8 @@
 
 #include "base/log.h"
 #include "base/uri.h"
+#include "drivers/source/profile.h"
+#include "include/camera_profile.h"
 
 #define COUNT(array) (sizeof(array) / sizeof((array)[0]))
 #define FIELD(name) offsetof(struct lp_libcamera_settings, name)
@@ -33,15 +35,14 @@ static const struct lp_param params[] = {
 	{"stall_ms", LP_PARAM_FLOAT, FIELD(stall_ms), .initial = "1000", .min = 100, .max = 60000},
 };
 
-int lp_libcamera_settings_read(const struct lp_uri *uri, const char *camera,
+int lp_libcamera_settings_read(const struct lp_uri *uri, const struct lp_camera_profile *camera,
 			       struct lp_libcamera_settings *settings)
 {
-	const struct lp_profile_table table = {"libcamera", params, COUNT(params), settings};
-	struct lp_profile profile;
+	const struct lp_profile_table table = {params, COUNT(params), settings};
 	int ret;
 
 	memset(settings, 0, sizeof(*settings));
-	ret = lp_profile_read(uri, camera, &table, &profile);
+	ret = lp_profile_read(uri, camera, &table);
 	if (ret < 0)
 		return ret;
 	if (settings->colour_gains.count != 0 && settings->colour_gains.count != 2) {
@@ -53,9 +54,11 @@ int lp_libcamera_settings_read(const struct lp_uri *uri, const char *camera,
 		return -EINVAL;
 	}
 	snprintf(settings->name, sizeof(settings->name), "%s", uri->rest);
-	settings->usb = profile.usb;
+	if (!camera)
+		return 0;
+	settings->usb = camera->usb;
 	if (!settings->wish.size_px.width)
-		settings->wish.size_px = profile.size_px;
+		settings->wish.size_px = camera->size_px;
 	return 0;
 }
 

@@ -5,9 +5,10 @@
 
 #include <stdbool.h>
 
+#include "base/usb_id.h"
 #include "drivers/source/offers.h"
-#include "drivers/source/profile.h"
 
+struct lp_camera_profile;
 struct lp_uri;
 
 struct lp_libcamera_settings {
@@ -21,9 +22,8 @@ struct lp_libcamera_settings {
 	float stall_ms;	      /* silence that counts as a stall */
 };
 
-/* -EINVAL, -ENOENT, -EBADMSG: logged, with the place. `camera`: path of the camera file, or NULL.
- */
-int lp_libcamera_settings_read(const struct lp_uri *uri, const char *camera,
+/* `camera` NULL: no camera file. -EINVAL, -EBADMSG: logged, with the place. */
+int lp_libcamera_settings_read(const struct lp_uri *uri, const struct lp_camera_profile *camera,
 			       struct lp_libcamera_settings *settings);
 
 /*

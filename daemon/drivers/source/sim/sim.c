@@ -12,6 +12,7 @@
 #include <sys/un.h>
 #include <unistd.h>
 
+#include "base/backoff.h"
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/loop.h"
@@ -36,8 +37,8 @@ struct source_sim {
 	struct lp_watch link;  /* fd -1: not connected */
 	struct lp_timer retry; /* next attempt to connect */
 	struct lp_timer stall; /* no frame for too long */
-	int64_t backoff_ns;
-	bool streaming, tagged;
+	struct lp_backoff backoff;
+	bool streaming, reports_exposure;
 
 	/* What is being read: a header, what the header is longer than ours, a payload. */
 	uint8_t header_data[LP_SIM_HEADER_BYTES];
@@ -99,10 +100,7 @@ static void disconnect(struct source_sim *self)
 static void lose_link(struct source_sim *self, const char *stage, const char *reason)
 {
 	disconnect(self);
-	lp_timer_set(&self->retry, self->backoff_ns, 0);
-	self->backoff_ns *= 2;
-	if (self->backoff_ns > LONGEST_BACKOFF_NS)
-		self->backoff_ns = LONGEST_BACKOFF_NS;
+	lp_timer_set(&self->retry, lp_backoff_next_ns(&self->backoff), 0);
 	tell_state(self, LP_SOURCE_WAITING, stage, reason);
 }
 
@@ -156,8 +154,8 @@ static void deliver(struct source_sim *self)
 
 	self->frame = NULL;
 	self->got_bytes = 0;
-	self->backoff_ns = FIRST_BACKOFF_NS;
-	self->tagged = !isnan(header->exposure_us);
+	lp_backoff_reset(&self->backoff);
+	self->reports_exposure = !isnan(header->exposure_us);
 	lp_timer_set(&self->stall, STALL_NS, 0);
 	if (!self->streaming) {
 		self->streaming = true;
@@ -332,7 +330,8 @@ static int sim_create(const struct lp_uri *uri, const struct lp_source_host *hos
 		return -ENOMEM;
 	self->base = (struct lp_source){.ops = &lp_source_sim_ops, .host = *host};
 	self->link.fd = -1;
-	self->backoff_ns = FIRST_BACKOFF_NS;
+	self->backoff =
+		(struct lp_backoff){.first_ns = FIRST_BACKOFF_NS, .longest_ns = LONGEST_BACKOFF_NS};
 	self->address.sun_family = AF_UNIX;
 	memcpy(self->address.sun_path, uri->rest, strlen(uri->rest) + 1);
 	(void)snprintf(self->object, sizeof(self->object), "sim: %s", uri->rest);
@@ -360,7 +359,7 @@ static void sim_caps(const struct lp_source *source, struct lp_source_caps *caps
 {
 	*caps = (struct lp_source_caps){
 		.exposure_settable = true,
-		.exposure_tagged = self_of(source)->tagged,
+		.reports_exposure = self_of(source)->reports_exposure,
 		.exposure_min_us = NAN,
 		.exposure_max_us = NAN,
 		.gain_min = NAN,

@@ -12,6 +12,7 @@
 #include <sys/eventfd.h>
 #include <unistd.h>
 
+#include "base/backoff.h"
 #include "base/clock.h"
 #include "base/log.h"
 #include "drivers/source/v4l2/hotplug.h"
@@ -20,7 +21,7 @@
 #include "drivers/source/v4l2/reset.h"
 #include "drivers/source/v4l2/session.h"
 #include "drivers/source/v4l2/stream.h"
-#include "drivers/source/tag.h"
+#include "drivers/source/exposure_guess.h"
 #include "include/frame.h"
 
 #define RETRY_FIRST_NS (100 * LP_NS_PER_MS)
@@ -55,7 +56,8 @@ struct lp_v4l2_capture {
 	bool is_known;
 	enum lp_source_state told; /* last state told */
 	int attempts;		   /* to open it since it was plugged in */
-	int64_t retry_ns, reset_ns, next_reset_ns;
+	struct lp_backoff retry, reset;
+	int64_t next_reset_ns;
 };
 
 /* ---------------------------------------------------------------- towards the loop */
@@ -119,7 +121,7 @@ static void set_caps(struct lp_v4l2_capture *self, const struct lp_v4l2_session 
 /* One stream, from open to close. */
 struct run {
 	struct lp_v4l2_session session;
-	struct lp_exposure_tag tag;
+	struct lp_exposure_guess guess;
 	unsigned wish;	   /* the last wanted exposure that was commanded */
 	int64_t silent_ns; /* since when: the last frame, or the last start */
 	bool has_frames;   /* since the last start */
@@ -146,20 +148,21 @@ static void command_exposure(struct lp_v4l2_capture *self, struct run *run)
 		return;
 	(void)lp_v4l2_controls_set_exposure(controls, lp_v4l2_stream_fd(run->session.stream),
 					    exposure_us, gain);
-	if (controls->exposure_us != run->tag.exposure_us || controls->linear_gain != run->tag.gain)
-		lp_exposure_tag_command(&run->tag, controls->exposure_us, controls->linear_gain,
-					lp_clock_ns());
+	if (controls->exposure_us != run->guess.exposure_us ||
+	    controls->linear_gain != run->guess.gain)
+		lp_exposure_guess_command(&run->guess, controls->exposure_us, controls->linear_gain,
+					  lp_clock_ns());
 }
 
 static void deliver(struct lp_v4l2_capture *self, struct run *run, struct lp_frame *frame)
 {
-	lp_exposure_tag_frame(&run->tag, frame);
+	lp_exposure_guess_frame(&run->guess, frame);
 	run->silent_ns = frame->t_arrival_ns;
 	if (!(frame->flags & LP_FRAME_CORRUPT)) {
 		run->has_frames = true;
 		run->restarted = false;
-		self->reset_ns = RESET_FIRST_NS;
-		self->retry_ns = RETRY_FIRST_NS;
+		lp_backoff_reset(&self->reset);
+		lp_backoff_reset(&self->retry);
 		if (self->told != LP_SOURCE_STREAMING)
 			tell(self, LP_LOG_INFO, LP_SOURCE_STREAMING, run->session.object, "stream",
 			     "frames arrive");
@@ -262,7 +265,7 @@ static void wait_for_change(struct lp_v4l2_capture *self, int64_t wait_ns)
 		clear(self->wake_fd);
 		if (self->hotplug_fd >= 0 && lp_v4l2_hotplug_read(self->hotplug_fd)) {
 			self->attempts = 0;
-			self->retry_ns = RETRY_FIRST_NS;
+			lp_backoff_reset(&self->retry);
 			return;
 		}
 	}
@@ -275,9 +278,7 @@ static void back_off(struct lp_v4l2_capture *self, enum lp_source_state state)
 		wait_for_change(self, -1);
 		return;
 	}
-	wait_for_change(self, self->retry_ns);
-	self->retry_ns =
-		self->retry_ns * 2 < RETRY_LONGEST_NS ? self->retry_ns * 2 : RETRY_LONGEST_NS;
+	wait_for_change(self, lp_backoff_next_ns(&self->retry));
 }
 
 /* Reset the port of a camera that hangs, at growing intervals. */
@@ -289,9 +290,7 @@ static void reset_port(struct lp_v4l2_capture *self, const struct lp_v4l2_node *
 	if (!self->settings.reset || !node->usb || lp_clock_ns() < self->next_reset_ns)
 		return;
 	ret = lp_v4l2_reset_port(node);
-	self->next_reset_ns = lp_clock_ns() + self->reset_ns;
-	self->reset_ns =
-		self->reset_ns * 2 < RESET_LONGEST_NS ? self->reset_ns * 2 : RESET_LONGEST_NS;
+	self->next_reset_ns = lp_clock_ns() + lp_backoff_next_ns(&self->reset);
 	if (ret == 0)
 		lp_warning(object, "reset", "the camera hung: its USB port %s has been reset",
 			   node->port);
@@ -358,9 +357,9 @@ static int open_camera(struct lp_v4l2_capture *self, struct run *run)
 	}
 	self->known = *node;
 	self->is_known = true;
-	lp_exposure_tag_init(&run->tag, self->settings.exposure_delay_frames);
-	lp_exposure_tag_command(&run->tag, run->session.controls.exposure_us,
-				run->session.controls.linear_gain, lp_clock_ns());
+	lp_exposure_guess_init(&run->guess, self->settings.exposure_delay_frames);
+	lp_exposure_guess_command(&run->guess, run->session.controls.exposure_us,
+				  run->session.controls.linear_gain, lp_clock_ns());
 	run->silent_ns = lp_clock_ns();
 	return 0;
 }
@@ -418,8 +417,10 @@ int lp_v4l2_capture_create(const struct lp_v4l2_settings *settings,
 	self->settings = *settings;
 	self->target = *target;
 	self->wanted_exposure_us = self->wanted_gain = NAN;
-	self->retry_ns = RETRY_FIRST_NS;
-	self->reset_ns = RESET_FIRST_NS;
+	self->retry =
+		(struct lp_backoff){.first_ns = RETRY_FIRST_NS, .longest_ns = RETRY_LONGEST_NS};
+	self->reset =
+		(struct lp_backoff){.first_ns = RESET_FIRST_NS, .longest_ns = RESET_LONGEST_NS};
 	pthread_mutex_init(&self->lock, NULL);
 	self->hotplug_fd = lp_v4l2_hotplug_open();
 	self->wake_fd = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);

@@ -10,6 +10,7 @@
 #include "base/log.h"
 #include "base/uri.h"
 #include "drivers/source/profile.h"
+#include "include/camera_profile.h"
 
 #define COUNT(array) (sizeof(array) / sizeof((array)[0]))
 #define FIELD(name) offsetof(struct lp_v4l2_settings, name)
@@ -63,19 +64,18 @@ int lp_v4l2_target_parse(const char *text, struct lp_v4l2_target *target)
 	return 0;
 }
 
-int lp_v4l2_settings_read(const struct lp_uri *uri, const char *camera,
+int lp_v4l2_settings_read(const struct lp_uri *uri, const struct lp_camera_profile *camera,
 			  struct lp_v4l2_settings *settings, struct lp_v4l2_target *target)
 {
-	const struct lp_profile_table table = {"v4l2", params, COUNT(params), settings};
-	struct lp_profile profile;
+	const struct lp_profile_table table = {params, COUNT(params), settings};
 	int ret;
 
 	memset(settings, 0, sizeof(*settings));
-	ret = lp_profile_read(uri, camera, &table, &profile);
+	ret = lp_profile_read(uri, camera, &table);
 	if (ret < 0)
 		return ret;
-	if (!settings->wish.size_px.width)
-		settings->wish.size_px = profile.size_px;
+	if (camera && !settings->wish.size_px.width)
+		settings->wish.size_px = camera->size_px;
 	if (lp_v4l2_target_parse(uri->rest, target) < 0) {
 		lp_error(uri->text, "parse",
 			 "'%s' names no camera — v4l2:/dev/video0, v4l2:VENDOR:PRODUCT[:SERIAL], "
@@ -83,7 +83,7 @@ int lp_v4l2_settings_read(const struct lp_uri *uri, const char *camera,
 			 uri->rest);
 		return -EINVAL;
 	}
-	if (target->kind == LP_V4L2_ANY && profile.usb.known)
-		*target = (struct lp_v4l2_target){.kind = LP_V4L2_USB, .usb = profile.usb};
+	if (target->kind == LP_V4L2_ANY && camera && camera->usb.known)
+		*target = (struct lp_v4l2_target){.kind = LP_V4L2_USB, .usb = camera->usb};
 	return 0;
 }

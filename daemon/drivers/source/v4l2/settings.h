@@ -10,9 +10,10 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "base/usb_id.h"
 #include "drivers/source/offers.h"
-#include "drivers/source/profile.h"
 
+struct lp_camera_profile;
 struct lp_uri;
 
 /* Text of a node's or camera's name. */
@@ -59,11 +60,9 @@ struct lp_v4l2_target {
 /* Reads a device's name as it stands in the URI. -EINVAL (not logged): neither of the above. */
 int lp_v4l2_target_parse(const char *text, struct lp_v4l2_target *target);
 
-/*
- * Settings and target of a URI. `camera`: path of the camera file; NULL or "equirect": none.
- * -EINVAL, -ENOENT, -EBADMSG: logged, with the place.
- */
-int lp_v4l2_settings_read(const struct lp_uri *uri, const char *camera,
+/* Settings and target of a URI. `camera` NULL: no camera file. -EINVAL, -EBADMSG: logged, with the
+ * place. */
+int lp_v4l2_settings_read(const struct lp_uri *uri, const struct lp_camera_profile *camera,
 			  struct lp_v4l2_settings *settings, struct lp_v4l2_target *target);
 
 #endif

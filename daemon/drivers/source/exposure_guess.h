@@ -4,15 +4,15 @@
  * given and how many frames late this camera obeys. Around the change, where one frame more or less
  * decides, the exposure is unknown rather than wrong.
  */
-#ifndef LP_SOURCE_TAG_H
-#define LP_SOURCE_TAG_H
+#ifndef LP_SOURCE_EXPOSURE_GUESS_H
+#define LP_SOURCE_EXPOSURE_GUESS_H
 
 #include <stdbool.h>
 #include <stdint.h>
 
 struct lp_frame;
 
-struct lp_exposure_tag {
+struct lp_exposure_guess {
 	int delay_frames; /* -1: not known, up to five */
 	bool pending;	  /* the command's frame may still be to come */
 	int64_t commanded_ns;
@@ -23,11 +23,11 @@ struct lp_exposure_tag {
 };
 
 /* Nothing is known of frames so far. */
-void lp_exposure_tag_init(struct lp_exposure_tag *tag, int delay_frames);
+void lp_exposure_guess_init(struct lp_exposure_guess *guess, int delay_frames);
 
 /* Exposure and gain (NAN: unknown) were commanded; the call returned at `now_ns`. */
-void lp_exposure_tag_command(struct lp_exposure_tag *tag, float exposure_us, float gain,
-			     int64_t now_ns);
+void lp_exposure_guess_command(struct lp_exposure_guess *guess, float exposure_us, float gain,
+			       int64_t now_ns);
 
 /*
  * Fill in exposure_us and gain of the next frame, and turn t_start_ns from the driver's time stamp
@@ -35,6 +35,6 @@ void lp_exposure_tag_command(struct lp_exposure_tag *tag, float exposure_us, flo
  * exposed and read; so the exposure ended then at the latest. Where the driver gives no stamp (0)
  * the arrival stands in for it; where the exposure is unknown nothing is subtracted.
  */
-void lp_exposure_tag_frame(struct lp_exposure_tag *tag, struct lp_frame *frame);
+void lp_exposure_guess_frame(struct lp_exposure_guess *guess, struct lp_frame *frame);
 
 #endif

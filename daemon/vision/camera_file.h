@@ -1,0 +1,50 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* A camera file as it is written (docs/camera_files.md): read once, for the picture's geometry
+ * (lp_camera_create()) and for the driver (lp_camera_file_profile()). */
+#ifndef LP_VISION_CAMERA_FILE_H
+#define LP_VISION_CAMERA_FILE_H
+
+#include <limits.h>
+
+#include "base/ini.h"
+#include "base/param.h"
+#include "base/usb_id.h"
+#include "include/camera_profile.h"
+#include "vision/camera.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+struct lp_lens_fields {
+	bool present;
+	float cx_px, cy_px, fx_px, fy_px, k1, k2, k3, k4, max_theta_deg;
+	struct lp_floats rotation_wxyz, rolloff;
+	char mask[PATH_MAX];
+};
+
+/* Numbers are within their own bounds; what several of them say together is not checked yet. */
+struct lp_camera_file {
+	struct lp_ini ini; /* of no entries for "equirect" */
+	int version;	   /* of the format */
+	char name[64];
+	struct lp_usb_id usb;
+	int projection; /* enum lp_projection; -1: the file does not say */
+	int width_px, height_px;
+	char response[PATH_MAX];
+	struct lp_lens_fields lens[LP_MAX_LENSES];
+};
+
+/* "equirect", or the path of a camera file. -errno or -EBADMSG, logged as FILE:LINE. */
+int lp_camera_file_read(const char *name_or_path, struct lp_camera_file **file);
+
+void lp_camera_file_destroy(struct lp_camera_file *file); /* accepts NULL */
+
+/* The driver's part; borrows from `file`. */
+struct lp_camera_profile lp_camera_file_profile(const struct lp_camera_file *file);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
