@@ -36,7 +36,7 @@ $(FW_HEX): $(FW_ELF)
 
 # The portable core and the host board, once per variant; the process, and what tests/ links.
 FW_HOST_CFLAGS = -std=gnu17 -g -D_GNU_SOURCE $(FLAGS_$(1)) $(C_WARNINGS) $(FW_CPPFLAGS)
-FW_BOX := world console frame_log
+FW_BOX := world boot console line frame_log
 FW_HOST_PARTS := $(FW)/board/host/board.c $(FW_BOX:%=$(FW)/board/host/%.c)
 define fw_host
 FW_OBJECTS_$(1) := $$(patsubst %.c,$$(FW_OUT)/$(1)/%.o,$$(FW_CORE) $$(FW_HOST_PARTS)) $$(FW_OUT)/$(1)/mcu.o

@@ -24,6 +24,7 @@ struct host {
 	uint8_t carrier;
 	enum reset_cause reset_cause; /* of the next board_init() */
 	bool reset_asked;
+	uint64_t boot_us; /* the boot loader has the chip until then; UINT64_MAX: for ever */
 	uint16_t boot_count;
 
 	uint16_t servo_half_us;
@@ -57,6 +58,11 @@ struct host {
 extern struct host host;
 
 void host_init(uint32_t seed);
+
+/* After board_reset(): the boot loader begins. True while it has the chip: the firmware does not
+ * run. */
+void host_boot(void);
+bool host_booting(void);
 
 /* Lets time pass for everything but the firmware. */
 void host_pass(uint32_t us);
