@@ -13,7 +13,7 @@
 #define MCU_FAULT_FAULT_I2C_BUS_CHOICE MCU_FAULT_FAULT_I2_C_BUS_CHOICE
 #define ASSERT_FAULT(name, number) \
 	_Static_assert(FAULT_##name == MCU_FAULT_FAULT_##name##_CHOICE, "fault " #name);
-FAULTS(ASSERT_FAULT)
+MCU_FAULTS(ASSERT_FAULT)
 #define ASSERT_PARAM(name, ...)                                                            \
 	_Static_assert((int)PARAM_##name == MCU_PARAM_VALUE_PARAM_##name##_CHOICE, "param" \
 										   " " #name);

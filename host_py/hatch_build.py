@@ -29,7 +29,7 @@ class ProtoHook(BuildHookInterface):  # type: ignore[misc]
         )
         if status != 0:
             raise RuntimeError(f"proto: protoc ended with status {status}")
-        for schema in PROTO.glob("*.dbc"):
+        for schema in [*PROTO.glob("*.dbc"), *PROTO.glob("*.toml")]:
             (GENERATED / schema.name).write_bytes(schema.read_bytes())
         target = "force_include_editable" if version == "editable" else "force_include"
         build_data[target] = {
