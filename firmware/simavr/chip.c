@@ -241,12 +241,27 @@ bool chip_booting(const struct chip *chip)
 	return chip->reset || chip->booting;
 }
 
+/* The boot loader stays for as long as somebody programs. */
+static void program(struct chip *chip, uint8_t byte)
+{
+	uint8_t reply[STK500_REPLY_BYTES];
+	size_t bytes = stk500_byte(&chip->programmer, byte, reply);
+
+	for (size_t i = 0; i < bytes && chip->line_out; i++)
+		chip->line_out(chip->line_out_context, reply[i]);
+	if (chip->programmer.synchronized)
+		chip->boot_cycle = chip->programmer.left ? chip->avr->cycle : UINT64_MAX;
+}
+
 bool chip_send(struct chip *chip, const uint8_t *bytes, size_t count)
 {
 	if (count > CHIP_LINE_BYTES - (chip->line_in_end - chip->line_in_first))
 		return false;
-	if (chip_booting(chip))
+	if (chip_booting(chip)) {
+		for (size_t i = 0; i < count; i++)
+			program(chip, bytes[i]);
 		return true;
+	}
 	for (size_t i = 0; i < count; i++)
 		chip->line_in[chip->line_in_end++ % CHIP_LINE_BYTES] = bytes[i];
 	if (!chip->line_in_running && count) {
@@ -480,6 +495,7 @@ static void start_boot(struct chip *chip)
 
 	chip->reset = false;
 	chip->booting = true;
+	stk500_start(&chip->programmer);
 	chip->boot =
 		boot_after((enum boot_loader)world->boot_loader, chip->avr->data[REGISTER_MCUSR]);
 	chip->boot_cycle = chip->avr->cycle;
@@ -580,6 +596,8 @@ struct chip *chip_create(const char *elf, const char *carrier, uint32_t seed)
 	firmware.frequency = CHIP_HZ;
 	avr_load_firmware(chip->avr, &firmware);
 	chip->avr->frequency = CHIP_HZ;
+	chip->programmer =
+		(struct stk500){.flash = chip->avr->flash, .flash_bytes = chip->avr->flashend + 1};
 	chip->avr->sleep = no_sleep;
 	chip->avr->log = LOG_ERROR;
 	world_init(&chip->world, seed);

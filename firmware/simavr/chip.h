@@ -14,6 +14,7 @@
 
 #include "board/host/boot.h"
 #include "board/host/frame_log.h"
+#include "board/host/stk500.h"
 #include "board/host/world.h"
 
 #define CHIP_HZ 16000000
@@ -45,6 +46,7 @@ struct chip {
 	bool reset, booting;	/* the boot loader is to begin; has the chip, */
 	uint64_t boot_cycle;	/* until then; UINT64_MAX: for ever */
 	struct boot boot;
+	struct stk500 programmer;
 	unsigned wdt_pending_us; /* the watchdog's interrupt has waited so long */
 	bool wdt_bites;
 	uint64_t asleep_cycles, load_cycle;
@@ -73,7 +75,7 @@ struct chip {
 struct chip *chip_create(const char *elf, const char *carrier, uint32_t seed);
 void chip_destroy(struct chip *chip);
 
-/* Whether the boot loader has the chip: what comes on the serial line is lost to the firmware. */
+/* Whether the boot loader has the chip: what comes on the serial line is for it. */
 bool chip_booting(const struct chip *chip);
 
 /* Runs to a cycle count, or until the chip is dead. */

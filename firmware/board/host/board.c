@@ -16,6 +16,7 @@ void host_init(uint32_t seed)
 	memset(host.eeprom, 0xFF, sizeof(host.eeprom));
 	world_init(&host.world, seed);
 	host.reset_cause = RESET_CAUSE_POWER_ON;
+	host.programmer = (struct stk500){.flash = host.flash, .flash_bytes = HOST_FLASH_BYTES};
 }
 
 /* --- boot loader ---------------------------------------------------------------------------- */
@@ -40,6 +41,7 @@ void host_boot(void)
 	uint64_t wait_us = boot.waits ? (uint64_t)(host.world.boot_wait_ms * 1000) : 0;
 
 	host.reset_asked = false;
+	stk500_start(&host.programmer);
 	host.sample_us = 0;
 	host.boot_us = boot.hangs ? UINT64_MAX : host.t_us + wait_us;
 }
@@ -204,10 +206,25 @@ bool board_eeprom_write(uint16_t address, uint8_t value)
 
 /* --- carriers ------------------------------------------------------------------------------- */
 
+/* The boot loader stays for as long as somebody programs. */
+static void program(uint8_t byte)
+{
+	uint8_t reply[STK500_REPLY_BYTES];
+	size_t bytes = stk500_byte(&host.programmer, byte, reply);
+
+	if (bytes && host.out)
+		host.out(host.context, reply, bytes);
+	if (host.programmer.synchronized)
+		host.boot_us = host.programmer.left ? host.t_us : UINT64_MAX;
+}
+
 void host_send(const uint8_t *bytes, unsigned count)
 {
-	if (host.reset_asked || host_booting())
-		return; /* the boot loader's */
+	if (host.reset_asked || host_booting()) {
+		for (unsigned i = 0; i < count; i++)
+			program(bytes[i]);
+		return;
+	}
 	for (unsigned i = 0; i < count; i++) {
 		if (host.in_end - host.in_first == HOST_LINE_BYTES) {
 			host.overruns++;
