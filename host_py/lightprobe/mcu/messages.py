@@ -22,7 +22,7 @@ REPEAT_AFTER_S = 0.1
 
 #: What to do when the firmware refuses a request.
 _REFUSALS = {
-    "OUT_OF_RANGE": "`lightprobe mcu params` lists the limits",
+    "OUT_OF_RANGE": "`lightprobe mcu params` lists the limits; a move must end within 60 s",
     "NOT_HOMED": "`lightprobe mcu home` first",
     "IN_FAULT": "`lightprobe mcu clear`, then `home`",
     "BUSY": "wait until it is done",
