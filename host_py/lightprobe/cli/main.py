@@ -12,6 +12,7 @@ from lightprobe.cli import (
     calibrate_exposure,
     calibrate_response,
     calibrate_ring,
+    calibrate_supply,
     calibrate_wheel,
     control,
     demo,
@@ -38,7 +39,10 @@ app.add_typer(control.app, name="control")
 app.command("watch")(watch.command)
 app.command("demo")(demo.command)
 app.command("doctor")(doctor.command)
-calibrate = typer.Typer(help="Camera (exposure, response), polarizer wheel, ring of light sensors.")
+calibrate = typer.Typer(
+    help="Camera (exposure, response), polarizer wheel, ring of light sensors, supply."
+)
+calibrate.command("supply")(calibrate_supply.command)
 calibrate.command("wheel")(calibrate_wheel.command)
 calibrate.command("ring")(calibrate_ring.command)
 calibrate.command("exposure")(calibrate_exposure.command)
