@@ -23,7 +23,7 @@ FW_AVR_OBJECTS := $(patsubst %.c,$(FW_OUT)/avr/%.o,$(FW_CORE) $(wildcard $(FW)/b
 .PHONY: firmware firmware-host firmware-avr flash
 firmware: $(FW_HEX) ## the microcontroller's binary: build/firmware/lightprobe-mcu.{elf,hex}
 
-$(FW_OUT)/avr/%.o: %.c $(DBC_H) | $(call apt,firmware)
+$(FW_OUT)/avr/%.o: %.c $(DBC_H) $(MCU_FAULTS_H) | $(call apt,firmware)
 	@mkdir -p $(@D)
 	@echo '  avr-cc $@' && $(AVR_CC) $(FW_CPPFLAGS) $(AVR_CFLAGS) -c -o $@ $<
 $(FW_OUT)/avr/mcu.o: $(DBC_C) | $(call apt,firmware)
@@ -36,11 +36,11 @@ $(FW_HEX): $(FW_ELF)
 
 # The portable core and the host board, once per variant; the process, and what tests/ links.
 FW_HOST_CFLAGS = -std=gnu17 -g -D_GNU_SOURCE $(FLAGS_$(1)) $(C_WARNINGS) $(FW_CPPFLAGS)
-FW_BOX := world console frame_log
+FW_BOX := world boot stk500 console line frame_log
 FW_HOST_PARTS := $(FW)/board/host/board.c $(FW_BOX:%=$(FW)/board/host/%.c)
 define fw_host
 FW_OBJECTS_$(1) := $$(patsubst %.c,$$(FW_OUT)/$(1)/%.o,$$(FW_CORE) $$(FW_HOST_PARTS)) $$(FW_OUT)/$(1)/mcu.o
-$$(FW_OUT)/$(1)/%.o: %.c $$(DBC_H)
+$$(FW_OUT)/$(1)/%.o: %.c $$(DBC_H) $$(MCU_FAULTS_H)
 	@mkdir -p $$(@D)
 	@echo '  cc $$@' && $$(CC) $$(call FW_HOST_CFLAGS,$(1)) -c -o $$@ $$<
 $$(FW_OUT)/$(1)/mcu.o: $$(DBC_C)

@@ -36,6 +36,7 @@ struct link {
 	uint8_t collected_bytes;	       /* one more than fits: too long */
 	uint8_t i2c_errors;		       /* seen so far */
 	bool can_up;
+	bool can_rx1_older; /* than anything in the other receive buffer */
 	uint8_t can_check_ms;
 };
 

@@ -35,6 +35,7 @@
 #define MODE_NORMAL 0x00
 #define STATUS_RX0 0x01
 #define STATUS_RX1 0x02
+#define STATUS_RX (STATUS_RX0 | STATUS_RX1)
 #define STATUS_TX0 0x04
 #define EFLG_BUS_OFF 0x20
 #define RXB0_ROLLOVER 0x04
@@ -133,19 +134,13 @@ void link_can_init(struct link *link)
 	bring_up(link);
 }
 
-bool link_can_receive(struct link *link, struct link_message *received)
+/* Reads one receive buffer, which frees it. False: a frame that is none of ours. */
+static bool read_buffer(struct message *message, uint8_t instruction)
 {
-	struct message *message = &received->message;
 	uint8_t header[5];
 
-	if (!link->can_up || !board_can_waiting(&received->t_rx_us))
-		return false;
-	uint8_t status = command(DO_STATUS, 0);
-	received->stamped = (status & (STATUS_RX0 | STATUS_RX1)) != (STATUS_RX0 | STATUS_RX1);
-	if (!(status & (STATUS_RX0 | STATUS_RX1)))
-		return false;
 	board_spi_select(true);
-	board_spi_exchange(status & STATUS_RX0 ? DO_READ_RX0 : DO_READ_RX1);
+	board_spi_exchange(instruction);
 	for (uint8_t i = 0; i < sizeof(header); i++)
 		header[i] = board_spi_exchange(0);
 	message->length_bytes = header[4] & 0x0F;
@@ -154,13 +149,30 @@ bool link_can_receive(struct link *link, struct link_message *received)
 	for (uint8_t i = 0; i < message->length_bytes; i++)
 		message->payload[i] = board_spi_exchange(0);
 	board_spi_select(false);
-
 	message->id = (uint8_t)(header[0] << 3 | header[1] >> 5);
-	if (header[1] & (SIDL_REMOTE | SIDL_EXTENDED) || header[0] >> 3 != LINK_CAN_BASE >> 6) {
-		link->rx_bad++;
+	return !(header[1] & (SIDL_REMOTE | SIDL_EXTENDED)) && header[0] >> 3 == LINK_CAN_BASE >> 6;
+}
+
+/*
+ * The controller fills buffer 1 only while buffer 0 is full. So what is in buffer 1 when buffer 0
+ * has just been read is older than whatever comes into buffer 0 next.
+ */
+bool link_can_receive(struct link *link, struct link_message *received)
+{
+	bool fresh;
+
+	if (!link->can_up || !board_can_waiting(&received->t_rx_us, &fresh))
 		return false;
-	}
-	return true;
+	uint8_t full = command(DO_STATUS, 0) & STATUS_RX;
+	if (!full)
+		return false;
+	received->stamped = fresh && full != STATUS_RX;
+	bool from_rx1 = full == STATUS_RX1 || (full == STATUS_RX && link->can_rx1_older);
+	bool ours = read_buffer(&received->message, from_rx1 ? DO_READ_RX1 : DO_READ_RX0);
+	link->can_rx1_older = !from_rx1 && command(DO_STATUS, 0) & STATUS_RX1;
+	if (!ours)
+		link->rx_bad++;
+	return ours;
 }
 
 void link_can_poll(struct link *link)

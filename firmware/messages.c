@@ -13,7 +13,7 @@
 #define MCU_FAULT_FAULT_I2C_BUS_CHOICE MCU_FAULT_FAULT_I2_C_BUS_CHOICE
 #define ASSERT_FAULT(name, number) \
 	_Static_assert(FAULT_##name == MCU_FAULT_FAULT_##name##_CHOICE, "fault " #name);
-FAULTS(ASSERT_FAULT)
+MCU_FAULTS(ASSERT_FAULT)
 #define ASSERT_PARAM(name, ...)                                                            \
 	_Static_assert((int)PARAM_##name == MCU_PARAM_VALUE_PARAM_##name##_CHOICE, "param" \
 										   " " #name);
@@ -159,7 +159,7 @@ static void send_counters(struct firmware *firmware)
 	};
 	struct mcu_counters_work_t of_work = {
 		.uptime_s = firmware->now_ms / 1000,
-		.ring_dropped = firmware->rings_dropped + firmware->ring.scans_missed,
+		.ring_dropped = firmware->rings_dropped + firmware->ring.windows_missed,
 		.index_errors = firmware->wheel.errors,
 		.params_generation = firmware->params.generation,
 		.stack_free_bytes = board_stack_free_bytes(),
@@ -272,6 +272,25 @@ static void on_wheel_action(const struct context *c)
 	send_result(c->firmware, c->id, answer, request.token);
 }
 
+static void on_wheel_request(const struct context *c)
+{
+	const struct wheel *wheel = &c->firmware->wheel;
+	struct mcu_wheel_request_t request;
+	struct wheel_report report;
+
+	mcu_wheel_request_unpack(&request, c->payload, MESSAGE_MAX_BYTES);
+	wheel_report(wheel, &report);
+	struct mcu_wheel_reply_t reply = {
+		.count = request.count,
+		.phase = wheel->phase,
+		.servo_on = wheel->servo_on,
+		.token = wheel->token,
+		.measured_cdeg = report.measured_cdeg,
+		.sigma_cdeg = report.sigma_cdeg,
+	};
+	SEND(c->firmware, wheel_reply, WHEEL_REPLY, &reply);
+}
+
 static void on_fault_clear(const struct context *c)
 {
 	struct firmware *firmware = c->firmware;
@@ -326,7 +345,7 @@ static void on_param_get(const struct context *c)
 /* What was computed from parameters is computed again. Carriers read theirs at a reset. */
 static void params_changed(struct firmware *firmware, bool wheel, bool ring)
 {
-	uint8_t interval_scans = firmware->ring.interval_scans;
+	uint16_t interval_scans = firmware->ring.interval_windows * firmware->ring.window_scans;
 
 	if (wheel && firmware->wheel.phase != WHEEL_FAULT)
 		wheel_forget(&firmware->wheel);
@@ -372,7 +391,8 @@ static void on_param_action(const struct context *c)
 		return;
 	}
 	if (request.action == MCU_PARAM_ACTION_ACTION_RELOAD_CHOICE) {
-		params_load(&firmware->params);
+		if (params_load(&firmware->params) == PARAMS_CORRUPT)
+			safe_latch(&firmware->safe, FAULT_PARAMS_LOST, 0);
 	} else if (request.action == MCU_PARAM_ACTION_ACTION_DEFAULTS_CHOICE) {
 		params_defaults(&firmware->params);
 	} else {
@@ -423,6 +443,7 @@ static const BOARD_FLASH struct handler handlers[] = {
 	HANDLER(PARAM_ACTION, on_param_action),
 	HANDLER(STATUS_REQUEST, on_status),
 	HANDLER(RESET, on_reset),
+	HANDLER(WHEEL_REQUEST, on_wheel_request),
 };
 
 void messages_handle(struct firmware *firmware, const struct link_message *received)

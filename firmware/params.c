@@ -33,12 +33,31 @@ void param_limits(enum param which, int16_t *minimum, int16_t *maximum)
 	*maximum = table[which].maximum;
 }
 
+static bool within_limits(enum param which, int16_t value)
+{
+	return value >= table[which].minimum && value <= table[which].maximum;
+}
+
+/* Limits that are parameters themselves: the lower one lies below the upper one. */
+static bool ordered(const struct params *params)
+{
+	const int16_t *values = params->values;
+
+	return values[PARAM_SERVO_MIN_US] < values[PARAM_SERVO_MAX_US] &&
+	       values[PARAM_WHEEL_MIN_CDEG] < values[PARAM_WHEEL_MAX_CDEG];
+}
+
 bool param_set(struct params *params, enum param which, int16_t value)
 {
-	if (value < table[which].minimum || value > table[which].maximum)
+	int16_t former = params->values[which];
+
+	if (!within_limits(which, value))
 		return false;
 	params->values[which] = value;
-	return true;
+	if (ordered(params))
+		return true;
+	params->values[which] = former;
+	return false;
 }
 
 static uint8_t stored(uint8_t copy, uint8_t at)
@@ -68,17 +87,24 @@ static bool copy_good(uint8_t copy)
 	       stored(copy, SIZE(count) - 1) == crc >> 8;
 }
 
-static void take(struct params *params, uint8_t copy)
+/* False when a value is not allowed, as after a firmware with wider limits: then all defaults hold,
+ * for the values belong together. */
+static bool take(struct params *params, uint8_t copy)
 {
 	uint8_t count = stored(copy, 2);
+	bool allowed = true;
 
 	params->copy = copy;
 	params->generation = stored(copy, 1);
 	for (uint8_t i = 0; i < count; i++) {
 		uint8_t at = HEADER + 2 * i;
-		/* Out of range: a former firmware's limits were wider. The default stays. */
-		param_set(params, i, (int16_t)(stored(copy, at) | stored(copy, at + 1) << 8));
+		params->values[i] = (int16_t)(stored(copy, at) | stored(copy, at + 1) << 8);
+		allowed = allowed && within_limits(i, params->values[i]);
 	}
+	if (allowed && ordered(params))
+		return true;
+	params_defaults(params);
+	return false;
 }
 
 enum params_load params_load(struct params *params)
@@ -93,10 +119,12 @@ enum params_load params_load(struct params *params)
 		return copy_blank(0) && copy_blank(1) ? PARAMS_BLANK : PARAMS_CORRUPT;
 	if (good[0] && good[1]) {
 		/* Generations count up modulo 255 and differ by one. */
-		take(params, (int8_t)(stored(1, 1) - stored(0, 1)) > 0);
+		if (!take(params, (int8_t)(stored(1, 1) - stored(0, 1)) > 0))
+			return PARAMS_CORRUPT;
 		return PARAMS_LOADED;
 	}
-	take(params, good[1]);
+	if (!take(params, good[1]))
+		return PARAMS_CORRUPT;
 	return copy_blank(!params->copy) ? PARAMS_LOADED : PARAMS_ONE_COPY;
 }
 

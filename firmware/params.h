@@ -37,8 +37,8 @@
 	X(FEEDBACK_ZERO_LEVEL, 400, -4092, 4092)                                                 \
 	X(FEEDBACK_ERROR_CDEG, 100, 10, 2000) /* 3 sigma */                                      \
 	X(MAINS_HZ, 50, 50, 60)                                                                  \
-	X(BANDGAP_MV, 1100, 900, 1300) /* the chip's reference, measured */                      \
-	X(SUPPLY_MIN_MV, 4300, 2700, 5500)                                                       \
+	X(BANDGAP_MV, 1100, 900, 1300)	   /* the chip's reference, measured */                  \
+	X(SUPPLY_MIN_MV, 3900, 2700, 5500) /* 16 MHz need 3.8 V */                               \
 	X(CAN_KBIT_S, 500, 125, 500)                                                             \
 	X(CAN_CRYSTAL_MHZ, 8, 8, 16)                                                             \
 	X(I2C_ADDRESS, 0x2C, 0x08, 0x77)
@@ -54,7 +54,7 @@ enum params_load {
 	PARAMS_LOADED,
 	PARAMS_BLANK,	 /* never saved: defaults */
 	PARAMS_ONE_COPY, /* the other is corrupt, as after a power cut while saving */
-	PARAMS_CORRUPT,	 /* both are: defaults */
+	PARAMS_CORRUPT,	 /* both are, or a value is not allowed: defaults */
 };
 
 struct params {
@@ -77,7 +77,7 @@ static inline int16_t param(const struct params *params, enum param which)
 
 void param_limits(enum param which, int16_t *minimum, int16_t *maximum);
 
-/* False when the value is out of range. */
+/* False when the value is out of range, or a minimum would not lie below its maximum. */
 bool param_set(struct params *params, enum param which, int16_t value);
 
 /* Starts writing; params_poll() goes on with it, one byte a call, and is true when that is done.

@@ -7,15 +7,21 @@
 #include "safe.h"
 
 /*
- * Sensor at the supply, 3.3 kohm to ground. Open: not one count in a whole window. That is also
- * what an LDR in the dark reads (beyond 3 Mohm), so it counts only while another sensor sees 1 lx
- * or so. Shorted: the full scale in every conversion; an LDR in the midday sun (16 ohm) stays four
- * counts below.
+ * Sensor and multiplexer from the supply, 3.3 kohm to ground.
+ *
+ * Open: within the ADC's offset (2 counts) of nothing, while another sensor sees 10 lx or more. In
+ * the dark an LDR reads the same, so with all of them in the dark nothing is said.
+ *
+ * Shorted: only the multiplexer is left (160 ohm at most), while the sensors beside it see less
+ * than 1000 lx. Alone, the reading would be sunlight; but the sun is seen by neighbours too.
  */
-#define OPEN_BELOW 2
-#define LIT_FROM 250
-#define SHORTED_FROM 4090
-#define DEAD_AFTER_LOOKS 10
+#define OPEN_BELOW 12
+#define LIT_FROM 780
+#define SHORTED_FROM 3900
+#define SUNLIT_FROM 3425
+#define DEAD_AFTER_WINDOWS 100
+
+#define RING_AROUND 8 /* sensors on the equator; the others look up and are beside them all */
 
 #define SUPPLY_LOW_AFTER 20 /* readings in a row: 50 ms */
 
@@ -23,14 +29,15 @@
 static volatile struct ring_input input;
 static uint8_t input_window;
 
-static void finish_scan(void)
+static void finish_window(void)
 {
 	input.t_us = board_time_us();
-	input.scans++;
-	if (++input.scan == input_window)
-		input.scan = 0;
-	if (input.filled < input_window)
-		input.filled++;
+	input.scan = 0;
+	input.windows++;
+	for (uint8_t i = 0; i < BOARD_LDRS; i++) {
+		input.window[i] = input.sums[i];
+		input.sums[i] = 0;
+	}
 }
 
 void board_on_conversion(uint8_t slot, uint16_t level)
@@ -45,11 +52,9 @@ void board_on_conversion(uint8_t slot, uint16_t level)
 		input.supplies++;
 		return;
 	}
-	volatile uint16_t *oldest = &input.history[input.scan][slot];
-	input.sums[slot] += level - *oldest;
-	*oldest = level;
-	if (slot == BOARD_LDRS - 1)
-		finish_scan();
+	input.sums[slot] += level;
+	if (slot == BOARD_LDRS - 1 && ++input.scan == input_window)
+		finish_window();
 }
 
 void ring_init(struct ring *ring, const struct params *params, struct safe *safe)
@@ -64,52 +69,67 @@ void ring_init(struct ring *ring, const struct params *params, struct safe *safe
 	board_lock();
 	memset((void *)&input, 0, sizeof(input));
 	input_window = ring->window_scans;
-	ring->scans_seen = 0;
+	ring->windows_seen = 0;
 	board_unlock();
 	board_sample(ring->slot_us);
 }
 
-void ring_set_interval(struct ring *ring, uint8_t scans)
+void ring_set_interval(struct ring *ring, uint16_t scans)
 {
-	ring->interval_scans = scans;
-	ring->scans_due = scans;
+	ring->interval_windows = scans / ring->window_scans;
+	if (scans && !ring->interval_windows)
+		ring->interval_windows = 1;
+	ring->windows_due = ring->interval_windows;
 }
 
-/* Copies the window; levels are its mean in units of a quarter count. */
-static bool read_window(const struct ring *ring, struct ring_report *report)
+/* Copies the newest window; levels are its mean in units of a quarter count. */
+static void read_window(const struct ring *ring, struct ring_report *report)
 {
 	board_lock();
-	bool filled = input.filled == ring->window_scans;
 	report->t_us = input.t_us;
 	for (uint8_t i = 0; i < BOARD_LDRS; i++)
-		report->levels[i] = input.sums[i];
+		report->levels[i] = input.window[i];
 	board_unlock();
 
 	report->t_us -= ring_scan_us(ring) / 2 * ring->window_scans;
 	for (uint8_t i = 0; i < BOARD_LDRS; i++)
 		report->levels[i] =
 			(report->levels[i] * 4 + ring->window_scans / 2) / ring->window_scans;
-	return filled;
 }
 
-static void watch_sensors(struct ring *ring, const uint16_t *levels)
+static bool beside(uint8_t one, uint8_t other)
+{
+	if (one >= RING_AROUND || other >= RING_AROUND)
+		return true;
+	uint8_t apart = (one - other) & (RING_AROUND - 1);
+	return apart == 1 || apart == RING_AROUND - 1;
+}
+
+/* The brightest of the other sensors; of all, or of those beside it. */
+static uint16_t brightest_other(const uint16_t *levels, uint8_t sensor, bool only_beside)
 {
 	uint16_t brightest = 0;
 
 	for (uint8_t i = 0; i < BOARD_LDRS; i++) {
-		if (levels[i] < SHORTED_FROM && levels[i] > brightest)
+		if (i != sensor && levels[i] > brightest && (!only_beside || beside(i, sensor)))
 			brightest = levels[i];
 	}
+	return brightest;
+}
+
+static void watch_sensors(struct ring *ring, const uint16_t *levels)
+{
 	for (uint8_t i = 0; i < BOARD_LDRS; i++) {
 		uint16_t mask = (uint16_t)1 << i;
-		bool open = levels[i] < OPEN_BELOW && brightest >= LIT_FROM;
-		bool shorted = levels[i] >= SHORTED_FROM;
+		bool open = levels[i] < OPEN_BELOW && brightest_other(levels, i, false) >= LIT_FROM;
+		bool shorted =
+			levels[i] >= SHORTED_FROM && brightest_other(levels, i, true) < SUNLIT_FROM;
 
 		if (!open && !shorted) {
 			ring->extreme[i] = 0;
 			ring->open &= ~mask;
 			ring->shorted &= ~mask;
-		} else if (ring->extreme[i] < DEAD_AFTER_LOOKS) {
+		} else if (ring->extreme[i] < DEAD_AFTER_WINDOWS) {
 			ring->extreme[i]++;
 		} else if (open) {
 			ring->open |= mask;
@@ -144,37 +164,33 @@ static void watch_supply(struct ring *ring)
 		safe_latch(ring->safe, FAULT_SUPPLY_LOW, supply_mv);
 }
 
+/* Counts windows against the interval of the reports: whether one is due. */
+static bool report_due(struct ring *ring, uint8_t windows)
+{
+	if (ring->interval_windows == 0)
+		return false;
+	if (windows < ring->windows_due) {
+		ring->windows_due -= windows;
+		return false;
+	}
+	uint8_t late = windows - ring->windows_due;
+	ring->windows_missed += late / ring->interval_windows;
+	ring->windows_due = ring->interval_windows - late % ring->interval_windows;
+	return true;
+}
+
 bool ring_poll(struct ring *ring, struct ring_report *report)
 {
-	bool due = false;
-
-	board_lock();
-	uint8_t scans = input.scans - ring->scans_seen;
-	board_unlock();
-	if (scans == 0)
-		return false;
-	ring->scans_seen += scans;
 	watch_supply(ring);
-
-	if (ring->interval_scans) {
-		if (scans >= ring->scans_due) {
-			due = true;
-			uint8_t late = scans - ring->scans_due;
-			ring->scans_missed += late / ring->interval_scans;
-			ring->scans_due = ring->interval_scans - late % ring->interval_scans;
-		} else {
-			ring->scans_due -= scans;
-		}
-	}
-	bool health = scans >= ring->health_due;
-	ring->health_due = health ? ring->window_scans : ring->health_due - scans;
-	if (!due && !health)
+	board_lock();
+	uint8_t windows = input.windows - ring->windows_seen;
+	board_unlock();
+	if (windows == 0)
 		return false;
-	if (!read_window(ring, report))
-		return false;
-	if (health)
-		watch_sensors(ring, report->levels);
-	return due;
+	ring->windows_seen += windows;
+	read_window(ring, report);
+	watch_sensors(ring, report->levels);
+	return report_due(ring, windows);
 }
 
 bool ring_feedback(struct ring *ring, uint16_t *level)

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Faults: latched until the host clears them, reported by name (proto/mcu.dbc, docs/faults.md). And
- * the stack guard. Faults below FAULT_WHEEL_END stop the wheel; the others only speak.
+ * Faults: latched until the host clears them, reported by name (proto/mcu_faults.toml). And the
+ * stack guard. Faults below FAULT_WHEEL_END stop the wheel; the others only speak.
  */
 #ifndef SAFE_H
 #define SAFE_H
@@ -9,36 +9,15 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-/* X(name, number): the numbers are the bits of FaultState.latched; messages.c asserts the names. */
-#define FAULTS(X)               \
-	X(WHEEL_STUCK, 1)       \
-	X(WHEEL_SLOW, 2)        \
-	X(WHEEL_SLIP, 3)        \
-	X(WHEEL_TOO_FAST, 4)    \
-	X(INDEX_NEVER, 5)       \
-	X(INDEX_ALWAYS, 6)      \
-	X(INDEX_PATTERN, 7)     \
-	X(INDEX_NOISE, 8)       \
-	X(FEEDBACK_OPEN, 9)     \
-	X(SUPPLY_LOW, 10)       \
-	X(LDR_OPEN, 16)         \
-	X(LDR_SHORTED, 17)      \
-	X(PARAMS_LOST, 18)      \
-	X(PARAMS_COPY_LOST, 19) \
-	X(CAN_ABSENT, 20)       \
-	X(CAN_BUS_OFF, 21)      \
-	X(I2C_BUS, 22)          \
-	X(RESET_BROWN_OUT, 23)  \
-	X(RESET_WATCHDOG, 24)   \
-	X(RESET_STACK, 25)
+#include "dbc/mcu_faults.h"
 
 enum fault {
 	FAULT_NONE = 0,
 #define FAULT_ENUM(name, number) FAULT_##name = (number),
-	FAULTS(FAULT_ENUM)
+	MCU_FAULTS(FAULT_ENUM)
 #undef FAULT_ENUM
 		FAULT_COUNT,
-	FAULT_WHEEL_END = 16,
+	FAULT_WHEEL_END = MCU_FAULTS_WHEEL_END,
 };
 
 struct safe_fault {

@@ -7,6 +7,7 @@
 #include "safe.h"
 
 #define NOT_YET_MS 64000  /* since the start of a leg: it lies in the future */
+#define LEG_MOST_MS 60000 /* longest leg that the clock can hold, with its lag */
 #define TRAVEL_CDEG 27000 /* of a servo with its gear, end to end */
 #define SEEK_MARGIN_MS 300
 #define BELOW_COMB_CDEG 900 /* homing starts this far below the comb */
@@ -151,6 +152,8 @@ enum wheel_answer wheel_home(struct wheel *wheel, uint8_t token)
 
 	if (wheel->phase == WHEEL_FAULT)
 		return ANSWER_IN_FAULT;
+	if (wheel->phase == WHEEL_HOMING && token == wheel->token)
+		return ANSWER_OK; /* repeated: the host has not seen our answer */
 	wheel->token = token;
 	wheel->offset_cdeg = 0;
 	wheel->target_cdeg = value(wheel, PARAM_WHEEL_MIN_CDEG);
@@ -247,30 +250,64 @@ static void start_approach(struct wheel *wheel, int16_t from_cdeg)
 	wheel->changed = true;
 }
 
+/* Whether the clock can hold the longest leg of a move: the travel, or the creep with what it may
+ * have to go further. */
+static bool fast_enough(const struct wheel *wheel, int16_t target_cdeg, uint16_t slew_ddeg_s)
+{
+	int32_t approach_cdeg = value(wheel, PARAM_APPROACH_CDEG);
+	int32_t longest_cdeg = approach_cdeg + value(wheel, PARAM_TOLERANCE_CDEG) +
+			       value(wheel, PARAM_COMB_PITCH_CDEG);
+	int32_t travel_cdeg = target_cdeg - approach_cdeg - wheel->leg.to_cdeg;
+
+	if (travel_cdeg < 0)
+		travel_cdeg = -travel_cdeg;
+	if (travel_cdeg > longest_cdeg)
+		longest_cdeg = travel_cdeg;
+	return longest_cdeg * 100 <= (int32_t)LEG_MOST_MS * slew_ddeg_s;
+}
+
+static bool move_allowed(const struct wheel *wheel, int16_t target_cdeg, uint16_t slew_ddeg_s,
+			 uint16_t hold_ds)
+{
+	int16_t edges = comb_required(wheel, target_cdeg);
+
+	return target_cdeg >= value(wheel, PARAM_WHEEL_MIN_CDEG) &&
+	       target_cdeg <= value(wheel, PARAM_WHEEL_MAX_CDEG) && reachable(wheel, target_cdeg) &&
+	       edges >= PROOFS && edges <= value(wheel, PARAM_COMB_EDGES) &&
+	       slew_ddeg_s <= (uint16_t)value(wheel, PARAM_SLEW_MAX_DDEG_S) &&
+	       hold_ds <= (uint16_t)value(wheel, PARAM_HOLD_MAX_DS) &&
+	       fast_enough(wheel, target_cdeg, slew_ddeg_s);
+}
+
+/* The same move again: the host has not seen our answer. */
+static bool repeated(const struct wheel *wheel, uint8_t token, int16_t target_cdeg)
+{
+	return token == wheel->token && target_cdeg == wheel->target_cdeg &&
+	       (wheel->phase == WHEEL_MOVING || wheel->phase == WHEEL_SETTLED);
+}
+
 enum wheel_answer wheel_move(struct wheel *wheel, uint8_t token, int16_t target_cdeg,
 			     uint16_t slew_ddeg_s, uint16_t hold_ds)
 {
-	uint16_t slew_max = value(wheel, PARAM_SLEW_MAX_DDEG_S);
-	uint16_t hold_max = value(wheel, PARAM_HOLD_MAX_DS);
-
+	if (!slew_ddeg_s)
+		slew_ddeg_s = value(wheel, PARAM_SLEW_MAX_DDEG_S);
+	if (!hold_ds)
+		hold_ds = value(wheel, PARAM_HOLD_MAX_DS);
+	if (repeated(wheel, token, target_cdeg))
+		return ANSWER_OK;
 	if (wheel->phase == WHEEL_FAULT)
 		return ANSWER_IN_FAULT;
 	if (wheel->phase == WHEEL_UNKNOWN)
 		return ANSWER_NOT_HOMED;
 	if (wheel->phase != WHEEL_SETTLED)
 		return ANSWER_BUSY;
-	if (target_cdeg < value(wheel, PARAM_WHEEL_MIN_CDEG) ||
-	    target_cdeg > value(wheel, PARAM_WHEEL_MAX_CDEG) || !reachable(wheel, target_cdeg) ||
-	    comb_required(wheel, target_cdeg) < PROOFS ||
-	    comb_required(wheel, target_cdeg) > value(wheel, PARAM_COMB_EDGES) ||
-	    slew_ddeg_s > slew_max || hold_ds > hold_max)
+	if (!move_allowed(wheel, target_cdeg, slew_ddeg_s, hold_ds))
 		return ANSWER_OUT_OF_RANGE;
 	wheel->token = token;
-	wheel->slew_ddeg_s = slew_ddeg_s ? slew_ddeg_s : slew_max;
-	wheel->hold_ds = hold_ds ? hold_ds : hold_max;
-	int16_t from_cdeg = wheel->leg.to_cdeg;
+	wheel->slew_ddeg_s = slew_ddeg_s;
+	wheel->hold_ds = hold_ds;
 	wheel->target_cdeg = target_cdeg;
-	start_approach(wheel, from_cdeg);
+	start_approach(wheel, wheel->leg.to_cdeg);
 	return ANSWER_OK;
 }
 

@@ -15,7 +15,7 @@
  * up; at least two of them, one of each sensor, must fit each other, so that no dying sensor passes
  * for an arrival.
  *
- * Angles in 0.01 degree, times in ms modulo 2^16 (no leg lasts longer).
+ * Angles in 0.01 degree, times in ms modulo 2^16: moves that would last longer are refused.
  */
 #ifndef WHEEL_H
 #define WHEEL_H
@@ -122,7 +122,7 @@ struct wheel_report {
 void wheel_init(struct wheel *wheel, const struct params *params, struct safe *safe);
 
 /* Commands; what they start, wheel_tick() carries out. 0 for slew or hold: the parameter's value.
- */
+ * A command repeated with its token while it is under way is answered OK and starts nothing. */
 enum wheel_answer wheel_home(struct wheel *wheel, uint8_t token);
 enum wheel_answer wheel_move(struct wheel *wheel, uint8_t token, int16_t target_cdeg,
 			     uint16_t slew_ddeg_s, uint16_t hold_ds);

@@ -50,5 +50,5 @@ def compile_schema() -> None:
     status = protoc.main(["protoc", f"-I{PROTO}", f"--descriptor_set_out={compiled}", str(schema)])
     if status != 0:
         raise RuntimeError(f"proto: protoc ended with status {status}")
-    for path in (HERE / "lightprobe_pb2.py", *PROTO.glob("*.dbc")):
+    for path in (HERE / "lightprobe_pb2.py", *PROTO.glob("*.dbc"), *PROTO.glob("*.toml")):
         (GENERATED / path.name).write_bytes(path.read_bytes())

@@ -19,3 +19,17 @@ $(DBC_C) $(DBC_H) &: proto/mcu.dbc | $(STAMPS)/venv
 	@$(VENV)/bin/python -m cantools generate_c_source --no-floating-point-numbers \
 		--database-name mcu -o $(GEN)/dbc proto/mcu.dbc >/dev/null
 	@touch $(DBC_C) $(DBC_H)
+
+# The microcontroller's faults, for firmware and daemon. (Python reads the table itself.)
+MCU_FAULTS_H := $(GEN)/dbc/mcu_faults.h
+
+$(MCU_FAULTS_H): proto/mcu_faults.toml proto/mcu_faults.py
+	@mkdir -p $(@D)
+	@$(PYTHON) proto/mcu_faults.py --header $@
+
+.PHONY: faults-docs check-faults
+faults-docs: ## write the microcontroller's faults into docs/faults.md again
+	@$(PYTHON) proto/mcu_faults.py --docs
+check-rules: check-faults
+check-faults:
+	@$(PYTHON) proto/mcu_faults.py --check

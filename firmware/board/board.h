@@ -24,7 +24,7 @@
 /* Same values as Hello.board and Hello.reset_cause; messages.c asserts it. */
 enum board_kind { BOARD_HOST = 0, BOARD_ATMEGA328P = 1 };
 enum reset_cause {
-	RESET_CAUSE_UNKNOWN,
+	RESET_CAUSE_UNKNOWN, /* a boot loader hides it */
 	RESET_CAUSE_POWER_ON,
 	RESET_CAUSE_EXTERNAL,
 	RESET_CAUSE_BROWN_OUT,
@@ -43,7 +43,8 @@ struct board_info {
 	uint16_t boot_count;
 };
 
-/* Pins, clock, servo released, interrupts on; watchdog running (250 ms). */
+/* Pins, clock, servo released, interrupts on; watchdog running (125 ms to the servo's release, 250
+ * ms to the reset). */
 void board_init(struct board_info *info);
 
 /* The clock: microseconds since board_init(), modulo 2^32. */
@@ -117,11 +118,11 @@ bool board_i2c_receive(uint8_t *bytes, uint8_t *count, uint32_t *t_us);
 bool board_i2c_offer(const uint8_t *bytes);
 uint8_t board_i2c_bus_errors(void);
 
-/* SPI to the CAN controller: chip select, one byte exchanged (2 us), interrupt pin (low) and when
- * it fell last. */
+/* SPI to the CAN controller: chip select, one byte exchanged (2 us), interrupt pin (low), and when
+ * it fell; `fresh`: it has fallen since the last call that returned true. */
 void board_spi_start(void);
 void board_spi_select(bool selected);
 uint8_t board_spi_exchange(uint8_t byte);
-bool board_can_waiting(uint32_t *t_us);
+bool board_can_waiting(uint32_t *t_us, bool *fresh);
 
 #endif

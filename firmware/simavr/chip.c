@@ -20,6 +20,13 @@
 #define MUX_BIT 4
 #define SERVO_POWER_BIT 2
 #define STRAP_ADC 3
+#define REGISTER_ADMUX 0x7C /* in data space */
+#define MUX_MASK 0x0F
+#define MUX_BANDGAP 0x0E
+#define REGISTER_MCUSR 0x54
+#define REGISTER_WDTCSR 0x60
+#define WDT_PENDING 0xC8 /* interrupt flagged and enabled, reset enabled */
+#define R2 2
 
 #define REGISTER_EECR 0x3F /* in data space */
 #define EEPE 0x02
@@ -50,6 +57,19 @@ void chip_pin(struct chip *chip, char port, uint8_t bit, bool high)
 	avr_raise_irq(avr_io_getirq(chip->avr, AVR_IOCTL_IOPORT_GETIRQ(port), bit), high);
 }
 
+/* simavr never resets while the watchdog's interrupt waits; a real one does at its second timeout.
+ */
+static void watch_watchdog(struct chip *chip)
+{
+	uint8_t control = chip->avr->data[REGISTER_WDTCSR];
+	unsigned timeout_us = 16000u << (control & 7);
+
+	chip->wdt_pending_us =
+		(control & WDT_PENDING) == WDT_PENDING ? chip->wdt_pending_us + WORLD_STEP_US : 0;
+	if (chip->wdt_pending_us >= timeout_us)
+		chip->wdt_bites = true;
+}
+
 static avr_cycle_count_t world_timer(avr_t *avr, avr_cycle_count_t when, void *context)
 {
 	struct chip *chip = context;
@@ -62,7 +82,40 @@ static avr_cycle_count_t world_timer(avr_t *avr, avr_cycle_count_t when, void *c
 				 !(chip->world.index_levels >> bit & 1));
 	}
 	avr->vcc = avr->avcc = avr->aref = chip->world.supply_mv;
+	watch_watchdog(chip);
 	return when + CHIP_US(WORLD_STEP_US);
+}
+
+/* A conversion samples its input one and a half clocks of 4 us after the start. */
+#define SAMPLE_US 6
+
+static avr_adc_t *find_adc(struct chip *chip)
+{
+	for (avr_io_t *io = chip->avr->io_port; io; io = io->next) {
+		if (strcmp(io->kind, "adc") == 0)
+			return (avr_adc_t *)io;
+	}
+	return NULL;
+}
+
+static void on_admux(avr_t *avr, avr_io_addr_t address, uint8_t value, void *context)
+{
+	struct chip *chip = context;
+	bool bandgap = (value & MUX_MASK) == MUX_BANDGAP;
+
+	avr->data[address] = value;
+	if (bandgap && !chip->bandgap)
+		chip->bandgap_cycle = avr->cycle;
+	chip->bandgap = bandgap;
+}
+
+/* simavr knows one exact reference; this one has a spread, and comes slowly. */
+static void convert_bandgap(struct chip *chip)
+{
+	double since_us = (chip->avr->cycle - chip->bandgap_cycle) / (CHIP_HZ / 1e6) + SAMPLE_US;
+	double mv = world_bandgap_mv(&chip->world, chip->adc_mv, since_us);
+
+	find_adc(chip)->muxmode[MUX_BANDGAP].src = (unsigned)world_adc_mv(&chip->world, mv);
 }
 
 /* A conversion starts: simavr takes the level when the result is read, so it is set now. */
@@ -75,15 +128,21 @@ static void on_adc(struct avr_irq_t *irq, uint32_t value, void *context)
 	} asked = {.value = value};
 
 	(void)irq;
+	if (chip->bandgap)
+		convert_bandgap(chip);
 	if (asked.mux.kind != ADC_MUX_SINGLE)
 		return;
 	chip->world.t_us = chip->avr->cycle / (CHIP_HZ / 1e6);
 	if (asked.mux.src == 0)
-		avr_raise_irq(chip->adc + ADC_IRQ_ADC0, world_ldr_mv(&chip->world, chip->mux));
-	if (asked.mux.src == 1)
-		avr_raise_irq(chip->adc + ADC_IRQ_ADC1, world_feedback_mv(&chip->world));
-	if (asked.mux.src == STRAP_ADC)
-		avr_raise_irq(chip->adc + ADC_IRQ_ADC3, chip->strap * chip->world.supply_mv);
+		chip->adc_mv = world_ldr_mv(&chip->world, chip->mux);
+	else if (asked.mux.src == 1)
+		chip->adc_mv = world_feedback_mv(&chip->world);
+	else if (asked.mux.src == STRAP_ADC)
+		chip->adc_mv = chip->strap * chip->world.supply_mv;
+	else
+		chip->adc_mv = 0;
+	avr_raise_irq(chip->adc + ADC_IRQ_ADC0 + asked.mux.src,
+		      world_adc_mv(&chip->world, chip->adc_mv));
 }
 
 /* --- outputs ------------------------------------------------------------------------------------
@@ -177,10 +236,32 @@ static avr_cycle_count_t line_timer(avr_t *avr, avr_cycle_count_t when, void *co
 	return when + CHIP_US(CHIP_BYTE_US);
 }
 
+bool chip_booting(const struct chip *chip)
+{
+	return chip->reset || chip->booting;
+}
+
+/* The boot loader stays for as long as somebody programs. */
+static void program(struct chip *chip, uint8_t byte)
+{
+	uint8_t reply[STK500_REPLY_BYTES];
+	size_t bytes = stk500_byte(&chip->programmer, byte, reply);
+
+	for (size_t i = 0; i < bytes && chip->line_out; i++)
+		chip->line_out(chip->line_out_context, reply[i]);
+	if (chip->programmer.synchronized)
+		chip->boot_cycle = chip->programmer.left ? chip->avr->cycle : UINT64_MAX;
+}
+
 bool chip_send(struct chip *chip, const uint8_t *bytes, size_t count)
 {
 	if (count > CHIP_LINE_BYTES - (chip->line_in_end - chip->line_in_first))
 		return false;
+	if (chip_booting(chip)) {
+		for (size_t i = 0; i < count; i++)
+			program(chip, bytes[i]);
+		return true;
+	}
 	for (size_t i = 0; i < count; i++)
 		chip->line_in[chip->line_in_end++ % CHIP_LINE_BYTES] = bytes[i];
 	if (!chip->line_in_running && count) {
@@ -334,6 +415,16 @@ static void start_timers(struct chip *chip)
 	chip->rise_cycle = 0;
 }
 
+/* simavr 1.6 keeps a timer's clock over a reset: written to before it runs again, the timer would
+ * overflow at once. */
+static void stop_timers(struct chip *chip)
+{
+	for (avr_io_t *io = chip->avr->io_port; io; io = io->next) {
+		if (strcmp(io->kind, "timer") == 0)
+			((avr_timer_t *)io)->cs_div_value = 0;
+	}
+}
+
 /* Inputs keep their levels; simavr has zeroed the registers, and passes on only what changes. */
 static void restore_inputs(struct chip *chip)
 {
@@ -350,12 +441,16 @@ static void restore_inputs(struct chip *chip)
 
 static struct chip *the_chip; /* libsimavr's reset callback has no context */
 static void (*core_reset)(avr_t *avr);
+static avr_run_t core_run;
 
 static void on_reset(avr_t *avr)
 {
 	if (core_reset)
 		core_reset(avr);
 	the_chip->resets++;
+	the_chip->reset = true;
+	the_chip->bandgap = false;
+	stop_timers(the_chip);
 	start_timers(the_chip);
 	restore_inputs(the_chip);
 	world_power(&the_chip->world, false); /* pins are inputs: the switch's pull-down */
@@ -379,17 +474,75 @@ void chip_reset(struct chip *chip, enum chip_reset why)
 		for (unsigned i = avr->ioend + 1; i <= avr->ramend; i++)
 			avr->data[i] = rand();
 	}
+	chip->wdt_bites = false;
+	chip->wdt_pending_us = 0;
+	avr->run = core_run;
 	avr_reset(avr);
-	avr_regbit_set(avr, why == CHIP_POWER_ON    ? avr->reset_flags.porf
-			    : why == CHIP_BROWN_OUT ? avr->reset_flags.borf
-						    : avr->reset_flags.extrf);
+	if (avr->data[REGISTER_MCUSR]) { /* simavr's watchdog was about to reset it */
+		chip->resets--;
+		avr_reset(avr);
+	}
+	avr->data[REGISTER_MCUSR] |= why == CHIP_POWER_ON    ? BOOT_POWER_ON
+				     : why == CHIP_BROWN_OUT ? BOOT_BROWN_OUT
+				     : why == CHIP_WATCHDOG  ? BOOT_WATCHDOG
+							     : BOOT_EXTERNAL;
+}
+
+/* Once simavr has set the reset's cause. */
+static void start_boot(struct chip *chip)
+{
+	const struct world *world = &chip->world;
+
+	chip->reset = false;
+	chip->booting = true;
+	stk500_start(&chip->programmer);
+	chip->boot =
+		boot_after((enum boot_loader)world->boot_loader, chip->avr->data[REGISTER_MCUSR]);
+	chip->boot_cycle = chip->avr->cycle;
+	if (chip->boot.waits)
+		chip->boot_cycle += (uint64_t)CHIP_US(world->boot_wait_ms * 1000);
+	if (chip->boot.hangs)
+		chip->boot_cycle = UINT64_MAX;
+}
+
+static void hand_over(struct chip *chip)
+{
+	chip->avr->data[REGISTER_MCUSR] = chip->boot.mcusr;
+	if (chip->boot.r2_set)
+		chip->avr->data[R2] = chip->boot.r2;
+	else if (chip->world.boot_loader != BOOT_NONE)
+		chip->avr->data[R2] = rand(); /* whatever it left there */
+	chip->booting = false;
+	chip->woken_cycle = chip->avr->cycle;
+}
+
+/* Time passes for the box; the boot loader's own program is not run. */
+static void boot_until(struct chip *chip, uint64_t cycle)
+{
+	uint64_t end = cycle < chip->boot_cycle ? cycle : chip->boot_cycle;
+
+	while (chip->avr->cycle < end) {
+		chip->avr->cycle += CHIP_US(WORLD_STEP_US);
+		chip->asleep_cycles += CHIP_US(WORLD_STEP_US);
+		avr_cycle_timer_process(chip->avr);
+	}
+	if (chip->avr->cycle >= chip->boot_cycle)
+		hand_over(chip);
 }
 
 void chip_run_until(struct chip *chip, uint64_t cycle)
 {
 	while (chip->avr->cycle < cycle && !chip->dead) {
+		if (chip->reset)
+			start_boot(chip);
+		if (chip->booting) {
+			boot_until(chip, cycle);
+			continue;
+		}
 		int state = avr_run(chip->avr);
 		chip->dead = state == cpu_Done || state == cpu_Crashed;
+		if (chip->wdt_bites)
+			chip_reset(chip, CHIP_WATCHDOG);
 	}
 }
 
@@ -424,6 +577,7 @@ static void connect_pins(struct chip *chip)
 	avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_TWI_GETIRQ(0), TWI_IRQ_OUTPUT), on_twi,
 				chip);
 	avr_register_io_write(avr, REGISTER_EECR, on_eeprom_control, chip);
+	avr_register_io_write(avr, REGISTER_ADMUX, on_admux, chip);
 }
 
 struct chip *chip_create(const char *elf, const char *carrier, uint32_t seed)
@@ -442,6 +596,8 @@ struct chip *chip_create(const char *elf, const char *carrier, uint32_t seed)
 	firmware.frequency = CHIP_HZ;
 	avr_load_firmware(chip->avr, &firmware);
 	chip->avr->frequency = CHIP_HZ;
+	chip->programmer =
+		(struct stk500){.flash = chip->avr->flash, .flash_bytes = chip->avr->flashend + 1};
 	chip->avr->sleep = no_sleep;
 	chip->avr->log = LOG_ERROR;
 	world_init(&chip->world, seed);
@@ -451,6 +607,7 @@ struct chip *chip_create(const char *elf, const char *carrier, uint32_t seed)
 
 	the_chip = chip;
 	core_reset = chip->avr->reset;
+	core_run = chip->avr->run;
 	chip->avr->reset = on_reset;
 	for (int bit = 0; bit < 2; bit++)
 		chip_pin(chip, 'D', INDEX_BIT + bit, !(chip->world.index_levels >> bit & 1));

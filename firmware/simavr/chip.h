@@ -12,7 +12,9 @@
 
 #include <simavr/sim_avr.h>
 
+#include "board/host/boot.h"
 #include "board/host/frame_log.h"
+#include "board/host/stk500.h"
 #include "board/host/world.h"
 
 #define CHIP_HZ 16000000
@@ -38,6 +40,15 @@ struct chip {
 	uint8_t mux;  /* 74HC4067's channel */
 	double strap; /* share of the supply on the strap pin */
 	avr_irq_t *adc, *uart_in;
+	double adc_mv;		/* of the pin that was converted last */
+	uint64_t bandgap_cycle; /* the ADC was switched to the reference then */
+	bool bandgap;		/* it is there still */
+	bool reset, booting;	/* the boot loader is to begin; has the chip, */
+	uint64_t boot_cycle;	/* until then; UINT64_MAX: for ever */
+	struct boot boot;
+	struct stk500 programmer;
+	unsigned wdt_pending_us; /* the watchdog's interrupt has waited so long */
+	bool wdt_bites;
 	uint64_t asleep_cycles, load_cycle;
 	uint64_t woken_cycle, longest_awake_cycles;
 	uint64_t rise_cycle;
@@ -64,10 +75,13 @@ struct chip {
 struct chip *chip_create(const char *elf, const char *carrier, uint32_t seed);
 void chip_destroy(struct chip *chip);
 
+/* Whether the boot loader has the chip: what comes on the serial line is for it. */
+bool chip_booting(const struct chip *chip);
+
 /* Runs to a cycle count, or until the chip is dead. */
 void chip_run_until(struct chip *chip, uint64_t cycle);
 
-enum chip_reset { CHIP_POWER_ON, CHIP_BROWN_OUT, CHIP_EXTERNAL };
+enum chip_reset { CHIP_POWER_ON, CHIP_BROWN_OUT, CHIP_EXTERNAL, CHIP_WATCHDOG };
 void chip_reset(struct chip *chip, enum chip_reset why);
 
 /* Level of an input pin, 'B' to 'D'. */

@@ -11,6 +11,7 @@
 #include <unistd.h>
 
 #include "board/host/console.h"
+#include "board/host/line.h"
 #include "chip.h"
 #include "mcp2515.h"
 
@@ -384,6 +385,8 @@ static void take_from_outside(struct runner *runner)
 	line_plug(&runner->line, !runner->chip->world.line_unplugged);
 	if (runner->line.master < 0)
 		return;
+	if (line_dtr_rose(&runner->line) && runner->chip->world.dtr_resets)
+		chip_reset(runner->chip, CHIP_EXTERNAL);
 	unsigned waiting = runner->chip->line_in_end - runner->chip->line_in_first;
 	if (waiting > CHIP_LINE_BYTES - sizeof(bytes))
 		return;
@@ -439,9 +442,7 @@ static void run_real_time(struct runner *runner)
 
 int main(int argc, char **argv)
 {
-	static struct runner runner = {.line = {.master = -1, .slave = -1},
-				       .can_listener = -1,
-				       .can_client = -1};
+	static struct runner runner = {.line = LINE_CLOSED, .can_listener = -1, .can_client = -1};
 	const char *carrier = "serial", *eeprom = NULL, *control = NULL;
 	uint32_t seed = 1;
 

@@ -88,7 +88,7 @@ FAULTS = [
     Fault("noise", _set(index_glitches=40), {"INDEX_NOISE"}),
     Fault("feedback open", _set(feedback_forced=0), {"FEEDBACK_OPEN"}, needs_feedback=True),
     Fault("feedback shorted", _set(feedback_forced=1), {"FEEDBACK_OPEN"}, needs_feedback=True),
-    Fault("supply low", _set(supply_mv=4000), {"SUPPLY_LOW"}),
+    Fault("supply low", _set(supply_mv=3500), {"SUPPLY_LOW"}),
 ]
 HEALTHY = {
     "stuck": 0,
@@ -101,7 +101,7 @@ HEALTHY = {
     "index_b_forced": -1,
     "index_glitches": 0,
     "feedback_forced": -1,
-    "supply_mv": 5000,
+    "supply_mv": 4700,
 }
 
 

@@ -19,6 +19,7 @@ RUNNER = BUILD / "lightprobe-mcu-simavr"
 HOST = BUILD / "lightprobe-mcu-host-asan"
 RELATIVE_JUMP_TO_ITSELF = "ffcf"
 I2C_POLL_US = 2000
+BOOT_US = 1_100_000  # the boot loader's second and the firmware's first words
 
 Taken = tuple[int, float, float, tuple[int, bytes] | None]
 
@@ -89,6 +90,15 @@ class Rig:
         """Set numbers of the box (board/host/world.h)."""
         for name, value in numbers.items():
             self.command(f"set {name} {value}")
+
+    def exact_adc(self) -> None:
+        """Give this chip a supply, an ADC and a reference without error, to compare numbers."""
+        self.set(supply_mv=5000, adc_offset_lsb=0, bandgap_mv=1100)
+
+    def reset(self, why: str = "external") -> list[Seen]:
+        """Reset the chip and let its boot loader wait; return what has come since."""
+        self.command(f"reset {why}")
+        return self.run(BOOT_US)
 
     def get(self, name: str) -> float:
         """Read a number of the box."""
@@ -193,6 +203,7 @@ class Rig:
     def ask(self, name: str, wait_us: int = 20_000, **signals: int | str) -> mcu.Message:
         """Send a request and return its answer."""
         answers = {"HelloRequest": "Hello", "TimeRequest": "TimeReply"}
+        answers |= {"WheelRequest": "WheelReply"}
         answers |= dict.fromkeys(("ParamGet", "ParamSet"), "ParamValue")
         request_id, _ = mcu.encode(name, **signals)
         self.send(name, **signals)

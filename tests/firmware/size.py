@@ -20,7 +20,7 @@ def deepest_stack_bytes(carrier: str) -> int:
     with start_rig(carrier=carrier) as rig:
         rig.fit_feedback()
         rig.home()
-        rig.ask("Rates", ring_scans=2 if carrier == "serial" else 8, wheel_ms=10, counters_ms=50)
+        rig.ask("Rates", ring_scans=8, wheel_ms=10, counters_ms=50)
         rig.ask("ParamAction", wait_us=1_000_000, action="SAVE")
         for target in (180, 20):
             rig.start_move(target)
@@ -29,8 +29,8 @@ def deepest_stack_bytes(carrier: str) -> int:
             rig.status()
             rig.send("HelloRequest", protocol_major=9, protocol_minor=0)
             rig.run_until(rig.ended, 5_000_000)
-        rig.set(stuck=1, ldr0_mv=5000, supply_mv=4000)
-        rig.run(300_000)
+        rig.set(stuck=1, ldr0_forced=1, supply_mv=3400)
+        rig.run(1_200_000)
         assert rig.faults
         return int(rig.command(f"stack {symbols()['__heap_start']}").split()[1])
 

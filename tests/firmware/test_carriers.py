@@ -30,6 +30,7 @@ def test_the_strap_chooses_the_carrier_and_everything_works_over_it(
     make_rig: MakeRig, carrier: str
 ) -> None:
     rig = make_rig(carrier=carrier)
+    rig.exact_adc()
     assert rig.status()["Capabilities"]["carrier"] == carrier.upper()
     rig.home()
     rig.move(135)
@@ -52,7 +53,7 @@ def test_unknown_ids_and_wrong_lengths_are_answered_and_change_nothing(
 ) -> None:
     rig = make_rig(carrier=carrier)
     rig.home()
-    for message_id in (0x00, 0x0C, 0x3F):
+    for message_id in (0x00, 0x0D, 0x3F):
         rig.send_raw(message_id, b"\1\2\3")
         (answer,) = messages(rig, 20_000, "Result")
         assert (answer["request"], answer["result"]) == (message_id, "UNKNOWN_ID")
@@ -99,10 +100,11 @@ def damage(rng: random.Random, data: bytes, share: float) -> bytes:
 def test_serial_at_one_percent_byte_errors(rig: Rig) -> None:
     """Over the real UART, both ways: nothing wrong is taken, streaming goes on.
 
-    10 s here (12 000 frames out, 1000 in); 10^6 frames natively in test_link.c.
+    10 s here (3400 frames out, 1000 in); 10^6 frames natively in test_link.c.
     """
     rng = random.Random(10)
-    rig.ask("Rates", ring_scans=2, wheel_ms=50, counters_ms=0)
+    rig.exact_adc()
+    rig.ask("Rates", ring_scans=8, wheel_ms=50, counters_ms=0)
     decoder, events = mcu_link.SerialDecoder(), mcu.EventDecoder()
     sent, echoed, answered = {30}, set(), 0
     got = 0
@@ -131,7 +133,7 @@ def test_serial_at_one_percent_byte_errors(rig: Rig) -> None:
                     assert event.phase is mcu.Phase.UNKNOWN
     assert echoed <= sent, "a value that nobody sent was taken"
     assert answered > 0.7 * 1000
-    assert got > 0.6 * 4000
+    assert got > 0.6 * 1000
     link = counters(rig)
     assert link["rx_bad"] > 50
     assert link["rx_overrun"] == 0
@@ -251,7 +253,7 @@ def test_i2c_bus_error_is_named_and_passes(i2c: Rig) -> None:
 
 def test_i2c_clock_is_stretched_less_than_100_us_under_full_load(i2c: Rig) -> None:
     i2c.home()
-    i2c.ask("Rates", ring_scans=4, wheel_ms=20, counters_ms=100)
+    i2c.ask("Rates", ring_scans=8, wheel_ms=20, counters_ms=100)
     i2c.start_move(180)
     i2c.stretch_us = 0
     i2c.run(1_500_000)
@@ -310,9 +312,39 @@ def test_can_controller_that_is_absent_comes_back_by_itself(can: Rig) -> None:
 def test_can_at_other_bit_rates_and_crystals(can: Rig) -> None:
     can.param("can_kbit_s", 250)
     assert can.ask("ParamAction", wait_us=1_000_000, action="SAVE")["result"] == "OK"
-    can.command("reset external")
-    can.run(50_000)
+    can.reset()
     assert can.ask("Rates", ring_scans=0, wheel_ms=0, counters_ms=0)["result"] == "OK"
+
+
+def time_requests(can: Rig, gaps_us: list[int]) -> list[tuple[int, int]]:
+    """Put numbered requests on the bus, so far apart; return number and time of those that fit."""
+    sent = []
+    for count, gap_us in enumerate(gaps_us):
+        if gap_us:
+            can.command(f"run {gap_us}")
+        _, payload = mcu.encode("TimeRequest", count=count)
+        if can.command(f"can send {0x506:x} {payload.hex()}") == "ok":
+            sent.append((count, int(can.command("time"))))
+    return sent
+
+
+def test_can_frames_are_taken_in_their_order_and_stamped_right_or_not_at_all(can: Rig) -> None:
+    """Third frames come while the first of two is being read: into the buffer before the second's.
+
+    A whole sweep of distances, for the moment in between is short.
+    """
+    offsets = []
+    stamped = 0
+    for gap_us in range(20, 700, 5):
+        sent = time_requests(can, [3000, 2, gap_us, gap_us // 3])
+        replies = messages(can, 20_000, "TimeReply")
+        assert [r["count"] for r in replies] == [count for count, _ in sent], gap_us
+        for (_, at_us), reply in zip(sent, replies, strict=True):
+            if reply["stamped"]:
+                stamped += 1
+                offsets.append(at_us - reply.number("t_rx_us"))
+    assert stamped > 100
+    assert max(offsets) - min(offsets) <= 60
 
 
 def test_can_two_frames_waiting_are_not_stamped(can: Rig) -> None:

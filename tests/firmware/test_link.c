@@ -108,7 +108,7 @@ static uint32_t random32(void)
 static const struct {
 	uint8_t id, length;
 } known[] = {{0x01, 2}, {0x02, 7}, {0x03, 2}, {0x04, 4}, {0x05, 5}, {0x06, 1},
-	     {0x07, 1}, {0x08, 3}, {0x09, 1}, {0x0A, 1}, {0x0B, 2}};
+	     {0x07, 1}, {0x08, 3}, {0x09, 1}, {0x0A, 1}, {0x0B, 2}, {0x0C, 1}};
 #define KNOWN (sizeof(known) / sizeof(known[0]))
 
 static bool acceptable(const struct message *message)

@@ -59,6 +59,59 @@ def test_values_out_of_range_are_refused(rig: Rig) -> None:
         assert rig.ask("ParamGet", param=number)["value"] == limits["value"]
 
 
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("servo_min_us", 2500),
+        ("servo_max_us", 500),
+        ("wheel_min_cdeg", 18000),
+        ("wheel_max_cdeg", 0),
+    ],
+)
+def test_a_minimum_must_lie_below_its_maximum(rig: Rig, name: str, value: int) -> None:
+    before = read(rig, name)
+    answer = rig.ask("ParamSet", param=names()[name], value=value)
+    assert answer["result"] == "OUT_OF_RANGE"
+    assert read(rig, name) == before
+
+
+def copy_of(values: list[int], generation: int = 1) -> bytes:
+    """One copy in the EEPROM, as firmware/params.h says."""
+    head = bytes([1, generation, len(values)])
+    body = head + b"".join(v.to_bytes(2, "little", signed=True) for v in values)
+    return body + mcu_link.crc16(body).to_bytes(2, "little")
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "fault"),
+    [
+        ("lag_ms", 41, set()),
+        ("lag_ms", 501, {"PARAMS_LOST"}),
+        ("servo_min_us", 2600, {"PARAMS_LOST"}),
+    ],
+)
+def test_stored_values_that_are_not_allowed_are_not_used_in_part(
+    rig: Rig, name: str, value: int, fault: set[str]
+) -> None:
+    """A whole copy of a firmware with other limits: all of it or nothing, and said so."""
+    values = [int(rig.ask("ParamGet", param=n)["value"]) for n in range(COUNT)]
+    defaults = dict(zip(names(), values, strict=True))
+    values[names()["settle_ms"]] = 150
+    values[names()[name]] = value
+    rig.command("eeprom " + copy_of(values).hex())
+    restart(rig)
+    assert set(rig.faults) == fault
+    expected = defaults if fault else defaults | {"settle_ms": 150, name: value}
+    assert {n: read(rig, n) for n in ("settle_ms", name)} == {
+        n: expected[n] for n in ("settle_ms", name)
+    }
+    restart_faults = set(rig.faults)
+    rig.clear_faults()
+    rig.ask("ParamAction", action="RELOAD")
+    rig.run(30_000)
+    assert set(rig.faults) == restart_faults
+
+
 def test_a_blank_chip_has_defaults_and_no_fault(rig: Rig) -> None:
     rig.run(50_000)
     assert not rig.faults

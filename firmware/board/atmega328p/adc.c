@@ -4,6 +4,10 @@
  * clock is 250 kHz, so that a conversion (52 us) has ended by the next slot even if that interrupt
  * or this one comes late; at the data sheet's 200 kHz a late start could be read as its
  * neighbour's. The difference in accuracy is far below an LDR's.
+ *
+ * The chip's reference, which the supply is measured by, takes a while to arrive after the ADC was
+ * switched to it (data sheet, ADC Voltage Reference). Its first conversion is thrown away, and a
+ * second one follows at once in the same slot.
  */
 #include <avr/interrupt.h>
 #include <avr/io.h>
@@ -15,7 +19,8 @@
 
 #define ADC_ON (PIN_BIT(ADEN) | PIN_BIT(ADPS2) | PIN_BIT(ADPS1))
 #define MUX_BANDGAP 0x0E
-#define WAKE_EVERY 8 /* slots: about a millisecond */
+#define BANDGAP_AT_LOW 288 /* of 1.1 V, at a supply of 3.9 V */
+#define WAKE_EVERY 8	   /* slots: about a millisecond */
 
 static uint8_t slot; /* whose conversion runs */
 static bool supply_turn;
@@ -31,10 +36,20 @@ static void connect(uint8_t next)
 	}
 }
 
+/* The reference's first conversion has ended. */
+ISR(ADC_vect)
+{
+	ADCSRA = ADC_ON | PIN_BIT(ADSC);
+}
+
 /* The former conversion has ended; the next is started in the same breath. */
 ISR(TIMER0_COMPA_vect)
 {
 	static uint8_t slots;
+
+	/* Only the reference's second one can still run, when other interrupts were long. */
+	while (ADCSRA & PIN_BIT(ADSC))
+		continue;
 	uint16_t level = ADC;
 	uint8_t finished = slot;
 
@@ -47,7 +62,12 @@ ISR(TIMER0_COMPA_vect)
 		slot = 0;
 	}
 	connect(slot);
-	ADCSRA |= PIN_BIT(ADSC);
+	if (slot == BOARD_SLOT_SUPPLY)
+		ADCSRA = ADC_ON | PIN_BIT(ADSC) | PIN_BIT(ADIF) | PIN_BIT(ADIE);
+	else
+		ADCSRA = ADC_ON | PIN_BIT(ADSC);
+	if (finished == BOARD_SLOT_SUPPLY)
+		supply_was_low = level > BANDGAP_AT_LOW;
 	board_on_conversion(finished, level);
 	if (++slots % WAKE_EVERY == 0)
 		wake = true;

@@ -28,35 +28,58 @@ extern uint8_t __heap_start; /* first byte after all data: the stack may grow do
 static volatile struct {
 	uint16_t magic;
 	uint16_t boot_count;
-	uint8_t cause; /* of a reset that the firmware asked for */
+	uint8_t cause; /* of a reset that the firmware knows of beforehand */
 } kept __attribute__((section(".noinit")));
+volatile bool supply_was_low __attribute__((section(".noinit")));
 static uint8_t reset_flags __attribute__((section(".noinit")));
+static uint8_t loader_flags __attribute__((section(".noinit")));
 
-/* Before main and before the data are set up: the watchdog runs on at 16 ms after its own reset.
- * Some boot loaders clear MCUSR and leave it in r2. */
+/* Before main and before the data are set up: the watchdog runs on at 16 ms after its own reset. */
 __attribute__((naked, used, section(".init3"))) void board_early(void)
 {
 	uint8_t left_in_r2;
 	__asm__ volatile("mov %0, r2" : "=r"(left_in_r2));
-	reset_flags = MCUSR ? MCUSR : left_in_r2;
+	loader_flags = left_in_r2;
+	reset_flags = MCUSR;
 	MCUSR = 0;
 	wdt_disable();
 	for (uint8_t *p = &__heap_start; p < (uint8_t *)RAMEND - 8; p++)
 		*p = STACK_PAINT;
 }
 
-static uint8_t reset_cause(void)
+/* The chip's own flags. A watchdog's alone says nothing: boot loaders reset the chip by it too. */
+static uint8_t cause_by_flags(void)
 {
-	uint8_t asked = kept.cause;
-
-	kept.cause = RESET_CAUSE_UNKNOWN;
 	if (reset_flags & PIN_BIT(PORF))
 		return RESET_CAUSE_POWER_ON;
 	if (reset_flags & PIN_BIT(BORF))
 		return RESET_CAUSE_BROWN_OUT;
-	if (reset_flags & PIN_BIT(WDRF))
-		return asked != RESET_CAUSE_UNKNOWN ? asked : RESET_CAUSE_WATCHDOG;
 	return reset_flags & PIN_BIT(EXTRF) ? RESET_CAUSE_EXTERNAL : RESET_CAUSE_UNKNOWN;
+}
+
+/* A boot loader has cleared the flags. Optiboot since 4.6 leaves them in r2; others leave anything
+ * there. So only what is plausible is believed: a brown-out when the supply was low before it. */
+static uint8_t cause_by_loader(void)
+{
+	uint8_t flags = loader_flags & ~PIN_BIT(WDRF);
+
+	if (flags == PIN_BIT(EXTRF))
+		return RESET_CAUSE_EXTERNAL;
+	if (flags == PIN_BIT(BORF) && supply_was_low)
+		return RESET_CAUSE_BROWN_OUT;
+	return RESET_CAUSE_UNKNOWN;
+}
+
+static uint8_t reset_cause(void)
+{
+	uint8_t known = kept.cause;
+
+	kept.cause = RESET_CAUSE_UNKNOWN;
+	if (kept.magic != KEPT_MAGIC)
+		return RESET_CAUSE_POWER_ON;
+	if (known != RESET_CAUSE_UNKNOWN)
+		return known;
+	return reset_flags ? cause_by_flags() : cause_by_loader();
 }
 
 bool board_stack_ok(void)
@@ -85,8 +108,34 @@ void board_reset(enum reset_cause cause)
 	PORTC &= ~PIN_BIT(SERVO_POWER);
 	TCCR1A = 0;
 	kept.cause = cause;
+	wdt_enable(WDTO_15MS);
 	for (;;)
 		continue; /* until the watchdog bites */
+}
+
+/*
+ * The main loop has not called board_alive() for 125 ms: it hangs. The servo is released, and the
+ * cause noted for the time after the reset, which the watchdog makes in another 125 ms.
+ */
+ISR(WDT_vect)
+{
+	PORTC &= ~PIN_BIT(SERVO_POWER);
+	TCCR1A = 0;
+	kept.cause = RESET_CAUSE_WATCHDOG;
+	for (;;)
+		continue;
+}
+
+/* First the interrupt, then the reset. The second write must follow the first within four clocks.
+ */
+static void start_watchdog(void)
+{
+	ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
+	{
+		wdt_reset();
+		WDTCSR = PIN_BIT(WDCE) | PIN_BIT(WDE);
+		WDTCSR = PIN_BIT(WDIE) | PIN_BIT(WDE) | WDTO_120MS;
+	}
 }
 
 void board_alive(void)
@@ -244,13 +293,13 @@ void board_init(struct board_info *info)
 	DDRD = 0x0F << MUX_SHIFT;
 	PORTD = 3 << INDEX_SHIFT;
 
-	if (kept.magic != KEPT_MAGIC || reset_flags & PIN_BIT(PORF)) {
-		kept.magic = KEPT_MAGIC;
-		kept.boot_count = 0;
-		kept.cause = RESET_CAUSE_UNKNOWN;
-	}
 	info->kind = BOARD_ATMEGA328P;
 	info->reset_cause = reset_cause();
+	if (info->reset_cause == RESET_CAUSE_POWER_ON) {
+		kept.magic = KEPT_MAGIC;
+		kept.boot_count = 0;
+		supply_was_low = false;
+	}
 	info->boot_count = ++kept.boot_count;
 
 	/* OCR1A is the top: mode 14 with ICR1 would do on the chip, but this one every simulator
@@ -271,6 +320,6 @@ void board_init(struct board_info *info)
 	board_uart_start(info->carrier == CARRIER_SERIAL);
 
 	set_sleep_mode(SLEEP_MODE_IDLE);
-	wdt_enable(WDTO_250MS);
+	start_watchdog();
 	sei();
 }

@@ -232,12 +232,14 @@ uint8_t board_i2c_bus_errors(void)
 /* --- SPI and the CAN controller's interrupt ------------------------------------------------- */
 
 static volatile uint32_t can_us;
+static volatile bool can_fresh;
 
 ISR(PCINT0_vect)
 {
 	if (PINB & PIN_BIT(CAN_INTERRUPT))
 		return;
 	can_us = board_time_us();
+	can_fresh = true;
 	wake = true;
 }
 
@@ -266,13 +268,15 @@ uint8_t board_spi_exchange(uint8_t byte)
 	return SPDR;
 }
 
-bool board_can_waiting(uint32_t *t_us)
+bool board_can_waiting(uint32_t *t_us, bool *fresh)
 {
 	if (PINB & PIN_BIT(CAN_INTERRUPT))
 		return false;
 	ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
 	{
 		*t_us = can_us;
+		*fresh = can_fresh;
+		can_fresh = false;
 	}
 	return true;
 }

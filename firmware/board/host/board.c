@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include <string.h>
 
+#include "board/host/boot.h"
 #include "board/host/host.h"
 #include "ring.h"
 
@@ -15,6 +16,39 @@ void host_init(uint32_t seed)
 	memset(host.eeprom, 0xFF, sizeof(host.eeprom));
 	world_init(&host.world, seed);
 	host.reset_cause = RESET_CAUSE_POWER_ON;
+	host.programmer = (struct stk500){.flash = host.flash, .flash_bytes = HOST_FLASH_BYTES};
+}
+
+/* --- boot loader ---------------------------------------------------------------------------- */
+
+static uint8_t mcusr(void)
+{
+	switch (host.reset_cause) {
+	case RESET_CAUSE_POWER_ON:
+		return BOOT_POWER_ON;
+	case RESET_CAUSE_EXTERNAL:
+		return BOOT_EXTERNAL;
+	case RESET_CAUSE_BROWN_OUT:
+		return BOOT_BROWN_OUT;
+	default: /* all others are made by the watchdog */
+		return BOOT_WATCHDOG;
+	}
+}
+
+void host_boot(void)
+{
+	struct boot boot = boot_after((enum boot_loader)host.world.boot_loader, mcusr());
+	uint64_t wait_us = boot.waits ? (uint64_t)(host.world.boot_wait_ms * 1000) : 0;
+
+	host.reset_asked = false;
+	stk500_start(&host.programmer);
+	host.sample_us = 0;
+	host.boot_us = boot.hangs ? UINT64_MAX : host.t_us + wait_us;
+}
+
+bool host_booting(void)
+{
+	return host.t_us < host.boot_us;
 }
 
 /* --- time ----------------------------------------------------------------------------------- */
@@ -40,7 +74,7 @@ static uint16_t convert(uint8_t slot)
 		mv = world_ldr_mv(&host.world, slot);
 	if (slot == BOARD_SLOT_FEEDBACK)
 		mv = world_feedback_mv(&host.world);
-	double level = mv * 1023 / host.world.supply_mv;
+	double level = world_adc_mv(&host.world, mv) * 1024 / host.world.supply_mv;
 	return level > 1023 ? 1023 : (uint16_t)level;
 }
 
@@ -172,8 +206,25 @@ bool board_eeprom_write(uint16_t address, uint8_t value)
 
 /* --- carriers ------------------------------------------------------------------------------- */
 
+/* The boot loader stays for as long as somebody programs. */
+static void program(uint8_t byte)
+{
+	uint8_t reply[STK500_REPLY_BYTES];
+	size_t bytes = stk500_byte(&host.programmer, byte, reply);
+
+	if (bytes && host.out)
+		host.out(host.context, reply, bytes);
+	if (host.programmer.synchronized)
+		host.boot_us = host.programmer.left ? host.t_us : UINT64_MAX;
+}
+
 void host_send(const uint8_t *bytes, unsigned count)
 {
+	if (host.reset_asked || host_booting()) {
+		for (unsigned i = 0; i < count; i++)
+			program(bytes[i]);
+		return;
+	}
 	for (unsigned i = 0; i < count; i++) {
 		if (host.in_end - host.in_first == HOST_LINE_BYTES) {
 			host.overruns++;
@@ -259,8 +310,9 @@ uint8_t board_spi_exchange(uint8_t byte)
 	return host.spi ? host.spi(host.context, byte) : 0xFF;
 }
 
-bool board_can_waiting(uint32_t *t_us)
+bool board_can_waiting(uint32_t *t_us, bool *fresh)
 {
 	*t_us = (uint32_t)host.t_us;
+	*fresh = true;
 	return host.can_waiting;
 }

@@ -4,14 +4,12 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <poll.h>
-#include <pty.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
 #include <sys/un.h>
-#include <termios.h>
 #include <unistd.h>
 
 static void fail(const char *what)
@@ -36,36 +34,6 @@ int listen_on(const char *path)
 	    rename(address.sun_path, path))
 		fail(path);
 	return fd;
-}
-
-static void line_open(struct line *line)
-{
-	struct termios settings;
-	char name[64];
-
-	if (openpty(&line->master, &line->slave, name, NULL, NULL) ||
-	    tcgetattr(line->slave, &settings))
-		fail("openpty");
-	cfmakeraw(&settings);
-	if (tcsetattr(line->slave, TCSANOW, &settings) || fcntl(line->master, F_SETFL, O_NONBLOCK))
-		fail(name);
-	unlink(line->path);
-	if (symlink(name, line->path))
-		fail(line->path);
-}
-
-void line_plug(struct line *line, bool plugged)
-{
-	if (!line->path || plugged == (line->master >= 0))
-		return;
-	if (plugged) {
-		line_open(line);
-		return;
-	}
-	unlink(line->path);
-	close(line->slave);
-	close(line->master);
-	line->master = line->slave = -1;
 }
 
 void console_open(struct console *console, const char *path)

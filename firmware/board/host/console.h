@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* How a simulated box talks to the outside: commands as lines on stdin or a Unix socket, the serial
- * line on a pty. */
+/* How a simulated box takes commands: as lines on stdin or a Unix socket. */
 #ifndef CONSOLE_H
 #define CONSOLE_H
 
@@ -38,18 +37,5 @@ int console_unhex(const char *text, uint8_t *bytes, int room);
 
 /* A listening Unix socket; exits with a message when it cannot be made. */
 int listen_on(const char *path);
-
-/*
- * The serial line: a pty, and a symbolic link to its slave side. The slave side stays open here, so
- * that a client may close and open it again without EIO at our side.
- */
-struct line {
-	const char *path; /* of the link; NULL: there is no line */
-	int master, slave;
-};
-
-/* Makes pty and link, or takes them away, as a plug does; nothing when they are so already. Exits
- * with a message when they cannot be made. */
-void line_plug(struct line *line, bool plugged);
 
 #endif

@@ -11,9 +11,11 @@
 #include <stdint.h>
 
 #include "board/board.h"
+#include "board/host/stk500.h"
 #include "board/host/world.h"
 
 #define HOST_EEPROM_BYTES 1024
+#define HOST_FLASH_BYTES 32768
 #define HOST_LINE_BYTES 4096 /* a power of two */
 
 struct host {
@@ -24,6 +26,9 @@ struct host {
 	uint8_t carrier;
 	enum reset_cause reset_cause; /* of the next board_init() */
 	bool reset_asked;
+	uint8_t flash[HOST_FLASH_BYTES]; /* what a programmer has written; it is not run */
+	struct stk500 programmer;
+	uint64_t boot_us; /* the boot loader has the chip until then; UINT64_MAX: for ever */
 	uint16_t boot_count;
 
 	uint16_t servo_half_us;
@@ -57,6 +62,11 @@ struct host {
 extern struct host host;
 
 void host_init(uint32_t seed);
+
+/* After board_reset(): the boot loader begins. True while it has the chip: the firmware does not
+ * run. */
+void host_boot(void);
+bool host_booting(void);
 
 /* Lets time pass for everything but the firmware. */
 void host_pass(uint32_t us);

@@ -9,12 +9,14 @@
 #include "board/host/console.h"
 #include "board/host/frame_log.h"
 #include "board/host/host.h"
+#include "board/host/line.h"
 #include "firmware.h"
 
 #define POLL_US 500
 
 struct process {
 	struct firmware firmware;
+	bool started; /* not in the boot loader's hands */
 	struct console console;
 	struct frame_log log;
 	struct line line;
@@ -80,17 +82,29 @@ static void on_out(void *context, const uint8_t *bytes, uint8_t count)
 static void start(struct process *process)
 {
 	memset(&process->firmware, 0, sizeof(process->firmware));
+	process->started = true;
 	firmware_start(&process->firmware);
+}
+
+static void run_firmware(struct process *process)
+{
+	if (host.reset_asked) {
+		host_boot();
+		process->started = false;
+	}
+	if (host_booting())
+		return;
+	if (!process->started)
+		start(process);
+	firmware_poll(&process->firmware);
+	board_idle();
 }
 
 static void run_for(struct process *process, int64_t us)
 {
 	for (; us > 0; us -= POLL_US) {
 		host_pass(us < POLL_US ? us : POLL_US);
-		firmware_poll(&process->firmware);
-		board_idle();
-		if (host.reset_asked)
-			start(process);
+		run_firmware(process);
 	}
 }
 
@@ -143,6 +157,8 @@ static void take_line(struct process *process)
 	line_plug(&process->line, !host.world.line_unplugged);
 	if (process->line.master < 0)
 		return;
+	if (line_dtr_rose(&process->line) && host.world.dtr_resets)
+		board_reset(RESET_CAUSE_EXTERNAL);
 	ssize_t got = read(process->line.master, bytes, sizeof(bytes));
 	if (got > 0)
 		host_send(bytes, (unsigned)world_line(&host.world, bytes, got));
@@ -177,7 +193,7 @@ static void run_real_time(struct process *process)
 
 int main(int argc, char **argv)
 {
-	static struct process process = {.line = {.master = -1, .slave = -1}};
+	static struct process process = {.line = LINE_CLOSED};
 	bool lock_step = false;
 	const char *control = NULL, *pty = NULL;
 	uint32_t seed = 1;

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "board/host/world.h"
 
+#include "board/host/boot.h"
+
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -12,6 +14,28 @@
 #define RECENT 20 /* steps: 2 ms */
 #define LDR_STEPS 10
 #define MOST_ANGLES 64
+
+/* Uniform in -1 to 1 (xorshift). */
+static double noise(struct world *world)
+{
+	world->random ^= world->random << 13;
+	world->random ^= world->random >> 17;
+	world->random ^= world->random << 5;
+	return world->random / 2147483648.0 - 1;
+}
+
+/* Limits: data sheets of the ATmega328P (1.0 to 1.2 V; 2 counts) and the 74HC4067 (80 ohm typical
+ * at 4.5 V, 9 ohm between channels; the spread of the type is an estimate). */
+static void draw_spread(struct world *world)
+{
+	for (int i = 0; i < 10; i++) /* small seeds look alike at first */
+		(void)noise(world);
+	world->bandgap_mv = 1100 + 100 * noise(world);
+	world->adc_offset_lsb = 2 * noise(world);
+	double mux_ohm = 85 + 20 * noise(world);
+	for (int i = 0; i < WORLD_LDRS; i++)
+		world->ldr_mux_ohm[i] = mux_ohm + 4.5 * noise(world);
+}
 
 void world_init(struct world *world, uint32_t seed)
 {
@@ -30,13 +54,16 @@ void world_init(struct world *world, uint32_t seed)
 		.feedback_zero = 0.15,
 		.feedback_per_deg = 1 / 360.0,
 		.feedback_noise_deg = 0.1,
-		.supply_mv = 5000,
-		.bandgap_mv = 1100,
+		.supply_mv = 4700, /* of USB, behind the Nano's diode */
+		.bandgap_settle_us = 10,
 		.ldr_dark_ohm = 1e6,
 		.ldr_divider_ohm = 3300,
 		.ldr_rise_ms = 20,
 		.ldr_fall_ms = 30,
 		.slow = 1,
+		.dtr_resets = 1,
+		.boot_loader = BOOT_OPTIBOOT_4_4,
+		.boot_wait_ms = 1000,
 		.index_a_forced = -1,
 		.index_b_forced = -1,
 		.feedback_forced = -1,
@@ -54,15 +81,7 @@ void world_init(struct world *world, uint32_t seed)
 	}
 	for (int i = 0; i < WORLD_HISTORY; i++)
 		world->history_deg[i] = world->wheel_deg;
-}
-
-/* Uniform in -1 to 1 (xorshift). */
-static double noise(struct world *world)
-{
-	world->random ^= world->random << 13;
-	world->random ^= world->random >> 17;
-	world->random ^= world->random << 5;
-	return world->random / 2147483648.0 - 1;
+	draw_spread(world);
 }
 
 void world_pulse(struct world *world, double width_us)
@@ -136,6 +155,13 @@ static double flicker(const struct world *world)
 	return 1 + world->flicker_share * sin(2 * M_PI * world->flicker_hz * world->t_us * 1e-6);
 }
 
+/* Share of the supply at the multiplexer's common pin, through a channel and so much before it. */
+static double divided(const struct world *world, unsigned channel, double ohm)
+{
+	return world->ldr_divider_ohm /
+	       (world->ldr_divider_ohm + world->ldr_mux_ohm[channel] + ohm);
+}
+
 static void light_ldrs(struct world *world)
 {
 	for (int i = 0; i < WORLD_LDRS; i++) {
@@ -145,9 +171,9 @@ static void light_ldrs(struct world *world)
 		double *felt = &world->ldr_felt_lux[i];
 		double tau_ms = lux > *felt ? world->ldr_rise_ms : world->ldr_fall_ms;
 		*felt += (lux - *felt) * (1 - exp(-LDR_STEPS * WORLD_STEP_US * 1e-3 / tau_ms));
-		double ohm = world->ldr_r10_ohm[i] * pow(*felt / 10, -world->ldr_gamma[i]);
-		ohm = fmin(ohm, world->ldr_dark_ohm);
-		world->ldr_mv[i] = 5000 * world->ldr_divider_ohm / (world->ldr_divider_ohm + ohm);
+		double ohm = (1 + world->ldr_drift[i]) * world->ldr_r10_ohm[i] *
+			     pow(*felt / 10, -world->ldr_gamma[i]);
+		world->ldr_mv[i] = 5000 * divided(world, i, fmin(ohm, world->ldr_dark_ohm));
 	}
 }
 
@@ -176,9 +202,20 @@ double world_ldr_mv(const struct world *world, unsigned channel)
 	if (channel >= WORLD_LDRS)
 		return 0;
 	if (world->ldr_forced[channel] >= 0)
-		return world->ldr_forced[channel] * world->supply_mv;
+		return world->ldr_forced[channel] * divided(world, channel, 0) * world->supply_mv;
 	double light = world->ldr_lux[channel] < 0 ? flicker(world) : 1;
 	return light * world->ldr_mv[channel] * world->supply_mv / 5000;
+}
+
+double world_adc_mv(const struct world *world, double mv)
+{
+	return fmax(mv + world->adc_offset_lsb * world->supply_mv / 1024, 0);
+}
+
+double world_bandgap_mv(const struct world *world, double former_mv, double since_us)
+{
+	return world->bandgap_mv +
+	       (former_mv - world->bandgap_mv) * exp(-since_us / world->bandgap_settle_us);
 }
 
 double world_feedback_mv(struct world *world)
@@ -261,8 +298,9 @@ static void answer_angles(const struct world *world, const long long *ns, int co
 	{                                                                                     \
 		"ldr" #k "_" #name, offsetof(struct world, ldr_##name) + (k) * sizeof(double) \
 	}
-#define LDR(k) \
-	OF_LDR(k, lux), OF_LDR(k, mv), OF_LDR(k, r10_ohm), OF_LDR(k, gamma), OF_LDR(k, forced)
+#define LDR(k)                                                                                 \
+	OF_LDR(k, lux), OF_LDR(k, mv), OF_LDR(k, r10_ohm), OF_LDR(k, gamma), OF_LDR(k, drift), \
+		OF_LDR(k, mux_ohm), OF_LDR(k, forced)
 static const struct {
 	const char *name;
 	size_t offset;
@@ -285,6 +323,11 @@ static const struct {
 	NUMBER(feedback_noise_deg),
 	NUMBER(supply_mv),
 	NUMBER(bandgap_mv),
+	NUMBER(bandgap_settle_us),
+	NUMBER(adc_offset_lsb),
+	NUMBER(dtr_resets),
+	NUMBER(boot_loader),
+	NUMBER(boot_wait_ms),
 	NUMBER(ldr_dark_ohm),
 	NUMBER(ldr_divider_ohm),
 	NUMBER(ldr_rise_ms),

@@ -31,12 +31,18 @@ struct world {
 	double comb_first_deg, comb_pitch_deg, comb_edges;
 	/* Feedback: share of the supply at 0 degrees and per degree; fitted or not. */
 	double feedback_fitted, feedback_zero, feedback_per_deg, feedback_noise_deg;
-	double supply_mv, bandgap_mv;
-	/* LDRs from the supply to the ring's pins, a resistor from there to ground. What an LDR
-	 * feels follows the illuminance with a first-order lag; R = r10 (felt / 10 lux)^-gamma. */
+	/* The chip's reference (data sheet: 1.0 to 1.2 V) and its ADC's offset (2 counts). After
+	 * the ADC is switched to the reference, the voltage that it sees gets there with a time
+	 * constant. */
+	double supply_mv, bandgap_mv, bandgap_settle_us, adc_offset_lsb;
+	/* LDRs from the supply to the multiplexer's channels, a resistor from its common pin to
+	 * ground. What an LDR feels follows the illuminance with a first-order lag;
+	 * R = (1 + drift) r10 (felt / 10 lux)^-gamma. */
 	double ldr_lux[WORLD_LDRS]; /* -1: the voltage is set, not the light */
-	double ldr_mv[WORLD_LDRS];  /* at a supply of 5 V */
+	double ldr_mv[WORLD_LDRS];  /* of the common pin, at a supply of 5 V */
 	double ldr_r10_ohm[WORLD_LDRS], ldr_gamma[WORLD_LDRS];
+	double ldr_drift[WORLD_LDRS];	/* of R10, by temperature and former light */
+	double ldr_mux_ohm[WORLD_LDRS]; /* the channel's on-resistance */
 	double ldr_dark_ohm, ldr_divider_ohm;
 	double ldr_rise_ms, ldr_fall_ms;
 	double flicker_hz, flicker_share; /* of the light on all LDRs, sinusoidal */
@@ -49,11 +55,16 @@ struct world {
 	double index_a_forced, index_b_forced; /* -1: real; 0: never on a tooth; 1: always */
 	double index_glitches;	       /* changes of sensor A, one a step, still to be made */
 	double feedback_forced;	       /* -1: real; else this share of the supply */
-	double ldr_forced[WORLD_LDRS]; /* -1: real; else this share of the supply: 0 open, 1
-					  shorted */
+	double ldr_forced[WORLD_LDRS]; /* -1: real; else the share of the supply before the
+					  multiplexer: 0 open, 1 shorted */
 	double line_noise;	       /* share of the serial line's bytes that are changed */
 	double line_cut;	       /* 1: none passes */
 	double line_unplugged;	       /* 1: the serial device is not there */
+
+	/* What an Arduino Nano does when a program opens its serial line (boot.h). */
+	double dtr_resets;   /* 1: the line's DTR resets the microcontroller */
+	double boot_loader;  /* enum boot_loader */
+	double boot_wait_ms; /* the boot loader waits so long for a programmer */
 
 	/* State. */
 	double t_us;
@@ -78,6 +89,7 @@ struct world {
 /* The box is so far behind the clock now. */
 void world_behind(struct world *world, double us);
 
+/* Whatever differs from box to box (reference, ADC, multiplexer) is drawn from the seed. */
 void world_init(struct world *world, uint32_t seed);
 
 /* The servo's pins: a pulse has ended; the supply switch. */
@@ -90,6 +102,12 @@ void world_step(struct world *world);
 /* What the pins see. */
 double world_ldr_mv(const struct world *world, unsigned channel);
 double world_feedback_mv(struct world *world);
+
+/* What the ADC makes of a voltage, as a voltage: its offset added, never below 0. */
+double world_adc_mv(const struct world *world, double mv);
+
+/* What the ADC sees of the chip's reference, so long after it was switched there from a pin. */
+double world_bandgap_mv(const struct world *world, double former_mv, double since_us);
 
 /* Least and greatest angle of the last 2 ms. */
 void world_recent(const struct world *world, double *low_deg, double *high_deg);

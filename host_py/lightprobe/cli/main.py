@@ -87,6 +87,10 @@ class Calibrate(LazyGroup):
         "ring": Entry(
             "calibrate_ring:command", "Measure the nine light sensors of the ring.", "calibrate"
         ),
+        "supply": Entry(
+            "calibrate_supply:command", "Measure the chip's voltage reference with a multimeter.",
+            "calibrate",
+        ),
     }  # fmt: skip
 
 

@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from lightprobe.errors import UsageError
-from lightprobe.mcu.link import McuError
-from lightprobe.mcu.session import DEFAULT_PORT, ENVIRONMENT, session
+from lightprobe.mcu.link import McuError, keep_dtr
+from lightprobe.mcu.session import DEFAULT_PORT, ENVIRONMENT, session, words
 from lightprobe.sim.box import ENVIRONMENT as FOLDER
 
 _HEX = "lightprobe-mcu.hex"
+_ATMEGABOOT_BAUD = 57600
+_ATMEGABOOT_WARNING = (
+    "lightprobe: mcu: flash: warning: this boot loader (ATmegaBOOT) hangs after a watchdog reset "
+    "until the power is cut: burn Optiboot with a programmer (docs/bring_up.md)"
+)
 
 
 def command(
@@ -40,19 +48,34 @@ def command(
         raise UsageError(f"mcu: flash: {hex_file}: no such file: build it with `make firmware`")
     if shutil.which("avrdude") is None:
         raise McuError("mcu: flash: avrdude is not installed: apt install avrdude")
-    done = subprocess.run(
-        ["avrdude", "-p", "m328p", "-c", "arduino", "-P", device, "-b", str(boot_baud),
-         "-U", f"flash:w:{hex_file}:i"]
-    )  # fmt: skip
+    if boot_baud == _ATMEGABOOT_BAUD:
+        print(_ATMEGABOOT_WARNING, file=sys.stderr)
+    with words(port, "open"), _locked(device):
+        done = subprocess.run(
+            ["avrdude", "-p", "m328p", "-c", "arduino", "-P", device, "-b", str(boot_baud),
+             "-U", f"flash:w:{hex_file}:i"]
+        )  # fmt: skip
     if done.returncode != 0:
         raise McuError(
-            f"mcu: flash: {device}: avrdude ended with status {done.returncode}: is lightprobed "
-            "off the port? an old boot loader? --boot-baud=57600"
+            f"mcu: flash: {device}: avrdude ended with status {done.returncode}: is it the right "
+            "port? an old boot loader? --boot-baud=57600"
         )
     if verify:
         with session(port) as link:
             parts = (link.greeting[f"firmware_{part}"] for part in ("major", "minor", "patch"))
             print(f"{port}: firmware {'.'.join(map(str, parts))} answers")
+
+
+@contextmanager
+def _locked(device: str) -> Iterator[None]:
+    """Keep lightprobed and other tools off the port, which avrdude itself does not do."""
+    descriptor = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        keep_dtr(descriptor)
+        yield
+    finally:
+        os.close(descriptor)
 
 
 def default_hex() -> Path:

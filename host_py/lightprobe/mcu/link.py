@@ -4,6 +4,7 @@
 """
 
 import importlib.resources
+import termios
 import time
 from functools import cache
 from typing import Protocol, cast
@@ -154,12 +155,24 @@ class Carrier(Protocol):
         """Give the device back."""
 
 
+def keep_dtr(descriptor: int) -> None:
+    """Let DTR stay as it is when this serial line is closed.
+
+    Otherwise it falls, rises at the next opening, and that resets an Arduino: the wheel's angle is
+    lost with every command. The line remembers this until it is unplugged.
+    """
+    settings = termios.tcgetattr(descriptor)
+    settings[2] &= ~termios.HUPCL
+    termios.tcsetattr(descriptor, termios.TCSANOW, settings)
+
+
 class SerialCarrier:
-    """COBS frames on a serial port or pty."""
+    """COBS frames on a serial port or pty, for this program alone (flock)."""
 
     def __init__(self, device: str, baud: int = BAUD) -> None:
         """Open `device`; raises serial.SerialException (an OSError) when that fails."""
         self._port = serial.Serial(device, baud, timeout=0, exclusive=True)
+        keep_dtr(self._port.fileno())
         self.decoder = SerialDecoder()
         self._ready: list[tuple[int, bytes]] = []
         self._port.write(b"\0")  # end whatever half frame a former user left

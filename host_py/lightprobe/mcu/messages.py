@@ -6,6 +6,7 @@ degrees, times seconds unless a name says otherwise; unknown is None, never zero
 
 import enum
 import math
+import secrets
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -15,13 +16,13 @@ from typing import Any, cast
 from lightprobe.mcu.link import CAN_BASE, Carrier, McuError, database
 
 PROTOCOL_MAJOR = 1
-PROTOCOL_MINOR = 0
+PROTOCOL_MINOR = 1
 RESET_KEY = 0xB007
 REPEAT_AFTER_S = 0.1
 
 #: What to do when the firmware refuses a request.
 _REFUSALS = {
-    "OUT_OF_RANGE": "`lightprobe mcu params` lists the limits",
+    "OUT_OF_RANGE": "`lightprobe mcu params` lists the limits; a move must end within 60 s",
     "NOT_HOMED": "`lightprobe mcu home` first",
     "IN_FAULT": "`lightprobe mcu clear`, then `home`",
     "BUSY": "wait until it is done",
@@ -224,6 +225,8 @@ def _answer_to(name: str, signals: dict[str, int | str]) -> Callable[[Message], 
         return lambda m: m.name == "Hello"
     if name == "TimeRequest":
         return lambda m: m.name == "TimeReply" and m["count"] == signals["count"]
+    if name == "WheelRequest":
+        return lambda m: m.name == "WheelReply" and m["count"] == signals["count"]
     if name in ("ParamGet", "ParamSet"):
         number = int(signals["param"])
         named = param_names().get(number, number)
@@ -242,7 +245,8 @@ class Mcu:
         self.carrier = carrier
         self._on_event = on_event
         self._decoder = EventDecoder()
-        self._token = 0
+        # At random: a command that carries the former program's token would count as repeated.
+        self._token = secrets.randbelow(256)
         self._count = 0
 
     def events(self, timeout_s: float) -> Iterator[Event]:

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 
 import can
 
+from lightprobe.mcu import faults
 from lightprobe.mcu import link as mcu_link
 from lightprobe.mcu import messages as mcu
 from lightprobe.mcu.link import McuError
@@ -21,36 +22,12 @@ HELLO_S = 4.0
 HOMING_S = 12.0
 _REPORT_MS = 50
 
-#: What each of the firmware's faults means, and what to do (docs/faults.md).
-FAULT_WORDS = {
-    "WHEEL_STUCK": "the wheel does not turn: free it; check the servo's plug and supply",
-    "WHEEL_SLOW": "the wheel falls behind: friction or a weak supply; lower slew_max_ddeg_s",
-    "WHEEL_SLIP": "the wheel moved by itself: horn, gear, or something touching it",
-    "WHEEL_TOO_FAST": "the sensors report a motion that none is: their wiring, stray light",
-    "INDEX_NEVER": "no edge of the comb is seen: the sensors' plug, or a wheel that stands still",
-    "INDEX_ALWAYS": "a sensor always sees a tooth: its wiring, or a wheel that stands still",
-    "INDEX_PATTERN": "not the comb's edges: a dead sensor, A and B exchanged, or the horn is off",
-    "INDEX_NOISE": "edges that no wheel makes: the sensors' cable and screening",
-    "FEEDBACK_OPEN": "feedback voltage at a rail: the plug of potentiometer or encoder",
-    "SUPPLY_LOW": "the supply breaks down: give the servo one of its own, or thicker wires",
-    "LDR_OPEN": "a light sensor reads nothing: its plug",
-    "LDR_SHORTED": "a light sensor reads full scale: a short to the supply",
-    "PARAMS_LOST": "both copies of the parameters are corrupt, defaults hold: calibrate, and save",
-    "PARAMS_COPY_LOST": "one copy of the parameters is corrupt, the other holds: save again",
-    "CAN_ABSENT": "the CAN controller does not answer: its SPI wires",
-    "CAN_BUS_OFF": "too many errors on the CAN bus: termination, bit rate, wiring",
-    "I2C_BUS": "starts or stops where none may be on I2C: pull-ups, cable length",
-    "RESET_BROWN_OUT": "its supply broke down and it has started again",
-    "RESET_WATCHDOG": "its program hung and it has started again: please report this",
-    "RESET_STACK": "its stack overflowed and it has started again: please report this",
-}
-
 _NEXT_STEPS = {
     errno.ENOENT: "is it plugged in? `lightprobe doctor` lists what is there",
     errno.ENODEV: "is it plugged in? for CAN: ip link set can0 up type can bitrate 500000",
     errno.EACCES: "sudo usermod -aG dialout $USER (I2C: group i2c), then log in again",
-    errno.EBUSY: "is lightprobed or another program using it?",
-    errno.EAGAIN: "is lightprobed or another program using it?",
+    errno.EBUSY: "is lightprobed or another program using it? stop that first",
+    errno.EAGAIN: "is lightprobed or another program using it? stop that first",
     errno.EIO: "was it unplugged?",
     errno.ENXIO: "no acknowledge: address, pull-ups, strap A3 to ground",
     errno.EREMOTEIO: "no acknowledge: address, pull-ups, strap A3 to ground",
@@ -81,8 +58,8 @@ def words(uri: str, stage: str) -> Iterator[None]:
 
 
 def errno_words(number: int) -> str:
-    """What the system calls an error."""
-    return os.strerror(number)
+    """What the system calls an error; a lock that another program holds is no temporary matter."""
+    return "in use" if number == errno.EAGAIN else os.strerror(number)
 
 
 class Session(mcu.Mcu):
@@ -155,7 +132,7 @@ class Session(mcu.Mcu):
 
     def _why(self) -> str:
         known = [name for name in self.faults if name.startswith(("WHEEL", "INDEX", "FEEDBACK"))]
-        lines = [f"{name}: {FAULT_WORDS.get(name, 'see docs/faults.md')}" for name in known]
+        lines = [f"{name}: {faults.words(name)}" for name in known]
         if not lines:
             return "no fault was told: was it reset or released?"
         return "; ".join(lines) + " (then `lightprobe mcu clear` and `home`)"

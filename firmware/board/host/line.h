@@ -1,0 +1,34 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The serial line: a pty, and a symbolic link to its slave side. The slave side stays open here, so
+ * that a client may close and open it again without EIO at our side.
+ *
+ * A pty has no control lines. DTR is modelled as Linux drives it on a USB converter: it rises when
+ * the first program opens the line, and falls when the last one closes it, unless that one has
+ * cleared HUPCL.
+ */
+#ifndef LINE_H
+#define LINE_H
+
+#include <stdbool.h>
+
+struct line {
+	const char *path; /* of the link; NULL: there is no line */
+	int master, slave;
+	int watch; /* inotify on the slave side: who opens and closes it */
+	int opened;
+	bool dtr;
+};
+#define LINE_CLOSED                                    \
+	{                                              \
+		.master = -1, .slave = -1, .watch = -1 \
+	}
+
+/* Makes pty and link, or takes them away, as a plug does; nothing when they are so already. Exits
+ * with a message when they cannot be made. */
+void line_plug(struct line *line, bool plugged);
+
+/* Whether DTR has risen since the last call: what resets an Arduino Nano. */
+bool line_dtr_rose(struct line *line);
+
+#endif
