@@ -177,7 +177,7 @@ REFUSED = [
     ("export x.hdr --from tcp://h:1", "want tcp:HOST:PORT (without //)"),
     ("control status nowhere/x", "nowhere/x: No such file"),
     ("calibrate exposure words.txt", "want a camera"),
-    ("calibrate exposure sim:x --output nowhere/x.camera", "--output nowhere/x.camera"),
+    ("calibrate exposure sim:x --output words.txt/x.camera", "--output words.txt/x.camera"),
     ("calibrate exposure sim:x --patience-s nan", "--patience-s nan"),
     ("calibrate exposure sim:x --keep words.txt", "--keep words.txt: want a folder"),
     ("calibrate response sim:x --plot nowhere/x.png", "--plot nowhere/x.png"),
@@ -186,11 +186,11 @@ REFUSED = [
     ("calibrate response dark.jpg --exposures x", "want numbers"),
     ("calibrate response nothing.jpg --exposures 8", "nothing.jpg: open: no such file"),
     ("calibrate ring", "want --levels LUX,LUX,… or --against URI"),
-    ("calibrate ring --levels 10,100 --output nowhere/x", "--output nowhere/x"),
+    ("calibrate ring --levels 10,100 --output words.txt/x", "words.txt is no folder"),
     ("calibrate ring --levels 10,100 --seconds nan", "--seconds nan"),
     ("calibrate ring --levels 10,100 --divider-ohm 0", "--divider-ohm 0"),
     ("calibrate ring --levels dark", "--levels dark: want lux above 0"),
-    ("calibrate wheel --output nowhere/x", "--output nowhere/x"),
+    ("calibrate wheel --output words.txt/x", "words.txt is no folder"),
 ]  # fmt: skip
 
 

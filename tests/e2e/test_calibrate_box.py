@@ -142,17 +142,12 @@ def test_bad_requests_say_what_to_do(tmp_path: Path) -> None:
         words = calibrate(tmp_path, "ring", "--levels", "10,20", status=1)
         assert "input ended" in words
         box.set(ldr2_forced=0, **{f"ldr{k}_lux": 50 for k in range(9)})
-        folder = tmp_path / "file"
-        folder.write_text("")
-        words = calibrate(
-            tmp_path, "ring", "--levels", "50", "--output", str(folder / "ring.ini"),
-            stdin="\n", status=1,
-        )  # fmt: skip
+        one_level = ("ring", "--levels", "50", "--output")
+        words = calibrate(tmp_path, *one_level, str(tmp_path / "new/x.ini"), stdin="\n", status=1)
         assert "sensor 2: no usable reading" in words
         box.set(ldr2_forced=-1)
-        words = calibrate(
-            tmp_path, "ring", "--levels", "50", "--output", str(folder / "ring.ini"),
-            stdin="\n", status=1,
-        )  # fmt: skip
-        assert "write" in words
-        assert "--output" in words
+        (tmp_path / "file").write_text("")
+        words = calibrate(tmp_path, *one_level, str(tmp_path / "file/x.ini"), stdin="\n", status=2)
+        assert f"{tmp_path / 'file'} is no folder" in words  # before anybody sets a light
+        assert calibrate(tmp_path, *one_level, str(tmp_path / "new/x.ini"), stdin="\n", status=0)
+        assert (tmp_path / "new" / "x.ini").is_file()

@@ -98,7 +98,7 @@ def exposure_of(series: ExposureSeries, frames: Sequence[Frame]) -> float | None
 def collect(steps: Sequence[Step], seed: int = 0) -> tuple[PatchCodes, list[str]]:
     """Choose places and give their codes, and notes on what was left out.
 
-    Raises :class:`~lightprobe.response.ResponseError` when nothing usable is left.
+    Raises :class:`~lightprobe.calibrate.response_curve.ResponseError` when nothing usable is left.
     """
     notes = []
     good = []

@@ -33,7 +33,7 @@ Output = Annotated[
     Path | None,
     typer.Option(
         metavar="CAMERA.camera",
-        callback=check.new_file(),
+        callback=check.new_file(makes_folders=True),
         help="Write the result into this camera file.",
     ),
 ]

@@ -53,7 +53,10 @@ def command(
     ] = None,
     port: Port = DEFAULT_PORT,
     output: Annotated[
-        Path, typer.Option(metavar="FILE", callback=check.new_file(), help="Write it here.")
+        Path,
+        typer.Option(
+            metavar="FILE", callback=check.new_file(makes_folders=True), help="Write it here."
+        ),
     ] = Path("ring.ini"),
     seconds: Annotated[
         float,

@@ -33,7 +33,9 @@ def command(
     output: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE", callback=check.new_file(), help="Keep the result as a file, too."
+            metavar="FILE",
+            callback=check.new_file(makes_folders=True),
+            help="Keep the result as a file, too.",
         ),
     ] = None,
     as_json: calibrate.AsJson = False,

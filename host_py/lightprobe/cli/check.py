@@ -64,8 +64,11 @@ def one_of(known: Collection[str]) -> Check[str]:
     return check
 
 
-def new_file(*suffixes: str) -> Check[Path | None]:
-    """Want the path of a file that can be written; with `suffixes`, of one of these kinds."""
+def new_file(*suffixes: str, makes_folders: bool = False) -> Check[Path | None]:
+    """Want the path of a file that can be written; with `suffixes`, of one of these kinds.
+
+    `makes_folders`: the command makes the folders that the path names.
+    """
 
     def check(
         context: typer.Context, option: typer.CallbackParam, value: Path | None
@@ -74,7 +77,7 @@ def new_file(*suffixes: str) -> Check[Path | None]:
             return value
         if suffixes and value.suffix.lower() not in suffixes:
             refuse(context, option, value, f"a name that ends in {', '.join(suffixes)}")
-        if reason := why_not_writable(value):
+        if reason := why_not_writable(value, makes_folders):
             refuse(context, option, value, f"a file that can be written: {reason}")
         return value
 
@@ -106,15 +109,16 @@ def new_socket(
     return value
 
 
-def why_not_writable(path: Path) -> str:
+def why_not_writable(path: Path, makes_folders: bool = False) -> str:
     """Say why a file cannot be written, or made in its folder; empty when it can."""
     if path.is_dir():
         return "it is a folder"
     if path.exists():
         return "" if os.access(path, os.W_OK) else "permission denied"
-    if not path.parent.is_dir():
-        return f"there is no folder {path.parent}"
-    return "" if os.access(path.parent, os.W_OK | os.X_OK) else f"{path.parent}: permission denied"
+    folder = _nearest(path.parent) if makes_folders else path.parent
+    if not folder.is_dir():
+        return f"{folder} is no folder" if folder.exists() else f"there is no folder {folder}"
+    return "" if os.access(folder, os.W_OK | os.X_OK) else f"{folder}: permission denied"
 
 
 def _nearest(path: Path) -> Path:

@@ -209,7 +209,7 @@ class StokesPanorama:
 
     @classmethod
     def load(cls, path: str | Path) -> StokesPanorama:
-        """Read a file; raises :class:`lightprobe.image.ImageError`."""
+        """Read a file; raises :class:`lightprobe.imaging.image.ImageError`."""
         try:
             with np.load(path) as archive:
                 stokes = np.asarray(archive["S"], dtype=np.float32)

@@ -201,7 +201,7 @@ class PanoramaScene:
 
     @classmethod
     def load(cls, path: str | Path) -> PanoramaScene:
-        """Read any picture :mod:`lightprobe.image` reads."""
+        """Read any picture :mod:`lightprobe.imaging.image` reads."""
         picture = image.read(path)
         height, width, _ = picture.radiance.shape
         if width != 2 * height:
