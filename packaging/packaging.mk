@@ -10,3 +10,38 @@ $(STAMPS)/apt-%: packaging/apt/%.txt packaging/apt-install
 
 .PHONY: setup-build
 setup-build: $(call apt,build)
+
+# Installing. DESTDIR: a folder that stands for /, when a package is made.
+PREFIX ?= /usr/local
+DESTDIR ?=
+INSTALLED := bin/lightprobed lib/systemd/system/lightprobed.service lib/sysusers.d/lightprobe.conf \
+	lib/udev/rules.d/70-lightprobe.rules lib/udev/rules.d/71-lightprobe-mcu.rules share/lightprobe
+CONFIG := $(DESTDIR)/etc/lightprobe/lightprobed.conf
+
+.PHONY: install uninstall check-service
+install: ## copy daemon, service, rules and camera files to PREFIX=/usr/local, as root, after make build; a configuration that is there stays
+	@test -x $(BUILD)/release/bin/lightprobed || \
+		{ echo 'install: there is no build/release/bin/lightprobed: make build, as yourself, then make install as root' >&2; exit 1; }
+	@install -D -t '$(DESTDIR)$(PREFIX)/bin' $(BUILD)/release/bin/lightprobed
+	@install -D -m 644 -t '$(DESTDIR)$(PREFIX)/lib/systemd/system' packaging/systemd/lightprobed.service
+	@sed -i 's|=/usr/bin/|=$(PREFIX)/bin/|' '$(DESTDIR)$(PREFIX)/lib/systemd/system/lightprobed.service'
+	@install -D -m 644 packaging/systemd/lightprobe.sysusers '$(DESTDIR)$(PREFIX)/lib/sysusers.d/lightprobe.conf'
+	@install -D -m 644 -t '$(DESTDIR)$(PREFIX)/lib/udev/rules.d' packaging/udev/*.rules
+	@install -D -m 644 -t '$(DESTDIR)$(PREFIX)/share/lightprobe/drop-ins' packaging/systemd/drop-ins/*.conf
+	@install -D -m 644 -t '$(DESTDIR)$(PREFIX)/share/lightprobe/cameras' packaging/cameras/*.camera
+	@if [ -e '$(CONFIG)' ]; then \
+		echo 'install: $(CONFIG) is kept; what a new one holds: packaging/systemd/lightprobed.conf'; \
+	else \
+		install -D -m 644 packaging/systemd/lightprobed.conf '$(CONFIG)'; \
+	fi
+	@$(if $(DESTDIR),,packaging/system-reload)
+	@echo 'install: done. Next: edit $(CONFIG), then: systemctl enable --now lightprobed'
+
+uninstall: ## take away what make install has copied; the configuration stays
+	@if [ -z '$(DESTDIR)' ] && [ -d /run/systemd/system ]; then systemctl disable --now lightprobed; fi
+	@rm -rf $(INSTALLED:%='$(DESTDIR)$(PREFIX)'/%)
+	@$(if $(DESTDIR),,packaging/system-reload)
+	@echo 'uninstall: done; $(CONFIG) and drop-ins under /etc/systemd are kept'
+
+check-service: ## print what systemd says about the service: its errors, its exposure to attacks and why
+	@systemd-analyze --no-pager security --offline=yes packaging/systemd/lightprobed.service

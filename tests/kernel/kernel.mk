@@ -5,12 +5,11 @@ UVC_CAMERA := $(BUILD)/kernel/bin/uvc_camera
 UVC_CAMERA_OBJECTS := $(patsubst %.c,$(BUILD)/kernel/obj/%.o,$(notdir $(wildcard tests/kernel/uvc_camera/*.c)))
 KERNEL_PICTURES := $(BUILD)/kernel/pictures
 GROUP ?=
-ATTEMPTS ?=
 C_SOURCES += $(wildcard tests/kernel/uvc_camera/*.[ch])
 
 .PHONY: test-kernel kernel-coverage kernel-shell kernel-list kernel-setup
-test-kernel: kernel-setup ## tests on Debian's kernel in QEMU; GROUP=uvc for one group, make kernel-list names them; ATTEMPTS=2 tries again what fails
-	@$(PYTHON) tests/kernel/run.py $(if $(ATTEMPTS),--attempts=$(ATTEMPTS)) $(GROUP)
+test-kernel: kernel-setup ## tests on Debian's kernel in QEMU; GROUP=uvc for one group, make kernel-list names them
+	@$(PYTHON) tests/kernel/run.py $(GROUP)
 
 kernel-coverage: kernel-setup ## the kernel tests with line coverage of the daemon
 	@$(MAKE) VARIANT=cov -j$(JOBS) daemon

@@ -140,7 +140,9 @@ static int can_open(struct lp_link *link, const char **reason)
 		ret = lp_watch_start(link->host.loop, &self->watch, fd, LP_READABLE, on_ready);
 	if (ret == 0)
 		return 0;
-	*reason = ret == -EAFNOSUPPORT ? "the kernel has no CAN — modprobe can-raw" : why(-ret);
+	*reason = ret == -EAFNOSUPPORT
+			  ? "no CAN — modprobe can-raw; a service needs its drop-in can.conf"
+			  : why(-ret);
 	if (fd >= 0)
 		close(fd);
 	return ret;

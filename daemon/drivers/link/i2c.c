@@ -208,8 +208,8 @@ static int i2c_open(struct lp_link *link, const char **reason)
 	*reason = "is the bus there? modprobe i2c-dev, or its overlay";
 	self->bus_fd = open(self->device, O_RDWR | O_CLOEXEC);
 	if (self->bus_fd < 0) {
-		if (errno == EACCES)
-			*reason = "join the group i2c";
+		if (errno == EACCES || errno == EPERM)
+			*reason = "join the group i2c; a service needs its drop-in i2c.conf";
 		return -errno;
 	}
 	ret = ioctl(self->bus_fd, I2C_FUNCS, &able) < 0 ? -errno

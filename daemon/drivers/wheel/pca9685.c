@@ -199,8 +199,8 @@ static void close_all(struct rotator_pca9685 *self)
 
 static const char *next_step(int ret, const char *stage)
 {
-	if (ret == -EACCES)
-		return "join the groups i2c and gpio";
+	if (ret == -EACCES || ret == -EPERM)
+		return "join the groups i2c and gpio; a service needs its drop-in i2c.conf";
 	if (strcmp(stage, "index") == 0)
 		return "which GPIO chip and line? gpioinfo lists them";
 	if (ret == -ENXIO || ret == -EREMOTEIO)

@@ -34,24 +34,18 @@ def parse_delimited(data: bytes) -> tuple[bytes | None, bytes]:
     return None, data
 
 
-class Daemon:
-    """lightprobed with one source. `options`: further arguments, as on its command line."""
+class Client:
+    """One connection to a daemon's Unix socket, and what it says there."""
 
-    def __init__(
-        self, source: str, *options: str, user: int | None = None, groups: str = ""
-    ) -> None:
-        self.path = Path(f"/run/lp-{time.monotonic_ns()}.sock")
-        self._log = Path(f"{self.path}.log")
-        which = f"--groups={groups}" if groups else "--clear-groups"
-        drop = ["setpriv", f"--reuid={user}", which] if user else []
-        if user:
-            self.path = Path("/tmp") / self.path.name
-        with self._log.open("wb") as log:
-            self._process = subprocess.Popen(
-                [*drop, BUILD / "bin" / "lightprobed", f"--source={source}",
-                 f"--publish=unix:{self.path}", *options],
-                stderr=log,
-            )  # fmt: skip
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._socket = socket.socket(socket.AF_UNIX)
+        self._data = b""
+        self.connect()
+
+    def connect(self) -> None:
+        """Connect (again), once somebody listens, and subscribe."""
+        self._socket.close()
         self._socket = socket.socket(socket.AF_UNIX)
         wait_for("lightprobed", lambda: self._socket.connect_ex(str(self.path)) == 0)
         self._data = b""
@@ -135,6 +129,31 @@ class Daemon:
         silence("silent 0")
         self.wait_state("STREAMING")
         self.wait_estimate(time.time_ns())
+
+    def log(self) -> str:
+        """Return all that the daemon has printed, as far as this end knows."""
+        return ""
+
+
+class Daemon(Client):
+    """lightprobed with one source. `options`: further arguments, as on its command line."""
+
+    def __init__(
+        self, source: str, *options: str, user: int | None = None, groups: str = ""
+    ) -> None:
+        path = Path(f"/run/lp-{time.monotonic_ns()}.sock")
+        self._log = Path(f"{path}.log")
+        which = f"--groups={groups}" if groups else "--clear-groups"
+        drop = ["setpriv", f"--reuid={user}", which] if user else []
+        if user:
+            path = Path("/tmp") / path.name
+        with self._log.open("wb") as log:
+            self._process = subprocess.Popen(
+                [*drop, BUILD / "bin" / "lightprobed", f"--source={source}",
+                 f"--publish=unix:{path}", *options],
+                stderr=log,
+            )  # fmt: skip
+        super().__init__(path)
 
     def log(self) -> str:
         """Return all that it has printed."""

@@ -7,6 +7,7 @@ from machine import modprobe, run
 
 CONFIGFS = Path("/sys/kernel/config")
 PORTS = 2  # dummy_udc.0, dummy_udc.1
+LINUX_FOUNDATION = 0x1D6B
 
 
 def load_bus() -> None:
@@ -17,7 +18,9 @@ def load_bus() -> None:
 class Gadget:
     """One gadget with one function, such as `acm.usb0`; unplugged until plug()."""
 
-    def __init__(self, name: str, function: str, product_id: int) -> None:
+    def __init__(
+        self, name: str, function: str, product_id: int, vendor_id: int = LINUX_FOUNDATION
+    ) -> None:
         load_bus()
         modprobe("libcomposite")
         if not (CONFIGFS / "usb_gadget").exists():
@@ -27,7 +30,7 @@ class Gadget:
         (self._folder / "configs/c.1").mkdir()
         (self._folder / "functions" / function).mkdir()
         for attribute, value in (
-            ("idVendor", "0x1d6b"),
+            ("idVendor", f"{vendor_id:#06x}"),
             ("idProduct", f"{product_id:#06x}"),
             ("strings/0x409/manufacturer", "lightprobe"),
             ("strings/0x409/product", name),

@@ -9,10 +9,6 @@ from typing import TypeVar
 Value = TypeVar("Value")
 
 
-# What slowness() measures on an idle machine.
-PROGRAM_S = 0.1
-
-
 def run(*command: str, timeout_s: float = 120, check: bool = True) -> str:
     """Run a program and return what it printed (both streams); CalledProcessError on failure."""
     done = subprocess.run(
@@ -37,14 +33,3 @@ def wait_for(what: str, condition: Callable[[], Value], timeout_s: float = 120) 
             raise AssertionError(f"{what}: not seen in {timeout_s} s")
         time.sleep(0.02)
     return value
-
-
-def slowness() -> float:
-    """How many times slower this guest is than on an idle machine; 1 at least.
-
-    A guest cannot see that its host is busy; starting small programs shows it.
-    """
-    begin = time.monotonic()
-    for _ in range(10):
-        run("true")
-    return max(1.0, (time.monotonic() - begin) / (10 * PROGRAM_S))

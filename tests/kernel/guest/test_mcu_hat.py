@@ -111,8 +111,7 @@ class Wheel(threading.Thread):
         os.close(self._bus)
 
 
-@pytest.fixture(scope="module")
-def bus():
+def register_bus() -> str:
     """Device of a bus with register files at the hat's address."""
     modprobe("i2c-dev")
     modprobe("i2c_rdwr", "chips=0x40,0x68")
@@ -120,6 +119,11 @@ def bus():
         if (adapter / "name").read_text().strip() == "lightprobe register files":
             return f"/dev/{adapter.name}"
     raise AssertionError("no adapter appeared")
+
+
+@pytest.fixture(scope="module")
+def bus():
+    return register_bus()
 
 
 @pytest.fixture(scope="module")

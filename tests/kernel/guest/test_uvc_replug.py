@@ -5,7 +5,7 @@ import time
 
 import pytest
 from camera import load_drivers
-from machine import slowness, wait_for
+from machine import wait_for
 
 from daemon import Daemon
 
@@ -58,15 +58,13 @@ def test_twenty_replugs(camera, decoy, record_property):
         waits.append(time.monotonic() - back)
     health = daemon.health()
     daemon.stop()
-    slow = slowness()
     record_property(
         "figure",
-        f"{CYCLES} replugs: resumed within {max(waits):.2f} s, mean {sum(waits) / CYCLES:.2f} s"
-        f" (this guest's time runs {slow:.1f} times as slow as on an idle machine)",
+        f"{CYCLES} replugs: resumed within {max(waits):.2f} s, mean {sum(waits) / CYCLES:.2f} s",
     )
     assert len(nodes) == 2
     assert health.source_reconnects == CYCLES
-    assert max(waits) < RESUME_LIMIT_S * slow
+    assert max(waits) < RESUME_LIMIT_S
 
 
 def test_same_camera_under_another_node(camera, decoy):

@@ -221,6 +221,7 @@ int camera_plug(struct camera *camera, const char *controller)
 	if (camera->plugged)
 		return -EALREADY;
 	snprintf(camera->controller, sizeof(camera->controller), "%s", controller);
+	controls_power_on(camera->controls);
 	ret = connect_to_bus(camera);
 	if (ret < 0)
 		return ret;

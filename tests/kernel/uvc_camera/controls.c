@@ -80,11 +80,18 @@ struct controls *controls_create(const struct camera_options *options, struct fa
 	controls->faults = faults;
 	controls->delay_frames = options->delay_frames;
 	pthread_mutex_init(&controls->lock, NULL);
+	controls_power_on(controls);
+	return controls;
+}
+
+void controls_power_on(struct controls *controls)
+{
+	pthread_mutex_lock(&controls->lock);
 	for (int i = 0; i < CONTROLS; i++)
 		controls->values[i] = table[i].initial;
 	for (int i = 0; i < HISTORY; i++)
 		controls->history[i] = in_force(controls);
-	return controls;
+	pthread_mutex_unlock(&controls->lock);
 }
 
 void controls_destroy(struct controls *controls)

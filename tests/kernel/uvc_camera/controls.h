@@ -20,6 +20,9 @@ struct settings {
 struct controls *controls_create(const struct camera_options *options, struct faults *faults);
 void controls_destroy(struct controls *controls);
 
+/* The camera gets power: all values are the initial ones. */
+void controls_power_on(struct controls *controls);
+
 /* A GET request to an entity: its answer into `data` (8 bytes); returns the size or -EPIPE. */
 int controls_get(struct controls *controls, const struct usb_ctrlrequest *request, uint8_t *data);
 /* May this SET request go on to its data? 0 or -EPIPE; the reason can be asked for by the host. */
