@@ -151,8 +151,7 @@ void Capture::name_object(const std::string &camera_id)
 
 void Capture::report(lp_source_state state, const std::string &stage, const std::string &reason)
 {
-	lp_source_outbox_report(outbox, state, object.c_str(), stage.c_str(), "%s",
-				reason.c_str());
+	lp_source_outbox_report(outbox, state, object.c_str(), stage.c_str(), "%s", reason.c_str());
 }
 
 /* From any thread. */
