@@ -15,6 +15,7 @@ $(OUT)/tests/%: $(OUT)/tests/unit/%.cpp.o $(DAEMON_LIBS)
 # Calls that a test answers itself, instead of the system or of another file.
 $(OUT)/tests/test_source_contract: WRAPPED := open close ioctl mmap lp_v4l2_nodes_read lp_v4l2_hotplug_open \
 	lp_v4l2_hotplug_read lp_v4l2_reset_port
+$(OUT)/tests/test_link_i2c: WRAPPED := open ioctl
 .PRECIOUS: $(OUT)/%.c.o $(OUT)/%.cpp.o
 
 # The expected values of the golden bytes, as C.
