@@ -29,7 +29,10 @@ PACKAGE_GPIOD := libgpiod
 DEBIAN_GPIOD := libgpiod-dev
 PACKAGE_LIBCAMERA := libcamera
 DEBIAN_LIBCAMERA := libcamera-dev
-LP_EXCLUDE := $(if $(filter 0,$(WITH_GPIOD)),daemon/drivers/wheel/pca9685.c) \
+# Of libgpiod there are two, which have nothing in common: version 1 (Debian 12) and 2 (Debian 13).
+GPIOD_MAJOR := $(if $(filter 1,$(WITH_GPIOD)),$(firstword $(subst ., ,$(shell $(PKG_CONFIG) --modversion libgpiod 2>/dev/null))))
+LP_EXCLUDE := $(if $(filter 0,$(WITH_GPIOD)),daemon/drivers/wheel/pca9685/%, \
+		daemon/drivers/wheel/pca9685/index_gpiod$(if $(filter 1,$(GPIOD_MAJOR)),2,1).c) \
 	$(if $(filter 0,$(WITH_LIBCAMERA)),daemon/drivers/source/libcamera/%)
 LP_PACKAGES := libuv libturbojpeg inih $(foreach o,$(WITH_OPTIONS),$(if $(filter 1,$(WITH_$o)),$(PACKAGE_$o)))
 
@@ -117,7 +120,7 @@ DAEMON_SOURCES = $(foreach r,include $(DAEMON_ROOMS),$(call sources,$(r),*.[ch] 
 .PHONY: check-c format-c
 check-c: $(PROTO_H) ## clang-format and clang-tidy over the C and C++ sources
 	@clang-format --dry-run -Werror $(C_SOURCES)
-	@printf '%s\n' $(filter %.c,$(DAEMON_SOURCES)) | xargs -P$(JOBS) -I@ clang-tidy --quiet \
+	@printf '%s\n' $(filter-out $(LP_EXCLUDE),$(filter %.c,$(DAEMON_SOURCES))) | xargs -P$(JOBS) -I@ clang-tidy --quiet \
 		--warnings-as-errors='*' @ -- -std=c17 $(filter-out -MMD -MP,$(LP_CPPFLAGS)) 2>&1 \
 		| { grep -vE 'warnings? generated|^$$' || true; }
 format-c:

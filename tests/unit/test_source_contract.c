@@ -39,30 +39,39 @@ static struct {
 	char reason[512]; /* of the last state */
 	enum lp_source_state state;
 	bool in_op, was_last;
+	const char *violation; /* of the contract; NULL: none */
 	pthread_t loop_thread;
 	struct lp_source_caps caps; /* when STREAMING was reported */
 } heard;
 
+/* A callback must not leave the loop by a failed assertion: the test fails at its next step. */
+#define MUST(condition)                               \
+	do {                                          \
+		if (!(condition) && !heard.violation) \
+			heard.violation = #condition; \
+	} while (0)
+
 static void note(char letter)
 {
-	assert_false(heard.in_op); /* 1 of the contract */
-	assert_true(pthread_equal(pthread_self(), heard.loop_thread));
-	assert_int_not_equal(heard.state, LP_SOURCE_ENDED); /* 6 */
+	MUST(!heard.in_op); /* 1 of the contract */
+	MUST(pthread_equal(pthread_self(), heard.loop_thread));
+	MUST(heard.state != LP_SOURCE_ENDED); /* 6 */
 	if (heard.length < sizeof(heard.trace) - 1)
 		heard.trace[heard.length++] = letter;
 }
 
 static void on_frame(void *context, struct lp_frame *frame)
 {
+	const bool corrupt = frame->flags & LP_FRAME_CORRUPT;
+
 	(void)context;
-	note(frame->flags & LP_FRAME_CORRUPT ? 'c' : 'f');
-	assert_int_equal(heard.state, LP_SOURCE_STREAMING); /* 2, 4 */
-	assert_false(heard.was_last);			    /* 6 */
-	assert_true(heard.caps.reports_exposure || isnan(frame->exposure_us) ||
-		    heard.caps.exposure_settable);
-	if (heard.caps.reports_exposure && !(frame->flags & LP_FRAME_CORRUPT))
-		assert_false(isnan(frame->exposure_us));
-	assert_true(frame->t_start_ns > 0 && frame->t_start_ns <= frame->t_arrival_ns);
+	note(corrupt ? 'c' : 'f');
+	MUST(heard.state == LP_SOURCE_STREAMING); /* 2, 4 */
+	MUST(!heard.was_last);			  /* 6 */
+	MUST(heard.caps.reports_exposure || heard.caps.exposure_settable ||
+	     isnan(frame->exposure_us));
+	MUST(!heard.caps.reports_exposure || corrupt || !isnan(frame->exposure_us));
+	MUST(frame->t_start_ns > 0 && frame->t_start_ns <= frame->t_arrival_ns);
 	heard.was_last = frame->flags & LP_FRAME_LAST;
 	lp_frame_release(frame);
 }
@@ -71,19 +80,26 @@ static void on_corrupt(void *context)
 {
 	(void)context;
 	note('x');
-	assert_int_not_equal(heard.state, LP_SOURCE_STREAMING); /* 3 */
+	MUST(heard.state != LP_SOURCE_STREAMING); /* 3 */
 }
 
 static void on_state(void *context, enum lp_source_state state, const char *reason)
 {
 	(void)context;
 	note("-DWTLE"[state]);
-	assert_true(state != heard.state || strcmp(reason, heard.reason) != 0); /* 5 */
-	assert_true(state != LP_SOURCE_ENDED || heard.was_last);		/* 6 */
+	MUST(state != heard.state || strcmp(reason, heard.reason) != 0); /* 5 */
+	MUST(state != LP_SOURCE_ENDED || heard.was_last);		 /* 6 */
 	heard.state = state;
 	(void)snprintf(heard.reason, sizeof(heard.reason), "%s", reason);
 	if (state == LP_SOURCE_STREAMING)
 		source->ops->caps(source, &heard.caps);
+}
+
+static void assert_no_violation(void)
+{
+	if (heard.violation)
+		fail_msg("against the contract: %s; heard %s: %s", heard.violation, heard.trace,
+			 heard.reason);
 }
 
 /* The trace without states W, D and L before the stream, which depend on who was first. */
@@ -121,11 +137,13 @@ static int count(char letter)
 	do {                                                                                    \
 		const int64_t end_ns = lp_clock_ns() + PATIENCE_NS;                             \
 		while (!(condition)) {                                                          \
+			assert_no_violation();                                                  \
 			if (lp_clock_ns() > end_ns)                                             \
 				fail_msg("not seen: %s; heard %s: %s", #condition, heard.trace, \
 					 heard.reason);                                         \
 			(void)loop_turn(loop, 20);                                              \
 		}                                                                               \
+		assert_no_violation();                                                          \
 	} while (0)
 
 /* ---------------------------------------------------------------- devices */
@@ -302,6 +320,7 @@ static void destroy(void)
 	if (source)
 		source->ops->destroy(source);
 	source = NULL;
+	assert_no_violation();
 }
 
 /* Send these frames as soon as the device can. */
