@@ -2,7 +2,7 @@
 # lightprobed, and one static library per room of it. VARIANT chooses how it is built:
 #   release   what ships           asan   address + undefined-behaviour sanitizers (tests)
 #   tsan      thread sanitizer     cov    line coverage        arm64  cross-built
-#   fuzz      clang, for libFuzzer
+#   fuzz      clang, for libFuzzer  gpiod2 as release, with libgpiod 2 whatever the system has (make gpiod2)
 
 VARIANT ?= release
 OUT := $(BUILD)/$(VARIANT)
@@ -12,7 +12,9 @@ CROSS_arm64 := aarch64-linux-gnu-
 CC := $(if $(filter fuzz,$(VARIANT)),clang,$(CROSS_$(VARIANT))gcc)
 CXX := $(if $(filter fuzz,$(VARIANT)),clang++,$(CROSS_$(VARIANT))g++)
 AR := $(CROSS_$(VARIANT))ar
-PKG_CONFIG := $(if $(filter arm64,$(VARIANT)),PKG_CONFIG_LIBDIR=/usr/lib/aarch64-linux-gnu/pkgconfig:/usr/share/pkgconfig )pkg-config
+PKG_CONFIG_arm64 := PKG_CONFIG_LIBDIR=/usr/lib/aarch64-linux-gnu/pkgconfig:/usr/share/pkgconfig
+PKG_CONFIG_gpiod2 := PKG_CONFIG_PATH=$(BUILD)/libgpiod2
+PKG_CONFIG := $(PKG_CONFIG_$(VARIANT)) pkg-config
 
 # Optional libraries: 0 or 1. A missing one is an error that names the package and the way without.
 WITH_SYSTEMD ?= 1
@@ -38,6 +40,7 @@ LP_PACKAGES := libuv libturbojpeg inih $(foreach o,$(WITH_OPTIONS),$(if $(filter
 
 FLAGS_release := -O2
 FLAGS_arm64 := -O2
+FLAGS_gpiod2 := -O2
 FLAGS_asan := -O1 -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
 FLAGS_fuzz := -O1 -fsanitize=fuzzer-no-link,address,undefined -fno-sanitize-recover=all
 FLAGS_tsan := -O1 -fsanitize=thread

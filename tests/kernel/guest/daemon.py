@@ -38,7 +38,12 @@ class Daemon:
     """lightprobed with one source. `options`: further arguments, as on its command line."""
 
     def __init__(
-        self, source: str, *options: str, user: int | None = None, groups: str = ""
+        self,
+        source: str,
+        *options: str,
+        user: int | None = None,
+        groups: str = "",
+        build: Path = BUILD,
     ) -> None:
         self.path = Path(f"/run/lp-{time.monotonic_ns()}.sock")
         self._log = Path(f"{self.path}.log")
@@ -48,7 +53,7 @@ class Daemon:
             self.path = Path("/tmp") / self.path.name
         with self._log.open("wb") as log:
             self._process = subprocess.Popen(
-                [*drop, BUILD / "bin" / "lightprobed", f"--source={source}",
+                [*drop, build / "bin" / "lightprobed", f"--source={source}",
                  f"--publish=unix:{self.path}", *options],
                 stderr=log,
             )  # fmt: skip
