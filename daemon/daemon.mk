@@ -2,7 +2,7 @@
 # lightprobed, and one static library per room of it. VARIANT chooses how it is built:
 #   release   what ships           asan   address + undefined-behaviour sanitizers (tests)
 #   tsan      thread sanitizer     cov    line coverage        arm64  cross-built
-#   fuzz      clang, for libFuzzer
+#   fuzz      clang, for libFuzzer  gpiod2 as release, with libgpiod 2 whatever the system has (make gpiod2)
 
 VARIANT ?= release
 OUT := $(BUILD)/$(VARIANT)
@@ -12,7 +12,9 @@ CROSS_arm64 := aarch64-linux-gnu-
 CC := $(if $(filter fuzz,$(VARIANT)),clang,$(CROSS_$(VARIANT))gcc)
 CXX := $(if $(filter fuzz,$(VARIANT)),clang++,$(CROSS_$(VARIANT))g++)
 AR := $(CROSS_$(VARIANT))ar
-PKG_CONFIG := $(if $(filter arm64,$(VARIANT)),PKG_CONFIG_LIBDIR=/usr/lib/aarch64-linux-gnu/pkgconfig:/usr/share/pkgconfig )pkg-config
+PKG_CONFIG_arm64 := PKG_CONFIG_LIBDIR=/usr/lib/aarch64-linux-gnu/pkgconfig:/usr/share/pkgconfig
+PKG_CONFIG_gpiod2 := PKG_CONFIG_PATH=$(BUILD)/libgpiod2
+PKG_CONFIG := $(PKG_CONFIG_$(VARIANT)) pkg-config
 
 # Optional libraries: 0 or 1. A missing one is an error that names the package and the way without.
 WITH_SYSTEMD ?= 1
@@ -29,12 +31,16 @@ PACKAGE_GPIOD := libgpiod
 DEBIAN_GPIOD := libgpiod-dev
 PACKAGE_LIBCAMERA := libcamera
 DEBIAN_LIBCAMERA := libcamera-dev
-LP_EXCLUDE := $(if $(filter 0,$(WITH_GPIOD)),daemon/drivers/wheel/pca9685.c) \
+# Of libgpiod there are two, which have nothing in common: version 1 (Debian 12) and 2 (Debian 13).
+GPIOD_MAJOR := $(if $(filter 1,$(WITH_GPIOD)),$(firstword $(subst ., ,$(shell $(PKG_CONFIG) --modversion libgpiod 2>/dev/null))))
+LP_EXCLUDE := $(if $(filter 0,$(WITH_GPIOD)),daemon/drivers/wheel/pca9685/%, \
+		daemon/drivers/wheel/pca9685/index_gpiod$(if $(filter 1,$(GPIOD_MAJOR)),2,1).c) \
 	$(if $(filter 0,$(WITH_LIBCAMERA)),daemon/drivers/source/libcamera/%)
 LP_PACKAGES := libuv libturbojpeg inih $(foreach o,$(WITH_OPTIONS),$(if $(filter 1,$(WITH_$o)),$(PACKAGE_$o)))
 
 FLAGS_release := -O2
 FLAGS_arm64 := -O2
+FLAGS_gpiod2 := -O2
 FLAGS_asan := -O1 -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
 FLAGS_fuzz := -O1 -fsanitize=fuzzer-no-link,address,undefined -fno-sanitize-recover=all
 FLAGS_tsan := -O1 -fsanitize=thread
@@ -117,7 +123,7 @@ DAEMON_SOURCES = $(foreach r,include $(DAEMON_ROOMS),$(call sources,$(r),*.[ch] 
 .PHONY: check-c format-c
 check-c: $(PROTO_H) ## clang-format and clang-tidy over the C and C++ sources
 	@clang-format --dry-run -Werror $(C_SOURCES)
-	@printf '%s\n' $(filter %.c,$(DAEMON_SOURCES)) | xargs -P$(JOBS) -I@ clang-tidy --quiet \
+	@printf '%s\n' $(filter-out $(LP_EXCLUDE),$(filter %.c,$(DAEMON_SOURCES))) | xargs -P$(JOBS) -I@ clang-tidy --quiet \
 		--warnings-as-errors='*' @ -- -std=c17 $(filter-out -MMD -MP,$(LP_CPPFLAGS)) 2>&1 \
 		| { grep -vE 'warnings? generated|^$$' || true; }
 format-c:

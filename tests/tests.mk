@@ -4,14 +4,20 @@
 
 C_SOURCES = $(DAEMON_SOURCES) $(wildcard tests/*/*.[ch] tests/*/*.cpp)
 
-UNIT_SOURCES := $(filter-out $(if $(filter 0,$(WITH_LIBCAMERA)),%_libcamera.cpp),$(wildcard tests/unit/test_*.c tests/unit/test_*.cpp))
+UNIT_SOURCES := $(filter-out $(if $(filter 0,$(WITH_LIBCAMERA)),%_libcamera.cpp) $(if $(filter 0,$(WITH_GPIOD)),%_pca9685.c),$(wildcard tests/unit/test_*.c tests/unit/test_*.cpp))
 UNIT_TESTS := $(patsubst tests/unit/%,$(OUT)/tests/%,$(basename $(UNIT_SOURCES)))
 
-link_unit_test = mkdir -p $(@D) && $(CC) $(LP_LDFLAGS) -o $@ $^ $(LP_LDLIBS) -lcmocka -ljpeg
+link_unit_test = mkdir -p $(@D) && $(CC) $(LP_LDFLAGS) $(WRAPPED:%=-Wl,--wrap=%) -o $@ $^ $(LP_LDLIBS) -lcmocka -ljpeg
 $(OUT)/tests/%: $(OUT)/tests/unit/%.c.o $(DAEMON_LIBS)
 	@$(link_unit_test)
 $(OUT)/tests/%: $(OUT)/tests/unit/%.cpp.o $(DAEMON_LIBS)
 	@$(link_unit_test)
+# Calls that a test answers itself, instead of the system or of another file.
+$(OUT)/tests/test_source_contract: WRAPPED := open close ioctl mmap lp_v4l2_nodes_read lp_v4l2_hotplug_open \
+	lp_v4l2_hotplug_read lp_v4l2_reset_port
+$(OUT)/tests/test_link_i2c: WRAPPED := open ioctl
+$(OUT)/tests/test_rotator_pca9685: WRAPPED := open ioctl lp_index_open lp_index_fd lp_index_read lp_index_is_on \
+	lp_index_close
 .PRECIOUS: $(OUT)/%.c.o $(OUT)/%.cpp.o
 
 # The expected values of the golden bytes, as C.

@@ -15,6 +15,7 @@ extern const struct lp_source_ops lp_source_file_ops;
 extern const struct lp_source_ops lp_source_sim_ops;
 extern const struct lp_source_ops lp_source_v4l2_ops;
 extern const struct lp_source_ops lp_source_libcamera_ops;
+extern const struct lp_source_ops lp_source_example_ops;
 extern const struct lp_rotator_ops lp_rotator_mcu_ops;
 extern const struct lp_rotator_ops lp_rotator_pca9685_ops;
 extern const struct lp_rotator_ops lp_rotator_sim_ops;
@@ -29,6 +30,7 @@ static const struct lp_backend sources[] = {
 	{"libcamera", "WITH_LIBCAMERA", WITH_LIBCAMERA ? &lp_source_libcamera_ops : NULL},
 	{"file", NULL, &lp_source_file_ops},
 	{"sim", "WITH_SIM", WITH_SIM ? &lp_source_sim_ops : NULL},
+	{"example", NULL, &lp_source_example_ops},
 	{0},
 };
 

@@ -48,6 +48,7 @@ struct lp_daemon {
 	bool has_frames;	    /* the next two count */
 	uint64_t next_sequence;	    /* of the source, if nothing is lost */
 	uint64_t frames_lost;	    /* between the camera and us */
+	uint64_t frames_corrupt;    /* while the source did not stream: the worker never saw them */
 	struct lp_result once_best; /* --once: the newest estimate of the set */
 	bool once_has_best;
 
@@ -124,6 +125,15 @@ static void on_frame(void *context, struct lp_frame *frame)
 	lp_instruments_frame(daemon->instruments, frame);
 }
 
+static void on_corrupt_frame(void *context)
+{
+	struct lp_daemon *daemon = context;
+
+	daemon->health.report.frames_received++;
+	daemon->frames_corrupt++;
+	daemon->next_sequence++; /* it is no gap */
+}
+
 /* What is wrong with the source, for health messages. */
 static void set_fault(struct lp_daemon *daemon, enum lp_source_state state, const char *reason)
 {
@@ -191,7 +201,7 @@ static void finish_once(struct lp_daemon *daemon)
 		begin_ending(daemon, LP_EXIT_FAILURE);
 		return;
 	}
-	if (lp_worker_rejected(daemon->worker) > 0)
+	if (lp_worker_rejected(daemon->worker) + daemon->frames_corrupt > 0)
 		raw->flags |= LP_ESTIMATE_BRACKET_INCOMPLETE;
 	lp_hub_publish(daemon->hub, &daemon->once_best.estimates, &daemon->once_best.demand);
 	begin_ending(daemon, LP_EXIT_OK);
@@ -303,7 +313,7 @@ static void on_tick(struct lp_timer *timer)
 	struct lp_health_report *report = &daemon->health.report;
 
 	report->frames_dropped = lp_worker_dropped(daemon->worker) + daemon->frames_lost;
-	report->frames_rejected = lp_worker_rejected(daemon->worker);
+	report->frames_rejected = lp_worker_rejected(daemon->worker) + daemon->frames_corrupt;
 	lp_instruments_tick(daemon->instruments, lp_clock_ns());
 	govern(daemon);
 	lp_hub_tick(daemon->hub);
@@ -354,6 +364,7 @@ static int create_source(struct lp_daemon *daemon)
 					    .loop = daemon->loop,
 					    .once = daemon->options->once,
 					    .frame = on_frame,
+					    .corrupt = on_corrupt_frame,
 					    .state = on_state,
 					    .camera = &camera};
 	int ret;

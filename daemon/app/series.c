@@ -101,13 +101,22 @@ static void on_frame(void *context, struct lp_frame *frame)
 		end(series, LP_EXIT_OK);
 }
 
+/* Before the series begins: the source says how many there were. */
+static void on_corrupt_frame(void *context)
+{
+	(void)context;
+}
+
 static void begin(struct series *series)
 {
 	struct lp_source_caps caps;
 
 	series->source->ops->caps(series->source, &caps);
 	series->begun = true;
-	lp_series_writer_camera(series->writer, series->source->ops->scheme, &caps);
+	if (lp_series_writer_start(series->writer, series->source->ops->scheme, &caps) < 0) {
+		end(series, LP_EXIT_FAILURE);
+		return;
+	}
 	if (series->options->series_us.count == 0)
 		return;
 	if (!caps.exposure_settable || !series->source->ops->set_exposure) {
@@ -161,6 +170,7 @@ static int open_source(struct series *series)
 					    .loop = series->loop,
 					    .once = true,
 					    .frame = on_frame,
+					    .corrupt = on_corrupt_frame,
 					    .state = on_state,
 					    .camera = &camera};
 	const int ret = lp_camera_file_read(series->options->camera, &series->camera_file);

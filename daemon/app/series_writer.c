@@ -35,6 +35,7 @@ struct lp_series_writer {
 	struct lp_pool *items;
 	struct lp_mailbox *inbox;
 	pthread_t thread;
+	bool thread_runs;
 	unsigned int written;
 	atomic_int error;
 };
@@ -128,8 +129,6 @@ static int write_frame(struct lp_series_writer *writer, const struct item *item)
 		ret = -errno;
 	if (ret < 0)
 		return ret;
-	if (writer->written == 0)
-		write_camera(writer);
 	write_row(writer, name, item);
 	if (fflush(writer->index) != 0)
 		return -errno;
@@ -142,6 +141,7 @@ static void *work(void *argument)
 	struct lp_series_writer *writer = argument;
 	struct item *item;
 
+	write_camera(writer);
 	while ((item = lp_mailbox_wait(writer->inbox)) != NULL) {
 		int ret = atomic_load(&writer->error);
 
@@ -224,15 +224,12 @@ int lp_series_writer_create(const char *folder, struct lp_series_writer **writer
 	if (!self)
 		return -ENOMEM;
 	self->folder_fd = -1;
-	self->scheme = "";
 	self->folder = strdup(folder);
 	self->inbox = lp_mailbox_create(WAITING_FRAMES);
 	/* One at work and one on its way besides those that wait. */
 	self->items = lp_pool_create(sizeof(struct item), WAITING_FRAMES + 2, NULL);
 	if (self->folder && self->inbox && self->items)
 		ret = open_folder(self);
-	if (ret == 0)
-		ret = -pthread_create(&self->thread, NULL, work, self);
 	if (ret < 0) {
 		destroy(self);
 		return ret;
@@ -241,11 +238,18 @@ int lp_series_writer_create(const char *folder, struct lp_series_writer **writer
 	return 0;
 }
 
-void lp_series_writer_camera(struct lp_series_writer *writer, const char *scheme,
-			     const struct lp_source_caps *caps)
+int lp_series_writer_start(struct lp_series_writer *writer, const char *scheme,
+			   const struct lp_source_caps *caps)
 {
+	int ret;
+
 	writer->scheme = scheme;
 	writer->caps = *caps;
+	ret = -pthread_create(&writer->thread, NULL, work, writer);
+	if (ret < 0)
+		lp_error(writer->folder, "write", "no thread: %s", lp_strerror(ret));
+	writer->thread_runs = ret == 0;
+	return ret;
 }
 
 void lp_series_writer_put(struct lp_series_writer *writer, struct lp_frame *frame,
@@ -275,7 +279,8 @@ int lp_series_writer_finish(struct lp_series_writer *writer, bool complete)
 	int ret;
 
 	lp_mailbox_close(writer->inbox);
-	pthread_join(writer->thread, NULL);
+	if (writer->thread_runs)
+		pthread_join(writer->thread, NULL);
 	ret = atomic_load(&writer->error);
 	(void)fprintf(writer->index, "{\"frames\": %u, \"complete\": %s}\n", writer->written,
 		      complete && ret == 0 ? "true" : "false");

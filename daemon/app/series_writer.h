@@ -28,9 +28,10 @@ struct lp_series_shot {
  */
 int lp_series_writer_create(const char *folder, struct lp_series_writer **writer);
 
-/* What the camera can do; before the first frame. `scheme`: of the source, static storage. */
-void lp_series_writer_camera(struct lp_series_writer *writer, const char *scheme,
-			     const struct lp_source_caps *caps);
+/* Begin to write, with the line on the camera and what it can do. Once, before the first frame.
+ * `scheme`: of the source, static storage. 0 or -errno, logged. */
+int lp_series_writer_start(struct lp_series_writer *writer, const char *scheme,
+			   const struct lp_source_caps *caps);
 
 /* Takes over the reference to `frame`. A disk too slow for the camera holds the source's frames up:
  * what the source then leaves out is missing in the sequence. Loop thread. */

@@ -2,7 +2,7 @@
 /*
  * A source of frames: camera, files, simulator. One back end = one file
  * drivers/source/<scheme>/<scheme>.c with one `const struct lp_source_ops`, registered by one line
- * in app/backends.c.
+ * in app/backends.c. docs/adding_a_backend.md leads through drivers/source/example/.
  *
  * Contract. create() only parses and allocates; start() opens the device. A device that is absent
  * is no error of start() when it may come (camera, simulator): it reports WAITING and tries again
@@ -10,6 +10,18 @@
  * runs in a thread of the back end's own, which hands over through drivers/source/outbox.h.
  * Descriptors and timers are watched on host.loop (base/loop.h) from start() on. Results are 0 or
  * negative errno; the error has been logged where it was detected.
+ *
+ * Order of the callbacks, the same for all sources (tests/unit/test_source_contract.c):
+ * 1. No op makes a callback: all come from the loop, after start().
+ * 2. Frames come only while STREAMING. STREAMING is reported before the first frame, as soon as a
+ *    usable one (without LP_FRAME_CORRUPT) is there; from then on caps() is complete.
+ * 3. A corrupt frame in another state is not handed on but counted, by corrupt(). So a device that
+ *    sends only corrupt frames is not STREAMING; after a while it is STALLED.
+ * 4. After WAITING, STALLED or DOWN, STREAMING is reported again before the next frame. A source
+ *    that waits for a device says why, and says so again when the reason has changed.
+ * 5. No state is reported twice in a row with the same reason.
+ * 6. A finite source ends with a frame that has LP_FRAME_LAST, and ENDED after it; nothing follows.
+ *    One that has no usable frame ends with DOWN.
  */
 #ifndef LP_SOURCE_H
 #define LP_SOURCE_H
@@ -27,7 +39,7 @@ enum lp_source_state {
 	LP_SOURCE_DOWN = 1,
 	LP_SOURCE_WAITING, /* device absent; trying again */
 	LP_SOURCE_STREAMING,
-	LP_SOURCE_STALLED, /* present but silent */
+	LP_SOURCE_STALLED, /* present, but without usable frames */
 	LP_SOURCE_ENDED,   /* a finite source has given its last frame */
 };
 
@@ -41,6 +53,8 @@ struct lp_source_host {
 	bool once;
 	/* Takes over the reference to `frame`. */
 	void (*frame)(void *context, struct lp_frame *frame);
+	/* A corrupt frame has come that is not handed on, because the source is not STREAMING. */
+	void (*corrupt)(void *context);
 	/* `reason` names object, stage and next step; valid during the call. */
 	void (*state)(void *context, enum lp_source_state state, const char *reason);
 	/* What the camera file says to the driver; NULL: there is none. Borrowed during create().

@@ -69,6 +69,20 @@ def test_a_bad_frame_in_the_middle_of_a_stream(probe, name):
         assert any(line.startswith(("error ", "warning ")) for line in daemon.log().splitlines())
 
 
+def test_corrupt_frames_before_the_first_good_one_are_counted(probe):
+    cam, daemon, client = probe
+    cam.send(GOOD, flags=1)
+    cam.send(GOOD, flags=1)
+    health = client.until(lambda h: h.frames_rejected == 2, "health")
+    assert health.frames_received == 2
+    assert health.source_state != health.STREAMING
+    cam.send(GOOD)
+    health = client.until(lambda h: h.estimates == 1, "health")
+    assert health.source_state == health.STREAMING
+    assert (health.frames_received, health.frames_rejected, health.frames_dropped) == (3, 2, 0)
+    assert daemon.log().count("frames arrive") == 1
+
+
 def test_floats_that_are_no_numbers(probe):
     cam, daemon, client = probe
     radiance = np.full((64, 128, 3), 1.0, np.float32)

@@ -1,6 +1,7 @@
 """--series: raw frames of a schedule of exposures into a folder, and nothing else."""
 
 import json
+import math
 import resource
 import signal
 import stat
@@ -42,6 +43,23 @@ def test_frames_follow_their_commands(tmp_path):
     assert series.reports_exposure
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
     assert all(stat.S_IMODE(path.stat().st_mode) == 0o600 for path in folder.iterdir())
+
+
+def test_corrupt_frames_first_do_not_spoil_what_is_said_of_the_camera(tmp_path):
+    folder = tmp_path / "series"
+    with camera() as cam:
+        daemon = Daemon(f"--source=sim:{cam.path}", f"--series={folder}", "--series-frames=2")
+        daemon.start()
+        cam.accept()
+        cam.send(jpeg(), exposure_us=math.nan, flags=1)
+        cam.send(jpeg())
+        cam.send(jpeg(), exposure_us=math.nan, flags=1)
+        assert daemon.wait() == 0
+    header, *frames, last = rows(folder)
+    assert header["source"] == "sim"
+    assert header["reports_exposure"]
+    assert [frame["corrupt"] for frame in frames] == [False, True]
+    assert last == {"frames": 2, "complete": True}
 
 
 def test_a_file_gives_its_frames_as_they_come(tmp_path):

@@ -48,6 +48,18 @@ def test_a_silent_camera_makes_estimates_stale_after_their_time() -> None:
     assert 1 <= len(stale) <= 3  # once a second from 1 s after the last frame
 
 
+def test_a_camera_that_gives_only_corrupt_frames_is_stalled() -> None:
+    with LiveProbe(camera(), faults=Faults(marked=1)) as probe:
+        client = probe.client(ALL)
+        probe.run(4.0)
+        health = client.health
+        assert health is not None
+        assert health.source_state == "STALLED"
+        assert "only corrupt frames for 2 s" in health.faults[0].text
+        assert health.frames_rejected > 60
+        assert not client.estimates
+
+
 def test_without_a_test_that_listens_it_says_so_and_ends(tmp_path) -> None:
     status, _, log = run("--source=sim:/nowhere", f"--simulated-time={tmp_path}/none")
     assert status == 1

@@ -23,7 +23,17 @@ kernel-list:
 
 kernel-setup: $(call apt,kernel) build $(UVC_CAMERA) $(KERNEL_PICTURES)/truth.json
 	@$(MAKE) -j$(JOBS) firmware-host
+	@$(MAKE) gpiod2
 	@$(PYTHON) tests/kernel/kernel_package.py
+
+# The daemon on libgpiod 2 (build/gpiod2/bin), as on Debian 13; the system's may be version 1.
+.PHONY: gpiod2
+gpiod2: $(BUILD)/libgpiod2/libgpiod.pc
+	@$(MAKE) VARIANT=gpiod2 -j$(JOBS) daemon
+
+$(BUILD)/libgpiod2/libgpiod.pc: tests/kernel/build-libgpiod2 | setup
+	@echo 'setup: libgpiod 2 from the source in its Python package'
+	@$< $(VENV)/bin/pip $(@D)
 
 $(KERNEL_PICTURES)/truth.json: tests/kernel/make_pictures.py $(wildcard host_py/lightprobe/*.py host_py/lightprobe/imaging/*.py host_py/lightprobe/sim/*.py) | setup
 	@$(VENV)/bin/python $< $(@D)

@@ -67,6 +67,7 @@ static void test_every_back_end_states_its_contract(void **state)
 		"file:/nowhere",
 		"sim:/nowhere",
 		"v4l2:/nowhere",
+		"example:",
 #if WITH_LIBCAMERA
 		"libcamera:nothing",
 #endif
@@ -105,8 +106,8 @@ static void test_every_back_end_states_its_contract(void **state)
 
 static void test_wrong_keys_are_errors_of_create(void **state)
 {
-	static const char *const bad_sources[] = {"file:", "file:a?speed=1", "file:a?rate=-1",
-						  "sim:", "file:a?size=640"};
+	static const char *const bad_sources[] = {"file:", "file:a?speed=1",  "file:a?rate=-1",
+						  "sim:",  "file:a?size=640", "example:?rate=0"};
 	static const char *const bad_publishers[] = {"tcp:127.0.0.1:1?mode=1", "unix:/a?mode=9",
 						     "unix:/a?mode=1777", "stdout:x",
 						     "stdout:?a=b"};

@@ -9,6 +9,7 @@
 #include <sys/socket.h>
 #include <sys/un.h>
 
+#include "base/clock.h"
 #include "base/uri.h"
 #include "drivers/source/sim/header.h"
 #include "include/frame.h"
@@ -19,13 +20,15 @@ extern const struct lp_source_ops lp_source_sim_ops;
 
 /* ---------------------------------------------------------------- header */
 
+static int64_t frame_start_ns; /* 0: now */
+
 /* Little-endian, as the machine that runs the tests. */
 static void make_header(uint8_t header[LP_SIM_HEADER_BYTES], const char *format, uint32_t width,
 			uint32_t height, uint64_t payload)
 {
 	const uint32_t header_bytes = 64, sequence_low = 5;
 	const float exposure = 1000, gain = NAN;
-	const int64_t start_ns = 123456789;
+	const int64_t start_ns = frame_start_ns ? frame_start_ns : lp_clock_ns();
 
 	memset(header, 0, LP_SIM_HEADER_BYTES);
 	memcpy(header, "LPF1", 4);
@@ -54,6 +57,7 @@ static void test_header_of_every_format(void **state)
 	};
 
 	(void)state;
+	frame_start_ns = 123456789;
 	for (size_t i = 0; i < ARRAY_COUNT(cases); i++) {
 		uint8_t data[LP_SIM_HEADER_BYTES];
 		struct lp_sim_header header;
@@ -72,6 +76,7 @@ static void test_header_of_every_format(void **state)
 		assert_null(lp_sim_header_parse(data, &header));
 		assert_int_equal(header.flags, LP_FRAME_CORRUPT);
 	}
+	frame_start_ns = 0;
 }
 
 static void test_bad_headers(void **state)
@@ -101,6 +106,10 @@ static void test_bad_headers(void **state)
 	data[28] = 5; /* stride below the width */
 	assert_null(lp_sim_header_parse(data, &header));
 	assert_int_equal(header.flags, LP_FRAME_CORRUPT);
+	make_header(data, "GREY", 6, 4, 24);
+	memcpy(data + 48, &(float){1e10F}, 4); /* exposed for hours */
+	assert_null(lp_sim_header_parse(data, &header));
+	assert_int_equal(header.flags, LP_FRAME_CORRUPT);
 }
 
 /* ---------------------------------------------------------------- link */
@@ -109,7 +118,8 @@ static char path[64];
 static int listener = -1, peer = -1;
 static struct lp_source *source;
 static struct {
-	int frames, corrupt;
+	int frames, corrupt, counted;
+	int64_t start_ns;
 	uint64_t sequence;
 	uint8_t first_byte;
 	enum lp_source_state state;
@@ -122,8 +132,15 @@ static void on_frame(void *context, struct lp_frame *frame)
 	heard.frames++;
 	heard.corrupt += frame->flags & LP_FRAME_CORRUPT ? 1 : 0;
 	heard.sequence = frame->sequence;
+	heard.start_ns = frame->t_start_ns;
 	heard.first_byte = frame->data[0];
 	lp_frame_release(frame);
+}
+
+static void on_corrupt(void *context)
+{
+	(void)context;
+	heard.counted++;
 }
 
 static void on_state(void *context, enum lp_source_state state, const char *reason)
@@ -156,7 +173,10 @@ static struct lp_loop *loop;
 static int setup(void **state)
 {
 	const int created = lp_loop_create(&loop);
-	const struct lp_source_host host = {.loop = loop, .frame = on_frame, .state = on_state};
+	const struct lp_source_host host = {.loop = loop,
+					    .frame = on_frame,
+					    .corrupt = on_corrupt,
+					    .state = on_state};
 	struct lp_uri uri;
 	char text[128];
 
@@ -269,7 +289,8 @@ static void test_absent_then_there_then_gone_then_back(void **state)
 {
 	(void)state;
 	assert_int_equal(lp_source_sim_ops.start(source), 0);
-	assert_int_equal(heard.state, LP_SOURCE_WAITING);
+	while (heard.state != LP_SOURCE_WAITING)
+		dispatch(1000);
 	assert_contains(heard.reason, "lightprobe simulate");
 	assert_int_equal(lp_source_sim_ops.set_exposure(source, 1, 1), -ENOTCONN);
 	start_simulator();
@@ -317,11 +338,40 @@ static void test_corrupt_frames_are_marked(void **state)
 	start_simulator();
 	assert_int_equal(lp_source_sim_ops.start(source), 0);
 	accept_peer();
+	send_frame('a', 0);
 	make_header(data, "GREY", 6, 4, 30); /* six bytes too many */
 	assert_int_equal(write(peer, data, sizeof(data)), sizeof(data));
-	send_frame('a', 0);
-	pump_frames(2);
+	send_frame('b', 0);
+	pump_frames(3);
 	assert_int_equal(heard.corrupt, 1);
+	assert_int_equal(heard.counted, 0);
+}
+
+/* Sums of such times once overflowed. */
+static void test_times_that_cannot_be(void **state)
+{
+	static const int64_t times_ns[] = {INT64_MIN, -1, INT64_MAX};
+
+	(void)state;
+	start_simulator();
+	assert_int_equal(lp_source_sim_ops.start(source), 0);
+	accept_peer();
+	send_frame('a', 0);
+	for (size_t i = 0; i < ARRAY_COUNT(times_ns); i++) {
+		frame_start_ns = times_ns[i];
+		send_frame('b', 0);
+	}
+	pump_frames(4);
+	assert_int_equal(heard.corrupt, 3);
+	assert_true(heard.start_ns > lp_clock_ns() - LP_NS_PER_S * 600);
+	frame_start_ns = lp_clock_ns() + 600 * LP_NS_PER_S; /* not begun yet */
+	send_frame('c', 0);
+	pump_frames(5);
+	assert_int_equal(heard.corrupt, 4);
+	frame_start_ns = 0;
+	send_frame('d', 0);
+	pump_frames(6);
+	assert_int_equal(heard.corrupt, 4);
 }
 
 static void test_silence_is_a_stall(void **state)
@@ -349,6 +399,7 @@ int main(void)
 		LINK_TEST(test_absent_then_there_then_gone_then_back),
 		LINK_TEST(test_garbage_ends_the_link_not_the_daemon),
 		LINK_TEST(test_corrupt_frames_are_marked),
+		LINK_TEST(test_times_that_cannot_be),
 		LINK_TEST(test_silence_is_a_stall),
 	};
 

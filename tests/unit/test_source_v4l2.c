@@ -13,6 +13,7 @@
 #include "base/uri.h"
 #include "camera_file_test.h"
 #include "drivers/source/v4l2/controls.h"
+#include "drivers/source/v4l2/hotplug.h"
 #include "drivers/source/v4l2/nodes.h"
 #include "drivers/source/v4l2/offers.h"
 #include "drivers/source/v4l2/settings.h"
@@ -169,6 +170,7 @@ static void test_the_same_camera_again(void **state)
 	const struct lp_v4l2_node decoy_and_moved[] = {CAMERA(0, 0x0102, "B", "1-1"),
 						       CAMERA(2, 0x0102, "A", "2-1")};
 	const struct lp_v4l2_node nameless = CAMERA(0, 0x0102, "", "1-1");
+	const struct lp_v4l2_node another_model = CAMERA(0, 0x0103, "A", "1-1");
 	const struct lp_v4l2_node twins[] = {CAMERA(2, 0x0102, "", "1-2"),
 					     CAMERA(3, 0x0102, "", "1-1")};
 	char reason[512];
@@ -177,6 +179,12 @@ static void test_the_same_camera_again(void **state)
 	/* By its serial number, wherever it is; not what took its node. */
 	assert_int_equal(select_by("/dev/video0", decoy_and_moved, 2, &was, reason), 1);
 	assert_int_equal(select_by("/dev/video0", decoy_and_moved, 1, &was, reason), -ENOENT);
+	assert_contains(reason, "camera is unplugged: waiting for it to come back; to use another "
+				"camera, restart lightprobed; present: /dev/video0");
+	assert_int_equal(select_by("", &another_model, 1, &was, reason), -ENOENT);
+	assert_contains(reason, "restart lightprobed; present: /dev/video0 (camera, 1d6b:0103:A");
+	assert_int_equal(select_by("", NULL, 0, &was, reason), -ENOENT);
+	assert_string_equal(reason, "camera is unplugged: waiting for it to come back");
 	/* Without one, by its port; moved, only where there is no doubt. */
 	assert_int_equal(select_by("", twins, 2, &nameless, reason), 1);
 	assert_int_equal(select_by("", twins, 1, &nameless, reason), 0);
@@ -219,6 +227,40 @@ static const char profile[] = "[camera]\n"
 			      "exposure_delay_frames = 2\n"
 			      "[lens.0]\n"
 			      "cx_px = 1\n";
+
+/* ---------------------------------------------------------------- events */
+
+#define IS_NEWS(text) lp_v4l2_hotplug_is_news(text, sizeof(text) - 1)
+
+static void test_events_of_the_kernel(void **state)
+{
+	(void)state;
+	assert_true(IS_NEWS("add@/devices/x/video0\0ACTION=add\0DEVPATH=/devices/x/video0\0"
+			    "SUBSYSTEM=video4linux\0MAJOR=81\0"));
+	assert_true(IS_NEWS("change@/devices/x/video0\0ACTION=change\0SUBSYSTEM=video4linux"));
+	assert_false(IS_NEWS("remove@/devices/x/video0\0ACTION=remove\0SUBSYSTEM=video4linux\0"));
+	assert_false(IS_NEWS("add@/devices/x\0ACTION=add\0SUBSYSTEM=usb\0"));
+	assert_false(IS_NEWS("add@/devices/SUBSYSTEM=video4linux"));
+	assert_false(IS_NEWS("libudev"));
+	assert_false(lp_v4l2_hotplug_is_news("", 0));
+}
+
+/* udevd's comes when the node has its permissions. */
+static void test_events_of_udev(void **state)
+{
+	static const char properties[] = "DEVPATH=/devices/x/video0\0SUBSYSTEM=video4linux\0"
+					 "ACTION=add\0";
+	uint32_t numbers[8] = {0xfeedcafe, 40, 40, sizeof(properties)};
+	char event[40 + sizeof(properties)] = "libudev";
+
+	(void)state;
+	memcpy(event + 8, numbers, sizeof(numbers));
+	memcpy(event + 40, properties, sizeof(properties));
+	assert_true(IS_NEWS(event));
+	numbers[2] = UINT32_MAX; /* properties far beyond the event */
+	memcpy(event + 8, numbers, sizeof(numbers));
+	assert_false(IS_NEWS(event));
+}
 
 static void test_settings_of_a_camera_file(void **state)
 {
@@ -347,6 +389,34 @@ static void test_choice_in_a_range_of_sizes(void **state)
 	assert_int_equal(choice.width_px, 1280);
 }
 
+static void test_choice_in_a_range_of_rates(void **state)
+{
+	const struct lp_offers range = {.count = 1,
+					.list = {{.fourcc = V4L2_PIX_FMT_GREY,
+						  .width_px = 640,
+						  .height_px = 320,
+						  .rate_count = 2,
+						  .rates_are_range = true,
+						  .rates_hz = {120, 5}}}};
+	static const struct {
+		float wanted_hz, chosen_hz; /* 0: not offered */
+	} cases[] = {{25, 25}, {5, 5}, {120, 120}, {120.5F, 120}, {4, 0}, {130, 0}, {0, 30}};
+	struct lp_offer_choice choice;
+	char text[64];
+
+	(void)state;
+	for (size_t i = 0; i < ARRAY_COUNT(cases); i++) {
+		const struct lp_offer_wish wish = {.fps = cases[i].wanted_hz};
+		const int ret = lp_offers_choose(&range, &wish, &choice);
+
+		assert_int_equal(ret, cases[i].chosen_hz > 0 ? 0 : -EINVAL);
+		if (ret == 0)
+			assert_float_equal(choice.rate_hz, cases[i].chosen_hz, 1e-4);
+	}
+	lp_offers_describe(&range, text, sizeof(text));
+	assert_string_equal(text, "GREY 640x320 at 120 to 5");
+}
+
 static void test_offers_in_words(void **state)
 {
 	char text[256], little[40];
@@ -467,10 +537,13 @@ int main(void)
 		cmocka_unit_test(test_nodes_of_a_machine),
 		cmocka_unit_test(test_the_node_that_is_meant),
 		cmocka_unit_test(test_the_same_camera_again),
+		cmocka_unit_test(test_events_of_the_kernel),
+		cmocka_unit_test(test_events_of_udev),
 		cmocka_unit_test(test_settings_of_a_camera_file),
 		cmocka_unit_test(test_faults_in_settings_are_located),
 		cmocka_unit_test(test_choice_of_format),
 		cmocka_unit_test(test_choice_in_a_range_of_sizes),
+		cmocka_unit_test(test_choice_in_a_range_of_rates),
 		cmocka_unit_test(test_offers_in_words),
 		cmocka_unit_test(test_sizes_of_pictures),
 		cmocka_unit_test(test_values_become_control_values),

@@ -1,16 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * i2c:DEVICE — messages through the microcontroller's mailbox on an I2C bus. A transfer may block
- * for as long as the bus likes, so a thread of the link's own does them; it and the loop talk over
- * a pair of sockets, one packet a message.
+ * for as long as the bus likes, so a thread does them (bus_thread.h); messages go to it, and
+ * packets come back.
  */
 #include <errno.h>
 #include <fcntl.h>
 #include <linux/i2c-dev.h>
 #include <linux/i2c.h>
 #include <poll.h>
-#include <pthread.h>
-#include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/ioctl.h>
@@ -20,6 +18,7 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/loop.h"
+#include "drivers/link/bus_thread.h"
 #include "drivers/link/carrier.h"
 #include "drivers/link/envelope.h"
 
@@ -29,6 +28,7 @@
 #define TROUBLES 5	    /* transfers in a row, until it is a fault */
 #define MAILS_AT_ONCE 32
 #define BUS_TIMEOUT_10MS 10
+#define LAST_MESSAGES_MS 1000 /* at the end of the program: the servo is let go */
 #define FAULT_ID "i2c-nack"
 
 /* From the thread to the loop. */
@@ -38,13 +38,19 @@ struct packet {
 	struct lp_link_message message;
 };
 
+/* The thread's own. */
+struct mailbox {
+	int bus_fd;
+	uint16_t address;
+	int fd; /* to the loop */
+};
+
 struct link_i2c {
 	struct lp_link base;
 	char device[256];
 	uint16_t address;
-	struct lp_watch watch; /* the loop's socket */
-	int bus_fd, thread_fd;
-	pthread_t thread;
+	struct lp_watch watch;
+	struct lp_bus_thread *thread; /* NULL: none yet; watch.fd -1: it is to end */
 };
 
 static struct link_i2c *self_of(const struct lp_link *link)
@@ -55,29 +61,29 @@ static struct link_i2c *self_of(const struct lp_link *link)
 /* ---------------------------------------------------------------- the thread */
 
 /* 0 or -errno. */
-static int transfer(const struct link_i2c *self, uint16_t flags, uint8_t *bytes, uint16_t count)
+static int transfer(const struct mailbox *mailbox, uint16_t flags, uint8_t *bytes, uint16_t count)
 {
-	struct i2c_msg message = {.addr = self->address,
+	struct i2c_msg message = {.addr = mailbox->address,
 				  .flags = flags,
 				  .len = count,
 				  .buf = bytes};
 	struct i2c_rdwr_ioctl_data request = {.msgs = &message, .nmsgs = 1};
 
-	return ioctl(self->bus_fd, I2C_RDWR, &request) < 0 ? -errno : 0;
+	return ioctl(mailbox->bus_fd, I2C_RDWR, &request) < 0 ? -errno : 0;
 }
 
-static void tell(const struct link_i2c *self, const struct packet *packet)
+static void hand_on(const struct mailbox *mailbox, const struct packet *packet)
 {
 	/* A loop that is this far behind loses messages, as on a line. */
-	(void)send(self->thread_fd, packet, sizeof(*packet), MSG_NOSIGNAL | MSG_DONTWAIT);
+	(void)send(mailbox->fd, packet, sizeof(*packet), MSG_NOSIGNAL | MSG_DONTWAIT);
 }
 
 /* 1: a message was read and handed on, or spoilt; 0: none waits; -errno. */
-static int read_mail(struct link_i2c *self)
+static int read_mail(const struct mailbox *mailbox)
 {
 	struct packet packet = {0};
 	uint8_t mail[MAIL_BYTES];
-	const int ret = transfer(self, I2C_M_RD, mail, sizeof(mail));
+	const int ret = transfer(mailbox, I2C_M_RD, mail, sizeof(mail));
 
 	if (ret < 0)
 		return ret;
@@ -86,59 +92,73 @@ static int read_mail(struct link_i2c *self)
 	packet.t_ns = lp_clock_ns();
 	if (mail[0] <= LP_ENVELOPE_MAX_BYTES &&
 	    lp_envelope_unpack(mail + 1, mail[0], &packet.message))
-		tell(self, &packet);
+		hand_on(mailbox, &packet);
 	return 1;
 }
 
-static int write_mail(const struct link_i2c *self, const struct lp_link_message *message)
-{
-	uint8_t mail[MAIL_BYTES];
-
-	mail[0] = (uint8_t)lp_envelope_pack(message, mail + 1);
-	return transfer(self, 0, mail, (uint16_t)(mail[0] + 1));
-}
-
-/* What the loop has to send, then what the microcontroller has. 0 or -errno. */
-static int exchange(struct link_i2c *self)
+/* What the loop has sent. 0 or -errno. */
+static int write_mails(const struct mailbox *mailbox)
 {
 	struct lp_link_message message;
+	uint8_t mail[MAIL_BYTES];
 	int ret = 0;
 
 	while (ret == 0 &&
-	       recv(self->thread_fd, &message, sizeof(message), MSG_DONTWAIT) == sizeof(message))
-		ret = write_mail(self, &message);
+	       recv(mailbox->fd, &message, sizeof(message), MSG_DONTWAIT) == sizeof(message)) {
+		mail[0] = (uint8_t)lp_envelope_pack(&message, mail + 1);
+		ret = transfer(mailbox, 0, mail, (uint16_t)(mail[0] + 1));
+	}
+	return ret;
+}
+
+/* What the loop has to send, then what the microcontroller has. 0 or -errno. */
+static int exchange(const struct mailbox *mailbox)
+{
+	int ret = write_mails(mailbox);
+
 	for (int i = 0; i < MAILS_AT_ONCE && ret >= 0; i++) {
-		ret = read_mail(self);
+		ret = read_mail(mailbox);
 		if (ret == 0)
 			break;
 	}
 	return ret < 0 ? ret : 0;
 }
 
-static void *run(void *context)
+static void run(void *context, int fd)
 {
-	struct link_i2c *self = context;
-	struct pollfd waiting = {.fd = self->thread_fd, .events = POLLIN};
+	struct mailbox *mailbox = context;
+	struct pollfd waiting = {.fd = fd, .events = POLLIN};
 	int troubles = 0;
 
+	mailbox->fd = fd;
 	for (;;) {
 		(void)poll(&waiting, 1, troubles < TROUBLES ? POLL_MS : 0);
-		if (waiting.revents & (POLLHUP | POLLERR))
-			return NULL;
-		const int ret = exchange(self);
+		if (waiting.revents & (POLLHUP | POLLERR)) {
+			(void)write_mails(mailbox); /* sent before the end */
+			return;
+		}
+		const int ret = exchange(mailbox);
 
 		if (ret == 0 && troubles >= TROUBLES)
-			tell(self, &(struct packet){.error = -1});
+			hand_on(mailbox, &(struct packet){.error = -1});
 		troubles = ret == 0 ? 0 : troubles + (troubles < TROUBLES);
 		if (ret == 0)
 			continue;
 		if (troubles == TROUBLES) {
-			tell(self, &(struct packet){.error = -ret});
+			hand_on(mailbox, &(struct packet){.error = -ret});
 			waiting.events = 0; /* wait for the end only */
 			(void)poll(&waiting, 1, TROUBLED_POLL_MS);
 			waiting.events = POLLIN;
 		}
 	}
+}
+
+static void finish(void *context)
+{
+	struct mailbox *mailbox = context;
+
+	close(mailbox->bus_fd);
+	free(mailbox);
 }
 
 /* ---------------------------------------------------------------- the loop */
@@ -174,65 +194,74 @@ static void on_ready(struct lp_watch *watch, unsigned int events)
 static void i2c_close(struct lp_link *link)
 {
 	struct link_i2c *self = self_of(link);
-	const int fd = self->watch.fd;
 
-	if (fd < 0)
+	if (self->watch.fd < 0)
 		return;
 	lp_watch_stop(&self->watch);
-	close(fd); /* ends the thread */
-	pthread_join(self->thread, NULL);
-	close(self->thread_fd);
-	close(self->bus_fd);
+	lp_bus_thread_end(self->thread);
 	link->host.fault(link->host.context, FAULT_ID, NULL);
 }
 
-static int start_thread(struct link_i2c *self, int loop_fd)
+/* A descriptor; or -errno, and *reason says what to do. */
+static int open_bus(const struct link_i2c *self, const char **reason)
 {
-	int ret =
-		lp_watch_start(self->base.host.loop, &self->watch, loop_fd, LP_READABLE, on_ready);
+	const int fd = open(self->device, O_RDWR | O_CLOEXEC);
+	unsigned long able = 0;
+	int ret;
 
-	if (ret < 0)
+	*reason = "is the bus there? modprobe i2c-dev, or its overlay";
+	if (fd < 0) {
+		if (errno == EACCES || errno == EPERM)
+			*reason = "join the group i2c; a service needs its drop-in i2c.conf";
+		return -errno;
+	}
+	ret = ioctl(fd, I2C_FUNCS, &able) < 0 ? -errno : able & I2C_FUNC_I2C ? 0 : -EOPNOTSUPP;
+	if (ret < 0) {
+		*reason = "this is no bus for plain I2C transfers";
+		close(fd);
 		return ret;
-	ret = -pthread_create(&self->thread, NULL, run, self);
+	}
+	(void)ioctl(fd, I2C_TIMEOUT, BUS_TIMEOUT_10MS);
+	return fd;
+}
+
+static int start_thread(struct link_i2c *self, int bus_fd)
+{
+	struct mailbox *mailbox = calloc(1, sizeof(*mailbox));
+	const struct lp_bus_job job = {.context = mailbox, .run = run, .finish = finish};
+	int ret = -ENOMEM;
+
+	if (mailbox) {
+		*mailbox = (struct mailbox){.bus_fd = bus_fd, .address = self->address};
+		ret = lp_bus_thread_start(&job, &self->thread);
+	}
+	if (ret < 0) {
+		free(mailbox);
+		close(bus_fd);
+		return ret;
+	}
+	ret = lp_watch_start(self->base.host.loop, &self->watch, lp_bus_thread_fd(self->thread),
+			     LP_READABLE, on_ready);
 	if (ret < 0)
-		lp_watch_stop(&self->watch);
+		lp_bus_thread_end(self->thread);
 	return ret;
 }
 
 static int i2c_open(struct lp_link *link, const char **reason)
 {
 	struct link_i2c *self = self_of(link);
-	unsigned long able = 0;
-	int pair[2], ret;
+	int fd;
 
-	*reason = "is the bus there? modprobe i2c-dev, or its overlay";
-	self->bus_fd = open(self->device, O_RDWR | O_CLOEXEC);
-	if (self->bus_fd < 0) {
-		if (errno == EACCES || errno == EPERM)
-			*reason = "join the group i2c; a service needs its drop-in i2c.conf";
-		return -errno;
-	}
-	ret = ioctl(self->bus_fd, I2C_FUNCS, &able) < 0 ? -errno
-	      : able & I2C_FUNC_I2C			? 0
-							: -EOPNOTSUPP;
-	if (ret < 0) {
-		*reason = "this is no bus for plain I2C transfers";
-		goto err_close_bus;
-	}
-	(void)ioctl(self->bus_fd, I2C_TIMEOUT, BUS_TIMEOUT_10MS);
+	*reason = "the last transfer has not ended: is SDA or SCL held low?";
+	if (self->thread && !lp_bus_thread_has_ended(self->thread))
+		return -EBUSY;
+	lp_bus_thread_destroy(self->thread, 0);
+	self->thread = NULL;
+	fd = open_bus(self, reason);
+	if (fd < 0)
+		return fd;
 	*reason = "out of resources";
-	ret = socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, pair) < 0 ? -errno : 0;
-	if (ret < 0)
-		goto err_close_bus;
-	self->thread_fd = pair[1];
-	ret = start_thread(self, pair[0]);
-	if (ret == 0)
-		return 0;
-	close(pair[0]);
-	close(pair[1]);
-err_close_bus:
-	close(self->bus_fd);
-	return ret;
+	return start_thread(self, fd);
 }
 
 static int i2c_send(struct lp_link *link, const struct lp_link_message *message)
@@ -248,7 +277,10 @@ static int i2c_send(struct lp_link *link, const struct lp_link_message *message)
 
 static void i2c_destroy(struct lp_link *link)
 {
+	struct link_i2c *self = self_of(link);
+
 	i2c_close(link);
+	lp_bus_thread_destroy(self->thread, LAST_MESSAGES_MS);
 	free(link);
 }
 

@@ -63,6 +63,18 @@ static bool fits(uint32_t value, uint32_t least, uint32_t most, uint32_t step)
 				 (step < 2 || (value - least) % step == 0));
 }
 
+/* Of a range: the wanted rate, or what is left open. -1: not offered. */
+static float choose_rate_in_range(const struct lp_offer *offer, float wanted_hz)
+{
+	const float least = fminf(offer->rates_hz[0], offer->rates_hz[1]);
+	const float most = fmaxf(offer->rates_hz[0], offer->rates_hz[1]);
+	const float rate = wanted_hz > 0 ? wanted_hz : DEFAULT_RATE_HZ;
+	const float nearest = fminf(fmaxf(rate, least), most);
+
+	return wanted_hz > 0 && fabsf(nearest - wanted_hz) > RATE_TOLERANCE * wanted_hz ? -1
+											: nearest;
+}
+
 /* The wanted rate, or the best where none is; -1: not offered. */
 static float choose_rate(const struct lp_offer *offer, float wanted_hz)
 {
@@ -70,6 +82,8 @@ static float choose_rate(const struct lp_offer *offer, float wanted_hz)
 
 	if (offer->rate_count == 0)
 		return wanted_hz;
+	if (offer->rates_are_range)
+		return choose_rate_in_range(offer, wanted_hz);
 	for (int i = 0; i < offer->rate_count; i++) {
 		const float rate = offer->rates_hz[i];
 
@@ -152,7 +166,10 @@ static int describe_offer(const struct lp_offer *offer, bool same_format, char *
 	used += snprintf(text + used, size_bytes - (size_t)used, " %ux%u", offer->width_px,
 			 offer->height_px);
 	for (int i = 0; i < offer->rate_count && (size_t)used < size_bytes; i++)
-		used += snprintf(text + used, size_bytes - (size_t)used, "%s%g", i ? "/" : " at ",
+		used += snprintf(text + used, size_bytes - (size_t)used, "%s%g",
+				 i == 0			  ? " at "
+				 : offer->rates_are_range ? " to "
+							  : "/",
 				 (double)offer->rates_hz[i]);
 	return used;
 }

@@ -3,6 +3,7 @@
 #ifndef LP_SOURCE_OFFERS_H
 #define LP_SOURCE_OFFERS_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -28,8 +29,9 @@ struct lp_offer {
 	uint32_t width_px, height_px;
 	uint32_t least_width_px, least_height_px; /* 0: the size is fixed */
 	uint32_t step_width_px, step_height_px;
-	int rate_count;		      /* 0: the driver does not say */
-	float rates_hz[LP_MAX_RATES]; /* of a range, its ends */
+	int rate_count;	      /* 0: the driver does not say */
+	bool rates_are_range; /* any rate between the two that are listed */
+	float rates_hz[LP_MAX_RATES];
 };
 
 struct lp_offers {
@@ -58,9 +60,9 @@ uint32_t lp_row_bytes(enum lp_pixel_format format, uint32_t width_px);
 size_t lp_picture_bytes(enum lp_pixel_format format, uint32_t stride_bytes, uint32_t height_px);
 
 /*
- * What is asked for, exactly (rates within 1 %). What is left open: the largest picture up to
- * 1920x1080, of formats MJPEG (cheapest to read) before YUYV, NV12, GREY, at the highest rate up to
- * 30 Hz. -EINVAL: not offered.
+ * What is asked for, exactly (listed rates within 1 %). What is left open: the largest picture up
+ * to 1920x1080, of formats MJPEG (cheapest to read) before YUYV, NV12, GREY, at the highest rate up
+ * to 30 Hz. -EINVAL: not offered.
  */
 int lp_offers_choose(const struct lp_offers *offers, const struct lp_offer_wish *wish,
 		     struct lp_offer_choice *choice);

@@ -139,7 +139,12 @@ class Daemon(Client):
     """lightprobed with one source. `options`: further arguments, as on its command line."""
 
     def __init__(
-        self, source: str, *options: str, user: int | None = None, groups: str = ""
+        self,
+        source: str,
+        *options: str,
+        user: int | None = None,
+        groups: str = "",
+        build: Path = BUILD,
     ) -> None:
         path = Path(f"/run/lp-{time.monotonic_ns()}.sock")
         self._log = Path(f"{path}.log")
@@ -149,7 +154,7 @@ class Daemon(Client):
             path = Path("/tmp") / path.name
         with self._log.open("wb") as log:
             self._process = subprocess.Popen(
-                [*drop, BUILD / "bin" / "lightprobed", f"--source={source}",
+                [*drop, build / "bin" / "lightprobed", f"--source={source}",
                  f"--publish=unix:{path}", *options],
                 stderr=log,
             )  # fmt: skip

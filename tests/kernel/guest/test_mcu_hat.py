@@ -16,13 +16,14 @@ from lightprobe_proto import lightprobe_pb2 as pb
 from machine import modprobe
 from test_gpio import Chip
 
-from daemon import Daemon
+from daemon import BUILD, Daemon
 
 HAT = 0x40
 I2C_RDWR = 0x0707
 LED0 = 0x06
 LINE = 3
 FIRST_DEG, PITCH_DEG, EDGES = -16.5, 6.0, 34
+BUILDS = (BUILD, BUILD.parent / "gpiod2")  # on the system's libgpiod, and on version 2
 Phase = pb.Wheel.Phase
 
 
@@ -55,6 +56,7 @@ class Wheel(threading.Thread):
         self.pulse_us = 0.0
         self._ended = threading.Event()
         self._level = self._tooth()
+        self._chip.pull(LINE, "down" if self._level else "up")
         self.start()
 
     def _below(self) -> int:
@@ -133,9 +135,9 @@ def chip():
     return chip
 
 
-def hat(bus: str, chip: Chip, line: int = LINE) -> Daemon:
+def hat(bus: str, chip: Chip, line: int = LINE, build: Path = BUILD) -> Daemon:
     rotator = f"pca9685:{bus}?chip={chip.name}&line={line}&slew_deg_s=20&lag_ms=20"
-    return Daemon("sim:/run/no-camera", f"--rotator={rotator}", "--wheel-angles=0,45")
+    return Daemon("sim:/run/no-camera", f"--rotator={rotator}", "--wheel-angles=0,45", build=build)
 
 
 def faults(health: pb.Health) -> set[str]:
@@ -148,10 +150,11 @@ def settled_at(angle_deg: float):
     )
 
 
-def test_moves_slips_and_a_hat_that_goes(bus, chip):
+@pytest.mark.parametrize("build", BUILDS, ids=lambda build: build.name)
+def test_moves_slips_and_a_hat_that_goes(bus, chip, build):
     nack = Path("/sys/module/i2c_rdwr/parameters/nack")
     wheel = Wheel(bus, chip)
-    daemon = hat(bus, chip)
+    daemon = hat(bus, chip, build=build)
     try:
         for angle in (0, 45):
             daemon.wait_health(f"at {angle}", settled_at(angle), timeout_s=120)
@@ -175,8 +178,9 @@ def test_moves_slips_and_a_hat_that_goes(bus, chip):
     assert wheel.pulse_us == 0  # let go
 
 
-def test_a_line_that_is_not_there_is_named(bus, chip):
-    daemon = hat(bus, chip, line=99)
+@pytest.mark.parametrize("build", BUILDS, ids=lambda build: build.name)
+def test_a_line_that_is_not_there_is_named(bus, chip, build):
+    daemon = hat(bus, chip, line=99, build=build)
     health = daemon.wait_health("no line", lambda h: "pca9685-waiting" in faults(h))
     assert any("gpioinfo" in f.text for f in health.faults)
     daemon.stop()

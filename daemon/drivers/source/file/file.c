@@ -14,6 +14,7 @@
 #include "base/log.h"
 #include "base/param.h"
 #include "base/pool.h"
+#include "base/stop.h"
 #include "base/uri.h"
 #include "drivers/source/file/reader.h"
 #include "drivers/source/frames.h"
@@ -55,10 +56,7 @@ struct source_file {
 	struct lp_source_outbox *outbox;
 	pthread_t thread;
 	bool thread_runs;
-
-	pthread_mutex_t lock; /* of what follows */
-	pthread_cond_t stopped;
-	bool stop;
+	struct lp_stop stop;
 };
 
 static struct source_file *self_of(const struct lp_source *source)
@@ -68,25 +66,11 @@ static struct source_file *self_of(const struct lp_source *source)
 
 /* ---------------------------------------------------------------- the reading thread */
 
-/* False: the source is being destroyed. */
-static bool sleep_until(struct source_file *self, int64_t due_ns)
-{
-	const struct timespec due = {.tv_sec = due_ns / LP_NS_PER_S,
-				     .tv_nsec = due_ns % LP_NS_PER_S};
-	bool stop;
-
-	pthread_mutex_lock(&self->lock);
-	while (!self->stop && lp_clock_ns() < due_ns)
-		pthread_cond_timedwait(&self->stopped, &self->lock, &due);
-	stop = self->stop;
-	pthread_mutex_unlock(&self->lock);
-	return !stop;
-}
-
 /* What the reading thread carries from picture to picture. */
 struct progress {
 	uint64_t sequence;
 	int in_pass;		      /* pictures since the beginning of this pass */
+	int usable_in_pass;	      /* without damage */
 	int64_t due_ns;		      /* of the next frame to deliver */
 	struct lp_owned_frame *ahead; /* read, not delivered: it may turn out to be the last */
 };
@@ -100,6 +84,7 @@ static void stamp(struct source_file *self, struct progress *progress, struct lp
 	if (exposures->count > 0)
 		frame->exposure_us = exposures->values[progress->in_pass % exposures->count];
 	progress->in_pass++;
+	progress->usable_in_pass += !(frame->flags & LP_FRAME_CORRUPT);
 }
 
 /* Hand the frame read ahead to the loop, at its time. False: stop. */
@@ -111,7 +96,7 @@ static bool deliver(struct source_file *self, struct progress *progress)
 	if (self->options.rate_hz > 0) {
 		if (progress->due_ns < now_ns) /* first one, or too late: no burst to catch up */
 			progress->due_ns = now_ns;
-		if (!sleep_until(self, progress->due_ns))
+		if (!lp_stop_wait_until(&self->stop, progress->due_ns))
 			return false;
 		progress->due_ns += (int64_t)((double)LP_NS_PER_S / self->options.rate_hz);
 	}
@@ -120,9 +105,7 @@ static bool deliver(struct source_file *self, struct progress *progress)
 	if (!isnan(frame->exposure_us))
 		frame->t_start_ns -= (int64_t)(frame->exposure_us * 1e3);
 	progress->ahead = NULL;
-	lp_source_outbox_tell(self->outbox, LP_SOURCE_STREAMING, self->object, "read",
-			      "pictures are delivered");
-	lp_source_outbox_send(self->outbox, frame);
+	lp_source_outbox_send(self->outbox, frame, self->object);
 	return true;
 }
 
@@ -139,10 +122,23 @@ static void finish(struct source_file *self, struct progress *progress, int fail
 		progress->ahead->frame.flags |= LP_FRAME_LAST;
 	if (progress->ahead && (ended || !self->base.host.once) && !deliver(self, progress))
 		return;
-	lp_source_outbox_tell(self->outbox, ended ? LP_SOURCE_ENDED : LP_SOURCE_DOWN, self->object,
-			      "read",
-			      ended ? "the last picture has been delivered"
-				    : "no picture to deliver (see above)");
+	if (failure < 0 && self->base.host.once)
+		lp_source_outbox_report(self->outbox, LP_SOURCE_DOWN, self->object, "read",
+					"a file of the set cannot be read (see above)");
+	else if (ended && lp_source_outbox_last_state(self->outbox) == LP_SOURCE_STREAMING)
+		lp_source_outbox_report(self->outbox, LP_SOURCE_ENDED, self->object, "read",
+					"the last picture has been delivered");
+	else
+		lp_source_outbox_report(self->outbox, LP_SOURCE_DOWN, self->object, "read",
+					"no usable picture (see above)");
+}
+
+static void begin_pass(struct source_file *self, struct progress *progress)
+{
+	if (progress->usable_in_pass == 0)
+		lp_source_outbox_report(self->outbox, LP_SOURCE_STALLED, self->object, "read",
+					"every picture is damaged");
+	progress->in_pass = progress->usable_in_pass = 0;
 }
 
 static void read_all(struct source_file *self, struct progress *progress)
@@ -164,7 +160,7 @@ static void read_all(struct source_file *self, struct progress *progress)
 		if (ret == 0) {
 			if (!self->options.loop || progress->in_pass == 0)
 				break;
-			progress->in_pass = 0;
+			begin_pass(self, progress);
 			continue;
 		}
 		stamp(self, progress, &frame->frame);
@@ -196,10 +192,7 @@ static void file_destroy(struct lp_source *source)
 
 	if (!source)
 		return;
-	pthread_mutex_lock(&self->lock);
-	self->stop = true;
-	pthread_cond_broadcast(&self->stopped);
-	pthread_mutex_unlock(&self->lock);
+	lp_stop_ask(&self->stop);
 	if (self->frames)
 		lp_pool_close(self->frames);
 	lp_source_outbox_close(self->outbox);
@@ -208,22 +201,10 @@ static void file_destroy(struct lp_source *source)
 	lp_source_outbox_destroy(self->outbox);
 	lp_pool_destroy(self->frames);
 	lp_file_reader_destroy(self->reader);
-	pthread_cond_destroy(&self->stopped);
-	pthread_mutex_destroy(&self->lock);
+	lp_stop_finish(&self->stop);
 	free(self->object);
 	free(self->path);
 	free(self);
-}
-
-static void init_lock(struct source_file *self)
-{
-	pthread_condattr_t attributes;
-
-	pthread_mutex_init(&self->lock, NULL);
-	pthread_condattr_init(&attributes);
-	pthread_condattr_setclock(&attributes, CLOCK_MONOTONIC);
-	pthread_cond_init(&self->stopped, &attributes);
-	pthread_condattr_destroy(&attributes);
 }
 
 const struct lp_source_ops lp_source_file_ops;
@@ -237,7 +218,7 @@ static int file_create(const struct lp_uri *uri, const struct lp_source_host *ho
 	if (!self)
 		return -ENOMEM;
 	self->base = (struct lp_source){.ops = &lp_source_file_ops, .host = *host};
-	init_lock(self);
+	lp_stop_init(&self->stop);
 	self->options.gain = NAN;
 	ret = lp_uri_read(uri, params, sizeof(params) / sizeof(params[0]), &self->options);
 	if (ret < 0)

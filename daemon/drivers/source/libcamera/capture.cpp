@@ -105,7 +105,7 @@ int Capture::start(lp_source *source)
 		try {
 			run();
 		} catch (const std::exception &error) {
-			tell(LP_LOG_ERROR, LP_SOURCE_DOWN, "libcamera", error.what());
+			report(LP_SOURCE_DOWN, "libcamera", error.what());
 		}
 	});
 	return 0;
@@ -141,19 +141,17 @@ int Capture::set_exposure(float exposure_us, float gain)
 
 /* ---------------------------------------------------------------- the thread */
 
-std::string Capture::object() const
+/* By its identity once it is known. */
+void Capture::name_object(const std::string &camera_id)
 {
-	const std::string &name = camera_id.empty() ? std::string(settings.name) : camera_id;
+	const std::string name = camera_id.empty() ? settings.name : camera_id;
 
-	return "libcamera: " + (name.empty() ? "any" : name);
+	object = "libcamera: " + (name.empty() ? "any" : name);
 }
 
-void Capture::tell(lp_log_level level, lp_source_state state, const std::string &stage,
-		   const std::string &reason)
+void Capture::report(lp_source_state state, const std::string &stage, const std::string &reason)
 {
-	lp_log(level, object().c_str(), stage.c_str(), "%s", reason.c_str());
-	told = state;
-	lp_source_outbox_tell(outbox, state, object().c_str(), stage.c_str(), reason.c_str());
+	lp_source_outbox_report(outbox, state, object.c_str(), stage.c_str(), "%s", reason.c_str());
 }
 
 /* From any thread. */
@@ -176,7 +174,7 @@ bool Capture::wait_until(int64_t end_ns)
 	return !stop;
 }
 
-/* The camera that is meant; NULL: told why not. */
+/* The camera that is meant; NULL: reported why there is none. */
 std::shared_ptr<libcamera::Camera> Capture::find()
 {
 	std::shared_ptr<libcamera::Camera> found;
@@ -197,22 +195,20 @@ std::shared_ptr<libcamera::Camera> Capture::find()
 		return found;
 	const std::string forbidden = matches ? "" : forbidden_device();
 
-	if (told == LP_SOURCE_WAITING)
-		return nullptr;
 	if (matches)
-		tell(LP_LOG_WARNING, LP_SOURCE_WAITING, "find",
-		     "several cameras could be meant — name one by its identity; present: " +
-			     present_ones);
+		report(LP_SOURCE_WAITING, "find",
+		       "several cameras could be meant — name one by its identity; present: " +
+			       present_ones);
 	else if (!forbidden.empty())
-		tell(LP_LOG_WARNING, LP_SOURCE_WAITING, "find",
-		     "no permission for " + forbidden +
-			     " — add this user to the group video (usermod -aG video USER, then "
-			     "log in again), or install packaging/udev/70-lightprobe.rules");
+		report(LP_SOURCE_WAITING, "find",
+		       "no permission for " + forbidden +
+			       " — add this user to the group video (usermod -aG video USER, then "
+			       "log in again), or install packaging/udev/70-lightprobe.rules");
 	else
-		tell(LP_LOG_WARNING, LP_SOURCE_WAITING, "find",
-		     "no such camera; " + (present_ones.empty()
-						   ? std::string("libcamera knows none here")
-						   : "present: " + present_ones));
+		report(LP_SOURCE_WAITING, "find",
+		       "no such camera; " + (present_ones.empty()
+						     ? std::string("libcamera knows none here")
+						     : "present: " + present_ones));
 	return nullptr;
 }
 
@@ -221,19 +217,19 @@ std::unique_ptr<Session> Capture::open()
 {
 	Fault fault;
 
-	camera_id.clear();
+	name_object("");
 	manager = std::make_unique<libcamera::CameraManager>();
 	const int ret = manager->start();
 
 	if (ret < 0) {
-		tell(LP_LOG_ERROR, LP_SOURCE_WAITING, "start", lp_strerror(ret));
+		report(LP_SOURCE_WAITING, "start", lp_strerror(ret));
 		return nullptr;
 	}
 	auto camera = find();
 
 	if (!camera)
 		return nullptr;
-	camera_id = camera->id();
+	name_object(camera->id());
 	const std::string model = model_of(*camera);
 	auto nodes = nodes_of(*manager, camera);
 	auto session = Session::open(
@@ -241,10 +237,10 @@ std::unique_ptr<Session> Capture::open()
 		[this] { notify(); }, fault);
 
 	if (!session) {
-		tell(LP_LOG_ERROR, fault.state, fault.stage, fault.reason);
+		report(fault.state, fault.stage, fault.reason);
 		return nullptr;
 	}
-	lp_info(object().c_str(), "open", "%s: %s", model.c_str(), session->description().c_str());
+	lp_info(object.c_str(), "open", "%s: %s", model.c_str(), session->description().c_str());
 	return session;
 }
 
@@ -263,18 +259,20 @@ void Capture::deliver(Session &session)
 	lp_frame *frame;
 
 	while ((frame = session.take())) {
-		silent_ns = frame->t_arrival_ns;
-		if (!(frame->flags & LP_FRAME_CORRUPT) && told != LP_SOURCE_STREAMING) {
-			{
+		if (frame->flags & LP_FRAME_CORRUPT) {
+			corrupt_frames++;
+		} else {
+			if (!has_frames) { /* what the camera can do is known with the first one */
 				const std::lock_guard<std::mutex> guard(lock);
 
 				present = session.caps();
 				is_open = true;
 			}
-			tell(LP_LOG_INFO, LP_SOURCE_STREAMING, "stream", "frames arrive");
+			silent_ns = frame->t_arrival_ns;
+			corrupt_frames = 0;
+			has_frames = true;
 		}
-		has_frames |= !(frame->flags & LP_FRAME_CORRUPT);
-		lp_source_outbox_send(outbox, frame);
+		lp_source_outbox_send(outbox, frame, object.c_str());
 	}
 	if (has_frames)
 		lp_backoff_reset(&retry);
@@ -284,6 +282,7 @@ void Capture::deliver(Session &session)
 void Capture::use(Session &session)
 {
 	silent_ns = lp_clock_ns();
+	corrupt_frames = 0;
 	has_frames = false;
 	for (;;) {
 		const auto patience_ns =
@@ -297,8 +296,8 @@ void Capture::use(Session &session)
 		command(session);
 		deliver(session);
 		if (session.gone()) {
-			tell(LP_LOG_WARNING, LP_SOURCE_WAITING, "stream",
-			     "unplugged: waiting for it to come back");
+			report(LP_SOURCE_WAITING, "stream",
+			       "unplugged: waiting for it to come back");
 			return;
 		}
 		if (lp_clock_ns() < silent_ns + patience_ns)
@@ -307,9 +306,12 @@ void Capture::use(Session &session)
 			silent_ns = lp_clock_ns();
 			continue;
 		}
-		tell(LP_LOG_WARNING, LP_SOURCE_STALLED, "stream",
-		     "no frame for " + std::to_string(patience_ns / LP_NS_PER_MS) +
-			     " ms: opening the camera anew");
+		report(LP_SOURCE_STALLED, "stream",
+		       (corrupt_frames ? "only corrupt frames (" + std::to_string(corrupt_frames) +
+						 ") for "
+				       : std::string("no frame for ")) +
+			       std::to_string(patience_ns / LP_NS_PER_MS) +
+			       " ms: opening the camera anew");
 		return;
 	}
 }

@@ -42,9 +42,8 @@ class Capture
 	void command(Session &session);
 	bool wait_until(int64_t end_ns);
 	void notify();
-	void tell(lp_log_level level, lp_source_state state, const std::string &stage,
-		  const std::string &reason);
-	std::string object() const;
+	void report(lp_source_state state, const std::string &stage, const std::string &reason);
+	void name_object(const std::string &camera_id);
 
 	const lp_libcamera_settings settings;
 	lp_source_outbox *const outbox;
@@ -61,11 +60,11 @@ class Capture
 
 	/* The thread's own. */
 	std::unique_ptr<libcamera::CameraManager> manager;
-	std::string camera_id; /* in use */
-	lp_source_state told{};
+	std::string object; /* names the camera in messages */
 	lp_backoff retry;
-	int64_t silent_ns = 0;
-	bool has_frames = false; /* since it was opened */
+	int64_t silent_ns = 0;	 /* since when there is no usable frame */
+	int corrupt_frames = 0;	 /* since then */
+	bool has_frames = false; /* usable ones, since it was opened */
 	uint64_t next_sequence = 0;
 };
 

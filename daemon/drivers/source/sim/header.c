@@ -8,6 +8,7 @@
 
 #define MAX_SIDE_PX 16384
 #define FLAG_CORRUPT 1U
+#define LONGEST_EXPOSURE_US 3.6e9F /* an hour: what comes of it is never too large a number */
 
 static uint32_t read_u32(const uint8_t *data)
 {
@@ -110,7 +111,8 @@ const char *lp_sim_header_parse(const uint8_t data[LP_SIM_HEADER_BYTES],
 		return "width_px or height_px is not within 1..16384";
 	if (header->stride_bytes == 0 || header->format == LP_FORMAT_MJPEG)
 		header->stride_bytes = packed_stride(header);
-	if ((read_u32(data + 56) & FLAG_CORRUPT) || !size_is_right(header))
+	if ((read_u32(data + 56) & FLAG_CORRUPT) || !size_is_right(header) ||
+	    header->exposure_us > LONGEST_EXPOSURE_US)
 		header->flags |= LP_FRAME_CORRUPT;
 	return NULL;
 }

@@ -20,7 +20,8 @@ struct lp_sim_header {
 	uint64_t sequence;
 	int64_t t_start_ns;
 	float exposure_us, gain; /* NAN: not said */
-	uint32_t flags; /* enum lp_frame_flag; CORRUPT also when the payload's size is wrong */
+	uint32_t flags; /* enum lp_frame_flag; CORRUPT also when the payload's size is wrong, or the
+			 * exposure is longer than an hour */
 };
 
 /* NULL, or what is wrong with it: then nothing more of the stream can be understood. */

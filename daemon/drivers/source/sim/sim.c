@@ -19,6 +19,7 @@
 #include "base/pool.h"
 #include "base/uri.h"
 #include "drivers/source/frames.h"
+#include "drivers/source/report.h"
 #include "drivers/source/sim/header.h"
 #include "include/source.h"
 
@@ -27,6 +28,7 @@
 #define FIRST_BACKOFF_NS (100 * LP_NS_PER_MS)
 #define LONGEST_BACKOFF_NS (2 * LP_NS_PER_S)
 #define STALL_NS (2 * LP_NS_PER_S)
+#define OLDEST_FRAME_NS (3600 * LP_NS_PER_S)
 
 struct source_sim {
 	struct lp_source base;
@@ -38,7 +40,9 @@ struct source_sim {
 	struct lp_timer retry; /* next attempt to connect */
 	struct lp_timer stall; /* no frame for too long */
 	struct lp_backoff backoff;
-	bool streaming, reports_exposure;
+	struct lp_source_report report;
+	bool reports_exposure;
+	bool has_corrupt; /* since the last usable frame */
 
 	/* What is being read: a header, what the header is longer than ours, a payload. */
 	uint8_t header_data[LP_SIM_HEADER_BYTES];
@@ -58,17 +62,18 @@ static struct source_sim *self_of(const struct lp_source *source)
 	return (struct source_sim *)source;
 }
 
-static void tell_state(struct source_sim *self, enum lp_source_state state, const char *stage,
-		       const char *reason)
+static void report(struct source_sim *self, enum lp_source_state state, const char *stage,
+		   const char *reason)
 {
-	char text[512];
+	const struct lp_source_host *host = &self->base.host;
 
-	(void)snprintf(text, sizeof(text), "%s: %s: %s", self->object, stage, reason);
-	if (state == LP_SOURCE_STREAMING)
-		lp_info(self->object, stage, "%s", reason);
-	else
-		lp_warning(self->object, stage, "%s", reason);
-	self->base.host.state(self->base.host.context, state, text);
+	if (lp_source_report_state(&self->report, state, self->object, stage, reason))
+		host->state(host->context, state, self->report.last_reason);
+}
+
+static bool is_streaming(const struct source_sim *self)
+{
+	return self->report.last_state == LP_SOURCE_STREAMING;
 }
 
 /* ---------------------------------------------------------------- connection */
@@ -92,7 +97,7 @@ static void disconnect(struct source_sim *self)
 	forget_frame(self);
 	self->line_bytes = self->line_sent = 0;
 	self->exposure_waits = false;
-	self->streaming = false;
+	self->has_corrupt = false;
 	lp_timer_stop(&self->stall);
 }
 
@@ -101,7 +106,7 @@ static void lose_link(struct source_sim *self, const char *stage, const char *re
 {
 	disconnect(self);
 	lp_timer_set(&self->retry, lp_backoff_next_ns(&self->backoff), 0);
-	tell_state(self, LP_SOURCE_WAITING, stage, reason);
+	report(self, LP_SOURCE_WAITING, stage, reason);
 }
 
 /* ---------------------------------------------------------------- commands */
@@ -147,22 +152,10 @@ static int sim_set_exposure(struct lp_source *source, float exposure_us, float g
 
 /* ---------------------------------------------------------------- frames */
 
-static void deliver(struct source_sim *self)
+static void fill_frame(struct source_sim *self, struct lp_frame *frame)
 {
 	const struct lp_sim_header *header = &self->header;
-	struct lp_frame *frame = self->frame ? &self->frame->frame : NULL;
 
-	self->frame = NULL;
-	self->got_bytes = 0;
-	lp_backoff_reset(&self->backoff);
-	self->reports_exposure = !isnan(header->exposure_us);
-	lp_timer_set(&self->stall, STALL_NS, 0);
-	if (!self->streaming) {
-		self->streaming = true;
-		tell_state(self, LP_SOURCE_STREAMING, "read", "frames arrive");
-	}
-	if (!frame)
-		return;
 	frame->format = header->format;
 	frame->width_px = header->width_px;
 	frame->height_px = header->height_px;
@@ -174,11 +167,51 @@ static void deliver(struct source_sim *self)
 	frame->exposure_us = header->exposure_us;
 	frame->gain = header->gain;
 	frame->flags = header->flags;
-	if (header->flags & LP_FRAME_CORRUPT)
-		lp_error(
-			self->object, "read",
-			"a frame is marked corrupt, or its size does not fit its format: not used");
-	self->base.host.frame(self->base.host.context, frame);
+	/* The other end may be any program: no time that this machine cannot have seen. */
+	if (frame->t_start_ns < 0 || frame->t_start_ns > frame->t_arrival_ns ||
+	    frame->t_start_ns < frame->t_arrival_ns - OLDEST_FRAME_NS) {
+		frame->flags |= LP_FRAME_CORRUPT;
+		frame->t_start_ns = frame->t_arrival_ns;
+	}
+}
+
+/* The first usable frame reports STREAMING; corrupt ones before it are counted only. */
+static void hand_on(struct source_sim *self, struct lp_frame *frame)
+{
+	const struct lp_source_host *host = &self->base.host;
+
+	if (frame->flags & LP_FRAME_CORRUPT) {
+		self->has_corrupt = true;
+		lp_error(self->object, "read",
+			 "a frame is marked corrupt, or its size or its time is impossible: not "
+			 "used");
+		if (!is_streaming(self)) {
+			lp_frame_release(frame);
+			host->corrupt(host->context);
+			return;
+		}
+	} else {
+		self->has_corrupt = false;
+		self->reports_exposure = !isnan(frame->exposure_us);
+		lp_timer_set(&self->stall, STALL_NS, STALL_NS);
+		report(self, LP_SOURCE_STREAMING, "read", "frames arrive");
+	}
+	host->frame(host->context, frame);
+}
+
+static void deliver(struct source_sim *self)
+{
+	struct lp_frame *frame = self->frame ? &self->frame->frame : NULL;
+
+	self->frame = NULL;
+	self->got_bytes = 0;
+	lp_backoff_reset(&self->backoff);
+	if (!frame) {
+		lp_timer_set(&self->stall, STALL_NS, STALL_NS); /* the loss is ours */
+		return;
+	}
+	fill_frame(self, frame);
+	hand_on(self, frame);
 }
 
 /* The header is complete: find a place for the payload. False: it makes no sense. */
@@ -187,8 +220,10 @@ static bool begin_payload(struct source_sim *self)
 	const char *fault = lp_sim_header_parse(self->header_data, &self->header);
 
 	if (fault) {
-		lp_error(self->object, "header", "%s — simulator of another version?", fault);
-		lose_link(self, "header", fault);
+		char reason[120];
+
+		(void)snprintf(reason, sizeof(reason), "%s — simulator of another version?", fault);
+		lose_link(self, "header", reason);
 		return false;
 	}
 	self->frame = lp_owned_frame_take(self->frames, false);
@@ -279,7 +314,7 @@ static void connect_link(struct source_sim *self)
 	self->line_sent = 0;
 	self->line_bytes = (size_t)snprintf(self->line, LP_URI_MAX_BYTES + 8, "%s", self->hello);
 	write_lines(self);
-	lp_timer_set(&self->stall, STALL_NS, 0);
+	lp_timer_set(&self->stall, STALL_NS, STALL_NS);
 }
 
 static void on_retry(struct lp_timer *timer)
@@ -291,8 +326,9 @@ static void on_stall(struct lp_timer *timer)
 {
 	struct source_sim *self = LP_CONTAINER_OF(timer, struct source_sim, stall);
 
-	self->streaming = false;
-	tell_state(self, LP_SOURCE_STALLED, "read", "connected, but no frame for 2 s");
+	report(self, LP_SOURCE_STALLED, "read",
+	       self->has_corrupt ? "connected, but only corrupt frames for 2 s"
+				 : "connected, but no frame for 2 s");
 }
 
 /* ---------------------------------------------------------------- ops */
@@ -351,7 +387,7 @@ err_destroy:
 
 static int sim_start(struct lp_source *source)
 {
-	connect_link(self_of(source));
+	lp_timer_set(&self_of(source)->retry, 0, 0);
 	return 0;
 }
 

@@ -24,6 +24,8 @@ int64_t lp_v4l2_to_control(double value, const struct lp_v4l2_range *range);
 
 struct lp_v4l2_controls {
 	char object[96]; /* names the camera in messages */
+	int fd;
+	int gone; /* 0; or why the camera has gone or does not answer: it is asked nothing more */
 	struct {
 		bool held; /* `before` is to be put back */
 		int64_t before;
@@ -37,18 +39,19 @@ struct lp_v4l2_controls {
 };
 
 /*
- * Save what is to be changed, and hold everything still. What the camera cannot do is logged with
- * what that costs; it is no error. -ENODEV, -EIO, ...: the camera has gone, or does not answer.
+ * Save what is to be changed, and hold everything still. `fd` stays the caller's, and open for as
+ * long as `controls` is used. What the camera cannot do is logged with what that costs; it is no
+ * error. -ENODEV, -ETIMEDOUT, ...: the camera has gone, or does not answer.
  */
 int lp_v4l2_controls_hold(struct lp_v4l2_controls *controls, int fd, const char *object,
 			  const struct lp_v4l2_settings *settings);
 
 /* Nearest exposure and gain that there are; what is in force is read back into `controls`. Logged.
  */
-int lp_v4l2_controls_set_exposure(struct lp_v4l2_controls *controls, int fd, float exposure_us,
-				  float gain);
+int lp_v4l2_controls_set_exposure(struct lp_v4l2_controls *controls, float exposure_us, float gain);
 
-/* Put everything back; what cannot be put back is logged. Does nothing the second time. */
-void lp_v4l2_controls_restore(struct lp_v4l2_controls *controls, int fd);
+/* Put everything back; what cannot be put back is logged. Does nothing the second time. Each call
+ * to a camera that hangs takes seconds: it ends with the first that is not answered. */
+void lp_v4l2_controls_restore(struct lp_v4l2_controls *controls);
 
 #endif

@@ -217,7 +217,16 @@ int lp_v4l2_nodes_select(const struct lp_v4l2_node *nodes, int count,
 		return found;
 	list_nodes(nodes, count, list, sizeof(list));
 	if (matches == 0) {
-		snprintf(reason, reason_bytes, "no such device; %s", list);
+		if (known && count)
+			snprintf(reason, reason_bytes,
+				 "%s is unplugged: waiting for it to come back; to use another "
+				 "camera, restart lightprobed; %s",
+				 known->name, list);
+		else if (known)
+			snprintf(reason, reason_bytes,
+				 "%s is unplugged: waiting for it to come back", known->name);
+		else
+			snprintf(reason, reason_bytes, "no such device; %s", list);
 		return -ENOENT;
 	}
 	snprintf(reason, reason_bytes,

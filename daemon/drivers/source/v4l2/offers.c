@@ -25,6 +25,7 @@ static void read_rates(int fd, struct lp_offer *offer)
 		}
 		add_rate(offer, &rate.stepwise.min);
 		add_rate(offer, &rate.stepwise.max);
+		offer->rates_are_range = offer->rate_count == 2;
 		break;
 	}
 }

@@ -148,7 +148,7 @@ int lp_v4l2_session_open(struct lp_v4l2_session *session, const struct lp_v4l2_n
 
 void lp_v4l2_session_close(struct lp_v4l2_session *session)
 {
-	lp_v4l2_controls_restore(&session->controls, lp_v4l2_stream_fd(session->stream));
+	lp_v4l2_controls_restore(&session->controls);
 	lp_v4l2_stream_stop(session->stream);
 	session->stream = NULL;
 }

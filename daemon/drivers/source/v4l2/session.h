@@ -31,7 +31,7 @@ struct lp_v4l2_fault {
 int lp_v4l2_session_open(struct lp_v4l2_session *session, const struct lp_v4l2_node *node,
 			 const struct lp_v4l2_settings *settings, struct lp_v4l2_fault *fault);
 
-/* Puts the controls back. Frames may still be out. */
+/* Puts the controls back. Frames need not be back. */
 void lp_v4l2_session_close(struct lp_v4l2_session *session);
 
 #endif

@@ -20,7 +20,8 @@
 #define BUFFERS_RAW (LP_FRAMES_HELD + 5)
 #define MAX_BUFFERS 32 /* a driver may insist on more */
 
-enum place { AT_HOME, AT_DRIVER, OUT };
+/* Of a dequeued buffer there is a frame; a released frame's buffer is free to be queued again. */
+enum buffer_state { BUFFER_FREE, BUFFER_QUEUED, BUFFER_DEQUEUED };
 
 struct buffer {
 	struct lp_frame frame;
@@ -28,7 +29,7 @@ struct buffer {
 	uint32_t index;
 	void *memory;
 	size_t length_bytes;
-	enum place place;
+	enum buffer_state state;
 };
 
 struct lp_v4l2_stream {
@@ -38,9 +39,9 @@ struct lp_v4l2_stream {
 	size_t picture_bytes; /* of a complete raw picture; 0: MJPEG */
 	uint64_t sequence_base, next_sequence;
 
-	pthread_mutex_t lock; /* of what follows, and of each buffer's place */
+	pthread_mutex_t lock; /* of what follows, and of each buffer's state */
 	bool on;
-	int references; /* the owner, and every frame that is out */
+	int references; /* the owner, and every dequeued frame */
 	int count;
 	struct buffer buffers[MAX_BUFFERS];
 };
@@ -62,24 +63,24 @@ static void free_stream(struct lp_v4l2_stream *stream)
 }
 
 /* With the lock held. */
-static int give_to_driver(struct lp_v4l2_stream *stream, struct buffer *buffer)
+static int queue(struct lp_v4l2_stream *stream, struct buffer *buffer)
 {
 	struct v4l2_buffer request = {.type = V4L2_BUF_TYPE_VIDEO_CAPTURE,
 				      .memory = V4L2_MEMORY_MMAP,
 				      .index = buffer->index};
 	const int ret = call(stream, VIDIOC_QBUF, &request);
 
-	buffer->place = ret == 0 ? AT_DRIVER : AT_HOME;
+	buffer->state = ret == 0 ? BUFFER_QUEUED : BUFFER_FREE;
 	return ret;
 }
 
-static int give_all_to_driver(struct lp_v4l2_stream *stream)
+static int queue_all(struct lp_v4l2_stream *stream)
 {
 	int ret = 0;
 
 	for (int i = 0; i < stream->count && ret == 0; i++) {
-		if (stream->buffers[i].place == AT_HOME)
-			ret = give_to_driver(stream, &stream->buffers[i]);
+		if (stream->buffers[i].state == BUFFER_FREE)
+			ret = queue(stream, &stream->buffers[i]);
 	}
 	return ret;
 }
@@ -101,10 +102,10 @@ static void release(struct lp_frame *frame)
 	struct lp_v4l2_stream *stream = buffer->stream;
 
 	pthread_mutex_lock(&stream->lock);
-	buffer->place = AT_HOME;
+	buffer->state = BUFFER_FREE;
 	/* While the stream is off its calls may take long: the capture thread does it then. */
 	if (stream->on)
-		(void)give_to_driver(stream, buffer);
+		(void)queue(stream, buffer);
 	pthread_mutex_unlock(&stream->lock);
 	drop_reference(stream);
 }
@@ -219,11 +220,11 @@ static int turn_on(struct lp_v4l2_stream *stream, const char **stage)
 	int ret;
 
 	*stage = "QBUF";
-	ret = give_all_to_driver(stream);
+	ret = queue_all(stream);
 	if (ret < 0)
 		return ret;
 	*stage = "STREAMON";
-	/* Frames may come home meanwhile, and must not wait for the camera. */
+	/* Frames may be released meanwhile, and must not wait for the camera. */
 	pthread_mutex_unlock(&stream->lock);
 	ret = call(stream, VIDIOC_STREAMON, &type);
 	pthread_mutex_lock(&stream->lock);
@@ -231,7 +232,7 @@ static int turn_on(struct lp_v4l2_stream *stream, const char **stage)
 		return ret;
 	stream->on = true;
 	*stage = "QBUF";
-	return give_all_to_driver(stream);
+	return queue_all(stream);
 }
 
 /* With the lock held. The driver has no buffers afterwards. */
@@ -244,8 +245,8 @@ static void turn_off(struct lp_v4l2_stream *stream)
 	(void)call(stream, VIDIOC_STREAMOFF, &type);
 	pthread_mutex_lock(&stream->lock);
 	for (int i = 0; i < stream->count; i++) {
-		if (stream->buffers[i].place == AT_DRIVER)
-			stream->buffers[i].place = AT_HOME;
+		if (stream->buffers[i].state == BUFFER_QUEUED)
+			stream->buffers[i].state = BUFFER_FREE;
 	}
 }
 
@@ -326,7 +327,7 @@ static void fill_frame(struct lp_v4l2_stream *stream, struct buffer *out,
 	stream->next_sequence = out->frame.sequence + 1;
 }
 
-int lp_v4l2_stream_take(struct lp_v4l2_stream *stream, struct lp_frame **frame)
+int lp_v4l2_stream_dequeue(struct lp_v4l2_stream *stream, struct lp_frame **frame)
 {
 	struct v4l2_buffer buffer = {.type = V4L2_BUF_TYPE_VIDEO_CAPTURE,
 				     .memory = V4L2_MEMORY_MMAP};
@@ -340,7 +341,7 @@ int lp_v4l2_stream_take(struct lp_v4l2_stream *stream, struct lp_frame **frame)
 	out = &stream->buffers[buffer.index];
 	fill_frame(stream, out, &buffer);
 	pthread_mutex_lock(&stream->lock);
-	out->place = OUT;
+	out->state = BUFFER_DEQUEUED;
 	stream->references++;
 	pthread_mutex_unlock(&stream->lock);
 	*frame = &out->frame;
@@ -366,7 +367,7 @@ int lp_v4l2_stream_queued(struct lp_v4l2_stream *stream)
 
 	pthread_mutex_lock(&stream->lock);
 	for (int i = 0; i < stream->count; i++)
-		queued += stream->buffers[i].place == AT_DRIVER;
+		queued += stream->buffers[i].state == BUFFER_QUEUED;
 	pthread_mutex_unlock(&stream->lock);
 	return queued;
 }

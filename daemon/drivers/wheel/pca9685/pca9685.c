@@ -1,21 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * pca9685:I2C-DEVICE — the wheel on a servo hat, straight on the board's I2C bus, and one sensor of
- * the comb on a GPIO line. What is known of the wheel: timed.h.
- *
- * The pulse is renewed every 20 ms by one transfer of five bytes, half a millisecond at 100 kHz.
+ * pca9685:I2C-DEVICE — the wheel on a servo hat, straight on the board's I2C bus (hat.h), and one
+ * sensor of the comb on a GPIO line (index.h). What is known of the wheel: timed.h.
  */
 #include <errno.h>
-#include <fcntl.h>
-#include <gpiod.h>
-#include <linux/i2c-dev.h>
-#include <linux/i2c.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/ioctl.h>
-#include <unistd.h>
 
 #include "base/backoff.h"
 #include "base/clock.h"
@@ -23,19 +15,12 @@
 #include "base/loop.h"
 #include "base/param.h"
 #include "base/uri.h"
+#include "drivers/wheel/pca9685/hat.h"
+#include "drivers/wheel/pca9685/index.h"
 #include "drivers/wheel/timed.h"
 #include "include/rotator.h"
 
-#define MODE1 0x00
-#define MODE1_SLEEP 0x10
-#define MODE1_INCREMENT 0x20
-#define LED0 0x06
-#define FULL_OFF 0x10
-#define PRE_SCALE 0xFE
-#define PRE_SCALE_50_HZ 121 /* 25 MHz / 4096 / 50 Hz - 1 */
-#define COUNTS_PER_US (4096 * 50 / 1e6F)
 #define PERIOD_NS (20 * LP_NS_PER_MS)
-#define BUS_TIMEOUT_10MS 1
 #define FIRST_RETRY_NS (200 * LP_NS_PER_MS)
 #define LAST_RETRY_NS (2 * LP_NS_PER_S)
 #define WAITING "pca9685-waiting"
@@ -53,12 +38,12 @@ struct rotator_pca9685 {
 	char device[256], object[300];
 	struct keys keys;
 	struct lp_timed timed;
-	const char *told_fault;
+	const char *last_fault; /* of the model, as the host knows it; NULL: none */
 	struct lp_timer tick;
+	struct lp_servo_hat *hat;
+	struct lp_index *index; /* NULL: hat and index are not both there */
 	struct lp_watch edges;
-	int bus_fd; /* -1: not open */
-	struct gpiod_chip *chip;
-	struct gpiod_line *line;
+	bool opening; /* the hat is being set up */
 	int64_t t_retry_ns;
 	struct lp_backoff retry;
 	uint64_t opened;
@@ -69,79 +54,37 @@ static struct rotator_pca9685 *self_of(const struct lp_rotator *rotator)
 	return (struct rotator_pca9685 *)rotator;
 }
 
-/* ---------------------------------------------------------------- what is told */
+/* ---------------------------------------------------------------- towards the host */
 
-static void tell(const struct rotator_pca9685 *self)
+static void report_state(const struct rotator_pca9685 *self)
 {
 	struct lp_wheel_state state;
 
 	lp_timed_state(&self->timed, lp_clock_ns(), &state);
-	if (self->bus_fd < 0)
+	if (!self->index)
 		state.phase = LP_WHEEL_ABSENT;
 	state.reconnects = self->opened ? self->opened - 1 : 0;
 	self->base.host.state(self->base.host.context, &state);
 }
 
 /* The model's fault, when it has changed. */
-static void tell_fault(struct rotator_pca9685 *self)
+static void report_fault(struct rotator_pca9685 *self)
 {
 	const struct lp_rotator_host *host = &self->base.host;
 	const char *fault = self->timed.fault;
 	char text[500];
 
-	if (fault == self->told_fault)
+	if (fault == self->last_fault)
 		return;
-	if (self->told_fault)
-		host->fault(host->context, self->told_fault, NULL);
+	if (self->last_fault)
+		host->fault(host->context, self->last_fault, NULL);
 	if (fault) {
 		(void)snprintf(text, sizeof(text), "%s: %s: %s", self->object, fault,
 			       self->timed.next_step);
 		lp_warning(self->object, fault, "%s", self->timed.next_step);
 		host->fault(host->context, fault, text);
 	}
-	self->told_fault = fault;
-}
-
-/* ---------------------------------------------------------------- the hat */
-
-/* 0 or -errno. */
-static int write_registers(const struct rotator_pca9685 *self, uint8_t *bytes, uint16_t count)
-{
-	struct i2c_msg message = {.addr = (uint16_t)self->keys.address, .len = count, .buf = bytes};
-	struct i2c_rdwr_ioctl_data request = {.msgs = &message, .nmsgs = 1};
-
-	return ioctl(self->bus_fd, I2C_RDWR, &request) < 0 ? -errno : 0;
-}
-
-static int write_register(const struct rotator_pca9685 *self, uint8_t number, uint8_t value)
-{
-	return write_registers(self, (uint8_t[]){number, value}, 2);
-}
-
-/* 0: no pulse. */
-static int write_pulse(const struct rotator_pca9685 *self, float pulse_us)
-{
-	const uint16_t off = (uint16_t)lrintf(pulse_us * COUNTS_PER_US);
-
-	return write_registers(self,
-			       (uint8_t[]){(uint8_t)(LED0 + 4 * self->keys.channel), 0, 0,
-					   (uint8_t)(off & 0xFF),
-					   off ? (uint8_t)(off >> 8) : FULL_OFF},
-			       5);
-}
-
-/* The pre-scaler can be set while it sleeps only. */
-static int wake_up(const struct rotator_pca9685 *self)
-{
-	int ret = write_register(self, MODE1, MODE1_SLEEP | MODE1_INCREMENT);
-
-	if (ret == 0)
-		ret = write_register(self, PRE_SCALE, PRE_SCALE_50_HZ);
-	if (ret == 0)
-		ret = write_pulse(self, 0);
-	if (ret == 0)
-		ret = write_register(self, MODE1, MODE1_INCREMENT);
-	return ret;
+	self->last_fault = fault;
 }
 
 /* ---------------------------------------------------------------- the sensor */
@@ -149,12 +92,12 @@ static int wake_up(const struct rotator_pca9685 *self)
 /* The oldest edge that has not been read. False: none. */
 static bool read_edge(struct rotator_pca9685 *self)
 {
-	struct gpiod_line_event event;
+	int64_t t_ns;
 
-	if (gpiod_line_event_read(self->line, &event) < 0)
+	if (!lp_index_read(self->index, &t_ns))
 		return false;
-	lp_timed_edge(&self->timed, event.ts.tv_sec * LP_NS_PER_S + event.ts.tv_nsec);
-	tell_fault(self);
+	lp_timed_edge(&self->timed, t_ns);
+	report_fault(self);
 	return true;
 }
 
@@ -164,21 +107,7 @@ static void on_edges(struct lp_watch *watch, unsigned int events)
 
 	(void)events;
 	if (read_edge(self))
-		tell(self);
-}
-
-static int open_sensor(struct rotator_pca9685 *self)
-{
-	self->chip = gpiod_chip_open_lookup(self->keys.chip);
-	if (!self->chip)
-		return -errno;
-	self->line = gpiod_chip_get_line(self->chip, (unsigned)self->keys.line);
-	if (!self->line ||
-	    gpiod_line_request_both_edges_events_flags(self->line, "lightprobed",
-						       GPIOD_LINE_REQUEST_FLAG_BIAS_PULL_UP) < 0)
-		return -errno;
-	return lp_watch_start(self->base.host.loop, &self->edges,
-			      gpiod_line_event_get_fd(self->line), LP_READABLE, on_edges);
+		report_state(self);
 }
 
 /* ---------------------------------------------------------------- open, close */
@@ -186,29 +115,27 @@ static int open_sensor(struct rotator_pca9685 *self)
 static void close_all(struct rotator_pca9685 *self)
 {
 	lp_watch_stop(&self->edges);
-	if (self->chip)
-		gpiod_chip_close(self->chip);
-	self->chip = NULL;
-	self->line = NULL;
-	if (self->bus_fd >= 0) {
-		(void)write_pulse(self, 0);
-		close(self->bus_fd);
-	}
-	self->bus_fd = -1;
+	lp_index_close(self->index);
+	self->index = NULL;
+	self->opening = false;
+	if (self->hat)
+		lp_servo_hat_close(self->hat);
 }
 
-static const char *next_step(int ret, const char *stage)
+static const char *next_step(const char *stage, int error)
 {
-	if (ret == -EACCES || ret == -EPERM)
+	if (error == -EACCES || error == -EPERM)
 		return "join the groups i2c and gpio; a service needs its drop-in i2c.conf";
 	if (strcmp(stage, "index") == 0)
 		return "which GPIO chip and line? gpioinfo lists them";
-	if (ret == -ENXIO || ret == -EREMOTEIO)
+	if (error == -ENXIO || error == -EREMOTEIO)
 		return "no acknowledge: address and power of the hat?";
+	if (error == -ETIMEDOUT || error == -EBUSY)
+		return "the bus hangs: is SDA or SCL held low?";
 	return "is the bus there? modprobe i2c-dev, or its overlay";
 }
 
-static void lose(struct rotator_pca9685 *self, const char *stage, int ret)
+static void lose(struct rotator_pca9685 *self, const char *stage, int error)
 {
 	const struct lp_rotator_host *host = &self->base.host;
 	char text[600];
@@ -216,36 +143,33 @@ static void lose(struct rotator_pca9685 *self, const char *stage, int ret)
 	close_all(self);
 	lp_timed_forget(&self->timed, lp_clock_ns());
 	self->t_retry_ns = lp_clock_ns() + lp_backoff_next_ns(&self->retry);
-	(void)snprintf(text, sizeof(text), "%s: %s: %s — %s", self->object, stage, lp_strerror(ret),
-		       next_step(ret, stage));
-	lp_warning(self->object, stage, "%s — %s", lp_strerror(ret), next_step(ret, stage));
+	(void)snprintf(text, sizeof(text), "%s: %s: %s — %s", self->object, stage,
+		       lp_strerror(error), next_step(stage, error));
+	lp_warning(self->object, stage, "%s — %s", lp_strerror(error), next_step(stage, error));
 	host->fault(host->context, WAITING, text);
-	tell_fault(self);
-	tell(self);
+	report_fault(self);
+	report_state(self);
 }
 
-static void open_all(struct rotator_pca9685 *self)
+static void on_hat_failed(void *context, const char *stage, int error)
 {
-	const struct lp_rotator_host *host = &self->base.host;
-	const char *stage = "open";
-	int ret = 0;
+	lose(context, stage, error);
+}
 
-	self->bus_fd = open(self->device, O_RDWR | O_CLOEXEC);
-	if (self->bus_fd < 0)
-		ret = -errno;
-	if (ret == 0) {
-		stage = "set up";
-		(void)ioctl(self->bus_fd, I2C_TIMEOUT, BUS_TIMEOUT_10MS);
-		ret = wake_up(self);
-	}
-	if (ret == 0) {
-		stage = "index";
-		ret = open_sensor(self);
-	}
+static void on_hat_ready(void *context)
+{
+	struct rotator_pca9685 *self = context;
+	const struct lp_rotator_host *host = &self->base.host;
+	int ret = lp_index_open(self->keys.chip, (unsigned)self->keys.line, &self->index);
+
+	if (ret == 0)
+		ret = lp_watch_start(host->loop, &self->edges, lp_index_fd(self->index),
+				     LP_READABLE, on_edges);
 	if (ret < 0) {
-		lose(self, stage, ret);
+		lose(self, "index", ret);
 		return;
 	}
+	self->opening = false;
 	self->opened++;
 	lp_backoff_reset(&self->retry);
 	lp_timed_forget(&self->timed, lp_clock_ns());
@@ -253,27 +177,34 @@ static void open_all(struct rotator_pca9685 *self)
 	lp_info(self->object, "open", "servo hat and index are there");
 }
 
+static void open_all(struct rotator_pca9685 *self)
+{
+	const int ret = lp_servo_hat_open(self->hat);
+
+	if (ret < 0)
+		lose(self, "open", ret);
+	else
+		self->opening = true;
+}
+
 static void on_tick(struct lp_timer *timer)
 {
 	struct rotator_pca9685 *self = LP_CONTAINER_OF(timer, struct rotator_pca9685, tick);
-	const int64_t now_ns = lp_clock_ns();
 	const enum lp_timed_step before = self->timed.step;
-	int ret;
+	const int64_t now_ns = lp_clock_ns();
 
-	if (self->bus_fd < 0) {
+	if (self->opening) {
+		lp_servo_hat_pulse(self->hat, 0);
+	} else if (!self->index) {
 		if (now_ns >= self->t_retry_ns)
 			open_all(self);
-		return;
+	} else {
+		lp_timed_tick(&self->timed, now_ns, lp_index_is_on(self->index));
+		report_fault(self);
+		if (self->timed.step != before)
+			report_state(self);
+		lp_servo_hat_pulse(self->hat, lp_timed_pulse_us(&self->timed, now_ns));
 	}
-	lp_timed_tick(&self->timed, now_ns, gpiod_line_get_value(self->line) == 0);
-	ret = write_pulse(self, lp_timed_pulse_us(&self->timed, now_ns));
-	if (ret < 0) {
-		lose(self, "write", ret);
-		return;
-	}
-	tell_fault(self);
-	if (self->timed.step != before)
-		tell(self);
 }
 
 /* ---------------------------------------------------------------- ops */
@@ -300,7 +231,7 @@ static void pca9685_move(struct lp_rotator *rotator, float target_deg)
 		lp_warning(self->object, "move", "%.2f degrees: %s", (double)target_deg, reason);
 		host->fault(host->context, "wheel-refused", text);
 	}
-	tell(self);
+	report_state(self);
 }
 
 /* Edges that have come and were not read yet come first. */
@@ -308,9 +239,9 @@ static void pca9685_look(struct lp_rotator *rotator)
 {
 	struct rotator_pca9685 *self = self_of(rotator);
 
-	while (self->line && read_edge(self)) {
+	while (self->index && read_edge(self)) {
 	}
-	tell(self);
+	report_state(self);
 }
 
 static void pca9685_destroy(struct lp_rotator *rotator)
@@ -319,8 +250,9 @@ static void pca9685_destroy(struct lp_rotator *rotator)
 
 	if (!self)
 		return;
-	close_all(self);
 	lp_timer_stop(&self->tick);
+	close_all(self);
+	lp_servo_hat_destroy(self->hat);
 	free(self);
 }
 
@@ -357,6 +289,20 @@ static int read_keys(const struct lp_uri *uri, struct keys *keys)
 	return lp_uri_read(uri, table, OWN_KEYS + (size_t)lp_timed_param_count, keys);
 }
 
+static int create_hat(struct rotator_pca9685 *self)
+{
+	struct lp_servo_hat_settings settings = {.address = self->keys.address,
+						 .channel = self->keys.channel};
+	const struct lp_servo_hat_host host = {.context = self,
+					       .loop = self->base.host.loop,
+					       .ready = on_hat_ready,
+					       .failed = on_hat_failed};
+
+	memcpy(settings.device, self->device, sizeof(settings.device));
+	self->hat = lp_servo_hat_create(&settings, &host);
+	return self->hat ? 0 : -ENOMEM;
+}
+
 static int pca9685_create(const struct lp_uri *uri, const struct lp_rotator_host *host,
 			  struct lp_rotator **rotator)
 {
@@ -373,9 +319,11 @@ static int pca9685_create(const struct lp_uri *uri, const struct lp_rotator_host
 	self->base = (struct lp_rotator){.ops = &lp_rotator_pca9685_ops, .host = *host};
 	memcpy(self->device, uri->rest, strlen(uri->rest) + 1);
 	(void)snprintf(self->object, sizeof(self->object), "pca9685: %s", self->device);
-	self->bus_fd = self->edges.fd = -1;
+	self->edges.fd = -1;
 	self->retry = (struct lp_backoff){.first_ns = FIRST_RETRY_NS, .longest_ns = LAST_RETRY_NS};
 	ret = read_keys(uri, &self->keys);
+	if (ret == 0)
+		ret = create_hat(self);
 	if (ret < 0) {
 		pca9685_destroy(&self->base);
 		return ret;

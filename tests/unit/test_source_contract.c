@@ -1,0 +1,677 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * What include/source.h promises of every source, tested on all of them: in every test each
+ * callback is checked against the contract. A v4l2 camera is made by fake_v4l2.h; libcamera: has
+ * the same tests on a real kernel (tests/kernel/guest/test_uvc_contract.py).
+ */
+#include "lp_test.h"
+
+#include <math.h>
+#include <poll.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+
+#include "app/backends.h"
+#include "base/clock.h"
+#include "base/uri.h"
+#include "drivers/source/sim/header.h"
+#include "fake_v4l2.h"
+#include "include/frame.h"
+#include "include/source.h"
+#include "loop_test.h"
+
+#define PATIENCE_NS (60 * LP_NS_PER_S) /* the machine may be busy */
+
+static struct lp_loop *loop;
+static struct lp_source *source;
+static char folder[32];
+
+/* ---------------------------------------------------------------- what is heard, and checked */
+
+/* One letter for each callback: state D(own) W(aiting) T (streaming) L (stalled) E(nded), f: usable
+ * frame, c: corrupt frame, x: corrupt frame that was only counted. */
+static struct {
+	char trace[4096];
+	size_t length;
+	char reason[512]; /* of the last state */
+	enum lp_source_state state;
+	bool in_op, was_last;
+	const char *violation; /* of the contract; NULL: none */
+	pthread_t loop_thread;
+	struct lp_source_caps caps; /* when STREAMING was reported */
+} heard;
+
+/* A callback must not leave the loop by a failed assertion: the test fails at its next step. */
+#define MUST(condition)                               \
+	do {                                          \
+		if (!(condition) && !heard.violation) \
+			heard.violation = #condition; \
+	} while (0)
+
+static void note(char letter)
+{
+	MUST(!heard.in_op); /* 1 of the contract */
+	MUST(pthread_equal(pthread_self(), heard.loop_thread));
+	MUST(heard.state != LP_SOURCE_ENDED); /* 6 */
+	if (heard.length < sizeof(heard.trace) - 1)
+		heard.trace[heard.length++] = letter;
+}
+
+static void on_frame(void *context, struct lp_frame *frame)
+{
+	const bool corrupt = frame->flags & LP_FRAME_CORRUPT;
+
+	(void)context;
+	note(corrupt ? 'c' : 'f');
+	MUST(heard.state == LP_SOURCE_STREAMING); /* 2, 4 */
+	MUST(!heard.was_last);			  /* 6 */
+	MUST(heard.caps.reports_exposure || heard.caps.exposure_settable ||
+	     isnan(frame->exposure_us));
+	MUST(!heard.caps.reports_exposure || corrupt || !isnan(frame->exposure_us));
+	MUST(frame->t_start_ns > 0 && frame->t_start_ns <= frame->t_arrival_ns);
+	heard.was_last = frame->flags & LP_FRAME_LAST;
+	lp_frame_release(frame);
+}
+
+static void on_corrupt(void *context)
+{
+	(void)context;
+	note('x');
+	MUST(heard.state != LP_SOURCE_STREAMING); /* 3 */
+}
+
+static void on_state(void *context, enum lp_source_state state, const char *reason)
+{
+	(void)context;
+	note("-DWTLE"[state]);
+	MUST(state != heard.state || strcmp(reason, heard.reason) != 0); /* 5 */
+	MUST(state != LP_SOURCE_ENDED || heard.was_last);		 /* 6 */
+	heard.state = state;
+	(void)snprintf(heard.reason, sizeof(heard.reason), "%s", reason);
+	if (state == LP_SOURCE_STREAMING)
+		source->ops->caps(source, &heard.caps);
+}
+
+static void assert_no_violation(void)
+{
+	if (heard.violation)
+		fail_msg("against the contract: %s; heard %s: %s", heard.violation, heard.trace,
+			 heard.reason);
+}
+
+/* The trace without states W, D and L before the stream, which depend on who was first. */
+static const char *since_the_stream(void)
+{
+	static char text[sizeof(heard.trace)];
+	size_t length = 0;
+
+	for (size_t i = 0; i < heard.length; i++) {
+		if (length > 0 || !strchr("WDL", heard.trace[i]))
+			text[length++] = heard.trace[i];
+	}
+	text[length] = '\0';
+	return text;
+}
+
+static void assert_heard(const char *begin)
+{
+	const char *text = since_the_stream();
+
+	if (strncmp(text, begin, strlen(begin)) != 0)
+		fail_msg("heard '%s', expected '%s'", text, begin);
+}
+
+static int count(char letter)
+{
+	int found = 0;
+
+	for (size_t i = 0; i < heard.length; i++)
+		found += heard.trace[i] == letter;
+	return found;
+}
+
+#define UNTIL(condition)                                                                        \
+	do {                                                                                    \
+		const int64_t end_ns = lp_clock_ns() + PATIENCE_NS;                             \
+		while (!(condition)) {                                                          \
+			assert_no_violation();                                                  \
+			if (lp_clock_ns() > end_ns)                                             \
+				fail_msg("not seen: %s; heard %s: %s", #condition, heard.trace, \
+					 heard.reason);                                         \
+			(void)loop_turn(loop, 20);                                              \
+		}                                                                               \
+		assert_no_violation();                                                          \
+	} while (0)
+
+/* ---------------------------------------------------------------- devices */
+
+/* One kind of source, and the device at its other end. */
+struct device {
+	const char *name;
+	/* The URI, for a device that gives these frames (G: good, C: corrupt) again and again, if
+	 * it does so by itself. */
+	const char *(*uri)(const char *frames);
+	/* NULL: it gives its frames by itself. False: not yet. */
+	bool (*send)(bool corrupt);
+	void (*nudge)(void); /* readable, and nothing to read */
+	void (*plug)(void);
+	void (*unplug)(void);
+};
+
+static char uri_text[256];
+
+static void write_picture(int number, size_t size_bytes)
+{
+	char path[64];
+	FILE *file;
+
+	(void)snprintf(path, sizeof(path), "%s/%03d.grey", folder, number);
+	file = fopen(path, "wb");
+	assert_non_null(file);
+	assert_int_equal(fwrite("pppp", 1, size_bytes, file), size_bytes);
+	assert_int_equal(fclose(file), 0);
+}
+
+/* A corrupt picture is one that is cut off. */
+static const char *file_uri(const char *frames)
+{
+	for (int i = 0; frames[i]; i++)
+		write_picture(i, frames[i] == 'G' ? 4 : 2);
+	(void)snprintf(uri_text, sizeof(uri_text), "file:%s?size=2x2&rate=500", folder);
+	return uri_text;
+}
+
+static const char *example_uri(const char *frames)
+{
+	(void)snprintf(uri_text, sizeof(uri_text), "example:?rate=200&corrupt_first=%zu",
+		       strchr(frames, 'G') ? strcspn(frames, "G") : 1000000);
+	return uri_text;
+}
+
+static struct {
+	int listener, peer;
+	float exposure_us; /* of the frames it sends */
+} simulator = {.listener = -1, .peer = -1};
+
+static const char *sim_uri(const char *frames)
+{
+	(void)frames;
+	(void)snprintf(uri_text, sizeof(uri_text), "sim:%s/sim", folder);
+	return uri_text;
+}
+
+static void sim_plug(void)
+{
+	struct sockaddr_un address = {.sun_family = AF_UNIX};
+
+	(void)snprintf(address.sun_path, sizeof(address.sun_path), "%s/sim", folder);
+	simulator.listener = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+	assert_int_equal(bind(simulator.listener, (struct sockaddr *)&address, sizeof(address)), 0);
+	assert_int_equal(listen(simulator.listener, 1), 0);
+}
+
+static void sim_unplug(void)
+{
+	char path[64];
+
+	if (simulator.peer >= 0)
+		close(simulator.peer);
+	if (simulator.listener >= 0)
+		close(simulator.listener);
+	simulator.peer = simulator.listener = -1;
+	(void)snprintf(path, sizeof(path), "%s/sim", folder);
+	unlink(path);
+}
+
+static bool sim_is_connected(void)
+{
+	if (simulator.peer < 0)
+		simulator.peer = accept(simulator.listener, NULL, NULL);
+	return simulator.peer >= 0;
+}
+
+static bool sim_send(bool corrupt)
+{
+	static uint64_t sequence;
+	const int64_t start_ns = lp_clock_ns();
+	const uint32_t flags = corrupt;
+	uint8_t data[LP_SIM_HEADER_BYTES + 4] = "LPF1";
+
+	if (!sim_is_connected())
+		return false;
+	memcpy(data + 4, &(uint32_t){LP_SIM_HEADER_BYTES}, 4);
+	memcpy(data + 8, &(uint64_t){4}, 8);
+	memcpy(data + 16, "GREY", 4);
+	memcpy(data + 20, &(uint32_t){2}, 4);
+	memcpy(data + 24, &(uint32_t){2}, 4);
+	memcpy(data + 32, &(uint64_t){sequence++}, 8);
+	memcpy(data + 40, &start_ns, 8);
+	memcpy(data + 48, corrupt ? &(float){NAN} : &simulator.exposure_us, 4);
+	memcpy(data + 52, &(float){1}, 4);
+	memcpy(data + 56, &flags, 4);
+	assert_int_equal(write(simulator.peer, data, sizeof(data)), sizeof(data));
+	return true;
+}
+
+/* The beginning of a frame, whose rest is long in coming. */
+static void sim_nudge(void)
+{
+	UNTIL(sim_is_connected());
+}
+
+static const char *v4l2_uri(const char *frames)
+{
+	(void)frames;
+	return "v4l2:?stall_ms=100";
+}
+
+static void v4l2_plug(void)
+{
+	fake_v4l2_plug(0);
+}
+
+static void v4l2_unplug(void)
+{
+	fake_v4l2_unplug(0);
+}
+
+static bool v4l2_send(bool corrupt)
+{
+	return fake_v4l2_send(0, corrupt);
+}
+
+static void v4l2_nudge(void)
+{
+	UNTIL(fake_v4l2.cameras[0].streams);
+	for (int i = 0; i < 3; i++)
+		fake_v4l2_wake_without_frame(0);
+}
+
+static const struct device devices[] = {
+	{.name = "file", .uri = file_uri},
+	{.name = "example", .uri = example_uri},
+	{"sim", sim_uri, sim_send, sim_nudge, sim_plug, sim_unplug},
+	{"v4l2", v4l2_uri, v4l2_send, v4l2_nudge, v4l2_plug, v4l2_unplug},
+};
+
+/* ---------------------------------------------------------------- a source and its device */
+
+static void create(const char *uri)
+{
+	const struct lp_source_host host = {.loop = loop,
+					    .frame = on_frame,
+					    .corrupt = on_corrupt,
+					    .state = on_state};
+
+	memset(&heard, 0, sizeof(heard));
+	heard.loop_thread = pthread_self();
+	heard.in_op = true;
+	assert_int_equal(lp_source_open(uri, &host, &source), 0);
+	assert_int_equal(source->ops->start(source), 0);
+	heard.in_op = false;
+}
+
+static void destroy(void)
+{
+	heard.in_op = true;
+	if (source)
+		source->ops->destroy(source);
+	source = NULL;
+	assert_no_violation();
+}
+
+/* Send these frames as soon as the device can. */
+static void send_frames(const struct device *device, const char *frames)
+{
+	for (; device->send && *frames; frames++)
+		UNTIL(device->send(*frames == 'C'));
+}
+
+static void begin(const struct device *device, const char *frames)
+{
+	print_message("           %s:\n", device->name);
+	if (device->plug)
+		device->plug();
+	create(device->uri(frames));
+	send_frames(device, frames);
+}
+
+static void end(const struct device *device)
+{
+	char command[64];
+
+	destroy();
+	if (device->unplug)
+		device->unplug();
+	(void)snprintf(command, sizeof(command), "rm -rf %s/*", folder);
+	assert_int_equal(system(command), 0); /* NOLINT(cert-env33-c) */
+	fake_v4l2_init();
+}
+
+/* ---------------------------------------------------------------- all sources */
+
+static void test_streaming_comes_before_the_first_frame(void **state)
+{
+	(void)state;
+	for (const struct device *device = devices; device < devices + ARRAY_COUNT(devices);
+	     device++) {
+		begin(device, "GGG");
+		UNTIL(count('f') >= 3);
+		assert_heard("Tfff");
+		end(device);
+	}
+}
+
+static void test_corrupt_frames_first_are_counted(void **state)
+{
+	(void)state;
+	for (const struct device *device = devices; device < devices + ARRAY_COUNT(devices);
+	     device++) {
+		begin(device, "CCGG");
+		UNTIL(count('f') >= 2);
+		assert_heard("xxTff");
+		end(device);
+	}
+}
+
+static void test_corrupt_frames_later_are_handed_on(void **state)
+{
+	(void)state;
+	for (const struct device *device = devices; device < devices + ARRAY_COUNT(devices);
+	     device++) {
+		if (!device->send) /* the second round of a file: below */
+			continue;
+		begin(device, "GCG");
+		UNTIL(count('f') >= 2);
+		assert_heard("Tfcf");
+		end(device);
+	}
+}
+
+static void test_only_corrupt_frames_are_a_stall(void **state)
+{
+	(void)state;
+	for (const struct device *device = devices; device < devices + ARRAY_COUNT(devices);
+	     device++) {
+		begin(device, "CCC");
+		UNTIL((device->send && device->send(true), count('L') > 0));
+		assert_non_null(strstr(heard.reason, "corrupt") ?: strstr(heard.reason, "damaged"));
+		assert_true(count('x') >= 1);
+		assert_int_equal(count('T') + count('f') + count('c'), 0);
+		if (device->send) {
+			send_frames(device, "G");
+			UNTIL(count('f') > 0);
+			assert_int_equal(count('T'), 1);
+		}
+		end(device);
+	}
+}
+
+static void test_readable_and_nothing_to_read(void **state)
+{
+	(void)state;
+	for (const struct device *device = devices; device < devices + ARRAY_COUNT(devices);
+	     device++) {
+		if (!device->nudge)
+			continue;
+		begin(device, "");
+		device->nudge();
+		assert_heard("");
+		send_frames(device, "G");
+		UNTIL(count('f') > 0);
+		assert_heard("Tf");
+		end(device);
+	}
+}
+
+static void test_it_goes_and_comes_back(void **state)
+{
+	(void)state;
+	for (const struct device *device = devices; device < devices + ARRAY_COUNT(devices);
+	     device++) {
+		if (!device->unplug)
+			continue;
+		begin(device, "G");
+		UNTIL(count('f') == 1);
+		device->unplug();
+		UNTIL(heard.state == LP_SOURCE_WAITING);
+		device->plug();
+		send_frames(device, "CG");
+		UNTIL(count('f') == 2);
+		assert_int_equal(count('T'), 2);
+		assert_int_equal(count('x'), 1);
+		end(device);
+	}
+}
+
+static void test_destroyed_at_any_time(void **state)
+{
+	(void)state;
+	for (const struct device *device = devices; device < devices + ARRAY_COUNT(devices);
+	     device++) {
+		begin(device, device->send ? "" : "G");
+		end(device);
+		begin(device, "GG");
+		end(device);
+	}
+}
+
+/* ---------------------------------------------------------------- exposure */
+
+static bool reports_exposure(const char *uri, const struct device *device)
+{
+	create(uri);
+	send_frames(device, "CGG");
+	UNTIL(count('f') >= 1);
+	return heard.caps.reports_exposure;
+}
+
+static void test_whether_exposure_is_reported_is_known_with_the_stream(void **state)
+{
+	const struct device *const file = &devices[0], *const example = &devices[1],
+				   *const sim = &devices[2], *const v4l2 = &devices[3];
+	char text[300];
+
+	(void)state;
+	(void)snprintf(text, sizeof(text), "%s&exposures_us=100", file_uri("CGG"));
+	assert_true(reports_exposure(text, file));
+	destroy();
+	assert_false(reports_exposure(file_uri("CGG"), file));
+	end(file);
+	assert_false(reports_exposure("example:", example));
+	end(example);
+	sim->plug();
+	simulator.exposure_us = 1000;
+	assert_true(reports_exposure(sim->uri(""), sim));
+	end(sim);
+	sim->plug();
+	simulator.exposure_us = NAN;
+	assert_false(reports_exposure(sim->uri(""), sim));
+	end(sim);
+	v4l2->plug();
+	assert_false(reports_exposure(v4l2->uri(""), v4l2));
+	end(v4l2);
+}
+
+/* ---------------------------------------------------------------- files, which end */
+
+static void test_a_file_ends_with_its_last_picture(void **state)
+{
+	char text[300];
+
+	(void)state;
+	(void)snprintf(text, sizeof(text), "%s&loop=0", file_uri("CGCGC"));
+	create(text);
+	UNTIL(heard.state == LP_SOURCE_ENDED);
+	assert_heard("xTfcfcE");
+	assert_true(heard.was_last);
+	end(&devices[0]);
+}
+
+static void test_a_file_without_a_usable_picture_is_down(void **state)
+{
+	char text[300];
+
+	(void)state;
+	(void)snprintf(text, sizeof(text), "%s&loop=0", file_uri("CCC"));
+	create(text);
+	UNTIL(heard.state == LP_SOURCE_DOWN);
+	assert_int_equal(count('x'), 3);
+	end(&devices[0]);
+}
+
+/* ---------------------------------------------------------------- cameras of v4l2 */
+
+static void test_a_reason_that_changes_is_reported(void **state)
+{
+	(void)state;
+	create("v4l2:");
+	UNTIL(strstr(heard.reason, "no camera is present"));
+	FAKE_V4L2_SET(0, open_error, EBUSY);
+	fake_v4l2_plug(0);
+	UNTIL(strstr(heard.reason, "device busy"));
+	fake_v4l2_plug(1);
+	UNTIL(strstr(heard.reason, "several cameras could be meant"));
+	assert_int_equal(count('W'), 3);
+	assert_int_equal(heard.length, 3);
+	FAKE_V4L2_SET(0, open_error, 0);
+	fake_v4l2_unplug(1);
+	UNTIL(fake_v4l2_send(0, false));
+	UNTIL(count('f') == 1);
+	end(&devices[3]);
+}
+
+static void test_another_model_is_named_and_not_taken(void **state)
+{
+	(void)state;
+	begin(&devices[3], "G");
+	UNTIL(count('f') == 1);
+	fake_v4l2_unplug(0);
+	UNTIL(strstr(heard.reason, "model 0102 is unplugged: waiting for it to come back"));
+	fake_v4l2_plug(1);
+	UNTIL(strstr(heard.reason, "restart lightprobed; present: /dev/video1 (model 0103"));
+	assert_int_equal(fake_v4l2.cameras[1].opened, 0);
+	fake_v4l2_plug(0);
+	UNTIL(fake_v4l2_send(0, false));
+	UNTIL(count('f') == 2);
+	end(&devices[3]);
+}
+
+/* A new camera whose node udevd has not yet given its group, after one that was of no use. */
+static void test_a_camera_swapped_for_another(void **state)
+{
+	(void)state;
+	fake_v4l2.cameras[0].offers_nothing = true;
+	fake_v4l2_plug(0);
+	create("v4l2:");
+	UNTIL(heard.state == LP_SOURCE_DOWN);
+	fake_v4l2_unplug(0);
+	FAKE_V4L2_SET(1, open_error, EACCES);
+	fake_v4l2_plug(1);
+	UNTIL(fake_v4l2.cameras[1].opened > 0);
+	FAKE_V4L2_SET(1, open_error, 0); /* and nobody says so */
+	UNTIL(fake_v4l2_send(1, false));
+	UNTIL(count('f') == 1);
+	assert_string_equal(heard.trace, "DTf"); /* the passing refusal is not worth a word */
+	end(&devices[3]);
+}
+
+static void test_a_refusal_that_stays_is_reported(void **state)
+{
+	(void)state;
+	FAKE_V4L2_SET(0, open_error, EACCES);
+	fake_v4l2_plug(0);
+	create("v4l2:");
+	UNTIL(strstr(heard.reason, "no permission"));
+	FAKE_V4L2_SET(0, open_error, 0);
+	fake_v4l2_announce(); /* udevd's, with the new permissions */
+	UNTIL(fake_v4l2_send(0, false));
+	UNTIL(count('f') == 1);
+	end(&devices[3]);
+}
+
+/* Each call to a camera that hangs takes five seconds: the first one that is not answered is the
+ * last. */
+static void test_a_camera_that_hangs_is_asked_once(void **state)
+{
+	(void)state;
+	begin(&devices[3], "G");
+	UNTIL(count('f') == 1);
+	FAKE_V4L2_SET(0, control_calls, 0);
+	FAKE_V4L2_SET(0, control_error, ETIMEDOUT);
+	assert_int_equal(source->ops->set_exposure(source, 2000, 1), 0);
+	UNTIL(heard.state == LP_SOURCE_STALLED);
+	UNTIL(fake_v4l2.resets == 1);
+	assert_true(fake_v4l2.cameras[0].control_calls <= 2); /* one of them when opened again */
+	FAKE_V4L2_SET(0, control_error, 0);
+	UNTIL(fake_v4l2_send(0, false));
+	UNTIL(count('f') == 2);
+	FAKE_V4L2_SET(0, control_calls, 0);
+	FAKE_V4L2_SET(0, control_error, ETIMEDOUT);
+	destroy();
+	assert_int_equal(fake_v4l2.cameras[0].control_calls, 1);
+	end(&devices[3]);
+}
+
+static void test_controls_are_put_back(void **state)
+{
+	struct fake_control before[FAKE_CONTROLS];
+
+	(void)state;
+	memcpy(before, fake_v4l2.cameras[0].controls, sizeof(before));
+	begin(&devices[3], "G");
+	UNTIL(count('f') == 1);
+	assert_memory_not_equal(before, fake_v4l2.cameras[0].controls, sizeof(before));
+	destroy();
+	assert_memory_equal(before, fake_v4l2.cameras[0].controls, sizeof(before));
+	end(&devices[3]);
+}
+
+static int setup(void **state)
+{
+	(void)state;
+	(void)strcpy(folder, "/tmp/lp-contract-XXXXXX");
+	if (!mkdtemp(folder))
+		return -1;
+	simulator.exposure_us = 1000;
+	fake_v4l2_init();
+	return lp_loop_create(&loop);
+}
+
+static int teardown(void **state)
+{
+	(void)state;
+	destroy(); /* of a test that failed */
+	sim_unplug();
+	lp_loop_destroy(loop);
+	return rmdir(folder);
+}
+
+#define SOURCE_TEST(test) cmocka_unit_test_setup_teardown(test, setup, teardown)
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		SOURCE_TEST(test_streaming_comes_before_the_first_frame),
+		SOURCE_TEST(test_corrupt_frames_first_are_counted),
+		SOURCE_TEST(test_corrupt_frames_later_are_handed_on),
+		SOURCE_TEST(test_only_corrupt_frames_are_a_stall),
+		SOURCE_TEST(test_readable_and_nothing_to_read),
+		SOURCE_TEST(test_it_goes_and_comes_back),
+		SOURCE_TEST(test_destroyed_at_any_time),
+		SOURCE_TEST(test_whether_exposure_is_reported_is_known_with_the_stream),
+		SOURCE_TEST(test_a_file_ends_with_its_last_picture),
+		SOURCE_TEST(test_a_file_without_a_usable_picture_is_down),
+		SOURCE_TEST(test_a_reason_that_changes_is_reported),
+		SOURCE_TEST(test_another_model_is_named_and_not_taken),
+		SOURCE_TEST(test_a_camera_swapped_for_another),
+		SOURCE_TEST(test_a_refusal_that_stays_is_reported),
+		SOURCE_TEST(test_a_camera_that_hangs_is_asked_once),
+		SOURCE_TEST(test_controls_are_put_back),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}
