@@ -4,6 +4,7 @@ Run in this process, so that a traceback of whatever kind is a failure of its ow
 should have been refused can take minutes.
 """
 
+import dataclasses
 import os
 import sys
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 from lightprobe import __main__ as program
 from lightprobe.imaging import image
+from lightprobe.sim import faults
 
 TOO_MUCH_WORK = "work was begun before the input was checked"
 
@@ -128,7 +130,7 @@ REFUSED = [
     ("simulate --faults drop=nan", "drop=nan: want a number"),
     ("simulate --faults late_ms=-5", "late_ms=-5: want a number, 0 or more"),
     ("simulate --faults stall_after=1.5", "stall_after=1.5: want a whole number"),
-    ("simulate --faults untagged=7", "untagged=7: want a whole number, 0…1"),
+    ("simulate --faults hide_exposure=7", "hide_exposure=7: want a whole number, 0…1"),
     ("simulate --faults sing=1", "unknown option sing"),
     ("simulate --truth nowhere/x", "--truth nowhere/x: want a file that can be written"),
     ("simulate --truth a_folder", "it is a folder"),
@@ -224,3 +226,8 @@ def test_a_folder_without_permission(words, capsys, monkeypatch):
     status, out, err = command(capsys, *words.split())
     assert_one_sentence(status, out, err)
     assert "permission denied" in err or "a folder that can be written" in err
+
+
+def test_every_range_of_a_fault_is_of_a_fault_that_exists():
+    """A fault that was renamed would be taken at any value."""
+    assert set(faults._RANGES) <= {field.name for field in dataclasses.fields(faults.Faults)}

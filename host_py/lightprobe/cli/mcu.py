@@ -19,9 +19,10 @@ from lightprobe.calibrate import ring
 from lightprobe.cli import mcu_flash, view
 from lightprobe.errors import UsageError
 from lightprobe.geometry import Array
+from lightprobe.mcu import faults as mcu_faults
 from lightprobe.mcu import messages as mcu
 from lightprobe.mcu.link import McuError
-from lightprobe.mcu.session import DEFAULT_PORT, ENVIRONMENT, FAULT_WORDS, Session, home, move
+from lightprobe.mcu.session import DEFAULT_PORT, ENVIRONMENT, Session, home, move
 from lightprobe.mcu.session import session as conversation
 
 Port = Annotated[
@@ -72,7 +73,7 @@ def wheel_words(state: mcu.WheelState) -> str:
 
 def fault_words(name: str) -> str:
     """One line about a fault."""
-    return f"{name}: {FAULT_WORDS.get(name, 'see docs/faults.md')}"
+    return f"{name}: {mcu_faults.words(name)}"
 
 
 def latched(status: dict[str, mcu.Event]) -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import shutil
 import subprocess
@@ -69,6 +68,11 @@ def command(
 @contextmanager
 def _locked(device: str) -> Iterator[None]:
     """Keep lightprobed and other tools off the port, which avrdude itself does not do."""
+    if os.name == "nt":  # which gives a port to one program alone
+        yield
+        return
+    import fcntl
+
     descriptor = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -4,7 +4,7 @@
 """
 
 import importlib.resources
-import termios
+import os
 import time
 from functools import cache
 from typing import Protocol, cast
@@ -161,6 +161,8 @@ def keep_dtr(descriptor: int) -> None:
     Otherwise it falls, rises at the next opening, and that resets an Arduino: the wheel's angle is
     lost with every command. The line remembers this until it is unplugged.
     """
+    import termios  # not on Windows
+
     settings = termios.tcgetattr(descriptor)
     settings[2] &= ~termios.HUPCL
     termios.tcsetattr(descriptor, termios.TCSANOW, settings)
@@ -172,7 +174,8 @@ class SerialCarrier:
     def __init__(self, device: str, baud: int = BAUD) -> None:
         """Open `device`; raises serial.SerialException (an OSError) when that fails."""
         self._port = serial.Serial(device, baud, timeout=0, exclusive=True)
-        keep_dtr(self._port.fileno())
+        if os.name == "posix":
+            keep_dtr(self._port.fileno())
         self.decoder = SerialDecoder()
         self._ready: list[tuple[int, bytes]] = []
         self._port.write(b"\0")  # end whatever half frame a former user left

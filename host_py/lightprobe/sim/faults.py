@@ -55,7 +55,7 @@ class Faults:
 _SHARES = ("drop", "corrupt", "truncate", "garbage", "marked", "wrong_size")
 _RANGES: dict[str, tuple[float, float]] = {
     **dict.fromkeys(_SHARES, (0, 1)),
-    **dict.fromkeys(("untagged", "ignore_exposure"), (0, 1)),
+    **dict.fromkeys(("hide_exposure", "ignore_exposure"), (0, 1)),
     "delay_frames": (-1, 100),
 }
 
