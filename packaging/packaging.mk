@@ -35,7 +35,7 @@ install: ## copy daemon, service, rules and camera files to PREFIX=/usr/local, a
 		install -D -m 644 packaging/systemd/lightprobed.conf '$(CONFIG)'; \
 	fi
 	@$(if $(DESTDIR),,packaging/system-reload)
-	@echo 'install: done. Next: edit $(CONFIG), then: systemctl enable --now lightprobed'
+	@echo 'install: done. Next: edit $(CONFIG), then: systemctl enable --now lightprobed (after an update: systemctl restart lightprobed)'
 
 uninstall: ## take away what make install has copied; the configuration stays
 	@if [ -z '$(DESTDIR)' ] && [ -d /run/systemd/system ]; then systemctl disable --now lightprobed; fi
@@ -43,5 +43,5 @@ uninstall: ## take away what make install has copied; the configuration stays
 	@$(if $(DESTDIR),,packaging/system-reload)
 	@echo 'uninstall: done; $(CONFIG) and drop-ins under /etc/systemd are kept'
 
-check-service: ## print what systemd says about the service: its errors, its exposure to attacks and why
+check-service: ## print how well systemd shuts the service in: its score from 0 (best) to 10, and why
 	@systemd-analyze --no-pager security --offline=yes packaging/systemd/lightprobed.service

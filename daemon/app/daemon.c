@@ -459,21 +459,11 @@ static void destroy_all(struct lp_daemon *daemon)
 	lp_log_flush(1);
 }
 
-static int watch_signals(struct lp_daemon *daemon)
-{
-	static const int signals[] = {SIGINT, SIGTERM, SIGHUP};
-	int ret = 0;
-
-	for (size_t i = 0; i < sizeof(signals) / sizeof(signals[0]) && ret == 0; i++)
-		ret = lp_loop_on_signal(daemon->loop, signals[i], on_signal, daemon);
-	return ret;
-}
-
 /* Signals first, so that whatever has been opened is closed; publishers before the source: whoever
  * waits for the service finds them open. Who fails says why, but for the loop. */
 static int start_all(struct lp_daemon *daemon)
 {
-	int ret = watch_signals(daemon);
+	int ret = lp_loop_on_end(daemon->loop, on_signal, daemon);
 
 	if (ret == 0)
 		ret = lp_watch_start(daemon->loop, &daemon->results, lp_worker_fd(daemon->worker),

@@ -211,11 +211,8 @@ static int create_all(struct series *series)
 
 static int start_all(struct series *series)
 {
-	static const int signals[] = {SIGINT, SIGTERM, SIGHUP};
-	int ret = 0;
+	int ret = lp_loop_on_end(series->loop, on_signal, series);
 
-	for (size_t i = 0; i < sizeof(signals) / sizeof(signals[0]) && ret == 0; i++)
-		ret = lp_loop_on_signal(series->loop, signals[i], on_signal, series);
 	lp_timer_init(series->loop, &series->tick, on_tick);
 	lp_timer_set(&series->tick, TICK_NS, TICK_NS);
 	if (ret < 0) {

@@ -2,6 +2,7 @@
 #include "base/loop.h"
 
 #include <errno.h>
+#include <signal.h>
 #include <stdlib.h>
 #include <sys/timerfd.h>
 #include <unistd.h>
@@ -245,6 +246,25 @@ int lp_loop_on_signal(struct lp_loop *loop, int signal_number,
 		return ret;
 	loop->signal_count++;
 	return uv_signal_start(&handle->signal, on_signal, signal_number);
+}
+
+static bool is_ignored(int signal_number)
+{
+	struct sigaction action;
+
+	return sigaction(signal_number, NULL, &action) == 0 && action.sa_handler == SIG_IGN;
+}
+
+int lp_loop_on_end(struct lp_loop *loop, void (*ended)(void *context, int signal_number),
+		   void *context)
+{
+	int ret = lp_loop_on_signal(loop, SIGTERM, ended, context);
+
+	if (ret == 0 && !is_ignored(SIGINT))
+		ret = lp_loop_on_signal(loop, SIGINT, ended, context);
+	if (ret == 0 && !is_ignored(SIGHUP))
+		ret = lp_loop_on_signal(loop, SIGHUP, ended, context);
+	return ret;
 }
 
 /* ---------------------------------------------------------------- simulated time */

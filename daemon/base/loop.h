@@ -66,6 +66,14 @@ int lp_loop_on_signal(struct lp_loop *loop, int signal_number,
 		      void (*caught)(void *context, int signal_number), void *context);
 
 /*
+ * Call ended(context, signal) on the loop's thread when the user, the session or the system ends
+ * the program: SIGINT, SIGHUP, SIGTERM. SIGINT and SIGHUP that were ignored when the program
+ * started (nohup, a shell's background job) stay ignored. 0 or -errno.
+ */
+int lp_loop_on_end(struct lp_loop *loop, void (*ended)(void *context, int signal_number),
+		   void *context);
+
+/*
  * Call watch->ready() whenever one of `events` happens on `fd`, which becomes non-blocking. The
  * caller owns `fd` and closes it after lp_watch_stop(). 0 or -errno: -EPERM for a file, which is
  * always ready.

@@ -48,6 +48,12 @@ def assert_sane(log: str) -> None:
 # ---------------------------------------------------------------- the daemon
 
 
+def _as_in_a_terminal() -> None:
+    """Signals end the daemon, also when the tests themselves run under nohup."""
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
+
+
 class Daemon:
     """lightprobed in a folder of its own; by default sanitized, on a Unix socket."""
 
@@ -74,7 +80,7 @@ class Daemon:
                 stdin=subprocess.DEVNULL,
                 stderr=log,
                 env=environment,
-                **({"stdout": subprocess.PIPE} | self.popen),
+                **({"stdout": subprocess.PIPE, "preexec_fn": _as_in_a_terminal} | self.popen),
             )
         return self
 

@@ -27,6 +27,23 @@ def test_signals_end_it_cleanly(picture, with_signal):
         assert "ending" in daemon.log()
 
 
+@pytest.mark.parametrize("ignored", [signal.SIGHUP, signal.SIGINT])
+def test_a_signal_that_the_parent_ignores_does_not_end_it(picture, ignored):
+    """nohup ignores SIGHUP for its child; a shell without job control, SIGINT for what runs behind."""
+
+    def ignore():
+        signal.signal(ignored, signal.SIG_IGN)
+
+    with Daemon(f"--source=file:{picture}", preexec_fn=ignore) as daemon:
+        with daemon.client() as client:
+            client.next("estimate")
+            daemon.process.send_signal(ignored)
+            # Signals are delivered in the order of their numbers, so this one is the last.
+            assert daemon.stop(signal.SIGTERM) == 0
+        assert "signal: Terminated: ending" in daemon.log()
+        assert daemon.log().count("ending") == 1
+
+
 def test_signal_while_waiting_for_the_camera():
     with Daemon("--source=sim:/no/such/camera") as daemon:
         assert daemon.stop() == 0

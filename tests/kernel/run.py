@@ -26,8 +26,8 @@ REPO = Path(__file__).resolve().parents[2]
 GUEST = REPO / "tests" / "kernel" / "guest"
 OUT = CACHE / "out"
 INITRD_MODULES = ("virtio_pci", "9pnet_virtio", "9p", "overlay")
-# A test tells its end on the console, and has a limit of its own in the guest's time. Nothing for so
-# long means that the guest itself hangs, however busy this machine is.
+# The console shows the end of every test, and a test has a limit of its own, in the guest's time.
+# When nothing shows for so long, the guest itself hangs.
 SILENCE_LIMIT_S = 1800
 APPLETS = ("sh", "mount", "insmod", "switch_root", "mkdir", "cat", "echo")
 
@@ -126,9 +126,9 @@ def qemu_command(
     share = "security_model=none"
     command = (
         # KVM may be present and unusable: emulation is the one way that works everywhere.
-        # The guest's time is the count of its instructions, 4 ns each; while it sleeps, time passes as
-        # on this machine. So a busy machine makes the tests last longer, and nothing in the guest
-        # late. QEMU can count the instructions of one processor only.
+        # The guest's time is the count of its instructions, 4 ns each; while it sleeps, its time
+        # passes as on this machine. So a busy machine makes the tests last longer, and nothing in
+        # the guest late. QEMU can count the instructions of one processor only.
         "qemu-system-x86_64 -accel tcg,thread=single -icount shift=2 -rtc clock=vm"
         " -cpu Nehalem -m 1536 -smp 1"
         " -nodefaults -display none -no-reboot"

@@ -95,7 +95,7 @@ def status_of(pid: int) -> dict[str, str]:
 
 # The first test: it looks at what happens before any driver is there.
 def test_camera_comes_long_after_the_service(service, request, record_property):
-    """The packaged configuration, as it is; DeviceAllow knows drivers that nobody had needed yet."""
+    """The packaged configuration; DeviceAllow knows drivers that nobody had needed yet."""
     assert not NEEDED & loaded()
     running = service()
     running.wait_state("WAITING")
@@ -238,9 +238,7 @@ def test_the_network_is_let_in_on_request_only(service, network, is_open):
 
 def wait_fault(running: Service, fault: str, text: str) -> None:
     """Wait for a fault whose text says this."""
-    running.wait_health(
-        fault, lambda h: any(f.id == fault and text in f.text for f in h.faults)
-    )
+    running.wait_health(fault, lambda h: any(f.id == fault and text in f.text for f in h.faults))
 
 
 def test_can_needs_its_drop_in(service, vcan):
