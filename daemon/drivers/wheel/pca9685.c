@@ -23,6 +23,7 @@
 #include "base/loop.h"
 #include "base/param.h"
 #include "base/uri.h"
+#include "drivers/wheel/guard.h"
 #include "drivers/wheel/timed.h"
 #include "include/rotator.h"
 
@@ -39,6 +40,7 @@
 #define FIRST_RETRY_NS (200 * LP_NS_PER_MS)
 #define LAST_RETRY_NS (2 * LP_NS_PER_S)
 #define WAITING "pca9685-waiting"
+#define STOPPED "; tried three times: to try again restart lightprobed"
 
 extern const struct lp_rotator_ops lp_rotator_pca9685_ops;
 
@@ -54,9 +56,11 @@ struct rotator_pca9685 {
 	struct keys keys;
 	struct lp_timed timed;
 	const char *told_fault;
+	bool told_stopped;
 	struct lp_timer tick;
 	struct lp_watch edges;
-	int bus_fd; /* -1: not open */
+	int bus_fd;   /* -1: not open */
+	int guard_fd; /* ends the pulses should this program die; -1: none */
 	struct gpiod_chip *chip;
 	struct gpiod_line *line;
 	int64_t t_retry_ns;
@@ -89,45 +93,52 @@ static void tell_fault(struct rotator_pca9685 *self)
 	const char *fault = self->timed.fault;
 	char text[500];
 
-	if (fault == self->told_fault)
+	if (fault == self->told_fault && self->timed.stopped == self->told_stopped)
 		return;
 	if (self->told_fault)
 		host->fault(host->context, self->told_fault, NULL);
 	if (fault) {
-		(void)snprintf(text, sizeof(text), "%s: %s: %s", self->object, fault,
-			       self->timed.next_step);
-		lp_warning(self->object, fault, "%s", self->timed.next_step);
+		(void)snprintf(text, sizeof(text), "%s: %s: %s%s", self->object, fault,
+			       self->timed.next_step, self->timed.stopped ? STOPPED : "");
+		lp_warning(self->object, fault, "%s%s", self->timed.next_step,
+			   self->timed.stopped ? STOPPED : "");
 		host->fault(host->context, fault, text);
 	}
 	self->told_fault = fault;
+	self->told_stopped = self->timed.stopped;
 }
 
 /* ---------------------------------------------------------------- the hat */
 
-/* 0 or -errno. */
-static int write_registers(const struct rotator_pca9685 *self, uint8_t *bytes, uint16_t count)
+/* 0 or -errno. Safe after fork(), as write_pulse() is. */
+static int write_registers(int bus_fd, const struct keys *keys, uint8_t *bytes, uint16_t count)
 {
-	struct i2c_msg message = {.addr = (uint16_t)self->keys.address, .len = count, .buf = bytes};
+	struct i2c_msg message = {.addr = (uint16_t)keys->address, .len = count, .buf = bytes};
 	struct i2c_rdwr_ioctl_data request = {.msgs = &message, .nmsgs = 1};
 
-	return ioctl(self->bus_fd, I2C_RDWR, &request) < 0 ? -errno : 0;
+	return ioctl(bus_fd, I2C_RDWR, &request) < 0 ? -errno : 0;
 }
 
 static int write_register(const struct rotator_pca9685 *self, uint8_t number, uint8_t value)
 {
-	return write_registers(self, (uint8_t[]){number, value}, 2);
+	return write_registers(self->bus_fd, &self->keys, (uint8_t[]){number, value}, 2);
 }
 
-/* 0: no pulse. */
-static int write_pulse(const struct rotator_pca9685 *self, float pulse_us)
+/* 0: no pulse; the model gives no other outside of the servo's limits. */
+static int write_pulse(int bus_fd, const struct keys *keys, float pulse_us)
 {
 	const uint16_t off = (uint16_t)lrintf(pulse_us * COUNTS_PER_US);
 
-	return write_registers(self,
-			       (uint8_t[]){(uint8_t)(LED0 + 4 * self->keys.channel), 0, 0,
+	return write_registers(bus_fd, keys,
+			       (uint8_t[]){(uint8_t)(LED0 + 4 * keys->channel), 0, 0,
 					   (uint8_t)(off & 0xFF),
 					   off ? (uint8_t)(off >> 8) : FULL_OFF},
 			       5);
+}
+
+static void end_pulses(int bus_fd, const void *context)
+{
+	(void)write_pulse(bus_fd, context, 0);
 }
 
 /* The pre-scaler can be set while it sleeps only. */
@@ -138,7 +149,7 @@ static int wake_up(const struct rotator_pca9685 *self)
 	if (ret == 0)
 		ret = write_register(self, PRE_SCALE, PRE_SCALE_50_HZ);
 	if (ret == 0)
-		ret = write_pulse(self, 0);
+		ret = write_pulse(self->bus_fd, &self->keys, 0);
 	if (ret == 0)
 		ret = write_register(self, MODE1, MODE1_INCREMENT);
 	return ret;
@@ -191,10 +202,11 @@ static void close_all(struct rotator_pca9685 *self)
 	self->chip = NULL;
 	self->line = NULL;
 	if (self->bus_fd >= 0) {
-		(void)write_pulse(self, 0);
+		(void)write_pulse(self->bus_fd, &self->keys, 0);
 		close(self->bus_fd);
 	}
-	self->bus_fd = -1;
+	lp_guard_release(self->guard_fd);
+	self->bus_fd = self->guard_fd = -1;
 }
 
 static const char *next_step(int ret, const char *stage)
@@ -239,6 +251,11 @@ static void open_all(struct rotator_pca9685 *self)
 		ret = wake_up(self);
 	}
 	if (ret == 0) {
+		stage = "guard";
+		self->guard_fd = lp_guard_start(self->bus_fd, end_pulses, &self->keys);
+		ret = self->guard_fd < 0 ? self->guard_fd : 0;
+	}
+	if (ret == 0) {
 		stage = "index";
 		ret = open_sensor(self);
 	}
@@ -266,7 +283,7 @@ static void on_tick(struct lp_timer *timer)
 		return;
 	}
 	lp_timed_tick(&self->timed, now_ns, gpiod_line_get_value(self->line) == 0);
-	ret = write_pulse(self, lp_timed_pulse_us(&self->timed, now_ns));
+	ret = write_pulse(self->bus_fd, &self->keys, lp_timed_pulse_us(&self->timed, now_ns));
 	if (ret < 0) {
 		lose(self, "write", ret);
 		return;
@@ -373,9 +390,11 @@ static int pca9685_create(const struct lp_uri *uri, const struct lp_rotator_host
 	self->base = (struct lp_rotator){.ops = &lp_rotator_pca9685_ops, .host = *host};
 	memcpy(self->device, uri->rest, strlen(uri->rest) + 1);
 	(void)snprintf(self->object, sizeof(self->object), "pca9685: %s", self->device);
-	self->bus_fd = self->edges.fd = -1;
+	self->bus_fd = self->guard_fd = self->edges.fd = -1;
 	self->retry = (struct lp_backoff){.first_ns = FIRST_RETRY_NS, .longest_ns = LAST_RETRY_NS};
 	ret = read_keys(uri, &self->keys);
+	if (ret == 0 && !lp_timed_check(&self->keys.timed, uri->text))
+		ret = -EINVAL;
 	if (ret < 0) {
 		pca9685_destroy(&self->base);
 		return ret;
@@ -392,6 +411,7 @@ const struct lp_rotator_ops lp_rotator_pca9685_ops = {
 	.help = "pca9685:I2C-DEVICE  the wheel on a servo hat (/dev/i2c-1), one sensor of its "
 		"comb\n"
 		"      on a GPIO line ?address=0x40 &channel=0 &chip=gpiochip0 &line=17\n"
+		"      &servo_min_us=500 &servo_max_us=2500\n"
 		"      &servo_zero_us=800 &servo_us_per_deg=7.407 &slew_deg_s=90 &lag_ms=40\n"
 		"      &settle_ms=200 &hold_s=10 &first_deg=-16.5 &pitch_deg=6 &edges=34\n"
 		"      &edge_error_deg=0.3 &tolerance_deg=6 &slew_physical_deg_s=900",
