@@ -16,6 +16,7 @@
 #include "base/clock.h"
 #include "base/loop.h"
 #include "drivers/link/bus_thread.h"
+#include "drivers/wheel/guard.h"
 
 /* Registers, NXP's data sheet of the PCA9685, section 7.3. */
 #define MODE1 0x00
@@ -30,7 +31,7 @@
 #define HANGS_NS (500 * LP_NS_PER_MS) /* without an answer of the thread */
 #define LET_GO_MS 1000
 
-enum stage { OPENED, SET_UP, WRITTEN };
+enum stage { OPENED, GUARDED, SET_UP, WRITTEN };
 
 /* From the thread to the loop: it has come so far, or failed there. */
 struct answer {
@@ -41,7 +42,8 @@ struct answer {
 /* The thread's own. */
 struct chip {
 	struct lp_servo_hat_settings settings;
-	int bus_fd; /* -1: not open */
+	int bus_fd;   /* -1: not open */
+	int guard_fd; /* ends the pulses should this program die; -1: none */
 };
 
 struct lp_servo_hat {
@@ -54,7 +56,7 @@ struct lp_servo_hat {
 
 /* ---------------------------------------------------------------- the thread */
 
-/* 0 or -errno. */
+/* 0 or -errno. Safe after fork(), as write_pulse() is. */
 static int write_registers(const struct chip *chip, uint8_t *bytes, uint16_t count)
 {
 	struct i2c_msg message = {.addr = (uint16_t)chip->settings.address,
@@ -70,7 +72,7 @@ static int write_register(const struct chip *chip, uint8_t number, uint8_t value
 	return write_registers(chip, (uint8_t[]){number, value}, 2);
 }
 
-/* 0: no pulse. */
+/* 0: no pulse; the model gives no other outside of the servo's limits. */
 static int write_pulse(const struct chip *chip, float pulse_us)
 {
 	const uint16_t off = (uint16_t)lrintf(pulse_us * COUNTS_PER_US);
@@ -105,13 +107,28 @@ static int answer(int fd, enum stage stage, int error)
 	return error;
 }
 
+/* In the guard's process: the chip would go on sending its last pulse for ever. */
+static void end_pulses(int bus_fd, const void *context)
+{
+	(void)bus_fd; /* the chip's own, still open there */
+	(void)write_pulse(context, 0);
+}
+
 static int open_chip(struct chip *chip, int fd)
 {
+	int ret;
+
 	chip->bus_fd = open(chip->settings.device, O_RDWR | O_CLOEXEC);
 	if (chip->bus_fd < 0)
 		return answer(fd, OPENED, -errno);
 	(void)ioctl(chip->bus_fd, I2C_TIMEOUT, BUS_TIMEOUT_10MS);
-	return answer(fd, SET_UP, set_up(chip));
+	ret = set_up(chip);
+	if (ret < 0)
+		return answer(fd, SET_UP, ret);
+	chip->guard_fd = lp_guard_start(chip->bus_fd, end_pulses, chip);
+	if (chip->guard_fd < 0)
+		return answer(fd, GUARDED, chip->guard_fd);
+	return answer(fd, SET_UP, 0);
 }
 
 /* The newest pulse that the loop has sent. False: none has come. */
@@ -149,6 +166,7 @@ static void finish(void *context)
 {
 	struct chip *chip = context;
 
+	lp_guard_release(chip->guard_fd);
 	if (chip->bus_fd >= 0)
 		close(chip->bus_fd);
 	free(chip);
@@ -159,7 +177,7 @@ static void finish(void *context)
 static void fail(struct lp_servo_hat *hat, enum stage stage, int error)
 {
 	static const char *const names[] = {
-		[OPENED] = "open", [SET_UP] = "set up", [WRITTEN] = "write"};
+		[OPENED] = "open", [GUARDED] = "guard", [SET_UP] = "set up", [WRITTEN] = "write"};
 
 	hat->host.failed(hat->host.context, names[stage], error);
 }
@@ -206,7 +224,7 @@ int lp_servo_hat_open(struct lp_servo_hat *hat)
 	chip = calloc(1, sizeof(*chip));
 	if (!chip)
 		return -ENOMEM;
-	*chip = (struct chip){.settings = hat->settings, .bus_fd = -1};
+	*chip = (struct chip){.settings = hat->settings, .bus_fd = -1, .guard_fd = -1};
 	job.context = chip;
 	ret = lp_bus_thread_start(&job, &hat->thread);
 	if (ret < 0) {
