@@ -391,13 +391,23 @@ static void test_corrupt_frames_later_are_handed_on(void **state)
 	}
 }
 
+/* Another corrupt frame, now and then. */
+static bool goes_on(const struct device *device)
+{
+	static int64_t sent_ns;
+
+	if (device->send && lp_clock_ns() - sent_ns > 20 * LP_NS_PER_MS && device->send(true))
+		sent_ns = lp_clock_ns();
+	return true;
+}
+
 static void test_only_corrupt_frames_are_a_stall(void **state)
 {
 	(void)state;
 	for (const struct device *device = devices; device < devices + ARRAY_COUNT(devices);
 	     device++) {
 		begin(device, "CCC");
-		UNTIL((device->send && device->send(true), count('L') > 0));
+		UNTIL(count('L') > 0 || !goes_on(device));
 		assert_non_null(strstr(heard.reason, "corrupt") ?: strstr(heard.reason, "damaged"));
 		assert_true(count('x') >= 1);
 		assert_int_equal(count('T') + count('f') + count('c'), 0);
