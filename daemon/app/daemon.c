@@ -44,6 +44,7 @@ struct lp_daemon {
 	int publisher_count;
 	struct lp_health health;
 	struct lp_governor governor;
+	char preset_reason[96]; /* of the last change that was asked for */
 	bool has_streamed;
 	bool has_frames;	    /* the next two count */
 	uint64_t next_sequence;	    /* of the source, if nothing is lost */
@@ -220,6 +221,26 @@ static void take_once(struct lp_daemon *daemon, const struct lp_result *result)
 		finish_once(daemon);
 }
 
+/* Say so when the preset in force has changed. */
+static void follow_preset(struct lp_daemon *daemon, const struct lp_result *result)
+{
+	const struct lp_governor *governor = &daemon->governor;
+	const char *const name = lp_preset_name((int)result->preset);
+	char text[192];
+
+	if (result->preset_refused) /* the pipeline has logged why */
+		lp_governor_refused(&daemon->governor, (int)result->preset);
+	if (strcmp(daemon->health.report.preset, name) == 0)
+		return;
+	daemon->health.report.preset = name;
+	lp_hub_preset(daemon->hub, name);
+	(void)snprintf(text, sizeof(text), "governor: preset %s instead of %s: %s", name,
+		       lp_preset_name(governor->chosen), daemon->preset_reason);
+	lp_health_fault(&daemon->health, "preset-lowered",
+			(int)result->preset < governor->chosen ? text : NULL);
+	lp_info("governor", name, "preset in force: %s", daemon->preset_reason);
+}
+
 static void publish(struct lp_daemon *daemon, struct lp_result *result)
 {
 	const uint32_t flags = lp_instruments_flags(daemon->instruments);
@@ -249,6 +270,7 @@ static void on_result(struct lp_watch *watch, unsigned int events)
 	if (!result)
 		return;
 	release_loop(daemon);
+	follow_preset(daemon, result);
 	if (!isnan(result->command_us))
 		(void)daemon->source->ops->set_exposure(daemon->source, result->command_us, 1.0F);
 	if (daemon->options->once)
@@ -287,24 +309,14 @@ static void feed_watchdog(struct lp_daemon *daemon)
 	lp_service_watchdog_feed();
 }
 
-/* Lower or raise the preset, where a goal is set, and say so. */
+/* Ask for a lower or a higher preset, where a goal is set. */
 static void govern(struct lp_daemon *daemon)
 {
 	struct lp_governor *governor = &daemon->governor;
-	const char *name;
-	char reason[96], text[192];
 
-	if (!lp_governor_tick(governor, lp_clock_ns(), lp_clock_cpu_ns(), reason, sizeof(reason)))
-		return;
-	name = lp_preset_name(governor->preset);
-	lp_worker_preset(daemon->worker, (enum lp_preset)governor->preset);
-	daemon->health.report.preset = name;
-	lp_hub_preset(daemon->hub, name);
-	(void)snprintf(text, sizeof(text), "governor: preset %s instead of %s: %s", name,
-		       lp_preset_name(governor->chosen), reason);
-	lp_health_fault(&daemon->health, "preset-lowered",
-			governor->preset < governor->chosen ? text : NULL);
-	lp_info("governor", name, "preset in force: %s", reason);
+	if (lp_governor_tick(governor, lp_clock_ns(), lp_clock_cpu_ns(), daemon->preset_reason,
+			     sizeof(daemon->preset_reason)))
+		lp_worker_preset(daemon->worker, (enum lp_preset)governor->preset);
 }
 
 static void on_tick(struct lp_timer *timer)

@@ -126,3 +126,8 @@ bool lp_governor_tick(struct lp_governor *governor, int64_t now_ns, int64_t cpu_
 	begin_window(governor, now_ns, cpu_ns);
 	return changed;
 }
+
+void lp_governor_refused(struct lp_governor *governor, int preset)
+{
+	governor->preset = preset;
+}

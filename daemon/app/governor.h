@@ -45,4 +45,7 @@ void lp_governor_estimate(struct lp_governor *governor, int64_t latency_ns);
 bool lp_governor_tick(struct lp_governor *governor, int64_t now_ns, int64_t cpu_ns, char *reason,
 		      size_t reason_bytes);
 
+/* The preset that it has changed to cannot be had: this one stays in force. */
+void lp_governor_refused(struct lp_governor *governor, int preset);
+
 #endif

@@ -163,6 +163,11 @@ int lp_pipeline_set_preset(struct lp_pipeline *pipeline, enum lp_preset preset)
 	return 0;
 }
 
+enum lp_preset lp_pipeline_preset(const struct lp_pipeline *pipeline)
+{
+	return pipeline->in_force;
+}
+
 int lp_pipeline_create(const struct lp_pipeline_options *options, struct lp_pipeline **pipeline)
 {
 	struct lp_pipeline *p;

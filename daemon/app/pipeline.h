@@ -70,6 +70,9 @@ int lp_pipeline_create(const struct lp_pipeline_options *options, struct lp_pipe
  */
 int lp_pipeline_set_preset(struct lp_pipeline *pipeline, enum lp_preset preset);
 
+/* The preset in force. */
+enum lp_preset lp_pipeline_preset(const struct lp_pipeline *pipeline);
+
 /* A camera has begun to stream: begin a bracket with it, if options and camera allow. Returns
  * whether there is a first command to give. */
 bool lp_pipeline_control(struct lp_pipeline *pipeline, const struct lp_camera_control *control,

@@ -55,9 +55,9 @@ static int process(struct lp_worker *worker, struct lp_frame *frame, struct lp_r
 	float first_us = take_control(worker);
 	int ret;
 
-	if (preset >= 0)
-		(void)lp_pipeline_set_preset(worker->pipeline, (enum lp_preset)preset);
-
+	result->preset_refused =
+		preset >= 0 && lp_pipeline_set_preset(worker->pipeline, (enum lp_preset)preset) < 0;
+	result->preset = lp_pipeline_preset(worker->pipeline);
 	result->command_us = NAN;
 	result->demand = (struct lp_demand){.sh_order = atomic_load(&worker->demand_sh_order),
 					    .max_lights = atomic_load(&worker->demand_max_lights)};

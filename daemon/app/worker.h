@@ -15,9 +15,11 @@
 struct lp_worker;
 
 struct lp_result {
-	int status;		 /* of lp_pipeline_process(); only 0 comes with estimates */
-	bool last_frame;	 /* the frame was flagged LP_FRAME_LAST */
-	float command_us;	 /* exposure times gain to command of the camera; NAN: leave it */
+	int status;	       /* of lp_pipeline_process(); only 0 comes with estimates */
+	bool last_frame;       /* the frame was flagged LP_FRAME_LAST */
+	float command_us;      /* exposure times gain to command of the camera; NAN: leave it */
+	enum lp_preset preset; /* in force for this frame */
+	bool preset_refused;   /* another one was asked for before this frame, and cannot be had */
 	struct lp_demand demand; /* what was computed */
 	struct lp_estimates estimates;
 };
@@ -33,7 +35,8 @@ bool lp_worker_submit(struct lp_worker *worker, struct lp_frame *frame,
 /* The camera streams (again), and this is what can be done about its exposure. Loop thread. */
 void lp_worker_control(struct lp_worker *worker, const struct lp_camera_control *control);
 
-/* Work by another preset from the next frame on: lp_pipeline_set_preset(). Loop thread. */
+/* Work by another preset from the next frame on: lp_pipeline_set_preset(). Whether that succeeded
+ * is told by the frame's result. Loop thread. */
 void lp_worker_preset(struct lp_worker *worker, enum lp_preset preset);
 
 /* Readable while a result waits. */

@@ -44,7 +44,7 @@ struct fake_camera {
 	int opened;	   /* how often */
 	int control_calls; /* since this was set to 0 */
 	int fd;		   /* of whoever has it open; readable while a buffer is done */
-	bool streams;
+	int streams;	   /* boolean */
 	uint32_t sequence;
 	int buffer_count;
 	bool queued[FAKE_BUFFERS];
@@ -148,6 +148,16 @@ static inline void fake_v4l2_wake_without_frame(int number)
 	pthread_mutex_lock(&fake_v4l2.lock);
 	(void)eventfd_write(fake_v4l2.cameras[number].fd, 1);
 	pthread_mutex_unlock(&fake_v4l2.lock);
+}
+
+static inline int fake_v4l2_get(const int *field)
+{
+	int value;
+
+	pthread_mutex_lock(&fake_v4l2.lock);
+	value = *field;
+	pthread_mutex_unlock(&fake_v4l2.lock);
+	return value;
 }
 
 /* A value of a camera, set while the source's thread may look at it. */
@@ -409,7 +419,9 @@ bool __wrap_lp_v4l2_hotplug_read(int fd)
 int __wrap_lp_v4l2_reset_port(const struct lp_v4l2_node *node)
 {
 	(void)node;
+	pthread_mutex_lock(&fake_v4l2.lock);
 	fake_v4l2.resets++;
+	pthread_mutex_unlock(&fake_v4l2.lock);
 	return 0;
 }
 

@@ -158,6 +158,26 @@ static void test_silence_judges_nothing(void **state)
 	assert_int_equal(m.governor.preset, 3);
 }
 
+/* What the worker could not do is not believed, and is tried again. */
+static void test_a_preset_that_is_refused(void **state)
+{
+	struct machine m = machine(5, 0, 3);
+	int changes = 0;
+
+	(void)state;
+	for (int k = 0; k < 600; k++) {
+		lp_governor_estimate(&m.governor, 100 * LP_NS_PER_MS);
+		m.now_ns += LP_NS_PER_S / 30;
+		if (!lp_governor_tick(&m.governor, m.now_ns, 0, m.reason, sizeof(m.reason)))
+			continue;
+		changes++;
+		assert_int_equal(m.governor.preset, 2);
+		lp_governor_refused(&m.governor, 3);
+	}
+	assert_true(changes > 2);
+	assert_int_equal(m.governor.preset, 3);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -170,6 +190,7 @@ int main(void)
 		cmocka_unit_test(test_does_not_swing),
 		cmocka_unit_test(test_one_in_ten_may_be_late),
 		cmocka_unit_test(test_silence_judges_nothing),
+		cmocka_unit_test(test_a_preset_that_is_refused),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -11,6 +11,8 @@
 #include <map>
 #include <vector>
 
+#include <sys/resource.h>
+
 #include "drivers/source/libcamera/c.hpp"
 #include "drivers/source/libcamera/metadata.hpp"
 #include "drivers/source/libcamera/offers.hpp"
@@ -21,6 +23,8 @@ extern "C" {
 #include "base/uri.h"
 #include "camera_file_test.h"
 }
+
+extern "C" const lp_source_ops lp_source_libcamera_ops;
 
 namespace controls = libcamera::controls;
 namespace formats = libcamera::formats;
@@ -195,6 +199,33 @@ void test_the_camera_that_is_meant(void **)
 	assert_false(lp_libcamera_is_meant(&settings, csi, "imx477"));
 }
 
+/* What create() has made so far is given back; the sanitizers watch. */
+void test_create_without_descriptors(void **)
+{
+	lp_source_host host{};
+	lp_source *source = nullptr;
+	struct capture capture;
+	rlimit limit, none;
+	lp_uri uri;
+
+	assert_int_equal(lp_uri_parse(&uri, "libcamera:"), 0);
+	assert_int_equal(getrlimit(RLIMIT_NOFILE, &limit), 0);
+	none = limit;
+	none.rlim_cur = 0;
+	capture_begin(&capture);
+	assert_int_equal(setrlimit(RLIMIT_NOFILE, &none), 0);
+	const int ret = lp_source_libcamera_ops.create(&uri, &host, &source);
+
+	assert_int_equal(setrlimit(RLIMIT_NOFILE, &limit), 0);
+	capture_end(&capture);
+	assert_int_equal(ret, -ENOMEM);
+	assert_null(source);
+	assert_contains(capture.text, "libcamera: create: out of memory or descriptors");
+	lp_source_libcamera_ops.destroy(nullptr);
+	assert_int_equal(lp_source_libcamera_ops.create(&uri, &host, &source), 0);
+	source->ops->destroy(source);
+}
+
 } // namespace
 
 int main()
@@ -208,6 +239,7 @@ int main()
 		cmocka_unit_test(test_settings),
 		cmocka_unit_test(test_faults_in_settings_are_told),
 		cmocka_unit_test(test_the_camera_that_is_meant),
+		cmocka_unit_test(test_create_without_descriptors),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

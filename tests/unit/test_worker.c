@@ -48,12 +48,23 @@ int lp_pipeline_process(struct lp_pipeline *self, struct lp_frame *frame,
 }
 
 static atomic_int preset_set = -1;
+static atomic_int preset_in_force = LP_PRESET_ACCURATE;
 
+/* There is no memory for the most accurate one. */
 int lp_pipeline_set_preset(struct lp_pipeline *self, enum lp_preset preset)
 {
 	assert_ptr_equal(self, &pipeline);
 	atomic_store(&preset_set, (int)preset);
+	if (preset == LP_PRESET_REFERENCE)
+		return -ENOMEM;
+	atomic_store(&preset_in_force, (int)preset);
 	return 0;
+}
+
+enum lp_preset lp_pipeline_preset(const struct lp_pipeline *self)
+{
+	assert_ptr_equal(self, &pipeline);
+	return (enum lp_preset)atomic_load(&preset_in_force);
 }
 
 bool lp_pipeline_control(struct lp_pipeline *self, const struct lp_camera_control *control,
@@ -154,6 +165,29 @@ static void test_a_new_preset_comes_before_the_next_frame(void **state)
 	lp_worker_destroy(worker);
 }
 
+static void test_a_result_says_which_preset_is_in_force(void **state)
+{
+	struct lp_worker *worker = start(false);
+	struct lp_result *result;
+
+	(void)state;
+	lp_worker_preset(worker, LP_PRESET_FAST);
+	submit(worker, 0, 0);
+	result = wait_result(worker);
+	assert_int_equal(result->preset, LP_PRESET_FAST);
+	assert_false(result->preset_refused);
+	lp_worker_give(worker, result);
+	lp_worker_preset(worker, LP_PRESET_REFERENCE);
+	for (uint64_t i = 1; i < 3; i++) {
+		submit(worker, i, 0);
+		result = wait_result(worker);
+		assert_int_equal(result->preset, LP_PRESET_FAST);
+		assert_int_equal(result->preset_refused, i == 1);
+		lp_worker_give(worker, result);
+	}
+	lp_worker_destroy(worker);
+}
+
 static void test_lossless_keeps_them_all(void **state)
 {
 	struct lp_worker *worker = start(true);
@@ -245,6 +279,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_newest_frame_wins_and_drops_are_counted),
 		cmocka_unit_test(test_a_new_preset_comes_before_the_next_frame),
+		cmocka_unit_test(test_a_result_says_which_preset_is_in_force),
 		cmocka_unit_test(test_lossless_keeps_them_all),
 		cmocka_unit_test(test_every_frame_has_a_result_and_refused_ones_are_counted),
 		cmocka_unit_test(test_results_that_nobody_takes),
