@@ -50,6 +50,7 @@ static void usage(void)
 	     "  --seed N        of the simulated noise\n"
 	     "Commands, one a line, each with one answer:\n"
 	     "  run US          let time pass\n"
+	     "  flush           send what the firmware has put on the serial line\n"
 	     "  time            microseconds since the start\n"
 	     "  load            since the last question: share of the time that the CPU was\n"
 	     "                  awake, and the longest that it was without sleep, us\n"
@@ -286,6 +287,9 @@ static void execute(void *context, const char *line)
 	if (sscanf(line, "run %llu", &number) == 1) {
 		run_for(runner, number);
 		console_answer(&runner->console, chip->dead ? "error: the chip is dead" : "ok");
+	} else if (strcmp(line, "flush") == 0) {
+		line_flush(&runner->line);
+		console_answer(&runner->console, "ok");
 	} else if (strcmp(line, "time") == 0) {
 		console_answer(&runner->console, "%llu",
 			       (unsigned long long)(chip->avr->cycle / CHIP_US(1)));
@@ -340,9 +344,7 @@ static void on_line_out(void *context, uint8_t byte)
 
 	size_t left = world_line(&runner->chip->world, &byte, 1);
 
-	/* Nobody reads and the pty is full: as on a line with no one at its end. */
-	if (runner->line.master >= 0 && write(runner->line.master, &byte, left) < 0)
-		return;
+	line_send(&runner->line, &byte, left);
 }
 
 static void on_can_frame(void *context, const struct can_record *record)
@@ -476,6 +478,7 @@ int main(int argc, char **argv)
 	}
 	srand(seed);
 	console_open(&runner.console, control);
+	runner.line.held = !runner.real_time;
 	line_plug(&runner.line, true);
 	runner.chip = chip_create(argv[1], carrier, seed);
 	if (!runner.chip)

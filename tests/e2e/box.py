@@ -41,14 +41,18 @@ def until(link: mcu.Mcu, wanted: Callable[[mcu.Event], bool]) -> mcu.Event:
 
 
 class Box:
-    """The firmware as a process, or the flashed binary in simavr, in real time."""
+    """The firmware as a process, or the flashed binary in simavr.
 
-    def __init__(self, target: str = "host", seed: int = 1) -> None:
+    In real time, or in lock-step: then its time passes only in :meth:`run`.
+    """
+
+    def __init__(self, target: str = "host", seed: int = 1, lock_step: bool = False) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="lp-box-")
         self.folder = Path(self._folder.name)
         self.tty = self.folder / "tty"
         self.target = target
         self.seed = seed
+        self.lock_step = lock_step
         self.process: subprocess.Popen[bytes] | None = None
         self.control: socket.socket | None = None
 
@@ -57,10 +61,12 @@ class Box:
         control = self.folder / "control"
         control.unlink(missing_ok=True)
         options = ["--pty", self.tty, "--control", control, "--seed", str(self.seed)]
-        command = [FIRMWARE / "lightprobe-mcu-host-asan", *options]
+        command: list[str | Path] = [FIRMWARE / "lightprobe-mcu-host-asan"]
+        command += ["--lock-step"] if self.lock_step else []
         if self.target == "avr":
-            elf = FIRMWARE / "lightprobe-mcu.elf"
-            command = [FIRMWARE / "lightprobe-mcu-simavr", elf, "--real-time", *options]
+            command = [FIRMWARE / "lightprobe-mcu-simavr", FIRMWARE / "lightprobe-mcu.elf"]
+            command += [] if self.lock_step else ["--real-time"]
+        command += options
         self.process = subprocess.Popen(command)
         wait_for(control.exists, "the box's control socket")
         self.control = socket.socket(socket.AF_UNIX)
@@ -93,8 +99,16 @@ class Box:
         for name, value in numbers.items():
             self.command(f"set {name} {value}")
 
+    def run(self, us: int) -> None:
+        """Let time pass, in lock-step."""
+        self.command(f"run {us}")
+
+    def flush(self) -> None:
+        """Put on the line what the firmware has sent meanwhile: the daemon's time is there, too."""
+        self.command("flush")
+
     def angles(self, from_ns: int, to_ns: int, count: int = 8) -> list[float]:
-        """Where the wheel truly was, by CLOCK_MONOTONIC."""
+        """Where the wheel truly was, by CLOCK_MONOTONIC; in lock-step by the box's own time."""
         return [float(a) for a in self.command(f"angles {from_ns} {to_ns} {count}").split()]
 
 

@@ -231,6 +231,17 @@ class Client:
             self.messages, self.rest = split(self.rest + data)
         raise AssertionError(f"no {kind} in {LONG_S} s")
 
+    def take(self) -> list[pb.FromProbe]:
+        """All that has come, without waiting."""
+        taken, self.messages = self.messages, []
+        self.socket.setblocking(False)
+        with contextlib.suppress(BlockingIOError):
+            while data := self.socket.recv(65536):
+                messages, self.rest = split(self.rest + data)
+                taken += messages
+        self.socket.settimeout(LONG_S)
+        return taken
+
     def wait_closed(self) -> None:
         """Read until the daemon closes the connection."""
         with contextlib.suppress(EOFError, ConnectionError):

@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import pytest
 import serial
@@ -21,10 +22,14 @@ from box import Box, monotonic_ns
 from harness import Camera, Client, Daemon, camera, jpeg, run, streaming, wait_for
 from lightprobe.mcu import link as mcu_link
 from lightprobe.mcu import messages as mcu
+from lightprobe.sim.clock import START_NS, UNIX_NS, SimulatedClock
 from lightprobe_proto import lightprobe_pb2 as pb
 
 RING_FAULT, WHEEL_FAULT = 2048, 4096
 EXPOSURE_US = 10_000.0
+RATE_HZ = 30
+STEP_US = 1000  # of simulated time
+PICTURE = jpeg()
 Phase = pb.Wheel.Phase
 
 
@@ -36,9 +41,45 @@ class Probe:
     cam: Camera
     daemon: Daemon
     client: Client
+    clock: SimulatedClock | None = None  # None: in real time
     stamped: int = 0
     worst_sigmas: float = 0.0
     behind_us: deque[float] = field(default_factory=lambda: deque(maxlen=4))
+    frames: int = 0
+
+    @property
+    def now_s(self) -> float:
+        """Time, real or simulated."""
+        return time.monotonic() if self.clock is None else self.clock.now_ns() / 1e9
+
+    def messages(self) -> list[Any]:
+        """What comes next: in simulated time, within the next millisecond."""
+        if self.clock is None:
+            return [self.client.next()]
+        self.box.run(STEP_US)
+        now_ns = self.clock.now_ns() + 1000 * STEP_US
+        self.clock.advance(now_ns)
+        self.box.flush()
+        if now_ns >= START_NS + self.frames * 1e9 / RATE_HZ:
+            self.frames += 1
+            start_ns = now_ns - round(1e3 * EXPOSURE_US)
+            self.cam.send(PICTURE, exposure_us=EXPOSURE_US, t_start_ns=start_ns)
+        self.clock.advance(now_ns)
+        return [getattr(m, m.WhichOneof("message")) for m in self.client.take()]
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass; all estimates are checked."""
+        end_s = self.now_s + seconds
+        while self.now_s < end_s:
+            for message in self.messages():
+                if isinstance(message, pb.Estimate):
+                    self.check(message)
+
+    def box_ns(self, estimate: pb.Estimate) -> int:
+        """When an estimate's frame was captured, by the clock that the box's angles go by."""
+        if self.clock is None:
+            return monotonic_ns(estimate.capture_time_unix_ns)
+        return estimate.capture_time_unix_ns - UNIX_NS - START_NS
 
     def check(self, estimate: pb.Estimate) -> None:
         """No angle is further from the truth than three of its sigmas, all exposure long.
@@ -52,7 +93,7 @@ class Probe:
             return
         exposure_ns = int(EXPOSURE_US * 1000)
         span_ns = exposure_ns + int(max(self.behind_us) * 1000)
-        end_ns = monotonic_ns(estimate.capture_time_unix_ns) + exposure_ns // 2
+        end_ns = self.box_ns(estimate) + exposure_ns // 2
         try:
             angles = self.box.angles(end_ns - span_ns, end_ns, 64)
         except RuntimeError:  # not yet, or forgotten: this machine was busy
@@ -67,13 +108,16 @@ class Probe:
 
     def until(self, condition, kind: str = "estimate", limit_s: float = 60):
         """The first message of a kind that fulfils a condition; all estimates are checked."""
-        end = time.monotonic() + limit_s
-        while time.monotonic() < end:
-            message = self.client.next()
-            if isinstance(message, pb.Estimate):
-                self.check(message)
-            if type(message).__name__.lower() == kind and condition(message):
-                return message
+        end_s = self.now_s + limit_s
+        message, found = None, None
+        while self.now_s < end_s:
+            for message in self.messages():
+                if isinstance(message, pb.Estimate):
+                    self.check(message)
+                if type(message).__name__.lower() == kind and not found and condition(message):
+                    found = message
+            if found:
+                return found
         raise AssertionError(f"no such {kind} in {limit_s} s; the last message: {message}")
 
     def phase(self, phase: int) -> pb.Health:
@@ -91,6 +135,26 @@ class Probe:
 
 @contextmanager
 def probe(target: str = "host", *options: str, ring: bool = True) -> Iterator[Probe]:
+    """Daemon and box in simulated time: no load changes what happens."""
+    with Box(target, lock_step=True) as box, camera() as cam:
+        uri = f"mcu:serial:{box.tty}"
+        arguments = [f"--source=sim:{cam.path}", f"--rotator={uri}", "--brackets=0"]
+        arguments += [f"--ring={uri}"] if ring else []
+        arguments += [f"--simulated-time={box.folder / 'time'}"]
+        clock = SimulatedClock(box.folder / "time")
+        with Daemon(*arguments, *options) as daemon:
+            clock.advance(START_NS)
+            cam.accept()
+            with daemon.client(health_period_ms=100, sh_order=0, max_lights=0) as client:
+                try:
+                    yield Probe(box, cam, daemon, client, clock)
+                finally:
+                    clock.close()
+
+
+@contextmanager
+def probe_in_real_time(target: str = "host", *options: str, ring: bool = True) -> Iterator[Probe]:
+    """For what has a clock of its own, as another program that uses the box."""
     with Box(target) as box, camera() as cam:
         uri = f"mcu:serial:{box.tty}"
         arguments = [f"--source=sim:{cam.path}", f"--rotator={uri}", "--brackets=0"]
@@ -107,7 +171,7 @@ def probe(target: str = "host", *options: str, ring: bool = True) -> Iterator[Pr
 @pytest.mark.parametrize("target", ["host", "avr"])
 def test_frames_carry_the_wheels_true_angle(target):
     with probe(target, "--wheel-angles=0,45,90", "--wheel-dwell-ms=300") as p:
-        hello = p.client.next("hello")
+        hello = p.until(lambda h: True, "hello")
         assert hello.has_wheel
         assert hello.has_ring
         for angle in (0, 45, 90, 0, 45):
@@ -153,7 +217,7 @@ def test_an_open_sensor_is_named_and_flagged():
 
 def test_what_nobody_has_seen_stays():
     """A fault that a person must know of survives the daemon, which clears others meanwhile."""
-    with probe("host", "--wheel-angles=0,120", "--wheel-dwell-ms=200") as p:
+    with probe_in_real_time("host", "--wheel-angles=0,120", "--wheel-dwell-ms=200") as p:
         p.box.command("eeprom " + "55" * 300)  # both copies
         p.box.command("reset")
         p.fault("PARAMS_LOST")
@@ -182,7 +246,7 @@ def tool(box: Box, *words: str, status: int = 0) -> str:
 
 
 def test_daemon_and_tool_do_not_share_a_port():
-    with probe("host", "--wheel-angles=0,45", "--wheel-dwell-ms=200") as p:
+    with probe_in_real_time("host", "--wheel-angles=0,45", "--wheel-dwell-ms=200") as p:
         p.stamp(0)
         lost = p.until(lambda h: h.ring.samples > 100, "health").ring.samples_lost
         words = tool(p.box, "info", status=1)
@@ -215,7 +279,7 @@ def test_a_jam_is_tried_three_times_under_its_first_name():
         assert health.wheel.phase == Phase.FAULT
         assert p.box.command("get powered") == "0"
         p.box.set(stuck=0)
-        time.sleep(2)
+        p.wait(2)
         assert p.box.command("get powered") == "0"
         p.box.set(line_unplugged=1)
         p.fault("mcu-waiting")
@@ -425,7 +489,6 @@ def test_what_the_command_line_says_of_wheel_and_ring(tmp_path):
     assert "leave out --rotator and --ring" in log
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("target", ["host", "avr"])
 def test_random_faults_never_stamp_a_frame_wrongly(target):
     """Random moves and random faults; every estimate's angle is held against the true one.
@@ -438,12 +501,11 @@ def test_random_faults_never_stamp_a_frame_wrongly(target):
     with probe(target, f"--wheel-angles={angles}", "--wheel-dwell-ms=150") as p:
         p.until(lambda e: e.HasField("wheel_deg"))
         names: Counter[str] = Counter()
-        end = time.monotonic() + seconds
+        end_s = p.now_s + seconds
         health = None
-        while time.monotonic() < end:
+        while p.now_s < end_s:
             make, mend, wanted = FAULTS[rng.choice(sorted(FAULTS))]
-            pause = time.monotonic() + rng.uniform(0.2, 2)
-            p.until(lambda m, pause=pause: time.monotonic() > pause)
+            p.wait(rng.uniform(0.2, 2))
             if "lie_deg" in make and float(p.box.command("get wheel_deg")) > 90:
                 make = {"stuck": 1, "lie_deg": -60}  # towards the middle: the comb has an end
             p.box.set(**make)

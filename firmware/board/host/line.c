@@ -52,6 +52,28 @@ void line_plug(struct line *line, bool plugged)
 	close(line->slave);
 	close(line->master);
 	line->master = line->slave = line->watch = -1;
+	line->waiting = 0;
+}
+
+void line_send(struct line *line, const uint8_t *bytes, size_t count)
+{
+	if (line->master < 0)
+		return;
+	if (!line->held) {
+		(void)!write(line->master, bytes, count);
+		return;
+	}
+	if (count > sizeof(line->bytes) - line->waiting)
+		count = sizeof(line->bytes) - line->waiting;
+	memcpy(line->bytes + line->waiting, bytes, count);
+	line->waiting += count;
+}
+
+void line_flush(struct line *line)
+{
+	if (line->master >= 0)
+		(void)!write(line->master, line->bytes, line->waiting);
+	line->waiting = 0;
 }
 
 static bool hangs_up_on_close(const struct line *line)

@@ -11,6 +11,8 @@
 #define LINE_H
 
 #include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
 
 struct line {
 	const char *path; /* of the link; NULL: there is no line */
@@ -18,6 +20,9 @@ struct line {
 	int watch; /* inotify on the slave side: who opens and closes it */
 	int opened;
 	bool dtr;
+	bool held; /* what the microcontroller sends waits for line_flush() */
+	size_t waiting;
+	uint8_t bytes[8192];
 };
 #define LINE_CLOSED                                    \
 	{                                              \
@@ -27,6 +32,13 @@ struct line {
 /* Makes pty and link, or takes them away, as a plug does; nothing when they are so already. Exits
  * with a message when they cannot be made. */
 void line_plug(struct line *line, bool plugged);
+
+/* Bytes from the microcontroller. Where nobody reads and the pty is full they are lost, as on a
+ * line with no one at its end. */
+void line_send(struct line *line, const uint8_t *bytes, size_t count);
+
+/* In lock-step: the reader's time has come to where the microcontroller's is. */
+void line_flush(struct line *line);
 
 /* Whether DTR has risen since the last call: what resets an Arduino Nano. */
 bool line_dtr_rose(struct line *line);

@@ -25,10 +25,11 @@ struct process {
 
 static void usage(void)
 {
-	puts("usage: lightprobe-mcu-host (--pty PATH | --lock-step) [options]\n"
+	puts("usage: lightprobe-mcu-host [--lock-step] [--pty PATH] [options]\n"
 	     "The microcontroller's firmware as a process, with a simulated wheel and ring.\n"
-	     "  --pty PATH      symbolic link to make: the serial line; wall-clock time\n"
-	     "  --lock-step     no serial line; time passes only in `run`\n"
+	     "  --pty PATH      symbolic link to make: the serial line\n"
+	     "  --lock-step     time passes only in `run`; else it is the wall clock's, and\n"
+	     "                  needs --pty\n"
 	     "  --control PATH  Unix socket for commands; else stdin and stdout\n"
 	     "  --eeprom FILE   keep the parameters there\n"
 	     "  --seed N        of the simulated noise\n"
@@ -36,6 +37,7 @@ static void usage(void)
 	     "  set NAME VALUE, get NAME, names   numbers of the box: board/host/world.h\n"
 	     "  angles FROM_NS TO_NS COUNT        where the wheel was, by CLOCK_MONOTONIC\n"
 	     "  run US          let time pass (lock-step)\n"
+	     "  flush           send what the firmware has put on the line (lock-step)\n"
 	     "  tx HEX          bytes to the firmware\n"
 	     "  frames          frames from it: count, then lines of time, least and\n"
 	     "                  greatest wheel angle of the 2 ms before, bytes\n"
@@ -75,9 +77,7 @@ static void on_out(void *context, const uint8_t *bytes, uint8_t count)
 		frame_log_byte(&process->log, bytes[i], host.t_us, &host.world);
 	memcpy(sent, bytes, count);
 	size_t left = world_line(&host.world, sent, count);
-	/* Nobody reads and the pty is full: as on a line with no one at its end. */
-	if (process->line.master >= 0 && write(process->line.master, sent, left) < 0)
-		return;
+	line_send(&process->line, sent, left);
 }
 
 static void start(struct process *process)
@@ -101,9 +101,25 @@ static void run_firmware(struct process *process)
 	board_idle();
 }
 
+static void take_line(struct process *process)
+{
+	uint8_t bytes[512];
+
+	line_plug(&process->line, !host.world.line_unplugged);
+	if (process->line.master < 0)
+		return;
+	if (line_dtr_rose(&process->line) && host.world.dtr_resets)
+		board_reset(RESET_CAUSE_EXTERNAL);
+	ssize_t got = read(process->line.master, bytes, sizeof(bytes));
+	if (got > 0)
+		host_send(bytes, (unsigned)world_line(&host.world, bytes, got));
+}
+
 static void run_for(struct process *process, int64_t us)
 {
 	for (; us > 0; us -= POLL_US) {
+		if (process->line.path)
+			take_line(process);
 		host_pass(us < POLL_US ? us : POLL_US);
 		run_firmware(process);
 	}
@@ -149,6 +165,9 @@ static void execute(void *context, const char *line)
 	if (sscanf(line, "run %lu", &us) == 1) {
 		run_for(process, us);
 		console_answer(console, "ok");
+	} else if (strcmp(line, "flush") == 0) {
+		line_flush(&process->line);
+		console_answer(console, "ok");
 	} else if (strncmp(line, "tx ", 3) == 0) {
 		command_tx(process, line + 3);
 	} else if (strncmp(line, "eeprom", 6) == 0) {
@@ -170,20 +189,6 @@ static void execute(void *context, const char *line)
 	}
 }
 
-static void take_line(struct process *process)
-{
-	uint8_t bytes[512];
-
-	line_plug(&process->line, !host.world.line_unplugged);
-	if (process->line.master < 0)
-		return;
-	if (line_dtr_rose(&process->line) && host.world.dtr_resets)
-		board_reset(RESET_CAUSE_EXTERNAL);
-	ssize_t got = read(process->line.master, bytes, sizeof(bytes));
-	if (got > 0)
-		host_send(bytes, (unsigned)world_line(&host.world, bytes, got));
-}
-
 static int64_t now_us(void)
 {
 	struct timespec now;
@@ -198,7 +203,6 @@ static void run_real_time(struct process *process)
 
 	while (!process->console.closed) {
 		console_serve(&process->console, 1, execute, process);
-		take_line(process);
 		int64_t due_us = now_us() - offset_us - (int64_t)host.t_us;
 		world_behind(&host.world, due_us);
 		if (due_us > WORLD_BEHIND_US) {
@@ -243,7 +247,7 @@ int main(int argc, char **argv)
 			return 2;
 		}
 	}
-	if (lock_step == (pty != NULL)) {
+	if (!lock_step && !pty) {
 		usage();
 		return 2;
 	}
@@ -254,8 +258,9 @@ int main(int argc, char **argv)
 	console_open(&process.console, control);
 	start(&process);
 	process.line.path = pty;
+	process.line.held = lock_step;
 	line_plug(&process.line, true);
-	if (pty)
+	if (!lock_step)
 		run_real_time(&process);
 	while (!process.console.closed)
 		console_serve(&process.console, -1, execute, &process);
