@@ -36,7 +36,7 @@ _LEAST_TELLING = 0.01
 _WRONG_RATIO = 2.0
 #: Of the daemon's log: a picture did not count; a line's level; a line that sums up the others.
 _UNUSED = re.compile(r"^error |left out|not used")
-_LEVEL = re.compile(r"^(error|warning|info) ")
+_LEVEL = re.compile(r"^(error|warning) ")
 _SEE_ABOVE = re.compile(r"\(see above\)$")
 
 
@@ -224,6 +224,7 @@ def estimate_files(
             notes += check_bracket(pictures, exposures_us, camera.response_table())
         try:
             estimate, log = _estimate_folder(Path(name), exposures_us, settings)
+            log = [line for line in log if not line.startswith("info ")]
             unused = [line for line in log if _UNUSED.search(line)]
             if unused:
                 raise daemon.DaemonError("\n".join(unused))
@@ -242,10 +243,12 @@ def _camera(name: str) -> Camera:
 
 def _in_words(log: str, pictures: Sequence[Staged]) -> str:
     """Log lines as one, with the user's files in the place of the temporary ones."""
-    lines = [_LEVEL.sub("", line) for line in log.splitlines()]
+    lines = log.splitlines()
+    lines = [_LEVEL.sub("", line) for line in lines if not line.startswith("info ")] or lines
     text = "; ".join([line for line in lines if not _SEE_ABOVE.search(line)] or lines)
     for picture in pictures:
         text = text.replace(str(picture.frame), str(picture.file))
+    text = text.replace(str(pictures[0].frame.parent), "the pictures")
     if not any(str(picture.file) in text for picture in pictures):
         files = ", ".join(str(picture.file) for picture in pictures)
         text = f"{files}: {text}" if len(pictures) == 1 else f"one of {files}: {text}"
