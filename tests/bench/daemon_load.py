@@ -96,8 +96,8 @@ def simulated(
         options = [f"--source=sim:{cam.path}", f"--camera={load.kind.camera}", "--brackets=0"]
         options.append(f"--simulated-time={folder / 'time'}")
         with Daemon(*options, variant="release", **popen) as daemon:
+            clock.advance(clock.now_ns())  # it connects to the camera
             cam.accept()
-            clock.advance(clock.now_ns())
             try:
                 yield daemon, cam, clock
             finally:
