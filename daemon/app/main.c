@@ -1,15 +1,20 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include <errno.h>
 #include <signal.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <sys/eventfd.h>
 #include <sys/resource.h>
+#include <unistd.h>
 
 #include "app/backends.h"
 #include "app/daemon.h"
 #include "app/options.h"
 #include "app/series.h"
 #include "base/log.h"
+
+#define LEAST_DESCRIPTORS 32
 
 static void print_help(void)
 {
@@ -39,6 +44,27 @@ static void raise_descriptor_limit(void)
 	}
 }
 
+/*
+ * Find out first whether there are file descriptors enough: what opens them later (libuv,
+ * libcamera, ourselves) would abort, or fail in silence. A few clients are among the number.
+ */
+static bool has_descriptors(void)
+{
+	int fds[LEAST_DESCRIPTORS], count = 0, ret;
+
+	while (count < LEAST_DESCRIPTORS && (fds[count] = eventfd(0, EFD_CLOEXEC)) >= 0)
+		count++;
+	ret = errno;
+	if (count < LEAST_DESCRIPTORS)
+		lp_error("lightprobed", "start",
+			 "%s: only %d more files can be opened, and %d are needed — ulimit -n, or "
+			 "LimitNOFILE= of the service",
+			 lp_strerror(ret), count, LEAST_DESCRIPTORS);
+	for (int i = 0; i < count; i++)
+		close(fds[i]);
+	return count == LEAST_DESCRIPTORS;
+}
+
 static int run(const struct lp_options *options)
 {
 	if (options->help) {
@@ -49,6 +75,8 @@ static int run(const struct lp_options *options)
 		print_version();
 		return LP_EXIT_OK;
 	}
+	if (!has_descriptors())
+		return LP_EXIT_FAILURE;
 	if (options->check_config) {
 		const int exit_code = lp_daemon_check(options);
 

@@ -96,7 +96,7 @@ def simulated(
         options = [f"--source=sim:{cam.path}", f"--camera={load.kind.camera}", "--brackets=0"]
         options.append(f"--simulated-time={folder / 'time'}")
         with Daemon(*options, variant="release", **popen) as daemon:
-            clock.advance(clock.now_ns())
+            clock.advance(clock.now_ns())  # it connects to the camera
             cam.accept()
             try:
                 yield daemon, cam, clock

@@ -2,6 +2,7 @@
 
 import os
 import re
+import resource
 import socket
 from pathlib import Path
 
@@ -143,6 +144,19 @@ def test_unreadable_file():
     daemon.arguments[0] = f"--source=file:{picture}"
     assert daemon.start().wait() == 1
     assert "open: Permission denied — may this user read it?" in daemon.log()
+
+
+@pytest.mark.parametrize("source", ["sim:/no/camera", "v4l2:", "libcamera:", "file:/no.jpg"])
+@pytest.mark.parametrize("limit", range(6, 36, 3))
+def test_too_few_file_descriptors_are_told(limit, source):
+    """However few there are: one line that says so and what to do, and it is no usage error."""
+
+    def set_limit():
+        resource.setrlimit(resource.RLIMIT_NOFILE, (limit, limit))
+
+    status, _, log = run(f"--source={source}", variant="release", preexec_fn=set_limit)
+    assert status == 1
+    assert "more files can be opened, and 32 are needed — ulimit -n, or LimitNOFILE=" in log
 
 
 def test_port_in_use(tmp_path):
