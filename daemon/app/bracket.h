@@ -21,8 +21,8 @@
  *        +---------------------------------------------------+   |  without effect: another
  *                                                                +-> exposure is tried (a miss)
  *
- * Where frames tell their exposure (lp_bracket_told) only RUNNING is reached. The limits are named
- * in bracket.c.
+ * Where frames report their exposure (lp_bracket_reported) only RUNNING is reached. The limits are
+ * named in bracket.c.
  */
 #ifndef LP_APP_BRACKET_H
 #define LP_APP_BRACKET_H

@@ -18,8 +18,9 @@
 #include "proto/lightprobe.pb.h"
 
 #define PROTOCOL_MAJOR 1
-#define PROTOCOL_MINOR 1      /* 1: estimates echo the number of their subscription */
-#define LENGTH_PREFIX_BYTES 2 /* of messages up to 16383 bytes */
+#define PROTOCOL_MINOR 1		   /* 1: estimates echo the number of their subscription */
+#define LEAST_SLEEP_NS (50 * LP_NS_PER_MS) /* less may be the reading of two clocks */
+#define LENGTH_PREFIX_BYTES 2		   /* of messages up to 16383 bytes */
 
 static_assert(lightprobe_v1_FromProbe_size + LENGTH_PREFIX_BYTES <= LP_PACKET_MAX_BYTES,
 	      "a packet holds the largest message");
@@ -139,16 +140,27 @@ static bool fill_sh(lightprobe_v1_SphericalHarmonics *wire,
 	return copy_finite(wire->coefficients, coefficients[0], (size_t)values);
 }
 
+/* How long the machine was suspended since the estimate was made. */
+static int64_t slept_since(const struct lp_light_estimate *estimate)
+{
+	const int64_t slept_ns = lp_clock_suspended_ns() - estimate->suspended_ns;
+
+	return slept_ns > LEAST_SLEEP_NS ? slept_ns : 0;
+}
+
 int lp_encode_estimate(const struct lp_light_estimate *estimate, const struct lp_variant *variant,
 		       const struct lp_stamp *stamp, struct lp_packet *packet)
 {
 	lightprobe_v1_FromProbe message = {.which_message = lightprobe_v1_FromProbe_estimate_tag};
 	lightprobe_v1_Estimate *wire = &message.message.estimate;
-	const int64_t delay_us = (stamp->t_send_ns - estimate->t_capture_ns) / LP_NS_PER_US;
+	const int64_t slept_ns = slept_since(estimate);
+	const int64_t delay_us =
+		(stamp->t_send_ns - estimate->t_capture_ns + slept_ns) / LP_NS_PER_US;
 
 	wire->sequence = estimate->sequence;
 	wire->boot_id = stamp->boot_id;
-	wire->capture_time_unix_ns = (uint64_t)lp_clock_unix_ns(estimate->t_capture_ns);
+	wire->capture_time_unix_ns =
+		(uint64_t)(lp_clock_unix_ns(estimate->t_capture_ns) - slept_ns);
 	/* 71 minutes and more read as 71 minutes. */
 	wire->send_delay_us = delay_us < 0	      ? 0
 			      : delay_us > UINT32_MAX ? UINT32_MAX

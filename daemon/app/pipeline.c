@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/clock.h"
 #include "base/log.h"
 #include "include/frame.h"
 #include "include/panorama.h"
@@ -326,6 +327,7 @@ static void fill_estimate(struct lp_pipeline *p, const struct lp_panorama *panor
 	lp_imager_status(p->imager, &status);
 	memset(e, 0, sizeof(*e));
 	e->t_capture_ns = panorama->t_capture_ns;
+	e->suspended_ns = lp_clock_suspended_ns();
 	e->sequence = ++p->sequence;
 	e->flags = flags_of(p, panorama, &status, mean);
 	e->exposure_us = status.longest_exposure_us;

@@ -38,6 +38,13 @@ int64_t lp_clock_unix_ns(int64_t monotonic_ns)
 	return read_clock(CLOCK_REALTIME) - (read_clock(CLOCK_MONOTONIC) - monotonic_ns);
 }
 
+int64_t lp_clock_suspended_ns(void)
+{
+	const int64_t monotonic_ns = read_clock(CLOCK_MONOTONIC);
+
+	return lp_clock_is_simulated() ? 0 : read_clock(CLOCK_BOOTTIME) - monotonic_ns;
+}
+
 int64_t lp_clock_cpu_ns(void)
 {
 	return read_clock(CLOCK_PROCESS_CPUTIME_ID);

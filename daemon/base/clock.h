@@ -24,6 +24,10 @@ bool lp_clock_is_simulated(void);
  * shows in the next packet and in nothing else. */
 int64_t lp_clock_unix_ns(int64_t monotonic_ns);
 
+/* For how long the machine has been suspended since it was started; CLOCK_MONOTONIC stands still
+ * meanwhile. Comes from two clocks, which are read one after the other: good to a millisecond. */
+int64_t lp_clock_suspended_ns(void);
+
 /* Processor time of the whole process. */
 int64_t lp_clock_cpu_ns(void);
 

@@ -61,6 +61,7 @@ struct lp_light_estimate {
 	int64_t t_capture_ns; /* CLOCK_MONOTONIC, mid-exposure of the newest frame used */
 	int64_t t_arrival_ns; /* CLOCK_MONOTONIC, arrival of that frame: latency is counted from
 				 here */
+	int64_t suspended_ns; /* lp_clock_suspended_ns() when the estimate was made */
 	uint32_t sequence;
 	uint32_t flags; /* enum lp_estimate_flag */
 	int light_count;

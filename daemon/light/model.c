@@ -4,31 +4,27 @@
 #include <math.h>
 #include <string.h>
 
+#include "include/luminance.h"
+
 /* Bytes on the wire (proto/lightprobe.proto): three floats a coefficient; a light message. */
 #define COEFFICIENT_BYTES 12
 #define LIGHT_BYTES 49
 
 static double luminance(const double rgb[3])
 {
-	return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
-}
-
-static float light_luminance(const struct lp_light *light)
-{
-	return 0.2126F * light->irradiance[0] + 0.7152F * light->irradiance[1] +
-	       0.0722F * light->irradiance[2];
+	return LP_LUMINANCE_R * rgb[0] + LP_LUMINANCE_G * rgb[1] + LP_LUMINANCE_B * rgb[2];
 }
 
 float lp_shadow_strength(const struct lp_light_estimate *estimate, int index)
 {
 	const struct lp_light *light = &estimate->lights[index];
-	const float own = light_luminance(light);
+	const float own = lp_luminance(light->irradiance);
 	float facing[3];
 
 	lp_sh_irradiance(2, estimate->sh_total, light->direction, facing);
 	/* order 2 carries 15/16 of a lamp's own irradiance towards a surface facing it (17/16 in
 	 * all) */
-	const float all = 0.2126F * facing[0] + 0.7152F * facing[1] + 0.0722F * facing[2];
+	const float all = lp_luminance(facing);
 	const float rest = fmaxf(all - own * 17.0F / 16.0F, 0.0F);
 
 	return own > 0.0F ? own / (own + rest) : 0.0F;

@@ -4,6 +4,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "include/luminance.h"
+
 /* Two sightings are one lamp when they are closer than this, or than its own radius and
  * uncertainty. */
 #define GATE_DEG 4.0F
@@ -14,8 +16,7 @@
 
 static float luminance(const struct lp_light *light)
 {
-	return 0.2126F * light->irradiance[0] + 0.7152F * light->irradiance[1] +
-	       0.0722F * light->irradiance[2];
+	return lp_luminance(light->irradiance);
 }
 
 static float angle_deg(const float a[3], const float b[3])

@@ -4,6 +4,7 @@
 #ifndef LP_VISION_CELLS_STORE_HPP
 #define LP_VISION_CELLS_STORE_HPP
 
+#include "include/luminance.h"
 #include "vision/cells.h"
 #include "vision/simd.hpp"
 
@@ -13,17 +14,12 @@ namespace lp
 /* Codes from here on count as saturated: the last few are bent by many cameras' highlight knee. */
 constexpr int kTopCode = 250;
 
-/* Rec. 709 luminance (docs/conventions.md). */
-inline float luminance(const float rgb[3])
-{
-	return 0.2126F * rgb[0] + 0.7152F * rgb[1] + 0.0722F * rgb[2];
-}
-
 inline cv::v_float32x4 luminance(const cv::v_float32x4 &r, const cv::v_float32x4 &g,
 				 const cv::v_float32x4 &b)
 {
-	return cv::v_fma(r, cv::v_setall_f32(0.2126F),
-			 cv::v_fma(g, cv::v_setall_f32(0.7152F), b * cv::v_setall_f32(0.0722F)));
+	return cv::v_fma(r, cv::v_setall_f32(LP_LUMINANCE_R),
+			 cv::v_fma(g, cv::v_setall_f32(LP_LUMINANCE_G),
+				   b * cv::v_setall_f32(LP_LUMINANCE_B)));
 }
 
 /* linear: mean of R, G, B, 1 = full scale. */
@@ -33,7 +29,7 @@ inline void store_cell(struct lp_cells *cells, size_t index, const float linear[
 
 	for (int c = 0; c < 3; c++)
 		out[c] = linear[c] * cells->scale;
-	out[3] = luminance(out);
+	out[3] = lp_luminance(out);
 	cells->clipped[index] = clipped;
 	cells->clipped_count += clipped;
 }

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "include/light_estimate.h"
+#include "include/luminance.h"
 #include "light/grid.h"
 #include "light/lamps.h"
 #include "vision/cell_geometry.h"
@@ -195,8 +196,7 @@ static struct row_sums sum_row(const float (*rgb)[3], int count, float step,
 
 	for (int x = 0; x < count; x++) {
 		const float u = ((float)x + 0.5F) * step;
-		const float light = 0.2126F * rgb[x][0] + 0.7152F * rgb[x][1] +
-				    0.0722F * rgb[x][2] - background[LUMINANCE];
+		const float light = lp_luminance(rgb[x]) - background[LUMINANCE];
 		const float one = light > threshold ? 1.0F : 0.0F, core = one * light;
 
 		for (int c = 0; c < 3; c++)
@@ -239,7 +239,7 @@ static float brightest(const float (*rgb)[3], int count)
 	float most = 0.0F;
 
 	for (int p = 0; p < count; p++)
-		most = fmaxf(most, 0.2126F * rgb[p][0] + 0.7152F * rgb[p][1] + 0.0722F * rgb[p][2]);
+		most = fmaxf(most, lp_luminance(rgb[p]));
 	return most;
 }
 

@@ -114,6 +114,36 @@ static void test_every_variant_fits_a_packet(void **state)
 	}
 }
 
+static int64_t suspended_ns;
+
+int64_t __wrap_lp_clock_suspended_ns(void);
+int64_t __wrap_lp_clock_suspended_ns(void)
+{
+	return suspended_ns;
+}
+
+/* The clock that frames are stamped with stands still while the machine is suspended. */
+static void test_an_old_estimate_is_as_old_as_the_sleep(void **state)
+{
+	struct lp_light_estimate estimate = full_estimate();
+	const struct lp_stamp stamp = {.t_send_ns = estimate.t_capture_ns + LP_NS_PER_MS};
+	const int64_t captured_unix_ns = lp_clock_unix_ns(estimate.t_capture_ns);
+	const int64_t jitter_ns = LP_NS_PER_MS;
+	lightprobe_v1_Estimate wire;
+
+	(void)state;
+	estimate.suspended_ns = 7 * LP_NS_PER_S; /* long before */
+	suspended_ns = estimate.suspended_ns + jitter_ns;
+	wire = encode(&estimate, false, 0, 0, &stamp);
+	assert_int_equal(wire.send_delay_us, 1000);
+	suspended_ns = estimate.suspended_ns + 1800 * LP_NS_PER_S;
+	wire = encode(&estimate, false, 0, 0, &stamp);
+	assert_int_equal(wire.send_delay_us, 1800 * INT64_C(1000000) + 1000);
+	assert_true(llabs((int64_t)wire.capture_time_unix_ns - captured_unix_ns +
+			  1800 * LP_NS_PER_S) < 60 * LP_NS_PER_S);
+	suspended_ns = 0;
+}
+
 static void test_values_arrive(void **state)
 {
 	struct lp_light_estimate estimate = full_estimate();
@@ -373,6 +403,7 @@ int main(void)
 		cmocka_unit_test(test_size_budgets),
 		cmocka_unit_test(test_every_variant_fits_a_packet),
 		cmocka_unit_test(test_values_arrive),
+		cmocka_unit_test(test_an_old_estimate_is_as_old_as_the_sleep),
 		cmocka_unit_test(test_unknown_is_absent_not_zero),
 		cmocka_unit_test(test_what_is_not_finite_is_not_sent),
 		cmocka_unit_test(test_delays_saturate),

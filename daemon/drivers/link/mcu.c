@@ -19,7 +19,7 @@
 #define FIRST_CLEAR_NS (2 * LP_NS_PER_S)
 #define LAST_CLEAR_NS (60 * LP_NS_PER_S)
 
-void lp_mcu_tell_fault(struct lp_mcu *mcu, const char *id, const char *text)
+void lp_mcu_report_fault(struct lp_mcu *mcu, const char *id, const char *text)
 {
 	for (struct lp_mcu_user *user = mcu->users; user; user = user->next)
 		user->fault(user, id, text);

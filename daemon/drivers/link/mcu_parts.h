@@ -2,6 +2,28 @@
 /*
  * The connection from the inside, for its three parts: mcu.c (users, building, commands),
  * mcu_session.c (greeting, silence, starting again), mcu_reports.c (messages to numbers).
+ *
+ * The session. HelloRequest in GREETING, and Rates in SETTING, are repeated every 0.2 s.
+ *
+ *             open() fails: again after 0.2 s, later up to 2 s
+ *             +------+
+ *             v      |  open()
+ *   start -> CLOSED -+--------------> GREETING <------------------------------+
+ *             ^                        |   ^                                  |
+ *             |   5 s without a Hello  |   |  5 s without a Result            |
+ *             +------------------------+   +---------------+                  |
+ *             |                        |                   |                  |
+ *             |                  Hello |                   |                  |
+ *             |                        +---------------> SETTING              |
+ *             |   Hello of another     |                  ^   |               |
+ *             |   protocol: for 10 s   |    a Hello: the  |   | Result        | 2 s of
+ *             +------------------------+    device was    |   v               | silence
+ *             |                             reset         +- READY -----------+
+ *             |
+ *             +--- from every state, when the carrier says that the device is gone
+ *
+ * The users hear found() when READY is entered, and lost() when it is left. The limits are named in
+ * mcu_session.c and mcu.c.
  */
 #ifndef LP_LINK_MCU_PARTS_H
 #define LP_LINK_MCU_PARTS_H
@@ -22,7 +44,7 @@ enum lp_mcu_state {
 	LP_MCU_CLOSED,	 /* to be opened at t_next_ns */
 	LP_MCU_GREETING, /* HelloRequest until Hello */
 	LP_MCU_SETTING,	 /* Rates until its Result */
-	LP_MCU_READY,
+	LP_MCU_READY,	 /* wheel and ring are in use */
 };
 
 struct lp_mcu_settings {
@@ -30,7 +52,7 @@ struct lp_mcu_settings {
 };
 
 struct lp_mcu_recovery {
-	uint32_t faults;    /* latched, as last told */
+	uint32_t faults;    /* latched, as last reported */
 	unsigned trouble;   /* number of the wheel's fault that began it; 0: none */
 	int tries;	    /* to home it since */
 	bool stopped;	    /* no more of them */
@@ -88,7 +110,7 @@ struct lp_mcu {
 	} while (0)
 
 /* A fault by name to every user; text NULL: it is over. */
-void lp_mcu_tell_fault(struct lp_mcu *mcu, const char *id, const char *text);
+void lp_mcu_report_fault(struct lp_mcu *mcu, const char *id, const char *text);
 
 /* Of the session: the timer's, and the carrier's three (struct lp_link_host). */
 void lp_mcu_tick(struct lp_timer *timer);

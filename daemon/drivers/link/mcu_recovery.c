@@ -34,7 +34,7 @@ static void tell(struct lp_mcu *mcu, unsigned number, int detail)
 	(void)snprintf(text, sizeof(text), "%s: %s (%d): %s", mcu->object, fault->name, detail,
 		       fault->words);
 	lp_warning(mcu->object, fault->name, "%s (%d)", fault->words, detail);
-	lp_mcu_tell_fault(mcu, fault->name, text);
+	lp_mcu_report_fault(mcu, fault->name, text);
 }
 
 /* What the tries ended with. Clients get 160 bytes, so names must do; the log has the words. */
@@ -49,12 +49,12 @@ static void tell_tried(struct lp_mcu *mcu, unsigned number, int detail)
 		       fault->name, self->stopped ? STOPPED : "");
 	lp_warning(mcu->object, first->name, "homed again: %s (%d): %s%s", fault->name, detail,
 		   fault->words, self->stopped ? STOPPED : "");
-	lp_mcu_tell_fault(mcu, first->name, text);
+	lp_mcu_report_fault(mcu, first->name, text);
 }
 
 static void tell_over(struct lp_mcu *mcu, unsigned number)
 {
-	lp_mcu_tell_fault(mcu, lp_mcu_fault(number)->name, NULL);
+	lp_mcu_report_fault(mcu, lp_mcu_fault(number)->name, NULL);
 }
 
 /* A wheel's fault has come: the first one begins the trouble, later ones are its tries' ends. */

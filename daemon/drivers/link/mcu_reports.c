@@ -92,7 +92,7 @@ static const enum lp_wheel_phase phases[] = {
 };
 
 /* The wheel as the newest WheelState and the WheelTime that belongs to it say. */
-static void tell_wheel(struct lp_mcu *mcu, uint32_t t_phase_us)
+static void report_wheel(struct lp_mcu *mcu, uint32_t t_phase_us)
 {
 	const struct mcu_wheel_state_t *state = &mcu->wheel;
 	const struct lp_mcu_wheel wheel = {
@@ -126,7 +126,7 @@ static void on_wheel_time(struct lp_mcu *mcu, const uint8_t *payload, int64_t t_
 		return;
 	mcu->wheel_waits = false;
 	note_phase(mcu, &time, t_ns);
-	tell_wheel(mcu, time.t_phase_us);
+	report_wheel(mcu, time.t_phase_us);
 }
 
 /* The phase and when it began are told by WheelState and WheelTime, which come at every change. */
@@ -147,7 +147,7 @@ static void on_wheel_reply(struct lp_mcu *mcu, const uint8_t *payload)
 	mcu->wheel.servo_on = reply.servo_on;
 	mcu->wheel.measured_cdeg = reply.measured_cdeg;
 	mcu->wheel.sigma_cdeg = reply.sigma_cdeg;
-	tell_wheel(mcu, mcu->phase.t_phase_us);
+	report_wheel(mcu, mcu->phase.t_phase_us);
 }
 
 static void on_ring2(struct lp_mcu *mcu, const uint8_t *payload, int64_t t_ns)

@@ -98,7 +98,7 @@ static void connection_fault(struct lp_mcu *mcu, const char *id, const char *sta
 		(void)snprintf(text, sizeof(text), "%s: %s: %s", mcu->object, stage, reason);
 		lp_warning(mcu->object, stage, "%s", reason);
 	}
-	lp_mcu_tell_fault(mcu, id, reason ? text : NULL);
+	lp_mcu_report_fault(mcu, id, reason ? text : NULL);
 }
 
 /* Nothing is known of the microcontroller any more. */
@@ -119,6 +119,13 @@ static void forget(struct lp_mcu *mcu)
 
 static void enter(struct lp_mcu *mcu, enum lp_mcu_state state)
 {
+	static const char *const names[] = {[LP_MCU_CLOSED] = "closed",
+					    [LP_MCU_GREETING] = "greeting",
+					    [LP_MCU_SETTING] = "setting rates",
+					    [LP_MCU_READY] = "ready"};
+
+	if (state != mcu->state)
+		lp_debug(mcu->object, "session", "%s, was %s", names[state], names[mcu->state]);
 	mcu->state = state;
 	mcu->t_state_ns = lp_clock_ns();
 	mcu->t_next_ns = mcu->t_state_ns;
@@ -208,7 +215,7 @@ static void on_hello(struct lp_mcu *mcu, const uint8_t *payload)
 		refuse_version(mcu, &hello);
 }
 
-static void tell_refused(struct lp_mcu *mcu, uint8_t token)
+static void report_refused(struct lp_mcu *mcu, uint8_t token)
 {
 	for (struct lp_mcu_user *user = mcu->users; user; user = user->next) {
 		if (user->refused)
@@ -225,7 +232,7 @@ static void on_result(struct lp_mcu *mcu, const uint8_t *payload)
 		found(mcu);
 	else if (result.request == LP_MCU_ID(WHEEL_MOVE) &&
 		 result.result == MCU_RESULT_RESULT_OUT_OF_RANGE_CHOICE)
-		tell_refused(mcu, result.token);
+		report_refused(mcu, result.token);
 }
 
 void lp_mcu_received(void *context, const struct lp_link_message *message, int64_t t_ns)

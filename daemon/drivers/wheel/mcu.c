@@ -43,7 +43,7 @@ static struct rotator_mcu *self_of_user(struct lp_mcu_user *user)
 	return (struct rotator_mcu *)(void *)((char *)user - offsetof(struct rotator_mcu, user));
 }
 
-static void tell(const struct rotator_mcu *self)
+static void report_state(const struct rotator_mcu *self)
 {
 	self->base.host.state(self->base.host.context, &self->state);
 }
@@ -64,6 +64,8 @@ static void command(struct rotator_mcu *self, bool home)
 	self->homing = home;
 	self->t_command_ns = now_ns;
 	self->token++;
+	lp_debug("wheel", "command", home ? "home (%d)" : "move (%d) to %.2f degrees", self->token,
+		 (double)self->target_deg);
 	if (home)
 		lp_mcu_home(self->mcu, self->token);
 	else
@@ -104,7 +106,7 @@ static void on_wheel(struct lp_mcu_user *user, const struct lp_mcu_wheel *wheel)
 		self->state.phase = LP_WHEEL_FAULT;
 	else if (!ours && self->state.phase != LP_WHEEL_FAULT)
 		self->state.phase = self->homing ? LP_WHEEL_HOMING : LP_WHEEL_MOVING;
-	tell(self);
+	report_state(self);
 }
 
 /* A target that the wheel cannot go to: it stays where it is. */
@@ -132,7 +134,7 @@ static void on_found(struct lp_mcu_user *user)
 	self->commanded = false;
 	self->state.phase = LP_WHEEL_UNKNOWN;
 	forget_angle(&self->state);
-	tell(self);
+	report_state(self);
 }
 
 static void on_lost(struct lp_mcu_user *user)
@@ -141,7 +143,7 @@ static void on_lost(struct lp_mcu_user *user)
 
 	self->state.phase = LP_WHEEL_ABSENT;
 	forget_angle(&self->state);
-	tell(self);
+	report_state(self);
 }
 
 static void on_fault(struct lp_mcu_user *user, const char *id, const char *text)
@@ -171,7 +173,7 @@ static void mcu_move(struct lp_rotator *rotator, float target_deg)
 	command(self, false);
 	self->state.phase = LP_WHEEL_MOVING;
 	forget_angle(&self->state);
-	tell(self);
+	report_state(self);
 }
 
 static void mcu_look(struct lp_rotator *rotator)

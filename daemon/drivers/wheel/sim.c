@@ -35,7 +35,7 @@ struct rotator_sim {
 	struct lp_rotator base;
 	struct keys keys;
 	struct lp_timed timed;
-	const char *told_fault;
+	const char *last_fault;
 	struct lp_timer tick;
 	int64_t t_start_ns, t_step_ns;
 	float wheel_deg;
@@ -54,7 +54,7 @@ static int fault_now(const struct rotator_sim *self)
 	return running_s >= self->keys.after_s ? self->keys.fault : FAULT_NONE;
 }
 
-static void tell(const struct rotator_sim *self)
+static void report_state(const struct rotator_sim *self)
 {
 	struct lp_wheel_state state;
 
@@ -68,17 +68,17 @@ static void tell(const struct rotator_sim *self)
 	self->base.host.state(self->base.host.context, &state);
 }
 
-static void tell_fault(struct rotator_sim *self)
+static void report_fault(struct rotator_sim *self)
 {
 	const struct lp_rotator_host *host = &self->base.host;
 
-	if (self->timed.fault == self->told_fault)
+	if (self->timed.fault == self->last_fault)
 		return;
-	if (self->told_fault)
-		host->fault(host->context, self->told_fault, NULL);
+	if (self->last_fault)
+		host->fault(host->context, self->last_fault, NULL);
 	if (self->timed.fault)
 		host->fault(host->context, self->timed.fault, self->timed.next_step);
-	self->told_fault = self->timed.fault;
+	self->last_fault = self->timed.fault;
 }
 
 /* Edges of the comb below an angle. */
@@ -125,9 +125,12 @@ static void on_tick(struct lp_timer *timer)
 
 	turn(self, now_ns, fault_now(self));
 	lp_timed_tick(&self->timed, now_ns, false);
-	tell_fault(self);
+	report_fault(self);
+	if (self->timed.step != before)
+		lp_debug("wheel", "sim", "%s; target %.2f degrees",
+			 lp_timed_step_name(self->timed.step), (double)self->timed.target_deg);
 	if (self->timed.step != before || fault_now(self) == FAULT_ABSENT)
-		tell(self);
+		report_state(self);
 }
 
 static int sim_start(struct lp_rotator *rotator)
@@ -148,12 +151,12 @@ static void sim_move(struct lp_rotator *rotator, float target_deg)
 	if (lp_timed_move(&self->timed, target_deg, lp_clock_ns(), &reason) == 0)
 		reason = NULL;
 	host->fault(host->context, "wheel-refused", reason);
-	tell(self);
+	report_state(self);
 }
 
 static void sim_look(struct lp_rotator *rotator)
 {
-	tell(self_of(rotator));
+	report_state(self_of(rotator));
 }
 
 static void sim_destroy(struct lp_rotator *rotator)

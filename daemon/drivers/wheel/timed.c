@@ -127,6 +127,17 @@ bool lp_timed_check(const struct lp_timed_params *params, const char *object)
 	return false;
 }
 
+const char *lp_timed_step_name(enum lp_timed_step step)
+{
+	static const char *const names[] = {[LP_TIMED_IDLE] = "idle",
+					    [LP_TIMED_DOWN] = "down, below the comb",
+					    [LP_TIMED_UP] = "up, edges count",
+					    [LP_TIMED_REST] = "at rest",
+					    [LP_TIMED_FAULT] = "fault"};
+
+	return names[step];
+}
+
 void lp_timed_init(struct lp_timed *timed)
 {
 	timed->step = LP_TIMED_IDLE;

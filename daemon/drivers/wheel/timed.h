@@ -7,6 +7,21 @@
  * target have come, and none after that; its angle is known to lie between two edges.
  *
  * Pure: time and edges are handed in. Angles in degrees of the wheel.
+ *
+ *        a target is known            below the comb, by time
+ *   IDLE ------------------> DOWN --------------------------------> UP
+ *    ^                       ^ ^ ^                                  |
+ *    | lp_timed_forget(),    | | +--------- a new target -----------+
+ *    | from every state      | |                                    | all edges below the target
+ * have |                       | +--------- a new target -- REST <----+ come in their time, and no
+ * more |                       |                             |        | |      after 2 s, later |
+ * an edge: the wheel  |        | an edge early, late, or too soon |            up to 60 s | moved
+ * by itself     v        | after the one before; too few or
+ *    +-----------------------+--------------------------- FAULT <---+ too many of them
+ *
+ * On the way DOWN nothing is proved: edges do not count. DOWN from an unknown place takes the time
+ * of 270 degrees at 120 degrees a second, and the way up, the wheel's lag and settle_ms more than
+ * the angle at slew_deg_s. The angle is known in REST only.
  */
 #ifndef LP_ROTATOR_TIMED_H
 #define LP_ROTATOR_TIMED_H
@@ -63,6 +78,9 @@ extern const int lp_timed_param_count;
 
 /* False: the parameters contradict each other; logged for `object`. */
 bool lp_timed_check(const struct lp_timed_params *params, const char *object);
+
+/* "down", for messages. */
+const char *lp_timed_step_name(enum lp_timed_step step);
 
 void lp_timed_init(struct lp_timed *timed);
 

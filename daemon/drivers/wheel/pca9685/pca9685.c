@@ -69,6 +69,14 @@ static void report_state(const struct rotator_pca9685 *self)
 	self->base.host.state(self->base.host.context, &state);
 }
 
+/* The model has taken a step. */
+static void report_step(const struct rotator_pca9685 *self)
+{
+	lp_debug(self->object, "wheel", "%s; target %.2f degrees",
+		 lp_timed_step_name(self->timed.step), (double)self->timed.target_deg);
+	report_state(self);
+}
+
 /* The model's fault, when it has changed. */
 static void report_fault(struct rotator_pca9685 *self)
 {
@@ -206,7 +214,7 @@ static void on_tick(struct lp_timer *timer)
 		lp_timed_tick(&self->timed, now_ns, lp_index_is_on(self->index));
 		report_fault(self);
 		if (self->timed.step != before)
-			report_state(self);
+			report_step(self);
 		lp_servo_hat_pulse(self->hat, lp_timed_pulse_us(&self->timed, now_ns));
 	}
 }
