@@ -59,8 +59,24 @@ def test_a_wheel_that_does_not_turn_is_named(tmp_path: Path) -> None:
         box.set(stuck=1)
         words = calibrate(tmp_path, "wheel", status=1)
     assert "INDEX_ALWAYS: a sensor always sees a tooth" in words  # it stands on one, at 37°
-    assert "a wheel that stands still" in words
+    assert "does the wheel turn?" in words
     assert "mcu clear" in words
+
+
+@pytest.mark.parametrize("bandgap_mv", [1010, 1190])
+def test_supply(tmp_path: Path, bandgap_mv: float) -> None:
+    """The multimeter's reading makes the reported supply right, also after a reset."""
+    with Box("host", tmp_path / "mcu", eeprom=tmp_path / "eeprom") as box:
+        box.set(supply_mv=4610, bandgap_mv=bandgap_mv)
+        words = calibrate(tmp_path, "supply", "4.61")
+        assert "not saved (--save): bandgap_mv 1100 → " in words
+        told = json.loads(calibrate(tmp_path, "supply", "4.61", "--save", "--json"))
+        assert told["after_mv"] == pytest.approx(bandgap_mv, abs=12)
+        box.set(reset=1)
+        told = json.loads(calibrate(tmp_path, "supply", "4.61", "--json"))
+        assert told["reported_v"] == pytest.approx(4.61, abs=0.05)
+        words = calibrate(tmp_path, "supply", "3.3", status=1)
+        assert "is 3.3 V the voltage between its pins 5V and GND?" in words
 
 
 def test_ring_at_known_levels(tmp_path: Path) -> None:
@@ -68,19 +84,21 @@ def test_ring_at_known_levels(tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
     r10, gamma = 14000 * np.exp(0.2 * rng.standard_normal(9)), rng.uniform(0.62, 0.78, 9)
     file = tmp_path / "ring.ini"
+    levels = (10, 100, 1000, 20_000)
     with Box("host", tmp_path / "mcu") as box:
         for k in range(9):
             box.set(**{f"ldr{k}_r10_ohm": r10[k], f"ldr{k}_gamma": gamma[k]})
+        series = [box.get(f"ldr{k}_mux_ohm") for k in range(9)]
         environment = {**os.environ, "LIGHTPROBE_MCU": f"serial:{tmp_path / 'mcu'}"}
         process = subprocess.Popen(
-            [LIGHTPROBE, "calibrate", "ring", "--levels", "10,100,1000", "--output", file,
-             "--json"],
+            [LIGHTPROBE, "calibrate", "ring", "--levels", ",".join(map(str, levels)),
+             "--output", file, "--json"],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
             env=environment, bufsize=0,
         )  # fmt: skip
         said = ""
-        for number, level in enumerate((10, 100, 1000), 1):
-            while f"{number}/3: {level} lux" not in said:
+        for number, level in enumerate(levels, 1):
+            while f"{number}/4: {level:g} lux" not in said:
                 letter = process.stderr.read(1)
                 assert letter, said
                 said += letter
@@ -88,11 +106,15 @@ def test_ring_at_known_levels(tmp_path: Path) -> None:
             process.stdin.write("\n")
         out, said = process.communicate(timeout=60)
     assert process.returncode == 0, said
-    assert json.loads(out)["pairs"] == 3
+    assert json.loads(out)["pairs"] == 4
     found = ring.load(file)
-    assert found.r10_ohm == pytest.approx(r10, rel=0.02)
+    assert found.r10_ohm == pytest.approx(r10, rel=0.04)
     assert found.gamma == pytest.approx(gamma, abs=0.02)
-    assert np.all(found.sigma < 0.06)
+    assert found.series_ohm == pytest.approx(series, abs=15)
+    lit = ring.Ring(r10, gamma, np.array(series))
+    for lux in (10.0, 300.0, 10_000.0):
+        seen = lit.level(np.full(9, lux))
+        assert np.all(np.abs(found.lux(seen) / lux - 1) < found.sigma_of(seen))
 
 
 def every(seconds: float, act: Callable[[], None], stop: threading.Event) -> threading.Thread:
@@ -123,8 +145,9 @@ def test_ring_against_the_camera(tmp_path: Path) -> None:
             )  # fmt: skip
         r10 = [float(running.control(f"get ldr{k}_r10_ohm")) for k in range(9)]
         gamma = [float(running.control(f"get ldr{k}_gamma")) for k in range(9)]
+        series = [float(running.control(f"get ldr{k}_mux_ohm")) for k in range(9)]
     found = ring.load(tmp_path / "ring.ini")
-    true = ring.Ring(np.array(r10), np.array(gamma))
+    true = ring.Ring(np.array(r10), np.array(gamma), np.array(series))
     for lux in (100.0, 300.0):
         levels = true.level(np.full(9, lux))
         nominal = np.abs(np.log(ring.Ring().lux(levels) / lux))

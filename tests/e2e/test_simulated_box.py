@@ -25,6 +25,7 @@ from lightprobe.sim.world import World
 from test_simulator import Camera
 
 LIGHTPROBE = Path(sys.executable).parent / "lightprobe"
+ADC_OFFSET = 0.05  # what two counts make of the illuminance, from 10 to 1000 lx
 PATIENCE_S = 60.0
 SIZE = (64, 32)
 OPTIONS = ["--size", "64x32", "--act-s", "0", "--rate", "10"]
@@ -142,12 +143,13 @@ def test_the_scenes_light_is_on_the_ring(tmp_path: Path) -> None:
         link = running.connect()
         link.rates(ring_scans=8)
         lux = running.status()["ring_lux"]
-        sensors = ring.Ring()
+        series = [float(running.control(f"get ldr{k}_mux_ohm")) for k in range(9)]
+        sensors = ring.Ring(series_ohm=np.array(series))
 
         def fits(event: mcu.Event) -> bool:
             if not isinstance(event, mcu.Ring):
                 return False
-            return sensors.lux(event.levels) == pytest.approx(lux, rel=0.02)
+            return sensors.lux(event.levels) == pytest.approx(lux, rel=ADC_OFFSET)
 
         until(link, fits)
         assert max(lux) > 1.2 * min(lux)
@@ -169,10 +171,11 @@ def test_ldrs_that_differ_read_differently(tmp_path: Path) -> None:
         r10 = [float(running.control(f"get ldr{k}_r10_ohm")) for k in range(9)]
         gamma = [float(running.control(f"get ldr{k}_gamma")) for k in range(9)]
         assert np.std(np.log(r10)) > 0.08
-        own = ring.Ring(np.array(r10), np.array(gamma))
+        series = [float(running.control(f"get ldr{k}_mux_ohm")) for k in range(9)]
+        own = ring.Ring(np.array(r10), np.array(gamma), np.array(series))
         until(
             link, lambda e: isinstance(e, mcu.Ring)
-            and own.lux(e.levels) == pytest.approx(100, rel=0.02),
+            and own.lux(e.levels) == pytest.approx(100, rel=ADC_OFFSET),
         )  # fmt: skip
         link.close()
 

@@ -3,50 +3,102 @@
 
 #include <errno.h>
 #include <math.h>
-#include <stdio.h>
-#include <string.h>
 
 #include "base/ini.h"
 #include "base/log.h"
 #include "base/param.h"
 
 #define LUX_AT_R10 10.0F
-#define VERSION 1
+#define VERSION 2
 #define LEAST_SHARE (1.0F / 4092.0F)
+#define SHARE_SIGMA (6.0F / 4092.0F) /* the ADC's offset, 2 counts at most, and its steps */
+#define LEAST_OHM 1e-3F
+
+/* The keys with nine values, in the order of struct lp_ldr. */
+enum { R10, GAMMA, SERIES, SIGMA, PIVOT, GAMMA_SIGMA, SERIES_SIGMA, NINES };
 
 struct fields {
 	int version;
-	float divider_ohm;
-	struct lp_floats r10_ohm, gamma, sigma;
+	float divider_ohm, drift_sigma;
+	struct lp_floats nines[NINES];
 };
 
+#define NINE(key, index, least, most)                                                        \
+	{                                                                                    \
+		key, LP_PARAM_FLOATS,                                                        \
+			offsetof(struct fields, nines) + (index) * sizeof(struct lp_floats), \
+			.min = (least), .max = (most)                                        \
+	}
 static const struct lp_param params[] = {
 	{"version", LP_PARAM_INT, offsetof(struct fields, version), .min = 1, .max = 1000},
 	{"divider_ohm", LP_PARAM_FLOAT, offsetof(struct fields, divider_ohm), .min = 10,
 	 .max = 1e6},
-	{"r10_ohm", LP_PARAM_FLOATS, offsetof(struct fields, r10_ohm), .min = 100, .max = 1e6},
-	{"gamma", LP_PARAM_FLOATS, offsetof(struct fields, gamma), .min = 0.3, .max = 1.5},
-	{"sigma", LP_PARAM_FLOATS, offsetof(struct fields, sigma), .min = 0, .max = 10},
+	{"drift_sigma", LP_PARAM_FLOAT, offsetof(struct fields, drift_sigma), .max = 10},
+	NINE("r10_ohm", R10, 100, 1e6),
+	NINE("gamma", GAMMA, 0.3, 1.5),
+	NINE("series_ohm", SERIES, 0, 1000),
+	NINE("sigma", SIGMA, 0, 10),
+	NINE("pivot_lux", PIVOT, 1e-3, 1e6),
+	NINE("gamma_sigma", GAMMA_SIGMA, 0, 1),
+	NINE("series_sigma_ohm", SERIES_SIGMA, 0, 1000),
 };
+#define PARAMS (sizeof(params) / sizeof(params[0]))
+#define FIRST_NINE (PARAMS - NINES)
 
 void lp_ldr_defaults(struct lp_ldr_calibration *calibration)
 {
 	calibration->divider_ohm = 3300;
-	for (int k = 0; k < LP_RING_SENSORS; k++) {
-		calibration->r10_ohm[k] = 14000;
-		calibration->gamma[k] = 0.7F;
-		calibration->sigma[k] = 1;
-	}
+	calibration->drift_sigma = 0.15F;
+	for (int k = 0; k < LP_RING_SENSORS; k++)
+		calibration->sensors[k] = (struct lp_ldr){.r10_ohm = 14000,
+							  .gamma = 0.7F,
+							  .series_ohm = 85,
+							  .sigma = 0.4F,
+							  .pivot_lux = 10,
+							  .gamma_sigma = 0.1F,
+							  .series_sigma_ohm = 25};
 }
 
-static int nine(const char *path, const char *name, const struct lp_floats *values, float *to)
+/* Every key that must be there, is. */
+static int check(const char *path, const struct fields *fields)
 {
-	if (values->count != LP_RING_SENSORS) {
-		lp_error(path, name, "%d values: want nine, one for each sensor", values->count);
+	if (fields->version != VERSION) {
+		lp_error(path, "version", "%d: this lightprobed reads %d — calibrate anew",
+			 fields->version, VERSION);
 		return -EBADMSG;
 	}
-	memcpy(to, values->values, LP_RING_SENSORS * sizeof(*to));
+	if (fields->divider_ohm <= 0 || fields->drift_sigma < 0) {
+		lp_error(path, fields->divider_ohm <= 0 ? "divider_ohm" : "drift_sigma",
+			 "is missing");
+		return -EBADMSG;
+	}
+	for (int i = 0; i < NINES; i++) {
+		if (fields->nines[i].count != LP_RING_SENSORS) {
+			lp_error(path, params[FIRST_NINE + (size_t)i].name,
+				 "%d values: want nine, one for each sensor",
+				 fields->nines[i].count);
+			return -EBADMSG;
+		}
+	}
 	return 0;
+}
+
+static void take(struct lp_ldr_calibration *calibration, const struct fields *fields)
+{
+	calibration->divider_ohm = fields->divider_ohm;
+	calibration->drift_sigma = fields->drift_sigma;
+	for (int k = 0; k < LP_RING_SENSORS; k++) {
+		const struct lp_floats *nines = fields->nines;
+
+		calibration->sensors[k] =
+			(struct lp_ldr){.r10_ohm = nines[R10].values[k],
+					.gamma = nines[GAMMA].values[k],
+					.series_ohm = nines[SERIES].values[k],
+					.sigma = nines[SIGMA].values[k],
+					.pivot_lux = nines[PIVOT].values[k],
+					.gamma_sigma = nines[GAMMA_SIGMA].values[k],
+					.series_sigma_ohm = nines[SERIES_SIGMA].values[k]};
+	}
 }
 
 static int read_fields(const char *path, struct fields *fields)
@@ -59,42 +111,40 @@ static int read_fields(const char *path, struct fields *fields)
 		return ret;
 	ret = lp_ini_check_sections(&ini, sections);
 	if (ret == 0)
-		ret = lp_ini_set(&ini, "ring", params, sizeof(params) / sizeof(params[0]), fields);
+		ret = lp_ini_set(&ini, "ring", params, PARAMS, fields);
 	lp_ini_finish(&ini);
 	return ret;
 }
 
 int lp_ldr_read(struct lp_ldr_calibration *calibration, const char *path)
 {
-	struct fields fields = {0};
+	struct fields fields = {.drift_sigma = -1};
 	int ret = read_fields(path, &fields);
 
-	if (ret < 0)
-		return ret;
-	if (fields.version != VERSION) {
-		lp_error(path, "version", "%d: this lightprobed reads %d — calibrate anew",
-			 fields.version, VERSION);
-		return -EBADMSG;
-	}
-	if (fields.divider_ohm <= 0) {
-		lp_error(path, "divider_ohm", "is missing");
-		return -EBADMSG;
-	}
-	calibration->divider_ohm = fields.divider_ohm;
-	ret = nine(path, "r10_ohm", &fields.r10_ohm, calibration->r10_ohm);
 	if (ret == 0)
-		ret = nine(path, "gamma", &fields.gamma, calibration->gamma);
+		ret = check(path, &fields);
 	if (ret == 0)
-		ret = nine(path, "sigma", &fields.sigma, calibration->sigma);
+		take(calibration, &fields);
 	return ret;
 }
 
-float lp_ldr_lux(const struct lp_ldr_calibration *calibration, int sensor, float share)
+float lp_ldr_lux(const struct lp_ldr_calibration *calibration, int sensor, float share,
+		 float *sigma_relative)
 {
+	const struct lp_ldr *ldr = &calibration->sensors[sensor];
+
+	*sigma_relative = NAN;
 	if (!(share >= LEAST_SHARE) || share > 1 - LEAST_SHARE)
 		return NAN;
-	const float ohm = calibration->divider_ohm * (1 / share - 1);
+	const float slope_ohm = calibration->divider_ohm / (share * share);
+	const float ohm_sigma = hypotf(slope_ohm * SHARE_SIGMA, ldr->series_sigma_ohm);
+	/* No LDR has no resistance: at least half of what it may be off. */
+	const float ohm = fmaxf(calibration->divider_ohm * (1 / share - 1) - ldr->series_ohm,
+				fmaxf(ohm_sigma / 2, LEAST_OHM));
+	const float lux = LUX_AT_R10 * powf(ldr->r10_ohm / ohm, 1 / ldr->gamma);
+	const float by_gamma = logf(lux / ldr->pivot_lux) * ldr->gamma_sigma;
+	const float of_fit = hypotf(by_gamma, ohm_sigma / ohm) / ldr->gamma;
 
-	return LUX_AT_R10 *
-	       powf(calibration->r10_ohm[sensor] / ohm, 1 / calibration->gamma[sensor]);
+	*sigma_relative = hypotf(of_fit, hypotf(ldr->sigma, calibration->drift_sigma));
+	return lux;
 }

@@ -50,8 +50,10 @@ static void on_ring(struct lp_mcu_user *user, const struct lp_mcu_ring *ring)
 		const bool dead = ring->dead >> k & 1;
 		const float share = (float)ring->levels[k] / LP_RING_FULL_SCALE;
 
-		sample.illuminance_lux[k] = dead ? NAN : lp_ldr_lux(&self->calibration, k, share);
-		sample.sigma_relative[k] = self->calibration.sigma[k];
+		sample.illuminance_lux[k] =
+			lp_ldr_lux(&self->calibration, k, share, &sample.sigma_relative[k]);
+		if (dead)
+			sample.illuminance_lux[k] = sample.sigma_relative[k] = NAN;
 	}
 	self->base.host.sample(self->base.host.context, &sample);
 }
@@ -121,9 +123,9 @@ const struct lp_ring_ops lp_ring_mcu_ops = {
 	.scheme = "mcu",
 	.help = "mcu:CARRIER:DEVICE  the ring on the microcontroller, as for the wheel; the same\n"
 		"      device in both is one connection\n"
-		"      ?calibration=FILE (lightprobe calibrate ring) &ring_scans=N: a sample every "
-		"N\n"
-		"      scans of 1.25 ms (2; on I2C 8)",
+		"      ?calibration=FILE (lightprobe calibrate ring) &ring_scans=8: a sample every so "
+		"many\n"
+		"      scans of 1.25 ms",
 	.create = mcu_create,
 	.start = mcu_start,
 	.destroy = mcu_destroy,

@@ -1,16 +1,19 @@
 """The ring of nine light sensors: where they look, and what their voltages mean.
 
-Each LDR goes from the supply to its pin, a resistor from there to ground. With E the illuminance
-in lux, R = r10·(E / 10 lx)^−gamma (data sheet of the GL5528; gamma = log10(R at 10 lx / R at
-100 lx)), and the microcontroller reads level = 4092 · divider / (divider + R). Levels are
-proportional to the supply, so the supply does not matter.
+Each LDR goes from the supply through a channel of the multiplexer to a pin, and a resistor from
+there to ground. With E the illuminance in lux, R = r10·(E / 10 lx)^−gamma (data sheet of the
+GL5528; gamma = log10(R at 10 lx / R at 100 lx)), and the microcontroller reads
+level = 4092 · divider / (divider + series + R). Levels are proportional to the supply, so the
+supply does not matter. The series resistance matters in bright light: at 10 klx R is 110 Ω.
 """
 
 from __future__ import annotations
 
 import configparser
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,12 +23,27 @@ from lightprobe.geometry import Array
 
 SENSORS = 9
 FULL_SCALE = 4092
-VERSION = 1
-#: Of a GL5528, when nobody has calibrated it: 8–20 kΩ at 10 lx, gamma 0.7 ± 0.1.
-NOMINAL_R10_OHM, NOMINAL_GAMMA, NOMINAL_SIGMA = 14000.0, 0.7, 1.0
+VERSION = 2
+#: Of a GL5528 and a 74HC4067, when nobody has calibrated them: 8–20 kΩ at 10 lx, gamma 0.7 ± 0.1,
+#: 80 Ω typical at 4.5 V (data sheets).
+NOMINAL_R10_OHM, NOMINAL_GAMMA, NOMINAL_SERIES_OHM = 14000.0, 0.7, 85.0
+NOMINAL_SIGMA, NOMINAL_GAMMA_SIGMA, NOMINAL_SERIES_SIGMA_OHM = 0.4, 0.1, 25.0
+#: An LDR's illuminance, as it drifts with temperature and with the light it has seen before.
+DRIFT_SIGMA = 0.15
+#: A level: the ADC's offset (2 counts at most, data sheet of the ATmega328P) and its steps.
+LEVEL_SIGMA = 6.0
 DIVIDER_OHM = 3300.0
-#: Limits of the calibration file.
-R10_OHM, GAMMA, SIGMA, DIVIDER_LIMITS_OHM = (100, 1e6), (0.3, 1.5), (0, 10), (10, 1e6)
+#: Limits of the calibration file: nine numbers of each, and one of each.
+LIMITS = {
+    "r10_ohm": (100, 1e6),
+    "gamma": (0.3, 1.5),
+    "series_ohm": (0, 1000),
+    "sigma": (0, 10),
+    "gamma_sigma": (0, 1),
+    "series_sigma_ohm": (0, 1000),
+    "pivot_lux": (1e-3, 1e6),
+}
+ALIKE_LIMITS = {"divider_ohm": (10, 1e6), "drift_sigma": (0, 10)}
 
 
 def directions() -> Array:
@@ -35,14 +53,30 @@ def directions() -> Array:
     return np.vstack([around, [0.0, 1.0, 0.0]])
 
 
+def _nine(value: float) -> Callable[[], Array]:
+    return lambda: np.full(SENSORS, value)
+
+
 @dataclass(frozen=True, eq=False)
 class Ring:
-    """Nine LDRs and their resistors."""
+    """Nine LDRs, the resistances around them, and how well all that is known.
 
-    r10_ohm: Array = field(default_factory=lambda: np.full(SENSORS, NOMINAL_R10_OHM))
-    gamma: Array = field(default_factory=lambda: np.full(SENSORS, NOMINAL_GAMMA))
-    sigma: Array = field(default_factory=lambda: np.full(SENSORS, NOMINAL_SIGMA))  # relative
+    The relative sigma of an illuminance is `sigma` at `pivot_lux`, where the fit knows it best, and
+    grows away from there by what gamma may be off, and towards bright light by what the resistance
+    in series may be off.
+    """
+
+    r10_ohm: Array = field(default_factory=_nine(NOMINAL_R10_OHM))
+    gamma: Array = field(default_factory=_nine(NOMINAL_GAMMA))
+    series_ohm: Array = field(
+        default_factory=_nine(NOMINAL_SERIES_OHM)
+    )  # the multiplexer's channel
+    sigma: Array = field(default_factory=_nine(NOMINAL_SIGMA))  # relative, of the illuminance
+    gamma_sigma: Array = field(default_factory=_nine(NOMINAL_GAMMA_SIGMA))
+    series_sigma_ohm: Array = field(default_factory=_nine(NOMINAL_SERIES_SIGMA_OHM))
+    pivot_lux: Array = field(default_factory=_nine(10.0))
     divider_ohm: float = DIVIDER_OHM
+    drift_sigma: float = DRIFT_SIGMA
 
     def resistance_ohm(self, lux: ArrayLike) -> Array:
         """Resistance (…, 9) of the LDRs at illuminances (…, 9) above 0."""
@@ -52,26 +86,52 @@ class Ring:
         """Level (…, 9), 0…4092, not rounded, at illuminances (…, 9); 0 lx gives 0."""
         lux = np.asarray(lux, dtype=np.float64)
         with np.errstate(divide="ignore"):
-            return FULL_SCALE * self.divider_ohm / (self.divider_ohm + self.resistance_ohm(lux))
+            around = self.divider_ohm + self.series_ohm + self.resistance_ohm(lux)
+            return np.asarray(FULL_SCALE * self.divider_ohm / around)
+
+    def ldr_ohm(self, level: ArrayLike) -> Array:
+        """Resistance (…, 9) of the LDRs at levels (…, 9) above 0; negative for one too high."""
+        return total_ohm(level, self.divider_ohm) - self.series_ohm
 
     def lux(self, level: ArrayLike) -> Array:
         """Illuminance (…, 9) of levels (…, 9); NaN where there is none: 0, and full scale."""
         level = np.asarray(level, dtype=np.float64)
-        usable = (level > 0) & (level < FULL_SCALE)
-        ohm = ldr_ohm(np.where(usable, level, 1), self.divider_ohm)
+        usable = _usable(level)
+        ohm, _ = self._ohm_and_sigma(np.where(usable, level, FULL_SCALE / 2))
         return np.where(usable, 10 * (self.r10_ohm / ohm) ** (1 / self.gamma), np.nan)
+
+    def sigma_of(self, level: ArrayLike) -> Array:
+        """Relative 1 sigma (…, 9) of the illuminance at levels (…, 9); NaN where there is none."""
+        level = np.asarray(level, dtype=np.float64)
+        usable = _usable(level)
+        ohm, ohm_sigma = self._ohm_and_sigma(np.where(usable, level, FULL_SCALE / 2))
+        lux = 10 * (self.r10_ohm / ohm) ** (1 / self.gamma)
+        away = np.log(lux / self.pivot_lux) * self.gamma_sigma
+        variance = (np.hypot(away, ohm_sigma / ohm) / self.gamma) ** 2
+        return np.where(usable, np.sqrt(variance + self.sigma**2 + self.drift_sigma**2), np.nan)
+
+    def _ohm_and_sigma(self, level: Array) -> tuple[Array, Array]:
+        """Resistance of the LDRs with its 1 sigma; at least half of it: no LDR has none."""
+        slope = self.divider_ohm * FULL_SCALE / level**2
+        sigma = np.hypot(slope * LEVEL_SIGMA, self.series_sigma_ohm)
+        return np.maximum(self.ldr_ohm(level), np.maximum(sigma / 2, 1e-3)), sigma
 
     def text(self) -> str:
         """As a calibration file."""
-        lines = ["[ring]", f"version = {VERSION}", f"divider_ohm = {self.divider_ohm:.6g}"]
-        for name in ("r10_ohm", "gamma", "sigma"):
+        lines = ["[ring]", f"version = {VERSION}"]
+        lines += [f"{name} = {getattr(self, name):.6g}" for name in ALIKE_LIMITS]
+        for name in LIMITS:
             numbers = ", ".join(f"{value:.6g}" for value in getattr(self, name))
             lines.append(f"{name} = {numbers}")
         return "\n".join(lines) + "\n"
 
 
-def ldr_ohm(level: ArrayLike, divider_ohm: float = DIVIDER_OHM) -> Array:
-    """Resistance of an LDR from its level, above 0 and below full scale."""
+def _usable(level: Array) -> NDArray[np.bool_]:
+    return (level > 0) & (level < FULL_SCALE)
+
+
+def total_ohm(level: ArrayLike, divider_ohm: float = DIVIDER_OHM) -> Array:
+    """Resistance of an LDR and what is in series with it, from a level above 0."""
     return np.asarray(divider_ohm * (FULL_SCALE / np.asarray(level, dtype=np.float64) - 1))
 
 
@@ -93,13 +153,15 @@ def load(path: Path) -> Ring:
     section = dict(config["ring"])
     version = section.pop("version", "none")
     if version != str(VERSION):
-        raise CalibrationError(f"ring: {path}: version {version}: this program reads {VERSION}")
-    ring = Ring(
-        r10_ohm=_numbers(path, section, "r10_ohm", SENSORS, R10_OHM),
-        gamma=_numbers(path, section, "gamma", SENSORS, GAMMA),
-        sigma=_numbers(path, section, "sigma", SENSORS, SIGMA),
-        divider_ohm=float(_numbers(path, section, "divider_ohm", 1, DIVIDER_LIMITS_OHM)[0]),
-    )
+        raise CalibrationError(
+            f"ring: {path}: version {version}: this program reads {VERSION}: calibrate anew"
+        )
+    values: dict[str, Any] = {
+        name: _numbers(path, section, name, SENSORS, limits) for name, limits in LIMITS.items()
+    }
+    for name, limits in ALIKE_LIMITS.items():
+        values[name] = float(_numbers(path, section, name, 1, limits)[0])
+    ring = Ring(**values)
     if section:
         raise CalibrationError(f"ring: {path}: unknown key {next(iter(section))}")
     return ring

@@ -39,7 +39,7 @@ _UNFIT = (
     | EstimateFlag.UNDEREXPOSED | EstimateFlag.BRACKET_INCOMPLETE | EstimateFlag.PARTIAL_VIEW
     | EstimateFlag.INVALID_INPUT | EstimateFlag.NO_LIGHT
 )  # fmt: skip
-_LEVEL_SIGMA, _CAMERA_SIGMA = 0.03, 0.1
+_METER_SIGMA, _CAMERA_SIGMA = 0.03, 0.1
 
 
 def command(
@@ -74,11 +74,11 @@ def command(
     divider_ohm: Annotated[
         float,
         typer.Option(
-            callback=check.number(*ring.DIVIDER_LIMITS_OHM, "ohms"),
+            callback=check.number(*ring.ALIKE_LIMITS["divider_ohm"], "ohms"),
             help="Resistor from each LDR's pin to ground.",
         ),
     ] = ring.DIVIDER_OHM,
-    level_sigma: Annotated[
+    light_sigma: Annotated[
         float | None,
         typer.Option(
             callback=check.number(0, 10), help="Relative 1 sigma of the light; 0.03, camera 0.1."
@@ -86,12 +86,14 @@ def command(
     ] = None,
     as_json: calibrate.AsJson = False,
 ) -> None:
-    """Find R10 and gamma of each sensor, from known light or from what the camera sees.
+    """Find R10, gamma and series resistance of each sensor, from known light or from the camera.
 
-    --levels 10,100,1000 asks to set each level, all nine sensors alike (a light box, a luxmeter
-    beside them), and to press Enter. --against tcp:127.0.0.1:7700 takes the probe's own estimates
-    while the light changes: let lamps be switched, for --seconds 60. The file is for lightprobed
-    --ring='mcu:…?calibration=FILE'. The former one is kept.
+    --levels 10,100,1000,20000 asks to set each level, all nine sensors alike (a light box, a
+    luxmeter beside them), and to press Enter. Levels far apart tell gamma; one above 10000 lx (the
+    sun) tells the multiplexer's resistance, without which sunlight is hardly measured. --against
+    tcp:127.0.0.1:7700 takes the probe's own estimates while the light changes: let lamps be
+    switched, for --seconds 60. The file is for lightprobed --ring='mcu:…?calibration=FILE'. The
+    former one is kept.
     """
     if (levels is None) == (against is None):
         raise UsageError("calibrate: ring: want --levels LUX,LUX,… or --against URI")
@@ -101,8 +103,8 @@ def command(
             lux, level = pairs_with_camera(link, against, seconds, cd_m2_per_unit)
         else:
             lux, level = pairs_at_levels(link, levels_lux, seconds)
-    default = _CAMERA_SIGMA if against is not None else _LEVEL_SIGMA
-    found = fit(lux, level, default if level_sigma is None else level_sigma, divider_ohm)
+    default = _CAMERA_SIGMA if against is not None else _METER_SIGMA
+    found = fit(lux, level, default if light_sigma is None else light_sigma, divider_ohm)
     remark = calibrate.remark("lightprobe calibrate ring")
     former = calibration.save(output, f"; {remark}\n{found.text()}")
     report(found, len(lux), output, former, as_json)
@@ -115,7 +117,9 @@ def parse_levels(text: str) -> list[float]:
     except ValueError:
         levels = []
     if not levels or not all(0 < level <= 2e5 for level in levels):
-        raise UsageError(f"calibrate: ring: --levels {text}: want lux above 0, like 10,100,1000")
+        raise UsageError(
+            f"calibrate: ring: --levels {text}: want lux above 0, like 10,100,1000,20000"
+        )
     return levels
 
 
@@ -197,15 +201,21 @@ def _window(link: Session, client: Client, scale: float) -> tuple[Array, Array] 
 def report(found: ring.Ring, pairs: int, output: Path, former: Path | None, as_json: bool) -> None:
     """Print the result."""
     if as_json:
-        told = {"r10_ohm": found.r10_ohm.tolist(), "gamma": found.gamma.tolist(),
-                "sigma": found.sigma.tolist(), "pairs": pairs, "file": str(output),
-                "former": str(former) if former else None}  # fmt: skip
-        print(json.dumps(told, indent=2))
+        told = {name: getattr(found, name).tolist() for name in ring.LIMITS}
+        told |= {"drift_sigma": found.drift_sigma, "pairs": pairs}
+        print(json.dumps(told | {"file": str(output), "former": former and str(former)}, indent=2))
         return
-    table = Table("sensor", "R10", "gamma", "± of the illuminance", box=None)
+    shown = (10.0, 1000.0, 1e5)
+    table = Table(
+        "sensor", "R10", "gamma", "in series", *(f"± at {e:g} lx" for e in shown), box=None
+    )
+    sigmas = found.sigma_of(found.level(np.repeat(np.array(shown)[:, None], ring.SENSORS, axis=1)))
     for k in range(ring.SENSORS):
-        sigma = f"{100 * found.sigma[k]:.1f} %"
-        table.add_row(str(k), f"{found.r10_ohm[k]:.0f} Ω", f"{found.gamma[k]:.3f}", sigma)
+        series = f"{found.series_ohm[k]:.0f} ± {found.series_sigma_ohm[k]:.0f} Ω"
+        at = (f"{100 * sigma:.0f} %" for sigma in sigmas[:, k])
+        table.add_row(str(k), f"{found.r10_ohm[k]:.0f} Ω", f"{found.gamma[k]:.3f}", series, *at)
     view.console().print(table)
     kept = f" (the former one is {former})" if former else ""
-    print(f"{pairs} pairs; written: {output}{kept}")
+    drift = f"{100 * found.drift_sigma:.0f} %"
+    print(f"{pairs} pairs; {drift} of each ± is drift with temperature and former light")
+    print(f"written: {output}{kept}")

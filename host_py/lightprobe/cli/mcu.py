@@ -19,9 +19,10 @@ from lightprobe.calibrate import ring
 from lightprobe.cli import mcu_flash, view
 from lightprobe.errors import UsageError
 from lightprobe.geometry import Array
+from lightprobe.mcu import faults as mcu_faults
 from lightprobe.mcu import messages as mcu
 from lightprobe.mcu.link import McuError
-from lightprobe.mcu.session import DEFAULT_PORT, ENVIRONMENT, FAULT_WORDS, Session, home, move
+from lightprobe.mcu.session import DEFAULT_PORT, ENVIRONMENT, Session, home, move
 from lightprobe.mcu.session import session as conversation
 
 Port = Annotated[
@@ -72,7 +73,7 @@ def wheel_words(state: mcu.WheelState) -> str:
 
 def fault_words(name: str) -> str:
     """One line about a fault."""
-    return f"{name}: {FAULT_WORDS.get(name, 'see docs/faults.md')}"
+    return f"{name}: {mcu_faults.words(name)}"
 
 
 def latched(status: dict[str, mcu.Event]) -> list[str]:
@@ -156,7 +157,8 @@ def move_command(
     angle_deg: Annotated[float, typer.Argument(min=-327, max=327, help="Where to, in degrees.")],
     port: Port = DEFAULT_PORT,
     slew_deg_s: Annotated[
-        float, typer.Option(min=0, max=6553, help="Speed; 0: as fast as allowed.")
+        float,
+        typer.Option(min=0, max=6553, help="Speed, 3°/s or more for 180°; 0: as fast as allowed."),
     ] = 0,
     hold_s: Annotated[
         float, typer.Option(min=0, max=6553, help="Servo powered for so long then.")
@@ -201,19 +203,19 @@ def ring_command(
     sensors = ring.Ring() if calibration is None else ring.load(calibration)
     with conversation(port) as link:
         levels, dead, supply_v = read_ring(link, seconds)
-    usable = (levels > 0) & (levels < ring.FULL_SCALE) & ~dead
-    ohm = np.where(usable, ring.ldr_ohm(np.where(usable, levels, 1), sensors.divider_ohm), np.nan)
-    lux = np.where(usable, sensors.lux(levels), np.nan)
+    lux, sigma = (np.where(dead, np.nan, f(levels)) for f in (sensors.lux, sensors.sigma_of))
+    ohm = np.where(np.isnan(lux), np.nan, sensors.ldr_ohm(np.maximum(levels, 1)))
     if as_json:
-        rows = {"level": levels, "ohm": ohm, "lux": lux}
+        rows = {"level": levels, "ohm": ohm, "lux": lux, "sigma": sigma}
         numbers = {k: [None if np.isnan(x) else float(x) for x in v] for k, v in rows.items()}
-        extra = {"dead": dead.tolist(), "supply_v": supply_v, "sigma": sensors.sigma.tolist()}
-        print(json.dumps(numbers | extra))
+        print(json.dumps(numbers | {"dead": dead.tolist(), "supply_v": supply_v}))
         return
     table = Table("sensor", "looks", "level", "ohm", "lux", box=None)
     for k, look in enumerate(ring.directions()):
         where = "up" if k == 8 else f"{45 * k}° from +X"
-        state = "dead" if dead[k] else f"{lux[k]:.4g} ± {100 * sensors.sigma[k]:.0f} %"
+        state = f"{lux[k]:.3g} ± {100 * sigma[k]:.0f} %"
+        if np.isnan(lux[k]):
+            state = "dead" if dead[k] else "dark"
         table.add_row(
             str(k), f"{where} {look.round(2)}", f"{levels[k]:.1f}", f"{ohm[k]:.0f}", state
         )
@@ -222,14 +224,16 @@ def ring_command(
 
 
 def read_ring(link: Session, seconds: float) -> tuple[Array, NDArray[np.bool_], float | None]:
-    """Mean levels (9,), sensors that are dead (9,), and the supply."""
+    """Mean levels (9,), sensors that are dead (9,), and the mean supply."""
     link.rates(ring_scans=8)
     rings = [event for event in link.listen(seconds + 0.1) if isinstance(event, mcu.Ring)]
     link.rates()
     if not rings:
         raise McuError(f"mcu: {link.uri}: ring: no sample came in {seconds:g} s")
     levels = np.mean([one.levels for one in rings], axis=0)
-    return levels, np.any([one.dead for one in rings], axis=0), rings[-1].supply_v
+    supplies = [one.supply_v for one in rings if one.supply_v is not None]
+    supply_v = float(np.mean(supplies)) if supplies else None
+    return levels, np.any([one.dead for one in rings], axis=0), supply_v
 
 
 # ---------------------------------------------------------------- parameters
