@@ -180,6 +180,73 @@ static void test_stuck_on_its_way_and_slipping_at_rest(void **state)
 	assert_string_equal(world.timed.fault, "WHEEL_SLIP");
 }
 
+/* Nobody mends it: the first name stays, and after three more tries the servo is left alone. */
+static void test_a_jam_keeps_its_name_and_is_tried_three_times(void **state)
+{
+	int starts = 0;
+	enum lp_timed_step before = LP_TIMED_UP;
+
+	(void)state;
+	move(45);
+	(void)run(7);
+	move(135);
+	while (world.timed.step != LP_TIMED_UP || world.wheel_deg < 60)
+		step();
+	world.stuck = true;
+	for (int i = 0; i < 300 * 1000; i++) {
+		step();
+		starts += world.timed.step == LP_TIMED_DOWN && before == LP_TIMED_FAULT;
+		before = world.timed.step;
+		if (world.timed.fault)
+			assert_string_equal(world.timed.fault, "WHEEL_STUCK");
+	}
+	assert_int_equal(starts, 3);
+	assert_true(world.timed.stopped);
+	assert_int_equal(world.timed.step, LP_TIMED_FAULT);
+	assert_true(lp_timed_pulse_us(&world.timed, world.now_ns) == 0);
+	/* The power comes back, or the program starts anew. */
+	world.stuck = false;
+	lp_timed_forget(&world.timed, world.now_ns);
+	assert_int_equal(run(8).phase, LP_WHEEL_SETTLED);
+	assert_null(world.timed.fault);
+}
+
+/* Whatever the geometry: a servo driven beyond its stop burns. */
+static void test_no_pulse_is_outside_of_the_servos_limits(void **state)
+{
+	static const float zeros_us[] = {320, 800, 1500, 2680},
+			   gains[] = {-20, -7.407F, 7.407F, 20};
+	const char *reason;
+
+	for (size_t i = 0; i < ARRAY_COUNT(zeros_us) * ARRAY_COUNT(gains); i++) {
+		setup(state);
+		world.timed.params.servo_zero_us = zeros_us[i % ARRAY_COUNT(zeros_us)];
+		world.timed.params.servo_us_per_deg = gains[i / ARRAY_COUNT(zeros_us)];
+		for (int target = 0; target <= 180; target += 45)
+			(void)lp_timed_move(&world.timed, (float)target, world.now_ns, &reason);
+		for (int k = 0; k < 9000; k++) {
+			const float pulse_us = lp_timed_pulse_us(&world.timed, world.now_ns);
+
+			assert_true(pulse_us == 0 || (pulse_us >= 500 && pulse_us <= 2500));
+			step();
+		}
+	}
+}
+
+static void test_targets_beyond_the_servos_pulses_are_refused(void **state)
+{
+	const char *reason;
+
+	(void)state;
+	world.timed.params.servo_max_us = 1800;
+	assert_int_equal(lp_timed_move(&world.timed, 180, world.now_ns, &reason), -ERANGE);
+	assert_string_equal(reason, "beyond the servo's pulses");
+	move(90);
+	assert_true(lp_timed_check(&world.timed.params, "test"));
+	world.timed.params.servo_min_us = 1800;
+	assert_false(lp_timed_check(&world.timed.params, "test"));
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -187,6 +254,9 @@ int main(void)
 		cmocka_unit_test_setup(test_targets_that_nothing_proves_are_refused, setup),
 		cmocka_unit_test_setup(test_faults_have_names_and_end, setup),
 		cmocka_unit_test_setup(test_stuck_on_its_way_and_slipping_at_rest, setup),
+		cmocka_unit_test_setup(test_a_jam_keeps_its_name_and_is_tried_three_times, setup),
+		cmocka_unit_test_setup(test_no_pulse_is_outside_of_the_servos_limits, setup),
+		cmocka_unit_test_setup(test_targets_beyond_the_servos_pulses_are_refused, setup),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

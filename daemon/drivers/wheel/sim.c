@@ -188,6 +188,8 @@ static int sim_create(const struct lp_uri *uri, const struct lp_rotator_host *ho
 	       (size_t)lp_timed_param_count * sizeof(table[0]));
 	self->base = (struct lp_rotator){.ops = &lp_rotator_sim_ops, .host = *host};
 	ret = lp_uri_read(uri, table, OWN_KEYS + (size_t)lp_timed_param_count, &self->keys);
+	if (ret == 0 && !lp_timed_check(&self->keys.timed, uri->text))
+		ret = -EINVAL;
 	if (ret < 0) {
 		sim_destroy(&self->base);
 		return ret;

@@ -6,6 +6,7 @@
 #include <stddef.h>
 
 #include "base/clock.h"
+#include "base/log.h"
 #include "base/param.h"
 
 #define BELOW_DEG 9.0F	     /* the way up begins so far below the comb */
@@ -15,6 +16,7 @@
 #define SLOWEST_DEG_S 120.0F /* of a servo that is not ramped */
 #define FIRST_AGAIN_NS (2 * LP_NS_PER_S)
 #define LAST_AGAIN_NS (60 * LP_NS_PER_S)
+#define MOST_TRIES 3
 
 #define FIELD(name) offsetof(struct lp_timed_params, name)
 const struct lp_param lp_timed_param_table[] = {
@@ -22,6 +24,10 @@ const struct lp_param lp_timed_param_table[] = {
 	 .max = 2700},
 	{"servo_us_per_deg", LP_PARAM_FLOAT, FIELD(servo_us_per_deg), .initial = "7.407",
 	 .min = -20, .max = 20},
+	{"servo_min_us", LP_PARAM_FLOAT, FIELD(servo_min_us), .initial = "500", .min = 300,
+	 .max = 2700},
+	{"servo_max_us", LP_PARAM_FLOAT, FIELD(servo_max_us), .initial = "2500", .min = 300,
+	 .max = 2700},
 	{"slew_deg_s", LP_PARAM_FLOAT, FIELD(slew_deg_s), .initial = "90", .min = 10, .max = 400},
 	{"slew_physical_deg_s", LP_PARAM_FLOAT, FIELD(slew_physical_deg_s), .initial = "900",
 	 .min = 50, .max = 5000},
@@ -81,6 +87,11 @@ static float command_deg(const struct lp_timed *timed, float elapsed_s)
 	return timed->target_deg + timed->offset_deg;
 }
 
+static float unlimited_pulse_us(const struct lp_timed *timed, float angle_deg)
+{
+	return timed->params.servo_zero_us + timed->params.servo_us_per_deg * angle_deg;
+}
+
 /* ---------------------------------------------------------------- steps */
 
 static void enter(struct lp_timed *timed, enum lp_timed_step step, int64_t now_ns)
@@ -91,9 +102,12 @@ static void enter(struct lp_timed *timed, enum lp_timed_step step, int64_t now_n
 
 static void fail(struct lp_timed *timed, const char *fault, const char *next_step, int64_t now_ns)
 {
-	timed->fault = fault;
-	timed->next_step = next_step;
+	if (!timed->fault) { /* what later tries end with says less */
+		timed->fault = fault;
+		timed->next_step = next_step;
+	}
 	timed->homed = false;
+	timed->stopped = timed->tries >= MOST_TRIES;
 	enter(timed, LP_TIMED_FAULT, now_ns);
 	timed->t_again_ns = now_ns + lp_backoff_next_ns(&timed->again);
 }
@@ -102,6 +116,15 @@ static void go_down(struct lp_timed *timed, int64_t now_ns)
 {
 	timed->from_deg = timed->target_deg + timed->offset_deg;
 	enter(timed, LP_TIMED_DOWN, now_ns);
+}
+
+bool lp_timed_check(const struct lp_timed_params *params, const char *object)
+{
+	if (params->servo_min_us < params->servo_max_us)
+		return true;
+	lp_error(object, "servo_min_us", "%g is not below servo_max_us=%g",
+		 (double)params->servo_min_us, (double)params->servo_max_us);
+	return false;
 }
 
 void lp_timed_init(struct lp_timed *timed)
@@ -115,6 +138,11 @@ int lp_timed_move(struct lp_timed *timed, float target_deg, int64_t now_ns, cons
 {
 	const int below = edges_below(timed, target_deg);
 
+	const float pulse_us = unlimited_pulse_us(timed, target_deg);
+
+	*reason = "beyond the servo's pulses";
+	if (pulse_us < timed->params.servo_min_us || pulse_us > timed->params.servo_max_us)
+		return -ERANGE;
 	*reason = "beyond the comb";
 	if (below < 2 || below >= timed->params.edges)
 		return -ERANGE;
@@ -133,6 +161,8 @@ void lp_timed_forget(struct lp_timed *timed, int64_t now_ns)
 	timed->homed = false;
 	timed->offset_deg = 0;
 	timed->fault = NULL;
+	timed->tries = 0;
+	timed->stopped = false;
 	enter(timed, LP_TIMED_IDLE, now_ns);
 }
 
@@ -181,6 +211,7 @@ static void arrive(struct lp_timed *timed, int64_t now_ns, bool sensor_on)
 	} else {
 		timed->homed = true;
 		timed->fault = NULL;
+		timed->tries = 0;
 		lp_backoff_reset(&timed->again);
 		enter(timed, LP_TIMED_REST, now_ns);
 	}
@@ -195,7 +226,8 @@ void lp_timed_tick(struct lp_timed *timed, int64_t now_ns, bool sensor_on)
 	if (isnan(timed->target_deg))
 		return;
 	if (timed->step == LP_TIMED_IDLE ||
-	    (timed->step == LP_TIMED_FAULT && now_ns >= timed->t_again_ns)) {
+	    (timed->step == LP_TIMED_FAULT && !timed->stopped && now_ns >= timed->t_again_ns)) {
+		timed->tries += timed->step == LP_TIMED_FAULT;
 		timed->offset_deg = 0;
 		go_down(timed, now_ns);
 	} else if (timed->step == LP_TIMED_DOWN) {
@@ -222,8 +254,9 @@ float lp_timed_pulse_us(const struct lp_timed *timed, int64_t now_ns)
 	if (timed->step == LP_TIMED_IDLE || timed->step == LP_TIMED_FAULT ||
 	    (timed->step == LP_TIMED_REST && elapsed_s > timed->params.hold_s))
 		return 0;
-	return timed->params.servo_zero_us +
-	       timed->params.servo_us_per_deg * command_deg(timed, elapsed_s);
+	return fminf(fmaxf(unlimited_pulse_us(timed, command_deg(timed, elapsed_s)),
+			   timed->params.servo_min_us),
+		     timed->params.servo_max_us);
 }
 
 void lp_timed_state(const struct lp_timed *timed, int64_t now_ns, struct lp_wheel_state *state)

@@ -19,8 +19,10 @@
 #include "include/rotator.h"
 
 struct lp_timed_params {
-	float servo_zero_us;	   /* pulse at 0 degrees */
-	float servo_us_per_deg;	   /* may be negative */
+	float servo_zero_us;	/* pulse at 0 degrees */
+	float servo_us_per_deg; /* may be negative */
+	float servo_min_us;	/* the servo's own limits: no pulse is shorter or longer */
+	float servo_max_us;
 	float slew_deg_s;	   /* commanded */
 	float slew_physical_deg_s; /* nothing real is faster */
 	float lag_ms;		   /* of the wheel behind the pulses */
@@ -49,7 +51,9 @@ struct lp_timed {
 	int edges;	    /* since UP began */
 	int64_t t_again_ns; /* FAULT: tries again then */
 	struct lp_backoff again;
-	const char *fault; /* name; NULL: none */
+	int tries;	   /* since the wheel was homed last */
+	bool stopped;	   /* no more of them: there may be a finger in the gear */
+	const char *fault; /* the first since then, by name; NULL: none */
 	const char *next_step;
 };
 
@@ -57,9 +61,12 @@ struct lp_timed {
 extern const struct lp_param lp_timed_param_table[];
 extern const int lp_timed_param_count;
 
+/* False: the parameters contradict each other; logged for `object`. */
+bool lp_timed_check(const struct lp_timed_params *params, const char *object);
+
 void lp_timed_init(struct lp_timed *timed);
 
-/* -ERANGE, with *reason: the comb cannot prove this angle. */
+/* -ERANGE, with *reason: the comb cannot prove this angle, or the servo cannot go there. */
 int lp_timed_move(struct lp_timed *timed, float target_deg, int64_t now_ns, const char **reason);
 
 /* Power has come (back): the angle is not known. */

@@ -16,6 +16,7 @@
 #include "base/clock.h"
 #include "base/loop.h"
 #include "drivers/link/bus_thread.h"
+#include "drivers/wheel/guard.h"
 
 /* Registers, NXP's data sheet of the PCA9685, section 7.3. */
 #define MODE1 0x00
@@ -41,7 +42,8 @@ struct answer {
 /* The thread's own. */
 struct chip {
 	struct lp_servo_hat_settings settings;
-	int bus_fd; /* -1: not open */
+	int bus_fd;   /* -1: not open */
+	int guard_fd; /* ends the pulses should this program die; -1: none */
 };
 
 struct lp_servo_hat {
@@ -54,7 +56,7 @@ struct lp_servo_hat {
 
 /* ---------------------------------------------------------------- the thread */
 
-/* 0 or -errno. */
+/* 0 or -errno. Safe after fork(), as write_pulse() is. */
 static int write_registers(const struct chip *chip, uint8_t *bytes, uint16_t count)
 {
 	struct i2c_msg message = {.addr = (uint16_t)chip->settings.address,
@@ -82,6 +84,12 @@ static int write_pulse(const struct chip *chip, float pulse_us)
 			       5);
 }
 
+static void end_pulses(int bus_fd, const void *chip)
+{
+	(void)bus_fd;
+	(void)write_pulse(chip, 0);
+}
+
 /* The pre-scaler can be set only while the chip sleeps. */
 static int set_up(const struct chip *chip)
 {
@@ -107,11 +115,18 @@ static int answer(int fd, enum stage stage, int error)
 
 static int open_chip(struct chip *chip, int fd)
 {
+	int ret;
+
 	chip->bus_fd = open(chip->settings.device, O_RDWR | O_CLOEXEC);
 	if (chip->bus_fd < 0)
 		return answer(fd, OPENED, -errno);
 	(void)ioctl(chip->bus_fd, I2C_TIMEOUT, BUS_TIMEOUT_10MS);
-	return answer(fd, SET_UP, set_up(chip));
+	ret = set_up(chip);
+	if (ret == 0) {
+		chip->guard_fd = lp_guard_start(chip->bus_fd, end_pulses, chip);
+		ret = chip->guard_fd < 0 ? chip->guard_fd : 0;
+	}
+	return answer(fd, SET_UP, ret);
 }
 
 /* The newest pulse that the loop has sent. False: none has come. */
@@ -151,6 +166,7 @@ static void finish(void *context)
 
 	if (chip->bus_fd >= 0)
 		close(chip->bus_fd);
+	lp_guard_release(chip->guard_fd);
 	free(chip);
 }
 
@@ -206,7 +222,7 @@ int lp_servo_hat_open(struct lp_servo_hat *hat)
 	chip = calloc(1, sizeof(*chip));
 	if (!chip)
 		return -ENOMEM;
-	*chip = (struct chip){.settings = hat->settings, .bus_fd = -1};
+	*chip = (struct chip){.settings = hat->settings, .bus_fd = -1, .guard_fd = -1};
 	job.context = chip;
 	ret = lp_bus_thread_start(&job, &hat->thread);
 	if (ret < 0) {

@@ -24,6 +24,7 @@
 #define FIRST_RETRY_NS (200 * LP_NS_PER_MS)
 #define LAST_RETRY_NS (2 * LP_NS_PER_S)
 #define WAITING "pca9685-waiting"
+#define STOPPED "; tried three times: to try again restart lightprobed"
 
 extern const struct lp_rotator_ops lp_rotator_pca9685_ops;
 
@@ -39,6 +40,7 @@ struct rotator_pca9685 {
 	struct keys keys;
 	struct lp_timed timed;
 	const char *last_fault; /* of the model, as the host knows it; NULL: none */
+	bool last_stopped;
 	struct lp_timer tick;
 	struct lp_servo_hat *hat;
 	struct lp_index *index; /* NULL: hat and index are not both there */
@@ -74,17 +76,19 @@ static void report_fault(struct rotator_pca9685 *self)
 	const char *fault = self->timed.fault;
 	char text[500];
 
-	if (fault == self->last_fault)
+	if (fault == self->last_fault && self->timed.stopped == self->last_stopped)
 		return;
 	if (self->last_fault)
 		host->fault(host->context, self->last_fault, NULL);
 	if (fault) {
-		(void)snprintf(text, sizeof(text), "%s: %s: %s", self->object, fault,
-			       self->timed.next_step);
-		lp_warning(self->object, fault, "%s", self->timed.next_step);
+		(void)snprintf(text, sizeof(text), "%s: %s: %s%s", self->object, fault,
+			       self->timed.next_step, self->timed.stopped ? STOPPED : "");
+		lp_warning(self->object, fault, "%s%s", self->timed.next_step,
+			   self->timed.stopped ? STOPPED : "");
 		host->fault(host->context, fault, text);
 	}
 	self->last_fault = fault;
+	self->last_stopped = self->timed.stopped;
 }
 
 /* ---------------------------------------------------------------- the sensor */
@@ -322,6 +326,8 @@ static int pca9685_create(const struct lp_uri *uri, const struct lp_rotator_host
 	self->edges.fd = -1;
 	self->retry = (struct lp_backoff){.first_ns = FIRST_RETRY_NS, .longest_ns = LAST_RETRY_NS};
 	ret = read_keys(uri, &self->keys);
+	if (ret == 0 && !lp_timed_check(&self->keys.timed, uri->text))
+		ret = -EINVAL;
 	if (ret == 0)
 		ret = create_hat(self);
 	if (ret < 0) {
@@ -340,6 +346,7 @@ const struct lp_rotator_ops lp_rotator_pca9685_ops = {
 	.help = "pca9685:I2C-DEVICE  the wheel on a servo hat (/dev/i2c-1), one sensor of its "
 		"comb\n"
 		"      on a GPIO line ?address=0x40 &channel=0 &chip=gpiochip0 &line=17\n"
+		"      &servo_min_us=500 &servo_max_us=2500\n"
 		"      &servo_zero_us=800 &servo_us_per_deg=7.407 &slew_deg_s=90 &lag_ms=40\n"
 		"      &settle_ms=200 &hold_s=10 &first_deg=-16.5 &pitch_deg=6 &edges=34\n"
 		"      &edge_error_deg=0.3 &tolerance_deg=6 &slew_physical_deg_s=900",
