@@ -89,7 +89,7 @@ $(OUT)/lib/liblp_$(1).a: $(filter-out %/main.c.o,$(call objects,$(1)))
 endef
 $(foreach r,$(DAEMON_ROOMS),$(eval $(call lp_library,$(r))))
 
-$(OUT)/%.c.o: %.c $(OUT)/packages.stamp | $(PROTO_H) $(DBC_H)
+$(OUT)/%.c.o: %.c $(OUT)/packages.stamp | $(PROTO_H) $(DBC_H) $(MCU_FAULTS_H)
 	@mkdir -p $(@D) && echo '  cc $@'
 	@$(CC) $(LP_CPPFLAGS) $(LP_CFLAGS) -c -o $@ $<
 

@@ -5,14 +5,18 @@ from __future__ import annotations
 import math
 import os
 import random
+import subprocess
+import sys
 import time
 import tty
 from collections import Counter, deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import pytest
+import serial
 from box import Box, monotonic_ns
 from harness import Camera, Client, Daemon, camera, jpeg, run, streaming, wait_for
 from lightprobe.mcu import link as mcu_link
@@ -119,13 +123,13 @@ def test_frames_carry_the_wheels_true_angle(target):
 
 def test_the_ring_follows_the_light():
     with probe() as p:
-        p.box.set(**{f"ldr{k}_mv": 1000 + 300 * k for k in range(9)})
+        p.box.set(adc_offset_lsb=0, **{f"ldr{k}_mv": 1000 + 300 * k for k in range(9)})
 
         def as_set(health: pb.Health) -> bool:
             lux = health.ring.illuminance_lux
-            ohm = [3300 * (5000 / (1000 + 300 * k) - 1) for k in range(9)]
+            ohm = [3300 * (5000 / (1000 + 300 * k) - 1) - 85 for k in range(9)]  # multiplexer
             wanted = [10 * (14000 / r) ** (1 / 0.7) for r in ohm]
-            return all(abs(a / b - 1) < 0.02 for a, b in zip(lux, wanted, strict=True))
+            return all(abs(a / b - 1) < 0.03 for a, b in zip(lux, wanted, strict=True))
 
         p.until(as_set, "health")
         health = p.until(lambda h: h.ring.samples > 200, "health")
@@ -135,16 +139,87 @@ def test_the_ring_follows_the_light():
 def test_an_open_sensor_is_named_and_flagged():
     with probe() as p:
         p.stamp(0)
-        p.box.set(ldr3_mv=0)
+        p.box.set(ldr3_forced=0)
         health = p.fault("LDR_OPEN")
         assert "LDR_OPEN" in health.faults[0].text
         estimate = p.until(lambda e: e.flags & RING_FAULT)
         assert not estimate.flags & WHEEL_FAULT
         health = p.until(lambda h: str(h.ring.illuminance_lux[3]) == "nan", "health")
         assert health.ring.illuminance_lux[2] > 0
-        p.box.set(ldr3_mv=1500)
-        p.fault("LDR_OPEN", there=False)
+        p.box.set(ldr3_forced=-1)
         p.until(lambda e: not e.flags & RING_FAULT)
+        p.fault("LDR_OPEN")  # until somebody has seen it
+
+
+def test_what_nobody_has_seen_stays():
+    """A fault that a person must know of survives the daemon, which clears others meanwhile."""
+    with probe("host", "--wheel-angles=0,120", "--wheel-dwell-ms=200") as p:
+        p.box.command("eeprom " + "55" * 300)  # both copies
+        p.box.command("reset")
+        p.fault("PARAMS_LOST")
+        p.stamp(120)
+        p.box.set(stuck=1)
+        p.fault("WHEEL_STUCK")
+        p.box.set(stuck=0)
+        p.fault("WHEEL_STUCK", there=False)  # cleared, and homed
+        health = p.fault("PARAMS_LOST")
+        assert "calibrate, and save" in health.faults[0].text
+        p.daemon.stop()
+        words = tool(p.box, "info")
+        assert "PARAMS_LOST: the stored parameters are damaged" in words
+        assert tool(p.box, "clear").strip() == "none"
+
+
+def tool(box: Box, *words: str, status: int = 0) -> str:
+    """`lightprobe mcu` on the box's port: what it prints, or its error."""
+    lightprobe = Path(sys.executable).parent / "lightprobe"
+    done = subprocess.run(
+        [lightprobe, "mcu", *words, "--port", f"serial:{box.tty}"],
+        capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == status, done.stdout + done.stderr
+    return done.stdout if status == 0 else done.stderr
+
+
+def test_daemon_and_tool_do_not_share_a_port():
+    with probe("host", "--wheel-angles=0,45", "--wheel-dwell-ms=200") as p:
+        p.stamp(0)
+        lost = p.until(lambda h: h.ring.samples > 100, "health").ring.samples_lost
+        words = tool(p.box, "info", status=1)
+        assert "open: in use: is lightprobed or another program using it?" in words
+        p.stamp(45)
+        health = p.until(lambda h: h.ring.samples > 300, "health")
+        assert health.ring.samples_lost == lost
+    with (
+        Box() as box, serial.Serial(str(box.tty), exclusive=True), camera() as cam,
+        Daemon(f"--source=sim:{cam.path}", f"--rotator=mcu:serial:{box.tty}") as daemon,
+    ):
+        daemon.wait_log("is another program using it? lightprobe mcu, or another lightprobed")
+
+
+def test_a_jam_is_tried_three_times_under_its_first_name():
+    """And then the servo is left alone: a finger may be in the gear."""
+    with probe("host", "--wheel-angles=0,120", "--wheel-dwell-ms=200", ring=False) as p:
+        p.stamp(120)
+        p.box.set(stuck=1)
+        p.fault("WHEEL_STUCK")
+
+        def still_jammed(health: pb.Health) -> bool:
+            wheel = [f for f in health.faults if f.id.startswith(("WHEEL", "INDEX"))]
+            assert [f.id for f in wheel] == ["WHEEL_STUCK"]
+            return "tried three times" in wheel[0].text
+
+        health = p.until(still_jammed, "health")
+        assert health.wheel.phase == Phase.FAULT
+        assert p.box.command("get powered") == "0"
+        p.box.set(stuck=0)
+        time.sleep(2)
+        assert p.box.command("get powered") == "0"
+        p.box.set(line_unplugged=1)
+        p.fault("mcu-waiting")
+        p.box.set(line_unplugged=0)  # a person's hand: the Nano starts anew
+        p.stamp(120)
+        p.until(lambda h: not h.faults, "health")
 
 
 FAULTS = {
@@ -157,7 +232,7 @@ FAULTS = {
         {"WHEEL_TOO_FAST"},
     ),
     "index noise": ({"index_glitches": 4000}, {"index_glitches": 0}, {"INDEX_NOISE"}),
-    "supply low": ({"supply_mv": 4000}, {"supply_mv": 5000}, {"SUPPLY_LOW"}),
+    "supply low": ({"supply_mv": 3400}, {"supply_mv": 4700}, {"SUPPLY_LOW"}),
 }
 
 
@@ -183,9 +258,9 @@ def test_index_never_or_always_seen(sensor, level):
     with probe("host", "--wheel-angles=0,120", "--wheel-dwell-ms=200") as p:
         p.stamp(0)
         p.box.set(**{f"index_{s}_forced": level for s in sensor})
-        wanted = {"INDEX_PATTERN"} if len(sensor) == 1 else {("INDEX_NEVER", "INDEX_ALWAYS")[level]}
-        # A move may blame the wheel; the homing after it tells.
-        p.until(lambda h: {f.id for f in h.faults} == wanted, "health")
+        name = "INDEX_PATTERN" if len(sensor) == 1 else ("INDEX_NEVER", "INDEX_ALWAYS")[level]
+        # A move may blame the wheel, and that name stays; the homing after it tells.
+        p.until(lambda h: any(name in f.text for f in h.faults), "health")
         p.box.set(index_a_forced=-1, index_b_forced=-1)
         p.stamp(120)
 
@@ -330,14 +405,16 @@ def test_what_the_command_line_says_of_wheel_and_ring(tmp_path):
     assert "name one: mcu:serial:" in says("--rotator=mcu:/dev/ttyUSB0")
     assert "known: mcu:, pca9685:, sim:" in says("--rotator=servo:")
     assert "known: baud, address, ring_scans" in says("--rotator=mcu:can:can0?rate=1")
+    assert "ring_scans=2" in says("--ring=mcu:can:can0?ring_scans=2")  # 8 and more
     assert "baud" in says("--rotator=mcu:serial:/dev/x?baud=250000")
     assert "name the bus" in says("--rotator=pca9685:")
     assert "No such file or directory — check calibration=" in says(
         f"--ring=mcu:can:can0?calibration={tmp_path}/ring.ini"
     )
-    (tmp_path / "ring.ini").write_text("[ring]\nversion = 1\ndivider_ohm = 3300\nr10_ohm = 1000\n")
+    values = "divider_ohm = 3300\ndrift_sigma = 0.15\nr10_ohm = 1000\n"
+    (tmp_path / "ring.ini").write_text(f"[ring]\nversion = 2\n{values}")
     assert "want nine" in says(f"--ring=mcu:can:can0?calibration={tmp_path}/ring.ini")
-    (tmp_path / "ring.ini").write_text("[ring]\nversion = 2\n")
+    (tmp_path / "ring.ini").write_text("[ring]\nversion = 1\n")
     assert "calibrate anew" in says(f"--ring=mcu:can:can0?calibration={tmp_path}/ring.ini")
     (tmp_path / "ring.ini").write_text("[ring]\ngamma = 2\n")
     assert "0.3..1.5" in says(f"--ring=mcu:can:can0?calibration={tmp_path}/ring.ini")

@@ -19,36 +19,22 @@
 #include "include/connections.h"
 #include "loop_test.h"
 
+/* The table's names and numbers are the schema's: cantools made the numbers here. */
 static void test_names_are_the_schemas(void **state)
 {
-#define SAME(NAME) assert_string_equal(lp_mcu_fault(MCU_FAULT_FAULT_##NAME##_CHOICE)->name, #NAME)
 	(void)state;
-	SAME(WHEEL_STUCK);
-	SAME(WHEEL_SLOW);
-	SAME(WHEEL_SLIP);
-	SAME(WHEEL_TOO_FAST);
-	SAME(INDEX_NEVER);
-	SAME(INDEX_ALWAYS);
-	SAME(INDEX_PATTERN);
-	SAME(INDEX_NOISE);
-	SAME(FEEDBACK_OPEN);
-	SAME(SUPPLY_LOW);
-	SAME(LDR_OPEN);
-	SAME(LDR_SHORTED);
-	SAME(PARAMS_LOST);
-	SAME(PARAMS_COPY_LOST);
-	SAME(CAN_ABSENT);
-	SAME(CAN_BUS_OFF);
-	SAME(RESET_BROWN_OUT);
-	SAME(RESET_WATCHDOG);
-	SAME(RESET_STACK);
-	assert_string_equal(lp_mcu_fault(MCU_FAULT_FAULT_I2_C_BUS_CHOICE)->name, "I2C_BUS");
+	/* cantools spells "I2C" so. */
+#define MCU_FAULT_FAULT_I2C_BUS_CHOICE MCU_FAULT_FAULT_I2_C_BUS_CHOICE
+#define SAME(NAME, number)                                         \
+	assert_int_equal(MCU_FAULT_FAULT_##NAME##_CHOICE, number); \
+	assert_string_equal(lp_mcu_fault(MCU_FAULT_FAULT_##NAME##_CHOICE)->name, #NAME);
+	MCU_FAULTS(SAME)
 	assert_string_equal(lp_mcu_fault(31)->name, "MCU_FAULT");
 	assert_string_equal(lp_mcu_fault(99)->name, "MCU_FAULT");
 	assert_string_equal(lp_mcu_reset_cause(MCU_HELLO_RESET_CAUSE_WATCHDOG_CHOICE), "watchdog");
 	assert_string_equal(lp_mcu_reset_cause(MCU_HELLO_RESET_CAUSE_REQUESTED_CHOICE),
 			    "on request");
-	assert_string_equal(lp_mcu_reset_cause(15), "cause unknown");
+	assert_string_equal(lp_mcu_reset_cause(15), "cause unknown: the boot loader hides it");
 }
 
 /* ---------------------------------------------------------------- a session */
@@ -262,6 +248,57 @@ static void test_seen_is_when_the_answered_request_was_sent(void **state)
 	assert_false(isnan(session.wheel.state.clock_sigma_us));
 }
 
+/* Of a protocol that has WheelRequest. */
+static void greet_newer(void)
+{
+	assert_true(until(NULL, 0, ID(HELLO_REQUEST)));
+	SAY(hello, HELLO, .protocol_major = 1, .protocol_minor = 1, .boot_count = 1);
+	assert_true(until(NULL, 0, ID(RATES)));
+	SAY(result, RESULT, .request = ID(RATES));
+	assert_true(until(&session.found, 1, 0));
+}
+
+static void reply_wheel(uint8_t count, uint8_t phase, int16_t measured_cdeg)
+{
+	SAY(wheel_reply, WHEEL_REPLY, .count = count, .phase = phase, .token = 9,
+	    .measured_cdeg = measured_cdeg, .sigma_cdeg = 60);
+}
+
+static void test_a_look_is_one_small_message_each_way(void **state)
+{
+	(void)state;
+	greet_newer();
+	say_wheel(1, 1);
+	assert_true(until(&session.wheels, 1, 0));
+	lp_mcu_look(session.mcu);
+	assert_true(until(NULL, 0, ID(WHEEL_REQUEST)));
+	reply_wheel(2, 3, 4533); /* 1 was the clock's, after Rates */
+	assert_true(until(&session.wheels, 2, 0));
+	assert_true(fabsf(session.wheel.state.measured_deg - 45.33F) < 1e-4F);
+	assert_int_equal(session.wheel.state.phase, LP_WHEEL_SETTLED);
+	const int64_t seen_ns = session.wheel.state.t_seen_ns;
+
+	assert_true(seen_ns > 0);
+	/* Answered already, or of a phase whose beginning was not told yet: nothing is told. */
+	reply_wheel(2, 3, 4600);
+	lp_mcu_look(session.mcu);
+	assert_true(until(NULL, 0, ID(WHEEL_REQUEST)));
+	reply_wheel(3, 2, 4600);
+	say_wheel(2, 2); /* and this is newer than that reply */
+	assert_true(until(&session.wheels, 3, 0));
+	assert_int_equal(session.wheels, 3);
+	assert_true(fabsf(session.wheel.state.measured_deg - 45.12F) < 1e-4F);
+	assert_true(session.wheel.state.t_seen_ns > seen_ns);
+}
+
+static void test_older_firmware_is_asked_as_it_understands(void **state)
+{
+	(void)state;
+	greet(1);
+	lp_mcu_look(session.mcu);
+	assert_true(until(NULL, 0, ID(STATUS_REQUEST)));
+}
+
 static void test_an_unasked_hello_is_a_reset(void **state)
 {
 	(void)state;
@@ -276,22 +313,55 @@ static void test_an_unasked_hello_is_a_reset(void **state)
 	assert_int_equal(session.wheel.state.reconnects, 1);
 }
 
+static float share_of(const struct lp_ldr_calibration *calibration, int sensor, float ohm)
+{
+	const struct lp_ldr *ldr = &calibration->sensors[sensor];
+
+	return calibration->divider_ohm / (calibration->divider_ohm + ldr->series_ohm + ohm);
+}
+
 static void test_illuminance_of_levels(void **state)
 {
 	struct lp_ldr_calibration calibration;
+	float sigma;
 
 	(void)state;
 	lp_ldr_defaults(&calibration);
 	/* R10 at 10 lx, wherever it lies in the divider. */
-	const float share = 3300.0F / (3300.0F + 14000.0F);
+	const float share = share_of(&calibration, 4, 14000);
 
-	assert_true(fabsf(lp_ldr_lux(&calibration, 4, share) - 10) < 1e-3F);
-	calibration.gamma[2] = 1;
-	calibration.r10_ohm[2] = 33000;
-	assert_true(fabsf(lp_ldr_lux(&calibration, 2, 0.5F) - 100) < 1e-2F);
-	assert_true(isnan(lp_ldr_lux(&calibration, 0, 0)));
-	assert_true(isnan(lp_ldr_lux(&calibration, 0, 1)));
-	assert_true(isnan(lp_ldr_lux(&calibration, 0, NAN)));
+	assert_true(fabsf(lp_ldr_lux(&calibration, 4, share, &sigma) - 10) < 1e-3F);
+	/* At the pivot: what the fit and the drift leave, and a little by the ADC. */
+	assert_true(sigma > hypotf(0.4F, 0.15F) && sigma < 1.02F * hypotf(0.4F, 0.15F));
+	calibration.sensors[2].gamma = 1;
+	calibration.sensors[2].r10_ohm = 33000;
+	assert_true(fabsf(lp_ldr_lux(&calibration, 2, share_of(&calibration, 2, 3300), &sigma) -
+			  100) < 1e-2F);
+	assert_true(isnan(lp_ldr_lux(&calibration, 0, 0, &sigma)));
+	assert_true(isnan(sigma));
+	assert_true(isnan(lp_ldr_lux(&calibration, 0, 1, &sigma)));
+	assert_true(isnan(lp_ldr_lux(&calibration, 0, NAN, &sigma)));
+}
+
+static void test_sigma_of_illuminance_grows_with_what_is_not_known(void **state)
+{
+	struct lp_ldr_calibration calibration;
+	float sigma, brighter;
+
+	(void)state;
+	lp_ldr_defaults(&calibration);
+	/* The series resistance against the LDR's own, to first order. */
+	calibration.sensors[0] = (struct lp_ldr){.r10_ohm = 14000,
+						 .gamma = 0.7F,
+						 .series_ohm = 85,
+						 .pivot_lux = 10,
+						 .series_sigma_ohm = 20};
+	calibration.drift_sigma = 0;
+	(void)lp_ldr_lux(&calibration, 0, share_of(&calibration, 0, 200), &sigma);
+	assert_true(fabsf(sigma - 20.0F / 200 / 0.7F) < 0.01F);
+	/* Less resistance than what is in series has: bright, and hardly known. */
+	assert_true(lp_ldr_lux(&calibration, 0, 4080.0F / 4092, &brighter) > 5e4F);
+	assert_true(brighter > 1);
 }
 
 int main(void)
@@ -304,7 +374,12 @@ int main(void)
 		cmocka_unit_test_setup_teardown(test_seen_is_when_the_answered_request_was_sent,
 						setup, teardown),
 		cmocka_unit_test_setup_teardown(test_an_unasked_hello_is_a_reset, setup, teardown),
+		cmocka_unit_test_setup_teardown(test_a_look_is_one_small_message_each_way, setup,
+						teardown),
+		cmocka_unit_test_setup_teardown(test_older_firmware_is_asked_as_it_understands,
+						setup, teardown),
 		cmocka_unit_test(test_illuminance_of_levels),
+		cmocka_unit_test(test_sigma_of_illuminance_grows_with_what_is_not_known),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -62,8 +62,8 @@ static const struct lp_param params[] = {
 	 .min = 115200, .max = 1000000},
 	{"address", LP_PARAM_OWN, offsetof(struct lp_mcu_settings, address), .initial = "0x2c",
 	 .parse = parse_address, .expects = "an I2C address, 0x08..0x77"},
-	{"ring_scans", LP_PARAM_INT, offsetof(struct lp_mcu_settings, ring_scans), .min = 1,
-	 .max = 255},
+	{"ring_scans", LP_PARAM_INT, offsetof(struct lp_mcu_settings, ring_scans), .initial = "8",
+	 .min = 8, .max = 255},
 };
 #define PARAMS (sizeof(params) / sizeof(params[0]))
 
@@ -83,14 +83,11 @@ int lp_mcu_check_keys(const struct lp_uri *uri, const struct lp_param *own, size
 }
 
 /* Keys of the connection; those of the user's own are its to read. */
-static int read_settings(const struct lp_uri *uri, const char *carrier,
-			 struct lp_mcu_settings *settings)
+static int read_settings(const struct lp_uri *uri, struct lp_mcu_settings *settings)
 {
 	int ret = 0;
 
 	lp_param_defaults(params, PARAMS, settings);
-	/* Every message waits for a poll on I2C: 100 rings a second there, else 400. */
-	settings->ring_scans = strcmp(carrier, "i2c") == 0 ? 8 : 2;
 	for (int i = 0; i < uri->key_count && ret == 0; i++) {
 		if (lp_param_find(params, PARAMS, uri->keys[i].name))
 			ret = lp_param_set(params, PARAMS, settings, uri->text, uri->keys[i].name,
@@ -124,7 +121,7 @@ static int create_link(struct lp_mcu *mcu, struct lp_loop *loop, const struct lp
 	struct lp_link_settings settings;
 	int ret;
 
-	ret = read_settings(uri, carrier->scheme, &mcu->settings);
+	ret = read_settings(uri, &mcu->settings);
 	if (ret < 0)
 		return ret;
 	settings = (struct lp_link_settings){.baud = mcu->settings.baud,
@@ -146,7 +143,8 @@ static int create(struct lp_connections *connections, struct lp_loop *loop,
 	mcu->base.name = mcu->name;
 	lp_timer_init(loop, &mcu->tick, lp_mcu_tick);
 	mcu->retry = (struct lp_backoff){.first_ns = FIRST_RETRY_NS, .longest_ns = LAST_RETRY_NS};
-	mcu->clear = (struct lp_backoff){.first_ns = FIRST_CLEAR_NS, .longest_ns = LAST_CLEAR_NS};
+	mcu->recovery.clear =
+		(struct lp_backoff){.first_ns = FIRST_CLEAR_NS, .longest_ns = LAST_CLEAR_NS};
 	(void)snprintf(mcu->name, sizeof(mcu->name), "%s", uri->rest);
 	(void)snprintf(mcu->object, sizeof(mcu->object), "mcu:%s", mcu->name);
 	ret = create_link(mcu, loop, uri, carrier, device);
@@ -232,6 +230,5 @@ void lp_mcu_look(struct lp_mcu *mcu)
 {
 	if (mcu->state != LP_MCU_READY)
 		return;
-	lp_mcu_ask_time(mcu);
-	lp_mcu_ask_status(mcu);
+	lp_mcu_ask_wheel(mcu);
 }

@@ -65,6 +65,8 @@ void lp_mcu_start(struct lp_mcu *mcu);
 void lp_mcu_home(struct lp_mcu *mcu, uint8_t token);
 void lp_mcu_move(struct lp_mcu *mcu, uint8_t token, float target_deg); /* 0..180 */
 void lp_mcu_release(struct lp_mcu *mcu);
+/* The wheel is not turned any more: it failed three times in a row, and a person must look. */
+bool lp_mcu_wheel_stopped(const struct lp_mcu *mcu);
 /* Ask for a wheel state seen from now on. */
 void lp_mcu_look(struct lp_mcu *mcu);
 

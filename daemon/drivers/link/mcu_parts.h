@@ -29,6 +29,15 @@ struct lp_mcu_settings {
 	int baud, address, ring_scans;
 };
 
+struct lp_mcu_recovery {
+	uint32_t faults;    /* latched, as last told */
+	unsigned trouble;   /* number of the wheel's fault that began it; 0: none */
+	int tries;	    /* to home it since */
+	bool stopped;	    /* no more of them */
+	int64_t t_clear_ns; /* 0: nothing to clear */
+	struct lp_backoff clear;
+};
+
 struct lp_mcu {
 	struct lp_connection base;
 	struct lp_connections *connections;
@@ -43,13 +52,14 @@ struct lp_mcu {
 	int64_t t_state_ns, t_next_ns, t_heard_ns, t_hello_ns, t_time_ns;
 	struct lp_backoff retry; /* of opening */
 	uint16_t boot_count;
+	uint8_t protocol_minor; /* the microcontroller's */
 	bool was_found;
 	uint64_t reconnects;
 
 	struct lp_link_clock clock;
 	uint8_t time_count;
 	int64_t time_sent_ns[256]; /* by count; 0: answered, or never asked */
-	int64_t t_seen_ns;	   /* sending of the newest TimeRequest that was answered */
+	int64_t t_seen_ns;	   /* sending of the newest request that was answered */
 
 	struct mcu_wheel_state_t wheel;
 	bool wheel_waits; /* for the WheelTime that belongs to it */
@@ -62,9 +72,7 @@ struct lp_mcu {
 	bool ring_known;
 	uint32_t ring_sequence;
 
-	uint32_t faults;	 /* latched, as last told */
-	struct lp_backoff clear; /* of clearing faults */
-	int64_t t_clear_ns;	 /* 0: nothing to clear */
+	struct lp_mcu_recovery recovery;
 };
 
 /* Of a message of proto/mcu.dbc, as in struct lp_link_message. */
@@ -89,10 +97,17 @@ void lp_mcu_lost(void *context, const char *stage, const char *reason);
 void lp_mcu_link_fault(void *context, const char *id, const char *text);
 void lp_mcu_ask_time(struct lp_mcu *mcu);
 void lp_mcu_ask_status(struct lp_mcu *mcu);
+void lp_mcu_ask_wheel(struct lp_mcu *mcu);
 
 /* What only counts once rates are set: before that it may be left over from before a reset. */
 void lp_mcu_report(struct lp_mcu *mcu, const struct lp_link_message *message, int64_t t_ns);
-/* All latched faults by bit; those that came or went are told. */
+
+/* Recovery (mcu_recovery.c): all latched faults by bit, those that came or went are told; clearing
+ * them by time; a homing that succeeded; a connection that is lost; a Hello that tells a reset. */
 void lp_mcu_set_faults(struct lp_mcu *mcu, uint32_t faults, int detail);
+void lp_mcu_clear_faults(struct lp_mcu *mcu, int64_t now_ns);
+void lp_mcu_wheel_settled(struct lp_mcu *mcu);
+void lp_mcu_forget_faults(struct lp_mcu *mcu);
+void lp_mcu_was_reset(struct lp_mcu *mcu, uint8_t cause);
 
 #endif

@@ -4,7 +4,6 @@
 #include <stdio.h>
 
 #include "base/log.h"
-#include "drivers/link/mcu_faults.h"
 #include "drivers/link/mcu_parts.h"
 
 #define UNKNOWN_CDEG INT16_MIN
@@ -30,6 +29,7 @@ int lp_link_length(uint8_t id)
 		ROW(RING2);
 		ROW(COUNTERS_LINK);
 		ROW(COUNTERS_WORK);
+		ROW(WHEEL_REPLY);
 	default:
 		return -1;
 	}
@@ -106,6 +106,8 @@ static void tell_wheel(struct lp_mcu *mcu, uint32_t t_phase_us)
 			  .clock_sigma_us = clock_sigma_us(mcu, t_phase_us),
 			  .reconnects = mcu->reconnects}};
 
+	if (wheel.state.phase == LP_WHEEL_SETTLED)
+		lp_mcu_wheel_settled(mcu);
 	for (struct lp_mcu_user *user = mcu->users; user; user = user->next) {
 		if (user->wheel)
 			user->wheel(user, &wheel);
@@ -125,6 +127,27 @@ static void on_wheel_time(struct lp_mcu *mcu, const uint8_t *payload, int64_t t_
 	mcu->wheel_waits = false;
 	note_phase(mcu, &time, t_ns);
 	tell_wheel(mcu, time.t_phase_us);
+}
+
+/* The phase and when it began are told by WheelState and WheelTime, which come at every change. */
+static void on_wheel_reply(struct lp_mcu *mcu, const uint8_t *payload)
+{
+	struct mcu_wheel_reply_t reply;
+	int64_t sent_ns;
+
+	mcu_wheel_reply_unpack(&reply, payload, LP_LINK_MAX_BYTES);
+	sent_ns = mcu->time_sent_ns[reply.count];
+	if (sent_ns == 0)
+		return;
+	mcu->time_sent_ns[reply.count] = 0;
+	mcu->t_seen_ns = sent_ns;
+	if (!mcu->phase_known || mcu->wheel_waits || reply.phase != mcu->phase.phase ||
+	    reply.token != mcu->phase.token)
+		return;
+	mcu->wheel.servo_on = reply.servo_on;
+	mcu->wheel.measured_cdeg = reply.measured_cdeg;
+	mcu->wheel.sigma_cdeg = reply.sigma_cdeg;
+	tell_wheel(mcu, mcu->phase.t_phase_us);
 }
 
 static void on_ring2(struct lp_mcu *mcu, const uint8_t *payload, int64_t t_ns)
@@ -154,36 +177,15 @@ static void on_ring2(struct lp_mcu *mcu, const uint8_t *payload, int64_t t_ns)
 	}
 }
 
-void lp_mcu_set_faults(struct lp_mcu *mcu, uint32_t faults, int detail)
-{
-	const uint32_t changed = faults ^ mcu->faults;
-	char text[600];
-
-	mcu->faults = faults;
-	for (unsigned i = 0; i < 32; i++) {
-		const struct lp_mcu_fault *fault = lp_mcu_fault(i);
-		const bool active = faults >> i & 1;
-
-		if (!(changed >> i & 1))
-			continue;
-		(void)snprintf(text, sizeof(text), "%s: %s (%d): %s", mcu->object, fault->name,
-			       detail, fault->next_step);
-		if (active)
-			lp_warning(mcu->object, fault->name, "%s (%d)", fault->next_step, detail);
-		lp_mcu_tell_fault(mcu, fault->name, active ? text : NULL);
-	}
-	if (faults && mcu->t_clear_ns == 0)
-		mcu->t_clear_ns = lp_clock_ns() + lp_backoff_next_ns(&mcu->clear);
-}
-
 static void on_fault(struct lp_mcu *mcu, const uint8_t *payload)
 {
+	const uint32_t latched = mcu->recovery.faults;
 	struct mcu_fault_t fault;
 	uint32_t bit;
 
 	mcu_fault_unpack(&fault, payload, LP_LINK_MAX_BYTES);
 	bit = UINT32_C(1) << fault.fault;
-	lp_mcu_set_faults(mcu, fault.active ? mcu->faults | bit : mcu->faults & ~bit, fault.detail);
+	lp_mcu_set_faults(mcu, fault.active ? latched | bit : latched & ~bit, fault.detail);
 }
 
 static void on_fault_state(struct lp_mcu *mcu, const uint8_t *payload)
@@ -208,6 +210,9 @@ void lp_mcu_report(struct lp_mcu *mcu, const struct lp_link_message *message, in
 		break;
 	case LP_MCU_ID(WHEEL_TIME):
 		on_wheel_time(mcu, payload, t_ns);
+		break;
+	case LP_MCU_ID(WHEEL_REPLY):
+		on_wheel_reply(mcu, payload);
 		break;
 	case LP_MCU_ID(RING0):
 		mcu_ring0_unpack(&mcu->ring0, payload, LP_LINK_MAX_BYTES);

@@ -11,7 +11,8 @@
 #include "drivers/link/mcu_parts.h"
 
 #define PROTOCOL_MAJOR 1
-#define PROTOCOL_MINOR 0
+#define PROTOCOL_MINOR 1
+#define MINOR_WITH_WHEEL_REQUEST 1
 
 #define ASK_NS (200 * LP_NS_PER_MS)   /* greeting and rates are repeated */
 #define GREETING_NS (5 * LP_NS_PER_S) /* a boot loader takes two seconds of it */
@@ -70,6 +71,21 @@ void lp_mcu_ask_status(struct lp_mcu *mcu)
 	LP_MCU_SEND(mcu, status_request, STATUS_REQUEST, &request);
 }
 
+/* One small message, and one in return; older firmware tells it among everything else. */
+void lp_mcu_ask_wheel(struct lp_mcu *mcu)
+{
+	const struct mcu_wheel_request_t request = {++mcu->time_count};
+
+	if (mcu->protocol_minor < MINOR_WITH_WHEEL_REQUEST) {
+		mcu->time_count--;
+		lp_mcu_ask_time(mcu);
+		lp_mcu_ask_status(mcu);
+		return;
+	}
+	mcu->time_sent_ns[mcu->time_count] = lp_clock_ns();
+	LP_MCU_SEND(mcu, wheel_request, WHEEL_REQUEST, &request);
+}
+
 /* ---------------------------------------------------------------- states */
 
 /* A fault of the connection, logged; NULL: over. */
@@ -94,11 +110,10 @@ static void forget(struct lp_mcu *mcu)
 				user->lost(user);
 		}
 	}
-	lp_mcu_set_faults(mcu, 0, 0);
+	lp_mcu_forget_faults(mcu);
 	memset(&mcu->clock, 0, sizeof(mcu->clock));
 	memset(mcu->time_sent_ns, 0, sizeof(mcu->time_sent_ns));
 	mcu->wheel_waits = mcu->phase_known = mcu->ring_known = false;
-	mcu->t_clear_ns = 0;
 	mcu->t_seen_ns = 0;
 }
 
@@ -183,7 +198,10 @@ static void on_hello(struct lp_mcu *mcu, const uint8_t *payload)
 			   "the microcontroller was reset (%s): starting anew",
 			   lp_mcu_reset_cause(hello.reset_cause));
 	forget(mcu);
+	if (!mcu->was_found || hello.boot_count != mcu->boot_count)
+		lp_mcu_was_reset(mcu, hello.reset_cause);
 	mcu->boot_count = hello.boot_count;
+	mcu->protocol_minor = hello.protocol_minor;
 	if (hello.protocol_major == PROTOCOL_MAJOR)
 		accept_version(mcu, &hello);
 	else
@@ -266,22 +284,6 @@ static void greet(struct lp_mcu *mcu, int64_t now_ns)
 	close_link(mcu, lp_backoff_next_ns(&mcu->retry));
 }
 
-static void clear_faults(struct lp_mcu *mcu, int64_t now_ns)
-{
-	const struct mcu_fault_clear_t clear = {UINT32_MAX};
-
-	if (mcu->t_clear_ns == 0 || now_ns < mcu->t_clear_ns)
-		return;
-	if (mcu->faults) {
-		LP_MCU_SEND(mcu, fault_clear, FAULT_CLEAR, &clear);
-		lp_mcu_ask_status(mcu);
-		mcu->t_clear_ns = now_ns + lp_backoff_next_ns(&mcu->clear);
-	} else { /* none came back meanwhile */
-		lp_backoff_reset(&mcu->clear);
-		mcu->t_clear_ns = 0;
-	}
-}
-
 static void serve(struct lp_mcu *mcu, int64_t now_ns)
 {
 	const int64_t time_ns = mcu->clock.count < FAST_EXCHANGES ? TIME_FAST_NS : TIME_SLOW_NS;
@@ -296,7 +298,7 @@ static void serve(struct lp_mcu *mcu, int64_t now_ns)
 	}
 	if (now_ns - mcu->t_time_ns >= time_ns)
 		lp_mcu_ask_time(mcu);
-	clear_faults(mcu, now_ns);
+	lp_mcu_clear_faults(mcu, now_ns);
 }
 
 void lp_mcu_tick(struct lp_timer *timer)

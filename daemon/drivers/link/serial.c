@@ -5,6 +5,7 @@
 #include <linux/serial.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/file.h>
 #include <sys/ioctl.h>
 #include <termios.h>
 #include <unistd.h>
@@ -65,6 +66,10 @@ static int configure(const struct link_serial *self, int fd, const char **reason
 	struct termios settings;
 	speed_t speed;
 
+	/* As lightprobe's tools do; it ends with the descriptor, however this program ends. */
+	*reason = "is another program using it? lightprobe mcu, or another lightprobed";
+	if (flock(fd, LOCK_EX | LOCK_NB) < 0)
+		return errno == EWOULDBLOCK ? -EBUSY : -errno;
 	*reason = "no serial line, or not at this rate";
 	if (speed_of(self->baud, &speed) < 0 || tcgetattr(fd, &settings) < 0)
 		return errno ? -errno : -EINVAL;
@@ -74,9 +79,6 @@ static int configure(const struct link_serial *self, int fd, const char **reason
 	settings.c_cc[VMIN] = 0;
 	settings.c_cc[VTIME] = 0;
 	if (cfsetspeed(&settings, speed) < 0 || tcsetattr(fd, TCSANOW, &settings) < 0)
-		return -errno;
-	*reason = "is another program using it?";
-	if (ioctl(fd, TIOCEXCL) < 0)
 		return -errno;
 	ask_for_low_latency(fd);
 	return tcflush(fd, TCIOFLUSH) < 0 ? -errno : 0;
@@ -90,7 +92,6 @@ static void serial_close(struct lp_link *link)
 	if (fd < 0)
 		return;
 	lp_watch_stop(&self->watch);
-	(void)ioctl(fd, TIOCNXCL);
 	close(fd);
 }
 

@@ -81,7 +81,7 @@ static void steer(struct rotator_mcu *self, bool ours)
 {
 	const enum lp_wheel_phase phase = self->state.phase;
 
-	if (phase == LP_WHEEL_FAULT)
+	if (phase == LP_WHEEL_FAULT || lp_mcu_wheel_stopped(self->mcu))
 		return;
 	if (!self->commanded || phase == LP_WHEEL_UNKNOWN)
 		command(self, true);
@@ -100,7 +100,9 @@ static void on_wheel(struct lp_mcu_user *user, const struct lp_mcu_wheel *wheel)
 	if (!ours)
 		forget_angle(&self->state);
 	steer(self, ours);
-	if (!ours && self->state.phase != LP_WHEEL_FAULT)
+	if (lp_mcu_wheel_stopped(self->mcu))
+		self->state.phase = LP_WHEEL_FAULT;
+	else if (!ours && self->state.phase != LP_WHEEL_FAULT)
 		self->state.phase = self->homing ? LP_WHEEL_HOMING : LP_WHEEL_MOVING;
 	tell(self);
 }

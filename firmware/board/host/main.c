@@ -39,6 +39,7 @@ static void usage(void)
 	     "  tx HEX          bytes to the firmware\n"
 	     "  frames          frames from it: count, then lines of time, least and\n"
 	     "                  greatest wheel angle of the 2 ms before, bytes\n"
+	     "  eeprom [HEX]    read all, or write from 0\n"
 	     "  time, reset, quit");
 }
 
@@ -121,6 +122,23 @@ static void command_tx(struct process *process, const char *hex)
 	console_answer(&process->console, "ok");
 }
 
+/* All of it, or written from 0. */
+static void command_eeprom(struct process *process, const char *hex)
+{
+	static uint8_t bytes[HOST_EEPROM_BYTES];
+	int count = console_unhex(hex, bytes, sizeof(bytes));
+
+	if (count < 0) {
+		console_answer(&process->console, "error: not hexadecimal");
+		return;
+	}
+	memcpy(host.eeprom, bytes, count);
+	if (count == 0)
+		console_answer_hex(&process->console, host.eeprom, sizeof(host.eeprom));
+	else
+		console_answer(&process->console, "ok");
+}
+
 static void execute(void *context, const char *line)
 {
 	struct process *process = context;
@@ -133,6 +151,8 @@ static void execute(void *context, const char *line)
 		console_answer(console, "ok");
 	} else if (strncmp(line, "tx ", 3) == 0) {
 		command_tx(process, line + 3);
+	} else if (strncmp(line, "eeprom", 6) == 0) {
+		command_eeprom(process, line + 6);
 	} else if (strcmp(line, "frames") == 0) {
 		frame_log_answer(&process->log, console);
 	} else if (strcmp(line, "reset") == 0) {
