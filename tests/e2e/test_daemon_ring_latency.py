@@ -20,10 +20,10 @@ sys.path.append(str(Path(__file__).parents[1] / "firmware"))
 
 from rig import Rig
 
-LIMIT_US = 15_000
+LIMIT_US = 22_000  # the window of 10 ms that the step falls into, the next one, and the way
 EARLY_US = 10_000  # no sample is earlier: one is a mean over 10 ms
 SENSORS = 9
-DIVIDER_OHM, R10_OHM, GAMMA = 3300.0, 14000.0, 0.7  # without calibration
+DIVIDER_OHM, SERIES_OHM, R10_OHM, GAMMA = 3300.0, 85.0, 14000.0, 0.7  # without calibration
 ADC_LSB = 1 / 1023
 
 
@@ -54,7 +54,7 @@ class Line:
 def shares(health) -> list[float]:
     """What the sensors' pins read, as shares of the supply, back from the illuminance."""
     ohm = [R10_OHM * (lux / 10) ** -GAMMA for lux in health.ring.illuminance_lux]
-    return [1 / (1 + r / DIVIDER_OHM) for r in ohm]
+    return [1 / (1 + (r + SERIES_OHM) / DIVIDER_OHM) for r in ohm]
 
 
 def millivolts(step: int) -> list[int]:
@@ -64,12 +64,13 @@ def millivolts(step: int) -> list[int]:
 @pytest.fixture
 def line():
     with Rig() as rig:
+        rig.exact_adc()
         line = Line(rig)
         yield line
         line.close()
 
 
-def test_a_step_of_light_arrives_within_15_ms(line, tmp_path):
+def test_a_step_of_light_arrives_within_22_ms(line, tmp_path):
     clock = SimulatedClock(tmp_path / "time")
     options = [f"--ring=mcu:serial:{os.ttyname(line.slave)}"]
     options += ["--source=sim:/nowhere", f"--simulated-time={tmp_path / 'time'}"]

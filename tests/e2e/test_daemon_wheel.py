@@ -191,7 +191,9 @@ def test_daemon_and_tool_do_not_share_a_port():
         health = p.until(lambda h: h.ring.samples > 300, "health")
         assert health.ring.samples_lost == lost
     with (
-        Box() as box, serial.Serial(str(box.tty), exclusive=True), camera() as cam,
+        Box() as box,
+        serial.Serial(str(box.tty), exclusive=True),
+        camera() as cam,
         Daemon(f"--source=sim:{cam.path}", f"--rotator=mcu:serial:{box.tty}") as daemon,
     ):
         daemon.wait_log("is another program using it? lightprobe mcu, or another lightprobed")
