@@ -13,6 +13,7 @@
 #define BELOW_COMB_CDEG 900 /* homing starts this far below the comb */
 #define HOME_ERROR_CDEG 200 /* of the distance between edges, as homing sees it */
 #define QUIET_MS 60	    /* without an edge: the wheel stands, or creeps at most */
+#define WAKE_MS 100	    /* of a servo that was not supplied: its slow switch, its start */
 #define PROOFS 2	    /* edges that must fit each other before an arrival */
 #define PROOF_CDEG 100	    /* how well */
 
@@ -241,6 +242,8 @@ static void start_approach(struct wheel *wheel, int16_t from_cdeg)
 {
 	start_leg(wheel, from_cdeg, wheel->target_cdeg - value(wheel, PARAM_APPROACH_CDEG),
 		  wheel->slew_ddeg_s);
+	if (!wheel->servo_on)
+		wheel->leg.t0_ms += WAKE_MS;
 	evidence_forget_speed(wheel, from_cdeg);
 	wheel->late = false;
 	wheel->behinds = 0;

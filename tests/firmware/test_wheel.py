@@ -132,6 +132,19 @@ def test_servo_is_released_after_its_hold_and_the_angle_stays_known(homed: Rig) 
     assert homed.get("wheel_deg") == pytest.approx(135, abs=1.2)
 
 
+@pytest.mark.parametrize("wake_ms", [60, 95])
+def test_a_servo_that_wakes_late_is_no_fault(homed: Rig, wake_ms: float) -> None:
+    """Its switch is slow so that it draws no surge, and its own controller has to start."""
+    homed.set(servo_wake_ms=wake_ms)
+    for target_deg in (170, 0, 90, 45, 180, 135):
+        assert homed.start_move(target_deg, hold_s=0.1) == "OK"
+        homed.run_until(homed.ended, 5_000_000)
+        homed.run(500_000)
+        assert homed.get("powered") == 0
+        assert homed.phase() == "SETTLED"
+        assert not homed.faults
+
+
 def test_a_released_wheel_that_is_pushed_away_is_noticed(homed: Rig) -> None:
     homed.ask("WheelAction", token=9, action="RELEASE")
     homed.set(slip_deg=4)

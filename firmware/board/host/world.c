@@ -45,6 +45,7 @@ void world_init(struct world *world, uint32_t seed)
 		.servo_slew_deg_s = 530, /* 60 degrees in 0.17 s, geared 3:2 */
 		.servo_tau_ms = 12,
 		.servo_deadband_deg = 0.2,
+		.servo_wake_ms = 60,
 		.servo_low_deg = -42,
 		.servo_high_deg = 232,
 		.backlash_deg = 1,
@@ -107,7 +108,9 @@ static double towards(double value, double goal, double step)
 
 static void turn_servo(struct world *world)
 {
-	if (world->stuck || !world->powered || world->since_pulse_us >= SILENCE_US)
+	world->powered_us = world->powered ? world->powered_us + WORLD_STEP_US : 0;
+	if (world->stuck || world->powered_us <= world->servo_wake_ms * 1000 ||
+	    world->since_pulse_us >= SILENCE_US)
 		return;
 	double asked = (world->pulse_us - world->servo_zero_us) / world->servo_gain_us_deg;
 	asked += world->servo_crooked_deg * sin(asked * M_PI / 90);
@@ -310,6 +313,7 @@ static const struct {
 	NUMBER(servo_slew_deg_s),
 	NUMBER(servo_tau_ms),
 	NUMBER(servo_deadband_deg),
+	NUMBER(servo_wake_ms),
 	NUMBER(servo_crooked_deg),
 	NUMBER(servo_low_deg),
 	NUMBER(servo_high_deg),

@@ -24,6 +24,7 @@ struct world {
 	double servo_slew_deg_s;
 	double servo_tau_ms; /* approach to the asked angle */
 	double servo_deadband_deg;
+	double servo_wake_ms; /* from power to the first turn: slow switch, its own start */
 	double servo_crooked_deg;	      /* amplitude of the angle's error over the range */
 	double servo_low_deg, servo_high_deg; /* mechanical stops */
 	double backlash_deg;
@@ -78,6 +79,7 @@ struct world {
 	double pulse_us; /* of the last pulse */
 	double since_pulse_us;
 	double powered;
+	double powered_us; /* for so long */
 	double shaft_deg, wheel_deg, slipped_deg, lying_deg;
 	uint8_t index_levels; /* bit 0: A on a tooth, bit 1: B */
 	uint32_t random;

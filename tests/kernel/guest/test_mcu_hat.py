@@ -7,13 +7,14 @@ A servo and a wheel read the hat's registers and pull the line; slowly, as this 
 import ctypes
 import fcntl
 import os
+import signal
 import threading
 import time
 from pathlib import Path
 
 import pytest
 from lightprobe_proto import lightprobe_pb2 as pb
-from machine import modprobe
+from machine import modprobe, wait_for
 from test_gpio import Chip
 
 from daemon import BUILD, Daemon
@@ -176,6 +177,19 @@ def test_moves_slips_and_a_hat_that_goes(bus, chip, build):
         daemon.stop()
         wheel.stop()
     assert wheel.pulse_us == 0  # let go
+
+
+def test_pulses_end_when_the_daemon_is_killed(bus, chip):
+    wheel = Wheel(bus, chip)
+    daemon = hat(bus, chip)
+    try:
+        daemon.wait_health("at 0", settled_at(0), timeout_s=120)
+        wait_for("pulses", lambda: wheel.pulse_us > 0)
+        daemon.stop(by=signal.SIGKILL)
+        wait_for("no pulses", lambda: wheel.pulse_us == 0)
+    finally:
+        daemon.stop(by=signal.SIGKILL)
+        wheel.stop()
 
 
 @pytest.mark.parametrize("build", BUILDS, ids=lambda build: build.name)
