@@ -29,10 +29,6 @@ static _Noreturn void wait_and_act(int end_fd, int device_fd, void (*act)(int, c
 {
 	char byte;
 
-	/* What ends the daemon in good order ends this by the pipe. */
-	(void)signal(SIGTERM, SIG_IGN);
-	(void)signal(SIGINT, SIG_IGN);
-	(void)signal(SIGHUP, SIG_IGN);
 	(void)prctl(PR_SET_NAME, "servo-guard");
 	keep_only(end_fd, device_fd);
 	while (read(end_fd, &byte, 1) < 0 && errno == EINTR)
@@ -44,14 +40,20 @@ static _Noreturn void wait_and_act(int end_fd, int device_fd, void (*act)(int, c
 int lp_guard_start(int device_fd, void (*act)(int device_fd, const void *context),
 		   const void *context)
 {
+	sigset_t all, before;
 	int ends[2];
 	int ret;
 
 	if (pipe2(ends, O_CLOEXEC) < 0)
 		return -errno;
+	/* What ends the daemon in good order ends the guard by the pipe: no signal reaches it, from
+	 * its first moment on. */
+	(void)sigfillset(&all);
+	(void)pthread_sigmask(SIG_SETMASK, &all, &before);
 	const pid_t child = fork();
 	if (child < 0) {
 		ret = -errno;
+		(void)pthread_sigmask(SIG_SETMASK, &before, NULL);
 		close(ends[0]);
 		close(ends[1]);
 		return ret;
@@ -61,6 +63,7 @@ int lp_guard_start(int device_fd, void (*act)(int device_fd, const void *context
 			wait_and_act(ends[0], device_fd, act, context);
 		_exit(0);
 	}
+	(void)pthread_sigmask(SIG_SETMASK, &before, NULL);
 	close(ends[0]);
 	while (waitpid(child, NULL, 0) < 0 && errno == EINTR)
 		;
