@@ -301,6 +301,16 @@ def test_a_thread_that_waits_is_told_when_the_client_is_left():
         assert "not running" in str(outcome[0])
 
 
+async def test_a_task_that_waits_is_told_when_the_client_is_left():
+    with Probe(serve(hello())) as probe:
+        async with AsyncClient(probe.uri) as client:
+            waiting = asyncio.create_task(client.receive())
+            while not client.connected:
+                await asyncio.sleep(0.01)
+        with pytest.raises(ProbeError, match="not running"):
+            await asyncio.wait_for(waiting, LONG_S)
+
+
 def test_a_timeout_of_zero_polls():
     with Probe(serve(hello(), estimate(1))) as probe, Client(probe.uri) as client:
         assert client.wait_for(lambda c: c.statistics.estimates == 1, LONG_S)
