@@ -29,7 +29,7 @@ def test_signals_end_it_cleanly(picture, with_signal):
 
 @pytest.mark.parametrize("ignored", [signal.SIGHUP, signal.SIGINT])
 def test_a_signal_that_the_parent_ignores_does_not_end_it(picture, ignored):
-    """nohup ignores SIGHUP for its child; a shell without job control, SIGINT for what runs behind."""
+    """As nohup does with SIGHUP, and a shell without job control with SIGINT in the background."""
 
     def ignore():
         signal.signal(ignored, signal.SIG_IGN)

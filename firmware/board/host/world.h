@@ -24,8 +24,8 @@ struct world {
 	double servo_slew_deg_s;
 	double servo_tau_ms; /* approach to the asked angle */
 	double servo_deadband_deg;
-	double servo_wake_ms; /* from power to the first turn: slow switch, its own start */
-	double servo_crooked_deg;	      /* amplitude of the angle's error over the range */
+	double servo_wake_ms;	  /* from power to the first turn: slow switch, its own start */
+	double servo_crooked_deg; /* amplitude of the angle's error over the range */
 	double servo_low_deg, servo_high_deg; /* mechanical stops */
 	double backlash_deg;
 	/* The comb, as built: lowest edge, distance from edge to edge, number. */
