@@ -38,9 +38,12 @@ LP_EXCLUDE := $(if $(filter 0,$(WITH_GPIOD)),daemon/drivers/wheel/pca9685/%, \
 	$(if $(filter 0,$(WITH_LIBCAMERA)),daemon/drivers/source/libcamera/%)
 LP_PACKAGES := libuv libturbojpeg inih $(foreach o,$(WITH_OPTIONS),$(if $(filter 1,$(WITH_$o)),$(PACKAGE_$o)))
 
-FLAGS_release := -O2
-FLAGS_arm64 := -O2
-FLAGS_gpiod2 := -O2
+# What ships: a write beyond an array or a stack ends the program at once.
+HARDENING := -U_FORTIFY_SOURCE -D_FORTIFY_SOURCE=3 -fstack-protector-strong -fstack-clash-protection \
+	-Wl,-z,relro,-z,now
+FLAGS_release := -O2 $(HARDENING)
+FLAGS_arm64 := -O2 $(HARDENING)
+FLAGS_gpiod2 := -O2 $(HARDENING)
 FLAGS_asan := -O1 -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
 FLAGS_fuzz := -O1 -fsanitize=fuzzer-no-link,address,undefined -fno-sanitize-recover=all
 FLAGS_tsan := -O1 -fsanitize=thread

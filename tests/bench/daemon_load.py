@@ -7,6 +7,7 @@ import mmap
 import os
 import selectors
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -88,13 +89,14 @@ def _running(load: Load, **popen: Any) -> Iterator[Daemon]:
 
 @contextmanager
 def simulated(
-    load: Load, folder: Path, on_advance: Callable[[], None], **popen: Any
+    load: Load, on_advance: Callable[[], None], **popen: Any
 ) -> Iterator[tuple[Daemon, Camera, SimulatedClock]]:
     """The daemon in simulated time, with a camera and a clock in the caller's hand."""
-    clock = SimulatedClock(folder / "time", on_advance)
-    with camera() as cam:
+    with camera() as cam, tempfile.TemporaryDirectory(prefix="lp-") as folder:
+        path = Path(folder) / "time"
+        clock = SimulatedClock(path, on_advance)
         options = [f"--source=sim:{cam.path}", f"--camera={load.kind.camera}", "--brackets=0"]
-        options.append(f"--simulated-time={folder / 'time'}")
+        options.append(f"--simulated-time={path}")
         with Daemon(*options, variant="release", **popen) as daemon:
             clock.advance(clock.now_ns())  # it connects to the camera
             cam.accept()
@@ -155,7 +157,7 @@ def allocations_per_frame(load: Load, folder: Path) -> float:
     with (
         open(path, "r+b") as file,
         mmap.mmap(file.fileno(), 8) as counter,
-        simulated(load, folder, read, env=environment) as (daemon, cam, clock),
+        simulated(load, read, env=environment) as (daemon, cam, clock),
     ):
         clients += [LiveClient(daemon.socket, Subscription(health_period_ms=0)) for _ in range(10)]
         pictures = itertools.cycle([path.read_bytes() for path in load.files])
