@@ -5,12 +5,15 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from lightprobe.cli.demo import Painter
+from lightprobe.estimate import Estimate, EstimateFlag, SphericalHarmonics
 from lightprobe.sim.room import Room
 from lightprobe.sim.sensor import Sensor, encode_jpeg
 
@@ -76,6 +79,35 @@ def test_ctrl_c_ends_it_well(tmp_path):
     assert "estimates" in out
     assert "picture:" in out
     assert "Traceback" not in err
+
+
+def an_estimate() -> Estimate:
+    even = SphericalHarmonics("AMBIENT", 2, np.eye(9, 3))
+    return Estimate(1, 2, 3, 4, 500, EstimateFlag(0), (), even, 0.01, None, 1, None)
+
+
+def test_the_last_picture_is_waited_for_however_long_it_takes(tmp_path):
+    with Painter(tmp_path, []) as painter:
+        os.kill(painter._process.pid, signal.SIGSTOP)
+        painter.start(an_estimate(), None, "")
+        waiting = threading.Thread(target=painter.collect, kwargs={"wait": True})
+        waiting.start()
+        assert not painter.pictures
+        os.kill(painter._process.pid, signal.SIGCONT)
+        waiting.join(LONG_S)
+        assert list(painter.pictures) == [str(tmp_path / "camera.png")]
+        assert (tmp_path / "latest.png").exists()
+
+
+def test_a_painter_that_dies_is_told_and_not_waited_for(tmp_path):
+    with Painter(tmp_path, []) as painter:
+        os.kill(painter._process.pid, signal.SIGSTOP)
+        painter.start(an_estimate(), None, "")
+        os.kill(painter._process.pid, signal.SIGKILL)
+        assert painter.collect(wait=True)
+        assert painter.problem == "demo: the process that draws has ended: -9"
+        painter.start(an_estimate(), None, "")
+        assert painter.collect(wait=True)
 
 
 def test_another_source_has_no_truth(tmp_path):

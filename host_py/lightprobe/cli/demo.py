@@ -32,7 +32,7 @@ from lightprobe.sim.control import require_unix_sockets
 from lightprobe.wire import Subscription
 
 if TYPE_CHECKING:
-    from multiprocessing.pool import AsyncResult
+    from multiprocessing.connection import Connection
 
 PANORAMAS = ("sunset", "forest", "courtyard")
 _ACT_S, _TURN_DEG_S, _SWITCH_S = 8.0, 2.0, 4.0
@@ -43,7 +43,6 @@ _FIRST_ESTIMATE_S = 60.0
 _SOURCE_S = 3.0
 #: Homing takes some seconds; if it is not done by then, the show begins and says so.
 _WHEEL_S = 30.0
-_PICTURE_WAIT_S = 60.0
 #: A picture is taken of a world that has been the same for so long.
 _SETTLED_S = 1.5
 
@@ -119,8 +118,9 @@ def command(
                 show.take_picture(last=True)
         # Nothing else runs now. A second Ctrl-C ends this too.
         with suppress(KeyboardInterrupt):
-            if not painter.collect(_PICTURE_WAIT_S):
-                print("demo: the last picture is not done in time: left out", file=sys.stderr)
+            if not painter.collect():
+                print("demo: drawing the last picture; Ctrl-C leaves it out", file=sys.stderr)
+                painter.collect(wait=True)
     report(summary | {"pictures": painter.pictures}, as_json)
     if painter.problem:
         raise DemoError(painter.problem)
@@ -205,9 +205,9 @@ class Painter:
         """`chosen`: scenes as the simulator has them."""
         self.output = output
         self.pictures: dict[str, dict[str, float]] = {}  # path: error figures; the newest last
-        self.problem: str | None = None  # of a picture that could not be written
-        self._job: AsyncResult[tuple[str, dict[str, float]]] | None = None
+        self.problem: str | None = None  # of a picture that could not be drawn or written
         self._chosen = chosen
+        self._busy = False
 
     def __enter__(self) -> Self:
         """Start its process."""
@@ -215,36 +215,49 @@ class Painter:
         with ExitStack() as stack:
             with _ctrl_c_held():
                 spawn = multiprocessing.get_context("spawn")
-                self._pool = spawn.Pool(1, _prepare_painter, (self._chosen,))
-                stack.callback(self._pool.terminate)
+                self._pipe, theirs = spawn.Pipe()
+                self._process = spawn.Process(target=_draw_all, args=(theirs, self._chosen))
+                self._process.start()
+                stack.callback(self._process.kill)
+                theirs.close()  # so that its death is seen as the end of the pipe
             stack.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
         """Do not wait for a picture that nobody wants any more."""
-        self._pool.terminate()
+        self._process.kill()
 
-    def collect(self, wait_s: float = 0) -> bool:
-        """Take over a picture that is done; True when none is under way."""
-        if self._job is None:
+    def collect(self, wait: bool = False) -> bool:
+        """Take over a picture that is done; True when none is under way.
+
+        `wait`: until it is done, however long that takes.
+        """
+        if not self._busy:
             return True
-        try:
-            path, figures = self._job.get(wait_s)
-            shutil.copyfile(path, self.output / "latest.png")
-        except multiprocessing.TimeoutError:
+        if not wait and not self._pipe.poll():
             return False
-        except OSError as error:
-            self._job = None
-            self.problem = f"demo: {error.filename or self.output}: write: {error.strerror}"
+        self._busy = False
+        try:
+            done = self._pipe.recv()
+        except (EOFError, ConnectionError):
+            self._process.join()
+            self.problem = f"demo: the process that draws has ended: {self._process.exitcode}"
             return True
-        self._job = None
-        self.pictures.pop(path, None)
-        self.pictures[path] = figures
+        if isinstance(done, OSError):
+            self.problem = f"demo: {done.filename or self.output}: write: {done.strerror}"
+        elif isinstance(done, Exception):
+            raise done
+        else:
+            path, figures = done
+            self.pictures.pop(path, None)
+            self.pictures[path] = figures
         return True
 
     def start(self, estimate: Estimate, frame: dict[str, Any] | None, footer: str) -> None:
         """Begin a picture; `frame` is the truth log's line, None for a real camera."""
-        self._job = self._pool.apply_async(_paint, (self.output, estimate, frame, footer))
+        with suppress(BrokenPipeError):  # collect() says why
+            self._pipe.send((self.output, estimate, frame, footer))
+        self._busy = True
 
 
 # In the painter's process.
@@ -252,11 +265,20 @@ class Painter:
 _world: dict[str, Any] = {}
 
 
-def _prepare_painter(chosen: list[str]) -> None:
-    """Be nice, leave Ctrl-C to the parent, remember which world it is."""
+def _draw_all(orders: Connection, chosen: list[str]) -> None:
+    """Draw what is ordered until nobody orders any more: nice, and leaving Ctrl-C to the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.nice(4)
     _world["names"] = chosen
+    with suppress(EOFError, BrokenPipeError):
+        while True:
+            output, estimate, frame, footer = orders.recv()
+            try:
+                path, figures = _paint(output, estimate, frame, footer)
+                shutil.copyfile(path, output / "latest.png")
+                orders.send((path, figures))
+            except Exception as error:  # the parent raises it
+                orders.send(error)
 
 
 def _paint(
