@@ -23,14 +23,14 @@ import random
 import socket
 import threading
 import time
-from collections import deque
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from concurrent.futures import CancelledError
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Never, Self, TypeVar
 
 from lightprobe.address import Address
+from lightprobe.clock_offset import ClockOffset
 from lightprobe.errors import IncompatibleProbe, ProbeError, ProbeTimeout
 from lightprobe.estimate import Estimate, Health, Hello, Refusal
 from lightprobe.wire import (
@@ -67,25 +67,6 @@ class Statistics:
     skipped: int = 0  # superseded before the user took them
     not_ours: int = 0  # made for another subscription: dropped
     refusals: int = 0
-
-
-@dataclass
-class Ageing:
-    """Age of estimates without trusting that the two clocks agree.
-
-    The offset between the probe's clock and ours is the smallest (arrival − send time) of the last
-    messages: exact up to the fastest transfer among them, and it follows when a clock is set.
-    """
-
-    offsets_ns: deque[int] = field(default_factory=lambda: deque(maxlen=32))
-
-    def arrived(self, estimate: Estimate, now_ns: int) -> None:
-        """Note an arrival at `now_ns` of our monotonic clock."""
-        self.offsets_ns.append(now_ns - estimate.send_time_unix_ns)
-
-    def age_ms(self, estimate: Estimate, now_ns: int) -> float:
-        """Milliseconds since the estimate's capture."""
-        return (now_ns - estimate.capture_time_unix_ns - min(tuple(self.offsets_ns))) / 1e6
 
 
 class _Patience:
@@ -127,7 +108,7 @@ class AsyncClient:
         self._subscription_number = 1
         self._newest: Estimate | None = None
         self._received = self._taken = 0  # counted since the start
-        self._ageing = Ageing()
+        self._probe_clock = ClockOffset()
         self._final: ProbeError | None = None
         self._refusal: str | None = None  # of this connection
         self._writer: asyncio.StreamWriter | None = None
@@ -169,7 +150,8 @@ class AsyncClient:
         return None if self._newest is None else self._age_ms(self._newest)
 
     def _age_ms(self, estimate: Estimate) -> float:
-        return self._ageing.age_ms(estimate, time.monotonic_ns())
+        captured_ns = self._probe_clock.ours_ns(estimate.capture_time_unix_ns)
+        return (time.monotonic_ns() - captured_ns) / 1e6
 
     async def receive(
         self, timeout_s: float | None = None, on_waiting: OnWaiting | None = None
@@ -310,7 +292,7 @@ class AsyncClient:
         if numbered and estimate.subscription != self._subscription_number:
             self.statistics.not_ours += 1
             return
-        self._ageing.arrived(estimate, time.monotonic_ns())
+        self._probe_clock.arrived(estimate.send_time_unix_ns, time.monotonic_ns())
         self._newest = estimate
         self._received += 1
         self.statistics.estimates += 1

@@ -19,7 +19,9 @@ MAY = {
     "cli": {"", "imaging", "calibrate", "mcu", "sim", "evaluate", "cli"},
 }
 #: Modules at the top that a client loads, and all that they may import from outside.
-CLIENT = ("__init__", "client", "wire", "estimate", "sh", "geometry", "convert", "errors")
+CLIENT = (
+    "__init__", "client", "clock_offset", "wire", "estimate", "sh", "geometry", "convert", "errors",
+)  # fmt: skip
 CLIENT_MAY = {"numpy", "google", "lightprobe_proto"}
 #: Figures and pictures that judge a real probe as well as a simulated one.
 WITHOUT_SIMULATOR = ("evaluate/metrics.py", "evaluate/relight.py")

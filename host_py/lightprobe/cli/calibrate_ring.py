@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -18,12 +19,11 @@ from lightprobe.calibrate import files as calibration
 from lightprobe.calibrate import ring
 from lightprobe.calibrate.files import CalibrationError
 from lightprobe.calibrate.ring_fit import fit
+from lightprobe.calibrate.ring_pairs import Watch
 from lightprobe.cli import calibrate, check, view
 from lightprobe.cli.mcu import Port, read_ring
 from lightprobe.client import Client
-from lightprobe.colour import luminance
 from lightprobe.errors import ProbeTimeout, UsageError
-from lightprobe.estimate import EstimateFlag
 from lightprobe.geometry import Array
 from lightprobe.mcu import messages as mcu
 from lightprobe.mcu.session import DEFAULT_PORT, Session, session
@@ -31,14 +31,6 @@ from lightprobe.wire import Subscription
 
 #: LDRs take up to 30 ms; a lamp or a hand much longer.
 _REST_S = 0.5
-#: One pair of camera and ring: the light must have been the same for so long, to such a share.
-_WINDOW_S, _STEADY = 0.4, 0.03
-#: Estimates that tell less light than there is, or light of another moment.
-_UNFIT = (
-    EstimateFlag.STALE | EstimateFlag.EXPOSURE_UNKNOWN | EstimateFlag.CLIPPED
-    | EstimateFlag.UNDEREXPOSED | EstimateFlag.BRACKET_INCOMPLETE | EstimateFlag.PARTIAL_VIEW
-    | EstimateFlag.INVALID_INPUT | EstimateFlag.NO_LIGHT
-)  # fmt: skip
 _METER_SIGMA, _CAMERA_SIGMA = 0.03, 0.1
 
 
@@ -141,28 +133,30 @@ def pairs_with_camera(
     link: Session, uri: str, seconds: float, cd_m2_per_unit: float | None
 ) -> tuple[Array, Array]:
     """Watch the probe's estimates and the ring together; pairs (N, 9) of steady moments."""
-    lux, level = [], []
+    seen = Watch()
     wish = Subscription(smoothing="RAW", sh_order=4, max_lights=8)
     with Client(uri, wish) as client, Progress(
         console=Console(stderr=True), transient=True
     ) as bar:  # fmt: skip
         task = bar.add_task("camera and ring", total=seconds)
-        started = time.monotonic()
         scale = _scale(client, uri, cd_m2_per_unit)
         link.rates(ring_scans=80)
-        while (elapsed_s := time.monotonic() - started) < seconds:
-            bar.update(task, completed=elapsed_s)
-            pair = _window(link, client, scale)
-            if pair is not None:
-                lux.append(pair[0])
-                level.append(pair[1])
+        started = time.monotonic()
+        for event in link.listen(seconds):
+            bar.update(task, completed=time.monotonic() - started)
+            if isinstance(event, mcu.Ring):
+                levels = np.where(event.dead, np.nan, np.array(event.levels, dtype=np.float64))
+                seen.ring(event.t_us, levels, time.monotonic_ns())
+                with suppress(ProbeTimeout):  # what is there; the ring's next reading asks again
+                    seen.estimate(client.receive(0), scale, time.monotonic_ns())
         link.rates()
-    if not lux:
+    lux, level = seen.pairs()
+    if not len(lux):
         raise CalibrationError(
             f"calibrate: ring: {uri}: no steady moment in {seconds:g} s: hold camera and light "
-            "still for a second at a time"
+            "still for three seconds at a time"
         )
-    return np.array(lux), np.array(level)
+    return lux, level
 
 
 def _scale(client: Client, uri: str, given: float | None) -> float:
@@ -174,28 +168,6 @@ def _scale(client: Client, uri: str, given: float | None) -> float:
             f"calibrate: ring: {uri}: the probe's scale is relative: give --cd-m2-per-unit"
         )
     return scale
-
-
-def _window(link: Session, client: Client, scale: float) -> tuple[Array, Array] | None:
-    """One pair, or None when the light changed meanwhile or the estimate was not whole."""
-    rings: list[Array] = []
-    seen: list[Array] = []
-    for event in link.listen(_WINDOW_S):
-        if isinstance(event, mcu.Ring):
-            rings.append(np.where(event.dead, np.nan, np.array(event.levels, dtype=np.float64)))
-            try:
-                estimate = client.receive(1)
-            except ProbeTimeout:
-                return None
-            if estimate.flags & _UNFIT:
-                return None
-            seen.append(scale * luminance(estimate.irradiance(ring.directions())))
-    if len(rings) < 2:
-        return None
-    for values in (np.array(rings), np.array(seen)):
-        if np.nanmax(np.ptp(values, axis=0) / np.nanmean(values, axis=0)) > _STEADY:
-            return None
-    return np.mean(seen, axis=0), np.mean(rings, axis=0)
 
 
 def report(found: ring.Ring, pairs: int, output: Path, former: Path | None, as_json: bool) -> None:
