@@ -163,6 +163,8 @@ void lp_log(enum lp_log_level level, const char *object, const char *stage, cons
 		if (*c == '\n' || *c == '\r')
 			*c = ' '; /* one message, one line, whatever a client sent */
 	}
+	if (strcmp(reason, "%s") == 0)
+		reason = text; /* the kind of reason is in the text alone */
 	if (level == LP_LOG_DEBUG)
 		print_line(level, text, 0);
 	else

@@ -3,10 +3,11 @@
  * Messages to standard error, one line each: "<level> object: stage: reason". Under systemd the
  * level is written as the journal's "<N>" prefix instead.
  *
- * A fault that repeats (same object, stage and kind of reason) is printed once, then counted; the
- * count follows with the next line that is printed, at first after ten seconds, later more rarely.
- * The process has one standard error, hence one log: the only global state of the daemon. Any
- * thread may log; errno is preserved.
+ * A fault that repeats (same object, stage and reason but for what is filled into the reason's
+ * format; of "%s", the text itself) is printed once, then counted; the count follows with the next
+ * line that is printed, at first after ten seconds, later more rarely. The process has one standard
+ * error, hence one log: the only global state of the daemon. Any thread may log; errno is
+ * preserved.
  */
 #ifndef LP_BASE_LOG_H
 #define LP_BASE_LOG_H

@@ -57,16 +57,22 @@ static void test_repeats_are_counted_not_printed(void **state)
 	for (int i = 0; i < 100; i++)
 		lp_error("camera", "decode", "frame %d is broken", i);
 	lp_error("camera", "decode", "another kind");
+	lp_error("camera", "decode", "%s", "text of one kind");
+	lp_error("camera", "decode", "%s", "text of another kind");
+	lp_error("camera", "decode", "%s", "text of one kind");
 	lp_error("other camera", "decode", "frame %d is broken", 7);
 	lp_log_flush(0); /* nothing is due yet */
 	text = capture_end(&capture);
 	assert_string_equal(text, "error camera: decode: frame 0 is broken\n"
 				  "error camera: decode: another kind\n"
+				  "error camera: decode: text of one kind\n"
+				  "error camera: decode: text of another kind\n"
 				  "error other camera: decode: frame 7 is broken\n");
 	capture_begin(&capture);
 	lp_log_flush(1);
 	assert_string_equal(capture_end(&capture),
-			    "error camera: decode: frame 99 is broken (99 times more)\n");
+			    "error camera: decode: frame 99 is broken (99 times more)\n"
+			    "error camera: decode: text of one kind (1 times more)\n");
 }
 
 static void test_counts_survive_many_other_kinds(void **state)

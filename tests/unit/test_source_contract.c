@@ -562,7 +562,7 @@ static void test_another_model_is_named_and_not_taken(void **state)
 	fake_v4l2_unplug(0);
 	UNTIL(strstr(heard.reason, "model 0102 is unplugged: waiting for it to come back"));
 	fake_v4l2_plug(1);
-	UNTIL(strstr(heard.reason, "restart lightprobed; present: /dev/video1 (model 0103"));
+	UNTIL(strstr(heard.reason, "model 0102 is unplugged; present: /dev/video1 (model 0103"));
 	assert_int_equal(fake_v4l2_get(&fake_v4l2.cameras[1].opened), 0);
 	fake_v4l2_plug(0);
 	UNTIL(fake_v4l2_send(0, false));

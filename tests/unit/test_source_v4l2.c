@@ -179,10 +179,10 @@ static void test_the_same_camera_again(void **state)
 	/* By its serial number, wherever it is; not what took its node. */
 	assert_int_equal(select_by("/dev/video0", decoy_and_moved, 2, &was, reason), 1);
 	assert_int_equal(select_by("/dev/video0", decoy_and_moved, 1, &was, reason), -ENOENT);
-	assert_contains(reason, "camera is unplugged: waiting for it to come back; to use another "
-				"camera, restart lightprobed; present: /dev/video0");
+	assert_contains(reason, "camera is unplugged; present: /dev/video0 (camera, 1d6b:0102:B");
+	assert_contains(reason, "— replug it, or restart lightprobed to use another one");
 	assert_int_equal(select_by("", &another_model, 1, &was, reason), -ENOENT);
-	assert_contains(reason, "restart lightprobed; present: /dev/video0 (camera, 1d6b:0103:A");
+	assert_contains(reason, "present: /dev/video0 (camera, 1d6b:0103:A");
 	assert_int_equal(select_by("", NULL, 0, &was, reason), -ENOENT);
 	assert_string_equal(reason, "camera is unplugged: waiting for it to come back");
 	/* Without one, by its port; moved, only where there is no doubt. */

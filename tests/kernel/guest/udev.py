@@ -10,7 +10,9 @@ RULES = Path(__file__).resolve().parents[3] / "packaging" / "udev" / "70-lightpr
 
 
 def start_udev() -> None:
-    """Start it; from now on nodes get their group, and devices their properties."""
+    """Start it, once; from now on nodes get their group, and devices their properties."""
+    if Path("/run/udev/control").exists():
+        return
     Path("/etc/udev/rules.d").mkdir(parents=True, exist_ok=True)
     shutil.copy(RULES, "/etc/udev/rules.d")
     run("/lib/systemd/systemd-udevd", "--daemon")

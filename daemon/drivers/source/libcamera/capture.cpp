@@ -260,7 +260,7 @@ void Capture::deliver(Session &session)
 
 	while ((frame = session.take())) {
 		if (frame->flags & LP_FRAME_CORRUPT) {
-			corrupt_frames++;
+			has_corrupt = true;
 		} else {
 			if (!has_frames) { /* what the camera can do is known with the first one */
 				const std::lock_guard<std::mutex> guard(lock);
@@ -269,7 +269,7 @@ void Capture::deliver(Session &session)
 				is_open = true;
 			}
 			silent_ns = frame->t_arrival_ns;
-			corrupt_frames = 0;
+			has_corrupt = false;
 			has_frames = true;
 		}
 		lp_source_outbox_send(outbox, frame, object.c_str());
@@ -282,7 +282,7 @@ void Capture::deliver(Session &session)
 void Capture::use(Session &session)
 {
 	silent_ns = lp_clock_ns();
-	corrupt_frames = 0;
+	has_corrupt = false;
 	has_frames = false;
 	for (;;) {
 		const auto patience_ns =
@@ -307,9 +307,7 @@ void Capture::use(Session &session)
 			continue;
 		}
 		report(LP_SOURCE_STALLED, "stream",
-		       (corrupt_frames ? "only corrupt frames (" + std::to_string(corrupt_frames) +
-						 ") for "
-				       : std::string("no frame for ")) +
+		       std::string(has_corrupt ? "only corrupt frames for " : "no frame for ") +
 			       std::to_string(patience_ns / LP_NS_PER_MS) +
 			       " ms: opening the camera anew");
 		return;

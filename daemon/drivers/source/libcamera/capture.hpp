@@ -62,9 +62,9 @@ class Capture
 	std::unique_ptr<libcamera::CameraManager> manager;
 	std::string object; /* names the camera in messages */
 	lp_backoff retry;
-	int64_t silent_ns = 0;	 /* since when there is no usable frame */
-	int corrupt_frames = 0;	 /* since then */
-	bool has_frames = false; /* usable ones, since it was opened */
+	int64_t silent_ns = 0;	  /* since when there is no usable frame */
+	bool has_corrupt = false; /* frames since then */
+	bool has_frames = false;  /* usable ones, since it was opened */
 	uint64_t next_sequence = 0;
 };
 

@@ -285,22 +285,24 @@ int lp_v4l2_controls_set_exposure(struct lp_v4l2_controls *controls, float expos
 
 void lp_v4l2_controls_restore(struct lp_v4l2_controls *controls)
 {
+	int left = 0;
+
 	for (int i = LP_V4L2_CONTROLS - 1; i >= 0; i--) {
 		int ret;
 
 		if (!controls->list[i].held)
 			continue;
 		controls->list[i].held = false;
-		if (controls->gone < 0)
-			continue;
 		ret = set(controls, i, controls->list[i].before);
-		if (controls->gone < 0 && controls->gone != -ENODEV)
-			lp_warning(controls->object, table[i].name,
-				   "%s: the camera's controls are not put back — replug it",
-				   lp_strerror(ret));
-		else if (ret < 0 && ret != -ENODEV)
+		left += ret < 0;
+		if (ret < 0 && controls->gone == 0)
 			lp_warning(controls->object, table[i].name,
 				   "cannot be put back to %lld: %s",
 				   (long long)controls->list[i].before, lp_strerror(ret));
 	}
+	if (left > 0 && controls->gone < 0 && controls->gone != -ENODEV)
+		lp_warning(controls->object, "controls",
+			   "the camera does not answer (%s): %d controls are not put back — replug "
+			   "it",
+			   lp_strerror(controls->gone), left);
 }

@@ -203,7 +203,7 @@ int lp_v4l2_nodes_select(const struct lp_v4l2_node *nodes, int count,
 			 char *reason, size_t reason_bytes)
 {
 	int found = -1, matches = 0;
-	char list[400];
+	char list[260]; /* what to do follows it: that must fit, too */
 
 	for (int i = 0; i < count; i++) {
 		if (!(known ? is_same_device(&nodes[i], known) : is_meant(&nodes[i], target)))
@@ -219,8 +219,8 @@ int lp_v4l2_nodes_select(const struct lp_v4l2_node *nodes, int count,
 	if (matches == 0) {
 		if (known && count)
 			snprintf(reason, reason_bytes,
-				 "%s is unplugged: waiting for it to come back; to use another "
-				 "camera, restart lightprobed; %s",
+				 "%s is unplugged; %s — replug it, or restart lightprobed to use "
+				 "another one",
 				 known->name, list);
 		else if (known)
 			snprintf(reason, reason_bytes,
@@ -230,7 +230,7 @@ int lp_v4l2_nodes_select(const struct lp_v4l2_node *nodes, int count,
 		return -ENOENT;
 	}
 	snprintf(reason, reason_bytes,
-		 "several cameras could be meant — name one by path, port or serial number; %s",
+		 "several cameras could be meant; %s — name one by its path or serial number",
 		 list);
 	return -ENOTUNIQ;
 }

@@ -12,6 +12,7 @@
 
 #define FIRST_FRAME_NS (5 * LP_NS_PER_S) /* cameras take their time to start */
 #define STALL_PERIODS 4
+#define UNPLUGGING_NS (300 * LP_NS_PER_MS)
 
 /* One stream, from open to close. */
 struct run {
@@ -19,9 +20,10 @@ struct run {
 	struct lp_exposure_guess guess;
 	unsigned wish;	   /* the last wanted exposure that was commanded */
 	int64_t silent_ns; /* since when there is no usable frame, or the last start */
-	int corrupt;	   /* frames since then */
+	bool has_corrupt;  /* frames since then */
 	bool has_frames;   /* usable ones, since the last start */
 	bool restarted;	   /* because of silence, without success so far */
+	int64_t gone_ns;   /* when a control was not answered; 0: all were */
 };
 
 static void command_exposure(struct lp_v4l2_capture *capture, struct run *run)
@@ -51,10 +53,10 @@ static void deliver(struct lp_v4l2_capture *capture, struct run *run, struct lp_
 {
 	lp_exposure_guess_frame(&run->guess, frame);
 	if (frame->flags & LP_FRAME_CORRUPT) {
-		run->corrupt++;
+		run->has_corrupt = true;
 	} else {
 		run->silent_ns = frame->t_arrival_ns;
-		run->corrupt = 0;
+		run->has_corrupt = false;
 		run->has_frames = true;
 		run->restarted = false;
 		lp_backoff_reset(&capture->reset);
@@ -90,28 +92,42 @@ static int64_t patience_ns(const struct lp_v4l2_capture *capture, const struct r
 /* No usable frame for too long: restart the stream. False: that has not helped, or is refused. */
 static bool wake_camera(struct lp_v4l2_capture *capture, struct run *run)
 {
-	const long long silence_ms = (lp_clock_ns() - run->silent_ns) / LP_NS_PER_MS;
-	const int corrupt = run->corrupt;
+	const long long patience_ms = patience_ns(capture, run) / LP_NS_PER_MS;
+	const bool corrupt = run->has_corrupt;
 
 	run->silent_ns = lp_clock_ns();
-	run->corrupt = 0;
+	run->has_corrupt = false;
 	if (lp_v4l2_stream_queued(run->session->stream) == 0)
 		return true; /* no buffer to fill: the silence is ours */
 	if (run->restarted)
 		return false;
-	if (corrupt)
-		lp_source_outbox_report(capture->outbox, LP_SOURCE_STALLED, run->session->object,
-					"stream",
-					"only corrupt frames (%d) for %lld ms: restarting the "
-					"stream",
-					corrupt, silence_ms);
-	else
-		lp_source_outbox_report(capture->outbox, LP_SOURCE_STALLED, run->session->object,
-					"stream", "no frame for %lld ms: restarting the stream",
-					silence_ms);
+	lp_source_outbox_report(capture->outbox, LP_SOURCE_STALLED, run->session->object, "stream",
+				"%s for %lld ms: restarting the stream",
+				corrupt ? "only corrupt frames" : "no frame", patience_ms);
 	run->restarted = true;
 	run->has_frames = false;
 	return lp_v4l2_stream_restart(run->session->stream) == 0;
+}
+
+/* 0; or why the camera can be asked nothing more: it hangs. One that is being unplugged does not
+ * answer either, a moment before the stream says so. */
+static int answer_of_controls(struct run *run)
+{
+	const int gone = run->session->controls.gone;
+
+	if (gone == 0)
+		return 0;
+	if (run->gone_ns == 0)
+		run->gone_ns = lp_clock_ns();
+	return lp_clock_ns() - run->gone_ns > UNPLUGGING_NS ? gone : 0;
+}
+
+/* How long to wait for a frame. */
+static int64_t wait_ns(const struct lp_v4l2_capture *capture, const struct run *run)
+{
+	const int64_t left_ns = run->silent_ns + patience_ns(capture, run) - lp_clock_ns();
+
+	return run->gone_ns && left_ns > UNPLUGGING_NS ? UNPLUGGING_NS : left_ns;
 }
 
 enum lp_v4l2_outcome lp_v4l2_run(struct lp_v4l2_capture *capture, struct lp_v4l2_session *session)
@@ -128,11 +144,11 @@ enum lp_v4l2_outcome lp_v4l2_run(struct lp_v4l2_capture *capture, struct lp_v4l2
 				  lp_clock_ns());
 	command_exposure(capture, &run);
 	while (!lp_v4l2_is_stopped(capture)) {
-		const int64_t left_ns = run.silent_ns + patience_ns(capture, &run) - lp_clock_ns();
+		const int64_t left_ns = wait_ns(capture, &run);
 		int ret;
 
 		if (left_ns <= 0) {
-			if (!wake_camera(capture, &run))
+			if (controls->gone < 0 || !wake_camera(capture, &run))
 				return LP_V4L2_HUNG;
 			continue;
 		}
@@ -141,7 +157,7 @@ enum lp_v4l2_outcome lp_v4l2_run(struct lp_v4l2_capture *capture, struct lp_v4l2
 		command_exposure(capture, &run);
 		ret = take_frames(capture, &run);
 		if (ret == 0)
-			ret = controls->gone;
+			ret = answer_of_controls(&run);
 		if (ret == -ENODEV)
 			return LP_V4L2_UNPLUGGED;
 		if (ret < 0 || (fds[0].revents & (POLLERR | POLLHUP)))
