@@ -5,7 +5,10 @@
 #include <string.h>
 
 #include "base/log.h"
+#include "base/macros.h"
+#include "base/param.h"
 #include "base/uri.h"
+#include "include/backend.h"
 #include "include/publisher.h"
 #include "include/ring.h"
 #include "include/rotator.h"
@@ -25,133 +28,137 @@ extern const struct lp_publisher_ops lp_publisher_tcp_ops;
 extern const struct lp_publisher_ops lp_publisher_unix_ops;
 extern const struct lp_publisher_ops lp_publisher_stdout_ops;
 
-static const struct lp_backend sources[] = {
-	{"v4l2", NULL, &lp_source_v4l2_ops},
-	{"libcamera", "WITH_LIBCAMERA", WITH_LIBCAMERA ? &lp_source_libcamera_ops : NULL},
-	{"file", NULL, &lp_source_file_ops},
-	{"sim", "WITH_SIM", WITH_SIM ? &lp_source_sim_ops : NULL},
-	{"example", NULL, &lp_source_example_ops},
-	{0},
+/* What stands for a back end that this build has not. */
+#define LEFT_OUT(role, name, with) \
+	(&(const struct lp_##role##_ops){.info = {.scheme = (name), .left_out = (with)}})
+
+static const struct lp_source_ops *const sources[] = {
+	&lp_source_v4l2_ops,
+	WITH_LIBCAMERA ? &lp_source_libcamera_ops : LEFT_OUT(source, "libcamera", "WITH_LIBCAMERA"),
+	&lp_source_file_ops,
+	WITH_SIM ? &lp_source_sim_ops : LEFT_OUT(source, "sim", "WITH_SIM"),
+	&lp_source_example_ops,
 };
 
-static const struct lp_backend rotators[] = {
-	{"mcu", NULL, &lp_rotator_mcu_ops},
-	{"pca9685", "WITH_GPIOD", WITH_GPIOD ? &lp_rotator_pca9685_ops : NULL},
-	{"sim", NULL, &lp_rotator_sim_ops},
-	{0},
+static const struct lp_rotator_ops *const rotators[] = {
+	&lp_rotator_mcu_ops,
+	WITH_GPIOD ? &lp_rotator_pca9685_ops : LEFT_OUT(rotator, "pca9685", "WITH_GPIOD"),
+	&lp_rotator_sim_ops,
 };
 
-static const struct lp_backend rings[] = {
-	{"mcu", NULL, &lp_ring_mcu_ops},
-	{"sim", NULL, &lp_ring_sim_ops},
-	{0},
+static const struct lp_ring_ops *const rings[] = {
+	&lp_ring_mcu_ops,
+	&lp_ring_sim_ops,
 };
 
-static const struct lp_backend publishers[] = {
-	{"tcp", NULL, &lp_publisher_tcp_ops},
-	{"unix", NULL, &lp_publisher_unix_ops},
-	{"stdout", NULL, &lp_publisher_stdout_ops},
-	{0},
+static const struct lp_publisher_ops *const publishers[] = {
+	&lp_publisher_tcp_ops,
+	&lp_publisher_unix_ops,
+	&lp_publisher_stdout_ops,
 };
 
-static void list_schemes(const struct lp_backend *table, char *text, size_t size_bytes)
+/* ---------------------------------------------------------------- by scheme */
+
+static void list_schemes(const struct lp_backend_role *role, char *text, size_t size_bytes)
 {
+	const struct lp_backend *info;
 	size_t used = 0;
 
 	text[0] = '\0';
-	for (; table->scheme && used < size_bytes; table++)
+	for (int i = 0; (info = role->at(i)) && used < size_bytes; i++)
 		used += (size_t)snprintf(text + used, size_bytes - used,
-					 used ? ", %s:" : "%s:", table->scheme);
+					 used ? ", %s:" : "%s:", info->scheme);
 }
 
-const void *lp_backend_find(const struct lp_backend *table, const char *role,
-			    const struct lp_uri *uri)
+int lp_backend_find(const struct lp_backend_role *role, const struct lp_uri *uri)
 {
-	const struct lp_backend *row = table;
+	const struct lp_backend *info;
 	char known[128];
+	int i = 0;
 
-	while (row->scheme && strcmp(row->scheme, uri->scheme) != 0)
-		row++;
-	if (row->ops)
-		return row->ops;
-	if (row->scheme) {
-		lp_error(uri->text, role, "%s: is known but not in this build — make daemon %s=1",
-			 row->scheme, row->option);
-		return NULL;
+	while ((info = role->at(i)) && strcmp(info->scheme, uri->scheme) != 0)
+		i++;
+	if (info && !info->left_out)
+		return i;
+	if (info) {
+		lp_error(uri->text, role->option,
+			 "%s: is known but not in this build — make daemon %s=1", info->scheme,
+			 info->left_out);
+		return -EPROTONOSUPPORT;
 	}
-	list_schemes(table, known, sizeof(known));
-	lp_error(uri->text, role, "%s: is no known scheme; known: %s", uri->scheme, known);
-	return NULL;
+	list_schemes(role, known, sizeof(known));
+	lp_error(uri->text, role->option, "%s: is no known scheme; known: %s", uri->scheme, known);
+	return -EPROTONOSUPPORT;
 }
 
-int lp_source_open(const char *uri, const struct lp_source_host *host, struct lp_source **source)
-{
-	const struct lp_source_ops *ops;
-	struct lp_uri parsed;
+/* A role: what its back ends in `list` say of themselves, and lp_ROLE_open(). */
+#define ROLE(role, list, its_option, its_title)                                               \
+	static const struct lp_backend *role##_at(int i)                                      \
+	{                                                                                     \
+		return (size_t)i < LP_COUNT(list) ? &(list)[i]->info : NULL;                  \
+	}                                                                                     \
+	static const struct lp_backend_role role##_role = {its_option, its_title, role##_at}; \
+	int lp_##role##_open(const char *text, const struct lp_##role##_host *host,           \
+			     struct lp_##role **opened)                                       \
+	{                                                                                     \
+		struct lp_uri uri;                                                            \
+		int found = lp_uri_parse(&uri, text);                                         \
+                                                                                              \
+		if (found == 0)                                                               \
+			found = lp_backend_find(&role##_role, &uri);                          \
+		return found < 0 ? found : (list)[found]->create(&uri, host, opened);         \
+	}
 
-	if (lp_uri_parse(&parsed, uri) < 0)
-		return -EINVAL;
-	ops = lp_backend_find(sources, "source", &parsed);
-	return ops ? ops->create(&parsed, host, source) : -EPROTONOSUPPORT;
+ROLE(source, sources, "source", "Sources")
+ROLE(rotator, rotators, "rotator", "Wheels")
+ROLE(ring, rings, "ring", "Rings of light sensors")
+ROLE(publisher, publishers, "publish", "Publishers")
+
+const struct lp_backend_role *const lp_backend_roles[] = {&source_role, &rotator_role, &ring_role,
+							  &publisher_role, NULL};
+
+/* ---------------------------------------------------------------- help */
+
+void lp_backends_list(FILE *out)
+{
+	const struct lp_backend_role *role;
+	const struct lp_backend *info;
+
+	for (int k = 0; (role = lp_backend_roles[k]); k++) {
+		(void)fprintf(out, "\n%s (--%s):\n", role->title, role->option);
+		for (int i = 0; (info = role->at(i)); i++) {
+			char uri[64];
+
+			if (info->left_out)
+				continue;
+			(void)snprintf(uri, sizeof(uri), "%s:%s", info->scheme, info->form);
+			(void)fprintf(out, "  %-19s %.*s\n", uri, (int)strcspn(info->help, "\n"),
+				      info->help);
+		}
+	}
 }
 
-int lp_rotator_open(const char *uri, const struct lp_rotator_host *host,
-		    struct lp_rotator **rotator)
+static void print_backend(FILE *out, const struct lp_backend *info)
 {
-	const struct lp_rotator_ops *ops;
-	struct lp_uri parsed;
-
-	if (lp_uri_parse(&parsed, uri) < 0)
-		return -EINVAL;
-	ops = lp_backend_find(rotators, "rotator", &parsed);
-	return ops ? ops->create(&parsed, host, rotator) : -EPROTONOSUPPORT;
-}
-
-int lp_ring_open(const char *uri, const struct lp_ring_host *host, struct lp_ring **ring)
-{
-	const struct lp_ring_ops *ops;
-	struct lp_uri parsed;
-
-	if (lp_uri_parse(&parsed, uri) < 0)
-		return -EINVAL;
-	ops = lp_backend_find(rings, "ring", &parsed);
-	return ops ? ops->create(&parsed, host, ring) : -EPROTONOSUPPORT;
-}
-
-int lp_publisher_open(const char *uri, const struct lp_publisher_host *host,
-		      struct lp_publisher **publisher)
-{
-	const struct lp_publisher_ops *ops;
-	struct lp_uri parsed;
-
-	if (lp_uri_parse(&parsed, uri) < 0)
-		return -EINVAL;
-	ops = lp_backend_find(publishers, "publish", &parsed);
-	return ops ? ops->create(&parsed, host, publisher) : -EPROTONOSUPPORT;
+	(void)fprintf(out, "  %s:%s\n", info->scheme, info->form);
+	lp_print_indented(out, 6, info->help);
+	lp_param_print(out, "      ", info->params);
 }
 
 void lp_backends_help(FILE *out)
 {
-	(void)fputs("\nSources:\n", out);
-	for (const struct lp_backend *row = sources; row->scheme; row++) {
-		if (row->ops)
-			(void)fprintf(out, "  %s\n",
-				      ((const struct lp_source_ops *)row->ops)->help);
+	const struct lp_backend_role *role;
+	const struct lp_backend *info;
+
+	(void)fputs("URIs are SCHEME:REST?KEY=VALUE&KEY=VALUE. The keys, with their defaults:\n",
+		    out);
+	for (int k = 0; (role = lp_backend_roles[k]); k++) {
+		(void)fprintf(out, "\n%s (--%s):\n", role->title, role->option);
+		for (int i = 0; (info = role->at(i)); i++) {
+			if (!info->left_out)
+				print_backend(out, info);
+		}
 	}
-	(void)fputs("\nWheels (--rotator):\n", out);
-	for (const struct lp_backend *row = rotators; row->scheme; row++) {
-		if (row->ops)
-			(void)fprintf(out, "  %s\n",
-				      ((const struct lp_rotator_ops *)row->ops)->help);
-	}
-	(void)fputs("\nRings:\n", out);
-	for (const struct lp_backend *row = rings; row->scheme; row++) {
-		if (row->ops)
-			(void)fprintf(out, "  %s\n", ((const struct lp_ring_ops *)row->ops)->help);
-	}
-	(void)fputs("\nPublishers:\n", out);
-	for (const struct lp_backend *row = publishers; row->scheme; row++)
-		(void)fprintf(out, "  %s\n", ((const struct lp_publisher_ops *)row->ops)->help);
 }
 
 void lp_backends_version(FILE *out)

@@ -1,10 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The one registry of back ends: from a URI to a source or a publisher. */
+/* The one registry of back ends: from a URI to a source, wheel, ring or publisher. */
 #ifndef LP_APP_BACKENDS_H
 #define LP_APP_BACKENDS_H
 
+#include <stddef.h>
 #include <stdio.h>
 
+struct lp_backend;
 struct lp_publisher;
 struct lp_publisher_host;
 struct lp_ring;
@@ -27,22 +29,26 @@ int lp_ring_open(const char *uri, const struct lp_ring_host *host, struct lp_rin
 int lp_publisher_open(const char *uri, const struct lp_publisher_host *host,
 		      struct lp_publisher **publisher);
 
-/* The back ends' part of --help. */
+/* The back ends' part of --help: a line for each. */
+void lp_backends_list(FILE *out);
+
+/* --help-backends: all that they say of themselves, and the keys of their URIs. */
 void lp_backends_help(FILE *out);
 
 /* One line per build option, WITH_X=0 or WITH_X=1. */
 void lp_backends_version(FILE *out);
 
-/* A row of the registry. `ops` is NULL where the build left the back end out: `option` brings it
- * back. */
-struct lp_backend {
-	const char *scheme;
-	const char *option; /* NULL: always built */
-	const void *ops;
+/* The back ends of one role. */
+struct lp_backend_role {
+	const char *option;		       /* of the command line: "source" */
+	const char *title;		       /* of its part of the help */
+	const struct lp_backend *(*at)(int i); /* NULL: there are no more */
 };
 
-/* The ops for a URI, by its scheme; the table ends with a row without scheme. NULL: logged. */
-const void *lp_backend_find(const struct lp_backend *table, const char *role,
-			    const struct lp_uri *uri);
+/* All roles; ends with NULL. */
+extern const struct lp_backend_role *const lp_backend_roles[];
+
+/* Which back end of the role has the URI's scheme. -EPROTONOSUPPORT: as above. */
+int lp_backend_find(const struct lp_backend_role *role, const struct lp_uri *uri);
 
 #endif

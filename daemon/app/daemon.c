@@ -341,7 +341,7 @@ static int create_hub(struct lp_daemon *daemon)
 	const struct lp_options *options = daemon->options;
 	const struct lp_pipeline_options pipeline = lp_options_pipeline(options);
 	struct lp_hub_options hub = {
-		.hello = {.source = daemon->source->ops->scheme,
+		.hello = {.source = daemon->source->ops->info.scheme,
 			  .preset = lp_preset_name(options->preset),
 			  .max_sh_order = pipeline.sh_order,
 			  .max_lights = pipeline.max_lights,

@@ -19,11 +19,12 @@
 static void print_help(void)
 {
 	(void)printf("lightprobed " LP_VERSION ": measures real light and publishes it\n\n"
-		     "lightprobed --source=URI [--publish=URI]... [OPTION=VALUE]...\n\n"
-		     "Options, with their defaults:\n");
+		     "lightprobed --source=URI [--publish=URI]... [OPTION=VALUE]...\n\n");
 	lp_options_help(stdout);
-	lp_backends_help(stdout);
-	(void)printf("\nExit status: 0 ended as asked, 1 a device, a socket or no estimate, "
+	lp_backends_list(stdout);
+	(void)printf("\nURIs are SCHEME:REST?KEY=VALUE&KEY=VALUE; the keys: lightprobed "
+		     "--help-backends\n"
+		     "\nExit status: 0 ended as asked, 1 a device, a socket or no estimate, "
 		     "2 command line or configuration.\n");
 }
 
@@ -69,6 +70,10 @@ static int run(const struct lp_options *options)
 {
 	if (options->help) {
 		print_help();
+		return LP_EXIT_OK;
+	}
+	if (options->help_backends) {
+		lp_backends_help(stdout);
 		return LP_EXIT_OK;
 	}
 	if (options->version) {

@@ -100,7 +100,7 @@ static int parse_detector(const char *text, void *field)
 	const char *number = strchr(text, ':');
 	char *end;
 
-	for (size_t i = 0; i < sizeof(plain) / sizeof(plain[0]); i++) {
+	for (size_t i = 0; i < LP_COUNT(plain); i++) {
 		if (strcmp(text, plain[i].name) == 0) {
 			*choice = (struct lp_detector_options){.detector = plain[i].detector};
 			return 0;
@@ -125,101 +125,114 @@ static int parse_detector(const char *text, void *field)
 
 /* ---------------------------------------------------------------- the table */
 
-#define FIELD(name) offsetof(struct lp_options, name)
-
-static const struct lp_param params[] = {
-	{"source", LP_PARAM_TEXT, FIELD(source), .initial = "", .max = LP_URI_MAX_BYTES,
-	 .help = "URI of the camera (see below)"},
-	{"publish", LP_PARAM_OWN, FIELD(publish), .parse = parse_publish,
+static const struct lp_param config_list[] = {
+	{"source", LP_PARAM_TEXT, offsetof(struct lp_options, source), .initial = "",
+	 .max = LP_URI_MAX_BYTES, .help = "URI of the camera: see below, and --help-backends"},
+	{"publish", LP_PARAM_OWN, offsetof(struct lp_options, publish), .parse = parse_publish,
 	 .expects = "a URI, at most eight of them",
 	 .help = "URI of a publisher; repeat it for more. Default: tcp:127.0.0.1:7700 and a\n"
 		 "Unix socket in $XDG_RUNTIME_DIR or /run/lightprobe; with --once: stdout:"},
-	{"camera", LP_PARAM_TEXT, FIELD(camera), .initial = "equirect", .max = 1024,
-	 .help = "equirect, or a camera file (lenses, masks, rotation)"},
-	{"preset", LP_PARAM_CHOICE, FIELD(preset), .initial = "balanced", .choices = presets,
-	 .help = "speed against accuracy"},
-	{"panorama-width", LP_PARAM_OWN, FIELD(panorama_width_px), .initial = "0",
-	 .parse = parse_width, .expects = "0, or a multiple of 8 in 16..960",
+	{"camera", LP_PARAM_TEXT, offsetof(struct lp_options, camera), .initial = "equirect",
+	 .max = 1024, .help = "equirect, or a camera file (lenses, masks, rotation)"},
+	{"preset", LP_PARAM_CHOICE, offsetof(struct lp_options, preset), .initial = "balanced",
+	 .choices = presets, .help = "speed against accuracy"},
+	{"panorama-width", LP_PARAM_OWN, offsetof(struct lp_options, panorama_width_px),
+	 .initial = "0", .parse = parse_width, .expects = "0, or a multiple of 8 in 16..960",
 	 .help = "columns of the panorama; 0: as the preset says"},
-	{"decode", LP_PARAM_OWN, FIELD(decode_divisor), .initial = "0", .parse = parse_decode,
-	 .expects = "0|blocks|pixels|2|4|8",
+	{"decode", LP_PARAM_OWN, offsetof(struct lp_options, decode_divisor), .initial = "0",
+	 .parse = parse_decode, .expects = "0|blocks|pixels|2|4|8",
 	 .help = "read frames by blocks (no pixels), by every pixel, or JPEG at 1/N of its size;\n"
 		 "0: as the preset says"},
-	{"exact-blocks", LP_PARAM_OWN, FIELD(exact_blocks), .initial = "preset",
-	 .parse = parse_exact_blocks, .expects = "preset, or a whole number 0..65536",
+	{"exact-blocks", LP_PARAM_OWN, offsetof(struct lp_options, exact_blocks),
+	 .initial = "preset", .parse = parse_exact_blocks,
+	 .expects = "preset, or a whole number 0..65536",
 	 .help = "where blocks are read: most blocks decoded after all, those whose mean tells\n"
 		 "least"},
-	{"refine-cells", LP_PARAM_OWN, FIELD(refine_cells), .initial = "preset",
-	 .parse = parse_refine_cells, .expects = "preset, or a whole number 0..1024",
+	{"refine-cells", LP_PARAM_OWN, offsetof(struct lp_options, refine_cells),
+	 .initial = "preset", .parse = parse_refine_cells,
+	 .expects = "preset, or a whole number 0..1024",
 	 .help = "largest lamp looked at in full resolution, in camera cells that hold its\n"
 		 "light; 0: none"},
-	{"latency-goal-ms", LP_PARAM_FLOAT, FIELD(goals.latency_ms), .initial = "0", .max = 60000,
+	{"latency-goal-ms", LP_PARAM_FLOAT, offsetof(struct lp_options, goals.latency_ms),
+	 .initial = "0", .max = 60000,
 	 .help = "lower the preset while more than one estimate in ten takes longer; 0: never"},
-	{"cpu-budget-percent", LP_PARAM_FLOAT, FIELD(goals.cpu_percent), .initial = "0",
-	 .max = 6400, .help = "lower the preset while more of a core is used; 0: never"},
-	{"detector", LP_PARAM_OWN, FIELD(detector), .initial = "adaptive", .parse = parse_detector,
+	{"cpu-budget-percent", LP_PARAM_FLOAT, offsetof(struct lp_options, goals.cpu_percent),
+	 .initial = "0", .max = 6400,
+	 .help = "lower the preset while more of a core is used; 0: never"},
+	{"detector", LP_PARAM_OWN, offsetof(struct lp_options, detector), .initial = "adaptive",
+	 .parse = parse_detector,
 	 .expects = "adaptive|median|otsu|static:RADIANCE|research|mediancut:1..8",
 	 .help = "how lamps are found"},
-	{"sh-order", LP_PARAM_INT, FIELD(sh_order), .initial = "4", .max = LP_MAX_SH_ORDER,
-	 .help = "highest order of spherical harmonics offered"},
-	{"lights", LP_PARAM_INT, FIELD(lights), .initial = "8", .max = LP_MAX_LIGHTS,
-	 .help = "most lights looked for"},
-	{"smoothing-ms", LP_PARAM_FLOAT, FIELD(smoothing_ms), .initial = "200", .max = 60000,
-	 .help = "time constant of the smoothed estimate; 0: none"},
-	{"ttl-ms", LP_PARAM_FLOAT, FIELD(ttl_ms), .initial = "1000", .min = 10, .max = 3600000,
+	{"sh-order", LP_PARAM_INT, offsetof(struct lp_options, sh_order), .initial = "4",
+	 .max = LP_MAX_SH_ORDER, .help = "highest order of spherical harmonics offered"},
+	{"lights", LP_PARAM_INT, offsetof(struct lp_options, lights), .initial = "8",
+	 .max = LP_MAX_LIGHTS, .help = "most lights looked for"},
+	{"smoothing-ms", LP_PARAM_FLOAT, offsetof(struct lp_options, smoothing_ms),
+	 .initial = "200", .max = 60000, .help = "time constant of the smoothed estimate; 0: none"},
+	{"ttl-ms", LP_PARAM_FLOAT, offsetof(struct lp_options, ttl_ms), .initial = "1000",
+	 .min = 10, .max = 3600000,
 	 .help = "without frames for so long, the last estimate is repeated, marked stale"},
-	{"brackets", LP_PARAM_INT, FIELD(brackets), .initial = "3", .max = LP_MAX_PLANNED,
+	{"brackets", LP_PARAM_INT, offsetof(struct lp_options, brackets), .initial = "3",
+	 .max = LP_MAX_PLANNED,
 	 .help = "most exposures of a bracket, where exposure can be set; the scene decides how\n"
 		 "many are used; 0: exposure is left alone"},
-	{"exposure-us", LP_PARAM_FLOAT, FIELD(exposure_us), .initial = "0", .max = 1e8,
+	{"exposure-us", LP_PARAM_FLOAT, offsetof(struct lp_options, exposure_us), .initial = "0",
+	 .max = 1e8,
 	 .help = "one fixed exposure instead of brackets, where it can be set; 0: brackets"},
-	{"gain", LP_PARAM_FLOAT, FIELD(gain), .initial = "0", .max = 1e4,
+	{"gain", LP_PARAM_FLOAT, offsetof(struct lp_options, gain), .initial = "0", .max = 1e4,
 	 .help = "set the camera's gain (linear factor), with --exposure-us; 0: leave it"},
-	{"rotator", LP_PARAM_TEXT, FIELD(rotator), .initial = "", .max = LP_URI_MAX_BYTES,
-	 .help = "URI of the polarizer wheel (see below); none unless named"},
-	{"wheel-angles", LP_PARAM_FLOATS, FIELD(wheel_angles_deg), .initial = "0", .max = 180,
+	{"rotator", LP_PARAM_TEXT, offsetof(struct lp_options, rotator), .initial = "",
+	 .max = LP_URI_MAX_BYTES, .help = "URI of the polarizer wheel; none unless named"},
+	{"wheel-angles", LP_PARAM_FLOATS, offsetof(struct lp_options, wheel_angles_deg),
+	 .initial = "0", .max = 180,
 	 .help = "angles of the wheel in degrees: one, where it stays; several, which it goes\n"
 		 "round for ever"},
-	{"wheel-dwell-ms", LP_PARAM_FLOAT, FIELD(wheel_dwell_ms), .initial = "500", .max = 3600000,
+	{"wheel-dwell-ms", LP_PARAM_FLOAT, offsetof(struct lp_options, wheel_dwell_ms),
+	 .initial = "500", .max = 3600000,
 	 .help = "how long the wheel stays at each of several angles"},
-	{"ring", LP_PARAM_TEXT, FIELD(ring), .initial = "", .max = LP_URI_MAX_BYTES,
-	 .help = "URI of the ring of light sensors (see below); none unless named"},
-	{"max-clients", LP_PARAM_INT, FIELD(max_clients), .initial = "256", .min = 1, .max = 4096,
-	 .help = "more are refused"},
-	{"log-level", LP_PARAM_CHOICE, FIELD(log_level), .initial = "info", .choices = log_levels,
-	 .help = "least severe message printed"},
-	/* From here on: on the command line only. */
-	{"config", LP_PARAM_TEXT, FIELD(config), .initial = "", .max = 1024,
+	{"ring", LP_PARAM_TEXT, offsetof(struct lp_options, ring), .initial = "",
+	 .max = LP_URI_MAX_BYTES, .help = "URI of the ring of light sensors; none unless named"},
+	{"max-clients", LP_PARAM_INT, offsetof(struct lp_options, max_clients), .initial = "256",
+	 .min = 1, .max = 4096, .help = "more are refused"},
+	{"log-level", LP_PARAM_CHOICE, offsetof(struct lp_options, log_level), .initial = "info",
+	 .choices = log_levels, .help = "least severe message printed"},
+};
+/* Those that make sense in a configuration file. */
+static const struct lp_params config_params = LP_PARAMS(config_list);
+
+static const struct lp_param command_list[] = {
+	{"config", LP_PARAM_TEXT, offsetof(struct lp_options, config), .initial = "", .max = 1024,
 	 .help = "read options from this file: NAME = VALUE lines, # comments"},
-	{"once", LP_PARAM_BOOL, FIELD(once), .initial = "0",
+	{"once", LP_PARAM_BOOL, offsetof(struct lp_options, once), .initial = "0",
 	 .help = "process a finite source as one set, publish one estimate, exit"},
-	{"simulated-time", LP_PARAM_TEXT, FIELD(simulated_time), .initial = "", .max = 108,
+	{"simulated-time", LP_PARAM_TEXT, offsetof(struct lp_options, simulated_time),
+	 .initial = "", .max = 108,
 	 .help = "for tests: take the time from this Unix socket instead of the clock"},
-	{"series", LP_PARAM_TEXT, FIELD(series), .initial = "", .max = 1024,
+	{"series", LP_PARAM_TEXT, offsetof(struct lp_options, series), .initial = "", .max = 1024,
 	 .help = "instead of estimating, write the camera's raw frames into this new folder and\n"
 		 "exit: for calibration; pictures leave the box only by this"},
-	{"series-us", LP_PARAM_FLOATS, FIELD(series_us), .min = 0.001, .max = 1e8,
+	{"series-us", LP_PARAM_FLOATS, offsetof(struct lp_options, series_us), .min = 0.001,
+	 .max = 1e8,
 	 .help = "exposures to command one after the other, with --series; none: as they come"},
-	{"series-frames", LP_PARAM_INT, FIELD(series_frames), .initial = "12", .max = 10000,
-	 .help = "frames to write after each command; 0: until the source ends"},
-	{"check-config", LP_PARAM_BOOL, FIELD(check_config), .initial = "0",
+	{"series-frames", LP_PARAM_INT, offsetof(struct lp_options, series_frames), .initial = "12",
+	 .max = 10000, .help = "frames to write after each command; 0: until the source ends"},
+	{"check-config", LP_PARAM_BOOL, offsetof(struct lp_options, check_config), .initial = "0",
 	 .help = "say what is in force, or what is wrong, and exit"},
-	{"version", LP_PARAM_BOOL, FIELD(version), .initial = "0",
+	{"version", LP_PARAM_BOOL, offsetof(struct lp_options, version), .initial = "0",
 	 .help = "print version and build options, and exit"},
-	{"help", LP_PARAM_BOOL, FIELD(help), .initial = "0", .help = "print this, and exit"},
+	{"help", LP_PARAM_BOOL, offsetof(struct lp_options, help), .initial = "0",
+	 .help = "print this, and exit"},
+	{"help-backends", LP_PARAM_BOOL, offsetof(struct lp_options, help_backends), .initial = "0",
+	 .help = "print what may follow in the URIs of cameras, wheels, rings and publishers,\n"
+		 "and exit"},
 };
-#define PARAMS (sizeof(params) / sizeof(params[0]))
-
-/* Those that make sense in a configuration file: all before "config". */
-static size_t config_params(void)
-{
-	return (size_t)(lp_param_find(params, PARAMS, "config") - params);
-}
+static const struct lp_params command_params = LP_PARAMS(command_list);
+static const struct lp_params params = {config_list, LP_COUNT(config_list), &command_params};
 
 void lp_options_defaults(struct lp_options *options)
 {
 	memset(options, 0, sizeof(*options));
-	lp_param_defaults(params, PARAMS, options);
+	lp_param_defaults(&params, options);
 }
 
 /* ---------------------------------------------------------------- configuration file */
@@ -231,7 +244,7 @@ static int apply_config(struct lp_options *options, struct lp_ini *ini)
 	int ret = lp_ini_check_sections(ini, sections);
 
 	if (ret == 0)
-		ret = lp_ini_set(ini, "", params, config_params(), options);
+		ret = lp_ini_set(ini, "", &config_params, options);
 	lp_ini_finish(ini);
 	return ret;
 }
@@ -277,7 +290,7 @@ static int next_argument(int argc, char **argv, int *at, struct argument *argume
 	}
 	(void)snprintf(argument->name, sizeof(argument->name), "%.*s", (int)length - 2, text + 2);
 	argument->value = equals ? equals + 1 : "";
-	param = lp_param_find(params, PARAMS, argument->name);
+	param = lp_param_find(&params, argument->name);
 	if (equals || !param)
 		return 0;
 	if (param->type == LP_PARAM_BOOL) {
@@ -300,7 +313,7 @@ static int read_arguments(struct lp_options *options, int argc, char **argv, con
 	for (int at = 1; at < argc && ret == 0;) {
 		ret = next_argument(argc, argv, &at, &argument);
 		if (ret == 0 && (!only || strcmp(argument.name, only) == 0))
-			ret = lp_param_set(params, PARAMS, options, "lightprobed", argument.name,
+			ret = lp_param_set(&params, options, "lightprobed", argument.name,
 					   argument.value);
 	}
 	return ret;
@@ -345,34 +358,14 @@ int lp_options_read(struct lp_options *options, int argc, char **argv)
 
 /* ---------------------------------------------------------------- for others */
 
-/* Text of several lines, each indented. */
-static void print_indented(FILE *out, const char *text)
-{
-	while (*text) {
-		const size_t length = strcspn(text, "\n");
-
-		(void)fprintf(out, "      %.*s\n", (int)length, text);
-		text += length + (text[length] != '\0');
-	}
-}
-
 void lp_options_help(FILE *out)
 {
-	for (size_t i = 0; i < PARAMS; i++) {
-		char expects[256];
-
-		lp_param_describe(&params[i], expects, sizeof(expects));
-		if (params[i].type == LP_PARAM_BOOL)
-			(void)fprintf(out, "  --%s\n", params[i].name);
-		else if (params[i].type == LP_PARAM_TEXT)
-			(void)fprintf(out, "  --%s=%s\n", params[i].name, params[i].initial);
-		else if (params[i].initial)
-			(void)fprintf(out, "  --%s=%s   (%s)\n", params[i].name, params[i].initial,
-				      expects);
-		else
-			(void)fprintf(out, "  --%s=   (%s)\n", params[i].name, expects);
-		print_indented(out, params[i].help);
-	}
+	(void)fputs("Options, with their defaults; also for the configuration file, as NAME = "
+		    "VALUE:\n",
+		    out);
+	lp_param_print(out, "  --", &config_params);
+	(void)fputs("\nOn the command line only; a name alone means 1:\n", out);
+	lp_param_print(out, "  --", &command_params);
 }
 
 struct lp_pipeline_options lp_options_pipeline(const struct lp_options *options)

@@ -45,7 +45,7 @@ struct lp_options {
 	struct lp_floats series_us;
 	int series_frames;
 	char simulated_time[108]; /* socket of a test; empty: the system's time */
-	bool once, version, help, check_config;
+	bool once, version, help, help_backends, check_config;
 };
 
 /*

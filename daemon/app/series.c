@@ -113,7 +113,7 @@ static void begin(struct series *series)
 
 	series->source->ops->caps(series->source, &caps);
 	series->begun = true;
-	if (lp_series_writer_start(series->writer, series->source->ops->scheme, &caps) < 0) {
+	if (lp_series_writer_start(series->writer, series->source->ops->info.scheme, &caps) < 0) {
 		end(series, LP_EXIT_FAILURE);
 		return;
 	}

@@ -231,8 +231,8 @@ bool lp_ini_has(const struct lp_ini *ini, const char *section)
 	return false;
 }
 
-int lp_ini_set(const struct lp_ini *ini, const char *section, const struct lp_param *params,
-	       size_t count, void *fields)
+int lp_ini_set(const struct lp_ini *ini, const char *section, const struct lp_params *params,
+	       void *fields)
 {
 	char object[OBJECT_BYTES];
 
@@ -240,8 +240,8 @@ int lp_ini_set(const struct lp_ini *ini, const char *section, const struct lp_pa
 		const struct lp_ini_entry *entry = &ini->entries[i];
 
 		if (strcmp(entry->section, section) == 0 &&
-		    lp_param_set(params, count, fields, object_of(ini, entry->line, object),
-				 entry->name, entry->value) < 0)
+		    lp_param_set(params, fields, object_of(ini, entry->line, object), entry->name,
+				 entry->value) < 0)
 			return -EBADMSG;
 	}
 	return 0;

@@ -13,7 +13,7 @@
 #define LP_INI_MAX_BYTES ((size_t)64 << 10)
 #define LP_INI_LINE_MAX_BYTES 198 /* without indentation and comment; what libinih can read */
 
-struct lp_param;
+struct lp_params;
 
 struct lp_ini_entry {
 	char *section, *name, *value; /* the section is "" before the first one */
@@ -43,8 +43,8 @@ bool lp_ini_has(const struct lp_ini *ini, const char *section);
 
 /* Set the parameters of one section in `*fields` (base/param.h). -EBADMSG, logged: an unknown name
  * or a wrong value. */
-int lp_ini_set(const struct lp_ini *ini, const char *section, const struct lp_param *params,
-	       size_t count, void *fields);
+int lp_ini_set(const struct lp_ini *ini, const char *section, const struct lp_params *params,
+	       void *fields);
 
 /* Free what it holds. A zeroed structure holds nothing. */
 void lp_ini_finish(struct lp_ini *ini);

@@ -14,9 +14,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* The structure that embeds a member, from the member's address. */
-#define LP_CONTAINER_OF(pointer, type, member) \
-	((type *)(void *)((char *)(pointer)-offsetof(type, member)))
+#include "base/macros.h"
 
 struct lp_loop;
 struct lp_watch_handle;

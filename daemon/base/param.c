@@ -14,7 +14,7 @@ static int parse_bool(const char *text, bool *value)
 {
 	static const char *const words[] = {"0", "1", "no", "yes", "off", "on", "false", "true"};
 
-	for (size_t i = 0; i < sizeof(words) / sizeof(words[0]); i++) {
+	for (size_t i = 0; i < LP_COUNT(words); i++) {
 		if (strcmp(text, words[i]) == 0) {
 			*value = i % 2;
 			return 0;
@@ -192,25 +192,38 @@ void lp_param_describe(const struct lp_param *param, char *text, size_t size_byt
 	}
 }
 
-const struct lp_param *lp_param_find(const struct lp_param *params, size_t count, const char *name)
+const struct lp_param *lp_param_find(const struct lp_params *params, const char *name)
 {
-	for (size_t i = 0; i < count; i++) {
-		if (strcmp(params[i].name, name) == 0)
-			return &params[i];
+	for (; params; params = params->more) {
+		for (size_t i = 0; i < params->count; i++) {
+			if (strcmp(params->list[i].name, name) == 0)
+				return &params->list[i];
+		}
 	}
 	return NULL;
 }
 
-int lp_param_set(const struct lp_param *params, size_t count, void *fields, const char *object,
-		 const char *name, const char *value)
+/* "rate, loop" */
+static void list_names(const struct lp_params *params, char *text, size_t size_bytes)
 {
-	const struct lp_param *param = lp_param_find(params, count, name);
-	char text[384] = "";
+	text[0] = '\0';
+	for (; params; params = params->more) {
+		for (size_t i = 0; i < params->count; i++)
+			append(text, size_bytes, "%s%s", *text ? ", " : "", params->list[i].name);
+	}
+	if (!*text)
+		append(text, size_bytes, "(none)");
+}
+
+int lp_param_set(const struct lp_params *params, void *fields, const char *object, const char *name,
+		 const char *value)
+{
+	const struct lp_param *param = lp_param_find(params, name);
+	char text[384];
 
 	if (!param) {
-		for (size_t i = 0; i < count; i++)
-			append(text, sizeof(text), "%s%s", i ? ", " : "", params[i].name);
-		lp_error(object, name, "unknown key; known: %s", count ? text : "(none)");
+		list_names(params, text, sizeof(text));
+		lp_error(object, name, "unknown key; known: %s", text);
 		return -EINVAL;
 	}
 	if (parse(param, value, (char *)fields + param->offset) < 0) {
@@ -221,14 +234,48 @@ int lp_param_set(const struct lp_param *params, size_t count, void *fields, cons
 	return 0;
 }
 
-void lp_param_defaults(const struct lp_param *params, size_t count, void *fields)
+void lp_param_defaults(const struct lp_params *params, void *fields)
 {
-	for (size_t i = 0; i < count; i++) {
-		if (params[i].initial &&
-		    parse(&params[i], params[i].initial, (char *)fields + params[i].offset) < 0) {
-			lp_error(params[i].name, "default", "'%s' does not parse",
-				 params[i].initial);
-			abort();
+	for (; params; params = params->more) {
+		for (size_t i = 0; i < params->count; i++) {
+			const struct lp_param *param = &params->list[i];
+
+			if (param->initial &&
+			    parse(param, param->initial, (char *)fields + param->offset) < 0) {
+				lp_error(param->name, "default", "'%s' does not parse",
+					 param->initial);
+				abort();
+			}
 		}
+	}
+}
+
+/* ---------------------------------------------------------------- help */
+
+void lp_print_indented(FILE *out, int indent, const char *text)
+{
+	while (*text) {
+		const size_t length = strcspn(text, "\n");
+
+		(void)fprintf(out, "%*s%.*s\n", indent, "", (int)length, text);
+		text += length + (text[length] != '\0');
+	}
+}
+
+static void print_one(FILE *out, const char *lead, const struct lp_param *param)
+{
+	char expects[256];
+
+	lp_param_describe(param, expects, sizeof(expects));
+	(void)fprintf(out, "%s%s=%s   (%s)\n", lead, param->name,
+		      param->initial ? param->initial : "", expects);
+	lp_print_indented(out, (int)strspn(lead, " ") + 4, param->help);
+}
+
+void lp_param_print(FILE *out, const char *lead, const struct lp_params *params)
+{
+	for (; params; params = params->more) {
+		for (size_t i = 0; i < params->count; i++)
+			print_one(out, lead, &params->list[i]);
 	}
 }

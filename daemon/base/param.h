@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Named, typed, bounded values: one table per structure drives command line, configuration file,
- *the query part of URIs, their help and their errors.
+ * the query part of URIs, their help and their errors.
  *
- *	struct lp_param params[] = {
- *		{"rate", LP_PARAM_FLOAT, offsetof(struct options, rate_hz), .initial = "30", .max =
- *1000},
+ *	static const struct lp_param list[] = {
+ *		{"rate", LP_PARAM_FLOAT, offsetof(struct options, rate_hz), .initial = "30",
+ *		 .max = 1000, .help = "pictures a second"},
  *	};
+ *	static const struct lp_params params = LP_PARAMS(list);
  */
 #ifndef LP_BASE_PARAM_H
 #define LP_BASE_PARAM_H
@@ -14,6 +15,9 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
+
+#include "base/macros.h"
 
 #define LP_PARAM_FLOATS_MAX 16
 
@@ -50,20 +54,41 @@ struct lp_param {
 	const char *help;
 };
 
+/* The parameters of one structure. */
+struct lp_params {
+	const struct lp_param *list;
+	size_t count;
+	/* Those of the structure that this one begins with; NULL: none. */
+	const struct lp_params *more;
+};
+
+/* Initialises a table from its array. */
+#define LP_PARAMS(array)                                  \
+	{                                                 \
+		.list = (array), .count = LP_COUNT(array) \
+	}
+
 /*
  * Set the parameter `name` in `*fields`. -EINVAL, logged under `object` (a command line, FILE:LINE,
  * a URI): unknown name (lists the known ones), or a value that is not what the parameter expects.
+ * `params` NULL: there are none.
  */
-int lp_param_set(const struct lp_param *params, size_t count, void *fields, const char *object,
-		 const char *name, const char *value);
+int lp_param_set(const struct lp_params *params, void *fields, const char *object, const char *name,
+		 const char *value);
 
 /* Set every parameter to its default; the table is wrong when one does not parse (aborts). */
-void lp_param_defaults(const struct lp_param *params, size_t count, void *fields);
+void lp_param_defaults(const struct lp_params *params, void *fields);
+
+/* NULL when there is none. */
+const struct lp_param *lp_param_find(const struct lp_params *params, const char *name);
 
 /* What the parameter expects, in words ("a whole number 0..4"), into `text`. */
 void lp_param_describe(const struct lp_param *param, char *text, size_t size_bytes);
 
-/* NULL when there is none. */
-const struct lp_param *lp_param_find(const struct lp_param *params, size_t count, const char *name);
+/* Help: name, default, what is expected, and what it is for. `lead` stands before each name. */
+void lp_param_print(FILE *out, const char *lead, const struct lp_params *params);
+
+/* Print each line of `text` after `indent` blanks. */
+void lp_print_indented(FILE *out, int indent, const char *text);
 
 #endif

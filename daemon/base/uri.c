@@ -125,13 +125,27 @@ int lp_uri_parse(struct lp_uri *uri, const char *text)
 	return 0;
 }
 
-int lp_uri_read(const struct lp_uri *uri, const struct lp_param *params, size_t count, void *fields)
+int lp_uri_set(const struct lp_uri *uri, const struct lp_params *params, void *fields)
 {
 	int ret = 0;
 
-	lp_param_defaults(params, count, fields);
 	for (int i = 0; i < uri->key_count && ret == 0; i++)
-		ret = lp_param_set(params, count, fields, uri->text, uri->keys[i].name,
+		ret = lp_param_set(params, fields, uri->text, uri->keys[i].name,
 				   uri->keys[i].value);
 	return ret;
+}
+
+int lp_uri_read(const struct lp_uri *uri, const struct lp_params *params, void *fields)
+{
+	lp_param_defaults(params, fields);
+	return lp_uri_set(uri, params, fields);
+}
+
+bool lp_uri_has(const struct lp_uri *uri, const char *name)
+{
+	for (int i = 0; i < uri->key_count; i++) {
+		if (strcmp(uri->keys[i].name, name) == 0)
+			return true;
+	}
+	return false;
 }

@@ -6,12 +6,13 @@
 #ifndef LP_BASE_URI_H
 #define LP_BASE_URI_H
 
+#include <stdbool.h>
 #include <stddef.h>
 
 #define LP_URI_MAX_BYTES 2048
 #define LP_URI_MAX_KEYS 32
 
-struct lp_param;
+struct lp_params;
 
 struct lp_uri_key {
 	const char *name, *value; /* decoded */
@@ -32,8 +33,14 @@ struct lp_uri {
  */
 int lp_uri_parse(struct lp_uri *uri, const char *text);
 
-/* Defaults, then every key of the query into `*fields` (base/param.h). -EINVAL, logged. */
-int lp_uri_read(const struct lp_uri *uri, const struct lp_param *params, size_t count,
-		void *fields);
+/* Every key of the query into `*fields` (base/param.h); `params` NULL: no key is known. -EINVAL,
+ * logged. */
+int lp_uri_set(const struct lp_uri *uri, const struct lp_params *params, void *fields);
+
+/* The same, after the defaults. */
+int lp_uri_read(const struct lp_uri *uri, const struct lp_params *params, void *fields);
+
+/* Whether the query has this key. */
+bool lp_uri_has(const struct lp_uri *uri, const char *name);
 
 #endif

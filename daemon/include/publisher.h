@@ -13,6 +13,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "include/backend.h"
+
 struct lp_loop;
 struct lp_packet;
 struct lp_publisher;
@@ -50,8 +52,7 @@ struct lp_publisher_host {
 };
 
 struct lp_publisher_ops {
-	const char *scheme;
-	const char *help;
+	struct lp_backend info;
 	int (*create)(const struct lp_uri *uri, const struct lp_publisher_host *host,
 		      struct lp_publisher **publisher);
 	int (*start)(struct lp_publisher *publisher);

@@ -8,6 +8,8 @@
 
 #include <stdint.h>
 
+#include "include/backend.h"
+
 struct lp_connections;
 struct lp_loop;
 struct lp_ring;
@@ -25,8 +27,7 @@ struct lp_ring_host {
 };
 
 struct lp_ring_ops {
-	const char *scheme;
-	const char *help;
+	struct lp_backend info;
 	int (*create)(const struct lp_uri *uri, const struct lp_ring_host *host,
 		      struct lp_ring **ring);
 	int (*start)(struct lp_ring *ring);

@@ -15,6 +15,8 @@
 
 #include <stdint.h>
 
+#include "include/backend.h"
+
 struct lp_connections;
 struct lp_loop;
 struct lp_rotator;
@@ -57,8 +59,7 @@ struct lp_rotator_host {
 };
 
 struct lp_rotator_ops {
-	const char *scheme;
-	const char *help; /* for --help: URI form and options */
+	struct lp_backend info;
 	int (*create)(const struct lp_uri *uri, const struct lp_rotator_host *host,
 		      struct lp_rotator **rotator);
 	int (*start)(struct lp_rotator *rotator);

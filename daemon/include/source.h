@@ -29,6 +29,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "include/backend.h"
+
 struct lp_camera_profile;
 struct lp_frame;
 struct lp_loop;
@@ -75,8 +77,7 @@ struct lp_source_caps {
 };
 
 struct lp_source_ops {
-	const char *scheme;
-	const char *help; /* one line for --help: URI form and options */
+	struct lp_backend info;
 	int (*create)(const struct lp_uri *uri, const struct lp_source_host *host,
 		      struct lp_source **source);
 	int (*start)(struct lp_source *source);

@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/macros.h"
 #include "include/light_estimate.h"
 #include "include/panorama.h"
 #include "light/grid.h"
@@ -424,7 +425,7 @@ static void split_and_insert(struct lp_lamp_finder *finder, const struct lp_pano
 			     const struct part *whole, const struct lp_lamp_options *options)
 {
 	struct part stack[2 * LP_MAX_LAMPS];
-	const int room = sizeof(stack) / sizeof(stack[0]);
+	const int room = (int)LP_COUNT(stack);
 	int depth = 0;
 
 	stack[depth++] = *whole;

@@ -7,8 +7,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define COUNT(array) (sizeof(array) / sizeof((array)[0]))
-
 /* In the order of enum lp_projection. */
 static const char *const projections[] = {"equirect", "fisheye", NULL};
 
@@ -19,7 +17,7 @@ static int parse_match(const char *text, void *field)
 	return usb && text[4] && lp_usb_id_parse(text + 4, field) == strlen(text + 4) ? 0 : -EINVAL;
 }
 
-static const struct lp_param camera_params[] = {
+static const struct lp_param camera_list[] = {
 	{"version", LP_PARAM_INT, offsetof(struct lp_camera_file, version), .min = 1, .max = 1},
 	{"name", LP_PARAM_TEXT, offsetof(struct lp_camera_file, name), .max = 64},
 	{"match", LP_PARAM_OWN, offsetof(struct lp_camera_file, usb), .parse = parse_match,
@@ -31,10 +29,12 @@ static const struct lp_param camera_params[] = {
 	{"height_px", LP_PARAM_INT, offsetof(struct lp_camera_file, height_px), .min = 1,
 	 .max = 16384},
 };
+static const struct lp_params camera_params = LP_PARAMS(camera_list);
 
-static const struct lp_param response_params[] = {
+static const struct lp_param response_list[] = {
 	{"table", LP_PARAM_TEXT, offsetof(struct lp_camera_file, response), .max = PATH_MAX},
 };
+static const struct lp_params response_params = LP_PARAMS(response_list);
 
 #define LENS_FLOAT(key, low, high)                                                        \
 	{                                                                                 \
@@ -42,7 +42,7 @@ static const struct lp_param response_params[] = {
 									    .max = (high) \
 	}
 
-static const struct lp_param lens_params[] = {
+static const struct lp_param lens_list[] = {
 	LENS_FLOAT(cx_px, -16384, 32768),
 	LENS_FLOAT(cy_px, -16384, 32768),
 	LENS_FLOAT(fx_px, 1, 32768),
@@ -58,6 +58,7 @@ static const struct lp_param lens_params[] = {
 	 .max = 100},
 	{"mask", LP_PARAM_TEXT, offsetof(struct lp_lens_fields, mask), .max = PATH_MAX},
 };
+static const struct lp_params lens_params = LP_PARAMS(lens_list);
 
 static int set_fields(struct lp_camera_file *file)
 {
@@ -69,17 +70,15 @@ static int set_fields(struct lp_camera_file *file)
 
 	_Static_assert(LP_MAX_LENSES == 4, "a section for each lens");
 	if (ret == 0)
-		ret = lp_ini_set(&file->ini, "camera", camera_params, COUNT(camera_params), file);
+		ret = lp_ini_set(&file->ini, "camera", &camera_params, file);
 	if (ret == 0)
-		ret = lp_ini_set(&file->ini, "response", response_params, COUNT(response_params),
-				 file);
+		ret = lp_ini_set(&file->ini, "response", &response_params, file);
 	for (int k = 0; k < LP_MAX_LENSES && ret == 0; k++) {
 		char section[20];
 
 		(void)snprintf(section, sizeof(section), "lens.%d", k);
 		file->lens[k].present = lp_ini_has(&file->ini, section);
-		ret = lp_ini_set(&file->ini, section, lens_params, COUNT(lens_params),
-				 &file->lens[k]);
+		ret = lp_ini_set(&file->ini, section, &lens_params, &file->lens[k]);
 	}
 	return ret;
 }

@@ -9,7 +9,10 @@ from pathlib import Path
 import pytest
 from harness import BUILD, Daemon, jpeg, run
 
-ROOT_ONLY = pytest.mark.skipif(os.geteuid() != 0, reason="needs root to become another user")
+DOCUMENT = Path(__file__).parents[2] / "docs" / "cameras.md"
+ROOT_ONLY = pytest.mark.skipif(
+    os.geteuid() != 0, reason="needs root to become another user"
+)
 
 
 def test_version_names_build_options():
@@ -20,6 +23,21 @@ def test_version_names_build_options():
     assert "variant=asan" in lines
     assert [line for line in lines if line.startswith("WITH_")]
     assert all(re.fullmatch(r"WITH_\w+=[01]", line) for line in lines[2:])
+
+
+def keys_of_back_ends() -> tuple[dict[str, dict[str, str]], str]:
+    """Read --help-backends: per scheme its keys with their defaults (the last role's); the text."""
+    status, out, _ = run("--help-backends")
+    assert status == 0
+    keys: dict[str, dict[str, str]] = {}
+    scheme = ""
+    for line in out.decode().splitlines():
+        if found := re.match(r"  (\w+):", line):
+            scheme = found[1]
+            keys[scheme] = {}
+        elif found := re.match(r"      (\w+)=(.*)   \(", line):
+            keys[scheme][found[1]] = found[2]
+    return keys, out.decode()
 
 
 def test_help_names_options_and_back_ends():
@@ -37,6 +55,27 @@ def test_help_names_options_and_back_ends():
     ):
         assert word in text
     assert max(len(line) for line in text.splitlines()) <= 100
+
+
+def test_keys_of_uris_are_in_the_help_of_back_ends():
+    keys, text = keys_of_back_ends()
+    assert keys["pca9685"]["slew_deg_s"] == "90"
+    assert keys["unix"]["mode"] == "660"
+    assert max(len(line) for line in text.splitlines()) <= 100
+
+
+@pytest.mark.parametrize(
+    ("scheme", "heading"), [("v4l2", "Camera files"), ("libcamera", "libcamera")]
+)
+def test_documented_keys_of_cameras_are_those_of_the_help(scheme, heading):
+    """docs/cameras.md has a table of them, with their defaults."""
+    part = re.split(r"^## ", DOCUMENT.read_text(), flags=re.MULTILINE)
+    (section,) = [text for text in part if heading in text.splitlines()[0]]
+    rows = re.findall(r"^\| `(\w+)` \| `?([^`|]*?)`? *\|", section, flags=re.MULTILINE)
+    keys, _ = keys_of_back_ends()
+    assert rows
+    assert {name: keys[scheme][name] for name, _ in rows} == dict(rows)
+    assert all(f"`{name}`" in section for name in keys[scheme])
 
 
 @pytest.mark.parametrize(
@@ -73,10 +112,22 @@ def test_help_names_options_and_back_ends():
         ),
         (["--source=file:a", "--camera=/no/camera"], "/no/camera"),
         (["--config=/no/file"], "/no/file: read: No such file or directory"),
-        (["--source=file:a", "--publish=tcp:nonsense"], "tcp:nonsense: parse: must be tcp:HOST"),
-        (["--source=file:a", "--publish=tcp:127.0.0.1:99999"], "with a port up to 65535"),
-        (["--source=file:a", "--publish=unix:"], "unix:: parse: a socket path has 1 to 107"),
-        (["--source=file:a", "--publish=unix:/tmp/" + 150 * "x"], "a socket path has 1 to 107"),
+        (
+            ["--source=file:a", "--publish=tcp:nonsense"],
+            "tcp:nonsense: parse: must be tcp:HOST",
+        ),
+        (
+            ["--source=file:a", "--publish=tcp:127.0.0.1:99999"],
+            "with a port up to 65535",
+        ),
+        (
+            ["--source=file:a", "--publish=unix:"],
+            "unix:: parse: a socket path has 1 to 107",
+        ),
+        (
+            ["--source=file:a", "--publish=unix:/tmp/" + 150 * "x"],
+            "a socket path has 1 to 107",
+        ),
     ],
 )
 @pytest.mark.parametrize("check", [[], ["--check-config"]])
@@ -117,7 +168,9 @@ def test_config_errors_name_file_and_line(tmp_path, text, message):
 
 def test_check_config_says_what_is_in_force(tmp_path):
     config = tmp_path / "probe.conf"
-    config.write_text("# my probe\nsource = sim:/run/sim.sock?drop=0.1\npublish = stdout:\n")
+    config.write_text(
+        "# my probe\nsource = sim:/run/sim.sock?drop=0.1\npublish = stdout:\n"
+    )
     status, out, log = run(f"--config={config}", "--check-config")
     assert (status, log) == (0, "")
     assert "source sim:/run/sim.sock?drop=0.1" in out.decode()
@@ -132,13 +185,18 @@ def test_the_shipped_example_is_good():
 def test_missing_file():
     status, _, log = run("--source=file:/no/such.jpg", "--publish=tcp:127.0.0.1:0")
     assert status == 1
-    assert "error file: /no/such.jpg: open: No such file or directory — check the path" in log
+    assert (
+        "error file: /no/such.jpg: open: No such file or directory — check the path"
+        in log
+    )
 
 
 @ROOT_ONLY
 def test_unreadable_file():
     daemon = Daemon("--source=", "--once", user=65534)
-    picture = daemon.folder / "a.jpg"  # others may look into this folder, not into pytest's
+    picture = (
+        daemon.folder / "a.jpg"
+    )  # others may look into this folder, not into pytest's
     picture.write_bytes(jpeg())
     picture.chmod(0o600)
     daemon.arguments[0] = f"--source=file:{picture}"
@@ -146,7 +204,9 @@ def test_unreadable_file():
     assert "open: Permission denied — may this user read it?" in daemon.log()
 
 
-@pytest.mark.parametrize("source", ["sim:/no/camera", "v4l2:", "libcamera:", "file:/no.jpg"])
+@pytest.mark.parametrize(
+    "source", ["sim:/no/camera", "v4l2:", "libcamera:", "file:/no.jpg"]
+)
 @pytest.mark.parametrize("limit", range(6, 36, 3))
 def test_too_few_file_descriptors_are_told(limit, source):
     """However few there are: one line that says so and what to do, and it is no usage error."""
@@ -156,29 +216,41 @@ def test_too_few_file_descriptors_are_told(limit, source):
 
     status, _, log = run(f"--source={source}", variant="release", preexec_fn=set_limit)
     assert status == 1
-    assert "more files can be opened, and 32 are needed — ulimit -n, or LimitNOFILE=" in log
+    assert (
+        "more files can be opened, and 32 are needed — ulimit -n, or LimitNOFILE="
+        in log
+    )
 
 
 def test_port_in_use(tmp_path):
     (tmp_path / "a.jpg").write_bytes(jpeg())
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        status, _, log = run(f"--source=file:{tmp_path}/a.jpg", f"--publish=tcp:127.0.0.1:{port}")
+        status, _, log = run(
+            f"--source=file:{tmp_path}/a.jpg", f"--publish=tcp:127.0.0.1:{port}"
+        )
     assert status == 1
-    assert f"error tcp:127.0.0.1:{port}: bind: Address already in use — does another" in log
+    assert (
+        f"error tcp:127.0.0.1:{port}: bind: Address already in use — does another"
+        in log
+    )
 
 
 def test_two_daemons_on_one_socket_path(tmp_path):
     (tmp_path / "a.jpg").write_bytes(jpeg())
     with Daemon(f"--source=file:{tmp_path}/a.jpg") as first:
-        status, _, log = run(f"--source=file:{tmp_path}/a.jpg", f"--publish=unix:{first.socket}")
+        status, _, log = run(
+            f"--source=file:{tmp_path}/a.jpg", f"--publish=unix:{first.socket}"
+        )
         assert status == 1
         assert "bind: Address already in use — does another lightprobed run?" in log
         first.client().next("estimate")  # the first one serves as before
         first.process.kill()
         first.process.wait()
         assert first.socket.exists()  # nobody cleaned up: the next one takes the place
-        with Daemon(f"--source=file:{tmp_path}/a.jpg", f"--publish=unix:{first.socket}") as second:
+        with Daemon(
+            f"--source=file:{tmp_path}/a.jpg", f"--publish=unix:{first.socket}"
+        ) as second:
             assert "nobody answers on this socket file: replaced" in second.log()
             second.socket = first.socket
             second.client().next("estimate")
@@ -199,11 +271,17 @@ def test_listens_on_loopback_and_a_unix_socket_only(tmp_path):
         inodes = {
             match[1]
             for entry in os.listdir(descriptors)
-            if (match := re.match(r"socket:\[(\d+)\]", os.readlink(f"{descriptors}/{entry}")))
+            if (
+                match := re.match(
+                    r"socket:\[(\d+)\]", os.readlink(f"{descriptors}/{entry}")
+                )
+            )
         }
         listening = []
         for table in ("tcp", "tcp6", "udp", "udp6", "raw"):
-            lines = Path(f"/proc/{daemon.process.pid}/net/{table}").read_text().splitlines()
+            lines = (
+                Path(f"/proc/{daemon.process.pid}/net/{table}").read_text().splitlines()
+            )
             for line in lines[1:]:
                 fields = line.split()
                 if fields[9] in inodes:

@@ -16,7 +16,7 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
-#define ARRAY_COUNT(array) (sizeof(array) / sizeof((array)[0]))
+#include "base/macros.h"
 
 /* Standard error goes to memory between begin and end. */
 struct capture {

@@ -9,7 +9,7 @@ static void test_waits_double_up_to_the_longest(void **state)
 	struct lp_backoff backoff = {.first_ns = 100, .longest_ns = 1000};
 
 	(void)state;
-	for (size_t i = 0; i < ARRAY_COUNT(expected_ns); i++)
+	for (size_t i = 0; i < LP_COUNT(expected_ns); i++)
 		assert_int_equal(lp_backoff_next_ns(&backoff), expected_ns[i]);
 	lp_backoff_reset(&backoff);
 	assert_int_equal(lp_backoff_next_ns(&backoff), 100);

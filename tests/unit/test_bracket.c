@@ -245,7 +245,7 @@ static void test_a_change_of_all_light(void **state)
 
 	(void)state;
 	expect_right_light(&outcome, 1.0F, 0.03);
-	for (unsigned int k = 0; k < ARRAY_COUNT(levels); k++) {
+	for (unsigned int k = 0; k < LP_COUNT(levels); k++) {
 		outcome = run(pipeline, &camera, 150, levels[k]);
 		expect_right_light(&outcome, levels[k], 0.05);
 		assert_false(outcome.last.flags & LP_ESTIMATE_EXPOSURE_IGNORED);
@@ -282,7 +282,7 @@ static void test_number_of_exposures_by_the_scene(void **state)
 	} scenes[] = {{30.0F, 60.0F, 1}, {30.0F, 240.0F, 1}, {30.0F, 3000.0F, 2}, {30.0F, 1e5F, 4}};
 
 	(void)state;
-	for (unsigned int k = 0; k < ARRAY_COUNT(scenes); k++) {
+	for (unsigned int k = 0; k < LP_COUNT(scenes); k++) {
 		struct lp_bracket bracket;
 		float command_us;
 

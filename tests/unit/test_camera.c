@@ -166,7 +166,7 @@ static void test_uniform_stays_uniform(void **state)
 		     {1000, 500, 8, 240}, {16, 8, 1, 16},      {1280, 720, 8, 240},
 		     {640, 360, 4, 120},  {7680, 3840, 8, 480}};
 	(void)state;
-	for (unsigned int k = 0; k < ARRAY_COUNT(cases); k++) {
+	for (unsigned int k = 0; k < LP_COUNT(cases); k++) {
 		const int fisheye = cases[k].height * 2 != cases[k].width;
 		struct lp_camera *camera;
 		struct lp_panorama panorama = new_panorama(cases[k].panorama);
@@ -206,7 +206,7 @@ static void test_light_is_kept(void **state)
 
 	(void)state;
 	srand(4);
-	for (unsigned int k = 0; k < ARRAY_COUNT(cases); k++) {
+	for (unsigned int k = 0; k < LP_COUNT(cases); k++) {
 		const int fisheye = k == 2;
 		struct lp_camera *camera;
 		struct lp_panorama panorama = new_panorama(cases[k].panorama);
@@ -316,7 +316,7 @@ static void test_broken_files(void **state)
 	};
 
 	(void)state;
-	for (unsigned int k = 0; k < ARRAY_COUNT(cases); k++) {
+	for (unsigned int k = 0; k < LP_COUNT(cases); k++) {
 		struct lp_camera *camera = NULL;
 		struct capture capture;
 		const char *said;

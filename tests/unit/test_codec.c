@@ -222,8 +222,8 @@ static void test_what_is_not_finite_is_not_sent(void **state)
 	const float bad[] = {NAN, INFINITY, -INFINITY};
 
 	(void)state;
-	for (size_t i = 0; i < ARRAY_COUNT(fields); i++) {
-		for (size_t j = 0; j < ARRAY_COUNT(bad); j++) {
+	for (size_t i = 0; i < LP_COUNT(fields); i++) {
+		for (size_t j = 0; j < LP_COUNT(bad); j++) {
 			const float saved = *fields[i];
 
 			*fields[i] = bad[j];
@@ -385,7 +385,7 @@ static void test_bad_requests(void **state)
 	assert_int_equal(lp_decode_request(NULL, 0, &subscription, &reason), -EOPNOTSUPP);
 	assert_int_equal(lp_decode_request(unknown_request, 2, &subscription, &reason),
 			 -EOPNOTSUPP);
-	for (size_t i = 0; i < ARRAY_COUNT(rates); i++) {
+	for (size_t i = 0; i < LP_COUNT(rates); i++) {
 		wire.rate_hz = rates[i];
 		assert_int_equal(decode(&wire, &subscription), -ERANGE);
 	}

@@ -97,10 +97,10 @@ static void test_faults_come_and_go_by_name(void **state)
 	lp_health_fault(&health, "a", NULL);
 	assert_int_equal(report->fault_count, 1);
 	assert_string_equal(report->faults[0].id, "b");
-	for (size_t i = 0; i < ARRAY_COUNT(names); i++)
+	for (size_t i = 0; i < LP_COUNT(names); i++)
 		lp_health_fault(&health, names[i], "many");
 	assert_int_equal(report->fault_count, LP_MAX_FAULTS);
-	for (size_t i = 0; i < ARRAY_COUNT(names); i++)
+	for (size_t i = 0; i < LP_COUNT(names); i++)
 		lp_health_fault(&health, names[i], NULL);
 	assert_int_equal(report->fault_count, 0);
 }

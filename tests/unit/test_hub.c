@@ -30,7 +30,7 @@ static void keep(struct lp_publisher *publisher, struct lp_client *client, struc
 	client->packets[client->count++] = lp_packet_hold(packet);
 }
 
-static const struct lp_publisher_ops ops = {.scheme = "test", .send = keep};
+static const struct lp_publisher_ops ops = {.info = {.scheme = "test"}, .send = keep};
 static struct lp_publisher publisher = {.ops = &ops};
 
 static int setup(void **state)
@@ -87,7 +87,7 @@ static void leave(struct lp_client *client)
 static int teardown(void **state)
 {
 	(void)state;
-	for (size_t i = 0; i < ARRAY_COUNT(clients); i++) {
+	for (size_t i = 0; i < LP_COUNT(clients); i++) {
 		forget_packets(&clients[i]);
 		if (clients[i].user)
 			leave(&clients[i]);

@@ -74,7 +74,7 @@ static void test_exposure_is_divided_out(void **state)
 	const enum lp_pixel_format formats[] = {LP_FORMAT_YUYV, LP_FORMAT_NV12, LP_FORMAT_GREY};
 
 	(void)state;
-	for (unsigned int f = 0; f < ARRAY_COUNT(formats); f++)
+	for (unsigned int f = 0; f < LP_COUNT(formats); f++)
 		for (double exposure_s = 0.05; exposure_s < 0.5; exposure_s *= 2.0) {
 			struct lp_imager *imager = new_imager(LP_DECODE_BLOCKS);
 
@@ -210,7 +210,7 @@ static void test_jpeg_against_its_own_pixels(void **state)
 					  {3, 2, 2, 90, 0, 0, 1}};
 
 	(void)state;
-	for (unsigned int k = 0; k < ARRAY_COUNT(kinds); k++) {
+	for (unsigned int k = 0; k < LP_COUNT(kinds); k++) {
 		struct lp_imager *blocks = new_imager(LP_DECODE_BLOCKS);
 		struct lp_imager *pixels = new_imager(LP_DECODE_PIXELS);
 		double difference = 0.0, bias = 0.0, total = 0.0;
@@ -245,7 +245,7 @@ static void test_raw_blocks_against_pixels(void **state)
 	const int sizes[][2] = {{1920, 960}, {1934, 966}};
 
 	(void)state;
-	for (unsigned int k = 0; k < ARRAY_COUNT(formats) * ARRAY_COUNT(sizes); k++) {
+	for (unsigned int k = 0; k < LP_COUNT(formats) * LP_COUNT(sizes); k++) {
 		const int width = sizes[k % 2][0], height = sizes[k % 2][1];
 		double difference = 0.0, bias = 0.0, total = 0.0;
 		struct lp_imager *imagers[2] = {new_imager(LP_DECODE_BLOCKS),
@@ -285,7 +285,7 @@ static void test_refinement(void **state)
 				     {20.0, 89.2, 0.5, 5e3}};
 
 	(void)state;
-	for (unsigned int k = 0; k < ARRAY_COUNT(discs); k++) {
+	for (unsigned int k = 0; k < LP_COUNT(discs); k++) {
 		struct lp_imager *imager = new_imager(LP_DECODE_PIXELS);
 		struct lp_lamp_finder finder = {0};
 		struct lp_lamp lamp = {0};
@@ -428,7 +428,7 @@ static void test_size_changes(void **state)
 	struct lp_imager *imager = new_imager(LP_DECODE_BLOCKS);
 
 	(void)state;
-	for (unsigned int k = 0; k < ARRAY_COUNT(sizes); k++) {
+	for (unsigned int k = 0; k < LP_COUNT(sizes); k++) {
 		struct lp_frame *frame = new_float_frame(sizes[k][0], sizes[k][1]);
 
 		for (int i = 0; i < sizes[k][0] * sizes[k][1] * 3; i++)

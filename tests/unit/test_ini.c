@@ -12,10 +12,11 @@ struct fields {
 	char name[32];
 };
 
-static const struct lp_param params[] = {
+static const struct lp_param list[] = {
 	{"width", LP_PARAM_INT, offsetof(struct fields, width), .min = 1, .max = 999},
 	{"name", LP_PARAM_TEXT, offsetof(struct fields, name), .max = 32},
 };
+static const struct lp_params params = LP_PARAMS(list), only_name = {list + 1, 1, NULL};
 
 /* Each text has a name of its own: the log counts what it has said of a place before. */
 static int parse_as(const char *path, struct lp_ini *ini, const char *text)
@@ -125,19 +126,19 @@ static void test_sections_and_values_are_checked(void **state)
 	(void)state;
 	assert_int_equal(parse_as("d.ini", &ini, "[a]\nwidth = 5\nname = x\n[b]\nwidth = 6\n"), 0);
 	assert_int_equal(lp_ini_check_sections(&ini, known), 0);
-	assert_int_equal(lp_ini_set(&ini, "a", params, ARRAY_COUNT(params), &fields), 0);
+	assert_int_equal(lp_ini_set(&ini, "a", &params, &fields), 0);
 	assert_int_equal(fields.width, 5);
 	assert_string_equal(fields.name, "x");
 	capture_begin(&capture);
 	assert_int_equal(lp_ini_check_sections(&ini, known + 1), -EBADMSG);
-	assert_int_equal(lp_ini_set(&ini, "b", params + 1, 1, &fields), -EBADMSG);
+	assert_int_equal(lp_ini_set(&ini, "b", &only_name, &fields), -EBADMSG);
 	lp_ini_finish(&ini);
 	assert_int_equal(parse_as("e.ini", &ini, "[a]\nwidth = 5\n"), 0);
 	assert_int_equal(lp_ini_check_sections(&ini, none), -EBADMSG);
 	lp_ini_finish(&ini);
 	assert_int_equal(parse_as("f.ini", &ini, "\nwidth = 1000\n"), 0);
 	assert_int_equal(lp_ini_check_sections(&ini, known), -EBADMSG);
-	assert_int_equal(lp_ini_set(&ini, "", params, ARRAY_COUNT(params), &fields), -EBADMSG);
+	assert_int_equal(lp_ini_set(&ini, "", &params, &fields), -EBADMSG);
 	lp_ini_finish(&ini);
 	capture_end(&capture);
 	assert_string_equal(

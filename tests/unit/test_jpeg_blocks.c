@@ -72,8 +72,8 @@ static void test_dc_is_libjpegs(void **state)
 
 	(void)state;
 	assert_int_equal(lp_jpeg_reader_create(&reader), 0);
-	for (unsigned int k = 0; k < ARRAY_COUNT(kinds); k++)
-		for (unsigned int s = 0; s < ARRAY_COUNT(sizes); s++) {
+	for (unsigned int k = 0; k < LP_COUNT(kinds); k++)
+		for (unsigned int s = 0; s < LP_COUNT(sizes); s++) {
 			struct coefficients c;
 			unsigned long size;
 			uint8_t *data = encode_jpeg(&kinds[k], sizes[s][0], sizes[s][1], &size);
@@ -99,7 +99,7 @@ static void test_energy(void **state)
 
 	(void)state;
 	assert_int_equal(lp_jpeg_reader_create(&reader), 0);
-	for (unsigned int q = 0; q < ARRAY_COUNT(qualities); q++) {
+	for (unsigned int q = 0; q < LP_COUNT(qualities); q++) {
 		const struct jpeg_kind kind = {3, 2, 2, qualities[q], 0, 0, 0};
 		double ours = 0.0, theirs = 0.0, deviation = 0.0;
 		struct coefficients c;
@@ -151,7 +151,7 @@ static void test_stretches_do_not_matter(void **state)
 
 	(void)state;
 	assert_int_equal(lp_jpeg_reader_create(&reader), 0);
-	for (unsigned int i = 0; i < ARRAY_COUNT(intervals); i++) {
+	for (unsigned int i = 0; i < LP_COUNT(intervals); i++) {
 		const struct jpeg_kind kind = {3, 2, 2, 90, intervals[i], 0, 0};
 		unsigned long size;
 		uint8_t *data = encode_jpeg(&kind, 1280, 640, &size);
@@ -181,7 +181,7 @@ static void test_block_pixels(void **state)
 
 	(void)state;
 	assert_int_equal(lp_jpeg_reader_create(&reader), 0);
-	for (unsigned int k = 0; k < ARRAY_COUNT(kinds); k++) {
+	for (unsigned int k = 0; k < LP_COUNT(kinds); k++) {
 		const int width = 250, height = 121;
 		struct jpeg_decompress_struct info;
 		struct jpeg_error_mgr errors;
@@ -287,7 +287,7 @@ static void test_truncation(void **state)
 
 	(void)state;
 	assert_int_equal(lp_jpeg_reader_create(&reader), 0);
-	for (unsigned int k = 0; k < ARRAY_COUNT(cut_kinds); k++) {
+	for (unsigned int k = 0; k < LP_COUNT(cut_kinds); k++) {
 		unsigned long size;
 		uint8_t *data = encode_jpeg(&cut_kinds[k], 96, 64, &size);
 
@@ -367,7 +367,7 @@ static void test_damage(void **state)
 	(void)state;
 	srand(11);
 	assert_int_equal(lp_jpeg_reader_create(&reader), 0);
-	for (unsigned int k = 0; k < ARRAY_COUNT(kinds); k++) {
+	for (unsigned int k = 0; k < LP_COUNT(kinds); k++) {
 		unsigned long size;
 		uint8_t *data = encode_jpeg(&kinds[k], 96, 64, &size);
 

@@ -93,7 +93,7 @@ static void test_lamps_anywhere(void **state)
 		{77, -88, 3, 60}, {10, 86, 2, 100}, {45.75, 30.75, 1, 300},
 	};
 
-	for (unsigned int k = 0; k < sizeof(discs) / sizeof(discs[0]); k++)
+	for (unsigned int k = 0; k < LP_COUNT(discs); k++)
 		expect(detect(*state, &discs[k], 1, 0.2), &discs[k], 1, 0.3);
 }
 
@@ -284,7 +284,7 @@ static void test_other_detectors(void **state)
 
 	disc_direction(&disc, d);
 	fill_panorama(&f->panorama, &disc, 1, 0.1);
-	for (unsigned int k = 0; k < sizeof(options) / sizeof(options[0]); k++) {
+	for (unsigned int k = 0; k < LP_COUNT(options); k++) {
 		struct lp_detection *detection;
 
 		assert_int_equal(lp_detection_create(f->grid, &options[k], &detection), 0);

@@ -50,7 +50,7 @@ static void test_offset_and_skew_are_found(void **state)
 	static const double rates[] = {1, 1.005, 0.995, 1.00005};
 
 	(void)state;
-	for (size_t r = 0; r < ARRAY_COUNT(rates); r++) {
+	for (size_t r = 0; r < LP_COUNT(rates); r++) {
 		/* The device's clock wraps round after a few exchanges. */
 		struct world world = {.boot_ns = INT64_C(7000000000000) - INT64_C(4290000000000),
 				      .rate = rates[r],

@@ -70,7 +70,7 @@ static void test_what_is_no_message_is_counted(void **state)
 	uint8_t bytes[64];
 
 	(void)state;
-	for (size_t i = 0; i < ARRAY_COUNT(bad); i++) {
+	for (size_t i = 0; i < LP_COUNT(bad); i++) {
 		const size_t count = unhex(bad[i], bytes);
 
 		for (size_t k = 0; k < count; k++)
@@ -78,7 +78,7 @@ static void test_what_is_no_message_is_counted(void **state)
 		assert_int_equal(reader.errors, i + 1);
 	}
 	assert_false(lp_serial_read(&reader, 0, &message)); /* nothing between two zeros */
-	assert_int_equal(reader.errors, ARRAY_COUNT(bad));
+	assert_int_equal(reader.errors, LP_COUNT(bad));
 }
 
 /* A line on which one byte in a hundred is changed, over many frames: lightprobe's own promise. */

@@ -2,6 +2,7 @@
 /* The names are the schema's; and a session on a pty, the microcontroller by the test's hand. */
 #include "lp_test.h"
 
+#include <errno.h>
 #include <math.h>
 #include <poll.h>
 #include <pty.h>
@@ -48,7 +49,8 @@ static struct session {
 	int found, lost, wheels, rings;
 	struct lp_mcu_wheel wheel;
 	struct lp_mcu_ring ring;
-	char fault[32];
+	char fault[32], name[64];
+	uint8_t asked; /* first byte of what was asked last */
 } session;
 
 static void on_found(struct lp_mcu_user *user)
@@ -86,24 +88,33 @@ static void on_fault(struct lp_mcu_user *user, const char *id, const char *text)
 		session.fault[0] = '\0';
 }
 
+/* As a wheel or a ring would, with a URI of this query. 0 or -errno. */
+static int join(const char *query, struct lp_mcu_user *user, struct lp_mcu **mcu)
+{
+	struct lp_mcu_settings settings;
+	struct lp_uri uri;
+	char text[160];
+
+	(void)snprintf(text, sizeof(text), "mcu:serial:%s%s", session.name, query);
+	if (lp_uri_parse(&uri, text) < 0 || lp_uri_read(&uri, &lp_mcu_params, &settings) < 0)
+		return -1;
+	return lp_mcu_join(&session.connections, session.loop, &uri, &settings, user, mcu);
+}
+
 static int setup(void **state)
 {
-	static struct lp_uri uri;
-	char name[64], text[128];
 	int line;
 
 	(void)state;
 	memset(&session, 0, sizeof(session));
-	if (openpty(&session.device, &line, name, NULL, NULL) < 0)
+	if (openpty(&session.device, &line, session.name, NULL, NULL) < 0)
 		return -1;
-	(void)snprintf(text, sizeof(text), "mcu:serial:%s", name);
 	session.user = (struct lp_mcu_user){.found = on_found,
 					    .lost = on_lost,
 					    .wheel = on_wheel,
 					    .ring = on_ring,
 					    .fault = on_fault};
-	if (lp_uri_parse(&uri, text) < 0 || lp_loop_create(&session.loop) < 0 ||
-	    lp_mcu_join(&session.connections, session.loop, &uri, &session.user, &session.mcu) < 0)
+	if (lp_loop_create(&session.loop) < 0 || join("", &session.user, &session.mcu) < 0)
 		return -1;
 	lp_mcu_start(session.mcu);
 	return 0;
@@ -153,6 +164,7 @@ static bool until(const int *count, int wanted, int id)
 			}
 			/* The id stands after the first block's length, and is never 0. */
 			length = 0;
+			session.asked = frame[2];
 			if (frame[1] == id)
 				return true;
 		}
@@ -313,6 +325,27 @@ static void test_an_unasked_hello_is_a_reset(void **state)
 	assert_int_equal(session.wheel.state.reconnects, 1);
 }
 
+/* Wheel and ring name one device, each with keys of its own. */
+static void test_keys_of_every_uri_of_a_connection_count(void **state)
+{
+	struct lp_mcu_user ring = session.user;
+	struct capture capture;
+	struct lp_mcu *mcu;
+
+	(void)state;
+	capture_begin(&capture);
+	assert_int_equal(join("?baud=115200", &ring, &mcu), -EINVAL);
+	capture_end(&capture);
+	assert_contains(capture.text, "write the same in both");
+	assert_int_equal(join("?baud=500000&ring_scans=80", &ring, &mcu), 0);
+	assert_ptr_equal(mcu, session.mcu);
+	assert_true(until(NULL, 0, ID(HELLO_REQUEST)));
+	SAY(hello, HELLO, .protocol_major = 1, .boot_count = 1, .reset_cause = 1);
+	assert_true(until(NULL, 0, ID(RATES)));
+	assert_int_equal(session.asked, 80);
+	lp_mcu_leave(mcu, &ring);
+}
+
 static float share_of(const struct lp_ldr_calibration *calibration, int sensor, float ohm)
 {
 	const struct lp_ldr *ldr = &calibration->sensors[sensor];
@@ -378,6 +411,8 @@ int main(void)
 						teardown),
 		cmocka_unit_test_setup_teardown(test_older_firmware_is_asked_as_it_understands,
 						setup, teardown),
+		cmocka_unit_test_setup_teardown(test_keys_of_every_uri_of_a_connection_count, setup,
+						teardown),
 		cmocka_unit_test(test_illuminance_of_levels),
 		cmocka_unit_test(test_sigma_of_illuminance_grows_with_what_is_not_known),
 	};

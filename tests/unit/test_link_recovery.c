@@ -171,7 +171,7 @@ static void test_a_reset_by_a_person_allows_more_tries(void **state)
 		(void)cleared_within(60 * LP_NS_PER_S);
 		fail_to_home(BIT(WHEEL_STUCK));
 	}
-	for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++) {
+	for (size_t i = 0; i < LP_COUNT(cases); i++) {
 		lp_mcu_forget_faults(&mcu);
 		lp_mcu_was_reset(&mcu, cases[i].cause);
 		assert_int_equal(lp_mcu_wheel_stopped(&mcu), cases[i].stays);

@@ -102,7 +102,7 @@ static void test_detectors(void **state)
 	assert_int_equal(options.detector.lights, 6);
 	assert_int_equal(read_line("--detector=research", NULL, NULL), 0);
 	assert_int_equal(options.detector.detector, LP_DETECTOR_RESEARCH);
-	for (size_t i = 0; i < ARRAY_COUNT(bad); i++) {
+	for (size_t i = 0; i < LP_COUNT(bad); i++) {
 		if (read_line(bad[i], NULL, NULL) != -EINVAL)
 			fail_msg("%s was accepted", bad[i]);
 	}
@@ -147,7 +147,7 @@ static void test_bad_command_lines(void **state)
 					  "--a-name-that-is-much-too-long-for-any=1"};
 
 	(void)state;
-	for (size_t i = 0; i < ARRAY_COUNT(bad); i++) {
+	for (size_t i = 0; i < LP_COUNT(bad); i++) {
 		struct capture capture;
 		int ret;
 
@@ -197,7 +197,7 @@ static void test_config_errors_name_file_and_line(void **state)
 	struct capture capture;
 
 	(void)state;
-	for (size_t i = 0; i < ARRAY_COUNT(cases); i++) {
+	for (size_t i = 0; i < LP_COUNT(cases); i++) {
 		capture_begin(&capture);
 		assert_int_equal(read_config(cases[i].text), -EBADMSG);
 		capture_end(&capture);
@@ -245,7 +245,7 @@ static void test_help_names_every_option(void **state)
 	(void)state;
 	lp_options_help(out);
 	fclose(out);
-	for (size_t i = 0; i < ARRAY_COUNT(names); i++)
+	for (size_t i = 0; i < LP_COUNT(names); i++)
 		assert_contains(text, names[i]);
 	free(text);
 }

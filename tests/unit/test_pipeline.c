@@ -51,7 +51,7 @@ static void test_lamps_and_ambient(void **state)
 					  LP_PRESET_REFERENCE};
 
 	(void)state;
-	for (unsigned int p = 0; p < ARRAY_COUNT(presets); p++) {
+	for (unsigned int p = 0; p < LP_COUNT(presets); p++) {
 		struct lp_pipeline *pipeline = new_pipeline(presets[p], 8);
 		const struct lp_light_estimate e =
 			estimate(pipeline, scene_frame(1920, 960, discs, 3, 1.5));
@@ -209,7 +209,7 @@ static void test_another_preset_in_the_middle(void **state)
 	uint32_t sequence = 0;
 
 	(void)state;
-	for (unsigned int k = 0; k < ARRAY_COUNT(steps); k++) {
+	for (unsigned int k = 0; k < LP_COUNT(steps); k++) {
 		assert_int_equal(lp_pipeline_set_preset(pipeline, steps[k]), 0);
 		for (int frame = 0; frame < 2; frame++) {
 			const struct lp_light_estimate e =
@@ -260,7 +260,7 @@ static void test_knobs(void **state)
 		options[k].exact_blocks = 20;
 		options[k].refine_cells = 60;
 	}
-	for (unsigned int k = 0; k < ARRAY_COUNT(options); k++) {
+	for (unsigned int k = 0; k < LP_COUNT(options); k++) {
 		struct lp_pipeline *pipeline;
 
 		assert_int_equal(lp_pipeline_create(&options[k], &pipeline), 0);

@@ -151,7 +151,7 @@ static void test_tcp_addresses(void **state)
 	int fds[LP_LISTEN_MAX];
 
 	(void)state;
-	for (size_t i = 0; i < ARRAY_COUNT(bad); i++) {
+	for (size_t i = 0; i < LP_COUNT(bad); i++) {
 		if (lp_tcp_address_parse("test", bad[i], &address) != -EINVAL)
 			fail_msg("%s was accepted", bad[i]);
 	}

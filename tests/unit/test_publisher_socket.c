@@ -304,7 +304,7 @@ static void test_a_peer_has_its_share_and_so_has_the_publisher(void **state)
 	int fds[4];
 
 	(void)state;
-	for (size_t k = 0; k < ARRAY_COUNT(cases); k++) {
+	for (size_t k = 0; k < LP_COUNT(cases); k++) {
 		const int before = heard.connected;
 
 		publisher->ops->destroy(publisher);

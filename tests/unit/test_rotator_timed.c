@@ -26,7 +26,7 @@ static int setup(void **state)
 {
 	(void)state;
 	world = (struct world){.now_ns = LP_NS_PER_S, .wheel_deg = 100, .servo_deg_s = 400};
-	lp_param_defaults(lp_timed_param_table, (size_t)lp_timed_param_count, &world.timed.params);
+	lp_param_defaults(&lp_timed_keys, &world.timed.params);
 	lp_timed_init(&world.timed);
 	return 0;
 }
@@ -84,7 +84,7 @@ static void test_moves_arrive(void **state)
 {
 	static const float offsets[] = {0, 4, -4};
 
-	for (size_t i = 0; i < ARRAY_COUNT(offsets); i++) {
+	for (size_t i = 0; i < LP_COUNT(offsets); i++) {
 		setup(state);
 		world.off_deg = offsets[i];
 		move(45);
@@ -112,7 +112,7 @@ static void test_targets_that_nothing_proves_are_refused(void **state)
 	const char *reason;
 
 	(void)state;
-	for (size_t i = 0; i < ARRAY_COUNT(bad); i++)
+	for (size_t i = 0; i < LP_COUNT(bad); i++)
 		assert_int_equal(lp_timed_move(&world.timed, bad[i], world.now_ns, &reason),
 				 -ERANGE);
 }
@@ -138,7 +138,7 @@ static void test_faults_have_names_and_end(void **state)
 		{"WHEEL_TOO_FAST", {.stuck = true, .lying = true, .servo_deg_s = 400}},
 	};
 
-	for (size_t i = 0; i < ARRAY_COUNT(cases); i++) {
+	for (size_t i = 0; i < LP_COUNT(cases); i++) {
 		setup(state);
 		move(45);
 		assert_int_equal(run(7).phase, LP_WHEEL_SETTLED);
@@ -218,10 +218,10 @@ static void test_no_pulse_is_outside_of_the_servos_limits(void **state)
 			   gains[] = {-20, -7.407F, 7.407F, 20};
 	const char *reason;
 
-	for (size_t i = 0; i < ARRAY_COUNT(zeros_us) * ARRAY_COUNT(gains); i++) {
+	for (size_t i = 0; i < LP_COUNT(zeros_us) * LP_COUNT(gains); i++) {
 		setup(state);
-		world.timed.params.servo_zero_us = zeros_us[i % ARRAY_COUNT(zeros_us)];
-		world.timed.params.servo_us_per_deg = gains[i / ARRAY_COUNT(zeros_us)];
+		world.timed.params.servo_zero_us = zeros_us[i % LP_COUNT(zeros_us)];
+		world.timed.params.servo_us_per_deg = gains[i / LP_COUNT(zeros_us)];
 		for (int target = 0; target <= 180; target += 45)
 			(void)lp_timed_move(&world.timed, (float)target, world.now_ns, &reason);
 		for (int k = 0; k < 9000; k++) {

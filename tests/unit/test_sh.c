@@ -89,7 +89,7 @@ static void test_disc_factors(void **state)
 	const double radii[] = {1e-6, 1e-4, 1e-3, 2e-3, 0.01, 0.3, 1.5};
 
 	(void)state;
-	for (unsigned int r = 0; r < sizeof(radii) / sizeof(radii[0]); r++)
+	for (unsigned int r = 0; r < LP_COUNT(radii); r++)
 		for (int l = 0; l <= 8; l++) {
 			const int steps = 4000;
 			double mean = 0.0;

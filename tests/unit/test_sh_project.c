@@ -15,7 +15,7 @@ static const int widths[] = {16, 48, 240, 480, 960};
 static void test_white_furnace(void **state)
 {
 	(void)state;
-	for (unsigned int k = 0; k < ARRAY_COUNT(widths); k++)
+	for (unsigned int k = 0; k < LP_COUNT(widths); k++)
 		for (float level = 1e-6F; level < 1e7F; level *= 1e4F) {
 			struct lp_panorama p = new_panorama(widths[k]);
 			struct lp_sh_projector *projector;
@@ -87,7 +87,7 @@ static void test_one_cell(void **state)
 
 	(void)state;
 	assert_int_equal(lp_sh_projector_create(240, 120, 8, &projector), 0);
-	for (unsigned int k = 0; k < ARRAY_COUNT(cells); k++) {
+	for (unsigned int k = 0; k < LP_COUNT(cells); k++) {
 		const int row = cells[k] / 240, column = cells[k] % 240;
 		const double t = M_PI * (row + 0.5) / 120,
 			     l = 2 * M_PI * ((column + 0.5) / 240 - 0.5);

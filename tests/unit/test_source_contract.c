@@ -356,7 +356,7 @@ static void end(const struct device *device)
 static void test_streaming_comes_before_the_first_frame(void **state)
 {
 	(void)state;
-	for (const struct device *device = devices; device < devices + ARRAY_COUNT(devices);
+	for (const struct device *device = devices; device < devices + LP_COUNT(devices);
 	     device++) {
 		begin(device, "GGG");
 		UNTIL(count('f') >= 3);
@@ -368,7 +368,7 @@ static void test_streaming_comes_before_the_first_frame(void **state)
 static void test_corrupt_frames_first_are_counted(void **state)
 {
 	(void)state;
-	for (const struct device *device = devices; device < devices + ARRAY_COUNT(devices);
+	for (const struct device *device = devices; device < devices + LP_COUNT(devices);
 	     device++) {
 		begin(device, "CCGG");
 		UNTIL(count('f') >= 2);
@@ -380,7 +380,7 @@ static void test_corrupt_frames_first_are_counted(void **state)
 static void test_corrupt_frames_later_are_handed_on(void **state)
 {
 	(void)state;
-	for (const struct device *device = devices; device < devices + ARRAY_COUNT(devices);
+	for (const struct device *device = devices; device < devices + LP_COUNT(devices);
 	     device++) {
 		if (!device->send) /* the second round of a file: below */
 			continue;
@@ -404,7 +404,7 @@ static bool goes_on(const struct device *device)
 static void test_only_corrupt_frames_are_a_stall(void **state)
 {
 	(void)state;
-	for (const struct device *device = devices; device < devices + ARRAY_COUNT(devices);
+	for (const struct device *device = devices; device < devices + LP_COUNT(devices);
 	     device++) {
 		begin(device, "CCC");
 		UNTIL(count('L') > 0 || !goes_on(device));
@@ -423,7 +423,7 @@ static void test_only_corrupt_frames_are_a_stall(void **state)
 static void test_readable_and_nothing_to_read(void **state)
 {
 	(void)state;
-	for (const struct device *device = devices; device < devices + ARRAY_COUNT(devices);
+	for (const struct device *device = devices; device < devices + LP_COUNT(devices);
 	     device++) {
 		if (!device->nudge)
 			continue;
@@ -440,7 +440,7 @@ static void test_readable_and_nothing_to_read(void **state)
 static void test_it_goes_and_comes_back(void **state)
 {
 	(void)state;
-	for (const struct device *device = devices; device < devices + ARRAY_COUNT(devices);
+	for (const struct device *device = devices; device < devices + LP_COUNT(devices);
 	     device++) {
 		if (!device->unplug)
 			continue;
@@ -460,7 +460,7 @@ static void test_it_goes_and_comes_back(void **state)
 static void test_destroyed_at_any_time(void **state)
 {
 	(void)state;
-	for (const struct device *device = devices; device < devices + ARRAY_COUNT(devices);
+	for (const struct device *device = devices; device < devices + LP_COUNT(devices);
 	     device++) {
 		begin(device, device->send ? "" : "G");
 		end(device);

@@ -210,7 +210,7 @@ static void test_what_cannot_be_read_is_an_error_of_start(void **state)
 	assert_int_equal(mkdir(path, 0700), 0);
 	(void)snprintf(path, sizeof(path), "%s/pipe.jpg", folder);
 	assert_int_equal(mkfifo(path, 0600), 0);
-	for (size_t i = 0; i < ARRAY_COUNT(cases); i++) {
+	for (size_t i = 0; i < LP_COUNT(cases); i++) {
 		assert_int_equal(create(cases[i].name, cases[i].query, true), 0);
 		assert_int_equal(lp_source_file_ops.start(source), cases[i].ret);
 		if (cases[i].ret == 0) {

@@ -152,7 +152,7 @@ static void test_raw_sizes(void **state)
 	struct lp_picture picture;
 
 	(void)state;
-	for (size_t i = 0; i < ARRAY_COUNT(cases); i++) {
+	for (size_t i = 0; i < LP_COUNT(cases); i++) {
 		const enum lp_encoding encoding = cases[i].encoding;
 
 		assert_int_equal(lp_picture_next(encoding, 5, 3, bytes, 64, false, &picture), 1);
@@ -259,7 +259,7 @@ static void test_pfm_truncated_and_bad_headers(void **state)
 			assert_true(ret == -EBADMSG || (ret == 1 && picture.corrupt));
 		free(copy);
 	}
-	for (size_t i = 0; i < ARRAY_COUNT(bad); i++) {
+	for (size_t i = 0; i < LP_COUNT(bad); i++) {
 		memset(file, ' ', sizeof(file));
 		memcpy(file, bad[i], strlen(bad[i]));
 		assert_int_equal(lp_picture_next(LP_ENCODING_PFM, 0, 0, file, sizeof(file), true,

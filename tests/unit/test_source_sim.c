@@ -58,7 +58,7 @@ static void test_header_of_every_format(void **state)
 
 	(void)state;
 	frame_start_ns = 123456789;
-	for (size_t i = 0; i < ARRAY_COUNT(cases); i++) {
+	for (size_t i = 0; i < LP_COUNT(cases); i++) {
 		uint8_t data[LP_SIM_HEADER_BYTES];
 		struct lp_sim_header header;
 
@@ -94,7 +94,7 @@ static void test_bad_headers(void **state)
 	struct lp_sim_header header;
 
 	(void)state;
-	for (size_t i = 0; i < ARRAY_COUNT(cases); i++) {
+	for (size_t i = 0; i < LP_COUNT(cases); i++) {
 		make_header(data, "GREY", 6, 4, 24);
 		memcpy(data + cases[i].offset, &cases[i].value, 4);
 		const char *reason = lp_sim_header_parse(data, &header);
@@ -357,7 +357,7 @@ static void test_times_that_cannot_be(void **state)
 	assert_int_equal(lp_source_sim_ops.start(source), 0);
 	accept_peer();
 	send_frame('a', 0);
-	for (size_t i = 0; i < ARRAY_COUNT(times_ns); i++) {
+	for (size_t i = 0; i < LP_COUNT(times_ns); i++) {
 		frame_start_ns = times_ns[i];
 		send_frame('b', 0);
 	}

@@ -405,7 +405,7 @@ static void test_choice_in_a_range_of_rates(void **state)
 	char text[64];
 
 	(void)state;
-	for (size_t i = 0; i < ARRAY_COUNT(cases); i++) {
+	for (size_t i = 0; i < LP_COUNT(cases); i++) {
 		const struct lp_offer_wish wish = {.fps = cases[i].wanted_hz};
 		const int ret = lp_offers_choose(&range, &wish, &choice);
 
@@ -484,7 +484,7 @@ static void test_frames_around_a_change_are_unknown(void **state)
 	float exposures_us[16];
 
 	(void)state;
-	for (size_t c = 0; c < ARRAY_COUNT(cases); c++) {
+	for (size_t c = 0; c < LP_COUNT(cases); c++) {
 		guess_frames(cases[c].delay_frames, exposures_us, 16);
 		for (int i = 0; i < 16; i++) {
 			if (i <= cases[c].last_old)

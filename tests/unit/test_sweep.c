@@ -121,7 +121,7 @@ static void test_what_happens_while_a_frame_waits(void **state)
 		     {LP_WHEEL_ABSENT, true},
 		     {LP_WHEEL_UNKNOWN, true}};
 
-	for (size_t i = 0; i < ARRAY_COUNT(cases); i++) {
+	for (size_t i = 0; i < LP_COUNT(cases); i++) {
 		setup(state);
 		tell(settled(900, 950), 960);
 		lp_sweep_frame(&sweep, &frame, 1020 * MS);
@@ -138,7 +138,7 @@ static void test_without_a_wheel_there_is_no_waiting(void **state)
 	static const enum lp_wheel_phase lost[] = {LP_WHEEL_ABSENT, LP_WHEEL_UNKNOWN,
 						   LP_WHEEL_FAULT};
 
-	for (size_t i = 0; i < ARRAY_COUNT(lost); i++) {
+	for (size_t i = 0; i < LP_COUNT(lost); i++) {
 		setup(state);
 		tell(in_phase(lost[i]), 960);
 		lp_sweep_frame(&sweep, &frame, 1020 * MS);

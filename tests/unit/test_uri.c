@@ -19,7 +19,7 @@ struct fields {
 
 static const char *const formats[] = {"auto", "mjpeg", "nv12", NULL};
 
-static const struct lp_param params[] = {
+static const struct lp_param list[] = {
 	{"rate", LP_PARAM_FLOAT, offsetof(struct fields, rate_hz), .initial = "30", .max = 1000},
 	{"loop", LP_PARAM_BOOL, offsetof(struct fields, loop), .initial = "1"},
 	{"format", LP_PARAM_CHOICE, offsetof(struct fields, format), .initial = "auto",
@@ -31,6 +31,7 @@ static const struct lp_param params[] = {
 	{"count", LP_PARAM_INT, offsetof(struct fields, count), .initial = "3", .min = -5,
 	 .max = 5},
 };
+static const struct lp_params params = LP_PARAMS(list);
 
 static void test_parts(void **state)
 {
@@ -65,7 +66,7 @@ static void test_faults(void **state)
 	struct lp_uri uri;
 
 	(void)state;
-	for (size_t i = 0; i < ARRAY_COUNT(bad); i++) {
+	for (size_t i = 0; i < LP_COUNT(bad); i++) {
 		struct capture capture;
 		int ret;
 
@@ -103,7 +104,7 @@ static int read_into(struct fields *fields, const char *text)
 
 	assert_int_equal(lp_uri_parse(&uri, text), 0);
 	memset(fields, 0, sizeof(*fields));
-	return lp_uri_read(&uri, params, ARRAY_COUNT(params), fields);
+	return lp_uri_read(&uri, &params, fields);
 }
 
 static void test_typed_values_and_defaults(void **state)
@@ -148,7 +149,7 @@ static void test_bad_values(void **state)
 		"count=1.5",	   "count=99999999999999999999"};
 
 	(void)state;
-	for (size_t i = 0; i < ARRAY_COUNT(bad); i++) {
+	for (size_t i = 0; i < LP_COUNT(bad); i++) {
 		char text[128] = "file:a?";
 		struct fields fields;
 		struct capture capture;

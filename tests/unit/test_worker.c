@@ -223,7 +223,7 @@ static void test_every_frame_has_a_result_and_refused_ones_are_counted(void **st
 	struct lp_worker *worker = start(true);
 
 	(void)state;
-	for (size_t i = 0; i < ARRAY_COUNT(frames); i++) {
+	for (size_t i = 0; i < LP_COUNT(frames); i++) {
 		struct lp_result *result;
 
 		submit(worker, frames[i].number, frames[i].flags);

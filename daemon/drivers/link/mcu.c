@@ -9,6 +9,7 @@
 #include <string.h>
 
 #include "base/log.h"
+#include "base/macros.h"
 #include "base/param.h"
 #include "base/uri.h"
 #include "drivers/link/mcu_parts.h"
@@ -43,7 +44,7 @@ static const struct lp_link_ops *carrier_of(const struct lp_uri *uri, const char
 	static const struct lp_link_ops *const carriers[] = {&lp_link_serial_ops, &lp_link_i2c_ops,
 							     &lp_link_can_ops};
 
-	for (size_t i = 0; i < sizeof(carriers) / sizeof(carriers[0]); i++) {
+	for (size_t i = 0; i < LP_COUNT(carriers); i++) {
 		const size_t length = strlen(carriers[i]->scheme);
 
 		if (strncmp(uri->rest, carriers[i]->scheme, length) == 0 &&
@@ -57,44 +58,15 @@ static const struct lp_link_ops *carrier_of(const struct lp_uri *uri, const char
 	return NULL;
 }
 
-static const struct lp_param params[] = {
+static const struct lp_param list[] = {
 	{"baud", LP_PARAM_INT, offsetof(struct lp_mcu_settings, baud), .initial = "500000",
-	 .min = 115200, .max = 1000000},
+	 .min = 115200, .max = 1000000, .help = "of a serial line"},
 	{"address", LP_PARAM_OWN, offsetof(struct lp_mcu_settings, address), .initial = "0x2c",
-	 .parse = parse_address, .expects = "an I2C address, 0x08..0x77"},
+	 .parse = parse_address, .expects = "an I2C address, 0x08..0x77", .help = "on I2C"},
 	{"ring_scans", LP_PARAM_INT, offsetof(struct lp_mcu_settings, ring_scans), .initial = "8",
-	 .min = 8, .max = 255},
+	 .min = 8, .max = 255, .help = "the ring's light is told every so many scans of 1.25 ms"},
 };
-#define PARAMS (sizeof(params) / sizeof(params[0]))
-
-int lp_mcu_check_keys(const struct lp_uri *uri, const struct lp_param *own, size_t own_count)
-{
-	for (int i = 0; i < uri->key_count; i++) {
-		const char *name = uri->keys[i].name;
-
-		if (lp_param_find(params, PARAMS, name) || lp_param_find(own, own_count, name))
-			continue;
-		lp_error(uri->text, "options",
-			 "%s is not known; known: baud, address, ring_scans%s%s", name,
-			 own_count ? ", " : "", own_count ? own[0].name : "");
-		return -EINVAL;
-	}
-	return 0;
-}
-
-/* Keys of the connection; those of the user's own are its to read. */
-static int read_settings(const struct lp_uri *uri, struct lp_mcu_settings *settings)
-{
-	int ret = 0;
-
-	lp_param_defaults(params, PARAMS, settings);
-	for (int i = 0; i < uri->key_count && ret == 0; i++) {
-		if (lp_param_find(params, PARAMS, uri->keys[i].name))
-			ret = lp_param_set(params, PARAMS, settings, uri->text, uri->keys[i].name,
-					   uri->keys[i].value);
-	}
-	return ret;
-}
+const struct lp_params lp_mcu_params = LP_PARAMS(list);
 
 static void destroy(struct lp_mcu *mcu)
 {
@@ -110,27 +82,23 @@ static void destroy(struct lp_mcu *mcu)
 	free(mcu);
 }
 
-static int create_link(struct lp_mcu *mcu, struct lp_loop *loop, const struct lp_uri *uri,
-		       const struct lp_link_ops *carrier, const char *device)
+static int create_link(struct lp_mcu *mcu, struct lp_loop *loop, const struct lp_link_ops *carrier,
+		       const char *device)
 {
 	const struct lp_link_host host = {.context = mcu,
 					  .loop = loop,
 					  .received = lp_mcu_received,
 					  .lost = lp_mcu_lost,
 					  .fault = lp_mcu_link_fault};
-	struct lp_link_settings settings;
-	int ret;
+	const struct lp_link_settings settings = {.baud = mcu->settings.baud,
+						  .address = mcu->settings.address};
 
-	ret = read_settings(uri, &mcu->settings);
-	if (ret < 0)
-		return ret;
-	settings = (struct lp_link_settings){.baud = mcu->settings.baud,
-					     .address = mcu->settings.address};
 	return carrier->create(device, &settings, &host, &mcu->link);
 }
 
 static int create(struct lp_connections *connections, struct lp_loop *loop,
-		  const struct lp_uri *uri, struct lp_mcu **result)
+		  const struct lp_uri *uri, const struct lp_mcu_settings *settings,
+		  struct lp_mcu **result)
 {
 	const char *device;
 	const struct lp_link_ops *carrier = carrier_of(uri, &device);
@@ -140,6 +108,7 @@ static int create(struct lp_connections *connections, struct lp_loop *loop,
 	if (!mcu)
 		return carrier ? -ENOMEM : -EINVAL;
 	mcu->connections = connections;
+	mcu->settings = *settings;
 	mcu->base.name = mcu->name;
 	lp_timer_init(loop, &mcu->tick, lp_mcu_tick);
 	mcu->retry = (struct lp_backoff){.first_ns = FIRST_RETRY_NS, .longest_ns = LAST_RETRY_NS};
@@ -147,7 +116,7 @@ static int create(struct lp_connections *connections, struct lp_loop *loop,
 		(struct lp_backoff){.first_ns = FIRST_CLEAR_NS, .longest_ns = LAST_CLEAR_NS};
 	(void)snprintf(mcu->name, sizeof(mcu->name), "%s", uri->rest);
 	(void)snprintf(mcu->object, sizeof(mcu->object), "mcu:%s", mcu->name);
-	ret = create_link(mcu, loop, uri, carrier, device);
+	ret = create_link(mcu, loop, carrier, device);
 	if (ret < 0) {
 		if (ret != -EINVAL)
 			lp_error(uri->text, "create", "%s", lp_strerror(ret));
@@ -160,19 +129,39 @@ static int create(struct lp_connections *connections, struct lp_loop *loop,
 	return 0;
 }
 
+/* The line is set up already, but what is told of the ring can still be changed. */
+static int merge_settings(struct lp_mcu *mcu, const struct lp_uri *uri,
+			  const struct lp_mcu_settings *settings)
+{
+	const struct lp_mcu_settings *present = &mcu->settings;
+
+	if ((lp_uri_has(uri, "baud") && settings->baud != present->baud) ||
+	    (lp_uri_has(uri, "address") && settings->address != present->address)) {
+		lp_error(uri->text, "options",
+			 "baud or address is not what the other URI of %s says, or leaves out — "
+			 "write the same in both",
+			 mcu->name);
+		return -EINVAL;
+	}
+	if (lp_uri_has(uri, "ring_scans"))
+		mcu->settings.ring_scans = settings->ring_scans;
+	return 0;
+}
+
 int lp_mcu_join(struct lp_connections *connections, struct lp_loop *loop, const struct lp_uri *uri,
-		struct lp_mcu_user *user, struct lp_mcu **mcu)
+		const struct lp_mcu_settings *settings, struct lp_mcu_user *user,
+		struct lp_mcu **mcu)
 {
 	struct lp_connection *known = connections->first;
 	struct lp_mcu *it;
 	struct lp_mcu_user **end;
-	int ret = 0;
+	int ret;
 
 	while (known && strcmp(known->name, uri->rest) != 0)
 		known = known->next;
 	it = (struct lp_mcu *)known;
-	if (!it)
-		ret = create(connections, loop, uri, &it);
+	ret = it ? merge_settings(it, uri, settings)
+		 : create(connections, loop, uri, settings, &it);
 	if (ret < 0)
 		return ret;
 	for (end = &it->users; *end; end = &(*end)->next)

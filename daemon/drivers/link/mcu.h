@@ -17,7 +17,7 @@
 struct lp_connections;
 struct lp_loop;
 struct lp_mcu;
-struct lp_param;
+struct lp_params;
 struct lp_uri;
 
 struct lp_mcu_wheel {
@@ -47,15 +47,20 @@ struct lp_mcu_user {
 	void (*fault)(struct lp_mcu_user *user, const char *id, const char *text);
 };
 
-/* -EINVAL, logged: a key that neither the connection nor `own` knows. */
-int lp_mcu_check_keys(const struct lp_uri *uri, const struct lp_param *own, size_t own_count);
+/* Keys of the URI that are the connection's. */
+struct lp_mcu_settings {
+	int baud, address, ring_scans;
+};
+extern const struct lp_params lp_mcu_params;
 
 /*
- * Join the connection that `uri` names (mcu:CARRIER:DEVICE), or make it, on `loop`. The first URI
- * to name a connection decides its keys (baud, address, ring_scans). -EINVAL, -ENOMEM, logged.
+ * Join the connection that `uri` names (mcu:CARRIER:DEVICE), or make it, on `loop`. `settings` are
+ * what the URI says; where several URIs name one connection, a key counts that any of them has.
+ * -EINVAL (also: another one has said otherwise before), -ENOMEM, logged.
  */
 int lp_mcu_join(struct lp_connections *connections, struct lp_loop *loop, const struct lp_uri *uri,
-		struct lp_mcu_user *user, struct lp_mcu **mcu);
+		const struct lp_mcu_settings *settings, struct lp_mcu_user *user,
+		struct lp_mcu **mcu);
 void lp_mcu_leave(struct lp_mcu *mcu, struct lp_mcu_user *user); /* the last one closes it */
 
 /* Opens it, or begins to wait for it; the second call does nothing. */

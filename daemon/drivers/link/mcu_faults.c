@@ -3,7 +3,7 @@
 
 #include <stddef.h>
 
-#define COUNT(array) (sizeof(array) / sizeof((array)[0]))
+#include "base/macros.h"
 
 #define ROW(number, name, passes, words) [number] = {name, words, passes},
 static const struct lp_mcu_fault faults[32] = {MCU_FAULT_ROWS(ROW)};
@@ -22,19 +22,19 @@ const struct lp_mcu_fault *lp_mcu_fault(unsigned number)
 		"MCU_FAULT",
 		"a fault of newer firmware: install a newer lightprobe to know its name", false};
 
-	return number < COUNT(faults) && faults[number].name ? &faults[number] : &newer;
+	return number < LP_COUNT(faults) && faults[number].name ? &faults[number] : &newer;
 }
 
 uint32_t lp_mcu_passing_faults(void)
 {
 	uint32_t passing = 0;
 
-	for (unsigned i = 0; i < COUNT(faults); i++)
+	for (unsigned i = 0; i < LP_COUNT(faults); i++)
 		passing |= (uint32_t)faults[i].passes << i;
 	return passing;
 }
 
 const char *lp_mcu_reset_cause(unsigned number)
 {
-	return reset_causes[number < COUNT(reset_causes) ? number : 0];
+	return reset_causes[number < LP_COUNT(reset_causes) ? number : 0];
 }

@@ -47,10 +47,6 @@ enum lp_mcu_state {
 	LP_MCU_READY,	 /* wheel and ring are in use */
 };
 
-struct lp_mcu_settings {
-	int baud, address, ring_scans;
-};
-
 struct lp_mcu_recovery {
 	uint32_t faults;    /* latched, as last reported */
 	unsigned trouble;   /* number of the wheel's fault that began it; 0: none */

@@ -4,6 +4,7 @@
 #include <stdio.h>
 
 #include "base/log.h"
+#include "base/macros.h"
 #include "drivers/link/mcu_parts.h"
 
 #define UNKNOWN_CDEG INT16_MIN
@@ -122,7 +123,7 @@ static void on_wheel_time(struct lp_mcu *mcu, const uint8_t *payload, int64_t t_
 
 	mcu_wheel_time_unpack(&time, payload, LP_LINK_MAX_BYTES);
 	if (!mcu->wheel_waits || time.counter != state->counter || time.phase != state->phase ||
-	    time.token != state->token || state->phase >= sizeof(phases) / sizeof(phases[0]))
+	    time.token != state->token || state->phase >= LP_COUNT(phases))
 		return;
 	mcu->wheel_waits = false;
 	note_phase(mcu, &time, t_ns);

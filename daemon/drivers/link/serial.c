@@ -13,6 +13,7 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/loop.h"
+#include "base/macros.h"
 #include "drivers/link/carrier.h"
 #include "drivers/link/envelope.h"
 
@@ -41,7 +42,7 @@ static int speed_of(int baud, speed_t *speed)
 		speed_t speed;
 	} known[] = {{115200, B115200}, {230400, B230400}, {500000, B500000}, {1000000, B1000000}};
 
-	for (size_t i = 0; i < sizeof(known) / sizeof(known[0]); i++) {
+	for (size_t i = 0; i < LP_COUNT(known); i++) {
 		if (known[i].baud == baud) {
 			*speed = known[i].speed;
 			return 0;

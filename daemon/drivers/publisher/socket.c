@@ -14,6 +14,7 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/loop.h"
+#include "base/macros.h"
 #include "base/param.h"
 #include "base/uri.h"
 #include "drivers/publisher/framing.h"
@@ -258,7 +259,7 @@ static void set_socket_options(const struct socket_publisher *self, int fd)
 		{IPPROTO_TCP, TCP_KEEPCNT, KEEPALIVE_PROBES},
 		{IPPROTO_TCP, TCP_USER_TIMEOUT, UNACKNOWLEDGED_MAX_MS},
 	};
-	const size_t count = self->is_tcp ? sizeof(options) / sizeof(options[0]) : 1;
+	const size_t count = self->is_tcp ? LP_COUNT(options) : 1;
 
 	for (size_t i = 0; i < count; i++) /* without one of them it is slower, not wrong */
 		(void)setsockopt(fd, options[i].level, options[i].name, &options[i].value,
@@ -276,9 +277,8 @@ static const char *refusal_of(const struct socket_publisher *self, const struct 
 		same += lp_peer_is_same(&client->peer, peer);
 	}
 	if (count >= self->options.clients)
-		(void)snprintf(text, size_bytes,
-			       "%s has %d clients — raise its ?clients=", self->base.ops->scheme,
-			       count);
+		(void)snprintf(text, size_bytes, "%s has %d clients — raise its ?clients=",
+			       self->base.ops->info.scheme, count);
 	else if (same >= self->options.per_peer)
 		(void)snprintf(text, size_bytes, "%d are from the same %s — raise ?per_peer=", same,
 			       self->is_tcp ? "address" : "user");
@@ -443,14 +443,20 @@ static int parse_mode(const char *text, void *field)
 	return 0;
 }
 
-static const struct lp_param params[] = {
-	{"clients", LP_PARAM_INT, offsetof(struct options, clients), .initial = "0", .max = 4096},
-	{"per_peer", LP_PARAM_INT, offsetof(struct options, per_peer), .initial = "0", .max = 4096},
-	{"mode", LP_PARAM_OWN, offsetof(struct options, mode), .initial = "660",
-	 .parse = parse_mode, .expects = "permission bits in octal, like 666"},
+static const struct lp_param list[] = {
+	{"clients", LP_PARAM_INT, offsetof(struct options, clients), .initial = "0", .max = 4096,
+	 .help = "at most so many at a time; 0: of the network 7/8 of --max-clients, else all"},
+	{"per_peer", LP_PARAM_INT, offsetof(struct options, per_peer), .initial = "0", .max = 4096,
+	 .help = "of them from one address or user; 0: half of --max-clients, at least 8"},
 };
-#define TCP_PARAMS 2 /* a Unix socket has permissions, too */
-#define UNIX_PARAMS 3
+static const struct lp_params tcp_params = LP_PARAMS(list);
+
+static const struct lp_param unix_list[] = {
+	{"mode", LP_PARAM_OWN, offsetof(struct options, mode), .initial = "660",
+	 .parse = parse_mode, .expects = "permission bits in octal, like 666",
+	 .help = "of the socket file"},
+};
+static const struct lp_params unix_params = {unix_list, LP_COUNT(unix_list), &tcp_params};
 
 /*
  * Shares of --max-clients. The network leaves an eighth to local clients, so that it cannot lock
@@ -474,7 +480,7 @@ const struct lp_publisher_ops lp_publisher_unix_ops;
 /* Everything that the user can have written wrongly shows here. */
 static int read_uri(struct socket_publisher *self, const struct lp_uri *uri)
 {
-	int ret = lp_uri_read(uri, params, self->is_tcp ? TCP_PARAMS : UNIX_PARAMS, &self->options);
+	int ret = lp_uri_read(uri, self->base.ops->info.params, &self->options);
 
 	if (ret == 0)
 		ret = self->is_tcp ? lp_tcp_address_parse(uri->text, uri->rest, &self->address)
@@ -522,11 +528,11 @@ static int unix_create(const struct lp_uri *uri, const struct lp_publisher_host 
 }
 
 const struct lp_publisher_ops lp_publisher_tcp_ops = {
-	.scheme = "tcp",
-	.help = "tcp:HOST:PORT  length-prefixed messages to any number of clients; IPv6 in "
-		"brackets.\n"
-		"      0.0.0.0 or [::] opens it to the network\n"
-		"      ?clients=N (7/8 of --max-clients) &per_peer=N (of one address: half)",
+	.info = {.scheme = "tcp",
+		 .form = "HOST:PORT",
+		 .help = "messages to any number of clients; IPv6 in brackets\n"
+			 "0.0.0.0 or [::] opens it to the network.",
+		 .params = &tcp_params},
 	.create = tcp_create,
 	.start = socket_start,
 	.send = socket_send,
@@ -535,10 +541,10 @@ const struct lp_publisher_ops lp_publisher_tcp_ops = {
 };
 
 const struct lp_publisher_ops lp_publisher_unix_ops = {
-	.scheme = "unix",
-	.help = "unix:PATH  the same on a Unix socket\n"
-		"      ?mode=660 (permission bits of the socket file) &clients=N\n"
-		"      &per_peer=N (of one user: half)",
+	.info = {.scheme = "unix",
+		 .form = "PATH",
+		 .help = "messages to any number of clients of this machine, on a socket file",
+		 .params = &unix_params},
 	.create = unix_create,
 	.start = socket_start,
 	.send = socket_send,

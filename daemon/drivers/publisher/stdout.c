@@ -162,7 +162,7 @@ static int stdout_create(const struct lp_uri *uri, const struct lp_publisher_hos
 			 struct lp_publisher **publisher)
 {
 	struct stdout_publisher *self;
-	int ret = lp_uri_read(uri, NULL, 0, NULL);
+	int ret = lp_uri_read(uri, NULL, NULL);
 
 	if (ret == 0 && *uri->rest) {
 		lp_error(uri->text, "parse", "nothing follows stdout:");
@@ -181,9 +181,9 @@ static int stdout_create(const struct lp_uri *uri, const struct lp_publisher_hos
 }
 
 const struct lp_publisher_ops lp_publisher_stdout_ops = {
-	.scheme = "stdout",
-	.help = "stdout:  length-prefixed messages to standard output; the daemon ends with its "
-		"reader",
+	.info = {.scheme = "stdout",
+		 .form = "",
+		 .help = "messages to standard output; the daemon ends with its reader"},
 	.create = stdout_create,
 	.start = stdout_start,
 	.send = stdout_send,

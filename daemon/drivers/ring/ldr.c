@@ -29,7 +29,7 @@ struct fields {
 			offsetof(struct fields, nines) + (index) * sizeof(struct lp_floats), \
 			.min = (least), .max = (most)                                        \
 	}
-static const struct lp_param params[] = {
+static const struct lp_param list[] = {
 	{"version", LP_PARAM_INT, offsetof(struct fields, version), .min = 1, .max = 1000},
 	{"divider_ohm", LP_PARAM_FLOAT, offsetof(struct fields, divider_ohm), .min = 10,
 	 .max = 1e6},
@@ -42,8 +42,8 @@ static const struct lp_param params[] = {
 	NINE("gamma_sigma", GAMMA_SIGMA, 0, 1),
 	NINE("series_sigma_ohm", SERIES_SIGMA, 0, 1000),
 };
-#define PARAMS (sizeof(params) / sizeof(params[0]))
-#define FIRST_NINE (PARAMS - NINES)
+static const struct lp_params params = LP_PARAMS(list);
+#define FIRST_NINE (LP_COUNT(list) - NINES)
 
 void lp_ldr_defaults(struct lp_ldr_calibration *calibration)
 {
@@ -74,7 +74,7 @@ static int check(const char *path, const struct fields *fields)
 	}
 	for (int i = 0; i < NINES; i++) {
 		if (fields->nines[i].count != LP_RING_SENSORS) {
-			lp_error(path, params[FIRST_NINE + (size_t)i].name,
+			lp_error(path, list[FIRST_NINE + (size_t)i].name,
 				 "%d values: want nine, one for each sensor",
 				 fields->nines[i].count);
 			return -EBADMSG;
@@ -111,7 +111,7 @@ static int read_fields(const char *path, struct fields *fields)
 		return ret;
 	ret = lp_ini_check_sections(&ini, sections);
 	if (ret == 0)
-		ret = lp_ini_set(&ini, "ring", params, PARAMS, fields);
+		ret = lp_ini_set(&ini, "ring", &params, fields);
 	lp_ini_finish(&ini);
 	return ret;
 }

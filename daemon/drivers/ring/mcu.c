@@ -22,14 +22,18 @@ struct ring_mcu {
 };
 
 struct keys {
+	struct lp_mcu_settings link;
 	char calibration[1024];
 };
 
-static const struct lp_param params[] = {
+static const struct lp_param list[] = {
 	{"calibration", LP_PARAM_TEXT, offsetof(struct keys, calibration), .initial = "",
-	 .max = 1024},
+	 .max = 1024,
+	 .help = "the ring's file, from lightprobe calibrate ring; none: right within a factor of "
+		 "two"},
 };
-#define PARAMS (sizeof(params) / sizeof(params[0]))
+_Static_assert(offsetof(struct keys, link) == 0, "the connection's offsets hold");
+static const struct lp_params params = {list, LP_COUNT(list), &lp_mcu_params};
 
 static struct ring_mcu *self_of(const struct lp_ring *ring)
 {
@@ -38,7 +42,7 @@ static struct ring_mcu *self_of(const struct lp_ring *ring)
 
 static struct ring_mcu *self_of_user(struct lp_mcu_user *user)
 {
-	return (struct ring_mcu *)(void *)((char *)user - offsetof(struct ring_mcu, user));
+	return LP_CONTAINER_OF(user, struct ring_mcu, user);
 }
 
 static void on_ring(struct lp_mcu_user *user, const struct lp_mcu_ring *ring)
@@ -86,15 +90,10 @@ static void mcu_destroy(struct lp_ring *ring)
 static int mcu_create(const struct lp_uri *uri, const struct lp_ring_host *host,
 		      struct lp_ring **ring)
 {
-	struct keys keys = {""};
 	struct ring_mcu *self;
-	int ret = lp_mcu_check_keys(uri, params, PARAMS);
+	struct keys keys;
+	int ret = lp_uri_read(uri, &params, &keys);
 
-	for (int i = 0; i < uri->key_count && ret == 0; i++) {
-		if (lp_param_find(params, PARAMS, uri->keys[i].name))
-			ret = lp_param_set(params, PARAMS, &keys, uri->text, uri->keys[i].name,
-					   uri->keys[i].value);
-	}
 	if (ret < 0)
 		return ret;
 	self = calloc(1, sizeof(*self));
@@ -110,7 +109,8 @@ static int mcu_create(const struct lp_uri *uri, const struct lp_ring_host *host,
 			"none: illuminance is right within a factor of two — lightprobe "
 			"calibrate ring");
 	if (ret == 0)
-		ret = lp_mcu_join(host->connections, host->loop, uri, &self->user, &self->mcu);
+		ret = lp_mcu_join(host->connections, host->loop, uri, &keys.link, &self->user,
+				  &self->mcu);
 	if (ret < 0) {
 		free(self);
 		return ret;
@@ -120,13 +120,11 @@ static int mcu_create(const struct lp_uri *uri, const struct lp_ring_host *host,
 }
 
 const struct lp_ring_ops lp_ring_mcu_ops = {
-	.scheme = "mcu",
-	.help = "mcu:CARRIER:DEVICE  the ring on the microcontroller, as for the wheel; the same\n"
-		"      device in both is one connection\n"
-		"      ?calibration=FILE (lightprobe calibrate ring) &ring_scans=8: a sample every "
-		"so "
-		"many\n"
-		"      scans of 1.25 ms",
+	.info = {.scheme = "mcu",
+		 .form = "CARRIER:DEVICE",
+		 .help = "the ring on the microcontroller\n"
+			 "As for the wheel; the same device in both is one connection.",
+		 .params = &params},
 	.create = mcu_create,
 	.start = mcu_start,
 	.destroy = mcu_destroy,

@@ -29,15 +29,19 @@ struct ring_sim {
 	uint32_t sequence;
 };
 
-static const struct lp_param params[] = {
-	{"lux", LP_PARAM_FLOATS, offsetof(struct keys, lux), .initial = "100", .max = 1e6},
+static const struct lp_param list[] = {
+	{"lux", LP_PARAM_FLOATS, offsetof(struct keys, lux), .initial = "100", .max = 1e6,
+	 .help = "what the sensors read: one number for all, or nine"},
 	{"rate_hz", LP_PARAM_FLOAT, offsetof(struct keys, rate_hz), .initial = "100", .min = 0.1,
-	 .max = 1000},
-	{"sigma", LP_PARAM_FLOAT, offsetof(struct keys, sigma), .initial = "0.03", .max = 10},
-	{"dead", LP_PARAM_INT, offsetof(struct keys, dead), .initial = "0", .max = 511},
+	 .max = 1000, .help = "samples a second"},
+	{"sigma", LP_PARAM_FLOAT, offsetof(struct keys, sigma), .initial = "0.03", .max = 10,
+	 .help = "relative uncertainty that each reading states"},
+	{"dead", LP_PARAM_INT, offsetof(struct keys, dead), .initial = "0", .max = 511,
+	 .help = "sensors that are open or shorted: a sum of 1, 2, 4, ... 256"},
 	{"silent_after_s", LP_PARAM_FLOAT, offsetof(struct keys, silent_after_s), .initial = "1e9",
-	 .max = 1e9},
+	 .max = 1e9, .help = "no samples from then on"},
 };
+static const struct lp_params params = LP_PARAMS(list);
 
 static struct ring_sim *self_of(const struct lp_ring *ring)
 {
@@ -89,7 +93,7 @@ static int sim_create(const struct lp_uri *uri, const struct lp_ring_host *host,
 	if (!self)
 		return -ENOMEM;
 	self->base = (struct lp_ring){.ops = &lp_ring_sim_ops, .host = *host};
-	ret = lp_uri_read(uri, params, sizeof(params) / sizeof(params[0]), &self->keys);
+	ret = lp_uri_read(uri, &params, &self->keys);
 	if (ret == 0 && self->keys.lux.count != 1 && self->keys.lux.count != LP_RING_SENSORS) {
 		lp_error(uri->text, "lux", "one value, or nine");
 		ret = -EINVAL;
@@ -104,9 +108,12 @@ static int sim_create(const struct lp_uri *uri, const struct lp_ring_host *host,
 }
 
 const struct lp_ring_ops lp_ring_sim_ops = {
-	.scheme = "sim",
-	.help = "sim:  a ring inside the daemon ?lux=100 (or nine) &rate_hz=100 &sigma=0.03\n"
-		"      &dead=MASK &silent_after_s=N",
+	.info = {.scheme = "sim",
+		 .form = "",
+		 .help = "a ring inside the daemon, which reads what it is told\n"
+			 "It sees no simulated scene: for that, name the simulator's box with "
+			 "mcu:.",
+		 .params = &params},
 	.create = sim_create,
 	.start = sim_start,
 	.destroy = sim_destroy,

@@ -23,7 +23,7 @@ static const struct {
 
 const char *const lp_offer_formats[] = {"auto", "mjpeg", "yuyv", "nv12", "grey", NULL};
 
-#define KNOWN_FORMATS ((int)(sizeof(known_formats) / sizeof(known_formats[0])))
+#define KNOWN_FORMATS ((int)LP_COUNT(known_formats))
 
 /* Smaller is better; KNOWN_FORMATS: cannot be used. */
 static int preference(uint32_t fourcc)

@@ -7,16 +7,12 @@
 #include "include/camera_profile.h"
 
 int lp_profile_read(const struct lp_uri *uri, const struct lp_camera_profile *camera,
-		    const struct lp_profile_table *table)
+		    const struct lp_params *params, void *settings)
 {
 	int ret = 0;
 
-	lp_param_defaults(table->params, table->count, table->fields);
+	lp_param_defaults(params, settings);
 	if (camera)
-		ret = lp_ini_set(camera->file, uri->scheme, table->params, table->count,
-				 table->fields);
-	for (int i = 0; i < uri->key_count && ret == 0; i++)
-		ret = lp_param_set(table->params, table->count, table->fields, uri->text,
-				   uri->keys[i].name, uri->keys[i].value);
-	return ret;
+		ret = lp_ini_set(camera->file, uri->scheme, params, settings);
+	return ret < 0 ? ret : lp_uri_set(uri, params, settings);
 }

@@ -40,7 +40,7 @@ static struct rotator_mcu *self_of(const struct lp_rotator *rotator)
 
 static struct rotator_mcu *self_of_user(struct lp_mcu_user *user)
 {
-	return (struct rotator_mcu *)(void *)((char *)user - offsetof(struct rotator_mcu, user));
+	return LP_CONTAINER_OF(user, struct rotator_mcu, user);
 }
 
 static void report_state(const struct rotator_mcu *self)
@@ -195,10 +195,10 @@ static void mcu_destroy(struct lp_rotator *rotator)
 static int mcu_create(const struct lp_uri *uri, const struct lp_rotator_host *host,
 		      struct lp_rotator **rotator)
 {
+	struct lp_mcu_settings settings;
 	struct rotator_mcu *self;
-	int ret;
+	int ret = lp_uri_read(uri, &lp_mcu_params, &settings);
 
-	ret = lp_mcu_check_keys(uri, NULL, 0);
 	if (ret < 0)
 		return ret;
 	self = calloc(1, sizeof(*self));
@@ -214,7 +214,7 @@ static int mcu_create(const struct lp_uri *uri, const struct lp_rotator_host *ho
 	self->state.phase = LP_WHEEL_ABSENT;
 	self->state.clock_sigma_us = NAN;
 	forget_angle(&self->state);
-	ret = lp_mcu_join(host->connections, host->loop, uri, &self->user, &self->mcu);
+	ret = lp_mcu_join(host->connections, host->loop, uri, &settings, &self->user, &self->mcu);
 	if (ret < 0) {
 		free(self);
 		return ret;
@@ -224,10 +224,13 @@ static int mcu_create(const struct lp_uri *uri, const struct lp_rotator_host *ho
 }
 
 const struct lp_rotator_ops lp_rotator_mcu_ops = {
-	.scheme = "mcu",
-	.help = "mcu:CARRIER:DEVICE  the wheel on the microcontroller: mcu:serial:/dev/ttyUSB0,\n"
-		"      mcu:i2c:/dev/i2c-1, mcu:can:can0; waits for it, homes it, tries again\n"
-		"      ?baud=500000 (serial) &address=0x2c (I2C)",
+	.info = {.scheme = "mcu",
+		 .form = "CARRIER:DEVICE",
+		 .help = "the wheel on the microcontroller, as mcu:serial:/dev/ttyUSB0\n"
+			 "CARRIER is serial, i2c (mcu:i2c:/dev/i2c-1) or can (mcu:can:can0). The "
+			 "wheel is waited for,\n"
+			 "homed, and tried again after a fault.",
+		 .params = &lp_mcu_params},
 	.create = mcu_create,
 	.start = mcu_start,
 	.move = mcu_move,

@@ -169,28 +169,27 @@ static void sim_destroy(struct lp_rotator *rotator)
 	free(self);
 }
 
+static const struct lp_param list[] = {
+	{"fault", LP_PARAM_CHOICE, offsetof(struct keys, fault), .initial = "none",
+	 .choices = faults, .help = "what is wrong with it"},
+	{"after_s", LP_PARAM_FLOAT, offsetof(struct keys, after_s), .initial = "0", .max = 1e6,
+	 .help = "the fault begins so long after the start"},
+};
+_Static_assert(offsetof(struct keys, timed) == 0, "the model's offsets hold");
+static const struct lp_params params = {list, LP_COUNT(list), &lp_timed_keys};
 #define OWN_KEYS 2
 #define MOST_KEYS 20
 
 static int sim_create(const struct lp_uri *uri, const struct lp_rotator_host *host,
 		      struct lp_rotator **rotator)
 {
-	struct lp_param table[MOST_KEYS] = {
-		{"fault", LP_PARAM_CHOICE, offsetof(struct keys, fault), .initial = "none",
-		 .choices = faults},
-		{"after_s", LP_PARAM_FLOAT, offsetof(struct keys, after_s), .initial = "0",
-		 .max = 1e6},
-	};
 	struct rotator_sim *self = calloc(1, sizeof(*self));
 	int ret;
 
 	if (!self)
 		return -ENOMEM;
-	_Static_assert(offsetof(struct keys, timed) == 0, "the model's offsets hold");
-	memcpy(table + OWN_KEYS, lp_timed_param_table,
-	       (size_t)lp_timed_param_count * sizeof(table[0]));
 	self->base = (struct lp_rotator){.ops = &lp_rotator_sim_ops, .host = *host};
-	ret = lp_uri_read(uri, table, OWN_KEYS + (size_t)lp_timed_param_count, &self->keys);
+	ret = lp_uri_read(uri, &params, &self->keys);
 	if (ret == 0 && !lp_timed_check(&self->keys.timed, uri->text))
 		ret = -EINVAL;
 	if (ret < 0) {
@@ -206,9 +205,12 @@ static int sim_create(const struct lp_uri *uri, const struct lp_rotator_host *ho
 }
 
 const struct lp_rotator_ops lp_rotator_sim_ops = {
-	.scheme = "sim",
-	.help = "sim:  a wheel inside the daemon, for tests of what follows from it\n"
-		"      ?fault=none|stuck|slow|slip|too-fast|absent &after_s=0, and pca9685's",
+	.info = {.scheme = "sim",
+		 .form = "",
+		 .help = "a wheel inside the daemon, for tests of what follows from it\n"
+			 "It turns no simulated camera's polarizer: for that, name the "
+			 "simulator's box with mcu:.",
+		 .params = &params},
 	.create = sim_create,
 	.start = sim_start,
 	.move = sim_move,

@@ -18,30 +18,41 @@
 #define LAST_AGAIN_NS (60 * LP_NS_PER_S)
 #define MOST_TRIES 3
 
-#define FIELD(name) offsetof(struct lp_timed_params, name)
-const struct lp_param lp_timed_param_table[] = {
-	{"servo_zero_us", LP_PARAM_FLOAT, FIELD(servo_zero_us), .initial = "800", .min = 300,
-	 .max = 2700},
-	{"servo_us_per_deg", LP_PARAM_FLOAT, FIELD(servo_us_per_deg), .initial = "7.407",
-	 .min = -20, .max = 20},
-	{"servo_min_us", LP_PARAM_FLOAT, FIELD(servo_min_us), .initial = "500", .min = 300,
-	 .max = 2700},
-	{"servo_max_us", LP_PARAM_FLOAT, FIELD(servo_max_us), .initial = "2500", .min = 300,
-	 .max = 2700},
-	{"slew_deg_s", LP_PARAM_FLOAT, FIELD(slew_deg_s), .initial = "90", .min = 10, .max = 400},
-	{"slew_physical_deg_s", LP_PARAM_FLOAT, FIELD(slew_physical_deg_s), .initial = "900",
-	 .min = 50, .max = 5000},
-	{"lag_ms", LP_PARAM_FLOAT, FIELD(lag_ms), .initial = "40", .max = 500},
-	{"settle_ms", LP_PARAM_FLOAT, FIELD(settle_ms), .initial = "200", .min = 20, .max = 5000},
-	{"hold_s", LP_PARAM_FLOAT, FIELD(hold_s), .initial = "10", .min = 0.1, .max = 60},
-	{"first_deg", LP_PARAM_FLOAT, FIELD(first_deg), .initial = "-16.5", .min = -60, .max = 60},
-	{"pitch_deg", LP_PARAM_FLOAT, FIELD(pitch_deg), .initial = "6", .min = 2, .max = 60},
-	{"edges", LP_PARAM_INT, FIELD(edges), .initial = "34", .min = 2, .max = 200},
-	{"edge_error_deg", LP_PARAM_FLOAT, FIELD(edge_error_deg), .initial = "0.3", .max = 5},
-	{"tolerance_deg", LP_PARAM_FLOAT, FIELD(tolerance_deg), .initial = "6", .min = 1,
-	 .max = 20},
+static const struct lp_param list[] = {
+	{"servo_zero_us", LP_PARAM_FLOAT, offsetof(struct lp_timed_params, servo_zero_us),
+	 .initial = "800", .min = 300, .max = 2700, .help = "pulse at 0 degrees of the wheel"},
+	{"servo_us_per_deg", LP_PARAM_FLOAT, offsetof(struct lp_timed_params, servo_us_per_deg),
+	 .initial = "7.407", .min = -20, .max = 20,
+	 .help = "longer or, below 0, shorter by so much for each degree of the wheel"},
+	{"servo_min_us", LP_PARAM_FLOAT, offsetof(struct lp_timed_params, servo_min_us),
+	 .initial = "500", .min = 300, .max = 2700,
+	 .help = "the servo's own limit: no pulse is shorter"},
+	{"servo_max_us", LP_PARAM_FLOAT, offsetof(struct lp_timed_params, servo_max_us),
+	 .initial = "2500", .min = 300, .max = 2700,
+	 .help = "the servo's own limit: no pulse is longer"},
+	{"slew_deg_s", LP_PARAM_FLOAT, offsetof(struct lp_timed_params, slew_deg_s),
+	 .initial = "90", .min = 10, .max = 400, .help = "how fast the pulses turn the wheel"},
+	{"slew_physical_deg_s", LP_PARAM_FLOAT,
+	 offsetof(struct lp_timed_params, slew_physical_deg_s), .initial = "900", .min = 50,
+	 .max = 5000, .help = "nothing real is faster: the sensor lies"},
+	{"lag_ms", LP_PARAM_FLOAT, offsetof(struct lp_timed_params, lag_ms), .initial = "40",
+	 .max = 500, .help = "of the wheel behind the pulses"},
+	{"settle_ms", LP_PARAM_FLOAT, offsetof(struct lp_timed_params, settle_ms), .initial = "200",
+	 .min = 20, .max = 5000, .help = "at rest for so long, the wheel is settled"},
+	{"hold_s", LP_PARAM_FLOAT, offsetof(struct lp_timed_params, hold_s), .initial = "10",
+	 .min = 0.1, .max = 60, .help = "after settling the servo is let go"},
+	{"first_deg", LP_PARAM_FLOAT, offsetof(struct lp_timed_params, first_deg),
+	 .initial = "-16.5", .min = -60, .max = 60, .help = "angle of the comb's first edge"},
+	{"pitch_deg", LP_PARAM_FLOAT, offsetof(struct lp_timed_params, pitch_deg), .initial = "6",
+	 .min = 2, .max = 60, .help = "between two edges"},
+	{"edges", LP_PARAM_INT, offsetof(struct lp_timed_params, edges), .initial = "34", .min = 2,
+	 .max = 200, .help = "of the comb, both sides of each tooth"},
+	{"edge_error_deg", LP_PARAM_FLOAT, offsetof(struct lp_timed_params, edge_error_deg),
+	 .initial = "0.3", .max = 5, .help = "how well the comb is made"},
+	{"tolerance_deg", LP_PARAM_FLOAT, offsetof(struct lp_timed_params, tolerance_deg),
+	 .initial = "6", .min = 1, .max = 20, .help = "most that servo and wheel may differ"},
 };
-const int lp_timed_param_count = sizeof(lp_timed_param_table) / sizeof(lp_timed_param_table[0]);
+const struct lp_params lp_timed_keys = LP_PARAMS(list);
 
 /* ---------------------------------------------------------------- geometry */
 

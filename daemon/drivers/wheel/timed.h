@@ -72,9 +72,8 @@ struct lp_timed {
 	const char *next_step;
 };
 
-/* Keys of the URI that are the model's: their table. */
-extern const struct lp_param lp_timed_param_table[];
-extern const int lp_timed_param_count;
+/* Keys of the URI that are the model's, of struct lp_timed_params. */
+extern const struct lp_params lp_timed_keys;
 
 /* False: the parameters contradict each other; logged for `object`. */
 bool lp_timed_check(const struct lp_timed_params *params, const char *object);

@@ -28,14 +28,15 @@ struct options {
 	int corrupt_first; /* so many frames are marked corrupt */
 };
 
-static const struct lp_param params[] = {
+static const struct lp_param list[] = {
 	{"rate", LP_PARAM_FLOAT, offsetof(struct options, rate_hz), .initial = "30", .min = 0.1,
-	 .max = 1000},
+	 .max = 1000, .help = "frames a second"},
 	{"size", LP_PARAM_SIZE, offsetof(struct options, size_px), .initial = "320x160",
-	 .max = 4096},
+	 .max = 4096, .help = "of the pattern"},
 	{"corrupt_first", LP_PARAM_INT, offsetof(struct options, corrupt_first), .initial = "0",
-	 .max = 1000000},
+	 .max = 1000000, .help = "so many frames are marked corrupt, to begin with"},
 };
+static const struct lp_params params = LP_PARAMS(list);
 
 struct source_example {
 	struct lp_source base;
@@ -132,7 +133,7 @@ static int example_create(const struct lp_uri *uri, const struct lp_source_host 
 	lp_stop_init(&self->stop);
 	self->frames = lp_owned_frames_create(FRAMES);
 	self->outbox = lp_source_outbox_create();
-	ret = lp_uri_read(uri, params, sizeof(params) / sizeof(params[0]), &self->options);
+	ret = lp_uri_read(uri, &params, &self->options);
 	if (ret == 0 && (!self->frames || !self->outbox)) {
 		lp_error(OBJECT, "create", "out of memory or descriptors");
 		ret = -ENOMEM;
@@ -169,9 +170,10 @@ static void example_caps(const struct lp_source *source, struct lp_source_caps *
 }
 
 const struct lp_source_ops lp_source_example_ops = {
-	.scheme = "example",
-	.help = "example:  a grey pattern that moves, made here; the model for new sources\n"
-		"      ?rate=30 &size=WxH &corrupt_first=0",
+	.info = {.scheme = "example",
+		 .form = "",
+		 .help = "a grey pattern that moves, made here; the model for new sources",
+		 .params = &params},
 	.create = example_create,
 	.start = example_start,
 	.caps = example_caps,

@@ -36,16 +36,21 @@ struct options {
 
 static const char *const formats[] = {"auto", "mjpeg", "yuyv", "nv12", "grey", "pfm", NULL};
 
-static const struct lp_param params[] = {
-	{"rate", LP_PARAM_FLOAT, offsetof(struct options, rate_hz), .initial = "30", .max = 1000},
-	{"loop", LP_PARAM_BOOL, offsetof(struct options, loop), .initial = "1"},
+static const struct lp_param list[] = {
+	{"rate", LP_PARAM_FLOAT, offsetof(struct options, rate_hz), .initial = "30", .max = 1000,
+	 .help = "pictures a second; 0: as fast as they are taken"},
+	{"loop", LP_PARAM_BOOL, offsetof(struct options, loop), .initial = "1",
+	 .help = "begin again after the last picture"},
 	{"format", LP_PARAM_CHOICE, offsetof(struct options, format), .initial = "auto",
-	 .choices = formats},
-	{"size", LP_PARAM_SIZE, offsetof(struct options, size_px), .max = LP_PICTURE_MAX_SIDE_PX},
+	 .choices = formats, .help = "auto: by the file's name"},
+	{"size", LP_PARAM_SIZE, offsetof(struct options, size_px), .max = LP_PICTURE_MAX_SIDE_PX,
+	 .help = "of raw pictures (yuyv, nv12, grey), which do not say it themselves"},
 	{"exposures_us", LP_PARAM_FLOATS, offsetof(struct options, exposures_us), .min = 0.001,
-	 .max = 1e9},
-	{"gain", LP_PARAM_FLOAT, offsetof(struct options, gain), .min = 1e-6, .max = 1e6},
+	 .max = 1e9, .help = "exposure of each picture, in turn; none: not known"},
+	{"gain", LP_PARAM_FLOAT, offsetof(struct options, gain), .min = 1e-6, .max = 1e6,
+	 .help = "of all pictures, a linear factor; none: not known"},
 };
+static const struct lp_params params = LP_PARAMS(list);
 
 struct source_file {
 	struct lp_source base;
@@ -220,7 +225,7 @@ static int file_create(const struct lp_uri *uri, const struct lp_source_host *ho
 	self->base = (struct lp_source){.ops = &lp_source_file_ops, .host = *host};
 	lp_stop_init(&self->stop);
 	self->options.gain = NAN;
-	ret = lp_uri_read(uri, params, sizeof(params) / sizeof(params[0]), &self->options);
+	ret = lp_uri_read(uri, &params, &self->options);
 	if (ret < 0)
 		goto err_destroy;
 	if (!*uri->rest) {
@@ -283,11 +288,10 @@ static void file_caps(const struct lp_source *source, struct lp_source_caps *cap
 }
 
 const struct lp_source_ops lp_source_file_ops = {
-	.scheme = "file",
-	.help = "file:PATH  a JPEG, an MJPEG stream, raw YUYV/NV12/GREY, PFM, or a folder of them\n"
-		"      ?rate=30 (0: as fast as taken) &loop=1 "
-		"&format=auto|mjpeg|yuyv|nv12|grey|pfm\n"
-		"      &size=WxH (raw) &exposures_us=a,b,c (in turn) &gain=1",
+	.info = {.scheme = "file",
+		 .form = "PATH",
+		 .help = "a JPEG, an MJPEG stream, raw YUYV/NV12/GREY, PFM, or a folder of them",
+		 .params = &params},
 	.create = file_create,
 	.start = file_start,
 	.caps = file_caps,

@@ -9,6 +9,8 @@
 #include <string.h>
 #include <strings.h>
 
+#include "base/macros.h"
+
 #define JPEG_MAX_BYTES ((size_t)64 << 20)
 #define PFM_HEADER_MAX_BYTES 128
 
@@ -25,7 +27,7 @@ enum lp_encoding lp_encoding_of(const char *path, const uint8_t *data, size_t si
 	};
 	const char *dot = strrchr(path, '.');
 
-	for (size_t i = 0; dot && i < sizeof(known) / sizeof(known[0]); i++) {
+	for (size_t i = 0; dot && i < LP_COUNT(known); i++) {
 		if (strcasecmp(dot, known[i].extension) == 0)
 			return known[i].encoding;
 	}

@@ -60,17 +60,21 @@ int libcamera_set_exposure(lp_source *source, float exposure_us, float gain)
 }
 
 const char libcamera_help[] =
-	"libcamera:CAMERA  a camera through libcamera, by its identity, its model, or\n"
-	"      VENDOR:PRODUCT; nothing for the only one, or the one that --camera matches\n"
-	"      ?size=WxH &format=auto|mjpeg|yuyv|nv12|grey &fps=30 &exposure=settable|auto\n"
-	"      &exposure_delay_frames=N &colour_gains=RED,BLUE &stall_ms=1000";
+	"a camera through libcamera\n"
+	"CAMERA is its identity, its model, VENDOR:PRODUCT, or nothing for the camera that\n"
+	"--camera matches, or the only one. The keys may also stand in the camera file,\n"
+	"section [libcamera].";
 
 } // namespace
 
 extern "C" const lp_source_ops lp_source_libcamera_ops;
 const lp_source_ops lp_source_libcamera_ops = {
-	"libcamera",	libcamera_help,		libcamera_create,  libcamera_start,
-	libcamera_caps, libcamera_set_exposure, libcamera_destroy,
+	{"libcamera", "CAMERA", libcamera_help, &lp_libcamera_params, nullptr},
+	libcamera_create,
+	libcamera_start,
+	libcamera_caps,
+	libcamera_set_exposure,
+	libcamera_destroy,
 };
 
 namespace

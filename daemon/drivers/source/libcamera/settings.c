@@ -11,9 +11,6 @@
 #include "drivers/source/profile.h"
 #include "include/camera_profile.h"
 
-#define COUNT(array) (sizeof(array) / sizeof((array)[0]))
-#define FIELD(name) offsetof(struct lp_libcamera_settings, name)
-
 static int parse_exposure(const char *text, void *field)
 {
 	bool *settable = field;
@@ -22,27 +19,38 @@ static int parse_exposure(const char *text, void *field)
 	return *settable || !strcmp(text, "auto") ? 0 : -EINVAL;
 }
 
-static const struct lp_param params[] = {
-	{"format", LP_PARAM_CHOICE, FIELD(wish.format), .initial = "auto",
-	 .choices = lp_offer_formats},
-	{"size", LP_PARAM_SIZE, FIELD(wish.size_px), .max = 16384},
-	{"fps", LP_PARAM_FLOAT, FIELD(wish.fps), .initial = "0", .max = 1000},
-	{"exposure", LP_PARAM_OWN, FIELD(exposure_settable), .initial = "settable",
-	 .parse = parse_exposure, .expects = "settable or auto"},
-	{"exposure_delay_frames", LP_PARAM_INT, FIELD(exposure_delay_frames), .initial = "-1",
-	 .min = -1, .max = 30},
-	{"colour_gains", LP_PARAM_FLOATS, FIELD(colour_gains), .min = 0.01, .max = 100},
-	{"stall_ms", LP_PARAM_FLOAT, FIELD(stall_ms), .initial = "1000", .min = 100, .max = 60000},
+static const struct lp_param list[] = {
+	{"format", LP_PARAM_CHOICE, offsetof(struct lp_libcamera_settings, wish.format),
+	 .initial = "auto", .choices = lp_offer_formats,
+	 .help = "auto: of what the camera offers, the cheapest to read (mjpeg first)"},
+	{"size", LP_PARAM_SIZE, offsetof(struct lp_libcamera_settings, wish.size_px), .max = 16384,
+	 .help = "none: as --camera says, else the largest up to 1920x1080"},
+	{"fps", LP_PARAM_FLOAT, offsetof(struct lp_libcamera_settings, wish.fps), .initial = "0",
+	 .max = 1000, .help = "frames a second; 0: as the camera does"},
+	{"exposure", LP_PARAM_OWN, offsetof(struct lp_libcamera_settings, exposure_settable),
+	 .initial = "settable", .parse = parse_exposure, .expects = "settable or auto",
+	 .help = "settable: it is commanded; auto: the camera decides"},
+	{"exposure_delay_frames", LP_PARAM_INT,
+	 offsetof(struct lp_libcamera_settings, exposure_delay_frames), .initial = "-1", .min = -1,
+	 .max = 30,
+	 .help = "from a command to the first frame that shows it, where frames do not say their\n"
+		 "exposure; -1: not known"},
+	{"colour_gains", LP_PARAM_FLOATS, offsetof(struct lp_libcamera_settings, colour_gains),
+	 .min = 0.01, .max = 100,
+	 .help = "RED,BLUE: white balance; none: automatic white balance is just stopped"},
+	{"stall_ms", LP_PARAM_FLOAT, offsetof(struct lp_libcamera_settings, stall_ms),
+	 .initial = "1000", .min = 100, .max = 60000,
+	 .help = "silence after which the camera is opened anew"},
 };
+const struct lp_params lp_libcamera_params = LP_PARAMS(list);
 
 int lp_libcamera_settings_read(const struct lp_uri *uri, const struct lp_camera_profile *camera,
 			       struct lp_libcamera_settings *settings)
 {
-	const struct lp_profile_table table = {params, COUNT(params), settings};
 	int ret;
 
 	memset(settings, 0, sizeof(*settings));
-	ret = lp_profile_read(uri, camera, &table);
+	ret = lp_profile_read(uri, camera, &lp_libcamera_params, settings);
 	if (ret < 0)
 		return ret;
 	if (settings->colour_gains.count != 0 && settings->colour_gains.count != 2) {

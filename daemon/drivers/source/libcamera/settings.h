@@ -22,6 +22,9 @@ struct lp_libcamera_settings {
 	float stall_ms;	      /* silence that counts as a stall */
 };
 
+/* Of the URI's query, and of section [libcamera] of the camera file. */
+extern const struct lp_params lp_libcamera_params;
+
 /* `camera` NULL: no camera file. -EINVAL, -EBADMSG: logged, with the place. */
 int lp_libcamera_settings_read(const struct lp_uri *uri, const struct lp_camera_profile *camera,
 			       struct lp_libcamera_settings *settings);

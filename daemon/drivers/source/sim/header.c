@@ -6,6 +6,8 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "base/macros.h"
+
 #define MAX_SIDE_PX 16384
 #define FLAG_CORRUPT 1U
 #define LONGEST_EXPOSURE_US 3.6e9F /* an hour: what comes of it is never too large a number */
@@ -47,7 +49,7 @@ static bool read_format(const uint8_t *data, enum lp_pixel_format *format)
 		{{'R', 'G', 'B', 'F'}, LP_FORMAT_RGB_F32},
 	};
 
-	for (size_t i = 0; i < sizeof(known) / sizeof(known[0]); i++) {
+	for (size_t i = 0; i < LP_COUNT(known); i++) {
 		if (memcmp(data, known[i].name, 4) == 0) {
 			*format = known[i].format;
 			return true;

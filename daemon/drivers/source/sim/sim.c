@@ -405,11 +405,12 @@ static void sim_caps(const struct lp_source *source, struct lp_source_caps *caps
 }
 
 const struct lp_source_ops lp_source_sim_ops = {
-	.scheme = "sim",
-	.help = "sim:PATH  the simulator's socket (lightprobe simulate); waits for it, and again "
-		"when\n"
-		"      it goes. Its own options follow as ?KEY=VALUE&... (lightprobe simulate "
-		"--help)",
+	.info = {.scheme = "sim",
+		 .form = "PATH",
+		 .help = "the simulator's socket (lightprobe simulate)\n"
+			 "It is waited for, and again when it goes. The query is the simulator's: "
+			 "its keys are\n"
+			 "listed by lightprobe simulate --help."},
 	.create = sim_create,
 	.start = sim_start,
 	.caps = sim_caps,

@@ -12,27 +12,39 @@
 #include "drivers/source/profile.h"
 #include "include/camera_profile.h"
 
-#define COUNT(array) (sizeof(array) / sizeof((array)[0]))
-#define FIELD(name) offsetof(struct lp_v4l2_settings, name)
-
 static const char *const exposures[] = {"settable", "auto", "unknown", NULL};
 static const char *const power_lines[] = {"keep", "off", "50", "60", NULL};
 
-static const struct lp_param params[] = {
-	{"format", LP_PARAM_CHOICE, FIELD(wish.format), .initial = "auto",
-	 .choices = lp_offer_formats},
-	{"size", LP_PARAM_SIZE, FIELD(wish.size_px), .max = 16384},
-	{"fps", LP_PARAM_FLOAT, FIELD(wish.fps), .initial = "0", .max = 1000},
-	{"exposure", LP_PARAM_CHOICE, FIELD(exposure), .initial = "settable", .choices = exposures},
-	{"exposure_delay_frames", LP_PARAM_INT, FIELD(exposure_delay_frames), .initial = "-1",
-	 .min = -1, .max = 30},
-	{"gain_unity", LP_PARAM_FLOAT, FIELD(gain_unity), .initial = "0", .max = 1e6},
-	{"white_balance_k", LP_PARAM_FLOAT, FIELD(white_balance_k), .initial = "0", .max = 20000},
-	{"power_line", LP_PARAM_CHOICE, FIELD(power_line), .initial = "off",
-	 .choices = power_lines},
-	{"stall_ms", LP_PARAM_FLOAT, FIELD(stall_ms), .initial = "1000", .min = 100, .max = 60000},
-	{"reset", LP_PARAM_BOOL, FIELD(reset), .initial = "1"},
+static const struct lp_param list[] = {
+	{"format", LP_PARAM_CHOICE, offsetof(struct lp_v4l2_settings, wish.format),
+	 .initial = "auto", .choices = lp_offer_formats,
+	 .help = "auto: of what the camera offers, the cheapest to read (mjpeg first)"},
+	{"size", LP_PARAM_SIZE, offsetof(struct lp_v4l2_settings, wish.size_px), .max = 16384,
+	 .help = "none: as --camera says, else the largest up to 1920x1080"},
+	{"fps", LP_PARAM_FLOAT, offsetof(struct lp_v4l2_settings, wish.fps), .initial = "0",
+	 .max = 1000, .help = "frames a second; 0: the highest up to 30"},
+	{"exposure", LP_PARAM_CHOICE, offsetof(struct lp_v4l2_settings, exposure),
+	 .initial = "settable", .choices = exposures,
+	 .help = "settable: it is commanded; auto: the camera decides, and does not say what;\n"
+		 "unknown: no control is touched, for what is no camera (loop-back)"},
+	{"exposure_delay_frames", LP_PARAM_INT,
+	 offsetof(struct lp_v4l2_settings, exposure_delay_frames), .initial = "-1", .min = -1,
+	 .max = 30, .help = "from a command to the first frame that shows it; -1: not known"},
+	{"gain_unity", LP_PARAM_FLOAT, offsetof(struct lp_v4l2_settings, gain_unity),
+	 .initial = "0", .max = 1e6,
+	 .help = "value of the gain control that means a factor of 1; 0: gain stays at its least"},
+	{"white_balance_k", LP_PARAM_FLOAT, offsetof(struct lp_v4l2_settings, white_balance_k),
+	 .initial = "0", .max = 20000,
+	 .help = "held at so many kelvins; 0: at what it is when the camera is opened"},
+	{"power_line", LP_PARAM_CHOICE, offsetof(struct lp_v4l2_settings, power_line),
+	 .initial = "off", .choices = power_lines,
+	 .help = "the camera's filter against flicker of so many hertz; keep: as it is"},
+	{"stall_ms", LP_PARAM_FLOAT, offsetof(struct lp_v4l2_settings, stall_ms), .initial = "1000",
+	 .min = 100, .max = 60000, .help = "silence after which the stream is restarted; four frame periods at least"},
+	{"reset", LP_PARAM_BOOL, offsetof(struct lp_v4l2_settings, reset), .initial = "1",
+	 .help = "a camera that hangs is reset through its USB port"},
 };
+const struct lp_params lp_v4l2_params = LP_PARAMS(list);
 
 /* False: not of the form vendor:product[:serial]. */
 static bool parse_usb(const char *text, struct lp_v4l2_target *target)
@@ -67,11 +79,10 @@ int lp_v4l2_target_parse(const char *text, struct lp_v4l2_target *target)
 int lp_v4l2_settings_read(const struct lp_uri *uri, const struct lp_camera_profile *camera,
 			  struct lp_v4l2_settings *settings, struct lp_v4l2_target *target)
 {
-	const struct lp_profile_table table = {params, COUNT(params), settings};
 	int ret;
 
 	memset(settings, 0, sizeof(*settings));
-	ret = lp_profile_read(uri, camera, &table);
+	ret = lp_profile_read(uri, camera, &lp_v4l2_params, settings);
 	if (ret < 0)
 		return ret;
 	if (camera && !settings->wish.size_px.width)

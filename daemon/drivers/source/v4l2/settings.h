@@ -57,6 +57,9 @@ struct lp_v4l2_target {
 	char serial[64]; /* "": any */
 };
 
+/* Of the URI's query, and of section [v4l2] of the camera file. */
+extern const struct lp_params lp_v4l2_params;
+
 /* Reads a device's name as it stands in the URI. -EINVAL (not logged): neither of the above. */
 int lp_v4l2_target_parse(const char *text, struct lp_v4l2_target *target);
 

@@ -71,14 +71,15 @@ static int v4l2_set_exposure(struct lp_source *source, float exposure_us, float 
 }
 
 const struct lp_source_ops lp_source_v4l2_ops = {
-	.scheme = "v4l2",
-	.help = "v4l2:DEVICE  a camera: /dev/video0, VENDOR:PRODUCT[:SERIAL], a name from\n"
-		"      /dev/v4l/by-id, or nothing for the one that --camera matches or the only "
-		"one\n"
-		"      ?size=WxH &format=auto|mjpeg|yuyv|nv12|grey &fps=30 "
-		"&exposure=settable|auto|unknown\n"
-		"      &exposure_delay_frames=N &gain_unity=N &white_balance_k=K\n"
-		"      &power_line=off|50|60|keep &stall_ms=1000 &reset=1",
+	.info = {.scheme = "v4l2",
+		 .form = "DEVICE",
+		 .help = "a camera through the kernel's video interface\n"
+			 "DEVICE is /dev/video0, VENDOR:PRODUCT[:SERIAL], a name from "
+			 "/dev/v4l/by-id, or nothing for\n"
+			 "the camera that --camera matches, or the only one. The keys may also "
+			 "stand in the camera\n"
+			 "file, section [v4l2].",
+		 .params = &lp_v4l2_params},
 	.create = v4l2_create,
 	.start = v4l2_start,
 	.caps = v4l2_caps,

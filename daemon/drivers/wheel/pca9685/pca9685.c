@@ -238,7 +238,8 @@ static void pca9685_move(struct lp_rotator *rotator, float target_deg)
 
 	host->fault(host->context, "wheel-refused", NULL);
 	if (lp_timed_move(&self->timed, target_deg, lp_clock_ns(), &reason) < 0) {
-		(void)snprintf(text, sizeof(text), "wheel: move: %.2f degrees: %s — see --help",
+		(void)snprintf(text, sizeof(text),
+			       "wheel: move: %.2f degrees: %s — see --help-backends",
 			       (double)target_deg, reason);
 		lp_warning(self->object, "move", "%.2f degrees: %s", (double)target_deg, reason);
 		host->fault(host->context, "wheel-refused", text);
@@ -279,27 +280,18 @@ static int parse_address(const char *text, void *field)
 	return 0;
 }
 
-#define OWN_KEYS 4
-#define MOST_KEYS 20
-
-/* The hat's keys and the model's in one table: its fields begin the structure. */
-static int read_keys(const struct lp_uri *uri, struct keys *keys)
-{
-	struct lp_param table[MOST_KEYS] = {
-		{"address", LP_PARAM_OWN, offsetof(struct keys, address), .initial = "0x40",
-		 .parse = parse_address, .expects = "an I2C address, 0x40..0x7f"},
-		{"channel", LP_PARAM_INT, offsetof(struct keys, channel), .initial = "0",
-		 .max = 15},
-		{"chip", LP_PARAM_TEXT, offsetof(struct keys, chip), .initial = "gpiochip0",
-		 .max = 64},
-		{"line", LP_PARAM_INT, offsetof(struct keys, line), .initial = "17", .max = 1023},
-	};
-
-	_Static_assert(offsetof(struct keys, timed) == 0, "the model's offsets hold");
-	memcpy(table + OWN_KEYS, lp_timed_param_table,
-	       (size_t)lp_timed_param_count * sizeof(table[0]));
-	return lp_uri_read(uri, table, OWN_KEYS + (size_t)lp_timed_param_count, keys);
-}
+static const struct lp_param list[] = {
+	{"address", LP_PARAM_OWN, offsetof(struct keys, address), .initial = "0x40",
+	 .parse = parse_address, .expects = "an I2C address, 0x40..0x7f", .help = "of the hat"},
+	{"channel", LP_PARAM_INT, offsetof(struct keys, channel), .initial = "0", .max = 15,
+	 .help = "of the hat, where the servo is plugged in"},
+	{"chip", LP_PARAM_TEXT, offsetof(struct keys, chip), .initial = "gpiochip0", .max = 64,
+	 .help = "GPIO chip of the comb's sensor"},
+	{"line", LP_PARAM_INT, offsetof(struct keys, line), .initial = "17", .max = 1023,
+	 .help = "of the chip, where the sensor is"},
+};
+_Static_assert(offsetof(struct keys, timed) == 0, "the model's offsets hold");
+static const struct lp_params params = {list, LP_COUNT(list), &lp_timed_keys};
 
 static int create_hat(struct rotator_pca9685 *self)
 {
@@ -333,7 +325,7 @@ static int pca9685_create(const struct lp_uri *uri, const struct lp_rotator_host
 	(void)snprintf(self->object, sizeof(self->object), "pca9685: %s", self->device);
 	self->edges.fd = -1;
 	self->retry = (struct lp_backoff){.first_ns = FIRST_RETRY_NS, .longest_ns = LAST_RETRY_NS};
-	ret = read_keys(uri, &self->keys);
+	ret = lp_uri_read(uri, &params, &self->keys);
 	if (ret == 0 && !lp_timed_check(&self->keys.timed, uri->text))
 		ret = -EINVAL;
 	if (ret == 0)
@@ -350,14 +342,10 @@ static int pca9685_create(const struct lp_uri *uri, const struct lp_rotator_host
 }
 
 const struct lp_rotator_ops lp_rotator_pca9685_ops = {
-	.scheme = "pca9685",
-	.help = "pca9685:I2C-DEVICE  the wheel on a servo hat (/dev/i2c-1), one sensor of its "
-		"comb\n"
-		"      on a GPIO line ?address=0x40 &channel=0 &chip=gpiochip0 &line=17\n"
-		"      &servo_min_us=500 &servo_max_us=2500\n"
-		"      &servo_zero_us=800 &servo_us_per_deg=7.407 &slew_deg_s=90 &lag_ms=40\n"
-		"      &settle_ms=200 &hold_s=10 &first_deg=-16.5 &pitch_deg=6 &edges=34\n"
-		"      &edge_error_deg=0.3 &tolerance_deg=6 &slew_physical_deg_s=900",
+	.info = {.scheme = "pca9685",
+		 .form = "I2C-DEVICE",
+		 .help = "the wheel on a servo hat (/dev/i2c-1), its comb's sensor on a GPIO line",
+		 .params = &params},
 	.create = pca9685_create,
 	.start = pca9685_start,
 	.move = pca9685_move,
