@@ -40,7 +40,8 @@ static const struct lp_param list[] = {
 	 .initial = "off", .choices = power_lines,
 	 .help = "the camera's filter against flicker of so many hertz; keep: as it is"},
 	{"stall_ms", LP_PARAM_FLOAT, offsetof(struct lp_v4l2_settings, stall_ms), .initial = "1000",
-	 .min = 100, .max = 60000, .help = "silence after which the stream is restarted; four frame periods at least"},
+	 .min = 100, .max = 60000,
+	 .help = "silence after which the stream is restarted; four frame periods at least"},
 	{"reset", LP_PARAM_BOOL, offsetof(struct lp_v4l2_settings, reset), .initial = "1",
 	 .help = "a camera that hangs is reset through its USB port"},
 };
