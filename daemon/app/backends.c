@@ -61,26 +61,25 @@ static const struct lp_publisher_ops *const publishers[] = {
 
 static void list_schemes(const struct lp_backend_role *role, char *text, size_t size_bytes)
 {
-	const struct lp_backend *info;
 	size_t used = 0;
 
 	text[0] = '\0';
-	for (int i = 0; (info = role->at(i)) && used < size_bytes; i++)
+	for (int i = 0; i < role->count && used < size_bytes; i++)
 		used += (size_t)snprintf(text + used, size_bytes - used,
-					 used ? ", %s:" : "%s:", info->scheme);
+					 used ? ", %s:" : "%s:", role->at(i)->scheme);
 }
 
 int lp_backend_find(const struct lp_backend_role *role, const struct lp_uri *uri)
 {
-	const struct lp_backend *info;
 	char known[128];
-	int i = 0;
 
-	while ((info = role->at(i)) && strcmp(info->scheme, uri->scheme) != 0)
-		i++;
-	if (info && !info->left_out)
-		return i;
-	if (info) {
+	for (int i = 0; i < role->count; i++) {
+		const struct lp_backend *info = role->at(i);
+
+		if (strcmp(info->scheme, uri->scheme) != 0)
+			continue;
+		if (!info->left_out)
+			return i;
 		lp_error(uri->text, role->option,
 			 "%s: is known but not in this build — make daemon %s=1", info->scheme,
 			 info->left_out);
@@ -92,21 +91,22 @@ int lp_backend_find(const struct lp_backend_role *role, const struct lp_uri *uri
 }
 
 /* A role: what its back ends in `list` say of themselves, and lp_ROLE_open(). */
-#define ROLE(role, list, its_option, its_title)                                               \
-	static const struct lp_backend *role##_at(int i)                                      \
-	{                                                                                     \
-		return (size_t)i < LP_COUNT(list) ? &(list)[i]->info : NULL;                  \
-	}                                                                                     \
-	static const struct lp_backend_role role##_role = {its_option, its_title, role##_at}; \
-	int lp_##role##_open(const char *text, const struct lp_##role##_host *host,           \
-			     struct lp_##role **opened)                                       \
-	{                                                                                     \
-		struct lp_uri uri;                                                            \
-		int found = lp_uri_parse(&uri, text);                                         \
-                                                                                              \
-		if (found == 0)                                                               \
-			found = lp_backend_find(&role##_role, &uri);                          \
-		return found < 0 ? found : (list)[found]->create(&uri, host, opened);         \
+#define ROLE(role, list, its_option, its_title)                                             \
+	static const struct lp_backend *role##_at(int i)                                    \
+	{                                                                                   \
+		return &(list)[i]->info;                                                    \
+	}                                                                                   \
+	static const struct lp_backend_role role##_role = {its_option, its_title,           \
+							   (int)LP_COUNT(list), role##_at}; \
+	int lp_##role##_open(const char *text, const struct lp_##role##_host *host,         \
+			     struct lp_##role **opened)                                     \
+	{                                                                                   \
+		struct lp_uri uri;                                                          \
+		int found = lp_uri_parse(&uri, text);                                       \
+                                                                                            \
+		if (found == 0)                                                             \
+			found = lp_backend_find(&role##_role, &uri);                        \
+		return found < 0 ? found : (list)[found]->create(&uri, host, opened);       \
 	}
 
 ROLE(source, sources, "source", "Sources")
@@ -119,46 +119,44 @@ const struct lp_backend_role *const lp_backend_roles[] = {&source_role, &rotator
 
 /* ---------------------------------------------------------------- help */
 
-void lp_backends_list(FILE *out)
+static void print_line(FILE *out, const struct lp_backend *info)
 {
-	const struct lp_backend_role *role;
-	const struct lp_backend *info;
+	char uri[64];
 
-	for (int k = 0; (role = lp_backend_roles[k]); k++) {
-		(void)fprintf(out, "\n%s (--%s):\n", role->title, role->option);
-		for (int i = 0; (info = role->at(i)); i++) {
-			char uri[64];
-
-			if (info->left_out)
-				continue;
-			(void)snprintf(uri, sizeof(uri), "%s:%s", info->scheme, info->form);
-			(void)fprintf(out, "  %-19s %.*s\n", uri, (int)strcspn(info->help, "\n"),
-				      info->help);
-		}
-	}
+	(void)snprintf(uri, sizeof(uri), "%s:%s", info->scheme, info->form);
+	(void)fprintf(out, "  %-19s %.*s\n", uri, (int)strcspn(info->help, "\n"), info->help);
 }
 
-static void print_backend(FILE *out, const struct lp_backend *info)
+static void print_keys(FILE *out, const struct lp_backend *info)
 {
 	(void)fprintf(out, "  %s:%s\n", info->scheme, info->form);
 	lp_print_indented(out, 6, info->help);
 	lp_param_print(out, "      ", info->params);
 }
 
-void lp_backends_help(FILE *out)
+static void print_all(FILE *out, void (*print)(FILE *out, const struct lp_backend *info))
 {
-	const struct lp_backend_role *role;
-	const struct lp_backend *info;
+	for (int k = 0; lp_backend_roles[k]; k++) {
+		const struct lp_backend_role *role = lp_backend_roles[k];
 
-	(void)fputs("URIs are SCHEME:REST?KEY=VALUE&KEY=VALUE. The keys, with their defaults:\n",
-		    out);
-	for (int k = 0; (role = lp_backend_roles[k]); k++) {
 		(void)fprintf(out, "\n%s (--%s):\n", role->title, role->option);
-		for (int i = 0; (info = role->at(i)); i++) {
-			if (!info->left_out)
-				print_backend(out, info);
+		for (int i = 0; i < role->count; i++) {
+			if (!role->at(i)->left_out)
+				print(out, role->at(i));
 		}
 	}
+}
+
+void lp_backends_list(FILE *out)
+{
+	print_all(out, print_line);
+}
+
+void lp_backends_help(FILE *out)
+{
+	(void)fputs("URIs are SCHEME:REST?KEY=VALUE&KEY=VALUE. The keys, with their defaults:\n",
+		    out);
+	print_all(out, print_keys);
 }
 
 void lp_backends_version(FILE *out)

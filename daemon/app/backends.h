@@ -40,9 +40,10 @@ void lp_backends_version(FILE *out);
 
 /* The back ends of one role. */
 struct lp_backend_role {
-	const char *option;		       /* of the command line: "source" */
-	const char *title;		       /* of its part of the help */
-	const struct lp_backend *(*at)(int i); /* NULL: there are no more */
+	const char *option; /* of the command line: "source" */
+	const char *title;  /* of its part of the help */
+	int count;
+	const struct lp_backend *(*at)(int i); /* i < count */
 };
 
 /* All roles; ends with NULL. */

@@ -159,7 +159,8 @@ __attribute__((format(printf, 3, 4))) static void append(char *text, size_t size
 	va_end(arguments);
 }
 
-void lp_param_describe(const struct lp_param *param, char *text, size_t size_bytes)
+/* What the parameter expects, in words ("a whole number 0..4"), into `text`. */
+static void describe(const struct lp_param *param, char *text, size_t size_bytes)
 {
 	text[0] = '\0';
 	switch (param->type) {
@@ -227,7 +228,7 @@ int lp_param_set(const struct lp_params *params, void *fields, const char *objec
 		return -EINVAL;
 	}
 	if (parse(param, value, (char *)fields + param->offset) < 0) {
-		lp_param_describe(param, text, sizeof(text));
+		describe(param, text, sizeof(text));
 		lp_error(object, name, "'%s' is not %s", value, text);
 		return -EINVAL;
 	}
@@ -266,7 +267,7 @@ static void print_one(FILE *out, const char *lead, const struct lp_param *param)
 {
 	char expects[256];
 
-	lp_param_describe(param, expects, sizeof(expects));
+	describe(param, expects, sizeof(expects));
 	(void)fprintf(out, "%s%s=%s   (%s)\n", lead, param->name,
 		      param->initial ? param->initial : "", expects);
 	lp_print_indented(out, (int)strspn(lead, " ") + 4, param->help);

@@ -82,9 +82,6 @@ void lp_param_defaults(const struct lp_params *params, void *fields);
 /* NULL when there is none. */
 const struct lp_param *lp_param_find(const struct lp_params *params, const char *name);
 
-/* What the parameter expects, in words ("a whole number 0..4"), into `text`. */
-void lp_param_describe(const struct lp_param *param, char *text, size_t size_bytes);
-
 /* Help: name, default, what is expected, and what it is for. `lead` stands before each name. */
 void lp_param_print(FILE *out, const char *lead, const struct lp_params *params);
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * sim:?... — a servo and its wheel inside the daemon, seen through a simulated comb as the servo
- * hat's is (rotator_timed.h). It can be told to misbehave. It turns no simulated camera's
+ * hat's is (timed.h). It can be told to misbehave. It turns no simulated camera's
  * polarizer: for that, lightprobe simulate starts the whole box, to be named by mcu:.
  */
 #include <errno.h>
@@ -177,8 +177,6 @@ static const struct lp_param list[] = {
 };
 _Static_assert(offsetof(struct keys, timed) == 0, "the model's offsets hold");
 static const struct lp_params params = {list, LP_COUNT(list), &lp_timed_keys};
-#define OWN_KEYS 2
-#define MOST_KEYS 20
 
 static int sim_create(const struct lp_uri *uri, const struct lp_rotator_host *host,
 		      struct lp_rotator **rotator)
