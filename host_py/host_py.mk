@@ -46,5 +46,5 @@ evaluate: build $(BUILD)/scenes/blender.stamp ## accuracy against exact truth: t
 		--plot $(BUILD)/evaluate/accuracy.png --json-file $(BUILD)/evaluate/accuracy.json
 
 .PHONY: accuracy
-accuracy: build $(BUILD)/scenes/blender.stamp ## measure accuracy anew and write it into docs/accuracy.md (ten minutes)
+accuracy: build $(BUILD)/scenes/blender.stamp ## measure accuracy anew and write it into docs/users/accuracy.md (ten minutes)
 	@$(VENV)/bin/python tests/accuracy/report.py

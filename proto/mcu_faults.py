@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-DOCS = HERE.parent / "docs" / "faults.md"
+DOCS = HERE.parent / "docs/maintainers/faults.md"
 #: Below it a fault releases the servo.
 WHEEL_END = 16
 BEGIN, END = "<!-- mcu-faults: make faults-docs -->\n", "<!-- end mcu-faults -->\n"

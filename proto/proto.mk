@@ -28,7 +28,7 @@ $(MCU_FAULTS_H): proto/mcu_faults.toml proto/mcu_faults.py
 	@$(PYTHON) proto/mcu_faults.py --header $@
 
 .PHONY: faults-docs check-faults
-faults-docs: ## write the microcontroller's faults into docs/faults.md again
+faults-docs: ## write the microcontroller's faults into docs/maintainers/faults.md again
 	@$(PYTHON) proto/mcu_faults.py --docs
 check-rules: check-faults
 check-faults:
