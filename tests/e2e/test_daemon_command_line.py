@@ -42,7 +42,7 @@ def test_help_names_options_and_back_ends():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "lightprobed: --source: no camera is named — see lightprobed --help"),
+        ([], "lightprobed: --source: no source is given — name a camera with --source=URI"),
         (
             ["--source=ftp:x"],
             "ftp:x: source: ftp: is no known scheme; known: ",
@@ -156,7 +156,7 @@ def test_too_few_file_descriptors_are_told(limit, source):
 
     status, _, log = run(f"--source={source}", variant="release", preexec_fn=set_limit)
     assert status == 1
-    assert "more files can be opened, and 32 are needed — ulimit -n, or LimitNOFILE=" in log
+    assert "more files can be opened, and 32 are needed — raise ulimit -n, or LimitNOFILE=" in log
 
 
 def test_port_in_use(tmp_path):
@@ -179,7 +179,7 @@ def test_two_daemons_on_one_socket_path(tmp_path):
         first.process.wait()
         assert first.socket.exists()  # nobody cleaned up: the next one takes the place
         with Daemon(f"--source=file:{tmp_path}/a.jpg", f"--publish=unix:{first.socket}") as second:
-            assert "nobody answers on this socket file: replaced" in second.log()
+            assert "no daemon answers on this socket file; it is replaced" in second.log()
             second.socket = first.socket
             second.client().next("estimate")
 
