@@ -25,6 +25,7 @@ help: ## list the targets
 
 include packaging/packaging.mk
 include proto/proto.mk
+include docs/docs.mk
 include daemon/daemon.mk
 include host_py/host_py.mk
 include tests/tests.mk

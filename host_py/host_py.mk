@@ -18,13 +18,13 @@ python: $(STAMPS)/venv daemon firmware-host
 RUFF := RUFF_CACHE_DIR=$(BUILD)/cache/ruff $(VENV)/bin/ruff --config host_py/pyproject.toml
 
 check-python:
-	@$(RUFF) format --check -q host_py tests
-	@$(RUFF) check -q host_py tests
+	@$(RUFF) format --check -q host_py tests docs proto
+	@$(RUFF) check -q host_py tests docs proto
 	@$(VENV)/bin/mypy --config-file host_py/pyproject.toml host_py/lightprobe
 
 format-python:
-	@$(RUFF) format -q host_py tests
-	@$(RUFF) check -q --fix host_py tests
+	@$(RUFF) format -q host_py tests docs proto
+	@$(RUFF) check -q --fix host_py tests docs proto
 
 .PHONY: package
 package: setup-python ## wheel and source distribution, in build/dist
@@ -46,5 +46,5 @@ evaluate: build $(BUILD)/scenes/blender.stamp ## accuracy against exact truth: t
 		--plot $(BUILD)/evaluate/accuracy.png --json-file $(BUILD)/evaluate/accuracy.json
 
 .PHONY: accuracy
-accuracy: build $(BUILD)/scenes/blender.stamp ## measure accuracy anew and write it into docs/accuracy.md (ten minutes)
+accuracy: build $(BUILD)/scenes/blender.stamp ## measure accuracy anew and write it into docs/users/accuracy.md (ten minutes)
 	@$(VENV)/bin/python tests/accuracy/report.py

@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is made of proto/mcu_faults.toml: a C header, and the tables of docs/faults.md."""
+"""Read proto/mcu_faults.toml, and make the C header of firmware and daemon from it.
+
+The tables of the fault pages are made by docs/faults.py.
+"""
 
 from __future__ import annotations
 
 import argparse
-import sys
 import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-DOCS = HERE.parent / "docs" / "faults.md"
 #: Below it a fault releases the servo.
 WHEEL_END = 16
-BEGIN, END = "<!-- mcu-faults: make faults-docs -->\n", "<!-- end mcu-faults -->\n"
 
 
 @dataclass(frozen=True)
@@ -61,54 +61,12 @@ def header(faults: list[Fault]) -> str:
     )
 
 
-def table(faults: list[Fault]) -> str:
-    """Return Markdown."""
-    lines = [
-        "| fault | detail | what was seen | what to do | test |",
-        "|---|---|---|---|---|",
-    ]
-    for f in faults:
-        seen = f"{f.means} ({f.note})" if f.note else f.means
-        tests = ", ".join(f"`{test}`" for test in f.tests)
-        lines.append(f"| `{f.name}` | {f.detail} | {seen} | {f.next_step} | {tests} |")
-    return "\n".join(lines) + "\n"
-
-
-def docs(faults: list[Fault], text: str) -> str:
-    """Return docs/faults.md with its tables made anew."""
-    wheel = [f for f in faults if f.number < WHEEL_END]
-    retried = [f for f in faults if f.number >= WHEEL_END and f.cleared_by == "daemon"]
-    kept = [f for f in faults if f.cleared_by == "person"]
-    before, _, rest = text.partition(BEGIN)
-    _, _, after = rest.partition(END)
-    if not after:
-        raise ValueError(f"{DOCS.name}: the lines {BEGIN.strip()} and {END.strip()} are missing")
-    return (
-        f"{before}{BEGIN}Those that release the servo at once:\n\n{table(wheel)}\n"
-        f"Those that pass by themselves; the daemon tells them, and clears them:\n\n{table(retried)}\n"
-        "Those that somebody must see. They stay, over the daemon's life and in its health, until a\n"
-        f"person clears them with `lightprobe mcu clear`:\n\n{table(kept)}{END}{after}"
-    )
-
-
-def main() -> int:
-    """Write what is asked for; with --check, say whether docs/faults.md is as the table says."""
+def main() -> None:
+    """Write the header."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--header", type=Path, metavar="FILE", help="write the C header")
-    parser.add_argument("--docs", action="store_true", help="write the tables of docs/faults.md")
-    parser.add_argument("--check", action="store_true", help="compare them; 1 when they differ")
-    arguments = parser.parse_args()
-    faults = load()
-    if arguments.header:
-        arguments.header.write_text(header(faults))
-    text = DOCS.read_text() if arguments.docs or arguments.check else ""
-    if arguments.docs:
-        DOCS.write_text(docs(faults, text))
-    if arguments.check and docs(faults, text) != text:
-        print("docs/faults.md: not as proto/mcu_faults.toml says: make faults-docs", file=sys.stderr)
-        return 1
-    return 0
+    parser.add_argument("--header", type=Path, metavar="FILE", required=True, help="file to write")
+    parser.parse_args().header.write_text(header(load()))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -26,10 +26,3 @@ MCU_FAULTS_H := $(GEN)/dbc/mcu_faults.h
 $(MCU_FAULTS_H): proto/mcu_faults.toml proto/mcu_faults.py
 	@mkdir -p $(@D)
 	@$(PYTHON) proto/mcu_faults.py --header $@
-
-.PHONY: faults-docs check-faults
-faults-docs: ## write the microcontroller's faults into docs/faults.md again
-	@$(PYTHON) proto/mcu_faults.py --docs
-check-rules: check-faults
-check-faults:
-	@$(PYTHON) proto/mcu_faults.py --check

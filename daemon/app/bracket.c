@@ -166,10 +166,11 @@ static struct lp_bracket_decision still_old(struct lp_bracket *b)
 		decision.command_us = b->commanded_us;
 		return decision;
 	}
-	lp_warning("camera", "exposure",
-		   "does not follow commands (%d without effect): exposures are unknown, brackets "
-		   "off; is it on automatic, or is another program driving it?",
-		   b->misses);
+	lp_warning(
+		"camera", "exposure",
+		"ignores exposure commands (%d without effect); exposures are unknown and brackets "
+		"are off — is automatic exposure on, or does another program control the camera?",
+		b->misses);
 	b->state = LP_BRACKET_IGNORED;
 	b->frames_ignored = 0;
 	decision.accept = decision.forget = true;
@@ -184,7 +185,7 @@ static struct lp_bracket_decision fits_nothing(struct lp_bracket *b)
 
 	if (++b->strange <= MOST_STRANGE)
 		return decision;
-	lp_info("camera", "exposure", "the scene has changed beyond recognition: starting anew");
+	lp_info("camera", "exposure", "the whole scene has changed: the bracket starts again");
 	start(b, b->commanded_us);
 	decision.forget = decision.command = true;
 	decision.command_us = b->commanded_us;
@@ -252,7 +253,8 @@ struct lp_bracket_decision lp_bracket_judge(struct lp_bracket *bracket,
 		if (++bracket->frames_ignored >= RETRY_FRAMES) {
 			bracket->misses = 0;
 			start(bracket, bracket->commanded_us);
-			lp_debug("camera", "bracket", "%d frames later: tried again", RETRY_FRAMES);
+			lp_debug("camera", "bracket",
+				 "exposure commands are tried again after %d frames", RETRY_FRAMES);
 			decision.accept = false;
 			decision.forget = decision.command = true;
 			decision.command_us = bracket->commanded_us;

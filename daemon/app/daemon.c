@@ -382,7 +382,9 @@ static int create_source(struct lp_daemon *daemon)
 	int ret;
 
 	if (!*daemon->options->source) {
-		lp_error("lightprobed", "--source", "no camera is named — see lightprobed --help");
+		lp_error("lightprobed", "--source",
+			 "no source is given — name a camera with --source=URI; lightprobed --help "
+			 "lists the kinds");
 		return -EINVAL;
 	}
 	ret = lp_source_open(daemon->options->source, &host, &daemon->source);

@@ -97,7 +97,7 @@ static bool raise(struct lp_governor *governor, float cpu_percent, char *reason,
 	governor->spare = spare ? governor->spare + 1 : 0;
 	if (governor->preset == governor->chosen || governor->spare < governor->patience)
 		return false;
-	(void)snprintf(reason, reason_bytes, "room to spare for %d s",
+	(void)snprintf(reason, reason_bytes, "well below its limits for %d s",
 		       (int)(governor->spare * LP_GOVERNOR_WINDOW_NS / LP_NS_PER_S));
 	change(governor, 1);
 	governor->since_raise = 0;

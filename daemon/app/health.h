@@ -15,7 +15,7 @@
 #define LP_HISTOGRAM_BINS 256
 
 struct lp_fault {
-	const char *id; /* docs/faults.md */
+	const char *id; /* docs/users/faults.md */
 	char text[160];
 };
 

@@ -76,7 +76,7 @@ static struct lp_packet *new_packet(struct lp_hub *hub)
 	struct packet *packet = lp_pool_take(hub->packets);
 
 	if (!packet) {
-		lp_error("hub", "packet", "out of memory: a message is lost");
+		lp_error("hub", "packet", "out of memory; a message is lost");
 		return NULL;
 	}
 	packet->pool = hub->packets;
@@ -180,7 +180,7 @@ static struct lp_packet *estimate_packet(struct lp_hub *hub, const struct client
 		((struct packet *)*slot)->subscription = wanted->number;
 	if (*slot && lp_encode_estimate(estimate, &variant, &stamp, *slot) < 0) {
 		lp_error("hub", "encode",
-			 "an estimate holds a number that is not finite: not sent");
+			 "an estimate contains a number that is not finite; it is not sent");
 		lp_packet_drop(*slot);
 		*slot = NULL;
 	}
@@ -412,8 +412,9 @@ static int on_request(void *context, void *user, const uint8_t *data, size_t siz
 
 	if (!count_request(client)) {
 		hub->options.health->report.requests_rejected++;
-		refuse_request(hub, client, -EDQUOT, "requests",
-			       "more than 50 in a second — subscribe only to change something");
+		refuse_request(
+			hub, client, -EDQUOT, "requests",
+			"more than 50 in a second — send a subscription only when it changes");
 		return -EDQUOT;
 	}
 	ret = lp_decode_request(data, size_bytes, &subscription, &reason);

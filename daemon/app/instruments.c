@@ -116,7 +116,8 @@ static void watch_ring(struct lp_instruments *self, int64_t now_ns)
 			report->illuminance_lux[k] = NAN;
 		lp_warning("ring", "receive", "no sample for a second");
 		lp_health_fault(self->health, "ring-silent",
-				"ring: receive: no sample for a second — see the other faults");
+				"ring: receive: no sample for a second — is the microcontroller "
+				"connected? the other faults say more");
 	}
 	if (window_ns < RATE_WINDOW_NS)
 		return;
@@ -216,8 +217,7 @@ int lp_instruments_create(const struct lp_options *options, struct lp_health *he
 	self->health = health;
 	if (options->once && (*options->rotator || *options->ring)) {
 		lp_error("lightprobed", "--once",
-			 "a set of pictures has no wheel and no ring — "
-			 "leave out --rotator and --ring");
+			 "--once uses neither wheel nor ring — leave out --rotator and --ring");
 		ret = -EINVAL;
 	}
 	if (ret == 0 && *options->rotator)

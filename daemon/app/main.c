@@ -24,8 +24,9 @@ static void print_help(void)
 	lp_backends_list(stdout);
 	(void)printf("\nURIs are SCHEME:REST?KEY=VALUE&KEY=VALUE; the keys: lightprobed "
 		     "--help-backends\n"
-		     "\nExit status: 0 ended as asked, 1 a device, a socket or no estimate, "
-		     "2 command line or configuration.\n");
+		     "\nExit status: 0 it ended as requested; 1 a device or a socket failed, or no "
+		     "estimate was made;\n"
+		     "2 the command line or the configuration is wrong.\n");
 }
 
 static void print_version(void)
@@ -58,8 +59,8 @@ static bool has_descriptors(void)
 	ret = errno;
 	if (count < LEAST_DESCRIPTORS)
 		lp_error("lightprobed", "start",
-			 "%s: only %d more files can be opened, and %d are needed — ulimit -n, or "
-			 "LimitNOFILE= of the service",
+			 "%s: only %d more files can be opened, and %d are needed — raise ulimit "
+			 "-n, or LimitNOFILE= of the service",
 			 lp_strerror(ret), count, LEAST_DESCRIPTORS);
 	for (int i = 0; i < count; i++)
 		close(fds[i]);

@@ -135,24 +135,24 @@ static const struct lp_param config_list[] = {
 	{"camera", LP_PARAM_TEXT, offsetof(struct lp_options, camera), .initial = "equirect",
 	 .max = 1024, .help = "equirect, or a camera file (lenses, masks, rotation)"},
 	{"preset", LP_PARAM_CHOICE, offsetof(struct lp_options, preset), .initial = "balanced",
-	 .choices = presets, .help = "speed against accuracy"},
+	 .choices = presets, .help = "trade-off between speed and accuracy"},
 	{"panorama-width", LP_PARAM_OWN, offsetof(struct lp_options, panorama_width_px),
 	 .initial = "0", .parse = parse_width, .expects = "0, or a multiple of 8 in 16..960",
-	 .help = "columns of the panorama; 0: as the preset says"},
+	 .help = "columns of the panorama; 0: the width of the preset"},
 	{"decode", LP_PARAM_OWN, offsetof(struct lp_options, decode_divisor), .initial = "0",
 	 .parse = parse_decode, .expects = "0|blocks|pixels|2|4|8",
-	 .help = "read frames by blocks (no pixels), by every pixel, or JPEG at 1/N of its size;\n"
-		 "0: as the preset says"},
+	 .help = "how frames are read: blocks (mean and detail of JPEG blocks, no pixels), pixels\n"
+		 "(all), or 2, 4, 8 (JPEG at 1/N of its size); 0: what the preset says"},
 	{"exact-blocks", LP_PARAM_OWN, offsetof(struct lp_options, exact_blocks),
 	 .initial = "preset", .parse = parse_exact_blocks,
 	 .expects = "preset, or a whole number 0..65536",
-	 .help = "where blocks are read: most blocks decoded after all, those whose mean tells\n"
-		 "least"},
+	 .help = "with --decode=blocks: how many blocks may still be decoded to pixels, beginning\n"
+		 "with those whose mean says least about their light"},
 	{"refine-cells", LP_PARAM_OWN, offsetof(struct lp_options, refine_cells),
 	 .initial = "preset", .parse = parse_refine_cells,
 	 .expects = "preset, or a whole number 0..1024",
-	 .help = "largest lamp looked at in full resolution, in camera cells that hold its\n"
-		 "light; 0: none"},
+	 .help = "largest lamp that is measured again in full resolution: the number of camera\n"
+		 "cells with its light; 0: none"},
 	{"latency-goal-ms", LP_PARAM_FLOAT, offsetof(struct lp_options, goals.latency_ms),
 	 .initial = "0", .max = 60000,
 	 .help = "lower the preset while more than one estimate in ten takes longer; 0: never"},
@@ -166,36 +166,38 @@ static const struct lp_param config_list[] = {
 	{"sh-order", LP_PARAM_INT, offsetof(struct lp_options, sh_order), .initial = "4",
 	 .max = LP_MAX_SH_ORDER, .help = "highest order of spherical harmonics offered"},
 	{"lights", LP_PARAM_INT, offsetof(struct lp_options, lights), .initial = "8",
-	 .max = LP_MAX_LIGHTS, .help = "most lights looked for"},
+	 .max = LP_MAX_LIGHTS, .help = "maximum number of lights to find"},
 	{"smoothing-ms", LP_PARAM_FLOAT, offsetof(struct lp_options, smoothing_ms),
 	 .initial = "200", .max = 60000, .help = "time constant of the smoothed estimate; 0: none"},
 	{"ttl-ms", LP_PARAM_FLOAT, offsetof(struct lp_options, ttl_ms), .initial = "1000",
 	 .min = 10, .max = 3600000,
-	 .help = "without frames for so long, the last estimate is repeated, marked stale"},
+	 .help = "after this time without a frame the last estimate is repeated, marked STALE"},
 	{"brackets", LP_PARAM_INT, offsetof(struct lp_options, brackets), .initial = "3",
 	 .max = LP_MAX_PLANNED,
-	 .help = "most exposures of a bracket, where exposure can be set; the scene decides how\n"
-		 "many are used; 0: exposure is left alone"},
+	 .help = "maximum number of exposures in a bracket; the scene decides how many are used.\n"
+		 "For cameras whose exposure can be set. 0: leave the exposure alone"},
 	{"exposure-us", LP_PARAM_FLOAT, offsetof(struct lp_options, exposure_us), .initial = "0",
 	 .max = 1e8,
-	 .help = "one fixed exposure instead of brackets, where it can be set; 0: brackets"},
+	 .help = "one fixed exposure instead of brackets, if it can be set; 0: brackets"},
 	{"gain", LP_PARAM_FLOAT, offsetof(struct lp_options, gain), .initial = "0", .max = 1e4,
 	 .help = "set the camera's gain (linear factor), with --exposure-us; 0: leave it"},
 	{"rotator", LP_PARAM_TEXT, offsetof(struct lp_options, rotator), .initial = "",
-	 .max = LP_URI_MAX_BYTES, .help = "URI of the polarizer wheel; none unless named"},
+	 .max = LP_URI_MAX_BYTES,
+	 .help = "URI of the polarizer wheel (lightprobed --help-backends); default: no wheel"},
 	{"wheel-angles", LP_PARAM_FLOATS, offsetof(struct lp_options, wheel_angles_deg),
 	 .initial = "0", .max = 180,
-	 .help = "angles of the wheel in degrees: one, where it stays; several, which it goes\n"
-		 "round for ever"},
+	 .help = "angles of the wheel in degrees: one to stay at, or several to visit in turn"},
 	{"wheel-dwell-ms", LP_PARAM_FLOAT, offsetof(struct lp_options, wheel_dwell_ms),
 	 .initial = "500", .max = 3600000,
 	 .help = "how long the wheel stays at each of several angles"},
 	{"ring", LP_PARAM_TEXT, offsetof(struct lp_options, ring), .initial = "",
-	 .max = LP_URI_MAX_BYTES, .help = "URI of the ring of light sensors; none unless named"},
+	 .max = LP_URI_MAX_BYTES,
+	 .help = "URI of the ring of light sensors (lightprobed --help-backends); default: no "
+		 "ring"},
 	{"max-clients", LP_PARAM_INT, offsetof(struct lp_options, max_clients), .initial = "256",
-	 .min = 1, .max = 4096, .help = "more are refused"},
+	 .min = 1, .max = 4096, .help = "maximum number of connected clients; more are refused"},
 	{"log-level", LP_PARAM_CHOICE, offsetof(struct lp_options, log_level), .initial = "info",
-	 .choices = log_levels, .help = "least severe message printed"},
+	 .choices = log_levels, .help = "print messages of this level and of the more severe ones"},
 };
 /* Those that make sense in a configuration file. */
 static const struct lp_params config_params = LP_PARAMS(config_list);
@@ -204,24 +206,25 @@ static const struct lp_param command_list[] = {
 	{"config", LP_PARAM_TEXT, offsetof(struct lp_options, config), .initial = "", .max = 1024,
 	 .help = "read options from this file: NAME = VALUE lines, # comments"},
 	{"once", LP_PARAM_BOOL, offsetof(struct lp_options, once), .initial = "0",
-	 .help = "process a finite source as one set, publish one estimate, exit"},
+	 .help = "process the frames of a finite source as one bracket, publish one estimate, "
+		 "exit"},
 	{"simulated-time", LP_PARAM_TEXT, offsetof(struct lp_options, simulated_time),
 	 .initial = "", .max = 108,
 	 .help = "for tests: take the time from this Unix socket instead of the clock"},
 	{"series", LP_PARAM_TEXT, offsetof(struct lp_options, series), .initial = "", .max = 1024,
-	 .help = "instead of estimating, write the camera's raw frames into this new folder and\n"
-		 "exit: for calibration; pictures leave the box only by this"},
+	 .help = "for calibration: write the camera's raw frames into this new folder and exit,\n"
+		 "without an estimate. No other option lets pictures leave the box"},
 	{"series-us", LP_PARAM_FLOATS, offsetof(struct lp_options, series_us), .min = 0.001,
 	 .max = 1e8,
-	 .help = "exposures to command one after the other, with --series; none: as they come"},
+	 .help = "with --series: exposures to command one after the other; none: no commands"},
 	{"series-frames", LP_PARAM_INT, offsetof(struct lp_options, series_frames), .initial = "12",
 	 .max = 10000, .help = "frames to write after each command; 0: until the source ends"},
 	{"check-config", LP_PARAM_BOOL, offsetof(struct lp_options, check_config), .initial = "0",
-	 .help = "say what is in force, or what is wrong, and exit"},
+	 .help = "check options and files, say what is wrong, and exit"},
 	{"version", LP_PARAM_BOOL, offsetof(struct lp_options, version), .initial = "0",
 	 .help = "print version and build options, and exit"},
 	{"help", LP_PARAM_BOOL, offsetof(struct lp_options, help), .initial = "0",
-	 .help = "print this, and exit"},
+	 .help = "print this help, and exit"},
 	{"help-backends", LP_PARAM_BOOL, offsetof(struct lp_options, help_backends), .initial = "0",
 	 .help = "print what may follow in the URIs of cameras, wheels, rings and publishers,\n"
 		 "and exit"},
@@ -285,7 +288,7 @@ static int next_argument(int argc, char **argv, int *at, struct argument *argume
 	const struct lp_param *param;
 
 	if (length < 3 || strncmp(text, "--", 2) != 0 || length - 2 >= sizeof(argument->name)) {
-		lp_error("lightprobed", text, "not an option — see lightprobed --help");
+		lp_error("lightprobed", text, "unknown option — see lightprobed --help");
 		return -EINVAL;
 	}
 	(void)snprintf(argument->name, sizeof(argument->name), "%.*s", (int)length - 2, text + 2);

@@ -141,7 +141,7 @@ static void on_state(void *context, enum lp_source_state state, const char *reas
 		begin(series);
 	} else if (state == LP_SOURCE_DOWN || (state == LP_SOURCE_WAITING && series->begun)) {
 		lp_error(series->options->source, "series",
-			 "the camera has gone: the series is not complete — run it again");
+			 "the camera is gone and the series is not complete — run it again");
 		end(series, LP_EXIT_FAILURE);
 	} else if (state == LP_SOURCE_ENDED) {
 		end(series, series->begun ? LP_EXIT_OK : LP_EXIT_FAILURE);
@@ -189,7 +189,8 @@ static int create_all(struct series *series)
 	int ret;
 
 	if (!*options->source || options->once) {
-		lp_error("lightprobed", "--series", "needs a --source, and goes without --once");
+		lp_error("lightprobed", "--series",
+			 "needs --source, and cannot be combined with --once");
 		return -EINVAL;
 	}
 	ret = open_source(series);
@@ -203,7 +204,7 @@ static int create_all(struct series *series)
 	}
 	if (!options->series_frames && !caps.finite) {
 		lp_error(options->source, "--series-frames",
-			 "a camera has no end: say how many frames are wanted");
+			 "a camera never ends — give the number of frames");
 		return -EINVAL;
 	}
 	return lp_series_writer_create(options->series, &series->writer);

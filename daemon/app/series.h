@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * --series: a schedule of exposures, and the raw frames that follow each of them, into a folder.
- * What calibration is made of (docs/calibration.md); nothing is estimated, nothing is published.
+ * What calibration is made of (docs/users/camera_calibration.md); nothing is estimated, nothing is
+ * published.
  */
 #ifndef LP_APP_SERIES_H
 #define LP_APP_SERIES_H

@@ -149,7 +149,7 @@ static void *work(void *argument)
 			ret = write_frame(writer, item);
 			if (ret < 0)
 				lp_error(writer->folder, "write",
-					 "%s — the series is not complete; is there room for it?",
+					 "%s — the series is not complete; is the disk full?",
 					 lp_strerror(ret));
 			atomic_store(&writer->error, ret);
 		}
@@ -186,7 +186,7 @@ static int open_folder(struct lp_series_writer *writer)
 	}
 	if (!is_empty(folder)) {
 		lp_error(writer->folder, "open",
-			 "the folder is not empty — nothing is written over: name a new one");
+			 "the folder is not empty, and nothing is overwritten — name a new one");
 		ret = -EEXIST;
 		goto close_folder;
 	}

@@ -2,7 +2,8 @@
 /*
  * Raw frames into a folder, each a file as the camera delivered it, and index.jsonl beside them:
  * first a line on the camera, then a line per frame, last a line that says whether it is all
- * (docs/calibration.md). A thread of its own writes, so that a slow disk holds up no loop.
+ * (docs/users/camera_calibration.md). A thread of its own writes, so that a slow disk holds up no
+ * loop.
  */
 #ifndef LP_APP_SERIES_WRITER_H
 #define LP_APP_SERIES_WRITER_H

@@ -77,7 +77,7 @@ static char *next_line(char *line, int size_bytes, void *stream)
 		begin++;
 	length = content_bytes(begin, length);
 	if (memchr(begin, '\0', length)) {
-		refuse_line(reader, "a zero byte: this is no text");
+		refuse_line(reader, "contains a zero byte — is it a text file?");
 		length = 0;
 	} else if (length > LP_INI_LINE_MAX_BYTES || length >= (size_t)size_bytes) {
 		char reason[64];
@@ -215,8 +215,8 @@ int lp_ini_check_sections(const struct lp_ini *ini, const char *const *known)
 				 "unknown section [%s]; known: %s", entry->section, list);
 		else
 			lp_error(object_of(ini, entry->line, object), "parse",
-				 "%s stands before the first section; known: %s", entry->name,
-				 list);
+				 "%s is set before the first section — known sections: %s",
+				 entry->name, list);
 		return -EBADMSG;
 	}
 	return 0;

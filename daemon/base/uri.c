@@ -65,7 +65,7 @@ static const char *split_query(struct lp_uri *uri, char *query)
 			*next++ = '\0';
 		value = strchr(query, '=');
 		if (!value || value == query)
-			return "after '?' come key=value pairs, separated by '&'";
+			return "expected key=value pairs after '?', separated by '&'";
 		if (uri->key_count == LP_URI_MAX_KEYS)
 			return "too many keys";
 		*value++ = '\0';

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a camera file (docs/camera_files.md) says to the driver of the camera. */
+/* What a camera file (docs/users/camera_files.md) says to the driver of the camera. */
 #ifndef LP_CAMERA_PROFILE_H
 #define LP_CAMERA_PROFILE_H
 

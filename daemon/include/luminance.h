@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* How much of each colour the eye counts as brightness: ITU-R BT.709, linear light
- * (docs/conventions.md). */
+ * (docs/users/conventions.md). */
 #ifndef LP_LUMINANCE_H
 #define LP_LUMINANCE_H
 

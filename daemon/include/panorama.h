@@ -24,7 +24,7 @@ enum lp_cell_flag {
 /*
  * width * height cells, row-major, each R, G, B (linear radiance, Rec. 709 primaries) and
  * luminance; owned by whoever created the panorama (vision). Radiance in units of
- * docs/conventions.md (full scale at one second, or the file's own).
+ * docs/users/conventions.md (full scale at one second, or the file's own).
  */
 struct lp_panorama {
 	int width, height; /* width = 2 * height, width a multiple of 4 */

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* One reading of the ring of light sensors: eight on the equator, one up (docs/conventions.md). */
+/* One reading of the ring of light sensors: eight on the equator, one up
+ * (docs/users/conventions.md). */
 #ifndef LP_RING_SAMPLE_H
 #define LP_RING_SAMPLE_H
 

@@ -52,8 +52,8 @@ struct lp_rotator_host {
 	struct lp_loop *loop; /* outlives the rotator */
 	/* At every change, whenever the device reports, and in answer to look(). */
 	void (*state)(void *context, const struct lp_wheel_state *state);
-	/* A fault by its name in docs/faults.md (static text). `text`: object, stage, next step;
-	 * valid during the call; NULL: it is over. */
+	/* A fault by its name in docs/users/faults.md (static text). `text`: object, stage,
+	 * next step; valid during the call; NULL: it is over. */
 	void (*fault)(void *context, const char *id, const char *text);
 	struct lp_connections *connections; /* shared with other roles; outlives the rotator */
 };

@@ -2,7 +2,7 @@
 /*
  * A source of frames: camera, files, simulator. One back end = one file
  * drivers/source/<scheme>/<scheme>.c with one `const struct lp_source_ops`, registered by one line
- * in app/backends.c. docs/adding_a_backend.md leads through drivers/source/example/.
+ * in app/backends.c. docs/maintainers/adding_a_backend.md leads through drivers/source/example/.
  *
  * Contract. create() only parses and allocates; start() opens the device. A device that is absent
  * is no error of start() when it may come (camera, simulator): it reports WAITING and tries again

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Real spherical harmonics, orthonormal, without Condon-Shortley sign, index i = l (l + 1) + m,
- * polar axis +Z of the probe frame (docs/conventions.md). Coefficients are of radiance, RGB per
- * index.
+ * polar axis +Z of the probe frame (docs/users/conventions.md). Coefficients are of radiance, RGB
+ * per index.
  */
 #ifndef LP_LIGHT_SH_H
 #define LP_LIGHT_SH_H

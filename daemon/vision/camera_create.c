@@ -77,7 +77,7 @@ static int load_mask(struct lp_camera *camera, struct lp_lens *lens, const char 
 	lens->mask = malloc(pixels);
 	ret = !lens->mask ? -ENOMEM : fread(lens->mask, 1, pixels, file) == pixels ? 0 : -EBADMSG;
 	if (ret == -EBADMSG)
-		lp_error(name, "camera file", "the mask ends early");
+		lp_error(name, "camera file", "the mask file is too short");
 close_file:
 	fclose(file);
 	return ret;
@@ -154,8 +154,8 @@ static int set_lens(struct lp_camera *camera, struct lp_lens *lens, const char *
 	}
 	if (!grows(lens)) {
 		lp_error(path, "camera file",
-			 "[lens.%d]: with these k1..k4 the radius does not "
-			 "grow up to max_theta_deg",
+			 "[lens.%d]: with these k1..k4 the radius stops growing before "
+			 "max_theta_deg",
 			 number);
 		return -EBADMSG;
 	}

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A camera file as it is written (docs/camera_files.md): read once, for the picture's geometry
- * (lp_camera_create()) and for the driver (lp_camera_file_profile()). */
+/* A camera file as it is written (docs/users/camera_files.md): read once, for the picture's
+ * geometry (lp_camera_create()) and for the driver (lp_camera_file_profile()). */
 #ifndef LP_VISION_CAMERA_FILE_H
 #define LP_VISION_CAMERA_FILE_H
 

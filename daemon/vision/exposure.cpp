@@ -122,7 +122,7 @@ int decode_picture(struct lp_exposure *exposure, const struct lp_frame *frame, i
 		return refuse_turbo(exposure, "JPEG header");
 	if (header.width != static_cast<int>(frame->width_px) ||
 	    header.height != static_cast<int>(frame->height_px))
-		return refuse("JPEG header", "the picture's size is not the stream's");
+		return refuse("JPEG header", "the picture has another size than the stream");
 	const tjscalingfactor factor = {1, divisor};
 	const int w = TJSCALED(header.width, factor), h = TJSCALED(header.height, factor);
 
@@ -167,12 +167,12 @@ int load_blocks(struct lp_exposure *exposure, const struct lp_frame *frame,
 	if (ret == -ENOTSUP) /* progressive and the like: still cells of blocks */
 		return load_picture(exposure, frame, 1, 8, nullptr, response);
 	if (ret == -EBADMSG)
-		return refuse("JPEG", "the data is broken or ends early");
+		return refuse("JPEG", "the data is damaged or ends too early");
 	if (ret < 0)
 		return ret;
 	if (exposure->jpeg->width_px != static_cast<int>(frame->width_px) ||
 	    exposure->jpeg->height_px != static_cast<int>(frame->height_px))
-		return refuse("JPEG header", "the picture's size is not the stream's");
+		return refuse("JPEG header", "the picture has another size than the stream");
 	exposure->jpeg_holds_frame = true;
 	return lp_cells_from_jpeg(&exposure->cells, exposure->jpeg, row_weight, response,
 				  exposure->scale, options->exact_blocks);

@@ -3,7 +3,7 @@
 Every conversion of order-2 SH is a 9×9 matrix: new axes, the basis' signs, and whether the engine
 wants the cosine lobe or the shader's constants multiplied in. So an :class:`Adapter` is a matrix
 and a memory layout, and its inverse needs no code of its own. `ADAPTERS` is the table of
-docs/conventions.md, which says where each engine states what it wants.
+docs/users/conventions.md, which says where each engine states what it wants.
 
 >>> unity = ADAPTERS["unity"]
 >>> unity.coefficients(estimate.sh.coefficients)   # SphericalHarmonicsL2: 27 floats, planar

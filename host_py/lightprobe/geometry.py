@@ -1,4 +1,4 @@
-"""Directions on the sphere, in the probe frame (docs/conventions.md).
+"""Directions on the sphere, in the probe frame (docs/users/conventions.md).
 
 Probe frame: right-handed, +X right, +Y up, −Z forward. A direction is a unit vector of shape (…, 3)
 that points *towards* what is seen. Angles at interfaces are degrees and carry ``_deg``.

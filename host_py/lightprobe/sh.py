@@ -1,6 +1,6 @@
 """Real spherical harmonics (SH) of incident radiance, in float64.
 
-Basis of docs/conventions.md: real, orthonormal, no Condon–Shortley sign, index i = l(l+1) + m,
+Basis (docs/users/conventions.md): real, orthonormal, no Condon–Shortley sign, index i = l(l+1) + m,
 polar axis +Z of the probe frame: Y0 = .282095; Y1..3 = .488603·(y, z, x); …
 Coefficients have shape ((order+1)², channels) or ((order+1)²,).
 """

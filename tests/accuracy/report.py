@@ -1,4 +1,4 @@
-"""Writes the generated parts of docs/accuracy.md and README.md, and the plot: `make accuracy`.
+"""`make accuracy`: the generated parts of docs/users/accuracy.md and README.md, and the plot.
 
 Parts stand between `<!-- generated: NAME -->` and `<!-- end -->`; what is around them is written by
 hand. All figures go to build/accuracy/accuracy.json besides.
@@ -161,7 +161,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--procedural", type=int, default=60, help="scenes with known lamps")
     count = parser.parse_args().procedural
-    out, page = ROOT / "build/accuracy", ROOT / "docs/accuracy.md"
+    out, page = ROOT / "build/accuracy", ROOT / "docs/users/accuracy.md"
     out.mkdir(parents=True, exist_ok=True)
     lamp_cases, lamps = evaluated([f"procedural:{count}"], ["float", "unclipped", "3"])
     panorama_cases, panoramas = evaluated(["blender"], ["float", "1", "2", "3", "4"])
@@ -182,7 +182,7 @@ def main() -> None:
         "panoramas": evaluate.to_json(panorama_cases, panoramas),
     }
     (out / "accuracy.json").write_text(json.dumps(figures, indent=2) + "\n")
-    evaluate_plot.draw(lamp_cases, ROOT / "docs/accuracy.png")
+    evaluate_plot.draw(lamp_cases, ROOT / "docs/users/accuracy.png")
 
 
 if __name__ == "__main__":

@@ -2,7 +2,8 @@
 
     bench.py [--quick] [--rounds N]
 
-Writes build/bench/speed.json; without --quick also docs/speed.md and docs/speed_accuracy.png.
+Writes build/bench/speed.json; without --quick also speed.md and speed_accuracy.png in
+docs/maintainers.
 --quick runs everything a little, to see that it works, and says nothing about speed.
 """
 
@@ -129,7 +130,7 @@ def main() -> int:
     OUT.mkdir(parents=True, exist_ok=True)
     speed = run(quick, arguments.rounds or (QUICK_ROUNDS if quick else ROUNDS))
     path = save(speed)
-    docs = OUT if quick else ROOT / "docs"
+    docs = OUT if quick else ROOT / "docs/maintainers"
     (docs / "speed.md").write_text(report.markdown(speed))
     report.plot(speed, docs / "speed_accuracy.png")
     print(f"bench: {path.relative_to(ROOT)}, {(docs / 'speed.md').relative_to(ROOT)}")

@@ -1,4 +1,4 @@
-"""docs/speed.md and the plot of speed against accuracy, from what bench.py measured."""
+"""docs/maintainers/speed.md and the plot of speed against accuracy, from what bench.py measured."""
 
 from __future__ import annotations
 

@@ -10,9 +10,7 @@ import pytest
 from harness import BUILD, Daemon, jpeg, run
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "cameras.md"
-ROOT_ONLY = pytest.mark.skipif(
-    os.geteuid() != 0, reason="needs root to become another user"
-)
+ROOT_ONLY = pytest.mark.skipif(os.geteuid() != 0, reason="needs root to become another user")
 
 
 def test_version_names_build_options():
@@ -81,7 +79,7 @@ def test_documented_keys_of_cameras_are_those_of_the_help(scheme, heading):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "lightprobed: --source: no camera is named — see lightprobed --help"),
+        ([], "lightprobed: --source: no source is given — name a camera with --source=URI"),
         (
             ["--source=ftp:x"],
             "ftp:x: source: ftp: is no known scheme; known: ",
@@ -168,9 +166,7 @@ def test_config_errors_name_file_and_line(tmp_path, text, message):
 
 def test_check_config_says_what_is_in_force(tmp_path):
     config = tmp_path / "probe.conf"
-    config.write_text(
-        "# my probe\nsource = sim:/run/sim.sock?drop=0.1\npublish = stdout:\n"
-    )
+    config.write_text("# my probe\nsource = sim:/run/sim.sock?drop=0.1\npublish = stdout:\n")
     status, out, log = run(f"--config={config}", "--check-config")
     assert (status, log) == (0, "")
     assert "source sim:/run/sim.sock?drop=0.1" in out.decode()
@@ -185,18 +181,13 @@ def test_the_shipped_example_is_good():
 def test_missing_file():
     status, _, log = run("--source=file:/no/such.jpg", "--publish=tcp:127.0.0.1:0")
     assert status == 1
-    assert (
-        "error file: /no/such.jpg: open: No such file or directory — check the path"
-        in log
-    )
+    assert "error file: /no/such.jpg: open: No such file or directory — check the path" in log
 
 
 @ROOT_ONLY
 def test_unreadable_file():
     daemon = Daemon("--source=", "--once", user=65534)
-    picture = (
-        daemon.folder / "a.jpg"
-    )  # others may look into this folder, not into pytest's
+    picture = daemon.folder / "a.jpg"  # others may look into this folder, not into pytest's
     picture.write_bytes(jpeg())
     picture.chmod(0o600)
     daemon.arguments[0] = f"--source=file:{picture}"
@@ -204,9 +195,7 @@ def test_unreadable_file():
     assert "open: Permission denied — may this user read it?" in daemon.log()
 
 
-@pytest.mark.parametrize(
-    "source", ["sim:/no/camera", "v4l2:", "libcamera:", "file:/no.jpg"]
-)
+@pytest.mark.parametrize("source", ["sim:/no/camera", "v4l2:", "libcamera:", "file:/no.jpg"])
 @pytest.mark.parametrize("limit", range(6, 36, 3))
 def test_too_few_file_descriptors_are_told(limit, source):
     """However few there are: one line that says so and what to do, and it is no usage error."""
@@ -216,42 +205,30 @@ def test_too_few_file_descriptors_are_told(limit, source):
 
     status, _, log = run(f"--source={source}", variant="release", preexec_fn=set_limit)
     assert status == 1
-    assert (
-        "more files can be opened, and 32 are needed — ulimit -n, or LimitNOFILE="
-        in log
-    )
+    assert "more files can be opened, and 32 are needed — raise ulimit -n, or LimitNOFILE=" in log
 
 
 def test_port_in_use(tmp_path):
     (tmp_path / "a.jpg").write_bytes(jpeg())
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        status, _, log = run(
-            f"--source=file:{tmp_path}/a.jpg", f"--publish=tcp:127.0.0.1:{port}"
-        )
+        status, _, log = run(f"--source=file:{tmp_path}/a.jpg", f"--publish=tcp:127.0.0.1:{port}")
     assert status == 1
-    assert (
-        f"error tcp:127.0.0.1:{port}: bind: Address already in use — does another"
-        in log
-    )
+    assert f"error tcp:127.0.0.1:{port}: bind: Address already in use — does another" in log
 
 
 def test_two_daemons_on_one_socket_path(tmp_path):
     (tmp_path / "a.jpg").write_bytes(jpeg())
     with Daemon(f"--source=file:{tmp_path}/a.jpg") as first:
-        status, _, log = run(
-            f"--source=file:{tmp_path}/a.jpg", f"--publish=unix:{first.socket}"
-        )
+        status, _, log = run(f"--source=file:{tmp_path}/a.jpg", f"--publish=unix:{first.socket}")
         assert status == 1
         assert "bind: Address already in use — does another lightprobed run?" in log
         first.client().next("estimate")  # the first one serves as before
         first.process.kill()
         first.process.wait()
         assert first.socket.exists()  # nobody cleaned up: the next one takes the place
-        with Daemon(
-            f"--source=file:{tmp_path}/a.jpg", f"--publish=unix:{first.socket}"
-        ) as second:
-            assert "nobody answers on this socket file: replaced" in second.log()
+        with Daemon(f"--source=file:{tmp_path}/a.jpg", f"--publish=unix:{first.socket}") as second:
+            assert "no daemon answers on this socket file; it is replaced" in second.log()
             second.socket = first.socket
             second.client().next("estimate")
 
@@ -271,17 +248,11 @@ def test_listens_on_loopback_and_a_unix_socket_only(tmp_path):
         inodes = {
             match[1]
             for entry in os.listdir(descriptors)
-            if (
-                match := re.match(
-                    r"socket:\[(\d+)\]", os.readlink(f"{descriptors}/{entry}")
-                )
-            )
+            if (match := re.match(r"socket:\[(\d+)\]", os.readlink(f"{descriptors}/{entry}")))
         }
         listening = []
         for table in ("tcp", "tcp6", "udp", "udp6", "raw"):
-            lines = (
-                Path(f"/proc/{daemon.process.pid}/net/{table}").read_text().splitlines()
-            )
+            lines = Path(f"/proc/{daemon.process.pid}/net/{table}").read_text().splitlines()
             for line in lines[1:]:
                 fields = line.split()
                 if fields[9] in inodes:

@@ -62,7 +62,7 @@ def test_ends_with_the_reader_of_its_standard_output(picture):
         daemon.process.stdout.close()
         daemon.process.stdout = None
         assert daemon.wait() == 0
-        assert "stdout:: write: the reader has gone: ending" in daemon.log()
+        assert "stdout:: write: the reader is gone: ending" in daemon.log()
 
 
 def test_a_reader_that_does_not_read_does_not_stop_it(picture):

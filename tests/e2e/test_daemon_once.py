@@ -92,7 +92,7 @@ def test_raw_pictures_need_their_size(tmp_path):
     (tmp_path / "a.yuyv").write_bytes(bytes([128]) * 128 * 64 * 2)
     status, messages, log = once(f"--source=file:{tmp_path}/a.yuyv")
     assert (status, [m.WhichOneof("message") for m in messages]) == (1, ["hello"])
-    assert "raw pixels do not tell their size — say ?size=WxH" in log
+    assert "raw pixels do not contain their size — give ?size=WxH" in log
     status, messages, _ = once(f"--source=file:{tmp_path}/a.yuyv?size=128x64")
     assert status == 0
     only_estimate(messages)
@@ -106,7 +106,7 @@ def test_raw_pictures_need_their_size(tmp_path):
         ("a.jpg", jpeg()[:500], "a picture is cut off or damaged"),
         ("a.pfm", b"PF\n128 64\n-1\n" + bytes(500), "a picture is cut off or damaged"),
         ("a.pfm", b"PF\n0 0\n-1\n", "not a picture of its kind"),
-        ("a.bin", b"\x89PNG\r\n", "no picture format is known by this name"),
+        ("a.bin", b"\x89PNG\r\n", "neither the name nor the first bytes tell the format"),
         ("a.jpg", jpeg()[:2] + bytes(100), "no picture in it"),
     ],
 )
@@ -125,7 +125,7 @@ def test_empty_folder_and_folder_without_pictures(tmp_path):
     (tmp_path / "notes.txt").write_text("no picture")
     status, _, log = once(f"--source=file:{tmp_path}")
     assert status == 1
-    assert "1 files are no pictures by their names" in log
+    assert "1 files are left out: their names are not those of pictures" in log
 
 
 def test_a_damaged_member_of_a_set_is_told(tmp_path):

@@ -273,7 +273,7 @@ def test_a_jam_is_tried_three_times_under_its_first_name():
         def still_jammed(health: pb.Health) -> bool:
             wheel = [f for f in health.faults if f.id.startswith(("WHEEL", "INDEX"))]
             assert [f.id for f in wheel] == ["WHEEL_STUCK"]
-            return "tried three times" in wheel[0].text
+            return "three attempts failed" in wheel[0].text
 
         health = p.until(still_jammed, "health")
         assert health.wheel.phase == Phase.FAULT
@@ -479,9 +479,9 @@ def test_what_the_command_line_says_of_wheel_and_ring(tmp_path):
     )
     values = "divider_ohm = 3300\ndrift_sigma = 0.15\nr10_ohm = 1000\n"
     (tmp_path / "ring.ini").write_text(f"[ring]\nversion = 2\n{values}")
-    assert "want nine" in says(f"--ring=mcu:can:can0?calibration={tmp_path}/ring.ini")
+    assert "nine are needed" in says(f"--ring=mcu:can:can0?calibration={tmp_path}/ring.ini")
     (tmp_path / "ring.ini").write_text("[ring]\nversion = 1\n")
-    assert "calibrate anew" in says(f"--ring=mcu:can:can0?calibration={tmp_path}/ring.ini")
+    assert "calibrate again" in says(f"--ring=mcu:can:can0?calibration={tmp_path}/ring.ini")
     (tmp_path / "ring.ini").write_text("[ring]\ngamma = 2\n")
     assert "0.3..1.5" in says(f"--ring=mcu:can:can0?calibration={tmp_path}/ring.ini")
     status, _, log = run("--source=file:x.jpg", "--once", "--ring=sim:")

@@ -11,7 +11,12 @@ from lightprobe_proto import lightprobe_pb2 as pb
 from test_client import Probe, estimate, hello, serve
 
 ROOT = Path(__file__).resolve().parents[2]
-DOCUMENTS = ("README.md", "host_py/README.md", "proto/client.md", "docs/one_estimate.md")
+DOCUMENTS = (
+    "README.md",
+    "host_py/README.md",
+    "docs/users/clients.md",
+    "docs/maintainers/one_estimate.md",
+)
 BLOCK = re.compile(r"```python\n(.*?)```", re.S)
 ADDRESS = "127.0.0.1:7700"
 

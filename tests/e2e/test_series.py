@@ -92,10 +92,10 @@ def test_what_makes_no_sense_is_refused(tmp_path):
     into = f"--series={tmp_path / 'series'}"
     for arguments, text in (
         ((source, into, "--series-us=100"), "cannot be set"),
-        ((source, into, "--once"), "without --once"),
-        ((f"--source=sim:{tmp_path / 'sim'}", into, "--series-frames=0"), "no end"),
+        ((source, into, "--once"), "with --once"),
+        ((f"--source=sim:{tmp_path / 'sim'}", into, "--series-frames=0"), "never ends"),
         ((source, f"--series={tmp_path / 'a' / 'b'}"), "No such file"),
-        ((into,), "needs a --source"),
+        ((into,), "needs --source"),
     ):
         status, _, log = run(*arguments)
         assert status == 2, log

@@ -310,7 +310,7 @@ static void test_broken_files(void **state)
 		 "max_theta_deg"},
 		{"[camera]\nprojection = fisheye\nwidth_px = 64\nheight_px = 64\n[lens.0]\n"
 		 "fx_px = 20\nfy_px = 20\nmax_theta_deg = 90\nk1 = -3\n",
-		 "does not grow"},
+		 "stops growing"},
 		{"[camera]\nprojection = equirect\n[response]\ntable = /nonexistent.txt\n",
 		 "/nonexistent.txt"},
 	};

@@ -78,7 +78,7 @@ static void test_steps_down_to_what_keeps_the_latency(void **state)
 	assert_int_equal(run_s(&m, 5), 2);
 	assert_non_null(strstr(m.reason, "later than 5 ms"));
 	assert_int_equal(run_s(&m, 5), 1);
-	/* 4 ms are kept, without room to spare: there it stays */
+	/* 4 ms are kept, without well below its limits: there it stays */
 	assert_int_equal(run_s(&m, 600), 1);
 	assert_int_equal(m.changes, 2);
 }
@@ -114,7 +114,7 @@ static void test_rises_again_when_the_load_has_gone(void **state)
 	m.latency_ms[1] = 4;
 	assert_int_equal(run_s(&m, 4), 0); /* not at once */
 	assert_int_equal(run_s(&m, 60), 3);
-	assert_non_null(strstr(m.reason, "room to spare"));
+	assert_non_null(strstr(m.reason, "well below its limits"));
 }
 
 /* Preset 2 leaves room, 3 does not: raising fails every time, and is tried less and less. */

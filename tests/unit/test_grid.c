@@ -36,7 +36,8 @@ static void test_a_cell_contains_its_own_direction(void **state)
 		assert_float_equal(d[0] * d[0] + d[1] * d[1] + d[2] * d[2], 1.0, 1e-6);
 		assert_int_equal(lp_grid_cell(grid, d), i);
 	}
-	/* docs/conventions.md: the centre is -Z, columns grow to the right (+X), row 0 is up (+Y)
+	/* docs/users/conventions.md: the centre is -Z, columns grow to the right (+X), row 0 is up
+	 * (+Y)
 	 */
 	assert_int_equal(lp_grid_cell(grid, (float[]){0.001F, -0.001F, -1.0F}), 60 * 240 + 120);
 	assert_int_equal(lp_grid_cell(grid, (float[]){1.0F, -0.001F, -0.001F}), 60 * 240 + 179);

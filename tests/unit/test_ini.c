@@ -110,7 +110,7 @@ static void test_what_is_no_ini_file(void **state)
 	capture_end(&capture);
 	assert_string_equal(capture.text,
 			    "error c.ini:2: parse: neither NAME = VALUE nor a # comment\n"
-			    "error b.ini:2: parse: a zero byte: this is no text\n"
+			    "error b.ini:2: parse: contains a zero byte — is it a text file?\n"
 			    "error /nonexistent: read: No such file or directory — check --config\n"
 			    "error /dev/zero: read: File too large — check --config\n");
 }
@@ -141,13 +141,13 @@ static void test_sections_and_values_are_checked(void **state)
 	assert_int_equal(lp_ini_set(&ini, "", &params, &fields), -EBADMSG);
 	lp_ini_finish(&ini);
 	capture_end(&capture);
-	assert_string_equal(
-		capture.text,
-		"error d.ini:2: parse: unknown section [a]; known: [b]\n"
-		"error d.ini:5: width: unknown key; known: name\n"
-		"error e.ini:2: parse: unknown section [a]; known: (none)\n"
-		"error f.ini:2: parse: width stands before the first section; known: [a], [b]\n"
-		"error f.ini:2: width: '1000' is not a whole number 1..999\n");
+	assert_string_equal(capture.text,
+			    "error d.ini:2: parse: unknown section [a]; known: [b]\n"
+			    "error d.ini:5: width: unknown key; known: name\n"
+			    "error e.ini:2: parse: unknown section [a]; known: (none)\n"
+			    "error f.ini:2: parse: width is set before the first section — known "
+			    "sections: [a], [b]\n"
+			    "error f.ini:2: width: '1000' is not a whole number 1..999\n");
 	assert_int_equal(fields.width, 5);
 }
 

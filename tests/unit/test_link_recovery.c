@@ -133,7 +133,8 @@ static void test_a_jam_keeps_its_name_and_is_tried_three_times(void **state)
 		assert_non_null(strstr(texts[0], "WHEEL_STUCK, homed again: INDEX_ALWAYS"));
 	}
 	assert_true(lp_mcu_wheel_stopped(&mcu));
-	assert_non_null(strstr(texts[0], "tried three times: mend it, then restart lightprobed"));
+	assert_non_null(
+		strstr(texts[0], "three attempts failed: repair, then restart lightprobed"));
 	assert_int_equal(cleared_within(3600 * LP_NS_PER_S), 0);
 }
 

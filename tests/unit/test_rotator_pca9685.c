@@ -200,14 +200,15 @@ static void test_what_is_missing_is_named(void **state)
 {
 	(void)state;
 	FAKE_I2C_SET(error, EREMOTEIO);
-	UNTIL(strstr(waiting, "set up: Remote I/O error — no acknowledge: address and power"));
+	UNTIL(strstr(waiting,
+		     "set up: Remote I/O error — no acknowledge: check address and power"));
 	FAKE_I2C_SET(error, 0);
 	UNTIL(line.is_open);
 	FAKE_I2C_SET(error, ENXIO);
 	UNTIL(strstr(waiting, "write: No such device or address — no acknowledge"));
 	line.error = -EINVAL;
 	FAKE_I2C_SET(error, 0);
-	UNTIL(strstr(waiting, "index: Invalid argument — which GPIO chip and line?"));
+	UNTIL(strstr(waiting, "index: Invalid argument — check GPIO chip and line"));
 	line.error = 0;
 	UNTIL(line.is_open && !*waiting);
 }

@@ -21,7 +21,7 @@ static void random_direction(double d[3])
 		d[a] /= sqrt(length);
 }
 
-/* The closed forms of docs/conventions.md. */
+/* The closed forms of docs/users/conventions.md. */
 static void test_basis_is_the_convention(void **state)
 {
 	(void)state;
@@ -112,7 +112,7 @@ static void test_disc_factors(void **state)
 }
 
 /* A unit light left in an order-2 SH gives 1.0625 on the surface that faces it
- * (docs/conventions.md). */
+ * (docs/users/conventions.md). */
 static void test_lamp_left_in_order_2(void **state)
 {
 	const float direction[3] = {0.0F, 1.0F, 0.0F}, unit[3] = {1.0F, 1.0F, 1.0F};

@@ -544,7 +544,7 @@ static void test_a_reason_that_changes_is_reported(void **state)
 	fake_v4l2_plug(0);
 	UNTIL(strstr(heard.reason, "device busy"));
 	fake_v4l2_plug(1);
-	UNTIL(strstr(heard.reason, "several cameras could be meant"));
+	UNTIL(strstr(heard.reason, "several cameras match"));
 	assert_int_equal(count('W'), 3);
 	assert_int_equal(heard.length, 3);
 	FAKE_V4L2_SET(0, open_error, 0);

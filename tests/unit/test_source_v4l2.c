@@ -302,7 +302,7 @@ static void test_faults_in_settings_are_located(void **state)
 			 -EBADMSG);
 	assert_int_equal(read_settings("v4l2:", "[v4l2]\nfps\n", &settings, &target), -EBADMSG);
 	capture_end(&capture);
-	assert_contains(capture.text, "'video0' names no camera");
+	assert_contains(capture.text, "'video0' is not the name of a camera");
 	assert_contains(capture.text, "speed: unknown key; known: format, size");
 	assert_contains(capture.text, ":3: fps");
 	assert_contains(capture.text, ":2: match");

@@ -42,15 +42,15 @@ static void set_bus_off(struct link_can *self, bool bus_off)
 		return;
 	self->bus_off = bus_off;
 	host->fault(host->context, BUS_OFF,
-		    bus_off ? "bus off — check wiring, terminators and bit rate; then ip link set "
-			      "the interface down and up (or give it restart-ms)"
+		    bus_off ? "bus off — check wiring, terminators and bit rate; then set the "
+			      "interface down and up with ip link (or give it restart-ms)"
 			    : NULL);
 }
 
 static const char *why(int error)
 {
-	return error == ENETDOWN
-		       ? "the interface is down — ip link set INTERFACE up type can bitrate 500000"
+	return error == ENETDOWN ? "the interface is down — run ip link set INTERFACE up type can "
+				   "bitrate 500000"
 	       : error == ENODEV ? "the interface is gone — is it plugged in?"
 				 : lp_strerror(error);
 }
@@ -140,9 +140,9 @@ static int can_open(struct lp_link *link, const char **reason)
 		ret = lp_watch_start(link->host.loop, &self->watch, fd, LP_READABLE, on_ready);
 	if (ret == 0)
 		return 0;
-	*reason = ret == -EAFNOSUPPORT
-			  ? "no CAN — modprobe can-raw; a service needs its drop-in can.conf"
-			  : why(-ret);
+	*reason = ret == -EAFNOSUPPORT ? "CAN sockets are not available — run modprobe can-raw; a "
+					 "service needs its drop-in can.conf"
+				       : why(-ret);
 	if (fd >= 0)
 		close(fd);
 	return ret;

@@ -166,7 +166,7 @@ static void finish(void *context)
 static const char *why(int error)
 {
 	return error == ENXIO || error == EREMOTEIO
-		       ? "no acknowledge — address, power and pull-ups of the microcontroller?"
+		       ? "no acknowledge — check address, power and pull-ups of the microcontroller"
 	       : error == ETIMEDOUT ? "the bus hangs — is SDA or SCL held low?"
 				    : lp_strerror(error);
 }
@@ -209,7 +209,7 @@ static int open_bus(const struct link_i2c *self, const char **reason)
 	unsigned long able = 0;
 	int ret;
 
-	*reason = "is the bus there? modprobe i2c-dev, or its overlay";
+	*reason = "does the bus exist? load i2c-dev (modprobe) or the overlay of the bus";
 	if (fd < 0) {
 		if (errno == EACCES || errno == EPERM)
 			*reason = "join the group i2c; a service needs its drop-in i2c.conf";
@@ -217,7 +217,7 @@ static int open_bus(const struct link_i2c *self, const char **reason)
 	}
 	ret = ioctl(fd, I2C_FUNCS, &able) < 0 ? -errno : able & I2C_FUNC_I2C ? 0 : -EOPNOTSUPP;
 	if (ret < 0) {
-		*reason = "this is no bus for plain I2C transfers";
+		*reason = "this bus cannot do plain I2C transfers";
 		close(fd);
 		return ret;
 	}

@@ -20,7 +20,8 @@ const struct lp_mcu_fault *lp_mcu_fault(unsigned number)
 {
 	static const struct lp_mcu_fault newer = {
 		"MCU_FAULT",
-		"a fault of newer firmware: install a newer lightprobe to know its name", false};
+		"this fault belongs to newer firmware: install a newer lightprobe to see its name",
+		false};
 
 	return number < LP_COUNT(faults) && faults[number].name ? &faults[number] : &newer;
 }

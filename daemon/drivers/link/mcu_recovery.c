@@ -15,7 +15,7 @@
 #include "drivers/link/mcu_parts.h"
 
 #define MOST_TRIES 3
-#define STOPPED "; tried three times: mend it, then restart lightprobed or replug the box"
+#define STOPPED "; three attempts failed: repair, then restart lightprobed or replug"
 
 static unsigned lowest_bit(uint32_t bits)
 {
@@ -134,7 +134,7 @@ void lp_mcu_clear_faults(struct lp_mcu *mcu, int64_t now_ns)
 void lp_mcu_wheel_settled(struct lp_mcu *mcu)
 {
 	if (mcu->recovery.trouble && !(mcu->recovery.faults & LP_MCU_WHEEL_FAULTS)) {
-		lp_info(mcu->object, "wheel", "%s is over: it has been homed",
+		lp_info(mcu->object, "wheel", "%s is over: the wheel has been homed",
 			lp_mcu_fault(mcu->recovery.trouble)->name);
 		trouble_is_over(mcu);
 	}

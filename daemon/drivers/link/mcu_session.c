@@ -181,8 +181,10 @@ static void accept_version(struct lp_mcu *mcu, const struct mcu_hello_t *hello)
 {
 	if (hello->protocol_minor != PROTOCOL_MINOR)
 		lp_info(mcu->object, "version",
-			"protocol %d.%d, ours %d.%d: what both know is used", hello->protocol_major,
-			hello->protocol_minor, PROTOCOL_MAJOR, PROTOCOL_MINOR);
+			"the firmware speaks protocol %d.%d, this lightprobed %d.%d: only their "
+			"common part is used",
+			hello->protocol_major, hello->protocol_minor, PROTOCOL_MAJOR,
+			PROTOCOL_MINOR);
 	connection_fault(mcu, "mcu-version", "version", NULL);
 	connection_fault(mcu, "mcu-silent", "hello", NULL);
 	lp_info(mcu->object, "hello", "firmware %d.%d.%d", hello->firmware_major,
@@ -202,7 +204,7 @@ static void on_hello(struct lp_mcu *mcu, const uint8_t *payload)
 	if (mcu->state != LP_MCU_GREETING ||
 	    (mcu->was_found && hello.boot_count != mcu->boot_count))
 		lp_warning(mcu->object, "reset",
-			   "the microcontroller was reset (%s): starting anew",
+			   "the microcontroller was reset (%s); the connection starts again",
 			   lp_mcu_reset_cause(hello.reset_cause));
 	forget(mcu);
 	if (!mcu->was_found || hello.boot_count != mcu->boot_count)
@@ -286,8 +288,9 @@ static void greet(struct lp_mcu *mcu, int64_t now_ns)
 		mcu->t_next_ns = now_ns + ASK_NS;
 		return;
 	}
-	connection_fault(mcu, "mcu-silent", "hello",
-			 "no answer in 5 s — firmware flashed? right device? carrier strap?");
+	connection_fault(
+		mcu, "mcu-silent", "hello",
+		"no answer in 5 s — check device and carrier strap; is the firmware flashed?");
 	close_link(mcu, lp_backoff_next_ns(&mcu->retry));
 }
 
@@ -298,7 +301,7 @@ static void serve(struct lp_mcu *mcu, int64_t now_ns)
 	if (now_ns - mcu->t_heard_ns > SILENCE_NS) {
 		connection_fault(
 			mcu, "mcu-silent", "receive",
-			"silent for two seconds — power and cable of the microcontroller?");
+			"no message for 2 s — check power and cable of the microcontroller");
 		forget(mcu);
 		enter(mcu, LP_MCU_GREETING);
 		return;

@@ -71,7 +71,7 @@ static int configure(const struct link_serial *self, int fd, const char **reason
 	*reason = "is another program using it? lightprobe mcu, or another lightprobed";
 	if (flock(fd, LOCK_EX | LOCK_NB) < 0)
 		return errno == EWOULDBLOCK ? -EBUSY : -errno;
-	*reason = "no serial line, or not at this rate";
+	*reason = "not a serial line, or it does not support this rate";
 	if (speed_of(self->baud, &speed) < 0 || tcgetattr(fd, &settings) < 0)
 		return errno ? -errno : -EINVAL;
 	cfmakeraw(&settings);

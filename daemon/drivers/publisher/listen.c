@@ -24,7 +24,7 @@ static const char *next_step(int ret)
 	case EADDRINUSE:
 		return " — does another lightprobed run? choose another --publish";
 	case EACCES:
-		return " — this user may not; choose another --publish";
+		return " — this user may not use the address; choose another --publish";
 	case EADDRNOTAVAIL:
 		return " — no interface of this machine has the address";
 	default:
@@ -181,7 +181,7 @@ static int bind_or_replace(const char *object, int fd, const struct sockaddr_un 
 		return -EEXIST;
 	if (!is_left_over(address))
 		return ret;
-	lp_info(object, "bind", "nobody answers on this socket file: replaced");
+	lp_info(object, "bind", "no daemon answers on this socket file; it is replaced");
 	if (unlink(address->sun_path) < 0)
 		return -errno;
 	return bind_path(fd, address);

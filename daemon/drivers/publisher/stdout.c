@@ -42,7 +42,7 @@ static void fail(struct stdout_publisher *self, int failure)
 	lp_watch_stop(&self->watch);
 	lp_timer_set(&self->wake, 0, 0);
 	if (failure == -EPIPE)
-		lp_info(OBJECT, "write", "the reader has gone: ending");
+		lp_info(OBJECT, "write", "the reader is gone: ending");
 	else
 		lp_error(OBJECT, "write", "%s", lp_strerror(failure));
 }
@@ -165,7 +165,7 @@ static int stdout_create(const struct lp_uri *uri, const struct lp_publisher_hos
 	int ret = lp_uri_read(uri, NULL, NULL);
 
 	if (ret == 0 && *uri->rest) {
-		lp_error(uri->text, "parse", "nothing follows stdout:");
+		lp_error(uri->text, "parse", "stdout: takes nothing after the colon");
 		ret = -EINVAL;
 	}
 	if (ret < 0)

@@ -63,7 +63,7 @@ void lp_ldr_defaults(struct lp_ldr_calibration *calibration)
 static int check(const char *path, const struct fields *fields)
 {
 	if (fields->version != VERSION) {
-		lp_error(path, "version", "%d: this lightprobed reads %d — calibrate anew",
+		lp_error(path, "version", "%d: this lightprobed reads version %d — calibrate again",
 			 fields->version, VERSION);
 		return -EBADMSG;
 	}
@@ -75,7 +75,7 @@ static int check(const char *path, const struct fields *fields)
 	for (int i = 0; i < NINES; i++) {
 		if (fields->nines[i].count != LP_RING_SENSORS) {
 			lp_error(path, list[FIRST_NINE + (size_t)i].name,
-				 "%d values: want nine, one for each sensor",
+				 "%d values, but nine are needed: one for each sensor",
 				 fields->nines[i].count);
 			return -EBADMSG;
 		}

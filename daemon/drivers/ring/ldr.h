@@ -26,7 +26,7 @@ struct lp_ldr_calibration {
 /* GL5528 behind a 74HC4067 as they come: right within a factor of two. */
 void lp_ldr_defaults(struct lp_ldr_calibration *calibration);
 
-/* A calibration file (docs/ring_files.md). -errno or -EBADMSG, logged as FILE:LINE. */
+/* A calibration file (docs/builders/ring_files.md). -errno or -EBADMSG, logged as FILE:LINE. */
 int lp_ldr_read(struct lp_ldr_calibration *calibration, const char *path);
 
 /* Share of the supply, 0..1, to lux and its relative 1 sigma; both NAN at either end, where nothing

@@ -106,8 +106,8 @@ static int mcu_create(const struct lp_uri *uri, const struct lp_ring_host *host,
 		ret = lp_ldr_read(&self->calibration, keys.calibration);
 	else
 		lp_info(uri->text, "calibration",
-			"none: illuminance is right within a factor of two — lightprobe "
-			"calibrate ring");
+			"no calibration file: illuminance is only right within a factor of two — "
+			"run lightprobe calibrate ring");
 	if (ret == 0)
 		ret = lp_mcu_join(host->connections, host->loop, uri, &keys.link, &self->user,
 				  &self->mcu);

@@ -195,7 +195,8 @@ void lp_timed_edge(struct lp_timed *timed, int64_t t_ns)
 
 	timed->t_edge_ns = t_ns;
 	if (timed->step == LP_TIMED_REST) {
-		fail(timed, "WHEEL_SLIP", "the wheel moved by itself: horn, gear, touched?", t_ns);
+		fail(timed, "WHEEL_SLIP",
+		     "the wheel moved by itself: check horn and gear; is it touched?", t_ns);
 		return;
 	}
 	if (timed->step != LP_TIMED_UP)
@@ -205,13 +206,15 @@ void lp_timed_edge(struct lp_timed *timed, int64_t t_ns)
 	const bool first = timed->edges++ == 0;
 
 	if (!first && apart_s < (p->pitch_deg - 2 * p->edge_error_deg) / p->slew_physical_deg_s)
-		fail(timed, "WHEEL_TOO_FAST", "faster than anything real: wiring, stray light?",
-		     t_ns);
+		fail(timed, "WHEEL_TOO_FAST",
+		     "the sensor reports an impossible speed: check wiring; stray light?", t_ns);
 	else if (off_deg - (first ? 0 : timed->offset_deg) > (first ? p->tolerance_deg : DRIFT_DEG))
-		fail(timed, "WHEEL_SLOW", "the wheel follows late: friction, weak supply?", t_ns);
+		fail(timed, "WHEEL_SLOW",
+		     "the wheel follows too slowly: check for friction, and the supply", t_ns);
 	else if (off_deg - (first ? 0 : timed->offset_deg) <
 		 -(first ? p->tolerance_deg : DRIFT_DEG))
-		fail(timed, "WHEEL_SLIP", "an edge came early: horn, gear, noise?", t_ns);
+		fail(timed, "WHEEL_SLIP", "an edge came too early: check horn, gear and cable",
+		     t_ns);
 	else if (first)
 		timed->offset_deg = off_deg;
 }
@@ -222,14 +225,17 @@ static void arrive(struct lp_timed *timed, int64_t now_ns, bool sensor_on)
 	const int wanted = edges_below(timed, timed->target_deg);
 
 	if (timed->edges == 0 && sensor_on) {
-		fail(timed, "INDEX_ALWAYS", "always on a tooth: plug, dirt? does the wheel turn?",
-		     now_ns);
+		fail(timed, "INDEX_ALWAYS",
+		     "the sensor always sees a tooth: plug or dirt? does the wheel turn?", now_ns);
 	} else if (timed->edges == 0) {
-		fail(timed, "INDEX_NEVER", "no tooth was seen: plug? does the wheel turn?", now_ns);
+		fail(timed, "INDEX_NEVER",
+		     "homing saw no tooth: check the plug; does the wheel turn?", now_ns);
 	} else if (timed->edges < wanted) {
-		fail(timed, "WHEEL_STUCK", "the wheel does not follow: free it; supply?", now_ns);
+		fail(timed, "WHEEL_STUCK",
+		     "the wheel does not follow: free it, and check the supply", now_ns);
 	} else if (timed->edges > wanted) {
-		fail(timed, "WHEEL_SLIP", "the wheel went too far: horn, gear, noise?", now_ns);
+		fail(timed, "WHEEL_SLIP", "the wheel went too far: check horn, gear and cable",
+		     now_ns);
 	} else {
 		timed->homed = true;
 		timed->fault = NULL;

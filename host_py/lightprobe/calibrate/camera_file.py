@@ -1,4 +1,4 @@
-"""Writing into camera files (docs/camera_files.md): values replaced, everything else as it was.
+"""Change values in camera files (docs/users/camera_files.md) and leave everything else as it was.
 
 Files appear whole or not at all, and the former one is kept (:mod:`lightprobe.calibrate.files`).
 Response tables get a new name each (NAME.response-2.txt), so that every camera file, also a former

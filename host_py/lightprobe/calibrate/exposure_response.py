@@ -2,7 +2,8 @@
 
 A step of the schedule turns the picture of the old exposure into that of the new one; where on the
 way between them a frame lies tells which it had, whatever the response. The delay is counted as
-the driver counts (docs/cameras.md): frames begun after the command and before the first that obeys.
+the driver counts (docs/users/cameras.md): frames begun after the command and before the first that
+obeys.
 """
 
 from __future__ import annotations

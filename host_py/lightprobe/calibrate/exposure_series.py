@@ -1,4 +1,7 @@
-"""Series of exposures: raw frames that `lightprobed --series` has written (docs/calibration.md)."""
+"""Series of exposures: raw frames written by `lightprobed --series`.
+
+Format: docs/users/camera_calibration.md.
+"""
 
 from __future__ import annotations
 

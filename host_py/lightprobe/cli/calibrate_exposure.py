@@ -82,7 +82,8 @@ def command(
 
     Finds whether the camera obeys, how many frames from a command to its effect, and how exactly
     the light follows the command. Point it at a lit scene at rest. --output writes the delay into
-    a camera file (docs/calibration.md). The daemon must not be running on the same camera.
+    a camera file (docs/users/camera_calibration.md). The daemon must not be running on the same
+    camera.
     Example: lightprobe calibrate exposure v4l2:/dev/video0 --output my.camera
     """
     if not calibrate.is_source(source) or source.startswith("file:"):

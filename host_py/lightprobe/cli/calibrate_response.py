@@ -53,7 +53,7 @@ def command(
 
     Needs one scene at rest, with large even surfaces from dark to bright, at many exposures: of a
     camera that obeys (`calibrate exposure` tells), or as pictures with known exposures. --output
-    writes the table beside a camera file and names it there (docs/calibration.md).
+    writes the table beside a camera file and names it there (docs/users/camera_calibration.md).
     Example: lightprobe calibrate response v4l2:/dev/video0 --output my.camera --plot curve.png
     """
     if len(what) == 1 and calibrate.is_source(what[0]):

@@ -116,7 +116,7 @@ def wanted(link: Session, found: WheelCalibration) -> dict[str, tuple[int, int]]
         if not now.minimum <= value <= now.maximum:
             raise CalibrationError(
                 f"calibrate: wheel: {name} would be {value}, limits {now.minimum}…{now.maximum}: "
-                "is the horn on the right spline? (docs/bring_up.md)"
+                "is the horn on the right spline? (docs/builders/bring_up.md)"
             )
         both[name] = (now.value, value)
     return both

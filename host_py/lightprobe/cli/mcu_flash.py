@@ -22,7 +22,7 @@ _HEX = "lightprobe-mcu.hex"
 _ATMEGABOOT_BAUD = 57600
 _ATMEGABOOT_WARNING = (
     "lightprobe: mcu: flash: warning: this boot loader (ATmegaBOOT) hangs after a watchdog reset "
-    "until the power is cut: burn Optiboot with a programmer (docs/bring_up.md)"
+    "until the power is cut: burn Optiboot with a programmer (docs/builders/bring_up.md)"
 )
 
 

@@ -149,7 +149,8 @@ def check_sizes(pictures: Sequence[Staged], camera: Camera) -> None:
     if camera.is_equirect and abs(width - 2 * height) > _OFF_SHAPE * width:
         raise UsageError(
             f"estimate: {first.file}: {_times(first)}: an equirectangular picture is twice as wide "
-            "as high: name another projection's camera file, --camera FILE (docs/camera_files.md)"
+            "as high: name another projection's camera file, --camera FILE "
+            "(docs/users/camera_files.md)"
         )
 
 

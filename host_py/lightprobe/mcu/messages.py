@@ -76,7 +76,7 @@ class Ring:
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault was latched (`active`) or cleared; `detail` as docs/faults.md says for it."""
+    """A fault was latched (`active`) or cleared; docs/users/faults.md explains `detail`."""
 
     name: str
     active: bool

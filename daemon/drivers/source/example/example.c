@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * example: - a grey pattern that moves, made here. It is the model for a new source that has a
- * thread of its own (docs/adding_a_backend.md): copy it, and read the device where make_picture()
- * stands.
+ * thread of its own (docs/maintainers/adding_a_backend.md): copy it, and read the device where
+ * make_picture() stands.
  */
 #include <errno.h>
 #include <stdlib.h>

@@ -86,8 +86,8 @@ static int add_folder(struct lp_file_reader *reader, const char *folder)
 	if (ret < 0)
 		return ret;
 	if (ignored)
-		lp_info(reader->object, "list", "%d files are no pictures by their names: left out",
-			ignored);
+		lp_info(reader->object, "list",
+			"%d files are left out: their names are not those of pictures", ignored);
 	if (reader->path_count == 0) {
 		lp_error(reader->object, "list",
 			 "no picture in this folder (known: .jpg .jpeg .mjpg .mjpeg "
@@ -159,13 +159,13 @@ static int find_encoding(struct lp_file_reader *reader, const char *path)
 		reader->encoding = lp_encoding_of(path, reader->buffer, reader->filled);
 	if (reader->encoding == LP_ENCODING_UNKNOWN) {
 		lp_error(reader->object, "open",
-			 "no picture format is known by this name or these "
-			 "first bytes — say ?format=mjpeg|yuyv|nv12|grey|pfm");
+			 "neither the name nor the first bytes tell the format — give "
+			 "?format=mjpeg|yuyv|nv12|grey|pfm");
 		return -EBADMSG;
 	}
 	if (encoding_is_raw(reader->encoding) && reader->raw_width_px == 0) {
 		lp_error(reader->object, "open",
-			 "raw pixels do not tell their size — say ?size=WxH");
+			 "raw pixels do not contain their size — give ?size=WxH");
 		return -EINVAL;
 	}
 	return 0;
@@ -216,11 +216,11 @@ static int fill_frame(struct lp_file_reader *reader, const struct lp_picture *pi
 	owned->frame.size_bytes = picture->frame_bytes;
 	if (picture->corrupt) {
 		owned->frame.flags |= LP_FRAME_CORRUPT;
-		lp_error(reader->object, "read", "a picture is cut off or damaged: not used");
+		lp_error(reader->object, "read", "a picture is cut off or damaged; it is not used");
 	}
 	if (picture->skip_bytes)
-		lp_warning(reader->object, "read", "%zu bytes that belong to no picture: skipped",
-			   picture->skip_bytes);
+		lp_warning(reader->object, "read",
+			   "%zu bytes that belong to no picture are skipped", picture->skip_bytes);
 	reader->first += picture->skip_bytes + picture->encoded_bytes;
 	reader->picture_count++;
 	return 1;

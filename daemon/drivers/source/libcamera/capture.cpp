@@ -128,7 +128,8 @@ int Capture::set_exposure(float exposure_us, float gain)
 	}
 	if (gain != 1 && !present.reports_exposure) {
 		lp_error("libcamera", "gain",
-			 "%g: what this camera's gain means is not known: its frames do not tell",
+			 "%g: the frames of this camera do not report their gain, so its scale is "
+			 "unknown",
 			 static_cast<double>(gain));
 		return -EINVAL;
 	}
@@ -197,7 +198,7 @@ std::shared_ptr<libcamera::Camera> Capture::find()
 
 	if (matches)
 		report(LP_SOURCE_WAITING, "find",
-		       "several cameras could be meant — name one by its identity; present: " +
+		       "several cameras match — name one by its identity; present: " +
 			       present_ones);
 	else if (!forbidden.empty())
 		report(LP_SOURCE_WAITING, "find",
@@ -207,7 +208,7 @@ std::shared_ptr<libcamera::Camera> Capture::find()
 	else
 		report(LP_SOURCE_WAITING, "find",
 		       "no such camera; " + (present_ones.empty()
-						     ? std::string("libcamera knows none here")
+						     ? std::string("libcamera finds none")
 						     : "present: " + present_ones));
 	return nullptr;
 }

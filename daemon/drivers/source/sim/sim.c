@@ -183,7 +183,7 @@ static void hand_on(struct source_sim *self, struct lp_frame *frame)
 	if (frame->flags & LP_FRAME_CORRUPT) {
 		self->has_corrupt = true;
 		lp_error(self->object, "read",
-			 "a frame is marked corrupt, or its size or its time is impossible: not "
+			 "a frame is marked corrupt, or its size or time is impossible; it is not "
 			 "used");
 		if (!is_streaming(self)) {
 			lp_frame_release(frame);
@@ -222,7 +222,8 @@ static bool begin_payload(struct source_sim *self)
 	if (fault) {
 		char reason[120];
 
-		(void)snprintf(reason, sizeof(reason), "%s — simulator of another version?", fault);
+		(void)snprintf(reason, sizeof(reason), "%s — is the simulator of another version?",
+			       fault);
 		lose_link(self, "header", reason);
 		return false;
 	}
@@ -232,7 +233,7 @@ static bool begin_payload(struct source_sim *self)
 		self->frame = NULL;
 	}
 	if (!self->frame)
-		lp_error(self->object, "read", "no buffer is free: a frame is lost");
+		lp_error(self->object, "read", "no buffer is free; a frame is lost");
 	return true;
 }
 

@@ -286,7 +286,7 @@ int lp_v4l2_capture_set_exposure(struct lp_v4l2_capture *capture, float exposure
 
 	if (gain != 1 && !gain_known) {
 		lp_error("v4l2", "gain",
-			 "%g: what this camera's gain steps mean is not known — set gain_unity in "
+			 "%g: the scale of this camera's gain steps is unknown — set gain_unity in "
 			 "its camera file",
 			 (double)gain);
 		return -EINVAL;

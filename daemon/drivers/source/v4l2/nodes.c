@@ -230,7 +230,6 @@ int lp_v4l2_nodes_select(const struct lp_v4l2_node *nodes, int count,
 		return -ENOENT;
 	}
 	snprintf(reason, reason_bytes,
-		 "several cameras could be meant; %s — name one by its path or serial number",
-		 list);
+		 "several cameras match — name one by path, port or serial number; %s", list);
 	return -ENOTUNIQ;
 }

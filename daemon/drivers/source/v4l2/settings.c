@@ -90,8 +90,8 @@ int lp_v4l2_settings_read(const struct lp_uri *uri, const struct lp_camera_profi
 		settings->wish.size_px = camera->size_px;
 	if (lp_v4l2_target_parse(uri->rest, target) < 0) {
 		lp_error(uri->text, "parse",
-			 "'%s' names no camera — v4l2:/dev/video0, v4l2:VENDOR:PRODUCT[:SERIAL], "
-			 "or a name from /dev/v4l/by-id",
+			 "'%s' is not the name of a camera — use v4l2:/dev/video0, "
+			 "v4l2:VENDOR:PRODUCT[:SERIAL], or a name from /dev/v4l/by-id",
 			 uri->rest);
 		return -EINVAL;
 	}

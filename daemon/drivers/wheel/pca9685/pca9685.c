@@ -24,7 +24,7 @@
 #define FIRST_RETRY_NS (200 * LP_NS_PER_MS)
 #define LAST_RETRY_NS (2 * LP_NS_PER_S)
 #define WAITING "pca9685-waiting"
-#define STOPPED "; tried three times: to try again restart lightprobed"
+#define STOPPED "; three attempts failed: repair, then restart lightprobed"
 
 extern const struct lp_rotator_ops lp_rotator_pca9685_ops;
 
@@ -139,12 +139,12 @@ static const char *next_step(const char *stage, int error)
 	if (error == -EACCES || error == -EPERM)
 		return "join the groups i2c and gpio; a service needs its drop-in i2c.conf";
 	if (strcmp(stage, "index") == 0)
-		return "which GPIO chip and line? gpioinfo lists them";
+		return "check GPIO chip and line; gpioinfo lists them";
 	if (error == -ENXIO || error == -EREMOTEIO)
-		return "no acknowledge: address and power of the hat?";
+		return "no acknowledge: check address and power of the hat";
 	if (error == -ETIMEDOUT || error == -EBUSY)
 		return "the bus hangs: is SDA or SCL held low?";
-	return "is the bus there? modprobe i2c-dev, or its overlay";
+	return "does the bus exist? load i2c-dev (modprobe) or the overlay of the bus";
 }
 
 static void lose(struct rotator_pca9685 *self, const char *stage, int error)
@@ -186,7 +186,7 @@ static void on_hat_ready(void *context)
 	lp_backoff_reset(&self->retry);
 	lp_timed_forget(&self->timed, lp_clock_ns());
 	host->fault(host->context, WAITING, NULL);
-	lp_info(self->object, "open", "servo hat and index are there");
+	lp_info(self->object, "open", "servo hat and index sensor found");
 }
 
 static void open_all(struct rotator_pca9685 *self)

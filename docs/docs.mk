@@ -1,0 +1,9 @@
+# SPDX-License-Identifier: Apache-2.0
+# The fault pages: docs/users/faults.md and docs/maintainers/faults.md.
+
+.PHONY: faults-docs check-faults
+faults-docs: build ## write the generated parts of the fault pages in docs/ again
+	@$(VENV)/bin/python docs/faults.py
+check-rules: check-faults
+check-faults: build
+	@$(VENV)/bin/python docs/faults.py --check

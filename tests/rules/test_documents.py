@@ -1,0 +1,164 @@
+"""What the documents name exists: files, headings, tests, make targets, faults."""
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+TRACKED = subprocess.run(
+    ["git", "ls-files"], cwd=ROOT, check=True, capture_output=True, text=True
+).stdout.split("\n")
+PAGES = [name for name in TRACKED if name.endswith(".md") and (ROOT / name).exists()]
+#: What tells a path in a code span from other words with a slash.
+ROOMS = sorted({name.split("/")[0] for name in TRACKED if "/" in name})
+
+LINK = re.compile(r"\]\(([^)\s]+)\)")
+CODE = re.compile(r"`([^`\n]+)`")
+FENCED = re.compile(r"^```.*?^```", re.S | re.M)
+PLACEHOLDER = re.compile(r"[*<>{}$…=]|\bNAME\b|\b[A-Z]{3,}\b(?!\.md)")
+A_PAGE = re.compile(r"(?<![\w./-])((?:docs|proto|hw|firmware|daemon|host_py)/[\w/-]+\.md)\b")
+A_TEST = re.compile(r"(?:([\w/]+\.(?:py|c|cpp)))?(?:::(\w+))?")
+
+
+def text_of(name):
+    return (ROOT / name).read_text()
+
+
+def anchors(page):
+    """The headings of a page as GitHub names them in links."""
+    headings = re.findall(r"^#+ (.*)$", FENCED.sub("", page), flags=re.M)
+    plain = (re.sub(r"[^\w\- ]", "", heading.lower()) for heading in headings)
+    return {heading.strip().replace(" ", "-") for heading in plain}
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_links_lead_somewhere(name):
+    broken = []
+    for target in LINK.findall(FENCED.sub("", text_of(name))):
+        if re.match(r"[a-z]+:", target):
+            continue
+        path, _, anchor = target.partition("#")
+        file = (ROOT / name).parent / path if path else ROOT / name
+        if not file.exists() or (anchor and anchor not in anchors(file.read_text())):
+            broken.append(target)
+    assert not broken
+
+
+def paths_in(name):
+    """Paths in the code spans of a page: those that begin at a room, or with `../`."""
+    for span in CODE.findall(FENCED.sub("", text_of(name))):
+        path = span.split("::")[0].rstrip("/")
+        is_path = re.fullmatch(r"[\w./,{}-]+", path) and "/" in path
+        if not is_path or PLACEHOLDER.search(path):
+            continue
+        if path.startswith("../") or path.split("/")[0] in ROOMS:
+            yield path
+
+
+def exists(name, path):
+    """From the page's folder, from the root, or from where its room looks for headers and tests."""
+    bases = (ROOT / name).parent, ROOT, ROOT / "daemon", ROOT / "tests"
+    return any((base / path).exists() for base in bases)
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_paths_in_pages_exist(name):
+    assert [path for path in paths_in(name) if not exists(name, path)] == []
+
+
+def test_pages_named_in_code_and_configuration_exist():
+    missing = []
+    for name in TRACKED:
+        if not name or (ROOT / name).suffix in (".png", ".bin", ".jpg") or name.endswith(".md"):
+            continue
+        try:
+            text = text_of(name)
+        except (UnicodeDecodeError, FileNotFoundError, IsADirectoryError):
+            continue
+        missing += [(name, page) for page in A_PAGE.findall(text) if not (ROOT / page).exists()]
+    assert missing == []
+
+
+def test_the_map_lists_every_page():
+    links = set(LINK.findall(text_of("docs/README.md")))
+    below = {name.removeprefix("docs/") for name in PAGES if name.startswith("docs/")}
+    assert below - {"README.md"} <= links
+
+
+def test_make_targets_exist():
+    rules = "".join(text_of(name) for name in TRACKED if name.endswith((".mk", "Makefile")))
+    targets = {
+        word
+        for line in re.findall(r"^([\w .$()/-]+?) ?&?::?(?!=)", rules, flags=re.M)
+        for word in line.split()
+    }
+    named = {
+        (name, target)
+        for name in PAGES
+        for target in re.findall(
+            r"(?:`|^ {4}|sudo )make ([a-z][a-z0-9-]+)", text_of(name), flags=re.M
+        )
+    }
+    assert sorted((name, target) for name, target in named if target not in targets) == []
+    assert len(named) > 10
+
+
+# ---------------------------------------------------------------- the fault pages
+
+#: Where the tests of a section of docs/maintainers/faults.md are, when its rows do not say.
+FOLDERS = {
+    "Cameras on USB: `v4l2:`": "tests/kernel/guest",
+    "Cameras through `libcamera:`": "tests/kernel/guest",
+    "Microcontroller": "tests/firmware",
+}
+
+
+def named_tests():
+    """(section, file, function or None) of each test in the last column.
+
+    `::test_x` is in the file named before it; `test_x` alone is one of the daemon's wheel tests.
+    """
+    page = text_of("docs/maintainers/faults.md")
+    for section in re.split(r"^## ", page, flags=re.M)[1:]:
+        title = section.partition("\n")[0]
+        for row in re.findall(r"^\|(.*)\|$", section, flags=re.M):
+            file = None
+            for span in CODE.findall(row.rpartition("|")[2]):
+                if re.fullmatch(r"test_\w+", span):
+                    yield title, "test_daemon_wheel.py", span
+                elif not span.startswith("make "):
+                    named, function = A_TEST.fullmatch(span).groups()
+                    file = named or file
+                    yield title, file, function
+
+
+def find_test(title, file):
+    for folder in (FOLDERS.get(title, "tests/e2e"), "tests", "tests/e2e"):
+        if (ROOT / folder / file).exists():
+            return ROOT / folder / file
+    return None
+
+
+def test_every_test_on_the_fault_page_exists():
+    named = list(named_tests())
+    missing = []
+    for title, file, function in named:
+        path = find_test(title, file)
+        if not path or (function and not re.search(rf"\b{function}\b", path.read_text())):
+            missing.append((title, file, function))
+    assert missing == []
+    assert len(named) > 100
+
+
+def test_users_find_every_fault_of_the_daemon():
+    """The identifiers that the daemon's code gives to faults, and nothing that it does not know."""
+    code = "".join(
+        text_of(name) for name in TRACKED if name.startswith("daemon/") and name.endswith(".c")
+    )
+    called = re.findall(r'fault\([^;"]*?"([a-z0-9]+(?:-[a-z0-9]+)+)"', code)
+    named = re.findall(r'^#define \w+ "([a-z0-9]+(?:-[a-z0-9]+)+)"', code, flags=re.M)
+    table = text_of("docs/users/faults.md").partition("## Faults in the health")[2]
+    listed = re.findall(r"^\| `([a-z0-9-]+)` \|", table.partition("\n## ")[0], flags=re.M)
+    assert sorted(set(called + named)) == sorted(listed)
