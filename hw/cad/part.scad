@@ -18,5 +18,5 @@ else if (part == "ring_cap") ring_cap();
 else if (part == "base") base();
 else if (part == "ring") ring();
 else if (part == "lid") lid();
-else if (part == "headset_plate") headset_plate();
+else if (part == "headset_base") headset_base();
 else assert(false, str("no such part: ", part));

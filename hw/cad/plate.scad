@@ -22,6 +22,7 @@ module plate() linear_extrude(plate_thickness) difference() {
 	at(gauge_radius, gauge_deg) hole(gauge_hole);
 	for (f = forks()) rotate(f[0]) translate([f[1], 0]) carrier_cuts();
 	translate([0, -axes_distance]) servo_cutout();
+	if (servo_travel_deg == 180) both_sides() plate_window();
 	both_sides() {
 		translate([cap_screw(), cap_z()]) hole(m3_clear);
 		translate(cradle_screw()) hole(m3_clear);
@@ -35,11 +36,14 @@ module plate_outline() difference() {
 		for (f = forks()) rotate(f[0]) translate([f[1] - 8, 0]) offset(2) square([23, 26], center = true);
 		hull() for (x = [-9, 9], z = [40, cap_z()]) translate([x, z]) circle(5);
 		hull() for (x = [-1, 1], p = [[34, -18], [39, -48], [39, plate_crotch + 10]]) translate([x * p[0], p[1]]) circle(4);
-		translate([-plate_half_width, plate_bottom]) square([2 * plate_half_width, plate_tab + 15]);
+		translate([-plate_half_width, plate_bottom]) square([2 * plate_half_width, plate_tab + 19]);
 	}
 	// Below: two tabs, and the circuit board between them.
 	translate([-tab_x + 4, plate_bottom - 1]) square([2 * tab_x - 8, plate_crotch - plate_bottom + 1]);
 }
+
+// Above a small servo there is room: lighter.
+module plate_window() translate([16.5, -60]) offset(3) square([15, 12], center = true);
 
 // In the plate, for one carrier: the sensor's lower ear, and slots for its screws.
 module carrier_cuts() {
