@@ -5,11 +5,11 @@ HW := hw
 # The servo's travel: 180 (geared 3:2 up) or 270 degrees (straight), with an output of its own.
 HW_SERVO ?= 180
 HW_OUT := $(BUILD)/hw$(if $(filter-out 180,$(HW_SERVO)),-$(HW_SERVO))
-HW_PARTS := wheel_front wheel_comb wheel_back servo_gear plate sensor_carrier cradle ring_cap base ring lid \
+HW_PARTS := wheel_front wheel_comb wheel_back servo_gear plate sensor_carrier cradle module_cradle ring_cap base ring lid \
 	headset_base
 HW_ITEMS := wheel_front wheel_comb wheel_back film plate roller_0 roller_1 roller_2 fork_0 fork_1 \
-	sensor_carrier_0 sensor_carrier_1 servo servo_gear cradle ring_cap camera camera_plug screws base board ring lid headset_base
-HW_VIEWS := box open headset wheel
+	sensor_carrier_0 sensor_carrier_1 servo servo_gear cradle module_cradle module ring_cap camera camera_plug screws base board ring lid headset_base
+HW_VIEWS := box open headset module wheel
 HW_STL := $(HW_PARTS:%=$(HW_OUT)/stl/%.stl)
 HW_ASSEMBLED := $(HW_ITEMS:%=$(HW_OUT)/assembled/%.stl)
 HW_PNG := $(HW_VIEWS:%=$(HW_OUT)/%.png) $(HW_PARTS:%=$(HW_OUT)/parts/%.png)
@@ -41,6 +41,7 @@ $(HW_OUT)/assembled/%.stl: $(HW_STL)
 HW_CAMERA_box := 0,0,-42,74,0,152,600
 HW_CAMERA_open := 0,0,-42,68,0,330,600
 HW_CAMERA_headset := 0,0,-50,72,0,150,560
+HW_CAMERA_module := 0,0,-22,74,0,330,480
 HW_CAMERA_wheel := 0,0,0,60,0,140,300
 $(HW_VIEWS:%=$(HW_OUT)/%.png): $(HW_OUT)/%.png: $(HW_STL)
 	@echo '  openscad $@'

@@ -1,14 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 // The box put together from the rendered parts (build/hw/stl) and plain shapes for what is bought.
-//   view = "box" | "open" (drum opened) | "headset" | "wheel" (taken apart) | "item" (the one named `item`, for the collision test)
+//   view = "box" | "open" (drum opened) | "headset" | "module" (a board camera in it) | "wheel" (taken apart) | "item" (the one named `item`, for the collision test)
 include <derived.scad>
 use <plate.scad>
 
 stl = "../../build/hw/stl/"; // hw.mk says where
 view = "box";
 item = "";
-hidden = concat(["screws"],
-	view == "open" ? ["ring", "lid", "ldrs", "headset_base"] :
+ball = ["cradle", "camera", "camera_plug"];
+board_camera = ["module_cradle", "module"];
+hidden = concat(["screws"], view == "module" ? ball : board_camera,
+	view == "open" || view == "module" ? ["ring", "lid", "ldrs", "headset_base"] :
 	view == "headset" ? ["base", "ring", "lid", "ldrs", "ring_cap"] : ["headset_base"]);
 wheel_items = ["wheel_front", "film", "wheel_comb", "wheel_back"];
 apart = view == "wheel" ? 8 : 0;
@@ -44,6 +46,9 @@ for (i = [0 : 1]) {
 place("servo", [0.12, 0.12, 0.3]) in_box() translate([servo[4], -axes_distance, plate_back_z]) servo_motor();
 place("servo_gear", orange) in_box() translate([0, -axes_distance, servo_gear_z]) rotate(90 + mesh_deg) part("servo_gear");
 place("cradle", green) in_box() translate([0, 0, plate_back_z]) part("cradle");
+place("module_cradle", green) in_box() translate([0, 0, plate_back_z]) part("module_cradle");
+place("module", [0.1, 0.35, 0.2]) in_box() translate([0, 0, module_front_z]) board_camera();
+if (view == "module") color([0.2, 0.55, 0.9]) intersection() { lenses(); translate([-50, 0, -50]) cube(100); }
 place("ring_cap", green) in_box() translate([0, cap_z(), plate_back_z]) part("ring_cap");
 place("screws", metal) screws();
 place("camera", [0.25, 0.25, 0.27]) camera();
@@ -118,6 +123,12 @@ module servo_motor() {
 module camera() {
 	sphere(camera_diameter / 2 - 1.5, $fn = 32);
 	lenses();
+}
+// Its board, what stands on both sides, its lens.
+module board_camera() {
+	linear_extrude(1.6) square(module_board, center = true);
+	translate([0, 0, 1.6]) linear_extrude(6) square(module_board - 10, center = true);
+	translate([0, 0, 2 - module_lens]) cylinder(h = module_lens - 1, r = module_lens_radius - 1);
 }
 module lenses() for (s = [-1, 1]) rotate([-90 * s, 0, 0]) intersection() {
 	translate([0, 0, camera_diameter / 2 - 11]) sphere(11, $fn = 48);

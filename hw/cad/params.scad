@@ -20,6 +20,15 @@ camera_plug_depth = 9;   // along y
 pupil_behind_apex = 4.0; // of the front lens
 film_before_apex = 2.0;
 
+// --- instead of the ball: a board camera with a fisheye lens, which sees one hemisphere
+module_board = 38;       // square
+module_holes = 34;       // from hole to hole; 28 for boards of 32
+module_hole = 1.7;       // M2, cuts its own thread
+module_lens = 22;        // from the board's front to the lens's apex
+module_lens_radius = 12; // with its holder
+module_sheet = 3;
+module_rib = 9;
+
 // --- polarizing film and the wheel that carries it
 film_diameter = 52;
 film_thickness = 0.8;    // with a paper ring under it if thinner

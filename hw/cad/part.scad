@@ -14,6 +14,7 @@ else if (part == "servo_gear") servo_gear();
 else if (part == "plate") plate();
 else if (part == "sensor_carrier") sensor_carrier();
 else if (part == "cradle") cradle();
+else if (part == "module_cradle") module_cradle();
 else if (part == "ring_cap") ring_cap();
 else if (part == "base") base();
 else if (part == "ring") ring();

@@ -115,6 +115,27 @@ module cradle() {
 	}
 }
 
+// Holds a board camera instead; on the same screws. Its front (towards the plate) is the bed; axes as the cradle's.
+module module_cradle() {
+	half = module_board / 2 + 4;
+	low = cradle_screw().y - 6;
+	difference() {
+		union() {
+			linear_extrude(module_sheet) hull() {
+				square(2 * half, center = true);
+				both_sides() translate([cradle_screw().x + 2, low + 4]) circle(4);
+			}
+			for (x = [-1, 1], y = [-1, 1]) translate([x, y] * module_holes / 2)
+				cylinder(h = module_front_z - plate_back_z, r = 3, $fn = 32);
+			both_sides() translate([half - 2, low + 1, 0]) cube([2, half - low - 1, module_rib]);
+		}
+		translate([0, 0, -1]) cylinder(h = 20, r = module_lens_radius + 1);
+		for (x = [-1, 1], y = [-1, 1]) translate([x * module_holes / 2, y * module_holes / 2, -1]) cylinder(h = 30, d = module_hole, $fn = 16);
+		both_sides() translate([cradle_screw().x, cradle_screw().y, -1]) cylinder(h = 20, d = m3_clear, $fn = 24);
+		both_sides() translate([cradle_screw().x, cradle_screw().y, module_sheet]) cylinder(h = 20, d = 6.5, $fn = 24);
+	}
+}
+
 // The ninth sensor looks up from the highest point. Its back (towards the plate) is the bed.
 module ring_cap() {
 	height = ldr_top_z - cap_z();

@@ -12,6 +12,7 @@ WIDTHS_PX = {
     "box": 700,
     "open": 700,
     "headset": 700,
+    "module": 700,
     "wheel": 700,
     "schematic": 2200,
     "schematic_hat": 1000,
