@@ -66,7 +66,7 @@ def test_keys_of_uris_are_in_the_help_of_back_ends():
     ("scheme", "heading"), [("v4l2", "Camera files"), ("libcamera", "libcamera")]
 )
 def test_documented_keys_of_cameras_are_those_of_the_help(scheme, heading):
-    """docs/cameras.md has a table of them, with their defaults."""
+    """docs/users/cameras.md has a table of them, with their defaults."""
     part = re.split(r"^## ", DOCUMENT.read_text(), flags=re.MULTILINE)
     (section,) = [text for text in part if heading in text.splitlines()[0]]
     rows = re.findall(r"^\| `(\w+)` \| `?([^`|]*?)`? *\|", section, flags=re.MULTILINE)

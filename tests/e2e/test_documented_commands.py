@@ -1,4 +1,4 @@
-"""The commands of hw/guide.md and docs/bring_up.md, in order and as printed, on a simulated box.
+"""The commands of hw/guide.md and docs/builders/bring_up.md, in order and as printed, on a simulated box.
 
 The box is the flashed binary in simavr behind a boot loader; opening its port resets it, its
 reference is off by 8 %, its multiplexer has resistance, its LDRs are as different as GL5528 are.
@@ -94,7 +94,7 @@ def unlike_others(box: Box, rng: np.random.Generator) -> None:
 
 @pytest.mark.parametrize(
     ("document", "case"),
-    [("hw/guide.md", ""), ("hw/guide.md", "reversed"), ("docs/bring_up.md", "")],
+    [("hw/guide.md", ""), ("hw/guide.md", "reversed"), ("docs/builders/bring_up.md", "")],
 )
 def test_the_commands_do_what_the_document_says(document: str, case: str, tmp_path: Path) -> None:
     environment = dict(os.environ)

@@ -36,7 +36,7 @@ test-firmware-long: build ## 10 000 random wheel moves with random faults in sim
 	@$(VENV)/bin/python tests/firmware/campaign.py --moves $(MOVES) --seed $(SEED) --jobs $(JOBS)
 
 .PHONY: ring-accuracy
-ring-accuracy: build ## how good a calibrated ring is: the table of docs/ring_files.md, simulated
+ring-accuracy: build ## how good a calibrated ring is: the table of docs/builders/ring_files.md, simulated
 	@$(MAKE) -j$(JOBS) $(FW_HOST)-asan
 	@$(VENV)/bin/pytest -q -s tests/firmware/test_ring_accuracy.py -k host
 

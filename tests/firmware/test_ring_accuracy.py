@@ -17,7 +17,7 @@ from rig import Rig
 GUIDE_LUX = (10, 100, 1000, 20_000)  # hw/guide.md
 SEEN_LUX = (1, 3, 10, 30, 100, 300, 1000, 3000, 10_000, 30_000, 100_000)
 NOISE = 0.03
-DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "ring_files.md"
+DOCUMENT = Path(__file__).resolve().parents[2] / "docs/builders/ring_files.md"
 Array = np.ndarray
 
 
@@ -74,7 +74,7 @@ def test_the_calibrated_ring_is_right_within_its_stated_sigma(
         assert np.mean(within[:, k]) >= 0.95, lux
         if target == "host":
             assert row in DOCUMENT.read_text(), (
-                f"docs/ring_files.md: make ring-accuracy prints {row}"
+                f"docs/builders/ring_files.md: make ring-accuracy prints {row}"
             )
     indoors = [k for k, lux in enumerate(SEEN_LUX) if 3 <= lux <= 3000]
     assert np.sqrt(np.mean(errors[:, indoors] ** 2)) < 0.08
