@@ -1,20 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-# The box: printable parts, pictures, wiring diagram, tables, overlays. Everything lies in build/hw.
+# The box: printable parts, pictures, schematic, tables. Everything lies in build/hw.
 
 HW := hw
-# The servo's travel: 270 (straight) or 180 degrees (geared 3:2 up), with an output of its own.
-HW_SERVO ?= 270
-HW_OUT := $(BUILD)/hw$(if $(filter-out 270,$(HW_SERVO)),-$(HW_SERVO))
-HW_PARTS := wheel_front wheel_comb wheel_back servo_gear plate sensor_carrier cradle ring_cap base ring lid \
-	headset_plate
+# The servo's travel: 180 (geared 3:2 up) or 270 degrees (straight), with an output of its own.
+HW_SERVO ?= 180
+HW_OUT := $(BUILD)/hw$(if $(filter-out 180,$(HW_SERVO)),-$(HW_SERVO))
+HW_PARTS := wheel_front wheel_comb wheel_back servo_gear plate sensor_carrier cradle module_cradle ring_cap base ring lid \
+	headset_base
 HW_ITEMS := wheel_front wheel_comb wheel_back film plate roller_0 roller_1 roller_2 fork_0 fork_1 \
-	sensor_carrier_0 sensor_carrier_1 servo servo_gear cradle ring_cap camera camera_plug screws base board ring lid
-HW_VIEWS := box open wheel
+	sensor_carrier_0 sensor_carrier_1 servo servo_gear cradle module_cradle module ring_cap camera camera_plug screws base board ring lid headset_base
+HW_VIEWS := box open headset module wheel
 HW_STL := $(HW_PARTS:%=$(HW_OUT)/stl/%.stl)
 HW_ASSEMBLED := $(HW_ITEMS:%=$(HW_OUT)/assembled/%.stl)
 HW_PNG := $(HW_VIEWS:%=$(HW_OUT)/%.png) $(HW_PARTS:%=$(HW_OUT)/parts/%.png)
 HW_SCAD := $(wildcard $(HW)/cad/*.scad)
-HW_OVERLAYS := $(patsubst $(HW)/overlays/%.dts,$(HW_OUT)/overlays/%.dtbo,$(wildcard $(HW)/overlays/*.dts))
 HW_PYTHON := $(VENV)/bin/python
 
 # OpenSCAD says on standard error what is wrong with a file; a warning is an error here.
@@ -25,10 +24,10 @@ OPENSCAD_PNG := xvfb-run -a $(OPENSCAD) --colorscheme=Tomorrow
 .SECONDARY: $(call apt,hw)
 
 .PHONY: hw hw-parts hw-docs test-hw check-hw
-hw: setup $(STAMPS)/venv-hw ## the box: STL and PNG of every part, wiring diagram, overlays, tables: build/hw
+hw: setup $(STAMPS)/venv-hw ## the box: STL and PNG of every part, schematic, tables: build/hw
 	@$(MAKE) -j$(JOBS) hw-parts
-	@$(MAKE) -j$(JOBS) $(HW_PNG) $(HW_OUT)/wiring.svg $(HW_OVERLAYS)
-	@echo 'hw: parts, pictures, wiring and overlays are in $(HW_OUT)'
+	@$(MAKE) -j$(JOBS) $(HW_PNG) $(HW_OUT)/schematic.svg
+	@echo 'hw: parts, pictures and schematic are in $(HW_OUT)'
 
 hw-parts: $(HW_STL) $(HW_ASSEMBLED)
 
@@ -39,8 +38,10 @@ $(HW_OUT)/assembled/%.stl: $(HW_STL)
 	@mkdir -p $(@D)
 	@$(OPENSCAD) -D 'view="item"' $(HW_STL_FROM) -D 'item="$*"' -o $@ $(HW)/cad/assembly.scad
 
-HW_CAMERA_box := 0,0,-22,74,0,152,520
-HW_CAMERA_open := 0,0,-22,68,0,330,520
+HW_CAMERA_box := 0,0,-42,74,0,152,600
+HW_CAMERA_open := 0,0,-42,68,0,330,600
+HW_CAMERA_headset := 0,0,-50,72,0,150,560
+HW_CAMERA_module := 0,0,-22,74,0,330,480
 HW_CAMERA_wheel := 0,0,0,60,0,140,300
 $(HW_VIEWS:%=$(HW_OUT)/%.png): $(HW_OUT)/%.png: $(HW_STL)
 	@echo '  openscad $@'
@@ -50,14 +51,11 @@ $(HW_OUT)/parts/%.png: $(HW_OUT)/stl/%.stl
 	@echo 'import("../stl/$*.stl");' >$(@:.png=.scad)
 	@$(OPENSCAD_PNG) --imgsize=600,600 --autocenter --viewall --camera=0,0,0,50,0,30,0 -o $@ $(@:.png=.scad)
 
-# The wiring diagram, small enough to read on a screen.
-$(HW_OUT)/wiring.svg: $(HW)/wiring/harness.yml | $(STAMPS)/venv-hw $(call apt,hw)
-	@mkdir -p $(@D) && echo '  wireviz $@'
-	@$(VENV)/bin/wireviz -f sp -o $(@D) -O wiring $< >/dev/null
-
-$(HW_OUT)/overlays/%.dtbo: $(HW)/overlays/%.dts | $(call apt,hw)
-	@mkdir -p $(@D)
-	@dtc -@ -Wno-unique_unit_address -I dts -O dtb -o $@ $<
+# Drawn from circuit*.yml, and compared with them.
+$(HW_OUT)/schematic.svg: $(wildcard $(HW)/circuit*.yml) $(HW)/tools/schematic.py $(HW)/tools/sheet.py $(HW)/tools/circuit.py \
+	| $(STAMPS)/venv-hw $(call apt,hw)
+	@echo '  schematic $@'
+	@$(HW_PYTHON) $(HW)/tools/schematic.py $(@D)
 
 # What only this room needs of Python.
 $(STAMPS)/venv-hw: host_py/pyproject.toml host_py/constraints.txt | $(STAMPS)/venv
@@ -72,11 +70,11 @@ hw-docs: hw ## write the tables of hw/README.md (bill, budgets, pins, tolerances
 
 # Part of `make test`: all but the rendered parts, which take minutes.
 test-all: test-hw
-test-hw: build $(STAMPS)/venv-hw $(call apt,hw) $(HW_OUT)/wiring.svg $(HW_OVERLAYS) ## bill, wiring, tolerances, overlays, udev rules
+test-hw: build $(STAMPS)/venv-hw $(call apt,hw) ## bill, circuit, tolerances, udev rules
 	@$(VENV)/bin/pytest -q tests/hw --ignore=tests/hw/test_parts.py
 
 check-hw: test-hw ## every part rendered and measured, for both servos: whole, printable, fitting, nothing collides
-	@for servo in 270 180; do \
+	@for servo in 180 270; do \
 		$(MAKE) -j$(JOBS) HW_SERVO=$$servo hw-parts && \
 		HW_SERVO=$$servo $(VENV)/bin/pytest -q tests/hw/test_parts.py || exit 1; \
 	done

@@ -292,7 +292,7 @@ static void on_eeprom_control(avr_t *avr, avr_io_addr_t address, uint8_t value, 
 
 uint8_t *chip_eeprom(struct chip *chip)
 {
-	avr_eeprom_desc_t where = {.ee = NULL, .offset = 0, .size = 1024};
+	avr_eeprom_desc_t where = {.ee = NULL, .offset = 0, .size = CHIP_EEPROM_BYTES};
 
 	avr_ioctl(chip->avr, AVR_IOCTL_EEPROM_GET, &where);
 	return where.ee;
@@ -580,11 +580,20 @@ static void connect_pins(struct chip *chip)
 	avr_register_io_write(avr, REGISTER_ADMUX, on_admux, chip);
 }
 
+/* simavr says on standard output what it loads: that is where the runner's answers go. */
+static void log_errors(avr_t *avr, int level, const char *format, va_list arguments)
+{
+	(void)avr;
+	if (level <= LOG_ERROR)
+		vfprintf(stderr, format, arguments);
+}
+
 struct chip *chip_create(const char *elf, const char *carrier, uint32_t seed)
 {
 	elf_firmware_t firmware = {0};
 	struct chip *chip = calloc(1, sizeof(*chip));
 
+	avr_global_logger_set(log_errors);
 	if (!chip || elf_read_firmware(elf, &firmware)) {
 		fprintf(stderr, "runner: %s: cannot be read as ELF; make firmware builds it\n",
 			elf);

@@ -90,6 +90,7 @@ void chip_pin(struct chip *chip, char port, uint8_t bit, bool high);
 /* Queues bytes for the chip's receiver; false when there is no room. */
 bool chip_send(struct chip *chip, const uint8_t *bytes, size_t count);
 
+#define CHIP_EEPROM_BYTES 1024
 uint8_t *chip_eeprom(struct chip *chip);
 
 /*

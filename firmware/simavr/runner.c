@@ -46,7 +46,7 @@ static void usage(void)
 	     "  --pty PATH      symbolic link to make: the serial line\n"
 	     "  --control PATH  Unix socket for commands; else stdin and stdout\n"
 	     "  --can PATH      Unix socket of struct can_frame records: the CAN bus\n"
-	     "  --eeprom FILE   1024 bytes to begin with\n"
+	     "  --eeprom FILE   keep the parameters there\n"
 	     "  --seed N        of the simulated noise\n"
 	     "Commands, one a line, each with one answer:\n"
 	     "  run US          let time pass\n"
@@ -249,7 +249,7 @@ static void command_stack(struct runner *runner, unsigned address)
 
 static void command_eeprom(struct runner *runner, const char *rest)
 {
-	uint8_t bytes[1024];
+	uint8_t bytes[CHIP_EEPROM_BYTES];
 	int count = console_unhex(rest, bytes, sizeof(bytes));
 
 	if (count < 0) {
@@ -258,7 +258,7 @@ static void command_eeprom(struct runner *runner, const char *rest)
 	}
 	memcpy(chip_eeprom(runner->chip), bytes, count);
 	if (count == 0)
-		console_answer_hex(&runner->console, chip_eeprom(runner->chip), 1024);
+		console_answer_hex(&runner->console, chip_eeprom(runner->chip), CHIP_EEPROM_BYTES);
 	else
 		console_answer(&runner->console, "ok");
 }
@@ -397,15 +397,27 @@ static void take_from_outside(struct runner *runner)
 		chip_send(runner->chip, bytes, world_line(&runner->chip->world, bytes, got));
 }
 
+/* A file that is not there is a new chip's. */
 static void load_eeprom(struct chip *chip, const char *path)
 {
-	FILE *file = fopen(path, "rb");
+	FILE *file = path ? fopen(path, "rb") : NULL;
 
-	if (!file || fread(chip_eeprom(chip), 1, 1024, file) != 1024) {
-		fprintf(stderr, "runner: %s: not 1024 bytes\n", path);
-		exit(1);
-	}
+	if (!file)
+		return;
+	if (fread(chip_eeprom(chip), 1, CHIP_EEPROM_BYTES, file) != CHIP_EEPROM_BYTES)
+		fprintf(stderr, "runner: %s: shorter than an EEPROM: the rest is blank\n", path);
 	fclose(file);
+}
+
+static void save_eeprom(struct chip *chip, const char *path)
+{
+	FILE *file = path ? fopen(path, "wb") : NULL;
+
+	if (path &&
+	    (!file || fwrite(chip_eeprom(chip), 1, CHIP_EEPROM_BYTES, file) != CHIP_EEPROM_BYTES))
+		perror(path);
+	if (file)
+		fclose(file);
 }
 
 /* --- main ---------------------------------------------------------------------------------------
@@ -483,8 +495,7 @@ int main(int argc, char **argv)
 	runner.chip = chip_create(argv[1], carrier, seed);
 	if (!runner.chip)
 		return 1;
-	if (eeprom)
-		load_eeprom(runner.chip, eeprom);
+	load_eeprom(runner.chip, eeprom);
 	runner.chip->line_out = on_line_out;
 	runner.chip->line_out_context = &runner;
 	mcp2515_on_frame(runner.chip->can, on_can_frame, &runner);
@@ -493,6 +504,7 @@ int main(int argc, char **argv)
 	while (!runner.quit && !runner.console.closed && !runner.chip->dead && !runner.real_time)
 		console_serve(&runner.console, -1, execute, &runner);
 	int result = runner.chip->dead ? 3 : 0;
+	save_eeprom(runner.chip, eeprom);
 	line_plug(&runner.line, false);
 	chip_destroy(runner.chip);
 	console_close(&runner.console);

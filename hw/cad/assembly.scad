@@ -1,17 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
 // The box put together from the rendered parts (build/hw/stl) and plain shapes for what is bought.
-//   view = "box" | "open" (drum opened) | "wheel" (taken apart) | "item" (the one named `item`, for the collision test)
+//   view = "box" | "open" (drum opened) | "headset" | "module" (a board camera in it) | "wheel" (taken apart) | "item" (the one named `item`, for the collision test)
 include <derived.scad>
 use <plate.scad>
 
 stl = "../../build/hw/stl/"; // hw.mk says where
 view = "box";
 item = "";
-hidden = view == "open" ? ["ring", "lid", "ldrs", "screws"] : ["screws"];
+ball = ["cradle", "camera", "camera_plug"];
+board_camera = ["module_cradle", "module"];
+hidden = concat(["screws"], view == "module" ? ball : board_camera,
+	view == "open" || view == "module" ? ["ring", "lid", "ldrs", "headset_base"] :
+	view == "headset" ? ["base", "ring", "lid", "ldrs", "ring_cap"] : ["headset_base"]);
 wheel_items = ["wheel_front", "film", "wheel_comb", "wheel_back"];
 apart = view == "wheel" ? 8 : 0;
 
-black = [0.2, 0.2, 0.22];
+black = [0.38, 0.38, 0.42];
 orange = [0.95, 0.5, 0.1];
 green = [0.2, 0.55, 0.35];
 metal = [0.8, 0.8, 0.85];
@@ -29,7 +33,6 @@ module place(name, colour) {
 
 // --- the wheel, in its frame
 place("wheel_front", orange) in_box() translate([0, 0, wheel_front_z - 3 * apart]) part("wheel_front");
-place("film", [0.35, 0.4, 0.5, 0.6]) in_box() translate([0, 0, film_z - 1.5 * apart]) cylinder(h = film_thickness, r = film_diameter / 2);
 place("wheel_comb", [0.55, 0.57, 0.6]) in_box() translate([0, 0, comb_z - 0.5 * apart]) part("wheel_comb");
 place("wheel_back", orange) in_box() translate([0, 0, rim_z + rim_thickness + apart]) rotate([180, 0, 0]) part("wheel_back");
 
@@ -43,13 +46,18 @@ for (i = [0 : 1]) {
 place("servo", [0.12, 0.12, 0.3]) in_box() translate([servo[4], -axes_distance, plate_back_z]) servo_motor();
 place("servo_gear", orange) in_box() translate([0, -axes_distance, servo_gear_z]) rotate(90 + mesh_deg) part("servo_gear");
 place("cradle", green) in_box() translate([0, 0, plate_back_z]) part("cradle");
+place("module_cradle", green) in_box() translate([0, 0, plate_back_z]) part("module_cradle");
+place("module", [0.1, 0.35, 0.2]) in_box() translate([0, 0, module_front_z]) board_camera();
+if (view == "module") color([0.2, 0.55, 0.9]) intersection() { lenses(); translate([-50, 0, -50]) cube(100); }
 place("ring_cap", green) in_box() translate([0, cap_z(), plate_back_z]) part("ring_cap");
 place("screws", metal) screws();
 place("camera", [0.25, 0.25, 0.27]) camera();
+if (view == "box" || view == "open" || view == "headset") color([0.2, 0.55, 0.9]) lenses();
 place("camera_plug", [0.5, 0.5, 0.5]) translate([-5.5, -3.5, -45]) cube([11, 7, 26.5]);
 
 // --- the drum
 place("base", black) translate([0, 0, drum_bottom]) part("base");
+place("headset_base", black) translate([0, 0, drum_bottom]) part("headset_base");
 place("board", [0.1, 0.35, 0.2]) translate([-board_width / 2, board_y - board_depth / 2, drum_bottom + drum_floor + board_post]) board();
 place("ring", [0.3, 0.31, 0.36]) translate([0, 0, ring_z - ring_height / 2]) part("ring");
 place("lid", black) translate([0, 0, lid_top]) rotate([180, 0, 0]) part("lid");
@@ -57,6 +65,9 @@ place("ldrs", [0.9, 0.85, 0.6]) {
 	for (k = [0 : 7]) rotate(-45 * k) translate([ring_flat - ldr_depth, 0, ring_z]) rotate([0, 90, 0]) cylinder(h = ldr_depth, d = 5);
 	translate([0, -plate_back_z - 5, ldr_top_z - ldr_depth]) cylinder(h = ldr_depth, d = 5);
 }
+
+// What one looks through comes last: OpenSCAD draws what is behind it only if it came before.
+place("film", [0.35, 0.4, 0.5, 0.25]) in_box() translate([0, 0, film_z - 1.5 * apart]) cylinder(h = film_thickness, r = film_diameter / 2);
 
 module roller() {
 	bearing();
@@ -111,10 +122,17 @@ module servo_motor() {
 
 module camera() {
 	sphere(camera_diameter / 2 - 1.5, $fn = 32);
-	for (s = [-1, 1]) rotate([-90 * s, 0, 0]) intersection() {
-		translate([0, 0, camera_diameter / 2 - 11]) sphere(11, $fn = 32);
-		cylinder(h = camera_diameter, r = 10);
-	}
+	lenses();
+}
+// Its board, what stands on both sides, its lens.
+module board_camera() {
+	linear_extrude(1.6) square(module_board, center = true);
+	translate([0, 0, 1.6]) linear_extrude(6) square(module_board - 10, center = true);
+	translate([0, 0, 2 - module_lens]) cylinder(h = module_lens - 1, r = module_lens_radius - 1);
+}
+module lenses() for (s = [-1, 1]) rotate([-90 * s, 0, 0]) intersection() {
+	translate([0, 0, camera_diameter / 2 - 11]) sphere(11, $fn = 48);
+	translate([0, 0, camera_diameter / 2 - 3.5]) cylinder(h = camera_diameter, r = 10);
 }
 
 module board() {

@@ -31,6 +31,8 @@ wheel_gear_radius = gear_module * wheel_gear_teeth / 2;
 servo_gear_teeth = wheel_gear_teeth * wheel_travel_deg / servo_travel_deg;
 servo_gear_radius = gear_module * servo_gear_teeth / 2;
 axes_distance = wheel_gear_radius + servo_gear_radius + gear_backlash;
+// Front of the board camera's board, so that its lens is where the ball's would be.
+module_front_z = module_lens - camera_diameter / 2;
 servo_gear_z = wheel_front_z + (wheel_front_thickness - servo_gear_thickness) / 2;
 
 roller_distance = rim_radius + roller_radius - roller_groove + rim_flat / 2; // flanks of 45 degrees touch

@@ -1,13 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// The drum below the wheel: base with the circuit board, ring of eight sensors, lid; and the headset plate.
+// The drum below the wheel: base with the circuit board, ring of eight sensors, lid; and the headset's base.
 // All stand on the bed as in the box, in box coordinates x right, y forward.
 include <derived.scad>
 use <plate.scad>
 
 ring_bottom = ring_z - ring_height / 2;
 ring_top = ring_z + ring_height / 2;
-
-
 
 module walls(height) linear_extrude(height) difference() {
 	outline();
@@ -36,7 +34,6 @@ module base() {
 		}
 		translate([0, 0, -1]) cylinder(h = 30, d = tripod_hole, $fn = 48);
 		translate([0, 0, drum_floor]) cylinder(h = 30, d = tripod_nut_flats / cos(30), $fn = 6);
-		for (x = [-1, 1]) translate([x * peg_distance, 0, -1]) cylinder(h = peg_depth + 1, d = peg_diameter + 0.3, $fn = 32);
 		// The screwdriver for the plate's screws, from the back: in front the servo's gear may be in its way.
 		for (x = [-1, 1]) translate([x * tab_x, -10, tab_screw - drum_bottom]) rotate([90, 0, 0]) cylinder(h = 60, d = 6.5, $fn = 32);
 		// Cables leave at the back.
@@ -112,18 +109,24 @@ module lid_opening() {
 	translate([-26, back - 20]) square([52, 21]);
 }
 
-// Below the drum on a headset or helmet: straps through the slots, pads below, a 1/4-20 screw from below.
-module headset_plate() {
-	difference() {
-		union() {
-			linear_extrude(headset_thickness) difference() {
-				offset(12) square([headset_length - 24, headset_width - 24], center = true);
-				circle(tripod_hole / 2);
-				for (x = [-1, 1], y = [-1, 1]) translate([x * (headset_length / 2 - 8), y * (headset_width / 2 - 20)])
-					square([strap_slot, strap_width], center = true);
-			}
-			for (x = [-1, 1]) translate([x * peg_distance, 0, 0]) cylinder(h = headset_thickness + peg_depth - 0.3, d = peg_diameter - 0.1, $fn = 32);
-		}
-		translate([0, 0, -1]) cylinder(h = 1 + 2.2, d = 14, $fn = 48); // the screw's head
+// For a headset or helmet, in place of base, ring and lid: plate with wheel, board, straps through the slots, pads below.
+headset_plates_screws_z = tab_screw - drum_bottom;
+module headset_base() difference() {
+	union() {
+		linear_extrude(headset_thickness) headset_outline();
+		board_posts();
+		plate_pillars();
+		for (x = [-1, 1]) translate([x * tab_x + 2, -plate_z + 8.9, 0]) rotate([0, -90, 0]) linear_extrude(4)
+			polygon([[0, 0], [headset_thickness, 0], [headset_rib, 0], [headset_thickness, 16], [0, 16]]);
 	}
+	for (x = [-1, 1]) translate([x * tab_x, 0, headset_plates_screws_z]) rotate([90, 0, 0]) cylinder(h = 60, d = 6.5, $fn = 32);
+}
+
+module headset_outline() difference() {
+	translate([0, headset_y]) offset(10) square([headset_length - 20, headset_width - 20], center = true);
+	for (x = [-1, 1], y = [-1, 1]) translate([x * (headset_length / 2 - 6), headset_y + y * (headset_width / 2 - 21)])
+		square([strap_slot, strap_width], center = true);
+	// Lighter, and a way for the cables.
+	for (y = [-1, 1]) translate([0, headset_y + y * (headset_width / 4 - 2)])
+		offset(4) square([2 * headset_window - 8, headset_width / 2 - 20], center = true);
 }

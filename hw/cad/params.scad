@@ -20,6 +20,15 @@ camera_plug_depth = 9;   // along y
 pupil_behind_apex = 4.0; // of the front lens
 film_before_apex = 2.0;
 
+// --- instead of the ball: a board camera with a fisheye lens, which sees one hemisphere
+module_board = 38;       // square
+module_holes = 34;       // from hole to hole; 28 for boards of 32
+module_hole = 1.7;       // M2, cuts its own thread
+module_lens = 22;        // from the board's front to the lens's apex
+module_lens_radius = 12; // with its holder
+module_sheet = 3;
+module_rib = 9;
+
 // --- polarizing film and the wheel that carries it
 film_diameter = 52;
 film_thickness = 0.8;    // with a paper ring under it if thinner
@@ -76,11 +85,13 @@ gear_backlash = 0.15;    // added to the distance of the axes
 gear_pressure_deg = 20;
 wheel_travel_deg = 270;  // of the wheel for the servo's whole travel
 
-// --- servo: 270 (straight) or 180 (geared 3:2 up)
-servo_travel_deg = 270;
-servo_gear_thickness = 5;
+// --- servo: 180 (geared 3:2 up) or 270 (straight)
+servo_travel_deg = 180;
+servo_gear_thickness = 4;
 servo_case_above = 10;   // case beyond the ears, towards the gear
 servo_case_below = 28;   // behind the ears
+gear_rim = 3;            // of the servo's gear, below its teeth
+gear_spoke = 5;
 horn_hole_radius = 8;
 horn_hole = 2.2;
 horn_centre_hole = 8;
@@ -88,7 +99,7 @@ horn_centre_hole = 8;
 // --- plate
 plate_thickness = 4;
 plate_margin = 1;        // roller above the plate: a washer
-plate_hole_radius = 28;
+plate_hole_radius = 31;
 plate_half_width = 46;
 plate_tab = 13;          // height of its two feet
 m3_clear = 3.3;
@@ -122,11 +133,11 @@ cable_height = 10;
 tripod_nut_flats = 11.2; // 1/4-20: 7/16 inch
 tripod_nut_height = 5.8;
 tripod_hole = 6.7;
-peg_distance = 20;
-peg_diameter = 4;
-peg_depth = 2.2;
-headset_length = 120;
-headset_width = 70;
-headset_thickness = 4;
+headset_length = 116;
+headset_width = 74;
+headset_y = -5;          // its middle
+headset_thickness = 3;
+headset_rib = 22;        // height of what stiffens the pillars
+headset_window = 26;     // half width
 strap_width = 26;
 strap_slot = 4;

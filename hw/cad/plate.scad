@@ -22,6 +22,7 @@ module plate() linear_extrude(plate_thickness) difference() {
 	at(gauge_radius, gauge_deg) hole(gauge_hole);
 	for (f = forks()) rotate(f[0]) translate([f[1], 0]) carrier_cuts();
 	translate([0, -axes_distance]) servo_cutout();
+	if (servo_travel_deg == 180) both_sides() plate_window();
 	both_sides() {
 		translate([cap_screw(), cap_z()]) hole(m3_clear);
 		translate(cradle_screw()) hole(m3_clear);
@@ -35,11 +36,14 @@ module plate_outline() difference() {
 		for (f = forks()) rotate(f[0]) translate([f[1] - 8, 0]) offset(2) square([23, 26], center = true);
 		hull() for (x = [-9, 9], z = [40, cap_z()]) translate([x, z]) circle(5);
 		hull() for (x = [-1, 1], p = [[34, -18], [39, -48], [39, plate_crotch + 10]]) translate([x * p[0], p[1]]) circle(4);
-		translate([-plate_half_width, plate_bottom]) square([2 * plate_half_width, plate_tab + 15]);
+		translate([-plate_half_width, plate_bottom]) square([2 * plate_half_width, plate_tab + 19]);
 	}
 	// Below: two tabs, and the circuit board between them.
 	translate([-tab_x + 4, plate_bottom - 1]) square([2 * tab_x - 8, plate_crotch - plate_bottom + 1]);
 }
+
+// Above a small servo there is room: lighter.
+module plate_window() translate([16.5, -60]) offset(3) square([15, 12], center = true);
 
 // In the plate, for one carrier: the sensor's lower ear, and slots for its screws.
 module carrier_cuts() {
@@ -108,6 +112,27 @@ module cradle() {
 		translate([-camera_plug_width / 2, cradle_screw().y - 20, -1]) cube([camera_plug_width, 20 + bottom - cradle_screw().y, 10]);
 		// A rubber cord over the ball, along the seam between the lenses.
 		both_sides() translate([11, bottom - 1, max(3.5, centre_z - 1.5)]) cube([6, 3.2, 3]);
+	}
+}
+
+// Holds a board camera instead; on the same screws. Its front (towards the plate) is the bed; axes as the cradle's.
+module module_cradle() {
+	half = module_board / 2 + 4;
+	low = cradle_screw().y - 6;
+	difference() {
+		union() {
+			linear_extrude(module_sheet) hull() {
+				square(2 * half, center = true);
+				both_sides() translate([cradle_screw().x + 2, low + 4]) circle(4);
+			}
+			for (x = [-1, 1], y = [-1, 1]) translate([x, y] * module_holes / 2)
+				cylinder(h = module_front_z - plate_back_z, r = 3, $fn = 32);
+			both_sides() translate([half - 2, low + 1, 0]) cube([2, half - low - 1, module_rib]);
+		}
+		translate([0, 0, -1]) cylinder(h = 20, r = module_lens_radius + 1);
+		for (x = [-1, 1], y = [-1, 1]) translate([x * module_holes / 2, y * module_holes / 2, -1]) cylinder(h = 30, d = module_hole, $fn = 16);
+		both_sides() translate([cradle_screw().x, cradle_screw().y, -1]) cylinder(h = 20, d = m3_clear, $fn = 24);
+		both_sides() translate([cradle_screw().x, cradle_screw().y, module_sheet]) cylinder(h = 20, d = 6.5, $fn = 24);
 	}
 }
 

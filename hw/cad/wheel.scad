@@ -74,7 +74,13 @@ module servo_gear() {
 		spur_gear(servo_gear_teeth);
 		circle(horn_centre_hole / 2);
 		for (a = [0 : 45 : 315]) at(horn_hole_radius, a) circle(horn_hole / 2, $fn = 24);
-		// Lighter, and less to turn.
-		for (a = [0 : 60 : 300]) at((servo_gear_radius + horn_hole_radius) / 2 + 1, a) circle(min(7, servo_gear_radius / 6));
+		gear_windows();
 	}
+}
+
+// Lighter, and less to turn: a rim, a hub and six spokes remain.
+module gear_windows() difference() {
+	circle(servo_gear_radius - 1.25 * gear_module - gear_rim);
+	circle(horn_hole_radius + 5);
+	for (a = [30 : 60 : 330]) rotate(a) translate([0, -gear_spoke / 2]) square([servo_gear_radius, gear_spoke]);
 }

@@ -1,19 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bill of materials and power budget, as Markdown, from hw/bom.yml."""
+"""Bill of materials, power budget and the servo's force, as Markdown, from hw/bom.yml."""
 
 from __future__ import annotations
 
 import argparse
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
+import circuit
 import yaml
-from dimensions import HW
+from dimensions import HW, dimensions
 
 
 @dataclass
 class Part:
-    """One line of the bill. Prices in euro for one, currents in mA at 5 V for one."""
+    """One line of the bill. Prices in euro, currents in mA at 5 V, masses in g, all for one."""
 
     id: str
     what: str
@@ -24,6 +26,9 @@ class Part:
     rail: str = ""
     typical_ma: float = 0
     peak_ma: float = 0
+    headset_g: float = 0
+    torque_nm: float = 0
+    travel_deg: int = 0
 
 
 @dataclass
@@ -44,7 +49,11 @@ def load() -> tuple[list[Part], list[Rail]]:
     parts = [Part(**{**part, "price_eur": tuple(part["price_eur"])}) for part in data["parts"]]
     rails = [Rail(id=name, **rail) for name, rail in data["rails"].items()]
     for part in parts:
-        for low, high in [part.price_eur, *(other["price_eur"] for other in part.instead)]:
+        part.what = part.what.replace("{small_parts}", circuit.small_parts())
+        for low, high in [
+            part.price_eur,
+            *(other["price_eur"] for other in part.instead),
+        ]:
             if not 0 <= low <= high:
                 raise ValueError(f"bom.yml: {part.id}: price {low}…{high}")
         if part.rail and part.rail not in {rail.id for rail in rails}:
@@ -93,7 +102,10 @@ def bom_table(parts: list[Part]) -> str:
         lines.append(f"| {only}{part.what} | {part.count} | {span(*part.price_eur)} | {instead} |")
     low, high = total_eur(parts)
     return "\n".join(
-        [*lines, f"| **all that is needed** | | **{span(round(low), round(high))}** | |"]
+        [
+            *lines,
+            f"| **all that is needed** | | **{span(round(low), round(high))}** | |",
+        ]
     )
 
 
@@ -105,18 +117,45 @@ def power_table(parts: list[Part], rails: list[Rail]) -> str:
     ]
     for rail in budget(parts, rails):
         left = 100 * (1 - rail.peak_ma / rail.limit_ma)
-        row = (rail.what, *(f"{ma:.0f}" for ma in (rail.typical_ma, rail.peak_ma, rail.limit_ma)))
+        row = (
+            rail.what,
+            *(f"{ma:.0f}" for ma in (rail.typical_ma, rail.peak_ma, rail.limit_ma)),
+        )
         lines.append(f"| {' | '.join(row)} | {left:.0f} % |")
     return "\n".join(lines)
 
 
+def drive_table() -> str:
+    """Markdown: what servos push with at the teeth of their gear, and what the wheel needs."""
+    lines = ["| servo | N at the teeth |", "|---|---|"]
+    servo = next(part for part in load()[0] if part.id == "servo")
+    choices = [(servo.what, servo.torque_nm, servo.travel_deg)]
+    choices += [(o["what"], o["torque_nm"], o["travel_deg"]) for o in servo.instead]
+    for what, torque_nm, travel_deg in choices:
+        radius_m = dimensions(servo_travel_deg=travel_deg)["servo_gear_radius"] / 1000
+        lines.append(f"| {what}, stalled | {torque_nm / radius_m:.1f} |")
+    return "\n".join([*lines, f"| *needed by the wheel* | {needed_n():.1f} |"])
+
+
+def needed_n() -> float:
+    """Force at the wheel's teeth, in N: to turn a disc to full speed in 50 ms, and friction."""
+    wheel_kg, friction_n = 0.06, 0.3
+    speed_rad_s, within_s = math.radians(240), 0.05
+    dim = dimensions()
+    inertia_kg_m2 = 0.5 * wheel_kg * (dim["comb_radius"] / 1000) ** 2
+    radius_m = dim["wheel_gear_radius"] / 1000
+    return inertia_kg_m2 * speed_rad_s / within_s / radius_m + friction_n
+
+
 def main() -> None:
-    """Prints both tables."""
+    """Prints the tables."""
     argparse.ArgumentParser(description=__doc__).parse_args()
     parts, rails = load()
     print(bom_table(parts))
     print()
     print(power_table(parts, rails))
+    print()
+    print(drive_table())
 
 
 if __name__ == "__main__":

@@ -8,7 +8,15 @@ import argparse
 from dimensions import HW, ROOT
 from PIL import Image
 
-WIDTHS_PX = {"box": 700, "open": 700, "wheel": 700, "wiring": 2600}
+WIDTHS_PX = {
+    "box": 700,
+    "open": 700,
+    "headset": 700,
+    "module": 700,
+    "wheel": 700,
+    "schematic": 2200,
+    "schematic_hat": 1000,
+}
 
 
 def main() -> None:

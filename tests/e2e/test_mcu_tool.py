@@ -62,7 +62,7 @@ def test_home_move_release(tmp_path: Path, box: Box) -> None:
     mcu(tmp_path, "release")
     assert box.get("powered") == 0
     assert "OUT_OF_RANGE" in mcu(tmp_path, "move", "200", status=1)
-    assert "less than or equal to 327" in mcu(tmp_path, "move", "400", status=2)
+    assert "want -327…327 degrees" in mcu(tmp_path, "move", "400", status=2)
 
 
 @pytest.mark.usefixtures("box")
@@ -168,6 +168,16 @@ def test_flash_mends_a_chip_whose_program_is_destroyed(tmp_path: Path) -> None:
         box.command("flash 0 ffcf")  # the reset vector: a jump to itself
         assert "firmware 0.1.0 answers" in mcu(tmp_path, "flash")
         assert "SETTLED at 0.00°" in mcu(tmp_path, "home")
+
+
+def test_the_flashed_binarys_box_answers_and_keeps_its_eeprom(tmp_path: Path) -> None:
+    """As the firmware built for this machine does; the file need not be there."""
+    for value in (40, 55):
+        with Box("avr", tmp_path / "mcu", eeprom=tmp_path / "eeprom") as box:
+            assert [box.get("dtr_resets") for _ in range(3)] == [1, 1, 1]
+            former = json.loads(mcu(tmp_path, "params", "get", "lag_ms", "--json"))[0]["value"]
+            mcu(tmp_path, "params", "set", "lag_ms", str(value), "--save")
+    assert former == 40
 
 
 def test_flash_keeps_off_a_port_in_use(tmp_path: Path, box: Box) -> None:

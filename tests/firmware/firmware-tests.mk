@@ -35,6 +35,11 @@ test-firmware-long: build ## 10 000 random wheel moves with random faults in sim
 	@LP_WHEEL_SECONDS=300 $(VENV)/bin/pytest -q -s tests/e2e/test_daemon_wheel.py -k random
 	@$(VENV)/bin/python tests/firmware/campaign.py --moves $(MOVES) --seed $(SEED) --jobs $(JOBS)
 
+.PHONY: ring-accuracy
+ring-accuracy: build ## how good a calibrated ring is: the table of docs/builders/ring_files.md, simulated
+	@$(MAKE) -j$(JOBS) $(FW_HOST)-asan
+	@$(VENV)/bin/pytest -q -s tests/firmware/test_ring_accuracy.py -k host
+
 # One of `make fuzz`'s targets, but of the firmware's own parts.
 $(BUILD)/fuzz/fuzz/mcu: $(FW_OUT)/fuzz/tests/fuzz/fuzz_mcu.o $(FW_OBJECTS_fuzz)
 	@mkdir -p $(@D)

@@ -6,6 +6,7 @@ costs is in the stated sigma, and tests/unit/py/test_box_calibration.py holds it
 """
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from rig import Rig
 GUIDE_LUX = (10, 100, 1000, 20_000)  # hw/guide.md
 SEEN_LUX = (1, 3, 10, 30, 100, 300, 1000, 3000, 10_000, 30_000, 100_000)
 NOISE = 0.03
+DOCUMENT = Path(__file__).resolve().parents[2] / "docs/builders/ring_files.md"
 Array = np.ndarray
 
 
@@ -64,11 +66,16 @@ def test_the_calibrated_ring_is_right_within_its_stated_sigma(
     )
     within = np.abs(errors) <= sigmas
     for k, lux in enumerate(SEEN_LUX):
-        print(
-            f"{lux:7d} lx: rms error {100 * np.sqrt(np.mean(errors[:, k] ** 2)):4.0f} %, "
-            f"stated {100 * np.median(sigmas[:, k]):4.0f} %, within {np.mean(within[:, k]):.3f}"
+        row = (
+            f"| {lux} | {100 * np.sqrt(np.mean(errors[:, k] ** 2)):.0f} % "
+            f"| {100 * np.median(sigmas[:, k]):.0f} % | {100 * np.mean(within[:, k]):.1f} % |"
         )
+        print(row)
         assert np.mean(within[:, k]) >= 0.95, lux
+        if target == "host":
+            assert row in DOCUMENT.read_text(), (
+                f"docs/builders/ring_files.md: make ring-accuracy prints {row}"
+            )
     indoors = [k for k, lux in enumerate(SEEN_LUX) if 3 <= lux <= 3000]
     assert np.sqrt(np.mean(errors[:, indoors] ** 2)) < 0.08
     assert np.median(sigmas[:, indoors]) < 0.2  # a sigma of 100 % would be no feat

@@ -7,11 +7,11 @@ import numpy as np
 import trimesh
 
 # Which of the two boxes: see HW_SERVO in hw/hw.mk.
-SERVO_DEG = int(os.environ.get("HW_SERVO", "270"))
+SERVO_DEG = int(os.environ.get("HW_SERVO", "180"))
 OUT = (
     Path(__file__).resolve().parents[2]
     / "build"
-    / ("hw" if SERVO_DEG == 270 else f"hw-{SERVO_DEG}")
+    / ("hw" if SERVO_DEG == 180 else f"hw-{SERVO_DEG}")
 )
 
 

@@ -2,8 +2,8 @@
 
 import pytest
 import readme
-from bom import Part, Rail, budget, load, total_eur
-from dimensions import ROOT
+from bom import Part, Rail, budget, load, needed_n, total_eur
+from dimensions import ROOT, dimensions
 
 
 def test_the_bill_adds_up_and_leaves_reserve() -> None:
@@ -18,7 +18,7 @@ def test_the_bill_adds_up_and_leaves_reserve() -> None:
 
 def test_tables_of_the_readme_are_up_to_date() -> None:
     text = (ROOT / "hw/README.md").read_text()
-    assert readme.renewed(text) == text, "make hw-docs"
+    assert readme.renewed(text, readme.tables()) == text, "make hw-docs"
 
 
 def test_currents_climb_to_the_rail_that_feeds_a_rail_and_options_do_not_count() -> None:
@@ -49,3 +49,10 @@ def test_numbers_that_cannot_be_are_named(
     monkeypatch.setattr("bom.HW", tmp_path)
     with pytest.raises(ValueError, match=r"bom\.yml: thing"):
         load()
+
+
+def test_the_servo_is_strong_enough_and_harmless_to_fingers() -> None:
+    servo = next(part for part in load()[0] if part.id == "servo")
+    radius_m = dimensions(servo_travel_deg=servo.travel_deg)["servo_gear_radius"] / 1000
+    force_n = servo.torque_nm / radius_m
+    assert 3 * needed_n() < force_n < 10

@@ -70,12 +70,17 @@ def crossings(
     """Edges that one sweep passed, `speed_deg_s` as it was told, with its sign.
 
     The pulse at an edge is the mean of the readings on both sides of it. Left out: the first edges
-    after the start, and those that go by while the pulse stands still.
+    after the start, and those that go by while the pulse stands still or goes back. A servo that
+    is built in the other way round turns the wheel up with shorter pulses.
     """
+    if not readings:
+        return []
     way = 1 if speed_deg_s > 0 else -1
+    sweep_us = readings[-1].pulse_us - readings[0].pulse_us
     passed = []
     for before, after in pairwise(readings):
-        if after.edges - before.edges != way or (after.pulse_us - before.pulse_us) * way <= 0:
+        step_us = after.pulse_us - before.pulse_us
+        if after.edges - before.edges != way or step_us * sweep_us <= 0:
             continue
         edge = min(before.edges, after.edges)  # edge k: k edges lie below it
         pulse_us = (before.pulse_us + after.pulse_us) / 2

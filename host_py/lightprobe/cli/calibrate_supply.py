@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from lightprobe.calibrate.files import CalibrationError
-from lightprobe.cli import calibrate
+from lightprobe.cli import calibrate, check
 from lightprobe.cli.mcu import Port, param_number, read_ring
 from lightprobe.mcu.session import DEFAULT_PORT, Session, session
 
@@ -18,7 +18,10 @@ _PARAM = "bandgap_mv"
 
 def command(
     volts: Annotated[
-        float, typer.Argument(min=2.7, max=5.5, help="What a multimeter shows from 5V to GND.")
+        float,
+        typer.Argument(
+            callback=check.number(2.7, 5.5, "volts"), help="What a multimeter shows from 5V to GND."
+        ),
     ],
     port: Port = DEFAULT_PORT,
     save: Annotated[bool, typer.Option("--save", help="Set bandgap_mv; in EEPROM.")] = False,

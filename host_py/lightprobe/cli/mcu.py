@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from lightprobe.calibrate import ring
-from lightprobe.cli import mcu_flash, view
+from lightprobe.cli import check, mcu_flash, view
 from lightprobe.errors import UsageError
 from lightprobe.geometry import Array
 from lightprobe.mcu import faults as mcu_faults
@@ -114,8 +114,14 @@ def info(port: Port = DEFAULT_PORT, as_json: AsJson = False) -> None:
 def watch(
     port: Port = DEFAULT_PORT,
     calibration: Calibration = None,
-    rate_hz: Annotated[float, typer.Option("--rate", min=0.5, max=100, help="Rings/s.")] = 10.0,
-    seconds: Annotated[float | None, typer.Option(help="End after so long.")] = None,
+    rate_hz: Annotated[
+        float,
+        typer.Option("--rate", callback=check.number(0.5, 100, "rings a second"), help="Rings/s."),
+    ] = 10.0,
+    seconds: Annotated[
+        float | None,
+        typer.Option(callback=check.number(0, 1e9, "seconds"), help="End after so long."),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="A JSON line per message.")] = False,
 ) -> None:
     """Show wheel, ring and faults as they come. Ends on Ctrl-C."""
@@ -154,14 +160,23 @@ def home_command(port: Port = DEFAULT_PORT, as_json: AsJson = False) -> None:
 
 @app.command("move")
 def move_command(
-    angle_deg: Annotated[float, typer.Argument(min=-327, max=327, help="Where to, in degrees.")],
+    angle_deg: Annotated[
+        float,
+        typer.Argument(callback=check.number(-327, 327, "degrees"), help="Where to, in degrees."),
+    ],
     port: Port = DEFAULT_PORT,
     slew_deg_s: Annotated[
         float,
-        typer.Option(min=0, max=6553, help="Speed, 3°/s or more for 180°; 0: as fast as allowed."),
+        typer.Option(
+            callback=check.number(0, 6553, "degrees a second"),
+            help="Speed, 3°/s or more for 180°; 0: as fast as allowed.",
+        ),
     ] = 0,
     hold_s: Annotated[
-        float, typer.Option(min=0, max=6553, help="Servo powered for so long then.")
+        float,
+        typer.Option(
+            callback=check.number(0, 6553, "seconds"), help="Servo powered for so long then."
+        ),
     ] = 0,
     as_json: AsJson = False,
 ) -> None:
@@ -196,7 +211,10 @@ def _print_state(state: mcu.WheelState, as_json: bool) -> None:
 def ring_command(
     port: Port = DEFAULT_PORT,
     calibration: Calibration = None,
-    seconds: Annotated[float, typer.Option(min=0.05, help="Average over so long.")] = 0.5,
+    seconds: Annotated[
+        float,
+        typer.Option(callback=check.number(0.05, 1e5, "seconds"), help="Average over so long."),
+    ] = 0.5,
     as_json: AsJson = False,
 ) -> None:
     """Read the nine light sensors: level, resistance, illuminance."""

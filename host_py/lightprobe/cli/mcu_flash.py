@@ -33,7 +33,9 @@ def command(
     file: Annotated[
         Path | None, typer.Option("--hex", help="Intel HEX; default: what `make firmware` built.")
     ] = None,
-    boot_baud: Annotated[int, typer.Option(help="Of the boot loader; old Nanos: 57600.")] = 115200,
+    boot_baud: Annotated[
+        int, typer.Option(min=300, max=2_000_000, help="Of the boot loader; old Nanos: 57600.")
+    ] = 115200,
     verify: Annotated[bool, typer.Option(help="Greet the new firmware afterwards.")] = True,
 ) -> None:
     """Write the firmware through an Arduino's boot loader, and greet it. Parameters stay."""

@@ -64,6 +64,9 @@ def test_crossings_are_between_readings_of_the_same_way() -> None:
     assert passed[0].pulse_us == 800 + 55
     assert crossings(up[::-1], -16.5, 3.0, -40)[-1].edge_deg == -16.5
     assert crossings(up, -16.5, 3.0, -40) == []
+    reversed_servo = [Reading(3000 - one.pulse_us, one.edges) for one in up]
+    mirrored = crossings(reversed_servo, -16.5, 3.0, 40)
+    assert [c.edge_deg for c in mirrored] == [c.edge_deg for c in passed]
     standing = [Reading(900, k) for k in range(9)]
     assert crossings(standing, 0, 3, 40) == []
 

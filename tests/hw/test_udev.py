@@ -1,0 +1,53 @@
+"""udev accepts the rules."""
+
+import shutil
+import subprocess
+from pathlib import Path
+
+from dimensions import ROOT
+
+RULES = ROOT / "packaging/udev"
+
+
+def run(*command: str | Path, code: int = 0) -> str:
+    done = subprocess.run(
+        [str(word) for word in command], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == code, done.stderr
+    return done.stdout + done.stderr
+
+
+# In a mount namespace of its own udev sees these rules only, and a Raspberry Pi's groups.
+READ_RULES = """
+set -e
+mount -t tmpfs none /run
+mkdir /run/empty /run/rules
+cp "$1"/*.rules /run/rules/
+{ cat /etc/group; echo gpio:x:986:; echo i2c:x:985:; } >/run/group
+mount --bind /run/group /etc/group
+mkdir -p /etc/udev/rules.d
+for d in /usr/lib/udev/rules.d /lib/udev/rules.d; do [ -d $d ] && mount --bind /run/empty $d; done
+mount --bind /run/rules /etc/udev/rules.d
+udevadm --debug test /sys/devices/virtual/mem/null 2>&1
+"""
+
+
+def udev_says(rules: Path) -> list[str]:
+    """What udev says about the rules: one line per file read, and its complaints."""
+    said = run("unshare", "--map-root-user", "--mount", "bash", "-c", READ_RULES, "udev", rules)
+    return [line for line in said.splitlines() if "/etc/udev/rules.d/" in line]
+
+
+def test_udev_reads_the_rules_without_complaint() -> None:
+    files = sorted(RULES.glob("*.rules"))
+    assert udev_says(RULES) == [
+        f"Reading rules file: /etc/udev/rules.d/{path.name}" for path in files
+    ]
+
+
+def test_a_wrong_rule_is_found(tmp_path: Path) -> None:
+    """The check can fail."""
+    shutil.copy(RULES / "71-lightprobe-mcu.rules", tmp_path / "71-x.rules")
+    with (tmp_path / "71-x.rules").open("a") as f:
+        f.write('SUBSYSTEM=="tty", GRUOP="dialout"\n')
+    assert any("GRUOP" in line for line in udev_says(tmp_path))
