@@ -430,6 +430,18 @@ static void test_offers_in_words(void **state)
 	assert_string_equal(little, "YUYV 1920x960 at 5 ...");
 	lp_offers_describe(&(struct lp_offers){0}, text, sizeof(text));
 	assert_string_equal(text, "nothing");
+
+	struct lp_offer_wish wish = {.format = LP_FORMAT_YUYV, .fps = 30};
+
+	lp_offers_refuse(&offers, &wish, text, sizeof(text));
+	assert_string_equal(text, "YUYV at 30 is not offered — there is YUYV 1920x960 at 5");
+	wish.format = LP_FORMAT_GREY;
+	lp_offers_refuse(&offers, &wish, text, sizeof(text));
+	assert_memory_equal(text, "GREY at 30 is not offered — there is YUYV 1920x960 at 5; MJPG",
+			    60);
+	wish.format = 0;
+	lp_offers_refuse(&offers, &wish, text, sizeof(text));
+	assert_memory_equal(text, "any format at 30 is not offered — there is YUYV", 49);
 }
 
 static void test_sizes_of_pictures(void **state)

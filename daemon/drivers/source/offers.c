@@ -212,8 +212,12 @@ void lp_offers_refuse(const struct lp_offers *offers, const struct lp_offer_wish
 		      size_t size_bytes)
 {
 	char wished[64], offered[256];
+	struct lp_offers alike = {0};
 
+	for (int i = 0; i < offers->count; i++)
+		if (wish->format && (int)format_of(offers->list[i].fourcc) == wish->format)
+			alike.list[alike.count++] = offers->list[i];
 	describe_wish(wish, wished, sizeof(wished));
-	lp_offers_describe(offers, offered, sizeof(offered));
+	lp_offers_describe(alike.count ? &alike : offers, offered, sizeof(offered));
 	snprintf(text, size_bytes, "%s is not offered — there is %s", wished, offered);
 }

@@ -67,8 +67,9 @@ size_t lp_picture_bytes(enum lp_pixel_format format, uint32_t stride_bytes, uint
 int lp_offers_choose(const struct lp_offers *offers, const struct lp_offer_wish *wish,
 		     struct lp_offer_choice *choice);
 
-/* "MJPEG 1920x960 at 25 is not offered — there is MJPG 1920x960 at 30/15/5; YUYV ..." into `text`,
- * cut short by "..." when it does not fit. */
+/* "MJPEG 1920x960 at 25 is not offered — there is MJPG 1920x960 at 30/15/5, ..." into `text`, cut
+ * short by "..." when it does not fit. Only of the format that is asked for, if there is one: the
+ * text must be short enough for a fault on the wire (160 bytes). */
 void lp_offers_refuse(const struct lp_offers *offers, const struct lp_offer_wish *wish, char *text,
 		      size_t size_bytes);
 
