@@ -105,6 +105,28 @@ static bool collect_thinned(struct lp_imager *imager, const struct lp_lamp_finde
 	return patch->count > 0;
 }
 
+/* The longest exposure that the mask (bit k: exposure k) does not exclude, else the shortest. NULL:
+ * there is none. *all_excluded: that was so; may be NULL. */
+static const struct lp_exposure *longest_exposure(const struct lp_imager *imager, unsigned excluded,
+						  bool *all_excluded)
+{
+	const struct lp_exposure *best = NULL, *shortest = NULL;
+
+	for (int k = 0; k < LP_MAX_BRACKET; k++) {
+		const struct lp_exposure *e = &imager->exposure[k];
+
+		if (!e->serial)
+			continue;
+		if (!shortest || e->scale > shortest->scale)
+			shortest = e;
+		if (!(excluded >> k & 1) && (!best || e->scale < best->scale))
+			best = e;
+	}
+	if (all_excluded)
+		*all_excluded = !best;
+	return best ? best : shortest;
+}
+
 static bool clips(const struct lp_exposure *exposure, const struct patch *patch)
 {
 	for (int i = 0; i < patch->count; i++)
@@ -117,20 +139,13 @@ static bool clips(const struct lp_exposure *exposure, const struct patch *patch)
 static const struct lp_exposure *best_exposure(const struct lp_imager *imager,
 					       const struct patch *patch, bool *clipped)
 {
-	const struct lp_exposure *best = NULL, *shortest = NULL;
+	unsigned clipping = 0;
 
 	for (int k = 0; k < LP_MAX_BRACKET; k++) {
-		const struct lp_exposure *e = &imager->exposure[k];
-
-		if (!e->serial)
-			continue;
-		if (!shortest || e->scale > shortest->scale)
-			shortest = e;
-		if ((!best || e->scale < best->scale) && !clips(e, patch))
-			best = e;
+		if (imager->exposure[k].serial && clips(&imager->exposure[k], patch))
+			clipping |= 1U << k;
 	}
-	*clipped = !best;
-	return best ? best : shortest;
+	return longest_exposure(imager, clipping, clipped);
 }
 
 /* Which cells of the patch are to be decoded; returns how many. By one exposure: in a merged cell
@@ -396,19 +411,13 @@ bool lp_imager_refine(struct lp_imager *imager, const struct lp_lamp_finder *fin
 static const struct lp_exposure *exposure_for(const struct lp_imager *imager, float tone)
 {
 	const float top = imager->response.pixel[1][TOP_CODE];
-	const struct lp_exposure *best = NULL, *shortest = NULL;
+	unsigned clipping = 0;
 
 	for (int k = 0; k < LP_MAX_BRACKET; k++) {
-		const struct lp_exposure *e = &imager->exposure[k];
-
-		if (!e->serial)
-			continue;
-		if (!shortest || e->scale > shortest->scale)
-			shortest = e;
-		if (tone < top * e->scale && (!best || e->scale < best->scale))
-			best = e;
+		if (tone >= top * imager->exposure[k].scale)
+			clipping |= 1U << k;
 	}
-	return best ? best : shortest;
+	return longest_exposure(imager, clipping, NULL);
 }
 
 float lp_imager_strength_sigma(const struct lp_imager *imager, const struct lp_lamp *lamp)
