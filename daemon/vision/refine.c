@@ -14,7 +14,6 @@
 #include "vision/imager_internal.h"
 #include "vision/remap.h"
 
-#define LUMINANCE 3
 /* Response, roll-off and white balance of a camera: what a lamp's strength is uncertain by at best.
  */
 #define CAMERA_SIGMA 0.02F
@@ -62,9 +61,9 @@ static int polar_stride(const struct lp_imager *imager, int row, int most)
 /* Does this camera cell hold so much of the lamp's light, and not just its surround's? */
 static bool holds(const struct lp_cells *cells, const struct lp_lamp *lamp, int source, float share)
 {
-	const float surround = lamp->background[LUMINANCE];
+	const float surround = lamp->background[LP_LUMINANCE];
 
-	return cells->radiance[source][LUMINANCE] - surround > share * (lamp->peak - surround);
+	return cells->radiance[source][LP_LUMINANCE] - surround > share * (lamp->peak - surround);
 }
 
 /* Camera cells behind the lamp's panorama cells, thinned where polar_stride() allows it; the bright
@@ -211,12 +210,12 @@ static struct row_sums sum_row(const float (*rgb)[3], int count, float step,
 
 	for (int x = 0; x < count; x++) {
 		const float u = ((float)x + 0.5F) * step;
-		const float light = lp_luminance(rgb[x]) - background[LUMINANCE];
+		const float light = lp_luminance(rgb[x]) - background[LP_LUMINANCE];
 		const float one = light > threshold ? 1.0F : 0.0F, core = one * light;
 
 		for (int c = 0; c < 3; c++)
 			s.flux[c] += rgb[x][c] - background[c];
-		s.flux[LUMINANCE] += light;
+		s.flux[LP_LUMINANCE] += light;
 		s.moment += light * u;
 		s.core += core;
 		s.core_moment += core * u;
@@ -241,7 +240,7 @@ static void add_row(struct sums *s, const struct row_sums *row, const struct lp_
 		const double from = g->first[a] - lamp->direction[a];
 
 		s->all[a] +=
-			omega * (row->flux[LUMINANCE] * g->first[a] + row->moment * g->along[a]);
+			omega * (row->flux[LP_LUMINANCE] * g->first[a] + row->moment * g->along[a]);
 		s->first[a] += omega * (row->core * g->first[a] + row->core_moment * g->along[a]);
 		apart[a] = row->pixels * from * from + 2.0 * row->u * from * g->along[a] +
 			   row->uu * g->along[a] * g->along[a];
@@ -266,7 +265,7 @@ static struct row_sums flat_row(const float *radiance, int count, float step,
 
 	for (int c = 0; c < 4; c++)
 		s.flux[c] = (float)count * (radiance[c] - background[c]);
-	s.moment = s.flux[LUMINANCE] * 0.5F * (float)count * step;
+	s.moment = s.flux[LP_LUMINANCE] * 0.5F * (float)count * step;
 	return s;
 }
 
@@ -311,7 +310,7 @@ static struct sums sum_patch(struct lp_imager *imager, const struct lp_exposure 
 		const struct lp_cell_geometry g = lp_cell_geometry(imager, column, row);
 		const float(*rgb)[3] =
 			(const float(*)[3])(imager->pixels + (size_t)i * side * side);
-		const bool flat = patch->brightest[i] - lamp->background[LUMINANCE] <= threshold;
+		const bool flat = patch->brightest[i] - lamp->background[LP_LUMINANCE] <= threshold;
 
 		for (int y = 0; g.seen && y < side && row * side + y < height; y++) {
 			const double omega = equirect ? imager->row_solid_angle_sr[row * side + y]
@@ -344,7 +343,7 @@ static void normalise(const double vector[3], float unit[3])
 static double pixel_noise(const struct lp_imager *imager, const struct lp_exposure *exposure,
 			  const struct lp_lamp *lamp)
 {
-	const float tone = (float)lamp->irradiance[LUMINANCE] / lamp->solid_angle_sr;
+	const float tone = (float)lamp->irradiance[LP_LUMINANCE] / lamp->solid_angle_sr;
 
 	return (double)tone * exposure->noise.pixel *
 	       lp_relative_slope(&imager->response, tone / exposure->scale);
@@ -397,11 +396,11 @@ bool lp_imager_refine(struct lp_imager *imager, const struct lp_lamp_finder *fin
 		collect(imager, finder, lamp, most_cells, &patch, &clipped);
 	if (!exposure)
 		return false;
-	const float peak = load_pixels(imager, exposure, &patch) - lamp->background[LUMINANCE];
+	const float peak = load_pixels(imager, exposure, &patch) - lamp->background[LP_LUMINANCE];
 	const float threshold = fmaxf(CORE_SHARE * peak, 3.0F * lamp->background_noise);
 	const struct sums s = sum_patch(imager, exposure, &patch, lamp, threshold);
 
-	if (!(s.core > 0.0) || !(s.flux[LUMINANCE] > 0.0))
+	if (!(s.core > 0.0) || !(s.flux[LP_LUMINANCE] > 0.0))
 		return false;
 	apply(imager, exposure, &s, clipped, lamp);
 	return true;
@@ -422,7 +421,7 @@ static const struct lp_exposure *exposure_for(const struct lp_imager *imager, fl
 
 float lp_imager_strength_sigma(const struct lp_imager *imager, const struct lp_lamp *lamp)
 {
-	const float tone = lamp->irradiance[LUMINANCE] / lamp->solid_angle_sr;
+	const float tone = lamp->irradiance[LP_LUMINANCE] / lamp->solid_angle_sr;
 	const struct lp_exposure *e = exposure_for(imager, tone);
 
 	if (!e || !(e->noise.common > 0.0F) || !(tone > 0.0F))
