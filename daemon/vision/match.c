@@ -5,6 +5,8 @@
 #include "include/luminance.h"
 #include "vision/imager_internal.h"
 
+/* Chosen by hand; docs/constants.md says which tests notice other values. */
+
 /* Every so many cells is compared: enough for a mean. */
 #define STEP 5
 /* Linear values below this, of full scale, are within a camera's noise: they are all alike, and
