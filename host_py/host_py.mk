@@ -50,5 +50,5 @@ accuracy: build $(BUILD)/scenes/blender.stamp ## measure accuracy anew and write
 	@$(VENV)/bin/python tests/accuracy/report.py
 
 .PHONY: constants
-constants: build $(BUILD)/scenes/blender.stamp ## what the estimator's constants do: half and double of each, into docs/constants.md (half an hour)
+constants: build $(BUILD)/scenes/blender.stamp ## what the estimator's constants do: half and double of each, into docs/maintainers/constants.md (half an hour)
 	@$(VENV)/bin/python tests/accuracy/constants.py

@@ -7,7 +7,8 @@
 #include "base/log.h"
 #include "include/source.h"
 
-/* Where no reason is named, chosen by hand; docs/constants.md says which tests notice other values.
+/* Where no reason is named, chosen by hand; docs/maintainers/constants.md says which tests notice
+ * other values.
  */
 
 /* Cameras take 1 to 4 frames for a change of exposure, and a frame or two may be lost on the way.
@@ -27,14 +28,14 @@
 #define CLEARLY 0.5F
 #define LEAST_CODES 0.1F
 #define LEAST_COMPARED 0.01F
-/* The longest exposure puts the median here, of full scale, as in the brackets of docs/accuracy.md;
- * the shortest the brightest cell's mean
- * between these (pixels within it are brighter). */
+/* The longest exposure puts the median here, of full scale, as in the brackets of
+ * docs/users/accuracy.md; the shortest the brightest cell's mean between these (pixels within it
+ * are brighter). */
 #define MEDIAN_AT 0.25F
 #define PEAK_LOW 0.06F
 #define PEAK_HIGH 0.25F
 /* Range in stops that one exposure holds, and that lies between neighbours of a bracket, at most:
- * the brackets that docs/accuracy.md measures are four stops apart. */
+ * the brackets that docs/users/accuracy.md measures are four stops apart. */
 #define STOPS_ALONE 4.0F
 #define STOPS_APART 5.0F
 /* A new plan must differ by this, or the bracket would never rest. */

@@ -22,7 +22,7 @@ bool lp_gain_is_offered(const struct lp_source_caps *caps, float gain, const cha
 	if (caps->gain_min == caps->gain_max)
 		lp_error(object, "gain",
 			 "%g: this camera's gain is not set — leave --gain out; of v4l2: with "
-			 "gain_unity (docs/cameras.md) it can be",
+			 "gain_unity (docs/users/cameras.md) it can be",
 			 (double)gain);
 	else
 		lp_error(object, "gain", "%g is not offered — --gain is within %g..%g",

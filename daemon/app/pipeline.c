@@ -23,7 +23,7 @@
 #define DEG (180.0F / (float)M_PI)
 /* What the wire can say. */
 #define LEAST_IRRADIANCE_SIGMA 0.001F
-/* Thresholds of flags: chosen by hand (docs/constants.md). */
+/* Thresholds of flags: chosen by hand (docs/maintainers/constants.md). */
 /* Below this mean code of the longest exposure most of an 8-bit picture is noise. */
 #define DARK_CODE 4.0F
 #define LEAST_CLIPPED_FRACTION 1e-5F

@@ -17,7 +17,7 @@
 #include "light/select.h"
 #include "light/symmetric3.h"
 
-/* Chosen by hand; docs/constants.md says what half and double of each does. */
+/* Chosen by hand; docs/maintainers/constants.md says what half and double of each does. */
 #define RIM_FACTOR 4.0	     /* most flux of a lamp over that of its core alone */
 #define RING_CELLS 2	     /* width of the ring that gives the background */
 #define MAX_RING_CELLS 128   /* of it, taken evenly: enough for a median */

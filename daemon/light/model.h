@@ -19,7 +19,7 @@
 void lp_model_predict(const double (*total)[3], struct lp_light_estimate *estimate);
 
 /* Share of what is looked at that a lamp's shadow covers: weighs a lost shadow against a shading
- * error. Chosen by hand: nobody has measured what people see (docs/constants.md). */
+ * error. Chosen by hand: nobody has measured what people see (docs/maintainers/constants.md). */
 #define LP_SHADOW_SHARE 0.1F
 
 /* Bytes on the wire (proto/lightprobe.proto): three floats a coefficient; a light with all that an

@@ -6,7 +6,7 @@
 
 #include "include/luminance.h"
 
-/* Chosen by hand; docs/constants.md says which tests notice other values. */
+/* Chosen by hand; docs/maintainers/constants.md says which tests notice other values. */
 
 /* Two sightings are one lamp when they are closer than this, or than its own radius and
  * uncertainty. */

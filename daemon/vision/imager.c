@@ -13,7 +13,7 @@
 #include "vision/remap.h"
 
 /* Exposures within half a stop of each other are one setting: an automatic camera on its way, no
- * bracket. Chosen by hand (docs/constants.md). */
+ * bracket. Chosen by hand (docs/maintainers/constants.md). */
 #define SAME_EXPOSURE 1.4F
 /* A camera needs several frames for one change of exposure: a bracket of n takes up to 8 n frames:
  * more than MOST_DELAY_FRAMES of app/bracket.c each. */

@@ -5,7 +5,7 @@
 #include "include/luminance.h"
 #include "vision/imager_internal.h"
 
-/* Chosen by hand; docs/constants.md says which tests notice other values. */
+/* Chosen by hand; docs/maintainers/constants.md says which tests notice other values. */
 
 /* Every so many cells is compared: enough for a mean. */
 #define STEP 5

@@ -14,10 +14,10 @@
 #include "vision/imager_internal.h"
 #include "vision/remap.h"
 
-/* Chosen by hand; docs/constants.md says what half and double of each does. */
+/* Chosen by hand; docs/maintainers/constants.md says what half and double of each does. */
 
 /* Response, roll-off and white balance of a camera: what a lamp's strength is uncertain by at best.
- * No real camera has been measured; docs/accuracy.md shows the figures without it, too. */
+ * No real camera has been measured; docs/users/accuracy.md shows the figures without it, too. */
 #define CAMERA_SIGMA 0.02F
 #define TOP_CODE 250 /* codes from here on count as saturated */
 /* Pixels fainter than this share of the lamp's peak, or lost in the surround's noise, add to its

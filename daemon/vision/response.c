@@ -5,7 +5,7 @@
 
 #include "vision/camera.h"
 
-/* Chosen by hand; docs/constants.md says what other values do. */
+/* Chosen by hand; docs/maintainers/constants.md says what other values do. */
 
 /* Half width, in codes, over which a table's curvature is taken: tables from calibration are rough.
  */

@@ -11,7 +11,7 @@ namespace
 {
 
 /* Squared codes: below this luma's variance among a tile's samples is noise and rounding. Chosen by
- * hand (docs/constants.md). */
+ * hand (docs/maintainers/constants.md). */
 constexpr float kLeastVariance = 8.0F;
 
 inline v_int32x4 codes(const v_float32x4 &value)

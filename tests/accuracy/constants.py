@@ -1,4 +1,4 @@
-"""What the daemon's constants do: `make constants` writes docs/constants.md.
+"""What the daemon's constants do: `make constants` writes docs/maintainers/constants.md.
 
 Each one is halved and doubled in a copy of the sources. Of those that decide how accurate an
 estimate is, the daemon of that copy is measured on simulated scenes; of those that decide about
@@ -25,7 +25,7 @@ from lightprobe.sim import scenes
 
 ROOT = Path(__file__).resolve().parents[2]
 COPIES = ROOT / "build/constants"
-PAGE = ROOT / "docs/constants.md"
+PAGE = ROOT / "docs/maintainers/constants.md"
 COPIED = ("Makefile", "daemon", "proto", "packaging", "tests", "host_py", "firmware", "hw",
           "build/gen", "build/release")  # fmt: skip
 
