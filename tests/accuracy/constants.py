@@ -53,9 +53,7 @@ class Constant:
         """Its value as it is written; SystemExit when it is not there once."""
         found = self.pattern.findall(text)
         if len(found) != 1:
-            raise SystemExit(
-                f"constants: {self.path}: {self.name} stands there {len(found)} times"
-            )
+            raise SystemExit(f"constants: {self.path}: {self.name} stands there {len(found)} times")
         return str(found[0][1])
 
     def replace(self, text: str, value: str) -> str:
@@ -197,19 +195,14 @@ def score(shots: list[Shot]) -> tuple[metrics.Summary, float]:
         offline.estimate_folder(shot.folder, shot.exposures_us, offline.Settings())
         for shot in shots
     ]
-    scores = [
-        shot.truth.score(estimate)
-        for shot, estimate in zip(shots, estimates, strict=True)
-    ]
+    scores = [shot.truth.score(estimate) for shot, estimate in zip(shots, estimates, strict=True)]
     listed = sum(len(estimate.lights) for estimate in estimates) / len(estimates)
     return metrics.summarize(scores), listed
 
 
 def light(s: metrics.Summary) -> str:
     """Relighting error."""
-    return (
-        f"{100 * s.relighting_mae_median:.2f} % ({100 * s.relighting_mae_worst:.1f} %)"
-    )
+    return f"{100 * s.relighting_mae_median:.2f} % ({100 * s.relighting_mae_worst:.1f} %)"
 
 
 def measure(plain: list[Shot], bracket: list[Shot], panoramas: list[Shot]) -> list[str]:
@@ -247,14 +240,10 @@ def accuracy_rows(count: int, folder: Path) -> Iterator[list[str]]:
 def failing(program: Path) -> list[str]:
     """Names of the tests that fail; the program's where it does not get so far."""
     try:
-        done = subprocess.run(
-            [program], capture_output=True, text=True, timeout=300, check=False
-        )
+        done = subprocess.run([program], capture_output=True, text=True, timeout=300, check=False)
     except subprocess.TimeoutExpired:
         return [program.name]
-    names = re.findall(
-        r"\[  FAILED  \] (test_\w+)$", done.stderr + done.stdout, re.MULTILINE
-    )
+    names = re.findall(r"\[  FAILED  \] (test_\w+)$", done.stderr + done.stdout, re.MULTILINE)
     return sorted(set(names)) or ([program.name] if done.returncode else [])
 
 
@@ -266,9 +255,7 @@ def test_rows() -> Iterator[list[str]]:
         for constant in constants:
             for present, value in tree.changed(constant):
                 tree.build(*programs)
-                failed = [
-                    name for path in programs for name in failing(tree.root / path)
-                ]
+                failed = [name for path in programs for name in failing(tree.root / path)]
                 words = ", ".join(f"`{name}`" for name in failed) or "–"
                 yield [constant.title, present, value, words]
 
@@ -286,12 +273,8 @@ def table(head: list[str], rows: Iterator[list[str]], total: int) -> str:
 def main() -> None:
     """Measure and write."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument(
-        "--procedural", type=int, default=20, help="scenes with known lamps"
-    )
-    parser.add_argument(
-        "--only", choices=["accuracy", "tests"], help="one of the two tables"
-    )
+    parser.add_argument("--procedural", type=int, default=20, help="scenes with known lamps")
+    parser.add_argument("--only", choices=["accuracy", "tests"], help="one of the two tables")
     arguments = parser.parse_args()
     if arguments.only != "tests":
         head = ["constant", "is", "tried", "lamp direction, RMSE (worst)", "missed, made up",

@@ -411,11 +411,10 @@ static void test_only_corrupt_frames_are_a_stall(void **state)
 		assert_non_null(strstr(heard.reason, "corrupt") ?: strstr(heard.reason, "damaged"));
 		assert_true(count('x') >= 1);
 		assert_int_equal(count('T') + count('f') + count('c'), 0);
-		if (device->send) {
-			send_frames(device, "G");
-			UNTIL(count('f') > 0);
-			assert_int_equal(count('T'), 1);
-		}
+		/* One frame is not enough: it may be lost while the camera is opened anew. */
+		if (device->send)
+			UNTIL(count('f') > 0 || (device->send(false), false));
+		assert_int_equal(count('T'), device->send ? 1 : 0);
 		end(device);
 	}
 }
