@@ -48,3 +48,7 @@ evaluate: build $(BUILD)/scenes/blender.stamp ## accuracy against exact truth: t
 .PHONY: accuracy
 accuracy: build $(BUILD)/scenes/blender.stamp ## measure accuracy anew and write it into docs/users/accuracy.md (ten minutes)
 	@$(VENV)/bin/python tests/accuracy/report.py
+
+.PHONY: constants
+constants: build $(BUILD)/scenes/blender.stamp ## what the estimator's constants do: half and double of each, into docs/maintainers/constants.md (half an hour)
+	@$(VENV)/bin/python tests/accuracy/constants.py

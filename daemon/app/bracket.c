@@ -7,6 +7,10 @@
 #include "base/log.h"
 #include "include/source.h"
 
+/* Where no reason is named, chosen by hand; docs/maintainers/constants.md says which tests notice
+ * other values.
+ */
+
 /* Cameras take 1 to 4 frames for a change of exposure, and a frame or two may be lost on the way.
  */
 #define MOST_DELAY_FRAMES 6
@@ -24,17 +28,19 @@
 #define CLEARLY 0.5F
 #define LEAST_CODES 0.1F
 #define LEAST_COMPARED 0.01F
-/* The longest exposure puts the median here, of full scale; the shortest the brightest cell's mean
- * between these (pixels within it are brighter). */
+/* The longest exposure puts the median here, of full scale, as in the brackets of
+ * docs/users/accuracy.md; the shortest the brightest cell's mean between these (pixels within it
+ * are brighter). */
 #define MEDIAN_AT 0.25F
 #define PEAK_LOW 0.06F
 #define PEAK_HIGH 0.25F
-/* Range in stops that one exposure holds, and that lies between neighbours of a bracket, at most.
- */
+/* Range in stops that one exposure holds, and that lies between neighbours of a bracket, at most:
+ * the brackets that docs/users/accuracy.md measures are four stops apart. */
 #define STOPS_ALONE 4.0F
 #define STOPS_APART 5.0F
 /* A new plan must differ by this, or the bracket would never rest. */
 #define REPLAN_STOPS 0.7F
+/* Before anything is known of the scene. */
 #define FIRST_US 8000.0F
 /* Of a camera that does not say: up to what keeps 30 frames a second. */
 #define LEAST_US 1.0F

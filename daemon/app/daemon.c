@@ -10,6 +10,7 @@
 #include <sys/random.h>
 
 #include "app/backends.h"
+#include "app/fixed_exposure.h"
 #include "app/health.h"
 #include "app/hub.h"
 #include "app/instruments.h"
@@ -161,9 +162,9 @@ static void begin_exposures(struct lp_daemon *daemon)
 						  .reports_exposure = caps->reports_exposure,
 						  .limits = lp_bracket_limits_of(caps)};
 
-	if (options->exposure_us > 0 && daemon->source->ops->set_exposure)
-		(void)daemon->source->ops->set_exposure(daemon->source, options->exposure_us,
-							options->gain > 0 ? options->gain : 1.0F);
+	if (options->exposure_us > 0)
+		lp_fixed_exposure_command(daemon->source, caps, options->exposure_us, options->gain,
+					  options->source);
 	lp_worker_control(daemon->worker, &control);
 }
 

@@ -5,9 +5,13 @@
 
 #include "base/clock.h"
 
+/* Chosen by hand; docs/maintainers/constants.md says which tests notice other values. */
+
 /* One estimate in ten may be late: a busy machine hiccups. */
 #define MOST_LATE 10
-/* Room to spare: below this share of the goal. The next preset up costs about twice as much. */
+/* Room to spare: below this share of the goal. The next preset up costs from little more to ten
+ * times as much (docs/maintainers/speed.md): a raise may fail, and the wait for the next one
+ * doubles then. */
 #define SPARE 0.5F
 #define FIRST_PATIENCE 5
 #define MOST_PATIENCE 160

@@ -7,11 +7,11 @@
 #include <string.h>
 
 #include "app/health.h"
+#include "app/packets.h"
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/pool.h"
 #include "include/packet.h"
-#include "light/model.h"
 
 /* A client may hold one packet half sent, the newest estimate, and a queue of control messages. */
 #define PACKETS_PER_CLIENT 12
@@ -22,12 +22,6 @@
 #define MOST_REQUESTS_PER_S 50
 /* A new subscription is answered at once, but not more often than this: it costs an encoding. */
 #define ANSWER_PERIOD_NS (100 * LP_NS_PER_MS)
-
-struct packet {
-	struct lp_packet base;
-	struct lp_pool *pool;
-	uint32_t subscription; /* of an estimate: the number in it */
-};
 
 struct client {
 	struct lp_publisher *publisher;
@@ -43,11 +37,10 @@ struct client {
 	int index; /* in hub->clients */
 };
 
-#define VARIANTS (2 * 2 * (LP_MAX_SH_ORDER + 1) * (LP_MAX_LIGHTS + 1))
-
 struct lp_hub {
 	struct lp_hub_options options;
-	struct lp_pool *packets, *client_pool;
+	struct lp_packets *packets;
+	struct lp_pool *client_pool;
 	struct client **clients; /* [client_count] */
 	int client_count;
 
@@ -57,33 +50,9 @@ struct lp_hub {
 	int64_t last_ns;  /* when it came */
 	int64_t stale_ns; /* when it was last repeated; 0: it is fresh */
 	uint32_t sequence;
-	/* Packets of the last estimate that are encoded already; empty between calls. */
-	struct lp_packet *cache[VARIANTS];
 };
 
 /* ---------------------------------------------------------------- packets */
-
-static void release_packet(struct lp_packet *packet)
-{
-	struct packet *self = (struct packet *)packet;
-
-	lp_pool_give(self->pool, self);
-}
-
-/* With one reference. NULL: out of memory (the pool is large enough by construction). */
-static struct lp_packet *new_packet(struct lp_hub *hub)
-{
-	struct packet *packet = lp_pool_take(hub->packets);
-
-	if (!packet) {
-		lp_error("hub", "packet", "out of memory; a message is lost");
-		return NULL;
-	}
-	packet->pool = hub->packets;
-	packet->base.references = 1;
-	packet->base.release = release_packet;
-	return &packet->base;
-}
 
 static void send_packet(struct lp_hub *hub, struct client *client, struct lp_packet *packet)
 {
@@ -101,7 +70,7 @@ static void send_last(struct lp_hub *hub, struct client *client, struct lp_packe
 
 static void send_error(struct lp_hub *hub, struct client *client, int code, const char *text)
 {
-	struct lp_packet *packet = new_packet(hub);
+	struct lp_packet *packet = lp_packets_take(hub->packets);
 
 	if (packet)
 		lp_encode_error(code, text, packet);
@@ -110,7 +79,7 @@ static void send_error(struct lp_hub *hub, struct client *client, int code, cons
 
 static void send_hello(struct lp_hub *hub, struct client *client)
 {
-	struct lp_packet *packet = new_packet(hub);
+	struct lp_packet *packet = lp_packets_take(hub->packets);
 
 	if (packet)
 		lp_encode_hello(&hub->options.hello, packet);
@@ -126,78 +95,15 @@ void lp_hub_preset(struct lp_hub *hub, const char *name)
 
 /* ---------------------------------------------------------------- estimates */
 
-static int min_int(int a, int b)
-{
-	return a < b ? a : b;
-}
-
-/* The model for one client: the smallest under its tolerance, or the largest it allows. */
-static struct lp_variant choose(const struct lp_hub *hub, const struct lp_light_estimate *estimate,
-				const struct lp_subscription *wanted)
-{
-	struct lp_variant variant = {
-		.total = wanted->total,
-		.sh_order = min_int(wanted->sh_order, hub->last_computed.sh_order),
-		.lights = min_int(wanted->max_lights,
-				  min_int(estimate->light_count, hub->last_computed.max_lights)),
-	};
-
-	if (wanted->tolerance > 0)
-		lp_model_choose(estimate, variant.sh_order, variant.lights, wanted->tolerance,
-				&variant.sh_order, &variant.lights);
-	return variant;
-}
-
-static int variant_index(bool raw, const struct lp_variant *variant)
-{
-	const int kind = 2 * raw + variant->total;
-
-	return (kind * (LP_MAX_SH_ORDER + 1) + variant->sh_order) * (LP_MAX_LIGHTS + 1) +
-	       variant->lights;
-}
-
-/*
- * The packet of the last estimate for this client, encoded now or before. NULL: cannot be sent.
- * Clients that want the same share it if they number their subscriptions alike, as most do.
- */
-static struct lp_packet *estimate_packet(struct lp_hub *hub, const struct client *client)
-{
-	const struct lp_subscription *wanted = &client->subscription;
-	const struct lp_light_estimate *estimate =
-		wanted->raw ? &hub->last.raw : &hub->last.smoothed;
-	const struct lp_variant variant = choose(hub, estimate, wanted);
-	const struct lp_stamp stamp = {.boot_id = hub->options.hello.boot_id,
-				       .ttl_ms = hub->options.ttl_ms,
-				       .subscription = wanted->number,
-				       .t_send_ns = lp_clock_ns()};
-	struct lp_packet **slot = &hub->cache[variant_index(wanted->raw, &variant)];
-
-	if (*slot && ((struct packet *)*slot)->subscription == wanted->number)
-		return *slot;
-	lp_packet_drop(*slot);
-	*slot = new_packet(hub);
-	if (*slot)
-		((struct packet *)*slot)->subscription = wanted->number;
-	if (*slot && lp_encode_estimate(estimate, &variant, &stamp, *slot) < 0) {
-		lp_error("hub", "encode",
-			 "an estimate contains a number that is not finite; it is not sent");
-		lp_packet_drop(*slot);
-		*slot = NULL;
-	}
-	return *slot;
-}
-
-static void empty_cache(struct lp_hub *hub)
-{
-	for (int i = 0; i < VARIANTS; i++) {
-		lp_packet_drop(hub->cache[i]);
-		hub->cache[i] = NULL;
-	}
-}
-
 static void send_estimate(struct lp_hub *hub, struct client *client)
 {
-	struct lp_packet *packet = estimate_packet(hub, client);
+	const struct lp_stamp stamp = {.boot_id = hub->options.hello.boot_id,
+				       .ttl_ms = hub->options.ttl_ms,
+				       .subscription = client->subscription.number,
+				       .t_send_ns = lp_clock_ns()};
+	struct lp_packet *packet =
+		lp_packets_estimate(hub->packets, &hub->last, &hub->last_computed,
+				    &client->subscription, &stamp);
 
 	if (packet)
 		send_packet(hub, client, packet);
@@ -250,7 +156,7 @@ static void send_to_all(struct lp_hub *hub)
 		if (take_turn(hub->clients[i], now_ns))
 			send_estimate(hub, hub->clients[i]);
 	}
-	empty_cache(hub);
+	lp_packets_forget(hub->packets);
 }
 
 void lp_hub_publish(struct lp_hub *hub, const struct lp_estimates *estimates,
@@ -293,7 +199,7 @@ static void send_health(struct lp_hub *hub, int64_t now_ns)
 			continue;
 		client->health_due_ns = now_ns + period_ms * LP_NS_PER_MS;
 		if (!packet) {
-			packet = new_packet(hub);
+			packet = lp_packets_take(hub->packets);
 			if (!packet)
 				return;
 			lp_health_update(hub->options.health, now_ns);
@@ -310,7 +216,7 @@ void lp_hub_tick(struct lp_hub *hub)
 
 	for (int i = 0; i < hub->client_count; i++)
 		answer_subscription(hub, hub->clients[i], now_ns);
-	empty_cache(hub);
+	lp_packets_forget(hub->packets);
 	repeat_when_stale(hub, now_ns);
 	lp_health_tick(hub->options.health, now_ns);
 	send_health(hub, now_ns);
@@ -330,8 +236,10 @@ struct lp_demand lp_hub_demand(const struct lp_hub *hub)
 		if (wanted->max_lights > demand.max_lights)
 			demand.max_lights = wanted->max_lights;
 	}
-	demand.sh_order = min_int(demand.sh_order, hub->options.hello.max_sh_order);
-	demand.max_lights = min_int(demand.max_lights, hub->options.hello.max_lights);
+	if (demand.sh_order > hub->options.hello.max_sh_order)
+		demand.sh_order = hub->options.hello.max_sh_order;
+	if (demand.max_lights > hub->options.hello.max_lights)
+		demand.max_lights = hub->options.hello.max_lights;
 	return demand;
 }
 
@@ -375,7 +283,7 @@ static int on_connected(void *context, struct lp_publisher *publisher, struct lp
 	send_hello(hub, client);
 	if (hub->has_last)
 		send_estimate(hub, client);
-	empty_cache(hub);
+	lp_packets_forget(hub->packets);
 	return 0;
 }
 
@@ -437,8 +345,10 @@ static int on_request(void *context, void *user, const uint8_t *data, size_t siz
 /* Of several subscriptions that came together the newest is answered. */
 static void on_requests_done(void *context, void *user)
 {
-	answer_subscription(context, user, lp_clock_ns());
-	empty_cache(context);
+	struct lp_hub *hub = context;
+
+	answer_subscription(hub, user, lp_clock_ns());
+	lp_packets_forget(hub->packets);
 }
 
 static void on_unreadable(void *context, void *user, const char *reason)
@@ -500,7 +410,6 @@ struct lp_publisher_host lp_hub_publisher_host(struct lp_hub *hub)
 
 int lp_hub_create(const struct lp_hub_options *options, struct lp_hub **hub)
 {
-	const int packets = options->max_clients * PACKETS_PER_CLIENT + VARIANTS;
 	struct lp_hub *self = calloc(1, sizeof(*self));
 
 	if (!self)
@@ -508,7 +417,7 @@ int lp_hub_create(const struct lp_hub_options *options, struct lp_hub **hub)
 	self->options = *options;
 	self->clients = calloc((size_t)options->max_clients, sizeof(struct client *));
 	self->client_pool = lp_pool_create(sizeof(struct client), options->max_clients, NULL);
-	self->packets = lp_pool_create(sizeof(struct packet), packets, NULL);
+	self->packets = lp_packets_create(options->max_clients * PACKETS_PER_CLIENT);
 	if (!self->clients || !self->client_pool || !self->packets) {
 		lp_hub_destroy(self);
 		return -ENOMEM;
@@ -521,7 +430,7 @@ void lp_hub_destroy(struct lp_hub *hub)
 {
 	if (!hub)
 		return;
-	lp_pool_destroy(hub->packets);
+	lp_packets_destroy(hub->packets);
 	lp_pool_destroy(hub->client_pool);
 	free((void *)hub->clients);
 	free(hub);

@@ -9,6 +9,7 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "include/frame.h"
+#include "include/luminance.h"
 #include "include/panorama.h"
 #include "light/grid.h"
 #include "light/model.h"
@@ -19,10 +20,10 @@
 #include "vision/imager.h"
 #include "vision/sh_project.h"
 
-#define LUMINANCE 3
 #define DEG (180.0F / (float)M_PI)
 /* What the wire can say. */
 #define LEAST_IRRADIANCE_SIGMA 0.001F
+/* Thresholds of flags: chosen by hand (docs/maintainers/constants.md). */
 /* Below this mean code of the longest exposure most of an 8-bit picture is noise. */
 #define DARK_CODE 4.0F
 #define LEAST_CLIPPED_FRACTION 1e-5F
@@ -264,7 +265,7 @@ static void project_and_refine(struct lp_pipeline *p, const struct lp_panorama *
 
 static float confidence_of(const struct lp_lamp *lamp)
 {
-	const float surround = fmaxf(lamp->background[LUMINANCE], 0.0F);
+	const float surround = fmaxf(lamp->background[LP_LUMINANCE], 0.0F);
 
 	return lamp->peak > 0.0F ? fminf(fmaxf(1.0F - surround / lamp->peak, 0.0F), 1.0F) : 0.0F;
 }
@@ -273,7 +274,7 @@ static void list_light(const struct lp_imager *imager, const struct lp_lamp *lam
 		       struct lp_light *light)
 {
 	const float noise = lamp->background_noise * lamp->solid_angle_sr /
-			    fmaxf(lamp->irradiance[LUMINANCE], 1e-30F);
+			    fmaxf(lamp->irradiance[LP_LUMINANCE], 1e-30F);
 
 	memcpy(light->direction, lamp->direction, sizeof(light->direction));
 	memcpy(light->irradiance, lamp->irradiance, sizeof(light->irradiance));
@@ -371,13 +372,13 @@ static struct lp_bracket_scene look_at_scene(struct lp_pipeline *p,
 			const int cell = r * panorama->width + c;
 
 			if (!(panorama->flags[cell] & LP_CELL_UNSEEN))
-				p->scratch[count++] = panorama->cells[cell][LUMINANCE];
+				p->scratch[count++] = panorama->cells[cell][LP_LUMINANCE];
 		}
 	}
 	if (count)
 		scene.median = lp_select(p->scratch, count, count / 2);
 	for (int i = 0; i < panorama->width * panorama->height; i++)
-		scene.peak = fmaxf(scene.peak, panorama->cells[i][LUMINANCE]);
+		scene.peak = fmaxf(scene.peak, panorama->cells[i][LP_LUMINANCE]);
 	return scene;
 }
 

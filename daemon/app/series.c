@@ -9,6 +9,7 @@
 #include "app/backends.h"
 #include "app/bracket.h"
 #include "app/daemon.h"
+#include "app/fixed_exposure.h"
 #include "app/options.h"
 #include "app/series_writer.h"
 #include "base/clock.h"
@@ -123,6 +124,11 @@ static void begin(struct series *series)
 		lp_error(series->options->source, "exposure",
 			 "this camera's exposure cannot be set — leave --series-us out to take its "
 			 "frames as they come");
+		end(series, LP_EXIT_FAILURE);
+		return;
+	}
+	/* Else the exposures in the index would be wrong by this factor. */
+	if (!lp_gain_is_offered(&caps, series->options->gain, series->options->source)) {
 		end(series, LP_EXIT_FAILURE);
 		return;
 	}

@@ -38,7 +38,8 @@ static int parse_number(const struct lp_param *param, const char *text, const ch
 	return 0;
 }
 
-static int parse_int(const struct lp_param *param, const char *text, int *value)
+/* A whole number within the bounds, to this base. */
+static int parse_int(const struct lp_param *param, const char *text, int base, int *value)
 {
 	char *end;
 	long number;
@@ -46,7 +47,7 @@ static int parse_int(const struct lp_param *param, const char *text, int *value)
 	if (*text == ' ' || *text == '\t')
 		return -EINVAL;
 	errno = 0;
-	number = strtol(text, &end, 10);
+	number = strtol(text, &end, base);
 	if (errno || end == text || *end || (double)number < param->min ||
 	    (double)number > param->max)
 		return -EINVAL;
@@ -97,7 +98,8 @@ static int parse_size(const struct lp_param *param, const char *text, struct lp_
 		return -EINVAL;
 	memcpy(width_text, text, (size_t)(cross - text));
 	width_text[cross - text] = '\0';
-	if (parse_int(&side, width_text, &width) < 0 || parse_int(&side, cross + 1, &height) < 0)
+	if (parse_int(&side, width_text, 10, &width) < 0 ||
+	    parse_int(&side, cross + 1, 10, &height) < 0)
 		return -EINVAL;
 	*size = (struct lp_size){.width = (uint32_t)width, .height = (uint32_t)height};
 	return 0;
@@ -130,7 +132,9 @@ static int parse(const struct lp_param *param, const char *text, void *field)
 	case LP_PARAM_BOOL:
 		return parse_bool(text, field);
 	case LP_PARAM_INT:
-		return parse_int(param, text, field);
+		return parse_int(param, text, 10, field);
+	case LP_PARAM_HEX:
+		return parse_int(param, text, strncmp(text, "0x", 2) ? 10 : 16, field);
 	case LP_PARAM_FLOAT:
 		return parse_float(param, text, field);
 	case LP_PARAM_FLOATS:
@@ -169,6 +173,10 @@ static void describe(const struct lp_param *param, char *text, size_t size_bytes
 		break;
 	case LP_PARAM_INT:
 		append(text, size_bytes, "a whole number %.0f..%.0f", param->min, param->max);
+		break;
+	case LP_PARAM_HEX:
+		append(text, size_bytes, "a number 0x%02x..0x%02x", (int)param->min,
+		       (int)param->max);
 		break;
 	case LP_PARAM_FLOAT:
 		append(text, size_bytes, "a number %g..%g", param->min, param->max);

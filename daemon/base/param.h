@@ -24,6 +24,7 @@
 enum lp_param_type {
 	LP_PARAM_BOOL,	 /* bool: 0 1 no yes off on false true */
 	LP_PARAM_INT,	 /* int, min..max */
+	LP_PARAM_HEX,	 /* int, min..max: 0x2c, or 44 */
 	LP_PARAM_FLOAT,	 /* float, min..max; never NAN */
 	LP_PARAM_FLOATS, /* struct lp_floats: a,b,c, each min..max */
 	LP_PARAM_SIZE,	 /* struct lp_size: WxH, each 1..max */

@@ -18,7 +18,7 @@ enum lp_pixel_format {
 
 enum lp_frame_flag {
 	LP_FRAME_CORRUPT = 1 << 0, /* the driver says so: count it, do not use it */
-	LP_FRAME_LAST = 1 << 2,	   /* the source ends with this frame */
+	LP_FRAME_LAST = 1 << 1,	   /* the source ends with this frame */
 };
 
 /* So many frames the consumer may hold at once: a raw one for each exposure of the largest bracket,

@@ -4,6 +4,9 @@
 #ifndef LP_LUMINANCE_H
 #define LP_LUMINANCE_H
 
+/* Fourth channel, after R, G and B, of a panorama cell, a lamp's irradiance and the like. */
+#define LP_LUMINANCE 3
+
 #define LP_LUMINANCE_R 0.2126
 #define LP_LUMINANCE_G 0.7152
 #define LP_LUMINANCE_B 0.0722

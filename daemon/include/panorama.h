@@ -13,7 +13,6 @@
 #include <stdint.h>
 
 #define LP_PANORAMA_WIDTH 240
-#define LP_PANORAMA_HEIGHT 120
 #define LP_PANORAMA_MAX_WIDTH 960
 
 enum lp_cell_flag {

@@ -69,11 +69,10 @@ struct lp_source_caps {
 	bool exposure_settable;
 	bool reports_exposure; /* each frame carries the exposure that it had: nothing is guessed */
 	float exposure_min_us, exposure_max_us;
-	float exposure_step_us; /* commands are rounded to multiples of this; 0: any value */
-	float gain_min, gain_max;
+	float exposure_step_us;	   /* commands are rounded to multiples of this; 0: any value */
+	float gain_min, gain_max;  /* both 1: it cannot be set */
 	int exposure_delay_frames; /* frames from command to effect; -1: unknown */
-	float frame_rate_hz;
-	bool finite; /* ends by itself, with LP_FRAME_LAST and ENDED */
+	bool finite;		   /* ends by itself, with LP_FRAME_LAST and ENDED */
 };
 
 struct lp_source_ops {

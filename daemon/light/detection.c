@@ -12,7 +12,8 @@
 /* A lamp is brighter than twice the mean, of the brightest tenth of the sphere and no larger, 1.6
  * times its own saddle to a brighter one, and reaches down to a tenth of its peak; it gives a
  * surface facing it at least a hundredth of its light, stands out of its surround twofold, and is
- * split when wider than 10 degrees RMS. `make evaluate` shows the effect. */
+ * split when wider than 10 degrees RMS. Chosen by hand; docs/maintainers/constants.md says what
+ * half and double of each does. */
 static const struct lp_peak_options peak_options = {.floor_ratio = 2.0F,
 						    .area_sr = 1.2F,
 						    .persistence_ratio = 1.6F,

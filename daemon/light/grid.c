@@ -5,9 +5,8 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "include/luminance.h"
 #include "include/panorama.h"
-
-#define LUMINANCE 3 /* fourth channel of a panorama cell */
 
 static void fill(struct lp_grid *grid)
 {
@@ -118,10 +117,10 @@ static float row_luminance(const float (*cells)[4], int width)
 	float a = 0.0F, b = 0.0F, c = 0.0F, d = 0.0F;
 
 	for (const float(*end)[4] = cells + width; cells < end; cells += 4) {
-		a += cells[0][LUMINANCE];
-		b += cells[1][LUMINANCE];
-		c += cells[2][LUMINANCE];
-		d += cells[3][LUMINANCE];
+		a += cells[0][LP_LUMINANCE];
+		b += cells[1][LP_LUMINANCE];
+		c += cells[2][LP_LUMINANCE];
+		d += cells[3][LP_LUMINANCE];
 	}
 	return a + b + c + d;
 }

@@ -10,13 +10,14 @@
 
 #include "base/macros.h"
 #include "include/light_estimate.h"
+#include "include/luminance.h"
 #include "include/panorama.h"
 #include "light/grid.h"
 #include "light/regions.h"
 #include "light/select.h"
 #include "light/symmetric3.h"
 
-#define LUMINANCE 3
+/* Chosen by hand; docs/maintainers/constants.md says what half and double of each does. */
 #define RIM_FACTOR 4.0	     /* most flux of a lamp over that of its core alone */
 #define RING_CELLS 2	     /* width of the ring that gives the background */
 #define MAX_RING_CELLS 128   /* of it, taken evenly: enough for a median */
@@ -231,7 +232,7 @@ static int measure_background(struct lp_lamp_finder *finder, const struct lp_pan
 static void measure_noise(struct lp_lamp_finder *finder, int used, struct lp_lamp *lamp)
 {
 	for (int i = 0; i < used; i++)
-		finder->values[i] = fabsf(finder->values[i] - lamp->background[LUMINANCE]);
+		finder->values[i] = fabsf(finder->values[i] - lamp->background[LP_LUMINANCE]);
 	lamp->background_noise = MAD_TO_SIGMA * lp_select(finder->values, used, used / 2);
 }
 
@@ -316,7 +317,7 @@ static float grid_sigma_deg(const struct lp_lamp_finder *finder, const struct lp
 static bool describe(const struct lp_lamp_finder *finder, const struct moments *m,
 		     struct lp_lamp *lamp, double axis[3])
 {
-	const double flux = m->flux[LUMINANCE];
+	const double flux = m->flux[LP_LUMINANCE];
 	const double length = sqrt(m->first[0] * m->first[0] + m->first[1] * m->first[1] +
 				   m->first[2] * m->first[2]);
 	double covariance[6], variance;
@@ -372,24 +373,25 @@ struct part {
 static bool stands_out(const struct lp_lamp *lamp, float core_mean,
 		       const struct lp_lamp_options *options)
 {
-	return core_mean > options->min_contrast * lamp->background[LUMINANCE] &&
-	       core_mean > lamp->background[LUMINANCE] + 5.0F * lamp->background_noise;
+	return core_mean > options->min_contrast * lamp->background[LP_LUMINANCE] &&
+	       core_mean > lamp->background[LP_LUMINANCE] + 5.0F * lamp->background_noise;
 }
 
 static bool strong(const struct lp_lamp *lamp, float mean, const struct lp_lamp_options *options)
 {
 	/* the rest of the light, spread evenly, gives pi * mean on any surface */
-	const float rest = fmaxf((float)M_PI * mean - lamp->irradiance[LUMINANCE] / 4.0F, 0.0F);
+	const float rest = fmaxf((float)M_PI * mean - lamp->irradiance[LP_LUMINANCE] / 4.0F, 0.0F);
 
-	return lamp->irradiance[LUMINANCE] >=
-	       options->min_strength * (lamp->irradiance[LUMINANCE] + rest);
+	return lamp->irradiance[LP_LUMINANCE] >=
+	       options->min_strength * (lamp->irradiance[LP_LUMINANCE] + rest);
 }
 
 void lp_lamp_insert(struct lp_lamp_finder *finder, const struct lp_lamp *lamp)
 {
 	int at = finder->count;
 
-	while (at > 0 && finder->lamps[at - 1].irradiance[LUMINANCE] < lamp->irradiance[LUMINANCE])
+	while (at > 0 &&
+	       finder->lamps[at - 1].irradiance[LP_LUMINANCE] < lamp->irradiance[LP_LUMINANCE])
 		at--;
 	if (at == LP_MAX_LAMPS)
 		return;
@@ -477,10 +479,11 @@ static void measure_region(struct lp_lamp_finder *finder, const struct lp_panora
 
 	const struct surround around = find_surround(finder, lamp, lamp->count - region->count);
 
-	measure_noise(finder, measure_background(finder, panorama, &around, LUMINANCE, lamp), lamp);
+	measure_noise(finder, measure_background(finder, panorama, &around, LP_LUMINANCE, lamp),
+		      lamp);
 	if (!stands_out(lamp, (float)(region->flux / region->solid_angle_sr), options))
 		return;
-	for (int channel = 0; channel < LUMINANCE; channel++)
+	for (int channel = 0; channel < LP_LUMINANCE; channel++)
 		measure_background(finder, panorama, &around, channel, lamp);
 	if (measure(finder, panorama, &part) && strong(lamp, mean, options))
 		split_and_insert(finder, panorama, &part, options);
@@ -491,7 +494,7 @@ static void measure_region(struct lp_lamp_finder *finder, const struct lp_panora
 static bool settled(const struct lp_lamp_finder *finder, const struct lp_region *next)
 {
 	return finder->count > LP_MAX_LIGHTS &&
-	       RIM_FACTOR * next->flux < finder->lamps[LP_MAX_LIGHTS - 1].irradiance[LUMINANCE];
+	       RIM_FACTOR * next->flux < finder->lamps[LP_MAX_LIGHTS - 1].irradiance[LP_LUMINANCE];
 }
 
 void lp_find_lamps(struct lp_lamp_finder *finder, const struct lp_panorama *panorama,

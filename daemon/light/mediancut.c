@@ -5,11 +5,10 @@
 #include <stdbool.h>
 
 #include "include/light_estimate.h"
+#include "include/luminance.h"
 #include "include/panorama.h"
 #include "light/grid.h"
 #include "light/lamps.h"
-
-#define LUMINANCE 3
 
 /* Rectangle of the grid: rows [top, bottom), columns [left, right). */
 struct part {
@@ -20,7 +19,7 @@ struct part {
 static double flux_at(const struct lp_grid *grid, const struct lp_panorama *panorama, int row,
 		      int column)
 {
-	return (double)panorama->cells[row * grid->width + column][LUMINANCE] *
+	return (double)panorama->cells[row * grid->width + column][LP_LUMINANCE] *
 	       grid->row_solid_angle_sr[row];
 }
 
@@ -83,7 +82,7 @@ static struct lp_lamp lamp_of(const struct lp_grid *grid, const struct lp_panora
 				lamp.irradiance[k] +=
 					panorama->cells[cell][k] * grid->row_solid_angle_sr[r];
 			lamp.solid_angle_sr += grid->row_solid_angle_sr[r];
-			lamp.peak = fmaxf(lamp.peak, panorama->cells[cell][LUMINANCE]);
+			lamp.peak = fmaxf(lamp.peak, panorama->cells[cell][LP_LUMINANCE]);
 			if (panorama->flags[cell] & LP_CELL_CLIPPED)
 				lamp.flags |= LP_LIGHT_CLIPPED;
 		}
@@ -117,7 +116,7 @@ void lp_mediancut(struct lp_lamp_finder *finder, const struct lp_panorama *panor
 	for (int k = 0; k < have; k++) {
 		const struct lp_lamp lamp = lamp_of(grid, panorama, &parts[k]);
 
-		if (lamp.irradiance[LUMINANCE] > 0.0F)
+		if (lamp.irradiance[LP_LUMINANCE] > 0.0F)
 			lp_lamp_insert(finder, &lamp);
 	}
 }

@@ -6,10 +6,6 @@
 
 #include "include/luminance.h"
 
-/* Bytes on the wire (proto/lightprobe.proto): three floats a coefficient; a light message. */
-#define COEFFICIENT_BYTES 12
-#define LIGHT_BYTES 49
-
 static double luminance(const double rgb[3])
 {
 	return LP_LUMINANCE_R * rgb[0] + LP_LUMINANCE_G * rgb[1] + LP_LUMINANCE_B * rgb[2];
@@ -81,7 +77,8 @@ void lp_model_choose(const struct lp_light_estimate *estimate, int max_order, in
 		return;
 	for (int l = 0; l <= max_order; l++)
 		for (int k = 0; k <= most; k++) {
-			const int bytes = COEFFICIENT_BYTES * LP_SH_COUNT(l) + LIGHT_BYTES * k;
+			const int bytes =
+				LP_COEFFICIENT_BYTES * LP_SH_COUNT(l) + LP_LIGHT_BYTES * k;
 
 			if (estimate->predicted_error[l][k] > tolerance ||
 			    (least_bytes >= 0 && bytes >= least_bytes))

@@ -19,8 +19,13 @@
 void lp_model_predict(const double (*total)[3], struct lp_light_estimate *estimate);
 
 /* Share of what is looked at that a lamp's shadow covers: weighs a lost shadow against a shading
- * error. */
+ * error. Chosen by hand: nobody has measured what people see (docs/maintainers/constants.md). */
 #define LP_SHADOW_SHARE 0.1F
+
+/* Bytes on the wire (proto/lightprobe.proto): three floats a coefficient; a light with all that an
+ * ordinary one says. tests/unit/test_codec.c compares them with what is sent. */
+#define LP_COEFFICIENT_BYTES 12
+#define LP_LIGHT_BYTES 49
 
 /* Smallest model, in bytes on the wire, whose predicted error is at most `tolerance`, within
  * max_order and max_lights; the most exact one when none is, or when tolerance is 0. */

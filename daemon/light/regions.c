@@ -7,10 +7,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "include/luminance.h"
 #include "include/panorama.h"
 #include "light/grid.h"
 
-#define LUMINANCE 3 /* fourth channel of a panorama cell */
 /* Fewer candidates cost nothing worth saving. */
 #define MANY_CANDIDATES 1024
 #define KEYS (1 << 16)
@@ -72,12 +72,13 @@ static void collect(struct lp_regions *regions, const struct lp_panorama *panora
 
 	memset(regions->basin_at, 0xff, n * sizeof(*regions->basin_at));
 	for (int i = 0; i < n; i += 4) {
-		if (!((cells[i][LUMINANCE] > level) | (cells[i + 1][LUMINANCE] > level) |
-		      (cells[i + 2][LUMINANCE] > level) | (cells[i + 3][LUMINANCE] > level)))
+		if (!((cells[i][LP_LUMINANCE] > level) | (cells[i + 1][LP_LUMINANCE] > level) |
+		      (cells[i + 2][LP_LUMINANCE] > level) | (cells[i + 3][LP_LUMINANCE] > level)))
 			continue;
 		for (int j = i; j < i + 4; j++) {
-			regions->candidates[count] = (struct lp_candidate){cells[j][LUMINANCE], j};
-			count += cells[j][LUMINANCE] > level;
+			regions->candidates[count] =
+				(struct lp_candidate){cells[j][LP_LUMINANCE], j};
+			count += cells[j][LP_LUMINANCE] > level;
 		}
 	}
 	regions->candidate_count = count;

@@ -4,12 +4,12 @@
 #include <math.h>
 #include <stdbool.h>
 
+#include "include/luminance.h"
 #include "include/panorama.h"
 #include "light/grid.h"
 #include "light/lamps.h"
 #include "light/threshold.h"
 
-#define LUMINANCE 3
 /* Kernels of the recipe in pixels of its 1920-pixel picture, scaled to the grid. */
 #define PICTURE_WIDTH_PX 1920.0F
 #define BLUR_PX 11.0F
@@ -145,7 +145,7 @@ void lp_research_detect(struct lp_lamp_finder *finder, const struct lp_panorama 
 	const float level = lp_threshold_median(panorama, scratch);
 
 	for (int i = 0; i < n; i++)
-		p.a[i] = panorama->cells[i][LUMINANCE] > level ? 1.0F : 0.0F;
+		p.a[i] = panorama->cells[i][LP_LUMINANCE] > level ? 1.0F : 0.0F;
 	blur(&p, half_width(&p, BLUR_PX));
 	filter_square(&p, MINIMUM, erosion);
 	filter_square(&p, MAXIMUM, dilation);

@@ -3,10 +3,10 @@
 
 #include <math.h>
 
+#include "include/luminance.h"
 #include "include/panorama.h"
 #include "light/select.h"
 
-#define LUMINANCE 3
 #define BINS 256
 
 float lp_threshold_median(const struct lp_panorama *panorama, float *scratch)
@@ -14,8 +14,8 @@ float lp_threshold_median(const struct lp_panorama *panorama, float *scratch)
 	int count = 0;
 
 	for (int i = 0; i < panorama->width * panorama->height; i++)
-		if (panorama->cells[i][LUMINANCE] > 0.0F)
-			scratch[count++] = panorama->cells[i][LUMINANCE];
+		if (panorama->cells[i][LP_LUMINANCE] > 0.0F)
+			scratch[count++] = panorama->cells[i][LP_LUMINANCE];
 	return count ? lp_select(scratch, count, count / 2) : 0.0F;
 }
 
@@ -54,7 +54,7 @@ float lp_threshold_otsu(const struct lp_panorama *panorama)
 	float low = INFINITY, high = 0.0F;
 
 	for (int i = 0; i < count; i++) {
-		const float v = panorama->cells[i][LUMINANCE];
+		const float v = panorama->cells[i][LP_LUMINANCE];
 
 		if (v > 0.0F) {
 			low = fminf(low, v);
@@ -66,7 +66,7 @@ float lp_threshold_otsu(const struct lp_panorama *panorama)
 	const float step = log2f(high / low) / BINS;
 
 	for (int i = 0; i < count; i++) {
-		const float v = panorama->cells[i][LUMINANCE];
+		const float v = panorama->cells[i][LP_LUMINANCE];
 
 		if (v > 0.0F) {
 			const int bin = (int)(log2f(v / low) / step);

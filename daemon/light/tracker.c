@@ -6,6 +6,8 @@
 
 #include "include/luminance.h"
 
+/* Chosen by hand; docs/maintainers/constants.md says which tests notice other values. */
+
 /* Two sightings are one lamp when they are closer than this, or than its own radius and
  * uncertainty. */
 #define GATE_DEG 4.0F

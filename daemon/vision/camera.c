@@ -4,7 +4,8 @@
 #include <math.h>
 #include <stdlib.h>
 
-/* Where lenses overlap, the share of each fades to nothing over this angle before its rim. */
+/* Where lenses overlap, the share of each fades to nothing over this angle before its rim. Chosen
+ * by hand (docs/maintainers/constants.md). */
 #define SEAM_RAD (6.0 * M_PI / 180.0)
 
 void lp_camera_destroy(struct lp_camera *camera)

@@ -13,10 +13,10 @@
 #include "vision/remap.h"
 
 /* Exposures within half a stop of each other are one setting: an automatic camera on its way, no
- * bracket. */
+ * bracket. Chosen by hand (docs/maintainers/constants.md). */
 #define SAME_EXPOSURE 1.4F
-/* A camera needs several frames for one change of exposure: a bracket of n takes up to 8 n frames.
- */
+/* A camera needs several frames for one change of exposure: a bracket of n takes up to 8 n frames:
+ * more than MOST_DELAY_FRAMES of app/bracket.c each. */
 #define STALE_BRACKETS 8
 
 int lp_imager_create(const struct lp_camera *camera, const struct lp_imager_options *options,

@@ -2,9 +2,11 @@
 /* Which exposure a frame had, by what it shows: lp_imager_match(). */
 #include <math.h>
 
+#include "include/luminance.h"
 #include "vision/imager_internal.h"
 
-#define LUMINANCE 3
+/* Chosen by hand; docs/maintainers/constants.md says which tests notice other values. */
+
 /* Every so many cells is compared: enough for a mean. */
 #define STEP 5
 /* Linear values below this, of full scale, are within a camera's noise: they are all alike, and
@@ -32,12 +34,12 @@ struct lp_exposure_match lp_imager_match(const struct lp_imager *imager, float e
 		if (imager->exposure[k].serial)
 			least_known = fminf(least_known, LEAST_LINEAR * imager->exposure[k].scale);
 	for (int i = 0; i < seen->width * seen->height; i += STEP, looked_at++) {
-		const float observed = seen->radiance[i][LUMINANCE] / seen->scale;
-		const float predicted = known->radiance[i][LUMINANCE] * exposure_us * 1e-6F;
+		const float observed = seen->radiance[i][LP_LUMINANCE] / seen->scale;
+		const float predicted = known->radiance[i][LP_LUMINANCE] * exposure_us * 1e-6F;
 
 		/* a clipped cell is known to be bright, not how bright */
 		if ((known->clipped[i] && predicted < 1.0F) ||
-		    (known->radiance[i][LUMINANCE] < least_known && predicted > LEAST_LINEAR))
+		    (known->radiance[i][LP_LUMINANCE] < least_known && predicted > LEAST_LINEAR))
 			continue;
 		sum += fabsf(code_of(predicted) - code_of(observed));
 		compared++;

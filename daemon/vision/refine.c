@@ -14,9 +14,10 @@
 #include "vision/imager_internal.h"
 #include "vision/remap.h"
 
-#define LUMINANCE 3
+/* Chosen by hand; docs/maintainers/constants.md says what half and double of each does. */
+
 /* Response, roll-off and white balance of a camera: what a lamp's strength is uncertain by at best.
- */
+ * No real camera has been measured; docs/users/accuracy.md shows the figures without it, too. */
 #define CAMERA_SIGMA 0.02F
 #define TOP_CODE 250 /* codes from here on count as saturated */
 /* Pixels fainter than this share of the lamp's peak, or lost in the surround's noise, add to its
@@ -62,9 +63,9 @@ static int polar_stride(const struct lp_imager *imager, int row, int most)
 /* Does this camera cell hold so much of the lamp's light, and not just its surround's? */
 static bool holds(const struct lp_cells *cells, const struct lp_lamp *lamp, int source, float share)
 {
-	const float surround = lamp->background[LUMINANCE];
+	const float surround = lamp->background[LP_LUMINANCE];
 
-	return cells->radiance[source][LUMINANCE] - surround > share * (lamp->peak - surround);
+	return cells->radiance[source][LP_LUMINANCE] - surround > share * (lamp->peak - surround);
 }
 
 /* Camera cells behind the lamp's panorama cells, thinned where polar_stride() allows it; the bright
@@ -105,6 +106,28 @@ static bool collect_thinned(struct lp_imager *imager, const struct lp_lamp_finde
 	return patch->count > 0;
 }
 
+/* The longest exposure that the mask (bit k: exposure k) does not exclude, else the shortest. NULL:
+ * there is none. *all_excluded: that was so; may be NULL. */
+static const struct lp_exposure *longest_exposure(const struct lp_imager *imager, unsigned excluded,
+						  bool *all_excluded)
+{
+	const struct lp_exposure *best = NULL, *shortest = NULL;
+
+	for (int k = 0; k < LP_MAX_BRACKET; k++) {
+		const struct lp_exposure *e = &imager->exposure[k];
+
+		if (!e->serial)
+			continue;
+		if (!shortest || e->scale > shortest->scale)
+			shortest = e;
+		if (!(excluded >> k & 1) && (!best || e->scale < best->scale))
+			best = e;
+	}
+	if (all_excluded)
+		*all_excluded = !best;
+	return best ? best : shortest;
+}
+
 static bool clips(const struct lp_exposure *exposure, const struct patch *patch)
 {
 	for (int i = 0; i < patch->count; i++)
@@ -117,20 +140,13 @@ static bool clips(const struct lp_exposure *exposure, const struct patch *patch)
 static const struct lp_exposure *best_exposure(const struct lp_imager *imager,
 					       const struct patch *patch, bool *clipped)
 {
-	const struct lp_exposure *best = NULL, *shortest = NULL;
+	unsigned clipping = 0;
 
 	for (int k = 0; k < LP_MAX_BRACKET; k++) {
-		const struct lp_exposure *e = &imager->exposure[k];
-
-		if (!e->serial)
-			continue;
-		if (!shortest || e->scale > shortest->scale)
-			shortest = e;
-		if ((!best || e->scale < best->scale) && !clips(e, patch))
-			best = e;
+		if (imager->exposure[k].serial && clips(&imager->exposure[k], patch))
+			clipping |= 1U << k;
 	}
-	*clipped = !best;
-	return best ? best : shortest;
+	return longest_exposure(imager, clipping, clipped);
 }
 
 /* Which cells of the patch are to be decoded; returns how many. By one exposure: in a merged cell
@@ -196,12 +212,12 @@ static struct row_sums sum_row(const float (*rgb)[3], int count, float step,
 
 	for (int x = 0; x < count; x++) {
 		const float u = ((float)x + 0.5F) * step;
-		const float light = lp_luminance(rgb[x]) - background[LUMINANCE];
+		const float light = lp_luminance(rgb[x]) - background[LP_LUMINANCE];
 		const float one = light > threshold ? 1.0F : 0.0F, core = one * light;
 
 		for (int c = 0; c < 3; c++)
 			s.flux[c] += rgb[x][c] - background[c];
-		s.flux[LUMINANCE] += light;
+		s.flux[LP_LUMINANCE] += light;
 		s.moment += light * u;
 		s.core += core;
 		s.core_moment += core * u;
@@ -226,7 +242,7 @@ static void add_row(struct sums *s, const struct row_sums *row, const struct lp_
 		const double from = g->first[a] - lamp->direction[a];
 
 		s->all[a] +=
-			omega * (row->flux[LUMINANCE] * g->first[a] + row->moment * g->along[a]);
+			omega * (row->flux[LP_LUMINANCE] * g->first[a] + row->moment * g->along[a]);
 		s->first[a] += omega * (row->core * g->first[a] + row->core_moment * g->along[a]);
 		apart[a] = row->pixels * from * from + 2.0 * row->u * from * g->along[a] +
 			   row->uu * g->along[a] * g->along[a];
@@ -251,7 +267,7 @@ static struct row_sums flat_row(const float *radiance, int count, float step,
 
 	for (int c = 0; c < 4; c++)
 		s.flux[c] = (float)count * (radiance[c] - background[c]);
-	s.moment = s.flux[LUMINANCE] * 0.5F * (float)count * step;
+	s.moment = s.flux[LP_LUMINANCE] * 0.5F * (float)count * step;
 	return s;
 }
 
@@ -296,7 +312,7 @@ static struct sums sum_patch(struct lp_imager *imager, const struct lp_exposure 
 		const struct lp_cell_geometry g = lp_cell_geometry(imager, column, row);
 		const float(*rgb)[3] =
 			(const float(*)[3])(imager->pixels + (size_t)i * side * side);
-		const bool flat = patch->brightest[i] - lamp->background[LUMINANCE] <= threshold;
+		const bool flat = patch->brightest[i] - lamp->background[LP_LUMINANCE] <= threshold;
 
 		for (int y = 0; g.seen && y < side && row * side + y < height; y++) {
 			const double omega = equirect ? imager->row_solid_angle_sr[row * side + y]
@@ -329,7 +345,7 @@ static void normalise(const double vector[3], float unit[3])
 static double pixel_noise(const struct lp_imager *imager, const struct lp_exposure *exposure,
 			  const struct lp_lamp *lamp)
 {
-	const float tone = (float)lamp->irradiance[LUMINANCE] / lamp->solid_angle_sr;
+	const float tone = (float)lamp->irradiance[LP_LUMINANCE] / lamp->solid_angle_sr;
 
 	return (double)tone * exposure->noise.pixel *
 	       lp_relative_slope(&imager->response, tone / exposure->scale);
@@ -382,11 +398,11 @@ bool lp_imager_refine(struct lp_imager *imager, const struct lp_lamp_finder *fin
 		collect(imager, finder, lamp, most_cells, &patch, &clipped);
 	if (!exposure)
 		return false;
-	const float peak = load_pixels(imager, exposure, &patch) - lamp->background[LUMINANCE];
+	const float peak = load_pixels(imager, exposure, &patch) - lamp->background[LP_LUMINANCE];
 	const float threshold = fmaxf(CORE_SHARE * peak, 3.0F * lamp->background_noise);
 	const struct sums s = sum_patch(imager, exposure, &patch, lamp, threshold);
 
-	if (!(s.core > 0.0) || !(s.flux[LUMINANCE] > 0.0))
+	if (!(s.core > 0.0) || !(s.flux[LP_LUMINANCE] > 0.0))
 		return false;
 	apply(imager, exposure, &s, clipped, lamp);
 	return true;
@@ -396,24 +412,18 @@ bool lp_imager_refine(struct lp_imager *imager, const struct lp_lamp_finder *fin
 static const struct lp_exposure *exposure_for(const struct lp_imager *imager, float tone)
 {
 	const float top = imager->response.pixel[1][TOP_CODE];
-	const struct lp_exposure *best = NULL, *shortest = NULL;
+	unsigned clipping = 0;
 
 	for (int k = 0; k < LP_MAX_BRACKET; k++) {
-		const struct lp_exposure *e = &imager->exposure[k];
-
-		if (!e->serial)
-			continue;
-		if (!shortest || e->scale > shortest->scale)
-			shortest = e;
-		if (tone < top * e->scale && (!best || e->scale < best->scale))
-			best = e;
+		if (tone >= top * imager->exposure[k].scale)
+			clipping |= 1U << k;
 	}
-	return best ? best : shortest;
+	return longest_exposure(imager, clipping, NULL);
 }
 
 float lp_imager_strength_sigma(const struct lp_imager *imager, const struct lp_lamp *lamp)
 {
-	const float tone = lamp->irradiance[LUMINANCE] / lamp->solid_angle_sr;
+	const float tone = lamp->irradiance[LP_LUMINANCE] / lamp->solid_angle_sr;
 	const struct lp_exposure *e = exposure_for(imager, tone);
 
 	if (!e || !(e->noise.common > 0.0F) || !(tone > 0.0F))

@@ -5,6 +5,8 @@
 
 #include "vision/camera.h"
 
+/* Chosen by hand; docs/maintainers/constants.md says what other values do. */
+
 /* Half width, in codes, over which a table's curvature is taken: tables from calibration are rough.
  */
 #define CURVATURE_CODES 4.0

@@ -10,7 +10,8 @@ using cv::v_uint8x16;
 namespace
 {
 
-/* Squared codes: below this luma's variance among a tile's samples is noise and rounding. */
+/* Squared codes: below this luma's variance among a tile's samples is noise and rounding. Chosen by
+ * hand (docs/maintainers/constants.md). */
 constexpr float kLeastVariance = 8.0F;
 
 inline v_int32x4 codes(const v_float32x4 &value)

@@ -37,7 +37,9 @@ struct fake_control {
 
 struct fake_camera {
 	bool present;
-	bool offers_nothing; /* no format that could be used */
+	bool offers_nothing;	    /* no format that could be used */
+	bool any_rate;		    /* from 5 to 120 Hz, instead of 100 Hz alone */
+	struct v4l2_fract interval; /* that was set; of any_rate */
 	uint16_t product;
 	int open_error;	   /* errno of open(); 0: it succeeds */
 	int control_error; /* errno of every call about controls; 0: they succeed */
@@ -261,13 +263,24 @@ static int fake_v4l2_call(struct fake_camera *camera, unsigned long request, voi
 		size->discrete = (struct v4l2_frmsize_discrete){FAKE_WIDTH_PX, FAKE_HEIGHT_PX};
 		return size->index ? -EINVAL : 0;
 	case VIDIOC_ENUM_FRAMEINTERVALS:
-		rate->type = V4L2_FRMIVAL_TYPE_DISCRETE;
-		rate->discrete = (struct v4l2_fract){1, 100};
+		if (camera->any_rate) {
+			rate->type = V4L2_FRMIVAL_TYPE_STEPWISE;
+			rate->stepwise = (struct v4l2_frmival_stepwise){.min = {1, 120},
+									.max = {1, 5},
+									.step = {1, 1000}};
+		} else {
+			rate->type = V4L2_FRMIVAL_TYPE_DISCRETE;
+			rate->discrete = (struct v4l2_fract){1, 100};
+		}
 		return rate->index ? -EINVAL : 0;
 	case VIDIOC_S_FMT:
 		return fake_v4l2_set_format(argument);
 	case VIDIOC_S_PARM:
 	case VIDIOC_G_PARM:
+		if (camera->any_rate && request == VIDIOC_S_PARM) {
+			camera->interval = parameters->parm.capture.timeperframe;
+			return 0;
+		}
 		parameters->parm.capture.timeperframe = (struct v4l2_fract){1, 100};
 		return 0;
 	case VIDIOC_REQBUFS:

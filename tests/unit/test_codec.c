@@ -86,6 +86,30 @@ static void test_size_budgets(void **state)
 	assert_in_range(packet.size_bytes, 60, 96);
 }
 
+/* What the choice of a model counts with is what is sent. */
+static void test_bytes_of_a_light_and_of_a_coefficient(void **state)
+{
+	struct lp_light_estimate estimate = full_estimate();
+	const struct lp_stamp stamp = {.boot_id = 1,
+				       .ttl_ms = 1000,
+				       .t_send_ns = estimate.t_capture_ns + LP_NS_PER_S};
+	uint32_t without;
+
+	(void)state;
+	for (int i = 0; i < LP_MAX_LIGHTS; i++)
+		estimate.lights[i].flags = LP_LIGHT_CLIPPED;
+	encode(&estimate, false, 2, 3, &stamp);
+	without = packet.size_bytes;
+	encode(&estimate, false, 2, 4, &stamp);
+	assert_int_equal(packet.size_bytes - without, LP_LIGHT_BYTES);
+	/* With lights: the message's own length takes two bytes either way. */
+	encode(&estimate, false, 1, 4, &stamp);
+	without = packet.size_bytes;
+	encode(&estimate, false, 2, 4, &stamp);
+	assert_int_equal(packet.size_bytes - without,
+			 LP_COEFFICIENT_BYTES * (LP_SH_COUNT(2) - LP_SH_COUNT(1)));
+}
+
 static void test_every_variant_fits_a_packet(void **state)
 {
 	struct lp_light_estimate estimate = full_estimate();
@@ -401,6 +425,7 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_size_budgets),
+		cmocka_unit_test(test_bytes_of_a_light_and_of_a_coefficient),
 		cmocka_unit_test(test_every_variant_fits_a_packet),
 		cmocka_unit_test(test_values_arrive),
 		cmocka_unit_test(test_an_old_estimate_is_as_old_as_the_sleep),

@@ -14,7 +14,7 @@ struct fields {
 	struct lp_size size;
 	struct lp_floats exposures_us;
 	char name[8];
-	int count;
+	int count, address;
 };
 
 static const char *const formats[] = {"auto", "mjpeg", "nv12", NULL};
@@ -30,6 +30,8 @@ static const struct lp_param list[] = {
 	{"name", LP_PARAM_TEXT, offsetof(struct fields, name), .initial = "none", .max = 8},
 	{"count", LP_PARAM_INT, offsetof(struct fields, count), .initial = "3", .min = -5,
 	 .max = 5},
+	{"address", LP_PARAM_HEX, offsetof(struct fields, address), .initial = "0x2c", .min = 8,
+	 .max = 0x77},
 };
 static const struct lp_params params = LP_PARAMS(list);
 
@@ -128,6 +130,11 @@ static void test_typed_values_and_defaults(void **state)
 	assert_true(fields.exposures_us.values[1] == 1000);
 	assert_string_equal(fields.name, "1234567");
 	assert_int_equal(fields.count, -5);
+	assert_int_equal(fields.address, 0x2C);
+	assert_int_equal(read_into(&fields, "file:a?address=44"), 0);
+	assert_int_equal(fields.address, 44);
+	assert_int_equal(read_into(&fields, "file:a?address=0x40"), 0);
+	assert_int_equal(fields.address, 0x40);
 }
 
 static void test_bad_values(void **state)
@@ -146,7 +153,9 @@ static void test_bad_values(void **state)
 		"exposures_us=,1", "exposures_us=1;2",
 		"exposures_us=0",  "exposures_us=1,2,3,4,5,6,7,8,9,10,11,12,13,14,15,16,17",
 		"name=12345678",   "count=6",
-		"count=1.5",	   "count=99999999999999999999"};
+		"count=1.5",	   "count=99999999999999999999",
+		"address=0x78",	   "address=0x7",
+		"address=2c",	   "address=0x"};
 
 	(void)state;
 	for (size_t i = 0; i < LP_COUNT(bad); i++) {
@@ -176,7 +185,7 @@ static void test_errors_say_what_is_expected(void **state)
 	capture_end(&capture);
 	assert_contains(capture.text,
 			"error file:a?speed=3: speed: unknown key; known: rate, loop, "
-			"format, size, exposures_us, name, count\n");
+			"format, size, exposures_us, name, count, address\n");
 	assert_contains(capture.text, "error file:b?rate=x: rate: 'x' is not a number 0..1000\n");
 	assert_contains(capture.text,
 			"error file:c?format=x: format: 'x' is not auto|mjpeg|nv12\n");

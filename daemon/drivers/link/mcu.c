@@ -28,17 +28,6 @@ void lp_mcu_report_fault(struct lp_mcu *mcu, const char *id, const char *text)
 
 /* ---------------------------------------------------------------- building up and down */
 
-static int parse_address(const char *text, void *field)
-{
-	char *end;
-	const long address = strtol(text, &end, 0);
-
-	if (end == text || *end || address < 0x08 || address > 0x77)
-		return -EINVAL;
-	*(int *)field = (int)address;
-	return 0;
-}
-
 static const struct lp_link_ops *carrier_of(const struct lp_uri *uri, const char **device)
 {
 	static const struct lp_link_ops *const carriers[] = {&lp_link_serial_ops, &lp_link_i2c_ops,
@@ -61,8 +50,8 @@ static const struct lp_link_ops *carrier_of(const struct lp_uri *uri, const char
 static const struct lp_param list[] = {
 	{"baud", LP_PARAM_INT, offsetof(struct lp_mcu_settings, baud), .initial = "500000",
 	 .min = 115200, .max = 1000000, .help = "of a serial line"},
-	{"address", LP_PARAM_OWN, offsetof(struct lp_mcu_settings, address), .initial = "0x2c",
-	 .parse = parse_address, .expects = "an I2C address, 0x08..0x77", .help = "on I2C"},
+	{"address", LP_PARAM_HEX, offsetof(struct lp_mcu_settings, address), .initial = "0x2c",
+	 .min = 0x08, .max = 0x77, .help = "on I2C"},
 	{"ring_scans", LP_PARAM_INT, offsetof(struct lp_mcu_settings, ring_scans), .initial = "8",
 	 .min = 8, .max = 255, .help = "the ring's light is told every so many scans of 1.25 ms"},
 };

@@ -37,18 +37,25 @@ int lp_link_length(uint8_t id)
 #undef ROW
 }
 
+/* The answer to request `count` has come. When that was sent; 0: it has been answered before. */
+static int64_t answered(struct lp_mcu *mcu, int count)
+{
+	const int64_t sent_ns = mcu->time_sent_ns[count];
+
+	mcu->time_sent_ns[count] = 0;
+	if (sent_ns)
+		mcu->t_seen_ns = sent_ns;
+	return sent_ns;
+}
+
 static void on_time(struct lp_mcu *mcu, const uint8_t *payload, int64_t t_ns)
 {
 	struct mcu_time_reply_t reply;
 	int64_t sent_ns;
 
 	mcu_time_reply_unpack(&reply, payload, LP_LINK_MAX_BYTES);
-	sent_ns = mcu->time_sent_ns[reply.count];
-	if (sent_ns == 0)
-		return;
-	mcu->time_sent_ns[reply.count] = 0;
-	mcu->t_seen_ns = sent_ns;
-	if (reply.stamped)
+	sent_ns = answered(mcu, reply.count);
+	if (sent_ns && reply.stamped)
 		(void)lp_link_clock_add(&mcu->clock, sent_ns, t_ns, reply.t_rx_us,
 					reply.turnaround_us);
 }
@@ -134,16 +141,10 @@ static void on_wheel_time(struct lp_mcu *mcu, const uint8_t *payload, int64_t t_
 static void on_wheel_reply(struct lp_mcu *mcu, const uint8_t *payload)
 {
 	struct mcu_wheel_reply_t reply;
-	int64_t sent_ns;
 
 	mcu_wheel_reply_unpack(&reply, payload, LP_LINK_MAX_BYTES);
-	sent_ns = mcu->time_sent_ns[reply.count];
-	if (sent_ns == 0)
-		return;
-	mcu->time_sent_ns[reply.count] = 0;
-	mcu->t_seen_ns = sent_ns;
-	if (!mcu->phase_known || mcu->wheel_waits || reply.phase != mcu->phase.phase ||
-	    reply.token != mcu->phase.token)
+	if (answered(mcu, reply.count) == 0 || !mcu->phase_known || mcu->wheel_waits ||
+	    reply.phase != mcu->phase.phase || reply.token != mcu->phase.token)
 		return;
 	mcu->wheel.servo_on = reply.servo_on;
 	mcu->wheel.measured_cdeg = reply.measured_cdeg;

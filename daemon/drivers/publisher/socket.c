@@ -11,43 +11,24 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include "base/clock.h"
 #include "base/log.h"
 #include "base/loop.h"
 #include "base/macros.h"
 #include "base/param.h"
 #include "base/uri.h"
-#include "drivers/publisher/framing.h"
+#include "drivers/publisher/clients.h"
 #include "drivers/publisher/listen.h"
 #include "drivers/publisher/peer.h"
-#include "drivers/publisher/queue.h"
-#include "include/packet.h"
 #include "include/publisher.h"
 
 #define ACCEPTS_PER_EVENT 8
 #define SEND_BUFFER_BYTES (16 << 10) /* a slow client shall get the newest, not seconds of old */
-#define LINGER_NS                                                                       \
-	(2 * LP_NS_PER_S) /* how long a closing client may take to read its last packet \
-			   */
 #define KEEPALIVE_IDLE_S 10
 #define KEEPALIVE_INTERVAL_S 5
 #define KEEPALIVE_PROBES 3
 #define UNACKNOWLEDGED_MAX_MS (120 * 1000) /* then a TCP peer counts as gone */
 
 struct socket_publisher;
-
-struct lp_client {
-	struct socket_publisher *owner;
-	struct lp_client *next, *previous;
-	struct lp_watch watch;
-	void *user;
-	bool announced;	    /* the host knows it: it will hear disconnected() */
-	int64_t closing_ns; /* nothing more is taken from it or queued for it; 0: open */
-	struct lp_peer peer;
-	struct lp_send_queue queue;
-	size_t input_bytes;
-	uint8_t input[LP_LENGTH_MAX_BYTES + LP_REQUEST_MAX_BYTES];
-};
 
 struct listener {
 	struct socket_publisher *owner;
@@ -71,177 +52,12 @@ struct socket_publisher {
 	int listener_count;
 	struct lp_socket_file file;
 	int spare_fd; /* given up for a moment to turn clients away when descriptors run out */
-	struct lp_client *clients;
-	struct lp_timer reaper; /* closes clients whose time to linger is over */
-	bool reaping;		/* the timer runs; setting it anew would put it off */
+	struct lp_clients clients;
 };
 
 static struct socket_publisher *self_of(const struct lp_publisher *publisher)
 {
 	return (struct socket_publisher *)publisher;
-}
-
-/* ---------------------------------------------------------------- closing */
-
-static void close_client(struct lp_client *client)
-{
-	struct socket_publisher *self = client->owner;
-	const int fd = client->watch.fd;
-
-	if (client->announced)
-		self->base.host.disconnected(self->base.host.context, client->user);
-	lp_watch_stop(&client->watch);
-	close(fd);
-	lp_send_queue_clear(&client->queue);
-	if (client->previous)
-		client->previous->next = client->next;
-	else
-		self->clients = client->next;
-	if (client->next)
-		client->next->previous = client->previous;
-	free(client);
-}
-
-/* All is sent: say so, then wait for the client to close, or its last packet might be lost. */
-static void shut_when_sent(struct lp_client *client)
-{
-	if (client->closing_ns && lp_send_queue_is_empty(&client->queue))
-		(void)shutdown(client->watch.fd, SHUT_WR);
-}
-
-static void begin_closing(struct lp_client *client)
-{
-	struct socket_publisher *self = client->owner;
-
-	if (client->closing_ns)
-		return;
-	client->closing_ns = lp_clock_ns();
-	if (!self->reaping)
-		lp_timer_set(&self->reaper, LINGER_NS / 2, LINGER_NS / 2);
-	self->reaping = true;
-	if (client->announced)
-		self->base.host.disconnected(self->base.host.context, client->user);
-	client->announced = false;
-	shut_when_sent(client);
-}
-
-static void on_reap(struct lp_timer *timer)
-{
-	struct socket_publisher *self = LP_CONTAINER_OF(timer, struct socket_publisher, reaper);
-	const int64_t now_ns = lp_clock_ns();
-	struct lp_client *next;
-	int closing = 0;
-
-	for (struct lp_client *client = self->clients; client; client = next) {
-		next = client->next;
-		if (!client->closing_ns)
-			continue;
-		closing++;
-		if (now_ns - client->closing_ns >= LINGER_NS)
-			close_client(client);
-	}
-	self->reaping = closing > 0;
-	if (!self->reaping)
-		lp_timer_stop(timer);
-}
-
-/* ---------------------------------------------------------------- sending */
-
-/* Never closes: the host may be in the middle of its list. The loop reports the hang-up. */
-static void flush(struct lp_client *client)
-{
-	const int ret = lp_send_queue_flush(&client->queue, client->watch.fd);
-
-	if (ret < 0) {
-		lp_send_queue_clear(&client->queue);
-		(void)shutdown(client->watch.fd, SHUT_RDWR);
-	}
-	lp_watch_change(&client->watch, ret > 0 ? LP_READABLE | LP_WRITABLE : LP_READABLE);
-	shut_when_sent(client);
-}
-
-static void socket_send(struct lp_publisher *publisher, struct lp_client *client,
-			struct lp_packet *packet)
-{
-	const bool waits = client->watch.events & LP_WRITABLE;
-
-	if (client->closing_ns)
-		return;
-	if (lp_send_queue_put(&client->queue, packet))
-		publisher->host.superseded(publisher->host.context, client->user);
-	if (!waits)
-		flush(client);
-}
-
-/* ---------------------------------------------------------------- receiving */
-
-static const char *unreadable_reason(int ret)
-{
-	return ret == -EMSGSIZE ? "longer than a request may be (256 bytes)"
-				: "does not begin with its length as a varint";
-}
-
-/* Hand over every whole request. False: the client is to be closed. */
-static bool take_requests(struct lp_client *client)
-{
-	const struct lp_publisher_host *host = &client->owner->base.host;
-	size_t used = 0, offset, size;
-	int ret;
-
-	for (;;) {
-		ret = lp_framing_next(client->input + used, client->input_bytes - used,
-				      LP_REQUEST_MAX_BYTES, &offset, &size);
-		if (ret != 1)
-			break;
-		ret = host->request(host->context, client->user, client->input + used + offset,
-				    size);
-		if (ret < 0)
-			return false;
-		used += offset + size;
-	}
-	if (ret < 0) {
-		host->unreadable(host->context, client->user, unreadable_reason(ret));
-		return false;
-	}
-	host->requests_done(host->context, client->user);
-	client->input_bytes -= used;
-	memmove(client->input, client->input + used, client->input_bytes);
-	return true;
-}
-
-/* One read: a client that talks without end gets no more than its turn. */
-static void receive(struct lp_client *client)
-{
-	const ssize_t got = read(client->watch.fd, client->input + client->input_bytes,
-				 sizeof(client->input) - client->input_bytes);
-
-	if (got < 0 && (errno == EAGAIN || errno == EINTR))
-		return;
-	if (got <= 0) {
-		close_client(client);
-		return;
-	}
-	if (client->closing_ns)
-		return; /* read to make room, and ignored */
-	client->input_bytes += (size_t)got;
-	if (!take_requests(client)) {
-		client->input_bytes = 0;
-		begin_closing(client);
-	}
-}
-
-static void on_client_ready(struct lp_watch *watch, unsigned int events)
-{
-	struct lp_client *client = LP_CONTAINER_OF(watch, struct lp_client, watch);
-
-	if (events & LP_HANGUP) {
-		close_client(client);
-		return;
-	}
-	if (events & LP_WRITABLE)
-		flush(client);
-	if (events & LP_READABLE)
-		receive(client);
 }
 
 /* ---------------------------------------------------------------- accepting */
@@ -270,12 +86,9 @@ static void set_socket_options(const struct socket_publisher *self, int fd)
 static const char *refusal_of(const struct socket_publisher *self, const struct lp_peer *peer,
 			      char *text, size_t size_bytes)
 {
-	int count = 0, same = 0;
+	int same;
+	const int count = lp_clients_count(&self->clients, peer, &same);
 
-	for (const struct lp_client *client = self->clients; client; client = client->next) {
-		count++;
-		same += lp_peer_is_same(&client->peer, peer);
-	}
 	if (count >= self->options.clients)
 		(void)snprintf(text, size_bytes, "%s has %d clients — raise its ?clients=",
 			       self->base.ops->info.scheme, count);
@@ -289,32 +102,13 @@ static const char *refusal_of(const struct socket_publisher *self, const struct 
 
 static int add_client(struct socket_publisher *self, int fd)
 {
-	struct lp_client *client = calloc(1, sizeof(*client));
-	const struct lp_publisher_host *host = &self->base.host;
-	const char *refusal;
+	struct lp_peer peer;
 	char text[96];
-	int ret;
 
-	if (!client)
-		return -ENOMEM;
-	client->owner = self;
-	ret = lp_watch_start(host->loop, &client->watch, fd, LP_READABLE, on_client_ready);
-	if (ret < 0) {
-		free(client);
-		return ret;
-	}
 	set_socket_options(self, fd);
-	lp_peer_read(fd, &client->peer);
-	refusal = refusal_of(self, &client->peer, text, sizeof(text));
-	client->next = self->clients;
-	if (client->next)
-		client->next->previous = client;
-	self->clients = client;
-	if (host->connected(host->context, &self->base, client, refusal, &client->user) < 0)
-		begin_closing(client);
-	else
-		client->announced = true;
-	return 0;
+	lp_peer_read(fd, &peer);
+	return lp_clients_add(&self->clients, fd, &peer,
+			      refusal_of(self, &peer, text, sizeof(text)));
 }
 
 /* Out of descriptors: without this the connection would stay in the queue and wake us for ever. */
@@ -357,20 +151,21 @@ static void on_listener_ready(struct lp_watch *watch, unsigned int events)
 
 /* ---------------------------------------------------------------- ops */
 
+static void socket_send(struct lp_publisher *publisher, struct lp_client *client,
+			struct lp_packet *packet)
+{
+	(void)publisher;
+	lp_client_send(client, packet);
+}
+
 static bool socket_pending(const struct lp_publisher *publisher)
 {
-	for (const struct lp_client *client = self_of(publisher)->clients; client;
-	     client = client->next) {
-		if (!lp_send_queue_is_empty(&client->queue))
-			return true;
-	}
-	return false;
+	return lp_clients_pending(&self_of(publisher)->clients);
 }
 
 static void socket_destroy(struct lp_publisher *publisher)
 {
 	struct socket_publisher *self = self_of(publisher);
-	struct lp_client *next;
 
 	if (!publisher)
 		return;
@@ -381,11 +176,7 @@ static void socket_destroy(struct lp_publisher *publisher)
 		lp_watch_stop(&self->listeners[i].watch);
 		close(fd);
 	}
-	for (struct lp_client *client = self->clients; client; client = next) {
-		next = client->next;
-		close_client(client);
-	}
-	lp_timer_stop(&self->reaper);
+	lp_clients_finish(&self->clients);
 	if (self->spare_fd >= 0)
 		close(self->spare_fd);
 	free(self->path);
@@ -499,6 +290,7 @@ static int create(const struct lp_uri *uri, const struct lp_publisher_host *host
 	self->base = (struct lp_publisher){.ops = is_tcp ? &lp_publisher_tcp_ops
 							 : &lp_publisher_unix_ops,
 					   .host = *host};
+	lp_clients_init(&self->clients, &self->base);
 	self->is_tcp = is_tcp;
 	self->spare_fd = -1;
 	self->object = strdup(uri->text);
@@ -510,7 +302,6 @@ static int create(const struct lp_uri *uri, const struct lp_publisher_host *host
 		return ret;
 	}
 	complete_options(self);
-	lp_timer_init(host->loop, &self->reaper, on_reap);
 	*publisher = &self->base;
 	return 0;
 }

@@ -6,6 +6,7 @@
 #include "base/clock.h"
 #include "include/frame.h"
 
+/* Where the delay is not known: longer than the 1 to 4 frames that cameras take (app/bracket.c). */
 #define LONGEST_DELAY_FRAMES 5
 
 void lp_exposure_guess_init(struct lp_exposure_guess *guess, int delay_frames)

@@ -161,12 +161,12 @@ static int example_start(struct lp_source *source)
 
 static void example_caps(const struct lp_source *source, struct lp_source_caps *caps)
 {
+	(void)source;
 	*caps = (struct lp_source_caps){.exposure_min_us = NAN,
 					.exposure_max_us = NAN,
 					.gain_min = NAN,
 					.gain_max = NAN,
-					.exposure_delay_frames = -1,
-					.frame_rate_hz = self_of(source)->options.rate_hz};
+					.exposure_delay_frames = -1};
 }
 
 const struct lp_source_ops lp_source_example_ops = {

@@ -282,7 +282,6 @@ static void file_caps(const struct lp_source *source, struct lp_source_caps *cap
 		.gain_min = NAN,
 		.gain_max = NAN,
 		.exposure_delay_frames = -1,
-		.frame_rate_hz = options->rate_hz,
 		.finite = !options->loop,
 	};
 }

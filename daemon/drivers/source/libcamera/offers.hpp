@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a camera of libcamera's offers, in the words of source_offers.h. */
+/* What a camera of libcamera's offers, in the words of drivers/source/offers.h. */
 #ifndef LP_SOURCE_LIBCAMERA_OFFERS_HPP
 #define LP_SOURCE_LIBCAMERA_OFFERS_HPP
 

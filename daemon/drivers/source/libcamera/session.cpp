@@ -489,7 +489,6 @@ lp_source_caps Session::caps() const
 
 	caps.exposure_min_us = caps.exposure_max_us = caps.gain_min = caps.gain_max = NAN;
 	caps.exposure_delay_frames = settings.exposure_delay_frames;
-	caps.frame_rate_hz = settings.wish.fps;
 	caps.reports_exposure = reports_exposure;
 	caps.exposure_settable = settable && limits(has, controls::ExposureTime,
 						    caps.exposure_min_us, caps.exposure_max_us);

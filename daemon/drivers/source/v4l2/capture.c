@@ -55,7 +55,6 @@ static void set_caps(struct lp_v4l2_capture *self, const struct lp_v4l2_session 
 		.gain_min = NAN,
 		.gain_max = NAN,
 		.exposure_delay_frames = self->settings.exposure_delay_frames,
-		.frame_rate_hz = session ? lp_v4l2_stream_rate_hz(session->stream) : 0,
 	};
 
 	if (controls && controls->exposure_settable) {

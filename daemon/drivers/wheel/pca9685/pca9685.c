@@ -269,20 +269,9 @@ static void pca9685_destroy(struct lp_rotator *rotator)
 	free(self);
 }
 
-static int parse_address(const char *text, void *field)
-{
-	char *end;
-	const long address = strtol(text, &end, 0);
-
-	if (end == text || *end || address < 0x40 || address > 0x7F)
-		return -EINVAL;
-	*(int *)field = (int)address;
-	return 0;
-}
-
 static const struct lp_param list[] = {
-	{"address", LP_PARAM_OWN, offsetof(struct keys, address), .initial = "0x40",
-	 .parse = parse_address, .expects = "an I2C address, 0x40..0x7f", .help = "of the hat"},
+	{"address", LP_PARAM_HEX, offsetof(struct keys, address), .initial = "0x40", .min = 0x40,
+	 .max = 0x7F, .help = "of the hat on I2C"},
 	{"channel", LP_PARAM_INT, offsetof(struct keys, channel), .initial = "0", .max = 15,
 	 .help = "of the hat, where the servo is plugged in"},
 	{"chip", LP_PARAM_TEXT, offsetof(struct keys, chip), .initial = "gpiochip0", .max = 64,

@@ -1,0 +1,39 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Packets for clients: empty ones from a pool; and those of one estimate, encoded once for all
+ * clients that want the same of it. Loop thread.
+ */
+#ifndef LP_APP_PACKETS_H
+#define LP_APP_PACKETS_H
+
+#include "app/codec.h"
+#include "app/pipeline.h"
+
+struct lp_packet;
+struct lp_packets;
+
+/* Of so many that may be held at a time, besides those of one estimate. NULL: out of memory. */
+struct lp_packets *lp_packets_create(int most_held);
+
+/* An empty one, with one reference. NULL: out of memory, logged. */
+struct lp_packet *lp_packets_take(struct lp_packets *packets);
+
+/*
+ * What a client wants of the estimates, encoded now or before; `computed` says what they hold. The
+ * packet stays ours: hold it to keep it. The estimates must be the same until the next
+ * lp_packets_forget(). Clients that want the same share a packet if they number their subscriptions
+ * alike, as most do; then the first one's stamp counts. NULL: cannot be sent, logged.
+ */
+struct lp_packet *lp_packets_estimate(struct lp_packets *packets,
+				      const struct lp_estimates *estimates,
+				      const struct lp_demand *computed,
+				      const struct lp_subscription *wanted,
+				      const struct lp_stamp *stamp);
+
+/* Drop what was encoded. */
+void lp_packets_forget(struct lp_packets *packets);
+
+/* Accepts NULL. All packets must be back. */
+void lp_packets_destroy(struct lp_packets *packets);
+
+#endif

@@ -1,0 +1,295 @@
+"""What the daemon's constants do: `make constants` writes docs/maintainers/constants.md.
+
+Each one is halved and doubled in a copy of the sources. Of those that decide how accurate an
+estimate is, the daemon of that copy is measured on simulated scenes; of those that decide about
+sequences of frames, the unit tests say which of them notice.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import report
+from lightprobe.evaluate import evaluation, metrics, offline
+from lightprobe.evaluate.evaluation import Input
+from lightprobe.sim import scenes
+
+ROOT = Path(__file__).resolve().parents[2]
+COPIES = ROOT / "build/constants"
+PAGE = ROOT / "docs/maintainers/constants.md"
+COPIED = ("Makefile", "daemon", "proto", "packaging", "tests", "host_py", "firmware", "hw",
+          "build/gen", "build/release")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A number in the sources, and what is tried in its place."""
+
+    path: str
+    name: str
+    tried: tuple[float, ...] = ()  # none: half and double
+
+    @property
+    def title(self) -> str:
+        """Name and place."""
+        return f"`{self.name.lstrip('.')}`, {self.path}"
+
+    @property
+    def pattern(self) -> re.Pattern[str]:
+        """The number, between what stands before and after it."""
+        name = re.escape(self.name)
+        return re.compile(rf"(#define {name}\s+\(?|{name} = )([-\d.e]+)(F?)")
+
+    def find(self, text: str) -> str:
+        """Its value as it is written; SystemExit when it is not there once."""
+        found = self.pattern.findall(text)
+        if len(found) != 1:
+            raise SystemExit(f"constants: {self.path}: {self.name} stands there {len(found)} times")
+        return str(found[0][1])
+
+    def replace(self, text: str, value: str) -> str:
+        """The text with another value."""
+        return self.pattern.sub(rf"\g<1>{value}\g<3>", text)
+
+    def others(self, present: str) -> Iterator[str]:
+        """What to try, written as the present value is."""
+        whole = re.fullmatch(r"-?\d+", present)
+        for value in self.tried or (float(present) / 2, float(present) * 2):
+            yield str(round(value)) if whole else repr(float(value))
+
+
+#: Measured on scenes.
+ACCURACY = (
+    Constant("light/detection.c", ".floor_ratio"),
+    Constant("light/detection.c", ".area_sr"),
+    Constant("light/detection.c", ".persistence_ratio", (1.2, 3.2)),
+    Constant("light/detection.c", ".core_ratio"),
+    Constant("light/detection.c", ".min_strength"),
+    Constant("light/detection.c", ".min_contrast", (1.2, 4.0)),
+    Constant("light/detection.c", ".max_spread_deg"),
+    Constant("light/lamps.c", "RIM_FACTOR"),
+    Constant("light/lamps.c", "RING_CELLS"),
+    Constant("light/lamps.c", "MAX_RING_CELLS"),
+    Constant("vision/refine.c", "CAMERA_SIGMA"),
+    Constant("vision/refine.c", "TOP_CODE", (240, 254)),
+    Constant("vision/refine.c", "CORE_SHARE"),
+    Constant("vision/refine.c", "DECODED_SHARE"),
+    Constant("vision/refine.c", "LEAST_SIGMA_PX"),
+    Constant("vision/refine.c", "MOST_SPACING"),
+    Constant("vision/refine.c", "MOST_THINNED"),
+    Constant("vision/response.c", "CURVATURE_CODES"),
+    Constant("vision/response.c", "FADE_FROM", (180.0, 235.0)),
+    Constant("vision/response.c", "FADE_TO", (230.0, 254.0)),
+    Constant("vision/tile.cpp", "kLeastVariance"),
+)
+
+
+#: Tested with sequences of frames, by these unit tests.
+SEQUENCES = {
+    "bracket pipeline": [
+        Constant("app/bracket.c", name)
+        for name in (
+            "MOST_DELAY_FRAMES", "MOST_MISSES", "RETRY_FRAMES", "TRUSTED_CHANGES", "MOST_STRANGE",
+            "FIT_CODES", "CLEARLY", "LEAST_CODES", "LEAST_COMPARED", "MEDIAN_AT", "PEAK_LOW",
+            "PEAK_HIGH", "STOPS_ALONE", "STOPS_APART", "REPLAN_STOPS", "FIRST_US", "LEAST_US",
+            "MOST_US",
+        )
+    ],
+    "imager bracket pipeline": [
+        Constant("vision/match.c", "STEP"),
+        Constant("vision/match.c", "LEAST_LINEAR"),
+        Constant("vision/imager.c", "SAME_EXPOSURE", (1.1, 2.8)),
+        Constant("vision/imager.c", "STALE_BRACKETS"),
+    ],
+    "tracker": [
+        Constant("light/tracker.c", "GATE_DEG"),
+        Constant("light/tracker.c", "MEMORY_NS"),
+        Constant("light/tracker.c", "LEAST_SHARE"),
+    ],
+    "model": [Constant("light/model.h", "LP_SHADOW_SHARE")],
+    "pipeline": [
+        Constant("app/pipeline.c", "DARK_CODE"),
+        Constant("app/pipeline.c", "LEAST_CLIPPED_FRACTION"),
+    ],
+    "governor": [
+        Constant("app/governor.c", "MOST_LATE"),
+        Constant("app/governor.c", "SPARE"),
+        Constant("app/governor.c", "FIRST_PATIENCE"),
+        Constant("app/governor.c", "MOST_PATIENCE"),
+        Constant("app/governor.c", "SOON"),
+    ],
+    "camera": [Constant("vision/camera.c", "SEAM_RAD")],
+}  # fmt: skip
+
+
+class Tree:
+    """A copy of the sources to change, with what is built already."""
+
+    def __init__(self, name: str) -> None:
+        """Copy it."""
+        self.root = COPIES / name
+        shutil.rmtree(self.root, ignore_errors=True)
+        self.root.mkdir(parents=True)
+        for path in COPIED:
+            (self.root / path).parent.mkdir(parents=True, exist_ok=True)
+            subprocess.run(["cp", "-a", ROOT / path, self.root / path], check=True)
+        (self.root / "build/venv").symlink_to(ROOT / "build/venv")
+
+    def build(self, *targets: str) -> None:
+        """Raises CalledProcessError."""
+        make = [
+            "make",
+            "-s",
+            "-C",
+            str(self.root),
+            f"-j{os.cpu_count()}",
+            "VARIANT=release",
+        ]
+        subprocess.run([*make, *targets], check=True, stdout=subprocess.DEVNULL)
+
+    def changed(self, constant: Constant) -> Iterator[tuple[str, str]]:
+        """Put other values in the constant's place, one after the other: (present, tried)."""
+        path = self.root / "daemon" / constant.path
+        original = path.read_text()
+        present = constant.find(original)
+        try:
+            for value in constant.others(present):
+                path.write_text(constant.replace(original, value))
+                yield present, value
+        finally:
+            path.write_text(original)
+
+
+@dataclass(frozen=True)
+class Shot:
+    """Frames of one scene in a folder, and the truth."""
+
+    folder: Path
+    exposures_us: list[float]
+    truth: metrics.Reference
+
+
+def shoot(name: str, how: str, folder: Path) -> list[Shot]:
+    """Frames of scenes, made once for all daemons."""
+    studio, shots = evaluation.Studio(), []
+    for number, scene in enumerate(scenes.load([name])):
+        place = folder / f"{name}-{how}-{number}"
+        place.mkdir(parents=True)
+        exposures_us = studio.shoot(scene, Input.parse(how), place)
+        shots.append(Shot(place, exposures_us, evaluation.reference(scene)))
+    return shots
+
+
+def score(shots: list[Shot]) -> tuple[metrics.Summary, float]:
+    """Of the tree's daemon; and how many lights it lists, in the mean."""
+    estimates = [
+        offline.estimate_folder(shot.folder, shot.exposures_us, offline.Settings())
+        for shot in shots
+    ]
+    scores = [shot.truth.score(estimate) for shot, estimate in zip(shots, estimates, strict=True)]
+    listed = sum(len(estimate.lights) for estimate in estimates) / len(estimates)
+    return metrics.summarize(scores), listed
+
+
+def light(s: metrics.Summary) -> str:
+    """Relighting error."""
+    return f"{100 * s.relighting_mae_median:.2f} % ({100 * s.relighting_mae_worst:.1f} %)"
+
+
+def measure(plain: list[Shot], bracket: list[Shot], panoramas: list[Shot]) -> list[str]:
+    """Figures of the tree's daemon, as a row's cells."""
+    (a, _), (b, _), (c, listed) = score(plain), score(bracket), score(panoramas)
+    within = a.irradiance_within_1_sigma
+    return [
+        f"{a.direction_rmse_deg:.4f}° ({a.direction_worst_deg:.3f}°)",
+        f"{a.missed + b.missed}, {a.false + b.false}",
+        "–" if within is None else f"{100 * within:.0f} %",
+        light(b),
+        light(c),
+        f"{listed:.2f}",
+    ]
+
+
+def accuracy_rows(count: int, folder: Path) -> Iterator[list[str]]:
+    """The daemon as it is, then with each constant changed."""
+    tree = Tree("accuracy")
+    os.environ["LIGHTPROBED"] = str(tree.root / "build/release/bin/lightprobed")
+    rooms = f"procedural:{count}"
+    shots = [
+        shoot(rooms, "unclipped", folder),
+        shoot(rooms, "3", folder),
+        shoot("blender", "3", folder),
+    ]
+    tree.build("daemon")
+    yield ["as it is", "", "", *measure(*shots)]
+    for constant in ACCURACY:
+        for present, value in tree.changed(constant):
+            tree.build("daemon")
+            yield [constant.title, present, value, *measure(*shots)]
+
+
+def failing(program: Path) -> list[str]:
+    """Names of the tests that fail; the program's where it does not get so far."""
+    try:
+        done = subprocess.run([program], capture_output=True, text=True, timeout=300, check=False)
+    except subprocess.TimeoutExpired:
+        return [program.name]
+    names = re.findall(r"\[  FAILED  \] (test_\w+)$", done.stderr + done.stdout, re.MULTILINE)
+    return sorted(set(names)) or ([program.name] if done.returncode else [])
+
+
+def test_rows() -> Iterator[list[str]]:
+    """Each constant changed, and the tests that fail."""
+    tree = Tree("tests")
+    for names, constants in SEQUENCES.items():
+        programs = [f"build/release/tests/test_{name}" for name in names.split()]
+        for constant in constants:
+            for present, value in tree.changed(constant):
+                tree.build(*programs)
+                failed = [name for path in programs for name in failing(tree.root / path)]
+                words = ", ".join(f"`{name}`" for name in failed) or "–"
+                yield [constant.title, present, value, words]
+
+
+def table(head: list[str], rows: Iterator[list[str]], total: int) -> str:
+    """Markdown; says how far it has come."""
+    lines = []
+    for number, row in enumerate(rows, 1):
+        lines.append(row)
+        print(f"constants: {number} of {total}: {' '.join(row[:3])}: {', '.join(row[3:])}",
+              file=sys.stderr, flush=True)  # fmt: skip
+    return report.table(head, lines)
+
+
+def main() -> None:
+    """Measure and write."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--procedural", type=int, default=20, help="scenes with known lamps")
+    parser.add_argument("--only", choices=["accuracy", "tests"], help="one of the two tables")
+    arguments = parser.parse_args()
+    if arguments.only != "tests":
+        head = ["constant", "is", "tried", "lamp direction, RMSE (worst)", "missed, made up",
+                "irradiance within 1σ", "light: rooms", "light: panoramas",
+                "lights listed, a panorama"]  # fmt: skip
+        with tempfile.TemporaryDirectory(prefix="lightprobe-") as folder:
+            rows = accuracy_rows(arguments.procedural, Path(folder))
+            part = table(head, rows, 1 + 2 * len(ACCURACY))
+        part = f"{arguments.procedural} rooms, 8 panoramas:\n\n{part}"
+        PAGE.write_text(report.replace(PAGE.read_text(), "constants", part))
+    if arguments.only != "accuracy":
+        total = 2 * sum(len(constants) for constants in SEQUENCES.values())
+        part = table(["constant", "is", "tried", "tests that fail"], test_rows(), total)
+        PAGE.write_text(report.replace(PAGE.read_text(), "tests", part))
+
+
+if __name__ == "__main__":
+    main()
