@@ -31,7 +31,7 @@ def test_every_figure_in_every_form(tmp_path):
         "--plot", plot, "--json-file", figures, "--per-scene",
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    for word in ("relighting MAE", "missed", "truth within the stated sigma", "procedural-1"):
+    for word in ("relighting MAE", "missed", "truth lies within the stated sigma", "procedural-1"):
         assert word in done.stdout
     report = json.loads(figures.read_text())
     assert len(report["cases"]) == 3 * 2 * 2
@@ -65,7 +65,7 @@ def test_the_same_seed_gives_the_same_figures():
     [
         (["--settings", "speed=9"], 2, "KEY one of camera, preset"),
         (["--settings", "lights=many"], 2, "whole number"),
-        (["--brackets", "9"], 2, "want float"),
+        (["--brackets", "9"], 2, "expected float"),
         (["--scenes", "procedural:none"], 2, "procedural:N"),
         (["--scenes", "none.exr"], 1, "no such file"),
         (["--scenes", "procedural:1", "--settings", "preset=magic"], 2, "magic"),
