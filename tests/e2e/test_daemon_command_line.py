@@ -82,7 +82,7 @@ def test_documented_keys_of_cameras_are_those_of_the_help(scheme, heading):
         ([], "lightprobed: --source: no source is given — name a camera with --source=URI"),
         (
             ["--source=ftp:x"],
-            "ftp:x: source: ftp: is no known scheme; known: ",
+            "ftp:x: source: ftp: is not a known scheme; known are ",
         ),
         (["--source=room.jpg"], "room.jpg: parse: must begin with a scheme"),
         (["--source=file:"], "file:: parse: no path"),

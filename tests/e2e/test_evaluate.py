@@ -81,6 +81,6 @@ def test_maps_without_truth_are_refused(tmp_path):
     image.write_pfm(tmp_path / "square.pfm", np.ones((64, 64, 3), np.float32))
     assert "twice as wide" in run("--scenes", tmp_path / "square.pfm").stderr
     image.write_pfm(tmp_path / "nan.pfm", np.full((32, 64, 3), np.nan, np.float32))
-    assert "no truth" in run("--scenes", tmp_path / "nan.pfm").stderr
+    assert "no exact truth" in run("--scenes", tmp_path / "nan.pfm").stderr
     (tmp_path / "empty").mkdir()
     assert run("--scenes", tmp_path / "empty").returncode == 2

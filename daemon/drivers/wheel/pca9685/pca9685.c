@@ -282,13 +282,14 @@ static int parse_address(const char *text, void *field)
 
 static const struct lp_param list[] = {
 	{"address", LP_PARAM_OWN, offsetof(struct keys, address), .initial = "0x40",
-	 .parse = parse_address, .expects = "an I2C address, 0x40..0x7f", .help = "of the hat"},
+	 .parse = parse_address, .expects = "an I2C address, 0x40..0x7f",
+	 .help = "I2C address of the hat"},
 	{"channel", LP_PARAM_INT, offsetof(struct keys, channel), .initial = "0", .max = 15,
-	 .help = "of the hat, where the servo is plugged in"},
+	 .help = "channel of the hat to which the servo is connected"},
 	{"chip", LP_PARAM_TEXT, offsetof(struct keys, chip), .initial = "gpiochip0", .max = 64,
 	 .help = "GPIO chip of the comb's sensor"},
 	{"line", LP_PARAM_INT, offsetof(struct keys, line), .initial = "17", .max = 1023,
-	 .help = "of the chip, where the sensor is"},
+	 .help = "line of the chip to which the sensor is connected"},
 };
 _Static_assert(offsetof(struct keys, timed) == 0, "the model's offsets hold");
 static const struct lp_params params = {list, LP_COUNT(list), &lp_timed_keys};
@@ -344,7 +345,8 @@ static int pca9685_create(const struct lp_uri *uri, const struct lp_rotator_host
 const struct lp_rotator_ops lp_rotator_pca9685_ops = {
 	.info = {.scheme = "pca9685",
 		 .form = "I2C-DEVICE",
-		 .help = "the wheel on a servo hat (/dev/i2c-1), its comb's sensor on a GPIO line",
+		 .help = "the wheel on a servo hat (/dev/i2c-1), with the sensor of its comb on a "
+			 "GPIO line",
 		 .params = &params},
 	.create = pca9685_create,
 	.start = pca9685_start,
