@@ -270,7 +270,9 @@ static void test_help_names_every_key_with_its_default(void **state)
 			assert_contains(list, uri);
 		}
 	}
-	assert_contains(text, "\n      stall_ms=1000   (a number 100..60000)\n          silence");
+	assert_contains(
+		text,
+		"\n      stall_ms=1000   (a number 100..60000)\n          time without a frame");
 	assert_contains(text, "\n      slew_deg_s=90   (a number 10..400)\n");
 	free(text);
 	free(list);

@@ -345,8 +345,8 @@ static int pca9685_create(const struct lp_uri *uri, const struct lp_rotator_host
 const struct lp_rotator_ops lp_rotator_pca9685_ops = {
 	.info = {.scheme = "pca9685",
 		 .form = "I2C-DEVICE",
-		 .help = "the wheel on a servo hat (/dev/i2c-1), with the sensor of its comb on a "
-			 "GPIO line",
+		 .help = "the wheel on a servo hat (/dev/i2c-1), with the comb's sensor on a GPIO "
+			 "line",
 		 .params = &params},
 	.create = pca9685_create,
 	.start = pca9685_start,
