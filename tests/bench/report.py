@@ -23,8 +23,8 @@ revision {revision}.
 Every figure is processor time of one thread, from the bytes of a JPEG to the result, in \
 milliseconds; *ratio* is relative to libjpeg-turbo's plain RGB decode of the same pictures in the \
 same process. All methods take turns on one picture, in random order, so that the load of the \
-machine affects all of them equally. Pictures: the repository's scenes (8 panoramas, the furnished room, five lamps \
-on a gradient) through the simulated camera, with texture and sensor noise \
+machine affects all of them equally. Pictures: the repository's scenes (8 panoramas, the \
+furnished room, five lamps on a gradient) through the simulated camera, with texture and sensor noise \
 (`tests/bench/frames.py`). Quote the ratios: the milliseconds depend on the machine.
 
 ![speed against accuracy](speed_accuracy.png)
@@ -61,8 +61,8 @@ ACCURACY = """
 1920×960, 4:2:0. Direction: RMSE over the lamps of 25 procedural scenes that were found within \
 10°, how many were missed, and false ones; one exposure that does not clip. Relighting: MAE over a \
 sphere's normals, relative to the brightest; SH: relative L2 of TOTAL; both median (worst) over \
-Blender's eight panoramas, against the unclipped map, from one exposure for the median of the scene, \
-in which lamps clip with every method; `exposures_3`: `balanced` with a bracket of three. \
+Blender's eight panoramas, against the unclipped map, from one exposure for the median of the \
+scene, in which lamps clip with every method; `exposures_3`: `balanced` with a bracket of three. \
 `make evaluate` has more.
 
 """
@@ -136,8 +136,8 @@ def markdown(speed: dict[str, Any]) -> str:
         parts.append(_table(["", "median ms", "p99 ms", "ratio", "SH error"], _frame_rows(frame)))
     parts += [FRAMES_NOTE, BASELINES, "\nRatios:\n\n", _by_frame(speed, "baselines", "ratio")]
     parts += [
-        "\n## Stages of `balanced`\n\nMedian milliseconds. Each stage runs alone with warm caches, so the "
-        "sum is less than the whole.\n\n",
+        "\n## Stages of `balanced`\n\nMedian milliseconds. Each stage runs alone with warm caches, "
+        "so the sum is less than the whole.\n\n",
         _by_frame(speed, "stages", "median_ms"),
         "\n## Scaling of `balanced`\n\nMedian milliseconds, by the maximum number of lights:\n\n",
         _by_frame(speed, "lights", "median_ms"),
