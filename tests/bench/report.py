@@ -24,8 +24,8 @@ Every figure is processor time of one thread, from the bytes of a JPEG to the re
 milliseconds; *ratio* is relative to libjpeg-turbo's plain RGB decode of the same pictures in the \
 same process. All methods take turns on one picture, in random order, so that the load of the \
 machine affects all of them equally. Pictures: the repository's scenes (8 panoramas, the \
-furnished room, five lamps on a gradient) through the simulated camera, with texture and sensor noise \
-(`tests/bench/frames.py`). Quote the ratios: the milliseconds depend on the machine.
+furnished room, five lamps on a gradient) through the simulated camera, with texture and sensor \
+noise (`tests/bench/frames.py`). Quote the ratios: the milliseconds depend on the machine.
 
 ![speed against accuracy](speed_accuracy.png)
 """

@@ -68,7 +68,9 @@ def wheel_words(state: mcu.WheelState) -> str:
     if state.measured_deg is None or state.sigma_deg is None:
         return f"wheel {state.phase.value}, angle unknown"
     words = f"wheel {state.phase.value} at {state.measured_deg:.2f}° ± {state.sigma_deg:.2f}°"
-    return words + (f", told {state.commanded_deg:.2f}°" if state.commanded_deg is not None else "")
+    return words + (
+        f", commanded {state.commanded_deg:.2f}°" if state.commanded_deg is not None else ""
+    )
 
 
 def fault_words(name: str) -> str:
