@@ -62,7 +62,7 @@ def test_home_move_release(tmp_path: Path, box: Box) -> None:
     mcu(tmp_path, "release")
     assert box.get("powered") == 0
     assert "OUT_OF_RANGE" in mcu(tmp_path, "move", "200", status=1)
-    assert "want -327…327 degrees" in mcu(tmp_path, "move", "400", status=2)
+    assert "expected -327…327 degrees" in mcu(tmp_path, "move", "400", status=2)
 
 
 @pytest.mark.usefixtures("box")
