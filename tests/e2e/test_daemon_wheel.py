@@ -227,7 +227,7 @@ def test_what_nobody_has_seen_stays():
         p.box.set(stuck=0)
         p.fault("WHEEL_STUCK", there=False)  # cleared, and homed
         health = p.fault("PARAMS_LOST")
-        assert "calibrate, and save" in health.faults[0].text
+        assert "calibrate and save again" in health.faults[0].text
         p.daemon.stop()
         words = tool(p.box, "info")
         assert "PARAMS_LOST: the stored parameters are damaged" in words
