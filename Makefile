@@ -36,19 +36,19 @@ include tests/arm64/arm64.mk
 
 .PHONY: setup build demo test check format clean
 
-setup: setup-build setup-python ## install what building and testing needs (apt, venv); quick the second time
+setup: setup-build setup-python ## install what building and testing need (apt, venv); fast when nothing is missing
 
 build: setup ## build the daemon, the Python package and what belongs to them
 	@$(MAKE) -j$(JOBS) daemon python
 
-demo: build $(if $(CAMERA),,$(BUILD)/scenes/blender.stamp) ## the whole path, live: simulated room (or CAMERA=v4l2:/dev/video0), daemon, view; SECONDS=n ends it
+demo: build $(if $(CAMERA),,$(BUILD)/scenes/blender.stamp) ## run the whole system live: simulated room (or CAMERA=v4l2:/dev/video0), daemon, view; SECONDS=n ends it
 	@$(VENV)/bin/lightprobe demo $(if $(SECONDS),--seconds $(SECONDS)) $(if $(CAMERA),--source $(CAMERA))
 
 test: build ## build everything and run all tests that need no hardware and no kernel
 	@$(MAKE) check
 	@$(MAKE) test-all
 
-check: build ## format, lint, types, and who may include whom
+check: build ## check format, lint, types, include rules and names in the pages
 	@$(MAKE) check-c check-python check-rules
 
 format: setup ## rewrite sources in the project's format

@@ -21,7 +21,7 @@ FW_AVR_OBJECTS := $(patsubst %.c,$(FW_OUT)/avr/%.o,$(FW_CORE) $(wildcard $(FW)/b
 	$(FW_OUT)/avr/mcu.o
 
 .PHONY: firmware firmware-host firmware-avr flash
-firmware: $(FW_HEX) ## the microcontroller's binary: build/firmware/lightprobe-mcu.{elf,hex}
+firmware: $(FW_HEX) ## build the microcontroller's binary: build/firmware/lightprobe-mcu.{elf,hex}
 
 $(FW_OUT)/avr/%.o: %.c $(DBC_H) $(MCU_FAULTS_H) | $(call apt,firmware)
 	@mkdir -p $(@D)
@@ -49,7 +49,7 @@ $$(FW_OUT)/$(1)/mcu.o: $$(DBC_C)
 endef
 $(foreach v,release asan fuzz,$(eval $(call fw_host,$(v))))
 
-firmware-host: $(FW_HOST) ## the same firmware as a Linux process on a pty
+firmware-host: $(FW_HOST) ## build the same firmware as a Linux process on a pty
 $(FW_HOST): $(FW_OUT)/release/$(FW)/board/host/main.o $(FW_OBJECTS_release)
 	@echo '  ld $@' && $(CC) -o $@ $^ -lm
 $(FW_HOST)-asan: $(FW_OUT)/asan/$(FW)/board/host/main.o $(FW_OBJECTS_asan)
@@ -59,7 +59,7 @@ $(FW_HOST)-asan: $(FW_OUT)/asan/$(FW)/board/host/main.o $(FW_OBJECTS_asan)
 FW_SIMAVR := $(FW_OUT)/lightprobe-mcu-simavr
 FW_SIMAVR_OBJECTS := $(patsubst %.c,$(FW_OUT)/release/%.o,$(wildcard $(FW)/simavr/*.c))
 
-firmware-avr: $(FW_SIMAVR) $(FW_ELF) ## the flashed firmware as a process, in simavr
+firmware-avr: $(FW_SIMAVR) $(FW_ELF) ## build the flashed firmware as a process, in simavr
 $(FW_SIMAVR_OBJECTS): | $(call apt,firmware)
 $(FW_SIMAVR): $(FW_SIMAVR_OBJECTS) $(FW_BOX:%=$(FW_OUT)/release/$(FW)/board/host/%.o)
 	@echo '  ld $@' && $(CC) -o $@ $^ -lsimavr -lelf -lm

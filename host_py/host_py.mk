@@ -27,7 +27,7 @@ format-python:
 	@$(RUFF) check -q --fix host_py tests docs proto
 
 .PHONY: package
-package: setup-python ## wheel and source distribution, in build/dist
+package: setup-python ## build wheel and source distribution in build/dist
 	@$(VENV)/bin/python -m build --outdir $(BUILD)/dist host_py
 
 # Real panoramas, for the demo and the accuracy tests.
@@ -39,14 +39,14 @@ $(BUILD)/scenes/blender.stamp: packaging/fetch-scenes
 	@touch $@
 
 .PHONY: evaluate
-evaluate: build $(BUILD)/scenes/blender.stamp ## accuracy against exact truth: table, build/evaluate/accuracy.{json,png}
+evaluate: build $(BUILD)/scenes/blender.stamp ## measure accuracy against exact truth: table, build/evaluate/accuracy.{json,png}
 	@mkdir -p $(BUILD)/evaluate
 	@$(VENV)/bin/lightprobe evaluate --scenes procedural --scenes blender --brackets float,1,2,3,4 \
 		--settings preset=fast --settings preset=balanced --settings preset=accurate \
 		--plot $(BUILD)/evaluate/accuracy.png --json-file $(BUILD)/evaluate/accuracy.json
 
 .PHONY: accuracy
-accuracy: build $(BUILD)/scenes/blender.stamp ## measure accuracy anew and write it into docs/users/accuracy.md (ten minutes)
+accuracy: build $(BUILD)/scenes/blender.stamp ## measure accuracy again and write docs/users/accuracy.md (ten minutes)
 	@$(VENV)/bin/python tests/accuracy/report.py
 
 .PHONY: constants

@@ -24,7 +24,7 @@ OPENSCAD_PNG := xvfb-run -a $(OPENSCAD) --colorscheme=Tomorrow
 .SECONDARY: $(call apt,hw)
 
 .PHONY: hw hw-parts hw-docs test-hw check-hw
-hw: setup $(STAMPS)/venv-hw ## the box: STL and PNG of every part, schematic, tables: build/hw
+hw: setup $(STAMPS)/venv-hw ## build the box: STL and PNG of every part, schematic, tables: build/hw
 	@$(MAKE) -j$(JOBS) hw-parts
 	@$(MAKE) -j$(JOBS) $(HW_PNG) $(HW_OUT)/schematic.svg
 	@echo 'hw: parts, pictures and schematic are in $(HW_OUT)'
@@ -70,10 +70,10 @@ hw-docs: hw ## write the tables of hw/README.md (bill, budgets, pins, tolerances
 
 # Part of `make test`: all but the rendered parts, which take minutes.
 test-all: test-hw
-test-hw: build $(STAMPS)/venv-hw $(call apt,hw) ## bill, circuit, tolerances, udev rules
+test-hw: build $(STAMPS)/venv-hw $(call apt,hw) ## test bill, circuit, tolerances and udev rules
 	@$(VENV)/bin/pytest -q tests/hw --ignore=tests/hw/test_parts.py
 
-check-hw: test-hw ## every part rendered and measured, for both servos: whole, printable, fitting, nothing collides
+check-hw: test-hw ## render and measure every part, for both servos: complete, printable, fitting, no collisions
 	@for servo in 180 270; do \
 		$(MAKE) -j$(JOBS) HW_SERVO=$$servo hw-parts && \
 		HW_SERVO=$$servo $(VENV)/bin/pytest -q tests/hw/test_parts.py || exit 1; \

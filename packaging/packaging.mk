@@ -19,9 +19,9 @@ INSTALLED := bin/lightprobed lib/systemd/system/lightprobed.service lib/sysusers
 CONFIG := $(DESTDIR)/etc/lightprobe/lightprobed.conf
 
 .PHONY: install uninstall check-service
-install: ## copy daemon, service, rules and camera files to PREFIX=/usr/local, as root, after make build; a configuration that is there stays
+install: ## copy daemon, service, rules and camera files to PREFIX=/usr/local, as root, after make build; an existing configuration stays
 	@test -x $(BUILD)/release/bin/lightprobed || \
-		{ echo 'install: there is no build/release/bin/lightprobed: make build, as yourself, then make install as root' >&2; exit 1; }
+		{ echo 'install: build/release/bin/lightprobed is missing: run make build as yourself, then make install as root' >&2; exit 1; }
 	@install -D -t '$(DESTDIR)$(PREFIX)/bin' $(BUILD)/release/bin/lightprobed
 	@install -D -m 644 -t '$(DESTDIR)$(PREFIX)/lib/systemd/system' packaging/systemd/lightprobed.service
 	@sed -i 's|=/usr/bin/|=$(PREFIX)/bin/|' '$(DESTDIR)$(PREFIX)/lib/systemd/system/lightprobed.service'
@@ -30,18 +30,18 @@ install: ## copy daemon, service, rules and camera files to PREFIX=/usr/local, a
 	@install -D -m 644 -t '$(DESTDIR)$(PREFIX)/share/lightprobe/drop-ins' packaging/systemd/drop-ins/*.conf
 	@install -D -m 644 -t '$(DESTDIR)$(PREFIX)/share/lightprobe/cameras' packaging/cameras/*.camera
 	@if [ -e '$(CONFIG)' ]; then \
-		echo 'install: $(CONFIG) is kept; what a new one holds: packaging/systemd/lightprobed.conf'; \
+		echo 'install: $(CONFIG) is kept; for new settings see packaging/systemd/lightprobed.conf'; \
 	else \
 		install -D -m 644 packaging/systemd/lightprobed.conf '$(CONFIG)'; \
 	fi
 	@$(if $(DESTDIR),,packaging/system-reload)
 	@echo 'install: done. Next: edit $(CONFIG), then: systemctl enable --now lightprobed (after an update: systemctl restart lightprobed)'
 
-uninstall: ## take away what make install has copied; the configuration stays
+uninstall: ## remove what make install has copied; the configuration stays
 	@if [ -z '$(DESTDIR)' ] && [ -d /run/systemd/system ]; then systemctl disable --now lightprobed; fi
 	@rm -rf $(INSTALLED:%='$(DESTDIR)$(PREFIX)'/%)
 	@$(if $(DESTDIR),,packaging/system-reload)
 	@echo 'uninstall: done; $(CONFIG) and drop-ins under /etc/systemd are kept'
 
-check-service: ## print how well systemd shuts the service in: its score from 0 (best) to 10, and why
+check-service: ## print systemd's rating of the service's isolation, from 0 (best) to 10, and its reasons
 	@systemd-analyze --no-pager security --offline=yes packaging/systemd/lightprobed.service

@@ -34,7 +34,7 @@ run-unit-tests: unit-tests
 	@printf '%s\n' $(UNIT_TESTS) | xargs -P$(JOBS) -I@ sh -c \
 		'out=$$($(EMULATOR) @ 2>&1); status=$$?; printf "== %s\n%s\n" @ "$$out"; exit $$status'
 
-test-unit: ## C unit tests, under the address and undefined-behaviour sanitizers
+test-unit: ## run the C unit tests with the address and undefined-behaviour sanitizers
 	@$(MAKE) VARIANT=asan -j$(JOBS) unit-tests
 	@$(MAKE) VARIANT=asan run-unit-tests
 
@@ -51,7 +51,7 @@ test-python: test-parts
 	@$(PYTEST) -m 'not long' $(PYTEST_ROOMS:%=tests/%)
 
 .PHONY: test-parts test-long
-test-long: test-parts ## what takes too long for `make test`: random faults, instruction counts, bare Pythons
+test-long: test-parts ## run the tests that take too long for `make test`: random faults, instruction counts, other Pythons
 	@$(PYTEST) -m long $(PYTEST_ROOMS:%=tests/%)
 	@$(VENV)/bin/pytest -q -s tests/package
 
@@ -63,7 +63,7 @@ check-rules: build
 	@$(VENV)/bin/pytest -q tests/rules
 
 .PHONY: soak
-soak: build ## an hour of simulated frames as fast as they are taken: memory must stay flat; FRAMES=n
+soak: build ## process an hour of simulated frames as fast as possible: memory must not grow; FRAMES=n
 	@$(VENV)/bin/python tests/e2e/soak.py $(if $(FRAMES),--frames $(FRAMES))
 
 # One libFuzzer target per tests/fuzz/fuzz_NAME.c; what it finds on its way stays under build/.
@@ -85,6 +85,6 @@ run-fuzz: fuzz-targets
 			$(BUILD)/fuzz/$$target tests/fuzz/corpus/$$target 2>&1 \
 			| { grep -E 'ERROR|SUMMARY|executed_units|artifact' || true; }; \
 	done
-fuzz: setup-build $(call apt,fuzz) ## libFuzzer, every target for SECONDS=60; what breaks one lies in build/fuzz/
+fuzz: setup-build $(call apt,fuzz) ## run every libFuzzer target for SECONDS=60; inputs that break one are in build/fuzz/
 	@$(MAKE) VARIANT=fuzz -j$(JOBS) fuzz-targets
 	@$(MAKE) VARIANT=fuzz SECONDS=$(FUZZ_SECONDS) run-fuzz

@@ -80,13 +80,15 @@ int lp_backend_find(const struct lp_backend_role *role, const struct lp_uri *uri
 			continue;
 		if (!info->left_out)
 			return i;
-		lp_error(uri->text, role->option,
-			 "%s: is known but not in this build — make daemon %s=1", info->scheme,
-			 info->left_out);
+		lp_error(
+			uri->text, role->option,
+			"%s: is known, but not part of this build — build it with make daemon %s=1",
+			info->scheme, info->left_out);
 		return -EPROTONOSUPPORT;
 	}
 	list_schemes(role, known, sizeof(known));
-	lp_error(uri->text, role->option, "%s: is no known scheme; known: %s", uri->scheme, known);
+	lp_error(uri->text, role->option, "%s: is not a known scheme; known are %s", uri->scheme,
+		 known);
 	return -EPROTONOSUPPORT;
 }
 
@@ -154,7 +156,8 @@ void lp_backends_list(FILE *out)
 
 void lp_backends_help(FILE *out)
 {
-	(void)fputs("URIs are SCHEME:REST?KEY=VALUE&KEY=VALUE. The keys, with their defaults:\n",
+	(void)fputs("URIs have the form SCHEME:REST?KEY=VALUE&KEY=VALUE. These are the keys, with "
+		    "their defaults:\n",
 		    out);
 	print_all(out, print_keys);
 }

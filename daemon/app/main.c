@@ -22,8 +22,8 @@ static void print_help(void)
 		     "lightprobed --source=URI [--publish=URI]... [OPTION=VALUE]...\n\n");
 	lp_options_help(stdout);
 	lp_backends_list(stdout);
-	(void)printf("\nURIs are SCHEME:REST?KEY=VALUE&KEY=VALUE; the keys: lightprobed "
-		     "--help-backends\n"
+	(void)printf("\nURIs have the form SCHEME:REST?KEY=VALUE&KEY=VALUE; lightprobed "
+		     "--help-backends lists the keys.\n"
 		     "\nExit status: 0 it ended as requested; 1 a device or a socket failed, or no "
 		     "estimate was made;\n"
 		     "2 the command line or the configuration is wrong.\n");

@@ -226,8 +226,7 @@ static const struct lp_param command_list[] = {
 	{"help", LP_PARAM_BOOL, offsetof(struct lp_options, help), .initial = "0",
 	 .help = "print this help, and exit"},
 	{"help-backends", LP_PARAM_BOOL, offsetof(struct lp_options, help_backends), .initial = "0",
-	 .help = "print what may follow in the URIs of cameras, wheels, rings and publishers,\n"
-		 "and exit"},
+	 .help = "print the keys of the URIs of cameras, wheels, rings and publishers, and exit"},
 };
 static const struct lp_params command_params = LP_PARAMS(command_list);
 static const struct lp_params params = {config_list, LP_COUNT(config_list), &command_params};
@@ -367,7 +366,7 @@ void lp_options_help(FILE *out)
 		    "VALUE:\n",
 		    out);
 	lp_param_print(out, "  --", &config_params);
-	(void)fputs("\nOn the command line only; a name alone means 1:\n", out);
+	(void)fputs("\nOnly on the command line (a name alone means 1):\n", out);
 	lp_param_print(out, "  --", &command_params);
 }
 

@@ -40,7 +40,7 @@ class Address:
         if scheme == "tcp" and known:
             return cls(host, int(port), None)
         slashes = " (without //)" if rest.startswith("//") else ""
-        raise ProbeError(f"{uri}: address: want tcp:HOST:PORT{slashes} or unix:PATH")
+        raise ProbeError(f"{uri}: address: expected tcp:HOST:PORT{slashes} or unix:PATH")
 
     async def connect(self) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
         """Open a stream."""

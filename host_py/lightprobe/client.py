@@ -74,7 +74,9 @@ class _Patience:
 
     def __init__(self, timeout_s: float | None, on_waiting: OnWaiting | None) -> None:
         if timeout_s is not None and not timeout_s >= 0:  # NaN too
-            raise ValueError(f"receive: timeout_s = {timeout_s}: want seconds, 0 or more, or None")
+            raise ValueError(
+                f"receive: timeout_s = {timeout_s}: expected seconds, 0 or more, or None"
+            )
         self._timeout_s = math.inf if timeout_s is None else timeout_s
         self._deadline_s = time.monotonic() + self._timeout_s
         self._say = on_waiting or _log.warning
@@ -118,7 +120,9 @@ class AsyncClient:
     async def __aenter__(self) -> Self:
         """Start connecting, in the background. May be entered again after it was left."""
         if self._task is not None:
-            raise ProbeError(f"{self.uri}: client: in use already: make one client for each block")
+            raise ProbeError(
+                f"{self.uri}: client: already in use: create one client for each `with` block"
+            )
         self._final = None
         self._news = asyncio.Condition()  # of this event loop
         self._task = asyncio.create_task(self._stay_connected())
@@ -280,7 +284,7 @@ class AsyncClient:
             self.statistics.refusals += 1
             self._refusal = self.last_error = f"{self.uri}: request: {message.text}"
         elif not self.connected:
-            raise WireError("the first message is no Hello")
+            raise WireError("the first message is not a Hello")
         elif isinstance(message, Estimate):
             await self._take_estimate(message)
         elif isinstance(message, Health):
@@ -348,7 +352,9 @@ class Client:
     def __enter__(self) -> Self:
         """Start connecting, in the background. May be entered again after it was left."""
         if self._loop is not None:
-            raise ProbeError(f"{self.uri}: client: in use already: make one client for each block")
+            raise ProbeError(
+                f"{self.uri}: client: already in use: create one client for each `with` block"
+            )
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(
             target=_run, args=(self._loop,), name=f"lightprobe {self.uri}", daemon=True

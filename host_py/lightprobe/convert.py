@@ -73,7 +73,7 @@ class Adapter:
             or given.shape[1] != 3
             or given.shape[0] not in (1, 4, 9, 16, 25, 36, 49, 64, 81)
         ):
-            raise ValueError(f"convert: {self.name}: shape {given.shape}: want ((order+1)², 3)")
+            raise ValueError(f"convert: {self.name}: shape {given.shape}: expected ((order+1)², 3)")
         full[: min(COUNT, len(given))] = given[:COUNT]
         target = self.matrix @ full
         return (target if self.layout == "coefficient-major" else target.T).ravel()
@@ -82,7 +82,7 @@ class Adapter:
         """Ours (9, 3) from the target's 27 floats; the inverse of :meth:`coefficients`."""
         flat = np.asarray(target, dtype=np.float64)
         if flat.size != 3 * COUNT:
-            raise ValueError(f"convert: {self.name}: {flat.size} numbers: want 27")
+            raise ValueError(f"convert: {self.name}: {flat.size} numbers: expected 27")
         planar = self.layout == "planar"
         table = flat.reshape(3, COUNT).T if planar else flat.reshape(COUNT, 3)
         return np.asarray(np.linalg.solve(self.matrix, table))

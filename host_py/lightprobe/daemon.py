@@ -70,7 +70,9 @@ def estimate_once(arguments: list[str], timeout_s: float = 60) -> tuple[Estimate
     try:
         messages = Decoder().feed(done.stdout)
     except WireError as error:
-        raise DaemonError(f"{NAME}: stdout: {error}: are both of the same version?") from None
+        raise DaemonError(
+            f"{NAME}: stdout: {error}: are daemon and package of the same version?"
+        ) from None
     for message in messages:
         if isinstance(message, Estimate):
             return message, log.splitlines()

@@ -143,7 +143,7 @@ def rotation_matrix(quaternion_wxyz: ArrayLike) -> Array:
     q = np.asarray(quaternion_wxyz, dtype=np.float64)
     if q.shape != (4,) or not np.all(np.isfinite(q)) or not np.any(q):
         raise ValueError(
-            f"geometry: {quaternion_wxyz!r} is no rotation: want (w, x, y, z), not all zero"
+            f"geometry: {quaternion_wxyz!r} is no rotation: expected (w, x, y, z), not all zero"
         )
     w, x, y, z = q / np.linalg.norm(q)
     return np.array(

@@ -29,7 +29,7 @@ def order_of(coefficients: ArrayLike) -> int:
     length = np.shape(coefficients)[0]
     order = math.isqrt(length) - 1
     if length == 0 or count(order) != length:
-        raise ValueError(f"sh: {length} coefficients: want 1, 4, 9, 16, … ((order+1)²)")
+        raise ValueError(f"sh: {length} coefficients: expected 1, 4, 9, 16, … ((order+1)²)")
     return order
 
 
@@ -45,7 +45,7 @@ def evaluate(order: int, directions: ArrayLike) -> Array:
     (x + iy)^m brings in (Sloan, "Efficient Spherical Harmonic Evaluation", JCGT 2013).
     """
     if not 0 <= order <= MAX_ORDER:
-        raise ValueError(f"sh: order {order}: want 0…{MAX_ORDER}")
+        raise ValueError(f"sh: order {order}: expected 0…{MAX_ORDER}")
     d = np.asarray(directions, dtype=np.float64)
     x, y, z = d[..., 0], d[..., 1], d[..., 2]
     out = np.empty((*x.shape, count(order)))
@@ -106,7 +106,7 @@ def project(image: ArrayLike, order: int) -> Array:
     """
     pixels = np.asarray(image)
     if pixels.ndim != 3:
-        raise ValueError(f"sh: project: shape {pixels.shape}: want (height, width, channels)")
+        raise ValueError(f"sh: project: shape {pixels.shape}: expected (height, width, channels)")
     height, width, channels = pixels.shape
     solid_angle = equirect_solid_angles(width, height)
     total = np.zeros((count(order), channels))
@@ -177,5 +177,5 @@ def window(
     elif kind == "lanczos":
         gain = np.where(reach < 1, np.sinc(reach), 0.0)
     else:
-        raise ValueError(f"sh: window {kind!r}: want hann or lanczos")
+        raise ValueError(f"sh: window {kind!r}: expected hann or lanczos")
     return np.asarray((c.T * gain).T)

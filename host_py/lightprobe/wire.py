@@ -76,19 +76,21 @@ class Subscription:
     def _check_number(self, name: str, most: float, unit: str) -> None:
         value = getattr(self, name)
         if not (isinstance(value, Real) and 0 <= float(value) <= most):  # NaN fails too
-            raise SubscriptionError(f"subscription: {name} = {value!r}: want 0…{most} {unit}")
+            raise SubscriptionError(f"subscription: {name} = {value!r}: expected 0…{most} {unit}")
 
     def _check_whole(self, name: str, most: int) -> None:
         value = getattr(self, name)
         if not (isinstance(value, Integral) and 0 <= int(value) <= most):
             raise SubscriptionError(
-                f"subscription: {name} = {value!r}: want a whole number, 0…{most}"
+                f"subscription: {name} = {value!r}: expected a whole number, 0…{most}"
             )
 
     def _check_word(self, name: str, known: tuple[str, ...]) -> None:
         value = getattr(self, name)
         if value not in known:
-            raise SubscriptionError(f"subscription: {name} = {value!r}: want {' or '.join(known)}")
+            raise SubscriptionError(
+                f"subscription: {name} = {value!r}: expected {' or '.join(known)}"
+            )
 
 
 def delimit(payload: bytes) -> bytes:
@@ -241,7 +243,7 @@ def _light(m: pb.Light) -> Light:
     direction = _floats(m.direction, 3, "light direction")
     length = float(np.linalg.norm(direction))
     if abs(length - 1) > 1e-3:
-        raise WireError(f"light direction of length {length:.3g}: want a unit vector")
+        raise WireError(f"light direction of length {length:.3g}: expected a unit vector")
     irradiance = _floats(m.irradiance, 3, "light irradiance")
     sigma = m.irradiance_sigma_permille / 1000 if m.HasField("irradiance_sigma_permille") else None
     return Light(
@@ -265,7 +267,9 @@ def _sh(m: pb.SphericalHarmonics) -> SphericalHarmonics:
         raise WireError("SH of a basis or quantity that this client does not know")
     kinds: dict[int, Kind] = {1: "AMBIENT", 2: "TOTAL"}
     if int(m.kind) not in kinds or m.order > 8:
-        raise WireError(f"SH of kind {int(m.kind)}, order {m.order}: want AMBIENT or TOTAL, 0…8")
+        raise WireError(
+            f"SH of kind {int(m.kind)}, order {m.order}: expected AMBIENT or TOTAL, 0…8"
+        )
     number = (m.order + 1) ** 2
     coefficients = _floats(m.coefficients, 3 * number, "SH coefficients").reshape(number, 3)
     return SphericalHarmonics(kinds[int(m.kind)], m.order, coefficients)
@@ -274,5 +278,5 @@ def _sh(m: pb.SphericalHarmonics) -> SphericalHarmonics:
 def _floats(values: object, number: int, what: str) -> Array:
     array = np.array(values, dtype=np.float64)
     if array.shape != (number,) or not np.all(np.isfinite(array)):
-        raise WireError(f"{what}: {array.size} numbers: want {number}, all finite")
+        raise WireError(f"{what}: {array.size} numbers: expected {number}, all finite")
     return array

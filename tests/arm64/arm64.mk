@@ -24,6 +24,6 @@ arm64: $(call apt,arm64) $(STAMPS)/apt-arm64-libraries build
 	@$(MAKE) VARIANT=arm64 -j$(JOBS) daemon unit-tests numbers
 	@$(MAKE) VARIANT=release -j$(JOBS) numbers
 
-test-arm64: arm64 ## cross-build for ARM64; unit tests, replay and numbers on an emulated processor, NEON seen in the kernels
+test-arm64: arm64 ## cross-build for ARM64; run unit tests, replay and comparisons on an emulated processor; check for NEON
 	@$(MAKE) VARIANT=arm64 EMULATOR=$(EMULATOR_arm64) run-unit-tests
 	@EMULATOR=$(EMULATOR_arm64) $(VENV)/bin/pytest -q tests/arm64

@@ -22,10 +22,10 @@ revision {revision}.
 
 Every figure is processor time of one thread, from the bytes of a JPEG to the result, in \
 milliseconds; *ratio* is relative to libjpeg-turbo's plain RGB decode of the same pictures in the \
-same process. All methods take turns on one picture, in random order, so that noise of the machine \
-meets all of them. Pictures: the repository's scenes (8 panoramas, the furnished room, five lamps \
-on a gradient) through the simulated camera, with texture and sensor noise \
-(`tests/bench/frames.py`). Quote ratios, not milliseconds.
+same process. All methods take turns on one picture, in random order, so that the load of the \
+machine affects all of them equally. Pictures: the repository's scenes (8 panoramas, the \
+furnished room, five lamps on a gradient) through the simulated camera, with texture and sensor \
+noise (`tests/bench/frames.py`). Quote the ratios: the milliseconds depend on the machine.
 
 ![speed against accuracy](speed_accuracy.png)
 """
@@ -38,7 +38,7 @@ picture, median and worst over the pictures.
 BASELINES = """
 ## Baselines
 
-`decode_1_n`: libjpeg-turbo's decode to RGB at 1/n, nothing else. `balanced_decode_1_n`: our \
+`decode_1_n`: only libjpeg-turbo's decode to RGB at 1/n. `balanced_decode_1_n`: our \
 estimator on top of that, instead of the block reader. `published_*`: the published recipe \
 (threshold at the median, blur, erode, dilate, contours, moments, mean colours) with OpenCV at \
 full resolution. `sh_*`: decode and spherical harmonics of order 2 over all pixels, no lamps: \
@@ -48,10 +48,10 @@ pixel by pixel, separated into rows and columns, and by ducc0.
 DAEMON = """
 ## The daemon
 
-`{frame}` at {rate_hz} Hz from the simulated camera's socket; every subscriber gets every \
+`{frame}` at {rate_hz} Hz from the simulated camera's socket; every subscriber receives every \
 estimate. Latency: wall clock from the arrival of the whole frame to the last packet handed to its \
-socket. Allocations: calls of malloc and its kin in the whole process per frame, after warm-up: \
-**{allocations_per_frame:.2f}**.
+socket. Allocations: calls of malloc and similar functions in the whole process per frame, \
+after warm-up: **{allocations_per_frame:.2f}**.
 
 """
 
@@ -61,8 +61,8 @@ ACCURACY = """
 1920×960, 4:2:0. Direction: RMSE over the lamps of 25 procedural scenes that were found within \
 10°, how many were missed, and false ones; one exposure that does not clip. Relighting: MAE over a \
 sphere's normals, relative to the brightest; SH: relative L2 of TOTAL; both median (worst) over \
-Blender's eight panoramas, against the unclipped map, from one exposure for the scene's median, in \
-which lamps clip whatever the method; `exposures_3`: `balanced` with a bracket of three. \
+Blender's eight panoramas, against the unclipped map, from one exposure for the median of the \
+scene, in which lamps clip with every method; `exposures_3`: `balanced` with a bracket of three. \
 `make evaluate` has more.
 
 """
@@ -136,12 +136,12 @@ def markdown(speed: dict[str, Any]) -> str:
         parts.append(_table(["", "median ms", "p99 ms", "ratio", "SH error"], _frame_rows(frame)))
     parts += [FRAMES_NOTE, BASELINES, "\nRatios:\n\n", _by_frame(speed, "baselines", "ratio")]
     parts += [
-        "\n## Stages of `balanced`\n\nMedian milliseconds. Each stage alone, warm: their sum is "
-        "less than the whole.\n\n",
+        "\n## Stages of `balanced`\n\nMedian milliseconds. Each stage runs alone with warm caches, "
+        "so the sum is less than the whole.\n\n",
         _by_frame(speed, "stages", "median_ms"),
-        "\n## Scaling of `balanced`\n\nMedian milliseconds by the most lights asked for:\n\n",
+        "\n## Scaling of `balanced`\n\nMedian milliseconds, by the maximum number of lights:\n\n",
         _by_frame(speed, "lights", "median_ms"),
-        "\nand by the exposures of a bracket that are merged:\n\n",
+        "\nand by the number of exposures that are merged:\n\n",
         _by_frame(speed, "exposures", "median_ms"),
     ]
     parts += [_daemon(speed["daemon"]), _accuracy(speed)]

@@ -157,9 +157,9 @@ def test_ring_against_the_camera(tmp_path: Path) -> None:
 
 
 def test_bad_requests_say_what_to_do(tmp_path: Path) -> None:
-    assert "want --levels LUX,LUX,… or --against" in calibrate(tmp_path, "ring", status=2)
+    assert "expected --levels LUX,LUX,… or --against" in calibrate(tmp_path, "ring", status=2)
     both = ("ring", "--levels", "1", "--against", "unix:x")
-    assert "want --levels" in calibrate(tmp_path, *both, status=2)
+    assert "expected --levels" in calibrate(tmp_path, *both, status=2)
     with Box("host", tmp_path / "mcu") as box:
         assert "like 10,100,1000" in calibrate(tmp_path, "ring", "--levels", "dark", status=2)
         words = calibrate(tmp_path, "ring", "--levels", "10,20", status=1)
@@ -171,6 +171,6 @@ def test_bad_requests_say_what_to_do(tmp_path: Path) -> None:
         box.set(ldr2_forced=-1)
         (tmp_path / "file").write_text("")
         words = calibrate(tmp_path, *one_level, str(tmp_path / "file/x.ini"), stdin="\n", status=2)
-        assert f"{tmp_path / 'file'} is no folder" in words  # before anybody sets a light
+        assert f"{tmp_path / 'file'} is not a folder" in words  # before anybody sets a light
         assert calibrate(tmp_path, *one_level, str(tmp_path / "new/x.ini"), stdin="\n", status=0)
         assert (tmp_path / "new" / "x.ini").is_file()

@@ -217,13 +217,13 @@ def test_nobody_there():
      "127.0.0.1:7700", "localhost", "tcp:a/b:1"],
 )  # fmt: skip
 def test_addresses_that_are_none(uri):
-    with pytest.raises(ProbeError, match="want tcp:HOST:PORT or unix:PATH"):
+    with pytest.raises(ProbeError, match="expected tcp:HOST:PORT or unix:PATH"):
         Client(uri)
 
 
 @pytest.mark.parametrize("uri", ["tcp://127.0.0.1:7700", "tcp://[::1]:7700"])
 def test_an_address_is_no_url(uri):
-    with pytest.raises(ProbeError, match=r"want tcp:HOST:PORT \(without //\)"):
+    with pytest.raises(ProbeError, match=r"expected tcp:HOST:PORT \(without //\)"):
         Client(uri)
 
 
@@ -272,7 +272,7 @@ def test_a_client_is_entered_again_after_it_was_left():
         assert "use it within" in str(in_time(lambda: client.receive(1.0)))
         with client:
             assert client.receive(LONG_S).sequence == 2
-            with pytest.raises(ProbeError, match="in use already"):
+            with pytest.raises(ProbeError, match="already in use"):
                 client.__enter__()
             assert client.connected  # and goes on
 
@@ -285,7 +285,7 @@ async def test_an_asyncio_client_is_entered_again_after_it_was_left():
         for number in (1, 2):
             async with client:
                 assert (await client.receive(LONG_S)).sequence == number
-                with pytest.raises(ProbeError, match="in use already"):
+                with pytest.raises(ProbeError, match="already in use"):
                     await client.__aenter__()
 
 
@@ -321,7 +321,7 @@ def test_a_timeout_of_zero_polls():
 
 @pytest.mark.parametrize("timeout_s", [-1, float("nan")])
 def test_timeouts_that_make_no_sense(timeout_s):
-    with Client("tcp:127.0.0.1:9") as client, pytest.raises(ValueError, match="want seconds"):
+    with Client("tcp:127.0.0.1:9") as client, pytest.raises(ValueError, match="expected seconds"):
         client.receive(timeout_s)
 
 
@@ -437,20 +437,20 @@ def test_a_refusal_stays_the_reason_when_the_probe_closes():
 @pytest.mark.parametrize(
     ("field", "value", "message"),
     [
-        ("rate_hz", float("nan"), "want 0…1000"),
-        ("rate_hz", float("inf"), "want 0…1000"),
-        ("rate_hz", -1, "want 0…1000"),
-        ("rate_hz", "30", "want 0…1000"),
+        ("rate_hz", float("nan"), "expected 0…1000"),
+        ("rate_hz", float("inf"), "expected 0…1000"),
+        ("rate_hz", -1, "expected 0…1000"),
+        ("rate_hz", "30", "expected 0…1000"),
         ("sh_order", -1, "whole number, 0…4"),
         ("sh_order", 9, "whole number, 0…4"),
         ("sh_order", 2.5, "whole number, 0…4"),
         ("max_lights", 9, "whole number, 0…8"),
         ("max_lights", None, "whole number, 0…8"),
-        ("kind", "total", "want AMBIENT or TOTAL"),
-        ("kind", "KIND_UNSPECIFIED", "want AMBIENT or TOTAL"),
+        ("kind", "total", "expected AMBIENT or TOTAL"),
+        ("kind", "KIND_UNSPECIFIED", "expected AMBIENT or TOTAL"),
         ("tolerance", 50, "0.05 is 5 %"),
         ("tolerance", float("nan"), "0.05 is 5 %"),
-        ("smoothing", "smoothed", "want SMOOTHED or RAW"),
+        ("smoothing", "smoothed", "expected SMOOTHED or RAW"),
         ("health_period_ms", 2**32, "whole number"),
     ],
 )

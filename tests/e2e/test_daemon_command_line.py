@@ -82,7 +82,7 @@ def test_documented_keys_of_cameras_are_those_of_the_help(scheme, heading):
         ([], "lightprobed: --source: no source is given — name a camera with --source=URI"),
         (
             ["--source=ftp:x"],
-            "ftp:x: source: ftp: is no known scheme; known: ",
+            "ftp:x: source: ftp: is not a known scheme; known are ",
         ),
         (["--source=room.jpg"], "room.jpg: parse: must begin with a scheme"),
         (["--source=file:"], "file:: parse: no path"),
@@ -103,7 +103,7 @@ def test_documented_keys_of_cameras_are_those_of_the_help(scheme, heading):
             ["--detector=static"],
             "detector: 'static' is not adaptive|median|otsu|static:RADIANCE",
         ),
-        (["--source=file:a", "--publish=http:x"], "known: tcp:, unix:, stdout:"),
+        (["--source=file:a", "--publish=http:x"], "known are tcp:, unix:, stdout:"),
         (
             ["--source=file:a", "--exposure-us=5"],
             "the exposure of this source cannot be set",

@@ -227,7 +227,7 @@ def test_what_nobody_has_seen_stays():
         p.box.set(stuck=0)
         p.fault("WHEEL_STUCK", there=False)  # cleared, and homed
         health = p.fault("PARAMS_LOST")
-        assert "calibrate, and save" in health.faults[0].text
+        assert "calibrate and save again" in health.faults[0].text
         p.daemon.stop()
         words = tool(p.box, "info")
         assert "PARAMS_LOST: the stored parameters are damaged" in words
@@ -469,7 +469,7 @@ def test_what_the_command_line_says_of_wheel_and_ring(tmp_path):
         return log
 
     assert "name one: mcu:serial:" in says("--rotator=mcu:/dev/ttyUSB0")
-    assert "known: mcu:, pca9685:, sim:" in says("--rotator=servo:")
+    assert "known are mcu:, pca9685:, sim:" in says("--rotator=servo:")
     assert "known: baud, address, ring_scans" in says("--rotator=mcu:can:can0?rate=1")
     assert "ring_scans=2" in says("--ring=mcu:can:can0?ring_scans=2")  # 8 and more
     assert "baud" in says("--rotator=mcu:serial:/dev/x?baud=250000")

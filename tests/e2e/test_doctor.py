@@ -52,7 +52,7 @@ def test_flags_are_told_in_words(tmp_path, probe):
         code, found = examine(uri, "--wait", LONG_S / 3)
     assert code == 0
     assert found["flag EXPOSURE_UNKNOWN"]["verdict"] == "warn"
-    assert "lock" in found["flag EXPOSURE_UNKNOWN"]["next_step"]
+    assert "fixed exposure" in found["flag EXPOSURE_UNKNOWN"]["next_step"]
 
 
 def test_a_camera_that_has_stopped(tmp_path, probe):
@@ -115,7 +115,7 @@ def test_a_machine_with_a_client_alone(tmp_path, probe, monkeypatch):
     assert done.returncode == 0, found
     assert found["daemon"] == {
         "check": "daemon", "verdict": "skip", "next_step": "",
-        "detail": "none on this machine: a client needs none",
+        "detail": "not installed; a client does not need one",
     }  # fmt: skip
     assert found["devices"]["verdict"] == "skip"
     assert found["connection"]["verdict"] == "ok"

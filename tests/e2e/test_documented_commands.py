@@ -1,4 +1,4 @@
-"""The commands of hw/guide.md and docs/builders/bring_up.md, in order and as printed, on a simulated box.
+"""The commands of hw/guide.md and docs/builders/bring_up.md run as printed, on a simulated box.
 
 The box is the flashed binary in simavr behind a boot loader; opening its port resets it, its
 reference is off by 8 %, its multiplexer has resistance, its LDRs are as different as GL5528 are.

@@ -31,7 +31,7 @@ def test_every_figure_in_every_form(tmp_path):
         "--plot", plot, "--json-file", figures, "--per-scene",
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    for word in ("relighting MAE", "missed", "truth within the stated sigma", "procedural-1"):
+    for word in ("relighting MAE", "missed", "truth lies within the stated sigma", "procedural-1"):
         assert word in done.stdout
     report = json.loads(figures.read_text())
     assert len(report["cases"]) == 3 * 2 * 2
@@ -65,7 +65,7 @@ def test_the_same_seed_gives_the_same_figures():
     [
         (["--settings", "speed=9"], 2, "KEY one of camera, preset"),
         (["--settings", "lights=many"], 2, "whole number"),
-        (["--brackets", "9"], 2, "want float"),
+        (["--brackets", "9"], 2, "expected float"),
         (["--scenes", "procedural:none"], 2, "procedural:N"),
         (["--scenes", "none.exr"], 1, "no such file"),
         (["--scenes", "procedural:1", "--settings", "preset=magic"], 2, "magic"),
@@ -81,6 +81,6 @@ def test_maps_without_truth_are_refused(tmp_path):
     image.write_pfm(tmp_path / "square.pfm", np.ones((64, 64, 3), np.float32))
     assert "twice as wide" in run("--scenes", tmp_path / "square.pfm").stderr
     image.write_pfm(tmp_path / "nan.pfm", np.full((32, 64, 3), np.nan, np.float32))
-    assert "no truth" in run("--scenes", tmp_path / "nan.pfm").stderr
+    assert "no exact truth" in run("--scenes", tmp_path / "nan.pfm").stderr
     (tmp_path / "empty").mkdir()
     assert run("--scenes", tmp_path / "empty").returncode == 2

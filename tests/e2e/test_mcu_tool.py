@@ -62,7 +62,7 @@ def test_home_move_release(tmp_path: Path, box: Box) -> None:
     mcu(tmp_path, "release")
     assert box.get("powered") == 0
     assert "OUT_OF_RANGE" in mcu(tmp_path, "move", "200", status=1)
-    assert "want -327…327 degrees" in mcu(tmp_path, "move", "400", status=2)
+    assert "expected -327…327 degrees" in mcu(tmp_path, "move", "400", status=2)
 
 
 @pytest.mark.usefixtures("box")
@@ -125,7 +125,7 @@ def test_params(tmp_path: Path, box: Box) -> None:
     assert "lag_ms = 45" in mcu(tmp_path, "params", "get", "lag_ms")
     mcu(tmp_path, "params", "defaults")
     assert "lag_ms = 30" in mcu(tmp_path, "params", "get", "lag_ms")
-    assert "want 0…500" in mcu(tmp_path, "params", "set", "lag_ms", "900", status=2)
+    assert "expected 0…500" in mcu(tmp_path, "params", "set", "lag_ms", "900", status=2)
     assert "known are servo_zero_us" in mcu(tmp_path, "params", "get", "colour", status=2)
 
 
@@ -144,8 +144,8 @@ def test_watch(tmp_path: Path, box: Box) -> None:
         ("i2c:/dev/i2c-99", "open: No such file or directory: is it plugged in?", 1),
         ("can:can99", r"mcu: can:can99: open: ", 1),
         ("usb:1", "unknown carrier; use serial:DEVICE", 1),
-        ("serial:/dev/tty0?speed=9", "speed=9: want baud=NUMBER", 1),
-        ("can:can0?baud=9", "baud=9: want no option", 1),
+        ("serial:/dev/tty0?speed=9", "speed=9: expected baud=NUMBER", 1),
+        ("can:can0?baud=9", "baud=9: expected no option", 1),
     ],
 )
 def test_ports_that_are_not_there(tmp_path: Path, port: str, words: str, status: int) -> None:

@@ -294,10 +294,10 @@ def run(*options: str, folder: Path) -> subprocess.CompletedProcess[str]:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--firmware", "arm"], "want host, avr, none"),
+        (["--firmware", "arm"], "expected host, avr, none"),
         (["--firmware", "host"], "no lightprobe-mcu-host in .*make firmware-host"),
         (["--firmware", "avr"], "no lightprobe-mcu-simavr in .*make firmware-avr"),
-        (["--firmware", "host", "--polarizer", "3"], "the wheel turns it"),
+        (["--firmware", "host", "--polarizer", "3"], "the wheel of --firmware turns"),
         (["--faults", "stuck=1"], "unknown option stuck"),
     ],
 )
@@ -320,7 +320,7 @@ def test_control_names_what_is_wrong(tmp_path: Path) -> None:
         socket = tmp_path / "control"
         for words, message in [
             (("inject-fault", socket, "explode=1"), "unknown option explode"),
-            (("light", socket, "dark"), "want lux, or scene"),
+            (("light", socket, "dark"), "expected lux, or scene"),
             (("get", socket, "nothing"), "no number nothing"),
         ]:
             done = control_command(*words)

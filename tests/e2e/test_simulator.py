@@ -244,9 +244,9 @@ def test_socket_in_use_and_left_over(tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--size", "17"], "want WIDTHxHEIGHT"),
+        (["--size", "17"], "expected WIDTHxHEIGHT"),
         (["--size", "255x128"], "even numbers"),
-        (["--format", "H264"], "want one of MJPG"),
+        (["--format", "H264"], "expected one of MJPG"),
         (["--faults", "explode=1"], "unknown option explode"),
         (["--scenes", "procedural:0"], "procedural:N with N"),
         (["--scenes", "nowhere.exr"], "no such file"),

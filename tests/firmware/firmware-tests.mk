@@ -14,13 +14,13 @@ FW_FLASH_BYTES := 18432
 FW_RAM_BYTES := 1536
 
 .PHONY: firmware-size test-firmware test-firmware-parts test-firmware-long
-firmware-size: $(FW_ELF) $(FW_SIMAVR) ## the firmware's flash and RAM, stack measured in simavr, against their budgets
+firmware-size: $(FW_ELF) $(FW_SIMAVR) ## check flash, RAM and stack (measured in simavr) of the firmware against their budgets
 	@$(VENV)/bin/python tests/firmware/size.py --flash-bytes $(FW_FLASH_BYTES) --ram-bytes $(FW_RAM_BYTES)
 
 test-firmware-parts: $(FW_HEX) $(FW_SIMAVR) $(FW_HOST) $(FW_HOST)-asan $(FW_TESTS)/test_link
 
 test-all: test-firmware
-test-firmware: build ## the flashed firmware in simavr and natively, tests by name
+test-firmware: build ## test the flashed firmware in simavr and natively; lists the tests
 	@$(MAKE) -j$(JOBS) test-firmware-parts
 	@$(FW_TESTS)/test_link
 	@$(MAKE) firmware-size
@@ -28,7 +28,7 @@ test-firmware: build ## the flashed firmware in simavr and natively, tests by na
 # Apart from `make test` for its time alone: half an hour, two processes.
 MOVES ?= 10000
 SEED ?= 1
-test-firmware-long: build ## 10 000 random wheel moves with random faults in simavr (half an hour); MOVES=n SEED=n
+test-firmware-long: build ## run 10 000 random wheel moves with random faults in simavr (half an hour); MOVES=n SEED=n
 	@$(MAKE) -j$(JOBS) test-firmware-parts
 	@$(MAKE) VARIANT=asan -j$(JOBS) daemon unit-tests
 	@LP_LONG=1 $(BUILD)/asan/tests/test_link_envelope

@@ -8,14 +8,14 @@ GROUP ?=
 C_SOURCES += $(wildcard tests/kernel/uvc_camera/*.[ch])
 
 .PHONY: test-kernel kernel-coverage kernel-shell kernel-list kernel-setup
-test-kernel: kernel-setup ## tests on Debian's kernel in QEMU; GROUP=uvc for one group, make kernel-list names them
+test-kernel: kernel-setup ## run the tests on Debian's kernel in QEMU; GROUP=uvc for one group, make kernel-list lists them
 	@$(PYTHON) tests/kernel/run.py $(GROUP)
 
-kernel-coverage: kernel-setup ## the kernel tests with line coverage of the daemon
+kernel-coverage: kernel-setup ## run the kernel tests with line coverage of the daemon
 	@$(MAKE) VARIANT=cov -j$(JOBS) daemon
 	@$(PYTHON) tests/kernel/run.py --variant=cov $(GROUP)
 
-kernel-shell: kernel-setup ## a shell in the kernel tests' guest, with all their devices
+kernel-shell: kernel-setup ## open a shell in the guest of the kernel tests, with all devices
 	@$(PYTHON) tests/kernel/run.py --shell
 
 kernel-list:

@@ -5,6 +5,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from lightprobe.cli.main import Calibrate, Root
 
 ROOT = Path(__file__).resolve().parents[2]
 TRACKED = subprocess.run(
@@ -103,6 +104,42 @@ def test_make_targets_exist():
     }
     assert sorted((name, target) for name, target in named if target not in targets) == []
     assert len(named) > 10
+
+
+def commands_in(name, program):
+    """What follows the name of a program where a page shows it as code, up to the next command."""
+    page = text_of(name)
+    code = [*CODE.findall(FENCED.sub("", page)), *re.findall(r"^ {4}\s*(\S.*)$", page, flags=re.M)]
+    code += "".join(FENCED.findall(page)).replace("\\\n", " ").splitlines()
+    for line in code:
+        yield from re.findall(rf"(?<!from )(?<![\w-]){program} ([^;|#]*)", line)
+
+
+def test_commands_of_lightprobe_exist():
+    found, wrong = 0, []
+    for name in PAGES:
+        for words in (rest.split() for rest in commands_in(name, "lightprobe")):
+            if not words or not re.fullmatch(r"[a-z]+", words[0]):
+                continue
+            found += 1
+            if words[0] not in Root.entries:
+                wrong.append((name, words[0]))
+            elif words[0] == "calibrate" and len(words) > 1 and words[1].isalpha():
+                wrong += [(name, f"calibrate {words[1]}")] * (words[1] not in Calibrate.entries)
+    assert wrong == []
+    assert found > 30
+
+
+def test_options_of_lightprobed_exist():
+    options = set(re.findall(r'^\t\{"([a-z-]+)", LP_PARAM', text_of("daemon/app/options.c"), re.M))
+    named = {
+        (name, option)
+        for name in PAGES
+        for rest in commands_in(name, "lightprobed")
+        for option in re.findall(r"(?<!\S)--([a-z][a-z-]*)", rest)
+    }
+    assert {(name, option) for name, option in named if option not in options} == set()
+    assert len(named) > 8
 
 
 # ---------------------------------------------------------------- the fault pages

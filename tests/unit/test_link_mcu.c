@@ -336,7 +336,7 @@ static void test_keys_of_every_uri_of_a_connection_count(void **state)
 	capture_begin(&capture);
 	assert_int_equal(join("?baud=115200", &ring, &mcu), -EINVAL);
 	capture_end(&capture);
-	assert_contains(capture.text, "write the same in both");
+	assert_contains(capture.text, "give the same values in both");
 	assert_int_equal(join("?baud=500000&ring_scans=80", &ring, &mcu), 0);
 	assert_ptr_equal(mcu, session.mcu);
 	assert_true(until(NULL, 0, ID(HELLO_REQUEST)));

@@ -49,11 +49,11 @@ static const struct lp_link_ops *carrier_of(const struct lp_uri *uri, const char
 
 static const struct lp_param list[] = {
 	{"baud", LP_PARAM_INT, offsetof(struct lp_mcu_settings, baud), .initial = "500000",
-	 .min = 115200, .max = 1000000, .help = "of a serial line"},
+	 .min = 115200, .max = 1000000, .help = "baud rate of a serial line"},
 	{"address", LP_PARAM_HEX, offsetof(struct lp_mcu_settings, address), .initial = "0x2c",
-	 .min = 0x08, .max = 0x77, .help = "on I2C"},
+	 .min = 0x08, .max = 0x77, .help = "address on I2C"},
 	{"ring_scans", LP_PARAM_INT, offsetof(struct lp_mcu_settings, ring_scans), .initial = "8",
-	 .min = 8, .max = 255, .help = "the ring's light is told every so many scans of 1.25 ms"},
+	 .min = 8, .max = 255, .help = "scans of 1.25 ms per sample of the ring"},
 };
 const struct lp_params lp_mcu_params = LP_PARAMS(list);
 
@@ -127,8 +127,8 @@ static int merge_settings(struct lp_mcu *mcu, const struct lp_uri *uri,
 	if ((lp_uri_has(uri, "baud") && settings->baud != present->baud) ||
 	    (lp_uri_has(uri, "address") && settings->address != present->address)) {
 		lp_error(uri->text, "options",
-			 "baud or address is not what the other URI of %s says, or leaves out — "
-			 "write the same in both",
+			 "baud or address differs from the other URI of %s — give the same values "
+			 "in both",
 			 mcu->name);
 		return -EINVAL;
 	}

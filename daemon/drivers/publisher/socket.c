@@ -236,16 +236,17 @@ static int parse_mode(const char *text, void *field)
 
 static const struct lp_param list[] = {
 	{"clients", LP_PARAM_INT, offsetof(struct options, clients), .initial = "0", .max = 4096,
-	 .help = "at most so many at a time; 0: of the network 7/8 of --max-clients, else all"},
+	 .help = "maximum number of clients; 0: 7/8 of --max-clients for the network, all for "
+		 "others"},
 	{"per_peer", LP_PARAM_INT, offsetof(struct options, per_peer), .initial = "0", .max = 4096,
-	 .help = "of them from one address or user; 0: half of --max-clients, at least 8"},
+	 .help = "maximum from one address or user; 0: half of --max-clients, at least 8"},
 };
 static const struct lp_params tcp_params = LP_PARAMS(list);
 
 static const struct lp_param unix_list[] = {
 	{"mode", LP_PARAM_OWN, offsetof(struct options, mode), .initial = "660",
 	 .parse = parse_mode, .expects = "permission bits in octal, like 666",
-	 .help = "of the socket file"},
+	 .help = "permissions of the socket file"},
 };
 static const struct lp_params unix_params = {unix_list, LP_COUNT(unix_list), &tcp_params};
 

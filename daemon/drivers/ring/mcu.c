@@ -29,7 +29,7 @@ struct keys {
 static const struct lp_param list[] = {
 	{"calibration", LP_PARAM_TEXT, offsetof(struct keys, calibration), .initial = "",
 	 .max = 1024,
-	 .help = "the ring's file, from lightprobe calibrate ring; none: right within a factor of "
+	 .help = "ring file, from lightprobe calibrate ring; none: exact only within a factor of "
 		 "two"},
 };
 _Static_assert(offsetof(struct keys, link) == 0, "the connection's offsets hold");
@@ -123,7 +123,8 @@ const struct lp_ring_ops lp_ring_mcu_ops = {
 	.info = {.scheme = "mcu",
 		 .form = "CARRIER:DEVICE",
 		 .help = "the ring on the microcontroller\n"
-			 "As for the wheel; the same device in both is one connection.",
+			 "The URI is like that of the wheel; if both name the same device, they "
+			 "share one connection.",
 		 .params = &params},
 	.create = mcu_create,
 	.start = mcu_start,

@@ -31,15 +31,15 @@ struct ring_sim {
 
 static const struct lp_param list[] = {
 	{"lux", LP_PARAM_FLOATS, offsetof(struct keys, lux), .initial = "100", .max = 1e6,
-	 .help = "what the sensors read: one number for all, or nine"},
+	 .help = "readings of the sensors: one number for all, or nine"},
 	{"rate_hz", LP_PARAM_FLOAT, offsetof(struct keys, rate_hz), .initial = "100", .min = 0.1,
 	 .max = 1000, .help = "samples a second"},
 	{"sigma", LP_PARAM_FLOAT, offsetof(struct keys, sigma), .initial = "0.03", .max = 10,
-	 .help = "relative uncertainty that each reading states"},
+	 .help = "relative uncertainty reported with each reading"},
 	{"dead", LP_PARAM_INT, offsetof(struct keys, dead), .initial = "0", .max = 511,
 	 .help = "sensors that are open or shorted: a sum of 1, 2, 4, ... 256"},
 	{"silent_after_s", LP_PARAM_FLOAT, offsetof(struct keys, silent_after_s), .initial = "1e9",
-	 .max = 1e9, .help = "no samples from then on"},
+	 .max = 1e9, .help = "time after which no more samples come"},
 };
 static const struct lp_params params = LP_PARAMS(list);
 
@@ -110,9 +110,9 @@ static int sim_create(const struct lp_uri *uri, const struct lp_ring_host *host,
 const struct lp_ring_ops lp_ring_sim_ops = {
 	.info = {.scheme = "sim",
 		 .form = "",
-		 .help = "a ring inside the daemon, which reads what it is told\n"
-			 "It sees no simulated scene: for that, name the simulator's box with "
-			 "mcu:.",
+		 .help = "a simulated ring inside the daemon, for tests\n"
+			 "It does not see a simulated scene: for that, use mcu: with the "
+			 "simulator's box.",
 		 .params = &params},
 	.create = sim_create,
 	.start = sim_start,

@@ -228,8 +228,8 @@ const struct lp_rotator_ops lp_rotator_mcu_ops = {
 		 .form = "CARRIER:DEVICE",
 		 .help = "the wheel on the microcontroller, as mcu:serial:/dev/ttyUSB0\n"
 			 "CARRIER is serial, i2c (mcu:i2c:/dev/i2c-1) or can (mcu:can:can0). The "
-			 "wheel is waited for,\n"
-			 "homed, and tried again after a fault.",
+			 "daemon waits for the\n"
+			 "wheel, homes it, and tries again after a fault.",
 		 .params = &lp_mcu_params},
 	.create = mcu_create,
 	.start = mcu_start,

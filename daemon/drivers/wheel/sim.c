@@ -171,9 +171,9 @@ static void sim_destroy(struct lp_rotator *rotator)
 
 static const struct lp_param list[] = {
 	{"fault", LP_PARAM_CHOICE, offsetof(struct keys, fault), .initial = "none",
-	 .choices = faults, .help = "what is wrong with it"},
+	 .choices = faults, .help = "fault to simulate"},
 	{"after_s", LP_PARAM_FLOAT, offsetof(struct keys, after_s), .initial = "0", .max = 1e6,
-	 .help = "the fault begins so long after the start"},
+	 .help = "time from the start until the fault begins"},
 };
 _Static_assert(offsetof(struct keys, timed) == 0, "the model's offsets hold");
 static const struct lp_params params = {list, LP_COUNT(list), &lp_timed_keys};
@@ -205,9 +205,9 @@ static int sim_create(const struct lp_uri *uri, const struct lp_rotator_host *ho
 const struct lp_rotator_ops lp_rotator_sim_ops = {
 	.info = {.scheme = "sim",
 		 .form = "",
-		 .help = "a wheel inside the daemon, for tests of what follows from it\n"
-			 "It turns no simulated camera's polarizer: for that, name the "
-			 "simulator's box with mcu:.",
+		 .help = "a simulated wheel inside the daemon, for tests\n"
+			 "It does not turn a simulated polarizer: for that, use mcu: with the "
+			 "simulator's box.",
 		 .params = &params},
 	.create = sim_create,
 	.start = sim_start,

@@ -40,12 +40,12 @@ struct lp_timed_params {
 	float servo_max_us;
 	float slew_deg_s;	   /* commanded */
 	float slew_physical_deg_s; /* nothing real is faster */
-	float lag_ms;		   /* of the wheel behind the pulses */
+	float lag_ms;		   /* delay of the wheel behind the pulses */
 	float settle_ms;
 	float hold_s;		    /* the servo is let go so long after settling */
 	float first_deg, pitch_deg; /* of the comb, one sensor's edges */
 	int edges;
-	float edge_error_deg; /* how well the comb is made */
+	float edge_error_deg; /* position error of the comb's edges */
 	float tolerance_deg;  /* between servo and wheel */
 };
 

@@ -106,16 +106,16 @@ def judge_commands(steps: Sequence[Sequence[Frame]]) -> ExposureResponse:
     obedience = ExposureResponse(changes)
     if not obedience.expected and any(change.restless for change in changes):
         raise ExposureResponseError(
-            "exposure: the picture does not come to rest between commands: is the light constant, "
-            "the camera still? A very slow camera: --frames 24"
+            "exposure: the picture keeps changing between commands: keep light and camera still; "
+            "for a very slow camera add --frames 24"
         )
     if not obedience.expected:
         mean = np.mean([look.cells.mean() for step in looks for look in step] or [np.nan])
         kind = "dark" if mean < 128 else "bright"
         step = "more light" if kind == "dark" else "less light"
         raise ExposureResponseError(
-            f"exposure: the picture is too {kind} to tell (mean code {mean:.0f} over all "
-            f"exposures), or shows nothing: {step}, or something in view"
+            f"exposure: the picture is too {kind} (mean code {mean:.0f} over all exposures), or "
+            f"shows nothing: try {step}, or put something in view"
         )
     return obedience
 

@@ -101,7 +101,8 @@ def decode(data: bytes, kind: str, size_px: tuple[int, int], stride_bytes: int =
     """
     if kind not in ("MJPG", "YUYV", "NV12", "GREY"):
         raise SeriesError(
-            f"series: format {kind}: float frames are radiance already: no codes to calibrate"
+            f"series: format {kind}: float frames are radiance already and have no codes to "
+            f"calibrate"
         )
     width, height = size_px
     raw = np.frombuffer(data, np.uint8)
@@ -146,11 +147,13 @@ def load(folder: Path) -> ExposureSeries:
     except OSError as error:
         raise SeriesError(f"{where}: read: {error.strerror}") from None
     except ValueError:
-        raise SeriesError(f"{where}: parse: not JSON lines: is the series complete?") from None
+        raise SeriesError(
+            f"{where}: parse: these are not JSON lines: is the series complete?"
+        ) from None
     if len(rows) < 2 or rows[0].get("lightprobe_series") != VERSION:
-        raise SeriesError(f"{where}: no series of version {VERSION}: no frame was written")
+        raise SeriesError(f"{where}: not a series of version {VERSION}, or no frame was written")
     if not rows[-1].get("complete"):
-        raise SeriesError(f"{where}: the series was cut short: take it again")
+        raise SeriesError(f"{where}: the series is incomplete: record it again")
     try:
         camera = rows[0]
         return ExposureSeries(
@@ -163,7 +166,9 @@ def load(folder: Path) -> ExposureSeries:
             frames=tuple(_frame(folder, row) for row in rows[1:-1]),
         )
     except KeyError as error:
-        raise SeriesError(f"{where}: {error} is missing: written by another version?") from None
+        raise SeriesError(
+            f"{where}: {error} is missing: was the series written by another version?"
+        ) from None
 
 
 def _frame(folder: Path, row: dict[str, Any]) -> Frame:
@@ -221,7 +226,7 @@ def shoot(
         return load(folder)
     if process.returncode == daemon.USAGE:
         raise UsageError(f"series: {source}:\n{words}")
-    silent = "" if words else f"no frame for {patience_s:g} s: is anything sent at all?"
+    silent = "" if words else f"no frame for {patience_s:g} s: does the source send anything?"
     raise SeriesError(f"series: {source}: not complete: {silent}{words}")
 
 

@@ -105,21 +105,24 @@ def collect(steps: Sequence[Step], seed: int = 0) -> tuple[PatchCodes, list[str]
     for step in steps:
         if step.unrest_codes > _MOST_UNREST_CODES:
             notes.append(
-                f"{step.exposure_us:g} us left out: its frames differ by "
-                f"{step.unrest_codes:.1f} codes: the light or the camera was not at rest"
+                f"{step.exposure_us:g} us left out: its frames differ by {step.unrest_codes:.1f} "
+                f"codes, because the light or the camera moved"
             )
         else:
             good.append(step)
     if len({step.mean.shape for step in good}) > 1:
-        raise ResponseError("response: the pictures are of different sizes: one camera, one size")
+        raise ResponseError(
+            "response: the pictures have different sizes: use one camera at one size"
+        )
     if len({step.exposure_us for step in good}) < 3:
         reason = f": {notes[0]}" if notes else ""
         raise ResponseError(
-            f"response: {len(good)} usable exposures, want three at least, better ten{reason}"
+            f"response: {len(good)} usable exposures, but three are needed and ten are "
+            f"better{reason}"
         )
     top = _top(good)
     if top < 255:
-        notes.append(f"the picture saturates at code {top}: that is taken for full scale")
+        notes.append(f"the picture saturates at code {top}, which is taken as full scale")
     codes = np.stack([_usable(step, top) for step in good], axis=2)
     codes = codes.reshape(-1, len(good), 3)
     exposures = np.array([step.exposure_us for step in good])

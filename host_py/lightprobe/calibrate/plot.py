@@ -26,7 +26,7 @@ def draw(patches: PatchCodes, response: Response, path: Path) -> None:
         rest.plot(at, error, ".", color=f"tab:{name}", markersize=1.5, alpha=0.4)
     curves.set(xlabel="code", ylabel="linear light, full scale = 1", title="response")
     curves.legend()
-    rest.set(xlabel="code", ylabel="residual (codes)", title="what the fit leaves", ylim=(-4, 4))
+    rest.set(xlabel="code", ylabel="residual (codes)", title="residual of the fit", ylim=(-4, 4))
     for axis in (curves, rest):
         axis.grid(alpha=0.3)
     figure.savefig(path, dpi=110)

@@ -44,8 +44,8 @@ _MOST_VOTES = 25.0
 #: Twice the light, and more, changes a code by this at least.
 _LEAST_CHANGE_CODES = 4.0
 _DOES_NOT_FOLLOW = (
-    "response: the brightness does not follow the exposures: does the camera obey? try "
-    "`lightprobe calibrate exposure`; was the light constant, the camera still?"
+    "response: the brightness does not follow the exposures: check with `lightprobe calibrate "
+    "exposure` that the camera obeys, and keep light and camera still"
 )
 #: An exposure whose light is off by more than this from the others' is left out.
 MOST_STEP_ERROR = 0.15
@@ -285,8 +285,8 @@ def _check_coverage(seen: _Observations, top: int, name: str) -> None:
     """Raise :class:`ResponseError` unless every part of the scale has been seen."""
     if seen.places < _LEAST_PLACES:
         raise ResponseError(
-            f"response: {name}: only {seen.places} places are flat and unclipped in two exposures: "
-            "look at something with large even surfaces, bright and dark"
+            f"response: {name}: only {seen.places} places are flat and unclipped in two "
+            f"exposures: point the camera at large even surfaces, bright and dark"
         )
     codes = np.unique(np.rint(seen.code))
     gaps = np.diff(codes)
@@ -294,17 +294,17 @@ def _check_coverage(seen: _Observations, top: int, name: str) -> None:
     if codes[-1] < top - _BELOW_TOP:
         raise ResponseError(
             f"response: {name}: too dark: nothing brighter than code {codes[-1]:.0f} of {top} can "
-            "be used: more light, or longer exposures"
+            f"be used: add light, or use longer exposures"
         )
     if codes[0] > _LOWEST:
         raise ResponseError(
             f"response: {name}: too bright: nothing darker than code {codes[0]:.0f} can be used: "
-            "shorter exposures, or something dark in view"
+            f"use shorter exposures, or put something dark in view"
         )
     if len(gaps) and gaps[widest] > _WIDEST_GAP:
         raise ResponseError(
             f"response: {name}: no place shows codes {codes[widest]:.0f} to "
-            f"{codes[widest + 1]:.0f}: a scene with more shades, or exposures closer together"
+            f"{codes[widest + 1]:.0f}: use a scene with more shades, or exposures closer together"
         )
 
 

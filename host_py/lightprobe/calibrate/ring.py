@@ -154,7 +154,8 @@ def load(path: Path) -> Ring:
     version = section.pop("version", "none")
     if version != str(VERSION):
         raise CalibrationError(
-            f"ring: {path}: version {version}: this program reads {VERSION}: calibrate anew"
+            f"ring: {path}: version {version}: this program reads version {VERSION}: calibrate "
+            f"again"
         )
     values: dict[str, Any] = {
         name: _numbers(path, section, name, SENSORS, limits) for name, limits in LIMITS.items()
@@ -179,6 +180,6 @@ def _numbers(
     low, high = limits
     if len(values) != count or not np.all((values >= low) & (values <= high)):
         raise CalibrationError(
-            f"ring: {path}: {key} = {text}: want {count} numbers from {low:g} to {high:g}"
+            f"ring: {path}: {key} = {text}: expected {count} numbers from {low:g} to {high:g}"
         )
     return values

@@ -93,13 +93,13 @@ def fit(passed: Iterable[Crossing]) -> WheelCalibration:
     rows = np.array([(c.edge_deg, c.pulse_us, c.speed_deg_s) for c in passed]).reshape(-1, 3)
     if len(rows) < LEAST_CROSSINGS:
         raise CalibrationError(
-            f"calibrate: wheel: only {len(rows)} edges of the comb went by, want "
-            f"{LEAST_CROSSINGS}: does it turn? `lightprobe mcu watch` shows it"
+            f"calibrate: wheel: only {len(rows)} edges of the comb passed, {LEAST_CROSSINGS} are "
+            "needed: does the wheel turn? `lightprobe mcu watch` shows it"
         )
     edge, pulse, speed = rows.T
     system = np.stack([np.ones_like(edge), edge, speed, -(speed < 0).astype(float)], axis=-1)
     if np.linalg.matrix_rank(system) < 4:
-        raise CalibrationError("calibrate: wheel: want sweeps both ways, at two speeds")
+        raise CalibrationError("calibrate: wheel: expected sweeps both ways, at two speeds")
     kept = np.full(len(rows), True)
     for _ in range(3):
         solution = np.linalg.lstsq(system[kept], pulse[kept], rcond=None)[0]

@@ -26,7 +26,7 @@ SourceCamera = Annotated[
     typer.Option(
         "--camera",
         metavar="equirect|FILE",
-        help="How to drive it; default: --output, if it exists.",
+        help="Camera file with settings for the driver; default: --output, if it exists.",
     ),
 ]
 Output = Annotated[
@@ -49,7 +49,7 @@ Patience = Annotated[
     float,
     typer.Option(
         callback=check.number(0, unit="seconds", above=True),
-        help="Give up when no frame comes for so long.",
+        help="Seconds without a frame after which to give up.",
     ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]

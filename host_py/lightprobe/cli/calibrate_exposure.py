@@ -78,16 +78,18 @@ def command(
     patience_s: calibrate.Patience = 15.0,
     as_json: calibrate.AsJson = False,
 ) -> None:
-    """Step the exposure up and down and see what the picture makes of it.
+    """Step the exposure up and down, and measure how the camera follows.
 
-    Finds whether the camera obeys, how many frames from a command to its effect, and how exactly
-    the light follows the command. Point it at a lit scene at rest. --output writes the delay into
-    a camera file (docs/users/camera_calibration.md). The daemon must not be running on the same
-    camera.
+    Reports whether the camera obeys, how many frames pass from a command to its effect, and how
+    exactly the light follows the command. Point the camera at a lit scene at rest.
+    --output writes the delay into a camera file (docs/users/camera_calibration.md). The daemon must
+    not be running on the same camera.
     Example: lightprobe calibrate exposure v4l2:/dev/video0 --output my.camera
     """
     if not calibrate.is_source(source) or source.startswith("file:"):
-        raise UsageError(f"calibrate: {source}: want a camera, like v4l2:/dev/video0 or sim:PATH")
+        raise UsageError(
+            f"calibrate: {source}: expected a camera, like v4l2:/dev/video0 or sim:PATH"
+        )
     with calibrate.series(
         source, SCHEDULE_US, frames=frames, camera=camera, output=output, keep=keep,
         patience_s=patience_s,
@@ -119,19 +121,21 @@ def check(report: Report) -> None:
     if f.ignores:
         raise ExposureIgnoredError(
             f"exposure: {report.source}: the camera ignores exposure commands ({f.expected} "
-            "without effect): is it on automatic (v4l2-ctl --list-ctrls), or is another program "
-            "driving it? Brackets are off with it, and light levels are relative to each frame"
+            "without effect): is automatic exposure on (v4l2-ctl --list-ctrls), or does another "
+            "program control the camera? Without exposure control there are no brackets, and "
+            "light levels are relative to each frame"
         )
     if not f.follows:
         missed = [f"{c.from_us:g} → {c.to_us:g} us" for c in f.changes if c.expected and not c.seen]
         raise ExposureIgnoredError(
             f"exposure: {report.source}: only {f.obeyed} of {f.expected} commands had an effect; "
-            f"none had: {', '.join(missed)}: is the light constant, does an automatic interfere?"
+            f"none had: {', '.join(missed)}: keep the light constant, and switch automatic "
+            f"functions off"
         )
     if f.delay_frames is None:
         raise ExposureIgnoredError(
-            f"exposure: {report.source}: it follows, but frames were lost around every change, so "
-            "that the delay is unknown: a lower frame rate, or a less busy machine"
+            f"exposure: {report.source}: the camera follows, but frames were lost around every "
+            f"change, so the delay is unknown: use a lower frame rate, or a less busy machine"
         )
 
 
@@ -172,7 +176,7 @@ def _response(chosen: PatchCodes, camera: str | None) -> tuple[Array, str]:
         given = cameras.load(camera).response
         if given is not None:
             return given, f"of {camera}"
-    return response.fit(chosen).table, "fitted to the same steps"
+    return response.fit(chosen).table, "fitted to these steps"
 
 
 def show(report: Report) -> None:

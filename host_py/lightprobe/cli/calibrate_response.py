@@ -49,16 +49,17 @@ def command(
     patience_s: calibrate.Patience = 15.0,
     as_json: calibrate.AsJson = False,
 ) -> None:
-    """Find the response: linear light of each of the 256 codes, per channel.
+    """Find the response: the linear light of each of the 256 codes, per channel.
 
-    Needs one scene at rest, with large even surfaces from dark to bright, at many exposures: of a
-    camera that obeys (`calibrate exposure` tells), or as pictures with known exposures. --output
-    writes the table beside a camera file and names it there (docs/users/camera_calibration.md).
+    Needs one scene at rest, with large even surfaces from dark to bright, at many exposures: from
+    a camera that obeys (check with `calibrate exposure`), or as pictures with known exposures.
+    --output writes the table beside a camera file and names it there
+    (docs/users/camera_calibration.md).
     Example: lightprobe calibrate response v4l2:/dev/video0 --output my.camera --plot curve.png
     """
     if len(what) == 1 and calibrate.is_source(what[0]):
         if exposures is not None:
-            raise UsageError("calibrate: --exposures is for files; a camera is told its exposures")
+            raise UsageError("calibrate: --exposures is for files only: leave it out for a camera")
         with calibrate.series(
             what[0], SCHEDULE_US, frames=frames, camera=camera, output=output, keep=keep,
             patience_s=patience_s,
@@ -95,7 +96,8 @@ def of_series(series: ExposureSeries) -> list[Step]:
         exposure_us = exposure_of(series, group)
         if exposure_us is None:
             raise SeriesError(
-                "response: the frames tell no exposure: name them, file:FOLDER?exposures_us=A,B,…"
+                "response: the frames do not report their exposure: give it as "
+                "file:FOLDER?exposures_us=A,B,…"
             )
         step = step_of(exposure_us, steady_frames(group))
         if step is not None:
@@ -109,12 +111,12 @@ def of_files(files: Sequence[Path], exposures: str | None) -> list[Step]:
         exposures_us = [float(word) for word in exposures.split(",")] if exposures else []
     except ValueError:
         raise UsageError(
-            f"calibrate: --exposures {exposures}: want numbers, like 8,16,32"
+            f"calibrate: --exposures {exposures}: expected numbers, like 8,16,32"
         ) from None
     if len(exposures_us) != len(files) or not all(0 < us < np.inf for us in exposures_us):
         raise UsageError(
-            f"calibrate: {len(files)} files and exposures {exposures_us}: want microseconds above "
-            "0, one for each file: --exposures A,B,…"
+            f"calibrate: {len(files)} files and exposures {exposures_us}: expected microseconds "
+            "above 0, one for each file: --exposures A,B,…"
         )
     steps = []
     for file, exposure_us in zip(files, exposures_us, strict=True):
@@ -129,7 +131,8 @@ def of_files(files: Sequence[Path], exposures: str | None) -> list[Step]:
 def left_out(chosen: PatchCodes, result: Response) -> list[str]:
     """Say which exposures the fit does not rest on."""
     return [
-        f"{exposure_us:g} us left out: its light is {100 * error:+.0f} % off what the others say"
+        f"{exposure_us:g} us left out: its light differs by {100 * error:+.0f} % from what "
+        "the other exposures predict"
         for exposure_us, used, error in zip(
             chosen.exposures_us, result.used, result.step_errors, strict=True
         )

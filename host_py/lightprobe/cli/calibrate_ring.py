@@ -88,7 +88,7 @@ def command(
     former one is kept.
     """
     if (levels is None) == (against is None):
-        raise UsageError("calibrate: ring: want --levels LUX,LUX,… or --against URI")
+        raise UsageError("calibrate: ring: expected --levels LUX,LUX,… or --against URI")
     levels_lux = parse_levels(levels) if levels is not None else []
     with session(port) as link:
         if against is not None:
@@ -110,7 +110,7 @@ def parse_levels(text: str) -> list[float]:
         levels = []
     if not levels or not all(0 < level <= 2e5 for level in levels):
         raise UsageError(
-            f"calibrate: ring: --levels {text}: want lux above 0, like 10,100,1000,20000"
+            f"calibrate: ring: --levels {text}: expected lux above 0, like 10,100,1000,20000"
         )
     return levels
 

@@ -40,7 +40,7 @@ def command(
     ] = None,
     as_json: calibrate.AsJson = False,
 ) -> None:
-    """Find the servo's gain, zero and backlash, by sweeping the wheel over its comb both ways.
+    """Find the servo's gain, zero and backlash by sweeping the wheel over its comb.
 
     Takes about a minute; nothing may touch the wheel. lightprobed must not be using the port.
     Example: lightprobe calibrate wheel --port serial:/dev/ttyUSB0 --save
@@ -64,7 +64,7 @@ def command(
     print(f"zero      {found.zero_us:.1f} ± {found.zero_sigma_us:.1f} µs")
     print(f"backlash  {found.backlash_deg:.2f} ± {found.backlash_sigma_deg:.2f}°")
     print(f"lag       {1000 * found.lag_s:.0f} ms")
-    print(f"left over {found.rms_deg:.2f}° (rms over {found.crossings} edges)")
+    print(f"residual  {found.rms_deg:.2f}° (rms over {found.crossings} edges)")
     names = ", ".join(f"{name} {before[name]} → {after[name]}" for name in after)
     print(f"saved: {names}" if save else f"not saved (--save): {names}")
 
@@ -95,8 +95,8 @@ def sweep(link: Session, target_deg: float, speed_deg_s: float) -> list[Reading]
         assert isinstance(state, mcu.WheelState)
         if not isinstance(servo, mcu.Message):
             raise CalibrationError(
-                f"calibrate: wheel: {link.uri}: the firmware does not tell its pulses: flash the "
-                "one that belongs to this release (`lightprobe mcu flash`)"
+                f"calibrate: wheel: {link.uri}: the firmware does not report its servo pulses: "
+                f"flash the firmware of this release (`lightprobe mcu flash`)"
             )
         readings.append(Reading(servo.number("pulse_hus") / 2, servo.number("edges")))
         if state.phase is not mcu.Phase.MOVING or time.monotonic() > end:

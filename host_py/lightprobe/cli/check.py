@@ -22,7 +22,7 @@ Check = Callable[[typer.Context, typer.CallbackParam, T], T]
 def refuse(context: typer.Context, option: typer.CallbackParam, value: object, want: str) -> None:
     """Raise :class:`UsageError` that names command, option, value, and what it may be."""
     command = context.command_path.removeprefix("lightprobe").strip()
-    raise UsageError(f"{command}: {option.opts[-1]} {value}: want {want}")
+    raise UsageError(f"{command}: {option.opts[-1]} {value}: expected {want}")
 
 
 def number(
@@ -91,9 +91,9 @@ def new_folder(
     if value is not None and not context.resilient_parsing:
         place = _nearest(value)
         if not place.is_dir():
-            refuse(context, option, value, f"a folder: {place} is none")
+            refuse(context, option, value, f"a folder: {place} is not one")
         if not os.access(place, os.W_OK | os.X_OK):
-            refuse(context, option, value, f"a folder that can be written: {place} cannot")
+            refuse(context, option, value, f"a folder that can be written: {place} cannot be")
     return value
 
 
@@ -105,7 +105,9 @@ def new_socket(
         if value.is_dir() or not value.parent.is_dir():
             refuse(context, option, value, "a path in a folder that exists")
         if not os.access(value.parent, os.W_OK | os.X_OK):
-            refuse(context, option, value, f"a folder that can be written: {value.parent} cannot")
+            refuse(
+                context, option, value, f"a folder that can be written: {value.parent} cannot be"
+            )
     return value
 
 
@@ -117,7 +119,7 @@ def why_not_writable(path: Path, makes_folders: bool = False) -> str:
         return "" if os.access(path, os.W_OK) else "permission denied"
     folder = _nearest(path.parent) if makes_folders else path.parent
     if not folder.is_dir():
-        return f"{folder} is no folder" if folder.exists() else f"there is no folder {folder}"
+        return f"{folder} is not a folder" if folder.exists() else f"there is no folder {folder}"
     return "" if os.access(folder, os.W_OK | os.X_OK) else f"{folder}: permission denied"
 
 

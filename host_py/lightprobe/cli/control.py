@@ -9,7 +9,7 @@ import typer
 
 from lightprobe.sim import control
 
-SocketPath = Annotated[Path, typer.Argument(help="What `simulate --control` was given.")]
+SocketPath = Annotated[Path, typer.Argument(help="Socket given to `simulate --control`.")]
 
 app = typer.Typer(
     help="Steer a running simulator: faults, light, status.",
@@ -29,20 +29,29 @@ def inject_fault(
     path: SocketPath,
     faults: Annotated[str, typer.Argument(metavar="K=V&…", help="As for simulate --faults.")],
 ) -> None:
-    """Misbehave from now on; a fault's resting value (mostly 0) ends it."""
+    """Inject faults from now on; a fault ends with its neutral value (mostly 0)."""
     typer.echo(control.send(path, f"faults {faults}"))
 
 
 @app.command("light")
 def light(
     path: SocketPath,
-    lux: Annotated[str, typer.Argument(metavar="LUX|scene", help="`scene`: as the scene lights.")],
+    lux: Annotated[
+        str,
+        typer.Argument(
+            metavar="LUX|scene",
+            help="Illuminance in lux, or `scene`: the light of the scene again.",
+        ),
+    ],
 ) -> None:
-    """Put the same light on all nine sensors, as a light box does."""
+    """Put the same light on all nine sensors, like a light box."""
     typer.echo(control.send(path, f"light {lux}"))
 
 
 @app.command("get")
-def get(path: SocketPath, name: Annotated[str, typer.Argument(help="As wheel_deg.")]) -> None:
+def get(
+    path: SocketPath,
+    name: Annotated[str, typer.Argument(help="Name of the number, like wheel_deg.")],
+) -> None:
     """Print a number of the simulated box."""
     typer.echo(control.send(path, f"get {name}"))

@@ -56,15 +56,18 @@ def command(
         float | None,
         typer.Option(
             callback=check.number(1, unit="seconds"),
-            help="End after so long, from the first estimate.",
+            help="Seconds to run after the first estimate.",
         ),
     ] = None,
     source: Annotated[
         str | None,
-        typer.Option(metavar="URI", help="A real camera, as for lightprobed, not the simulator."),
+        typer.Option(
+            metavar="URI",
+            help="URI of a real camera, as for lightprobed, instead of the simulator.",
+        ),
     ] = None,
     camera: Annotated[
-        str, typer.Option(metavar="equirect|FILE", help="The camera's projection, or its file.")
+        str, typer.Option(metavar="equirect|FILE", help="equirect, or a camera file.")
     ] = "equirect",
     scene: Annotated[
         list[str] | None,
@@ -362,7 +365,7 @@ class Show:
         if self.first_s is None:
             self._wait_for_first(now)
             if self.seen_s is not None:
-                return "starting: the polarizer wheel looks for its marks"
+                return "starting: the polarizer wheel is homing"
             if self.simulator is None:
                 return f"starting: {self._source_fault() or 'the daemon waits for the camera'}"
             return "starting: scenes are rendered, the daemon waits for the camera"

@@ -102,7 +102,7 @@ def installation() -> Iterator[Finding]:
         binary = daemon.find()
         version = daemon.version(binary)
     except daemon.NotInstalledError:
-        yield Finding("daemon", Verdict.SKIP, "none on this machine: a client needs none")
+        yield Finding("daemon", Verdict.SKIP, "not installed; a client does not need one")
         return
     except (LightprobeError, OSError) as error:
         yield Finding("daemon", Verdict.FAIL, str(error), "build it with `make build`")
@@ -129,7 +129,7 @@ def _extras() -> Finding:
         return Finding("extras", Verdict.OK, words)
     return Finding(
         "extras", Verdict.SKIP, f"{words}; not {', '.join(missing)}",
-        f"for their commands: pip install 'lightprobe[{','.join(missing)}]'",
+        f"to use their commands: pip install 'lightprobe[{','.join(missing)}]'",
     )  # fmt: skip
 
 
@@ -150,7 +150,7 @@ def _same_version(check: str, software: str) -> Finding:
 def devices(hosts_a_probe: bool) -> Iterator[Finding]:
     """Cameras and serial ports of a machine with a daemon, and whether we may open them."""
     if not hosts_a_probe:
-        yield Finding("devices", Verdict.SKIP, "not looked at: no daemon would use them")
+        yield Finding("devices", Verdict.SKIP, "there is no daemon to use them")
         return
     yield _device_class("cameras", "video*", "a 360° camera on USB appears as /dev/videoN")
     yield _device_class(
@@ -247,7 +247,7 @@ def _light(client: Client, wait_s: float) -> Iterator[Finding]:
     try:
         estimate = client.receive(wait_s)
     except ProbeTimeout as error:
-        step = "is the camera there? see the source below, and lightprobed's log"
+        step = "is the camera connected? see the source below, and the log of lightprobed"
         yield Finding("estimate", Verdict.FAIL, str(error), step)
         return
     before, started = client.statistics.estimates, time.monotonic()
@@ -258,7 +258,7 @@ def _light(client: Client, wait_s: float) -> Iterator[Finding]:
     stale = EstimateFlag.STALE in estimate.flags or client.latest() is None
     words = f"{len(estimate.lights)} lamps, SH of order {estimate.sh.order}, {age_ms:.0f} ms old"
     if stale:
-        step = "is the camera still sending? see the source below"
+        step = "does the camera still send? see the source below"
         yield Finding("estimate", Verdict.FAIL, words + ", stale", step)
     else:
         yield Finding("estimate", Verdict.OK, words)
@@ -270,18 +270,18 @@ def _rate(rate_hz: float, stale: bool) -> Finding:
     words = f"{rate_hz:.1f} estimates/s"
     if rate_hz >= _SLOW_HZ or stale:
         return Finding("rate", Verdict.SKIP if stale else Verdict.OK, words)
-    step = "a slow camera, a loaded machine (top), or a preset that is too heavy: --preset=fast"
+    step = "is the camera slow, or the machine busy (top)? a faster preset: --preset=fast"
     return Finding("rate", Verdict.WARN, words, step)
 
 
 _NEXT_STEPS = {
-    "EXPOSURE_UNKNOWN": "lock the camera's exposure, or use one that tells it",
-    "CLIPPED": "add shorter exposures, or the ring",
-    "UNDEREXPOSED": "longer exposure or more gain",
-    "PARTIAL_VIEW": "check the camera file's lenses and masks",
-    "MORE_LIGHTS": "ask for more lights, up to 8",
+    "EXPOSURE_UNKNOWN": "use a fixed exposure, or a camera that reports it",
+    "CLIPPED": "use shorter exposures, or more of them (--brackets)",
+    "UNDEREXPOSED": "use a longer exposure or more gain",
+    "PARTIAL_VIEW": "check the lenses and masks in the camera file",
+    "MORE_LIGHTS": "subscribe to more lights, up to 8",
     "NO_LIGHT": "is the lens cap on?",
-    "EXPOSURE_IGNORED": "another program may hold the camera's controls",
+    "EXPOSURE_IGNORED": "does another program hold the controls of the camera?",
 }
 
 
@@ -296,7 +296,10 @@ def _health(client: Client, wait_s: float) -> Iterator[Finding]:
     """Counters and faults that the daemon tells."""
     if not client.wait_for(lambda c: c.health is not None, wait_s):
         yield Finding(
-            "health", Verdict.WARN, "no health message came", "is the daemon of this age?"
+            "health",
+            Verdict.WARN,
+            "no health message came",
+            "are daemon and package of the same release?",
         )
         return
     health = client.health
@@ -312,7 +315,7 @@ def _health(client: Client, wait_s: float) -> Iterator[Finding]:
     yield Finding("source", verdict, frames, step)
     rejected = health.frames_rejected > 0.05 * max(health.frames_received, 1)
     if rejected:
-        step = "a bad cable or hub, or a camera file of another size: see lightprobed's log"
+        step = "check cable and hub, and the size in the camera file; see the log of lightprobed"
         yield Finding("frames", Verdict.WARN, "more than one in twenty rejected", step)
     load = (
         f"latency p50 {health.latency_p50_us / 1000:.1f} ms, "

@@ -30,12 +30,12 @@ def command(
         str, typer.Option(metavar="equirect|FILE", help="Projection, or a camera file.")
     ] = "equirect",
     order: Annotated[int, typer.Option(min=0, max=4, help="Highest SH order.")] = 2,
-    lights: Annotated[int, typer.Option(min=0, max=8, help="Most lamps listed.")] = 8,
+    lights: Annotated[int, typer.Option(min=0, max=8, help="Maximum number of lamps listed.")] = 8,
     kind: Annotated[
-        str, typer.Option(help="AMBIENT: SH without the lamps; TOTAL: with them.")
+        str, typer.Option(help="AMBIENT: SH without the listed lamps; TOTAL: with them.")
     ] = "AMBIENT",
     preset: Annotated[
-        str, typer.Option(help="fast, balanced, accurate or reference; files are in no hurry.")
+        str, typer.Option(help="fast, balanced, accurate or reference.")
     ] = "accurate",
     panorama_width: Annotated[
         int | None, typer.Option(metavar="N", help="Width of the small panorama.")
@@ -45,14 +45,14 @@ def command(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the estimate as JSON.")] = False,
 ) -> None:
-    """Estimate the light in pictures, by the daemon's own pipeline.
+    """Estimate the light in pictures with the daemon's own pipeline.
 
     Values are scene-linear: in the file's own units for HDR; for 8-bit pictures with exposures,
     radiance 1.0 is full scale at one second; without, it is relative to full scale.
     Example: lightprobe estimate room-1.jpg room-2.jpg --exposure-us 8000,500 --json
     """
     if kind.upper() not in ("AMBIENT", "TOTAL"):
-        raise UsageError(f"estimate: --kind {kind}: want AMBIENT or TOTAL")
+        raise UsageError(f"estimate: --kind {kind}: expected AMBIENT or TOTAL")
     settings = offline.Settings(
         camera=camera, preset=preset, panorama_width=panorama_width, detector=detector,
         sh_order=order, lights=lights,
@@ -73,7 +73,9 @@ def parse_exposures(text: str | None) -> list[float]:
     try:
         return [float(word) for word in text.split(",")] if text else []
     except ValueError:
-        raise UsageError(f"estimate: --exposure-us {text}: want numbers, like 8000,500") from None
+        raise UsageError(
+            f"estimate: --exposure-us {text}: expected numbers, like 8000,500"
+        ) from None
 
 
 def show(estimate: Estimate) -> None:
@@ -87,7 +89,7 @@ def show(estimate: Estimate) -> None:
     console.print(view.sh_table(estimate))
     if estimate.predicted_error is not None:
         console.print(
-            f"\nleft out by this model: {100 * estimate.predicted_error:.1f} % of mean light"
+            f"\nnot represented by this model: {100 * estimate.predicted_error:.1f} % of mean light"
         )
     for line in view.flag_lines(flag_names(estimate.flags)):
         console.print(f"[yellow]{line}[/yellow]")

@@ -41,23 +41,30 @@ def command(
     ] = ["procedural", "blender"],  # noqa: B006 - typer copies it
     settings: Annotated[
         list[str],
-        typer.Option(metavar="K=V,…", help="Daemon options to compare; default: its defaults."),
+        typer.Option(
+            metavar="K=V,…", help="Daemon options to compare; default: the daemon's defaults."
+        ),
     ] = ["default"],  # noqa: B006
     brackets: Annotated[
         str,
-        typer.Option(metavar="LIST", help="float, unclipped, and numbers of 8-bit exposures."),
+        typer.Option(metavar="LIST", help="float, unclipped, or a number of 8-bit exposures."),
     ] = "float",
     response: Annotated[
-        str, typer.Option(metavar="CURVE", help=f"Of the simulated camera: {responses.HELP}.")
+        str,
+        typer.Option(metavar="CURVE", help=f"Response of the simulated camera: {responses.HELP}."),
     ] = "srgb",
-    seed: Annotated[int, typer.Option(min=0, help="Of the simulated camera's noise.")] = 0,
-    jobs: Annotated[int, typer.Option(min=1, help="Scenes at a time.")] = os.cpu_count() or 1,
-    per_scene: Annotated[bool, typer.Option("--per-scene", help="One row per scene too.")] = False,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the simulated camera's noise.")] = 0,
+    jobs: Annotated[
+        int, typer.Option(min=1, help="Scenes evaluated at the same time.")
+    ] = os.cpu_count() or 1,
+    per_scene: Annotated[
+        bool, typer.Option("--per-scene", help="Also print one row per scene.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print all figures as JSON.")] = False,
     json_file: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE", callback=check.new_file(), help="Write all figures as JSON besides."
+            metavar="FILE", callback=check.new_file(), help="Also write all figures as JSON."
         ),
     ] = None,
     plot: Annotated[
@@ -134,11 +141,11 @@ def parse_settings(text: str) -> offline.Settings:
         name = key.strip().replace("-", "_")
         if name not in known or not value:
             keys = ", ".join(name.replace("_", "-") for name in known)
-            raise UsageError(f"evaluate: --settings {word}: want KEY=VALUE, KEY one of {keys}")
+            raise UsageError(f"evaluate: --settings {word}: expected KEY=VALUE, KEY one of {keys}")
         try:
             values[name] = int(value) if "int" in str(known[name]) else value
         except ValueError:
-            raise UsageError(f"evaluate: --settings {word}: want a whole number") from None
+            raise UsageError(f"evaluate: --settings {word}: expected a whole number") from None
     return offline.Settings(**values)
 
 
@@ -258,7 +265,7 @@ def _scene_table(cases: list[Case]) -> Table:
 def _coverage_table(groups: Groups) -> Table:
     """How often the truth lies within the stated uncertainty."""
     table = _table(
-        "truth within the stated sigma",
+        "truth lies within the stated sigma",
         ["settings", "input", "direction 1σ", "2σ", "irradiance 1σ", "2σ"],
     )
     for (settings, name), s in groups.items():

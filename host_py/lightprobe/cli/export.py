@@ -32,13 +32,20 @@ def command(
         str, typer.Option("--from", metavar="URI", help="tcp:HOST:PORT or unix:PATH.")
     ] = DEFAULT_URI,
     width_px: Annotated[
-        int, typer.Option("--width", min=16, max=8192, help="Of the map; its height is half of it.")
+        int,
+        typer.Option(
+            "--width", min=16, max=8192, help="Width of the map; the height is half of it."
+        ),
     ] = 1024,
     order: Annotated[int, typer.Option(min=0, max=4, help="Highest SH order.")] = 2,
-    lights: Annotated[int, typer.Option(min=0, max=8, help="Most lamps listed.")] = 8,
+    lights: Annotated[int, typer.Option(min=0, max=8, help="Maximum number of lamps listed.")] = 8,
     wait_s: Annotated[
         float,
-        typer.Option("--wait", callback=check.number(0, 3600, "seconds"), help="For the light."),
+        typer.Option(
+            "--wait",
+            callback=check.number(0, 3600, "seconds"),
+            help="Seconds to wait for an estimate.",
+        ),
     ] = 10.0,
     as_json: Annotated[bool, typer.Option("--json", help="Print the estimate as JSON.")] = False,
 ) -> None:
@@ -50,7 +57,7 @@ def command(
     Example: lightprobe export room.hdr --from tcp:192.168.1.20:7700 --width 2048
     """
     if width_px % 2:
-        raise UsageError(f"export: --width {width_px}: want an even number")
+        raise UsageError(f"export: --width {width_px}: expected an even number")
     estimate = receive(uri, Subscription(sh_order=order, max_lights=lights), wait_s)
     notes = write(estimate, file, width_px)
     scale = "lux and cd/m²" if estimate.cd_m2_per_unit else "relative units: not calibrated"
@@ -89,7 +96,9 @@ def write(estimate: Estimate, file: Path, width_px: int) -> list[str]:
     if file.suffix.lower() == ".glb":
         data = gltf.glb(estimate)
         if estimate.lights:
-            notes.append("the ambient light is in extras alone: for it, export a map")
+            notes.append(
+                "the ambient light is only in extras: export a map to get all of the light"
+            )
     else:
         radiance, notes = environment.environment_map(estimate, width_px)
         # Photometric where the probe is calibrated, as the intensities of .glb are.

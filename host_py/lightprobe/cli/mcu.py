@@ -32,9 +32,9 @@ Port = Annotated[
         help="serial:DEVICE[?baud=N], i2c:DEVICE[?address=N] or can:CHANNEL.",
     ),
 ]  # fmt: skip
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Calibration = Annotated[
-    Path | None, typer.Option(metavar="FILE", help="What `calibrate ring` has written.")
+    Path | None, typer.Option(metavar="FILE", help="File written by `calibrate ring`.")
 ]
 
 app = typer.Typer(
@@ -43,7 +43,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 params_app = typer.Typer(
-    help="Its parameters; without a command: all of them.", rich_markup_mode=None
+    help="Parameters of the firmware; without a command: list all.", rich_markup_mode=None
 )
 app.add_typer(params_app, name="params")
 app.command("flash")(mcu_flash.command)
@@ -68,7 +68,9 @@ def wheel_words(state: mcu.WheelState) -> str:
     if state.measured_deg is None or state.sigma_deg is None:
         return f"wheel {state.phase.value}, angle unknown"
     words = f"wheel {state.phase.value} at {state.measured_deg:.2f}° ± {state.sigma_deg:.2f}°"
-    return words + (f", told {state.commanded_deg:.2f}°" if state.commanded_deg is not None else "")
+    return words + (
+        f", commanded {state.commanded_deg:.2f}°" if state.commanded_deg is not None else ""
+    )
 
 
 def fault_words(name: str) -> str:
@@ -87,7 +89,7 @@ def latched(status: dict[str, mcu.Event]) -> list[str]:
 
 @app.command("info")
 def info(port: Port = DEFAULT_PORT, as_json: AsJson = False) -> None:
-    """Say who it is, what it has, how it is: versions, wheel, faults, counters."""
+    """Show versions, wheel, faults and counters."""
     with conversation(port) as link:
         status = link.status()
         faults = latched(status)
@@ -116,13 +118,17 @@ def watch(
     calibration: Calibration = None,
     rate_hz: Annotated[
         float,
-        typer.Option("--rate", callback=check.number(0.5, 100, "rings a second"), help="Rings/s."),
+        typer.Option(
+            "--rate", callback=check.number(0.5, 100, "rings a second"), help="Samples a second."
+        ),
     ] = 10.0,
     seconds: Annotated[
         float | None,
-        typer.Option(callback=check.number(0, 1e9, "seconds"), help="End after so long."),
+        typer.Option(callback=check.number(0, 1e9, "seconds"), help="Seconds after which to end."),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="A JSON line per message.")] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON line per message.")
+    ] = False,
 ) -> None:
     """Show wheel, ring and faults as they come. Ends on Ctrl-C."""
     sensors = ring.Ring() if calibration is None else ring.load(calibration)
@@ -153,7 +159,7 @@ def event_words(event: mcu.Event, sensors: ring.Ring) -> str:
 
 @app.command("home")
 def home_command(port: Port = DEFAULT_PORT, as_json: AsJson = False) -> None:
-    """Find the wheel's marks. Needed once after every start; ends when it has."""
+    """Find the zero of the wheel. Needed once after every start; ends when the wheel is homed."""
     with conversation(port) as link:
         _print_state(home(link), as_json)
 
@@ -162,7 +168,7 @@ def home_command(port: Port = DEFAULT_PORT, as_json: AsJson = False) -> None:
 def move_command(
     angle_deg: Annotated[
         float,
-        typer.Argument(callback=check.number(-327, 327, "degrees"), help="Where to, in degrees."),
+        typer.Argument(callback=check.number(-327, 327, "degrees"), help="Angle in degrees."),
     ],
     port: Port = DEFAULT_PORT,
     slew_deg_s: Annotated[
@@ -175,26 +181,27 @@ def move_command(
     hold_s: Annotated[
         float,
         typer.Option(
-            callback=check.number(0, 6553, "seconds"), help="Servo powered for so long then."
+            callback=check.number(0, 6553, "seconds"),
+            help="Seconds to keep the servo powered after the move.",
         ),
     ] = 0,
     as_json: AsJson = False,
 ) -> None:
-    """Turn the wheel; ends when it has arrived, or says why not."""
+    """Turn the wheel; ends when it has arrived, or says why it did not."""
     with conversation(port) as link:
         _print_state(move(link, angle_deg, slew_deg_s, hold_s), as_json)
 
 
 @app.command("release")
 def release(port: Port = DEFAULT_PORT) -> None:
-    """Let the servo go; the comb goes on watching the wheel."""
+    """Switch the servo off; the comb still measures the wheel."""
     with conversation(port) as link:
         link.release()
 
 
 @app.command("clear")
 def clear(port: Port = DEFAULT_PORT, as_json: AsJson = False) -> None:
-    """Forget latched faults; the exit code is 1 when one comes back."""
+    """Clear latched faults; the exit code is 1 when one comes back."""
     with conversation(port) as link:
         link.clear_faults()
         time.sleep(0.3)
@@ -268,7 +275,7 @@ def params(context: typer.Context, port: Port = DEFAULT_PORT, as_json: AsJson = 
 
 @params_app.command("get")
 def params_get(
-    name: Annotated[str, typer.Argument(help="As `params` lists it.")],
+    name: Annotated[str, typer.Argument(help="Name, as `params` lists it.")],
     port: Port = DEFAULT_PORT,
     as_json: AsJson = False,
 ) -> None:
@@ -279,18 +286,18 @@ def params_get(
 
 @params_app.command("set")
 def params_set(
-    name: Annotated[str, typer.Argument(help="As `params` lists it.")],
-    value: Annotated[int, typer.Argument(help="In the unit of its name.")],
+    name: Annotated[str, typer.Argument(help="Name, as `params` lists it.")],
+    value: Annotated[int, typer.Argument(help="Value, in the unit that the name states.")],
     port: Port = DEFAULT_PORT,
-    save: Annotated[bool, typer.Option("--save", help="Also for after a reset.")] = False,
+    save: Annotated[bool, typer.Option("--save", help="Also write it to the EEPROM.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Set one parameter; those of the wheel's geometry make it UNKNOWN: home it again."""
+    """Set one parameter. After a change of the wheel's geometry, home it again."""
     number = param_number(name)
     with conversation(port) as link:
         now = link.param(number)
         if not now.minimum <= value <= now.maximum:
-            raise UsageError(f"mcu: {name} = {value}: want {now.minimum}…{now.maximum}")
+            raise UsageError(f"mcu: {name} = {value}: expected {now.minimum}…{now.maximum}")
         _print_params([link.param(number, value)], as_json)
         if save:
             link.save_params()
@@ -298,21 +305,21 @@ def params_set(
 
 @params_app.command("save")
 def params_save(port: Port = DEFAULT_PORT) -> None:
-    """Write all to the EEPROM; ends when they are there."""
+    """Write all parameters to the EEPROM."""
     with conversation(port) as link:
         link.save_params()
 
 
 @params_app.command("reload")
 def params_reload(port: Port = DEFAULT_PORT) -> None:
-    """Take the saved ones."""
+    """Use the saved parameters again."""
     with conversation(port) as link:
         link.request("ParamAction", action="RELOAD")
 
 
 @params_app.command("defaults")
 def params_defaults(port: Port = DEFAULT_PORT) -> None:
-    """Take the built-in ones; `params save` makes it last."""
+    """Use the built-in parameters; `params save` keeps them."""
     with conversation(port) as link:
         link.request("ParamAction", action="DEFAULTS")
 

@@ -28,17 +28,29 @@ _ATMEGABOOT_WARNING = (
 
 def command(
     port: Annotated[
-        str, typer.Option("--port", "-p", envvar=ENVIRONMENT, help="serial:DEVICE; no other.")
+        str,
+        typer.Option(
+            "--port",
+            "-p",
+            envvar=ENVIRONMENT,
+            help="serial:DEVICE; the boot loader speaks on the serial line only.",
+        ),
     ] = DEFAULT_PORT,
     file: Annotated[
         Path | None, typer.Option("--hex", help="Intel HEX; default: what `make firmware` built.")
     ] = None,
     boot_baud: Annotated[
-        int, typer.Option(min=300, max=2_000_000, help="Of the boot loader; old Nanos: 57600.")
+        int,
+        typer.Option(
+            min=300, max=2_000_000, help="Baud rate of the boot loader; old Nanos: 57600."
+        ),
     ] = 115200,
-    verify: Annotated[bool, typer.Option(help="Greet the new firmware afterwards.")] = True,
+    verify: Annotated[bool, typer.Option(help="Check that the new firmware answers.")] = True,
 ) -> None:
-    """Write the firmware through an Arduino's boot loader, and greet it. Parameters stay."""
+    """Write the firmware through the boot loader of an Arduino, and check that it answers.
+
+    Parameters in the EEPROM stay.
+    """
     scheme, _, device = port.removeprefix("mcu:").partition("?")[0].partition(":")
     if scheme != "serial" or not device:
         raise UsageError(
@@ -59,7 +71,7 @@ def command(
     if done.returncode != 0:
         raise McuError(
             f"mcu: flash: {device}: avrdude ended with status {done.returncode}: is it the right "
-            "port? an old boot loader? --boot-baud=57600"
+            f"port? for an old boot loader add --boot-baud=57600"
         )
     if verify:
         with session(port) as link:

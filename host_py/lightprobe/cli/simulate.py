@@ -53,7 +53,10 @@ def command(
         float, typer.Option(callback=check.number(), help="Scenes turn at this rate.")
     ] = 0.0,
     switch_s: Annotated[
-        float, typer.Option(callback=check.number(0), help="Lamps are off in turn, so long each.")
+        float,
+        typer.Option(
+            callback=check.number(0), help="Switch lamps off in turn, for this many seconds each."
+        ),
     ] = 0.0,
     flicker_hz: Annotated[
         float,
@@ -66,11 +69,11 @@ def command(
         float,
         typer.Option(
             callback=check.number(0),
-            help="Bring scenes to this median (full scale at 1 s = 1); 0: as is.",
+            help="Scale scenes to this median (full scale at 1 s = 1); 0: leave them.",
         ),
     ] = MEDIAN_RADIANCE,
     lens: Annotated[
-        str, typer.Option("--camera", metavar="equirect|FILE", help="Projection, or camera file.")
+        str, typer.Option("--camera", metavar="equirect|FILE", help="equirect, or a camera file.")
     ] = "equirect",
     size: Annotated[str, typer.Option(metavar="WxH", help="Picture size in pixels.")] = "1920x960",
     rate_hz: Annotated[
@@ -82,9 +85,12 @@ def command(
     pixel_format: Annotated[
         str, typer.Option("--format", help=", ".join(FORMATS) + " (float, no noise).")
     ] = "MJPG",
-    quality: Annotated[int, typer.Option(min=1, max=100, help="Of the JPEG.")] = 85,
+    quality: Annotated[int, typer.Option(min=1, max=100, help="Quality of the JPEG.")] = 85,
     chroma: Annotated[
-        str, typer.Option(callback=check.one_of(CHROMA), help="Of the JPEG: 420, 422 or 444.")
+        str,
+        typer.Option(
+            callback=check.one_of(CHROMA), help="Chroma subsampling of the JPEG: 420, 422 or 444."
+        ),
     ] = "420",
     exposure_us: Annotated[
         float | None,
@@ -94,7 +100,8 @@ def command(
         ),
     ] = None,
     bracket: Annotated[
-        int, typer.Option(min=1, max=8, help="Exposures that automatic mode cycles through.")
+        int,
+        typer.Option(min=1, max=8, help="Number of exposures that automatic mode cycles through."),
     ] = 1,
     delay_frames: Annotated[
         int, typer.Option(min=0, max=4, help="Frames from an exposure command to its effect.")
@@ -113,10 +120,12 @@ def command(
     ] = 3.0,
     response: Annotated[
         str | None,
-        typer.Option(metavar="CURVE", help=f"{responses.HELP}; default: by the camera file."),
+        typer.Option(
+            metavar="CURVE", help=f"{responses.HELP}; default: the response of the camera file."
+        ),
     ] = None,
     seed: Annotated[
-        int, typer.Option(min=0, help="Of noise and chance: the same seed repeats.")
+        int, typer.Option(min=0, help="Seed of the noise: the same seed gives the same frames.")
     ] = 0,
     firmware: Annotated[
         str,
@@ -127,13 +136,15 @@ def command(
         typer.Option(
             metavar="PATH",
             callback=check.new_socket,
-            help="Serial line of the firmware, to be made.",
+            help="Path of the serial line (pty) to create for the firmware.",
         ),
     ] = Path("/tmp/lightprobe-mcu"),
     eeprom: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE", callback=check.new_file(), help="Keeps the firmware's parameters."
+            metavar="FILE",
+            callback=check.new_file(),
+            help="File that keeps the firmware's parameters.",
         ),
     ] = None,
     polarizer_deg: Annotated[
@@ -142,7 +153,7 @@ def command(
             "--polarizer",
             metavar="DEG",
             callback=check.number(),
-            help="Without firmware: one set by hand.",
+            help="Without firmware: put a fixed polarizer at this angle.",
         ),
     ] = None,
     cd_m2_per_unit: Annotated[
@@ -154,14 +165,14 @@ def command(
     ring_spread: Annotated[
         float,
         typer.Option(
-            callback=check.number(0, 2), help="LDRs differ: 0 not at all, 1 as real ones do."
+            callback=check.number(0, 2), help="Spread of the LDRs: 0 none, 1 as real ones."
         ),
     ] = 0.0,
     faults: Annotated[
         str,
         typer.Option(
             metavar="K=V&…",
-            help=f"Misbehave: {misbehaviour.describe()}; with firmware also wheel, ring and line: "
+            help=f"Faults: {misbehaviour.describe()}; with firmware also of wheel, ring and line: "
             "stuck, slow, slip_deg, lie_deg, index_a_forced, ldr0_forced, line_noise, line_cut, "
             "line_unplugged, reset, … (proto/sim.md).",
         ),
@@ -177,31 +188,34 @@ def command(
         typer.Option(
             metavar="FILE",
             callback=check.new_file(),
-            help="Write what is true, a JSON line a frame.",
+            help="Write the truth, one JSON line per frame.",
         ),
     ] = None,
     seconds: Annotated[
         float | None,
         typer.Option(
             callback=check.number(0, unit="seconds", above=True),
-            help="End by itself after so long.",
+            help="Seconds after which to end.",
         ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print counters as JSON at the end.")] = (
         False
     ),
 ) -> None:
-    """Simulate a camera in a world, and wheel and ring beside it: physics, not playback.
+    """Simulate a camera in a world, with polarizer wheel and ring, by their physics.
 
-    The daemon connects with --source=sim:SOCKET, and may ask for misbehaviour by itself:
+    The daemon connects with --source=sim:SOCKET, and can also ask for faults:
     --source='sim:SOCKET?late_ms=40&drop=0.1'. With --firmware it finds the microcontroller at
     --rotator=mcu:serial:PTY --ring=mcu:serial:PTY. Ends on Ctrl-C.
     """
     require_unix_sockets("simulate")
     if firmware not in FIRMWARES:
-        raise UsageError(f"simulate: --firmware {firmware}: want {', '.join(FIRMWARES)}")
+        raise UsageError(f"simulate: --firmware {firmware}: expected {', '.join(FIRMWARES)}")
     if firmware != "none" and polarizer_deg is not None:
-        raise UsageError("simulate: --polarizer: the wheel turns it: leave --firmware or this away")
+        raise UsageError(
+            "simulate: --polarizer: the wheel of --firmware turns the polarizer: "
+            "leave one of the two out"
+        )
     if firmware == "none":
         misbehaviour.Faults().merged(faults)
     size_px, kind = parse_size(size), parse_format(pixel_format)
@@ -315,7 +329,7 @@ class Desk:
         except ValueError:
             lux = -1.0
         if lux is not None and not 0 <= lux < 1e6:
-            raise UsageError(f"simulate: light {words}: want lux, or scene")
+            raise UsageError(f"simulate: light {words}: expected lux, or scene")
         self.lit.fixed_lux = lux
         return "ok"
 
@@ -334,7 +348,7 @@ class Desk:
 
     def _box(self) -> Box:
         if self.box is None:
-            raise UsageError("simulate: there is no box: start it with --firmware host")
+            raise UsageError("simulate: there is no box: start the simulator with --firmware host")
         return self.box
 
 
@@ -342,15 +356,15 @@ def parse_size(text: str) -> tuple[int, int]:
     """Read `WxH`; raises UsageError."""
     width, _, height = text.partition("x")
     if not (width.isdecimal() and height.isdecimal()):
-        raise UsageError(f"simulate: --size {text}: want WIDTHxHEIGHT, like 1920x960")
+        raise UsageError(f"simulate: --size {text}: expected WIDTHxHEIGHT, like 1920x960")
     size = int(width), int(height)
     if any(side % 2 or not 16 <= side <= 8192 for side in size):
-        raise UsageError(f"simulate: --size {text}: want even numbers, 16…8192")
+        raise UsageError(f"simulate: --size {text}: expected even numbers, 16…8192")
     return size
 
 
 def parse_format(text: str) -> str:
     """Check a pixel format; raises UsageError."""
     if text.upper() not in FORMATS:
-        raise UsageError(f"simulate: --format {text}: want one of {', '.join(FORMATS)}")
+        raise UsageError(f"simulate: --format {text}: expected one of {', '.join(FORMATS)}")
     return text.upper()

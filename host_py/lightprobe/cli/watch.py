@@ -28,30 +28,37 @@ _PATIENCE_S = 10.0
 def command(
     uri: Annotated[str, typer.Argument(help="tcp:HOST:PORT or unix:PATH.")] = DEFAULT_URI,
     order: Annotated[int, typer.Option(min=0, max=4, help="Highest SH order.")] = 2,
-    lights: Annotated[int, typer.Option(min=0, max=8, help="Most lamps listed.")] = 8,
+    lights: Annotated[int, typer.Option(min=0, max=8, help="Maximum number of lamps listed.")] = 8,
     kind: Annotated[
-        str, typer.Option(help="AMBIENT: SH without the lamps; TOTAL: with them.")
+        str, typer.Option(help="AMBIENT: SH without the listed lamps; TOTAL: with them.")
     ] = "AMBIENT",
     rate_hz: Annotated[
         float,
         typer.Option(
-            "--rate", callback=check.number(0, 1000), help="Most estimates a second; 0: all."
+            "--rate",
+            callback=check.number(0, 1000),
+            help="Maximum number of estimates per second; 0: all.",
         ),
     ] = 0.0,
     tolerance: Annotated[
         float,
         typer.Option(
-            callback=check.number(0, 1), help="Smallest model with a predicted error below this."
+            callback=check.number(0, 1),
+            help="Use the smallest model with a predicted error below this.",
         ),
     ] = 0.0,
-    raw: Annotated[bool, typer.Option("--raw", help="Not smoothed in time.")] = False,
+    raw: Annotated[
+        bool, typer.Option("--raw", help="Show estimates that are not smoothed in time.")
+    ] = False,
     seconds: Annotated[
         float | None,
         typer.Option(
-            callback=check.number(0, unit="seconds", above=True), help="End after so long."
+            callback=check.number(0, unit="seconds", above=True), help="Seconds after which to end."
         ),
     ] = None,
-    count: Annotated[int | None, typer.Option(min=1, help="End after so many estimates.")] = None,
+    count: Annotated[
+        int | None, typer.Option(min=1, help="Number of estimates after which to end.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON line per estimate.")] = False,
 ) -> None:
     """Watch a probe: lamps, SH, rate, latency, health, and what is wrong in words.
@@ -74,7 +81,7 @@ def command(
 def _kind(text: str) -> Kind:
     kinds: dict[str, Kind] = {"AMBIENT": "AMBIENT", "TOTAL": "TOTAL"}
     if text.upper() not in kinds:
-        raise UsageError(f"watch: --kind {text}: want AMBIENT or TOTAL")
+        raise UsageError(f"watch: --kind {text}: expected AMBIENT or TOTAL")
     return kinds[text.upper()]
 
 

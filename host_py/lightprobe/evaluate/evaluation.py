@@ -45,7 +45,8 @@ class Input:
         if text in ("float", "unclipped") or number:
             return cls(text)
         raise UsageError(
-            f"evaluate: --brackets {text}: want float, unclipped, or 1…{MOST_EXPOSURES} exposures"
+            f"evaluate: --brackets {text}: expected float, unclipped, or "
+            f"1…{MOST_EXPOSURES} exposures"
         )
 
     def exposures_us(self, radiance: NDArray[np.float32]) -> list[float]:

@@ -129,11 +129,14 @@ def check_exposures(files: Sequence[Path], exposures_us: Sequence[float]) -> Non
             f"estimate: {len(files)} files and {len(exposures_us)} exposures: one for each file"
         )
     if len(files) > 1 and not exposures_us:
-        raise UsageError("estimate: several files are one bracket: give --exposure-us A,B,…")
+        raise UsageError(
+            "estimate: several files form one bracket: give their exposures with "
+            "--exposure-us A,B,…"
+        )
     if any(not value > 0 or not np.isfinite(value) for value in exposures_us):
-        raise UsageError(f"estimate: exposures {list(exposures_us)}: want microseconds above 0")
+        raise UsageError(f"estimate: exposures {list(exposures_us)}: expected microseconds above 0")
     if exposures_us and any(file.suffix.lower() in image.HDR_SUFFIXES for file in files):
-        raise UsageError("estimate: HDR files are radiance already: leave out --exposure-us")
+        raise UsageError("estimate: HDR files contain radiance already: leave --exposure-us out")
 
 
 def check_sizes(pictures: Sequence[Staged], camera: Camera) -> None:
@@ -143,7 +146,7 @@ def check_sizes(pictures: Sequence[Staged], camera: Camera) -> None:
         if other.size_px != first.size_px:
             raise UsageError(
                 f"estimate: {other.file}: {_times(other)}, but {first.file}: {_times(first)}: "
-                "pictures of one bracket have one size"
+                "all pictures of a bracket must have the same size"
             )
     width, height = first.size_px
     if camera.is_equirect and abs(width - 2 * height) > _OFF_SHAPE * width:
@@ -182,8 +185,8 @@ def check_bracket(
         if seen is not None and not 1 / _WRONG_RATIO < seen / stated < _WRONG_RATIO:
             notes.append(
                 f"{short.file} to {long.file}: the light grows {seen:.3g} times, the exposure "
-                f"{stated:.3g} times: is one of them wrong? or has the camera another curve than "
-                "sRGB (--camera FILE with a [response])?"
+                f"{stated:.3g} times: is one of the exposures wrong, or is the response of the "
+                f"camera not sRGB (--camera FILE with a [response])?"
             )
     return notes
 

@@ -246,7 +246,7 @@ def _summary(axis: Axes, estimate: Estimate, figures: dict[str, float]) -> None:
     left_out = estimate.predicted_error
     number = len(estimate.lights)
     model = f"packet: order {estimate.sh.order}, {number} lamp{'s' if number != 1 else ''}"
-    words.append(model + (f", says it leaves out {100 * left_out:.1f} %" if left_out else ""))
+    words.append(model + (f", predicted error {100 * left_out:.1f} %" if left_out else ""))
     flags = flag_names(estimate.flags)
     if flags:
         words.append("flags: " + ", ".join(flags).lower())

@@ -179,7 +179,9 @@ class _Section:
             values = ()
         if len(values) != count or not np.all(np.isfinite(values)):
             wanted = "a number" if count == 1 else f"{count} numbers"
-            raise CameraError(f"camera: {self.path}: [{self.name}] {key} = {text}: want {wanted}")
+            raise CameraError(
+                f"camera: {self.path}: [{self.name}] {key} = {text}: expected {wanted}"
+            )
         return values
 
     def number(self, key: str, default: str | None = None) -> float:
@@ -195,7 +197,8 @@ def _camera(section: _Section) -> Camera:
     projection = section.text("projection")
     if projection not in ("equirect", "fisheye"):
         raise CameraError(
-            f"camera: {section.path}: [camera] projection = {projection}: want equirect or fisheye"
+            f"camera: {section.path}: [camera] projection = {projection}: "
+            "expected equirect or fisheye"
         )
     config = section.config
     names = sorted(n for n in config.sections() if n.startswith("lens."))
@@ -226,10 +229,10 @@ def _lens(section: _Section) -> Lens:
     )
     where = f"camera: {section.path}: [{section.name}]"
     if not 0 < lens.max_theta_deg <= 180 or min(lens.focal_px) <= 0 or not any(lens.rotation_wxyz):
-        raise CameraError(f"{where} want 0 < max_theta_deg ≤ 180, fx_px, fy_px > 0, a rotation")
+        raise CameraError(f"{where} expected 0 < max_theta_deg ≤ 180, fx_px, fy_px > 0, a rotation")
     steps = np.linspace(0, np.radians(lens.max_theta_deg), _THETA_STEPS)
     if np.any(np.diff(lens.radius(steps)) <= 0):
-        raise CameraError(f"{where} k1…k4: the radius does not grow up to {lens.max_theta_deg}°")
+        raise CameraError(f"{where} k1…k4: the radius stops growing before {lens.max_theta_deg}°")
     return lens
 
 
@@ -240,7 +243,9 @@ def _mask(section: _Section) -> NDArray[np.uint8] | None:
     path = section.path.parent / name
     mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None
     if mask is None:
-        raise CameraError(f"camera: {section.path}: [{section.name}] mask {path}: no readable PGM")
+        raise CameraError(
+            f"camera: {section.path}: [{section.name}] mask {path}: not a readable PGM"
+        )
     return np.asarray(mask, dtype=np.uint8)
 
 
@@ -255,7 +260,9 @@ def read_table(path: Path) -> Array:
     except (OSError, ValueError) as error:
         raise CameraError(f"camera: {path}: response table: {error}") from None
     if table.shape != (256, 3) or np.any(np.diff(table, axis=0) < 0):
-        raise CameraError(f"camera: {path}: want 256 rows r g b that never fall")
+        raise CameraError(f"camera: {path}: expected 256 rows r g b whose values never decrease")
     if table[255, 1] <= 0:
-        raise CameraError(f"camera: {path}: the last row of green is the scale: want it above 0")
+        raise CameraError(
+            f"camera: {path}: the last value of green is the scale, and must be above 0"
+        )
     return np.asarray(table / table[255, 1])

@@ -56,7 +56,7 @@ def read(path: str | Path) -> Picture:
     elif suffix in SUFFIXES:
         radiance, notes, bits = _read_cv2(path)
     else:
-        raise ImageError(f"image: {path}: unknown kind: want {', '.join(sorted(SUFFIXES))}")
+        raise ImageError(f"image: {path}: unknown kind: expected {', '.join(sorted(SUFFIXES))}")
     return Picture(radiance, bits, tuple(notes + _clamp_negative(radiance)))
 
 
@@ -64,7 +64,7 @@ def read_srgb8(path: str | Path) -> NDArray[np.uint8]:
     """Read the codes (height, width, 3) RGB of an 8-bit picture as they are."""
     decoded = _decode(Path(path))
     if decoded.dtype != np.uint8:
-        raise ImageError(f"image: {path}: {decoded.dtype.itemsize * 8} bits a sample: want 8")
+        raise ImageError(f"image: {path}: {decoded.dtype.itemsize * 8} bits a sample: expected 8")
     return np.ascontiguousarray(_three_channels(decoded, Path(path))[..., ::-1])
 
 
@@ -83,9 +83,9 @@ def _decode(path: Path) -> NDArray[np.generic]:
     try:
         decoded = cv2.imdecode(data, flags) if data.size else None
     except cv2.error as error:
-        raise ImageError(f"image: {path}: decode: {error.err}: is the file whole?") from None
+        raise ImageError(f"image: {path}: decode: {error.err}: is the file complete?") from None
     if decoded is None:
-        raise ImageError(f"image: {path}: decode: no such picture in it: is the file whole?")
+        raise ImageError(f"image: {path}: decode: contains no such picture: is the file complete?")
     return np.asarray(decoded)
 
 
@@ -95,7 +95,7 @@ def _three_channels(decoded: NDArray[np.generic], path: Path) -> NDArray[np.gene
         return np.repeat(decoded.reshape(*decoded.shape[:2], 1), 3, axis=2)
     if decoded.shape[2] in (3, 4):
         return decoded[..., :3]
-    raise ImageError(f"image: {path}: {decoded.shape[2]} channels: want grey, RGB or RGBA")
+    raise ImageError(f"image: {path}: {decoded.shape[2]} channels: expected grey, RGB or RGBA")
 
 
 def _read_cv2(path: Path) -> tuple[Radiance, list[str], int]:
@@ -107,7 +107,7 @@ def _read_cv2(path: Path) -> tuple[Radiance, list[str], int]:
         return table[colour], [], 16
     if colour.dtype in (np.float32, np.float64):
         return np.ascontiguousarray(colour, dtype=np.float32), [], 32
-    raise ImageError(f"image: {path}: samples of {colour.dtype}: want 8 or 16 bit, or float")
+    raise ImageError(f"image: {path}: samples of {colour.dtype}: expected 8 or 16 bit, or float")
 
 
 def _read_exr(path: Path) -> tuple[Radiance, list[str]]:
@@ -118,10 +118,10 @@ def _read_exr(path: Path) -> tuple[Radiance, list[str]]:
             channels = {name: channel.pixels for name, channel in file.channels().items()}
             chromaticities = file.header().get("chromaticities")
     except Exception as error:  # OpenEXR raises whatever its C++ core throws
-        raise ImageError(f"image: {path}: decode: {error}: is the file whole?") from None
+        raise ImageError(f"image: {path}: decode: {error}: is the file complete?") from None
     planes = _rgb_planes(channels)
     if planes is None:
-        raise ImageError(f"image: {path}: channels {', '.join(channels)}: want R G B, or Y")
+        raise ImageError(f"image: {path}: channels {', '.join(channels)}: expected R G B, or Y")
     radiance = np.stack(planes, axis=-1).astype(np.float32)
     if chromaticities is None:
         return radiance, []
@@ -225,14 +225,14 @@ def read_pfm(path: str | Path) -> Radiance:
     data = _bytes(Path(path))
     header = _PFM_HEADER.match(data)
     if header is None:
-        raise ImageError(f"image: {path}: header: no PFM: want PF or Pf, width, height, scale")
+        raise ImageError(f"image: {path}: header: no PFM: expected PF or Pf, width, height, scale")
     channels = 3 if header[1] == b"PF" else 1
     width, height, scale = int(header[2]), int(header[3]), float(header[4])
     needed = 4 * width * height * channels
     if len(data) - header.end() < needed or needed == 0:
         have = len(data) - header.end()
         raise ImageError(
-            f"image: {path}: {have} bytes of pixels, {needed} wanted: is the file whole?"
+            f"image: {path}: {have} bytes of pixels, {needed} wanted: is the file complete?"
         )
     kind = "<f4" if scale < 0 else ">f4"
     pixels = np.frombuffer(data, kind, width * height * channels, header.end())

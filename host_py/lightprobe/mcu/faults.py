@@ -15,5 +15,5 @@ def words(name: str) -> str:
     """Say what a fault means and what to do about it."""
     fault = _table().get(name)
     if fault is None:
-        return "a fault of newer firmware: install a newer lightprobe to know it"
+        return "this fault belongs to newer firmware: install a newer lightprobe to see its meaning"
     return f"{fault['means']}: {fault['next_step']}"

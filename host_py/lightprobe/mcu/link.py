@@ -337,4 +337,4 @@ def _option(uri: str, query: str, known: str | None) -> int | None:
         return int(text, 0)
     except ValueError:
         wanted = f"{known}=NUMBER" if known else "no option"
-        raise McuError(f"mcu: {uri}: {query}: want {wanted}") from None
+        raise McuError(f"mcu: {uri}: {query}: expected {wanted}") from None

@@ -29,11 +29,12 @@ _NEXT_STEPS = {
     errno.EBUSY: "is lightprobed or another program using it? stop that first",
     errno.EAGAIN: "is lightprobed or another program using it? stop that first",
     errno.EIO: "was it unplugged?",
-    errno.ENXIO: "no acknowledge: address, pull-ups, strap A3 to ground",
-    errno.EREMOTEIO: "no acknowledge: address, pull-ups, strap A3 to ground",
+    errno.ENXIO: "no acknowledge: check address, pull-ups, and the strap from A3 to ground",
+    errno.EREMOTEIO: "no acknowledge: check address, pull-ups, and the strap from A3 to ground",
     errno.ETIMEDOUT: "the bus hangs: is a device holding SCL or SDA?",
     errno.ENETDOWN: "ip link set can0 up type can bitrate 500000",
-    errno.ENOBUFS: "nobody acknowledges on CAN: termination, bit rate, is the device powered?",
+    errno.ENOBUFS: "no node acknowledges on CAN: check terminators and bit rate; is the device "
+    "powered?",
 }
 
 
@@ -53,7 +54,7 @@ def words(uri: str, stage: str) -> Iterator[None]:
         step = _NEXT_STEPS.get(number, "was it unplugged? is it the right device?")
         raise McuError(f"mcu: {uri}: {stage}: {reason}: {step}") from None
     except can.CanError as error:
-        step = "ip link set can0 up type can bitrate 500000; termination and bit rate"
+        step = "ip link set can0 up type can bitrate 500000; check terminators and bit rate"
         raise McuError(f"mcu: {uri}: {stage}: {error}: {step}") from None
 
 
@@ -111,7 +112,9 @@ class Session(mcu.Mcu):
             found[event.name if isinstance(event, mcu.Message) else type(event).__name__] = event
             if "CountersWork" in found:
                 return found
-        raise McuError(f"mcu: {self.uri}: StatusRequest: answered in part only: a bad cable?")
+        raise McuError(
+            f"mcu: {self.uri}: StatusRequest: only part of the answer came: is the cable bad?"
+        )
 
     def settle(self, token: int, patience_s: float) -> mcu.WheelState:
         """Wait until the command with this token has come to rest; McuError on a fault."""
@@ -134,7 +137,7 @@ class Session(mcu.Mcu):
         known = [name for name in self.faults if name.startswith(("WHEEL", "INDEX", "FEEDBACK"))]
         lines = [f"{name}: {faults.words(name)}" for name in known]
         if not lines:
-            return "no fault was told: was it reset or released?"
+            return "no fault was reported: was it reset or released?"
         return "; ".join(lines) + " (then `lightprobe mcu clear` and `home`)"
 
 

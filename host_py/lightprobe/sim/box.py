@@ -148,7 +148,9 @@ class Box:
             if not answer.startswith("error"):
                 break
             if time.monotonic() > deadline:
-                raise BoxError("simulate: firmware: its clock stands still: is it stopped?")
+                raise BoxError(
+                    "simulate: firmware: its clock does not advance: is the process stopped?"
+                )
             time.sleep(0.001)
         return thinned(np.array([float(word) for word in answer.split()]))
 

@@ -87,5 +87,8 @@ def send(path: Path, line: str) -> str:
                 f"is lightprobe simulate --control={path} running?"
             ) from None
     if answer.startswith("error: ") or not answer:
-        raise UsageError(answer.removeprefix("error: ") or f"control: {path}: it has hung up")
+        raise UsageError(
+            answer.removeprefix("error: ")
+            or f"control: {path}: the simulator closed the connection"
+        )
     return answer

@@ -46,7 +46,7 @@ class Faults:
             if not (low <= value <= high and math.isfinite(value)):
                 kind = "a whole number" if whole else "a number"
                 limits = f"{low}…{high}" if math.isfinite(high) else f"{low} or more"
-                raise UsageError(f"faults: {key}={text}: want {kind}, {limits}")
+                raise UsageError(f"faults: {key}={text}: expected {kind}, {limits}")
             changes[key] = value
         return replace(self, **changes)  # type: ignore[arg-type]
 
@@ -79,7 +79,7 @@ def split(query: str, box: Collection[str]) -> tuple[str, dict[str, float]]:
         except ValueError:
             numbers[key] = math.nan
         if not math.isfinite(numbers[key]):
-            raise UsageError(f"faults: {key}={text}: want a number")
+            raise UsageError(f"faults: {key}={text}: expected a number")
     return urlencode(camera), numbers
 
 

@@ -216,9 +216,11 @@ class StokesPanorama:
         except (OSError, ValueError, KeyError) as error:
             raise image.ImageError(f"image: {path}: not an .npz with an array S: {error}") from None
         if stokes.ndim != 4 or stokes.shape[1:] != (2 * stokes.shape[0], 4, 3):
-            raise image.ImageError(f"image: {path}: S is {stokes.shape}: want (H, 2H, 4, 3)")
+            raise image.ImageError(f"image: {path}: S is {stokes.shape}: expected (H, 2H, 4, 3)")
         if not np.all(np.isfinite(stokes)):
-            raise image.ImageError(f"image: {path}: NaN or infinite samples: no truth can be had")
+            raise image.ImageError(
+                f"image: {path}: contains NaN or infinite samples, so there is no exact truth"
+            )
         radiance, s1, s2 = (np.ascontiguousarray(stokes[:, :, k]) for k in range(3))
         return cls(PanoramaScene.of(Path(path).stem, radiance), np.stack([s1, s2]))
 

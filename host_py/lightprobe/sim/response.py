@@ -36,7 +36,7 @@ def parse(text: str) -> Array:
             curve = (2 ** (stops[0] * _CODES) - 1) / (2 ** stops[0] - 1)
             return np.repeat(curve[:, None], 3, 1)
     if name in ("gamma", "log") or not Path(text).exists():
-        raise UsageError(f"simulate: --response {text}: want {HELP}")
+        raise UsageError(f"simulate: --response {text}: expected {HELP}")
     return read_table(Path(text))
 
 
@@ -46,7 +46,7 @@ def _numbers(text: str, words: str, low: float, high: float) -> list[float]:
     except ValueError:
         values = []
     if not values or not all(low <= value <= high for value in values):
-        raise UsageError(f"simulate: --response {text}: want numbers {low:g}…{high:g}")
+        raise UsageError(f"simulate: --response {text}: expected numbers {low:g}…{high:g}")
     return values
 
 

@@ -209,7 +209,9 @@ class PanoramaScene:
                 f"image: {path}: {width}×{height}: an equirectangular map is twice as wide as high"
             )
         if not np.all(np.isfinite(picture.radiance)):
-            raise image.ImageError(f"image: {path}: NaN or infinite samples: no truth can be had")
+            raise image.ImageError(
+                f"image: {path}: contains NaN or infinite samples, so there is no exact truth"
+            )
         return cls.of(Path(path).stem, picture.radiance)
 
     @classmethod

@@ -68,7 +68,7 @@ def _number(name: str) -> int:
     if not text:
         return DEFAULT_PROCEDURAL
     if not text.isdecimal() or int(text) < 1:
-        raise UsageError(f"scenes: {name}: want procedural:N with N ≥ 1")
+        raise UsageError(f"scenes: {name}: expected procedural:N with N ≥ 1")
     return int(text)
 
 
@@ -78,5 +78,5 @@ def _elevation_deg(name: str) -> float:
     except ValueError:
         elevation_deg = 91
     if not -90 <= elevation_deg <= 90:
-        raise UsageError(f"scenes: {name}: want sky:ELEVATION of the sun, −90…90 degrees")
+        raise UsageError(f"scenes: {name}: expected sky:ELEVATION of the sun, −90…90 degrees")
     return elevation_deg

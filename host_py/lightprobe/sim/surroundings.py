@@ -63,7 +63,7 @@ def spread_ring(box: Box, spread: float, seed: int) -> tuple[Array, Array]:
     `spread` 1: as parts from one bag differ, ±25 % and ±0.05 (1 sigma); 0: all nominal.
     """
     if not 0 <= spread <= 2:
-        raise UsageError(f"simulate: --ring-spread {spread:g}: want 0…2")
+        raise UsageError(f"simulate: --ring-spread {spread:g}: expected 0…2")
     rng = np.random.default_rng([seed, 0x1D4])
     r10_ohm = 14000 * np.exp(spread * 0.25 * np.clip(rng.standard_normal(9), -2, 2))
     gamma = 0.7 + spread * 0.05 * np.clip(rng.standard_normal(9), -2, 2)

@@ -182,7 +182,7 @@ def test_an_error_in_the_configuration_is_not_tried_again():
     # Not "activating (auto-restart)", in which it would wait for its next try.
     assert (show("ActiveState"), show("SubState")) == ("failed", "failed")
     assert (show("ExecMainStatus"), show("NRestarts")) == ("2", "0")
-    assert "nonsense: is no known scheme" in journal(since)
+    assert "nonsense: is not a known scheme" in journal(since)
     run("systemctl", "reset-failed", "lightprobed")
 
 

@@ -102,13 +102,13 @@ def test_mask_and_response(tmp_path):
     ("old", "new", "message"),
     [
         ("[camera]", "[lens.9]", "section .camera. is missing"),
-        ("projection = fisheye", "projection = pinhole", "pinhole: want equirect or fisheye"),
-        ("cx_px = 400", "cx_px = left", r"\[lens.0\] cx_px = left: want a number"),
+        ("projection = fisheye", "projection = pinhole", "pinhole: expected equirect or fisheye"),
+        ("cx_px = 400", "cx_px = left", r"\[lens.0\] cx_px = left: expected a number"),
         ("fx_px = 230\n", "", r"\[lens.0\] fx_px is missing"),
         ("max_theta_deg = 97", "max_theta_deg = 0", "max_theta_deg"),
-        ("k1 = 0.01   ;", "k1 = -1 ;", "does not grow"),
-        ("rolloff = -0.05, 0.0, 0.0", "rolloff = 1, 2", "want 3 numbers"),
-        ("rolloff", "mask = none.pgm\nrolloff", "no readable PGM"),
+        ("k1 = 0.01   ;", "k1 = -1 ;", "stops growing"),
+        ("rolloff = -0.05, 0.0, 0.0", "rolloff = 1, 2", "expected 3 numbers"),
+        ("rolloff", "mask = none.pgm\nrolloff", "not a readable PGM"),
         ("[camera]", "[camera\n", "parse"),
     ],
 )

@@ -92,7 +92,7 @@ def test_what_is_no_whole_series_is_refused(tmp_path):
     index = tmp_path / "s" / "index.jsonl"
     whole = index.read_text()
     index.write_text(whole.replace('"complete": true', '"complete": false'))
-    with pytest.raises(SeriesError, match="cut short"):
+    with pytest.raises(SeriesError, match="incomplete"):
         load(tmp_path / "s")
     index.write_text(whole[: len(whole) // 2])
     with pytest.raises(SeriesError, match="parse"):

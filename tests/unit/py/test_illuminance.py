@@ -46,5 +46,5 @@ def test_faults_are_parted_between_camera_and_box() -> None:
     assert faults.split("drop=0.5&stuck=1&slow=0.2", box) == ("drop=0.5", {"stuck": 1, "slow": 0.2})
     with pytest.raises(UsageError, match=r"unknown option broken.*of the box slow, stuck"):
         faults.split("broken=1", box)
-    with pytest.raises(UsageError, match="stuck=much: want a number"):
+    with pytest.raises(UsageError, match="stuck=much: expected a number"):
         faults.split("stuck=much", box)

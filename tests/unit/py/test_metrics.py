@@ -100,5 +100,5 @@ def test_unclipped_exposure_does_not_clip():
 
 @pytest.mark.parametrize("word", ["", "0", "9", "-1", "raw", "1.5"])
 def test_inputs_that_are_none(word):
-    with pytest.raises(UsageError, match="want float"):
+    with pytest.raises(UsageError, match="expected float"):
         evaluation.Input.parse(word)

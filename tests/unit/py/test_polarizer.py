@@ -201,7 +201,11 @@ def test_stokes_panoramas_from_files(tmp_path: Path) -> None:
     assert small == pytest.approx(2 * means, rel=1e-4, abs=1e-5)
     np.savez(tmp_path / "bad.npz", S=stokes[:, :32])
     (tmp_path / "text.npz").write_text("no archive")
-    for name, message in [("bad.npz", "want"), ("text.npz", "array S"), ("none.npz", "No such")]:
+    for name, message in [
+        ("bad.npz", "expected"),
+        ("text.npz", "array S"),
+        ("none.npz", "No such"),
+    ]:
         with pytest.raises(LightprobeError, match=message):
             scenes.load([str(tmp_path / name)])
 

@@ -145,5 +145,5 @@ def test_faults_are_merged_and_checked():
     assert (faults.drop, faults.late_ms, faults.stall_after) == (0.5, 40, 3)
     with pytest.raises(UsageError, match="unknown option explode"):
         faults.merged("explode=1")
-    with pytest.raises(UsageError, match="late_ms=soon: want a number"):
+    with pytest.raises(UsageError, match="late_ms=soon: expected a number"):
         faults.merged("late_ms=soon")

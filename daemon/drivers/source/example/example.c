@@ -32,9 +32,9 @@ static const struct lp_param list[] = {
 	{"rate", LP_PARAM_FLOAT, offsetof(struct options, rate_hz), .initial = "30", .min = 0.1,
 	 .max = 1000, .help = "frames a second"},
 	{"size", LP_PARAM_SIZE, offsetof(struct options, size_px), .initial = "320x160",
-	 .max = 4096, .help = "of the pattern"},
+	 .max = 4096, .help = "size of the pattern"},
 	{"corrupt_first", LP_PARAM_INT, offsetof(struct options, corrupt_first), .initial = "0",
-	 .max = 1000000, .help = "so many frames are marked corrupt, to begin with"},
+	 .max = 1000000, .help = "number of frames at the start that are marked corrupt"},
 };
 static const struct lp_params params = LP_PARAMS(list);
 
@@ -172,7 +172,7 @@ static void example_caps(const struct lp_source *source, struct lp_source_caps *
 const struct lp_source_ops lp_source_example_ops = {
 	.info = {.scheme = "example",
 		 .form = "",
-		 .help = "a grey pattern that moves, made here; the model for new sources",
+		 .help = "a moving grey pattern; the example for new sources",
 		 .params = &params},
 	.create = example_create,
 	.start = example_start,

@@ -38,17 +38,17 @@ static const char *const formats[] = {"auto", "mjpeg", "yuyv", "nv12", "grey", "
 
 static const struct lp_param list[] = {
 	{"rate", LP_PARAM_FLOAT, offsetof(struct options, rate_hz), .initial = "30", .max = 1000,
-	 .help = "pictures a second; 0: as fast as they are taken"},
+	 .help = "pictures a second; 0: as fast as the daemon can process them"},
 	{"loop", LP_PARAM_BOOL, offsetof(struct options, loop), .initial = "1",
-	 .help = "begin again after the last picture"},
+	 .help = "1: begin again after the last picture"},
 	{"format", LP_PARAM_CHOICE, offsetof(struct options, format), .initial = "auto",
-	 .choices = formats, .help = "auto: by the file's name"},
+	 .choices = formats, .help = "auto: from the name of the file"},
 	{"size", LP_PARAM_SIZE, offsetof(struct options, size_px), .max = LP_PICTURE_MAX_SIDE_PX,
-	 .help = "of raw pictures (yuyv, nv12, grey), which do not say it themselves"},
+	 .help = "size of raw pictures (yuyv, nv12, grey), which do not contain it"},
 	{"exposures_us", LP_PARAM_FLOATS, offsetof(struct options, exposures_us), .min = 0.001,
-	 .max = 1e9, .help = "exposure of each picture, in turn; none: not known"},
+	 .max = 1e9, .help = "exposure of each picture, in turn; none: unknown"},
 	{"gain", LP_PARAM_FLOAT, offsetof(struct options, gain), .min = 1e-6, .max = 1e6,
-	 .help = "of all pictures, a linear factor; none: not known"},
+	 .help = "gain of all pictures, a linear factor; none: unknown"},
 };
 static const struct lp_params params = LP_PARAMS(list);
 

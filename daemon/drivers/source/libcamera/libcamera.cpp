@@ -61,8 +61,8 @@ int libcamera_set_exposure(lp_source *source, float exposure_us, float gain)
 
 const char libcamera_help[] =
 	"a camera through libcamera\n"
-	"CAMERA is its identity, its model, VENDOR:PRODUCT, or nothing for the camera that\n"
-	"--camera matches, or the only one. The keys may also stand in the camera file,\n"
+	"CAMERA is its identity, its model, or VENDOR:PRODUCT; leave it out for the camera that\n"
+	"--camera matches, or for the only one. The keys may also be in the camera file,\n"
 	"section [libcamera].";
 
 } // namespace

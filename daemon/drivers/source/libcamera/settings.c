@@ -22,25 +22,27 @@ static int parse_exposure(const char *text, void *field)
 static const struct lp_param list[] = {
 	{"format", LP_PARAM_CHOICE, offsetof(struct lp_libcamera_settings, wish.format),
 	 .initial = "auto", .choices = lp_offer_formats,
-	 .help = "auto: of what the camera offers, the cheapest to read (mjpeg first)"},
+	 .help = "auto: the offered format that is cheapest to read (mjpeg first)"},
 	{"size", LP_PARAM_SIZE, offsetof(struct lp_libcamera_settings, wish.size_px), .max = 16384,
-	 .help = "none: as --camera says, else the largest up to 1920x1080"},
+	 .help = "none: the size in the camera file, otherwise the largest up to 1920x1080"},
 	{"fps", LP_PARAM_FLOAT, offsetof(struct lp_libcamera_settings, wish.fps), .initial = "0",
-	 .max = 1000, .help = "frames a second; 0: as the camera does"},
+	 .max = 1000, .help = "frames a second; 0: the camera's own rate"},
 	{"exposure", LP_PARAM_OWN, offsetof(struct lp_libcamera_settings, exposure_settable),
 	 .initial = "settable", .parse = parse_exposure, .expects = "settable or auto",
-	 .help = "settable: it is commanded; auto: the camera decides"},
+	 .help = "settable: the daemon sets it; auto: the camera sets it"},
 	{"exposure_delay_frames", LP_PARAM_INT,
 	 offsetof(struct lp_libcamera_settings, exposure_delay_frames), .initial = "-1", .min = -1,
 	 .max = 30,
-	 .help = "from a command to the first frame that shows it, where frames do not say their\n"
-		 "exposure; -1: not known"},
+	 .help = "frames from a command to the first one that obeys, for cameras whose frames do "
+		 "not\n"
+		 "report their exposure; -1: unknown"},
 	{"colour_gains", LP_PARAM_FLOATS, offsetof(struct lp_libcamera_settings, colour_gains),
 	 .min = 0.01, .max = 100,
-	 .help = "RED,BLUE: white balance; none: automatic white balance is just stopped"},
+	 .help = "RED,BLUE: white balance; none: the values at which automatic white balance "
+		 "stops"},
 	{"stall_ms", LP_PARAM_FLOAT, offsetof(struct lp_libcamera_settings, stall_ms),
 	 .initial = "1000", .min = 100, .max = 60000,
-	 .help = "silence after which the camera is opened anew"},
+	 .help = "time without a frame after which the camera is opened again"},
 };
 const struct lp_params lp_libcamera_params = LP_PARAMS(list);
 

@@ -409,9 +409,9 @@ const struct lp_source_ops lp_source_sim_ops = {
 	.info = {.scheme = "sim",
 		 .form = "PATH",
 		 .help = "the simulator's socket (lightprobe simulate)\n"
-			 "It is waited for, and again when it goes. The query is the simulator's: "
-			 "its keys are\n"
-			 "listed by lightprobe simulate --help."},
+			 "The daemon waits for it, also when it goes away. The keys are those of "
+			 "the simulator: see\n"
+			 "lightprobe simulate --help."},
 	.create = sim_create,
 	.start = sim_start,
 	.caps = sim_caps,

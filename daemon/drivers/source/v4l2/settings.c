@@ -18,32 +18,34 @@ static const char *const power_lines[] = {"keep", "off", "50", "60", NULL};
 static const struct lp_param list[] = {
 	{"format", LP_PARAM_CHOICE, offsetof(struct lp_v4l2_settings, wish.format),
 	 .initial = "auto", .choices = lp_offer_formats,
-	 .help = "auto: of what the camera offers, the cheapest to read (mjpeg first)"},
+	 .help = "auto: the offered format that is cheapest to read (mjpeg first)"},
 	{"size", LP_PARAM_SIZE, offsetof(struct lp_v4l2_settings, wish.size_px), .max = 16384,
-	 .help = "none: as --camera says, else the largest up to 1920x1080"},
+	 .help = "none: the size in the camera file, otherwise the largest up to 1920x1080"},
 	{"fps", LP_PARAM_FLOAT, offsetof(struct lp_v4l2_settings, wish.fps), .initial = "0",
 	 .max = 1000, .help = "frames a second; 0: the highest up to 30"},
 	{"exposure", LP_PARAM_CHOICE, offsetof(struct lp_v4l2_settings, exposure),
 	 .initial = "settable", .choices = exposures,
-	 .help = "settable: it is commanded; auto: the camera decides, and does not say what;\n"
-		 "unknown: no control is touched, for what is no camera (loop-back)"},
+	 .help = "settable: the daemon sets it; auto: the camera sets it, and does not report it;\n"
+		 "unknown: change no control, for loop-back devices"},
 	{"exposure_delay_frames", LP_PARAM_INT,
 	 offsetof(struct lp_v4l2_settings, exposure_delay_frames), .initial = "-1", .min = -1,
-	 .max = 30, .help = "from a command to the first frame that shows it; -1: not known"},
+	 .max = 30, .help = "frames from a command to the first one that obeys; -1: unknown"},
 	{"gain_unity", LP_PARAM_FLOAT, offsetof(struct lp_v4l2_settings, gain_unity),
 	 .initial = "0", .max = 1e6,
-	 .help = "value of the gain control that means a factor of 1; 0: gain stays at its least"},
+	 .help = "value of the gain control that means a factor of 1; 0: the gain stays at its "
+		 "minimum"},
 	{"white_balance_k", LP_PARAM_FLOAT, offsetof(struct lp_v4l2_settings, white_balance_k),
 	 .initial = "0", .max = 20000,
-	 .help = "held at so many kelvins; 0: at what it is when the camera is opened"},
+	 .help = "colour temperature to set, in kelvins; 0: keep the present one"},
 	{"power_line", LP_PARAM_CHOICE, offsetof(struct lp_v4l2_settings, power_line),
 	 .initial = "off", .choices = power_lines,
-	 .help = "the camera's filter against flicker of so many hertz; keep: as it is"},
+	 .help = "mains frequency in Hz for the camera's flicker filter; keep: do not change it"},
 	{"stall_ms", LP_PARAM_FLOAT, offsetof(struct lp_v4l2_settings, stall_ms), .initial = "1000",
 	 .min = 100, .max = 60000,
-	 .help = "silence after which the stream is restarted; four frame periods at least"},
+	 .help = "time without a frame after which the stream is restarted; at least four frame "
+		 "periods"},
 	{"reset", LP_PARAM_BOOL, offsetof(struct lp_v4l2_settings, reset), .initial = "1",
-	 .help = "a camera that hangs is reset through its USB port"},
+	 .help = "1: reset a camera that hangs through its USB port"},
 };
 const struct lp_params lp_v4l2_params = LP_PARAMS(list);
 

@@ -74,11 +74,11 @@ const struct lp_source_ops lp_source_v4l2_ops = {
 	.info = {.scheme = "v4l2",
 		 .form = "DEVICE",
 		 .help = "a camera through the kernel's video interface\n"
-			 "DEVICE is /dev/video0, VENDOR:PRODUCT[:SERIAL], a name from "
-			 "/dev/v4l/by-id, or nothing for\n"
-			 "the camera that --camera matches, or the only one. The keys may also "
-			 "stand in the camera\n"
-			 "file, section [v4l2].",
+			 "DEVICE is /dev/video0, VENDOR:PRODUCT[:SERIAL], or a name from "
+			 "/dev/v4l/by-id; leave it out\n"
+			 "for the camera that --camera matches, or for the only one. The keys may "
+			 "also be in the\n"
+			 "camera file, section [v4l2].",
 		 .params = &lp_v4l2_params},
 	.create = v4l2_create,
 	.start = v4l2_start,

@@ -271,13 +271,13 @@ static void pca9685_destroy(struct lp_rotator *rotator)
 
 static const struct lp_param list[] = {
 	{"address", LP_PARAM_HEX, offsetof(struct keys, address), .initial = "0x40", .min = 0x40,
-	 .max = 0x7F, .help = "of the hat on I2C"},
+	 .max = 0x7F, .help = "I2C address of the hat"},
 	{"channel", LP_PARAM_INT, offsetof(struct keys, channel), .initial = "0", .max = 15,
-	 .help = "of the hat, where the servo is plugged in"},
+	 .help = "channel of the hat to which the servo is connected"},
 	{"chip", LP_PARAM_TEXT, offsetof(struct keys, chip), .initial = "gpiochip0", .max = 64,
 	 .help = "GPIO chip of the comb's sensor"},
 	{"line", LP_PARAM_INT, offsetof(struct keys, line), .initial = "17", .max = 1023,
-	 .help = "of the chip, where the sensor is"},
+	 .help = "line of the chip to which the sensor is connected"},
 };
 _Static_assert(offsetof(struct keys, timed) == 0, "the model's offsets hold");
 static const struct lp_params params = {list, LP_COUNT(list), &lp_timed_keys};
@@ -333,7 +333,8 @@ static int pca9685_create(const struct lp_uri *uri, const struct lp_rotator_host
 const struct lp_rotator_ops lp_rotator_pca9685_ops = {
 	.info = {.scheme = "pca9685",
 		 .form = "I2C-DEVICE",
-		 .help = "the wheel on a servo hat (/dev/i2c-1), its comb's sensor on a GPIO line",
+		 .help = "the wheel on a servo hat (/dev/i2c-1), with the comb's sensor on a GPIO "
+			 "line",
 		 .params = &params},
 	.create = pca9685_create,
 	.start = pca9685_start,
