@@ -52,6 +52,15 @@ def command(
     turn_deg_s: Annotated[
         float, typer.Option(callback=check.number(), help="Scenes turn at this rate.")
     ] = 0.0,
+    swing_deg: Annotated[
+        float,
+        typer.Option(
+            callback=check.number(0, 180), help="And to and fro by so much, as before a head."
+        ),
+    ] = 0.0,
+    swing_hz: Annotated[
+        float, typer.Option(callback=check.number(0, 5, "Hz"), help="So often.")
+    ] = 0.5,
     switch_s: Annotated[
         float,
         typer.Option(
@@ -222,7 +231,7 @@ def command(
     curve = None if response is None else responses.parse(response)
     optics = lenses.load(lens)
     polarizer = polarizer_deg is not None or firmware != "none"
-    behaviour = Behaviour(act_s, turn_deg_s, switch_s, flicker_hz, flicker_depth)
+    behaviour = Behaviour(act_s, turn_deg_s, swing_deg, swing_hz, switch_s, flicker_hz, flicker_depth)
     world = World(scenes.load(scene), behaviour, median_radiance or None)
     simulated = SimulatedCamera(
         world, optics, size_px, rate_hz=rate_hz, pixel_format=kind, quality=quality, chroma=chroma,

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections import OrderedDict
 from collections.abc import Hashable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -25,6 +26,8 @@ FORMATS = ("MJPG", "YUYV", "NV12", "GREY", "RGBF")
 #: Noiseless signals kept: a bracket of the scene before and after a lamp is switched.
 _CACHED = 12
 _LEAST_EXPOSURE_US = 1.0
+#: Pictures that are looked up, not rolled, are the mean of moments so many pixels apart.
+_SMEAR_STEP_PX, _MOST_SMEAR_STEPS = 2, 16
 
 
 @dataclass(frozen=True)
@@ -76,7 +79,7 @@ class SimulatedCamera:
         self._signals: OrderedDict[Hashable, Expected] = OrderedDict()
 
     def state(self, frame: int, shot: Shot) -> State:
-        """State of the world while frame `frame` is exposed."""
+        """State of the world while frame `frame` is exposed; its exposure starts at frame / rate."""
         return self.world.at(frame / self.rate_hz, 1e-6 * shot.exposure_us)
 
     def automatic(self, frame: int, count: int = 1) -> list[Shot]:
@@ -138,8 +141,24 @@ class SimulatedCamera:
             self._composed = (key, (layers.compose(state.powers), polarized))
         return self._composed[1]
 
+    def _smear_px(self, state: State) -> int:
+        """Columns of an equirectangular picture over which a point wanders; 1: it does not."""
+        return 2 * round(state.smear_deg / 720 * self.size_px[0]) + 1
+
     def _radiance(self, state: State, wheel_deg: tuple[float, ...]) -> NDArray[np.float32]:
-        """Radiance (H, W, 3) at the sensor; turned when :meth:`_turns_first`."""
+        """Radiance (H, W, 3) at the sensor, mean over the exposure; see :meth:`_turns_first`."""
+        smear_px = self._smear_px(state)
+        if not self._turns_first(state):
+            return _smeared(self._still(state, wheel_deg), smear_px)
+        steps = min(math.ceil(smear_px / _SMEAR_STEP_PX), _MOST_SMEAR_STEPS)
+        total = np.zeros((self.size_px[1], self.size_px[0], 3), np.float32)
+        for k in range(steps):
+            yaw_deg = state.yaw_deg + state.smear_deg * ((k + 0.5) / steps - 0.5)
+            total += self._still(replace(state, yaw_deg=yaw_deg), wheel_deg)
+        return total / np.float32(steps)
+
+    def _still(self, state: State, wheel_deg: tuple[float, ...]) -> NDArray[np.float32]:
+        """Radiance (H, W, 3) at one moment; turned when :meth:`_turns_first`."""
         radiance, polarized = self._compose(state)
         if self._rays is not None:
             radiance = self._rays.sample(radiance, state.yaw_deg)
@@ -164,6 +183,7 @@ class SimulatedCamera:
         key = (
             state.act, state.powers.tobytes(), shot,
             yaw if self._turns_first(state) else None,
+            self._smear_px(state),
             wheel_deg if self._polarized(state) else None,
         )  # fmt: skip
         signal = self._signals.get(key)
@@ -175,6 +195,16 @@ class SimulatedCamera:
                 self._signals.popitem(last=False)
         self._signals.move_to_end(key)
         return signal
+
+
+def _smeared(radiance: NDArray[np.float32], smear_px: int) -> NDArray[np.float32]:
+    """Mean over `smear_px` columns, an odd number, of an equirectangular map."""
+    if smear_px == 1:
+        return radiance
+    side = smear_px // 2
+    padded = cv2.copyMakeBorder(radiance, 0, 0, side, side, cv2.BORDER_WRAP)
+    mean = cv2.blur(padded, (smear_px, 1))
+    return np.asarray(mean[:, side : side + radiance.shape[1]], dtype=np.float32)
 
 
 class _Rays:

@@ -25,6 +25,8 @@ class Behaviour:
 
     act_s: float = 8.0  # each scene lasts this long; then the next, and around again
     turn_deg_s: float = 0.0  # scenes turn to the right at this rate
+    swing_deg: float = 0.0  # and to and fro besides, by so much to each side, as before a head
+    swing_hz: float = 0.5  # so often
     switch_s: float = 0.0  # one lamp after the other is off for this long; 0: all stay on
     flicker_hz: float = 0.0  # lamps flicker (mains: 100 or 120)
     flicker_depth: float = 0.0  # by this share of their power
@@ -34,11 +36,12 @@ class Behaviour:
 class State:
     """The world during one exposure."""
 
-    t_s: float
+    t_s: float  # start of the exposure
     act: int  # index of the scene
     scene: Scene
-    yaw_deg: float
+    yaw_deg: float  # in the middle of the exposure
     powers: Array  # one per lamp of the scene
+    smear_deg: float = 0.0  # by which the scene turns during the exposure, 0 or more
 
     def truth(self) -> Truth:
         """Light that the probe should report."""
@@ -64,7 +67,10 @@ class World:
         ]
 
     def at(self, t_s: float, exposure_s: float = 0.0) -> State:
-        """State at `t_s` seconds after the start; flicker is averaged over the exposure."""
+        """State during the exposure that starts `t_s` seconds after the start.
+
+        Flicker is averaged over the exposure; scenes and lamps are as at its start.
+        """
         b = self.behaviour
         act = int(t_s // b.act_s) % len(self.scenes) if b.act_s > 0 else 0
         scene = self.scenes[act]
@@ -74,7 +80,14 @@ class World:
             slot = int(t_s // b.switch_s) % (len(powers) + 1)
             if slot:
                 powers[slot - 1] = 0
-        return State(t_s, act, scene, (b.turn_deg_s * t_s) % 360, powers)
+        yaw_deg = self._yaw_deg(t_s + exposure_s / 2) % 360
+        smear_deg = abs(self._yaw_deg(t_s + exposure_s) - self._yaw_deg(t_s))
+        return State(t_s, act, scene, yaw_deg, powers, smear_deg)
+
+    def _yaw_deg(self, t_s: float) -> float:
+        b = self.behaviour
+        swing_deg = b.swing_deg * np.sin(2 * np.pi * b.swing_hz * t_s) if b.swing_deg else 0.0
+        return float(b.turn_deg_s * t_s + swing_deg)
 
     def _flicker(self, t_s: float, exposure_s: float) -> float:
         """Mean of depth · sin(2πft) over the exposure."""

@@ -45,6 +45,38 @@ def test_flicker_is_averaged_by_the_exposure():
     assert world.at(0.0033, 0.01).powers[0] == pytest.approx(1)
 
 
+def test_a_turning_scene_is_as_in_the_middle_of_the_exposure_and_smears():
+    world = World([random_scene(0)], Behaviour(act_s=0, turn_deg_s=-100))
+    state = world.at(2.0, 0.03)
+    assert state.yaw_deg == pytest.approx(-201.5 % 360)
+    assert state.smear_deg == pytest.approx(3.0)
+    assert World([random_scene(0)]).at(2.0, 0.03).smear_deg == 0
+
+
+def test_a_head_swings_about_where_it_looks():
+    world = World([random_scene(0)], Behaviour(act_s=0, swing_deg=40, swing_hz=0.5))
+    yaw = [(world.at(t).yaw_deg + 180) % 360 - 180 for t in (0, 0.5, 1, 1.5)]
+    assert yaw == pytest.approx([0, 40, 0, -40], abs=1e-9)
+    assert world.at(0, 0.01).smear_deg == pytest.approx(40 * np.pi * 0.01, rel=1e-3)
+
+
+@pytest.mark.parametrize("optics", ["equirect", "fisheye"])
+def test_what_turns_during_the_exposure_is_smeared_and_keeps_its_light(tmp_path, optics):
+    """A second long at 45° a second: as the mean of many short ones."""
+    lens = dual_fisheye(tmp_path) if optics == "fisheye" else lenses.load("equirect")
+    world = World([Room()], Behaviour(act_s=0, turn_deg_s=45))
+    camera = SimulatedCamera(world, lens, SIZE, rate_hz=100, pixel_format="RGBF")
+
+    def shown(frame, exposure_s):
+        data = camera.frame(frame, Shot(1e6 * exposure_s))
+        return luminance(np.frombuffer(data, "<f4").reshape(*SIZE[::-1], 3))
+
+    mean = np.mean([shown(frame, 1e-6) for frame in range(100)], axis=0)
+    smeared = shown(0, 1.0)
+    assert np.abs(smeared - mean).mean() < 0.03 * mean.mean()
+    assert np.abs(shown(50, 1e-6) - mean).mean() > 0.1 * mean.mean()  # one moment is not like it
+
+
 def test_scenes_are_brought_to_one_brightness():
     for scene in World([random_scene(3), Room()], median_radiance=30).scenes:
         radiance = scene.render(*SIZE).compose(np.ones(len(scene.lamps)))
