@@ -16,6 +16,7 @@ from itertools import pairwise, product
 from pathlib import Path
 
 import cv2
+import matplotlib.pyplot as plt
 import numpy as np
 from lightprobe import geometry
 from lightprobe.colour import luminance
@@ -31,12 +32,14 @@ from lightprobe.sim.scene import Scene
 from lightprobe.sim.world import Behaviour, World
 from lightprobe.wire import Subscription
 
+#: Panoramas of blender-data, and rooms with exact lamps.
+SCENES = ("blender", "procedural:4")
 #: As most tests have it: a quarter of full scale in 1/120 s.
 MEDIAN_RADIANCE = 30.0
 SIZE_PX, RATE_HZ = (1920, 960), 30.0
 #: Until the exposures have settled; then it is judged for so long.
 SETTLE_S, JUDGED_S = 2.0, 4.0
-#: A packet is wrong and healthy when it is off by more than this, states less than that and no flag.
+#: Wrong and healthy: off by more than the first, states less than the second, and no flag.
 WRONG, STATED = 0.10, 0.03
 #: The brightest lamp is listed when a light lies so near, with so much of its light.
 NEAR_DEG, SHARE = 10.0, 0.1
@@ -69,9 +72,7 @@ class Live:
     sun_listed: float | None  # share of the packets; None: no lamp is as strong as a sun
 
 
-def judge(
-    scene: Scene, motion: str, exposures: str, size_px: tuple[int, int] = SIZE_PX
-) -> Live:
+def judge(scene: Scene, motion: str, exposures: str, size_px: tuple[int, int] = SIZE_PX) -> Live:
     """Run a daemon before `scene` and judge its packets."""
     cv2.setNumThreads(1)
     world = World([scene], MOTIONS[motion], MEDIAN_RADIANCE)
@@ -192,15 +193,41 @@ def rows(found: Sequence[Live]) -> list[list[str]]:
     return table
 
 
-HEAD = ["exposures", "the camera turns", "packets per second, least", "relighting error, median (worst)",
-        "90 % of packets, worst scene", "wrong and healthy, median (worst)",
-        "births per second, median (worst)", "AMBIENT's step, worst", "a sun is listed, worst"]  # fmt: skip
+def draw(found: Sequence[Live], path: Path) -> None:
+    """Error and share of wrong and healthy packets by turning rate, a line for each scene."""
+    plt.switch_backend("Agg")
+    rates = [motion for motion in MOTIONS if motion != "head"]
+    fig, axes = plt.subplots(2, len(EXPOSURES), sharex=True, sharey="row", figsize=(10, 7))
+    for column, exposures in enumerate(EXPOSURES):
+        some = {(one.scene, one.motion): one for one in found if one.exposures == exposures}
+        for scene in sorted({one.scene for one in found}):
+            line = [some[scene, rate] for rate in rates]
+            axes[0, column].plot(range(len(rates)), [one.error_median for one in line], "o-", ms=3)
+            shares = [100 * one.wrong_and_healthy for one in line]
+            axes[1, column].plot(range(len(rates)), shares, "o-", ms=3, label=scene)
+        axes[0, column].set(title=f"exposures {exposures}", yscale="log")
+        axes[1, column].set(xticks=range(len(rates)), xticklabels=rates)
+        axes[1, column].set_xlabel("the camera turns, °/s")
+    axes[0, 0].set_ylabel("relighting error, median of the packets")
+    axes[1, 0].set_ylabel("wrong and healthy packets, %")
+    axes[1, -1].legend(fontsize="x-small", ncols=2)
+    fig.suptitle("While the camera turns (simulated)")
+    fig.tight_layout()
+    fig.savefig(path, dpi=110)
+
+
+HEAD = [
+    "exposures", "the camera turns", "packets per second, least",
+    "relighting error, median (worst scene)", "of 90 % of the packets, worst scene",
+    "wrong and healthy, median (worst)", "births per second, median (worst)",
+    "AMBIENT's step, worst", "a sun is listed, worst",
+]  # fmt: skip
 
 
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--scenes", nargs="+", default=["blender", "procedural:4"])
+    parser.add_argument("--scenes", nargs="+", default=list(SCENES))
     parser.add_argument("--motions", nargs="+", choices=list(MOTIONS), default=list(MOTIONS))
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--json", type=Path, help="write all figures here")

@@ -11,6 +11,7 @@ import json
 import re
 import sys
 import tempfile
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,7 @@ from lightprobe.sim import scenes
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests/extremes"))
+import live  # noqa: E402
 from cases import CASES  # noqa: E402
 
 #: What the daemon grants the response and white balance of a camera; what the wire resolves.
@@ -156,13 +158,32 @@ def replace(text: str, name: str, part: str) -> str:
     return re.sub(pattern, lambda m: f"{m[1]}{part}\n{m[2]}", text, flags=re.DOTALL)
 
 
+def put(page: Path, parts: dict[str, str]) -> None:
+    """Replace the marked parts of a page."""
+    text = page.read_text()
+    for name, part in parts.items():
+        text = replace(text, name, part)
+    page.write_text(text)
+
+
 def main() -> None:
     """Measure and write."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--procedural", type=int, default=60, help="scenes with known lamps")
-    count = parser.parse_args().procedural
+    parser.add_argument(
+        "--only-live", action="store_true", help="only the table of turning cameras"
+    )
+    options = parser.parse_args()
+    count = options.procedural
     out, page = ROOT / "build/accuracy", ROOT / "docs/users/accuracy.md"
     out.mkdir(parents=True, exist_ok=True)
+    moving = live.all_figures(live.SCENES, list(live.MOTIONS), processes=2)
+    (out / "live.json").write_text(json.dumps([asdict(one) for one in moving], indent=2) + "\n")
+    live.draw(moving, page.with_name("live.png"))
+    live_parts = {"live": table(live.HEAD, live.rows(moving))}
+    if options.only_live:
+        put(page, live_parts)
+        return
     lamp_cases, lamps = evaluated([f"procedural:{count}"], ["float", "unclipped", "3"])
     panorama_cases, panoramas = evaluated(["blender"], ["float", "1", "2", "3", "4"])
     parts = {
@@ -171,12 +192,8 @@ def main() -> None:
         "light-procedural": light_table(lamps),
         "extremes": extremes_table(),
     }
-    text = page.read_text()
-    for name, part in parts.items():
-        text = replace(text, name, part)
-    page.write_text(text)
-    readme = ROOT / "README.md"
-    readme.write_text(replace(readme.read_text(), "figures", readme_table(lamps, panoramas)))
+    put(page, parts | live_parts)
+    put(ROOT / "README.md", {"figures": readme_table(lamps, panoramas)})
     figures = {
         "procedural": evaluate.to_json(lamp_cases, lamps),
         "panoramas": evaluate.to_json(panorama_cases, panoramas),

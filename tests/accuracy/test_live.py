@@ -48,7 +48,9 @@ def test_wrong_is_told_from_wrong_and_flagged() -> None:
 def test_births_and_steps_are_of_one_packet_to_the_next() -> None:
     world = World([random_scene(3)])
     one, other = estimate(world, 0), estimate(world, 0, gain=1.2)
-    renamed = tuple(Light(9 + light.id, light.direction, light.irradiance, 1) for light in one.lights)
+    renamed = tuple(
+        Light(9 + light.id, light.direction, light.irradiance, 1) for light in one.lights
+    )
     gone = Estimate(1, 2, 3, 4, 500, EstimateFlag(0), renamed, one.sh, 0.01, None, 1, None)
     assert live.births([one, one, gone, gone]) == len(one.lights)
     assert live.ambient_step([one, other]) > 0.05

@@ -231,7 +231,9 @@ def command(
     curve = None if response is None else responses.parse(response)
     optics = lenses.load(lens)
     polarizer = polarizer_deg is not None or firmware != "none"
-    behaviour = Behaviour(act_s, turn_deg_s, swing_deg, swing_hz, switch_s, flicker_hz, flicker_depth)
+    behaviour = Behaviour(
+        act_s, turn_deg_s, swing_deg, swing_hz, switch_s, flicker_hz, flicker_depth
+    )
     world = World(scenes.load(scene), behaviour, median_radiance or None)
     simulated = SimulatedCamera(
         world, optics, size_px, rate_hz=rate_hz, pixel_format=kind, quality=quality, chroma=chroma,

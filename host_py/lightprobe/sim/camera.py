@@ -79,7 +79,7 @@ class SimulatedCamera:
         self._signals: OrderedDict[Hashable, Expected] = OrderedDict()
 
     def state(self, frame: int, shot: Shot) -> State:
-        """State of the world while frame `frame` is exposed; its exposure starts at frame / rate."""
+        """State of the world while frame `frame` is exposed, from frame / rate on."""
         return self.world.at(frame / self.rate_hz, 1e-6 * shot.exposure_us)
 
     def automatic(self, frame: int, count: int = 1) -> list[Shot]:
