@@ -170,9 +170,7 @@ def main() -> None:
     """Measure and write."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--procedural", type=int, default=60, help="scenes with known lamps")
-    parser.add_argument(
-        "--only-live", action="store_true", help="only the table of turning cameras"
-    )
+    parser.add_argument("--only-live", action="store_true", help="only of turning cameras")
     options = parser.parse_args()
     count = options.procedural
     out, page = ROOT / "build/accuracy", ROOT / "docs/users/accuracy.md"
