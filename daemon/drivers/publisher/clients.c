@@ -13,9 +13,8 @@
 #include "include/packet.h"
 #include "include/publisher.h"
 
-#define LINGER_NS                                                                      \
-	(2 * LP_NS_PER_S) /* a closing client may take so long to read its last packet \
-			   */
+/* A closing client may take so long to read its last packet. */
+#define LINGER_NS (2 * LP_NS_PER_S)
 
 struct lp_client {
 	struct lp_clients *owner;
