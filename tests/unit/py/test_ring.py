@@ -50,7 +50,8 @@ def test_sigma_is_least_where_it_was_calibrated_and_grows_both_ways(
         least = np.sqrt(sensors.sigma**2 + sensors.drift_sigma**2 + by_gamma**2)
         assert np.all(away >= least)
     assert np.all(at_pivot >= np.hypot(sensors.sigma, sensors.drift_sigma))
-    assert at_pivot == pytest.approx(np.hypot(sensors.sigma, sensors.drift_sigma), abs=0.1)
+    known = dataclasses.replace(sensors, gamma_sigma=np.zeros(9))
+    assert at_pivot == pytest.approx(known.sigma_of(known.level(known.pivot_lux)), abs=1e-3)
 
 
 @given(rng=nine)
