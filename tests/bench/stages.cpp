@@ -68,7 +68,7 @@ stages::stages(const lp_camera_file &file) : contestant("stages")
 	if (lp_camera_create(&file, &camera) < 0 ||
 	    lp_imager_create(camera, &options, &imager) < 0 ||
 	    lp_detection_create(lp_imager_grid(imager), &detector, &detection) < 0 ||
-	    lp_sh_projector_create(LP_PANORAMA_WIDTH, LP_PANORAMA_HEIGHT, LP_SH_MAX_ORDER,
+	    lp_sh_projector_create(LP_PANORAMA_WIDTH, LP_PANORAMA_WIDTH / 2, LP_SH_MAX_ORDER,
 				   &projector) < 0 ||
 	    lp_jpeg_reader_create(&reader) < 0)
 		bench::die("stages", "create");
