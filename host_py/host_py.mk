@@ -46,7 +46,7 @@ evaluate: build $(BUILD)/scenes/blender.stamp ## measure accuracy against exact 
 		--plot $(BUILD)/evaluate/accuracy.png --json-file $(BUILD)/evaluate/accuracy.json
 
 .PHONY: accuracy
-accuracy: build $(BUILD)/scenes/blender.stamp ## measure accuracy again and write docs/users/accuracy.md (ten minutes)
+accuracy: build $(BUILD)/scenes/blender.stamp ## measure accuracy again and write docs/users/accuracy.md (twenty minutes)
 	@$(VENV)/bin/python tests/accuracy/report.py
 
 .PHONY: constants
