@@ -314,7 +314,7 @@ static uint32_t flags_of(const struct lp_pipeline *p, const struct lp_panorama *
 		flags |= LP_ESTIMATE_DEGRADED;
 	if (p->bracketing && p->bracket.state == LP_BRACKET_IGNORED)
 		flags |= LP_ESTIMATE_EXPOSURE_IGNORED;
-	else if (p->bracketing && status->exposure_count < p->bracket.planned)
+	else if (p->bracketing && status->current_count < p->bracket.planned)
 		flags |= LP_ESTIMATE_BRACKET_INCOMPLETE;
 	return flags;
 }

@@ -34,6 +34,8 @@ struct lp_imager_options {
 /* What went into the panorama. */
 struct lp_imager_status {
 	int exposure_count;
+	int current_count; /* of these, the newest, and those since the light last changed or the
+			    * camera turned */
 	float longest_exposure_us; /* times gain; NAN: unknown */
 	bool exposure_unknown;
 	bool invalid_samples; /* NaN, infinite or negative ones were left out */

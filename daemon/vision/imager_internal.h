@@ -27,6 +27,7 @@ struct lp_imager {
 	bool loaded;
 	const struct lp_cells *shown; /* that the panorama was made from; NULL: none yet */
 	uint64_t serial;
+	uint64_t changed_serial; /* of the last exposure that showed other light than before it */
 	struct lp_cells merged;
 	/* its cells and flags are those below, or the camera's where the two grids are the same */
 	struct lp_panorama panorama;
@@ -37,5 +38,10 @@ struct lp_imager {
 	int *place;	    /* per camera cell: index into the patch that saw it last */
 	float (*pixels)[3]; /* of LP_REFINE_MAX_CELLS camera cells */
 };
+
+/* How much of the light known so far the loaded exposure shows elsewhere, or brighter or darker,
+ * than `then` did, an earlier exposure of the same setting or all that is known: a share, 0 where
+ * only noise differs. */
+float lp_imager_change(const struct lp_imager *imager, const struct lp_cells *then);
 
 #endif

@@ -54,7 +54,8 @@ FLAG_WORDS: dict[str, str] = {
     "CLIPPED": "some pixels are saturated in every exposure, so light is missing; use shorter "
     "exposures",
     "UNDEREXPOSED": "most of the picture is below the noise; use longer exposures or more gain",
-    "BRACKET_INCOMPLETE": "not all exposures of the bracket have arrived",
+    "BRACKET_INCOMPLETE": "exposures of the bracket are missing, or were taken before the light "
+    "changed or the camera turned",
     "PARTIAL_VIEW": "the camera does not see part of the sphere; that part is filled, not measured",
     "MORE_LIGHTS": "more lamps were found than are listed; the others are in the SH",
     "INVALID_INPUT": "NaN, infinite or negative samples were left out",

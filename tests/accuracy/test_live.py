@@ -57,8 +57,15 @@ def test_births_and_steps_are_of_one_packet_to_the_next() -> None:
     assert live.ambient_step([one, one]) == 0
 
 
+def test_a_turning_camera_does_not_call_a_wrong_estimate_healthy() -> None:
+    found = live.judge(random_scene(3), "100", "reported", size_px=(480, 240))
+    assert found.error_median > 0.05  # otherwise nothing is tested
+    assert found.wrong_and_healthy == 0
+
+
 def test_a_still_room_is_right_all_the_time() -> None:
     found = live.judge(random_scene(3), "0", "reported", size_px=(480, 240))
     assert found.packets > 100
     assert found.error_p90 < 0.1
+    assert found.healthy == 1
     assert found.wrong_and_healthy == 0

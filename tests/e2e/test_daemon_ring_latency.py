@@ -7,7 +7,6 @@ when told to, so how busy this machine is does not count.
 import contextlib
 import os
 import sys
-import time
 import tty
 from pathlib import Path
 

@@ -68,6 +68,55 @@ static struct lp_frame *raw_gradient(enum lp_pixel_format format, int width, int
 	return frame;
 }
 
+/* A camera's picture of the gradient, turned to the right. */
+static void add_turned(struct lp_imager *imager, double exposure_s, int turn_px)
+{
+	const int width = 480, height = 240;
+	struct lp_frame *frame = raw_gradient(LP_FORMAT_GREY, width, height, exposure_s);
+	uint8_t *data = (uint8_t *)frame->data;
+
+	for (int y = 0; y < height; y++)
+		for (int x = 0; x < width; x++)
+			data[y * width + (x + turn_px) % width] =
+				gradient_code(x, width, exposure_s);
+	assert_int_equal(lp_imager_add(imager, frame), 0);
+}
+
+static int current_count(const struct lp_imager *imager)
+{
+	struct lp_imager_status status;
+
+	lp_imager_status(imager, &status);
+	return status.current_count;
+}
+
+/* Exposures from before and after a turn are no bracket; those of one light are. */
+static void test_exposures_from_before_a_turn_do_not_count(void **state)
+{
+	struct lp_imager *imager = new_imager(LP_DECODE_BLOCKS);
+	const double exposures_s[] = {0.4, 0.1};
+	int turn_px = 0;
+
+	(void)state;
+	for (int frame = 0; frame < 8; frame++)
+		add_turned(imager, exposures_s[frame % 2], 0);
+	assert_int_equal(current_count(imager), 2);
+	for (int frame = 0; frame < 8; frame++) {
+		add_turned(imager, exposures_s[frame % 2], turn_px += 24);
+		assert_int_equal(current_count(imager), 1);
+	}
+	for (int frame = 0; frame < 4; frame++)
+		add_turned(imager, exposures_s[frame % 2], turn_px);
+	assert_int_equal(current_count(imager), 2);
+	/* a single exposure needs no other */
+	lp_imager_forget(imager);
+	for (int frame = 0; frame < 4; frame++) {
+		add_turned(imager, 0.1, turn_px += 24);
+		assert_int_equal(current_count(imager), 1);
+	}
+	lp_imager_destroy(imager);
+}
+
 /* Radiance does not depend on exposure nor on format: 1.0 is full scale at one second. */
 static void test_exposure_is_divided_out(void **state)
 {
@@ -443,6 +492,7 @@ static void test_size_changes(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_exposures_from_before_a_turn_do_not_count),
 		cmocka_unit_test(test_exposure_is_divided_out),
 		cmocka_unit_test(test_gain_counts_as_exposure),
 		cmocka_unit_test(test_bracket),
