@@ -3,6 +3,7 @@
 `open_carrier` opens what a URI names. What the messages mean: lightprobe.mcu.messages.
 """
 
+import errno
 import importlib.resources
 import os
 import time
@@ -19,6 +20,8 @@ from lightprobe.errors import LightprobeError
 CAN_BASE = 0x500
 BAUD = 500_000
 I2C_ADDRESS = 0x2C
+#: errno when nobody acknowledges on I2C, by adapter; EREMOTEIO is Linux's alone.
+NO_ACKNOWLEDGE = (errno.ENXIO, getattr(errno, "EREMOTEIO", 121))
 MAX_PAYLOAD_BYTES = 8
 MAX_ENVELOPE_BYTES = MAX_PAYLOAD_BYTES + 4
 

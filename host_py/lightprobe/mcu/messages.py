@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any, cast
 
-from lightprobe.mcu.link import CAN_BASE, Carrier, McuError, database
+from lightprobe.mcu.link import CAN_BASE, NO_ACKNOWLEDGE, Carrier, McuError, database
 
 PROTOCOL_MAJOR = 1
 PROTOCOL_MINOR = 1
@@ -266,8 +266,14 @@ class Mcu:
         """
         message_id, payload = encode(name, **signals)
         tries = max(1, math.ceil(timeout_s / REPEAT_AFTER_S)) if repeat else 1
-        for _ in range(tries):
-            self.carrier.send(message_id, payload)
+        for left in reversed(range(tries)):
+            try:
+                self.carrier.send(message_id, payload)
+            except OSError as error:  # on I2C: nobody there, or starting
+                if not left or error.errno not in NO_ACKNOWLEDGE:
+                    raise
+                time.sleep(timeout_s / tries)
+                continue
             answer = self._await(message_id, _answer_to(name, signals), timeout_s / tries)
             if answer is None:
                 continue

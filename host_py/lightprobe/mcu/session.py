@@ -29,8 +29,10 @@ _NEXT_STEPS = {
     errno.EBUSY: "is lightprobed or another program using it? stop that first",
     errno.EAGAIN: "is lightprobed or another program using it? stop that first",
     errno.EIO: "was it unplugged?",
-    errno.ENXIO: "no acknowledge: check address, pull-ups, and the strap from A3 to ground",
-    errno.EREMOTEIO: "no acknowledge: check address, pull-ups, and the strap from A3 to ground",
+    **dict.fromkeys(
+        mcu_link.NO_ACKNOWLEDGE,
+        "no acknowledge: check address, pull-ups, and the strap from A3 to ground",
+    ),
     errno.ETIMEDOUT: "the bus hangs: is a device holding SCL or SDA?",
     errno.ENETDOWN: "ip link set can0 up type can bitrate 500000",
     errno.ENOBUFS: "no node acknowledges on CAN: check terminators and bit rate; is the device "

@@ -1,5 +1,6 @@
 """Requests to the microcontroller, over a carrier and a clock of the test's own."""
 
+import errno
 import itertools
 import time
 
@@ -15,6 +16,10 @@ class Line:
         self.now_s, self.sent, self.ready = 0.0, 0, []
         self.answers_from, self.sending_s = answers_from, iter(sending_s)
         monkeypatch.setattr(time, "monotonic", lambda: self.now_s)
+        monkeypatch.setattr(time, "sleep", self.sleep)
+
+    def sleep(self, seconds):
+        self.now_s += seconds
 
     def send(self, message_id, payload):
         self.sent += 1
@@ -51,3 +56,26 @@ def test_a_machine_that_stops_for_a_while_loses_one_try(monkeypatch):
     line = Line(monkeypatch, answers_from=2, sending_s=[3.0, 0.0])
     mcu.Mcu(line).rates()
     assert line.sent == 2
+
+
+class StartingDevice(Line):
+    """Nobody acknowledges on I2C until the firmware runs."""
+
+    def send(self, message_id, payload):
+        super().send(message_id, payload)
+        if self.sent < self.answers_from:
+            raise OSError(errno.EREMOTEIO, "no acknowledge")
+
+
+def test_a_device_that_starts_is_waited_for(monkeypatch):
+    line = StartingDevice(monkeypatch, answers_from=5, sending_s=itertools.repeat(0.0))
+    mcu.Mcu(line).rates()
+    assert line.sent == 5
+    assert line.now_s == pytest.approx(0.4)
+
+
+def test_a_device_that_never_acknowledges_is_told(monkeypatch):
+    line = StartingDevice(monkeypatch, answers_from=99, sending_s=itertools.repeat(0.0))
+    with pytest.raises(OSError, match="no acknowledge"):
+        mcu.Mcu(line).rates()
+    assert line.now_s == pytest.approx(0.9)
