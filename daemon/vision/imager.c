@@ -9,6 +9,7 @@
 #include "base/log.h"
 #include "include/frame.h"
 #include "light/grid.h"
+#include "vision/change.h"
 #include "vision/merge.h"
 #include "vision/remap.h"
 
@@ -314,7 +315,9 @@ int lp_imager_accept(struct lp_imager *imager, float exposure_us)
 	imager->loaded = false;
 	lp_exposure_rescale(&imager->incoming, scale_of(&imager->incoming, exposure_us));
 	const struct lp_cells *before = slot->serial ? &slot->cells : imager->shown;
-	const bool changed = before && lp_imager_change(imager, before) > CHANGED;
+	const bool changed = before && imager->shown &&
+			     lp_cells_change(&imager->incoming.cells, before, imager->shown,
+					     imager->row_weight) > CHANGED;
 
 	*slot = imager->incoming;
 	imager->incoming = recycled;

@@ -39,9 +39,4 @@ struct lp_imager {
 	float (*pixels)[3]; /* of LP_REFINE_MAX_CELLS camera cells */
 };
 
-/* How much of the light known so far the loaded exposure shows elsewhere, or brighter or darker,
- * than `then` did, an earlier exposure of the same setting or all that is known: a share, 0 where
- * only noise differs. */
-float lp_imager_change(const struct lp_imager *imager, const struct lp_cells *then);
-
 #endif
