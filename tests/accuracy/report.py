@@ -11,7 +11,6 @@ import json
 import re
 import sys
 import tempfile
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -175,8 +174,8 @@ def main() -> None:
     count = options.procedural
     out, page = ROOT / "build/accuracy", ROOT / "docs/users/accuracy.md"
     out.mkdir(parents=True, exist_ok=True)
-    moving = live.all_figures(live.SCENES, list(live.MOTIONS), processes=2)
-    (out / "live.json").write_text(json.dumps([asdict(one) for one in moving], indent=2) + "\n")
+    moving = live.all_figures(live.cases(live.SCENES))
+    (out / "live.json").write_text(live.to_json(moving) + "\n")
     live.draw(moving, page.with_name("live.png"))
     live_parts = {"live": table(live.HEAD, live.rows(moving))}
     if options.only_live:

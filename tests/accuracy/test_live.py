@@ -1,71 +1,130 @@
 """The figures of `make accuracy` about turning cameras are what their names say."""
 
+from dataclasses import replace
+
+import judge
 import live
 import numpy as np
 import pytest
-from lightprobe import sh
-from lightprobe.estimate import Estimate, EstimateFlag, Light, SphericalHarmonics
+from judge import Coverage, Light, Packet
+from lightprobe import geometry, sh
+from lightprobe.estimate import Estimate, EstimateFlag, SphericalHarmonics
+from lightprobe.estimate import Light as Listed
 from lightprobe.sim.procedural import random_scene
-from lightprobe.sim.world import World
+from lightprobe.sim.room import Room
+from lightprobe.sim.scene import PanoramaScene
 
 pytestmark = pytest.mark.usefixtures("released_daemon")
+SCENE = random_scene(3)
+LIGHT = Light.of(SCENE)
+LAMPS = LIGHT.lamps
 
 
-def estimate(world: World, yaw_deg: float, *, flags: int = 0, gain: float = 1.0) -> Estimate:
-    """A perfect one of the world, turned; or too bright by a factor."""
-    truth = world.scenes[0].truth(np.ones(len(world.scenes[0].lamps)), yaw_deg)
+def estimate(yaw_deg: float, *, flags: int = 0, gain: float = 1.0) -> Estimate:
+    """A perfect one of the scene, turned; or too bright by a factor."""
+    truth = SCENE.truth(np.ones(len(SCENE.lamps)), yaw_deg)
     ambient = gain * truth.total.copy()
     lights = []
     for k, lamp in enumerate(truth.lamps):
-        lights.append(Light(k, lamp.direction, gain * lamp.irradiance, lamp.radius_deg))
-        ambient -= sh.lamp(lamp.direction, sh.order_of(ambient))[:, None] * lights[k].irradiance
+        power = gain * lamp.irradiance
+        lights.append(
+            Listed(k, lamp.direction, power, lamp.radius_deg, 0.01, 0.02 * lamp.irradiance)
+        )
+        ambient -= sh.lamp(lamp.direction, sh.order_of(ambient))[:, None] * power
     harmonics = SphericalHarmonics("AMBIENT", sh.order_of(ambient), ambient)
     lit = tuple(lights)
     return Estimate(1, 2, 3, 4, 500, EstimateFlag(flags), lit, harmonics, 0.01, None, 1, None)
 
 
+def packet(yaw_deg: float = 0, **changes) -> Packet:
+    return Packet(estimate(yaw_deg, **changes), yaw_deg)
+
+
 def test_perfect_estimates_are_judged_so_at_any_yaw() -> None:
-    world = World([random_scene(3)])
-    yaws = [0.0, 77.0, 200.0]
-    good = [estimate(world, yaw_deg) for yaw_deg in yaws]
-    found = live.figures(world, "30", "reported", good, yaws, good)
+    good = [packet(yaw_deg) for yaw_deg in (0.0, 77.0, 200.0)]
+    found = judge.judge(LIGHT, good, 4)
     assert found.error_median < 0.01
     assert found.wrong_and_healthy == found.births_per_s == 0
     assert found.healthy == 1
     assert found.ambient_step < 1e-6
-    late = live.figures(world, "30", "reported", good, [yaw - 60 for yaw in yaws], good)
-    assert late.error_median > 0.05
+    assert found.packets_per_s == 0.75
+    assert found.direction == found.irradiance == Coverage(3 * len(LAMPS), 1, 1)
+    assert found.relighting.within_3 == 1
+    late = [replace(one, yaw_deg=one.yaw_deg - 60) for one in good]
+    assert judge.judge(LIGHT, late, 4).error_median > 0.05
+    assert judge.ambient_step([good[0], replace(good[0], yaw_deg=90)], 1) > 0
 
 
 def test_wrong_is_told_from_wrong_and_flagged() -> None:
-    world = World([random_scene(3)])
-    bad = [estimate(world, 0, gain=1.5), estimate(world, 0, gain=1.5, flags=1)]
-    found = live.figures(world, "0", "reported", bad, [0, 0], bad)
-    assert found.wrong_and_healthy == 0.5
-    assert found.healthy == 0.5
+    more_lights, clipped = EstimateFlag.MORE_LIGHTS, EstimateFlag.CLIPPED
+    bad = [packet(gain=1.5, flags=flags) for flags in (0, more_lights, clipped, clipped)]
+    found = judge.judge(LIGHT, bad, 4)
+    assert found.wrong_and_healthy == found.healthy == 0.5
+    assert found.flags == {"MORE_LIGHTS": 0.25, "CLIPPED": 0.5}
+    assert found.relighting.within_3 == 0
+
+
+def test_a_stated_sigma_counts_as_a_statement() -> None:
+    one = packet(gain=1.5)
+    assert one.stated == 0.01
+    object.__setattr__(one.estimate, "relighting_sigma", 0.7)
+    assert one.stated == pytest.approx(np.hypot(0.01, 0.7))
+    found = judge.judge(LIGHT, [one], 4)
+    assert found.wrong_and_healthy == 0
+    assert found.relighting.within_1 == 1
 
 
 def test_births_and_steps_are_of_one_packet_to_the_next() -> None:
-    world = World([random_scene(3)])
-    one, other = estimate(world, 0), estimate(world, 0, gain=1.2)
-    renamed = tuple(
-        Light(9 + light.id, light.direction, light.irradiance, 1) for light in one.lights
+    one = packet()
+    lights = tuple(replace(light, id=9 + light.id) for light in one.estimate.lights)
+    gone = replace(one, estimate=replace(one.estimate, lights=lights))
+    assert judge.births([one, one, gone, gone]) == len(lights)
+    mean = float(np.mean(LIGHT.irradiance @ [0.2126, 0.7152, 0.0722]))
+    assert judge.ambient_step([one, packet(gain=1.2)], mean) > 0.05
+    assert judge.ambient_step([one, one], mean) == 0
+
+
+def test_sigmas_are_judged_lamp_by_lamp() -> None:
+    off = packet()
+    first, *others = off.estimate.lights
+    turn = geometry.rotation_matrix(
+        geometry.quaternion(np.cross(first.direction, others[0].direction), 0.025)
     )
-    gone = Estimate(1, 2, 3, 4, 500, EstimateFlag(0), renamed, one.sh, 0.01, None, 1, None)
-    assert live.births([one, one, gone, gone]) == len(one.lights)
-    assert live.ambient_step([one, other]) > 0.05
-    assert live.ambient_step([one, one]) == 0
+    first = replace(first, direction=turn @ first.direction, irradiance=1.05 * first.irradiance)
+    off = replace(off, estimate=replace(off.estimate, lights=(first, *others)))
+    found = judge.judge(LIGHT, [off], 4)
+    assert found.direction.within_1 == found.irradiance.within_1 == 1 - 1 / len(LAMPS)
+    assert found.direction.within_3 == found.irradiance.within_3 == 1
+
+
+def test_a_sun_must_be_listed() -> None:
+    sun = max(LAMPS, key=lambda lamp: lamp.irradiance.sum())
+    light = replace(LIGHT, sun=sun)
+    one = packet(50)
+    rest = tuple(
+        light for light in one.estimate.lights if light.direction @ one.turn @ sun.direction < 0.99
+    )
+    without = replace(one, estimate=replace(one.estimate, lights=rest))
+    assert judge.judge(light, [one, without], 4).sun_listed == 0.5
+    assert judge.judge(replace(light, sun=None), [one], 4).sun_listed is None
+
+
+def test_lamps_of_panoramas_are_no_truth() -> None:
+    room = Room()
+    drawn = room.render(512, 256).compose(np.ones(len(room.lamps)))
+    assert Light.of(room).lamps
+    assert Light.of(PanoramaScene.of("drawn", drawn)).lamps is None
 
 
 def test_a_turning_camera_does_not_call_a_wrong_estimate_healthy() -> None:
-    found = live.judge(random_scene(3), "100", "reported", size_px=(480, 240))
-    assert found.error_median > 0.05  # otherwise nothing is tested
-    assert found.wrong_and_healthy == 0
+    raw, default = live.run(live.Case(SCENE, "100", "reported", size_px=(480, 240)))
+    assert raw.figures.error_median > 0.05  # otherwise nothing is tested
+    assert raw.figures.wrong_and_healthy == default.figures.wrong_and_healthy == 0
 
 
 def test_a_still_room_is_right_all_the_time() -> None:
-    found = live.judge(random_scene(3), "0", "reported", size_px=(480, 240))
-    assert found.packets > 100
-    assert found.error_p90 < 0.1
-    assert found.healthy == 1
-    assert found.wrong_and_healthy == 0
+    for one in live.run(live.Case(SCENE, "0", "reported", size_px=(480, 240))):
+        assert one.figures.packets > 100
+        assert one.figures.error_p90 < 0.1
+        assert one.figures.healthy == 1
+        assert one.figures.wrong_and_healthy == 0
