@@ -273,18 +273,41 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    p.add_argument("--scene", nargs="+", default=list(SCENES), metavar="NAME",
-                   help="as lightprobe simulate names them, or part of a panorama's file name")  # fmt: skip
-    p.add_argument("--rates", type=_listed(list(MOTIONS), "rates"), default=list(MOTIONS),
-                   metavar="RATE,…", help=f"of {','.join(MOTIONS)}: °/s, or as heads turn")  # fmt: skip
-    p.add_argument("--exposures", type=_listed(list(EXPOSURES), "exposures"),
-                   default=list(EXPOSURES), metavar="KIND,…",
-                   help=f"of {','.join(EXPOSURES)}: whether frames tell theirs")  # fmt: skip
-    p.add_argument("--seconds", type=float, default=JUDGED_S,
-                   help=f"simulated seconds that are judged (default {JUDGED_S:g})")  # fmt: skip
+    p.add_argument(
+        "--scene",
+        nargs="+",
+        default=list(SCENES),
+        metavar="NAME",
+        help="as lightprobe simulate names them, or part of a panorama's file name",
+    )
+    p.add_argument(
+        "--rates",
+        type=_listed(list(MOTIONS), "rates"),
+        default=list(MOTIONS),
+        metavar="RATE,…",
+        help=f"of {','.join(MOTIONS)}: °/s, or as heads do",
+    )
+    p.add_argument(
+        "--exposures",
+        type=_listed(list(EXPOSURES), "exposures"),
+        default=list(EXPOSURES),
+        metavar="KIND,…",
+        help=f"of {','.join(EXPOSURES)}: whether frames tell theirs",
+    )
+    p.add_argument(
+        "--seconds",
+        type=float,
+        default=JUDGED_S,
+        help=f"simulated seconds that are judged (default {JUDGED_S:g})",
+    )
     p.add_argument("--daemon", type=Path, help="lightprobed to judge (default: of the build)")
-    p.add_argument("--daemon-args", type=shlex.split, default=[], metavar="'ARG …'",
-                   help="more options of the daemon: --daemon-args='--preset=fast'")  # fmt: skip
+    p.add_argument(
+        "--daemon-args",
+        type=shlex.split,
+        default=[],
+        metavar="'ARG …'",
+        help="more options of the daemon: --daemon-args='--preset=fast'",
+    )
     p.add_argument("--processes", type=int, default=2, help="runs at a time (default 2)")
     p.add_argument("--json", action="store_true", help="print all figures instead of tables")
     return p
