@@ -41,6 +41,7 @@ class Packet:
 
     estimate: Estimate
     yaw_deg: float
+    captured_s: float = 0.0  # in the simulated world's time
 
     @property
     def turn(self) -> Array:

@@ -18,6 +18,7 @@ pytestmark = pytest.mark.usefixtures("released_daemon")
 SCENE = random_scene(3)
 LIGHT = Light.of(SCENE)
 LAMPS = LIGHT.lamps
+SMALL_PX = (480, 240)
 
 
 def estimate(yaw_deg: float, *, flags: int = 0, gain: float = 1.0) -> Estimate:
@@ -117,13 +118,13 @@ def test_lamps_of_panoramas_are_no_truth() -> None:
 
 
 def test_a_turning_camera_does_not_call_a_wrong_estimate_healthy() -> None:
-    raw, default = live.run(live.Case(SCENE, "100", "reported", size_px=(480, 240)))
+    raw, default = live.judged(live.case(SCENE, "100", "reported", size_px=SMALL_PX))
     assert raw.figures.error_median > 0.05  # otherwise nothing is tested
     assert raw.figures.wrong_and_healthy == default.figures.wrong_and_healthy == 0
 
 
 def test_a_still_room_is_right_all_the_time() -> None:
-    for one in live.run(live.Case(SCENE, "0", "reported", size_px=(480, 240))):
+    for one in live.judged(live.case(SCENE, "0", "reported", size_px=SMALL_PX)):
         assert one.figures.packets > 100
         assert one.figures.error_p90 < 0.1
         assert one.figures.healthy == 1

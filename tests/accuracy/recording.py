@@ -1,0 +1,159 @@
+"""Packets of a daemon before a simulated camera, in simulated time: no load changes them."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import shlex
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+from judge import Packet
+from lightprobe.errors import LightprobeError, UsageError
+from lightprobe.estimate import Estimate
+from lightprobe.imaging import camera as lenses
+from lightprobe.imaging.image import HDR_SUFFIXES
+from lightprobe.sim import scenes
+from lightprobe.sim.camera import SimulatedCamera
+from lightprobe.sim.faults import Faults
+from lightprobe.sim.live import LiveProbe
+from lightprobe.sim.scene import Scene
+from lightprobe.sim.world import Behaviour, World
+from lightprobe.wire import Subscription
+
+#: Where a bare name is looked for besides: panoramas beside the checkout, if there are any.
+MORE_PANORAMAS = Path(__file__).resolve().parents[3] / "shared/data/hdri"
+#: As most tests have it: a quarter of full scale in 1/120 s.
+MEDIAN_RADIANCE = 30.0
+SIZE_PX, RATE_HZ = (1920, 960), 30.0
+#: Until the exposures have settled.
+SETTLE_S = 2.0
+
+EXPOSURES = {"reported": Faults(), "unreported": Faults(hide_exposure=1)}
+SUBSCRIPTIONS = {
+    "raw": Subscription(smoothing="RAW", max_lights=8, sh_order=4),
+    "default": Subscription(),
+}
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run of the daemon."""
+
+    scene: Scene
+    behaviour: Behaviour = field(default_factory=lambda: Behaviour(act_s=0))
+    exposures: str = "reported"
+    judged_s: float = 4.0
+    size_px: tuple[int, int] = SIZE_PX
+    daemon_arguments: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """The world, and what each subscriber got after the exposures had settled."""
+
+    world: World
+    packets: dict[str, list[Packet]]
+
+
+def record(run: Run) -> Recording:
+    """Run a daemon before a scene."""
+    cv2.setNumThreads(1)
+    world = World([run.scene], run.behaviour, MEDIAN_RADIANCE)
+    camera = SimulatedCamera(world, lenses.load("equirect"), run.size_px, rate_hz=RATE_HZ)
+    with LiveProbe(camera, run.daemon_arguments, faults=EXPOSURES[run.exposures]) as probe:
+        clients = {name: probe.client(wish) for name, wish in SUBSCRIPTIONS.items()}
+        probe.run(SETTLE_S)
+        before = {name: len(client.estimates) for name, client in clients.items()}
+        probe.run(run.judged_s)
+
+        def packet(estimate: Estimate) -> Packet:
+            t_s = probe.captured_s(estimate)
+            return Packet(estimate, camera.true_yaw_deg(world.at(t_s)), t_s)
+
+        return Recording(
+            world,
+            {
+                name: [packet(one) for one in client.estimates[before[name] :]]
+                for name, client in clients.items()
+            },
+        )
+
+
+def find(names: Sequence[str]) -> list[Scene]:
+    """Scenes as `lightprobe` names them, or panoramas by a part of their file's name."""
+    found: list[Scene] = []
+    for name in names:
+        try:
+            found += scenes.load([name])
+        except LightprobeError:
+            files = _panoramas(name)
+            if not files:
+                raise
+            found += scenes.load(map(str, files))
+    return found
+
+
+def _panoramas(part: str) -> list[Path]:
+    folders = [scenes.panorama_folder(), MORE_PANORAMAS]
+    files = [file for folder in folders if folder.is_dir() for file in sorted(folder.iterdir())]
+    return [file for file in files if file.suffix.lower() in HDR_SUFFIXES and part in file.stem]
+
+
+def listed(known: Sequence[str], what: str) -> Callable[[str], list[str]]:
+    """Give a parser of an option's comma-separated names."""
+
+    def parse(text: str) -> list[str]:
+        names = text.split(",")
+        if unknown := [name for name in names if name not in known]:
+            raise argparse.ArgumentTypeError(
+                f"{what} {', '.join(unknown)}: known are {','.join(known)}"
+            )
+        return names
+
+    return parse
+
+
+def add_options(parser: argparse.ArgumentParser, names: Sequence[str]) -> None:
+    """What live.py and changes.py have in common; `names`: scenes unless told."""
+    add = parser.add_argument
+    add("--scene", nargs="+", default=list(names), metavar="NAME",
+        help="as lightprobe simulate names them, or part of a panorama's file name")  # fmt: skip
+    add("--exposures", type=listed(list(EXPOSURES), "exposures"), default=list(EXPOSURES),
+        metavar="KIND,…", help=f"of {','.join(EXPOSURES)}: whether frames tell theirs")  # fmt: skip
+    add("--daemon", type=Path, help="lightprobed to judge (default: of the build)")
+    add("--daemon-args", type=shlex.split, default=[], metavar="'ARG …'",
+        help="more options of the daemon: --daemon-args='--preset=fast'")  # fmt: skip
+    add("--processes", type=int, default=2, help="runs at a time (default 2)")
+    add("--json", action="store_true", help="print all figures instead of tables")
+
+
+def use_daemon(path: Path | None) -> None:
+    """Judge this lightprobed; UsageError when it is none."""
+    if path is None:
+        return
+    if not (path.is_file() and os.access(path, os.X_OK)):
+        raise UsageError(f"--daemon {path}: no program: build it first")
+    os.environ["LIGHTPROBED"] = str(path.resolve())
+
+
+def to_json(found: Sequence[Any]) -> str:
+    """All fields of dataclasses; what is not finite is null."""
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: plain(one) for key, one in value.items()}
+        return None if isinstance(value, float) and not math.isfinite(value) else value
+
+    return json.dumps([plain(asdict(one)) for one in found], indent=2)
+
+
+def markdown(head: Sequence[str], body: Sequence[Sequence[str]]) -> str:
+    """Table."""
+    lines = [head, ["---"] * len(head), *body]
+    return "\n".join("| " + " | ".join(row) + " |" for row in lines)

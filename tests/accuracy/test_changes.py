@@ -1,0 +1,89 @@
+"""The figures of `make accuracy` about lamps that change are what their names say."""
+
+import json
+from collections.abc import Callable
+
+import changes
+import numpy as np
+import pytest
+import recording
+from judge import Packet
+from lightprobe.estimate import Estimate, EstimateFlag, Light, SphericalHarmonics
+from lightprobe.sim.procedural import random_scene
+from lightprobe.sim.room import Room
+from lightprobe.sim.scene import Scene
+from lightprobe.sim.world import Behaviour, World
+
+pytestmark = pytest.mark.usefixtures("released_daemon")
+SCENE = random_scene(2)
+WHERE = ("a scene", "reported", "raw")
+BEHAVIOUR = Behaviour(act_s=0, switch_s=changes.SWITCH_S)
+FRAMES = np.arange(2 * 30, 8 * 30)
+
+
+def packet(scene: Scene, t_s: float, powers: np.ndarray, flags: int = 0) -> Packet:
+    """All of the light as lamps on black."""
+    lights = tuple(
+        Light(k, lamp.direction, power * lamp.irradiance, lamp.radius_deg)
+        for k, (lamp, power) in enumerate(zip(scene.lamps, powers, strict=True))
+    )
+    black = SphericalHarmonics("AMBIENT", 0, np.zeros((1, 3)))
+    return Packet(
+        Estimate(1, 2, 3, 4, 500, EstimateFlag(flags), lights, black, 0.01, None, 1, None), 0, t_s
+    )
+
+
+def followed(by: Callable[[World, float], np.ndarray], flags: int = 0) -> changes.Step:
+    world = World([SCENE], BEHAVIOUR)
+    packets = [packet(SCENE, frame / 30 + 1e-3, by(world, frame / 30), flags) for frame in FRAMES]
+    return changes.steps(world, packets, WHERE)
+
+
+def test_frames_until_a_change_shows_are_counted() -> None:
+    assert followed(lambda world, t_s: world.at(t_s).powers).frames_worst == 1
+    late = followed(lambda world, t_s: world.at(t_s - 4 / 30).powers)
+    assert late.frames_median == late.frames_worst == 5
+    assert late.overshoot_worst < 1e-9
+    assert late.announced == 0
+    assert late.changes == 2  # at 4 and 6 s: of the light before 2 s nothing is known
+    flagged = followed(lambda world, t_s: world.at(t_s - 4 / 30).powers, EstimateFlag.CLIPPED)
+    assert flagged.announced == 1
+
+
+def test_overshoot_is_of_the_change() -> None:
+    def eager(world: World, t_s: float) -> np.ndarray:
+        now, before = world.at(t_s).powers, world.at(t_s - 0.1).powers
+        return now + 0.3 * (now - before)
+
+    assert followed(eager).overshoot_worst == pytest.approx(0.3, abs=1e-6)
+
+
+def test_a_change_that_never_shows_took_for_ever() -> None:
+    def stuck(world: World, t_s: float) -> np.ndarray:
+        return world.at(0).powers * (1 + 1e-3 * (t_s % 0.1))
+
+    found = followed(stuck)
+    assert found.frames_median == np.inf
+    assert found.error_settled > 0.05
+    assert json.loads(recording.to_json([found]))[0]["frames_median"] is None
+
+
+def test_ripple_is_of_the_strongest_lamp() -> None:
+    world = World([SCENE], Behaviour(act_s=0))
+    powers = [1.2, 0.8, 1.2, 0.8]
+    packets = [packet(SCENE, k, np.full(len(SCENE.lamps), p)) for k, p in enumerate(powers)]
+    found = changes.flicker(world, packets, WHERE, 100)
+    assert found.ripple == pytest.approx(0.2)
+    assert found.bias == pytest.approx(0)
+    assert found.listed == 1
+    none = changes.flicker(world, [packet(SCENE, 0, np.zeros(len(SCENE.lamps)))], WHERE, 100)
+    assert none.bias == -1
+
+
+def test_a_daemon_follows_switches() -> None:
+    switched, *_ = changes.of_scene(Room(), "reported", size_px=(480, 240))
+    for one in changes.judged(switched):
+        assert isinstance(one, changes.Step)
+        assert one.changes == 4
+        assert np.isfinite(one.frames_worst)
+        assert one.error_settled < 0.1
