@@ -42,7 +42,14 @@ struct lp_frame {
 	float gain;	       /* linear factor, 1 = base sensitivity; NAN: unknown */
 	float wheel_deg;       /* polarizer angle during the exposure; NAN: no wheel, or unknown */
 	float wheel_sigma_deg; /* 1 sigma; NAN: unknown */
-	uint32_t flags;	       /* enum lp_frame_flag */
+	/* What the source itself knows of its orientation: x y z w, turns the probe's frame into
+	 * one that does not move, at the middle of the exposure of the middle row; all NAN:
+	 * unknown. */
+	float orientation[4];
+	float orientation_sigma_deg; /* 1 sigma; NAN: unknown */
+	float row_time_us; /* the exposure of each row begins so much later than that of the row
+			    * above; 0: all at once; NAN: unknown */
+	uint32_t flags;	   /* enum lp_frame_flag */
 	void (*release)(struct lp_frame *frame);
 };
 

@@ -71,9 +71,11 @@ class Camera:
 
     def frame(self):
         names = ["magic", "header", "size", "format", "width", "height", "stride", "sequence",
-                 "t_start_ns", "exposure_us", "gain", "flags", "reserved"]  # fmt: skip
-        header = dict(zip(names, HEADER.unpack(self.bytes(64)), strict=True))
-        assert (header["magic"], header["header"]) == (MAGIC, 64)
+                 "t_start_ns", "exposure_us", "gain", "flags", "reserved", "x", "y", "z", "w",
+                 "orientation_sigma_deg", "row_time_us", "exposure_min_us", "exposure_max_us",
+                 "exposure_step_us"]  # fmt: skip
+        header = dict(zip(names, HEADER.unpack(self.bytes(100)), strict=True))
+        assert (header["magic"], header["header"]) == (MAGIC, 100)
         return header, self.bytes(header["size"])
 
     def frames(self, number):
@@ -96,13 +98,31 @@ def test_frames_are_pictures_with_their_time_and_exposure(tmp_path):
 
 
 def test_header_is_the_one_in_the_contract():
-    assert HEADER.size == 64
-    offsets = [0, 4, 8, 16, 20, 24, 28, 32, 40, 48, 52, 56, 60]
-    parts = ["4s", "I", "Q", "4s", "I", "I", "I", "Q", "q", "f", "f", "I", "I"]
+    assert HEADER.size == 100
+    offsets = [0, 4, 8, 16, 20, 24, 28, 32, 40, 48, 52, 56, 60, 64, 80, 84, 88]
+    parts = [
+        "4s",
+        "I",
+        "Q",
+        "4s",
+        "I",
+        "I",
+        "I",
+        "Q",
+        "q",
+        "f",
+        "f",
+        "I",
+        "I",
+        "4f",
+        "f",
+        "f",
+        "3f",
+    ]
     assert HEADER.format == "<" + "".join(parts)
     import struct
 
-    assert [struct.calcsize("<" + "".join(parts[:k])) for k in range(13)] == offsets
+    assert [struct.calcsize("<" + "".join(parts[:k])) for k in range(17)] == offsets
 
 
 def test_the_same_seed_repeats_every_byte(tmp_path):
@@ -122,13 +142,13 @@ def test_exposure_commands_land_late(tmp_path, delay):
     with simulator(tmp_path, "--delay-frames", str(delay), "--rate", "5") as (path, _), \
             Camera(path) as camera:  # fmt: skip
         before = camera.frame()[0]
-        camera.send("exposure 250 2\n")
+        camera.send("exposure 340 2\n")  # UVC counts in steps of 100 µs
         after = camera.frames(delay + 4)
-        landed = next(h for h, _ in after if h["exposure_us"] == 250)
+        landed = next(h for h, _ in after if h["exposure_us"] == 300)
         assert landed["gain"] == 2
         # The frame under exposure when the command comes is not counted.
         assert landed["sequence"] - before["sequence"] in (delay + 1, delay + 2)
-        assert all(h["exposure_us"] == 250 for h, _ in after if h["sequence"] > landed["sequence"])
+        assert all(h["exposure_us"] == 300 for h, _ in after if h["sequence"] > landed["sequence"])
 
 
 def test_exposure_changes_the_picture(tmp_path):
@@ -139,8 +159,17 @@ def test_exposure_changes_the_picture(tmp_path):
         assert dark < 0.3 * bright
 
 
+def test_limits_of_exposure_are_told(tmp_path):
+    with simulator(tmp_path, "--exposure-max-us", "5000") as (path, _), Camera(path) as camera:
+        header, _ = camera.frame()
+        names = ("exposure_min_us", "exposure_max_us", "exposure_step_us")
+        assert [header[name] for name in names] == [100, 5000, 100]
+        assert header["exposure_us"] == 5000
+
+
 def test_bracket_cycles(tmp_path):
-    with simulator(tmp_path, "--bracket", "3") as (path, _), Camera(path) as camera:
+    fine = ("--exposure-min-us", "1", "--exposure-step-us", "0")
+    with simulator(tmp_path, "--bracket", "3", *fine) as (path, _), Camera(path) as camera:
         frames = camera.frames(7)
         ladder = sorted({h["exposure_us"] for h, _ in frames}, reverse=True)
         assert np.divide(ladder[:-1], ladder[1:]) == pytest.approx(16, rel=1e-3)
@@ -188,7 +217,7 @@ def test_misbehaviour_on_request(tmp_path):
             header, _ = camera.frame()
             assert time.monotonic_ns() - header["t_start_ns"] > 300e6
         with Camera(path, "ignore_exposure=1") as camera:
-            camera.send("exposure 250 2\n")
+            camera.send("exposure 340 2\n")  # UVC counts in steps of 100 µs
             assert all(h["exposure_us"] != 250 for h, _ in camera.frames(8))
         with Camera(path, "disconnect_after=3") as camera:
             camera.frames(3)

@@ -176,6 +176,9 @@ static inline struct lp_frame *new_frame(enum lp_pixel_format format, int width,
 				   .gain = NAN,
 				   .wheel_deg = NAN,
 				   .wheel_sigma_deg = NAN,
+				   .orientation = {NAN, NAN, NAN, NAN},
+				   .orientation_sigma_deg = NAN,
+				   .row_time_us = NAN,
 				   .release = free_test_frame};
 	return frame;
 }

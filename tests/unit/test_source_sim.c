@@ -112,6 +112,71 @@ static void test_bad_headers(void **state)
 	assert_int_equal(header.flags, LP_FRAME_CORRUPT);
 }
 
+/* A header with everything that was added: orientation, sigma, row time, limits of exposure. */
+static void make_long_header(uint8_t data[LP_SIM_HEADER_KNOWN_BYTES], uint32_t header_bytes,
+			     const float more[9])
+{
+	make_header(data, "GREY", 6, 4, 24);
+	memcpy(data + 4, &header_bytes, 4);
+	memcpy(data + LP_SIM_HEADER_BYTES, more, 9 * sizeof(float));
+}
+
+static struct lp_sim_header parsed(uint32_t header_bytes, const float more[9])
+{
+	uint8_t data[LP_SIM_HEADER_KNOWN_BYTES];
+	struct lp_sim_header header;
+
+	make_long_header(data, header_bytes, more);
+	assert_null(lp_sim_header_parse(data, &header));
+	lp_sim_header_parse_more(data, &header);
+	return header;
+}
+
+#define ORIENTATION 0.5F, -0.5F, 0.5F, 0.5F
+static const float all_more[9] = {ORIENTATION, 0.25F, 12.5F, 100, 33000, 50};
+
+static void test_what_was_added_to_headers(void **state)
+{
+	struct lp_sim_header header = parsed(LP_SIM_HEADER_KNOWN_BYTES, all_more);
+
+	(void)state;
+	assert_true(header.orientation[0] == 0.5F && header.orientation[1] == -0.5F &&
+		    header.orientation[2] == 0.5F && header.orientation[3] == 0.5F);
+	assert_true(header.orientation_sigma_deg == 0.25F && header.row_time_us == 12.5F);
+	assert_true(header.exposure_min_us == 100 && header.exposure_max_us == 33000 &&
+		    header.exposure_step_us == 50);
+	/* each of them only when all of it is there */
+	header = parsed(99, all_more);
+	assert_true(header.row_time_us == 12.5F && isnan(header.exposure_min_us) &&
+		    isnan(header.exposure_max_us) && isnan(header.exposure_step_us));
+	header = parsed(87, all_more);
+	assert_true(header.orientation[3] == 0.5F && isnan(header.row_time_us));
+	header = parsed(LP_SIM_HEADER_BYTES, all_more);
+	assert_true(isnan(header.orientation[0]) && isnan(header.orientation_sigma_deg));
+}
+
+static void test_added_numbers_that_make_no_sense_are_not_said(void **state)
+{
+	static const float cases[][9] = {
+		{NAN, -0.5F, 0.5F, 0.5F, 1, -1, 33000, 100, 50},
+		{ORIENTATION, -1, INFINITY, 100, NAN, 50},
+		{0, 0, 0, 0, 1, NAN, 0, 33000, 50},
+		{2, 0, 0, 0, 1, 1e12F, 100, 1e12F, 50},
+	};
+
+	(void)state;
+	for (size_t i = 0; i < LP_COUNT(cases); i++) {
+		const struct lp_sim_header header = parsed(LP_SIM_HEADER_KNOWN_BYTES, cases[i]);
+
+		for (size_t k = 0; k < 4; k++)
+			assert_true(i == 1 ? header.orientation[k] == cases[i][k]
+					   : isnan(header.orientation[k]));
+		assert_true(isnan(header.orientation_sigma_deg) && isnan(header.row_time_us));
+		assert_true(isnan(header.exposure_min_us) && isnan(header.exposure_max_us) &&
+			    isnan(header.exposure_step_us));
+	}
+}
+
 /* ---------------------------------------------------------------- link */
 
 static char path[64];
@@ -122,6 +187,7 @@ static struct {
 	int64_t start_ns;
 	uint64_t sequence;
 	uint8_t first_byte;
+	float orientation[4], row_time_us;
 	enum lp_source_state state;
 	char reason[512];
 } heard;
@@ -134,6 +200,8 @@ static void on_frame(void *context, struct lp_frame *frame)
 	heard.sequence = frame->sequence;
 	heard.start_ns = frame->t_start_ns;
 	heard.first_byte = frame->data[0];
+	memcpy(heard.orientation, frame->orientation, sizeof(heard.orientation));
+	heard.row_time_us = frame->row_time_us;
 	lp_frame_release(frame);
 }
 
@@ -264,25 +332,56 @@ static void test_hello_frames_and_exposure(void **state)
 	assert_string_equal(read_lines(), "exposure 2500 1.5\n");
 }
 
-static void test_frame_in_single_bytes_and_longer_header(void **state)
+/* A frame with a header of any length, a byte at a time. */
+static void send_in_single_bytes(uint32_t header_bytes, uint8_t letter)
 {
-	uint8_t data[LP_SIM_HEADER_BYTES + 16 + 24];
-	const uint32_t header_bytes = LP_SIM_HEADER_BYTES + 16;
+	uint8_t data[LP_SIM_HEADER_KNOWN_BYTES + 16 + 24];
+
+	make_long_header(data, header_bytes, all_more);
+	memset(data + LP_SIM_HEADER_KNOWN_BYTES, 'x', 16);
+	memset(data + header_bytes, letter, 24);
+	for (size_t i = 0; i < header_bytes + 24; i++) {
+		assert_int_equal(write(peer, data + i, 1), 1);
+		dispatch(1000);
+	}
+}
+
+static void test_frames_in_single_bytes_with_headers_of_any_length(void **state)
+{
+	static const uint32_t lengths[] = {64, 65, 84, 88, 99, 100, 101, 116};
 
 	(void)state;
 	start_simulator();
 	assert_int_equal(lp_source_sim_ops.start(source), 0);
 	accept_peer();
-	make_header(data, "GREY", 6, 4, 24);
-	memcpy(data + 4, &header_bytes, 4);
-	memset(data + LP_SIM_HEADER_BYTES, 'x', 16);
-	memset(data + header_bytes, 'p', 24);
-	for (size_t i = 0; i < sizeof(data); i++) {
-		assert_int_equal(write(peer, data + i, 1), 1);
-		dispatch(1000);
+	for (size_t i = 0; i < LP_COUNT(lengths); i++) {
+		send_in_single_bytes(lengths[i], (uint8_t)('a' + i));
+		pump_frames((int)i + 1);
+		assert_int_equal(heard.first_byte, 'a' + i);
+		assert_true(lengths[i] < 84 ? isnan(heard.orientation[0])
+					    : heard.orientation[1] == -0.5F);
+		assert_true(lengths[i] < 88 ? isnan(heard.row_time_us)
+					    : heard.row_time_us == 12.5F);
 	}
+	assert_int_equal(heard.corrupt, 0);
+}
+
+static void test_limits_of_exposure_are_told(void **state)
+{
+	struct lp_source_caps caps;
+
+	(void)state;
+	start_simulator();
+	assert_int_equal(lp_source_sim_ops.start(source), 0);
+	accept_peer();
+	lp_source_sim_ops.caps(source, &caps);
+	assert_true(isnan(caps.exposure_min_us) && isnan(caps.exposure_max_us));
+	assert_true(caps.exposure_step_us == 0);
+	send_in_single_bytes(LP_SIM_HEADER_KNOWN_BYTES, 'a');
 	pump_frames(1);
-	assert_int_equal(heard.first_byte, 'p');
+	lp_source_sim_ops.caps(source, &caps);
+	assert_true(caps.exposure_min_us == 100 && caps.exposure_max_us == 33000);
+	assert_true(caps.exposure_step_us == 50);
 }
 
 static void test_absent_then_there_then_gone_then_back(void **state)
@@ -394,8 +493,11 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_header_of_every_format),
 		cmocka_unit_test(test_bad_headers),
+		cmocka_unit_test(test_what_was_added_to_headers),
+		cmocka_unit_test(test_added_numbers_that_make_no_sense_are_not_said),
 		LINK_TEST(test_hello_frames_and_exposure),
-		LINK_TEST(test_frame_in_single_bytes_and_longer_header),
+		LINK_TEST(test_frames_in_single_bytes_with_headers_of_any_length),
+		LINK_TEST(test_limits_of_exposure_are_told),
 		LINK_TEST(test_absent_then_there_then_gone_then_back),
 		LINK_TEST(test_garbage_ends_the_link_not_the_daemon),
 		LINK_TEST(test_corrupt_frames_are_marked),

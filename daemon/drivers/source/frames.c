@@ -37,6 +37,9 @@ struct lp_owned_frame *lp_owned_frame_take(struct lp_pool *pool, bool wait)
 		.gain = NAN,
 		.wheel_deg = NAN,
 		.wheel_sigma_deg = NAN,
+		.orientation = {NAN, NAN, NAN, NAN},
+		.orientation_sigma_deg = NAN,
+		.row_time_us = NAN,
 		.release = release,
 	};
 	return owned;

@@ -22,6 +22,7 @@ from lightprobe.sim import scenes
 from lightprobe.sim.box import FIRMWARES, Box, Illumination
 from lightprobe.sim.camera import FORMATS, Shot, SimulatedCamera
 from lightprobe.sim.control import Control, Handler, require_unix_sockets
+from lightprobe.sim.exposure import ExposureLimits
 from lightprobe.sim.illuminance import RingLight
 from lightprobe.sim.link import Exposure, Link, Surroundings
 from lightprobe.sim.polarizer import Sheet
@@ -31,6 +32,8 @@ from lightprobe.sim.world import Behaviour, World
 
 #: Median radiance that scenes are brought to: a quarter of full scale in 1/120 s.
 MEDIAN_RADIANCE = 30.0
+
+_exposure = check.number(0, 1e9, "microseconds", above=True)
 
 
 def command(
@@ -105,9 +108,26 @@ def command(
         float | None,
         typer.Option(
             callback=check.number(0, 1e9, "microseconds", above=True),
-            help="Fixed exposure; default: automatic until commanded.",
+            help="Fixed exposure, whatever the limits; default: automatic until commanded.",
         ),
     ] = None,
+    exposure_min_us: Annotated[
+        float,
+        typer.Option(callback=_exposure, help="Shortest exposure that can be commanded."),
+    ] = ExposureLimits.least_us,
+    exposure_max_us: Annotated[
+        float,
+        typer.Option(
+            callback=_exposure, help="Longest one; never longer than the time between frames."
+        ),
+    ] = ExposureLimits.most_us,
+    exposure_step_us: Annotated[
+        float,
+        typer.Option(
+            callback=check.number(0, 1e9, "microseconds"),
+            help="Commands are rounded to this; 0: they are not.",
+        ),
+    ] = ExposureLimits.step_us,
     bracket: Annotated[
         int,
         typer.Option(min=1, max=8, help="Number of exposures that automatic mode cycles through."),
@@ -228,6 +248,7 @@ def command(
     if firmware == "none":
         misbehaviour.Faults().merged(faults)
     size_px, kind = parse_size(size), parse_format(pixel_format)
+    limits = ExposureLimits(exposure_min_us, exposure_max_us, exposure_step_us)
     curve = None if response is None else responses.parse(response)
     optics = lenses.load(lens)
     polarizer = polarizer_deg is not None or firmware != "none"
@@ -239,7 +260,7 @@ def command(
         world, optics, size_px, rate_hz=rate_hz, pixel_format=kind, quality=quality, chroma=chroma,
         seed=seed,
         model=SensorModel(full_well_e, read_noise_e), sheet=Sheet() if polarizer else None,
-        response=curve,
+        response=curve, limits=limits,
     )  # fmt: skip
     fixed = None if exposure_us is None else Shot(exposure_us)
     exposure = Exposure(simulated, bracket, fixed, delay_frames)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lightprobe import geometry
 from lightprobe.geometry import Array
 from lightprobe.imaging.camera import Camera
-from lightprobe.sim.exposure import bracket_us, median_luminance
+from lightprobe.sim.exposure import ExposureLimits, bracket_us, median_luminance
 from lightprobe.sim.polarizer import Polarizer, Sheet
 from lightprobe.sim.sensor import Codes, Expected, Sensor, SensorModel, encode_jpeg
 from lightprobe.sim.world import State, World
@@ -25,7 +25,6 @@ Composed = tuple[NDArray[np.float32], NDArray[np.float32] | None]
 FORMATS = ("MJPG", "YUYV", "NV12", "GREY", "RGBF")
 #: Noiseless signals kept: a bracket of the scene before and after a lamp is switched.
 _CACHED = 12
-_LEAST_EXPOSURE_US = 1.0
 #: Pictures that are looked up, not rolled, are the mean of moments so many pixels apart.
 _SMEAR_STEP_PX, _MOST_SMEAR_STEPS = 2, 16
 
@@ -55,13 +54,16 @@ class SimulatedCamera:
         model: SensorModel | None = None,
         sheet: Sheet | None = None,
         response: Array | None = None,
+        limits: ExposureLimits | None = None,
     ) -> None:
         """`size_px` (width, height), both even for YUYV and NV12; `sheet`: of a polarizer.
 
         `response`: linear light (256, 3) of each code; None: as the camera file of the lens says.
+        `limits`: of exposures at any frame rate; None: those of :class:`ExposureLimits`.
         """
         self.world, self.lens, self.size_px = world, lens, size_px
         self.rate_hz, self.pixel_format = rate_hz, pixel_format
+        self.limits = (limits or ExposureLimits()).at(rate_hz)
         self.quality, self.chroma = quality, chroma
         self.sensor = Sensor(
             *size_px, model, lens.response_table() if response is None else response, seed
@@ -85,16 +87,15 @@ class SimulatedCamera:
     def automatic(self, frame: int, count: int = 1) -> list[Shot]:
         """Exposures that the camera would choose by itself: a bracket around the scene's median.
 
-        No exposure is longer than the frame period.
+        All are within :attr:`limits`.
         """
         state = self.world.at(frame / self.rate_hz)
         if state.act not in self._medians:
             radiance = self._layers[state.act].compose(np.ones(len(state.scene.lamps)))
             self._medians[state.act] = max(self.gain * median_luminance(radiance), 1e-9)
-        longest = 1e6 / self.rate_hz
         exposures_us = bracket_us(self._medians[state.act], count)
-        scale = min(1.0, longest / exposures_us[0])
-        return [Shot(max(scale * us, _LEAST_EXPOSURE_US)) for us in exposures_us]
+        scale = min(1.0, self.limits.most_us / exposures_us[0])
+        return [Shot(self.limits.nearest(scale * us)) for us in exposures_us]
 
     @property
     def gain(self) -> float:

@@ -12,7 +12,7 @@ import sys
 import threading
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol, TextIO
 
@@ -24,7 +24,8 @@ from lightprobe.sim.clock import Clock, SystemClock
 from lightprobe.sim.faults import Faults
 from lightprobe.sim.world import State
 
-HEADER = struct.Struct("<4sIQ4sIIIQqffII")
+#: Orientation x y z w and its sigma, row time, and limits of exposure follow what was there first.
+HEADER = struct.Struct("<4sIQ4sIIIQqffII4fff3f")
 MAGIC = b"LPF1"
 MARKED_CORRUPT = 1
 _SEND_TIMEOUT_S = 2.0
@@ -57,9 +58,10 @@ class Exposure:
     _pending: deque[tuple[int, Shot]] = field(default_factory=deque)
 
     def command(self, shot: Shot, next_frame: int, delay_frames: int) -> None:
-        """Take a command that arrives before `next_frame` is exposed."""
+        """Take a command that arrives before `next_frame` is exposed, within the limits."""
         delay = self.delay_frames if delay_frames < 0 else delay_frames
-        self._pending.append((next_frame + delay, shot))
+        possible = replace(shot, exposure_us=self.camera.limits.nearest(shot.exposure_us))
+        self._pending.append((next_frame + delay, possible))
 
     def shot(self, frame: int) -> Shot:
         """Exposure of a frame."""
@@ -347,6 +349,8 @@ class _Session:
             math.nan if f.hide_exposure else ready.shot.exposure_us,
             math.nan if f.hide_exposure else ready.shot.gain,
             MARKED_CORRUPT if rng.random() < f.marked else 0, 0,
+            *[math.nan] * 6,  # orientation and row time
+            camera.limits.least_us, camera.limits.most_us, camera.limits.step_us,
         )  # fmt: skip
         self.frames += 1
         if f.cut_after and self.frames >= f.cut_after:

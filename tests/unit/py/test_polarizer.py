@@ -12,6 +12,7 @@ from lightprobe.imaging import camera
 from lightprobe.imaging.camera import Camera, Lens
 from lightprobe.sim import scenes
 from lightprobe.sim.camera import Shot, SimulatedCamera
+from lightprobe.sim.exposure import ExposureLimits
 from lightprobe.sim.polarized import PolishedFloor, Sky, StokesPanorama, fresnel, pixel_frame
 from lightprobe.sim.polarizer import Polarizer, Sheet
 from lightprobe.sim.procedural import random_scene
@@ -249,8 +250,9 @@ def test_codes_follow_the_wheel_only_where_light_is_polarized(lens: Camera) -> N
 
 def test_automatic_exposure_makes_up_for_the_polarizer() -> None:
     world = World([random_scene(1)], None, 30.0)
-    bare = SimulatedCamera(world, camera.equirect(), SIZE)
-    through = SimulatedCamera(world, camera.equirect(), SIZE, sheet=SHEET)
+    finely = ExposureLimits(1, 33000, 0)
+    bare = SimulatedCamera(world, camera.equirect(), SIZE, limits=finely)
+    through = SimulatedCamera(world, camera.equirect(), SIZE, sheet=SHEET, limits=finely)
     shots = bare.automatic(0)[0], through.automatic(0)[0]
     assert shots[1].exposure_us == pytest.approx(shots[0].exposure_us / 0.4)
     same = [taken.frame(3, shot) for taken, shot in zip((bare, through), shots, strict=True)]

@@ -8,8 +8,9 @@ from lightprobe.colour import luminance, srgb_table
 from lightprobe.errors import UsageError
 from lightprobe.imaging import camera as lenses
 from lightprobe.sim.camera import Shot, SimulatedCamera
-from lightprobe.sim.exposure import median_luminance
+from lightprobe.sim.exposure import ExposureLimits, median_luminance
 from lightprobe.sim.faults import Faults
+from lightprobe.sim.link import Exposure
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.room import Room
 from lightprobe.sim.scene import MapTruth, disc_layer
@@ -165,11 +166,42 @@ def srgb_code(linear):
 def test_automatic_bracket():
     world = World([Room()], median_radiance=30)
     simulated = SimulatedCamera(world, lenses.equirect(), SIZE)
-    exposures_us = [shot.exposure_us for shot in simulated.automatic(0, 3)]
+    assert [shot.exposure_us for shot in simulated.automatic(0, 3)] == [8300, 500, 100]
+    any_us = SimulatedCamera(
+        World([Room()], median_radiance=30), lenses.equirect(), SIZE,
+        limits=ExposureLimits(1, 1e6, 0),
+    )  # fmt: skip
+    exposures_us = [shot.exposure_us for shot in any_us.automatic(0, 3)]
     assert exposures_us[0] == pytest.approx(8333, rel=0.02)
     assert exposures_us[0] / exposures_us[2] == pytest.approx(256)
-    dim = SimulatedCamera(World([Room()], median_radiance=1e-3), lenses.equirect(), SIZE)
+    dim = SimulatedCamera(
+        World([Room()], median_radiance=1e-3), lenses.equirect(), SIZE,
+        limits=ExposureLimits(1, 1e6, 0),
+    )  # fmt: skip
     assert dim.automatic(0)[0].exposure_us == pytest.approx(1e6 / 30)  # never beyond the period
+
+
+def test_exposures_are_those_that_the_camera_can_do():
+    limits = ExposureLimits()
+    assert [limits.nearest(us) for us in (1, 149, 151, 20000, 1e6)] == [100, 100, 200, 20000, 33000]
+    assert limits.at(30) == limits
+    assert limits.at(1) == limits
+    assert limits.at(120).most_us == 8300
+    assert ExposureLimits(20, 50, 0).nearest(33.3) == 33.3
+    with pytest.raises(UsageError, match="the least must be above 0 and not above the most"):
+        ExposureLimits(200, 100)
+    with pytest.raises(UsageError, match=r"exposures of 2000…1000"):
+        ExposureLimits(2000, 33000).at(1000)
+
+
+def test_commands_are_rounded_as_by_a_camera():
+    simulated = SimulatedCamera(World([Room()], median_radiance=30), lenses.equirect(), SIZE)
+    exposure = Exposure(simulated)
+    for frame, us in enumerate((16.0, 5040.0, 1e6)):
+        exposure.command(Shot(us, 2.0), frame, 0)
+    assert [exposure.shot(frame) for frame in range(3)] == [
+        Shot(100, 2), Shot(5000, 2), Shot(33000, 2)
+    ]  # fmt: skip
 
 
 def test_faults_are_merged_and_checked():

@@ -10,6 +10,7 @@
 
 #define MAX_SIDE_PX 16384
 #define FLAG_CORRUPT 1U
+#define MOST_NOT_UNIT 0.01F /* by which a quaternion's square may differ from 1: it is scaled */
 #define LONGEST_EXPOSURE_US 3.6e9F /* an hour: what comes of it is never too large a number */
 
 static uint32_t read_u32(const uint8_t *data)
@@ -28,13 +29,20 @@ static uint64_t read_u64(const uint8_t *data)
 	return le64toh(value);
 }
 
-/* Positive and finite, or unknown. */
-static float read_positive(const uint8_t *data)
+static float read_float(const uint8_t *data)
 {
 	const uint32_t bits = read_u32(data);
 	float value;
 
 	memcpy(&value, &bits, sizeof(value));
+	return value;
+}
+
+/* Positive and finite, or unknown. */
+static float read_positive(const uint8_t *data)
+{
+	const float value = read_float(data);
+
 	return isfinite(value) && value > 0 ? value : NAN;
 }
 
@@ -85,6 +93,51 @@ static bool size_is_right(const struct lp_sim_header *header)
 	       header->payload_bytes == rows * header->stride_bytes;
 }
 
+static void read_orientation(const uint8_t *data, float orientation[4])
+{
+	float square = 0;
+
+	for (int i = 0; i < 4; i++) {
+		orientation[i] = read_float(data + 4 * (size_t)i);
+		square += orientation[i] * orientation[i];
+	}
+	/* NAN in one is no rotation either */
+	const bool is_rotation = fabsf(square - 1.0F) < MOST_NOT_UNIT;
+
+	for (int i = 0; i < 4; i++)
+		orientation[i] = is_rotation ? orientation[i] / sqrtf(square) : NAN;
+}
+
+static bool has(const struct lp_sim_header *header, uint32_t end)
+{
+	return header->header_bytes >= end;
+}
+
+void lp_sim_header_parse_more(const uint8_t data[LP_SIM_HEADER_KNOWN_BYTES],
+			      struct lp_sim_header *header)
+{
+	if (has(header, 84)) {
+		read_orientation(data + 64, header->orientation);
+		if (!isnan(header->orientation[0]))
+			header->orientation_sigma_deg = read_positive(data + 80);
+	}
+	if (has(header, 88)) {
+		const float row_time_us = read_float(data + 84);
+
+		if (row_time_us >= 0 && row_time_us <= LONGEST_EXPOSURE_US)
+			header->row_time_us = row_time_us;
+	}
+	if (has(header, LP_SIM_HEADER_KNOWN_BYTES)) {
+		const float least_us = read_positive(data + 88), most_us = read_positive(data + 92);
+
+		if (least_us <= most_us && most_us <= LONGEST_EXPOSURE_US) {
+			header->exposure_min_us = least_us;
+			header->exposure_max_us = most_us;
+			header->exposure_step_us = read_positive(data + 96);
+		}
+	}
+}
+
 const char *lp_sim_header_parse(const uint8_t data[LP_SIM_HEADER_BYTES],
 				struct lp_sim_header *header)
 {
@@ -100,6 +153,12 @@ const char *lp_sim_header_parse(const uint8_t data[LP_SIM_HEADER_BYTES],
 		.t_start_ns = (int64_t)read_u64(data + 40),
 		.exposure_us = read_positive(data + 48),
 		.gain = read_positive(data + 52),
+		.orientation = {NAN, NAN, NAN, NAN},
+		.orientation_sigma_deg = NAN,
+		.row_time_us = NAN,
+		.exposure_min_us = NAN,
+		.exposure_max_us = NAN,
+		.exposure_step_us = NAN,
 	};
 	if (header->header_bytes < LP_SIM_HEADER_BYTES ||
 	    header->header_bytes > LP_SIM_HEADER_MAX_BYTES)

@@ -42,10 +42,11 @@ struct source_sim {
 	struct lp_backoff backoff;
 	struct lp_source_report report;
 	bool reports_exposure;
-	bool has_corrupt; /* since the last usable frame */
+	float exposure_min_us, exposure_max_us, exposure_step_us; /* of the newest frame's header */
+	bool has_corrupt;					  /* since the last usable frame */
 
 	/* What is being read: a header, what the header is longer than ours, a payload. */
-	uint8_t header_data[LP_SIM_HEADER_BYTES];
+	uint8_t header_data[LP_SIM_HEADER_KNOWN_BYTES];
 	struct lp_sim_header header;
 	uint64_t got_bytes;	      /* of header, its rest and payload together */
 	struct lp_owned_frame *frame; /* NULL: the payload is read and forgotten */
@@ -166,6 +167,9 @@ static void fill_frame(struct source_sim *self, struct lp_frame *frame)
 	frame->t_arrival_ns = lp_clock_ns();
 	frame->exposure_us = header->exposure_us;
 	frame->gain = header->gain;
+	memcpy(frame->orientation, header->orientation, sizeof(frame->orientation));
+	frame->orientation_sigma_deg = header->orientation_sigma_deg;
+	frame->row_time_us = header->row_time_us;
 	frame->flags = header->flags;
 	/* The other end may be any program: no time that this machine cannot have seen. */
 	if (frame->t_start_ns < 0 || frame->t_start_ns > frame->t_arrival_ns ||
@@ -193,6 +197,9 @@ static void hand_on(struct source_sim *self, struct lp_frame *frame)
 	} else {
 		self->has_corrupt = false;
 		self->reports_exposure = !isnan(frame->exposure_us);
+		self->exposure_min_us = self->header.exposure_min_us;
+		self->exposure_max_us = self->header.exposure_max_us;
+		self->exposure_step_us = self->header.exposure_step_us;
 		lp_timer_set(&self->stall, STALL_NS, STALL_NS);
 		report(self, LP_SOURCE_STREAMING, "read", "frames arrive");
 	}
@@ -214,8 +221,8 @@ static void deliver(struct source_sim *self)
 	hand_on(self, frame);
 }
 
-/* The header is complete: find a place for the payload. False: it makes no sense. */
-static bool begin_payload(struct source_sim *self)
+/* The part is there that tells how long the header is. False: it makes no sense. */
+static bool begin_header(struct source_sim *self)
 {
 	const char *fault = lp_sim_header_parse(self->header_data, &self->header);
 
@@ -225,8 +232,14 @@ static bool begin_payload(struct source_sim *self)
 		(void)snprintf(reason, sizeof(reason), "%s — is the simulator of another version?",
 			       fault);
 		lose_link(self, "header", reason);
-		return false;
 	}
+	return fault == NULL;
+}
+
+/* The header is complete, as far as it is known: find a place for the payload. */
+static void begin_payload(struct source_sim *self)
+{
+	lp_sim_header_parse_more(self->header_data, &self->header);
 	self->frame = lp_owned_frame_take(self->frames, false);
 	if (self->frame && lp_owned_frame_reserve(self->frame, self->header.payload_bytes) < 0) {
 		lp_frame_release(&self->frame->frame);
@@ -234,19 +247,27 @@ static bool begin_payload(struct source_sim *self)
 	}
 	if (!self->frame)
 		lp_error(self->object, "read", "no buffer is free; a frame is lost");
-	return true;
+}
+
+/* How much of the header is kept: its first part tells how long it is. */
+static uint64_t kept_header_bytes(const struct source_sim *self)
+{
+	if (self->got_bytes < LP_SIM_HEADER_BYTES)
+		return LP_SIM_HEADER_BYTES;
+	return self->header.header_bytes < LP_SIM_HEADER_KNOWN_BYTES ? self->header.header_bytes
+								     : LP_SIM_HEADER_KNOWN_BYTES;
 }
 
 /* Where the next bytes go and how many are wanted, by what has been read of this frame. */
 static size_t next_place(struct source_sim *self, uint8_t *scratch, uint8_t **place)
 {
-	const uint64_t header = self->got_bytes < LP_SIM_HEADER_BYTES ? LP_SIM_HEADER_BYTES
-								      : self->header.header_bytes;
+	const uint64_t kept = kept_header_bytes(self);
+	const uint64_t header = self->header.header_bytes;
 	uint64_t wanted;
 
-	if (self->got_bytes < LP_SIM_HEADER_BYTES) {
+	if (self->got_bytes < kept) {
 		*place = self->header_data + self->got_bytes;
-		return LP_SIM_HEADER_BYTES - self->got_bytes;
+		return kept - self->got_bytes;
 	}
 	if (self->got_bytes < header || !self->frame) {
 		*place = scratch;
@@ -265,7 +286,7 @@ static void read_link(struct source_sim *self)
 	uint8_t *place;
 	const size_t wanted = next_place(self, scratch, &place);
 	const ssize_t got = read(self->link.fd, place, wanted);
-	const bool in_header = self->got_bytes < LP_SIM_HEADER_BYTES;
+	const uint64_t before = self->got_bytes;
 
 	if (got < 0 && (errno == EAGAIN || errno == EINTR))
 		return;
@@ -274,8 +295,13 @@ static void read_link(struct source_sim *self)
 		return;
 	}
 	self->got_bytes += (uint64_t)got;
-	if (in_header && (self->got_bytes < LP_SIM_HEADER_BYTES || !begin_payload(self)))
+	if (self->got_bytes < LP_SIM_HEADER_BYTES)
 		return;
+	if (before < LP_SIM_HEADER_BYTES && !begin_header(self))
+		return;
+	/* no read goes past the kept part while it is incomplete */
+	if (self->got_bytes == kept_header_bytes(self))
+		begin_payload(self);
 	if (self->got_bytes == self->header.header_bytes + self->header.payload_bytes)
 		deliver(self);
 }
@@ -367,6 +393,7 @@ static int sim_create(const struct lp_uri *uri, const struct lp_source_host *hos
 		return -ENOMEM;
 	self->base = (struct lp_source){.ops = &lp_source_sim_ops, .host = *host};
 	self->link.fd = -1;
+	self->exposure_min_us = self->exposure_max_us = self->exposure_step_us = NAN;
 	self->backoff =
 		(struct lp_backoff){.first_ns = FIRST_BACKOFF_NS, .longest_ns = LONGEST_BACKOFF_NS};
 	self->address.sun_family = AF_UNIX;
@@ -394,11 +421,14 @@ static int sim_start(struct lp_source *source)
 
 static void sim_caps(const struct lp_source *source, struct lp_source_caps *caps)
 {
+	const struct source_sim *self = self_of(source);
+
 	*caps = (struct lp_source_caps){
 		.exposure_settable = true,
-		.reports_exposure = self_of(source)->reports_exposure,
-		.exposure_min_us = NAN,
-		.exposure_max_us = NAN,
+		.reports_exposure = self->reports_exposure,
+		.exposure_min_us = self->exposure_min_us,
+		.exposure_max_us = self->exposure_max_us,
+		.exposure_step_us = isnan(self->exposure_step_us) ? 0 : self->exposure_step_us,
 		.gain_min = NAN,
 		.gain_max = NAN,
 		.exposure_delay_frames = -1,
