@@ -15,7 +15,7 @@ import numpy as np
 from lightprobe import geometry
 from lightprobe import sh as harmonics
 from lightprobe.colour import luminance
-from lightprobe.estimate import Estimate, EstimateFlag, flag_names
+from lightprobe.estimate import Estimate, EstimateFlag, LightFlag, flag_names
 from lightprobe.evaluate.metrics import relighting
 from lightprobe.geometry import Array
 from lightprobe.lamp import Lamp
@@ -27,7 +27,7 @@ WRONG, STATED = 0.10, 0.03
 HARMLESS = EstimateFlag.MORE_LIGHTS
 #: Shares travel as whole permille: half of one may be stated as none.
 WIRE = 0.0005
-#: A lamp is listed when a light lies so near, with so much of its light.
+#: A lamp is listed when a light lies so near, with so much of its light, or marked as clipped.
 NEAR_DEG, SHARE = 10.0, 0.1
 #: A sun: a lamp no larger than this that makes so much of all light.
 SUN_RADIUS_DEG, SUN_SHARE = 3.5, 0.2
@@ -185,8 +185,10 @@ def _seems_fine(packet: Packet) -> bool:
 
 def _lists(packet: Packet, sun: Lamp) -> bool:
     near, direction = np.cos(np.radians(NEAR_DEG)), packet.turn @ sun.direction
+    least = SHARE * _strength(sun)
     return any(
-        light.direction @ direction > near and luminance(light.irradiance) > SHARE * _strength(sun)
+        light.direction @ direction > near
+        and (light.flags & LightFlag.CLIPPED or luminance(light.irradiance) > least)
         for light in packet.estimate.lights
     )
 

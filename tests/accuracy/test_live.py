@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from judge import Coverage, Light, Packet
 from lightprobe import geometry, sh
-from lightprobe.estimate import Estimate, EstimateFlag, SphericalHarmonics
+from lightprobe.estimate import Estimate, EstimateFlag, LightFlag, SphericalHarmonics
 from lightprobe.estimate import Light as Listed
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.room import Room
@@ -107,6 +107,11 @@ def test_a_sun_must_be_listed() -> None:
     )
     without = replace(one, estimate=replace(one.estimate, lights=rest))
     assert judge.judge(light, [one, without], 4).sun_listed == 0.5
+    weak = [replace(light, irradiance=0.01 * light.irradiance) for light in one.estimate.lights]
+    clipped = [replace(light, flags=LightFlag.CLIPPED) for light in weak]
+    for lights, share in ((weak, 0), (clipped, 1)):
+        seen = replace(one, estimate=replace(one.estimate, lights=tuple(lights)))
+        assert judge.judge(light, [seen], 4).sun_listed == share
     assert judge.judge(replace(light, sun=None), [one], 4).sun_listed is None
 
 
