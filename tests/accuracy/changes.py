@@ -23,6 +23,7 @@ from lightprobe.estimate import flag_names
 from lightprobe.evaluate.metrics import relighting
 from lightprobe.geometry import Array
 from lightprobe.lamp import Lamp
+from lightprobe.sim.flicker import Flicker
 from lightprobe.sim.scene import Scene
 from lightprobe.sim.world import Behaviour, World
 from recording import (
@@ -47,6 +48,8 @@ SWITCH_S, SETTLED = 2.0, 0.75
 ARRIVED = 0.9
 #: No mains keeps step with a camera: at 120.0 Hz and 30 frames per second all phases were one.
 MAINS_HZ, FLICKER_DEPTH = (100.0, 120.25), 0.5
+#: Lamps hang on three phases of the mains; a rolling shutter reads 960 rows in 19 ms.
+PHASES, ROW_TIME_US = (0.0, 1 / 3, 2 / 3), 20.0
 _NORMALS = geometry.sphere_normals(2)
 
 
@@ -66,7 +69,7 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Flicker:
+class Ripple:
     """What one subscriber saw of a scene's strongest lamp while all flicker."""
 
     scene: str
@@ -87,10 +90,10 @@ class Case:
     mains_hz: float | None  # None: switched
 
 
-def judged(case: Case) -> list[Step | Flicker]:
+def judged(case: Case) -> list[Step | Ripple]:
     """Run a daemon and judge its packets, for each subscription."""
     recording, run = record(case.run), case.run
-    found: list[Step | Flicker] = []
+    found: list[Step | Ripple] = []
     for name, packets in recording.packets.items():
         where = (run.scene.name, run.exposures, name)
         if case.mains_hz is None:
@@ -150,14 +153,14 @@ def _error(world: World, packets: Sequence[Packet], times: Array, slot: int) -> 
 
 def flicker(
     world: World, packets: Sequence[Packet], where: tuple[str, str, str], mains_hz: float
-) -> Flicker:
+) -> Ripple:
     """Follow the strongest lamp; the camera stands still."""
     lamp = max(world.scenes[0].lamps, key=lambda lamp: float(luminance(lamp.irradiance)))
     seen = np.array([_strength(packet, lamp) for packet in packets])
     known = seen[seen > 0]  # not NaN
     mean = float(known.mean()) if len(known) else np.nan
     names = [flag_names(packet.estimate.flags) for packet in packets]
-    return Flicker(
+    return Ripple(
         *where, mains_hz,
         listed=len(known) / max(len(packets), 1),
         ripple=float(np.abs(known / mean - 1).max()) if len(known) else np.nan,
@@ -199,14 +202,17 @@ def of_scene(scene: Scene, exposures: str, **more: object) -> list[Case]:
         judged_s = slots * SWITCH_S - SETTLE_S
         found.append(Case(Run(scene, behaviour, exposures, judged_s, **more), None))
     for mains_hz in MAINS_HZ:
-        behaviour = Behaviour(act_s=0, flicker_hz=mains_hz, flicker_depth=FLICKER_DEPTH)
-        found.append(Case(Run(scene, behaviour, exposures, **more), mains_hz))
+        flicker = Flicker(mains_hz, (FLICKER_DEPTH,), PHASES)
+        run = Run(
+            scene, Behaviour(act_s=0, flicker=flicker), exposures, row_time_us=ROW_TIME_US, **more
+        )
+        found.append(Case(run, mains_hz))
     return found
 
 
-def all_figures(todo: Sequence[Case], processes: int = 2) -> list[Step | Flicker]:
+def all_figures(todo: Sequence[Case], processes: int = 2) -> list[Step | Ripple]:
     """Run them; progress on stderr."""
-    found: list[Step | Flicker] = []
+    found: list[Step | Ripple] = []
     with multiprocessing.get_context("spawn").Pool(processes) as pool:
         for done, some in enumerate(pool.imap_unordered(judged, todo), 1):
             found += some
@@ -227,7 +233,7 @@ FLICKER_HEAD = [
 ]  # fmt: skip
 
 
-def step_rows(found: Sequence[Step | Flicker]) -> list[list[str]]:
+def step_rows(found: Sequence[Step | Ripple]) -> list[list[str]]:
     """Table over scenes."""
     table = []
     for exposures, name in product(EXPOSURES, SUBSCRIPTIONS):
@@ -248,7 +254,7 @@ def step_rows(found: Sequence[Step | Flicker]) -> list[list[str]]:
     return table
 
 
-def flicker_rows(found: Sequence[Step | Flicker]) -> list[list[str]]:
+def flicker_rows(found: Sequence[Step | Ripple]) -> list[list[str]]:
     """Table over scenes."""
     table = []
     for exposures, name, mains_hz in product(EXPOSURES, SUBSCRIPTIONS, MAINS_HZ):
@@ -256,7 +262,7 @@ def flicker_rows(found: Sequence[Step | Flicker]) -> list[list[str]]:
         some = [
             one
             for one in found
-            if isinstance(one, Flicker) and (one.exposures, one.subscription, one.mains_hz) == key
+            if isinstance(one, Ripple) and (one.exposures, one.subscription, one.mains_hz) == key
         ]
         if some:
             ripples = [one.ripple for one in some]

@@ -22,14 +22,15 @@ from lightprobe.sim import scenes
 from lightprobe.sim.camera import SimulatedCamera
 from lightprobe.sim.faults import Faults
 from lightprobe.sim.live import LiveProbe
-from lightprobe.sim.scene import Scene
+from lightprobe.sim.scene import PanoramaScene, Scene
 from lightprobe.sim.world import Behaviour, World
 from lightprobe.wire import Subscription
 
 #: Where a bare name is looked for besides: panoramas beside the checkout, if there are any.
 MORE_PANORAMAS = Path(__file__).resolve().parents[3] / "shared/data/hdri"
-#: As most tests have it: a quarter of full scale in 1/120 s.
-MEDIAN_RADIANCE = 30.0
+#: Median radiance of panoramas: a quarter of full scale in 1/120 s, as outdoors; suns clip. Scenes
+#: with exact lamps are as dim as rooms: their lamps fit into the shortest exposure, mostly.
+OUTDOORS, INDOORS = 30.0, 4.0
 SIZE_PX, RATE_HZ = (1920, 960), 30.0
 #: Until the exposures have settled.
 SETTLE_S = 2.0
@@ -51,6 +52,13 @@ class Run:
     judged_s: float = 4.0
     size_px: tuple[int, int] = SIZE_PX
     daemon_arguments: tuple[str, ...] = ()
+    rate_hz: float = RATE_HZ
+    row_time_us: float = 0.0
+
+    @property
+    def median_radiance(self) -> float:
+        """What the scene is brought to."""
+        return OUTDOORS if isinstance(self.scene, PanoramaScene) else INDOORS
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,8 +72,11 @@ class Recording:
 def record(run: Run) -> Recording:
     """Run a daemon before a scene."""
     cv2.setNumThreads(1)
-    world = World([run.scene], run.behaviour, MEDIAN_RADIANCE)
-    camera = SimulatedCamera(world, lenses.load("equirect"), run.size_px, rate_hz=RATE_HZ)
+    world = World([run.scene], run.behaviour, run.median_radiance)
+    camera = SimulatedCamera(
+        world, lenses.load("equirect"), run.size_px, rate_hz=run.rate_hz,
+        row_time_us=run.row_time_us,
+    )  # fmt: skip
     with LiveProbe(camera, run.daemon_arguments, faults=EXPOSURES[run.exposures]) as probe:
         clients = {name: probe.client(wish) for name, wish in SUBSCRIPTIONS.items()}
         probe.run(SETTLE_S)

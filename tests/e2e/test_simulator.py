@@ -159,12 +159,14 @@ def test_exposure_changes_the_picture(tmp_path):
         assert dark < 0.3 * bright
 
 
-def test_limits_of_exposure_are_told(tmp_path):
-    with simulator(tmp_path, "--exposure-max-us", "5000") as (path, _), Camera(path) as camera:
+def test_limits_of_exposure_and_row_time_are_told(tmp_path):
+    options = ("--exposure-max-us", "5000", "--row-time-us", "12.5")
+    with simulator(tmp_path, *options) as (path, _), Camera(path) as camera:
         header, _ = camera.frame()
         names = ("exposure_min_us", "exposure_max_us", "exposure_step_us")
         assert [header[name] for name in names] == [100, 5000, 100]
         assert header["exposure_us"] == 5000
+        assert header["row_time_us"] == 12.5
 
 
 def test_bracket_cycles(tmp_path):

@@ -20,9 +20,10 @@ from lightprobe.sim import faults as misbehaviour
 from lightprobe.sim import response as responses
 from lightprobe.sim import scenes
 from lightprobe.sim.box import FIRMWARES, Box, Illumination
-from lightprobe.sim.camera import FORMATS, Shot, SimulatedCamera
+from lightprobe.sim.camera import FORMATS, Shot, SimulatedCamera, check_row_time
 from lightprobe.sim.control import Control, Handler, require_unix_sockets
 from lightprobe.sim.exposure import ExposureLimits
+from lightprobe.sim.flicker import WAVES, Flicker
 from lightprobe.sim.illuminance import RingLight
 from lightprobe.sim.link import Exposure, Link, Surroundings
 from lightprobe.sim.polarizer import Sheet
@@ -75,8 +76,14 @@ def command(
         typer.Option(callback=check.number(0, 1e4, "Hz"), help="Lamps flicker; mains: 100 or 120."),
     ] = 0.0,
     flicker_depth: Annotated[
-        float, typer.Option(callback=check.number(0, 1), help="Share of the power that flickers.")
-    ] = 0.3,
+        str, typer.Option(metavar="SHARE,…", help="Share that lamps lose; 1st lamp, 2nd, …")
+    ] = "0.3",
+    flicker_phase: Annotated[
+        str, typer.Option(metavar="PART,…", help="Parts of a period by which lamps are ahead.")
+    ] = "0",
+    flicker_wave: Annotated[
+        str, typer.Option(metavar="WAVE,…", help=f"Of {', '.join(WAVES)}.")
+    ] = "sine",
     median_radiance: Annotated[
         float,
         typer.Option(
@@ -94,6 +101,13 @@ def command(
             "--rate", callback=check.number(0.1, 1000, "frames a second"), help="Frames per second."
         ),
     ] = 30.0,
+    row_time_us: Annotated[
+        float,
+        typer.Option(
+            callback=check.number(0, 1e5, "microseconds"),
+            help="Rolling shutter: each row is exposed so much later than the row above.",
+        ),
+    ] = 0.0,
     pixel_format: Annotated[
         str, typer.Option("--format", help=", ".join(FORMATS) + " (float, no noise).")
     ] = "MJPG",
@@ -248,19 +262,22 @@ def command(
     if firmware == "none":
         misbehaviour.Faults().merged(faults)
     size_px, kind = parse_size(size), parse_format(pixel_format)
+    check_row_time(row_time_us, size_px, rate_hz)
+    flicker = Flicker(
+        flicker_hz, numbers("--flicker-depth", flicker_depth),
+        numbers("--flicker-phase", flicker_phase), tuple(flicker_wave.split(",")),
+    )  # fmt: skip
     limits = ExposureLimits(exposure_min_us, exposure_max_us, exposure_step_us)
     curve = None if response is None else responses.parse(response)
     optics = lenses.load(lens)
     polarizer = polarizer_deg is not None or firmware != "none"
-    behaviour = Behaviour(
-        act_s, turn_deg_s, swing_deg, swing_hz, switch_s, flicker_hz, flicker_depth
-    )
+    behaviour = Behaviour(act_s, turn_deg_s, swing_deg, swing_hz, switch_s, flicker)
     world = World(scenes.load(scene), behaviour, median_radiance or None)
     simulated = SimulatedCamera(
         world, optics, size_px, rate_hz=rate_hz, pixel_format=kind, quality=quality, chroma=chroma,
         seed=seed,
         model=SensorModel(full_well_e, read_noise_e), sheet=Sheet() if polarizer else None,
-        response=curve, limits=limits,
+        response=curve, limits=limits, row_time_us=row_time_us,
     )  # fmt: skip
     fixed = None if exposure_us is None else Shot(exposure_us)
     exposure = Exposure(simulated, bracket, fixed, delay_frames)
@@ -305,6 +322,14 @@ def command(
     )
 
 
+def numbers(option: str, text: str) -> tuple[float, ...]:
+    """Parse numbers with commas between; raises UsageError."""
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise UsageError(f"simulate: {option} {text}: expected numbers, as 0.3,0.9") from None
+
+
 def open_truth(path: Path) -> TextIO:
     """Open the account of what is true; raises UsageError."""
     try:
@@ -320,7 +345,7 @@ def illuminated(link: Link, box: Box, light: RingLight) -> Iterator[Illumination
     """Light on the box's ring as long as the block lasts."""
     state, behaviour = link.state_now(), link.camera.world.behaviour
     share = flicker_share(behaviour, light, state)
-    box.set(flicker_hz=behaviour.flicker_hz, flicker_share=share)
+    box.set(flicker_hz=behaviour.flicker.hz, flicker_share=share)
     thread = Illumination(box, lambda: light.lux(link.state_now()), link.stop)
     thread.start()
     try:

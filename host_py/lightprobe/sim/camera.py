@@ -6,19 +6,23 @@ import math
 from collections import OrderedDict
 from collections.abc import Hashable
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from lightprobe import geometry
+from lightprobe.errors import UsageError
 from lightprobe.geometry import Array
 from lightprobe.imaging.camera import Camera
 from lightprobe.sim.exposure import ExposureLimits, bracket_us, median_luminance
 from lightprobe.sim.polarizer import Polarizer, Sheet
 from lightprobe.sim.sensor import Codes, Expected, Sensor, SensorModel, encode_jpeg
-from lightprobe.sim.world import State, World
+from lightprobe.sim.world import Rows, State, World
 
+Pixel = TypeVar("Pixel", np.float32, np.int16)
 #: Radiance (H, W, 3), and S1, S2 (2, H, W, 3) or None for unpolarized light.
 Composed = tuple[NDArray[np.float32], NDArray[np.float32] | None]
 
@@ -35,6 +39,16 @@ class Shot:
 
     exposure_us: float
     gain: float = 1.0
+
+
+def check_row_time(row_time_us: float, size_px: tuple[int, int], rate_hz: float) -> None:
+    """Raise UsageError when a frame's last row would begin after the next frame's first."""
+    most_us = 1e6 / rate_hz / size_px[1]
+    if not 0 <= row_time_us <= most_us:
+        raise UsageError(
+            f"camera: {row_time_us:g} µs for each of {size_px[1]} rows at {rate_hz:g} frames per "
+            f"second: expected 0…{most_us:.3g} µs"
+        )
 
 
 class SimulatedCamera:
@@ -55,15 +69,22 @@ class SimulatedCamera:
         sheet: Sheet | None = None,
         response: Array | None = None,
         limits: ExposureLimits | None = None,
+        row_time_us: float = 0.0,
     ) -> None:
         """`size_px` (width, height), both even for YUYV and NV12; `sheet`: of a polarizer.
 
         `response`: linear light (256, 3) of each code; None: as the camera file of the lens says.
         `limits`: of exposures at any frame rate; None: those of :class:`ExposureLimits`.
+        `row_time_us`: by which each row's exposure begins later than that of the row above.
         """
         self.world, self.lens, self.size_px = world, lens, size_px
         self.rate_hz, self.pixel_format = rate_hz, pixel_format
         self.limits = (limits or ExposureLimits()).at(rate_hz)
+        self.row_time_us = row_time_us
+        check_row_time(row_time_us, size_px, rate_hz)
+        # From the start of the middle row's exposure to that of each row's.
+        rows = np.arange(size_px[1], dtype=np.float64)
+        self._rows_s = 1e-6 * row_time_us * (rows - rows.mean())
         self.quality, self.chroma = quality, chroma
         self.sensor = Sensor(
             *size_px, model, lens.response_table() if response is None else response, seed
@@ -81,8 +102,19 @@ class SimulatedCamera:
         self._signals: OrderedDict[Hashable, Expected] = OrderedDict()
 
     def state(self, frame: int, shot: Shot) -> State:
-        """State of the world while frame `frame` is exposed, from frame / rate on."""
-        return self.world.at(frame / self.rate_hz, 1e-6 * shot.exposure_us)
+        """State of the world while the middle row of frame `frame` is exposed.
+
+        The first row's exposure begins at frame / rate.
+        """
+        return self.world.at(frame / self.rate_hz - self._rows_s[0], 1e-6 * shot.exposure_us)
+
+    def _rows(self, state: State, shot: Shot) -> Rows | None:
+        """What each row saw; None: all the same as the middle one."""
+        if not self.row_time_us:
+            return None
+        rows = self.world.rows(state, self._rows_s, 1e-6 * shot.exposure_us)
+        same = not rows.offset_deg.any() and np.all(rows.powers == state.powers)
+        return None if same else rows
 
     def automatic(self, frame: int, count: int = 1) -> list[Shot]:
         """Exposures that the camera would choose by itself: a bracket around the scene's median.
@@ -105,10 +137,11 @@ class SimulatedCamera:
     def frame(self, number: int, shot: Shot, wheel_deg: tuple[float, ...] = (0.0,)) -> bytes:
         """Payload of frame `number`; `wheel_deg`: angles of the polarizer while it was exposed."""
         state = self.state(number, shot)
+        rows = self._rows(state, shot)
         if self.pixel_format == "RGBF":
-            return self._turned(self._radiance(state, wheel_deg), state).astype("<f4").tobytes()
+            return self._turned(self._radiance(state, wheel_deg, rows), state, rows).tobytes()
+        signal = self._signal(state, shot, wheel_deg, rows)
         turn_px = 0 if self._turns_first(state) else self._turn_px(state)
-        signal = self._signal(state, shot, wheel_deg)
         codes = self.sensor.develop(signal, number, shot.gain, turn_px)
         return encode(codes, self.pixel_format, self.quality, self.chroma)
 
@@ -121,6 +154,11 @@ class SimulatedCamera:
     def _turn_px(self, state: State) -> int:
         return 0 if self._rays else round(state.yaw_deg / 360 * self.size_px[0])
 
+    def _shift_px(self, state: State, rows: Rows) -> NDArray[np.int64]:
+        """Columns (H,) by which each row is turned more than the middle one."""
+        turn_px = np.rint((state.yaw_deg + rows.offset_deg) / 360 * self.size_px[0])
+        return np.asarray(turn_px.astype(np.int64) - self._turn_px(state))
+
     def _polarized(self, state: State) -> bool:
         return self._polarizer is not None and not self._layers[state.act].unpolarized
 
@@ -132,70 +170,126 @@ class SimulatedCamera:
         """Tell whether :meth:`_radiance` is turned already: what the polarizer sees must be."""
         return self._rays is not None or self._polarized(state)
 
-    def _compose(self, state: State) -> Composed:
-        """Light of the whole sphere, unturned; the last one is kept."""
-        key = (state.act, state.powers.tobytes())
+    def _compose(self, state: State, rows: Rows | None) -> Composed:
+        """Light of the whole sphere, unturned; the last one of equal rows is kept.
+
+        Rows of equirectangular pictures are those of the map; for others see :class:`_Rays`.
+        """
+        by_row = rows is not None and self._rays is None
+        powers = rows.powers if rows is not None and by_row else state.powers
+        key = (state.act, powers.tobytes())
         if self._composed is None or self._composed[0] != key:
             layers, polarized = self._layers[state.act], None
             if self._polarized(state):
-                polarized = layers.compose_polarized(state.powers)
-            self._composed = (key, (layers.compose(state.powers), polarized))
+                polarized = layers.compose_polarized(powers)
+            self._composed = (key, (layers.compose(powers), polarized))
         return self._composed[1]
 
     def _smear_px(self, state: State) -> int:
         """Columns of an equirectangular picture over which a point wanders; 1: it does not."""
         return 2 * round(state.smear_deg / 720 * self.size_px[0]) + 1
 
-    def _radiance(self, state: State, wheel_deg: tuple[float, ...]) -> NDArray[np.float32]:
+    def _radiance(
+        self, state: State, wheel_deg: tuple[float, ...], rows: Rows | None
+    ) -> NDArray[np.float32]:
         """Radiance (H, W, 3) at the sensor, mean over the exposure; see :meth:`_turns_first`."""
         smear_px = self._smear_px(state)
         if not self._turns_first(state):
-            return _smeared(self._still(state, wheel_deg), smear_px)
+            return _smeared(self._still(state, wheel_deg, rows), smear_px)
         steps = min(math.ceil(smear_px / _SMEAR_STEP_PX), _MOST_SMEAR_STEPS)
         total = np.zeros((self.size_px[1], self.size_px[0], 3), np.float32)
         for k in range(steps):
             yaw_deg = state.yaw_deg + state.smear_deg * ((k + 0.5) / steps - 0.5)
-            total += self._still(replace(state, yaw_deg=yaw_deg), wheel_deg)
+            total += self._still(replace(state, yaw_deg=yaw_deg), wheel_deg, rows)
         return total / np.float32(steps)
 
-    def _still(self, state: State, wheel_deg: tuple[float, ...]) -> NDArray[np.float32]:
+    def _still(
+        self, state: State, wheel_deg: tuple[float, ...], rows: Rows | None
+    ) -> NDArray[np.float32]:
         """Radiance (H, W, 3) at one moment; turned when :meth:`_turns_first`."""
-        radiance, polarized = self._compose(state)
+        radiance, polarized = self._compose(state, rows)
         if self._rays is not None:
-            radiance = self._rays.sample(radiance, state.yaw_deg)
-            if polarized is not None:
-                polarized = np.stack([self._rays.sample(p, state.yaw_deg) for p in polarized])
+            radiance, polarized = self._through_lens(radiance, polarized, state, rows)
         elif polarized is not None:
             turn_px = self._turn_px(state)
-            radiance = np.roll(radiance, turn_px, axis=1)
-            polarized = np.roll(polarized, turn_px, axis=2)
+            shift_px = np.zeros(1, np.int64) if rows is None else self._shift_px(state, rows)
+            radiance = _rolled(radiance, turn_px + shift_px)
+            polarized = np.stack([_rolled(part, turn_px + shift_px) for part in polarized])
         if self._polarizer is not None:
             return self._polarizer.through(radiance, polarized, wheel_deg)
         return radiance if self.sheet is None else np.float32(self.gain) * radiance
 
-    def _turned(self, radiance: NDArray[np.float32], state: State) -> NDArray[np.float32]:
-        if self._turns_first(state):
-            return radiance
-        return np.roll(radiance, self._turn_px(state), axis=1)
+    def _through_lens(
+        self,
+        radiance: NDArray[np.float32],
+        polarized: NDArray[np.float32] | None,
+        state: State,
+        rows: Rows | None,
+    ) -> Composed:
+        """What the lenses see of a map, each row at its own yaw and with its own lamps."""
+        assert self._rays is not None
+        rays, offset_deg = self._rays, np.zeros(1) if rows is None else rows.offset_deg
+        yaw_deg = state.yaw_deg + offset_deg
+        seen = rays.sample(radiance, yaw_deg)
+        parts = None
+        if polarized is not None:
+            parts = np.stack([rays.sample(part, yaw_deg) for part in polarized])
+        if rows is None or np.all(rows.powers == state.powers):
+            return seen, parts
+        layers = self._layers[state.act]
+        for k, more in enumerate((rows.powers - state.powers).T):
+            alone = (np.arange(len(state.powers)) == k).astype(np.float32)
+            by_row = more.astype(np.float32)[:, None, None]
+            seen += by_row * rays.sample(layers.compose_lamps(alone), yaw_deg)
+            if parts is not None and layers.lamps[k].polarized is not None:
+                lamp = layers.compose_polarized(alone) - layers.compose_polarized(0 * alone)
+                parts += by_row * np.stack([rays.sample(part, yaw_deg) for part in lamp])
+        return seen, parts
 
-    def _signal(self, state: State, shot: Shot, wheel_deg: tuple[float, ...]) -> Expected:
-        """Noiseless signal, from the cache while all that shapes it stays the same."""
+    def _turned(
+        self, radiance: NDArray[np.float32], state: State, rows: Rows | None
+    ) -> NDArray[np.float32]:
+        if self._turns_first(state):
+            return radiance.astype("<f4")
+        shift_px = np.zeros(1, np.int64) if rows is None else self._shift_px(state, rows)
+        return _rolled(radiance, self._turn_px(state) + shift_px).astype("<f4")
+
+    def _signal(
+        self, state: State, shot: Shot, wheel_deg: tuple[float, ...], rows: Rows | None
+    ) -> Expected:
+        """Noiseless signal, from the cache while all that shapes it stays the same.
+
+        Where :meth:`_turns_first` is false it still wants the middle row's turn.
+        """
+        turned = self._turns_first(state)
         yaw = self._turn_px(state) if self._rays is None else state.yaw_deg
         key = (
-            state.act, state.powers.tobytes(), shot,
-            yaw if self._turns_first(state) else None,
+            state.act, state.powers.tobytes(), shot, yaw if turned else None,
             self._smear_px(state),
             wheel_deg if self._polarized(state) else None,
+            None if rows is None else rows.powers.tobytes(),
+            rows.offset_deg.tobytes() if turned and rows is not None else None,
         )  # fmt: skip
         signal = self._signals.get(key)
         if signal is None:
-            radiance = self._radiance(state, wheel_deg)
+            radiance = self._radiance(state, wheel_deg, rows)
             signal = self.sensor.expect(radiance, shot.exposure_us, shot.gain)
             self._signals[key] = signal
             if len(self._signals) > _CACHED:
                 self._signals.popitem(last=False)
         self._signals.move_to_end(key)
-        return signal
+        return signal if turned or rows is None else _rolled(signal, self._shift_px(state, rows))
+
+
+def _rolled(picture: NDArray[Pixel], shift_px: NDArray[np.int64]) -> NDArray[Pixel]:
+    """Roll rows to the right, each by its own number of columns, or all by one (1,)."""
+    if len(shift_px) == 1:
+        return np.roll(picture, shift_px[0], axis=1)
+    rolled = np.empty_like(picture)
+    first = np.concatenate([[0], np.flatnonzero(np.diff(shift_px)) + 1, [len(shift_px)]])
+    for start, end in pairwise(first):  # neighbours mostly move alike
+        rolled[start:end] = np.roll(picture[start:end], shift_px[start], axis=1)
+    return rolled
 
 
 def _smeared(radiance: NDArray[np.float32], smear_px: int) -> NDArray[np.float32]:
@@ -220,10 +314,14 @@ class _Rays:
         self._illumination = (illumination * seen).astype(np.float32)[..., None]
         self._width = map_px[0]
 
-    def sample(self, radiance: NDArray[np.float32], yaw_deg: float) -> NDArray[np.float32]:
-        """Radiance (H, W, 3) behind the lenses, roll-off included, of a map turned to the right."""
+    def sample(self, radiance: NDArray[np.float32], yaw_deg: Array) -> NDArray[np.float32]:
+        """Radiance (H, W, 3) behind the lenses, roll-off included, of a map turned to the right.
+
+        `yaw_deg`: of each of the H rows, or (1,) of all.
+        """
         padded = cv2.copyMakeBorder(radiance, 0, 0, 1, 1, cv2.BORDER_WRAP)
-        column = (self._column - np.float32(yaw_deg / 360 * self._width)) % self._width + 1
+        shift = (yaw_deg[:, None] / 360 * self._width).astype(np.float32)
+        column = (self._column - shift) % self._width + 1
         seen = cv2.remap(
             padded, column, self._row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
         )

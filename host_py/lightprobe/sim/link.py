@@ -193,8 +193,8 @@ class Link:
     def state_now(self) -> State:
         """Give the world as it is now; flicker at its mean. From any thread."""
         elapsed_s = (self.clock.now_ns() - self._start_ns) / 1e9
-        flicker_hz = self.camera.world.behaviour.flicker_hz
-        return self.camera.world.at(elapsed_s, 1 / flicker_hz if flicker_hz else 0)
+        flicker = self.camera.world.behaviour.flicker
+        return self.camera.world.at(elapsed_s, 1 / flicker.hz if flicker.is_on else 0)
 
     # The parts of a frame's life that a session needs.
 
@@ -303,7 +303,8 @@ class _Session:
             return
         shot = link.exposure.shot(frame)
         late_ms = f.late_ms + f.jitter_ms * rng.random()
-        end_ns = link.start_ns(frame) + round(1e3 * shot.exposure_us)
+        read_out_us = link.camera.row_time_us * link.camera.size_px[1]
+        end_ns = link.start_ns(frame) + round(1e3 * (shot.exposure_us + read_out_us))
         ready = _Ready(end_ns, frame, shot, end_ns + round(1e6 * late_ms))
         if link.surroundings is None or not link.camera.sees_wheel(link.camera.state(frame, shot)):
             ready.payload = link.camera.frame(frame, shot)
@@ -349,7 +350,8 @@ class _Session:
             math.nan if f.hide_exposure else ready.shot.exposure_us,
             math.nan if f.hide_exposure else ready.shot.gain,
             MARKED_CORRUPT if rng.random() < f.marked else 0, 0,
-            *[math.nan] * 6,  # orientation and row time
+            *[math.nan] * 5,  # orientation
+            camera.row_time_us,
             camera.limits.least_us, camera.limits.most_us, camera.limits.step_us,
         )  # fmt: skip
         self.frames += 1

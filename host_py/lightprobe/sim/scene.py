@@ -53,23 +53,42 @@ class Layers:
         return self.polarized is None and all(layer.polarized is None for layer in self.lamps)
 
     def compose(self, powers: ArrayLike) -> NDArray[np.float32]:
-        """Radiance with each lamp at its power (0 off, 1 full)."""
+        """Radiance with each lamp at its power (0 off, 1 full): (lamps,), or by row (H, lamps)."""
         radiance = self.base.copy()
-        flat = radiance.reshape(-1, 3)
-        for layer, power in zip(self.lamps, np.asarray(powers, dtype=np.float32), strict=True):
-            if power:
-                flat[layer.index] += power * layer.values
+        self._add_lamps(radiance.reshape(-1, 3), powers)
         return radiance
 
+    def compose_lamps(self, powers: ArrayLike) -> NDArray[np.float32]:
+        """Radiance of the lamps alone."""
+        radiance = np.zeros_like(self.base)
+        self._add_lamps(radiance.reshape(-1, 3), powers)
+        return radiance
+
+    def _add_lamps(self, flat: NDArray[np.float32], powers: ArrayLike) -> None:
+        by_lamp = np.asarray(powers, dtype=np.float32).T
+        for layer, power in zip(self.lamps, by_lamp, strict=True):
+            if power.any():
+                flat[layer.index] += self._spread(power, layer.index) * layer.values
+
+    def _spread(
+        self, power: NDArray[np.float32], index: NDArray[np.int64] | slice
+    ) -> NDArray[np.float32]:
+        """A lamp's power at its layer's pixels: one number, or that of each pixel's row."""
+        if power.ndim == 0:
+            return power
+        by_pixel = np.repeat(power, self.base.shape[1])[index]
+        return np.asarray(by_pixel[:, None])
+
     def compose_polarized(self, powers: ArrayLike) -> NDArray[np.float32]:
-        """S1 and S2 (2, H, W, 3) with each lamp at its power."""
+        """S1 and S2 (2, H, W, 3) with each lamp at its power, as :meth:`compose` takes them."""
         stokes = np.zeros((2, *self.base.shape), np.float32)
         if self.polarized is not None:
             stokes += self.polarized
         flat = stokes.reshape(2, -1, 3)
-        for layer, power in zip(self.lamps, np.asarray(powers, dtype=np.float32), strict=True):
-            if power and layer.polarized is not None:
-                flat[:, layer.index] += power * layer.polarized
+        by_lamp = np.asarray(powers, dtype=np.float32).T
+        for layer, power in zip(self.lamps, by_lamp, strict=True):
+            if power.any() and layer.polarized is not None:
+                flat[:, layer.index] += self._spread(power, layer.index) * layer.polarized
         return stokes
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -74,8 +75,10 @@ def spread_ring(box: Box, spread: float, seed: int) -> tuple[Array, Array]:
 
 def flicker_share(behaviour: Behaviour, light: RingLight, state: State) -> float:
     """Share of the ring's light that flickers, the mean over the sensors."""
-    if not behaviour.flicker_hz:
+    flicker = behaviour.flicker
+    if not flicker.is_on:
         return 0.0
-    lit = light.lux(state)
-    dark = light.lux(State(state.t_s, state.act, state.scene, state.yaw_deg, 0 * state.powers))
-    return float(behaviour.flicker_depth * np.mean(1 - dark / np.maximum(lit, 1e-9)))
+    depths = np.resize(flicker.depths, len(state.powers))
+    dark = light.lux(replace(state, powers=0 * state.powers))
+    flickering = light.lux(replace(state, powers=depths * state.powers)) - dark
+    return float(np.mean(flickering / np.maximum(light.lux(state), 1e-9)))

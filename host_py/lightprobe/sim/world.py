@@ -10,9 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lightprobe.geometry import Array
 from lightprobe.sim.exposure import median_luminance
+from lightprobe.sim.flicker import Flicker
 from lightprobe.sim.scene import Scene, Truth
 
 #: Size at which a scene's median is taken; it decides brightness, not truth.
@@ -28,13 +30,12 @@ class Behaviour:
     swing_deg: float = 0.0  # and to and fro besides, by so much to each side, as before a head
     swing_hz: float = 0.5  # so often
     switch_s: float = 0.0  # one lamp after the other is off for this long; 0: all stay on
-    flicker_hz: float = 0.0  # lamps flicker (mains: 100 or 120)
-    flicker_depth: float = 0.0  # by this share of their power
+    flicker: Flicker = Flicker()  # noqa: RUF009 - frozen
 
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """The world during one exposure."""
+    """The world during one exposure, of the middle row."""
 
     t_s: float  # start of the exposure
     act: int  # index of the scene
@@ -46,6 +47,14 @@ class State:
     def truth(self) -> Truth:
         """Light that the probe should report."""
         return self.scene.truth(self.powers, self.yaw_deg)
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """What rows of one picture saw that were exposed one after the other."""
+
+    offset_deg: Array  # (H,) yaw in the middle of each row's exposure, less that of the middle row
+    powers: Array  # (H, lamps)
 
 
 class World:
@@ -74,28 +83,32 @@ class World:
         b = self.behaviour
         act = int(t_s // b.act_s) % len(self.scenes) if b.act_s > 0 else 0
         scene = self.scenes[act]
-        powers = np.full(len(scene.lamps), 1 + self._flicker(t_s, exposure_s))
+        yaw_deg = float(self._yaw_deg(t_s + exposure_s / 2)) % 360
+        smear_deg = abs(float(self._yaw_deg(t_s + exposure_s) - self._yaw_deg(t_s)))
+        return State(t_s, act, scene, yaw_deg, self._powers(scene, t_s, exposure_s), smear_deg)
+
+    def rows(self, state: State, starts_s: Array, exposure_s: float) -> Rows:
+        """What each row of a picture saw whose middle row saw `state`.
+
+        `starts_s` (H,): seconds from the start of the middle row's exposure to that of each row's.
+        """
+        t_s = state.t_s + starts_s
+        offset_deg = self._yaw_deg(t_s + exposure_s / 2) - self._yaw_deg(state.t_s + exposure_s / 2)
+        return Rows(offset_deg, self._powers(state.scene, t_s, exposure_s))
+
+    def _yaw_deg(self, t_s: ArrayLike) -> Array:
+        b, t = self.behaviour, np.asarray(t_s, dtype=np.float64)
+        return np.asarray(b.turn_deg_s * t + b.swing_deg * np.sin(2 * np.pi * b.swing_hz * t))
+
+    def _powers(self, scene: Scene, t_s: ArrayLike, exposure_s: float) -> Array:
+        """Powers (…, lamps) during exposures that start at `t_s` (…)."""
+        b, count = self.behaviour, len(scene.lamps)
+        powers = b.flicker.powers(count, t_s, exposure_s)
         # Slot 0 leaves every lamp on, then each has its turn to be off; one lamp is never off.
-        if b.switch_s > 0 and len(powers) > 1:
-            slot = int(t_s // b.switch_s) % (len(powers) + 1)
-            if slot:
-                powers[slot - 1] = 0
-        yaw_deg = self._yaw_deg(t_s + exposure_s / 2) % 360
-        smear_deg = abs(self._yaw_deg(t_s + exposure_s) - self._yaw_deg(t_s))
-        return State(t_s, act, scene, yaw_deg, powers, smear_deg)
-
-    def _yaw_deg(self, t_s: float) -> float:
-        b = self.behaviour
-        swing_deg = b.swing_deg * np.sin(2 * np.pi * b.swing_hz * t_s) if b.swing_deg else 0.0
-        return float(b.turn_deg_s * t_s + swing_deg)
-
-    def _flicker(self, t_s: float, exposure_s: float) -> float:
-        """Mean of depth · sin(2πft) over the exposure."""
-        b = self.behaviour
-        turns = b.flicker_hz * exposure_s
-        middle = t_s + exposure_s / 2
-        wave = np.sin(2 * np.pi * b.flicker_hz * middle) * np.sinc(turns)
-        return float(b.flicker_depth * wave)
+        if b.switch_s > 0 and count > 1:
+            slot = (np.asarray(t_s) // b.switch_s).astype(int) % (count + 1)
+            powers = np.where(slot[..., None] == np.arange(1, count + 1), 0.0, powers)
+        return powers
 
 
 def _brought_to(scene: Scene, median_radiance: float) -> Scene:

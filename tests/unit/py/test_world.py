@@ -10,6 +10,7 @@ from lightprobe.imaging import camera as lenses
 from lightprobe.sim.camera import Shot, SimulatedCamera
 from lightprobe.sim.exposure import ExposureLimits, median_luminance
 from lightprobe.sim.faults import Faults
+from lightprobe.sim.flicker import WAVES, Flicker
 from lightprobe.sim.link import Exposure
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.room import Room
@@ -39,7 +40,7 @@ def test_lamps_are_off_in_turn():
 
 
 def test_flicker_is_averaged_by_the_exposure():
-    world = World([random_scene(0)], Behaviour(flicker_hz=100, flicker_depth=0.4))
+    world = World([random_scene(0)], Behaviour(flicker=Flicker(100, (0.4,))))
     powers = [float(world.at(t, 1e-6).powers[0]) for t in np.linspace(0, 0.01, 41)]
     assert max(powers) == pytest.approx(1.4, abs=0.01)
     assert min(powers) == pytest.approx(0.6, abs=0.01)
@@ -211,3 +212,135 @@ def test_faults_are_merged_and_checked():
         faults.merged("explode=1")
     with pytest.raises(UsageError, match="late_ms=soon: expected a number"):
         faults.merged("late_ms=soon")
+
+
+# ---------------------------------------------------------------- rolling shutter
+
+
+ROW_US = 200.0
+SHUTTER_S = 1e-6 * ROW_US * (SIZE[1] - 1) / 2  # from the first row to the middle
+
+
+def rolling(scene, behaviour, lens=None, pixel_format="RGBF", **more):
+    world = World([scene], behaviour)
+    return SimulatedCamera(
+        world, lens or lenses.equirect(), SIZE, rate_hz=10, pixel_format=pixel_format,
+        row_time_us=ROW_US, **more,
+    )  # fmt: skip
+
+
+def floats(camera, number, shot):
+    return np.frombuffer(camera.frame(number, shot), "<f4").reshape(SIZE[1], SIZE[0], 3)
+
+
+def global_shutter(scene, behaviour, lens=None):
+    return SimulatedCamera(
+        World([scene], behaviour), lens or lenses.equirect(), SIZE, rate_hz=10, pixel_format="RGBF"
+    )
+
+
+def rows_at_their_times(scene, behaviour, number, shot, lens=None):
+    """Each row from a picture of a camera that exposes all rows at that row's time."""
+    camera, world = global_shutter(scene, behaviour, lens), World([scene], behaviour)
+    picture = np.empty((SIZE[1], SIZE[0], 3), np.float32)
+    for row in range(SIZE[1]):
+        state = world.at(number / 10 + 1e-6 * ROW_US * row, 1e-6 * shot.exposure_us)
+        camera.state = lambda *_, state=state: state
+        picture[row] = floats(camera, 0, shot)[row]
+    return picture
+
+
+FLICKER = Flicker(100, (0.9, 0.5), (0.0, 1 / 3), ("sine", "square"))
+
+
+@pytest.mark.parametrize(
+    "behaviour",
+    [
+        Behaviour(act_s=0, turn_deg_s=200),
+        Behaviour(act_s=0, flicker=FLICKER),
+        Behaviour(act_s=0, turn_deg_s=-300, flicker=FLICKER),
+        Behaviour(act_s=0, switch_s=0.052),
+    ],
+)
+@pytest.mark.parametrize("fisheye", [False, True])
+def test_every_row_is_exposed_at_its_own_time(tmp_path, behaviour, fisheye):
+    lens = dual_fisheye(tmp_path) if fisheye else None
+    scene, shot = random_scene(3), Shot(500)
+    found = floats(rolling(scene, behaviour, lens), 1, shot)
+    wanted = rows_at_their_times(scene, behaviour, 1, shot, lens)
+    assert found == pytest.approx(wanted, rel=2e-3, abs=2e-3 * float(wanted.max()))
+    all_at_once = floats(global_shutter(scene, behaviour, lens), 1, shot)
+    assert np.abs(all_at_once - wanted).max() > 0.02 * wanted.max()
+
+
+def test_codes_roll_as_floats_do():
+    """Turned rows come from the cache of one still signal."""
+    scene, behaviour = random_scene(3), Behaviour(act_s=0, turn_deg_s=200)
+    camera = rolling(scene, behaviour, pixel_format="GREY")
+    shot = camera.automatic(0)[0]
+    once = np.frombuffer(camera.frame(2, shot), np.uint8).reshape(SIZE[1], SIZE[0])
+    radiance = floats(rolling(scene, behaviour), 2, shot)
+    codes = srgb_code(np.minimum(radiance * 1e-6 * shot.exposure_us, 1)) @ [0.299, 0.587, 0.114]
+    assert np.abs(once - codes).mean() < 2.5
+
+
+def test_the_middle_row_tells_a_frames_state():
+    camera = rolling(random_scene(3), Behaviour(act_s=0, turn_deg_s=100))
+    state = camera.state(4, Shot(1000))
+    assert state.yaw_deg == pytest.approx(100 * (0.4 + SHUTTER_S + 0.0005))
+
+
+def test_a_still_scene_looks_the_same_through_any_shutter():
+    still = Behaviour(act_s=0)
+    shots = [
+        camera.frame(1, Shot(1000))
+        for camera in (rolling(Room(), still), global_shutter(Room(), still))
+    ]
+    assert shots[0] == shots[1]
+
+
+def test_a_frame_is_read_before_the_next():
+    with pytest.raises(UsageError, match="1000 µs for each of 128 rows"):
+        SimulatedCamera(
+            World([random_scene(0)]), lenses.equirect(), SIZE, rate_hz=30, row_time_us=1000
+        )
+
+
+# ---------------------------------------------------------------- flicker
+
+
+@pytest.mark.parametrize("wave", WAVES)
+def test_waves_have_mean_0_and_the_depth_below(wave):
+    flicker = Flicker(100, (0.6,), (0.25,), (wave,))
+    t_s = 3 + np.arange(1000) / 1000 / 100
+    moments = flicker.powers(1, t_s, 0.0)[:, 0]
+    assert moments.mean() == pytest.approx(1, abs=2e-3)
+    assert moments.min() == pytest.approx(0.4, abs=5e-3)
+    for exposure_s in (0.001, 0.0123):
+        means = [
+            flicker.powers(1, t + np.linspace(0, exposure_s, 4001), 0.0).mean() for t in t_s[::97]
+        ]
+        assert flicker.powers(1, t_s[::97], exposure_s)[:, 0] == pytest.approx(means, abs=2e-3)
+    assert flicker.powers(1, 0.0033, 0.01) == pytest.approx(1)
+
+
+def test_lamps_flicker_each_in_its_own_way():
+    flicker = Flicker(100, (0.5, 0.1), (0, 1 / 3, 2 / 3), ("sine", "square"))
+    powers = flicker.powers(4, np.linspace(0, 0.01, 401), 0.0)
+    assert np.ptp(powers, axis=0) == pytest.approx([1.0, 0.2, 1.0, 0.2], abs=1e-3)
+    assert np.argmax(powers[:, 0]) == 100
+    assert np.argmax(powers[:, 2]) == pytest.approx(100 - 2 / 3 * 400 + 400, abs=1)
+
+
+@pytest.mark.parametrize(
+    ("entries", "words"),
+    [
+        ({"depths": (1.5,)}, "depths 1.5: expected shares"),
+        ({"depths": ()}, "a list is empty"),
+        ({"phases": (np.nan,)}, "phases nan: expected parts of a period"),
+        ({"waves": ("triangle",)}, "wave triangle: expected sine"),
+    ],
+)
+def test_flicker_that_cannot_be(entries, words):
+    with pytest.raises(UsageError, match=words):
+        Flicker(100, **entries)
