@@ -190,6 +190,9 @@ def test_truth_is_written_for_every_frame(tmp_path):
         assert line["exposure_us"] == pytest.approx(header["exposure_us"])
         assert line["yaw_deg"] == pytest.approx(30 * line["t_s"] % 360, abs=360 / 256)
         assert line["scene"] == "procedural-0"
+        half = np.radians(line["yaw_deg"]) / 2
+        assert (header["y"], header["w"]) == pytest.approx((np.sin(half), np.cos(half)), abs=1e-6)
+        assert header["x"] == header["z"] == 0
 
 
 def test_misbehaviour_on_request(tmp_path):

@@ -28,6 +28,12 @@ class Faults:
     cut_after: int = 0  # frames until it is unplugged in the middle of one; 0: never
     hide_exposure: int = 0  # 1: frames do not report their exposure
     ignore_exposure: int = 0  # 1: exposure commands have no effect
+    hide_orientation: int = 0  # 1: frames do not report their orientation
+    orientation_noise_deg: float = 0.0  # about each axis; the sensor states it as its sigma
+    orientation_late_ms: float = 0.0  # it is that of so long before; below 0: of later
+    orientation_drop: float = 0.0  # share of frames without
+    orientation_jump_s: float = 0.0  # so often the sensor's idea of the world jumps; 0: never
+    orientation_jump_deg: float = 0.0  # by so much, about an axis drawn each time
     delay_frames: int = -1  # frames from exposure command to effect; -1: as the camera is
 
     def merged(self, query: str) -> Faults:
@@ -52,10 +58,11 @@ class Faults:
 
 
 #: What the numbers may be; 0 or more where nothing else is said.
-_SHARES = ("drop", "corrupt", "truncate", "garbage", "marked", "wrong_size")
+_SHARES = ("drop", "corrupt", "truncate", "garbage", "marked", "wrong_size", "orientation_drop")
 _RANGES: dict[str, tuple[float, float]] = {
     **dict.fromkeys(_SHARES, (0, 1)),
-    **dict.fromkeys(("hide_exposure", "ignore_exposure"), (0, 1)),
+    **dict.fromkeys(("hide_exposure", "ignore_exposure", "hide_orientation"), (0, 1)),
+    "orientation_late_ms": (-1000, 1000),
     "delay_frames": (-1, 100),
 }
 

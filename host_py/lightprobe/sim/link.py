@@ -19,6 +19,7 @@ from typing import Any, Protocol, TextIO
 import numpy as np
 
 from lightprobe.errors import LightprobeError, UsageError
+from lightprobe.sim import orientation
 from lightprobe.sim.camera import Shot, SimulatedCamera
 from lightprobe.sim.clock import Clock, SystemClock
 from lightprobe.sim.faults import Faults
@@ -350,7 +351,7 @@ class _Session:
             math.nan if f.hide_exposure else ready.shot.exposure_us,
             math.nan if f.hide_exposure else ready.shot.gain,
             MARKED_CORRUPT if rng.random() < f.marked else 0, 0,
-            *[math.nan] * 5,  # orientation
+            *orientation.reading(camera, ready.number, ready.shot, f),
             camera.row_time_us,
             camera.limits.least_us, camera.limits.most_us, camera.limits.step_us,
         )  # fmt: skip

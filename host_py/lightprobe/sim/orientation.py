@@ -1,0 +1,64 @@
+"""What an orientation sensor on the camera says: the truth, spoiled as faults ask for."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from lightprobe import geometry
+from lightprobe.geometry import Array
+from lightprobe.sim.camera import Shot, SimulatedCamera
+from lightprobe.sim.faults import Faults
+
+#: A sensor without noise states this, not 0.
+_LEAST_SIGMA_DEG = 0.01
+_UNKNOWN = (math.nan,) * 5
+#: What the chance is for, beside those of a frame's life in link.py.
+_PURPOSE, _JUMPS = 2, 3
+
+
+def reading(
+    camera: SimulatedCamera, frame: int, shot: Shot, faults: Faults
+) -> tuple[float, float, float, float, float]:
+    """Quaternion x, y, z, w, probe to scene, at the middle of the middle row's exposure; sigma.
+
+    Sigma in degrees, about each axis. It tells of the noise alone: a sensor does not know that it
+    jumps or is late. All NaN: nothing was measured.
+    """
+    rng = np.random.default_rng([camera.sensor.seed, frame, _PURPOSE])
+    if faults.hide_orientation or rng.random() < faults.orientation_drop:
+        return _UNKNOWN
+    state = camera.state(frame, shot)
+    yaw_deg = camera.true_yaw_deg(state)
+    if faults.orientation_late_ms:
+        before_s = state.t_s - 1e-3 * faults.orientation_late_ms
+        yaw_deg = camera.world.at(before_s, 1e-6 * shot.exposure_us).yaw_deg
+    # The scene turns to the right before the camera, so the camera turns to the left in it.
+    true = geometry.quaternion([0, 1, 0], yaw_deg)
+    noise = _small_turn(faults.orientation_noise_deg * rng.standard_normal(3))
+    w, x, y, z = _times(_jumps(camera.sensor.seed, state.t_s, faults), _times(true, noise))
+    return x, y, z, w, max(faults.orientation_noise_deg, _LEAST_SIGMA_DEG)
+
+
+def _jumps(seed: int, t_s: float, faults: Faults) -> Array:
+    """By how much the sensor's idea of the world has turned: a jump about some axis, now and then."""
+    total = geometry.quaternion([0, 1, 0], 0)
+    if not (faults.orientation_jump_deg and faults.orientation_jump_s):
+        return total
+    for k in range(int(max(t_s, 0) // faults.orientation_jump_s)):
+        axis = np.random.default_rng([seed, k, _JUMPS]).standard_normal(3)
+        total = _times(geometry.quaternion(axis, faults.orientation_jump_deg), total)
+    return total
+
+
+def _small_turn(vector_deg: Array) -> Array:
+    angle_deg = float(np.linalg.norm(vector_deg))
+    axis = vector_deg if angle_deg else np.array([0.0, 1, 0])
+    return geometry.quaternion(axis, angle_deg)
+
+
+def _times(a: Array, b: Array) -> Array:
+    """Hamilton's product of w, x, y, z: first turn by b, then by a."""
+    w = a[0] * b[0] - a[1:] @ b[1:]
+    return np.concatenate([[w], a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:])])
