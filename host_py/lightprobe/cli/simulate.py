@@ -84,6 +84,30 @@ def command(
     flicker_wave: Annotated[
         str, typer.Option(metavar="WAVE,…", help=f"Of {', '.join(WAVES)}.")
     ] = "sine",
+    walk_m: Annotated[
+        float,
+        typer.Option(
+            callback=check.number(0, 2, "metres"),
+            help="The camera walks across the room, so far to each side (--scenes room).",
+        ),
+    ] = 0.0,
+    walk_m_s: Annotated[
+        float,
+        typer.Option(
+            callback=check.number(0, 10, "metres a second", above=True),
+            help="At this speed in the middle.",
+        ),
+    ] = 1.0,
+    cover_from_s: Annotated[
+        float,
+        typer.Option(
+            callback=check.number(0, unit="seconds"),
+            help="From then on somebody covers the right half of the camera's view.",
+        ),
+    ] = 0.0,
+    cover_to_s: Annotated[
+        float, typer.Option(callback=check.number(0, unit="seconds"), help="Until then.")
+    ] = 0.0,
     median_radiance: Annotated[
         float,
         typer.Option(
@@ -259,6 +283,10 @@ def command(
             "simulate: --polarizer: the wheel of --firmware turns the polarizer: "
             "leave one of the two out"
         )
+    if firmware != "none" and walk_m:
+        raise UsageError(
+            "simulate: --walk-m: the ring of --firmware cannot walk: leave one of the two out"
+        )
     if firmware == "none":
         misbehaviour.Faults().merged(faults)
     size_px, kind = parse_size(size), parse_format(pixel_format)
@@ -271,7 +299,10 @@ def command(
     curve = None if response is None else responses.parse(response)
     optics = lenses.load(lens)
     polarizer = polarizer_deg is not None or firmware != "none"
-    behaviour = Behaviour(act_s, turn_deg_s, swing_deg, swing_hz, switch_s, flicker)
+    behaviour = Behaviour(
+        act_s, turn_deg_s, swing_deg, swing_hz, switch_s, flicker,
+        walk_m, walk_m_s, cover_from_s, cover_to_s,
+    )  # fmt: skip
     world = World(scenes.load(scene), behaviour, median_radiance or None)
     simulated = SimulatedCamera(
         world, optics, size_px, rate_hz=rate_hz, pixel_format=kind, quality=quality, chroma=chroma,

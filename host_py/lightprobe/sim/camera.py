@@ -19,6 +19,7 @@ from lightprobe.geometry import Array
 from lightprobe.imaging.camera import Camera
 from lightprobe.sim.exposure import ExposureLimits, bracket_us, median_luminance
 from lightprobe.sim.polarizer import Polarizer, Sheet
+from lightprobe.sim.scene import Layers
 from lightprobe.sim.sensor import Codes, Expected, Sensor, SensorModel, encode_jpeg
 from lightprobe.sim.world import Rows, State, World
 
@@ -99,6 +100,7 @@ class SimulatedCamera:
         self._polarizer = Polarizer(sheet, lens, size_px) if sheet and polarized else None
         self._medians: dict[int, float] = {}
         self._composed: tuple[Hashable, Composed] | None = None
+        self._walked: tuple[Hashable, Layers] | None = None
         self._signals: OrderedDict[Hashable, Expected] = OrderedDict()
 
     def state(self, frame: int, shot: Shot) -> State:
@@ -106,7 +108,8 @@ class SimulatedCamera:
 
         The first row's exposure begins at frame / rate.
         """
-        return self.world.at(frame / self.rate_hz - self._rows_s[0], 1e-6 * shot.exposure_us)
+        start_s = frame / self.rate_hz - float(self._rows_s[0])
+        return self.world.at(start_s, 1e-6 * shot.exposure_us)
 
     def _rows(self, state: State, shot: Shot) -> Rows | None:
         """What each row saw; None: all the same as the middle one."""
@@ -138,12 +141,22 @@ class SimulatedCamera:
         """Payload of frame `number`; `wheel_deg`: angles of the polarizer while it was exposed."""
         state = self.state(number, shot)
         rows = self._rows(state, shot)
-        if self.pixel_format == "RGBF":
-            return self._turned(self._radiance(state, wheel_deg, rows), state, rows).tobytes()
+        if self.pixel_format == "RGBF" or state.is_covered:
+            radiance = self._turned(self._radiance(state, wheel_deg, rows), state, rows)
+            if state.is_covered:
+                radiance[self._right_half()] = 0
+            if self.pixel_format == "RGBF":
+                return radiance.tobytes()
+            codes = self.sensor.capture(radiance, shot.exposure_us, number, shot.gain)
+            return encode(codes, self.pixel_format, self.quality, self.chroma)
         signal = self._signal(state, shot, wheel_deg, rows)
         turn_px = 0 if self._turns_first(state) else self._turn_px(state)
         codes = self.sensor.develop(signal, number, shot.gain, turn_px)
         return encode(codes, self.pixel_format, self.quality, self.chroma)
+
+    def _right_half(self) -> NDArray[np.bool_]:
+        """Pixels (H, W) that look to the right."""
+        return np.asarray(self.lens.look(*self.size_px)[0][..., 0] > 0)
 
     def true_yaw_deg(self, state: State) -> float:
         """Yaw of the picture: equirectangular ones turn by whole pixels."""
@@ -159,8 +172,17 @@ class SimulatedCamera:
         turn_px = np.rint((state.yaw_deg + rows.offset_deg) / 360 * self.size_px[0])
         return np.asarray(turn_px.astype(np.int64) - self._turn_px(state))
 
+    def _layers_of(self, state: State) -> Layers:
+        """Maps of the scene from where the probe is; while it walks only the last are kept."""
+        if not self.world.behaviour.walk_m:
+            return self._layers[state.act]
+        key = (state.act, state.place_m)
+        if self._walked is None or self._walked[0] != key:
+            self._walked = (key, state.scene.render(*self._map_px))
+        return self._walked[1]
+
     def _polarized(self, state: State) -> bool:
-        return self._polarizer is not None and not self._layers[state.act].unpolarized
+        return self._polarizer is not None and not self._layers_of(state).unpolarized
 
     def sees_wheel(self, state: State) -> bool:
         """Tell whether the polarizer's angle shapes the picture: where nothing is polarized, no."""
@@ -177,9 +199,9 @@ class SimulatedCamera:
         """
         by_row = rows is not None and self._rays is None
         powers = rows.powers if rows is not None and by_row else state.powers
-        key = (state.act, powers.tobytes())
+        key = (state.act, state.place_m, powers.tobytes())
         if self._composed is None or self._composed[0] != key:
-            layers, polarized = self._layers[state.act], None
+            layers, polarized = self._layers_of(state), None
             if self._polarized(state):
                 polarized = layers.compose_polarized(powers)
             self._composed = (key, (layers.compose(powers), polarized))
@@ -236,7 +258,7 @@ class SimulatedCamera:
             parts = np.stack([rays.sample(part, yaw_deg) for part in polarized])
         if rows is None or np.all(rows.powers == state.powers):
             return seen, parts
-        layers = self._layers[state.act]
+        layers = self._layers_of(state)
         for k, more in enumerate((rows.powers - state.powers).T):
             alone = (np.arange(len(state.powers)) == k).astype(np.float32)
             by_row = more.astype(np.float32)[:, None, None]
@@ -264,7 +286,7 @@ class SimulatedCamera:
         turned = self._turns_first(state)
         yaw = self._turn_px(state) if self._rays is None else state.yaw_deg
         key = (
-            state.act, state.powers.tobytes(), shot, yaw if turned else None,
+            state.act, state.place_m, state.powers.tobytes(), shot, yaw if turned else None,
             self._smear_px(state),
             wheel_deg if self._polarized(state) else None,
             None if rows is None else rows.powers.tobytes(),

@@ -224,6 +224,8 @@ class Link:
             "act": state.act,
             "yaw_deg": yaw_deg,
             "powers": state.powers.tolist(),
+            "place_m": state.place_m,
+            "is_covered": state.is_covered,
         }
         if self.surroundings is not None:
             line |= {

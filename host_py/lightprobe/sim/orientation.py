@@ -42,7 +42,7 @@ def reading(
 
 
 def _jumps(seed: int, t_s: float, faults: Faults) -> Array:
-    """By how much the sensor's idea of the world has turned: a jump about some axis, now and then."""
+    """By how much the sensor's idea of the world has turned: jumps about axes that are drawn."""
     total = geometry.quaternion([0, 1, 0], 0)
     if not (faults.orientation_jump_deg and faults.orientation_jump_s):
         return total

@@ -8,20 +8,21 @@ bounced more than once is one constant per lamp, from the walls' mean reflectanc
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lightprobe import geometry
 from lightprobe.colour import luminance
+from lightprobe.errors import UsageError
 from lightprobe.geometry import Array
 from lightprobe.lamp import Lamp
 from lightprobe.sim.scene import Layer, Layers, MapTruth, disc_layer, lit_lamps
 
 #: Size of the map that truth is summed over.
 _TRUTH_PX = (1024, 512)
-# Corners of the room in metres, seen from the probe at the origin.
+# Corners of the room in metres; the probe is at the origin unless it walks.
 _LOW, _HIGH = np.array([-2.6, -1.3, -3.4]), np.array([2.2, 1.4, 2.6])
 # Reflectance of the faces −x, +x, −y (floor), +y (ceiling), −z, +z.
 _WALLS = np.array(
@@ -39,6 +40,11 @@ class Bulb:
     position_m: tuple[float, float, float]
     radius_m: float
     radiance: tuple[float, float, float]
+
+    def seen_from(self, place_m: tuple[float, float, float]) -> Bulb:
+        """Give the same bulb with the probe elsewhere."""
+        x, y, z = np.subtract(self.position_m, place_m).tolist()
+        return replace(self, position_m=(x, y, z))
 
     def lamp(self) -> Lamp:
         """Give what the probe sees of it: a disc of uniform radiance."""
@@ -63,22 +69,35 @@ class Room:
     name: str = "room"
     bulbs: tuple[Bulb, ...] = _BULBS
     brightness: float = 1.0
+    place_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # where the probe is
 
     @property
     def lamps(self) -> tuple[Lamp, ...]:
         """See :class:`lightprobe.sim.scene.Scene`."""
-        return tuple(bulb.lamp().scaled(self.brightness) for bulb in self.bulbs)
+        return tuple(bulb.lamp().scaled(self.brightness) for bulb in self._seen())
 
     def scaled(self, factor: float) -> Room:
         """See :class:`lightprobe.sim.scene.Scene`."""
-        return Room(self.name, self.bulbs, factor * self.brightness)
+        return replace(self, brightness=factor * self.brightness)
+
+    def seen_from(self, place_m: tuple[float, float, float]) -> Room:
+        """Give the same room with the probe elsewhere; UsageError outside its walls."""
+        if np.any(place_m <= _LOW) or np.any(place_m >= _HIGH):
+            raise UsageError(f"room: {place_m}: the probe would be outside its walls")
+        return replace(self, place_m=place_m)
+
+    def _seen(self) -> tuple[Bulb, ...]:
+        """Bulbs as the probe sees them from its place."""
+        return tuple(bulb.seen_from(self.place_m) for bulb in self.bulbs)
 
     def render(self, width_px: int, height_px: int) -> Layers:
         """See :class:`lightprobe.sim.scene.Scene`."""
-        point, normal, reflectance = _walls(geometry.equirect_directions(width_px, height_px))
+        point, normal, reflectance = _walls(
+            geometry.equirect_directions(width_px, height_px), np.array(self.place_m)
+        )
         base = (self.brightness * _DAYLIGHT * reflectance / 0.5).astype(np.float32)
         layers = []
-        for bulb, lamp in zip(self.bulbs, self.lamps, strict=True):
+        for bulb, lamp in zip(self._seen(), self.lamps, strict=True):
             glow = self.brightness * reflectance / np.pi * _irradiance(bulb, point, normal)
             disc = disc_layer(lamp, width_px, height_px)
             flat = glow.reshape(-1, 3).astype(np.float32)
@@ -94,17 +113,20 @@ class Room:
         return MapTruth(radiance, yaw_deg, lit_lamps(self.lamps, powers, yaw_deg))
 
 
-def _walls(directions: Array) -> tuple[Array, Array, Array]:
-    """Where rays from the probe meet the walls: point, inward normal, reflectance; (H, W, 3)."""
+def _walls(directions: Array, place_m: Array) -> tuple[Array, Array, Array]:
+    """Where rays from the probe meet the walls: point, inward normal, reflectance; (H, W, 3).
+
+    Points are seen from the probe, which is at `place_m`.
+    """
     safe = np.where(np.abs(directions) < 1e-12, 1e-12, directions)
-    reach = np.where(safe > 0, _HIGH / safe, _LOW / safe)
+    reach = np.where(safe > 0, (_HIGH - place_m) / safe, (_LOW - place_m) / safe)
     axis = reach.argmin(axis=-1)
     point = safe * np.take_along_axis(reach, axis[..., None], -1)
     positive = np.take_along_axis(safe, axis[..., None], -1)[..., 0] > 0
     normal = np.zeros_like(safe)
     np.put_along_axis(normal, axis[..., None], np.where(positive, -1.0, 1.0)[..., None], -1)
     face = 2 * axis + positive
-    return point, normal, _WALLS[face] * _pattern(point, face)[..., None]
+    return point, normal, _WALLS[face] * _pattern(point + place_m, face)[..., None]
 
 
 def _pattern(point: Array, face: NDArray[np.intp]) -> Array:

@@ -12,13 +12,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lightprobe.errors import UsageError
 from lightprobe.geometry import Array
 from lightprobe.sim.exposure import median_luminance
 from lightprobe.sim.flicker import Flicker
+from lightprobe.sim.room import Room
 from lightprobe.sim.scene import Scene, Truth
 
 #: Size at which a scene's median is taken; it decides brightness, not truth.
 _PREVIEW_PX = (256, 128)
+#: Direction of a walk.
+_WALK = (0.6, 0.0, -0.8)
 
 
 @dataclass(frozen=True)
@@ -31,6 +35,10 @@ class Behaviour:
     swing_hz: float = 0.5  # so often
     switch_s: float = 0.0  # one lamp after the other is off for this long; 0: all stay on
     flicker: Flicker = Flicker()  # noqa: RUF009 - frozen
+    walk_m: float = 0.0  # the probe walks across the room, so far to each side; 0: it stands
+    walk_m_s: float = 1.0  # at this speed in the middle
+    cover_from_s: float = 0.0  # somebody covers the right half of the camera's view
+    cover_to_s: float = 0.0  # until then
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +51,8 @@ class State:
     yaw_deg: float  # in the middle of the exposure
     powers: Array  # one per lamp of the scene
     smear_deg: float = 0.0  # by which the scene turns during the exposure, 0 or more
+    place_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # where the probe is in the scene
+    is_covered: bool = False
 
     def truth(self) -> Truth:
         """Light that the probe should report."""
@@ -70,6 +80,9 @@ class World:
         if not scenes:
             raise ValueError("world: no scene")
         self.behaviour = behaviour or Behaviour()
+        flat = [scene.name for scene in scenes if not isinstance(scene, Room)]
+        if self.behaviour.walk_m and flat:
+            raise UsageError(f"world: {flat[0]}: nobody can walk in it: take the scene room")
         self.scenes = [
             scene if median_radiance is None else _brought_to(scene, median_radiance)
             for scene in scenes
@@ -85,7 +98,20 @@ class World:
         scene = self.scenes[act]
         yaw_deg = float(self._yaw_deg(t_s + exposure_s / 2)) % 360
         smear_deg = abs(float(self._yaw_deg(t_s + exposure_s) - self._yaw_deg(t_s)))
-        return State(t_s, act, scene, yaw_deg, self._powers(scene, t_s, exposure_s), smear_deg)
+        place_m = self._place_m(t_s + exposure_s / 2)
+        if isinstance(scene, Room) and b.walk_m:
+            scene = scene.seen_from(place_m)
+        return State(
+            t_s, act, scene, yaw_deg, self._powers(scene, t_s, exposure_s), smear_deg, place_m,
+            b.cover_from_s <= t_s < b.cover_to_s,
+        )  # fmt: skip
+
+    def _place_m(self, t_s: float) -> tuple[float, float, float]:
+        b = self.behaviour
+        if not b.walk_m:
+            return (0.0, 0.0, 0.0)
+        way_m = b.walk_m * float(np.sin(b.walk_m_s / b.walk_m * t_s))
+        return (_WALK[0] * way_m, _WALK[1] * way_m, _WALK[2] * way_m)
 
     def rows(self, state: State, starts_s: Array, exposure_s: float) -> Rows:
         """What each row of a picture saw whose middle row saw `state`.
