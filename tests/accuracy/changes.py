@@ -182,11 +182,9 @@ def _strength(packet: Packet, lamp: Lamp) -> float:
 def cases(
     names: Sequence[str],
     exposures: Sequence[str] = tuple(EXPOSURES),
-    daemon_arguments: tuple[str, ...] = (),
-    size_px: tuple[int, int] | None = None,
+    **more: object,
 ) -> list[Case]:
     """Every scene with more than one lamp, switched, and flickering at both mains."""
-    more = {"daemon_arguments": daemon_arguments, **({"size_px": size_px} if size_px else {})}
     found = []
     for scene, kind in product(find(names), exposures):
         found += of_scene(scene, kind, **more)
@@ -284,7 +282,12 @@ def main() -> None:
     add_options(parser, SCENES)
     options = parser.parse_args()
     use_daemon(options.daemon)
-    todo = cases(options.scene, options.exposures, tuple(options.daemon_args))
+    todo = cases(
+        options.scene,
+        options.exposures,
+        daemon_arguments=tuple(options.daemon_args),
+        faults=options.faults,
+    )
     found = all_figures(todo, options.processes)
     if options.json:
         print(to_json(found))

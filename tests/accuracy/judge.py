@@ -7,7 +7,7 @@ compared in the scene's frame, so that a turn of the camera is no change of ligh
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -119,13 +119,18 @@ class Figures:
     relighting: Coverage  # error and statement: root mean square over normals, of the mean
 
 
-def judge(light: Light, packets: Sequence[Packet], seconds: float) -> Figures:
-    """Sum up what came in `seconds`."""
-    errors = [_relighting(light, packet) for packet in packets]
+def judge(
+    light_at: Callable[[Packet], Light], packets: Sequence[Packet], seconds: float
+) -> Figures:
+    """Sum up what came in `seconds`; `light_at`: the truth when a packet was captured."""
+    lights = [light_at(packet) for packet in packets]
+    pairs = list(zip(lights, packets, strict=True))
+    errors = [_relighting(*pair) for pair in pairs]
     maes = [mae for mae, _ in errors]
     wrong = [mae > WRONG and _seems_fine(p) for mae, p in zip(maes, packets, strict=True)]
-    matches = [match for packet in packets for match in _matches(light, packet)]
+    matches = [match for pair in pairs for match in _matches(*pair)]
     flags = Counter(name for packet in packets for name in flag_names(packet.estimate.flags))
+    suns = [_lists(packet, light.sun) for light, packet in pairs if light.sun is not None]
     count = max(len(packets), 1)
     return Figures(
         packets=len(packets),
@@ -136,10 +141,10 @@ def judge(light: Light, packets: Sequence[Packet], seconds: float) -> Figures:
         healthy=sum(_healthy(p) for p in packets) / count,
         flags={name: number / count for name, number in sorted(flags.items())},
         births_per_s=births(packets) / seconds,
-        ambient_step=ambient_step(packets, float(luminance(light.irradiance).mean())),
-        sun_listed=(
-            None if light.sun is None else sum(_lists(p, light.sun) for p in packets) / count
-        ),
+        ambient_step=ambient_step(packets, float(luminance(lights[0].irradiance).mean()))
+        if lights
+        else float("nan"),
+        sun_listed=float(np.mean(suns)) if suns else None,
         direction=Coverage.of(match[0] for match in matches),
         irradiance=Coverage.of(match[1] for match in matches),
         relighting=Coverage.of(

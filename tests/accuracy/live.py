@@ -12,15 +12,18 @@ import argparse
 import multiprocessing
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
-from judge import Coverage, Figures, Light, judge
+from judge import Coverage, Figures, Light, Packet, judge
 from lightprobe.errors import LightprobeError
+from lightprobe.sim.flicker import Flicker
+from lightprobe.sim.room import Room
 from lightprobe.sim.scene import Scene
 from lightprobe.sim.world import Behaviour
 from recording import (
@@ -39,6 +42,8 @@ from recording import (
 
 #: Panoramas of blender-data, and rooms with exact lamps.
 SCENES = ("blender", "procedural:4", "room")
+#: Where things go wrong.
+TROUBLED_SCENES = ("room",)
 #: Simulated seconds that are judged.
 JUDGED_S = 4.0
 
@@ -48,10 +53,37 @@ MOTIONS = {
     "head": Behaviour(act_s=0, swing_deg=40, swing_hz=0.5),
 }
 
+#: What goes wrong in use: words, how the world behaves, and what of the Run is different.
+_HEAD = MOTIONS["head"]
+TROUBLES: dict[str, tuple[str, Behaviour, dict[str, Any]]] = {
+    "covered": (
+        "half of the lens is covered for 2 s",
+        Behaviour(act_s=0, cover_from_s=3, cover_to_s=5), {},
+    ),
+    "walk": (
+        "a walk across the room, 1 m/s",
+        Behaviour(act_s=0, walk_m=1.2, walk_m_s=1), {"size_px": (960, 480)},
+    ),
+    "ignored": (
+        "exposures are ignored, 30 °/s", MOTIONS["30"], {"faults": "ignore_exposure=1"},
+    ),
+    "rolling": (
+        "rolling shutter, 100 Hz, ± 40° at 0.5 Hz",
+        replace(_HEAD, flicker=Flicker(100, (0.5,), (0, 1 / 3, 2 / 3))), {"row_time_us": 30.0},
+    ),
+    "1fps": (
+        "1 frame per second, 10 °/s", MOTIONS["10"], {"rate_hz": 1.0, "judged_s": 20.0},
+    ),
+    "120fps": (
+        "120 frames per second, ± 40° at 0.5 Hz",
+        _HEAD, {"rate_hz": 120.0, "judged_s": 2.0, "size_px": (960, 480)},
+    ),
+}  # fmt: skip
+
 
 @dataclass(frozen=True)
 class Case:
-    """A scene, and how the camera turns."""
+    """A scene, and how the camera turns or what goes wrong."""
 
     motion: str
     run: Run
@@ -71,16 +103,27 @@ class Live:
 def judged(case: Case) -> list[Live]:
     """Run a daemon and judge its packets, for each subscription."""
     recording, run = record(case.run), case.run
-    light = Light.of(recording.world.scenes[0])
+
+    @cache
+    def light(t_s: float) -> Light:
+        return Light.of(recording.world.at(t_s).scene)
+
+    def light_at(packet: Packet) -> Light:
+        return light(packet.captured_s if run.behaviour.walk_m else 0.0)
+
     return [
-        Live(run.scene.name, case.motion, run.exposures, name, judge(light, some, run.judged_s))
+        Live(run.scene.name, case.motion, run.exposures, name, judge(light_at, some, run.judged_s))
         for name, some in recording.packets.items()
     ]
 
 
 def case(scene: Scene, motion: str, exposures: str, **more: Any) -> Case:
     """Give a case by names; `more`: of its Run."""
-    return Case(motion, Run(scene, MOTIONS[motion], exposures, **more))
+    if motion in MOTIONS:
+        return Case(motion, Run(scene, MOTIONS[motion], exposures, **more))
+    _, behaviour, special = TROUBLES[motion]
+    faults = "&".join(filter(None, (special.get("faults"), more.get("faults"))))
+    return Case(motion, Run(scene, behaviour, exposures, **{**more, **special, "faults": faults}))
 
 
 def cases(
@@ -89,8 +132,15 @@ def cases(
     exposures: Sequence[str] = tuple(EXPOSURES),
     **more: Any,
 ) -> list[Case]:
-    """Every scene at every rate, exposures reported and not; `more`: of every run."""
-    return [case(*which, **more) for which in product(find(names), rates, exposures)]
+    """Every scene at every rate or in every trouble, exposures reported and not.
+
+    `more`: of every run. Only rooms can be walked in.
+    """
+    return [
+        case(*which, **more)
+        for which in product(find(names), rates, exposures)
+        if which[1] != "walk" or isinstance(which[0], Room)
+    ]
 
 
 def all_figures(todo: Sequence[Case], processes: int = 2) -> list[Live]:
@@ -120,7 +170,7 @@ COVERAGE_HEAD = [
 def _groups(found: Sequence[Live]) -> list[tuple[list[str], list[Figures]]]:
     """First cells of a row, and the figures of all scenes for it."""
     groups = []
-    for exposures, name, motion in product(EXPOSURES, SUBSCRIPTIONS, MOTIONS):
+    for exposures, name, motion in product(EXPOSURES, SUBSCRIPTIONS, (*MOTIONS, *TROUBLES)):
         key = (exposures, name, motion)
         some = [
             one.figures
@@ -128,9 +178,14 @@ def _groups(found: Sequence[Live]) -> list[tuple[list[str], list[Figures]]]:
             if (one.exposures, one.subscription, one.motion) == key and one.figures.packets
         ]
         if some:
-            words = f"{motion} °/s" if motion != "head" else "± 40° at 0.5 Hz"
-            groups.append(([exposures, name, words], some))
+            groups.append(([exposures, name, _words(motion)], some))
     return groups
+
+
+def _words(motion: str) -> str:
+    if motion in TROUBLES:
+        return TROUBLES[motion][0]
+    return f"{motion} °/s" if motion != "head" else "± 40° at 0.5 Hz"
 
 
 def rows(found: Sequence[Live]) -> list[list[str]]:
@@ -214,6 +269,9 @@ def main() -> None:
     )
     parser.add_argument("--rates", type=listed(list(MOTIONS), "rates"), default=list(MOTIONS),
         metavar="RATE,…", help=f"of {','.join(MOTIONS)}: °/s, or as heads do")  # fmt: skip
+    parser.add_argument("--troubles", type=listed(list(TROUBLES), "troubles"), default=[],
+        metavar="TROUBLE,…",
+        help=f"instead of rates, of {','.join(TROUBLES)}")  # fmt: skip
     parser.add_argument("--seconds", type=float, default=JUDGED_S,
         help=f"simulated seconds that are judged, after {SETTLE_S:g} (default {JUDGED_S:g})",
     )  # fmt: skip
@@ -222,8 +280,9 @@ def main() -> None:
     use_daemon(options.daemon)
     todo = cases(
         options.scene,
-        options.rates,
+        options.troubles or options.rates,
         options.exposures,
+        faults=options.faults,
         daemon_arguments=tuple(options.daemon_args),
         judged_s=options.seconds,
     )

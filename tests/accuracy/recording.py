@@ -32,8 +32,8 @@ MORE_PANORAMAS = Path(__file__).resolve().parents[3] / "shared/data/hdri"
 #: with exact lamps are as dim as rooms: their lamps fit into the shortest exposure, mostly.
 OUTDOORS, INDOORS = 30.0, 4.0
 SIZE_PX, RATE_HZ = (1920, 960), 30.0
-#: Until the exposures have settled.
-SETTLE_S = 2.0
+#: Until the exposures have settled: so long, and so many frames.
+SETTLE_S, SETTLE_FRAMES = 2.0, 20
 
 EXPOSURES = {"reported": Faults(), "unreported": Faults(hide_exposure=1)}
 SUBSCRIPTIONS = {
@@ -52,8 +52,14 @@ class Run:
     judged_s: float = 4.0
     size_px: tuple[int, int] = SIZE_PX
     daemon_arguments: tuple[str, ...] = ()
+    faults: str = ""  # beside those of `exposures`, as `simulate --faults` has them
     rate_hz: float = RATE_HZ
     row_time_us: float = 0.0
+
+    @property
+    def settle_s(self) -> float:
+        """Until the exposures have settled."""
+        return max(SETTLE_S, SETTLE_FRAMES / self.rate_hz)
 
     @property
     def median_radiance(self) -> float:
@@ -77,9 +83,10 @@ def record(run: Run) -> Recording:
         world, lenses.load("equirect"), run.size_px, rate_hz=run.rate_hz,
         row_time_us=run.row_time_us,
     )  # fmt: skip
-    with LiveProbe(camera, run.daemon_arguments, faults=EXPOSURES[run.exposures]) as probe:
+    faults = EXPOSURES[run.exposures].merged(run.faults)
+    with LiveProbe(camera, run.daemon_arguments, faults=faults) as probe:
         clients = {name: probe.client(wish) for name, wish in SUBSCRIPTIONS.items()}
-        probe.run(SETTLE_S)
+        probe.run(run.settle_s)
         before = {name: len(client.estimates) for name, client in clients.items()}
         probe.run(run.judged_s)
 
@@ -130,6 +137,15 @@ def listed(known: Sequence[str], what: str) -> Callable[[str], list[str]]:
     return parse
 
 
+def query(text: str) -> str:
+    """Check an option's faults."""
+    try:
+        Faults().merged(text)
+    except UsageError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    return text
+
+
 def add_options(parser: argparse.ArgumentParser, names: Sequence[str]) -> None:
     """What live.py and changes.py have in common; `names`: scenes unless told."""
     add = parser.add_argument
@@ -137,6 +153,8 @@ def add_options(parser: argparse.ArgumentParser, names: Sequence[str]) -> None:
         help="as lightprobe simulate names them, or part of a panorama's file name")  # fmt: skip
     add("--exposures", type=listed(list(EXPOSURES), "exposures"), default=list(EXPOSURES),
         metavar="KIND,…", help=f"of {','.join(EXPOSURES)}: whether frames tell theirs")  # fmt: skip
+    add("--faults", type=query, default="", metavar="K=V&…",
+        help="of the camera besides: --faults='drop=0.1&orientation_drop=0.5'")  # fmt: skip
     add("--daemon", type=Path, help="lightprobed to judge (default: of the build)")
     add("--daemon-args", type=shlex.split, default=[], metavar="'ARG …'",
         help="more options of the daemon: --daemon-args='--preset=fast'")  # fmt: skip

@@ -41,9 +41,13 @@ def packet(yaw_deg: float = 0, **changes) -> Packet:
     return Packet(estimate(yaw_deg, **changes), yaw_deg)
 
 
+def judged(packets, seconds=4, light=LIGHT) -> judge.Figures:
+    return judge.judge(lambda _: light, packets, seconds)
+
+
 def test_perfect_estimates_are_judged_so_at_any_yaw() -> None:
     good = [packet(yaw_deg) for yaw_deg in (0.0, 77.0, 200.0)]
-    found = judge.judge(LIGHT, good, 4)
+    found = judged(good)
     assert found.error_median < 0.01
     assert found.wrong_and_healthy == found.births_per_s == 0
     assert found.healthy == 1
@@ -52,14 +56,14 @@ def test_perfect_estimates_are_judged_so_at_any_yaw() -> None:
     assert found.direction == found.irradiance == Coverage(3 * len(LAMPS), 1, 1)
     assert found.relighting.within_3 == 1
     late = [replace(one, yaw_deg=one.yaw_deg - 60) for one in good]
-    assert judge.judge(LIGHT, late, 4).error_median > 0.05
+    assert judged(late).error_median > 0.05
     assert judge.ambient_step([good[0], replace(good[0], yaw_deg=90)], 1) > 0
 
 
 def test_wrong_is_told_from_wrong_and_flagged() -> None:
     more_lights, clipped = EstimateFlag.MORE_LIGHTS, EstimateFlag.CLIPPED
     bad = [packet(gain=1.5, flags=flags) for flags in (0, more_lights, clipped, clipped)]
-    found = judge.judge(LIGHT, bad, 4)
+    found = judged(bad)
     assert found.wrong_and_healthy == found.healthy == 0.5
     assert found.flags == {"MORE_LIGHTS": 0.25, "CLIPPED": 0.5}
     assert found.relighting.within_3 == 0
@@ -70,7 +74,7 @@ def test_a_stated_sigma_counts_as_a_statement() -> None:
     assert one.stated == 0.01
     object.__setattr__(one.estimate, "relighting_sigma", 0.7)
     assert one.stated == pytest.approx(np.hypot(0.01, 0.7))
-    found = judge.judge(LIGHT, [one], 4)
+    found = judged([one])
     assert found.wrong_and_healthy == 0
     assert found.relighting.within_1 == 1
 
@@ -93,7 +97,7 @@ def test_sigmas_are_judged_lamp_by_lamp() -> None:
     )
     first = replace(first, direction=turn @ first.direction, irradiance=1.05 * first.irradiance)
     off = replace(off, estimate=replace(off.estimate, lights=(first, *others)))
-    found = judge.judge(LIGHT, [off], 4)
+    found = judged([off])
     assert found.direction.within_1 == found.irradiance.within_1 == 1 - 1 / len(LAMPS)
     assert found.direction.within_3 == found.irradiance.within_3 == 1
 
@@ -106,13 +110,13 @@ def test_a_sun_must_be_listed() -> None:
         light for light in one.estimate.lights if light.direction @ one.turn @ sun.direction < 0.99
     )
     without = replace(one, estimate=replace(one.estimate, lights=rest))
-    assert judge.judge(light, [one, without], 4).sun_listed == 0.5
+    assert judged([one, without], light=light).sun_listed == 0.5
     weak = [replace(light, irradiance=0.01 * light.irradiance) for light in one.estimate.lights]
     clipped = [replace(light, flags=LightFlag.CLIPPED) for light in weak]
     for lights, share in ((weak, 0), (clipped, 1)):
         seen = replace(one, estimate=replace(one.estimate, lights=tuple(lights)))
-        assert judge.judge(light, [seen], 4).sun_listed == share
-    assert judge.judge(replace(light, sun=None), [one], 4).sun_listed is None
+        assert judged([seen], light=light).sun_listed == share
+    assert judged([one], light=replace(light, sun=None)).sun_listed is None
 
 
 def test_lamps_of_panoramas_are_no_truth() -> None:
@@ -134,3 +138,24 @@ def test_a_still_room_is_right_all_the_time() -> None:
         assert one.figures.error_p90 < 0.1
         assert one.figures.healthy == 1
         assert one.figures.wrong_and_healthy == 0
+
+
+def test_troubles_are_told_by_name() -> None:
+    for trouble, (words, _, _) in live.TROUBLES.items():
+        (one, *_) = live.cases(["room"], [trouble], ["reported"])
+        assert one.motion == trouble
+        assert (
+            words
+            in live.rows([live.Live("room", trouble, "reported", "raw", judged([packet()]))])[0]
+        )
+    assert live.cases(["procedural:1"], ["walk"]) == []
+    both = live.case(Room(), "ignored", "reported", faults="drop=0.5").run.faults
+    assert both == "ignore_exposure=1&drop=0.5"
+
+
+def test_who_walks_is_judged_by_the_light_where_they_are() -> None:
+    walk = live.case(Room(), "walk", "reported", judged_s=1.0)
+    walk = replace(walk, run=replace(walk.run, size_px=SMALL_PX))
+    for one in live.judged(walk):
+        assert one.figures.packets == pytest.approx(30, abs=3)
+        assert one.figures.error_median < 0.1
