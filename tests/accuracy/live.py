@@ -173,9 +173,7 @@ def _groups(found: Sequence[Live]) -> list[tuple[list[str], list[Figures]]]:
     for exposures, name, motion in product(EXPOSURES, SUBSCRIPTIONS, (*MOTIONS, *TROUBLES)):
         key = (exposures, name, motion)
         some = [
-            one.figures
-            for one in found
-            if (one.exposures, one.subscription, one.motion) == key and one.figures.packets
+            one.figures for one in found if (one.exposures, one.subscription, one.motion) == key
         ]
         if some:
             groups.append(([exposures, name, _words(motion)], some))
@@ -191,11 +189,12 @@ def _words(motion: str) -> str:
 def rows(found: Sequence[Live]) -> list[list[str]]:
     """Table over scenes: a row for each kind of exposures, subscription and motion."""
     table = []
-    for first, some in _groups(found):
+    for first, everything in _groups(found):
+        some = [one for one in everything if one.packets] or everything
         suns = [one.sun_listed for one in some if one.sun_listed is not None]
         table.append([
             *first,
-            f"{min(one.packets_per_s for one in some):.0f}",
+            f"{min(one.packets_per_s for one in everything):.0f}",
             f"{np.median([one.error_median for one in some]):.3f} "
             f"({max(one.error_median for one in some):.3f})",
             f"{max(one.error_p90 for one in some):.3f}",

@@ -140,6 +140,19 @@ def test_a_still_room_is_right_all_the_time() -> None:
         assert one.figures.wrong_and_healthy == 0
 
 
+def test_a_scene_without_packets_shows_in_the_table() -> None:
+    lives = [
+        live.Live(scene, "0", "reported", "raw", judged(packets))
+        for scene, packets in (("a", [packet(), packet()]), ("b", []))
+    ]
+    (row,) = live.rows(lives)
+    assert row[3] == "0"
+    assert "nan" not in " ".join(row)
+    assert len(live.coverage_rows(lives)) == 1
+    (alone,) = live.rows(lives[1:])
+    assert alone[3] == "0"
+
+
 def test_troubles_are_told_by_name() -> None:
     for trouble, (words, _, _) in live.TROUBLES.items():
         (one, *_) = live.cases(["room"], [trouble], ["reported"])
