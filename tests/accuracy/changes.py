@@ -231,6 +231,10 @@ FLICKER_HEAD = [
 ]  # fmt: skip
 
 
+def _frames(number: float) -> str:
+    return f"{number:.0f}" if np.isfinite(number) else "never"
+
+
 def step_rows(found: Sequence[Step | Ripple]) -> list[list[str]]:
     """Table over scenes."""
     table = []
@@ -243,8 +247,8 @@ def step_rows(found: Sequence[Step | Ripple]) -> list[list[str]]:
         if some:
             table.append([
                 exposures, name,
-                f"{np.median([one.frames_median for one in some]):.0f} "
-                f"({max(one.frames_worst for one in some):.0f})",
+                f"{_frames(np.median([one.frames_median for one in some]))} "
+                f"({_frames(max(one.frames_worst for one in some))})",
                 f"{100 * max(one.overshoot_worst for one in some):.0f} %",
                 f"{100 * np.mean([one.announced for one in some]):.0f} %",
                 f"{max(one.error_settled for one in some):.3f}",

@@ -23,8 +23,11 @@ from lightprobe.sim import scenes
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests/extremes"))
+import changes  # noqa: E402
 import live  # noqa: E402
 from cases import CASES  # noqa: E402
+from recording import markdown as table  # noqa: E402
+from recording import to_json  # noqa: E402
 
 #: What the daemon grants the response and white balance of a camera; what the wire resolves.
 CAMERA_SIGMA, LEAST_SIGMA = 0.02, 0.001
@@ -33,12 +36,6 @@ SETTINGS = {f"preset={name}": offline.Settings(preset=name) for name in PRESETS}
 #: What a numerical trial on 21 maps found possible for a camera without a ring: median (worst)
 #: relighting MAE by number of exposures, four stops apart.
 POSSIBLE = {"1": "0.25 (0.37)", "2": "0.17 (0.32)", "3": "0.12 (0.28)", "4": "0.05 (0.22)"}
-
-
-def table(head: list[str], rows: list[list[str]]) -> str:
-    """Markdown."""
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join("| " + " | ".join(row) + " |" for row in lines)
 
 
 def percent(share: float | None) -> str:
@@ -165,19 +162,36 @@ def put(page: Path, parts: dict[str, str]) -> None:
     page.write_text(text)
 
 
+def live_figures(out: Path, page: Path) -> dict[str, str]:
+    """Measure turning cameras, troubles and changing lamps; the parts of the page."""
+    moving = live.all_figures(live.cases(live.SCENES))
+    troubled = live.all_figures(live.cases(live.TROUBLED_SCENES, tuple(live.TROUBLES)))
+    changing = changes.all_figures(changes.cases(changes.SCENES))
+    (out / "live.json").write_text(to_json([*moving, *troubled]) + "\n")
+    (out / "changes.json").write_text(to_json(changing) + "\n")
+    live.draw(moving, page.with_name("live.png"))
+    return {
+        "live": table(live.HEAD, live.rows(moving)),
+        "live-sigmas": table(live.COVERAGE_HEAD, live.coverage_rows(moving)),
+        "troubles": table(live.HEAD, live.rows(troubled)),
+        "troubles-sigmas": table(live.COVERAGE_HEAD, live.coverage_rows(troubled)),
+        "steps": table(changes.STEP_HEAD, changes.step_rows(changing)),
+        "flicker": table(changes.FLICKER_HEAD, changes.flicker_rows(changing)),
+    }
+
+
 def main() -> None:
     """Measure and write."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--procedural", type=int, default=60, help="scenes with known lamps")
-    parser.add_argument("--only-live", action="store_true", help="only of turning cameras")
+    parser.add_argument(
+        "--only-live", action="store_true", help="only what live.py and changes.py measure"
+    )
     options = parser.parse_args()
     count = options.procedural
     out, page = ROOT / "build/accuracy", ROOT / "docs/users/accuracy.md"
     out.mkdir(parents=True, exist_ok=True)
-    moving = live.all_figures(live.cases(live.SCENES))
-    (out / "live.json").write_text(live.to_json(moving) + "\n")
-    live.draw(moving, page.with_name("live.png"))
-    live_parts = {"live": table(live.HEAD, live.rows(moving))}
+    live_parts = live_figures(out, page)
     if options.only_live:
         put(page, live_parts)
         return

@@ -65,6 +65,7 @@ def test_a_change_that_never_shows_took_for_ever() -> None:
     found = followed(stuck)
     assert found.frames_median == np.inf
     assert found.error_settled > 0.05
+    assert changes.step_rows([found])[0][2] == "never (never)"
     assert json.loads(recording.to_json([found]))[0]["frames_median"] is None
 
 

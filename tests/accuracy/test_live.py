@@ -140,6 +140,17 @@ def test_a_still_room_is_right_all_the_time() -> None:
         assert one.figures.wrong_and_healthy == 0
 
 
+def test_errors_are_compared_with_those_of_the_same_scene_still() -> None:
+    def of(scene: str, motion: str, error: float) -> live.Live:
+        return live.Live(
+            scene, motion, "reported", "raw", replace(judged([packet()]), error_median=error)
+        )
+
+    found = [of("a", "0", 0.1), of("a", "30", 0.15), of("b", "0", 0.3), of("b", "30", 0.31)]
+    assert [row[5] for row in live.rows(found)] == ["–", "0.050"]
+    assert live.rows(found[1:2])[0][5] == "–"
+
+
 def test_a_scene_without_packets_shows_in_the_table() -> None:
     lives = [
         live.Live(scene, "0", "reported", "raw", judged(packets))
