@@ -24,7 +24,6 @@
 #define AFTER_OPTIONS_NS (1050 * LP_NS_PER_MS)
 /* Fewer frames a second are too few for brackets, if there is another choice. */
 #define LEAST_RATE_HZ 15.0F
-#define RATE_TOLERANCE 1.01F
 
 void lp_osc_camera_init(struct lp_osc_camera *camera, const struct lp_osc_settings *settings,
 			struct lp_osc_http *http)
@@ -308,73 +307,6 @@ static int prepare_mode(struct lp_osc_camera *camera, struct lp_osc_fault *fault
 
 /* ---------------------------------------------------------------- exposure */
 
-static int compare_doubles(const void *a, const void *b)
-{
-	const double x = *(const double *)a, y = *(const double *)b;
-
-	return (x > y) - (x < y);
-}
-
-static int compare_ints(const void *a, const void *b)
-{
-	const int x = *(const int *)a, y = *(const int *)b;
-
-	return (x > y) - (x < y);
-}
-
-/* Those that end within one frame of the preview. */
-static void read_shutters(struct lp_osc_camera *camera, const json_t *list)
-{
-	const double longest_s = (double)(RATE_TOLERANCE / camera->choice.rate_hz);
-	const json_t *item;
-	size_t i;
-
-	camera->exposure_count = 0;
-	json_array_foreach(list, i, item)
-	{
-		const double seconds = json_number_value(item);
-
-		if (seconds > 0 && seconds <= longest_s &&
-		    camera->exposure_count < LP_EXPOSURES_MAX)
-			camera->shutters_s[camera->exposure_count++] = seconds;
-	}
-	qsort(camera->shutters_s, (size_t)camera->exposure_count, sizeof(double), compare_doubles);
-	for (int k = 0; k < camera->exposure_count; k++)
-		camera->exposures_us[k] = (float)(camera->shutters_s[k] * 1e6);
-}
-
-static void read_isos(struct lp_osc_camera *camera, const json_t *list)
-{
-	const json_t *item;
-	size_t i;
-
-	camera->iso_count = 0;
-	json_array_foreach(list, i, item)
-	{
-		const json_int_t iso = json_integer_value(item);
-
-		if (iso > 0 && iso < 1000000 && camera->iso_count < LP_OSC_ISOS_MAX)
-			camera->isos[camera->iso_count++] = (int)iso;
-	}
-	qsort(camera->isos, (size_t)camera->iso_count, sizeof(int), compare_ints);
-}
-
-static int choose_base_iso(struct lp_osc_camera *camera, struct lp_osc_fault *fault)
-{
-	const int wanted = camera->settings->iso;
-
-	camera->base_iso = camera->isos[0];
-	for (int k = 0; k < camera->iso_count; k++) {
-		if (camera->isos[k] == wanted)
-			camera->base_iso = wanted;
-	}
-	if (wanted == 0 || camera->base_iso == wanted)
-		return 0;
-	return lp_osc_fail(fault, -EINVAL, LP_SOURCE_DOWN, "iso",
-			   "%d is not offered — %s has %d to %d in thirds of a stop", wanted,
-			   camera->model, camera->isos[0], camera->isos[camera->iso_count - 1]);
-}
-
 static bool has_manual(const json_t *options)
 {
 	const json_t *program;
@@ -392,6 +324,8 @@ static bool has_manual(const json_t *options)
 static int make_manual(struct lp_osc_camera *camera, struct lp_osc_fault *fault)
 {
 	static const char *const names[] = {"shutterSpeedSupport", "isoSupport", NULL};
+	struct lp_osc_exposures *range = &camera->range;
+	const int iso = camera->settings->iso;
 	json_t *options = NULL;
 	int ret = set_options(camera, json_pack("{s:i}", "exposureProgram", MANUAL), fault);
 
@@ -399,53 +333,26 @@ static int make_manual(struct lp_osc_camera *camera, struct lp_osc_fault *fault)
 		ret = get_options(camera, names, &options, fault);
 	if (ret < 0)
 		return ret;
-	read_shutters(camera, json_object_get(options, "shutterSpeedSupport"));
-	read_isos(camera, json_object_get(options, "isoSupport"));
+	ret = lp_osc_exposures_read(range, options, camera->choice.rate_hz, iso);
 	json_decref(options);
-	if (camera->exposure_count == 0 || camera->iso_count == 0)
-		return lp_osc_fail(
-			fault, -EPROTO, LP_SOURCE_DOWN, "shutterSpeedSupport",
-			"%s (firmware %s) lists no values — update it, or use exposure=auto",
-			camera->model, camera->firmware);
-	return choose_base_iso(camera, fault);
-}
-
-void lp_osc_camera_snap(const struct lp_osc_camera *camera, float *exposure_us, float *gain)
-{
-	const float iso = *gain * (float)camera->base_iso;
-	int best = 0, best_iso = 0;
-
-	for (int k = 1; k < camera->exposure_count; k++) {
-		if (fabsf(log2f(camera->exposures_us[k] / *exposure_us)) <
-		    fabsf(log2f(camera->exposures_us[best] / *exposure_us)))
-			best = k;
-	}
-	for (int k = 1; k < camera->iso_count; k++) {
-		if (fabsf(log2f((float)camera->isos[k] / iso)) <
-		    fabsf(log2f((float)camera->isos[best_iso] / iso)))
-			best_iso = k;
-	}
-	*exposure_us = camera->exposures_us[best];
-	*gain = (float)camera->isos[best_iso] / (float)camera->base_iso;
-}
-
-/* Both are of the camera's lists. */
-static json_t *exposure_options(const struct lp_osc_camera *camera, float exposure_us, float gain)
-{
-	double shutter_s = 0;
-
-	for (int k = 0; k < camera->exposure_count; k++) {
-		if (camera->exposures_us[k] <= exposure_us)
-			shutter_s = camera->shutters_s[k];
-	}
-	return json_pack("{s:f, s:i}", "shutterSpeed", shutter_s, "iso",
-			 (int)lrintf(gain * (float)camera->base_iso));
+	if (ret == -EPROTO)
+		return lp_osc_fail(fault, ret, LP_SOURCE_DOWN, "shutterSpeedSupport",
+				   "%s (firmware %s) lists no values — update it, or use "
+				   "exposure=auto",
+				   camera->model, camera->firmware);
+	if (ret == -EINVAL)
+		return lp_osc_fail(fault, ret, LP_SOURCE_DOWN, "iso",
+				   "%d is not offered — %s has %d to %d in thirds of a stop", iso,
+				   camera->model, range->isos[0],
+				   range->isos[range->iso_count - 1]);
+	return ret;
 }
 
 char *lp_osc_camera_exposure_body(const struct lp_osc_camera *camera, float exposure_us, float gain)
 {
+	json_t *options = lp_osc_exposures_options(&camera->range, exposure_us, gain);
 	json_t *command = json_pack("{s:s, s:{s:o}}", "name", "camera.setOptions", "parameters",
-				    "options", exposure_options(camera, exposure_us, gain));
+				    "options", options);
 	char *body = command ? json_dumps(command, LP_OSC_JSON) : NULL;
 
 	json_decref(command);
@@ -489,9 +396,10 @@ static int hold(struct lp_osc_camera *camera, struct lp_osc_fault *fault)
 	if (camera->exposure_settable) {
 		camera->exposure_us = FIRST_US;
 		camera->gain = 1;
-		lp_osc_camera_snap(camera, &camera->exposure_us, &camera->gain);
-		(void)json_object_update_new(options, exposure_options(camera, camera->exposure_us,
-								       camera->gain));
+		lp_osc_exposures_snap(&camera->range, &camera->exposure_us, &camera->gain);
+		(void)json_object_update_new(options, lp_osc_exposures_options(&camera->range,
+									       camera->exposure_us,
+									       camera->gain));
 	}
 	add_white_balance(camera, options);
 	(void)json_object_set_new(options, "previewFormat", preview_option(camera));
@@ -531,7 +439,7 @@ static void announce(const struct lp_osc_camera *camera)
 
 	if (camera->exposure_settable)
 		(void)snprintf(exposure, sizeof(exposure), "exposed %g us, ISO %d",
-			       (double)camera->exposure_us, camera->base_iso);
+			       (double)camera->exposure_us, camera->range.base_iso);
 	lp_info(camera->object, "open",
 		"%s, serial number %s, firmware %s: MJPG %ux%u at %g Hz, %s", camera->model,
 		camera->serial, camera->firmware, camera->choice.width_px, camera->choice.height_px,

@@ -11,11 +11,10 @@
 #include <stdbool.h>
 
 #include "drivers/source/offers.h"
+#include "drivers/source/osc/exposures.h"
 #include "drivers/source/osc/reply.h"
 #include "drivers/source/osc/settings.h"
 #include "include/source.h"
-
-#define LP_OSC_ISOS_MAX 32
 
 struct lp_osc_camera {
 	const struct lp_osc_settings *settings;
@@ -25,11 +24,7 @@ struct lp_osc_camera {
 
 	struct lp_offer_choice choice;
 	bool exposure_settable;
-	int exposure_count, iso_count;
-	float exposures_us[LP_EXPOSURES_MAX]; /* ascending */
-	double shutters_s[LP_EXPOSURES_MAX];  /* the same, with the digits that the camera wants */
-	int isos[LP_OSC_ISOS_MAX];	      /* ascending */
-	int base_iso;
+	struct lp_osc_exposures range;
 	float exposure_us, gain; /* that were set last; NAN: unknown */
 	int64_t changed_ns;	 /* when options were set last */
 
@@ -53,10 +48,8 @@ int lp_osc_camera_open(struct lp_osc_camera *camera, struct lp_osc_fault *fault)
 /* Put back what was changed, as far as the camera answers within `left_ns`. */
 void lp_osc_camera_restore(struct lp_osc_camera *camera, int64_t left_ns);
 
-/* The nearest exposure and gain that the camera has. */
-void lp_osc_camera_snap(const struct lp_osc_camera *camera, float *exposure_us, float *gain);
-
-/* The body of a command that sets them. NULL: out of memory; to be freed. */
+/* The body of a command that sets what lp_osc_exposures_snap() gave. NULL: out of memory; to be
+ * freed. */
 char *lp_osc_camera_exposure_body(const struct lp_osc_camera *camera, float exposure_us,
 				  float gain);
 

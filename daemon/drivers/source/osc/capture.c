@@ -44,14 +44,16 @@ static void set_caps(struct lp_osc_capture *self, const struct lp_osc_camera *ca
 	};
 
 	if (camera && camera->exposure_settable) {
+		const struct lp_osc_exposures *range = &camera->range;
+		const float base_iso = (float)range->base_iso;
+
 		caps.exposure_settable = true;
-		caps.exposure_count = camera->exposure_count;
-		memcpy(caps.exposures_us, camera->exposures_us, sizeof(caps.exposures_us));
+		caps.exposure_count = range->exposure_count;
+		memcpy(caps.exposures_us, range->exposures_us, sizeof(caps.exposures_us));
 		caps.exposure_min_us = caps.exposures_us[0];
 		caps.exposure_max_us = caps.exposures_us[caps.exposure_count - 1];
-		caps.gain_min = (float)camera->isos[0] / (float)camera->base_iso;
-		caps.gain_max =
-			(float)camera->isos[camera->iso_count - 1] / (float)camera->base_iso;
+		caps.gain_min = (float)range->isos[0] / base_iso;
+		caps.gain_max = (float)range->isos[range->iso_count - 1] / base_iso;
 	}
 	pthread_mutex_lock(&self->lock);
 	self->caps = caps;

@@ -16,8 +16,10 @@
 struct lp_pool;
 
 /* Frames from a command to the first that obeys, at most, where it is not known: RICOH says nothing
- * of it, and what the network holds back comes on top. */
-#define LP_OSC_LONGEST_DELAY_FRAMES 12
+ * of it, and what camera and network hold back comes on top. With 12, brackets took a late exposure
+ * for the next one, with light 17 % wrong (tests/bench/which_camera.py on a machine that was too
+ * slow); with 30 they never did. The first estimate comes so much later. */
+#define LP_OSC_LONGEST_DELAY_FRAMES 30
 
 struct lp_osc_capture {
 	struct lp_osc_settings settings;

@@ -173,7 +173,7 @@ static void send_exposure(struct run *run)
 {
 	char *body;
 
-	lp_osc_camera_snap(run->camera, &run->commanded_us, &run->commanded_gain);
+	lp_osc_exposures_snap(&run->camera->range, &run->commanded_us, &run->commanded_gain);
 	if (run->commanded_us == run->camera->exposure_us &&
 	    run->commanded_gain == run->camera->gain)
 		return;

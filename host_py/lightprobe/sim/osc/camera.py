@@ -87,6 +87,10 @@ class OscCamera:
         return SimulatedCamera(self.world, lenses.load("equirect"), size_px, rate_hz=rate_hz,
                                **self._about)  # type: ignore[arg-type]  # fmt: skip
 
+    def prepare(self, size_px: tuple[int, int], rate_hz: float) -> None:
+        """Draw the world for a preview already now: a real camera does not need that time."""
+        self._optics(size_px, rate_hz)
+
     # What the network and the power say.
 
     def is_asleep(self) -> bool:

@@ -22,6 +22,7 @@ BOUNDARY = "---osclivepreview---"
 _MOST_BODY_BYTES = 65536
 _NETWORK_POLL_S = 0.02
 _TIMEOUT_S = 30.0
+_END_S = 5.0
 _LIVE = "camera.getLivePreview"
 
 
@@ -35,6 +36,8 @@ class OscServer:
         client mode. Raises LightprobeError."""
         self.camera = camera
         self.digest = Digest(*login, camera.faults.nonce_uses) if login else None
+        self.streams = 0  # live previews under way
+        self.changed = threading.Condition()  # guards them
 
         server = self
 
@@ -64,6 +67,8 @@ class OscServer:
     def __exit__(self, *_: object) -> None:
         """End: the camera is switched off."""
         self.camera.end_preview()
+        with self.changed:  # no picture is being made when the program ends
+            self.changed.wait_for(lambda: self.streams == 0, _END_S)
         self._http.shutdown()
         self._http.server_close()
 
@@ -192,8 +197,20 @@ class _Handler(BaseHTTPRequestHandler):
         self.send_header("X-Content-Type-Options", "nosniff")
         self.end_headers()
         self.close_connection = True
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError), self._counted():
             self._stream(pictures)
+
+    @contextlib.contextmanager
+    def _counted(self) -> Iterator[None]:
+        osc = self.osc
+        with osc.changed:
+            osc.streams += 1
+        try:
+            yield
+        finally:
+            with osc.changed:
+                osc.streams -= 1
+                osc.changed.notify_all()
 
     def _stream(self, pictures: Iterator[bytes]) -> None:
         chance = random.Random(self.osc.camera.frames)
