@@ -6,6 +6,8 @@ import json
 import os
 import socket
 import subprocess
+import sys
+import tempfile
 import threading
 import urllib.error
 import urllib.request
@@ -263,3 +265,54 @@ def test_white_balance_in_kelvin():
     assert blue > 2
     red, _, blue = factors_of(9000)
     assert red > 1 > blue
+
+
+# ---------------------------------------------------------------- the command
+
+
+def simulate(*arguments, **popen):
+    command = [sys.executable, "-m", "lightprobe", "simulate", "--scenes", "procedural:1"]
+    return subprocess.Popen(
+        [*command, *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        **popen,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--firmware", "host"], "--firmware host: the camera of --osc is a THETA"),
+        (["--format", "YUYV"], "--format YUYV: the camera of --osc is a THETA"),
+        (["--osc-model", "y"], "expected x, z1, v, sc"),
+        (["--faults", "stuck=1"], "unknown option stuck"),
+        (["--osc-password-file", "{}"], "line 1: expected USER:PASSWORD"),
+    ],
+)
+def test_what_the_command_refuses(tmp_path, arguments, words):
+    empty = tmp_path / "empty"
+    empty.touch()
+    process = simulate("--osc", 0, *(word.format(empty) for word in arguments))
+    _, err = process.communicate(timeout=LONG_S)
+    assert process.returncode == 2
+    assert words in err
+
+
+def test_the_command_serves_and_is_steered():
+    with tempfile.TemporaryDirectory(prefix="lp-") as folder:  # socket paths are short
+        control = Path(folder) / "control"
+        process = simulate("--osc", 0, "--osc-model", "z1", "--control", control, "--json")
+        words = process.stderr.readline()
+        assert "RICOH THETA Z1 on port" in words
+        port = int(words.split(" on port ")[1].split(":")[0])
+        with urllib.request.urlopen(f"http://127.0.0.1:{port}/osc/info") as answer:
+            assert json.load(answer)["model"] == "RICOH THETA Z1"
+        steer = [sys.executable, "-m", "lightprobe", "control"]
+        subprocess.run([*steer, "press", control, "mode"], check=True, timeout=LONG_S)
+        done = subprocess.run(
+            [*steer, "status", control], check=True, timeout=LONG_S, capture_output=True, text=True
+        )
+        assert json.loads(done.stdout)["options"]["captureMode"] == "video"
+        process.terminate()
+        out, _ = process.communicate(timeout=LONG_S)
+    assert process.returncode == 0
+    assert json.loads(out) == {"frames": 0, "commands": 0}
