@@ -22,16 +22,16 @@ static const char *const exposures[] = {"auto", "settable", NULL};
 static const struct lp_param list[] = {
 	{"password_file", LP_PARAM_TEXT, offsetof(struct lp_osc_settings, password_file),
 	 .initial = "", .max = sizeof(((struct lp_osc_settings *)NULL)->password_file),
-	 .help = "file with USER:PASSWORD in its first line, for a camera in client mode; only its "
-		 "owner may be able to read it"},
+	 .help = "file with USER:PASSWORD in its first line, for a camera in client mode;\n"
+		 "only its owner may be able to read it"},
 	{"size", LP_PARAM_SIZE, offsetof(struct lp_osc_settings, wish.size_px), .max = 16384,
 	 .help = "none: the size in the camera file, otherwise the largest up to 1920x1080"},
 	{"fps", LP_PARAM_FLOAT, offsetof(struct lp_osc_settings, wish.fps), .initial = "0",
 	 .max = 1000, .help = "frames a second; 0: the highest up to 30"},
 	{"mode", LP_PARAM_CHOICE, offsetof(struct lp_osc_settings, mode), .initial = "video",
 	 .choices = modes,
-	 .help = "the camera's mode while it streams; image: for models without manual exposure of "
-		 "movies"},
+	 .help = "the camera's mode while it streams; image: for models without manual\n"
+		 "exposure of movies"},
 	{"exposure", LP_PARAM_CHOICE, offsetof(struct lp_osc_settings, exposure_settable),
 	 .initial = "settable", .choices = exposures,
 	 .help = "settable: the daemon sets it; auto: the camera sets it, and does not report it"},
