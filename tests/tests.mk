@@ -4,7 +4,7 @@
 
 C_SOURCES = $(DAEMON_SOURCES) $(wildcard tests/*/*.[ch] tests/*/*.cpp)
 
-UNIT_SOURCES := $(filter-out $(if $(filter 0,$(WITH_LIBCAMERA)),%_libcamera.cpp) $(if $(filter 0,$(WITH_GPIOD)),%_pca9685.c),$(wildcard tests/unit/test_*.c tests/unit/test_*.cpp))
+UNIT_SOURCES := $(filter-out $(if $(filter 0,$(WITH_LIBCAMERA)),%_libcamera.cpp) $(if $(filter 0,$(WITH_OSC)),%_osc.c) $(if $(filter 0,$(WITH_GPIOD)),%_pca9685.c),$(wildcard tests/unit/test_*.c tests/unit/test_*.cpp))
 UNIT_TESTS := $(patsubst tests/unit/%,$(OUT)/tests/%,$(basename $(UNIT_SOURCES)))
 
 link_unit_test = mkdir -p $(@D) && $(CC) $(LP_LDFLAGS) $(WRAPPED:%=-Wl,--wrap=%) -o $@ $^ $(LP_LDLIBS) -lcmocka -ljpeg
@@ -44,7 +44,14 @@ PYTEST_JOBS ?= $(shell expr $(JOBS) + 1)
 PYTEST = $(VENV)/bin/pytest -q -n $(PYTEST_JOBS) --dist=load --maxschedchunk=1
 PYTEST_ROOMS := accuracy bench e2e extremes unit firmware
 
-test-parts: build $(BUILD)/scenes/blender.stamp
+# A client for Open Spherical Cameras, from npm.
+$(BUILD)/osc_client/stamp: tests/e2e/osc_client/package.json tests/e2e/osc_client/package-lock.json | $(call apt,build)
+	@echo 'npm: tests/e2e/osc_client'
+	@mkdir -p $(@D) && cp $^ $(@D)/
+	@cd $(@D) && npm ci --silent --no-audit --no-fund
+	@touch $@
+
+test-parts: build $(BUILD)/scenes/blender.stamp $(BUILD)/osc_client/stamp
 	@$(MAKE) VARIANT=asan -j$(JOBS) daemon
 	@$(MAKE) -j$(JOBS) firmware firmware-avr test-firmware-parts bench-programs
 test-python: test-parts

@@ -18,6 +18,7 @@ extern const struct lp_source_ops lp_source_file_ops;
 extern const struct lp_source_ops lp_source_sim_ops;
 extern const struct lp_source_ops lp_source_v4l2_ops;
 extern const struct lp_source_ops lp_source_libcamera_ops;
+extern const struct lp_source_ops lp_source_osc_ops;
 extern const struct lp_source_ops lp_source_example_ops;
 extern const struct lp_rotator_ops lp_rotator_mcu_ops;
 extern const struct lp_rotator_ops lp_rotator_pca9685_ops;
@@ -35,6 +36,7 @@ extern const struct lp_publisher_ops lp_publisher_stdout_ops;
 static const struct lp_source_ops *const sources[] = {
 	&lp_source_v4l2_ops,
 	WITH_LIBCAMERA ? &lp_source_libcamera_ops : LEFT_OUT(source, "libcamera", "WITH_LIBCAMERA"),
+	WITH_OSC ? &lp_source_osc_ops : LEFT_OUT(source, "osc", "WITH_OSC"),
 	&lp_source_file_ops,
 	WITH_SIM ? &lp_source_sim_ops : LEFT_OUT(source, "sim", "WITH_SIM"),
 	&lp_source_example_ops,
@@ -166,5 +168,6 @@ void lp_backends_version(FILE *out)
 {
 	(void)fprintf(out, "WITH_SYSTEMD=%d\nWITH_SIM=%d\nWITH_LIBUSB=%d\n", WITH_SYSTEMD, WITH_SIM,
 		      WITH_LIBUSB);
-	(void)fprintf(out, "WITH_GPIOD=%d\nWITH_LIBCAMERA=%d\n", WITH_GPIOD, WITH_LIBCAMERA);
+	(void)fprintf(out, "WITH_GPIOD=%d\nWITH_LIBCAMERA=%d\nWITH_OSC=%d\n", WITH_GPIOD,
+		      WITH_LIBCAMERA, WITH_OSC);
 }

@@ -58,16 +58,33 @@ static float or_else(float value, float otherwise)
 
 struct lp_bracket_limits lp_bracket_limits_of(const struct lp_source_caps *caps)
 {
-	return (struct lp_bracket_limits){.min_us = or_else(caps->exposure_min_us, LEAST_US),
-					  .max_us = or_else(caps->exposure_max_us, MOST_US),
-					  .step_us = or_else(caps->exposure_step_us, 0.0F),
-					  .delay_frames = caps->exposure_delay_frames};
+	struct lp_bracket_limits limits = {.min_us = or_else(caps->exposure_min_us, LEAST_US),
+					   .max_us = or_else(caps->exposure_max_us, MOST_US),
+					   .step_us = or_else(caps->exposure_step_us, 0.0F),
+					   .exposure_count = caps->exposure_count,
+					   .delay_frames = caps->exposure_delay_frames};
+
+	memcpy(limits.exposures_us, caps->exposures_us, sizeof(limits.exposures_us));
+	return limits;
+}
+
+static float nearest_of(const struct lp_bracket_limits *limits, float exposure_us)
+{
+	float nearest_us = limits->exposures_us[0];
+
+	for (int k = 1; k < limits->exposure_count; k++) {
+		if (stops(limits->exposures_us[k], exposure_us) < stops(nearest_us, exposure_us))
+			nearest_us = limits->exposures_us[k];
+	}
+	return nearest_us;
 }
 
 float lp_bracket_allowed(const struct lp_bracket_limits *limits, float exposure_us)
 {
 	const float step_us = limits->step_us;
 
+	if (limits->exposure_count > 0)
+		return nearest_of(limits, exposure_us);
 	if (step_us > 0.0F)
 		exposure_us = fmaxf(roundf(exposure_us / step_us), 1.0F) * step_us;
 	return fminf(fmaxf(exposure_us, limits->min_us), limits->max_us);

@@ -29,16 +29,17 @@
 
 #include <stdbool.h>
 
+#include "include/source.h"
 #include "vision/imager.h"
 
 #define LP_MAX_PLANNED 4
 
-struct lp_source_caps;
-
 struct lp_bracket_limits {
 	float min_us, max_us; /* of exposure times gain */
 	float step_us;	      /* commands are rounded to multiples of this; 0: any value */
-	int delay_frames;     /* from command to effect; -1: unknown */
+	int exposure_count;   /* only those below can be set; 0: any within the limits */
+	float exposures_us[LP_EXPOSURES_MAX]; /* ascending */
+	int delay_frames;		      /* from command to effect; -1: unknown */
 };
 
 /* What the merged panorama says of the scene; luminance. */

@@ -168,6 +168,14 @@ static void begin_exposures(struct lp_daemon *daemon)
 	lp_worker_control(daemon->worker, &control);
 }
 
+/* The source has logged it. */
+static void on_source_fault(void *context, const char *id, const char *text)
+{
+	struct lp_daemon *daemon = context;
+
+	lp_health_fault(&daemon->health, id, text);
+}
+
 static void on_state(void *context, enum lp_source_state state, const char *reason)
 {
 	static const char *const names[] = {"unknown",	 "down",    "waiting",
@@ -379,6 +387,7 @@ static int create_source(struct lp_daemon *daemon)
 					    .frame = on_frame,
 					    .corrupt = on_corrupt_frame,
 					    .state = on_state,
+					    .fault = on_source_fault,
 					    .camera = &camera};
 	int ret;
 

@@ -59,20 +59,28 @@ struct lp_source_host {
 	void (*corrupt)(void *context);
 	/* `reason` names object, stage and next step; valid during the call. */
 	void (*state)(void *context, enum lp_source_state state, const char *reason);
+	/* The device has something wrong that does not stop its frames: a low battery, heat. `id`
+	 * (static) as in docs/users/faults.md; `text` is valid during the call, NULL: it is over.
+	 * NULL: nobody wants to know. */
+	void (*fault)(void *context, const char *id, const char *text);
 	/* What the camera file says to the driver; NULL: there is none. Borrowed during create().
 	 */
 	const struct lp_camera_profile *camera;
 };
+
+#define LP_EXPOSURES_MAX 64
 
 /* What the source can do about exposure; NAN or 0 where it does not apply. */
 struct lp_source_caps {
 	bool exposure_settable;
 	bool reports_exposure; /* each frame carries the exposure that it had: nothing is guessed */
 	float exposure_min_us, exposure_max_us;
-	float exposure_step_us;	   /* commands are rounded to multiples of this; 0: any value */
-	float gain_min, gain_max;  /* both 1: it cannot be set */
-	int exposure_delay_frames; /* frames from command to effect; -1: unknown */
-	bool finite;		   /* ends by itself, with LP_FRAME_LAST and ENDED */
+	float exposure_step_us; /* commands are rounded to multiples of this; 0: any value */
+	int exposure_count;	/* only those below can be set; 0: any within the limits */
+	float exposures_us[LP_EXPOSURES_MAX]; /* ascending */
+	float gain_min, gain_max;	      /* both 1: it cannot be set */
+	int exposure_delay_frames;	      /* frames from command to effect; -1: unknown */
+	bool finite;			      /* ends by itself, with LP_FRAME_LAST and ENDED */
 };
 
 struct lp_source_ops {

@@ -15,6 +15,7 @@ import pytest
 from lightprobe import __main__ as program
 from lightprobe.imaging import image
 from lightprobe.sim import faults
+from lightprobe.sim.osc.faults import OscFaults
 
 TOO_MUCH_WORK = "work was begun before the input was checked"
 
@@ -254,4 +255,5 @@ def test_a_folder_without_permission(words, capsys, monkeypatch):
 
 def test_every_range_of_a_fault_is_of_a_fault_that_exists():
     """A fault that was renamed would be taken at any value."""
-    assert set(faults._RANGES) <= {field.name for field in dataclasses.fields(faults.Faults)}
+    for kind in (faults.Faults, OscFaults):
+        assert set(kind.RANGES) <= {field.name for field in dataclasses.fields(kind)}

@@ -63,7 +63,7 @@ def test_keys_of_uris_are_in_the_help_of_back_ends():
 
 
 @pytest.mark.parametrize(
-    ("scheme", "heading"), [("v4l2", "Camera files"), ("libcamera", "libcamera")]
+    ("scheme", "heading"), [("v4l2", "Camera files"), ("libcamera", "libcamera"), ("osc", "osc:")]
 )
 def test_documented_keys_of_cameras_are_those_of_the_help(scheme, heading):
     """docs/users/cameras.md has a table of them, with their defaults."""

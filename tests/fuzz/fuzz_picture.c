@@ -3,7 +3,7 @@
  * encoding and how the bytes arrive. */
 #include "fuzz.h"
 
-#include "drivers/source/file/formats.h"
+#include "drivers/source/formats.h"
 
 #define MOST_FRAME_BYTES ((size_t)1 << 20)
 

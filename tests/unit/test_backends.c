@@ -157,6 +157,7 @@ static const char *example_of(const char *form)
 		{"CARRIER:DEVICE", "serial:/nowhere"},
 		{"I2C-DEVICE", "/nowhere"},
 		{"HOST:PORT", "127.0.0.1:0"},
+		{"HOST[:PORT]", "192.0.2.1:8080"},
 	};
 
 	for (size_t i = 0; i < LP_COUNT(examples); i++) {
@@ -244,7 +245,7 @@ static void test_the_help_is_what_create_reads(void **state)
 				check_unknown_key(k, info, uri);
 		}
 	}
-	assert_int_equal(count, 13);
+	assert_int_equal(count, 14);
 	assert_null(connections.first);
 }
 

@@ -383,11 +383,30 @@ static void test_values_that_a_camera_can_take(void **state)
 	assert_true(lp_bracket_allowed(&steps, 1e6F) == 50000.0F);
 }
 
+/* Of a list the nearest in stops, and nothing between. */
+static void test_values_of_a_list(void **state)
+{
+	const struct lp_source_caps caps = {.exposure_min_us = 62.5F,
+					    .exposure_max_us = 33333.3F,
+					    .exposure_count = 4,
+					    .exposures_us = {62.5F, 1000, 8000, 33333.3F}};
+	const struct lp_bracket_limits limits = lp_bracket_limits_of(&caps);
+
+	(void)state;
+	assert_true(lp_bracket_allowed(&limits, 1) == 62.5F);
+	assert_true(lp_bracket_allowed(&limits, 240) == 62.5F);
+	assert_true(lp_bracket_allowed(&limits, 260) == 1000);
+	assert_true(lp_bracket_allowed(&limits, 2700) == 1000);
+	assert_true(lp_bracket_allowed(&limits, 2900) == 8000);
+	assert_true(lp_bracket_allowed(&limits, 1e9F) == 33333.3F);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_another_preset_amid_a_bracket),
 		cmocka_unit_test(test_values_that_a_camera_can_take),
+		cmocka_unit_test(test_values_of_a_list),
 		cmocka_unit_test(test_any_delay_merges_rightly),
 		cmocka_unit_test(test_reported_exposures_need_no_verifying),
 		cmocka_unit_test(test_a_camera_that_ignores_commands),

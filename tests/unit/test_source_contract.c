@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * What include/source.h promises of every source, tested on all of them: in every test each
- * callback is checked against the contract. A v4l2 camera is made by fake_v4l2.h; libcamera: has
- * the same tests on a real kernel (tests/kernel/guest/test_uvc_contract.py).
+ * callback is checked against the contract. A v4l2 camera is made by fake_v4l2.h, one on the
+ * network by fake_osc.h; libcamera: has the same tests on a real kernel
+ * (tests/kernel/guest/test_uvc_contract.py).
  */
 #include "lp_test.h"
 
@@ -18,6 +19,7 @@
 #include "base/clock.h"
 #include "base/uri.h"
 #include "drivers/source/sim/header.h"
+#include "fake_osc.h"
 #include "fake_v4l2.h"
 #include "include/frame.h"
 #include "include/source.h"
@@ -290,11 +292,27 @@ static void v4l2_nudge(void)
 		fake_v4l2_wake_without_frame(0);
 }
 
+static const char *osc_uri(const char *frames)
+{
+	(void)frames;
+	(void)snprintf(uri_text, sizeof(uri_text), "osc:127.0.0.1:%u?stall_ms=1000",
+		       (unsigned)fake_osc.port);
+	return uri_text;
+}
+
+/* A boundary and the beginning of a header. */
+static void osc_nudge(void)
+{
+	UNTIL(fake_osc_put("--fake-osc-next\r\nContent-", 25));
+	(void)fake_osc_put("Type: image/jpeg\r\n", 18);
+}
+
 static const struct device devices[] = {
 	{.name = "file", .uri = file_uri},
 	{.name = "example", .uri = example_uri},
 	{"sim", sim_uri, sim_send, sim_nudge, sim_plug, sim_unplug},
 	{"v4l2", v4l2_uri, v4l2_send, v4l2_nudge, v4l2_plug, v4l2_unplug},
+	{"osc", osc_uri, fake_osc_send, osc_nudge, fake_osc_plug, fake_osc_unplug},
 };
 
 /* ---------------------------------------------------------------- a source and its device */
@@ -505,6 +523,38 @@ static void test_whether_exposure_is_reported_is_known_with_the_stream(void **st
 	end(v4l2);
 }
 
+/* ---------------------------------------------------------------- a camera on the network */
+
+static bool osc_was_told(const char *exposure)
+{
+	bool was_told;
+
+	pthread_mutex_lock(&fake_osc.lock);
+	was_told = strstr(fake_osc.exposure, exposure) != NULL;
+	pthread_mutex_unlock(&fake_osc.lock);
+	return was_told;
+}
+
+/* Only what the camera lists, in its own digits; what ends after the next frame begins is left out.
+ */
+static void test_exposures_of_a_list(void **state)
+{
+	const struct device *const osc = &devices[4];
+
+	(void)state;
+	begin(osc, "G");
+	UNTIL(count('f') == 1);
+	assert_true(heard.caps.exposure_settable);
+	assert_int_equal(heard.caps.exposure_count, 3);
+	assert_float_equal(heard.caps.exposures_us[0], 1000, 0.1);
+	assert_float_equal(heard.caps.exposures_us[2], 4000, 0.1);
+	assert_float_equal(heard.caps.gain_max, 2, 1e-6);
+	assert_true(osc_was_told("\"shutterSpeed\":0.004,\"iso\":100"));
+	assert_int_equal(source->ops->set_exposure(source, 1600, 1.9F), 0);
+	UNTIL(osc_was_told("\"shutterSpeed\":0.002,\"iso\":200"));
+	end(osc);
+}
+
 /* ---------------------------------------------------------------- files, which end */
 
 static void test_a_file_ends_with_its_last_picture(void **state)
@@ -674,6 +724,7 @@ static int teardown(void **state)
 	(void)state;
 	destroy(); /* of a test that failed */
 	sim_unplug();
+	fake_osc_unplug();
 	lp_loop_destroy(loop);
 	return rmdir(folder);
 }
@@ -691,6 +742,7 @@ int main(void)
 		SOURCE_TEST(test_it_goes_and_comes_back),
 		SOURCE_TEST(test_destroyed_at_any_time),
 		SOURCE_TEST(test_whether_exposure_is_reported_is_known_with_the_stream),
+		SOURCE_TEST(test_exposures_of_a_list),
 		SOURCE_TEST(test_a_file_ends_with_its_last_picture),
 		SOURCE_TEST(test_a_file_without_a_usable_picture_is_down),
 		SOURCE_TEST(test_a_reason_that_changes_is_reported),

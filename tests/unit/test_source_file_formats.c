@@ -4,7 +4,7 @@
 #include <errno.h>
 #include <stdlib.h>
 
-#include "drivers/source/file/formats.h"
+#include "drivers/source/formats.h"
 
 /* The smallest stream of markers that is a JPEG to the splitter: 6x4 pixels, an APP1 segment with a
  * thumbnail in it, entropy data with stuffing, a restart marker and a fill byte. */

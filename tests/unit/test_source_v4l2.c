@@ -526,6 +526,31 @@ static void test_a_second_change_before_the_first_has_landed(void **state)
 	assert_float_equal(frame.exposure_us, 400, 0);
 }
 
+/* What is answered late may have taken effect at any time: it stays unknown for so much longer. */
+static void test_a_command_that_is_answered_late(void **state)
+{
+	struct lp_exposure_guess guess;
+	struct lp_frame frame;
+
+	(void)state;
+	lp_exposure_guess_init(&guess, -1);
+	guess.exposure_us = 100;
+	guess.longest_frames = 3;
+	lp_exposure_guess_command(&guess, 200, 1, 5 * LP_NS_PER_MS);
+	for (unsigned k = 1; k <= 10; k++) {
+		if (k == 3)
+			lp_exposure_guess_late(&guess, 25 * LP_NS_PER_MS);
+		frame = (struct lp_frame){.sequence = k, .t_start_ns = k * 10 * LP_NS_PER_MS};
+		lp_exposure_guess_frame(&guess, &frame);
+		/* frame 3 is the first one after the answer; three more may still lack it */
+		assert_true(isnan(frame.exposure_us) == (k <= 6));
+	}
+	assert_float_equal(frame.exposure_us, 200, 0);
+	lp_exposure_guess_late(&guess, 200 * LP_NS_PER_MS); /* settled: nothing is in doubt */
+	lp_exposure_guess_frame(&guess, &frame);
+	assert_float_equal(frame.exposure_us, 200, 0);
+}
+
 static void test_start_of_exposure(void **state)
 {
 	struct lp_frame frame = {.t_start_ns = 50 * LP_NS_PER_MS,
@@ -561,6 +586,7 @@ int main(void)
 		cmocka_unit_test(test_values_become_control_values),
 		cmocka_unit_test(test_frames_around_a_change_are_unknown),
 		cmocka_unit_test(test_a_second_change_before_the_first_has_landed),
+		cmocka_unit_test(test_a_command_that_is_answered_late),
 		cmocka_unit_test(test_start_of_exposure),
 	};
 

@@ -12,6 +12,7 @@
 void lp_exposure_guess_init(struct lp_exposure_guess *guess, int delay_frames)
 {
 	*guess = (struct lp_exposure_guess){.delay_frames = delay_frames,
+					    .longest_frames = LONGEST_DELAY_FRAMES,
 					    .exposure_us = NAN,
 					    .gain = NAN,
 					    .before_exposure_us = NAN,
@@ -31,6 +32,14 @@ void lp_exposure_guess_command(struct lp_exposure_guess *guess, float exposure_u
 	guess->seen_after = false;
 }
 
+void lp_exposure_guess_late(struct lp_exposure_guess *guess, int64_t now_ns)
+{
+	if (!guess->pending)
+		return;
+	guess->commanded_ns = now_ns;
+	guess->seen_after = false;
+}
+
 /* Frames after the first one begun after the command: -1 for those begun before it. */
 static int64_t age_frames(struct lp_exposure_guess *guess, uint64_t sequence, int64_t stamp_ns)
 {
@@ -46,7 +55,7 @@ static void guess_pending(struct lp_exposure_guess *guess, struct lp_frame *fram
 	const int64_t age = age_frames(guess, frame->sequence, stamp_ns);
 	const int delay = guess->delay_frames;
 	const int64_t unsure_from = delay > 0 ? delay - 1 : 0;
-	const int64_t unsure_to = delay >= 0 ? delay : LONGEST_DELAY_FRAMES;
+	const int64_t unsure_to = delay >= 0 ? delay : guess->longest_frames;
 
 	if (age > unsure_to) {
 		guess->pending = false;

@@ -13,8 +13,9 @@
 struct lp_frame;
 
 struct lp_exposure_guess {
-	int delay_frames; /* -1: not known, up to five */
-	bool pending;	  /* the command's frame may still be to come */
+	int delay_frames;   /* -1: not known */
+	int longest_frames; /* that it may be where it is not known; 5 */
+	bool pending;	    /* the command's frame may still be to come */
 	int64_t commanded_ns;
 	bool seen_after; /* a frame begun after the command has been seen: the one below */
 	uint64_t first_after;
@@ -28,6 +29,9 @@ void lp_exposure_guess_init(struct lp_exposure_guess *guess, int delay_frames);
 /* Exposure and gain (NAN: unknown) were commanded; the call returned at `now_ns`. */
 void lp_exposure_guess_command(struct lp_exposure_guess *guess, float exposure_us, float gain,
 			       int64_t now_ns);
+
+/* The command was answered only now: it may have taken effect at any time since it was given. */
+void lp_exposure_guess_late(struct lp_exposure_guess *guess, int64_t now_ns);
 
 /*
  * Fill in exposure_us and gain of the next frame, and turn t_start_ns from the driver's time stamp

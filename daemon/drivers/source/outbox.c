@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/log.h"
 #include "base/loop.h"
 #include "base/mailbox.h"
 #include "base/pool.h"
@@ -16,9 +17,11 @@
 #define NOTICES 8
 #define ITEMS (NOTICES + 64) /* more than a driver has buffers: nothing is ever displaced */
 
-/* A state on its way to the loop; among frames, the one that cannot be released. */
+/* A state or a fault on its way to the loop; among frames, the one that cannot be released. */
 struct notice {
 	struct lp_frame frame;
+	const char *fault; /* its name; NULL: this is a state */
+	bool is_over;	   /* of a fault */
 	enum lp_source_state state;
 	char reason[LP_SOURCE_REASON_BYTES];
 };
@@ -99,6 +102,26 @@ void lp_source_outbox_report(struct lp_source_outbox *outbox, enum lp_source_sta
 	put_state(outbox, state, object, stage, reason);
 }
 
+void lp_source_outbox_fault(struct lp_source_outbox *outbox, const char *id, const char *object,
+			    const char *format, ...)
+{
+	struct notice *notice = lp_pool_wait(outbox->notices);
+	char text[LP_SOURCE_REASON_BYTES / 2];
+	va_list arguments;
+
+	if (!notice)
+		return;
+	*notice = (struct notice){.fault = id, .is_over = !format};
+	if (format) {
+		va_start(arguments, format);
+		(void)vsnprintf(text, sizeof(text), format, arguments);
+		va_end(arguments);
+		lp_warning(object, id, "%s", text);
+		(void)snprintf(notice->reason, sizeof(notice->reason), "%.200s: %s", object, text);
+	}
+	(void)lp_mailbox_put(outbox->mailbox, &notice->frame);
+}
+
 enum lp_source_state lp_source_outbox_last_state(const struct lp_source_outbox *outbox)
 {
 	return outbox->report.last_state;
@@ -124,6 +147,12 @@ static void hand_on_state(struct lp_source_outbox *outbox, struct notice *item)
 	const struct notice notice = *item;
 
 	lp_pool_give(outbox->notices, item);
+	if (notice.fault) {
+		if (host->fault)
+			host->fault(host->context, notice.fault,
+				    notice.is_over ? NULL : notice.reason);
+		return;
+	}
 	outbox->state = notice.state;
 	host->state(host->context, notice.state, notice.reason);
 }

@@ -29,6 +29,13 @@ __attribute__((format(printf, 5, 6))) void
 lp_source_outbox_report(struct lp_source_outbox *outbox, enum lp_source_state state,
 			const char *object, const char *stage, const char *format, ...);
 
+/* Source's thread. A fault of the device that does not stop its frames, by its name (static), or
+ * its end (`object` and `format` NULL). Logged. */
+__attribute__((format(printf, 4, 5))) void lp_source_outbox_fault(struct lp_source_outbox *outbox,
+								  const char *id,
+								  const char *object,
+								  const char *format, ...);
+
 /* Source's thread. The state reported last; 0: none. */
 enum lp_source_state lp_source_outbox_last_state(const struct lp_source_outbox *outbox);
 

@@ -76,6 +76,20 @@ def save(path: Path, size_px: tuple[int, int], section: str, values: Mapping[str
     calibration.save(path, edited(read_or_new(path, size_px), section, values))
 
 
+def save_lens(path: Path, size_px: tuple[int, int], values: Mapping[str, str]) -> None:
+    """Set values of the lens in a camera file, which becomes one of a fisheye camera."""
+    if path.exists():
+        known = camera.load(str(path))
+        if (known.width_px, known.height_px) != size_px:
+            raise CameraError(
+                f"camera: {path}: its numbers refer to {known.width_px}x{known.height_px}, the "
+                f"pictures are {size_px[0]}x{size_px[1]}: take pictures of that size, or name "
+                "another file"
+            )
+    text = edited(read_or_new(path, size_px), "camera", {"projection": "fisheye"})
+    calibration.save(path, edited(text, "lens.0", values))
+
+
 def save_response(path: Path, size_px: tuple[int, int], table: Array, remark: str) -> Path:
     """Write a response table (256, 3) beside a camera file and name it there; returns its path."""
     number = 1

@@ -55,3 +55,14 @@ def get(
 ) -> None:
     """Print a number of the simulated box."""
     typer.echo(control.send(path, f"get {name}"))
+
+
+@app.command("press")
+def press(
+    path: SocketPath,
+    button: Annotated[
+        str, typer.Argument(metavar="BUTTON", help="shutter, mode, playback or capture.")
+    ],
+) -> None:
+    """Press a button of the simulated THETA (simulate --osc)."""
+    typer.echo(control.send(path, f"press {button}"))

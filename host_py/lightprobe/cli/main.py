@@ -80,6 +80,10 @@ class Calibrate(LazyGroup):
             "calibrate_response:command", "Measure a camera's response curve from a bracket.",
             "calibrate",
         ),
+        "lens": Entry(
+            "calibrate_lens:command", "Find a fisheye lens with pictures of a printed board.",
+            "calibrate",
+        ),
         "wheel": Entry(
             "calibrate_wheel:command", "Measure the servo that turns the polarizer wheel.",
             "calibrate",

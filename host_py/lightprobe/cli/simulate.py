@@ -13,7 +13,7 @@ from typing import Annotated, Any, TextIO
 import cv2
 import typer
 
-from lightprobe.cli import check
+from lightprobe.cli import check, simulate_osc
 from lightprobe.errors import UsageError
 from lightprobe.imaging import camera as lenses
 from lightprobe.sim import faults as misbehaviour
@@ -29,6 +29,7 @@ from lightprobe.sim.link import Exposure, Link, Surroundings
 from lightprobe.sim.polarizer import Sheet
 from lightprobe.sim.sensor import CHROMA, FULL_WELL_E, READ_NOISE_E, SensorModel
 from lightprobe.sim.surroundings import FixedPolarizer, WheelAndRing, flicker_share, spread_ring
+from lightprobe.sim.truth import TruthServer
 from lightprobe.sim.world import Behaviour, World
 
 #: Median radiance that scenes are brought to: a quarter of full scale in 1/120 s.
@@ -235,19 +236,56 @@ def command(
             callback=check.number(0, 2), help="Spread of the LDRs: 0 none, 1 as real ones."
         ),
     ] = 0.0,
+    osc: Annotated[
+        int | None,
+        typer.Option(
+            metavar="PORT",
+            min=0,
+            max=65535,
+            help="A RICOH THETA behind its Web API on this TCP port instead of the socket; "
+            "0: any free one.",
+        ),
+    ] = None,
+    osc_model: Annotated[
+        str,
+        typer.Option(
+            callback=check.one_of(simulate_osc.MODELS),
+            help=f"With --osc: {', '.join(simulate_osc.MODELS)}. Sizes and rates are the model's.",
+        ),
+    ] = "x",
+    osc_host: Annotated[
+        str, typer.Option(metavar="ADDRESS", help="With --osc: the address to listen on.")
+    ] = "127.0.0.1",
+    osc_password_file: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            exists=True,
+            dir_okay=False,
+            help="With --osc: ask for a password, as in client mode: a line USER:PASSWORD.",
+        ),
+    ] = None,
     faults: Annotated[
         str,
         typer.Option(
             metavar="K=V&…",
             help=f"Faults: {misbehaviour.describe()}; with firmware also of wheel, ring and line: "
             "stuck, slow, slip_deg, lie_deg, index_a_forced, ldr0_forced, line_noise, line_cut, "
-            "line_unplugged, reset, … (proto/sim.md).",
+            "line_unplugged, reset, … (proto/sim.md). "
+            f"With --osc instead: {simulate_osc.FAULTS}.",
         ),
     ] = "",
     control: Annotated[
         Path | None,
         typer.Option(
             metavar="PATH", callback=check.new_socket, help="Unix socket for `lightprobe control`."
+        ),
+    ] = None,
+    truth_publish: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URI",
+            help="Publish the truth as a probe of its own: ws:127.0.0.1:PORT or tcp:….",
         ),
     ] = None,
     truth: Annotated[
@@ -272,8 +310,9 @@ def command(
     """Simulate a camera in a world, with polarizer wheel and ring, by their physics.
 
     The daemon connects with --source=sim:SOCKET, and can also ask for faults:
-    --source='sim:SOCKET?late_ms=40&drop=0.1'. With --firmware it finds the microcontroller at
-    --rotator=mcu:serial:PTY --ring=mcu:serial:PTY. Ends on Ctrl-C.
+    --source='sim:SOCKET?late_ms=40&drop=0.1'. With --osc PORT the camera is a THETA on the
+    network, and the daemon connects with --source=osc:localhost:PORT. With --firmware it finds
+    the microcontroller at --rotator=mcu:serial:PTY --ring=mcu:serial:PTY. Ends on Ctrl-C.
     """
     require_unix_sockets("simulate")
     if firmware not in FIRMWARES:
@@ -287,7 +326,9 @@ def command(
         raise UsageError(
             "simulate: --walk-m: the ring of --firmware cannot walk: leave one of the two out"
         )
-    if firmware == "none":
+    if osc is not None:
+        refuse_with_osc(firmware, polarizer_deg, lens, pixel_format)
+    elif firmware == "none":
         misbehaviour.Faults().merged(faults)
     size_px, kind = parse_size(size), parse_format(pixel_format)
     check_row_time(row_time_us, size_px, rate_hz)
@@ -304,6 +345,15 @@ def command(
         walk_m, walk_m_s, cover_from_s, cover_to_s,
     )  # fmt: skip
     world = World(scenes.load(scene), behaviour, median_radiance or None)
+    if osc is not None:
+        cv2.setNumThreads(1)
+        simulate_osc.serve(
+            world, osc_model, (osc_host, osc), osc_password_file, faults=faults, seconds=seconds,
+            delay_frames=delay_frames, seed=seed, quality=quality, chroma=chroma,
+            sensor=SensorModel(full_well_e, read_noise_e), response=curve, truth=truth,
+            control=control, as_json=as_json,
+        )  # fmt: skip
+        return
     simulated = SimulatedCamera(
         world, optics, size_px, rate_hz=rate_hz, pixel_format=kind, quality=quality, chroma=chroma,
         seed=seed,
@@ -326,6 +376,10 @@ def command(
             around = WheelAndRing(box, light)
         link = Link(path, simulated, exposure, truth=log, surroundings=around)
         link.misbehave(faults)
+        if truth_publish is not None:
+            stack.enter_context(
+                TruthServer(truth_publish, lambda: (link.state_now(), simulated.gain))
+            )
         lit = None
         if box is not None and light is not None:
             lit = stack.enter_context(illuminated(link, box, light))
@@ -359,6 +413,23 @@ def numbers(option: str, text: str) -> tuple[float, ...]:
         return tuple(float(part) for part in text.split(","))
     except ValueError:
         raise UsageError(f"simulate: {option} {text}: expected numbers, as 0.3,0.9") from None
+
+
+def refuse_with_osc(
+    firmware: str, polarizer_deg: float | None, lens: str, pixel_format: str
+) -> None:
+    """Raise UsageError for what a THETA on the network cannot be together with."""
+    for option, is_used in (
+        (f"--firmware {firmware}", firmware != "none"),
+        (f"--polarizer {polarizer_deg}", polarizer_deg is not None),
+        (f"--camera {lens}", lens != "equirect"),
+        (f"--format {pixel_format}", pixel_format.upper() != "MJPG"),
+    ):
+        if is_used:
+            raise UsageError(
+                f"simulate: {option}: the camera of --osc is a THETA, which sends MJPEG "
+                "equirectangular, without wheel or ring: leave one of the two out"
+            )
 
 
 def open_truth(path: Path) -> TextIO:

@@ -96,6 +96,7 @@ class SimulatedCamera:
         # All of it now: a camera does not pause when the scene changes.
         self._layers = [scene.render(*self._map_px) for scene in world.scenes]
         self.sheet = sheet
+        self.white_balance = (1.0, 1.0, 1.0)  # factors of R, G, B; 1: as D65 lights a white wall
         polarized = not all(layers.unpolarized for layers in self._layers)
         self._polarizer = Polarizer(sheet, lens, size_px) if sheet and polarized else None
         self._medians: dict[int, float] = {}
@@ -291,10 +292,13 @@ class SimulatedCamera:
             wheel_deg if self._polarized(state) else None,
             None if rows is None else rows.powers.tobytes(),
             rows.offset_deg.tobytes() if turned and rows is not None else None,
+            self.white_balance,
         )  # fmt: skip
         signal = self._signals.get(key)
         if signal is None:
             radiance = self._radiance(state, wheel_deg, rows)
+            if self.white_balance != (1.0, 1.0, 1.0):
+                radiance = radiance * np.asarray(self.white_balance, np.float32)
             signal = self.sensor.expect(radiance, shot.exposure_us, shot.gain)
             self._signals[key] = signal
             if len(self._signals) > _CACHED:

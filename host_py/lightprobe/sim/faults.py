@@ -5,14 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 from dataclasses import dataclass, fields, replace
+from typing import ClassVar, Self
 from urllib.parse import parse_qsl, urlencode
+
+import numpy as np
 
 from lightprobe.errors import UsageError
 
 
 @dataclass(frozen=True)
-class Faults:
-    """Options of `simulate --faults` and of the daemon's `hello` (sim:PATH?KEY=VALUE&…)."""
+class PictureFaults:
+    """What goes wrong with the pictures of every simulated camera."""
+
+    #: What the numbers may be; 0 or more where nothing else is said.
+    RANGES: ClassVar[dict[str, tuple[float, float]]] = {
+        **dict.fromkeys(("drop", "corrupt", "truncate", "garbage"), (0, 1)),
+        "ignore_exposure": (0, 1),
+        "delay_frames": (-1, 100),
+    }
 
     late_ms: float = 0.0  # every frame arrives this late
     jitter_ms: float = 0.0  # and up to this much later still
@@ -20,23 +30,13 @@ class Faults:
     corrupt: float = 0.0  # share of frames with some bytes changed
     truncate: float = 0.0  # share of frames cut short
     garbage: float = 0.0  # share of frames replaced by random bytes
-    marked: float = 0.0  # share of frames that the driver itself marks corrupt
-    wrong_size: float = 0.0  # share of frames whose header tells half the size
     stall_after: int = 0  # frames until the camera falls silent; 0: never
     stall_s: float = 0.0  # how long it stays silent; 0: for ever
     disconnect_after: int = 0  # frames until it is unplugged, each time; 0: never
-    cut_after: int = 0  # frames until it is unplugged in the middle of one; 0: never
-    hide_exposure: int = 0  # 1: frames do not report their exposure
     ignore_exposure: int = 0  # 1: exposure commands have no effect
-    hide_orientation: int = 0  # 1: frames do not report their orientation
-    orientation_noise_deg: float = 0.0  # about each axis; the sensor states it as its sigma
-    orientation_late_ms: float = 0.0  # it is that of so long before; below 0: of later
-    orientation_drop: float = 0.0  # share of frames without
-    orientation_jump_s: float = 0.0  # so often the sensor's idea of the world jumps; 0: never
-    orientation_jump_deg: float = 0.0  # by so much, about an axis drawn each time
     delay_frames: int = -1  # frames from exposure command to effect; -1: as the camera is
 
-    def merged(self, query: str) -> Faults:
+    def merged(self, query: str) -> Self:
         """Give these faults with those of a query string put in; UsageError for an unknown one."""
         known = {field.name: field for field in fields(self)}
         changes = {}
@@ -44,7 +44,7 @@ class Faults:
             if key not in known:
                 raise UsageError(f"faults: unknown option {key}: known are {', '.join(known)}")
             whole = known[key].type == "int"
-            low, high = _RANGES.get(key, (0, math.inf))
+            low, high = self.RANGES.get(key, (0, math.inf))
             try:
                 value = int(text) if whole else float(text)
             except ValueError:
@@ -57,14 +57,29 @@ class Faults:
         return replace(self, **changes)  # type: ignore[arg-type]
 
 
-#: What the numbers may be; 0 or more where nothing else is said.
-_SHARES = ("drop", "corrupt", "truncate", "garbage", "marked", "wrong_size", "orientation_drop")
-_RANGES: dict[str, tuple[float, float]] = {
-    **dict.fromkeys(_SHARES, (0, 1)),
-    **dict.fromkeys(("hide_exposure", "ignore_exposure", "hide_orientation"), (0, 1)),
-    "orientation_late_ms": (-1000, 1000),
-    "delay_frames": (-1, 100),
-}
+@dataclass(frozen=True)
+class Faults(PictureFaults):
+    """Options of `simulate --faults` and of the daemon's `hello` (sim:PATH?KEY=VALUE&…)."""
+
+    RANGES: ClassVar[dict[str, tuple[float, float]]] = {
+        **PictureFaults.RANGES,
+        **dict.fromkeys(
+            ("marked", "wrong_size", "hide_exposure", "hide_orientation", "orientation_drop"),
+            (0, 1),
+        ),
+        "orientation_late_ms": (-1000, 1000),
+    }
+
+    marked: float = 0.0  # share of frames that the driver itself marks corrupt
+    wrong_size: float = 0.0  # share of frames whose header tells half the size
+    cut_after: int = 0  # frames until it is unplugged in the middle of one; 0: never
+    hide_exposure: int = 0  # 1: frames do not report their exposure
+    hide_orientation: int = 0  # 1: frames do not report their orientation
+    orientation_noise_deg: float = 0.0  # about each axis; the sensor states it as its sigma
+    orientation_late_ms: float = 0.0  # it is that of so long before; below 0: of later
+    orientation_drop: float = 0.0  # share of frames without
+    orientation_jump_s: float = 0.0  # so often the sensor's idea of the world jumps; 0: never
+    orientation_jump_deg: float = 0.0  # by so much, about an axis drawn each time
 
 
 def split(query: str, box: Collection[str]) -> tuple[str, dict[str, float]]:
@@ -90,6 +105,20 @@ def split(query: str, box: Collection[str]) -> tuple[str, dict[str, float]]:
     return urlencode(camera), numbers
 
 
-def describe() -> str:
-    """Names of all faults, for --help."""
-    return ", ".join(field.name for field in fields(Faults))
+def describe(kind: type[PictureFaults] = Faults) -> str:
+    """Names of all faults of a kind of camera, for --help."""
+    return ", ".join(field.name for field in fields(kind))
+
+
+def spoil(payload: bytes, faults: PictureFaults, rng: np.random.Generator) -> bytes:
+    """Break a picture as faults ask for."""
+    if rng.random() < faults.garbage:
+        return rng.bytes(len(payload))
+    if rng.random() < faults.truncate:
+        return payload[: int(len(payload) * rng.uniform(0.05, 0.95))]
+    if rng.random() < faults.corrupt:
+        data = np.frombuffer(payload, np.uint8).copy()
+        where = rng.integers(0, len(data), max(1, len(data) // 2000))
+        data[where] ^= rng.integers(1, 256, len(where), dtype=np.uint8)
+        return data.tobytes()
+    return payload

@@ -22,7 +22,7 @@ from lightprobe.errors import LightprobeError, UsageError
 from lightprobe.sim import orientation
 from lightprobe.sim.camera import Shot, SimulatedCamera
 from lightprobe.sim.clock import Clock, SystemClock
-from lightprobe.sim.faults import Faults
+from lightprobe.sim.faults import Faults, spoil
 from lightprobe.sim.world import State
 
 #: Orientation x y z w and its sigma, row time, and limits of exposure follow what was there first.
@@ -56,12 +56,15 @@ class Exposure:
     bracket: int = 1  # exposures that automatic mode cycles through
     fixed: Shot | None = None
     delay_frames: int = 0
-    _pending: deque[tuple[int, Shot]] = field(default_factory=deque)
+    _pending: deque[tuple[int, Shot | None]] = field(default_factory=deque)
 
-    def command(self, shot: Shot, next_frame: int, delay_frames: int) -> None:
-        """Take a command that arrives before `next_frame` is exposed, within the limits."""
+    def command(self, shot: Shot | None, next_frame: int, delay_frames: int) -> None:
+        """Take a command that arrives before `next_frame` is exposed; None: automatic again.
+
+        What is taken is within the camera's limits.
+        """
         delay = self.delay_frames if delay_frames < 0 else delay_frames
-        possible = replace(shot, exposure_us=self.camera.limits.nearest(shot.exposure_us))
+        possible = shot and replace(shot, exposure_us=self.camera.limits.nearest(shot.exposure_us))
         self._pending.append((next_frame + delay, possible))
 
     def shot(self, frame: int) -> Shot:
@@ -213,20 +216,7 @@ class Link:
         if self._truth is None:
             return
         state = self.camera.state(frame, shot)
-        yaw_deg = self.camera.true_yaw_deg(state)
-        line = {
-            "sequence": frame,
-            "t_start_ns": self.start_ns(frame),
-            "t_s": state.t_s,
-            "exposure_us": shot.exposure_us,
-            "gain": shot.gain,
-            "scene": state.scene.name,
-            "act": state.act,
-            "yaw_deg": yaw_deg,
-            "powers": state.powers.tolist(),
-            "place_m": state.place_m,
-            "is_covered": state.is_covered,
-        }
+        line = account(self.camera, frame, shot, self.start_ns(frame))
         if self.surroundings is not None:
             line |= {
                 "wheel_deg": sum(wheel_deg) / len(wheel_deg),
@@ -343,7 +333,7 @@ class _Session:
 
     def _send(self, ready: _Ready, payload: bytes) -> bool:
         f, camera, rng = self.faults, self.link.camera, self._rng(ready.number, 1)
-        payload = _spoil(payload, f, rng)
+        payload = spoil(payload, f, rng)
         width, height = camera.size_px
         if rng.random() < f.wrong_size:
             width, height = width // 2, height // 2
@@ -410,6 +400,24 @@ class _Session:
             self.link.say(f"simulate: hello: {error}")
 
 
+def account(camera: SimulatedCamera, frame: int, shot: Shot, start_ns: int) -> dict[str, Any]:
+    """Give what is true during a frame, as a line of `simulate --truth` has it."""
+    state = camera.state(frame, shot)
+    return {
+        "sequence": frame,
+        "t_start_ns": start_ns,
+        "t_s": state.t_s,
+        "exposure_us": shot.exposure_us,
+        "gain": shot.gain,
+        "scene": state.scene.name,
+        "act": state.act,
+        "yaw_deg": camera.true_yaw_deg(state),
+        "powers": state.powers.tolist(),
+        "place_m": state.place_m,
+        "is_covered": state.is_covered,
+    }
+
+
 def _alive(path: Path) -> bool:
     """Say whether somebody listens on a socket."""
     with socket.socket(socket.AF_UNIX) as probe:
@@ -418,17 +426,3 @@ def _alive(path: Path) -> bool:
         except OSError:
             return False
     return True
-
-
-def _spoil(payload: bytes, faults: Faults, rng: np.random.Generator) -> bytes:
-    """Break a frame as faults ask for."""
-    if rng.random() < faults.garbage:
-        return rng.bytes(len(payload))
-    if rng.random() < faults.truncate:
-        return payload[: int(len(payload) * rng.uniform(0.05, 0.95))]
-    if rng.random() < faults.corrupt:
-        data = np.frombuffer(payload, np.uint8).copy()
-        where = rng.integers(0, len(data), max(1, len(data) // 2000))
-        data[where] ^= rng.integers(1, 256, len(where), dtype=np.uint8)
-        return data.tobytes()
-    return payload

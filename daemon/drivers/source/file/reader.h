@@ -6,7 +6,7 @@
 
 #include <stdint.h>
 
-#include "drivers/source/file/formats.h"
+#include "drivers/source/formats.h"
 
 struct lp_file_reader;
 struct lp_owned_frame;

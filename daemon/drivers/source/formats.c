@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "drivers/source/file/formats.h"
+#include "drivers/source/formats.h"
 
 #include <endian.h>
 #include <errno.h>

@@ -3,8 +3,8 @@
  * Pictures in a stream of bytes: where the next one begins and ends. A file is a stream of one or
  * many pictures of one encoding; nothing here does I/O or trusts the bytes.
  */
-#ifndef LP_SOURCE_FILE_FORMATS_H
-#define LP_SOURCE_FILE_FORMATS_H
+#ifndef LP_SOURCE_FORMATS_H
+#define LP_SOURCE_FORMATS_H
 
 #include <stdbool.h>
 #include <stddef.h>

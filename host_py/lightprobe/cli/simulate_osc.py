@@ -1,0 +1,97 @@
+"""`lightprobe simulate --osc`: a RICOH THETA on the network."""
+
+from __future__ import annotations
+
+import json
+import signal
+import threading
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from lightprobe.errors import UsageError
+from lightprobe.sim import faults as misbehaviour
+from lightprobe.sim.control import Control, Handler
+from lightprobe.sim.osc import models
+from lightprobe.sim.osc.camera import OscCamera
+from lightprobe.sim.osc.faults import OscFaults
+from lightprobe.sim.osc.server import OscServer
+from lightprobe.sim.world import World
+
+MODELS = tuple(models.MODELS)
+FAULTS = misbehaviour.describe(OscFaults)
+
+
+def serve(
+    world: World,
+    model: str,
+    address: tuple[str, int],
+    password_file: Path | None,
+    *,
+    faults: str,
+    seconds: float | None,
+    truth: Path | None,
+    control: Path | None,
+    as_json: bool,
+    **about: Any,
+) -> None:
+    """Serve a camera until Ctrl-C, or for some seconds; prints counters."""
+    merged = OscFaults().merged(faults)
+    login = read_login(password_file) if password_file else None
+    ending = threading.Event()
+    with ExitStack() as stack:
+        log = stack.enter_context(open(truth, "w", encoding="utf-8")) if truth else None
+        camera = OscCamera(world, model, faults=merged, truth=log, **about)
+        if merged.playback:
+            camera.press("playback")
+        server = stack.enter_context(OscServer(camera, address, login))
+        if control is not None:
+            stack.enter_context(Control(control, handlers(camera)))
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: ending.set())
+        typer.echo(
+            f"simulate: {camera.model.name} on port {server.port}: "
+            f"waiting for lightprobed --source=osc:{address[0] or 'localhost'}:{server.port}",
+            err=True,
+        )
+        ending.wait(seconds)
+    counters = {"frames": camera.frames, "commands": camera.commands}
+    text = f"simulate: {', '.join(f'{value} {key}' for key, value in counters.items())}"
+    typer.echo(json.dumps(counters) if as_json else text)
+
+
+def read_login(path: Path) -> tuple[str, str]:
+    """User and password from the first line of a file; raises UsageError."""
+    try:
+        line = path.read_text(encoding="utf-8").partition("\n")[0]
+    except (OSError, UnicodeDecodeError) as error:
+        raise UsageError(f"simulate: --osc-password-file {path}: read: {error}") from None
+    user, colon, password = line.strip().partition(":")
+    if not (user and colon and password):
+        raise UsageError(f"simulate: --osc-password-file {path}: line 1: expected USER:PASSWORD")
+    return user, password
+
+
+def handlers(camera: OscCamera) -> dict[str, Handler]:
+    """Commands of `lightprobe control` by their first words (proto/sim.md)."""
+
+    def misbehave(query: str) -> str:
+        camera.misbehave(query)
+        return "ok"
+
+    def press(button: str) -> str:
+        camera.press(button)
+        return "ok"
+
+    def status(_: str) -> str:
+        names = ("captureMode", "exposureProgram", "shutterSpeed", "iso", "whiteBalance",
+                 "_colorTemperature", "sleepDelay", "offDelay")  # fmt: skip
+        options = {name: camera.options.get(name) for name in names}
+        if camera.model.formats:
+            options["previewFormat"] = camera.options.get("previewFormat")
+        return json.dumps({"frames": camera.frames, "commands": camera.commands,
+                           "asleep": camera.is_asleep(), "options": options})  # fmt: skip
+
+    return {"faults": misbehave, "press": press, "status": status}

@@ -1,0 +1,279 @@
+"""The daemon on a camera that follows Open Spherical Camera, with all that goes wrong with one."""
+
+import contextlib
+import threading
+from http.server import BaseHTTPRequestHandler, HTTPServer
+
+import numpy as np
+import pytest
+from harness import Daemon
+from lightprobe import wire
+from lightprobe.evaluate.evaluation import reference
+from lightprobe.sim import scenes
+from lightprobe.sim.osc.camera import OscCamera
+from lightprobe.sim.osc.faults import OscFaults
+from lightprobe.sim.osc.server import OscServer
+from lightprobe.sim.world import Behaviour, World
+from lightprobe_proto import lightprobe_pb2 as pb
+
+State = pb.Health.SourceState
+LOGIN = ("THETAYN10100001", "10100001")
+#: What a camera is when nobody has touched it.
+FACTORY = {"captureMode": "image", "exposureProgram": 2, "shutterSpeed": 0, "iso": 0,
+           "whiteBalance": "auto", "_colorTemperature": 5000, "sleepDelay": 180, "offDelay": 600,
+           "previewFormat": {"width": 512, "height": 512, "framerate": 30}}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def world() -> World:
+    return World(scenes.load(["room"]), Behaviour(act_s=0), 4.0)
+
+
+@contextlib.contextmanager
+def theta(world, faults="", login=None, port=0, **about):
+    camera = OscCamera(world, faults=OscFaults().merged(faults), **about)
+    if camera.faults.playback:
+        camera.press("playback")
+    with OscServer(camera, ("127.0.0.1", port), login) as server:
+        yield camera, server.port
+
+
+@contextlib.contextmanager
+def probing(port, keys="", size="1024x512"):
+    size = f"&size={size}" if size else ""
+    with (
+        Daemon(
+            f"--source=osc:127.0.0.1:{port}?stall_ms=1500{size}{keys}", "--ttl-ms=300"
+        ) as daemon,
+        daemon.client(health_period_ms=100) as client,
+    ):
+        yield daemon, client
+
+
+def options(camera, *names):
+    return {name: camera.options.get(name) for name in (names or FACTORY)}
+
+
+def fault(client, fault_id):
+    """Wait for a fault; gives its text."""
+    health = client.until(lambda h: any(f.id == fault_id for f in h.faults), "health")
+    return next(f.text for f in health.faults if f.id == fault_id)
+
+
+def test_light_from_a_theta(world):
+    """Manual, held, bracketed, right; and as it was before, at the end."""
+    with theta(world) as (camera, port):
+        assert options(camera) == FACTORY
+        with probing(port) as (daemon, client):
+            client.until(lambda e: e.exposure_count >= 2)
+            held = options(camera, "captureMode", "exposureProgram", "iso", "whiteBalance",
+                           "_colorTemperature", "sleepDelay")  # fmt: skip
+            assert held == {
+                "captureMode": "video", "exposureProgram": 1, "iso": 50,
+                "whiteBalance": "_colorTemperature", "_colorTemperature": 6500, "sleepDelay": 65535,
+            }  # fmt: skip
+            truth = reference(world.scenes[0])
+
+            def is_right(message):
+                packet = pb.FromProbe(estimate=message).SerializeToString()
+                return truth.score(wire.decode(packet)).relighting_mae < 0.02
+
+            client.until(is_right)
+            assert client.until(lambda h: h.estimates > 0, "health").frames_rejected == 0
+            daemon.stop()
+            assert "as they were" in daemon.log()
+        assert options(camera) == FACTORY
+
+
+@pytest.mark.parametrize(
+    "faults",
+    ["pieces=1", "wrong_length=1", "no_length=1&pieces=1", "bare_boundary=1", "busy=0.3",
+     "slow_ms=300&delay_jitter_frames=3", "late_ms=150&jitter_ms=60", "burst_ms=400"],
+)  # fmt: skip
+def test_networks_and_cameras_as_they_are(world, faults):
+    with theta(world, faults) as (_, port), probing(port) as (_, client):
+        client.until(lambda e: e.exposure_count >= 2)
+        health = client.until(lambda h: h.frames_received > 60, "health")
+        assert health.frames_rejected == 0
+
+
+def test_damaged_pictures_are_counted(world):
+    faults = "truncate=0.2&garbage=0.1&drop=0.1"
+    with theta(world, faults) as (_, port), probing(port) as (_, client):
+        client.until(lambda h: h.frames_rejected > 5 and h.estimates > 20, "health")
+
+
+def test_only_damaged_pictures_are_a_stall(world):
+    with theta(world, "truncate=1") as (camera, port), probing(port) as (_, client):
+        assert "only corrupt frames" in fault(client, "source-stalled")
+        camera.misbehave("truncate=0")
+        client.until(lambda h: h.source_state == State.STREAMING, "health")
+
+
+@pytest.mark.parametrize("button", ["shutter", "mode"])
+def test_a_hand_on_the_camera(world, button):
+    with theta(world) as (camera, port), probing(port) as (_, client):
+        client.until(lambda e: e.exposure_count >= 1)
+        camera.press(button)
+        assert "a button, a picture, a change" in fault(client, "source-stalled")
+        client.until(lambda h: h.source_state == State.STREAMING, "health")
+        assert camera.options.mode == "video"
+
+
+def test_a_stream_that_ends_again_and_again(world):
+    with theta(world, "end_after=20") as (_, port), probing(port) as (_, client):
+        client.until(lambda h: h.frames_received > 45, "health")
+
+
+def test_a_stream_that_changes_its_size(world):
+    with theta(world, "size_after=20") as (_, port), probing(port) as (_, client):
+        assert "pictures of 512x256 came instead of 1024x512" in fault(client, "source-stalled")
+        client.until(lambda h: h.source_state == State.STREAMING, "health")
+
+
+def test_the_network_is_lost_and_comes_back(world):
+    """What the camera was is remembered beyond the loss."""
+    with theta(world, "network_after=30") as (camera, port):
+        with probing(port) as (_, client):
+            client.until(lambda h: h.source_state == State.STREAMING, "health")
+            assert "no frame for 1500 ms" in fault(client, "source-stalled")
+            assert "is the camera awake" in fault(client, "source-waiting")
+            camera.misbehave("network_after=0")
+            health = client.until(lambda h: h.source_state == State.STREAMING, "health")
+            assert health.source_reconnects >= 1
+        assert options(camera) == FACTORY
+
+
+def test_a_reset_connection(world):
+    with theta(world, "disconnect_after=15") as (_, port), probing(port) as (_, client):
+        assert "the connection broke" in fault(client, "source-waiting")
+        client.until(lambda h: h.frames_received > 40, "health")
+
+
+def test_it_is_kept_awake(world):
+    """A camera that would sleep after two seconds does not."""
+    with theta(world, "sleep_s=2") as (camera, port), probing(port) as (_, client):
+        client.until(lambda h: h.source_state == State.STREAMING, "health")
+        begun = camera.frames
+        client.until(lambda h: camera.frames > begun + 150, "health")
+        assert not camera.is_asleep()
+
+
+def test_another_camera_comes_to_the_address(world):
+    """Each gets back its own options, and none those of the other."""
+    with theta(world) as (first, port), probing(port) as (_, client):
+        client.until(lambda h: h.source_state == State.STREAMING, "health")
+        first.press("capture")
+    with theta(world) as (camera, port), probing(port) as (daemon, client):
+        client.until(lambda h: h.source_state == State.STREAMING, "health")
+        camera.serial = "YN20200002"
+        camera.options.reset()
+        camera.options.set({"offDelay": 7200})
+        camera.end_preview()
+        client.until(lambda h: "YN20200002" in daemon.log(), "health")
+        client.until(lambda h: camera.options.get("offDelay") == 65535, "health")
+        daemon.stop()
+        assert options(camera) == FACTORY | {"offDelay": 7200}
+
+
+def password_file(tmp_path, user, password):
+    path = tmp_path / "password"
+    path.write_text(f"{user}:{password}\n")
+    path.chmod(0o600)
+    return path
+
+
+def test_a_password(world, tmp_path):
+    with theta(world, "nonce_uses=3", LOGIN) as (camera, port):
+        with probing(port) as (_, client):
+            assert "asks for a password" in fault(client, "source-down")
+        wrong = password_file(tmp_path, LOGIN[0], "no")
+        with probing(port, f"&password_file={wrong}") as (_, client):
+            assert "refuses user or password" in fault(client, "source-down")
+        with probing(port, f"&password_file={password_file(tmp_path, *LOGIN)}") as (daemon, client):
+            client.until(lambda e: e.exposure_count >= 2)
+            assert LOGIN[1] not in daemon.log().replace(camera.serial, "")
+        assert options(camera) == FACTORY
+
+
+REFUSALS = {
+    "other_make=1": ("source-down", "Insta360 X4 (firmware 1.1.6) has no live preview"),
+    "charging=1": ("source-waiting", "leave playback, settings, charging or USB mode"),
+    "hot=1": ("source-waiting", "or let the camera cool"),
+}
+
+
+@pytest.mark.parametrize("faults", REFUSALS)
+def test_cameras_that_give_no_live_preview(world, faults):
+    fault_id, text = REFUSALS[faults]
+    with theta(world, faults) as (camera, port):
+        with probing(port, size="") as (_, client):
+            assert text in fault(client, fault_id)
+        if camera.model.formats:  # nothing is left behind
+            assert options(camera) == FACTORY
+
+
+def test_playback_is_left(world):
+    with theta(world, "playback=1") as (camera, port), probing(port) as (_, client):
+        client.until(lambda h: h.source_state == State.STREAMING, "health")
+        assert camera.options.get("_cameraMode") == "capture"
+
+
+def test_an_old_firmware(world):
+    """No manual exposure of movies: relative light, and a word about it."""
+    with (
+        theta(world, "old_firmware=1") as (camera, port),
+        probing(port, size="") as (daemon, client),
+    ):
+        client.until(lambda e: e.sequence > 3)
+        assert "has no manual exposure in the mode 'video'" in daemon.log()
+    assert options(camera) == FACTORY
+
+
+def test_a_model_without_movies(world):
+    with theta(world, model="sc") as (_, port):
+        with probing(port, size="") as (_, client):
+            assert "has no mode 'video' — try mode=image" in fault(client, "source-down")
+        with probing(port, "&mode=image", size="640x320") as (_, client):
+            client.until(lambda e: e.sequence > 3)
+
+
+def test_what_is_not_offered(world):
+    with theta(world) as (_, port):
+        with probing(port, size="1000x500") as (_, client):
+            assert "1024x512 at 30" in fault(client, "source-down")
+        with probing(port, "&iso=51") as (_, client):
+            assert "iso: 51 is not offered" in fault(client, "source-down")
+
+
+def test_no_camera_there(world):
+    class Page(BaseHTTPRequestHandler):
+        def do_GET(self):
+            self.send_response(200)
+            self.end_headers()
+            self.wfile.write(b"<html>a router</html>")
+
+        def log_message(self, *_):
+            pass
+
+    with HTTPServer(("127.0.0.1", 0), Page) as page:
+        threading.Thread(target=page.serve_forever, daemon=True).start()
+        with probing(page.server_address[1]) as (_, client):
+            assert "no Open Spherical Camera" in fault(client, "source-down")
+        page.shutdown()
+        port = page.server_address[1]
+    with probing(port) as (_, client):
+        assert "is the camera switched on" in fault(client, "source-waiting")
+        with theta(world, port=port):
+            client.until(lambda h: h.source_state == State.STREAMING, "health")
+
+
+def test_battery_and_heat(world):
+    with theta(world, "battery=0.1") as (camera, port), probing(port) as (_, client):
+        assert "battery at 10 %" in fault(client, "camera-battery")
+        camera.faults = OscFaults().merged("hot=1&temperature_c=74")  # and it goes on
+        text = fault(client, "camera-hot")
+        assert "HIGH_TEMPERATURE, board at 74 °C" in text
+        camera.faults = OscFaults()
+        client.until(lambda h: not h.faults, "health")
+        assert np.isfinite(client.until(lambda e: e.sequence > 1).exposure_us)
