@@ -22,7 +22,8 @@ WITH_SIM ?= 1
 WITH_LIBUSB ?= 1
 WITH_GPIOD ?= 1
 WITH_LIBCAMERA ?= 1
-WITH_OPTIONS := SYSTEMD SIM LIBUSB GPIOD LIBCAMERA
+WITH_WEBSOCKETS ?= 1
+WITH_OPTIONS := SYSTEMD SIM LIBUSB GPIOD LIBCAMERA WEBSOCKETS
 PACKAGE_SYSTEMD := libsystemd
 DEBIAN_SYSTEMD := libsystemd-dev
 PACKAGE_LIBUSB := libusb-1.0
@@ -31,11 +32,14 @@ PACKAGE_GPIOD := libgpiod
 DEBIAN_GPIOD := libgpiod-dev
 PACKAGE_LIBCAMERA := libcamera
 DEBIAN_LIBCAMERA := libcamera-dev
+PACKAGE_WEBSOCKETS := libwebsockets openssl
+DEBIAN_WEBSOCKETS := libwebsockets-dev libwebsockets-evlib-uv libssl-dev
 # Of libgpiod there are two, which have nothing in common: version 1 (Debian 12) and 2 (Debian 13).
 GPIOD_MAJOR := $(if $(filter 1,$(WITH_GPIOD)),$(firstword $(subst ., ,$(shell $(PKG_CONFIG) --modversion libgpiod 2>/dev/null))))
 LP_EXCLUDE := $(if $(filter 0,$(WITH_GPIOD)),daemon/drivers/wheel/pca9685/%, \
 		daemon/drivers/wheel/pca9685/index_gpiod$(if $(filter 1,$(GPIOD_MAJOR)),2,1).c) \
-	$(if $(filter 0,$(WITH_LIBCAMERA)),daemon/drivers/source/libcamera/%)
+	$(if $(filter 0,$(WITH_LIBCAMERA)),daemon/drivers/source/libcamera/%) \
+	$(if $(filter 0,$(WITH_WEBSOCKETS)),daemon/drivers/publisher/websocket/%)
 LP_PACKAGES := libuv libturbojpeg inih $(foreach o,$(WITH_OPTIONS),$(if $(filter 1,$(WITH_$o)),$(PACKAGE_$o)))
 
 # What ships: a write beyond an array or a stack ends the program at once.

@@ -21,6 +21,7 @@ import logging
 import math
 import random
 import socket
+import ssl
 import threading
 import time
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
@@ -33,6 +34,7 @@ from lightprobe.address import Address
 from lightprobe.clock_offset import ClockOffset
 from lightprobe.errors import IncompatibleProbe, ProbeError, ProbeTimeout
 from lightprobe.estimate import Estimate, Health, Hello, Refusal
+from lightprobe.websocket import WebSocketStream
 from lightprobe.wire import (
     MINOR_WITH_NUMBERS,
     PROTOCOL_MAJOR,
@@ -100,12 +102,12 @@ class AsyncClient:
 
     def __init__(self, uri: str = DEFAULT_URI, subscription: Subscription | None = None) -> None:
         """Take an address (raises :class:`ProbeError` when it is none); connects on entering."""
-        self.uri = uri
         self.hello: Hello | None = None  # of the connection that is open; None: not connected
         self.health: Health | None = None
         self.last_error: str | None = None
         self.statistics = Statistics()
         self._address = Address.parse(uri)
+        self.uri = self._address.without_secrets(uri)
         self._subscription = subscription or Subscription()
         self._subscription_number = 1
         self._newest: Estimate | None = None
@@ -113,7 +115,7 @@ class AsyncClient:
         self._probe_clock = ClockOffset()
         self._final: ProbeError | None = None
         self._refusal: str | None = None  # of this connection
-        self._writer: asyncio.StreamWriter | None = None
+        self._writer: asyncio.StreamWriter | WebSocketStream | None = None
         self._news = asyncio.Condition()
         self._task: asyncio.Task[None] | None = None
 
@@ -325,6 +327,13 @@ def _explain(uri: str, error: Exception) -> str:
         return str(error)
     if isinstance(error, WireError):
         return f"{uri}: receive: {error}: is this a lightprobe?"
+    if isinstance(error, ssl.SSLCertVerificationError):
+        return (
+            f"{uri}: connect: no authority vouches for its certificate: use the whole address that "
+            "`lightprobe pair` prints, with sha256="
+        )
+    if isinstance(error, ssl.SSLError):
+        return f"{uri}: connect: no TLS there ({error.reason}): is it ws:// instead of wss://?"
     if isinstance(error, ConnectionRefusedError | FileNotFoundError):
         return f"{uri}: connect: nobody listens there: is lightprobed running? (lightprobe doctor)"
     if isinstance(error, socket.gaierror):
