@@ -55,7 +55,7 @@ test-long: test-parts ## run the tests that take too long for `make test`: rando
 	@$(PYTEST) -m long $(PYTEST_ROOMS:%=tests/%)
 	@$(VENV)/bin/pytest -q -s tests/package
 
-test-all: test-unit test-python
+test-all: test-unit test-python test-js
 
 .PHONY: check-rules
 check-rules: build

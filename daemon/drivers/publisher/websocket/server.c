@@ -27,6 +27,7 @@
 #define HANGUP_AFTER_S 90    /* of silence */
 #define OTHER_DESCRIPTORS 16 /* of libwebsockets itself */
 #define LONGEST_REASON 123   /* of a close frame */
+#define RESPONSE_HEADERS 5
 #define NO_OLD_TLS (SSL_OP_NO_TLSv1 | SSL_OP_NO_TLSv1_1)
 #define HEADER_TEXT_BYTES 1024 /* longest Host, Origin, list of protocols */
 
@@ -36,7 +37,7 @@
  */
 #define CONTENT_SECURITY_POLICY                                                                 \
 	"default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; " \
-	"connect-src 'self' blob: data:; media-src 'self' blob:; base-uri 'none'; "             \
+	"connect-src 'self' blob: data: %s; media-src 'self' blob:; base-uri 'none'; "          \
 	"form-action 'none'; frame-ancestors 'none'"
 
 struct lp_session {
@@ -61,6 +62,8 @@ struct lp_server {
 	bool is_tls;
 	struct lws_protocols protocols[2];
 	struct lws_http_mount mount;
+	char policy[2048];
+	struct lws_protocol_vhost_options headers[RESPONSE_HEADERS];
 	const struct lp_session *last_closed; /* only to compare with: it is freed */
 	unsigned char output[LWS_PRE + LP_PACKET_MAX_BYTES];
 };
@@ -317,17 +320,23 @@ static void on_library_log(int level, const char *line)
 	lp_debug("websocket", "library", "%.*s", (int)strcspn(line, "\n"), line);
 }
 
-static const struct lws_protocol_vhost_options *response_headers(void)
+static void set_response_headers(struct lp_server *self, const char *connect)
 {
-	static const struct lws_protocol_vhost_options headers[] = {
-		{&headers[1], NULL, "content-security-policy:", CONTENT_SECURITY_POLICY},
-		{&headers[2], NULL, "x-content-type-options:", "nosniff"},
-		{&headers[3], NULL, "referrer-policy:", "no-referrer"},
-		{&headers[4], NULL, "cross-origin-opener-policy:", "same-origin"},
-		{NULL, NULL, "cross-origin-resource-policy:", "same-origin"},
+	const char *const headers[RESPONSE_HEADERS][2] = {
+		{"content-security-policy:", self->policy},
+		{"x-content-type-options:", "nosniff"},
+		{"referrer-policy:", "no-referrer"},
+		{"cross-origin-opener-policy:", "same-origin"},
+		{"cross-origin-resource-policy:", "same-origin"},
 	};
 
-	return headers;
+	(void)snprintf(self->policy, sizeof(self->policy), CONTENT_SECURITY_POLICY, connect);
+	for (int i = 0; i < RESPONSE_HEADERS; i++)
+		self->headers[i] = (struct lws_protocol_vhost_options){
+			.next = i + 1 < RESPONSE_HEADERS ? &self->headers[i + 1] : NULL,
+			.name = headers[i][0],
+			.value = headers[i][1],
+		};
 }
 
 static const struct lws_protocol_vhost_options *mime_types(void)
@@ -371,7 +380,7 @@ static int create_context(struct lp_server *self, const struct lp_server_options
 		.port = CONTEXT_PORT_NO_LISTEN_SERVER,
 		.protocols = self->protocols,
 		.mounts = *options->root ? &self->mount : NULL,
-		.headers = response_headers(),
+		.headers = self->headers,
 		.options = LWS_SERVER_OPTION_LIBUV,
 		.foreign_loops = self->loops,
 		.pcontext = &self->context,
@@ -417,6 +426,7 @@ int lp_server_create(const struct lp_server_options *options, const struct lp_se
 						    .rx_buffer_size = LP_REQUEST_MAX_BYTES};
 	if (*options->root)
 		set_mount(self, options->root);
+	set_response_headers(self, options->connect);
 	lws_set_log_level(LLL_ERR | LLL_WARN, on_library_log);
 	ret = create_context(self, options);
 	if (ret < 0) {

@@ -38,8 +38,9 @@ struct lp_server_host {
 };
 
 struct lp_server_options {
-	const char *object; /* names it in messages; borrowed */
-	const char *root;   /* folder of files to serve; "": none */
+	const char *object;  /* names it in messages; borrowed */
+	const char *root;    /* folder of files to serve; "": none */
+	const char *connect; /* sources that the page may connect to besides its own; "": none */
 	int max_connections;
 	const struct lp_pair *pair; /* NULL: without TLS */
 };

@@ -31,6 +31,7 @@ struct options {
 	struct lp_share share;
 	char root[1024];
 	char origins[1024];
+	char connect[1024];
 	char pair[1024];
 };
 
@@ -291,6 +292,7 @@ static int websocket_start(struct lp_publisher *publisher)
 	const struct lp_server_options options = {
 		.object = self->object,
 		.root = self->options.root,
+		.connect = self->options.connect,
 		.max_connections = self->base.host.max_clients + MOST_OTHERS,
 		.pair = self->is_tls ? &self->pair : NULL,
 	};
@@ -309,11 +311,29 @@ static int websocket_start(struct lp_publisher *publisher)
 
 /* ---------------------------------------------------------------- creating */
 
+/* They become part of a header. */
+static int parse_connect(const char *text, void *field)
+{
+	const size_t length = strlen(text);
+
+	if (length >= sizeof(((struct options *)NULL)->connect) ||
+	    strspn(text,
+		   "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789:/.[]- *") !=
+		    length)
+		return -EINVAL;
+	memcpy(field, text, length + 1);
+	return 0;
+}
+
 static const struct lp_param list[] = {
 	{"root", LP_PARAM_TEXT, offsetof(struct options, root), .initial = "", .max = 1024,
 	 .help = "folder whose files are served by HTTP, index.html first; default: none"},
 	{"origins", LP_PARAM_TEXT, offsetof(struct options, origins), .initial = "", .max = 1024,
 	 .help = "origins whose pages may connect besides the probe's own, with commas between"},
+	{"connect", LP_PARAM_OWN, offsetof(struct options, connect), .initial = "",
+	 .parse = parse_connect,
+	 .expects = "origins of letters, digits and :/.[]-, with blanks between",
+	 .help = "where the served page may connect besides this probe, like ws://127.0.0.1:7703"},
 };
 static const struct lp_params ws_params = {list, LP_COUNT(list), &lp_share_params};
 
