@@ -42,6 +42,7 @@ from lightprobe.wire import (
     Message,
     Subscription,
     WireError,
+    decode,
     encode_subscription,
 )
 
@@ -100,14 +101,23 @@ class _Patience:
 class AsyncClient:
     """A probe's client for asyncio; use with `async with`. Not for several event loops at once."""
 
-    def __init__(self, uri: str = DEFAULT_URI, subscription: Subscription | None = None) -> None:
-        """Take an address (raises :class:`ProbeError` when it is none); connects on entering."""
+    def __init__(
+        self,
+        uri: str = DEFAULT_URI,
+        subscription: Subscription | None = None,
+        on_payload: Callable[[bytes], None] | None = None,
+    ) -> None:
+        """Take an address (raises :class:`ProbeError` when it is none); connects on entering.
+
+        `on_payload` gets every message as it came, without its length: for recordings.
+        """
         self.hello: Hello | None = None  # of the connection that is open; None: not connected
         self.health: Health | None = None
         self.last_error: str | None = None
         self.statistics = Statistics()
         self._address = Address.parse(uri)
         self.uri = self._address.without_secrets(uri)
+        self._on_payload = on_payload
         self._subscription = subscription or Subscription()
         self._subscription_number = 1
         self._newest: Estimate | None = None
@@ -266,8 +276,12 @@ class AsyncClient:
                     data = await reader.read(65536)
                 if not data:
                     raise ProbeError(f"{self.uri}: receive: the probe closed the connection")
-                for message in decoder.feed(data):
-                    await self._take(message)
+                for payload in decoder.payloads(data):
+                    message = decode(payload)
+                    if self._on_payload is not None:
+                        self._on_payload(payload)
+                    if message is not None:
+                        await self._take(message)
         finally:
             self.hello = self._writer = None
             writer.close()

@@ -27,6 +27,7 @@ from lightprobe.sim.link import Exposure, Link, Surroundings
 from lightprobe.sim.polarizer import Sheet
 from lightprobe.sim.sensor import CHROMA, FULL_WELL_E, READ_NOISE_E, SensorModel
 from lightprobe.sim.surroundings import FixedPolarizer, WheelAndRing, flicker_share, spread_ring
+from lightprobe.sim.truth import TruthServer
 from lightprobe.sim.world import Behaviour, World
 
 #: Median radiance that scenes are brought to: a quarter of full scale in 1/120 s.
@@ -192,6 +193,13 @@ def command(
             metavar="PATH", callback=check.new_socket, help="Unix socket for `lightprobe control`."
         ),
     ] = None,
+    truth_publish: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URI",
+            help="Publish the truth as a probe of its own: ws:127.0.0.1:PORT or tcp:….",
+        ),
+    ] = None,
     truth: Annotated[
         Path | None,
         typer.Option(
@@ -257,6 +265,10 @@ def command(
             around = WheelAndRing(box, light)
         link = Link(path, simulated, exposure, truth=log, surroundings=around)
         link.misbehave(faults)
+        if truth_publish is not None:
+            stack.enter_context(
+                TruthServer(truth_publish, lambda: (link.state_now(), simulated.gain))
+            )
         lit = None
         if box is not None and light is not None:
             lit = stack.enter_context(illuminated(link, box, light))
