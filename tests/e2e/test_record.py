@@ -178,9 +178,11 @@ def test_a_recorder_that_is_killed_leaves_what_it_had(tmp_path):
     with Daemon(f"--source=file:{tmp_path}/a.jpg?rate=100") as daemon:
         recorder = subprocess.Popen([LIGHTPROBE, "record", file, "--from",
                                      f"unix:{daemon.socket}"])  # fmt: skip
-        wait_for(lambda: file.exists() and file.stat().st_size > 20_000, "nothing is written")
-        recorder.kill()
-        recorder.wait()
+        try:
+            wait_for(lambda: file.exists() and file.stat().st_size > 20_000, "nothing is written")
+        finally:
+            recorder.kill()
+            recorder.wait()
     notes = []
     assert len(list(recording.read(file, notes))) > 20
 
