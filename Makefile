@@ -29,6 +29,7 @@ include docs/docs.mk
 include daemon/daemon.mk
 include host_py/host_py.mk
 include tests/tests.mk
+include clients/clients.mk
 include tests/kernel/kernel.mk
 include tests/bench/bench.mk
 include tests/arm64/arm64.mk
@@ -41,7 +42,7 @@ setup: setup-build setup-python ## install what building and testing need (apt, 
 build: setup ## build the daemon, the Python package and what belongs to them
 	@$(MAKE) -j$(JOBS) daemon python
 
-demo: build $(if $(CAMERA),,$(BUILD)/scenes/blender.stamp) ## run the whole system live: simulated room (or CAMERA=v4l2:/dev/video0), daemon, view; SECONDS=n ends it
+demo: build web $(if $(CAMERA),,$(BUILD)/scenes/blender.stamp) ## run the whole system live: simulated room (or CAMERA=v4l2:/dev/video0), daemon, view and web page; SECONDS=n ends it
 	@$(VENV)/bin/lightprobe demo $(if $(SECONDS),--seconds $(SECONDS)) $(if $(CAMERA),--source $(CAMERA))
 
 test: build ## build everything and run all tests that need no hardware and no kernel

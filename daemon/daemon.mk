@@ -23,7 +23,8 @@ WITH_LIBUSB ?= 1
 WITH_GPIOD ?= 1
 WITH_LIBCAMERA ?= 1
 WITH_OSC ?= 1
-WITH_OPTIONS := SYSTEMD SIM LIBUSB GPIOD LIBCAMERA OSC
+WITH_WEBSOCKETS ?= 1
+WITH_OPTIONS := SYSTEMD SIM LIBUSB GPIOD LIBCAMERA OSC WEBSOCKETS
 PACKAGE_SYSTEMD := libsystemd
 DEBIAN_SYSTEMD := libsystemd-dev
 PACKAGE_LIBUSB := libusb-1.0
@@ -34,12 +35,15 @@ PACKAGE_LIBCAMERA := libcamera
 DEBIAN_LIBCAMERA := libcamera-dev
 PACKAGE_OSC := libcurl jansson
 DEBIAN_OSC := libcurl4-openssl-dev libjansson-dev
+PACKAGE_WEBSOCKETS := libwebsockets openssl
+DEBIAN_WEBSOCKETS := libwebsockets-dev libwebsockets-evlib-uv libssl-dev
 # Of libgpiod there are two, which have nothing in common: version 1 (Debian 12) and 2 (Debian 13).
 GPIOD_MAJOR := $(if $(filter 1,$(WITH_GPIOD)),$(firstword $(subst ., ,$(shell $(PKG_CONFIG) --modversion libgpiod 2>/dev/null))))
 LP_EXCLUDE := $(if $(filter 0,$(WITH_GPIOD)),daemon/drivers/wheel/pca9685/%, \
 		daemon/drivers/wheel/pca9685/index_gpiod$(if $(filter 1,$(GPIOD_MAJOR)),2,1).c) \
 	$(if $(filter 0,$(WITH_LIBCAMERA)),daemon/drivers/source/libcamera/%) \
-	$(if $(filter 0,$(WITH_OSC)),daemon/drivers/source/osc/%)
+	$(if $(filter 0,$(WITH_OSC)),daemon/drivers/source/osc/%) \
+	$(if $(filter 0,$(WITH_WEBSOCKETS)),daemon/drivers/publisher/websocket/%)
 LP_PACKAGES := libuv libturbojpeg inih $(foreach o,$(WITH_OPTIONS),$(if $(filter 1,$(WITH_$o)),$(PACKAGE_$o)))
 
 # What ships: a write beyond an array or a stack ends the program at once.

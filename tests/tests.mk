@@ -4,7 +4,7 @@
 
 C_SOURCES = $(DAEMON_SOURCES) $(wildcard tests/*/*.[ch] tests/*/*.cpp)
 
-UNIT_SOURCES := $(filter-out $(if $(filter 0,$(WITH_LIBCAMERA)),%_libcamera.cpp) $(if $(filter 0,$(WITH_OSC)),%_osc.c) $(if $(filter 0,$(WITH_GPIOD)),%_pca9685.c),$(wildcard tests/unit/test_*.c tests/unit/test_*.cpp))
+UNIT_SOURCES := $(filter-out $(if $(filter 0,$(WITH_LIBCAMERA)),%_libcamera.cpp) $(if $(filter 0,$(WITH_OSC)),%_osc.c) $(if $(filter 0,$(WITH_WEBSOCKETS)),%_websocket_handshake.c) $(if $(filter 0,$(WITH_GPIOD)),%_pca9685.c),$(wildcard tests/unit/test_*.c tests/unit/test_*.cpp))
 UNIT_TESTS := $(patsubst tests/unit/%,$(OUT)/tests/%,$(basename $(UNIT_SOURCES)))
 
 link_unit_test = mkdir -p $(@D) && $(CC) $(LP_LDFLAGS) $(WRAPPED:%=-Wl,--wrap=%) -o $@ $^ $(LP_LDLIBS) -lcmocka -ljpeg
@@ -62,7 +62,7 @@ test-long: test-parts ## run the tests that take too long for `make test`: rando
 	@$(PYTEST) -m long $(PYTEST_ROOMS:%=tests/%)
 	@$(VENV)/bin/pytest -q -s tests/package
 
-test-all: test-unit test-python
+test-all: test-unit test-python test-js
 
 .PHONY: check-rules
 check-rules: build

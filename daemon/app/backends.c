@@ -27,6 +27,8 @@ extern const struct lp_ring_ops lp_ring_mcu_ops;
 extern const struct lp_ring_ops lp_ring_sim_ops;
 extern const struct lp_publisher_ops lp_publisher_tcp_ops;
 extern const struct lp_publisher_ops lp_publisher_unix_ops;
+extern const struct lp_publisher_ops lp_publisher_ws_ops;
+extern const struct lp_publisher_ops lp_publisher_wss_ops;
 extern const struct lp_publisher_ops lp_publisher_stdout_ops;
 
 /* What stands for a back end that this build has not. */
@@ -56,6 +58,8 @@ static const struct lp_ring_ops *const rings[] = {
 static const struct lp_publisher_ops *const publishers[] = {
 	&lp_publisher_tcp_ops,
 	&lp_publisher_unix_ops,
+	WITH_WEBSOCKETS ? &lp_publisher_ws_ops : LEFT_OUT(publisher, "ws", "WITH_WEBSOCKETS"),
+	WITH_WEBSOCKETS ? &lp_publisher_wss_ops : LEFT_OUT(publisher, "wss", "WITH_WEBSOCKETS"),
 	&lp_publisher_stdout_ops,
 };
 
@@ -170,4 +174,5 @@ void lp_backends_version(FILE *out)
 		      WITH_LIBUSB);
 	(void)fprintf(out, "WITH_GPIOD=%d\nWITH_LIBCAMERA=%d\nWITH_OSC=%d\n", WITH_GPIOD,
 		      WITH_LIBCAMERA, WITH_OSC);
+	(void)fprintf(out, "WITH_WEBSOCKETS=%d\n", WITH_WEBSOCKETS);
 }

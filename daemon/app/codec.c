@@ -18,7 +18,8 @@
 #include "proto/lightprobe.pb.h"
 
 #define PROTOCOL_MAJOR 1
-#define PROTOCOL_MINOR 1		   /* 1: estimates echo the number of their subscription */
+/* 1: estimates echo the number of their subscription. 2: Hello names the probe. */
+#define PROTOCOL_MINOR 2
 #define LEAST_SLEEP_NS (50 * LP_NS_PER_MS) /* less may be the reading of two clocks */
 #define LENGTH_PREFIX_BYTES 2		   /* of messages up to 16383 bytes */
 
@@ -214,6 +215,8 @@ void lp_encode_hello(const struct lp_hello *hello, struct lp_packet *packet)
 	COPY_TEXT(wire->preset, hello->preset);
 	wire->has_wheel = hello->has_wheel;
 	wire->has_ring = hello->has_ring;
+	COPY_TEXT(wire->name, hello->name);
+	wire->insecure_lan = hello->insecure_lan;
 	encode(&message, LP_PACKET_CONTROL, packet);
 }
 

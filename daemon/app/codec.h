@@ -46,6 +46,8 @@ struct lp_hello {
 	int max_sh_order, max_lights;
 	uint32_t smoothing_ms;
 	bool has_wheel, has_ring;
+	const char *name; /* of this probe */
+	bool insecure_lan;
 };
 
 /* -ERANGE: the estimate holds a number that is not finite where one must be; nothing is sent then.

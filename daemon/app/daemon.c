@@ -8,6 +8,7 @@
 #include <stdio.h>
 #include <string.h>
 #include <sys/random.h>
+#include <unistd.h>
 
 #include "app/backends.h"
 #include "app/fixed_exposure.h"
@@ -21,11 +22,15 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/loop.h"
+#include "base/text.h"
 #include "include/frame.h"
 #include "include/source.h"
 #include "vision/camera_file.h"
 
 #define TICK_NS (100 * LP_NS_PER_MS)
+#define INSECURE_LAN                                                                            \
+	"lightprobed: --insecure-lan: anyone on the network can read the light — publish on " \
+	"wss: instead (lightprobe pair)"
 #define DRAIN_NS (5 * LP_NS_PER_S) /* how long the last packets may take to leave */
 
 struct lp_daemon {
@@ -41,6 +46,7 @@ struct lp_daemon {
 	struct lp_source *source;
 	struct lp_source_caps caps;
 	struct lp_instruments *instruments;
+	char name[64]; /* of the probe */
 	struct lp_publisher *publishers[LP_MAX_PUBLISHERS];
 	int publisher_count;
 	struct lp_health health;
@@ -345,6 +351,15 @@ static void on_tick(struct lp_timer *timer)
 
 /* ---------------------------------------------------------------- building up and down */
 
+static void set_name(struct lp_daemon *daemon)
+{
+	char host[sizeof(daemon->name)] = "";
+
+	(void)gethostname(host, sizeof(host) - 1);
+	lp_text_copy(daemon->name, sizeof(daemon->name),
+		     *daemon->options->name ? daemon->options->name : host);
+}
+
 static int create_hub(struct lp_daemon *daemon)
 {
 	const struct lp_options *options = daemon->options;
@@ -356,10 +371,12 @@ static int create_hub(struct lp_daemon *daemon)
 			  .max_lights = pipeline.max_lights,
 			  .smoothing_ms = (uint32_t)lrintf(options->smoothing_ms),
 			  .has_wheel = *options->rotator,
-			  .has_ring = *options->ring},
+			  .has_ring = *options->ring,
+			  .name = daemon->name},
 		.initial = lp_default_subscription(),
 		.ttl_ms = (uint32_t)lrintf(options->ttl_ms),
 		.max_clients = options->max_clients,
+		.insecure_lan = options->insecure_lan,
 		.health = &daemon->health,
 		.loop = daemon->loop,
 		.context = daemon,
@@ -426,8 +443,10 @@ static int create_publishers(struct lp_daemon *daemon)
 	for (int i = 0; i < daemon->options->publish.count && ret == 0; i++) {
 		ret = lp_publisher_open(daemon->options->publish.texts[i], &host,
 					&daemon->publishers[i]);
-		if (ret == 0)
-			daemon->publisher_count++;
+		if (ret == 0 && daemon->publishers[daemon->publisher_count++]->is_insecure) {
+			lp_hub_set_insecure(daemon->hub);
+			lp_health_fault(&daemon->health, "insecure-lan", INSECURE_LAN);
+		}
 	}
 	return ret;
 }
@@ -456,6 +475,8 @@ static int create_all(struct lp_daemon *daemon)
 		ret = create_source(daemon);
 	if (ret == 0)
 		ret = create_instruments(daemon);
+	if (ret == 0)
+		set_name(daemon);
 	if (ret == 0)
 		ret = create_hub(daemon);
 	if (ret == 0)

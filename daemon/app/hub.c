@@ -93,6 +93,11 @@ void lp_hub_preset(struct lp_hub *hub, const char *name)
 		send_hello(hub, hub->clients[i]);
 }
 
+void lp_hub_set_insecure(struct lp_hub *hub)
+{
+	hub->options.hello.insecure_lan = true;
+}
+
 /* ---------------------------------------------------------------- estimates */
 
 static void send_estimate(struct lp_hub *hub, struct client *client)
@@ -396,6 +401,7 @@ struct lp_publisher_host lp_hub_publisher_host(struct lp_hub *hub)
 		.context = hub,
 		.loop = hub->options.loop,
 		.max_clients = hub->options.max_clients,
+		.insecure_lan = hub->options.insecure_lan,
 		.connected = on_connected,
 		.request = on_request,
 		.requests_done = on_requests_done,

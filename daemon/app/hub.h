@@ -22,6 +22,7 @@ struct lp_hub_options {
 	struct lp_subscription initial;
 	uint32_t ttl_ms;
 	int max_clients;
+	bool insecure_lan;	  /* publishers may be open to the network without encryption */
 	struct lp_health *health; /* counted into; borrowed */
 	struct lp_loop *loop;	  /* the publishers'; outlives them */
 	void *context;
@@ -47,6 +48,9 @@ void lp_hub_tick(struct lp_hub *hub);
 
 /* The preset in force has changed: tell all clients. `name`: static storage. */
 void lp_hub_preset(struct lp_hub *hub, const char *name);
+
+/* A publisher is open to the network without encryption: clients are told from now on. */
+void lp_hub_set_insecure(struct lp_hub *hub);
 
 /* The most that any client asks for. */
 struct lp_demand lp_hub_demand(const struct lp_hub *hub);

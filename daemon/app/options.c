@@ -196,6 +196,11 @@ static const struct lp_param config_list[] = {
 		 "ring"},
 	{"max-clients", LP_PARAM_INT, offsetof(struct lp_options, max_clients), .initial = "256",
 	 .min = 1, .max = 4096, .help = "maximum number of connected clients; more are refused"},
+	{"name", LP_PARAM_TEXT, offsetof(struct lp_options, name), .initial = "", .max = 64,
+	 .help = "name of this probe for its clients; default: the host's name"},
+	{"insecure-lan", LP_PARAM_BOOL, offsetof(struct lp_options, insecure_lan), .initial = "0",
+	 .help = "let tcp: and ws: be opened beyond this machine, unencrypted and for anyone;\n"
+		 "clients are told. The way without it is wss: with lightprobe pair"},
 	{"log-level", LP_PARAM_CHOICE, offsetof(struct lp_options, log_level), .initial = "info",
 	 .choices = log_levels, .help = "print messages of this level and of the more severe ones"},
 };

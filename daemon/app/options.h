@@ -39,6 +39,8 @@ struct lp_options {
 	struct lp_floats wheel_angles_deg;
 	float wheel_dwell_ms;
 	int max_clients;
+	char name[64]; /* of the probe; "": the host's */
+	bool insecure_lan;
 	int log_level; /* enum lp_log_level */
 	char config[1024];
 	char series[1024]; /* folder; empty: estimate */

@@ -33,6 +33,7 @@ struct lp_loop {
 	struct lp_timer *timers; /* those that are set, the next one first */
 	int timer_fd; /* readable when the first timer is due; unused in simulated time */
 	struct lp_watch timer_watch;
+	struct lp_loop_end *ends;
 	int signal_count;
 	struct signal_handle signals[MAX_SIGNALS];
 
@@ -221,6 +222,12 @@ void lp_timer_stop(struct lp_timer *timer)
 	arm(timer->loop);
 }
 
+void lp_loop_at_end(struct lp_loop *loop, struct lp_loop_end *end)
+{
+	end->next = loop->ends;
+	loop->ends = end;
+}
+
 /* ---------------------------------------------------------------- signals */
 
 static void on_signal(uv_signal_t *signal, int signal_number)
@@ -385,7 +392,7 @@ static void close_handle(uv_handle_t *handle, void *context)
 			return;
 		}
 	}
-	if (handle->type == UV_POLL && handle->data)
+	if (handle->type == UV_POLL && handle->data == handle) /* ours, not a library's */
 		lp_watch_stop(((struct lp_watch_handle *)handle->data)->watch);
 }
 
@@ -395,6 +402,12 @@ void lp_loop_destroy(struct lp_loop *loop)
 		return;
 	uv_walk(&loop->uv, close_handle, loop);
 	while (uv_run(&loop->uv, UV_RUN_DEFAULT) != 0) { /* until all are closed */
+	}
+	while (loop->ends) {
+		struct lp_loop_end *end = loop->ends;
+
+		loop->ends = end->next;
+		end->ended(end);
 	}
 	(void)uv_loop_close(&loop->uv);
 	if (loop->timer_fd >= 0)

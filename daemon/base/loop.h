@@ -59,6 +59,16 @@ bool lp_loop_run_once(struct lp_loop *loop);
 /* For libraries that join a foreign libuv loop. */
 struct uv_loop_s *lp_loop_uv(struct lp_loop *loop);
 
+/* Embed it; it stays at its address until it is called. */
+struct lp_loop_end {
+	void (*ended)(struct lp_loop_end *end);
+	struct lp_loop_end *next; /* the loop's own */
+};
+
+/* Call end->ended(end) when the loop is destroyed and everything in it is closed: for libraries
+ * that need the loop to let go of it. */
+void lp_loop_at_end(struct lp_loop *loop, struct lp_loop_end *end);
+
 /* Call caught(context, signal) on the loop's thread. At most four signals. 0 or -errno. */
 int lp_loop_on_signal(struct lp_loop *loop, int signal_number,
 		      void (*caught)(void *context, int signal_number), void *context);

@@ -29,6 +29,7 @@ struct lp_publisher_host {
 	void *context;
 	struct lp_loop *loop; /* outlives the publisher */
 	int max_clients;      /* of all publishers together */
+	bool insecure_lan;    /* the user accepts the network without encryption */
 	/* May call send() at once. *user is the application's own pointer for this client.
 	 * `refusal`: why the publisher will not have it, next step included; NULL: it may stay. A
 	 * negative result refuses it: what was sent goes out, the connection closes, nothing more
@@ -68,6 +69,7 @@ struct lp_publisher_ops {
 /* Base of every back end: embed it as the first member. */
 struct lp_publisher {
 	const struct lp_publisher_ops *ops;
+	bool is_insecure; /* open to the network without encryption; set by create() */
 	struct lp_publisher_host host;
 };
 

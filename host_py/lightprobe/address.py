@@ -8,6 +8,7 @@ import socket
 from dataclasses import dataclass
 
 from lightprobe.errors import ProbeError
+from lightprobe.websocket import WebAddress, WebSocketStream
 
 #: Python has none on Windows.
 HAS_UNIX_SOCKETS = hasattr(socket, "AF_UNIX") and hasattr(asyncio, "open_unix_connection")
@@ -16,11 +17,15 @@ _LONGEST_PATH_BYTES = 107  # of a Unix socket
 
 @dataclass(frozen=True)
 class Address:
-    """Where a probe listens: `tcp:HOST:PORT` (IPv6 in brackets) or `unix:PATH`."""
+    """Where a probe listens: `tcp:HOST:PORT` (IPv6 in brackets), `unix:PATH`, or a web address.
+
+    A web address is `ws://HOST:PORT/`, or `wss:` with token and fingerprint, or that of the page.
+    """
 
     host: str | None
     port: int
     path: str | None
+    web: WebAddress | None = None
 
     @classmethod
     def parse(cls, uri: str) -> Address:
@@ -34,16 +39,31 @@ class Address:
             if not HAS_UNIX_SOCKETS:
                 raise ProbeError(f"{uri}: address: no Unix sockets on this system: tcp:HOST:PORT")
             return cls(None, 0, rest)
+        if scheme in ("ws", "wss", "http", "https") and rest.startswith("//"):
+            web = WebAddress.parse(uri)
+            return cls(web.host, web.port, None, web)
         host, _, port = rest.rpartition(":")
         host = host.removeprefix("[").removesuffix("]")
         known = host and "/" not in host and port.isdecimal() and 0 < int(port) < 65536
         if scheme == "tcp" and known:
             return cls(host, int(port), None)
         slashes = " (without //)" if rest.startswith("//") else ""
-        raise ProbeError(f"{uri}: address: expected tcp:HOST:PORT{slashes} or unix:PATH")
+        raise ProbeError(
+            f"{uri}: address: expected tcp:HOST:PORT{slashes}, unix:PATH, "
+            "or ws://HOST:PORT/, wss://HOST:PORT/#token=…"
+        )
 
-    async def connect(self) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
-        """Open a stream."""
+    def without_secrets(self, uri: str) -> str:
+        """Give `uri`, which this address was read from, as it may stand in messages and logs."""
+        return uri if self.web is None else str(self.web)
+
+    async def connect(
+        self,
+    ) -> tuple[asyncio.StreamReader | WebSocketStream, asyncio.StreamWriter | WebSocketStream]:
+        """Open a stream of delimited messages."""
+        if self.web is not None:
+            stream = await self.web.connect()
+            return stream, stream
         if self.path is not None:
             return await asyncio.open_unix_connection(self.path)
         reader, writer = await asyncio.open_connection(self.host, self.port)

@@ -21,6 +21,7 @@ import logging
 import math
 import random
 import socket
+import ssl
 import threading
 import time
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
@@ -33,6 +34,7 @@ from lightprobe.address import Address
 from lightprobe.clock_offset import ClockOffset
 from lightprobe.errors import IncompatibleProbe, ProbeError, ProbeTimeout
 from lightprobe.estimate import Estimate, Health, Hello, Refusal
+from lightprobe.websocket import WebSocketStream
 from lightprobe.wire import (
     MINOR_WITH_NUMBERS,
     PROTOCOL_MAJOR,
@@ -40,6 +42,7 @@ from lightprobe.wire import (
     Message,
     Subscription,
     WireError,
+    decode,
     encode_subscription,
 )
 
@@ -98,14 +101,23 @@ class _Patience:
 class AsyncClient:
     """A probe's client for asyncio; use with `async with`. Not for several event loops at once."""
 
-    def __init__(self, uri: str = DEFAULT_URI, subscription: Subscription | None = None) -> None:
-        """Take an address (raises :class:`ProbeError` when it is none); connects on entering."""
-        self.uri = uri
+    def __init__(
+        self,
+        uri: str = DEFAULT_URI,
+        subscription: Subscription | None = None,
+        on_payload: Callable[[bytes], None] | None = None,
+    ) -> None:
+        """Take an address (raises :class:`ProbeError` when it is none); connects on entering.
+
+        `on_payload` gets every message as it came, without its length: for recordings.
+        """
         self.hello: Hello | None = None  # of the connection that is open; None: not connected
         self.health: Health | None = None
         self.last_error: str | None = None
         self.statistics = Statistics()
         self._address = Address.parse(uri)
+        self.uri = self._address.without_secrets(uri)
+        self._on_payload = on_payload
         self._subscription = subscription or Subscription()
         self._subscription_number = 1
         self._newest: Estimate | None = None
@@ -113,7 +125,7 @@ class AsyncClient:
         self._probe_clock = ClockOffset()
         self._final: ProbeError | None = None
         self._refusal: str | None = None  # of this connection
-        self._writer: asyncio.StreamWriter | None = None
+        self._writer: asyncio.StreamWriter | WebSocketStream | None = None
         self._news = asyncio.Condition()
         self._task: asyncio.Task[None] | None = None
 
@@ -264,8 +276,12 @@ class AsyncClient:
                     data = await reader.read(65536)
                 if not data:
                     raise ProbeError(f"{self.uri}: receive: the probe closed the connection")
-                for message in decoder.feed(data):
-                    await self._take(message)
+                for payload in decoder.payloads(data):
+                    message = decode(payload)
+                    if self._on_payload is not None:
+                        self._on_payload(payload)
+                    if message is not None:
+                        await self._take(message)
         finally:
             self.hello = self._writer = None
             writer.close()
@@ -325,6 +341,13 @@ def _explain(uri: str, error: Exception) -> str:
         return str(error)
     if isinstance(error, WireError):
         return f"{uri}: receive: {error}: is this a lightprobe?"
+    if isinstance(error, ssl.SSLCertVerificationError):
+        return (
+            f"{uri}: connect: no authority vouches for its certificate: use the whole address that "
+            "`lightprobe pair` prints, with sha256="
+        )
+    if isinstance(error, ssl.SSLError):
+        return f"{uri}: connect: no TLS there ({error.reason}): is it ws:// instead of wss://?"
     if isinstance(error, ConnectionRefusedError | FileNotFoundError):
         return f"{uri}: connect: nobody listens there: is lightprobed running? (lightprobe doctor)"
     if isinstance(error, socket.gaierror):

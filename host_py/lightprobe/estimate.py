@@ -230,6 +230,8 @@ class Hello:
     has_wheel: bool
     has_ring: bool
     preset: str
+    name: str = ""  # of the probe; "": it speaks a protocol older than 1.2
+    insecure_lan: bool = False  # anyone on the network can read it, unencrypted
 
 
 @dataclass(frozen=True)

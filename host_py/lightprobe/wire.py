@@ -6,6 +6,7 @@ no sense raises :class:`WireError`, and the connection it came from is not worth
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any, Literal, get_args
@@ -121,19 +122,21 @@ def encode_subscription(subscription: Subscription, number: int = 0) -> bytes:
 class Decoder:
     """Bytes in, messages out, in whatever pieces they arrive."""
 
-    def __init__(self) -> None:
-        """Start empty."""
+    def __init__(self, max_bytes: int = MAX_MESSAGE_BYTES) -> None:
+        """Start empty; a message may be `max_bytes` long."""
         self._buffer = bytearray()
+        self._max_bytes = max_bytes
 
     def feed(self, data: bytes) -> list[Message]:
         """Take bytes; give the messages that are now whole. Kinds newer than us are skipped."""
+        decoded = (decode(payload) for payload in self.payloads(data))
+        return [message for message in decoded if message is not None]
+
+    def payloads(self, data: bytes) -> Iterator[bytes]:
+        """Take bytes; give the messages that are now whole, not decoded, without their length."""
         self._buffer += data
-        messages = []
         while (payload := self._take()) is not None:
-            message = decode(payload)
-            if message is not None:
-                messages.append(message)
-        return messages
+            yield payload
 
     def _take(self) -> bytes | None:
         """Remove one whole payload from the buffer; None when there is none yet."""
@@ -144,8 +147,8 @@ class Decoder:
             byte = self._buffer[start]
             length |= (byte & 0x7F) << 7 * start
             start += 1
-            if length > MAX_MESSAGE_BYTES or start > 4:
-                raise WireError(f"message of {length} bytes: at most {MAX_MESSAGE_BYTES}")
+            if length > self._max_bytes or start > 4:
+                raise WireError(f"message of {length} bytes: at most {self._max_bytes}")
             if byte < 0x80:
                 break
         if len(self._buffer) - start < length:

@@ -217,7 +217,7 @@ def test_nobody_there():
      "127.0.0.1:7700", "localhost", "tcp:a/b:1"],
 )  # fmt: skip
 def test_addresses_that_are_none(uri):
-    with pytest.raises(ProbeError, match="expected tcp:HOST:PORT or unix:PATH"):
+    with pytest.raises(ProbeError, match="expected tcp:HOST:PORT, unix:PATH"):
         Client(uri)
 
 

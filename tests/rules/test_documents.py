@@ -20,7 +20,7 @@ CODE = re.compile(r"`([^`\n]+)`")
 FENCED = re.compile(r"^```.*?^```", re.S | re.M)
 PLACEHOLDER = re.compile(r"[*<>{}$…=]|\bNAME\b|\b[A-Z]{3,}\b(?!\.md)")
 A_PAGE = re.compile(r"(?<![\w./-])((?:docs|proto|hw|firmware|daemon|host_py)/[\w/-]+\.md)\b")
-A_TEST = re.compile(r"(?:([\w/]+\.(?:py|c|cpp)))?(?:::(\w+))?")
+A_TEST = re.compile(r"(?:([\w/]+\.(?:py|cpp|c|test\.ts)))?(?:::(\w+))?")
 
 
 def text_of(name):
@@ -172,7 +172,7 @@ def named_tests():
 
 
 def find_test(title, file):
-    for folder in (FOLDERS.get(title, "tests/e2e"), "tests", "tests/e2e"):
+    for folder in (FOLDERS.get(title, "tests/e2e"), "tests", "tests/e2e", "clients"):
         if (ROOT / folder / file).exists():
             return ROOT / folder / file
     return None

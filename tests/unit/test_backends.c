@@ -2,6 +2,8 @@
 #include "lp_test.h"
 
 #include <errno.h>
+#include <openssl/pem.h>
+#include <openssl/x509.h>
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -144,6 +146,75 @@ static int try_publisher(const char *uri)
 /* In the order of lp_backend_roles. */
 static int (*const try[])(const char *uri) = {try_source, try_rotator, try_ring, try_publisher};
 
+/* ---------------------------------------------------------------- a pair for wss: */
+
+static char pair_folder[] = "/tmp/lp-backends-XXXXXX";
+
+static FILE *create_file(const char *name)
+{
+	char path[64];
+	FILE *file;
+
+	(void)snprintf(path, sizeof(path), "%s/%s", pair_folder, name);
+	file = fopen(path, "w");
+	assert_non_null(file);
+	return file;
+}
+
+/* As `lightprobe pair` makes it, as far as the daemon looks. */
+static int make_pair(void **state)
+{
+	EVP_PKEY *key = EVP_EC_gen("P-256");
+	X509 *certificate = X509_new();
+	FILE *file;
+
+	(void)state;
+	assert_non_null(mkdtemp(pair_folder));
+	X509_gmtime_adj(X509_getm_notBefore(certificate), -60);
+	X509_gmtime_adj(X509_getm_notAfter(certificate), 3600);
+	X509_set_pubkey(certificate, key);
+	assert_true(X509_sign(certificate, key, EVP_sha256()) > 0);
+	file = create_file("certificate.pem");
+	PEM_write_X509(file, certificate);
+	fclose(file);
+	file = create_file("key.pem");
+	PEM_write_PrivateKey(file, key, NULL, NULL, 0, NULL, NULL);
+	fclose(file);
+	file = create_file("token");
+	fputs("0123456789abcdef\n", file);
+	fclose(file);
+	X509_free(certificate);
+	EVP_PKEY_free(key);
+	return 0;
+}
+
+static int remove_pair(void **state)
+{
+	const char *const names[] = {"certificate.pem", "key.pem", "token", ""};
+	char path[64];
+
+	(void)state;
+	for (size_t i = 0; i < LP_COUNT(names); i++) {
+		(void)snprintf(path, sizeof(path), "%s/%s", pair_folder, names[i]);
+		(void)remove(path);
+	}
+	return 0;
+}
+
+/* What must stand in the query of a URI of this scheme. */
+static const char *needs_of(const char *scheme)
+{
+	static char needs[64];
+
+	(void)snprintf(needs, sizeof(needs), "?pair=%s", pair_folder);
+	return strcmp(scheme, "wss") == 0 ? needs : "";
+}
+
+static const char *joint_of(const char *uri)
+{
+	return strchr(uri, '?') ? "&" : "?";
+}
+
 /* What stands for each form, in a URI that create() takes. */
 static const char *example_of(const char *form)
 {
@@ -194,8 +265,10 @@ static void check_keys(int k, const struct lp_backend *info, const char *uri)
 			char text[256];
 
 			assert_true(param->help && *param->help);
-			(void)snprintf(text, sizeof(text), "%s?%s=%s", uri, param->name,
-				       value ? value : "");
+			if (strcmp(param->name, "pair") == 0)
+				continue; /* it is in the URI already */
+			(void)snprintf(text, sizeof(text), "%s%s%s=%s", uri, joint_of(uri),
+				       param->name, value ? value : "");
 			if (try[k](text) != 0)
 				fail_msg("%s is in the help, and an error", text);
 		}
@@ -215,7 +288,7 @@ static void check_unknown_key(int k, const struct lp_backend *info, const char *
 						 used ? ", " : "", params->list[i].name);
 	}
 	/* Of each role its own: the log counts what it has said before. */
-	(void)snprintf(text, sizeof(text), "%s?no_such_key=%d", uri, k);
+	(void)snprintf(text, sizeof(text), "%s%sno_such_key=%d", uri, joint_of(uri), k);
 	capture_begin(&capture);
 	assert_int_equal(try[k](text), -EINVAL);
 	capture_end(&capture);
@@ -236,8 +309,8 @@ static void test_the_help_is_what_create_reads(void **state)
 			char uri[128];
 
 			assert_null(info->left_out); /* tests are built with everything */
-			(void)snprintf(uri, sizeof(uri), "%s:%s", info->scheme,
-				       example_of(info->form));
+			(void)snprintf(uri, sizeof(uri), "%s:%s%s", info->scheme,
+				       example_of(info->form), needs_of(info->scheme));
 			assert_int_equal(try[k](uri), 0);
 			check_keys(k, info, uri);
 			/* The simulator's query is passed on to it. */
@@ -245,7 +318,7 @@ static void test_the_help_is_what_create_reads(void **state)
 				check_unknown_key(k, info, uri);
 		}
 	}
-	assert_int_equal(count, 14);
+	assert_int_equal(count, 16);
 	assert_null(connections.first);
 }
 
@@ -306,7 +379,8 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_found_by_scheme),
 		cmocka_unit_test(test_unknown_and_not_built_are_different_messages),
-		cmocka_unit_test(test_the_help_is_what_create_reads),
+		cmocka_unit_test_setup_teardown(test_the_help_is_what_create_reads, make_pair,
+						remove_pair),
 		cmocka_unit_test(test_help_names_every_key_with_its_default),
 		cmocka_unit_test(test_wrong_keys_are_errors_of_create),
 	};

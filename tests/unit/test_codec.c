@@ -278,7 +278,9 @@ static void test_hello_error_health(void **state)
 				       .preset = "fast",
 				       .max_sh_order = 3,
 				       .max_lights = 7,
-				       .smoothing_ms = 250};
+				       .smoothing_ms = 250,
+				       .name = "a name",
+				       .insecure_lan = true};
 	static struct lp_health_report report = {.fault_count = LP_MAX_FAULTS, .preset = "fast"};
 	lightprobe_v1_FromProbe message;
 	char text[400];
@@ -292,6 +294,8 @@ static void test_hello_error_health(void **state)
 	assert_string_equal(message.message.hello.source, "a-sc...he-field");
 	assert_string_equal(message.message.hello.software, "lightprobed " LP_VERSION);
 	assert_int_equal(message.message.hello.smoothing_time_constant_ms, 250);
+	assert_string_equal(message.message.hello.name, "a name");
+	assert_true(message.message.hello.insecure_lan);
 
 	/* Too long for the field of 239 bytes: cut between characters, in the middle. */
 	memset(text, 'x', 238);

@@ -39,6 +39,7 @@ static int setup(void **state)
 		.hello = {.boot_id = 5,
 			  .source = "test",
 			  .preset = "fast",
+			  .name = "a probe",
 			  .max_sh_order = 3,
 			  .max_lights = 6},
 		.initial = lp_default_subscription(),

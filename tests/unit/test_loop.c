@@ -157,6 +157,39 @@ static void count_expiry(struct lp_timer *timer)
 	counted->t_ns = lp_clock_ns();
 }
 
+static int ends;
+static bool watch_was_closed;
+static struct lp_watch left_over;
+
+static void on_loop_end(struct lp_loop_end *end)
+{
+	assert_non_null(end->ended);
+	watch_was_closed = !left_over.handle;
+	ends++;
+}
+
+/* A library that lives in the loop lets go of it when nothing of it is left. */
+static void test_what_needs_the_loop_to_its_end_is_called_then(void **state)
+{
+	struct lp_loop_end first = {.ended = on_loop_end}, second = {.ended = on_loop_end};
+	int fds[2];
+
+	(void)state;
+	ends = 0;
+	assert_int_equal(pipe(fds), 0);
+	assert_int_equal(lp_watch_start(loop, &left_over, fds[0], LP_READABLE, NULL), 0);
+	lp_loop_at_end(loop, &first);
+	lp_loop_at_end(loop, &second);
+	(void)lp_loop_run_once(loop);
+	assert_int_equal(ends, 0);
+	lp_loop_destroy(loop);
+	loop = NULL;
+	assert_int_equal(ends, 2);
+	assert_true(watch_was_closed);
+	close(fds[0]);
+	close(fds[1]);
+}
+
 static void test_timer_once_periodic_and_stopped(void **state)
 {
 	struct counted_timer timer = {0};
@@ -291,6 +324,7 @@ int main(void)
 		LOOP_TEST(test_a_reader_that_leaves_is_a_hangup_each_turn),
 		LOOP_TEST(test_bad_descriptor),
 		LOOP_TEST(test_what_is_left_is_closed),
+		LOOP_TEST(test_what_needs_the_loop_to_its_end_is_called_then),
 		LOOP_TEST(test_timer_once_periodic_and_stopped),
 		LOOP_TEST(test_the_next_timer_is_first_whatever_the_order_of_setting),
 		LOOP_TEST(test_a_signal_ends_the_run),

@@ -169,6 +169,29 @@ static void test_tcp_addresses(void **state)
 			"no IPv6 on this machine: brackets are tested by their errors only\n");
 }
 
+/* Without encryption only this machine, unless the user says otherwise. */
+static void test_who_may_be_let_in_unencrypted(void **state)
+{
+	const char *const loopback[] = {"127.0.0.1:1", "127.8.7.6:1", "[::1]:1", "localhost:1"};
+	const char *const network[] = {"0.0.0.0:1",	   "[::]:1",
+				       "192.168.1.20:1",   "[fe80::1]:1",
+				       "probe.local:1",	   "128.0.0.1:1",
+				       "localhost.evil:1", "[::ffff:10.0.0.1]:1"};
+	struct lp_tcp_address address;
+
+	(void)state;
+	for (size_t i = 0; i < LP_COUNT(loopback); i++) {
+		assert_int_equal(lp_tcp_address_parse("test", loopback[i], &address), 0);
+		assert_int_equal(lp_tcp_address_check_open("test", &address, false), 0);
+		assert_int_equal(lp_tcp_address_check_open("test", &address, true), 0);
+	}
+	for (size_t i = 0; i < LP_COUNT(network); i++) {
+		assert_int_equal(lp_tcp_address_parse("test", network[i], &address), 0);
+		assert_int_equal(lp_tcp_address_check_open("test", &address, false), -EACCES);
+		assert_int_equal(lp_tcp_address_check_open("test", &address, true), 1);
+	}
+}
+
 #define LISTEN_TEST(test) cmocka_unit_test_setup_teardown(test, setup, teardown)
 
 int main(void)
@@ -181,6 +204,7 @@ int main(void)
 		LISTEN_TEST(test_a_live_path_is_not_taken_over_for_lack_of_descriptors),
 		LISTEN_TEST(test_paths_that_cannot_be),
 		LISTEN_TEST(test_tcp_addresses),
+		LISTEN_TEST(test_who_may_be_let_in_unencrypted),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -136,6 +136,26 @@ static void test_broken_connection_and_clear(void **state)
 	close(fds[1]);
 }
 
+static void test_packets_are_taken_whole(void **state)
+{
+	struct lp_send_queue queue = {0};
+	struct lp_packet *packet;
+
+	(void)state;
+	put(&queue, LP_PACKET_STATE, 'a', 10);
+	put(&queue, LP_PACKET_STATE, 'b', 10);
+	put(&queue, LP_PACKET_CONTROL, 'c', 10);
+	packet = lp_send_queue_take(&queue);
+	assert_int_equal(packet->data[0], 'c');
+	lp_packet_drop(packet);
+	packet = lp_send_queue_take(&queue);
+	assert_int_equal(packet->data[0], 'b'); /* the newest state alone */
+	lp_packet_drop(packet);
+	assert_null(lp_send_queue_take(&queue));
+	assert_true(lp_send_queue_is_empty(&queue));
+	assert_int_equal(alive, 0);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -143,6 +163,7 @@ int main(void)
 		cmocka_unit_test(test_control_queue_is_bounded),
 		cmocka_unit_test(test_slow_reader_gets_whole_packets_and_the_newest),
 		cmocka_unit_test(test_broken_connection_and_clear),
+		cmocka_unit_test(test_packets_are_taken_whole),
 	};
 
 	signal(SIGPIPE, SIG_IGN);

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "drivers/publisher/listen.h"
 
+#include <arpa/inet.h>
 #include <errno.h>
 #include <netdb.h>
 #include <stdbool.h>
@@ -72,8 +73,38 @@ int lp_tcp_address_parse(const char *object, const char *text, struct lp_tcp_add
 	if (split_address(text, address))
 		return 0;
 	lp_error(object, "parse",
-		 "must be tcp:HOST:PORT with a port up to 65535; IPv6 in brackets: tcp:[::1]:7700");
+		 "must be %.*s:HOST:PORT with a port up to 65535; IPv6 in brackets: [::1]:7700",
+		 (int)strcspn(object, ":"), object);
 	return -EINVAL;
+}
+
+bool lp_tcp_address_is_loopback(const struct lp_tcp_address *address)
+{
+	struct in_addr ipv4;
+	struct in6_addr ipv6;
+
+	if (inet_pton(AF_INET, address->host, &ipv4) == 1)
+		return ntohl(ipv4.s_addr) >> 24 == IN_LOOPBACKNET;
+	if (inet_pton(AF_INET6, address->host, &ipv6) == 1)
+		return IN6_IS_ADDR_LOOPBACK(&ipv6);
+	return strcmp(address->host, "localhost") == 0;
+}
+
+int lp_tcp_address_check_open(const char *object, const struct lp_tcp_address *address,
+			      bool insecure_lan)
+{
+	if (lp_tcp_address_is_loopback(address))
+		return 0;
+	if (insecure_lan) {
+		lp_warning(object, "open",
+			   "anyone on the network can read the light, and nothing is encrypted "
+			   "(--insecure-lan)");
+		return 1;
+	}
+	lp_error(object, "open",
+		 "is open to the network without encryption — publish on wss: (lightprobe pair "
+		 "makes what it needs), or accept this with --insecure-lan");
+	return -EACCES;
 }
 
 /* What was bound, for the log: port 0 has become a number by now. */

@@ -3,6 +3,7 @@
 #ifndef LP_PUBLISHER_LISTEN_H
 #define LP_PUBLISHER_LISTEN_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <sys/types.h>
 
@@ -17,6 +18,17 @@ struct lp_tcp_address {
 
 /* HOST:PORT, IPv6 in brackets. -EINVAL, logged under `object`. The name is not looked up. */
 int lp_tcp_address_parse(const char *object, const char *text, struct lp_tcp_address *address);
+
+/*
+ * Whether this address may be opened without encryption: one of this machine alone (127.0.0.0/8,
+ * ::1, localhost), or `insecure_lan`, with a warning. 0: of this
+ * machine alone. 1: open. -EACCES, logged under `object`. The name is not looked up: one that is
+ * not localhost counts as the network.
+ */
+int lp_tcp_address_check_open(const char *object, const struct lp_tcp_address *address,
+			      bool insecure_lan);
+
+bool lp_tcp_address_is_loopback(const struct lp_tcp_address *address);
 
 /* A path that a Unix socket can have. -EINVAL, logged under `object`. */
 int lp_socket_path_check(const char *object, const char *path);

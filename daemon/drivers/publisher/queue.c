@@ -72,6 +72,14 @@ int lp_send_queue_flush(struct lp_send_queue *queue, int fd)
 	return 0;
 }
 
+struct lp_packet *lp_send_queue_take(struct lp_send_queue *queue)
+{
+	struct lp_packet *packet = next_packet(queue);
+
+	queue->current = NULL;
+	return packet;
+}
+
 bool lp_send_queue_is_empty(const struct lp_send_queue *queue)
 {
 	return !queue->current && !queue->state && queue->control_count == 0;

@@ -29,6 +29,10 @@ bool lp_send_queue_put(struct lp_send_queue *queue, struct lp_packet *packet);
  * writable. Negative: the connection is broken. */
 int lp_send_queue_flush(struct lp_send_queue *queue, int fd);
 
+/* The packet that is to go next, taken out of the queue: the caller holds it now. NULL: none. Not
+ * to be mixed with lp_send_queue_flush(). */
+struct lp_packet *lp_send_queue_take(struct lp_send_queue *queue);
+
 bool lp_send_queue_is_empty(const struct lp_send_queue *queue);
 
 /* Give everything up. */

@@ -7,6 +7,7 @@ import multiprocessing
 import os
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
@@ -34,6 +35,8 @@ from lightprobe.wire import Subscription
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
+#: The viewer, as `make web` builds it; without it the demo has no page.
+WEB = Path(__file__).resolve().parents[3] / "build" / "web"
 PANORAMAS = ("sunset", "forest", "courtyard")
 _ACT_S, _TURN_DEG_S, _SWITCH_S = 8.0, 2.0, 4.0
 #: The wheel homes, goes there and stays: frames that are exposed while it turns are left out.
@@ -49,6 +52,39 @@ _SETTLED_S = 1.5
 
 class DemoError(LightprobeError):
     """The demo cannot run on."""
+
+
+@dataclass(frozen=True)
+class Ports:
+    """Where the page is served, and where the simulator publishes the truth."""
+
+    page: int
+    truth: int
+
+    @classmethod
+    def choose(cls) -> Ports:
+        """Take the usual port of the page, or any that is free."""
+        with ExitStack() as stack:
+            return cls(*(_free_port(stack, usual) for usual in (7701, 0)))
+
+    def publish(self) -> str:
+        """Give the daemon's option."""
+        truth = f"ws://127.0.0.1:{self.truth}"
+        return f"--publish=ws:127.0.0.1:{self.page}?root={WEB}&connect={truth}"
+
+    def url(self, has_truth: bool) -> str:
+        """Give the address for a browser."""
+        truth = f"?truth=ws://127.0.0.1:{self.truth}/" if has_truth else ""
+        return f"http://127.0.0.1:{self.page}/{truth}"
+
+
+def _free_port(stack: ExitStack, usual: int) -> int:
+    for port in (usual, 0):
+        server = stack.enter_context(socket.socket())
+        with suppress(OSError):
+            server.bind(("127.0.0.1", port))
+            return int(server.getsockname()[1])
+    raise DemoError("demo: no port is free on this machine")
 
 
 def command(
@@ -94,16 +130,20 @@ def command(
     require_unix_sockets("demo")
     daemon.find()
     make_folder(output)
+    ports = Ports.choose() if (WEB / "index.html").exists() else None
     chosen = scene or default_scenes() if source is None else []
     with Painter(output, chosen) as painter:
         with ExitStack() as stack:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="lightprobe-")))
             simulator = None
             if source is None:
-                simulator = stack.enter_context(simulation(folder, chosen))
+                simulator = stack.enter_context(simulation(folder, chosen, ports))
                 source = f"sim:{folder / 'camera'}"
             uri = f"unix:{folder / 'probe'}"
             arguments = [f"--source={source}", f"--publish={uri}", f"--camera={camera}"]
+            if ports is not None:
+                arguments.append(ports.publish())
+                print(f"demo: open {ports.url(simulator is not None)}", file=sys.stderr)
             if simulator is not None:
                 box_uri = f"mcu:serial:{folder / 'mcu'}"
                 arguments += [f"--rotator={box_uri}", f"--ring={box_uri}"]
@@ -136,7 +176,9 @@ def default_scenes() -> list[str]:
 
 
 @contextmanager
-def simulation(folder: Path, chosen: list[str]) -> Iterator[subprocess.Popen[bytes]]:
+def simulation(
+    folder: Path, chosen: list[str], ports: Ports | None
+) -> Iterator[subprocess.Popen[bytes]]:
     """Run the simulator in a process of its own."""
     command_line: list[str | Path] = [
         sys.executable, "-m", "lightprobe", "simulate", "--socket", folder / "camera",
@@ -146,6 +188,8 @@ def simulation(folder: Path, chosen: list[str]) -> Iterator[subprocess.Popen[byt
     ]  # fmt: skip
     for name in chosen:
         command_line += ["--scenes", name]
+    if ports is not None:
+        command_line += ["--truth-publish", f"ws:127.0.0.1:{ports.truth}"]
     with open(folder / "simulate.log", "wb") as log:
         process = subprocess.Popen(
             command_line, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True

@@ -125,6 +125,9 @@ class Root(LazyGroup):
         "control": Entry("control:app", "Steer a running simulator: faults, light, status."),
         "evaluate": Entry("evaluate:command", "Measure accuracy against the exact truth.", "sim"),
         "calibrate": Entry("main:calibrate", "Calibrate camera, polarizer wheel and ring."),
+        "record": Entry("record:record", "Record a probe's messages (MCAP).", "record"),
+        "replay": Entry("record:replay", "Serve a recording as a probe.", "record"),
+        "pair": Entry("pair:command", "Make key, certificate and token for wss:.", "pair"),
         "mcu": Entry("mcu:app", "Talk to the microcontroller of wheel and ring.", "mcu"),
     }  # fmt: skip
 

@@ -152,7 +152,7 @@ class ProceduralScene:
 
     def truth(self, powers: ArrayLike, yaw_deg: float = 0.0) -> ProceduralTruth:
         """Give closed forms."""
-        turn = _yaw(yaw_deg)
+        turn = yaw(yaw_deg)
         return ProceduralTruth(
             sh.rotate(self.background, turn), lit_lamps(self.lamps, powers, yaw_deg)
         )
@@ -190,14 +190,14 @@ def disc_layer(lamp: Lamp, width_px: int, height_px: int) -> Layer:
     return Layer(*disc_pixels(lamp, width_px, height_px))
 
 
-def _yaw(yaw_deg: float) -> Array:
+def yaw(yaw_deg: float) -> Array:
     """Turn to the right: what was forward (−Z) comes to +X, as columns grow."""
     return geometry.quaternion([0, 1, 0], -yaw_deg)
 
 
 def lit_lamps(lamps: tuple[Lamp, ...], powers: ArrayLike, yaw_deg: float) -> tuple[Lamp, ...]:
     """Lamps that are on, as bright as they are, turned with the scene."""
-    turn = _yaw(yaw_deg)
+    turn = yaw(yaw_deg)
     return tuple(
         Lamp(geometry.rotate(turn, lamp.direction), lamp.radius_deg, power * lamp.irradiance)
         for lamp, power in zip(lamps, np.asarray(powers, dtype=np.float64), strict=True)
@@ -282,11 +282,11 @@ class MapTruth:
     @property
     def total(self) -> Array:
         """See :class:`Truth`."""
-        return sh.rotate(sh.project(self.radiance, ORDER), _yaw(self.yaw_deg))
+        return sh.rotate(sh.project(self.radiance, ORDER), yaw(self.yaw_deg))
 
     def irradiance(self, normals: ArrayLike) -> Array:
         """See :class:`Truth`."""
-        n = np.asarray(normals, dtype=np.float64) @ geometry.rotation_matrix(_yaw(self.yaw_deg))
+        n = np.asarray(normals, dtype=np.float64) @ geometry.rotation_matrix(yaw(self.yaw_deg))
         height, width, _ = self.radiance.shape
         solid_angle = geometry.equirect_solid_angles(width, height)
         columns = np.arange(width)

@@ -228,7 +228,7 @@ def network():
 def test_the_network_is_let_in_on_request_only(service, network, is_open):
     if is_open:
         add_drop_in("override.conf", "[Service]\nIPAddressAllow=192.0.2.0/24\n")
-    service("publish = tcp:0.0.0.0:7700", f"publish = unix:{SOCKET}")
+    service("publish = tcp:0.0.0.0:7700", "insecure-lan = yes", f"publish = unix:{SOCKET}")
     run("python3", "-c", "import socket; socket.create_connection(('127.0.0.1', 7700)).recv(1)")
     assert network() == is_open
 

@@ -1,0 +1,243 @@
+// SPDX-License-Identifier: Apache-2.0
+/** A probe's client: connects, asks, stays. The newest estimate wins; what is too old is none. */
+
+import type { Estimate, Health, Hello } from "./estimate.js";
+import { DEFAULT_SUBSCRIPTION, MINOR_WITH_NUMBERS, PROTOCOL_MAJOR, WireError, decode, encodeSubscription } from "./wire.js";
+import type { Message, Subscription } from "./wire.js";
+
+const PROTOCOL = "lightprobe.v1";
+const BACKOFF_FIRST_MS = 100, BACKOFF_LAST_MS = 5000;
+/** A greeting comes at once, health periodically: longer silence is a fault. */
+const HELLO_TIMEOUT_MS = 5000, LEAST_PATIENCE_MS = 5000;
+/** Of how many messages the fastest tells how far the probe's clock is off. */
+const CLOCK_MESSAGES = 32;
+
+/** connecting: no greeting yet. open: greeted. waiting: until the next attempt. closed: for good. */
+export type State = "connecting" | "open" | "waiting" | "closed";
+
+export interface ProbeEvents {
+  estimate: Estimate;
+  hello: Hello;
+  health: Health;
+  state: State;
+}
+
+export interface ProbeOptions extends Partial<Subscription> {
+  /** For programs outside of browsers, and for tests. */
+  WebSocket?: typeof WebSocket;
+}
+
+/** Address of the messages and the token, from `ws:`, `wss:` or the page's own `http:`, `https:`. */
+export function parseAddress(address: string): { url: string; token: string | undefined } {
+  let url: URL;
+  try {
+    url = new URL(address);
+  } catch {
+    throw new TypeError(`${address}: address: expected ws://HOST:PORT/ or wss://HOST:PORT/#token=…`);
+  }
+  const schemes: Record<string, string> = { "http:": "ws:", "https:": "wss:", "ws:": "ws:", "wss:": "wss:" };
+  const scheme = schemes[url.protocol];
+  if (!scheme) throw new TypeError(`${url.protocol}: address: expected ws:, wss:, http: or https:`);
+  const token = new URLSearchParams(url.hash.slice(1)).get("token") ?? undefined;
+  return { url: `${scheme}//${url.host}/`, token };
+}
+
+/**
+ * @example
+ * const probe = new Probe("ws://127.0.0.1:7701/", { maxLights: 8 });
+ * probe.on("estimate", (estimate) => draw(estimate.lights));
+ */
+export class Probe {
+  state: State = "connecting";
+  hello: Hello | undefined;
+  health: Health | undefined;
+  /** Why there is nothing, in a sentence; undefined while all is well. */
+  lastError: string | undefined;
+  /** Estimates that were made for an earlier subscription: dropped. */
+  notOurs = 0;
+  connections = 0;
+
+  readonly #url: string;
+  readonly #token: string | undefined;
+  readonly #WebSocket: typeof WebSocket;
+  readonly #listeners = new Map<keyof ProbeEvents, Set<(value: never) => void>>();
+  #wish: Subscription;
+  #number = 1;
+  #newest: Estimate | undefined;
+  #socket: WebSocket | undefined;
+  #backoffMs = BACKOFF_FIRST_MS;
+  #retry: ReturnType<typeof setTimeout> | undefined;
+  #silence: ReturnType<typeof setTimeout> | undefined;
+  #offsetsMs: number[] = [];
+  readonly #wake = (): void => { if (this.state === "waiting" && !document.hidden) this.#connect(); };
+
+  /** Connects at once, in the background; TypeError for an address that is none. */
+  constructor(address: string, options: ProbeOptions = {}) {
+    const { WebSocket: implementation, ...wish } = options;
+    ({ url: this.#url, token: this.#token } = parseAddress(address));
+    this.#WebSocket = implementation ?? WebSocket;
+    this.#wish = { ...DEFAULT_SUBSCRIPTION, ...wish };
+    encodeSubscription(this.#wish, this.#number); // what no probe could serve shows here
+    if (typeof document !== "undefined") {
+      document.addEventListener("visibilitychange", this.#wake);
+      window.addEventListener("online", this.#wake);
+    }
+    this.#connect();
+  }
+
+  /** Call `listener` with every event of a kind; gives what ends that. */
+  on<K extends keyof ProbeEvents>(kind: K, listener: (value: ProbeEvents[K]) => void): () => void {
+    const set = this.#listeners.get(kind) ?? new Set();
+    this.#listeners.set(kind, set);
+    set.add(listener as (value: never) => void);
+    return () => set.delete(listener as (value: never) => void);
+  }
+
+  /** The newest estimate; undefined before the first, and when it has outlived its ttlMs. */
+  latest(): Estimate | undefined {
+    const age = this.ageMs();
+    if (!this.#newest || age === undefined) return undefined;
+    return this.#newest.ttlMs && age > this.#newest.ttlMs ? undefined : this.#newest;
+  }
+
+  /** Milliseconds since the capture of the newest estimate, aged out or not. */
+  ageMs(): number | undefined {
+    if (!this.#newest) return undefined;
+    return now() - (this.#newest.captureTimeUnixMs + Math.min(...this.#offsetsMs));
+  }
+
+  /** Ask for something else, now and after every reconnection. */
+  subscribe(wish: Partial<Subscription>): void {
+    const next = { ...this.#wish, ...wish };
+    const request = encodeSubscription(next, this.#number + 1);
+    this.#wish = next;
+    this.#number++;
+    if (this.#socket?.readyState === 1) this.#socket.send(request);
+  }
+
+  /** End for good. */
+  close(): void {
+    this.#end("closed");
+    if (typeof document !== "undefined") {
+      document.removeEventListener("visibilitychange", this.#wake);
+      window.removeEventListener("online", this.#wake);
+    }
+  }
+
+  #emit<K extends keyof ProbeEvents>(kind: K, value: ProbeEvents[K]): void {
+    for (const listener of this.#listeners.get(kind) ?? []) (listener as (value: ProbeEvents[K]) => void)(value);
+  }
+
+  #become(state: State): void {
+    if (this.state === state) return;
+    this.state = state;
+    this.#emit("state", state);
+  }
+
+  #connect(): void {
+    clearTimeout(this.#retry);
+    this.#become("connecting");
+    const protocols = this.#token ? [PROTOCOL, `token.${this.#token}`] : [PROTOCOL];
+    const socket = new this.#WebSocket(this.#url, protocols);
+    socket.binaryType = "arraybuffer";
+    this.#socket = socket;
+    let refusal: string | undefined;
+    socket.onopen = () => socket.send(encodeSubscription(this.#wish, this.#number));
+    socket.onmessage = ({ data }) => {
+      if (socket !== this.#socket) return;
+      try {
+        if (typeof data === "string") throw new WireError("a text message");
+        const message = decode(new Uint8Array(data as ArrayBuffer));
+        if (message?.kind === "error") refusal = this.lastError = `${this.#url}: ${message.error.text}`;
+        else if (message) this.#take(message);
+      } catch (error) {
+        if (!(error instanceof WireError)) throw error;
+        refusal = `${this.#url}: receive: ${error.message}: is this a lightprobe?`;
+        socket.close();
+      }
+    };
+    socket.onclose = () => {
+      if (socket !== this.#socket) return;
+      this.lastError = refusal ?? this.lastError ?? this.#whyClosed();
+      this.#lose();
+    };
+    this.#expectWithin(HELLO_TIMEOUT_MS);
+  }
+
+  #whyClosed(): string {
+    if (this.hello) return `${this.#url}: the probe closed the connection`;
+    return `${this.#url}: connect: no answer: is lightprobed running, and may this page read it?`;
+  }
+
+  #take(message: Exclude<Message, { kind: "error" }>): void {
+    if (message.kind === "hello") this.#greet(message.hello);
+    else if (!this.hello) throw new WireError("the first message is not a Hello");
+    else if (message.kind === "estimate") this.#takeEstimate(message.estimate);
+    else {
+      this.health = message.health;
+      this.#emit("health", message.health);
+    }
+    const period = this.#wish.healthPeriodMs;
+    this.#expectWithin(period ? Math.max(LEAST_PATIENCE_MS, 5 * period) : undefined);
+  }
+
+  #greet(hello: Hello): void {
+    if (hello.protocolMajor !== PROTOCOL_MAJOR) {
+      this.lastError = `${this.#url}: ${hello.software} speaks protocol ${hello.protocolMajor}, this client ${PROTOCOL_MAJOR}: use the client of the probe's version`;
+      this.#end("closed");
+      return;
+    }
+    if (this.hello?.bootId !== hello.bootId) this.#offsetsMs = [];
+    if (this.state !== "open") this.connections++;
+    this.hello = hello;
+    this.lastError = undefined;
+    this.#backoffMs = BACKOFF_FIRST_MS;
+    this.#become("open");
+    this.#emit("hello", hello);
+  }
+
+  #takeEstimate(estimate: Estimate): void {
+    if (this.hello!.protocolMinor >= MINOR_WITH_NUMBERS && estimate.subscription !== this.#number) {
+      this.notOurs++;
+      return;
+    }
+    this.#offsetsMs.push(now() - (estimate.captureTimeUnixMs + estimate.sendDelayMs));
+    if (this.#offsetsMs.length > CLOCK_MESSAGES) this.#offsetsMs.shift();
+    this.#newest = estimate;
+    this.#emit("estimate", estimate);
+  }
+
+  #expectWithin(ms: number | undefined): void {
+    clearTimeout(this.#silence);
+    if (ms === undefined) return;
+    this.#silence = setTimeout(() => {
+      this.lastError = `${this.#url}: silent for too long: is the network up?`;
+      const socket = this.#socket;
+      this.#socket = undefined;
+      socket?.close();
+      this.#lose();
+    }, ms);
+  }
+
+  /** Nothing is open; try again later, not all clients at once. */
+  #lose(): void {
+    if (this.state === "closed") return;
+    clearTimeout(this.#silence);
+    this.#socket = undefined;
+    this.#become("waiting");
+    this.#retry = setTimeout(() => this.#connect(), this.#backoffMs * (0.8 + 0.4 * Math.random()));
+    this.#backoffMs = Math.min(2 * this.#backoffMs, BACKOFF_LAST_MS);
+  }
+
+  #end(state: State): void {
+    clearTimeout(this.#retry);
+    clearTimeout(this.#silence);
+    const socket = this.#socket;
+    this.#socket = undefined;
+    this.#become(state);
+    socket?.close();
+  }
+}
+
+/** A clock that nobody sets. */
+const now = (): number => performance.now();

@@ -1,0 +1,135 @@
+// SPDX-License-Identifier: Apache-2.0
+/** What a probe says, typed. Units are in names; what is not known is undefined, never zero. */
+
+import * as sh from "./sh.js";
+import type { Vec3 } from "./sh.js";
+
+export type { Vec3 };
+
+export const LightFlag = { CLIPPED: 1, REFLECTION: 2, EXTENDED: 4, RING: 8, HELD: 16 } as const;
+
+/** Why an estimate is less than the probe at its best; 0 is a healthy one. */
+export const EstimateFlag = {
+  STALE: 1, EXPOSURE_UNKNOWN: 2, CLIPPED: 4, UNDEREXPOSED: 8, BRACKET_INCOMPLETE: 16, PARTIAL_VIEW: 32,
+  MORE_LIGHTS: 64, INVALID_INPUT: 128, DEGRADED: 256, RING_ONLY: 512, EXPOSURE_IGNORED: 1024,
+  RING_FAULT: 2048, WHEEL_FAULT: 4096, NO_LIGHT: 8192,
+} as const;
+
+/** Names of the bits that are set; BIT_n for one that this version does not know. */
+export function flagNames(flags: number, known: Record<string, number> = EstimateFlag): string[] {
+  const names: string[] = [];
+  for (let bit = 0; bit < 31; bit++) {
+    if (!((flags >> bit) & 1)) continue;
+    names.push(Object.keys(known).find((name) => known[name] === 1 << bit) ?? `BIT_${bit}`);
+  }
+  return names;
+}
+
+/** One lamp: a disc of this angular radius, far away. */
+export interface Light {
+  /** Stable while the lamp is tracked, within one boot of the probe. */
+  id: number;
+  /** Unit vector towards the light; +X right, +Y up, −Z forward. */
+  direction: Vec3;
+  /** RGB on a surface that faces it; linear, Rec. 709 primaries. */
+  irradiance: Vec3;
+  angularRadiusDeg: number;
+  directionSigmaDeg: number | undefined;
+  /** 1 sigma, as a share of `irradiance`. */
+  irradianceSigma: number | undefined;
+  /** 0…1, that this is a light source. */
+  confidence: number | undefined;
+  flags: number;
+  distanceM: number | undefined;
+}
+
+export interface SphericalHarmonics {
+  /** AMBIENT: add the lights. TOTAL: they are in it. */
+  kind: "AMBIENT" | "TOTAL";
+  order: number;
+  /** Of radiance: r0 g0 b0 r1 g1 b1 … */
+  coefficients: number[];
+}
+
+export interface Estimate {
+  sequence: number;
+  bootId: number;
+  /** By the probe's clock. */
+  captureTimeUnixMs: number;
+  sendDelayMs: number;
+  /** Older than this after capture: fade to your default. 0: never. */
+  ttlMs: number;
+  flags: number;
+  /** Strongest first. */
+  lights: Light[];
+  sh: SphericalHarmonics;
+  /** Left out by the chosen model, as a share of the mean irradiance. */
+  predictedError: number | undefined;
+  exposureUs: number | undefined;
+  exposureCount: number;
+  cdM2PerUnit: number | undefined;
+  wheelDeg: number | undefined;
+  /** Number of the subscription that it answers. */
+  subscription: number;
+}
+
+export interface Hello {
+  protocolMajor: number;
+  protocolMinor: number;
+  software: string;
+  bootId: number;
+  source: string;
+  name: string;
+  insecureLan: boolean;
+  maxShOrder: number;
+  maxLights: number;
+  smoothingTimeConstantMs: number;
+  hasWheel: boolean;
+  hasRing: boolean;
+  preset: string;
+}
+
+export interface Health {
+  uptimeMs: number;
+  sourceState: string;
+  framesReceived: number;
+  framesDropped: number;
+  framesRejected: number;
+  estimates: number;
+  estimatesPerS: number;
+  latencyP50Us: number;
+  latencyP99Us: number;
+  clients: number;
+  packetsSuperseded: number;
+  cpuPercent: number;
+  rssKib: number;
+  preset: string;
+  faults: { id: string; text: string }[];
+}
+
+/** The probe has refused a request. */
+export interface Refusal {
+  /** Negative errno. */
+  code: number;
+  text: string;
+}
+
+/** Irradiance on a surface with this normal: SH and lights together. */
+export function irradiance(estimate: Estimate, normal: Vec3): [number, number, number] {
+  const sum = sh.irradiance(estimate.sh.coefficients, normal);
+  if (estimate.sh.kind === "TOTAL") return sum;
+  for (const light of estimate.lights) {
+    const cosine = Math.max(0, normal[0] * light.direction[0] + normal[1] * light.direction[1] + normal[2] * light.direction[2]);
+    for (let c = 0; c < 3; c++) sum[c]! += cosine * light.irradiance[c]!;
+  }
+  return sum;
+}
+
+export const luminance = (rgb: ArrayLike<number>): number => 0.2126 * rgb[0]! + 0.7152 * rgb[1]! + 0.0722 * rgb[2]!;
+
+/** Mean of the luminance of E(n) over all normals n: π L for uniform radiance L. */
+export function meanIrradiance(estimate: Estimate): number {
+  const ambient = Math.PI * 0.28209479177387814 * luminance(estimate.sh.coefficients);
+  const lamps = estimate.sh.kind === "TOTAL" ? 0 : estimate.lights.reduce((sum, light) => sum + luminance(light.irradiance), 0);
+  return ambient + lamps / 4;
+}

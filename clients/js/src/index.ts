@@ -1,0 +1,8 @@
+// SPDX-License-Identifier: Apache-2.0
+export { Probe, parseAddress } from "./client.js";
+export type { ProbeEvents, ProbeOptions, State } from "./client.js";
+export { EstimateFlag, LightFlag, flagNames, irradiance, luminance, meanIrradiance } from "./estimate.js";
+export type { Estimate, Health, Hello, Light, Refusal, SphericalHarmonics, Vec3 } from "./estimate.js";
+export * as sh from "./sh.js";
+export { WireError, decode, encodeSubscription } from "./wire.js";
+export type { Message, Subscription } from "./wire.js";

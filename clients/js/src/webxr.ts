@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+/** The light of a probe in the shape of WebXR's XRLightEstimate, so that code written for phones works. */
+
+import { luminance } from "./estimate.js";
+import type { Estimate, Vec3 } from "./estimate.js";
+import * as sh from "./sh.js";
+
+interface Point { readonly x: number; readonly y: number; readonly z: number; readonly w: number }
+
+/** As https://www.w3.org/TR/webxr-lighting-estimation-1/#xrlightestimate-interface */
+export interface LightEstimate {
+  /** 27 floats r0 g0 b0 r1 …: radiance without the primary light. */
+  readonly sphericalHarmonicsCoefficients: Float32Array;
+  /** Towards the light; (0, 1, 0) when there is none. */
+  readonly primaryLightDirection: Point;
+  /** RGB; (0, 0, 0) when there is none. */
+  readonly primaryLightIntensity: Point;
+}
+
+const point = ([x, y, z]: Vec3, w: number): Point => ({ x, y, z, w });
+
+/** The strongest lamp is the primary light; the other lamps are put into the SH, so that nothing is lost or counted
+ * twice. `undefined` (no estimate, or too old) gives darkness. */
+export function lightEstimate(estimate: Estimate | undefined): LightEstimate {
+  const coefficients: number[] = Array.from({ length: 27 }, (_, i) => estimate?.sh.coefficients[i] ?? 0);
+  const lights = !estimate || estimate.sh.kind === "TOTAL" ? [] : [...estimate.lights];
+  lights.sort((a, b) => luminance(b.irradiance) - luminance(a.irradiance));
+  const [primary, ...others] = lights;
+  for (const light of others) sh.addLamp(coefficients, light.direction, light.irradiance);
+  return {
+    sphericalHarmonicsCoefficients: Float32Array.from(coefficients),
+    primaryLightDirection: point(primary?.direction ?? [0, 1, 0], 0),
+    primaryLightIntensity: point(primary?.irradiance ?? [0, 0, 0], 1),
+  };
+}

@@ -1,0 +1,158 @@
+// SPDX-License-Identifier: Apache-2.0
+/** Between the bytes of lightprobe.v1 and typed values. Nothing that comes is trusted. */
+
+import { create, fromBinary, toBinary } from "@bufbuild/protobuf";
+import * as pb from "./gen/lightprobe_pb.js";
+import type { Estimate, Health, Hello, Light, Refusal, SphericalHarmonics, Vec3 } from "./estimate.js";
+
+export const PROTOCOL_MAJOR = 1;
+/** From this minor version on, estimates carry the number of the subscription that they answer. */
+export const MINOR_WITH_NUMBERS = 1;
+
+/** Bytes that are no message of lightprobe.v1. */
+export class WireError extends Error {}
+
+export type Message =
+  | { kind: "hello"; hello: Hello }
+  | { kind: "estimate"; estimate: Estimate }
+  | { kind: "health"; health: Health }
+  | { kind: "error"; error: Refusal };
+
+/** What a client wants; absent means the probe's default. */
+export interface Subscription {
+  /** Most estimates a second; 0: every one. */
+  rateHz: number;
+  /** 0…4 */
+  shOrder: number;
+  /** 0…8 */
+  maxLights: number;
+  kind: "AMBIENT" | "TOTAL";
+  /** Use the smallest model with a predicted error below this share; 0: the largest. */
+  tolerance: number;
+  smoothing: "SMOOTHED" | "RAW";
+  /** 0: no health messages. */
+  healthPeriodMs: number;
+}
+
+export const DEFAULT_SUBSCRIPTION: Subscription = {
+  rateHz: 0, shOrder: 2, maxLights: 4, kind: "AMBIENT", tolerance: 0, smoothing: "SMOOTHED", healthPeriodMs: 1000,
+};
+
+function need(value: boolean, what: string): void {
+  if (!value) throw new RangeError(`subscription: ${what}`);
+}
+
+/** A request for these values; RangeError for one that no probe could serve. */
+export function encodeSubscription(wish: Subscription, number: number): Uint8Array<ArrayBuffer> {
+  need(wish.rateHz >= 0 && wish.rateHz <= 1000, `rateHz ${wish.rateHz}: expected 0…1000`);
+  need(Number.isInteger(wish.shOrder) && wish.shOrder >= 0 && wish.shOrder <= 4, `shOrder ${wish.shOrder}: expected 0…4`);
+  need(Number.isInteger(wish.maxLights) && wish.maxLights >= 0 && wish.maxLights <= 8, `maxLights ${wish.maxLights}: expected 0…8`);
+  need(wish.tolerance >= 0 && wish.tolerance <= 1, `tolerance ${wish.tolerance}: expected 0…1`);
+  need(Number.isInteger(wish.healthPeriodMs) && wish.healthPeriodMs >= 0, `healthPeriodMs ${wish.healthPeriodMs}: expected 0 or more`);
+  return new Uint8Array(toBinary(pb.FromClientSchema, create(pb.FromClientSchema, {
+    message: {
+      case: "subscribe",
+      value: {
+        rateHz: wish.rateHz,
+        shOrder: wish.shOrder,
+        maxLights: wish.maxLights,
+        kind: wish.kind === "TOTAL" ? pb.SphericalHarmonics_Kind.TOTAL : pb.SphericalHarmonics_Kind.AMBIENT,
+        tolerancePermille: Math.round(1000 * wish.tolerance),
+        smoothing: wish.smoothing === "RAW" ? pb.Subscription_Smoothing.RAW : pb.Subscription_Smoothing.SMOOTHED,
+        healthPeriodMs: wish.healthPeriodMs,
+        number,
+      },
+    },
+  })));
+}
+
+/** One message; undefined when it is of a kind newer than this client. WireError when it is none. */
+export function decode(data: Uint8Array): Message | undefined {
+  let message: pb.FromProbe["message"];
+  try {
+    ({ message } = fromBinary(pb.FromProbeSchema, data));
+  } catch (error) {
+    throw new WireError(`no FromProbe message: ${String(error)}`);
+  }
+  switch (message.case) {
+    case "hello": return { kind: "hello", hello: message.value };
+    case "estimate": return { kind: "estimate", estimate: estimateOf(message.value) };
+    case "health": return { kind: "health", health: healthOf(message.value) };
+    case "error": return { kind: "error", error: { code: message.value.code, text: message.value.text } };
+    default: return undefined;
+  }
+}
+
+function finite(values: number[], count: number, what: string): number[] {
+  if (values.length !== count || !values.every(Number.isFinite))
+    throw new WireError(`${what}: ${values.length} numbers: expected ${count}, all finite`);
+  return values;
+}
+
+function lightOf(m: pb.Light): Light {
+  const [x, y, z] = finite(m.direction, 3, "light direction") as [number, number, number];
+  const length = Math.hypot(x, y, z);
+  if (Math.abs(length - 1) > 1e-3) throw new WireError(`light direction of length ${length}: expected a unit vector`);
+  return {
+    id: m.id,
+    direction: [x / length, y / length, z / length],
+    irradiance: finite(m.irradiance, 3, "light irradiance") as unknown as Vec3,
+    angularRadiusDeg: m.angularRadiusDeg,
+    directionSigmaDeg: m.directionSigmaDeg,
+    irradianceSigma: m.irradianceSigmaPermille === undefined ? undefined : m.irradianceSigmaPermille / 1000,
+    confidence: m.confidencePercent === undefined ? undefined : m.confidencePercent / 100,
+    flags: m.flags,
+    distanceM: m.distanceM,
+  };
+}
+
+function shOf(m: pb.SphericalHarmonics | undefined): SphericalHarmonics {
+  if (!m || m.basis !== pb.SphericalHarmonics_Basis.REAL_POSITIVE || m.quantity !== pb.SphericalHarmonics_Quantity.RADIANCE)
+    throw new WireError("SH of a basis or quantity that this client does not know");
+  if (m.order > 4 || (m.kind !== pb.SphericalHarmonics_Kind.AMBIENT && m.kind !== pb.SphericalHarmonics_Kind.TOTAL))
+    throw new WireError(`SH of kind ${m.kind}, order ${m.order}: expected AMBIENT or TOTAL, 0…4`);
+  return {
+    kind: m.kind === pb.SphericalHarmonics_Kind.TOTAL ? "TOTAL" : "AMBIENT",
+    order: m.order,
+    coefficients: finite(m.coefficients, 3 * (m.order + 1) ** 2, "SH coefficients"),
+  };
+}
+
+function estimateOf(m: pb.Estimate): Estimate {
+  return {
+    sequence: m.sequence,
+    bootId: m.bootId,
+    captureTimeUnixMs: Number(m.captureTimeUnixNs) / 1e6,
+    sendDelayMs: m.sendDelayUs / 1000,
+    ttlMs: m.ttlMs,
+    flags: m.flags,
+    lights: m.lights.map(lightOf),
+    sh: shOf(m.sh),
+    predictedError: m.predictedErrorPermille === undefined ? undefined : m.predictedErrorPermille / 1000,
+    exposureUs: m.exposureUs,
+    exposureCount: m.exposureCount,
+    cdM2PerUnit: m.cdM2PerUnit,
+    wheelDeg: m.wheelDeg,
+    subscription: m.subscription,
+  };
+}
+
+function healthOf(m: pb.Health): Health {
+  return {
+    uptimeMs: Number(m.uptimeMs),
+    sourceState: pb.Health_SourceState[m.sourceState] ?? "UNKNOWN",
+    framesReceived: Number(m.framesReceived),
+    framesDropped: Number(m.framesDropped),
+    framesRejected: Number(m.framesRejected),
+    estimates: Number(m.estimates),
+    estimatesPerS: m.estimatesPerS,
+    latencyP50Us: m.latencyP50Us,
+    latencyP99Us: m.latencyP99Us,
+    clients: m.clients,
+    packetsSuperseded: Number(m.packetsSuperseded),
+    cpuPercent: m.cpuPercent,
+    rssKib: m.rssKib,
+    preset: m.preset,
+    faults: m.faults.map(({ id, text }) => ({ id, text })),
+  };
+}

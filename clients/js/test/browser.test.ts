@@ -1,0 +1,218 @@
+// SPDX-License-Identifier: Apache-2.0
+/** In headless Chromium: pixels against the formulas, and the viewer with a live daemon. */
+import assert from "node:assert/strict";
+import { spawn, type ChildProcess } from "node:child_process";
+import { mkdtempSync, readFileSync, writeFileSync } from "node:fs";
+import { createServer } from "node:http";
+import { tmpdir } from "node:os";
+import { join, resolve } from "node:path";
+import { after, before, test } from "node:test";
+import { build } from "esbuild";
+import { chromium, type Browser, type Page } from "playwright-core";
+import { create, toBinary } from "@bufbuild/protobuf";
+import { decode, irradiance, type Estimate, type Vec3 } from "../src/index.js";
+import * as pb from "../src/gen/lightprobe_pb.js";
+import { ROOT } from "./golden.js";
+
+const LONG_MS = 120_000; // the machine may be busy: never a measure of speed
+const DAEMON = resolve(ROOT, "build/release/bin/lightprobed");
+
+let browser: Browser, daemon: ChildProcess, port = 0, folder = "";
+
+/** A port that is free now. */
+const freePort = (): Promise<number> => new Promise((done) => {
+  const server = createServer().listen(0, "127.0.0.1", () => {
+    const { port: found } = server.address() as { port: number };
+    server.close(() => done(found));
+  });
+});
+
+/** A 32-bit float panorama with a bright patch at azimuth 0, elevation 45°, over a warm room. */
+function panorama(): Buffer {
+  const width = 128, height = 64, data = new Float32Array(3 * width * height);
+  for (let row = 0; row < height; row++)
+    for (let column = 0; column < width; column++) {
+      const isLamp = Math.abs(row - 16) < 2 && Math.abs(column - 64) < 2;
+      // PFM's rows begin at the bottom.
+      data.set(isLamp ? [400, 380, 300] : [0.5, 0.4, 0.3 + 0.2 * (row / height)], 3 * ((height - 1 - row) * width + column));
+    }
+  return Buffer.concat([Buffer.from(`PF\n${width} ${height}\n-1.0\n`), Buffer.from(data.buffer)]);
+}
+
+function startDaemon(...more: string[]): ChildProcess {
+  return spawn(DAEMON, [`--source=file:${join(folder, "room.pfm")}?rate=30`, `--publish=ws:127.0.0.1:${port}?root=${resolve(ROOT, "build/web")}`,
+    "--name=test room", "--ttl-ms=600000", ...more], { stdio: ["ignore", "ignore", "inherit"] });
+}
+
+before(async () => {
+  folder = mkdtempSync(join(tmpdir(), "lp-web-"));
+  writeFileSync(join(folder, "room.pfm"), panorama());
+  port = await freePort();
+  daemon = startDaemon();
+  browser = await chromium.launch({
+    executablePath: process.env["CHROMIUM"] ?? "/usr/bin/chromium",
+    args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"],
+  });
+}, { timeout: LONG_MS });
+
+after(async () => {
+  await browser?.close();
+  daemon?.kill();
+});
+
+// ---------------------------------------------------------------- pixels
+
+const light = (direction: Vec3, rgb: Vec3): object => ({ id: 1 + Math.round(1000 * direction[0] + 10 * direction[2] + 5000), direction: [...direction], irradiance: [...rgb], angularRadiusDeg: 2 });
+const sh = (values: number[]): object => ({ kind: 1, order: 2, coefficients: Array.from({ length: 27 }, (_, i) => values[i] ?? 0) });
+
+/** Five packets, as bytes: what the wire does to numbers is in them. Brightest irradiance below π: white is 1. */
+const PACKETS: Record<string, object> = {
+  "ambient alone": { sh: sh([1.6, 1.2, 0.8]) },
+  "a lamp straight up": { lights: [light([0, 1, 0], [2, 1.5, 1])], sh: sh([]) },
+  "a lamp aside in a sloping room": { lights: [light([0.6, 0.48, 0.64], [1.2, 0.9, 0.6])], sh: sh([0.9, 0.9, 1.1, 0.3, 0.25, 0.2, -0.2, 0.1, 0.1, 0.15, -0.2, 0.05]) },
+  "four lamps": { lights: [light([1, 0, 0], [0.8, 0.2, 0.1]), light([0, 0, 1], [0.1, 0.7, 0.2]), light([0, 0, -1], [0.2, 0.2, 0.9]), light([0, -1, 0], [0.5, 0.5, 0.5])], sh: sh([0.7, 0.7, 0.7]) },
+  "all nine coefficients": { sh: sh([1.5, 1.4, 1.3, 0.3, 0.2, 0.1, -0.3, 0.2, 0.1, 0.2, -0.2, 0.3, 0.2, 0.1, -0.2, 0.15, 0.1, 0.2, -0.2, 0.3, 0.1, 0.1, -0.1, 0.2, 0.25, 0.1, -0.3]) },
+};
+
+function packet(name: string): Estimate {
+  const bytes = toBinary(pb.FromProbeSchema, create(pb.FromProbeSchema, { message: { case: "estimate", value: create(pb.EstimateSchema, PACKETS[name] as never) } }));
+  const message = decode(bytes);
+  assert.equal(message?.kind, "estimate");
+  return (message as { estimate: Estimate }).estimate;
+}
+
+let numbers: Page | undefined;
+
+async function numbersPage(): Promise<Page> {
+  if (numbers) return numbers;
+  const { outputFiles } = await build({ entryPoints: ["test/page/sphere.ts"], bundle: true, write: false, format: "iife" });
+  numbers = await browser.newPage();
+  numbers.on("pageerror", (error) => { throw error; });
+  await numbers.addScriptTag({ content: outputFiles[0]!.text });
+  return numbers;
+}
+
+type Sphere = (estimate: Estimate, count: number, turn: number[]) => { normal: Vec3; colour: Vec3 }[];
+
+const TURNS: Record<string, number[]> = { "as the probe stands": [0, 0, 0, 1], "turned about two axes": [0.3, 0.5, 0.1, Math.sqrt(1 - 0.35)] };
+
+/** A direction of the scene in the probe's axes: v + 2 q × (q × v + w v). */
+function toProbe([qx, qy, qz, qw]: number[], [x, y, z]: Vec3): Vec3 {
+  const t = [2 * (qy! * z - qz! * y), 2 * (qz! * x - qx! * z), 2 * (qx! * y - qy! * x)];
+  return [x + qw! * t[0]! + qy! * t[2]! - qz! * t[1]!, y + qw! * t[1]! + qz! * t[0]! - qx! * t[2]!, z + qw! * t[2]! + qx! * t[1]! - qy! * t[0]!];
+}
+
+for (const name of Object.keys(PACKETS))
+  for (const [how, turn] of Object.entries(TURNS))
+    test(`a white sphere is E(n)/π at 100 normals: ${name}, ${how}`, { timeout: LONG_MS }, async () => {
+      const page = await numbersPage(), estimate = packet(name);
+      const samples = await page.evaluate(({ estimate, turn }) => (window as unknown as { sphere: Sphere }).sphere(estimate, 100, turn), { estimate, turn });
+      assert.equal(samples.length, 100);
+      let worst = 0, brightest = 0;
+      for (const { normal, colour } of samples)
+        irradiance(estimate, toProbe(turn, normal)).forEach((value, c) => {
+          const wanted = Math.min(1, Math.max(0, value / Math.PI));
+          brightest = Math.max(brightest, wanted);
+          worst = Math.max(worst, Math.abs(wanted - colour[c]!));
+        });
+      assert.ok(brightest > 0.3 && brightest < 1, `the packet is no test: brightest ${brightest}`);
+      assert.ok(worst <= 2 / 255, `${(255 * worst).toFixed(2)}/255 off`);
+    });
+
+test("a shadow is as dark as the lamp's share of the light", { timeout: LONG_MS }, async () => {
+  const page = await numbersPage();
+  const estimate = { ...packet("a lamp straight up"), sh: packet("ambient alone").sh };
+  const { shadow, open } = await page.evaluate((value) => (window as unknown as { catcher: (e: Estimate) => { shadow: Vec3; open: Vec3 } }).catcher(value), estimate);
+  const whole = irradiance(estimate, [0, 1, 0]), ambient = irradiance({ ...estimate, lights: [] }, [0, 1, 0]);
+  for (let c = 0; c < 3; c++) {
+    assert.ok(Math.abs(open[c]! - 1) <= 2 / 255, `beside the shadow ${open[c]}`);
+    assert.ok(Math.abs(shadow[c]! - ambient[c]! / whole[c]!) <= 2 / 255, `in the shadow ${shadow[c]}, expected ${ambient[c]! / whole[c]!}`);
+  }
+});
+
+// ---------------------------------------------------------------- the viewer
+
+/** The viewer in a window of this size; it fails on errors of the page and on requests to elsewhere. */
+async function viewer(width: number, height: number, query = ""): Promise<{ page: Page; faults: string[] }> {
+  const page = await browser.newPage({ viewport: { width, height }, reducedMotion: "reduce" });
+  const faults: string[] = [];
+  page.on("pageerror", (error) => faults.push(error.message));
+  page.on("console", (message) => { if (message.type() === "error") faults.push(message.text()); });
+  page.on("request", (request) => { if (!/^(data|blob):/.test(request.url()) && new URL(request.url()).host !== `127.0.0.1:${port}`) faults.push(`request to ${request.url()}`); });
+  await page.goto(`http://127.0.0.1:${port}/${query}`, { timeout: LONG_MS });
+  return { page, faults };
+}
+
+const lit = (page: Page): Promise<unknown> => page.waitForFunction(() => Number(document.body.dataset["frames"]) > 3 && document.querySelector("#lamps tbody tr"), null, { timeout: LONG_MS });
+
+for (const [name, width, height] of [["desktop", 1000, 640], ["phone", 390, 844]] as const)
+  test(`the viewer shows the live light: ${name}`, { timeout: 3 * LONG_MS }, async () => {
+    const { page, faults } = await viewer(width, height);
+    await lit(page);
+    assert.equal(await page.locator("#status").textContent(), "test room");
+    const [azimuth, elevation] = (await page.locator("#lamps tbody tr:first-child td").allTextContents()).slice(1, 3);
+    assert.match(azimuth!, /^[0-3]°$/);
+    assert.match(elevation!, /^4[2-6]° ± /);
+    assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), "the page is wider than its window");
+    assert.equal(await page.locator("#problem").isVisible(), false);
+    assert.deepEqual(faults, []);
+    await page.close();
+  });
+
+test("keys switch what is shown", { timeout: 2 * LONG_MS }, async () => {
+  const { page, faults } = await viewer(500, 400);
+  await lit(page);
+  for (const [key, id] of [["l", "use-lamps"], ["a", "use-ambient"], ["r", "turn"]] as const) {
+    const former = await page.locator(`#${id}`).isChecked();
+    await page.keyboard.press(key);
+    assert.equal(await page.locator(`#${id}`).isChecked(), !former);
+  }
+  await page.selectOption("#lights", "0");
+  await page.waitForFunction(() => !document.querySelector("#lamps tbody tr"), null, { timeout: LONG_MS });
+  assert.deepEqual(faults, []);
+  await page.close();
+});
+
+test("a probe that restarts is found again", { timeout: 3 * LONG_MS }, async () => {
+  const { page } = await viewer(500, 400);
+  await lit(page);
+  daemon.kill("SIGKILL");
+  await page.waitForFunction(() => document.getElementById("status")!.classList.contains("bad"), null, { timeout: LONG_MS });
+  assert.match((await page.locator("#problem").textContent()) ?? "", /closed the connection|no answer/);
+  daemon = startDaemon();
+  await page.waitForFunction(() => document.getElementById("status")!.textContent === "test room" && document.querySelector("#lamps tbody tr"), null, { timeout: LONG_MS });
+  await page.close();
+});
+
+test("without WebGL a sentence says what to do", { timeout: LONG_MS }, async () => {
+  const page = await browser.newPage();
+  await page.addInitScript(() => {
+    HTMLCanvasElement.prototype.getContext = ((original) => function (this: HTMLCanvasElement, kind: string, ...rest: unknown[]) {
+      return kind.startsWith("webgl") ? null : (original as (...all: unknown[]) => unknown).call(this, kind, ...rest);
+    })(HTMLCanvasElement.prototype.getContext) as typeof HTMLCanvasElement.prototype.getContext;
+  });
+  await page.goto(`http://127.0.0.1:${port}/`);
+  await page.waitForFunction(() => /no WebGL 2/.test(document.getElementById("problem")!.textContent ?? ""), null, { timeout: LONG_MS });
+  await page.close();
+});
+
+test("a page of another origin gets nothing", { timeout: LONG_MS }, async () => {
+  const elsewhere = createServer((_, answer) => answer.setHeader("content-type", "text/html").end("<!doctype html>"));
+  await new Promise<void>((done) => { elsewhere.listen(0, "127.0.0.1", done); });
+  const page = await browser.newPage();
+  await page.goto(`http://127.0.0.1:${(elsewhere.address() as { port: number }).port}/`);
+  const ask = (target: number): Promise<string> => page.evaluate((where) => new Promise<string>((done) => {
+    const socket = new WebSocket(`ws://127.0.0.1:${where}/`, "lightprobe.v1");
+    socket.onmessage = () => done("a message");
+    socket.onerror = () => done("refused");
+  }), target);
+  assert.equal(await ask(port), "refused");
+  await page.goto(`http://127.0.0.1:${port}/style.css`);
+  assert.equal(await ask(port), "a message"); // the same question from the probe's own origin
+  await page.close();
+  elsewhere.close();
+});
+
+test("the page's licences are beside it", () => {
+  assert.match(readFileSync(resolve(ROOT, "build/web/main.js.LEGAL.txt"), "utf8"), /three/i);
+});

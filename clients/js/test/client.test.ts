@@ -1,0 +1,147 @@
+// SPDX-License-Identifier: Apache-2.0
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { create, fromBinary, toBinary } from "@bufbuild/protobuf";
+import { Probe, parseAddress } from "../src/index.js";
+import * as pb from "../src/gen/lightprobe_pb.js";
+
+/** A WebSocket whose other end is the test. */
+class Scripted {
+  static all: Scripted[] = [];
+  readyState = 0;
+  binaryType = "blob";
+  sent: pb.Subscription[] = [];
+  onopen?: () => void;
+  onclose?: () => void;
+  onmessage?: (event: { data: unknown }) => void;
+  constructor(readonly url: string, readonly protocols: string[]) { Scripted.all.push(this); }
+  send(data: Uint8Array): void {
+    const { message } = fromBinary(pb.FromClientSchema, data);
+    if (message.case === "subscribe") this.sent.push(message.value);
+  }
+  close(): void { this.readyState = 3; this.onclose?.(); }
+  open(): void { this.readyState = 1; this.onopen?.(); }
+  say(message: pb.FromProbe["message"]): void {
+    const data = toBinary(pb.FromProbeSchema, create(pb.FromProbeSchema, { message }));
+    this.onmessage?.({ data: data.slice().buffer });
+  }
+  hello(bootId = 1, protocolMajor = 1): void {
+    this.say({ case: "hello", value: create(pb.HelloSchema, { protocolMajor, protocolMinor: 2, bootId, software: "test" }) });
+  }
+  estimate(sequence: number, subscription = 1, ttlMs = 60000, ageMs = 0): void {
+    this.say({ case: "estimate", value: create(pb.EstimateSchema, {
+      sequence, subscription, ttlMs, bootId: 1, captureTimeUnixNs: BigInt(Math.round(Date.now() - ageMs)) * 1_000_000n, sendDelayUs: ageMs * 1000,
+      sh: create(pb.SphericalHarmonicsSchema, { kind: 1, order: 0, coefficients: [1, 1, 1] }),
+    }) });
+  }
+}
+
+function open(options: object = {}, address = "ws://probe:1/"): { probe: Probe; socket: () => Scripted; sequences: number[] } {
+  Scripted.all = [];
+  const probe = new Probe(address, { WebSocket: Scripted as unknown as typeof WebSocket, healthPeriodMs: 0, ...options });
+  const sequences: number[] = [];
+  probe.on("estimate", (estimate) => sequences.push(estimate.sequence));
+  return { probe, socket: () => Scripted.all.at(-1)!, sequences };
+}
+
+const until = async (condition: () => boolean): Promise<void> => {
+  for (let k = 0; k < 3000 && !condition(); k++) await new Promise((done) => setTimeout(done, 10));
+  assert.ok(condition(), condition.toString());
+};
+
+test("addresses: of the messages, and of the page", () => {
+  assert.deepEqual(parseAddress("ws://127.0.0.1:7701/"), { url: "ws://127.0.0.1:7701/", token: undefined });
+  assert.deepEqual(parseAddress("https://probe.local:7702/?x=1#token=abc&sha256=12"), { url: "wss://probe.local:7702/", token: "abc" });
+  for (const wrong of ["", "probe", "ftp://x/", "tcp:127.0.0.1:7700"]) assert.throws(() => parseAddress(wrong), TypeError, wrong);
+});
+
+test("subscribes, and gives the estimates that are its own", () => {
+  const { probe, socket, sequences } = open({ maxLights: 8 }, "https://probe:1/#token=secret");
+  assert.deepEqual(socket().protocols, ["lightprobe.v1", "token.secret"]);
+  assert.ok(!socket().url.includes("secret"));
+  socket().open();
+  socket().hello();
+  assert.equal(socket().sent[0]!.maxLights, 8);
+  socket().estimate(1, 0); // the default subscription's
+  socket().estimate(2);
+  assert.deepEqual(sequences, [2]);
+  assert.equal(probe.notOurs, 1);
+  probe.subscribe({ shOrder: 4 });
+  assert.deepEqual([socket().sent[1]!.shOrder, socket().sent[1]!.maxLights, socket().sent[1]!.number], [4, 8, 2]);
+  socket().estimate(3, 1);
+  socket().estimate(4, 2);
+  assert.deepEqual(sequences, [2, 4]);
+  probe.close();
+});
+
+test("an estimate that has outlived its time to live is none", async () => {
+  const { probe, socket } = open();
+  socket().open();
+  socket().hello();
+  socket().estimate(1, 1, 60000, 20);
+  assert.equal(probe.latest()?.sequence, 1);
+  assert.ok(probe.ageMs()! >= 20);
+  socket().estimate(2, 1, 1);
+  await until(() => probe.latest() === undefined);
+  probe.close();
+});
+
+test("connects again with a new subscription, and forgets the clock of another boot", async () => {
+  const { probe, socket, sequences } = open();
+  socket().open();
+  socket().hello(1);
+  socket().estimate(1);
+  const states: string[] = [];
+  probe.on("state", (state) => states.push(state));
+  socket().close();
+  assert.match(probe.lastError!, /closed the connection/);
+  await until(() => Scripted.all.length === 2);
+  socket().open();
+  socket().hello(2);
+  socket().estimate(1);
+  assert.deepEqual(sequences, [1, 1]);
+  assert.deepEqual(states, ["waiting", "connecting", "open"]);
+  assert.equal(probe.lastError, undefined);
+  probe.close();
+});
+
+test("the probe's reason is kept", () => {
+  const { probe, socket } = open();
+  socket().open();
+  socket().say({ case: "error", value: create(pb.ErrorSchema, { code: -87, text: "the token is missing" }) });
+  socket().close();
+  assert.match(probe.lastError!, /the token is missing/);
+  probe.close();
+});
+
+test("nonsense ends the connection, and it is tried again", async () => {
+  for (const nonsense of ["text", Uint8Array.of(255, 255).buffer]) {
+    const { probe, socket } = open();
+    socket().open();
+    socket().hello();
+    socket().onmessage!({ data: nonsense });
+    assert.equal(probe.state, "waiting");
+    assert.match(probe.lastError!, /is this a lightprobe\?/);
+    await until(() => Scripted.all.length === 2);
+    probe.close();
+  }
+});
+
+test("another major version is final", () => {
+  const { probe, socket } = open();
+  socket().open();
+  socket().hello(1, 2);
+  assert.equal(probe.state, "closed");
+  assert.match(probe.lastError!, /speaks protocol 2/);
+});
+
+test("after close nothing more happens", async () => {
+  const { probe, socket, sequences } = open();
+  const first = socket();
+  first.open();
+  first.hello();
+  probe.close();
+  first.estimate(1);
+  await new Promise((done) => setTimeout(done, 200));
+  assert.deepEqual([sequences.length, Scripted.all.length, probe.state], [0, 1, "closed"]);
+});

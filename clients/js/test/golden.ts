@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: Apache-2.0
+/** The frozen bytes that every language decodes. Tests run in build/js. */
+import { readFileSync, readdirSync } from "node:fs";
+import { resolve } from "node:path";
+
+/** Root of the repository, seen from build/js. */
+export const ROOT = resolve(import.meta.dirname ?? process.cwd(), process.env["LIGHTPROBE_ROOT"] ?? "../../../..");
+const FOLDER = resolve(ROOT, "proto/golden");
+
+export const expected = JSON.parse(readFileSync(resolve(FOLDER, "v1.json"), "utf8")) as Record<string, Record<string, unknown>>;
+export const names = readdirSync(FOLDER).filter((name) => name.endsWith(".bin"));
+
+/** Bytes of one message, without the length before it. */
+export function bytes(name: string): Uint8Array {
+  const data = new Uint8Array(readFileSync(resolve(FOLDER, name)));
+  let at = 0;
+  while (data[at]! & 0x80) at++;
+  return data.subarray(at + 1);
+}

@@ -1,0 +1,131 @@
+// SPDX-License-Identifier: Apache-2.0
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { Quaternion, Vector3 } from "three";
+import { irradiance, sh, type Estimate, type Light, type Vec3 } from "../src/index.js";
+import { ProbeLight } from "../src/three.js";
+import { lightEstimate } from "../src/webxr.js";
+
+export const lamp = (id: number, direction: Vec3, light: Vec3 = [1, 1, 1]): Light => ({
+  id, direction, irradiance: light, angularRadiusDeg: 2, directionSigmaDeg: undefined, irradianceSigma: undefined, confidence: undefined, flags: 0, distanceM: undefined,
+});
+
+export const estimate = (lights: Light[], coefficients: number[] = Array(27).fill(0), bootId = 1): Estimate => ({
+  sequence: 1, bootId, captureTimeUnixMs: 0, sendDelayMs: 0, ttlMs: 0, flags: 0, lights, subscription: 0, exposureCount: 1,
+  sh: { kind: "AMBIENT", order: 2, coefficients }, predictedError: undefined, exposureUs: undefined, cdM2PerUnit: undefined, wheelDeg: undefined,
+});
+
+const NORMALS: Vec3[] = Array.from({ length: 60 }, (_, i) => {
+  const y = 1 - (2 * (i + 0.5)) / 60, radius = Math.sqrt(1 - y * y), turn = i * 2.399963;
+  return [radius * Math.cos(turn), y, radius * Math.sin(turn)];
+});
+const ramp = Array.from({ length: 27 }, (_, i) => Math.sin(3 * i + 1));
+
+test("the basis has the constants of the conventions", () => {
+  const [x, y, z] = [0.48, 0.6, 0.64];
+  const want = [0.282095, 0.488603 * y, 0.488603 * z, 0.488603 * x, 1.092548 * x * y, 1.092548 * y * z, 0.315392 * (3 * z * z - 1), 1.092548 * x * z, 0.546274 * (x * x - y * y)];
+  sh.basis(2, [x, y, z]).forEach((value, i) => assert.ok(Math.abs(value - want[i]!) < 1e-6, `Y${i}`));
+});
+
+test("the basis is orthonormal up to order 4", () => {
+  const gram = Array.from({ length: 25 }, () => Array<number>(25).fill(0));
+  const rows = 40, columns = 80;
+  for (let r = 0; r < rows; r++) for (let c = 0; c < columns; c++) {
+    const t = (Math.PI * (r + 0.5)) / rows, a = (2 * Math.PI * (c + 0.5)) / columns;
+    const Y = sh.basis(4, [Math.sin(t) * Math.cos(a), Math.cos(t), Math.sin(t) * Math.sin(a)]);
+    const area = (2 * Math.PI / columns) * (Math.cos((Math.PI * r) / rows) - Math.cos((Math.PI * (r + 1)) / rows));
+    for (let i = 0; i < 25; i++) for (let j = 0; j < 25; j++) gram[i]![j]! += Y[i]! * Y[j]! * area;
+  }
+  for (let i = 0; i < 25; i++) for (let j = 0; j < 25; j++) assert.ok(Math.abs(gram[i]![j]! - (i === j ? 1 : 0)) < 0.01, `${i} ${j} ${gram[i]![j]}`);
+});
+
+test("turned SH are what the turned directions see", () => {
+  const turn = new Quaternion().setFromAxisAngle(new Vector3(1, 2, -0.5).normalize(), 1.1);
+  const toProbe = (d: Vec3): Vec3 => new Vector3(...d).applyQuaternion(turn).toArray() as unknown as Vec3;
+  const turned = sh.rotate(ramp, toProbe);
+  for (const n of NORMALS) {
+    const seen = sh.radiance(turned, n), want = sh.radiance(ramp, toProbe(n));
+    seen.forEach((value, c) => assert.ok(Math.abs(value - want[c]!) < 1e-9));
+  }
+});
+
+test("WebXR's shape: no light is lost or counted twice, whatever the number of lamps", () => {
+  const lamps = [lamp(1, [0, 1, 0], [3, 2, 1]), lamp(2, [0.6, 0.8, 0], [5, 5, 5]), lamp(3, [0, 0.6, -0.8], [1, 2, 3])];
+  const whole = estimate(lamps, ramp);
+  const shape = lightEstimate(whole);
+  assert.deepEqual(shape.primaryLightDirection, { x: 0.6, y: 0.8, z: 0, w: 0 });
+  assert.deepEqual(shape.primaryLightIntensity, { x: 5, y: 5, z: 5, w: 1 });
+  const all = (source: ArrayLike<number>, lights: Light[]): number[] => {
+    const sum = Array.from(source);
+    for (const one of lights) sh.addLamp(sum, one.direction, one.irradiance);
+    return sum;
+  };
+  const got = all(shape.sphericalHarmonicsCoefficients, [lamps[1]!]), want = all(ramp, lamps);
+  got.forEach((value, i) => assert.ok(Math.abs(value - want[i]!) < 1e-5, `${i}`));
+});
+
+test("WebXR's shape without a lamp, and without an estimate", () => {
+  for (const shape of [lightEstimate(estimate([], ramp)), lightEstimate(undefined)]) {
+    assert.deepEqual(shape.primaryLightDirection, { x: 0, y: 1, z: 0, w: 0 });
+    assert.deepEqual(shape.primaryLightIntensity, { x: 0, y: 0, z: 0, w: 1 });
+  }
+  assert.equal(lightEstimate(undefined).sphericalHarmonicsCoefficients.length, 27);
+});
+
+test("one lamp straight up lights what faces up", () => {
+  const up = estimate([lamp(1, [0, 1, 0], [2, 2, 2])]);
+  assert.deepEqual(irradiance(up, [0, 1, 0]), [2, 2, 2]);
+  assert.deepEqual(irradiance(up, [0, -1, 0]), [0, 0, 0]);
+  const light = new ProbeLight();
+  light.set(up);
+  const shown = light.lamps.filter((one) => one.intensity > 0);
+  assert.equal(shown.length, 1);
+  assert.ok(shown[0]!.position.y > 9.9);
+});
+
+const sum = (light: ProbeLight): number => light.lamps.reduce((total, one) => total + one.intensity, 0);
+
+test("lamps fade, and never jump", () => {
+  const light = new ProbeLight({ fadeS: 0.2 });
+  light.set(estimate([lamp(1, [0, 1, 0])]));
+  let last = sum(light);
+  const script = [estimate([]), estimate([lamp(2, [1, 0, 0], [4, 4, 4]), lamp(3, [0, 0, 1])]), estimate([lamp(2, [0, 1, 0], [4, 4, 4])]), undefined];
+  let time = 0;
+  for (const target of script)
+    for (let k = 0; k < 60; k++) {
+      light.update(target, (time += 0.01));
+      assert.ok(Math.abs(sum(light) - last) < 0.35, `jump at ${time}: ${last} to ${sum(light)}`);
+      last = sum(light);
+    }
+  assert.ok(last < 0.3, "it is dark in the end");
+});
+
+test("a lamp keeps its light while it moves, and a new boot's lamp of the same number is another", () => {
+  const light = new ProbeLight({ fadeS: 0.1, lamps: 3 });
+  light.set(estimate([lamp(7, [0, 1, 0])]));
+  const index = light.lamps.findIndex((one) => one.intensity > 0.9);
+  light.update(estimate([lamp(8, [1, 0, 0]), lamp(7, [0, 0.8, 0.6])]), 1);
+  light.update(estimate([lamp(8, [1, 0, 0]), lamp(7, [0, 0.8, 0.6])]), 3);
+  assert.ok(light.lamps[index]!.position.z > 5);
+  light.update(estimate([lamp(7, [-1, 0, 0])], undefined, 2), 3.02);
+  assert.ok(light.lamps[index]!.position.x > -0.1, "the old lamp fades where it was");
+});
+
+test("more lamps than there is room for do no harm", () => {
+  const light = new ProbeLight({ lamps: 2 });
+  light.set(estimate([1, 2, 3, 4].map((id) => lamp(id, NORMALS[id]!))));
+  for (let k = 1; k < 50; k++) light.update(estimate([5, 6, 7].map((id) => lamp(id + k, NORMALS[id]!))), k / 10);
+  assert.equal(light.lamps.length, 2);
+  assert.ok(light.lamps.every((one) => Number.isFinite(one.intensity)));
+});
+
+test("shadows are as soft as the lamp is large", () => {
+  const options = { lamps: 1, shadowMapSize: 1000, shadowRegionM: 1, shadowHeightM: 0.5 };
+  const radius = (deg: number): number => {
+    const light = new ProbeLight(options);
+    light.set(estimate([{ ...lamp(1, [0, 1, 0]), angularRadiusDeg: deg }]));
+    return light.lamps[0]!.shadow.radius;
+  };
+  assert.ok(Math.abs(radius(5) - (0.5 * Math.tan((5 * Math.PI) / 180) * 1000) / 2) < 1e-6);
+  assert.ok(radius(10) > 1.9 * radius(5));
+});

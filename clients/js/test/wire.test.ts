@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: Apache-2.0
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { create, fromBinary, toBinary } from "@bufbuild/protobuf";
+import * as pb from "../src/gen/lightprobe_pb.js";
+import { DEFAULT_SUBSCRIPTION, WireError, decode, encodeSubscription } from "../src/wire.js";
+import { bytes, expected, names } from "./golden.js";
+
+/** "estimate.lights[0].direction[2]" in C's names, of a decoded message. */
+function read(message: unknown, path: string): unknown {
+  let value = message as Record<string, unknown>;
+  for (const step of path.split(".").slice(1)) {
+    const [, snake, index] = /^(\w+?)(?:\[(\d+)\])?$/.exec(step)!;
+    const name = snake!.replace(/_(\w)/g, (_, letter: string) => letter.toUpperCase());
+    if (name.endsWith("Count") && !(name in value)) return ((value[name.slice(0, -5)] as unknown[]) ?? []).length;
+    let next = value[name];
+    if (index !== undefined) next = (next as unknown[])[Number(index)];
+    if (next === undefined) return null;
+    value = next as Record<string, unknown>;
+  }
+  return typeof value === "bigint" ? Number(value) : value;
+}
+
+const numeric = (value: unknown): unknown => (Number.isNaN(value) ? "NaN" : value);
+
+for (const name of names) {
+  test(`golden bytes decode: ${name}`, () => {
+    const schema = name.startsWith("from_client") ? pb.FromClientSchema : pb.FromProbeSchema;
+    const message = fromBinary<typeof schema>(schema as never, bytes(name)) as unknown as { message: { case: string; value: unknown } };
+    const values = expected[name]!;
+    assert.equal(Object.keys(values)[0]!.split(".")[0], message.message.case);
+    for (const [path, value] of Object.entries(values)) {
+      const got = numeric(read(message.message.value, path));
+      if (typeof value === "number" && typeof got === "number") assert.ok(Math.abs(got - value) <= Math.abs(value) * 1e-15, `${path}: ${got}, expected ${value}`);
+      else assert.deepEqual(got, value, path);
+    }
+  });
+}
+
+test("an estimate in units that their names say", () => {
+  const message = decode(bytes("estimate_full.bin"));
+  assert.equal(message?.kind, "estimate");
+  if (message?.kind !== "estimate") return;
+  const values = expected["estimate_full.bin"]!;
+  const { estimate } = message;
+  assert.equal(estimate.lights.length, values["estimate.lights_count"]);
+  assert.ok(Math.abs(Math.hypot(...estimate.lights[0]!.direction) - 1) < 1e-12);
+  assert.equal(estimate.sh.coefficients.length, values["estimate.sh.coefficients_count"]);
+  assert.equal(estimate.ttlMs, values["estimate.ttl_ms"]);
+  assert.equal(estimate.sendDelayMs, (values["estimate.send_delay_us"] as number) / 1000);
+});
+
+test("what is not known is undefined, never zero", () => {
+  const message = decode(bytes("estimate_unknown.bin"));
+  assert.equal(message?.kind, "estimate");
+  if (message?.kind !== "estimate") return;
+  for (const name of ["predictedError", "exposureUs", "cdM2PerUnit", "wheelDeg"] as const) assert.equal(message.estimate[name], undefined, name);
+});
+
+test("garbage is a WireError, and a message of the future is skipped", () => {
+  assert.throws(() => decode(Uint8Array.of(0xff, 0xff, 0xff)), WireError);
+  assert.equal(decode(Uint8Array.of(0x7a, 2, 104, 105)), undefined);
+  for (let seed = 1; seed < 500; seed++) {
+    const data = bytes("estimate_full.bin").slice();
+    for (let k = 0; k < 4; k++) data[(seed * 7919 + k * 104729) % data.length] = (seed * 31 + k * 17) & 0xff;
+    try {
+      decode(data);
+    } catch (error) {
+      assert.ok(error instanceof WireError, String(error));
+    }
+  }
+});
+
+test("numbers that make no sense are refused", () => {
+  const bad = (estimate: object): Uint8Array => toBinary(pb.FromProbeSchema, create(pb.FromProbeSchema, { message: { case: "estimate", value: estimate as never } }));
+  const sh = { kind: 1, order: 0, coefficients: [1, 1, 1] };
+  assert.equal(decode(bad({ sh }))?.kind, "estimate");
+  for (const estimate of [
+    {}, { sh: { ...sh, order: 1 } }, { sh: { ...sh, coefficients: [1, NaN, 1] } }, { sh: { ...sh, kind: 0 } }, { sh: { ...sh, basis: 7 } },
+    { sh, lights: [{ direction: [0, 2, 0], irradiance: [1, 1, 1] }] }, { sh, lights: [{ direction: [0, 1, 0], irradiance: [1, Infinity, 1] }] },
+  ]) assert.throws(() => decode(bad(estimate)), WireError, JSON.stringify(estimate));
+});
+
+test("a subscription is checked before anything is sent", () => {
+  for (const wrong of [{ rateHz: -1 }, { rateHz: NaN }, { shOrder: 5 }, { shOrder: 1.5 }, { maxLights: 9 }, { tolerance: 2 }, { healthPeriodMs: -1 }])
+    assert.throws(() => encodeSubscription({ ...DEFAULT_SUBSCRIPTION, ...wrong }, 1), RangeError, JSON.stringify(wrong));
+  const sent = fromBinary(pb.FromClientSchema, encodeSubscription({ ...DEFAULT_SUBSCRIPTION, shOrder: 0, maxLights: 0 }, 7)).message;
+  assert.equal(sent.case, "subscribe");
+  if (sent.case === "subscribe") assert.deepEqual([sent.value.shOrder, sent.value.maxLights, sent.value.number], [0, 0, 7]);
+});

@@ -1,0 +1,196 @@
+"""`lightprobe pair`: key, certificate and token, so that clients may connect over the network."""
+
+from __future__ import annotations
+
+import datetime
+import ipaddress
+import json
+import os
+import secrets
+import socket
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import segno
+import typer
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+from lightprobe.errors import LightprobeError
+
+_KEY, _CERTIFICATE, _TOKEN = "key.pem", "certificate.pem", "token"
+_PORT = 7702
+#: As long as browsers accept.
+_DAYS = 397
+_TOKEN_BYTES = 24
+
+
+def _default_folder() -> Path:
+    if os.geteuid() == 0:
+        return Path("/etc/lightprobe/pair")
+    config = os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config"
+    return Path(config) / "lightprobe" / "pair"
+
+
+@dataclass(frozen=True)
+class Pair:
+    """What a client needs to know."""
+
+    hosts: list[str]  # names and addresses that the certificate is for; the first is shown
+    fingerprint: str  # SHA-256 of the certificate, AA:BB:…
+    expires: datetime.datetime
+    token: str
+
+    def url(self, port: int) -> str:
+        """Address of the page, and of the messages. What follows # is never sent as an address."""
+        host = f"[{self.hosts[0]}]" if ":" in self.hosts[0] else self.hosts[0]
+        sha256 = self.fingerprint.replace(":", "").lower()
+        return f"https://{host}:{port}/#token={self.token}&sha256={sha256}"
+
+
+def command(
+    folder: Annotated[
+        Path | None,
+        typer.Option(
+            "--dir",
+            help="Folder of key, certificate and token; default: /etc/lightprobe/pair for root, "
+            "else ~/.config/lightprobe/pair.",
+        ),
+    ] = None,
+    host: Annotated[
+        list[str] | None,
+        typer.Option(help="Name or address of this probe; default: NAME.local, its addresses."),
+    ] = None,
+    port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the publisher.")] = _PORT,
+    new: Annotated[
+        bool,
+        typer.Option("--new", help="Make everything anew: clients with the old address are out."),
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print address and paths.")] = False,
+) -> None:
+    """Make what wss: needs, and print the address for clients, also as a QR code.
+
+    Run it on the probe. Without --new, what exists is kept, and its address is printed again. The
+    address holds a secret: who has it can read the light.
+    Example: lightprobe pair --host probe.local
+    """  # fmt: skip
+    folder = folder or _default_folder()
+    made = new or not any((folder / name).exists() for name in (_KEY, _CERTIFICATE, _TOKEN))
+    try:
+        if made:
+            make(folder, host or own_hosts())
+        pair = read(folder)
+    except OSError as error:
+        raise LightprobeError(
+            f"pair: {error.filename or folder}: {error.strerror}: run it as a user who may, or "
+            "name another --dir"
+        ) from None
+    if host and not made and pair.hosts != host:
+        raise LightprobeError(
+            f"pair: {folder}: is for {', '.join(pair.hosts)}: for other names run it with --new"
+        )
+    _print(pair, folder, port, as_json, made)
+
+
+def own_hosts() -> list[str]:
+    """Names and addresses by which others on the network may call this machine."""
+    name = socket.gethostname().partition(".")[0]
+    hosts = [f"{name}.local"]
+    for family, anywhere in ((socket.AF_INET, "192.0.2.1"), (socket.AF_INET6, "2001:db8::1")):
+        with socket.socket(family, socket.SOCK_DGRAM) as probing:
+            try:
+                probing.connect((anywhere, 9))  # sends nothing: the system chooses an interface
+            except OSError:
+                continue
+            hosts.append(probing.getsockname()[0])
+    return hosts
+
+
+def make(folder: Path, hosts: list[str]) -> None:
+    """Write key, certificate and token, readable for their owner alone; raises OSError."""
+    key = ec.generate_private_key(ec.SECP256R1())
+    now = datetime.datetime.now(datetime.UTC)
+    name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, f"lightprobe {hosts[0]}"[:64])])
+    certificate = (
+        x509.CertificateBuilder()
+        .subject_name(name)
+        .issuer_name(name)
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now - datetime.timedelta(hours=1))
+        .not_valid_after(now + datetime.timedelta(days=_DAYS))
+        .add_extension(x509.SubjectAlternativeName([_name(host) for host in hosts]), False)
+        .add_extension(x509.BasicConstraints(ca=False, path_length=None), True)
+        .add_extension(x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH]), False)
+        .sign(key, hashes.SHA256())
+    )
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    pem = serialization.Encoding.PEM
+    plain = serialization.NoEncryption()
+    private = key.private_bytes(pem, serialization.PrivateFormat.PKCS8, plain)
+    _write(folder / _KEY, private)
+    _write(folder / _CERTIFICATE, certificate.public_bytes(pem))
+    _write(folder / _TOKEN, secrets.token_urlsafe(_TOKEN_BYTES).encode() + b"\n")
+
+
+def _name(host: str) -> x509.GeneralName:
+    try:
+        return x509.IPAddress(ipaddress.ip_address(host))
+    except ValueError:
+        return x509.DNSName(host)
+
+
+def _write(path: Path, data: bytes) -> None:
+    """Whole or not at all."""
+    half_done = path.with_name(f".{path.name}.part")
+    half_done.unlink(missing_ok=True)
+    with open(os.open(half_done, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
+        file.write(data)
+    half_done.replace(path)
+
+
+def read(folder: Path) -> Pair:
+    """Read what :func:`make` wrote; raises OSError, LightprobeError."""
+    token = (folder / _TOKEN).read_text().strip()
+    (folder / _KEY).read_bytes()
+    try:
+        certificate = x509.load_pem_x509_certificate((folder / _CERTIFICATE).read_bytes())
+        names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    except (ValueError, x509.ExtensionNotFound) as error:
+        raise LightprobeError(
+            f"pair: {folder / _CERTIFICATE}: {error}: run it with --new"
+        ) from None
+    expires = certificate.not_valid_after_utc
+    if expires < datetime.datetime.now(datetime.UTC):
+        raise LightprobeError(
+            f"pair: {folder / _CERTIFICATE}: expired on {expires:%Y-%m-%d}: run it with --new, "
+            "restart lightprobed, and give clients the new address"
+        )
+    return Pair(
+        [str(name.value) for name in names],
+        certificate.fingerprint(hashes.SHA256()).hex(":").upper(),
+        expires,
+        token,
+    )
+
+
+def _print(pair: Pair, folder: Path, port: int, as_json: bool, made: bool) -> None:
+    publish = f"--publish=wss:0.0.0.0:{port}?pair={folder}"
+    if as_json:
+        print(json.dumps({
+            "url": pair.url(port), "sha256": pair.fingerprint, "hosts": pair.hosts,
+            "expires": f"{pair.expires:%Y-%m-%d}", "folder": str(folder), "publish": publish,
+        }, indent=2))  # fmt: skip
+        return
+    segno.make(pair.url(port), error="m").terminal(out=sys.stdout, compact=True)
+    print(f"address      {pair.url(port)}")
+    print(f"certificate  valid until {pair.expires:%Y-%m-%d}, for {', '.join(pair.hosts)}")
+    print(f"SHA-256      {pair.fingerprint}")
+    print(f"{'made' if made else 'found'}        {folder}: {_KEY}, {_CERTIFICATE}, {_TOKEN}")
+    print(f"next         start lightprobed with {publish}; a running one must be restarted.")
+    print("             A browser warns once, because no authority has signed the certificate:")
+    print("             compare the SHA-256 that it shows with the one above.")

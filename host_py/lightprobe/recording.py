@@ -1,0 +1,101 @@
+"""Recordings of a probe: MCAP files with the messages as they came and their schema inside.
+
+They open in Foxglove. The format: https://mcap.dev, protobuf profile; one topic, `/lightprobe`.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Self
+
+from google.protobuf.message import DecodeError
+from lightprobe_proto import lightprobe_pb2 as pb
+from mcap.exceptions import McapError
+from mcap.stream_reader import StreamReader
+from mcap.writer import Writer
+from zstandard import ZstdError
+
+from lightprobe.errors import LightprobeError
+
+#: What the readers of MCAP, its compression and protobuf raise for bytes that make no sense.
+_SPOILT = (McapError, DecodeError, ZstdError, struct.error, EOFError, ValueError, KeyError)
+TOPIC = "/lightprobe"
+SCHEMA = "lightprobe.v1.FromProbe"
+
+
+class Recorder:
+    """Writes messages as they come. What is written stays readable when the program is killed."""
+
+    def __init__(self, path: Path) -> None:
+        """`path` must not exist; raises OSError."""
+        self._file = open(path, "xb", buffering=0)  # noqa: SIM115 - closed by __exit__
+        self._writer = Writer(self._file, chunk_size=16 * 1024)
+        self._writer.start(profile="", library="lightprobe")
+        schema = files("lightprobe_proto").joinpath("lightprobe.binpb").read_bytes()
+        schema_id = self._writer.register_schema(SCHEMA, "protobuf", schema)
+        self._channel = self._writer.register_channel(TOPIC, "protobuf", schema_id)
+        self.messages = 0
+
+    def __enter__(self) -> Self:
+        """Nothing to do: it is open."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Write the index, and close."""
+        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._file.close()
+
+    def write(self, payload: bytes, now_ns: int) -> None:
+        """Add a FromProbe message that came at `now_ns` (Unix time)."""
+        self._writer.add_message(self._channel, now_ns, payload, now_ns, self.messages)
+        self.messages += 1
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """One message of a recording."""
+
+    time_ns: int  # when it came
+    message: Any  # pb.FromProbe
+
+
+def read(path: Path, notes: list[str]) -> Iterator[Recorded]:
+    """Messages in the order of the file; what is cut off or spoilt goes to `notes`.
+
+    Raises :class:`LightprobeError` for a file that is no recording, OSError.
+    """
+    count, foreign = 0, 0
+    with open(path, "rb") as file:
+        if file.read(8) != b"\x89MCAP0\r\n":
+            raise LightprobeError(
+                f"{path}: read: is no MCAP file: record one with `lightprobe record`"
+            )
+        file.seek(0)
+        schemas: dict[int, str] = {}
+        channels: dict[int, int] = {}
+        try:
+            for record in StreamReader(file).records:
+                kind = type(record).__name__
+                if kind == "Schema":
+                    schemas[record.id] = record.name  # type: ignore[attr-defined]
+                elif kind == "Channel":
+                    channels[record.id] = record.schema_id  # type: ignore[attr-defined]
+                elif kind == "Message":
+                    if schemas.get(channels[record.channel_id]) != SCHEMA:  # type: ignore[attr-defined]
+                        foreign += 1
+                        continue
+                    message = pb.FromProbe.FromString(record.data)  # type: ignore[attr-defined]
+                    count += 1
+                    yield Recorded(record.log_time, message)  # type: ignore[attr-defined]
+        except _SPOILT as error:
+            notes.append(
+                f"{path}: is cut off after {count} messages ({error or type(error).__name__})"
+            )
+    if foreign:
+        notes.append(f"{path}: {foreign} messages of other programs are left out")
+    if count == 0:
+        raise LightprobeError(f"{path}: read: holds no message of a probe")

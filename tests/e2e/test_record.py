@@ -1,0 +1,200 @@
+"""`lightprobe record` and `replay`: what a client gets from a recording is what the probe sent."""
+
+import contextlib
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from harness import LONG_S, Client, Daemon, jpeg, wait_for
+from lightprobe import Client as ProbeClient
+from lightprobe import Subscription, recording
+from lightprobe.server import cut
+from lightprobe_proto import lightprobe_pb2 as pb
+from mcap.reader import make_reader
+from test_websocket import free_port
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+LIGHTPROBE = Path(sys.executable).parent / "lightprobe"
+
+
+def command(*words, **popen):
+    return subprocess.run(
+        [LIGHTPROBE, *map(str, words)], capture_output=True, text=True, timeout=LONG_S, **popen
+    )
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """A recording of a daemon, and the daemon's boot."""
+    folder = tmp_path_factory.mktemp("record")
+    (folder / "a.jpg").write_bytes(jpeg())
+    file = folder / "room.mcap"
+    with Daemon(f"--source=file:{folder}/a.jpg?rate=30") as daemon:
+        done = command("record", file, "--from", f"unix:{daemon.socket}", "--seconds", 2, "--json")
+        assert done.returncode == 0, done.stderr
+        with daemon.client() as client:
+            boot = client.next("hello").boot_id
+    summary = json.loads(done.stdout)
+    assert summary["messages"] > 10
+    return file, boot
+
+
+@contextlib.contextmanager
+def replayed(file, *options):
+    """Replay on ports of its own; gives those of TCP and of WebSocket."""
+    tcp, web = free_port(), free_port()
+    process = subprocess.Popen(
+        [LIGHTPROBE, "replay", file, "--publish", f"tcp:127.0.0.1:{tcp}",
+         "--publish", f"ws:127.0.0.1:{web}", *options], stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    said = []
+    try:
+        while not any(f":{web}" in line for line in said):
+            said.append(process.stderr.readline())
+            assert said[-1], said
+        yield tcp, web, said
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=LONG_S)
+
+
+def test_a_recording_holds_the_schema_and_all_messages(recorded):
+    file, boot = recorded
+    with open(file, "rb") as stream:
+        reader = make_reader(stream)
+        messages = [pb.FromProbe.FromString(m.data) for _, _, m in reader.iter_messages()]
+        (schema,) = reader.get_summary().schemas.values()
+    assert (schema.name, schema.encoding) == ("lightprobe.v1.FromProbe", "protobuf")
+    assert messages[0].hello.boot_id == boot
+    numbers = [m.estimate.sequence for m in messages if m.WhichOneof("message") == "estimate"]
+    assert numbers == sorted(numbers)
+    assert all(m.estimate.boot_id == boot for m in messages if m.HasField("estimate"))
+    assert any(m.WhichOneof("message") == "health" for m in messages)
+
+
+def test_replay_is_a_probe(recorded):
+    file, _ = recorded
+    notes = []
+    kept = [one.message.estimate for one in recording.read(file, notes)
+            if one.message.HasField("estimate") and one.message.estimate.subscription]  # fmt: skip
+    assert notes == []
+    with replayed(file) as (tcp, web, _):
+        for uri in (f"tcp:127.0.0.1:{tcp}", f"ws://127.0.0.1:{web}/"):
+            with ProbeClient(uri, Subscription(sh_order=4, max_lights=8)) as client:
+                estimate = client.receive(LONG_S)
+                while len(estimate.sh.coefficients) < 25:  # the recording's first answers order 2
+                    estimate = client.receive(LONG_S)
+                assert client.hello.name == "room"
+                assert client.age_ms() < 1000 * LONG_S
+            assert any(np.allclose(estimate.sh.coefficients.ravel(), one.sh.coefficients)
+                       for one in kept if len(one.sh.coefficients) == 75)  # fmt: skip
+
+
+def test_two_clients_with_different_wishes(recorded):
+    file, _ = recorded
+    with (
+        replayed(file) as (tcp, _, _),
+        Client(("127.0.0.1", tcp)) as small,
+        Client(("127.0.0.1", tcp)) as large,
+    ):
+        small.subscribe(sh_order=0, max_lights=0, kind=pb.SphericalHarmonics.TOTAL, number=1)
+        large.subscribe(sh_order=4, max_lights=8, number=2)
+        one = small.until(lambda e: e.subscription == 1)
+        assert (len(one.sh.coefficients), len(one.lights)) == (3, 0)
+        assert one.sh.kind == pb.SphericalHarmonics.TOTAL
+        large.until(lambda e: e.subscription == 2 and len(e.sh.coefficients) == 75)
+
+
+def test_what_is_cut_keeps_the_light():
+    """Fewer lamps: the rest is in the SH. The total is the same."""
+    rng = np.random.default_rng(3)
+    directions = rng.normal(size=(3, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    whole = pb.Estimate(sh=pb.SphericalHarmonics(kind=1, order=4, coefficients=rng.normal(size=75)))
+    for number, direction in enumerate(directions):
+        whole.lights.add(id=number + 1, direction=direction, irradiance=[3, 2, 1])
+    total = cut(whole, pb.Subscription(kind=2, sh_order=4, max_lights=8)).sh.coefficients
+    for most in range(4):
+        part = cut(whole, pb.Subscription(sh_order=4, max_lights=most, number=7))
+        assert (len(part.lights), part.subscription) == (most, 7)
+        again = cut(part, pb.Subscription(kind=2, sh_order=4, max_lights=8)).sh.coefficients
+        np.testing.assert_allclose(again, total, atol=1e-5)
+
+
+def test_a_recording_cut_in_the_middle_is_used_as_far_as_it_goes(recorded, tmp_path):
+    file, _ = recorded
+    data = file.read_bytes()
+    short = tmp_path / "short.mcap"
+    for length in range(len(data) // 2, len(data), len(data) // 7):
+        short.write_bytes(data[:length])
+        messages, notes = [], []
+        with contextlib.suppress(recording.LightprobeError):  # nothing whole is left
+            messages = list(recording.read(short, notes))
+        assert len(notes) == 1
+        assert f"is cut off after {len(messages)} messages" in notes[0]
+    short.write_bytes(data[: len(data) * 2 // 3])
+    done = command("replay", short, "--once", "--speed", 100, "--publish",
+                   f"tcp:127.0.0.1:{free_port()}")  # fmt: skip
+    assert "Traceback" not in done.stderr
+    assert done.returncode in (0, 1)
+
+
+@pytest.mark.parametrize(
+    ("data", "text"), [(b"", "is no MCAP file"), (b"GIF89a" + bytes(99), "is no MCAP file")]
+)
+def test_what_is_no_recording_is_told(tmp_path, data, text):
+    (tmp_path / "x.mcap").write_bytes(data)
+    done = command("replay", tmp_path / "x.mcap")
+    assert done.returncode == 1
+    assert text in done.stderr
+    assert "lightprobe record" in done.stderr
+
+
+def test_a_recording_is_not_overwritten(recorded):
+    file, _ = recorded
+    before = file.read_bytes()
+    done = command("record", file)
+    assert done.returncode == 1
+    assert "exists" in done.stderr
+    assert file.read_bytes() == before
+
+
+def test_without_a_probe_no_file_is_left(tmp_path):
+    file = tmp_path / "nothing.mcap"
+    done = command("record", file, "--from", f"tcp:127.0.0.1:{free_port()}")
+    assert done.returncode == 1
+    assert "nobody listens there" in done.stderr
+    assert not file.exists()
+
+
+def test_a_recorder_that_is_killed_leaves_what_it_had(tmp_path):
+    (tmp_path / "a.jpg").write_bytes(jpeg())
+    file = tmp_path / "killed.mcap"
+    with Daemon(f"--source=file:{tmp_path}/a.jpg?rate=100") as daemon:
+        recorder = subprocess.Popen([LIGHTPROBE, "record", file, "--from",
+                                     f"unix:{daemon.socket}"])  # fmt: skip
+        try:
+            wait_for(lambda: file.exists() and file.stat().st_size > 20_000, "nothing is written")
+        finally:
+            recorder.kill()
+            recorder.wait()
+    notes = []
+    assert len(list(recording.read(file, notes))) > 20
+
+
+def test_replay_stays_on_this_machine_and_refuses_other_pages(recorded):
+    file, _ = recorded
+    done = command("replay", file, "--publish", "tcp:0.0.0.0:7700")
+    assert done.returncode == 1
+    assert "this machine only" in done.stderr
+    with replayed(file) as (_, web, _):
+        with pytest.raises(InvalidStatus):
+            connect(f"ws://127.0.0.1:{web}/", origin="https://evil.example")
+        with connect(f"ws://127.0.0.1:{web}/", origin="http://127.0.0.1:7701",
+                     subprotocols=["lightprobe.v1"]) as own:  # fmt: skip
+            own.recv(LONG_S)

@@ -1,0 +1,606 @@
+"""ws: and wss: with a real WebSocket client, and with clients that break every rule."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import datetime
+import json
+import os
+import shutil
+import socket
+import ssl
+import subprocess
+import sys
+import time
+import urllib.request
+from pathlib import Path
+
+import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from harness import BUILD, LONG_S, Client, Daemon, camera, jpeg, run, streaming, wait_for
+from lightprobe import Client as ProbeClient
+from lightprobe.errors import ProbeTimeout
+from lightprobe_proto import lightprobe_pb2 as pb
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+
+GOOD = jpeg()
+PROTOCOL = "lightprobe.v1"
+LIGHTPROBE = BUILD / "venv" / "bin" / "lightprobe"
+
+
+def free_port():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return server.getsockname()[1]
+
+
+class WebDaemon(Daemon):
+    """A daemon on ws: and on a Unix socket, for comparison."""
+
+    def __init__(self, *arguments, query="", folder, **popen):
+        picture = folder / "a.jpg"
+        picture.write_bytes(GOOD)
+        self.port = free_port()
+        self.local = folder / "probe"
+        super().__init__(
+            f"--source=file:{picture}?rate=30",
+            f"--publish=ws:127.0.0.1:{self.port}{query}",
+            f"--publish=unix:{self.local}?per_peer=4096",
+            *arguments,
+            **popen,
+        )
+
+    def wait_log(self, text):
+        super().wait_log("listen: ready" if text == "listen: " else text)
+
+    def open(self, **options):
+        """A real client's connection."""
+        options = {"subprotocols": [PROTOCOL], "open_timeout": LONG_S} | options
+        return connect(f"ws://127.0.0.1:{self.port}/", **options)
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("page")
+    (folder / "index.html").write_text("<h1>light</h1>")
+    (folder / "app.js").write_text("let a;")
+    (folder.parent / "secret").write_text("not part of the page")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def probe(tmp_path_factory, page):
+    """One daemon for all of them: whatever one test does to it, the next must not notice."""
+    folder = tmp_path_factory.mktemp("probe")
+    with WebDaemon(folder=folder, query=f"?root={page}&origins=https://app.example") as daemon:
+        yield daemon
+        assert daemon.alive()
+
+
+def receive(connection, kind=None):
+    """The next message (of this kind)."""
+    end = time.monotonic() + LONG_S
+    while time.monotonic() < end:
+        data = connection.recv(LONG_S)
+        assert isinstance(data, bytes)
+        message = pb.FromProbe.FromString(data)
+        found = message.WhichOneof("message")
+        if kind in (None, found):
+            return getattr(message, found)
+    raise AssertionError(f"no {kind}")
+
+
+def request(**wanted):
+    return pb.FromClient(subscribe=pb.Subscription(**wanted)).SerializeToString()
+
+
+def wait_closed(connection):
+    with contextlib.suppress(ConnectionClosed):
+        while True:
+            connection.recv(LONG_S)
+    return connection.close_code, connection.close_reason
+
+
+# ---------------------------------------------------------------- what they get
+
+
+def test_the_same_messages_as_binary_frames(probe):
+    with probe.open() as web, Client(probe.local) as local:
+        assert web.subprotocol == PROTOCOL
+        hello, reference = receive(web), local.next()
+        assert hello == reference
+        assert hello.name == socket.gethostname()[:63]
+        assert not hello.insecure_lan
+        web.send(request(sh_order=4, max_lights=8, number=3))
+        local.subscribe(sh_order=4, max_lights=8, number=3)
+        of_web = {}
+        for _ in range(60):
+            estimate = receive(web, "estimate")
+            of_web[estimate.sequence] = estimate
+        same = [local.until(lambda e: e.sequence in of_web and e.subscription == 3)
+                for _ in range(5)]  # fmt: skip
+        for estimate in same:
+            other = of_web[estimate.sequence]
+            other.send_delay_us = estimate.send_delay_us
+            assert other == estimate
+
+
+def test_each_has_its_own_subscription(probe):
+    with probe.open() as small, probe.open() as large:
+        small.send(request(sh_order=0, max_lights=0, number=1))
+        large.send(request(sh_order=4, max_lights=8, number=2))
+        for connection, number, coefficients in ((small, 1, 3), (large, 2, 75)):
+            # The first answer may come before the higher order has been computed.
+            while (estimate := receive(connection, "estimate")).subscription != number or (
+                len(estimate.sh.coefficients) != coefficients
+            ):
+                assert estimate.subscription in (0, number)
+
+
+def test_a_fragmented_request_is_one(probe):
+    whole = request(sh_order=3, number=9)
+    with probe.open() as web:
+        web.send([whole[:1], whole[1:3], whole[3:]])
+        while receive(web, "estimate").subscription != 9:
+            pass
+
+
+def test_pings_are_answered(probe):
+    with probe.open() as web:
+        assert web.ping().wait(LONG_S)
+
+
+def test_the_python_client(probe):
+    with ProbeClient(f"ws://127.0.0.1:{probe.port}/") as client:
+        first, second = client.receive(LONG_S), client.receive(LONG_S)
+        assert second.sequence > first.sequence
+        assert client.hello is not None
+    with ProbeClient(f"http://127.0.0.1:{probe.port}/index.html") as client:  # the page's address
+        client.receive(LONG_S)
+
+
+# ---------------------------------------------------------------- files
+
+
+def get(port, path, **headers):
+    request = urllib.request.Request(f"http://127.0.0.1:{port}{path}", headers=headers)
+    try:
+        with urllib.request.urlopen(request, timeout=LONG_S) as answer:
+            return answer.status, answer.headers, answer.read().decode()
+    except urllib.error.HTTPError as error:
+        return error.code, error.headers, error.read().decode()
+
+
+def test_the_page_is_served_and_may_load_nothing_else(probe):
+    status, headers, text = get(probe.port, "/")
+    assert (status, text) == (200, "<h1>light</h1>")
+    policy = headers["content-security-policy"]
+    assert "default-src 'none'" in policy
+    assert "script-src 'self';" in policy
+    assert "frame-ancestors 'none'" in policy
+    assert headers["x-content-type-options"] == "nosniff"
+    status, headers, text = get(probe.port, "/app.js")
+    assert (status, headers["content-type"], text) == (200, "text/javascript", "let a;")
+
+
+@pytest.mark.parametrize(
+    "path", ["/nothing", "/../secret", "/%2e%2e/secret", "/..%2fsecret", "//etc/passwd"]
+)
+def test_no_other_file_is_served(probe, path):
+    with socket.create_connection(("127.0.0.1", probe.port), LONG_S) as raw:
+        raw.sendall(f"GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
+        answer = read_all(raw)
+    assert b" 200 " not in answer.partition(b"\r\n")[0]
+    assert b"not part" not in answer
+    assert b"root:" not in answer
+
+
+def test_without_a_page_the_answer_says_how_to_have_one(tmp_path):
+    with WebDaemon(folder=tmp_path) as daemon:
+        status, _, text = get(daemon.port, "/")
+        assert status == 404
+        assert "?root=" in text
+        with daemon.open() as web:
+            receive(web, "estimate")
+
+
+# ---------------------------------------------------------------- who may not
+
+
+def handshake(extra=b"", host="127.0.0.1"):
+    key = base64.b64encode(os.urandom(16))
+    return (
+        f"GET / HTTP/1.1\r\nHost: {host}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+        f"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: {key.decode()}\r\n"
+    ).encode() + extra
+
+
+def read_all(raw):
+    raw.settimeout(LONG_S)
+    data = b""
+    with contextlib.suppress(ConnectionError):
+        while piece := raw.recv(65536):
+            data += piece
+            if b" 101 " in data:
+                break
+    return data
+
+
+@pytest.mark.parametrize("origin", ["http://evil.example", "null", "http://127.0.0.1:1"])
+def test_a_page_of_another_origin_gets_nothing(probe, origin):
+    with pytest.raises(InvalidStatus) as refused:
+        probe.open(origin=origin)
+    assert refused.value.response.status_code == 403
+    assert "?origins=" in refused.value.response.body.decode()
+    probe.wait_log(f"refused: a page of {origin}")
+
+
+def test_own_and_allowed_origins(probe):
+    for origin in (f"http://127.0.0.1:{probe.port}", "https://app.example"):
+        with probe.open(origin=origin) as web:
+            receive(web, "estimate")
+
+
+def test_a_name_that_a_stranger_points_here_gets_nothing(probe):
+    """DNS rebinding: Origin and Host agree, and both are the stranger's."""
+    with socket.create_connection(("127.0.0.1", probe.port), LONG_S) as raw:
+        name = f"evil.example:{probe.port}"
+        raw.sendall(handshake(f"Origin: http://{name}\r\n\r\n".encode(), name))
+        answer = read_all(raw)
+    assert answer.startswith(b"HTTP/1.1 403 ")
+    assert b"its address or its own name" in answer
+
+
+# ---------------------------------------------------------------- nonsense
+
+
+@pytest.mark.parametrize(
+    ("sent", "code", "text"),
+    [
+        ("a text frame", -90, "requests are binary protobuf"),
+        (b"\xff\xff\xff", -74, "is no lightprobe.v1.FromClient message"),
+        (bytes(257), -90, "longer than a request may be"),
+        (bytes(1 << 20), -90, "longer than a request may be"),
+    ],
+    ids=["text", "garbage", "long", "huge"],
+)
+def test_what_makes_no_sense_is_answered_and_ended(probe, sent, code, text):
+    with probe.open() as web:
+        receive(web, "estimate")
+        with contextlib.suppress(ConnectionClosed):
+            web.send(sent)
+        error = receive(web, "error")
+        assert (error.code, text in error.text) == (code, True)
+        assert wait_closed(web)[0] == 1008
+    with probe.open() as web:
+        receive(web, "estimate")
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        b"".join(b"X-%d: y\r\n" % i for i in range(10_000)) + b"\r\n",
+        b"X: " + b"y" * 1_000_000 + b"\r\n\r\n",
+        b"Origin: http://" + b"y" * 3000 + b"\r\n\r\n",
+        b"Origin: http://evil.example\r\nOrigin: http://127.0.0.1\r\n\r\n",
+        b"\0\xff\r\n\r\n",
+    ],
+    ids=["10 000 headers", "a long header", "a long origin", "two origins", "no text"],
+)
+def test_headers_that_no_browser_sends(probe, headers):
+    with socket.create_connection(("127.0.0.1", probe.port), LONG_S) as raw:
+        with contextlib.suppress(ConnectionError):
+            raw.sendall(handshake(headers))
+        assert b" 101 " not in read_all(raw)
+    with probe.open() as web:
+        receive(web, "estimate")
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        b"\x82\x05hello",  # not masked
+        b"\xf2\x80\0\0\0\0",  # reserved bits
+        b"\x83\x80\0\0\0\0",  # unknown opcode
+        b"\x82\xff\x7f\xff\xff\xff\xff\xff\xff\xff\0\0\0\0",  # 2^63 bytes are said to come
+        b"\x89\xfe\x01\x00\0\0\0\0" + bytes(256),  # a ping that is too long
+        os.urandom(4096),
+    ],
+    ids=["unmasked", "reserved", "opcode", "2^63", "ping", "random"],
+)
+def test_frames_that_break_the_protocol(probe, frame):
+    with socket.create_connection(("127.0.0.1", probe.port), LONG_S) as raw:
+        raw.sendall(handshake(b"\r\n"))
+        assert b" 101 " in read_all(raw)
+        raw.sendall(frame)
+        time.sleep(0.05)
+    with probe.open() as web:
+        receive(web, "estimate")
+        assert probe.alive()
+
+
+def test_a_flood_of_requests_ends_with_its_connection(probe):
+    with probe.open() as web:
+        with contextlib.suppress(ConnectionClosed):
+            for _ in range(200):
+                web.send(request(sh_order=1))
+        assert "more than 50 in a second" in receive(web, "error").text
+        wait_closed(web)
+
+
+# ---------------------------------------------------------------- quotas, slow clients
+
+
+def test_one_address_has_its_share(tmp_path):
+    with WebDaemon(folder=tmp_path, query="?per_peer=2") as daemon:
+        with daemon.open() as first, daemon.open() as second:
+            receive(first, "estimate"), receive(second, "estimate")
+            with daemon.open() as third:
+                assert "raise ?per_peer=" in receive(third).text
+                assert wait_closed(third)[0] == 1008
+            receive(first, "estimate")
+        # Room again, as soon as the daemon has seen that they have gone.
+        wait_for(lambda: admitted(daemon), "no room for another client")
+
+
+def admitted(daemon):
+    with daemon.open() as web:
+        return isinstance(receive(web), pb.Hello)
+
+
+def test_connections_that_say_nothing_do_not_lock_others_out(tmp_path):
+    with WebDaemon(folder=tmp_path) as daemon, contextlib.ExitStack() as stack:
+        silent = [
+            stack.enter_context(socket.create_connection(("127.0.0.1", daemon.port), LONG_S))
+            for _ in range(100)
+        ]
+        # One address gets no more than 64 connections without a WebSocket; they end after 10 s.
+        daemon.wait_log("accept: ")
+        with Client(daemon.local) as local:
+            local.next("estimate")
+        wait_for(lambda: still_open(silent) == 0, "silent connections stay open")
+        with daemon.open() as web:
+            receive(web, "estimate")
+
+
+def still_open(connections):
+    count = 0
+    for connection in connections:
+        connection.setblocking(False)
+        try:
+            count += connection.recv(1) != b""
+        except BlockingIOError:
+            count += 1
+        except ConnectionError:
+            pass
+    return count
+
+
+def test_a_tab_that_sleeps_gets_the_newest_and_disturbs_nobody():
+    with camera() as cam:
+        port = free_port()
+        with Daemon(f"--source=sim:{cam.path}", f"--publish=ws:127.0.0.1:{port}",
+                    "--publish=tcp:127.0.0.1:0") as daemon:  # fmt: skip
+            cam.accept()
+            raw = socket.socket()
+            raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
+            raw.connect(("127.0.0.1", port))
+            raw.sendall(handshake(b"\r\n"))
+            with (
+                streaming(cam, GOOD, rate_hz=200),
+                connect(f"ws://127.0.0.1:{port}/", open_timeout=LONG_S) as awake,
+            ):
+                awake.send(request(sh_order=4, max_lights=8, health_period_ms=100))
+                wait_for(lambda: receive(awake, "health").packets_superseded > 20,
+                         "the sleeping tab loses nothing")  # fmt: skip
+                before = receive(awake, "estimate").sequence
+                numbers = messages_of(raw)
+            assert numbers == sorted(set(numbers))
+            assert max(numbers) >= before - 1, "the newest has not come"
+            assert daemon.alive()
+
+
+def messages_of(raw):
+    """Sequence numbers of the estimates that lie in a connection that wakes up now."""
+    raw.settimeout(2)
+    data = b""
+    with contextlib.suppress(TimeoutError):
+        while len(data) < 1 << 20 and (piece := raw.recv(65536)):
+            data += piece
+    data = data[data.index(b"\r\n\r\n") + 4 :]
+    numbers = []
+    while len(data) >= 4:
+        size, start = data[1], 2
+        if size == 126:
+            size, start = int.from_bytes(data[2:4], "big"), 4
+        message = pb.FromProbe.FromString(data[start : start + size])
+        data = data[start + size :]
+        if message.WhichOneof("message") == "estimate":
+            numbers.append(message.estimate.sequence)
+    raw.close()
+    return numbers
+
+
+def test_the_daemon_ends_while_clients_are_connected(tmp_path):
+    with WebDaemon(folder=tmp_path) as daemon, contextlib.ExitStack() as stack:
+        for _ in range(5):
+            receive(stack.enter_context(daemon.open()), "estimate")
+        silent = stack.enter_context(socket.create_connection(("127.0.0.1", daemon.port), LONG_S))
+        silent.sendall(b"GET / HT")
+        assert daemon.stop() == 0  # the sanitizer looks for leaks
+
+
+# ---------------------------------------------------------------- TLS and token
+
+
+def make_pair(folder, *arguments):
+    done = subprocess.run(
+        [LIGHTPROBE, "pair", "--dir", folder, "--json", *arguments],
+        capture_output=True, text=True, timeout=LONG_S,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def wss(folder, port, pair):
+    picture = folder / "a.jpg"
+    picture.write_bytes(GOOD)
+    return (f"--source=file:{picture}?rate=30", f"--publish=wss:127.0.0.1:{port}?pair={pair}")
+
+
+def refusal_of(url):
+    with ProbeClient(url) as client, pytest.raises(ProbeTimeout) as refused:
+        client.receive(3)
+    return str(refused.value)
+
+
+def test_with_the_address_of_pair_the_light_comes_without_it_nothing(tmp_path):
+    port, pair = free_port(), tmp_path / "pair"
+    url = make_pair(pair, "--host", "127.0.0.1", "--port", str(port))["url"]
+    with Daemon(*wss(tmp_path, port, pair)) as daemon:
+        with ProbeClient(url) as client:
+            client.receive(LONG_S)
+            assert client.hello is not None
+            assert not client.hello.insecure_lan
+            assert "token" not in client.uri  # it stands in messages
+        token = url.split("token=")[1].split("&")[0]
+        assert "the token is missing or wrong" in refusal_of(url.replace(token, token[:-1] + "!"))
+        assert "the token is missing or wrong" in refusal_of(url.replace(f"token={token}&", ""))
+        assert token not in daemon.log()
+        other = make_pair(tmp_path / "other", "--host", "127.0.0.1")["sha256"].replace(":", "")
+        wrong = refusal_of(url.split("sha256=")[0] + "sha256=" + other)
+        assert "is not the one of the address" in wrong
+        assert "sha256=" in refusal_of(f"wss://127.0.0.1:{port}/")
+
+
+def test_after_a_new_pairing_the_old_address_is_worth_nothing(tmp_path):
+    port, pair = free_port(), tmp_path / "pair"
+    arguments = ("--host", "127.0.0.1", "--port", str(port))
+    old = make_pair(pair, *arguments)["url"]
+    assert make_pair(pair, *arguments)["url"] == old  # found, not made
+    new = make_pair(pair, *arguments, "--new")["url"]
+    with Daemon(*wss(tmp_path, port, pair)):
+        with ProbeClient(new) as client:
+            client.receive(LONG_S)
+        assert "is not the one of the address" in refusal_of(old)
+        replayed = new.replace(new.split("token=")[1].split("&")[0],
+                               old.split("token=")[1].split("&")[0])  # fmt: skip
+        assert "the token is missing or wrong" in refusal_of(replayed)
+
+
+def test_key_and_token_are_for_their_owner_alone(tmp_path):
+    make_pair(tmp_path / "pair")
+    for name in ("key.pem", "token"):
+        assert (tmp_path / "pair" / name).stat().st_mode & 0o777 == 0o600
+
+
+def expire(pair):
+    """Give the pair a certificate that expired yesterday."""
+    key = serialization.load_pem_private_key((pair / "key.pem").read_bytes(), None)
+    name, day = x509.Name([]), datetime.timedelta(days=1)
+    now = datetime.datetime.now(datetime.UTC)
+    old = (
+        x509.CertificateBuilder().subject_name(name).issuer_name(name).serial_number(1)
+        .public_key(key.public_key()).not_valid_before(now - 9 * day).not_valid_after(now - day)
+        .add_extension(x509.SubjectAlternativeName([x509.DNSName("probe")]), False)
+        .sign(key, hashes.SHA256())
+    )  # fmt: skip
+    (pair / "certificate.pem").write_bytes(old.public_bytes(serialization.Encoding.PEM))
+
+
+def other_key(pair):
+    make_pair(pair.parent / "other")
+    shutil.copy(pair.parent / "other" / "key.pem", pair / "key.pem")
+
+
+SPOILT = {
+    "expired": (expire, "the certificate has expired — make it with lightprobe pair"),
+    "other key": (other_key, "belongs to another certificate — make it with lightprobe pair"),
+    "no key": (lambda p: (p / "key.pem").unlink(), "No such file"),
+    "no token": (lambda p: (p / "token").write_text("\n"), "holds no token"),
+    "short token": (lambda p: (p / "token").write_text("secret\n"), "holds no token"),
+    "no certificate": (lambda p: (p / "certificate.pem").write_text("x"), "holds no certificate"),
+}
+
+
+@pytest.mark.parametrize("how", SPOILT)
+def test_a_spoilt_pair_is_told_at_the_start(tmp_path, how):
+    spoil, text = SPOILT[how]
+    make_pair(tmp_path / "pair")
+    spoil(tmp_path / "pair")
+    status, _, log = run(*wss(tmp_path, free_port(), tmp_path / "pair"))
+    assert status == 2
+    assert text in log
+    assert str(tmp_path / "pair") in log
+
+
+def test_pair_says_when_its_certificate_has_expired(tmp_path):
+    make_pair(tmp_path / "pair")
+    expire(tmp_path / "pair")
+    done = subprocess.run([LIGHTPROBE, "pair", "--dir", tmp_path / "pair"], capture_output=True,
+                          text=True, timeout=LONG_S)  # fmt: skip
+    assert done.returncode == 1
+    assert "expired on" in done.stderr
+    assert "--new" in done.stderr
+
+
+def test_pair_prints_address_fingerprint_and_a_qr_code(tmp_path):
+    done = subprocess.run([LIGHTPROBE, "pair", "--dir", tmp_path / "pair", "--host", "probe.local"],
+                          capture_output=True, text=True, timeout=LONG_S)  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "https://probe.local:7702/#token=" in done.stdout
+    assert "SHA-256" in done.stdout
+    assert "▀" in done.stdout
+
+
+# ---------------------------------------------------------------- the network
+
+
+def unverified():
+    """TLS as of a browser whose user has clicked the warning away."""
+    context = ssl.create_default_context()
+    context.check_hostname = False
+    context.verify_mode = ssl.CERT_NONE
+    return context
+
+
+@pytest.mark.parametrize("uri", ["tcp:0.0.0.0:7700", "ws:0.0.0.0:7701", "ws:[::]:7701"])
+def test_nothing_unencrypted_beyond_this_machine(tmp_path, uri):
+    (tmp_path / "a.jpg").write_bytes(GOOD)
+    status, _, log = run(f"--source=file:{tmp_path}/a.jpg", f"--publish={uri}")
+    assert status == 2
+    assert "without encryption — publish on wss:" in log
+
+
+def test_insecure_lan_is_told_to_all(tmp_path):
+    (tmp_path / "a.jpg").write_bytes(GOOD)
+    port = free_port()
+    with Daemon(f"--source=file:{tmp_path}/a.jpg?rate=30", f"--publish=tcp:0.0.0.0:{port}",
+                "--insecure-lan") as daemon:  # fmt: skip
+        with ProbeClient(f"tcp:127.0.0.1:{port}") as client:
+            client.receive(LONG_S)
+            assert client.hello.insecure_lan
+            wait_for(lambda: client.health, "no health")
+            assert [fault.id for fault in client.health.faults] == ["insecure-lan"]
+        assert "anyone on the network can read the light" in daemon.log()
+
+
+def test_insecure_lan_alone_opens_nothing(tmp_path):
+    with WebDaemon("--insecure-lan", folder=tmp_path) as daemon, daemon.open() as web:
+        assert not receive(web).insecure_lan
+
+
+def test_from_another_address_only_with_the_token(tmp_path):
+    """In a network namespace of its own, so that an address beyond loopback exists everywhere."""
+    script = Path(__file__).with_name("websocket_network.py")
+    command = ["unshare", "--user", "--map-root-user", "--net", sys.executable, script, tmp_path]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=2 * LONG_S)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.splitlines() == [
+        "with the address of pair: an estimate",
+        "without token: refused",
+        "a page of another origin: 403",
+        "tcp: beyond loopback: status 2",
+    ]
