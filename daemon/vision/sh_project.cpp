@@ -13,6 +13,7 @@
 #include "include/panorama.h"
 
 extern "C" {
+#include "light/quadrature.h"
 #include "light/sh.h"
 }
 
@@ -24,30 +25,6 @@ namespace
 
 constexpr int kOrders = LP_SH_MAX_ORDER + 1;
 constexpr int kCount = LP_SH_MAX_COUNT;
-
-/* Gauss-Legendre nodes and weights on [-1, 1] by Newton's method (Press et al., section 4.6). */
-void gauss_legendre(int n, double *node, double *weight)
-{
-	for (int i = 0; i < n; i++) {
-		double x = std::cos(M_PI * (i + 0.75) / (n + 0.5)), slope = 1.0;
-
-		for (int iteration = 0; iteration < 50; iteration++) {
-			double p = 1.0, below = 0.0;
-
-			for (int k = 0; k < n; k++) {
-				const double above = ((2 * k + 1) * x * p - k * below) / (k + 1);
-				below = p;
-				p = above;
-			}
-			slope = n * (x * p - below) / (x * x - 1.0);
-			x -= p / slope;
-			if (std::fabs(p / slope) < 1e-15)
-				break;
-		}
-		node[i] = x;
-		weight[i] = 2.0 / ((1.0 - x * x) * slope * slope);
-	}
-}
 
 /* index of (l, m >= 0) in a row's table */
 constexpr int tri(int l, int m)
@@ -81,7 +58,7 @@ void lp_sh_projector::fill_rows()
 	constexpr int n = LP_SH_MAX_ORDER;
 	double node[n], weight[n], y[kCount];
 
-	gauss_legendre(n, node, weight);
+	lp_gauss_legendre(n, node, weight);
 	for (int r = 0; r < height; r++)
 		for (int k = 0; k < n; k++) {
 			const double theta = M_PI * (r + 0.5 + 0.5 * node[k]) / height;
@@ -120,7 +97,7 @@ void lp_sh_projector::fill_turn()
 	constexpr int n = LP_SH_MAX_ORDER + 1, azimuths = 2 * LP_SH_MAX_ORDER + 2;
 	double node[n], weight[n], to[kCount], from[kCount];
 
-	gauss_legendre(n, node, weight);
+	lp_gauss_legendre(n, node, weight);
 	for (int k = 0; k < n; k++)
 		for (int a = 0; a < azimuths; a++) {
 			const double sine = std::sqrt(1.0 - node[k] * node[k]);
