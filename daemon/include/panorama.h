@@ -18,6 +18,8 @@
 enum lp_cell_flag {
 	LP_CELL_CLIPPED = 1 << 0, /* saturated in every exposure: radiance is a lower bound */
 	LP_CELL_UNSEEN = 1 << 1,  /* no camera pixel looks here; radiance is the mean of the rest */
+	LP_CELL_BESIDE = 1 << 2,  /* of a turned picture: next to a marked cell, whose light may lie
+				   * anywhere within it */
 };
 
 /*

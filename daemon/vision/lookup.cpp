@@ -1,0 +1,247 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "vision/lookup.h"
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdlib>
+#include <cstring>
+
+#include "include/luminance.h"
+#include "include/panorama.h"
+#include "vision/sphere.hpp"
+
+extern "C" {
+#include "light/grid.h"
+}
+
+using cv::v_float32x4;
+
+/* Rows whose cells are narrower than this share of their height are averaged before they are read.
+ */
+static constexpr float kNarrow = 0.5F;
+
+extern "C" void lp_lookup_destroy(struct lp_lookup *lookup)
+{
+	if (!lookup)
+		return;
+	std::free(lookup->wide);
+	std::free(lookup->smooth);
+	std::free(lookup->down);
+	std::free(lookup->across);
+	std::free(lookup->right);
+	std::free(lookup->left);
+	std::free(lookup);
+}
+
+extern "C" int lp_lookup_create(const struct lp_grid *grid, struct lp_lookup **lookup)
+{
+	const size_t cells = static_cast<size_t>(grid->width) * grid->height;
+	auto *l = static_cast<struct lp_lookup *>(std::calloc(1, sizeof(struct lp_lookup)));
+
+	if (!l)
+		return -ENOMEM;
+	l->grid = grid;
+	l->left = static_cast<int32_t *>(std::calloc(cells, sizeof(*l->left)));
+	l->right = static_cast<int32_t *>(std::calloc(cells, sizeof(*l->right)));
+	l->across = static_cast<float *>(std::calloc(cells, sizeof(*l->across)));
+	l->down = static_cast<float *>(std::calloc(cells, sizeof(*l->down)));
+	l->smooth = static_cast<float(*)[4]>(std::calloc(cells, sizeof(*l->smooth)));
+	l->wide = static_cast<uint8_t *>(std::calloc(2 * cells, sizeof(*l->wide)));
+	if (!l->wide || !l->left || !l->right || !l->across || !l->down || !l->smooth) {
+		lp_lookup_destroy(l);
+		return -ENOMEM;
+	}
+	*lookup = l;
+	return 0;
+}
+
+extern "C" void lp_lookup_set(struct lp_lookup *lookup, const struct lp_rotation *rotation)
+{
+	const struct lp_grid *grid = lookup->grid;
+	const int width = grid->width, height = grid->height;
+
+	for (int r = 0; r < height; r++) {
+		const lp::turned_row row(*rotation, grid->row_sin[r], grid->row_cos[r]);
+
+		for (int c = 0; c < width; c += 4) {
+			const v_float32x4 sine = cv::v_load(grid->column_sin + c);
+			const v_float32x4 cosine = cv::v_load(grid->column_cos + c);
+			const lp::places at(row.at(0, sine, cosine), row.at(1, sine, cosine),
+					    row.at(2, sine, cosine), width, height);
+			const cv::v_int32x4 left = cv::v_floor(at.column);
+			const v_float32x4 top =
+				cv::v_min(cv::v_max(cv::v_cvt_f32(cv::v_floor(at.row)),
+						    cv::v_setzero_f32()),
+					  cv::v_setall_f32(static_cast<float>(height - 2)));
+			const cv::v_int32x4 first = cv::v_trunc(top) * cv::v_setall_s32(width);
+			const cv::v_int32x4 all = cv::v_setall_s32(width),
+					    one = cv::v_setall_s32(1);
+			const cv::v_int32x4 none = cv::v_setzero_s32();
+			/* -1 and `width` lie on the other side of the seam */
+			const cv::v_int32x4 l =
+				left + (all & (left < none)) - (all & ((all - one) < left));
+			const cv::v_int32x4 next = l + one;
+			const size_t i = static_cast<size_t>(r) * width + c;
+
+			cv::v_store(lookup->left + i, first + l);
+			cv::v_store(lookup->right + i, first + next - (all & ((all - one) < next)));
+			cv::v_store(lookup->across + i, at.column - cv::v_cvt_f32(left));
+			cv::v_store(lookup->down + i,
+				    cv::v_min(cv::v_max(at.row - top, cv::v_setzero_f32()),
+					      cv::v_setall_f32(1.0F)));
+		}
+	}
+}
+
+namespace
+{
+
+/* Columns to either side of one that are as wide, together, as a row is high. */
+int reach_of(const struct lp_grid *grid, int row)
+{
+	return std::min(static_cast<int>(0.5F / grid->row_sin[row]), grid->width / 2 - 1);
+}
+
+/* Mean over `reach` columns to either side, round the row. */
+void average_row(const float (*from)[4], int width, int reach, float (*to)[4])
+{
+	const v_float32x4 share = cv::v_setall_f32(1.0F / static_cast<float>(2 * reach + 1));
+
+	for (int c = 0; c < width; c++) {
+		v_float32x4 sum = cv::v_load(from[c]);
+
+		if (c && c % 16) { /* a running sum, begun anew before rounding adds up */
+			const int gone = (c - 1 - reach + width) % width;
+			const int come = (c + reach) % width;
+
+			sum = cv::v_load(to[c - 1]) +
+			      (cv::v_load(from[come]) - cv::v_load(from[gone]));
+		} else {
+			for (int k = 1; k <= reach; k++)
+				sum = sum + cv::v_load(from[(c + k) % width]) +
+				      cv::v_load(from[(c - k + width) % width]);
+		}
+		cv::v_store(to[c], sum);
+	}
+	for (int c = 0; c < width; c++)
+		cv::v_store(to[c], cv::v_max(cv::v_load(to[c]) * share, cv::v_setzero_f32()));
+}
+
+/* `from`, but with rows near the poles averaged: those go to lookup->smooth. */
+struct readable {
+	const float (*middle)[4];
+	const float (*smooth)[4];
+	int32_t first, last; /* cells that are read as they are: first .. last - 1 */
+
+	v_float32x4 at(int32_t cell) const
+	{
+		return cv::v_load(cell >= first && cell < last ? middle[cell] : smooth[cell]);
+	}
+};
+
+readable prepare(struct lp_lookup *lookup, const float (*from)[4])
+{
+	const struct lp_grid *grid = lookup->grid;
+	const int width = grid->width, height = grid->height;
+	int rows = 0;
+
+	while (rows < height / 2 && grid->row_sin[rows] < kNarrow)
+		rows++;
+	for (int r = 0; r < rows; r++) {
+		const int reach = reach_of(grid, r);
+
+		for (const int row : {r, height - 1 - r}) {
+			const size_t at = static_cast<size_t>(row) * width;
+
+			average_row(from + at, width, reach, lookup->smooth + at);
+		}
+	}
+	return {from, lookup->smooth, rows * width, (height - rows) * width};
+}
+
+} /* namespace */
+
+extern "C" void lp_lookup_radiance(struct lp_lookup *lookup, const float (*from)[4], float (*to)[4],
+				   float *step2)
+{
+	const int width = lookup->grid->width;
+	const int cells = width * lookup->grid->height;
+	const readable source = prepare(lookup, from);
+
+	for (int i = 0; i < cells; i++) {
+		const int32_t l = lookup->left[i], r = lookup->right[i];
+		const v_float32x4 a = source.at(l), b = source.at(r);
+		const v_float32x4 c = source.at(l + width), d = source.at(r + width);
+		const v_float32x4 across = cv::v_setall_f32(lookup->across[i]);
+		const v_float32x4 down = cv::v_setall_f32(lookup->down[i]);
+		const v_float32x4 upper = cv::v_fma(b - a, across, a);
+		const v_float32x4 lower = cv::v_fma(d - c, across, c);
+		float step[4];
+
+		cv::v_store(to[i], cv::v_fma(lower - upper, down, upper));
+		cv::v_store(step, (b - a) * (b - a) + (d - c) * (d - c) + (c - a) * (c - a) +
+					  (d - b) * (d - b));
+		step2[i] = 0.5F * step[LP_LUMINANCE];
+	}
+}
+
+namespace
+{
+
+/* Each cell gets its neighbours' marks: along the rows, then across them. */
+void widen(const struct lp_grid *grid, const uint8_t *from, uint8_t *rows, uint8_t *to)
+{
+	const int width = grid->width, height = grid->height;
+
+	for (int r = 0; r < height; r++) {
+		const uint8_t *in = from + static_cast<size_t>(r) * width;
+		uint8_t *out = rows + static_cast<size_t>(r) * width;
+
+		const int reach = std::max(reach_of(grid, r), 1);
+
+		std::memcpy(out, in, width);
+		for (int k = 1; k <= reach; k++) {
+			for (int c = 0; c < width; c++)
+				out[c] |= in[c + k < width ? c + k : c + k - width] |
+					  in[c - k >= 0 ? c - k : c - k + width];
+		}
+	}
+	for (int r = 0; r < height; r++) {
+		const uint8_t *in = rows + static_cast<size_t>(r) * width;
+		const uint8_t *up = r ? in - width : in, *down = r + 1 < height ? in + width : in;
+		uint8_t *out = to + static_cast<size_t>(r) * width;
+
+		for (int c = 0; c < width; c++)
+			out[c] = up[c] | in[c] | down[c];
+	}
+}
+
+} /* namespace */
+
+extern "C" void lp_lookup_marks(struct lp_lookup *lookup, const uint8_t *from, uint8_t *to)
+{
+	const int width = lookup->grid->width;
+	const size_t cells = static_cast<size_t>(width) * lookup->grid->height;
+
+	widen(lookup->grid, from, lookup->wide + cells, lookup->wide);
+	for (size_t i = 0; i < cells; i++) {
+		const int32_t l = lookup->left[i], r = lookup->right[i];
+		const uint8_t own = from[l] | from[r] | from[l + width] | from[r + width];
+		const uint8_t near = lookup->wide[l] | lookup->wide[r] | lookup->wide[l + width] |
+				     lookup->wide[r + width];
+
+		to[i] = own ? own : near ? LP_CELL_BESIDE : 0;
+	}
+}
+
+extern "C" void lp_lookup_largest(const struct lp_lookup *lookup, const float *from, float *to)
+{
+	const int width = lookup->grid->width;
+
+	for (int i = 0; i < width * lookup->grid->height; i++) {
+		const int32_t l = lookup->left[i], r = lookup->right[i];
+
+		to[i] = std::max(std::max(from[l], from[r]),
+				 std::max(from[l + width], from[r + width]));
+	}
+}

@@ -1,0 +1,407 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "vision/radiance_map.h"
+
+#include <cerrno>
+#include <cmath>
+#include <cstdlib>
+#include <cstring>
+#include <utility>
+
+#include "include/luminance.h"
+#include "include/panorama.h"
+#include "vision/lookup.h"
+#include "vision/response.h"
+#include "vision/simd.hpp"
+
+extern "C" {
+#include "light/grid.h"
+}
+
+using cv::v_float32x4;
+
+namespace
+{
+
+/* Chosen by hand, on the scenes of docs/users/accuracy.md, "While the camera turns". */
+
+/* Random walk of a cell's radiance, relative, per root second. */
+constexpr float kWalk = 0.1F;
+/* Response and exposure of a camera: relative 1 sigma that more frames do not lessen. */
+constexpr float kCameraSigma = 0.03F;
+/* Sigmas beyond which an observation is a change of light. */
+constexpr float kGate = 5.0F;
+/* The same where only the number of such cells counts; and every so many rows are looked at. */
+constexpr float kSlightGate = 3.0F;
+constexpr int kSampledRows = 4;
+/* Sigmas beyond which a lower bound contradicts a known radiance. */
+constexpr float kBoundGate = 3.0F;
+/* Exposures within this ratio are one setting. */
+constexpr float kSameScale = 1.2F;
+/* Codes cannot be negative, so that the darkest are too bright on average: below kDark (the root of
+ * the linear value, in 255ths) up to so many more codes of sigma. */
+constexpr float kDark = 12.0F;
+constexpr float kDarkCodes = 2.0F;
+
+constexpr float kKnown = 0.1F * LP_VARIANCE_UNKNOWN;
+
+template <typename T> bool allocate(T *&storage, size_t count)
+{
+	storage = static_cast<T *>(std::calloc(count, sizeof(T)));
+	return storage != nullptr;
+}
+
+/* Four cells, a vector per channel: R, G, B, luminance. */
+struct four_cells {
+	v_float32x4 channel[4];
+
+	explicit four_cells(const float (*radiance)[4])
+	{
+		cv::v_load_deinterleave(radiance[0], channel[0], channel[1], channel[2],
+					channel[3]);
+	}
+
+	void store(float (*radiance)[4]) const
+	{
+		cv::v_store_interleave(radiance[0], channel[0], channel[1], channel[2], channel[3]);
+	}
+};
+
+/* All bits set where the flag is. */
+v_float32x4 mask_of(const cv::v_int32x4 &flags, int flag)
+{
+	const cv::v_int32x4 bit = cv::v_setall_s32(flag);
+
+	return cv::v_reinterpret_as_f32((flags & bit) == bit);
+}
+
+cv::v_int32x4 load_flags(const uint8_t *flags)
+{
+	return cv::v_reinterpret_as_s32(cv::v_load_expand_q(flags));
+}
+
+/* Variance of what is observed of four cells. */
+class noise_model
+{
+	const struct lp_observation &seen;
+	v_float32x4 full, code_variance, scale2;
+
+      public:
+	explicit noise_model(const struct lp_observation &observation)
+	    : seen(observation), full(cv::v_setall_f32(1.0F / observation.scale)),
+	      code_variance(cv::v_setall_f32(observation.code_variance)),
+	      scale2(cv::v_setall_f32(observation.scale * observation.scale))
+	{
+	}
+
+	v_float32x4 of(const v_float32x4 &luminance, size_t i) const
+	{
+		const v_float32x4 zero = cv::v_setzero_f32(), one = cv::v_setall_f32(1.0F);
+		v_float32x4 variance = zero;
+
+		if (seen.coded) {
+			const v_float32x4 linear =
+				cv::v_min(cv::v_max(luminance * full, zero), one);
+			const v_float32x4 root = cv::v_sqrt(linear) * cv::v_setall_f32(255.0F);
+			const v_float32x4 weight =
+				cv::v_lut(seen.response->weight, cv::v_trunc(root));
+			const v_float32x4 dark =
+				cv::v_max(one - root * cv::v_setall_f32(1.0F / kDark), zero) *
+				cv::v_setall_f32(kDarkCodes);
+			const v_float32x4 codes2 = cv::v_fma(dark, dark, code_variance);
+
+			variance = cv::v_fma(cv::v_setall_f32(kCameraSigma * kCameraSigma),
+					     luminance * luminance, codes2 * scale2 / weight);
+		}
+		if (seen.step2)
+			variance = cv::v_fma(cv::v_load(seen.step2 + i),
+					     cv::v_setall_f32(seen.place_variance), variance);
+		return variance;
+	}
+};
+
+/* Sums over the sphere, each cell by its solid angle. */
+struct sums {
+	double changed, all, clipped, clipped_light, unseen, variance;
+};
+
+struct row_sums {
+	v_float32x4 changed = cv::v_setzero_f32(), all = cv::v_setzero_f32(),
+		    variance = cv::v_setzero_f32(), clipped = cv::v_setzero_f32(),
+		    clipped_light = cv::v_setzero_f32(), unseen = cv::v_setzero_f32();
+
+	void add_to(sums &total, double solid_angle_sr) const
+	{
+		total.changed += cv::v_reduce_sum(changed) * solid_angle_sr;
+		total.all += cv::v_reduce_sum(all) * solid_angle_sr;
+		total.clipped += cv::v_reduce_sum(clipped) * solid_angle_sr;
+		total.clipped_light += cv::v_reduce_sum(clipped_light) * solid_angle_sr;
+		total.unseen += cv::v_reduce_sum(unseen) * solid_angle_sr;
+		total.variance += cv::v_reduce_sum(variance) * solid_angle_sr * solid_angle_sr;
+	}
+};
+
+/* Four cells of the map that are known, and seen without any mark: nearly all there are. */
+void correct_plain(struct lp_radiance_map *map, const struct lp_observation *seen,
+		   const noise_model &noise, const v_float32x4 &walk, size_t i, row_sums &sum)
+{
+	const v_float32x4 zero = cv::v_setzero_f32(), one = cv::v_setall_f32(1.0F);
+	const four_cells now(seen->radiance + i);
+	four_cells cell(map->radiance + i);
+	const v_float32x4 light = now.channel[LP_LUMINANCE], held = cell.channel[LP_LUMINANCE];
+	const v_float32x4 before = cv::v_fma(walk, held * held, cv::v_load(map->variance + i));
+	const v_float32x4 observed = noise.of(light, i);
+	const v_float32x4 both = cv::v_max(before + observed, cv::v_setall_f32(1e-36F));
+	const v_float32x4 difference = light - held;
+	const v_float32x4 contradicts =
+		difference * difference > cv::v_setall_f32(kGate * kGate) * both;
+	const v_float32x4 gain = one - cv::v_select(contradicts, zero, observed / both);
+	const v_float32x4 variance = gain * observed;
+
+	for (auto c = 0; c < 4; c++)
+		cell.channel[c] =
+			cv::v_select(gain == one,
+				     now.channel[c], /* to the bit, whatever it was before */
+				     cv::v_fma(now.channel[c] - cell.channel[c], gain,
+					       cell.channel[c]));
+	cell.store(map->radiance + i);
+	cv::v_store(map->variance + i, variance);
+	sum.changed = sum.changed + (contradicts & cv::v_abs(difference));
+	sum.all = sum.all + cell.channel[LP_LUMINANCE];
+	sum.variance = sum.variance + variance;
+}
+
+bool all_plain(const struct lp_radiance_map *map, const struct lp_observation *seen, size_t i)
+{
+	uint32_t known, marks;
+
+	std::memcpy(&known, map->flags + i, sizeof(known));
+	std::memcpy(&marks, seen->flags + i, sizeof(marks));
+	return (known | marks) == 0;
+}
+
+/* Correct four cells from `i` on, whatever is known and seen of them. */
+void correct(struct lp_radiance_map *map, const struct lp_observation *seen,
+	     const noise_model &noise, const v_float32x4 &walk, size_t i, row_sums &sum)
+{
+	const v_float32x4 zero = cv::v_setzero_f32(), one = cv::v_setall_f32(1.0F);
+	const v_float32x4 unknown = cv::v_setall_f32(LP_VARIANCE_UNKNOWN);
+	const four_cells now(seen->radiance + i);
+	four_cells cell(map->radiance + i);
+	const v_float32x4 light = now.channel[LP_LUMINANCE], held = cell.channel[LP_LUMINANCE];
+	const cv::v_int32x4 seen_flags = load_flags(seen->flags + i);
+	cv::v_int32x4 flags = load_flags(map->flags + i);
+	const v_float32x4 beside = mask_of(seen_flags, LP_CELL_BESIDE);
+	const v_float32x4 fresh = mask_of(flags, LP_CELL_UNSEEN);
+	/* beside a clipped cell nothing is learned, but of a cell of which nothing is known */
+	const v_float32x4 clipped = mask_of(seen_flags, LP_CELL_CLIPPED) | (beside & fresh);
+	const v_float32x4 missing =
+		mask_of(seen_flags, LP_CELL_UNSEEN) | (beside & (fresh == zero));
+	const v_float32x4 before =
+		cv::v_min(cv::v_fma(walk, held * held, cv::v_load(map->variance + i)), unknown);
+	const v_float32x4 known = before < cv::v_setall_f32(kKnown);
+	const v_float32x4 observed = noise.of(light, i);
+	const v_float32x4 both = cv::v_max(before + observed, cv::v_setall_f32(1e-36F));
+	const v_float32x4 difference = light - held;
+	const v_float32x4 contradicts =
+		difference * difference > cv::v_setall_f32(kGate * kGate) * both;
+	/* a measured cell */
+	v_float32x4 gain = one - cv::v_select(contradicts, zero, observed / both);
+	v_float32x4 variance = gain * observed;
+	/* a lower bound of a known cell, or one more of a cell that has only been seen clipped */
+	const v_float32x4 above = difference > zero;
+	const v_float32x4 bound = mask_of(flags, LP_CELL_CLIPPED);
+	const v_float32x4 scale = cv::v_setall_f32(seen->scale);
+	const v_float32x4 held_scale = cv::v_load(map->bound_scale + i);
+	const v_float32x4 same = cv::v_setall_f32(kSameScale);
+	const v_float32x4 shorter = scale > held_scale * same;
+	const v_float32x4 longer = scale * same < held_scale;
+	const v_float32x4 refuted =
+		cv::v_select(known,
+			     above & (difference * difference >
+				      cv::v_setall_f32(kBoundGate * kBoundGate) * before),
+			     mask_of(flags, LP_CELL_UNSEEN) |
+				     (bound & (shorter | (longer & above))));
+	const v_float32x4 mean = bound & (refuted == zero) & (longer == zero);
+	const v_float32x4 bound_gain =
+		cv::v_select(refuted | (known & above), one,
+			     cv::v_select(mean, cv::v_setall_f32(0.5F), zero));
+
+	gain = cv::v_select(clipped, bound_gain, gain);
+	variance = cv::v_select(clipped, cv::v_select(refuted, unknown, before), variance);
+	gain = cv::v_select(missing, zero, gain);
+	variance = cv::v_select(missing, before, variance);
+	for (auto c = 0; c < 4; c++)
+		cell.channel[c] =
+			cv::v_select(gain == one,
+				     now.channel[c], /* to the bit, whatever it was before */
+				     cv::v_fma(now.channel[c] - cell.channel[c], gain,
+					       cell.channel[c]));
+
+	const v_float32x4 changed = known & cv::v_select(clipped, refuted, contradicts);
+	const cv::v_int32x4 kept = cv::v_reinterpret_as_s32(
+		missing | (clipped & (cv::v_reinterpret_as_f32(cv::v_setall_s32(-1)) ^ refuted)));
+	const cv::v_int32x4 marks =
+		cv::v_reinterpret_as_s32(clipped) & cv::v_setall_s32(LP_CELL_CLIPPED);
+
+	flags = cv::v_select(kept, flags, marks);
+	cell.store(map->radiance + i);
+	cv::v_store(map->variance + i, variance);
+	cv::v_store(map->bound_scale + i,
+		    cv::v_select(clipped & refuted & (missing == zero), scale, held_scale));
+	for (auto k = 0; k < 4; k++) {
+		int32_t four[4];
+
+		cv::v_store(four, flags);
+		map->flags[i + k] = static_cast<uint8_t>(four[k]);
+	}
+	sum.changed = sum.changed +
+		      cv::v_select(changed & (missing == zero), cv::v_abs(difference), zero);
+	sum.all = sum.all + cell.channel[LP_LUMINANCE];
+	sum.variance =
+		sum.variance + cv::v_select(variance < cv::v_setall_f32(kKnown), variance, zero);
+	sum.clipped = sum.clipped + cv::v_select(mask_of(flags, LP_CELL_CLIPPED), one, zero);
+	sum.clipped_light = sum.clipped_light + cv::v_select(mask_of(flags, LP_CELL_CLIPPED),
+							     cell.channel[LP_LUMINANCE], zero);
+	sum.unseen = sum.unseen + cv::v_select(mask_of(flags, LP_CELL_UNSEEN), one, zero);
+}
+
+} /* namespace */
+
+extern "C" void lp_radiance_map_destroy(struct lp_radiance_map *map)
+{
+	if (!map)
+		return;
+	std::free(map->turned_scale);
+	std::free(map->turned_flags);
+	std::free(map->turned_variance);
+	std::free(map->turned);
+	std::free(map->bound_scale);
+	std::free(map->flags);
+	std::free(map->variance);
+	std::free(map->radiance);
+	std::free(map);
+}
+
+extern "C" int lp_radiance_map_create(const struct lp_grid *grid, struct lp_radiance_map **map)
+{
+	/* vector loads may touch the cells beyond the last */
+	const size_t cells = static_cast<size_t>(grid->width) * grid->height + 16;
+	struct lp_radiance_map *m;
+
+	if (!allocate(m, 1))
+		return -ENOMEM;
+	m->grid = grid;
+	if (!allocate(m->radiance, cells) || !allocate(m->variance, cells) ||
+	    !allocate(m->flags, cells) || !allocate(m->turned, cells) ||
+	    !allocate(m->turned_variance, cells) || !allocate(m->turned_flags, cells) ||
+	    !allocate(m->bound_scale, cells) || !allocate(m->turned_scale, cells)) {
+		lp_radiance_map_destroy(m);
+		return -ENOMEM;
+	}
+	lp_radiance_map_forget(m);
+	*map = m;
+	return 0;
+}
+
+extern "C" void lp_radiance_map_forget(struct lp_radiance_map *map)
+{
+	const int cells = map->grid->width * map->grid->height;
+
+	std::memset(map->radiance, 0, cells * sizeof(*map->radiance));
+	std::memset(map->flags, LP_CELL_UNSEEN, cells);
+	for (int i = 0; i < cells; i++)
+		map->variance[i] = LP_VARIANCE_UNKNOWN;
+}
+
+extern "C" struct lp_map_update lp_radiance_map_observe(struct lp_radiance_map *map,
+							const struct lp_observation *observation)
+{
+	const struct lp_grid *grid = map->grid;
+	const noise_model noise(*observation);
+	const v_float32x4 walk = cv::v_setall_f32(kWalk * kWalk * observation->elapsed_s);
+	const double sphere_sr = 4.0 * M_PI;
+	sums total = {};
+
+	for (int r = 0; r < grid->height; r++) {
+		row_sums row;
+
+		for (int c = 0; c < grid->width; c += 4) {
+			const size_t i = static_cast<size_t>(r) * grid->width + c;
+
+			if (all_plain(map, observation, i))
+				correct_plain(map, observation, noise, walk, i, row);
+			else
+				correct(map, observation, noise, walk, i, row);
+		}
+		row.add_to(total, grid->row_solid_angle_sr[r]);
+	}
+	const double all = total.all > 0.0 ? total.all : INFINITY;
+
+	/* The mean of max(0, cos)^2 over all normals is 1/6; mean irradiance is a quarter of the
+	 * flux. */
+	return {static_cast<float>(total.changed / all),
+		static_cast<float>(total.clipped / sphere_sr),
+		static_cast<float>(total.unseen / sphere_sr),
+		static_cast<float>(4.0 * std::sqrt(total.variance / 6.0) / all),
+		static_cast<float>(total.clipped_light / all)};
+}
+
+extern "C" float lp_radiance_map_contradicting(const struct lp_radiance_map *map,
+					       const struct lp_observation *observation)
+{
+	const struct lp_grid *grid = map->grid;
+	const noise_model noise(*observation);
+	const v_float32x4 zero = cv::v_setzero_f32(), one = cv::v_setall_f32(1.0F);
+	double contradicting = 0.0, compared = 0.0;
+
+	for (int r = kSampledRows / 2; r < grid->height; r += kSampledRows) {
+		v_float32x4 row_contradicting = zero, row_compared = zero;
+
+		for (int c = 0; c < grid->width; c += 4) {
+			const size_t i = static_cast<size_t>(r) * grid->width + c;
+			const v_float32x4 light =
+				four_cells(observation->radiance + i).channel[LP_LUMINANCE];
+			const v_float32x4 held =
+				four_cells(map->radiance + i).channel[LP_LUMINANCE];
+			const v_float32x4 variance = cv::v_load(map->variance + i);
+			const v_float32x4 marked = cv::v_reinterpret_as_f32(
+				load_flags(observation->flags + i) == cv::v_setzero_s32());
+			const v_float32x4 known = marked & (variance < cv::v_setall_f32(kKnown));
+			const v_float32x4 limit = cv::v_setall_f32(kSlightGate * kSlightGate) *
+						  (variance + noise.of(light, i));
+			const v_float32x4 difference = light - held;
+
+			row_compared = row_compared + cv::v_select(known, one, zero);
+			row_contradicting =
+				row_contradicting +
+				cv::v_select(known & (difference * difference > limit), one, zero);
+		}
+		compared += cv::v_reduce_sum(row_compared) * grid->row_solid_angle_sr[r];
+		contradicting += cv::v_reduce_sum(row_contradicting) * grid->row_solid_angle_sr[r];
+	}
+	return static_cast<float>(compared > 0.0 ? contradicting / compared : 0.0);
+}
+
+extern "C" void lp_radiance_map_turn(struct lp_radiance_map *map, struct lp_lookup *lookup,
+				     const struct lp_rotation *rotation)
+{
+	/* what lies between cells is known the less, the more they differ */
+	constexpr float kPlace = 0.05F;
+	const int cells = map->grid->width * map->grid->height;
+	float *step2 = lookup->across; /* read before it is written, cell by cell */
+
+	lp_lookup_set(lookup, rotation);
+	lp_lookup_marks(lookup, map->flags, map->turned_flags);
+	lp_lookup_largest(lookup, map->variance, map->turned_variance);
+	lp_lookup_largest(lookup, map->bound_scale, map->turned_scale);
+	lp_lookup_radiance(lookup, map->radiance, map->turned, step2);
+	for (int i = 0; i < cells; i++)
+		map->variance[i] = map->turned_variance[i] >= kKnown
+					   ? LP_VARIANCE_UNKNOWN
+					   : map->turned_variance[i] + kPlace * step2[i];
+	std::swap(map->radiance, map->turned);
+	std::swap(map->flags, map->turned_flags);
+	std::swap(map->bound_scale, map->turned_scale);
+	for (int i = 0; i < cells; i++)
+		map->flags[i] &= static_cast<uint8_t>(~LP_CELL_BESIDE);
+}
