@@ -21,6 +21,9 @@ static const struct lp_peak_options peak_options = {.floor_ratio = 2.0F,
 static const struct lp_lamp_options lamp_options = {.min_strength = 0.01F,
 						    .min_contrast = 2.0F,
 						    .max_spread_deg = 10.0F};
+/* What is a lamp stays one down to this share of min_strength and of min_contrast, so that noise
+ * does not make it come and go. */
+#define STAYS 0.6F
 
 int lp_detection_create(const struct lp_grid *grid, const struct lp_detector_options *options,
 			struct lp_detection **detection)
@@ -55,11 +58,31 @@ void lp_detection_destroy(struct lp_detection *detection)
 	free(detection);
 }
 
+static void find_lamps(struct lp_detection *detection, const struct lp_panorama *panorama,
+		       float mean)
+{
+	struct lp_lamp_options options = lamp_options;
+
+	options.min_strength *= STAYS;
+	options.min_contrast *= STAYS;
+	lp_find_lamps(detection->finder, panorama, detection->regions, mean, &options);
+}
+
+bool lp_detection_enters(const struct lp_detection *detection, const struct lp_lamp *lamp)
+{
+	const enum lp_detector detector = detection->options.detector;
+
+	if (detector == LP_DETECTOR_RESEARCH || detector == LP_DETECTOR_MEDIANCUT)
+		return true;
+	return lamp->share >= lamp_options.min_strength &&
+	       lamp->contrast >= lamp_options.min_contrast;
+}
+
 static void detect_above(struct lp_detection *detection, const struct lp_panorama *panorama,
 			 float level, float mean)
 {
 	lp_regions_from_threshold(detection->regions, panorama, level);
-	lp_find_lamps(detection->finder, panorama, detection->regions, mean, &lamp_options);
+	find_lamps(detection, panorama, mean);
 }
 
 void lp_detect(struct lp_detection *detection, const struct lp_panorama *panorama, float mean)
@@ -67,7 +90,7 @@ void lp_detect(struct lp_detection *detection, const struct lp_panorama *panoram
 	switch (detection->options.detector) {
 	case LP_DETECTOR_ADAPTIVE:
 		lp_regions_from_peaks(detection->regions, panorama, mean, &peak_options);
-		lp_find_lamps(detection->finder, panorama, detection->regions, mean, &lamp_options);
+		find_lamps(detection, panorama, mean);
 		return;
 	case LP_DETECTOR_MEDIAN:
 		detect_above(detection, panorama, lp_threshold_median(panorama, detection->scratch),

@@ -36,7 +36,11 @@ int lp_detection_create(const struct lp_grid *grid, const struct lp_detector_opt
 			struct lp_detection **detection);
 void lp_detection_destroy(struct lp_detection *detection); /* accepts NULL; the grid stays */
 
-/* Lamps into detection->finder->lamps. mean: mean luminance over the sphere. */
+/* Lamps into detection->finder->lamps, those included that are too faint to become one and strong
+ * enough to stay one (lp_detection_enters()). mean: mean luminance over the sphere. */
 void lp_detect(struct lp_detection *detection, const struct lp_panorama *panorama, float mean);
+
+/* Whether this lamp of the finder is strong and clear enough to become one. */
+bool lp_detection_enters(const struct lp_detection *detection, const struct lp_lamp *lamp);
 
 #endif

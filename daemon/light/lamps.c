@@ -3,6 +3,7 @@
 
 #include <assert.h>
 #include <errno.h>
+#include <float.h>
 #include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
@@ -370,20 +371,23 @@ struct part {
 	double axis[3]; /* of its longest extent */
 };
 
-static bool stands_out(const struct lp_lamp *lamp, float core_mean,
-		       const struct lp_lamp_options *options)
+static bool stands_out(struct lp_lamp *lamp, float core_mean, const struct lp_lamp_options *options)
 {
+	const float background = fmaxf(lamp->background[LP_LUMINANCE], 0.0F);
+
+	lamp->contrast = core_mean / fmaxf(background, FLT_MIN);
 	return core_mean > options->min_contrast * lamp->background[LP_LUMINANCE] &&
 	       core_mean > lamp->background[LP_LUMINANCE] + 5.0F * lamp->background_noise;
 }
 
-static bool strong(const struct lp_lamp *lamp, float mean, const struct lp_lamp_options *options)
+static bool strong(struct lp_lamp *lamp, float mean, const struct lp_lamp_options *options)
 {
 	/* the rest of the light, spread evenly, gives pi * mean on any surface */
-	const float rest = fmaxf((float)M_PI * mean - lamp->irradiance[LP_LUMINANCE] / 4.0F, 0.0F);
+	const float own = lamp->irradiance[LP_LUMINANCE];
+	const float rest = fmaxf((float)M_PI * mean - own / 4.0F, 0.0F);
 
-	return lamp->irradiance[LP_LUMINANCE] >=
-	       options->min_strength * (lamp->irradiance[LP_LUMINANCE] + rest);
+	lamp->share = own + rest > 0.0F ? own / (own + rest) : 1.0F;
+	return own >= options->min_strength * (own + rest);
 }
 
 void lp_lamp_insert(struct lp_lamp_finder *finder, const struct lp_lamp *lamp)

@@ -27,6 +27,8 @@ struct lp_lamp {
 	float direction_sigma_deg;
 	float spread_deg; /* RMS angle along its longest axis */
 	float peak;	  /* highest luminance in it */
+	float share;	  /* of the light on a surface facing it */
+	float contrast;	  /* mean luminance of its core over the surround's */
 	uint32_t flags;	  /* enum lp_light_flag: CLIPPED, EXTENDED */
 	int first, count; /* its cells: lp_lamp_finder.cells */
 };

@@ -1,0 +1,333 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "light/lamp_memory.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "include/light_estimate.h"
+#include "include/luminance.h"
+#include "light/rotation.h"
+
+#define RAD ((float)M_PI / 180.0F)
+/* Chosen by hand, on the scenes of docs/users/accuracy.md, "While the camera turns". */
+
+/* Two sightings are one lamp when they are closer than this, or than its own radius and
+ * uncertainty. */
+#define GATE_RAD (4.0F * RAD)
+/* An id is kept this long for a lamp that is not seen (flicker, someone walking past). */
+#define ABSENT_S 2.0F
+/* Random walks, per root second, of a lamp's direction (in the anchor frame) and strength. */
+#define DIRECTION_WALK_RAD (0.02F * RAD)
+#define STRENGTH_WALK 0.1F
+/* What the glow around a clipped lamp does to the middle of what is clipped: 1 sigma. */
+#define GLOW_RAD (0.1F * RAD)
+/* Sigmas beyond which a measurement is a change, which is taken as it is. */
+#define CHANGE_SIGMAS 5.0F
+/* Relative 1 sigma up to which what was measured counts more than what the panorama shows. */
+#define MOST_STRENGTH_SIGMA 0.3F
+/* Of what the panorama shows of a lamp, then and now: beyond this ratio it is another light. */
+#define LEAST_RATIO 0.6F
+
+static float square(float x)
+{
+	return x * x;
+}
+
+/* The chord: exact for small angles. */
+static float angle_rad(const float a[3], const float b[3])
+{
+	const float chord = sqrtf(square(a[0] - b[0]) + square(a[1] - b[1]) + square(a[2] - b[2]));
+
+	return 2.0F * asinf(fminf(chord / 2.0F, 1.0F));
+}
+
+static float gate_rad(const struct lp_lamp *lamp)
+{
+	const float radius = sqrtf(lamp->solid_angle_sr / (float)M_PI);
+
+	return fmaxf(GATE_RAD, fmaxf(3.0F * lamp->direction_sigma_deg * RAD, 0.7F * radius));
+}
+
+/* Which place each sighting belongs to; -1: none. */
+static void associate(struct lp_lamp_memory *memory, const struct lp_lamp_sighting *sightings,
+		      int count, int place[LP_MAX_LAMPS])
+{
+	for (int k = 0; k < count; k++)
+		place[k] = -1;
+	for (;;) {
+		float best = INFINITY;
+		int best_sighting = 0, best_place = -1;
+
+		for (int k = 0; k < count; k++) {
+			const struct lp_lamp *lamp = &sightings[k].on_grid;
+
+			for (int p = 0; place[k] < 0 && p < LP_MAX_LAMPS; p++) {
+				const struct lp_remembered_lamp *m = &memory->list[p];
+
+				if (!m->id || m->seen)
+					continue;
+				const float apart =
+					angle_rad(m->on_grid.direction, lamp->direction);
+				if (apart < best && apart < gate_rad(lamp)) {
+					best = apart;
+					best_sighting = k;
+					best_place = p;
+				}
+			}
+		}
+		if (best_place < 0)
+			return;
+		place[best_sighting] = best_place;
+		memory->list[best_place].seen = true;
+	}
+}
+
+/* A free place; else that of the faintest lamp that is not seen; -1: all are seen. */
+static int free_place(const struct lp_lamp_memory *memory)
+{
+	int faintest = -1;
+
+	for (int p = 0; p < LP_MAX_LAMPS; p++) {
+		const struct lp_remembered_lamp *m = &memory->list[p];
+
+		if (!m->id)
+			return p;
+		if (!m->seen &&
+		    (faintest < 0 || m->lamp.irradiance[LP_LUMINANCE] <
+					     memory->list[faintest].lamp.irradiance[LP_LUMINANCE]))
+			faintest = p;
+	}
+	return faintest;
+}
+
+static void age(struct lp_remembered_lamp *m, float elapsed_s)
+{
+	m->direction_variance += square(DIRECTION_WALK_RAD) * elapsed_s;
+	m->strength_variance += square(STRENGTH_WALK) * elapsed_s;
+	m->absent_s = m->seen ? 0.0F : m->absent_s + elapsed_s;
+}
+
+static void blend(float *value, const float *measured, int count, float gain)
+{
+	for (int i = 0; i < count; i++)
+		value[i] += gain * (measured[i] - value[i]);
+}
+
+static void normalise(float v[3])
+{
+	const float length = sqrtf(square(v[0]) + square(v[1]) + square(v[2]));
+
+	for (int a = 0; length > 0.0F && a < 3; a++)
+		v[a] /= length;
+}
+
+/* Gain of a measurement, 1 where it contradicts what was known. */
+static float gain_of(float known_variance, float variance, float difference2)
+{
+	const float both = known_variance + variance;
+
+	return !(both > 0.0F) || difference2 > square(CHANGE_SIGMAS) * both ? 1.0F
+									    : known_variance / both;
+}
+
+static void measure(struct lp_remembered_lamp *m, const struct lp_lamp_sighting *s,
+		    const struct lp_memory_times *times)
+{
+	const struct lp_lamp *seen = &s->pixels;
+	struct lp_lamp *lamp = &m->lamp;
+	const float direction_variance =
+		square(seen->direction_sigma_deg * RAD) + square(times->rotation_sigma_rad);
+	const float strength_variance = square(s->strength_sigma);
+	const float held = lamp->irradiance[LP_LUMINANCE];
+	float direction_gain = 1.0F, strength_gain = 1.0F;
+
+	if (m->measured) {
+		direction_gain = gain_of(m->direction_variance, direction_variance,
+					 square(angle_rad(lamp->direction, seen->direction)));
+		strength_gain = gain_of(m->strength_variance, strength_variance,
+					square(seen->irradiance[LP_LUMINANCE] / held - 1.0F));
+	}
+	const struct lp_lamp before = *lamp;
+
+	*lamp = *seen;
+	memcpy(lamp->direction, before.direction, sizeof(lamp->direction));
+	memcpy(lamp->centroid, before.centroid, sizeof(lamp->centroid));
+	memcpy(lamp->irradiance, before.irradiance, sizeof(lamp->irradiance));
+	lamp->solid_angle_sr = before.solid_angle_sr;
+	blend(lamp->direction, seen->direction, 3, direction_gain);
+	blend(lamp->centroid, seen->centroid, 3, direction_gain);
+	blend(lamp->irradiance, seen->irradiance, 4, strength_gain);
+	blend(&lamp->solid_angle_sr, &seen->solid_angle_sr, 1, strength_gain);
+	normalise(lamp->direction);
+	normalise(lamp->centroid);
+	m->direction_variance = direction_gain * direction_variance;
+	m->strength_variance = strength_gain * strength_variance;
+	m->measured = true;
+	m->then_on_grid = s->on_grid.irradiance[LP_LUMINANCE];
+}
+
+/* The panorama shows so much more or less of the lamp than it did that it must have changed. */
+static bool has_changed(const struct lp_remembered_lamp *m, const struct lp_lamp_sighting *s)
+{
+	const float now = s->on_grid.irradiance[LP_LUMINANCE], then = m->then_on_grid;
+
+	return now < LEAST_RATIO * then || then < LEAST_RATIO * now;
+}
+
+/* What a frame that clips the lamp, or none at all, leaves of what was known: what was measured, as
+ * long as it is not too old; else the largest lower bound. */
+static bool stays(const struct lp_remembered_lamp *m, const struct lp_lamp_sighting *s)
+{
+	const struct lp_lamp *seen = s->refined ? &s->pixels : &s->on_grid;
+	const float sigma = m->measured ? sqrtf(m->strength_variance) : 0.0F;
+	const float least = seen->irradiance[LP_LUMINANCE];
+	const float most = m->lamp.irradiance[LP_LUMINANCE] * (1.0F + CHANGE_SIGMAS * sigma);
+	const bool bound = s->refined && (seen->flags & LP_LIGHT_CLIPPED);
+
+	if (!(m->then_on_grid > 0.0F) || has_changed(m, s))
+		return false;
+	if (!m->measured) /* a bound, or what the panorama showed */
+		return bound && least < m->lamp.irradiance[LP_LUMINANCE];
+	return sigma < MOST_STRENGTH_SIGMA && !(bound && least > most);
+}
+
+static void keep_or_take(struct lp_remembered_lamp *m, const struct lp_lamp_sighting *s)
+{
+	const struct lp_lamp *seen = s->refined ? &s->pixels : &s->on_grid;
+
+	if (stays(m, s)) {
+		m->lamp.first = s->on_grid.first;
+		m->lamp.count = s->on_grid.count;
+		return;
+	}
+	m->measured = false;
+	m->lamp = *seen;
+	m->direction_variance = square(seen->direction_sigma_deg * RAD);
+	m->strength_variance = square(s->strength_sigma);
+	m->then_on_grid = s->on_grid.irradiance[LP_LUMINANCE];
+}
+
+static void follow(struct lp_remembered_lamp *m, const struct lp_lamp_sighting *s,
+		   const struct lp_memory_times *times)
+{
+	m->on_grid = s->on_grid;
+	if (s->refined && !(s->pixels.flags & LP_LIGHT_CLIPPED))
+		measure(m, s, times);
+	else
+		keep_or_take(m, s);
+	m->lamp.direction_sigma_deg = sqrtf(m->direction_variance) / RAD;
+}
+
+void lp_lamp_memory_update(struct lp_lamp_memory *memory, const struct lp_lamp_sighting *sightings,
+			   int count, const struct lp_memory_times *times)
+{
+	int place[LP_MAX_LAMPS];
+
+	for (int p = 0; p < LP_MAX_LAMPS; p++)
+		memory->list[p].seen = false;
+	associate(memory, sightings, count, place);
+	for (int p = 0; p < LP_MAX_LAMPS; p++)
+		if (memory->list[p].id)
+			age(&memory->list[p], times->elapsed_s);
+	for (int k = 0; k < count; k++) {
+		if (place[k] < 0 && sightings[k].enters) {
+			place[k] = free_place(memory);
+			if (place[k] < 0)
+				continue;
+			if (++memory->last_id == 0) /* 0 means none */
+				memory->last_id = 1;
+			memory->list[place[k]] =
+				(struct lp_remembered_lamp){.id = memory->last_id,
+							    .lamp = sightings[k].on_grid,
+							    .seen = true};
+		}
+		if (place[k] >= 0)
+			follow(&memory->list[place[k]], &sightings[k], times);
+	}
+	for (int p = 0; p < LP_MAX_LAMPS; p++)
+		if (memory->list[p].absent_s > ABSENT_S)
+			memory->list[p].id = 0;
+}
+
+/* The measured lamp nearest to a sighting; NULL: none within its gate. */
+static const struct lp_remembered_lamp *nearest_measured(const struct lp_lamp_memory *memory,
+							 const struct lp_lamp *lamp)
+{
+	const struct lp_remembered_lamp *found = NULL;
+	float best = gate_rad(lamp);
+
+	for (int p = 0; p < LP_MAX_LAMPS; p++) {
+		const struct lp_remembered_lamp *m = &memory->list[p];
+		const float apart = angle_rad(m->lamp.direction, lamp->direction);
+
+		if (m->id && m->measured && apart < best) {
+			best = apart;
+			found = m;
+		}
+	}
+	return found;
+}
+
+int lp_lamp_memory_landmarks(const struct lp_lamp_memory *memory,
+			     const struct lp_lamp_sighting *sightings, int count, float sigma_rad,
+			     double pull[3], double information[3][3])
+{
+	int used = 0;
+
+	memset(pull, 0, 3 * sizeof(*pull));
+	memset(information, 0, 3 * sizeof(*information));
+	for (int k = 0; k < count; k++) {
+		const struct lp_lamp *seen = &sightings[k].pixels;
+		const struct lp_remembered_lamp *m =
+			sightings[k].refined ? nearest_measured(memory, seen) : NULL;
+		const float glow = seen->flags & LP_LIGHT_CLIPPED ? GLOW_RAD : 0.0F;
+
+		if (!m)
+			continue;
+		const float *d = seen->direction, *r = m->lamp.direction;
+		const double variance = square(seen->direction_sigma_deg * RAD) + square(glow) +
+					m->direction_variance;
+		const float apart = angle_rad(d, r);
+
+		if (square(apart) > square(CHANGE_SIGMAS) * (variance + square(sigma_rad)))
+			continue;
+		used++;
+		for (int a = 0; a < 3; a++) {
+			const int b = (a + 1) % 3, c = (a + 2) % 3;
+
+			pull[a] += ((double)d[b] * r[c] - (double)d[c] * r[b]) / variance;
+			for (int e = 0; e < 3; e++)
+				information[a][e] += ((a == e) - (double)d[a] * d[e]) / variance;
+		}
+	}
+	return used;
+}
+
+bool lp_lamp_memory_knows(const struct lp_lamp_memory *memory, const struct lp_lamp *on_grid)
+{
+	const float gate = gate_rad(on_grid);
+
+	for (int p = 0; p < LP_MAX_LAMPS; p++)
+		if (memory->list[p].id &&
+		    angle_rad(memory->list[p].on_grid.direction, on_grid->direction) < gate)
+			return true;
+	return false;
+}
+
+void lp_lamp_memory_lose_cells(struct lp_lamp_memory *memory)
+{
+	for (int p = 0; p < LP_MAX_LAMPS; p++)
+		memory->list[p].seen = false;
+}
+
+void lp_lamp_memory_turn(struct lp_lamp_memory *memory, const struct lp_rotation *turn)
+{
+	for (int p = 0; p < LP_MAX_LAMPS; p++) {
+		struct lp_remembered_lamp *m = &memory->list[p];
+
+		lp_rotate_direction(turn, m->lamp.direction);
+		lp_rotate_direction(turn, m->lamp.centroid);
+		lp_rotate_direction(turn, m->on_grid.direction);
+		lp_rotate_direction(turn, m->on_grid.centroid);
+	}
+}

@@ -1,0 +1,74 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Lamps over time: each keeps its identity and what has been measured of it. A lamp is measured by
+ * full-resolution pixels only in exposures that do not clip it; in between what is known of it
+ * stays, and becomes the less certain the longer ago it was. Everything is in the anchor frame,
+ * which does not turn with the camera. Plain data; zeroed is a new one. One thread.
+ */
+#ifndef LP_LIGHT_LAMP_MEMORY_H
+#define LP_LIGHT_LAMP_MEMORY_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "light/lamps.h"
+
+struct lp_rotation;
+
+struct lp_remembered_lamp {
+	struct lp_lamp lamp;	  /* as known now; cells only while `seen` */
+	struct lp_lamp on_grid;	  /* as the panorama shows it */
+	uint32_t id;		  /* 0: this place is free */
+	bool seen;		  /* in the newest panorama */
+	bool measured;		  /* by pixels of an exposure that did not clip it */
+	float direction_variance; /* rad^2, per axis */
+	float strength_variance;  /* relative; of the irradiance */
+	float then_on_grid; /* luminance of on_grid.irradiance when `lamp` was last taken anew */
+	float absent_s;	    /* how long it has not been seen */
+};
+
+struct lp_lamp_memory {
+	uint32_t last_id;
+	struct lp_remembered_lamp list[LP_MAX_LAMPS];
+};
+
+/* One lamp of the newest panorama, and what the newest frame's pixels say of it. */
+struct lp_lamp_sighting {
+	struct lp_lamp on_grid;
+	struct lp_lamp
+		pixels; /* only if `refined`; its flag CLIPPED says that it is a lower bound */
+	bool refined;
+	bool enters; /* strong and clear enough to become a lamp; else it only goes on being one */
+	float strength_sigma; /* of pixels.irradiance, relative */
+};
+
+struct lp_memory_times {
+	float elapsed_s;	  /* since the last update */
+	float rotation_sigma_rad; /* of the camera's rotation in the newest frame */
+};
+
+/* Each lamp and each sighting at most once, nearest pairs first. */
+void lp_lamp_memory_update(struct lp_lamp_memory *memory, const struct lp_lamp_sighting *sightings,
+			   int count, const struct lp_memory_times *times);
+
+/*
+ * How the lamps that these sightings measure are turned against where they are known to be: the
+ * rotation vector (anchor frame) that brings the sightings to the lamps is information^-1 times
+ * `pull`; information per rad^2, singular where fewer than two lamps say something. A lamp that is
+ * further off than sigma_rad explains is left out. Returns how many lamps count. Memory and
+ * sightings stay as they are.
+ */
+int lp_lamp_memory_landmarks(const struct lp_lamp_memory *memory,
+			     const struct lp_lamp_sighting *sightings, int count, float sigma_rad,
+			     double pull[3], double information[3][3]);
+
+/* Whether a lamp of the panorama is one that is remembered. */
+bool lp_lamp_memory_knows(const struct lp_lamp_memory *memory, const struct lp_lamp *on_grid);
+
+/* The finder that the lamps' cells are of is gone. */
+void lp_lamp_memory_lose_cells(struct lp_lamp_memory *memory);
+
+/* The anchor frame has been turned. */
+void lp_lamp_memory_turn(struct lp_lamp_memory *memory, const struct lp_rotation *turn);
+
+#endif

@@ -1,0 +1,298 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Lamps over time: ids, what was measured of them, and what clipping and absence leave. */
+#include "light/lamp_memory.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+#include "include/light_estimate.h"
+#include "include/luminance.h"
+#include "light/rotation.h"
+#include "lp_test.h"
+
+static const struct lp_memory_times frame = {.elapsed_s = 1.0F / 30.0F};
+
+static struct lp_lamp_sighting sighting(float azimuth_deg, float strength)
+{
+	const float a = azimuth_deg * (float)M_PI / 180.0F;
+	struct lp_lamp lamp = {.direction = {sinf(a), 0.0F, -cosf(a)},
+			       .irradiance = {strength, strength, strength, strength},
+			       .solid_angle_sr = 1e-3F,
+			       .direction_sigma_deg = 0.05F,
+			       .peak = 100.0F};
+
+	memcpy(lamp.centroid, lamp.direction, sizeof(lamp.centroid));
+	return (struct lp_lamp_sighting){.on_grid = lamp,
+					 .pixels = lamp,
+					 .refined = true,
+					 .enters = true,
+					 .strength_sigma = 0.02F};
+}
+
+static const struct lp_remembered_lamp *only(const struct lp_lamp_memory *memory)
+{
+	const struct lp_remembered_lamp *found = NULL;
+
+	for (int p = 0; p < LP_MAX_LAMPS; p++)
+		if (memory->list[p].id) {
+			assert_null(found);
+			found = &memory->list[p];
+		}
+	assert_non_null(found);
+	return found;
+}
+
+static uint32_t id_near(const struct lp_lamp_memory *memory, const struct lp_lamp *lamp)
+{
+	uint32_t id = 0;
+	float best = -1.0F;
+
+	for (int p = 0; p < LP_MAX_LAMPS; p++) {
+		const float *d = memory->list[p].lamp.direction;
+		const float near = d[0] * lamp->direction[0] + d[1] * lamp->direction[1] +
+				   d[2] * lamp->direction[2];
+
+		if (memory->list[p].id && near > best) {
+			best = near;
+			id = memory->list[p].id;
+		}
+	}
+	return id;
+}
+
+static void test_ids_follow_the_lamps(void **state)
+{
+	struct lp_lamp_memory memory = {0};
+	uint32_t first = 0, second = 0;
+
+	(void)state;
+	for (int n = 0; n < 600; n++) { /* two lamps move past each other's first place */
+		const float turn = (float)n * 0.3F;
+		struct lp_lamp_sighting s[2] = {sighting(turn, 5.0F), sighting(turn + 40.0F, 4.0F)};
+
+		if (n % 2) { /* the detector's order may change */
+			const struct lp_lamp_sighting swap = s[0];
+			s[0] = s[1];
+			s[1] = swap;
+		}
+		lp_lamp_memory_update(&memory, s, 2, &frame);
+		if (n == 0) {
+			first = id_near(&memory, &s[0].on_grid);
+			second = id_near(&memory, &s[1].on_grid);
+			assert_true(first && second && first != second);
+		}
+		assert_int_equal(id_near(&memory, &s[n % 2].on_grid), first);
+		assert_int_equal(id_near(&memory, &s[1 - n % 2].on_grid), second);
+	}
+}
+
+/* A lamp that is measured in one exposure and clipped in the next two keeps what was measured. */
+static void test_clipping_takes_nothing_away(void **state)
+{
+	struct lp_lamp_memory memory = {0};
+
+	(void)state;
+	for (int n = 0; n < 90; n++) {
+		struct lp_lamp_sighting s = sighting(10.0F, 50.0F);
+
+		if (n % 3) {
+			s.pixels = sighting(10.5F, 0.2F).pixels; /* a lower bound */
+			s.pixels.flags = LP_LIGHT_CLIPPED;
+		}
+		lp_lamp_memory_update(&memory, &s, 1, &frame);
+		assert_float_equal(only(&memory)->lamp.irradiance[0], 50.0F, 0.01F);
+		assert_false(only(&memory)->lamp.flags & LP_LIGHT_CLIPPED);
+		assert_true(only(&memory)->measured);
+	}
+	assert_true(only(&memory)->lamp.direction_sigma_deg < 0.06F);
+}
+
+/* Clipped in every exposure: the largest lower bound, whatever the order. */
+static void test_the_largest_bound_counts(void **state)
+{
+	const float bounds[] = {0.2F, 3.0F, 1.0F};
+	struct lp_lamp_memory memory = {0};
+
+	(void)state;
+	for (int n = 0; n < 30; n++) {
+		struct lp_lamp_sighting s = sighting(10.0F, 3.0F);
+
+		s.pixels = sighting(10.0F, bounds[n % 3]).pixels;
+		s.pixels.flags = LP_LIGHT_CLIPPED;
+		lp_lamp_memory_update(&memory, &s, 1, &frame);
+		if (n > 0)
+			assert_float_equal(only(&memory)->lamp.irradiance[0], 3.0F, 1e-6F);
+		assert_true(only(&memory)->lamp.flags & LP_LIGHT_CLIPPED);
+	}
+}
+
+/* What is not measured any more becomes uncertain, and in the end the panorama is asked. */
+static void test_old_measurements_fade(void **state)
+{
+	struct lp_lamp_memory memory = {0};
+	struct lp_lamp_sighting s = sighting(10.0F, 50.0F);
+	float before;
+
+	(void)state;
+	lp_lamp_memory_update(&memory, &s, 1, &frame);
+	before = only(&memory)->strength_variance;
+	s.refined = false;
+	s.on_grid.irradiance[LP_LUMINANCE] = 45.0F;
+	for (int n = 0; n < 300; n++) {
+		lp_lamp_memory_update(&memory, &s, 1, &frame);
+		if (!only(&memory)->measured)
+			break;
+		assert_true(only(&memory)->strength_variance > before);
+		before = only(&memory)->strength_variance;
+	}
+	assert_float_equal(only(&memory)->lamp.irradiance[LP_LUMINANCE], 45.0F, 0.0F);
+}
+
+/* A lamp that is dimmed is followed in the frame that shows it, and noise is averaged. */
+static void test_changes_and_noise(void **state)
+{
+	struct lp_lamp_memory memory = {0};
+	double square = 0.0;
+
+	(void)state;
+	srand(1);
+	for (int n = 0; n < 300; n++) {
+		struct lp_lamp_sighting s = sighting(10.0F, 50.0F);
+		const float error = 0.02F * 3.46F * ((float)rand() / (float)RAND_MAX - 0.5F);
+
+		for (int c = 0; c < 4; c++)
+			s.pixels.irradiance[c] *= 1.0F + error;
+		lp_lamp_memory_update(&memory, &s, 1, &frame);
+		if (n >= 100)
+			square += pow(only(&memory)->lamp.irradiance[0] / 50.0 - 1.0, 2.0) / 200.0;
+	}
+	assert_true(sqrt(square) < 0.016);
+	struct lp_lamp_sighting dimmed = sighting(10.0F, 20.0F);
+
+	lp_lamp_memory_update(&memory, &dimmed, 1, &frame);
+	assert_float_equal(only(&memory)->lamp.irradiance[0], 20.0F, 1e-4F);
+}
+
+/* Too faint to become a lamp, strong enough to stay one. */
+static void test_entering_is_harder_than_staying(void **state)
+{
+	struct lp_lamp_memory memory = {0};
+	struct lp_lamp_sighting faint = sighting(10.0F, 1.0F), clear = faint;
+
+	(void)state;
+	faint.enters = false;
+	lp_lamp_memory_update(&memory, &faint, 1, &frame);
+	assert_int_equal(memory.last_id, 0);
+	lp_lamp_memory_update(&memory, &clear, 1, &frame);
+	for (int n = 0; n < 100; n++)
+		lp_lamp_memory_update(&memory, &faint, 1, &frame);
+	assert_int_equal(only(&memory)->id, 1);
+	assert_true(only(&memory)->seen);
+}
+
+static void test_absence(void **state)
+{
+	struct lp_lamp_memory memory = {0};
+	const struct lp_lamp_sighting s = sighting(10.0F, 1.0F);
+
+	(void)state;
+	lp_lamp_memory_update(&memory, &s, 1, &frame);
+	for (int n = 0; n < 30; n++) /* a second: the id stays */
+		lp_lamp_memory_update(&memory, NULL, 0, &frame);
+	assert_false(only(&memory)->seen);
+	lp_lamp_memory_update(&memory, &s, 1, &frame);
+	assert_int_equal(only(&memory)->id, 1);
+	for (int n = 0; n < 90; n++)
+		lp_lamp_memory_update(&memory, NULL, 0, &frame);
+	lp_lamp_memory_update(&memory, &s, 1, &frame);
+	assert_int_equal(only(&memory)->id, 2);
+}
+
+/* More lamps than there is room for: those seen stay. */
+static void test_crowds(void **state)
+{
+	struct lp_lamp_memory memory = {0};
+	struct lp_lamp_sighting s[LP_MAX_LAMPS];
+
+	(void)state;
+	for (int n = 0; n < 50; n++) {
+		for (int k = 0; k < LP_MAX_LAMPS; k++)
+			s[k] = sighting(11.25F * (float)k + 5.0F * (float)(n % 2), 1.0F + (float)k);
+		lp_lamp_memory_update(&memory, s, LP_MAX_LAMPS, &frame);
+		for (int k = 0; k < LP_MAX_LAMPS; k++)
+			assert_true(memory.list[k].id && memory.list[k].seen);
+	}
+}
+
+/* A camera that is taken to look half a degree off sees all lamps half a degree off: that is told.
+ * A lamp that has been carried away is left out. */
+static void test_lamps_are_landmarks(void **state)
+{
+	const double off[3] = {0.002, 0.008, -0.003};
+	const struct lp_rotation turn = lp_rotation_of_vector(off);
+	struct lp_lamp_memory memory = {0};
+	struct lp_lamp_sighting s[4];
+	double pull[3], information[3][3];
+
+	(void)state;
+	for (int k = 0; k < 4; k++) {
+		s[k] = sighting(80.0F * (float)k, 5.0F);
+		s[k].pixels.direction[1] = 0.3F;
+		for (int a = 0; a < 3; a++)
+			s[k].pixels.direction[a] /= sqrtf(1.09F);
+		s[k].on_grid = s[k].pixels;
+	}
+	lp_lamp_memory_update(&memory, s, 4, &frame);
+	for (int k = 0; k < 4; k++)
+		lp_rotate_direction(&turn, s[k].pixels.direction);
+	s[3] = sighting(243.0F, 5.0F); /* three degrees from its place */
+	assert_int_equal(lp_lamp_memory_landmarks(&memory, s, 4, 0.005F, pull, information), 3);
+	for (int a = 0; a < 3; a++) { /* the turn back solves the equations */
+		double sum = 0.0;
+
+		for (int b = 0; b < 3; b++)
+			sum -= information[a][b] * off[b];
+		assert_float_equal(sum / information[a][a], pull[a] / information[a][a], 2e-5);
+	}
+	const double before = information[1][1];
+
+	for (int k = 0; k < 4; k++) /* clipped lamps tell less: they glow */
+		s[k].pixels.flags = LP_LIGHT_CLIPPED;
+	assert_int_equal(lp_lamp_memory_landmarks(&memory, s, 4, 0.005F, pull, information), 3);
+	assert_true(information[1][1] < 0.5 * before && information[1][1] > 0.05 * before);
+	for (int k = 0; k < 4; k++) /* and those that are not looked at closer nothing */
+		s[k].refined = false;
+	assert_int_equal(lp_lamp_memory_landmarks(&memory, s, 4, 0.005F, pull, information), 0);
+}
+
+static void test_turning(void **state)
+{
+	const struct lp_rotation turn =
+		lp_rotation_of_vector((const double[]){0.0, M_PI / 2.0, 0.0});
+	struct lp_lamp_memory memory = {0};
+	const struct lp_lamp_sighting s = sighting(0.0F, 1.0F); /* along -Z */
+
+	(void)state;
+	lp_lamp_memory_update(&memory, &s, 1, &frame);
+	lp_lamp_memory_turn(&memory, &turn);
+	assert_float_equal(only(&memory)->lamp.direction[0], -1.0F, 1e-6F);
+	assert_float_equal(only(&memory)->on_grid.direction[0], -1.0F, 1e-6F);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_ids_follow_the_lamps),
+		cmocka_unit_test(test_clipping_takes_nothing_away),
+		cmocka_unit_test(test_the_largest_bound_counts),
+		cmocka_unit_test(test_old_measurements_fade),
+		cmocka_unit_test(test_changes_and_noise),
+		cmocka_unit_test(test_entering_is_harder_than_staying),
+		cmocka_unit_test(test_absence),
+		cmocka_unit_test(test_crowds),
+		cmocka_unit_test(test_lamps_are_landmarks),
+		cmocka_unit_test(test_turning),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}
