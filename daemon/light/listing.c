@@ -1,0 +1,202 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "light/listing.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "include/luminance.h"
+#include "light/model.h"
+
+/* Chosen by hand, on the scenes of docs/users/accuracy.md, "While the camera turns". */
+
+/* A lamp outside the list takes the place of one inside when it has been so many times as strong
+ * for so long. */
+#define OUTSHINES 1.5F
+#define PATIENCE_S 0.5F
+/* A model stays while its error is below this much of the tolerance; another one takes its place
+ * when it would have been better for so long. */
+#define STILL_FITS 1.15F
+#define MODEL_PATIENCE_S 1.0F
+
+static float strength(const struct lp_light *light)
+{
+	return lp_luminance(light->irradiance);
+}
+
+static const struct lp_light *find(const struct lp_light_estimate *estimate, uint32_t id)
+{
+	for (int k = 0; k < estimate->light_count; k++)
+		if (estimate->lights[k].id == id)
+			return &estimate->lights[k];
+	return NULL;
+}
+
+static struct lp_listed *place_of(struct lp_listing *listing, uint32_t id)
+{
+	for (int p = 0; p < LP_MAX_LIGHTS; p++)
+		if (listing->place[p].id == id)
+			return &listing->place[p];
+	return NULL;
+}
+
+/* The model in force changes at once when it no longer does, and after a while when a smaller one
+ * would do. */
+static void choose_model(struct lp_listing *listing, const struct lp_light_estimate *estimate,
+			 const struct lp_listing_limits *limits, float elapsed_s)
+{
+	int order, lights;
+
+	lp_model_choose(estimate, limits->sh_order, limits->lights, limits->tolerance, &order,
+			&lights);
+	if (!(limits->tolerance > 0.0F)) /* places stay open for lamps to come */
+		lights = limits->lights;
+	if (order == listing->sh_order && lights == listing->lights) {
+		listing->unfit_s = 0.0F;
+		return;
+	}
+	const int used =
+		listing->lights < estimate->light_count ? listing->lights : estimate->light_count;
+	const float error = estimate->predicted_error[listing->sh_order][used];
+	const bool allowed =
+		listing->sh_order <= limits->sh_order && listing->lights <= limits->lights;
+	const bool fits =
+		allowed && limits->tolerance > 0.0F && error <= STILL_FITS * limits->tolerance;
+
+	listing->unfit_s += elapsed_s;
+	if (listing->started && fits && listing->unfit_s < MODEL_PATIENCE_S)
+		return;
+	listing->sh_order = order;
+	listing->lights = lights;
+	listing->unfit_s = 0.0F;
+}
+
+static int count_listed(const struct lp_listing *listing, bool staying)
+{
+	int count = 0;
+
+	for (int p = 0; p < LP_MAX_LIGHTS; p++)
+		count += listing->place[p].id && !(staying && listing->place[p].leaves);
+	return count;
+}
+
+/* Of those that stay. */
+static struct lp_listed *weakest(struct lp_listing *listing,
+				 const struct lp_light_estimate *estimate)
+{
+	struct lp_listed *found = NULL;
+
+	for (int p = 0; p < LP_MAX_LIGHTS; p++) {
+		struct lp_listed *l = &listing->place[p];
+
+		if (l->id && !l->leaves &&
+		    (!found ||
+		     strength(find(estimate, l->id)) < strength(find(estimate, found->id))))
+			found = l;
+	}
+	return found;
+}
+
+static const struct lp_light *strongest_outside(struct lp_listing *listing,
+						const struct lp_light_estimate *estimate)
+{
+	const struct lp_light *found = NULL;
+
+	for (int k = 0; k < estimate->light_count; k++) {
+		const struct lp_light *light = &estimate->lights[k];
+
+		if (!place_of(listing, light->id) && (!found || strength(light) > strength(found)))
+			found = light;
+	}
+	return found;
+}
+
+static void enter(struct lp_listing *listing, uint32_t id, float share)
+{
+	struct lp_listed *free = place_of(listing, 0);
+
+	if (free)
+		*free = (struct lp_listed){.id = id, .share = share};
+}
+
+/* A lamp outside that has been stronger for long enough sends the weakest one off. */
+static void challenge(struct lp_listing *listing, const struct lp_light_estimate *estimate,
+		      float elapsed_s)
+{
+	const struct lp_light *outside = strongest_outside(listing, estimate);
+	struct lp_listed *last = weakest(listing, estimate);
+
+	if (!outside || !last ||
+	    strength(outside) < OUTSHINES * strength(find(estimate, last->id))) {
+		listing->challenger = 0;
+		return;
+	}
+	if (listing->challenger != outside->id)
+		listing->challenged_s = 0.0F;
+	listing->challenger = outside->id;
+	listing->challenged_s += elapsed_s;
+	if (listing->challenged_s > PATIENCE_S) {
+		last->leaves = true;
+		listing->challenger = 0;
+	}
+}
+
+static void update_places(struct lp_listing *listing, const struct lp_light_estimate *estimate,
+			  float elapsed_s)
+{
+	const struct lp_light *next;
+
+	for (int p = 0; p < LP_MAX_LIGHTS; p++) /* a lamp that is gone has faded already */
+		if (listing->place[p].id && !find(estimate, listing->place[p].id))
+			listing->place[p] = (struct lp_listed){0};
+	for (int extra = count_listed(listing, true) - listing->lights; extra > 0; extra--)
+		weakest(listing, estimate)->leaves = true;
+	while (count_listed(listing, false) < listing->lights &&
+	       (next = strongest_outside(listing, estimate)) != NULL)
+		enter(listing, next->id, listing->started ? 0.0F : 1.0F);
+	if (count_listed(listing, false) == listing->lights)
+		challenge(listing, estimate, elapsed_s);
+	for (int p = 0; p < LP_MAX_LIGHTS; p++) {
+		struct lp_listed *l = &listing->place[p];
+		const float step = elapsed_s / LP_LISTING_FADE_S;
+
+		l->share = fminf(l->share + (l->leaves ? -step : step), 1.0F);
+		if (l->id && l->leaves && l->share <= 0.0F)
+			*l = (struct lp_listed){0};
+	}
+}
+
+int lp_listing_update(struct lp_listing *listing, const struct lp_light_estimate *estimate,
+		      const struct lp_listing_limits *limits, struct lp_light_estimate *listed)
+{
+	const int64_t elapsed_ns = listing->started ? estimate->t_capture_ns - listing->t_ns : 0;
+	const float elapsed_s = elapsed_ns > 0 ? (float)elapsed_ns / 1e9F : 0.0F;
+	int whole = 0;
+
+	choose_model(listing, estimate, limits, elapsed_s);
+	update_places(listing, estimate, elapsed_s);
+	listing->started = true;
+	listing->t_ns = estimate->t_capture_ns;
+
+	*listed = *estimate;
+	listed->light_count = 0;
+	for (int k = 0; k < estimate->light_count; k++) {
+		const struct lp_listed *l = place_of(listing, estimate->lights[k].id);
+		struct lp_light light = estimate->lights[k];
+		int at = listed->light_count;
+
+		if (!l || !(l->share > 0.0F))
+			continue;
+		whole += l->share >= 1.0F;
+		for (int c = 0; c < 3; c++)
+			light.irradiance[c] *= l->share;
+		for (; at > 0 && strength(&listed->lights[at - 1]) < strength(&light); at--)
+			listed->lights[at] = listed->lights[at - 1];
+		listed->lights[at] = light;
+		listed->light_count++;
+	}
+	if (listed->light_count < estimate->light_count)
+		listed->flags |= LP_ESTIMATE_MORE_LIGHTS;
+	listed->predicted_error[listing->sh_order][listed->light_count] =
+		estimate->predicted_error[listing->sh_order][whole];
+	return listing->sh_order;
+}

@@ -1,0 +1,48 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Which lamps one kind of subscription is told of, with memory: lamps of nearly equal strength do
+ * not change places from packet to packet, and a lamp that enters or leaves the list moves its
+ * light between the list and AMBIENT over LP_LISTING_FADE_S. AMBIENT + lights = TOTAL holds
+ * throughout. Plain data; zeroed is a new one. One thread.
+ */
+#ifndef LP_LIGHT_LISTING_H
+#define LP_LIGHT_LISTING_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "include/light_estimate.h"
+
+#define LP_LISTING_FADE_S 0.3F
+
+/* What a subscription allows. */
+struct lp_listing_limits {
+	int sh_order, lights;
+	float tolerance; /* of the predicted error; 0: everything that is allowed */
+};
+
+struct lp_listed {
+	uint32_t id; /* 0: this place is free */
+	float share; /* of its irradiance that is in the list, 0..1 */
+	bool leaves;
+};
+
+struct lp_listing {
+	bool started;
+	int64_t t_ns;	      /* of the estimate listed last */
+	int sh_order, lights; /* the model in force */
+	float unfit_s;	      /* how long another model would have done better */
+	uint32_t challenger;  /* a lamp outside that outshines one inside */
+	float challenged_s;   /* for so long */
+	struct lp_listed place[LP_MAX_LIGHTS];
+};
+
+/*
+ * The next estimate: `listed` becomes a copy of it whose lights are those of the list, each with
+ * its share of irradiance, strongest first; returns the SH order to send. listed->predicted_error
+ * at [order][listed->light_count] is that of the lamps wholly in the list.
+ */
+int lp_listing_update(struct lp_listing *listing, const struct lp_light_estimate *estimate,
+		      const struct lp_listing_limits *limits, struct lp_light_estimate *listed);
+
+#endif
