@@ -107,7 +107,7 @@ static void start(struct lp_bracket *b, float exposure_us)
 	b->settled_us = NAN;
 	b->strange = 0;
 	b->planned = 1;
-	b->at = b->taken = 0;
+	b->at = 0;
 	b->plan_us[0] = exposure_us;
 	command(b, exposure_us);
 }
@@ -372,11 +372,6 @@ static float probe_us(const struct lp_bracket *b)
 	return stops(shorter, b->settled_us) > 1.0F ? shorter : allowed(b, b->settled_us * 4.0F);
 }
 
-bool lp_bracket_whole(const struct lp_bracket *bracket)
-{
-	return bracket->state == LP_BRACKET_RUNNING && bracket->taken == bracket->planned;
-}
-
 bool lp_bracket_next(struct lp_bracket *bracket, const struct lp_bracket_scene *scene,
 		     float *command_us)
 {
@@ -385,14 +380,12 @@ bool lp_bracket_next(struct lp_bracket *bracket, const struct lp_bracket_scene *
 
 	if (b->state != LP_BRACKET_RUNNING || b->commanded_us != b->settled_us)
 		return false;
-	b->taken += b->taken < b->planned;
 	if (b->at == b->planned - 1) { /* the round is complete */
 		const int count = plan(b, scene, plan_us);
 
 		if (differs(b, plan_us, count)) {
 			memcpy(b->plan_us, plan_us, (size_t)count * sizeof(*plan_us));
 			b->planned = count;
-			b->taken = 0;
 			log_plan(plan_us, count);
 			/* what still clips is what is missing: the others can wait */
 			b->at = scene->clipped ? count - 2 : -1;

@@ -63,7 +63,6 @@ struct lp_bracket {
 
 	float plan_us[LP_MAX_PLANNED]; /* longest first */
 	int planned, at;	       /* plan_us[at] is commanded */
-	int taken;		       /* of this plan, until each has been once */
 	float shortest_us;	       /* adapted to the scene's peak */
 	float clips_us, clips_peak;    /* known to clip, while the peak is like this; 0: none */
 
@@ -106,9 +105,6 @@ struct lp_bracket_decision lp_bracket_judge(struct lp_bracket *bracket,
 
 /* The same for a camera that reports each frame's exposure: nothing is left to verify. */
 struct lp_bracket_decision lp_bracket_reported(struct lp_bracket *bracket, float exposure_us);
-
-/* Every exposure of the plan has been taken since it was made: others are of the past. */
-bool lp_bracket_whole(const struct lp_bracket *bracket);
 
 /* After an accepted frame has been merged: plan by the scene, and the next command if one is due.
  */

@@ -49,6 +49,7 @@ SAME(LP_ESTIMATE_EXPOSURE_IGNORED, EstimateFlag_ESTIMATE_FLAG_EXPOSURE_IGNORED);
 SAME(LP_ESTIMATE_RING_FAULT, EstimateFlag_ESTIMATE_FLAG_RING_FAULT);
 SAME(LP_ESTIMATE_WHEEL_FAULT, EstimateFlag_ESTIMATE_FLAG_WHEEL_FAULT);
 SAME(LP_ESTIMATE_NO_LIGHT, EstimateFlag_ESTIMATE_FLAG_NO_LIGHT);
+SAME(LP_ESTIMATE_MOTION, EstimateFlag_ESTIMATE_FLAG_MOTION);
 SAME(LP_WHEEL_UNKNOWN, Wheel_Phase_UNKNOWN);
 SAME(LP_WHEEL_HOMING, Wheel_Phase_HOMING);
 SAME(LP_WHEEL_MOVING, Wheel_Phase_MOVING);
@@ -174,6 +175,8 @@ int lp_encode_estimate(const struct lp_light_estimate *estimate, const struct lp
 	wire->has_predicted_error_permille =
 		scaled(estimate->predicted_error[variant->sh_order][variant->lights], 1000,
 		       &wire->predicted_error_permille);
+	wire->has_relighting_sigma_permille =
+		scaled(estimate->relighting_sigma, 1000, &wire->relighting_sigma_permille);
 	wire->has_exposure_us = isfinite(estimate->exposure_us);
 	if (wire->has_exposure_us)
 		wire->exposure_us = (uint32_t)fminf(fmaxf(roundf(estimate->exposure_us), 0), 4e9F);

@@ -9,6 +9,8 @@
 #include "base/ini.h"
 #include "base/param.h"
 
+/* As enum lp_orientation_kind. */
+static const char *const orientations[] = {"none", "visual", NULL};
 static const char *const presets[] = {"fast", "balanced", "accurate", "reference", NULL};
 static const char *const log_levels[] = {"error", "warning", "info", "debug", NULL};
 
@@ -167,6 +169,10 @@ static const struct lp_param config_list[] = {
 	 .max = LP_MAX_SH_ORDER, .help = "highest order of spherical harmonics offered"},
 	{"lights", LP_PARAM_INT, offsetof(struct lp_options, lights), .initial = "8",
 	 .max = LP_MAX_LIGHTS, .help = "maximum number of lights to find"},
+	{"orientation", LP_PARAM_CHOICE, offsetof(struct lp_options, orientation),
+	 .initial = "visual", .choices = orientations,
+	 .help = "how it is known where the camera looks: by its own frames, or it never turns.\n"
+		 "With --once the pictures are of one place: none"},
 	{"smoothing-ms", LP_PARAM_FLOAT, offsetof(struct lp_options, smoothing_ms),
 	 .initial = "200", .max = 60000, .help = "time constant of the smoothed estimate; 0: none"},
 	{"ttl-ms", LP_PARAM_FLOAT, offsetof(struct lp_options, ttl_ms), .initial = "1000",
@@ -387,6 +393,8 @@ struct lp_pipeline_options lp_options_pipeline(const struct lp_options *options)
 		.max_lights = options->lights,
 		.sh_order = options->sh_order,
 		.brackets = options->brackets,
+		.orientation = options->once ? LP_ORIENTATION_NONE
+					     : (enum lp_orientation_kind)options->orientation,
 		.smoothing_ms = options->smoothing_ms,
 		.ttl_ms = options->ttl_ms,
 	};

@@ -31,6 +31,7 @@ struct lp_options {
 	struct lp_governor_goals goals;
 	struct lp_detector_options detector;
 	int sh_order, lights;
+	int orientation; /* enum lp_orientation_kind */
 	float smoothing_ms, ttl_ms;
 	int brackets;			/* most exposures of a bracket; 0: exposure is left alone */
 	float exposure_us, gain;	/* commanded of a source that can; 0: left alone */

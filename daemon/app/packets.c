@@ -1,14 +1,20 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "app/packets.h"
 
+#include <math.h>
 #include <stdlib.h>
 
 #include "base/log.h"
 #include "base/pool.h"
 #include "include/packet.h"
+#include "light/listing.h"
 #include "light/model.h"
 
-#define VARIANTS (2 * 2 * (LP_MAX_SH_ORDER + 1) * (LP_MAX_LIGHTS + 1))
+/* Momentary estimates: AMBIENT or TOTAL, by order and lights. */
+#define RAW_VARIANTS (2 * (LP_MAX_SH_ORDER + 1) * (LP_MAX_LIGHTS + 1))
+/* Kinds of smoothed subscriptions whose list is remembered; one more takes the place of that asked
+ * for longest ago, and its list begins anew. */
+#define KINDS 16
 
 struct packet {
 	struct lp_packet base;
@@ -16,9 +22,23 @@ struct packet {
 	uint32_t subscription; /* of an estimate: the number in it */
 };
 
+/* What all clients with the same wishes are sent. */
+struct kind {
+	bool used;
+	struct lp_listing_limits limits;
+	uint64_t asked; /* when, as a count */
+	struct lp_listing listing;
+	bool listed; /* of the present estimate */
+	struct lp_light_estimate estimate;
+	struct lp_variant variant;
+	struct packet *encoded[2]; /* of the present estimate, AMBIENT and TOTAL; NULL: not yet */
+};
+
 struct lp_packets {
 	struct lp_pool *pool;
-	struct packet *encoded[VARIANTS]; /* of the present estimate; NULL: not yet */
+	struct packet *raw[RAW_VARIANTS]; /* of the present estimate; NULL: not yet */
+	struct kind kinds[KINDS];
+	uint64_t asked;
 };
 
 struct lp_packets *lp_packets_create(int most_held)
@@ -27,7 +47,8 @@ struct lp_packets *lp_packets_create(int most_held)
 
 	if (!self)
 		return NULL;
-	self->pool = lp_pool_create(sizeof(struct packet), most_held + VARIANTS, NULL);
+	self->pool =
+		lp_pool_create(sizeof(struct packet), most_held + RAW_VARIANTS + 2 * KINDS, NULL);
 	if (!self->pool) {
 		free(self);
 		return NULL;
@@ -80,30 +101,81 @@ static int min_int(int a, int b)
 	return a < b ? a : b;
 }
 
-/* The model for one client: the smallest under its tolerance, or the largest it allows. */
-static struct lp_variant choose(const struct lp_light_estimate *estimate,
-				const struct lp_demand *computed,
-				const struct lp_subscription *wanted)
+static struct lp_listing_limits limits_of(const struct lp_demand *computed,
+					  const struct lp_subscription *wanted)
 {
-	struct lp_variant variant = {
-		.total = wanted->total,
-		.sh_order = min_int(wanted->sh_order, computed->sh_order),
-		.lights = min_int(wanted->max_lights,
-				  min_int(estimate->light_count, computed->max_lights)),
-	};
+	return (struct lp_listing_limits){.sh_order = min_int(wanted->sh_order, computed->sh_order),
+					  .lights =
+						  min_int(wanted->max_lights, computed->max_lights),
+					  .tolerance = fmaxf(wanted->tolerance, 0.0F)};
+}
 
-	if (wanted->tolerance > 0)
-		lp_model_choose(estimate, variant.sh_order, variant.lights, wanted->tolerance,
-				&variant.sh_order, &variant.lights);
+/* The momentary model for one client: the smallest under its tolerance, or the largest it allows.
+ */
+static struct lp_variant choose_raw(const struct lp_light_estimate *estimate,
+				    const struct lp_listing_limits *limits, bool total)
+{
+	struct lp_variant variant = {.total = total};
+
+	lp_model_choose(estimate, limits->sh_order, limits->lights, limits->tolerance,
+			&variant.sh_order, &variant.lights);
 	return variant;
 }
 
-static int variant_index(bool raw, const struct lp_variant *variant)
+static int raw_index(const struct lp_variant *variant)
 {
-	const int kind = 2 * raw + variant->total;
-
-	return (kind * (LP_MAX_SH_ORDER + 1) + variant->sh_order) * (LP_MAX_LIGHTS + 1) +
+	return (variant->total * (LP_MAX_SH_ORDER + 1) + variant->sh_order) * (LP_MAX_LIGHTS + 1) +
 	       variant->lights;
+}
+
+static bool same_limits(const struct lp_listing_limits *a, const struct lp_listing_limits *b)
+{
+	return a->sh_order == b->sh_order && a->lights == b->lights && a->tolerance == b->tolerance;
+}
+
+static void forget(struct packet **slot)
+{
+	if (*slot)
+		lp_packet_drop(&(*slot)->base);
+	*slot = NULL;
+}
+
+static void forget_kind(struct kind *kind)
+{
+	kind->listed = false;
+	forget(&kind->encoded[0]);
+	forget(&kind->encoded[1]);
+}
+
+static struct kind *kind_of(struct lp_packets *packets, const struct lp_listing_limits *limits)
+{
+	struct kind *oldest = &packets->kinds[0];
+
+	packets->asked++;
+	for (int k = 0; k < KINDS; k++) {
+		struct kind *kind = &packets->kinds[k];
+
+		if (kind->used && same_limits(&kind->limits, limits)) {
+			kind->asked = packets->asked;
+			return kind;
+		}
+		if (kind->asked < oldest->asked)
+			oldest = kind;
+	}
+	forget_kind(oldest);
+	*oldest = (struct kind){.used = true, .limits = *limits, .asked = packets->asked};
+	return oldest;
+}
+
+/* The kind's list of the present estimate. */
+static void list(struct kind *kind, const struct lp_light_estimate *smoothed, bool total)
+{
+	if (!kind->listed)
+		kind->variant.sh_order =
+			lp_listing_update(&kind->listing, smoothed, &kind->limits, &kind->estimate);
+	kind->listed = true;
+	kind->variant.lights = kind->estimate.light_count;
+	kind->variant.total = total;
 }
 
 static struct packet *encode(struct lp_packets *packets, const struct lp_light_estimate *estimate,
@@ -122,24 +194,28 @@ static struct packet *encode(struct lp_packets *packets, const struct lp_light_e
 	return NULL;
 }
 
-static void forget(struct packet **slot)
-{
-	if (*slot)
-		lp_packet_drop(&(*slot)->base);
-	*slot = NULL;
-}
-
 struct lp_packet *lp_packets_estimate(struct lp_packets *packets,
 				      const struct lp_estimates *estimates,
 				      const struct lp_demand *computed,
 				      const struct lp_subscription *wanted,
 				      const struct lp_stamp *stamp)
 {
-	const struct lp_light_estimate *estimate =
-		wanted->raw ? &estimates->raw : &estimates->smoothed;
-	const struct lp_variant variant = choose(estimate, computed, wanted);
-	struct packet **slot = &packets->encoded[variant_index(wanted->raw, &variant)];
+	const struct lp_listing_limits limits = limits_of(computed, wanted);
+	const struct lp_light_estimate *estimate = &estimates->raw;
+	struct lp_variant variant;
+	struct packet **slot;
 
+	if (wanted->raw) {
+		variant = choose_raw(estimate, &limits, wanted->total);
+		slot = &packets->raw[raw_index(&variant)];
+	} else {
+		struct kind *kind = kind_of(packets, &limits);
+
+		list(kind, &estimates->smoothed, wanted->total);
+		variant = kind->variant;
+		estimate = &kind->estimate;
+		slot = &kind->encoded[wanted->total];
+	}
 	if (!*slot || (*slot)->subscription != stamp->subscription) {
 		forget(slot);
 		*slot = encode(packets, estimate, &variant, stamp);
@@ -149,6 +225,8 @@ struct lp_packet *lp_packets_estimate(struct lp_packets *packets,
 
 void lp_packets_forget(struct lp_packets *packets)
 {
-	for (int i = 0; i < VARIANTS; i++)
-		forget(&packets->encoded[i]);
+	for (int i = 0; i < RAW_VARIANTS; i++)
+		forget(&packets->raw[i]);
+	for (int k = 0; k < KINDS; k++)
+		forget_kind(&packets->kinds[k]);
 }

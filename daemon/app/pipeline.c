@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "app/lamp_stage.h"
 #include "base/clock.h"
 #include "base/log.h"
 #include "include/frame.h"
@@ -13,6 +14,7 @@
 #include "include/panorama.h"
 #include "light/grid.h"
 #include "light/model.h"
+#include "light/rotation.h"
 #include "light/select.h"
 #include "light/sh.h"
 #include "light/tracker.h"
@@ -21,12 +23,16 @@
 #include "vision/sh_project.h"
 
 #define DEG (180.0F / (float)M_PI)
-/* What the wire can say. */
-#define LEAST_IRRADIANCE_SIGMA 0.001F
+/* What the grid, the blocks of a JPEG and its rounding bring at best: docs/users/accuracy.md. */
+#define LEAST_RELIGHTING_SIGMA 0.004
 /* Thresholds of flags: chosen by hand (docs/maintainers/constants.md). */
 /* Below this mean code of the longest exposure most of an 8-bit picture is noise. */
 #define DARK_CODE 4.0F
 #define LEAST_CLIPPED_FRACTION 1e-5F
+/* Fewer pixels than this share agree with what is known: how the camera turned is not known. */
+#define LEAST_AGREEMENT 0.4F
+/* 1 sigma of when an exposure was: what a turning camera adds to every direction. */
+#define TIMING_SIGMA_S 0.002F
 
 /* What each preset means; `make bench` measures the trade. */
 struct preset {
@@ -52,6 +58,7 @@ struct lp_pipeline {
 	struct lp_imager *imager;
 	struct lp_detection *detection;
 	struct lp_sh_projector *projector;
+	struct lp_lamp_stage lamps;
 	struct lp_tracker tracker;
 	struct lp_bracket bracket;
 	bool bracketing, reports_exposure;
@@ -124,7 +131,9 @@ static int create_stages(const struct lp_pipeline *p, const struct preset *prese
 	const struct lp_imager_options imager = {.panorama_width = width,
 						 .decode = preset->decode,
 						 .divisor = preset->divisor,
-						 .exact_blocks = preset->exact_blocks};
+						 .exact_blocks = preset->exact_blocks,
+						 .follow_turns = p->options.orientation ==
+								 LP_ORIENTATION_VISUAL};
 	int ret;
 
 	*stages = (struct stages){0};
@@ -154,6 +163,14 @@ int lp_pipeline_set_preset(struct lp_pipeline *pipeline, enum lp_preset preset)
 	if (ret < 0) {
 		lp_error("pipeline", "preset", "%s — the preset stays as it is", lp_strerror(ret));
 		return ret;
+	}
+	if (pipeline->imager) { /* the new one's anchor frame is the camera's, as it is now */
+		const struct lp_rotation turn =
+			lp_rotation_inverse(lp_imager_rotation(pipeline->imager));
+
+		lp_lamp_memory_turn(&pipeline->lamps.memory, &turn);
+		lp_lamp_memory_lose_cells(&pipeline->lamps.memory);
+		lp_tracker_turn(&pipeline->tracker, &turn);
 	}
 	destroy_stages(&old);
 	pipeline->imager = stages.imager;
@@ -226,73 +243,25 @@ static void fill_unseen(struct lp_panorama *panorama, const struct lp_grid *grid
 			memcpy(panorama->cells[i], fill, sizeof(fill));
 }
 
-static float radius_rad(const struct lp_lamp *lamp)
+/* The panorama's light, with each lamp's share moved from where the grid saw it to where it is:
+ * shape from the grid, place and strength from the pixels. */
+static void project(struct lp_pipeline *p, const struct lp_panorama *panorama, double (*total)[3])
 {
-	/* of Omega = 4 pi sin^2(r / 2): exact for tiny ones */
-	return 2.0F * asinf(fminf(sqrtf(lamp->solid_angle_sr / (4.0F * (float)M_PI)), 1.0F));
-}
-
-/*
- * Lamps are looked at in full resolution, the small ones that the grid misplaces above all, and
- * their share of the projection is moved from where the grid saw it to where it is: shape from the
- * grid, place and strength from the pixels.
- */
-static void project_and_refine(struct lp_pipeline *p, const struct lp_panorama *panorama,
-			       double (*total)[3])
-{
-	struct lp_lamp_finder *finder = p->detection->finder;
-	struct lp_lamp lamps[LP_MAX_LAMPS];
-	const int count = finder->count;
-
 	lp_sh_project(p->projector, panorama, LP_SH_MAX_ORDER, total);
-	if (!p->preset.refine_cells)
-		return;
-	memcpy(lamps, finder->lamps, count * sizeof(*lamps));
-	finder->count = 0;
-	for (int k = 0; k < count; k++) {
-		struct lp_lamp lamp = lamps[k];
+	for (int k = 0; k < LP_MAX_LAMPS; k++) {
+		const struct lp_remembered_lamp *m = &p->lamps.memory.list[k];
 
-		if (k < p->wanted_lights &&
-		    lp_imager_refine(p->imager, finder, &lamp, p->preset.refine_cells)) {
-			lp_sh_add_lamp(LP_SH_MAX_ORDER, lamps[k].centroid, lamps[k].irradiance, 0.0,
-				       -1.0, total);
-			lp_sh_add_lamp(LP_SH_MAX_ORDER, lamp.centroid, lamp.irradiance, 0.0, 1.0,
-				       total);
-		}
-		lp_lamp_insert(finder, &lamp); /* strengths may have changed places */
+		if (!m->id || !m->seen)
+			continue;
+		lp_sh_add_lamp(LP_SH_MAX_ORDER, m->on_grid.centroid, m->on_grid.irradiance, 0.0,
+			       -1.0, total);
+		lp_sh_add_lamp(LP_SH_MAX_ORDER, m->lamp.centroid, m->lamp.irradiance, 0.0, 1.0,
+			       total);
 	}
 }
 
-static float confidence_of(const struct lp_lamp *lamp)
-{
-	const float surround = fmaxf(lamp->background[LP_LUMINANCE], 0.0F);
-
-	return lamp->peak > 0.0F ? fminf(fmaxf(1.0F - surround / lamp->peak, 0.0F), 1.0F) : 0.0F;
-}
-
-static void list_light(const struct lp_imager *imager, const struct lp_lamp *lamp,
-		       struct lp_light *light)
-{
-	const float noise = lamp->background_noise * lamp->solid_angle_sr /
-			    fmaxf(lamp->irradiance[LP_LUMINANCE], 1e-30F);
-
-	memcpy(light->direction, lamp->direction, sizeof(light->direction));
-	memcpy(light->irradiance, lamp->irradiance, sizeof(light->irradiance));
-	light->id = 0;
-	light->angular_radius_deg = radius_rad(lamp) * DEG;
-	light->direction_sigma_deg = lamp->direction_sigma_deg;
-	light->irradiance_sigma =
-		lamp->flags & LP_LIGHT_CLIPPED
-			? NAN /* a lower bound has no sigma */
-			: fmaxf(hypotf(lp_imager_strength_sigma(imager, lamp), noise),
-				LEAST_IRRADIANCE_SIGMA);
-	light->confidence = confidence_of(lamp);
-	light->distance_m = NAN;
-	light->flags = lamp->flags;
-}
-
 static uint32_t flags_of(const struct lp_pipeline *p, const struct lp_panorama *panorama,
-			 const struct lp_imager_status *status, float mean)
+			 const struct lp_imager_status *status, float mean, int lamps)
 {
 	uint32_t flags = 0;
 
@@ -306,8 +275,10 @@ static uint32_t flags_of(const struct lp_pipeline *p, const struct lp_panorama *
 		flags |= LP_ESTIMATE_PARTIAL_VIEW;
 	if (status->invalid_samples)
 		flags |= LP_ESTIMATE_INVALID_INPUT;
-	if (p->detection->finder->count > p->wanted_lights)
+	if (lamps > p->wanted_lights)
 		flags |= LP_ESTIMATE_MORE_LIGHTS;
+	if (status->agreement < LEAST_AGREEMENT)
+		flags |= LP_ESTIMATE_MOTION;
 	if (!(mean > 0.0F))
 		flags |= LP_ESTIMATE_NO_LIGHT;
 	if (p->in_force < p->options.preset)
@@ -319,27 +290,80 @@ static uint32_t flags_of(const struct lp_pipeline *p, const struct lp_panorama *
 	return flags;
 }
 
+/* Variance of the irradiance, mean over all normals, that a lamp's own uncertainty brings: of its
+ * strength (the mean of max(0, cos)^2 is 1/6), and of its direction (likewise of max(0, sin)^2,
+ * over the lit half: 1/6). */
+static double lamp_variance(const struct lp_light *light)
+{
+	const double own = lp_luminance(light->irradiance);
+	const double strength = isnan(light->irradiance_sigma) ? 0.0 : light->irradiance_sigma;
+	const double direction = light->direction_sigma_deg / DEG;
+
+	return own * own * (strength * strength + direction * direction) / 6.0;
+}
+
+static float relighting_sigma(const struct lp_imager_status *status,
+			      const struct lp_light_estimate *e, const double (*total)[3])
+{
+	const float light[3] = {(float)total[0][0], (float)total[0][1], (float)total[0][2]};
+	/* mean irradiance = integral of radiance / 4 */
+	const double mean = lp_luminance(light) * sqrt(4.0 * M_PI) / 4.0;
+	/* clipped light may well be twice as much; flux over mean irradiance is 4 */
+	const double clipped = 4.0 * status->clipped_share / sqrt(6.0);
+	double lamps = 0.0;
+
+	if (!(mean > 0.0))
+		return 0.0F;
+	for (int k = 0; k < e->light_count; k++)
+		lamps += lamp_variance(&e->lights[k]) / (mean * mean);
+	return (float)sqrt(LEAST_RELIGHTING_SIGMA * LEAST_RELIGHTING_SIGMA + lamps +
+			   clipped * clipped +
+			   (double)status->irradiance_sigma * status->irradiance_sigma +
+			   (double)status->changed * status->changed);
+}
+
+/* e: zeroed. */
 static void fill_estimate(struct lp_pipeline *p, const struct lp_panorama *panorama, float mean,
 			  const double (*total)[3], struct lp_light_estimate *e)
 {
-	const struct lp_lamp_finder *finder = p->detection->finder;
+	const int count = lp_lamp_stage_list(&p->lamps, lp_imager_grid(p->imager), panorama,
+					     p->wanted_lights, e->lights);
 	struct lp_imager_status status;
 
 	lp_imager_status(p->imager, &status);
-	memset(e, 0, sizeof(*e));
 	e->t_capture_ns = panorama->t_capture_ns;
 	e->suspended_ns = lp_clock_suspended_ns();
 	e->sequence = ++p->sequence;
-	e->flags = flags_of(p, panorama, &status, mean);
+	e->flags = flags_of(p, panorama, &status, mean, count);
 	e->exposure_us = status.longest_exposure_us;
 	e->exposure_count = status.exposure_count;
 	e->cd_m2_per_unit = NAN;
-	for (int k = 0; k < finder->count && k < p->wanted_lights; k++)
-		list_light(p->imager, &finder->lamps[k], &e->lights[e->light_count++]);
+	e->light_count = count < p->wanted_lights ? count : p->wanted_lights;
 	for (int i = 0; i < LP_MAX_SH_COUNT; i++)
 		for (int c = 0; c < 3; c++)
 			e->sh_total[i][c] = (float)total[i][c];
+	e->relighting_sigma = relighting_sigma(&status, e, total);
 	lp_model_predict(total, e);
+}
+
+/* From the anchor frame to the camera's, at the estimate's capture time. */
+static void turn_to_camera(const struct lp_imager *imager, struct lp_light_estimate *e)
+{
+	const struct lp_rotation back = lp_rotation_inverse(lp_imager_rotation(imager));
+	struct lp_imager_status status;
+
+	if (lp_rotation_is_identity(&back))
+		return;
+	lp_imager_status(imager, &status);
+	const float late_deg = TIMING_SIGMA_S * status.rate_deg_per_s;
+
+	lp_sh_rotate(&back, LP_MAX_SH_ORDER, e->sh_total);
+	for (int k = 0; k < e->light_count; k++) {
+		lp_rotate_direction(&back, e->lights[k].direction);
+		e->lights[k].direction_sigma_deg =
+			hypotf(e->lights[k].direction_sigma_deg,
+			       hypotf(status.rotation_sigma_deg, late_deg));
+	}
 }
 
 bool lp_pipeline_control(struct lp_pipeline *pipeline, const struct lp_camera_control *control,
@@ -394,11 +418,36 @@ static struct lp_bracket_decision judge(struct lp_pipeline *p, float reported_us
 	return lp_bracket_judge(b, &settled, &commanded);
 }
 
+static struct lp_lamp_stage_work lamp_work(const struct lp_pipeline *p)
+{
+	return (struct lp_lamp_stage_work){.wanted_lights = p->wanted_lights,
+					   .refine_cells = p->preset.refine_cells};
+}
+
+/* The frame loaded last corrects what is known. */
+static int accept(struct lp_pipeline *p, float exposure_us)
+{
+	const struct lp_lamp_stage_work work = lamp_work(p);
+
+	lp_imager_settle(p->imager, exposure_us);
+	lp_lamp_stage_steer(&p->lamps, p->imager, p->detection, &work);
+	return lp_imager_accept(p->imager, exposure_us);
+}
+
+static int add(struct lp_pipeline *p, struct lp_frame *frame)
+{
+	const float exposure_us = lp_frame_exposure_us(frame);
+	const int ret = lp_imager_load(p->imager, frame, exposure_us);
+
+	return ret < 0 ? ret : accept(p, exposure_us);
+}
+
 /* The bracket says whether and as what the frame counts. 0, -EAGAIN or an error. */
 static int add_to_bracket(struct lp_pipeline *p, struct lp_frame *frame, float *command_us)
 {
 	const float reported_us = lp_frame_exposure_us(frame);
-	int ret = lp_imager_load(p->imager, frame, p->bracket.commanded_us);
+	int ret = lp_imager_load(p->imager, frame,
+				 p->reports_exposure ? reported_us : p->bracket.commanded_us);
 
 	if (ret < 0)
 		return ret;
@@ -410,7 +459,7 @@ static int add_to_bracket(struct lp_pipeline *p, struct lp_frame *frame, float *
 		lp_imager_forget(p->imager);
 	if (!decision.accept)
 		return -EAGAIN;
-	ret = lp_imager_accept(p->imager, decision.exposure_us);
+	ret = accept(p, decision.exposure_us);
 	if (ret < 0)
 		return ret;
 	const struct lp_bracket_scene scene = look_at_scene(p, lp_imager_panorama(p->imager));
@@ -418,9 +467,18 @@ static int add_to_bracket(struct lp_pipeline *p, struct lp_frame *frame, float *
 
 	if (lp_bracket_next(&p->bracket, &scene, &next_us))
 		*command_us = next_us;
-	if (lp_bracket_whole(&p->bracket))
-		lp_imager_keep(p->imager, p->bracket.plan_us, p->bracket.planned);
 	return 0;
+}
+
+/* Once the camera holds still again, its own frame is the anchor frame. */
+static void rest(struct lp_pipeline *p)
+{
+	struct lp_rotation turn;
+
+	if (!lp_imager_rest(p->imager, &turn))
+		return;
+	lp_lamp_memory_turn(&p->lamps.memory, &turn);
+	lp_tracker_turn(&p->tracker, &turn);
 }
 
 int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
@@ -438,7 +496,7 @@ int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
 					  : pipeline->options.max_lights;
 	*command_us = NAN;
 	ret = pipeline->bracketing ? add_to_bracket(pipeline, frame, command_us)
-				   : lp_imager_add(pipeline->imager, frame);
+				   : add(pipeline, frame);
 	if (ret < 0)
 		return ret;
 	struct lp_panorama *panorama = lp_imager_panorama(pipeline->imager);
@@ -450,11 +508,19 @@ int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
 	else
 		pipeline->detection->finder->count = 0;
 	fill_unseen(panorama, grid, pipeline->detection->finder);
-	project_and_refine(pipeline, panorama, total);
+	const struct lp_lamp_stage_work work = lamp_work(pipeline);
+
+	lp_lamp_stage_update(&pipeline->lamps, pipeline->imager, pipeline->detection, &work,
+			     panorama->t_capture_ns);
+	project(pipeline, panorama, total);
+	memset(&estimates->raw, 0, sizeof(estimates->raw));
 	fill_estimate(pipeline, panorama, mean, total, &estimates->raw);
 	estimates->raw.t_arrival_ns = t_arrival_ns;
 	estimates->raw.wheel_deg = wheel_deg;
 	estimates->raw.wheel_sigma_deg = wheel_sigma_deg;
 	lp_tracker_update(&pipeline->tracker, &estimates->raw, &estimates->smoothed);
+	turn_to_camera(pipeline->imager, &estimates->raw);
+	turn_to_camera(pipeline->imager, &estimates->smoothed);
+	rest(pipeline);
 	return 0;
 }

@@ -24,6 +24,12 @@ struct lp_pipeline;
 /* From the fastest to the most accurate. */
 enum lp_preset { LP_PRESET_FAST, LP_PRESET_BALANCED, LP_PRESET_ACCURATE, LP_PRESET_REFERENCE };
 
+/* How it is known where the camera looks. */
+enum lp_orientation_kind {
+	LP_ORIENTATION_NONE,   /* it never turns */
+	LP_ORIENTATION_VISUAL, /* from its own frames */
+};
+
 struct lp_pipeline_options {
 	const struct lp_camera_file *camera; /* NULL: equirectangular; borrowed during create */
 	enum lp_preset preset;
@@ -37,6 +43,7 @@ struct lp_pipeline_options {
 	int max_lights; /* 0..8: most lights looked for */
 	int sh_order;	/* 0..4: highest order estimated */
 	int brackets; /* most exposures of a bracket of our own making; 0: exposure is left alone */
+	enum lp_orientation_kind orientation;
 	float smoothing_ms; /* time constant of the smoothed estimate; 0: none */
 	float ttl_ms;
 };

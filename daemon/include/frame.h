@@ -21,8 +21,8 @@ enum lp_frame_flag {
 	LP_FRAME_LAST = 1 << 1,	   /* the source ends with this frame */
 };
 
-/* So many frames the consumer may hold at once: a raw one for each exposure of the largest bracket,
- * for a closer look at lamps later, and the one it works on. A source has some more to fill. */
+/* So many frames the consumer may hold at once: the pipeline the one it works on, a series those
+ * that are not written yet. A source has some more to fill. */
 #define LP_FRAMES_HELD 9
 
 /*

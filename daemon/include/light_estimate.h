@@ -36,6 +36,7 @@ enum lp_estimate_flag {
 	LP_ESTIMATE_RING_FAULT = 1 << 11,
 	LP_ESTIMATE_WHEEL_FAULT = 1 << 12,
 	LP_ESTIMATE_NO_LIGHT = 1 << 13,
+	LP_ESTIMATE_MOTION = 1 << 14,
 };
 
 /* One lamp. Unknown values are NAN. Directions are unit vectors towards the light, probe frame. */
@@ -70,6 +71,10 @@ struct lp_light_estimate {
 	/* Predicted relighting error of order l with the first k lights; relative to mean
 	 * irradiance. */
 	float predicted_error[LP_MAX_SH_ORDER + 1][LP_MAX_LIGHTS + 1];
+	/* 1 sigma of the irradiance as measured, root mean square over normals, relative to its
+	 * mean: noise, clipping, age and motion. What a small model leaves out is predicted_error.
+	 */
+	float relighting_sigma;
 	float exposure_us; /* longest used; NAN: unknown */
 	int exposure_count;
 	float cd_m2_per_unit;		  /* always NAN yet: not calibrated */

@@ -5,12 +5,10 @@
 #include <string.h>
 
 #include "include/luminance.h"
+#include "light/rotation.h"
 
 /* Chosen by hand; docs/maintainers/constants.md says which tests notice other values. */
 
-/* Two sightings are one lamp when they are closer than this, or than its own radius and
- * uncertainty. */
-#define GATE_DEG 4.0F
 /* An id is kept this long for a lamp that is not seen (flicker, someone walking past). */
 #define MEMORY_NS 2000000000LL
 /* Below this share of its full strength a fading lamp is no longer listed. */
@@ -21,50 +19,16 @@ static float luminance(const struct lp_light *light)
 	return lp_luminance(light->irradiance);
 }
 
-static float angle_deg(const float a[3], const float b[3])
-{
-	/* chord, not arc cosine: exact for small angles */
-	const float x = a[0] - b[0], y = a[1] - b[1], z = a[2] - b[2];
-
-	return 2.0F * asinf(fminf(sqrtf(x * x + y * y + z * z) / 2.0F, 1.0F)) * 180.0F /
-	       (float)M_PI;
-}
-
-static float gate_deg(const struct lp_light *light)
-{
-	const float sigma = isnan(light->direction_sigma_deg) ? 0.0F : light->direction_sigma_deg;
-
-	return fmaxf(GATE_DEG, fmaxf(3.0F * sigma, 0.7F * light->angular_radius_deg));
-}
-
-/* Nearest pairs first; each lamp and each track once. */
+/* The track of each lamp that has one. */
 static void associate(struct lp_tracker *tracker, const struct lp_light_estimate *raw,
 		      struct lp_track *of_light[LP_MAX_LIGHTS])
 {
-	for (int pair = 0; pair < raw->light_count; pair++) {
-		struct lp_track *best_track = NULL;
-		int best_light = 0;
-		float best = INFINITY;
-
-		for (int k = 0; k < raw->light_count; k++)
-			for (int t = 0; !of_light[k] && t < LP_MAX_TRACKS; t++) {
-				struct lp_track *track = &tracker->track[t];
-
-				if (!track->light.id || track->seen)
-					continue;
-				const float a =
-					angle_deg(track->light.direction, raw->lights[k].direction);
-				if (a < best && a < gate_deg(&raw->lights[k])) {
-					best = a;
-					best_track = track;
-					best_light = k;
-				}
+	for (int k = 0; k < raw->light_count; k++)
+		for (int t = 0; t < LP_MAX_TRACKS; t++)
+			if (tracker->track[t].light.id == raw->lights[k].id) {
+				of_light[k] = &tracker->track[t];
+				of_light[k]->seen = true;
 			}
-		if (!best_track)
-			return;
-		of_light[best_light] = best_track;
-		best_track->seen = true;
-	}
 }
 
 /* A free track; else the faintest that is not seen. */
@@ -89,9 +53,6 @@ static void start_track(struct lp_tracker *tracker, struct lp_track *track,
 {
 	track->light = *light;
 	track->seen = true;
-	if (++tracker->last_id == 0) /* 0 means no track */
-		tracker->last_id = 1;
-	track->light.id = tracker->last_id;
 	if (tracker->started)
 		memset(track->light.irradiance, 0, sizeof(track->light.irradiance));
 }
@@ -156,7 +117,7 @@ static void list_tracks(const struct lp_tracker *tracker, struct lp_light_estima
 	smoothed->light_count = count;
 }
 
-void lp_tracker_update(struct lp_tracker *tracker, struct lp_light_estimate *raw,
+void lp_tracker_update(struct lp_tracker *tracker, const struct lp_light_estimate *raw,
 		       struct lp_light_estimate *smoothed)
 {
 	const int64_t now_ns = raw->t_capture_ns;
@@ -174,7 +135,6 @@ void lp_tracker_update(struct lp_tracker *tracker, struct lp_light_estimate *raw
 			of_light[k] = new_track(tracker);
 			start_track(tracker, of_light[k], &raw->lights[k]);
 		}
-		raw->lights[k].id = of_light[k]->light.id;
 		follow_light(of_light[k], &raw->lights[k], alpha);
 		of_light[k]->t_seen_ns = now_ns;
 	}
@@ -191,4 +151,11 @@ void lp_tracker_update(struct lp_tracker *tracker, struct lp_light_estimate *raw
 	*smoothed = *raw;
 	memcpy(smoothed->sh_total, tracker->sh_total, sizeof(smoothed->sh_total));
 	list_tracks(tracker, smoothed);
+}
+
+void lp_tracker_turn(struct lp_tracker *tracker, const struct lp_rotation *turn)
+{
+	lp_sh_rotate(turn, LP_MAX_SH_ORDER, tracker->sh_total);
+	for (int t = 0; t < LP_MAX_TRACKS; t++)
+		lp_rotate_direction(turn, tracker->track[t].light.direction);
 }

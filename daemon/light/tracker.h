@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Lights over time: stable ids, and a smoothed estimate. Smoothing is one linear low-pass of
- * declared time constant for every irradiance and coefficient, so lights and SH stay consistent
- * while they settle: a lamp that appears rises from nothing, one that vanishes fades, and AMBIENT +
- * lights = TOTAL throughout.
+ * Lights over time: a smoothed estimate, in a frame that does not turn. Smoothing is one linear
+ * low-pass of declared time constant for every irradiance and coefficient, so lights and SH stay
+ * consistent while they settle: a lamp that appears rises from nothing, one that vanishes fades,
+ * and AMBIENT + lights = TOTAL throughout.
  */
 #ifndef LP_LIGHT_TRACKER_H
 #define LP_LIGHT_TRACKER_H
@@ -12,6 +12,8 @@
 #include <stdint.h>
 
 #include "include/light_estimate.h"
+
+struct lp_rotation;
 
 #define LP_MAX_TRACKS (2 * LP_MAX_LIGHTS)
 
@@ -25,16 +27,18 @@ struct lp_track {
 /* Plain data, no storage behind it; zeroed is a new one. One thread. */
 struct lp_tracker {
 	float time_constant_ms; /* 0: smoothed = raw */
-	uint32_t last_id;
 	bool started;
 	int64_t t_last_ns;
 	float sh_total[LP_MAX_SH_COUNT][3];
 	struct lp_track track[LP_MAX_TRACKS];
 };
 
-/* Give the raw estimate's lights their ids and follow it with `smoothed`. A capture time before the
- * last one counts as no time passed. */
-void lp_tracker_update(struct lp_tracker *tracker, struct lp_light_estimate *raw,
+/* Follow the raw estimate, whose lights have their ids (light/lamp_memory.h), with `smoothed`. A
+ * capture time before the last one counts as no time passed. */
+void lp_tracker_update(struct lp_tracker *tracker, const struct lp_light_estimate *raw,
 		       struct lp_light_estimate *smoothed);
+
+/* The frame of reference has been turned. */
+void lp_tracker_turn(struct lp_tracker *tracker, const struct lp_rotation *turn);
 
 #endif

@@ -9,8 +9,8 @@
 #include "base/log.h"
 #include "include/frame.h"
 #include "light/grid.h"
-#include "vision/change.h"
-#include "vision/merge.h"
+#include "vision/alignment.h"
+#include "vision/lookup.h"
 #include "vision/remap.h"
 
 /* Exposures within half a stop of each other are one setting: an automatic camera on its way, no
@@ -19,15 +19,31 @@
 /* A camera needs several frames for one change of exposure: a bracket of n takes up to 8 n frames:
  * more than MOST_DELAY_FRAMES of app/bracket.c each. */
 #define STALE_BRACKETS 8
-/* When more than this share of the light is another, exposures from before and after do not belong
- * together. Measured (docs/users/accuracy.md, "While the camera turns"): with 0.05 up to 5 % of the
- * packets of a turning camera are wrong without a flag, with 0.02 none. */
+/* When more than this share of the light is another, what was known of it is of the past. Measured
+ * (docs/users/accuracy.md, "While the camera turns"): with 0.05 up to 5 % of the packets of a
+ * turning camera are wrong without a flag, with 0.02 none. */
 #define CHANGED 0.02F
+/* Of a cell's mean, in codes, besides the rounding of its own (vision/code_noise.h). */
+#define CODE_SIGMA 0.5F
+/* Where a cell of a turned picture looks, in cells: what lies between samples. */
+#define PLACE_SIGMA 0.15
+/* Share of the cells that contradict what is known, from which on the camera may have turned. */
+#define LEAST_CONTRADICTING 0.002F
+/* The same of the light that the frame before showed changed: a lamp that moves before dark walls.
+ */
+#define LEAST_CHANGED 0.0005F
+/* An alignment that fewer of the compared pixels agree with is none. */
+#define LEAST_AGREEMENT 0.4F
+/* Nor is one of less than this share of the sphere. */
+#define LEAST_COMPARED 0.0003F
+/* Longer pauses are no motion that could be followed. */
+#define MOST_ELAPSED_S 1.0
 
 int lp_imager_create(const struct lp_camera *camera, const struct lp_imager_options *options,
 		     struct lp_imager **imager)
 {
 	const int width = options->panorama_width, height = width / 2;
+	const size_t cells = (size_t)width * height + 16; /* vector loads reach beyond the last */
 	struct lp_imager *m = calloc(1, sizeof(*m));
 	int ret;
 
@@ -35,19 +51,31 @@ int lp_imager_create(const struct lp_camera *camera, const struct lp_imager_opti
 		return -ENOMEM;
 	m->camera = camera;
 	m->options = *options;
+	m->agreement = 1.0F;
 	lp_response_init(&m->response, camera);
+	lp_motion_init(&m->motion);
 	ret = lp_grid_create(width, height, &m->grid);
+	if (ret == 0)
+		ret = lp_radiance_map_create(m->grid, &m->map);
+	if (ret == 0)
+		ret = lp_lookup_create(m->grid, &m->lookup);
+	if (ret == 0)
+		ret = lp_alignment_create(m->grid, &m->alignment);
 	if (ret < 0)
 		goto err_destroy;
 	ret = -ENOMEM;
-	m->panorama.width = width;
-	m->panorama.height = height;
-	m->mapped = calloc((size_t)width * height, sizeof(*m->mapped));
-	m->panorama.cells = m->mapped;
-	m->flags = calloc((size_t)width * height, 1);
-	m->panorama.flags = m->flags;
+	m->seen.width = m->panorama.width = width;
+	m->seen.height = m->panorama.height = height;
+	m->mapped = calloc(cells, sizeof(*m->mapped));
+	m->mapped_flags = calloc(cells, 1);
+	m->turned = calloc(cells, sizeof(*m->turned));
+	m->turned_flags = calloc(cells, 1);
+	m->step2 = calloc(cells, sizeof(*m->step2));
+	m->behind = calloc(cells, sizeof(*m->behind));
+	m->taken = calloc(cells, 1);
 	m->pixels = calloc((size_t)LP_REFINE_MAX_CELLS * LP_CELL_MAX_PX, sizeof(*m->pixels));
-	if (!m->mapped || !m->flags || !m->pixels)
+	if (!m->mapped || !m->mapped_flags || !m->turned || !m->turned_flags || !m->step2 ||
+	    !m->behind || !m->taken || !m->pixels)
 		goto err_destroy;
 	*imager = m;
 	return 0;
@@ -62,16 +90,21 @@ void lp_imager_destroy(struct lp_imager *imager)
 	if (!imager)
 		return;
 	lp_exposure_release(&imager->incoming);
-	for (int k = 0; k < LP_MAX_BRACKET; k++)
-		lp_exposure_release(&imager->exposure[k]);
-	lp_cells_release(&imager->merged);
 	lp_remap_destroy(imager->remap);
-	lp_grid_destroy(imager->grid);
 	free(imager->row_weight);
-	free(imager->pixels);
 	free(imager->place);
-	free(imager->flags);
+	free(imager->pixels);
+	free(imager->taken);
+	free(imager->behind);
+	free(imager->step2);
+	free(imager->turned_flags);
+	free(imager->turned);
+	free(imager->mapped_flags);
 	free(imager->mapped);
+	lp_alignment_destroy(imager->alignment);
+	lp_lookup_destroy(imager->lookup);
+	lp_radiance_map_destroy(imager->map);
+	lp_grid_destroy(imager->grid);
 	free(imager);
 }
 
@@ -85,18 +118,16 @@ struct lp_panorama *lp_imager_panorama(struct lp_imager *imager)
 	return &imager->panorama;
 }
 
-static void empty_slot(struct lp_exposure *exposure)
+const struct lp_rotation *lp_imager_rotation(const struct lp_imager *imager)
 {
-	exposure->serial = 0;
-	lp_frame_release(exposure->frame);
-	exposure->frame = NULL;
+	return &imager->motion.rotation;
 }
 
 void lp_imager_forget(struct lp_imager *imager)
 {
-	for (int k = 0; k < LP_MAX_BRACKET; k++)
-		empty_slot(&imager->exposure[k]);
-	imager->shown = NULL;
+	lp_radiance_map_forget(imager->map);
+	memset(imager->recent, 0, sizeof(imager->recent));
+	imager->t_map_ns = 0;
 }
 
 /*
@@ -179,84 +210,87 @@ static int set_geometry(struct lp_imager *imager, const struct lp_frame *frame, 
 	return 0;
 }
 
-static bool same_exposure(float a, float b)
+/* ---------------------------------------------------------------- how the camera turns */
+
+/* What the newest frame says, in the camera's frame. */
+static struct lp_observation observation_of(const struct lp_imager *imager)
 {
-	return (isnan(a) && isnan(b)) || (a <= SAME_EXPOSURE * b && b <= SAME_EXPOSURE * a);
+	const struct lp_exposure *e = &imager->incoming;
+
+	return (struct lp_observation){.radiance = (const float(*)[4])imager->seen.cells,
+				       .flags = imager->seen.flags,
+				       .response = &imager->response,
+				       .scale = e->scale,
+				       .coded = !isnan(e->cells.mean_code),
+				       .code_variance = CODE_SIGMA * CODE_SIGMA +
+							e->noise.common * e->noise.common};
 }
 
-void lp_imager_keep(struct lp_imager *imager, const float *exposures_us, int count)
+static void align(struct lp_imager *imager, const struct lp_observation *seen)
 {
-	for (int k = 0; k < LP_MAX_BRACKET; k++) {
-		struct lp_exposure *e = &imager->exposure[k];
-		bool wanted = false;
+	struct lp_motion *motion = &imager->motion;
+	double prior[3][3];
 
-		for (int i = 0; i < count; i++)
-			wanted |= same_exposure(e->exposure_us, exposures_us[i]);
-		if (e->serial && !wanted)
-			empty_slot(e);
-	}
+	lp_motion_prior(motion, prior);
+	lp_alignment_load(imager->alignment, imager->map, seen);
+	const struct lp_alignment_result result =
+		lp_alignment_solve(imager->alignment, &motion->rotation, (const double(*)[3])prior,
+				   sqrt(1.0 / prior[0][0]));
+
+	if (result.compared < LEAST_COMPARED) /* too dark, or too bright, to tell */
+		return;
+	imager->agreement = result.agreement;
+	if (result.agreement >= LEAST_AGREEMENT)
+		lp_motion_correct(motion, result.turn, (const double(*)[3])result.information);
 }
 
-/* The slot of this exposure setting; else an empty one; else that refreshed longest ago. */
-static struct lp_exposure *slot_for(struct lp_imager *imager, float exposure_us)
+/* Find the map's cells in the frame of a turned camera. */
+static void place_map(struct lp_imager *imager)
 {
-	struct lp_exposure *oldest = &imager->exposure[0];
+	const struct lp_rotation back = lp_rotation_inverse(&imager->motion.rotation);
 
-	for (int k = 0; k < LP_MAX_BRACKET; k++) {
-		struct lp_exposure *e = &imager->exposure[k];
-
-		if (e->serial && same_exposure(e->exposure_us, exposure_us))
-			return e;
-		if (e->serial < oldest->serial)
-			oldest = e;
-	}
-	return oldest;
+	if (!lp_rotation_is_identity(&back))
+		lp_lookup_set(imager->lookup, &back);
 }
 
-/*
- * A setting that several whole brackets have passed by is no longer part of the bracket. Frames of
- * unknown exposure do not mix with known ones: the newest kind rules.
- */
-static void forget_stale(struct lp_imager *imager, const struct lp_exposure *newest)
+/* Where the camera looks in the newest frame: as predicted, corrected by what it shows. A camera
+ * that holds still is only looked at closer when the frame contradicts what is known. */
+static void follow(struct lp_imager *imager)
 {
-	int live = 0;
+	const struct lp_observation seen = observation_of(imager);
+	const double elapsed_s = (double)(imager->t_capture_ns - imager->t_motion_ns) / 1e9;
+	const bool first = !imager->t_motion_ns || !imager->t_map_ns;
 
-	for (int k = 0; k < LP_MAX_BRACKET; k++)
-		live += imager->exposure[k].serial != 0;
-	for (int k = 0; k < LP_MAX_BRACKET; k++) {
-		struct lp_exposure *e = &imager->exposure[k];
-
-		if (!e->serial || e == newest)
-			continue;
-		if (newest->serial - e->serial > STALE_BRACKETS * (uint64_t)live ||
-		    isnan(e->exposure_us) != isnan(newest->exposure_us))
-			empty_slot(e);
-	}
+	imager->t_motion_ns = imager->t_capture_ns;
+	imager->agreement = 1.0F;
+	if (first || !imager->options.follow_turns || !(elapsed_s > 0.0))
+		return;
+	lp_motion_predict(&imager->motion, elapsed_s < MOST_ELAPSED_S ? elapsed_s : MOST_ELAPSED_S);
+	if (imager->motion.turning || !lp_rotation_is_identity(&imager->motion.rotation) ||
+	    imager->update.changed > LEAST_CHANGED ||
+	    lp_radiance_map_contradicting(imager->map, &seen) > LEAST_CONTRADICTING)
+		align(imager, &seen);
+	place_map(imager);
 }
 
-_Static_assert(LP_MAX_BRACKET <= LP_MERGE_MAX, "all exposures are merged at once");
-
-static int refresh(struct lp_imager *imager)
+void lp_imager_correct_rotation(struct lp_imager *imager, const double pull[3],
+				const double information[3][3])
 {
-	const struct lp_cells *cells[LP_MAX_BRACKET];
-	int count = 0;
-
-	for (int k = 0; k < LP_MAX_BRACKET; k++)
-		if (imager->exposure[k].serial)
-			cells[count++] = &imager->exposure[k].cells;
-	if (count > 1) {
-		int ret = lp_merge(cells, count, &imager->response, &imager->merged);
-
-		if (ret < 0)
-			return ret;
-		cells[0] = &imager->merged;
-	}
-	imager->shown = cells[0];
-	imager->panorama.cells = imager->remap->identity ? cells[0]->radiance : imager->mapped;
-	imager->panorama.flags = imager->remap->identity ? cells[0]->clipped : imager->flags;
-	lp_remap_apply(imager->remap, cells[0], &imager->panorama);
-	return 0;
+	lp_motion_correct_by_landmarks(&imager->motion, pull, information);
+	place_map(imager);
 }
+
+bool lp_imager_rest(struct lp_imager *imager, struct lp_rotation *turn)
+{
+	if (!lp_motion_at_rest(&imager->motion))
+		return false;
+	*turn = lp_rotation_inverse(&imager->motion.rotation);
+	lp_radiance_map_turn(imager->map, imager->lookup, &imager->motion.rotation);
+	lp_motion_anchor(&imager->motion);
+	return true;
+}
+
+/* ---------------------------------------------------------------- frames */
 
 static bool sane(const struct lp_frame *frame)
 {
@@ -272,6 +306,17 @@ static float scale_of(const struct lp_exposure *exposure, float exposure_us)
 	const bool coded = !isnan(exposure->cells.mean_code);
 
 	return coded && !isnan(exposure_us) ? 1e6F / exposure_us : 1.0F;
+}
+
+/* The newest frame's cells on the panorama's grid. */
+static void map_cells(struct lp_imager *imager)
+{
+	const struct lp_cells *cells = &imager->incoming.cells;
+	const bool identity = imager->remap->identity;
+
+	imager->seen.cells = identity ? cells->radiance : imager->mapped;
+	imager->seen.flags = identity ? cells->clipped : imager->mapped_flags;
+	lp_remap_apply(imager->remap, cells, &imager->seen);
 }
 
 int lp_imager_load(struct lp_imager *imager, struct lp_frame *frame, float expected_us)
@@ -295,41 +340,134 @@ int lp_imager_load(struct lp_imager *imager, struct lp_frame *frame, float expec
 		lp_frame_release(frame);
 		return ret;
 	}
-	imager->incoming_t_capture_ns = frame->t_start_ns + duration_ns / 2;
+	imager->t_capture_ns = frame->t_start_ns + duration_ns / 2;
 	incoming->exposure_us = expected_us;
 	incoming->scale = isnan(expected_us) || frame->format == LP_FORMAT_RGB_F32
 				  ? 1.0F
 				  : 1e6F / expected_us;
 	ret = lp_exposure_load(incoming, frame, &options, imager->row_weight, &imager->response);
-	imager->loaded = ret == 0;
-	return ret;
+	if (ret < 0)
+		return ret;
+	map_cells(imager);
+	follow(imager);
+	imager->loaded = true;
+	return 0;
+}
+
+static bool same_exposure(float a, float b)
+{
+	return (isnan(a) && isnan(b)) || (a <= SAME_EXPOSURE * b && b <= SAME_EXPOSURE * a);
+}
+
+/* The place of this exposure setting; else an empty one; else that seen longest ago. */
+static struct lp_recent_exposure *place_for(struct lp_imager *imager, float exposure_us)
+{
+	struct lp_recent_exposure *oldest = &imager->recent[0];
+
+	for (int k = 0; k < LP_MAX_BRACKET; k++) {
+		struct lp_recent_exposure *e = &imager->recent[k];
+
+		if (e->serial && same_exposure(e->exposure_us, exposure_us))
+			return e;
+		if (e->serial < oldest->serial)
+			oldest = e;
+	}
+	return oldest;
+}
+
+/* A setting that several whole brackets have passed by is no longer part of the bracket. */
+static void note_exposure(struct lp_imager *imager, float exposure_us)
+{
+	const struct lp_cells *cells = &imager->incoming.cells;
+	int live = 0;
+
+	imager->serial++;
+	*place_for(imager, exposure_us) =
+		(struct lp_recent_exposure){.exposure_us = exposure_us,
+					    .mean_code = (float)cells->mean_code,
+					    .serial = imager->serial,
+					    .invalid = cells->invalid_count > 0};
+	for (int k = 0; k < LP_MAX_BRACKET; k++)
+		live += imager->recent[k].serial != 0;
+	for (int k = 0; k < LP_MAX_BRACKET; k++) {
+		struct lp_recent_exposure *e = &imager->recent[k];
+
+		if (imager->serial - e->serial > STALE_BRACKETS * (uint64_t)live ||
+		    isnan(e->exposure_us) != isnan(exposure_us))
+			e->serial = 0;
+	}
+}
+
+/* Frames of unknown exposure have another scale than those of a known one: the newest kind rules.
+ */
+static void forget_other_scale(struct lp_imager *imager, float exposure_us)
+{
+	for (int k = 0; k < LP_MAX_BRACKET; k++)
+		if (imager->recent[k].serial &&
+		    isnan(imager->recent[k].exposure_us) != isnan(exposure_us)) {
+			lp_imager_forget(imager);
+			return;
+		}
+}
+
+static void observe(struct lp_imager *imager)
+{
+	struct lp_observation seen = observation_of(imager);
+	const double elapsed_s = (double)(imager->t_capture_ns - imager->t_map_ns) / 1e9;
+
+	seen.elapsed_s = imager->t_map_ns && elapsed_s > 0.0 ? (float)elapsed_s : 0.0F;
+	if (!lp_rotation_is_identity(&imager->motion.rotation)) {
+		const double sigma =
+			lp_motion_sigma_rad(&imager->motion) * imager->grid->height / M_PI;
+
+		lp_lookup_radiance(imager->lookup, seen.radiance, imager->turned, imager->step2);
+		lp_lookup_marks(imager->lookup, seen.flags, imager->turned_flags);
+		seen.radiance = (const float(*)[4])imager->turned;
+		seen.flags = imager->turned_flags;
+		seen.step2 = imager->step2;
+		seen.place_variance = (float)(PLACE_SIGMA * PLACE_SIGMA + sigma * sigma);
+	}
+	imager->update = lp_radiance_map_observe(imager->map, &seen);
+	imager->t_map_ns = imager->t_capture_ns;
+}
+
+/* The map, as the rest of the pipeline sees it. */
+static void show(struct lp_imager *imager)
+{
+	imager->panorama.cells = imager->map->radiance;
+	imager->panorama.flags = imager->map->flags;
+	imager->panorama.t_capture_ns = imager->t_capture_ns;
+	imager->panorama.clipped_fraction = imager->update.clipped_fraction;
+	imager->panorama.seen_fraction = imager->update.unseen_fraction > 0.0F
+						 ? 1.0F - imager->update.unseen_fraction
+						 : 1.0F;
+}
+
+void lp_imager_settle(struct lp_imager *imager, float exposure_us)
+{
+	struct lp_exposure *incoming = &imager->incoming;
+	const float scale = scale_of(incoming, exposure_us);
+
+	incoming->exposure_us = exposure_us;
+	if (incoming->scale == scale)
+		return;
+	lp_exposure_rescale(incoming, scale);
+	map_cells(imager);
 }
 
 int lp_imager_accept(struct lp_imager *imager, float exposure_us)
 {
-	struct lp_exposure *slot = slot_for(imager, exposure_us);
-	const struct lp_exposure recycled = *slot;
-
 	if (!imager->loaded)
 		return -EINVAL;
 	imager->loaded = false;
-	lp_exposure_rescale(&imager->incoming, scale_of(&imager->incoming, exposure_us));
-	const struct lp_cells *before = slot->serial ? &slot->cells : imager->shown;
-	const bool changed = before && imager->shown &&
-			     lp_cells_change(&imager->incoming.cells, before, imager->shown,
-					     imager->row_weight) > CHANGED;
-
-	*slot = imager->incoming;
-	imager->incoming = recycled;
-	lp_frame_release(recycled.frame);
-	imager->incoming.frame = NULL;
-	slot->exposure_us = exposure_us;
-	slot->serial = ++imager->serial;
-	if (changed)
-		imager->changed_serial = slot->serial;
-	imager->panorama.t_capture_ns = imager->incoming_t_capture_ns;
-	forget_stale(imager, slot);
-	return refresh(imager);
+	lp_imager_settle(imager, exposure_us);
+	forget_other_scale(imager, exposure_us);
+	observe(imager);
+	note_exposure(imager, exposure_us);
+	if (imager->update.changed > CHANGED)
+		imager->changed_serial = imager->serial;
+	show(imager);
+	return 0;
 }
 
 int lp_imager_add(struct lp_imager *imager, struct lp_frame *frame)
@@ -342,22 +480,35 @@ int lp_imager_add(struct lp_imager *imager, struct lp_frame *frame)
 
 void lp_imager_status(const struct lp_imager *imager, struct lp_imager_status *status)
 {
-	*status = (struct lp_imager_status){.longest_exposure_us = NAN, .mean_code = NAN};
+	const double *rate = imager->motion.rate;
+	const double degrees = 180.0 / M_PI;
+
+	*status = (struct lp_imager_status){
+		.longest_exposure_us = NAN,
+		.mean_code = NAN,
+		.irradiance_sigma = imager->update.irradiance_sigma,
+		.clipped_share = imager->update.clipped_share,
+		.changed = imager->update.changed,
+		.rotation_sigma_deg = (float)(lp_motion_sigma_rad(&imager->motion) * degrees),
+		.rate_deg_per_s =
+			(float)(sqrt(rate[0] * rate[0] + rate[1] * rate[1] + rate[2] * rate[2]) *
+				degrees),
+		.agreement = imager->agreement};
 	for (int k = 0; k < LP_MAX_BRACKET; k++) {
-		const struct lp_exposure *e = &imager->exposure[k];
+		const struct lp_recent_exposure *e = &imager->recent[k];
 
 		if (!e->serial)
 			continue;
 		status->exposure_count++;
 		status->current_count +=
 			e->serial == imager->serial || e->serial > imager->changed_serial;
-		status->invalid_samples |= e->cells.invalid_count > 0;
+		status->invalid_samples |= e->invalid;
 		/* float frames are radiance, whatever their exposure */
-		status->exposure_unknown |= isnan(e->exposure_us) && !isnan(e->cells.mean_code);
+		status->exposure_unknown |= isnan(e->exposure_us) && !isnan(e->mean_code);
 		if (isnan(status->longest_exposure_us) ||
 		    e->exposure_us > status->longest_exposure_us) {
 			status->longest_exposure_us = e->exposure_us;
-			status->mean_code = (float)e->cells.mean_code;
+			status->mean_code = e->mean_code;
 		}
 	}
 }

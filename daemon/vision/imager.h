@@ -1,7 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The whole of vision: frames in, one merged panorama of linear radiance out. Keeps the newest
- * frame of every exposure of a bracket, so that each new frame refreshes the panorama. One thread.
+ * The whole of vision: frames in, one panorama of linear radiance out. Every frame corrects what is
+ * known (vision/radiance_map.h), turned into the frame of the map as the camera is turned. One
+ * thread.
+ *
+ * Two frames of reference: the camera's (the probe frame), and the anchor frame, in which the
+ * panorama and the lamps found in it are. They are the same until the camera turns.
  */
 #ifndef LP_VISION_IMAGER_H
 #define LP_VISION_IMAGER_H
@@ -21,14 +25,16 @@ struct lp_imager;
 struct lp_lamp;
 struct lp_lamp_finder;
 struct lp_panorama;
+struct lp_rotation;
 
-#define LP_MAX_BRACKET (LP_FRAMES_HELD - 1)
+#define LP_MAX_BRACKET 8 /* exposure settings that are told apart */
 
 struct lp_imager_options {
 	int panorama_width; /* multiple of 8, 16..LP_PANORAMA_MAX_WIDTH */
 	enum lp_decode decode;
-	int divisor;	  /* PIXELS: 1, 2, 4, 8 */
-	int exact_blocks; /* BLOCKS: most blocks decoded after all */
+	int divisor;	   /* PIXELS: 1, 2, 4, 8 */
+	int exact_blocks;  /* BLOCKS: most blocks decoded after all */
+	bool follow_turns; /* see by the frames how the camera turns; false: it never does */
 };
 
 /* What went into the panorama. */
@@ -40,6 +46,14 @@ struct lp_imager_status {
 	bool exposure_unknown;
 	bool invalid_samples; /* NaN, infinite or negative ones were left out */
 	float mean_code;      /* of the longest exposure, 0..255; NAN: float frames */
+	/* 1 sigma of irradiance from the panorama's own uncertainty (vision/radiance_map.h) */
+	float irradiance_sigma;
+	float clipped_share;	  /* of the light: what clipped cells hold at least */
+	float changed;		  /* share of the light that the newest frame showed changed */
+	float rotation_sigma_deg; /* of lp_imager_rotation(); 0: the camera holds still */
+	float rate_deg_per_s;	  /* how fast it turns */
+	float agreement; /* share of the newest frame that agreed with the panorama once aligned; 1
+			  * where nothing had to be aligned */
 };
 
 /* The camera is borrowed until destroy. */
@@ -55,6 +69,10 @@ void lp_imager_destroy(struct lp_imager *imager); /* accepts NULL; releases the 
  */
 int lp_imager_load(struct lp_imager *imager, struct lp_frame *frame, float expected_us);
 
+/* The frame loaded last was exposed for exposure_us, and not for what was expected: scale it.
+ * Needed only by who looks at it before lp_imager_accept(), which does the same. */
+void lp_imager_settle(struct lp_imager *imager, float exposure_us);
+
 /* The frame loaded last was exposed for exposure_us (times gain; NAN: unknown): merge it and
  * refresh the panorama. */
 int lp_imager_accept(struct lp_imager *imager, float exposure_us);
@@ -62,10 +80,7 @@ int lp_imager_accept(struct lp_imager *imager, float exposure_us);
 /* Load and accept with the exposure that the frame itself states. */
 int lp_imager_add(struct lp_imager *imager, struct lp_frame *frame);
 
-/* From the next merge on only these exposures count; what others showed is of the past. */
-void lp_imager_keep(struct lp_imager *imager, const float *exposures_us, int count);
-
-/* Forget all exposures: the next one accepted starts anew. */
+/* Forget all that is known of the light: the next frame accepted starts anew. */
 void lp_imager_forget(struct lp_imager *imager);
 
 /* How the frame loaded last compares with the radiance known so far, if it was exposed for
@@ -77,23 +92,38 @@ struct lp_exposure_match {
 struct lp_exposure_match lp_imager_match(const struct lp_imager *imager, float exposure_us);
 
 const struct lp_grid *lp_imager_grid(const struct lp_imager *imager);
-/* Owned by the imager; valid and changeable until the next add. */
+/* Anchor frame. Owned by the imager; valid and changeable until the next load. */
 struct lp_panorama *lp_imager_panorama(struct lp_imager *imager);
+
+/* Camera to anchor frame, at the newest frame's capture time. Valid until the next load. */
+const struct lp_rotation *lp_imager_rotation(const struct lp_imager *imager);
+
+/* Lamps say how the frame just loaded is turned (light/motion.h: lp_motion_correct_by_landmarks()).
+ */
+void lp_imager_correct_rotation(struct lp_imager *imager, const double pull[3],
+				const double information[3][3]);
+
+/*
+ * When the camera has come to rest: make its frame the anchor frame. True: that was done, and
+ * `turn` is the rotation from the old anchor frame to the new one, by which the caller turns what
+ * it keeps.
+ */
+bool lp_imager_rest(struct lp_imager *imager, struct lp_rotation *turn);
+
 void lp_imager_status(const struct lp_imager *imager, struct lp_imager_status *status);
 
 /*
- * Look at the full-resolution pixels behind a lamp, of the longest exposure that does not clip
- * there: direction, irradiance, solid angle and the direction's sigma become theirs. False: more
- * than `most_cells` camera cells hold the lamp's light, where the grid serves as well, and it is
- * left as it was.
+ * Look at the newest frame's full-resolution pixels behind a lamp of the panorama: direction,
+ * irradiance and its sigma, solid angle and the direction's sigma become theirs; CLIPPED says
+ * whether it is saturated in this frame. False: more than `most_cells` camera cells hold the lamp's
+ * light, where the grid serves as well, or the frame does not show it; it is left as it was.
  */
 bool lp_imager_refine(struct lp_imager *imager, const struct lp_lamp_finder *finder,
 		      struct lp_lamp *lamp, int most_cells);
 
 /*
- * 1 sigma, relative, of a lamp's irradiance from how it was recorded: the camera's response and
- * white balance, and the rounding of codes (vision/code_noise.h) in the longest exposure that does
- * not clip it. 0 for float frames.
+ * 1 sigma, relative, of a lamp's irradiance from how the newest frame recorded it: the camera's
+ * response and white balance, and the rounding of codes (vision/code_noise.h). 0 for float frames.
  */
 float lp_imager_strength_sigma(const struct lp_imager *imager, const struct lp_lamp *lamp);
 

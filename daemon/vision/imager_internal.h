@@ -4,14 +4,26 @@
 #define LP_VISION_IMAGER_INTERNAL_H
 
 #include "include/panorama.h"
+#include "light/motion.h"
 #include "vision/camera.h"
 #include "vision/imager.h"
+#include "vision/radiance_map.h"
 #include "vision/response.h"
 
+struct lp_alignment;
+struct lp_lookup;
 struct lp_remap;
 
 #define LP_REFINE_MAX_CELLS 1024 /* camera cells of one lamp */
 #define LP_CELL_MAX_PX 64	 /* pixels of one camera cell */
+
+/* An exposure setting of the last frames. */
+struct lp_recent_exposure {
+	float exposure_us; /* times gain; NAN: unknown */
+	float mean_code;   /* NAN: float frames */
+	uint64_t serial;   /* of the newest frame of it; 0: none */
+	bool invalid;	   /* it held samples that are no light */
+};
 
 struct lp_imager {
 	const struct lp_camera *camera; /* borrowed */
@@ -21,22 +33,40 @@ struct lp_imager {
 	struct lp_remap *remap;	   /* of the current picture size */
 	float *row_weight;	   /* of the current picture size: solid angle up to a factor */
 	float *row_solid_angle_sr; /* of one pixel, equirectangular; same block as row_weight */
-	struct lp_exposure exposure[LP_MAX_BRACKET]; /* serial 0: empty */
-	struct lp_exposure incoming;		     /* loaded, not accepted yet */
-	int64_t incoming_t_capture_ns;
-	bool loaded;
-	const struct lp_cells *shown; /* that the panorama was made from; NULL: none yet */
-	uint64_t serial;
-	uint64_t changed_serial; /* of the last exposure that showed other light than before it */
-	struct lp_cells merged;
-	/* its cells and flags are those below, or the camera's where the two grids are the same */
-	struct lp_panorama panorama;
+
+	struct lp_exposure incoming; /* the newest frame */
+	int64_t t_capture_ns;	     /* of it */
+	bool loaded;		     /* it has not been accepted yet */
+	/* Its cells on the panorama's grid, camera frame: `mapped` and `mapped_flags`, or the
+	 * camera's own where the two grids are the same. */
+	struct lp_panorama seen;
 	float (*mapped)[4];
-	uint8_t *flags;
+	uint8_t *mapped_flags;
+
+	struct lp_radiance_map *map;
+	struct lp_panorama panorama; /* the map, as the rest of the pipeline sees it */
+	struct lp_motion motion;
+	int64_t t_motion_ns; /* that motion.rotation is of; 0: nothing has been seen */
+	int64_t t_map_ns;    /* of the last frame that the map has observed */
+	float agreement;     /* of the last alignment */
+
+	/* Where the map's cells lie in the camera's frame, while the camera is turned. */
+	struct lp_lookup *lookup;
+	struct lp_alignment *alignment;
+	float (*turned)[4];
+	uint8_t *turned_flags;
+	float *step2;
+
+	uint64_t serial;
+	uint64_t changed_serial; /* of the last frame that showed other light than before it */
+	struct lp_recent_exposure recent[LP_MAX_BRACKET];
+	struct lp_map_update update; /* of the newest observation */
 
 	/* refine.c */
 	int *place;	    /* per camera cell: index into the patch that saw it last */
 	float (*pixels)[3]; /* of LP_REFINE_MAX_CELLS camera cells */
+	int32_t *behind;    /* panorama cells behind a lamp, camera frame */
+	uint8_t *taken;	    /* per panorama cell: it is among them */
 };
 
 #endif

@@ -3,7 +3,10 @@
 #include <math.h>
 
 #include "include/luminance.h"
+#include "light/grid.h"
+#include "light/rotation.h"
 #include "vision/imager_internal.h"
+#include "vision/lookup.h"
 
 /* Chosen by hand; docs/maintainers/constants.md says which tests notice other values. */
 
@@ -19,27 +22,44 @@ static float code_of(float linear)
 	return sqrtf(fminf(fmaxf(linear, LEAST_LINEAR), 1.0F));
 }
 
+/* Cell of the newest frame that looks where cell `i` of the map lies. */
+static int seen_cell(const struct lp_imager *imager, int i, bool turned)
+{
+	const struct lp_lookup *lookup = imager->lookup;
+	const int column = lookup->across[i] < 0.5F ? lookup->left[i] : lookup->right[i];
+
+	return !turned ? i : column + (lookup->down[i] < 0.5F ? 0 : imager->grid->width);
+}
+
 struct lp_exposure_match lp_imager_match(const struct lp_imager *imager, float exposure_us)
 {
-	const struct lp_cells *seen = &imager->incoming.cells, *known = imager->shown;
+	const struct lp_cells *cells = &imager->incoming.cells;
+	const struct lp_radiance_map *map = imager->map;
+	const bool turned = !lp_rotation_is_identity(&imager->motion.rotation);
+	const int count = imager->grid->width * imager->grid->height;
 	struct lp_exposure_match match = {.difference_codes = NAN};
 	float least_known = INFINITY;
 	double sum = 0.0;
 	int compared = 0, looked_at = 0;
 
-	if (!imager->loaded || !known || isnan(seen->mean_code))
+	if (!imager->loaded || !imager->t_map_ns || isnan(cells->mean_code))
 		return match;
 	/* what the longest exposure so far could just make out */
 	for (int k = 0; k < LP_MAX_BRACKET; k++)
-		if (imager->exposure[k].serial)
-			least_known = fminf(least_known, LEAST_LINEAR * imager->exposure[k].scale);
-	for (int i = 0; i < seen->width * seen->height; i += STEP, looked_at++) {
-		const float observed = seen->radiance[i][LP_LUMINANCE] / seen->scale;
-		const float predicted = known->radiance[i][LP_LUMINANCE] * exposure_us * 1e-6F;
+		if (imager->recent[k].serial)
+			least_known = fminf(least_known,
+					    LEAST_LINEAR * 1e6F / imager->recent[k].exposure_us);
+	for (int i = 0; i < count; i += STEP, looked_at++) {
+		const int seen = seen_cell(imager, i, turned);
+		const float observed = imager->seen.cells[seen][LP_LUMINANCE] / cells->scale;
+		const float known = map->radiance[i][LP_LUMINANCE];
+		const float predicted = known * exposure_us * 1e-6F;
 
+		if ((map->flags[i] | imager->seen.flags[seen]) & LP_CELL_UNSEEN)
+			continue;
 		/* a clipped cell is known to be bright, not how bright */
-		if ((known->clipped[i] && predicted < 1.0F) ||
-		    (known->radiance[i][LP_LUMINANCE] < least_known && predicted > LEAST_LINEAR))
+		if (((map->flags[i] & LP_CELL_CLIPPED) && predicted < 1.0F) ||
+		    (known < least_known && predicted > LEAST_LINEAR))
 			continue;
 		sum += fabsf(code_of(predicted) - code_of(observed));
 		compared++;

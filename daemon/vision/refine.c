@@ -12,6 +12,7 @@
 #include "vision/cell_geometry.h"
 #include "vision/code_noise.h"
 #include "vision/imager_internal.h"
+#include "vision/lookup.h"
 #include "vision/remap.h"
 
 /* Chosen by hand; docs/maintainers/constants.md says what half and double of each does. */
@@ -19,7 +20,6 @@
 /* Response, roll-off and white balance of a camera: what a lamp's strength is uncertain by at best.
  * No real camera has been measured; docs/users/accuracy.md shows the figures without it, too. */
 #define CAMERA_SIGMA 0.02F
-#define TOP_CODE 250 /* codes from here on count as saturated */
 /* Pixels fainter than this share of the lamp's peak, or lost in the surround's noise, add to its
  * irradiance but say nothing of where and how large it is. */
 #define CORE_SHARE 0.05F
@@ -68,23 +68,61 @@ static bool holds(const struct lp_cells *cells, const struct lp_lamp *lamp, int 
 	return cells->radiance[source][LP_LUMINANCE] - surround > share * (lamp->peak - surround);
 }
 
+/* Cells of a panorama in the camera's frame. */
+struct behind {
+	const int32_t *cells;
+	int count;
+};
+
+static void take_behind(struct lp_imager *imager, int32_t cell, int *count)
+{
+	if (imager->taken[cell])
+		return;
+	imager->taken[cell] = 1;
+	imager->behind[(*count)++] = cell;
+}
+
+/* Where the lamp's cells lie in the camera's frame; of a turned camera, all that surround them. */
+static struct behind cells_behind(struct lp_imager *imager, const struct lp_lamp_finder *finder,
+				  const struct lp_lamp *lamp)
+{
+	const struct lp_lookup *lookup = imager->lookup;
+	const int32_t *cells = finder->cells + lamp->first;
+	const int width = imager->grid->width;
+	int count = 0;
+
+	if (lp_rotation_is_identity(&imager->motion.rotation))
+		return (struct behind){cells, lamp->count};
+	for (int i = 0; i < lamp->count; i++) {
+		const int32_t left = lookup->left[cells[i]], right = lookup->right[cells[i]];
+
+		take_behind(imager, left, &count);
+		take_behind(imager, right, &count);
+		take_behind(imager, left + width, &count);
+		take_behind(imager, right + width, &count);
+	}
+	for (int i = 0; i < count; i++)
+		imager->taken[imager->behind[i]] = 0;
+	return (struct behind){imager->behind, count};
+}
+
 /* Camera cells behind the lamp's panorama cells, thinned where polar_stride() allows it; the bright
  * ones, which each count by themselves, only if `all`. False: too many. */
-static bool collect_thinned(struct lp_imager *imager, const struct lp_lamp_finder *finder,
+static bool collect_thinned(struct lp_imager *imager, const struct behind *behind,
 			    const struct lp_lamp *lamp, int thin, bool all, struct patch *patch)
 {
 	const struct lp_remap *remap = imager->remap;
 	const int columns = (remap->width_px + remap->cell_px - 1) / remap->cell_px;
 
 	patch->count = 0;
-	for (int i = 0; i < lamp->count; i++) {
-		const int32_t cell = finder->cells[lamp->first + i];
+	for (int i = 0; i < behind->count; i++) {
+		const int32_t cell = behind->cells[i];
 		const float omega = lp_grid_solid_angle_sr(imager->grid, cell);
 
 		for (int k = remap->start[cell]; k < remap->start[cell + 1]; k++) {
 			const int source = remap->source[k];
-			const int stride = thin == 1 || (!all && holds(imager->shown, lamp, source,
-								       CORE_SHARE))
+			const int stride = thin == 1 || (!all && holds(&imager->incoming.cells,
+								       lamp, source, CORE_SHARE))
 						   ? 1
 						   : polar_stride(imager, source / columns, thin);
 			int *place = &imager->place[source];
@@ -106,47 +144,12 @@ static bool collect_thinned(struct lp_imager *imager, const struct lp_lamp_finde
 	return patch->count > 0;
 }
 
-/* The longest exposure that the mask (bit k: exposure k) does not exclude, else the shortest. NULL:
- * there is none. *all_excluded: that was so; may be NULL. */
-static const struct lp_exposure *longest_exposure(const struct lp_imager *imager, unsigned excluded,
-						  bool *all_excluded)
-{
-	const struct lp_exposure *best = NULL, *shortest = NULL;
-
-	for (int k = 0; k < LP_MAX_BRACKET; k++) {
-		const struct lp_exposure *e = &imager->exposure[k];
-
-		if (!e->serial)
-			continue;
-		if (!shortest || e->scale > shortest->scale)
-			shortest = e;
-		if (!(excluded >> k & 1) && (!best || e->scale < best->scale))
-			best = e;
-	}
-	if (all_excluded)
-		*all_excluded = !best;
-	return best ? best : shortest;
-}
-
 static bool clips(const struct lp_exposure *exposure, const struct patch *patch)
 {
 	for (int i = 0; i < patch->count; i++)
 		if (exposure->cells.clipped[patch->cells[i]])
 			return true;
 	return false;
-}
-
-/* The longest exposure that does not clip there, else the shortest. */
-static const struct lp_exposure *best_exposure(const struct lp_imager *imager,
-					       const struct patch *patch, bool *clipped)
-{
-	unsigned clipping = 0;
-
-	for (int k = 0; k < LP_MAX_BRACKET; k++) {
-		if (imager->exposure[k].serial && clips(&imager->exposure[k], patch))
-			clipping |= 1U << k;
-	}
-	return longest_exposure(imager, clipping, clipped);
 }
 
 /* Which cells of the patch are to be decoded; returns how many. By one exposure: in a merged cell
@@ -165,24 +168,18 @@ static int choose_decoded(const struct lp_exposure *exposure, const struct lp_la
 	return count;
 }
 
-/* The patch, of which at most `most` cells are to be decoded, and the exposure to look at it in;
- * NULL: none. */
-static const struct lp_exposure *collect(struct lp_imager *imager,
-					 const struct lp_lamp_finder *finder,
-					 const struct lp_lamp *lamp, int most, struct patch *patch,
-					 bool *clipped)
+/* The patch, of which at most `most` cells are to be decoded. False: there is none so small. */
+static bool collect(struct lp_imager *imager, const struct lp_lamp_finder *finder,
+		    const struct lp_lamp *lamp, int most, struct patch *patch)
 {
-	for (int all = 0; all <= 1; all++) /* bright cells so many are alike, too */
-		for (int thin = 1; thin <= MOST_THINNED; thin *= 2) {
-			const struct lp_exposure *exposure;
+	const struct behind behind = cells_behind(imager, finder, lamp);
 
-			if (!collect_thinned(imager, finder, lamp, thin, all, patch))
-				continue;
-			exposure = best_exposure(imager, patch, clipped);
-			if (!exposure || choose_decoded(exposure, lamp, patch) <= most)
-				return exposure;
-		}
-	return NULL;
+	for (int all = 0; all <= 1; all++) /* bright cells so many are alike, too */
+		for (int thin = 1; thin <= MOST_THINNED; thin *= 2)
+			if (collect_thinned(imager, &behind, lamp, thin, all, patch) &&
+			    choose_decoded(&imager->incoming, lamp, patch) <= most)
+				return true;
+	return false;
 }
 
 struct sums {
@@ -384,49 +381,44 @@ static void apply(const struct lp_imager *imager, const struct lp_exposure *expo
 		(lamp->flags & ~(uint32_t)LP_LIGHT_CLIPPED) | (clipped ? LP_LIGHT_CLIPPED : 0);
 }
 
+/* From the anchor frame to the camera's, or back. */
+static void turn_lamp(const struct lp_rotation *rotation, struct lp_lamp *lamp)
+{
+	lp_rotate_direction(rotation, lamp->direction);
+	lp_rotate_direction(rotation, lamp->centroid);
+}
+
 bool lp_imager_refine(struct lp_imager *imager, const struct lp_lamp_finder *finder,
 		      struct lp_lamp *lamp, int most_cells)
 {
+	const struct lp_exposure *exposure = &imager->incoming;
+	const struct lp_rotation back = lp_rotation_inverse(&imager->motion.rotation);
+	struct lp_lamp seen = *lamp;
 	struct patch patch;
-	bool clipped;
 
 	if (most_cells > LP_REFINE_MAX_CELLS)
 		most_cells = LP_REFINE_MAX_CELLS;
-	if (!imager->remap)
+	if (!imager->remap || !collect(imager, finder, lamp, most_cells, &patch))
 		return false;
-	const struct lp_exposure *exposure =
-		collect(imager, finder, lamp, most_cells, &patch, &clipped);
-	if (!exposure)
-		return false;
+	turn_lamp(&back, &seen);
 	const float peak = load_pixels(imager, exposure, &patch) - lamp->background[LP_LUMINANCE];
 	const float threshold = fmaxf(CORE_SHARE * peak, 3.0F * lamp->background_noise);
-	const struct sums s = sum_patch(imager, exposure, &patch, lamp, threshold);
+	const struct sums s = sum_patch(imager, exposure, &patch, &seen, threshold);
 
 	if (!(s.core > 0.0) || !(s.flux[LP_LUMINANCE] > 0.0))
 		return false;
-	apply(imager, exposure, &s, clipped, lamp);
+	apply(imager, exposure, &s, clips(exposure, &patch), &seen);
+	turn_lamp(&imager->motion.rotation, &seen);
+	*lamp = seen;
 	return true;
-}
-
-/* The longest exposure in which this tone does not clip, else the shortest; NULL: no frame. */
-static const struct lp_exposure *exposure_for(const struct lp_imager *imager, float tone)
-{
-	const float top = imager->response.pixel[1][TOP_CODE];
-	unsigned clipping = 0;
-
-	for (int k = 0; k < LP_MAX_BRACKET; k++) {
-		if (tone >= top * imager->exposure[k].scale)
-			clipping |= 1U << k;
-	}
-	return longest_exposure(imager, clipping, NULL);
 }
 
 float lp_imager_strength_sigma(const struct lp_imager *imager, const struct lp_lamp *lamp)
 {
 	const float tone = lamp->irradiance[LP_LUMINANCE] / lamp->solid_angle_sr;
-	const struct lp_exposure *e = exposure_for(imager, tone);
+	const struct lp_exposure *e = &imager->incoming;
 
-	if (!e || !(e->noise.common > 0.0F) || !(tone > 0.0F))
+	if (!imager->remap || !(e->noise.common > 0.0F) || !(tone > 0.0F))
 		return 0.0F;
 	const float pixel_sr = 4.0F * (float)M_PI /
 			       ((float)imager->remap->width_px * (float)imager->remap->height_px);

@@ -45,6 +45,7 @@ class EstimateFlag(IntFlag):
     RING_FAULT = 2048
     WHEEL_FAULT = 4096
     NO_LIGHT = 8192
+    MOTION = 16384
 
 
 #: The flags in words, each with what to do about it where something can be done.
@@ -55,7 +56,7 @@ FLAG_WORDS: dict[str, str] = {
     "exposures",
     "UNDEREXPOSED": "most of the picture is below the noise; use longer exposures or more gain",
     "BRACKET_INCOMPLETE": "exposures of the bracket are missing, or were taken before the light "
-    "changed or the camera turned",
+    "changed",
     "PARTIAL_VIEW": "the camera does not see part of the sphere; that part is filled, not measured",
     "MORE_LIGHTS": "more lamps were found than are listed; the others are in the SH",
     "INVALID_INPUT": "NaN, infinite or negative samples were left out",
@@ -65,6 +66,7 @@ FLAG_WORDS: dict[str, str] = {
     "RING_FAULT": "the ring of light sensors, or part of it, cannot be used",
     "WHEEL_FAULT": "the position of the polarizer wheel is not known; its angle is not used",
     "NO_LIGHT": "the scene is black as far as the camera can tell",
+    "MOTION": "the frames do not tell how the camera turned: directions may be off",
     "REFLECTION": "suspected reflection (glare), not a lamp",
     "EXTENDED": "one part of a larger source",
     "RING": "strength or direction from the ring of light sensors",
@@ -155,6 +157,7 @@ class Estimate:
     cd_m2_per_unit: float | None  # None: not calibrated
     wheel_deg: float | None = None  # of the polarizer in the newest frame; None: none, or unknown
     wheel_sigma_deg: float | None = None
+    relighting_sigma: float | None = None  # of the irradiance as measured, relative to its mean
     subscription: int = 0  # number of the subscription that it answers; 0: the defaults
 
     @property
@@ -205,6 +208,7 @@ class Estimate:
                 "sh_order": self.sh.order,
                 "lights": len(self.lights),
                 "predicted_error": _number(self.predicted_error),
+                "relighting_sigma": _number(self.relighting_sigma),
             },
             "wheel": {
                 "angle_deg": _number(self.wheel_deg),

@@ -32,7 +32,8 @@ class Recorder:
 
     def __init__(self, path: Path) -> None:
         """`path` must not exist; raises OSError."""
-        self._file = open(path, "xb", buffering=0)  # noqa: SIM115 - closed by __exit__
+        # Buffered: around a raw file the writer puts a buffer of its own, which it does not flush.
+        self._file = open(path, "xb")  # noqa: SIM115 - closed by __exit__
         self._writer = Writer(self._file, chunk_size=16 * 1024)
         self._writer.start(profile="", library="lightprobe")
         schema = files("lightprobe_proto").joinpath("lightprobe.binpb").read_bytes()
@@ -52,6 +53,7 @@ class Recorder:
     def write(self, payload: bytes, now_ns: int) -> None:
         """Add a FromProbe message that came at `now_ns` (Unix time)."""
         self._writer.add_message(self._channel, now_ns, payload, now_ns, self.messages)
+        self._file.flush()
         self.messages += 1
 
 

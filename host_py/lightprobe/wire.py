@@ -238,6 +238,9 @@ def _estimate(m: pb.Estimate) -> Estimate:
         cd_m2_per_unit=m.cd_m2_per_unit if m.HasField("cd_m2_per_unit") else None,
         wheel_deg=m.wheel_deg if m.HasField("wheel_deg") else None,
         wheel_sigma_deg=m.wheel_sigma_deg if m.HasField("wheel_sigma_deg") else None,
+        relighting_sigma=(
+            m.relighting_sigma_permille / 1000 if m.HasField("relighting_sigma_permille") else None
+        ),
         subscription=m.subscription,
     )
 

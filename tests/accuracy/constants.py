@@ -80,7 +80,6 @@ ACCURACY = (
     Constant("light/lamps.c", "RING_CELLS"),
     Constant("light/lamps.c", "MAX_RING_CELLS"),
     Constant("vision/refine.c", "CAMERA_SIGMA"),
-    Constant("vision/refine.c", "TOP_CODE", (240, 254)),
     Constant("vision/refine.c", "CORE_SHARE"),
     Constant("vision/refine.c", "DECODED_SHARE"),
     Constant("vision/refine.c", "LEAST_SIGMA_PX"),
@@ -111,7 +110,6 @@ SEQUENCES = {
         Constant("vision/imager.c", "STALE_BRACKETS"),
     ],
     "tracker": [
-        Constant("light/tracker.c", "GATE_DEG"),
         Constant("light/tracker.c", "MEMORY_NS"),
         Constant("light/tracker.c", "LEAST_SHARE"),
     ],

@@ -7,7 +7,6 @@
 #include "vision/imager.h"
 #include "vision/imager_internal.h"
 #include "vision/jpeg/blocks.h"
-#include "vision/merge.h"
 #include "vision/remap.h"
 #include "vision/sh_project.h"
 
@@ -62,7 +61,8 @@ stages::stages(const lp_camera_file &file) : contestant("stages")
 	const struct lp_imager_options options = {.panorama_width = LP_PANORAMA_WIDTH,
 						  .decode = LP_DECODE_BLOCKS,
 						  .divisor = 1,
-						  .exact_blocks = kExactBlocks};
+						  .exact_blocks = kExactBlocks,
+						  .follow_turns = false};
 	const struct lp_detector_options detector = {};
 
 	if (lp_camera_create(&file, &camera) < 0 ||
@@ -118,8 +118,19 @@ void stages::run(const bench::picture &p)
 	const int64_t with_exact_ns = bench::now_ns() - last_ns;
 	times.push_back({"stage_exact_blocks", with_exact_ns - times.back().ns});
 	last_ns = bench::now_ns();
-	lp_remap_apply(imager->remap, imager->shown, lp_imager_panorama(imager));
+	lp_remap_apply(imager->remap, &imager->incoming.cells, &imager->seen);
 	lap("panorama");
+	struct lp_observation seen = {};
+
+	seen.radiance = imager->seen.cells;
+	seen.flags = imager->seen.flags;
+	seen.response = &response;
+	seen.scale = kScale;
+	seen.coded = true;
+	seen.code_variance = 1.0F;
+	seen.elapsed_s = 0.033F;
+	lp_radiance_map_observe(imager->map, &seen);
+	lap("map");
 	struct lp_panorama *panorama = lp_imager_panorama(imager);
 	const float mean = lp_grid_mean_luminance(lp_imager_grid(imager), panorama);
 	lap("mean");

@@ -20,7 +20,7 @@ from lightprobe.geometry import Array
 _MOMENT_S = 0.4
 #: The ring must have seen the same light for so long before: LDRs take some 30 ms and more in the
 #: dark; the daemon took up to 1.5 s until its exposures had found a lamp that was switched on
-#: (simulated rooms, 20 frames a second), and its estimates do not say so.
+#: (simulated rooms, 20 frames a second).
 _REST_S = 2.0
 #: The same light: all values within such a share of their mean.
 _STEADY = 0.03

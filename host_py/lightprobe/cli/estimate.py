@@ -91,5 +91,7 @@ def show(estimate: Estimate) -> None:
         console.print(
             f"\nnot represented by this model: {100 * estimate.predicted_error:.1f} % of mean light"
         )
+    if estimate.relighting_sigma is not None:
+        console.print(f"irradiance is known to {100 * estimate.relighting_sigma:.1f} % (1 sigma)")
     for line in view.flag_lines(flag_names(estimate.flags)):
         console.print(f"[yellow]{line}[/yellow]")

@@ -19,7 +19,8 @@ def estimate(**changes):
     sh = pb.SphericalHarmonics(kind=1, order=1, coefficients=range(12))
     fields = {"sequence": 7, "boot_id": 9, "capture_time_unix_ns": 10**18, "send_delay_us": 4000,
               "ttl_ms": 500, "flags": 4 | 64, "lights": [light], "sh": sh, "exposure_us": 8000,
-              "exposure_count": 2, "predicted_error_permille": 15}  # fmt: skip
+              "exposure_count": 2, "predicted_error_permille": 15,
+              "relighting_sigma_permille": 7}  # fmt: skip
     return pb.Estimate(**(fields | changes))
 
 
@@ -40,7 +41,12 @@ def test_every_value_arrives():
     assert shape["lights"][0]["flags"] == ["CLIPPED"]
     assert shape["lights"][0]["direction_sigma_deg"] is None
     assert shape["scale"] == {"cd_m2_per_unit": None, "calibrated": False}
-    assert shape["model"] == {"sh_order": 1, "lights": 1, "predicted_error": 0.015}
+    assert shape["model"] == {
+        "sh_order": 1,
+        "lights": 1,
+        "predicted_error": 0.015,
+        "relighting_sigma": 0.007,
+    }
 
 
 def test_other_kinds():

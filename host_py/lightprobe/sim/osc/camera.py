@@ -19,6 +19,7 @@ from lightprobe.errors import UsageError
 from lightprobe.geometry import Array, equirect_solid_angles
 from lightprobe.imaging import camera as lenses
 from lightprobe.sim.camera import Shot, SimulatedCamera
+from lightprobe.sim.exposure import ExposureLimits
 from lightprobe.sim.faults import spoil
 from lightprobe.sim.link import Exposure, account
 from lightprobe.sim.osc import models
@@ -36,6 +37,9 @@ _MODE_S = 1.5  # and so long a change of mode, while commands are refused
 _AFTER_OPTIONS_S = 1.0  # commands/camera.set_options.md: what to leave before a live preview
 _MOST_LATE_S = 0.5  # frames that this machine is later with are left out
 _PREVIEW_PX = (256, 128)
+
+#: Its list of shutter speeds is what limits it.
+_ANY_EXPOSURE = ExposureLimits(least_us=1, most_us=60e6, step_us=0)
 
 
 class OscCamera:
@@ -84,8 +88,10 @@ class OscCamera:
         self.operate()
 
     def _make(self, size_px: tuple[int, int], rate_hz: float) -> SimulatedCamera:
-        return SimulatedCamera(self.world, lenses.load("equirect"), size_px, rate_hz=rate_hz,
-                               **self._about)  # type: ignore[arg-type]  # fmt: skip
+        return SimulatedCamera(
+            self.world, lenses.load("equirect"), size_px, rate_hz=rate_hz, limits=_ANY_EXPOSURE,
+            **self._about,  # type: ignore[arg-type]
+        )  # fmt: skip
 
     def prepare(self, size_px: tuple[int, int], rate_hz: float) -> None:
         """Draw the world for a preview already now: a real camera does not need that time."""
