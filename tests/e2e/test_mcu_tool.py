@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import termios
@@ -168,6 +169,28 @@ def test_flash_mends_a_chip_whose_program_is_destroyed(tmp_path: Path) -> None:
         box.command("flash 0 ffcf")  # the reset vector: a jump to itself
         assert "firmware 0.1.0 answers" in mcu(tmp_path, "flash")
         assert "SETTLED at 0.00°" in mcu(tmp_path, "home")
+
+
+def test_flash_that_misses_the_boot_loader_resets_the_chip_again(tmp_path: Path) -> None:
+    """As on a busy machine: the boot loader has stopped listening before avrdude speaks."""
+    late = tmp_path / "bin" / "avrdude"
+    late.parent.mkdir()
+    late.write_text(
+        f"""#!/bin/sh
+[ -e "{tmp_path}/called" ] || {{ touch "{tmp_path}/called"; sleep 3; exit 1; }}
+exec {shutil.which("avrdude")} "$@"
+"""
+    )
+    late.chmod(0o755)
+    environment = {**os.environ, "PATH": f"{late.parent}:{os.environ['PATH']}"}
+    with Box("avr", tmp_path / "mcu"):
+        done = subprocess.run(
+            [LIGHTPROBE, "mcu", "flash", "--port", f"serial:{tmp_path / 'mcu'}"],
+            capture_output=True, text=True, env=environment, timeout=300,
+        )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "attempt 1 of 3: avrdude ended with status 1" in done.stderr
+    assert "firmware 0.1.0 answers" in done.stdout
 
 
 def test_the_flashed_binarys_box_answers_and_keeps_its_eeprom(tmp_path: Path) -> None:

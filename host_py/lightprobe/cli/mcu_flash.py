@@ -19,6 +19,9 @@ from lightprobe.mcu.session import DEFAULT_PORT, ENVIRONMENT, session, words
 from lightprobe.sim.box import ENVIRONMENT as FOLDER
 
 _HEX = "lightprobe-mcu.hex"
+#: Optiboot listens for one second after a reset. On a busy machine avrdude can miss it where it
+#: cannot reset the chip itself, as on a line without DTR.
+_ATTEMPTS = 3
 _ATMEGABOOT_BAUD = 57600
 _ATMEGABOOT_WARNING = (
     "lightprobe: mcu: flash: warning: this boot loader (ATmegaBOOT) hangs after a watchdog reset "
@@ -63,14 +66,21 @@ def command(
         raise McuError("mcu: flash: avrdude is not installed: apt install avrdude")
     if boot_baud == _ATMEGABOOT_BAUD:
         print(_ATMEGABOOT_WARNING, file=sys.stderr)
-    with words(port, "open"), _locked(device):
-        done = subprocess.run(
-            ["avrdude", "-p", "m328p", "-c", "arduino", "-P", device, "-b", str(boot_baud),
-             "-U", f"flash:w:{hex_file}:i"]
-        )  # fmt: skip
-    if done.returncode != 0:
+    avrdude = ["avrdude", "-p", "m328p", "-c", "arduino", "-P", device, "-b", str(boot_baud),
+               "-U", f"flash:w:{hex_file}:i"]  # fmt: skip
+    for attempt in range(1, _ATTEMPTS + 1):
+        with words(port, "open"), _locked(device) as descriptor:
+            status = subprocess.run(avrdude).returncode
+            # A fall of DTR lets the next opening reset the chip.
+            if descriptor is not None:
+                keep_dtr(descriptor, keep=status == 0)
+        if status == 0:
+            break
+        print(f"lightprobe: mcu: flash: {device}: attempt {attempt} of {_ATTEMPTS}: avrdude ended "
+              f"with status {status}", file=sys.stderr)  # fmt: skip
+    else:
         raise McuError(
-            f"mcu: flash: {device}: avrdude ended with status {done.returncode}: is it the right "
+            f"mcu: flash: {device}: avrdude ended with status {status}: is it the right "
             f"port? for an old boot loader add --boot-baud=57600"
         )
     if verify:
@@ -80,18 +90,17 @@ def command(
 
 
 @contextmanager
-def _locked(device: str) -> Iterator[None]:
+def _locked(device: str) -> Iterator[int | None]:
     """Keep lightprobed and other tools off the port, which avrdude itself does not do."""
     if os.name == "nt":  # which gives a port to one program alone
-        yield
+        yield None
         return
     import fcntl
 
     descriptor = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        keep_dtr(descriptor)
-        yield
+        yield descriptor
     finally:
         os.close(descriptor)
 

@@ -158,8 +158,8 @@ class Carrier(Protocol):
         """Give the device back."""
 
 
-def keep_dtr(descriptor: int) -> None:
-    """Let DTR stay as it is when this serial line is closed.
+def keep_dtr(descriptor: int, *, keep: bool = True) -> None:
+    """Let DTR stay as it is when this serial line is closed; or not, with `keep` False.
 
     Otherwise it falls, rises at the next opening, and that resets an Arduino: the wheel's angle is
     lost with every command. The line remembers this until it is unplugged.
@@ -167,7 +167,7 @@ def keep_dtr(descriptor: int) -> None:
     import termios  # not on Windows
 
     settings = termios.tcgetattr(descriptor)
-    settings[2] &= ~termios.HUPCL
+    settings[2] = settings[2] & ~termios.HUPCL if keep else settings[2] | termios.HUPCL
     termios.tcsetattr(descriptor, termios.TCSANOW, settings)
 
 
