@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Exposure brackets on cameras that take a command some frames later and do not say when. Set,
- * wait, verify by what the picture shows, accept: a frame is merged only when its brightness, cell
+ * wait, verify by what the picture shows, accept: a frame counts only when its brightness, cell
  * by cell, is that of the exposure in effect or of the one commanded last, and clearly not of the
  * other. Chooses the exposures itself: the longest resolves the dark half of the scene, the
  * shortest clips almost nothing, one when one suffices. Pure logic: no I/O, no pixels; owned by the
@@ -42,7 +42,7 @@ struct lp_bracket_limits {
 	int delay_frames;		      /* from command to effect; -1: unknown */
 };
 
-/* What the merged panorama says of the scene; luminance. */
+/* What the panorama says of the scene; luminance. */
 struct lp_bracket_scene {
 	float median; /* radiance that half of the sphere stays below */
 	float peak;   /* highest of a cell */
@@ -106,7 +106,8 @@ struct lp_bracket_decision lp_bracket_judge(struct lp_bracket *bracket,
 /* The same for a camera that reports each frame's exposure: nothing is left to verify. */
 struct lp_bracket_decision lp_bracket_reported(struct lp_bracket *bracket, float exposure_us);
 
-/* After an accepted frame has been merged: plan by the scene, and the next command if one is due.
+/* After an accepted frame has corrected the map: plan by the scene, and the next command if one is
+ * due.
  */
 bool lp_bracket_next(struct lp_bracket *bracket, const struct lp_bracket_scene *scene,
 		     float *command_us);

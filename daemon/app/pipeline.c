@@ -29,8 +29,6 @@
 /* Below this mean code of the longest exposure most of an 8-bit picture is noise. */
 #define DARK_CODE 4.0F
 #define LEAST_CLIPPED_FRACTION 1e-5F
-/* Fewer pixels than this share agree with what is known: how the camera turned is not known. */
-#define LEAST_AGREEMENT 0.4F
 /* 1 sigma of when an exposure was: what a turning camera adds to every direction. */
 #define TIMING_SIGMA_S 0.002F
 
@@ -277,7 +275,7 @@ static uint32_t flags_of(const struct lp_pipeline *p, const struct lp_panorama *
 		flags |= LP_ESTIMATE_INVALID_INPUT;
 	if (lamps > p->wanted_lights)
 		flags |= LP_ESTIMATE_MORE_LIGHTS;
-	if (status->agreement < LEAST_AGREEMENT)
+	if (status->rotation_is_unknown)
 		flags |= LP_ESTIMATE_MOTION;
 	if (!(mean > 0.0F))
 		flags |= LP_ESTIMATE_NO_LIGHT;

@@ -55,7 +55,7 @@ struct lp_demand {
 };
 
 struct lp_estimates {
-	struct lp_light_estimate raw;	   /* this frame (and the bracket it completes) alone */
+	struct lp_light_estimate raw;	   /* what is known with this frame */
 	struct lp_light_estimate smoothed; /* tracked in time; same ids */
 };
 
@@ -72,8 +72,9 @@ int lp_pipeline_create(const struct lp_pipeline_options *options, struct lp_pipe
 
 /*
  * Work by another preset from the next frame on; what single options say stays in force. Lower than
- * the one chosen at create(): estimates are flagged DEGRADED. The panorama begins anew, so that a
- * bracket takes a round to be whole again. -ENOMEM, logged: all is as before.
+ * the one chosen at create(): estimates are flagged DEGRADED. The panorama begins anew, so that
+ * estimates are flagged until every exposure of a bracket has come again. -ENOMEM, logged: all is
+ * as before.
  */
 int lp_pipeline_set_preset(struct lp_pipeline *pipeline, enum lp_preset preset);
 

@@ -12,6 +12,7 @@
 
 #include "include/luminance.h"
 #include "include/panorama.h"
+#include "vision/alignment_level.hpp"
 #include "vision/radiance_map.h"
 #include "vision/response.h"
 #include "vision/sphere.hpp"
@@ -21,6 +22,8 @@ extern "C" {
 }
 
 using cv::v_float32x4;
+using lp::kDetail, lp::kEnough;
+using lp::level, lp::picture, lp::samples;
 
 namespace
 {
@@ -28,15 +31,11 @@ namespace
 /* Chosen by hand, on the scenes of docs/users/accuracy.md, "While the camera turns". */
 
 constexpr int kWidth = 120; /* columns of the fine level, about */
-/* 1 sigma of log luminance, of what resampling and noise leave of detail: to begin with; then what
- * the residuals say, but no less than the other. */
-constexpr float kDetail = 0.1F;
+/* After kDetail, what the residuals say, but no less than this. */
 constexpr float kLeastDetail = 0.01F;
-constexpr float kPlace = 0.15F;	 /* 1 sigma, in pixels, of where detail within one lies */
 constexpr float kRobust = 0.15F; /* residuals of log luminance from here on count less */
 constexpr float kFirstRobust = 0.5F;
 constexpr double kCorrelated = 40.0; /* neighbours err alike: so many count as one */
-constexpr float kLeastSlope = 0.01F; /* log luminance per pixel: flatter ones say nothing */
 constexpr int kIterations = 6;
 constexpr double kConverged = 2e-4; /* rad */
 /* Relative noise above which a pixel is not compared. */
@@ -59,150 +58,6 @@ v_float32x4 logarithm(const v_float32x4 &x)
 	p = cv::v_fma(p, m, cv::v_setall_f32(2.8212026F));
 	p = cv::v_fma(p, m, cv::v_setall_f32(-1.7417939F));
 	return cv::v_fma(cv::v_cvt_f32(exponent), cv::v_setall_f32(0.69314718F), p);
-}
-
-/* Log luminance on a small grid, and how much of each pixel is known (0 .. 1). */
-struct picture {
-	std::vector<float> value, weight;
-
-	void resize(size_t pixels)
-	{
-		value.assign(pixels + 4, 0.0F);
-		weight.assign(pixels + 4, 0.0F);
-	}
-};
-
-/* What is compared of the camera's picture, pixel after pixel. */
-struct samples {
-	std::vector<float> direction[3], slope[3], value, weight;
-	std::vector<float> certainty; /* of `value`: 1 where it is flat, less on steep slopes */
-	size_t count;
-
-	void resize(size_t pixels)
-	{
-		for (int a = 0; a < 3; a++) {
-			direction[a].assign(pixels + 4, 0.0F);
-			slope[a].assign(pixels + 4, 0.0F);
-		}
-		value.assign(pixels + 4, 0.0F);
-		weight.assign(pixels + 4, 0.0F);
-		certainty.assign(pixels + 4, 0.0F);
-		count = 0;
-	}
-};
-
-struct level {
-	int width, height;
-	picture seen, known, scratch;
-	samples list;
-
-	void create(int w, int h)
-	{
-		width = w;
-		height = h;
-		for (picture *p : {&seen, &known, &scratch})
-			p->resize(static_cast<size_t>(w) * h);
-		list.resize(static_cast<size_t>(w) * h);
-	}
-
-	void smooth(picture &p);
-	void collect();
-
-	/* Sum of the weights, if everything could be compared. */
-	double all() const
-	{
-		return 2.0 / M_PI * width * height;
-	}
-};
-
-/* [1 2 1] in both directions, over what is known. */
-void level::smooth(picture &p)
-{
-	for (int y = 0; y < height; y++)
-		for (int x = 0; x < width; x++) {
-			const int row = y * width, left = row + (x ? x - 1 : width - 1);
-			const int right = row + (x + 1 < width ? x + 1 : 0), at = row + x;
-			const float l = p.weight[left], m = 2.0F * p.weight[at],
-				    r = p.weight[right], all = l + m + r;
-
-			scratch.value[at] = all > 0.0F ? (l * p.value[left] + m * p.value[at] +
-							  r * p.value[right]) /
-								 all
-						       : 0.0F;
-			scratch.weight[at] = 0.25F * all;
-		}
-	for (int y = 0; y < height; y++) {
-		const int up = std::max(y - 1, 0) * width,
-			  down = std::min(y + 1, height - 1) * width;
-
-		for (int x = 0; x < width; x++) {
-			const int at = y * width + x;
-			const float u = scratch.weight[up + x], m = 2.0F * scratch.weight[at],
-				    d = scratch.weight[down + x], all = u + m + d;
-
-			p.value[at] = all > 0.0F
-					      ? (u * scratch.value[up + x] + m * scratch.value[at] +
-						 d * scratch.value[down + x]) /
-							all
-					      : 0.0F;
-			p.weight[at] = 0.25F * all;
-		}
-	}
-}
-
-constexpr float kEnough = 0.6F; /* of a pixel must be known */
-
-/* Slopes of the camera's picture: how its value changes with a rotation vector. */
-void level::collect()
-{
-	list.count = 0;
-	for (int y = 1; y + 1 < height; y++) {
-		const double theta = M_PI * (y + 0.5) / height;
-		const float st = static_cast<float>(std::sin(theta));
-		const float ct = static_cast<float>(std::cos(theta));
-		const float per_theta = static_cast<float>(height / M_PI) / 2.0F;
-		const float per_lambda = static_cast<float>(width / (2.0 * M_PI)) / (2.0F * st);
-
-		for (int x = 0; x < width; x++) {
-			const int row = y * width, at = row + x;
-			const int left = row + (x ? x - 1 : width - 1);
-			const int right = row + (x + 1 < width ? x + 1 : 0);
-			const float least =
-				std::min(std::min(seen.weight[left], seen.weight[right]),
-					 std::min(seen.weight[at - width],
-						  seen.weight[at + width]));
-
-			if (least < kEnough)
-				continue;
-			const float gy = seen.value[at + width] - seen.value[at - width];
-			const float gx = seen.value[right] - seen.value[left];
-
-			if (gx * gx + gy * gy < 4.0F * kLeastSlope * kLeastSlope)
-				continue;
-			const double lambda = 2.0 * M_PI * ((x + 0.5) / width - 0.5);
-			const float sl = static_cast<float>(std::sin(lambda));
-			const float cl = static_cast<float>(std::cos(lambda));
-			const float d[3] = {st * sl, ct, -st * cl};
-			const float g[3] = {ct * sl * gy * per_theta + cl * gx * per_lambda,
-					    -st * gy * per_theta,
-					    -ct * cl * gy * per_theta + sl * gx * per_lambda};
-			const float steep = kPlace / (2.0F * kDetail);
-			const float certainty =
-				1.0F / std::sqrt(1.0F + steep * steep * (gx * gx + gy * gy));
-			const size_t k = list.count++;
-
-			for (int a = 0; a < 3; a++) {
-				list.direction[a][k] = d[a];
-				list.slope[a][k] = certainty * (d[(a + 1) % 3] * g[(a + 2) % 3] -
-								d[(a + 2) % 3] * g[(a + 1) % 3]);
-			}
-			list.certainty[k] = certainty;
-			list.value[k] = seen.value[at];
-			list.weight[k] = st * seen.weight[at];
-		}
-	}
-	for (size_t k = list.count; k < list.count + 4; k++) /* vectors reach beyond the last */
-		list.weight[k] = 0.0F;
 }
 
 /* Normal equations in the three components of a rotation vector and the offset. */

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * One exposure as linear radiance on the camera's own coarse grid: a cell is a block of cell_px x
- * cell_px pixels. What every kind of frame becomes before exposures are merged and the panorama is
+ * cell_px pixels. What every kind of frame becomes before the panorama is
  * filled.
  */
 #ifndef LP_VISION_CELLS_H

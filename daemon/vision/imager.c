@@ -19,9 +19,8 @@
 /* A camera needs several frames for one change of exposure: a bracket of n takes up to 8 n frames:
  * more than MOST_DELAY_FRAMES of app/bracket.c each. */
 #define STALE_BRACKETS 8
-/* When more than this share of the light is another, what was known of it is of the past. Measured
- * (docs/users/accuracy.md, "While the camera turns"): with 0.05 up to 5 % of the packets of a
- * turning camera are wrong without a flag, with 0.02 none. */
+/* When more than this share of the light is another, exposures from before count as missing. Chosen
+ * by hand. */
 #define CHANGED 0.02F
 /* Of a cell's mean, in codes, besides the rounding of its own (vision/code_noise.h). */
 #define CODE_SIGMA 0.5F
@@ -375,7 +374,7 @@ static struct lp_recent_exposure *place_for(struct lp_imager *imager, float expo
 	return oldest;
 }
 
-/* A setting that several whole brackets have passed by is no longer part of the bracket. */
+/* A setting that has not come for the time of several brackets is no longer part of the bracket. */
 static void note_exposure(struct lp_imager *imager, float exposure_us)
 {
 	const struct lp_cells *cells = &imager->incoming.cells;
@@ -493,7 +492,7 @@ void lp_imager_status(const struct lp_imager *imager, struct lp_imager_status *s
 		.rate_deg_per_s =
 			(float)(sqrt(rate[0] * rate[0] + rate[1] * rate[1] + rate[2] * rate[2]) *
 				degrees),
-		.agreement = imager->agreement};
+		.rotation_is_unknown = imager->agreement < LEAST_AGREEMENT};
 	for (int k = 0; k < LP_MAX_BRACKET; k++) {
 		const struct lp_recent_exposure *e = &imager->recent[k];
 

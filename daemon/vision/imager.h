@@ -52,8 +52,8 @@ struct lp_imager_status {
 	float changed;		  /* share of the light that the newest frame showed changed */
 	float rotation_sigma_deg; /* of lp_imager_rotation(); 0: the camera holds still */
 	float rate_deg_per_s;	  /* how fast it turns */
-	float agreement; /* share of the newest frame that agreed with the panorama once aligned; 1
-			  * where nothing had to be aligned */
+	/* The newest frame contradicts what is known, and no turn of the camera explains it. */
+	bool rotation_is_unknown;
 };
 
 /* The camera is borrowed until destroy. */
@@ -73,8 +73,8 @@ int lp_imager_load(struct lp_imager *imager, struct lp_frame *frame, float expec
  * Needed only by who looks at it before lp_imager_accept(), which does the same. */
 void lp_imager_settle(struct lp_imager *imager, float exposure_us);
 
-/* The frame loaded last was exposed for exposure_us (times gain; NAN: unknown): merge it and
- * refresh the panorama. */
+/* The frame loaded last was exposed for exposure_us (times gain; NAN: unknown): it corrects the map
+ * and refresh the panorama. */
 int lp_imager_accept(struct lp_imager *imager, float exposure_us);
 
 /* Load and accept with the exposure that the frame itself states. */

@@ -140,34 +140,50 @@ struct row_sums {
 	}
 };
 
+/* What four measured cells say to what is known of them with variance `before`. */
+struct lesson {
+	v_float32x4 difference, contradicts, gain, variance;
+
+	lesson(const v_float32x4 &light, const v_float32x4 &held, const v_float32x4 &before,
+	       const v_float32x4 &observed)
+	{
+		const v_float32x4 both = cv::v_max(before + observed, cv::v_setall_f32(1e-36F));
+
+		difference = light - held;
+		contradicts = difference * difference > cv::v_setall_f32(kGate * kGate) * both;
+		gain = cv::v_setall_f32(1.0F) -
+		       cv::v_select(contradicts, cv::v_setzero_f32(), observed / both);
+		variance = gain * observed;
+	}
+};
+
+/* Move `cell` towards what is seen now; a gain of 1 takes it to the bit, whatever it was before. */
+void move(four_cells &cell, const four_cells &now, const v_float32x4 &gain)
+{
+	const v_float32x4 whole = gain == cv::v_setall_f32(1.0F);
+
+	for (auto c = 0; c < 4; c++)
+		cell.channel[c] = cv::v_select(whole, now.channel[c],
+					       cv::v_fma(now.channel[c] - cell.channel[c], gain,
+							 cell.channel[c]));
+}
+
 /* Four cells of the map that are known, and seen without any mark: nearly all there are. */
 void correct_plain(struct lp_radiance_map *map, const struct lp_observation *seen,
 		   const noise_model &noise, const v_float32x4 &walk, size_t i, row_sums &sum)
 {
-	const v_float32x4 zero = cv::v_setzero_f32(), one = cv::v_setall_f32(1.0F);
 	const four_cells now(seen->radiance + i);
 	four_cells cell(map->radiance + i);
 	const v_float32x4 light = now.channel[LP_LUMINANCE], held = cell.channel[LP_LUMINANCE];
 	const v_float32x4 before = cv::v_fma(walk, held * held, cv::v_load(map->variance + i));
-	const v_float32x4 observed = noise.of(light, i);
-	const v_float32x4 both = cv::v_max(before + observed, cv::v_setall_f32(1e-36F));
-	const v_float32x4 difference = light - held;
-	const v_float32x4 contradicts =
-		difference * difference > cv::v_setall_f32(kGate * kGate) * both;
-	const v_float32x4 gain = one - cv::v_select(contradicts, zero, observed / both);
-	const v_float32x4 variance = gain * observed;
+	const lesson learned(light, held, before, noise.of(light, i));
 
-	for (auto c = 0; c < 4; c++)
-		cell.channel[c] =
-			cv::v_select(gain == one,
-				     now.channel[c], /* to the bit, whatever it was before */
-				     cv::v_fma(now.channel[c] - cell.channel[c], gain,
-					       cell.channel[c]));
+	move(cell, now, learned.gain);
 	cell.store(map->radiance + i);
-	cv::v_store(map->variance + i, variance);
-	sum.changed = sum.changed + (contradicts & cv::v_abs(difference));
+	cv::v_store(map->variance + i, learned.variance);
+	sum.changed = sum.changed + (learned.contradicts & cv::v_abs(learned.difference));
 	sum.all = sum.all + cell.channel[LP_LUMINANCE];
-	sum.variance = sum.variance + variance;
+	sum.variance = sum.variance + learned.variance;
 }
 
 bool all_plain(const struct lp_radiance_map *map, const struct lp_observation *seen, size_t i)
@@ -199,14 +215,9 @@ void correct(struct lp_radiance_map *map, const struct lp_observation *seen,
 	const v_float32x4 before =
 		cv::v_min(cv::v_fma(walk, held * held, cv::v_load(map->variance + i)), unknown);
 	const v_float32x4 known = before < cv::v_setall_f32(kKnown);
-	const v_float32x4 observed = noise.of(light, i);
-	const v_float32x4 both = cv::v_max(before + observed, cv::v_setall_f32(1e-36F));
-	const v_float32x4 difference = light - held;
-	const v_float32x4 contradicts =
-		difference * difference > cv::v_setall_f32(kGate * kGate) * both;
-	/* a measured cell */
-	v_float32x4 gain = one - cv::v_select(contradicts, zero, observed / both);
-	v_float32x4 variance = gain * observed;
+	const lesson learned(light, held, before, noise.of(light, i));
+	const v_float32x4 difference = learned.difference;
+	v_float32x4 gain = learned.gain, variance = learned.variance;
 	/* a lower bound of a known cell, or one more of a cell that has only been seen clipped */
 	const v_float32x4 above = difference > zero;
 	const v_float32x4 bound = mask_of(flags, LP_CELL_CLIPPED);
@@ -230,14 +241,9 @@ void correct(struct lp_radiance_map *map, const struct lp_observation *seen,
 	variance = cv::v_select(clipped, cv::v_select(refuted, unknown, before), variance);
 	gain = cv::v_select(missing, zero, gain);
 	variance = cv::v_select(missing, before, variance);
-	for (auto c = 0; c < 4; c++)
-		cell.channel[c] =
-			cv::v_select(gain == one,
-				     now.channel[c], /* to the bit, whatever it was before */
-				     cv::v_fma(now.channel[c] - cell.channel[c], gain,
-					       cell.channel[c]));
+	move(cell, now, gain);
 
-	const v_float32x4 changed = known & cv::v_select(clipped, refuted, contradicts);
+	const v_float32x4 changed = known & cv::v_select(clipped, refuted, learned.contradicts);
 	const cv::v_int32x4 kept = cv::v_reinterpret_as_s32(
 		missing | (clipped & (cv::v_reinterpret_as_f32(cv::v_setall_s32(-1)) ^ refuted)));
 	const cv::v_int32x4 marks =

@@ -152,8 +152,7 @@ static bool clips(const struct lp_exposure *exposure, const struct patch *patch)
 	return false;
 }
 
-/* Which cells of the patch are to be decoded; returns how many. By one exposure: in a merged cell
- * of few bright pixels these may be cut off. */
+/* Which cells of the patch are to be decoded; returns how many. */
 static int choose_decoded(const struct lp_exposure *exposure, const struct lp_lamp *lamp,
 			  struct patch *patch)
 {

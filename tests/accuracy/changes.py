@@ -8,13 +8,12 @@ Part of `make accuracy`; in simulated time, as live.py. By itself:
 from __future__ import annotations
 
 import argparse
-import multiprocessing
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+import recording
 from judge import NEAR_DEG, Packet
 from lightprobe import geometry
 from lightprobe.colour import luminance
@@ -92,14 +91,14 @@ class Case:
 
 def judged(case: Case) -> list[Step | Ripple]:
     """Run a daemon and judge its packets, for each subscription."""
-    recording, run = record(case.run), case.run
+    recorded, run = record(case.run), case.run
     found: list[Step | Ripple] = []
-    for name, packets in recording.packets.items():
+    for name, packets in recorded.packets.items():
         where = (run.scene.name, run.exposures, name)
         if case.mains_hz is None:
-            found.append(steps(recording.world, packets, where))
+            found.append(steps(recorded.world, packets, where))
         else:
-            found.append(flicker(recording.world, packets, where, case.mains_hz))
+            found.append(flicker(recorded.world, packets, where, case.mains_hz))
     return found
 
 
@@ -210,14 +209,10 @@ def of_scene(scene: Scene, exposures: str, **more: object) -> list[Case]:
 
 def all_figures(todo: Sequence[Case], processes: int = 2) -> list[Step | Ripple]:
     """Run them; progress on stderr."""
-    found: list[Step | Ripple] = []
-    with multiprocessing.get_context("spawn").Pool(processes) as pool:
-        for done, some in enumerate(pool.imap_unordered(judged, todo), 1):
-            found += some
-            one = some[0]
-            print(f"changes: {done} of {len(todo)}: {one.scene} {one.exposures}",
-                  file=sys.stderr, flush=True)  # fmt: skip
-    return found
+    return recording.all_figures(
+        "changes", judged, todo,
+        lambda one: f"{one.scene} {one.exposures}", processes,
+    )  # fmt: skip
 
 
 STEP_HEAD = [

@@ -55,7 +55,7 @@ class Packet:
         What the model leaves out, and what the measurement does not know where that is stated too.
         """
         e = self.estimate
-        parts = [e.predicted_error, getattr(e, "relighting_sigma", None)]
+        parts = [e.predicted_error, e.relighting_sigma]
         known = [part for part in parts if part is not None]
         return float(np.hypot.reduce(known)) if known else None
 

@@ -9,8 +9,6 @@ a figure. While you work on the daemon, one scene at two rates takes half a minu
 from __future__ import annotations
 
 import argparse
-import multiprocessing
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -20,6 +18,7 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
+import recording
 from judge import Coverage, Figures, Light, Packet, judge
 from lightprobe.errors import LightprobeError
 from lightprobe.sim.flicker import Flicker
@@ -102,18 +101,18 @@ class Live:
 
 def judged(case: Case) -> list[Live]:
     """Run a daemon and judge its packets, for each subscription."""
-    recording, run = record(case.run), case.run
+    recorded, run = record(case.run), case.run
 
     @cache
     def light(t_s: float) -> Light:
-        return Light.of(recording.world.at(t_s).scene)
+        return Light.of(recorded.world.at(t_s).scene)
 
     def light_at(packet: Packet) -> Light:
         return light(packet.captured_s if run.behaviour.walk_m else 0.0)
 
     return [
         Live(run.scene.name, case.motion, run.exposures, name, judge(light_at, some, run.judged_s))
-        for name, some in recording.packets.items()
+        for name, some in recorded.packets.items()
     ]
 
 
@@ -145,14 +144,10 @@ def cases(
 
 def all_figures(todo: Sequence[Case], processes: int = 2) -> list[Live]:
     """Run them; progress on stderr."""
-    found: list[Live] = []
-    with multiprocessing.get_context("spawn").Pool(processes) as pool:
-        for done, some in enumerate(pool.imap_unordered(judged, todo), 1):
-            found += some
-            one = some[0]
-            print(f"live: {done} of {len(todo)}: {one.scene} {one.motion} {one.exposures}",
-                  file=sys.stderr, flush=True)  # fmt: skip
-    return found
+    return recording.all_figures(
+        "live", judged, todo,
+        lambda one: f"{one.scene} {one.motion} {one.exposures}", processes,
+    )  # fmt: skip
 
 
 HEAD = [

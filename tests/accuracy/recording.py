@@ -5,12 +5,14 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import multiprocessing
 import os
 import shlex
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import cv2
 from judge import Packet
@@ -25,6 +27,8 @@ from lightprobe.sim.live import LiveProbe
 from lightprobe.sim.scene import PanoramaScene, Scene
 from lightprobe.sim.world import Behaviour, World
 from lightprobe.wire import Subscription
+
+Figure = TypeVar("Figure")
 
 #: Where a bare name is looked for besides: panoramas beside the checkout, if there are any.
 MORE_PANORAMAS = Path(__file__).resolve().parents[3] / "shared/data/hdri"
@@ -101,6 +105,22 @@ def record(run: Run) -> Recording:
                 for name, client in clients.items()
             },
         )
+
+
+def all_figures(
+    name: str,
+    judged: Callable[[Any], list[Figure]],
+    todo: Sequence[Any],
+    said: Callable[[Figure], str],
+    processes: int,
+) -> list[Figure]:
+    """Judge every case in a process of its own pool; progress on stderr, as `name`."""
+    found: list[Figure] = []
+    with multiprocessing.get_context("spawn").Pool(processes) as pool:
+        for done, some in enumerate(pool.imap_unordered(judged, todo), 1):
+            found += some
+            print(f"{name}: {done} of {len(todo)}: {said(some[0])}", file=sys.stderr, flush=True)
+    return found
 
 
 def find(names: Sequence[str]) -> list[Scene]:

@@ -6,6 +6,7 @@ import judge
 import live
 import numpy as np
 import pytest
+import recording
 from judge import Coverage, Light, Packet
 from lightprobe import geometry, sh
 from lightprobe.estimate import Estimate, EstimateFlag, LightFlag, SphericalHarmonics
@@ -72,7 +73,7 @@ def test_wrong_is_told_from_wrong_and_flagged() -> None:
 def test_a_stated_sigma_counts_as_a_statement() -> None:
     one = packet(gain=1.5)
     assert one.stated == 0.01
-    object.__setattr__(one.estimate, "relighting_sigma", 0.7)
+    one = replace(one, estimate=replace(one.estimate, relighting_sigma=0.7))
     assert one.stated == pytest.approx(np.hypot(0.01, 0.7))
     found = judged([one])
     assert found.wrong_and_healthy == 0
@@ -138,6 +139,19 @@ def test_a_turning_camera_is_nearly_as_right_as_a_still_one(motion: str, exposur
         assert after.figures.flags.get("MOTION", 0) < 0.1
         assert after.figures.births_per_s <= 1
         assert after.figures.ambient_step < 0.03
+
+
+def test_lamps_are_where_they_are_while_the_camera_turns() -> None:
+    """Walls say too little of how the camera turned in a bare room: the lamps must."""
+    seen = recording.record(live.case(SCENE, "30", "reported", size_px=SMALL_PX).run)
+    towards = np.stack([lamp.direction for lamp in LAMPS])
+    errors = [
+        np.degrees(np.arccos(min(1.0, (towards @ packet.turn.T @ light.direction).max())))
+        for packet in seen.packets["raw"]
+        for light in packet.estimate.lights
+    ]
+    assert len(errors) > 300
+    assert np.percentile(errors, 90) < 0.3
 
 
 def test_without_orientation_a_turning_camera_is_flagged() -> None:

@@ -141,7 +141,7 @@ def markdown(speed: dict[str, Any]) -> str:
         _by_frame(speed, "stages", "median_ms"),
         "\n## Scaling of `balanced`\n\nMedian milliseconds, by the maximum number of lights:\n\n",
         _by_frame(speed, "lights", "median_ms"),
-        "\nand by the number of exposures that are merged:\n\n",
+        "\nand by the number of exposures of a bracket:\n\n",
         _by_frame(speed, "exposures", "median_ms"),
     ]
     parts += [_daemon(speed["daemon"]), _accuracy(speed)]

@@ -27,6 +27,7 @@ static struct lp_light_estimate full_estimate(void)
 		.cd_m2_per_unit = NAN,
 		.wheel_deg = NAN,
 		.wheel_sigma_deg = NAN,
+		.relighting_sigma = 0.0214F,
 	};
 
 	for (int i = 0; i < LP_MAX_LIGHTS; i++)
@@ -199,6 +200,8 @@ static void test_values_arrive(void **state)
 	assert_true(wire.has_wheel_deg && wire.wheel_deg == 135);
 	assert_true(wire.has_wheel_sigma_deg && wire.wheel_sigma_deg == 0.5F);
 	assert_int_equal(wire.predicted_error_permille, 580);
+	assert_true(wire.has_relighting_sigma_permille);
+	assert_int_equal(wire.relighting_sigma_permille, 21);
 	assert_int_equal(wire.lights_count, 2);
 	assert_int_equal(wire.lights[1].id, 101);
 	assert_true(wire.lights[0].direction[1] == 0.8F && wire.lights[0].irradiance[2] == 1);
@@ -229,9 +232,11 @@ static void test_unknown_is_absent_not_zero(void **state)
 	estimate.lights[0].irradiance_sigma = NAN;
 	estimate.lights[0].confidence = NAN;
 	estimate.predicted_error[2][1] = NAN;
+	estimate.relighting_sigma = NAN;
 	wire = encode(&estimate, false, 2, 1, &no_stamp);
 	assert_false(wire.has_exposure_us || wire.has_cd_m2_per_unit || wire.has_wheel_deg ||
-		     wire.has_wheel_sigma_deg || wire.has_predicted_error_permille);
+		     wire.has_wheel_sigma_deg || wire.has_predicted_error_permille ||
+		     wire.has_relighting_sigma_permille);
 	assert_false(wire.lights[0].has_direction_sigma_deg ||
 		     wire.lights[0].has_irradiance_sigma_permille ||
 		     wire.lights[0].has_confidence_percent || wire.lights[0].has_distance_m);

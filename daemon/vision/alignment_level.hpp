@@ -1,0 +1,78 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* One resolution of what vision/alignment.cpp compares: the camera's picture, what the radiance map
+ * knows there, and the places of the picture that tell something about a turn. */
+#ifndef LP_VISION_ALIGNMENT_LEVEL_HPP
+#define LP_VISION_ALIGNMENT_LEVEL_HPP
+
+#include <cmath>
+#include <cstddef>
+#include <vector>
+
+namespace lp
+{
+
+/* Chosen by hand, on the scenes of docs/users/accuracy.md, "While the camera turns". */
+
+/* 1 sigma of log luminance, of what resampling and noise leave of detail, to begin with. */
+constexpr float kDetail = 0.1F;
+constexpr float kEnough = 0.6F; /* of a pixel must be known */
+
+/* Log luminance on a small grid, and how much of each pixel is known (0 .. 1). */
+struct picture {
+	std::vector<float> value, weight;
+
+	void resize(size_t pixels)
+	{
+		value.assign(pixels + 4, 0.0F);
+		weight.assign(pixels + 4, 0.0F);
+	}
+};
+
+/* What is compared of the camera's picture, pixel after pixel. */
+struct samples {
+	std::vector<float> direction[3], slope[3], value, weight;
+	std::vector<float> certainty; /* of `value`: 1 where it is flat, less on steep slopes */
+	size_t count;
+
+	void resize(size_t pixels)
+	{
+		for (int a = 0; a < 3; a++) {
+			direction[a].assign(pixels + 4, 0.0F);
+			slope[a].assign(pixels + 4, 0.0F);
+		}
+		value.assign(pixels + 4, 0.0F);
+		weight.assign(pixels + 4, 0.0F);
+		certainty.assign(pixels + 4, 0.0F);
+		count = 0;
+	}
+};
+
+struct level {
+	int width, height;
+	picture seen, known, scratch;
+	samples list;
+
+	void create(int w, int h)
+	{
+		width = w;
+		height = h;
+		for (picture *p : {&seen, &known, &scratch})
+			p->resize(static_cast<size_t>(w) * h);
+		list.resize(static_cast<size_t>(w) * h);
+	}
+
+	/* [1 2 1] in both directions, over what is known. */
+	void smooth(picture &p);
+	/* Slopes of the camera's picture: how its value changes with a rotation vector. */
+	void collect();
+
+	/* Sum of the weights, if everything could be compared. */
+	double all() const
+	{
+		return 2.0 / M_PI * width * height;
+	}
+};
+
+} /* namespace lp */
+
+#endif
