@@ -11,7 +11,9 @@
 #include "bytes.h"
 #include "pictures.h"
 
-enum { HEADER_BYTES = 64, RETRY_US = 100000, PICTURE_MAX_BYTES = 64 << 20 };
+/* Headers of the simulator's frames (proto/sim.md): what is beyond the first part is skipped. */
+enum { HEADER_BYTES = 64, HEADER_MAX_BYTES = 4096 };
+enum { RETRY_US = 100000, PICTURE_MAX_BYTES = 64 << 20 };
 
 struct simulator {
 	struct pictures base;
@@ -88,14 +90,21 @@ static int read_all(struct simulator *simulator, uint8_t *data, size_t size_byte
 
 static int read_frame(struct simulator *simulator, uint8_t *header, size_t *size_bytes)
 {
+	uint8_t skipped[HEADER_MAX_BYTES];
 	int ret = read_all(simulator, header, HEADER_BYTES);
+	size_t header_bytes;
 
 	if (ret < 0)
 		return ret;
+	header_bytes = get_le(header + 4, 4);
 	*size_bytes = get_le(header + 8, 4);
-	if (memcmp(header, "LPF1", 4) != 0 || get_le(header + 4, 4) != HEADER_BYTES ||
-	    get_le(header + 12, 4) != 0 || *size_bytes > PICTURE_MAX_BYTES)
+	if (memcmp(header, "LPF1", 4) != 0 || header_bytes < HEADER_BYTES ||
+	    header_bytes > HEADER_MAX_BYTES || get_le(header + 12, 4) != 0 ||
+	    *size_bytes > PICTURE_MAX_BYTES)
 		return -EPROTO;
+	ret = read_all(simulator, skipped, header_bytes - HEADER_BYTES);
+	if (ret < 0)
+		return ret;
 	if (*size_bytes > simulator->capacity_bytes) {
 		uint8_t *larger = realloc(simulator->data, *size_bytes);
 
