@@ -1,10 +1,12 @@
 """Speed, and its trade for accuracy: what `make bench` runs.
 
     bench.py [--quick] [--rounds N]
+    bench.py --scenes NAME[,NAME...] [--rounds N]
 
-Writes build/bench/speed.json; without --quick also speed.md and speed_accuracy.png in
+The first writes build/bench/speed.json; without --quick also speed.md and speed_accuracy.png in
 docs/maintainers.
---quick runs everything a little, to see that it works, and says nothing about speed.
+--quick runs everything a little, to see that it works, and says nothing about speed. The second
+times scenes one by one, as `lightprobe` names them: a folder of panoramas, room, procedural:5.
 """
 
 from __future__ import annotations
@@ -20,16 +22,20 @@ from pathlib import Path
 from typing import Any
 
 import accuracy
+import any_scenes
 import daemon_load
 import frames
 import report
 import timing
+from lightprobe.errors import LightprobeError
+from lightprobe.sim import scenes
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 ROOT = Path(__file__).resolve().parents[2]
 OUT = ROOT / "build" / "bench"
 ROUNDS, QUICK_ROUNDS = 200, 2
+SCENE_ROUNDS = 20
 SECONDS, QUICK_SECONDS = 15.0, 2.0
 DAEMON_KIND = "equirect_1920x960_420"
 SUBSCRIBERS = (1, 10, 100)
@@ -89,16 +95,34 @@ def measure_daemon(files: list[Path], quick: bool) -> dict[str, Any]:
     }
 
 
+def progress() -> Progress:
+    """Bars on stderr."""
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
+    return Progress(*columns, console=Console(stderr=True))
+
+
+def run_scenes(names: str, rounds: int) -> None:
+    """Time scenes one by one; the table goes to stdout."""
+    try:
+        chosen = scenes.load(names.split(","))
+    except LightprobeError as error:
+        raise SystemExit(f"bench: {error}") from None
+    with progress() as bar:
+        rows = any_scenes.measure(chosen, OUT / "frames-scenes", rounds, bar)
+    result = {"machine": machine(), "rounds": rounds, "scenes": rows}
+    (OUT / "scenes.json").write_text(json.dumps(result, indent=2) + "\n")
+    print(any_scenes.table(rows))
+
+
 def run(quick: bool, rounds: int) -> dict[str, Any]:
     """Measure everything."""
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
     speed: dict[str, Any] = {"machine": machine(), "quick": quick, "frames": {}}
-    with Progress(*columns, console=Console(stderr=True)) as bar:
+    with progress() as bar:
         folder = OUT / ("frames-quick" if quick else "frames")
         task = bar.add_task("pictures", total=len(frames.KINDS))
         pictures = {}
         for name, kind in frames.KINDS.items():
-            pictures[name] = frames.make(kind, folder, quick)
+            pictures[name] = frames.make(kind, folder, frames.subjects(quick))
             bar.advance(task)
         check_published(frames.KINDS[DAEMON_KIND], pictures[DAEMON_KIND])
         for name, kind in frames.KINDS.items():
@@ -125,9 +149,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="only check that it runs")
     parser.add_argument("--rounds", type=int, help=f"how often; default {ROUNDS}")
+    parser.add_argument("--scenes", help="time these scenes one by one, and nothing else")
     arguments = parser.parse_args()
     quick = arguments.quick
     OUT.mkdir(parents=True, exist_ok=True)
+    if arguments.scenes:
+        run_scenes(arguments.scenes, arguments.rounds or SCENE_ROUNDS)
+        return 0
     speed = run(quick, arguments.rounds or (QUICK_ROUNDS if quick else ROUNDS))
     path = save(speed)
     docs = OUT if quick else ROOT / "docs/maintainers"

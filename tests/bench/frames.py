@@ -9,7 +9,7 @@ the map's own is filled with noise that has the local contrast of the map's fine
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,13 +22,15 @@ from lightprobe.sim.exposure import bracket_us, median_luminance
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.room import Room
 from lightprobe.sim.scene import PanoramaScene, Scene, resize
-from lightprobe.sim.world import World
+from lightprobe.sim.world import Behaviour, World
 from numpy.typing import NDArray
 
 ROOT = Path(__file__).resolve().parents[2]
 FISHEYE = ROOT / "packaging" / "cameras" / "theta_s.camera"
 #: A camera's lens and demosaicing take this part of the contrast at its finest octave.
 LENS_CONTRAST = 0.5
+#: How fast the camera turns where that is timed.
+TURN_DEG_S = 30.0
 
 Map = NDArray[np.float32]
 
@@ -82,8 +84,10 @@ def subjects(quick: bool) -> list[Scene]:
     return [*scenes.load(["blender"]), Room(), random_scene(4)]
 
 
-def shoot(kind: Kind, scene: Scene, seed: int) -> bytes:
-    """One JPEG of a scene: exposed for its median, with the sensor's noise."""
+def shoot(
+    kind: Kind, scene: Scene, seed: int, count: int = 1, turn_deg_s: float = 0
+) -> list[bytes]:
+    """Successive JPEGs of a scene: exposed for its median, with the sensor's noise."""
     lens = camera.load(kind.camera)
     # a lens samples a map finer than its own pixels
     scale = 1 if lens.is_equirect else 2
@@ -94,19 +98,31 @@ def shoot(kind: Kind, scene: Scene, seed: int) -> bytes:
     radiance = scene.render(512, 256).compose(np.ones(len(scene.lamps)))
     (exposure_us,) = bracket_us(median_luminance(radiance), 1)
     size_px = (kind.width_px, kind.height_px)
+    behaviour = Behaviour(act_s=0, turn_deg_s=turn_deg_s)
     shooting = SimulatedCamera(
-        World([scene]), lens, size_px, quality=kind.quality, chroma=kind.chroma, seed=seed
-    )
-    return shooting.frame(0, Shot(exposure_us))
+        World([scene], behaviour), lens, size_px,
+        quality=kind.quality, chroma=kind.chroma, seed=seed,
+    )  # fmt: skip
+    return [shooting.frame(number, Shot(exposure_us)) for number in range(count)]
 
 
-def make(kind: Kind, folder: Path, quick: bool) -> list[Path]:
-    """Files of one kind, made when they are not there yet."""
+def make(kind: Kind, folder: Path, subjects: Sequence[Scene]) -> list[Path]:
+    """Files of one kind, one for each scene, made when they are not there yet."""
     folder.mkdir(parents=True, exist_ok=True)
     files = []
-    for seed, scene in enumerate(subjects(quick)):
+    for seed, scene in enumerate(subjects):
         path = folder / f"{kind.name}-{scene.name}.jpg"
         if not path.exists():
-            path.write_bytes(shoot(kind, scene, seed))
+            path.write_bytes(shoot(kind, scene, seed)[0])
         files.append(path)
+    return files
+
+
+def make_turning(kind: Kind, folder: Path, scene: Scene, seed: int, count: int) -> list[Path]:
+    """Files of a camera that turns at TURN_DEG_S, made when they are not there yet."""
+    files = [folder / f"{kind.name}-{scene.name}-turning{number}.jpg" for number in range(count)]
+    if not all(file.exists() for file in files):
+        folder.mkdir(parents=True, exist_ok=True)
+        for file, jpeg in zip(files, shoot(kind, scene, seed, count, TURN_DEG_S), strict=True):
+            file.write_bytes(jpeg)
     return files

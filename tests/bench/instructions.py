@@ -35,8 +35,8 @@ CASES = (
 )
 WHOLE = "lp_pipeline_process"
 FUNCTIONS = (
-    WHOLE, "lp_jpeg_read", "lp_cells_from_jpeg", "lp_remap_apply", "lp_merge", "lp_detect",
-    "lp_sh_project", "lp_imager_refine",
+    WHOLE, "lp_jpeg_read", "lp_cells_from_jpeg", "lp_remap_apply", "lp_radiance_map_observe",
+    "lp_detect", "lp_sh_project", "lp_imager_refine",
 )  # fmt: skip
 _LINE = re.compile(r"^\s*([\d,]+) .*?[:/ ](\w+)(?:\(|\s|$)")
 
@@ -70,7 +70,7 @@ def measure() -> dict[str, dict[str, int]]:
         kind = frames.KINDS[name]
         with tempfile.TemporaryDirectory() as folder:
             picture = Path(folder) / "room.jpg"
-            picture.write_bytes(frames.shoot(kind, Room(), seed=0))
+            picture.write_bytes(frames.shoot(kind, Room(), seed=0)[0])
             two = _inclusive(kind.camera, picture, contestant, 2)
             four = _inclusive(kind.camera, picture, contestant, 4)
         result[f"{name} {contestant}"] = {

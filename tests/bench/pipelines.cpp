@@ -16,12 +16,14 @@ namespace
 
 constexpr float kExposureUs = 10000.0F; /* all pictures are of one exposure setting */
 constexpr float kBracketStep = 16.0F;
+constexpr int64_t kFramePeriodNs = 33333333; /* 30 frames per second */
+constexpr int kSettlingFrames = 2;	     /* until nothing of a still picture is new */
 
 void keep(struct lp_frame *)
 {
 }
 
-struct lp_frame frame_of(const bench::picture &p)
+struct lp_frame frame_of(const bench::picture &p, int number)
 {
 	struct lp_frame frame = {};
 
@@ -33,32 +35,44 @@ struct lp_frame frame_of(const bench::picture &p)
 	frame.exposure_us = kExposureUs;
 	frame.gain = 1.0F;
 	frame.wheel_deg = frame.wheel_sigma_deg = NAN;
+	for (float &component : frame.orientation)
+		component = NAN;
+	frame.orientation_sigma_deg = frame.row_time_us = NAN;
+	frame.t_start_ns = frame.t_arrival_ns = kFramePeriodNs * (number + 1);
 	frame.release = keep;
 	return frame;
 }
 
-struct pipeline final : bench::contestant {
+/* The daemon's defaults but for what is named. */
+struct lp_pipeline_options defaults(const lp_camera_file &camera)
+{
+	struct lp_pipeline_options options = {};
+
+	options.camera = &camera;
+	options.preset = LP_PRESET_BALANCED;
+	options.max_lights = LP_MAX_LIGHTS;
+	options.sh_order = LP_MAX_SH_ORDER;
+	options.orientation = LP_ORIENTATION_VISUAL;
+	options.smoothing_ms = 200.0F;
+	options.ttl_ms = 1000.0F;
+	return options;
+}
+
+/* A camera that turns: each picture is the next frame. */
+struct pipeline : bench::contestant {
+	struct lp_pipeline_options options;
 	struct lp_pipeline *self = nullptr;
 	struct lp_demand demand;
 	struct lp_estimates estimates = {};
+	int exposures; /* of a bracket that goes round */
+	int number = 0;
 
-	int exposures, number = 0; /* of a bracket that goes round */
-
-	pipeline(const char *its_name, const lp_camera_file &camera, enum lp_preset preset,
-		 int divisor, int lights, int its_exposures)
-	    : contestant(its_name), demand{LP_MAX_SH_ORDER, lights}, exposures(its_exposures)
+	pipeline(const char *its_name, const struct lp_pipeline_options &its_options, int lights,
+		 int its_exposures)
+	    : contestant(its_name), options(its_options), demand{LP_MAX_SH_ORDER, lights},
+	      exposures(its_exposures)
 	{
-		struct lp_pipeline_options options = {}; /* the daemon's defaults */
-
-		options.camera = &camera;
-		options.preset = preset;
-		options.decode_divisor = divisor;
-		options.max_lights = LP_MAX_LIGHTS;
-		options.sh_order = LP_MAX_SH_ORDER;
-		options.smoothing_ms = 200.0F;
-		options.ttl_ms = 1000.0F;
-		if (lp_pipeline_create(&options, &self) < 0)
-			bench::die(its_name, "create");
+		begin();
 	}
 	~pipeline() override
 	{
@@ -67,9 +81,17 @@ struct pipeline final : bench::contestant {
 	pipeline(const pipeline &) = delete;
 	pipeline &operator=(const pipeline &) = delete;
 
+	/* As a daemon that has just started. */
+	void begin()
+	{
+		lp_pipeline_destroy(self);
+		if (lp_pipeline_create(&options, &self) < 0)
+			bench::die(name.c_str(), "create");
+	}
+
 	void run(const bench::picture &p) override
 	{
-		struct lp_frame frame = frame_of(p);
+		struct lp_frame frame = frame_of(p, number);
 		float command_us;
 
 		frame.gain = std::pow(kBracketStep, static_cast<float>(-(number++ % exposures)));
@@ -92,6 +114,23 @@ struct pipeline final : bench::contestant {
 			text += row;
 		}
 		return text + "]}";
+	}
+};
+
+/* A camera that stands: one more frame of a picture that has been seen before. */
+struct still_pipeline final : pipeline {
+	const bench::picture *seen = nullptr;
+
+	using pipeline::pipeline;
+	std::vector<bench::timing> measure(const bench::picture &p) override
+	{
+		if (seen != &p) {
+			seen = &p;
+			begin();
+			for (int k = 0; k < kSettlingFrames * exposures; k++)
+				run(p);
+		}
+		return pipeline::measure(p);
 	}
 };
 
@@ -122,7 +161,13 @@ void bench::add_pipelines(contestants &list, const lp_camera_file &camera)
 		{"exposures_4", LP_PRESET_BALANCED, 0, LP_MAX_LIGHTS, 4},
 	};
 
-	for (const auto &a : all)
-		list.push_back(std::make_unique<pipeline>(a.name, camera, a.preset, a.divisor,
-							  a.lights, a.exposures));
+	for (const auto &a : all) {
+		struct lp_pipeline_options options = defaults(camera);
+
+		options.preset = a.preset;
+		options.decode_divisor = a.divisor;
+		list.push_back(
+			std::make_unique<still_pipeline>(a.name, options, a.lights, a.exposures));
+	}
+	list.push_back(std::make_unique<pipeline>("turning", defaults(camera), LP_MAX_LIGHTS, 1));
 }

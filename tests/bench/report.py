@@ -25,7 +25,9 @@ milliseconds; *ratio* is relative to libjpeg-turbo's plain RGB decode of the sam
 same process. All methods take turns on one picture, in random order, so that the load of the \
 machine affects all of them equally. Pictures: the repository's scenes (8 panoramas, the \
 furnished room, five lamps on a gradient) through the simulated camera, with texture and sensor \
-noise (`tests/bench/frames.py`). Quote the ratios: the milliseconds depend on the machine.
+noise (`tests/bench/frames.py`). The camera stands still, and the daemon has seen the scene \
+before. `make bench SCENES=FOLDER` times other scenes, one by one, still and turning. Quote the \
+ratios: the milliseconds depend on the machine.
 
 ![speed against accuracy](speed_accuracy.png)
 """
@@ -68,7 +70,8 @@ scene, in which lamps clip with every method; `exposures_3`: `balanced` with a b
 """
 
 
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Give a table as Markdown: names, then numbers."""
     lines = ["| " + " | ".join(head) + " |", "|---" + "|---:" * (len(head) - 1) + "|"]
     return "\n".join(lines + ["| " + " | ".join(row) + " |" for row in rows]) + "\n"
 
@@ -97,7 +100,7 @@ def _by_frame(speed: dict[str, Any], part: str, key: str) -> str:
     for name in names:
         cells = [frame[part].get(name) for frame in kinds.values()]
         rows.append([name, *("" if c is None else f"{c[key]:.3f}" for c in cells)])
-    return _table(head, rows)
+    return table(head, rows)
 
 
 def _daemon(daemon: dict[str, Any]) -> str:
@@ -107,7 +110,7 @@ def _daemon(daemon: dict[str, Any]) -> str:
         for number, f in daemon["subscribers"].items()
     ]  # fmt: skip
     head = ["subscribers", "latency p50 ms", "p99 ms", "CPU %", "peak RSS MiB", "bytes/packet"]
-    return DAEMON.format(**daemon) + _table(head, rows)
+    return DAEMON.format(**daemon) + table(head, rows)
 
 
 def _accuracy(speed: dict[str, Any]) -> str:
@@ -124,7 +127,7 @@ def _accuracy(speed: dict[str, Any]) -> str:
              f"{100 * maps['sh_error_median']:.1f} % ({100 * maps['sh_error_worst']:.1f} %)"]
         )  # fmt: skip
     head = ["method", "time ratio", "direction RMSE", "missed", "false", "relighting", "SH"]
-    return ACCURACY + _table(head, rows)
+    return ACCURACY + table(head, rows)
 
 
 def markdown(speed: dict[str, Any]) -> str:
@@ -133,7 +136,7 @@ def markdown(speed: dict[str, Any]) -> str:
     for name, frame in speed["frames"].items():
         size = f"{frame['mean_jpeg_bytes'] / 1024:.0f} KiB a picture, quality {frame['quality']}"
         parts.append(f"\n## {name}\n\n{size}\n\n")
-        parts.append(_table(["", "median ms", "p99 ms", "ratio", "SH error"], _frame_rows(frame)))
+        parts.append(table(["", "median ms", "p99 ms", "ratio", "SH error"], _frame_rows(frame)))
     parts += [FRAMES_NOTE, BASELINES, "\nRatios:\n\n", _by_frame(speed, "baselines", "ratio")]
     parts += [
         "\n## Stages of `balanced`\n\nMedian milliseconds. Each stage runs alone with warm caches, "

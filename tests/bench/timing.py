@@ -65,6 +65,12 @@ class Program:
         return json.loads(line)
 
 
+def add(samples: dict[str, list[int]], times: dict[str, int]) -> None:
+    """Note one more run of some contestants."""
+    for name, ns in times.items():
+        samples.setdefault(name, []).append(ns)
+
+
 def is_slow_round(number: int, pictures: int) -> bool:
     """One in SELDOM, with another picture each time the pictures have gone round: all meet all."""
     turn, index = divmod(number, pictures)
@@ -90,13 +96,12 @@ def time_kind(kind: Kind, files: Sequence[Path], rounds: int, bar: Progress) -> 
             index = number % len(files)
             slow = is_slow_round(number, len(files))
             names = rng.permutation([*EVERY_ROUND, *(n for n in SLOW if slow and suits(n, kind))])
-            for name, ns in program.ask("run", index, *names).items():
-                samples.setdefault(name, []).append(ns)
+            add(samples, program.ask("run", index, *names))
             for name, run in IN_PYTHON.items():
                 if suits(name, kind) and (slow or name not in SLOW_IN_PYTHON):
                     begin = time.thread_time_ns()
                     run(jpegs[index])
-                    samples.setdefault(name, []).append(time.thread_time_ns() - begin)
+                    add(samples, {name: time.thread_time_ns() - begin})
             bar.advance(task)
         fidelity = _fidelity(program, len(files)) if kind.camera == "equirect" else {}
     return _summary(kind, files, samples, fidelity)
