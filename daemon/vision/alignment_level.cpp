@@ -15,6 +15,21 @@ constexpr float kLeastSlope = 0.01F; /* log luminance per pixel: flatter ones sa
 
 } /* namespace */
 
+void level::create(int w, int h)
+{
+	width = w;
+	height = h;
+	for (int x = 0; x < w; x++) {
+		const double lambda = 2.0 * M_PI * ((x + 0.5) / w - 0.5);
+
+		column_sin.push_back(static_cast<float>(std::sin(lambda)));
+		column_cos.push_back(static_cast<float>(std::cos(lambda)));
+	}
+	for (picture *p : {&seen, &known, &scratch})
+		p->resize(static_cast<size_t>(w) * h);
+	list.resize(static_cast<size_t>(w) * h);
+}
+
 void level::smooth(picture &p)
 {
 	for (int y = 0; y < height; y++)
@@ -75,9 +90,7 @@ void level::collect()
 
 			if (gx * gx + gy * gy < 4.0F * kLeastSlope * kLeastSlope)
 				continue;
-			const double lambda = 2.0 * M_PI * ((x + 0.5) / width - 0.5);
-			const float sl = static_cast<float>(std::sin(lambda));
-			const float cl = static_cast<float>(std::cos(lambda));
+			const float sl = column_sin[x], cl = column_cos[x];
 			const float d[3] = {st * sl, ct, -st * cl};
 			const float g[3] = {ct * sl * gy * per_theta + cl * gx * per_lambda,
 					    -st * gy * per_theta,

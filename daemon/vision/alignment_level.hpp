@@ -49,17 +49,11 @@ struct samples {
 
 struct level {
 	int width, height;
+	std::vector<float> column_sin, column_cos; /* of the columns' longitudes */
 	picture seen, known, scratch;
 	samples list;
 
-	void create(int w, int h)
-	{
-		width = w;
-		height = h;
-		for (picture *p : {&seen, &known, &scratch})
-			p->resize(static_cast<size_t>(w) * h);
-		list.resize(static_cast<size_t>(w) * h);
-	}
+	void create(int w, int h);
 
 	/* [1 2 1] in both directions, over what is known. */
 	void smooth(picture &p);

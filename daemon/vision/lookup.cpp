@@ -188,6 +188,12 @@ extern "C" void lp_lookup_radiance(struct lp_lookup *lookup, const float (*from)
 namespace
 {
 
+void mark(uint8_t *cells, const uint8_t *from, int count)
+{
+	for (int c = 0; c < count; c++)
+		cells[c] |= from[c];
+}
+
 /* Each cell gets its neighbours' marks: along the rows, then across them. */
 void widen(const struct lp_grid *grid, const uint8_t *from, uint8_t *rows, uint8_t *to)
 {
@@ -201,9 +207,10 @@ void widen(const struct lp_grid *grid, const uint8_t *from, uint8_t *rows, uint8
 
 		std::memcpy(out, in, width);
 		for (int k = 1; k <= reach; k++) {
-			for (int c = 0; c < width; c++)
-				out[c] |= in[c + k < width ? c + k : c + k - width] |
-					  in[c - k >= 0 ? c - k : c - k + width];
+			mark(out, in + k, width - k);
+			mark(out + width - k, in, k);
+			mark(out + k, in, width - k);
+			mark(out, in + width - k, k);
 		}
 	}
 	for (int r = 0; r < height; r++) {
@@ -226,11 +233,15 @@ extern "C" void lp_lookup_marks(struct lp_lookup *lookup, const uint8_t *from, u
 	widen(lookup->grid, from, lookup->wide + cells, lookup->wide);
 	for (size_t i = 0; i < cells; i++) {
 		const int32_t l = lookup->left[i], r = lookup->right[i];
-		const uint8_t own = from[l] | from[r] | from[l + width] | from[r + width];
 		const uint8_t near = lookup->wide[l] | lookup->wide[r] | lookup->wide[l + width] |
 				     lookup->wide[r + width];
 
-		to[i] = own ? own : near ? LP_CELL_BESIDE : 0;
+		to[i] = 0;
+		if (near) { /* few are */
+			const uint8_t own = from[l] | from[r] | from[l + width] | from[r + width];
+
+			to[i] = own ? own : static_cast<uint8_t>(LP_CELL_BESIDE);
+		}
 	}
 }
 
