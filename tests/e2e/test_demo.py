@@ -30,7 +30,7 @@ def run(*arguments, **environment):
 
 
 def test_lamps_are_where_they_are(tmp_path):
-    """The default scenes' first: lamps switch, the room turns, and the picture agrees."""
+    """The default scenes' first: lamps switch, the camera looks around, and the picture agrees."""
     with tempfile.TemporaryDirectory(prefix="lp-") as folder:  # socket paths are short
         done = run("--seconds", 8, "--scenes", "room", "--every-s", 3, "--output", tmp_path,
                    "--json", TMPDIR=folder)  # fmt: skip

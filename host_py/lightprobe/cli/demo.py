@@ -38,7 +38,9 @@ if TYPE_CHECKING:
 #: The viewer, as `make web` builds it; without it the demo has no page.
 WEB = Path(__file__).resolve().parents[3] / "build" / "web"
 PANORAMAS = ("sunset", "forest", "courtyard")
-_ACT_S, _TURN_DEG_S, _SWITCH_S = 8.0, 2.0, 4.0
+_ACT_S, _SWITCH_S = 8.0, 4.0
+#: As somebody looks around: so far to each side, so often.
+_SWING_DEG, _SWING_HZ = 40.0, 0.2
 #: The wheel homes, goes there and stays: frames that are exposed while it turns are left out.
 _WHEEL_DEG = 45.0
 _FIRST_ESTIMATE_S = 60.0
@@ -124,7 +126,7 @@ def command(
 ) -> None:
     """Show the whole path: a simulated room, the daemon, a live view, and a picture of the result.
 
-    Lamps switch, scenes turn and change. The picture shows lamps true and estimated, and an object
+    The camera looks around, lamps switch, scenes change. The picture shows lamps true and estimated, and an object
     lit by each. Ends on Ctrl-C, or after --seconds. A real camera has no truth to compare with.
     """  # fmt: skip
     require_unix_sockets("demo")
@@ -182,8 +184,8 @@ def simulation(
     """Run the simulator in a process of its own."""
     command_line: list[str | Path] = [
         sys.executable, "-m", "lightprobe", "simulate", "--socket", folder / "camera",
-        "--truth", folder / "truth", "--act-s", str(_ACT_S), "--turn-deg-s", str(_TURN_DEG_S),
-        "--switch-s", str(_SWITCH_S), "--format", "MJPG", "--firmware", "host",
+        "--truth", folder / "truth", "--act-s", str(_ACT_S), "--swing-deg", str(_SWING_DEG),
+        "--swing-hz", str(_SWING_HZ), "--switch-s", str(_SWITCH_S), "--format", "MJPG", "--firmware", "host",
         "--pty", folder / "mcu",
     ]  # fmt: skip
     for name in chosen:
