@@ -142,6 +142,13 @@ def cases(
     ]
 
 
+def readme_rows(found: Sequence[Live]) -> list[list[str]]:
+    """Table over scenes of what a client gets that asks for nothing, exposures reported."""
+    some = [one for one in found if (one.exposures, one.subscription) == ("reported", "default")]
+    columns = [HEAD.index(name) for name in README_HEAD]
+    return [[row[column] for column in columns] for row in rows(some)]
+
+
 def all_figures(todo: Sequence[Case], processes: int = 2) -> list[Live]:
     """Run them; progress on stderr."""
     return recording.all_figures(
@@ -150,12 +157,20 @@ def all_figures(todo: Sequence[Case], processes: int = 2) -> list[Live]:
     )  # fmt: skip
 
 
+#: More than there are scenes.
+COLOURS = plt.get_cmap("tab20").colors  # type: ignore[attr-defined]
+
 HEAD = [
     "exposures", "subscription", "the camera turns", "packets per second, least",
     "relighting error, median (worst scene)", "more than still, worst scene",
     "of 90 % of the packets, worst scene",
     "wrong and healthy, median (worst)", "births per second, median (worst)",
     "AMBIENT's step, worst", "a sun is listed, worst",
+]  # fmt: skip
+#: What README.md shows of HEAD.
+README_HEAD = [
+    "the camera turns", "relighting error, median (worst scene)",
+    "wrong and healthy, median (worst)", "births per second, median (worst)",
 ]  # fmt: skip
 COVERAGE_HEAD = [
     "exposures", "subscription", "the camera turns", "direction within 1σ, 3σ",
@@ -253,11 +268,12 @@ def draw(found: Sequence[Live], path: Path) -> None:
             for one in found
             if (one.exposures, one.subscription) == (exposures, "raw")
         }
-        for scene in sorted({one.scene for one in found}):
+        for index, scene in enumerate(sorted({one.scene for one in found})):
+            look = {"color": COLOURS[index % len(COLOURS)], "marker": "o", "markersize": 3}
             line = [some[scene, rate] for rate in rates]
-            axes[0, column].plot(range(len(rates)), [one.error_median for one in line], "o-", ms=3)
+            axes[0, column].plot(range(len(rates)), [one.error_median for one in line], **look)
             shares = [100 * one.wrong_and_healthy for one in line]
-            axes[1, column].plot(range(len(rates)), shares, "o-", ms=3, label=scene)
+            axes[1, column].plot(range(len(rates)), shares, label=scene, **look)
         axes[0, column].set(title=f"exposures {exposures}", yscale="log")
         axes[1, column].set(xticks=range(len(rates)), xticklabels=rates)
         axes[1, column].set_xlabel("the camera turns, °/s")

@@ -170,6 +170,7 @@ def live_figures(out: Path, page: Path) -> dict[str, str]:
     (out / "live.json").write_text(to_json([*moving, *troubled]) + "\n")
     (out / "changes.json").write_text(to_json(changing) + "\n")
     live.draw(moving, page.with_name("live.png"))
+    put(ROOT / "README.md", {"live": table(live.README_HEAD, live.readme_rows(moving))})
     return {
         "live": table(live.HEAD, live.rows(moving)),
         "live-sigmas": table(live.COVERAGE_HEAD, live.coverage_rows(moving)),

@@ -126,8 +126,8 @@ def command(
 ) -> None:
     """Show the whole path: a simulated room, the daemon, a live view, and a picture of the result.
 
-    The camera looks around, lamps switch, scenes change. The picture shows lamps true and estimated, and an object
-    lit by each. Ends on Ctrl-C, or after --seconds. A real camera has no truth to compare with.
+    The camera looks around, lamps switch, scenes change. The picture shows lamps true and
+    estimated, and an object lit by each. Ends on Ctrl-C, or after --seconds. A real camera has no truth to compare with.
     """  # fmt: skip
     require_unix_sockets("demo")
     daemon.find()
@@ -185,8 +185,8 @@ def simulation(
     command_line: list[str | Path] = [
         sys.executable, "-m", "lightprobe", "simulate", "--socket", folder / "camera",
         "--truth", folder / "truth", "--act-s", str(_ACT_S), "--swing-deg", str(_SWING_DEG),
-        "--swing-hz", str(_SWING_HZ), "--switch-s", str(_SWITCH_S), "--format", "MJPG", "--firmware", "host",
-        "--pty", folder / "mcu",
+        "--swing-hz", str(_SWING_HZ), "--switch-s", str(_SWITCH_S), "--format", "MJPG",
+        "--firmware", "host", "--pty", folder / "mcu",
     ]  # fmt: skip
     for name in chosen:
         command_line += ["--scenes", name]
