@@ -127,7 +127,8 @@ def command(
     """Show the whole path: a simulated room, the daemon, a live view, and a picture of the result.
 
     The camera looks around, lamps switch, scenes change. The picture shows lamps true and
-    estimated, and an object lit by each. Ends on Ctrl-C, or after --seconds. A real camera has no truth to compare with.
+    estimated, and an object lit by each. Ends on Ctrl-C, or after --seconds. A real camera has
+    no truth to compare with.
     """  # fmt: skip
     require_unix_sockets("demo")
     daemon.find()
