@@ -18,8 +18,10 @@
 #include "proto/lightprobe.pb.h"
 
 #define PROTOCOL_MAJOR 1
-/* 1: estimates echo the number of their subscription. 2: Hello names the probe. */
-#define PROTOCOL_MINOR 2
+/* 1: estimates echo the number of their subscription. 2: Hello names the probe. 3: poses, pings,
+ * WORLD and the probe's orientation. */
+#define PROTOCOL_MINOR 3
+#define POSE_SIGMA_DEG 0.2F		   /* of a client that does not say */
 #define LEAST_SLEEP_NS (50 * LP_NS_PER_MS) /* less may be the reading of two clocks */
 #define LENGTH_PREFIX_BYTES 2		   /* of messages up to 16383 bytes */
 
@@ -142,6 +144,17 @@ static bool fill_sh(lightprobe_v1_SphericalHarmonics *wire,
 	return copy_finite(wire->coefficients, coefficients[0], (size_t)values);
 }
 
+static bool fill_orientation(lightprobe_v1_Estimate *wire,
+			     const struct lp_estimate_orientation *orientation)
+{
+	if (!orientation->known)
+		return true;
+	wire->orientation_count = 4;
+	wire->has_orientation_sigma_deg =
+		known(orientation->sigma_deg, &wire->orientation_sigma_deg);
+	return copy_finite(wire->orientation, orientation->xyzw, 4);
+}
+
 /* How long the machine was suspended since the estimate was made. */
 static int64_t slept_since(const struct lp_light_estimate *estimate)
 {
@@ -186,6 +199,10 @@ int lp_encode_estimate(const struct lp_light_estimate *estimate, const struct lp
 	wire->has_wheel_sigma_deg = known(estimate->wheel_sigma_deg, &wire->wheel_sigma_deg);
 	wire->has_wheel_deg =
 		wire->has_wheel_sigma_deg && known(estimate->wheel_deg, &wire->wheel_deg);
+	if (!fill_orientation(wire, &estimate->orientation))
+		return -ERANGE;
+	wire->frame = variant->world ? lightprobe_v1_Estimate_Frame_WORLD
+				     : lightprobe_v1_Estimate_Frame_PROBE;
 	wire->has_sh = true;
 	wire->lights_count = (pb_size_t)variant->lights;
 	for (int i = 0; i < variant->lights; i++) {
@@ -220,6 +237,7 @@ void lp_encode_hello(const struct lp_hello *hello, struct lp_packet *packet)
 	wire->has_ring = hello->has_ring;
 	COPY_TEXT(wire->name, hello->name);
 	wire->insecure_lan = hello->insecure_lan;
+	COPY_TEXT(wire->orientation, hello->orientation ? hello->orientation : "");
 	encode(&message, LP_PACKET_CONTROL, packet);
 }
 
@@ -282,6 +300,17 @@ void lp_encode_health(const struct lp_health_report *report, struct lp_packet *p
 	encode(&message, LP_PACKET_CONTROL, packet);
 }
 
+void lp_encode_pong(const struct lp_pong *pong, struct lp_packet *packet)
+{
+	lightprobe_v1_FromProbe message = {.which_message = lightprobe_v1_FromProbe_pong_tag};
+	lightprobe_v1_Pong *wire = &message.message.pong;
+
+	wire->ping_time_ns = pong->ping_time_ns;
+	wire->received_unix_ns = (uint64_t)lp_clock_unix_ns(pong->t_received_ns);
+	wire->sent_unix_ns = (uint64_t)lp_clock_unix_ns(pong->t_sent_ns);
+	encode(&message, LP_PACKET_CONTROL, packet);
+}
+
 void lp_encode_error(int code, const char *text, struct lp_packet *packet)
 {
 	lightprobe_v1_FromProbe message = {.which_message = lightprobe_v1_FromProbe_error_tag};
@@ -311,7 +340,11 @@ static int read_subscription(const lightprobe_v1_Subscription *wire,
 	*reason = "smoothing: must be SMOOTHED or RAW";
 	if ((int)wire->smoothing < 0 || wire->smoothing > lightprobe_v1_Subscription_Smoothing_RAW)
 		return -ERANGE;
+	*reason = "frame: must be PROBE or WORLD";
+	if ((int)wire->frame < 0 || wire->frame > lightprobe_v1_Estimate_Frame_WORLD)
+		return -ERANGE;
 	subscription->rate_hz = wire->rate_hz;
+	subscription->world = wire->frame == lightprobe_v1_Estimate_Frame_WORLD;
 	if (wire->has_sh_order)
 		subscription->sh_order =
 			wire->sh_order > LP_MAX_SH_ORDER ? LP_MAX_SH_ORDER : (int)wire->sh_order;
@@ -326,17 +359,68 @@ static int read_subscription(const lightprobe_v1_Subscription *wire,
 	return 0;
 }
 
-int lp_decode_request(const uint8_t *data, size_t size_bytes, struct lp_subscription *subscription,
+static bool sane_time(int64_t time_ns)
+{
+	return time_ns >= -LP_MOST_CLIENT_TIME_NS && time_ns <= LP_MOST_CLIENT_TIME_NS;
+}
+
+static int read_pose(const lightprobe_v1_Pose *wire, struct lp_client_pose *pose,
+		     const char **reason)
+{
+	const float sigma_deg = wire->has_sigma_deg ? wire->sigma_deg : POSE_SIGMA_DEG;
+
+	*reason = "time_ns: must be within 2e18 ns of 0 — use a clock that counts from the start";
+	if (!sane_time(wire->time_ns))
+		return -ERANGE;
+	*reason = "orientation: must be four numbers, x y z w";
+	if (wire->orientation_count != 4)
+		return -ERANGE;
+	*reason = "sigma_deg: must be a positive number";
+	if (!isfinite(sigma_deg) || !(sigma_deg > 0.0F))
+		return -ERANGE;
+	pose->time_ns = wire->time_ns;
+	for (int i = 0; i < 4; i++)
+		pose->quaternion[i] = wire->orientation[i];
+	pose->sigma_rad = sigma_deg * M_PI / 180.0;
+	return 0;
+}
+
+static int read_ping(const lightprobe_v1_Ping *wire, struct lp_client_ping *ping,
+		     const char **reason)
+{
+	*reason = "time_ns, pong_time_ns: must be within 2e18 ns of 0 — use a clock that counts "
+		  "from the start";
+	if (!sane_time(wire->time_ns) || !sane_time(wire->pong_time_ns))
+		return -ERANGE;
+	*ping = (struct lp_client_ping){.time_ns = wire->time_ns,
+					.has_pong_time = wire->has_pong_time_ns,
+					.pong_time_ns = wire->pong_time_ns};
+	return 0;
+}
+
+int lp_decode_request(const uint8_t *data, size_t size_bytes, struct lp_request *request,
 		      const char **reason)
 {
 	lightprobe_v1_FromClient message = lightprobe_v1_FromClient_init_zero;
 	pb_istream_t stream = pb_istream_from_buffer(data, size_bytes);
 
+	*request = (struct lp_request){0};
 	*reason = "is no lightprobe.v1.FromClient message";
 	if (!pb_decode(&stream, lightprobe_v1_FromClient_fields, &message))
 		return -EBADMSG;
-	*reason = "is not known to this version";
-	if (message.which_message != lightprobe_v1_FromClient_subscribe_tag)
+	switch (message.which_message) {
+	case lightprobe_v1_FromClient_subscribe_tag:
+		request->kind = LP_REQUEST_SUBSCRIBE;
+		return read_subscription(&message.message.subscribe, &request->subscription,
+					 reason);
+	case lightprobe_v1_FromClient_pose_tag:
+		request->kind = LP_REQUEST_POSE;
+		return read_pose(&message.message.pose, &request->pose, reason);
+	case lightprobe_v1_FromClient_ping_tag:
+		request->kind = LP_REQUEST_PING;
+		return read_ping(&message.message.ping, &request->ping, reason);
+	default:
+		*reason = "is not known to this version";
 		return -EOPNOTSUPP;
-	return read_subscription(&message.message.subscribe, subscription, reason);
+	}
 }

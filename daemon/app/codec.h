@@ -16,6 +16,7 @@ struct lp_health_report;
 struct lp_packet;
 
 struct lp_subscription {
+	bool world;    /* in the app's world, where it is known */
 	float rate_hz; /* 0: every estimate */
 	int sh_order, max_lights;
 	bool total;		   /* SH with the lights in it */
@@ -29,6 +30,38 @@ struct lp_subscription {
 struct lp_variant {
 	bool total;
 	int sh_order, lights;
+	bool world; /* directions and SH have been turned into the app's world */
+};
+
+/* Times of a client are nanoseconds of its own clock, within LP_MOST_CLIENT_TIME_NS of 0. */
+#define LP_MOST_CLIENT_TIME_NS INT64_C(2000000000000000000)
+
+struct lp_client_pose {
+	int64_t time_ns;
+	double quaternion[4]; /* x y z w, head to world, as sent */
+	double sigma_rad;
+};
+
+struct lp_client_ping {
+	int64_t time_ns;
+	bool has_pong_time;
+	int64_t pong_time_ns; /* when the answer to the ping before came */
+};
+
+enum lp_request_kind { LP_REQUEST_SUBSCRIBE, LP_REQUEST_POSE, LP_REQUEST_PING };
+
+/* What a client asks for or tells. */
+struct lp_request {
+	enum lp_request_kind kind;
+	struct lp_subscription subscription;
+	struct lp_client_pose pose;
+	struct lp_client_ping ping;
+};
+
+/* The answer to a ping. */
+struct lp_pong {
+	int64_t ping_time_ns;
+	int64_t t_received_ns, t_sent_ns; /* CLOCK_MONOTONIC */
 };
 
 /* What the estimate itself does not know. */
@@ -48,6 +81,7 @@ struct lp_hello {
 	bool has_wheel, has_ring;
 	const char *name; /* of this probe */
 	bool insecure_lan;
+	const char *orientation; /* what tells it */
 };
 
 /* -ERANGE: the estimate holds a number that is not finite where one must be; nothing is sent then.
@@ -56,14 +90,15 @@ int lp_encode_estimate(const struct lp_light_estimate *estimate, const struct lp
 		       const struct lp_stamp *stamp, struct lp_packet *packet);
 void lp_encode_hello(const struct lp_hello *hello, struct lp_packet *packet);
 void lp_encode_health(const struct lp_health_report *report, struct lp_packet *packet);
+void lp_encode_pong(const struct lp_pong *pong, struct lp_packet *packet);
 void lp_encode_error(int code, const char *text, struct lp_packet *packet);
 
 /*
  * -EBADMSG: no FromClient message. -EOPNOTSUPP: a request this version does not know. -ERANGE: a
  * value makes no sense. `*reason` (static) then says what. Values above what the daemon offers are
- * no error: they are upper bounds.
+ * no error: they are upper bounds. `request->kind` is valid with -ERANGE, too.
  */
-int lp_decode_request(const uint8_t *data, size_t size_bytes, struct lp_subscription *subscription,
+int lp_decode_request(const uint8_t *data, size_t size_bytes, struct lp_request *request,
 		      const char **reason);
 
 struct lp_subscription lp_default_subscription(void);

@@ -16,6 +16,7 @@
 #include "app/hub.h"
 #include "app/instruments.h"
 #include "app/options.h"
+#include "app/orientation.h"
 #include "app/service.h"
 #include "app/time_control.h"
 #include "app/worker.h"
@@ -46,6 +47,7 @@ struct lp_daemon {
 	struct lp_source *source;
 	struct lp_source_caps caps;
 	struct lp_instruments *instruments;
+	struct lp_orientation_teller orientation;
 	char name[64]; /* of the probe */
 	struct lp_publisher *publishers[LP_MAX_PUBLISHERS];
 	int publisher_count;
@@ -115,6 +117,7 @@ static void on_stamped_frame(void *context, struct lp_frame *frame)
 	struct lp_daemon *daemon = context;
 	const struct lp_demand demand = lp_hub_demand(daemon->hub);
 
+	lp_orientation_frame(&daemon->orientation, frame);
 	/* Simulated time stands still while a frame is at work. */
 	if (lp_worker_submit(daemon->worker, frame, &demand))
 		lp_loop_hold(daemon->loop);
@@ -262,6 +265,7 @@ static void publish(struct lp_daemon *daemon, struct lp_result *result)
 
 	result->estimates.raw.flags |= flags;
 	result->estimates.smoothed.flags |= flags;
+	lp_orientation_judged(&daemon->orientation, &result->estimates.raw.orientation);
 	lp_hub_publish(daemon->hub, &result->estimates, &result->demand);
 	lp_governor_estimate(&daemon->governor, lp_clock_ns() - result->estimates.raw.t_arrival_ns);
 }
@@ -342,6 +346,7 @@ static void on_tick(struct lp_timer *timer)
 	report->frames_dropped = lp_worker_dropped(daemon->worker) + daemon->frames_lost;
 	report->frames_rejected = lp_worker_rejected(daemon->worker) + daemon->frames_corrupt;
 	lp_instruments_tick(daemon->instruments, lp_clock_ns());
+	lp_orientation_tick(&daemon->orientation, lp_clock_ns());
 	govern(daemon);
 	lp_hub_tick(daemon->hub);
 	feed_watchdog(daemon);
@@ -360,6 +365,32 @@ static void set_name(struct lp_daemon *daemon)
 		     *daemon->options->name ? daemon->options->name : host);
 }
 
+static int on_pose(void *context, const void *client, const struct lp_orientation_sample *sample)
+{
+	struct lp_daemon *daemon = context;
+
+	return lp_orientation_pose(&daemon->orientation, client, sample);
+}
+
+static void on_client_left(void *context, const void *client)
+{
+	struct lp_daemon *daemon = context;
+
+	lp_orientation_client_left(&daemon->orientation, client);
+}
+
+static int create_orientation(struct lp_daemon *daemon)
+{
+	const struct lp_pipeline_options pipeline = lp_options_pipeline(daemon->options);
+	struct lp_mount mount;
+	const int ret = lp_mount_read(daemon->options->mount, &mount);
+
+	if (ret == 0)
+		lp_orientation_init(&daemon->orientation, pipeline.orientation, &mount,
+				    &daemon->health);
+	return ret;
+}
+
 static int create_hub(struct lp_daemon *daemon)
 {
 	const struct lp_options *options = daemon->options;
@@ -372,7 +403,8 @@ static int create_hub(struct lp_daemon *daemon)
 			  .smoothing_ms = (uint32_t)lrintf(options->smoothing_ms),
 			  .has_wheel = *options->rotator,
 			  .has_ring = *options->ring,
-			  .name = daemon->name},
+			  .name = daemon->name,
+			  .orientation = lp_orientation_name((int)pipeline.orientation)},
 		.initial = lp_default_subscription(),
 		.ttl_ms = (uint32_t)lrintf(options->ttl_ms),
 		.max_clients = options->max_clients,
@@ -380,6 +412,8 @@ static int create_hub(struct lp_daemon *daemon)
 		.health = &daemon->health,
 		.loop = daemon->loop,
 		.context = daemon,
+		.pose = on_pose,
+		.left = on_client_left,
 		.failed = on_publisher_failed,
 	};
 
@@ -475,6 +509,8 @@ static int create_all(struct lp_daemon *daemon)
 		ret = create_source(daemon);
 	if (ret == 0)
 		ret = create_instruments(daemon);
+	if (ret == 0)
+		ret = create_orientation(daemon);
 	if (ret == 0)
 		set_name(daemon);
 	if (ret == 0)

@@ -8,9 +8,11 @@
 
 #include "app/health.h"
 #include "app/packets.h"
+#include "app/pose_sender.h"
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/pool.h"
+#include "include/orientation.h"
 #include "include/packet.h"
 
 /* A client may hold one packet half sent, the newest estimate, and a queue of control messages. */
@@ -22,6 +24,10 @@
 #define MOST_REQUESTS_PER_S 50
 /* A new subscription is answered at once, but not more often than this: it costs an encoding. */
 #define ANSWER_PERIOD_NS (100 * LP_NS_PER_MS)
+/* Poses come as often as an app draws. What is beyond the first is left out, and who sends more
+ * than the second is thrown out. */
+#define MOST_POSES_PER_S 250
+#define FLOOD_PER_S 2000
 
 struct client {
 	struct lp_publisher *publisher;
@@ -29,8 +35,11 @@ struct client {
 	struct lp_subscription subscription;
 	int64_t due_ns; /* earliest next estimate */
 	int64_t health_due_ns;
-	int64_t second_ns; /* begin of the second in which requests are counted */
-	int requests;	   /* in that second */
+	int64_t second_ns;    /* begin of the second in which requests are counted */
+	int requests, poses;  /* in that second */
+	bool pose_error_told; /* in that second */
+	bool poses_refused;   /* another client's are used: its world is not this one's */
+	struct lp_pose_sender sender;
 	bool unknown_told; /* that it asks for what this daemon does not know */
 	bool subscribed;   /* it has a new subscription, not answered yet */
 	int64_t answered_ns;
@@ -106,9 +115,11 @@ static void send_estimate(struct lp_hub *hub, struct client *client)
 				       .ttl_ms = hub->options.ttl_ms,
 				       .subscription = client->subscription.number,
 				       .t_send_ns = lp_clock_ns()};
+	struct lp_subscription wanted = client->subscription;
+
+	wanted.world &= !client->poses_refused;
 	struct lp_packet *packet =
-		lp_packets_estimate(hub->packets, &hub->last, &hub->last_computed,
-				    &client->subscription, &stamp);
+		lp_packets_estimate(hub->packets, &hub->last, &hub->last_computed, &wanted, &stamp);
 
 	if (packet)
 		send_packet(hub, client, packet);
@@ -302,48 +313,142 @@ static void refuse_request(struct lp_hub *hub, struct client *client, int code, 
 	send_error(hub, client, code, text);
 }
 
-/* False: too many in this second. */
-static bool count_request(struct client *client)
+static void begin_second(struct client *client)
 {
 	const int64_t now_ns = lp_clock_ns();
 
-	if (now_ns - client->second_ns >= LP_NS_PER_S) {
-		client->second_ns = now_ns;
-		client->requests = 0;
+	if (now_ns - client->second_ns < LP_NS_PER_S)
+		return;
+	client->second_ns = now_ns;
+	client->requests = client->poses = 0;
+	client->pose_error_told = false;
+}
+
+/* Of more than one error in a second the first is told; the connection stays. */
+static void refuse_pose(struct lp_hub *hub, struct client *client, int code, const char *reason)
+{
+	hub->options.health->report.requests_rejected++;
+	if (!client->pose_error_told)
+		refuse_request(hub, client, code, "pose", reason);
+	client->pose_error_told = true;
+}
+
+/* The pose as a sample on our clock, for who uses it. */
+static int use_pose(struct lp_hub *hub, struct client *client, const struct lp_client_pose *pose)
+{
+	struct lp_orientation_sample sample;
+	char fault[160];
+	int ret;
+
+	if (!hub->options.pose)
+		return -EOPNOTSUPP;
+	ret = lp_pose_sender_sample(&client->sender, pose, lp_clock_ns(), &sample, fault,
+				    sizeof(fault));
+	lp_health_fault(hub->options.health, "orientation-clock", ret < 0 ? fault : NULL);
+	return ret < 0 ? ret : hub->options.pose(hub->options.context, client, &sample);
+}
+
+static void take_pose(struct lp_hub *hub, struct client *client, const struct lp_client_pose *pose)
+{
+	const int ret = use_pose(hub, client, pose);
+
+	client->poses_refused = ret == -EBUSY;
+	if (ret == 1) { /* what is kept is in the world of another app */
+		memset(&hub->last.raw.orientation, 0, sizeof(hub->last.raw.orientation));
+		memset(&hub->last.smoothed.orientation, 0, sizeof(hub->last.smoothed.orientation));
 	}
-	return ++client->requests <= MOST_REQUESTS_PER_S;
+	if (ret < 0)
+		refuse_pose(hub, client, ret, lp_pose_refusal(ret));
+}
+
+static void answer_ping(struct lp_hub *hub, struct client *client,
+			const struct lp_client_ping *ping)
+{
+	struct lp_packet *packet = lp_packets_take(hub->packets);
+	const struct lp_pong pong = lp_pose_sender_ping(&client->sender, ping, lp_clock_ns());
+
+	if (packet)
+		lp_encode_pong(&pong, packet);
+	send_last(hub, client, packet);
+}
+
+/* Whether there are too many of this kind in this second: 0; 1: leave it out; -EDQUOT: it ends the
+ * connection. Both are told. */
+static int count_request(struct lp_hub *hub, struct client *client, enum lp_request_kind kind)
+{
+	const int most = kind == LP_REQUEST_POSE ? FLOOD_PER_S : MOST_REQUESTS_PER_S;
+	int *const count = kind == LP_REQUEST_POSE ? &client->poses : &client->requests;
+
+	begin_second(client);
+	if (++*count > most) {
+		hub->options.health->report.requests_rejected++;
+		refuse_request(hub, client, -EDQUOT, "requests",
+			       kind == LP_REQUEST_POSE
+				       ? "more than 2000 poses in a second — send one per picture"
+				       : "more than 50 in a second — send a subscription only when "
+					 "it changes");
+		return -EDQUOT;
+	}
+	if (kind == LP_REQUEST_POSE && *count > MOST_POSES_PER_S) {
+		refuse_pose(hub, client, -EDQUOT,
+			    "more than 250 in a second; the others are left out — send one per "
+			    "picture");
+		return 1;
+	}
+	return 0;
+}
+
+static void subscribe(struct client *client, const struct lp_subscription *subscription)
+{
+	client->subscription = *subscription;
+	if (subscription->health_period_ms &&
+	    subscription->health_period_ms < SHORTEST_HEALTH_PERIOD_MS)
+		client->subscription.health_period_ms = SHORTEST_HEALTH_PERIOD_MS;
+	client->subscribed = true;
+}
+
+/* A request that cannot be read, or that makes no sense. */
+static int refuse_unread(struct lp_hub *hub, struct client *client, int code,
+			 enum lp_request_kind kind, size_t size_bytes, const char *reason)
+{
+	char what[40];
+
+	if (code == -ERANGE && kind == LP_REQUEST_POSE) {
+		refuse_pose(hub, client, code, reason);
+		return 0;
+	}
+	hub->options.health->report.requests_rejected++;
+	(void)snprintf(what, sizeof(what), "request of %zu bytes", size_bytes);
+	if (code != -EOPNOTSUPP || !client->unknown_told)
+		refuse_request(hub, client, code, what, reason);
+	client->unknown_told |= code == -EOPNOTSUPP;
+	return code == -EOPNOTSUPP ? 0 : code; /* a newer client may go on without it */
 }
 
 static int on_request(void *context, void *user, const uint8_t *data, size_t size_bytes)
 {
 	struct lp_hub *hub = context;
 	struct client *client = user;
-	struct lp_subscription subscription;
+	struct lp_request request;
 	const char *reason;
-	char what[40];
-	int ret;
+	const int unread = lp_decode_request(data, size_bytes, &request, &reason);
+	const int excess = count_request(hub, client, request.kind);
 
-	if (!count_request(client)) {
-		hub->options.health->report.requests_rejected++;
-		refuse_request(
-			hub, client, -EDQUOT, "requests",
-			"more than 50 in a second — send a subscription only when it changes");
-		return -EDQUOT;
+	if (excess)
+		return excess < 0 ? excess : 0;
+	if (unread < 0)
+		return refuse_unread(hub, client, unread, request.kind, size_bytes, reason);
+	switch (request.kind) {
+	case LP_REQUEST_POSE:
+		take_pose(hub, client, &request.pose);
+		break;
+	case LP_REQUEST_PING:
+		answer_ping(hub, client, &request.ping);
+		break;
+	case LP_REQUEST_SUBSCRIBE:
+		subscribe(client, &request.subscription);
+		break;
 	}
-	ret = lp_decode_request(data, size_bytes, &subscription, &reason);
-	if (ret < 0) {
-		hub->options.health->report.requests_rejected++;
-		(void)snprintf(what, sizeof(what), "request of %zu bytes", size_bytes);
-		if (ret != -EOPNOTSUPP || !client->unknown_told)
-			refuse_request(hub, client, ret, what, reason);
-		client->unknown_told |= ret == -EOPNOTSUPP;
-		return ret == -EOPNOTSUPP ? 0 : ret; /* a newer client may go on without it */
-	}
-	if (subscription.health_period_ms &&
-	    subscription.health_period_ms < SHORTEST_HEALTH_PERIOD_MS)
-		subscription.health_period_ms = SHORTEST_HEALTH_PERIOD_MS;
-	client->subscription = subscription;
-	client->subscribed = true;
 	return 0;
 }
 
@@ -372,6 +477,8 @@ static void on_disconnected(void *context, void *user)
 	struct lp_hub *hub = context;
 	struct client *client = user;
 
+	if (hub->options.left)
+		hub->options.left(hub->options.context, client);
 	hub->client_count--;
 	hub->clients[client->index] = hub->clients[hub->client_count];
 	hub->clients[client->index]->index = client->index;

@@ -15,6 +15,7 @@
 
 struct lp_health;
 struct lp_hub;
+struct lp_orientation_sample;
 
 struct lp_hub_options {
 	struct lp_hello hello;
@@ -26,6 +27,10 @@ struct lp_hub_options {
 	struct lp_health *health; /* counted into; borrowed */
 	struct lp_loop *loop;	  /* the publishers'; outlives them */
 	void *context;
+	/* A client's head pose, mapped onto our clock; results as lp_orientation_pose() has them.
+	 * And: it has left. NULL: poses are not used. */
+	int (*pose)(void *context, const void *client, const struct lp_orientation_sample *sample);
+	void (*left)(void *context, const void *client);
 	/* A publisher cannot go on (publisher.h). */
 	void (*failed)(void *context, int failure);
 };

@@ -10,9 +10,14 @@
 #include "base/param.h"
 
 /* As enum lp_orientation_kind. */
-static const char *const orientations[] = {"none", "visual", NULL};
+static const char *const orientations[] = {"none", "visual", "sim", "client", NULL};
 static const char *const presets[] = {"fast", "balanced", "accurate", "reference", NULL};
 static const char *const log_levels[] = {"error", "warning", "info", "debug", NULL};
+
+const char *lp_orientation_name(int orientation)
+{
+	return orientations[orientation];
+}
 
 const char *lp_preset_name(int preset)
 {
@@ -171,8 +176,13 @@ static const struct lp_param config_list[] = {
 	 .max = LP_MAX_LIGHTS, .help = "maximum number of lights to find"},
 	{"orientation", LP_PARAM_CHOICE, offsetof(struct lp_options, orientation),
 	 .initial = "visual", .choices = orientations,
-	 .help = "how it is known where the camera looks: by its own frames, or it never turns.\n"
-		 "With --once the pictures are of one place: none"},
+	 .help = "how it is known where the camera looks. visual: by its own frames; none: it "
+		 "never\n"
+		 "turns; client: an app sends its head poses besides; sim: the simulator's frames\n"
+		 "carry it besides. With --once the pictures are of one place: none"},
+	{"mount", LP_PARAM_TEXT, offsetof(struct lp_options, mount), .initial = "", .max = 1024,
+	 .help = "file with the rotation from the probe to the head whose poses a client sends;\n"
+		 "default: both look the same way"},
 	{"smoothing-ms", LP_PARAM_FLOAT, offsetof(struct lp_options, smoothing_ms),
 	 .initial = "200", .max = 60000, .help = "time constant of the smoothed estimate; 0: none"},
 	{"ttl-ms", LP_PARAM_FLOAT, offsetof(struct lp_options, ttl_ms), .initial = "1000",

@@ -31,7 +31,8 @@ struct lp_options {
 	struct lp_governor_goals goals;
 	struct lp_detector_options detector;
 	int sh_order, lights;
-	int orientation; /* enum lp_orientation_kind */
+	int orientation;  /* enum lp_orientation_kind */
+	char mount[1024]; /* file; "": identity */
 	float smoothing_ms, ttl_ms;
 	int brackets;			/* most exposures of a bracket; 0: exposure is left alone */
 	float exposure_us, gain;	/* commanded of a source that can; 0: left alone */
@@ -70,5 +71,6 @@ void lp_options_help(FILE *out);
 struct lp_pipeline_options lp_options_pipeline(const struct lp_options *options);
 
 const char *lp_preset_name(int preset);
+const char *lp_orientation_name(int orientation);
 
 #endif

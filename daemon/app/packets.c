@@ -10,8 +10,8 @@
 #include "light/listing.h"
 #include "light/model.h"
 
-/* Momentary estimates: AMBIENT or TOTAL, by order and lights. */
-#define RAW_VARIANTS (2 * (LP_MAX_SH_ORDER + 1) * (LP_MAX_LIGHTS + 1))
+/* Momentary estimates: AMBIENT or TOTAL, in the probe's or the app's frame, by order and lights. */
+#define RAW_VARIANTS (4 * (LP_MAX_SH_ORDER + 1) * (LP_MAX_LIGHTS + 1))
 /* Kinds of smoothed subscriptions whose list is remembered; one more takes the place of that asked
  * for longest ago, and its list begins anew. */
 #define KINDS 16
@@ -31,7 +31,9 @@ struct kind {
 	bool listed; /* of the present estimate */
 	struct lp_light_estimate estimate;
 	struct lp_variant variant;
-	struct packet *encoded[2]; /* of the present estimate, AMBIENT and TOTAL; NULL: not yet */
+	/* of the present estimate: frame of the probe or the app; AMBIENT or TOTAL; NULL: not yet
+	 */
+	struct packet *encoded[2][2];
 };
 
 struct lp_packets {
@@ -48,7 +50,7 @@ struct lp_packets *lp_packets_create(int most_held)
 	if (!self)
 		return NULL;
 	self->pool =
-		lp_pool_create(sizeof(struct packet), most_held + RAW_VARIANTS + 2 * KINDS, NULL);
+		lp_pool_create(sizeof(struct packet), most_held + RAW_VARIANTS + 4 * KINDS, NULL);
 	if (!self->pool) {
 		free(self);
 		return NULL;
@@ -124,7 +126,9 @@ static struct lp_variant choose_raw(const struct lp_light_estimate *estimate,
 
 static int raw_index(const struct lp_variant *variant)
 {
-	return (variant->total * (LP_MAX_SH_ORDER + 1) + variant->sh_order) * (LP_MAX_LIGHTS + 1) +
+	const int which = 2 * variant->world + variant->total;
+
+	return (which * (LP_MAX_SH_ORDER + 1) + variant->sh_order) * (LP_MAX_LIGHTS + 1) +
 	       variant->lights;
 }
 
@@ -143,8 +147,8 @@ static void forget(struct packet **slot)
 static void forget_kind(struct kind *kind)
 {
 	kind->listed = false;
-	forget(&kind->encoded[0]);
-	forget(&kind->encoded[1]);
+	for (int k = 0; k < 4; k++)
+		forget(&kind->encoded[k / 2][k % 2]);
 }
 
 static struct kind *kind_of(struct lp_packets *packets, const struct lp_listing_limits *limits)
@@ -178,6 +182,16 @@ static void list(struct kind *kind, const struct lp_light_estimate *smoothed, bo
 	kind->variant.total = total;
 }
 
+/* Of an estimate whose orientation is known to the app's world. */
+static void turn_to_world(struct lp_light_estimate *estimate)
+{
+	const struct lp_estimate_orientation *o = &estimate->orientation;
+	const struct lp_rotation rotation = lp_rotation_of_quaternion(
+		(const double[]){o->xyzw[0], o->xyzw[1], o->xyzw[2], o->xyzw[3]});
+
+	lp_model_turn(estimate, &rotation, o->sigma_deg);
+}
+
 static struct packet *encode(struct lp_packets *packets, const struct lp_light_estimate *estimate,
 			     const struct lp_variant *variant, const struct lp_stamp *stamp)
 {
@@ -186,6 +200,13 @@ static struct packet *encode(struct lp_packets *packets, const struct lp_light_e
 	if (!packet)
 		return NULL;
 	packet->subscription = stamp->subscription;
+	struct lp_light_estimate turned;
+
+	if (variant->world) {
+		turned = *estimate;
+		turn_to_world(&turned);
+		estimate = &turned;
+	}
 	if (lp_encode_estimate(estimate, variant, stamp, &packet->base) == 0)
 		return packet;
 	lp_error("hub", "encode",
@@ -202,19 +223,22 @@ struct lp_packet *lp_packets_estimate(struct lp_packets *packets,
 {
 	const struct lp_listing_limits limits = limits_of(computed, wanted);
 	const struct lp_light_estimate *estimate = &estimates->raw;
+	const bool world = wanted->world && estimate->orientation.world;
 	struct lp_variant variant;
 	struct packet **slot;
 
 	if (wanted->raw) {
 		variant = choose_raw(estimate, &limits, wanted->total);
+		variant.world = world;
 		slot = &packets->raw[raw_index(&variant)];
 	} else {
 		struct kind *kind = kind_of(packets, &limits);
 
 		list(kind, &estimates->smoothed, wanted->total);
 		variant = kind->variant;
+		variant.world = world;
 		estimate = &kind->estimate;
-		slot = &kind->encoded[wanted->total];
+		slot = &kind->encoded[world][wanted->total];
 	}
 	if (!*slot || (*slot)->subscription != stamp->subscription) {
 		forget(slot);

@@ -63,6 +63,7 @@ struct lp_pipeline {
 	float *scratch;	   /* cells of the panorama, for its median */
 	int wanted_lights; /* by the options and the most demanding subscriber */
 	uint32_t sequence;
+	struct lp_rotation origin; /* anchor frame to that of the first frame */
 };
 
 static int check(const struct lp_pipeline_options *o)
@@ -130,8 +131,10 @@ static int create_stages(const struct lp_pipeline *p, const struct preset *prese
 						 .decode = preset->decode,
 						 .divisor = preset->divisor,
 						 .exact_blocks = preset->exact_blocks,
-						 .follow_turns = p->options.orientation ==
-								 LP_ORIENTATION_VISUAL};
+						 .follow_turns = p->options.orientation !=
+								 LP_ORIENTATION_NONE,
+						 .heed_orientation = p->options.orientation >
+								     LP_ORIENTATION_VISUAL};
 	int ret;
 
 	*stages = (struct stages){0};
@@ -150,6 +153,16 @@ static int create_stages(const struct lp_pipeline *p, const struct preset *prese
 	return ret;
 }
 
+/* The anchor frame is another: `turn` is the rotation from the old one to the new one. */
+static void turn_anchor(struct lp_pipeline *p, const struct lp_rotation *turn)
+{
+	const struct lp_rotation back = lp_rotation_inverse(turn);
+
+	lp_lamp_memory_turn(&p->lamps.memory, turn);
+	lp_tracker_turn(&p->tracker, turn);
+	p->origin = lp_rotation_product(&p->origin, &back);
+}
+
 int lp_pipeline_set_preset(struct lp_pipeline *pipeline, enum lp_preset preset)
 {
 	const struct preset effective = effective_preset(&pipeline->options, preset);
@@ -162,13 +175,14 @@ int lp_pipeline_set_preset(struct lp_pipeline *pipeline, enum lp_preset preset)
 		lp_error("pipeline", "preset", "%s — the preset stays as it is", lp_strerror(ret));
 		return ret;
 	}
-	if (pipeline->imager) { /* the new one's anchor frame is the camera's, as it is now */
+	if (!pipeline->imager)
+		pipeline->origin = lp_rotation_identity();
+	else { /* the new one's anchor frame is the camera's, as it is now */
 		const struct lp_rotation turn =
 			lp_rotation_inverse(lp_imager_rotation(pipeline->imager));
 
-		lp_lamp_memory_turn(&pipeline->lamps.memory, &turn);
+		turn_anchor(pipeline, &turn);
 		lp_lamp_memory_lose_cells(&pipeline->lamps.memory);
-		lp_tracker_turn(&pipeline->tracker, &turn);
 	}
 	destroy_stages(&old);
 	pipeline->imager = stages.imager;
@@ -355,13 +369,35 @@ static void turn_to_camera(const struct lp_imager *imager, struct lp_light_estim
 	lp_imager_status(imager, &status);
 	const float late_deg = TIMING_SIGMA_S * status.rate_deg_per_s;
 
-	lp_sh_rotate(&back, LP_MAX_SH_ORDER, e->sh_total);
-	for (int k = 0; k < e->light_count; k++) {
-		lp_rotate_direction(&back, e->lights[k].direction);
-		e->lights[k].direction_sigma_deg =
-			hypotf(e->lights[k].direction_sigma_deg,
-			       hypotf(status.rotation_sigma_deg, late_deg));
+	lp_model_turn(e, &back, hypotf(status.rotation_sigma_deg, late_deg));
+}
+
+/* How the camera was turned: as it was told, where that agrees with the pictures; else, where
+ * nothing tells it, as they show it since the first one. */
+static struct lp_estimate_orientation orientation_of(const struct lp_pipeline *p,
+						     const float told[4], float told_sigma_deg)
+{
+	struct lp_estimate_orientation o = {0};
+	struct lp_imager_status status;
+	double quaternion[4];
+
+	lp_imager_status(p->imager, &status);
+	o.left_out = status.orientation_left_out;
+	if (p->options.orientation > LP_ORIENTATION_VISUAL) {
+		o.known = o.world = status.orientation_told && !o.left_out;
+		memcpy(o.xyzw, told, sizeof(o.xyzw));
+		o.sigma_deg = told_sigma_deg;
+	} else if (p->options.orientation == LP_ORIENTATION_VISUAL) {
+		const struct lp_rotation turned =
+			lp_rotation_product(&p->origin, lp_imager_rotation(p->imager));
+
+		lp_rotation_quaternion(&turned, quaternion);
+		for (int i = 0; i < 4; i++)
+			o.xyzw[i] = (float)quaternion[i];
+		o.known = true;
+		o.sigma_deg = status.rotation_sigma_deg;
 	}
+	return o;
 }
 
 bool lp_pipeline_control(struct lp_pipeline *pipeline, const struct lp_camera_control *control,
@@ -475,8 +511,7 @@ static void rest(struct lp_pipeline *p)
 
 	if (!lp_imager_rest(p->imager, &turn))
 		return;
-	lp_lamp_memory_turn(&p->lamps.memory, &turn);
-	lp_tracker_turn(&p->tracker, &turn);
+	turn_anchor(p, &turn);
 }
 
 int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
@@ -486,6 +521,9 @@ int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
 	const int64_t t_arrival_ns = frame->t_arrival_ns;
 	const float wheel_deg = frame->wheel_deg;
 	const float wheel_sigma_deg = frame->wheel_sigma_deg;
+	const float told_sigma_deg = frame->orientation_sigma_deg;
+	const float told[4] = {frame->orientation[0], frame->orientation[1], frame->orientation[2],
+			       frame->orientation[3]};
 	double total[LP_SH_MAX_COUNT][3];
 	int ret;
 
@@ -516,6 +554,7 @@ int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
 	estimates->raw.t_arrival_ns = t_arrival_ns;
 	estimates->raw.wheel_deg = wheel_deg;
 	estimates->raw.wheel_sigma_deg = wheel_sigma_deg;
+	estimates->raw.orientation = orientation_of(pipeline, told, told_sigma_deg);
 	lp_tracker_update(&pipeline->tracker, &estimates->raw, &estimates->smoothed);
 	turn_to_camera(pipeline->imager, &estimates->raw);
 	turn_to_camera(pipeline->imager, &estimates->smoothed);

@@ -53,6 +53,15 @@ struct lp_light {
 	uint32_t flags;		/* enum lp_light_flag */
 };
 
+/* How the probe was turned when a frame was captured. Zeroed: not known. */
+struct lp_estimate_orientation {
+	bool known;
+	bool world;	 /* into the app's world; else into a frame that does not move */
+	bool left_out;	 /* what was told of it contradicts the pictures */
+	float xyzw[4];	 /* quaternion: turns the probe frame into the other */
+	float sigma_deg; /* 1 sigma about each axis */
+};
+
 /*
  * The whole estimate. `sh_total` holds the light of everything; what a packet calls AMBIENT is
  * sh_total minus the projection of the lights that the packet lists (light/model.h), so that
@@ -77,8 +86,9 @@ struct lp_light_estimate {
 	float relighting_sigma;
 	float exposure_us; /* longest used; NAN: unknown */
 	int exposure_count;
-	float cd_m2_per_unit;		  /* always NAN yet: not calibrated */
-	float wheel_deg, wheel_sigma_deg; /* of the newest frame used (frame.h) */
+	float cd_m2_per_unit;			    /* always NAN yet: not calibrated */
+	float wheel_deg, wheel_sigma_deg;	    /* of the newest frame used (frame.h) */
+	struct lp_estimate_orientation orientation; /* at t_capture_ns */
 };
 
 #endif

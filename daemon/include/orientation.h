@@ -37,6 +37,7 @@ struct lp_orientation_sample {
 	/* 1 sigma about each axis, independent from sample to sample: of the attitude in rad, or of
 	 * the rate in rad/s. > 0. */
 	double sigma;
+	double time_sigma_s; /* 1 sigma of t_ns, the same error for all of them; 0: exact */
 };
 
 /* Callbacks into the application, all on the loop thread. */

@@ -105,3 +105,15 @@ void lp_model_ambient(const struct lp_light_estimate *estimate, int order, int l
 		for (int c = 0; c < 3; c++)
 			ambient[i][c] = (float)sh[i][c];
 }
+
+void lp_model_turn(struct lp_light_estimate *estimate, const struct lp_rotation *rotation,
+		   float sigma_deg)
+{
+	lp_sh_rotate(rotation, LP_MAX_SH_ORDER, estimate->sh_total);
+	for (int k = 0; k < estimate->light_count; k++) {
+		struct lp_light *const light = &estimate->lights[k];
+
+		lp_rotate_direction(rotation, light->direction);
+		light->direction_sigma_deg = hypotf(light->direction_sigma_deg, sigma_deg);
+	}
+}

@@ -7,6 +7,7 @@
 #define LP_LIGHT_MODEL_H
 
 #include "include/light_estimate.h"
+#include "light/rotation.h"
 #include "light/sh.h"
 
 /*
@@ -36,6 +37,11 @@ void lp_model_choose(const struct lp_light_estimate *estimate, int max_order, in
  * that AMBIENT + lights = TOTAL in every band. */
 void lp_model_ambient(const struct lp_light_estimate *estimate, int order, int lights,
 		      float (*ambient)[3]);
+
+/* Turn all directions and coefficients into another frame; `sigma_deg` of the rotation adds to that
+ * of each direction. Exactly as it was when the rotation is the identity. */
+void lp_model_turn(struct lp_light_estimate *estimate, const struct lp_rotation *rotation,
+		   float sigma_deg);
 
 /* Share of the light reaching a surface that faces light `index`; 0..1. */
 float lp_shadow_strength(const struct lp_light_estimate *estimate, int index);

@@ -210,26 +210,85 @@ static void information_in_camera(const struct lp_rotation *rotation, const doub
 		}
 }
 
+/* The turn that `pull` (information times what was seen) leaves when it is weighed against what was
+ * predicted. */
+static void weigh(const struct lp_motion *motion, const double information[3][3],
+		  const double pull[3], double turn[3])
+{
+	double both[3][3], covariance[3][3];
+
+	lp_motion_prior(motion, both);
+	for (int i = 0; i < 3; i++)
+		for (int j = 0; j < 3; j++)
+			both[i][j] += information[i][j];
+	invert3((const double(*)[3])both, covariance);
+	for (int i = 0; i < 3; i++) {
+		turn[i] = 0.0;
+		for (int j = 0; j < 3; j++)
+			turn[i] += covariance[i][j] * pull[j];
+	}
+}
+
 void lp_motion_correct_by_landmarks(struct lp_motion *motion, const double pull[3],
 				    const double information[3][3])
 {
 	const struct lp_rotation before = motion->rotation;
 	const struct lp_rotation back = lp_rotation_inverse(&before);
-	double own[3][3], both[3][3], covariance[3][3], pull_in_camera[3], turn[3] = {0.0};
+	double own[3][3], pull_in_camera[3], turn[3];
 
 	if (!motion->turning)
 		return;
 	information_in_camera(&before, information, own);
 	lp_rotate(&back, pull, pull_in_camera);
-	lp_motion_prior(motion, both);
-	for (int i = 0; i < 3; i++)
-		for (int j = 0; j < 3; j++)
-			both[i][j] += own[i][j];
-	invert3((const double(*)[3])both, covariance);
-	for (int i = 0; i < 3; i++)
-		for (int j = 0; j < 3; j++)
-			turn[i] += covariance[i][j] * pull_in_camera[j];
+	weigh(motion, (const double(*)[3])own, pull_in_camera, turn);
 	lp_motion_correct(motion, turn, (const double(*)[3])own);
+}
+
+/* A camera that held still turns from now on, at a rate that nobody knows. */
+static void start_turning(struct lp_motion *motion)
+{
+	memset(motion->covariance, 0, sizeof(motion->covariance));
+	for (int a = 0; a < 3; a++) {
+		motion->rate[a] = 0.0;
+		motion->covariance[a][a] = LEAST_SIGMA * LEAST_SIGMA;
+		motion->covariance[a + 3][a + 3] = FIRST_RATE * FIRST_RATE;
+	}
+	motion->turning = true;
+}
+
+/* What was told is the turn since the last rotation, whose own uncertainty it neither knows nor
+ * makes smaller: that is set aside meanwhile. */
+void lp_motion_predict_turn(struct lp_motion *motion, double elapsed_s, const double turn[3],
+			    double sigma_rad)
+{
+	const struct lp_rotation turned = lp_rotation_of_vector(turn);
+	const double own = 1.0 / (sigma_rad * sigma_rad);
+	double before[3][3], information[3][3] = {0}, pull[3], step[3];
+
+	if (!motion->turning)
+		start_turning(motion);
+	for (int a = 0; a < 3; a++)
+		for (int b = 0; b < 3; b++) {
+			before[a][b] = motion->covariance[a][b];
+			motion->covariance[a][b] = 0.0;
+			motion->covariance[a][b + 3] = motion->covariance[a + 3][b] = 0.0;
+		}
+	const struct lp_rotation told = lp_rotation_product(&motion->rotation, &turned);
+
+	lp_motion_predict(motion, elapsed_s);
+	const struct lp_rotation back = lp_rotation_inverse(&motion->rotation);
+	const struct lp_rotation apart = lp_rotation_product(&back, &told);
+
+	lp_rotation_vector(&apart, pull);
+	for (int a = 0; a < 3; a++) {
+		information[a][a] = own;
+		pull[a] *= own;
+	}
+	weigh(motion, (const double(*)[3])information, pull, step);
+	lp_motion_correct(motion, step, (const double(*)[3])information);
+	for (int a = 0; a < 3; a++)
+		for (int b = 0; b < 3; b++)
+			motion->covariance[a][b] += before[a][b];
 }
 
 bool lp_motion_at_rest(const struct lp_motion *motion)

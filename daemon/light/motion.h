@@ -33,6 +33,11 @@ void lp_motion_anchor(struct lp_motion *motion);
 /* elapsed_s later: where the rate leads, or still the same place. */
 void lp_motion_predict(struct lp_motion *motion, double elapsed_s);
 
+/* The same where something else tells by which rotation vector it has turned meanwhile (camera
+ * frame at the beginning), with `sigma_rad` about each axis: weighed against the rate. It turns. */
+void lp_motion_predict_turn(struct lp_motion *motion, double elapsed_s, const double turn[3],
+			    double sigma_rad);
+
 /* Inverse covariance of the rotation, and the root mean square of its sigma over the axes. */
 void lp_motion_prior(const struct lp_motion *motion, double information[3][3]);
 double lp_motion_sigma_rad(const struct lp_motion *motion);

@@ -12,7 +12,7 @@
 /* Longer gaps between samples are not filled. */
 #define LONGEST_GAP_NS (100 * INT64_C(1000000))
 /* A rate is taken over at least this, where samples are that dense: noise would spoil it. */
-#define RATE_SPAN_NS (20 * INT64_C(1000000))
+#define RATE_SPAN_NS (30 * INT64_C(1000000))
 /* Angular acceleration of a head, 1 sigma: what lies between samples and beyond them. */
 #define ACCELERATION (600.0 * DEG)
 
@@ -28,7 +28,8 @@ static bool sane(const struct lp_orientation_sample *sample)
 {
 	const double *q = sample->quaternion;
 
-	if (!isfinite(sample->sigma) || !(sample->sigma > 0.0))
+	if (!isfinite(sample->sigma) || !(sample->sigma > 0.0) ||
+	    !(sample->time_sigma_s >= 0.0 && isfinite(sample->time_sigma_s)))
 		return false;
 	if (sample->kind == LP_TURN_RATE)
 		return all_finite(sample->rate_rad_s, 3);
@@ -74,7 +75,9 @@ int lp_orientation_track_add(struct lp_orientation_track *track,
 			     const struct lp_orientation_sample *sample)
 {
 	const struct lp_track_point *last = track->count ? point(track, track->count - 1) : NULL;
-	struct lp_track_point next = {.t_ns = sample->t_ns, .rotation = lp_rotation_identity()};
+	struct lp_track_point next = {.t_ns = sample->t_ns,
+				      .rotation = lp_rotation_identity(),
+				      .time_sigma_s = sample->time_sigma_s};
 
 	if (!sane(sample))
 		return -EINVAL;
@@ -102,6 +105,15 @@ static double squared(double value)
 	return value * value;
 }
 
+/* From the turn of a span of time: what a wrong time brings. */
+static double timing_variance(const struct lp_track_point *point, const double turn[3],
+			      double span_s)
+{
+	const double square = turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2];
+
+	return square * squared(point->time_sigma_s / span_s);
+}
+
 /* Between a and b, at the share `part` of the way. */
 static void interpolate(const struct lp_track_point *a, const struct lp_track_point *b, double part,
 			struct lp_track_reading *reading)
@@ -110,25 +122,21 @@ static void interpolate(const struct lp_track_point *a, const struct lp_track_po
 	double vector[3];
 
 	turn_between(&a->rotation, &b->rotation, vector);
+	reading->variance = fmax(a->variance, b->variance) + timing_variance(b, vector, gap_s) +
+			    squared(0.5 * ACCELERATION * part * (1.0 - part) * gap_s * gap_s);
 	for (int k = 0; k < 3; k++)
 		vector[k] *= part;
 	reading->rotation = turned_by(&a->rotation, vector);
-	reading->variance = fmax(a->variance, b->variance) +
-			    squared(0.5 * ACCELERATION * part * (1.0 - part) * gap_s * gap_s);
 	reading->walk = a->walk + part * (b->walk - a->walk);
 }
 
-/* Beyond the newest, by the rate of the last samples. */
-static void predict(const struct lp_orientation_track *track, int64_t t_ns,
-		    struct lp_track_reading *reading)
+/* From which sample on the rate is taken; the newest itself: none is near enough. */
+static const struct lp_track_point *rate_base(const struct lp_orientation_track *track)
 {
-	const uint64_t n = track->count - 1;
-	const struct lp_track_point *newest = point(track, n), *base = newest;
-	const double ahead_s = (double)(t_ns - newest->t_ns) / 1e9;
-	double vector[3] = {0.0}, rate_variance = 0.0;
+	const struct lp_track_point *newest = point(track, track->count - 1), *base = newest;
 
-	for (uint64_t k = n; k > 0 && n - k < LP_TRACK_POINTS - 1; k--) {
-		const struct lp_track_point *before = point(track, k - 1);
+	for (uint64_t back = 2; back <= track->count && back <= LP_TRACK_POINTS; back++) {
+		const struct lp_track_point *before = point(track, track->count - back);
 
 		if (newest->t_ns - before->t_ns > LONGEST_GAP_NS)
 			break;
@@ -136,22 +144,37 @@ static void predict(const struct lp_orientation_track *track, int64_t t_ns,
 		if (newest->t_ns - before->t_ns >= RATE_SPAN_NS)
 			break;
 	}
-	if (base == newest) {
-		rate_variance = INFINITY; /* a single sample tells no rate */
-	} else {
-		const double span_s = (double)(newest->t_ns - base->t_ns) / 1e9;
+	return base;
+}
 
-		turn_between(&base->rotation, &newest->rotation, vector);
-		for (int k = 0; k < 3; k++)
-			vector[k] *= ahead_s / span_s;
-		rate_variance = (newest->variance + base->variance + newest->walk - base->walk) /
-				(span_s * span_s);
-	}
+/* Beyond the newest, by the rate of the last samples. False: a single one tells no rate. */
+static bool predict(const struct lp_orientation_track *track, int64_t t_ns,
+		    struct lp_track_reading *reading)
+{
+	const struct lp_track_point *newest = point(track, track->count - 1);
+	const struct lp_track_point *base = rate_base(track);
+	const double ahead_s = (double)(t_ns - newest->t_ns) / 1e9;
+	const double span_s = (double)(newest->t_ns - base->t_ns) / 1e9;
+	double vector[3];
+
+	*reading = (struct lp_track_reading){.rotation = newest->rotation,
+					     .variance = newest->variance,
+					     .walk = newest->walk};
+	if (t_ns == newest->t_ns)
+		return true;
+	if (base == newest)
+		return false;
+	const double part = ahead_s / span_s;
+
+	turn_between(&base->rotation, &newest->rotation, vector);
+	reading->variance = squared(1.0 + part) * newest->variance +
+			    squared(part) * (base->variance + newest->walk - base->walk) +
+			    timing_variance(newest, vector, span_s) +
+			    squared(0.5 * ACCELERATION * ahead_s * (ahead_s + span_s));
+	for (int k = 0; k < 3; k++)
+		vector[k] *= part;
 	reading->rotation = turned_by(&newest->rotation, vector);
-	reading->walk = newest->walk;
-	reading->variance = newest->variance + squared(0.5 * ACCELERATION * ahead_s * ahead_s);
-	if (ahead_s > 0.0)
-		reading->variance += rate_variance * ahead_s * ahead_s;
+	return true;
 }
 
 int lp_orientation_track_at(const struct lp_orientation_track *track, int64_t t_ns,
@@ -165,10 +188,8 @@ int lp_orientation_track_at(const struct lp_orientation_track *track, int64_t t_
 
 	if (t_ns > later->t_ns + LP_TRACK_MOST_PREDICTED_NS)
 		return -EAGAIN;
-	if (t_ns >= later->t_ns) {
-		predict(track, t_ns, reading);
-		return isfinite(reading->variance) ? 0 : -EAGAIN;
-	}
+	if (t_ns >= later->t_ns)
+		return predict(track, t_ns, reading) ? 0 : -EAGAIN;
 	for (uint64_t back = 2; back <= kept; back++) {
 		const struct lp_track_point *earlier = point(track, track->count - back);
 

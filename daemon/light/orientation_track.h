@@ -22,6 +22,7 @@ struct lp_track_point {
 	struct lp_rotation rotation; /* body to the frame that does not move */
 	double rate_rad_s[3];	     /* TURN_RATE only */
 	double variance;	     /* rad^2, about each axis, of its own */
+	double time_sigma_s;
 	double walk; /* rad^2: what has been added up; two points differ by its difference */
 };
 

@@ -42,7 +42,7 @@ struct lp_rotation lp_rotation_of_vector(const double vector[3])
 }
 
 /* The unit quaternion of a rotation, from the largest of its four squares (Shepperd 1978). */
-static void quaternion_of(const struct lp_rotation *r, double q[4])
+void lp_rotation_quaternion(const struct lp_rotation *r, double q[4])
 {
 	const double trace = r->m[0][0] + r->m[1][1] + r->m[2][2];
 	int largest = 3;
@@ -76,7 +76,7 @@ void lp_rotation_vector(const struct lp_rotation *rotation, double vector[3])
 {
 	double q[4];
 
-	quaternion_of(rotation, q);
+	lp_rotation_quaternion(rotation, q);
 	const double sine = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2]);
 	const double sign = q[3] < 0.0 ? -1.0 : 1.0; /* the shorter way round */
 	const double scale = sign * (sine > 1e-12 ? 2.0 * atan2(sine, sign * q[3]) / sine : 2.0);
@@ -99,7 +99,7 @@ struct lp_rotation lp_rotation_product(const struct lp_rotation *outer,
 		for (int j = 0; j < 3; j++)
 			for (int k = 0; k < 3; k++)
 				product.m[i][j] += outer->m[i][k] * inner->m[k][j];
-	quaternion_of(&product, q);
+	lp_rotation_quaternion(&product, q);
 	return lp_rotation_of_quaternion(q);
 }
 

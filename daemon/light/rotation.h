@@ -26,6 +26,9 @@ struct lp_rotation lp_rotation_of_vector(const double vector[3]);
 /* Of a quaternion (x, y, z, w) of any length > 0. */
 struct lp_rotation lp_rotation_of_quaternion(const double quaternion[4]);
 
+/* The unit quaternion (x, y, z, w) of a rotation. */
+void lp_rotation_quaternion(const struct lp_rotation *rotation, double quaternion[4]);
+
 /* The rotation vector of a rotation, 0 .. pi long. */
 void lp_rotation_vector(const struct lp_rotation *rotation, double vector[3]);
 

@@ -22,21 +22,8 @@
 /* When more than this share of the light is another, exposures from before count as missing. Chosen
  * by hand. */
 #define CHANGED 0.02F
-/* Of a cell's mean, in codes, besides the rounding of its own (vision/code_noise.h). */
-#define CODE_SIGMA 0.5F
 /* Where a cell of a turned picture looks, in cells: what lies between samples. */
 #define PLACE_SIGMA 0.15
-/* Share of the cells that contradict what is known, from which on the camera may have turned. */
-#define LEAST_CONTRADICTING 0.002F
-/* The same of the light that the frame before showed changed: a lamp that moves before dark walls.
- */
-#define LEAST_CHANGED 0.0005F
-/* An alignment that fewer of the compared pixels agree with is none. */
-#define LEAST_AGREEMENT 0.4F
-/* Nor is one of less than this share of the sphere. */
-#define LEAST_COMPARED 0.0003F
-/* Longer pauses are no motion that could be followed. */
-#define MOST_ELAPSED_S 1.0
 
 int lp_imager_create(const struct lp_camera *camera, const struct lp_imager_options *options,
 		     struct lp_imager **imager)
@@ -209,86 +196,6 @@ static int set_geometry(struct lp_imager *imager, const struct lp_frame *frame, 
 	return 0;
 }
 
-/* ---------------------------------------------------------------- how the camera turns */
-
-/* What the newest frame says, in the camera's frame. */
-static struct lp_observation observation_of(const struct lp_imager *imager)
-{
-	const struct lp_exposure *e = &imager->incoming;
-
-	return (struct lp_observation){.radiance = (const float(*)[4])imager->seen.cells,
-				       .flags = imager->seen.flags,
-				       .response = &imager->response,
-				       .scale = e->scale,
-				       .coded = !isnan(e->cells.mean_code),
-				       .code_variance = CODE_SIGMA * CODE_SIGMA +
-							e->noise.common * e->noise.common};
-}
-
-static void align(struct lp_imager *imager, const struct lp_observation *seen)
-{
-	struct lp_motion *motion = &imager->motion;
-	double prior[3][3];
-
-	lp_motion_prior(motion, prior);
-	lp_alignment_load(imager->alignment, imager->map, seen);
-	const struct lp_alignment_result result =
-		lp_alignment_solve(imager->alignment, &motion->rotation, (const double(*)[3])prior,
-				   sqrt(1.0 / prior[0][0]));
-
-	if (result.compared < LEAST_COMPARED) /* too dark, or too bright, to tell */
-		return;
-	imager->agreement = result.agreement;
-	if (result.agreement >= LEAST_AGREEMENT)
-		lp_motion_correct(motion, result.turn, (const double(*)[3])result.information);
-}
-
-/* Find the map's cells in the frame of a turned camera. */
-static void place_map(struct lp_imager *imager)
-{
-	const struct lp_rotation back = lp_rotation_inverse(&imager->motion.rotation);
-
-	if (!lp_rotation_is_identity(&back))
-		lp_lookup_set(imager->lookup, &back);
-}
-
-/* Where the camera looks in the newest frame: as predicted, corrected by what it shows. A camera
- * that holds still is only looked at closer when the frame contradicts what is known. */
-static void follow(struct lp_imager *imager)
-{
-	const struct lp_observation seen = observation_of(imager);
-	const double elapsed_s = (double)(imager->t_capture_ns - imager->t_motion_ns) / 1e9;
-	const bool first = !imager->t_motion_ns || !imager->t_map_ns;
-
-	imager->t_motion_ns = imager->t_capture_ns;
-	imager->agreement = 1.0F;
-	if (first || !imager->options.follow_turns || !(elapsed_s > 0.0))
-		return;
-	lp_motion_predict(&imager->motion, elapsed_s < MOST_ELAPSED_S ? elapsed_s : MOST_ELAPSED_S);
-	if (imager->motion.turning || !lp_rotation_is_identity(&imager->motion.rotation) ||
-	    imager->update.changed > LEAST_CHANGED ||
-	    lp_radiance_map_contradicting(imager->map, &seen) > LEAST_CONTRADICTING)
-		align(imager, &seen);
-	place_map(imager);
-}
-
-void lp_imager_correct_rotation(struct lp_imager *imager, const double pull[3],
-				const double information[3][3])
-{
-	lp_motion_correct_by_landmarks(&imager->motion, pull, information);
-	place_map(imager);
-}
-
-bool lp_imager_rest(struct lp_imager *imager, struct lp_rotation *turn)
-{
-	if (!lp_motion_at_rest(&imager->motion))
-		return false;
-	*turn = lp_rotation_inverse(&imager->motion.rotation);
-	lp_radiance_map_turn(imager->map, imager->lookup, &imager->motion.rotation);
-	lp_motion_anchor(&imager->motion);
-	return true;
-}
-
 /* ---------------------------------------------------------------- frames */
 
 static bool sane(const struct lp_frame *frame)
@@ -318,6 +225,24 @@ static void map_cells(struct lp_imager *imager)
 	lp_remap_apply(imager->remap, cells, &imager->seen);
 }
 
+/* What the frame carries of its orientation, if that is wanted. */
+static struct lp_testimony testimony_of(const struct lp_imager *imager,
+					const struct lp_frame *frame)
+{
+	struct lp_testimony testimony = {0};
+	double quaternion[4];
+
+	if (!imager->options.heed_orientation || isnan(frame->orientation[0]) ||
+	    isnan(frame->orientation_sigma_deg))
+		return testimony;
+	for (int i = 0; i < 4; i++)
+		quaternion[i] = frame->orientation[i];
+	testimony.known = true;
+	testimony.rotation = lp_rotation_of_quaternion(quaternion);
+	testimony.sigma_rad = frame->orientation_sigma_deg * M_PI / 180.0;
+	return testimony;
+}
+
 int lp_imager_load(struct lp_imager *imager, struct lp_frame *frame, float expected_us)
 {
 	const int64_t duration_ns =
@@ -340,6 +265,7 @@ int lp_imager_load(struct lp_imager *imager, struct lp_frame *frame, float expec
 		return ret;
 	}
 	imager->t_capture_ns = frame->t_start_ns + duration_ns / 2;
+	imager->testimony = testimony_of(imager, frame);
 	incoming->exposure_us = expected_us;
 	incoming->scale = isnan(expected_us) || frame->format == LP_FORMAT_RGB_F32
 				  ? 1.0F
@@ -348,7 +274,7 @@ int lp_imager_load(struct lp_imager *imager, struct lp_frame *frame, float expec
 	if (ret < 0)
 		return ret;
 	map_cells(imager);
-	follow(imager);
+	lp_imager_follow(imager);
 	imager->loaded = true;
 	return 0;
 }
@@ -411,7 +337,7 @@ static void forget_other_scale(struct lp_imager *imager, float exposure_us)
 
 static void observe(struct lp_imager *imager)
 {
-	struct lp_observation seen = observation_of(imager);
+	struct lp_observation seen = lp_imager_observation(imager);
 	const double elapsed_s = (double)(imager->t_capture_ns - imager->t_map_ns) / 1e9;
 
 	seen.elapsed_s = imager->t_map_ns && elapsed_s > 0.0 ? (float)elapsed_s : 0.0F;
@@ -461,6 +387,7 @@ int lp_imager_accept(struct lp_imager *imager, float exposure_us)
 	imager->loaded = false;
 	lp_imager_settle(imager, exposure_us);
 	forget_other_scale(imager, exposure_us);
+	lp_imager_followed(imager);
 	observe(imager);
 	note_exposure(imager, exposure_us);
 	if (imager->update.changed > CHANGED)
@@ -492,7 +419,9 @@ void lp_imager_status(const struct lp_imager *imager, struct lp_imager_status *s
 		.rate_deg_per_s =
 			(float)(sqrt(rate[0] * rate[0] + rate[1] * rate[1] + rate[2] * rate[2]) *
 				degrees),
-		.rotation_is_unknown = imager->agreement < LEAST_AGREEMENT};
+		.rotation_is_unknown = imager->agreement < LP_LEAST_AGREEMENT,
+		.orientation_told = imager->testimony.known,
+		.orientation_left_out = imager->witness.left_out};
 	for (int k = 0; k < LP_MAX_BRACKET; k++) {
 		const struct lp_recent_exposure *e = &imager->recent[k];
 

@@ -32,9 +32,10 @@ struct lp_rotation;
 struct lp_imager_options {
 	int panorama_width; /* multiple of 8, 16..LP_PANORAMA_MAX_WIDTH */
 	enum lp_decode decode;
-	int divisor;	   /* PIXELS: 1, 2, 4, 8 */
-	int exact_blocks;  /* BLOCKS: most blocks decoded after all */
-	bool follow_turns; /* see by the frames how the camera turns; false: it never does */
+	int divisor;	       /* PIXELS: 1, 2, 4, 8 */
+	int exact_blocks;      /* BLOCKS: most blocks decoded after all */
+	bool follow_turns;     /* see by the frames how the camera turns; false: it never does */
+	bool heed_orientation; /* follow_turns: and by what they carry (frame.h) */
 };
 
 /* What went into the panorama. */
@@ -54,6 +55,8 @@ struct lp_imager_status {
 	float rate_deg_per_s;	  /* how fast it turns */
 	/* The newest frame contradicts what is known, and no turn of the camera explains it. */
 	bool rotation_is_unknown;
+	bool orientation_told;	   /* the newest frame carries its orientation */
+	bool orientation_left_out; /* what frames carry contradicts what they show */
 };
 
 /* The camera is borrowed until destroy. */

@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What imager.c and refine.c share. */
+/* What imager.c, follow.c and refine.c share. */
 #ifndef LP_VISION_IMAGER_INTERNAL_H
 #define LP_VISION_IMAGER_INTERNAL_H
 
 #include "include/panorama.h"
 #include "light/motion.h"
+#include "light/witness.h"
 #include "vision/camera.h"
 #include "vision/imager.h"
 #include "vision/radiance_map.h"
@@ -14,6 +15,8 @@ struct lp_alignment;
 struct lp_lookup;
 struct lp_remap;
 
+/* An alignment that fewer of the compared pixels agree with is none. */
+#define LP_LEAST_AGREEMENT 0.4F
 #define LP_REFINE_MAX_CELLS 1024 /* camera cells of one lamp */
 #define LP_CELL_MAX_PX 64	 /* pixels of one camera cell */
 
@@ -49,6 +52,9 @@ struct lp_imager {
 	int64_t t_motion_ns; /* that motion.rotation is of; 0: nothing has been seen */
 	int64_t t_map_ns;    /* of the last frame that the map has observed */
 	float agreement;     /* of the last alignment */
+	double elapsed_s;    /* between the newest frame and the one before; 0: not told */
+	struct lp_testimony testimony; /* what the newest frame carries of its orientation */
+	struct lp_witness witness;
 
 	/* Where the map's cells lie in the camera's frame, while the camera is turned. */
 	struct lp_lookup *lookup;
@@ -68,5 +74,13 @@ struct lp_imager {
 	int32_t *behind;    /* panorama cells behind a lamp, camera frame */
 	uint8_t *taken;	    /* per panorama cell: it is among them */
 };
+
+/* What the newest frame says, in the camera's frame. */
+struct lp_observation lp_imager_observation(const struct lp_imager *imager);
+
+/* Where the camera looks in the newest frame (follow.c); and, once all that shows it has been
+ * heard, what that says of the witness. */
+void lp_imager_follow(struct lp_imager *imager);
+void lp_imager_followed(struct lp_imager *imager);
 
 #endif

@@ -30,19 +30,24 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Never, Self, TypeVar
 
+from numpy.typing import ArrayLike
+
 from lightprobe.address import Address
 from lightprobe.clock_offset import ClockOffset
 from lightprobe.errors import IncompatibleProbe, ProbeError, ProbeTimeout
-from lightprobe.estimate import Estimate, Health, Hello, Refusal
+from lightprobe.estimate import Estimate, Health, Hello, Pong, Refusal
 from lightprobe.websocket import WebSocketStream
 from lightprobe.wire import (
     MINOR_WITH_NUMBERS,
+    MINOR_WITH_PINGS,
     PROTOCOL_MAJOR,
     Decoder,
     Message,
     Subscription,
     WireError,
     decode,
+    encode_ping,
+    encode_pose,
     encode_subscription,
 )
 
@@ -50,6 +55,8 @@ DEFAULT_URI = "tcp:127.0.0.1:7700"
 CONNECT_TIMEOUT_S = 3.0
 HELLO_TIMEOUT_S = 3.0
 BACKOFF_FIRST_S, BACKOFF_LAST_S = 0.1, 5.0
+#: How often the probe's clock is compared with ours.
+PING_PERIOD_S = 1.0
 #: A wait that lasts longer than this says what it waits for.
 SAY_AFTER_S = 2.0
 
@@ -123,6 +130,7 @@ class AsyncClient:
         self._newest: Estimate | None = None
         self._received = self._taken = 0  # counted since the start
         self._probe_clock = ClockOffset()
+        self._pong_time_ns: int | None = None  # when the last answer to a ping came
         self._final: ProbeError | None = None
         self._refusal: str | None = None  # of this connection
         self._writer: asyncio.StreamWriter | WebSocketStream | None = None
@@ -232,6 +240,49 @@ class AsyncClient:
             with suppress(OSError):  # the reader sees the loss and reconnects
                 await self._writer.drain()
 
+    def send_pose(
+        self, orientation: ArrayLike, time_ns: int | None = None, sigma_deg: float | None = None
+    ) -> bool:
+        """Say how the head is turned that the probe is mounted on; False: not connected.
+
+        `orientation`: unit quaternion x, y, z, w; turns the head's frame (+X right, +Y up, −Z
+        forward) into the app's world. `time_ns`: when it was so, of time.monotonic_ns(); None: now.
+        `sigma_deg`: 1 sigma about each axis; None: 0.2. The daemon needs --orientation=client, else
+        it refuses (`last_error`). Raises :class:`PoseError` for what is no rotation.
+        """
+        now_ns = time.monotonic_ns()
+        request = encode_pose(orientation, now_ns if time_ns is None else time_ns, sigma_deg)
+        if self._writer is None or not self.connected:
+            return False
+        if not self._knows_pings():
+            raise ProbeError(
+                f"{self.uri}: pose: this probe is older than protocol 1.{MINOR_WITH_PINGS}: "
+                "install a newer lightprobed"
+            )
+        self._writer.write(request)
+        return True
+
+    @property
+    def clock_sigma_s(self) -> float:
+        """1 sigma of how far the probe's clock is off ours; infinite before the first ping."""
+        return self._probe_clock.sigma_s
+
+    def _knows_pings(self) -> bool:
+        return self.hello is not None and self.hello.protocol_minor >= MINOR_WITH_PINGS
+
+    async def _keep_pinging(self, writer: asyncio.StreamWriter | WebSocketStream) -> None:
+        """Ping for as long as the connection lasts, from the Hello on."""
+        while True:
+            if self._knows_pings():
+                writer.write(encode_ping(time.monotonic_ns(), self._pong_time_ns))
+                self._pong_time_ns = None
+                await asyncio.sleep(PING_PERIOD_S)
+            else:
+                async with self._news:
+                    await self._news.wait_for(lambda: self.hello is not None)
+                if not self._knows_pings():
+                    return
+
     def _request(self) -> bytes:
         return encode_subscription(self._subscription, self._subscription_number)
 
@@ -268,6 +319,7 @@ class AsyncClient:
         async with asyncio.timeout(CONNECT_TIMEOUT_S):
             reader, writer = await self._address.connect()
         self._writer = writer
+        pings = asyncio.create_task(self._keep_pinging(writer))
         try:
             writer.write(self._request())
             decoder = Decoder()
@@ -283,7 +335,8 @@ class AsyncClient:
                     if message is not None:
                         await self._take(message)
         finally:
-            self.hello = self._writer = None
+            pings.cancel()
+            self.hello = self._writer = self._pong_time_ns = None
             writer.close()
 
     def _patience_s(self) -> float | None:
@@ -296,6 +349,7 @@ class AsyncClient:
     async def _take(self, message: Message) -> None:
         if isinstance(message, Hello):
             self._greet(message)
+            await self._announce()
         elif isinstance(message, Refusal):  # comes in place of a Hello when the probe is full
             self.statistics.refusals += 1
             self._refusal = self.last_error = f"{self.uri}: request: {message.text}"
@@ -305,6 +359,10 @@ class AsyncClient:
             await self._take_estimate(message)
         elif isinstance(message, Health):
             self.health = message
+        elif isinstance(message, Pong):
+            self._pong_time_ns = time.monotonic_ns()
+            self._probe_clock.was_there(message.ping_time_ns, message.received_unix_ns)
+            self._probe_clock.arrived(message.sent_unix_ns, self._pong_time_ns)
 
     async def _take_estimate(self, estimate: Estimate) -> None:
         assert self.hello is not None
@@ -484,6 +542,22 @@ class Client:
     def subscribe(self, subscription: Subscription) -> None:
         """Ask for something else; see :meth:`AsyncClient.subscribe`."""
         self._call(self._async.subscribe(subscription))
+
+    def send_pose(
+        self, orientation: ArrayLike, time_ns: int | None = None, sigma_deg: float | None = None
+    ) -> bool:
+        """Say how the head is turned; see :meth:`AsyncClient.send_pose`."""
+        when_ns = time.monotonic_ns() if time_ns is None else time_ns
+
+        async def send() -> bool:
+            return self._async.send_pose(orientation, when_ns, sigma_deg)
+
+        return self._call(send())
+
+    @property
+    def clock_sigma_s(self) -> float:
+        """1 sigma of how far the probe's clock is off ours; infinite before the first ping."""
+        return self._async.clock_sigma_s
 
 
 def _run(loop: asyncio.AbstractEventLoop) -> None:

@@ -13,6 +13,7 @@ from lightprobe import sh as harmonics
 from lightprobe.geometry import Array, angles_from_direction, cap_solid_angle_sr
 
 Kind = Literal["AMBIENT", "TOTAL"]
+Frame = Literal["PROBE", "WORLD"]
 
 
 class LightFlag(IntFlag):
@@ -159,6 +160,9 @@ class Estimate:
     wheel_sigma_deg: float | None = None
     relighting_sigma: float | None = None  # of the irradiance as measured, relative to its mean
     subscription: int = 0  # number of the subscription that it answers; 0: the defaults
+    frame: Frame = "PROBE"  # WORLD: directions and SH are in the world of the app that sends poses
+    orientation: Array | None = None  # (4,) x, y, z, w: turns the probe frame into one that stays
+    orientation_sigma_deg: float | None = None
 
     @property
     def send_time_unix_ns(self) -> int:
@@ -214,6 +218,11 @@ class Estimate:
                 "angle_deg": _number(self.wheel_deg),
                 "sigma_deg": _number(self.wheel_sigma_deg),
             },
+            "frame": self.frame,
+            "orientation": {
+                "xyzw": _numbers(self.orientation),
+                "sigma_deg": _number(self.orientation_sigma_deg),
+            },
             "flags": flag_names(self.flags),
         }
 
@@ -236,6 +245,7 @@ class Hello:
     preset: str
     name: str = ""  # of the probe; "": it speaks a protocol older than 1.2
     insecure_lan: bool = False  # anyone on the network can read it, unencrypted
+    orientation: str = ""  # what tells it: none, visual, sim, client; "": older than 1.3
 
 
 @dataclass(frozen=True)
@@ -296,6 +306,15 @@ class Health:
     faults: tuple[Fault, ...]
     wheel: Wheel | None = None  # None: no wheel
     ring: Ring | None = None  # None: no ring
+
+
+@dataclass(frozen=True)
+class Pong:
+    """The answer to a ping: when we sent it, and when it was there and answered."""
+
+    ping_time_ns: int  # of our clock
+    received_unix_ns: int  # of the probe's
+    sent_unix_ns: int
 
 
 @dataclass(frozen=True)

@@ -138,6 +138,13 @@ def quaternion(axis: ArrayLike, angle_deg: float) -> Array:
     return np.concatenate([[np.cos(half)], np.sin(half) * normalize(axis)])
 
 
+def turn_after(outer_wxyz: ArrayLike, inner_wxyz: ArrayLike) -> Array:
+    """Hamilton's product of two quaternions w, x, y, z: first turn by `inner`, then by `outer`."""
+    a, b = np.asarray(outer_wxyz, dtype=np.float64), np.asarray(inner_wxyz, dtype=np.float64)
+    w = a[0] * b[0] - a[1:] @ b[1:]
+    return np.concatenate([[w], a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:])])
+
+
 def rotation_matrix(quaternion_wxyz: ArrayLike) -> Array:
     """3×3 matrix R of a quaternion of any length but zero: turned = R @ vector."""
     q = np.asarray(quaternion_wxyz, dtype=np.float64)

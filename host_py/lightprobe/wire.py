@@ -14,17 +14,20 @@ from typing import Any, Literal, get_args
 import numpy as np
 from google.protobuf.message import DecodeError
 from lightprobe_proto import lightprobe_pb2 as pb
+from numpy.typing import ArrayLike
 
 from lightprobe.errors import UsageError
 from lightprobe.estimate import (
     Estimate,
     EstimateFlag,
     Fault,
+    Frame,
     Health,
     Hello,
     Kind,
     Light,
     LightFlag,
+    Pong,
     Refusal,
     Ring,
     SphericalHarmonics,
@@ -35,10 +38,12 @@ from lightprobe.geometry import Array
 PROTOCOL_MAJOR = 1
 #: From this minor version on, estimates carry the number of the subscription that they answer.
 MINOR_WITH_NUMBERS = 1
+#: From this one on, it answers pings and takes poses.
+MINOR_WITH_PINGS = 3
 #: The daemon's messages stay below 2 KiB; the rest is room to grow.
 MAX_MESSAGE_BYTES = 64 * 1024
 
-Message = Hello | Estimate | Health | Refusal
+Message = Hello | Estimate | Health | Refusal | Pong
 
 
 class WireError(Exception):
@@ -63,6 +68,7 @@ class Subscription:
     tolerance: float = 0.0  # smallest model with a predicted error below this share; 0: the largest
     smoothing: Literal["SMOOTHED", "RAW"] = "SMOOTHED"
     health_period_ms: int = 1000  # 0: no health messages
+    frame: Frame = "PROBE"  # WORLD: of the app that sends poses, where known; see Estimate.frame
 
     def __post_init__(self) -> None:
         """Check every field."""
@@ -73,6 +79,7 @@ class Subscription:
         self._check_whole("health_period_ms", 2**32 - 1)
         self._check_word("kind", get_args(Kind))
         self._check_word("smoothing", ("SMOOTHED", "RAW"))
+        self._check_word("frame", get_args(Frame))
 
     def _check_number(self, name: str, most: float, unit: str) -> None:
         value = getattr(self, name)
@@ -116,6 +123,41 @@ def encode_subscription(subscription: Subscription, number: int = 0) -> bytes:
     wish.smoothing = pb.Subscription.Smoothing.Value(subscription.smoothing)
     wish.health_period_ms = int(subscription.health_period_ms)
     wish.number = number
+    wish.frame = pb.Estimate.Frame.Value(subscription.frame)
+    return delimit(message.SerializeToString())
+
+
+class PoseError(UsageError, ValueError):
+    """A head pose that is none; says what it may be."""
+
+
+def encode_pose(orientation: ArrayLike, time_ns: int, sigma_deg: float | None = None) -> bytes:
+    """Delimited FromClient message: how the head is turned at a time of the client's clock.
+
+    `orientation`: unit quaternion x, y, z, w that turns the head's frame into the app's world.
+    Raises :class:`PoseError` for what is no rotation.
+    """
+    message = pb.FromClient()
+    quaternion = np.asarray(orientation, dtype=np.float64)
+    if quaternion.shape != (4,) or not abs(float(quaternion @ quaternion) - 1) < 0.02:
+        raise PoseError(
+            f"pose: orientation = {orientation!r}: expected a unit quaternion x, y, z, w"
+        )
+    if sigma_deg is not None and not 0 < sigma_deg < np.inf:
+        raise PoseError(f"pose: sigma_deg = {sigma_deg!r}: expected degrees above 0, or None")
+    message.pose.time_ns = int(time_ns)
+    message.pose.orientation.extend(quaternion.tolist())
+    if sigma_deg is not None:
+        message.pose.sigma_deg = sigma_deg
+    return delimit(message.SerializeToString())
+
+
+def encode_ping(time_ns: int, pong_time_ns: int | None = None) -> bytes:
+    """Delimited FromClient message; `pong_time_ns`: when the last answer came, if one has."""
+    message = pb.FromClient()
+    message.ping.time_ns = time_ns
+    if pong_time_ns is not None:
+        message.ping.pong_time_ns = pong_time_ns
     return delimit(message.SerializeToString())
 
 
@@ -172,6 +214,9 @@ def decode(payload: bytes) -> Message | None:
         return _estimate(message.estimate)
     if kind == "health":
         return _health(message.health)
+    if kind == "pong":
+        pong = message.pong
+        return Pong(pong.ping_time_ns, pong.received_unix_ns, pong.sent_unix_ns)
     if kind == "error":
         return Refusal(message.error.code, message.error.text)
     return None
@@ -242,7 +287,28 @@ def _estimate(m: pb.Estimate) -> Estimate:
             m.relighting_sigma_permille / 1000 if m.HasField("relighting_sigma_permille") else None
         ),
         subscription=m.subscription,
+        frame=_frame(m.frame),
+        orientation=_orientation(m.orientation) if m.orientation else None,
+        orientation_sigma_deg=(
+            m.orientation_sigma_deg if m.HasField("orientation_sigma_deg") else None
+        ),
     )
+
+
+def _frame(number: int) -> Frame:
+    """Frame of reference; what is in one that we do not know cannot be used."""
+    frames: dict[int, Frame] = {0: "PROBE", 1: "WORLD"}
+    if int(number) not in frames:
+        raise WireError(f"estimate in frame {int(number)}: expected PROBE or WORLD")
+    return frames[int(number)]
+
+
+def _orientation(values: object) -> Array:
+    quaternion = _floats(values, 4, "orientation")
+    length = float(np.linalg.norm(quaternion))
+    if abs(length - 1) > 1e-3:
+        raise WireError(f"orientation of length {length:.3g}: expected a unit quaternion")
+    return quaternion / length
 
 
 def _light(m: pb.Light) -> Light:

@@ -45,7 +45,9 @@ class Packet:
 
     @property
     def turn(self) -> Array:
-        """Matrix from the scene's frame to the probe's: to the right is clockwise from above."""
+        """Matrix from the scene's frame to the packet's: to the right is clockwise from above."""
+        if self.estimate.frame == "WORLD":  # the scene's, as what sends poses has it
+            return np.eye(3)
         return geometry.rotation_matrix(geometry.quaternion([0, 1, 0], -self.yaw_deg))
 
     @property

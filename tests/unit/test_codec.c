@@ -56,7 +56,7 @@ static struct lp_light_estimate full_estimate(void)
 static lightprobe_v1_Estimate encode(const struct lp_light_estimate *estimate, bool total,
 				     int sh_order, int lights, const struct lp_stamp *stamp)
 {
-	const struct lp_variant variant = {total, sh_order, lights};
+	const struct lp_variant variant = {.total = total, .sh_order = sh_order, .lights = lights};
 	lightprobe_v1_FromProbe message;
 
 	assert_int_equal(lp_encode_estimate(estimate, &variant, stamp, &packet), 0);
@@ -365,10 +365,14 @@ static void test_wheel_and_ring_in_health(void **state)
 static int decode(const lightprobe_v1_Subscription *wire, struct lp_subscription *subscription)
 {
 	uint8_t data[LP_REQUEST_MAX_BYTES];
+	struct lp_request request;
 	const char *reason;
+	const int ret = lp_decode_request(data, encode_request(wire, data, sizeof(data)), &request,
+					  &reason);
 
-	return lp_decode_request(data, encode_request(wire, data, sizeof(data)), subscription,
-				 &reason);
+	assert_int_equal(request.kind, LP_REQUEST_SUBSCRIBE);
+	*subscription = request.subscription;
+	return ret;
 }
 
 static void test_subscription_defaults_and_values(void **state)
@@ -410,14 +414,14 @@ static void test_bad_requests(void **state)
 	static const uint8_t unknown_request[] = {0x7a, 0x00}; /* field 15, empty message */
 	lightprobe_v1_Subscription wire = lightprobe_v1_Subscription_init_zero;
 	struct lp_subscription subscription;
+	struct lp_request request;
 	const float rates[] = {-1, NAN, INFINITY};
 	const char *reason;
 
 	(void)state;
-	assert_int_equal(lp_decode_request(garbage, 4, &subscription, &reason), -EBADMSG);
-	assert_int_equal(lp_decode_request(NULL, 0, &subscription, &reason), -EOPNOTSUPP);
-	assert_int_equal(lp_decode_request(unknown_request, 2, &subscription, &reason),
-			 -EOPNOTSUPP);
+	assert_int_equal(lp_decode_request(garbage, 4, &request, &reason), -EBADMSG);
+	assert_int_equal(lp_decode_request(NULL, 0, &request, &reason), -EOPNOTSUPP);
+	assert_int_equal(lp_decode_request(unknown_request, 2, &request, &reason), -EOPNOTSUPP);
 	for (size_t i = 0; i < LP_COUNT(rates); i++) {
 		wire.rate_hz = rates[i];
 		assert_int_equal(decode(&wire, &subscription), -ERANGE);
@@ -428,6 +432,87 @@ static void test_bad_requests(void **state)
 	wire.kind = 0;
 	wire.smoothing = (lightprobe_v1_Subscription_Smoothing)7;
 	assert_int_equal(decode(&wire, &subscription), -ERANGE);
+}
+
+static size_t encode_client(const lightprobe_v1_FromClient *message, uint8_t *data, size_t size)
+{
+	pb_ostream_t stream = pb_ostream_from_buffer(data, size);
+
+	assert_true(pb_encode(&stream, lightprobe_v1_FromClient_fields, message));
+	return stream.bytes_written;
+}
+
+static void test_poses_and_pings(void **state)
+{
+	lightprobe_v1_FromClient wire = {.which_message = lightprobe_v1_FromClient_pose_tag,
+					 .message.pose = {.time_ns = -5,
+							  .orientation_count = 4,
+							  .orientation = {0, 0, 0, 1}}};
+	lightprobe_v1_Pose *const pose = &wire.message.pose;
+	uint8_t data[LP_REQUEST_MAX_BYTES];
+	struct lp_request request;
+	const char *reason;
+
+	(void)state;
+	assert_int_equal(lp_decode_request(data, encode_client(&wire, data, sizeof(data)), &request,
+					   &reason),
+			 0);
+	assert_int_equal(request.kind, LP_REQUEST_POSE);
+	assert_int_equal(request.pose.time_ns, -5);
+	assert_true(request.pose.quaternion[3] == 1.0);
+	assert_float_equal(request.pose.sigma_rad, 0.2 * M_PI / 180.0, 1e-9);
+
+	const lightprobe_v1_Pose
+		good = *pose,
+		bad[] = {
+			{.time_ns = INT64_MAX, .orientation_count = 4},
+			{.time_ns = INT64_MIN, .orientation_count = 4},
+			{.orientation_count = 3},
+			{.orientation_count = 4, .has_sigma_deg = true, .sigma_deg = 0},
+			{.orientation_count = 4, .has_sigma_deg = true, .sigma_deg = NAN},
+		};
+	for (size_t i = 0; i < LP_COUNT(bad); i++) {
+		*pose = bad[i];
+		assert_int_equal(lp_decode_request(data, encode_client(&wire, data, sizeof(data)),
+						   &request, &reason),
+				 -ERANGE);
+		assert_int_equal(request.kind, LP_REQUEST_POSE);
+	}
+	*pose = good;
+	wire = (lightprobe_v1_FromClient){.which_message = lightprobe_v1_FromClient_ping_tag,
+					  .message.ping = {.time_ns = 7,
+							   .has_pong_time_ns = true,
+							   .pong_time_ns = 3}};
+	assert_int_equal(lp_decode_request(data, encode_client(&wire, data, sizeof(data)), &request,
+					   &reason),
+			 0);
+	assert_int_equal(request.kind, LP_REQUEST_PING);
+	assert_int_equal(request.ping.time_ns, 7);
+	assert_true(request.ping.has_pong_time && request.ping.pong_time_ns == 3);
+}
+
+/* The orientation is sent where it is known, and the frame that the variant says. */
+static void test_orientation_and_frame(void **state)
+{
+	struct lp_light_estimate estimate = full_estimate();
+	struct lp_variant variant = {.sh_order = 2, .lights = 1};
+	lightprobe_v1_Estimate wire = encode(&estimate, false, 2, 1, &no_stamp);
+
+	(void)state;
+	assert_int_equal(wire.orientation_count, 0);
+	assert_false(wire.has_orientation_sigma_deg);
+	assert_int_equal(wire.frame, lightprobe_v1_Estimate_Frame_PROBE);
+	estimate.orientation = (struct lp_estimate_orientation){.known = true,
+								.xyzw = {0, 0.6F, 0, 0.8F},
+								.sigma_deg = 0.25F};
+	variant.world = true;
+	assert_int_equal(lp_encode_estimate(&estimate, &variant, &no_stamp, &packet), 0);
+	wire = decode_packet(&packet).message.estimate;
+	assert_int_equal(wire.frame, lightprobe_v1_Estimate_Frame_WORLD);
+	assert_int_equal(wire.orientation_count, 4);
+	assert_true(wire.orientation[1] == 0.6F && wire.orientation_sigma_deg == 0.25F);
+	estimate.orientation.xyzw[2] = NAN;
+	assert_int_equal(lp_encode_estimate(&estimate, &variant, &no_stamp, &packet), -ERANGE);
 }
 
 int main(void)
@@ -445,6 +530,8 @@ int main(void)
 		cmocka_unit_test(test_wheel_and_ring_in_health),
 		cmocka_unit_test(test_subscription_defaults_and_values),
 		cmocka_unit_test(test_bad_requests),
+		cmocka_unit_test(test_poses_and_pings),
+		cmocka_unit_test(test_orientation_and_frame),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -4,6 +4,7 @@
 
 #include <errno.h>
 #include <math.h>
+#include <stdlib.h>
 
 #include "lp_test.h"
 
@@ -85,6 +86,7 @@ static void test_a_little_is_predicted(void **state)
 		assert_true(reading.variance > before);
 		before = reading.variance;
 	}
+	assert_true(sqrt(before) < 3.0 * DEG);
 	assert_true(sqrt(before) > 0.5 * DEG);
 	assert_int_equal(lp_orientation_track_at(&track, 201 * MS, &reading), -EAGAIN);
 }
@@ -101,6 +103,48 @@ static void test_gaps_are_not_filled(void **state)
 	assert_int_equal(lp_orientation_track_at(&track, 301 * MS, &reading), -EAGAIN);
 	add_yaw(310 * MS, 10.0);
 	assert_int_equal(lp_orientation_track_at(&track, 305 * MS, &reading), 0);
+}
+
+/* What is predicted from noisy samples is wrong by as much as it says. */
+static void test_its_sigma_is_true(void **state)
+{
+	double squares = 0.0, stated = 0.0;
+
+	(void)state;
+	srand(1);
+	for (int n = 0; n < 1000; n++) {
+		struct lp_track_reading reading;
+
+		lp_orientation_track_clear(&track);
+		for (int k = 0; k < 10; k++) {
+			const double noise = 0.1 * sqrt(3.0) * (2.0 * rand() / RAND_MAX - 1.0);
+
+			add_yaw((100 + 10 * k) * MS, noise);
+		}
+		assert_int_equal(lp_orientation_track_at(&track, 195 * MS, &reading), 0);
+		squares += yaw_deg(&reading) * yaw_deg(&reading);
+		stated += reading.variance / (DEG * DEG);
+	}
+	assert_true(squares < 1.2 * stated && stated < 4.0 * squares);
+}
+
+/* Times that are off matter as fast as it turns. */
+static void test_times_that_are_not_sure(void **state)
+{
+	struct lp_track_reading reading;
+
+	(void)state;
+	for (int n = 0; n < 5; n++) {
+		struct lp_orientation_sample sample = yaw((100 + 10 * n) * MS, n);
+
+		sample.time_sigma_s = 0.01;
+		assert_int_equal(lp_orientation_track_add(&track, &sample), 0);
+	}
+	for (int ms = 135; ms <= 145; ms += 10) {
+		assert_int_equal(lp_orientation_track_at(&track, ms * MS, &reading), 0);
+		assert_true(sqrt(reading.variance) > 0.99 * DEG &&
+			    sqrt(reading.variance) < 1.2 * DEG);
+	}
 }
 
 static void test_what_makes_no_sense_is_refused(void **state)
@@ -154,6 +198,8 @@ int main(void)
 		cmocka_unit_test_setup(test_the_shorter_way, setup),
 		cmocka_unit_test_setup(test_a_little_is_predicted, setup),
 		cmocka_unit_test_setup(test_gaps_are_not_filled, setup),
+		cmocka_unit_test_setup(test_its_sigma_is_true, setup),
+		cmocka_unit_test_setup(test_times_that_are_not_sure, setup),
 		cmocka_unit_test_setup(test_what_makes_no_sense_is_refused, setup),
 		cmocka_unit_test_setup(test_rates_add_up, setup),
 	};

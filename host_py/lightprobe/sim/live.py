@@ -7,7 +7,7 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
+from typing import Protocol, Self
 
 from lightprobe.daemon import Daemon
 from lightprobe.estimate import Estimate, Health
@@ -41,7 +41,11 @@ class LiveClient:
 
     def subscribe(self, subscription: Subscription) -> None:
         """Ask for something else from now on."""
-        self._socket.sendall(encode_subscription(subscription))
+        self.send(encode_subscription(subscription))
+
+    def send(self, request: bytes) -> None:
+        """Send a request, length included."""
+        self._socket.sendall(request)
 
     def read(self, t_s: float) -> None:
         """Take what has come."""
@@ -70,6 +74,16 @@ class LiveClient:
         self._socket.close()
 
 
+class App(Protocol):
+    """What does something at times of its own while the simulated world goes on."""
+
+    def due_ns(self) -> int:
+        """When it wants to do something next, by the probe's clock."""
+
+    def work(self) -> None:
+        """Do it."""
+
+
 class LiveProbe:
     """Simulated camera, daemon and clients; time goes on in :meth:`run` only.
 
@@ -92,6 +106,7 @@ class LiveProbe:
         folder = Path(self._folder.name)
         self.socket, self.log_path = folder / "probe", folder / "log"
         self.clients: list[LiveClient] = []
+        self.apps: list[App] = []
         self.clock = SimulatedClock(folder / "time", self._read, lambda: self._daemon.check())
         self.link = Link(
             folder / "camera", camera, Exposure(camera, delay_frames=delay_frames), faults,
@@ -143,7 +158,15 @@ class LiveProbe:
 
     def run(self, seconds: float) -> None:
         """Let time go on."""
-        self.link.run_until(self.clock.now_ns() + round(1e9 * seconds))
+        end_ns = self.clock.now_ns() + round(1e9 * seconds)
+        while self.apps:
+            app = min(self.apps, key=lambda one: one.due_ns())
+            if app.due_ns() > end_ns:
+                break
+            self.link.run_until(app.due_ns())
+            app.work()
+            self.clock.advance(self.clock.now_ns())  # the daemon takes it now
+        self.link.run_until(end_ns)
 
     def captured_s(self, estimate: Estimate) -> float:
         """Say when an estimate's newest frame was captured, in the simulated world's time."""

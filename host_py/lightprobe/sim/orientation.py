@@ -37,7 +37,8 @@ def reading(
     # The scene turns to the right before the camera, so the camera turns to the left in it.
     true = geometry.quaternion([0, 1, 0], yaw_deg)
     noise = _small_turn(faults.orientation_noise_deg * rng.standard_normal(3))
-    w, x, y, z = _times(_jumps(camera.sensor.seed, state.t_s, faults), _times(true, noise))
+    jumps = _jumps(camera.sensor.seed, state.t_s, faults)
+    w, x, y, z = geometry.turn_after(jumps, geometry.turn_after(true, noise))
     return x, y, z, w, max(faults.orientation_noise_deg, _LEAST_SIGMA_DEG)
 
 
@@ -48,7 +49,7 @@ def _jumps(seed: int, t_s: float, faults: Faults) -> Array:
         return total
     for k in range(int(max(t_s, 0) // faults.orientation_jump_s)):
         axis = np.random.default_rng([seed, k, _JUMPS]).standard_normal(3)
-        total = _times(geometry.quaternion(axis, faults.orientation_jump_deg), total)
+        total = geometry.turn_after(geometry.quaternion(axis, faults.orientation_jump_deg), total)
     return total
 
 
@@ -56,9 +57,3 @@ def _small_turn(vector_deg: Array) -> Array:
     angle_deg = float(np.linalg.norm(vector_deg))
     axis = vector_deg if angle_deg else np.array([0.0, 1, 0])
     return geometry.quaternion(axis, angle_deg)
-
-
-def _times(a: Array, b: Array) -> Array:
-    """Hamilton's product of w, x, y, z: first turn by b, then by a."""
-    w = a[0] * b[0] - a[1:] @ b[1:]
-    return np.concatenate([[w], a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:])])

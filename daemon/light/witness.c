@@ -1,0 +1,111 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "light/witness.h"
+
+#include <math.h>
+
+#include "light/motion.h"
+
+#define DEG (M_PI / 180.0)
+/* Chosen by hand, on tests/accuracy/live.py --orientation=sim. */
+
+/* 1 sigma of what is in no stated sigma: when exactly an exposure was, and a lens, mount or scale
+ * that is not quite known. */
+#define TIMING_SIGMA_S 0.002
+#define OWN_SIGMA (0.3 * DEG)
+/* Further apart than so many sigmas is a contradiction; half as far is an agreement. */
+#define SIGMAS 4.0
+/* The two frames of reference drift against each other: followed with this time constant. */
+#define DRIFT_S 2.0
+
+static struct lp_rotation from_to(const struct lp_rotation *a, const struct lp_rotation *b)
+{
+	const struct lp_rotation back = lp_rotation_inverse(a);
+
+	return lp_rotation_product(&back, b);
+}
+
+static double length(const double v[3])
+{
+	return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+}
+
+static double limit_rad(double sigma_rad, double rate_rad_s)
+{
+	const double timing = TIMING_SIGMA_S * rate_rad_s;
+
+	return SIGMAS * sqrt(sigma_rad * sigma_rad + OWN_SIGMA * OWN_SIGMA + timing * timing);
+}
+
+bool lp_witness_turn(const struct lp_witness *witness, const struct lp_testimony *now,
+		     double turn[3], double *sigma_rad)
+{
+	if (witness->left_out || !witness->last.known || !now->known)
+		return false;
+	const struct lp_rotation turned = from_to(&witness->last.rotation, &now->rotation);
+
+	lp_rotation_vector(&turned, turn);
+	*sigma_rad = hypot(hypot(witness->last.sigma_rad, now->sigma_rad), 1e-4 * DEG);
+	return true;
+}
+
+bool lp_witness_is_apart(const struct lp_rotation *told, const struct lp_rotation *found,
+			 double sigma_rad, double rate_rad_s)
+{
+	const struct lp_rotation apart = from_to(told, found);
+	double v[3];
+
+	lp_rotation_vector(&apart, v);
+	return length(v) > limit_rad(sigma_rad, rate_rad_s);
+}
+
+void lp_witness_contradict(struct lp_witness *witness)
+{
+	witness->left_out = true;
+	witness->agreed_s = 0.0;
+}
+
+/* Whether it is used from what it told, `off_rad` from where it was expected. */
+static void judge(struct lp_witness *witness, double off_rad, double limit, double elapsed_s)
+{
+	if (off_rad > limit)
+		lp_witness_contradict(witness);
+	else if (off_rad > 0.5 * limit)
+		witness->agreed_s = 0.0;
+	else
+		witness->agreed_s += elapsed_s;
+	if (witness->agreed_s > LP_WITNESS_AGREED_S)
+		witness->left_out = false;
+}
+
+void lp_witness_compare(struct lp_witness *witness, const struct lp_testimony *now,
+			const struct lp_motion *motion, double elapsed_s)
+{
+	const struct lp_rotation back = lp_rotation_inverse(&motion->rotation);
+
+	if (!now->known)
+		return;
+	const struct lp_rotation world = lp_rotation_product(&now->rotation, &back);
+
+	if (!witness->has_world) {
+		witness->has_world = true;
+		witness->world = world;
+		return;
+	}
+	const struct lp_rotation off = from_to(&witness->world, &world);
+	const double sigma = hypot(now->sigma_rad, lp_motion_sigma_rad(motion));
+	double v[3];
+
+	lp_rotation_vector(&off, v);
+	judge(witness, length(v), limit_rad(sigma, length(motion->rate)), elapsed_s);
+	for (int a = 0; a < 3; a++)
+		v[a] *= elapsed_s / (elapsed_s + DRIFT_S);
+	const struct lp_rotation step = lp_rotation_of_vector(v);
+
+	witness->world = lp_rotation_product(&witness->world, &step);
+}
+
+void lp_witness_anchor(struct lp_witness *witness, const struct lp_rotation *rotation)
+{
+	if (witness->has_world)
+		witness->world = lp_rotation_product(&witness->world, rotation);
+}

@@ -1,0 +1,210 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* How the camera turns: as predicted, corrected by what a frame shows. */
+#include <math.h>
+
+#include "light/grid.h"
+#include "vision/alignment.h"
+#include "vision/imager_internal.h"
+#include "vision/lookup.h"
+
+/* Of a cell's mean, in codes, besides the rounding of its own (vision/code_noise.h). */
+#define CODE_SIGMA 0.5F
+/* Share of the cells that contradict what is known, from which on the camera may have turned. */
+#define LEAST_CONTRADICTING 0.002F
+/* The same of the light that the frame before showed changed: a lamp that moves before dark walls.
+ */
+#define LEAST_CHANGED 0.0005F
+/* Nor is one of less than this share of the sphere. */
+#define LEAST_COMPARED 0.0003F
+/* Longer pauses are no motion that could be followed. */
+#define MOST_ELAPSED_S 1.0
+/* Chosen by hand, on tests/accuracy/live.py --orientation=sim. */
+/* A camera that held still turns when a witness says so by so many sigmas, and so much... */
+#define CLEAR_SIGMAS 6.0
+#define CLEAR_TURN (0.3 * M_PI / 180.0)
+/* ...and of a camera that turns, both predictions are tried when they are so far apart. */
+#define FAR_APART (0.75 * M_PI / 180.0)
+/* One prediction fits better than the other when so much more of the picture agrees. */
+#define CLEARLY_BETTER 0.03F
+
+struct lp_observation lp_imager_observation(const struct lp_imager *imager)
+{
+	const struct lp_exposure *e = &imager->incoming;
+
+	return (struct lp_observation){.radiance = (const float(*)[4])imager->seen.cells,
+				       .flags = imager->seen.flags,
+				       .response = &imager->response,
+				       .scale = e->scale,
+				       .coded = !isnan(e->cells.mean_code),
+				       .code_variance = CODE_SIGMA * CODE_SIGMA +
+							e->noise.common * e->noise.common};
+}
+
+/* Where the camera may look, before and after it was compared with the map. */
+struct attempt {
+	struct lp_motion motion;
+	struct lp_alignment_result result;
+};
+
+static bool compares(const struct attempt *attempt)
+{
+	return attempt->result.compared >= LEAST_COMPARED; /* else too dark, or too bright, to tell
+							    */
+}
+
+/* The alignment is loaded with picture and map. */
+static void solve(struct lp_imager *imager, struct attempt *attempt)
+{
+	struct lp_motion *motion = &attempt->motion;
+	double prior[3][3];
+
+	lp_motion_prior(motion, prior);
+	attempt->result = lp_alignment_solve(imager->alignment, &motion->rotation,
+					     (const double(*)[3])prior, sqrt(1.0 / prior[0][0]));
+	if (compares(attempt) && attempt->result.agreement >= LP_LEAST_AGREEMENT)
+		lp_motion_correct(motion, attempt->result.turn,
+				  (const double(*)[3])attempt->result.information);
+}
+
+static void take(struct lp_imager *imager, const struct attempt *attempt)
+{
+	imager->motion = attempt->motion;
+	if (compares(attempt))
+		imager->agreement = attempt->result.agreement;
+}
+
+static double rate_of(const struct lp_motion *motion)
+{
+	const double *r = motion->rate;
+
+	return sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2]);
+}
+
+static double angle_between(const struct lp_rotation *a, const struct lp_rotation *b)
+{
+	const struct lp_rotation back = lp_rotation_inverse(a);
+	const struct lp_rotation apart = lp_rotation_product(&back, b);
+	double v[3];
+
+	lp_rotation_vector(&apart, v);
+	return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+}
+
+/* What the witness told as a prediction; false: nothing that counts. Noise does not move a camera
+ * that holds still. */
+static bool predict_by_witness(const struct lp_imager *imager, double elapsed_s,
+			       struct lp_motion *motion)
+{
+	double turn[3], sigma_rad;
+
+	if (!lp_witness_turn(&imager->witness, &imager->testimony, turn, &sigma_rad))
+		return false;
+	const double angle = sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]);
+
+	if (!imager->motion.turning && (angle < CLEAR_SIGMAS * sigma_rad || angle < CLEAR_TURN))
+		return false;
+	*motion = imager->motion;
+	lp_motion_predict_turn(motion, elapsed_s, turn, sigma_rad);
+	return true;
+}
+
+/* Two predictions: the pictures decide which fits. Where they cannot, a camera that held still goes
+ * on doing so if the frame agrees, and one that turns follows the witness. */
+static void choose(struct lp_imager *imager, const struct lp_motion *by_rate,
+		   const struct lp_motion *by_witness)
+{
+	const bool turned = imager->motion.turning;
+	struct attempt witness = {.motion = *by_witness}, rate = {.motion = *by_rate};
+
+	solve(imager, &witness);
+	if (turned && angle_between(&by_rate->rotation, &by_witness->rotation) < FAR_APART) {
+		take(imager, &witness);
+		return;
+	}
+	solve(imager, &rate);
+	const float more = turned ? CLEARLY_BETTER : -CLEARLY_BETTER;
+	const bool is_rate = compares(&rate) && rate.result.agreement >= LP_LEAST_AGREEMENT &&
+			     rate.result.agreement > witness.result.agreement + more;
+	const struct attempt *const best = is_rate ? &rate : &witness;
+
+	take(imager, best);
+	if (compares(best) &&
+	    lp_witness_is_apart(&by_witness->rotation, &imager->motion.rotation,
+				imager->testimony.sigma_rad, rate_of(&imager->motion)))
+		lp_witness_contradict(&imager->witness);
+}
+
+/* Find the map's cells in the frame of a turned camera. */
+static void place_map(struct lp_imager *imager)
+{
+	const struct lp_rotation back = lp_rotation_inverse(&imager->motion.rotation);
+
+	if (!lp_rotation_is_identity(&back))
+		lp_lookup_set(imager->lookup, &back);
+}
+
+/* A camera that holds still is only looked at closer when the frame contradicts what is known, or a
+ * witness says clearly that it turns. */
+static void follow_turn(struct lp_imager *imager, double elapsed_s)
+{
+	const struct lp_observation seen = lp_imager_observation(imager);
+	struct lp_motion by_rate = imager->motion, by_witness;
+	const bool told = predict_by_witness(imager, elapsed_s, &by_witness);
+
+	lp_motion_predict(&by_rate, elapsed_s);
+	if (told || imager->motion.turning || !lp_rotation_is_identity(&imager->motion.rotation) ||
+	    imager->update.changed > LEAST_CHANGED ||
+	    lp_radiance_map_contradicting(imager->map, &seen) > LEAST_CONTRADICTING) {
+		struct attempt alone = {.motion = by_rate};
+
+		lp_alignment_load(imager->alignment, imager->map, &seen);
+		if (told) {
+			choose(imager, &by_rate, &by_witness);
+		} else {
+			solve(imager, &alone);
+			take(imager, &alone);
+		}
+	} else {
+		imager->motion = by_rate;
+	}
+	place_map(imager);
+}
+
+void lp_imager_follow(struct lp_imager *imager)
+{
+	const double elapsed_s = (double)(imager->t_capture_ns - imager->t_motion_ns) / 1e9;
+	const bool first = !imager->t_motion_ns || !imager->t_map_ns;
+
+	imager->t_motion_ns = imager->t_capture_ns;
+	imager->agreement = 1.0F;
+	imager->elapsed_s = 0.0;
+	if (!first && imager->options.follow_turns && elapsed_s > 0.0) {
+		imager->elapsed_s = fmin(elapsed_s, MOST_ELAPSED_S);
+		follow_turn(imager, imager->elapsed_s);
+	}
+	imager->witness.last = imager->testimony;
+}
+
+void lp_imager_followed(struct lp_imager *imager)
+{
+	lp_witness_compare(&imager->witness, &imager->testimony, &imager->motion,
+			   imager->elapsed_s);
+}
+
+void lp_imager_correct_rotation(struct lp_imager *imager, const double pull[3],
+				const double information[3][3])
+{
+	lp_motion_correct_by_landmarks(&imager->motion, pull, information);
+	place_map(imager);
+}
+
+bool lp_imager_rest(struct lp_imager *imager, struct lp_rotation *turn)
+{
+	if (!lp_motion_at_rest(&imager->motion))
+		return false;
+	*turn = lp_rotation_inverse(&imager->motion.rotation);
+	lp_radiance_map_turn(imager->map, imager->lookup, &imager->motion.rotation);
+	lp_witness_anchor(&imager->witness, &imager->motion.rotation);
+	lp_motion_anchor(&imager->motion);
+	return true;
+}

@@ -1,0 +1,179 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* A witness of how the camera turns: believed while it agrees with the pictures, and no longer. */
+#include "light/witness.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+#include "light/motion.h"
+#include "lp_test.h"
+
+#define DEG (M_PI / 180.0)
+#define FRAME_S (1.0 / 30.0)
+
+static struct lp_witness witness;
+static struct lp_motion motion; /* what the pictures show */
+static int frame;
+
+static int setup(void **state)
+{
+	(void)state;
+	srand(1);
+	witness = (struct lp_witness){0};
+	lp_motion_init(&motion);
+	frame = 0;
+	return 0;
+}
+
+static struct lp_rotation yaw(double deg)
+{
+	return lp_rotation_of_vector((const double[]){0.0, deg * DEG, 0.0});
+}
+
+static double noise(double sigma_deg)
+{
+	return sigma_deg * sqrt(3.0) * (2.0 * rand() / RAND_MAX - 1.0) * DEG;
+}
+
+/* The frame of reference of the witness is turned about some axis against the anchor frame. */
+static struct lp_rotation its_world(void)
+{
+	return lp_rotation_of_vector((const double[]){0.4, -1.1, 0.7});
+}
+
+/* One frame: the camera is at yaw_deg, and the witness says `told_deg` besides a fixed rotation. */
+static void tell(double yaw_deg, double told_deg)
+{
+	const double off[3] = {noise(0.1), noise(0.1), noise(0.1)};
+	const struct lp_rotation world = its_world(), off_by = lp_rotation_of_vector(off);
+	const struct lp_rotation told = yaw(told_deg), noisy = lp_rotation_product(&told, &off_by);
+	struct lp_testimony now = {.known = true, .sigma_rad = 0.1 * DEG};
+
+	now.rotation = lp_rotation_product(&world, &noisy);
+	motion.rotation = yaw(yaw_deg);
+	motion.turning = true;
+	lp_witness_compare(&witness, &now, &motion, FRAME_S);
+	witness.last = now;
+	frame++;
+}
+
+/* Like a head: 40 degrees to either side. */
+static double head_deg(double t_s)
+{
+	return 40.0 * sin(M_PI * t_s);
+}
+
+static void test_one_that_agrees_is_believed(void **state)
+{
+	(void)state;
+	for (int n = 0; n < 600; n++) {
+		motion.rate[1] = 40.0 * M_PI * cos(M_PI * frame * FRAME_S) * DEG;
+		tell(head_deg(frame * FRAME_S), head_deg(frame * FRAME_S));
+		assert_false(witness.left_out);
+	}
+}
+
+/* Its turns are told in the camera's frame, whatever its own frame of reference is. */
+static void test_its_turns(void **state)
+{
+	struct lp_testimony now = {.known = true, .sigma_rad = 0.1 * DEG};
+	const struct lp_rotation world = its_world(), there = yaw(5.0);
+	double turn[3], sigma;
+
+	(void)state;
+	assert_false(lp_witness_turn(&witness, &now, turn, &sigma));
+	witness.last =
+		(struct lp_testimony){.known = true, .rotation = world, .sigma_rad = 0.1 * DEG};
+	now.rotation = lp_rotation_product(&world, &there);
+	assert_true(lp_witness_turn(&witness, &now, turn, &sigma));
+	assert_float_equal(turn[1] / DEG, 5.0, 1e-9);
+	assert_float_equal(hypot(turn[0], turn[2]), 0.0, 1e-9);
+	assert_float_equal(sigma / DEG, 0.1 * sqrt(2.0), 1e-3);
+	now.known = false;
+	assert_false(lp_witness_turn(&witness, &now, turn, &sigma));
+	now.known = true;
+	lp_witness_contradict(&witness);
+	assert_false(lp_witness_turn(&witness, &now, turn, &sigma));
+}
+
+/* A jump of its frame of reference: out at once, and in again when its frame is known anew. */
+static void test_one_that_jumps_is_left_out_for_a_while(void **state)
+{
+	int out = 0;
+
+	(void)state;
+	for (int n = 0; n < 90; n++)
+		tell(20.0 * frame * FRAME_S, 20.0 * frame * FRAME_S);
+	tell(20.0 * frame * FRAME_S, 20.0 * frame * FRAME_S + 10.0);
+	assert_true(witness.left_out);
+	while (witness.left_out && out++ < 600)
+		tell(20.0 * frame * FRAME_S, 20.0 * frame * FRAME_S + 10.0);
+	assert_true(out > 45 && out < 300);
+}
+
+static void check_it_is_found_out(double (*told_deg)(double t_s), double (*true_deg)(double t_s),
+				  double most_s)
+{
+	int frames = 0;
+
+	while (!witness.left_out && frames++ < 600)
+		tell(true_deg(frame * FRAME_S), told_deg(frame * FRAME_S));
+	assert_true(frames * FRAME_S < most_s);
+}
+
+static double late_deg(double t_s)
+{
+	return head_deg(t_s - 0.1);
+}
+
+static double drifting_deg(double t_s)
+{
+	return 3.0 * t_s;
+}
+
+static double still_deg(double t_s)
+{
+	(void)t_s;
+	return 0.0;
+}
+
+static void test_one_that_is_late_is_found_out(void **state)
+{
+	(void)state;
+	check_it_is_found_out(late_deg, head_deg, 1.0);
+}
+
+static void test_one_that_drifts_is_found_out(void **state)
+{
+	(void)state;
+	check_it_is_found_out(drifting_deg, still_deg, 2.0);
+}
+
+/* A new anchor frame is no contradiction. */
+static void test_the_anchor_frame_changes(void **state)
+{
+	const struct lp_rotation before = yaw(60.0);
+
+	(void)state;
+	for (int n = 0; n < 30; n++)
+		tell(60.0, 60.0);
+	lp_witness_anchor(&witness, &before);
+	for (int n = 0; n < 30; n++) {
+		tell(0.0, 60.0);
+		assert_false(witness.left_out);
+	}
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test_setup(test_one_that_agrees_is_believed, setup),
+		cmocka_unit_test_setup(test_its_turns, setup),
+		cmocka_unit_test_setup(test_one_that_jumps_is_left_out_for_a_while, setup),
+		cmocka_unit_test_setup(test_one_that_is_late_is_found_out, setup),
+		cmocka_unit_test_setup(test_one_that_drifts_is_found_out, setup),
+		cmocka_unit_test_setup(test_the_anchor_frame_changes, setup),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}
