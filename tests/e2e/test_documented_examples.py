@@ -47,7 +47,7 @@ def test_examples_run_as_printed(code, monkeypatch):
         raise Enough
 
     monkeypatch.setitem(sys.modules, "lightprobe_pb2", pb)  # as protoc would have made it
-    messages = [hello(minor=1), estimate(1), lit(2)]
+    messages = [hello(minor=3), estimate(1), lit(2)]
     with Probe(serve(*messages)) as probe:
         host, _, port = probe.uri.removeprefix("tcp:").rpartition(":")
         if ADDRESS in code:
