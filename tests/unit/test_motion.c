@@ -189,6 +189,32 @@ static void test_it_comes_to_rest(void **state)
 	assert_false(motion.turning);
 }
 
+/* A turn that something else tells: weighed against the rate by its sigma, and no surer than it. */
+static void test_a_turn_that_is_told(void **state)
+{
+	const double turn[3] = {0.0, 10.0 * DEG, 0.0};
+	const struct lp_rotation there = yaw(10.0), further = yaw(20.0);
+	struct lp_motion motion;
+
+	(void)state;
+	lp_motion_init(&motion);
+	lp_motion_predict_turn(&motion, FRAME_S, turn, 0.1 * DEG);
+	assert_true(motion.turning);
+	assert_true(error_deg(&motion, &there) < 0.1);
+	assert_float_equal(motion.rate[1] * FRAME_S / DEG, 10.0, 1.0);
+	assert_float_equal(lp_motion_sigma_rad(&motion) / DEG, 0.1, 0.03);
+	lp_motion_predict_turn(&motion, FRAME_S, turn, 0.1 * DEG);
+	assert_true(error_deg(&motion, &further) < 0.2);
+	assert_float_equal(lp_motion_sigma_rad(&motion) / DEG, 0.14, 0.04); /* both turns' */
+
+	const struct lp_rotation before = motion.rotation, by_rate = yaw(10.0);
+	const struct lp_rotation expected = lp_rotation_product(&before, &by_rate);
+
+	/* who knows nothing changes nothing: the rate leads */
+	lp_motion_predict_turn(&motion, FRAME_S, (const double[]){0.5, -0.5, 0.5}, 100.0 * DEG);
+	assert_true(error_deg(&motion, &expected) < 0.5);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -197,6 +223,7 @@ int main(void)
 		cmocka_unit_test(test_blind_frames_are_predicted),
 		cmocka_unit_test(test_landmarks),
 		cmocka_unit_test(test_it_comes_to_rest),
+		cmocka_unit_test(test_a_turn_that_is_told),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
