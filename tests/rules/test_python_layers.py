@@ -13,10 +13,11 @@ MAY = {
     "": {""},
     "imaging": {"", "imaging"},
     "calibrate": {"", "imaging", "calibrate"},
+    "align": {"", "calibrate", "align"},
     "mcu": {"", "mcu"},
     "sim": {"", "imaging", "calibrate", "sim"},
     "evaluate": {"", "imaging", "sim", "evaluate"},
-    "cli": {"", "imaging", "calibrate", "mcu", "sim", "evaluate", "cli"},
+    "cli": {"", "imaging", "calibrate", "align", "mcu", "sim", "evaluate", "cli"},
 }
 #: Modules at the top that a client loads, and all that they may import from outside.
 CLIENT = (

@@ -1,0 +1,1 @@
+"""The fixed rotation from the probe to the head or device that carries it."""
