@@ -66,6 +66,13 @@ def command(
     swing_hz: Annotated[
         float, typer.Option(callback=check.number(0, 5, "Hz"), help="So often.")
     ] = 0.5,
+    nod_deg: Annotated[
+        float,
+        typer.Option(callback=check.number(0, 80), help="And the camera nods, up and down."),
+    ] = 0.0,
+    nod_hz: Annotated[
+        float, typer.Option(callback=check.number(0, 5, "Hz"), help="So often.")
+    ] = Behaviour.nod_hz,
     switch_s: Annotated[
         float,
         typer.Option(
@@ -326,6 +333,10 @@ def command(
         raise UsageError(
             "simulate: --walk-m: the ring of --firmware cannot walk: leave one of the two out"
         )
+    if firmware != "none" and nod_deg:
+        raise UsageError(
+            "simulate: --nod-deg: the ring of --firmware cannot nod: leave one of the two out"
+        )
     if osc is not None:
         refuse_with_osc(firmware, polarizer_deg, lens, pixel_format)
     elif firmware == "none":
@@ -342,7 +353,7 @@ def command(
     polarizer = polarizer_deg is not None or firmware != "none"
     behaviour = Behaviour(
         act_s, turn_deg_s, swing_deg, swing_hz, switch_s, flicker,
-        walk_m, walk_m_s, cover_from_s, cover_to_s,
+        walk_m, walk_m_s, cover_from_s, cover_to_s, nod_deg, nod_hz,
     )  # fmt: skip
     world = World(scenes.load(scene), behaviour, median_radiance or None)
     if osc is not None:

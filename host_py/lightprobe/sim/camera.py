@@ -90,14 +90,18 @@ class SimulatedCamera:
         self.sensor = Sensor(
             *size_px, model, lens.response_table() if response is None else response, seed
         )
-        # A lens samples a map finer than its own pixels.
-        self._map_px = size_px if lens.is_equirect else (2 * size_px[0], size_px[0])
-        self._rays = None if lens.is_equirect else _Rays(lens, size_px, self._map_px)
+        # Equirectangular pictures turn by whole pixels, unless they nod. What is not simply turned
+        # is looked up in a map finer than the picture.
+        simple = lens.is_equirect and not world.behaviour.nod_deg
+        self._map_px = size_px if simple else (2 * size_px[0], size_px[0])
+        self._rays = None if simple else _Rays(lens, size_px, self._map_px)
         # All of it now: a camera does not pause when the scene changes.
         self._layers = [scene.render(*self._map_px) for scene in world.scenes]
         self.sheet = sheet
         self.white_balance = (1.0, 1.0, 1.0)  # factors of R, G, B; 1: as D65 lights a white wall
         polarized = not all(layers.unpolarized for layers in self._layers)
+        if sheet and polarized and world.behaviour.nod_deg:
+            raise UsageError("camera: polarized light cannot be simulated while the camera nods")
         self._polarizer = Polarizer(sheet, lens, size_px) if sheet and polarized else None
         self._medians: dict[int, float] = {}
         self._composed: tuple[Hashable, Composed] | None = None
@@ -117,7 +121,8 @@ class SimulatedCamera:
         if not self.row_time_us:
             return None
         rows = self.world.rows(state, self._rows_s, 1e-6 * shot.exposure_us)
-        same = not rows.offset_deg.any() and np.all(rows.powers == state.powers)
+        turns = rows.offset_deg.any() or rows.nod_offset_deg.any()
+        same = not turns and np.all(rows.powers == state.powers)
         return None if same else rows
 
     def automatic(self, frame: int, count: int = 1) -> list[Shot]:
@@ -219,11 +224,15 @@ class SimulatedCamera:
         smear_px = self._smear_px(state)
         if not self._turns_first(state):
             return _smeared(self._still(state, wheel_deg, rows), smear_px)
-        steps = min(math.ceil(smear_px / _SMEAR_STEP_PX), _MOST_SMEAR_STEPS)
+        nod_px = abs(state.nod_smear_deg) / 360 * self.size_px[0]
+        steps = min(math.ceil(max(smear_px, nod_px) / _SMEAR_STEP_PX), _MOST_SMEAR_STEPS)
         total = np.zeros((self.size_px[1], self.size_px[0], 3), np.float32)
         for k in range(steps):
-            yaw_deg = state.yaw_deg + state.smear_deg * ((k + 0.5) / steps - 0.5)
-            total += self._still(replace(state, yaw_deg=yaw_deg), wheel_deg, rows)
+            part = (k + 0.5) / steps - 0.5
+            yaw_deg = state.yaw_deg + part * state.smear_deg
+            nod_deg = state.nod_deg + part * state.nod_smear_deg
+            moment = replace(state, yaw_deg=yaw_deg, nod_deg=nod_deg)
+            total += self._still(moment, wheel_deg, rows)
         return total / np.float32(steps)
 
     def _still(
@@ -251,22 +260,23 @@ class SimulatedCamera:
     ) -> Composed:
         """What the lenses see of a map, each row at its own yaw and with its own lamps."""
         assert self._rays is not None
-        rays, offset_deg = self._rays, np.zeros(1) if rows is None else rows.offset_deg
-        yaw_deg = state.yaw_deg + offset_deg
-        seen = rays.sample(radiance, yaw_deg)
+        rays, still = self._rays, np.zeros(1)
+        yaw_deg = state.yaw_deg + (still if rows is None else rows.offset_deg)
+        places = rays.turned(state.nod_deg + (still if rows is None else rows.nod_offset_deg))
+        seen = places.sample(radiance, yaw_deg)
         parts = None
         if polarized is not None:
-            parts = np.stack([rays.sample(part, yaw_deg) for part in polarized])
+            parts = np.stack([places.sample(part, yaw_deg) for part in polarized])
         if rows is None or np.all(rows.powers == state.powers):
             return seen, parts
         layers = self._layers_of(state)
         for k, more in enumerate((rows.powers - state.powers).T):
             alone = (np.arange(len(state.powers)) == k).astype(np.float32)
             by_row = more.astype(np.float32)[:, None, None]
-            seen += by_row * rays.sample(layers.compose_lamps(alone), yaw_deg)
+            seen += by_row * places.sample(layers.compose_lamps(alone), yaw_deg)
             if parts is not None and layers.lamps[k].polarized is not None:
                 lamp = layers.compose_polarized(alone) - layers.compose_polarized(0 * alone)
-                parts += by_row * np.stack([rays.sample(part, yaw_deg) for part in lamp])
+                parts += by_row * np.stack([places.sample(part, yaw_deg) for part in lamp])
         return seen, parts
 
     def _turned(
@@ -288,10 +298,11 @@ class SimulatedCamera:
         yaw = self._turn_px(state) if self._rays is None else state.yaw_deg
         key = (
             state.act, state.place_m, state.powers.tobytes(), shot, yaw if turned else None,
-            self._smear_px(state),
+            self._smear_px(state), state.nod_deg, state.nod_smear_deg,
             wheel_deg if self._polarized(state) else None,
             None if rows is None else rows.powers.tobytes(),
             rows.offset_deg.tobytes() if turned and rows is not None else None,
+            rows.nod_offset_deg.tobytes() if rows is not None else None,
             self.white_balance,
         )  # fmt: skip
         signal = self._signals.get(key)
@@ -335,10 +346,34 @@ class _Rays:
         directions, illumination = lens.look(*size_px)
         seen = illumination > 0
         directions = np.where(seen[..., None], directions, [0.0, 0, -1])
-        column, row = geometry.equirect_pixel(directions, *map_px)
-        self._column, self._row = column.astype(np.float32), row.astype(np.float32)
+        self._directions, self._map_px = directions, map_px
         self._illumination = (illumination * seen).astype(np.float32)[..., None]
-        self._width = map_px[0]
+        self._level = self._places(directions)
+
+    def _places(self, directions: Array) -> _Places:
+        column, row = geometry.equirect_pixel(directions, *self._map_px)
+        return _Places(
+            column.astype(np.float32), row.astype(np.float32), self._illumination, self._map_px[0]
+        )
+
+    def turned(self, nod_deg: Array) -> _Places:
+        """Where the rays end while the camera looks up; `nod_deg`: of each of H rows, or (1,)."""
+        if not nod_deg.any():
+            return self._level
+        x, y, z = np.moveaxis(self._directions, -1, 0)
+        nod = np.radians(nod_deg)[:, None]
+        up, back = y * np.cos(nod) - z * np.sin(nod), y * np.sin(nod) + z * np.cos(nod)
+        return self._places(np.stack([x, up, back], axis=-1))
+
+
+@dataclass(frozen=True, eq=False)
+class _Places:
+    """Where rays (H, W) end in an equirectangular map."""
+
+    column: NDArray[np.float32]
+    row: NDArray[np.float32]
+    illumination: NDArray[np.float32]  # (H, W, 1)
+    width_px: int  # of the map
 
     def sample(self, radiance: NDArray[np.float32], yaw_deg: Array) -> NDArray[np.float32]:
         """Radiance (H, W, 3) behind the lenses, roll-off included, of a map turned to the right.
@@ -346,12 +381,12 @@ class _Rays:
         `yaw_deg`: of each of the H rows, or (1,) of all.
         """
         padded = cv2.copyMakeBorder(radiance, 0, 0, 1, 1, cv2.BORDER_WRAP)
-        shift = (yaw_deg[:, None] / 360 * self._width).astype(np.float32)
-        column = (self._column - shift) % self._width + 1
+        shift = (yaw_deg[:, None] / 360 * self.width_px).astype(np.float32)
+        column = (self.column - shift) % self.width_px + 1
         seen = cv2.remap(
-            padded, column, self._row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+            padded, column, self.row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
         )
-        return np.asarray(seen * self._illumination, dtype=np.float32)
+        return np.asarray(seen * self.illumination, dtype=np.float32)
 
 
 def encode(codes: Codes, pixel_format: str, quality: int, chroma: str) -> bytes:

@@ -412,6 +412,7 @@ def account(camera: SimulatedCamera, frame: int, shot: Shot, start_ns: int) -> d
         "scene": state.scene.name,
         "act": state.act,
         "yaw_deg": camera.true_yaw_deg(state),
+        "nod_deg": state.nod_deg,
         "powers": state.powers.tolist(),
         "place_m": state.place_m,
         "is_covered": state.is_covered,

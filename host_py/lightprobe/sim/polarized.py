@@ -106,9 +106,9 @@ class PolishedFloor:
         polarized[0, height - half :] = ((across - along) / 2)[:, None, None] * upper
         return full, polarized
 
-    def truth(self, powers: ArrayLike, yaw_deg: float = 0.0) -> MapTruth:
+    def truth(self, powers: ArrayLike, yaw_deg: float = 0.0, nod_deg: float = 0.0) -> MapTruth:
         """Sum over the map; the lamps are the scene's own."""
-        return _map_truth(self, powers, yaw_deg)
+        return _map_truth(self, powers, yaw_deg, nod_deg)
 
 
 # ---------------------------------------------------------------- a clear sky
@@ -181,9 +181,9 @@ class Sky:
         sun = disc_layer(self.lamps[0], width_px, height_px)
         return Layers(maps[0], (sun,), maps[1:])
 
-    def truth(self, powers: ArrayLike, yaw_deg: float = 0.0) -> MapTruth:
+    def truth(self, powers: ArrayLike, yaw_deg: float = 0.0, nod_deg: float = 0.0) -> MapTruth:
         """Sum over the map; the sun in closed form."""
-        return _map_truth(self, powers, yaw_deg)
+        return _map_truth(self, powers, yaw_deg, nod_deg)
 
 
 def pixel_frame(directions: Array) -> tuple[Array, Array]:
@@ -246,11 +246,12 @@ class StokesPanorama:
         parts = [resize(part, width_px, height_px) for part in self.polarized]
         return Layers(layers.base, layers.lamps, np.stack(parts))
 
-    def truth(self, powers: ArrayLike, yaw_deg: float = 0.0) -> MapTruth:
+    def truth(self, powers: ArrayLike, yaw_deg: float = 0.0, nod_deg: float = 0.0) -> MapTruth:
         """See :class:`lightprobe.sim.scene.Scene`."""
-        return self.panorama.truth(powers, yaw_deg)
+        return self.panorama.truth(powers, yaw_deg, nod_deg)
 
 
-def _map_truth(scene: Scene, powers: ArrayLike, yaw_deg: float) -> MapTruth:
+def _map_truth(scene: Scene, powers: ArrayLike, yaw_deg: float, nod_deg: float) -> MapTruth:
     radiance = scene.render(*_TRUTH_PX).compose(powers)
-    return MapTruth(radiance, yaw_deg, lit_lamps(scene.lamps, powers, yaw_deg))
+    lamps = lit_lamps(scene.lamps, powers, yaw_deg, nod_deg)
+    return MapTruth(radiance, yaw_deg, lamps, nod_deg)

@@ -107,10 +107,11 @@ class Room:
             layers.append(Layer(slice(None), flat))
         return Layers(base, tuple(layers))
 
-    def truth(self, powers: ArrayLike, yaw_deg: float = 0.0) -> MapTruth:
+    def truth(self, powers: ArrayLike, yaw_deg: float = 0.0, nod_deg: float = 0.0) -> MapTruth:
         """Sum over the map; lamps in closed form."""
         radiance = self.render(*_TRUTH_PX).compose(powers)
-        return MapTruth(radiance, yaw_deg, lit_lamps(self.lamps, powers, yaw_deg))
+        lamps = lit_lamps(self.lamps, powers, yaw_deg, nod_deg)
+        return MapTruth(radiance, yaw_deg, lamps, nod_deg)
 
 
 def _walls(directions: Array, place_m: Array) -> tuple[Array, Array, Array]:

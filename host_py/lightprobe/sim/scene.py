@@ -121,7 +121,7 @@ class Scene(Protocol):
     def render(self, width_px: int, height_px: int) -> Layers:
         """Equirectangular map of radiance."""
 
-    def truth(self, powers: ArrayLike, yaw_deg: float = 0.0) -> Truth:
+    def truth(self, powers: ArrayLike, yaw_deg: float = 0.0, nod_deg: float = 0.0) -> Truth:
         """Truth with lamps at their powers and the scene turned to the right about the vertical."""
 
     def scaled(self, factor: float) -> Scene:
@@ -150,11 +150,13 @@ class ProceduralScene:
         lamps = tuple(lamp.scaled(factor) for lamp in self.lamps)
         return ProceduralScene(self.name, factor * self.background, lamps)
 
-    def truth(self, powers: ArrayLike, yaw_deg: float = 0.0) -> ProceduralTruth:
+    def truth(
+        self, powers: ArrayLike, yaw_deg: float = 0.0, nod_deg: float = 0.0
+    ) -> ProceduralTruth:
         """Give closed forms."""
-        turn = yaw(yaw_deg)
+        turned = turn(yaw_deg, nod_deg)
         return ProceduralTruth(
-            sh.rotate(self.background, turn), lit_lamps(self.lamps, powers, yaw_deg)
+            sh.rotate(self.background, turned), lit_lamps(self.lamps, powers, yaw_deg, nod_deg)
         )
 
 
@@ -190,16 +192,23 @@ def disc_layer(lamp: Lamp, width_px: int, height_px: int) -> Layer:
     return Layer(*disc_pixels(lamp, width_px, height_px))
 
 
-def yaw(yaw_deg: float) -> Array:
-    """Turn to the right: what was forward (−Z) comes to +X, as columns grow."""
-    return geometry.quaternion([0, 1, 0], -yaw_deg)
+def turn(yaw_deg: float, nod_deg: float = 0.0) -> Array:
+    """Turn of the scene before the probe, as a quaternion w, x, y, z.
+
+    To the right by `yaw_deg`: what was forward (−Z) comes to +X, as columns grow. Then down by
+    `nod_deg`: the probe looks up.
+    """
+    right, down = geometry.quaternion([0, 1, 0], -yaw_deg), geometry.quaternion([1, 0, 0], -nod_deg)
+    return geometry.turn_after(down, right)
 
 
-def lit_lamps(lamps: tuple[Lamp, ...], powers: ArrayLike, yaw_deg: float) -> tuple[Lamp, ...]:
+def lit_lamps(
+    lamps: tuple[Lamp, ...], powers: ArrayLike, yaw_deg: float, nod_deg: float = 0.0
+) -> tuple[Lamp, ...]:
     """Lamps that are on, as bright as they are, turned with the scene."""
-    turn = yaw(yaw_deg)
+    turned = turn(yaw_deg, nod_deg)
     return tuple(
-        Lamp(geometry.rotate(turn, lamp.direction), lamp.radius_deg, power * lamp.irradiance)
+        Lamp(geometry.rotate(turned, lamp.direction), lamp.radius_deg, power * lamp.irradiance)
         for lamp, power in zip(lamps, np.asarray(powers, dtype=np.float64), strict=True)
         if power > 0
     )
@@ -265,28 +274,31 @@ class PanoramaScene:
             tuple(Layer(layer.index, gain * layer.values) for layer in self.layers),
         )
 
-    def truth(self, powers: ArrayLike, yaw_deg: float = 0.0) -> MapTruth:
+    def truth(self, powers: ArrayLike, yaw_deg: float = 0.0, nod_deg: float = 0.0) -> MapTruth:
         """Sum over the map."""
         radiance = Layers(self.base, self.layers).compose(powers)
-        return MapTruth(radiance, yaw_deg, lit_lamps(self.lamps, powers, yaw_deg))
+        lamps = lit_lamps(self.lamps, powers, yaw_deg, nod_deg)
+        return MapTruth(radiance, yaw_deg, lamps, nod_deg)
 
 
 @dataclass(frozen=True, eq=False)
 class MapTruth:
-    """Sums in float64 over all pixels of a map that is turned by `yaw_deg`."""
+    """Sums in float64 over all pixels of a map that is turned as :func:`turn` has it."""
 
     radiance: NDArray[np.float32]
     yaw_deg: float = 0.0
     lamps: tuple[Lamp, ...] = field(default=())
+    nod_deg: float = 0.0
 
     @property
     def total(self) -> Array:
         """See :class:`Truth`."""
-        return sh.rotate(sh.project(self.radiance, ORDER), yaw(self.yaw_deg))
+        return sh.rotate(sh.project(self.radiance, ORDER), turn(self.yaw_deg, self.nod_deg))
 
     def irradiance(self, normals: ArrayLike) -> Array:
         """See :class:`Truth`."""
-        n = np.asarray(normals, dtype=np.float64) @ geometry.rotation_matrix(yaw(self.yaw_deg))
+        turned = geometry.rotation_matrix(turn(self.yaw_deg, self.nod_deg))
+        n = np.asarray(normals, dtype=np.float64) @ turned
         height, width, _ = self.radiance.shape
         solid_angle = geometry.equirect_solid_angles(width, height)
         columns = np.arange(width)

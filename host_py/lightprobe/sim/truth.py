@@ -13,7 +13,7 @@ from lightprobe_proto import lightprobe_pb2 as pb
 from lightprobe import sh
 from lightprobe.errors import LightprobeError
 from lightprobe.server import ProbeServer, stamp_now
-from lightprobe.sim.scene import lit_lamps, yaw
+from lightprobe.sim.scene import lit_lamps, turn
 from lightprobe.sim.world import State
 
 _ORDER = 4
@@ -40,8 +40,8 @@ class Exact:
         if key != self._key:
             self._total = state.scene.truth(state.powers).total[: sh.count(_ORDER)]
             self._key = key
-        coefficients = sh.rotate(self._total, yaw(state.yaw_deg))
-        lamps = lit_lamps(state.scene.lamps, state.powers, state.yaw_deg)
+        coefficients = sh.rotate(self._total, turn(state.yaw_deg, state.nod_deg))
+        lamps = lit_lamps(state.scene.lamps, state.powers, state.yaw_deg, state.nod_deg)
         message = pb.Estimate(ttl_ms=_TTL_MS, exposure_count=1)
         for lamp in sorted(lamps, key=lambda lamp: -float(np.sum(lamp.irradiance)))[:8]:
             coefficients -= sh.lamp(lamp.direction, _ORDER)[:, None] * lamp.irradiance

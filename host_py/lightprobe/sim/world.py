@@ -39,6 +39,8 @@ class Behaviour:
     walk_m_s: float = 1.0  # at this speed in the middle
     cover_from_s: float = 0.0  # somebody covers the right half of the camera's view
     cover_to_s: float = 0.0  # until then
+    nod_deg: float = 0.0  # the probe nods, by so much up and down, about its own X
+    nod_hz: float = 0.17  # so often
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,12 +53,14 @@ class State:
     yaw_deg: float  # in the middle of the exposure
     powers: Array  # one per lamp of the scene
     smear_deg: float = 0.0  # by which the scene turns during the exposure, 0 or more
+    nod_deg: float = 0.0  # by which the probe looks up in the middle of the exposure
+    nod_smear_deg: float = 0.0  # by which it nods during it, while the scene turns by smear_deg
     place_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # where the probe is in the scene
     is_covered: bool = False
 
     def truth(self) -> Truth:
         """Light that the probe should report."""
-        return self.scene.truth(self.powers, self.yaw_deg)
+        return self.scene.truth(self.powers, self.yaw_deg, self.nod_deg)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +69,7 @@ class Rows:
 
     offset_deg: Array  # (H,) yaw in the middle of each row's exposure, less that of the middle row
     powers: Array  # (H, lamps)
+    nod_offset_deg: Array  # (H,) as offset_deg, of the nod
 
 
 class World:
@@ -97,13 +102,16 @@ class World:
         act = int(t_s // b.act_s) % len(self.scenes) if b.act_s > 0 else 0
         scene = self.scenes[act]
         yaw_deg = float(self._yaw_deg(t_s + exposure_s / 2)) % 360
-        smear_deg = abs(float(self._yaw_deg(t_s + exposure_s) - self._yaw_deg(t_s)))
+        turned_deg = float(self._yaw_deg(t_s + exposure_s) - self._yaw_deg(t_s))
+        nodded_deg = float(self._nod_deg(t_s + exposure_s) - self._nod_deg(t_s))
         place_m = self._place_m(t_s + exposure_s / 2)
         if isinstance(scene, Room) and b.walk_m:
             scene = scene.seen_from(place_m)
         return State(
-            t_s, act, scene, yaw_deg, self._powers(scene, t_s, exposure_s), smear_deg, place_m,
-            b.cover_from_s <= t_s < b.cover_to_s,
+            t_s, act, scene, yaw_deg, self._powers(scene, t_s, exposure_s), abs(turned_deg),
+            float(self._nod_deg(t_s + exposure_s / 2)),
+            -nodded_deg if turned_deg < 0 else nodded_deg,
+            place_m, b.cover_from_s <= t_s < b.cover_to_s,
         )  # fmt: skip
 
     def _place_m(self, t_s: float) -> tuple[float, float, float]:
@@ -120,11 +128,16 @@ class World:
         """
         t_s = state.t_s + starts_s
         offset_deg = self._yaw_deg(t_s + exposure_s / 2) - self._yaw_deg(state.t_s + exposure_s / 2)
-        return Rows(offset_deg, self._powers(state.scene, t_s, exposure_s))
+        nod_deg = self._nod_deg(t_s + exposure_s / 2) - self._nod_deg(state.t_s + exposure_s / 2)
+        return Rows(offset_deg, self._powers(state.scene, t_s, exposure_s), nod_deg)
 
     def _yaw_deg(self, t_s: ArrayLike) -> Array:
         b, t = self.behaviour, np.asarray(t_s, dtype=np.float64)
         return np.asarray(b.turn_deg_s * t + b.swing_deg * np.sin(2 * np.pi * b.swing_hz * t))
+
+    def _nod_deg(self, t_s: ArrayLike) -> Array:
+        b, t = self.behaviour, np.asarray(t_s, dtype=np.float64)
+        return np.asarray(b.nod_deg * np.sin(2 * np.pi * b.nod_hz * t))
 
     def _powers(self, scene: Scene, t_s: ArrayLike, exposure_s: float) -> Array:
         """Powers (…, lamps) during exposures that start at `t_s` (…)."""

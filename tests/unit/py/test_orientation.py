@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from lightprobe import geometry
 from lightprobe.imaging import camera as lenses
-from lightprobe.sim import orientation
+from lightprobe.sim import orientation, scene
 from lightprobe.sim.camera import Shot, SimulatedCamera
 from lightprobe.sim.faults import Faults
 from lightprobe.sim.procedural import random_scene
@@ -13,9 +13,10 @@ from lightprobe.sim.world import Behaviour, World
 SCENE, SHOT = random_scene(1), Shot(1000)
 
 
-def camera(turn_deg_s=80.0, **more):
-    world = World([SCENE], Behaviour(act_s=0, turn_deg_s=turn_deg_s))
-    return SimulatedCamera(world, lenses.equirect(), (256, 128), rate_hz=10, **more)
+def camera(turn_deg_s=80.0, nod_deg=0.0, **more):
+    world = World([SCENE], Behaviour(act_s=0, turn_deg_s=turn_deg_s, nod_deg=nod_deg, nod_hz=0.4))
+    more = {"rate_hz": 10} | more
+    return SimulatedCamera(world, lenses.equirect(), (256, 128), **more)
 
 
 def matrix(simulated, frame, faults=None):
@@ -27,15 +28,65 @@ def between_deg(a, b):
     return np.degrees(np.arccos(np.clip((np.trace(a.T @ b) - 1) / 2, -1, 1)))
 
 
+@pytest.mark.parametrize("nod_deg", [0.0, 30.0])
 @pytest.mark.parametrize("row_time_us", [0.0, 500.0])
-def test_it_turns_what_the_camera_sees_to_where_it_is(row_time_us):
-    simulated = camera(row_time_us=row_time_us)
+def test_it_turns_what_the_camera_sees_to_where_it_is(row_time_us, nod_deg):
+    simulated = camera(row_time_us=row_time_us, nod_deg=nod_deg)
     for frame in range(5):
         state = simulated.state(frame, SHOT)
-        seen = SCENE.truth([1, 1], simulated.true_yaw_deg(state)).lamps
+        seen = SCENE.truth([1, 1], simulated.true_yaw_deg(state), state.nod_deg).lamps
         for lamp, there in zip(seen, SCENE.truth([1, 1]).lamps, strict=True):
             turned = matrix(simulated, frame) @ lamp.direction
             assert turned == pytest.approx(there.direction, abs=1e-9)
+
+
+def test_a_nodding_camera_sees_lamps_where_the_truth_has_them():
+    """And looks up while its nod is above 0: a lamp ahead then comes down in the picture."""
+    simulated = camera(nod_deg=30.0, pixel_format="RGBF")
+    for frame in (2, 6, 9):
+        state = simulated.state(frame, SHOT)
+        assert abs(state.nod_deg) > 5
+        picture = np.frombuffer(simulated.frame(frame, SHOT), "<f4").reshape(128, 256, 3)
+        directions = geometry.equirect_directions(256, 128)
+        weight = picture.sum(axis=-1) * geometry.equirect_solid_angles(256, 128)[:, None]
+        for lamp in state.truth().lamps:
+            near = geometry.angle_deg(directions, lamp.direction) < lamp.radius_deg + 3
+            inside = geometry.angle_deg(directions, lamp.direction) < lamp.radius_deg * 0.5 + 1
+            assert weight[inside].mean() > 5 * np.median(weight)
+            seen = geometry.normalize(np.sum((near * weight)[..., None] * directions, axis=(0, 1)))
+            assert geometry.angle_deg(seen, lamp.direction) < 0.7
+        up = geometry.rotate(scene.turn(0.0, state.nod_deg), [0.0, 0, -1])
+        assert up[1] == pytest.approx(-np.sin(np.radians(state.nod_deg)))
+
+
+def test_nodding_smears_a_long_exposure():
+    """The light of 90 ms is the mean of twelve moments in them."""
+    long = picture(camera(0.0, nod_deg=40.0, pixel_format="RGBF"), 0, 90_000)
+    fast = camera(0.0, nod_deg=40.0, pixel_format="RGBF", rate_hz=12 / 0.09)
+    moments = np.stack([picture(fast, k, 7_500) for k in range(12)])
+    smear = np.abs(moments[5] - moments.mean(axis=0)).mean()
+    assert np.abs(long - moments.mean(axis=0)).mean() < 0.3 * smear
+
+
+def picture(simulated, frame, exposure_us):
+    return np.frombuffer(simulated.frame(frame, Shot(exposure_us)), "<f4")
+
+
+def test_each_row_of_a_nodding_camera_is_of_its_own_time():
+    """A rolling shutter: the rows of one picture, one by one, are those of pictures taken then."""
+    rolling = camera(0.0, nod_deg=30.0, pixel_format="RGBF", row_time_us=700.0)
+    shot = Shot(10.0)
+    state = rolling.state(1, shot)
+    rows = rolling.world.rows(state, rolling._rows_s, 1e-5)
+    assert np.ptp(rows.nod_offset_deg) > 1
+    assert state.nod_deg + rows.nod_offset_deg[0] == pytest.approx(
+        rolling.world.at(0.1, 1e-5).nod_deg
+    )
+    whole = camera(0.0, nod_deg=30.0, pixel_format="RGBF")
+    whole.state = lambda frame, shot: rolling.world.at(0.1, 1e-5)  # as the first row
+    first, single = (np.frombuffer(c.frame(1, shot), "<f4") for c in (rolling, whole))
+    assert (first[: 256 * 3] == single[: 256 * 3]).all()
+    assert (first[-256 * 300 :] != single[-256 * 300 :]).any()
 
 
 def test_a_still_camera_says_the_same_to_the_bit():

@@ -1,0 +1,69 @@
+"""The poses that a headset tells while the simulated probe is mounted on it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from lightprobe import geometry
+from lightprobe.geometry import Array
+from lightprobe.sim.scene import turn
+from lightprobe.sim.world import World
+
+#: What noise is drawn for, beside the frames of a camera with the same seed.
+_PURPOSE = 77
+
+
+@dataclass(frozen=True)
+class Headset:
+    """A head with a tracker: its rotation, and what is wrong with it."""
+
+    mount_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)  # probe → head
+    rate_hz: float = 72.0
+    noise_deg: float = 0.05  # 1 sigma about each axis, of each pose
+    late_ms: float = 0.0  # poses are stamped so much after their time
+    ahead_s: float = 0.0  # the headset's clock shows so much more than the probe's
+    jump_deg: float = 0.0  # its idea of the world turns by so much…
+    jump_s: float = 0.0  # …each time so many seconds have passed; 0: never
+    seed: int = 0
+
+    def pose(self, world: World, number: int) -> tuple[float, Array]:
+        """Pose `number`: the time that it claims, in seconds of the world, and x, y, z, w.
+
+        The rotation turns the head's frame into the headset's idea of the world.
+        """
+        t_s = number / self.rate_hz
+        state = world.at(t_s)
+        rng = np.random.default_rng([self.seed, number, _PURPOSE])
+        x, y, z, w = self.mount_xyzw
+        from_scene = geometry.turn_after([w, x, y, z], turn(state.yaw_deg, state.nod_deg))
+        noise = geometry.quaternion(
+            geometry.normalize(rng.standard_normal(3)), self._noise_angle_deg(rng)
+        )
+        pose = geometry.turn_after(_inverse(from_scene), noise)
+        pose = geometry.turn_after(self._idea_of_the_world(t_s), pose)
+        w, x, y, z = pose / np.linalg.norm(pose)
+        return t_s + 1e-3 * self.late_ms + self.ahead_s, np.array([x, y, z, w])
+
+    def poses(self, world: World, first: int = 0) -> Iterator[tuple[float, Array]]:
+        """Poses one after the other, without end."""
+        while True:
+            yield self.pose(world, first)
+            first += 1
+
+    def _noise_angle_deg(self, rng: np.random.Generator) -> float:
+        return self.noise_deg * float(np.linalg.norm(rng.standard_normal(3)))
+
+    def _idea_of_the_world(self, t_s: float) -> Array:
+        jumps = int(t_s // self.jump_s) if self.jump_s else 0
+        start = np.random.default_rng([self.seed, _PURPOSE])
+        return geometry.turn_after(
+            geometry.quaternion([0.0, 1, 0], jumps * self.jump_deg),
+            geometry.quaternion([0.0, 1, 0], float(start.uniform(0, 360))),
+        )
+
+
+def _inverse(quaternion_wxyz: Array) -> Array:
+    return quaternion_wxyz * [1, -1, -1, -1]
