@@ -102,6 +102,7 @@ def solve(head: Track, probe: Track) -> HandEye:
     best = fits[0]
     if best.agreeing < _LEAST_AGREEING:
         raise AlignError(_contradiction(head, start_s, turns, best))
+    found = best.result(1e-9 * (head.start_ns - probe.start_ns))
     for other in fits[1:]:
         apart_deg = np.degrees((best.rotation.inv() * other.rotation).magnitude())
         if other.cost < _AS_WELL * best.cost and apart_deg > _DIFFERENT_DEG:
@@ -110,7 +111,7 @@ def solve(head: Track, probe: Track) -> HandEye:
                 f"{best.offset_s:.2f} s or {other.offset_s:.2f} s apart explain it: turn "
                 "irregularly, now fast and now slowly"
             )
-    return best.result(1e-9 * (head.start_ns - probe.start_ns))
+    return found
 
 
 def _require_motion(name: str, turns: Array) -> None:

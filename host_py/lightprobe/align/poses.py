@@ -80,9 +80,3 @@ def _quaternion(values: Any) -> list[float]:
     if len(numbers) != 4:
         raise ValueError(values)
     return numbers
-
-
-def line_of(time_ns: int, rotation_xyzw: Iterable[float]) -> str:
-    """Give a pose as a line of JSON, without its end."""
-    pose = {"time_ns": time_ns, "rotation_xyzw": [float(f"{v:.9g}") for v in rotation_xyzw]}
-    return json.dumps(pose)

@@ -98,6 +98,34 @@ class Calibrate(LazyGroup):
     }  # fmt: skip
 
 
+class Align(LazyGroup):
+    """`lightprobe align`."""
+
+    entries: ClassVar[dict[str, Entry]] = {
+        "poses": Entry(
+            "align_poses:command", "By how head and probe turn while you look around.", "align"
+        ),
+        "marker": Entry(
+            "align_marker:command", "By a printed marker that the head's camera sees.", "align"
+        ),
+        "lamps": Entry("align_lamps:command", "By lamps that both know.", "align"),
+    }
+
+
+align = typer.Typer(
+    cls=Align,
+    help="Find how the probe sits on a head or device: the rotation from probe to head.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    add_completion=False,
+)
+
+
+@align.callback()
+def _align() -> None:
+    """Find how the probe sits on a head or device: the rotation from probe to head."""
+
+
 calibrate = typer.Typer(
     cls=Calibrate,
     help="Calibrate camera (exposure, response), polarizer wheel, ring of light sensors.",
@@ -125,6 +153,7 @@ class Root(LazyGroup):
         "control": Entry("control:app", "Steer a running simulator: faults, light, status."),
         "evaluate": Entry("evaluate:command", "Measure accuracy against the exact truth.", "sim"),
         "calibrate": Entry("main:calibrate", "Calibrate camera, polarizer wheel and ring."),
+        "align": Entry("main:align", "Find how the probe sits on a head."),
         "record": Entry("record:record", "Record a probe's messages (MCAP).", "record"),
         "replay": Entry("record:replay", "Serve a recording as a probe.", "record"),
         "pair": Entry("pair:command", "Make key, certificate and token for wss:.", "pair"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import signal
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -24,6 +25,7 @@ from lightprobe.sim.camera import FORMATS, Shot, SimulatedCamera, check_row_time
 from lightprobe.sim.control import Control, Handler, require_unix_sockets
 from lightprobe.sim.exposure import ExposureLimits
 from lightprobe.sim.flicker import WAVES, Flicker
+from lightprobe.sim.headset import Headset, HeadsetLog
 from lightprobe.sim.illuminance import RingLight
 from lightprobe.sim.link import Exposure, Link, Surroundings
 from lightprobe.sim.polarizer import Sheet
@@ -272,6 +274,27 @@ def command(
             help="With --osc: ask for a password, as in client mode: a line USER:PASSWORD.",
         ),
     ] = None,
+    headset: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            callback=check.new_file(),
+            help="Write the poses of a headset that carries the probe, for `lightprobe align`: "
+            "one JSON line each.",
+        ),
+    ] = None,
+    headset_mount: Annotated[
+        str, typer.Option(metavar="X,Y,Z,W", help="How the probe sits on it: probe to head.")
+    ] = "0,0,0,1",
+    headset_noise_deg: Annotated[
+        float, typer.Option(callback=check.number(0, 10), help="Noise of its poses, 1 sigma.")
+    ] = Headset.noise_deg,
+    headset_late_ms: Annotated[
+        float,
+        typer.Option(
+            callback=check.number(-1000, 1000, "milliseconds"), help="Its poses are stamped late."
+        ),
+    ] = Headset.late_ms,
     faults: Annotated[
         str,
         typer.Option(
@@ -337,7 +360,13 @@ def command(
         raise UsageError(
             "simulate: --nod-deg: the ring of --firmware cannot nod: leave one of the two out"
         )
+    carrier = Headset(
+        quaternion("--headset-mount", headset_mount), noise_deg=headset_noise_deg,
+        late_ms=headset_late_ms, seed=seed,
+    )  # fmt: skip
     if osc is not None:
+        if headset is not None:
+            raise UsageError("simulate: --headset: not with --osc: leave one of the two out")
         refuse_with_osc(firmware, polarizer_deg, lens, pixel_format)
     elif firmware == "none":
         misbehaviour.Faults().merged(faults)
@@ -391,6 +420,9 @@ def command(
             stack.enter_context(
                 TruthServer(truth_publish, lambda: (link.state_now(), simulated.gain))
             )
+        if headset is not None:
+            log_poses = HeadsetLog(headset, carrier, world, link.start_ns(0))
+            stack.enter_context(log_poses)
         lit = None
         if box is not None and light is not None:
             lit = stack.enter_context(illuminated(link, box, light))
@@ -424,6 +456,16 @@ def numbers(option: str, text: str) -> tuple[float, ...]:
         return tuple(float(part) for part in text.split(","))
     except ValueError:
         raise UsageError(f"simulate: {option} {text}: expected numbers, as 0.3,0.9") from None
+
+
+def quaternion(option: str, text: str) -> tuple[float, float, float, float]:
+    """Parse x, y, z, w of a rotation; raises UsageError."""
+    values = numbers(option, text)
+    if len(values) != 4 or not abs(math.hypot(*values) - 1) < 0.01:
+        raise UsageError(
+            f"simulate: {option} {text}: expected a unit quaternion X,Y,Z,W, as 0,0.7071,0,0.7071"
+        )
+    return values[0], values[1], values[2], values[3]
 
 
 def refuse_with_osc(

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import json
+import sys
+import threading
+import time
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -47,12 +52,6 @@ class Headset:
         w, x, y, z = pose / np.linalg.norm(pose)
         return t_s + 1e-3 * self.late_ms + self.ahead_s, np.array([x, y, z, w])
 
-    def poses(self, world: World, first: int = 0) -> Iterator[tuple[float, Array]]:
-        """Poses one after the other, without end."""
-        while True:
-            yield self.pose(world, first)
-            first += 1
-
     def _noise_angle_deg(self, rng: np.random.Generator) -> float:
         return self.noise_deg * float(np.linalg.norm(rng.standard_normal(3)))
 
@@ -67,3 +66,48 @@ class Headset:
 
 def _inverse(quaternion_wxyz: Array) -> Array:
     return quaternion_wxyz * [1, -1, -1, -1]
+
+
+def line(time_ns: int, pose_xyzw: Array) -> str:
+    """Give a pose as `lightprobe align` reads it."""
+    rotation = [float(f"{value:.9g}") for value in pose_xyzw]
+    return json.dumps({"time_ns": time_ns, "rotation_xyzw": rotation})
+
+
+class HeadsetLog(threading.Thread):
+    """Writes a headset's poses into a file as time goes on, as long as the block lasts."""
+
+    _PERIOD_S = 0.02
+
+    def __init__(self, path: Path, headset: Headset, world: World, start_ns: int) -> None:
+        """`start_ns`: when the world began, CLOCK_MONOTONIC; poses tell Unix time."""
+        super().__init__(name="headset", daemon=True)
+        self._path, self._headset, self._world = path, headset, world
+        self._unix_ns = start_ns + time.time_ns() - time.monotonic_ns()
+        self._ended = threading.Event()
+
+    def __enter__(self) -> Self:
+        """Start."""
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End, and close the file; who reads a pipe may have gone before."""
+        self._ended.set()
+        self.join(timeout=5)
+
+    def run(self) -> None:
+        """See :class:`HeadsetLog`."""
+        number = 0
+        try:
+            with open(self._path, "w", encoding="utf-8") as file:  # of a pipe: waits for its reader
+                while not self._ended.wait(self._PERIOD_S):
+                    now_s = 1e-9 * (time.time_ns() - self._unix_ns)
+                    while number / self._headset.rate_hz <= now_s:
+                        t_s, pose = self._headset.pose(self._world, number)
+                        file.write(line(self._unix_ns + round(1e9 * t_s), pose) + "\n")
+                        number += 1
+                    file.flush()
+        except OSError as error:
+            if not isinstance(error, BrokenPipeError):
+                print(f"simulate: {self._path}: write: {error.strerror}", file=sys.stderr)
