@@ -23,11 +23,11 @@ class Mount:
 
 def save(path: Path, mount: Mount, remark: str) -> Path | None:
     """Write a mount file, completely or not at all; gives where the former one was kept."""
-    numbers = " ".join(f"{value:.9f}" for value in mount.rotation.as_quat(canonical=True))
+    numbers = ", ".join(f"{value:.9f}" for value in mount.rotation.as_quat(canonical=True))
     return files.save(
         path,
         f"# {remark}\n"
-        "# Turns directions of the probe into those of the head: x y z w, +Y up, -Z forward.\n"
+        "# Turns directions of the probe into those of the head: x, y, z, w; +Y up, -Z forward.\n"
         f"[mount]\nrotation_xyzw = {numbers}\nsigma_deg = {mount.sigma_deg:.4g}\n",
     )
 
@@ -37,7 +37,7 @@ def load(path: Path) -> Mount:
     ini = configparser.ConfigParser(inline_comment_prefixes=("#", ";"))
     try:
         ini.read_string(path.read_text(encoding="utf-8"))
-        numbers = [float(word) for word in ini["mount"]["rotation_xyzw"].split()]
+        numbers = [float(word) for word in ini["mount"]["rotation_xyzw"].split(",")]
         sigma_deg = float(ini["mount"]["sigma_deg"])
     except OSError as error:
         raise AlignError(f"align: {path}: read: {error.strerror}: name a mount file") from None
@@ -45,7 +45,7 @@ def load(path: Path) -> Mount:
         numbers, sigma_deg = [], 0.0
     if len(numbers) != 4 or not abs(float(np.linalg.norm(numbers)) - 1) < 0.01 or sigma_deg <= 0:
         raise AlignError(
-            f"align: {path}: read: no mount file: expected [mount] with rotation_xyzw = x y z w "
+            f"align: {path}: read: no mount file: expected [mount] with rotation_xyzw = x, y, z, w "
             "and sigma_deg; `lightprobe align` writes one"
         )
     return Mount(Rotation.from_quat(numbers), sigma_deg)
