@@ -35,7 +35,7 @@ constexpr int kWidth = 120; /* columns of the fine level, about */
 constexpr float kLeastDetail = 0.01F;
 constexpr float kRobust = 0.15F; /* residuals of log luminance from here on count less */
 constexpr float kFirstRobust = 0.5F;
-constexpr double kCorrelated = 40.0; /* neighbours err alike: so many count as one */
+constexpr double kCorrelated = 20.0; /* neighbours err alike: so many count as one */
 constexpr int kIterations = 6;
 constexpr double kConverged = 2e-4; /* rad */
 /* Relative noise above which a pixel is not compared. */

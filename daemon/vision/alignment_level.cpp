@@ -74,7 +74,7 @@ void level::collect()
 		const float per_theta = static_cast<float>(height / M_PI) / 2.0F;
 		const float per_lambda = static_cast<float>(width / (2.0 * M_PI)) / (2.0F * st);
 
-		for (int x = 0; x < width; x++) {
+		for (int x = y % 2; x < width; x += 2) {
 			const int row = y * width, at = row + x;
 			const int left = row + (x ? x - 1 : width - 1);
 			const int right = row + (x + 1 < width ? x + 1 : 0);

@@ -57,13 +57,14 @@ struct level {
 
 	/* [1 2 1] in both directions, over what is known. */
 	void smooth(picture &p);
-	/* Slopes of the camera's picture: how its value changes with a rotation vector. */
+	/* Slopes of the camera's picture, at every other pixel: how its value changes with a
+	 * rotation vector. Smoothed neighbours err alike, so that all pixels tell no more. */
 	void collect();
 
 	/* Sum of the weights, if everything could be compared. */
 	double all() const
 	{
-		return 2.0 / M_PI * width * height;
+		return 1.0 / M_PI * width * height;
 	}
 };
 
