@@ -24,7 +24,8 @@ WITH_GPIOD ?= 1
 WITH_LIBCAMERA ?= 1
 WITH_OSC ?= 1
 WITH_WEBSOCKETS ?= 1
-WITH_OPTIONS := SYSTEMD SIM LIBUSB GPIOD LIBCAMERA OSC WEBSOCKETS
+WITH_IIO ?= 1
+WITH_OPTIONS := SYSTEMD SIM LIBUSB GPIOD LIBCAMERA OSC WEBSOCKETS IIO
 PACKAGE_SYSTEMD := libsystemd
 DEBIAN_SYSTEMD := libsystemd-dev
 PACKAGE_LIBUSB := libusb-1.0
@@ -36,6 +37,8 @@ DEBIAN_LIBCAMERA := libcamera-dev
 PACKAGE_OSC := libcurl jansson
 DEBIAN_OSC := libcurl4-openssl-dev libjansson-dev
 PACKAGE_WEBSOCKETS := libwebsockets openssl
+PACKAGE_IIO := libiio
+DEBIAN_IIO := libiio-dev
 DEBIAN_WEBSOCKETS := libwebsockets-dev libwebsockets-evlib-uv libssl-dev
 # Of libgpiod there are two, which have nothing in common: version 1 (Debian 12) and 2 (Debian 13).
 GPIOD_MAJOR := $(if $(filter 1,$(WITH_GPIOD)),$(firstword $(subst ., ,$(shell $(PKG_CONFIG) --modversion libgpiod 2>/dev/null))))
@@ -43,7 +46,8 @@ LP_EXCLUDE := $(if $(filter 0,$(WITH_GPIOD)),daemon/drivers/wheel/pca9685/%, \
 		daemon/drivers/wheel/pca9685/index_gpiod$(if $(filter 1,$(GPIOD_MAJOR)),2,1).c) \
 	$(if $(filter 0,$(WITH_LIBCAMERA)),daemon/drivers/source/libcamera/%) \
 	$(if $(filter 0,$(WITH_OSC)),daemon/drivers/source/osc/%) \
-	$(if $(filter 0,$(WITH_WEBSOCKETS)),daemon/drivers/publisher/websocket/%)
+	$(if $(filter 0,$(WITH_WEBSOCKETS)),daemon/drivers/publisher/websocket/%) \
+	$(if $(filter 0,$(WITH_IIO)),daemon/drivers/orientation/iio.c)
 LP_PACKAGES := libuv libturbojpeg inih $(foreach o,$(WITH_OPTIONS),$(if $(filter 1,$(WITH_$o)),$(PACKAGE_$o)))
 
 # What ships: a write beyond an array or a stack ends the program at once.

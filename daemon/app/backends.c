@@ -9,6 +9,7 @@
 #include "base/param.h"
 #include "base/uri.h"
 #include "include/backend.h"
+#include "include/orientation.h"
 #include "include/publisher.h"
 #include "include/ring.h"
 #include "include/rotator.h"
@@ -25,6 +26,7 @@ extern const struct lp_rotator_ops lp_rotator_pca9685_ops;
 extern const struct lp_rotator_ops lp_rotator_sim_ops;
 extern const struct lp_ring_ops lp_ring_mcu_ops;
 extern const struct lp_ring_ops lp_ring_sim_ops;
+extern const struct lp_orientation_ops lp_orientation_iio_ops;
 extern const struct lp_publisher_ops lp_publisher_tcp_ops;
 extern const struct lp_publisher_ops lp_publisher_unix_ops;
 extern const struct lp_publisher_ops lp_publisher_ws_ops;
@@ -53,6 +55,10 @@ static const struct lp_rotator_ops *const rotators[] = {
 static const struct lp_ring_ops *const rings[] = {
 	&lp_ring_mcu_ops,
 	&lp_ring_sim_ops,
+};
+
+static const struct lp_orientation_ops *const orientations[] = {
+	WITH_IIO ? &lp_orientation_iio_ops : LEFT_OUT(orientation, "iio", "WITH_IIO"),
 };
 
 static const struct lp_publisher_ops *const publishers[] = {
@@ -120,9 +126,11 @@ int lp_backend_find(const struct lp_backend_role *role, const struct lp_uri *uri
 ROLE(source, sources, "source", "Sources")
 ROLE(rotator, rotators, "rotator", "Wheels")
 ROLE(ring, rings, "ring", "Rings of light sensors")
+ROLE(orientation, orientations, "orientation", "Orientation sensors")
 ROLE(publisher, publishers, "publish", "Publishers")
 
-const struct lp_backend_role *const lp_backend_roles[] = {&source_role, &rotator_role, &ring_role,
+const struct lp_backend_role *const lp_backend_roles[] = {&source_role,	   &rotator_role,
+							  &ring_role,	   &orientation_role,
 							  &publisher_role, NULL};
 
 /* ---------------------------------------------------------------- help */
@@ -174,5 +182,5 @@ void lp_backends_version(FILE *out)
 		      WITH_LIBUSB);
 	(void)fprintf(out, "WITH_GPIOD=%d\nWITH_LIBCAMERA=%d\nWITH_OSC=%d\n", WITH_GPIOD,
 		      WITH_LIBCAMERA, WITH_OSC);
-	(void)fprintf(out, "WITH_WEBSOCKETS=%d\n", WITH_WEBSOCKETS);
+	(void)fprintf(out, "WITH_WEBSOCKETS=%d\nWITH_IIO=%d\n", WITH_WEBSOCKETS, WITH_IIO);
 }

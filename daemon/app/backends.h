@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The one registry of back ends: from a URI to a source, wheel, ring or publisher. */
+/* The one registry of back ends: from a URI to a source, wheel, ring, orientation sensor or
+ * publisher. */
 #ifndef LP_APP_BACKENDS_H
 #define LP_APP_BACKENDS_H
 
@@ -7,6 +8,8 @@
 #include <stdio.h>
 
 struct lp_backend;
+struct lp_orientation;
+struct lp_orientation_host;
 struct lp_publisher;
 struct lp_publisher_host;
 struct lp_ring;
@@ -26,6 +29,8 @@ int lp_source_open(const char *uri, const struct lp_source_host *host, struct lp
 int lp_rotator_open(const char *uri, const struct lp_rotator_host *host,
 		    struct lp_rotator **rotator);
 int lp_ring_open(const char *uri, const struct lp_ring_host *host, struct lp_ring **ring);
+int lp_orientation_open(const char *uri, const struct lp_orientation_host *host,
+			struct lp_orientation **orientation);
 int lp_publisher_open(const char *uri, const struct lp_publisher_host *host,
 		      struct lp_publisher **publisher);
 

@@ -25,6 +25,7 @@
 #include "base/loop.h"
 #include "base/text.h"
 #include "include/frame.h"
+#include "include/orientation.h"
 #include "include/source.h"
 #include "vision/camera_file.h"
 
@@ -48,7 +49,8 @@ struct lp_daemon {
 	struct lp_source_caps caps;
 	struct lp_instruments *instruments;
 	struct lp_orientation_teller orientation;
-	char name[64]; /* of the probe */
+	struct lp_orientation *sensor; /* of orientation; NULL: none */
+	char name[64];		       /* of the probe */
 	struct lp_publisher *publishers[LP_MAX_PUBLISHERS];
 	int publisher_count;
 	struct lp_health health;
@@ -379,16 +381,37 @@ static void on_client_left(void *context, const void *client)
 	lp_orientation_client_left(&daemon->orientation, client);
 }
 
+static void on_orientation_sample(void *context, const struct lp_orientation_sample *sample)
+{
+	struct lp_daemon *daemon = context;
+
+	lp_orientation_sensed(&daemon->orientation, sample);
+}
+
+static void on_orientation_fault(void *context, const char *id, const char *text)
+{
+	struct lp_daemon *daemon = context;
+
+	lp_health_fault(&daemon->health, id, text);
+}
+
 static int create_orientation(struct lp_daemon *daemon)
 {
 	const struct lp_pipeline_options pipeline = lp_options_pipeline(daemon->options);
+	const struct lp_orientation_host host = {.context = daemon,
+						 .loop = daemon->loop,
+						 .sample = on_orientation_sample,
+						 .fault = on_orientation_fault};
 	struct lp_mount mount;
 	const int ret = lp_mount_read(daemon->options->mount, &mount);
 
-	if (ret == 0)
-		lp_orientation_init(&daemon->orientation, pipeline.orientation, &mount,
-				    &daemon->health);
-	return ret;
+	if (ret < 0)
+		return ret;
+	lp_orientation_init(&daemon->orientation, pipeline.orientation, &mount, &daemon->health);
+	return pipeline.orientation == LP_ORIENTATION_SENSOR
+		       ? lp_orientation_open(daemon->options->orientation.uri, &host,
+					     &daemon->sensor)
+		       : 0;
 }
 
 static int create_hub(struct lp_daemon *daemon)
@@ -527,6 +550,8 @@ static void destroy_all(struct lp_daemon *daemon)
 {
 	lp_timer_stop(&daemon->tick);
 	lp_watch_stop(&daemon->results);
+	if (daemon->sensor)
+		daemon->sensor->ops->destroy(daemon->sensor);
 	lp_instruments_destroy(daemon->instruments);
 	lp_worker_destroy(daemon->worker);
 	for (int i = 0; i < daemon->publisher_count; i++)
@@ -557,6 +582,8 @@ static int start_all(struct lp_daemon *daemon)
 	}
 	for (int i = 0; i < daemon->publisher_count && ret == 0; i++)
 		ret = daemon->publishers[i]->ops->start(daemon->publishers[i]);
+	if (ret == 0 && daemon->sensor)
+		ret = daemon->sensor->ops->start(daemon->sensor);
 	if (ret == 0)
 		ret = lp_instruments_start(daemon->instruments);
 	return ret == 0 ? daemon->source->ops->start(daemon->source) : ret;

@@ -8,9 +8,10 @@
 
 #include "base/ini.h"
 #include "base/param.h"
+#include "base/text.h"
 
 /* As enum lp_orientation_kind. */
-static const char *const orientations[] = {"none", "visual", "sim", "client", NULL};
+static const char *const orientations[] = {"none", "visual", "sim", "client", "sensor"};
 static const char *const presets[] = {"fast", "balanced", "accurate", "reference", NULL};
 static const char *const log_levels[] = {"error", "warning", "info", "debug", NULL};
 
@@ -92,6 +93,26 @@ static int parse_refine_cells(const char *text, void *field)
 }
 
 /* NAME, or NAME:NUMBER where the detector has one. */
+static int parse_orientation(const char *text, void *field)
+{
+	struct lp_orientation_choice *choice = field;
+
+	if (strchr(text, ':')) {
+		if (strlen(text) >= sizeof(choice->uri))
+			return -EINVAL;
+		choice->kind = LP_ORIENTATION_SENSOR;
+		lp_text_copy(choice->uri, sizeof(choice->uri), text);
+		return 0;
+	}
+	for (int k = 0; k < LP_ORIENTATION_SENSOR; k++) {
+		if (strcmp(text, orientations[k]) == 0) {
+			choice->kind = (enum lp_orientation_kind)k;
+			return 0;
+		}
+	}
+	return -EINVAL;
+}
+
 static int parse_detector(const char *text, void *field)
 {
 	static const struct {
@@ -174,14 +195,17 @@ static const struct lp_param config_list[] = {
 	 .max = LP_MAX_SH_ORDER, .help = "highest order of spherical harmonics offered"},
 	{"lights", LP_PARAM_INT, offsetof(struct lp_options, lights), .initial = "8",
 	 .max = LP_MAX_LIGHTS, .help = "maximum number of lights to find"},
-	{"orientation", LP_PARAM_CHOICE, offsetof(struct lp_options, orientation),
-	 .initial = "visual", .choices = orientations,
+	{"orientation", LP_PARAM_OWN, offsetof(struct lp_options, orientation), .initial = "visual",
+	 .parse = parse_orientation, .expects = "visual|none|client|sim|URI of a sensor",
 	 .help = "how it is known where the camera looks. visual: by its own frames; none: it "
 		 "never\n"
 		 "turns; client: an app sends its head poses besides; sim: the simulator's frames\n"
-		 "carry it besides. With --once the pictures are of one place: none"},
+		 "carry it besides; iio:NAME: a gyroscope besides. With --once the pictures are "
+		 "of\n"
+		 "one place: none"},
 	{"mount", LP_PARAM_TEXT, offsetof(struct lp_options, mount), .initial = "", .max = 1024,
-	 .help = "file with the rotation from the probe to the head whose poses a client sends;\n"
+	 .help = "file with the rotation from the probe to the head whose poses a client sends,\n"
+		 "or to the sensor;\n"
 		 "default: both look the same way"},
 	{"smoothing-ms", LP_PARAM_FLOAT, offsetof(struct lp_options, smoothing_ms),
 	 .initial = "200", .max = 60000, .help = "time constant of the smoothed estimate; 0: none"},
@@ -403,8 +427,7 @@ struct lp_pipeline_options lp_options_pipeline(const struct lp_options *options)
 		.max_lights = options->lights,
 		.sh_order = options->sh_order,
 		.brackets = options->brackets,
-		.orientation = options->once ? LP_ORIENTATION_NONE
-					     : (enum lp_orientation_kind)options->orientation,
+		.orientation = options->once ? LP_ORIENTATION_NONE : options->orientation.kind,
 		.smoothing_ms = options->smoothing_ms,
 		.ttl_ms = options->ttl_ms,
 	};

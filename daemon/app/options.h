@@ -20,6 +20,12 @@ struct lp_uri_texts {
 	char texts[LP_MAX_PUBLISHERS][LP_URI_MAX_BYTES];
 };
 
+/* --orientation */
+struct lp_orientation_choice {
+	enum lp_orientation_kind kind;
+	char uri[LP_URI_MAX_BYTES]; /* of the sensor */
+};
+
 struct lp_options {
 	char source[LP_URI_MAX_BYTES];
 	struct lp_uri_texts publish;
@@ -31,7 +37,7 @@ struct lp_options {
 	struct lp_governor_goals goals;
 	struct lp_detector_options detector;
 	int sh_order, lights;
-	int orientation;  /* enum lp_orientation_kind */
+	struct lp_orientation_choice orientation;
 	char mount[1024]; /* file; "": identity */
 	float smoothing_ms, ttl_ms;
 	int brackets;			/* most exposures of a bracket; 0: exposure is left alone */

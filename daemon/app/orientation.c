@@ -16,6 +16,13 @@
 /* Who tells nothing for so long makes room for another. */
 #define SILENCE_NS LP_NS_PER_S
 #define MOST_NOT_UNIT 0.02
+#define NO_POSE                                                                                   \
+	"orientation: receive: no client has sent a pose for a second — does the app send its " \
+	"head pose?"
+#define NO_SAMPLE                                                                                  \
+	"orientation: receive: the sensor has told nothing for a second — is it connected? The " \
+	"log "                                                                                     \
+	"says what was tried"
 
 /* ---------------------------------------------------------------- the mount */
 
@@ -138,6 +145,13 @@ static int64_t middle_ns(const struct lp_frame *frame)
 	return frame->t_start_ns + (int64_t)(500.0 * (exposure_us + rows_us));
 }
 
+void lp_orientation_sensed(struct lp_orientation_teller *teller,
+			   const struct lp_orientation_sample *sample)
+{
+	if (lp_orientation_track_add(&teller->track, sample) == 0)
+		teller->t_sample_ns = lp_clock_ns();
+}
+
 static void stamp(struct lp_frame *frame, const struct lp_rotation *rotation, double sigma_rad)
 {
 	double quaternion[4];
@@ -153,7 +167,7 @@ void lp_orientation_frame(struct lp_orientation_teller *teller, struct lp_frame 
 	const int64_t t_ns = middle_ns(frame);
 	struct lp_track_reading reading;
 
-	if (teller->kind != LP_ORIENTATION_CLIENT)
+	if (teller->kind < LP_ORIENTATION_CLIENT)
 		return; /* what the frame itself carries stays */
 	for (int i = 0; i < 4; i++)
 		frame->orientation[i] = NAN;
@@ -162,7 +176,11 @@ void lp_orientation_frame(struct lp_orientation_teller *teller, struct lp_frame 
 		const struct lp_rotation rotation =
 			lp_rotation_product(&reading.rotation, &teller->mount.rotation);
 
-		stamp(frame, &rotation, hypot(sqrt(reading.variance), teller->mount.sigma_rad));
+		/* Rates that were added up since the frame before make this one less certain. */
+		const double variance = reading.variance + fmax(reading.walk - teller->walk, 0.0);
+
+		stamp(frame, &rotation, hypot(sqrt(variance), teller->mount.sigma_rad));
+		teller->walk = reading.walk;
 		teller->t_stamped_ns = lp_clock_ns();
 	} else if (teller->track.count) {
 		const uint64_t newest = (teller->track.count - 1) % LP_TRACK_POINTS;
@@ -202,7 +220,7 @@ void lp_orientation_tick(struct lp_orientation_teller *teller, int64_t now_ns)
 {
 	char text[160];
 
-	if (teller->kind != LP_ORIENTATION_CLIENT)
+	if (teller->kind < LP_ORIENTATION_CLIENT)
 		return;
 	const bool silent = is_silent(teller, now_ns) && now_ns - teller->t_start_ns > SILENCE_NS;
 	const bool late = !silent && teller->t_unstamped_ns &&
@@ -210,9 +228,7 @@ void lp_orientation_tick(struct lp_orientation_teller *teller, int64_t now_ns)
 			  now_ns - teller->t_unstamped_ns < SILENCE_NS;
 
 	set_fault(teller, &teller->silent, "orientation-silent",
-		  silent ? "orientation: receive: no client has sent a pose for a second — does "
-			   "the app send its head pose?"
-			 : NULL);
+		  silent ? (teller->kind == LP_ORIENTATION_CLIENT ? NO_POSE : NO_SAMPLE) : NULL);
 	(void)snprintf(text, sizeof(text),
 		       "orientation: receive: poses come %.0f ms after the frames that they are "
 		       "for, at most 50 ms are predicted — send them sooner",

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * What tells the orientation besides the camera's frames: the head poses of one client. They are
+ * What tells the orientation besides the camera's frames: the head poses of one client, or a
+ * sensor. They are
  * kept for a moment, and each frame is stamped with how the probe was turned in the middle of its
  * exposure. What is told wrongly shows in the pictures, and is found out there (light/witness.h).
  * Loop thread.
@@ -37,6 +38,7 @@ struct lp_orientation_teller {
 	int64_t t_stamped_ns;	/* when a frame was stamped last; 0: not since somebody tells */
 	int64_t t_unstamped_ns; /* when one could not be, for the newest sample was too old */
 	double behind_ms;	/* by so much, then */
+	double walk;		/* of the last frame that was stamped (light/orientation_track.h) */
 	int64_t t_start_ns;
 	bool silent, late, contradicted; /* faults that are told */
 };
@@ -52,6 +54,10 @@ void lp_orientation_init(struct lp_orientation_teller *teller, enum lp_orientati
  */
 int lp_orientation_pose(struct lp_orientation_teller *teller, const void *client,
 			const struct lp_orientation_sample *sample);
+
+/* What a sensor has told; a sample that makes no sense is left out. */
+void lp_orientation_sensed(struct lp_orientation_teller *teller,
+			   const struct lp_orientation_sample *sample);
 
 /* A client has left. */
 void lp_orientation_client_left(struct lp_orientation_teller *teller, const void *client);

@@ -373,7 +373,7 @@ static void turn_to_camera(const struct lp_imager *imager, struct lp_light_estim
 }
 
 /* How the camera was turned: as it was told, where that agrees with the pictures; else, where
- * nothing tells it, as they show it since the first one. */
+ * nothing tells it, as they show it since the first one. A gyroscope tells turns, but no world. */
 static struct lp_estimate_orientation orientation_of(const struct lp_pipeline *p,
 						     const float told[4], float told_sigma_deg)
 {
@@ -383,11 +383,12 @@ static struct lp_estimate_orientation orientation_of(const struct lp_pipeline *p
 
 	lp_imager_status(p->imager, &status);
 	o.left_out = status.orientation_left_out;
-	if (p->options.orientation > LP_ORIENTATION_VISUAL) {
+	if (p->options.orientation == LP_ORIENTATION_SIM ||
+	    p->options.orientation == LP_ORIENTATION_CLIENT) {
 		o.known = o.world = status.orientation_told && !o.left_out;
 		memcpy(o.xyzw, told, sizeof(o.xyzw));
 		o.sigma_deg = told_sigma_deg;
-	} else if (p->options.orientation == LP_ORIENTATION_VISUAL) {
+	} else if (p->options.orientation != LP_ORIENTATION_NONE) {
 		const struct lp_rotation turned =
 			lp_rotation_product(&p->origin, lp_imager_rotation(p->imager));
 

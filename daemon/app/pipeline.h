@@ -30,6 +30,7 @@ enum lp_orientation_kind {
 	LP_ORIENTATION_VISUAL, /* from its own frames */
 	LP_ORIENTATION_SIM,    /* besides, frames of the simulator carry it */
 	LP_ORIENTATION_CLIENT, /* besides, a client's poses tell it: frames are stamped */
+	LP_ORIENTATION_SENSOR, /* besides, a gyroscope tells turns: frames are stamped */
 };
 
 struct lp_pipeline_options {

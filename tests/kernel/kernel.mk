@@ -3,9 +3,10 @@
 
 UVC_CAMERA := $(BUILD)/kernel/bin/uvc_camera
 UVC_CAMERA_OBJECTS := $(patsubst %.c,$(BUILD)/kernel/obj/%.o,$(notdir $(wildcard tests/kernel/uvc_camera/*.c)))
+GYRO_SAMPLES := $(BUILD)/kernel/bin/gyro_samples
 KERNEL_PICTURES := $(BUILD)/kernel/pictures
 GROUP ?=
-C_SOURCES += $(wildcard tests/kernel/uvc_camera/*.[ch])
+C_SOURCES += $(wildcard tests/kernel/*.c tests/kernel/uvc_camera/*.[ch])
 
 .PHONY: test-kernel kernel-coverage kernel-shell kernel-list kernel-setup
 test-kernel: kernel-setup ## run the tests on Debian's kernel in QEMU; GROUP=uvc for one group, make kernel-list lists them
@@ -21,7 +22,7 @@ kernel-shell: kernel-setup ## open a shell in the guest of the kernel tests, wit
 kernel-list:
 	@$(PYTHON) tests/kernel/run.py --list
 
-kernel-setup: $(call apt,kernel) build $(UVC_CAMERA) $(KERNEL_PICTURES)/truth.json
+kernel-setup: $(call apt,kernel) build $(UVC_CAMERA) $(GYRO_SAMPLES) $(KERNEL_PICTURES)/truth.json
 	@$(MAKE) -j$(JOBS) firmware-host
 	@$(MAKE) gpiod2
 	@$(PYTHON) tests/kernel/kernel_package.py
@@ -41,6 +42,11 @@ $(KERNEL_PICTURES)/truth.json: tests/kernel/make_pictures.py $(wildcard host_py/
 $(UVC_CAMERA): $(UVC_CAMERA_OBJECTS)
 	@mkdir -p $(@D)
 	gcc -o $@ $^ -lturbojpeg -lpthread -lm
+
+# The daemon's driver of gyroscopes alone.
+$(GYRO_SAMPLES): $(OUT)/tests/kernel/gyro_samples.c.o $(DAEMON_LIBS)
+	@mkdir -p $(@D)
+	@$(CC) $(LP_LDFLAGS) -o $@ $^ $(LP_LDLIBS)
 
 $(BUILD)/kernel/obj/%.o: tests/kernel/uvc_camera/%.c | $(call apt,build)
 	@mkdir -p $(@D)

@@ -65,6 +65,7 @@ GROUPS = {
         ),
     ),
     "gpio": Group("GPIO: gpio-sim through libgpiod"),
+    "imu": Group("a gyroscope: UHID, the kernel's HID sensor driver, IIO"),
     "i2c": Group("I2C: raw transfers to register files"),
     "tty": Group(
         "serial lines: CDC-ACM gadget with unplug, two FTDI adapters",

@@ -13,6 +13,7 @@
 #include "base/uri.h"
 #include "include/backend.h"
 #include "include/connections.h"
+#include "include/orientation.h"
 #include "include/publisher.h"
 #include "include/ring.h"
 #include "include/rotator.h"
@@ -126,6 +127,22 @@ static int try_ring(const char *uri)
 	return ret;
 }
 
+static int try_orientation(const char *uri)
+{
+	const struct lp_orientation_host host = {.loop = loop};
+	struct lp_orientation *sensor;
+	const int ret = lp_orientation_open(uri, &host, &sensor);
+
+	if (ret == 0) {
+		assert_non_null(sensor->ops->start);
+		const struct lp_orientation_ops *ops = sensor->ops;
+
+		ops->destroy(sensor);
+		ops->destroy(NULL);
+	}
+	return ret;
+}
+
 static int try_publisher(const char *uri)
 {
 	const struct lp_publisher_host host = {.loop = loop, .max_clients = 8};
@@ -144,7 +161,8 @@ static int try_publisher(const char *uri)
 }
 
 /* In the order of lp_backend_roles. */
-static int (*const try[])(const char *uri) = {try_source, try_rotator, try_ring, try_publisher};
+static int (*const try[])(const char *uri) = {try_source, try_rotator, try_ring, try_orientation,
+					      try_publisher};
 
 /* ---------------------------------------------------------------- a pair for wss: */
 
@@ -228,6 +246,7 @@ static const char *example_of(const char *form)
 		{"CARRIER:DEVICE", "serial:/nowhere"},
 		{"I2C-DEVICE", "/nowhere"},
 		{"HOST:PORT", "127.0.0.1:0"},
+		{"[NAME]", "gyro_3d"},
 		{"HOST[:PORT]", "192.0.2.1:8080"},
 	};
 
@@ -318,7 +337,7 @@ static void test_the_help_is_what_create_reads(void **state)
 				check_unknown_key(k, info, uri);
 		}
 	}
-	assert_int_equal(count, 16);
+	assert_int_equal(count, 17);
 	assert_null(connections.first);
 }
 

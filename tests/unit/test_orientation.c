@@ -445,6 +445,83 @@ static void test_a_contradiction_is_told(void **state)
 	assert_false(has_fault("orientation-contradicts"));
 }
 
+/* ---------------------------------------------------------------- a sensor */
+
+static int setup_sensor(void **state)
+{
+	(void)state;
+	return setup_kind(LP_ORIENTATION_SENSOR);
+}
+
+/* 30 degrees a second about Y, 100 times a second, with a sigma of 0.1 degrees a second. */
+static void sense_for_ms(int ms)
+{
+	for (int t = 0; t < ms; t += 10) {
+		const struct lp_orientation_sample sample = {.kind = LP_TURN_RATE,
+							     .t_ns = lp_clock_ns(),
+							     .rate_rad_s = {0, 30.0 * DEG, 0},
+							     .sigma = 0.1 * DEG};
+
+		lp_orientation_sensed(&teller, &sample);
+		lp_orientation_tick(&teller, lp_clock_ns());
+		pass_ms(10);
+	}
+}
+
+static struct lp_frame frame_of(int age_ms)
+{
+	struct lp_frame frame = {.t_start_ns = lp_clock_ns() - age_ms * LP_NS_PER_MS,
+				 .exposure_us = NAN,
+				 .row_time_us = NAN};
+
+	lp_orientation_frame(&teller, &frame);
+	return frame;
+}
+
+/* Rates are added up; each frame is as uncertain as the turn since the one before. */
+static void test_a_gyroscope_stamps_frames(void **state)
+{
+	(void)state;
+	assert_true(isnan(frame_of(0).orientation[3]));
+	sense_for_ms(500);
+	const double before_deg = stamped_yaw_deg(20);
+
+	sense_for_ms(1000);
+	assert_float_equal(stamped_yaw_deg(20) - before_deg, 30.0, 0.05);
+	sense_for_ms(100);
+	const float soon_deg = frame_of(20).orientation_sigma_deg;
+
+	sense_for_ms(1000);
+	const float late_deg = frame_of(20).orientation_sigma_deg;
+
+	assert_float_equal(soon_deg, 0.1 * 0.01 * sqrt(10), 0.001);
+	assert_float_equal(late_deg, 0.1 * 0.01 * sqrt(100), 0.003);
+	assert_int_equal(health.report.fault_count, 0);
+	assert_int_equal(send_pose(&clients[0], 1.0, 4), 0); /* nobody wants poses now */
+	assert_contains(last_error(&clients[0]), "--orientation=client");
+}
+
+static void test_a_sensor_that_falls_silent_is_told(void **state)
+{
+	const struct lp_orientation_sample bad = {.kind = LP_TURN_RATE,
+						  .rate_rad_s = {NAN, 0, 0},
+						  .sigma = 1};
+
+	(void)state;
+	sense_for_ms(300);
+	assert_false(has_fault("orientation-silent"));
+	for (int t = 0; t < 12; t++) {
+		lp_orientation_sensed(&teller, &bad);
+		pass_ms(100);
+	}
+	assert_true(isnan(frame_of(20).orientation[3]));
+	lp_orientation_tick(&teller, lp_clock_ns());
+	assert_true(has_fault("orientation-silent"));
+	sense_for_ms(200);
+	assert_false(has_fault("orientation-silent"));
+	assert_false(isnan(frame_of(20).orientation[3]));
+}
+
 /* ---------------------------------------------------------------- the mount */
 
 static int read_mount(const char *text, struct lp_mount *mount)
@@ -497,6 +574,10 @@ int main(void)
 		TEST(test_poses_that_nobody_wants),
 		TEST(test_a_contradiction_is_told),
 		TEST(test_mount_files),
+		cmocka_unit_test_setup_teardown(test_a_gyroscope_stamps_frames, setup_sensor,
+						teardown),
+		cmocka_unit_test_setup_teardown(test_a_sensor_that_falls_silent_is_told,
+						setup_sensor, teardown),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
