@@ -1,5 +1,6 @@
 """`lightprobe align`: the command, on a simulated headset that carries the probe."""
 
+import asyncio
 import json
 import os
 import subprocess
@@ -9,11 +10,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from harness import LONG_S
+from harness import LONG_S, Daemon, jpeg
 from lightprobe.align import mount
+from lightprobe.server import ProbeServer
 from lightprobe.sim.headset import Headset, line
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.world import Behaviour, World
+from lightprobe_proto import lightprobe_pb2 as pb
 from scipy.spatial.transform import Rotation
 
 LIGHTPROBE = Path(sys.executable).parent / "lightprobe"
@@ -111,6 +114,52 @@ def test_no_motion_one_axis_and_files_that_are_not_there(files, tmp_path):
     live = align("poses", files[0], "tcp:127.0.0.1:1")
     assert live.returncode == 2
     assert "lightprobe record" in live.stderr
+
+
+def estimates(world):
+    """Estimates of a probe on the head, for 15 seconds."""
+    for number in range(450):
+        t_s, (x, y, z, w) = Headset(rate_hz=30, seed=5).pose(world, number)
+        estimate = pb.Estimate(ttl_ms=5000, exposure_count=1, orientation=[x, y, z, w])
+        estimate.capture_time_unix_ns = round(1e9 * t_s) + 1
+        estimate.sh.kind, estimate.sh.order = pb.SphericalHarmonics.AMBIENT, 0
+        estimate.sh.coefficients[:] = [1, 1, 1]
+        yield estimate
+
+
+def test_live_poses_from_an_app_and_orientations_from_a_probe(files, tmp_path):
+    """Both come while the command runs; it ends when the app closes its pipe."""
+    told = list(estimates(World([random_scene(1)], LOOKING_AROUND)))
+
+    async def look_around():
+        server = ProbeServer("head", "test")
+        async with server.listening("tcp:127.0.0.1:0") as address:
+            process = await asyncio.create_subprocess_exec(
+                LIGHTPROBE, "align", "poses", "-", address, "--seconds", "600", "--json",
+                stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            )  # fmt: skip
+            process.stdin.write(files[0].read_bytes())
+            await process.stdin.drain()
+            while not server._clients:
+                await asyncio.sleep(0.05)
+            for estimate in told:  # faster than real time: the stamps count
+                server.publish(estimate)
+                await asyncio.sleep(0.015)
+            process.stdin.close()
+            return *await process.communicate(), process.returncode
+
+    out, said, status = asyncio.run(look_around())
+    assert status == 0, said
+    assert off_deg(Rotation.from_quat(json.loads(out)["rotation_xyzw"])) < 0.3
+
+
+def test_a_probe_that_does_not_tell_how_it_is_turned(tmp_path):
+    (tmp_path / "a.jpg").write_bytes(jpeg())
+    with Daemon(f"--source=file:{tmp_path}/a.jpg?rate=30", "--orientation=none") as daemon:
+        uri = f"unix:{daemon.socket}"
+        done = align("poses", "-", uri, "--seconds", 5, stdin=subprocess.DEVNULL)
+    assert done.returncode == 1
+    assert "--orientation=visual" in done.stderr
 
 
 def test_lamps(tmp_path):

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import threading
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
@@ -139,6 +140,15 @@ def live(uri: str, seconds: float) -> tuple[Track, Track]:
     return poses.track("stdin", list(reader.samples)), poses.track(uri, orientations)
 
 
+def _lines(descriptor: int) -> Iterator[str]:
+    """Lines without a lock: the program ends while a thread waits for one."""
+    rest = b""
+    while data := os.read(descriptor, 1 << 16):
+        *whole, rest = (rest + data).split(b"\n")
+        yield from (line.decode(errors="replace") for line in whole)
+    yield rest.decode(errors="replace")
+
+
 class _Reader(threading.Thread):
     """Reads poses from stdin; a thread of its own, as nothing else can wait for both."""
 
@@ -150,7 +160,7 @@ class _Reader(threading.Thread):
 
     def run(self) -> None:
         try:
-            for sample in poses.samples_of_lines("stdin", sys.stdin):
+            for sample in poses.samples_of_lines("stdin", _lines(sys.stdin.fileno())):
                 self.samples.append(sample)
         except AlignError as error:
             self.error = error
