@@ -5,7 +5,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from lightprobe.cli.main import Calibrate, Root
+from lightprobe.cli.main import Align, Calibrate, Root
 
 ROOT = Path(__file__).resolve().parents[2]
 TRACKED = subprocess.run(
@@ -126,6 +126,8 @@ def test_commands_of_lightprobe_exist():
                 wrong.append((name, words[0]))
             elif words[0] == "calibrate" and len(words) > 1 and words[1].isalpha():
                 wrong += [(name, f"calibrate {words[1]}")] * (words[1] not in Calibrate.entries)
+            elif words[0] == "align" and len(words) > 1 and words[1].isalpha():
+                wrong += [(name, f"align {words[1]}")] * (words[1] not in Align.entries)
     assert wrong == []
     assert found > 30
 
