@@ -11,7 +11,7 @@ from lightprobe import cli
 from lightprobe.cli import main
 
 SLOW = ("numpy", "google.protobuf", "cv2", "rich", "matplotlib", "asyncio")
-ENTRIES = {**main.Root.entries, **main.Calibrate.entries}
+ENTRIES = {**main.Root.entries, **main.Align.entries, **main.Calibrate.entries}
 
 
 @pytest.mark.parametrize("words", [["--help"], ["--version"], ["calibrate", "--help"]])

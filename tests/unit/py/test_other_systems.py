@@ -51,7 +51,12 @@ def test_the_client_is_imported_and_speaks_tcp() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", [*main.Root.entries, *(f"calibrate {n}" for n in main.Calibrate.entries)]
+    "name",
+    [
+        *main.Root.entries,
+        *(f"align {n}" for n in main.Align.entries),
+        *(f"calibrate {n}" for n in main.Calibrate.entries),
+    ],
 )
 def test_every_command_has_its_help(name: str) -> None:
     done = command(*name.split(), "--help")
