@@ -245,7 +245,7 @@ class Hello:
     preset: str
     name: str = ""  # of the probe; "": it speaks a protocol older than 1.2
     insecure_lan: bool = False  # anyone on the network can read it, unencrypted
-    orientation: str = ""  # what tells it: none, visual, sim, client; "": older than 1.3
+    orientation: str = ""  # what tells it: none, visual, sim, client, sensor; "": older than 1.3
 
 
 @dataclass(frozen=True)
