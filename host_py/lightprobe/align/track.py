@@ -16,6 +16,8 @@ from lightprobe.geometry import Array
 #: Between samples further apart than this nothing is interpolated.
 LONGEST_GAP_S = 0.25
 _NOT_UNIT = 0.01
+#: Samples that are not further apart are the same: clocks are mapped to each other so exactly.
+_SAME_S = 1e-6
 
 
 class AlignError(LightprobeError):
@@ -69,7 +71,7 @@ class Track:
 
 
 def make(name: str, time_ns: Sequence[int], rotation_xyzw: ArrayLike) -> Track:
-    """Check samples and make a track of them; equal times in a row count once.
+    """Check samples and make a track of them; samples of the same moment count once.
 
     N times of one clock, quaternions (N, 4) of unit length; raises :class:`AlignError`.
     """
@@ -91,11 +93,11 @@ def make(name: str, time_ns: Sequence[int], rotation_xyzw: ArrayLike) -> Track:
         )
     since = np.asarray([time - time_ns[0] for time in time_ns], dtype=np.float64) * 1e-9
     steps_s = np.diff(since)
-    if (steps_s < 0).any():
-        at = int(np.argmax(steps_s < 0))
+    if (back := steps_s < -_SAME_S).any():
+        at = int(np.argmax(back))
         raise AlignError(
             f"align: {name}: the time goes back by {-steps_s[at]:.3g} s after pose {at + 1}: "
             "give the poses of one session, stamped by a clock that is never set"
         )
-    new = np.concatenate([[True], steps_s > 0])
+    new = np.concatenate([[True], since[1:] > np.maximum.accumulate(since)[:-1] + _SAME_S])
     return Track(name, int(time_ns[0]), since[new], Rotation.from_quat(quaternions[new]))

@@ -28,6 +28,7 @@ from lightprobe.wire import Subscription, decode
 
 _FILES = (".mcap", ".jsonl", ".csv")
 _PATIENCE_S = 10.0
+_NOT_TOLD = EstimateFlag.MOTION | EstimateFlag.STALE
 _NO_ORIENTATION = (
     "the probe does not tell how it is turned: start lightprobed with --orientation=visual, and "
     "let the camera stream"
@@ -104,11 +105,11 @@ def probe_track(path: Path) -> Track:
 
 
 def samples_of(estimates: Iterable[Estimate]) -> list[Sample]:
-    """Orientations that are known, without those that the frames did not tell."""
+    """Orientations that are known, without those that are repeated or the frames did not tell."""
     return [
         (one.capture_time_unix_ns, one.orientation.tolist())
         for one in estimates
-        if one.orientation is not None and not one.flags & EstimateFlag.MOTION
+        if one.orientation is not None and not one.flags & _NOT_TOLD
     ]
 
 
