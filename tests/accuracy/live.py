@@ -20,13 +20,15 @@ import matplotlib.pyplot as plt
 import numpy as np
 import recording
 from judge import Coverage, Figures, Light, Packet, judge
+from lightprobe import geometry
 from lightprobe.errors import LightprobeError
 from lightprobe.sim.flicker import Flicker
 from lightprobe.sim.room import Room
 from lightprobe.sim.scene import Scene
-from lightprobe.sim.world import Behaviour
+from lightprobe.sim.world import Behaviour, World
 from recording import (
     EXPOSURES,
+    ORIENTATIONS,
     SETTLE_S,
     SUBSCRIPTIONS,
     Run,
@@ -97,6 +99,32 @@ class Live:
     exposures: str
     subscription: str
     figures: Figures
+    orientation: str = "visual"
+    in_world: float | None = None  # share of the packets; None: nobody asked for it
+    off_deg: float | None = None  # of what they state as their orientation, 95 % of them
+    sigma_deg: float | None = None  # that they state, median
+
+
+def told(some: Sequence[Packet], world: World) -> dict[str, float | None]:
+    """Judge what packets in the world of what tells the orientation state of it."""
+    inside = [packet for packet in some if packet.estimate.frame == "WORLD"]
+    off_deg = [_off_deg(packet, world) for packet in inside]
+    sigmas = [packet.estimate.orientation_sigma_deg for packet in inside]
+    return {
+        "in_world": len(inside) / max(len(some), 1),
+        "off_deg": float(np.quantile(off_deg, 0.95)) if inside else None,
+        "sigma_deg": float(np.median(np.array(sigmas, float))) if inside else None,
+    }
+
+
+def _off_deg(packet: Packet, world: World) -> float:
+    xyzw = packet.estimate.orientation
+    assert xyzw is not None
+    stated = geometry.rotation_matrix(np.roll(xyzw, 1))
+    true = geometry.rotation_matrix(
+        geometry.quaternion([0, 1, 0], world.at(packet.captured_s).yaw_deg)
+    )
+    return float(np.degrees(np.arccos(np.clip((np.trace(stated.T @ true) - 1) / 2, -1, 1))))
 
 
 def judged(case: Case) -> list[Live]:
@@ -110,8 +138,17 @@ def judged(case: Case) -> list[Live]:
     def light_at(packet: Packet) -> Light:
         return light(packet.captured_s if run.behaviour.walk_m else 0.0)
 
+    asked = ORIENTATIONS[run.orientation].wants_world
     return [
-        Live(run.scene.name, case.motion, run.exposures, name, judge(light_at, some, run.judged_s))
+        Live(
+            run.scene.name,
+            case.motion,
+            run.exposures,
+            name,
+            judge(light_at, some, run.judged_s),
+            run.orientation,
+            **(told(some, recorded.world) if asked else {}),
+        )
         for name, some in recorded.packets.items()
     ]
 
@@ -181,20 +218,24 @@ COVERAGE_HEAD = [
 def _groups(found: Sequence[Live]) -> list[tuple[list[str], list[Figures]]]:
     """First cells of a row, and the figures of all scenes for it."""
     groups = []
-    for exposures, name, motion in product(EXPOSURES, SUBSCRIPTIONS, (*MOTIONS, *TROUBLES)):
-        key = (exposures, name, motion)
+    motions = product((*MOTIONS, *TROUBLES), ORIENTATIONS)
+    for exposures, name, (motion, teller) in product(EXPOSURES, SUBSCRIPTIONS, list(motions)):
+        key = (exposures, name, motion, teller)
         some = [
-            one.figures for one in found if (one.exposures, one.subscription, one.motion) == key
+            one.figures
+            for one in found
+            if (one.exposures, one.subscription, one.motion, one.orientation) == key
         ]
         if some:
-            groups.append(([exposures, name, _words(motion)], some))
+            groups.append(([exposures, name, _words(motion, teller)], some))
     return groups
 
 
-def _words(motion: str) -> str:
-    if motion in TROUBLES:
-        return TROUBLES[motion][0]
-    return f"{motion} °/s" if motion != "head" else "± 40° at 0.5 Hz"
+def _words(motion: str, orientation: str = "visual") -> str:
+    turns = f"{motion} °/s" if motion != "head" else "± 40° at 0.5 Hz"
+    words = TROUBLES[motion][0] if motion in TROUBLES else turns
+    teller = ORIENTATIONS[orientation].words
+    return f"{words}; {teller}" if teller else words
 
 
 def _more_than_still(found: Sequence[Live], first: Sequence[str]) -> str:
@@ -202,7 +243,8 @@ def _more_than_still(found: Sequence[Live], first: Sequence[str]) -> str:
     errors: dict[str, dict[str, float]] = {}
     for one in found:
         if [one.exposures, one.subscription] == list(first[:2]):
-            errors.setdefault(one.scene, {})[_words(one.motion)] = one.figures.error_median
+            words = _words(one.motion, one.orientation)
+            errors.setdefault(one.scene, {})[words] = one.figures.error_median
     still, words = _words("0"), first[2]
     more = [of[words] - of[still] for of in errors.values() if {words, still} <= of.keys()]
     return f"{np.nanmax(more):.3f}" if np.isfinite(more).any() and words != still else "–"
@@ -257,6 +299,34 @@ def coverage_rows(found: Sequence[Live]) -> list[list[str]]:
     return table
 
 
+TOLD_HEAD = [
+    "exposures", "subscription", "the camera turns",
+    "packets in the world of what tells the orientation, least",
+    "orientation off, 95 % of them, worst scene", "stated sigma about each axis, median",
+]  # fmt: skip
+
+
+def told_rows(found: Sequence[Live]) -> list[list[str]]:
+    """Table over scenes of packets that were asked for in the world of an app or a sensor."""
+    table = []
+    asked = [one for one in found if one.in_world is not None]
+    for first, _ in _groups(asked):
+        some = [
+            one
+            for one in asked
+            if first == [one.exposures, one.subscription, _words(one.motion, one.orientation)]
+        ]
+        off = [one.off_deg for one in some if one.off_deg is not None]
+        sigmas = [one.sigma_deg for one in some if one.sigma_deg is not None]
+        table.append([
+            *first,
+            f"{100 * min(one.in_world or 0 for one in some):.0f} %",
+            f"{max(off):.2f}°" if off else "–",
+            f"{np.median(sigmas):.2f}°" if sigmas else "–",
+        ])  # fmt: skip
+    return table
+
+
 def draw(found: Sequence[Live], path: Path) -> None:
     """Error and share of wrong and healthy packets by turning rate, a line for each scene."""
     plt.switch_backend("Agg")
@@ -295,25 +365,35 @@ def main() -> None:
     parser.add_argument("--troubles", type=listed(list(TROUBLES), "troubles"), default=[],
         metavar="TROUBLE,…",
         help=f"instead of rates, of {','.join(TROUBLES)}")  # fmt: skip
+    parser.add_argument("--orientation", type=listed(list(ORIENTATIONS), "orientations"),
+        default=["visual"], metavar="KIND,…",
+        help=f"what tells it, of {','.join(ORIENTATIONS)} (default visual)")  # fmt: skip
     parser.add_argument("--seconds", type=float, default=JUDGED_S,
         help=f"simulated seconds that are judged, after {SETTLE_S:g} (default {JUDGED_S:g})",
     )  # fmt: skip
     add_options(parser, SCENES)
     options = parser.parse_args()
     use_daemon(options.daemon)
-    todo = cases(
-        options.scene,
-        options.troubles or options.rates,
-        options.exposures,
-        faults=options.faults,
-        daemon_arguments=tuple(options.daemon_args),
-        judged_s=options.seconds,
-    )
+    todo = [
+        one
+        for orientation in options.orientation
+        for one in cases(
+            options.scene,
+            options.troubles or options.rates,
+            options.exposures,
+            faults=options.faults,
+            daemon_arguments=tuple(options.daemon_args),
+            judged_s=options.seconds,
+            orientation=orientation,
+        )
+    ]
     found = all_figures(todo, options.processes)
     if options.json:
         print(to_json(found))
         return
     print(markdown(HEAD, rows(found)), markdown(COVERAGE_HEAD, coverage_rows(found)), sep="\n\n")
+    if in_world := told_rows(found):
+        print("", markdown(TOLD_HEAD, in_world), sep="\n")
 
 
 if __name__ == "__main__":

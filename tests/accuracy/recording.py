@@ -10,19 +10,21 @@ import os
 import shlex
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 import cv2
 from judge import Packet
 from lightprobe.errors import LightprobeError, UsageError
-from lightprobe.estimate import Estimate
+from lightprobe.estimate import Estimate, Frame
 from lightprobe.imaging import camera as lenses
 from lightprobe.imaging.image import HDR_SUFFIXES
 from lightprobe.sim import scenes
 from lightprobe.sim.camera import SimulatedCamera
+from lightprobe.sim.clock import START_NS
 from lightprobe.sim.faults import Faults
+from lightprobe.sim.head import Habits, Head, true_turn
 from lightprobe.sim.live import LiveProbe
 from lightprobe.sim.scene import PanoramaScene, Scene
 from lightprobe.sim.world import Behaviour, World
@@ -47,6 +49,41 @@ SUBSCRIPTIONS = {
 
 
 @dataclass(frozen=True)
+class Teller:
+    """What tells the orientation besides the frames."""
+
+    words: str
+    kind: str  # as the daemon's --orientation has it
+    faults: str = ""  # of the simulated sensor on the camera
+    habits: Habits | None = None  # of the simulated app
+    jumps: bool = False  # its world does: there is no truth to compare with
+
+    @property
+    def wants_world(self) -> bool:
+        """Subscribers ask for packets in its world."""
+        return self.kind != "visual" and not self.jumps
+
+
+ORIENTATIONS = {
+    "visual": Teller("", "visual"),
+    "sim": Teller("a sensor, 0.1°", "sim", "orientation_noise_deg=0.1"),
+    "client": Teller("an app's poses, 0.1°", "client", habits=Habits()),
+    "spoiled": Teller(
+        "an app's poses, 0.5°, 40 ms late, 40 % missing", "client",
+        habits=Habits(noise_deg=0.5, transfer_ms=40, drop=0.4),
+    ),
+    "late": Teller(
+        "a sensor that tells of 100 ms ago", "sim",
+        "orientation_noise_deg=0.1&orientation_late_ms=100",
+    ),
+    "jumping": Teller(
+        "a sensor that jumps by 10° every 2 s", "sim",
+        "orientation_noise_deg=0.1&orientation_jump_deg=10&orientation_jump_s=2", jumps=True,
+    ),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
 class Run:
     """One run of the daemon."""
 
@@ -59,6 +96,7 @@ class Run:
     faults: str = ""  # beside those of `exposures`, as `simulate --faults` has them
     rate_hz: float = RATE_HZ
     row_time_us: float = 0.0
+    orientation: str = "visual"
 
     @property
     def settle_s(self) -> float:
@@ -87,9 +125,17 @@ def record(run: Run) -> Recording:
         world, lenses.load("equirect"), run.size_px, rate_hz=run.rate_hz,
         row_time_us=run.row_time_us,
     )  # fmt: skip
-    faults = EXPOSURES[run.exposures].merged(run.faults)
-    with LiveProbe(camera, run.daemon_arguments, faults=faults) as probe:
-        clients = {name: probe.client(wish) for name, wish in SUBSCRIPTIONS.items()}
+    teller = ORIENTATIONS[run.orientation]
+    faults = EXPOSURES[run.exposures].merged(run.faults).merged(teller.faults)
+    arguments = (f"--orientation={teller.kind}", *run.daemon_arguments)
+    frame: Frame = "WORLD" if teller.wants_world else "PROBE"
+    with LiveProbe(camera, arguments, faults=faults) as probe:
+        clients = {
+            name: probe.client(replace(wish, frame=frame)) for name, wish in SUBSCRIPTIONS.items()
+        }
+        if teller.habits:
+            head = Head(clients["raw"], true_turn(camera), START_NS, teller.habits)
+            probe.apps.append(head)
         probe.run(run.settle_s)
         before = {name: len(client.estimates) for name, client in clients.items()}
         probe.run(run.judged_s)
