@@ -210,37 +210,25 @@ static void information_in_camera(const struct lp_rotation *rotation, const doub
 		}
 }
 
-/* The turn that `pull` (information times what was seen) leaves when it is weighed against what was
- * predicted. */
-static void weigh(const struct lp_motion *motion, const double information[3][3],
-		  const double pull[3], double turn[3])
-{
-	double both[3][3], covariance[3][3];
-
-	lp_motion_prior(motion, both);
-	for (int i = 0; i < 3; i++)
-		for (int j = 0; j < 3; j++)
-			both[i][j] += information[i][j];
-	invert3((const double(*)[3])both, covariance);
-	for (int i = 0; i < 3; i++) {
-		turn[i] = 0.0;
-		for (int j = 0; j < 3; j++)
-			turn[i] += covariance[i][j] * pull[j];
-	}
-}
-
 void lp_motion_correct_by_landmarks(struct lp_motion *motion, const double pull[3],
 				    const double information[3][3])
 {
 	const struct lp_rotation before = motion->rotation;
 	const struct lp_rotation back = lp_rotation_inverse(&before);
-	double own[3][3], pull_in_camera[3], turn[3];
+	double own[3][3], both[3][3], covariance[3][3], pull_in_camera[3], turn[3] = {0.0};
 
 	if (!motion->turning)
 		return;
 	information_in_camera(&before, information, own);
 	lp_rotate(&back, pull, pull_in_camera);
-	weigh(motion, (const double(*)[3])own, pull_in_camera, turn);
+	lp_motion_prior(motion, both);
+	for (int i = 0; i < 3; i++)
+		for (int j = 0; j < 3; j++)
+			both[i][j] += own[i][j];
+	invert3((const double(*)[3])both, covariance);
+	for (int i = 0; i < 3; i++)
+		for (int j = 0; j < 3; j++)
+			turn[i] += covariance[i][j] * pull_in_camera[j];
 	lp_motion_correct(motion, turn, (const double(*)[3])own);
 }
 
@@ -256,39 +244,70 @@ static void start_turning(struct lp_motion *motion)
 	motion->turning = true;
 }
 
-/* What was told is the turn since the last rotation, whose own uncertainty it neither knows nor
- * makes smaller: that is set aside meanwhile. */
+/* Covariance of the state after a prediction with the turn that was predicted, `before` the one
+ * before. Its last three rows times elapsed_s, and the noise, are the variance of the turn. */
+static void covariance_with_turn(const double before[6][6], double elapsed_s, double with[6][3])
+{
+	const double q = ACCELERATION * elapsed_s, half = 0.5 * elapsed_s;
+
+	for (int i = 0; i < 3; i++)
+		for (int a = 0; a < 3; a++) {
+			const double rates = elapsed_s * before[i + 3][a + 3];
+			const double noise = i == a ? q * q * half : 0.0;
+
+			with[i][a] = elapsed_s * (before[i][a + 3] + rates) + noise * half;
+			with[i + 3][a] = rates + noise;
+		}
+}
+
+/* The filter's update for the turn that was told, `off` from the one that was predicted. */
+static void weigh_turn(struct lp_motion *motion, const double with[6][3],
+		       const double variance[3][3], const double off[3])
+{
+	double inverse[3][3], gain[6][3] = {{0.0}}, step[3] = {0.0};
+
+	invert3(variance, inverse);
+	for (int i = 0; i < 6; i++)
+		for (int a = 0; a < 3; a++)
+			for (int b = 0; b < 3; b++)
+				gain[i][a] += with[i][b] * inverse[b][a];
+	for (int i = 0; i < 3; i++)
+		for (int a = 0; a < 3; a++) {
+			step[i] += gain[i][a] * off[a];
+			motion->rate[i] += gain[i + 3][a] * off[a];
+		}
+	for (int i = 0; i < 6; i++)
+		for (int j = 0; j < 6; j++)
+			for (int a = 0; a < 3; a++)
+				motion->covariance[i][j] -=
+					0.5 * (gain[i][a] * with[j][a] + gain[j][a] * with[i][a]);
+	const struct lp_rotation turned = lp_rotation_of_vector(step);
+
+	motion->rotation = lp_rotation_product(&motion->rotation, &turned);
+}
+
 void lp_motion_predict_turn(struct lp_motion *motion, double elapsed_s, const double turn[3],
 			    double sigma_rad)
 {
 	const struct lp_rotation turned = lp_rotation_of_vector(turn);
-	const double own = 1.0 / (sigma_rad * sigma_rad);
-	double before[3][3], information[3][3] = {0}, pull[3], step[3];
+	double before[6][6], with[6][3], variance[3][3], off[3];
 
 	if (!motion->turning)
 		start_turning(motion);
-	for (int a = 0; a < 3; a++)
-		for (int b = 0; b < 3; b++) {
-			before[a][b] = motion->covariance[a][b];
-			motion->covariance[a][b] = 0.0;
-			motion->covariance[a][b + 3] = motion->covariance[a + 3][b] = 0.0;
-		}
+	memcpy(before, motion->covariance, sizeof(before));
 	const struct lp_rotation told = lp_rotation_product(&motion->rotation, &turned);
 
 	lp_motion_predict(motion, elapsed_s);
 	const struct lp_rotation back = lp_rotation_inverse(&motion->rotation);
 	const struct lp_rotation apart = lp_rotation_product(&back, &told);
 
-	lp_rotation_vector(&apart, pull);
-	for (int a = 0; a < 3; a++) {
-		information[a][a] = own;
-		pull[a] *= own;
-	}
-	weigh(motion, (const double(*)[3])information, pull, step);
-	lp_motion_correct(motion, step, (const double(*)[3])information);
+	lp_rotation_vector(&apart, off);
+	covariance_with_turn((const double(*)[6])before, elapsed_s, with);
 	for (int a = 0; a < 3; a++)
 		for (int b = 0; b < 3; b++)
-			motion->covariance[a][b] += before[a][b];
+			variance[a][b] = with[a][b] - elapsed_s * before[a][b + 3] +
+					 (a == b ? sigma_rad * sigma_rad : 0.0);
+	weigh_turn(motion, (const double(*)[3])with, (const double(*)[3])variance, off);
 }
 
 bool lp_motion_at_rest(const struct lp_motion *motion)
