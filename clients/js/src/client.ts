@@ -2,7 +2,7 @@
 /** A probe's client: connects, asks, stays. The newest estimate wins; what is too old is none. */
 
 import type { Estimate, Health, Hello } from "./estimate.js";
-import { DEFAULT_SUBSCRIPTION, MINOR_WITH_NUMBERS, PROTOCOL_MAJOR, WireError, decode, encodeSubscription } from "./wire.js";
+import { DEFAULT_SUBSCRIPTION, MINOR_WITH_NUMBERS, MINOR_WITH_PINGS, PROTOCOL_MAJOR, WireError, decode, encodePing, encodePose, encodeSubscription } from "./wire.js";
 import type { Message, Subscription } from "./wire.js";
 
 const PROTOCOL = "lightprobe.v1";
@@ -11,6 +11,8 @@ const BACKOFF_FIRST_MS = 100, BACKOFF_LAST_MS = 5000;
 const HELLO_TIMEOUT_MS = 5000, LEAST_PATIENCE_MS = 5000;
 /** Of how many messages the fastest tells how far the probe's clock is off. */
 const CLOCK_MESSAGES = 32;
+/** How often the probe is told our clock, which it needs for poses. */
+const PING_PERIOD_MS = 1000;
 
 /** connecting: no greeting yet. open: greeted. waiting: until the next attempt. closed: for good. */
 export type State = "connecting" | "open" | "waiting" | "closed";
@@ -69,6 +71,8 @@ export class Probe {
   #retry: ReturnType<typeof setTimeout> | undefined;
   #silence: ReturnType<typeof setTimeout> | undefined;
   #offsetsMs: number[] = [];
+  #pings: ReturnType<typeof setInterval> | undefined;
+  #pongMs: number | undefined;
   readonly #wake = (): void => { if (this.state === "waiting" && !document.hidden) this.#connect(); };
 
   /** Connects at once, in the background; TypeError for an address that is none. */
@@ -115,6 +119,18 @@ export class Probe {
     if (this.#socket?.readyState === 1) this.#socket.send(request);
   }
 
+  /**
+   * Say how the head is turned that the probe sits on: x, y, z, w from the head's frame to your world, at a time of
+   * performance.now(). The daemon needs --orientation=client. False: not connected, or an older probe.
+   */
+  sendPose(xyzw: readonly number[], timeMs: number = now(), sigmaDeg?: number): boolean {
+    const pose = encodePose(xyzw, timeMs, sigmaDeg);
+    if (this.#socket?.readyState !== 1 || !this.#takesPoses()) return false;
+    this.#startPings();
+    this.#socket.send(pose);
+    return true;
+  }
+
   /** End for good. */
   close(): void {
     this.#end("closed");
@@ -132,6 +148,26 @@ export class Probe {
     if (this.state === state) return;
     this.state = state;
     this.#emit("state", state);
+  }
+
+  #takesPoses(): boolean {
+    return this.state === "open" && this.hello !== undefined && this.hello.protocolMinor >= MINOR_WITH_PINGS;
+  }
+
+  /** From the first pose of a connection on: without poses nobody needs our clock. */
+  #startPings(): void {
+    if (this.#pings !== undefined) return;
+    const ping = (): void => {
+      if (this.#socket?.readyState === 1) this.#socket.send(encodePing(now(), this.#pongMs));
+      this.#pongMs = undefined;
+    };
+    this.#pings = setInterval(ping, PING_PERIOD_MS);
+    ping();
+  }
+
+  #stopPings(): void {
+    clearInterval(this.#pings);
+    this.#pings = this.#pongMs = undefined;
   }
 
   #connect(): void {
@@ -173,6 +209,7 @@ export class Probe {
     if (message.kind === "hello") this.#greet(message.hello);
     else if (!this.hello) throw new WireError("the first message is not a Hello");
     else if (message.kind === "estimate") this.#takeEstimate(message.estimate);
+    else if (message.kind === "pong") this.#pongMs = now();
     else {
       this.health = message.health;
       this.#emit("health", message.health);
@@ -223,6 +260,7 @@ export class Probe {
   #lose(): void {
     if (this.state === "closed") return;
     clearTimeout(this.#silence);
+    this.#stopPings();
     this.#socket = undefined;
     this.#become("waiting");
     this.#retry = setTimeout(() => this.#connect(), this.#backoffMs * (0.8 + 0.4 * Math.random()));
@@ -232,6 +270,7 @@ export class Probe {
   #end(state: State): void {
     clearTimeout(this.#retry);
     clearTimeout(this.#silence);
+    this.#stopPings();
     const socket = this.#socket;
     this.#socket = undefined;
     this.#become(state);

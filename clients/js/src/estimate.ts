@@ -71,6 +71,11 @@ export interface Estimate {
   wheelDeg: number | undefined;
   /** Number of the subscription that it answers. */
   subscription: number;
+  /** WORLD: directions and SH are in the world of the app that sends poses. */
+  frame: "PROBE" | "WORLD";
+  /** x, y, z, w: turns the probe frame at capture time into one that does not move. */
+  orientation: [number, number, number, number] | undefined;
+  orientationSigmaDeg: number | undefined;
 }
 
 export interface Hello {
@@ -87,6 +92,15 @@ export interface Hello {
   hasWheel: boolean;
   hasRing: boolean;
   preset: string;
+  /** What tells it: none, visual, sim, client; "": older than protocol 1.3. */
+  orientation: string;
+}
+
+/** The answer to a ping: times of our clock, and of the probe's. */
+export interface Pong {
+  pingTimeMs: number;
+  receivedUnixMs: number;
+  sentUnixMs: number;
 }
 
 export interface Health {

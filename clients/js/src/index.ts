@@ -2,7 +2,7 @@
 export { Probe, parseAddress } from "./client.js";
 export type { ProbeEvents, ProbeOptions, State } from "./client.js";
 export { EstimateFlag, LightFlag, flagNames, irradiance, luminance, meanIrradiance } from "./estimate.js";
-export type { Estimate, Health, Hello, Light, Refusal, SphericalHarmonics, Vec3 } from "./estimate.js";
+export type { Estimate, Health, Hello, Light, Pong, Refusal, SphericalHarmonics, Vec3 } from "./estimate.js";
 export * as sh from "./sh.js";
-export { WireError, decode, encodeSubscription } from "./wire.js";
+export { WireError, decode, encodePing, encodePose, encodeSubscription } from "./wire.js";
 export type { Message, Subscription } from "./wire.js";

@@ -3,11 +3,13 @@
 
 import { create, fromBinary, toBinary } from "@bufbuild/protobuf";
 import * as pb from "./gen/lightprobe_pb.js";
-import type { Estimate, Health, Hello, Light, Refusal, SphericalHarmonics, Vec3 } from "./estimate.js";
+import type { Estimate, Health, Hello, Light, Pong, Refusal, SphericalHarmonics, Vec3 } from "./estimate.js";
 
 export const PROTOCOL_MAJOR = 1;
 /** From this minor version on, estimates carry the number of the subscription that they answer. */
 export const MINOR_WITH_NUMBERS = 1;
+/** From this one on, the probe answers pings and takes poses. */
+export const MINOR_WITH_PINGS = 3;
 
 /** Bytes that are no message of lightprobe.v1. */
 export class WireError extends Error {}
@@ -16,7 +18,8 @@ export type Message =
   | { kind: "hello"; hello: Hello }
   | { kind: "estimate"; estimate: Estimate }
   | { kind: "health"; health: Health }
-  | { kind: "error"; error: Refusal };
+  | { kind: "error"; error: Refusal }
+  | { kind: "pong"; pong: Pong };
 
 /** What a client wants; absent means the probe's default. */
 export interface Subscription {
@@ -32,10 +35,12 @@ export interface Subscription {
   smoothing: "SMOOTHED" | "RAW";
   /** 0: no health messages. */
   healthPeriodMs: number;
+  /** WORLD: of the app that sends poses, where it is known; see Estimate.frame. */
+  frame: "PROBE" | "WORLD";
 }
 
 export const DEFAULT_SUBSCRIPTION: Subscription = {
-  rateHz: 0, shOrder: 2, maxLights: 4, kind: "AMBIENT", tolerance: 0, smoothing: "SMOOTHED", healthPeriodMs: 1000,
+  rateHz: 0, shOrder: 2, maxLights: 4, kind: "AMBIENT", tolerance: 0, smoothing: "SMOOTHED", healthPeriodMs: 1000, frame: "PROBE",
 };
 
 function need(value: boolean, what: string): void {
@@ -61,9 +66,27 @@ export function encodeSubscription(wish: Subscription, number: number): Uint8Arr
         smoothing: wish.smoothing === "RAW" ? pb.Subscription_Smoothing.RAW : pb.Subscription_Smoothing.SMOOTHED,
         healthPeriodMs: wish.healthPeriodMs,
         number,
+        frame: wish.frame === "WORLD" ? pb.Estimate_Frame.WORLD : pb.Estimate_Frame.PROBE,
       },
     },
   })));
+}
+
+const nanoseconds = (ms: number): bigint => BigInt(Math.round(ms * 1e6));
+
+/** How the head is turned at a time of performance.now(); RangeError for what is no unit quaternion. */
+export function encodePose(xyzw: readonly number[], timeMs: number, sigmaDeg?: number): Uint8Array<ArrayBuffer> {
+  const square = xyzw.reduce((sum, value) => sum + value * value, 0);
+  if (xyzw.length !== 4 || !(Math.abs(square - 1) < 0.02)) throw new RangeError(`pose: ${String(xyzw)}: expected a unit quaternion x, y, z, w`);
+  if (sigmaDeg !== undefined && !(sigmaDeg > 0 && sigmaDeg < Infinity)) throw new RangeError(`pose: sigmaDeg ${sigmaDeg}: expected degrees above 0`);
+  const value = { timeNs: nanoseconds(timeMs), orientation: [...xyzw], ...(sigmaDeg === undefined ? {} : { sigmaDeg }) };
+  return new Uint8Array(toBinary(pb.FromClientSchema, create(pb.FromClientSchema, { message: { case: "pose", value } })));
+}
+
+/** `pongTimeMs`: when the answer to the ping before came, if it has. */
+export function encodePing(timeMs: number, pongTimeMs?: number): Uint8Array<ArrayBuffer> {
+  const value = { timeNs: nanoseconds(timeMs), ...(pongTimeMs === undefined ? {} : { pongTimeNs: nanoseconds(pongTimeMs) }) };
+  return new Uint8Array(toBinary(pb.FromClientSchema, create(pb.FromClientSchema, { message: { case: "ping", value } })));
 }
 
 /** One message; undefined when it is of a kind newer than this client. WireError when it is none. */
@@ -78,6 +101,7 @@ export function decode(data: Uint8Array): Message | undefined {
     case "hello": return { kind: "hello", hello: message.value };
     case "estimate": return { kind: "estimate", estimate: estimateOf(message.value) };
     case "health": return { kind: "health", health: healthOf(message.value) };
+    case "pong": return { kind: "pong", pong: pongOf(message.value) };
     case "error": return { kind: "error", error: { code: message.value.code, text: message.value.text } };
     default: return undefined;
   }
@@ -134,7 +158,20 @@ function estimateOf(m: pb.Estimate): Estimate {
     cdM2PerUnit: m.cdM2PerUnit,
     wheelDeg: m.wheelDeg,
     subscription: m.subscription,
+    frame: frameOf(m.frame),
+    orientation: m.orientation.length ? (finite(m.orientation, 4, "orientation") as [number, number, number, number]) : undefined,
+    orientationSigmaDeg: m.orientationSigmaDeg,
   };
+}
+
+function frameOf(frame: pb.Estimate_Frame): "PROBE" | "WORLD" {
+  if (frame === pb.Estimate_Frame.PROBE) return "PROBE";
+  if (frame === pb.Estimate_Frame.WORLD) return "WORLD";
+  throw new WireError(`estimate in frame ${String(frame)}: expected PROBE or WORLD`);
+}
+
+function pongOf(m: pb.Pong): Pong {
+  return { pingTimeMs: Number(m.pingTimeNs) / 1e6, receivedUnixMs: Number(m.receivedUnixNs) / 1e6, sentUnixMs: Number(m.sentUnixNs) / 1e6 };
 }
 
 function healthOf(m: pb.Health): Health {

@@ -11,6 +11,8 @@ class Scripted {
   readyState = 0;
   binaryType = "blob";
   sent: pb.Subscription[] = [];
+  poses: pb.Pose[] = [];
+  pings: pb.Ping[] = [];
   onopen?: () => void;
   onclose?: () => void;
   onmessage?: (event: { data: unknown }) => void;
@@ -18,6 +20,8 @@ class Scripted {
   send(data: Uint8Array): void {
     const { message } = fromBinary(pb.FromClientSchema, data);
     if (message.case === "subscribe") this.sent.push(message.value);
+    if (message.case === "pose") this.poses.push(message.value);
+    if (message.case === "ping") this.pings.push(message.value);
   }
   close(): void { this.readyState = 3; this.onclose?.(); }
   open(): void { this.readyState = 1; this.onopen?.(); }
@@ -25,8 +29,8 @@ class Scripted {
     const data = toBinary(pb.FromProbeSchema, create(pb.FromProbeSchema, { message }));
     this.onmessage?.({ data: data.slice().buffer });
   }
-  hello(bootId = 1, protocolMajor = 1): void {
-    this.say({ case: "hello", value: create(pb.HelloSchema, { protocolMajor, protocolMinor: 2, bootId, software: "test" }) });
+  hello(bootId = 1, protocolMajor = 1, protocolMinor = 3): void {
+    this.say({ case: "hello", value: create(pb.HelloSchema, { protocolMajor, protocolMinor, bootId, software: "test" }) });
   }
   estimate(sequence: number, subscription = 1, ttlMs = 60000, ageMs = 0): void {
     this.say({ case: "estimate", value: create(pb.EstimateSchema, {
@@ -144,4 +148,31 @@ test("after close nothing more happens", async () => {
   first.estimate(1);
   await new Promise((done) => setTimeout(done, 200));
   assert.deepEqual([sequences.length, Scripted.all.length, probe.state], [0, 1, "closed"]);
+});
+
+test("poses go out with pings of the same clock, which say when their answers came", async () => {
+  const { probe, socket } = open();
+  assert.equal(probe.sendPose([0, 0, 0, 1]), false, "not connected");
+  socket().open();
+  socket().hello();
+  assert.equal(socket().pings.length, 0, "nobody needs our clock yet");
+  assert.equal(probe.sendPose([0, 0.6, 0, 0.8], 5000.25, 0.5), true);
+  assert.equal(socket().poses[0]!.timeNs, 5_000_250_000n);
+  assert.ok(Math.abs(socket().poses[0]!.orientation[1]! - 0.6) < 1e-6);
+  assert.equal(socket().pings[0]!.pongTimeNs, undefined);
+  socket().say({ case: "pong", value: create(pb.PongSchema, { pingTimeNs: socket().pings[0]!.timeNs }) });
+  await until(() => socket().pings.length === 2);
+  const [first, second] = socket().pings as [pb.Ping, pb.Ping];
+  assert.ok(second.pongTimeNs! >= first.timeNs && second.pongTimeNs! <= second.timeNs);
+  for (const wrong of [[0, 0, 0], [0, 0, 0, 2], [0, 0, 0, NaN]]) assert.throws(() => probe.sendPose(wrong), RangeError);
+  probe.close();
+});
+
+test("an older probe gets no poses", () => {
+  const { probe, socket } = open();
+  socket().open();
+  socket().hello(1, 1, 2);
+  assert.equal(probe.sendPose([0, 0, 0, 1]), false);
+  assert.equal(socket().poses.length + socket().pings.length, 0);
+  probe.close();
 });

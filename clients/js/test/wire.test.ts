@@ -57,6 +57,15 @@ test("what is not known is undefined, never zero", () => {
   for (const name of ["predictedError", "exposureUs", "cdM2PerUnit", "wheelDeg"] as const) assert.equal(message.estimate[name], undefined, name);
 });
 
+test("an estimate in the app's world says so, with its orientation", () => {
+  const message = decode(bytes("estimate_world.bin"));
+  assert.equal(message?.kind, "estimate");
+  if (message?.kind !== "estimate") return;
+  assert.equal(message.estimate.frame, "WORLD");
+  assert.ok(Math.abs(message.estimate.orientation![3] - 0.8) < 1e-6);
+  assert.equal(message.estimate.orientationSigmaDeg, 0.25);
+});
+
 test("garbage is a WireError, and a message of the future is skipped", () => {
   assert.throws(() => decode(Uint8Array.of(0xff, 0xff, 0xff)), WireError);
   assert.equal(decode(Uint8Array.of(0x7a, 2, 104, 105)), undefined);
