@@ -13,6 +13,7 @@ from lightprobe.client import Client
 from lightprobe.imaging import image
 from lightprobe.sim.scene import MapTruth
 from lightprobe.wire import Subscription
+from test_websocket import free_port
 
 
 @pytest.fixture(scope="module")
@@ -79,3 +80,40 @@ def test_export_without_a_probe_says_so(tmp_path):
     assert done.returncode == 1
     assert "is lightprobed running" in done.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("transport", ["unix", "tcp", "ws"])
+def test_poses_put_estimates_into_the_apps_world(tmp_path, transport):
+    """Over every transport; the clocks are compared in the background."""
+    port = free_port()
+    picture = tmp_path / "a.jpg"
+    picture.write_bytes(jpeg())
+    extra = () if transport == "unix" else (f"--publish={transport}:127.0.0.1:{port}",)
+    options = (f"--source=file:{picture}?rate=30", "--orientation=client", *extra)
+    with Daemon(*options) as daemon:
+        addresses = {"ws": f"ws://127.0.0.1:{port}/", "tcp": f"tcp:127.0.0.1:{port}"}
+        uri = addresses.get(transport, f"unix:{daemon.socket}")
+        with Client(uri, Subscription(frame="WORLD")) as client:
+            turned = np.array([0, np.sin(0.5), 0, np.cos(0.5)])
+
+            def in_world(probe: Client) -> bool:
+                probe.send_pose(turned)
+                latest = probe.latest()
+                return latest is not None and latest.frame == "WORLD"
+
+            assert client.wait_for(in_world, LONG_S)
+            latest = client.latest()
+            assert latest is not None
+            assert latest.orientation == pytest.approx(turned, abs=1e-3)
+            assert client.hello.orientation == "client"
+            assert client.wait_for(lambda c: in_world(c) and c.clock_sigma_s < 1, LONG_S)
+            with pytest.raises(ValueError, match="unit quaternion"):
+                client.send_pose([0, 0, 0, 2])
+
+
+def test_poses_that_are_not_wanted_are_told(uri):
+    with Client(uri) as client:
+        assert client.wait_for(lambda c: c.connected, LONG_S)
+        client.send_pose([0, 0, 0, 1])
+        assert client.wait_for(lambda c: "--orientation=client" in (c.last_error or ""), LONG_S)
+        assert client.connected
