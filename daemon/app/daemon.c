@@ -268,6 +268,7 @@ static void publish(struct lp_daemon *daemon, struct lp_result *result)
 	result->estimates.raw.flags |= flags;
 	result->estimates.smoothed.flags |= flags;
 	lp_orientation_judged(&daemon->orientation, &result->estimates.raw.orientation);
+	result->estimates.smoothed.orientation = result->estimates.raw.orientation;
 	lp_hub_publish(daemon->hub, &result->estimates, &result->demand);
 	lp_governor_estimate(&daemon->governor, lp_clock_ns() - result->estimates.raw.t_arrival_ns);
 }

@@ -167,6 +167,8 @@ void lp_orientation_frame(struct lp_orientation_teller *teller, struct lp_frame 
 	const int64_t t_ns = middle_ns(frame);
 	struct lp_track_reading reading;
 
+	if (teller->kind == LP_ORIENTATION_SIM && !isnan(frame->orientation[0]))
+		teller->t_sample_ns = lp_clock_ns();
 	if (teller->kind < LP_ORIENTATION_CLIENT)
 		return; /* what the frame itself carries stays */
 	for (int i = 0; i < 4; i++)
@@ -179,7 +181,7 @@ void lp_orientation_frame(struct lp_orientation_teller *teller, struct lp_frame 
 		/* Rates that were added up since the frame before make this one less certain. */
 		const double variance = reading.variance + fmax(reading.walk - teller->walk, 0.0);
 
-		stamp(frame, &rotation, hypot(sqrt(variance), teller->mount.sigma_rad));
+		stamp(frame, &rotation, sqrt(variance));
 		teller->walk = reading.walk;
 		teller->t_stamped_ns = lp_clock_ns();
 	} else if (teller->track.count) {
@@ -207,20 +209,37 @@ static void set_fault(struct lp_orientation_teller *teller, bool *is_told, const
 }
 
 void lp_orientation_judged(struct lp_orientation_teller *teller,
-			   const struct lp_estimate_orientation *orientation)
+			   struct lp_estimate_orientation *orientation)
 {
+	if (orientation->world && teller->kind == LP_ORIENTATION_CLIENT)
+		orientation->sigma_deg =
+			hypotf(orientation->sigma_deg, (float)(teller->mount.sigma_rad / DEG));
 	set_fault(teller, &teller->contradicted, "orientation-contradicts",
 		  orientation->left_out
 			  ? "orientation: compare: what is told contradicts the pictures and is "
-			    "left out — is the mount right (lightprobe align), are times right?"
+			    "left out — is the mount right (--mount), are times right?"
 			  : NULL);
+}
+
+/* What is missing, by what was to tell. */
+static const char *silence(enum lp_orientation_kind kind)
+{
+	switch (kind) {
+	case LP_ORIENTATION_CLIENT:
+		return NO_POSE;
+	case LP_ORIENTATION_SIM:
+		return "orientation: receive: no frame has carried its orientation for a second — "
+		       "only the simulator's do: --source=sim:";
+	default:
+		return NO_SAMPLE;
+	}
 }
 
 void lp_orientation_tick(struct lp_orientation_teller *teller, int64_t now_ns)
 {
 	char text[160];
 
-	if (teller->kind < LP_ORIENTATION_CLIENT)
+	if (teller->kind < LP_ORIENTATION_SIM)
 		return;
 	const bool silent = is_silent(teller, now_ns) && now_ns - teller->t_start_ns > SILENCE_NS;
 	const bool late = !silent && teller->t_unstamped_ns &&
@@ -228,7 +247,7 @@ void lp_orientation_tick(struct lp_orientation_teller *teller, int64_t now_ns)
 			  now_ns - teller->t_unstamped_ns < SILENCE_NS;
 
 	set_fault(teller, &teller->silent, "orientation-silent",
-		  silent ? (teller->kind == LP_ORIENTATION_CLIENT ? NO_POSE : NO_SAMPLE) : NULL);
+		  silent ? silence(teller->kind) : NULL);
 	(void)snprintf(text, sizeof(text),
 		       "orientation: receive: poses come %.0f ms after the frames that they are "
 		       "for, at most 50 ms are predicted — send them sooner",

@@ -65,9 +65,10 @@ void lp_orientation_client_left(struct lp_orientation_teller *teller, const void
 /* Stamp a frame, where it is told how it was turned. */
 void lp_orientation_frame(struct lp_orientation_teller *teller, struct lp_frame *frame);
 
-/* An estimate says whether what was told agreed with the pictures. */
+/* An estimate says whether what was told agreed with the pictures. What the mount is off by, which
+ * is the same for all frames, adds to its sigma. */
 void lp_orientation_judged(struct lp_orientation_teller *teller,
-			   const struct lp_estimate_orientation *orientation);
+			   struct lp_estimate_orientation *orientation);
 
 /* Several times a second. */
 void lp_orientation_tick(struct lp_orientation_teller *teller, int64_t now_ns);

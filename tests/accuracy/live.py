@@ -45,6 +45,8 @@ from recording import (
 SCENES = ("blender", "procedural:4", "room")
 #: Where things go wrong.
 TROUBLED_SCENES = ("room",)
+#: Where something tells the orientation besides the frames.
+TOLD_SCENES, TOLD_RATES = ("room", "interior"), ("0", "100", "head")
 #: Simulated seconds that are judged.
 JUDGED_S = 4.0
 
@@ -179,6 +181,15 @@ def cases(
     ]
 
 
+def told_cases() -> list[Case]:
+    """Everything that can tell the orientation, well or badly."""
+    return [
+        one
+        for orientation in ORIENTATIONS
+        for one in cases(TOLD_SCENES, TOLD_RATES, ["reported"], orientation=orientation)
+    ]
+
+
 def readme_rows(found: Sequence[Live]) -> list[list[str]]:
     """Table over scenes of what a client gets that asks for nothing, exposures reported."""
     some = [one for one in found if (one.exposures, one.subscription) == ("reported", "default")]
@@ -299,28 +310,30 @@ def coverage_rows(found: Sequence[Live]) -> list[list[str]]:
     return table
 
 
+#: What is shown of HEAD beside what is told of the orientation.
+_OF_HEAD = [
+    "the camera turns", "relighting error, median (worst scene)",
+    "wrong and healthy, median (worst)",
+]  # fmt: skip
 TOLD_HEAD = [
-    "exposures", "subscription", "the camera turns",
-    "packets in the world of what tells the orientation, least",
+    *_OF_HEAD, "packets in the world of what tells the orientation, least",
     "orientation off, 95 % of them, worst scene", "stated sigma about each axis, median",
 ]  # fmt: skip
 
 
 def told_rows(found: Sequence[Live]) -> list[list[str]]:
-    """Table over scenes of packets that were asked for in the world of an app or a sensor."""
+    """Table over scenes: what is told of the orientation, raw packets, exposures reported."""
+    some = [one for one in found if (one.exposures, one.subscription) == ("reported", "raw")]
+    columns = [HEAD.index(name) for name in _OF_HEAD]
     table = []
-    asked = [one for one in found if one.in_world is not None]
-    for first, _ in _groups(asked):
-        some = [
-            one
-            for one in asked
-            if first == [one.exposures, one.subscription, _words(one.motion, one.orientation)]
-        ]
-        off = [one.off_deg for one in some if one.off_deg is not None]
-        sigmas = [one.sigma_deg for one in some if one.sigma_deg is not None]
+    for row in rows(some):
+        group = [one for one in some if _words(one.motion, one.orientation) == row[2]]
+        inside = [one.in_world for one in group if one.in_world is not None]
+        off = [one.off_deg for one in group if one.off_deg is not None]
+        sigmas = [one.sigma_deg for one in group if one.sigma_deg is not None]
         table.append([
-            *first,
-            f"{100 * min(one.in_world or 0 for one in some):.0f} %",
+            *(row[column] for column in columns),
+            f"{100 * min(inside):.0f} %" if inside else "–",
             f"{max(off):.2f}°" if off else "–",
             f"{np.median(sigmas):.2f}°" if sigmas else "–",
         ])  # fmt: skip
@@ -392,8 +405,8 @@ def main() -> None:
         print(to_json(found))
         return
     print(markdown(HEAD, rows(found)), markdown(COVERAGE_HEAD, coverage_rows(found)), sep="\n\n")
-    if in_world := told_rows(found):
-        print("", markdown(TOLD_HEAD, in_world), sep="\n")
+    if options.orientation != ["visual"]:
+        print("", markdown(TOLD_HEAD, told_rows(found)), sep="\n")
 
 
 if __name__ == "__main__":

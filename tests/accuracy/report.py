@@ -166,14 +166,16 @@ def live_figures(out: Path, page: Path) -> dict[str, str]:
     """Measure turning cameras, troubles and changing lamps; the parts of the page."""
     moving = live.all_figures(live.cases(live.SCENES))
     troubled = live.all_figures(live.cases(live.TROUBLED_SCENES, tuple(live.TROUBLES)))
+    told = live.all_figures(live.told_cases())
     changing = changes.all_figures(changes.cases(changes.SCENES))
-    (out / "live.json").write_text(to_json([*moving, *troubled]) + "\n")
+    (out / "live.json").write_text(to_json([*moving, *troubled, *told]) + "\n")
     (out / "changes.json").write_text(to_json(changing) + "\n")
     live.draw(moving, page.with_name("live.png"))
     put(ROOT / "README.md", {"live": table(live.README_HEAD, live.readme_rows(moving))})
     return {
         "live": table(live.HEAD, live.rows(moving)),
         "live-sigmas": table(live.COVERAGE_HEAD, live.coverage_rows(moving)),
+        "orientations": table(live.TOLD_HEAD, live.told_rows(told)),
         "troubles": table(live.HEAD, live.rows(troubled)),
         "troubles-sigmas": table(live.COVERAGE_HEAD, live.coverage_rows(troubled)),
         "steps": table(changes.STEP_HEAD, changes.step_rows(changing)),

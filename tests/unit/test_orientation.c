@@ -433,6 +433,26 @@ static void test_poses_that_nobody_wants(void **state)
 	assert_int_equal(health.report.fault_count, 0);
 }
 
+/* Frames of a camera that does not know how it is turned. */
+static void test_frames_that_carry_nothing(void **state)
+{
+	struct lp_frame frame = {.orientation = {NAN, NAN, NAN, NAN}};
+
+	(void)teardown(state);
+	assert_int_equal(setup_kind(LP_ORIENTATION_SIM), 0);
+	for (int n = 0; n < 20; n++) {
+		lp_orientation_frame(&teller, &frame);
+		pass_ms(100);
+		lp_orientation_tick(&teller, lp_clock_ns());
+	}
+	assert_true(has_fault("orientation-silent"));
+	for (int i = 0; i < 4; i++)
+		frame.orientation[i] = i == 3;
+	lp_orientation_frame(&teller, &frame);
+	lp_orientation_tick(&teller, lp_clock_ns());
+	assert_false(has_fault("orientation-silent"));
+}
+
 static void test_a_contradiction_is_told(void **state)
 {
 	struct lp_estimate_orientation orientation = {.left_out = true};
@@ -443,6 +463,11 @@ static void test_a_contradiction_is_told(void **state)
 	orientation.left_out = false;
 	lp_orientation_judged(&teller, &orientation);
 	assert_false(has_fault("orientation-contradicts"));
+	/* what the mount is off by adds to what is stated */
+	teller.mount.sigma_rad = 0.3 * DEG;
+	orientation = (struct lp_estimate_orientation){.world = true, .sigma_deg = 0.4F};
+	lp_orientation_judged(&teller, &orientation);
+	assert_float_equal(orientation.sigma_deg, 0.5, 1e-6);
 }
 
 /* ---------------------------------------------------------------- a sensor */
@@ -572,6 +597,7 @@ int main(void)
 		TEST(test_packets_in_the_world),
 		TEST(test_one_client_at_a_time),
 		TEST(test_poses_that_nobody_wants),
+		TEST(test_frames_that_carry_nothing),
 		TEST(test_a_contradiction_is_told),
 		TEST(test_mount_files),
 		cmocka_unit_test_setup_teardown(test_a_gyroscope_stamps_frames, setup_sensor,
