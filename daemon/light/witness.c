@@ -16,6 +16,9 @@
 #define SIGMAS 4.0
 /* The two frames of reference drift against each other: followed with this time constant. */
 #define DRIFT_S 2.0
+/* Measured: where pictures show little, the anchor frame drifts in that time by up to so many of
+ * the sigmas that each frame states. */
+#define MAP_SIGMAS 5.0
 
 static struct lp_rotation from_to(const struct lp_rotation *a, const struct lp_rotation *b)
 {
@@ -92,7 +95,7 @@ void lp_witness_compare(struct lp_witness *witness, const struct lp_testimony *n
 		return;
 	}
 	const struct lp_rotation off = from_to(&witness->world, &world);
-	const double sigma = hypot(now->sigma_rad, lp_motion_sigma_rad(motion));
+	const double sigma = hypot(now->sigma_rad, MAP_SIGMAS * lp_motion_sigma_rad(motion));
 	double v[3];
 
 	lp_rotation_vector(&off, v);

@@ -128,9 +128,10 @@ static void choose(struct lp_imager *imager, const struct lp_motion *by_rate,
 	const struct attempt *const best = is_rate ? &rate : &witness;
 
 	take(imager, best);
-	if (compares(best) &&
-	    lp_witness_is_apart(&by_witness->rotation, &imager->motion.rotation,
-				imager->testimony.sigma_rad, rate_of(&imager->motion)))
+	if (compares(best) && lp_witness_is_apart(&by_witness->rotation, &imager->motion.rotation,
+						  hypot(imager->testimony.sigma_rad,
+							lp_motion_sigma_rad(&imager->motion)),
+						  rate_of(&imager->motion)))
 		lp_witness_contradict(&imager->witness);
 }
 
