@@ -31,6 +31,8 @@
 #define LEAST_CLIPPED_FRACTION 1e-5F
 /* 1 sigma of when an exposure was: what a turning camera adds to every direction. */
 #define TIMING_SIGMA_S 0.002F
+/* 1 sigma of the drift of the anchor frame in a second of turning, in sigmas of its frames. */
+#define DRIFT_SIGMAS 4.0
 
 /* What each preset means; `make bench` measures the trade. */
 struct preset {
@@ -64,6 +66,8 @@ struct lp_pipeline {
 	int wanted_lights; /* by the options and the most demanding subscriber */
 	uint32_t sequence;
 	struct lp_rotation origin; /* anchor frame to that of the first frame */
+	double drift_deg2;	   /* variance of what the anchor frame has drifted since then */
+	int64_t t_drift_ns;
 };
 
 static int check(const struct lp_pipeline_options *o)
@@ -372,16 +376,27 @@ static void turn_to_camera(const struct lp_imager *imager, struct lp_light_estim
 	lp_model_turn(e, &back, hypotf(status.rotation_sigma_deg, late_deg));
 }
 
+/* While the camera turns, the anchor frame drifts by more than the sigma of each frame says. */
+static void note_drift(struct lp_pipeline *p, const struct lp_imager_status *status, int64_t t_ns)
+{
+	const double sigma_deg = DRIFT_SIGMAS * (double)status->rotation_sigma_deg;
+
+	if (p->t_drift_ns && t_ns > p->t_drift_ns)
+		p->drift_deg2 += sigma_deg * sigma_deg * (double)(t_ns - p->t_drift_ns) / 1e9;
+	p->t_drift_ns = t_ns;
+}
+
 /* How the camera was turned: as it was told, where that agrees with the pictures; else, where
  * nothing tells it, as they show it since the first one. A gyroscope tells turns, but no world. */
-static struct lp_estimate_orientation orientation_of(const struct lp_pipeline *p,
-						     const float told[4], float told_sigma_deg)
+static struct lp_estimate_orientation orientation_of(struct lp_pipeline *p, const float told[4],
+						     float told_sigma_deg, int64_t t_ns)
 {
 	struct lp_estimate_orientation o = {0};
 	struct lp_imager_status status;
 	double quaternion[4];
 
 	lp_imager_status(p->imager, &status);
+	note_drift(p, &status, t_ns);
 	o.left_out = status.orientation_left_out;
 	if (p->options.orientation == LP_ORIENTATION_SIM ||
 	    p->options.orientation == LP_ORIENTATION_CLIENT) {
@@ -396,7 +411,7 @@ static struct lp_estimate_orientation orientation_of(const struct lp_pipeline *p
 		for (int i = 0; i < 4; i++)
 			o.xyzw[i] = (float)quaternion[i];
 		o.known = true;
-		o.sigma_deg = status.rotation_sigma_deg;
+		o.sigma_deg = hypotf(status.rotation_sigma_deg, sqrtf((float)p->drift_deg2));
 	}
 	return o;
 }
@@ -555,7 +570,8 @@ int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
 	estimates->raw.t_arrival_ns = t_arrival_ns;
 	estimates->raw.wheel_deg = wheel_deg;
 	estimates->raw.wheel_sigma_deg = wheel_sigma_deg;
-	estimates->raw.orientation = orientation_of(pipeline, told, told_sigma_deg);
+	estimates->raw.orientation =
+		orientation_of(pipeline, told, told_sigma_deg, panorama->t_capture_ns);
 	lp_tracker_update(&pipeline->tracker, &estimates->raw, &estimates->smoothed);
 	turn_to_camera(pipeline->imager, &estimates->raw);
 	turn_to_camera(pipeline->imager, &estimates->smoothed);

@@ -46,7 +46,7 @@ SCENES = ("blender", "procedural:4", "room")
 #: Where things go wrong.
 TROUBLED_SCENES = ("room",)
 #: Where something tells the orientation besides the frames.
-TOLD_SCENES, TOLD_RATES = ("room",), ("0", "100", "head")
+TOLD_SCENES, TOLD_RATES = ("room",), ("100", "head")
 #: Simulated seconds that are judged.
 JUDGED_S = 4.0
 
