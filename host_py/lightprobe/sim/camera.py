@@ -30,6 +30,9 @@ Composed = tuple[NDArray[np.float32], NDArray[np.float32] | None]
 FORMATS = ("MJPG", "YUYV", "NV12", "GREY", "RGBF")
 #: Noiseless signals kept: a bracket of the scene before and after a lamp is switched.
 _CACHED = 12
+#: A hand before the lens: share of the mean light that passes through it, and the width of its rim
+#: (1 is a radian).
+_HAND_GLOW, _HAND_RIM = np.array([0.03, 0.015, 0.01], np.float32), 0.2
 #: Pictures that are looked up, not rolled, are the mean of moments so many pixels apart.
 _SMEAR_STEP_PX, _MOST_SMEAR_STEPS = 2, 16
 
@@ -98,6 +101,7 @@ class SimulatedCamera:
         # All of it now: a camera does not pause when the scene changes.
         self._layers = [scene.render(*self._map_px) for scene in world.scenes]
         self.sheet = sheet
+        self._hand: NDArray[np.float32] | None = None  # (H, W, 1): share of each pixel covered
         self.white_balance = (1.0, 1.0, 1.0)  # factors of R, G, B; 1: as D65 lights a white wall
         polarized = not all(layers.unpolarized for layers in self._layers)
         if sheet and polarized and world.behaviour.nod_deg:
@@ -150,7 +154,7 @@ class SimulatedCamera:
         if self.pixel_format == "RGBF" or state.is_covered:
             radiance = self._turned(self._radiance(state, wheel_deg, rows), state, rows)
             if state.is_covered:
-                radiance[self._right_half()] = 0
+                radiance = self._behind_a_hand(radiance)
             if self.pixel_format == "RGBF":
                 return radiance.tobytes()
             codes = self.sensor.capture(radiance, shot.exposure_us, number, shot.gain)
@@ -160,9 +164,16 @@ class SimulatedCamera:
         codes = self.sensor.develop(signal, number, shot.gain, turn_px)
         return encode(codes, self.pixel_format, self.quality, self.chroma)
 
-    def _right_half(self) -> NDArray[np.bool_]:
-        """Pixels (H, W) that look to the right."""
-        return np.asarray(self.lens.look(*self.size_px)[0][..., 0] > 0)
+    def _behind_a_hand(self, radiance: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Radiance (H, W, 3) when a hand covers what looks to the right.
+
+        So near the lens its rim is soft, and it glows red by the light that passes through it.
+        """
+        if self._hand is None:
+            right = self.lens.look(*self.size_px)[0][..., :1]
+            self._hand = np.clip(0.5 + right / _HAND_RIM, 0, 1).astype(np.float32)
+        glow = np.float32(radiance.mean()) * _HAND_GLOW
+        return np.asarray(radiance + self._hand * (glow - radiance), dtype=np.float32)
 
     def true_yaw_deg(self, state: State) -> float:
         """Yaw of the picture: equirectangular ones turn by whole pixels."""
