@@ -287,11 +287,30 @@ struct lp_bracket_decision lp_bracket_judge(struct lp_bracket *bracket,
 	return decision;
 }
 
+/* A camera may begin its delay anew with each command, and then never do what it is told: do not
+ * command again before a command has taken effect. */
+static void watch_pace(struct lp_bracket *b, float exposure_us)
+{
+	const bool changed = stops(exposure_us, b->reported_us) > REPLAN_STOPS;
+
+	b->frames_unchanged = changed || b->planned == 1 ? 0 : b->frames_unchanged + 1;
+	b->reported_us = exposure_us;
+	if (b->frames_unchanged > 2 * most_delay(b))
+		b->waits = true;
+}
+
 struct lp_bracket_decision lp_bracket_reported(struct lp_bracket *bracket, float exposure_us)
 {
 	bracket->frames_since_command++;
+	bracket->frames_since_plan++;
+	if (bracket->state != LP_BRACKET_RUNNING)
+		bracket->reported_us = exposure_us;
 	bracket->state = LP_BRACKET_RUNNING;
 	bracket->verified = true;
+	bracket->reports = true;
+	bracket->shortest_seen |=
+		stops(exposure_us, bracket->plan_us[bracket->planned - 1]) < 0.5F * REPLAN_STOPS;
+	watch_pace(bracket, exposure_us);
 	/* the device may round: near enough is what was asked for; and it is not asked twice */
 	if (stops(exposure_us, bracket->commanded_us) < REPLAN_STOPS ||
 	    bracket->frames_since_command > most_delay(bracket))
@@ -372,16 +391,28 @@ static float probe_us(const struct lp_bracket *b)
 	return stops(shorter, b->settled_us) > 1.0F ? shorter : allowed(b, b->settled_us * 4.0F);
 }
 
+/* Whether the scene as it is known tells what the plan in force does: its shortest exposure has
+ * been seen, or does not come. */
+static bool plan_is_seen(const struct lp_bracket *b)
+{
+	return b->shortest_seen || b->frames_since_plan > most_delay(b) + b->planned;
+}
+
 bool lp_bracket_next(struct lp_bracket *bracket, const struct lp_bracket_scene *scene,
 		     float *command_us)
 {
 	struct lp_bracket *b = bracket;
 	float plan_us[LP_MAX_PLANNED];
 
-	if (b->state != LP_BRACKET_RUNNING || b->commanded_us != b->settled_us)
+	const bool at_once = b->reports && !b->waits;
+
+	if (b->state != LP_BRACKET_RUNNING || (!at_once && b->commanded_us != b->settled_us))
 		return false;
-	if (b->at == b->planned - 1) { /* the round is complete */
+	if (b->at == b->planned - 1 && (!at_once || plan_is_seen(b))) { /* the round is complete */
 		const int count = plan(b, scene, plan_us);
+
+		b->shortest_seen = false;
+		b->frames_since_plan = 0;
 
 		if (differs(b, plan_us, count)) {
 			memcpy(b->plan_us, plan_us, (size_t)count * sizeof(*plan_us));
@@ -397,7 +428,7 @@ bool lp_bracket_next(struct lp_bracket *bracket, const struct lp_bracket_scene *
 	if (!b->verified && scene->peak * b->settled_us * 1e-6F > PEAK_LOW &&
 	    stops(*command_us, b->settled_us) < 1.0F)
 		*command_us = probe_us(b);
-	if (*command_us == b->settled_us)
+	if (*command_us == (at_once ? b->commanded_us : b->settled_us))
 		return false;
 	command(b, *command_us);
 	return true;

@@ -21,8 +21,9 @@
  *        +---------------------------------------------------+   |  without effect: another
  *                                                                +-> exposure is tried (a miss)
  *
- * Where frames report their exposure (lp_bracket_reported) only RUNNING is reached. The limits are
- * named in bracket.c.
+ * Where frames report their exposure (lp_bracket_reported) only RUNNING is reached, and no command
+ * waits for the one before it: each frame commands the next exposure, so that all are seen within
+ * as many frames. The limits are named in bracket.c.
  */
 #ifndef LP_APP_BRACKET_H
 #define LP_APP_BRACKET_H
@@ -73,6 +74,13 @@ struct lp_bracket {
 	int changes;				 /* seen to take effect */
 	int least_seen_frames, most_seen_frames; /* from command to effect */
 	int frames_ignored;			 /* since the camera was found not to follow */
+
+	/* where frames report their exposure */
+	bool reports, waits;  /* waits: each command for the one before it, all the same */
+	float reported_us;    /* by the last frame */
+	int frames_unchanged; /* in a row, that report the same */
+	int frames_since_plan;
+	bool shortest_seen; /* plan_us[planned - 1], since the plan was made */
 };
 
 /* What to do with the frame just judged, and with the camera. */

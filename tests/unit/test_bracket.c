@@ -20,6 +20,7 @@ struct camera {
 	float step_us;
 	bool ignores, reports_exposure;
 	float in_effect_us;
+	bool restarts; /* a command makes it forget those before that have not taken effect yet */
 	float queue_us[MOST_DELAY + 1]; /* takes effect after so many frames */
 	int frames;
 };
@@ -91,6 +92,8 @@ static void take_command(struct camera *camera, float command_us)
 		return;
 	if (camera->step_us > 0.0F)
 		command_us = roundf(command_us / camera->step_us) * camera->step_us;
+	if (camera->restarts)
+		memset(camera->queue_us, 0, sizeof(camera->queue_us));
 	camera->queue_us[camera->delay_frames] = command_us;
 }
 
@@ -210,6 +213,32 @@ static void test_reported_exposures_need_no_verifying(void **state)
 	assert_int_equal(outcome.last.flags, 0);
 	expect_right_light(&outcome, 1.0F, 0.03);
 	lp_pipeline_destroy(pipeline);
+}
+
+/* Commands do not wait for each other: however late they take effect, each exposure comes in every
+ * round of as many frames. But a camera that begins its delay anew with each command is waited for.
+ */
+static void test_reported_exposures_take_turns(void **state)
+{
+	(void)state;
+	for (int delay = 0; delay <= 4; delay++)
+		for (int restarts = 0; restarts < 2; restarts++) {
+			struct camera camera = {.delay_frames = delay,
+						.reports_exposure = true,
+						.restarts = restarts};
+			struct lp_pipeline *pipeline = new_pipeline(&camera, 3);
+			int changes = 0;
+
+			run(pipeline, &camera, 90, 1.0F);
+			for (int n = 0; n < 30; n++) {
+				const float before_us = camera.in_effect_us;
+
+				run(pipeline, &camera, 1, 1.0F);
+				changes += camera.in_effect_us != before_us;
+			}
+			assert_true(changes >= (restarts && delay ? 30 / (delay + 2) : 30));
+			lp_pipeline_destroy(pipeline);
+		}
 }
 
 /* A camera on automatic, or driven by another program: detected, flagged, never merged. */
@@ -408,6 +437,7 @@ int main(void)
 		cmocka_unit_test(test_values_that_a_camera_can_take),
 		cmocka_unit_test(test_values_of_a_list),
 		cmocka_unit_test(test_any_delay_merges_rightly),
+		cmocka_unit_test(test_reported_exposures_take_turns),
 		cmocka_unit_test(test_reported_exposures_need_no_verifying),
 		cmocka_unit_test(test_a_camera_that_ignores_commands),
 		cmocka_unit_test(test_a_change_of_all_light),
