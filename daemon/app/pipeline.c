@@ -34,6 +34,9 @@
 /* 1 sigma of the drift of the anchor frame in a second of turning, in sigmas of its frames. */
 #define DRIFT_SIGMAS 4.0
 
+/* 1 sigma of light that is not seen, relative, after its first second; grows with its root. */
+#define COVERED_WALK 0.1
+
 /* What each preset means; `make bench` measures the trade. */
 struct preset {
 	enum lp_decode decode;
@@ -295,6 +298,8 @@ static uint32_t flags_of(const struct lp_pipeline *p, const struct lp_panorama *
 		flags |= LP_ESTIMATE_MORE_LIGHTS;
 	if (status->rotation_is_unknown)
 		flags |= LP_ESTIMATE_MOTION;
+	if (status->covered)
+		flags |= LP_ESTIMATE_COVERED;
 	if (!(mean > 0.0F))
 		flags |= LP_ESTIMATE_NO_LIGHT;
 	if (p->in_force < p->options.preset)
@@ -326,6 +331,9 @@ static float relighting_sigma(const struct lp_imager_status *status,
 	const double mean = lp_luminance(light) * sqrt(4.0 * M_PI) / 4.0;
 	/* clipped light may well be twice as much; flux over mean irradiance is 4 */
 	const double clipped = 4.0 * status->clipped_share / sqrt(6.0);
+	/* what a hand hides may have changed meanwhile, all of it alike */
+	const double hidden = 4.0 * status->covered_share * COVERED_WALK *
+			      sqrt(1.0 + status->covered_s) / sqrt(6.0);
 	double lamps = 0.0;
 
 	if (!(mean > 0.0))
@@ -333,7 +341,7 @@ static float relighting_sigma(const struct lp_imager_status *status,
 	for (int k = 0; k < e->light_count; k++)
 		lamps += lamp_variance(&e->lights[k]) / (mean * mean);
 	return (float)sqrt(LEAST_RELIGHTING_SIGMA * LEAST_RELIGHTING_SIGMA + lamps +
-			   clipped * clipped +
+			   clipped * clipped + hidden * hidden +
 			   (double)status->irradiance_sigma * status->irradiance_sigma +
 			   (double)status->changed * status->changed);
 }

@@ -37,6 +37,8 @@ enum lp_estimate_flag {
 	LP_ESTIMATE_WHEEL_FAULT = 1 << 12,
 	LP_ESTIMATE_NO_LIGHT = 1 << 13,
 	LP_ESTIMATE_MOTION = 1 << 14,
+	LP_ESTIMATE_FLICKER = 1 << 15,
+	LP_ESTIMATE_COVERED = 1 << 16,
 };
 
 /* One lamp. Unknown values are NAN. Directions are unit vectors towards the light, probe frame. */

@@ -8,6 +8,7 @@
 
 #include "base/log.h"
 #include "include/frame.h"
+#include "include/luminance.h"
 #include "light/grid.h"
 #include "vision/alignment.h"
 #include "vision/lookup.h"
@@ -22,8 +23,13 @@
 /* When more than this share of the light is another, exposures from before count as missing. Chosen
  * by hand. */
 #define CHANGED 0.02F
+/* How much all cells may have changed then, 1 sigma: by so many times that share, and at most. */
+#define STIR 4.0F
+#define MOST_STIRRED 0.5F
 /* Where a cell of a turned picture looks, in cells: what lies between samples. */
 #define PLACE_SIGMA 0.15
+/* Share of the cells that contradict what is known, from which on the lens may be covered. */
+#define LEAST_COVERED 0.02F
 
 int lp_imager_create(const struct lp_camera *camera, const struct lp_imager_options *options,
 		     struct lp_imager **imager)
@@ -112,6 +118,7 @@ const struct lp_rotation *lp_imager_rotation(const struct lp_imager *imager)
 void lp_imager_forget(struct lp_imager *imager)
 {
 	lp_radiance_map_forget(imager->map);
+	imager->cover = (struct lp_cover){.found = false};
 	memset(imager->recent, 0, sizeof(imager->recent));
 	imager->t_map_ns = 0;
 }
@@ -274,6 +281,8 @@ int lp_imager_load(struct lp_imager *imager, struct lp_frame *frame, float expec
 	if (ret < 0)
 		return ret;
 	map_cells(imager);
+	if (imager->cover.found) /* most likely still */
+		lp_cover_mark(&imager->cover, imager->grid, imager->seen.flags);
 	lp_imager_follow(imager);
 	imager->loaded = true;
 	return 0;
@@ -353,7 +362,88 @@ static void observe(struct lp_imager *imager)
 		seen.place_variance = (float)(PLACE_SIGMA * PLACE_SIGMA + sigma * sigma);
 	}
 	imager->update = lp_radiance_map_observe(imager->map, &seen);
+	if (imager->update.changed > CHANGED) {
+		/* a lamp that is switched lights all of the room, little of it beyond doubt */
+		const float changed = imager->update.changed;
+
+		seen.elapsed_s = 0.0F;
+		seen.stirred = fminf(STIR * changed, MOST_STIRRED);
+		imager->update = lp_radiance_map_observe(imager->map, &seen);
+		imager->update.changed = changed;
+	}
 	imager->t_map_ns = imager->t_capture_ns;
+}
+
+struct lp_cover_view lp_imager_cover_view(const struct lp_imager *imager, float exposure_us)
+{
+	const bool turned = !lp_rotation_is_identity(&imager->motion.rotation);
+	const float scale = imager->incoming.scale;
+
+	return (struct lp_cover_view){
+		.grid = imager->grid,
+		.map = imager->map,
+		.lookup = turned ? imager->lookup : NULL,
+		.radiance = (const float(*)[4])imager->seen.cells,
+		.flags = imager->seen.flags,
+		.frame_scale = scale,
+		.map_scale = isnan(exposure_us) ? scale : 1e6F / exposure_us,
+	};
+}
+
+/* What the map held before a hand came is true still. */
+static void restore_covered(struct lp_imager *imager)
+{
+	const struct lp_cover_view view = lp_imager_cover_view(imager, NAN);
+	const int width = imager->grid->width;
+
+	for (int i = 0; i < width * imager->grid->height; i++) {
+		const int seen = lp_cover_seen_cell(&view, i);
+
+		if (imager->cover.near[lp_cover_block(width, seen)])
+			lp_radiance_map_restore(imager->map, i, LP_COVER_COMES_S);
+	}
+}
+
+/* Is the lens covered in the newest frame? Where it is, the frame tells nothing of the light. Only
+ * a frame that contradicts what is known, or follows a change, is looked at closer. */
+static void look_for_cover(struct lp_imager *imager)
+{
+	const double elapsed_s = (double)(imager->t_capture_ns - imager->t_map_ns) / 1e9;
+	const struct lp_observation seen = lp_imager_observation(imager);
+	const struct lp_cover before = imager->cover;
+
+	if (!seen.coded || !imager->t_map_ns ||
+	    (!before.found && lp_rotation_is_identity(&imager->motion.rotation) &&
+	     imager->map->t_s - imager->changed_s > LP_COVER_COMES_S &&
+	     lp_radiance_map_contradicting(imager->map, &seen) < LEAST_COVERED))
+		return;
+	const struct lp_cover_view view = lp_imager_cover_view(imager, NAN);
+
+	imager->cover = lp_cover_look(&before, &view);
+	imager->covered_s = before.found && imager->cover.found
+				    ? imager->covered_s + (float)fmax(elapsed_s, 0.0)
+				    : 0.0F;
+	lp_cover_mark(&imager->cover, imager->grid, imager->seen.flags);
+	if (imager->cover.found && !before.found)
+		restore_covered(imager);
+}
+
+/* Share of the light that is known where the lens is covered. */
+static float covered_light(const struct lp_imager *imager)
+{
+	const struct lp_cover_view view = lp_imager_cover_view(imager, NAN);
+	const struct lp_grid *grid = imager->grid;
+	double covered = 0.0, all = 0.0;
+
+	for (int i = 0; i < grid->width * grid->height; i++) {
+		const double light = (double)imager->map->radiance[i][LP_LUMINANCE] *
+				     lp_grid_solid_angle_sr(grid, i);
+
+		all += light;
+		if (imager->cover.near[lp_cover_block(grid->width, lp_cover_seen_cell(&view, i))])
+			covered += light;
+	}
+	return all > 0.0 ? (float)(covered / all) : 0.0F;
 }
 
 /* The map, as the rest of the pipeline sees it. */
@@ -388,10 +478,14 @@ int lp_imager_accept(struct lp_imager *imager, float exposure_us)
 	lp_imager_settle(imager, exposure_us);
 	forget_other_scale(imager, exposure_us);
 	lp_imager_followed(imager);
+	look_for_cover(imager);
 	observe(imager);
+	imager->covered_share = imager->cover.found ? covered_light(imager) : 0.0F;
 	note_exposure(imager, exposure_us);
-	if (imager->update.changed > CHANGED)
+	if (imager->update.changed > CHANGED) {
 		imager->changed_serial = imager->serial;
+		imager->changed_s = imager->map->t_s;
+	}
 	show(imager);
 	return 0;
 }
@@ -421,7 +515,10 @@ void lp_imager_status(const struct lp_imager *imager, struct lp_imager_status *s
 				degrees),
 		.rotation_is_unknown = imager->agreement < LP_LEAST_AGREEMENT,
 		.orientation_told = imager->testimony.known,
-		.orientation_left_out = imager->witness.left_out};
+		.orientation_left_out = imager->witness.left_out,
+		.covered = imager->cover.found,
+		.covered_s = imager->covered_s,
+		.covered_share = imager->covered_share};
 	for (int k = 0; k < LP_MAX_BRACKET; k++) {
 		const struct lp_recent_exposure *e = &imager->recent[k];
 

@@ -57,6 +57,9 @@ struct lp_imager_status {
 	bool rotation_is_unknown;
 	bool orientation_told;	   /* the newest frame carries its orientation */
 	bool orientation_left_out; /* what frames carry contradicts what they show */
+	bool covered;	     /* something hides part of the camera's view */
+	float covered_s;     /* for how long by now */
+	float covered_share; /* of the light: what was known where the view is hidden */
 };
 
 /* The camera is borrowed until destroy. */

@@ -7,6 +7,7 @@
 #include "light/motion.h"
 #include "light/witness.h"
 #include "vision/camera.h"
+#include "vision/cover.h"
 #include "vision/imager.h"
 #include "vision/radiance_map.h"
 #include "vision/response.h"
@@ -65,8 +66,12 @@ struct lp_imager {
 
 	uint64_t serial;
 	uint64_t changed_serial; /* of the last frame that showed other light than before it */
+	double changed_s;	 /* when that was, by the map's time */
 	struct lp_recent_exposure recent[LP_MAX_BRACKET];
 	struct lp_map_update update; /* of the newest observation */
+	struct lp_cover cover;	     /* of the camera's view */
+	float covered_s;	     /* for how long by now */
+	float covered_share;	     /* of the light that is known */
 
 	/* refine.c */
 	int *place;	    /* per camera cell: index into the patch that saw it last */
@@ -82,5 +87,8 @@ struct lp_observation lp_imager_observation(const struct lp_imager *imager);
  * heard, what that says of the witness. */
 void lp_imager_follow(struct lp_imager *imager);
 void lp_imager_followed(struct lp_imager *imager);
+
+/* The newest frame against the map, if it was exposed for exposure_us (times gain). */
+struct lp_cover_view lp_imager_cover_view(const struct lp_imager *imager, float exposure_us);
 
 #endif

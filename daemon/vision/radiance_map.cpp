@@ -140,15 +140,36 @@ struct row_sums {
 	}
 };
 
+/* Changes of a cell that follow each other faster than this are one. */
+constexpr double kOneChangeS = 0.5;
+
+/* Keep what four cells hold, those that change. */
+void remember(struct lp_radiance_map *map, size_t i, const v_float32x4 &changes)
+{
+	const int changing = cv::v_signmask(changes);
+
+	for (auto k = 0; k < 4; k++) {
+		struct lp_cell_before &before = map->before[i + k];
+
+		if (!(changing >> k & 1) ||
+		    (before.t_s >= 0.0 && map->t_s - before.t_s < kOneChangeS))
+			continue;
+		std::memcpy(before.radiance, map->radiance[i + k], sizeof(before.radiance));
+		before.variance = map->variance[i + k];
+		before.bound_scale = map->bound_scale[i + k];
+		before.flags = map->flags[i + k];
+		before.t_s = map->t_s;
+	}
+}
+
 /* What four measured cells say to what is known of them with variance `before`. */
 struct lesson {
-	v_float32x4 difference, contradicts, gain, variance;
+	v_float32x4 both, difference, contradicts, gain, variance;
 
 	lesson(const v_float32x4 &light, const v_float32x4 &held, const v_float32x4 &before,
 	       const v_float32x4 &observed)
 	{
-		const v_float32x4 both = cv::v_max(before + observed, cv::v_setall_f32(1e-36F));
-
+		both = cv::v_max(before + observed, cv::v_setall_f32(1e-36F));
 		difference = light - held;
 		contradicts = difference * difference > cv::v_setall_f32(kGate * kGate) * both;
 		gain = cv::v_setall_f32(1.0F) -
@@ -178,6 +199,10 @@ void correct_plain(struct lp_radiance_map *map, const struct lp_observation *see
 	const v_float32x4 before = cv::v_fma(walk, held * held, cv::v_load(map->variance + i));
 	const lesson learned(light, held, before, noise.of(light, i));
 
+	if (seen->stirred > 0.0F)
+		remember(map, i, light == light);
+	else if (cv::v_check_any(learned.contradicts))
+		remember(map, i, learned.contradicts);
 	move(cell, now, learned.gain);
 	cell.store(map->radiance + i);
 	cv::v_store(map->variance + i, learned.variance);
@@ -210,8 +235,9 @@ void correct(struct lp_radiance_map *map, const struct lp_observation *seen,
 	const v_float32x4 fresh = mask_of(flags, LP_CELL_UNSEEN);
 	/* beside a clipped cell nothing is learned, but of a cell of which nothing is known */
 	const v_float32x4 clipped = mask_of(seen_flags, LP_CELL_CLIPPED) | (beside & fresh);
-	const v_float32x4 missing =
-		mask_of(seen_flags, LP_CELL_UNSEEN) | (beside & (fresh == zero));
+	const v_float32x4 missing = mask_of(seen_flags, LP_CELL_UNSEEN) |
+				    mask_of(seen_flags, LP_CELL_COVERED) |
+				    (beside & (fresh == zero));
 	const v_float32x4 before =
 		cv::v_min(cv::v_fma(walk, held * held, cv::v_load(map->variance + i)), unknown);
 	const v_float32x4 known = before < cv::v_setall_f32(kKnown);
@@ -229,7 +255,7 @@ void correct(struct lp_radiance_map *map, const struct lp_observation *seen,
 	const v_float32x4 refuted =
 		cv::v_select(known,
 			     above & (difference * difference >
-				      cv::v_setall_f32(kBoundGate * kBoundGate) * before),
+				      cv::v_setall_f32(kBoundGate * kBoundGate) * learned.both),
 			     mask_of(flags, LP_CELL_UNSEEN) |
 				     (bound & (shorter | (longer & above))));
 	const v_float32x4 mean = bound & (refuted == zero) & (longer == zero);
@@ -241,9 +267,15 @@ void correct(struct lp_radiance_map *map, const struct lp_observation *seen,
 	variance = cv::v_select(clipped, cv::v_select(refuted, unknown, before), variance);
 	gain = cv::v_select(missing, zero, gain);
 	variance = cv::v_select(missing, before, variance);
-	move(cell, now, gain);
 
 	const v_float32x4 changed = known & cv::v_select(clipped, refuted, learned.contradicts);
+
+	if (seen->stirred > 0.0F)
+		remember(map, i, known & (missing == zero));
+	else if (cv::v_check_any(changed & (missing == zero)))
+		remember(map, i, changed & (missing == zero));
+	move(cell, now, gain);
+
 	const cv::v_int32x4 kept = cv::v_reinterpret_as_s32(
 		missing | (clipped & (cv::v_reinterpret_as_f32(cv::v_setall_s32(-1)) ^ refuted)));
 	const cv::v_int32x4 marks =
@@ -277,6 +309,7 @@ extern "C" void lp_radiance_map_destroy(struct lp_radiance_map *map)
 {
 	if (!map)
 		return;
+	std::free(map->before);
 	std::free(map->turned_scale);
 	std::free(map->turned_flags);
 	std::free(map->turned_variance);
@@ -300,7 +333,8 @@ extern "C" int lp_radiance_map_create(const struct lp_grid *grid, struct lp_radi
 	if (!allocate(m->radiance, cells) || !allocate(m->variance, cells) ||
 	    !allocate(m->flags, cells) || !allocate(m->turned, cells) ||
 	    !allocate(m->turned_variance, cells) || !allocate(m->turned_flags, cells) ||
-	    !allocate(m->bound_scale, cells) || !allocate(m->turned_scale, cells)) {
+	    !allocate(m->bound_scale, cells) || !allocate(m->turned_scale, cells) ||
+	    !allocate(m->before, cells)) {
 		lp_radiance_map_destroy(m);
 		return -ENOMEM;
 	}
@@ -315,8 +349,10 @@ extern "C" void lp_radiance_map_forget(struct lp_radiance_map *map)
 
 	std::memset(map->radiance, 0, cells * sizeof(*map->radiance));
 	std::memset(map->flags, LP_CELL_UNSEEN, cells);
-	for (int i = 0; i < cells; i++)
+	for (int i = 0; i < cells; i++) {
 		map->variance[i] = LP_VARIANCE_UNKNOWN;
+		map->before[i].t_s = -1.0;
+	}
 }
 
 extern "C" struct lp_map_update lp_radiance_map_observe(struct lp_radiance_map *map,
@@ -324,10 +360,12 @@ extern "C" struct lp_map_update lp_radiance_map_observe(struct lp_radiance_map *
 {
 	const struct lp_grid *grid = map->grid;
 	const noise_model noise(*observation);
-	const v_float32x4 walk = cv::v_setall_f32(kWalk * kWalk * observation->elapsed_s);
+	const v_float32x4 walk = cv::v_setall_f32(kWalk * kWalk * observation->elapsed_s +
+						  observation->stirred * observation->stirred);
 	const double sphere_sr = 4.0 * M_PI;
 	sums total = {};
 
+	map->t_s += observation->elapsed_s;
 	for (int r = 0; r < grid->height; r++) {
 		row_sums row;
 
@@ -388,6 +426,28 @@ extern "C" float lp_radiance_map_contradicting(const struct lp_radiance_map *map
 	return static_cast<float>(compared > 0.0 ? contradicting / compared : 0.0);
 }
 
+extern "C" const float *lp_radiance_map_before(const struct lp_radiance_map *map, int cell,
+					       double most_s)
+{
+	const struct lp_cell_before &before = map->before[cell];
+
+	return before.t_s < 0.0 || map->t_s - before.t_s > most_s ? map->radiance[cell]
+								  : before.radiance;
+}
+
+extern "C" void lp_radiance_map_restore(struct lp_radiance_map *map, int cell, double most_s)
+{
+	struct lp_cell_before &before = map->before[cell];
+
+	if (before.t_s < 0.0 || map->t_s - before.t_s > most_s)
+		return;
+	std::memcpy(map->radiance[cell], before.radiance, sizeof(before.radiance));
+	map->variance[cell] = before.variance;
+	map->bound_scale[cell] = before.bound_scale;
+	map->flags[cell] = before.flags;
+	before.t_s = -1.0;
+}
+
 extern "C" void lp_radiance_map_turn(struct lp_radiance_map *map, struct lp_lookup *lookup,
 				     const struct lp_rotation *rotation)
 {
@@ -409,5 +469,7 @@ extern "C" void lp_radiance_map_turn(struct lp_radiance_map *map, struct lp_look
 	std::swap(map->flags, map->turned_flags);
 	std::swap(map->bound_scale, map->turned_scale);
 	for (int i = 0; i < cells; i++)
-		map->flags[i] &= static_cast<uint8_t>(~LP_CELL_BESIDE);
+		map->flags[i] &= static_cast<uint8_t>(~(LP_CELL_BESIDE | LP_CELL_COVERED));
+	for (int i = 0; i < cells; i++) /* cells lie elsewhere now */
+		map->before[i].t_s = -1.0;
 }

@@ -29,13 +29,23 @@ struct lp_rotation;
 
 #define LP_VARIANCE_UNKNOWN 1e36F
 
+/* A cell before a change of light, as it was when the change began. */
+struct lp_cell_before {
+	float radiance[4];
+	float variance, bound_scale;
+	double t_s; /* when it changed, by the map's time; below 0: not since it was forgotten */
+	uint8_t flags;
+};
+
 struct lp_radiance_map {
 	const struct lp_grid *grid; /* borrowed */
 	float (*radiance)[4];	    /* R, G, B, luminance */
 	float *variance;	    /* of the luminance; LP_VARIANCE_UNKNOWN: not known */
 	uint8_t *flags;		    /* enum lp_cell_flag: UNSEEN never, CLIPPED only ever clipped */
 	float *bound_scale;	    /* CLIPPED: of the shortest exposure that it was clipped in */
-	float (*turned)[4];	    /* workspace of lp_radiance_map_turn() */
+	double t_s;		    /* sum of all elapsed_s */
+	struct lp_cell_before *before; /* what each cell held before it last changed */
+	float (*turned)[4];	       /* workspace of lp_radiance_map_turn() */
 	float *turned_variance;
 	uint8_t *turned_flags;
 	float *turned_scale;
@@ -50,6 +60,7 @@ struct lp_observation {
 	bool coded;	     /* 8-bit codes; float frames are taken as exact */
 	float code_variance; /* of a cell's mean, in codes^2 */
 	float elapsed_s;     /* since the observation before */
+	float stirred;	     /* 1 sigma, relative, of a change of light everywhere since then; 0 */
 	/* Squared change of luminance from cell to cell, and the variance in cells^2 of where a
 	 * cell looks; NULL: nothing turned, and each cell is one of the camera's. */
 	const float *step2;
@@ -81,6 +92,13 @@ struct lp_map_update lp_radiance_map_observe(struct lp_radiance_map *map,
  * else than what is known. The map stays as it is. */
 float lp_radiance_map_contradicting(const struct lp_radiance_map *map,
 				    const struct lp_observation *observation);
+
+/* Radiance (R, G, B, luminance) that the cell held before it changed, if that was no more than
+ * `most_s` ago; else what it holds. */
+const float *lp_radiance_map_before(const struct lp_radiance_map *map, int cell, double most_s);
+
+/* The cell gets back what it held before it changed, if that was no more than `most_s` ago. */
+void lp_radiance_map_restore(struct lp_radiance_map *map, int cell, double most_s);
 
 /* Turn the map's own frame: afterwards a cell holds what lay along `rotation` times its direction.
  * lookup: workspace, its coordinates are overwritten. */

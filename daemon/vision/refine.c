@@ -9,6 +9,7 @@
 #include "include/luminance.h"
 #include "light/grid.h"
 #include "light/lamps.h"
+#include "light/rotation.h"
 #include "vision/cell_geometry.h"
 #include "vision/code_noise.h"
 #include "vision/imager_internal.h"
@@ -387,6 +388,20 @@ static void turn_lamp(const struct lp_rotation *rotation, struct lp_lamp *lamp)
 	lp_rotate_direction(rotation, lamp->centroid);
 }
 
+/* Something before the lens hides the lamp. */
+static bool covers(const struct lp_imager *imager, const struct lp_rotation *back,
+		   const struct lp_lamp *lamp)
+{
+	float direction[3];
+
+	if (!imager->cover.found)
+		return false;
+	memcpy(direction, lamp->direction, sizeof(direction));
+	lp_rotate_direction(back, direction);
+	return imager->cover
+		.near[lp_cover_block(imager->grid->width, lp_grid_cell(imager->grid, direction))];
+}
+
 bool lp_imager_refine(struct lp_imager *imager, const struct lp_lamp_finder *finder,
 		      struct lp_lamp *lamp, int most_cells)
 {
@@ -397,7 +412,8 @@ bool lp_imager_refine(struct lp_imager *imager, const struct lp_lamp_finder *fin
 
 	if (most_cells > LP_REFINE_MAX_CELLS)
 		most_cells = LP_REFINE_MAX_CELLS;
-	if (!imager->remap || !collect(imager, finder, lamp, most_cells, &patch))
+	if (!imager->remap || covers(imager, &back, lamp) ||
+	    !collect(imager, finder, lamp, most_cells, &patch))
 		return false;
 	turn_lamp(&back, &seen);
 	const float peak = load_pixels(imager, exposure, &patch) - lamp->background[LP_LUMINANCE];

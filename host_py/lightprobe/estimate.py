@@ -47,6 +47,8 @@ class EstimateFlag(IntFlag):
     WHEEL_FAULT = 4096
     NO_LIGHT = 8192
     MOTION = 16384
+    FLICKER = 32768
+    COVERED = 65536
 
 
 #: The flags in words, each with what to do about it where something can be done.
@@ -68,6 +70,8 @@ FLAG_WORDS: dict[str, str] = {
     "WHEEL_FAULT": "the position of the polarizer wheel is not known; its angle is not used",
     "NO_LIGHT": "the scene is black as far as the camera can tell",
     "MOTION": "the frames do not tell how the camera turned: directions may be off",
+    "FLICKER": "lamps flicker with the mains; what is reported of them is a mean",
+    "COVERED": "something covers part of the lens; what was known of the light there is kept",
     "REFLECTION": "suspected reflection (glare), not a lamp",
     "EXTENDED": "one part of a larger source",
     "RING": "strength or direction from the ring of light sensors",

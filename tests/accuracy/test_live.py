@@ -11,9 +11,14 @@ from judge import Coverage, Light, Packet
 from lightprobe import geometry, sh
 from lightprobe.estimate import Estimate, EstimateFlag, LightFlag, SphericalHarmonics
 from lightprobe.estimate import Light as Listed
+from lightprobe.imaging import camera as lenses
+from lightprobe.sim.camera import SimulatedCamera
+from lightprobe.sim.live import LiveProbe
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.room import Room
 from lightprobe.sim.scene import PanoramaScene
+from lightprobe.sim.world import Behaviour, World
+from recording import EXPOSURES, INDOORS, SUBSCRIPTIONS
 
 pytestmark = pytest.mark.usefixtures("released_daemon")
 SCENE = random_scene(3)
@@ -156,7 +161,7 @@ def test_lamps_are_where_they_are_while_the_camera_turns() -> None:
 
 def test_without_orientation_a_turning_camera_is_flagged() -> None:
     blind = ("--orientation=none",)
-    case = live.case(SCENE, "100", "reported", size_px=SMALL_PX, daemon_arguments=blind)
+    case = live.case(SCENE, "300", "reported", size_px=SMALL_PX, daemon_arguments=blind)
     for one in live.judged(case):
         assert one.figures.error_p90 > 0.05  # otherwise nothing is tested
         assert one.figures.wrong_and_healthy == 0
@@ -213,3 +218,36 @@ def test_who_walks_is_judged_by_the_light_where_they_are() -> None:
     for one in live.judged(walk):
         assert one.figures.packets == pytest.approx(30, abs=3)
         assert one.figures.error_median < 0.03  # 0.08 by the light at the start
+
+
+@pytest.mark.parametrize("turn_deg_s", [0, 30])
+@pytest.mark.parametrize("exposures", ["reported", "unreported"])
+def test_a_hand_before_the_lens_is_told_and_takes_no_light_away(
+    exposures: str, turn_deg_s: float
+) -> None:
+    covered = live.case(Room(), "covered", exposures)
+    behaviour = replace(covered.run.behaviour, turn_deg_s=turn_deg_s)
+    run = replace(covered.run, behaviour=behaviour, size_px=SMALL_PX)
+    for one in live.judged(replace(covered, run=run)):
+        assert one.figures.packets > 100
+        assert one.figures.wrong_and_healthy == 0
+        assert one.figures.error_p90 < 0.06
+        assert one.figures.relighting.within_3 > 0.95
+        assert one.figures.flags["COVERED"] == pytest.approx(0.5, abs=0.06)  # 2 of 4 s
+
+
+@pytest.mark.parametrize("exposures", ["reported", "unreported"])
+def test_a_room_that_goes_dark_is_not_covered(exposures: str) -> None:
+    lit = World([Room()], median_radiance=INDOORS).scenes[0]
+    world = World([lit, lit.scaled(0.02)], Behaviour(act_s=4))
+    camera = SimulatedCamera(world, lenses.load("equirect"), SMALL_PX)
+    with LiveProbe(camera, faults=EXPOSURES[exposures]) as probe:
+        client = probe.client(SUBSCRIPTIONS["raw"])
+        probe.run(7)
+    assert all(EstimateFlag.COVERED not in one.flags for one in client.estimates)
+    truth = Light.of(world.scenes[1])
+    dark = [Packet(one, 0) for one in client.estimates if probe.captured_s(one) > 4.2]
+    found = judge.judge(lambda _: truth, dark, 1)
+    assert found.wrong_and_healthy == 0
+    if exposures == "reported":
+        assert found.error_p90 < 0.1
