@@ -398,6 +398,16 @@ static bool plan_is_seen(const struct lp_bracket *b)
 	return b->shortest_seen || b->frames_since_plan > most_delay(b) + b->planned;
 }
 
+/* Exposures of a round. Three frames at 30 per second are ten periods of 100 Hz: each exposure
+ * would see the lamps in one phase for ever, so that the shortest comes twice where they may
+ * flicker. */
+static int round_length(const struct lp_bracket *b, const struct lp_bracket_scene *scene)
+{
+	const bool at_once = b->reports && !b->waits;
+
+	return b->planned + (at_once && scene->restless && b->planned % 3 == 0);
+}
+
 bool lp_bracket_next(struct lp_bracket *bracket, const struct lp_bracket_scene *scene,
 		     float *command_us)
 {
@@ -408,7 +418,7 @@ bool lp_bracket_next(struct lp_bracket *bracket, const struct lp_bracket_scene *
 
 	if (b->state != LP_BRACKET_RUNNING || (!at_once && b->commanded_us != b->settled_us))
 		return false;
-	if (b->at == b->planned - 1 && (!at_once || plan_is_seen(b))) { /* the round is complete */
+	if (b->at >= b->planned - 1 && (!at_once || plan_is_seen(b))) { /* the round is complete */
 		const int count = plan(b, scene, plan_us);
 
 		b->shortest_seen = false;
@@ -422,8 +432,8 @@ bool lp_bracket_next(struct lp_bracket *bracket, const struct lp_bracket_scene *
 			b->at = scene->clipped ? count - 2 : -1;
 		}
 	}
-	b->at = (b->at + 1) % b->planned;
-	*command_us = b->plan_us[b->at];
+	b->at = (b->at + 1) % round_length(b, scene);
+	*command_us = b->plan_us[b->at < b->planned ? b->at : b->planned - 1];
 	/* in the dark no step could be seen */
 	if (!b->verified && scene->peak * b->settled_us * 1e-6F > PEAK_LOW &&
 	    stops(*command_us, b->settled_us) < 1.0F)

@@ -45,9 +45,10 @@ struct lp_bracket_limits {
 
 /* What the panorama says of the scene; luminance. */
 struct lp_bracket_scene {
-	float median; /* radiance that half of the sphere stays below */
-	float peak;   /* highest of a cell */
-	bool clipped; /* something saturates in the shortest exposure */
+	float median;  /* radiance that half of the sphere stays below */
+	float peak;    /* highest of a cell */
+	bool clipped;  /* something saturates in the shortest exposure */
+	bool restless; /* the light changes from frame to frame, as of lamps that flicker */
 };
 
 enum lp_bracket_state {
@@ -63,9 +64,9 @@ struct lp_bracket {
 	bool verified; /* a command has been seen to take effect */
 
 	float plan_us[LP_MAX_PLANNED]; /* longest first */
-	int planned, at;	       /* plan_us[at] is commanded */
-	float shortest_us;	       /* adapted to the scene's peak */
-	float clips_us, clips_peak;    /* known to clip, while the peak is like this; 0: none */
+	int planned, at;   /* plan_us[at] is commanded; the shortest also when at == planned */
+	float shortest_us; /* adapted to the scene's peak */
+	float clips_us, clips_peak; /* known to clip, while the peak is like this; 0: none */
 
 	float settled_us, commanded_us;
 	int frames_since_command;

@@ -41,6 +41,7 @@ static void look_closer(const struct lp_lamp_memory *memory, struct lp_imager *i
 	const float noise = pixels->background_noise * pixels->solid_angle_sr /
 			    fmaxf(pixels->irradiance[LP_LUMINANCE], 1e-30F);
 
+	sighting->scale = lp_imager_scale(imager);
 	sighting->strength_sigma = fmaxf(hypotf(lp_imager_strength_sigma(imager, pixels), noise),
 					 LEAST_IRRADIANCE_SIGMA);
 }

@@ -34,6 +34,11 @@
 /* 1 sigma of the drift of the anchor frame in a second of turning, in sigmas of its frames. */
 #define DRIFT_SIGMAS 4.0
 
+/* A restless light: so much of it changes in a frame, in such a share of the last frames; and the
+ * gain of that share's running mean. */
+#define RESTLESS_CHANGE 0.003F
+#define RESTLESS 0.4F
+#define RESTLESS_GAIN 0.1F
 /* 1 sigma of light that is not seen, relative, after its first second; grows with its root. */
 #define COVERED_WALK 0.1
 
@@ -65,6 +70,7 @@ struct lp_pipeline {
 	struct lp_tracker tracker;
 	struct lp_bracket bracket;
 	bool bracketing, reports_exposure;
+	float restless;	   /* share of the last frames that showed changed light */
 	float *scratch;	   /* cells of the panorama, for its median */
 	int wanted_lights; /* by the options and the most demanding subscriber */
 	uint32_t sequence;
@@ -286,7 +292,8 @@ static uint32_t flags_of(const struct lp_pipeline *p, const struct lp_panorama *
 
 	if (status->exposure_unknown)
 		flags |= LP_ESTIMATE_EXPOSURE_UNKNOWN;
-	if (panorama->clipped_fraction > LEAST_CLIPPED_FRACTION)
+	if (panorama->clipped_fraction > LEAST_CLIPPED_FRACTION ||
+	    lp_lamp_memory_flicker_clips(&p->lamps.memory))
 		flags |= LP_ESTIMATE_CLIPPED;
 	if (status->mean_code < DARK_CODE) /* false for NAN: float frames have no codes */
 		flags |= LP_ESTIMATE_UNDEREXPOSED;
@@ -298,6 +305,8 @@ static uint32_t flags_of(const struct lp_pipeline *p, const struct lp_panorama *
 		flags |= LP_ESTIMATE_MORE_LIGHTS;
 	if (status->rotation_is_unknown)
 		flags |= LP_ESTIMATE_MOTION;
+	if (lp_lamp_memory_flicker(&p->lamps.memory) > 0.0F)
+		flags |= LP_ESTIMATE_FLICKER;
 	if (status->covered)
 		flags |= LP_ESTIMATE_COVERED;
 	if (!(mean > 0.0F))
@@ -437,12 +446,26 @@ bool lp_pipeline_control(struct lp_pipeline *pipeline, const struct lp_camera_co
 	return true;
 }
 
+/* Whether the light has changed in most of the last frames: lamps that flicker, maybe in step with
+ * the exposures, so that no single lamp shows it. */
+static bool is_restless(struct lp_pipeline *p)
+{
+	struct lp_imager_status status;
+
+	lp_imager_status(p->imager, &status);
+	p->restless +=
+		RESTLESS_GAIN * ((status.changed > RESTLESS_CHANGE ? 1.0F : 0.0F) - p->restless);
+	return p->restless > RESTLESS || lp_lamp_memory_flicker(&p->lamps.memory) > 0.0F;
+}
+
 /* Median of a sample of cells, and the peak. */
 static struct lp_bracket_scene look_at_scene(struct lp_pipeline *p,
 					     const struct lp_panorama *panorama)
 {
 	struct lp_bracket_scene scene = {.clipped = panorama->clipped_fraction >
-						    LEAST_CLIPPED_FRACTION};
+							    LEAST_CLIPPED_FRACTION ||
+						    lp_lamp_memory_flicker_clips(&p->lamps.memory),
+					 .restless = is_restless(p)};
 	int count = 0;
 
 	for (int r = 0; r < panorama->height; r += 2) {
@@ -572,6 +595,7 @@ int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
 
 	lp_lamp_stage_update(&pipeline->lamps, pipeline->imager, pipeline->detection, &work,
 			     panorama->t_capture_ns);
+	lp_imager_expect_flicker(pipeline->imager, lp_lamp_memory_flicker(&pipeline->lamps.memory));
 	project(pipeline, panorama, total);
 	memset(&estimates->raw, 0, sizeof(estimates->raw));
 	fill_estimate(pipeline, panorama, mean, total, &estimates->raw);

@@ -130,6 +130,19 @@ static float gain_of(float known_variance, float variance, float difference2)
 									    : known_variance / both;
 }
 
+/* A lamp that flickers is its mean, with the colour that it has now. */
+static void take_mean(struct lp_remembered_lamp *m)
+{
+	const float share = m->flicker.mean / m->lamp.irradiance[LP_LUMINANCE];
+
+	for (int c = 0; c < 4; c++)
+		m->lamp.irradiance[c] *= share;
+	m->strength_variance = square(m->flicker.sigma);
+	m->measured = true;
+	m->lamp.flags &= ~(uint32_t)LP_LIGHT_CLIPPED;
+	m->lamp.flags |= lp_flicker_clips(&m->flicker) ? LP_LIGHT_CLIPPED : 0;
+}
+
 static void measure(struct lp_remembered_lamp *m, const struct lp_lamp_sighting *s,
 		    const struct lp_memory_times *times)
 {
@@ -166,12 +179,19 @@ static void measure(struct lp_remembered_lamp *m, const struct lp_lamp_sighting 
 	m->then_on_grid = s->on_grid.irradiance[LP_LUMINANCE];
 }
 
+/* How much brighter than its mean a lamp is at times: by twice its depth, a sine's 1.4 and more. */
+static float swing(const struct lp_remembered_lamp *m)
+{
+	return m->flicker.flickers ? 1.0F + 2.0F * m->flicker.depth : 1.0F;
+}
+
 /* The panorama shows so much more or less of the lamp than it did that it must have changed. */
 static bool has_changed(const struct lp_remembered_lamp *m, const struct lp_lamp_sighting *s)
 {
 	const float now = s->on_grid.irradiance[LP_LUMINANCE], then = m->then_on_grid;
+	const float least = LEAST_RATIO / swing(m);
 
-	return now < LEAST_RATIO * then || then < LEAST_RATIO * now;
+	return now < least * then || then < least * now;
 }
 
 /* What a frame that clips the lamp, or none at all, leaves of what was known: what was measured, as
@@ -181,7 +201,8 @@ static bool stays(const struct lp_remembered_lamp *m, const struct lp_lamp_sight
 	const struct lp_lamp *seen = s->refined ? &s->pixels : &s->on_grid;
 	const float sigma = m->measured ? sqrtf(m->strength_variance) : 0.0F;
 	const float least = seen->irradiance[LP_LUMINANCE];
-	const float most = m->lamp.irradiance[LP_LUMINANCE] * (1.0F + CHANGE_SIGMAS * sigma);
+	const float most =
+		m->lamp.irradiance[LP_LUMINANCE] * (1.0F + CHANGE_SIGMAS * sigma) * swing(m);
 	const bool bound = s->refined && (seen->flags & LP_LIGHT_CLIPPED);
 
 	if (!(m->then_on_grid > 0.0F) || has_changed(m, s))
@@ -210,11 +231,19 @@ static void keep_or_take(struct lp_remembered_lamp *m, const struct lp_lamp_sigh
 static void follow(struct lp_remembered_lamp *m, const struct lp_lamp_sighting *s,
 		   const struct lp_memory_times *times)
 {
+	const bool is_bound = s->pixels.flags & LP_LIGHT_CLIPPED;
+
 	m->on_grid = s->on_grid;
-	if (s->refined && !(s->pixels.flags & LP_LIGHT_CLIPPED))
+	if (s->refined && s->pixels.irradiance[LP_LUMINANCE] > 0.0F)
+		lp_flicker_add(&m->flicker,
+			       &(struct lp_lamp_strength){s->pixels.irradiance[LP_LUMINANCE],
+							  s->strength_sigma, s->scale, is_bound});
+	if (s->refined && !is_bound)
 		measure(m, s, times);
 	else
 		keep_or_take(m, s);
+	if (s->refined && m->flicker.flickers)
+		take_mean(m);
 	m->lamp.direction_sigma_deg = sqrtf(m->direction_variance) / RAD;
 }
 
@@ -301,6 +330,28 @@ int lp_lamp_memory_landmarks(const struct lp_lamp_memory *memory,
 		}
 	}
 	return used;
+}
+
+float lp_lamp_memory_flicker(const struct lp_lamp_memory *memory)
+{
+	float deepest = 0.0F;
+
+	for (int p = 0; p < LP_MAX_LAMPS; p++) {
+		const struct lp_remembered_lamp *m = &memory->list[p];
+
+		if (m->id && m->seen && m->flicker.flickers)
+			deepest = fmaxf(deepest, m->flicker.depth);
+	}
+	return deepest;
+}
+
+bool lp_lamp_memory_flicker_clips(const struct lp_lamp_memory *memory)
+{
+	for (int p = 0; p < LP_MAX_LAMPS; p++)
+		if (memory->list[p].id && memory->list[p].seen &&
+		    lp_flicker_clips(&memory->list[p].flicker))
+			return true;
+	return false;
 }
 
 bool lp_lamp_memory_knows(const struct lp_lamp_memory *memory, const struct lp_lamp *on_grid)

@@ -11,6 +11,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "light/flicker.h"
 #include "light/lamps.h"
 
 struct lp_rotation;
@@ -25,6 +26,7 @@ struct lp_remembered_lamp {
 	float strength_variance;  /* relative; of the irradiance */
 	float then_on_grid; /* luminance of on_grid.irradiance when `lamp` was last taken anew */
 	float absent_s;	    /* how long it has not been seen */
+	struct lp_flicker flicker; /* of its strength as measured by pixels */
 };
 
 struct lp_lamp_memory {
@@ -40,6 +42,7 @@ struct lp_lamp_sighting {
 	bool refined;
 	bool enters; /* strong and clear enough to become a lamp; else it only goes on being one */
 	float strength_sigma; /* of pixels.irradiance, relative */
+	float scale;	      /* of the frame: full scale to radiance */
 };
 
 struct lp_memory_times {
@@ -61,6 +64,12 @@ void lp_lamp_memory_update(struct lp_lamp_memory *memory, const struct lp_lamp_s
 int lp_lamp_memory_landmarks(const struct lp_lamp_memory *memory,
 			     const struct lp_lamp_sighting *sightings, int count, float sigma_rad,
 			     double pull[3], double information[3][3]);
+
+/* Deepest flicker of the lamps that are seen (root mean square, relative); 0: none flickers. */
+float lp_lamp_memory_flicker(const struct lp_lamp_memory *memory);
+
+/* Whether a lamp that flickers clips in some of its phases. */
+bool lp_lamp_memory_flicker_clips(const struct lp_lamp_memory *memory);
 
 /* Whether a lamp of the panorama is one that is remembered. */
 bool lp_lamp_memory_knows(const struct lp_lamp_memory *memory, const struct lp_lamp *on_grid);

@@ -27,6 +27,17 @@
 /* One prediction fits better than the other when so much more of the picture agrees. */
 #define CLEARLY_BETTER 0.03F
 
+/* Lamps flicker at this, or at 120 Hz. */
+#define MAINS_HZ 100.0F
+
+/* Share of a flicker's depth that an exposure shows; the rest averages out over whole periods. */
+static float flicker_share(float exposure_us)
+{
+	const float turns = (float)M_PI * MAINS_HZ * 1e-6F * exposure_us;
+
+	return turns > 1.0F ? 1.0F / turns : 1.0F; /* also of an unknown one */
+}
+
 struct lp_observation lp_imager_observation(const struct lp_imager *imager)
 {
 	const struct lp_exposure *e = &imager->incoming;
@@ -37,7 +48,9 @@ struct lp_observation lp_imager_observation(const struct lp_imager *imager)
 				       .scale = e->scale,
 				       .coded = !isnan(e->cells.mean_code),
 				       .code_variance = CODE_SIGMA * CODE_SIGMA +
-							e->noise.common * e->noise.common};
+							e->noise.common * e->noise.common,
+				       .flicker_sigma =
+					       imager->flicker * flicker_share(e->exposure_us)};
 }
 
 /* Where the camera may look, before and after it was compared with the map. */

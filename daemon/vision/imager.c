@@ -203,6 +203,16 @@ static int set_geometry(struct lp_imager *imager, const struct lp_frame *frame, 
 	return 0;
 }
 
+float lp_imager_scale(const struct lp_imager *imager)
+{
+	return imager->incoming.scale;
+}
+
+void lp_imager_expect_flicker(struct lp_imager *imager, float depth)
+{
+	imager->flicker = depth;
+}
+
 /* ---------------------------------------------------------------- frames */
 
 static bool sane(const struct lp_frame *frame)

@@ -57,9 +57,9 @@ struct lp_imager_status {
 	bool rotation_is_unknown;
 	bool orientation_told;	   /* the newest frame carries its orientation */
 	bool orientation_left_out; /* what frames carry contradicts what they show */
-	bool covered;	     /* something hides part of the camera's view */
-	float covered_s;     /* for how long by now */
-	float covered_share; /* of the light: what was known where the view is hidden */
+	bool covered;		   /* something hides part of the camera's view */
+	float covered_s;	   /* for how long by now */
+	float covered_share;	   /* of the light: what was known where the view is hidden */
 };
 
 /* The camera is borrowed until destroy. */
@@ -115,6 +115,13 @@ void lp_imager_correct_rotation(struct lp_imager *imager, const double pull[3],
  * it keeps.
  */
 bool lp_imager_rest(struct lp_imager *imager, struct lp_rotation *turn);
+
+/* Full scale of the newest frame to radiance. */
+float lp_imager_scale(const struct lp_imager *imager);
+
+/* Lamps flicker by so much (root mean square, relative; 0: they do not): from the next frame on
+ * exposures shorter than the mains' period tell the less. */
+void lp_imager_expect_flicker(struct lp_imager *imager, float depth);
 
 void lp_imager_status(const struct lp_imager *imager, struct lp_imager_status *status);
 

@@ -69,6 +69,7 @@ struct lp_imager {
 	double changed_s;	 /* when that was, by the map's time */
 	struct lp_recent_exposure recent[LP_MAX_BRACKET];
 	struct lp_map_update update; /* of the newest observation */
+	float flicker;		     /* lp_imager_expect_flicker() */
 	struct lp_cover cover;	     /* of the camera's view */
 	float covered_s;	     /* for how long by now */
 	float covered_share;	     /* of the light that is known */

@@ -109,8 +109,10 @@ class noise_model
 				cv::v_setall_f32(kDarkCodes);
 			const v_float32x4 codes2 = cv::v_fma(dark, dark, code_variance);
 
-			variance = cv::v_fma(cv::v_setall_f32(kCameraSigma * kCameraSigma),
-					     luminance * luminance, codes2 * scale2 / weight);
+			variance =
+				cv::v_fma(cv::v_setall_f32(kCameraSigma * kCameraSigma +
+							   seen.flicker_sigma * seen.flicker_sigma),
+					  luminance * luminance, codes2 * scale2 / weight);
 		}
 		if (seen.step2)
 			variance = cv::v_fma(cv::v_load(seen.step2 + i),

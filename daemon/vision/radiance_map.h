@@ -61,6 +61,7 @@ struct lp_observation {
 	float code_variance; /* of a cell's mean, in codes^2 */
 	float elapsed_s;     /* since the observation before */
 	float stirred;	     /* 1 sigma, relative, of a change of light everywhere since then; 0 */
+	float flicker_sigma; /* relative 1 sigma of all light, from lamps that flicker */
 	/* Squared change of luminance from cell to cell, and the variance in cells^2 of where a
 	 * cell looks; NULL: nothing turned, and each cell is one of the camera's. */
 	const float *step2;

@@ -27,6 +27,7 @@
 /* Cells whose mean holds less than this share of the lamp's peak are not decoded: of such a cell
  * the mean is right enough. One bright pixel of 64 holds more. */
 #define DECODED_SHARE 0.01F
+#define FLICKER_SHARE 0.05F /* the same while lamps flicker */
 /* A direction is never better known than this part of a pixel: registration of lens and sensor. */
 #define LEAST_SIGMA_PX 0.05
 /* Of camera cells near a pole, in cells at the horizon; and how many one may stand for. */
@@ -154,13 +155,16 @@ static bool clips(const struct lp_exposure *exposure, const struct patch *patch)
 }
 
 /* Which cells of the patch are to be decoded; returns how many. */
-static int choose_decoded(const struct lp_exposure *exposure, const struct lp_lamp *lamp,
+static int choose_decoded(const struct lp_imager *imager, const struct lp_lamp *lamp,
 			  struct patch *patch)
 {
+	const struct lp_exposure *exposure = &imager->incoming;
+	/* what a lamp that flickers lights is brighter than known at times: that is no lamp */
+	const float share = imager->flicker > 0.0F ? FLICKER_SHARE : DECODED_SHARE;
 	int count = 0;
 
 	for (int i = 0; i < patch->count; i++) {
-		const bool decode = holds(&exposure->cells, lamp, patch->cells[i], DECODED_SHARE);
+		const bool decode = holds(&exposure->cells, lamp, patch->cells[i], share);
 
 		patch->brightest[i] = decode ? 0.0F : -FLT_MAX;
 		count += decode;
@@ -177,7 +181,7 @@ static bool collect(struct lp_imager *imager, const struct lp_lamp_finder *finde
 	for (int all = 0; all <= 1; all++) /* bright cells so many are alike, too */
 		for (int thin = 1; thin <= MOST_THINNED; thin *= 2)
 			if (collect_thinned(imager, &behind, lamp, thin, all, patch) &&
-			    choose_decoded(&imager->incoming, lamp, patch) <= most)
+			    choose_decoded(imager, lamp, patch) <= most)
 				return true;
 	return false;
 }

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 
 import changes
 import numpy as np
@@ -95,3 +96,18 @@ def test_a_daemon_follows_switches(exposures: str, most_frames: dict[str, int]) 
         assert one.overshoot_worst <= 0.1
         assert one.announced == 1
         assert one.error_settled < 0.02
+
+
+@pytest.mark.parametrize("exposures", ["reported", "unreported"])
+def test_a_lamp_that_flickers_is_its_mean(exposures: str) -> None:
+    at_100_hz = next(case for case in changes.of_scene(Room(), exposures) if case.mains_hz == 100)
+    run = replace(at_100_hz.run, judged_s=6.0)
+    for one in changes.judged(replace(at_100_hz, run=run)):
+        assert isinstance(one, changes.Ripple)
+        assert one.listed == 1
+        assert abs(one.bias) < 0.05
+        if exposures == "reported":
+            assert one.flagged == 1
+            assert one.ripple < 0.15  # before all phases have been seen equally often
+        else:  # the shortest exposure comes but three times in nine frames
+            assert one.flagged > 0.7

@@ -26,7 +26,8 @@ static struct lp_lamp_sighting sighting(float azimuth_deg, float strength)
 					 .pixels = lamp,
 					 .refined = true,
 					 .enters = true,
-					 .strength_sigma = 0.02F};
+					 .strength_sigma = 0.02F,
+					 .scale = 1.0F};
 }
 
 static const struct lp_remembered_lamp *only(const struct lp_lamp_memory *memory)
@@ -98,6 +99,7 @@ static void test_clipping_takes_nothing_away(void **state)
 		if (n % 3) {
 			s.pixels = sighting(10.5F, 0.2F).pixels; /* a lower bound */
 			s.pixels.flags = LP_LIGHT_CLIPPED;
+			s.scale = 0.004F; /* of a longer exposure */
 		}
 		lp_lamp_memory_update(&memory, &s, 1, &frame);
 		assert_float_equal(only(&memory)->lamp.irradiance[0], 50.0F, 0.01F);
