@@ -185,7 +185,7 @@ int lp_encode_estimate(const struct lp_light_estimate *estimate, const struct lp
 	wire->ttl_ms = stamp->ttl_ms;
 	wire->subscription = stamp->subscription;
 	wire->flags = estimate->flags;
-	if (estimate->light_count > variant->lights)
+	if (estimate->light_count - estimate->area_count > variant->lights)
 		wire->flags |= LP_ESTIMATE_MORE_LIGHTS;
 	wire->has_predicted_error_permille =
 		scaled(estimate->predicted_error[variant->sh_order][variant->lights], 1000,

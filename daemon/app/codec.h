@@ -21,6 +21,7 @@ struct lp_subscription {
 	int sh_order, max_lights;
 	bool total;		   /* SH with the lights in it */
 	bool raw;		   /* not smoothed in time */
+	bool area_lights;	   /* listed, too */
 	float tolerance;	   /* relative; 0: the largest model allowed */
 	uint32_t health_period_ms; /* 0: none */
 	uint32_t number;	   /* the client's own, echoed in its estimates; 0: the defaults */

@@ -8,12 +8,17 @@
 #include "include/panorama.h"
 #include "light/detection.h"
 #include "light/grid.h"
+#include "light/holding.h"
 #include "light/rotation.h"
 #include "vision/imager.h"
 
 #define DEG (180.0F / (float)M_PI)
 /* What the wire can say. */
 #define LEAST_IRRADIANCE_SIGMA 0.001F
+/* Lamps looked at closer beside those that are wanted: they may take their places. */
+#define NEXT_LAMPS 2
+/* A lamp takes the place of one that is listed when it is so many times as strong. */
+#define CLEARLY_STRONGER 1.5F
 /* A lamp that detection misses no longer than this still shines where a cell is as bright as this
  * share of its peak. Chosen by hand. */
 #define LONGEST_MISS_S 0.3F
@@ -28,15 +33,20 @@ static float radius_rad(const struct lp_lamp *lamp)
 /* Lamps are looked at in full resolution, the small ones that the grid misplaces above all. */
 static void look_closer(const struct lp_lamp_memory *memory, struct lp_imager *imager,
 			const struct lp_detection *detection, const struct lp_lamp_stage_work *work,
-			int index, struct lp_lamp_sighting *sighting)
+			int index, bool closer, struct lp_lamp_sighting *sighting)
 {
 	const struct lp_lamp_finder *finder = detection->finder;
 	struct lp_lamp *pixels = &sighting->pixels;
 
 	sighting->on_grid = *pixels = finder->lamps[index];
 	sighting->enters = lp_detection_enters(detection, pixels);
-	sighting->refined = index < work->wanted_lights && work->refine_cells &&
-			    (sighting->enters || lp_lamp_memory_knows(memory, pixels)) &&
+	sighting->width_deg = lp_detection_width_deg(detection, pixels);
+	const struct lp_remembered_lamp *known = lp_lamp_memory_find(memory, pixels);
+	const bool worth =
+		known ? !known->wide && (known->listed || closer)
+		      : sighting->enters && closer && sighting->width_deg < LP_COMPACT_DEG;
+
+	sighting->refined = worth && work->refine_cells &&
 			    lp_imager_refine(imager, finder, pixels, work->refine_cells);
 	const float noise = pixels->background_noise * pixels->solid_angle_sr /
 			    fmaxf(pixels->irradiance[LP_LUMINANCE], 1e-30F);
@@ -74,6 +84,20 @@ void lp_lamp_stage_steer(struct lp_lamp_stage *stage, struct lp_imager *imager,
 		lp_imager_correct_rotation(imager, pull, (const double(*)[3])information);
 }
 
+static float elapsed_s(const struct lp_lamp_stage *stage, int64_t t_capture_ns)
+{
+	const int64_t elapsed_ns = stage->t_ns ? t_capture_ns - stage->t_ns : 0;
+
+	return elapsed_ns > 0 ? (float)elapsed_ns / 1e9F : 0.0F;
+}
+
+void lp_lamp_stage_hold(struct lp_lamp_stage *stage, struct lp_detection *detection,
+			const struct lp_panorama *panorama, float mean)
+{
+	lp_hold_lamps(&stage->memory, detection, panorama, mean,
+		      elapsed_s(stage, panorama->t_capture_ns));
+}
+
 void lp_lamp_stage_update(struct lp_lamp_stage *stage, struct lp_imager *imager,
 			  const struct lp_detection *detection,
 			  const struct lp_lamp_stage_work *work, int64_t t_capture_ns)
@@ -81,13 +105,15 @@ void lp_lamp_stage_update(struct lp_lamp_stage *stage, struct lp_imager *imager,
 	const struct lp_lamp_finder *finder = detection->finder;
 	struct lp_lamp_sighting sightings[LP_MAX_LAMPS];
 	struct lp_imager_status status;
-	const int64_t elapsed_ns = stage->t_ns ? t_capture_ns - stage->t_ns : 0;
+	int small = 0;
 
 	lp_imager_status(imager, &status);
-	for (int k = 0; k < finder->count; k++)
-		look_closer(&stage->memory, imager, detection, work, k, &sightings[k]);
-	const struct lp_memory_times times = {.elapsed_s = elapsed_ns > 0 ? (float)elapsed_ns / 1e9F
-									  : 0.0F,
+	for (int k = 0; k < finder->count; k++) {
+		look_closer(&stage->memory, imager, detection, work, k,
+			    small < work->wanted_lights + NEXT_LAMPS, &sightings[k]);
+		small += sightings[k].width_deg < LP_COMPACT_DEG;
+	}
+	const struct lp_memory_times times = {.elapsed_s = elapsed_s(stage, t_capture_ns),
 					      .rotation_sigma_rad =
 						      status.rotation_sigma_deg / DEG};
 
@@ -105,25 +131,59 @@ static bool shines(const struct lp_grid *grid, const struct lp_panorama *panoram
 			   panorama->cells[cell][LP_LUMINANCE] > STILL_THERE * m->on_grid.peak);
 }
 
-/* Remembered lamps that shine, strongest first; returns how many. */
-static int strongest(const struct lp_lamp_stage *stage, const struct lp_grid *grid,
-		     const struct lp_panorama *panorama,
-		     const struct lp_remembered_lamp *list[LP_MAX_LAMPS])
+static float strength(const struct lp_remembered_lamp *m)
 {
+	return m->lamp.irradiance[LP_LUMINANCE] * (1.0F + m->hidden);
+}
+
+/* Lamps before area lights, each strongest first. */
+static bool precedes(const struct lp_remembered_lamp *a, const struct lp_remembered_lamp *b)
+{
+	return a->wide != b->wide ? b->wide : strength(a) > strength(b);
+}
+
+/* The same, while those that have been listed before keep their places. */
+static bool keeps_its_place(const struct lp_remembered_lamp *a, const struct lp_remembered_lamp *b)
+{
+	return a->wide != b->wide ? b->wide
+				  : strength(a) * (a->listed ? CLEARLY_STRONGER : 1.0F) >
+					    strength(b) * (b->listed ? CLEARLY_STRONGER : 1.0F);
+}
+
+static void insert(struct lp_remembered_lamp *list[], int count, struct lp_remembered_lamp *m,
+		   bool (*before)(const struct lp_remembered_lamp *,
+				  const struct lp_remembered_lamp *))
+{
+	int at = count;
+
+	for (; at > 0 && before(m, list[at - 1]); at--)
+		list[at] = list[at - 1];
+	list[at] = m;
+}
+
+/* Those to be listed, in their order; returns how many. *lamps: how many lamps there are in all. */
+static int choose(struct lp_lamp_stage *stage, const struct lp_grid *grid,
+		  const struct lp_panorama *panorama, int most,
+		  struct lp_remembered_lamp *chosen[LP_MAX_LIGHTS], int *lamps)
+{
+	struct lp_remembered_lamp *all[LP_MAX_LAMPS];
 	int count = 0;
 
+	*lamps = 0;
 	for (int k = 0; k < LP_MAX_LAMPS; k++) {
-		const struct lp_remembered_lamp *m = &stage->memory.list[k];
-		int at = count;
+		struct lp_remembered_lamp *m = &stage->memory.list[k];
 
 		if (!m->id || !shines(grid, panorama, m))
 			continue;
-		for (; at > 0 && list[at - 1]->lamp.irradiance[LP_LUMINANCE] <
-					 m->lamp.irradiance[LP_LUMINANCE];
-		     at--)
-			list[at] = list[at - 1];
-		list[at] = m;
-		count++;
+		insert(all, count++, m, keeps_its_place);
+		*lamps += !m->wide;
+	}
+	for (int k = 0; k < LP_MAX_LAMPS; k++)
+		stage->memory.list[k].listed = false;
+	count = count < most ? count : most;
+	for (int k = 0; k < count; k++) {
+		all[k]->listed = true;
+		insert(chosen, k, all[k], precedes);
 	}
 	return count;
 }
@@ -150,17 +210,21 @@ static void list_light(const struct lp_remembered_lamp *m, struct lp_light *ligh
 			: fmaxf(sqrtf(m->strength_variance), LEAST_IRRADIANCE_SIGMA);
 	light->confidence = confidence_of(lamp);
 	light->distance_m = NAN;
-	light->flags = lamp->flags | (m->seen ? 0 : LP_LIGHT_HELD);
+	light->hidden = m->hidden;
+	light->flags =
+		lamp->flags | (m->seen ? 0 : LP_LIGHT_HELD) | (m->wide ? LP_LIGHT_EXTENDED : 0);
 }
 
-int lp_lamp_stage_list(const struct lp_lamp_stage *stage, const struct lp_grid *grid,
+int lp_lamp_stage_list(struct lp_lamp_stage *stage, const struct lp_grid *grid,
 		       const struct lp_panorama *panorama, int most,
-		       struct lp_light lights[LP_MAX_LIGHTS])
+		       struct lp_light_estimate *estimate)
 {
-	const struct lp_remembered_lamp *lamps[LP_MAX_LAMPS];
-	const int count = strongest(stage, grid, panorama, lamps);
+	struct lp_remembered_lamp *chosen[LP_MAX_LIGHTS];
+	int lamps;
 
-	for (int k = 0; k < count && k < most; k++)
-		list_light(lamps[k], &lights[k]);
-	return count;
+	estimate->light_count = choose(stage, grid, panorama, most, chosen, &lamps);
+	estimate->area_count = lamps < estimate->light_count ? estimate->light_count - lamps : 0;
+	for (int k = 0; k < estimate->light_count; k++)
+		list_light(chosen[k], &estimate->lights[k]);
+	return lamps;
 }

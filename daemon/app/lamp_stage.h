@@ -24,7 +24,7 @@ struct lp_lamp_stage {
 };
 
 struct lp_lamp_stage_work {
-	int wanted_lights; /* so many are looked at closer */
+	int wanted_lights; /* so many, and a few that may take their places, are looked at closer */
 	int refine_cells; /* largest lamp looked at closer, in cells that hold its light; 0: none */
 };
 
@@ -35,14 +35,19 @@ void lp_lamp_stage_steer(struct lp_lamp_stage *stage, struct lp_imager *imager,
 			 const struct lp_detection *detection,
 			 const struct lp_lamp_stage_work *work);
 
+/* After detection: remembered lamps keep their borders (light/holding.h). mean: mean luminance. */
+void lp_lamp_stage_hold(struct lp_lamp_stage *stage, struct lp_detection *detection,
+			const struct lp_panorama *panorama, float mean);
+
 /* The lamps in detection->finder, of the imager's newest frame. */
 void lp_lamp_stage_update(struct lp_lamp_stage *stage, struct lp_imager *imager,
 			  const struct lp_detection *detection,
 			  const struct lp_lamp_stage_work *work, int64_t t_capture_ns);
 
-/* Fill up to `most` lights, strongest first; returns how many lamps there are. */
-int lp_lamp_stage_list(const struct lp_lamp_stage *stage, const struct lp_grid *grid,
+/* Fill the estimate's lights: lamps, then area lights, `most` in all; returns how many lamps there
+ * are. Of too many those stay that have been listed before, unless others clearly outshine them. */
+int lp_lamp_stage_list(struct lp_lamp_stage *stage, const struct lp_grid *grid,
 		       const struct lp_panorama *panorama, int most,
-		       struct lp_light lights[LP_MAX_LIGHTS]);
+		       struct lp_light_estimate *estimate);
 
 #endif

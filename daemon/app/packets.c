@@ -109,6 +109,7 @@ static struct lp_listing_limits limits_of(const struct lp_demand *computed,
 	return (struct lp_listing_limits){.sh_order = min_int(wanted->sh_order, computed->sh_order),
 					  .lights =
 						  min_int(wanted->max_lights, computed->max_lights),
+					  .areas = wanted->area_lights,
 					  .tolerance = fmaxf(wanted->tolerance, 0.0F)};
 }
 
@@ -119,8 +120,11 @@ static struct lp_variant choose_raw(const struct lp_light_estimate *estimate,
 {
 	struct lp_variant variant = {.total = total};
 
-	lp_model_choose(estimate, limits->sh_order, limits->lights, limits->tolerance,
-			&variant.sh_order, &variant.lights);
+	lp_model_choose(estimate, limits->sh_order,
+			limits->areas ? limits->lights
+				      : min_int(limits->lights,
+						estimate->light_count - estimate->area_count),
+			limits->tolerance, &variant.sh_order, &variant.lights);
 	return variant;
 }
 
@@ -134,7 +138,8 @@ static int raw_index(const struct lp_variant *variant)
 
 static bool same_limits(const struct lp_listing_limits *a, const struct lp_listing_limits *b)
 {
-	return a->sh_order == b->sh_order && a->lights == b->lights && a->tolerance == b->tolerance;
+	return a->sh_order == b->sh_order && a->lights == b->lights && a->areas == b->areas &&
+	       a->tolerance == b->tolerance;
 }
 
 static void forget(struct packet **slot)

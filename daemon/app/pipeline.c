@@ -359,19 +359,20 @@ static float relighting_sigma(const struct lp_imager_status *status,
 static void fill_estimate(struct lp_pipeline *p, const struct lp_panorama *panorama, float mean,
 			  const double (*total)[3], struct lp_light_estimate *e)
 {
-	const int count = lp_lamp_stage_list(&p->lamps, lp_imager_grid(p->imager), panorama,
-					     p->wanted_lights, e->lights);
+	/* more than are wanted: each list chooses for itself, with memory */
+	const int most = p->wanted_lights ? p->options.max_lights : 0;
+	const int lamps =
+		lp_lamp_stage_list(&p->lamps, lp_imager_grid(p->imager), panorama, most, e);
 	struct lp_imager_status status;
 
 	lp_imager_status(p->imager, &status);
 	e->t_capture_ns = panorama->t_capture_ns;
 	e->suspended_ns = lp_clock_suspended_ns();
 	e->sequence = ++p->sequence;
-	e->flags = flags_of(p, panorama, &status, mean, count);
+	e->flags = flags_of(p, panorama, &status, mean, lamps);
 	e->exposure_us = status.longest_exposure_us;
 	e->exposure_count = status.exposure_count;
 	e->cd_m2_per_unit = NAN;
-	e->light_count = count < p->wanted_lights ? count : p->wanted_lights;
 	for (int i = 0; i < LP_MAX_SH_COUNT; i++)
 		for (int c = 0; c < 3; c++)
 			e->sh_total[i][c] = (float)total[i][c];
@@ -586,10 +587,12 @@ int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
 	const struct lp_grid *grid = lp_imager_grid(pipeline->imager);
 	const float mean = lp_grid_mean_luminance(grid, panorama);
 
-	if (pipeline->wanted_lights) /* else all light is in the SH anyway */
+	if (pipeline->wanted_lights) { /* else all light is in the SH anyway */
 		lp_detect(pipeline->detection, panorama, mean);
-	else
+		lp_lamp_stage_hold(&pipeline->lamps, pipeline->detection, panorama, mean);
+	} else {
 		pipeline->detection->finder->count = 0;
+	}
 	fill_unseen(panorama, grid, pipeline->detection->finder);
 	const struct lp_lamp_stage_work work = lamp_work(pipeline);
 

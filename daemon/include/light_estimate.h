@@ -15,8 +15,8 @@
 enum lp_light_flag {
 	LP_LIGHT_CLIPPED = 1 << 0,
 	LP_LIGHT_REFLECTION = 1 << 1, /* not set yet */
-	LP_LIGHT_EXTENDED = 1 << 2,
-	LP_LIGHT_RING = 1 << 3, /* not set yet */
+	LP_LIGHT_EXTENDED = 1 << 2,   /* an area light */
+	LP_LIGHT_RING = 1 << 3,	      /* not set yet */
 	LP_LIGHT_HELD = 1 << 4,
 };
 
@@ -52,7 +52,8 @@ struct lp_light {
 	float irradiance_sigma; /* relative, 1 sigma */
 	float confidence;	/* 0..1, that this is a light source */
 	float distance_m;	/* always NAN yet */
-	uint32_t flags;		/* enum lp_light_flag */
+	float hidden; /* relative to irradiance: what clipping may hide, where lights are ranked */
+	uint32_t flags; /* enum lp_light_flag */
 };
 
 /* How the probe was turned when a frame was captured. Zeroed: not known. */
@@ -75,9 +76,9 @@ struct lp_light_estimate {
 				 here */
 	int64_t suspended_ns; /* lp_clock_suspended_ns() when the estimate was made */
 	uint32_t sequence;
-	uint32_t flags; /* enum lp_estimate_flag */
-	int light_count;
-	struct lp_light lights[LP_MAX_LIGHTS]; /* strongest first */
+	uint32_t flags;			       /* enum lp_estimate_flag */
+	int light_count, area_count;	       /* the last area_count of them are area lights */
+	struct lp_light lights[LP_MAX_LIGHTS]; /* of each, highest lp_light_rank() first */
 	float sh_total[LP_MAX_SH_COUNT][3];
 	/* Predicted relighting error of order l with the first k lights; relative to mean
 	 * irradiance. */

@@ -2,6 +2,7 @@
 #include "light/detection.h"
 
 #include <errno.h>
+#include <math.h>
 #include <stdlib.h>
 
 #include "light/grid.h"
@@ -11,16 +12,14 @@
 
 /* A lamp is brighter than twice the mean, of the brightest tenth of the sphere and no larger, 1.6
  * times its own saddle to a brighter one, and reaches down to a tenth of its peak; it gives a
- * surface facing it at least a hundredth of its light, stands out of its surround twofold, and is
- * split when wider than 10 degrees RMS. Chosen by hand; docs/maintainers/constants.md says what
- * half and double of each does. */
+ * surface facing it at least a hundredth of its light, and stands out of its surround twofold.
+ * Chosen by hand; docs/maintainers/constants.md says what half and double of each does. */
 static const struct lp_peak_options peak_options = {.floor_ratio = 2.0F,
 						    .area_sr = 1.2F,
 						    .persistence_ratio = 1.6F,
-						    .core_ratio = 0.1F};
-static const struct lp_lamp_options lamp_options = {.min_strength = 0.01F,
-						    .min_contrast = 2.0F,
-						    .max_spread_deg = 10.0F};
+						    .core_ratio = 0.1F,
+						    .clipped_core_ratio = 0.5F};
+static const struct lp_lamp_options lamp_options = {.min_strength = 0.01F, .min_contrast = 2.0F};
 /* What is a lamp stays one down to this share of min_strength and of min_contrast, so that noise
  * does not make it come and go. */
 #define STAYS 0.6F
@@ -58,21 +57,51 @@ void lp_detection_destroy(struct lp_detection *detection)
 	free(detection);
 }
 
+/* Of what is a lamp already. */
+static struct lp_lamp_options to_stay(void)
+{
+	return (struct lp_lamp_options){.min_strength = STAYS * lamp_options.min_strength,
+					.min_contrast = STAYS * lamp_options.min_contrast};
+}
+
 static void find_lamps(struct lp_detection *detection, const struct lp_panorama *panorama,
 		       float mean)
 {
-	struct lp_lamp_options options = lamp_options;
+	const struct lp_lamp_options options = to_stay();
 
-	options.min_strength *= STAYS;
-	options.min_contrast *= STAYS;
 	lp_find_lamps(detection->finder, panorama, detection->regions, mean, &options);
+}
+
+bool lp_detection_finds_regions(const struct lp_detection *detection)
+{
+	const enum lp_detector detector = detection->options.detector;
+
+	return detector != LP_DETECTOR_RESEARCH && detector != LP_DETECTOR_MEDIANCUT;
+}
+
+float lp_detection_width_deg(const struct lp_detection *detection, const struct lp_lamp *lamp)
+{
+	/* of Omega = 4 pi sin^2(r / 2) */
+	const float radius_rad =
+		2.0F * asinf(fminf(sqrtf(lamp->solid_angle_sr / (4.0F * (float)M_PI)), 1.0F));
+
+	if (detection->options.detector != LP_DETECTOR_ADAPTIVE)
+		return 0.0F;
+	return fmaxf(radius_rad * 180.0F / (float)M_PI, lamp->half_angle_deg[0] / 2.0F);
+}
+
+bool lp_detection_hold(struct lp_detection *detection, const struct lp_panorama *panorama,
+		       float mean, struct lp_lamp *lamp)
+{
+	const struct lp_lamp_options options = to_stay();
+
+	return lp_detection_finds_regions(detection) &&
+	       lp_lamp_finder_hold(detection->finder, panorama, mean, &options, lamp);
 }
 
 bool lp_detection_enters(const struct lp_detection *detection, const struct lp_lamp *lamp)
 {
-	const enum lp_detector detector = detection->options.detector;
-
-	if (detector == LP_DETECTOR_RESEARCH || detector == LP_DETECTOR_MEDIANCUT)
+	if (!lp_detection_finds_regions(detection))
 		return true;
 	return lamp->share >= lamp_options.min_strength &&
 	       lamp->contrast >= lamp_options.min_contrast;

@@ -40,6 +40,18 @@ void lp_detection_destroy(struct lp_detection *detection); /* accepts NULL; the 
  * enough to stay one (lp_detection_enters()). mean: mean luminance over the sphere. */
 void lp_detect(struct lp_detection *detection, const struct lp_panorama *panorama, float mean);
 
+/* A lamp of the panorama before, over the cells that it had then (lp_lamp_finder_hold()); false
+ * also for detectors whose lamps are no regions. */
+bool lp_detection_hold(struct lp_detection *detection, const struct lp_panorama *panorama,
+		       float mean, struct lp_lamp *lamp);
+
+/* Whether the detector's lamps are regions that stand out of their surrounds. */
+bool lp_detection_finds_regions(const struct lp_detection *detection);
+
+/* How wide a lamp is as a source of shadows: the radius of the disc with the same solid angle, or a
+ * quarter of its length. 0 for detectors whose user wants all that they find. */
+float lp_detection_width_deg(const struct lp_detection *detection, const struct lp_lamp *lamp);
+
 /* Whether this lamp of the finder is strong and clear enough to become one. */
 bool lp_detection_enters(const struct lp_detection *detection, const struct lp_lamp *lamp);
 

@@ -25,6 +25,12 @@
 #define CHANGE_SIGMAS 5.0F
 /* Relative 1 sigma up to which what was measured counts more than what the panorama shows. */
 #define MOST_STRENGTH_SIGMA 0.3F
+/* A clipped lamp may well be so many times stronger than what is seen of it; whether it clips may
+ * change from exposure to exposure, what it is worth changes within HIDDEN_S. */
+#define CLIPPED_HIDES 2.0F
+#define HIDDEN_S 1.0F
+/* A lamp becomes an area light, or an area light a lamp, beyond LP_COMPACT_DEG by this factor. */
+#define STAYS_WIDE 1.4F
 /* Of what the panorama shows of a lamp, then and now: beyond this ratio it is another light. */
 #define LEAST_RATIO 0.6F
 
@@ -48,12 +54,31 @@ static float gate_rad(const struct lp_lamp *lamp)
 	return fmaxf(GATE_RAD, fmaxf(3.0F * lamp->direction_sigma_deg * RAD, 0.7F * radius));
 }
 
+bool lp_lamp_stays_wide(const struct lp_remembered_lamp *lamp, float width_deg)
+{
+	return width_deg >=
+	       (lamp->wide ? LP_COMPACT_DEG / STAYS_WIDE : LP_COMPACT_DEG * STAYS_WIDE);
+}
+
+/* Those whose cells tell which lamps they are. */
+static void associate_known(struct lp_lamp_memory *memory, const struct lp_lamp_sighting *sightings,
+			    int count, int place[LP_MAX_LAMPS])
+{
+	for (int k = 0; k < count; k++) {
+		place[k] = -1;
+		for (int p = 0; sightings[k].on_grid.known_id && p < LP_MAX_LAMPS; p++)
+			if (memory->list[p].id == sightings[k].on_grid.known_id) {
+				place[k] = p;
+				memory->list[p].seen = true;
+			}
+	}
+}
+
 /* Which place each sighting belongs to; -1: none. */
 static void associate(struct lp_lamp_memory *memory, const struct lp_lamp_sighting *sightings,
 		      int count, int place[LP_MAX_LAMPS])
 {
-	for (int k = 0; k < count; k++)
-		place[k] = -1;
+	associate_known(memory, sightings, count, place);
 	for (;;) {
 		float best = INFINITY;
 		int best_sighting = 0, best_place = -1;
@@ -64,7 +89,8 @@ static void associate(struct lp_lamp_memory *memory, const struct lp_lamp_sighti
 			for (int p = 0; place[k] < 0 && p < LP_MAX_LAMPS; p++) {
 				const struct lp_remembered_lamp *m = &memory->list[p];
 
-				if (!m->id || m->seen)
+				if (!m->id || m->seen ||
+				    lp_lamp_stays_wide(m, sightings[k].width_deg) != m->wide)
 					continue;
 				const float apart =
 					angle_rad(m->on_grid.direction, lamp->direction);
@@ -138,7 +164,7 @@ static void take_mean(struct lp_remembered_lamp *m)
 	for (int c = 0; c < 4; c++)
 		m->lamp.irradiance[c] *= share;
 	m->strength_variance = square(m->flicker.sigma);
-	m->measured = true;
+	m->measured = m->by_pixels = true;
 	m->lamp.flags &= ~(uint32_t)LP_LIGHT_CLIPPED;
 	m->lamp.flags |= lp_flicker_clips(&m->flicker) ? LP_LIGHT_CLIPPED : 0;
 }
@@ -175,7 +201,7 @@ static void measure(struct lp_remembered_lamp *m, const struct lp_lamp_sighting 
 	normalise(lamp->centroid);
 	m->direction_variance = direction_gain * direction_variance;
 	m->strength_variance = strength_gain * strength_variance;
-	m->measured = true;
+	m->measured = m->by_pixels = true;
 	m->then_on_grid = s->on_grid.irradiance[LP_LUMINANCE];
 }
 
@@ -207,8 +233,10 @@ static bool stays(const struct lp_remembered_lamp *m, const struct lp_lamp_sight
 
 	if (!(m->then_on_grid > 0.0F) || has_changed(m, s))
 		return false;
-	if (!m->measured) /* a bound, or what the panorama showed */
+	if (!m->measured && s->refined) /* a bound, or what the panorama showed */
 		return bound && least < m->lamp.irradiance[LP_LUMINANCE];
+	if (!m->measured)
+		return m->by_pixels && sqrtf(m->strength_variance) < MOST_STRENGTH_SIGMA;
 	return sigma < MOST_STRENGTH_SIGMA && !(bound && least > most);
 }
 
@@ -222,10 +250,16 @@ static void keep_or_take(struct lp_remembered_lamp *m, const struct lp_lamp_sigh
 		return;
 	}
 	m->measured = false;
+	m->by_pixels = s->refined;
 	m->lamp = *seen;
 	m->direction_variance = square(seen->direction_sigma_deg * RAD);
 	m->strength_variance = square(s->strength_sigma);
 	m->then_on_grid = s->on_grid.irradiance[LP_LUMINANCE];
+}
+
+static float hidden(const struct lp_lamp *lamp)
+{
+	return lamp->flags & LP_LIGHT_CLIPPED ? CLIPPED_HIDES : 0.0F;
 }
 
 static void follow(struct lp_remembered_lamp *m, const struct lp_lamp_sighting *s,
@@ -244,6 +278,7 @@ static void follow(struct lp_remembered_lamp *m, const struct lp_lamp_sighting *
 		keep_or_take(m, s);
 	if (s->refined && m->flicker.flickers)
 		take_mean(m);
+	m->hidden += (hidden(&m->lamp) - m->hidden) * fminf(times->elapsed_s / HIDDEN_S, 1.0F);
 	m->lamp.direction_sigma_deg = sqrtf(m->direction_variance) / RAD;
 }
 
@@ -268,6 +303,9 @@ void lp_lamp_memory_update(struct lp_lamp_memory *memory, const struct lp_lamp_s
 			memory->list[place[k]] =
 				(struct lp_remembered_lamp){.id = memory->last_id,
 							    .lamp = sightings[k].on_grid,
+							    .hidden = hidden(&sightings[k].on_grid),
+							    .wide = sightings[k].width_deg >=
+								    LP_COMPACT_DEG,
 							    .seen = true};
 		}
 		if (place[k] >= 0)
@@ -354,15 +392,20 @@ bool lp_lamp_memory_flicker_clips(const struct lp_lamp_memory *memory)
 	return false;
 }
 
-bool lp_lamp_memory_knows(const struct lp_lamp_memory *memory, const struct lp_lamp *on_grid)
+const struct lp_remembered_lamp *lp_lamp_memory_find(const struct lp_lamp_memory *memory,
+						     const struct lp_lamp *on_grid)
 {
 	const float gate = gate_rad(on_grid);
 
-	for (int p = 0; p < LP_MAX_LAMPS; p++)
-		if (memory->list[p].id &&
-		    angle_rad(memory->list[p].on_grid.direction, on_grid->direction) < gate)
-			return true;
-	return false;
+	for (int p = 0; p < LP_MAX_LAMPS; p++) {
+		const struct lp_remembered_lamp *m = &memory->list[p];
+
+		if (m->id && (on_grid->known_id
+				      ? m->id == on_grid->known_id
+				      : angle_rad(m->on_grid.direction, on_grid->direction) < gate))
+			return m;
+	}
+	return NULL;
 }
 
 void lp_lamp_memory_lose_cells(struct lp_lamp_memory *memory)

@@ -16,17 +16,26 @@
 
 struct lp_rotation;
 
+/* A source of less width becomes a lamp, another one an area light (lp_detection_width_deg()): on
+ * the scenes of docs/users/accuracy.md, "What belongs on the list". */
+#define LP_COMPACT_DEG 7.0F
+
 struct lp_remembered_lamp {
 	struct lp_lamp lamp;	  /* as known now; cells only while `seen` */
 	struct lp_lamp on_grid;	  /* as the panorama shows it */
 	uint32_t id;		  /* 0: this place is free */
 	bool seen;		  /* in the newest panorama */
+	bool by_pixels;		  /* `lamp` is what pixels told, be it a lower bound */
 	bool measured;		  /* by pixels of an exposure that did not clip it */
 	float direction_variance; /* rad^2, per axis */
 	float strength_variance;  /* relative; of the irradiance */
 	float then_on_grid; /* luminance of on_grid.irradiance when `lamp` was last taken anew */
+	float hidden;	    /* of its irradiance, by clipping (light_estimate.h) */
 	float absent_s;	    /* how long it has not been seen */
 	struct lp_flicker flicker; /* of its strength as measured by pixels */
+	float disputed_s;   /* how long detection has drawn other borders (light/holding.h) */
+	bool wide;	    /* an area light */
+	bool listed;	    /* in the newest estimate */
 };
 
 struct lp_lamp_memory {
@@ -40,6 +49,7 @@ struct lp_lamp_sighting {
 	struct lp_lamp
 		pixels; /* only if `refined`; its flag CLIPPED says that it is a lower bound */
 	bool refined;
+	float width_deg;
 	bool enters; /* strong and clear enough to become a lamp; else it only goes on being one */
 	float strength_sigma; /* of pixels.irradiance, relative */
 	float scale;	      /* of the frame: full scale to radiance */
@@ -71,8 +81,13 @@ float lp_lamp_memory_flicker(const struct lp_lamp_memory *memory);
 /* Whether a lamp that flickers clips in some of its phases. */
 bool lp_lamp_memory_flicker_clips(const struct lp_lamp_memory *memory);
 
-/* Whether a lamp of the panorama is one that is remembered. */
-bool lp_lamp_memory_knows(const struct lp_lamp_memory *memory, const struct lp_lamp *on_grid);
+/* Whether a remembered lamp that is now so wide is an area light: it stays what it was between
+ * LP_COMPACT_DEG / 1.4 and LP_COMPACT_DEG * 1.4. */
+bool lp_lamp_stays_wide(const struct lp_remembered_lamp *lamp, float width_deg);
+
+/* The remembered lamp that a lamp of the panorama is; NULL: none. */
+const struct lp_remembered_lamp *lp_lamp_memory_find(const struct lp_lamp_memory *memory,
+						     const struct lp_lamp *on_grid);
 
 /* The finder that the lamps' cells are of is gone. */
 void lp_lamp_memory_lose_cells(struct lp_lamp_memory *memory);

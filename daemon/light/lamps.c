@@ -41,12 +41,15 @@ int lp_lamp_finder_create(const struct lp_grid *grid, struct lp_lamp_finder **fi
 		return -ENOMEM;
 	f->grid = grid;
 	f->cells = calloc(n, sizeof(*f->cells));
+	f->cells_before = calloc(n, sizeof(*f->cells_before));
 	f->mark = calloc(n + WORD_MARKS, sizeof(*f->mark)); /* words reach beyond the last */
+	f->owner = calloc(n, sizeof(*f->owner));
 	f->ring = calloc(n, sizeof(*f->ring));
 	f->values = calloc(MAX_RING_CELLS, sizeof(*f->values));
 	f->reach = calloc(grid->height, sizeof(*f->reach));
 	f->free = calloc(grid->height, sizeof(*f->free));
-	if (!f->reach || !f->free || !f->cells || !f->mark || !f->ring || !f->values) {
+	if (!f->reach || !f->free || !f->cells || !f->cells_before || !f->mark || !f->owner ||
+	    !f->ring || !f->values) {
 		lp_lamp_finder_destroy(f);
 		return -ENOMEM;
 	}
@@ -67,7 +70,9 @@ void lp_lamp_finder_destroy(struct lp_lamp_finder *finder)
 	free(finder->reach);
 	free(finder->values);
 	free(finder->ring);
+	free(finder->owner);
 	free(finder->mark);
+	free(finder->cells_before);
 	free(finder->cells);
 	free(finder);
 }
@@ -97,7 +102,10 @@ static void give_back(struct lp_lamp_finder *finder, int32_t cell)
 static void start_run(struct lp_lamp_finder *finder, const struct lp_regions *regions)
 {
 	const struct lp_grid *grid = finder->grid;
+	int32_t *before = finder->cells_before;
 
+	finder->cells_before = finder->cells;
+	finder->cells = before;
 	memset(finder->mark, FREE, (size_t)grid->width * grid->height);
 	for (int r = 0; r < grid->height; r++)
 		finder->free[r] = grid->width;
@@ -313,15 +321,39 @@ static float grid_sigma_deg(const struct lp_lamp_finder *finder, const struct lp
 	return (float)(hypot(side_rad / sqrt(12.0 * cells), noise_rad) * 180.0 / M_PI);
 }
 
-/* Fill the lamp from its moments; `axis` receives the direction of its longest extent. False: no
- * light is left above the background. */
+/* Half of the angle that a uniform ellipse spans, by the variance of its unit vectors: exact within
+ * 2 % of that of a disc of 30 degrees. */
+static float half_angle_deg(double variance)
+{
+	return (float)(asin(fmin(2.0 * sqrt(fmax(variance, 0.0)), 1.0)) * 180.0 / M_PI);
+}
+
+/* axis: of the largest variance, a unit vector across lamp->direction. */
+static void describe_ellipse(const double covariance[6], const double axis[3], double variance,
+			     struct lp_lamp *lamp)
+{
+	const float *d = lamp->direction;
+	const double across[3] = {d[1] * axis[2] - d[2] * axis[1], d[2] * axis[0] - d[0] * axis[2],
+				  d[0] * axis[1] - d[1] * axis[0]};
+	double smaller = 0.0;
+
+	for (int a = 0, k = 0; a < 3; a++)
+		for (int b = a; b < 3; b++, k++)
+			smaller += (a == b ? 1.0 : 2.0) * across[a] * covariance[k] * across[b];
+	for (int a = 0; a < 3; a++)
+		lamp->axis[a] = (float)axis[a];
+	lamp->half_angle_deg[0] = half_angle_deg(variance);
+	lamp->half_angle_deg[1] = half_angle_deg(smaller);
+}
+
+/* Fill the lamp from its moments. False: no light is left above the background. */
 static bool describe(const struct lp_lamp_finder *finder, const struct moments *m,
-		     struct lp_lamp *lamp, double axis[3])
+		     struct lp_lamp *lamp)
 {
 	const double flux = m->flux[LP_LUMINANCE];
 	const double length = sqrt(m->first[0] * m->first[0] + m->first[1] * m->first[1] +
 				   m->first[2] * m->first[2]);
-	double covariance[6], variance;
+	double covariance[6], axis[3], variance;
 
 	if (!(flux > 0.0) || !(length > 0.0) || !(m->squared > 0.0))
 		return false;
@@ -336,40 +368,10 @@ static bool describe(const struct lp_lamp_finder *finder, const struct moments *
 		lamp->centroid[a] = lamp->direction[a] = (float)(m->first[a] / length);
 	lamp->solid_angle_sr = (float)fmin(flux * flux / m->squared, 2.0 * M_PI);
 	lamp->direction_sigma_deg = grid_sigma_deg(finder, lamp, flux);
-	lamp->spread_deg = (float)(sqrt(fmax(variance, 0.0)) * 180.0 / M_PI);
-	lamp->flags = (lamp->flags & LP_LIGHT_EXTENDED) | (m->clipped ? LP_LIGHT_CLIPPED : 0);
+	describe_ellipse(covariance, axis, variance, lamp);
+	lamp->flags = m->clipped ? LP_LIGHT_CLIPPED : 0;
 	return true;
 }
-
-/* Order the lamp's cells so that those on the positive side of its centre along `axis` come last;
- * the result is where they begin. */
-static int divide(struct lp_lamp_finder *finder, const struct lp_lamp *lamp, const double axis[3])
-{
-	int32_t *cells = finder->cells + lamp->first;
-	const double centre = axis[0] * lamp->direction[0] + axis[1] * lamp->direction[1] +
-			      axis[2] * lamp->direction[2];
-	int head = 0, tail = lamp->count;
-
-	while (head < tail) {
-		float d[3];
-
-		lp_grid_direction(finder->grid, cells[head], d);
-		if (axis[0] * d[0] + axis[1] * d[1] + axis[2] * d[2] > centre) {
-			const int32_t swap = cells[head];
-			cells[head] = cells[--tail];
-			cells[tail] = swap;
-		} else {
-			head++;
-		}
-	}
-	return head;
-}
-
-/* Of a region; all of it to begin with. */
-struct part {
-	struct lp_lamp lamp;
-	double axis[3]; /* of its longest extent */
-};
 
 static bool stands_out(struct lp_lamp *lamp, float core_mean, const struct lp_lamp_options *options)
 {
@@ -406,53 +408,30 @@ void lp_lamp_insert(struct lp_lamp_finder *finder, const struct lp_lamp *lamp)
 	finder->lamps[at] = *lamp;
 }
 
-/* Lamp and longest axis from its cells; false as of describe(). */
+/* From its cells and its background; false as of describe(). */
 static bool measure(const struct lp_lamp_finder *finder, const struct lp_panorama *panorama,
-		    struct part *part)
+		    struct lp_lamp *lamp)
 {
-	const struct moments m = moments_of(finder, panorama, &part->lamp);
+	const struct moments m = moments_of(finder, panorama, lamp);
 
-	return describe(finder, &m, &part->lamp, part->axis);
+	return describe(finder, &m, lamp);
 }
 
-/* Where the second half of a part that is too wide begins; 0: it is not to be divided. A part of
- * one cell is narrow enough, and rounding may leave nothing to divide. */
-static int halve(struct lp_lamp_finder *finder, const struct part *part, float max_spread_deg)
+/* Background in all channels, and whether the lamp stands out of it and is strong enough. Its last
+ * `rim` cells surround the others, of mean luminance `core_mean`. */
+static bool is_lamp(struct lp_lamp_finder *finder, const struct lp_panorama *panorama, int rim,
+		    float core_mean, float mean, const struct lp_lamp_options *options,
+		    struct lp_lamp *lamp)
 {
-	int head = 0;
+	const struct surround around = find_surround(finder, lamp, rim);
 
-	if (part->lamp.spread_deg > max_spread_deg && part->lamp.count > 1)
-		head = divide(finder, &part->lamp, part->axis);
-	return head < part->lamp.count ? head : 0;
-}
-
-/* Split until every part is narrow enough, or the stack is full. */
-static void split_and_insert(struct lp_lamp_finder *finder, const struct lp_panorama *panorama,
-			     const struct part *whole, const struct lp_lamp_options *options)
-{
-	struct part stack[2 * LP_MAX_LAMPS];
-	const int room = (int)LP_COUNT(stack);
-	int depth = 0;
-
-	stack[depth++] = *whole;
-	while (depth) {
-		struct part part = stack[--depth];
-		const int head =
-			depth + 2 <= room ? halve(finder, &part, options->max_spread_deg) : 0;
-		const int first[2] = {0, head}, count[2] = {head, part.lamp.count - head};
-
-		if (!head) {
-			lp_lamp_insert(finder, &part.lamp);
-			continue;
-		}
-		part.lamp.flags |= LP_LIGHT_EXTENDED;
-		for (int half = 0; half < 2; half++) {
-			stack[depth] = part;
-			stack[depth].lamp.first += first[half];
-			stack[depth].lamp.count = count[half];
-			depth += measure(finder, panorama, &stack[depth]);
-		}
-	}
+	measure_noise(finder, measure_background(finder, panorama, &around, LP_LUMINANCE, lamp),
+		      lamp);
+	if (!stands_out(lamp, core_mean, options))
+		return false;
+	for (int channel = 0; channel < LP_LUMINANCE; channel++)
+		measure_background(finder, panorama, &around, channel, lamp);
+	return measure(finder, panorama, lamp) && strong(lamp, mean, options);
 }
 
 static void measure_region(struct lp_lamp_finder *finder, const struct lp_panorama *panorama,
@@ -460,37 +439,29 @@ static void measure_region(struct lp_lamp_finder *finder, const struct lp_panora
 			   float mean, const struct lp_lamp_options *options)
 {
 	const int room = finder->grid->width * finder->grid->height;
-	struct part part = {.lamp = {.first = finder->cell_count,
-				     .count = region->count,
-				     .peak = region->peak}};
-	struct lp_lamp *lamp = &part.lamp;
+	struct lp_lamp lamp = {.first = finder->cell_count,
+			       .count = region->count,
+			       .core_count = region->count,
+			       .peak = region->peak};
 
 	if (region->too_large ||
 	    RIM_FACTOR * region->flux < (double)options->min_strength * M_PI * mean)
 		return;
 	if (finder->cell_count + region->count > room)
 		return;
-	memcpy(finder->cells + lamp->first, regions->cells + region->first,
+	memcpy(finder->cells + lamp.first, regions->cells + region->first,
 	       region->count * sizeof(*finder->cells));
 	for (int i = 0; i < region->count; i++) {
-		const int32_t cell = finder->cells[lamp->first + i];
+		const int32_t cell = finder->cells[lamp.first + i];
 
 		if (!enclosed(finder, cell))
-			lamp->count +=
-				grow(finder, cell, RIM, finder->cells + lamp->first + lamp->count);
+			lamp.count +=
+				grow(finder, cell, RIM, finder->cells + lamp.first + lamp.count);
 	}
-	finder->cell_count += lamp->count;
-
-	const struct surround around = find_surround(finder, lamp, lamp->count - region->count);
-
-	measure_noise(finder, measure_background(finder, panorama, &around, LP_LUMINANCE, lamp),
-		      lamp);
-	if (!stands_out(lamp, (float)(region->flux / region->solid_angle_sr), options))
-		return;
-	for (int channel = 0; channel < LP_LUMINANCE; channel++)
-		measure_background(finder, panorama, &around, channel, lamp);
-	if (measure(finder, panorama, &part) && strong(lamp, mean, options))
-		split_and_insert(finder, panorama, &part, options);
+	finder->cell_count += lamp.count;
+	if (is_lamp(finder, panorama, lamp.count - region->count,
+		    (float)(region->flux / region->solid_angle_sr), mean, options, &lamp))
+		lp_lamp_insert(finder, &lamp);
 }
 
 /* The list is full of lamps that no remaining region can outshine: a rim holds a few times what its
@@ -508,4 +479,36 @@ void lp_find_lamps(struct lp_lamp_finder *finder, const struct lp_panorama *pano
 	start_run(finder, regions);
 	for (int k = 0; k < regions->count && !settled(finder, &regions->list[k]); k++)
 		measure_region(finder, panorama, regions, &regions->list[k], mean, options);
+}
+
+bool lp_lamp_finder_hold(struct lp_lamp_finder *finder, const struct lp_panorama *panorama,
+			 float mean, const struct lp_lamp_options *options, struct lp_lamp *lamp)
+{
+	const struct lp_grid *grid = finder->grid;
+	const int32_t *before = finder->cells_before + lamp->first;
+	int32_t *cells = finder->cells + finder->cell_count;
+	double flux = 0.0, solid_angle_sr = 0.0;
+
+	if (finder->cell_count + lamp->count > grid->width * grid->height)
+		return false;
+	memcpy(cells, before, lamp->count * sizeof(*cells));
+	lamp->first = finder->cell_count;
+	lamp->peak = 0.0F;
+	for (int i = 0; i < lamp->count; i++) {
+		if (finder->mark[cells[i]] == FREE)
+			take(finder, lp_grid_row(grid, cells[i]), cells[i], RIM);
+		if (i >= lamp->core_count)
+			continue;
+		const float luminance = panorama->cells[cells[i]][LP_LUMINANCE];
+		const double omega = lp_grid_solid_angle_sr(grid, cells[i]);
+
+		lamp->peak = fmaxf(lamp->peak, luminance);
+		flux += luminance * omega;
+		solid_angle_sr += omega;
+	}
+	if (!is_lamp(finder, panorama, lamp->count - lamp->core_count,
+		     (float)(flux / solid_angle_sr), mean, options, lamp))
+		return false;
+	finder->cell_count += lamp->count;
+	return true;
 }

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * From regions of the panorama to lamps: direction, irradiance above the surround, solid angle. A
- * region too wide for one direction (a window, a soft box) is split into parts along its longest
- * axis.
+ * From regions of the panorama to lamps: direction, irradiance above the surround, solid angle, and
+ * the ellipse that has the same moments. A wide region (a window, a soft box) stays one.
  */
 #ifndef LP_LIGHT_LAMPS_H
 #define LP_LIGHT_LAMPS_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 struct lp_grid;
@@ -25,19 +25,22 @@ struct lp_lamp {
 	float background_noise; /* 1 sigma of the ring's luminance, from its median deviation */
 	float solid_angle_sr;	/* (sum L Omega)^2 / sum L^2 Omega: exact for a uniform disc */
 	float direction_sigma_deg;
-	float spread_deg; /* RMS angle along its longest axis */
-	float peak;	  /* highest luminance in it */
-	float share;	  /* of the light on a surface facing it */
-	float contrast;	  /* mean luminance of its core over the surround's */
-	uint32_t flags;	  /* enum lp_light_flag: CLIPPED, EXTENDED */
-	int first, count; /* its cells: lp_lamp_finder.cells */
+	float axis[3]; /* unit vector across centroid, along the longer axis of its ellipse */
+	float half_angle_deg[2]; /* of the uniform ellipse with the same moments: longer, shorter */
+	float peak;		 /* highest luminance in it */
+	float share;		 /* of the light on a surface facing it */
+	float contrast;		 /* mean luminance of its core over the surround's */
+	uint32_t flags;		 /* enum lp_light_flag: CLIPPED */
+	int first, count;	 /* its cells: lp_lamp_finder.cells */
+	int core_count;		 /* the first of them; the others are its rim */
+	uint32_t known_id;	 /* of the remembered lamp whose cells these are; 0: none
+				    (light/holding.h) */
 };
 
 struct lp_lamp_options {
 	float min_strength; /* share of the light on a surface facing it, below which it is no lamp
 			     */
 	float min_contrast; /* mean luminance of its core over the surround's, likewise */
-	float max_spread_deg; /* wider regions are split */
 };
 
 struct lp_lamp_finder {
@@ -45,12 +48,14 @@ struct lp_lamp_finder {
 	int count;
 	struct lp_lamp lamps[LP_MAX_LAMPS]; /* by luminance of irradiance, strongest first */
 	int32_t *cells;			    /* cell indices, lamp after lamp: core and rim */
+	int32_t *cells_before;		    /* those of the run before */
 
 	/* workspace */
 	int *reach; /* per row: columns that span about one row's height */
 	int *free;  /* per row near a pole: cells that are not taken */
 	int cell_count;
-	uint8_t *mark; /* per cell: what it has been taken for in this run */
+	uint8_t *mark;	/* per cell: what it has been taken for in this run */
+	uint8_t *owner; /* per cell, for light/holding.c */
 	int32_t *ring;
 	float *values;
 };
@@ -62,6 +67,12 @@ void lp_lamp_finder_destroy(struct lp_lamp_finder *finder); /* accepts NULL; the
 void lp_find_lamps(struct lp_lamp_finder *finder, const struct lp_panorama *panorama,
 		   const struct lp_regions *regions, float mean,
 		   const struct lp_lamp_options *options);
+
+/* Measure a lamp of the run before (first, count: of cells_before) over the cells that it had then.
+ * False: it no longer stands out, or there is no room; else `lamp` is as it is now, not inserted.
+ */
+bool lp_lamp_finder_hold(struct lp_lamp_finder *finder, const struct lp_panorama *panorama,
+			 float mean, const struct lp_lamp_options *options, struct lp_lamp *lamp);
 
 /* Insert by strength; the weakest falls off the end. */
 void lp_lamp_insert(struct lp_lamp_finder *finder, const struct lp_lamp *lamp);

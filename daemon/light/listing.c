@@ -4,7 +4,6 @@
 #include <math.h>
 #include <string.h>
 
-#include "include/luminance.h"
 #include "light/model.h"
 
 /* Chosen by hand, on the scenes of docs/users/accuracy.md, "While the camera turns". */
@@ -17,11 +16,6 @@
  * when it would have been better for so long. */
 #define STILL_FITS 1.15F
 #define MODEL_PATIENCE_S 1.0F
-
-static float strength(const struct lp_light *light)
-{
-	return lp_luminance(light->irradiance);
-}
 
 static const struct lp_light *find(const struct lp_light_estimate *estimate, uint32_t id)
 {
@@ -89,8 +83,8 @@ static struct lp_listed *weakest(struct lp_listing *listing,
 		struct lp_listed *l = &listing->place[p];
 
 		if (l->id && !l->leaves &&
-		    (!found ||
-		     strength(find(estimate, l->id)) < strength(find(estimate, found->id))))
+		    (!found || lp_light_rank(find(estimate, l->id)) <
+				       lp_light_rank(find(estimate, found->id))))
 			found = l;
 	}
 	return found;
@@ -104,7 +98,8 @@ static const struct lp_light *strongest_outside(struct lp_listing *listing,
 	for (int k = 0; k < estimate->light_count; k++) {
 		const struct lp_light *light = &estimate->lights[k];
 
-		if (!place_of(listing, light->id) && (!found || strength(light) > strength(found)))
+		if (!place_of(listing, light->id) &&
+		    (!found || lp_light_rank(light) > lp_light_rank(found)))
 			found = light;
 	}
 	return found;
@@ -126,7 +121,7 @@ static void challenge(struct lp_listing *listing, const struct lp_light_estimate
 	struct lp_listed *last = weakest(listing, estimate);
 
 	if (!outside || !last ||
-	    strength(outside) < OUTSHINES * strength(find(estimate, last->id))) {
+	    lp_light_rank(outside) < OUTSHINES * lp_light_rank(find(estimate, last->id))) {
 		listing->challenger = 0;
 		return;
 	}
@@ -165,13 +160,17 @@ static void update_places(struct lp_listing *listing, const struct lp_light_esti
 	}
 }
 
-int lp_listing_update(struct lp_listing *listing, const struct lp_light_estimate *estimate,
+int lp_listing_update(struct lp_listing *listing, const struct lp_light_estimate *all,
 		      const struct lp_listing_limits *limits, struct lp_light_estimate *listed)
 {
-	const int64_t elapsed_ns = listing->started ? estimate->t_capture_ns - listing->t_ns : 0;
+	struct lp_light_estimate allowed = *all;
+	const struct lp_light_estimate *estimate = &allowed;
+	const int64_t elapsed_ns = listing->started ? all->t_capture_ns - listing->t_ns : 0;
 	const float elapsed_s = elapsed_ns > 0 ? (float)elapsed_ns / 1e9F : 0.0F;
 	int whole = 0;
 
+	if (!limits->areas)
+		allowed.light_count -= all->area_count;
 	choose_model(listing, estimate, limits, elapsed_s);
 	update_places(listing, estimate, elapsed_s);
 	listing->started = true;
@@ -189,12 +188,13 @@ int lp_listing_update(struct lp_listing *listing, const struct lp_light_estimate
 		whole += l->share >= 1.0F;
 		for (int c = 0; c < 3; c++)
 			light.irradiance[c] *= l->share;
-		for (; at > 0 && strength(&listed->lights[at - 1]) < strength(&light); at--)
+		for (; at > 0 && lp_light_rank(&listed->lights[at - 1]) < lp_light_rank(&light);
+		     at--)
 			listed->lights[at] = listed->lights[at - 1];
 		listed->lights[at] = light;
 		listed->light_count++;
 	}
-	if (listed->light_count < estimate->light_count)
+	if (listed->light_count < all->light_count - all->area_count)
 		listed->flags |= LP_ESTIMATE_MORE_LIGHTS;
 	listed->predicted_error[listing->sh_order][listed->light_count] =
 		estimate->predicted_error[listing->sh_order][whole];

@@ -18,6 +18,7 @@
 /* What a subscription allows. */
 struct lp_listing_limits {
 	int sh_order, lights;
+	bool areas;	 /* area lights may be listed, too */
 	float tolerance; /* of the predicted error; 0: everything that is allowed */
 };
 

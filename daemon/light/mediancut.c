@@ -89,7 +89,6 @@ static struct lp_lamp lamp_of(const struct lp_grid *grid, const struct lp_panora
 	length = sqrt(first[0] * first[0] + first[1] * first[1] + first[2] * first[2]);
 	for (int a = 0; a < 3; a++)
 		lamp.direction[a] = (float)(length > 0.0 ? first[a] / length : a == 1);
-	lamp.flags |= LP_LIGHT_EXTENDED;
 	return lamp;
 }
 

@@ -11,6 +11,11 @@ static double luminance(const double rgb[3])
 	return LP_LUMINANCE_R * rgb[0] + LP_LUMINANCE_G * rgb[1] + LP_LUMINANCE_B * rgb[2];
 }
 
+float lp_light_rank(const struct lp_light *light)
+{
+	return lp_luminance(light->irradiance) * (1.0F + light->hidden);
+}
+
 float lp_shadow_strength(const struct lp_light_estimate *estimate, int index)
 {
 	const struct lp_light *light = &estimate->lights[index];

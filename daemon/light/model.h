@@ -43,6 +43,10 @@ void lp_model_ambient(const struct lp_light_estimate *estimate, int order, int l
 void lp_model_turn(struct lp_light_estimate *estimate, const struct lp_rotation *rotation,
 		   float sigma_deg);
 
+/* Luminance of its irradiance with what clipping may hide of it: by which lights are ordered, and
+ * chosen where there are too many. */
+float lp_light_rank(const struct lp_light *light);
+
 /* Share of the light reaching a surface that faces light `index`; 0..1. */
 float lp_shadow_strength(const struct lp_light_estimate *estimate, int index);
 

@@ -21,6 +21,7 @@ struct lp_basin {
 	int32_t parent; /* that it was absorbed by; itself: a root */
 	int32_t next;	/* root: how many cells its core has; then where the next one goes */
 	float peak;
+	bool clipped;		     /* where it peaks */
 	double flux, solid_angle_sr; /* root: of its core */
 };
 
@@ -70,6 +71,7 @@ static void collect(struct lp_regions *regions, const struct lp_panorama *panora
 	const int n = panorama->width * panorama->height;
 	int count = 0;
 
+	regions->flags = panorama->flags;
 	memset(regions->basin_at, 0xff, n * sizeof(*regions->basin_at));
 	for (int i = 0; i < n; i += 4) {
 		if (!((cells[i][LP_LUMINANCE] > level) | (cells[i + 1][LP_LUMINANCE] > level) |
@@ -177,11 +179,15 @@ static int32_t only_root(const struct lp_regions *regions, int32_t cell)
 	return common == highest && regions->basins[highest].parent == highest ? highest : -2;
 }
 
-static int32_t new_basin(struct lp_regions *regions, float peak)
+static int32_t new_basin(struct lp_regions *regions, const struct lp_candidate *candidate)
 {
 	const int32_t basin = regions->basin_count++;
 
-	regions->basins[basin] = (struct lp_basin){.parent = basin, .peak = peak};
+	regions->basins[basin] = (struct lp_basin){
+		.parent = basin,
+		.peak = candidate->luminance,
+		.clipped = regions->flags[candidate->cell] & LP_CELL_CLIPPED,
+	};
 	return basin;
 }
 
@@ -214,7 +220,7 @@ static int32_t join(struct lp_regions *regions, const struct lp_candidate *candi
 	for (int j = 0; j < count; j++)
 		if (roots[j] != home && basins[roots[j]].peak < persistence * candidate->luminance)
 			basins[roots[j]].parent = home;
-	return home < 0 ? new_basin(regions, candidate->luminance) : home;
+	return home < 0 ? new_basin(regions, candidate) : home;
 }
 
 /*
@@ -231,7 +237,7 @@ static void flood(struct lp_regions *regions, float persistence)
 		int32_t basin = only_root(regions, candidate->cell);
 
 		if (basin == -1)
-			basin = new_basin(regions, candidate->luminance);
+			basin = new_basin(regions, candidate);
 		else if (basin == -2)
 			basin = join(regions, candidate, persistence);
 		regions->basin_at[candidate->cell] = regions->basin_of[k] = basin;
@@ -254,8 +260,10 @@ static void admit(struct lp_regions *regions, const struct lp_region *region)
 	regions->list[at] = *region;
 }
 
-/* The cores of the basins: the cells above core_ratio * peak. Of the others basin_of becomes -1. */
-static void find_cores(struct lp_regions *regions, float core_ratio)
+/* The cores of the basins: the cells above core_ratio * peak. Of the others basin_of becomes -1. A
+ * clipped peak is higher than it seems: with the same ratio the glow around a sun would be its
+ * core. */
+static void find_cores(struct lp_regions *regions, float core_ratio, float clipped_core_ratio)
 {
 	struct lp_basin *basins = regions->basins;
 
@@ -263,7 +271,8 @@ static void find_cores(struct lp_regions *regions, float core_ratio)
 		basins[b].parent = find_root(basins, b);
 	for (int k = 0; k < regions->candidate_count; k++) {
 		const int32_t root = basins[regions->basin_of[k]].parent;
-		const bool core = regions->candidates[k].luminance > core_ratio * basins[root].peak;
+		const float ratio = basins[root].clipped ? clipped_core_ratio : core_ratio;
+		const bool core = regions->candidates[k].luminance > ratio * basins[root].peak;
 
 		regions->basin_of[k] = core ? root : -1;
 		basins[root].next += core;
@@ -304,13 +313,11 @@ static void lay_out(struct lp_regions *regions)
 		k = regions->basin_of[k] < 0 ? k + 1 : lay_out_run(regions, k);
 }
 
-/* Gather the cores of the basins and keep the strongest; those of more than area_sr are too large.
- */
-static void gather(struct lp_regions *regions, float core_ratio, float area_sr)
+/* Keep the strongest of the basins' cores; those of more than area_sr are too large. */
+static void gather(struct lp_regions *regions, float area_sr)
 {
 	int first = 0;
 
-	find_cores(regions, core_ratio);
 	lay_out(regions);
 	regions->count = 0;
 	for (int b = 0; b < regions->basin_count; b++) {
@@ -336,7 +343,8 @@ void lp_regions_from_peaks(struct lp_regions *regions, const struct lp_panorama 
 	sort_candidates(regions);
 	limit_area(regions, options->area_sr);
 	flood(regions, options->persistence_ratio);
-	gather(regions, options->core_ratio, options->area_sr);
+	find_cores(regions, options->core_ratio, options->clipped_core_ratio);
+	gather(regions, options->area_sr);
 }
 
 void lp_regions_from_threshold(struct lp_regions *regions, const struct lp_panorama *panorama,
@@ -345,5 +353,6 @@ void lp_regions_from_threshold(struct lp_regions *regions, const struct lp_panor
 	collect(regions, panorama, fmaxf(level, 0.0F));
 	sort_candidates(regions);
 	flood(regions, INFINITY);
-	gather(regions, 0.0F, INFINITY);
+	find_cores(regions, 0.0F, 0.0F);
+	gather(regions, INFINITY);
 }

@@ -41,6 +41,7 @@ struct lp_regions {
 	int32_t *cells;			       /* cell indices, region after region */
 
 	/* workspace */
+	const uint8_t *flags; /* of the panorama's cells, borrowed for one segmentation */
 	int candidate_count, basin_count;
 	struct lp_candidate *candidates, *scratch; /* brightest first */
 	int32_t *start;				   /* of each brightness in them */
@@ -54,9 +55,10 @@ struct lp_peak_options {
 	/* and among the brightest so many steradians, to an eighth of a stop; a region of more is
 	 * too large to be a lamp */
 	float area_sr;
-	float persistence_ratio; /* a peak is its own when it is this many times its highest saddle
-				  */
-	float core_ratio;	 /* a region keeps the cells above this share of its peak */
+	float persistence_ratio;  /* a peak is its own when it is this many times its highest saddle
+				   */
+	float core_ratio;	  /* a region keeps the cells above this share of its peak */
+	float clipped_core_ratio; /* the same, where the peak is clipped */
 };
 
 int lp_regions_create(const struct lp_grid *grid, struct lp_regions **regions);

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "include/luminance.h"
+#include "light/model.h"
 #include "light/rotation.h"
 
 /* Chosen by hand; docs/maintainers/constants.md says which tests notice other values. */
@@ -81,6 +82,7 @@ static void follow_light(struct lp_track *track, const struct lp_light *target, 
 	l->irradiance_sigma = follow(l->irradiance_sigma, target->irradiance_sigma, alpha);
 	l->confidence = follow(l->confidence, target->confidence, alpha);
 	l->distance_m = follow(l->distance_m, target->distance_m, alpha);
+	l->hidden = target->hidden;
 	l->flags = target->flags;
 	track->full = luminance(target);
 }
@@ -94,10 +96,17 @@ static void fade(struct lp_track *track, float alpha, int64_t now_ns)
 		track->light.id = 0;
 }
 
-/* Tracks that still shine, strongest first. */
+static bool precedes(const struct lp_light *a, const struct lp_light *b)
+{
+	const bool a_wide = a->flags & LP_LIGHT_EXTENDED, b_wide = b->flags & LP_LIGHT_EXTENDED;
+
+	return a_wide != b_wide ? b_wide : lp_light_rank(a) > lp_light_rank(b);
+}
+
+/* Tracks that still shine: lamps, then area lights, each strongest first. */
 static void list_tracks(const struct lp_tracker *tracker, struct lp_light_estimate *smoothed)
 {
-	int count = 0;
+	int count = 0, lamps = 0;
 
 	for (int t = 0; t < LP_MAX_TRACKS; t++) {
 		const struct lp_track *track = &tracker->track[t];
@@ -106,7 +115,8 @@ static void list_tracks(const struct lp_tracker *tracker, struct lp_light_estima
 
 		if (!track->light.id || strength < LEAST_SHARE * track->full || strength <= 0.0F)
 			continue;
-		for (at = count; at > 0 && luminance(&smoothed->lights[at - 1]) < strength; at--)
+		lamps += !(track->light.flags & LP_LIGHT_EXTENDED);
+		for (at = count; at > 0 && precedes(&track->light, &smoothed->lights[at - 1]); at--)
 			if (at < LP_MAX_LIGHTS)
 				smoothed->lights[at] = smoothed->lights[at - 1];
 		if (at < LP_MAX_LIGHTS)
@@ -115,6 +125,7 @@ static void list_tracks(const struct lp_tracker *tracker, struct lp_light_estima
 			count++;
 	}
 	smoothed->light_count = count;
+	smoothed->area_count = lamps < count ? count - lamps : 0;
 }
 
 void lp_tracker_update(struct lp_tracker *tracker, const struct lp_light_estimate *raw,

@@ -73,7 +73,7 @@ FLAG_WORDS: dict[str, str] = {
     "FLICKER": "lamps flicker with the mains; what is reported of them is a mean",
     "COVERED": "something covers part of the lens; what was known of the light there is kept",
     "REFLECTION": "suspected reflection (glare), not a lamp",
-    "EXTENDED": "one part of a larger source",
+    "EXTENDED": "an area light, wider than a lamp",
     "RING": "strength or direction from the ring of light sensors",
     "HELD": "not seen in the newest frame; held by the tracker",
 }

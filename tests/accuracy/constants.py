@@ -75,7 +75,6 @@ ACCURACY = (
     Constant("light/detection.c", ".core_ratio"),
     Constant("light/detection.c", ".min_strength"),
     Constant("light/detection.c", ".min_contrast", (1.2, 4.0)),
-    Constant("light/detection.c", ".max_spread_deg"),
     Constant("light/lamps.c", "RIM_FACTOR"),
     Constant("light/lamps.c", "RING_CELLS"),
     Constant("light/lamps.c", "MAX_RING_CELLS"),
