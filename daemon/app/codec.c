@@ -14,12 +14,13 @@
 #include "base/text.h"
 #include "include/packet.h"
 #include "include/publisher.h"
+#include "light/key.h"
 #include "light/model.h"
 #include "proto/lightprobe.pb.h"
 
 #define PROTOCOL_MAJOR 1
 /* 1: estimates echo the number of their subscription. 2: Hello names the probe. 3: poses, pings,
- * WORLD and the probe's orientation. */
+ * WORLD and the probe's orientation; KEY and area lights. */
 #define PROTOCOL_MINOR 3
 #define POSE_SIGMA_DEG 0.2F		   /* of a client that does not say */
 #define LEAST_SLEEP_NS (50 * LP_NS_PER_MS) /* less may be the reading of two clocks */
@@ -123,13 +124,31 @@ static bool fill_light(lightprobe_v1_Light *wire, const struct lp_light *light)
 		scaled(light->irradiance_sigma, 1000, &wire->irradiance_sigma_permille);
 	wire->has_confidence_percent = scaled(light->confidence, 100, &wire->confidence_percent);
 	wire->has_distance_m = known(light->distance_m, &wire->distance_m);
+	if (light->flags & LP_LIGHT_EXTENDED) {
+		wire->half_angle_deg_count = 2;
+		wire->axis_count = 3;
+		if (!copy_finite(wire->half_angle_deg, light->half_angle_deg, 2) ||
+		    !copy_finite(wire->axis, light->axis, 3))
+			return false;
+	}
 	return copy_finite(wire->direction, light->direction, 3) &&
 	       copy_finite(wire->irradiance, light->irradiance, 3) &&
 	       copy_finite(&wire->angular_radius_deg, &light->angular_radius_deg, 1);
 }
 
+/* KEY of what the listed lights leave. */
+static struct lp_light key_of(const struct lp_light_estimate *estimate,
+			      const struct lp_variant *variant)
+{
+	float ambient[LP_SH_COUNT(1)][3];
+
+	lp_model_ambient(estimate, 1, variant->lights, ambient);
+	return lp_key_light((const float(*)[3])ambient);
+}
+
 static bool fill_sh(lightprobe_v1_SphericalHarmonics *wire,
-		    const struct lp_light_estimate *estimate, const struct lp_variant *variant)
+		    const struct lp_light_estimate *estimate, const struct lp_variant *variant,
+		    const struct lp_light *key)
 {
 	float ambient[LP_MAX_SH_COUNT][3];
 	const float(*coefficients)[3] = estimate->sh_total;
@@ -137,6 +156,8 @@ static bool fill_sh(lightprobe_v1_SphericalHarmonics *wire,
 
 	if (!variant->total) {
 		lp_model_ambient(estimate, variant->sh_order, variant->lights, ambient);
+		if (key)
+			lp_key_remove(variant->sh_order, key, ambient);
 		coefficients = (const float(*)[3])ambient;
 	}
 	wire->kind = variant->total ? lightprobe_v1_SphericalHarmonics_Kind_TOTAL
@@ -171,6 +192,7 @@ int lp_encode_estimate(const struct lp_light_estimate *estimate, const struct lp
 	lightprobe_v1_FromProbe message = {.which_message = lightprobe_v1_FromProbe_estimate_tag};
 	lightprobe_v1_Estimate *wire = &message.message.estimate;
 	const int64_t slept_ns = slept_since(estimate);
+	struct lp_light key;
 	const int64_t delay_us =
 		(stamp->t_send_ns - estimate->t_capture_ns + slept_ns) / LP_NS_PER_US;
 
@@ -211,7 +233,13 @@ int lp_encode_estimate(const struct lp_light_estimate *estimate, const struct lp
 		if (!fill_light(&wire->lights[i], &estimate->lights[i]))
 			return -ERANGE;
 	}
-	if (!fill_sh(&wire->sh, estimate, variant))
+	wire->has_key = variant->key;
+	if (variant->key) {
+		key = key_of(estimate, variant);
+		if (!fill_light(&wire->key, &key))
+			return -ERANGE;
+	}
+	if (!fill_sh(&wire->sh, estimate, variant, variant->key ? &key : NULL))
 		return -ERANGE;
 	encode(&message, LP_PACKET_STATE, packet);
 	return 0;
@@ -358,6 +386,8 @@ static int read_subscription(const lightprobe_v1_Subscription *wire,
 	subscription->tolerance = (float)wire->tolerance_permille / 1000.0F;
 	subscription->health_period_ms = wire->health_period_ms;
 	subscription->number = wire->number;
+	subscription->key_light = wire->key_light;
+	subscription->area_lights = wire->area_lights;
 	return 0;
 }
 

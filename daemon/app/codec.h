@@ -22,6 +22,7 @@ struct lp_subscription {
 	bool total;		   /* SH with the lights in it */
 	bool raw;		   /* not smoothed in time */
 	bool area_lights;	   /* listed, too */
+	bool key_light;		   /* light/key.h */
 	float tolerance;	   /* relative; 0: the largest model allowed */
 	uint32_t health_period_ms; /* 0: none */
 	uint32_t number;	   /* the client's own, echoed in its estimates; 0: the defaults */
@@ -29,7 +30,7 @@ struct lp_subscription {
 
 /* Everything that makes one client's estimate packet differ from another's. */
 struct lp_variant {
-	bool total;
+	bool total, key;
 	int sh_order, lights;
 	bool world; /* directions and SH have been turned into the app's world */
 };

@@ -448,6 +448,8 @@ static int create_hub(struct lp_daemon *daemon)
 		hub.initial.raw = true;
 		hub.initial.sh_order = pipeline.sh_order;
 		hub.initial.max_lights = pipeline.max_lights;
+		hub.initial.area_lights = options->area_lights;
+		hub.initial.key_light = options->key_light;
 	}
 	daemon->health.report.preset = hub.hello.preset;
 	return lp_hub_create(&hub, &daemon->hub);

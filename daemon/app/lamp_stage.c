@@ -201,6 +201,10 @@ static void list_light(const struct lp_remembered_lamp *m, struct lp_light *ligh
 
 	memcpy(light->direction, lamp->direction, sizeof(light->direction));
 	memcpy(light->irradiance, lamp->irradiance, sizeof(light->irradiance));
+	if (m->wide) {
+		memcpy(light->half_angle_deg, lamp->half_angle_deg, sizeof(light->half_angle_deg));
+		memcpy(light->axis, lamp->axis, sizeof(light->axis));
+	}
 	light->id = m->id;
 	light->angular_radius_deg = radius_rad(lamp) * DEG;
 	light->direction_sigma_deg = lamp->direction_sigma_deg;

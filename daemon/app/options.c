@@ -253,6 +253,10 @@ static const struct lp_param command_list[] = {
 	{"once", LP_PARAM_BOOL, offsetof(struct lp_options, once), .initial = "0",
 	 .help = "process the frames of a finite source as one bracket, publish one estimate, "
 		 "exit"},
+	{"area-lights", LP_PARAM_BOOL, offsetof(struct lp_options, area_lights), .initial = "0",
+	 .help = "with --once: windows, soft boxes and the like are lights, too, one ellipse each"},
+	{"key-light", LP_PARAM_BOOL, offsetof(struct lp_options, key_light), .initial = "0",
+	 .help = "with --once: one more directional light, KEY, for what the listed ones leave"},
 	{"simulated-time", LP_PARAM_TEXT, offsetof(struct lp_options, simulated_time),
 	 .initial = "", .max = 108,
 	 .help = "for tests: take the time from this Unix socket instead of the clock"},

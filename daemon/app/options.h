@@ -37,6 +37,7 @@ struct lp_options {
 	struct lp_governor_goals goals;
 	struct lp_detector_options detector;
 	int sh_order, lights;
+	bool area_lights, key_light;
 	struct lp_orientation_choice orientation;
 	char mount[1024]; /* file; "": identity */
 	float smoothing_ms, ttl_ms;

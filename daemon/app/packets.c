@@ -10,8 +10,9 @@
 #include "light/listing.h"
 #include "light/model.h"
 
-/* Momentary estimates: AMBIENT or TOTAL, in the probe's or the app's frame, by order and lights. */
-#define RAW_VARIANTS (4 * (LP_MAX_SH_ORDER + 1) * (LP_MAX_LIGHTS + 1))
+/* Momentary estimates: AMBIENT or TOTAL, in the probe's or the app's frame, with KEY or without, by
+ * order and lights. */
+#define RAW_VARIANTS (8 * (LP_MAX_SH_ORDER + 1) * (LP_MAX_LIGHTS + 1))
 /* Kinds of smoothed subscriptions whose list is remembered; one more takes the place of that asked
  * for longest ago, and its list begins anew. */
 #define KINDS 16
@@ -31,9 +32,9 @@ struct kind {
 	bool listed; /* of the present estimate */
 	struct lp_light_estimate estimate;
 	struct lp_variant variant;
-	/* of the present estimate: frame of the probe or the app; AMBIENT or TOTAL; NULL: not yet
-	 */
-	struct packet *encoded[2][2];
+	/* of the present estimate: frame of the probe or the app; AMBIENT or TOTAL; without KEY or
+	 * with; NULL: not yet */
+	struct packet *encoded[2][2][2];
 };
 
 struct lp_packets {
@@ -50,7 +51,7 @@ struct lp_packets *lp_packets_create(int most_held)
 	if (!self)
 		return NULL;
 	self->pool =
-		lp_pool_create(sizeof(struct packet), most_held + RAW_VARIANTS + 4 * KINDS, NULL);
+		lp_pool_create(sizeof(struct packet), most_held + RAW_VARIANTS + 8 * KINDS, NULL);
 	if (!self->pool) {
 		free(self);
 		return NULL;
@@ -116,9 +117,10 @@ static struct lp_listing_limits limits_of(const struct lp_demand *computed,
 /* The momentary model for one client: the smallest under its tolerance, or the largest it allows.
  */
 static struct lp_variant choose_raw(const struct lp_light_estimate *estimate,
-				    const struct lp_listing_limits *limits, bool total)
+				    const struct lp_listing_limits *limits,
+				    const struct lp_subscription *wanted)
 {
-	struct lp_variant variant = {.total = total};
+	struct lp_variant variant = {.total = wanted->total, .key = wanted->key_light};
 
 	lp_model_choose(estimate, limits->sh_order,
 			limits->areas ? limits->lights
@@ -130,7 +132,7 @@ static struct lp_variant choose_raw(const struct lp_light_estimate *estimate,
 
 static int raw_index(const struct lp_variant *variant)
 {
-	const int which = 2 * variant->world + variant->total;
+	const int which = 4 * variant->key + 2 * variant->world + variant->total;
 
 	return (which * (LP_MAX_SH_ORDER + 1) + variant->sh_order) * (LP_MAX_LIGHTS + 1) +
 	       variant->lights;
@@ -152,8 +154,8 @@ static void forget(struct packet **slot)
 static void forget_kind(struct kind *kind)
 {
 	kind->listed = false;
-	for (int k = 0; k < 4; k++)
-		forget(&kind->encoded[k / 2][k % 2]);
+	for (int k = 0; k < 8; k++)
+		forget(&kind->encoded[k / 4][k / 2 % 2][k % 2]);
 }
 
 static struct kind *kind_of(struct lp_packets *packets, const struct lp_listing_limits *limits)
@@ -177,14 +179,16 @@ static struct kind *kind_of(struct lp_packets *packets, const struct lp_listing_
 }
 
 /* The kind's list of the present estimate. */
-static void list(struct kind *kind, const struct lp_light_estimate *smoothed, bool total)
+static void list(struct kind *kind, const struct lp_light_estimate *smoothed,
+		 const struct lp_subscription *wanted)
 {
 	if (!kind->listed)
 		kind->variant.sh_order =
 			lp_listing_update(&kind->listing, smoothed, &kind->limits, &kind->estimate);
 	kind->listed = true;
 	kind->variant.lights = kind->estimate.light_count;
-	kind->variant.total = total;
+	kind->variant.total = wanted->total;
+	kind->variant.key = wanted->key_light;
 }
 
 /* Of an estimate whose orientation is known to the app's world. */
@@ -233,17 +237,17 @@ struct lp_packet *lp_packets_estimate(struct lp_packets *packets,
 	struct packet **slot;
 
 	if (wanted->raw) {
-		variant = choose_raw(estimate, &limits, wanted->total);
+		variant = choose_raw(estimate, &limits, wanted);
 		variant.world = world;
 		slot = &packets->raw[raw_index(&variant)];
 	} else {
 		struct kind *kind = kind_of(packets, &limits);
 
-		list(kind, &estimates->smoothed, wanted->total);
+		list(kind, &estimates->smoothed, wanted);
 		variant = kind->variant;
 		variant.world = world;
 		estimate = &kind->estimate;
-		slot = &kind->encoded[world][wanted->total];
+		slot = &kind->encoded[world][wanted->total][wanted->key_light];
 	}
 	if (!*slot || (*slot)->subscription != stamp->subscription) {
 		forget(slot);

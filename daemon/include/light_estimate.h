@@ -48,6 +48,10 @@ struct lp_light {
 	float irradiance[3]; /* RGB at normal incidence: integral of the radiance above its surround
 			      */
 	float angular_radius_deg; /* of the disc with the same solid angle */
+	/* Area lights only (LP_LIGHT_EXTENDED): the ellipse with the same extent, longer axis
+	 * first, and a unit vector along that. */
+	float half_angle_deg[2];
+	float axis[3];
 	float direction_sigma_deg;
 	float irradiance_sigma; /* relative, 1 sigma */
 	float confidence;	/* 0..1, that this is a light source */

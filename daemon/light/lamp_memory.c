@@ -423,5 +423,7 @@ void lp_lamp_memory_turn(struct lp_lamp_memory *memory, const struct lp_rotation
 		lp_rotate_direction(turn, m->lamp.centroid);
 		lp_rotate_direction(turn, m->on_grid.direction);
 		lp_rotate_direction(turn, m->on_grid.centroid);
+		lp_rotate_direction(turn, m->lamp.axis);
+		lp_rotate_direction(turn, m->on_grid.axis);
 	}
 }

@@ -119,6 +119,7 @@ void lp_model_turn(struct lp_light_estimate *estimate, const struct lp_rotation 
 		struct lp_light *const light = &estimate->lights[k];
 
 		lp_rotate_direction(rotation, light->direction);
+		lp_rotate_direction(rotation, light->axis);
 		light->direction_sigma_deg = hypotf(light->direction_sigma_deg, sigma_deg);
 	}
 }

@@ -64,6 +64,22 @@ static float follow(float from, float to, float alpha)
 	return isnan(from) || isnan(to) ? to : from + alpha * (to - from);
 }
 
+/* An axis and its opposite are the same. */
+static void follow_axis(float axis[3], const float target[3], float alpha)
+{
+	const float same = axis[0] * target[0] + axis[1] * target[1] + axis[2] * target[2] < 0.0F
+				   ? -1.0F
+				   : 1.0F;
+	float length = 0.0F;
+
+	for (int a = 0; a < 3; a++) {
+		axis[a] = follow(axis[a], same * target[a], alpha);
+		length += axis[a] * axis[a];
+	}
+	for (int a = 0; length > 0.0F && a < 3; a++)
+		axis[a] /= sqrtf(length);
+}
+
 static void follow_light(struct lp_track *track, const struct lp_light *target, float alpha)
 {
 	struct lp_light *l = &track->light;
@@ -83,6 +99,10 @@ static void follow_light(struct lp_track *track, const struct lp_light *target, 
 	l->confidence = follow(l->confidence, target->confidence, alpha);
 	l->distance_m = follow(l->distance_m, target->distance_m, alpha);
 	l->hidden = target->hidden;
+	for (int a = 0; a < 2; a++)
+		l->half_angle_deg[a] =
+			follow(l->half_angle_deg[a], target->half_angle_deg[a], alpha);
+	follow_axis(l->axis, target->axis, alpha);
 	l->flags = target->flags;
 	track->full = luminance(target);
 }
@@ -167,6 +187,8 @@ void lp_tracker_update(struct lp_tracker *tracker, const struct lp_light_estimat
 void lp_tracker_turn(struct lp_tracker *tracker, const struct lp_rotation *turn)
 {
 	lp_sh_rotate(turn, LP_MAX_SH_ORDER, tracker->sh_total);
-	for (int t = 0; t < LP_MAX_TRACKS; t++)
+	for (int t = 0; t < LP_MAX_TRACKS; t++) {
 		lp_rotate_direction(turn, tracker->track[t].light.direction);
+		lp_rotate_direction(turn, tracker->track[t].light.axis);
+	}
 }

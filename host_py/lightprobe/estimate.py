@@ -92,9 +92,9 @@ def flag_names(flags: IntFlag) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class Light:
-    """One lamp: a disc of the given angular radius, far away."""
+    """One lamp: a disc of the given angular radius, far away; or an area light, or KEY."""
 
-    id: int  # stable while tracked
+    id: int  # stable while tracked; 0: KEY
     direction: Array  # (3,) unit vector towards the light, probe frame
     irradiance: Array  # (3,) RGB on a surface that faces it
     angular_radius_deg: float
@@ -103,6 +103,10 @@ class Light:
     confidence: float | None = None  # 0…1, that this is a light source
     flags: LightFlag = NO_LIGHT_FLAG
     distance_m: float | None = None
+    #: Area lights (EXTENDED): the ellipse with the same extent, from its centre along the longer
+    #: and the shorter axis, and a unit vector along the longer one, across `direction`.
+    half_angle_deg: tuple[float, float] | None = None
+    axis: Array | None = None
 
     @property
     def solid_angle_sr(self) -> float:
@@ -131,6 +135,8 @@ class Light:
             "irradiance_sigma": _numbers(self.irradiance_sigma),
             "confidence": _number(self.confidence),
             "distance_m": _number(self.distance_m),
+            "half_angle_deg": _numbers(self.half_angle_deg),
+            "axis": _numbers(self.axis),
             "flags": flag_names(self.flags),
         }
 
@@ -167,18 +173,25 @@ class Estimate:
     frame: Frame = "PROBE"  # WORLD: directions and SH are in the world of the app that sends poses
     orientation: Array | None = None  # (4,) x, y, z, w: turns the probe frame into one that stays
     orientation_sigma_deg: float | None = None
+    #: One directional light for what the listed lights leave; None: it was not asked for.
+    key: Light | None = None
 
     @property
     def send_time_unix_ns(self) -> int:
         """When the probe sent it, by the probe's clock."""
         return self.capture_time_unix_ns + 1000 * self.send_delay_us
 
+    @property
+    def beside_sh(self) -> tuple[Light, ...]:
+        """What is to be added to the SH: the lights and KEY; of a TOTAL nothing, it is in it."""
+        if self.sh.kind == "TOTAL":
+            return ()
+        return self.lights if self.key is None else (*self.lights, self.key)
+
     def total(self) -> SphericalHarmonics:
         """SH with the lights put in (TOTAL), each as the point that was taken out of AMBIENT."""
-        if self.sh.kind == "TOTAL":
-            return self.sh
         coefficients = self.sh.coefficients.copy()
-        for light in self.lights:
+        for light in self.beside_sh:
             shape = harmonics.lamp(light.direction, self.sh.order)
             coefficients += shape[:, None] * light.irradiance
         return replace(self.sh, kind="TOTAL", coefficients=coefficients)
@@ -187,9 +200,8 @@ class Estimate:
         """Irradiance (…, 3) on surfaces with the given normals (…, 3): SH and lights together."""
         n = np.asarray(normals, dtype=np.float64)
         total = harmonics.irradiance(self.sh.coefficients, n)
-        if self.sh.kind == "AMBIENT":
-            for light in self.lights:
-                total += np.maximum(n @ light.direction, 0)[..., None] * light.irradiance
+        for light in self.beside_sh:
+            total += np.maximum(n @ light.direction, 0)[..., None] * light.irradiance
         return total
 
     def to_json(self) -> dict[str, Any]:
@@ -202,6 +214,7 @@ class Estimate:
             "send_delay_us": self.send_delay_us,
             "ttl_ms": self.ttl_ms,
             "lights": [light.to_json() for light in self.lights],
+            "key": None if self.key is None else self.key.to_json(),
             "sh": {
                 "order": self.sh.order,
                 "kind": self.sh.kind,

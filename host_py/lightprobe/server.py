@@ -20,6 +20,7 @@ from lightprobe_proto import lightprobe_pb2 as pb
 
 from lightprobe import sh
 from lightprobe.errors import LightprobeError
+from lightprobe.estimate import LightFlag
 from lightprobe.wire import PROTOCOL_MAJOR, Decoder, delimit
 
 _PROTOCOL = "lightprobe.v1"
@@ -177,8 +178,9 @@ def _own_page_only(connection: Any, request: Any) -> Any:
 def cut(estimate: Any, wish: Any) -> Any:
     """Give the part of a pb.Estimate that a subscription asks for.
 
-    Lamps beyond its number are put into the SH, as points; orders above its own are left out; TOTAL
-    puts all lamps into the SH. What the estimate does not hold cannot be given.
+    Lamps beyond its number, and area lights and KEY that it does not want, are put into the SH, as
+    points; orders above its own are left out; TOTAL puts all lamps into the SH. What the estimate
+    does not hold cannot be given.
     """
     part = pb.Estimate()
     part.CopyFrom(estimate)
@@ -186,15 +188,24 @@ def cut(estimate: Any, wish: Any) -> Any:
     most = wish.max_lights if wish.HasField("max_lights") else 4
     total = wish.kind == pb.SphericalHarmonics.TOTAL and part.sh.kind != pb.SphericalHarmonics.TOTAL
     order = min(part.sh.order, wish.sh_order if wish.HasField("sh_order") else 2)
+    listed = [
+        light for light in part.lights if wish.area_lights or not light.flags & LightFlag.EXTENDED
+    ][:most]
     if part.sh.kind != pb.SphericalHarmonics.TOTAL:
         coefficients = np.array(part.sh.coefficients).reshape(-1, 3)
-        for light in part.lights if total else part.lights[most:]:
+        dropped = [light for light in part.lights if light not in listed]
+        if part.HasField("key") and (total or not wish.key_light):
+            dropped.append(part.key)
+        for light in [*dropped, *listed] if total else dropped:
             shape = sh.lamp(np.array(light.direction), part.sh.order)
             coefficients += shape[:, None] * np.array(light.irradiance)
         part.sh.coefficients[:] = coefficients.ravel().tolist()
     if total:
         part.sh.kind = pb.SphericalHarmonics.TOTAL
-    del part.lights[most:]
+    del part.lights[:]
+    part.lights.extend(listed)
+    if not wish.key_light:
+        part.ClearField("key")
     del part.sh.coefficients[3 * (order + 1) ** 2 :]
     part.sh.order = order
     part.ClearField("predicted_error_permille")  # it was another model's

@@ -69,6 +69,8 @@ class Subscription:
     smoothing: Literal["SMOOTHED", "RAW"] = "SMOOTHED"
     health_period_ms: int = 1000  # 0: no health messages
     frame: Frame = "PROBE"  # WORLD: of the app that sends poses, where known; see Estimate.frame
+    key_light: bool = False  # one more directional light, KEY, for what the listed lights leave
+    area_lights: bool = False  # windows, soft boxes and the like are listed, too, one ellipse each
 
     def __post_init__(self) -> None:
         """Check every field."""
@@ -122,6 +124,8 @@ def encode_subscription(subscription: Subscription, number: int = 0) -> bytes:
     wish.tolerance_permille = round(1000 * subscription.tolerance)
     wish.smoothing = pb.Subscription.Smoothing.Value(subscription.smoothing)
     wish.health_period_ms = int(subscription.health_period_ms)
+    wish.key_light = subscription.key_light
+    wish.area_lights = subscription.area_lights
     wish.number = number
     wish.frame = pb.Estimate.Frame.Value(subscription.frame)
     return delimit(message.SerializeToString())
@@ -292,6 +296,7 @@ def _estimate(m: pb.Estimate) -> Estimate:
         orientation_sigma_deg=(
             m.orientation_sigma_deg if m.HasField("orientation_sigma_deg") else None
         ),
+        key=_light(m.key) if m.HasField("key") else None,
     )
 
 
@@ -317,6 +322,7 @@ def _light(m: pb.Light) -> Light:
     if abs(length - 1) > 1e-3:
         raise WireError(f"light direction of length {length:.3g}: expected a unit vector")
     irradiance = _floats(m.irradiance, 3, "light irradiance")
+    half = _floats(m.half_angle_deg, 2, "half angles") if m.half_angle_deg else None
     sigma = m.irradiance_sigma_permille / 1000 if m.HasField("irradiance_sigma_permille") else None
     return Light(
         id=m.id,
@@ -328,6 +334,8 @@ def _light(m: pb.Light) -> Light:
         confidence=m.confidence_percent / 100 if m.HasField("confidence_percent") else None,
         flags=LightFlag(m.flags),
         distance_m=m.distance_m if m.HasField("distance_m") else None,
+        half_angle_deg=None if half is None else (float(half[0]), float(half[1])),
+        axis=_floats(m.axis, 3, "light axis") if m.axis else None,
     )
 
 

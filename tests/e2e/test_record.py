@@ -119,6 +119,18 @@ def test_what_is_cut_keeps_the_light():
     for number, direction in enumerate(directions):
         whole.lights.add(id=number + 1, direction=direction, irradiance=[3, 2, 1])
     total = cut(whole, pb.Subscription(kind=2, sh_order=4, max_lights=8)).sh.coefficients
+    whole.lights[1].flags = 4  # an area light, which most clients do not want
+    whole.key.CopyFrom(pb.Light(direction=[0, 1, 0], irradiance=[1, 2, 3]))
+    total = cut(whole, pb.Subscription(kind=2, sh_order=4, max_lights=8)).sh.coefficients
+    for key, areas, number in ((False, False, 2), (True, False, 2), (True, True, 3)):
+        wish = pb.Subscription(sh_order=4, max_lights=8, key_light=key, area_lights=areas)
+        part = cut(whole, wish)
+        assert (part.HasField("key"), len(part.lights)) == (key, number)
+        again = cut(part, pb.Subscription(kind=2, sh_order=4, max_lights=8)).sh.coefficients
+        np.testing.assert_allclose(again, total, atol=1e-5)
+    whole.lights[1].flags = 0
+    whole.ClearField("key")
+    total = cut(whole, pb.Subscription(kind=2, sh_order=4, max_lights=8)).sh.coefficients
     for most in range(4):
         part = cut(whole, pb.Subscription(sh_order=4, max_lights=most, number=7))
         assert (len(part.lights), part.subscription) == (most, 7)

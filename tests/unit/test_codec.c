@@ -111,6 +111,54 @@ static void test_bytes_of_a_light_and_of_a_coefficient(void **state)
 			 LP_COEFFICIENT_BYTES * (LP_SH_COUNT(2) - LP_SH_COUNT(1)));
 }
 
+/* AMBIENT + lights + KEY = TOTAL in every band that is sent. */
+static void test_key(void **state)
+{
+	struct lp_light_estimate estimate = full_estimate();
+	const struct lp_stamp stamp = {.boot_id = 1, .t_send_ns = estimate.t_capture_ns};
+
+	(void)state;
+	for (int order = 0; order <= LP_MAX_SH_ORDER; order++) {
+		const struct lp_variant variant = {.key = true, .sh_order = order, .lights = 3};
+		double sum[LP_MAX_SH_COUNT][3] = {{0.0}};
+
+		assert_int_equal(lp_encode_estimate(&estimate, &variant, &stamp, &packet), 0);
+		const lightprobe_v1_Estimate e = decode_packet(&packet).message.estimate;
+
+		assert_true(e.has_key && e.key.irradiance[0] > 0.0F);
+		assert_int_equal(e.key.id, 0);
+		lp_sh_add_lamp(order, e.key.direction, e.key.irradiance, 0.0, 1.0, sum);
+		for (int k = 0; k < 3; k++)
+			lp_sh_add_lamp(order, e.lights[k].direction, e.lights[k].irradiance, 0.0,
+				       1.0, sum);
+		for (int i = 0; i < LP_SH_COUNT(order); i++)
+			for (int c = 0; c < 3; c++)
+				assert_float_equal(e.sh.coefficients[3 * i + c] + sum[i][c],
+						   estimate.sh_total[i][c], 1e-4);
+	}
+	assert_false(encode(&estimate, false, 2, 3, &stamp).has_key);
+}
+
+static void test_area_lights_tell_their_ellipse(void **state)
+{
+	struct lp_light_estimate estimate = full_estimate();
+	const struct lp_stamp stamp = {.boot_id = 1, .t_send_ns = estimate.t_capture_ns};
+	struct lp_light *area = &estimate.lights[1];
+
+	(void)state;
+	area->flags = LP_LIGHT_EXTENDED;
+	memcpy(area->half_angle_deg, ((float[]){30.0F, 10.0F}), sizeof(area->half_angle_deg));
+	memcpy(area->axis, ((float[]){0.8F, -0.6F, 0.0F}), sizeof(area->axis));
+	const lightprobe_v1_Estimate e = encode(&estimate, false, 2, 2, &stamp);
+
+	assert_int_equal(e.lights[0].half_angle_deg_count, 0);
+	assert_int_equal(e.lights[0].axis_count, 0);
+	assert_int_equal(e.lights[1].half_angle_deg_count, 2);
+	assert_int_equal(e.lights[1].axis_count, 3);
+	assert_float_equal(e.lights[1].half_angle_deg[1], 10.0, 0.0);
+	assert_float_equal(e.lights[1].axis[1], -0.6, 1e-6);
+}
+
 static void test_every_variant_fits_a_packet(void **state)
 {
 	struct lp_light_estimate estimate = full_estimate();
@@ -133,7 +181,12 @@ static void test_every_variant_fits_a_packet(void **state)
 	}
 	for (int order = 0; order <= LP_MAX_SH_ORDER; order++) {
 		for (int lights = 0; lights <= LP_MAX_LIGHTS; lights++) {
-			encode(&estimate, false, order, lights, &stamp);
+			const struct lp_variant variant = {.key = true,
+							   .sh_order = order,
+							   .lights = lights};
+
+			assert_int_equal(lp_encode_estimate(&estimate, &variant, &stamp, &packet),
+					 0);
 			assert_true(packet.size_bytes <= LP_PACKET_MAX_BYTES);
 		}
 	}
@@ -386,6 +439,7 @@ static void test_subscription_defaults_and_values(void **state)
 	assert_int_equal(subscription.max_lights, 4);
 	assert_false(subscription.total || subscription.raw);
 	assert_true(subscription.rate_hz == 0 && subscription.tolerance == 0);
+	assert_false(subscription.key_light || subscription.area_lights);
 
 	wire = (lightprobe_v1_Subscription){
 		.rate_hz = 12.5F,
@@ -398,8 +452,11 @@ static void test_subscription_defaults_and_values(void **state)
 		.number = 7,
 		.smoothing = lightprobe_v1_Subscription_Smoothing_RAW,
 		.health_period_ms = 1000,
+		.key_light = true,
+		.area_lights = true,
 	};
 	assert_int_equal(decode(&wire, &subscription), 0);
+	assert_true(subscription.key_light && subscription.area_lights);
 	assert_int_equal(subscription.sh_order, 0);
 	assert_int_equal(subscription.max_lights, LP_MAX_LIGHTS);
 	assert_true(subscription.total && subscription.raw && subscription.rate_hz == 12.5F);
@@ -520,6 +577,8 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_size_budgets),
 		cmocka_unit_test(test_bytes_of_a_light_and_of_a_coefficient),
+		cmocka_unit_test(test_key),
+		cmocka_unit_test(test_area_lights_tell_their_ellipse),
 		cmocka_unit_test(test_every_variant_fits_a_packet),
 		cmocka_unit_test(test_values_arrive),
 		cmocka_unit_test(test_an_old_estimate_is_as_old_as_the_sleep),

@@ -28,7 +28,7 @@ export function flagNames(flags: number, known: Record<string, number> = Estimat
 
 /** One lamp: a disc of this angular radius, far away. */
 export interface Light {
-  /** Stable while the lamp is tracked, within one boot of the probe. */
+  /** Stable while the lamp is tracked, within one boot of the probe. 0: KEY. */
   id: number;
   /** Unit vector towards the light; +X right, +Y up, −Z forward. */
   direction: Vec3;
@@ -42,6 +42,10 @@ export interface Light {
   confidence: number | undefined;
   flags: number;
   distanceM: number | undefined;
+  /** Area lights (EXTENDED): the ellipse with the same extent, from its centre along the longer and the shorter axis. */
+  halfAngleDeg: [number, number] | undefined;
+  /** Area lights: unit vector along the longer axis, across `direction`. */
+  axis: Vec3 | undefined;
 }
 
 export interface SphericalHarmonics {
@@ -63,6 +67,8 @@ export interface Estimate {
   flags: number;
   /** Strongest first. */
   lights: Light[];
+  /** One directional light for what the listed lights leave; undefined: it was not asked for. */
+  key: Light | undefined;
   sh: SphericalHarmonics;
   /** Left out by the chosen model, as a share of the mean irradiance. */
   predictedError: number | undefined;
@@ -129,11 +135,16 @@ export interface Refusal {
   text: string;
 }
 
+/** What is to be added to the SH: the lights and KEY; of a TOTAL nothing, it is in it. */
+export function besideSh(estimate: Estimate | undefined): Light[] {
+  if (!estimate || estimate.sh.kind === "TOTAL") return [];
+  return estimate.key ? [...estimate.lights, estimate.key] : [...estimate.lights];
+}
+
 /** Irradiance on a surface with this normal: SH and lights together. */
 export function irradiance(estimate: Estimate, normal: Vec3): [number, number, number] {
   const sum = sh.irradiance(estimate.sh.coefficients, normal);
-  if (estimate.sh.kind === "TOTAL") return sum;
-  for (const light of estimate.lights) {
+  for (const light of besideSh(estimate)) {
     const cosine = Math.max(0, normal[0] * light.direction[0] + normal[1] * light.direction[1] + normal[2] * light.direction[2]);
     for (let c = 0; c < 3; c++) sum[c]! += cosine * light.irradiance[c]!;
   }
@@ -145,6 +156,6 @@ export const luminance = (rgb: ArrayLike<number>): number => 0.2126 * rgb[0]! + 
 /** Mean of the luminance of E(n) over all normals n: π L for uniform radiance L. */
 export function meanIrradiance(estimate: Estimate): number {
   const ambient = Math.PI * 0.28209479177387814 * luminance(estimate.sh.coefficients);
-  const lamps = estimate.sh.kind === "TOTAL" ? 0 : estimate.lights.reduce((sum, light) => sum + luminance(light.irradiance), 0);
+  const lamps = besideSh(estimate).reduce((sum, light) => sum + luminance(light.irradiance), 0);
   return ambient + lamps / 4;
 }

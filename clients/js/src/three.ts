@@ -3,6 +3,7 @@
 
 import { DataTexture, DirectionalLight, EquirectangularReflectionMapping, FloatType, Group, LightProbe, Mesh, MeshLambertMaterial, MultiplyBlending, LinearFilter, LinearSRGBColorSpace, Quaternion, RGBAFormat, Vector3 } from "three";
 import type { BufferGeometry } from "three";
+import { besideSh } from "./estimate.js";
 import type { Estimate, Light, Vec3 } from "./estimate.js";
 import * as sh from "./sh.js";
 
@@ -125,7 +126,7 @@ export class ProbeLight extends Group {
 
   /** Which slot shows which lamp, and what it is on its way to. A lamp keeps its slot while it lasts. */
   #aim(estimate: Estimate | undefined): void {
-    const lights = estimate && estimate.sh.kind === "AMBIENT" ? estimate.lights.slice(0, this.#slots.length) : [];
+    const lights = besideSh(estimate).slice(0, this.#slots.length);
     const wanted = new Map(lights.map((light) => [`${estimate!.bootId}/${light.id}`, light]));
     for (const slot of this.#slots) {
       const light = slot.key === undefined ? undefined : wanted.get(slot.key);

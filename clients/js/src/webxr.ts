@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /** The light of a probe in the shape of WebXR's XRLightEstimate, so that code written for phones works. */
 
-import { luminance } from "./estimate.js";
+import { besideSh, luminance } from "./estimate.js";
 import type { Estimate, Vec3 } from "./estimate.js";
 import * as sh from "./sh.js";
 
@@ -23,7 +23,7 @@ const point = ([x, y, z]: Vec3, w: number): Point => ({ x, y, z, w });
  * twice. `undefined` (no estimate, or too old) gives darkness. */
 export function lightEstimate(estimate: Estimate | undefined): LightEstimate {
   const coefficients: number[] = Array.from({ length: 27 }, (_, i) => estimate?.sh.coefficients[i] ?? 0);
-  const lights = !estimate || estimate.sh.kind === "TOTAL" ? [] : [...estimate.lights];
+  const lights = besideSh(estimate);
   lights.sort((a, b) => luminance(b.irradiance) - luminance(a.irradiance));
   const [primary, ...others] = lights;
   for (const light of others) sh.addLamp(coefficients, light.direction, light.irradiance);

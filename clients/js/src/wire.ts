@@ -37,10 +37,15 @@ export interface Subscription {
   healthPeriodMs: number;
   /** WORLD: of the app that sends poses, where it is known; see Estimate.frame. */
   frame: "PROBE" | "WORLD";
+  /** One more directional light, KEY, for what the listed lights leave. */
+  keyLight: boolean;
+  /** Windows, soft boxes and the like are listed, too, one ellipse each. */
+  areaLights: boolean;
 }
 
 export const DEFAULT_SUBSCRIPTION: Subscription = {
-  rateHz: 0, shOrder: 2, maxLights: 4, kind: "AMBIENT", tolerance: 0, smoothing: "SMOOTHED", healthPeriodMs: 1000, frame: "PROBE",
+  rateHz: 0, shOrder: 2, maxLights: 4, kind: "AMBIENT", tolerance: 0, smoothing: "SMOOTHED", healthPeriodMs: 1000,
+  frame: "PROBE", keyLight: false, areaLights: false,
 };
 
 function need(value: boolean, what: string): void {
@@ -65,6 +70,8 @@ export function encodeSubscription(wish: Subscription, number: number): Uint8Arr
         tolerancePermille: Math.round(1000 * wish.tolerance),
         smoothing: wish.smoothing === "RAW" ? pb.Subscription_Smoothing.RAW : pb.Subscription_Smoothing.SMOOTHED,
         healthPeriodMs: wish.healthPeriodMs,
+        keyLight: wish.keyLight,
+        areaLights: wish.areaLights,
         number,
         frame: wish.frame === "WORLD" ? pb.Estimate_Frame.WORLD : pb.Estimate_Frame.PROBE,
       },
@@ -127,6 +134,8 @@ function lightOf(m: pb.Light): Light {
     confidence: m.confidencePercent === undefined ? undefined : m.confidencePercent / 100,
     flags: m.flags,
     distanceM: m.distanceM,
+    halfAngleDeg: m.halfAngleDeg.length ? (finite(m.halfAngleDeg, 2, "half angles") as [number, number]) : undefined,
+    axis: m.axis.length ? (finite(m.axis, 3, "light axis") as unknown as Vec3) : undefined,
   };
 }
 
@@ -151,6 +160,7 @@ function estimateOf(m: pb.Estimate): Estimate {
     ttlMs: m.ttlMs,
     flags: m.flags,
     lights: m.lights.map(lightOf),
+    key: m.key && lightOf(m.key),
     sh: shOf(m.sh),
     predictedError: m.predictedErrorPermille === undefined ? undefined : m.predictedErrorPermille / 1000,
     exposureUs: m.exposureUs,

@@ -8,10 +8,11 @@ import { lightEstimate } from "../src/webxr.js";
 
 export const lamp = (id: number, direction: Vec3, light: Vec3 = [1, 1, 1]): Light => ({
   id, direction, irradiance: light, angularRadiusDeg: 2, directionSigmaDeg: undefined, irradianceSigma: undefined, confidence: undefined, flags: 0, distanceM: undefined,
+  halfAngleDeg: undefined, axis: undefined,
 });
 
 export const estimate = (lights: Light[], coefficients: number[] = Array(27).fill(0), bootId = 1): Estimate => ({
-  sequence: 1, bootId, captureTimeUnixMs: 0, sendDelayMs: 0, ttlMs: 0, flags: 0, lights, subscription: 0, exposureCount: 1,
+  sequence: 1, bootId, captureTimeUnixMs: 0, sendDelayMs: 0, ttlMs: 0, flags: 0, lights, key: undefined, subscription: 0, exposureCount: 1,
   sh: { kind: "AMBIENT", order: 2, coefficients }, predictedError: undefined, exposureUs: undefined, cdM2PerUnit: undefined, wheelDeg: undefined,
   frame: "PROBE", orientation: undefined, orientationSigmaDeg: undefined,
 });
@@ -38,6 +39,14 @@ test("the basis is orthonormal up to order 4", () => {
     for (let i = 0; i < 25; i++) for (let j = 0; j < 25; j++) gram[i]![j]! += Y[i]! * Y[j]! * area;
   }
   for (let i = 0; i < 25; i++) for (let j = 0; j < 25; j++) assert.ok(Math.abs(gram[i]![j]! - (i === j ? 1 : 0)) < 0.01, `${i} ${j} ${gram[i]![j]}`);
+});
+
+test("KEY is light of its own, but not in a TOTAL", () => {
+  const key = lamp(0, [0, 1, 0], [2, 1, 0.5]);
+  const both = { ...estimate([lamp(1, [0, 1, 0])]), key };
+  assert.deepEqual(irradiance(both, [0, 1, 0]), [3, 2, 1.5]);
+  assert.deepEqual(irradiance({ ...both, sh: { ...both.sh, kind: "TOTAL" } }, [0, 1, 0]), [0, 0, 0]);
+  assert.equal(lightEstimate(both)!.primaryLightIntensity.x, 2);
 });
 
 test("turned SH are what the turned directions see", () => {

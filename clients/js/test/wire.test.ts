@@ -66,6 +66,18 @@ test("an estimate in the app's world says so, with its orientation", () => {
   assert.equal(message.estimate.orientationSigmaDeg, 0.25);
 });
 
+test("KEY and the ellipse of an area light", () => {
+  const message = decode(bytes("estimate_key.bin"));
+  assert.equal(message?.kind, "estimate");
+  if (message?.kind !== "estimate") return;
+  const { estimate } = message;
+  assert.equal(estimate.key?.id, 0);
+  assert.deepEqual(estimate.key.irradiance, [1.5, 1.25, 1]);
+  assert.deepEqual(estimate.lights[0]!.halfAngleDeg, [30.5, 8.25]);
+  assert.equal(estimate.lights[0]!.axis!.length, 3);
+  assert.equal(estimate.key.axis, undefined);
+});
+
 test("garbage is a WireError, and a message of the future is skipped", () => {
   assert.throws(() => decode(Uint8Array.of(0xff, 0xff, 0xff)), WireError);
   assert.equal(decode(Uint8Array.of(0x7a, 2, 104, 105)), undefined);

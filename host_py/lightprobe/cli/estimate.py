@@ -31,6 +31,13 @@ def command(
     ] = "equirect",
     order: Annotated[int, typer.Option(min=0, max=4, help="Highest SH order.")] = 2,
     lights: Annotated[int, typer.Option(min=0, max=8, help="Maximum number of lamps listed.")] = 8,
+    area_lights: Annotated[
+        bool, typer.Option("--area-lights", help="List windows, soft boxes and the like, too.")
+    ] = False,
+    key_light: Annotated[
+        bool,
+        typer.Option("--key-light", help="Add KEY, one light for what the listed ones leave."),
+    ] = False,
     kind: Annotated[
         str, typer.Option(help="AMBIENT: SH without the listed lamps; TOTAL: with them.")
     ] = "AMBIENT",
@@ -55,7 +62,7 @@ def command(
         raise UsageError(f"estimate: --kind {kind}: expected AMBIENT or TOTAL")
     settings = offline.Settings(
         camera=camera, preset=preset, panorama_width=panorama_width, detector=detector,
-        sh_order=order, lights=lights,
+        sh_order=order, lights=lights, area_lights=area_lights, key_light=key_light,
     )  # fmt: skip
     result, notes = offline.estimate_files(files, parse_exposures(exposure_us), settings)
     if kind.upper() == "TOTAL":
@@ -81,7 +88,7 @@ def parse_exposures(text: str | None) -> list[float]:
 def show(estimate: Estimate) -> None:
     """Print an estimate for the eye."""
     console = view.console()
-    if estimate.lights:
+    if estimate.lights or estimate.key:
         console.print(view.lights_table(estimate))
     else:
         console.print("no lamps: all of the light is in the SH")

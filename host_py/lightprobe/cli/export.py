@@ -39,6 +39,13 @@ def command(
     ] = 1024,
     order: Annotated[int, typer.Option(min=0, max=4, help="Highest SH order.")] = 2,
     lights: Annotated[int, typer.Option(min=0, max=8, help="Maximum number of lamps listed.")] = 8,
+    area_lights: Annotated[
+        bool, typer.Option("--area-lights", help="List windows, soft boxes and the like, too.")
+    ] = False,
+    key_light: Annotated[
+        bool,
+        typer.Option("--key-light", help="Add KEY, one light for what the listed ones leave."),
+    ] = False,
     wait_s: Annotated[
         float,
         typer.Option(
@@ -58,7 +65,10 @@ def command(
     """
     if width_px % 2:
         raise UsageError(f"export: --width {width_px}: expected an even number")
-    estimate = receive(uri, Subscription(sh_order=order, max_lights=lights), wait_s)
+    wish = Subscription(
+        sh_order=order, max_lights=lights, area_lights=area_lights, key_light=key_light
+    )
+    estimate = receive(uri, wish, wait_s)
     notes = write(estimate, file, width_px)
     scale = "lux and cd/m²" if estimate.cd_m2_per_unit else "relative units: not calibrated"
     typer.echo(
@@ -95,7 +105,7 @@ def write(estimate: Estimate, file: Path, width_px: int) -> list[str]:
     notes: list[str] = []
     if file.suffix.lower() == ".glb":
         data = gltf.glb(estimate)
-        if estimate.lights:
+        if estimate.lights or estimate.key:
             notes.append(
                 "the ambient light is only in extras: export a map to get all of the light"
             )

@@ -61,10 +61,10 @@ def lights_table(estimate: Estimate) -> Table:
     ):
         table.add_column(name, justify="left" if name in ("lamp", "") else "right", no_wrap=True)
     table.add_column("flags", overflow="fold")
-    for light in estimate.lights:
+    for light in (*estimate.lights, *filter(None, [estimate.key])):
         percent = sigma_percent(light)
         table.add_row(
-            f"#{light.id}",
+            f"#{light.id}" if light.id else "key",
             f"{light.azimuth_deg:+7.2f}°",
             f"{light.elevation_deg:+6.2f}°",
             f"{number(light.direction_sigma_deg, 2)}°",

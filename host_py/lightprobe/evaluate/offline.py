@@ -53,6 +53,8 @@ class Settings:
     detector: str | None = None
     sh_order: int | None = None
     lights: int | None = None
+    area_lights: bool = False
+    key_light: bool = False
 
     def arguments(self) -> list[str]:
         """Options for lightprobed."""
@@ -66,6 +68,8 @@ class Settings:
             "detector": self.detector,
             "sh-order": self.sh_order,
             "lights": self.lights,
+            "area-lights": int(self.area_lights) or None,
+            "key-light": int(self.key_light) or None,
         }
         return [f"--{name}={value}" for name, value in options.items() if value is not None]
 

@@ -65,7 +65,7 @@ class Lighting:
         directions = geometry.equirect_directions(*_GRID_PX)
         powers = sh.radiance(estimate.sh.coefficients, directions) * solid_angle
         rest = cls(directions.reshape(-1, 3), powers.reshape(-1, 3))
-        return rest if estimate.sh.kind == "TOTAL" else rest.plus(estimate.lights)
+        return rest.plus(estimate.beside_sh)
 
     def plus(self, lamps: tuple[Light, ...]) -> Lighting:
         """Add lamps, each as points spread over its disc."""

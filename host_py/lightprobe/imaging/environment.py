@@ -33,7 +33,7 @@ def environment_map(estimate: Estimate, width_px: int) -> tuple[NDArray[np.float
         )
     radiance: NDArray[np.float32] = np.maximum(ambient, 0).astype(np.float32)
     flat = radiance.reshape(-1, 3)
-    for light in estimate.lights if estimate.sh.kind == "AMBIENT" else ():
+    for light in estimate.beside_sh:
         radius_deg = max(light.angular_radius_deg, _LEAST_RADIUS_PX * 180 / height_px)
         index, values = disc_pixels(
             Lamp(light.direction, radius_deg, light.irradiance), width_px, height_px

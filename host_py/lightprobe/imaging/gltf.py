@@ -31,18 +31,19 @@ def glb(estimate: Estimate) -> bytes:
         "scene": 0,
         "scenes": [scene],
     }
-    if estimate.lights:  # empty arrays are not allowed
-        lights = [_light(light, scale) for light in estimate.lights]
+    listed = estimate.lights if estimate.key is None else (*estimate.lights, estimate.key)
+    if listed:  # empty arrays are not allowed
+        lights = [_light(light, scale) for light in listed]
         document |= {
             "extensionsUsed": [_EXTENSION],
             "extensions": {_EXTENSION: {"lights": lights}},
             "nodes": [
                 {
-                    "name": f"lamp {light.id}",
+                    "name": _name(light),
                     "rotation": _rotation(light.direction),
                     "extensions": {_EXTENSION: {"light": index}},
                 }
-                for index, light in enumerate(estimate.lights)
+                for index, light in enumerate(listed)
             ],
         }
         scene["nodes"] = list(range(len(lights)))
@@ -52,12 +53,16 @@ def glb(estimate: Estimate) -> bytes:
     return struct.pack("<III", _MAGIC, _VERSION, 12 + len(chunk)) + chunk
 
 
+def _name(light: Light) -> str:
+    return f"lamp {light.id}" if light.id else "key"
+
+
 def _light(light: Light, scale: float) -> dict[str, Any]:
     intensity = float(np.max(light.irradiance))
     colour = light.irradiance / intensity if intensity > 0 else np.ones(3)
     return {
         "type": "directional",
-        "name": f"lamp {light.id}",
+        "name": _name(light),
         "color": [float(np.clip(value, 0, 1)) for value in colour],
         "intensity": max(intensity, 0.0) * scale,
     }

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from lightprobe import wire
+from lightprobe import sh, wire
 from lightprobe.estimate import Estimate, EstimateFlag, Health, Hello, Refusal
 from lightprobe_proto import lightprobe_pb2 as pb
 
@@ -47,6 +47,36 @@ def test_every_value_arrives():
         "predicted_error": 0.015,
         "relighting_sigma": 0.007,
     }
+
+
+def test_key_is_light_of_its_own():
+    key = pb.Light(direction=[0, 1, 0], irradiance=[1, 1, 1], angular_radius_deg=30)
+    (plain,) = wire.Decoder().feed(message(estimate=estimate()))
+    (got,) = wire.Decoder().feed(message(estimate=estimate(key=key)))
+    up = [0, 1, 0]
+    assert plain.key is None
+    assert plain.to_json()["key"] is None
+    assert got.irradiance(up) - plain.irradiance(up) == pytest.approx([1, 1, 1])
+    assert sh.irradiance(got.total().coefficients, up) - sh.irradiance(
+        plain.total().coefficients, up
+    ) == pytest.approx([0.75] * 3)  # 1/4 + 1/2: what order 1 holds of a lamp
+    total = pb.SphericalHarmonics(kind=2, order=1, coefficients=range(12))
+    (inside,) = wire.Decoder().feed(message(estimate=estimate(key=key, sh=total)))
+    assert inside.beside_sh == ()
+    assert got.to_json()["key"]["irradiance"] == [1, 1, 1]
+
+
+def test_area_lights_have_an_ellipse():
+    area = pb.Light(id=3, direction=[0, 1, 0], irradiance=[3, 2, 1], angular_radius_deg=20,
+                    flags=4, half_angle_deg=[30, 12], axis=[1, 0, 0])  # fmt: skip
+    (got,) = wire.Decoder().feed(message(estimate=estimate(lights=[area])))
+    (light,) = got.lights
+    assert light.half_angle_deg == (30, 12)
+    assert light.axis.tolist() == [1, 0, 0]
+    assert light.to_json()["half_angle_deg"] == [30, 12]
+    area.axis.pop()
+    with pytest.raises(wire.WireError, match="axis"):
+        wire.Decoder().feed(message(estimate=estimate(lights=[area])))
 
 
 def test_other_kinds():
@@ -137,6 +167,12 @@ def test_subscription():
     sent = pb.FromClient.FromString(data[1:]).subscribe
     assert (sent.rate_hz, sent.sh_order, sent.max_lights, sent.kind) == (15, 3, 6, 2)
     assert (sent.tolerance_permille, sent.smoothing, sent.health_period_ms) == (20, 1, 500)
+    assert not sent.key_light
+    assert not sent.area_lights
+    more = wire.encode_subscription(wire.Subscription(key_light=True, area_lights=True))
+    sent = pb.FromClient.FromString(more[1:]).subscribe
+    assert sent.key_light
+    assert sent.area_lights
     assert pb.FromClient.FromString(
         wire.encode_subscription(wire.Subscription(sh_order=0, max_lights=0))[1:]
     ).subscribe.HasField("sh_order")
