@@ -48,11 +48,11 @@ struct lp_lamp_sighting {
 	struct lp_lamp on_grid;
 	struct lp_lamp
 		pixels; /* only if `refined`; its flag CLIPPED says that it is a lower bound */
-	bool refined;
-	float width_deg;
-	bool enters; /* strong and clear enough to become a lamp; else it only goes on being one */
 	float strength_sigma; /* of pixels.irradiance, relative */
 	float scale;	      /* of the frame: full scale to radiance */
+	float width_deg;
+	bool refined;
+	bool enters; /* strong and clear enough to become a lamp; else it only goes on being one */
 };
 
 struct lp_memory_times {
