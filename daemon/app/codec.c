@@ -219,6 +219,9 @@ int lp_encode_estimate(const struct lp_light_estimate *estimate, const struct lp
 		wire->exposure_us = (uint32_t)fminf(fmaxf(roundf(estimate->exposure_us), 0), 4e9F);
 	wire->exposure_count = (uint32_t)estimate->exposure_count;
 	wire->has_cd_m2_per_unit = known(estimate->cd_m2_per_unit, &wire->cd_m2_per_unit);
+	wire->has_cd_m2_per_unit_sigma_permille =
+		wire->has_cd_m2_per_unit &&
+		scaled(estimate->cd_m2_per_unit_sigma, 1000, &wire->cd_m2_per_unit_sigma_permille);
 	/* An angle without its uncertainty is of no use. */
 	wire->has_wheel_sigma_deg = known(estimate->wheel_sigma_deg, &wire->wheel_sigma_deg);
 	wire->has_wheel_deg =

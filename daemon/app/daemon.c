@@ -17,6 +17,7 @@
 #include "app/instruments.h"
 #include "app/options.h"
 #include "app/orientation.h"
+#include "app/ring_watch.h"
 #include "app/service.h"
 #include "app/time_control.h"
 #include "app/worker.h"
@@ -26,6 +27,7 @@
 #include "base/text.h"
 #include "include/frame.h"
 #include "include/orientation.h"
+#include "include/ring_sample.h"
 #include "include/source.h"
 #include "vision/camera_file.h"
 
@@ -54,6 +56,7 @@ struct lp_daemon {
 	struct lp_publisher *publishers[LP_MAX_PUBLISHERS];
 	int publisher_count;
 	struct lp_health health;
+	struct lp_ring_watch ring_watch;
 	struct lp_governor governor;
 	char preset_reason[96]; /* of the last change that was asked for */
 	bool has_streamed;
@@ -123,6 +126,13 @@ static void on_stamped_frame(void *context, struct lp_frame *frame)
 	/* Simulated time stands still while a frame is at work. */
 	if (lp_worker_submit(daemon->worker, frame, &demand))
 		lp_loop_hold(daemon->loop);
+}
+
+static void on_ring(void *context, const struct lp_ring_sample *sample)
+{
+	struct lp_daemon *daemon = context;
+
+	lp_worker_ring(daemon->worker, sample);
 }
 
 static void on_frame(void *context, struct lp_frame *frame)
@@ -263,7 +273,9 @@ static void follow_preset(struct lp_daemon *daemon, const struct lp_result *resu
 
 static void publish(struct lp_daemon *daemon, struct lp_result *result)
 {
-	const uint32_t flags = lp_instruments_flags(daemon->instruments);
+	const uint32_t flags = lp_instruments_flags(daemon->instruments) |
+			       lp_ring_watch_update(&daemon->ring_watch, &result->estimates.ring,
+						    &daemon->health, lp_clock_ns());
 
 	result->estimates.raw.flags |= flags;
 	result->estimates.smoothed.flags |= flags;
@@ -490,7 +502,8 @@ static int create_instruments(struct lp_daemon *daemon)
 {
 	const struct lp_instruments_host host = {.context = daemon,
 						 .loop = daemon->loop,
-						 .frame = on_stamped_frame};
+						 .frame = on_stamped_frame,
+						 .ring = on_ring};
 
 	return lp_instruments_create(daemon->options, &daemon->health, &host, &daemon->instruments);
 }
@@ -511,6 +524,18 @@ static int create_publishers(struct lp_daemon *daemon)
 	return ret;
 }
 
+/* --once: what the ring read while the pictures were taken. */
+static void give_ring_lux(struct lp_daemon *daemon)
+{
+	struct lp_ring_sample sample = {0};
+
+	for (int k = 0; k < LP_RING_SENSORS; k++) {
+		sample.illuminance_lux[k] = daemon->options->ring_lux.values[k];
+		sample.sigma_relative[k] = daemon->options->ring_sigma;
+	}
+	lp_worker_ring(daemon->worker, &sample);
+}
+
 static int create_worker(struct lp_daemon *daemon)
 {
 	struct lp_pipeline_options options = lp_options_pipeline(daemon->options);
@@ -518,8 +543,15 @@ static int create_worker(struct lp_daemon *daemon)
 	int ret;
 
 	options.camera = daemon->camera_file;
+	if (isnan(options.scale.lux_per_unit) && daemon->camera_file->cd_m2_per_unit > 0.0F)
+		options.scale = (struct lp_ring_scale){daemon->camera_file->cd_m2_per_unit,
+						       daemon->camera_file->cd_m2_per_unit_sigma};
 	ret = lp_pipeline_create(&options, &pipeline);
-	return ret < 0 ? ret : lp_worker_create(pipeline, daemon->options->once, &daemon->worker);
+	if (ret == 0)
+		ret = lp_worker_create(pipeline, daemon->options->once, &daemon->worker);
+	if (ret == 0 && daemon->options->ring_lux.count)
+		give_ring_lux(daemon);
+	return ret;
 }
 
 /* Everything that can be wrong in what the user wrote shows here. */
@@ -527,6 +559,11 @@ static int create_all(struct lp_daemon *daemon)
 {
 	int ret;
 
+	if (daemon->options->ring_lux.count && !daemon->options->once) {
+		lp_error("lightprobed", "--ring-lux",
+			 "belongs to pictures read with --once — a ring that is there is --ring");
+		return -EINVAL;
+	}
 	lp_health_init(&daemon->health, lp_clock_ns());
 	lp_governor_init(&daemon->governor, &daemon->options->goals, daemon->options->preset,
 			 lp_clock_ns(), lp_clock_cpu_ns());

@@ -102,6 +102,7 @@ static void on_sample(void *context, const struct lp_ring_sample *sample)
 	if (self->ring_silent)
 		lp_health_fault(self->health, "ring-silent", NULL);
 	self->ring_silent = false;
+	self->host.ring(self->host.context, sample);
 }
 
 static void watch_ring(struct lp_instruments *self, int64_t now_ns)

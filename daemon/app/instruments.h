@@ -11,6 +11,7 @@ struct lp_health;
 struct lp_instruments;
 struct lp_loop;
 struct lp_options;
+struct lp_ring_sample;
 
 struct lp_instruments_host {
 	void *context;
@@ -18,6 +19,7 @@ struct lp_instruments_host {
 	/* A frame that may be used, stamped with the wheel's angle where it is known. Takes over
 	 * the reference. */
 	void (*frame)(void *context, struct lp_frame *frame);
+	void (*ring)(void *context, const struct lp_ring_sample *sample);
 };
 
 /* `health` is counted into; borrowed. -EINVAL, -EPROTONOSUPPORT, logged. */

@@ -133,7 +133,10 @@ static bool shines(const struct lp_grid *grid, const struct lp_panorama *panoram
 
 static float strength(const struct lp_remembered_lamp *m)
 {
-	return m->lamp.irradiance[LP_LUMINANCE] * (1.0F + m->hidden);
+	const float seen = m->lamp.irradiance[LP_LUMINANCE];
+
+	return m->recovered_sigma > 0.0F ? seen + m->recovered[LP_LUMINANCE]
+					 : seen * (1.0F + m->hidden);
 }
 
 /* Lamps before area lights, each strongest first. */
@@ -195,12 +198,23 @@ static float confidence_of(const struct lp_lamp *lamp)
 	return lamp->peak > 0.0F ? fminf(fmaxf(1.0F - surround / lamp->peak, 0.0F), 1.0F) : 0.0F;
 }
 
+/* Relative. A lower bound has none, unless the ring says what lies above it. */
+static float strength_sigma(const struct lp_remembered_lamp *m)
+{
+	if (m->recovered_sigma > 0.0F)
+		return fmaxf(m->recovered_sigma / strength(m), LEAST_IRRADIANCE_SIGMA);
+	return m->lamp.flags & LP_LIGHT_CLIPPED
+		       ? NAN
+		       : fmaxf(sqrtf(m->strength_variance), LEAST_IRRADIANCE_SIGMA);
+}
+
 static void list_light(const struct lp_remembered_lamp *m, struct lp_light *light)
 {
 	const struct lp_lamp *lamp = &m->lamp;
 
 	memcpy(light->direction, lamp->direction, sizeof(light->direction));
-	memcpy(light->irradiance, lamp->irradiance, sizeof(light->irradiance));
+	for (int c = 0; c < 3; c++)
+		light->irradiance[c] = lamp->irradiance[c] + m->recovered[c];
 	if (m->wide) {
 		memcpy(light->half_angle_deg, lamp->half_angle_deg, sizeof(light->half_angle_deg));
 		memcpy(light->axis, lamp->axis, sizeof(light->axis));
@@ -208,15 +222,14 @@ static void list_light(const struct lp_remembered_lamp *m, struct lp_light *ligh
 	light->id = m->id;
 	light->angular_radius_deg = radius_rad(lamp) * DEG;
 	light->direction_sigma_deg = lamp->direction_sigma_deg;
-	light->irradiance_sigma =
-		lamp->flags & LP_LIGHT_CLIPPED
-			? NAN /* a lower bound has no sigma */
-			: fmaxf(sqrtf(m->strength_variance), LEAST_IRRADIANCE_SIGMA);
+	light->irradiance_sigma = strength_sigma(m);
 	light->confidence = confidence_of(lamp);
 	light->distance_m = NAN;
-	light->hidden = m->hidden;
-	light->flags =
-		lamp->flags | (m->seen ? 0 : LP_LIGHT_HELD) | (m->wide ? LP_LIGHT_EXTENDED : 0);
+	/* The ring tells what clipping hides; else it is guessed. */
+	light->hidden = m->recovered_sigma > 0.0F ? 0.0F : m->hidden;
+	light->flags = lamp->flags | (m->seen ? 0 : LP_LIGHT_HELD) |
+		       (m->wide ? LP_LIGHT_EXTENDED : 0) |
+		       (m->recovered_sigma > 0.0F ? LP_LIGHT_RING : 0);
 }
 
 int lp_lamp_stage_list(struct lp_lamp_stage *stage, const struct lp_grid *grid,

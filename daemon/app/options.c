@@ -9,6 +9,9 @@
 #include "base/ini.h"
 #include "base/param.h"
 #include "base/text.h"
+#include "include/ring_sample.h"
+
+#define MOST_LUX 1e6F
 
 /* As enum lp_orientation_kind. */
 static const char *const orientations[] = {"none", "visual", "sim", "client", "sensor"};
@@ -151,6 +154,25 @@ static int parse_detector(const char *text, void *field)
 	return -EINVAL;
 }
 
+static int parse_ring_lux(const char *text, void *field)
+{
+	struct lp_floats *lux = field;
+
+	*lux = (struct lp_floats){0};
+	for (; lux->count < LP_RING_SENSORS; text++) {
+		char *end;
+		const float value = strtof(text, &end);
+
+		if (end == text || value < 0.0F || value > MOST_LUX)
+			return -EINVAL;
+		lux->values[lux->count++] = value;
+		text = end;
+		if (*text != ',')
+			break;
+	}
+	return *text || lux->count != LP_RING_SENSORS ? -EINVAL : 0;
+}
+
 /* ---------------------------------------------------------------- the table */
 
 static const struct lp_param config_list[] = {
@@ -234,6 +256,12 @@ static const struct lp_param config_list[] = {
 	 .max = LP_URI_MAX_BYTES,
 	 .help = "URI of the ring of light sensors (lightprobed --help-backends); default: no "
 		 "ring"},
+	{"cd-m2-per-unit", LP_PARAM_FLOAT, offsetof(struct lp_options, cd_m2_per_unit),
+	 .initial = "0", .max = 1e12,
+	 .help = "luminance of radiance 1; 0: what the camera file says (lightprobe calibrate\n"
+		 "scale)"},
+	{"cd-m2-per-unit-sigma", LP_PARAM_FLOAT, offsetof(struct lp_options, cd_m2_per_unit_sigma),
+	 .initial = "0.05", .min = 0.001, .max = 10, .help = "relative 1 sigma of it"},
 	{"max-clients", LP_PARAM_INT, offsetof(struct lp_options, max_clients), .initial = "256",
 	 .min = 1, .max = 4096, .help = "maximum number of connected clients; more are refused"},
 	{"name", LP_PARAM_TEXT, offsetof(struct lp_options, name), .initial = "", .max = 64,
@@ -257,6 +285,12 @@ static const struct lp_param command_list[] = {
 	 .help = "with --once: windows, soft boxes and the like are lights, too, one ellipse each"},
 	{"key-light", LP_PARAM_BOOL, offsetof(struct lp_options, key_light), .initial = "0",
 	 .help = "with --once: one more directional light, KEY, for what the listed ones leave"},
+	{"ring-lux", LP_PARAM_OWN, offsetof(struct lp_options, ring_lux), .parse = parse_ring_lux,
+	 .expects = "nine numbers 0..1e6, or nan, separated by commas",
+	 .help = "with --once: what the nine light sensors read while the pictures were taken;\n"
+		 "nan: this one cannot be used"},
+	{"ring-sigma", LP_PARAM_FLOAT, offsetof(struct lp_options, ring_sigma), .initial = "0.03",
+	 .min = 0.001, .max = 10, .help = "relative 1 sigma of each of these readings"},
 	{"simulated-time", LP_PARAM_TEXT, offsetof(struct lp_options, simulated_time),
 	 .initial = "", .max = 108,
 	 .help = "for tests: take the time from this Unix socket instead of the clock"},
@@ -432,6 +466,10 @@ struct lp_pipeline_options lp_options_pipeline(const struct lp_options *options)
 		.sh_order = options->sh_order,
 		.brackets = options->brackets,
 		.orientation = options->once ? LP_ORIENTATION_NONE : options->orientation.kind,
+		.scale = options->cd_m2_per_unit > 0
+				 ? (struct lp_ring_scale){options->cd_m2_per_unit,
+							  options->cd_m2_per_unit_sigma}
+				 : (struct lp_ring_scale){NAN, NAN},
 		.smoothing_ms = options->smoothing_ms,
 		.ttl_ms = options->ttl_ms,
 	};

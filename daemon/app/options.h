@@ -45,6 +45,9 @@ struct lp_options {
 	float exposure_us, gain;	/* commanded of a source that can; 0: left alone */
 	char rotator[LP_URI_MAX_BYTES]; /* "": none */
 	char ring[LP_URI_MAX_BYTES];	/* "": none */
+	struct lp_floats ring_lux;	/* --once: its readings beside the pictures */
+	float ring_sigma;		/* of these, relative */
+	float cd_m2_per_unit, cd_m2_per_unit_sigma; /* 0: not known */
 	struct lp_floats wheel_angles_deg;
 	float wheel_dwell_ms;
 	int max_clients;

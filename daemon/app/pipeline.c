@@ -67,6 +67,7 @@ struct lp_pipeline {
 	struct lp_detection *detection;
 	struct lp_sh_projector *projector;
 	struct lp_lamp_stage lamps;
+	struct lp_ring_stage ring;
 	struct lp_tracker tracker;
 	struct lp_bracket bracket;
 	bool bracketing, reports_exposure;
@@ -182,8 +183,13 @@ int lp_pipeline_set_preset(struct lp_pipeline *pipeline, enum lp_preset preset)
 	const struct stages old = {pipeline->imager, pipeline->detection, pipeline->projector,
 				   pipeline->scratch};
 	struct stages stages;
-	const int ret = create_stages(pipeline, &effective, &stages);
+	int ret = create_stages(pipeline, &effective, &stages);
 
+	if (ret == 0) {
+		ret = lp_ring_stage_resize(&pipeline->ring, lp_imager_grid(stages.imager));
+		if (ret < 0)
+			destroy_stages(&stages);
+	}
 	if (ret < 0) {
 		lp_error("pipeline", "preset", "%s — the preset stays as it is", lp_strerror(ret));
 		return ret;
@@ -225,6 +231,7 @@ int lp_pipeline_create(const struct lp_pipeline_options *options, struct lp_pipe
 	p->options = *options;
 	p->options.camera = NULL; /* was borrowed */
 	p->tracker.time_constant_ms = options->smoothing_ms;
+	lp_ring_stage_init(&p->ring, &options->scale);
 	ret = lp_camera_create(options->camera, &p->camera);
 	if (ret == 0)
 		ret = lp_pipeline_set_preset(p, options->preset);
@@ -242,6 +249,7 @@ void lp_pipeline_destroy(struct lp_pipeline *pipeline)
 		return;
 	destroy_stages(&(struct stages){pipeline->imager, pipeline->detection, pipeline->projector,
 					pipeline->scratch});
+	lp_ring_stage_finish(&pipeline->ring);
 	lp_camera_destroy(pipeline->camera);
 	free(pipeline);
 }
@@ -282,7 +290,9 @@ static void project(struct lp_pipeline *p, const struct lp_panorama *panorama, d
 			       -1.0, total);
 		lp_sh_add_lamp(LP_SH_MAX_ORDER, m->lamp.centroid, m->lamp.irradiance, 0.0, 1.0,
 			       total);
+		lp_sh_add_lamp(LP_SH_MAX_ORDER, m->lamp.centroid, m->recovered, 0.0, 1.0, total);
 	}
+	lp_ring_stage_project(&p->ring, total);
 }
 
 static uint32_t flags_of(const struct lp_pipeline *p, const struct lp_panorama *panorama,
@@ -326,33 +336,46 @@ static uint32_t flags_of(const struct lp_pipeline *p, const struct lp_panorama *
 static double lamp_variance(const struct lp_light *light)
 {
 	const double own = lp_luminance(light->irradiance);
-	const double strength = isnan(light->irradiance_sigma) ? 0.0 : light->irradiance_sigma;
+	const bool by_ring = light->flags & LP_LIGHT_RING; /* lp_ring_stage_knows() */
+	const double strength =
+		isnan(light->irradiance_sigma) || by_ring ? 0.0 : light->irradiance_sigma;
 	const double direction = light->direction_sigma_deg / DEG;
 
 	return own * own * (strength * strength + direction * direction) / 6.0;
 }
 
-static float relighting_sigma(const struct lp_imager_status *status,
+static float relighting_sigma(const struct lp_pipeline *p, const struct lp_imager_status *status,
 			      const struct lp_light_estimate *e, const double (*total)[3])
 {
 	const float light[3] = {(float)total[0][0], (float)total[0][1], (float)total[0][2]};
 	/* mean irradiance = integral of radiance / 4 */
 	const double mean = lp_luminance(light) * sqrt(4.0 * M_PI) / 4.0;
 	/* clipped light may well be twice as much; flux over mean irradiance is 4 */
-	const double clipped = 4.0 * status->clipped_share / sqrt(6.0);
+	double clipped = 4.0 * status->clipped_share / sqrt(6.0);
 	/* what a hand hides may have changed meanwhile, all of it alike */
 	const double hidden = 4.0 * status->covered_share * COVERED_WALK *
 			      sqrt(1.0 + status->covered_s) / sqrt(6.0);
 	double lamps = 0.0;
+	float variance;
 
 	if (!(mean > 0.0))
 		return 0.0F;
+	if (lp_ring_stage_knows(&p->ring, &variance))
+		clipped = sqrt(variance) / mean;
 	for (int k = 0; k < e->light_count; k++)
 		lamps += lamp_variance(&e->lights[k]) / (mean * mean);
 	return (float)sqrt(LEAST_RELIGHTING_SIGMA * LEAST_RELIGHTING_SIGMA + lamps +
 			   clipped * clipped + hidden * hidden +
 			   (double)status->irradiance_sigma * status->irradiance_sigma +
 			   (double)status->changed * status->changed);
+}
+
+/* Light of unknown exposure has no scale. */
+static struct lp_ring_scale scale_of(const struct lp_pipeline *p,
+				     const struct lp_imager_status *status)
+{
+	return status->exposure_unknown ? (struct lp_ring_scale){NAN, NAN}
+					: lp_ring_stage_scale(&p->ring);
 }
 
 /* e: zeroed. */
@@ -366,17 +389,20 @@ static void fill_estimate(struct lp_pipeline *p, const struct lp_panorama *panor
 	struct lp_imager_status status;
 
 	lp_imager_status(p->imager, &status);
+	const struct lp_ring_scale scale = scale_of(p, &status);
+
 	e->t_capture_ns = panorama->t_capture_ns;
 	e->suspended_ns = lp_clock_suspended_ns();
 	e->sequence = ++p->sequence;
 	e->flags = flags_of(p, panorama, &status, mean, lamps);
 	e->exposure_us = status.longest_exposure_us;
 	e->exposure_count = status.exposure_count;
-	e->cd_m2_per_unit = NAN;
+	e->cd_m2_per_unit = scale.lux_per_unit;
+	e->cd_m2_per_unit_sigma = scale.sigma;
 	for (int i = 0; i < LP_MAX_SH_COUNT; i++)
 		for (int c = 0; c < 3; c++)
 			e->sh_total[i][c] = (float)total[i][c];
-	e->relighting_sigma = relighting_sigma(&status, e, total);
+	e->relighting_sigma = relighting_sigma(p, &status, e, total);
 	lp_model_predict(total, e);
 }
 
@@ -562,6 +588,11 @@ static void rest(struct lp_pipeline *p)
 	turn_anchor(p, &turn);
 }
 
+void lp_pipeline_ring(struct lp_pipeline *pipeline, const struct lp_ring_sample *sample)
+{
+	lp_ring_stage_sample(&pipeline->ring, sample);
+}
+
 int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
 			const struct lp_demand *demand, struct lp_estimates *estimates,
 			float *command_us)
@@ -573,6 +604,7 @@ int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
 	const float told[4] = {frame->orientation[0], frame->orientation[1], frame->orientation[2],
 			       frame->orientation[3]};
 	double total[LP_SH_MAX_COUNT][3];
+	struct lp_imager_status status;
 	int ret;
 
 	pipeline->wanted_lights = demand->max_lights < pipeline->options.max_lights
@@ -599,6 +631,11 @@ int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
 	lp_lamp_stage_update(&pipeline->lamps, pipeline->imager, pipeline->detection, &work,
 			     panorama->t_capture_ns);
 	lp_imager_expect_flicker(pipeline->imager, lp_lamp_memory_flicker(&pipeline->lamps.memory));
+	lp_imager_status(pipeline->imager, &status);
+	lp_ring_stage_update(&pipeline->ring, pipeline->imager, panorama,
+			     pipeline->detection->finder->cells, &pipeline->lamps.memory,
+			     !status.exposure_unknown);
+	estimates->ring = lp_ring_stage_status(&pipeline->ring);
 	project(pipeline, panorama, total);
 	memset(&estimates->raw, 0, sizeof(estimates->raw));
 	fill_estimate(pipeline, panorama, mean, total, &estimates->raw);

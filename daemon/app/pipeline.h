@@ -9,6 +9,7 @@
 #include <stdbool.h>
 
 #include "app/bracket.h"
+#include "app/ring_stage.h"
 #include "include/light_estimate.h"
 #include "light/detection.h"
 
@@ -47,7 +48,8 @@ struct lp_pipeline_options {
 	int sh_order;	/* 0..4: highest order estimated */
 	int brackets; /* most exposures of a bracket of our own making; 0: exposure is left alone */
 	enum lp_orientation_kind orientation;
-	float smoothing_ms; /* time constant of the smoothed estimate; 0: none */
+	struct lp_ring_scale scale; /* cd/m^2 per unit of radiance; NAN: not known */
+	float smoothing_ms;	    /* time constant of the smoothed estimate; 0: none */
 	float ttl_ms;
 };
 
@@ -60,6 +62,7 @@ struct lp_demand {
 struct lp_estimates {
 	struct lp_light_estimate raw;	   /* what is known with this frame */
 	struct lp_light_estimate smoothed; /* tracked in time; same ids */
+	struct lp_ring_status ring;
 };
 
 /* What can be done about the camera's exposure (include/source.h), once it is known. */
@@ -88,6 +91,9 @@ enum lp_preset lp_pipeline_preset(const struct lp_pipeline *pipeline);
  * whether there is a first command to give. */
 bool lp_pipeline_control(struct lp_pipeline *pipeline, const struct lp_camera_control *control,
 			 float *command_us);
+
+/* What the ring of light sensors read of the next frame's light; NULL: nothing. */
+void lp_pipeline_ring(struct lp_pipeline *pipeline, const struct lp_ring_sample *sample);
 
 /*
  * Takes over the reference to `frame`. 0: `estimates` is filled. -EAGAIN: no estimate from this

@@ -12,9 +12,13 @@
 #include "base/mailbox.h"
 #include "base/pool.h"
 #include "include/frame.h"
+#include "light/ring_history.h"
 
 #define LOSSLESS_FRAMES 64 /* more than any source has */
-#define RESULTS 4	   /* so many the loop may be late before one is lost */
+/* How long LDRs take to show the light (20-30 ms), and the farthest reading that still counts. */
+#define RING_LAG_NS (25 * LP_NS_PER_MS)
+#define RING_MOST_NS (150 * LP_NS_PER_MS)
+#define RESULTS 4 /* so many the loop may be late before one is lost */
 
 struct lp_worker {
 	struct lp_pipeline *pipeline;
@@ -26,6 +30,7 @@ struct lp_worker {
 	pthread_mutex_t control_lock;
 	struct lp_camera_control control;
 	bool control_is_new;
+	struct lp_ring_history ring;
 	atomic_int new_preset; /* -1: none */
 	atomic_uint_fast64_t rejected;
 	atomic_int_fast64_t busy_since_ns; /* 0: idle */
@@ -48,12 +53,28 @@ static float take_control(struct lp_worker *worker)
 	return command_us;
 }
 
+/* Hand the ring's reading of this frame's light to the pipeline. */
+static void take_ring(struct lp_worker *worker, const struct lp_frame *frame)
+{
+	const float exposure_us = isnan(frame->exposure_us) ? 0.0F : frame->exposure_us;
+	const int64_t t_ns = frame->t_start_ns + (int64_t)((double)exposure_us * 1e3 / 2.0);
+	struct lp_ring_sample sample;
+	bool found;
+
+	pthread_mutex_lock(&worker->control_lock);
+	found = lp_ring_history_at(&worker->ring, t_ns, RING_LAG_NS, RING_MOST_NS, &sample);
+	pthread_mutex_unlock(&worker->control_lock);
+	lp_pipeline_ring(worker->pipeline, found ? &sample : NULL);
+}
+
 /* Run the pipeline, or count the frame that the driver marked corrupt as refused. */
 static int process(struct lp_worker *worker, struct lp_frame *frame, struct lp_result *result)
 {
 	const int preset = atomic_exchange(&worker->new_preset, -1);
 	float first_us = take_control(worker);
 	int ret;
+
+	take_ring(worker, frame);
 
 	result->preset_refused =
 		preset >= 0 && lp_pipeline_set_preset(worker->pipeline, (enum lp_preset)preset) < 0;
@@ -144,6 +165,13 @@ void lp_worker_control(struct lp_worker *worker, const struct lp_camera_control 
 	pthread_mutex_lock(&worker->control_lock);
 	worker->control = *control;
 	worker->control_is_new = true;
+	pthread_mutex_unlock(&worker->control_lock);
+}
+
+void lp_worker_ring(struct lp_worker *worker, const struct lp_ring_sample *sample)
+{
+	pthread_mutex_lock(&worker->control_lock);
+	lp_ring_history_add(&worker->ring, sample);
 	pthread_mutex_unlock(&worker->control_lock);
 }
 

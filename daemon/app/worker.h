@@ -35,6 +35,10 @@ bool lp_worker_submit(struct lp_worker *worker, struct lp_frame *frame,
 /* The camera streams (again), and this is what can be done about its exposure. Loop thread. */
 void lp_worker_control(struct lp_worker *worker, const struct lp_camera_control *control);
 
+/* A reading of the ring of light sensors; each frame takes the one of its time
+ * (light/ring_history.h). Loop thread. */
+void lp_worker_ring(struct lp_worker *worker, const struct lp_ring_sample *sample);
+
 /* Work by another preset from the next frame on: lp_pipeline_set_preset(). Whether that succeeded
  * is told by the frame's result. Loop thread. */
 void lp_worker_preset(struct lp_worker *worker, enum lp_preset preset);

@@ -16,7 +16,7 @@ enum lp_light_flag {
 	LP_LIGHT_CLIPPED = 1 << 0,
 	LP_LIGHT_REFLECTION = 1 << 1, /* not set yet */
 	LP_LIGHT_EXTENDED = 1 << 2,   /* an area light */
-	LP_LIGHT_RING = 1 << 3,	      /* not set yet */
+	LP_LIGHT_RING = 1 << 3,
 	LP_LIGHT_HELD = 1 << 4,
 };
 
@@ -93,7 +93,8 @@ struct lp_light_estimate {
 	float relighting_sigma;
 	float exposure_us; /* longest used; NAN: unknown */
 	int exposure_count;
-	float cd_m2_per_unit;			    /* always NAN yet: not calibrated */
+	float cd_m2_per_unit;			    /* luminance of radiance 1; NAN: not known */
+	float cd_m2_per_unit_sigma;		    /* relative, 1 sigma; NAN with it */
 	float wheel_deg, wheel_sigma_deg;	    /* of the newest frame used (frame.h) */
 	struct lp_estimate_orientation orientation; /* at t_capture_ns */
 };

@@ -7,6 +7,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* Of a scale whose file does not say how well it is known. */
+#define USUAL_SCALE_SIGMA 0.05F
+
 /* In the order of enum lp_projection. */
 static const char *const projections[] = {"equirect", "fisheye", NULL};
 
@@ -36,6 +39,14 @@ static const struct lp_param response_list[] = {
 };
 static const struct lp_params response_params = LP_PARAMS(response_list);
 
+static const struct lp_param photometry_list[] = {
+	{"cd_m2_per_unit", LP_PARAM_FLOAT, offsetof(struct lp_camera_file, cd_m2_per_unit),
+	 .min = 1e-12, .max = 1e12},
+	{"sigma", LP_PARAM_FLOAT, offsetof(struct lp_camera_file, cd_m2_per_unit_sigma),
+	 .min = 0.001, .max = 10},
+};
+static const struct lp_params photometry_params = LP_PARAMS(photometry_list);
+
 #define LENS_FLOAT(key, low, high)                                                        \
 	{                                                                                 \
 #key, LP_PARAM_FLOAT, offsetof(struct lp_lens_fields, key), .min = (low), \
@@ -62,10 +73,9 @@ static const struct lp_params lens_params = LP_PARAMS(lens_list);
 
 static int set_fields(struct lp_camera_file *file)
 {
-	/* The last two are the drivers'. */
-	static const char *const sections[] = {"camera", "response",  "lens.0",
-					       "lens.1", "lens.2",    "lens.3",
-					       "v4l2",	 "libcamera", NULL};
+	static const char *const sections[] = {"camera",     "response", "lens.0", "lens.1",
+					       "lens.2",     "lens.3",	 "v4l2",   "libcamera",
+					       "photometry", NULL};
 	int ret = lp_ini_check_sections(&file->ini, sections);
 
 	_Static_assert(LP_MAX_LENSES == 4, "a section for each lens");
@@ -73,6 +83,8 @@ static int set_fields(struct lp_camera_file *file)
 		ret = lp_ini_set(&file->ini, "camera", &camera_params, file);
 	if (ret == 0)
 		ret = lp_ini_set(&file->ini, "response", &response_params, file);
+	if (ret == 0)
+		ret = lp_ini_set(&file->ini, "photometry", &photometry_params, file);
 	for (int k = 0; k < LP_MAX_LENSES && ret == 0; k++) {
 		char section[20];
 
@@ -95,6 +107,7 @@ int lp_camera_file_read(const char *name_or_path, struct lp_camera_file **file)
 		(void)snprintf(self->name, sizeof(self->name), "equirect");
 	} else {
 		self->projection = -1;
+		self->cd_m2_per_unit_sigma = USUAL_SCALE_SIGMA;
 		ret = lp_ini_read(&self->ini, name_or_path,
 				  "give --camera=equirect or a camera file");
 		if (ret == 0)

@@ -32,6 +32,8 @@ struct lp_camera_file {
 	int projection; /* enum lp_projection; -1: the file does not say */
 	int width_px, height_px;
 	char response[PATH_MAX];
+	float cd_m2_per_unit;	    /* luminance of radiance 1; 0: not known */
+	float cd_m2_per_unit_sigma; /* relative */
 	struct lp_lens_fields lens[LP_MAX_LENSES];
 };
 

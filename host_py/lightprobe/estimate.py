@@ -169,6 +169,7 @@ class Estimate:
     wheel_deg: float | None = None  # of the polarizer in the newest frame; None: none, or unknown
     wheel_sigma_deg: float | None = None
     relighting_sigma: float | None = None  # of the irradiance as measured, relative to its mean
+    cd_m2_per_unit_sigma: float | None = None  # relative, 1 sigma
     subscription: int = 0  # number of the subscription that it answers; 0: the defaults
     frame: Frame = "PROBE"  # WORLD: directions and SH are in the world of the app that sends poses
     orientation: Array | None = None  # (4,) x, y, z, w: turns the probe frame into one that stays
@@ -222,6 +223,7 @@ class Estimate:
             },
             "scale": {
                 "cd_m2_per_unit": _number(self.cd_m2_per_unit),
+                "cd_m2_per_unit_sigma": _number(self.cd_m2_per_unit_sigma),
                 "calibrated": self.cd_m2_per_unit is not None,
             },
             "exposure": {"exposure_us": _number(self.exposure_us), "count": self.exposure_count},

@@ -290,6 +290,11 @@ def _estimate(m: pb.Estimate) -> Estimate:
         relighting_sigma=(
             m.relighting_sigma_permille / 1000 if m.HasField("relighting_sigma_permille") else None
         ),
+        cd_m2_per_unit_sigma=(
+            m.cd_m2_per_unit_sigma_permille / 1000
+            if m.HasField("cd_m2_per_unit_sigma_permille")
+            else None
+        ),
         subscription=m.subscription,
         frame=_frame(m.frame),
         orientation=_orientation(m.orientation) if m.orientation else None,

@@ -25,6 +25,7 @@ static struct lp_light_estimate full_estimate(void)
 		.exposure_us = 33333,
 		.exposure_count = 4,
 		.cd_m2_per_unit = NAN,
+		.cd_m2_per_unit_sigma = NAN,
 		.wheel_deg = NAN,
 		.wheel_sigma_deg = NAN,
 		.relighting_sigma = 0.0214F,
@@ -234,6 +235,7 @@ static void test_values_arrive(void **state)
 
 	(void)state;
 	estimate.cd_m2_per_unit = 42;
+	estimate.cd_m2_per_unit_sigma = 0.031F;
 	estimate.wheel_deg = 135;
 	estimate.wheel_sigma_deg = 0.5F;
 	estimate.flags = LP_ESTIMATE_STALE;
@@ -250,6 +252,7 @@ static void test_values_arrive(void **state)
 	assert_true(wire.has_exposure_us && wire.exposure_us == 33333);
 	assert_int_equal(wire.exposure_count, 4);
 	assert_true(wire.has_cd_m2_per_unit && wire.cd_m2_per_unit == 42);
+	assert_int_equal(wire.cd_m2_per_unit_sigma_permille, 31);
 	assert_true(wire.has_wheel_deg && wire.wheel_deg == 135);
 	assert_true(wire.has_wheel_sigma_deg && wire.wheel_sigma_deg == 0.5F);
 	assert_int_equal(wire.predicted_error_permille, 580);
@@ -287,7 +290,8 @@ static void test_unknown_is_absent_not_zero(void **state)
 	estimate.predicted_error[2][1] = NAN;
 	estimate.relighting_sigma = NAN;
 	wire = encode(&estimate, false, 2, 1, &no_stamp);
-	assert_false(wire.has_exposure_us || wire.has_cd_m2_per_unit || wire.has_wheel_deg ||
+	assert_false(wire.has_exposure_us || wire.has_cd_m2_per_unit ||
+		     wire.has_cd_m2_per_unit_sigma_permille || wire.has_wheel_deg ||
 		     wire.has_wheel_sigma_deg || wire.has_predicted_error_permille ||
 		     wire.has_relighting_sigma_permille);
 	assert_false(wire.lights[0].has_direction_sigma_deg ||

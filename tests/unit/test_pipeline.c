@@ -273,6 +273,85 @@ static void test_knobs(void **state)
 	assert_memory_not_equal(e[0].sh_total, e[2].sh_total, sizeof(e[0].sh_total));
 }
 
+/* Radiance of coded_frame()'s even surround, as an sRGB camera understands its code. */
+static double surround(void)
+{
+	const double code = rint(255.0 * pow(1.5 / 500.0, 1 / 2.2)) / 255.0;
+
+	return pow((code + 0.055) / 1.055, 2.4);
+}
+
+/* What a ring beside the camera reads of discs in that; full scale is radiance 1. */
+static struct lp_ring_sample ring_sample(const struct disc *discs, int count, double lux_per_unit)
+{
+	struct lp_ring_sample sample = {0};
+
+	for (int k = 0; k < LP_RING_SENSORS; k++) {
+		double irradiance = surround() * M_PI;
+		float normal[3];
+
+		lp_ring_direction(k, normal);
+		for (int i = 0; i < count; i++) {
+			double d[3];
+
+			disc_direction(&discs[i], d);
+			irradiance +=
+				disc_irradiance(&discs[i]) / 500.0 *
+				fmax(d[0] * normal[0] + d[1] * normal[1] + d[2] * normal[2], 0.0);
+		}
+		sample.illuminance_lux[k] = (float)(lux_per_unit * irradiance);
+		sample.sigma_relative[k] = 0.03F;
+	}
+	return sample;
+}
+
+/* A lamp that clips has its strength by the ring, and AMBIENT stays what it was; without a ring it
+ * is a lower bound. What does not clip is not touched, to the bit. */
+static void test_the_ring_finds_what_clips(void **state)
+{
+	const struct disc clipped[] = {{30, 20, 1.5, 9000}, {180, 40, 2, 300}};
+	const struct disc plain[] = {{30, 20, 1.5, 150}, {180, 40, 2, 300}};
+	const struct lp_pipeline_options options = {.preset = LP_PRESET_ACCURATE,
+						    .max_lights = 8,
+						    .sh_order = 2,
+						    .scale = {200.0F, 0.03F}};
+	const double truth = disc_irradiance(&clipped[0]) / 500.0;
+	struct lp_light_estimate e[4];
+
+	(void)state;
+	for (int k = 0; k < 4; k++) {
+		const struct disc *discs = k < 2 ? clipped : plain;
+		const struct lp_ring_sample sample = ring_sample(discs, 2, 200.0);
+		struct lp_frame *frame = coded_frame(1920, 960, discs, 2);
+		struct lp_pipeline *pipeline;
+
+		frame->exposure_us = 1e6F;
+		frame->gain = 1.0F;
+		assert_int_equal(lp_pipeline_create(&options, &pipeline), 0);
+		lp_pipeline_ring(pipeline, k % 2 ? &sample : NULL);
+		e[k] = estimate(pipeline, frame);
+		lp_pipeline_destroy(pipeline);
+	}
+	assert_true(e[0].lights[0].irradiance[1] < 0.2 * truth);
+	assert_true(isnan(e[0].lights[0].irradiance_sigma));
+	assert_int_equal(e[0].lights[0].flags, LP_LIGHT_CLIPPED);
+	assert_float_equal(e[1].lights[0].irradiance[1] / truth, 1.0, 0.1);
+	assert_true(e[1].lights[0].irradiance_sigma > 0.005F &&
+		    e[1].lights[0].irradiance_sigma < 0.1F);
+	assert_int_equal(e[1].lights[0].flags, LP_LIGHT_CLIPPED | LP_LIGHT_RING);
+	assert_true(e[1].relighting_sigma < e[0].relighting_sigma);
+	for (int k = 0; k < 2; k++) {
+		float ambient[LP_MAX_SH_COUNT][3];
+
+		lp_model_ambient(&e[k], 2, e[k].light_count, ambient);
+		assert_float_equal(ambient[0][1] / (surround() * sqrt(4.0 * M_PI)), 1.0, 0.05);
+	}
+	assert_memory_equal(e[2].lights, e[3].lights, sizeof(e[2].lights));
+	assert_memory_equal(e[2].sh_total, e[3].sh_total, sizeof(e[2].sh_total));
+	assert_float_equal(e[3].cd_m2_per_unit, 200.0, 8.0);
+	assert_true(e[3].cd_m2_per_unit_sigma < 0.03F);
+}
+
 static void test_options_are_checked(void **state)
 {
 	static char path[] = "room.camera";
@@ -306,6 +385,7 @@ int main(void)
 		cmocka_unit_test(test_stream_goes_on),
 		cmocka_unit_test(test_another_preset_in_the_middle),
 		cmocka_unit_test(test_knobs),
+		cmocka_unit_test(test_the_ring_finds_what_clips),
 		cmocka_unit_test(test_options_are_checked),
 	};
 

@@ -8,6 +8,7 @@
 #include <stdlib.h>
 
 #include "app/worker.h"
+#include "base/clock.h"
 #include "include/frame.h"
 
 /* A pipeline in the place of the real one: takes as long as the test wants, and says what it is
@@ -75,6 +76,14 @@ bool lp_pipeline_control(struct lp_pipeline *self, const struct lp_camera_contro
 	return true;
 }
 
+static atomic_int ring_lux = -1; /* of the newest frame's reading; -1: none */
+
+void lp_pipeline_ring(struct lp_pipeline *self, const struct lp_ring_sample *sample)
+{
+	assert_ptr_equal(self, &pipeline);
+	atomic_store(&ring_lux, sample ? (int)sample->illuminance_lux[0] : -1);
+}
+
 static void release(struct lp_frame *frame)
 {
 	atomic_fetch_sub(&frames_alive, 1);
@@ -115,6 +124,31 @@ static void wait_begun(int count)
 {
 	while (atomic_load(&pipeline.begun) < count)
 		usleep(1000);
+}
+
+/* A frame gets the reading of its own time, later by how long the sensors need. */
+static void test_a_frame_gets_its_reading_of_the_ring(void **state)
+{
+	struct lp_worker *worker = start(true);
+
+	(void)state;
+	for (int i = 0; i < 10; i++) {
+		const struct lp_ring_sample sample = {.t_ns = (1 + i) * 8 * LP_NS_PER_MS,
+						      .illuminance_lux = {(float)i}};
+
+		lp_worker_ring(worker, &sample);
+	}
+	submit(worker, 0, 0); /* exposed at 0 */
+	lp_worker_give(worker, wait_result(worker));
+	assert_int_equal(atomic_load(&ring_lux), 2);
+	struct lp_frame *late = calloc(1, sizeof(*late));
+
+	*late = (struct lp_frame){.t_start_ns = LP_NS_PER_S, .release = release};
+	atomic_fetch_add(&frames_alive, 1);
+	lp_worker_submit(worker, late, &demand);
+	lp_worker_give(worker, wait_result(worker));
+	assert_int_equal(atomic_load(&ring_lux), -1);
+	lp_worker_destroy(worker);
 }
 
 static void test_newest_frame_wins_and_drops_are_counted(void **state)
@@ -277,6 +311,7 @@ static void test_destroy_with_work_left(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_a_frame_gets_its_reading_of_the_ring),
 		cmocka_unit_test(test_newest_frame_wins_and_drops_are_counted),
 		cmocka_unit_test(test_a_new_preset_comes_before_the_next_frame),
 		cmocka_unit_test(test_a_result_says_which_preset_is_in_force),

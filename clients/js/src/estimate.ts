@@ -75,6 +75,8 @@ export interface Estimate {
   exposureUs: number | undefined;
   exposureCount: number;
   cdM2PerUnit: number | undefined;
+  /** Relative, 1 sigma. */
+  cdM2PerUnitSigma: number | undefined;
   wheelDeg: number | undefined;
   /** Number of the subscription that it answers. */
   subscription: number;

@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from lightprobe.calibrate import ring
 from lightprobe.cli import view
 from lightprobe.errors import UsageError
 from lightprobe.estimate import Estimate, flag_names
@@ -50,12 +51,29 @@ def command(
     detector: Annotated[
         str | None, typer.Option(help="adaptive, median, otsu, static:T, research, mediancut:N.")
     ] = None,
+    ring_lux: Annotated[
+        str | None,
+        typer.Option(
+            metavar="V0,…,V8",
+            help="What the nine light sensors read then, in lux; nan: cannot be used.",
+        ),
+    ] = None,
+    ring_sigma: Annotated[
+        float,
+        typer.Option(min=0.001, max=10, help="Relative 1 sigma of each of these readings."),
+    ] = 0.03,
+    cd_m2_per_unit: Annotated[
+        float | None,
+        typer.Option(metavar="X", help="Luminance of radiance 1; default: the camera file's."),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the estimate as JSON.")] = False,
 ) -> None:
     """Estimate the light in pictures with the daemon's own pipeline.
 
     Values are scene-linear: in the file's own units for HDR; for 8-bit pictures with exposures,
     radiance 1.0 is full scale at one second; without, it is relative to full scale.
+    --ring-lux recovers lamps that clip in every picture; with the scale of the camera
+    (lightprobe calibrate scale) it does so best.
     Example: lightprobe estimate room-1.jpg room-2.jpg --exposure-us 8000,500 --json
     """
     if kind.upper() not in ("AMBIENT", "TOTAL"):
@@ -63,6 +81,8 @@ def command(
     settings = offline.Settings(
         camera=camera, preset=preset, panorama_width=panorama_width, detector=detector,
         sh_order=order, lights=lights, area_lights=area_lights, key_light=key_light,
+        sh_order=order, lights=lights, ring_lux=parse_ring(ring_lux),
+        ring_sigma=ring_sigma if ring_lux else None, cd_m2_per_unit=cd_m2_per_unit,
     )  # fmt: skip
     result, notes = offline.estimate_files(files, parse_exposures(exposure_us), settings)
     if kind.upper() == "TOTAL":
@@ -85,6 +105,22 @@ def parse_exposures(text: str | None) -> list[float]:
         ) from None
 
 
+def parse_ring(text: str | None) -> str | None:
+    """Check `V0,…,V8`; raises UsageError."""
+    if text is None:
+        return None
+    try:
+        values = [float(word) for word in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) != ring.SENSORS or any(value < 0 for value in values):
+        raise UsageError(
+            f"estimate: --ring-lux {text}: expected nine numbers in lux, separated by commas; "
+            "nan for a sensor that cannot be used"
+        )
+    return text
+
+
 def show(estimate: Estimate) -> None:
     """Print an estimate for the eye."""
     console = view.console()
@@ -100,5 +136,9 @@ def show(estimate: Estimate) -> None:
         )
     if estimate.relighting_sigma is not None:
         console.print(f"irradiance is known to {100 * estimate.relighting_sigma:.1f} % (1 sigma)")
+    if estimate.cd_m2_per_unit is not None:
+        sigma = estimate.cd_m2_per_unit_sigma
+        within = "" if sigma is None else f", within {100 * sigma:.1f} % (1 sigma)"
+        console.print(f"radiance 1 is {estimate.cd_m2_per_unit:.4g} cd/m²{within}")
     for line in view.flag_lines(flag_names(estimate.flags)):
         console.print(f"[yellow]{line}[/yellow]")

@@ -18,7 +18,7 @@ from lightprobe import daemon
 from lightprobe.cli import check, view
 from lightprobe.errors import LightprobeError, UsageError
 from lightprobe.evaluate import evaluation, offline
-from lightprobe.evaluate.evaluation import Case, Input
+from lightprobe.evaluate.evaluation import Case, Input, RingModel
 from lightprobe.evaluate.metrics import Summary, summarize
 from lightprobe.geometry import Array
 from lightprobe.sim import response as responses
@@ -53,6 +53,24 @@ def command(
         str,
         typer.Option(metavar="CURVE", help=f"Response of the simulated camera: {responses.HELP}."),
     ] = "srgb",
+    ring_sigma: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SIGMA",
+            min=0.001,
+            max=10,
+            help="Also read a ring of light sensors with this relative noise, such as 0.03.",
+        ),
+    ] = None,
+    scale_sigma: Annotated[
+        float,
+        typer.Option(
+            metavar="SIGMA",
+            min=0,
+            max=10,
+            help="How well cd/m² per unit is calibrated, relative; 0: not at all.",
+        ),
+    ] = 0.02,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the simulated camera's noise.")] = 0,
     jobs: Annotated[
         int, typer.Option(min=1, help="Scenes evaluated at the same time.")
@@ -91,7 +109,10 @@ def command(
     curve = responses.parse(response)
     daemon.find()
     loaded = scenes.load(scene)
-    cases = run(loaded, chosen, inputs, seed, curve, jobs)
+    model = None
+    if ring_sigma is not None:
+        model = RingModel(ring_sigma, scale_sigma or 1.0, scale_known=scale_sigma > 0)
+    cases = run(loaded, chosen, inputs, seed, curve, jobs, model)
     groups = group(cases)
     unwritten = write_files(cases, groups, json_file, plot)
     if as_json:
@@ -156,6 +177,7 @@ def run(
     seed: int,
     response: Array,
     jobs: int,
+    ring_model: RingModel | None = None,
 ) -> list[Case]:
     """Evaluate under a progress bar on stderr."""
     console = Console(stderr=True)
@@ -168,7 +190,14 @@ def run(
             bar.update(task, advance=1, description=f"{case.scene} {case.input} {case.settings}")
 
         return evaluation.evaluate(
-            loaded, settings, inputs, seed=seed, response=response, jobs=jobs, progress=advance
+            loaded,
+            settings,
+            inputs,
+            seed=seed,
+            response=response,
+            ring_model=ring_model,
+            jobs=jobs,
+            progress=advance,
         )
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import tempfile
 import threading
+import zlib
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -18,6 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightprobe import geometry
+from lightprobe.calibrate import ring
+from lightprobe.colour import luminance
 from lightprobe.daemon import DaemonError
 from lightprobe.errors import UsageError
 from lightprobe.evaluate import offline
@@ -29,6 +32,8 @@ from lightprobe.sim.sensor import Sensor, encode_jpeg
 
 SIZE_PX = (1920, 960)
 UNCLIPPED_AT = 0.9
+#: Luminance of radiance 1 in front of a simulated ring; any number would do.
+CD_M2_PER_UNIT = 150.0
 MOST_EXPOSURES = 8
 
 
@@ -79,6 +84,28 @@ def reference(scene: Scene) -> Reference:
     return Reference(truth.irradiance(geometry.sphere_normals()), truth.total, lamps)
 
 
+@dataclass(frozen=True)
+class RingModel:
+    """The ring of a simulated box, beside its camera."""
+
+    sigma: float = 0.03  # relative, of each reading
+    scale_sigma: float = 0.02  # relative, of the camera's cd/m² per unit, from calibration
+    scale_known: bool = True  # whether that was calibrated at all
+
+    def read(self, scene: Scene, irradiance: NDArray[np.float64], seed: int) -> offline.Settings:
+        """Give the daemon's settings for one reading; `irradiance` (9, 3) falls on the sensors."""
+        name = zlib.crc32(scene.name.encode())
+        rng = np.random.default_rng([seed, name])
+        lux = CD_M2_PER_UNIT * np.asarray(luminance(irradiance)) * rng.normal(1, self.sigma, 9)
+        scale = CD_M2_PER_UNIT * rng.normal(1, self.scale_sigma)
+        return offline.Settings(
+            ring_lux=",".join(f"{value:.7g}" for value in np.maximum(lux, 0)),
+            ring_sigma=self.sigma,
+            cd_m2_per_unit=scale if self.scale_known else None,
+            cd_m2_per_unit_sigma=self.scale_sigma if self.scale_known else None,
+        )
+
+
 class Studio:
     """Makes frames of scenes; one sensor (and its noise) for all of them."""
 
@@ -118,23 +145,32 @@ def evaluate(
     *,
     seed: int = 0,
     response: geometry.Array | None = None,
+    ring_model: RingModel | None = None,
     jobs: int = 2,
     progress: Callable[[Case], None] = lambda case: None,
 ) -> list[Case]:
     """Run every scene with every input and setting; `progress` is called from worker threads.
 
-    `response`: of the simulated camera, (256, 3); None: sRGB.
+    `response`: of the simulated camera, (256, 3); None: sRGB. `ring_model`: every estimate also
+    gets a reading of this ring.
     """
     studio, ways = Studio(seed, response), list(inputs)
 
     def judge(scene: Scene) -> list[Case]:
         truth = reference(scene)
         cases = []
+        reading = offline.Settings()
+        if ring_model:
+            light = scene.truth(np.ones(len(scene.lamps))).irradiance(ring.directions())
+            reading = ring_model.read(scene, light, seed)
         for how in ways:
             with tempfile.TemporaryDirectory(prefix="lightprobe-") as name:
                 exposures_us = studio.shoot(scene, how, Path(name))
                 for label, choice in settings.items():
-                    case = _case(scene, how, label, choice, Path(name), exposures_us, truth)
+                    case = _case(
+                        scene, how, label, choice.with_ring_of(reading), Path(name),
+                        exposures_us, truth,
+                    )  # fmt: skip
                     progress(case)
                     cases.append(case)
         return cases

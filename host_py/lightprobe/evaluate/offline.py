@@ -11,7 +11,7 @@ import itertools
 import re
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -55,6 +55,16 @@ class Settings:
     lights: int | None = None
     area_lights: bool = False
     key_light: bool = False
+    ring_lux: str | None = None  # nine numbers, or nan, separated by commas
+    ring_sigma: float | None = None  # relative
+    cd_m2_per_unit: float | None = None
+    cd_m2_per_unit_sigma: float | None = None  # relative
+
+    def with_ring_of(self, reading: Settings) -> Settings:
+        """Give these settings with the ring and scale of `reading`, if it has any."""
+        names = ("ring_lux", "ring_sigma", "cd_m2_per_unit", "cd_m2_per_unit_sigma")
+        given = {name: getattr(reading, name) for name in names}
+        return replace(self, **{name: value for name, value in given.items() if value is not None})
 
     def arguments(self) -> list[str]:
         """Options for lightprobed."""
@@ -70,6 +80,10 @@ class Settings:
             "lights": self.lights,
             "area-lights": int(self.area_lights) or None,
             "key-light": int(self.key_light) or None,
+            "ring-lux": self.ring_lux,
+            "ring-sigma": self.ring_sigma,
+            "cd-m2-per-unit": self.cd_m2_per_unit,
+            "cd-m2-per-unit-sigma": self.cd_m2_per_unit_sigma,
         }
         return [f"--{name}={value}" for name, value in options.items() if value is not None]
 

@@ -40,7 +40,9 @@ def test_every_value_arrives():
     assert shape["flags"] == ["CLIPPED", "MORE_LIGHTS"]
     assert shape["lights"][0]["flags"] == ["CLIPPED"]
     assert shape["lights"][0]["direction_sigma_deg"] is None
-    assert shape["scale"] == {"cd_m2_per_unit": None, "calibrated": False}
+    assert shape["scale"] == {
+        "cd_m2_per_unit": None, "cd_m2_per_unit_sigma": None, "calibrated": False,
+    }  # fmt: skip
     assert shape["model"] == {
         "sh_order": 1,
         "lights": 1,

@@ -1,0 +1,219 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "app/ring_stage.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "include/light_estimate.h"
+#include "include/luminance.h"
+#include "include/panorama.h"
+#include "light/lamp_memory.h"
+#include "light/rotation.h"
+#include "light/sh.h"
+#include "vision/imager.h"
+
+/* Chosen by hand, on the scenes of docs/users/accuracy.md, "With the ring of light sensors". */
+
+/* What a camera's response, vignetting and the panorama's grid do to what one sensor should see. */
+#define SEEN_SIGMA 0.01F
+/* A learned scale follows readings by this share, and grows older than the sun moves. */
+#define LEARNED_SHARE 0.05F
+/* A scale less certain is not told to clients. */
+#define MOST_SCALE_SIGMA 0.2F
+/* Of the light that clips, at most, where the scale is learned. */
+#define MOST_CLIPPED_SHARE 0.02F
+
+void lp_ring_stage_init(struct lp_ring_stage *stage, const struct lp_ring_scale *given)
+{
+	*stage = (struct lp_ring_stage){.given = *given, .learned = {NAN, NAN}};
+}
+
+int lp_ring_stage_resize(struct lp_ring_stage *stage, const struct lp_grid *grid)
+{
+	struct lp_clipped_parts *parts;
+	const int ret = lp_clipped_parts_create(grid, &parts);
+
+	if (ret < 0)
+		return ret;
+	lp_clipped_parts_destroy(stage->parts);
+	stage->parts = parts;
+	stage->fused = false;
+	return 0;
+}
+
+void lp_ring_stage_finish(struct lp_ring_stage *stage)
+{
+	lp_clipped_parts_destroy(stage->parts);
+	stage->parts = NULL;
+}
+
+void lp_ring_stage_sample(struct lp_ring_stage *stage, const struct lp_ring_sample *sample)
+{
+	stage->has_sample = sample;
+	if (sample)
+		stage->sample = *sample;
+}
+
+/* Clipped lamps are parts of their own, whatever they hang together with. */
+static void find_parts(struct lp_clipped_parts *parts, const struct lp_panorama *panorama,
+		       const int32_t *finder_cells, const struct lp_lamp_memory *memory)
+{
+	lp_clipped_parts_clear(parts);
+	for (int k = 0; k < LP_MAX_LAMPS && parts->count < LP_MAX_CLIPPED_PARTS; k++) {
+		const struct lp_remembered_lamp *m = &memory->list[k];
+
+		if (m->id && m->seen && (m->lamp.flags & LP_LIGHT_CLIPPED))
+			lp_clipped_parts_claim(parts, panorama, finder_cells + m->lamp.first,
+					       m->lamp.count, k);
+	}
+	lp_clipped_parts_find(parts, panorama);
+}
+
+static float facing(const float a[3], const float b[3])
+{
+	return fmaxf(a[0] * b[0] + a[1] * b[1] + a[2] * b[2], 0.0F);
+}
+
+/* Lamps are known better than the panorama shows them. */
+static void see_lamps(struct lp_ring_view *view, const struct lp_lamp_memory *memory,
+		      const struct lp_rotation *to_panorama)
+{
+	for (int k = 0; k < LP_RING_SENSORS; k++) {
+		float normal[3];
+
+		lp_ring_direction(k, normal);
+		lp_rotate_direction(to_panorama, normal);
+		for (int p = 0; p < LP_MAX_LAMPS; p++) {
+			const struct lp_remembered_lamp *m = &memory->list[p];
+
+			if (!m->id || !m->seen)
+				continue;
+			view->seen[k] += facing(normal, m->lamp.centroid) *
+						 m->lamp.irradiance[LP_LUMINANCE] -
+					 facing(normal, m->on_grid.centroid) *
+						 m->on_grid.irradiance[LP_LUMINANCE];
+		}
+		view->seen[k] = fmaxf(view->seen[k], 0.0F);
+	}
+}
+
+/* What is found has the colour of what was seen of it. */
+static void colour(const float bound[4], float luminance, float rgb[3])
+{
+	for (int c = 0; c < 3; c++)
+		rgb[c] = bound[LP_LUMINANCE] > 0.0F ? luminance * bound[c] / bound[LP_LUMINANCE]
+						    : luminance;
+}
+
+static void give_to_lamps(const struct lp_ring_stage *stage, struct lp_lamp_memory *memory)
+{
+	for (int j = 0; j < stage->parts->count; j++) {
+		const struct lp_clipped_part *part = &stage->parts->list[j];
+		const float sigma = stage->fusion.sigma[j];
+		float rgb[3];
+
+		if (part->owner < 0)
+			continue;
+		struct lp_remembered_lamp *m = &memory->list[part->owner];
+
+		colour(part->bound, stage->fusion.excess[j], rgb);
+		for (int c = 0; c < 3; c++)
+			m->recovered[c] += rgb[c];
+		m->recovered[LP_LUMINANCE] += stage->fusion.excess[j];
+		m->recovered_sigma = hypotf(m->recovered_sigma, sigma);
+	}
+}
+
+static void learn_scale(struct lp_ring_stage *stage, float clipped_share)
+{
+	const struct lp_ring_scale *now = &stage->fusion.scale;
+	struct lp_ring_scale *held = &stage->learned;
+
+	if (clipped_share > MOST_CLIPPED_SHARE || isnan(now->lux_per_unit))
+		return;
+	if (isnan(held->lux_per_unit) || now->sigma < held->sigma / 2.0F) {
+		*held = *now;
+		return;
+	}
+	held->lux_per_unit += LEARNED_SHARE * (now->lux_per_unit - held->lux_per_unit);
+	held->sigma += LEARNED_SHARE * (now->sigma - held->sigma);
+}
+
+void lp_ring_stage_update(struct lp_ring_stage *stage, const struct lp_imager *imager,
+			  const struct lp_panorama *panorama, const int32_t *finder_cells,
+			  struct lp_lamp_memory *memory, bool unit_is_known)
+{
+	const struct lp_ring_scale nothing = {NAN, NAN};
+	const struct lp_rotation *to_panorama = lp_imager_rotation(imager);
+	struct lp_imager_status status;
+
+	for (int k = 0; k < LP_MAX_LAMPS; k++) {
+		memset(memory->list[k].recovered, 0, sizeof(memory->list[k].recovered));
+		memory->list[k].recovered_sigma = 0.0F;
+	}
+	stage->fused = stage->has_sample;
+	if (!stage->has_sample)
+		return;
+	if (!unit_is_known)
+		stage->learned = nothing;
+	lp_imager_status(imager, &status);
+	find_parts(stage->parts, panorama, finder_cells, memory);
+	lp_ring_view_init(&stage->view, lp_imager_grid(imager), panorama, stage->parts,
+			  to_panorama);
+	see_lamps(&stage->view, memory, to_panorama);
+	stage->view.seen_sigma = hypotf(SEEN_SIGMA, status.irradiance_sigma);
+	lp_ring_fuse(&stage->view, &stage->sample,
+		     !unit_is_known			  ? &nothing
+		     : isnan(stage->learned.lux_per_unit) ? &stage->given
+							  : &stage->learned,
+		     &stage->fusion);
+	if (stage->fusion.verdict != LP_RING_AGREES)
+		return;
+	give_to_lamps(stage, memory);
+	if (unit_is_known)
+		learn_scale(stage, status.clipped_share);
+}
+
+void lp_ring_stage_project(const struct lp_ring_stage *stage, double (*total)[3])
+{
+	for (int j = 0; stage->fused && j < stage->parts->count; j++) {
+		const struct lp_clipped_part *part = &stage->parts->list[j];
+		float rgb[3];
+
+		if (part->owner >= 0 || !(stage->fusion.excess[j] > 0.0F))
+			continue;
+		colour(part->bound, stage->fusion.excess[j], rgb);
+		/* of Omega = 2 pi (1 - cos r) */
+		lp_sh_add_lamp(LP_SH_MAX_ORDER, part->direction, rgb,
+			       acos(fmax(1.0 - part->solid_angle_sr / (2.0 * M_PI), -1.0)), 1.0,
+			       total);
+	}
+}
+
+bool lp_ring_stage_knows(const struct lp_ring_stage *stage, float *variance)
+{
+	if (!stage->fused || stage->fusion.verdict != LP_RING_AGREES)
+		return false;
+	*variance = lp_ring_variance(&stage->fusion, stage->parts);
+	return true;
+}
+
+struct lp_ring_scale lp_ring_stage_scale(const struct lp_ring_stage *stage)
+{
+	const struct lp_ring_scale nothing = {NAN, NAN};
+
+	if (stage->fused && stage->fusion.verdict == LP_RING_AGREES &&
+	    stage->fusion.scale.sigma < MOST_SCALE_SIGMA)
+		return stage->fusion.scale;
+	return stage->given.sigma < MOST_SCALE_SIGMA ? stage->given : nothing;
+}
+
+struct lp_ring_status lp_ring_stage_status(const struct lp_ring_stage *stage)
+{
+	return (struct lp_ring_status){.fused = stage->fused,
+				       .verdict = stage->fusion.verdict,
+				       .wrong = stage->fusion.wrong,
+				       .scale_is_wrong = stage->fusion.scale_is_wrong,
+				       .turned_deg = stage->fusion.turned_deg,
+				       .scale = stage->fusion.scale};
+}

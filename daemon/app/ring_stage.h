@@ -1,0 +1,71 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The ring of light sensors in one estimate: what clips in the panorama is found by the newest
+ * reading (light/ring_fusion.h). Anchor frame (vision/imager.h). Owned and called by the pipeline.
+ */
+#ifndef LP_APP_RING_STAGE_H
+#define LP_APP_RING_STAGE_H
+
+#include <stdbool.h>
+
+#include "light/clipped_parts.h"
+#include "light/ring_fusion.h"
+
+struct lp_grid;
+struct lp_imager;
+struct lp_lamp_memory;
+struct lp_light_estimate;
+
+/* Zeroed has no reading yet; `parts` are created with the grid. */
+struct lp_ring_stage {
+	struct lp_clipped_parts *parts;
+	struct lp_ring_scale given;   /* by the camera file or the user; NAN: none */
+	struct lp_ring_scale learned; /* from readings while little clipped; NAN: not yet */
+	struct lp_ring_sample sample; /* newest */
+	bool has_sample;
+	bool fused; /* the next two are of the newest panorama */
+	struct lp_ring_view view;
+	struct lp_ring_fusion fusion;
+};
+
+/* What the ring said of the newest frame, for health messages. */
+struct lp_ring_status {
+	bool fused;
+	enum lp_ring_verdict verdict;
+	uint32_t wrong;
+	bool scale_is_wrong;
+	float turned_deg;
+	struct lp_ring_scale scale;
+};
+
+void lp_ring_stage_init(struct lp_ring_stage *stage, const struct lp_ring_scale *given);
+
+/* For another grid. -ENOMEM: all is as before. */
+int lp_ring_stage_resize(struct lp_ring_stage *stage, const struct lp_grid *grid);
+void lp_ring_stage_finish(struct lp_ring_stage *stage);
+
+/* Of the next frame; NULL: none. */
+void lp_ring_stage_sample(struct lp_ring_stage *stage, const struct lp_ring_sample *sample);
+
+/*
+ * After the lamps of the newest frame have been found. `finder_cells`: of the lamps' finder. What
+ * clipped lamps have beyond their lower bounds goes into memory->list[].recovered. unit_is_known:
+ * the radiance has the unit of the scale that was given (exposures are known).
+ */
+void lp_ring_stage_update(struct lp_ring_stage *stage, const struct lp_imager *imager,
+			  const struct lp_panorama *panorama, const int32_t *finder_cells,
+			  struct lp_lamp_memory *memory, bool unit_is_known);
+
+/* Light of clipped regions that are no lamps, into coefficients up to LP_SH_MAX_ORDER. */
+void lp_ring_stage_project(const struct lp_ring_stage *stage, double (*total)[3]);
+
+/* Whether the ring says how much light clips; then the variance of the irradiance, mean over all
+ * normals (luminance), is what it leaves unknown. */
+bool lp_ring_stage_knows(const struct lp_ring_stage *stage, float *variance);
+
+/* cd/m^2 per unit as known now; NAN: not known within MOST_SCALE_SIGMA. */
+struct lp_ring_scale lp_ring_stage_scale(const struct lp_ring_stage *stage);
+
+struct lp_ring_status lp_ring_stage_status(const struct lp_ring_stage *stage);
+
+#endif

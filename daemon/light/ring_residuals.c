@@ -1,0 +1,197 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "light/ring_residuals.h"
+
+#include <math.h>
+#include <stdbool.h>
+#include <string.h>
+
+/* Chosen by hand, on the scenes of docs/users/accuracy.md, "With the ring of light sensors". */
+
+/* Weights depend on the solution: so often they are made again. */
+#define ROUNDS 4
+/* How dearly light pays that may be none, in halves of a squared sigma per factor e. */
+#define SPARSITY 1.0
+/* How many times the light that was seen of it a clipped part typically hides. */
+#define HIDDEN_RATIO 30.0
+/* A scale of which nothing is known, relative 1 sigma. */
+#define UNKNOWN_SIGMA 10.0
+/* Of the mean reading: what the ring cannot tell. */
+#define LEAST_SIGMA 1e-3
+
+/* Before anything is known of the scale: as if nothing were hidden from the darkest sensor. */
+static double first_scale(const struct lp_ring_problem *problem, uint32_t used)
+{
+	double least = INFINITY;
+
+	if (!isnan(problem->scale.lux_per_unit))
+		return problem->scale.lux_per_unit;
+	for (int k = 0; k < LP_RING_SENSORS; k++)
+		if (used >> k & 1 && problem->view->seen[k] > 0.0F)
+			least = fmin(least, (double)problem->sample->illuminance_lux[k] /
+						    problem->view->seen[k]);
+	return isfinite(least) ? least : 1.0;
+}
+
+static double predicted(const struct lp_ring_view *view, const double *x, int sensor)
+{
+	double lux = x[0] * view->seen[sensor];
+
+	for (int j = 0; j < view->count; j++)
+		lux += x[j + 1] * view->parts[j].weight[sensor];
+	return lux;
+}
+
+/* Variance of a reading around what x predicts: its own, the camera's, and that of where in a part
+ * the light is. A reading that is too low does not count the more for it. */
+static double variance_of(const struct lp_ring_problem *problem, const double *x, int sensor,
+			  double floor_lux)
+{
+	const struct lp_ring_view *view = problem->view;
+	const double lux =
+		fmax(problem->sample->illuminance_lux[sensor], predicted(view, x, sensor));
+	const double own = problem->sample->sigma_relative[sensor] * lux;
+	const double camera = (double)view->seen_sigma * view->seen[sensor] * x[0];
+	double variance = own * own + camera * camera + floor_lux * floor_lux;
+
+	for (int j = 0; j < view->count; j++) {
+		const double place = x[j + 1] * view->parts[j].spread[sensor];
+
+		variance += place * place;
+	}
+	return variance;
+}
+
+static void add_row(struct lp_nnls *normal, const double *row, double value, double variance)
+{
+	for (int i = 0; i < normal->count; i++) {
+		normal->right[i] += row[i] * value / variance;
+		for (int j = 0; j < normal->count; j++)
+			normal->normal[i][j] += row[i] * row[j] / variance;
+	}
+}
+
+static void row_of(const struct lp_ring_view *view, int sensor, double row[LP_NNLS_MAX])
+{
+	row[0] = view->seen[sensor];
+	for (int j = 0; j < view->count; j++)
+		row[j + 1] = view->parts[j].weight[sensor];
+}
+
+struct weights {
+	double scale, scale_sigma; /* prior */
+	double variance[LP_RING_SENSORS];
+};
+
+static void make_normal(const struct lp_ring_problem *problem, uint32_t used,
+			const struct weights *weights, struct lp_nnls *normal)
+{
+	const struct lp_ring_view *view = problem->view;
+	double row[LP_NNLS_MAX], trace = 0.0;
+
+	memset(normal, 0, sizeof(*normal));
+	normal->count = 1 + view->count;
+	for (int k = 0; k < LP_RING_SENSORS; k++) {
+		if (!(used >> k & 1))
+			continue;
+		row_of(view, k, row);
+		add_row(normal, row, problem->sample->illuminance_lux[k], weights->variance[k]);
+	}
+	for (int i = 1; i < normal->count; i++)
+		trace += normal->normal[i][i];
+	memset(row, 0, sizeof(row));
+	row[0] = 1.0;
+	add_row(normal, row, weights->scale, weights->scale_sigma * weights->scale_sigma);
+	for (int i = 1; i < normal->count; i++) /* parts that look alike, or that no sensor sees */
+		normal->normal[i][i] += 1e-9 * trace + 1e-30;
+}
+
+/* At first all parts are taken to hide as many times of what was seen of them, so that of parts
+ * that look alike the larger one is preferred. */
+static void expect_alike(const struct lp_ring_view *view, double scale, struct lp_nnls *normal)
+{
+	for (int j = 0; j < view->count; j++) {
+		const double typical = HIDDEN_RATIO * fmax(view->parts[j].bound * scale, 1e-30);
+
+		normal->normal[j + 1][j + 1] += 1.0 / (typical * typical);
+	}
+}
+
+/* A part that cannot be told from nothing is nothing; a bright one pays little. */
+static void add_prices(const struct lp_ring_view *view, const double *x, double *right)
+{
+	for (int j = 0; j < view->count; j++)
+		right[j + 1] -= SPARSITY / (x[j + 1] + fmax(view->parts[j].bound * x[0], 1e-30));
+}
+
+static void weigh(const struct lp_ring_problem *problem, uint32_t used, const double *x,
+		  double floor_lux, struct weights *weights)
+{
+	for (int k = 0; k < LP_RING_SENSORS; k++)
+		if (used >> k & 1)
+			weights->variance[k] = variance_of(problem, x, k, floor_lux);
+}
+
+static void judge(const struct lp_ring_problem *problem, const struct weights *weights,
+		  struct lp_ring_fit *fit)
+{
+	const double off = (fit->x[0] - weights->scale) / weights->scale_sigma;
+
+	fit->chi2 = off * off;
+	fit->freedom = isnan(problem->scale.lux_per_unit) ? -1.0 : 0.0;
+	for (int k = 0; k < LP_RING_SENSORS; k++) {
+		if (!(fit->used >> k & 1))
+			continue;
+		const double residual =
+			problem->sample->illuminance_lux[k] - predicted(problem->view, fit->x, k);
+
+		fit->chi2 += residual * residual / weights->variance[k];
+		fit->freedom += 1.0;
+	}
+	for (int j = 0; j < problem->view->count; j++)
+		fit->freedom -= fit->x[j + 1] > 0.0;
+	fit->freedom = fmax(fit->freedom, 1.0);
+}
+
+/* An unknown that is 0 can be as much as the slope there, or the curvature, allows. */
+static void bound_sigmas(const struct lp_nnls *normal, struct lp_ring_fit *fit)
+{
+	for (int i = 1; i < normal->count; i++) {
+		double slope = normal->right[i];
+
+		for (int j = 0; j < normal->count; j++)
+			slope -= normal->normal[i][j] * fit->x[j];
+		fit->bound_sigma[i] = 1.0 / fmax(sqrt(normal->normal[i][i]), -slope);
+	}
+}
+
+void lp_ring_fit(const struct lp_ring_problem *problem, uint32_t used, struct lp_ring_fit *fit)
+{
+	struct weights weights = {.scale = first_scale(problem, used)};
+	struct lp_nnls normal;
+	double mean_lux = 0.0;
+
+	*fit = (struct lp_ring_fit){.used = used, .x = {weights.scale}};
+	weights.scale_sigma =
+		weights.scale *
+		(isnan(problem->scale.lux_per_unit) ? UNKNOWN_SIGMA : (double)problem->scale.sigma);
+	if (!(weights.scale_sigma > 0.0)) /* darkness */
+		weights.scale_sigma = 1e-30;
+	for (int k = 0; k < LP_RING_SENSORS; k++)
+		if (used >> k & 1)
+			mean_lux += (double)problem->sample->illuminance_lux[k] / LP_RING_SENSORS;
+	const double floor_lux = fmax(LEAST_SIGMA * mean_lux, 1e-12);
+
+	for (int round = 0; round < ROUNDS; round++) {
+		weigh(problem, used, fit->x, floor_lux, &weights);
+		make_normal(problem, used, &weights, &normal);
+		if (round > 0)
+			add_prices(problem->view, fit->x, normal.right);
+		else
+			expect_alike(problem->view, weights.scale, &normal);
+		lp_nnls_solve(&normal, fit->x);
+	}
+	lp_nnls_covariance(&normal, fit->x, fit->covariance);
+	bound_sigmas(&normal, fit);
+	weigh(problem, used, fit->x, floor_lux, &weights);
+	judge(problem, &weights, fit);
+}

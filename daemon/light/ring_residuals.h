@@ -1,0 +1,29 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* One fit of light/ring_fusion.h to some of the sensors. */
+#ifndef LP_LIGHT_RING_RESIDUALS_H
+#define LP_LIGHT_RING_RESIDUALS_H
+
+#include <stdint.h>
+
+#include "light/nnls.h"
+#include "light/ring_fusion.h"
+
+struct lp_ring_problem {
+	const struct lp_ring_view *view;
+	const struct lp_ring_sample *sample;
+	struct lp_ring_scale scale; /* as known before */
+};
+
+/* Unknown 0 is the scale s, in lux per unit; unknown 1 + j is s x_j, in lux. */
+struct lp_ring_fit {
+	uint32_t used; /* bit k: sensor k counts */
+	double x[LP_NNLS_MAX];
+	double covariance[LP_NNLS_MAX][LP_NNLS_MAX];
+	double bound_sigma[LP_NNLS_MAX]; /* of an unknown that is 0: how much it may be after all */
+	double chi2;			 /* squared residuals in sigmas, the scale's included */
+	double freedom;			 /* number of residuals less unknowns, at least 1 */
+};
+
+void lp_ring_fit(const struct lp_ring_problem *problem, uint32_t used, struct lp_ring_fit *fit);
+
+#endif
