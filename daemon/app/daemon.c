@@ -17,6 +17,7 @@
 #include "app/instruments.h"
 #include "app/options.h"
 #include "app/orientation.h"
+#include "app/ring_only.h"
 #include "app/ring_watch.h"
 #include "app/service.h"
 #include "app/time_control.h"
@@ -57,6 +58,8 @@ struct lp_daemon {
 	int publisher_count;
 	struct lp_health health;
 	struct lp_ring_watch ring_watch;
+	struct lp_ring_only ring_only;
+	struct lp_estimates ring_estimates; /* of the ring alone: too large for a stack */
 	struct lp_governor governor;
 	char preset_reason[96]; /* of the last change that was asked for */
 	bool has_streamed;
@@ -130,9 +133,16 @@ static void on_stamped_frame(void *context, struct lp_frame *frame)
 
 static void on_ring(void *context, const struct lp_ring_sample *sample)
 {
+	static const struct lp_demand all = {LP_MAX_SH_ORDER, LP_MAX_LIGHTS};
 	struct lp_daemon *daemon = context;
 
 	lp_worker_ring(daemon->worker, sample);
+	if (!lp_ring_only_sample(&daemon->ring_only, sample, lp_clock_ns(),
+				 &daemon->ring_estimates))
+		return;
+	daemon->ring_estimates.raw.flags |= lp_instruments_flags(daemon->instruments);
+	daemon->ring_estimates.smoothed.flags = daemon->ring_estimates.raw.flags;
+	lp_hub_publish(daemon->hub, &daemon->ring_estimates, &all);
 }
 
 static void on_frame(void *context, struct lp_frame *frame)
@@ -281,6 +291,7 @@ static void publish(struct lp_daemon *daemon, struct lp_result *result)
 	result->estimates.smoothed.flags |= flags;
 	lp_orientation_judged(&daemon->orientation, &result->estimates.raw.orientation);
 	result->estimates.smoothed.orientation = result->estimates.raw.orientation;
+	lp_ring_only_camera(&daemon->ring_only, &result->estimates.raw, lp_clock_ns());
 	lp_hub_publish(daemon->hub, &result->estimates, &result->demand);
 	lp_governor_estimate(&daemon->governor, lp_clock_ns() - result->estimates.raw.t_arrival_ns);
 }
@@ -432,7 +443,7 @@ static int create_hub(struct lp_daemon *daemon)
 	const struct lp_options *options = daemon->options;
 	const struct lp_pipeline_options pipeline = lp_options_pipeline(options);
 	struct lp_hub_options hub = {
-		.hello = {.source = daemon->source->ops->info.scheme,
+		.hello = {.source = daemon->source ? daemon->source->ops->info.scheme : "none",
 			  .preset = lp_preset_name(options->preset),
 			  .max_sh_order = pipeline.sh_order,
 			  .max_lights = pipeline.max_lights,
@@ -480,10 +491,12 @@ static int create_source(struct lp_daemon *daemon)
 					    .camera = &camera};
 	int ret;
 
+	if (!*daemon->options->source && *daemon->options->ring && !daemon->options->once)
+		return 0; /* the ring alone */
 	if (!*daemon->options->source) {
 		lp_error("lightprobed", "--source",
-			 "no source is given — name a camera with --source=URI; lightprobed --help "
-			 "lists the kinds");
+			 "no source is given — name a camera with --source=URI, or a ring of light "
+			 "sensors alone with --ring=URI; lightprobed --help lists the kinds");
 		return -EINVAL;
 	}
 	ret = lp_source_open(daemon->options->source, &host, &daemon->source);
@@ -546,6 +559,8 @@ static int create_worker(struct lp_daemon *daemon)
 	if (isnan(options.scale.lux_per_unit) && daemon->camera_file->cd_m2_per_unit > 0.0F)
 		options.scale = (struct lp_ring_scale){daemon->camera_file->cd_m2_per_unit,
 						       daemon->camera_file->cd_m2_per_unit_sigma};
+	lp_ring_only_init(&daemon->ring_only, &options.scale, options.smoothing_ms, options.ttl_ms,
+			  lp_clock_ns());
 	ret = lp_pipeline_create(&options, &pipeline);
 	if (ret == 0)
 		ret = lp_worker_create(pipeline, daemon->options->once, &daemon->worker);
@@ -626,7 +641,7 @@ static int start_all(struct lp_daemon *daemon)
 		ret = daemon->sensor->ops->start(daemon->sensor);
 	if (ret == 0)
 		ret = lp_instruments_start(daemon->instruments);
-	return ret == 0 ? daemon->source->ops->start(daemon->source) : ret;
+	return ret == 0 && daemon->source ? daemon->source->ops->start(daemon->source) : ret;
 }
 
 static int create_loop(struct lp_daemon *daemon)

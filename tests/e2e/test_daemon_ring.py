@@ -1,0 +1,157 @@
+"""The ring of light sensors in the daemon: alone, and beside a camera."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from harness import Daemon, camera, jpeg, panorama, run
+from lightprobe.calibrate import ring
+from lightprobe.evaluate import offline
+from lightprobe.evaluate.evaluation import CD_M2_PER_UNIT, Input, RingModel, Studio, reference
+from lightprobe.sim.procedural import random_scene
+
+LIGHTPROBE = Path(sys.executable).parent / "lightprobe"
+RING_ONLY, RING_FAULT = 512, 2048
+DIRECTION = np.array([0.6, 0.8, 0.0])
+#: One lamp of 400 lx in an even surround of 50 cd/m².
+LUX = ",".join(f"{np.pi * 50 + 400 * max(n @ DIRECTION, 0):.6g}" for n in ring.directions())
+
+
+def test_a_ring_alone_gives_light():
+    with (
+        Daemon(f"--ring=sim:?lux={LUX}", "--ttl-ms=100") as daemon,
+        daemon.client(smoothing="RAW") as client,
+    ):
+        hello = client.next()
+        assert (hello.source, hello.has_ring) == ("none", True)
+        estimate = client.until(lambda e: e.flags & RING_ONLY)
+        assert estimate.flags == RING_ONLY
+        assert estimate.cd_m2_per_unit == 1
+        (light,) = estimate.lights
+        assert np.degrees(np.arccos(DIRECTION @ light.direction)) < 1
+        assert light.irradiance[0] == pytest.approx(400, rel=0.02)
+        assert light.flags == 8
+        ambient = estimate.sh.coefficients[0] / np.sqrt(4 * np.pi)
+        assert ambient == pytest.approx(50, rel=0.03)
+
+
+def test_without_camera_and_ring_there_is_no_light():
+    status, _, log = run()
+    assert status == 2
+    assert "--ring=URI" in log
+
+
+def test_the_camera_comes_first_and_the_ring_takes_over():
+    with (
+        camera() as cam,
+        Daemon(f"--source=sim:{cam.path}", f"--ring=sim:?lux={LUX}", "--ttl-ms=300") as daemon,
+        daemon.client() as client,
+    ):
+        cam.accept()
+        client.until(lambda e: e.flags & RING_ONLY)  # no frame yet
+        cam.send(jpeg(panorama()), exposure_us=2000)
+        client.until(lambda e: not e.flags & RING_ONLY)
+        client.until(lambda e: e.flags & RING_ONLY)
+
+
+def test_a_ring_that_sees_other_light_is_told():
+    """The picture is dark on the left, and the sensors are not where they say they are."""
+    lux = "1000,10,900,10,800,10,700,10,10"
+    with (
+        camera() as cam,
+        Daemon(f"--source=sim:{cam.path}", f"--ring=sim:?lux={lux}") as daemon,
+        daemon.client(health_period_ms=100) as client,
+    ):
+        cam.accept()
+        for _ in range(400):
+            cam.send(jpeg(panorama()), exposure_us=2000)
+            health = client.until(lambda h: True, "health")
+            if any(fault.id == "ring-disagrees" for fault in health.faults):
+                break
+        fault = next(fault for fault in health.faults if fault.id == "ring-disagrees")
+        assert "not used" in fault.text
+        cam.send(jpeg(panorama()), exposure_us=2000)
+        client.until(lambda e: e.flags & RING_FAULT)
+
+
+# ---------------------------------------------------------------- by files
+
+SCENE = random_scene(5)
+
+
+@pytest.fixture(scope="module")
+def clipped(tmp_path_factory):
+    """Two exposures of a room whose lamps clip in both; their exposures, and the true readings."""
+    folder = tmp_path_factory.mktemp("clipped")
+    exposures_us = Studio(0).shoot(SCENE, Input("2"), folder)
+    light = SCENE.truth(np.ones(len(SCENE.lamps))).irradiance(ring.directions())
+    settings = RingModel(sigma=0.001, scale_sigma=0.03).read(SCENE, light, 0)
+    lux = np.array([float(word) for word in settings.ring_lux.split(",")])
+    return folder, exposures_us, lux
+
+
+def relighting(clipped, lux, scale=CD_M2_PER_UNIT, sigma=0.03):
+    folder, exposures_us, _ = clipped
+    settings = offline.Settings()
+    if lux is not None:
+        settings = offline.Settings(
+            ring_lux=",".join(f"{value:.7g}" for value in lux),
+            ring_sigma=sigma,
+            cd_m2_per_unit=scale,
+            cd_m2_per_unit_sigma=0.05 if scale else None,
+        )
+    estimate = offline.estimate_folder(folder, exposures_us, settings)
+    return reference(SCENE).score(estimate).relighting_mae
+
+
+BAD = {
+    "all dead": lambda lux: lux * np.nan,
+    "one saturated": lambda lux: np.where(lux == lux.max(), np.nan, lux),
+    "one shorted": lambda lux: np.where(np.arange(9) == 2, 0, lux),
+    "one reads ten times as much": lambda lux: np.where(np.arange(9) == 5, 10 * lux, lux),
+    "a hand before three": lambda lux: np.where(np.isin(np.arange(9), (0, 1, 7)), 0.1 * lux, lux),
+    "turned by 45 degrees": lambda lux: np.append(np.roll(lux[:8], 1), lux[8]),
+    "uncalibrated, a factor of two": lambda lux: (
+        lux * np.exp(np.random.default_rng(4).normal(0, 0.5, 9))
+    ),
+    "lamps that flicker": lambda lux: lux * 1.4,
+    "darkness": lambda lux: 0 * lux,
+}
+
+
+def test_the_ring_finds_what_clips(clipped):
+    alone, with_ring = relighting(clipped, None), relighting(clipped, clipped[2])
+    assert alone > 0.05
+    assert with_ring < alone / 3
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_readings_are_never_worse_than_the_camera_alone(clipped, name):
+    sigma = 0.5 if "uncalibrated" in name else 0.03
+    lux = BAD[name](clipped[2])
+    assert relighting(clipped, lux, sigma=sigma) < relighting(clipped, None) + 0.005
+
+
+@pytest.mark.parametrize("factor", [0.7, 1.3, None])
+def test_a_wrong_scale_is_never_worse_than_the_camera_alone(clipped, factor):
+    scale = CD_M2_PER_UNIT * factor if factor else None
+    assert relighting(clipped, clipped[2], scale) < relighting(clipped, None) + 0.005
+
+
+def test_the_command(clipped):
+    folder, exposures_us, lux = clipped
+    command = [
+        LIGHTPROBE, "estimate", *sorted(folder.glob("*.jpg")),
+        "--exposure-us", ",".join(f"{value:.9g}" for value in exposures_us),
+        "--ring-lux", ",".join(f"{value:.7g}" for value in lux),
+        "--cd-m2-per-unit", str(CD_M2_PER_UNIT), "--json",
+    ]  # fmt: skip
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    shape = json.loads(done.stdout)
+    assert "RING" in shape["lights"][0]["flags"]
+    assert shape["scale"]["cd_m2_per_unit"] == pytest.approx(CD_M2_PER_UNIT, rel=0.05)
+    assert 0 < shape["scale"]["cd_m2_per_unit_sigma"] < 0.06
