@@ -20,6 +20,8 @@
 #define LEARNED_SHARE 0.05F
 /* A scale less certain is not told to clients. */
 #define MOST_SCALE_SIGMA 0.2F
+/* The cosine of a part to the sensor that sees it best, below which the ring does not see it. */
+#define LEAST_WEIGHT 0.1F
 /* Of the light that clips, at most, where the scale is learned. */
 #define MOST_CLIPPED_SHARE 0.02F
 
@@ -105,6 +107,16 @@ static void colour(const float bound[4], float luminance, float rgb[3])
 						    : luminance;
 }
 
+/* No sensor looks down: of what lies straight below the ring knows nothing. */
+static bool any_sensor_sees(const struct lp_ring_part *part)
+{
+	float most = 0.0F;
+
+	for (int k = 0; k < LP_RING_SENSORS; k++)
+		most = fmaxf(most, part->weight[k]);
+	return most > LEAST_WEIGHT;
+}
+
 static void give_to_lamps(const struct lp_ring_stage *stage, struct lp_lamp_memory *memory)
 {
 	for (int j = 0; j < stage->parts->count; j++) {
@@ -112,7 +124,7 @@ static void give_to_lamps(const struct lp_ring_stage *stage, struct lp_lamp_memo
 		const float sigma = stage->fusion.sigma[j];
 		float rgb[3];
 
-		if (part->owner < 0)
+		if (part->owner < 0 || !any_sensor_sees(&stage->view.parts[j]))
 			continue;
 		struct lp_remembered_lamp *m = &memory->list[part->owner];
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from harness import Daemon, camera, jpeg, panorama, run
+from harness import Daemon, camera, jpeg, panorama, run, streaming
 from lightprobe.calibrate import ring
 from lightprobe.evaluate import offline
 from lightprobe.evaluate.evaluation import CD_M2_PER_UNIT, Input, RingModel, Studio, reference
@@ -79,7 +79,7 @@ def test_a_ring_that_sees_other_light_is_told():
 
 # ---------------------------------------------------------------- by files
 
-SCENE = random_scene(5)
+SCENE = random_scene(1)
 
 
 @pytest.fixture(scope="module")
@@ -155,3 +155,54 @@ def test_the_command(clipped):
     assert "RING" in shape["lights"][0]["flags"]
     assert shape["scale"]["cd_m2_per_unit"] == pytest.approx(CD_M2_PER_UNIT, rel=0.05)
     assert 0 < shape["scale"]["cd_m2_per_unit_sigma"] < 0.06
+
+
+# ---------------------------------------------------------------- the scale
+
+
+def calibrate_scale(probe, *arguments):
+    command = [LIGHTPROBE, "calibrate", "scale", probe, "--seconds", "0.5", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120)
+
+
+@pytest.fixture
+def steady_light():
+    """A daemon in an even grey room; the ring beside its camera reads what 300 cd/m² gives."""
+    grey = jpeg(np.full((64, 128, 3), 124, np.uint8), quality=95)
+    lux = np.pi * 300
+    with camera() as cam, Daemon(f"--source=sim:{cam.path}", f"--ring=sim:?lux={lux}") as daemon:
+        cam.accept()
+        with streaming(cam, grey, exposure_us=10000):
+            yield daemon
+
+
+def test_the_scale_by_the_ring_and_by_a_meter(steady_light, tmp_path):
+    uri = f"unix:{steady_light.socket}"
+    by_ring = calibrate_scale(uri, "--json")
+    assert by_ring.returncode == 0, by_ring.stderr
+    found = json.loads(by_ring.stdout)
+    file = tmp_path / "my.camera"
+    by_meter = calibrate_scale(uri, "--lux", np.pi * 300, "--output", file, "--json")
+    assert by_meter.returncode == 0, by_meter.stderr
+    same = json.loads(by_meter.stdout)
+    assert same["cd_m2_per_unit"] == pytest.approx(found["cd_m2_per_unit"], rel=0.02)
+    code = 124 / 255
+    radiance = ((code + 0.055) / 1.055) ** 2.4 / 0.01  # full scale at one second is 1
+    assert found["cd_m2_per_unit"] == pytest.approx(300 / radiance, rel=0.02)
+    assert 0.02 <= found["sigma"] <= 0.04
+    # the daemon then sends it, without any ring
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+    (folder / "0.jpg").write_bytes(jpeg())
+    estimate = offline.estimate_folder(folder, [10000], offline.Settings(camera=str(file)))
+    assert estimate.cd_m2_per_unit == pytest.approx(same["cd_m2_per_unit"], rel=1e-4)
+    assert estimate.cd_m2_per_unit_sigma == pytest.approx(same["sigma"], abs=0.001)
+
+
+def test_a_probe_without_ring_needs_a_meter():
+    with camera() as cam, Daemon(f"--source=sim:{cam.path}") as daemon:
+        cam.accept()
+        with streaming(cam, jpeg(), exposure_us=10000):
+            done = calibrate_scale(f"unix:{daemon.socket}")
+    assert done.returncode == 1
+    assert "--lux" in done.stderr

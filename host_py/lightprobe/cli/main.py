@@ -91,6 +91,9 @@ class Calibrate(LazyGroup):
         "ring": Entry(
             "calibrate_ring:command", "Measure the nine light sensors of the ring.", "calibrate"
         ),
+        "scale": Entry(
+            "calibrate_scale:command", "Measure lux and cd/m² per unit of light.", "calibrate"
+        ),
         "supply": Entry(
             "calibrate_supply:command", "Measure the chip's voltage reference with a multimeter.",
             "calibrate",
