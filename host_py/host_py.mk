@@ -49,6 +49,9 @@ evaluate: build $(BUILD)/scenes/blender.stamp ## measure accuracy against exact 
 accuracy: build $(BUILD)/scenes/blender.stamp ## measure accuracy again and write docs/users/accuracy.md (half an hour)
 	@$(VENV)/bin/python tests/accuracy/report.py
 
+.PHONY: accuracy-ring
+accuracy-ring: build $(BUILD)/scenes/blender.stamp ## its part about the ring of light sensors (five minutes)
+	@$(VENV)/bin/python tests/accuracy/with_ring.py
 .PHONY: accuracy-live
 accuracy-live: build $(BUILD)/scenes/blender.stamp ## its part about turning cameras and changing lamps (a quarter of an hour)
 	@$(VENV)/bin/python tests/accuracy/report.py --only-live

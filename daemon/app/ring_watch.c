@@ -12,11 +12,16 @@
 /* A hand in front of a sensor, or one odd frame, is no fault of the ring. */
 #define LASTS_NS (1 * LP_NS_PER_S)
 
+#define SENSOR_WRONG "ring-sensor-wrong"
+#define TURNED "ring-turned"
+#define DISAGREES "ring-disagrees"
+#define SCALE "ring-scale"
+
 static const char *const ids[] = {
-	[LP_RING_WATCH_SENSORS] = "ring-sensor-wrong",
-	[LP_RING_WATCH_TURNED] = "ring-turned",
-	[LP_RING_WATCH_DISAGREES] = "ring-disagrees",
-	[LP_RING_WATCH_SCALE] = "ring-scale",
+	[LP_RING_WATCH_SENSORS] = SENSOR_WRONG,
+	[LP_RING_WATCH_TURNED] = TURNED,
+	[LP_RING_WATCH_DISAGREES] = DISAGREES,
+	[LP_RING_WATCH_SCALE] = SCALE,
 };
 
 static void name_sensors(uint32_t wrong, char *text, size_t size_bytes)

@@ -25,6 +25,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests/extremes"))
 import changes  # noqa: E402
 import live  # noqa: E402
+import with_ring  # noqa: E402
 from cases import CASES  # noqa: E402
 from recording import markdown as table  # noqa: E402
 from recording import to_json  # noqa: E402
@@ -204,6 +205,7 @@ def main() -> None:
         "lamps": f"{count} scenes:\n\n{lamps_table(lamp_cases, lamps)}",
         "light": light_table(panoramas, possible=True),
         "light-procedural": light_table(lamps),
+        "ring": with_ring.part(),
         "extremes": extremes_table(),
     }
     put(page, parts | live_parts)

@@ -10,7 +10,8 @@ import pytest
 from harness import Daemon, camera, jpeg, panorama, run, streaming
 from lightprobe.calibrate import ring
 from lightprobe.evaluate import offline
-from lightprobe.evaluate.evaluation import CD_M2_PER_UNIT, Input, RingModel, Studio, reference
+from lightprobe.evaluate.evaluation import CD_M2_PER_UNIT, Input, Studio, reference
+from lightprobe.sim import illuminance
 from lightprobe.sim.procedural import random_scene
 
 LIGHTPROBE = Path(sys.executable).parent / "lightprobe"
@@ -87,10 +88,7 @@ def clipped(tmp_path_factory):
     """Two exposures of a room whose lamps clip in both; their exposures, and the true readings."""
     folder = tmp_path_factory.mktemp("clipped")
     exposures_us = Studio(0).shoot(SCENE, Input("2"), folder)
-    light = SCENE.truth(np.ones(len(SCENE.lamps))).irradiance(ring.directions())
-    settings = RingModel(sigma=0.001, scale_sigma=0.03).read(SCENE, light, 0)
-    lux = np.array([float(word) for word in settings.ring_lux.split(",")])
-    return folder, exposures_us, lux
+    return folder, exposures_us, CD_M2_PER_UNIT * illuminance.on_ring(SCENE)
 
 
 def relighting(clipped, lux, scale=CD_M2_PER_UNIT, sigma=0.03):

@@ -19,13 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightprobe import geometry
-from lightprobe.calibrate import ring
-from lightprobe.colour import luminance
 from lightprobe.daemon import DaemonError
 from lightprobe.errors import UsageError
 from lightprobe.evaluate import offline
 from lightprobe.evaluate.metrics import Reference, Score
 from lightprobe.imaging import image
+from lightprobe.sim import illuminance
 from lightprobe.sim.exposure import bracket_us, median_luminance
 from lightprobe.sim.scene import PanoramaScene, Scene
 from lightprobe.sim.sensor import Sensor, encode_jpeg
@@ -92,11 +91,11 @@ class RingModel:
     scale_sigma: float = 0.02  # relative, of the camera's cd/m² per unit, from calibration
     scale_known: bool = True  # whether that was calibrated at all
 
-    def read(self, scene: Scene, irradiance: NDArray[np.float64], seed: int) -> offline.Settings:
-        """Give the daemon's settings for one reading; `irradiance` (9, 3) falls on the sensors."""
+    def read(self, scene: Scene, seed: int) -> offline.Settings:
+        """Give the daemon's settings for one reading."""
         name = zlib.crc32(scene.name.encode())
         rng = np.random.default_rng([seed, name])
-        lux = CD_M2_PER_UNIT * np.asarray(luminance(irradiance)) * rng.normal(1, self.sigma, 9)
+        lux = CD_M2_PER_UNIT * illuminance.on_ring(scene) * rng.normal(1, self.sigma, 9)
         scale = CD_M2_PER_UNIT * rng.normal(1, self.scale_sigma)
         return offline.Settings(
             ring_lux=",".join(f"{value:.7g}" for value in np.maximum(lux, 0)),
@@ -159,10 +158,7 @@ def evaluate(
     def judge(scene: Scene) -> list[Case]:
         truth = reference(scene)
         cases = []
-        reading = offline.Settings()
-        if ring_model:
-            light = scene.truth(np.ones(len(scene.lamps))).irradiance(ring.directions())
-            reading = ring_model.read(scene, light, seed)
+        reading = ring_model.read(scene, seed) if ring_model else offline.Settings()
         for how in ways:
             with tempfile.TemporaryDirectory(prefix="lightprobe-") as name:
                 exposures_us = studio.shoot(scene, how, Path(name))

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from lightprobe import geometry
 from lightprobe.colour import luminance
-from lightprobe.estimate import Estimate
+from lightprobe.estimate import Estimate, LightFlag
 from lightprobe.geometry import Array
 from lightprobe.lamp import Lamp
 
@@ -32,6 +32,7 @@ class LampMatch:
     radius_error_deg: float
     direction_sigma_deg: float | None  # as stated
     irradiance_sigma: float | None  # relative, as stated
+    by_ring: bool = False  # the ring of light sensors found its strength
 
 
 @dataclass(frozen=True)
@@ -86,6 +87,7 @@ def match_lamps(true: Iterable[Lamp], estimate: Estimate) -> tuple[list[LampMatc
                     if sigma is None or not brightness
                     else float(luminance(sigma)) / brightness
                 ),
+                by_ring=bool(light.flags & LightFlag.RING),
             )
         )
     return matches, len(lamps) - len(pairs), len(estimate.lights) - len(pairs)

@@ -39,6 +39,12 @@ class RingLight:
         return self._scale * np.concatenate([equator, up])
 
 
+def on_ring(scene: Scene) -> Array:
+    """∫ luminance · cos on each sensor, (9,), all lamps at full power: exact, from the truth."""
+    truth = scene.truth(np.ones(len(scene.lamps)))
+    return np.asarray(luminance(truth.irradiance(ring.directions())), dtype=np.float64)
+
+
 def _table(scene: Scene) -> Array:
     """Illuminance of base and lamps (1 + lamps, azimuths + 1), the last one from above."""
     layers = scene.render(*_MAP_PX)
