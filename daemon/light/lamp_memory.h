@@ -33,9 +33,9 @@ struct lp_remembered_lamp {
 	float hidden;	    /* of its irradiance, by clipping (light_estimate.h) */
 	float absent_s;	    /* how long it has not been seen */
 	struct lp_flicker flicker; /* of its strength as measured by pixels */
-	float disputed_s;   /* how long detection has drawn other borders (light/holding.h) */
-	bool wide;	    /* an area light */
-	bool listed;	    /* in the newest estimate */
+	float disputed_s; /* how long detection has drawn other borders (light/holding.h) */
+	bool wide;	  /* an area light */
+	bool listed;	  /* in the newest estimate */
 	/* What the ring of light sensors finds of it beyond `lamp`, which is a lower bound: R, G,
 	 * B, luminance, and 1 sigma of the last; 0: nothing. Of the newest frame alone. */
 	float recovered[4], recovered_sigma;
