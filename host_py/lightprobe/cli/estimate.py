@@ -81,7 +81,7 @@ def command(
     settings = offline.Settings(
         camera=camera, preset=preset, panorama_width=panorama_width, detector=detector,
         sh_order=order, lights=lights, area_lights=area_lights, key_light=key_light,
-        sh_order=order, lights=lights, ring_lux=parse_ring(ring_lux),
+        ring_lux=parse_ring(ring_lux),
         ring_sigma=ring_sigma if ring_lux else None, cd_m2_per_unit=cd_m2_per_unit,
     )  # fmt: skip
     result, notes = offline.estimate_files(files, parse_exposures(exposure_us), settings)
