@@ -62,7 +62,8 @@ stages::stages(const lp_camera_file &file) : contestant("stages")
 						  .decode = LP_DECODE_BLOCKS,
 						  .divisor = 1,
 						  .exact_blocks = kExactBlocks,
-						  .follow_turns = false};
+						  .follow_turns = false,
+						  .heed_orientation = false};
 	const struct lp_detector_options detector = {};
 
 	if (lp_camera_create(&file, &camera) < 0 ||
