@@ -1,0 +1,318 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "light/reflection.h"
+
+#include <math.h>
+#include <string.h>
+
+#define RAD ((float)M_PI / 180.0F)
+#define REFRACTIVE_INDEX 1.5F
+
+/* Chosen by hand: how likely each hypothesis is beforehand. What is
+ * left is a lamp. */
+#define PRIOR_POLARIZED 0.08F
+#define PRIOR_FLOOR 0.10F
+#define PRIOR_UPRIGHT 0.02F
+/* Sigma of S1/S0 and S2/S0: of lamps, and of images (index, dirt). */
+#define LAMP_SIGMA 0.03F
+#define IMAGE_SIGMA 0.08F
+/* Where a lamp is expected: the probe stands level, the mirror is flat. */
+#define PLACE_SIGMA_RAD (1.5F * RAD)
+/* Of the logarithm of the reflectance. */
+#define REFLECTANCE_SIGMA 0.4F
+/* Of a near lamp, the image is weaker than by reflectance alone, down to this share. */
+#define LEAST_NEAR_SHARE 0.05F
+/* Irradiances of two lamps of a scene lie within this factor. */
+#define CONTRAST 1000.0F
+/* An image lies further from its lamp than this. */
+#define LEAST_APART_RAD (5.0F * RAD)
+/* Probability from which on it is said. */
+#define SURE 0.9F
+/* Evidence for a turned film: likelihood ratio. */
+#define TURNED 1e3
+
+struct lp_fresnel lp_fresnel(float cosine)
+{
+	const float n = REFRACTIVE_INDEX;
+	const float inside = sqrtf(1.0F - (1.0F - cosine * cosine) / (n * n));
+	const float across = (cosine - n * inside) / (cosine + n * inside);
+	const float along = (n * cosine - inside) / (n * cosine + inside);
+	const float s = across * across, p = along * along;
+
+	return (struct lp_fresnel){.reflectance = (s + p) / 2.0F, .dolp = (s - p) / (s + p)};
+}
+
+/* ---------------------------------------------------------------- geometry */
+
+static float dot(const float a[3], const float b[3])
+{
+	return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+static bool unit(float v[3])
+{
+	const float length = sqrtf(dot(v, v));
+
+	for (int i = 0; length > 1e-6F && i < 3; i++)
+		v[i] /= length;
+	return length > 1e-6F;
+}
+
+static void cross(const float a[3], const float b[3], float to[3])
+{
+	const float c[3] = {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2],
+			    a[0] * b[1] - a[1] * b[0]};
+
+	memcpy(to, c, sizeof(c));
+}
+
+static float angle(const float a[3], const float b[3])
+{
+	float c[3];
+
+	cross(a, b, c);
+	return atan2f(sqrtf(dot(c, c)), dot(a, b));
+}
+
+/* An image in a mirror of normal m (towards the probe's side). */
+struct mirror {
+	float field[3];	   /* along which what is mirrored is polarized: m x d */
+	float mirrored[3]; /* where a far lamp is */
+	struct lp_fresnel fresnel;
+};
+
+static bool mirror_of(const float image[3], const float normal[3], struct mirror *mirror)
+{
+	const float cosine = -dot(normal, image);
+
+	if (!(cosine > 0.02F)) /* grazing: no image can be told from its lamp */
+		return false;
+	for (int i = 0; i < 3; i++)
+		mirror->mirrored[i] = image[i] + 2.0F * cosine * normal[i];
+	cross(normal, image, mirror->field);
+	if (!unit(mirror->field)) { /* straight at it: not polarized */
+		mirror->field[0] = 1.0F;
+		mirror->field[1] = mirror->field[2] = 0.0F;
+	}
+	mirror->fresnel = lp_fresnel(cosine);
+	return true;
+}
+
+/* Upright mirrors are told by the lamp: image, lamp and normal lie in one plane. */
+static bool upright_mirror(const float image[3], const float lamp[3], struct mirror *mirror)
+{
+	const float up[3] = {0.0F, 1.0F, 0.0F};
+	float plane[3], normal[3];
+
+	cross(image, lamp, plane);
+	if (!unit(plane))
+		return false;
+	cross(up, plane, normal);
+	if (!unit(normal))
+		return false;
+	for (int i = 0; dot(normal, image) > 0.0F && i < 3; i++)
+		normal[i] = -normal[i];
+	return mirror_of(image, normal, mirror);
+}
+
+static float gauss(float x, float sigma)
+{
+	const float z = x / sigma;
+
+	return expf(-z * z / 2.0F) / (sqrtf(2.0F * (float)M_PI) * sigma);
+}
+
+/* Whether `lamp` is on the arc from the image to its mirrored direction, and how far beside it. */
+static bool on_arc(const float image[3], const struct mirror *mirror, const float lamp[3],
+		   float *length, float *beside)
+{
+	float plane[3], to_lamp[3];
+
+	cross(image, mirror->mirrored, plane);
+	*length = angle(image, mirror->mirrored);
+	if (!unit(plane) || *length < LEAST_APART_RAD)
+		return false;
+	cross(image, lamp, to_lamp);
+	const float sine = dot(plane, lamp);
+	const float along = atan2f(dot(to_lamp, plane), dot(image, lamp));
+
+	*beside = asinf(fmaxf(fminf(sine, 1.0F), -1.0F));
+	return along > LEAST_APART_RAD && along < *length + 2.0F * PLACE_SIGMA_RAD;
+}
+
+/* ---------------------------------------------------------------- likelihoods */
+
+/* All of them relative to a lamp that stands anywhere with any strength. */
+
+static float strength_density(float log_ratio, const struct lp_fresnel *fresnel, bool far)
+{
+	const float expected = logf(fresnel->reflectance);
+
+	if (far)
+		return gauss(log_ratio - expected, REFLECTANCE_SIGMA);
+	const float below = expected - log_ratio;
+	const float span = -logf(LEAST_NEAR_SHARE);
+
+	return below > -REFLECTANCE_SIGMA && below < span ? 1.0F / (span + REFLECTANCE_SIGMA)
+							  : 0.0F;
+}
+
+static float strength_ratio(const struct lp_suspect *image, const struct lp_suspect *lamp,
+			    const struct lp_fresnel *fresnel, bool far)
+{
+	const float any = 1.0F / logf(CONTRAST);
+
+	return strength_density(logf(image->irradiance / lamp->irradiance), fresnel, far) / any;
+}
+
+/* The lamp is where an image in a floor says; far and near lamps are as likely. */
+static float floor_ratio(const struct lp_suspect *image, const struct lp_suspect *lamp,
+			 const struct mirror *mirror)
+{
+	const float sphere = 4.0F * (float)M_PI;
+	const float off = angle(mirror->mirrored, lamp->direction);
+	const float z = off / PLACE_SIGMA_RAD;
+	const float far = 2.0F / (PLACE_SIGMA_RAD * PLACE_SIGMA_RAD) * expf(-z * z / 2.0F);
+	float length, beside, ratio;
+
+	ratio = 0.5F * far * strength_ratio(image, lamp, &mirror->fresnel, true);
+	if (on_arc(image->direction, mirror, lamp->direction, &length, &beside))
+		ratio += 0.5F * sphere / length * gauss(beside, PLACE_SIGMA_RAD) *
+			 strength_ratio(image, lamp, &mirror->fresnel, false);
+	return ratio;
+}
+
+/* The same of an upright mirror that may face any way: a far lamp is as high as its image, a near
+ * one higher above or deeper below the horizon. */
+static float upright_ratio(const struct lp_suspect *image, const struct lp_suspect *lamp,
+			   const struct mirror *mirror)
+{
+	const float off = asinf(lamp->direction[1]) - asinf(image->direction[1]);
+	const float far = 2.0F * gauss(off, PLACE_SIGMA_RAD);
+	float length, beside;
+
+	if (!on_arc(image->direction, mirror, lamp->direction, &length, &beside))
+		return 0.0F;
+	return 0.5F * far * strength_ratio(image, lamp, &mirror->fresnel, true) +
+	       0.5F * strength_ratio(image, lamp, &mirror->fresnel, false);
+}
+
+/* Probability density of the polarization found, if it is expected to be q, u with `sigma`. */
+static float polarization_density(const struct lp_polarization *p, float q, float u, float sigma)
+{
+	const float xx = p->qq + sigma * sigma, yy = p->uu + sigma * sigma, xy = p->qu;
+	const float determinant = xx * yy - xy * xy;
+	const float dq = p->q - q, du = p->u - u;
+	const float distance = (yy * dq * dq - 2.0F * xy * dq * du + xx * du * du) / determinant;
+
+	return expf(-distance / 2.0F) / (2.0F * (float)M_PI * sqrtf(determinant));
+}
+
+/* What is mirrored is polarized as Fresnel says, or less, by light from beneath the surface. */
+static float image_density(const struct lp_suspect *image, const struct mirror *mirror)
+{
+	static const struct {
+		float share, weight;
+	} parts[] = {{1.0F, 0.6F}, {0.8F, 0.25F}, {0.6F, 0.15F}};
+	const float *field = mirror->field;
+	float right[3], up[3], density = 0.0F;
+
+	lp_stokes_frame(image->direction, right, up);
+	const float x = dot(field, right), y = dot(field, up);
+
+	for (int k = 0; k < 3; k++) {
+		const float dolp = parts[k].share * mirror->fresnel.dolp;
+
+		density += parts[k].weight * polarization_density(&image->polarization,
+								  dolp * (x * x - y * y),
+								  dolp * 2.0F * x * y, IMAGE_SIGMA);
+	}
+	return density;
+}
+
+/* Images are no larger than their lamps, but for a rough surface. */
+static bool has_size(const struct lp_suspect *image, const struct lp_suspect *lamp, float factor,
+		     float margin_deg)
+{
+	return image->radius_deg < factor * lamp->radius_deg + margin_deg;
+}
+
+/* Likelihood that a suspect is the image of a lamp, by the two kinds of mirrors. */
+static float likelihood(const struct lp_suspect *image, const struct lp_suspect *lamp, bool upright)
+{
+	static const float up[3] = {0.0F, 1.0F, 0.0F};
+	const bool known = image->polarization.known;
+	struct mirror mirror;
+	float ratio;
+
+	if (upright && (!known || !has_size(image, lamp, 2.0F, 1.5F)))
+		return 0.0F;
+	if (!has_size(image, lamp, 4.0F, 3.0F))
+		return 0.0F;
+	if (upright ? !upright_mirror(image->direction, lamp->direction, &mirror)
+		    : !mirror_of(image->direction, up, &mirror))
+		return 0.0F;
+	ratio = upright ? upright_ratio(image, lamp, &mirror) : floor_ratio(image, lamp, &mirror);
+	return known ? ratio * image_density(image, &mirror) : ratio;
+}
+
+static struct lp_verdict judge(const struct lp_suspect *suspects, int at,
+			       const struct lp_verdict *verdicts)
+{
+	const struct lp_suspect *s = &suspects[at];
+	const bool known = s->polarization.known;
+	float image = 0.0F;
+	int lamps = 0;
+
+	for (int k = 0; k < at; k++) {
+		if (verdicts[k].kind == LP_CLASS_REFLECTION)
+			continue;
+		lamps++;
+		image += PRIOR_FLOOR * likelihood(s, &suspects[k], false) +
+			 PRIOR_UPRIGHT * likelihood(s, &suspects[k], true);
+	}
+	if (lamps)
+		image /= (float)lamps;
+	const float lamp =
+		(1.0F - PRIOR_FLOOR - PRIOR_UPRIGHT - PRIOR_POLARIZED) *
+		(known ? polarization_density(&s->polarization, 0.0F, 0.0F, LAMP_SIGMA) : 1.0F);
+	const float polarized = PRIOR_POLARIZED * (known ? 1.0F / (float)M_PI : 1.0F);
+	const float all = image + lamp + polarized;
+	struct lp_verdict verdict = {.kind = LP_CLASS_UNSURE, .reflection = image / all};
+
+	if (verdict.reflection > SURE)
+		verdict.kind = LP_CLASS_REFLECTION;
+	else if (known && lamp / all > SURE)
+		verdict.kind = LP_CLASS_LAMP;
+	return verdict;
+}
+
+void lp_tell_reflections(const struct lp_suspect *suspects, int count, struct lp_verdict *verdicts)
+{
+	for (int k = 0; k < count; k++)
+		verdicts[k] = judge(suspects, k, verdicts);
+}
+
+bool lp_film_is_turned(const struct lp_suspect *suspects, int count)
+{
+	static const float up[3] = {0.0F, 1.0F, 0.0F};
+	double evidence = 1.0;
+
+	for (int k = 1; k < count; k++) {
+		struct lp_suspect turned = suspects[k];
+		struct mirror mirror;
+		float as_is = 0.0F, if_turned = 0.0F;
+
+		if (!turned.polarization.known || !mirror_of(suspects[k].direction, up, &mirror))
+			continue;
+		turned.polarization.q = -turned.polarization.q;
+		turned.polarization.u = -turned.polarization.u;
+		for (int j = 0; j < k; j++) {
+			as_is += likelihood(&suspects[k], &suspects[j], false);
+			if_turned += likelihood(&turned, &suspects[j], false);
+		}
+		const float other = (float)k / (float)M_PI;
+
+		evidence *= (double)(if_turned + other) / (double)(as_is + other);
+	}
+	return evidence > TURNED;
+}
