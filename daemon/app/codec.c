@@ -55,6 +55,8 @@ SAME(LP_ESTIMATE_NO_LIGHT, EstimateFlag_ESTIMATE_FLAG_NO_LIGHT);
 SAME(LP_ESTIMATE_MOTION, EstimateFlag_ESTIMATE_FLAG_MOTION);
 SAME(LP_ESTIMATE_FLICKER, EstimateFlag_ESTIMATE_FLAG_FLICKER);
 SAME(LP_ESTIMATE_COVERED, EstimateFlag_ESTIMATE_FLAG_COVERED);
+SAME(LP_ESTIMATE_POLARIZATION_UNKNOWN, EstimateFlag_ESTIMATE_FLAG_POLARIZATION_UNKNOWN);
+SAME(LP_ESTIMATE_FILM_TURNED, EstimateFlag_ESTIMATE_FLAG_FILM_TURNED);
 SAME(LP_WHEEL_UNKNOWN, Wheel_Phase_UNKNOWN);
 SAME(LP_WHEEL_HOMING, Wheel_Phase_HOMING);
 SAME(LP_WHEEL_MOVING, Wheel_Phase_MOVING);
@@ -112,6 +114,14 @@ static bool copy_finite(float *to, const float *from, size_t count)
 	return true;
 }
 
+static void fill_polarization(lightprobe_v1_Light *wire, const struct lp_light_polarization *p)
+{
+	wire->has_dolp_percent = p->known && scaled(p->dolp, 100, &wire->dolp_percent);
+	wire->has_aolp_deg = p->known && known(p->aolp_deg, &wire->aolp_deg);
+	wire->has_reflection_percent =
+		p->judged && scaled(p->reflection, 100, &wire->reflection_percent);
+}
+
 static bool fill_light(lightprobe_v1_Light *wire, const struct lp_light *light)
 {
 	wire->id = light->id;
@@ -131,6 +141,7 @@ static bool fill_light(lightprobe_v1_Light *wire, const struct lp_light *light)
 		    !copy_finite(wire->axis, light->axis, 3))
 			return false;
 	}
+	fill_polarization(wire, &light->polarization);
 	return copy_finite(wire->direction, light->direction, 3) &&
 	       copy_finite(wire->irradiance, light->irradiance, 3) &&
 	       copy_finite(&wire->angular_radius_deg, &light->angular_radius_deg, 1);
@@ -391,6 +402,7 @@ static int read_subscription(const lightprobe_v1_Subscription *wire,
 	subscription->number = wire->number;
 	subscription->key_light = wire->key_light;
 	subscription->area_lights = wire->area_lights;
+	subscription->leave_out_reflections = wire->leave_out_reflections;
 	return 0;
 }
 

@@ -25,7 +25,8 @@ struct lp_subscription {
 	bool key_light;		   /* light/key.h */
 	float tolerance;	   /* relative; 0: the largest model allowed */
 	uint32_t health_period_ms; /* 0: none */
-	uint32_t number;	   /* the client's own, echoed in its estimates; 0: the defaults */
+	bool leave_out_reflections;
+	uint32_t number; /* the client's own, echoed in its estimates; 0: the defaults */
 };
 
 /* Everything that makes one client's estimate packet differ from another's. */

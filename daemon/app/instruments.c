@@ -166,6 +166,18 @@ int lp_instruments_start(struct lp_instruments *instruments)
 	return ret;
 }
 
+/* Where the wheel goes: what the polarizer needs, unless the user names several angles. */
+static struct lp_floats wheel_angles(const struct lp_options *options)
+{
+	const struct lp_polarizer *polarizer = &options->polarizer;
+
+	if (polarizer->mode == LP_POLARIZER_FIXED)
+		return (struct lp_floats){1, {polarizer->fixed_deg}};
+	if (polarizer->mode == LP_POLARIZER_SWEEP && options->wheel_angles_deg.count < 2)
+		return (struct lp_floats){4, {0.0F, 45.0F, 90.0F, 135.0F}};
+	return options->wheel_angles_deg;
+}
+
 static int open_rotator(struct lp_instruments *self, const struct lp_options *options)
 {
 	const struct lp_rotator_host host = {.context = self,
@@ -181,13 +193,15 @@ static int open_rotator(struct lp_instruments *self, const struct lp_options *op
 						.sigma_deg = NAN,
 						.clock_sigma_us = NAN};
 	self->health->report.has_wheel = true;
+	const struct lp_floats angles = wheel_angles(options);
+
 	self->sweep = (struct lp_sweep){
 		.host = {.context = self, .frame = emit, .move = move, .look = look},
 		.report = report,
-		.angle_count = options->wheel_angles_deg.count,
+		.pass_turning = options->polarizer.mode != LP_POLARIZER_OFF,
+		.angle_count = angles.count,
 		.dwell_ns = (int64_t)((double)options->wheel_dwell_ms * 1e6)};
-	memcpy(self->sweep.angles_deg, options->wheel_angles_deg.values,
-	       sizeof(self->sweep.angles_deg));
+	memcpy(self->sweep.angles_deg, angles.values, sizeof(self->sweep.angles_deg));
 	return lp_rotator_open(options->rotator, &host, &self->rotator);
 }
 

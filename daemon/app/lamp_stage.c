@@ -9,6 +9,7 @@
 #include "light/detection.h"
 #include "light/grid.h"
 #include "light/holding.h"
+#include "light/reflection.h"
 #include "light/rotation.h"
 #include "vision/imager.h"
 
@@ -23,6 +24,10 @@
  * share of its peak. Chosen by hand. */
 #define LONGEST_MISS_S 0.3F
 #define STILL_THERE 0.5F
+/* Of readings through a film while the camera turns: they may miss a part of the lamp. */
+#define TURNING_MISFIT 100.0F
+/* A lamp that has been listed as a mirror image stays one down to this probability. */
+#define STILL_IMAGE 0.5F
 
 static float radius_rad(const struct lp_lamp *lamp)
 {
@@ -52,6 +57,13 @@ static void look_closer(const struct lp_lamp_memory *memory, struct lp_imager *i
 			    fmaxf(pixels->irradiance[LP_LUMINANCE], 1e-30F);
 
 	sighting->scale = lp_imager_scale(imager);
+	const struct lp_film_view *film = lp_imager_film(imager);
+
+	struct lp_imager_status status;
+
+	lp_imager_status(imager, &status);
+	sighting->film_misfit = status.rotation_sigma_deg > 0.0F ? TURNING_MISFIT : 1.0F;
+	sighting->through_film = film && lp_film_axis(film, pixels->direction, sighting->film_axis);
 	sighting->strength_sigma = fmaxf(hypotf(lp_imager_strength_sigma(imager, pixels), noise),
 					 LEAST_IRRADIANCE_SIGMA);
 }
@@ -98,6 +110,65 @@ void lp_lamp_stage_hold(struct lp_lamp_stage *stage, struct lp_detection *detect
 		      elapsed_s(stage, panorama->t_capture_ns));
 }
 
+/* All remembered lamps, strongest first; returns how many. */
+static int all_lamps(struct lp_lamp_stage *stage, struct lp_remembered_lamp *list[LP_MAX_LAMPS])
+{
+	int count = 0;
+
+	for (int k = 0; k < LP_MAX_LAMPS; k++) {
+		struct lp_remembered_lamp *m = &stage->memory.list[k];
+		int at = count;
+
+		if (!m->id)
+			continue;
+		for (; at > 0 && list[at - 1]->lamp.irradiance[LP_LUMINANCE] <
+					 m->lamp.irradiance[LP_LUMINANCE];
+		     at--)
+			list[at] = list[at - 1];
+		list[at] = m;
+		count++;
+	}
+	return count;
+}
+
+/* By the lamp's own pixels; of one too large for these, by its cells. */
+static void measure_polarization(struct lp_remembered_lamp *m, const struct lp_imager *imager,
+				 const struct lp_lamp_finder *finder)
+{
+	m->polarization = lp_stokes_polarization(&m->stokes);
+	if (!m->polarization.known && m->seen)
+		m->polarization = lp_imager_polarization(imager, finder->cells + m->on_grid.first,
+							 m->on_grid.count);
+}
+
+/* Which of the remembered lamps are mirror images of others. */
+static void tell_reflections(struct lp_lamp_stage *stage, const struct lp_imager *imager,
+			     const struct lp_lamp_finder *finder)
+{
+	struct lp_remembered_lamp *lamps[LP_MAX_LAMPS];
+	struct lp_suspect suspects[LP_MAX_LAMPS];
+	struct lp_verdict verdicts[LP_MAX_LAMPS];
+	const int count = all_lamps(stage, lamps);
+
+	for (int k = 0; k < count; k++) {
+		const struct lp_lamp *lamp = &lamps[k]->lamp;
+
+		measure_polarization(lamps[k], imager, finder);
+		suspects[k] = (struct lp_suspect){.irradiance = lamp->irradiance[LP_LUMINANCE],
+						  .radius_deg = radius_rad(lamp) * DEG,
+						  .polarization = lamps[k]->polarization};
+		memcpy(suspects[k].direction, lamp->direction, sizeof(lamp->direction));
+	}
+	lp_tell_reflections(suspects, count, verdicts);
+	stage->film_is_turned = lp_film_is_turned(suspects, count);
+	for (int k = 0; k < count; k++) {
+		lamps[k]->image_probability = verdicts[k].reflection;
+		lamps[k]->reflection =
+			verdicts[k].kind == LP_CLASS_REFLECTION ||
+			(lamps[k]->reflection && verdicts[k].reflection > STILL_IMAGE);
+	}
+}
+
 void lp_lamp_stage_update(struct lp_lamp_stage *stage, struct lp_imager *imager,
 			  const struct lp_detection *detection,
 			  const struct lp_lamp_stage_work *work, int64_t t_capture_ns)
@@ -119,6 +190,8 @@ void lp_lamp_stage_update(struct lp_lamp_stage *stage, struct lp_imager *imager,
 
 	lp_lamp_memory_update(&stage->memory, sightings, finder->count, &times);
 	stage->t_ns = t_capture_ns;
+	if (work->has_film)
+		tell_reflections(stage, imager, finder);
 }
 
 /* Whether a lamp is there: detection may miss one that is on its threshold. */
@@ -208,6 +281,17 @@ static float strength_sigma(const struct lp_remembered_lamp *m)
 		       : fmaxf(sqrtf(m->strength_variance), LEAST_IRRADIANCE_SIGMA);
 }
 
+static struct lp_light_polarization polarization_of(const struct lp_remembered_lamp *m)
+{
+	const struct lp_polarization p = m->polarization;
+
+	return (struct lp_light_polarization){.judged = !isnan(m->image_probability),
+					      .known = p.known,
+					      .reflection = m->image_probability,
+					      .dolp = p.dolp,
+					      .aolp_deg = p.aolp_deg};
+}
+
 static void list_light(const struct lp_remembered_lamp *m, struct lp_light *light)
 {
 	const struct lp_lamp *lamp = &m->lamp;
@@ -229,7 +313,9 @@ static void list_light(const struct lp_remembered_lamp *m, struct lp_light *ligh
 	light->hidden = m->recovered_sigma > 0.0F ? 0.0F : m->hidden;
 	light->flags = lamp->flags | (m->seen ? 0 : LP_LIGHT_HELD) |
 		       (m->wide ? LP_LIGHT_EXTENDED : 0) |
-		       (m->recovered_sigma > 0.0F ? LP_LIGHT_RING : 0);
+		       (m->recovered_sigma > 0.0F ? LP_LIGHT_RING : 0) |
+		       (m->reflection ? LP_LIGHT_REFLECTION : 0);
+	light->polarization = polarization_of(m);
 }
 
 int lp_lamp_stage_list(struct lp_lamp_stage *stage, const struct lp_grid *grid,

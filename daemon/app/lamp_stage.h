@@ -7,6 +7,7 @@
 #ifndef LP_APP_LAMP_STAGE_H
 #define LP_APP_LAMP_STAGE_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "include/light_estimate.h"
@@ -20,12 +21,14 @@ struct lp_panorama;
 /* Zeroed is a new one. */
 struct lp_lamp_stage {
 	struct lp_lamp_memory memory;
-	int64_t t_ns; /* of the last update; 0: none yet */
+	int64_t t_ns;	     /* of the last update; 0: none yet */
+	bool film_is_turned; /* lp_film_is_turned() */
 };
 
 struct lp_lamp_stage_work {
 	int wanted_lights; /* so many, and a few that may take their places, are looked at closer */
 	int refine_cells; /* largest lamp looked at closer, in cells that hold its light; 0: none */
+	bool has_film;
 };
 
 /* The frame just loaded shows how the camera is turned by the lamps that are remembered: they tell

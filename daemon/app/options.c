@@ -173,6 +173,26 @@ static int parse_ring_lux(const char *text, void *field)
 	return *text || lux->count != LP_RING_SENSORS ? -EINVAL : 0;
 }
 
+/* off, sweep, or fixed:DEG. */
+static int parse_polarizer(const char *text, void *field)
+{
+	struct lp_polarizer *polarizer = field;
+	char *end;
+
+	*polarizer = (struct lp_polarizer){.mode = LP_POLARIZER_OFF};
+	if (strcmp(text, "off") == 0)
+		return 0;
+	polarizer->mode = LP_POLARIZER_SWEEP;
+	if (strcmp(text, "sweep") == 0)
+		return 0;
+	if (strncmp(text, "fixed:", 6) != 0 || !text[6])
+		return -EINVAL;
+	polarizer->mode = LP_POLARIZER_FIXED;
+	polarizer->fixed_deg = strtof(text + 6, &end);
+	return *end || !(polarizer->fixed_deg >= 0.0F && polarizer->fixed_deg <= 180.0F) ? -EINVAL
+											 : 0;
+}
+
 /* ---------------------------------------------------------------- the table */
 
 static const struct lp_param config_list[] = {
@@ -249,6 +269,17 @@ static const struct lp_param config_list[] = {
 	{"wheel-angles", LP_PARAM_FLOATS, offsetof(struct lp_options, wheel_angles_deg),
 	 .initial = "0", .max = 180,
 	 .help = "angles of the wheel in degrees: one to stay at, or several to visit in turn"},
+	{"polarizer", LP_PARAM_OWN, offsetof(struct lp_options, polarizer), .initial = "off",
+	 .parse = parse_polarizer, .expects = "off|sweep|fixed:DEGREES",
+	 .help = "the wheel carries a polarizing film: measure how light is polarized and tell\n"
+		 "reflections from lamps (sweep: at the wheel's angles, by default 0, 45, 90 and\n"
+		 "135; fixed: only divide by what the film lets through); off: light is what\n"
+		 "passes the film"},
+	{"polarizer-transmission", LP_PARAM_FLOAT,
+	 offsetof(struct lp_options, polarizer_transmission), .initial = "0.84", .min = 0.01,
+	 .max = 1, .help = "of the film: of light along its axis plus of light across it"},
+	{"polarizer-extinction", LP_PARAM_FLOAT, offsetof(struct lp_options, polarizer_extinction),
+	 .initial = "500", .min = 1, .max = 1e9, .help = "extinction ratio of the film"},
 	{"wheel-dwell-ms", LP_PARAM_FLOAT, offsetof(struct lp_options, wheel_dwell_ms),
 	 .initial = "500", .max = 3600000,
 	 .help = "how long the wheel stays at each of several angles"},
@@ -470,6 +501,10 @@ struct lp_pipeline_options lp_options_pipeline(const struct lp_options *options)
 				 ? (struct lp_ring_scale){options->cd_m2_per_unit,
 							  options->cd_m2_per_unit_sigma}
 				 : (struct lp_ring_scale){NAN, NAN},
+		.film_transmission = options->polarizer.mode == LP_POLARIZER_OFF
+					     ? 0.0F
+					     : options->polarizer_transmission,
+		.film_extinction = options->polarizer_extinction,
 		.smoothing_ms = options->smoothing_ms,
 		.ttl_ms = options->ttl_ms,
 	};

@@ -26,6 +26,12 @@ struct lp_orientation_choice {
 	char uri[LP_URI_MAX_BYTES]; /* of the sensor */
 };
 
+/* How the angles of the wheel are used. */
+struct lp_polarizer {
+	enum { LP_POLARIZER_OFF, LP_POLARIZER_SWEEP, LP_POLARIZER_FIXED } mode;
+	float fixed_deg;
+};
+
 struct lp_options {
 	char source[LP_URI_MAX_BYTES];
 	struct lp_uri_texts publish;
@@ -49,6 +55,8 @@ struct lp_options {
 	float ring_sigma;		/* of these, relative */
 	float cd_m2_per_unit, cd_m2_per_unit_sigma; /* 0: not known */
 	struct lp_floats wheel_angles_deg;
+	struct lp_polarizer polarizer;
+	float polarizer_transmission, polarizer_extinction;
 	float wheel_dwell_ms;
 	int max_clients;
 	char name[64]; /* of the probe; "": the host's */

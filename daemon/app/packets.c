@@ -39,7 +39,9 @@ struct kind {
 
 struct lp_packets {
 	struct lp_pool *pool;
-	struct packet *raw[RAW_VARIANTS]; /* of the present estimate; NULL: not yet */
+	/* Of the present estimate, with reflections and without; NULL: not yet. */
+	struct packet *raw[2][RAW_VARIANTS];
+	struct lp_light_estimate others; /* workspace: the raw estimate without reflections */
 	struct kind kinds[KINDS];
 	uint64_t asked;
 };
@@ -50,8 +52,8 @@ struct lp_packets *lp_packets_create(int most_held)
 
 	if (!self)
 		return NULL;
-	self->pool =
-		lp_pool_create(sizeof(struct packet), most_held + RAW_VARIANTS + 8 * KINDS, NULL);
+	self->pool = lp_pool_create(sizeof(struct packet), most_held + 2 * RAW_VARIANTS + 8 * KINDS,
+				    NULL);
 	if (!self->pool) {
 		free(self);
 		return NULL;
@@ -111,7 +113,8 @@ static struct lp_listing_limits limits_of(const struct lp_demand *computed,
 					  .lights =
 						  min_int(wanted->max_lights, computed->max_lights),
 					  .areas = wanted->area_lights,
-					  .tolerance = fmaxf(wanted->tolerance, 0.0F)};
+					  .tolerance = fmaxf(wanted->tolerance, 0.0F),
+					  .leave_out_reflections = wanted->leave_out_reflections};
 }
 
 /* The momentary model for one client: the smallest under its tolerance, or the largest it allows.
@@ -141,7 +144,7 @@ static int raw_index(const struct lp_variant *variant)
 static bool same_limits(const struct lp_listing_limits *a, const struct lp_listing_limits *b)
 {
 	return a->sh_order == b->sh_order && a->lights == b->lights && a->areas == b->areas &&
-	       a->tolerance == b->tolerance;
+	       a->tolerance == b->tolerance && a->leave_out_reflections == b->leave_out_reflections;
 }
 
 static void forget(struct packet **slot)
@@ -236,10 +239,14 @@ struct lp_packet *lp_packets_estimate(struct lp_packets *packets,
 	struct lp_variant variant;
 	struct packet **slot;
 
+	if (wanted->raw && wanted->leave_out_reflections) {
+		lp_leave_out_reflections(estimate, &packets->others);
+		estimate = &packets->others;
+	}
 	if (wanted->raw) {
 		variant = choose_raw(estimate, &limits, wanted);
 		variant.world = world;
-		slot = &packets->raw[raw_index(&variant)];
+		slot = &packets->raw[wanted->leave_out_reflections][raw_index(&variant)];
 	} else {
 		struct kind *kind = kind_of(packets, &limits);
 
@@ -259,7 +266,8 @@ struct lp_packet *lp_packets_estimate(struct lp_packets *packets,
 void lp_packets_forget(struct lp_packets *packets)
 {
 	for (int i = 0; i < RAW_VARIANTS; i++)
-		forget(&packets->raw[i]);
+		for (int left_out = 0; left_out < 2; left_out++)
+			forget(&packets->raw[left_out][i]);
 	for (int k = 0; k < KINDS; k++)
 		forget_kind(&packets->kinds[k]);
 }

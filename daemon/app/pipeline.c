@@ -137,6 +137,22 @@ static void destroy_stages(const struct stages *stages)
 	lp_imager_destroy(stages->imager);
 }
 
+/* One sheet in front of each lens; an equirectangular camera has one across its forward axis. */
+static struct lp_film film_of(const struct lp_pipeline *p)
+{
+	struct lp_film film =
+		lp_film_of_one_sheet(p->options.film_transmission, p->options.film_extinction);
+
+	if (p->camera->projection == LP_EQUIRECT)
+		return film;
+	for (int k = 0; k < p->camera->lens_count && k < LP_MAX_SHEETS; k++) {
+		film.sheet_count = k + 1;
+		for (int i = 0; i < 9; i++)
+			film.lens[k].m[i / 3][i % 3] = p->camera->lens[k].rotation[i / 3][i % 3];
+	}
+	return film;
+}
+
 static int create_stages(const struct lp_pipeline *p, const struct preset *preset,
 			 struct stages *stages)
 {
@@ -145,6 +161,7 @@ static int create_stages(const struct lp_pipeline *p, const struct preset *prese
 						 .decode = preset->decode,
 						 .divisor = preset->divisor,
 						 .exact_blocks = preset->exact_blocks,
+						 .film = film_of(p),
 						 .follow_turns = p->options.orientation !=
 								 LP_ORIENTATION_NONE,
 						 .heed_orientation = p->options.orientation >
@@ -319,6 +336,10 @@ static uint32_t flags_of(const struct lp_pipeline *p, const struct lp_panorama *
 		flags |= LP_ESTIMATE_FLICKER;
 	if (status->covered)
 		flags |= LP_ESTIMATE_COVERED;
+	if (status->angles_missing)
+		flags |= LP_ESTIMATE_POLARIZATION_UNKNOWN;
+	if (p->lamps.film_is_turned)
+		flags |= LP_ESTIMATE_FILM_TURNED;
 	if (!(mean > 0.0F))
 		flags |= LP_ESTIMATE_NO_LIGHT;
 	if (p->in_force < p->options.preset)
@@ -529,7 +550,8 @@ static struct lp_bracket_decision judge(struct lp_pipeline *p, float reported_us
 static struct lp_lamp_stage_work lamp_work(const struct lp_pipeline *p)
 {
 	return (struct lp_lamp_stage_work){.wanted_lights = p->wanted_lights,
-					   .refine_cells = p->preset.refine_cells};
+					   .refine_cells = p->preset.refine_cells,
+					   .has_film = p->options.film_transmission > 0.0F};
 }
 
 /* The frame loaded last corrects what is known. */

@@ -48,6 +48,8 @@ struct lp_pipeline_options {
 	int sh_order;	/* 0..4: highest order estimated */
 	int brackets; /* most exposures of a bracket of our own making; 0: exposure is left alone */
 	enum lp_orientation_kind orientation;
+	/* In front of the lens, with a wheel whose angle frames carry; transmission 0: none. */
+	float film_transmission, film_extinction;
 	struct lp_ring_scale scale; /* cd/m^2 per unit of radiance; NAN: not known */
 	float smoothing_ms;	    /* time constant of the smoothed estimate; 0: none */
 	float ttl_ms;

@@ -37,6 +37,10 @@ static void pass(struct lp_sweep *sweep, struct lp_frame *frame, float wheel_deg
 
 static void leave_out(struct lp_sweep *sweep, struct lp_frame *frame)
 {
+	if (sweep->pass_turning) {
+		pass(sweep, frame, NAN, NAN);
+		return;
+	}
 	sweep->report->frames_moving++;
 	lp_frame_release(frame);
 }

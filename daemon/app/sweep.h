@@ -30,6 +30,9 @@ struct lp_sweep_host {
 struct lp_sweep {
 	struct lp_sweep_host host;
 	struct lp_wheel_report *report; /* counted into; borrowed */
+	/* Frames exposed while the wheel turns are good for all but polarization: they pass without
+	 * an angle. Else they are left out. */
+	bool pass_turning;
 	int angle_count;
 	float angles_deg[LP_SWEEP_ANGLES];
 	int64_t dwell_ns;

@@ -14,8 +14,8 @@
 /* Same values as LightFlag of lightprobe.proto; app/codec.c asserts it. */
 enum lp_light_flag {
 	LP_LIGHT_CLIPPED = 1 << 0,
-	LP_LIGHT_REFLECTION = 1 << 1, /* not set yet */
-	LP_LIGHT_EXTENDED = 1 << 2,   /* an area light */
+	LP_LIGHT_REFLECTION = 1 << 1,
+	LP_LIGHT_EXTENDED = 1 << 2, /* an area light */
 	LP_LIGHT_RING = 1 << 3,
 	LP_LIGHT_HELD = 1 << 4,
 };
@@ -39,6 +39,18 @@ enum lp_estimate_flag {
 	LP_ESTIMATE_MOTION = 1 << 14,
 	LP_ESTIMATE_FLICKER = 1 << 15,
 	LP_ESTIMATE_COVERED = 1 << 16,
+	LP_ESTIMATE_POLARIZATION_UNKNOWN = 1 << 17,
+	LP_ESTIMATE_FILM_TURNED = 1 << 18,
+};
+
+/* How a lamp's light is polarized. Zeroed: nothing is known. */
+struct lp_light_polarization {
+	bool judged;	  /* whether it is a mirror image */
+	bool known;	  /* dolp and aolp_deg */
+	float reflection; /* probability that it is a mirror image of another lamp, 0..1 */
+	float dolp;	  /* degree of linear polarization, 0..1 */
+	float aolp_deg; /* angle of it, 0..180: 0 horizontal, counter-clockwise as seen from inside
+			 */
 };
 
 /* One lamp. Unknown values are NAN. Directions are unit vectors towards the light, probe frame. */
@@ -58,6 +70,7 @@ struct lp_light {
 	float distance_m;	/* always NAN yet */
 	float hidden; /* relative to irradiance: what clipping may hide, where lights are ranked */
 	uint32_t flags; /* enum lp_light_flag */
+	struct lp_light_polarization polarization;
 };
 
 /* How the probe was turned when a frame was captured. Zeroed: not known. */

@@ -31,6 +31,10 @@
 #define HIDDEN_S 1.0F
 /* A lamp becomes an area light, or an area light a lamp, beyond LP_COMPACT_DEG by this factor. */
 #define STAYS_WIDE 1.4F
+/* Of the strength of a lamp seen through a film, until it is known how the lamp is polarized; and
+ * the smallest share that a film passes by which a strength is told. */
+#define FILM_STRENGTH_SIGMA 0.1F
+#define LEAST_FILM_FACTOR 0.1F
 /* Of what the panorama shows of a lamp, then and now: beyond this ratio it is another light. */
 #define LEAST_RATIO 0.6F
 
@@ -169,6 +173,43 @@ static void take_mean(struct lp_remembered_lamp *m)
 	m->lamp.flags |= lp_flicker_clips(&m->flicker) ? LP_LIGHT_CLIPPED : 0;
 }
 
+/* What a film at any angle may change of the lamp's strength; 0 without a film. */
+static float known_dolp(const struct lp_remembered_lamp *m)
+{
+	const struct lp_polarization p = lp_stokes_polarization(&m->stokes);
+
+	return p.known ? p.dolp : 0.0F;
+}
+
+/* The sighting as it would be without a film: what the film's angle tells of the lamp's
+ * polarization is learned first. */
+static struct lp_lamp_sighting without_film(struct lp_remembered_lamp *m,
+					    const struct lp_lamp_sighting *s, float elapsed_s)
+{
+	struct lp_lamp_sighting result = *s;
+	const float light = s->pixels.irradiance[LP_LUMINANCE];
+	struct lp_stokes_reading reading = {.intensity = light,
+					    .sigma = s->strength_sigma * light,
+					    .misfit = s->film_misfit,
+					    .axis = {s->film_axis[0], s->film_axis[1]}};
+	float factor = 1.0F, sigma = FILM_STRENGTH_SIGMA;
+
+	if (!s->through_film) { /* or at an angle that is not known */
+		result.strength_sigma = hypotf(s->strength_sigma, known_dolp(m));
+		return result;
+	}
+	(void)lp_stokes_correct(&m->stokes, &reading, elapsed_s);
+	const struct lp_polarization p = lp_stokes_polarization(&m->stokes);
+
+	if (p.known)
+		lp_film_factor(&p, s->film_axis, &factor, &sigma);
+	factor = fmaxf(factor, LEAST_FILM_FACTOR);
+	for (int c = 0; c < 4; c++)
+		result.pixels.irradiance[c] /= factor;
+	result.strength_sigma = hypotf(s->strength_sigma, sigma / factor);
+	return result;
+}
+
 static void measure(struct lp_remembered_lamp *m, const struct lp_lamp_sighting *s,
 		    const struct lp_memory_times *times)
 {
@@ -268,12 +309,15 @@ static void follow(struct lp_remembered_lamp *m, const struct lp_lamp_sighting *
 	const bool is_bound = s->pixels.flags & LP_LIGHT_CLIPPED;
 
 	m->on_grid = s->on_grid;
+	const struct lp_lamp_sighting bare =
+		is_bound || !s->refined ? *s : without_film(m, s, times->elapsed_s);
+
 	if (s->refined && s->pixels.irradiance[LP_LUMINANCE] > 0.0F)
 		lp_flicker_add(&m->flicker,
-			       &(struct lp_lamp_strength){s->pixels.irradiance[LP_LUMINANCE],
-							  s->strength_sigma, s->scale, is_bound});
+			       &(struct lp_lamp_strength){bare.pixels.irradiance[LP_LUMINANCE],
+							  bare.strength_sigma, s->scale, is_bound});
 	if (s->refined && !is_bound)
-		measure(m, s, times);
+		measure(m, &bare, times);
 	else
 		keep_or_take(m, s);
 	if (s->refined && m->flicker.flickers)
@@ -306,6 +350,7 @@ void lp_lamp_memory_update(struct lp_lamp_memory *memory, const struct lp_lamp_s
 							    .hidden = hidden(&sightings[k].on_grid),
 							    .wide = sightings[k].width_deg >=
 								    LP_COMPACT_DEG,
+							    .image_probability = NAN,
 							    .seen = true};
 		}
 		if (place[k] >= 0)
@@ -419,6 +464,7 @@ void lp_lamp_memory_turn(struct lp_lamp_memory *memory, const struct lp_rotation
 	for (int p = 0; p < LP_MAX_LAMPS; p++) {
 		struct lp_remembered_lamp *m = &memory->list[p];
 
+		lp_stokes_turn(&m->stokes, lp_stokes_frame_turn(turn, m->lamp.direction));
 		lp_rotate_direction(turn, m->lamp.direction);
 		lp_rotate_direction(turn, m->lamp.centroid);
 		lp_rotate_direction(turn, m->on_grid.direction);

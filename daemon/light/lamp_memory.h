@@ -13,6 +13,7 @@
 
 #include "light/flicker.h"
 #include "light/lamps.h"
+#include "light/polarization.h"
 
 struct lp_rotation;
 
@@ -39,6 +40,10 @@ struct lp_remembered_lamp {
 	/* What the ring of light sensors finds of it beyond `lamp`, which is a lower bound: R, G,
 	 * B, luminance, and 1 sigma of the last; 0: nothing. Of the newest frame alone. */
 	float recovered[4], recovered_sigma;
+	struct lp_stokes stokes;	     /* of its luminance above the surround; anchor frame */
+	struct lp_polarization polarization; /* by `stokes`, or by its cells */
+	float image_probability; /* that it is the mirror image of another lamp; NAN: not judged */
+	bool reflection;	 /* it is listed as the mirror image of another lamp */
 };
 
 struct lp_lamp_memory {
@@ -54,8 +59,11 @@ struct lp_lamp_sighting {
 	float strength_sigma; /* of pixels.irradiance, relative */
 	float scale;	      /* of the frame: full scale to radiance */
 	float width_deg;
+	float film_misfit;  /* lp_stokes_reading.misfit */
+	float film_axis[2]; /* only if `through_film`: of the film (light/polarization.h) */
 	bool refined;
 	bool enters; /* strong and clear enough to become a lamp; else it only goes on being one */
+	bool through_film; /* pixels were seen through a film, whose gain they are divided by */
 };
 
 struct lp_memory_times {

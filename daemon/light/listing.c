@@ -17,6 +17,11 @@
 #define STILL_FITS 1.15F
 #define MODEL_PATIENCE_S 1.0F
 
+static bool is_reflection(const struct lp_light *light)
+{
+	return light->flags & LP_LIGHT_REFLECTION;
+}
+
 static const struct lp_light *find(const struct lp_light_estimate *estimate, uint32_t id)
 {
 	for (int k = 0; k < estimate->light_count; k++)
@@ -115,9 +120,9 @@ static void enter(struct lp_listing *listing, uint32_t id, float share)
 
 /* A lamp outside that has been stronger for long enough sends the weakest one off. */
 static void challenge(struct lp_listing *listing, const struct lp_light_estimate *estimate,
-		      float elapsed_s)
+		      const struct lp_light_estimate *candidates, float elapsed_s)
 {
-	const struct lp_light *outside = strongest_outside(listing, estimate);
+	const struct lp_light *outside = strongest_outside(listing, candidates);
 	struct lp_listed *last = weakest(listing, estimate);
 
 	if (!outside || !last ||
@@ -135,8 +140,9 @@ static void challenge(struct lp_listing *listing, const struct lp_light_estimate
 	}
 }
 
+/* candidates: the lights of the estimate that may enter. */
 static void update_places(struct lp_listing *listing, const struct lp_light_estimate *estimate,
-			  float elapsed_s)
+			  const struct lp_light_estimate *candidates, float elapsed_s)
 {
 	const struct lp_light *next;
 
@@ -146,10 +152,10 @@ static void update_places(struct lp_listing *listing, const struct lp_light_esti
 	for (int extra = count_listed(listing, true) - listing->lights; extra > 0; extra--)
 		weakest(listing, estimate)->leaves = true;
 	while (count_listed(listing, false) < listing->lights &&
-	       (next = strongest_outside(listing, estimate)) != NULL)
+	       (next = strongest_outside(listing, candidates)) != NULL)
 		enter(listing, next->id, listing->started ? 0.0F : 1.0F);
 	if (count_listed(listing, false) == listing->lights)
-		challenge(listing, estimate, elapsed_s);
+		challenge(listing, estimate, candidates, elapsed_s);
 	for (int p = 0; p < LP_MAX_LIGHTS; p++) {
 		struct lp_listed *l = &listing->place[p];
 		const float step = elapsed_s / LP_LISTING_FADE_S;
@@ -160,6 +166,41 @@ static void update_places(struct lp_listing *listing, const struct lp_light_esti
 	}
 }
 
+void lp_leave_out_reflections(const struct lp_light_estimate *estimate,
+			      struct lp_light_estimate *others)
+{
+	int before = estimate->light_count; /* the first one left out */
+
+	*others = *estimate;
+	others->light_count = 0;
+	for (int k = 0; k < estimate->light_count; k++) {
+		if (!is_reflection(&estimate->lights[k]))
+			others->lights[others->light_count++] = estimate->lights[k];
+		else if (before > k)
+			before = k;
+		if (is_reflection(&estimate->lights[k]) &&
+		    k >= estimate->light_count - estimate->area_count)
+			others->area_count--;
+	}
+	for (int order = 0; order <= LP_MAX_SH_ORDER; order++)
+		for (int k = before + 1; k <= LP_MAX_LIGHTS; k++)
+			others->predicted_error[order][k] = others->predicted_error[order][before];
+	if (others->light_count < estimate->light_count)
+		others->flags |= LP_ESTIMATE_MORE_LIGHTS;
+}
+
+/* Reflections fade from a list that is to be without them. */
+static void send_off_reflections(struct lp_listing *listing,
+				 const struct lp_light_estimate *estimate)
+{
+	for (int k = 0; k < estimate->light_count; k++) {
+		struct lp_listed *l = place_of(listing, estimate->lights[k].id);
+
+		if (l && is_reflection(&estimate->lights[k]))
+			l->leaves = true;
+	}
+}
+
 int lp_listing_update(struct lp_listing *listing, const struct lp_light_estimate *all,
 		      const struct lp_listing_limits *limits, struct lp_light_estimate *listed)
 {
@@ -167,12 +208,19 @@ int lp_listing_update(struct lp_listing *listing, const struct lp_light_estimate
 	const struct lp_light_estimate *estimate = &allowed;
 	const int64_t elapsed_ns = listing->started ? all->t_capture_ns - listing->t_ns : 0;
 	const float elapsed_s = elapsed_ns > 0 ? (float)elapsed_ns / 1e9F : 0.0F;
+	struct lp_light_estimate others;
+	const struct lp_light_estimate *candidates = estimate;
 	int whole = 0;
 
 	if (!limits->areas)
 		allowed.light_count -= all->area_count;
-	choose_model(listing, estimate, limits, elapsed_s);
-	update_places(listing, estimate, elapsed_s);
+	if (limits->leave_out_reflections) {
+		lp_leave_out_reflections(estimate, &others);
+		send_off_reflections(listing, estimate);
+		candidates = &others;
+	}
+	choose_model(listing, candidates, limits, elapsed_s);
+	update_places(listing, estimate, candidates, elapsed_s);
 	listing->started = true;
 	listing->t_ns = estimate->t_capture_ns;
 
@@ -197,6 +245,6 @@ int lp_listing_update(struct lp_listing *listing, const struct lp_light_estimate
 	if (listed->light_count < all->light_count - all->area_count)
 		listed->flags |= LP_ESTIMATE_MORE_LIGHTS;
 	listed->predicted_error[listing->sh_order][listed->light_count] =
-		estimate->predicted_error[listing->sh_order][whole];
+		candidates->predicted_error[listing->sh_order][whole];
 	return listing->sh_order;
 }

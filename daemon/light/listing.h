@@ -18,8 +18,9 @@
 /* What a subscription allows. */
 struct lp_listing_limits {
 	int sh_order, lights;
-	bool areas;	 /* area lights may be listed, too */
-	float tolerance; /* of the predicted error; 0: everything that is allowed */
+	bool areas;		    /* area lights may be listed, too */
+	float tolerance;	    /* of the predicted error; 0: everything that is allowed */
+	bool leave_out_reflections; /* LP_LIGHT_REFLECTION: their light stays in AMBIENT */
 };
 
 struct lp_listed {
@@ -45,5 +46,10 @@ struct lp_listing {
  */
 int lp_listing_update(struct lp_listing *listing, const struct lp_light_estimate *estimate,
 		      const struct lp_listing_limits *limits, struct lp_light_estimate *listed);
+
+/* A copy without the lights that are reflections. Its predicted errors are upper bounds: those with
+ * the lights before the first one left out. */
+void lp_leave_out_reflections(const struct lp_light_estimate *estimate,
+			      struct lp_light_estimate *others);
 
 #endif

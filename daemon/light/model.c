@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "include/luminance.h"
+#include "light/polarization.h"
 
 static double luminance(const double rgb[3])
 {
@@ -118,6 +119,11 @@ void lp_model_turn(struct lp_light_estimate *estimate, const struct lp_rotation 
 	for (int k = 0; k < estimate->light_count; k++) {
 		struct lp_light *const light = &estimate->lights[k];
 
+		const float turn_deg =
+			lp_stokes_frame_turn(rotation, light->direction) * 180.0F / (float)M_PI;
+
+		light->polarization.aolp_deg =
+			fmodf(light->polarization.aolp_deg - turn_deg + 360.0F, 180.0F);
 		lp_rotate_direction(rotation, light->direction);
 		lp_rotate_direction(rotation, light->axis);
 		light->direction_sigma_deg = hypotf(light->direction_sigma_deg, sigma_deg);

@@ -17,6 +17,9 @@
 #define HALF_LIFE_S 8.0F
 /* Sigmas beyond which a reading contradicts what is known. */
 #define GATE 5.0F
+/* Share of the newest reading in the mean of how far readings are off. */
+#define MISFIT_GAIN 0.1F
+#define MOST_MISFIT 100.0F
 /* What more readings do not lessen, in S1/S0: the response of the camera. */
 #define LEAST_SIGMA 0.008F
 /* Polarization with a larger sigma than this is not known. */
@@ -144,18 +147,18 @@ static double variance_along(const double p[6], const float axis[2])
 	return p[0] + x * x * p[3] + y * y * p[5] + 2.0 * (x * p[1] + y * p[2] + x * y * p[4]);
 }
 
-static bool contradicts(const struct lp_stokes *stokes, const struct lp_stokes_reading *reading,
-			float scale, double variance)
+/* Squared, in variances: how far a reading is from what is known. */
+static float deviation(const struct lp_stokes *stokes, const struct lp_stokes_reading *reading,
+		       float scale, double variance)
 {
 	if (!(stokes->normal[0] > 0.0F))
-		return false;
+		return 0.0F;
 	const struct solution known = solve(stokes, scale);
 	const double expected =
 		known.s[0] + reading->axis[0] * known.s[1] + reading->axis[1] * known.s[2];
 	const double off = reading->intensity - expected;
 
-	return off * off >
-	       GATE * GATE * (variance + variance_along(known.covariance, reading->axis));
+	return (float)(off * off / (variance + variance_along(known.covariance, reading->axis)));
 }
 
 bool lp_stokes_correct(struct lp_stokes *stokes, const struct lp_stokes_reading *reading,
@@ -167,8 +170,17 @@ bool lp_stokes_correct(struct lp_stokes *stokes, const struct lp_stokes_reading 
 	const float scale = fmaxf(stokes->scale, reading->intensity);
 	const float film = FILM_SIGMA * scale;
 	const float variance = reading->sigma * reading->sigma + film * film;
-	const bool changed = contradicts(stokes, reading, scale, variance);
+	const float off = deviation(stokes, reading, scale, variance);
+	const bool contradicts = off > GATE * GATE, changed = contradicts && stokes->doubted;
 	const float kept = changed ? 0.0F : exp2f(-fmaxf(elapsed_s, 0.0F) / HALF_LIFE_S);
+
+	if (changed || !(stokes->normal[0] > 0.0F))
+		stokes->misfit = reading->misfit;
+	else
+		stokes->misfit += MISFIT_GAIN * (fminf(off, MOST_MISFIT) - stokes->misfit);
+	stokes->doubted = contradicts && !changed;
+	if (stokes->doubted)
+		return false;
 	const float h[3] = {1.0F, reading->axis[0], reading->axis[1]};
 
 	stokes->scale = changed ? reading->intensity : scale;
@@ -196,7 +208,7 @@ static void normalise(const struct solution *x, struct lp_polarization *result)
 }
 
 /* Debiased after Wardle and Kronberg 1974. */
-static void degree_and_angle(struct lp_polarization *r)
+void lp_polarization_complete(struct lp_polarization *r)
 {
 	const float biased = hypotf(r->q, r->u);
 	const float x = biased > 0.0F ? r->q / biased : 1.0F,
@@ -223,13 +235,16 @@ struct lp_polarization lp_stokes_polarization(const struct lp_stokes *stokes)
 
 	if (!(stokes->normal[0] > 0.0F) || !(stokes->right[0] > 0.0F))
 		return result;
-	const struct solution x = solve(stokes, stokes->scale);
+	struct solution x = solve(stokes, stokes->scale);
+
+	for (int i = 0; i < 6; i++) /* readings that do not fit each other say less */
+		x.covariance[i] *= fmax(stokes->misfit, 1.0);
 
 	if (!(x.s[0] > 0.0))
 		return result;
 	result.s0 = (float)x.s[0];
 	normalise(&x, &result);
-	degree_and_angle(&result);
+	lp_polarization_complete(&result);
 	return result;
 }
 
@@ -241,6 +256,18 @@ void lp_film_factor(const struct lp_polarization *polarization, const float axis
 
 	*factor = 1.0F + x * p->q + y * p->u;
 	*sigma = sqrtf(fmaxf(x * x * p->qq + 2.0F * x * y * p->qu + y * y * p->uu, 0.0F));
+}
+
+float lp_stokes_frame_turn(const struct lp_rotation *turn, const float direction[3])
+{
+	float to[3] = {direction[0], direction[1], direction[2]};
+	float right[3], up[3], new_right[3], new_up[3];
+
+	lp_stokes_frame(direction, right, up);
+	lp_rotate_direction(turn, to);
+	lp_stokes_frame(to, new_right, new_up);
+	lp_rotate_direction(turn, right);
+	return -atan2f(dot(right, new_up), dot(right, new_right));
 }
 
 void lp_stokes_turn(struct lp_stokes *stokes, float turn_rad)

@@ -67,13 +67,18 @@ bool lp_film_axis(const struct lp_film_view *view, const float direction[3], flo
 struct lp_stokes {
 	float normal[6]; /* xx xy xz yy yz zz */
 	float right[3];
-	float scale; /* the brightest reading: what S0 may be while little is known */
+	float scale;  /* the brightest reading: what S0 may be while little is known */
+	float misfit; /* squared deviation of readings, in their variances, as a moving mean */
+	bool doubted; /* the reading before contradicted what is known, and was left out */
 };
 
 struct lp_stokes_reading {
 	float intensity; /* behind the film, divided by its gain */
 	float sigma;	 /* of it */
 	float axis[2];	 /* lp_film_axis() */
+	/* How far the readings of a new series may be off, squared, in their variances, until they
+	 * have shown it: 1, and more where a turning camera may look beside what is measured. */
+	float misfit;
 };
 
 /* What is known. q = S1/S0, u = S2/S0. */
@@ -86,18 +91,25 @@ struct lp_polarization {
 	bool known;			/* three angles that differ enough have told q and u */
 };
 
-/* A reading, elapsed_s after the one before. True: it contradicts what is known, which is
- * forgotten; the reading is then the first of a new series. Readings <= 0 or not finite are left
- * out. */
+/* A reading, elapsed_s after the one before. One that contradicts what is known is left out; if the
+ * next one does so, too, all before it is forgotten and true is returned. Readings <= 0 or not
+ * finite are left out. */
 bool lp_stokes_correct(struct lp_stokes *stokes, const struct lp_stokes_reading *reading,
 		       float elapsed_s);
 
 /* Until the readings tell S1 and S2, they are taken as 0 with a sigma of half of S0. */
 struct lp_polarization lp_stokes_polarization(const struct lp_stokes *stokes);
 
+/* Fill in dolp, aolp_deg, their sigmas and `known` from q, u and their covariance. */
+void lp_polarization_complete(struct lp_polarization *polarization);
+
 /* How much of S0 a film passes, by what is known: 1 + axis (q, u), and its sigma. */
 void lp_film_factor(const struct lp_polarization *polarization, const float axis[2], float *factor,
 		    float *sigma);
+
+/* What is seen along `direction` is turned: the angle to hand to lp_stokes_turn(), and to take from
+ * AoLP, to describe it in the frame of the turned direction. */
+float lp_stokes_frame_turn(const struct lp_rotation *turn, const float direction[3]);
 
 /* Express S1, S2 in a frame whose x axis is turned counter-clockwise by turn_rad. */
 void lp_stokes_turn(struct lp_stokes *stokes, float turn_rad);

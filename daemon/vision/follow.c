@@ -6,6 +6,7 @@
 #include "vision/alignment.h"
 #include "vision/imager_internal.h"
 #include "vision/lookup.h"
+#include "vision/stokes_map.h"
 
 /* Of a cell's mean, in codes, besides the rounding of its own (vision/code_noise.h). */
 #define CODE_SIGMA 0.5F
@@ -161,11 +162,13 @@ static void place_map(struct lp_imager *imager)
  * witness says clearly that it turns. */
 static void follow_turn(struct lp_imager *imager, double elapsed_s)
 {
-	const struct lp_observation seen = lp_imager_observation(imager);
+	struct lp_observation seen = lp_imager_observation(imager);
 	struct lp_motion by_rate = imager->motion, by_witness;
 	const bool told = predict_by_witness(imager, elapsed_s, &by_witness);
 
 	lp_motion_predict(&by_rate, elapsed_s);
+	if (imager->stokes && lp_rotation_is_identity(&imager->motion.rotation))
+		lp_stokes_map_see_through(imager->stokes, lp_imager_film(imager), &seen);
 	if (told || imager->motion.turning || !lp_rotation_is_identity(&imager->motion.rotation) ||
 	    imager->update.changed > LEAST_CHANGED ||
 	    lp_radiance_map_contradicting(imager->map, &seen) > LEAST_CONTRADICTING) {
@@ -218,6 +221,8 @@ bool lp_imager_rest(struct lp_imager *imager, struct lp_rotation *turn)
 		return false;
 	*turn = lp_rotation_inverse(&imager->motion.rotation);
 	lp_radiance_map_turn(imager->map, imager->lookup, &imager->motion.rotation);
+	if (imager->stokes)
+		lp_stokes_map_turn(imager->stokes, &imager->motion.rotation);
 	lp_witness_anchor(&imager->witness, &imager->motion.rotation);
 	lp_motion_anchor(&imager->motion);
 	return true;

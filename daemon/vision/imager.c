@@ -13,6 +13,7 @@
 #include "vision/alignment.h"
 #include "vision/lookup.h"
 #include "vision/remap.h"
+#include "vision/stokes_map.h"
 
 /* Exposures within half a stop of each other are one setting: an automatic camera on its way, no
  * bracket. Chosen by hand (docs/maintainers/constants.md). */
@@ -53,6 +54,8 @@ int lp_imager_create(const struct lp_camera *camera, const struct lp_imager_opti
 		ret = lp_lookup_create(m->grid, &m->lookup);
 	if (ret == 0)
 		ret = lp_alignment_create(m->grid, &m->alignment);
+	if (ret == 0 && options->film.gain > 0.0F)
+		ret = lp_stokes_map_create(m->grid, &m->stokes);
 	if (ret < 0)
 		goto err_destroy;
 	ret = -ENOMEM;
@@ -93,6 +96,7 @@ void lp_imager_destroy(struct lp_imager *imager)
 	free(imager->turned);
 	free(imager->mapped_flags);
 	free(imager->mapped);
+	lp_stokes_map_destroy(imager->stokes);
 	lp_alignment_destroy(imager->alignment);
 	lp_lookup_destroy(imager->lookup);
 	lp_radiance_map_destroy(imager->map);
@@ -119,6 +123,8 @@ void lp_imager_forget(struct lp_imager *imager)
 {
 	lp_radiance_map_forget(imager->map);
 	imager->cover = (struct lp_cover){.found = false};
+	if (imager->stokes)
+		lp_stokes_map_forget(imager->stokes);
 	memset(imager->recent, 0, sizeof(imager->recent));
 	imager->t_map_ns = 0;
 }
@@ -223,12 +229,13 @@ static bool sane(const struct lp_frame *frame)
 	       (isnan(frame->gain) || frame->gain > 0.0F);
 }
 
-/* float frames are radiance already: the exposure names the frame, it does not scale it */
-static float scale_of(const struct lp_exposure *exposure, float exposure_us)
+/* Full scale to radiance. Float frames are radiance already: the exposure names the frame, it does
+ * not scale it. */
+static float scale_of(const struct lp_imager *imager, bool coded, float exposure_us)
 {
-	const bool coded = !isnan(exposure->cells.mean_code);
+	const float gain = imager->options.film.gain > 0.0F ? imager->options.film.gain : 1.0F;
 
-	return coded && !isnan(exposure_us) ? 1e6F / exposure_us : 1.0F;
+	return (coded && !isnan(exposure_us) ? 1e6F / exposure_us : 1.0F) / gain;
 }
 
 /* The newest frame's cells on the panorama's grid. */
@@ -284,15 +291,15 @@ int lp_imager_load(struct lp_imager *imager, struct lp_frame *frame, float expec
 	imager->t_capture_ns = frame->t_start_ns + duration_ns / 2;
 	imager->testimony = testimony_of(imager, frame);
 	incoming->exposure_us = expected_us;
-	incoming->scale = isnan(expected_us) || frame->format == LP_FORMAT_RGB_F32
-				  ? 1.0F
-				  : 1e6F / expected_us;
+	incoming->scale = scale_of(imager, frame->format != LP_FORMAT_RGB_F32, expected_us);
+	imager->wheel_deg = frame->wheel_deg;
 	ret = lp_exposure_load(incoming, frame, &options, imager->row_weight, &imager->response);
 	if (ret < 0)
 		return ret;
 	map_cells(imager);
 	if (imager->cover.found) /* most likely still */
 		lp_cover_mark(&imager->cover, imager->grid, imager->seen.flags);
+	lp_imager_place_film(imager);
 	lp_imager_follow(imager);
 	imager->loaded = true;
 	return 0;
@@ -371,6 +378,7 @@ static void observe(struct lp_imager *imager)
 		seen.step2 = imager->step2;
 		seen.place_variance = (float)(PLACE_SIGMA * PLACE_SIGMA + sigma * sigma);
 	}
+	lp_imager_see_through(imager, &seen);
 	imager->update = lp_radiance_map_observe(imager->map, &seen);
 	if (imager->update.changed > CHANGED) {
 		/* a lamp that is switched lights all of the room, little of it beyond doubt */
@@ -471,7 +479,7 @@ static void show(struct lp_imager *imager)
 void lp_imager_settle(struct lp_imager *imager, float exposure_us)
 {
 	struct lp_exposure *incoming = &imager->incoming;
-	const float scale = scale_of(incoming, exposure_us);
+	const float scale = scale_of(imager, !isnan(incoming->cells.mean_code), exposure_us);
 
 	incoming->exposure_us = exposure_us;
 	if (incoming->scale == scale)
@@ -528,7 +536,8 @@ void lp_imager_status(const struct lp_imager *imager, struct lp_imager_status *s
 		.orientation_left_out = imager->witness.left_out,
 		.covered = imager->cover.found,
 		.covered_s = imager->covered_s,
-		.covered_share = imager->covered_share};
+		.covered_share = imager->covered_share,
+		.angles_missing = imager->stokes && !lp_stokes_polarization(&imager->angles).known};
 	for (int k = 0; k < LP_MAX_BRACKET; k++) {
 		const struct lp_recent_exposure *e = &imager->recent[k];
 

@@ -11,8 +11,10 @@
 #define LP_VISION_IMAGER_H
 
 #include <stdbool.h>
+#include <stdint.h>
 
 #include "include/frame.h"
+#include "light/polarization.h"
 #include "vision/exposure.h"
 
 #ifdef __cplusplus
@@ -36,6 +38,7 @@ struct lp_imager_options {
 	int exact_blocks;      /* BLOCKS: most blocks decoded after all */
 	bool follow_turns;     /* see by the frames how the camera turns; false: it never does */
 	bool heed_orientation; /* follow_turns: and by what they carry (frame.h) */
+	struct lp_film film;   /* in front of the lens; gain 0: none */
 };
 
 /* What went into the panorama. */
@@ -60,6 +63,7 @@ struct lp_imager_status {
 	bool covered;		   /* something hides part of the camera's view */
 	float covered_s;	   /* for how long by now */
 	float covered_share;	   /* of the light: what was known where the view is hidden */
+	bool angles_missing; /* a film, but too few of its angles to tell how light is polarized */
 };
 
 /* The camera is borrowed until destroy. */
@@ -103,6 +107,14 @@ struct lp_panorama *lp_imager_panorama(struct lp_imager *imager);
 
 /* Camera to anchor frame, at the newest frame's capture time. Valid until the next load. */
 const struct lp_rotation *lp_imager_rotation(const struct lp_imager *imager);
+
+/* The film in front of the newest frame, anchor frame. NULL: there is none, or its angle is not
+ * known. Valid until the next load. */
+const struct lp_film_view *lp_imager_film(const struct lp_imager *imager);
+
+/* How the light of the panorama's cells is polarized, anchor frame; not known without a film. */
+struct lp_polarization lp_imager_polarization(const struct lp_imager *imager, const int32_t *cells,
+					      int count);
 
 /* Lamps say how the frame just loaded is turned (light/motion.h: lp_motion_correct_by_landmarks()).
  */

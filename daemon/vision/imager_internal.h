@@ -15,6 +15,7 @@
 struct lp_alignment;
 struct lp_lookup;
 struct lp_remap;
+struct lp_stokes_map;
 
 /* An alignment that fewer of the compared pixels agree with is none. */
 #define LP_LEAST_AGREEMENT 0.4F
@@ -64,6 +65,11 @@ struct lp_imager {
 	uint8_t *turned_flags;
 	float *step2;
 
+	struct lp_stokes_map *stokes; /* NULL: no film */
+	struct lp_film_view film; /* of the newest frame, anchor frame; sheet_count 0: unknown */
+	float wheel_deg;	  /* of the newest frame; NAN: unknown */
+	struct lp_stokes angles;  /* what unpolarized light would tell by the angles so far */
+
 	uint64_t serial;
 	uint64_t changed_serial; /* of the last frame that showed other light than before it */
 	double changed_s;	 /* when that was, by the map's time */
@@ -83,6 +89,11 @@ struct lp_imager {
 
 /* What the newest frame says, in the camera's frame. */
 struct lp_observation lp_imager_observation(const struct lp_imager *imager);
+
+/* film.c: the film as it stood in the newest frame, in the frame of the map. */
+void lp_imager_place_film(struct lp_imager *imager);
+/* What the film's angle tells, and then the frame as it would be without the film. */
+void lp_imager_see_through(struct lp_imager *imager, struct lp_observation *seen);
 
 /* Where the camera looks in the newest frame (follow.c); and, once all that shows it has been
  * heard, what that says of the witness. */

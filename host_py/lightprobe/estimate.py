@@ -49,6 +49,8 @@ class EstimateFlag(IntFlag):
     MOTION = 16384
     FLICKER = 32768
     COVERED = 65536
+    POLARIZATION_UNKNOWN = 131072
+    FILM_TURNED = 262144
 
 
 #: The flags in words, each with what to do about it where something can be done.
@@ -72,7 +74,10 @@ FLAG_WORDS: dict[str, str] = {
     "MOTION": "the frames do not tell how the camera turned: directions may be off",
     "FLICKER": "lamps flicker with the mains; what is reported of them is a mean",
     "COVERED": "something covers part of the lens; what was known of the light there is kept",
-    "REFLECTION": "suspected reflection (glare), not a lamp",
+    "POLARIZATION_UNKNOWN": "too few angles of the polarizer so far, so reflections are not told "
+    "from lamps",
+    "FILM_TURNED": "floors mirror as if they were upright; turn the polarizing film by 90°",
+    "REFLECTION": "the mirror image of another lamp (glare)",
     "EXTENDED": "an area light, wider than a lamp",
     "RING": "strength or direction from the ring of light sensors",
     "HELD": "not seen in the newest frame; held by the tracker",
@@ -107,6 +112,10 @@ class Light:
     #: and the shorter axis, and a unit vector along the longer one, across `direction`.
     half_angle_deg: tuple[float, float] | None = None
     axis: Array | None = None
+    # From several angles of a polarizer; None: not known.
+    dolp: float | None = None  # degree of linear polarization, 0…1
+    aolp_deg: float | None = None  # angle of it: 0 horizontal, counter-clockwise from inside
+    reflection: float | None = None  # probability, 0…1, that it is another lamp's mirror image
 
     @property
     def solid_angle_sr(self) -> float:
@@ -137,6 +146,9 @@ class Light:
             "distance_m": _number(self.distance_m),
             "half_angle_deg": _numbers(self.half_angle_deg),
             "axis": _numbers(self.axis),
+            "dolp": _number(self.dolp),
+            "aolp_deg": _number(self.aolp_deg),
+            "reflection": _number(self.reflection),
             "flags": flag_names(self.flags),
         }
 

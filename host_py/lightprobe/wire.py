@@ -71,6 +71,7 @@ class Subscription:
     frame: Frame = "PROBE"  # WORLD: of the app that sends poses, where known; see Estimate.frame
     key_light: bool = False  # one more directional light, KEY, for what the listed lights leave
     area_lights: bool = False  # windows, soft boxes and the like are listed, too, one ellipse each
+    leave_out_reflections: bool = False  # do not list mirror images; their light stays in the SH
 
     def __post_init__(self) -> None:
         """Check every field."""
@@ -127,6 +128,7 @@ def encode_subscription(subscription: Subscription, number: int = 0) -> bytes:
     wish.key_light = subscription.key_light
     wish.area_lights = subscription.area_lights
     wish.number = number
+    wish.leave_out_reflections = bool(subscription.leave_out_reflections)
     wish.frame = pb.Estimate.Frame.Value(subscription.frame)
     return delimit(message.SerializeToString())
 
@@ -341,6 +343,9 @@ def _light(m: pb.Light) -> Light:
         distance_m=m.distance_m if m.HasField("distance_m") else None,
         half_angle_deg=None if half is None else (float(half[0]), float(half[1])),
         axis=_floats(m.axis, 3, "light axis") if m.axis else None,
+        dolp=m.dolp_percent / 100 if m.HasField("dolp_percent") else None,
+        aolp_deg=m.aolp_deg if m.HasField("aolp_deg") else None,
+        reflection=m.reflection_percent / 100 if m.HasField("reflection_percent") else None,
     )
 
 

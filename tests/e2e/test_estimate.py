@@ -15,6 +15,8 @@ from lightprobe.colour import luminance
 from lightprobe.evaluate import offline
 from lightprobe.imaging import camera, image
 from lightprobe.sim.camera import Shot, SimulatedCamera
+from lightprobe.sim.polarized import PolishedFloor
+from lightprobe.sim.polarizer import Polarizer, Sheet
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.room import Bulb, Room
 from lightprobe.sim.sensor import Sensor, encode_jpeg
@@ -314,3 +316,65 @@ def test_small_lamps_keep_their_colour(width_px, chroma, tmp_path):
     for lamp in world.scenes[0].lamps:
         light = max(estimate.lights, key=lambda item: np.dot(item.direction, lamp.direction))
         assert np.array(light.irradiance) == pytest.approx(lamp.irradiance, rel=0.08)
+
+
+def behind_film(folder, scene, angles, size_px=(960, 480)):
+    """Files of a scene behind a film at each angle."""
+    layers, powers = scene.render(*size_px), np.ones(len(scene.lamps))
+    film = Polarizer(Sheet(), camera.load("equirect"), size_px)
+    files = []
+    for index, angle in enumerate(angles):
+        seen = film.through(layers.compose(powers), layers.compose_polarized(powers), (angle,))
+        files.append(folder / f"{index}.pfm")
+        image.write_pfm(files[-1], np.ascontiguousarray(seen))
+    return files
+
+
+def test_reflections_are_told_from_lamps_by_four_angles(tmp_path):
+    scene = PolishedFloor(random_scene(8))  # four lamps; three of them are mirrored brightly
+    files = behind_film(tmp_path, scene, (0, 45, 90, 135))
+    result = run_json(*files, "--wheel-deg", "0,45,90,135")
+    assert result["flags"] == []
+    called = [light for light in result["lights"] if "REFLECTION" in light["flags"]]
+    assert len(called) >= 3
+    for light in result["lights"]:
+        true = [geometry.angle_deg(light["direction"], lamp.direction) for lamp in scene.lamps]
+        assert (min(true) > 2) == (light in called)
+    for light in called:
+        assert light["reflection"] > 0.9
+        if light["dolp"] is not None:  # horizontal, as floors make it
+            assert min(light["aolp_deg"], 180 - light["aolp_deg"]) < 3
+    lamps = [light for light in result["lights"] if light not in called and light["dolp"]]
+    assert all(light["dolp"] < 0.1 for light in lamps)
+    bare = tmp_path / "bare.pfm"
+    layers = scene.render(960, 480)
+    image.write_pfm(bare, layers.compose(np.ones(len(scene.lamps))))
+    false = [
+        light
+        for light in run_json(bare)["lights"]
+        if min(geometry.angle_deg(light["direction"], lamp.direction) for lamp in scene.lamps) > 2
+    ]
+    assert len(false) >= 3  # what is told here is no easy scene
+
+
+def test_two_angles_name_what_is_missing(tmp_path):
+    scene = PolishedFloor(random_scene(8))
+    for angles in ((0, 90), (45, 45, 45)):
+        files = behind_film(tmp_path, scene, angles)
+        text = ",".join(map(str, angles))
+        result = run_json(*files, "--wheel-deg", text)
+        assert result["flags"] == ["POLARIZATION_UNKNOWN"]
+        for light in result["lights"]:
+            assert light["dolp"] is None
+
+
+def test_a_film_put_in_wrong_is_found(tmp_path):
+    scene = PolishedFloor(random_scene(8))
+    files = behind_film(tmp_path, scene, (90, 135, 0, 45))
+    assert "FILM_TURNED" in run_json(*files, "--wheel-deg", "0,45,90,135")["flags"]
+
+
+def test_angles_and_files_must_agree(tmp_path):
+    done = run("a.jpg", "b.jpg", "--wheel-deg", "0,45,90")
+    assert done.returncode == 2
+    assert "2 files and 3 angles" in done.stderr

@@ -14,14 +14,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 from box import until
+from harness import Daemon
 from lightprobe.calibrate import ring
+from lightprobe.client import Client
 from lightprobe.errors import UsageError
+from lightprobe.estimate import EstimateFlag, LightFlag
 from lightprobe.imaging import camera
 from lightprobe.mcu import link as mcu_link
 from lightprobe.mcu import messages as mcu
 from lightprobe.sim import control, scenes
 from lightprobe.sim.polarizer import Polarizer, Sheet
 from lightprobe.sim.world import World
+from lightprobe.wire import Subscription
 from test_simulator import Camera
 
 LIGHTPROBE = Path(sys.executable).parent / "lightprobe"
@@ -331,3 +335,36 @@ def test_control_names_what_is_wrong(tmp_path: Path) -> None:
         assert control_command("inject-fault", socket, "drop=0.5").stdout == "ok\n"
         assert running.status()["faults"]["drop"] == 0.5
         assert running.status()["counters"]["connections"] == 0
+
+
+@pytest.mark.parametrize("turn_deg_s", ["0", "30"])
+def test_a_sweep_tells_reflections_from_lamps(tmp_path: Path, turn_deg_s: str) -> None:
+    """Firmware, wheel, film and brackets; what a varnished floor mirrors is called so."""
+    (scene,) = scenes.load(["polished:room"])
+    options = ("--scenes", "polished:room", "--size", "960x480", "--turn-deg-s", turn_deg_s)
+    with (
+        simulator(tmp_path, *options),
+        Daemon(
+            f"--source=sim:{tmp_path / 'camera'}", f"--rotator=mcu:serial:{tmp_path / 'mcu'}",
+            "--polarizer=sweep", variant="release",
+        ) as daemon,
+        Client(f"unix:{daemon.socket}", Subscription(max_lights=8, smoothing="RAW")) as client,
+    ):  # fmt: skip
+
+        def told(client: Client) -> bool:
+            latest = client.latest()
+            if latest is None or latest.flags & EstimateFlag.POLARIZATION_UNKNOWN:
+                return False
+            images = [one for one in latest.lights if one.flags & LightFlag.REFLECTION]
+            return len(images) >= 2 and all(one.dolp for one in images)
+
+        assert client.wait_for(told, 2 * PATIENCE_S)
+        estimate = client.latest()
+        assert estimate is not None
+    strongest = sorted((lamp.irradiance[1] for lamp in scene.lamps), reverse=True)
+    lamps = [one for one in estimate.lights if not one.flags & LightFlag.REFLECTION]
+    images = [one for one in estimate.lights if one.flags & LightFlag.REFLECTION]
+    assert all(one.elevation_deg < 0 for one in images)
+    assert all(one.dolp is None or one.dolp < 0.2 for one in lamps[:3])
+    ratio = lamps[1].irradiance[1] / lamps[0].irradiance[1]
+    assert ratio == pytest.approx(strongest[1] / strongest[0], rel=0.15)

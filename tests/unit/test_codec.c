@@ -240,6 +240,11 @@ static void test_values_arrive(void **state)
 	estimate.wheel_sigma_deg = 0.5F;
 	estimate.flags = LP_ESTIMATE_STALE;
 	estimate.lights[1].distance_m = 2.5F;
+	estimate.lights[1].polarization = (struct lp_light_polarization){.judged = true,
+									 .known = true,
+									 .reflection = 0.98F,
+									 .dolp = 0.71F,
+									 .aolp_deg = 3.5F};
 	wire = encode(&estimate, false, 3, 2, &stamp);
 	assert_int_equal(wire.sequence, estimate.sequence);
 	assert_int_equal(wire.boot_id, 77);
@@ -265,6 +270,12 @@ static void test_values_arrive(void **state)
 	assert_int_equal(wire.lights[0].confidence_percent, 100);
 	assert_false(wire.lights[0].has_distance_m);
 	assert_true(wire.lights[1].has_distance_m && wire.lights[1].distance_m == 2.5F);
+	assert_false(wire.lights[0].has_dolp_percent || wire.lights[0].has_aolp_deg ||
+		     wire.lights[0].has_reflection_percent);
+	assert_true(wire.lights[1].has_dolp_percent && wire.lights[1].dolp_percent == 71);
+	assert_true(wire.lights[1].has_aolp_deg && wire.lights[1].aolp_deg == 3.5F);
+	assert_true(wire.lights[1].has_reflection_percent &&
+		    wire.lights[1].reflection_percent == 98);
 	assert_int_equal(wire.sh.order, 3);
 	assert_int_equal(wire.sh.kind, lightprobe_v1_SphericalHarmonics_Kind_AMBIENT);
 	assert_int_equal(wire.sh.coefficients_count, 48);
@@ -441,7 +452,7 @@ static void test_subscription_defaults_and_values(void **state)
 	assert_int_equal(decode(&wire, &subscription), 0);
 	assert_int_equal(subscription.sh_order, 2);
 	assert_int_equal(subscription.max_lights, 4);
-	assert_false(subscription.total || subscription.raw);
+	assert_false(subscription.total || subscription.raw || subscription.leave_out_reflections);
 	assert_true(subscription.rate_hz == 0 && subscription.tolerance == 0);
 	assert_false(subscription.key_light || subscription.area_lights);
 
@@ -454,6 +465,7 @@ static void test_subscription_defaults_and_values(void **state)
 		.kind = lightprobe_v1_SphericalHarmonics_Kind_TOTAL,
 		.tolerance_permille = 50,
 		.number = 7,
+		.leave_out_reflections = true,
 		.smoothing = lightprobe_v1_Subscription_Smoothing_RAW,
 		.health_period_ms = 1000,
 		.key_light = true,
@@ -466,6 +478,7 @@ static void test_subscription_defaults_and_values(void **state)
 	assert_true(subscription.total && subscription.raw && subscription.rate_hz == 12.5F);
 	assert_true(fabsf(subscription.tolerance - 0.05F) < 1e-6F);
 	assert_int_equal(subscription.number, 7);
+	assert_true(subscription.leave_out_reflections);
 	assert_int_equal(subscription.health_period_ms, 1000);
 }
 

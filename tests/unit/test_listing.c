@@ -82,6 +82,56 @@ static void test_noise_moves_nothing(void **state)
 	}
 }
 
+/* A subscriber without reflections: the next lamps take their places, and one that turns out to be
+ * a reflection fades. */
+static void test_reflections_are_left_out(void **state)
+{
+	const struct lp_listing_limits limits = {.sh_order = 2,
+						 .lights = 2,
+						 .leave_out_reflections = true};
+	const float strengths[] = {5.0F, 4.0F, 3.0F, 2.0F};
+	const float most = 1.2F * (float)FRAME_NS / 1e9F / LP_LISTING_FADE_S;
+	struct lp_listing listing = {0};
+	struct lp_light_estimate listed, others;
+	float before = 1.0F;
+
+	(void)state;
+	for (int n = 0; n < 100; n++) {
+		struct lp_light_estimate e = at(n, strengths, 4);
+
+		e.lights[1].flags = LP_LIGHT_REFLECTION;
+		if (n >= 20)
+			e.lights[0].flags = LP_LIGHT_REFLECTION;
+		lp_listing_update(&listing, &e, &limits, &listed);
+		assert_true(listed.flags & LP_ESTIMATE_MORE_LIGHTS);
+		float share = 0.0F;
+
+		for (int k = 0; k < listed.light_count; k++) {
+			assert_int_not_equal(listed.lights[k].id, 2);
+			if (listed.lights[k].id == 1)
+				share = listed.lights[k].irradiance[1] / 5.0F;
+		}
+		assert_true(fabsf(share - before) < most || n == 0);
+		before = share;
+		if (n < 20)
+			assert_true(share == 1.0F);
+	}
+	assert_true(before == 0.0F);
+	assert_int_equal(listed.light_count, 2);
+
+	struct lp_light_estimate e = at(0, strengths, 4);
+
+	e.lights[1].flags = LP_LIGHT_REFLECTION;
+	for (int k = 0; k <= LP_MAX_LIGHTS; k++)
+		e.predicted_error[2][k] = 0.9F - 0.1F * (float)k;
+	lp_leave_out_reflections(&e, &others);
+	assert_int_equal(others.light_count, 3);
+	assert_int_equal(others.lights[1].id, 3);
+	assert_true(others.predicted_error[2][1] == e.predicted_error[2][1]);
+	assert_true(others.predicted_error[2][3] == e.predicted_error[2][1]); /* no better */
+	assert_memory_equal(others.sh_total, e.sh_total, sizeof(e.sh_total));
+}
+
 /* A lamp that outshines one of the list for long enough takes its place: one fades, then the other
  * comes, and no packet moves more light than its time allows. */
 static void test_a_stronger_lamp_takes_over(void **state)
@@ -201,6 +251,7 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_noise_moves_nothing),
+		cmocka_unit_test(test_reflections_are_left_out),
 		cmocka_unit_test(test_a_stronger_lamp_takes_over),
 		cmocka_unit_test(test_shares_add_up),
 		cmocka_unit_test(test_models_do_not_flicker),

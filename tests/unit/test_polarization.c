@@ -116,7 +116,7 @@ struct light {
 static struct lp_stokes_reading reading_of(const struct light *light, float wheel_deg, double sigma)
 {
 	const struct lp_film_view view = seen_at(wheel_deg);
-	struct lp_stokes_reading reading = {.sigma = (float)sigma};
+	struct lp_stokes_reading reading = {.sigma = (float)sigma, .misfit = 1.0F};
 
 	assert_true(lp_film_axis(&view, forward, reading.axis));
 	reading.intensity = (float)(light->s0 + reading.axis[0] * light->s1 +
@@ -250,6 +250,64 @@ static void test_a_change_begins_anew(void **state)
 	assert_true(p.dolp < 0.05F);
 }
 
+/* A reading of something else is left out; what is known stays. */
+static void test_one_outlier_changes_nothing(void **state)
+{
+	const struct light light = {1.0, 0.1, 0.0}, other = {0.05, 0.0, 0.0};
+	struct lp_stokes stokes = {0};
+
+	(void)state;
+	for (int k = 0; k < 40; k++) {
+		const struct lp_stokes_reading r =
+			reading_of(k % 10 == 9 ? &other : &light, 45.0F * (float)(k % 4), 0.01);
+
+		assert_false(lp_stokes_correct(&stokes, &r, 0.1F));
+	}
+	const struct lp_polarization p = lp_stokes_polarization(&stokes);
+
+	assert_true(p.known);
+	assert_float_equal(p.s0, 1.0, 0.02);
+	assert_float_equal(p.q, 0.1, 0.03);
+}
+
+/* Readings that scatter more than they say are believed less. */
+static void test_scatter_shows_in_sigma(void **state)
+{
+	const struct light light = {1.0, 0.0, 0.0};
+	struct lp_stokes stokes = {0};
+
+	(void)state;
+	srand(3);
+	for (int k = 0; k < 200; k++) {
+		struct lp_stokes_reading r = reading_of(&light, 45.0F * (float)(k % 4), 0.06);
+
+		r.sigma = 0.005F;
+		(void)lp_stokes_correct(&stokes, &r, 0.1F);
+	}
+	const struct lp_polarization p = lp_stokes_polarization(&stokes);
+
+	assert_true(p.dolp < 3.0F * p.dolp_sigma);
+}
+
+/* While the camera turns, the first few readings are not believed. */
+static void test_doubtful_readings_must_agree_for_longer(void **state)
+{
+	const struct light light = {1.0, 0.0, 0.0};
+	struct lp_stokes stokes = {0};
+	int first = 0;
+
+	(void)state;
+	for (int k = 0; k < 100; k++) {
+		struct lp_stokes_reading r = reading_of(&light, 45.0F * (float)(k % 4), 0.01);
+
+		r.misfit = 100.0F;
+		(void)lp_stokes_correct(&stokes, &r, 0.03F);
+		if (!first && lp_stokes_polarization(&stokes).known)
+			first = k + 1;
+	}
+	assert_in_range(first, 4, 40); /* three suffice otherwise */
+}
+
 static void test_old_readings_fade(void **state)
 {
 	const struct light light = {1.0, 0.5, 0.0};
@@ -315,6 +373,9 @@ int main(void)
 		cmocka_unit_test(test_noise_is_covered),
 		cmocka_unit_test(test_no_more_than_wholly_polarized),
 		cmocka_unit_test(test_a_change_begins_anew),
+		cmocka_unit_test(test_one_outlier_changes_nothing),
+		cmocka_unit_test(test_scatter_shows_in_sigma),
+		cmocka_unit_test(test_doubtful_readings_must_agree_for_longer),
 		cmocka_unit_test(test_old_readings_fade),
 		cmocka_unit_test(test_a_turned_frame),
 		cmocka_unit_test(test_what_passes),

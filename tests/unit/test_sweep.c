@@ -100,6 +100,20 @@ static void test_a_frame_waits_for_what_is_seen_after_it(void **state)
 	assert_int_equal(report.frames_stamped, 1);
 }
 
+/* What follows a turning camera needs every frame: only the angle is not known. */
+static void test_frames_of_a_turning_wheel_pass_without_an_angle(void **state)
+{
+	(void)state;
+	sweep.pass_turning = true;
+	tell(settled(1005, 1006), 1010);
+	lp_sweep_frame(&sweep, &frame, 1020 * MS);
+	tell(settled(1005, 1021), 1023);
+	sweep.pass_turning = false;
+	assert_true(emitted == 1 && released == 0);
+	assert_true(isnan(frame.wheel_deg) && isnan(frame.wheel_sigma_deg));
+	assert_int_equal(report.frames_unknown, 1);
+}
+
 static void test_settled_within_the_exposure_is_too_late(void **state)
 {
 	(void)state;
@@ -227,6 +241,7 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test_setup(test_a_frame_waits_for_what_is_seen_after_it, setup),
+		cmocka_unit_test_setup(test_frames_of_a_turning_wheel_pass_without_an_angle, setup),
 		cmocka_unit_test_setup(test_settled_within_the_exposure_is_too_late, setup),
 		cmocka_unit_test_setup(test_what_happens_while_a_frame_waits, setup),
 		cmocka_unit_test_setup(test_without_a_wheel_there_is_no_waiting, setup),

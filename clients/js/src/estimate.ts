@@ -46,6 +46,12 @@ export interface Light {
   halfAngleDeg: [number, number] | undefined;
   /** Area lights: unit vector along the longer axis, across `direction`. */
   axis: Vec3 | undefined;
+  /** Degree of linear polarization, 0…1; undefined without several angles of a polarizer. */
+  dolp: number | undefined;
+  /** Angle of it, 0…180°: 0 horizontal, counter-clockwise as seen from inside. */
+  aolpDeg: number | undefined;
+  /** Probability, 0…1, that it is the mirror image of another lamp. */
+  reflection: number | undefined;
 }
 
 export interface SphericalHarmonics {

@@ -41,11 +41,14 @@ export interface Subscription {
   keyLight: boolean;
   /** Windows, soft boxes and the like are listed, too, one ellipse each. */
   areaLights: boolean;
+  /** Do not list mirror images of lamps; their light stays in the SH. */
+  leaveOutReflections: boolean;
 }
 
 export const DEFAULT_SUBSCRIPTION: Subscription = {
   rateHz: 0, shOrder: 2, maxLights: 4, kind: "AMBIENT", tolerance: 0, smoothing: "SMOOTHED", healthPeriodMs: 1000,
   frame: "PROBE", keyLight: false, areaLights: false,
+  leaveOutReflections: false,
 };
 
 function need(value: boolean, what: string): void {
@@ -72,6 +75,7 @@ export function encodeSubscription(wish: Subscription, number: number): Uint8Arr
         healthPeriodMs: wish.healthPeriodMs,
         keyLight: wish.keyLight,
         areaLights: wish.areaLights,
+        leaveOutReflections: wish.leaveOutReflections,
         number,
         frame: wish.frame === "WORLD" ? pb.Estimate_Frame.WORLD : pb.Estimate_Frame.PROBE,
       },
@@ -136,6 +140,9 @@ function lightOf(m: pb.Light): Light {
     distanceM: m.distanceM,
     halfAngleDeg: m.halfAngleDeg.length ? (finite(m.halfAngleDeg, 2, "half angles") as [number, number]) : undefined,
     axis: m.axis.length ? (finite(m.axis, 3, "light axis") as unknown as Vec3) : undefined,
+    dolp: m.dolpPercent === undefined ? undefined : m.dolpPercent / 100,
+    aolpDeg: m.aolpDeg,
+    reflection: m.reflectionPercent === undefined ? undefined : m.reflectionPercent / 100,
   };
 }
 

@@ -66,6 +66,17 @@ def command(
         float | None,
         typer.Option(metavar="X", help="Luminance of radiance 1; default: the camera file's."),
     ] = None,
+    wheel_deg: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A,B,C,…",
+            help="Angle of the polarizer in front of the lens in each file, in degrees: tells "
+            "reflections from lamps.",
+        ),
+    ] = None,
+    film: Annotated[
+        str, typer.Option(metavar="T,R", help="Transmission and extinction ratio of the polarizer.")
+    ] = "0.84,500",
     as_json: Annotated[bool, typer.Option("--json", help="Print the estimate as JSON.")] = False,
 ) -> None:
     """Estimate the light in pictures with the daemon's own pipeline.
@@ -75,6 +86,7 @@ def command(
     --ring-lux recovers lamps that clip in every picture; with the scale of the camera
     (lightprobe calibrate scale) it does so best.
     Example: lightprobe estimate room-1.jpg room-2.jpg --exposure-us 8000,500 --json
+    Through a polarizer: lightprobe estimate a.jpg b.jpg c.jpg d.jpg --wheel-deg 0,45,90,135
     """
     if kind.upper() not in ("AMBIENT", "TOTAL"):
         raise UsageError(f"estimate: --kind {kind}: expected AMBIENT or TOTAL")
@@ -83,6 +95,7 @@ def command(
         sh_order=order, lights=lights, area_lights=area_lights, key_light=key_light,
         ring_lux=parse_ring(ring_lux),
         ring_sigma=ring_sigma if ring_lux else None, cd_m2_per_unit=cd_m2_per_unit,
+        wheel_deg=parse_angles(wheel_deg), film=parse_film(film),
     )  # fmt: skip
     result, notes = offline.estimate_files(files, parse_exposures(exposure_us), settings)
     if kind.upper() == "TOTAL":
@@ -119,6 +132,31 @@ def parse_ring(text: str | None) -> str | None:
             "nan for a sensor that cannot be used"
         )
     return text
+
+
+def parse_angles(text: str | None) -> tuple[float, ...]:
+    """Read `A,B,…` as degrees; raises UsageError."""
+    try:
+        angles = tuple(float(word) for word in text.split(",")) if text else ()
+    except ValueError:
+        angles = (float("nan"),)
+    if not all(0 <= angle <= 360 for angle in angles):
+        raise UsageError(f"--wheel-deg {text}: expected degrees, 0…360, like 0,45,90,135")
+    return angles
+
+
+def parse_film(text: str) -> tuple[float, float]:
+    """Read `T,R`: transmission and extinction ratio; raises UsageError."""
+    try:
+        transmission, extinction = (float(word) for word in text.split(","))
+    except ValueError:
+        transmission, extinction = 0.0, 0.0
+    if not (0.01 <= transmission <= 1 and 1 <= extinction <= 1e9):
+        raise UsageError(
+            f"--film {text}: expected transmission (0.01…1) and extinction ratio (1…1e9), "
+            "like 0.84,500"
+        )
+    return transmission, extinction
 
 
 def show(estimate: Estimate) -> None:

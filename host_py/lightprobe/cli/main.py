@@ -151,6 +151,7 @@ class Root(LazyGroup):
         "doctor": Entry("doctor:command", "Check installation, devices and a running probe."),
         "export": Entry("export:command", "Write a probe's light as .hdr, .exr or .glb.", "sim"),
         "estimate": Entry("estimate:command", "Estimate the light in pictures.", "sim"),
+        "polarization": Entry("polarization:command", "Show how pictures are polarized.", "sim"),
         "demo": Entry("demo:command", "Show the whole path: a simulated room or a camera.", "sim"),
         "simulate": Entry("simulate:command", "Simulate camera, wheel, ring and firmware.", "sim"),
         "control": Entry("control:app", "Steer a running simulator: faults, light, status."),

@@ -59,6 +59,8 @@ class Settings:
     ring_sigma: float | None = None  # relative
     cd_m2_per_unit: float | None = None
     cd_m2_per_unit_sigma: float | None = None  # relative
+    wheel_deg: tuple[float, ...] = ()  # of the polarizer in each picture, in turn; empty: none
+    film: tuple[float, float] = (0.84, 500.0)  # its transmission and extinction ratio
 
     def with_ring_of(self, reading: Settings) -> Settings:
         """Give these settings with the ring and scale of `reading`, if it has any."""
@@ -68,7 +70,7 @@ class Settings:
 
     def arguments(self) -> list[str]:
         """Options for lightprobed."""
-        options = {
+        options: dict[str, object] = {
             "camera": self.camera,
             "preset": self.preset,
             "panorama-width": self.panorama_width,
@@ -85,6 +87,9 @@ class Settings:
             "cd-m2-per-unit": self.cd_m2_per_unit,
             "cd-m2-per-unit-sigma": self.cd_m2_per_unit_sigma,
         }
+        if self.wheel_deg:
+            options["polarizer"] = "sweep"
+            options["polarizer-transmission"], options["polarizer-extinction"] = self.film
         return [f"--{name}={value}" for name, value in options.items() if value is not None]
 
 
@@ -140,13 +145,23 @@ def _size_px(picture: NDArray[np.generic]) -> tuple[int, int]:
 # ---------------------------------------------------------------- checks
 
 
-def check_exposures(files: Sequence[Path], exposures_us: Sequence[float]) -> None:
-    """Several files are one bracket and need one exposure each; raises UsageError otherwise."""
+def check_exposures(
+    files: Sequence[Path], exposures_us: Sequence[float], wheel_deg: Sequence[float] = ()
+) -> None:
+    """Several files are one bracket and need one exposure each; raises UsageError otherwise.
+
+    Through a polarizer each needs an angle of the wheel, and may be of one unknown exposure.
+    """
+    if wheel_deg and len(wheel_deg) != len(files):
+        raise UsageError(
+            f"estimate: {len(files)} files and {len(wheel_deg)} angles of the wheel: "
+            "one for each file"
+        )
     if exposures_us and len(exposures_us) != len(files):
         raise UsageError(
             f"estimate: {len(files)} files and {len(exposures_us)} exposures: one for each file"
         )
-    if len(files) > 1 and not exposures_us:
+    if len(files) > 1 and not exposures_us and not wheel_deg:
         raise UsageError(
             "estimate: several files form one bracket: give their exposures with "
             "--exposure-us A,B,…"
@@ -235,14 +250,14 @@ def estimate_files(
     with exposures such that 1.0 = full scale at one second. Raises UsageError for files that are no
     bracket, ImageError and DaemonError for those that cannot be used, each with the file's name.
     """
-    check_exposures(files, exposures_us)
     settings = settings or Settings()
+    check_exposures(files, exposures_us, settings.wheel_deg)
     camera = _camera(settings.camera)
     with tempfile.TemporaryDirectory(prefix="lightprobe-") as name:
         pictures = stage(files, Path(name))
         check_sizes(pictures, camera)
         notes = [f"{picture.file}: {note}" for picture in pictures for note in picture.notes]
-        if exposures_us:
+        if exposures_us and not settings.wheel_deg:
             notes += check_bracket(pictures, exposures_us, camera.response_table())
         try:
             estimate, log = _estimate_folder(Path(name), exposures_us, settings)
@@ -288,6 +303,11 @@ def _estimate_folder(
     folder: Path, exposures_us: Sequence[float], settings: Settings
 ) -> tuple[Estimate, list[str]]:
     """The same with the daemon's log lines."""
-    query = f"?exposures_us={','.join(f'{value:.9g}' for value in exposures_us)}"
-    source = f"--source=file:{folder}{query if len(exposures_us) else ''}"
+    lists = {"exposures_us": exposures_us, "wheel_deg": settings.wheel_deg}
+    query = "&".join(
+        f"{name}={','.join(f'{value:.9g}' for value in values)}"
+        for name, values in lists.items()
+        if len(values)
+    )
+    source = f"--source=file:{folder}{'?' if query else ''}{query}"
     return daemon.estimate_once([source, *settings.arguments()])

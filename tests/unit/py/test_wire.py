@@ -175,9 +175,25 @@ def test_subscription():
     sent = pb.FromClient.FromString(more[1:]).subscribe
     assert sent.key_light
     assert sent.area_lights
+    assert not sent.leave_out_reflections
+    without = wire.Subscription(leave_out_reflections=True)
+    sent = pb.FromClient.FromString(wire.encode_subscription(without)[1:]).subscribe
+    assert sent.leave_out_reflections
     assert pb.FromClient.FromString(
         wire.encode_subscription(wire.Subscription(sh_order=0, max_lights=0))[1:]
     ).subscribe.HasField("sh_order")
+
+
+def test_how_a_lamp_is_polarized_comes_typed_and_unknown_is_none() -> None:
+    plain = {"direction": [0, 1, 0], "irradiance": [1, 1, 1]}
+    polarized = {"dolp_percent": 87, "aolp_deg": 3.5, "reflection_percent": 99, "flags": 2}
+    lights = [pb.Light(**plain), pb.Light(**plain, **polarized)]
+    (got,) = wire.Decoder().feed(message(estimate=estimate(lights=lights)))
+    assert isinstance(got, Estimate)
+    unknown, known = got.lights
+    assert (unknown.dolp, unknown.aolp_deg, unknown.reflection) == (None, None, None)
+    assert (known.dolp, known.aolp_deg, known.reflection) == (0.87, 3.5, 0.99)
+    assert known.to_json()["flags"] == ["REFLECTION"]
 
 
 def test_wheel_and_ring_come_typed_and_unknown_is_none() -> None:

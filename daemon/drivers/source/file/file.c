@@ -23,6 +23,8 @@
 
 /* One being read, one read ahead, one waiting for the worker, and those it holds. */
 #define FRAMES (LP_FRAMES_HELD + 3)
+/* How well somebody knows an angle that he states. */
+#define STATED_ANGLE_SIGMA_DEG 0.5F
 
 /* The query of the URI. `format` counts as enum lp_encoding. */
 struct options {
@@ -30,7 +32,7 @@ struct options {
 	bool loop;
 	int format;
 	struct lp_size size_px; /* raw formats */
-	struct lp_floats exposures_us;
+	struct lp_floats exposures_us, wheel_deg;
 	float gain;
 };
 
@@ -47,6 +49,8 @@ static const struct lp_param list[] = {
 	 .help = "size of raw pictures (yuyv, nv12, grey), which do not contain it"},
 	{"exposures_us", LP_PARAM_FLOATS, offsetof(struct options, exposures_us), .min = 0.001,
 	 .max = 1e9, .help = "exposure of each picture, in turn; none: unknown"},
+	{"wheel_deg", LP_PARAM_FLOATS, offsetof(struct options, wheel_deg), .max = 360,
+	 .help = "angle of the polarizer in each picture, in turn; none: unknown"},
 	{"gain", LP_PARAM_FLOAT, offsetof(struct options, gain), .min = 1e-6, .max = 1e6,
 	 .help = "gain of all pictures, a linear factor; none: unknown"},
 };
@@ -83,11 +87,16 @@ struct progress {
 static void stamp(struct source_file *self, struct progress *progress, struct lp_frame *frame)
 {
 	const struct lp_floats *exposures = &self->options.exposures_us;
+	const struct lp_floats *angles = &self->options.wheel_deg;
 
 	frame->sequence = progress->sequence++;
 	frame->gain = self->options.gain;
 	if (exposures->count > 0)
 		frame->exposure_us = exposures->values[progress->in_pass % exposures->count];
+	if (angles->count > 0) {
+		frame->wheel_deg = angles->values[progress->in_pass % angles->count];
+		frame->wheel_sigma_deg = STATED_ANGLE_SIGMA_DEG;
+	}
 	progress->in_pass++;
 	progress->usable_in_pass += !(frame->flags & LP_FRAME_CORRUPT);
 }

@@ -1,0 +1,201 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "vision/stokes_map.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "include/luminance.h"
+#include "include/panorama.h"
+#include "light/grid.h"
+#include "vision/radiance_map.h"
+
+/* Chosen by hand. */
+/* A cell's own noise, relative. */
+#define CELL_SIGMA 0.02F
+/* Less than this of the light that comes from a cell tells nothing of it. */
+#define LEAST_FACTOR 0.05F
+
+static size_t cell_count(const struct lp_grid *grid)
+{
+	return (size_t)grid->width * (size_t)grid->height;
+}
+
+int lp_stokes_map_create(const struct lp_grid *grid, struct lp_stokes_map **map)
+{
+	const size_t cells = cell_count(grid) + 16; /* vector loads reach beyond the last */
+	struct lp_stokes_map *m = calloc(1, sizeof(*m));
+
+	if (!m)
+		return -ENOMEM;
+	m->grid = grid;
+	m->cells = calloc(cells, sizeof(*m->cells));
+	m->turned = calloc(cells, sizeof(*m->turned));
+	m->axis = calloc(cells, sizeof(*m->axis));
+	m->radiance = calloc(cells, sizeof(*m->radiance));
+	m->variance = calloc(cells, sizeof(*m->variance));
+	if (!m->cells || !m->turned || !m->axis || !m->radiance || !m->variance) {
+		lp_stokes_map_destroy(m);
+		return -ENOMEM;
+	}
+	*map = m;
+	return 0;
+}
+
+void lp_stokes_map_destroy(struct lp_stokes_map *map)
+{
+	if (!map)
+		return;
+	free(map->variance);
+	free(map->radiance);
+	free(map->axis);
+	free(map->turned);
+	free(map->cells);
+	free(map);
+}
+
+void lp_stokes_map_forget(struct lp_stokes_map *map)
+{
+	memset(map->cells, 0, cell_count(map->grid) * sizeof(*map->cells));
+}
+
+static bool same_view(const struct lp_film_view *a, const struct lp_film_view *b)
+{
+	bool same = a->sheet_count == b->sheet_count && a->diattenuation == b->diattenuation;
+
+	for (int k = 0; same && k < a->sheet_count; k++)
+		for (int i = 0; i < 3; i++)
+			same = same && a->normal[k][i] == b->normal[k][i] &&
+			       a->across[k][i] == b->across[k][i];
+	return same;
+}
+
+/* The film's axis in every cell; a film that has not moved costs one comparison. */
+static void look(struct lp_stokes_map *map, const struct lp_film_view *view)
+{
+	if (same_view(&map->view, view))
+		return;
+	map->view = *view;
+	for (size_t i = 0; i < cell_count(map->grid); i++) {
+		float direction[3];
+
+		lp_grid_direction(map->grid, (int)i, direction);
+		if (!lp_film_axis(view, direction, map->axis[i]))
+			map->axis[i][0] = NAN;
+	}
+}
+
+static float sigma_of(const struct lp_observation *seen, float light, size_t i)
+{
+	float variance = CELL_SIGMA * CELL_SIGMA * light * light;
+
+	if (seen->coded) /* a code in 255ths of the root of the linear value */
+		variance += 4.0F * seen->code_variance / (255.0F * 255.0F) * fabsf(light) *
+				    seen->scale +
+			    powf(seen->scale / 65025.0F, 2.0F);
+	if (seen->step2)
+		variance += seen->step2[i] * seen->place_variance;
+	return sqrtf(variance);
+}
+
+void lp_stokes_map_learn(struct lp_stokes_map *map, const struct lp_film_view *view,
+			 const struct lp_observation *observation)
+{
+	look(map, view);
+	for (size_t i = 0; i < cell_count(map->grid); i++) {
+		const float light = observation->radiance[i][LP_LUMINANCE];
+		const struct lp_stokes_reading reading = {.intensity = light,
+							  .misfit = 1.0F,
+							  .sigma = sigma_of(observation, light, i),
+							  .axis = {map->axis[i][0],
+								   map->axis[i][1]}};
+
+		if (observation->flags[i] || isnan(reading.axis[0]))
+			continue;
+		(void)lp_stokes_correct(&map->cells[i], &reading, observation->elapsed_s);
+	}
+}
+
+/* By how much a cell's radiance is divided, and the sigma of that. */
+static void factor_of(const struct lp_stokes_map *map, size_t i, float *factor, float *sigma)
+{
+	const struct lp_polarization p = lp_stokes_polarization(&map->cells[i]);
+
+	*factor = 1.0F;
+	*sigma = p.known && !map->angle_known ? p.dolp : 0.0F;
+	if (!map->angle_known || isnan(map->axis[i][0]))
+		return;
+	lp_film_factor(&p, map->axis[i], factor, sigma);
+	*factor = fmaxf(*factor, LEAST_FACTOR);
+}
+
+void lp_stokes_map_see_through(struct lp_stokes_map *map, const struct lp_film_view *view,
+			       struct lp_observation *observation)
+{
+	map->angle_known = view != NULL;
+	if (view)
+		look(map, view);
+	for (size_t i = 0; i < cell_count(map->grid); i++) {
+		float factor, sigma;
+
+		factor_of(map, i, &factor, &sigma);
+		for (int c = 0; c < 4; c++)
+			map->radiance[i][c] = observation->radiance[i][c] / factor;
+		const float light = map->radiance[i][LP_LUMINANCE] * sigma / factor;
+
+		map->variance[i] = light * light;
+		if (observation->step2)
+			map->variance[i] += observation->step2[i] * observation->place_variance;
+	}
+	observation->radiance = (const float(*)[4])map->radiance;
+	observation->step2 = map->variance;
+	observation->place_variance = 1.0F;
+}
+
+struct lp_polarization lp_stokes_map_of(const struct lp_stokes_map *map, const int32_t *cells,
+					int count)
+{
+	struct lp_polarization sum = {0};
+
+	for (int k = 0; k < count; k++) {
+		const struct lp_polarization p = lp_stokes_polarization(&map->cells[cells[k]]);
+		const float light = p.s0 * lp_grid_solid_angle_sr(map->grid, cells[k]);
+
+		if (!p.known)
+			continue;
+		sum.s0 += light;
+		sum.q += light * p.q;
+		sum.u += light * p.u;
+		sum.qq += light * p.qq;
+		sum.qu += light * p.qu;
+		sum.uu += light * p.uu;
+	}
+	if (!(sum.s0 > 0.0F))
+		return lp_stokes_polarization(&(struct lp_stokes){0});
+	sum.q /= sum.s0;
+	sum.u /= sum.s0;
+	sum.qq /= sum.s0;
+	sum.qu /= sum.s0;
+	sum.uu /= sum.s0;
+	lp_polarization_complete(&sum);
+	return sum;
+}
+
+void lp_stokes_map_turn(struct lp_stokes_map *map, const struct lp_rotation *rotation)
+{
+	const struct lp_rotation back = lp_rotation_inverse(rotation);
+
+	for (size_t i = 0; i < cell_count(map->grid); i++) {
+		float direction[3];
+
+		lp_grid_direction(map->grid, (int)i, direction);
+		lp_rotate_direction(rotation, direction);
+		const struct lp_stokes *old = &map->cells[lp_grid_cell(map->grid, direction)];
+
+		map->turned[i] = *old;
+		if (old->normal[0] > 0.0F)
+			lp_stokes_turn(&map->turned[i], lp_stokes_frame_turn(&back, direction));
+	}
+	memcpy(map->cells, map->turned, cell_count(map->grid) * sizeof(*map->cells));
+}

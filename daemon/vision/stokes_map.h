@@ -1,0 +1,59 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * How light is polarized, per cell of the panorama, from the film's angles (light/polarization.h);
+ * and exposures as they would be without the film. In the frame of the radiance map. One thread;
+ * all storage is allocated at create().
+ */
+#ifndef LP_VISION_STOKES_MAP_H
+#define LP_VISION_STOKES_MAP_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "light/polarization.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+struct lp_grid;
+struct lp_observation;
+
+struct lp_stokes_map {
+	const struct lp_grid *grid; /* borrowed */
+	struct lp_stokes *cells;    /* of luminance */
+	struct lp_stokes *turned;   /* workspace */
+	struct lp_film_view view;   /* that `axis` is of */
+	float (*axis)[2];	    /* lp_film_axis(); NAN: edge-on */
+	bool angle_known;	    /* lp_stokes_map_see_through() */
+	float (*radiance)[4];	    /* workspace of lp_stokes_map_see_through() */
+	float *variance;
+};
+
+int lp_stokes_map_create(const struct lp_grid *grid, struct lp_stokes_map **map); /* -ENOMEM */
+void lp_stokes_map_destroy(struct lp_stokes_map *map);				  /* accepts NULL */
+
+void lp_stokes_map_forget(struct lp_stokes_map *map);
+
+/* The observation was made through the film; its radiance is divided by the film's gain. */
+void lp_stokes_map_learn(struct lp_stokes_map *map, const struct lp_film_view *view,
+			 const struct lp_observation *observation);
+
+/* Make it an observation without the film, by what is known: what is not adds to its variance.
+ * view NULL: the film's angle is not known, as while the wheel turns. Its
+ * radiance and step2 are the map's until the next call. */
+void lp_stokes_map_see_through(struct lp_stokes_map *map, const struct lp_film_view *view,
+			       struct lp_observation *observation);
+
+/* Of what the cells show together. */
+struct lp_polarization lp_stokes_map_of(const struct lp_stokes_map *map, const int32_t *cells,
+					int count);
+
+/* As lp_radiance_map_turn(). */
+void lp_stokes_map_turn(struct lp_stokes_map *map, const struct lp_rotation *rotation);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,73 @@
+"""`lightprobe polarization`: how every pixel of pictures through a polarizer is polarized."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from lightprobe.cli.estimate import parse_angles, parse_film
+from lightprobe.errors import UsageError
+from lightprobe.evaluate import polarization
+from lightprobe.imaging import camera as cameras
+from lightprobe.sim.polarizer import Sheet
+
+
+def command(
+    files: Annotated[
+        list[Path],
+        typer.Argument(metavar="FILE…", help="HDR, EXR, PFM, JPEG or PNG, of one exposure."),
+    ],
+    wheel_deg: Annotated[
+        str, typer.Option(metavar="A,B,C,…", help="Angle of the polarizer in each file.")
+    ],
+    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Where the pictures go.")] = Path(
+        "polarization"
+    ),
+    camera: Annotated[
+        str, typer.Option(metavar="equirect|FILE", help="Projection, or a camera file.")
+    ] = "equirect",
+    film: Annotated[
+        str, typer.Option(metavar="T,R", help="Transmission and extinction ratio of the film.")
+    ] = "0.84,500",
+    as_json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")] = False,
+) -> None:
+    """Write how the light of pictures through a polarizer is polarized.
+
+    s0.pfm (light without the film), dolp.png (white: wholly polarized), aolp.png (hue: angle,
+    saturation: degree, value: light) and stokes.npz, a scene for the simulator. Pixels that are
+    clipped, or see the film edge-on, are black.
+    Example: lightprobe polarization a.jpg b.jpg c.jpg d.jpg --wheel-deg 0,45,90,135 --out room
+    """
+    angles, sheet = parse_angles(wheel_deg), Sheet(*parse_film(film))
+    polarization.check_angles(angles, len(files))
+    try:
+        lens = cameras.load(camera)
+    except cameras.CameraError as error:
+        raise UsageError(str(error)) from None
+    found = polarization.measure(polarization.read(files, lens), angles, lens, sheet)
+    dolp = found.dolp
+    known = np.isfinite(dolp)
+    if not known.any():
+        raise UsageError("polarization: no pixel is known: the pictures are clipped everywhere")
+    written = found.write(out)
+    share, median = float(known.mean()), float(np.median(dolp[known]))
+    most = float(np.percentile(dolp[known], 99))
+    names = [str(path) for path in written]
+    if as_json:
+        summary = {
+            "files": names,
+            "known_share": round(share, 4),
+            "dolp_median": round(median, 4),
+            "dolp_99_percent": round(most, 4),
+        }
+        typer.echo(json.dumps(summary, indent=2))
+        return
+    typer.echo(f"wrote {', '.join(names)}")
+    typer.echo(
+        f"{100 * share:.0f} % of the pixels are known; "
+        f"DoLP: median {median:.3f}, 99 % below {most:.3f}"
+    )

@@ -1,0 +1,130 @@
+"""Stokes parameters of pictures through a polarizer: `lightprobe polarization`."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from lightprobe.errors import UsageError
+from lightprobe.evaluate import polarization
+from lightprobe.imaging import camera, image
+from lightprobe.sim import scenes
+from lightprobe.sim.polarized import PolishedFloor, Sky
+from lightprobe.sim.polarizer import Polarizer, Sheet
+from lightprobe.sim.procedural import random_scene
+
+SIZE_PX = (128, 64)
+LENS = camera.load("equirect")
+LIGHTPROBE = Path(sys.executable).parent / "lightprobe"
+
+
+def views(scene, angles, size_px=SIZE_PX, sheet=None):
+    """S0, S1 and S2 of a scene, and what passes a film at each angle."""
+    layers, powers = scene.render(*size_px), np.ones(len(scene.lamps))
+    s0, s12 = layers.compose(powers), layers.compose_polarized(powers)
+    film = Polarizer(sheet or Sheet(), LENS, size_px)
+    return np.stack([s0, *s12]), [film.through(s0, s12, (angle,)) for angle in angles]
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    st.lists(st.floats(0, 179), min_size=3, max_size=6),
+    st.integers(0, 30),
+    st.floats(0.3, 1),
+    st.floats(20, 1e6),
+)
+def test_any_three_angles_that_differ_give_the_truth(angles, seed, transmission, extinction):
+    turned = np.sort(np.mod(angles, 180))
+    gaps = np.diff(turned, append=turned[0] + 180)
+    if (gaps > 12).sum() < 3:
+        return
+    sheet = Sheet(transmission, extinction)
+    truth, seen = views(PolishedFloor(random_scene(seed)), angles, sheet=sheet)
+    found = polarization.measure(seen, angles, LENS, sheet).stokes
+    known = np.isfinite(found)
+    assert 0.58 < known.mean() < 0.64  # pixels; the film is edge-on in 26 % of the sphere
+    error = np.abs(found - truth)[known]
+    assert error.max() < 5e-3 * truth.max()
+
+
+def test_a_sky_is_polarized_across_its_plane_with_the_sun():
+    angles = (0, 45, 90, 135)
+    truth, seen = views(Sky(), angles)
+    found = polarization.measure(seen, angles, LENS)
+    known = np.isfinite(found.dolp)
+    degree = np.hypot(truth[1], truth[2])[..., 1] / truth[0][..., 1]
+    assert np.sqrt(np.mean((found.dolp - degree)[known] ** 2)) < 0.01
+    angle = np.degrees(np.arctan2(truth[2], truth[1]))[..., 1] / 2
+    off = (found.aolp_deg - angle + 90) % 180 - 90
+    assert np.sqrt(np.mean(off[known & (degree > 0.1)] ** 2)) < 0.5
+
+
+@pytest.mark.parametrize("angles", [(0, 90), (0, 90, 180), (45, 45, 45, 45), (0, 60, 240)])
+def test_too_few_angles_are_named(angles):
+    with pytest.raises(UsageError, match="need three"):
+        polarization.check_angles(angles, len(angles))
+
+
+def test_one_angle_for_each_picture():
+    with pytest.raises(UsageError, match="3 pictures and 2 angles"):
+        polarization.check_angles((0, 45), 3)
+
+
+def test_clipped_pixels_are_not_known(tmp_path):
+    codes = np.full((64, 128, 3), 100, np.uint8)
+    codes[30:34, 60:68] = 255
+    files = []
+    for index in range(3):
+        files.append(tmp_path / f"{index}.png")
+        cv2.imwrite(str(files[-1]), codes)
+    found = polarization.measure(polarization.read(files, LENS), (0, 60, 120), LENS)
+    assert np.isnan(found.dolp[30:34, 60:68]).all()
+    assert found.dolp[20, 64] < 1e-3
+
+
+def test_the_command_writes_pictures_and_a_scene(tmp_path):
+    angles = (0, 45, 90, 135)
+    truth, seen = views(PolishedFloor(random_scene(2)), angles)
+    files = []
+    for index, view in enumerate(seen):
+        files.append(tmp_path / f"{index}.pfm")
+        image.write_pfm(files[-1], np.ascontiguousarray(view))
+    out = tmp_path / "out"
+    done = subprocess.run(
+        [LIGHTPROBE, "polarization", *files, "--wheel-deg", "0,45,90,135", "--out", out, "--json"],
+        capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    summary = json.loads(done.stdout)
+    assert [Path(name).name for name in summary["files"]] == [
+        "s0.pfm", "stokes.npz", "dolp.png", "aolp.png",
+    ]  # fmt: skip
+    assert 0.58 < summary["known_share"] < 0.64  # of the pixels
+    dolp = cv2.imread(str(out / "dolp.png"), cv2.IMREAD_UNCHANGED)
+    row, column = 64 * (90 + 34) // 180, 64  # Brewster's angle, ahead
+    expected = np.hypot(truth[1], truth[2])[row, column, 1] / truth[0][row, column, 1]
+    assert abs(dolp[row, column] / 255 - expected) < 0.05
+    assert scenes.load([str(out / "stokes.npz")])[0].render(*SIZE_PX).polarized is not None
+
+
+def test_wrong_options_are_named(tmp_path):
+    for arguments, words in [
+        (["a.png", "--wheel-deg", "0,x"], "expected degrees"),
+        (["a.png", "b.png", "--wheel-deg", "0,90"], "need three"),
+        (
+            ["a.png", "b.png", "c.png", "--wheel-deg", "0,60,120", "--film", "2,3"],
+            "--film 2,3",
+        ),
+        (["a.png", "b.png", "c.png", "--wheel-deg", "0,60,120"], "a.png"),
+    ]:
+        done = subprocess.run(
+            [LIGHTPROBE, "polarization", *arguments], capture_output=True, text=True, timeout=60,
+            cwd=tmp_path,
+        )  # fmt: skip
+        assert done.returncode != 0
+        assert words in done.stderr, done.stderr
