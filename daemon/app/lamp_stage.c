@@ -137,8 +137,7 @@ static void measure_polarization(struct lp_remembered_lamp *m, const struct lp_i
 {
 	m->polarization = lp_stokes_polarization(&m->stokes);
 	if (!m->polarization.known && m->seen)
-		m->polarization = lp_imager_polarization(imager, finder->cells + m->on_grid.first,
-							 m->on_grid.count);
+		m->polarization = lp_imager_polarization(imager, finder, &m->on_grid);
 }
 
 /* Which of the remembered lamps are mirror images of others. */

@@ -3,6 +3,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "include/luminance.h"
+#include "light/lamps.h"
 #include "vision/imager_internal.h"
 #include "vision/stokes_map.h"
 
@@ -21,11 +23,15 @@ const struct lp_film_view *lp_imager_film(const struct lp_imager *imager)
 	return imager->film.sheet_count ? &imager->film : NULL;
 }
 
-struct lp_polarization lp_imager_polarization(const struct lp_imager *imager, const int32_t *cells,
-					      int count)
+struct lp_polarization lp_imager_polarization(const struct lp_imager *imager,
+					      const struct lp_lamp_finder *finder,
+					      const struct lp_lamp *lamp)
 {
-	return imager->stokes ? lp_stokes_map_of(imager->stokes, cells, count)
-			      : lp_stokes_polarization(&(struct lp_stokes){0});
+	if (!imager->stokes)
+		return lp_stokes_polarization(&(struct lp_stokes){0});
+	return lp_stokes_map_of(imager->stokes, (const float(*)[4])imager->map->radiance,
+				lamp->background[LP_LUMINANCE], finder->cells + lamp->first,
+				lamp->count);
 }
 
 void lp_imager_see_through(struct lp_imager *imager, struct lp_observation *seen)

@@ -112,9 +112,10 @@ const struct lp_rotation *lp_imager_rotation(const struct lp_imager *imager);
  * known. Valid until the next load. */
 const struct lp_film_view *lp_imager_film(const struct lp_imager *imager);
 
-/* How the light of the panorama's cells is polarized, anchor frame; not known without a film. */
-struct lp_polarization lp_imager_polarization(const struct lp_imager *imager, const int32_t *cells,
-					      int count);
+/* How the light of a lamp's cells is polarized, anchor frame; not known without a film. */
+struct lp_polarization lp_imager_polarization(const struct lp_imager *imager,
+					      const struct lp_lamp_finder *finder,
+					      const struct lp_lamp *lamp);
 
 /* Lamps say how the frame just loaded is turned (light/motion.h: lp_motion_correct_by_landmarks()).
  */

@@ -16,6 +16,8 @@
 #define CELL_SIGMA 0.02F
 /* Less than this of the light that comes from a cell tells nothing of it. */
 #define LEAST_FACTOR 0.05F
+/* Of a lamp's light, in cells whose polarization is known. */
+#define LEAST_KNOWN_SHARE 0.8F
 
 static size_t cell_count(const struct lp_grid *grid)
 {
@@ -153,15 +155,19 @@ void lp_stokes_map_see_through(struct lp_stokes_map *map, const struct lp_film_v
 	observation->place_variance = 1.0F;
 }
 
-struct lp_polarization lp_stokes_map_of(const struct lp_stokes_map *map, const int32_t *cells,
-					int count)
+struct lp_polarization lp_stokes_map_of(const struct lp_stokes_map *map, const float (*radiance)[4],
+					float background, const int32_t *cells, int count)
 {
 	struct lp_polarization sum = {0};
+	float all = 0.0F;
 
 	for (int k = 0; k < count; k++) {
-		const struct lp_polarization p = lp_stokes_polarization(&map->cells[cells[k]]);
-		const float light = p.s0 * lp_grid_solid_angle_sr(map->grid, cells[k]);
+		const int cell = cells[k];
+		const struct lp_polarization p = lp_stokes_polarization(&map->cells[cell]);
+		const float light = fmaxf(radiance[cell][LP_LUMINANCE] - background, 0.0F) *
+				    lp_grid_solid_angle_sr(map->grid, cell);
 
+		all += light;
 		if (!p.known)
 			continue;
 		sum.s0 += light;
@@ -171,7 +177,7 @@ struct lp_polarization lp_stokes_map_of(const struct lp_stokes_map *map, const i
 		sum.qu += light * p.qu;
 		sum.uu += light * p.uu;
 	}
-	if (!(sum.s0 > 0.0F))
+	if (!(sum.s0 > LEAST_KNOWN_SHARE * all))
 		return lp_stokes_polarization(&(struct lp_stokes){0});
 	sum.q /= sum.s0;
 	sum.u /= sum.s0;

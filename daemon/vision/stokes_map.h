@@ -45,9 +45,10 @@ void lp_stokes_map_learn(struct lp_stokes_map *map, const struct lp_film_view *v
 void lp_stokes_map_see_through(struct lp_stokes_map *map, const struct lp_film_view *view,
 			       struct lp_observation *observation);
 
-/* Of what the cells show together. */
-struct lp_polarization lp_stokes_map_of(const struct lp_stokes_map *map, const int32_t *cells,
-					int count);
+/* Of what the cells show together above a surround of radiance `background`; not known where cells
+ * that hold more than a fifth of it are not. radiance: of all cells, as the map holds it. */
+struct lp_polarization lp_stokes_map_of(const struct lp_stokes_map *map, const float (*radiance)[4],
+					float background, const int32_t *cells, int count);
 
 /* As lp_radiance_map_turn(). */
 void lp_stokes_map_turn(struct lp_stokes_map *map, const struct lp_rotation *rotation);
