@@ -113,7 +113,7 @@ class Studio:
             exposures_us = self._write(views, Path(name))
             repeated = EXPOSURES if exposures_us else 1
             angles = tuple(np.repeat(settings.wheel_deg, repeated).tolist())
-            chosen = offline.Settings(preset="balanced", wheel_deg=angles)
+            chosen = offline.Settings(preset="balanced", wheel_deg=angles, area_lights=True)
             return offline.estimate_folder(Path(name), exposures_us, chosen)
 
     def _write(self, views: Sequence[Radiance], folder: Path) -> list[float]:
