@@ -58,14 +58,13 @@ struct stages final : bench::contestant {
 
 stages::stages(const lp_camera_file &file) : contestant("stages")
 {
-	const struct lp_imager_options options = {.panorama_width = LP_PANORAMA_WIDTH,
-						  .decode = LP_DECODE_BLOCKS,
-						  .divisor = 1,
-						  .exact_blocks = kExactBlocks,
-						  .follow_turns = false,
-						  .heed_orientation = false};
+	struct lp_imager_options options = {};
 	const struct lp_detector_options detector = {};
 
+	options.panorama_width = LP_PANORAMA_WIDTH;
+	options.decode = LP_DECODE_BLOCKS;
+	options.divisor = 1;
+	options.exact_blocks = kExactBlocks;
 	if (lp_camera_create(&file, &camera) < 0 ||
 	    lp_imager_create(camera, &options, &imager) < 0 ||
 	    lp_detection_create(lp_imager_grid(imager), &detector, &detection) < 0 ||
