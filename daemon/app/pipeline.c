@@ -667,6 +667,10 @@ int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
 	estimates->raw.orientation =
 		orientation_of(pipeline, told, told_sigma_deg, panorama->t_capture_ns);
 	lp_tracker_update(&pipeline->tracker, &estimates->raw, &estimates->smoothed);
+	/* Smoothed light lags behind a change, and says by how much. */
+	estimates->smoothed.relighting_sigma =
+		hypotf(estimates->raw.relighting_sigma,
+		       lp_model_distance(&estimates->raw, &estimates->smoothed));
 	turn_to_camera(pipeline->imager, &estimates->raw);
 	turn_to_camera(pipeline->imager, &estimates->smoothed);
 	rest(pipeline);

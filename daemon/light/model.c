@@ -47,6 +47,24 @@ static void residual_rms(const double (*sh)[3], double rms[LP_MAX_SH_ORDER + 1])
 	}
 }
 
+float lp_model_distance(const struct lp_light_estimate *estimate,
+			const struct lp_light_estimate *other)
+{
+	/* as in lp_model_predict() */
+	const double mean = (double)lp_luminance(estimate->sh_total[0]) * sqrt(4.0 * M_PI) / 4.0;
+	double sum = 0.0;
+
+	for (int l = 0; l <= LP_MAX_SH_ORDER; l++)
+		for (int i = l * l; i < (l + 1) * (l + 1); i++) {
+			const double apart =
+				lp_sh_cosine(l) * ((double)lp_luminance(estimate->sh_total[i]) -
+						   (double)lp_luminance(other->sh_total[i]));
+
+			sum += apart * apart;
+		}
+	return mean > 0.0 ? (float)(sqrt(sum / (4.0 * M_PI)) / mean) : 0.0F;
+}
+
 void lp_model_predict(const double (*total)[3], struct lp_light_estimate *estimate)
 {
 	/* mean irradiance over normals = integral of radiance / 4 = sqrt(4 pi) L00 / 4 */

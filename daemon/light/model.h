@@ -23,6 +23,12 @@ void lp_model_predict(const double (*total)[3], struct lp_light_estimate *estima
  * error. Chosen by hand: nobody has measured what people see (docs/maintainers/constants.md). */
 #define LP_SHADOW_SHARE 0.1F
 
+/* How far apart the light of two estimates is, up to order LP_MAX_SH_ORDER: root mean square over
+ * normals of the difference of their irradiances (luminance), relative to the mean irradiance of
+ * the first; 0 when that is black. */
+float lp_model_distance(const struct lp_light_estimate *estimate,
+			const struct lp_light_estimate *other);
+
 /* Bytes on the wire (proto/lightprobe.proto): three floats a coefficient; a light with all that an
  * ordinary one says. tests/unit/test_codec.c compares them with what is sent. */
 #define LP_COEFFICIENT_BYTES 12

@@ -64,7 +64,7 @@ class Step:
     frames_worst: float
     overshoot_worst: float  # of the change
     error_settled: float  # relighting, once settled, worst
-    announced: float  # share of the packets between that carry a flag or state a larger error
+    announced: float  # share of the packets between that carry a flag or state an error like theirs
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ def steps(world: World, packets: Sequence[Packet], where: tuple[str, str, str]) 
         overshoots.append(max(shown.max() - 1, 0.0))
         errors.append(_error(world, packets, times, slot))
         some = [packets[k] for k in np.flatnonzero(inside & (times < first))]
-        announced += [bool(p.estimate.flags) or (p.stated or 0) > 1 - ARRIVED for p in some]
+        announced += [_is_announced(world, packet) for packet in some]
     return Step(
         *where, len(frames), *(float(f(frames)) if frames else np.nan for f in (np.median, max)),
         float(max(overshoots, default=np.nan)), float(max(errors, default=np.nan)),
@@ -142,12 +142,21 @@ def _true_light(world: World, slot: int) -> Array:
     return np.asarray(luminance(world.at((slot + 0.5) * SWITCH_S).truth().irradiance(_NORMALS)))
 
 
+def _is_announced(world: World, packet: Packet) -> bool:
+    """Whether a flag or three times the error that it states cover how wrong it is."""
+    return bool(packet.estimate.flags) or 3 * (packet.stated or 0) > _error_of(world, packet)
+
+
+def _error_of(world: World, packet: Packet) -> float:
+    """Relighting error."""
+    truth = world.at(packet.captured_s).truth()
+    error, _ = relighting(truth.irradiance(_NORMALS), packet.estimate.irradiance(_NORMALS))
+    return error
+
+
 def _error(world: World, packets: Sequence[Packet], times: Array, slot: int) -> float:
     """Relighting error of the last packet of a slot."""
-    last = packets[np.flatnonzero(times < (slot + 1) * SWITCH_S)[-1]]
-    truth = world.at(last.captured_s).truth()
-    error, _ = relighting(truth.irradiance(_NORMALS), last.estimate.irradiance(_NORMALS))
-    return error
+    return _error_of(world, packets[np.flatnonzero(times < (slot + 1) * SWITCH_S)[-1]])
 
 
 def flicker(

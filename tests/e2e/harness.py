@@ -265,7 +265,7 @@ def panorama(width: int = 128, level: int = 60, lamp_column: float = 0.5) -> np.
     height = width // 2
     picture = np.full((height, width, 3), level, np.uint8)
     centre = (round(lamp_column * width), round(0.3 * height))
-    cv2.circle(picture, centre, max(2, width // 40), (250, 250, 250), -1)
+    cv2.circle(picture, centre, max(1, width // 100), (250, 250, 250), -1)
     return picture
 
 

@@ -70,7 +70,9 @@ def test_json_has_the_one_shape(radiance, tmp_path):
     }  # fmt: skip
     assert np.shape(result["sh"]["coefficients"]) == (16, 3)
     assert (result["sh"]["order"], result["sh"]["kind"]) == (3, "AMBIENT")
-    assert result["scale"] == {"cd_m2_per_unit": None, "calibrated": False}
+    assert result["scale"] == {
+        "cd_m2_per_unit": None, "cd_m2_per_unit_sigma": None, "calibrated": False,
+    }  # fmt: skip
     assert result["exposure"]["exposure_us"] is None
     assert result["model"]["sh_order"] == 3
     assert result["model"]["lights"] == 3

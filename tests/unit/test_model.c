@@ -134,6 +134,22 @@ static void test_overcast(void **state)
 	assert_float_equal(e.predicted_error[0][0], 0.0, 0.0);
 }
 
+/* An even light that is half as strong, and one from another side. */
+static void test_distance(void **state)
+{
+	const struct lp_light_estimate even = {.sh_total = {{2.0F, 2.0F, 2.0F}}},
+				       half = {.sh_total = {{1.0F, 1.0F, 1.0F}}}, black = {0};
+	struct lp_light_estimate sided = even;
+
+	(void)state;
+	/* band 1: 2 pi/3 for each normal, against pi/2 L00 on average over sqrt(4 pi) normals */
+	sided.sh_total[1][0] = sided.sh_total[1][1] = sided.sh_total[1][2] = 1.0F;
+	assert_float_equal(lp_model_distance(&even, &even), 0.0, 0.0);
+	assert_float_equal(lp_model_distance(&even, &half), 0.5, 1e-6);
+	assert_float_equal(lp_model_distance(&even, &sided), 1.0 / 3.0, 1e-6);
+	assert_float_equal(lp_model_distance(&black, &even), 0.0, 0.0);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -141,6 +157,7 @@ int main(void)
 		cmocka_unit_test(test_predicted_error_is_the_real_one),
 		cmocka_unit_test(test_smallest_model_under_the_tolerance),
 		cmocka_unit_test(test_overcast),
+		cmocka_unit_test(test_distance),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

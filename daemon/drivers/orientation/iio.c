@@ -391,9 +391,8 @@ const struct lp_orientation_ops lp_orientation_iio_ops = {
 	.info = {.scheme = "iio",
 		 .form = "[NAME]",
 		 .help = "a gyroscope that Linux knows as an IIO device\n"
-			 "NAME as iio_info lists it; without it the first gyroscope. How it sits "
-			 "in "
-			 "the probe is said by --mount.",
+			 "NAME as iio_info lists it; without it the first gyroscope.\n"
+			 "How it sits in the probe is said by --mount.",
 		 .params = &params},
 	.create = iio_create,
 	.start = iio_start,
