@@ -51,6 +51,8 @@ def replayed(file, *options):
     process = subprocess.Popen(
         [LIGHTPROBE, "replay", file, "--publish", f"tcp:127.0.0.1:{tcp}",
          "--publish", f"ws:127.0.0.1:{web}", *options], stderr=subprocess.PIPE, text=True,
+        # What runs in the background of a shell starts with Ctrl-C ignored.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
     said = []
     try:
