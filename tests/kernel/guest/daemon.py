@@ -19,7 +19,8 @@ from machine import wait_for
 
 BUILD = Path(os.environ["LP_BUILD"])
 HEALTH_PERIOD_MS = 100
-STALE = 1  # ESTIMATE_FLAG_STALE
+#: An estimate without a new frame: an old one repeated, or the ring's alone.
+NO_FRAME = 1 | 512  # ESTIMATE_FLAG_STALE, ESTIMATE_FLAG_RING_ONLY
 
 
 def parse_delimited(data: bytes) -> tuple[bytes | None, bytes]:
@@ -91,14 +92,14 @@ class Client:
         return self.wait_health(name, lambda health: health.source_state == wanted, timeout_s)
 
     def wait_estimate(self, captured_after_unix_ns: int = 0, timeout_s: float = 120) -> pb.Estimate:
-        """Wait for an estimate from a frame captured after that time, not a repeated old one."""
+        """Wait for an estimate from a frame captured after that time."""
         end = time.monotonic() + timeout_s
         while time.monotonic() < end:
             message = self.next_message(max(0.001, end - time.monotonic()))
             estimate = message.estimate
             if (
                 message.HasField("estimate")
-                and not estimate.flags & STALE
+                and not estimate.flags & NO_FRAME
                 and estimate.capture_time_unix_ns > captured_after_unix_ns
             ):
                 return estimate
