@@ -290,7 +290,8 @@ void Capture::use(Session &session)
 			std::max(static_cast<int64_t>(static_cast<double>(settings.stall_ms) *
 						      static_cast<double>(LP_NS_PER_MS)),
 				 has_frames ? 0 : FIRST_FRAME_NS);
-		const bool goes_on = wait_until(silent_ns + patience_ns);
+		const bool goes_on =
+			wait_until(std::min(silent_ns + patience_ns, session.rest_end_ns()));
 
 		if (!goes_on)
 			return;

@@ -26,6 +26,7 @@ namespace
 /* Being filled, waiting for it, and being copied. Pipelines may insist on another number. */
 constexpr unsigned BUFFERS = 4;
 constexpr std::chrono::seconds DISCONNECTION_WITHIN{60};
+constexpr int64_t REST_NS = 100 * LP_NS_PER_MS;
 /* The unit of exposure of USB cameras, the only ones whose frames do not tell theirs. */
 constexpr float UVC_STEP_US = 100;
 
@@ -68,6 +69,15 @@ void sync_memory(int fd, uint64_t edge)
 
 	sync.flags = edge | DMA_BUF_SYNC_READ;
 	(void)ioctl(fd, DMA_BUF_IOCTL_SYNC, &sync);
+}
+
+bool is_empty(const libcamera::FrameMetadata &about)
+{
+	for (const auto &plane : about.planes()) {
+		if (plane.bytesused)
+			return false;
+	}
+	return true;
 }
 
 /* The control's limits, as floats; false: the camera has no such control. */
@@ -332,6 +342,24 @@ void Session::queue(libcamera::Request &request)
 	(void)camera->queueRequest(&request); /* fails for a camera that has gone: gone() tells */
 }
 
+/*
+ * A picture without a byte is the first that an unplugged camera leaves behind, while its node is
+ * still there. So its request rests: by then the node has gone, if the camera has.
+ */
+void Session::queue_later(libcamera::Request &request)
+{
+	resting.push_back(&request);
+	rest_end = lp_clock_ns() + REST_NS;
+}
+
+void Session::queue_rested()
+{
+	for (libcamera::Request *const request : resting)
+		queue(*request);
+	resting.clear();
+	rest_end = INT64_MAX;
+}
+
 void Session::set_exposure(float exposure_us, float gain)
 {
 	wanted_us = exposure_us;
@@ -418,12 +446,18 @@ lp_frame *Session::take()
 			give_up(*request);
 			continue;
 		}
+		const bool empty = is_empty(request->findBuffer(stream)->metadata());
 		lp_frame *const frame = make_frame(*request);
 
-		queue(*request);
+		if (empty)
+			queue_later(*request);
+		else
+			queue(*request);
 		if (frame)
 			return frame;
 	}
+	if (lp_clock_ns() >= rest_end)
+		queue_rested();
 	return nullptr;
 }
 
@@ -498,6 +532,11 @@ lp_source_caps Session::caps() const
 	if (!reports_exposure || !limits(has, controls::AnalogueGain, caps.gain_min, caps.gain_max))
 		caps.gain_min = caps.gain_max = 1;
 	return caps;
+}
+
+int64_t Session::rest_end_ns() const
+{
+	return rest_end;
 }
 
 uint64_t Session::next_sequence() const

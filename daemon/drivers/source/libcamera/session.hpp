@@ -62,6 +62,8 @@ class Session
 	bool gone();
 	/* Its nodes are there; false: it was unplugged, and libcamera will say so. */
 	bool present() const;
+	/* When take() has something to do, frame or not; INT64_MAX: only when a frame comes. */
+	int64_t rest_end_ns() const;
 	/* What it can do; all of it is known after the first frame. */
 	lp_source_caps caps() const;
 	uint64_t next_sequence() const;
@@ -96,6 +98,8 @@ class Session
 	void hold_still();
 	void hold_exposure();
 	void queue(libcamera::Request &request);
+	void queue_later(libcamera::Request &request);
+	void queue_rested();
 	void put_exposure(libcamera::ControlList &controls);
 	lp_frame *make_frame(libcamera::Request &request);
 	int copy(const Slot &slot, const libcamera::FrameMetadata &about,
@@ -123,7 +127,9 @@ class Session
 	bool reports_exposure = false; /* as the caps say; known after the first frame */
 	libcamera::ControlList wanted; /* for the next request */
 	float wanted_us = NAN, wanted_gain = NAN;
-	lp_exposure_guess guess{}; /* where frames do not report it */
+	lp_exposure_guess guess{};		   /* where frames do not report it */
+	std::vector<libcamera::Request *> resting; /* not queued before rest_end */
+	int64_t rest_end = INT64_MAX;
 	const uint64_t first_sequence;
 	uint64_t following_sequence;
 
