@@ -114,8 +114,8 @@ SEQUENCES = {
     ],
     "model": [Constant("light/model.h", "LP_SHADOW_SHARE")],
     "pipeline": [
-        Constant("app/pipeline.c", "DARK_CODE"),
-        Constant("app/pipeline.c", "LEAST_CLIPPED_FRACTION"),
+        Constant("app/pipeline_estimate.c", "DARK_CODE"),
+        Constant("app/pipeline_state.h", "LP_LEAST_CLIPPED_FRACTION"),
     ],
     "governor": [
         Constant("app/governor.c", "MOST_LATE"),

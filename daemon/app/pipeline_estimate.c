@@ -1,0 +1,195 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "app/pipeline_state.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "base/clock.h"
+#include "include/luminance.h"
+#include "light/model.h"
+#include "light/sh.h"
+
+#define DEG (180.0F / (float)M_PI)
+/* What the grid, the blocks of a JPEG and its rounding bring at best: docs/users/accuracy.md. */
+#define LEAST_RELIGHTING_SIGMA 0.004
+/* Thresholds of flags: chosen by hand (docs/maintainers/constants.md). */
+/* Below this mean code of the longest exposure most of an 8-bit picture is noise. */
+#define DARK_CODE 4.0F
+/* 1 sigma of the drift of the anchor frame in a second of turning, in sigmas of its frames. */
+#define DRIFT_SIGMAS 4.0
+/* 1 sigma of light that is not seen, relative, after its first second; grows with its root. */
+#define COVERED_WALK 0.1
+
+/* The panorama's light, with each lamp's share moved from where the grid saw it to where it is:
+ * shape from the grid, place and strength from the pixels. */
+static void project(struct lp_pipeline *p, const struct lp_panorama *panorama, double (*total)[3])
+{
+	lp_sh_project(p->projector, panorama, LP_SH_MAX_ORDER, total);
+	for (int k = 0; k < LP_MAX_LAMPS; k++) {
+		const struct lp_remembered_lamp *m = &p->lamps.memory.list[k];
+
+		if (!m->id || !m->seen)
+			continue;
+		lp_sh_add_lamp(LP_SH_MAX_ORDER, m->on_grid.centroid, m->on_grid.irradiance, 0.0,
+			       -1.0, total);
+		lp_sh_add_lamp(LP_SH_MAX_ORDER, m->lamp.centroid, m->lamp.irradiance, 0.0, 1.0,
+			       total);
+		lp_sh_add_lamp(LP_SH_MAX_ORDER, m->lamp.centroid, m->recovered, 0.0, 1.0, total);
+	}
+	lp_ring_stage_project(&p->ring, total);
+}
+
+static uint32_t flags_of(const struct lp_pipeline *p, const struct lp_panorama *panorama,
+			 const struct lp_imager_status *status, float mean, int lamps)
+{
+	uint32_t flags = 0;
+
+	if (status->exposure_unknown)
+		flags |= LP_ESTIMATE_EXPOSURE_UNKNOWN;
+	if (panorama->clipped_fraction > LP_LEAST_CLIPPED_FRACTION ||
+	    lp_lamp_memory_flicker_clips(&p->lamps.memory))
+		flags |= LP_ESTIMATE_CLIPPED;
+	if (status->mean_code < DARK_CODE) /* false for NAN: float frames have no codes */
+		flags |= LP_ESTIMATE_UNDEREXPOSED;
+	if (panorama->seen_fraction < 1.0F)
+		flags |= LP_ESTIMATE_PARTIAL_VIEW;
+	if (status->invalid_samples)
+		flags |= LP_ESTIMATE_INVALID_INPUT;
+	if (lamps > p->wanted_lights)
+		flags |= LP_ESTIMATE_MORE_LIGHTS;
+	if (status->rotation_is_unknown)
+		flags |= LP_ESTIMATE_MOTION;
+	if (lp_lamp_memory_flicker(&p->lamps.memory) > 0.0F)
+		flags |= LP_ESTIMATE_FLICKER;
+	if (status->covered)
+		flags |= LP_ESTIMATE_COVERED;
+	if (status->angles_missing)
+		flags |= LP_ESTIMATE_POLARIZATION_UNKNOWN;
+	if (p->lamps.film_is_turned)
+		flags |= LP_ESTIMATE_FILM_TURNED;
+	if (!(mean > 0.0F))
+		flags |= LP_ESTIMATE_NO_LIGHT;
+	if (p->in_force < p->options.preset)
+		flags |= LP_ESTIMATE_DEGRADED;
+	if (p->bracketing && p->bracket.state == LP_BRACKET_IGNORED)
+		flags |= LP_ESTIMATE_EXPOSURE_IGNORED;
+	else if (p->bracketing && status->current_count < p->bracket.planned)
+		flags |= LP_ESTIMATE_BRACKET_INCOMPLETE;
+	return flags;
+}
+
+/* Variance of the irradiance, mean over all normals, that a lamp's own uncertainty brings: of its
+ * strength (the mean of max(0, cos)^2 is 1/6), and of its direction (likewise of max(0, sin)^2,
+ * over the lit half: 1/6). */
+static double lamp_variance(const struct lp_light *light)
+{
+	const double own = lp_luminance(light->irradiance);
+	const bool by_ring = light->flags & LP_LIGHT_RING; /* lp_ring_stage_knows() */
+	const double strength =
+		isnan(light->irradiance_sigma) || by_ring ? 0.0 : light->irradiance_sigma;
+	const double direction = light->direction_sigma_deg / DEG;
+
+	return own * own * (strength * strength + direction * direction) / 6.0;
+}
+
+static float relighting_sigma(const struct lp_pipeline *p, const struct lp_imager_status *status,
+			      const struct lp_light_estimate *e, const double (*total)[3])
+{
+	const float light[3] = {(float)total[0][0], (float)total[0][1], (float)total[0][2]};
+	/* mean irradiance = integral of radiance / 4 */
+	const double mean = lp_luminance(light) * sqrt(4.0 * M_PI) / 4.0;
+	/* clipped light may well be twice as much; flux over mean irradiance is 4 */
+	double clipped = 4.0 * status->clipped_share / sqrt(6.0);
+	/* what a hand hides may have changed meanwhile, all of it alike */
+	const double hidden = 4.0 * status->covered_share * COVERED_WALK *
+			      sqrt(1.0 + status->covered_s) / sqrt(6.0);
+	double lamps = 0.0;
+	float variance;
+
+	if (!(mean > 0.0))
+		return 0.0F;
+	if (lp_ring_stage_knows(&p->ring, &variance))
+		clipped = sqrt(variance) / mean;
+	for (int k = 0; k < e->light_count; k++)
+		lamps += lamp_variance(&e->lights[k]) / (mean * mean);
+	return (float)sqrt(LEAST_RELIGHTING_SIGMA * LEAST_RELIGHTING_SIGMA + lamps +
+			   clipped * clipped + hidden * hidden +
+			   (double)status->irradiance_sigma * status->irradiance_sigma +
+			   (double)status->changed * status->changed);
+}
+
+/* Light of unknown exposure has no scale. */
+static struct lp_ring_scale scale_of(const struct lp_pipeline *p,
+				     const struct lp_imager_status *status)
+{
+	return status->exposure_unknown ? (struct lp_ring_scale){NAN, NAN}
+					: lp_ring_stage_scale(&p->ring);
+}
+
+void lp_pipeline_fill(struct lp_pipeline *p, const struct lp_panorama *panorama, float mean,
+		      struct lp_light_estimate *e)
+{
+	/* more than are wanted: each list chooses for itself, with memory */
+	const int most = p->wanted_lights ? p->options.max_lights : 0;
+	const int lamps =
+		lp_lamp_stage_list(&p->lamps, lp_imager_grid(p->imager), panorama, most, e);
+	double total[LP_SH_MAX_COUNT][3];
+	struct lp_imager_status status;
+
+	project(p, panorama, total);
+	lp_imager_status(p->imager, &status);
+	const struct lp_ring_scale scale = scale_of(p, &status);
+
+	e->t_capture_ns = panorama->t_capture_ns;
+	e->suspended_ns = lp_clock_suspended_ns();
+	e->sequence = ++p->sequence;
+	e->flags = flags_of(p, panorama, &status, mean, lamps);
+	e->exposure_us = status.longest_exposure_us;
+	e->exposure_count = status.exposure_count;
+	e->cd_m2_per_unit = scale.lux_per_unit;
+	e->cd_m2_per_unit_sigma = scale.sigma;
+	for (int i = 0; i < LP_MAX_SH_COUNT; i++)
+		for (int c = 0; c < 3; c++)
+			e->sh_total[i][c] = (float)total[i][c];
+	e->relighting_sigma = relighting_sigma(p, &status, e, total);
+	lp_model_predict(total, e);
+}
+
+/* While the camera turns, the anchor frame drifts by more than the sigma of each frame says. */
+static void note_drift(struct lp_pipeline *p, const struct lp_imager_status *status, int64_t t_ns)
+{
+	const double sigma_deg = DRIFT_SIGMAS * (double)status->rotation_sigma_deg;
+
+	if (p->t_drift_ns && t_ns > p->t_drift_ns)
+		p->drift_deg2 += sigma_deg * sigma_deg * (double)(t_ns - p->t_drift_ns) / 1e9;
+	p->t_drift_ns = t_ns;
+}
+
+/* A gyroscope tells turns, but no world. */
+struct lp_estimate_orientation lp_pipeline_orientation(struct lp_pipeline *p, const float told[4],
+						       float told_sigma_deg, int64_t t_ns)
+{
+	struct lp_estimate_orientation o = {0};
+	struct lp_imager_status status;
+	double quaternion[4];
+
+	lp_imager_status(p->imager, &status);
+	note_drift(p, &status, t_ns);
+	o.left_out = status.orientation_left_out;
+	if (p->options.orientation == LP_ORIENTATION_SIM ||
+	    p->options.orientation == LP_ORIENTATION_CLIENT) {
+		o.known = o.world = status.orientation_told && !o.left_out;
+		memcpy(o.xyzw, told, sizeof(o.xyzw));
+		o.sigma_deg = told_sigma_deg;
+	} else if (p->options.orientation != LP_ORIENTATION_NONE) {
+		const struct lp_rotation turned =
+			lp_rotation_product(&p->origin, lp_imager_rotation(p->imager));
+
+		lp_rotation_quaternion(&turned, quaternion);
+		for (int i = 0; i < 4; i++)
+			o.xyzw[i] = (float)quaternion[i];
+		o.known = true;
+		o.sigma_deg = hypotf(status.rotation_sigma_deg, sqrtf((float)p->drift_deg2));
+	}
+	return o;
+}

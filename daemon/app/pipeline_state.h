@@ -1,0 +1,71 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What a pipeline is made of: for the files pipeline*.c alone. */
+#ifndef LP_APP_PIPELINE_STATE_H
+#define LP_APP_PIPELINE_STATE_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "app/bracket.h"
+#include "app/lamp_stage.h"
+#include "app/pipeline.h"
+#include "app/ring_stage.h"
+#include "include/panorama.h"
+#include "light/rotation.h"
+#include "light/tracker.h"
+#include "vision/imager.h"
+#include "vision/sh_project.h"
+
+/* Chosen by hand (docs/maintainers/constants.md): less clipped light than this is not told. */
+#define LP_LEAST_CLIPPED_FRACTION 1e-5F
+
+/* What each preset means; `make bench` measures the trade. */
+struct lp_preset_work {
+	enum lp_decode decode;
+	int divisor;
+	int exact_blocks;
+	int refine_cells; /* largest lamp refined, in cells that hold its light; 0: none */
+	int panorama_width;
+};
+
+struct lp_pipeline {
+	struct lp_pipeline_options options;
+	struct lp_preset_work preset; /* in force, with what single options say */
+	enum lp_preset in_force;      /* may be lower than options.preset */
+	struct lp_camera *camera;
+	struct lp_imager *imager;
+	struct lp_detection *detection;
+	struct lp_sh_projector *projector;
+	struct lp_lamp_stage lamps;
+	struct lp_ring_stage ring;
+	struct lp_tracker tracker;
+	struct lp_bracket bracket;
+	bool bracketing, reports_exposure;
+	float restless;	   /* share of the last frames that showed changed light */
+	float *scratch;	   /* cells of the panorama, for its median */
+	int wanted_lights; /* by the options and the most demanding subscriber */
+	uint32_t sequence;
+	struct lp_rotation origin; /* anchor frame to that of the first frame */
+	double drift_deg2;	   /* variance of what the anchor frame has drifted since then */
+	int64_t t_drift_ns;
+};
+
+/* The anchor frame is another: `turn` is the rotation from the old one to the new one. */
+void lp_pipeline_turn_anchor(struct lp_pipeline *pipeline, const struct lp_rotation *turn);
+
+/*
+ * Fills a zeroed estimate, in the anchor frame, from the panorama and the lamps as they are; `mean`
+ * is the panorama's mean luminance. Beside it stay the times and the wheel, which are the frame's.
+ */
+void lp_pipeline_fill(struct lp_pipeline *pipeline, const struct lp_panorama *panorama, float mean,
+		      struct lp_light_estimate *estimate);
+
+/*
+ * How the camera was turned at t_ns: as `told` (x, y, z, w; its 1 sigma in degrees) where that
+ * agrees with the pictures; else, where nothing tells it, as they show it since the first one.
+ */
+struct lp_estimate_orientation lp_pipeline_orientation(struct lp_pipeline *pipeline,
+						       const float told[4], float told_sigma_deg,
+						       int64_t t_ns);
+
+#endif
