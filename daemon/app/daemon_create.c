@@ -1,0 +1,227 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "app/daemon_parts.h"
+
+#include <errno.h>
+#include <math.h>
+#include <sys/random.h>
+#include <unistd.h>
+
+#include "app/backends.h"
+#include "base/clock.h"
+#include "base/log.h"
+#include "base/text.h"
+#include "include/ring_sample.h"
+
+#define INSECURE_LAN                                                                            \
+	"lightprobed: --insecure-lan: anyone on the network can read the light — publish on " \
+	"wss: instead (lightprobe pair)"
+
+static void set_name(struct lp_daemon *daemon)
+{
+	char host[sizeof(daemon->name)] = "";
+
+	(void)gethostname(host, sizeof(host) - 1);
+	lp_text_copy(daemon->name, sizeof(daemon->name),
+		     *daemon->options->name ? daemon->options->name : host);
+}
+
+static int create_orientation(struct lp_daemon *daemon)
+{
+	const struct lp_pipeline_options pipeline = lp_options_pipeline(daemon->options);
+	const struct lp_orientation_host host = {.context = daemon,
+						 .loop = daemon->loop,
+						 .sample = lp_daemon_on_orientation_sample,
+						 .fault = lp_daemon_on_fault};
+	struct lp_mount mount;
+	const int ret = lp_mount_read(daemon->options->mount, &mount);
+
+	if (ret < 0)
+		return ret;
+	lp_orientation_init(&daemon->orientation, pipeline.orientation, &mount, &daemon->health);
+	return pipeline.orientation == LP_ORIENTATION_SENSOR
+		       ? lp_orientation_open(daemon->options->orientation.uri, &host,
+					     &daemon->sensor)
+		       : 0;
+}
+
+static int create_hub(struct lp_daemon *daemon)
+{
+	const struct lp_options *options = daemon->options;
+	const struct lp_pipeline_options pipeline = lp_options_pipeline(options);
+	struct lp_hub_options hub = {
+		.hello = {.source = daemon->source ? daemon->source->ops->info.scheme : "none",
+			  .preset = lp_preset_name(options->preset),
+			  .max_sh_order = pipeline.sh_order,
+			  .max_lights = pipeline.max_lights,
+			  .smoothing_ms = (uint32_t)lrintf(options->smoothing_ms),
+			  .has_wheel = *options->rotator,
+			  .has_ring = *options->ring,
+			  .name = daemon->name,
+			  .orientation = lp_orientation_name((int)pipeline.orientation)},
+		.initial = lp_default_subscription(),
+		.ttl_ms = (uint32_t)lrintf(options->ttl_ms),
+		.max_clients = options->max_clients,
+		.insecure_lan = options->insecure_lan,
+		.health = &daemon->health,
+		.loop = daemon->loop,
+		.context = daemon,
+		.pose = lp_daemon_on_pose,
+		.left = lp_daemon_on_client_left,
+		.failed = lp_daemon_on_publisher_failed,
+	};
+
+	if (getrandom(&hub.hello.boot_id, sizeof(hub.hello.boot_id), GRND_NONBLOCK) < 0)
+		hub.hello.boot_id = (uint32_t)lp_clock_unix_ns(lp_clock_ns());
+	if (options->once) {
+		/* One estimate of this set, as it is, with all that was asked for. */
+		hub.initial.raw = true;
+		hub.initial.sh_order = pipeline.sh_order;
+		hub.initial.max_lights = pipeline.max_lights;
+		hub.initial.area_lights = options->area_lights;
+		hub.initial.key_light = options->key_light;
+	}
+	daemon->health.report.preset = hub.hello.preset;
+	return lp_hub_create(&hub, &daemon->hub);
+}
+
+static int create_source(struct lp_daemon *daemon)
+{
+	const struct lp_camera_profile camera = lp_camera_file_profile(daemon->camera_file);
+	const struct lp_source_host host = {.context = daemon,
+					    .loop = daemon->loop,
+					    .once = daemon->options->once,
+					    .frame = lp_daemon_on_frame,
+					    .corrupt = lp_daemon_on_corrupt_frame,
+					    .state = lp_daemon_on_state,
+					    .fault = lp_daemon_on_fault,
+					    .camera = &camera};
+	int ret;
+
+	if (!*daemon->options->source && *daemon->options->ring && !daemon->options->once)
+		return 0; /* the ring alone */
+	if (!*daemon->options->source) {
+		lp_error("lightprobed", "--source",
+			 "no source is given — name a camera with --source=URI, or a ring of light "
+			 "sensors alone with --ring=URI; lightprobed --help lists the kinds");
+		return -EINVAL;
+	}
+	ret = lp_source_open(daemon->options->source, &host, &daemon->source);
+	if (ret < 0)
+		return ret;
+	daemon->source->ops->caps(daemon->source, &daemon->caps);
+	if (daemon->options->exposure_us > 0 && !daemon->source->ops->set_exposure) {
+		lp_error(daemon->options->source, "--exposure-us",
+			 "the exposure of this source cannot be set");
+		return -EINVAL;
+	}
+	return 0;
+}
+
+static int create_instruments(struct lp_daemon *daemon)
+{
+	const struct lp_instruments_host host = {.context = daemon,
+						 .loop = daemon->loop,
+						 .frame = lp_daemon_on_stamped_frame,
+						 .ring = lp_daemon_on_ring};
+
+	return lp_instruments_create(daemon->options, &daemon->health, &host, &daemon->instruments);
+}
+
+static int create_publishers(struct lp_daemon *daemon)
+{
+	const struct lp_publisher_host host = lp_hub_publisher_host(daemon->hub);
+	int ret = 0;
+
+	for (int i = 0; i < daemon->options->publish.count && ret == 0; i++) {
+		ret = lp_publisher_open(daemon->options->publish.texts[i], &host,
+					&daemon->publishers[i]);
+		if (ret == 0 && daemon->publishers[daemon->publisher_count++]->is_insecure) {
+			lp_hub_set_insecure(daemon->hub);
+			lp_health_fault(&daemon->health, "insecure-lan", INSECURE_LAN);
+		}
+	}
+	return ret;
+}
+
+/* --once: what the ring read while the pictures were taken. */
+static void give_ring_lux(struct lp_daemon *daemon)
+{
+	struct lp_ring_sample sample = {0};
+
+	for (int k = 0; k < LP_RING_SENSORS; k++) {
+		sample.illuminance_lux[k] = daemon->options->ring_lux.values[k];
+		sample.sigma_relative[k] = daemon->options->ring_sigma;
+	}
+	lp_worker_ring(daemon->worker, &sample);
+}
+
+static int create_worker(struct lp_daemon *daemon)
+{
+	struct lp_pipeline_options options = lp_options_pipeline(daemon->options);
+	struct lp_pipeline *pipeline;
+	int ret;
+
+	options.camera = daemon->camera_file;
+	if (isnan(options.scale.lux_per_unit) && daemon->camera_file->cd_m2_per_unit > 0.0F)
+		options.scale = (struct lp_ring_scale){daemon->camera_file->cd_m2_per_unit,
+						       daemon->camera_file->cd_m2_per_unit_sigma};
+	lp_ring_only_init(&daemon->ring_only, &options.scale, options.smoothing_ms, options.ttl_ms,
+			  lp_clock_ns());
+	ret = lp_pipeline_create(&options, &pipeline);
+	if (ret == 0)
+		ret = lp_worker_create(pipeline, daemon->options->once, &daemon->worker);
+	if (ret == 0 && daemon->options->ring_lux.count)
+		give_ring_lux(daemon);
+	return ret;
+}
+
+/* Everything that can be wrong in what the user wrote shows here. */
+int lp_daemon_create_parts(struct lp_daemon *daemon)
+{
+	int ret;
+
+	if (daemon->options->ring_lux.count && !daemon->options->once) {
+		lp_error("lightprobed", "--ring-lux",
+			 "belongs to pictures read with --once — a ring that is there is --ring");
+		return -EINVAL;
+	}
+	lp_health_init(&daemon->health, lp_clock_ns());
+	lp_governor_init(&daemon->governor, &daemon->options->goals, daemon->options->preset,
+			 lp_clock_ns(), lp_clock_cpu_ns());
+	ret = lp_camera_file_read(daemon->options->camera, &daemon->camera_file);
+	if (ret == 0)
+		ret = create_source(daemon);
+	if (ret == 0)
+		ret = create_instruments(daemon);
+	if (ret == 0)
+		ret = create_orientation(daemon);
+	if (ret == 0)
+		set_name(daemon);
+	if (ret == 0)
+		ret = create_hub(daemon);
+	if (ret == 0)
+		ret = create_publishers(daemon);
+	if (ret == 0)
+		ret = create_worker(daemon);
+	return ret;
+}
+
+/* In this order: frames go back before their source, packets before their hub. */
+void lp_daemon_destroy_parts(struct lp_daemon *daemon)
+{
+	lp_timer_stop(&daemon->tick);
+	lp_watch_stop(&daemon->results);
+	if (daemon->sensor)
+		daemon->sensor->ops->destroy(daemon->sensor);
+	lp_instruments_destroy(daemon->instruments);
+	lp_worker_destroy(daemon->worker);
+	for (int i = 0; i < daemon->publisher_count; i++)
+		daemon->publishers[i]->ops->destroy(daemon->publishers[i]);
+	if (daemon->source)
+		daemon->source->ops->destroy(daemon->source);
+	lp_hub_destroy(daemon->hub);
+	lp_time_control_destroy(daemon->time_control);
+	lp_loop_destroy(daemon->loop);
+	lp_camera_file_destroy(daemon->camera_file);
+	lp_log_flush(1);
+}

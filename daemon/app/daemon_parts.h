@@ -1,0 +1,81 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What the daemon is made of, for daemon.c (what happens) and daemon_create.c (its parts). */
+#ifndef LP_APP_DAEMON_PARTS_H
+#define LP_APP_DAEMON_PARTS_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "app/daemon.h"
+#include "app/governor.h"
+#include "app/health.h"
+#include "app/hub.h"
+#include "app/instruments.h"
+#include "app/options.h"
+#include "app/orientation.h"
+#include "app/ring_only.h"
+#include "app/ring_watch.h"
+#include "app/time_control.h"
+#include "app/worker.h"
+#include "base/loop.h"
+#include "include/orientation.h"
+#include "include/source.h"
+#include "vision/camera_file.h"
+
+struct lp_daemon {
+	const struct lp_options *options;
+	struct lp_camera_file *camera_file;
+	struct lp_loop *loop;
+	struct lp_timer tick;
+	struct lp_time_control *time_control; /* NULL: the system's time */
+	struct lp_watch results;	      /* of the worker */
+	uint64_t results_lost;
+	struct lp_hub *hub;
+	struct lp_worker *worker;
+	struct lp_source *source;
+	struct lp_source_caps caps;
+	struct lp_instruments *instruments;
+	struct lp_orientation_teller orientation;
+	struct lp_orientation *sensor; /* of orientation; NULL: none */
+	char name[64];		       /* of the probe */
+	struct lp_publisher *publishers[LP_MAX_PUBLISHERS];
+	int publisher_count;
+	struct lp_health health;
+	struct lp_ring_watch ring_watch;
+	struct lp_ring_only ring_only;
+	struct lp_estimates ring_estimates; /* of the ring alone: too large for a stack */
+	struct lp_governor governor;
+	char preset_reason[96]; /* of the last change that was asked for */
+	bool has_streamed;
+	bool has_frames;	    /* the next two count */
+	uint64_t next_sequence;	    /* of the source, if nothing is lost */
+	uint64_t frames_lost;	    /* between the camera and us */
+	uint64_t frames_corrupt;    /* while the source did not stream: the worker never saw them */
+	struct lp_result once_best; /* --once: the newest estimate of the set */
+	bool once_has_best;
+
+	int64_t watchdog_ns; /* 0: nobody watches */
+	int64_t fed_ns;	     /* the watchdog, last */
+	int64_t ending_ns;   /* since when; 0: running */
+	enum lp_exit exit_code;
+};
+
+/* What happens, on the loop; `context` is the daemon. */
+void lp_daemon_on_frame(void *context, struct lp_frame *frame);
+void lp_daemon_on_corrupt_frame(void *context);
+void lp_daemon_on_state(void *context, enum lp_source_state state, const char *reason);
+void lp_daemon_on_fault(void *context, const char *id, const char *text);
+void lp_daemon_on_stamped_frame(void *context, struct lp_frame *frame);
+void lp_daemon_on_ring(void *context, const struct lp_ring_sample *sample);
+void lp_daemon_on_publisher_failed(void *context, int failure);
+int lp_daemon_on_pose(void *context, const void *client,
+		      const struct lp_orientation_sample *sample);
+void lp_daemon_on_client_left(void *context, const void *client);
+void lp_daemon_on_orientation_sample(void *context, const struct lp_orientation_sample *sample);
+
+/* Everything but the loop and the timers; whoever fails has said why. */
+int lp_daemon_create_parts(struct lp_daemon *daemon);
+/* Also after a failure half way. */
+void lp_daemon_destroy_parts(struct lp_daemon *daemon);
+
+#endif
