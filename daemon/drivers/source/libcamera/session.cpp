@@ -71,15 +71,6 @@ void sync_memory(int fd, uint64_t edge)
 	(void)ioctl(fd, DMA_BUF_IOCTL_SYNC, &sync);
 }
 
-bool is_empty(const libcamera::FrameMetadata &about)
-{
-	for (const auto &plane : about.planes()) {
-		if (plane.bytesused)
-			return false;
-	}
-	return true;
-}
-
 /* The control's limits, as floats; false: the camera has no such control. */
 template <typename T>
 bool limits(const libcamera::ControlInfoMap &map, const libcamera::Control<T> &control,
@@ -343,8 +334,8 @@ void Session::queue(libcamera::Request &request)
 }
 
 /*
- * A picture without a byte is the first that an unplugged camera leaves behind, while its node is
- * still there. So its request rests: by then the node has gone, if the camera has.
+ * The first that an unplugged camera leaves behind, while its node is still there, are corrupt
+ * pictures. So the request of one rests: after that the node has gone, if the camera has.
  */
 void Session::queue_later(libcamera::Request &request)
 {
@@ -446,13 +437,13 @@ lp_frame *Session::take()
 			give_up(*request);
 			continue;
 		}
-		const bool empty = is_empty(request->findBuffer(stream)->metadata());
+		const auto status = request->findBuffer(stream)->metadata().status;
 		lp_frame *const frame = make_frame(*request);
 
-		if (empty)
-			queue_later(*request);
-		else
+		if (status == libcamera::FrameMetadata::FrameSuccess)
 			queue(*request);
+		else
+			queue_later(*request);
 		if (frame)
 			return frame;
 	}
