@@ -92,14 +92,24 @@ static double lamp_variance(const struct lp_light *light)
 	return own * own * (strength * strength + direction * direction) / 6.0;
 }
 
+/*
+ * 1 sigma of what clipping takes, relative to the mean irradiance, where clipped cells hold at least
+ * this share of the light. How much it is nobody knows: a lamp that clips in few cells may be a
+ * sun. The law is a fit, that of the truth within 1 sigma in two of three scenes and within 3 in
+ * 98 %: `lightprobe evaluate --brackets 1,2,3,4` prints how often it holds.
+ */
+static double clipped_sigma(float share)
+{
+	return sqrt(sqrt((double)share));
+}
+
 static float relighting_sigma(const struct lp_pipeline *p, const struct lp_imager_status *status,
 			      const struct lp_light_estimate *e, const double (*total)[3])
 {
 	const float light[3] = {(float)total[0][0], (float)total[0][1], (float)total[0][2]};
 	/* mean irradiance = integral of radiance / 4 */
 	const double mean = lp_luminance(light) * sqrt(4.0 * M_PI) / 4.0;
-	/* clipped light may well be twice as much; flux over mean irradiance is 4 */
-	double clipped = 4.0 * status->clipped_share / sqrt(6.0);
+	double clipped = clipped_sigma(status->clipped_share);
 	/* what a hand hides may have changed meanwhile, all of it alike */
 	const double hidden = 4.0 * status->covered_share * COVERED_WALK *
 			      sqrt(1.0 + status->covered_s) / sqrt(6.0);

@@ -19,7 +19,7 @@ from lightprobe import geometry
 from lightprobe.colour import luminance
 from lightprobe.errors import LightprobeError
 from lightprobe.estimate import flag_names
-from lightprobe.evaluate.metrics import relighting
+from lightprobe.evaluate.metrics import relighting, stated_error
 from lightprobe.geometry import Array
 from lightprobe.lamp import Lamp
 from lightprobe.sim.flicker import Flicker
@@ -144,7 +144,7 @@ def _true_light(world: World, slot: int) -> Array:
 
 def _is_announced(world: World, packet: Packet) -> bool:
     """Whether a flag or three times the error that it states cover how wrong it is."""
-    return bool(packet.estimate.flags) or 3 * (packet.stated or 0) > _error_of(world, packet)
+    return bool(packet.estimate.flags) or 3 * (stated_error(packet.estimate) or 0) > _error_of(world, packet)
 
 
 def _error_of(world: World, packet: Packet) -> float:

@@ -16,7 +16,7 @@ from lightprobe import geometry
 from lightprobe import sh as harmonics
 from lightprobe.colour import luminance
 from lightprobe.estimate import Estimate, EstimateFlag, LightFlag, flag_names
-from lightprobe.evaluate.metrics import relighting
+from lightprobe.evaluate.metrics import relighting, relighting_relative, stated_error
 from lightprobe.geometry import Array
 from lightprobe.lamp import Lamp
 from lightprobe.sim.scene import MapTruth, Scene
@@ -49,17 +49,6 @@ class Packet:
         if self.estimate.frame == "WORLD":  # the scene's, as what sends poses has it
             return np.eye(3)
         return geometry.rotation_matrix(geometry.quaternion([0, 1, 0], -self.yaw_deg))
-
-    @property
-    def stated(self) -> float | None:
-        """Error of relighting that the packet states, relative to the mean irradiance.
-
-        What the model leaves out, and what the measurement does not know where that is stated too.
-        """
-        e = self.estimate
-        parts = [e.predicted_error, e.relighting_sigma]
-        known = [part for part in parts if part is not None]
-        return float(np.hypot.reduce(known)) if known else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +139,7 @@ def judge(
         direction=Coverage.of(match[0] for match in matches),
         irradiance=Coverage.of(match[1] for match in matches),
         relighting=Coverage.of(
-            _ratio(rms, packet.stated, WIRE)
+            _ratio(rms, stated_error(packet.estimate), WIRE)
             for (_, rms), packet in zip(errors, packets, strict=True)
         ),
     )
@@ -177,8 +166,7 @@ def _relighting(light: Light, packet: Packet) -> tuple[float, float]:
     """MAE of the largest irradiance; and root mean square of the luminance, of its mean."""
     found = packet.estimate.irradiance(light.normals @ packet.turn.T)
     mae, _ = relighting(light.irradiance, found)
-    true = luminance(light.irradiance)
-    return mae, float(np.sqrt(np.mean((luminance(found) - true) ** 2)) / true.mean())
+    return mae, relighting_relative(light.irradiance, found)
 
 
 def _healthy(packet: Packet) -> bool:
@@ -186,7 +174,7 @@ def _healthy(packet: Packet) -> bool:
 
 
 def _seems_fine(packet: Packet) -> bool:
-    stated = packet.stated
+    stated = stated_error(packet.estimate)
     return stated is not None and stated < STATED and _healthy(packet)
 
 

@@ -70,6 +70,18 @@ def test_more_exposures_are_more_accurate(panoramas):
     assert medians[3] < 0.5 * medians[0]
 
 
+def test_what_clips_is_stated(panoramas):
+    """1 sigma holds in about two of three scenes, 3 sigma in nearly all, whatever clips."""
+    scores = []
+    for how in ("1", "3"):
+        cases, _ = run([*panoramas[::2], *map(random_scene, range(100, 112))], how)
+        scores += [case.score for case in cases if "CLIPPED" in case.score.flags]
+    summary = metrics.summarize(scores)
+    assert summary.scenes > 20
+    assert 0.55 < summary.relighting_within_1_sigma < 0.85
+    assert summary.relighting_within_3_sigma >= 0.97
+
+
 def test_one_jpeg_agrees_with_its_own_pixels(panoramas, tmp_path):
     """One 8-bit JPEG, by the command: order-2 SH within 1 % of its linearised pixels."""
     sensor = Sensor(1920, 960, seed=3)

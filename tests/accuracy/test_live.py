@@ -11,6 +11,7 @@ from judge import Coverage, Light, Packet
 from lightprobe import geometry, sh
 from lightprobe.estimate import Estimate, EstimateFlag, LightFlag, SphericalHarmonics
 from lightprobe.estimate import Light as Listed
+from lightprobe.evaluate.metrics import stated_error
 from lightprobe.imaging import camera as lenses
 from lightprobe.sim.camera import SimulatedCamera
 from lightprobe.sim.live import LiveProbe
@@ -77,9 +78,9 @@ def test_wrong_is_told_from_wrong_and_flagged() -> None:
 
 def test_a_stated_sigma_counts_as_a_statement() -> None:
     one = packet(gain=1.5)
-    assert one.stated == 0.01
+    assert stated_error(one.estimate) == 0.01
     one = replace(one, estimate=replace(one.estimate, relighting_sigma=0.7))
-    assert one.stated == pytest.approx(np.hypot(0.01, 0.7))
+    assert stated_error(one.estimate) == pytest.approx(np.hypot(0.01, 0.7))
     found = judged([one])
     assert found.wrong_and_healthy == 0
     assert found.relighting.within_1 == 1

@@ -295,11 +295,12 @@ def _coverage_table(groups: Groups) -> Table:
     """How often the truth lies within the stated uncertainty."""
     table = _table(
         "truth lies within the stated sigma",
-        ["settings", "input", "direction 1σ", "2σ", "irradiance 1σ", "2σ"],
+        ["settings", "input", "direction 1σ", "2σ", "irradiance 1σ", "2σ", "relighting 1σ", "3σ"],
     )
     for (settings, name), s in groups.items():
         shares = (s.direction_within_1_sigma, s.direction_within_2_sigma,
-                  s.irradiance_within_1_sigma, s.irradiance_within_2_sigma)  # fmt: skip
+                  s.irradiance_within_1_sigma, s.irradiance_within_2_sigma,
+                  s.relighting_within_1_sigma, s.relighting_within_3_sigma)  # fmt: skip
         words = ("–" if share is None else f"{100 * share:.0f}%" for share in shares)
         table.add_row(settings, name, *words)
     return table

@@ -5,6 +5,9 @@
 * Relighting error: irradiance of a unit Lambertian sphere at 642 normals against the truth in
   float64; mean absolute and root mean square, divided by the truth's maximum, per channel, then
   averaged over the channels.
+* Relighting, as packets state it: root mean square over those normals of the luminance of the
+  irradiance, relative to the true mean. The statement: `predicted_error`, with
+  `relighting_sigma` where there is one.
 * SH error: relative L2 of the TOTAL coefficients against a float64 projection.
 """
 
@@ -46,6 +49,8 @@ class Score:
     missed: int = 0
     false: int = 0
     predicted_error: float | None = None
+    relighting_relative: float = 0.0  # comparable with relighting_stated
+    relighting_stated: float | None = None
     flags: tuple[str, ...] = field(default=())
 
 
@@ -55,6 +60,23 @@ def relighting(true: ArrayLike, estimated: ArrayLike) -> tuple[float, float]:
     peak = t.max(axis=0)
     error = (e - t) / np.where(peak > 0, peak, 1)
     return float(np.abs(error).mean()), float(np.sqrt((error**2).mean(axis=0)).mean())
+
+
+def relighting_relative(true: ArrayLike, estimated: ArrayLike) -> float:
+    """Root mean square of the error of irradiances (N, 3) in luminance, of the true mean."""
+    t, e = luminance(np.asarray(true)), luminance(np.asarray(estimated))
+    mean = float(t.mean())
+    return float(np.sqrt(np.mean((e - t) ** 2))) / (mean if mean > 0 else 1.0)
+
+
+def stated_error(estimate: Estimate) -> float | None:
+    """1 sigma of relighting_relative() as the packet states it; None: it states none.
+
+    What its model leaves out, and what the measurement does not know where that is stated too.
+    """
+    parts = [estimate.predicted_error, estimate.relighting_sigma]
+    known = [part for part in parts if part is not None]
+    return float(np.hypot.reduce(known)) if known else None
 
 
 def sh_error(true: ArrayLike, estimated: ArrayLike) -> float:
@@ -103,7 +125,8 @@ class Reference:
 
     def score(self, estimate: Estimate) -> Score:
         """Judge an estimate."""
-        mae, rmse = relighting(self.irradiance, estimate.irradiance(geometry.sphere_normals()))
+        found = estimate.irradiance(geometry.sphere_normals())
+        mae, rmse = relighting(self.irradiance, found)
         matches, missed, false = (
             ([], 0, 0) if self.lamps is None else match_lamps(self.lamps, estimate)
         )
@@ -115,6 +138,8 @@ class Reference:
             missed=missed,
             false=false,
             predicted_error=estimate.predicted_error,
+            relighting_relative=relighting_relative(self.irradiance, found),
+            relighting_stated=stated_error(estimate),
             flags=tuple(estimate.to_json()["flags"]),
         )
 
@@ -138,6 +163,9 @@ class Summary:
     direction_within_2_sigma: float | None
     irradiance_within_1_sigma: float | None
     irradiance_within_2_sigma: float | None
+    # Shares of scenes within 1 and 3 stated sigma.
+    relighting_within_1_sigma: float | None
+    relighting_within_3_sigma: float | None
 
     def to_json(self) -> dict[str, float | int | None]:
         """Plain values."""
@@ -163,6 +191,7 @@ def summarize(scores: Iterable[Score]) -> Summary:
         for match in matches
         if match.irradiance_sigma
     ]
+    light = [s.relighting_relative / s.relighting_stated for s in all_scores if s.relighting_stated]
     return Summary(
         scenes=len(all_scores),
         relighting_mae_median=float(np.median(mae)),
@@ -178,6 +207,8 @@ def summarize(scores: Iterable[Score]) -> Summary:
         direction_within_2_sigma=_within(direction, 2),
         irradiance_within_1_sigma=_within(irradiance, 1),
         irradiance_within_2_sigma=_within(irradiance, 2),
+        relighting_within_1_sigma=_within(light, 1),
+        relighting_within_3_sigma=_within(light, 3),
     )
 
 

@@ -51,6 +51,14 @@ def test_relighting_is_relative_to_the_truth_s_maximum():
     assert rmse == pytest.approx(0.1)
 
 
+def test_stated_and_true_error_of_relighting_are_comparable():
+    true = np.array([[1.0, 1, 1], [3, 3, 3]])
+    assert metrics.relighting_relative(true, 1.1 * true) == pytest.approx(0.1 * np.sqrt(5) / 2)
+    stated = dataclasses.replace(perfect(), predicted_error=0.03, relighting_sigma=0.04)
+    assert metrics.stated_error(stated) == pytest.approx(0.05)
+    assert metrics.stated_error(dataclasses.replace(stated, relighting_sigma=None)) == 0.03
+
+
 def test_sh_error_is_relative():
     true = np.arange(27.0).reshape(9, 3)
     assert metrics.sh_error(true, 1.1 * true) == pytest.approx(0.1)
@@ -69,6 +77,10 @@ def test_summary_counts_coverage():
     assert summary.direction_within_2_sigma == 1
     assert summary.irradiance_within_1_sigma == 1
     assert summary.missed == summary.false == 0
+    dimmed = dataclasses.replace(good, relighting_sigma=1e-4)
+    half = metrics.summarize([REFERENCE.score(dataclasses.replace(good, relighting_sigma=1.0)),
+                              REFERENCE.score(dataclasses.replace(dimmed, lights=lights[1:]))])  # fmt: skip
+    assert half.relighting_within_1_sigma == half.relighting_within_3_sigma == 0.5
     with pytest.raises(ValueError, match="no score"):
         metrics.summarize([])
 
