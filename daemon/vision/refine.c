@@ -76,12 +76,29 @@ struct behind {
 	int count;
 };
 
-static void take_behind(struct lp_imager *imager, int32_t cell, int *count)
+/*
+ * Cells of a row from the left one to the right one, which is its neighbour. Near a pole, where
+ * cells are narrow, also those within half a cell of the horizon beside them: the cells of a lamp
+ * are further apart there than those of the row.
+ */
+static void take_behind(struct lp_imager *imager, int32_t left, int32_t right, int *count)
 {
-	if (imager->taken[cell])
-		return;
-	imager->taken[cell] = 1;
-	imager->behind[(*count)++] = cell;
+	const int width = imager->grid->width, row = left / width;
+	const int wider = (int)fminf(ceilf(0.5F / imager->grid->row_sin[row]), 0.5F * (float)width);
+
+	for (int k = 1 - wider; k <= 0; k++) {
+		const int32_t pair[2] = {(left % width + k + width) % width,
+					 (right % width - k) % width};
+
+		for (int side = 0; side < 2; side++) {
+			const int32_t cell = row * width + pair[side];
+
+			if (imager->taken[cell])
+				continue;
+			imager->taken[cell] = 1;
+			imager->behind[(*count)++] = cell;
+		}
+	}
 }
 
 /* Where the lamp's cells lie in the camera's frame; of a turned camera, all that surround them. */
@@ -98,10 +115,8 @@ static struct behind cells_behind(struct lp_imager *imager, const struct lp_lamp
 	for (int i = 0; i < lamp->count; i++) {
 		const int32_t left = lookup->left[cells[i]], right = lookup->right[cells[i]];
 
-		take_behind(imager, left, &count);
-		take_behind(imager, right, &count);
-		take_behind(imager, left + width, &count);
-		take_behind(imager, right + width, &count);
+		take_behind(imager, left, right, &count);
+		take_behind(imager, left + width, right + width, &count);
 	}
 	for (int i = 0; i < count; i++)
 		imager->taken[imager->behind[i]] = 0;

@@ -9,6 +9,7 @@ import pytest
 import recording
 from judge import Coverage, Light, Packet
 from lightprobe import geometry, sh
+from lightprobe.colour import luminance
 from lightprobe.estimate import Estimate, EstimateFlag, LightFlag, SphericalHarmonics
 from lightprobe.estimate import Light as Listed
 from lightprobe.evaluate.metrics import stated_error
@@ -158,6 +159,20 @@ def test_lamps_are_where_they_are_while_the_camera_turns() -> None:
     ]
     assert len(errors) > 300
     assert np.percentile(errors, 90) < 0.3
+
+
+@pytest.mark.parametrize("motion", ["30", "100"])
+def test_a_lamp_overhead_keeps_its_strength_while_the_camera_turns(motion: str) -> None:
+    """Near the picture's poles a lamp is behind many narrow cells, and none of them is missed."""
+    case = live.case(random_scene(2), motion, "reported", judged_s=1, orientation="sim")
+    recorded = recording.record(case.run)
+    (above,) = [
+        one for one in Light.of(recorded.world.at(0).scene).lamps if one.direction[1] > 0.99
+    ]
+    assert len(recorded.packets["raw"]) > 20
+    for one in recorded.packets["raw"]:
+        (found,) = [light for light in one.estimate.lights if light.direction[1] > 0.99]
+        assert luminance(found.irradiance) == pytest.approx(luminance(above.irradiance), rel=0.03)
 
 
 def test_without_orientation_a_turning_camera_is_flagged() -> None:
