@@ -15,8 +15,6 @@
 /* Thresholds of flags: chosen by hand (docs/maintainers/constants.md). */
 /* Below this mean code of the longest exposure most of an 8-bit picture is noise. */
 #define DARK_CODE 4.0F
-/* 1 sigma of the drift of the anchor frame in a second of turning, in sigmas of its frames. */
-#define DRIFT_SIGMAS 4.0
 /* 1 sigma of light that is not seen, relative, after its first second; grows with its root. */
 #define COVERED_WALK 0.1
 
@@ -93,9 +91,9 @@ static double lamp_variance(const struct lp_light *light)
 }
 
 /*
- * 1 sigma of what clipping takes, relative to the mean irradiance, where clipped cells hold at least
- * this share of the light. How much it is nobody knows: a lamp that clips in few cells may be a
- * sun. The law is a fit, that of the truth within 1 sigma in two of three scenes and within 3 in
+ * 1 sigma of what clipping takes, relative to the mean irradiance, where clipped cells hold at
+ * least this share of the light. How much it is nobody knows: a lamp that clips in few cells may be
+ * a sun. The law is a fit, that of the truth within 1 sigma in two of three scenes and within 3 in
  * 98 %: `lightprobe evaluate --brackets 1,2,3,4` prints how often it holds.
  */
 static double clipped_sigma(float share)
@@ -168,7 +166,7 @@ void lp_pipeline_fill(struct lp_pipeline *p, const struct lp_panorama *panorama,
 /* While the camera turns, the anchor frame drifts by more than the sigma of each frame says. */
 static void note_drift(struct lp_pipeline *p, const struct lp_imager_status *status, int64_t t_ns)
 {
-	const double sigma_deg = DRIFT_SIGMAS * (double)status->rotation_sigma_deg;
+	const double sigma_deg = (double)LP_DRIFT_SIGMAS * (double)status->rotation_sigma_deg;
 
 	if (p->t_drift_ns && t_ns > p->t_drift_ns)
 		p->drift_deg2 += sigma_deg * sigma_deg * (double)(t_ns - p->t_drift_ns) / 1e9;

@@ -37,6 +37,9 @@
 #define LEAST_FILM_FACTOR 0.1F
 /* Of what the panorama shows of a lamp, then and now: beyond this ratio it is another light. */
 #define LEAST_RATIO 0.6F
+/* A lower bound of at least this share of the largest comes from as short an exposure: the glow
+ * moves the middle of what is clipped as much. */
+#define LIKE_THE_LARGEST 0.7F
 
 static float square(float x)
 {
@@ -130,11 +133,14 @@ static int free_place(const struct lp_lamp_memory *memory)
 	return faintest;
 }
 
-static void age(struct lp_remembered_lamp *m, float elapsed_s)
+static void age(struct lp_remembered_lamp *m, const struct lp_memory_times *times)
 {
-	m->direction_variance += square(DIRECTION_WALK_RAD) * elapsed_s;
-	m->strength_variance += square(STRENGTH_WALK) * elapsed_s;
-	m->absent_s = m->seen ? 0.0F : m->absent_s + elapsed_s;
+	const float drift_rad = LP_DRIFT_SIGMAS * times->rotation_sigma_rad;
+
+	m->direction_variance +=
+		(square(DIRECTION_WALK_RAD) + square(drift_rad)) * times->elapsed_s;
+	m->strength_variance += square(STRENGTH_WALK) * times->elapsed_s;
+	m->absent_s = m->seen ? 0.0F : m->absent_s + times->elapsed_s;
 }
 
 static void blend(float *value, const float *measured, int count, float gain)
@@ -210,23 +216,36 @@ static struct lp_lamp_sighting without_film(struct lp_remembered_lamp *m,
 	return result;
 }
 
+/* `known`: the lamp's direction is, by pixels like these. */
+static void measure_direction(struct lp_remembered_lamp *m, const struct lp_lamp *seen,
+			      const struct lp_memory_times *times, bool known)
+{
+	struct lp_lamp *lamp = &m->lamp;
+	const float variance =
+		square(seen->direction_sigma_deg * RAD) + square(times->rotation_sigma_rad);
+	const float gain = known ? gain_of(m->direction_variance, variance,
+					   square(angle_rad(lamp->direction, seen->direction)))
+				 : 1.0F;
+
+	blend(lamp->direction, seen->direction, 3, gain);
+	blend(lamp->centroid, seen->centroid, 3, gain);
+	normalise(lamp->direction);
+	normalise(lamp->centroid);
+	m->direction_variance = gain * variance;
+}
+
 static void measure(struct lp_remembered_lamp *m, const struct lp_lamp_sighting *s,
 		    const struct lp_memory_times *times)
 {
 	const struct lp_lamp *seen = &s->pixels;
 	struct lp_lamp *lamp = &m->lamp;
-	const float direction_variance =
-		square(seen->direction_sigma_deg * RAD) + square(times->rotation_sigma_rad);
 	const float strength_variance = square(s->strength_sigma);
 	const float held = lamp->irradiance[LP_LUMINANCE];
-	float direction_gain = 1.0F, strength_gain = 1.0F;
+	float strength_gain = 1.0F;
 
-	if (m->measured) {
-		direction_gain = gain_of(m->direction_variance, direction_variance,
-					 square(angle_rad(lamp->direction, seen->direction)));
+	if (m->measured)
 		strength_gain = gain_of(m->strength_variance, strength_variance,
 					square(seen->irradiance[LP_LUMINANCE] / held - 1.0F));
-	}
 	const struct lp_lamp before = *lamp;
 
 	*lamp = *seen;
@@ -234,13 +253,9 @@ static void measure(struct lp_remembered_lamp *m, const struct lp_lamp_sighting 
 	memcpy(lamp->centroid, before.centroid, sizeof(lamp->centroid));
 	memcpy(lamp->irradiance, before.irradiance, sizeof(lamp->irradiance));
 	lamp->solid_angle_sr = before.solid_angle_sr;
-	blend(lamp->direction, seen->direction, 3, direction_gain);
-	blend(lamp->centroid, seen->centroid, 3, direction_gain);
+	measure_direction(m, seen, times, m->measured);
 	blend(lamp->irradiance, seen->irradiance, 4, strength_gain);
 	blend(&lamp->solid_angle_sr, &seen->solid_angle_sr, 1, strength_gain);
-	normalise(lamp->direction);
-	normalise(lamp->centroid);
-	m->direction_variance = direction_gain * direction_variance;
 	m->strength_variance = strength_gain * strength_variance;
 	m->measured = m->by_pixels = true;
 	m->then_on_grid = s->on_grid.irradiance[LP_LUMINANCE];
@@ -281,11 +296,17 @@ static bool stays(const struct lp_remembered_lamp *m, const struct lp_lamp_sight
 	return sigma < MOST_STRENGTH_SIGMA && !(bound && least > most);
 }
 
-static void keep_or_take(struct lp_remembered_lamp *m, const struct lp_lamp_sighting *s)
+static void keep_or_take(struct lp_remembered_lamp *m, const struct lp_lamp_sighting *s,
+			 const struct lp_memory_times *times)
 {
 	const struct lp_lamp *seen = s->refined ? &s->pixels : &s->on_grid;
 
 	if (stays(m, s)) {
+		/* Where a lamp is that clips in every exposure is told by the shortest. */
+		if (s->refined && !m->measured &&
+		    seen->irradiance[LP_LUMINANCE] >
+			    LIKE_THE_LARGEST * m->lamp.irradiance[LP_LUMINANCE])
+			measure_direction(m, seen, times, true);
 		m->lamp.first = s->on_grid.first;
 		m->lamp.count = s->on_grid.count;
 		return;
@@ -319,7 +340,7 @@ static void follow(struct lp_remembered_lamp *m, const struct lp_lamp_sighting *
 	if (s->refined && !is_bound)
 		measure(m, &bare, times);
 	else
-		keep_or_take(m, s);
+		keep_or_take(m, s, times);
 	if (s->refined && m->flicker.flickers)
 		take_mean(m);
 	m->hidden += (hidden(&m->lamp) - m->hidden) * fminf(times->elapsed_s / HIDDEN_S, 1.0F);
@@ -336,7 +357,7 @@ void lp_lamp_memory_update(struct lp_lamp_memory *memory, const struct lp_lamp_s
 	associate(memory, sightings, count, place);
 	for (int p = 0; p < LP_MAX_LAMPS; p++)
 		if (memory->list[p].id)
-			age(&memory->list[p], times->elapsed_s);
+			age(&memory->list[p], times);
 	for (int k = 0; k < count; k++) {
 		if (place[k] < 0 && sightings[k].enters) {
 			place[k] = free_place(memory);

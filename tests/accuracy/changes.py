@@ -144,7 +144,8 @@ def _true_light(world: World, slot: int) -> Array:
 
 def _is_announced(world: World, packet: Packet) -> bool:
     """Whether a flag or three times the error that it states cover how wrong it is."""
-    return bool(packet.estimate.flags) or 3 * (stated_error(packet.estimate) or 0) > _error_of(world, packet)
+    stated = stated_error(packet.estimate) or 0
+    return bool(packet.estimate.flags) or 3 * stated > _error_of(world, packet)
 
 
 def _error_of(world: World, packet: Packet) -> float:

@@ -129,6 +129,38 @@ static void test_the_largest_bound_counts(void **state)
 }
 
 /* What is not measured any more becomes uncertain, and in the end the panorama is asked. */
+/* The anchor frame drifts while the camera turns. The shortest exposure tells where a lamp is that
+ * clips in each; the glow in longer ones moves it. */
+static void test_a_clipped_lamp_is_followed(void **state)
+{
+	static const float longer[] = {1.0F, 0.1F, 0.01F};
+	struct lp_memory_times turning = frame;
+	struct lp_lamp_memory memory = {0};
+
+	(void)state;
+	turning.rotation_sigma_rad = 0.05F * (float)M_PI / 180.0F;
+	for (int n = 0; n < 300; n++) {
+		struct lp_lamp_sighting s = sighting(0.005F * (float)n, 5.0F);
+		const struct lp_lamp_sighting glowing = sighting(0.005F * (float)n + 1.0F, 1.0F);
+
+		if (n % 3)
+			memcpy(s.pixels.direction, glowing.pixels.direction,
+			       sizeof(s.pixels.direction));
+		for (int c = 0; c < 4; c++)
+			s.pixels.irradiance[c] *= longer[n % 3] * (1.0F - 5e-4F * (float)n);
+		s.pixels.flags = LP_LIGHT_CLIPPED;
+		lp_lamp_memory_update(&memory, &s, 1, &turning);
+		const struct lp_lamp *known = &only(&memory)->lamp;
+		const struct lp_lamp_sighting true_one = sighting(0.005F * (float)n, 5.0F);
+		const float off_deg = 180.0F / (float)M_PI *
+				      hypotf(known->direction[0] - true_one.pixels.direction[0],
+					     known->direction[2] - true_one.pixels.direction[2]);
+
+		assert_true(off_deg < 0.1F);
+		assert_true(off_deg < 3.0F * known->direction_sigma_deg);
+	}
+}
+
 static void test_old_measurements_fade(void **state)
 {
 	struct lp_lamp_memory memory = {0};
@@ -287,6 +319,7 @@ int main(void)
 		cmocka_unit_test(test_ids_follow_the_lamps),
 		cmocka_unit_test(test_clipping_takes_nothing_away),
 		cmocka_unit_test(test_the_largest_bound_counts),
+		cmocka_unit_test(test_a_clipped_lamp_is_followed),
 		cmocka_unit_test(test_old_measurements_fade),
 		cmocka_unit_test(test_changes_and_noise),
 		cmocka_unit_test(test_entering_is_harder_than_staying),
