@@ -15,6 +15,8 @@
 /* Thresholds of flags: chosen by hand (docs/maintainers/constants.md). */
 /* Below this mean code of the longest exposure most of an 8-bit picture is noise. */
 #define DARK_CODE 4.0F
+/* 1 sigma of the drift of the anchor frame in a second of turning, in sigmas of its frames. */
+#define DRIFT_SIGMAS 4.0
 /* 1 sigma of light that is not seen, relative, after its first second; grows with its root. */
 #define COVERED_WALK 0.1
 
@@ -166,7 +168,7 @@ void lp_pipeline_fill(struct lp_pipeline *p, const struct lp_panorama *panorama,
 /* While the camera turns, the anchor frame drifts by more than the sigma of each frame says. */
 static void note_drift(struct lp_pipeline *p, const struct lp_imager_status *status, int64_t t_ns)
 {
-	const double sigma_deg = (double)LP_DRIFT_SIGMAS * (double)status->rotation_sigma_deg;
+	const double sigma_deg = DRIFT_SIGMAS * (double)status->rotation_sigma_deg;
 
 	if (p->t_drift_ns && t_ns > p->t_drift_ns)
 		p->drift_deg2 += sigma_deg * sigma_deg * (double)(t_ns - p->t_drift_ns) / 1e9;

@@ -133,14 +133,11 @@ static int free_place(const struct lp_lamp_memory *memory)
 	return faintest;
 }
 
-static void age(struct lp_remembered_lamp *m, const struct lp_memory_times *times)
+static void age(struct lp_remembered_lamp *m, float elapsed_s)
 {
-	const float drift_rad = LP_DRIFT_SIGMAS * times->rotation_sigma_rad;
-
-	m->direction_variance +=
-		(square(DIRECTION_WALK_RAD) + square(drift_rad)) * times->elapsed_s;
-	m->strength_variance += square(STRENGTH_WALK) * times->elapsed_s;
-	m->absent_s = m->seen ? 0.0F : m->absent_s + times->elapsed_s;
+	m->direction_variance += square(DIRECTION_WALK_RAD) * elapsed_s;
+	m->strength_variance += square(STRENGTH_WALK) * elapsed_s;
+	m->absent_s = m->seen ? 0.0F : m->absent_s + elapsed_s;
 }
 
 static void blend(float *value, const float *measured, int count, float gain)
@@ -296,17 +293,26 @@ static bool stays(const struct lp_remembered_lamp *m, const struct lp_lamp_sight
 	return sigma < MOST_STRENGTH_SIGMA && !(bound && least > most);
 }
 
+/* Where a lamp is that clips in every exposure is told by the shortest. While nothing moves its rim
+ * errs alike in each, so that many say no more than one. */
+static void follow_plateau(struct lp_remembered_lamp *m, const struct lp_lamp *seen,
+			   const struct lp_memory_times *times)
+{
+	measure_direction(m, seen, times, true);
+	m->direction_variance =
+		fmaxf(m->direction_variance, square(seen->direction_sigma_deg * RAD));
+}
+
 static void keep_or_take(struct lp_remembered_lamp *m, const struct lp_lamp_sighting *s,
 			 const struct lp_memory_times *times)
 {
 	const struct lp_lamp *seen = s->refined ? &s->pixels : &s->on_grid;
 
 	if (stays(m, s)) {
-		/* Where a lamp is that clips in every exposure is told by the shortest. */
 		if (s->refined && !m->measured &&
 		    seen->irradiance[LP_LUMINANCE] >
 			    LIKE_THE_LARGEST * m->lamp.irradiance[LP_LUMINANCE])
-			measure_direction(m, seen, times, true);
+			follow_plateau(m, seen, times);
 		m->lamp.first = s->on_grid.first;
 		m->lamp.count = s->on_grid.count;
 		return;
@@ -357,7 +363,7 @@ void lp_lamp_memory_update(struct lp_lamp_memory *memory, const struct lp_lamp_s
 	associate(memory, sightings, count, place);
 	for (int p = 0; p < LP_MAX_LAMPS; p++)
 		if (memory->list[p].id)
-			age(&memory->list[p], times);
+			age(&memory->list[p], times->elapsed_s);
 	for (int k = 0; k < count; k++) {
 		if (place[k] < 0 && sightings[k].enters) {
 			place[k] = free_place(memory);

@@ -21,9 +21,6 @@ struct lp_rotation;
  * the scenes of docs/users/accuracy.md, "What belongs on the list". */
 #define LP_COMPACT_DEG 7.0F
 
-/* 1 sigma of the drift of the anchor frame in a second of turning, in sigmas of its frames. */
-#define LP_DRIFT_SIGMAS 4.0F
-
 struct lp_remembered_lamp {
 	struct lp_lamp lamp;	  /* as known now; cells only while `seen` */
 	struct lp_lamp on_grid;	  /* as the panorama shows it */
