@@ -12,8 +12,9 @@
 
 /* Chosen by hand, on the covered scenes of docs/users/accuracy.md, "When things go wrong". */
 
-/* Every so many columns and rows of cells are compared. */
+/* Every so many columns and rows of cells are compared; and to see whether that is worth while. */
 #define STEP 2
+#define FIRST_STEP 4
 /* Below this linear value a cell is too dark in the frame to tell whether it is covered. */
 #define LEAST_LINEAR 0.008F
 /* Covered: the frame shows less than this share of what is known. */
@@ -26,6 +27,9 @@
 /* Share of the sphere that a hand covers at least when it comes; and as long as it stays. */
 #define LEAST_COVERED 0.08F
 #define LEAST_STAYING 0.03F
+/* Share of the sphere that must be dark in the frame, and known to be bright, for a hand to have
+ * come: of LEAST_COVERED, the few cells that tell may be as few as this. */
+#define LEAST_DARK (LEAST_COVERED / 16.0F)
 /* When it comes, so much of the telling sphere is open at least, and of that so much is alike. */
 #define LEAST_OPEN 0.15F
 #define LEAST_ALIKE 0.6F
@@ -69,6 +73,33 @@ static float known_linear(const struct lp_cover_view *view, int cell)
 	return linear(lp_radiance_map_before(view->map, cell, LP_COVER_COMES_S), view->map_scale);
 }
 
+static bool is_dark(const struct lp_cover_view *view, int seen, float known, float shown)
+{
+	return !(view->flags[seen] & LP_CELL_CLIPPED) && shown < DARK * known;
+}
+
+/* Whether enough of the sphere is dark that the lens may be covered: nearly never so. */
+static bool may_be_covered(const struct lp_cover_view *view)
+{
+	const struct lp_grid *grid = view->grid;
+	double dark_sr = 0.0;
+
+	for (int r = 0; r < grid->height; r += FIRST_STEP)
+		for (int c = r / FIRST_STEP % FIRST_STEP; c < grid->width; c += FIRST_STEP) {
+			const int i = r * grid->width + c, seen = lp_cover_seen_cell(view, i);
+			const float shown = linear(view->radiance[seen], view->frame_scale);
+
+			if (shown >= DARK || /* of full scale, more than which is not known */
+			    ((view->map->flags[i] | view->flags[seen]) & LP_CELL_UNSEEN))
+				continue;
+			const float known = known_linear(view, i);
+
+			if (known >= LEAST_LINEAR && is_dark(view, seen, known, shown))
+				dark_sr += grid->row_solid_angle_sr[r];
+		}
+	return dark_sr * FIRST_STEP * FIRST_STEP > 4.0 * M_PI * LEAST_DARK;
+}
+
 /* Steps to the cell on the right, of map and frame. */
 static void add_detail(const struct lp_cover_view *view, int i, int seen, float known, float shown,
 		       struct tally *t)
@@ -106,7 +137,7 @@ static void compare(const struct lp_cover_view *view, struct tally *t)
 			if (known < LEAST_LINEAR)
 				continue;
 			t->telling[block]++;
-			if (!(view->flags[seen] & LP_CELL_CLIPPED) && shown < DARK * known) {
+			if (is_dark(view, seen, known, shown)) {
 				t->dark[block]++;
 				add_detail(view, i, seen, known, shown, t);
 				continue;
@@ -228,6 +259,8 @@ struct lp_cover lp_cover_look(const struct lp_cover *before, const struct lp_cov
 	struct lp_cover cover = {.found = false};
 	struct tally t;
 
+	if (!before->found && !may_be_covered(view))
+		return cover;
 	compare(view, &t);
 	judge_blocks(before, &t, cover.covered);
 	const float largest = keep_large(cover.covered);

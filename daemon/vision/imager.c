@@ -29,8 +29,6 @@
 #define MOST_STIRRED 0.5F
 /* Where a cell of a turned picture looks, in cells: what lies between samples. */
 #define PLACE_SIGMA 0.15
-/* Share of the cells that contradict what is known, from which on the lens may be covered. */
-#define LEAST_COVERED 0.02F
 
 int lp_imager_create(const struct lp_camera *camera, const struct lp_imager_options *options,
 		     struct lp_imager **imager)
@@ -422,18 +420,13 @@ static void restore_covered(struct lp_imager *imager)
 	}
 }
 
-/* Is the lens covered in the newest frame? Where it is, the frame tells nothing of the light. Only
- * a frame that contradicts what is known, or follows a change, is looked at closer. */
+/* Is the lens covered in the newest frame? Where it is, the frame tells nothing of the light. */
 static void look_for_cover(struct lp_imager *imager)
 {
 	const double elapsed_s = (double)(imager->t_capture_ns - imager->t_map_ns) / 1e9;
-	const struct lp_observation seen = lp_imager_observation(imager);
 	const struct lp_cover before = imager->cover;
 
-	if (!seen.coded || !imager->t_map_ns ||
-	    (!before.found && lp_rotation_is_identity(&imager->motion.rotation) &&
-	     imager->map->t_s - imager->changed_s > LP_COVER_COMES_S &&
-	     lp_radiance_map_contradicting(imager->map, &seen) < LEAST_COVERED))
+	if (isnan(imager->incoming.cells.mean_code) || !imager->t_map_ns)
 		return;
 	const struct lp_cover_view view = lp_imager_cover_view(imager, NAN);
 
@@ -441,7 +434,8 @@ static void look_for_cover(struct lp_imager *imager)
 	imager->covered_s = before.found && imager->cover.found
 				    ? imager->covered_s + (float)fmax(elapsed_s, 0.0)
 				    : 0.0F;
-	lp_cover_mark(&imager->cover, imager->grid, imager->seen.flags);
+	if (before.found || imager->cover.found)
+		lp_cover_mark(&imager->cover, imager->grid, imager->seen.flags);
 	if (imager->cover.found && !before.found)
 		restore_covered(imager);
 }
@@ -500,10 +494,8 @@ int lp_imager_accept(struct lp_imager *imager, float exposure_us)
 	observe(imager);
 	imager->covered_share = imager->cover.found ? covered_light(imager) : 0.0F;
 	note_exposure(imager, exposure_us);
-	if (imager->update.changed > CHANGED) {
+	if (imager->update.changed > CHANGED)
 		imager->changed_serial = imager->serial;
-		imager->changed_s = imager->map->t_s;
-	}
 	show(imager);
 	return 0;
 }

@@ -72,7 +72,6 @@ struct lp_imager {
 
 	uint64_t serial;
 	uint64_t changed_serial; /* of the last frame that showed other light than before it */
-	double changed_s;	 /* when that was, by the map's time */
 	struct lp_recent_exposure recent[LP_MAX_BRACKET];
 	struct lp_map_update update; /* of the newest observation */
 	float flicker;		     /* lp_imager_expect_flicker() */

@@ -160,7 +160,7 @@ void remember(struct lp_radiance_map *map, size_t i, const v_float32x4 &changes)
 		before.variance = map->variance[i + k];
 		before.bound_scale = map->bound_scale[i + k];
 		before.flags = map->flags[i + k];
-		before.t_s = map->t_s;
+		before.t_s = map->remembered_s = map->t_s;
 	}
 }
 
@@ -355,6 +355,7 @@ extern "C" void lp_radiance_map_forget(struct lp_radiance_map *map)
 		map->variance[i] = LP_VARIANCE_UNKNOWN;
 		map->before[i].t_s = -1.0;
 	}
+	map->remembered_s = -1.0;
 }
 
 extern "C" struct lp_map_update lp_radiance_map_observe(struct lp_radiance_map *map,
@@ -431,6 +432,9 @@ extern "C" float lp_radiance_map_contradicting(const struct lp_radiance_map *map
 extern "C" const float *lp_radiance_map_before(const struct lp_radiance_map *map, int cell,
 					       double most_s)
 {
+	/* nothing has changed, nearly always: then the cells before are not worth a look */
+	if (map->remembered_s < 0.0 || map->t_s - map->remembered_s > most_s)
+		return map->radiance[cell];
 	const struct lp_cell_before &before = map->before[cell];
 
 	return before.t_s < 0.0 || map->t_s - before.t_s > most_s ? map->radiance[cell]
@@ -474,4 +478,5 @@ extern "C" void lp_radiance_map_turn(struct lp_radiance_map *map, struct lp_look
 		map->flags[i] &= static_cast<uint8_t>(~(LP_CELL_BESIDE | LP_CELL_COVERED));
 	for (int i = 0; i < cells; i++) /* cells lie elsewhere now */
 		map->before[i].t_s = -1.0;
+	map->remembered_s = -1.0;
 }

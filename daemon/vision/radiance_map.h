@@ -45,6 +45,7 @@ struct lp_radiance_map {
 	float *bound_scale;	    /* CLIPPED: of the shortest exposure that it was clipped in */
 	double t_s;		    /* sum of all elapsed_s */
 	struct lp_cell_before *before; /* what each cell held before it last changed */
+	double remembered_s;	       /* the latest time of those; below 0: there is none */
 	float (*turned)[4];	       /* workspace of lp_radiance_map_turn() */
 	float *turned_variance;
 	uint8_t *turned_flags;
