@@ -96,6 +96,8 @@ extern "C" void lp_lookup_set(struct lp_lookup *lookup, const struct lp_rotation
 namespace
 {
 
+using colour = float[4];
+
 /* Columns to either side of one that are as wide, together, as a row is high. */
 int reach_of(const struct lp_grid *grid, int row)
 {
@@ -103,43 +105,40 @@ int reach_of(const struct lp_grid *grid, int row)
 }
 
 /* Mean over `reach` columns to either side, round the row. */
-void average_row(const float (*from)[4], int width, int reach, float (*to)[4])
+void average_row(const colour *from, int width, int reach, colour *to)
 {
 	const v_float32x4 share = cv::v_setall_f32(1.0F / static_cast<float>(2 * reach + 1));
+	const auto round = [from, width](int c) {
+		return cv::v_load(from[c < 0 ? c + width : c < width ? c : c - width]);
+	};
+	v_float32x4 sum = cv::v_setzero_f32();
 
 	for (int c = 0; c < width; c++) {
-		v_float32x4 sum = cv::v_load(from[c]);
-
-		if (c && c % 16) { /* a running sum, begun anew before rounding adds up */
-			const int gone = (c - 1 - reach + width) % width;
-			const int come = (c + reach) % width;
-
-			sum = cv::v_load(to[c - 1]) +
-			      (cv::v_load(from[come]) - cv::v_load(from[gone]));
+		if (c % 16) { /* a running sum, begun anew before rounding adds up */
+			sum = sum + (round(c + reach) - round(c - 1 - reach));
 		} else {
+			sum = cv::v_load(from[c]);
 			for (int k = 1; k <= reach; k++)
-				sum = sum + cv::v_load(from[(c + k) % width]) +
-				      cv::v_load(from[(c - k + width) % width]);
+				sum = sum + round(c + k) + round(c - k);
 		}
-		cv::v_store(to[c], sum);
+		cv::v_store(to[c], cv::v_max(sum * share, cv::v_setzero_f32()));
 	}
-	for (int c = 0; c < width; c++)
-		cv::v_store(to[c], cv::v_max(cv::v_load(to[c]) * share, cv::v_setzero_f32()));
 }
 
-/* `from`, but with rows near the poles averaged: those go to lookup->smooth. */
+/* `from`, but with rows near the poles averaged: those go to lookup->smooth, and the first rows
+ * that are not averaged besides. */
 struct readable {
-	const float (*middle)[4];
-	const float (*smooth)[4];
+	const colour *middle, *smooth;
 	int32_t first, last; /* cells that are read as they are: first .. last - 1 */
 
-	v_float32x4 at(int32_t cell) const
+	/* Where to read a cell, its row and the one below. */
+	const colour *rows_of(int32_t cell) const
 	{
-		return cv::v_load(cell >= first && cell < last ? middle[cell] : smooth[cell]);
+		return cell >= first && cell < last ? middle : smooth;
 	}
 };
 
-readable prepare(struct lp_lookup *lookup, const float (*from)[4])
+readable prepare(struct lp_lookup *lookup, const colour *from)
 {
 	const struct lp_grid *grid = lookup->grid;
 	const int width = grid->width, height = grid->height;
@@ -156,7 +155,12 @@ readable prepare(struct lp_lookup *lookup, const float (*from)[4])
 			average_row(from + at, width, reach, lookup->smooth + at);
 		}
 	}
-	return {from, lookup->smooth, rows * width, (height - rows) * width};
+	for (const int row : {rows, height - 1 - rows}) {
+		const size_t at = static_cast<size_t>(row) * width;
+
+		std::memcpy(lookup->smooth + at, from + at, width * sizeof(*from));
+	}
+	return {from, lookup->smooth, rows * width, (height - 1 - rows) * width};
 }
 
 } /* namespace */
@@ -170,23 +174,28 @@ extern "C" void lp_lookup_radiance(struct lp_lookup *lookup, const float (*from)
 
 	for (int i = 0; i < cells; i++) {
 		const int32_t l = lookup->left[i], r = lookup->right[i];
-		const v_float32x4 a = source.at(l), b = source.at(r);
-		const v_float32x4 c = source.at(l + width), d = source.at(r + width);
+		const colour *rows = source.rows_of(l);
+		const v_float32x4 a = cv::v_load(rows[l]), b = cv::v_load(rows[r]);
+		const v_float32x4 c = cv::v_load(rows[l + width]), d = cv::v_load(rows[r + width]);
 		const v_float32x4 across = cv::v_setall_f32(lookup->across[i]);
 		const v_float32x4 down = cv::v_setall_f32(lookup->down[i]);
 		const v_float32x4 upper = cv::v_fma(b - a, across, a);
 		const v_float32x4 lower = cv::v_fma(d - c, across, c);
-		float step[4];
+		const v_float32x4 step = (b - a) * (b - a) + (d - c) * (d - c) + (c - a) * (c - a) +
+					 (d - b) * (d - b);
 
 		cv::v_store(to[i], cv::v_fma(lower - upper, down, upper));
-		cv::v_store(step, (b - a) * (b - a) + (d - c) * (d - c) + (c - a) * (c - a) +
-					  (d - b) * (d - b));
-		step2[i] = 0.5F * step[LP_LUMINANCE];
+		step2[i] = 0.5F * cv::v_extract_n<LP_LUMINANCE>(step);
 	}
 }
 
 namespace
 {
+
+bool any(const uint8_t *marks, size_t count)
+{
+	return marks[0] || std::memcmp(marks, marks + 1, count - 1) != 0;
+}
 
 void mark(uint8_t *cells, const uint8_t *from, int count)
 {
@@ -194,7 +203,8 @@ void mark(uint8_t *cells, const uint8_t *from, int count)
 		cells[c] |= from[c];
 }
 
-/* Each cell gets its neighbours' marks: along the rows, then across them. */
+/* Each cell gets the marks of the four cells from it on to the right and downwards, and those of
+ * their neighbours: along the rows, then across them. */
 void widen(const struct lp_grid *grid, const uint8_t *from, uint8_t *rows, uint8_t *to)
 {
 	const int width = grid->width, height = grid->height;
@@ -206,9 +216,13 @@ void widen(const struct lp_grid *grid, const uint8_t *from, uint8_t *rows, uint8
 		const int reach = std::max(reach_of(grid, r), 1);
 
 		std::memcpy(out, in, width);
-		for (int k = 1; k <= reach; k++) {
+		if (!any(in, width))
+			continue;
+		for (int k = 1; k <= reach + 1; k++) {
 			mark(out, in + k, width - k);
 			mark(out + width - k, in, k);
+			if (k > reach)
+				break;
 			mark(out + k, in, width - k);
 			mark(out, in + width - k, k);
 		}
@@ -216,10 +230,11 @@ void widen(const struct lp_grid *grid, const uint8_t *from, uint8_t *rows, uint8
 	for (int r = 0; r < height; r++) {
 		const uint8_t *in = rows + static_cast<size_t>(r) * width;
 		const uint8_t *up = r ? in - width : in, *down = r + 1 < height ? in + width : in;
+		const uint8_t *below = r + 2 < height ? down + width : down;
 		uint8_t *out = to + static_cast<size_t>(r) * width;
 
 		for (int c = 0; c < width; c++)
-			out[c] = up[c] | in[c] | down[c];
+			out[c] = up[c] | in[c] | down[c] | below[c];
 	}
 }
 
@@ -230,14 +245,14 @@ extern "C" void lp_lookup_marks(struct lp_lookup *lookup, const uint8_t *from, u
 	const int width = lookup->grid->width;
 	const size_t cells = static_cast<size_t>(width) * lookup->grid->height;
 
+	std::memset(to, 0, cells);
+	if (!any(from, cells))
+		return;
 	widen(lookup->grid, from, lookup->wide + cells, lookup->wide);
 	for (size_t i = 0; i < cells; i++) {
 		const int32_t l = lookup->left[i], r = lookup->right[i];
-		const uint8_t near = lookup->wide[l] | lookup->wide[r] | lookup->wide[l + width] |
-				     lookup->wide[r + width];
 
-		to[i] = 0;
-		if (near) { /* few are */
+		if (lookup->wide[l]) { /* few are */
 			const uint8_t own = from[l] | from[r] | from[l + width] | from[r + width];
 
 			to[i] = own ? own : static_cast<uint8_t>(LP_CELL_BESIDE);
