@@ -82,14 +82,19 @@ cv::v_int32x4 load_flags(const uint8_t *flags)
 /* Variance of what is observed of four cells. */
 class noise_model
 {
-	const struct lp_observation &seen;
-	v_float32x4 full, code_variance, scale2;
+	const float *weights; /* NULL: float frames are exact */
+	const float *step2;
+	v_float32x4 full, code_variance, scale2, relative2, place_variance;
 
       public:
-	explicit noise_model(const struct lp_observation &observation)
-	    : seen(observation), full(cv::v_setall_f32(1.0F / observation.scale)),
-	      code_variance(cv::v_setall_f32(observation.code_variance)),
-	      scale2(cv::v_setall_f32(observation.scale * observation.scale))
+	explicit noise_model(const struct lp_observation &seen)
+	    : weights(seen.coded ? seen.response->weight : nullptr), step2(seen.step2),
+	      full(cv::v_setall_f32(1.0F / seen.scale)),
+	      code_variance(cv::v_setall_f32(seen.code_variance)),
+	      scale2(cv::v_setall_f32(seen.scale * seen.scale)),
+	      relative2(cv::v_setall_f32(kCameraSigma * kCameraSigma +
+					 seen.flicker_sigma * seen.flicker_sigma)),
+	      place_variance(cv::v_setall_f32(seen.place_variance))
 	{
 	}
 
@@ -98,25 +103,21 @@ class noise_model
 		const v_float32x4 zero = cv::v_setzero_f32(), one = cv::v_setall_f32(1.0F);
 		v_float32x4 variance = zero;
 
-		if (seen.coded) {
+		if (weights) {
 			const v_float32x4 linear =
 				cv::v_min(cv::v_max(luminance * full, zero), one);
 			const v_float32x4 root = cv::v_sqrt(linear) * cv::v_setall_f32(255.0F);
-			const v_float32x4 weight =
-				cv::v_lut(seen.response->weight, cv::v_trunc(root));
+			const v_float32x4 weight = cv::v_lut(weights, cv::v_trunc(root));
 			const v_float32x4 dark =
 				cv::v_max(one - root * cv::v_setall_f32(1.0F / kDark), zero) *
 				cv::v_setall_f32(kDarkCodes);
 			const v_float32x4 codes2 = cv::v_fma(dark, dark, code_variance);
 
-			variance =
-				cv::v_fma(cv::v_setall_f32(kCameraSigma * kCameraSigma +
-							   seen.flicker_sigma * seen.flicker_sigma),
-					  luminance * luminance, codes2 * scale2 / weight);
+			variance = cv::v_fma(relative2, luminance * luminance,
+					     codes2 * scale2 / weight);
 		}
-		if (seen.step2)
-			variance = cv::v_fma(cv::v_load(seen.step2 + i),
-					     cv::v_setall_f32(seen.place_variance), variance);
+		if (step2)
+			variance = cv::v_fma(cv::v_load(step2 + i), place_variance, variance);
 		return variance;
 	}
 };
@@ -191,35 +192,43 @@ void move(four_cells &cell, const four_cells &now, const v_float32x4 &gain)
 							 cell.channel[c]));
 }
 
-/* Four cells of the map that are known, and seen without any mark: nearly all there are. */
-void correct_plain(struct lp_radiance_map *map, const struct lp_observation *seen,
-		   const noise_model &noise, const v_float32x4 &walk, size_t i, row_sums &sum)
+/* Luminance of four cells. */
+v_float32x4 luminance_of(const float (*radiance)[4])
 {
-	const four_cells now(seen->radiance + i);
-	four_cells cell(map->radiance + i);
-	const v_float32x4 light = now.channel[LP_LUMINANCE], held = cell.channel[LP_LUMINANCE];
-	const v_float32x4 before = cv::v_fma(walk, held * held, cv::v_load(map->variance + i));
-	const lesson learned(light, held, before, noise.of(light, i));
-
-	if (seen->stirred > 0.0F)
-		remember(map, i, light == light);
-	else if (cv::v_check_any(learned.contradicts))
-		remember(map, i, learned.contradicts);
-	move(cell, now, learned.gain);
-	cell.store(map->radiance + i);
-	cv::v_store(map->variance + i, learned.variance);
-	sum.changed = sum.changed + (learned.contradicts & cv::v_abs(learned.difference));
-	sum.all = sum.all + cell.channel[LP_LUMINANCE];
-	sum.variance = sum.variance + learned.variance;
+	return four_cells(radiance).channel[LP_LUMINANCE];
 }
 
-bool all_plain(const struct lp_radiance_map *map, const struct lp_observation *seen, size_t i)
+/* Four cells of the map that are known, seen without any mark, and not contradicted: nearly all
+ * there are. False: they are not like that, and nothing has been done. */
+bool correct_plain(struct lp_radiance_map *map, const struct lp_observation *seen,
+		   const noise_model &noise, const v_float32x4 &walk, size_t i, row_sums &sum)
 {
 	uint32_t known, marks;
 
 	std::memcpy(&known, map->flags + i, sizeof(known));
 	std::memcpy(&marks, seen->flags + i, sizeof(marks));
-	return (known | marks) == 0;
+	if (known | marks)
+		return false;
+	const v_float32x4 light = luminance_of(seen->radiance + i);
+	const v_float32x4 held = luminance_of(map->radiance + i);
+	const v_float32x4 before = cv::v_fma(walk, held * held, cv::v_load(map->variance + i));
+	const lesson learned(light, held, before, noise.of(light, i));
+	float gain[4];
+
+	if (cv::v_check_any(learned.gain == cv::v_setall_f32(1.0F)))
+		return false;
+	cv::v_store(gain, learned.gain);
+	for (auto k = 0; k < 4; k++) {
+		float *cell = map->radiance[i + k];
+		const v_float32x4 from = cv::v_load(cell);
+
+		cv::v_store(cell, cv::v_fma(cv::v_load(seen->radiance[i + k]) - from,
+					    cv::v_setall_f32(gain[k]), from));
+	}
+	cv::v_store(map->variance + i, learned.variance);
+	sum.all = sum.all + cv::v_fma(learned.difference, learned.gain, held);
+	sum.variance = sum.variance + learned.variance;
+	return true;
 }
 
 /* Correct four cells from `i` on, whatever is known and seen of them. */
@@ -366,6 +375,7 @@ extern "C" struct lp_map_update lp_radiance_map_observe(struct lp_radiance_map *
 	const v_float32x4 walk = cv::v_setall_f32(kWalk * kWalk * observation->elapsed_s +
 						  observation->stirred * observation->stirred);
 	const double sphere_sr = 4.0 * M_PI;
+	const bool stirred = observation->stirred > 0.0F;
 	sums total = {};
 
 	map->t_s += observation->elapsed_s;
@@ -375,9 +385,7 @@ extern "C" struct lp_map_update lp_radiance_map_observe(struct lp_radiance_map *
 		for (int c = 0; c < grid->width; c += 4) {
 			const size_t i = static_cast<size_t>(r) * grid->width + c;
 
-			if (all_plain(map, observation, i))
-				correct_plain(map, observation, noise, walk, i, row);
-			else
+			if (stirred || !correct_plain(map, observation, noise, walk, i, row))
 				correct(map, observation, noise, walk, i, row);
 		}
 		row.add_to(total, grid->row_solid_angle_sr[r]);
@@ -406,10 +414,8 @@ extern "C" float lp_radiance_map_contradicting(const struct lp_radiance_map *map
 
 		for (int c = 0; c < grid->width; c += 4) {
 			const size_t i = static_cast<size_t>(r) * grid->width + c;
-			const v_float32x4 light =
-				four_cells(observation->radiance + i).channel[LP_LUMINANCE];
-			const v_float32x4 held =
-				four_cells(map->radiance + i).channel[LP_LUMINANCE];
+			const v_float32x4 light = luminance_of(observation->radiance + i);
+			const v_float32x4 held = luminance_of(map->radiance + i);
 			const v_float32x4 variance = cv::v_load(map->variance + i);
 			const v_float32x4 marked = cv::v_reinterpret_as_f32(
 				load_flags(observation->flags + i) == cv::v_setzero_s32());
