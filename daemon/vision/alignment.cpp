@@ -40,6 +40,8 @@ constexpr int kIterations = 6;
 constexpr double kConverged = 2e-4; /* rad */
 /* Relative noise above which a pixel is not compared. */
 constexpr float kMostNoise = 0.5F;
+/* More than any variance, and small enough that some may be added up. */
+constexpr float kUnknown = LP_VARIANCE_UNKNOWN;
 /* Beyond this uncertainty of the guess the coarse level comes first. */
 constexpr double kFineOnly = 0.02;
 
@@ -67,38 +69,6 @@ struct equations {
 	double squares, weights; /* of what is left, each by its robust weight */
 };
 
-/* Value and weight of `known` at four places. */
-void look(const level &l, const lp::places &at, float value[4], float weight[4])
-{
-	float column[4], row[4];
-
-	cv::v_store(column, at.column);
-	cv::v_store(row, at.row);
-	for (int k = 0; k < 4; k++) {
-		const float y = std::min(std::max(row[k], 0.0F), static_cast<float>(l.height - 1));
-		const int y0 = std::min(static_cast<int>(y), l.height - 2);
-		const float fy = y - static_cast<float>(y0);
-		const float floor = std::floor(column[k]);
-		const int x0 = static_cast<int>(floor) < 0 ? l.width - 1 : static_cast<int>(floor);
-		const int x1 = x0 + 1 < l.width ? x0 + 1 : 0;
-		const float fx = column[k] - floor;
-		const int i[4] = {y0 * l.width + x0, y0 * l.width + x1, (y0 + 1) * l.width + x0,
-				  (y0 + 1) * l.width + x1};
-		const float share[4] = {(1.0F - fx) * (1.0F - fy), fx * (1.0F - fy),
-					(1.0F - fx) * fy, fx * fy};
-		float sum = 0.0F, all = 0.0F;
-
-		for (int j = 0; j < 4; j++) {
-			const float w = share[j] * l.known.weight[i[j]];
-
-			sum += w * l.known.value[i[j]];
-			all += w;
-		}
-		value[k] = all > 0.0F ? sum / all : 0.0F;
-		weight[k] = all >= kEnough ? all : 0.0F;
-	}
-}
-
 /* Residuals of the map over the picture at a rotation. */
 void residuals(const level &l, const struct lp_rotation &rotation, std::vector<float> &residual,
 	       std::vector<float> &weight)
@@ -113,14 +83,13 @@ void residuals(const level &l, const struct lp_rotation &rotation, std::vector<f
 		const v_float32x4 x = cv::v_load(&s.direction[0][k]);
 		const v_float32x4 y = cv::v_load(&s.direction[1][k]);
 		const v_float32x4 z = cv::v_load(&s.direction[2][k]);
-		v_float32x4 to[3];
-		float value[4], known[4];
+		v_float32x4 to[3], value, known;
 
 		for (int a = 0; a < 3; a++)
 			to[a] = cv::v_fma(m[a][0], x, cv::v_fma(m[a][1], y, m[a][2] * z));
-		look(l, lp::places(to[0], to[1], to[2], l.width, l.height), value, known);
-		cv::v_store(&residual[k], cv::v_load(value) - cv::v_load(&s.value[k]));
-		cv::v_store(&weight[k], cv::v_load(known) * cv::v_load(&s.weight[k]));
+		l.table.at(lp::places(to[0], to[1], to[2], l.width, l.height), value, known);
+		cv::v_store(&residual[k], value - cv::v_load(&s.value[k]));
+		cv::v_store(&weight[k], known * cv::v_load(&s.weight[k]));
 	}
 }
 
@@ -197,8 +166,12 @@ struct lp_alignment {
 	const struct lp_grid *grid;
 	int factor; /* grid cells in a row per pixel of the fine level */
 	level fine, coarse;
+	bool has_coarse; /* of what has been loaded last */
 	std::vector<float> residual, weight, sorted;
+	std::vector<float> row_light, row_variance; /* workspace of reduce() */
 
+	void add_rows(const float (*radiance)[4], const uint8_t *flags, const float *variance);
+	void add_columns(std::vector<float> &row) const;
 	void reduce(const float (*radiance)[4], const uint8_t *flags, const float *variance,
 		    const struct lp_observation *noise, picture &to);
 	void halve(const picture &from, picture &to);
@@ -207,43 +180,85 @@ struct lp_alignment {
 		     struct lp_alignment_result &result);
 };
 
-/* Mean luminance of factor x factor cells, its logarithm, and 1 where it is known well enough. */
+/* Sums of `factor` rows of cells, column by column: luminance, and variance, which is unknown of
+ * marked cells. */
+void lp_alignment::add_rows(const float (*radiance)[4], const uint8_t *flags, const float *variance)
+{
+	const v_float32x4 zero = cv::v_setzero_f32(), unknown = cv::v_setall_f32(kUnknown);
+	const int width = grid->width;
+	float *row[2] = {row_light.data(), row_variance.data()};
+
+	for (int x = 0; x < width; x += 4) {
+		v_float32x4 light = zero, uncertain = zero;
+
+		for (int at = x; at < factor * width; at += width) {
+			const cv::v_int32x4 marks =
+				cv::v_reinterpret_as_s32(cv::v_load_expand_q(flags + at));
+			const v_float32x4 marked =
+				cv::v_reinterpret_as_f32(marks != cv::v_setzero_s32());
+			v_float32x4 r, g, b, luminance;
+
+			cv::v_load_deinterleave(radiance[at], r, g, b, luminance);
+			light = light + luminance;
+			uncertain = uncertain + (marked & unknown);
+			if (variance)
+				uncertain = uncertain + cv::v_load(variance + at);
+		}
+		cv::v_store(row[0] + x, light);
+		cv::v_store(row[1] + x, uncertain);
+	}
+}
+
+/* Sums of `factor`, a power of two, values next to each other, in place. */
+void lp_alignment::add_columns(std::vector<float> &row) const
+{
+	for (int width = grid->width; width > fine.width; width /= 2)
+		for (int x = 0; x < width / 2; x += 4) {
+			v_float32x4 even, odd;
+
+			cv::v_load_deinterleave(&row[2 * x], even, odd);
+			cv::v_store(&row[x], even + odd);
+		}
+}
+
+/* Variance of four means of luminance in a picture of codes. */
+static v_float32x4 code_noise(const v_float32x4 &mean, const struct lp_observation &noise)
+{
+	const v_float32x4 linear = mean * cv::v_setall_f32(1.0F / noise.scale);
+	const v_float32x4 root = cv::v_sqrt(
+		cv::v_min(cv::v_max(linear, cv::v_setzero_f32()), cv::v_setall_f32(1.0F)));
+	const cv::v_int32x4 code = cv::v_trunc(root * cv::v_setall_f32(255.0F));
+
+	return cv::v_setall_f32(noise.scale * noise.scale) /
+	       cv::v_lut(noise.response->weight, code);
+}
+
+/* Logarithm of the mean luminance of factor x factor cells, and weight 1 where it is known well
+ * enough. variance: of the cells; noise: of codes; NULL: none. */
 void lp_alignment::reduce(const float (*radiance)[4], const uint8_t *flags, const float *variance,
 			  const struct lp_observation *noise, picture &to)
 {
-	const int f = factor, width = grid->width;
-	const float share = 1.0F / static_cast<float>(f * f);
+	const v_float32x4 zero = cv::v_setzero_f32(), one = cv::v_setall_f32(1.0F);
+	const v_float32x4 most = cv::v_setall_f32(kMostNoise * kMostNoise);
+	const v_float32x4 share = cv::v_setall_f32(1.0F / static_cast<float>(factor * factor));
 
-	for (int y = 0; y < fine.height; y++)
-		for (int x = 0; x < fine.width; x++) {
-			float sum = 0.0F, uncertain = 0.0F;
-			uint8_t marks = 0;
+	for (int y = 0; y < fine.height; y++) {
+		const size_t first = static_cast<size_t>(y) * factor * grid->width;
 
-			for (int v = 0; v < f; v++)
-				for (int u = 0; u < f; u++) {
-					const int cell = (y * f + v) * width + x * f + u;
-
-					sum += radiance[cell][LP_LUMINANCE];
-					marks |= flags[cell];
-					if (variance)
-						uncertain += variance[cell];
-				}
-			const int at = y * fine.width + x;
-			const float mean = sum * share;
-			float known2 = uncertain * share;
+		add_rows(radiance + first, flags + first, variance ? variance + first : nullptr);
+		add_columns(row_light);
+		add_columns(row_variance);
+		for (int x = 0; x < fine.width; x += 4) { /* the next row is written later */
+			const v_float32x4 mean = share * cv::v_load(&row_light[x]);
+			v_float32x4 noise2 = share * cv::v_load(&row_variance[x]);
 
 			if (noise && noise->coded)
-				known2 = noise->scale * noise->scale /
-					 lp_response_weight(noise->response, mean / noise->scale);
-			to.value[at] = mean;
-			to.weight[at] =
-				!marks && mean > 0.0F &&
-						known2 < kMostNoise * kMostNoise * mean * mean
-					? 1.0F
-					: 0.0F;
+				noise2 = noise2 + code_noise(mean, *noise);
+			cv::v_store(&to.value[y * fine.width + x], logarithm(mean));
+			cv::v_store(&to.weight[y * fine.width + x],
+				    one & (mean > zero) & (noise2 < most * mean * mean));
 		}
-	for (int i = 0; i < fine.width * fine.height; i += 4)
-		cv::v_store(&to.value[i], logarithm(cv::v_load(&to.value[i])));
+	}
 }
 
 void lp_alignment::halve(const picture &from, picture &to)
@@ -344,6 +359,8 @@ try {
 	a->fine.create(grid->width / factor, grid->height / factor);
 	a->coarse.create(a->fine.width / 2, a->fine.height / 2);
 	a->residual = a->weight = a->sorted = a->fine.list.value;
+	a->row_light.resize(grid->width + 8); /* vectors reach beyond the last */
+	a->row_variance.resize(grid->width + 8);
 	*alignment = a.release();
 	return 0;
 } catch (const std::bad_alloc &) {
@@ -360,15 +377,10 @@ extern "C" void lp_alignment_load(struct lp_alignment *alignment, const struct l
 {
 	struct lp_alignment &a = *alignment;
 
-	a.reduce(map->radiance, map->flags, map->variance, nullptr, a.fine.known);
-	a.reduce(picture->radiance, picture->flags, nullptr, picture, a.fine.seen);
-	a.halve(a.fine.known, a.coarse.known);
-	a.halve(a.fine.seen, a.coarse.seen);
-	for (level *l : {&a.fine, &a.coarse}) {
-		l->smooth(l->seen);
-		l->smooth(l->known);
-		l->collect();
-	}
+	a.reduce(map->radiance, map->flags, map->variance, nullptr, a.fine.known_raw);
+	a.reduce(picture->radiance, picture->flags, nullptr, picture, a.fine.seen_raw);
+	a.fine.prepare();
+	a.has_coarse = false;
 }
 
 extern "C" struct lp_alignment_result lp_alignment_solve(struct lp_alignment *alignment,
@@ -378,8 +390,17 @@ extern "C" struct lp_alignment_result lp_alignment_solve(struct lp_alignment *al
 {
 	struct lp_alignment_result result = {};
 
-	if (prior_sigma_rad > kFineOnly)
-		alignment->iterate(alignment->coarse, *guess, prior, result);
-	alignment->iterate(alignment->fine, *guess, prior, result);
+	struct lp_alignment &a = *alignment;
+
+	if (prior_sigma_rad > kFineOnly) {
+		if (!a.has_coarse) {
+			a.halve(a.fine.known_raw, a.coarse.known_raw);
+			a.halve(a.fine.seen_raw, a.coarse.seen_raw);
+			a.coarse.prepare();
+			a.has_coarse = true;
+		}
+		a.iterate(a.coarse, *guess, prior, result);
+	}
+	a.iterate(a.fine, *guess, prior, result);
 	return result;
 }

@@ -3,6 +3,8 @@
 
 #include <algorithm>
 
+using cv::v_float32x4;
+
 namespace lp
 {
 
@@ -25,43 +27,120 @@ void level::create(int w, int h)
 		column_sin.push_back(static_cast<float>(std::sin(lambda)));
 		column_cos.push_back(static_cast<float>(std::cos(lambda)));
 	}
-	for (picture *p : {&seen, &known, &scratch})
+	for (picture *p : {&seen_raw, &known_raw, &seen, &known, &scratch})
 		p->resize(static_cast<size_t>(w) * h);
+	table.create(w, h);
 	list.resize(static_cast<size_t>(w) * h);
 }
 
-void level::smooth(picture &p)
+namespace
 {
-	for (int y = 0; y < height; y++)
-		for (int x = 0; x < width; x++) {
-			const int row = y * width, left = row + (x ? x - 1 : width - 1);
-			const int right = row + (x + 1 < width ? x + 1 : 0), at = row + x;
-			const float l = p.weight[left], m = 2.0F * p.weight[at],
-				    r = p.weight[right], all = l + m + r;
 
-			scratch.value[at] = all > 0.0F ? (l * p.value[left] + m * p.value[at] +
-							  r * p.value[right]) /
-								 all
-						       : 0.0F;
-			scratch.weight[at] = 0.25F * all;
-		}
+/* Weighted mean of three, [1 2 1]; 0 where nothing is known. Offsets are of the first and the last
+ * from the one in the middle. */
+inline void blend(const picture &from, int at, int before, int after, picture &to)
+{
+	const float *weight = &from.weight[at], *value = &from.value[at];
+	const float a = weight[before], b = 2.0F * weight[0], c = weight[after], all = a + b + c;
+
+	to.value[at] =
+		all > 0.0F ? (a * value[before] + b * value[0] + c * value[after]) / all : 0.0F;
+	to.weight[at] = 0.25F * all;
+}
+
+/* The same for four next to each other. */
+inline void blend_four(const picture &from, int at, int before, int after, picture &to)
+{
+	const float *weight = &from.weight[at], *value = &from.value[at];
+	const v_float32x4 zero = cv::v_setzero_f32(), m = cv::v_load(weight);
+	const v_float32x4 a = cv::v_load(weight + before), b = m + m;
+	const v_float32x4 c = cv::v_load(weight + after), all = a + b + c;
+	const v_float32x4 sum = a * cv::v_load(value + before) + b * cv::v_load(value) +
+				c * cv::v_load(value + after);
+
+	cv::v_store(&to.value[at], cv::v_select(all > zero, sum / all, zero));
+	cv::v_store(&to.weight[at], cv::v_setall_f32(0.25F) * all);
+}
+
+} /* namespace */
+
+/* Vectors may reach into the next row, which is written after them. */
+void level::smooth(const picture &from, picture &to)
+{
 	for (int y = 0; y < height; y++) {
-		const int up = std::max(y - 1, 0) * width,
-			  down = std::min(y + 1, height - 1) * width;
+		const int row = y * width, last = row + width - 1;
 
-		for (int x = 0; x < width; x++) {
-			const int at = y * width + x;
-			const float u = scratch.weight[up + x], m = 2.0F * scratch.weight[at],
-				    d = scratch.weight[down + x], all = u + m + d;
-
-			p.value[at] = all > 0.0F
-					      ? (u * scratch.value[up + x] + m * scratch.value[at] +
-						 d * scratch.value[down + x]) /
-							all
-					      : 0.0F;
-			p.weight[at] = 0.25F * all;
-		}
+		for (int at = row + 1; at < last; at += 4)
+			blend_four(from, at, -1, 1, scratch);
+		blend(from, row, width - 1, 1, scratch);
+		blend(from, last, -1, 1 - width, scratch);
 	}
+	for (int y = 0; y < height; y++) {
+		const int row = y * width;
+		const int up = y ? -width : 0, down = y + 1 < height ? width : 0;
+
+		for (int at = row; at < row + width; at += 4)
+			blend_four(scratch, at, up, down, to);
+	}
+}
+
+void level::prepare()
+{
+	smooth(seen_raw, seen);
+	smooth(known_raw, known);
+	table.fill(known);
+	collect();
+}
+
+void readable::create(int w, int h)
+{
+	width = w;
+	height = h;
+	pairs.assign(2 * static_cast<size_t>(w + 2) * h, 0.0F);
+}
+
+void readable::fill(const picture &from)
+{
+	float *pair = pairs.data();
+
+	for (int y = 0; y < height; y++)
+		for (int x = -1; x <= width; x++, pair += 2) {
+			const int column = x < 0 ? width - 1 : x < width ? x : 0;
+			const size_t at = static_cast<size_t>(y) * width + column;
+
+			pair[0] = from.weight[at] * from.value[at];
+			pair[1] = from.weight[at];
+		}
+}
+
+void readable::at(const places &where, v_float32x4 &value, v_float32x4 &weight) const
+{
+	const v_float32x4 zero = cv::v_setzero_f32();
+	const cv::v_int32x4 stride = cv::v_setall_s32(width + 2), left = cv::v_floor(where.column);
+	const v_float32x4 y = cv::v_min(cv::v_max(where.row, zero),
+					cv::v_setall_f32(static_cast<float>(height - 1)));
+	const cv::v_int32x4 top = cv::v_min(cv::v_trunc(y), cv::v_setall_s32(height - 2));
+	const v_float32x4 across = where.column - cv::v_cvt_f32(left);
+	v_float32x4 between[4], sum_left, known_left, sum_right, known_right;
+	int32_t first[4];
+	float down[4];
+
+	cv::v_store(first, (top * stride + left + cv::v_setall_s32(1)) << 1);
+	cv::v_store(down, y - cv::v_cvt_f32(top));
+	for (int k = 0; k < 4; k++) { /* two pairs: of the columns on the left and on the right */
+		const float *upper = &pairs[first[k]], *lower = upper + 2 * (width + 2);
+		const v_float32x4 above = cv::v_load(upper);
+
+		between[k] = cv::v_fma(cv::v_load(lower) - above, cv::v_setall_f32(down[k]), above);
+	}
+	cv::v_transpose4x4(between[0], between[1], between[2], between[3], sum_left, known_left,
+			   sum_right, known_right);
+	const v_float32x4 known = cv::v_fma(known_right - known_left, across, known_left);
+	const v_float32x4 enough = known >= cv::v_setall_f32(kEnough);
+
+	value = cv::v_fma(sum_right - sum_left, across, sum_left) /
+		cv::v_max(known, cv::v_setall_f32(kEnough));
+	weight = cv::v_select(enough, known, zero);
 }
 
 void level::collect()

@@ -8,6 +8,8 @@
 #include <cstddef>
 #include <vector>
 
+#include "vision/sphere.hpp"
+
 namespace lp
 {
 
@@ -47,16 +49,33 @@ struct samples {
 	}
 };
 
+/* A picture to be read between its pixels: value times weight, and weight, of each; the first and
+ * the last column stand on both sides of the seam. */
+struct readable {
+	int width, height; /* of the picture */
+	std::vector<float> pairs;
+
+	void create(int w, int h);
+	void fill(const picture &from);
+
+	/* Four places at once; weight 0: too little is known there. */
+	void at(const places &where, cv::v_float32x4 &value, cv::v_float32x4 &weight) const;
+};
+
 struct level {
 	int width, height;
 	std::vector<float> column_sin, column_cos; /* of the columns' longitudes */
-	picture seen, known, scratch;
+	picture seen_raw, known_raw, seen, known, scratch;
+	readable table; /* of what is known */
 	samples list;
 
 	void create(int w, int h);
 
+	/* From seen_raw and known_raw all that is compared. */
+	void prepare();
+
 	/* [1 2 1] in both directions, over what is known. */
-	void smooth(picture &p);
+	void smooth(const picture &from, picture &to);
 	/* Slopes of the camera's picture, at every other pixel: how its value changes with a
 	 * rotation vector. Smoothed neighbours err alike, so that all pixels tell no more. */
 	void collect();
