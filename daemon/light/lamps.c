@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "light/lamps.h"
 
-#include <assert.h>
 #include <errno.h>
 #include <float.h>
 #include <math.h>
@@ -22,8 +21,8 @@
 #define RIM_FACTOR 4.0	     /* most flux of a lamp over that of its core alone */
 #define RING_CELLS 2	     /* width of the ring that gives the background */
 #define MAX_RING_CELLS 128   /* of it, taken evenly: enough for a median */
+#define FEW_COLUMNS 8	     /* are looked at one by one */
 #define MAD_TO_SIGMA 1.4826F /* median absolute deviation of a normal distribution */
-#define WORD_MARKS 8	     /* marks that are looked at in one go */
 
 enum mark {
 	FREE,
@@ -42,7 +41,7 @@ int lp_lamp_finder_create(const struct lp_grid *grid, struct lp_lamp_finder **fi
 	f->grid = grid;
 	f->cells = calloc(n, sizeof(*f->cells));
 	f->cells_before = calloc(n, sizeof(*f->cells_before));
-	f->mark = calloc(n + WORD_MARKS, sizeof(*f->mark)); /* words reach beyond the last */
+	f->mark = calloc(n, sizeof(*f->mark));
 	f->owner = calloc(n, sizeof(*f->owner));
 	f->ring = calloc(n, sizeof(*f->ring));
 	f->values = calloc(MAX_RING_CELLS, sizeof(*f->values));
@@ -77,26 +76,9 @@ void lp_lamp_finder_destroy(struct lp_lamp_finder *finder)
 	free(finder);
 }
 
-/* Rows near a pole, where to grow by one cell is to look at many: they count what is free. */
-static bool is_crowded(const struct lp_lamp_finder *finder, int row)
-{
-	return finder->reach[row] > WORD_MARKS;
-}
-
-static void take(struct lp_lamp_finder *finder, int row, int32_t cell, enum mark mark)
+static void take(struct lp_lamp_finder *finder, int32_t cell, enum mark mark)
 {
 	finder->mark[cell] = (uint8_t)mark;
-	if (is_crowded(finder, row))
-		finder->free[row]--;
-}
-
-static void give_back(struct lp_lamp_finder *finder, int32_t cell)
-{
-	const int row = lp_grid_row(finder->grid, cell);
-
-	finder->mark[cell] = FREE;
-	if (is_crowded(finder, row))
-		finder->free[row]++;
 }
 
 static void start_run(struct lp_lamp_finder *finder, const struct lp_regions *regions)
@@ -107,40 +89,29 @@ static void start_run(struct lp_lamp_finder *finder, const struct lp_regions *re
 	finder->cells_before = finder->cells;
 	finder->cells = before;
 	memset(finder->mark, FREE, (size_t)grid->width * grid->height);
-	for (int r = 0; r < grid->height; r++)
-		finder->free[r] = grid->width;
 	finder->cell_count = 0;
 	finder->count = 0;
 	for (int k = 0; k < regions->count; k++)
 		for (int i = 0; i < regions->list[k].count; i++) {
 			const int32_t cell = regions->cells[regions->list[k].first + i];
 
-			take(finder, lp_grid_row(grid, cell), cell, CORE);
+			take(finder, cell, CORE);
 		}
 }
 
-static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the first mark is the lowest byte");
-
-/* WORD_MARKS marks from a cell on, the first in the lowest byte. */
-static uint64_t marks_at(const struct lp_lamp_finder *finder, int32_t cell)
+/* Nothing but cores around, as far as a glance tells: what lies further off is within reach of
+ * their outermost cells. */
+static bool enclosed(const struct lp_lamp_finder *finder, int32_t cell)
 {
-	uint64_t word;
+	const uint8_t *mark = finder->mark + cell;
+	const int width = finder->grid->width;
 
-	memcpy(&word, finder->mark + cell, sizeof(word));
-	return word;
-}
-
-/* The high bit of each byte that is FREE (0): Warren, "Hacker's Delight", section 6-1. */
-static uint64_t free_bytes(uint64_t marks)
-{
-	const uint64_t low = UINT64_C(0x7f7f7f7f7f7f7f7f);
-
-	return ~(((marks & low) + low) | marks | low);
-}
-
-static uint64_t first_bytes(uint64_t word, int count)
-{
-	return count < WORD_MARKS ? word & ((UINT64_C(1) << 8 * count) - 1) : word;
+	if (!lp_grid_inside(finder->grid, cell))
+		return false;
+	for (int at = -width; at <= width; at += width)
+		if (mark[at - 1] != CORE || mark[at] != CORE || mark[at + 1] != CORE)
+			return false;
+	return true;
 }
 
 /* Append what is free of a row's columns from .. to - 1. */
@@ -150,32 +121,20 @@ static int take_free(struct lp_lamp_finder *finder, int row, int from, int to, e
 	const int32_t first = row * finder->grid->width;
 	int count = 0;
 
-	for (int c = from; c < to; c += WORD_MARKS) {
-		uint64_t found = first_bytes(free_bytes(marks_at(finder, first + c)), to - c);
+	for (int32_t cell = first + from; cell < first + to; cell++) {
+		if (to - from > FEW_COLUMNS) { /* most of a row near a pole is taken soon */
+			const uint8_t *free = memchr(finder->mark + cell, FREE, first + to - cell);
 
-		for (; found; found &= found - 1) {
-			const int32_t cell = first + c + __builtin_ctzll(found) / 8;
-
-			take(finder, row, cell, mark);
+			if (!free)
+				break;
+			cell = (int32_t)(free - finder->mark);
+		}
+		if (finder->mark[cell] == FREE) {
+			take(finder, cell, mark);
 			out[count++] = cell;
 		}
 	}
 	return count;
-}
-
-/* Nothing but cores around, as far as a glance tells: what lies further off is within reach of
- * their outermost cells. */
-static bool enclosed(const struct lp_lamp_finder *finder, int32_t cell)
-{
-	const uint64_t cores = CORE * UINT64_C(0x010101);
-	const int width = finder->grid->width;
-
-	if (!lp_grid_inside(finder->grid, cell))
-		return false;
-	for (int32_t middle = cell - width; middle <= cell + width; middle += width)
-		if (first_bytes(marks_at(finder, middle - 1), 3) != cores)
-			return false;
-	return true;
 }
 
 /*
@@ -197,8 +156,6 @@ static int grow(struct lp_lamp_finder *finder, int32_t cell, enum mark mark, int
 		const int from = column + (beyond ? half_turn : 0) - reach;
 		const int to = from + 2 * reach + 1;
 
-		if (is_crowded(finder, rr) && !finder->free[rr])
-			continue;
 		if (from < 0)
 			count += take_free(finder, rr, from + width, width, mark, out + count);
 		count += take_free(finder, rr, from < 0 ? 0 : from, to < width ? to : width, mark,
@@ -263,7 +220,7 @@ static struct surround find_surround(struct lp_lamp_finder *finder, const struct
 		from = to;
 	}
 	for (int i = 0; i < count; i++)
-		give_back(finder, finder->ring[i]);
+		take(finder, finder->ring[i], FREE);
 	return count ? (struct surround){finder->ring, count}
 		     : (struct surround){cells, lamp->count};
 }
@@ -496,7 +453,7 @@ bool lp_lamp_finder_hold(struct lp_lamp_finder *finder, const struct lp_panorama
 	lamp->peak = 0.0F;
 	for (int i = 0; i < lamp->count; i++) {
 		if (finder->mark[cells[i]] == FREE)
-			take(finder, lp_grid_row(grid, cells[i]), cells[i], RIM);
+			take(finder, cells[i], RIM);
 		if (i >= lamp->core_count)
 			continue;
 		const float luminance = panorama->cells[cells[i]][LP_LUMINANCE];
