@@ -37,6 +37,7 @@ constexpr float kRobust = 0.15F; /* residuals of log luminance from here on coun
 constexpr float kFirstRobust = 0.5F;
 constexpr double kCorrelated = 20.0; /* neighbours err alike: so many count as one */
 constexpr int kIterations = 6;
+constexpr size_t kMedianStep = 4;   /* of all residuals, so many tell where to begin */
 constexpr double kConverged = 2e-4; /* rad */
 /* Relative noise above which a pixel is not compared. */
 constexpr float kMostNoise = 0.5F;
@@ -283,7 +284,7 @@ double lp_alignment::median()
 {
 	size_t count = 0;
 
-	for (size_t k = 0; k < residual.size() - 4; k++)
+	for (size_t k = 0; k < residual.size() - 4; k += kMedianStep)
 		if (weight[k] > 0.0F)
 			sorted[count++] = residual[k];
 	if (!count)

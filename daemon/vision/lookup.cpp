@@ -111,17 +111,17 @@ void average_row(const colour *from, int width, int reach, colour *to)
 	const auto round = [from, width](int c) {
 		return cv::v_load(from[c < 0 ? c + width : c < width ? c : c - width]);
 	};
-	v_float32x4 sum = cv::v_setzero_f32();
 
-	for (int c = 0; c < width; c++) {
-		if (c % 16) { /* a running sum, begun anew before rounding adds up */
-			sum = sum + (round(c + reach) - round(c - 1 - reach));
-		} else {
-			sum = cv::v_load(from[c]);
-			for (int k = 1; k <= reach; k++)
-				sum = sum + round(c + k) + round(c - k);
+	for (int first = 0; first < width; first += 16) {
+		v_float32x4 sum = round(first);
+
+		for (int k = 1; k <= reach; k++)
+			sum = sum + round(first + k) + round(first - k);
+		/* a running sum, begun anew before rounding adds up */
+		for (int c = first; c < first + 16 && c < width; c++) {
+			cv::v_store(to[c], cv::v_max(sum * share, cv::v_setzero_f32()));
+			sum = sum + (round(c + 1 + reach) - round(c - reach));
 		}
-		cv::v_store(to[c], cv::v_max(sum * share, cv::v_setzero_f32()));
 	}
 }
 
@@ -171,14 +171,16 @@ extern "C" void lp_lookup_radiance(struct lp_lookup *lookup, const float (*from)
 	const int width = lookup->grid->width;
 	const int cells = width * lookup->grid->height;
 	const readable source = prepare(lookup, from);
+	const int32_t *const left = lookup->left, *const right = lookup->right;
+	const float *const all_across = lookup->across, *const all_down = lookup->down;
 
 	for (int i = 0; i < cells; i++) {
-		const int32_t l = lookup->left[i], r = lookup->right[i];
+		const int32_t l = left[i], r = right[i];
 		const colour *rows = source.rows_of(l);
 		const v_float32x4 a = cv::v_load(rows[l]), b = cv::v_load(rows[r]);
 		const v_float32x4 c = cv::v_load(rows[l + width]), d = cv::v_load(rows[r + width]);
-		const v_float32x4 across = cv::v_setall_f32(lookup->across[i]);
-		const v_float32x4 down = cv::v_setall_f32(lookup->down[i]);
+		const v_float32x4 across = cv::v_setall_f32(all_across[i]);
+		const v_float32x4 down = cv::v_setall_f32(all_down[i]);
 		const v_float32x4 upper = cv::v_fma(b - a, across, a);
 		const v_float32x4 lower = cv::v_fma(d - c, across, c);
 		const v_float32x4 step = (b - a) * (b - a) + (d - c) * (d - c) + (c - a) * (c - a) +
@@ -199,7 +201,11 @@ bool any(const uint8_t *marks, size_t count)
 
 void mark(uint8_t *cells, const uint8_t *from, int count)
 {
-	for (int c = 0; c < count; c++)
+	int c = 0;
+
+	for (; c + 16 <= count; c += 16)
+		cv::v_store(cells + c, cv::v_load(cells + c) | cv::v_load(from + c));
+	for (; c < count; c++)
 		cells[c] |= from[c];
 }
 
@@ -233,8 +239,10 @@ void widen(const struct lp_grid *grid, const uint8_t *from, uint8_t *rows, uint8
 		const uint8_t *below = r + 2 < height ? down + width : down;
 		uint8_t *out = to + static_cast<size_t>(r) * width;
 
-		for (int c = 0; c < width; c++)
-			out[c] = up[c] | in[c] | down[c] | below[c];
+		std::memset(out, 0, width);
+		for (const uint8_t *row : {up, in, down, below})
+			if (any(row, width))
+				mark(out, row, width);
 	}
 }
 

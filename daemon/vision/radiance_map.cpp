@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "vision/radiance_map.h"
 
+#include <algorithm>
 #include <cerrno>
 #include <cmath>
 #include <cstdlib>
@@ -82,20 +83,25 @@ cv::v_int32x4 load_flags(const uint8_t *flags)
 /* Variance of what is observed of four cells. */
 class noise_model
 {
-	const float *weights; /* NULL: float frames are exact */
+	bool coded;
+	float of_code[256]; /* of rounding and noise, by the root of the linear value */
 	const float *step2;
-	v_float32x4 full, code_variance, scale2, relative2, place_variance;
+	v_float32x4 full, relative2, place_variance;
 
       public:
 	explicit noise_model(const struct lp_observation &seen)
-	    : weights(seen.coded ? seen.response->weight : nullptr), step2(seen.step2),
-	      full(cv::v_setall_f32(1.0F / seen.scale)),
-	      code_variance(cv::v_setall_f32(seen.code_variance)),
-	      scale2(cv::v_setall_f32(seen.scale * seen.scale)),
+	    : coded(seen.coded), step2(seen.step2), full(cv::v_setall_f32(1.0F / seen.scale)),
 	      relative2(cv::v_setall_f32(kCameraSigma * kCameraSigma +
 					 seen.flicker_sigma * seen.flicker_sigma)),
 	      place_variance(cv::v_setall_f32(seen.place_variance))
 	{
+		for (auto code = 0; coded && code < 256; code++) {
+			const float dark = kDarkCodes *
+					   std::max(1.0F - static_cast<float>(code) / kDark, 0.0F);
+
+			of_code[code] = (dark * dark + seen.code_variance) * seen.scale *
+					seen.scale / seen.response->weight[code];
+		}
 	}
 
 	v_float32x4 of(const v_float32x4 &luminance, size_t i) const
@@ -103,18 +109,13 @@ class noise_model
 		const v_float32x4 zero = cv::v_setzero_f32(), one = cv::v_setall_f32(1.0F);
 		v_float32x4 variance = zero;
 
-		if (weights) {
+		if (coded) {
 			const v_float32x4 linear =
 				cv::v_min(cv::v_max(luminance * full, zero), one);
 			const v_float32x4 root = cv::v_sqrt(linear) * cv::v_setall_f32(255.0F);
-			const v_float32x4 weight = cv::v_lut(weights, cv::v_trunc(root));
-			const v_float32x4 dark =
-				cv::v_max(one - root * cv::v_setall_f32(1.0F / kDark), zero) *
-				cv::v_setall_f32(kDarkCodes);
-			const v_float32x4 codes2 = cv::v_fma(dark, dark, code_variance);
 
 			variance = cv::v_fma(relative2, luminance * luminance,
-					     codes2 * scale2 / weight);
+					     cv::v_lut(of_code, cv::v_trunc(root)));
 		}
 		if (step2)
 			variance = cv::v_fma(cv::v_load(step2 + i), place_variance, variance);
@@ -209,8 +210,9 @@ bool correct_plain(struct lp_radiance_map *map, const struct lp_observation *see
 	std::memcpy(&marks, seen->flags + i, sizeof(marks));
 	if (known | marks)
 		return false;
-	const v_float32x4 light = luminance_of(seen->radiance + i);
-	const v_float32x4 held = luminance_of(map->radiance + i);
+	const float(*now)[4] = seen->radiance + i;
+	float(*cells)[4] = map->radiance + i;
+	const v_float32x4 light = luminance_of(now), held = luminance_of(cells);
 	const v_float32x4 before = cv::v_fma(walk, held * held, cv::v_load(map->variance + i));
 	const lesson learned(light, held, before, noise.of(light, i));
 	float gain[4];
@@ -219,11 +221,10 @@ bool correct_plain(struct lp_radiance_map *map, const struct lp_observation *see
 		return false;
 	cv::v_store(gain, learned.gain);
 	for (auto k = 0; k < 4; k++) {
-		float *cell = map->radiance[i + k];
-		const v_float32x4 from = cv::v_load(cell);
+		const v_float32x4 cell = cv::v_load(cells[k]);
 
-		cv::v_store(cell, cv::v_fma(cv::v_load(seen->radiance[i + k]) - from,
-					    cv::v_setall_f32(gain[k]), from));
+		cv::v_store(cells[k],
+			    cv::v_fma(cv::v_load(now[k]) - cell, cv::v_setall_f32(gain[k]), cell));
 	}
 	cv::v_store(map->variance + i, learned.variance);
 	sum.all = sum.all + cv::v_fma(learned.difference, learned.gain, held);
@@ -231,9 +232,11 @@ bool correct_plain(struct lp_radiance_map *map, const struct lp_observation *see
 	return true;
 }
 
-/* Correct four cells from `i` on, whatever is known and seen of them. */
-void correct(struct lp_radiance_map *map, const struct lp_observation *seen,
-	     const noise_model &noise, const v_float32x4 &walk, size_t i, row_sums &sum)
+/* Correct four cells from `i` on, whatever is known and seen of them. Seldom called: inlined, it
+ * would take the registers of those that are plain. */
+[[gnu::noinline]] void correct(struct lp_radiance_map *map, const struct lp_observation *seen,
+			       const noise_model &noise, const v_float32x4 &walk, size_t i,
+			       row_sums &sum)
 {
 	const v_float32x4 zero = cv::v_setzero_f32(), one = cv::v_setall_f32(1.0F);
 	const v_float32x4 unknown = cv::v_setall_f32(LP_VARIANCE_UNKNOWN);
