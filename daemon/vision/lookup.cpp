@@ -55,41 +55,89 @@ extern "C" int lp_lookup_create(const struct lp_grid *grid, struct lp_lookup **l
 	return 0;
 }
 
+namespace
+{
+
+/* Where the cells of a row lie on the grid that is read: lp::places. Vectors reach beyond the last.
+ */
+struct row_places {
+	float column[LP_PANORAMA_MAX_WIDTH + 4], row[LP_PANORAMA_MAX_WIDTH + 4];
+};
+
+void find_places(const struct lp_grid *grid, const struct lp_rotation &rotation, int r,
+		 row_places &to)
+{
+	const lp::turned_row row(rotation, grid->row_sin[r], grid->row_cos[r]);
+
+	for (int c = 0; c < grid->width; c += 4) {
+		const v_float32x4 sine = cv::v_load(grid->column_sin + c);
+		const v_float32x4 cosine = cv::v_load(grid->column_cos + c);
+		const lp::places at(row.at(0, sine, cosine), row.at(1, sine, cosine),
+				    row.at(2, sine, cosine), grid->width, grid->height);
+
+		cv::v_store(to.column + c, at.column);
+		cv::v_store(to.row + c, at.row);
+	}
+}
+
+/* Those of the row as far from the other pole: half a turn away lies the cell that looks the
+ * opposite way, and so it does after any rotation. */
+void find_opposite(const struct lp_grid *grid, const row_places &from, row_places &to)
+{
+	const int width = grid->width, half = width / 2;
+	const v_float32x4 half_turn = cv::v_setall_f32(static_cast<float>(half));
+	const v_float32x4 middle = half_turn - cv::v_setall_f32(0.5F);
+	const v_float32x4 last_row = cv::v_setall_f32(static_cast<float>(grid->height - 1));
+
+	std::rotate_copy(from.column, from.column + half, from.column + width, to.column);
+	std::rotate_copy(from.row, from.row + half, from.row + width, to.row);
+	for (int c = 0; c < width; c += 4) {
+		const v_float32x4 column = cv::v_load(to.column + c);
+
+		cv::v_store(to.column + c,
+			    cv::v_select(column < middle, column + half_turn, column - half_turn));
+		cv::v_store(to.row + c, last_row - cv::v_load(to.row + c));
+	}
+}
+
+/* The four cells around each place of row `r`. */
+void set_row(struct lp_lookup *lookup, int r, const row_places &at)
+{
+	const int width = lookup->grid->width, height = lookup->grid->height;
+	const v_float32x4 zero = cv::v_setzero_f32(), whole = cv::v_setall_f32(1.0F);
+	const v_float32x4 last = cv::v_setall_f32(static_cast<float>(height - 2));
+	const cv::v_int32x4 all = cv::v_setall_s32(width), one = cv::v_setall_s32(1);
+	const cv::v_int32x4 none = cv::v_setzero_s32();
+
+	for (int c = 0; c < width; c += 4) {
+		const v_float32x4 column = cv::v_load(at.column + c), row = cv::v_load(at.row + c);
+		const cv::v_int32x4 left = cv::v_floor(column);
+		const cv::v_int32x4 top = cv::v_trunc(cv::v_min(cv::v_max(row, zero), last));
+		/* -1 and `width` lie on the other side of the seam */
+		const cv::v_int32x4 l = left + (all & (left < none)) - (all & ((all - one) < left));
+		const cv::v_int32x4 next = l + one, first = top * all;
+		const size_t i = static_cast<size_t>(r) * width + c;
+
+		cv::v_store(lookup->left + i, first + l);
+		cv::v_store(lookup->right + i, first + next - (all & ((all - one) < next)));
+		cv::v_store(lookup->across + i, column - cv::v_cvt_f32(left));
+		cv::v_store(lookup->down + i,
+			    cv::v_min(cv::v_max(row - cv::v_cvt_f32(top), zero), whole));
+	}
+}
+
+} /* namespace */
+
 extern "C" void lp_lookup_set(struct lp_lookup *lookup, const struct lp_rotation *rotation)
 {
 	const struct lp_grid *grid = lookup->grid;
-	const int width = grid->width, height = grid->height;
+	row_places upper, lower;
 
-	for (int r = 0; r < height; r++) {
-		const lp::turned_row row(*rotation, grid->row_sin[r], grid->row_cos[r]);
-
-		for (int c = 0; c < width; c += 4) {
-			const v_float32x4 sine = cv::v_load(grid->column_sin + c);
-			const v_float32x4 cosine = cv::v_load(grid->column_cos + c);
-			const lp::places at(row.at(0, sine, cosine), row.at(1, sine, cosine),
-					    row.at(2, sine, cosine), width, height);
-			const cv::v_int32x4 left = cv::v_floor(at.column);
-			const v_float32x4 top =
-				cv::v_min(cv::v_max(cv::v_cvt_f32(cv::v_floor(at.row)),
-						    cv::v_setzero_f32()),
-					  cv::v_setall_f32(static_cast<float>(height - 2)));
-			const cv::v_int32x4 first = cv::v_trunc(top) * cv::v_setall_s32(width);
-			const cv::v_int32x4 all = cv::v_setall_s32(width),
-					    one = cv::v_setall_s32(1);
-			const cv::v_int32x4 none = cv::v_setzero_s32();
-			/* -1 and `width` lie on the other side of the seam */
-			const cv::v_int32x4 l =
-				left + (all & (left < none)) - (all & ((all - one) < left));
-			const cv::v_int32x4 next = l + one;
-			const size_t i = static_cast<size_t>(r) * width + c;
-
-			cv::v_store(lookup->left + i, first + l);
-			cv::v_store(lookup->right + i, first + next - (all & ((all - one) < next)));
-			cv::v_store(lookup->across + i, at.column - cv::v_cvt_f32(left));
-			cv::v_store(lookup->down + i,
-				    cv::v_min(cv::v_max(at.row - top, cv::v_setzero_f32()),
-					      cv::v_setall_f32(1.0F)));
-		}
+	for (int r = 0; r < grid->height / 2; r++) {
+		find_places(grid, *rotation, r, upper);
+		find_opposite(grid, upper, lower);
+		set_row(lookup, r, upper);
+		set_row(lookup, grid->height - 1 - r, lower);
 	}
 }
 

@@ -14,22 +14,28 @@ extern "C" {
 namespace lp
 {
 
-/* atan2(y, x), to 2e-5 rad: a polynomial on 0..1 (Abramowitz & Stegun 4.4.49), and its symmetries.
- * 0 for (0, 0). */
-inline cv::v_float32x4 arc_tangent(const cv::v_float32x4 &y, const cv::v_float32x4 &x)
+/* atan2(y, x) of y >= 0, to 2e-5 rad: a polynomial on 0..1 (Abramowitz & Stegun 4.4.49), and its
+ * symmetries. 0 for (0, 0). */
+inline cv::v_float32x4 upper_arc_tangent(const cv::v_float32x4 &y, const cv::v_float32x4 &x)
 {
-	const cv::v_float32x4 zero = cv::v_setzero_f32();
-	const cv::v_float32x4 ay = cv::v_abs(y), ax = cv::v_abs(x);
-	const cv::v_float32x4 most = cv::v_max(cv::v_max(ax, ay), cv::v_setall_f32(1e-30F));
-	const cv::v_float32x4 t = cv::v_min(ax, ay) / most, s = t * t;
+	const cv::v_float32x4 zero = cv::v_setzero_f32(), ax = cv::v_abs(x);
+	const cv::v_float32x4 most = cv::v_max(cv::v_max(ax, y), cv::v_setall_f32(1e-30F));
+	const cv::v_float32x4 t = cv::v_min(ax, y) / most, s = t * t;
 	cv::v_float32x4 a = cv::v_setall_f32(0.0208351F);
 
 	a = cv::v_fma(a, s, cv::v_setall_f32(-0.0851330F));
 	a = cv::v_fma(a, s, cv::v_setall_f32(0.1801410F));
 	a = cv::v_fma(a, s, cv::v_setall_f32(-0.3302995F));
 	a = cv::v_fma(a, s, cv::v_setall_f32(0.9998660F)) * t;
-	a = cv::v_select(ay > ax, cv::v_setall_f32(static_cast<float>(M_PI_2)) - a, a);
-	a = cv::v_select(x < zero, cv::v_setall_f32(static_cast<float>(M_PI)) - a, a);
+	a = cv::v_select(y > ax, cv::v_setall_f32(static_cast<float>(M_PI_2)) - a, a);
+	return cv::v_select(x < zero, cv::v_setall_f32(static_cast<float>(M_PI)) - a, a);
+}
+
+/* The same for any y. */
+inline cv::v_float32x4 arc_tangent(const cv::v_float32x4 &y, const cv::v_float32x4 &x)
+{
+	const cv::v_float32x4 zero = cv::v_setzero_f32(), a = upper_arc_tangent(cv::v_abs(y), x);
+
 	return cv::v_select(y < zero, zero - a, a);
 }
 
@@ -69,7 +75,8 @@ struct places {
 
 		column = cv::v_fma(arc_tangent(x, zero - z), cv::v_setall_f32(per_rad),
 				   cv::v_setall_f32(0.5F * static_cast<float>(width) - 0.5F));
-		row = cv::v_fma(arc_tangent(level, y), cv::v_setall_f32(rows_per_rad), zero - half);
+		row = cv::v_fma(upper_arc_tangent(level, y), cv::v_setall_f32(rows_per_rad),
+				zero - half);
 	}
 };
 
