@@ -142,22 +142,26 @@ void lp_sh_rotate(const struct lp_rotation *rotation, int order, float (*sh)[3])
 	if (lp_rotation_is_identity(rotation))
 		return;
 	lp_gauss_legendre(nodes, node, weight);
-	for (int k = 0; k < nodes * azimuths; k++) {
+	/* Of two nodes opposite each other one is enough: bands of even degree are the same in
+	 * both, those of odd degree have the other sign. */
+	for (int k = 0; k < nodes * azimuths / 2; k++) {
 		const double z = node[k / azimuths], sine = sqrt(1.0 - z * z);
 		const double phi = 2.0 * M_PI * (k % azimuths) / azimuths;
 		const double to[3] = {sine * cos(phi), sine * sin(phi), z};
-		double from[3], y[LP_SH_MAX_COUNT], light[3] = {0.0};
+		const double share = weight[k / azimuths] * 4.0 * M_PI / azimuths;
+		double from[3], y[LP_SH_MAX_COUNT], light[2][3] = {{0.0}};
 
 		lp_rotate(&back, to, from);
 		lp_sh_basis(order, from, y);
-		for (int i = 0; i < count; i++)
-			for (int c = 0; c < 3; c++)
-				light[c] += y[i] * sh[i][c];
+		for (int l = 0; l <= order; l++)
+			for (int i = l * l; i < (l + 1) * (l + 1); i++)
+				for (int c = 0; c < 3; c++)
+					light[l % 2][c] += y[i] * sh[i][c];
 		lp_sh_basis(order, to, y);
-		for (int i = 0; i < count; i++)
-			for (int c = 0; c < 3; c++)
-				turned[i][c] += weight[k / azimuths] * 2.0 * M_PI / azimuths *
-						y[i] * light[c];
+		for (int l = 0; l <= order; l++)
+			for (int i = l * l; i < (l + 1) * (l + 1); i++)
+				for (int c = 0; c < 3; c++)
+					turned[i][c] += share * y[i] * light[l % 2][c];
 	}
 	for (int i = 0; i < count; i++)
 		for (int c = 0; c < 3; c++)

@@ -13,18 +13,21 @@ static struct lp_cell_geometry equirect_geometry(const struct lp_imager *imager,
 	const double theta_step = M_PI * imager->remap->cell_px / imager->remap->height_px;
 	const double lambda_step = 2.0 * M_PI * imager->remap->cell_px / imager->remap->width_px;
 	struct lp_cell_geometry g = {.seen = true};
+	double row_sin[2], row_cos[2], column_sin[2], column_cos[2];
 
-	for (int v = 0; v < 2; v++) {
-		const double sine = sin((row + v) * theta_step),
-			     cosine = cos((row + v) * theta_step);
+	for (int k = 0; k < 2; k++) {
+		const double theta = (row + k) * theta_step;
+		const double lambda = (column + k) * lambda_step - M_PI;
 
-		for (int h = 0; h < 2; h++) {
-			const double lambda = (column + h) * lambda_step - M_PI;
-
-			g.corner[2 * v + h][0] = sine * sin(lambda);
-			g.corner[2 * v + h][1] = cosine;
-			g.corner[2 * v + h][2] = -sine * cos(lambda);
-		}
+		row_sin[k] = sin(theta);
+		row_cos[k] = cos(theta);
+		column_sin[k] = sin(lambda);
+		column_cos[k] = cos(lambda);
+	}
+	for (int k = 0; k < 4; k++) {
+		g.corner[k][0] = row_sin[k / 2] * column_sin[k % 2];
+		g.corner[k][1] = row_cos[k / 2];
+		g.corner[k][2] = -row_sin[k / 2] * column_cos[k % 2];
 	}
 	return g;
 }
