@@ -63,25 +63,18 @@ void lp_regions_destroy(struct lp_regions *regions)
 	free(regions);
 }
 
-/* Most cells are none: four at a time are passed over; and the others without a branch, for
- * brightness is anything but predictable. */
 static void collect(struct lp_regions *regions, const struct lp_panorama *panorama, float level)
 {
-	const float(*cells)[4] = (const float(*)[4])panorama->cells;
 	const int n = panorama->width * panorama->height;
 	int count = 0;
 
 	regions->flags = panorama->flags;
 	memset(regions->basin_at, 0xff, n * sizeof(*regions->basin_at));
-	for (int i = 0; i < n; i += 4) {
-		if (!((cells[i][LP_LUMINANCE] > level) | (cells[i + 1][LP_LUMINANCE] > level) |
-		      (cells[i + 2][LP_LUMINANCE] > level) | (cells[i + 3][LP_LUMINANCE] > level)))
-			continue;
-		for (int j = i; j < i + 4; j++) {
-			regions->candidates[count] =
-				(struct lp_candidate){cells[j][LP_LUMINANCE], j};
-			count += cells[j][LP_LUMINANCE] > level;
-		}
+	for (int i = 0; i < n; i++) {
+		const float luminance = panorama->cells[i][LP_LUMINANCE];
+
+		if (luminance > level)
+			regions->candidates[count++] = (struct lp_candidate){luminance, i};
 	}
 	regions->candidate_count = count;
 }
@@ -155,30 +148,6 @@ static int32_t find_root(struct lp_basin *basins, int32_t basin)
 	return basin;
 }
 
-/* The one root that all flooded neighbours of a cell belong to; -1: none is flooded; -2: there may
- * be several. Without a branch per neighbour: which of them are flooded is anything but
- * predictable. */
-static int32_t only_root(const struct lp_regions *regions, int32_t cell)
-{
-	const int width = regions->grid->width;
-	const int32_t *here = regions->basin_at + cell;
-
-	if (!lp_grid_inside(regions->grid, cell))
-		return -2;
-	const int32_t *above = here - width, *below = here + width;
-	const int32_t around[LP_NEIGHBOURS] = {above[-1], above[0],  above[1], here[-1],
-					       here[1],	  below[-1], below[0], below[1]};
-	int32_t common = -1, highest = -1; /* -1, all ones, leaves both alone */
-
-	for (int j = 0; j < LP_NEIGHBOURS; j++) {
-		common &= around[j];
-		highest = around[j] > highest ? around[j] : highest;
-	}
-	if (highest < 0)
-		return -1;
-	return common == highest && regions->basins[highest].parent == highest ? highest : -2;
-}
-
 static int32_t new_basin(struct lp_regions *regions, const struct lp_candidate *candidate)
 {
 	const int32_t basin = regions->basin_count++;
@@ -206,7 +175,7 @@ static int32_t join(struct lp_regions *regions, const struct lp_candidate *candi
 	for (int j = 0; j < LP_NEIGHBOURS; j++) {
 		int32_t *at = &regions->basin_at[neighbours[j]];
 
-		if (*at < 0)
+		if (*at < 0 || (count && *at == roots[count - 1]))
 			continue;
 		*at = find_root(basins, *at); /* short ways for the next cell */
 		if (count && *at == roots[count - 1])
@@ -234,12 +203,8 @@ static void flood(struct lp_regions *regions, float persistence)
 	regions->basin_count = 0;
 	for (int k = 0; k < regions->candidate_count; k++) {
 		const struct lp_candidate *candidate = &regions->candidates[k];
-		int32_t basin = only_root(regions, candidate->cell);
+		const int32_t basin = join(regions, candidate, persistence);
 
-		if (basin == -1)
-			basin = new_basin(regions, candidate);
-		else if (basin == -2)
-			basin = join(regions, candidate, persistence);
 		regions->basin_at[candidate->cell] = regions->basin_of[k] = basin;
 	}
 }
@@ -279,25 +244,6 @@ static void find_cores(struct lp_regions *regions, float core_ratio, float clipp
 	}
 }
 
-/* Candidates from `k` on that go into the basin of the first one; returns where they end. What a
- * basin sums up is kept in registers meanwhile: memory would let every sum wait for the last. */
-static int lay_out_run(struct lp_regions *regions, int k)
-{
-	const int32_t root = regions->basin_of[k];
-	struct lp_basin basin = regions->basins[root];
-
-	for (; k < regions->candidate_count && regions->basin_of[k] == root; k++) {
-		const struct lp_candidate *candidate = &regions->candidates[k];
-		const double omega = lp_grid_solid_angle_sr(regions->grid, candidate->cell);
-
-		regions->cells[basin.next++] = candidate->cell;
-		basin.flux += candidate->luminance * omega;
-		basin.solid_angle_sr += omega;
-	}
-	regions->basins[root] = basin;
-	return k;
-}
-
 /* Lay the cores' cells out, basin by basin. */
 static void lay_out(struct lp_regions *regions)
 {
@@ -309,8 +255,18 @@ static void lay_out(struct lp_regions *regions)
 		regions->basins[b].next = next;
 		next += size;
 	}
-	for (int k = 0; k < regions->candidate_count;)
-		k = regions->basin_of[k] < 0 ? k + 1 : lay_out_run(regions, k);
+	for (int k = 0; k < regions->candidate_count; k++) {
+		const struct lp_candidate *candidate = &regions->candidates[k];
+		const double omega = lp_grid_solid_angle_sr(regions->grid, candidate->cell);
+
+		if (regions->basin_of[k] < 0)
+			continue;
+		struct lp_basin *basin = &regions->basins[regions->basin_of[k]];
+
+		regions->cells[basin->next++] = candidate->cell;
+		basin->flux += candidate->luminance * omega;
+		basin->solid_angle_sr += omega;
+	}
 }
 
 /* Keep the strongest of the basins' cores; those of more than area_sr are too large. */
