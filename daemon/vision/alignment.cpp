@@ -297,7 +297,7 @@ double lp_alignment::median()
 void lp_alignment::iterate(level &l, const struct lp_rotation &guess, const double prior[3][3],
 			   struct lp_alignment_result &result)
 {
-	double detail2 = kDetail * kDetail;
+	double detail2 = kDetail * kDetail; /* before anything has been compared */
 	float robust = kFirstRobust;
 	double offset = 0.0;
 
@@ -312,7 +312,7 @@ void lp_alignment::iterate(level &l, const struct lp_rotation &guess, const doub
 			offset = median();
 		equations e = accumulate(l.list, residual, weight, offset, robust);
 
-		if (iteration && e.weights > 0.0)
+		if (e.weights > 0.0)
 			detail2 = std::max(static_cast<double>(kLeastDetail * kLeastDetail),
 					   e.squares / e.weights);
 		const double scale = 1.0 / (kCorrelated * detail2);
