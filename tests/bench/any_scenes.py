@@ -18,7 +18,7 @@ from lightprobe.sim.scene import Scene
 from rich.progress import Progress
 
 KINDS = ("equirect_1920x960_420", "equirect_1920x960_422")
-STILL = (timing.YARDSTICK, "balanced", timing.PUBLISHED, "stages")
+STILL = (timing.YARDSTICK, "balanced", "exposures_3", timing.PUBLISHED, "stages")
 TURNING = (timing.YARDSTICK, "turning")
 STAGES = ("stage_map", "stage_detection", "stage_refinement")
 #: Frames of a camera that turns: those that are not timed, and all.
@@ -58,6 +58,7 @@ def _row(scene: Scene, kind: frames.Kind, still: Samples, turning: Samples) -> d
         "chroma": kind.chroma,
         "plain_decode_ms": plain_ms,
         "still": median_ms(still, "balanced") / plain_ms,
+        "bracket": median_ms(still, "exposures_3") / plain_ms,
         "turning": median_ms(turning, "turning") / median_ms(turning, timing.YARDSTICK),
         "published": median_ms(still, timing.PUBLISHED) / plain_ms,
         **{f"{name}_ms": median_ms(still, name) for name in STAGES},
@@ -82,7 +83,7 @@ def measure(
 
 def table(rows: Sequence[dict[str, Any]]) -> str:
     """Markdown: a row for each scene and chroma, and the median of each chroma."""
-    head = ["scene", "chroma", "plain decode ms", "balanced, still",
+    head = ["scene", "chroma", "plain decode ms", "balanced, still", "three exposures, still",
             f"balanced, turning at {frames.TURN_DEG_S:g}°/s", "published recipe",
             "map ms", "detection ms", "refinement ms"]  # fmt: skip
     keys = list(rows[0])[2:]

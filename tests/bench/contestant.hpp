@@ -18,6 +18,7 @@ namespace bench
 struct picture {
 	std::vector<uint8_t> jpeg;
 	int width_px, height_px;
+	std::vector<picture> shorter; /* exposures of the same scene, each shorter than the last */
 };
 
 struct timing {

@@ -31,6 +31,8 @@ FISHEYE = ROOT / "packaging" / "cameras" / "theta_s.camera"
 LENS_CONTRAST = 0.5
 #: How fast the camera turns where that is timed.
 TURN_DEG_S = 30.0
+#: Exposures of a bracket: each is so many times as short as the one before (main.cpp knows).
+EXPOSURES, EXPOSURE_STEP = 4, 16
 
 Map = NDArray[np.float32]
 
@@ -85,9 +87,12 @@ def subjects(quick: bool) -> list[Scene]:
 
 
 def shoot(
-    kind: Kind, scene: Scene, seed: int, count: int = 1, turn_deg_s: float = 0
+    kind: Kind, scene: Scene, seed: int, count: int = 1, turn_deg_s: float = 0, shorter: int = 0
 ) -> list[bytes]:
-    """Successive JPEGs of a scene: exposed for its median, with the sensor's noise."""
+    """Successive JPEGs of a scene, with the sensor's noise: exposed for its median, or shorter.
+
+    shorter: number of EXPOSURE_STEPs.
+    """
     lens = camera.load(kind.camera)
     # a lens samples a map finer than its own pixels
     scale = 1 if lens.is_equirect else 2
@@ -103,17 +108,25 @@ def shoot(
         World([scene], behaviour), lens, size_px,
         quality=kind.quality, chroma=kind.chroma, seed=seed,
     )  # fmt: skip
+    exposure_us /= EXPOSURE_STEP**shorter
     return [shooting.frame(number, Shot(exposure_us)) for number in range(count)]
 
 
+def shoot_bracket(kind: Kind, scene: Scene, seed: int, file: Path) -> None:
+    """Write a picture, and beside it the shorter exposures, each when it is not there yet."""
+    for k in range(EXPOSURES):
+        path = file.with_suffix(f".exposure{k}.jpg") if k else file
+        if not path.exists():
+            path.write_bytes(shoot(kind, scene, seed, shorter=k)[0])
+
+
 def make(kind: Kind, folder: Path, subjects: Sequence[Scene]) -> list[Path]:
-    """Files of one kind, one for each scene, made when they are not there yet."""
+    """Files of one kind, one for each scene, beside its shorter exposures: made when missing."""
     folder.mkdir(parents=True, exist_ok=True)
     files = []
     for seed, scene in enumerate(subjects):
         path = folder / f"{kind.name}-{scene.name}.jpg"
-        if not path.exists():
-            path.write_bytes(shoot(kind, scene, seed)[0])
+        shoot_bracket(kind, scene, seed, path)
         files.append(path)
     return files
 

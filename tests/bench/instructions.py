@@ -4,7 +4,8 @@
     instructions.py --write    record (make instructions)
 
 Only counts of the machine's own architecture are compared, and only of what one more frame costs:
-half of the difference between four frames and two, tables and memory being set up by then.
+half of what two more frames cost after the first ones, when tables and memory are set up and a
+camera that turns is known to turn.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import re
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 import frames
@@ -32,23 +34,31 @@ CASES = (
     ("equirect_1920x960_420", "exposures_2"),
     ("equirect_1920x960_422", "fast"),
     ("dual_fisheye_1280x720_420", "balanced"),
+    ("equirect_1920x960_420", "turning"),
 )
+#: Frames before those that count; of a camera that turns.
+SETTLING, SETTLING_TURNING = 2, 8
 WHOLE = "lp_pipeline_process"
 FUNCTIONS = (
     WHOLE, "lp_jpeg_read", "lp_cells_from_jpeg", "lp_remap_apply", "lp_radiance_map_observe",
-    "lp_detect", "lp_sh_project", "lp_imager_refine",
+    "lp_detect", "lp_sh_project", "lp_imager_refine", "lp_imager_follow", "lp_lookup_radiance",
 )  # fmt: skip
 _LINE = re.compile(r"^\s*([\d,]+) .*?[:/ ](\w+)(?:\(|\s|$)")
 
 
-def _inclusive(camera: str, picture: Path, contestant: str, runs: int) -> dict[str, int]:
-    """Inclusive counts of FUNCTIONS while the pipeline runs; those not called are left out."""
+def _inclusive(camera: str, pictures: Sequence[Path], contestant: str, runs: int) -> dict[str, int]:
+    """Inclusive counts of FUNCTIONS while the pipeline runs; those not called are left out.
+
+    Frame after frame is the next picture, or the last one again.
+    """
+    indices = [min(number, len(pictures) - 1) for number in range(runs)]
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "out"
         subprocess.run(
             ["valgrind", "--tool=callgrind", f"--callgrind-out-file={out}", "--quiet",
-             f"--toggle-collect={WHOLE}", PROGRAM, camera, picture],
-            input=f"run 0 {contestant}\n" * runs, text=True, check=True, stdout=subprocess.DEVNULL,
+             f"--toggle-collect={WHOLE}", PROGRAM, camera, *pictures],
+            input="".join(f"run {index} {contestant}\n" for index in indices),
+            text=True, check=True, stdout=subprocess.DEVNULL,
         )  # fmt: skip
         listing = subprocess.run(
             ["callgrind_annotate", "--inclusive=yes", "--threshold=100", "--auto=no", out],
@@ -63,20 +73,29 @@ def _inclusive(camera: str, picture: Path, contestant: str, runs: int) -> dict[s
     return counts
 
 
+def _pictures(kind: frames.Kind, contestant: str, folder: Path) -> tuple[list[Path], int]:
+    """Give what is shown to a contestant, and how many frames go before those that count."""
+    if contestant == "turning":
+        count = SETTLING_TURNING + 2
+        return frames.make_turning(kind, folder, Room(), 0, count), SETTLING_TURNING
+    picture = folder / "room.jpg"
+    frames.shoot_bracket(kind, Room(), 0, picture)
+    return [picture], SETTLING
+
+
 def measure() -> dict[str, dict[str, int]]:
     """Give "kind contestant" -> function -> instructions per frame."""
     result = {}
     for name, contestant in CASES:
         kind = frames.KINDS[name]
         with tempfile.TemporaryDirectory() as folder:
-            picture = Path(folder) / "room.jpg"
-            picture.write_bytes(frames.shoot(kind, Room(), seed=0)[0])
-            two = _inclusive(kind.camera, picture, contestant, 2)
-            four = _inclusive(kind.camera, picture, contestant, 4)
+            pictures, first = _pictures(kind, contestant, Path(folder))
+            before = _inclusive(kind.camera, pictures, contestant, first)
+            after = _inclusive(kind.camera, pictures, contestant, first + 2)
         result[f"{name} {contestant}"] = {
-            function: (four[function] - two[function]) // 2
+            function: (after[function] - before.get(function, 0)) // 2
             for function in FUNCTIONS
-            if function in four
+            if function in after
         }
     return result
 

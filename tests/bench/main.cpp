@@ -13,6 +13,7 @@
 
 #include <cstdio>
 #include <cstdlib>
+#include <filesystem>
 #include <fstream>
 #include <iostream>
 #include <iterator>
@@ -32,19 +33,32 @@ void bench::die(const char *what, const char *why)
 namespace
 {
 
-picture load(const char *path)
+picture load(const std::filesystem::path &path)
 {
 	std::ifstream file(path, std::ios::binary);
-	picture p = {{std::istreambuf_iterator<char>(file), {}}, 0, 0};
+	picture p = {{std::istreambuf_iterator<char>(file), {}}, 0, 0, {}};
 	const tjhandle turbo = tjInitDecompress();
 	int subsampling, colourspace;
 
 	if (p.jpeg.empty())
-		die(path, "no such picture");
+		die(path.c_str(), "no such picture");
 	if (tjDecompressHeader3(turbo, p.jpeg.data(), p.jpeg.size(), &p.width_px, &p.height_px,
 				&subsampling, &colourspace) < 0)
-		die(path, tjGetErrorStr2(turbo));
+		die(path.c_str(), tjGetErrorStr2(turbo));
 	tjDestroy(turbo);
+	return p;
+}
+
+/* A picture, and the shorter exposures that lie beside it (frames.py: shoot_bracket()). */
+picture load_bracket(const std::filesystem::path &path)
+{
+	picture p = load(path);
+	std::filesystem::path beside = path;
+
+	for (int k = 1; std::filesystem::exists(beside.replace_filename(
+		     path.stem().string() + ".exposure" + std::to_string(k) + ".jpg"));
+	     k++)
+		p.shorter.push_back(load(beside));
 	return p;
 }
 
@@ -118,7 +132,7 @@ int main(int argc, char **argv)
 	if (lp_camera_file_read(argv[1], &camera) < 0)
 		die(argv[1], "cannot be read");
 	for (int i = 2; i < argc; i++)
-		pictures.push_back(load(argv[i]));
+		pictures.push_back(load_bracket(argv[i]));
 	cv::setNumThreads(1);
 	add_decodes(list);
 	add_pipelines(list, *camera);

@@ -14,8 +14,8 @@ extern "C" {
 namespace
 {
 
-constexpr float kExposureUs = 10000.0F; /* all pictures are of one exposure setting */
-constexpr float kBracketStep = 16.0F;
+constexpr float kExposureUs = 10000.0F;	     /* all pictures are of one exposure setting */
+constexpr float kBracketStep = 16.0F;	     /* frames.py: EXPOSURE_STEP */
 constexpr int64_t kFramePeriodNs = 33333333; /* 30 frames per second */
 constexpr int kSettlingFrames = 2;	     /* until nothing of a still picture is new */
 
@@ -91,10 +91,14 @@ struct pipeline : bench::contestant {
 
 	void run(const bench::picture &p) override
 	{
-		struct lp_frame frame = frame_of(p, number);
+		const int steps = number % exposures;
+
+		if (steps > static_cast<int>(p.shorter.size()))
+			bench::die(name.c_str(), "no shorter exposures beside this picture");
+		struct lp_frame frame = frame_of(steps ? p.shorter[steps - 1] : p, number++);
 		float command_us;
 
-		frame.gain = std::pow(kBracketStep, static_cast<float>(-(number++ % exposures)));
+		frame.gain = std::pow(kBracketStep, static_cast<float>(-steps));
 		if (lp_pipeline_process(self, &frame, &demand, &estimates, &command_us) < 0)
 			bench::die(name.c_str(), "no estimate");
 	}

@@ -141,6 +141,11 @@ static float picture_goes_dark(const float d[3])
 	return d[2] < -0.95F ? 0.0F : 1.0F; /* 2.5 % of the sphere */
 }
 
+static float right_tenth(const float d[3])
+{
+	return d[0] > 0.8F ? 0.0F : 1.0F;
+}
+
 /* Share of the sphere's right and left half that is told as covered. */
 static void expect_halves(const struct lp_cover *cover, double right, double left)
 {
@@ -182,6 +187,21 @@ static void test_a_hand_is_found_and_leaves(void **state)
 	}
 	view = take(0.2F, nothing, 0.0F, still());
 	assert_false(lp_cover_look(&cover, &view).found);
+}
+
+/* In a dark room few cells tell: a quarter of them is bright enough, here and there. */
+static void test_a_hand_is_found_by_few_cells(void **state)
+{
+	(void)state;
+	for (int i = 0; i < CELLS; i++)
+		if (rand() % 4)
+			memset(map->radiance[i], 0, sizeof(map->radiance[i]));
+	const struct lp_cover_view view = take(0.2F, right_tenth, 0.0F, still());
+
+	for (int i = 0; i < CELLS; i++)
+		if (!(map->radiance[i][LP_LUMINANCE] > 0.0F))
+			memset(radiance[i], 0, sizeof(radiance[i]));
+	assert_true(lp_cover_look(&open_lens, &view).found);
 }
 
 /* An exposure so short that the room is noise anyway says nothing of the hand. */
@@ -300,6 +320,7 @@ static void test_the_map_gives_back_what_it_held(void **state)
 				radiance[i][c] = n ? 0.1F / (float)n : 1.0F;
 		lp_radiance_map_observe(map, &seen);
 	}
+	assert_float_equal(lp_radiance_map_before(map, 7, 0.5)[LP_LUMINANCE], 1.0F, 0.0F);
 	lp_radiance_map_restore(map, 7, 0.5);
 	assert_float_equal(map->radiance[7][LP_LUMINANCE], 1.0F, 0.0F);
 	assert_float_equal(map->radiance[8][LP_LUMINANCE], 0.05F, 1e-6F);
@@ -307,6 +328,7 @@ static void test_the_map_gives_back_what_it_held(void **state)
 	assert_float_equal(map->radiance[7][LP_LUMINANCE], 1.0F, 0.0F);
 	seen.elapsed_s = 1.0F;
 	lp_radiance_map_observe(map, &seen);
+	assert_float_equal(lp_radiance_map_before(map, 8, 0.5)[LP_LUMINANCE], 0.05F, 1e-6F);
 	lp_radiance_map_restore(map, 8, 0.5);
 	assert_float_equal(map->radiance[8][LP_LUMINANCE], 0.05F, 1e-6F);
 }
@@ -315,6 +337,7 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test_setup(test_a_hand_is_found_and_leaves, begin),
+		cmocka_unit_test_setup(test_a_hand_is_found_by_few_cells, begin),
 		cmocka_unit_test_setup(test_frames_that_do_not_tell_change_nothing, begin),
 		cmocka_unit_test_setup(test_lights_that_go_off_are_no_hand, begin),
 		cmocka_unit_test_setup(test_a_mistake_is_corrected, begin),
