@@ -1,4 +1,4 @@
-"""The speed of `balanced` scene by scene, still and turning: `make bench SCENES=…`.
+"""The speed of `balanced` scene by scene, still, bracketed and turning: `make bench SCENES=…`.
 
 Scenes that the code was not tuned to say more than those of the whole benchmark. Figures go to
 standard output, and to build/bench/scenes.json.

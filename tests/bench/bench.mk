@@ -15,7 +15,7 @@ $(OUT)/bench/count_allocations.so: tests/bench/count_allocations.c
 
 .PHONY: bench bench-programs
 bench-programs: $(OUT)/bench/bench $(OUT)/bench/count_allocations.so
-bench: build $(BUILD)/scenes/blender.stamp ## measure the speed of presets, stages and baselines, and write docs/maintainers/speed.md; QUICK=1 only checks that it runs; ROUNDS=n; SCENES=folder: only the scenes there, one by one, still and turning
+bench: build $(BUILD)/scenes/blender.stamp ## measure the speed of presets, stages and baselines, and write docs/maintainers/speed.md; QUICK=1 only checks that it runs; ROUNDS=n; SCENES=folder: only the scenes there, one by one: still, with three exposures, and turning
 	@$(MAKE) -j$(JOBS) bench-programs
 	@$(VENV)/bin/python tests/bench/bench.py $(if $(QUICK),--quick) $(if $(SCENES),--scenes $(SCENES)) $(if $(ROUNDS),--rounds $(ROUNDS))
 
