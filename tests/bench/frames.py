@@ -31,7 +31,7 @@ FISHEYE = ROOT / "packaging" / "cameras" / "theta_s.camera"
 LENS_CONTRAST = 0.5
 #: How fast the camera turns where that is timed.
 TURN_DEG_S = 30.0
-#: Exposures of a bracket: each is so many times as short as the one before (pipelines.cpp: kBracketStep).
+#: Exposures of a bracket: each so many times as short as the one before (as in pipelines.cpp).
 EXPOSURES, EXPOSURE_STEP = 4, 16
 
 Map = NDArray[np.float32]
