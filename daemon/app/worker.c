@@ -12,11 +12,11 @@
 #include "base/mailbox.h"
 #include "base/pool.h"
 #include "include/frame.h"
+#include "light/ring_filter.h"
 #include "light/ring_history.h"
 
 #define LOSSLESS_FRAMES 64 /* more than any source has */
-/* How long LDRs take to show the light (20-30 ms), and the farthest reading that still counts. */
-#define RING_LAG_NS (25 * LP_NS_PER_MS)
+/* The farthest reading that still counts for a frame. */
 #define RING_MOST_NS (150 * LP_NS_PER_MS)
 #define RESULTS 4 /* so many the loop may be late before one is lost */
 
@@ -30,8 +30,9 @@ struct lp_worker {
 	pthread_mutex_t control_lock;
 	struct lp_camera_control control;
 	bool control_is_new;
-	struct lp_ring_history ring;
-	atomic_int new_preset; /* -1: none */
+	struct lp_ring_filter ring_filter;
+	struct lp_ring_history ring; /* of the light, lags taken off */
+	atomic_int new_preset;	     /* -1: none */
 	atomic_uint_fast64_t rejected;
 	atomic_int_fast64_t busy_since_ns; /* 0: idle */
 };
@@ -62,7 +63,7 @@ static void take_ring(struct lp_worker *worker, const struct lp_frame *frame)
 	bool found;
 
 	pthread_mutex_lock(&worker->control_lock);
-	found = lp_ring_history_at(&worker->ring, t_ns, RING_LAG_NS, RING_MOST_NS, &sample);
+	found = lp_ring_history_at(&worker->ring, t_ns, RING_MOST_NS, &sample);
 	pthread_mutex_unlock(&worker->control_lock);
 	lp_pipeline_ring(worker->pipeline, found ? &sample : NULL);
 }
@@ -170,8 +171,11 @@ void lp_worker_control(struct lp_worker *worker, const struct lp_camera_control 
 
 void lp_worker_ring(struct lp_worker *worker, const struct lp_ring_sample *sample)
 {
+	struct lp_ring_sample light;
+
 	pthread_mutex_lock(&worker->control_lock);
-	lp_ring_history_add(&worker->ring, sample);
+	(void)lp_ring_filter_update(&worker->ring_filter, sample, &light);
+	lp_ring_history_add(&worker->ring, &light);
 	pthread_mutex_unlock(&worker->control_lock);
 }
 

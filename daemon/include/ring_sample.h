@@ -13,7 +13,10 @@ struct lp_ring_sample {
 	uint32_t sequence;			/* gaps are samples lost on the link */
 	float illuminance_lux[LP_RING_SENSORS]; /* NAN: sensor open, shorted, saturated or not
 						   fitted */
-	float sigma_relative[LP_RING_SENSORS];
+	float sigma_relative[LP_RING_SENSORS];	/* 1 sigma, errors that stay included */
+	float noise_relative[LP_RING_SENSORS];	/* 1 sigma from reading to reading */
+	/* Time constants with which the sensor follows more and less light; 0: at once. */
+	float rise_s[LP_RING_SENSORS], fall_s[LP_RING_SENSORS];
 };
 
 #endif

@@ -17,15 +17,15 @@ static int64_t distance_ns(const struct lp_ring_sample *sample, int64_t t_ns)
 	return apart < 0 ? -apart : apart;
 }
 
-bool lp_ring_history_at(const struct lp_ring_history *history, int64_t t_ns, int64_t lag_ns,
-			int64_t most_ns, struct lp_ring_sample *sample)
+bool lp_ring_history_at(const struct lp_ring_history *history, int64_t t_ns, int64_t most_ns,
+			struct lp_ring_sample *sample)
 {
 	int64_t least_ns = most_ns;
 	bool found = false;
 
 	for (int i = 0; i < history->count; i++) {
 		const int at = (history->newest - i + LP_RING_HISTORY) % LP_RING_HISTORY;
-		const int64_t apart_ns = distance_ns(&history->list[at], t_ns + lag_ns);
+		const int64_t apart_ns = distance_ns(&history->list[at], t_ns);
 
 		if (apart_ns > least_ns || (found && apart_ns == least_ns))
 			continue;

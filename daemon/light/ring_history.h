@@ -20,11 +20,10 @@ struct lp_ring_history {
 void lp_ring_history_add(struct lp_ring_history *history, const struct lp_ring_sample *sample);
 
 /*
- * What the ring read of the light at t_ns: the reading nearest to it, later by lag_ns, which is how
- * long the sensors need. False: none lies within most_ns of that. A reading without a time (t_ns 0)
- * belongs to any.
+ * What the ring read of the light at t_ns: the reading nearest to it. False: none lies within
+ * most_ns of that. A reading without a time (t_ns 0) belongs to any.
  */
-bool lp_ring_history_at(const struct lp_ring_history *history, int64_t t_ns, int64_t lag_ns,
-			int64_t most_ns, struct lp_ring_sample *sample);
+bool lp_ring_history_at(const struct lp_ring_history *history, int64_t t_ns, int64_t most_ns,
+			struct lp_ring_sample *sample);
 
 #endif

@@ -397,6 +397,29 @@ static void test_sigma_of_illuminance_grows_with_what_is_not_known(void **state)
 	assert_true(brighter > 1);
 }
 
+/* As slow as the data sheet says at 10 lx and above, and slower in the dark. The noise is what one
+ * level changes. */
+static void test_how_an_ldr_follows_the_light(void **state)
+{
+	struct lp_ldr_calibration calibration;
+	struct lp_ring_sample sample;
+	float sigma;
+
+	(void)state;
+	lp_ldr_defaults(&calibration);
+	lp_ldr_motion(&calibration, 0, 500, &sample);
+	assert_float_equal(sample.rise_s[0], 0.02F, 1e-6F);
+	assert_float_equal(sample.fall_s[0], 0.03F, 1e-6F);
+	const float share = share_of(&calibration, 0, 14000 * powf(50, -0.7F));
+	const float more = lp_ldr_lux(&calibration, 0, share + 1.0F / 4092, &sigma);
+
+	assert_float_equal(sample.noise_relative[0], more / 500 - 1, 1e-2F * (more / 500 - 1));
+	lp_ldr_motion(&calibration, 0, 0.1F, &sample);
+	assert_float_equal(sample.rise_s[0], 0.2F, 1e-5F);
+	assert_float_equal(sample.fall_s[0], 0.3F, 1e-5F);
+	assert_true(sample.noise_relative[0] > 0.01F);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -414,6 +437,7 @@ int main(void)
 		cmocka_unit_test_setup_teardown(test_keys_of_every_uri_of_a_connection_count, setup,
 						teardown),
 		cmocka_unit_test(test_illuminance_of_levels),
+		cmocka_unit_test(test_how_an_ldr_follows_the_light),
 		cmocka_unit_test(test_sigma_of_illuminance_grows_with_what_is_not_known),
 	};
 

@@ -9,17 +9,24 @@
 #include "base/param.h"
 
 #define LUX_AT_R10 10.0F
+/* Of a GL5528 at 10 lux, by its data sheet. */
+#define RISE_MS 20.0F
+#define FALL_MS 30.0F
 #define VERSION 2
 #define LEAST_SHARE (1.0F / 4092.0F)
 #define SHARE_SIGMA (6.0F / 4092.0F) /* the ADC's offset, 2 counts at most, and its steps */
 #define LEAST_OHM 1e-3F
+#define READING_NOISE (1.0F / 4092.0F) /* of the level from reading to reading, a mean of eight */
+/* An LDR is slower in the dark: its traps empty with the current. By the square root of the light
+ * below this; data sheets only state the time at 10 lux. */
+#define SLOWER_BELOW_LUX 10.0F
 
 /* The keys with nine values, in the order of struct lp_ldr. */
 enum { R10, GAMMA, SERIES, SIGMA, PIVOT, GAMMA_SIGMA, SERIES_SIGMA, NINES };
 
 struct fields {
 	int version;
-	float divider_ohm, drift_sigma;
+	float divider_ohm, drift_sigma, rise_ms, fall_ms;
 	struct lp_floats nines[NINES];
 };
 
@@ -34,6 +41,8 @@ static const struct lp_param list[] = {
 	{"divider_ohm", LP_PARAM_FLOAT, offsetof(struct fields, divider_ohm), .min = 10,
 	 .max = 1e6},
 	{"drift_sigma", LP_PARAM_FLOAT, offsetof(struct fields, drift_sigma), .max = 10},
+	{"rise_ms", LP_PARAM_FLOAT, offsetof(struct fields, rise_ms), .max = 10000},
+	{"fall_ms", LP_PARAM_FLOAT, offsetof(struct fields, fall_ms), .max = 10000},
 	NINE("r10_ohm", R10, 100, 1e6),
 	NINE("gamma", GAMMA, 0.3, 1.5),
 	NINE("series_ohm", SERIES, 0, 1000),
@@ -49,6 +58,8 @@ void lp_ldr_defaults(struct lp_ldr_calibration *calibration)
 {
 	calibration->divider_ohm = 3300;
 	calibration->drift_sigma = 0.15F;
+	calibration->rise_s = RISE_MS / 1000.0F;
+	calibration->fall_s = FALL_MS / 1000.0F;
 	for (int k = 0; k < LP_RING_SENSORS; k++)
 		calibration->sensors[k] = (struct lp_ldr){.r10_ohm = 14000,
 							  .gamma = 0.7F,
@@ -87,6 +98,8 @@ static void take(struct lp_ldr_calibration *calibration, const struct fields *fi
 {
 	calibration->divider_ohm = fields->divider_ohm;
 	calibration->drift_sigma = fields->drift_sigma;
+	calibration->rise_s = fields->rise_ms / 1000.0F;
+	calibration->fall_s = fields->fall_ms / 1000.0F;
 	for (int k = 0; k < LP_RING_SENSORS; k++) {
 		const struct lp_floats *nines = fields->nines;
 
@@ -118,7 +131,7 @@ static int read_fields(const char *path, struct fields *fields)
 
 int lp_ldr_read(struct lp_ldr_calibration *calibration, const char *path)
 {
-	struct fields fields = {.drift_sigma = -1};
+	struct fields fields = {.drift_sigma = -1, .rise_ms = RISE_MS, .fall_ms = FALL_MS};
 	int ret = read_fields(path, &fields);
 
 	if (ret == 0)
@@ -147,4 +160,20 @@ float lp_ldr_lux(const struct lp_ldr_calibration *calibration, int sensor, float
 
 	*sigma_relative = hypotf(of_fit, hypotf(ldr->sigma, calibration->drift_sigma));
 	return lux;
+}
+
+void lp_ldr_motion(const struct lp_ldr_calibration *calibration, int sensor, float lux,
+		   struct lp_ring_sample *sample)
+{
+	const struct lp_ldr *ldr = &calibration->sensors[sensor];
+	const float slower = sqrtf(fmaxf(SLOWER_BELOW_LUX / lux, 1.0F));
+	const float ohm = ldr->r10_ohm * powf(lux / LUX_AT_R10, -ldr->gamma);
+	const float whole_ohm = calibration->divider_ohm + ldr->series_ohm + ohm;
+	/* of the share, divider / whole, to that of the illuminance, ohm^(-1 / gamma) */
+	const float noise =
+		READING_NOISE * whole_ohm * whole_ohm / (calibration->divider_ohm * ohm);
+
+	sample->rise_s[sensor] = calibration->rise_s * slower;
+	sample->fall_s[sensor] = calibration->fall_s * slower;
+	sample->noise_relative[sensor] = noise / ldr->gamma;
 }

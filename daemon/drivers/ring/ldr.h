@@ -19,7 +19,8 @@ struct lp_ldr {
 
 struct lp_ldr_calibration {
 	float divider_ohm;
-	float drift_sigma; /* of every sensor since the calibration: temperature, former light */
+	float drift_sigma;    /* of every sensor since the calibration: temperature, former light */
+	float rise_s, fall_s; /* time constants with which it follows the light, at 10 lux */
 	struct lp_ldr sensors[LP_RING_SENSORS];
 };
 
@@ -33,5 +34,10 @@ int lp_ldr_read(struct lp_ldr_calibration *calibration, const char *path);
  * can be told. */
 float lp_ldr_lux(const struct lp_ldr_calibration *calibration, int sensor, float share,
 		 float *sigma_relative);
+
+/* How a sensor that reads so many lux follows the light, and how much it varies from reading to
+ * reading: fills the sample's rise_s, fall_s and noise_relative. */
+void lp_ldr_motion(const struct lp_ldr_calibration *calibration, int sensor, float lux,
+		   struct lp_ring_sample *sample);
 
 #endif

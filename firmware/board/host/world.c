@@ -13,6 +13,7 @@
 #define LIE_DEG_S 5000
 #define RECENT 20 /* steps: 2 ms */
 #define LDR_STEPS 10
+#define LDR_LEAST_LUX 0.01 /* below, an LDR gets no slower */
 #define MOST_ANGLES 64
 
 /* Uniform in -1 to 1 (xorshift). */
@@ -61,6 +62,7 @@ void world_init(struct world *world, uint32_t seed)
 		.ldr_divider_ohm = 3300,
 		.ldr_rise_ms = 20,
 		.ldr_fall_ms = 30,
+		.ldr_slowness = 0.5,
 		.slow = 1,
 		.dtr_resets = 1,
 		.boot_loader = BOOT_OPTIBOOT_4_4,
@@ -172,7 +174,9 @@ static void light_ldrs(struct world *world)
 			continue;
 		double lux = world->ldr_lux[i] * flicker(world);
 		double *felt = &world->ldr_felt_lux[i];
-		double tau_ms = lux > *felt ? world->ldr_rise_ms : world->ldr_fall_ms;
+		double tau_ms = (lux > *felt ? world->ldr_rise_ms : world->ldr_fall_ms) *
+				pow(fmax(10 / fmax(fmax(lux, *felt), LDR_LEAST_LUX), 1),
+				    world->ldr_slowness);
 		*felt += (lux - *felt) * (1 - exp(-LDR_STEPS * WORLD_STEP_US * 1e-3 / tau_ms));
 		double ohm = (1 + world->ldr_drift[i]) * world->ldr_r10_ohm[i] *
 			     pow(*felt / 10, -world->ldr_gamma[i]);
@@ -336,6 +340,7 @@ static const struct {
 	NUMBER(ldr_divider_ohm),
 	NUMBER(ldr_rise_ms),
 	NUMBER(ldr_fall_ms),
+	NUMBER(ldr_slowness),
 	NUMBER(flicker_hz),
 	NUMBER(flicker_share),
 	NUMBER(behind_us),

@@ -45,7 +45,8 @@ struct world {
 	double ldr_drift[WORLD_LDRS];	/* of R10, by temperature and former light */
 	double ldr_mux_ohm[WORLD_LDRS]; /* the channel's on-resistance */
 	double ldr_dark_ohm, ldr_divider_ohm;
-	double ldr_rise_ms, ldr_fall_ms;
+	double ldr_rise_ms, ldr_fall_ms; /* at 10 lux; the darker, the slower, by this power */
+	double ldr_slowness;
 	double flicker_hz, flicker_share; /* of the light on all LDRs, sinusoidal */
 
 	/* Faults. */

@@ -44,6 +44,9 @@ LIMITS = {
     "pivot_lux": (1e-3, 1e6),
 }
 ALIKE_LIMITS = {"divider_ohm": (10, 1e6), "drift_sigma": (0, 10)}
+#: Time constants of a GL5528 at 10 lx (data sheet); files may leave them out.
+NOMINAL_RISE_MS, NOMINAL_FALL_MS = 20.0, 30.0
+LAG_LIMITS = {"rise_ms": (0, 10000), "fall_ms": (0, 10000)}
 
 
 def directions() -> Array:
@@ -77,6 +80,8 @@ class Ring:
     pivot_lux: Array = field(default_factory=_nine(10.0))
     divider_ohm: float = DIVIDER_OHM
     drift_sigma: float = DRIFT_SIGMA
+    rise_ms: float = NOMINAL_RISE_MS  # at 10 lx
+    fall_ms: float = NOMINAL_FALL_MS
 
     def resistance_ohm(self, lux: ArrayLike) -> Array:
         """Resistance (…, 9) of the LDRs at illuminances (…, 9) above 0."""
@@ -119,7 +124,7 @@ class Ring:
     def text(self) -> str:
         """As a calibration file."""
         lines = ["[ring]", f"version = {VERSION}"]
-        lines += [f"{name} = {getattr(self, name):.6g}" for name in ALIKE_LIMITS]
+        lines += [f"{name} = {getattr(self, name):.6g}" for name in (*ALIKE_LIMITS, *LAG_LIMITS)]
         for name in LIMITS:
             numbers = ", ".join(f"{value:.6g}" for value in getattr(self, name))
             lines.append(f"{name} = {numbers}")
@@ -162,6 +167,9 @@ def load(path: Path) -> Ring:
     }
     for name, limits in ALIKE_LIMITS.items():
         values[name] = float(_numbers(path, section, name, 1, limits)[0])
+    for name, limits in LAG_LIMITS.items():
+        if name in section:
+            values[name] = float(_numbers(path, section, name, 1, limits)[0])
     ring = Ring(**values)
     if section:
         raise CalibrationError(f"ring: {path}: unknown key {next(iter(section))}")

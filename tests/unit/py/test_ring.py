@@ -140,13 +140,23 @@ def test_a_file_gives_back_what_was_written(
     written = drawn(rng)
     path.write_text(written.text())
     read = ring.load(path)
-    for name in (*ring.LIMITS, *ring.ALIKE_LIMITS):
+    for name in (*ring.LIMITS, *ring.ALIKE_LIMITS, *ring.LAG_LIMITS):
         assert getattr(read, name) == pytest.approx(getattr(written, name), rel=1e-5)
+
+
+def test_the_lag_may_be_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "ring.ini"
+    text = ring.Ring(rise_ms=12, fall_ms=45).text()
+    path.write_text(text)
+    assert (ring.load(path).rise_ms, ring.load(path).fall_ms) == (12, 45)
+    path.write_text(text.replace("rise_ms = 12\n", "").replace("fall_ms = 45\n", ""))
+    assert (ring.load(path).rise_ms, ring.load(path).fall_ms) == (20, 30)
 
 
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
+        ("rise_ms = 20", "rise_ms = -1", "rise_ms = -1: expected 1 numbers"),
         ("version = 2", "version = 1", "version 1: this program reads version 2: calibrate again"),
         ("version = 2", "", "version none"),
         ("gamma = 0.7,", "gamma = 0.1,", "gamma = 0.1.*expected 9 numbers from 0.3 to 1.5"),
