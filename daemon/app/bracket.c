@@ -443,3 +443,25 @@ bool lp_bracket_next(struct lp_bracket *bracket, const struct lp_bracket_scene *
 	command(b, *command_us);
 	return true;
 }
+
+bool lp_bracket_light_changed(struct lp_bracket *bracket, float factor, float *command_us)
+{
+	struct lp_bracket *b = bracket;
+
+	if (b->state != LP_BRACKET_RUNNING || !b->reports || b->waits || !(factor > 0.0F) ||
+	    stops(factor, 1.0F) < REPLAN_STOPS)
+		return false;
+	for (int k = 0; k < b->planned; k++)
+		b->plan_us[k] = allowed(b, b->plan_us[k] / factor);
+	/* a peak is not known to have changed alike: in darker light what clips may be the same */
+	if (factor > 1.0F)
+		b->shortest_us = allowed(b, b->shortest_us / factor);
+	b->at = factor > 1.0F ? b->planned - 1 : 0;
+	b->shortest_seen = false;
+	b->frames_since_plan = 0;
+	if (b->plan_us[b->at] == b->commanded_us)
+		return false;
+	command(b, b->plan_us[b->at]);
+	*command_us = b->commanded_us;
+	return true;
+}

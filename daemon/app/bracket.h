@@ -105,6 +105,14 @@ void lp_bracket_init(struct lp_bracket *bracket, int most, const struct lp_brack
 float lp_bracket_first_us(const struct lp_bracket *bracket);
 
 /*
+ * The light is `factor` times what it was when the plan was made, as the ring of light sensors
+ * tells: move the plan along. True: command what is missing now, the shortest exposure in brighter
+ * light, the longest in darker. Only where frames report their exposure: elsewhere a new command
+ * would hide the light's change.
+ */
+bool lp_bracket_light_changed(struct lp_bracket *bracket, float factor, float *command_us);
+
+/*
  * Judge the frame just loaded. settled and commanded: how it matches bracket->settled_us and
  * bracket->commanded_us. scene: NULL before anything is known.
  */

@@ -77,7 +77,8 @@ void lp_daemon_on_ring(void *context, const struct lp_ring_sample *sample)
 	static const struct lp_demand all = {LP_MAX_SH_ORDER, LP_MAX_LIGHTS};
 	struct lp_daemon *daemon = context;
 
-	lp_worker_ring(daemon->worker, sample);
+	if (lp_worker_ring(daemon->worker, sample))
+		lp_loop_hold(daemon->loop);
 	if (!lp_ring_only_sample(&daemon->ring_only, sample, lp_clock_ns(),
 				 &daemon->ring_estimates))
 		return;

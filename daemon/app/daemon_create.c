@@ -152,7 +152,7 @@ static void give_ring_lux(struct lp_daemon *daemon)
 		sample.illuminance_lux[k] = daemon->options->ring_lux.values[k];
 		sample.sigma_relative[k] = daemon->options->ring_sigma;
 	}
-	lp_worker_ring(daemon->worker, &sample);
+	(void)lp_worker_ring(daemon->worker, &sample);
 }
 
 static int create_worker(struct lp_daemon *daemon)

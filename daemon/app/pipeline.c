@@ -185,9 +185,15 @@ static void rest(struct lp_pipeline *p)
 	lp_pipeline_turn_anchor(p, &turn);
 }
 
-void lp_pipeline_ring(struct lp_pipeline *pipeline, const struct lp_ring_sample *sample)
+void lp_pipeline_finish(struct lp_pipeline *pipeline, struct lp_estimates *estimates)
 {
-	lp_ring_stage_sample(&pipeline->ring, sample);
+	lp_tracker_update(&pipeline->tracker, &estimates->raw, &estimates->smoothed);
+	/* Smoothed light lags behind a change, and says by how much. */
+	estimates->smoothed.relighting_sigma =
+		hypotf(estimates->raw.relighting_sigma,
+		       lp_model_distance(&estimates->raw, &estimates->smoothed));
+	turn_to_camera(pipeline->imager, &estimates->raw);
+	turn_to_camera(pipeline->imager, &estimates->smoothed);
 }
 
 int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
@@ -200,6 +206,7 @@ int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
 	const float told_sigma_deg = frame->orientation_sigma_deg;
 	const float told[4] = {frame->orientation[0], frame->orientation[1], frame->orientation[2],
 			       frame->orientation[3]};
+	double total[LP_SH_MAX_COUNT][3];
 	struct lp_imager_status status;
 	int ret;
 
@@ -233,19 +240,14 @@ int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
 			     !status.exposure_unknown);
 	estimates->ring = lp_ring_stage_status(&pipeline->ring);
 	memset(&estimates->raw, 0, sizeof(estimates->raw));
-	lp_pipeline_fill(pipeline, panorama, mean, &estimates->raw);
+	lp_pipeline_fill(pipeline, panorama, mean, total, &estimates->raw);
 	estimates->raw.t_arrival_ns = t_arrival_ns;
 	estimates->raw.wheel_deg = wheel_deg;
 	estimates->raw.wheel_sigma_deg = wheel_sigma_deg;
 	estimates->raw.orientation =
 		lp_pipeline_orientation(pipeline, told, told_sigma_deg, panorama->t_capture_ns);
-	lp_tracker_update(&pipeline->tracker, &estimates->raw, &estimates->smoothed);
-	/* Smoothed light lags behind a change, and says by how much. */
-	estimates->smoothed.relighting_sigma =
-		hypotf(estimates->raw.relighting_sigma,
-		       lp_model_distance(&estimates->raw, &estimates->smoothed));
-	turn_to_camera(pipeline->imager, &estimates->raw);
-	turn_to_camera(pipeline->imager, &estimates->smoothed);
+	lp_pipeline_heed_ring(pipeline, (const double(*)[3])total, &estimates->raw);
+	lp_pipeline_finish(pipeline, estimates);
 	rest(pipeline);
 	return 0;
 }

@@ -94,8 +94,18 @@ enum lp_preset lp_pipeline_preset(const struct lp_pipeline *pipeline);
 bool lp_pipeline_control(struct lp_pipeline *pipeline, const struct lp_camera_control *control,
 			 float *command_us);
 
-/* What the ring of light sensors read of the next frame's light; NULL: nothing. */
-void lp_pipeline_ring(struct lp_pipeline *pipeline, const struct lp_ring_sample *sample);
+/* What the ring of light sensors read of the next frame's light, and what it reads now; NULL:
+ * nothing. */
+void lp_pipeline_ring(struct lp_pipeline *pipeline, const struct lp_ring_sample *then,
+		      const struct lp_ring_sample *now);
+
+/*
+ * The ring has read light that jumped, between frames. 0: `estimates` is filled: the newest frame's
+ * with what the ring says of it now. -EAGAIN: no lamp was switched, or not one worth telling.
+ * *command_us as below.
+ */
+int lp_pipeline_step(struct lp_pipeline *pipeline, const struct lp_ring_sample *now,
+		     struct lp_estimates *estimates, float *command_us);
 
 /*
  * Takes over the reference to `frame`. 0: `estimates` is filled. -EAGAIN: no estimate from this

@@ -137,13 +137,12 @@ static struct lp_ring_scale scale_of(const struct lp_pipeline *p,
 }
 
 void lp_pipeline_fill(struct lp_pipeline *p, const struct lp_panorama *panorama, float mean,
-		      struct lp_light_estimate *e)
+		      double total[LP_SH_MAX_COUNT][3], struct lp_light_estimate *e)
 {
 	/* more than are wanted: each list chooses for itself, with memory */
 	const int most = p->wanted_lights ? p->options.max_lights : 0;
 	const int lamps =
 		lp_lamp_stage_list(&p->lamps, lp_imager_grid(p->imager), panorama, most, e);
-	double total[LP_SH_MAX_COUNT][3];
 	struct lp_imager_status status;
 
 	project(p, panorama, total);
@@ -161,8 +160,8 @@ void lp_pipeline_fill(struct lp_pipeline *p, const struct lp_panorama *panorama,
 	for (int i = 0; i < LP_MAX_SH_COUNT; i++)
 		for (int c = 0; c < 3; c++)
 			e->sh_total[i][c] = (float)total[i][c];
-	e->relighting_sigma = relighting_sigma(p, &status, e, total);
-	lp_model_predict(total, e);
+	e->relighting_sigma = relighting_sigma(p, &status, e, (const double(*)[3])total);
+	lp_model_predict((const double(*)[3])total, e);
 }
 
 /* While the camera turns, the anchor frame drifts by more than the sigma of each frame says. */

@@ -10,6 +10,7 @@
 #include "app/lamp_stage.h"
 #include "app/pipeline.h"
 #include "app/ring_stage.h"
+#include "app/ring_steps.h"
 #include "include/panorama.h"
 #include "light/rotation.h"
 #include "light/tracker.h"
@@ -38,6 +39,9 @@ struct lp_pipeline {
 	struct lp_sh_projector *projector;
 	struct lp_lamp_stage lamps;
 	struct lp_ring_stage ring;
+	struct lp_ring_sample ring_now; /* the newest; the frame's is the ring stage's */
+	bool has_ring_now;
+	struct lp_ring_steps steps;
 	struct lp_tracker tracker;
 	struct lp_bracket bracket;
 	bool bracketing, reports_exposure;
@@ -55,10 +59,20 @@ void lp_pipeline_turn_anchor(struct lp_pipeline *pipeline, const struct lp_rotat
 
 /*
  * Fills a zeroed estimate, in the anchor frame, from the panorama and the lamps as they are; `mean`
- * is the panorama's mean luminance. Beside it stay the times and the wheel, which are the frame's.
+ * is the panorama's mean luminance. `total` becomes all orders of its light. Beside it stay the
+ * times and the wheel, which are the frame's.
  */
 void lp_pipeline_fill(struct lp_pipeline *pipeline, const struct lp_panorama *panorama, float mean,
-		      struct lp_light_estimate *estimate);
+		      double total[LP_SH_MAX_COUNT][3], struct lp_light_estimate *estimate);
+
+/* The smoothed estimate follows the raw one, and both are turned from the anchor frame to the
+ * camera's at the newest frame. */
+void lp_pipeline_finish(struct lp_pipeline *pipeline, struct lp_estimates *estimates);
+
+/* A frame's estimate, anchor frame, is corrected by steps of light that the ring has seen since
+ * (app/ring_steps.h); `total`: all orders of its light. */
+void lp_pipeline_heed_ring(struct lp_pipeline *pipeline, const double (*total)[3],
+			   struct lp_light_estimate *estimate);
 
 /*
  * How the camera was turned at t_ns: as `told` (x, y, z, w; its 1 sigma in degrees) where that

@@ -202,6 +202,26 @@ void lp_ring_stage_project(const struct lp_ring_stage *stage, double (*total)[3]
 	}
 }
 
+int lp_ring_stage_parts(const struct lp_ring_stage *stage,
+			struct lp_light parts[LP_MAX_CLIPPED_PARTS])
+{
+	int count = 0;
+
+	for (int j = 0; stage->fused && j < stage->parts->count; j++) {
+		const struct lp_clipped_part *part = &stage->parts->list[j];
+		struct lp_light *light = &parts[count];
+
+		if (part->owner >= 0)
+			continue;
+		*light = (struct lp_light){.irradiance_sigma = NAN};
+		memcpy(light->direction, part->direction, sizeof(light->direction));
+		colour(part->bound, part->bound[LP_LUMINANCE] + stage->fusion.excess[j],
+		       light->irradiance);
+		count++;
+	}
+	return count;
+}
+
 bool lp_ring_stage_knows(const struct lp_ring_stage *stage, float *variance)
 {
 	if (!stage->fused || stage->fusion.verdict != LP_RING_AGREES)

@@ -8,13 +8,13 @@
 
 #include <stdbool.h>
 
+#include "include/light_estimate.h"
 #include "light/clipped_parts.h"
 #include "light/ring_fusion.h"
 
 struct lp_grid;
 struct lp_imager;
 struct lp_lamp_memory;
-struct lp_light_estimate;
 
 /* Zeroed has no reading yet; `parts` are created with the grid. */
 struct lp_ring_stage {
@@ -58,6 +58,10 @@ void lp_ring_stage_update(struct lp_ring_stage *stage, const struct lp_imager *i
 
 /* Light of clipped regions that are no lamps, into coefficients up to LP_SH_MAX_ORDER. */
 void lp_ring_stage_project(const struct lp_ring_stage *stage, double (*total)[3]);
+
+/* Clipped regions that are no lamps, as lights without an id; returns how many. */
+int lp_ring_stage_parts(const struct lp_ring_stage *stage,
+			struct lp_light parts[LP_MAX_CLIPPED_PARTS]);
 
 /* Whether the ring says how much light clips; then the variance of the irradiance, mean over all
  * normals (luminance), is what it leaves unknown. */

@@ -18,6 +18,10 @@
 #define LOSSLESS_FRAMES 64 /* more than any source has */
 /* The farthest reading that still counts for a frame. */
 #define RING_MOST_NS (150 * LP_NS_PER_MS)
+/* One sensor alone is shadowed: no lamp lights one of them. A step takes a few readings: it falls
+ * into the middle of one, and the sensors' lag is not known exactly. */
+#define JUMPING_SENSORS 2
+#define JUMP_LASTS_NS (50 * LP_NS_PER_MS)
 #define RESULTS 4 /* so many the loop may be late before one is lost */
 
 struct lp_worker {
@@ -32,6 +36,7 @@ struct lp_worker {
 	bool control_is_new;
 	struct lp_ring_filter ring_filter;
 	struct lp_ring_history ring; /* of the light, lags taken off */
+	int64_t t_jump_ns;	     /* of the last reading that jumped; 0: none */
 	atomic_int new_preset;	     /* -1: none */
 	atomic_uint_fast64_t rejected;
 	atomic_int_fast64_t busy_since_ns; /* 0: idle */
@@ -59,13 +64,24 @@ static void take_ring(struct lp_worker *worker, const struct lp_frame *frame)
 {
 	const float exposure_us = isnan(frame->exposure_us) ? 0.0F : frame->exposure_us;
 	const int64_t t_ns = frame->t_start_ns + (int64_t)((double)exposure_us * 1e3 / 2.0);
-	struct lp_ring_sample sample;
-	bool found;
+	struct lp_ring_sample sample, now;
+	bool found, has_now;
 
 	pthread_mutex_lock(&worker->control_lock);
+	has_now = lp_ring_history_newest(&worker->ring, &now);
 	found = lp_ring_history_at(&worker->ring, t_ns, RING_MOST_NS, &sample);
 	pthread_mutex_unlock(&worker->control_lock);
-	lp_pipeline_ring(worker->pipeline, found ? &sample : NULL);
+	lp_pipeline_ring(worker->pipeline, found ? &sample : NULL, has_now ? &now : NULL);
+}
+
+/* What results of frames and of the ring have in common. */
+static void prepare(struct lp_worker *worker, struct lp_result *result)
+{
+	result->last_frame = result->preset_refused = false;
+	result->preset = lp_pipeline_preset(worker->pipeline);
+	result->command_us = NAN;
+	result->demand = (struct lp_demand){.sh_order = atomic_load(&worker->demand_sh_order),
+					    .max_lights = atomic_load(&worker->demand_max_lights)};
 }
 
 /* Run the pipeline, or count the frame that the driver marked corrupt as refused. */
@@ -80,9 +96,6 @@ static int process(struct lp_worker *worker, struct lp_frame *frame, struct lp_r
 	result->preset_refused =
 		preset >= 0 && lp_pipeline_set_preset(worker->pipeline, (enum lp_preset)preset) < 0;
 	result->preset = lp_pipeline_preset(worker->pipeline);
-	result->command_us = NAN;
-	result->demand = (struct lp_demand){.sh_order = atomic_load(&worker->demand_sh_order),
-					    .max_lights = atomic_load(&worker->demand_max_lights)};
 	if (frame->flags & LP_FRAME_CORRUPT) {
 		lp_frame_release(frame);
 		ret = -EBADMSG;
@@ -97,16 +110,35 @@ static int process(struct lp_worker *worker, struct lp_frame *frame, struct lp_r
 	return ret;
 }
 
+/* The ring's newest reading, between frames. */
+static int step(struct lp_worker *worker, struct lp_result *result)
+{
+	struct lp_ring_sample now;
+
+	pthread_mutex_lock(&worker->control_lock);
+	(void)lp_ring_history_newest(&worker->ring, &now); /* what woke us */
+	pthread_mutex_unlock(&worker->control_lock);
+	return lp_pipeline_step(worker->pipeline, &now, &result->estimates, &result->command_us);
+}
+
 static void *work(void *argument)
 {
 	struct lp_worker *worker = argument;
 	struct lp_result *result = lp_pool_take(worker->results);
-	struct lp_frame *frame;
 
-	while (result && (frame = lp_mailbox_wait(worker->inbox)) != NULL) {
+	while (result) {
+		struct lp_frame *frame = lp_mailbox_wait(worker->inbox);
+
+		if (!frame && lp_mailbox_is_closed(worker->inbox))
+			break;
 		atomic_store(&worker->busy_since_ns, lp_clock_ns());
-		result->last_frame = frame->flags & LP_FRAME_LAST;
-		result->status = process(worker, frame, result);
+		prepare(worker, result);
+		if (frame) {
+			result->last_frame = frame->flags & LP_FRAME_LAST;
+			result->status = process(worker, frame, result);
+		} else {
+			result->status = step(worker, result);
+		}
 		atomic_store(&worker->busy_since_ns, 0);
 		result = lp_mailbox_put(worker->outbox, result);
 		if (!result)
@@ -169,14 +201,19 @@ void lp_worker_control(struct lp_worker *worker, const struct lp_camera_control 
 	pthread_mutex_unlock(&worker->control_lock);
 }
 
-void lp_worker_ring(struct lp_worker *worker, const struct lp_ring_sample *sample)
+bool lp_worker_ring(struct lp_worker *worker, const struct lp_ring_sample *sample)
 {
 	struct lp_ring_sample light;
+	uint32_t jumped;
 
 	pthread_mutex_lock(&worker->control_lock);
-	(void)lp_ring_filter_update(&worker->ring_filter, sample, &light);
+	jumped = lp_ring_filter_update(&worker->ring_filter, sample, &light);
 	lp_ring_history_add(&worker->ring, &light);
+	if (__builtin_popcount(jumped) >= JUMPING_SENSORS)
+		worker->t_jump_ns = sample->t_ns;
+	const bool jumps = worker->t_jump_ns && sample->t_ns - worker->t_jump_ns <= JUMP_LASTS_NS;
 	pthread_mutex_unlock(&worker->control_lock);
+	return jumps && lp_mailbox_wake(worker->inbox);
 }
 
 void lp_worker_preset(struct lp_worker *worker, enum lp_preset preset)

@@ -36,8 +36,9 @@ bool lp_worker_submit(struct lp_worker *worker, struct lp_frame *frame,
 void lp_worker_control(struct lp_worker *worker, const struct lp_camera_control *control);
 
 /* A reading of the ring of light sensors; each frame takes the one of its time
- * (light/ring_history.h). Loop thread. */
-void lp_worker_ring(struct lp_worker *worker, const struct lp_ring_sample *sample);
+ * (light/ring_history.h). True: its light has jumped, and there will be a result without a frame.
+ * Loop thread. */
+bool lp_worker_ring(struct lp_worker *worker, const struct lp_ring_sample *sample);
 
 /* Work by another preset from the next frame on: lp_pipeline_set_preset(). Whether that succeeded
  * is told by the frame's result. Loop thread. */
@@ -46,8 +47,9 @@ void lp_worker_preset(struct lp_worker *worker, enum lp_preset preset);
 /* Readable while a result waits. */
 int lp_worker_fd(const struct lp_worker *worker);
 
-/* The oldest result, for lp_worker_give(); NULL when there is none. Loop thread. Every frame has
- * one, with or without an estimate, unless it was replaced, or the loop lets too many wait. */
+/* The oldest result, for lp_worker_give(); NULL when there is none. Loop thread. Every frame, and
+ * every reading for which lp_worker_ring() said so, has one, with or without an estimate, unless it
+ * was replaced, or the loop lets too many wait. */
 struct lp_result *lp_worker_take(struct lp_worker *worker);
 void lp_worker_give(struct lp_worker *worker, struct lp_result *result);
 

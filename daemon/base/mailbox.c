@@ -13,7 +13,7 @@ struct lp_mailbox {
 	pthread_cond_t filled;
 	int event_fd;
 	int capacity, first, count;
-	bool closed;
+	bool closed, woken;
 	uint64_t lost;
 	void *items[]; /* ring */
 };
@@ -93,11 +93,35 @@ void *lp_mailbox_wait(struct lp_mailbox *mailbox)
 	void *item;
 
 	pthread_mutex_lock(&mailbox->lock);
-	while (mailbox->count == 0 && !mailbox->closed)
+	while (mailbox->count == 0 && !mailbox->closed && !mailbox->woken)
 		pthread_cond_wait(&mailbox->filled, &mailbox->lock);
 	item = take_locked(mailbox);
+	if (!item)
+		mailbox->woken = false;
 	pthread_mutex_unlock(&mailbox->lock);
 	return item;
+}
+
+bool lp_mailbox_wake(struct lp_mailbox *mailbox)
+{
+	bool before;
+
+	pthread_mutex_lock(&mailbox->lock);
+	before = mailbox->woken;
+	mailbox->woken = true;
+	pthread_cond_signal(&mailbox->filled);
+	pthread_mutex_unlock(&mailbox->lock);
+	return !before;
+}
+
+bool lp_mailbox_is_closed(struct lp_mailbox *mailbox)
+{
+	bool closed;
+
+	pthread_mutex_lock(&mailbox->lock);
+	closed = mailbox->closed;
+	pthread_mutex_unlock(&mailbox->lock);
+	return closed;
 }
 
 void lp_mailbox_close(struct lp_mailbox *mailbox)

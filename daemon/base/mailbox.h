@@ -6,6 +6,7 @@
 #ifndef LP_BASE_MAILBOX_H
 #define LP_BASE_MAILBOX_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 struct lp_mailbox;
@@ -19,8 +20,14 @@ void *lp_mailbox_put(struct lp_mailbox *mailbox, void *item);
 /* The oldest item; NULL when empty. */
 void *lp_mailbox_take(struct lp_mailbox *mailbox);
 
-/* Waits for an item. NULL: closed and empty. */
+/* Waits for an item. NULL: closed and empty, or woken. */
 void *lp_mailbox_wait(struct lp_mailbox *mailbox);
+
+/* Lets lp_mailbox_wait() return without an item once, after those that wait. False: it has been
+ * woken before, and has not returned yet. */
+bool lp_mailbox_wake(struct lp_mailbox *mailbox);
+
+bool lp_mailbox_is_closed(struct lp_mailbox *mailbox);
 
 /* Ends lp_mailbox_wait() once the mailbox is empty. */
 void lp_mailbox_close(struct lp_mailbox *mailbox);

@@ -8,6 +8,13 @@ void lp_ring_history_add(struct lp_ring_history *history, const struct lp_ring_s
 	history->count += history->count < LP_RING_HISTORY;
 }
 
+bool lp_ring_history_newest(const struct lp_ring_history *history, struct lp_ring_sample *sample)
+{
+	if (history->count > 0)
+		*sample = history->list[history->newest];
+	return history->count > 0;
+}
+
 static int64_t distance_ns(const struct lp_ring_sample *sample, int64_t t_ns)
 {
 	const int64_t apart = sample->t_ns - t_ns;

@@ -19,6 +19,9 @@ struct lp_ring_history {
 /* Readings come in the order of their times. */
 void lp_ring_history_add(struct lp_ring_history *history, const struct lp_ring_sample *sample);
 
+/* False: there is none. */
+bool lp_ring_history_newest(const struct lp_ring_history *history, struct lp_ring_sample *sample);
+
 /*
  * What the ring read of the light at t_ns: the reading nearest to it. False: none lies within
  * most_ns of that. A reading without a time (t_ns 0) belongs to any.

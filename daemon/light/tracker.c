@@ -184,6 +184,51 @@ void lp_tracker_update(struct lp_tracker *tracker, const struct lp_light_estimat
 	list_tracks(tracker, smoothed);
 }
 
+static const struct lp_light *light_of(const struct lp_light_estimate *estimate, uint32_t id)
+{
+	for (int k = 0; k < estimate->light_count; k++)
+		if (estimate->lights[k].id == id)
+			return &estimate->lights[k];
+	return NULL;
+}
+
+static void jump_track(struct lp_track *track, const struct lp_light *before,
+		       const struct lp_light *after)
+{
+	for (int c = 0; c < 3; c++)
+		track->light.irradiance[c] =
+			fmaxf(track->light.irradiance[c] + (after ? after->irradiance[c] : 0.0F) -
+				      (before ? before->irradiance[c] : 0.0F),
+			      0.0F);
+}
+
+void lp_tracker_jump(struct lp_tracker *tracker, const struct lp_light_estimate *before,
+		     const struct lp_light_estimate *after)
+{
+	struct lp_track *of_light[LP_MAX_LIGHTS] = {NULL};
+
+	for (int t = 0; t < LP_MAX_TRACKS; t++)
+		tracker->track[t].seen = false;
+	associate(tracker, after, of_light);
+	for (int k = 0; k < after->light_count; k++)
+		if (!of_light[k]) {
+			struct lp_track *const track = new_track(tracker);
+
+			start_track(tracker, track, &after->lights[k]);
+			track->t_seen_ns = after->t_capture_ns;
+		}
+	for (int t = 0; t < LP_MAX_TRACKS; t++) {
+		struct lp_track *const track = &tracker->track[t];
+
+		if (track->light.id)
+			jump_track(track, light_of(before, track->light.id),
+				   light_of(after, track->light.id));
+	}
+	for (int i = 0; i < LP_MAX_SH_COUNT; i++)
+		for (int c = 0; c < 3; c++)
+			tracker->sh_total[i][c] += after->sh_total[i][c] - before->sh_total[i][c];
+}
+
 void lp_tracker_turn(struct lp_tracker *tracker, const struct lp_rotation *turn)
 {
 	lp_sh_rotate(turn, LP_MAX_SH_ORDER, tracker->sh_total);

@@ -38,6 +38,11 @@ struct lp_tracker {
 void lp_tracker_update(struct lp_tracker *tracker, const struct lp_light_estimate *raw,
 		       struct lp_light_estimate *smoothed);
 
+/* The light has changed from `before` to `after` at once: the smoothed estimate changes by as much,
+ * without delay. */
+void lp_tracker_jump(struct lp_tracker *tracker, const struct lp_light_estimate *before,
+		     const struct lp_light_estimate *after);
+
 /* The frame of reference has been turned. */
 void lp_tracker_turn(struct lp_tracker *tracker, const struct lp_rotation *turn);
 

@@ -500,6 +500,16 @@ int lp_imager_accept(struct lp_imager *imager, float exposure_us)
 	return 0;
 }
 
+struct lp_rotation lp_imager_rotation_at(const struct lp_imager *imager, int64_t t_ns)
+{
+	struct lp_motion motion = imager->motion;
+	const double later_s = (double)(t_ns - imager->t_capture_ns) / 1e9;
+
+	if (motion.turning && later_s > 0.0)
+		lp_motion_predict(&motion, later_s);
+	return motion.rotation;
+}
+
 int lp_imager_add(struct lp_imager *imager, struct lp_frame *frame)
 {
 	const float exposure_us = lp_frame_exposure_us(frame);

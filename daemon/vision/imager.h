@@ -108,6 +108,9 @@ struct lp_panorama *lp_imager_panorama(struct lp_imager *imager);
 /* Camera to anchor frame, at the newest frame's capture time. Valid until the next load. */
 const struct lp_rotation *lp_imager_rotation(const struct lp_imager *imager);
 
+/* The same at t_ns, after the newest frame, if it goes on turning as it does. */
+struct lp_rotation lp_imager_rotation_at(const struct lp_imager *imager, int64_t t_ns);
+
 /* The film in front of the newest frame, anchor frame. NULL: there is none, or its angle is not
  * known. Valid until the next load. */
 const struct lp_film_view *lp_imager_film(const struct lp_imager *imager);

@@ -5,6 +5,7 @@
 
 #include <errno.h>
 #include <math.h>
+#include <string.h>
 
 #include "app/pipeline.h"
 #include "include/source.h"
@@ -392,6 +393,34 @@ static void test_another_preset_amid_a_bracket(void **state)
 	lp_pipeline_destroy(pipeline);
 }
 
+/* The ring says that the light is other before any frame does: the plan moves along, and what is
+ * missing now is commanded first. Only where frames report their exposures. */
+static void test_light_that_changes_between_frames(void **state)
+{
+	const struct lp_bracket_limits limits = {.min_us = 100, .max_us = 33000};
+	struct lp_bracket b;
+	float command_us = NAN;
+
+	(void)state;
+	lp_bracket_init(&b, 3, &limits);
+	assert_false(lp_bracket_light_changed(&b, 10.0F, &command_us));
+	(void)lp_bracket_reported(&b, lp_bracket_first_us(&b));
+	b.planned = 3;
+	b.at = 1;
+	memcpy(b.plan_us, (float[]){16000, 2000, 250}, 3 * sizeof(float));
+	b.shortest_us = 250;
+	b.commanded_us = 2000;
+	assert_false(lp_bracket_light_changed(&b, 1.3F, &command_us)); /* not worth it */
+	assert_true(isnan(command_us));
+	assert_true(lp_bracket_light_changed(&b, 2.0F, &command_us));
+	assert_float_equal(command_us, 125.0F, 1.0F);
+	assert_float_equal(b.plan_us[0], 8000.0F, 1.0F);
+	assert_true(lp_bracket_light_changed(&b, 0.25F, &command_us));
+	assert_float_equal(command_us, 32000.0F, 1.0F);
+	b.waits = true;
+	assert_false(lp_bracket_light_changed(&b, 4.0F, &command_us));
+}
+
 static void test_values_that_a_camera_can_take(void **state)
 {
 	const struct lp_source_caps silent = {.exposure_min_us = NAN,
@@ -434,6 +463,7 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_another_preset_amid_a_bracket),
+		cmocka_unit_test(test_light_that_changes_between_frames),
 		cmocka_unit_test(test_values_that_a_camera_can_take),
 		cmocka_unit_test(test_values_of_a_list),
 		cmocka_unit_test(test_any_delay_merges_rightly),

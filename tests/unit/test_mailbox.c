@@ -64,6 +64,26 @@ static void test_descriptor_is_readable_while_an_item_waits(void **state)
 	lp_mailbox_destroy(mailbox);
 }
 
+/* Woken once, after what waits; a second time counts only once it has returned. */
+static void test_waking(void **state)
+{
+	struct lp_mailbox *mailbox = lp_mailbox_create(2);
+	int item;
+
+	(void)state;
+	assert_true(lp_mailbox_wake(mailbox));
+	assert_false(lp_mailbox_wake(mailbox));
+	lp_mailbox_put(mailbox, &item);
+	assert_ptr_equal(lp_mailbox_wait(mailbox), &item);
+	assert_null(lp_mailbox_wait(mailbox));
+	assert_false(lp_mailbox_is_closed(mailbox));
+	assert_true(lp_mailbox_wake(mailbox));
+	lp_mailbox_close(mailbox);
+	assert_null(lp_mailbox_wait(mailbox));
+	assert_true(lp_mailbox_is_closed(mailbox));
+	lp_mailbox_destroy(mailbox);
+}
+
 #define COUNT 20000
 
 static void *produce(void *argument)
@@ -101,6 +121,7 @@ int main(void)
 		cmocka_unit_test(test_newest_wins_and_losses_are_counted),
 		cmocka_unit_test(test_capacity_one_keeps_the_newest),
 		cmocka_unit_test(test_descriptor_is_readable_while_an_item_waits),
+		cmocka_unit_test(test_waking),
 		cmocka_unit_test(test_threads_see_rising_items_and_the_last),
 	};
 

@@ -328,7 +328,7 @@ static void test_the_ring_finds_what_clips(void **state)
 		frame->exposure_us = 1e6F;
 		frame->gain = 1.0F;
 		assert_int_equal(lp_pipeline_create(&options, &pipeline), 0);
-		lp_pipeline_ring(pipeline, k % 2 ? &sample : NULL);
+		lp_pipeline_ring(pipeline, k % 2 ? &sample : NULL, NULL);
 		e[k] = estimate(pipeline, frame);
 		lp_pipeline_destroy(pipeline);
 	}

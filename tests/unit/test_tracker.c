@@ -185,6 +185,35 @@ static void test_a_million_frames(void **state)
 	}
 }
 
+/* What jumps is smoothed no more: lamps and coefficients change by as much at once, one that goes
+ * off is no longer listed, one that goes on is there; all the rest settles on as before. */
+static void test_a_jump_has_no_delay(void **state)
+{
+	struct lp_tracker tracker = {.time_constant_ms = 300.0F};
+	const struct lp_light old[] = {lamp(0.0F, 4.0F), lamp(90.0F, 2.0F)};
+	const struct lp_light first[] = {lamp(0.0F, 4.0F), lamp(90.0F, 3.0F)};
+	const struct lp_light next[] = {lamp(90.0F, 3.0F), lamp(180.0F, 1.0F)};
+	struct lp_light_estimate before = at(0, 2, old), after, smoothed;
+
+	(void)state;
+	lp_tracker_update(&tracker, &before, &smoothed);
+	before = at(FRAME_NS, 2, first);
+	lp_tracker_update(&tracker, &before, &smoothed);
+	const float settling = smoothed.lights[1].irradiance[0];
+
+	assert_true(settling > 2.0F && settling < 2.3F);
+	after = at(FRAME_NS, 2, next);
+	lp_tracker_jump(&tracker, &before, &after);
+	lp_tracker_update(&tracker, &after, &smoothed);
+	assert_int_equal(smoothed.light_count, 2);
+	assert_float_equal(smoothed.lights[0].irradiance[0], settling, 1e-6F);
+	assert_float_equal(smoothed.lights[1].irradiance[0], 1.0F, 1e-6F);
+	assert_float_equal(smoothed.sh_total[0][0], settling + 1.0F, 1e-5F);
+	after.t_capture_ns += 5000 * 1000000LL;
+	lp_tracker_update(&tracker, &after, &smoothed);
+	assert_float_equal(smoothed.lights[0].irradiance[0], 3.0F, 1e-4F);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -195,6 +224,7 @@ int main(void)
 		cmocka_unit_test(test_turning_turns_lights_and_sh),
 		cmocka_unit_test(test_time_may_stand_still_or_go_back),
 		cmocka_unit_test(test_a_million_frames),
+		cmocka_unit_test(test_a_jump_has_no_delay),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

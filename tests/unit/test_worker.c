@@ -78,10 +78,21 @@ bool lp_pipeline_control(struct lp_pipeline *self, const struct lp_camera_contro
 
 static atomic_int ring_lux = -1; /* of the newest frame's reading; -1: none */
 
-void lp_pipeline_ring(struct lp_pipeline *self, const struct lp_ring_sample *sample)
+void lp_pipeline_ring(struct lp_pipeline *self, const struct lp_ring_sample *then,
+		      const struct lp_ring_sample *now)
 {
 	assert_ptr_equal(self, &pipeline);
-	atomic_store(&ring_lux, sample ? (int)sample->illuminance_lux[0] : -1);
+	assert_true(now || !then);
+	atomic_store(&ring_lux, then ? (int)then->illuminance_lux[0] : -1);
+}
+
+int lp_pipeline_step(struct lp_pipeline *self, const struct lp_ring_sample *now,
+		     struct lp_estimates *estimates, float *command_us)
+{
+	assert_ptr_equal(self, &pipeline);
+	estimates->raw.sequence = now->sequence;
+	*command_us = 500.0F;
+	return 0;
 }
 
 static void release(struct lp_frame *frame)
@@ -148,6 +159,43 @@ static void test_a_frame_gets_its_reading_of_the_ring(void **state)
 	lp_worker_submit(worker, late, &demand);
 	lp_worker_give(worker, wait_result(worker));
 	assert_int_equal(atomic_load(&ring_lux), -1);
+	lp_worker_destroy(worker);
+}
+
+/* Light that jumps on several sensors gives a result without a frame; on one of them it is a
+ * shadow.
+ */
+static void test_light_that_jumps_gives_a_result(void **state)
+{
+	struct lp_worker *worker = start(false);
+	struct lp_ring_sample sample = {.t_ns = LP_NS_PER_S};
+	struct lp_result *result;
+
+	(void)state;
+	for (int k = 0; k < LP_RING_SENSORS; k++)
+		sample.illuminance_lux[k] = 100.0F;
+	for (int i = 0; i < 10; i++) {
+		assert_false(lp_worker_ring(worker, &sample));
+		sample.t_ns += 10 * LP_NS_PER_MS;
+	}
+	sample.illuminance_lux[3] = 20.0F;
+	assert_false(lp_worker_ring(worker, &sample));
+	sample.t_ns += 10 * LP_NS_PER_MS;
+	sample.illuminance_lux[3] = 100.0F;
+	assert_false(lp_worker_ring(worker, &sample));
+	assert_null(lp_worker_take(worker));
+	sample.t_ns += 10 * LP_NS_PER_MS;
+	sample.sequence = 77;
+	for (int k = 4; k < 7; k++)
+		sample.illuminance_lux[k] = 150.0F;
+	assert_true(lp_worker_ring(worker, &sample));
+	result = wait_result(worker);
+	assert_int_equal(result->status, 0);
+	assert_int_equal(result->estimates.raw.sequence, 77);
+	assert_float_equal(result->command_us, 500.0F, 0.0F);
+	assert_false(result->last_frame);
+	lp_worker_give(worker, result);
+	assert_int_equal(atomic_load(&pipeline.begun), 0);
 	lp_worker_destroy(worker);
 }
 
@@ -312,6 +360,7 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_a_frame_gets_its_reading_of_the_ring),
+		cmocka_unit_test(test_light_that_jumps_gives_a_result),
 		cmocka_unit_test(test_newest_frame_wins_and_drops_are_counted),
 		cmocka_unit_test(test_a_new_preset_comes_before_the_next_frame),
 		cmocka_unit_test(test_a_result_says_which_preset_is_in_force),

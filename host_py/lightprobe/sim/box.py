@@ -2,7 +2,8 @@
 
 The firmware is the flashed binary in simavr ("avr") or the same sources built for this machine
 ("host"). The box has numbers with names (firmware/board/host/world.h): what is built how, what is
-broken, what light falls on the LDRs, where the wheel is. Its time is the wall clock's.
+broken, what light falls on the LDRs, where the wheel is. Its time is the wall clock's, or a
+simulated one (lock-step).
 """
 
 from __future__ import annotations
@@ -40,8 +41,10 @@ class BoxError(LightprobeError):
     """The firmware's process cannot be started, or has ended."""
 
 
-def find(firmware: str) -> list[str]:
-    """Command line of a firmware: from $LIGHTPROBE_FIRMWARE (a folder), beside Python, on PATH."""
+def find(firmware: str, lock_step: bool = False) -> list[str]:
+    """Command line of a firmware, in real time or in lock-step.
+
+    From $LIGHTPROBE_FIRMWARE (a folder), beside Python, on PATH."""
     program = _PROGRAMS[firmware]
     folder = os.environ.get(ENVIRONMENT)
     tried = [Path(folder or Path(sys.executable).parent) / program]
@@ -57,20 +60,30 @@ def find(firmware: str) -> list[str]:
             f"or name its folder in ${ENVIRONMENT}"
         )
     if firmware == "host":
-        return [str(path)]
+        return [str(path), *(["--lock-step"] if lock_step else [])]
     elf = path.resolve().parent / _ELF
     if not elf.is_file():
         raise BoxError(f"simulate: firmware avr: {elf} is missing: build it with `make firmware`")
-    return [str(path), str(elf), "--real-time"]
+    return [str(path), str(elf), *([] if lock_step else ["--real-time"])]
 
 
 class Box:
     """A running firmware; a context manager. All methods may be called from any thread."""
 
-    def __init__(self, firmware: str, pty: Path, seed: int = 0, eeprom: Path | None = None) -> None:
-        """`pty`: symbolic link to make, the serial line. `eeprom`: file that keeps parameters."""
+    def __init__(
+        self,
+        firmware: str,
+        pty: Path,
+        seed: int = 0,
+        eeprom: Path | None = None,
+        lock_step: bool = False,
+    ) -> None:
+        """`pty`: symbolic link to make, the serial line. `eeprom`: file that keeps parameters.
+
+        `lock_step`: its time goes on in :meth:`run` only.
+        """
         self._lock = threading.Lock()
-        command = [*find(firmware), "--pty", str(pty), "--seed", str(seed + 1)]
+        command = [*find(firmware, lock_step), "--pty", str(pty), "--seed", str(seed + 1)]
         if eeprom is not None:
             command += ["--eeprom", str(eeprom)]
         # It ends with its standard input: also when this process is killed.
@@ -128,6 +141,14 @@ class Box:
         ]
         if lines:
             self.command(*lines)
+
+    def run(self, us: int) -> None:
+        """Let time go on, in lock-step."""
+        self.command(f"run {us}")
+
+    def flush(self) -> None:
+        """Put on the line what the firmware has sent meanwhile, in lock-step."""
+        self.command("flush")
 
     def get(self, name: str) -> float:
         """Read a number of the box."""

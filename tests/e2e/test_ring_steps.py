@@ -1,0 +1,182 @@
+"""A lamp that is switched shows in a packet before the camera's next frame.
+
+Everything is simulated in lock-step with the daemon's time: the firmware that reads the LDRs, their
+lag, the line, the camera. So no load changes a figure.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from lightprobe import geometry
+from lightprobe.colour import luminance
+from lightprobe.estimate import Estimate, LightFlag
+from lightprobe.geometry import Array
+from lightprobe.imaging import camera as lenses
+from lightprobe.lamp import Lamp
+from lightprobe.sim.camera import SimulatedCamera
+from lightprobe.sim.illuminance import RingLight
+from lightprobe.sim.live import LiveClient, LiveProbe
+from lightprobe.sim.live_ring import LiveRing
+from lightprobe.sim.scene import ProceduralScene
+from lightprobe.sim.world import Behaviour, World
+from lightprobe.wire import Subscription
+
+CD_M2_PER_UNIT = 10.0
+SWITCH_S = 4.03  # between two frames
+#: From a step at the sensor to its sample in the daemon (test_daemon_ring_latency.py), and the
+#: daemon's own share.
+SAMPLE_S, LIMIT_S = 0.022, 0.015
+PERIOD_S = 0.002  # of the simulation
+
+
+def lamp(azimuth_deg: float, elevation_deg: float, strength: float) -> Lamp:
+    return Lamp(
+        geometry.direction_from_angles(azimuth_deg, elevation_deg), 2.0, np.full(3, strength)
+    )
+
+
+def room(*lamps: Lamp) -> ProceduralScene:
+    """Lamps in a room whose walls are not all alike."""
+    walls = np.zeros((9, 3))
+    walls[0] = 0.5 * np.sqrt(4 * np.pi)
+    walls[1:] = 0.1 * np.random.default_rng(3).normal(size=(8, 3))
+    return ProceduralScene("room", walls, lamps)
+
+
+THREE = room(lamp(30, 35, 4.0), lamp(150, 20, 2.5), lamp(-100, 50, 3.0))
+TWO = room(lamp(30, 35, 4.0), lamp(170, 20, 2.5))
+
+
+@dataclass
+class Run:
+    probe: LiveProbe
+    ring: LiveRing
+    raw: LiveClient
+    smoothed: LiveClient
+    world: World
+
+    def packets(self, client: LiveClient) -> list[tuple[float, float, Estimate]]:
+        """When each came, when its frame was captured, and itself."""
+        return [
+            (r.t_s, self.probe.captured_s(r.message), r.message)
+            for r in client.received
+            if isinstance(r.message, Estimate)
+        ]
+
+    def between_frames(self) -> list[float]:
+        """When packets came that no new frame brought."""
+        packets = self.packets(self.raw)
+        return [
+            packets[i][0]
+            for i in range(1, len(packets))
+            if packets[i][1] <= packets[i - 1][1] and not packets[i][2].flags & 1
+        ]
+
+
+@contextlib.contextmanager
+def run(
+    scene: ProceduralScene,
+    behaviour: Behaviour,
+    rate_hz: float = 5.0,
+    spoil: Callable[[float, Array], Array] = lambda t_s, lux: lux,
+) -> Iterator[Run]:
+    """A daemon before camera and ring; `spoil` gives the light on the sensors from the true one."""
+    world = World([scene], behaviour)
+    camera = SimulatedCamera(world, lenses.load("equirect"), (960, 480), rate_hz=rate_hz)
+    light = RingLight(world, CD_M2_PER_UNIT)
+    with LiveRing() as ring, LiveProbe(camera, ring.daemon_arguments(CD_M2_PER_UNIT)) as probe:
+        ring.shine(lambda: spoil(probe.t_s, light.lux(probe.link.state_now())))
+        probe.apps.append(ring)
+        yield Run(
+            probe, ring, probe.client(Subscription(smoothing="RAW", max_lights=8)),
+            probe.client(Subscription(max_lights=8)), world,
+        )  # fmt: skip
+
+
+def strength(estimate: Estimate, lamp: Lamp, turn: Array | None = None) -> float:
+    """Of the lamp, 0 where it is not listed."""
+    direction = lamp.direction if turn is None else turn @ lamp.direction
+    near = [one for one in estimate.lights if one.direction @ direction > np.cos(np.radians(8))]
+    return sum(float(luminance(one.irradiance)) for one in near)
+
+
+def first(packets: list[tuple[float, float, Estimate]], t_s: float, shows) -> tuple[float, float]:
+    """When the first packet after t_s came that shows the change, and its frame's time."""
+    return next((came, captured) for came, captured, e in packets if came >= t_s and shows(e))
+
+
+def mean_light(estimate: Estimate) -> float:
+    return float(luminance(estimate.irradiance(geometry.sphere_normals(2))).mean())
+
+
+@pytest.mark.parametrize("which", ["raw", "smoothed"])
+def test_a_lamp_that_goes_off_is_told_before_the_camera_sees_it(which):
+    with run(THREE, Behaviour(act_s=0, switch_s=SWITCH_S)) as r:
+        r.probe.run(SWITCH_S + 0.9)
+        packets = r.packets(getattr(r, which))
+        lamps = r.world.scenes[0].lamps
+        full = float(luminance(lamps[0].irradiance))
+        before = [e for came, _, e in packets if came < SWITCH_S][-1]
+        assert strength(before, lamps[0]) == pytest.approx(full, rel=0.1)
+        came, captured = first(packets, SWITCH_S, lambda e: strength(e, lamps[0]) < full / 2)
+        assert came <= SWITCH_S + SAMPLE_S + LIMIT_S + PERIOD_S
+        assert captured < SWITCH_S  # its newest frame has not seen it
+        others = next(e for t, _, e in packets if t == came)
+        for lamp in lamps[1:]:
+            assert strength(others, lamp) == pytest.approx(
+                float(luminance(lamp.irradiance)), rel=0.15
+            )
+        # and nothing jumps back when frames show it
+        levels = [mean_light(e) for t, _, e in packets if t > came + 0.05]
+        step = mean_light(before) - levels[-1]
+        assert len(levels) >= 3
+        assert max(abs(level - levels[-1]) for level in levels) < 0.15 * step
+
+
+def test_a_lamp_that_goes_on_again_is_told_before_the_camera_sees_it():
+    with run(TWO, Behaviour(act_s=0, switch_s=SWITCH_S)) as r:
+        on_s = 3 * SWITCH_S  # all are on again
+        r.probe.run(on_s + 0.1)
+        lamp = r.world.scenes[0].lamps[1]
+        full = float(luminance(lamp.irradiance))
+        packets = r.packets(r.raw)
+        assert strength([e for came, _, e in packets if came < on_s][-1], lamp) == 0
+        came, captured = first(packets, on_s, lambda e: strength(e, lamp) > full / 2)
+        assert came <= on_s + SAMPLE_S + LIMIT_S + PERIOD_S
+        assert captured < on_s
+        light = max(
+            next(e for t, _, e in packets if t == came).lights,
+            key=lambda one: float(one.direction @ lamp.direction),
+        )
+        assert light.flags & LightFlag.RING
+
+
+def shaded(t_s: float, lux: Array) -> Array:
+    """A hand before sensor 2, and a little before its neighbour, for half a second."""
+    hand = np.ones(9)
+    hand[2:4] = 0.2, 0.7
+    return lux * hand if 2.5 <= t_s % 3 < 3 else lux
+
+
+NO_STEPS = {
+    "a hand before a sensor": (Behaviour(act_s=0), 5.0, shaded, {}),
+    "a head that turns": (Behaviour(act_s=0, swing_deg=40, swing_hz=0.5), 30.0, None, {}),
+    "a fast turn": (Behaviour(act_s=0, turn_deg_s=100), 30.0, None, {}),
+    "mains of 50 Hz": (Behaviour(act_s=0), 5.0, None, {"flicker_hz": 100, "flicker_share": 0.5}),
+    "mains of 60 Hz": (Behaviour(act_s=0), 5.0, None, {"flicker_hz": 120, "flicker_share": 0.5}),
+}
+
+
+@pytest.mark.parametrize("name", NO_STEPS)
+def test_what_is_no_step_is_not_told(name):
+    behaviour, rate_hz, spoil, numbers = NO_STEPS[name]
+    with run(THREE, behaviour, rate_hz, spoil or (lambda t_s, lux: lux)) as r:
+        r.ring.box.set(**numbers)
+        r.probe.run(5.0)
+        assert len(r.packets(r.raw)) > 2 * rate_hz
+        assert [t_s for t_s in r.between_frames() if t_s > 2] == []
