@@ -50,7 +50,7 @@ accuracy: build $(BUILD)/scenes/blender.stamp ## measure accuracy again and writ
 	@$(VENV)/bin/python tests/accuracy/report.py
 
 .PHONY: accuracy-ring
-accuracy-ring: build $(BUILD)/scenes/blender.stamp ## its part about the ring of light sensors (five minutes)
+accuracy-ring: build $(BUILD)/scenes/blender.stamp ## its parts about the ring of light sensors (a quarter of an hour)
 	@$(VENV)/bin/python tests/accuracy/with_ring.py
 .PHONY: accuracy-live
 accuracy-live: build $(BUILD)/scenes/blender.stamp ## its part about turning cameras and changing lamps (a quarter of an hour)

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "light/nnls.h"
+#include "light/ring_posterior.h"
 #include "light/ring_residuals.h"
 
 /* Chosen by hand, on the scenes of docs/users/accuracy.md, "With the ring of light sensors". */
@@ -13,6 +14,9 @@
 #define WORTH 16.0
 /* Likewise to be worth any hidden light at all. */
 #define WORTH_LIGHT 3.0
+/* Likewise to say that the ring is turned. Where it is not, no other place does better by more than
+ * 6 on those scenes. */
+#define WORTH_TURNED 10.0
 /* Sensors that may be left out. */
 #define MOST_WRONG 3
 #define LEAST_USED 4
@@ -41,7 +45,7 @@ static uint32_t usable(const struct lp_ring_sample *sample)
 /* What the fit costs, in squared sigmas; sensors that are left out are not free. */
 static double cost(const struct lp_ring_fit *fit, uint32_t all)
 {
-	return fit->chi2 + WORTH * bits(all & ~fit->used);
+	return fit->chi2 + fit->price + WORTH * bits(all & ~fit->used);
 }
 
 /* Leave out the sensor that the others contradict most, again and again, as long as it is worth it.
@@ -87,12 +91,12 @@ static void turn(const struct lp_ring_sample *sample, int places, struct lp_ring
 	}
 }
 
-/* By how many places the ring seems to be turned; 0: by none. A turn must cost less than `least`.
- */
-static int places_turned(const struct lp_ring_problem *problem, double least)
+/* By how many places the ring seems to be turned, and what it costs then. */
+static int places_turned(const struct lp_ring_problem *problem, double *least)
 {
 	int found = 0;
 
+	*least = INFINITY;
 	for (int places = 1; places < LP_RING_SENSORS - 1; places++) {
 		struct lp_ring_sample turned;
 		struct lp_ring_problem other = *problem;
@@ -101,44 +105,42 @@ static int places_turned(const struct lp_ring_problem *problem, double least)
 		turn(problem->sample, places, &turned);
 		other.sample = &turned;
 		lp_ring_fit(&other, usable(&turned), &fit);
-		if (believed(&fit) && fit.chi2 < least) {
-			least = fit.chi2;
+		if (believed(&fit) && fit.chi2 + fit.price < *least) {
+			*least = fit.chi2 + fit.price;
 			found = places;
 		}
 	}
 	return found;
 }
 
-/* From lux to the camera's units: x = z / s. */
+/* What agrees best with the readings, and how far all else that agrees with them lies from it. */
 static void take(const struct lp_ring_problem *problem, const struct lp_ring_fit *fit,
 		 struct lp_ring_fusion *fusion)
 {
-	const double s = fit->x[0], var_s = fit->covariance[0][0];
+	struct lp_ring_posterior posterior;
+	double bound[LP_NNLS_MAX] = {0.0}, off[LP_NNLS_MAX];
+	struct lp_nnls normal;
+	const double s = fit->x[0];
 
 	if (!(s > 0.0))
 		return;
-	fusion->scale = (struct lp_ring_scale){(float)s, (float)(sqrt(var_s) / s)};
+	lp_ring_normal(problem, fit, &normal, bound);
+	lp_ring_posterior(&normal, bound, fit->x, &posterior);
+	fusion->scale = (struct lp_ring_scale){(float)s, (float)(sqrt(fit->covariance[0][0]) / s)};
 	for (int i = 0; i < problem->view->count; i++) {
-		const double xi = fit->x[i + 1] / s;
-
-		fusion->excess[i] = (float)xi;
-		for (int j = 0; j < problem->view->count; j++) {
-			const double xj = fit->x[j + 1] / s;
-			const double shared = fit->covariance[i + 1][j + 1] -
-					      xi * fit->covariance[0][j + 1] -
-					      xj * fit->covariance[0][i + 1] + xi * xj * var_s;
-
-			fusion->covariance[i][j] = (float)(shared / (s * s));
-		}
-		if (!(fit->x[i + 1] > 0.0)) /* it may still be something: one-sided */
-			fusion->covariance[i][i] = (float)(fit->bound_sigma[i + 1] *
-							   fit->bound_sigma[i + 1] / (s * s));
-		fusion->sigma[i] = sqrtf(fmaxf(fusion->covariance[i][i], 0.0F));
+		fusion->excess[i] = (float)(fit->x[i + 1] / s);
+		off[i] = posterior.mean[i + 1] - (double)fusion->excess[i];
+	}
+	for (int i = 0; i < problem->view->count; i++) {
+		for (int j = 0; j < problem->view->count; j++)
+			fusion->covariance[i][j] =
+				(float)(posterior.covariance[i + 1][j + 1] + off[i] * off[j]);
+		fusion->sigma[i] = sqrtf(fusion->covariance[i][i]);
 	}
 }
 
-/* Whether the readings can be understood without any hidden light: then nothing is changed. */
-static bool nothing_hides(const struct lp_ring_problem *problem, const struct lp_ring_fit *fit)
+/* How many squared sigmas the readings are worse understood without any hidden light. */
+static double evidence(const struct lp_ring_problem *problem, const struct lp_ring_fit *fit)
 {
 	struct lp_ring_view view = *problem->view;
 	struct lp_ring_problem plain = *problem;
@@ -147,35 +149,69 @@ static bool nothing_hides(const struct lp_ring_problem *problem, const struct lp
 	view.count = 0;
 	plain.view = &view;
 	lp_ring_fit(&plain, fit->used, &without);
-	return without.chi2 < fit->chi2 + WORTH_LIGHT;
+	return without.chi2 - fit->chi2;
 }
 
-/* What was found is no more than noise could be: it is uncertainty. */
-static void doubt(struct lp_ring_fusion *fusion)
+/* Hidden light counts as far as the evidence for it goes (James & Stein 1961: of p unknowns that
+ * explain chi2, the share 1 - p / chi2); what is held back is uncertainty. */
+static void hold_back(const struct lp_ring_problem *problem, const struct lp_ring_fit *fit,
+		      struct lp_ring_fusion *fusion)
 {
-	for (int i = 0; i < LP_MAX_CLIPPED_PARTS; i++) {
-		fusion->covariance[i][i] += fusion->excess[i] * fusion->excess[i];
+	const double gain = evidence(problem, fit);
+	int unknowns = 0;
+
+	for (int j = 0; j < problem->view->count; j++)
+		unknowns += fit->x[j + 1] > 0.0;
+	const double share = gain > WORTH_LIGHT ? fmax(1.0 - unknowns / gain, 0.0) : 0.0;
+
+	for (int i = 0; i < problem->view->count; i++)
+		for (int j = 0; j < problem->view->count; j++)
+			fusion->covariance[i][j] += (float)((1.0 - share) * (1.0 - share)) *
+						    fusion->excess[i] * fusion->excess[j];
+	for (int i = 0; i < problem->view->count; i++) {
+		fusion->excess[i] *= (float)share;
 		fusion->sigma[i] = sqrtf(fusion->covariance[i][i]);
-		fusion->excess[i] = 0.0F;
 	}
 }
 
-/* The scale that was given may be wrong: try without. True: that is worth it. */
-static bool try_another_scale(struct lp_ring_problem *problem, uint32_t all,
-			      struct lp_ring_fit *fit)
+/* The fit with another scale than the one that was given; false: none was given. */
+static bool fit_with_another_scale(const struct lp_ring_problem *problem, uint32_t all,
+				   struct lp_ring_problem *wide, struct lp_ring_fit *fit)
 {
-	struct lp_ring_problem wide = *problem;
-	struct lp_ring_fit other;
-
 	if (isnan(problem->scale.lux_per_unit))
 		return false;
-	wide.scale.sigma = WIDE_SIGMA;
-	fit_robustly(&wide, all, &other);
-	if (cost(&other, all) + WORTH > cost(fit, all))
-		return false;
-	*problem = wide;
-	*fit = other;
+	*wide = *problem;
+	wide->scale.sigma = WIDE_SIGMA;
+	fit_robustly(wide, all, fit);
 	return true;
+}
+
+/* What explains the readings at the least cost: the ring as it should be, another scale, or a ring
+ * that is turned. Where the last two do about as well, nothing is believed. */
+static void choose(struct lp_ring_problem *problem, uint32_t all, struct lp_ring_fit *fit,
+		   struct lp_ring_fusion *fusion)
+{
+	struct lp_ring_problem wide;
+	struct lp_ring_fit other;
+	double turned;
+	const int places = places_turned(problem, &turned);
+	double least = cost(fit, all);
+
+	fusion->verdict = LP_RING_AGREES;
+	if (fit_with_another_scale(problem, all, &wide, &other) &&
+	    cost(&other, all) + WORTH < least) {
+		least = cost(&other, all) + WORTH;
+		fusion->scale_is_wrong = true;
+		*problem = wide;
+		*fit = other;
+	}
+	if (turned + WORTH_TURNED < least) {
+		fusion->verdict = LP_RING_TURNED;
+		fusion->turned_deg = 45.0F * (float)(places <= 4 ? places : places - 8);
+		fusion->scale_is_wrong = false;
+	} else if (!believed(fit) || (fusion->scale_is_wrong && turned < least)) {
+		fusion->verdict = LP_RING_DISAGREES;
+	}
 }
 
 void lp_ring_fuse(const struct lp_ring_view *view, const struct lp_ring_sample *sample,
@@ -184,30 +220,19 @@ void lp_ring_fuse(const struct lp_ring_view *view, const struct lp_ring_sample *
 	struct lp_ring_problem problem = {.view = view, .sample = sample, .scale = *known};
 	const uint32_t all = usable(sample);
 	struct lp_ring_fit fit;
-	int places = 0;
 
 	*fusion = (struct lp_ring_fusion){.scale = *known};
 	if (bits(all) < LEAST_USED)
 		return;
 	fit_robustly(&problem, all, &fit);
-	if (fit.used != all || !believed(&fit)) {
-		fusion->scale_is_wrong = try_another_scale(&problem, all, &fit);
-		places = places_turned(&problem, cost(&fit, all) - WORTH);
-	}
+	choose(&problem, all, &fit, fusion);
 	fusion->misfit = (float)(fit.chi2 / fit.freedom);
-	if (places) {
-		fusion->verdict = LP_RING_TURNED;
-		fusion->turned_deg = 45.0F * (float)(places <= 4 ? places : places - 8);
-		fusion->scale_is_wrong = false;
-		return;
-	}
-	fusion->wrong = all & ~fit.used;
-	fusion->verdict = believed(&fit) ? LP_RING_AGREES : LP_RING_DISAGREES;
+	if (fusion->verdict != LP_RING_TURNED)
+		fusion->wrong = all & ~fit.used;
 	if (fusion->verdict != LP_RING_AGREES)
 		return;
 	take(&problem, &fit, fusion);
-	if (nothing_hides(&problem, &fit))
-		doubt(fusion);
+	hold_back(&problem, &fit, fusion);
 }
 
 float lp_ring_variance(const struct lp_ring_fusion *fusion, const struct lp_clipped_parts *parts)

@@ -15,6 +15,9 @@
 #define HIDDEN_RATIO 30.0
 /* A scale of which nothing is known, relative 1 sigma. */
 #define UNKNOWN_SIGMA 10.0
+/* A lamp hides no more light than so many times the brightest reading, 1 sigma: more would be a
+ * lamp that no sensor faces. */
+#define MOST_LIGHT 2.0
 /* Of the mean reading: what the ring cannot tell. */
 #define LEAST_SIGMA 1e-3
 
@@ -77,6 +80,16 @@ static void row_of(const struct lp_ring_view *view, int sensor, double row[LP_NN
 		row[j + 1] = view->parts[j].weight[sensor];
 }
 
+static double brightest(const struct lp_ring_problem *problem, uint32_t used)
+{
+	double most = 0.0;
+
+	for (int k = 0; k < LP_RING_SENSORS; k++)
+		if (used >> k & 1)
+			most = fmax(most, problem->sample->illuminance_lux[k]);
+	return most;
+}
+
 struct weights {
 	double scale, scale_sigma; /* prior */
 	double variance[LP_RING_SENSORS];
@@ -101,8 +114,13 @@ static void make_normal(const struct lp_ring_problem *problem, uint32_t used,
 	memset(row, 0, sizeof(row));
 	row[0] = 1.0;
 	add_row(normal, row, weights->scale, weights->scale_sigma * weights->scale_sigma);
-	for (int i = 1; i < normal->count; i++) /* parts that look alike, or that no sensor sees */
+	/* parts that look alike, or that no sensor sees */
+	for (int i = 1; i < normal->count; i++)
 		normal->normal[i][i] += 1e-9 * trace + 1e-30;
+	const double most = MOST_LIGHT * brightest(problem, used);
+
+	for (int i = 1; i < normal->count && most > 0.0; i++)
+		normal->normal[i][i] += 1.0 / (most * most);
 }
 
 /* At first all parts are taken to hide as many times of what was seen of them, so that of parts
@@ -147,40 +165,56 @@ static void judge(const struct lp_ring_problem *problem, const struct weights *w
 		fit->chi2 += residual * residual / weights->variance[k];
 		fit->freedom += 1.0;
 	}
-	for (int j = 0; j < problem->view->count; j++)
+	for (int j = 0; j < problem->view->count; j++) {
+		const double bound = fmax(problem->view->parts[j].bound * fit->x[0], 1e-30);
+
 		fit->freedom -= fit->x[j + 1] > 0.0;
+		fit->price += 2.0 * SPARSITY * log1p(fit->x[j + 1] / bound);
+	}
 	fit->freedom = fmax(fit->freedom, 1.0);
 }
 
-/* An unknown that is 0 can be as much as the slope there, or the curvature, allows. */
-static void bound_sigmas(const struct lp_nnls *normal, struct lp_ring_fit *fit)
-{
-	for (int i = 1; i < normal->count; i++) {
-		double slope = normal->right[i];
-
-		for (int j = 0; j < normal->count; j++)
-			slope -= normal->normal[i][j] * fit->x[j];
-		fit->bound_sigma[i] = 1.0 / fmax(sqrt(normal->normal[i][i]), -slope);
-	}
-}
-
-void lp_ring_fit(const struct lp_ring_problem *problem, uint32_t used, struct lp_ring_fit *fit)
+/* What is known of the scale beforehand. */
+static struct weights prior_of(const struct lp_ring_problem *problem, uint32_t used)
 {
 	struct weights weights = {.scale = first_scale(problem, used)};
-	struct lp_nnls normal;
-	double mean_lux = 0.0;
 
-	*fit = (struct lp_ring_fit){.used = used, .x = {weights.scale}};
 	weights.scale_sigma =
 		weights.scale *
 		(isnan(problem->scale.lux_per_unit) ? UNKNOWN_SIGMA : (double)problem->scale.sigma);
 	if (!(weights.scale_sigma > 0.0)) /* darkness */
 		weights.scale_sigma = 1e-30;
+	return weights;
+}
+
+static double floor_of(const struct lp_ring_problem *problem, uint32_t used)
+{
+	double mean_lux = 0.0;
+
 	for (int k = 0; k < LP_RING_SENSORS; k++)
 		if (used >> k & 1)
 			mean_lux += (double)problem->sample->illuminance_lux[k] / LP_RING_SENSORS;
-	const double floor_lux = fmax(LEAST_SIGMA * mean_lux, 1e-12);
+	return fmax(LEAST_SIGMA * mean_lux, 1e-12);
+}
 
+void lp_ring_normal(const struct lp_ring_problem *problem, const struct lp_ring_fit *fit,
+		    struct lp_nnls *normal, double bound[LP_NNLS_MAX])
+{
+	struct weights weights = prior_of(problem, fit->used);
+
+	weigh(problem, fit->used, fit->x, floor_of(problem, fit->used), &weights);
+	make_normal(problem, fit->used, &weights, normal);
+	for (int j = 0; j < problem->view->count; j++)
+		bound[j + 1] = fmax(problem->view->parts[j].bound * fit->x[0], 1e-30);
+}
+
+void lp_ring_fit(const struct lp_ring_problem *problem, uint32_t used, struct lp_ring_fit *fit)
+{
+	const double floor_lux = floor_of(problem, used);
+	struct weights weights = prior_of(problem, used);
+	struct lp_nnls normal;
+
+	*fit = (struct lp_ring_fit){.used = used, .x = {weights.scale}};
 	for (int round = 0; round < ROUNDS; round++) {
 		weigh(problem, used, fit->x, floor_lux, &weights);
 		make_normal(problem, used, &weights, &normal);
@@ -191,7 +225,6 @@ void lp_ring_fit(const struct lp_ring_problem *problem, uint32_t used, struct lp
 		lp_nnls_solve(&normal, fit->x);
 	}
 	lp_nnls_covariance(&normal, fit->x, fit->covariance);
-	bound_sigmas(&normal, fit);
 	weigh(problem, used, fit->x, floor_lux, &weights);
 	judge(problem, &weights, fit);
 }

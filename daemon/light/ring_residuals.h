@@ -19,11 +19,16 @@ struct lp_ring_fit {
 	uint32_t used; /* bit k: sensor k counts */
 	double x[LP_NNLS_MAX];
 	double covariance[LP_NNLS_MAX][LP_NNLS_MAX];
-	double bound_sigma[LP_NNLS_MAX]; /* of an unknown that is 0: how much it may be after all */
-	double chi2;			 /* squared residuals in sigmas, the scale's included */
-	double freedom;			 /* number of residuals less unknowns, at least 1 */
+	double chi2;	/* squared residuals in sigmas, the scale's included */
+	double price;	/* what hidden light costs beforehand, in squared sigmas */
+	double freedom; /* number of residuals less unknowns, at least 1 */
 };
 
 void lp_ring_fit(const struct lp_ring_problem *problem, uint32_t used, struct lp_ring_fit *fit);
+
+/* The normal equations that the fit has solved, without its prices; what a part was seen of, in
+ * lux, is bound[1 + j]. */
+void lp_ring_normal(const struct lp_ring_problem *problem, const struct lp_ring_fit *fit,
+		    struct lp_nnls *normal, double bound[LP_NNLS_MAX]);
 
 #endif

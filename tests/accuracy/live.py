@@ -47,6 +47,8 @@ SCENES = ("blender", "procedural:4", "room")
 TROUBLED_SCENES = ("room",)
 #: Where something tells the orientation besides the frames.
 TOLD_SCENES, TOLD_RATES = ("room",), ("100", "head")
+#: Where lamps and suns clip: with the ring of light sensors.
+RING_SCENES, RING_RATES = ("blender", "room"), ("0", "30", "100")
 #: Simulated seconds that are judged.
 JUDGED_S = 4.0
 
@@ -102,6 +104,7 @@ class Live:
     subscription: str
     figures: Figures
     orientation: str = "visual"
+    ring: bool = False
     in_world: float | None = None  # share of the packets; None: nobody asked for it
     off_deg: float | None = None  # of what they state as their orientation, 95 % of them
     sigma_deg: float | None = None  # that they state, median
@@ -149,6 +152,7 @@ def judged(case: Case) -> list[Live]:
             name,
             judge(light_at, some, run.judged_s),
             run.orientation,
+            run.ring,
             **(told(some, recorded.world) if asked else {}),
         )
         for name, some in recorded.packets.items()
@@ -187,6 +191,15 @@ def told_cases() -> list[Case]:
         one
         for orientation in ORIENTATIONS
         for one in cases(TOLD_SCENES, TOLD_RATES, ["reported"], orientation=orientation)
+    ]
+
+
+def ring_cases() -> list[Case]:
+    """With the ring of light sensors beside the camera, and without."""
+    return [
+        one
+        for ring in (False, True)
+        for one in cases(RING_SCENES, RING_RATES, ["reported"], ring=ring)
     ]
 
 
@@ -229,24 +242,24 @@ COVERAGE_HEAD = [
 def _groups(found: Sequence[Live]) -> list[tuple[list[str], list[Figures]]]:
     """First cells of a row, and the figures of all scenes for it."""
     groups = []
-    motions = product((*MOTIONS, *TROUBLES), ORIENTATIONS)
-    for exposures, name, (motion, teller) in product(EXPOSURES, SUBSCRIPTIONS, list(motions)):
-        key = (exposures, name, motion, teller)
+    motions = list(product((*MOTIONS, *TROUBLES), ORIENTATIONS, (False, True)))
+    for exposures, name, (motion, teller, ring) in product(EXPOSURES, SUBSCRIPTIONS, motions):
+        key = (exposures, name, motion, teller, ring)
         some = [
             one.figures
             for one in found
-            if (one.exposures, one.subscription, one.motion, one.orientation) == key
+            if (one.exposures, one.subscription, one.motion, one.orientation, one.ring) == key
         ]
         if some:
-            groups.append(([exposures, name, _words(motion, teller)], some))
+            groups.append(([exposures, name, _words(motion, teller, ring)], some))
     return groups
 
 
-def _words(motion: str, orientation: str = "visual") -> str:
+def _words(motion: str, orientation: str = "visual", ring: bool = False) -> str:
     turns = f"{motion} °/s" if motion != "head" else "± 40° at 0.5 Hz"
     words = TROUBLES[motion][0] if motion in TROUBLES else turns
-    teller = ORIENTATIONS[orientation].words
-    return f"{words}; {teller}" if teller else words
+    besides = [ORIENTATIONS[orientation].words, "with the ring" if ring else ""]
+    return "; ".join(filter(None, [words, *besides]))
 
 
 def _more_than_still(found: Sequence[Live], first: Sequence[str]) -> str:
@@ -254,9 +267,10 @@ def _more_than_still(found: Sequence[Live], first: Sequence[str]) -> str:
     errors: dict[str, dict[str, float]] = {}
     for one in found:
         if [one.exposures, one.subscription] == list(first[:2]):
-            words = _words(one.motion, one.orientation)
+            words = _words(one.motion, one.orientation, one.ring)
             errors.setdefault(one.scene, {})[words] = one.figures.error_median
-    still, words = _words("0"), first[2]
+    words = first[2]
+    still = _words("0", ring=words.endswith("with the ring"))
     more = [of[words] - of[still] for of in errors.values() if {words, still} <= of.keys()]
     return f"{np.nanmax(more):.3f}" if np.isfinite(more).any() and words != still else "–"
 
@@ -381,6 +395,11 @@ def main() -> None:
     parser.add_argument("--orientation", type=listed(list(ORIENTATIONS), "orientations"),
         default=["visual"], metavar="KIND,…",
         help=f"what tells it, of {','.join(ORIENTATIONS)} (default visual)")  # fmt: skip
+    parser.add_argument(
+        "--ring",
+        action="store_true",
+        help="with a ring of light sensors: the firmware in its simulated box",
+    )
     parser.add_argument("--seconds", type=float, default=JUDGED_S,
         help=f"simulated seconds that are judged, after {SETTLE_S:g} (default {JUDGED_S:g})",
     )  # fmt: skip
@@ -398,6 +417,7 @@ def main() -> None:
             daemon_arguments=tuple(options.daemon_args),
             judged_s=options.seconds,
             orientation=orientation,
+            ring=options.ring,
         )
     ]
     found = all_figures(todo, options.processes)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import math
 import multiprocessing
@@ -25,7 +26,9 @@ from lightprobe.sim.camera import SimulatedCamera
 from lightprobe.sim.clock import START_NS
 from lightprobe.sim.faults import Faults
 from lightprobe.sim.head import Habits, Head, true_turn
+from lightprobe.sim.illuminance import RingLight
 from lightprobe.sim.live import LiveProbe
+from lightprobe.sim.live_ring import LiveRing
 from lightprobe.sim.scene import PanoramaScene, Scene
 from lightprobe.sim.world import Behaviour, World
 from lightprobe.wire import Subscription
@@ -38,6 +41,8 @@ MORE_PANORAMAS = Path(__file__).resolve().parents[3] / "shared/data/hdri"
 #: with exact lamps are as dim as rooms: their lamps fit into the shortest exposure, mostly.
 OUTDOORS, INDOORS = 30.0, 4.0
 SIZE_PX, RATE_HZ = (1920, 960), 30.0
+#: Luminance of radiance 1 before a ring: its sensors then see 100 lx indoors to 10 000 lx outdoors.
+RING_CD_M2_PER_UNIT = 10.0
 #: Until the exposures have settled: so long, and so many frames.
 SETTLE_S, SETTLE_FRAMES = 2.0, 20
 
@@ -97,6 +102,7 @@ class Run:
     rate_hz: float = RATE_HZ
     row_time_us: float = 0.0
     orientation: str = "visual"
+    ring: bool = False  # with a ring of light sensors, calibrated to 3 %, beside the camera
 
     @property
     def settle_s(self) -> float:
@@ -129,7 +135,15 @@ def record(run: Run) -> Recording:
     faults = EXPOSURES[run.exposures].merged(run.faults).merged(teller.faults)
     arguments = (f"--orientation={teller.kind}", *run.daemon_arguments)
     frame: Frame = "WORLD" if teller.wants_world else "PROBE"
-    with LiveProbe(camera, arguments, faults=faults) as probe:
+    with contextlib.ExitStack() as stack:
+        ring = stack.enter_context(LiveRing()) if run.ring else None
+        if ring:
+            arguments += tuple(ring.daemon_arguments(RING_CD_M2_PER_UNIT))
+        probe = stack.enter_context(LiveProbe(camera, arguments, faults=faults))
+        if ring:
+            light = RingLight(world, RING_CD_M2_PER_UNIT)
+            ring.shine(lambda: light.lux(probe.link.state_now()))
+            probe.apps.append(ring)
         clients = {
             name: probe.client(replace(wish, frame=frame)) for name, wish in SUBSCRIPTIONS.items()
         }

@@ -168,8 +168,9 @@ def live_figures(out: Path, page: Path) -> dict[str, str]:
     moving = live.all_figures(live.cases(live.SCENES))
     troubled = live.all_figures(live.cases(live.TROUBLED_SCENES, tuple(live.TROUBLES)))
     told = live.all_figures(live.told_cases())
+    ringed = live.all_figures(live.ring_cases())
     changing = changes.all_figures(changes.cases(changes.SCENES))
-    (out / "live.json").write_text(to_json([*moving, *troubled, *told]) + "\n")
+    (out / "live.json").write_text(to_json([*moving, *troubled, *told, *ringed]) + "\n")
     (out / "changes.json").write_text(to_json(changing) + "\n")
     live.draw(moving, page.with_name("live.png"))
     put(ROOT / "README.md", {"live": table(live.README_HEAD, live.readme_rows(moving))})
@@ -177,6 +178,7 @@ def live_figures(out: Path, page: Path) -> dict[str, str]:
         "live": table(live.HEAD, live.rows(moving)),
         "live-sigmas": table(live.COVERAGE_HEAD, live.coverage_rows(moving)),
         "orientations": table(live.TOLD_HEAD, live.told_rows(told)),
+        "live-ring": table(live.HEAD, live.rows(ringed)),
         "troubles": table(live.HEAD, live.rows(troubled)),
         "troubles-sigmas": table(live.COVERAGE_HEAD, live.coverage_rows(troubled)),
         "steps": table(changes.STEP_HEAD, changes.step_rows(changing)),
@@ -205,7 +207,7 @@ def main() -> None:
         "lamps": f"{count} scenes:\n\n{lamps_table(lamp_cases, lamps)}",
         "light": light_table(panoramas, possible=True),
         "light-procedural": light_table(lamps),
-        "ring": with_ring.part(),
+        **with_ring.parts(),
         "extremes": extremes_table(),
     }
     put(page, parts | live_parts)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import tempfile
 import threading
 import zlib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -90,13 +90,19 @@ class RingModel:
     sigma: float = 0.03  # relative, of each reading
     scale_sigma: float = 0.02  # relative, of the camera's cd/m² per unit, from calibration
     scale_known: bool = True  # whether that was calibrated at all
+    scale_off: float = 0.0  # relative; besides, as nobody knows
+    shadowed: int | None = None  # sensor that a hand leaves a fifth of its light
+    places_turned: int = 0  # to the right, by 45° each, as nobody knows
 
     def read(self, scene: Scene, seed: int) -> offline.Settings:
         """Give the daemon's settings for one reading."""
         name = zlib.crc32(scene.name.encode())
         rng = np.random.default_rng([seed, name])
         lux = CD_M2_PER_UNIT * illuminance.on_ring(scene) * rng.normal(1, self.sigma, 9)
-        scale = CD_M2_PER_UNIT * rng.normal(1, self.scale_sigma)
+        scale = CD_M2_PER_UNIT * rng.normal(1, self.scale_sigma) * (1 + self.scale_off)
+        if self.shadowed is not None:
+            lux[self.shadowed] *= 0.2
+        lux[:8] = np.roll(lux[:8], -self.places_turned)
         return offline.Settings(
             ring_lux=",".join(f"{value:.7g}" for value in np.maximum(lux, 0)),
             ring_sigma=self.sigma,
@@ -145,34 +151,50 @@ def evaluate(
     seed: int = 0,
     response: geometry.Array | None = None,
     ring_model: RingModel | None = None,
+    rings: Mapping[str, RingModel | None] | None = None,
     jobs: int = 2,
     progress: Callable[[Case], None] = lambda case: None,
 ) -> list[Case]:
     """Run every scene with every input and setting; `progress` is called from worker threads.
 
     `response`: of the simulated camera, (256, 3); None: sRGB. `ring_model`: every estimate also
-    gets a reading of this ring.
+    gets a reading of this ring. `rings`: of each of these in turn, or of none, with the first of
+    the settings; a case then bears the ring's name in the place of the setting's.
     """
     studio, ways = Studio(seed, response), list(inputs)
 
     def judge(scene: Scene) -> list[Case]:
         truth = reference(scene)
         cases = []
-        reading = ring_model.read(scene, seed) if ring_model else offline.Settings()
+        choices = _with_rings(settings, {"": ring_model} if rings is None else rings, scene, seed)
         for how in ways:
             with tempfile.TemporaryDirectory(prefix="lightprobe-") as name:
                 exposures_us = studio.shoot(scene, how, Path(name))
-                for label, choice in settings.items():
-                    case = _case(
-                        scene, how, label, choice.with_ring_of(reading), Path(name),
-                        exposures_us, truth,
-                    )  # fmt: skip
+                for label, choice in choices.items():
+                    case = _case(scene, how, label, choice, Path(name), exposures_us, truth)
                     progress(case)
                     cases.append(case)
         return cases
 
     with ThreadPoolExecutor(jobs) as pool:
         return [case for cases in pool.map(judge, scenes) for case in cases]
+
+
+def _with_rings(
+    settings: dict[str, offline.Settings],
+    rings: Mapping[str, RingModel | None],
+    scene: Scene,
+    seed: int,
+) -> dict[str, offline.Settings]:
+    """Give all settings the one ring that has no name, or the first of them each ring."""
+    reading = {
+        name: model.read(scene, seed) if model else offline.Settings()
+        for name, model in rings.items()
+    }
+    if list(rings) == [""]:
+        return {name: choice.with_ring_of(reading[""]) for name, choice in settings.items()}
+    first = next(iter(settings.values()))
+    return {name: first.with_ring_of(ring) for name, ring in reading.items()}
 
 
 def _case(
