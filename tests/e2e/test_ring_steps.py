@@ -1,4 +1,4 @@
-"""A lamp that is switched shows in a packet before the camera's next frame.
+"""What the ring of light sensors adds to a live camera: lamps that are switched, a sun that clips.
 
 Everything is simulated in lock-step with the daemon's time: the firmware that reads the LDRs, their
 lag, the line, the camera. So no load changes a figure.
@@ -49,6 +49,8 @@ def room(*lamps: Lamp) -> ProceduralScene:
 
 
 THREE = room(lamp(30, 35, 4.0), lamp(150, 20, 2.5), lamp(-100, 50, 3.0))
+#: In the camera's shortest exposure, 100 us, a radiance of 10 000 is full scale: this sun has twice that.
+SUN = room(Lamp(geometry.direction_from_angles(60, 40), 1.0, np.full(3, 19.0)))
 TWO = room(lamp(30, 35, 4.0), lamp(170, 20, 2.5))
 
 
@@ -84,12 +86,16 @@ def run(
     behaviour: Behaviour,
     rate_hz: float = 5.0,
     spoil: Callable[[float, Array], Array] = lambda t_s, lux: lux,
+    firmware: str = "host",
 ) -> Iterator[Run]:
     """A daemon before camera and ring; `spoil` gives the light on the sensors from the true one."""
     world = World([scene], behaviour)
     camera = SimulatedCamera(world, lenses.load("equirect"), (960, 480), rate_hz=rate_hz)
     light = RingLight(world, CD_M2_PER_UNIT)
-    with LiveRing() as ring, LiveProbe(camera, ring.daemon_arguments(CD_M2_PER_UNIT)) as probe:
+    with (
+        LiveRing(firmware) as ring,
+        LiveProbe(camera, ring.daemon_arguments(CD_M2_PER_UNIT)) as probe,
+    ):
         ring.shine(lambda: spoil(probe.t_s, light.lux(probe.link.state_now())))
         probe.apps.append(ring)
         yield Run(
@@ -180,3 +186,17 @@ def test_what_is_no_step_is_not_told(name):
         r.probe.run(5.0)
         assert len(r.packets(r.raw)) > 2 * rate_hz
         assert [t_s for t_s in r.between_frames() if t_s > 2] == []
+
+
+def test_a_sun_that_clips_in_every_exposure_has_its_strength():
+    """The flashed binary in simavr, its line, the daemon, a client."""
+    with run(SUN, Behaviour(act_s=0), firmware="avr") as r:
+        r.probe.run(4.0)
+        sun = r.world.scenes[0].lamps[0]
+        estimate = r.packets(r.raw)[-1][2]
+        (light,) = [one for one in estimate.lights if one.direction @ sun.direction > 0.99]
+        assert light.flags & LightFlag.CLIPPED
+        assert light.flags & LightFlag.RING
+        assert strength(estimate, sun) == pytest.approx(float(luminance(sun.irradiance)), rel=0.1)
+        smoothed = r.packets(r.smoothed)[-1][2]
+        assert strength(smoothed, sun) == pytest.approx(float(luminance(sun.irradiance)), rel=0.1)
