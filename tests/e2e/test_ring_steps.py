@@ -49,7 +49,7 @@ def room(*lamps: Lamp) -> ProceduralScene:
 
 
 THREE = room(lamp(30, 35, 4.0), lamp(150, 20, 2.5), lamp(-100, 50, 3.0))
-#: In the camera's shortest exposure, 100 us, a radiance of 10 000 is full scale: this sun has twice that.
+#: In the shortest exposure, 100 us, a radiance of 10 000 is full scale: this sun has twice that.
 SUN = room(Lamp(geometry.direction_from_angles(60, 40), 1.0, np.full(3, 19.0)))
 TWO = room(lamp(30, 35, 4.0), lamp(170, 20, 2.5))
 
