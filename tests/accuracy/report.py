@@ -178,7 +178,7 @@ def live_figures(out: Path, page: Path) -> dict[str, str]:
         "live": table(live.HEAD, live.rows(moving)),
         "live-sigmas": table(live.COVERAGE_HEAD, live.coverage_rows(moving)),
         "orientations": table(live.TOLD_HEAD, live.told_rows(told)),
-        "live-ring": table(live.HEAD, live.rows(ringed)),
+        "live-ring": table(live.HEAD, live.ring_rows(moving, ringed)),
         "troubles": table(live.HEAD, live.rows(troubled)),
         "troubles-sigmas": table(live.COVERAGE_HEAD, live.coverage_rows(troubled)),
         "steps": table(changes.STEP_HEAD, changes.step_rows(changing)),
