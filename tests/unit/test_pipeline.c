@@ -5,6 +5,7 @@
 #include <errno.h>
 #include <math.h>
 
+#include "base/clock.h"
 #include "light/model.h"
 #include "lp_test.h"
 #include "scene.h"
@@ -374,6 +375,75 @@ static void test_options_are_checked(void **state)
 	lp_pipeline_destroy(NULL);
 }
 
+/* A frame of discs at frame `number`, 30 per second, of a known exposure. */
+static struct lp_frame *timed_frame(const struct disc *discs, int count, int number)
+{
+	struct lp_frame *frame = coded_frame(960, 480, discs, count);
+
+	frame->t_start_ns = LP_NS_PER_S + number * LP_NS_PER_S / 30;
+	frame->exposure_us = 1e6F;
+	frame->gain = 1.0F;
+	return frame;
+}
+
+/* Between frames a lamp goes off, as the ring says; then a frame comes that was taken before; then
+ * one that shows it. The lamp is gone from the first of these on, raw and smoothed, and all else is
+ * as it was. */
+static void test_a_lamp_goes_off_between_frames(void **state)
+{
+	const struct disc discs[] = {{30, 20, 2, 300}, {180, 40, 2, 250}};
+	const struct lp_pipeline_options options = {.preset = LP_PRESET_BALANCED,
+						    .max_lights = 8,
+						    .sh_order = 2,
+						    .smoothing_ms = 300.0F,
+						    .scale = {200.0F, 0.03F}};
+	struct lp_ring_sample both = ring_sample(discs, 2, 200.0);
+	struct lp_ring_sample one = ring_sample(discs, 1, 200.0);
+	struct lp_pipeline *pipeline;
+	struct lp_estimates e;
+	float command_us;
+
+	(void)state;
+	assert_int_equal(lp_pipeline_create(&options, &pipeline), 0);
+	one.t_ns = LP_NS_PER_S;
+	assert_int_equal(lp_pipeline_step(pipeline, &one, &e, &command_us), -EAGAIN);
+	for (int n = 0; n < 5; n++) {
+		both.t_ns = LP_NS_PER_S + n * LP_NS_PER_S / 30;
+		lp_pipeline_ring(pipeline, &both, &both);
+		assert_int_equal(estimate(pipeline, timed_frame(discs, 2, n)).light_count, 2);
+	}
+	both.t_ns += LP_NS_PER_S / 100;
+	assert_int_equal(lp_pipeline_step(pipeline, &both, &e, &command_us), -EAGAIN);
+	one.t_ns = both.t_ns + LP_NS_PER_S / 100;
+	assert_int_equal(lp_pipeline_step(pipeline, &one, &e, &command_us), 0);
+	assert_true(isnan(command_us)); /* no bracket */
+	const struct lp_light kept = e.raw.lights[0];
+	const float lit = e.raw.sh_total[0][1];
+	const int64_t t_frame_ns = e.raw.t_capture_ns;
+
+	assert_int_equal(e.raw.light_count, 1);
+	assert_int_equal(e.smoothed.light_count, 1);
+	assert_float_equal(kept.irradiance[1], disc_irradiance(&discs[0]) / 500.0, 0.05);
+	assert_float_equal(e.smoothed.sh_total[0][1], lit, 0.02F * lit);
+	/* the same again is not worth telling */
+	one.t_ns += LP_NS_PER_S / 100;
+	assert_int_equal(lp_pipeline_step(pipeline, &one, &e, &command_us), -EAGAIN);
+	for (int n = 5; n < 12; n++) {
+		lp_pipeline_ring(pipeline, n == 5 ? &both : &one, &one);
+		assert_int_equal(lp_pipeline_process(pipeline,
+						     timed_frame(discs, n == 5 ? 2 : 1, n),
+						     &everything, &e, &command_us),
+				 0);
+		assert_true(e.raw.t_capture_ns > t_frame_ns);
+		assert_int_equal(e.raw.light_count, 1);
+		assert_int_equal(e.raw.lights[0].id, kept.id);
+		assert_float_equal(e.raw.sh_total[0][1], lit, 0.03F * lit);
+		assert_float_equal(e.smoothed.sh_total[0][1], lit, 0.03F * lit);
+		one.t_ns += LP_NS_PER_S / 30;
+	}
+	lp_pipeline_destroy(pipeline);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -386,6 +456,7 @@ int main(void)
 		cmocka_unit_test(test_another_preset_in_the_middle),
 		cmocka_unit_test(test_knobs),
 		cmocka_unit_test(test_the_ring_finds_what_clips),
+		cmocka_unit_test(test_a_lamp_goes_off_between_frames),
 		cmocka_unit_test(test_options_are_checked),
 	};
 
