@@ -224,6 +224,13 @@ def test_misbehaviour_on_request(tmp_path):
         with Camera(path, "ignore_exposure=1") as camera:
             camera.send("exposure 340 2\n")  # UVC counts in steps of 100 µs
             assert all(h["exposure_us"] != 250 for h, _ in camera.frames(8))
+        with Camera(path, "auto_exposure=1") as camera:
+            camera.send("exposure 340 2\n")
+            headers = [header for header, _ in camera.frames(8)]
+            assert all(h["exposure_max_us"] == 0 for h in headers)  # it takes no commands
+            assert all(h["exposure_us"] not in (300, 340) for h in headers)
+        with Camera(path, "auto_exposure=1&ignore_exposure=1") as camera:
+            assert camera.frame()[0]["exposure_max_us"] == 33000  # it only seems to
         with Camera(path, "disconnect_after=3") as camera:
             camera.frames(3)
             with pytest.raises(EOFError):

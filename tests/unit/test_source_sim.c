@@ -137,9 +137,11 @@ static const float all_more[9] = {ORIENTATION, 0.25F, 12.5F, 100, 33000, 50};
 
 static void test_what_was_added_to_headers(void **state)
 {
+	static const float fixed[9] = {ORIENTATION, 0.25F, 12.5F, 0, 0, 0};
 	struct lp_sim_header header = parsed(LP_SIM_HEADER_KNOWN_BYTES, all_more);
 
 	(void)state;
+	assert_false(header.exposure_fixed);
 	assert_true(header.orientation[0] == 0.5F && header.orientation[1] == -0.5F &&
 		    header.orientation[2] == 0.5F && header.orientation[3] == 0.5F);
 	assert_true(header.orientation_sigma_deg == 0.25F && header.row_time_us == 12.5F);
@@ -151,6 +153,8 @@ static void test_what_was_added_to_headers(void **state)
 		    isnan(header.exposure_max_us) && isnan(header.exposure_step_us));
 	header = parsed(87, all_more);
 	assert_true(header.orientation[3] == 0.5F && isnan(header.row_time_us));
+	header = parsed(LP_SIM_HEADER_KNOWN_BYTES, fixed);
+	assert_true(header.exposure_fixed && isnan(header.exposure_max_us));
 	header = parsed(LP_SIM_HEADER_BYTES, all_more);
 	assert_true(isnan(header.orientation[0]) && isnan(header.orientation_sigma_deg));
 }

@@ -64,7 +64,14 @@ class Faults(PictureFaults):
     RANGES: ClassVar[dict[str, tuple[float, float]]] = {
         **PictureFaults.RANGES,
         **dict.fromkeys(
-            ("marked", "wrong_size", "hide_exposure", "hide_orientation", "orientation_drop"),
+            (
+                "marked",
+                "wrong_size",
+                "hide_exposure",
+                "auto_exposure",
+                "hide_orientation",
+                "orientation_drop",
+            ),
             (0, 1),
         ),
         "orientation_late_ms": (-1000, 1000),
@@ -74,6 +81,9 @@ class Faults(PictureFaults):
     wrong_size: float = 0.0  # share of frames whose header tells half the size
     cut_after: int = 0  # frames until it is unplugged in the middle of one; 0: never
     hide_exposure: int = 0  # 1: frames do not report their exposure
+    #: 1: the camera exposes by itself (sim/auto_exposure.py) and says that it takes no commands;
+    #: with ignore_exposure it says that it takes them.
+    auto_exposure: int = 0
     hide_orientation: int = 0  # 1: frames do not report their orientation
     orientation_noise_deg: float = 0.0  # about each axis; the sensor states it as its sigma
     orientation_late_ms: float = 0.0  # it is that of so long before; below 0: of later

@@ -20,6 +20,7 @@ import numpy as np
 
 from lightprobe.errors import LightprobeError, UsageError
 from lightprobe.sim import orientation
+from lightprobe.sim.auto_exposure import AutoExposure
 from lightprobe.sim.camera import Shot, SimulatedCamera
 from lightprobe.sim.clock import Clock, SystemClock
 from lightprobe.sim.faults import Faults, spoil
@@ -109,6 +110,7 @@ class Link:
         """`truth` gets one JSON line per frame; `say` gets log lines. Without `surroundings`
         there is no polarizer; without `clock` it is the system's."""
         self.path, self.camera, self.exposure = path, camera, exposure
+        self.automatic = AutoExposure(camera)
         self.faults = faults or Faults()
         self.counters = Counters()
         self.surroundings = surroundings
@@ -294,7 +296,7 @@ class _Session:
         if rng.random() < f.drop:
             link.counters.dropped += 1
             return
-        shot = link.exposure.shot(frame)
+        shot = (link.automatic if f.auto_exposure else link.exposure).shot(frame)
         late_ms = f.late_ms + f.jitter_ms * rng.random()
         read_out_us = link.camera.row_time_us * link.camera.size_px[1]
         end_ns = link.start_ns(frame) + round(1e3 * (shot.exposure_us + read_out_us))
@@ -345,7 +347,7 @@ class _Session:
             MARKED_CORRUPT if rng.random() < f.marked else 0, 0,
             *orientation.reading(camera, ready.number, ready.shot, f),
             camera.row_time_us,
-            camera.limits.least_us, camera.limits.most_us, camera.limits.step_us,
+            *self._limits_us(),
         )  # fmt: skip
         self.frames += 1
         if f.cut_after and self.frames >= f.cut_after:
@@ -355,6 +357,13 @@ class _Session:
         self.connection.sendall(payload)
         self.link.counters.frames += 1
         return not (f.disconnect_after and self.frames >= f.disconnect_after)
+
+    def _limits_us(self) -> tuple[float, float, float]:
+        """Shortest and longest exposure that can be commanded, and the step; 0: none can be."""
+        if self.faults.auto_exposure and not self.faults.ignore_exposure:
+            return 0.0, 0.0, 0.0
+        limits = self.link.camera.limits
+        return limits.least_us, limits.most_us, limits.step_us
 
     def wait_until(self, t_ns: int) -> bool:
         """Wait, taking commands meanwhile; False when the daemon has left."""
@@ -389,7 +398,7 @@ class _Session:
                 exposure_us, gain = (float(value) for value in rest.split())
                 if not (exposure_us > 0 and gain > 0):
                     raise ValueError(line)
-                if not self.faults.ignore_exposure:
+                if not (self.faults.ignore_exposure or self.faults.auto_exposure):
                     shot = Shot(exposure_us, gain)
                     self.link.exposure.command(shot, self.next, self.faults.delay_frames)
             else:

@@ -130,6 +130,7 @@ void lp_sim_header_parse_more(const uint8_t data[LP_SIM_HEADER_KNOWN_BYTES],
 	if (has(header, LP_SIM_HEADER_KNOWN_BYTES)) {
 		const float least_us = read_positive(data + 88), most_us = read_positive(data + 92);
 
+		header->exposure_fixed = read_float(data + 92) == 0.0F;
 		if (least_us <= most_us && most_us <= LONGEST_EXPOSURE_US) {
 			header->exposure_min_us = least_us;
 			header->exposure_max_us = most_us;

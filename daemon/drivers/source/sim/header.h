@@ -3,6 +3,7 @@
 #ifndef LP_SOURCE_SIM_HEADER_H
 #define LP_SOURCE_SIM_HEADER_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "include/frame.h"
@@ -28,6 +29,7 @@ struct lp_sim_header {
 	float orientation[4], orientation_sigma_deg; /* as frame.h has them */
 	float row_time_us;
 	float exposure_min_us, exposure_max_us, exposure_step_us; /* as source.h has them */
+	bool exposure_fixed;					  /* it cannot be commanded */
 };
 
 /* NULL, or what is wrong with it: then nothing more of the stream can be understood. */

@@ -43,7 +43,8 @@ struct source_sim {
 	struct lp_source_report report;
 	bool reports_exposure;
 	float exposure_min_us, exposure_max_us, exposure_step_us; /* of the newest frame's header */
-	bool has_corrupt;					  /* since the last usable frame */
+	bool exposure_fixed;
+	bool has_corrupt; /* since the last usable frame */
 
 	/* What is being read: a header, what the header is longer than ours, a payload. */
 	uint8_t header_data[LP_SIM_HEADER_KNOWN_BYTES];
@@ -199,6 +200,7 @@ static void hand_on(struct source_sim *self, struct lp_frame *frame)
 		self->reports_exposure = !isnan(frame->exposure_us);
 		self->exposure_min_us = self->header.exposure_min_us;
 		self->exposure_max_us = self->header.exposure_max_us;
+		self->exposure_fixed = self->header.exposure_fixed;
 		self->exposure_step_us = self->header.exposure_step_us;
 		lp_timer_set(&self->stall, STALL_NS, STALL_NS);
 		report(self, LP_SOURCE_STREAMING, "read", "frames arrive");
@@ -424,7 +426,7 @@ static void sim_caps(const struct lp_source *source, struct lp_source_caps *caps
 	const struct source_sim *self = self_of(source);
 
 	*caps = (struct lp_source_caps){
-		.exposure_settable = true,
+		.exposure_settable = !self->exposure_fixed,
 		.reports_exposure = self->reports_exposure,
 		.exposure_min_us = self->exposure_min_us,
 		.exposure_max_us = self->exposure_max_us,
