@@ -271,20 +271,50 @@ struct lp_bracket_decision lp_bracket_judge(struct lp_bracket *bracket,
 		return bracket->commanded_us == bracket->settled_us
 			       ? accept(bracket->settled_us)
 			       : judge_change(bracket, settled, commanded);
-	case LP_BRACKET_IGNORED:
-		decision.accept = true;
-		if (++bracket->frames_ignored >= RETRY_FRAMES) {
-			bracket->misses = 0;
-			start(bracket, bracket->commanded_us);
-			lp_debug("camera", "bracket",
-				 "exposure commands are tried again after %d frames", RETRY_FRAMES);
-			decision.accept = false;
-			decision.forget = decision.command = true;
-			decision.command_us = bracket->commanded_us;
-		}
-		return decision;
+	case LP_BRACKET_IGNORED: /* lp_bracket_ignored() */
+		break;
 	}
-	return decision;
+	return accept(NAN);
+}
+
+/* Two stops from here, where there is room. */
+static float elsewhere_us(const struct lp_bracket *b, float exposure_us)
+{
+	const float shorter = allowed(b, exposure_us / 4.0F);
+
+	return stops(shorter, exposure_us) > 1.0F ? shorter : allowed(b, exposure_us * 4.0F);
+}
+
+struct lp_bracket_decision lp_bracket_ignored(struct lp_bracket *bracket, float scale)
+{
+	const int second_at = RETRY_FRAMES + most_delay(bracket) + 1;
+	struct lp_bracket_decision decision = accept(NAN);
+
+	bracket->frames_ignored++;
+	if (bracket->frames_ignored == RETRY_FRAMES || bracket->frames_ignored == second_at) {
+		const float first_us = allowed(bracket, FIRST_US);
+
+		bracket->scale_before = scale;
+		bracket->settled_us = first_us;
+		command(bracket, bracket->frames_ignored < second_at
+					 ? first_us
+					 : elsewhere_us(bracket, first_us));
+		decision.command = true;
+		decision.command_us = bracket->commanded_us;
+	}
+	if (bracket->frames_ignored <= second_at + most_delay(bracket))
+		return decision;
+	bracket->frames_ignored = 0;
+	if (stops(bracket->scale_before * bracket->settled_us, scale * bracket->commanded_us) >
+	    REPLAN_STOPS)
+		return decision;
+	lp_info("camera", "exposure", "follows commands again");
+	bracket->misses = 0;
+	start(bracket, bracket->commanded_us);
+	return (struct lp_bracket_decision){.exposure_us = NAN,
+					    .forget = true,
+					    .command = true,
+					    .command_us = bracket->commanded_us};
 }
 
 /* A camera may begin its delay anew with each command, and then never do what it is told: do not
@@ -383,14 +413,6 @@ static bool differs(const struct lp_bracket *b, const float plan_us[LP_MAX_PLANN
 	return false;
 }
 
-/* To see whether the camera follows at all: two stops to the side where there is room. */
-static float probe_us(const struct lp_bracket *b)
-{
-	const float shorter = allowed(b, b->settled_us / 4.0F);
-
-	return stops(shorter, b->settled_us) > 1.0F ? shorter : allowed(b, b->settled_us * 4.0F);
-}
-
 /* Whether the scene as it is known tells what the plan in force does: its shortest exposure has
  * been seen, or does not come. */
 static bool plan_is_seen(const struct lp_bracket *b)
@@ -437,7 +459,7 @@ bool lp_bracket_next(struct lp_bracket *bracket, const struct lp_bracket_scene *
 	/* in the dark no step could be seen */
 	if (!b->verified && scene->peak * b->settled_us * 1e-6F > PEAK_LOW &&
 	    stops(*command_us, b->settled_us) < 1.0F)
-		*command_us = probe_us(b);
+		*command_us = elsewhere_us(b, b->settled_us); /* does it follow at all? */
 	if (*command_us == (at_once ? b->commanded_us : b->settled_us))
 		return false;
 	command(b, *command_us);

@@ -74,7 +74,8 @@ struct lp_bracket {
 	int strange;				 /* frames in a row that fit neither exposure */
 	int changes;				 /* seen to take effect */
 	int least_seen_frames, most_seen_frames; /* from command to effect */
-	int frames_ignored;			 /* since the camera was found not to follow */
+	int frames_ignored; /* since it was found not to follow, or tried again */
+	float scale_before; /* at the last command to see whether it does */
 
 	/* where frames report their exposure */
 	bool reports, waits;  /* waits: each command for the one before it, all the same */
@@ -119,6 +120,11 @@ bool lp_bracket_light_changed(struct lp_bracket *bracket, float factor, float *c
 struct lp_bracket_decision lp_bracket_judge(struct lp_bracket *bracket,
 					    const struct lp_exposure_match *settled,
 					    const struct lp_exposure_match *commanded);
+
+/* The same while IGNORED. scale: full scale to radiance of this frame, as found by what is known of
+ * the light. From time to time two other exposures are commanded: a camera that follows again
+ * shows their ratio by its scale. */
+struct lp_bracket_decision lp_bracket_ignored(struct lp_bracket *bracket, float scale);
 
 /* The same for a camera that reports each frame's exposure: nothing is left to verify. */
 struct lp_bracket_decision lp_bracket_reported(struct lp_bracket *bracket, float exposure_us);

@@ -229,6 +229,8 @@ int lp_encode_estimate(const struct lp_light_estimate *estimate, const struct lp
 	if (wire->has_exposure_us)
 		wire->exposure_us = (uint32_t)fminf(fmaxf(roundf(estimate->exposure_us), 0), 4e9F);
 	wire->exposure_count = (uint32_t)estimate->exposure_count;
+	wire->has_scale_sigma_permille =
+		scaled(estimate->scale_sigma, 1000, &wire->scale_sigma_permille);
 	wire->has_cd_m2_per_unit = known(estimate->cd_m2_per_unit, &wire->cd_m2_per_unit);
 	wire->has_cd_m2_per_unit_sigma_permille =
 		wire->has_cd_m2_per_unit &&

@@ -116,6 +116,8 @@ static struct lp_bracket_decision judge(struct lp_pipeline *p, float reported_us
 
 	if (p->reports_exposure)
 		return lp_bracket_reported(b, reported_us);
+	if (b->state == LP_BRACKET_IGNORED)
+		return lp_bracket_ignored(b, lp_imager_scale(p->imager));
 	const struct lp_exposure_match settled = lp_imager_match(p->imager, b->settled_us);
 	const struct lp_exposure_match commanded = lp_imager_match(p->imager, b->commanded_us);
 
@@ -151,15 +153,20 @@ static int add(struct lp_pipeline *p, struct lp_frame *frame)
 static int add_to_bracket(struct lp_pipeline *p, struct lp_frame *frame, float *command_us)
 {
 	const float reported_us = lp_frame_exposure_us(frame);
+	const bool ignored = p->bracket.state == LP_BRACKET_IGNORED;
 	int ret = lp_imager_load(p->imager, frame,
-				 p->reports_exposure ? reported_us : p->bracket.commanded_us);
+				 p->reports_exposure ? reported_us
+				 : ignored	     ? NAN
+						     : p->bracket.commanded_us);
 
 	if (ret < 0)
 		return ret;
 	const struct lp_bracket_decision decision = judge(p, reported_us);
 
-	if (decision.command)
+	if (decision.command) {
 		*command_us = decision.command_us;
+		lp_imager_expect_exposure(p->imager);
+	}
 	if (decision.forget)
 		lp_imager_forget(p->imager);
 	if (!decision.accept)
@@ -237,7 +244,7 @@ int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
 	lp_imager_status(pipeline->imager, &status);
 	lp_ring_stage_update(&pipeline->ring, pipeline->imager, panorama,
 			     pipeline->detection->finder->cells, &pipeline->lamps.memory,
-			     !status.exposure_unknown);
+			     status.exposure_unknown);
 	estimates->ring = lp_ring_stage_status(&pipeline->ring);
 	memset(&estimates->raw, 0, sizeof(estimates->raw));
 	lp_pipeline_fill(pipeline, panorama, mean, total, &estimates->raw);

@@ -155,6 +155,7 @@ int lp_pipeline_set_preset(struct lp_pipeline *pipeline, enum lp_preset preset)
 
 		lp_pipeline_turn_anchor(pipeline, &turn);
 		lp_lamp_memory_lose_cells(&pipeline->lamps.memory);
+		lp_imager_inherit(stages.imager, pipeline->imager);
 	}
 	destroy_stages(&old);
 	pipeline->imager = stages.imager;

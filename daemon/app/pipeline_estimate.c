@@ -128,14 +128,6 @@ static float relighting_sigma(const struct lp_pipeline *p, const struct lp_image
 			   (double)status->changed * status->changed);
 }
 
-/* Light of unknown exposure has no scale. */
-static struct lp_ring_scale scale_of(const struct lp_pipeline *p,
-				     const struct lp_imager_status *status)
-{
-	return status->exposure_unknown ? (struct lp_ring_scale){NAN, NAN}
-					: lp_ring_stage_scale(&p->ring);
-}
-
 void lp_pipeline_fill(struct lp_pipeline *p, const struct lp_panorama *panorama, float mean,
 		      double total[LP_SH_MAX_COUNT][3], struct lp_light_estimate *e)
 {
@@ -147,7 +139,7 @@ void lp_pipeline_fill(struct lp_pipeline *p, const struct lp_panorama *panorama,
 
 	project(p, panorama, total);
 	lp_imager_status(p->imager, &status);
-	const struct lp_ring_scale scale = scale_of(p, &status);
+	const struct lp_ring_scale scale = lp_ring_stage_scale(&p->ring, status.exposure_unknown);
 
 	e->t_capture_ns = panorama->t_capture_ns;
 	e->suspended_ns = lp_clock_suspended_ns();
@@ -155,6 +147,7 @@ void lp_pipeline_fill(struct lp_pipeline *p, const struct lp_panorama *panorama,
 	e->flags = flags_of(p, panorama, &status, mean, lamps);
 	e->exposure_us = status.longest_exposure_us;
 	e->exposure_count = status.exposure_count;
+	e->scale_sigma = status.exposure_unknown ? status.scale_sigma : NAN;
 	e->cd_m2_per_unit = scale.lux_per_unit;
 	e->cd_m2_per_unit_sigma = scale.sigma;
 	for (int i = 0; i < LP_MAX_SH_COUNT; i++)

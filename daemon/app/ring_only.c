@@ -97,6 +97,7 @@ static void fill(const struct lp_ring_only *self, const struct lp_ring_sample *s
 					.suspended_ns = lp_clock_suspended_ns(),
 					.flags = LP_ESTIMATE_RING_ONLY,
 					.exposure_us = NAN,
+					.scale_sigma = NAN,
 					.cd_m2_per_unit = (float)unit,
 					.cd_m2_per_unit_sigma = self->scale.sigma,
 					.wheel_deg = NAN,

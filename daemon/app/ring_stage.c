@@ -136,14 +136,30 @@ static void give_to_lamps(const struct lp_ring_stage *stage, struct lp_lamp_memo
 	}
 }
 
-static void learn_scale(struct lp_ring_stage *stage, float clipped_share)
+/* What is known before the newest reading: the less, the more the scale of the radiance may have
+ * changed since then. */
+static struct lp_ring_scale prior_scale(const struct lp_ring_stage *stage, float scale_variance)
+{
+	const struct lp_ring_scale nothing = {NAN, NAN};
+	struct lp_ring_scale prior = stage->learned;
+	const float more = fmaxf(scale_variance - stage->scale_variance, 0.0F);
+
+	if (isnan(prior.lux_per_unit))
+		return stage->is_relative ? nothing : stage->given;
+	prior.sigma = sqrtf(prior.sigma * prior.sigma + more);
+	return prior;
+}
+
+static void learn_scale(struct lp_ring_stage *stage, const struct lp_ring_scale *prior,
+			float clipped_share, float scale_variance)
 {
 	const struct lp_ring_scale *now = &stage->fusion.scale;
 	struct lp_ring_scale *held = &stage->learned;
 
 	if (clipped_share > MOST_CLIPPED_SHARE || isnan(now->lux_per_unit))
 		return;
-	if (isnan(held->lux_per_unit) || now->sigma < held->sigma / 2.0F) {
+	stage->scale_variance = scale_variance;
+	if (isnan(held->lux_per_unit) || now->sigma < prior->sigma / 2.0F) {
 		*held = *now;
 		return;
 	}
@@ -153,7 +169,7 @@ static void learn_scale(struct lp_ring_stage *stage, float clipped_share)
 
 void lp_ring_stage_update(struct lp_ring_stage *stage, const struct lp_imager *imager,
 			  const struct lp_panorama *panorama, const int32_t *finder_cells,
-			  struct lp_lamp_memory *memory, bool unit_is_known)
+			  struct lp_lamp_memory *memory, bool is_relative)
 {
 	const struct lp_ring_scale nothing = {NAN, NAN};
 	const struct lp_rotation *to_panorama = lp_imager_rotation(imager);
@@ -166,24 +182,23 @@ void lp_ring_stage_update(struct lp_ring_stage *stage, const struct lp_imager *i
 	stage->fused = stage->has_sample;
 	if (!stage->has_sample)
 		return;
-	if (!unit_is_known)
+	if (is_relative != stage->is_relative)
 		stage->learned = nothing;
+	stage->is_relative = is_relative;
 	lp_imager_status(imager, &status);
+	const float scale_variance = is_relative ? status.scale_sigma * status.scale_sigma : 0.0F;
+	const struct lp_ring_scale prior = prior_scale(stage, scale_variance);
+
 	find_parts(stage->parts, panorama, finder_cells, memory);
 	lp_ring_view_init(&stage->view, lp_imager_grid(imager), panorama, stage->parts,
 			  to_panorama);
 	see_lamps(&stage->view, memory, to_panorama);
 	stage->view.seen_sigma = hypotf(SEEN_SIGMA, status.irradiance_sigma);
-	lp_ring_fuse(&stage->view, &stage->sample,
-		     !unit_is_known			  ? &nothing
-		     : isnan(stage->learned.lux_per_unit) ? &stage->given
-							  : &stage->learned,
-		     &stage->fusion);
+	lp_ring_fuse(&stage->view, &stage->sample, &prior, &stage->fusion);
 	if (stage->fusion.verdict != LP_RING_AGREES)
 		return;
 	give_to_lamps(stage, memory);
-	if (unit_is_known)
-		learn_scale(stage, status.clipped_share);
+	learn_scale(stage, &prior, status.clipped_share, scale_variance);
 }
 
 void lp_ring_stage_project(const struct lp_ring_stage *stage, double (*total)[3])
@@ -230,14 +245,14 @@ bool lp_ring_stage_knows(const struct lp_ring_stage *stage, float *variance)
 	return true;
 }
 
-struct lp_ring_scale lp_ring_stage_scale(const struct lp_ring_stage *stage)
+struct lp_ring_scale lp_ring_stage_scale(const struct lp_ring_stage *stage, bool is_relative)
 {
 	const struct lp_ring_scale nothing = {NAN, NAN};
 
 	if (stage->fused && stage->fusion.verdict == LP_RING_AGREES &&
 	    stage->fusion.scale.sigma < MOST_SCALE_SIGMA)
 		return stage->fusion.scale;
-	return stage->given.sigma < MOST_SCALE_SIGMA ? stage->given : nothing;
+	return stage->given.sigma < MOST_SCALE_SIGMA && !is_relative ? stage->given : nothing;
 }
 
 struct lp_ring_status lp_ring_stage_status(const struct lp_ring_stage *stage)

@@ -21,6 +21,8 @@ struct lp_ring_stage {
 	struct lp_clipped_parts *parts;
 	struct lp_ring_scale given;   /* by the camera file or the user; NAN: none */
 	struct lp_ring_scale learned; /* from readings while little clipped; NAN: not yet */
+	bool is_relative;	      /* what was learned is of radiance with a scale of its own */
+	float scale_variance;	      /* of that, when it was learned */
 	struct lp_ring_sample sample; /* newest */
 	bool has_sample;
 	bool fused; /* the next two are of the newest panorama */
@@ -49,12 +51,12 @@ void lp_ring_stage_sample(struct lp_ring_stage *stage, const struct lp_ring_samp
 
 /*
  * After the lamps of the newest frame have been found. `finder_cells`: of the lamps' finder. What
- * clipped lamps have beyond their lower bounds goes into memory->list[].recovered. unit_is_known:
- * the radiance has the unit of the scale that was given (exposures are known).
+ * clipped lamps have beyond their lower bounds goes into memory->list[].recovered. is_relative:
+ * exposures are unknown, and the radiance has not the unit of the scale that was given.
  */
 void lp_ring_stage_update(struct lp_ring_stage *stage, const struct lp_imager *imager,
 			  const struct lp_panorama *panorama, const int32_t *finder_cells,
-			  struct lp_lamp_memory *memory, bool unit_is_known);
+			  struct lp_lamp_memory *memory, bool is_relative);
 
 /* Light of clipped regions that are no lamps, into coefficients up to LP_SH_MAX_ORDER. */
 void lp_ring_stage_project(const struct lp_ring_stage *stage, double (*total)[3]);
@@ -67,8 +69,8 @@ int lp_ring_stage_parts(const struct lp_ring_stage *stage,
  * normals (luminance), is what it leaves unknown. */
 bool lp_ring_stage_knows(const struct lp_ring_stage *stage, float *variance);
 
-/* cd/m^2 per unit as known now; NAN: not known within MOST_SCALE_SIGMA. */
-struct lp_ring_scale lp_ring_stage_scale(const struct lp_ring_stage *stage);
+/* cd/m^2 per unit as known now; NAN: not known within MOST_SCALE_SIGMA. is_relative: as above. */
+struct lp_ring_scale lp_ring_stage_scale(const struct lp_ring_stage *stage, bool is_relative);
 
 struct lp_ring_status lp_ring_stage_status(const struct lp_ring_stage *stage);
 

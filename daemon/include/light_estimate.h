@@ -106,6 +106,8 @@ struct lp_light_estimate {
 	float relighting_sigma;
 	float exposure_us; /* longest used; NAN: unknown */
 	int exposure_count;
+	float scale_sigma; /* relative, 1 sigma, against the first frames; NAN: exposures are known
+			    */
 	float cd_m2_per_unit;			    /* luminance of radiance 1; NAN: not known */
 	float cd_m2_per_unit_sigma;		    /* relative, 1 sigma; NAN with it */
 	float wheel_deg, wheel_sigma_deg;	    /* of the newest frame used (frame.h) */

@@ -219,8 +219,12 @@ bool lp_imager_rest(struct lp_imager *imager, struct lp_rotation *turn)
 {
 	if (!lp_motion_at_rest(&imager->motion))
 		return false;
+	const float in_map = imager->gain.count ? lp_imager_scale_in_map(imager) : 0.0F;
+
 	*turn = lp_rotation_inverse(&imager->motion.rotation);
 	lp_radiance_map_turn(imager->map, imager->lookup, &imager->motion.rotation);
+	if (imager->gain.count)
+		lp_imager_turn_scale(imager, in_map);
 	if (imager->stokes)
 		lp_stokes_map_turn(imager->stokes, &imager->motion.rotation);
 	lp_witness_anchor(&imager->witness, &imager->motion.rotation);

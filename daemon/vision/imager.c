@@ -43,6 +43,7 @@ int lp_imager_create(const struct lp_camera *camera, const struct lp_imager_opti
 	m->camera = camera;
 	m->options = *options;
 	m->agreement = 1.0F;
+	lp_gain_init(&m->gain, options->film.gain > 0.0F ? 1.0F / options->film.gain : 1.0F);
 	lp_response_init(&m->response, camera);
 	lp_motion_init(&m->motion);
 	ret = lp_grid_create(width, height, &m->grid);
@@ -125,6 +126,7 @@ void lp_imager_forget(struct lp_imager *imager)
 		lp_stokes_map_forget(imager->stokes);
 	memset(imager->recent, 0, sizeof(imager->recent));
 	imager->t_map_ns = 0;
+	lp_imager_forget_scale(imager);
 }
 
 /*
@@ -227,13 +229,15 @@ static bool sane(const struct lp_frame *frame)
 	       (isnan(frame->gain) || frame->gain > 0.0F);
 }
 
-/* Full scale to radiance. Float frames are radiance already: the exposure names the frame, it does
- * not scale it. */
+/* Full scale to radiance; of an unknown exposure what the frame before had. Float frames are
+ * radiance already: the exposure names the frame, it does not scale it. */
 static float scale_of(const struct lp_imager *imager, bool coded, float exposure_us)
 {
-	const float gain = imager->options.film.gain > 0.0F ? imager->options.film.gain : 1.0F;
+	const float film = imager->options.film.gain > 0.0F ? imager->options.film.gain : 1.0F;
 
-	return (coded && !isnan(exposure_us) ? 1e6F / exposure_us : 1.0F) / gain;
+	if (!coded)
+		return 1.0F / film;
+	return isnan(exposure_us) ? imager->gain.scale : 1e6F / exposure_us / film;
 }
 
 /* The newest frame's cells on the panorama's grid. */
@@ -298,7 +302,9 @@ int lp_imager_load(struct lp_imager *imager, struct lp_frame *frame, float expec
 	if (imager->cover.found) /* most likely still */
 		lp_cover_mark(&imager->cover, imager->grid, imager->seen.flags);
 	lp_imager_place_film(imager);
+	lp_imager_expect_scale(imager);
 	lp_imager_follow(imager);
+	lp_imager_find_scale(imager);
 	imager->loaded = true;
 	return 0;
 }
@@ -347,16 +353,19 @@ static void note_exposure(struct lp_imager *imager, float exposure_us)
 	}
 }
 
-/* Frames of unknown exposure have another scale than those of a known one: the newest kind rules.
- */
-static void forget_other_scale(struct lp_imager *imager, float exposure_us)
+/* A map that began with unknown exposures has a scale of its own, and says nothing to frames of a
+ * known one. The other way round it tells what is unknown. */
+static void heed_scale(struct lp_imager *imager, float exposure_us)
 {
-	for (int k = 0; k < LP_MAX_BRACKET; k++)
-		if (imager->recent[k].serial &&
-		    isnan(imager->recent[k].exposure_us) != isnan(exposure_us)) {
-			lp_imager_forget(imager);
-			return;
-		}
+	const bool coded = !isnan(imager->incoming.cells.mean_code);
+
+	if (imager->is_relative && !isnan(exposure_us))
+		lp_imager_forget(imager);
+	if (!imager->t_map_ns)
+		imager->is_relative = coded && isnan(exposure_us);
+	if (isnan(exposure_us))
+		return;
+	lp_gain_init(&imager->gain, imager->incoming.scale);
 }
 
 static void observe(struct lp_imager *imager)
@@ -470,16 +479,23 @@ static void show(struct lp_imager *imager)
 						 : 1.0F;
 }
 
+void lp_imager_rescale(struct lp_imager *imager, float scale)
+{
+	if (imager->incoming.scale == scale)
+		return;
+	lp_exposure_rescale(&imager->incoming, scale);
+	map_cells(imager);
+	if (imager->cover.found)
+		lp_cover_mark(&imager->cover, imager->grid, imager->seen.flags);
+}
+
 void lp_imager_settle(struct lp_imager *imager, float exposure_us)
 {
 	struct lp_exposure *incoming = &imager->incoming;
 	const float scale = scale_of(imager, !isnan(incoming->cells.mean_code), exposure_us);
 
 	incoming->exposure_us = exposure_us;
-	if (incoming->scale == scale)
-		return;
-	lp_exposure_rescale(incoming, scale);
-	map_cells(imager);
+	lp_imager_rescale(imager, scale);
 }
 
 int lp_imager_accept(struct lp_imager *imager, float exposure_us)
@@ -488,14 +504,16 @@ int lp_imager_accept(struct lp_imager *imager, float exposure_us)
 		return -EINVAL;
 	imager->loaded = false;
 	lp_imager_settle(imager, exposure_us);
-	forget_other_scale(imager, exposure_us);
+	heed_scale(imager, exposure_us);
 	lp_imager_followed(imager);
 	look_for_cover(imager);
 	observe(imager);
 	imager->covered_share = imager->cover.found ? covered_light(imager) : 0.0F;
 	note_exposure(imager, exposure_us);
-	if (imager->update.changed > CHANGED)
+	if (imager->update.changed > CHANGED) {
 		imager->changed_serial = imager->serial;
+		lp_gain_disturb(&imager->gain, imager->update.changed);
+	}
 	show(imager);
 	return 0;
 }
@@ -536,6 +554,7 @@ void lp_imager_status(const struct lp_imager *imager, struct lp_imager_status *s
 		.rotation_is_unknown = imager->agreement < LP_LEAST_AGREEMENT,
 		.orientation_told = imager->testimony.known,
 		.orientation_left_out = imager->witness.left_out,
+		.scale_sigma = imager->gain.count ? lp_gain_sigma(&imager->gain) : 0.0F,
 		.covered = imager->cover.found,
 		.covered_s = imager->covered_s,
 		.covered_share = imager->covered_share,

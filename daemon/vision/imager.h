@@ -48,6 +48,9 @@ struct lp_imager_status {
 			    * camera turned */
 	float longest_exposure_us; /* times gain; NAN: unknown */
 	bool exposure_unknown;
+	/* 1 sigma, relative, of the scale of light against that of the first frame; 0 where
+	 * exposures are known */
+	float scale_sigma;
 	bool invalid_samples; /* NaN, infinite or negative ones were left out */
 	float mean_code;      /* of the longest exposure, 0..255; NAN: float frames */
 	/* 1 sigma of irradiance from the panorama's own uncertainty (vision/radiance_map.h) */
@@ -92,6 +95,13 @@ int lp_imager_add(struct lp_imager *imager, struct lp_frame *frame);
 
 /* Forget all that is known of the light: the next frame accepted starts anew. */
 void lp_imager_forget(struct lp_imager *imager);
+
+/* Another exposure is commanded: a sudden change of all that frames show is most likely that. */
+void lp_imager_expect_exposure(struct lp_imager *imager);
+
+/* Go on with the scale of another imager that saw the same camera until now; for exposures that are
+ * not told. */
+void lp_imager_inherit(struct lp_imager *imager, const struct lp_imager *from);
 
 /* How the frame loaded last compares with the radiance known so far, if it was exposed for
  * exposure_us: mean difference in codes (of a square-root response) over what both can tell. */

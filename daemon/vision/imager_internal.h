@@ -8,6 +8,7 @@
 #include "light/witness.h"
 #include "vision/camera.h"
 #include "vision/cover.h"
+#include "vision/gain.h"
 #include "vision/imager.h"
 #include "vision/radiance_map.h"
 #include "vision/response.h"
@@ -79,6 +80,11 @@ struct lp_imager {
 	float covered_s;	     /* for how long by now */
 	float covered_share;	     /* of the light that is known */
 
+	/* unknown_exposure.c */
+	struct lp_gain gain;	    /* scale of the newest frame; count 0: it was told */
+	int watched[LP_GAIN_CELLS]; /* gain.cells[] in the panorama */
+	bool is_relative;	    /* the map began with frames that did not tell their exposure */
+
 	/* refine.c */
 	int *place;	    /* per camera cell: index into the patch that saw it last */
 	float (*pixels)[3]; /* of LP_REFINE_MAX_CELLS camera cells */
@@ -93,6 +99,19 @@ struct lp_observation lp_imager_observation(const struct lp_imager *imager);
 void lp_imager_place_film(struct lp_imager *imager);
 /* What the film's angle tells, and then the frame as it would be without the film. */
 void lp_imager_see_through(struct lp_imager *imager, struct lp_observation *seen);
+
+/* The newest frame's scale is another. */
+void lp_imager_rescale(struct lp_imager *imager, float scale);
+
+/* unknown_exposure.c: where the newest frame does not tell its exposure, find its scale by the map:
+ * roughly, before it is known where the camera looks; and in earnest. */
+void lp_imager_expect_scale(struct lp_imager *imager);
+void lp_imager_find_scale(struct lp_imager *imager);
+/* Nothing is left to compare the next frame with. */
+void lp_imager_forget_scale(struct lp_imager *imager);
+/* When the map is turned: how it lies to what is known of the scale, before and afterwards. */
+float lp_imager_scale_in_map(struct lp_imager *imager);
+void lp_imager_turn_scale(struct lp_imager *imager, float in_map);
 
 /* Where the camera looks in the newest frame (follow.c); and, once all that shows it has been
  * heard, what that says of the witness. */

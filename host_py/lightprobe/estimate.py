@@ -56,7 +56,7 @@ class EstimateFlag(IntFlag):
 #: The flags in words, each with what to do about it where something can be done.
 FLAG_WORDS: dict[str, str] = {
     "STALE": "no frame has arrived for longer than the time to live; the last estimate is repeated",
-    "EXPOSURE_UNKNOWN": "the exposure is unknown, so the light is relative to full scale",
+    "EXPOSURE_UNKNOWN": "no exposure is known; the light is on the scale of the first estimates",
     "CLIPPED": "some pixels are saturated in every exposure, so light is missing; use shorter "
     "exposures",
     "UNDEREXPOSED": "most of the picture is below the noise; use longer exposures or more gain",
@@ -188,6 +188,9 @@ class Estimate:
     orientation_sigma_deg: float | None = None
     #: One directional light for what the listed lights leave; None: it was not asked for.
     key: Light | None = None
+    #: 1 sigma of the scale of light against that of the first estimates, relative; None: exposures
+    #: are known, and the scale is full scale at one second.
+    scale_sigma: float | None = None
 
     @property
     def send_time_unix_ns(self) -> int:
@@ -237,6 +240,7 @@ class Estimate:
                 "cd_m2_per_unit": _number(self.cd_m2_per_unit),
                 "cd_m2_per_unit_sigma": _number(self.cd_m2_per_unit_sigma),
                 "calibrated": self.cd_m2_per_unit is not None,
+                "sigma": _number(self.scale_sigma),
             },
             "exposure": {"exposure_us": _number(self.exposure_us), "count": self.exposure_count},
             "model": {

@@ -304,6 +304,7 @@ def _estimate(m: pb.Estimate) -> Estimate:
             m.orientation_sigma_deg if m.HasField("orientation_sigma_deg") else None
         ),
         key=_light(m.key) if m.HasField("key") else None,
+        scale_sigma=(m.scale_sigma_permille / 1000 if m.HasField("scale_sigma_permille") else None),
     )
 
 

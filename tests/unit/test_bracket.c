@@ -265,6 +265,28 @@ static void test_a_camera_that_ignores_commands(void **state)
 	lp_pipeline_destroy(pipeline);
 }
 
+/* Its frames tell by the light that is known how they were exposed, so that the light stays on one
+ * scale; also while it is tried whether the camera follows by now. */
+static void test_automatic_exposure_leaves_the_light(void **state)
+{
+	struct camera camera = {.ignores = true};
+	struct lp_pipeline *pipeline = new_pipeline(&camera, 3);
+	struct outcome outcome = run(pipeline, &camera, 60, 1.0F);
+	const float light = outcome.last.sh_total[0][1];
+
+	(void)state;
+	for (int n = 0; n < 400; n++) {
+		camera.in_effect_us *= n % 100 < 40 ? 0.98F : n % 100 < 80 ? 1.0F / 0.98F : 1.0F;
+		outcome = run(pipeline, &camera, 1, 1.0F);
+		assert_int_equal(outcome.refused, 0);
+		assert_true(outcome.last.flags & LP_ESTIMATE_EXPOSURE_UNKNOWN);
+		/* lamps clip: what is known of them is the more, the shorter the exposure is */
+		assert_float_equal(outcome.last.sh_total[0][1] / light, 1.0, 0.06);
+		assert_true(outcome.last.scale_sigma < 0.1F);
+	}
+	lp_pipeline_destroy(pipeline);
+}
+
 /* The whole room darker or brighter at once looks like another exposure: it must not become one. */
 static void test_a_change_of_all_light(void **state)
 {
@@ -470,6 +492,7 @@ int main(void)
 		cmocka_unit_test(test_reported_exposures_take_turns),
 		cmocka_unit_test(test_reported_exposures_need_no_verifying),
 		cmocka_unit_test(test_a_camera_that_ignores_commands),
+		cmocka_unit_test(test_automatic_exposure_leaves_the_light),
 		cmocka_unit_test(test_a_change_of_all_light),
 		cmocka_unit_test(test_darkness),
 		cmocka_unit_test(test_number_of_exposures_by_the_scene),

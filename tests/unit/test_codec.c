@@ -26,6 +26,7 @@ static struct lp_light_estimate full_estimate(void)
 		.exposure_count = 4,
 		.cd_m2_per_unit = NAN,
 		.cd_m2_per_unit_sigma = NAN,
+		.scale_sigma = NAN,
 		.wheel_deg = NAN,
 		.wheel_sigma_deg = NAN,
 		.relighting_sigma = 0.0214F,
@@ -236,6 +237,7 @@ static void test_values_arrive(void **state)
 	(void)state;
 	estimate.cd_m2_per_unit = 42;
 	estimate.cd_m2_per_unit_sigma = 0.031F;
+	estimate.scale_sigma = 0.045F;
 	estimate.wheel_deg = 135;
 	estimate.wheel_sigma_deg = 0.5F;
 	estimate.flags = LP_ESTIMATE_STALE;
@@ -258,6 +260,7 @@ static void test_values_arrive(void **state)
 	assert_int_equal(wire.exposure_count, 4);
 	assert_true(wire.has_cd_m2_per_unit && wire.cd_m2_per_unit == 42);
 	assert_int_equal(wire.cd_m2_per_unit_sigma_permille, 31);
+	assert_true(wire.has_scale_sigma_permille && wire.scale_sigma_permille == 45);
 	assert_true(wire.has_wheel_deg && wire.wheel_deg == 135);
 	assert_true(wire.has_wheel_sigma_deg && wire.wheel_sigma_deg == 0.5F);
 	assert_int_equal(wire.predicted_error_permille, 580);
@@ -304,7 +307,7 @@ static void test_unknown_is_absent_not_zero(void **state)
 	assert_false(wire.has_exposure_us || wire.has_cd_m2_per_unit ||
 		     wire.has_cd_m2_per_unit_sigma_permille || wire.has_wheel_deg ||
 		     wire.has_wheel_sigma_deg || wire.has_predicted_error_permille ||
-		     wire.has_relighting_sigma_permille);
+		     wire.has_relighting_sigma_permille || wire.has_scale_sigma_permille);
 	assert_false(wire.lights[0].has_direction_sigma_deg ||
 		     wire.lights[0].has_irradiance_sigma_permille ||
 		     wire.lights[0].has_confidence_percent || wire.lights[0].has_distance_m);

@@ -83,6 +83,8 @@ export interface Estimate {
   cdM2PerUnit: number | undefined;
   /** Relative, 1 sigma. */
   cdM2PerUnitSigma: number | undefined;
+  /** 1 sigma of the scale of light against the first estimates, relative; undefined: exposures are known. */
+  scaleSigma: number | undefined;
   wheelDeg: number | undefined;
   /** Number of the subscription that it answers. */
   subscription: number;

@@ -174,6 +174,7 @@ function estimateOf(m: pb.Estimate): Estimate {
     exposureCount: m.exposureCount,
     cdM2PerUnit: m.cdM2PerUnit,
     cdM2PerUnitSigma: m.cdM2PerUnitSigmaPermille === undefined ? undefined : m.cdM2PerUnitSigmaPermille / 1000,
+    scaleSigma: m.scaleSigmaPermille === undefined ? undefined : m.scaleSigmaPermille / 1000,
     wheelDeg: m.wheelDeg,
     subscription: m.subscription,
     frame: frameOf(m.frame),

@@ -42,6 +42,7 @@ def test_every_value_arrives():
     assert shape["lights"][0]["direction_sigma_deg"] is None
     assert shape["scale"] == {
         "cd_m2_per_unit": None, "cd_m2_per_unit_sigma": None, "calibrated": False,
+        "sigma": None,
     }  # fmt: skip
     assert shape["model"] == {
         "sh_order": 1,
