@@ -26,7 +26,7 @@ from lightprobe.sim.flicker import Flicker
 from lightprobe.sim.scene import Scene
 from lightprobe.sim.world import Behaviour, World
 from recording import (
-    EXPOSURES,
+    COMMANDED,
     RATE_HZ,
     SETTLE_S,
     SUBSCRIPTIONS,
@@ -190,7 +190,7 @@ def _strength(packet: Packet, lamp: Lamp) -> float:
 
 def cases(
     names: Sequence[str],
-    exposures: Sequence[str] = tuple(EXPOSURES),
+    exposures: Sequence[str] = COMMANDED,
     **more: object,
 ) -> list[Case]:
     """Every scene with more than one lamp, switched, and flickering at both mains."""
@@ -243,7 +243,7 @@ def _frames(number: float) -> str:
 def step_rows(found: Sequence[Step | Ripple]) -> list[list[str]]:
     """Table over scenes."""
     table = []
-    for exposures, name in product(EXPOSURES, SUBSCRIPTIONS):
+    for exposures, name in product(COMMANDED, SUBSCRIPTIONS):
         some = [
             one
             for one in found
@@ -264,7 +264,7 @@ def step_rows(found: Sequence[Step | Ripple]) -> list[list[str]]:
 def flicker_rows(found: Sequence[Step | Ripple]) -> list[list[str]]:
     """Table over scenes."""
     table = []
-    for exposures, name, mains_hz in product(EXPOSURES, SUBSCRIPTIONS, MAINS_HZ):
+    for exposures, name, mains_hz in product(COMMANDED, SUBSCRIPTIONS, MAINS_HZ):
         key = (exposures, name, mains_hz)
         some = [
             one

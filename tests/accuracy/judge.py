@@ -111,14 +111,20 @@ class Figures:
 
 
 def judge(
-    light_at: Callable[[Packet], Light], packets: Sequence[Packet], seconds: float
+    light_at: Callable[[Packet], Light],
+    packets: Sequence[Packet],
+    seconds: float,
+    harmless: int = HARMLESS,
 ) -> Figures:
-    """Sum up what came in `seconds`; `light_at`: the truth when a packet was captured."""
+    """Sum up what came in `seconds`; `light_at`: the truth when a packet was captured.
+
+    `harmless`: flags that a healthy packet may carry.
+    """
     lights = [light_at(packet) for packet in packets]
     pairs = list(zip(lights, packets, strict=True))
     errors = [_relighting(*pair) for pair in pairs]
     maes = [mae for mae, _ in errors]
-    wrong = [mae > WRONG and _seems_fine(p) for mae, p in zip(maes, packets, strict=True)]
+    wrong = [mae > WRONG and _seems_fine(p, harmless) for mae, p in zip(maes, packets, strict=True)]
     matches = [match for pair in pairs for match in _matches(*pair)]
     flags = Counter(name for packet in packets for name in flag_names(packet.estimate.flags))
     suns = [_lists(packet, light.sun) for light, packet in pairs if light.sun is not None]
@@ -129,7 +135,7 @@ def judge(
         error_median=float(np.median(maes)) if maes else float("nan"),
         error_p90=float(np.quantile(maes, 0.9)) if maes else float("nan"),
         wrong_and_healthy=sum(wrong) / count,
-        healthy=sum(_healthy(p) for p in packets) / count,
+        healthy=sum(_healthy(p, harmless) for p in packets) / count,
         flags={name: number / count for name, number in sorted(flags.items())},
         births_per_s=births(packets) / seconds,
         ambient_step=ambient_step(packets, float(luminance(lights[0].irradiance).mean()))
@@ -169,13 +175,13 @@ def _relighting(light: Light, packet: Packet) -> tuple[float, float]:
     return mae, relighting_relative(light.irradiance, found)
 
 
-def _healthy(packet: Packet) -> bool:
-    return not packet.estimate.flags & ~HARMLESS
+def _healthy(packet: Packet, harmless: int) -> bool:
+    return not packet.estimate.flags & ~harmless
 
 
-def _seems_fine(packet: Packet) -> bool:
+def _seems_fine(packet: Packet, harmless: int) -> bool:
     stated = stated_error(packet.estimate)
-    return stated is not None and stated < STATED and _healthy(packet)
+    return stated is not None and stated < STATED and _healthy(packet, harmless)
 
 
 def _lists(packet: Packet, sun: Lamp) -> bool:

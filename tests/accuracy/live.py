@@ -27,6 +27,7 @@ from lightprobe.sim.room import Room
 from lightprobe.sim.scene import Scene
 from lightprobe.sim.world import Behaviour, World
 from recording import (
+    COMMANDED,
     EXPOSURES,
     ORIENTATIONS,
     SETTLE_S,
@@ -40,6 +41,7 @@ from recording import (
     to_json,
     use_daemon,
 )
+from scale import Scale, on_one_scale
 
 #: Panoramas of blender-data, and rooms with exact lamps.
 SCENES = ("blender", "procedural:4", "room")
@@ -108,6 +110,7 @@ class Live:
     in_world: float | None = None  # share of the packets; None: nobody asked for it
     off_deg: float | None = None  # of what they state as their orientation, 95 % of them
     sigma_deg: float | None = None  # that they state, median
+    scale: Scale | None = None  # where the exposure is not known: judged on the best common scale
 
 
 def told(some: Sequence[Packet], world: World) -> dict[str, float | None]:
@@ -144,19 +147,25 @@ def judged(case: Case) -> list[Live]:
         return light(packet.captured_s if run.behaviour.walk_m else 0.0)
 
     asked = ORIENTATIONS[run.orientation].wants_world
-    return [
-        Live(
-            run.scene.name,
-            case.motion,
-            run.exposures,
-            name,
-            judge(light_at, some, run.judged_s),
-            run.orientation,
-            run.ring,
-            **(told(some, recorded.world) if asked else {}),
+    found = []
+    for name, some in recorded.packets.items():
+        scale = None
+        if run.is_relative:
+            some, scale = on_one_scale(light_at, some)
+        found.append(
+            Live(
+                run.scene.name,
+                case.motion,
+                run.exposures,
+                name,
+                judge(light_at, some, run.judged_s),
+                run.orientation,
+                run.ring,
+                **(told(some, recorded.world) if asked else {}),
+                scale=scale,
+            )
         )
-        for name, some in recorded.packets.items()
-    ]
+    return found
 
 
 def case(scene: Scene, motion: str, exposures: str, **more: Any) -> Case:
@@ -171,7 +180,7 @@ def case(scene: Scene, motion: str, exposures: str, **more: Any) -> Case:
 def cases(
     names: Sequence[str],
     rates: Sequence[str] = tuple(MOTIONS),
-    exposures: Sequence[str] = tuple(EXPOSURES),
+    exposures: Sequence[str] = COMMANDED,
     **more: Any,
 ) -> list[Case]:
     """Every scene at every rate or in every trouble, exposures reported and not.
@@ -361,8 +370,8 @@ def draw(found: Sequence[Live], path: Path) -> None:
     """Error and share of wrong and healthy packets by turning rate, a line for each scene."""
     plt.switch_backend("Agg")
     rates = [motion for motion in MOTIONS if motion != "head"]
-    fig, axes = plt.subplots(2, len(EXPOSURES), sharex=True, sharey="row", figsize=(10, 7))
-    for column, exposures in enumerate(EXPOSURES):
+    fig, axes = plt.subplots(2, len(COMMANDED), sharex=True, sharey="row", figsize=(10, 7))
+    for column, exposures in enumerate(COMMANDED):
         some = {
             (one.scene, one.motion): one.figures
             for one in found

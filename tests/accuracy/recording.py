@@ -46,7 +46,13 @@ RING_CD_M2_PER_UNIT = 10.0
 #: Until the exposures have settled: so long, and so many frames.
 SETTLE_S, SETTLE_FRAMES = 2.0, 20
 
-EXPOSURES = {"reported": Faults(), "unreported": Faults(hide_exposure=1)}
+EXPOSURES = {
+    "reported": Faults(),
+    "unreported": Faults(hide_exposure=1),
+    "auto": Faults(hide_exposure=1, auto_exposure=1),
+}
+#: Those of cameras that are commanded: what tables show unless told.
+COMMANDED = ("reported", "unreported")
 SUBSCRIPTIONS = {
     "raw": Subscription(smoothing="RAW", max_lights=8, sh_order=4),
     "default": Subscription(),
@@ -103,11 +109,18 @@ class Run:
     row_time_us: float = 0.0
     orientation: str = "visual"
     ring: bool = False  # with a ring of light sensors, calibrated to 3 %, beside the camera
+    levels: tuple[float, ...] = (1.0,)  # of all light, in turns, behaviour.act_s each
 
     @property
     def settle_s(self) -> float:
         """Until the exposures have settled."""
         return max(SETTLE_S, SETTLE_FRAMES / self.rate_hz)
+
+    @property
+    def is_relative(self) -> bool:
+        """No exposure is known: light has a scale of its own."""
+        faults = EXPOSURES[self.exposures].merged(self.faults)
+        return bool(faults.auto_exposure or (faults.ignore_exposure and faults.hide_exposure))
 
     @property
     def median_radiance(self) -> float:
@@ -126,7 +139,8 @@ class Recording:
 def record(run: Run) -> Recording:
     """Run a daemon before a scene."""
     cv2.setNumThreads(1)
-    world = World([run.scene], run.behaviour, run.median_radiance)
+    (scene,) = World([run.scene], median_radiance=run.median_radiance).scenes
+    world = World([scene.scaled(level) for level in run.levels], run.behaviour)
     camera = SimulatedCamera(
         world, lenses.load("equirect"), run.size_px, rate_hz=run.rate_hz,
         row_time_us=run.row_time_us,
@@ -231,7 +245,7 @@ def add_options(parser: argparse.ArgumentParser, names: Sequence[str]) -> None:
     add = parser.add_argument
     add("--scene", nargs="+", default=list(names), metavar="NAME",
         help="as lightprobe simulate names them, or part of a panorama's file name")  # fmt: skip
-    add("--exposures", type=listed(list(EXPOSURES), "exposures"), default=list(EXPOSURES),
+    add("--exposures", type=listed(list(EXPOSURES), "exposures"), default=list(COMMANDED),
         metavar="KIND,…", help=f"of {','.join(EXPOSURES)}: whether frames tell theirs")  # fmt: skip
     add("--faults", type=query, default="", metavar="K=V&…",
         help="of the camera besides: --faults='drop=0.1&orientation_drop=0.5'")  # fmt: skip

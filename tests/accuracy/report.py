@@ -23,6 +23,7 @@ from lightprobe.sim import scenes
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests/extremes"))
+import automatic  # noqa: E402
 import changes  # noqa: E402
 import live  # noqa: E402
 import with_ring  # noqa: E402
@@ -169,9 +170,11 @@ def live_figures(out: Path, page: Path) -> dict[str, str]:
     troubled = live.all_figures(live.cases(live.TROUBLED_SCENES, tuple(live.TROUBLES)))
     told = live.all_figures(live.told_cases())
     ringed = live.all_figures(live.ring_cases())
+    exposing = automatic.all_figures(automatic.cases(automatic.SCENES))
     changing = changes.all_figures(changes.cases(changes.SCENES))
     (out / "live.json").write_text(to_json([*moving, *troubled, *told, *ringed]) + "\n")
     (out / "changes.json").write_text(to_json(changing) + "\n")
+    (out / "automatic.json").write_text(to_json(exposing) + "\n")
     live.draw(moving, page.with_name("live.png"))
     put(ROOT / "README.md", {"live": table(live.README_HEAD, live.readme_rows(moving))})
     return {
@@ -179,6 +182,7 @@ def live_figures(out: Path, page: Path) -> dict[str, str]:
         "live-sigmas": table(live.COVERAGE_HEAD, live.coverage_rows(moving)),
         "orientations": table(live.TOLD_HEAD, live.told_rows(told)),
         "live-ring": table(live.HEAD, live.ring_rows(moving, ringed)),
+        "automatic": table(automatic.HEAD, automatic.rows(exposing)),
         "troubles": table(live.HEAD, live.rows(troubled)),
         "troubles-sigmas": table(live.COVERAGE_HEAD, live.coverage_rows(troubled)),
         "steps": table(changes.STEP_HEAD, changes.step_rows(changing)),

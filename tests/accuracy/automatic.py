@@ -1,0 +1,170 @@
+"""How good estimates are of a camera that only exposes automatically: part of `make accuracy`.
+
+Light is relative then, and judged on the best scale that all packets of a run have in common. In
+simulated time, as live.py. One scene takes a minute:
+
+    build/venv/bin/python tests/accuracy/automatic.py --scene room --json
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import recording
+from judge import HARMLESS, Light, Packet, judge
+from lightprobe import geometry
+from lightprobe.errors import LightprobeError
+from lightprobe.estimate import EstimateFlag
+from lightprobe.sim.room import Room
+from lightprobe.sim.world import Behaviour
+from recording import Run, find, listed, markdown, record, to_json, use_daemon
+from scale import Scale, on_one_scale
+
+SCENES = ("interior", "sunrise", "studio", "room")
+#: What happens: words, how the world behaves, and what of the Run is different.
+CONDITIONS: dict[str, tuple[str, Behaviour, dict[str, Any]]] = {
+    "still": ("nothing", Behaviour(act_s=0), {}),
+    "100": ("the camera turns, 100 °/s", Behaviour(act_s=0, turn_deg_s=100), {}),
+    "head": ("it turns, ± 40° at 0.5 Hz", Behaviour(act_s=0, swing_deg=40, swing_hz=0.5), {}),
+    "minute": (
+        "a minute of 100 °/s", Behaviour(act_s=0, turn_deg_s=100),
+        {"judged_s": 60.0, "size_px": (480, 240)},
+    ),
+    "lamps": ("lamps are switched one by one", Behaviour(act_s=0, switch_s=2), {"judged_s": 8.0}),
+    "dark": (
+        "all light is a quarter at once, and whole again", Behaviour(act_s=3),
+        {"judged_s": 6.0, "levels": (1.0, 0.25)},
+    ),
+    "ignored": (
+        "it turns, and takes commands without following them",
+        Behaviour(act_s=0, swing_deg=40, swing_hz=0.5),
+        {"judged_s": 12.0, "faults": "ignore_exposure=1"},
+    ),
+}  # fmt: skip
+#: What the light is relative to is no error.
+_HARMLESS = HARMLESS | EstimateFlag.EXPOSURE_UNKNOWN | EstimateFlag.EXPOSURE_IGNORED
+_NORMALS = geometry.sphere_normals()
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene, and what happens."""
+
+    condition: str
+    run: Run
+
+
+@dataclass(frozen=True)
+class Automatic:
+    """Figures of one scene under one condition, raw packets."""
+
+    scene: str
+    condition: str
+    error_median: float  # relighting, on one scale
+    error_p90: float
+    wrong_and_healthy: float
+    flags: dict[str, float] = field(default_factory=dict)
+    scale: Scale | None = None
+
+
+def judged(case: Case) -> list[Automatic]:
+    """Run a daemon and judge its packets."""
+    recorded, run = record(case.run), case.run
+
+    def in_scene(packet: Packet) -> Light:
+        """The truth turns with the scene; packets are turned back into it."""
+        scene = recorded.world.at(packet.captured_s)
+        truth = scene.scene.truth(scene.powers)
+        return Light(_NORMALS, truth.irradiance(_NORMALS), None, None)
+
+    packets, scale = on_one_scale(in_scene, recorded.packets["raw"])
+    figures = judge(in_scene, packets, run.judged_s, _HARMLESS)
+    return [
+        Automatic(
+            run.scene.name, case.condition, figures.error_median, figures.error_p90,
+            figures.wrong_and_healthy, figures.flags, scale,
+        )
+    ]  # fmt: skip
+
+
+def cases(names: Sequence[str], conditions: Sequence[str] = tuple(CONDITIONS)) -> list[Case]:
+    """Every scene under every condition; panoramas have one lamp, which is not switched."""
+    found = []
+    for scene, name in product(find(names), conditions):
+        _, behaviour, more = CONDITIONS[name]
+        if name != "lamps" or isinstance(scene, Room):
+            found.append(Case(name, Run(scene, behaviour, "auto", **more)))
+    return found
+
+
+def all_figures(todo: Sequence[Case], processes: int = 2) -> list[Automatic]:
+    """Run them; progress on stderr."""
+    return recording.all_figures(
+        "automatic", judged, todo, lambda one: f"{one.scene} {one.condition}", processes
+    )
+
+
+HEAD = [
+    "what happens", "relighting error, median (worst scene)", "more than still, worst scene",
+    "of 90 % of the packets, worst scene", "wrong and healthy, worst",
+    "off the common scale, worst packet", "stated sigma of the scale at the end, largest",
+    "scale within 3σ of the first packet's",
+]  # fmt: skip
+
+
+def rows(found: Sequence[Automatic]) -> list[list[str]]:
+    """Table over scenes."""
+    still = {one.scene: one.error_median for one in found if one.condition == "still"}
+    table = []
+    for name, (words, _, _) in CONDITIONS.items():
+        some = [one for one in found if one.condition == name]
+        if not some:
+            continue
+        more = [one.error_median - still[one.scene] for one in some if one.scene in still]
+        scales = [one.scale for one in some if one.scale is not None]
+        sigmas = [scale.sigma for scale in scales if scale.sigma is not None]
+        within = [scale.within_3 for scale in scales if scale.within_3 is not None]
+        table.append([
+            words,
+            f"{np.median([one.error_median for one in some]):.3f} "
+            f"({max(one.error_median for one in some):.3f})",
+            f"{max(more):.3f}" if more and name != "still" else "–",
+            f"{max(one.error_p90 for one in some):.3f}",
+            f"{100 * max(one.wrong_and_healthy for one in some):.0f} %",
+            f"{100 * max(scale.off_worst for scale in scales):.1f} %",
+            f"{100 * max(sigmas):.1f} %" if sigmas else "–",
+            f"{100 * min(within):.0f} %" if within else "–",
+        ])  # fmt: skip
+    return table
+
+
+def main() -> None:
+    """Print a table, or all figures."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    add = parser.add_argument
+    add("--scene", nargs="+", default=list(SCENES), metavar="NAME",
+        help="as lightprobe simulate names them, or part of a panorama's file name")  # fmt: skip
+    add("--conditions", type=listed(list(CONDITIONS), "conditions"), default=list(CONDITIONS),
+        metavar="NAME,…", help=f"of {','.join(CONDITIONS)}")  # fmt: skip
+    add("--daemon", type=Path, help="lightprobed to judge (default: of the build)")
+    add("--processes", type=int, default=2, help="runs at a time (default 2)")
+    add("--json", action="store_true", help="print all figures instead of a table")
+    options = parser.parse_args()
+    use_daemon(options.daemon)
+    found = all_figures(cases(options.scene, options.conditions), options.processes)
+    print(to_json(found) if options.json else markdown(HEAD, rows(found)))
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except LightprobeError as error:
+        raise SystemExit(f"automatic: {error}") from None

@@ -1,0 +1,66 @@
+"""Light that is relative: packets on the best common scale, and how far each is off it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from judge import Light, Packet
+from lightprobe.colour import luminance
+from lightprobe.estimate import Estimate
+from lightprobe.geometry import Array
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Figures of the scale that all packets of a run should have in common."""
+
+    off_worst: float  # largest distance of a packet's own best scale from the common one, relative
+    sigma: float | None  # stated in the last packet; None: none was
+    within_3: float | None  # share of the packets less than 3 sigma off the first
+
+
+def on_one_scale(
+    light_at: Callable[[Packet], Light], packets: Sequence[Packet]
+) -> tuple[list[Packet], Scale]:
+    """Bring packets to the common scale that suits them best: the median of their own."""
+    logs = np.array([_log_scale(light_at(packet), packet) for packet in packets])
+    common = float(np.median(logs)) if len(logs) else 0.0
+    brought = [
+        replace(packet, estimate=_scaled(packet.estimate, float(np.exp(common))))
+        for packet in packets
+    ]
+    stated = [packet.estimate.scale_sigma for packet in packets]
+    known = [
+        abs(log - logs[0]) <= 3 * max(sigma, 0.0005)
+        for log, sigma in zip(logs, stated, strict=True)
+        if sigma is not None
+    ]
+    return brought, Scale(
+        float(np.exp(np.abs(logs - common).max())) - 1 if len(logs) else float("nan"),
+        stated[-1] if stated else None,
+        float(np.mean(known)) if known else None,
+    )
+
+
+def _log_scale(light: Light, packet: Packet) -> float:
+    """Logarithm of the factor that brings a packet nearest to the truth, by least squares."""
+    found: Array = luminance(packet.estimate.irradiance(light.normals @ packet.turn.T))
+    true = luminance(light.irradiance)
+    return float(np.log(max(true @ found, 1e-30) / max(found @ found, 1e-30)))
+
+
+def _scaled(estimate: Estimate, factor: float) -> Estimate:
+    sh = replace(estimate.sh, coefficients=factor * estimate.sh.coefficients)
+    lights = tuple(
+        replace(
+            light,
+            irradiance=factor * light.irradiance,
+            irradiance_sigma=None
+            if light.irradiance_sigma is None
+            else factor * light.irradiance_sigma,
+        )
+        for light in estimate.lights
+    )
+    return replace(estimate, sh=sh, lights=lights)
