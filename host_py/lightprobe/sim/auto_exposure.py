@@ -47,8 +47,8 @@ class AutoExposure:
         """Weigh the meter's pixels by solid angle, and those ahead more."""
         width, height = _METERED_PX
         directions = geometry.equirect_directions(width, height)
-        sphere = np.repeat(geometry.equirect_solid_angles(width, height), width)
-        sphere = sphere.reshape(height, width)
+        by_row = geometry.equirect_solid_angles(width, height)
+        sphere = np.repeat(by_row[:, None], width, axis=1)
         off_deg = np.degrees(np.arccos(np.clip(-directions[..., 2], -1, 1)))
         ahead = sphere * np.exp(-0.5 * (off_deg / _AHEAD_DEG) ** 2)
         self._weight = (1 - _AHEAD) * sphere / sphere.sum() + _AHEAD * ahead / ahead.sum()
