@@ -19,6 +19,12 @@
 #define RETRY_FRAMES 300
 /* After so many changes the shortest delay seen is taken for this camera's. */
 #define TRUSTED_CHANGES 5
+/* Changes of light in a row that only the time tells from changes of exposure: the time is wrong.
+ */
+#define MOST_UNTOLD 6
+/* When a command should have taken effect, the old exposure must fit as well as it did: within
+ * twice as many codes, and so many. */
+#define AS_WELL_CODES 0.5F
 /* Frames in a row that fit nothing: the scene has changed beyond recognition. */
 #define MOST_STRANGE 8
 /* A frame fits an exposure when it differs by no more codes than a moving scene may, and by half of
@@ -229,18 +235,41 @@ static struct lp_bracket_decision change_seen(struct lp_bracket *b)
 	return take_effect(b);
 }
 
+/* The light has changed, and how long this camera takes tells the exposure: all light darker by a
+ * factor looks just like a shorter exposure. */
+static struct lp_bracket_decision by_time(struct lp_bracket *b)
+{
+	const bool is_old = b->frames_since_command < b->least_seen_frames;
+
+	if ((!is_old && b->frames_since_command < b->most_seen_frames) || ++b->untold > MOST_UNTOLD)
+		return fits_nothing(b);
+	if (!is_old)
+		b->settled_us = b->commanded_us;
+	return accept(b->settled_us);
+}
+
 static struct lp_bracket_decision judge_change(struct lp_bracket *b,
 					       const struct lp_exposure_match *settled,
 					       const struct lp_exposure_match *commanded)
 {
-	if (fits(commanded, settled)) {
-		/* sooner than this camera has ever been: light that changed just so */
-		if (b->changes >= TRUSTED_CHANGES && b->frames_since_command < b->least_seen_frames)
-			return fits_nothing(b);
+	const bool is_trusted = b->changes >= TRUSTED_CHANGES;
+	const bool is_early = is_trusted && b->frames_since_command < b->least_seen_frames;
+	const bool is_due = is_trusted && b->frames_since_command >= b->most_seen_frames;
+	const float before_codes = b->fit_codes;
+
+	if (fits(commanded, settled) && !is_early) {
+		b->untold = 0;
+		b->fit_codes = commanded->difference_codes;
 		return change_seen(b);
 	}
-	if (fits(settled, commanded))
+	if (fits(settled, commanded) &&
+	    !(is_due && settled->difference_codes > 2.0F * before_codes + AS_WELL_CODES)) {
+		b->untold = 0;
+		b->fit_codes = settled->difference_codes;
 		return still_old(b);
+	}
+	if (is_early || (is_due && fits(settled, commanded)))
+		return by_time(b);
 	/* dark or saturated in both, so that neither can be told: time must do, and it does no harm
 	 */
 	const bool alike = (!evidence(settled) || settled->difference_codes < FIT_CODES) &&
@@ -250,7 +279,7 @@ static struct lp_bracket_decision judge_change(struct lp_bracket *b,
 		return take_effect(b);
 	if (alike)
 		return (struct lp_bracket_decision){.exposure_us = NAN};
-	return fits_nothing(b);
+	return is_trusted ? by_time(b) : fits_nothing(b);
 }
 
 struct lp_bracket_decision lp_bracket_judge(struct lp_bracket *bracket,

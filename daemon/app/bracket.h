@@ -70,9 +70,11 @@ struct lp_bracket {
 
 	float settled_us, commanded_us;
 	int frames_since_command;
-	int misses;				 /* commands in a row without effect */
-	int strange;				 /* frames in a row that fit neither exposure */
-	int changes;				 /* seen to take effect */
+	int misses;	 /* commands in a row without effect */
+	int strange;	 /* frames in a row that fit neither exposure */
+	int changes;	 /* seen to take effect */
+	int untold;	 /* frames in a row whose exposure only the time tells */
+	float fit_codes; /* by how much the last frame differed from what its exposure predicts */
 	int least_seen_frames, most_seen_frames; /* from command to effect */
 	int frames_ignored; /* since it was found not to follow, or tried again */
 	float scale_before; /* at the last command to see whether it does */

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -26,7 +27,7 @@ from lightprobe.sim.world import Behaviour
 from recording import Run, find, listed, markdown, record, to_json, use_daemon
 from scale import Scale, on_one_scale
 
-SCENES = ("interior", "sunrise", "studio", "room")
+SCENES = ("sunrise", "courtyard", "room")
 #: What happens: words, how the world behaves, and what of the Run is different.
 CONDITIONS: dict[str, tuple[str, Behaviour, dict[str, Any]]] = {
     "still": ("nothing", Behaviour(act_s=0), {}),
@@ -77,11 +78,15 @@ def judged(case: Case) -> list[Automatic]:
     """Run a daemon and judge its packets."""
     recorded, run = record(case.run), case.run
 
-    def in_scene(packet: Packet) -> Light:
-        """The truth turns with the scene; packets are turned back into it."""
-        scene = recorded.world.at(packet.captured_s)
-        truth = scene.scene.truth(scene.powers)
+    @cache
+    def light(act: int, powers: tuple[float, ...]) -> Light:
+        truth = recorded.world.scenes[act].truth(powers)
         return Light(_NORMALS, truth.irradiance(_NORMALS), None, None)
+
+    def in_scene(packet: Packet) -> Light:
+        """The truth in the scene's frame, into which packets are turned back."""
+        state = recorded.world.at(packet.captured_s)
+        return light(state.act, tuple(state.powers.tolist()))
 
     packets, scale = on_one_scale(in_scene, recorded.packets["raw"])
     figures = judge(in_scene, packets, run.judged_s, _HARMLESS)

@@ -305,6 +305,44 @@ static void test_a_change_of_all_light(void **state)
 	lp_pipeline_destroy(pipeline);
 }
 
+/* Whatever frame of the bracket it comes in: within so many frames, and until then one of the flags
+ * says so. */
+static void expect_soon(struct lp_pipeline *pipeline, struct camera *camera, float level,
+			int frames, uint32_t flags)
+{
+	int right = 0;
+
+	for (int n = 0; n < frames; n++) {
+		const struct outcome outcome = run(pipeline, camera, 1, level);
+		const double light = outcome.last.sh_total[0][1] / sqrt(4.0 * M_PI);
+
+		if (!outcome.estimates)
+			continue;
+		right = fabs(light / true_mean(level) - 1.0) < 0.1 ? right + 1 : 0;
+		assert_true(right || outcome.last.flags & flags);
+		assert_false(outcome.last.flags & LP_ESTIMATE_EXPOSURE_IGNORED);
+	}
+	assert_true(right >= 1);
+}
+
+/* Darkness is known within 0.4 s. */
+static void test_sudden_changes_of_all_light(void **state)
+{
+	(void)state;
+	for (int phase = 0; phase < 9; phase++) { /* three exposures, of three frames each */
+		struct camera camera = {.delay_frames = 2, .step_us = 10.0F};
+		struct lp_pipeline *pipeline = new_pipeline(&camera, 3);
+
+		run(pipeline, &camera, 120 + phase, 1.0F);
+		expect_soon(pipeline, &camera, 0.02F, 12, LP_ESTIMATE_BRACKET_INCOMPLETE);
+		/* lamps clip until exposures are short enough again */
+		run(pipeline, &camera, 60, 0.02F);
+		expect_soon(pipeline, &camera, 1.0F, 45,
+			    LP_ESTIMATE_BRACKET_INCOMPLETE | LP_ESTIMATE_CLIPPED);
+		lp_pipeline_destroy(pipeline);
+	}
+}
+
 static void test_darkness(void **state)
 {
 	struct camera camera = {.delay_frames = 2, .step_us = 10.0F};
@@ -494,6 +532,7 @@ int main(void)
 		cmocka_unit_test(test_a_camera_that_ignores_commands),
 		cmocka_unit_test(test_automatic_exposure_leaves_the_light),
 		cmocka_unit_test(test_a_change_of_all_light),
+		cmocka_unit_test(test_sudden_changes_of_all_light),
 		cmocka_unit_test(test_darkness),
 		cmocka_unit_test(test_number_of_exposures_by_the_scene),
 		cmocka_unit_test(test_a_lamp_smaller_than_a_cell),
