@@ -8,7 +8,9 @@
 #include <string.h>
 
 #include "app/pipeline.h"
+#include "include/ring_sample.h"
 #include "include/source.h"
+#include "light/ring_fusion.h"
 #include "lp_test.h"
 #include "scene.h"
 
@@ -118,6 +120,7 @@ static struct lp_pipeline *new_pipeline(struct camera *camera, int brackets)
 	const struct lp_pipeline_options options = {.max_lights = 8,
 						    .sh_order = 2,
 						    .brackets = brackets,
+						    .scale = {NAN, NAN},
 						    .preset = LP_PRESET_BALANCED};
 	const struct lp_camera_control control = {.settable = true,
 						  .reports_exposure = camera->reports_exposure,
@@ -129,7 +132,7 @@ static struct lp_pipeline *new_pipeline(struct camera *camera, int brackets)
 	float command_us = NAN;
 
 	assert_int_equal(lp_pipeline_create(&options, &pipeline), 0);
-	assert_true(lp_pipeline_control(pipeline, &control, &command_us));
+	assert_int_equal(lp_pipeline_control(pipeline, &control, &command_us), brackets > 0);
 	camera->in_effect_us = 3000.0F; /* whatever it was left at */
 	take_command(camera, command_us);
 	return pipeline;
@@ -283,6 +286,61 @@ static void test_automatic_exposure_leaves_the_light(void **state)
 		/* lamps clip: what is known of them is the more, the shorter the exposure is */
 		assert_float_equal(outcome.last.sh_total[0][1] / light, 1.0, 0.06);
 		assert_true(outcome.last.scale_sigma < 0.1F);
+	}
+	lp_pipeline_destroy(pipeline);
+}
+
+#define LUX_PER_UNIT 50.0
+
+/* What a ring beside the camera reads: the sum over pixels of radiance, solid angle and cosine. */
+static struct lp_ring_sample ring_sample(float level)
+{
+	const double step = M_PI / HEIGHT;
+	struct lp_ring_sample sample = {0};
+
+	for (int k = 0; k < LP_RING_SENSORS; k++) {
+		double irradiance = 0.0;
+		float normal[3];
+
+		lp_ring_direction(k, normal);
+		for (int i = 0; i < WIDTH * HEIGHT; i++) {
+			const double t = step * (i / WIDTH + 0.5),
+				     l = step * (i % WIDTH + 0.5) - M_PI;
+			const double facing = sin(t) * sin(l) * normal[0] + cos(t) * normal[1] -
+					      sin(t) * cos(l) * normal[2];
+
+			irradiance += fmax(facing, 0.0) * sin(t) * step * step * level *
+				      radiance_at(i % WIDTH, i / WIDTH);
+		}
+		sample.illuminance_lux[k] = (float)(LUX_PER_UNIT * irradiance);
+		sample.sigma_relative[k] = 0.03F;
+	}
+	return sample;
+}
+
+/* With a ring the light is absolute, however the camera exposes it. */
+static void test_the_ring_makes_automatic_exposure_absolute(void **state)
+{
+	const float levels[] = {1.0F, 0.5F};
+	struct camera camera = {.ignores = true};
+	struct lp_pipeline *pipeline = new_pipeline(&camera, 0);
+
+	(void)state;
+	for (unsigned int k = 0; k < LP_COUNT(levels); k++) {
+		const struct lp_ring_sample sample = ring_sample(levels[k]);
+		const double truth = LUX_PER_UNIT * true_mean(levels[k]);
+
+		for (int n = 0; n < 60; n++) {
+			camera.in_effect_us *= n < 30 ? 0.98F : 1.0F;
+			lp_pipeline_ring(pipeline, &sample);
+			const struct outcome outcome = run(pipeline, &camera, 1, levels[k]);
+			const double light = outcome.last.cd_m2_per_unit *
+					     outcome.last.sh_total[0][1] / sqrt(4.0 * M_PI);
+
+			assert_true(outcome.last.flags & LP_ESTIMATE_EXPOSURE_UNKNOWN);
+			if (n > 15)
+				assert_float_equal(light / truth, 1.0, 0.1);
+		}
 	}
 	lp_pipeline_destroy(pipeline);
 }
@@ -531,6 +589,7 @@ int main(void)
 		cmocka_unit_test(test_reported_exposures_need_no_verifying),
 		cmocka_unit_test(test_a_camera_that_ignores_commands),
 		cmocka_unit_test(test_automatic_exposure_leaves_the_light),
+		cmocka_unit_test(test_the_ring_makes_automatic_exposure_absolute),
 		cmocka_unit_test(test_a_change_of_all_light),
 		cmocka_unit_test(test_sudden_changes_of_all_light),
 		cmocka_unit_test(test_darkness),
