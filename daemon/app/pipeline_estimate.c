@@ -59,7 +59,7 @@ static uint32_t flags_of(const struct lp_pipeline *p, const struct lp_panorama *
 		flags |= LP_ESTIMATE_MORE_LIGHTS;
 	if (status->rotation_is_unknown)
 		flags |= LP_ESTIMATE_MOTION;
-	if (lp_lamp_memory_flicker(&p->lamps.memory) > 0.0F)
+	if (lp_lamp_memory_flicker(&p->lamps.memory) > 0.0F || status->banding > 0.0F)
 		flags |= LP_ESTIMATE_FLICKER;
 	if (status->covered)
 		flags |= LP_ESTIMATE_COVERED;
@@ -125,7 +125,8 @@ static float relighting_sigma(const struct lp_pipeline *p, const struct lp_image
 	return (float)sqrt(LEAST_RELIGHTING_SIGMA * LEAST_RELIGHTING_SIGMA + lamps +
 			   clipped * clipped + hidden * hidden +
 			   (double)status->irradiance_sigma * status->irradiance_sigma +
-			   (double)status->changed * status->changed);
+			   (double)status->changed * status->changed +
+			   (double)status->banding * status->banding);
 }
 
 void lp_pipeline_fill(struct lp_pipeline *p, const struct lp_panorama *panorama, float mean,
@@ -153,6 +154,9 @@ void lp_pipeline_fill(struct lp_pipeline *p, const struct lp_panorama *panorama,
 	for (int i = 0; i < LP_MAX_SH_COUNT; i++)
 		for (int c = 0; c < 3; c++)
 			e->sh_total[i][c] = (float)total[i][c];
+	for (int k = 0; k < e->light_count; k++) /* its phase is not known */
+		e->lights[k].irradiance_sigma =
+			hypotf(e->lights[k].irradiance_sigma, status.banding);
 	e->relighting_sigma = relighting_sigma(p, &status, e, (const double(*)[3])total);
 	lp_model_predict((const double(*)[3])total, e);
 }

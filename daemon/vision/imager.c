@@ -71,6 +71,7 @@ int lp_imager_create(const struct lp_camera *camera, const struct lp_imager_opti
 	if (!m->mapped || !m->mapped_flags || !m->turned || !m->turned_flags || !m->step2 ||
 	    !m->behind || !m->taken || !m->pixels)
 		goto err_destroy;
+	lp_imager_watch(m);
 	*imager = m;
 	return 0;
 
@@ -295,6 +296,7 @@ int lp_imager_load(struct lp_imager *imager, struct lp_frame *frame, float expec
 	incoming->exposure_us = expected_us;
 	incoming->scale = scale_of(imager, frame->format != LP_FORMAT_RGB_F32, expected_us);
 	imager->wheel_deg = frame->wheel_deg;
+	imager->row_time_us = frame->row_time_us;
 	ret = lp_exposure_load(incoming, frame, &options, imager->row_weight, &imager->response);
 	if (ret < 0)
 		return ret;
@@ -507,6 +509,7 @@ int lp_imager_accept(struct lp_imager *imager, float exposure_us)
 	heed_scale(imager, exposure_us);
 	lp_imager_followed(imager);
 	look_for_cover(imager);
+	lp_imager_look_for_bands(imager);
 	observe(imager);
 	imager->covered_share = imager->cover.found ? covered_light(imager) : 0.0F;
 	note_exposure(imager, exposure_us);
@@ -555,6 +558,7 @@ void lp_imager_status(const struct lp_imager *imager, struct lp_imager_status *s
 		.orientation_told = imager->testimony.known,
 		.orientation_left_out = imager->witness.left_out,
 		.scale_sigma = imager->gain.count ? lp_gain_sigma(&imager->gain) : 0.0F,
+		.banding = imager->banding.found ? imager->banding.amplitude : 0.0F,
 		.covered = imager->cover.found,
 		.covered_s = imager->covered_s,
 		.covered_share = imager->covered_share,

@@ -63,6 +63,7 @@ struct lp_imager_status {
 	bool rotation_is_unknown;
 	bool orientation_told;	   /* the newest frame carries its orientation */
 	bool orientation_left_out; /* what frames carry contradicts what they show */
+	float banding;		   /* amplitude of the bands that flicker draws; 0: none are seen */
 	bool covered;		   /* something hides part of the camera's view */
 	float covered_s;	   /* for how long by now */
 	float covered_share;	   /* of the light: what was known where the view is hidden */

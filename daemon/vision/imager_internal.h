@@ -6,6 +6,7 @@
 #include "include/panorama.h"
 #include "light/motion.h"
 #include "light/witness.h"
+#include "vision/banding.h"
 #include "vision/camera.h"
 #include "vision/cover.h"
 #include "vision/gain.h"
@@ -83,7 +84,12 @@ struct lp_imager {
 	/* unknown_exposure.c */
 	struct lp_gain gain;	    /* scale of the newest frame; count 0: it was told */
 	int watched[LP_GAIN_CELLS]; /* gain.cells[] in the panorama */
-	bool is_relative;	    /* the map began with frames that did not tell their exposure */
+	int watched_count;
+	bool is_relative; /* the map began with frames that did not tell their exposure */
+
+	float row_time_us; /* of the newest frame; NAN: unknown */
+	struct lp_banding banding;
+	struct lp_banding_samples band_samples;
 
 	/* refine.c */
 	int *place;	    /* per camera cell: index into the patch that saw it last */
@@ -102,6 +108,11 @@ void lp_imager_see_through(struct lp_imager *imager, struct lp_observation *seen
 
 /* The newest frame's scale is another. */
 void lp_imager_rescale(struct lp_imager *imager, float scale);
+
+/* unknown_exposure.c: choose the cells of the panorama that are watched. */
+void lp_imager_watch(struct lp_imager *imager);
+/* bands.c: does the newest frame, before the map learns from it, show bands? */
+void lp_imager_look_for_bands(struct lp_imager *imager);
 
 /* unknown_exposure.c: where the newest frame does not tell its exposure, find its scale by the map:
  * roughly, before it is known where the camera looks; and in earnest. */

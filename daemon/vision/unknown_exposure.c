@@ -31,7 +31,7 @@ static bool is_unknown(const struct lp_imager *imager)
 }
 
 /* Panorama cells of the watched ones, the same number for equal parts of the sphere. */
-static void watch(struct lp_imager *imager)
+void lp_imager_watch(struct lp_imager *imager)
 {
 	const struct lp_grid *grid = imager->grid;
 	const int rows = grid->height < ROWS ? grid->height : ROWS;
@@ -45,7 +45,7 @@ static void watch(struct lp_imager *imager)
 			imager->watched[count++] =
 				row * grid->width + (2 * c + 1) * grid->width / (2 * columns);
 	}
-	imager->gain.count = count;
+	imager->watched_count = count;
 }
 
 /* Squared change of luminance from cell to cell. */
@@ -134,7 +134,7 @@ void lp_imager_expect_scale(struct lp_imager *imager)
 	if (!is_unknown(imager) || !imager->t_map_ns)
 		return;
 	if (!imager->gain.count) { /* exposures were known until now: the map tells */
-		watch(imager);
+		imager->gain.count = imager->watched_count;
 		see_map(imager);
 		lp_gain_anew(&imager->gain, 0.0F, 0.0F);
 	}
@@ -151,7 +151,7 @@ void lp_imager_find_scale(struct lp_imager *imager)
 	if (!is_unknown(imager))
 		return;
 	if (!imager->t_map_ns)
-		watch(imager);
+		imager->gain.count = imager->watched_count;
 	const struct lp_gain_look found = look(imager);
 
 	if (!imager->t_map_ns) {

@@ -45,7 +45,8 @@ SCENES = ("procedural:4", "room")
 SWITCH_S, SETTLED = 2.0, 0.75
 #: A change has arrived when so much of it shows.
 ARRIVED = 0.9
-#: No mains keeps step with a camera: at 120.0 Hz and 30 frames per second all phases were one.
+#: No mains keeps step with a camera; at 120.0 Hz and 30 frames per second all phases are one, and
+#: only bands across the rows tell it.
 MAINS_HZ, FLICKER_DEPTH = (100.0, 120.25), 0.5
 #: Lamps hang on three phases of the mains; a rolling shutter reads 960 rows in 19 ms.
 PHASES, ROW_TIME_US = (0.0, 1 / 3, 2 / 3), 20.0

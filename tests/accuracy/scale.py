@@ -11,6 +11,9 @@ from lightprobe.colour import luminance
 from lightprobe.estimate import Estimate
 from lightprobe.geometry import Array
 
+#: Share of the normals that are the dim ones.
+DIM = 0.25
+
 
 @dataclass(frozen=True)
 class Scale:
@@ -25,8 +28,9 @@ def on_one_scale(
     light_at: Callable[[Packet], Light], packets: Sequence[Packet]
 ) -> tuple[list[Packet], Scale]:
     """Bring packets to the common scale that suits them best: the median of their own."""
-    logs = np.array([_log_scale(light_at(packet), packet) for packet in packets])
-    common = float(np.median(logs)) if len(logs) else 0.0
+    own = [_log_scales(light_at(packet), packet) for packet in packets]
+    common = float(np.median([best for best, _ in own])) if own else 0.0
+    logs = np.array([dim for _, dim in own])
     brought = [
         replace(packet, estimate=_scaled(packet.estimate, float(np.exp(common))))
         for packet in packets
@@ -38,17 +42,25 @@ def on_one_scale(
         if sigma is not None
     ]
     return brought, Scale(
-        float(np.exp(np.abs(logs - common).max())) - 1 if len(logs) else float("nan"),
+        float(np.exp(np.abs(logs - np.median(logs)).max())) - 1 if own else float("nan"),
         stated[-1] if stated else None,
         float(np.mean(known)) if known else None,
     )
 
 
-def _log_scale(light: Light, packet: Packet) -> float:
-    """Logarithm of the factor that brings a packet nearest to the truth, by least squares."""
-    found: Array = luminance(packet.estimate.irradiance(light.normals @ packet.turn.T))
+def _log_scales(light: Light, packet: Packet) -> tuple[float, float]:
+    """Logarithms of factors that bring a packet to the truth.
+
+    By least squares over all normals; and the median over those that get least light, whom what
+    clips hardly reaches.
+    """
+    found: Array = np.maximum(
+        luminance(packet.estimate.irradiance(light.normals @ packet.turn.T)), 1e-30
+    )
     true = luminance(light.irradiance)
-    return float(np.log(max(true @ found, 1e-30) / max(found @ found, 1e-30)))
+    dim = true <= np.quantile(true, DIM)
+    best = np.log(max(true @ found, 1e-30) / (found @ found))
+    return float(best), float(np.median(np.log(true[dim] / found[dim])))
 
 
 def _scaled(estimate: Estimate, factor: float) -> Estimate:

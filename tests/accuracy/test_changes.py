@@ -10,6 +10,7 @@ import pytest
 import recording
 from judge import Packet
 from lightprobe.estimate import Estimate, EstimateFlag, Light, SphericalHarmonics
+from lightprobe.sim.flicker import Flicker
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.room import Room
 from lightprobe.sim.scene import Scene
@@ -111,3 +112,14 @@ def test_a_lamp_that_flickers_is_its_mean(exposures: str) -> None:
             assert one.ripple < 0.15  # before all phases have been seen equally often
         else:  # the shortest exposure comes but three times in nine frames
             assert one.flagged > 0.7
+
+
+@pytest.mark.parametrize(("mains_hz", "flagged"), [(120.0, 1), (0.0, 0)])
+def test_bands_tell_flicker_whose_phase_stands_still(mains_hz: float, flagged: int) -> None:
+    """At 120.0 Hz and 30 frames per second no lamp changes from frame to frame."""
+    flicker = Flicker(mains_hz, (changes.FLICKER_DEPTH,), changes.PHASES)
+    behaviour = Behaviour(act_s=0, flicker=flicker)
+    run = recording.Run(Room(), behaviour, judged_s=2.0, row_time_us=changes.ROW_TIME_US)
+    for one in changes.judged(changes.Case(run, mains_hz)):
+        assert isinstance(one, changes.Ripple)
+        assert one.flagged == flagged
