@@ -154,6 +154,7 @@ static void tell_reflections(struct lp_lamp_stage *stage, const struct lp_imager
 
 		measure_polarization(lamps[k], imager, finder);
 		suspects[k] = (struct lp_suspect){.irradiance = lamp->irradiance[LP_LUMINANCE],
+						  .is_bound = lamp->flags & LP_LIGHT_CLIPPED,
 						  .radius_deg = radius_rad(lamp) * DEG,
 						  .polarization = lamps[k]->polarization};
 		memcpy(suspects[k].direction, lamp->direction, sizeof(lamp->direction));

@@ -156,12 +156,29 @@ static float strength_density(float log_ratio, const struct lp_fresnel *fresnel,
 							  : 0.0F;
 }
 
+/* One of them clips, or both: whether the image may be as strong as the reflectance says, or, of a
+ * near lamp, weaker. A lamp that clips is stronger than it seems, and so is an image. */
+static float bound_probability(float log_ratio, const struct lp_suspect *image,
+			       const struct lp_suspect *lamp, const struct lp_fresnel *fresnel,
+			       bool far)
+{
+	const float excess = log_ratio - logf(fresnel->reflectance);
+	const float above = 0.5F * erfcf(-excess / (sqrtf(2.0F) * REFLECTANCE_SIGMA));
+
+	if (lamp->is_bound)
+		return image->is_bound || !far ? 1.0F : above;
+	return 1.0F - above;
+}
+
 static float strength_ratio(const struct lp_suspect *image, const struct lp_suspect *lamp,
 			    const struct lp_fresnel *fresnel, bool far)
 {
 	const float any = 1.0F / logf(CONTRAST);
+	const float log_ratio = logf(image->irradiance / lamp->irradiance);
 
-	return strength_density(logf(image->irradiance / lamp->irradiance), fresnel, far) / any;
+	if (image->is_bound || lamp->is_bound)
+		return bound_probability(log_ratio, image, lamp, fresnel, far);
+	return strength_density(log_ratio, fresnel, far) / any;
 }
 
 /* The lamp is where an image in a floor says; far and near lamps are as likely. */
@@ -255,7 +272,8 @@ static float likelihood(const struct lp_suspect *image, const struct lp_suspect 
 	return known ? ratio * image_density(image, &mirror) : ratio;
 }
 
-static struct lp_verdict judge(const struct lp_suspect *suspects, int at,
+/* Among the stronger ones, and those of which it is not known. */
+static struct lp_verdict judge(const struct lp_suspect *suspects, int count, int at,
 			       const struct lp_verdict *verdicts)
 {
 	const struct lp_suspect *s = &suspects[at];
@@ -263,8 +281,9 @@ static struct lp_verdict judge(const struct lp_suspect *suspects, int at,
 	float image = 0.0F;
 	int lamps = 0;
 
-	for (int k = 0; k < at; k++) {
-		if (verdicts[k].kind == LP_CLASS_REFLECTION)
+	for (int k = 0; k < count; k++) {
+		if (k == at || (k > at && !suspects[k].is_bound) ||
+		    verdicts[k].kind == LP_CLASS_REFLECTION)
 			continue;
 		lamps++;
 		image += PRIOR_FLOOR * likelihood(s, &suspects[k], false) +
@@ -289,7 +308,9 @@ static struct lp_verdict judge(const struct lp_suspect *suspects, int at,
 void lp_tell_reflections(const struct lp_suspect *suspects, int count, struct lp_verdict *verdicts)
 {
 	for (int k = 0; k < count; k++)
-		verdicts[k] = judge(suspects, k, verdicts);
+		verdicts[k].kind = LP_CLASS_UNSURE;
+	for (int k = 0; k < count; k++)
+		verdicts[k] = judge(suspects, count, k, verdicts);
 }
 
 bool lp_film_is_turned(const struct lp_suspect *suspects, int count)

@@ -31,6 +31,7 @@ enum lp_lamp_class { LP_CLASS_UNSURE, LP_CLASS_LAMP, LP_CLASS_REFLECTION };
 struct lp_suspect {
 	float direction[3];
 	float irradiance; /* luminance */
+	bool is_bound;	  /* it clips: it may be stronger by any factor */
 	float radius_deg;
 	struct lp_polarization polarization; /* used only if `known` */
 };
@@ -40,7 +41,7 @@ struct lp_verdict {
 	float reflection;	 /* probability, 0..1 */
 };
 
-/* Suspects come strongest first. */
+/* Suspects come strongest first, as far as it is known. */
 void lp_tell_reflections(const struct lp_suspect *suspects, int count, struct lp_verdict *verdicts);
 
 /* The images in floors are polarized upright, as no floor does it: the film has been put in a

@@ -18,6 +18,9 @@ struct lp_frame;
 struct lp_jpeg_reader;
 struct lp_response;
 
+/* Codes from here on count as saturated: the last few are bent by many cameras' highlight knee. */
+#define LP_TOP_CODE 250
+
 /* Storage grows to the largest frame seen and stays. */
 struct lp_cells {
 	int width, height; /* in cells */

@@ -11,8 +11,7 @@
 namespace lp
 {
 
-/* Codes from here on count as saturated: the last few are bent by many cameras' highlight knee. */
-constexpr int kTopCode = 250;
+constexpr int kTopCode = LP_TOP_CODE;
 
 inline cv::v_float32x4 luminance(const cv::v_float32x4 &r, const cv::v_float32x4 &g,
 				 const cv::v_float32x4 &b)

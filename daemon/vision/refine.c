@@ -41,6 +41,7 @@ struct patch {
 	int cells[LP_REFINE_MAX_CELLS];
 	float share[LP_REFINE_MAX_CELLS];
 	float brightest[LP_REFINE_MAX_CELLS]; /* luminance of a pixel; -FLT_MAX: not decoded */
+	bool clipped;			      /* a decoded pixel is at the top of the scale */
 };
 
 /*
@@ -161,8 +162,12 @@ static bool collect_thinned(struct lp_imager *imager, const struct behind *behin
 	return patch->count > 0;
 }
 
+/* Cells tell it, and pixels: a few clipped ones do not show in the mean and the detail of a cell.
+ */
 static bool clips(const struct lp_exposure *exposure, const struct patch *patch)
 {
+	if (patch->clipped)
+		return true;
 	for (int i = 0; i < patch->count; i++)
 		if (exposure->cells.clipped[patch->cells[i]])
 			return true;
@@ -275,6 +280,23 @@ static float brightest(const float (*rgb)[3], int count)
 	return most;
 }
 
+/* Whether one of the pixels is at the top of the scale; never in a float frame, which has none. */
+static bool at_top(const struct lp_imager *imager, const struct lp_exposure *exposure,
+		   const float (*rgb)[3], int count)
+{
+	bool found = false;
+
+	if (isnan(exposure->cells.mean_code))
+		return false;
+	for (int c = 0; c < 3; c++) {
+		const float top = exposure->scale * imager->response.pixel[c][LP_TOP_CODE];
+
+		for (int p = 0; p < count; p++)
+			found |= rgb[p][c] >= top;
+	}
+	return found;
+}
+
 /* The same of a row of pixels that are all alike and not of the core. */
 static struct row_sums flat_row(const float *radiance, int count, float step,
 				const float *background)
@@ -294,6 +316,7 @@ static float load_pixels(struct lp_imager *imager, const struct lp_exposure *exp
 	const int side = exposure->cells.cell_px, per_cell = side * side;
 	float peak = 0.0F;
 
+	patch->clipped = false;
 	for (int i = 0; i < patch->count; i++) {
 		float(*rgb)[3] = imager->pixels + (size_t)i * per_cell;
 
@@ -303,6 +326,7 @@ static float load_pixels(struct lp_imager *imager, const struct lp_exposure *exp
 					patch->cells[i] / exposure->cells.width, &imager->response,
 					rgb);
 		patch->brightest[i] = brightest((const float(*)[3])rgb, per_cell);
+		patch->clipped |= at_top(imager, exposure, (const float(*)[3])rgb, per_cell);
 		peak = fmaxf(peak, patch->brightest[i]);
 	}
 	return peak;

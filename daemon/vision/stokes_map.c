@@ -16,6 +16,9 @@
 #define CELL_SIGMA 0.02F
 /* Less than this of the light that comes from a cell tells nothing of it. */
 #define LEAST_FACTOR 0.05F
+/* A cell that the map knows to be brighter or darker than its S0 by this factor was read clipped,
+ * or mixed with its neighbours: its S1 and S2 are of other light. Chosen by hand. */
+#define MOST_APART 1.5F
 /* Of a lamp's light, in cells whose polarization is known. */
 #define LEAST_KNOWN_SHARE 0.8F
 
@@ -155,6 +158,12 @@ void lp_stokes_map_see_through(struct lp_stokes_map *map, const struct lp_film_v
 	observation->place_variance = 1.0F;
 }
 
+/* Whether what is known of a cell's polarization is of the light that the map shows. */
+static bool tells(const struct lp_polarization *p, float radiance)
+{
+	return p->known && p->s0 < MOST_APART * radiance && radiance < MOST_APART * p->s0;
+}
+
 struct lp_polarization lp_stokes_map_of(const struct lp_stokes_map *map, const float (*radiance)[4],
 					float background, const int32_t *cells, int count)
 {
@@ -168,7 +177,7 @@ struct lp_polarization lp_stokes_map_of(const struct lp_stokes_map *map, const f
 				    lp_grid_solid_angle_sr(map->grid, cell);
 
 		all += light;
-		if (!p.known)
+		if (!tells(&p, radiance[cell][LP_LUMINANCE]))
 			continue;
 		sum.s0 += light;
 		sum.q += light * p.q;

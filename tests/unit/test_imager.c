@@ -5,6 +5,7 @@
 #include <errno.h>
 #include <math.h>
 
+#include "include/light_estimate.h"
 #include "jpeg_encode.h"
 #include "light/grid.h"
 #include "light/lamps.h"
@@ -374,6 +375,39 @@ static void test_refinement(void **state)
 	}
 }
 
+/* Three clipped pixels in a bright block: its mean and detail do not show them, its pixels do. */
+static void test_few_clipped_pixels_are_seen(void **state)
+{
+	const struct lp_imager_options options = {.panorama_width = 240,
+						  .decode = LP_DECODE_BLOCKS,
+						  .divisor = 1};
+
+	(void)state;
+	for (int code = 240; code <= 255; code += 15) {
+		struct lp_frame *frame = new_frame(LP_FORMAT_GREY, 960, 480, 960, 960 * 480);
+		uint8_t *luma = (uint8_t *)frame->data;
+		struct lp_lamp_finder finder = {0};
+		struct lp_lamp lamp = {.count = 1};
+		struct lp_imager *imager;
+
+		assert_int_equal(lp_imager_create(camera, &options, &imager), 0);
+		memset(luma, 137, 960 * 480);
+		memset(luma + 243 * 960 + 482, code, 3);
+		assert_int_equal(lp_imager_add(imager, frame), 0);
+		int32_t cell = lp_grid_cell(lp_imager_grid(imager), (float[]){0.02F, -0.02F, -1});
+
+		lp_grid_direction(lp_imager_grid(imager), cell, lamp.direction);
+		finder.cells = &cell;
+		for (int c = 0; c < 4; c++)
+			lamp.background[c] = lp_imager_panorama(imager)->cells[cell + 30][c];
+		lamp.peak = lp_imager_panorama(imager)->cells[cell][3];
+		assert_true(lamp.peak > 1.05F * lamp.background[3]);
+		assert_true(lp_imager_refine(imager, &finder, &lamp, 64));
+		assert_int_equal(lamp.flags & LP_LIGHT_CLIPPED, code == 255 ? LP_LIGHT_CLIPPED : 0);
+		lp_imager_destroy(imager);
+	}
+}
+
 static int frames_out;
 
 static void count_back(struct lp_frame *frame)
@@ -501,6 +535,7 @@ int main(void)
 		cmocka_unit_test(test_jpeg_against_its_own_pixels),
 		cmocka_unit_test(test_raw_blocks_against_pixels),
 		cmocka_unit_test(test_refinement),
+		cmocka_unit_test(test_few_clipped_pixels_are_seen),
 		cmocka_unit_test(test_frames_held),
 		cmocka_unit_test(test_bad_frames),
 		cmocka_unit_test(test_invalid_samples),

@@ -98,6 +98,41 @@ static void test_images_whose_polarization_says_nothing(void **state)
 			     LP_CLASS_REFLECTION);
 }
 
+static struct lp_suspect clipped(struct lp_suspect s, float left)
+{
+	s.irradiance *= left;
+	s.is_bound = true;
+	return s;
+}
+
+/* Of lamps that clip only the least strength is known: the place, and what can still be said. */
+static void test_images_of_lamps_that_clip(void **state)
+{
+	const struct lp_suspect lamp = at(90, 40, 10.0F), shown = unknown(image(90, 40, 10.0F));
+	struct lp_verdict verdicts[2];
+
+	(void)state;
+	assert_int_equal(second(clipped(lamp, 0.1F), shown).kind, LP_CLASS_REFLECTION);
+	assert_int_equal(second(clipped(lamp, 0.1F), clipped(shown, 0.5F)).kind,
+			 LP_CLASS_REFLECTION);
+	/* both clip, and the image seems to be the stronger one */
+	lp_tell_reflections((const struct lp_suspect[]){shown, clipped(lamp, 0.01F)}, 2, verdicts);
+	assert_int_equal(verdicts[0].kind, LP_CLASS_REFLECTION);
+	assert_int_not_equal(verdicts[1].kind, LP_CLASS_REFLECTION);
+	/* even the least strength of the lamp is too much for it */
+	assert_int_not_equal(second(clipped(lamp, 0.1F), unknown(at(90, -40, 0.01F))).kind,
+			     LP_CLASS_REFLECTION);
+	/* it is stronger than an image of this lamp could be */
+	assert_int_not_equal(second(lamp, clipped(unknown(at(90, -40, 10.0F)), 0.5F)).kind,
+			     LP_CLASS_REFLECTION);
+	/* not where an image would be */
+	for (int azimuth = 20; azimuth < 340; azimuth += 20)
+		assert_int_not_equal(second(clipped(at(0, 50, 10.0F), 0.1F),
+					    clipped(unknown(at((float)azimuth, -50, 3.0F)), 0.1F))
+					     .kind,
+				     LP_CLASS_REFLECTION);
+}
+
 static void test_lamps_are_lamps(void **state)
 {
 	(void)state;
@@ -210,6 +245,7 @@ int main(void)
 		cmocka_unit_test(test_images_in_a_floor),
 		cmocka_unit_test(test_an_image_in_a_near_floor),
 		cmocka_unit_test(test_images_whose_polarization_says_nothing),
+		cmocka_unit_test(test_images_of_lamps_that_clip),
 		cmocka_unit_test(test_lamps_are_lamps),
 		cmocka_unit_test(test_images_in_upright_mirrors),
 		cmocka_unit_test(test_light_that_is_polarized_by_itself),

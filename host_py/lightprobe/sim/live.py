@@ -15,6 +15,7 @@ from lightprobe.sim.camera import SimulatedCamera
 from lightprobe.sim.clock import START_NS, UNIX_NS, SimulatedClock
 from lightprobe.sim.faults import Faults
 from lightprobe.sim.link import Exposure, Link
+from lightprobe.sim.live_box import LiveBox
 from lightprobe.wire import Decoder, Message, Subscription, encode_subscription
 
 
@@ -100,17 +101,19 @@ class LiveProbe:
         *,
         delay_frames: int = 2,
         faults: Faults | None = None,
+        box: LiveBox | None = None,
     ) -> None:
-        """`arguments`: more of lightprobed's; `delay_frames`: from exposure command to effect."""
+        """`arguments`: more of lightprobed's; `delay_frames`: from exposure command to effect;
+        `box`: its wheel turns the camera's polarizer."""
         self._folder = tempfile.TemporaryDirectory(prefix="lp-")  # socket paths are short
         folder = Path(self._folder.name)
         self.socket, self.log_path = folder / "probe", folder / "log"
         self.clients: list[LiveClient] = []
-        self.apps: list[App] = []
+        self.apps: list[App] = [box] if box else []
         self.clock = SimulatedClock(folder / "time", self._read, lambda: self._daemon.check())
         self.link = Link(
             folder / "camera", camera, Exposure(camera, delay_frames=delay_frames), faults,
-            say=lambda text: None, clock=self.clock,
+            surroundings=box, say=lambda text: None, clock=self.clock,
         )  # fmt: skip
         self._daemon = Daemon(
             [
