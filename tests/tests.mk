@@ -62,6 +62,15 @@ test-long: test-parts ## run the tests that take too long for `make test`: rando
 	@$(PYTEST) -m long $(PYTEST_ROOMS:%=tests/%)
 	@$(VENV)/bin/pytest -q -s tests/package
 
+$(STAMPS)/venv-renderer: host_py/pyproject.toml host_py/constraints.txt | $(STAMPS)/venv
+	@echo 'setup: Mitsuba (host_py[renderer])'
+	@PIP_CONSTRAINT=host_py/constraints.txt $(VENV)/bin/pip install --quiet --disable-pip-version-check -e 'host_py[renderer]'
+	@touch $@
+
+.PHONY: test-renderer
+test-renderer: build $(STAMPS)/venv-renderer ## compare measured polarization with a physically based renderer (Mitsuba, a minute)
+	@$(VENV)/bin/pytest -q -s -m '' tests/accuracy/test_polarization_references.py
+
 test-all: test-unit test-python test-js
 
 .PHONY: check-rules

@@ -14,9 +14,11 @@ from lightprobe.errors import UsageError
 from lightprobe.evaluate import polarization
 from lightprobe.imaging import camera, image
 from lightprobe.sim import scenes
+from lightprobe.sim.exposure import bracket_us, median_luminance
 from lightprobe.sim.polarized import PolishedFloor, Sky
 from lightprobe.sim.polarizer import Polarizer, Sheet
 from lightprobe.sim.procedural import random_scene
+from lightprobe.sim.sensor import Sensor, encode_jpeg
 
 SIZE_PX = (128, 64)
 LENS = camera.load("equirect")
@@ -29,6 +31,10 @@ def views(scene, angles, size_px=SIZE_PX, sheet=None):
     s0, s12 = layers.compose(powers), layers.compose_polarized(powers)
     film = Polarizer(sheet or Sheet(), LENS, size_px)
     return np.stack([s0, *s12]), [film.through(s0, s12, (angle,)) for angle in angles]
+
+
+def pictures(seen):
+    return [polarization.Picture(light) for light in seen]
 
 
 @settings(max_examples=20, deadline=None)
@@ -45,7 +51,7 @@ def test_any_three_angles_that_differ_give_the_truth(angles, seed, transmission,
         return
     sheet = Sheet(transmission, extinction)
     truth, seen = views(PolishedFloor(random_scene(seed)), angles, sheet=sheet)
-    found = polarization.measure(seen, angles, LENS, sheet).stokes
+    found = polarization.measure(pictures(seen), angles, LENS, sheet).stokes
     known = np.isfinite(found)
     assert 0.58 < known.mean() < 0.64  # pixels; the film is edge-on in 26 % of the sphere
     error = np.abs(found - truth)[known]
@@ -55,7 +61,7 @@ def test_any_three_angles_that_differ_give_the_truth(angles, seed, transmission,
 def test_a_sky_is_polarized_across_its_plane_with_the_sun():
     angles = (0, 45, 90, 135)
     truth, seen = views(Sky(), angles)
-    found = polarization.measure(seen, angles, LENS)
+    found = polarization.measure(pictures(seen), angles, LENS)
     known = np.isfinite(found.dolp)
     degree = np.hypot(truth[1], truth[2])[..., 1] / truth[0][..., 1]
     assert np.sqrt(np.mean((found.dolp - degree)[known] ** 2)) < 0.01
@@ -85,6 +91,35 @@ def test_clipped_pixels_are_not_known(tmp_path):
     found = polarization.measure(polarization.read(files, LENS), (0, 60, 120), LENS)
     assert np.isnan(found.dolp[30:34, 60:68]).all()
     assert found.dolp[20, 64] < 1e-3
+
+
+def test_short_exposures_tell_of_what_clips(tmp_path):
+    """A bracket at each angle; sigma covers the error."""
+    angles = (0, 45, 90, 135)
+    truth, seen = views(PolishedFloor(random_scene(2)), angles, (256, 128))
+    sensor = Sensor(256, 128)
+    files, exposures = [], bracket_us(median_luminance(seen[0]), 3)
+    for index, view in enumerate(seen):
+        for step, exposure_us in enumerate(exposures):
+            codes = sensor.capture(view, exposure_us, frame=len(files))
+            files.append(tmp_path / f"{index}-{step}.jpg")
+            files[-1].write_bytes(encode_jpeg(codes))
+    read = polarization.read(files, LENS, exposures * 4)
+    found = polarization.measure(read, np.repeat(angles, 3), LENS)
+    alone = polarization.measure(read[::3], angles, LENS)
+    known = np.isfinite(found.dolp)
+    assert known.sum() > np.isfinite(alone.dolp).sum()
+    light = truth @ [0.2126, 0.7152, 0.0722]
+    degree = np.hypot(light[1], light[2]) / light[0]
+    error = (found.dolp - degree)[known]
+    assert np.sqrt(np.mean(error**2)) < 0.03
+    sigmas = np.abs(error) / found.dolp_sigma[known]
+    assert np.mean(sigmas < 3) > 0.95
+
+
+def test_one_exposure_for_each_picture(tmp_path):
+    with pytest.raises(UsageError, match="2 pictures and 1 exposures"):
+        polarization.read([tmp_path / "a.png", tmp_path / "b.png"], LENS, [100.0])
 
 
 def test_the_command_writes_pictures_and_a_scene(tmp_path):
