@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include "app/backends.h"
+#include "app/film_options.h"
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/text.h"
@@ -162,6 +163,7 @@ static int create_worker(struct lp_daemon *daemon)
 	int ret;
 
 	options.camera = daemon->camera_file;
+	options.film = lp_film_options(daemon->options, daemon->camera_file);
 	if (isnan(options.scale.lux_per_unit) && daemon->camera_file->cd_m2_per_unit > 0.0F)
 		options.scale = (struct lp_ring_scale){daemon->camera_file->cd_m2_per_unit,
 						       daemon->camera_file->cd_m2_per_unit_sigma};

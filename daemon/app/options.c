@@ -173,7 +173,7 @@ static int parse_ring_lux(const char *text, void *field)
 	return *text || lux->count != LP_RING_SENSORS ? -EINVAL : 0;
 }
 
-/* off, sweep, or fixed:DEG. */
+/* off, sweep, films, or fixed:DEG. */
 static int parse_polarizer(const char *text, void *field)
 {
 	struct lp_polarizer *polarizer = field;
@@ -184,6 +184,9 @@ static int parse_polarizer(const char *text, void *field)
 		return 0;
 	polarizer->mode = LP_POLARIZER_SWEEP;
 	if (strcmp(text, "sweep") == 0)
+		return 0;
+	polarizer->mode = LP_POLARIZER_FILMS;
+	if (strcmp(text, "films") == 0)
 		return 0;
 	if (strncmp(text, "fixed:", 6) != 0 || !text[6])
 		return -EINVAL;
@@ -270,16 +273,22 @@ static const struct lp_param config_list[] = {
 	 .initial = "0", .max = 180,
 	 .help = "angles of the wheel in degrees: one to stay at, or several to visit in turn"},
 	{"polarizer", LP_PARAM_OWN, offsetof(struct lp_options, polarizer), .initial = "off",
-	 .parse = parse_polarizer, .expects = "off|sweep|fixed:DEGREES",
+	 .parse = parse_polarizer, .expects = "off|sweep|fixed:DEGREES|films",
 	 .help = "the wheel carries a polarizing film: measure how light is polarized and tell\n"
 		 "reflections from lamps (sweep: at the wheel's angles, by default 0, 45, 90 and\n"
-		 "135; fixed: only divide by what the film lets through); off: light is what\n"
-		 "passes the film"},
+		 "135; fixed: only divide by what the film lets through); films: three films at\n"
+		 "90, 45 and 0 degrees stand before the lens, without a wheel; off: light is\n"
+		 "what passes the film"},
 	{"polarizer-transmission", LP_PARAM_FLOAT,
-	 offsetof(struct lp_options, polarizer_transmission), .initial = "0.84", .min = 0.01,
-	 .max = 1, .help = "of the film: of light along its axis plus of light across it"},
+	 offsetof(struct lp_options, polarizer_transmission), .initial = "0", .max = 1,
+	 .help = "of the film: of light along its axis plus of light across it; 0: as the camera\n"
+		 "file says (lightprobe calibrate polarizer writes it), or 0.84"},
 	{"polarizer-extinction", LP_PARAM_FLOAT, offsetof(struct lp_options, polarizer_extinction),
-	 .initial = "500", .min = 1, .max = 1e9, .help = "extinction ratio of the film"},
+	 .initial = "0", .max = 1e9,
+	 .help = "extinction ratio of the film; 0: as the camera file says, or 500"},
+	{"polarizer-offset", LP_PARAM_FLOAT, offsetof(struct lp_options, polarizer_offset_deg),
+	 .initial = "0", .min = -180, .max = 180,
+	 .help = "degrees from the wheel's angle to the film's axis; 0: as the camera file says"},
 	{"wheel-dwell-ms", LP_PARAM_FLOAT, offsetof(struct lp_options, wheel_dwell_ms),
 	 .initial = "500", .max = 3600000,
 	 .help = "how long the wheel stays at each of several angles"},
@@ -501,10 +510,6 @@ struct lp_pipeline_options lp_options_pipeline(const struct lp_options *options)
 				 ? (struct lp_ring_scale){options->cd_m2_per_unit,
 							  options->cd_m2_per_unit_sigma}
 				 : (struct lp_ring_scale){NAN, NAN},
-		.film_transmission = options->polarizer.mode == LP_POLARIZER_OFF
-					     ? 0.0F
-					     : options->polarizer_transmission,
-		.film_extinction = options->polarizer_extinction,
 		.smoothing_ms = options->smoothing_ms,
 		.ttl_ms = options->ttl_ms,
 	};

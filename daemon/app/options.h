@@ -28,7 +28,7 @@ struct lp_orientation_choice {
 
 /* How the angles of the wheel are used. */
 struct lp_polarizer {
-	enum { LP_POLARIZER_OFF, LP_POLARIZER_SWEEP, LP_POLARIZER_FIXED } mode;
+	enum { LP_POLARIZER_OFF, LP_POLARIZER_SWEEP, LP_POLARIZER_FIXED, LP_POLARIZER_FILMS } mode;
 	float fixed_deg;
 };
 
@@ -56,7 +56,8 @@ struct lp_options {
 	float cd_m2_per_unit, cd_m2_per_unit_sigma; /* 0: not known */
 	struct lp_floats wheel_angles_deg;
 	struct lp_polarizer polarizer;
-	float polarizer_transmission, polarizer_extinction;
+	float polarizer_transmission, polarizer_extinction; /* 0: as the camera file says */
+	float polarizer_offset_deg;
 	float wheel_dwell_ms;
 	int max_clients;
 	char name[64]; /* of the probe; "": the host's */
@@ -85,7 +86,7 @@ void lp_options_defaults(struct lp_options *options);
 /* The options' part of --help. */
 void lp_options_help(FILE *out);
 
-/* Options of the pipeline, but for the camera. */
+/* Options of the pipeline, but for the camera and the film before it. */
 struct lp_pipeline_options lp_options_pipeline(const struct lp_options *options);
 
 const char *lp_preset_name(int preset);

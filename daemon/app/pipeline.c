@@ -128,7 +128,7 @@ static struct lp_lamp_stage_work lamp_work(const struct lp_pipeline *p)
 {
 	return (struct lp_lamp_stage_work){.wanted_lights = p->wanted_lights,
 					   .refine_cells = p->preset.refine_cells,
-					   .has_film = p->options.film_transmission > 0.0F};
+					   .has_film = p->options.film.transmission > 0.0F};
 }
 
 /* The frame loaded last corrects what is known. */

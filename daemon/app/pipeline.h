@@ -34,6 +34,13 @@ enum lp_orientation_kind {
 	LP_ORIENTATION_SENSOR, /* besides, a gyroscope tells turns: frames are stamped */
 };
 
+/* A polarizing film, as calibrated (light/polarization.h). */
+struct lp_film_numbers {
+	float transmission; /* along its axis plus across it; 0: there is no film */
+	float extinction;
+	float offset_deg; /* of its axis on the wheel */
+};
+
 struct lp_pipeline_options {
 	const struct lp_camera_file *camera; /* NULL: equirectangular; borrowed during create */
 	enum lp_preset preset;
@@ -49,7 +56,7 @@ struct lp_pipeline_options {
 	int brackets; /* most exposures of a bracket of our own making; 0: exposure is left alone */
 	enum lp_orientation_kind orientation;
 	/* In front of the lens, with a wheel whose angle frames carry; transmission 0: none. */
-	float film_transmission, film_extinction;
+	struct lp_film_numbers film;
 	struct lp_ring_scale scale; /* cd/m^2 per unit of radiance; NAN: not known */
 	float smoothing_ms;	    /* time constant of the smoothed estimate; 0: none */
 	float ttl_ms;

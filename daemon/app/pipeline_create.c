@@ -76,9 +76,10 @@ static void destroy_stages(const struct stages *stages)
 /* One sheet in front of each lens; an equirectangular camera has one across its forward axis. */
 static struct lp_film film_of(const struct lp_pipeline *p)
 {
-	struct lp_film film =
-		lp_film_of_one_sheet(p->options.film_transmission, p->options.film_extinction);
+	const struct lp_film_numbers *numbers = &p->options.film;
+	struct lp_film film = lp_film_of_one_sheet(numbers->transmission, numbers->extinction);
 
+	film.offset_deg = numbers->offset_deg;
 	if (p->camera->projection == LP_EQUIRECT)
 		return film;
 	for (int k = 0; k < p->camera->lens_count && k < LP_MAX_SHEETS; k++) {

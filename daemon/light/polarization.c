@@ -36,12 +36,23 @@ struct lp_film lp_film_of_one_sheet(float transmission, float extinction_ratio)
 	return film;
 }
 
+/* A sheet passes k1 of light along its axis and k2 across it: a = k1 + k2, b = k1 - k2, c = 2
+ * sqrt(k1 k2). Of S0 = 1 the first leaves S0 = a/2, S1 = -b/2 (it stands at 90 degrees); the one at
+ * 45 degrees a/2 S0 and c/2 S1; of these the one at 0 degrees passes (a S0 + b S1) / 2. */
+float lp_film_stack_gain(float transmission, float extinction_ratio)
+{
+	const float a = transmission, k2 = transmission / (extinction_ratio + 1.0F);
+	const float b = a - 2.0F * k2, c = 2.0F * sqrtf(k2 * (a - k2));
+
+	return (a * a * a - b * b * c) / 8.0F;
+}
+
 struct lp_film_view lp_film_seen(const struct lp_film *film, float wheel_deg,
 				 const struct lp_rotation *to_frame)
 {
 	struct lp_film_view view = {.diattenuation = film->diattenuation,
 				    .sheet_count = film->sheet_count};
-	const double angle = (double)wheel_deg * M_PI / 180.0;
+	const double angle = ((double)wheel_deg + film->offset_deg) * M_PI / 180.0;
 	/* n = -Z, p = (cos, sin, 0): n x p = (sin, -cos, 0) */
 	const double normal[3] = {0.0, 0.0, -1.0}, across[3] = {sin(angle), -cos(angle), 0.0};
 

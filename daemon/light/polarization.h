@@ -29,6 +29,7 @@ extern "C" {
 struct lp_film {
 	float gain;	     /* of unpolarized light: t/2; 0: there is no film */
 	float diattenuation; /* D = (r - 1) / (r + 1), r the extinction ratio */
+	float offset_deg;    /* from the wheel's angle to the transmission axis */
 	int sheet_count;
 	struct lp_rotation lens[LP_MAX_SHEETS]; /* lens frame to probe frame */
 };
@@ -48,8 +49,12 @@ void lp_stokes_frame(const float direction[3], float right[3], float up[3]);
 /* One sheet across the probe's forward axis, also for the half behind (equirectangular cameras). */
 struct lp_film lp_film_of_one_sheet(float transmission, float extinction_ratio);
 
-/* wheel_deg: angle of p (docs/users/conventions.md); to_frame: from the probe's frame to that of
- * the directions. */
+/* How much of unpolarized light passes three such sheets at 90, 45 and 0 degrees: t/2 twice more,
+ * and less what the first leaves of its own polarization (product of their Mueller matrices). */
+float lp_film_stack_gain(float transmission, float extinction_ratio);
+
+/* wheel_deg: angle of the wheel (docs/users/conventions.md); to_frame: from the probe's frame to
+ * that of the directions. */
 struct lp_film_view lp_film_seen(const struct lp_film *film, float wheel_deg,
 				 const struct lp_rotation *to_frame);
 

@@ -47,6 +47,16 @@ static const struct lp_param photometry_list[] = {
 };
 static const struct lp_params photometry_params = LP_PARAMS(photometry_list);
 
+static const struct lp_param polarizer_list[] = {
+	{"transmission", LP_PARAM_FLOAT, offsetof(struct lp_camera_file, film_transmission),
+	 .min = 0.01, .max = 1},
+	{"extinction", LP_PARAM_FLOAT, offsetof(struct lp_camera_file, film_extinction), .min = 1,
+	 .max = 1e9},
+	{"offset_deg", LP_PARAM_FLOAT, offsetof(struct lp_camera_file, film_offset_deg),
+	 .min = -180, .max = 180},
+};
+static const struct lp_params polarizer_params = LP_PARAMS(polarizer_list);
+
 #define LENS_FLOAT(key, low, high)                                                        \
 	{                                                                                 \
 #key, LP_PARAM_FLOAT, offsetof(struct lp_lens_fields, key), .min = (low), \
@@ -73,9 +83,9 @@ static const struct lp_params lens_params = LP_PARAMS(lens_list);
 
 static int set_fields(struct lp_camera_file *file)
 {
-	static const char *const sections[] = {"camera",     "response", "lens.0", "lens.1",
-					       "lens.2",     "lens.3",	 "v4l2",   "libcamera",
-					       "photometry", NULL};
+	static const char *const sections[] = {"camera",     "response",  "lens.0", "lens.1",
+					       "lens.2",     "lens.3",	  "v4l2",   "libcamera",
+					       "photometry", "polarizer", NULL};
 	int ret = lp_ini_check_sections(&file->ini, sections);
 
 	_Static_assert(LP_MAX_LENSES == 4, "a section for each lens");
@@ -85,6 +95,8 @@ static int set_fields(struct lp_camera_file *file)
 		ret = lp_ini_set(&file->ini, "response", &response_params, file);
 	if (ret == 0)
 		ret = lp_ini_set(&file->ini, "photometry", &photometry_params, file);
+	if (ret == 0)
+		ret = lp_ini_set(&file->ini, "polarizer", &polarizer_params, file);
 	for (int k = 0; k < LP_MAX_LENSES && ret == 0; k++) {
 		char section[20];
 

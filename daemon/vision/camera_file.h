@@ -34,6 +34,8 @@ struct lp_camera_file {
 	char response[PATH_MAX];
 	float cd_m2_per_unit;	    /* luminance of radiance 1; 0: not known */
 	float cd_m2_per_unit_sigma; /* relative */
+	/* Of the film on the wheel (light/polarization.h); 0: the file does not say */
+	float film_transmission, film_extinction, film_offset_deg;
 	struct lp_lens_fields lens[LP_MAX_LENSES];
 };
 

@@ -15,7 +15,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 
@@ -24,9 +24,10 @@ from lightprobe import geometry
 from lightprobe.estimate import Estimate, EstimateFlag, LightFlag
 from lightprobe.evaluate import offline
 from lightprobe.imaging import camera, image
+from lightprobe.imaging.film import Sheet
 from lightprobe.sim.exposure import bracket_us, median_luminance
 from lightprobe.sim.polarized import PolishedFloor
-from lightprobe.sim.polarizer import Polarizer, Sheet
+from lightprobe.sim.polarizer import Polarizer
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.scene import Scene
 from lightprobe.sim.sensor import Sensor, encode_jpeg
@@ -113,7 +114,7 @@ class Studio:
             exposures_us = self._write(views, Path(name))
             repeated = EXPOSURES if exposures_us else 1
             angles = tuple(np.repeat(settings.wheel_deg, repeated).tolist())
-            chosen = offline.Settings(preset="balanced", wheel_deg=angles, area_lights=True)
+            chosen = replace(settings, preset="balanced", wheel_deg=angles, area_lights=True)
             return offline.estimate_folder(Path(name), exposures_us, chosen)
 
     def _write(self, views: Sequence[Radiance], folder: Path) -> list[float]:

@@ -20,18 +20,18 @@ import cv2
 from lightprobe import geometry
 from lightprobe.estimate import Estimate, LightFlag
 from lightprobe.imaging import camera as lenses
+from lightprobe.imaging.film import Sheet
 from lightprobe.sim.camera import SimulatedCamera
 from lightprobe.sim.live import LiveProbe
 from lightprobe.sim.live_box import LiveBox
 from lightprobe.sim.polarized import PolishedFloor
-from lightprobe.sim.polarizer import Sheet
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.world import Behaviour, World
 from lightprobe.wire import Subscription
 
 SIZE_PX, RATE_HZ = (1920, 960), 10.0
-#: The wheel homes and sweeps once in the first ones; the last ones are judged.
-SETTLE_S, JUDGED_S = 12.0, 4.0
+#: The wheel homes and sweeps once in the first ones (14 s); the last ones are judged.
+SETTLE_S, JUDGED_S = 18.0, 4.0
 MEDIAN_RADIANCE = 30.0
 
 

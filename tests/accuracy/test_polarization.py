@@ -1,7 +1,15 @@
 """What a varnished floor mirrors is told from lamps, in 8-bit frames of the simulated camera."""
 
+from pathlib import Path
+
+import numpy as np
 import polarization
 import pytest
+from lightprobe.calibrate import camera_file, polarizer
+from lightprobe.estimate import EstimateFlag
+from lightprobe.evaluate import offline
+from lightprobe.evaluate.polarization import Picture
+from lightprobe.imaging import camera
 from lightprobe.sim.polarized import PolishedFloor
 from lightprobe.sim.procedural import random_scene
 
@@ -26,3 +34,34 @@ def test_a_sweep_tells_every_reflection(seed: int) -> None:
     found = polarization.count(scene, estimate, estimate)
     assert (found.lost, found.false) == (0, 0), estimate.lights
     assert found.reflections >= 1
+
+
+def test_a_film_put_in_wrong_is_found_and_calibrated(tmp_path: Path) -> None:
+    """A quarter turn wrong, by the reflection of a lamp in the floor; the camera file mends it."""
+    scene = PolishedFloor(random_scene(8))
+    studio = polarization.Studio(scene, "float")
+    seen = studio.sheet_at(*(angle + 88 for angle in polarization.ANGLES_DEG))
+    wrong = studio.estimate(seen, offline.Settings(wheel_deg=polarization.ANGLES_DEG))
+    assert wrong.flags & EstimateFlag.FILM_TURNED
+    # a lamp near Brewster's angle whose image the film does not show edge-on
+    lamp = min(
+        (one for one in scene.lamps if abs(one.direction[2]) > 0.5),
+        key=lambda one: abs(one.direction[1] - 0.5),
+    )
+    azimuth, elevation = np.degrees(
+        [np.arctan2(lamp.direction[0], -lamp.direction[2]), np.arcsin(-lamp.direction[1])]
+    )
+    found = polarizer.fit(
+        [Picture(one) for one in seen], polarization.ANGLES_DEG, camera.load("equirect"),
+        polarizer.Target(aolp_deg=0.0), polarizer.Region(azimuth, elevation, 3.0),
+    )  # fmt: skip
+    assert found.is_turned
+    file = tmp_path / "my.camera"
+    camera_file.save(file, polarization.SIZE_PX, "polarizer", found.values())
+    right = studio.estimate(
+        seen, offline.Settings(camera=str(file), wheel_deg=polarization.ANGLES_DEG)
+    )
+    assert not right.flags & EstimateFlag.FILM_TURNED
+    counted = polarization.count(scene, right, right)
+    assert (counted.lost, counted.false) == (0, 0)
+    assert counted.reflections > polarization.count(scene, wrong, wrong).reflections

@@ -16,10 +16,11 @@ import renderer
 from lightprobe.colour import luminance
 from lightprobe.evaluate import polarization
 from lightprobe.imaging import camera
+from lightprobe.imaging.film import Sheet
 from lightprobe.imaging.image import ImageError
 from lightprobe.sim.exposure import bracket_us, median_luminance
 from lightprobe.sim.polarized import PolishedFloor, StokesPanorama
-from lightprobe.sim.polarizer import Polarizer, Sheet
+from lightprobe.sim.polarizer import Polarizer
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.scene import Scene
 from lightprobe.sim.sensor import Sensor

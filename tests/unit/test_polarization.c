@@ -43,6 +43,23 @@ static void test_on_the_axis(void **state)
 	}
 }
 
+/* A film that was not put in at 0 degrees of the wheel. */
+static void test_an_offset_turns_the_axis(void **state)
+{
+	const struct lp_rotation none = lp_rotation_identity();
+	struct lp_film film = lp_film_of_one_sheet(0.84F, 500.0F);
+	float axis[2], expected[2];
+
+	(void)state;
+	film.offset_deg = 90.0F;
+	const struct lp_film_view view = lp_film_seen(&film, 20.0F, &none), other = seen_at(110.0F);
+
+	assert_true(lp_film_axis(&view, forward, axis));
+	assert_true(lp_film_axis(&other, forward, expected));
+	assert_float_equal(axis[0], expected[0], 1e-5);
+	assert_float_equal(axis[1], expected[1], 1e-5);
+}
+
 /* Off the axis, computed once more from e = d x (n x p) in double. */
 static void test_off_the_axis_and_turned(void **state)
 {
@@ -365,6 +382,7 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_on_the_axis),
+		cmocka_unit_test(test_an_offset_turns_the_axis),
 		cmocka_unit_test(test_off_the_axis_and_turned),
 		cmocka_unit_test(test_a_sheet_for_each_lens),
 		cmocka_unit_test(test_stokes_from_four_angles),

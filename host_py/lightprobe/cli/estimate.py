@@ -14,6 +14,7 @@ from lightprobe.cli import view
 from lightprobe.errors import UsageError
 from lightprobe.estimate import Estimate, flag_names
 from lightprobe.evaluate import offline
+from lightprobe.imaging.film import Sheet
 
 
 def command(
@@ -75,8 +76,13 @@ def command(
         ),
     ] = None,
     film: Annotated[
-        str, typer.Option(metavar="T,R", help="Transmission and extinction ratio of the polarizer.")
-    ] = "0.84,500",
+        str | None,
+        typer.Option(
+            metavar="T,R[,O]",
+            help="Transmission, extinction ratio and offset in degrees of the polarizer; default: "
+            "what the camera file says, or 0.84,500.",
+        ),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the estimate as JSON.")] = False,
 ) -> None:
     """Estimate the light in pictures with the daemon's own pipeline.
@@ -145,18 +151,25 @@ def parse_angles(text: str | None) -> tuple[float, ...]:
     return angles
 
 
-def parse_film(text: str) -> tuple[float, float]:
-    """Read `T,R`: transmission and extinction ratio; raises UsageError."""
+def parse_film(text: str | None) -> Sheet | None:
+    """Read `T,R` or `T,R,O`: transmission, extinction ratio and offset; raises UsageError."""
+    if text is None:
+        return None
     try:
-        transmission, extinction = (float(word) for word in text.split(","))
+        numbers = [float(word) for word in text.split(",")]
     except ValueError:
-        transmission, extinction = 0.0, 0.0
-    if not (0.01 <= transmission <= 1 and 1 <= extinction <= 1e9):
+        numbers = []
+    if not (
+        len(numbers) in (2, 3)
+        and 0.01 <= numbers[0] <= 1
+        and 1 <= numbers[1] <= 1e9
+        and all(abs(offset) <= 180 for offset in numbers[2:])
+    ):
         raise UsageError(
-            f"--film {text}: expected transmission (0.01…1) and extinction ratio (1…1e9), "
-            "like 0.84,500"
+            f"--film {text}: expected transmission (0.01…1), extinction ratio (1…1e9) and perhaps "
+            "the offset in degrees (-180…180), like 0.84,500 or 0.84,500,2.5"
         )
-    return transmission, extinction
+    return Sheet(*numbers)
 
 
 def show(estimate: Estimate) -> None:

@@ -94,6 +94,9 @@ class Calibrate(LazyGroup):
         "scale": Entry(
             "calibrate_scale:command", "Measure lux and cd/m² per unit of light.", "calibrate"
         ),
+        "polarizer": Entry(
+            "calibrate_polarizer:command", "Measure the polarizing film on the wheel.", "calibrate"
+        ),
         "supply": Entry(
             "calibrate_supply:command", "Measure the chip's voltage reference with a multimeter.",
             "calibrate",

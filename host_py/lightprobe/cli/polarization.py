@@ -13,7 +13,6 @@ from lightprobe.cli.estimate import parse_angles, parse_exposures, parse_film
 from lightprobe.errors import UsageError
 from lightprobe.evaluate import polarization
 from lightprobe.imaging import camera as cameras
-from lightprobe.sim.polarizer import Sheet
 
 
 def command(
@@ -38,8 +37,13 @@ def command(
         str, typer.Option(metavar="equirect|FILE", help="Projection, or a camera file.")
     ] = "equirect",
     film: Annotated[
-        str, typer.Option(metavar="T,R", help="Transmission and extinction ratio of the film.")
-    ] = "0.84,500",
+        str | None,
+        typer.Option(
+            metavar="T,R[,O]",
+            help="Transmission, extinction ratio and offset in degrees of the film; default: what "
+            "the camera file says, or 0.84,500.",
+        ),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")] = False,
 ) -> None:
     """Write how the light of pictures through a polarizer is polarized.
@@ -50,7 +54,7 @@ def command(
     angle, the short ones tell of the lamps and the long ones of the dark.
     Example: lightprobe polarization a.jpg b.jpg c.jpg d.jpg --wheel-deg 0,45,90,135 --out room
     """
-    angles, sheet = parse_angles(wheel_deg), Sheet(*parse_film(film))
+    angles, sheet = parse_angles(wheel_deg), parse_film(film)
     polarization.check_angles(angles, len(files))
     try:
         lens = cameras.load(camera)

@@ -17,6 +17,7 @@ import typer
 from lightprobe.cli import check, simulate_osc
 from lightprobe.errors import UsageError
 from lightprobe.imaging import camera as lenses
+from lightprobe.imaging.film import Sheet
 from lightprobe.sim import faults as misbehaviour
 from lightprobe.sim import response as responses
 from lightprobe.sim import scenes
@@ -28,7 +29,6 @@ from lightprobe.sim.flicker import WAVES, Flicker
 from lightprobe.sim.headset import Headset, HeadsetLog
 from lightprobe.sim.illuminance import RingLight
 from lightprobe.sim.link import Exposure, Link, Surroundings
-from lightprobe.sim.polarizer import Sheet
 from lightprobe.sim.sensor import CHROMA, FULL_WELL_E, READ_NOISE_E, SensorModel
 from lightprobe.sim.surroundings import FixedPolarizer, WheelAndRing, flicker_share, spread_ring
 from lightprobe.sim.truth import TruthServer

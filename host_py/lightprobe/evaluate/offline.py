@@ -24,6 +24,7 @@ from lightprobe.estimate import Estimate
 from lightprobe.imaging import camera as cameras
 from lightprobe.imaging import image
 from lightprobe.imaging.camera import Camera
+from lightprobe.imaging.film import Sheet
 
 #: How far from two by one an equirectangular picture may be, of its width.
 _OFF_SHAPE = 0.01
@@ -60,7 +61,7 @@ class Settings:
     cd_m2_per_unit: float | None = None
     cd_m2_per_unit_sigma: float | None = None  # relative
     wheel_deg: tuple[float, ...] = ()  # of the polarizer in each picture, in turn; empty: none
-    film: tuple[float, float] = (0.84, 500.0)  # its transmission and extinction ratio
+    film: Sheet | None = None  # of the polarizer; None: as the camera file says
 
     def with_ring_of(self, reading: Settings) -> Settings:
         """Give these settings with the ring and scale of `reading`, if it has any."""
@@ -89,7 +90,10 @@ class Settings:
         }
         if self.wheel_deg:
             options["polarizer"] = "sweep"
-            options["polarizer-transmission"], options["polarizer-extinction"] = self.film
+        if self.wheel_deg and self.film:
+            options["polarizer-transmission"] = self.film.transmission
+            options["polarizer-extinction"] = self.film.extinction_ratio
+            options["polarizer-offset"] = self.film.offset_deg
         return [f"--{name}={value}" for name, value in options.items() if value is not None]
 
 

@@ -20,7 +20,8 @@ from lightprobe.errors import UsageError
 from lightprobe.geometry import Array, rotation_matrix
 from lightprobe.imaging import image
 from lightprobe.imaging.camera import Camera
-from lightprobe.sim.polarizer import Polarizer, Sheet
+from lightprobe.imaging.film import Sheet
+from lightprobe.sim.polarizer import Polarizer
 
 #: Beyond this angle off its normal a real sheet does not polarize any more.
 EDGE_ON_DEG = 75.0
@@ -189,12 +190,13 @@ def measure(
 ) -> Polarization:
     """Solve every pixel for S0, S1, S2, in the units of the pictures without the sheet.
 
+    `sheet`: default that of the camera file.
     Not known where fewer than three different angles are left that do not clip, and where the
     sheet is seen edge-on.
     """
     check_angles(wheel_deg, len(pictures))
     height, width, _ = pictures[0].light.shape
-    polarizer = Polarizer(sheet or Sheet(), lens, (width, height))
+    polarizer = Polarizer(sheet or lens.sheet, lens, (width, height))
     stokes = np.full((3, height, width, 3), np.nan, np.float32)
     covariance = np.full((height, width, 3, 3), np.nan, np.float32)
     hidden = _edge_on(lens, (width, height))

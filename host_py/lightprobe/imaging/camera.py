@@ -12,6 +12,7 @@ The file is INI; its numbers refer to the size it states, and any other frame si
                rolloff            a1, a2, a3: relative illumination 1 + a1·θ² + a2·θ⁴ + a3·θ⁶
                mask               PGM beside the file; 0 where the lens sees nothing useful
     [lens.1]   …
+    [polarizer] transmission, extinction, offset_deg: the film on the wheel (imaging/film.py)
     [response] table              file of 256 rows r g b: linear light of each code, scaled so
                                   that the last row of green is 1; default sRGB
 """
@@ -19,7 +20,7 @@ The file is INI; its numbers refer to the size it states, and any other frame si
 from __future__ import annotations
 
 import configparser
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import cv2
@@ -29,6 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 from lightprobe.colour import srgb_table
 from lightprobe.errors import LightprobeError
 from lightprobe.geometry import Array, equirect_direction, rotation_matrix
+from lightprobe.imaging.film import Sheet
 
 VERSION = 1  # of the format
 _THETA_STEPS = 4096
@@ -87,6 +89,7 @@ class Camera:
     height_px: int
     lenses: tuple[Lens, ...] = ()  # none: equirectangular
     response: Array | None = None  # (256, 3) linear light of each code; None: sRGB
+    sheet: Sheet = field(default_factory=Sheet)  # of the polarizer on the wheel
 
     @property
     def is_equirect(self) -> bool:
@@ -212,7 +215,27 @@ def _camera(section: _Section) -> Camera:
         height_px=int(section.number("height_px")),
         lenses=tuple(_lens(_Section(section.path, config, name)) for name in names),
         response=_response(section) if config.has_option("response", "table") else None,
+        sheet=_sheet(section) if config.has_section("polarizer") else Sheet(),
     )
+
+
+def _sheet(camera: _Section) -> Sheet:
+    section, usual = _Section(camera.path, camera.config, "polarizer"), Sheet()
+    sheet = Sheet(
+        section.number("transmission", str(usual.transmission)),
+        section.number("extinction", str(usual.extinction_ratio)),
+        section.number("offset_deg", "0"),
+    )
+    if not (
+        0.01 <= sheet.transmission <= 1
+        and 1 <= sheet.extinction_ratio <= 1e9
+        and abs(sheet.offset_deg) <= 180
+    ):
+        raise CameraError(
+            f"camera: {section.path}: [polarizer] expected transmission 0.01…1, extinction 1…1e9, "
+            "offset_deg -180…180"
+        )
+    return sheet
 
 
 def _lens(section: _Section) -> Lens:

@@ -16,7 +16,6 @@ and its falling extinction at grazing angles; real sheets serve to about 75° of
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -24,28 +23,11 @@ from numpy.typing import NDArray
 
 from lightprobe.geometry import Array, rotation_matrix
 from lightprobe.imaging.camera import Camera
+from lightprobe.imaging.film import Sheet
 from lightprobe.sim.polarized import pixel_frame
 
 #: Rows of a picture that are computed at a time.
 _ROWS = 16
-
-
-@dataclass(frozen=True)
-class Sheet:
-    """A sheet polarizer: `transmission` of light along its axis plus that across it."""
-
-    transmission: float = 0.84
-    extinction_ratio: float = 500.0
-
-    @property
-    def unpolarized_gain(self) -> float:
-        """Share of unpolarized light that passes."""
-        return self.transmission / 2
-
-    @property
-    def diattenuation(self) -> float:
-        """(r − 1) / (r + 1)."""
-        return (self.extinction_ratio - 1) / (self.extinction_ratio + 1)
 
 
 class Polarizer:
@@ -61,7 +43,8 @@ class Polarizer:
         self, wheel_deg: float, rows: slice = slice(None)
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """cos 2ψ and sin 2ψ (H, W) of the light that passes in each pixel (of some rows)."""
-        cosine, sine = (np.float32(f(np.radians(wheel_deg))) for f in (np.cos, np.sin))
+        axis_rad = np.radians(wheel_deg + self.sheet.offset_deg)
+        cosine, sine = (np.float32(f(axis_rad)) for f in (np.cos, np.sin))
         x = cosine * self._zero[0][rows] + sine * self._quarter[0][rows]
         y = cosine * self._zero[1][rows] + sine * self._quarter[1][rows]
         xx, yy = x * x, y * y

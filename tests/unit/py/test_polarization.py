@@ -13,10 +13,11 @@ from hypothesis import strategies as st
 from lightprobe.errors import UsageError
 from lightprobe.evaluate import polarization
 from lightprobe.imaging import camera, image
+from lightprobe.imaging.film import Sheet
 from lightprobe.sim import scenes
 from lightprobe.sim.exposure import bracket_us, median_luminance
 from lightprobe.sim.polarized import PolishedFloor, Sky
-from lightprobe.sim.polarizer import Polarizer, Sheet
+from lightprobe.sim.polarizer import Polarizer
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.sensor import Sensor, encode_jpeg
 

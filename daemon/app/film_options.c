@@ -1,0 +1,34 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "app/film_options.h"
+
+#include "app/options.h"
+#include "light/polarization.h"
+#include "vision/camera_file.h"
+
+/* A sheet polarizer as they are sold for displays; neither measured nor named. */
+#define USUAL_TRANSMISSION 0.84F
+#define USUAL_EXTINCTION 500.0F
+
+static float first_given(float option, float file, float usual)
+{
+	return option != 0.0F ? option : file != 0.0F ? file : usual;
+}
+
+struct lp_film_numbers lp_film_options(const struct lp_options *options,
+				       const struct lp_camera_file *camera)
+{
+	struct lp_film_numbers film = {.transmission = first_given(options->polarizer_transmission,
+								   camera->film_transmission,
+								   USUAL_TRANSMISSION),
+				       .extinction = first_given(options->polarizer_extinction,
+								 camera->film_extinction,
+								 USUAL_EXTINCTION),
+				       .offset_deg = first_given(options->polarizer_offset_deg,
+								 camera->film_offset_deg, 0.0F)};
+
+	if (options->polarizer.mode == LP_POLARIZER_OFF)
+		film.transmission = 0.0F;
+	else if (options->polarizer.mode == LP_POLARIZER_FILMS)
+		film.transmission = 2.0F * lp_film_stack_gain(film.transmission, film.extinction);
+	return film;
+}

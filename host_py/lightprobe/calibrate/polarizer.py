@@ -1,0 +1,231 @@
+"""What a polarizing film on the wheel is like: extinction, transmission, and where its axis stands.
+
+Pictures of one still target behind the film at several angles of the wheel, and one without it. In
+a small part of the picture all pixels share one polarization, so that with a film of offset o
+
+    I = t/2 (S0 + D (S1 cos 2ψ + S2 sin 2ψ)),   ψ of the wheel's angle + o
+
+gives t/2 · S0, D · DoLP and AoLP by least squares. A target of known DoLP tells D, and with it the
+extinction ratio (1 + D) / (1 − D); one of known AoLP tells o; a picture without the film tells t.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lightprobe import geometry
+from lightprobe.calibrate.files import CalibrationError
+from lightprobe.colour import luminance
+from lightprobe.evaluate.polarization import EDGE_ON_DEG, Picture, check_angles
+from lightprobe.geometry import Array
+from lightprobe.imaging.camera import Camera
+from lightprobe.imaging.film import Sheet
+from lightprobe.sim.polarizer import Polarizer
+
+#: Light that varies less than this, in its share that is polarized, tells no angle.
+LEAST_POLARIZED = 0.1
+#: The readings must follow one light behind a turning film within this share of it.
+MOST_RESIDUAL = 0.02
+#: Of a reading, by the camera's response: what no residual shows.
+_READING_SIGMA = 0.003
+_LEAST_PIXELS = 20
+_STEPS = 8
+
+
+@dataclass(frozen=True)
+class Region:
+    """What is looked at: a cap around a direction."""
+
+    azimuth_deg: float = 0.0  # to the right
+    elevation_deg: float = 0.0
+    radius_deg: float = 4.0
+
+    def pixels(self, lens: Camera, size_px: tuple[int, int]) -> Array:
+        """Tell of each pixel (H, W) whether it is inside."""
+        centre = geometry.direction_from_angles(self.azimuth_deg, self.elevation_deg)
+        directions = lens.look(*size_px)[0]
+        return np.asarray(directions @ centre > np.cos(np.radians(self.radius_deg)))
+
+
+@dataclass(frozen=True)
+class Target:
+    """What is known of its light; None: not known."""
+
+    dolp: float | None = None
+    aolp_deg: float | None = None  # 0: horizontal
+
+
+@dataclass(frozen=True)
+class Found:
+    """The result; None: the target does not tell it."""
+
+    modulation: float  # D · DoLP
+    modulation_sigma: float
+    residual: float  # RMS, relative
+    aolp_deg: float  # of the target, if the film's axis stood where the wheel says
+    extinction_ratio: float | None
+    extinction_is_bound: bool  # it is at least this
+    offset_deg: float | None  # -90…90
+    offset_sigma_deg: float | None
+    transmission: float | None
+    transmission_sigma: float | None
+
+    @property
+    def is_turned(self) -> bool:
+        """The film has been put in a quarter turn wrong, or nearly."""
+        return self.offset_deg is not None and abs(self.offset_deg) > 45
+
+    def values(self) -> dict[str, str]:
+        """What goes into the camera file's [polarizer]."""
+        given = {
+            "transmission": self.transmission, "extinction": self.extinction_ratio,
+            "offset_deg": self.offset_deg,
+        }  # fmt: skip
+        return {name: f"{value:.5g}" for name, value in given.items() if value is not None}
+
+
+def fit(
+    pictures: Sequence[Picture],
+    wheel_deg: Sequence[float],
+    lens: Camera,
+    target: Target,
+    region: Region,
+    without: Picture | None = None,
+) -> Found:
+    """Find out about the film; raises CalibrationError that says what to do instead.
+
+    `without`: a picture of the same target, nothing before the lens.
+    """
+    check_angles(wheel_deg, len(pictures))
+    if len(pictures) < 4:
+        raise CalibrationError(
+            f"calibrate: polarizer: {len(pictures)} pictures: four angles at least, so that it "
+            "shows whether the light changed meanwhile: 0,45,90,135, and 0 once more"
+        )
+    inside = _inside(lens, region, pictures)
+    seen = np.array([_light(picture, inside, f"picture {k + 1}")
+                     for k, picture in enumerate(pictures)])  # fmt: skip
+    model = _Model(lens, inside, seen, np.asarray(wheel_deg, np.float64))
+    offset_deg = model.offset(target.aolp_deg) if target.aolp_deg is not None else 0.0
+    light = model.solve(offset_deg)
+    if light.residual > MOST_RESIDUAL:
+        raise CalibrationError(
+            f"calibrate: polarizer: the pictures follow no light behind a turning film: they are "
+            f"{100 * light.residual:.0f} % off: is the exposure fixed, the target still, the "
+            "angles in the order of the pictures?"
+        )
+    if (target.aolp_deg is not None or target.dolp) and light.modulation < LEAST_POLARIZED:
+        raise CalibrationError(
+            f"calibrate: polarizer: only {100 * light.modulation:.1f} % of the light at "
+            f"{region.azimuth_deg:g}, {region.elevation_deg:g} is polarized: choose an LCD screen, "
+            "or a reflection about 35° below the horizon in something smooth that lies flat"
+        )
+    ratio, is_bound = _extinction(light, target)
+    clear = None if without is None else _light(without, inside, "the picture without the film")
+    return Found(
+        light.modulation, light.modulation_sigma, light.residual, light.aolp_deg,
+        ratio, is_bound,
+        None if target.aolp_deg is None else (offset_deg + 90) % 180 - 90,
+        None if target.aolp_deg is None else light.aolp_sigma_deg,
+        None if clear is None else float(2 * light.passed / clear.sum()),
+        None if clear is None else float(2 * light.passed / clear.sum()) * _READING_SIGMA * 2,
+    )  # fmt: skip
+
+
+def _inside(lens: Camera, region: Region, pictures: Sequence[Picture]) -> Array:
+    height, width, _ = pictures[0].light.shape
+    inside = region.pixels(lens, (width, height))
+    if inside.sum() < _LEAST_PIXELS:
+        raise CalibrationError(
+            f"calibrate: polarizer: {int(inside.sum())} pixels within {region.radius_deg:g}° of "
+            f"{region.azimuth_deg:g}, {region.elevation_deg:g}: choose a larger --radius"
+        )
+    centre = geometry.direction_from_angles(region.azimuth_deg, region.elevation_deg)
+    turns = [geometry.rotation_matrix(one.rotation_wxyz) for one in lens.lenses] or [np.eye(3)]
+    cosine = max(abs(float(turn @ [0.0, 0.0, -1.0] @ centre)) for turn in turns)
+    if cosine < np.cos(np.radians(EDGE_ON_DEG)):
+        raise CalibrationError(
+            f"calibrate: polarizer: the film is seen edge-on at {region.azimuth_deg:g}, "
+            f"{region.elevation_deg:g}: choose a target within {EDGE_ON_DEG:g}° of the lens' axis"
+        )
+    return inside
+
+
+def _light(picture: Picture, inside: Array, name: str) -> Array:
+    """Luminance of the pixels inside (n,)."""
+    light = luminance(picture.light[inside].astype(np.float64))
+    if not np.isfinite(light).all():
+        raise CalibrationError(
+            f"calibrate: polarizer: {name} clips at the target: choose a shorter exposure, the "
+            "same for all of them"
+        )
+    return np.asarray(light)
+
+
+@dataclass(frozen=True)
+class _Light:
+    """What passes a film of D = 1: t/2 · S0, and how it is polarized."""
+
+    passed: float
+    modulation: float
+    modulation_sigma: float
+    aolp_deg: float
+    aolp_sigma_deg: float
+    residual: float
+
+
+class _Model:
+    """The readings, and least squares for an assumed offset."""
+
+    def __init__(self, lens: Camera, inside: Array, seen: Array, wheel_deg: Array) -> None:
+        """`seen`: (angles, pixels)."""
+        self._inside, self._wheel_deg = inside, wheel_deg
+        self._sums, self._share = seen.sum(axis=1), seen.mean(axis=0) / seen.mean(axis=0).sum()
+        height, width = inside.shape
+        self._polarizer = Polarizer(Sheet(1.0, 1e12), lens, (width, height))
+
+    def solve(self, offset_deg: float) -> _Light:
+        axes = [
+            [part[self._inside] @ self._share for part in self._polarizer.axis(angle + offset_deg)]
+            for angle in self._wheel_deg
+        ]
+        design = np.column_stack([np.ones(len(axes)), np.array(axes, np.float64)])
+        (passed, s1, s2), *_ = np.linalg.lstsq(design, self._sums, rcond=None)
+        off = self._sums - design @ [passed, s1, s2]
+        residual = float(np.sqrt(np.mean(off**2)) / passed)
+        spare = max(len(axes) - 3, 1)
+        sigma = np.hypot(np.sqrt((off**2).sum() / spare) / passed, _READING_SIGMA)
+        share_sigma = float(sigma * np.sqrt(2 / len(axes)))
+        modulation = float(np.hypot(s1, s2) / passed)
+        return _Light(
+            float(passed), modulation, share_sigma,
+            float(np.degrees(np.arctan2(s2, s1)) / 2 % 180),
+            float(np.degrees(share_sigma / (2 * max(modulation, 1e-6)))), residual,
+        )  # fmt: skip
+
+    def offset(self, aolp_deg: float) -> float:
+        """Offset with which the target is polarized as it is known to be."""
+        offset_deg = 0.0
+        # Seen from behind, as in the rear half of a panorama, the axis turns the other way.
+        turned = self._off(aolp_deg, 1.0) - self._off(aolp_deg, -1.0)
+        forward = (turned + 90) % 180 < 90
+        for _ in range(_STEPS):  # off the axis the angles do not simply add
+            off = self._off(aolp_deg, offset_deg)
+            offset_deg += off if forward else -off
+        return offset_deg
+
+    def _off(self, aolp_deg: float, offset_deg: float) -> float:
+        """How far the target's angle is off with an offset, -90…90."""
+        return (aolp_deg - self.solve(offset_deg).aolp_deg + 90) % 180 - 90
+
+
+def _extinction(light: _Light, target: Target) -> tuple[float | None, bool]:
+    """Extinction ratio by the target's DoLP; where noise hides it, the least that it is."""
+    if not target.dolp:
+        return None, False
+    leak = 1 - light.modulation / target.dolp
+    least = max(leak, light.modulation_sigma)
+    return float(min((2 - least) / least, 1e6)), leak < 2 * light.modulation_sigma
