@@ -25,9 +25,9 @@ from lightprobe.estimate import Estimate, EstimateFlag, LightFlag
 from lightprobe.evaluate import offline
 from lightprobe.imaging import camera, image
 from lightprobe.imaging.film import Sheet
+from lightprobe.imaging.polarizer import Polarizer
 from lightprobe.sim.exposure import bracket_us, median_luminance
 from lightprobe.sim.polarized import PolishedFloor
-from lightprobe.sim.polarizer import Polarizer
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.scene import Scene
 from lightprobe.sim.sensor import Sensor, encode_jpeg

@@ -21,7 +21,7 @@ FIELD_DEG = 100.0
 
 @dataclass(frozen=True)
 class Pinhole:
-    """What :mod:`lightprobe.sim.polarizer` asks of a camera, for a pinhole that looks ahead."""
+    """What :mod:`lightprobe.imaging.polarizer` asks of a camera, for a pinhole that looks ahead."""
 
     lenses: tuple[()] = ()
 

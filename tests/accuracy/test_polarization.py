@@ -8,8 +8,8 @@ import pytest
 from lightprobe.calibrate import camera_file, polarizer
 from lightprobe.estimate import EstimateFlag
 from lightprobe.evaluate import offline
-from lightprobe.evaluate.polarization import Picture
 from lightprobe.imaging import camera
+from lightprobe.imaging.stokes import Picture
 from lightprobe.sim.polarized import PolishedFloor
 from lightprobe.sim.procedural import random_scene
 

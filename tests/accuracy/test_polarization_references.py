@@ -14,13 +14,12 @@ import polanalyser
 import pytest
 import renderer
 from lightprobe.colour import luminance
-from lightprobe.evaluate import polarization
-from lightprobe.imaging import camera
+from lightprobe.imaging import camera, stokes
 from lightprobe.imaging.film import Sheet
 from lightprobe.imaging.image import ImageError
+from lightprobe.imaging.polarizer import Polarizer
 from lightprobe.sim.exposure import bracket_us, median_luminance
 from lightprobe.sim.polarized import PolishedFloor, StokesPanorama
-from lightprobe.sim.polarizer import Polarizer
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.scene import Scene
 from lightprobe.sim.sensor import Sensor
@@ -48,7 +47,7 @@ def errors(found: np.ndarray, truth: np.ndarray) -> tuple[float, float]:
     )
 
 
-def measured(found: polarization.Polarization) -> np.ndarray:
+def measured(found: stokes.Polarization) -> np.ndarray:
     """Stokes parameters of luminance (H, W, 3)."""
     return np.moveaxis(luminance(found.stokes.astype(np.float64)), 0, -1)
 
@@ -74,14 +73,14 @@ def by_polanalyser(
     return np.array(result)
 
 
-def bracketed(seen: Sequence[np.ndarray]) -> tuple[list[polarization.Picture], list[float]]:
+def bracketed(seen: Sequence[np.ndarray]) -> tuple[list[stokes.Picture], list[float]]:
     """Views in three exposures of 8 bits with a camera's noise, and the angle of each."""
     height, width, _ = seen[0].shape
     sensor, pictures = Sensor(width, height), []
     for view in seen:
         for exposure_us in bracket_us(median_luminance(seen[0]), 3):
             codes = sensor.capture(view, exposure_us, frame=len(pictures))
-            pictures.append(polarization.of_codes(codes, LENS, 1e6 / exposure_us))
+            pictures.append(stokes.of_codes(codes, LENS, 1e6 / exposure_us))
     return pictures, np.repeat(ANGLES_DEG, 3).tolist()
 
 
@@ -103,9 +102,7 @@ def test_panoramas_are_measured_as_they_are(scene: Scene) -> None:
     truth = np.moveaxis(luminance(np.stack([s0, *s12]).astype(np.float64)), 0, -1)
     film = Polarizer(IDEAL, LENS, size_px)
     seen = [film.through(s0, s12, (angle,)) for angle in ANGLES_DEG]
-    exact = measured(
-        polarization.measure([polarization.Picture(one) for one in seen], ANGLES_DEG, LENS, IDEAL)
-    )
+    exact = measured(stokes.measure([stokes.Picture(one) for one in seen], ANGLES_DEG, LENS, IDEAL))
     assert errors(exact, truth)[0] < 0.002
     pixels = np.flatnonzero(np.isfinite(exact[..., 0]))[::97]
     other = by_polanalyser(
@@ -117,7 +114,7 @@ def test_panoramas_are_measured_as_they_are(scene: Scene) -> None:
     assert dolp < 0.002
     assert aolp_deg < 0.2
     pictures, angles = bracketed(seen)
-    dolp, aolp_deg = errors(measured(polarization.measure(pictures, angles, LENS, IDEAL)), truth)
+    dolp, aolp_deg = errors(measured(stokes.measure(pictures, angles, LENS, IDEAL)), truth)
     print(f"{scene.name}: 8-bit: DoLP off by {dolp:.4f}, AoLP by {aolp_deg:.2f}° (RMS)")
     assert dolp < 0.03
     assert aolp_deg < 3
@@ -134,11 +131,10 @@ def test_a_rendered_sheet_shows_the_rendered_polarization() -> None:
         renderer.render(size_px, samples, angle, 1 + int(angle))[..., 0] for angle in ANGLES_DEG
     ]
     pictures = [
-        polarization.Picture(np.repeat(one[..., None], 3, axis=-1).astype(np.float32))
-        for one in seen
+        stokes.Picture(np.repeat(one[..., None], 3, axis=-1).astype(np.float32)) for one in seen
     ]
     lens = renderer.Pinhole()
-    found = measured(polarization.measure(pictures, ANGLES_DEG, lens, IDEAL))
+    found = measured(stokes.measure(pictures, ANGLES_DEG, lens, IDEAL))
     other = by_polanalyser(
         lens.look(size_px, size_px)[0].reshape(-1, 3), [one.ravel() for one in seen], ANGLES_DEG
     )

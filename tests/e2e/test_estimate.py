@@ -15,9 +15,9 @@ from lightprobe.colour import luminance
 from lightprobe.evaluate import offline
 from lightprobe.imaging import camera, image
 from lightprobe.imaging.film import Sheet
+from lightprobe.imaging.polarizer import Polarizer
 from lightprobe.sim.camera import Shot, SimulatedCamera
 from lightprobe.sim.polarized import PolishedFloor
-from lightprobe.sim.polarizer import Polarizer
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.room import Bulb, Room
 from lightprobe.sim.sensor import Sensor, encode_jpeg

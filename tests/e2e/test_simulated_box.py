@@ -21,10 +21,10 @@ from lightprobe.errors import UsageError
 from lightprobe.estimate import EstimateFlag, LightFlag
 from lightprobe.imaging import camera
 from lightprobe.imaging.film import Sheet
+from lightprobe.imaging.polarizer import Polarizer
 from lightprobe.mcu import link as mcu_link
 from lightprobe.mcu import messages as mcu
 from lightprobe.sim import control, scenes
-from lightprobe.sim.polarizer import Polarizer
 from lightprobe.sim.world import World
 from lightprobe.wire import Subscription
 from test_simulator import Camera

@@ -19,11 +19,11 @@ import numpy as np
 from lightprobe import geometry
 from lightprobe.calibrate.files import CalibrationError
 from lightprobe.colour import luminance
-from lightprobe.evaluate.polarization import EDGE_ON_DEG, Picture, check_angles
 from lightprobe.geometry import Array
 from lightprobe.imaging.camera import Camera
 from lightprobe.imaging.film import Sheet
-from lightprobe.sim.polarizer import Polarizer
+from lightprobe.imaging.polarizer import Polarizer
+from lightprobe.imaging.stokes import EDGE_ON_DEG, Picture, check_angles
 
 #: Light that varies less than this, in its share that is polarized, tells no angle.
 LEAST_POLARIZED = 0.1

@@ -14,8 +14,8 @@ from lightprobe.calibrate.polarizer import Found, Region, Target
 from lightprobe.cli import calibrate, check
 from lightprobe.cli.estimate import parse_angles, parse_exposures
 from lightprobe.errors import UsageError
-from lightprobe.evaluate import polarization
 from lightprobe.imaging import camera as cameras
+from lightprobe.imaging import stokes
 
 #: What the light of each target is known to be.
 TARGETS = {
@@ -87,14 +87,12 @@ def command(
     wanted = known(target, aolp)
     azimuth, elevation = parse_direction(at)
     angles = parse_angles(wheel_deg)
-    polarization.check_angles(angles, len(files))
+    stokes.check_angles(angles, len(files))
     try:
         lens = cameras.load(camera)
     except cameras.CameraError as error:
         raise UsageError(str(error)) from None
-    pictures = polarization.read(
-        [*files, *filter(None, [without])], lens, parse_exposures(exposure_us)
-    )
+    pictures = stokes.read([*files, *filter(None, [without])], lens, parse_exposures(exposure_us))
     found = polarizer.fit(
         pictures[: len(files)], angles, lens, wanted, Region(azimuth, elevation, radius),
         pictures[-1] if without else None,

@@ -11,8 +11,8 @@ import typer
 
 from lightprobe.cli.estimate import parse_angles, parse_exposures, parse_film
 from lightprobe.errors import UsageError
-from lightprobe.evaluate import polarization
 from lightprobe.imaging import camera as cameras
+from lightprobe.imaging import stokes
 
 
 def command(
@@ -55,13 +55,13 @@ def command(
     Example: lightprobe polarization a.jpg b.jpg c.jpg d.jpg --wheel-deg 0,45,90,135 --out room
     """
     angles, sheet = parse_angles(wheel_deg), parse_film(film)
-    polarization.check_angles(angles, len(files))
+    stokes.check_angles(angles, len(files))
     try:
         lens = cameras.load(camera)
     except cameras.CameraError as error:
         raise UsageError(str(error)) from None
-    pictures = polarization.read(files, lens, parse_exposures(exposure_us))
-    found = polarization.measure(pictures, angles, lens, sheet)
+    pictures = stokes.read(files, lens, parse_exposures(exposure_us))
+    found = stokes.measure(pictures, angles, lens, sheet)
     dolp = found.dolp
     known = np.isfinite(dolp)
     if not known.any():

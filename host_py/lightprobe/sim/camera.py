@@ -18,8 +18,8 @@ from lightprobe.errors import UsageError
 from lightprobe.geometry import Array
 from lightprobe.imaging.camera import Camera
 from lightprobe.imaging.film import Sheet
+from lightprobe.imaging.polarizer import Polarizer
 from lightprobe.sim.exposure import ExposureLimits, bracket_us, median_luminance
-from lightprobe.sim.polarizer import Polarizer
 from lightprobe.sim.scene import Layers
 from lightprobe.sim.sensor import Codes, Expected, Sensor, SensorModel, encode_jpeg
 from lightprobe.sim.world import Rows, State, World

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from lightprobe import geometry
 from lightprobe.geometry import Array
 from lightprobe.imaging import image
+from lightprobe.imaging.polarizer import pixel_frame
 from lightprobe.lamp import Lamp
 from lightprobe.sim.scene import (
     Layer,
@@ -184,17 +185,6 @@ class Sky:
     def truth(self, powers: ArrayLike, yaw_deg: float = 0.0, nod_deg: float = 0.0) -> MapTruth:
         """Sum over the map; the sun in closed form."""
         return _map_truth(self, powers, yaw_deg, nod_deg)
-
-
-def pixel_frame(directions: Array) -> tuple[Array, Array]:
-    """Right (d × up, horizontal) and up (right × d) of directions (…, 3); unit vectors.
-
-    At the poles, where there is no right, +X.
-    """
-    right = np.cross(directions, [0.0, 1.0, 0.0])
-    length = np.linalg.norm(right, axis=-1, keepdims=True)
-    right = np.where(length > 1e-9, right / np.maximum(length, 1e-9), [1.0, 0.0, 0.0])
-    return right, np.cross(right, directions)
 
 
 # ---------------------------------------------------------------- files

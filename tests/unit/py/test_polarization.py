@@ -11,13 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from lightprobe.errors import UsageError
-from lightprobe.evaluate import polarization
-from lightprobe.imaging import camera, image
+from lightprobe.imaging import camera, image, stokes
 from lightprobe.imaging.film import Sheet
+from lightprobe.imaging.polarizer import Polarizer
 from lightprobe.sim import scenes
 from lightprobe.sim.exposure import bracket_us, median_luminance
 from lightprobe.sim.polarized import PolishedFloor, Sky
-from lightprobe.sim.polarizer import Polarizer
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.sensor import Sensor, encode_jpeg
 
@@ -35,7 +34,7 @@ def views(scene, angles, size_px=SIZE_PX, sheet=None):
 
 
 def pictures(seen):
-    return [polarization.Picture(light) for light in seen]
+    return [stokes.Picture(light) for light in seen]
 
 
 @settings(max_examples=20, deadline=None)
@@ -52,7 +51,7 @@ def test_any_three_angles_that_differ_give_the_truth(angles, seed, transmission,
         return
     sheet = Sheet(transmission, extinction)
     truth, seen = views(PolishedFloor(random_scene(seed)), angles, sheet=sheet)
-    found = polarization.measure(pictures(seen), angles, LENS, sheet).stokes
+    found = stokes.measure(pictures(seen), angles, LENS, sheet).stokes
     known = np.isfinite(found)
     assert 0.58 < known.mean() < 0.64  # pixels; the film is edge-on in 26 % of the sphere
     error = np.abs(found - truth)[known]
@@ -62,7 +61,7 @@ def test_any_three_angles_that_differ_give_the_truth(angles, seed, transmission,
 def test_a_sky_is_polarized_across_its_plane_with_the_sun():
     angles = (0, 45, 90, 135)
     truth, seen = views(Sky(), angles)
-    found = polarization.measure(pictures(seen), angles, LENS)
+    found = stokes.measure(pictures(seen), angles, LENS)
     known = np.isfinite(found.dolp)
     degree = np.hypot(truth[1], truth[2])[..., 1] / truth[0][..., 1]
     assert np.sqrt(np.mean((found.dolp - degree)[known] ** 2)) < 0.01
@@ -74,12 +73,12 @@ def test_a_sky_is_polarized_across_its_plane_with_the_sun():
 @pytest.mark.parametrize("angles", [(0, 90), (0, 90, 180), (45, 45, 45, 45), (0, 60, 240)])
 def test_too_few_angles_are_named(angles):
     with pytest.raises(UsageError, match="need three"):
-        polarization.check_angles(angles, len(angles))
+        stokes.check_angles(angles, len(angles))
 
 
 def test_one_angle_for_each_picture():
     with pytest.raises(UsageError, match="3 pictures and 2 angles"):
-        polarization.check_angles((0, 45), 3)
+        stokes.check_angles((0, 45), 3)
 
 
 def test_clipped_pixels_are_not_known(tmp_path):
@@ -89,7 +88,7 @@ def test_clipped_pixels_are_not_known(tmp_path):
     for index in range(3):
         files.append(tmp_path / f"{index}.png")
         cv2.imwrite(str(files[-1]), codes)
-    found = polarization.measure(polarization.read(files, LENS), (0, 60, 120), LENS)
+    found = stokes.measure(stokes.read(files, LENS), (0, 60, 120), LENS)
     assert np.isnan(found.dolp[30:34, 60:68]).all()
     assert found.dolp[20, 64] < 1e-3
 
@@ -105,9 +104,9 @@ def test_short_exposures_tell_of_what_clips(tmp_path):
             codes = sensor.capture(view, exposure_us, frame=len(files))
             files.append(tmp_path / f"{index}-{step}.jpg")
             files[-1].write_bytes(encode_jpeg(codes))
-    read = polarization.read(files, LENS, exposures * 4)
-    found = polarization.measure(read, np.repeat(angles, 3), LENS)
-    alone = polarization.measure(read[::3], angles, LENS)
+    read = stokes.read(files, LENS, exposures * 4)
+    found = stokes.measure(read, np.repeat(angles, 3), LENS)
+    alone = stokes.measure(read[::3], angles, LENS)
     known = np.isfinite(found.dolp)
     assert known.sum() > np.isfinite(alone.dolp).sum()
     light = truth @ [0.2126, 0.7152, 0.0722]
@@ -120,7 +119,7 @@ def test_short_exposures_tell_of_what_clips(tmp_path):
 
 def test_one_exposure_for_each_picture(tmp_path):
     with pytest.raises(UsageError, match="2 pictures and 1 exposures"):
-        polarization.read([tmp_path / "a.png", tmp_path / "b.png"], LENS, [100.0])
+        stokes.read([tmp_path / "a.png", tmp_path / "b.png"], LENS, [100.0])
 
 
 def test_the_command_writes_pictures_and_a_scene(tmp_path):

@@ -11,11 +11,11 @@ from lightprobe.errors import LightprobeError
 from lightprobe.imaging import camera
 from lightprobe.imaging.camera import Camera, Lens
 from lightprobe.imaging.film import Sheet
+from lightprobe.imaging.polarizer import Polarizer
 from lightprobe.sim import scenes
 from lightprobe.sim.camera import Shot, SimulatedCamera
 from lightprobe.sim.exposure import ExposureLimits
 from lightprobe.sim.polarized import PolishedFloor, Sky, StokesPanorama, fresnel, pixel_frame
-from lightprobe.sim.polarizer import Polarizer
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.world import Behaviour, World
 

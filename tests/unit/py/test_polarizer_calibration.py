@@ -14,10 +14,10 @@ from lightprobe.calibrate import polarizer
 from lightprobe.calibrate.files import CalibrationError
 from lightprobe.calibrate.polarizer import Region, Target
 from lightprobe.errors import UsageError
-from lightprobe.evaluate.polarization import Picture
 from lightprobe.imaging import camera
 from lightprobe.imaging.film import Sheet
-from lightprobe.sim.polarizer import Polarizer
+from lightprobe.imaging.polarizer import Polarizer
+from lightprobe.imaging.stokes import Picture
 from lightprobe.sim.sensor import Sensor
 
 SIZE_PX = (360, 180)

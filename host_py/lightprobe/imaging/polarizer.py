@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 from lightprobe.geometry import Array, rotation_matrix
 from lightprobe.imaging.camera import Camera
 from lightprobe.imaging.film import Sheet
-from lightprobe.sim.polarized import pixel_frame
 
 #: Rows of a picture that are computed at a time.
 _ROWS = 16
@@ -92,6 +91,17 @@ class Polarizer:
         for share, part in zip((depth * cosine, depth * sine), polarized, strict=True):
             seen += cv2.merge([share, share, share]) * part  # thrice as fast as broadcasting
         np.maximum(seen, 0, out=seen)
+
+
+def pixel_frame(directions: Array) -> tuple[Array, Array]:
+    """Right (d × up, horizontal) and up (right × d) of directions (…, 3); unit vectors.
+
+    At the poles, where there is no right, +X.
+    """
+    right = np.cross(directions, [0.0, 1.0, 0.0])
+    length = np.linalg.norm(right, axis=-1, keepdims=True)
+    right = np.where(length > 1e-9, right / np.maximum(length, 1e-9), [1.0, 0.0, 0.0])
+    return right, np.cross(right, directions)
 
 
 def _projected_axes(

@@ -1,7 +1,7 @@
 """How every pixel of pictures through a polarizer is polarized: S0, S1, S2 by least squares.
 
-The geometry is that of :mod:`lightprobe.sim.polarizer`: one flat sheet in front of each lens, so
-that a pixel has its own angle ψ of the sheet. I = ½ t (S0 + D (S1 cos 2ψ + S2 sin 2ψ)). Several
+The geometry is that of :mod:`lightprobe.imaging.polarizer`: one flat sheet in front of each lens,
+so that a pixel has its own angle ψ of the sheet. I = ½ t (S0 + D (S1 cos 2ψ + S2 sin 2ψ)). Several
 exposures of one angle count by their noise: the short ones tell of what clips in the long ones.
 """
 
@@ -21,7 +21,7 @@ from lightprobe.geometry import Array, rotation_matrix
 from lightprobe.imaging import image
 from lightprobe.imaging.camera import Camera
 from lightprobe.imaging.film import Sheet
-from lightprobe.sim.polarizer import Polarizer
+from lightprobe.imaging.polarizer import Polarizer
 
 #: Beyond this angle off its normal a real sheet does not polarize any more.
 EDGE_ON_DEG = 75.0
