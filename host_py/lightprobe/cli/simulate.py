@@ -15,9 +15,9 @@ import cv2
 import typer
 
 from lightprobe.cli import check, simulate_osc
+from lightprobe.cli.estimate import parse_film
 from lightprobe.errors import UsageError
 from lightprobe.imaging import camera as lenses
-from lightprobe.imaging.film import Sheet
 from lightprobe.sim import faults as misbehaviour
 from lightprobe.sim import response as responses
 from lightprobe.sim import scenes
@@ -224,13 +224,20 @@ def command(
             help="File that keeps the firmware's parameters.",
         ),
     ] = None,
-    polarizer_deg: Annotated[
-        float | None,
+    polarizer: Annotated[
+        str | None,
         typer.Option(
-            "--polarizer",
-            metavar="DEG",
-            callback=check.number(),
-            help="Without firmware: put a fixed polarizer at this angle.",
+            metavar="DEG[,DEG…]",
+            help="Without firmware: put a fixed polarizer at this angle; several: one behind the "
+            "other, the outermost first (90,45,0: the published stack).",
+        ),
+    ] = None,
+    film: Annotated[
+        str | None,
+        typer.Option(
+            metavar="T,R[,O]",
+            help="Transmission, extinction ratio and offset in degrees of the polarizer; default: "
+            "what the camera file says, or 0.84,500.",
         ),
     ] = None,
     cd_m2_per_unit: Annotated[
@@ -347,7 +354,7 @@ def command(
     require_unix_sockets("simulate")
     if firmware not in FIRMWARES:
         raise UsageError(f"simulate: --firmware {firmware}: expected {', '.join(FIRMWARES)}")
-    if firmware != "none" and polarizer_deg is not None:
+    if firmware != "none" and polarizer:
         raise UsageError(
             "simulate: --polarizer: the wheel of --firmware turns the polarizer: "
             "leave one of the two out"
@@ -367,7 +374,7 @@ def command(
     if osc is not None:
         if headset is not None:
             raise UsageError("simulate: --headset: not with --osc: leave one of the two out")
-        refuse_with_osc(firmware, polarizer_deg, lens, pixel_format)
+        refuse_with_osc(firmware, polarizer, lens, pixel_format)
     elif firmware == "none":
         misbehaviour.Faults().merged(faults)
     size_px, kind = parse_size(size), parse_format(pixel_format)
@@ -379,7 +386,10 @@ def command(
     limits = ExposureLimits(exposure_min_us, exposure_max_us, exposure_step_us)
     curve = None if response is None else responses.parse(response)
     optics = lenses.load(lens)
-    polarizer = polarizer_deg is not None or firmware != "none"
+    stack_deg = numbers("--polarizer", polarizer) if polarizer else ()
+    if not all(map(math.isfinite, stack_deg)):
+        raise UsageError(f"simulate: --polarizer {polarizer}: expected degrees, as 90 or 90,45,0")
+    sheet = parse_film(film) or optics.sheet if polarizer or firmware != "none" else None
     behaviour = Behaviour(
         act_s, turn_deg_s, swing_deg, swing_hz, switch_s, flicker,
         walk_m, walk_m_s, cover_from_s, cover_to_s, nod_deg, nod_hz,
@@ -397,7 +407,8 @@ def command(
     simulated = SimulatedCamera(
         world, optics, size_px, rate_hz=rate_hz, pixel_format=kind, quality=quality, chroma=chroma,
         seed=seed,
-        model=SensorModel(full_well_e, read_noise_e), sheet=Sheet() if polarizer else None,
+        model=SensorModel(full_well_e, read_noise_e), sheet=sheet,
+        stack_deg=stack_deg if len(stack_deg) > 1 else (),
         response=curve, limits=limits, row_time_us=row_time_us,
     )  # fmt: skip
     fixed = None if exposure_us is None else Shot(exposure_us)
@@ -406,8 +417,8 @@ def command(
     with ExitStack() as stack:
         log = stack.enter_context(open_truth(truth)) if truth else None
         around: Surroundings | None = None
-        if polarizer_deg is not None:
-            around = FixedPolarizer(polarizer_deg)
+        if stack_deg:
+            around = FixedPolarizer(stack_deg[0])
         light, box = None, None
         if firmware != "none":
             light = RingLight(world, cd_m2_per_unit)
@@ -468,13 +479,11 @@ def quaternion(option: str, text: str) -> tuple[float, float, float, float]:
     return values[0], values[1], values[2], values[3]
 
 
-def refuse_with_osc(
-    firmware: str, polarizer_deg: float | None, lens: str, pixel_format: str
-) -> None:
+def refuse_with_osc(firmware: str, polarizer: str | None, lens: str, pixel_format: str) -> None:
     """Raise UsageError for what a THETA on the network cannot be together with."""
     for option, is_used in (
         (f"--firmware {firmware}", firmware != "none"),
-        (f"--polarizer {polarizer_deg}", polarizer_deg is not None),
+        (f"--polarizer {polarizer}", polarizer is not None),
         (f"--camera {lens}", lens != "equirect"),
         (f"--format {pixel_format}", pixel_format.upper() != "MJPG"),
     ):

@@ -69,6 +69,40 @@ class Polarizer:
             self._mix(radiance[rows], polarized[:, rows], wheel_deg, rows, seen[rows])
         return seen
 
+    def through_stack(
+        self,
+        radiance: NDArray[np.float32],
+        polarized: NDArray[np.float32] | None,
+        stack_deg: Sequence[float],
+    ) -> NDArray[np.float32]:
+        """Radiance (H, W, 3) behind several such sheets, the outermost first.
+
+        The first row of the product of their Mueller matrices, pixel by pixel: what one sheet
+        leaves is polarized, and meets the next one.
+        """
+        row = np.zeros((3, *radiance.shape[:2]), np.float32)
+        row[0] = 1
+        for angle in reversed(stack_deg):
+            row = self._before(row, angle)
+        seen = row[0][..., None] * radiance
+        if polarized is not None:
+            seen += row[1][..., None] * polarized[0] + row[2][..., None] * polarized[1]
+        return np.asarray(np.maximum(seen, 0), np.float32)
+
+    def _before(self, row: NDArray[np.float32], angle_deg: float) -> NDArray[np.float32]:
+        """A row vector (3, H, W) times the sheet's Mueller matrix, without S3.
+
+        a = k1 + k2, b = k1 - k2, c = 2 √(k1 k2) (Goldstein, Polarized Light, ch. 5).
+        """
+        a = np.float32(self.sheet.transmission)
+        b = np.float32(self.sheet.transmission * self.sheet.diattenuation)
+        c = np.sqrt(np.maximum(a * a - b * b, 0))
+        x, y = self.axis(angle_deg)
+        along, across = x * row[1] + y * row[2], x * row[2] - y * row[1]
+        total, along = (a * row[0] + b * along) / 2, (b * row[0] + a * along) / 2
+        across = across * c / 2
+        return np.stack([total, x * along - y * across, y * along + x * across])
+
     def _mix(
         self,
         radiance: NDArray[np.float32],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TypeVar
@@ -72,11 +72,13 @@ class SimulatedCamera:
         seed: int = 0,
         model: SensorModel | None = None,
         sheet: Sheet | None = None,
+        stack_deg: Sequence[float] = (),
         response: Array | None = None,
         limits: ExposureLimits | None = None,
         row_time_us: float = 0.0,
     ) -> None:
-        """`size_px` (width, height), both even for YUYV and NV12; `sheet`: of a polarizer.
+        """`size_px` (width, height), both even for YUYV and NV12; `sheet`: of a polarizer;
+        `stack_deg`: several of them one behind the other, the outermost first, instead of a wheel.
 
         `response`: linear light (256, 3) of each code; None: as the camera file of the lens says.
         `limits`: of exposures at any frame rate; None: those of :class:`ExposureLimits`.
@@ -107,7 +109,9 @@ class SimulatedCamera:
         polarized = not all(layers.unpolarized for layers in self._layers)
         if sheet and polarized and world.behaviour.nod_deg:
             raise UsageError("camera: polarized light cannot be simulated while the camera nods")
-        self._polarizer = Polarizer(sheet, lens, size_px) if sheet and polarized else None
+        seen = polarized or len(stack_deg) > 0
+        self._polarizer = Polarizer(sheet, lens, size_px) if sheet and seen else None
+        self._stack_deg = tuple(stack_deg)
         self._medians: dict[int, float] = {}
         self._composed: tuple[Hashable, Composed] | None = None
         self._walked: tuple[Hashable, Layers] | None = None
@@ -145,7 +149,11 @@ class SimulatedCamera:
 
     @property
     def gain(self) -> float:
-        """Share of unpolarized light that reaches the lens."""
+        """Share of unpolarized light that reaches the lens, on its axis."""
+        if self._polarizer is not None and self._stack_deg:
+            grey = np.ones((self.size_px[1], self.size_px[0], 1), np.float32)
+            behind = self._polarizer.through_stack(grey, None, self._stack_deg)
+            return float(behind[self.size_px[1] // 2, self.size_px[0] // 2, 0])
         return self.sheet.unpolarized_gain if self.sheet else 1.0
 
     def frame(self, number: int, shot: Shot, wheel_deg: tuple[float, ...] = (0.0,)) -> bytes:
@@ -200,11 +208,12 @@ class SimulatedCamera:
         return self._walked[1]
 
     def _polarized(self, state: State) -> bool:
-        return self._polarizer is not None and not self._layers_of(state).unpolarized
+        seen = self._stack_deg or not self._layers_of(state).unpolarized
+        return self._polarizer is not None and bool(seen)
 
     def sees_wheel(self, state: State) -> bool:
-        """Tell whether the polarizer's angle shapes the picture: where nothing is polarized, no."""
-        return self._polarized(state)
+        """Tell whether the wheel's angle shapes the picture: where nothing is polarized, no."""
+        return self._polarized(state) and not self._stack_deg
 
     def _turns_first(self, state: State) -> bool:
         """Tell whether :meth:`_radiance` is turned already: what the polarizer sees must be."""
@@ -259,6 +268,8 @@ class SimulatedCamera:
             shift_px = np.zeros(1, np.int64) if rows is None else self._shift_px(state, rows)
             radiance = _rolled(radiance, turn_px + shift_px)
             polarized = np.stack([_rolled(part, turn_px + shift_px) for part in polarized])
+        if self._polarizer is not None and self._stack_deg:
+            return self._polarizer.through_stack(radiance, polarized, self._stack_deg)
         if self._polarizer is not None:
             return self._polarizer.through(radiance, polarized, wheel_deg)
         return radiance if self.sheet is None else np.float32(self.gain) * radiance

@@ -258,3 +258,46 @@ def test_automatic_exposure_makes_up_for_the_polarizer() -> None:
     assert shots[1].exposure_us == pytest.approx(shots[0].exposure_us / 0.4)
     same = [taken.frame(3, shot) for taken, shot in zip((bare, through), shots, strict=True)]
     assert same[0] == same[1]
+
+
+# ---------------------------------------------------------------- several sheets
+
+
+def test_a_stack_of_three_is_one_sheet_and_a_grey_filter():
+    """Equations 1 to 3 of the research, and what its stack is: ideal sheets, on the axis."""
+    film = Polarizer(Sheet(1.0, 1e9), camera.load("equirect"), (128, 64))
+    ones = np.ones((64, 128, 3), np.float32)
+    row, column = 32, 64  # ahead
+
+    def passed(*stack_deg, polarized=None):
+        return film.through_stack(ones, polarized, stack_deg)[row, column, 0]
+
+    assert passed(90) == pytest.approx(0.5, abs=1e-3)
+    assert passed(90, 0) == pytest.approx(0.0, abs=2e-3)
+    assert passed(90, 45, 0) == pytest.approx(0.125, abs=1e-3)
+    upright = np.stack([-ones, 0 * ones])
+    assert passed(90, 45, 0, polarized=upright) == pytest.approx(0.25, abs=2e-3)
+    assert passed(90, 45, 0, polarized=-upright) == pytest.approx(0, abs=1e-3)
+
+
+def test_one_sheet_is_a_stack_of_one():
+    scene = PolishedFloor(random_scene(2))
+    layers, powers = scene.render(128, 64), np.ones(len(scene.lamps))
+    light = layers.compose(powers), layers.compose_polarized(powers)
+    film = Polarizer(Sheet(0.8, 50, 12.0), camera.load("equirect"), (128, 64))
+    np.testing.assert_allclose(
+        film.through_stack(*light, (30.0,)), film.through(*light, (30.0,)), rtol=1e-4, atol=1e-4
+    )
+
+
+def test_three_real_sheets():
+    """0.0675 S0 - 0.0672 S1 + 0.0066 S2, by Mueller matrices of 84 % and 500 : 1."""
+    film = Polarizer(Sheet(), camera.load("equirect"), (128, 64))
+    ones, none = np.ones((64, 128, 3), np.float32), np.zeros((64, 128, 3), np.float32)
+    behind = [
+        film.through_stack(s0, np.stack([s1, s2]), (90, 45, 0))[32, 64, 0]
+        for s0, s1, s2 in [(ones, none, none), (ones, -ones, none), (ones, none, ones)]
+    ]
+    assert behind[0] == pytest.approx(0.0675, abs=2e-4)
+    assert behind[1] - behind[0] == pytest.approx(0.0672, abs=2e-4)
+    assert behind[2] - behind[0] == pytest.approx(0.0066, abs=5e-4)
