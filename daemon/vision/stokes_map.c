@@ -14,6 +14,11 @@
 /* Chosen by hand. */
 /* A cell's own noise, relative. */
 #define CELL_SIGMA 0.02F
+/* A cell of a turned camera lies anyhow over those of the map: variance of where, in cells^2. */
+#define BETWEEN_CELLS2 (1.0F / 12.0F)
+/* Of S1/S0 of light whose polarization is not known: most of it has less. With more the map would
+ * not follow the lamps of a camera that turns. */
+#define UNKNOWN_SIGMA 0.15F
 /* Less than this of the light that comes from a cell tells nothing of it. */
 #define LEAST_FACTOR 0.05F
 /* A cell that the map knows to be brighter or darker than its S0 by this factor was read clipped,
@@ -100,7 +105,7 @@ static float sigma_of(const struct lp_observation *seen, float light, size_t i)
 				    seen->scale +
 			    powf(seen->scale / 65025.0F, 2.0F);
 	if (seen->step2)
-		variance += seen->step2[i] * seen->place_variance;
+		variance += seen->step2[i] * (seen->place_variance + BETWEEN_CELLS2);
 	return sqrtf(variance);
 }
 
@@ -125,11 +130,14 @@ void lp_stokes_map_learn(struct lp_stokes_map *map, const struct lp_film_view *v
 /* By how much a cell's radiance is divided, and the sigma of that. */
 static void factor_of(const struct lp_stokes_map *map, size_t i, float *factor, float *sigma)
 {
-	const struct lp_polarization p = lp_stokes_polarization(&map->cells[i]);
+	struct lp_polarization p = lp_stokes_polarization(&map->cells[i]);
+	const float biased = hypotf(p.q, p.u), kept = biased > 0.0F ? p.dolp / biased : 0.0F;
 
+	p.q *= kept; /* what is no more than noise does not change the light */
+	p.u *= kept;
 	*factor = 1.0F;
-	*sigma = p.known && !map->angle_known ? p.dolp : 0.0F;
-	if (!map->angle_known || isnan(map->axis[i][0]))
+	*sigma = !p.known ? UNKNOWN_SIGMA : map->angle_known ? 0.0F : p.dolp;
+	if (!p.known || !map->angle_known || isnan(map->axis[i][0]))
 		return;
 	lp_film_factor(&p, map->axis[i], factor, sigma);
 	*factor = fmaxf(*factor, LEAST_FACTOR);

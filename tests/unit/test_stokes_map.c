@@ -96,11 +96,98 @@ static void test_cells_that_tell_of_other_light_tell_nothing_of_the_lamp(void **
 	close_room(&room);
 }
 
+/* A reading of every cell through the film, as it would be without. */
+static float seen_through(struct room *room, float wheel_deg, float light, float *sigma)
+{
+	const struct lp_rotation none = lp_rotation_identity();
+	const struct lp_film_view view = lp_film_seen(&room->film, wheel_deg, &none);
+	struct lp_observation seen = {.radiance = (const float(*)[4])room->radiance,
+				      .flags = room->flags};
+
+	for (int i = 0; i < CELLS; i++)
+		for (int c = 0; c < 4; c++)
+			room->radiance[i][c] = light;
+	lp_stokes_map_see_through(room->map, &view, &seen);
+	const float radiance = seen.radiance[room->ahead][LP_LUMINANCE];
+
+	*sigma = sqrtf(seen.step2[room->ahead] * seen.place_variance) / radiance;
+	return radiance;
+}
+
+/* Else the map would not follow a lamp, before its polarization is known. */
+static void test_light_of_unknown_polarization_is_taken_as_it_is(void **state)
+{
+	struct room room;
+	float sigma;
+
+	(void)state;
+	open_room(&room);
+	assert_float_equal(seen_through(&room, 0.0F, 2.0F, &sigma), 2.0, 1e-6);
+	assert_true(sigma > 0.05F && sigma < 0.3F);
+	see(&room, 0.0F, 2.0F, 0.0F, 0.0F);
+	assert_float_equal(seen_through(&room, 90.0F, 1.0F, &sigma), 1.0, 1e-6);
+	assert_true(sigma > 0.05F && sigma < 0.3F);
+	close_room(&room);
+}
+
+static void test_polarized_light_is_seen_through(void **state)
+{
+	struct room room;
+	float sigma;
+
+	(void)state;
+	open_room(&room);
+	for (int k = 0; k < 40; k++)
+		see(&room, 45.0F * (float)(k % 4), 2.0F, 0.6F, 0.0F);
+	assert_float_equal(seen_through(&room, 90.0F, 0.8F, &sigma), 2.0, 0.1);
+	assert_true(sigma < 0.1F);
+	close_room(&room);
+}
+
+/* While the camera turns, cells at the rim of a lamp read more or less of it, by chance: no film
+ * did that. */
+static void test_rims_of_a_turning_picture_are_not_polarized(void **state)
+{
+	const struct lp_rotation none = lp_rotation_identity();
+	float step2[CELLS];
+	struct room room;
+	int wrong = 0;
+
+	(void)state;
+	srand(5);
+	open_room(&room);
+	for (int i = 0; i < CELLS; i++)
+		step2[i] = 1.0F; /* from light 0 to 1 in one cell */
+	for (int k = 0; k < 400; k++) {
+		const struct lp_film_view view =
+			lp_film_seen(&room.film, 45.0F * (float)(k / 5 % 4), &none);
+		const struct lp_observation seen = {.radiance = (const float(*)[4])room.radiance,
+						    .flags = room.flags,
+						    .step2 = step2,
+						    .elapsed_s = 0.1F};
+		const float light = 0.5F + 0.5F * (float)rand() / (float)RAND_MAX;
+
+		for (int i = 0; i < CELLS; i++)
+			for (int c = 0; c < 4; c++)
+				room.radiance[i][c] = light;
+		lp_stokes_map_learn(room.map, &view, &seen);
+		const struct lp_polarization p =
+			lp_stokes_polarization(&room.map->cells[room.ahead]);
+
+		wrong += p.known && p.dolp > 3.0F * p.dolp_sigma;
+	}
+	assert_true(wrong < 8);
+	close_room(&room);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_a_lamp_is_polarized_as_its_cells),
 		cmocka_unit_test(test_cells_that_tell_of_other_light_tell_nothing_of_the_lamp),
+		cmocka_unit_test(test_light_of_unknown_polarization_is_taken_as_it_is),
+		cmocka_unit_test(test_polarized_light_is_seen_through),
+		cmocka_unit_test(test_rims_of_a_turning_picture_are_not_polarized),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
