@@ -11,7 +11,7 @@ from lightprobe.sim.box import Box
 from lightprobe.sim.clock import START_NS
 from lightprobe.sim.world import State
 
-_STEP_US = 2000
+_STEP_US, _MARGIN_US = 2000, 100
 
 
 class LiveBox:
@@ -48,7 +48,8 @@ class LiveBox:
 
     def wheel_deg(self, from_ns: int, to_ns: int) -> tuple[float, ...] | None:
         """See :class:`lightprobe.sim.link.Surroundings`."""
-        self._advance(-(-(to_ns - START_NS) // 1000))
+        # simavr stops at the end of an instruction, just before the time that it is told
+        self._advance(-(-(to_ns - START_NS) // 1000) + _MARGIN_US)
         return self.box.angles_deg(from_ns - START_NS, to_ns - START_NS)
 
     def misbehave(self, query: str) -> str:

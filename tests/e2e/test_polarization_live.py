@@ -1,0 +1,130 @@
+"""A wheel that sweeps before a varnished room while things go wrong, in simulated time.
+
+Firmware in its box, wheel, film, camera and daemon. Whatever happens, no lamp is called a mirror
+image; what is not known says so; and when it is over, mirror images are told again.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from lightprobe import geometry
+from lightprobe.estimate import Estimate, EstimateFlag, LightFlag
+from lightprobe.imaging import camera as lenses
+from lightprobe.imaging.film import Sheet
+from lightprobe.sim.camera import SimulatedCamera
+from lightprobe.sim.live import LiveClient, LiveProbe
+from lightprobe.sim.live_box import LiveBox
+from lightprobe.sim.polarized import PolishedFloor
+from lightprobe.sim.procedural import random_scene
+from lightprobe.sim.world import Behaviour, World
+from lightprobe.wire import Subscription
+
+SIZE_PX, RATE_HZ = (960, 480), 10.0
+#: The wheel has homed and gone round its angles.
+SWEPT_S = 14.0
+#: Four lamps, three of them above the floor and mirrored where the film shows it.
+ROOM = PolishedFloor(random_scene(8))
+
+
+@contextmanager
+def swept(
+    behaviour: Behaviour, firmware: str = "host", sheet: Sheet | None = None
+) -> Iterator[tuple[LiveBox, LiveProbe, LiveClient]]:
+    world = World([ROOM], behaviour, 30.0)
+    camera = SimulatedCamera(
+        world, lenses.load("equirect"), SIZE_PX, rate_hz=RATE_HZ, sheet=sheet or Sheet()
+    )
+    with (
+        LiveBox(firmware) as box,
+        LiveProbe(camera, (*box.arguments, "--orientation=none"), box=box) as probe,
+    ):
+        client = probe.client(Subscription(max_lights=8, smoothing="RAW", area_lights=True))
+        yield box, probe, client
+
+
+def called(estimate: Estimate) -> tuple[int, int]:
+    """How many true lamps, and how many mirror images of some, are called reflections."""
+    lamps = [lamp.direction for lamp in ROOM.lamps]
+    images = [lamp * [1, -1, 1] for lamp in lamps if lamp[1] > 0.05]
+    some = [light.direction for light in estimate.lights if light.flags & LightFlag.REFLECTION]
+    return (
+        len(geometry.match_directions(lamps, some)),
+        len(geometry.match_directions(images, some)),
+    )
+
+
+def check(estimates: list[Estimate]) -> None:
+    """No lamp is called a reflection, and no mirror image a lamp for certain."""
+    assert estimates
+    assert not any(called(one)[0] for one in estimates)
+
+
+@pytest.mark.parametrize("firmware", ["host", "avr"])
+def test_a_wheel_that_slips_in_mid_sweep(firmware: str) -> None:
+    with swept(Behaviour(act_s=0), firmware) as (box, probe, client):
+        probe.run(SWEPT_S)
+        before = called(client.estimates[-1])[1]
+        assert before >= 2
+        box.misbehave("slip_deg=25")
+        probe.run(4.0)
+        lost = [one for one in client.estimates if one.flags & EstimateFlag.WHEEL_FAULT]
+        assert lost
+        assert all(one.wheel_deg is None for one in lost)
+        box.misbehave("slip_deg=0")
+        probe.run(SWEPT_S)
+        check(client.estimates)
+        assert not client.estimates[-1].flags & EstimateFlag.WHEEL_FAULT
+        assert called(client.estimates[-1])[1] >= 2
+
+
+def test_lamps_that_are_switched_in_mid_sweep() -> None:
+    """One lamp after the other is off for a while, at other angles each time."""
+    with swept(Behaviour(act_s=0, switch_s=2.3)) as (_, probe, client):
+        probe.run(SWEPT_S + 14.0)
+        check(client.estimates)
+
+
+def test_a_wheel_that_sticks_leaves_light_and_says_so() -> None:
+    with swept(Behaviour(act_s=0)) as (box, probe, client):
+        probe.run(SWEPT_S)
+        box.misbehave("stuck=1")
+        probe.run(8.0)
+        lost = [one for one in client.estimates if one.flags & EstimateFlag.WHEEL_FAULT]
+        assert lost
+        assert all(one.wheel_deg is None for one in lost)
+        check(client.estimates)
+        box.misbehave("stuck=0")
+        probe.run(SWEPT_S)
+        assert not client.estimates[-1].flags & EstimateFlag.WHEEL_FAULT
+        assert called(client.estimates[-1])[1] >= 2
+
+
+def test_a_film_put_in_a_quarter_turn_wrong_is_named() -> None:
+    """Nothing is wrongly called a mirror image; the flag says what to do."""
+    with swept(Behaviour(act_s=0), sheet=Sheet(offset_deg=90.0)) as (_, probe, client):
+        probe.run(SWEPT_S + 2.0)
+        check(client.estimates)
+        assert client.estimates[-1].flags & EstimateFlag.FILM_TURNED
+
+
+def test_the_offset_of_the_camera_file_mends_it(tmp_path) -> None:
+    file = tmp_path / "my.camera"
+    file.write_text(
+        "[camera]\nversion = 1\nname = a\nprojection = equirect\nwidth_px = 960\nheight_px = 480\n"
+        "[polarizer]\noffset_deg = 90\n"
+    )
+    world = World([ROOM], Behaviour(act_s=0), 30.0)
+    camera = SimulatedCamera(
+        world, lenses.load("equirect"), SIZE_PX, rate_hz=RATE_HZ, sheet=Sheet(offset_deg=90.0)
+    )
+    with LiveBox() as box:
+        arguments = (*box.arguments, "--orientation=none", f"--camera={file}")
+        with LiveProbe(camera, arguments, box=box) as probe:
+            client = probe.client(Subscription(max_lights=8, smoothing="RAW", area_lights=True))
+            probe.run(SWEPT_S + 2.0)
+    assert not client.estimates[-1].flags & EstimateFlag.FILM_TURNED
+    assert called(client.estimates[-1]) == (0, called(client.estimates[-1])[1])
+    assert called(client.estimates[-1])[1] >= 2
+    assert np.all(np.isfinite(client.estimates[-1].total().coefficients))
