@@ -231,6 +231,7 @@ static void publish(struct lp_daemon *daemon, struct lp_result *result)
 
 	result->estimates.raw.flags |= flags;
 	result->estimates.smoothed.flags |= flags;
+	lp_instruments_see(daemon->instruments, &result->estimates.raw);
 	lp_orientation_judged(&daemon->orientation, &result->estimates.raw.orientation);
 	result->estimates.smoothed.orientation = result->estimates.raw.orientation;
 	lp_ring_only_camera(&daemon->ring_only, &result->estimates.raw, lp_clock_ns());

@@ -24,7 +24,8 @@ struct lp_film_numbers lp_film_options(const struct lp_options *options,
 								 camera->film_extinction,
 								 USUAL_EXTINCTION),
 				       .offset_deg = first_given(options->polarizer_offset_deg,
-								 camera->film_offset_deg, 0.0F)};
+								 camera->film_offset_deg, 0.0F),
+				       .rest_s = options->polarizer_rest_s};
 
 	if (options->polarizer.mode == LP_POLARIZER_OFF)
 		film.transmission = 0.0F;

@@ -30,6 +30,7 @@ struct lp_instruments {
 	struct lp_rotator *rotator; /* NULL: none */
 	struct lp_ring *ring;	    /* NULL: none */
 	struct lp_sweep sweep;
+	uint32_t newest_lamp; /* highest id so far */
 
 	bool ring_heard; /* the next two count */
 	uint32_t ring_sequence;
@@ -166,6 +167,20 @@ int lp_instruments_start(struct lp_instruments *instruments)
 	return ret;
 }
 
+void lp_instruments_see(struct lp_instruments *instruments,
+			const struct lp_light_estimate *estimate)
+{
+	for (int k = 0; k < estimate->light_count; k++) {
+		const struct lp_light *light = &estimate->lights[k];
+
+		if (light->id <= instruments->newest_lamp)
+			continue;
+		instruments->newest_lamp = light->id;
+		if (light->polarization.judged && !light->polarization.known)
+			lp_sweep_want(&instruments->sweep);
+	}
+}
+
 /* Where the wheel goes: what the polarizer needs, unless the user names several angles. */
 static struct lp_floats wheel_angles(const struct lp_options *options)
 {
@@ -200,7 +215,10 @@ static int open_rotator(struct lp_instruments *self, const struct lp_options *op
 		.report = report,
 		.pass_turning = options->polarizer.mode != LP_POLARIZER_OFF,
 		.angle_count = angles.count,
-		.dwell_ns = (int64_t)((double)options->wheel_dwell_ms * 1e6)};
+		.dwell_ns = (int64_t)((double)options->wheel_dwell_ms * 1e6),
+		.rest_ns = options->polarizer.mode == LP_POLARIZER_SWEEP
+				   ? (int64_t)((double)options->polarizer_rest_s * 1e9)
+				   : 0};
 	memcpy(self->sweep.angles_deg, angles.values, sizeof(self->sweep.angles_deg));
 	return lp_rotator_open(options->rotator, &host, &self->rotator);
 }

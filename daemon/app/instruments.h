@@ -9,6 +9,7 @@
 struct lp_frame;
 struct lp_health;
 struct lp_instruments;
+struct lp_light_estimate;
 struct lp_loop;
 struct lp_options;
 struct lp_ring_sample;
@@ -33,6 +34,10 @@ void lp_instruments_frame(struct lp_instruments *instruments, struct lp_frame *f
 
 /* Several times a second. */
 void lp_instruments_tick(struct lp_instruments *instruments, int64_t now_ns);
+
+/* What the newest frame showed: a new lamp of unknown polarization ends the wheel's rest. */
+void lp_instruments_see(struct lp_instruments *instruments,
+			const struct lp_light_estimate *estimate);
 
 /* enum lp_estimate_flag: what is wrong with wheel and ring now. */
 uint32_t lp_instruments_flags(const struct lp_instruments *instruments);

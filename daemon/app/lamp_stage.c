@@ -63,6 +63,7 @@ static void look_closer(const struct lp_lamp_memory *memory, struct lp_imager *i
 
 	lp_imager_status(imager, &status);
 	sighting->film_misfit = status.rotation_sigma_deg > 0.0F ? TURNING_MISFIT : 1.0F;
+	sighting->film_rest_s = film ? film->rest_s : 0.0F;
 	sighting->through_film = film && lp_film_axis(film, pixels->direction, sighting->film_axis);
 	sighting->strength_sigma = fmaxf(hypotf(lp_imager_strength_sigma(imager, pixels), noise),
 					 LEAST_IRRADIANCE_SIGMA);

@@ -289,6 +289,10 @@ static const struct lp_param config_list[] = {
 	{"polarizer-offset", LP_PARAM_FLOAT, offsetof(struct lp_options, polarizer_offset_deg),
 	 .initial = "0", .min = -180, .max = 180,
 	 .help = "degrees from the wheel's angle to the film's axis; 0: as the camera file says"},
+	{"polarizer-rest", LP_PARAM_FLOAT, offsetof(struct lp_options, polarizer_rest_s),
+	 .initial = "0", .max = 86400,
+	 .help = "seconds that the wheel rests after each sweep, unless a new lamp appears; 0: it\n"
+		 "sweeps on and on"},
 	{"wheel-dwell-ms", LP_PARAM_FLOAT, offsetof(struct lp_options, wheel_dwell_ms),
 	 .initial = "500", .max = 3600000,
 	 .help = "how long the wheel stays at each of several angles"},

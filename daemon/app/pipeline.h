@@ -39,6 +39,7 @@ struct lp_film_numbers {
 	float transmission; /* along its axis plus across it; 0: there is no film */
 	float extinction;
 	float offset_deg; /* of its axis on the wheel */
+	float rest_s;	  /* between sweeps */
 };
 
 struct lp_pipeline_options {

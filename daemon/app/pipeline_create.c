@@ -80,6 +80,7 @@ static struct lp_film film_of(const struct lp_pipeline *p)
 	struct lp_film film = lp_film_of_one_sheet(numbers->transmission, numbers->extinction);
 
 	film.offset_deg = numbers->offset_deg;
+	film.rest_s = numbers->rest_s;
 	if (p->camera->projection == LP_EQUIRECT)
 		return film;
 	for (int k = 0; k < p->camera->lens_count && k < LP_MAX_SHEETS; k++) {

@@ -120,6 +120,12 @@ static bool arrived(const struct lp_sweep *sweep)
 	       fabsf(state->commanded_deg - sweep->angles_deg[sweep->at]) < SAME_DEG;
 }
 
+static bool rests(const struct lp_sweep *sweep, int64_t now_ns)
+{
+	return sweep->at == 0 && sweep->t_rest_ns && !sweep->wanted &&
+	       now_ns - sweep->t_rest_ns < sweep->rest_ns;
+}
+
 static void go_on(struct lp_sweep *sweep, int64_t now_ns)
 {
 	if (!arrived(sweep)) {
@@ -130,11 +136,21 @@ static void go_on(struct lp_sweep *sweep, int64_t now_ns)
 		sweep->t_arrived_ns = now_ns;
 		sweep->report->moves++;
 	}
-	if (sweep->angle_count > 1 && now_ns - sweep->t_arrived_ns >= sweep->dwell_ns) {
+	if (sweep->angle_count > 1 && now_ns - sweep->t_arrived_ns >= sweep->dwell_ns &&
+	    !rests(sweep, now_ns)) {
+		if (sweep->at == 0)
+			sweep->wanted = false;
 		sweep->at = (sweep->at + 1) % sweep->angle_count;
+		if (sweep->at == 0)
+			sweep->t_rest_ns = now_ns;
 		sweep->t_arrived_ns = 0;
 		sweep->host.move(sweep->host.context, sweep->angles_deg[sweep->at]);
 	}
+}
+
+void lp_sweep_want(struct lp_sweep *sweep)
+{
+	sweep->wanted = true;
 }
 
 void lp_sweep_start(struct lp_sweep *sweep)

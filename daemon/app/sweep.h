@@ -36,6 +36,9 @@ struct lp_sweep {
 	int angle_count;
 	float angles_deg[LP_SWEEP_ANGLES];
 	int64_t dwell_ns;
+	int64_t rest_ns;   /* after each round at the first angle, unless one is wanted */
+	int64_t t_rest_ns; /* since when; 0: no round is over yet */
+	bool wanted;
 	int at;		      /* angles_deg[at] is commanded */
 	int64_t t_arrived_ns; /* 0: not there yet */
 	struct lp_frame *held;
@@ -45,6 +48,8 @@ struct lp_sweep {
 /* Commands the first angle. */
 void lp_sweep_start(struct lp_sweep *sweep);
 void lp_sweep_state(struct lp_sweep *sweep, const struct lp_wheel_state *state, int64_t now_ns);
+/* Go round the angles now, even if it is time to rest. */
+void lp_sweep_want(struct lp_sweep *sweep);
 /* Takes over the reference to `frame`. */
 void lp_sweep_frame(struct lp_sweep *sweep, struct lp_frame *frame, int64_t now_ns);
 /* Several times a second. */

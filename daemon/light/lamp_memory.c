@@ -194,6 +194,7 @@ static struct lp_lamp_sighting without_film(struct lp_remembered_lamp *m,
 	struct lp_stokes_reading reading = {.intensity = light,
 					    .sigma = s->strength_sigma * light,
 					    .misfit = s->film_misfit,
+					    .rest_s = s->film_rest_s,
 					    .axis = {s->film_axis[0], s->film_axis[1]}};
 	float factor = 1.0F, sigma = FILM_STRENGTH_SIGMA;
 

@@ -60,6 +60,7 @@ struct lp_lamp_sighting {
 	float scale;	      /* of the frame: full scale to radiance */
 	float width_deg;
 	float film_misfit;  /* lp_stokes_reading.misfit */
+	float film_rest_s;  /* lp_stokes_reading.rest_s */
 	float film_axis[2]; /* only if `through_film`: of the film (light/polarization.h) */
 	bool refined;
 	bool enters; /* strong and clear enough to become a lamp; else it only goes on being one */

@@ -15,6 +15,8 @@
 #define FILM_SIGMA 0.015F
 /* Readings lose half of their weight in this time. */
 #define HALF_LIFE_S 8.0F
+/* And in so many rests of the film between sweeps. */
+#define RESTS 2.0F
 /* Sigmas beyond which a reading contradicts what is known. */
 #define GATE 5.0F
 /* Share of the newest reading in the mean of how far readings are off. */
@@ -51,6 +53,7 @@ struct lp_film_view lp_film_seen(const struct lp_film *film, float wheel_deg,
 				 const struct lp_rotation *to_frame)
 {
 	struct lp_film_view view = {.diattenuation = film->diattenuation,
+				    .rest_s = film->rest_s,
 				    .sheet_count = film->sheet_count};
 	const double angle = ((double)wheel_deg + film->offset_deg) * M_PI / 180.0;
 	/* n = -Z, p = (cos, sin, 0): n x p = (sin, -cos, 0) */
@@ -183,7 +186,8 @@ bool lp_stokes_correct(struct lp_stokes *stokes, const struct lp_stokes_reading 
 	const float variance = reading->sigma * reading->sigma + film * film;
 	const float off = deviation(stokes, reading, scale, variance);
 	const bool contradicts = off > GATE * GATE, changed = contradicts && stokes->doubted;
-	const float kept = changed ? 0.0F : exp2f(-fmaxf(elapsed_s, 0.0F) / HALF_LIFE_S);
+	const float half_life_s = HALF_LIFE_S + RESTS * reading->rest_s;
+	const float kept = changed ? 0.0F : exp2f(-fmaxf(elapsed_s, 0.0F) / half_life_s);
 
 	if (changed || !(stokes->normal[0] > 0.0F))
 		stokes->misfit = reading->misfit;

@@ -30,6 +30,7 @@ struct lp_film {
 	float gain;	     /* of unpolarized light: t/2; 0: there is no film */
 	float diattenuation; /* D = (r - 1) / (r + 1), r the extinction ratio */
 	float offset_deg;    /* from the wheel's angle to the transmission axis */
+	float rest_s;	     /* that it stays at one angle between sweeps */
 	int sheet_count;
 	struct lp_rotation lens[LP_MAX_SHEETS]; /* lens frame to probe frame */
 };
@@ -37,6 +38,7 @@ struct lp_film {
 /* A film at one angle of the wheel, in the frame in which directions are given. */
 struct lp_film_view {
 	float diattenuation;
+	float rest_s;
 	int sheet_count;
 	float normal[LP_MAX_SHEETS][3]; /* away from the camera */
 	float across[LP_MAX_SHEETS][3]; /* n x p */
@@ -84,6 +86,7 @@ struct lp_stokes_reading {
 	/* How far the readings of a new series may be off, squared, in their variances, until they
 	 * have shown it: 1, and more where a turning camera may look beside what is measured. */
 	float misfit;
+	float rest_s; /* readings are remembered for longer where the film rests in between */
 };
 
 /* What is known. q = S1/S0, u = S2/S0. */

@@ -47,6 +47,7 @@ void lp_imager_see_through(struct lp_imager *imager, struct lp_observation *seen
 		return;
 	memcpy(ahead, forward, sizeof(ahead));
 	lp_rotate_direction(&imager->motion.rotation, ahead);
+	unpolarized.rest_s = imager->film.rest_s;
 	if (lp_film_axis(&imager->film, ahead, unpolarized.axis))
 		(void)lp_stokes_correct(&imager->angles, &unpolarized, seen->elapsed_s);
 	lp_stokes_map_learn(imager->stokes, &imager->film, seen);

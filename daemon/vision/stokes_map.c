@@ -117,6 +117,7 @@ void lp_stokes_map_learn(struct lp_stokes_map *map, const struct lp_film_view *v
 		const float light = observation->radiance[i][LP_LUMINANCE];
 		const struct lp_stokes_reading reading = {.intensity = light,
 							  .misfit = 1.0F,
+							  .rest_s = view->rest_s,
 							  .sigma = sigma_of(observation, light, i),
 							  .axis = {map->axis[i][0],
 								   map->axis[i][1]}};

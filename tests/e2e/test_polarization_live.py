@@ -30,7 +30,7 @@ ROOM = PolishedFloor(random_scene(8))
 
 @contextmanager
 def swept(
-    behaviour: Behaviour, firmware: str = "host", sheet: Sheet | None = None
+    behaviour: Behaviour, firmware: str = "host", sheet: Sheet | None = None, *options: str
 ) -> Iterator[tuple[LiveBox, LiveProbe, LiveClient]]:
     world = World([ROOM], behaviour, 30.0)
     camera = SimulatedCamera(
@@ -38,7 +38,7 @@ def swept(
     )
     with (
         LiveBox(firmware) as box,
-        LiveProbe(camera, (*box.arguments, "--orientation=none"), box=box) as probe,
+        LiveProbe(camera, (*box.arguments, "--orientation=none", *options), box=box) as probe,
     ):
         client = probe.client(Subscription(max_lights=8, smoothing="RAW", area_lights=True))
         yield box, probe, client
@@ -99,6 +99,18 @@ def test_a_wheel_that_sticks_leaves_light_and_says_so() -> None:
         probe.run(SWEPT_S)
         assert not client.estimates[-1].flags & EstimateFlag.WHEEL_FAULT
         assert called(client.estimates[-1])[1] >= 2
+
+
+def test_a_wheel_that_rests_remembers_its_sweep() -> None:
+    """One sweep, then light goes on at one angle; mirror images stay told, and the wheel rests."""
+    with swept(Behaviour(act_s=0), "host", None, "--polarizer-rest=60") as (box, probe, client):
+        probe.run(SWEPT_S + 4.0)
+        at_rest = box.box.get("wheel_deg")
+        before = len(client.estimates)
+        probe.run(8.0)
+        assert box.box.get("wheel_deg") == pytest.approx(at_rest, abs=0.5)
+        check(client.estimates)
+        assert all(called(one)[1] >= 2 for one in client.estimates[before:])
 
 
 def test_a_film_put_in_a_quarter_turn_wrong_is_named() -> None:

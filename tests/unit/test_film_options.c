@@ -49,6 +49,9 @@ static void test_the_camera_file_and_the_command_line_over_it(void **state)
 	assert_float_equal(film.transmission, 0.7, 1e-6);
 	assert_float_equal(film.extinction, 90, 1e-4);
 	assert_float_equal(film.offset_deg, -88.5, 1e-5);
+	assert_float_equal(film.rest_s, 0, 0);
+	film = film_of(measured, "--polarizer=sweep", "--polarizer-rest=60");
+	assert_float_equal(film.rest_s, 60, 1e-6);
 	film = film_of(measured, "--polarizer=fixed:30", "--polarizer-offset=3");
 	assert_float_equal(film.offset_deg, 3, 1e-6);
 	assert_float_equal(film.extinction, 90, 1e-4);

@@ -345,6 +345,29 @@ static void test_old_readings_fade(void **state)
 	assert_false(lp_stokes_polarization(&stokes).known);
 }
 
+/* Where the film rests between sweeps, a sweep is remembered until the next one. */
+static void test_readings_last_over_a_rest(void **state)
+{
+	const struct light light = {1.0, 0.5, 0.0};
+	struct lp_stokes stokes = {0};
+
+	(void)state;
+	for (int k = 0; k < 4; k++) {
+		struct lp_stokes_reading r = reading_of(&light, 45.0F * (float)k, 0.01);
+
+		r.rest_s = 60.0F;
+		(void)lp_stokes_correct(&stokes, &r, 0.1F);
+	}
+	for (int k = 0; k < 600; k++) { /* a minute at one angle */
+		struct lp_stokes_reading r = reading_of(&light, 0.0F, 0.01);
+
+		r.rest_s = 60.0F;
+		(void)lp_stokes_correct(&stokes, &r, 0.1F);
+	}
+	assert_true(lp_stokes_polarization(&stokes).known);
+	assert_float_equal(lp_stokes_polarization(&stokes).dolp, 0.5, 0.03);
+}
+
 /* Equal to a measurement in the turned frame. */
 static void test_a_turned_frame(void **state)
 {
@@ -395,6 +418,7 @@ int main(void)
 		cmocka_unit_test(test_scatter_shows_in_sigma),
 		cmocka_unit_test(test_doubtful_readings_must_agree_for_longer),
 		cmocka_unit_test(test_old_readings_fade),
+		cmocka_unit_test(test_readings_last_over_a_rest),
 		cmocka_unit_test(test_a_turned_frame),
 		cmocka_unit_test(test_what_passes),
 	};

@@ -237,6 +237,34 @@ static void test_it_goes_round_the_angles(void **state)
 	assert_int_equal(report.moves, 7);
 }
 
+/* One round, a minute at the first angle; a new lamp ends the rest once. */
+static void test_it_rests_after_a_round(void **state)
+{
+	struct lp_wheel_state there = settled(900, 950);
+	int64_t t_ms = 2000;
+
+	(void)state;
+	sweep.rest_ns = 60000 * MS;
+	lp_sweep_start(&sweep);
+	for (int round = 0; round < 3; round++) {
+		for (int step = 0; step < 3; step++, t_ms += 1000) {
+			there.commanded_deg = sweep.angles_deg[step];
+			tell(there, t_ms);
+			lp_sweep_tick(&sweep, (t_ms + 500) * MS);
+			assert_int_equal(moves, 2 + 3 * round + step);
+		}
+		there.commanded_deg = 0;
+		tell(there, t_ms);
+		lp_sweep_tick(&sweep, (t_ms + 50000) * MS);
+		assert_int_equal(moves, 4 + 3 * round); /* at the first angle, and there it stays */
+		t_ms += 50000;
+		if (round == 0)
+			lp_sweep_want(&sweep);
+		else
+			t_ms += 10000;
+	}
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -250,6 +278,7 @@ int main(void)
 		cmocka_unit_test_setup(test_unknown_exposure_counts_to_the_arrival, setup),
 		cmocka_unit_test_setup(test_doubt_is_no_angle, setup),
 		cmocka_unit_test_setup(test_it_goes_round_the_angles, setup),
+		cmocka_unit_test_setup(test_it_rests_after_a_round, setup),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
