@@ -147,11 +147,12 @@ static int create_publishers(struct lp_daemon *daemon)
 /* --once: what the ring read while the pictures were taken. */
 static void give_ring_lux(struct lp_daemon *daemon)
 {
+	const struct lp_floats *sigma = &daemon->options->ring_sigma;
 	struct lp_ring_sample sample = {0};
 
 	for (int k = 0; k < LP_RING_SENSORS; k++) {
 		sample.illuminance_lux[k] = daemon->options->ring_lux.values[k];
-		sample.sigma_relative[k] = daemon->options->ring_sigma;
+		sample.sigma_relative[k] = sigma->values[k % sigma->count];
 	}
 	(void)lp_worker_ring(daemon->worker, &sample);
 }

@@ -12,6 +12,8 @@
 #include "include/ring_sample.h"
 
 #define MOST_LUX 1e6F
+#define LEAST_RING_SIGMA 0.001F
+#define MOST_RING_SIGMA 10.0F
 
 /* As enum lp_orientation_kind. */
 static const char *const orientations[] = {"none", "visual", "sim", "client", "sensor"};
@@ -154,23 +156,38 @@ static int parse_detector(const char *text, void *field)
 	return -EINVAL;
 }
 
-static int parse_ring_lux(const char *text, void *field)
+/* Numbers separated by commas, at most nine: how many there are, or -EINVAL. */
+static int parse_nine(const char *text, float least, float most, struct lp_floats *list)
 {
-	struct lp_floats *lux = field;
-
-	*lux = (struct lp_floats){0};
-	for (; lux->count < LP_RING_SENSORS; text++) {
+	*list = (struct lp_floats){0};
+	for (; list->count < LP_RING_SENSORS; text++) {
 		char *end;
 		const float value = strtof(text, &end);
 
-		if (end == text || value < 0.0F || value > MOST_LUX)
+		if (end == text || value < least || value > most)
 			return -EINVAL;
-		lux->values[lux->count++] = value;
+		list->values[list->count++] = value;
 		text = end;
 		if (*text != ',')
 			break;
 	}
-	return *text || lux->count != LP_RING_SENSORS ? -EINVAL : 0;
+	return *text ? -EINVAL : list->count;
+}
+
+static int parse_ring_lux(const char *text, void *field)
+{
+	return parse_nine(text, 0.0F, MOST_LUX, field) == LP_RING_SENSORS ? 0 : -EINVAL;
+}
+
+static int parse_ring_sigma(const char *text, void *field)
+{
+	struct lp_floats *sigma = field;
+	const int count = parse_nine(text, LEAST_RING_SIGMA, MOST_RING_SIGMA, sigma);
+
+	for (int k = 0; k < sigma->count; k++)
+		if (isnan(sigma->values[k]))
+			return -EINVAL;
+	return count == 1 || count == LP_RING_SENSORS ? 0 : -EINVAL;
 }
 
 /* off, sweep, films, or fixed:DEG. */
@@ -333,8 +350,9 @@ static const struct lp_param command_list[] = {
 	 .expects = "nine numbers 0..1e6, or nan, separated by commas",
 	 .help = "with --once: what the nine light sensors read while the pictures were taken;\n"
 		 "nan: this one cannot be used"},
-	{"ring-sigma", LP_PARAM_FLOAT, offsetof(struct lp_options, ring_sigma), .initial = "0.03",
-	 .min = 0.001, .max = 10, .help = "relative 1 sigma of each of these readings"},
+	{"ring-sigma", LP_PARAM_OWN, offsetof(struct lp_options, ring_sigma), .initial = "0.03",
+	 .parse = parse_ring_sigma, .expects = "one number 0.001..10 for all, or nine",
+	 .help = "relative 1 sigma of these readings: one number for all, or nine"},
 	{"simulated-time", LP_PARAM_TEXT, offsetof(struct lp_options, simulated_time),
 	 .initial = "", .max = 108,
 	 .help = "for tests: take the time from this Unix socket instead of the clock"},

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 from lightprobe.evaluate import evaluation, offline
-from lightprobe.evaluate.evaluation import Case, Input, RingModel
+from lightprobe.evaluate.evaluation import Case, Input
+from lightprobe.evaluate.ring_model import CALIBRATED, UNCALIBRATED, RingModel
 from lightprobe.sim import scenes
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -24,6 +25,11 @@ RINGS: dict[str, RingModel | None] = {
     "3 %, scale within 2 %": RingModel(0.03, 0.02),
     "3 %, scale not known": RingModel(0.03, 1.0, scale_known=False),
     "10 %, scale within 5 %": RingModel(0.1, 0.05),
+    "LDRs calibrated, scale within 2 %": RingModel(scale_sigma=0.02, parts=CALIBRATED),
+    "LDRs as they come, scale within 2 %": RingModel(scale_sigma=0.02, parts=UNCALIBRATED),
+    "LDRs as they come, scale not known": RingModel(
+        scale_sigma=1.0, scale_known=False, parts=UNCALIBRATED
+    ),
 }
 #: What nobody knows of; none may make the light worse than the camera alone by more than HARMED.
 FAULTS: dict[str, RingModel] = {

@@ -168,6 +168,8 @@ REFUSED = [
     ("evaluate --plot nowhere/x.png", "--plot nowhere/x.png: expected a file that can be written"),
     ("evaluate --plot x.docx", "--plot x.docx: expected a name that ends in .png, .svg, .pdf"),
     ("evaluate --brackets 99", "--brackets 99"),
+    ("evaluate --ring-parts good", "--ring-parts good: expected calibrated or uncalibrated"),
+    ("evaluate --ring-parts calibrated --ring-sigma 0.1", "leave one of the two out"),
     ("evaluate --settings nonsense=1", "--settings nonsense=1"),
     ("evaluate --settings lights=many", "expected a whole number"),
     ("evaluate --seed -1", "--seed"),

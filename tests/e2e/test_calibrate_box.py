@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from lightprobe import daemon
 from lightprobe.calibrate import ring
+from lightprobe.sim import ldr
 from lightprobe.sim.box import Box
 from test_simulated_box import simulator
 
@@ -146,8 +147,9 @@ def test_ring_against_the_camera(tmp_path: Path) -> None:
         r10 = [float(running.control(f"get ldr{k}_r10_ohm")) for k in range(9)]
         gamma = [float(running.control(f"get ldr{k}_gamma")) for k in range(9)]
         series = [float(running.control(f"get ldr{k}_mux_ohm")) for k in range(9)]
+        warm = ldr.drift(1.0, float(running.control("get temperature_c")))
     found = ring.load(tmp_path / "ring.ini")
-    true = ring.Ring(np.array(r10), np.array(gamma), np.array(series))
+    true = ring.Ring(warm * np.array(r10), np.array(gamma), np.array(series))
     for lux in (100.0, 300.0):
         levels = true.level(np.full(9, lux))
         nominal = np.abs(np.log(ring.Ring().lux(levels) / lux))

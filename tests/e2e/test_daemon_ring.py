@@ -8,11 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from harness import Daemon, camera, jpeg, panorama, run, streaming
+from lightprobe import daemon
 from lightprobe.calibrate import ring
+from lightprobe.errors import UsageError
 from lightprobe.evaluate import offline
-from lightprobe.evaluate.evaluation import CD_M2_PER_UNIT, Input, Studio, reference
+from lightprobe.evaluate.evaluation import Input, Studio, reference
+from lightprobe.evaluate.ring_model import CD_M2_PER_UNIT
 from lightprobe.sim import illuminance
 from lightprobe.sim.procedural import random_scene
+from lightprobe.sim.sensor import encode_jpeg
 
 LIGHTPROBE = Path(sys.executable).parent / "lightprobe"
 RING_ONLY, RING_FAULT = 512, 2048
@@ -89,6 +93,21 @@ def clipped(tmp_path_factory):
     folder = tmp_path_factory.mktemp("clipped")
     exposures_us = Studio(0).shoot(SCENE, Input("2"), folder)
     return folder, exposures_us, CD_M2_PER_UNIT * illuminance.on_ring(SCENE)
+
+
+def test_sigma_is_one_number_or_nine(tmp_path: Path) -> None:
+    picture = tmp_path / "0000.jpg"
+    picture.write_bytes(encode_jpeg(np.full((64, 128, 3), 90, np.uint8)))
+    lux = ",".join(["nan"] * 9)
+    for sigma in ("0.1,0.2", "nan", "0", "1,2,3,4,5,6,7,8,9,10"):
+        with pytest.raises(UsageError, match=r"ring-sigma.*one number.*or nine"):
+            daemon.estimate_once(
+                [f"--source=file:{tmp_path}", f"--ring-lux={lux}", f"--ring-sigma={sigma}"]
+            )
+    for sigma in ("0.1", "0.1,0.2,0.3,0.4,0.5,0.6,0.7,0.8,0.9"):
+        daemon.estimate_once(
+            [f"--source=file:{tmp_path}", f"--ring-lux={lux}", f"--ring-sigma={sigma}"]
+        )
 
 
 def relighting(clipped, lux, scale=CD_M2_PER_UNIT, sigma=0.03):

@@ -171,6 +171,7 @@ def test_the_scenes_light_is_on_the_ring(tmp_path: Path) -> None:
 def test_ldrs_that_differ_read_differently(tmp_path: Path) -> None:
     with simulator(tmp_path, "--scenes", "procedural:1", "--ring-spread", "1") as running:
         running.control("light 100")
+        assert running.control("faults temperature_c=25&ldr_memory=0") == "ok"
         link = running.connect()
         link.rates(ring_scans=8)
         r10 = [float(running.control(f"get ldr{k}_r10_ohm")) for k in range(9)]
@@ -181,6 +182,12 @@ def test_ldrs_that_differ_read_differently(tmp_path: Path) -> None:
         until(
             link, lambda e: isinstance(e, mcu.Ring)
             and own.lux(e.levels) == pytest.approx(100, rel=ADC_OFFSET),
+        )  # fmt: skip
+        running.control("faults temperature_c=60")  # R grows by e^(0.005 * 35)
+        warm = 100 * np.exp(-0.175 / np.array(gamma))
+        until(
+            link, lambda e: isinstance(e, mcu.Ring)
+            and own.lux(e.levels) == pytest.approx(warm, rel=ADC_OFFSET),
         )  # fmt: skip
         link.close()
 

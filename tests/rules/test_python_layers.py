@@ -16,7 +16,7 @@ MAY = {
     "align": {"", "calibrate", "align"},
     "mcu": {"", "mcu"},
     "sim": {"", "imaging", "calibrate", "sim"},
-    "evaluate": {"", "imaging", "sim", "evaluate"},
+    "evaluate": {"", "imaging", "calibrate", "sim", "evaluate"},
     "cli": {"", "imaging", "calibrate", "align", "mcu", "sim", "evaluate", "cli"},
 }
 #: Modules at the top that a client loads, and all that they may import from outside.

@@ -15,6 +15,8 @@
 #define LDR_STEPS 10
 #define LDR_LEAST_LUX 0.01 /* below, an LDR gets no slower */
 #define MOST_ANGLES 64
+#define REFERENCE_C 25
+#define MOST_DECADES 3
 
 /* Uniform in -1 to 1 (xorshift). */
 static double noise(struct world *world)
@@ -58,6 +60,9 @@ void world_init(struct world *world, uint32_t seed)
 		.feedback_noise_deg = 0.1,
 		.supply_mv = 4700, /* of USB, behind the Nano's diode */
 		.bandgap_settle_us = 10,
+		.ldr_per_kelvin = 0.005,
+		.temperature_c = REFERENCE_C,
+		.ldr_memory_s = 1200,
 		.ldr_dark_ohm = 1e6,
 		.ldr_divider_ohm = 3300,
 		.ldr_rise_ms = 20,
@@ -167,6 +172,22 @@ static double divided(const struct world *world, unsigned channel, double ohm)
 	       (world->ldr_divider_ohm + world->ldr_mux_ohm[channel] + ohm);
 }
 
+/* Resistance against that of the data sheet: by temperature, and by the light of the time before,
+ * whose logarithm is what the cell remembers. */
+static double drift(struct world *world, int i)
+{
+	double step_s = LDR_STEPS * STEP_S, lux = fmax(world->ldr_felt_lux[i], 1e-6);
+	double *rested = &world->ldr_rested_lux[i];
+
+	if (*rested <= 0)
+		*rested = lux;
+	double decades = limit(log10(lux / *rested), -MOST_DECADES, MOST_DECADES);
+	*rested *= pow(10, decades * (1 - exp(-step_s / world->ldr_memory_s)));
+	return (1 + world->ldr_drift[i]) *
+	       exp(world->ldr_per_kelvin * (world->temperature_c - REFERENCE_C) +
+		   world->ldr_memory * decades);
+}
+
 static void light_ldrs(struct world *world)
 {
 	for (int i = 0; i < WORLD_LDRS; i++) {
@@ -178,7 +199,7 @@ static void light_ldrs(struct world *world)
 				pow(fmax(10 / fmax(fmax(lux, *felt), LDR_LEAST_LUX), 1),
 				    world->ldr_slowness);
 		*felt += (lux - *felt) * (1 - exp(-LDR_STEPS * WORLD_STEP_US * 1e-3 / tau_ms));
-		double ohm = (1 + world->ldr_drift[i]) * world->ldr_r10_ohm[i] *
+		double ohm = drift(world, i) * world->ldr_r10_ohm[i] *
 			     pow(*felt / 10, -world->ldr_gamma[i]);
 		world->ldr_mv[i] = 5000 * divided(world, i, fmin(ohm, world->ldr_dark_ohm));
 	}
@@ -307,7 +328,7 @@ static void answer_angles(const struct world *world, const long long *ns, int co
 	}
 #define LDR(k)                                                                                 \
 	OF_LDR(k, lux), OF_LDR(k, mv), OF_LDR(k, r10_ohm), OF_LDR(k, gamma), OF_LDR(k, drift), \
-		OF_LDR(k, mux_ohm), OF_LDR(k, forced)
+		OF_LDR(k, mux_ohm), OF_LDR(k, forced), OF_LDR(k, rested_lux)
 static const struct {
 	const char *name;
 	size_t offset;
@@ -336,6 +357,10 @@ static const struct {
 	NUMBER(dtr_resets),
 	NUMBER(boot_loader),
 	NUMBER(boot_wait_ms),
+	NUMBER(ldr_per_kelvin),
+	NUMBER(temperature_c),
+	NUMBER(ldr_memory),
+	NUMBER(ldr_memory_s),
 	NUMBER(ldr_dark_ohm),
 	NUMBER(ldr_divider_ohm),
 	NUMBER(ldr_rise_ms),

@@ -38,12 +38,17 @@ struct world {
 	double supply_mv, bandgap_mv, bandgap_settle_us, adc_offset_lsb;
 	/* LDRs from the supply to the multiplexer's channels, a resistor from its common pin to
 	 * ground. What an LDR feels follows the illuminance with a first-order lag;
-	 * R = (1 + drift) r10 (felt / 10 lux)^-gamma. */
+	 * R = (1 + drift) r10 (felt / 10 lux)^-gamma, times e^(per_kelvin (temperature - 25))
+	 * and e^memory for each decade of light above that of the time before
+	 * (host_py/lightprobe/sim/ldr.py names the sources). */
 	double ldr_lux[WORLD_LDRS]; /* -1: the voltage is set, not the light */
 	double ldr_mv[WORLD_LDRS];  /* of the common pin, at a supply of 5 V */
 	double ldr_r10_ohm[WORLD_LDRS], ldr_gamma[WORLD_LDRS];
 	double ldr_drift[WORLD_LDRS];	/* of R10, by temperature and former light */
 	double ldr_mux_ohm[WORLD_LDRS]; /* the channel's on-resistance */
+	double ldr_per_kelvin, temperature_c;
+	double ldr_memory;   /* relative; 0: none */
+	double ldr_memory_s; /* time constant of the light of the time before */
 	double ldr_dark_ohm, ldr_divider_ohm;
 	double ldr_rise_ms, ldr_fall_ms; /* at 10 lux; the darker, the slower, by this power */
 	double ldr_slowness;
@@ -77,7 +82,8 @@ struct world {
 	 * wheel did then it did later than `angles` says. */
 	double behind_us;
 	double ldr_felt_lux[WORLD_LDRS];
-	double pulse_us; /* of the last pulse */
+	double ldr_rested_lux[WORLD_LDRS]; /* light of the time before; 0: as at first */
+	double pulse_us;		   /* of the last pulse */
 	double since_pulse_us;
 	double powered;
 	double powered_us; /* for so long */

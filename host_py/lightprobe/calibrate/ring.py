@@ -49,11 +49,19 @@ NOMINAL_RISE_MS, NOMINAL_FALL_MS = 20.0, 30.0
 LAG_LIMITS = {"rise_ms": (0, 10000), "fall_ms": (0, 10000)}
 
 
-def directions() -> Array:
-    """Where the sensors look, (9, 3) in the probe frame: eight around, one up (docs)."""
+def directions(seats_deg: ArrayLike = 0.0) -> Array:
+    """Where the sensors look, (9, 3) in the probe frame: eight around, one up (docs).
+
+    `seats_deg` (9, 2): how far they are turned to their right and up, as seen by somebody who looks
+    along with them; the one on top has +X to its right, and +Z up.
+    """
     azimuth = np.radians(45.0 * np.arange(8))
     around = np.stack([np.cos(azimuth), np.zeros(8), np.sin(azimuth)], axis=-1)
-    return np.vstack([around, [0.0, 1.0, 0.0]])
+    forward = np.vstack([around, [0.0, 1.0, 0.0]])
+    up = np.vstack([np.tile([0.0, 1.0, 0.0], (8, 1)), [0.0, 0.0, 1.0]])
+    tilt = np.tan(np.radians(np.broadcast_to(seats_deg, (SENSORS, 2))))
+    turned = forward + tilt[:, :1] * np.cross(forward, up) + tilt[:, 1:] * up
+    return np.asarray(turned / np.linalg.norm(turned, axis=1, keepdims=True))
 
 
 def _nine(value: float) -> Callable[[], Array]:

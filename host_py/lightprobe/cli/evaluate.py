@@ -17,9 +17,10 @@ from rich.table import Table
 from lightprobe import daemon
 from lightprobe.cli import check, view
 from lightprobe.errors import LightprobeError, UsageError
-from lightprobe.evaluate import evaluation, offline
-from lightprobe.evaluate.evaluation import Case, Input, RingModel
+from lightprobe.evaluate import evaluation, offline, ring_model
+from lightprobe.evaluate.evaluation import Case, Input
 from lightprobe.evaluate.metrics import Summary, summarize
+from lightprobe.evaluate.ring_model import RingModel
 from lightprobe.geometry import Array
 from lightprobe.sim import response as responses
 from lightprobe.sim import scenes
@@ -60,6 +61,13 @@ def command(
             min=0.001,
             max=10,
             help="Also read a ring of light sensors with this relative noise, such as 0.03.",
+        ),
+    ] = None,
+    ring_parts: Annotated[
+        str | None,
+        typer.Option(
+            metavar="|".join(ring_model.PARTS[1:]),
+            help="Or read a ring of LDRs as they are built, with this calibration.",
         ),
     ] = None,
     scale_sigma: Annotated[
@@ -107,11 +115,9 @@ def command(
     chosen = {text: parse_settings(text) for text in settings}
     inputs = [Input.parse(word) for word in brackets.split(",")]
     curve = responses.parse(response)
+    model = parse_ring(ring_sigma, ring_parts, scale_sigma)
     daemon.find()
     loaded = scenes.load(scene)
-    model = None
-    if ring_sigma is not None:
-        model = RingModel(ring_sigma, scale_sigma or 1.0, scale_known=scale_sigma > 0)
     cases = run(loaded, chosen, inputs, seed, curve, jobs, model)
     groups = group(cases)
     unwritten = write_files(cases, groups, json_file, plot)
@@ -151,6 +157,24 @@ def write_files(
         except OSError as error:
             problems.append(f"evaluate: {plot}: write: {error.strerror}")
     return "; ".join(problems)
+
+
+def parse_ring(sigma: float | None, parts: str | None, scale_sigma: float) -> RingModel | None:
+    """Give the ring that is asked for, if any; raises UsageError."""
+    if parts is None and sigma is None:
+        return None
+    if parts is not None and sigma is not None:
+        raise UsageError(
+            "evaluate: --ring-sigma: LDRs of --ring-parts have their own: leave one of the two out"
+        )
+    if parts is not None and parts not in ring_model.PARTS[1:]:
+        raise UsageError(
+            f"evaluate: --ring-parts {parts}: expected {' or '.join(ring_model.PARTS[1:])}"
+        )
+    return RingModel(
+        sigma or 0.0, scale_sigma or 1.0, scale_known=scale_sigma > 0,
+        parts=parts or ring_model.IDEAL,
+    )  # fmt: skip
 
 
 def parse_settings(text: str) -> offline.Settings:

@@ -30,7 +30,7 @@ from lightprobe.sim.headset import Headset, HeadsetLog
 from lightprobe.sim.illuminance import RingLight
 from lightprobe.sim.link import Exposure, Link, Surroundings
 from lightprobe.sim.sensor import CHROMA, FULL_WELL_E, READ_NOISE_E, SensorModel
-from lightprobe.sim.surroundings import FixedPolarizer, WheelAndRing, flicker_share, spread_ring
+from lightprobe.sim.surroundings import FixedPolarizer, WheelAndRing, draw_ring, flicker_share
 from lightprobe.sim.truth import TruthServer
 from lightprobe.sim.world import Behaviour, World
 
@@ -363,10 +363,6 @@ def command(
         raise UsageError(
             "simulate: --walk-m: the ring of --firmware cannot walk: leave one of the two out"
         )
-    if firmware != "none" and nod_deg:
-        raise UsageError(
-            "simulate: --nod-deg: the ring of --firmware cannot nod: leave one of the two out"
-        )
     carrier = Headset(
         quaternion("--headset-mount", headset_mount), noise_deg=headset_noise_deg,
         late_ms=headset_late_ms, seed=seed,
@@ -421,9 +417,10 @@ def command(
             around = FixedPolarizer(stack_deg[0])
         light, box = None, None
         if firmware != "none":
-            light = RingLight(world, cd_m2_per_unit)
+            parts, built = draw_ring(ring_spread, seed)
+            light = RingLight(world, cd_m2_per_unit, parts if ring_spread else None)
             box = stack.enter_context(Box(firmware, pty, seed, eeprom))
-            spread_ring(box, ring_spread, seed)
+            box.set(**built)
             around = WheelAndRing(box, light)
         link = Link(path, simulated, exposure, truth=log, surroundings=around)
         link.misbehave(faults)

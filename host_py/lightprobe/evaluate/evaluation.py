@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import tempfile
 import threading
-import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -23,16 +22,14 @@ from lightprobe.daemon import DaemonError
 from lightprobe.errors import UsageError
 from lightprobe.evaluate import offline
 from lightprobe.evaluate.metrics import Reference, Score
+from lightprobe.evaluate.ring_model import RingModel
 from lightprobe.imaging import image
-from lightprobe.sim import illuminance
 from lightprobe.sim.exposure import bracket_us, median_luminance
 from lightprobe.sim.scene import PanoramaScene, Scene
 from lightprobe.sim.sensor import Sensor, encode_jpeg
 
 SIZE_PX = (1920, 960)
 UNCLIPPED_AT = 0.9
-#: Luminance of radiance 1 in front of a simulated ring; any number would do.
-CD_M2_PER_UNIT = 150.0
 MOST_EXPOSURES = 8
 
 
@@ -81,34 +78,6 @@ def reference(scene: Scene) -> Reference:
     truth = scene.truth(np.ones(len(scene.lamps)))
     lamps = None if isinstance(scene, PanoramaScene) else truth.lamps
     return Reference(truth.irradiance(geometry.sphere_normals()), truth.total, lamps)
-
-
-@dataclass(frozen=True)
-class RingModel:
-    """The ring of a simulated box, beside its camera."""
-
-    sigma: float = 0.03  # relative, of each reading
-    scale_sigma: float = 0.02  # relative, of the camera's cd/m² per unit, from calibration
-    scale_known: bool = True  # whether that was calibrated at all
-    scale_off: float = 0.0  # relative; besides, as nobody knows
-    shadowed: int | None = None  # sensor that a hand leaves a fifth of its light
-    places_turned: int = 0  # to the right, by 45° each, as nobody knows
-
-    def read(self, scene: Scene, seed: int) -> offline.Settings:
-        """Give the daemon's settings for one reading."""
-        name = zlib.crc32(scene.name.encode())
-        rng = np.random.default_rng([seed, name])
-        lux = CD_M2_PER_UNIT * illuminance.on_ring(scene) * rng.normal(1, self.sigma, 9)
-        scale = CD_M2_PER_UNIT * rng.normal(1, self.scale_sigma) * (1 + self.scale_off)
-        if self.shadowed is not None:
-            lux[self.shadowed] *= 0.2
-        lux[:8] = np.roll(lux[:8], -self.places_turned)
-        return offline.Settings(
-            ring_lux=",".join(f"{value:.7g}" for value in np.maximum(lux, 0)),
-            ring_sigma=self.sigma,
-            cd_m2_per_unit=scale if self.scale_known else None,
-            cd_m2_per_unit_sigma=self.scale_sigma if self.scale_known else None,
-        )
 
 
 class Studio:

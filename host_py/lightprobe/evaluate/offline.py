@@ -57,7 +57,7 @@ class Settings:
     area_lights: bool = False
     key_light: bool = False
     ring_lux: str | None = None  # nine numbers, or nan, separated by commas
-    ring_sigma: float | None = None  # relative
+    ring_sigma: float | str | None = None  # relative: one number for all, or nine
     cd_m2_per_unit: float | None = None
     cd_m2_per_unit_sigma: float | None = None  # relative
     wheel_deg: tuple[float, ...] = ()  # of the polarizer in each picture, in turn; empty: none

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,34 +11,46 @@ from lightprobe import geometry
 from lightprobe.calibrate import ring
 from lightprobe.colour import luminance
 from lightprobe.geometry import Array
-from lightprobe.sim.scene import Layer, Scene
+from lightprobe.sim.ldr import Ldrs
+from lightprobe.sim.scene import Layer, Scene, turn
 from lightprobe.sim.world import State, World
 
 #: Map that illuminance is summed over; lamps keep their flux in it.
 _MAP_PX = (512, 256)
-#: Turning scenes: sensors around the equator look up their place at this many azimuths. A lamp at
-#: a sensor's horizon is a kink there: the error is a quarter of a step, in radians, of its light.
+#: Turning scenes: sensors look up their place at this many azimuths. A lamp at a sensor's horizon
+#: is a kink there: the error is a quarter of a step, in radians, of its light.
 _AZIMUTHS = 240
-_BLOCK = 8192
+#: Nodding scenes: and between so many degrees of elevation.
+_ELEVATION_STEP_DEG = 2.0
+#: Of the map: pixels are taken together in squares of so many.
+_BLOCK_PX = 4
+
+Response = Callable[[Array], Array]
 
 
 class RingLight:
     """Illuminance on the ring, linear in the lamps' powers; tables are made once per scene."""
 
-    def __init__(self, world: World, cd_m2_per_unit: float) -> None:
-        """`cd_m2_per_unit`: luminance of radiance 1."""
+    def __init__(self, world: World, cd_m2_per_unit: float, ldrs: Ldrs | None = None) -> None:
+        """`cd_m2_per_unit`: luminance of radiance 1. `ldrs`: as they are built; None: perfectly."""
         self._scale = cd_m2_per_unit
-        self._tables = [_table(scene) for scene in world.scenes]
+        self._directions = ring.directions() if ldrs is None else ldrs.directions()
+        response = perfect if ldrs is None else ldrs.response
+        self._elevations = _elevations_deg(self._directions, world.behaviour.nod_deg)
+        self._tables = [_table(scene, self._elevations, response) for scene in world.scenes]
 
     def lux(self, state: State) -> Array:
         """Nine illuminances."""
         powers = np.concatenate([[1.0], state.powers])
-        around, up = np.split(powers @ self._tables[state.act], [_AZIMUTHS])
-        # The scene turns to the right: as if the sensors turned to the left, clockwise from above.
-        azimuth_deg = 45.0 * np.arange(8) - state.yaw_deg
-        step = 360 / _AZIMUTHS
-        equator = np.interp(azimuth_deg, step * np.arange(_AZIMUTHS), around, period=360)
-        return self._scale * np.concatenate([equator, up])
+        table = np.tensordot(powers, self._tables[state.act], 1)
+        to_scene = turn(state.yaw_deg, state.nod_deg) * [1, -1, -1, -1]
+        azimuth, elevation = _angles_deg(geometry.rotate(to_scene, self._directions))
+        around = np.array([
+            np.interp(azimuth, 360 / _AZIMUTHS * np.arange(_AZIMUTHS), row, period=360)
+            for row in table
+        ])  # fmt: skip
+        nine = [np.interp(elevation[k], self._elevations, around[:, k]) for k in range(9)]
+        return self._scale * np.array(nine)
 
 
 def on_ring(scene: Scene) -> Array:
@@ -45,23 +59,74 @@ def on_ring(scene: Scene) -> Array:
     return np.asarray(luminance(truth.irradiance(ring.directions())), dtype=np.float64)
 
 
-def _table(scene: Scene) -> Array:
-    """Illuminance of base and lamps (1 + lamps, azimuths + 1), the last one from above."""
+def on_ldrs(scene: Scene, ldrs: Ldrs) -> Array:
+    """What counts for each sensor of a real ring, (9,), all lamps at full power."""
+    return np.asarray(sum(_layers(scene, ldrs.directions(), ldrs.response)))
+
+
+def perfect(cosine: Array) -> Array:
+    """Give what counts for a sensor whose light counts by the cosine."""
+    return np.maximum(cosine, 0)
+
+
+def _angles_deg(directions: Array) -> tuple[Array, Array]:
+    """Azimuth from +X to +Z, and elevation, of directions (N, 3)."""
+    x, y, z = directions.T
+    return np.degrees(np.arctan2(z, x)), np.degrees(np.arcsin(np.clip(y, -1, 1)))
+
+
+def _elevations_deg(directions: Array, nod_deg: float) -> Array:
+    """Elevations that the table needs: those of the sensors, or all that nodding takes them to."""
+    own = np.unique(np.round(_angles_deg(directions)[1], 6))
+    if not nod_deg:
+        return own
+    all_of_them = np.linspace(-90, 90, round(180 / _ELEVATION_STEP_DEG) + 1)
+    reach = nod_deg + _ELEVATION_STEP_DEG
+    reached = np.abs(all_of_them[:, None] - own).min(axis=1) <= reach
+    return np.asarray(all_of_them[reached])
+
+
+def _table(scene: Scene, elevations_deg: Array, response: Response) -> Array:
+    """Illuminance of base and lamps (1 + lamps, elevations, azimuths)."""
+    rows = []
+    for elevation in np.radians(elevations_deg):
+        count = _AZIMUTHS if np.cos(elevation) > 1e-9 else 1
+        azimuth = 2 * np.pi * np.arange(count) / count
+        around = np.stack([np.cos(azimuth), np.zeros(count), np.sin(azimuth)], axis=-1)
+        normals = np.cos(elevation) * around + np.sin(elevation) * np.array([0.0, 1.0, 0.0])
+        parts = np.array(_layers(scene, normals, response))
+        rows.append(np.broadcast_to(parts, (len(parts), _AZIMUTHS)))
+    return np.stack(rows, axis=1)
+
+
+def _layers(scene: Scene, normals: Array, response: Response) -> list[Array]:
+    """Illuminance of the base and of each lamp, for each normal."""
     layers = scene.render(*_MAP_PX)
-    azimuth = 2 * np.pi * np.arange(_AZIMUTHS) / _AZIMUTHS
-    around = np.stack([np.cos(azimuth), np.zeros(_AZIMUTHS), np.sin(azimuth)], axis=-1)
-    normals = np.vstack([around, ring.directions()[8]])
     base = Layer(slice(None), layers.base.reshape(-1, 3))
-    return np.stack([_irradiance(layer, normals) for layer in (base, *layers.lamps)])
+    return [_irradiance(layer, normals, response) for layer in (base, *layers.lamps)]
 
 
-def _irradiance(layer: Layer, normals: Array) -> NDArray[np.float64]:
-    """∫ luminance · cos over a layer's pixels, for each normal."""
-    directions = geometry.equirect_directions(*_MAP_PX).reshape(-1, 3)[layer.index]
-    solid_angle = np.repeat(geometry.equirect_solid_angles(*_MAP_PX), _MAP_PX[0])[layer.index]
+def _irradiance(layer: Layer, normals: Array, response: Response) -> NDArray[np.float64]:
+    """∫ luminance · response over a layer's pixels, for each normal."""
+    directions, weight = _blocks(layer)
+    return np.array([
+        float(weight @ response(directions @ normal)) for normal in normals
+    ])  # fmt: skip
+
+
+def _blocks(layer: Layer) -> tuple[Array, Array]:
+    """Directions (N, 3) and luminance times solid angle (N,) of blocks of a layer's pixels.
+
+    A block's direction is the mean of its light: what it casts is exact, but where a sensor's
+    horizon goes through it.
+    """
+    width_px, height_px = _MAP_PX
+    rows, columns = np.divmod(np.arange(width_px * height_px), width_px)
+    block = (rows // _BLOCK_PX * (width_px // _BLOCK_PX) + columns // _BLOCK_PX)[layer.index]
+    solid_angle = np.repeat(geometry.equirect_solid_angles(*_MAP_PX), width_px)[layer.index]
     weight = luminance(layer.values.astype(np.float64)) * solid_angle
-    total = np.zeros(len(normals))
-    for start in range(0, len(weight), _BLOCK):
-        part = slice(start, start + _BLOCK)
-        total += np.maximum(normals @ directions[part].T, 0) @ weight[part]
-    return total
+    directions = geometry.equirect_directions(*_MAP_PX).reshape(-1, 3)[layer.index]
+    light = np.stack([np.bincount(block, weight * axis) for axis in directions.T], axis=-1)
+    length = np.linalg.norm(light, axis=1)
+    lit = length > 0
+    return light[lit] / length[lit, None], length[lit]

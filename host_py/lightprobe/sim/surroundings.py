@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from lightprobe.errors import UsageError
-from lightprobe.geometry import Array
-from lightprobe.sim import faults
+from lightprobe.sim import faults, ldr
 from lightprobe.sim.box import Box
 from lightprobe.sim.illuminance import RingLight
+from lightprobe.sim.ldr import Ldrs
 from lightprobe.sim.world import Behaviour, State
 
 
@@ -58,19 +58,22 @@ class WheelAndRing:
         return {"ring_lux": [round(float(value), 4) for value in self._light.lux(state)]}
 
 
-def spread_ring(box: Box, spread: float, seed: int) -> tuple[Array, Array]:
-    """Give the nine LDRs their own R10 and gamma; returns both, (9,).
+def draw_ring(spread: float, seed: int) -> tuple[Ldrs, dict[str, float]]:
+    """Give nine LDRs, and what the box has to know of them and of where it stands.
 
-    `spread` 1: as parts from one bag differ, ±25 % and ±0.05 (1 sigma); 0: all nominal.
+    `spread` 1: as parts from one bag differ, built in as people do; 0: all nominal. The box draws
+    its multiplexer and its ADC by itself.
     """
     if not 0 <= spread <= 2:
         raise UsageError(f"simulate: --ring-spread {spread:g}: expected 0…2")
     rng = np.random.default_rng([seed, 0x1D4])
-    r10_ohm = 14000 * np.exp(spread * 0.25 * np.clip(rng.standard_normal(9), -2, 2))
-    gamma = 0.7 + spread * 0.05 * np.clip(rng.standard_normal(9), -2, 2)
+    parts = Ldrs.draw(rng, spread)
+    temperature_c = ldr.REFERENCE_C + spread * (ldr.indoors_c(rng) - ldr.REFERENCE_C)
+    numbers = {"temperature_c": temperature_c, "ldr_memory": spread * ldr.PER_DECADE}
     for k in range(9):
-        box.set(**{f"ldr{k}_r10_ohm": float(r10_ohm[k]), f"ldr{k}_gamma": float(gamma[k])})
-    return r10_ohm, gamma
+        numbers[f"ldr{k}_r10_ohm"] = float(parts.r10_ohm[k])
+        numbers[f"ldr{k}_gamma"] = float(parts.gamma[k])
+    return parts, numbers
 
 
 def flicker_share(behaviour: Behaviour, light: RingLight, state: State) -> float:
