@@ -56,14 +56,16 @@ static void smooth(struct lp_ring_only *self, const struct lp_ring_sample *sampl
 	}
 }
 
-static void list_lamp(const struct lp_ring_alone *light, double unit, struct lp_light_estimate *e)
+static void list_lamp(const struct lp_ring_alone *light, double unit, float common_sigma,
+		      struct lp_light_estimate *e)
 {
 	struct lp_light *lamp = &e->lights[0];
 
 	e->light_count = 1;
 	*lamp = (struct lp_light){.id = LAMP_ID,
 				  .direction_sigma_deg = light->direction_sigma_deg,
-				  .irradiance_sigma = light->lamp_sigma / light->lamp,
+				  .irradiance_sigma =
+					  hypotf(light->lamp_sigma / light->lamp, common_sigma),
 				  .distance_m = NAN,
 				  .flags = LP_LIGHT_RING};
 	lamp->confidence = fmaxf(1.0F - lamp->irradiance_sigma, 0.0F);
@@ -106,14 +108,14 @@ static void fill(const struct lp_ring_only *self, const struct lp_ring_sample *s
 		for (int c = 0; c < 3; c++)
 			total[0][c] = light.ambient / unit * sqrt(4.0 * M_PI);
 		if (light.lamp > LEAST_SIGMAS * light.lamp_sigma) {
-			list_lamp(&light, unit, e);
+			list_lamp(&light, unit, sample->common_sigma, e);
 			lp_sh_add_lamp(LP_SH_MAX_ORDER, e->lights[0].direction,
 				       e->lights[0].irradiance, 0.0, 1.0, total);
 		} else { /* its light comes from all around */
 			for (int c = 0; c < 3; c++)
 				total[0][c] += light.lamp / unit / sqrt(4.0 * M_PI);
 		}
-		e->relighting_sigma = relighting_sigma(&light);
+		e->relighting_sigma = hypotf(relighting_sigma(&light), sample->common_sigma);
 	} else {
 		e->flags |= LP_ESTIMATE_NO_LIGHT;
 	}

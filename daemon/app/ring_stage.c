@@ -78,12 +78,12 @@ static float facing(const float a[3], const float b[3])
 
 /* Lamps are known better than the panorama shows them. */
 static void see_lamps(struct lp_ring_view *view, const struct lp_lamp_memory *memory,
-		      const struct lp_rotation *to_panorama)
+		      const struct lp_rotation *to_panorama, const struct lp_ring_sample *sample)
 {
 	for (int k = 0; k < LP_RING_SENSORS; k++) {
 		float normal[3];
 
-		lp_ring_direction(k, normal);
+		lp_ring_normal(sample, k, normal);
 		lp_rotate_direction(to_panorama, normal);
 		for (int p = 0; p < LP_MAX_LAMPS; p++) {
 			const struct lp_remembered_lamp *m = &memory->list[p];
@@ -141,11 +141,15 @@ static void give_to_lamps(const struct lp_ring_stage *stage, struct lp_lamp_memo
 static struct lp_ring_scale prior_scale(const struct lp_ring_stage *stage, float scale_variance)
 {
 	const struct lp_ring_scale nothing = {NAN, NAN};
+	/* Where all nine are off together it looks like another scale; one that was learned from
+	 * these readings has that in it. */
+	const struct lp_ring_scale given = {stage->given.lux_per_unit,
+					    hypotf(stage->given.sigma, stage->sample.common_sigma)};
 	struct lp_ring_scale prior = stage->learned;
 	const float more = fmaxf(scale_variance - stage->scale_variance, 0.0F);
 
 	if (isnan(prior.lux_per_unit))
-		return stage->is_relative ? nothing : stage->given;
+		return stage->is_relative ? nothing : given;
 	prior.sigma = sqrtf(prior.sigma * prior.sigma + more);
 	return prior;
 }
@@ -190,9 +194,9 @@ void lp_ring_stage_update(struct lp_ring_stage *stage, const struct lp_imager *i
 	const struct lp_ring_scale prior = prior_scale(stage, scale_variance);
 
 	find_parts(stage->parts, panorama, finder_cells, memory);
-	lp_ring_view_init(&stage->view, lp_imager_grid(imager), panorama, stage->parts,
-			  to_panorama);
-	see_lamps(&stage->view, memory, to_panorama);
+	lp_ring_view_init(&stage->view, lp_imager_grid(imager), panorama, stage->parts, to_panorama,
+			  &stage->sample);
+	see_lamps(&stage->view, memory, to_panorama, &stage->sample);
 	stage->view.seen_sigma = hypotf(SEEN_SIGMA, status.irradiance_sigma);
 	lp_ring_fuse(&stage->view, &stage->sample, &prior, &stage->fusion);
 	if (stage->fusion.verdict != LP_RING_AGREES)

@@ -17,6 +17,10 @@ struct lp_ring_sample {
 	float noise_relative[LP_RING_SENSORS];	/* 1 sigma from reading to reading */
 	/* Time constants with which the sensor follows more and less light; 0: at once. */
 	float rise_s[LP_RING_SENSORS], fall_s[LP_RING_SENSORS];
+	/* Tangents of the angles by which sensor k looks to its right and up of where it should
+	 * (docs/builders/ring_files.md); 0 where nobody has measured it. */
+	float seat[LP_RING_SENSORS][2];
+	float common_sigma; /* relative, by which all nine may be off together */
 };
 
 #endif

@@ -22,6 +22,25 @@ void lp_ring_direction(int sensor, float direction[3])
 	direction[2] = up ? 0.0F : (float)sin(azimuth);
 }
 
+void lp_ring_normal(const struct lp_ring_sample *sample, int sensor, float direction[3])
+{
+	const bool up = sensor == LP_RING_SENSORS - 1;
+	const float *seat = sample->seat[sensor];
+	float forward[3], length = 0.0F;
+
+	lp_ring_direction(sensor, forward);
+	/* right = forward x up; the one on top has +X to its right, and +Z up */
+	const float right[3] = {up ? 1.0F : -forward[2], 0.0F, up ? 0.0F : forward[0]};
+	const float upward[3] = {0.0F, up ? 0.0F : 1.0F, up ? 1.0F : 0.0F};
+
+	for (int a = 0; a < 3; a++) {
+		direction[a] = forward[a] + seat[0] * right[a] + seat[1] * upward[a];
+		length += direction[a] * direction[a];
+	}
+	for (int a = 0; a < 3; a++)
+		direction[a] /= sqrtf(length);
+}
+
 static void add_row(const float (*cells)[4], const struct lp_grid *grid, int row,
 		    const float (*normals)[3], float sum[LANES])
 {
@@ -76,13 +95,13 @@ static void look_at_part(const struct lp_clipped_parts *parts, const struct lp_c
 
 void lp_ring_view_init(struct lp_ring_view *view, const struct lp_grid *grid,
 		       const struct lp_panorama *panorama, const struct lp_clipped_parts *parts,
-		       const struct lp_rotation *to_panorama)
+		       const struct lp_rotation *to_panorama, const struct lp_ring_sample *sample)
 {
 	float normals[LP_RING_SENSORS][3];
 	double seen[LP_RING_SENSORS] = {0.0};
 
 	for (int k = 0; k < LP_RING_SENSORS; k++) {
-		lp_ring_direction(k, normals[k]);
+		lp_ring_normal(sample, k, normals[k]);
 		lp_rotate_direction(to_panorama, normals[k]);
 	}
 	for (int r = 0; r < grid->height; r++) {

@@ -115,7 +115,7 @@ def test_ring_at_known_levels(tmp_path: Path) -> None:
     lit = ring.Ring(r10, gamma, np.array(series))
     for lux in (10.0, 300.0, 10_000.0):
         seen = lit.level(np.full(9, lux))
-        assert np.all(np.abs(found.lux(seen) / lux - 1) < found.sigma_of(seen))
+        assert np.all(np.abs(found.lux(seen) / lux - 1) < found.total_sigma_of(seen))
 
 
 def every(seconds: float, act: Callable[[], None], stop: threading.Event) -> threading.Thread:

@@ -131,7 +131,7 @@ def is_right(file: Path, box: Box) -> None:
     )
     for lux in (10.0, 300.0, 10_000.0):
         seen = true.level(np.full(9, lux))
-        assert np.all(np.abs(found.lux(seen) / lux - 1) < found.sigma_of(seen)), lux
+        assert np.all(np.abs(found.lux(seen) / lux - 1) < found.total_sigma_of(seen)), lux
 
 
 def test_an_output_that_is_not_as_printed_is_found() -> None:

@@ -56,7 +56,7 @@ def test_the_calibrated_ring_is_right_within_its_stated_sigma(
         sensors = calibrated(rig, rng)
         for lux in SEEN_LUX:
             levels = read(rig, lux * np.exp(NOISE * rng.standard_normal(9)))
-            found, sigma = sensors.lux(levels), sensors.sigma_of(levels)
+            found, sigma = sensors.lux(levels), sensors.total_sigma_of(levels)
             assert not np.isnan(found).any()
             off.append((found / lux - 1, sigma * found / lux))
         assert not rig.faults

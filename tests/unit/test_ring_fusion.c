@@ -102,23 +102,29 @@ static float gauss(unsigned int *seed)
 	return sum;
 }
 
-/* What the ring would read, and what the camera sees. */
-static struct lp_ring_sample look(struct room *room, const struct lp_rotation *rotation,
-				  struct lp_ring_view *view, unsigned int *seed)
+/* What a ring with these seats would read, and what the camera sees. */
+static struct lp_ring_sample look_from(struct room *room, const struct lp_rotation *rotation,
+				       struct lp_ring_sample sample, struct lp_ring_view *view,
+				       unsigned int *seed)
 {
-	struct lp_ring_sample sample = {0};
 	struct lp_ring_view truth;
 
 	lp_clipped_parts_clear(room->parts);
 	lp_clipped_parts_find(room->parts, &room->seen);
-	lp_ring_view_init(&truth, room->grid, &room->truth, room->parts, rotation);
-	lp_ring_view_init(view, room->grid, &room->seen, room->parts, rotation);
+	lp_ring_view_init(&truth, room->grid, &room->truth, room->parts, rotation, &sample);
+	lp_ring_view_init(view, room->grid, &room->seen, room->parts, rotation, &sample);
 	view->seen_sigma = 0.01F;
 	for (int k = 0; k < LP_RING_SENSORS; k++) {
 		sample.illuminance_lux[k] = SCALE * truth.seen[k] * (1.0F + SIGMA * gauss(seed));
 		sample.sigma_relative[k] = SIGMA;
 	}
 	return sample;
+}
+
+static struct lp_ring_sample look(struct room *room, const struct lp_rotation *rotation,
+				  struct lp_ring_view *view, unsigned int *seed)
+{
+	return look_from(room, rotation, (struct lp_ring_sample){0}, view, seed);
 }
 
 static float true_excess(const struct room *room, const struct lp_clipped_part *part)
@@ -187,6 +193,53 @@ static void test_a_clipped_lamp_is_found(void **state)
 	print_message("%d of %d within 1 sigma, %d within 3\n", within_1, trials, within_3);
 	assert_true(within_1 > 0.58 * trials && within_1 < 0.80 * trials);
 	assert_true(within_3 > 0.98 * trials);
+}
+
+static void test_seats_turn_right_and_up(void **state)
+{
+	struct lp_ring_sample sample = {0};
+	float d[3];
+
+	(void)state;
+	sample.seat[6][0] = 0.1F; /* sensor 6 looks along -Z */
+	sample.seat[0][1] = 0.1F;
+	sample.seat[8][0] = 0.1F;
+	lp_ring_normal(&sample, 6, d);
+	assert_float_equal(d[0], 0.1F / sqrtf(1.01F), 1e-6F);
+	assert_float_equal(d[2], -1.0F / sqrtf(1.01F), 1e-6F);
+	lp_ring_normal(&sample, 0, d);
+	assert_float_equal(d[1], 0.1F / sqrtf(1.01F), 1e-6F);
+	lp_ring_normal(&sample, 8, d);
+	assert_float_equal(d[0], 0.1F / sqrtf(1.01F), 1e-6F);
+}
+
+/* Seats that the calibration knows are no error. */
+static void test_known_seats_find_the_lamp(void **state)
+{
+	struct room *room = *state;
+	const struct lp_rotation none = lp_rotation_identity();
+	struct lp_ring_sample seats = {0};
+	struct lp_ring_view view, straight;
+	struct lp_ring_fusion with_seats, without;
+	unsigned int seed = 5;
+
+	for (int k = 0; k < LP_RING_SENSORS; k++)
+		seats.seat[k][1] = -0.15F; /* all sag by 8.5 degrees */
+	add_disc(room, 20.0F, 40.0F, 4.0F, 400.0F);
+	struct lp_ring_sample sample = look_from(room, &none, seats, &view, &seed);
+
+	lp_ring_fuse(&view, &sample, &known, &with_seats);
+	const float truth = true_excess(room, &room->parts->list[0]);
+	const float error = fabsf(with_seats.excess[0] - truth);
+
+	assert_int_equal(with_seats.verdict, LP_RING_AGREES);
+	assert_true(error < 0.12F * truth);
+	memset(sample.seat, 0, sizeof(sample.seat));
+	lp_ring_view_init(&straight, room->grid, &room->seen, room->parts, &none, &sample);
+	straight.seen_sigma = 0.01F;
+	lp_ring_fuse(&straight, &sample, &known, &without);
+	assert_true(without.verdict != LP_RING_AGREES ||
+		    fabsf(without.excess[0] - truth) > 2.0F * error);
 }
 
 /* Two lamps of the same look and very different strength. */
@@ -487,6 +540,8 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		TEST(test_sums_are_exact),
 		TEST(test_a_clipped_lamp_is_found),
+		TEST(test_seats_turn_right_and_up),
+		TEST(test_known_seats_find_the_lamp),
 		TEST(test_two_lamps_are_told_apart),
 		TEST(test_noise_is_not_light),
 		TEST(test_without_clipping_the_scale_is_found),

@@ -74,6 +74,14 @@ static void test_light_in_candela_or_in_the_cameras_unit(void **state)
 	lp_model_ambient(e, 2, 1, ambient);
 	assert_float_equal(ambient[0][1] / sqrtf(4.0F * (float)M_PI), 100.0F, 1.0F);
 	assert_true(e->relighting_sigma > 0.15F && e->relighting_sigma < 0.4F);
+	/* what all sensors have in common is in what the light may be off */
+	struct lp_ring_sample drifted = sample;
+	const float own = e->lights[0].irradiance_sigma;
+
+	drifted.common_sigma = 0.5F;
+	assert_true(lp_ring_only_sample(&ring, &drifted, 10000 * MS, &estimates));
+	assert_float_equal(e->lights[0].irradiance_sigma, hypotf(own, 0.5F), 1e-3F);
+	assert_true(e->relighting_sigma > 0.5F);
 
 	lp_ring_only_camera(&ring, &seen, 9000 * MS);
 	assert_true(lp_ring_only_sample(&ring, &sample, 11000 * MS, &estimates));

@@ -20,6 +20,7 @@
 /* An LDR is slower in the dark: its traps empty with the current. By the square root of the light
  * below this; data sheets only state the time at 10 lux. */
 #define SLOWER_BELOW_LUX 10.0F
+#define MOST_SEAT_DEG 30.0
 
 /* The keys with nine values, in the order of struct lp_ldr. */
 enum { R10, GAMMA, SERIES, SIGMA, PIVOT, GAMMA_SIGMA, SERIES_SIGMA, NINES };
@@ -28,6 +29,9 @@ struct fields {
 	int version;
 	float divider_ohm, drift_sigma, rise_ms, fall_ms;
 	struct lp_floats nines[NINES];
+	/* These may be left out. */
+	float drift_common_sigma;
+	struct lp_floats seat_deg[2];
 };
 
 #define NINE(key, index, least, most)                                                        \
@@ -43,6 +47,12 @@ static const struct lp_param list[] = {
 	{"drift_sigma", LP_PARAM_FLOAT, offsetof(struct fields, drift_sigma), .max = 10},
 	{"rise_ms", LP_PARAM_FLOAT, offsetof(struct fields, rise_ms), .max = 10000},
 	{"fall_ms", LP_PARAM_FLOAT, offsetof(struct fields, fall_ms), .max = 10000},
+	{"drift_common_sigma", LP_PARAM_FLOAT, offsetof(struct fields, drift_common_sigma),
+	 .max = 10},
+	{"seat_right_deg", LP_PARAM_FLOATS, offsetof(struct fields, seat_deg[0]),
+	 .min = -MOST_SEAT_DEG, .max = MOST_SEAT_DEG},
+	{"seat_up_deg", LP_PARAM_FLOATS, offsetof(struct fields, seat_deg[1]),
+	 .min = -MOST_SEAT_DEG, .max = MOST_SEAT_DEG},
 	NINE("r10_ohm", R10, 100, 1e6),
 	NINE("gamma", GAMMA, 0.3, 1.5),
 	NINE("series_ohm", SERIES, 0, 1000),
@@ -91,6 +101,15 @@ static int check(const char *path, const struct fields *fields)
 			return -EBADMSG;
 		}
 	}
+	for (int i = 0; i < 2; i++) {
+		const int count = fields->seat_deg[i].count;
+
+		if (count != 0 && count != LP_RING_SENSORS) {
+			lp_error(path, i ? "seat_up_deg" : "seat_right_deg",
+				 "%d values, but nine are needed: one for each sensor", count);
+			return -EBADMSG;
+		}
+	}
 	return 0;
 }
 
@@ -100,6 +119,11 @@ static void take(struct lp_ldr_calibration *calibration, const struct fields *fi
 	calibration->drift_sigma = fields->drift_sigma;
 	calibration->rise_s = fields->rise_ms / 1000.0F;
 	calibration->fall_s = fields->fall_ms / 1000.0F;
+	calibration->drift_common_sigma = fields->drift_common_sigma;
+	for (int k = 0; k < LP_RING_SENSORS; k++)
+		for (int i = 0; i < 2; i++)
+			calibration->seat[k][i] =
+				tanf(fields->seat_deg[i].values[k] * (float)M_PI / 180.0F);
 	for (int k = 0; k < LP_RING_SENSORS; k++) {
 		const struct lp_floats *nines = fields->nines;
 

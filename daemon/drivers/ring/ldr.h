@@ -18,6 +18,8 @@ struct lp_ldr {
 };
 
 struct lp_ldr_calibration {
+	float drift_common_sigma; /* likewise, of all sensors together: temperature above all */
+	float seat[LP_RING_SENSORS][2]; /* as in struct lp_ring_sample */
 	float divider_ohm;
 	float drift_sigma;    /* of every sensor since the calibration: temperature, former light */
 	float rise_s, fall_s; /* time constants with which it follows the light, at 10 lux */

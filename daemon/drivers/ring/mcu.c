@@ -4,6 +4,7 @@
 #include <math.h>
 #include <stddef.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "base/log.h"
 #include "base/param.h"
@@ -48,7 +49,11 @@ static struct ring_mcu *self_of_user(struct lp_mcu_user *user)
 static void on_ring(struct lp_mcu_user *user, const struct lp_mcu_ring *ring)
 {
 	const struct ring_mcu *self = self_of_user(user);
-	struct lp_ring_sample sample = {.t_ns = ring->t_ns, .sequence = ring->sequence};
+	struct lp_ring_sample sample = {.t_ns = ring->t_ns,
+					.sequence = ring->sequence,
+					.common_sigma = self->calibration.drift_common_sigma};
+
+	memcpy(sample.seat, self->calibration.seat, sizeof(sample.seat));
 
 	for (int k = 0; k < LP_RING_SENSORS; k++) {
 		const bool dead = ring->dead >> k & 1;

@@ -30,6 +30,11 @@ NOMINAL_R10_OHM, NOMINAL_GAMMA, NOMINAL_SERIES_OHM = 14000.0, 0.7, 85.0
 NOMINAL_SIGMA, NOMINAL_GAMMA_SIGMA, NOMINAL_SERIES_SIGMA_OHM = 0.4, 0.1, 25.0
 #: An LDR's illuminance, as it drifts with temperature and with the light it has seen before.
 DRIFT_SIGMA = 0.15
+#: That part of it which is each sensor's own, and that which all nine have in common: they are as
+#: warm as each other. Together DRIFT_SIGMA. Simulated rings drift by less than 5 % of their own
+#: (tests/unit/py/test_ring_turning.py).
+DRIFT_OWN_SIGMA = 0.05
+DRIFT_COMMON_SIGMA = float(np.sqrt(DRIFT_SIGMA**2 - DRIFT_OWN_SIGMA**2))
 #: A level: the ADC's offset (2 counts at most, data sheet of the ATmega328P) and its steps.
 LEVEL_SIGMA = 6.0
 DIVIDER_OHM = 3300.0
@@ -47,6 +52,9 @@ ALIKE_LIMITS = {"divider_ohm": (10, 1e6), "drift_sigma": (0, 10)}
 #: Time constants of a GL5528 at 10 lx (data sheet); files may leave them out.
 NOMINAL_RISE_MS, NOMINAL_FALL_MS = 20.0, 30.0
 LAG_LIMITS = {"rise_ms": (0, 10000), "fall_ms": (0, 10000)}
+#: These may be left out: nine numbers of each, and one.
+SEAT_LIMITS = {"seat_right_deg": (-30, 30), "seat_up_deg": (-30, 30)}
+COMMON_LIMITS = {"drift_common_sigma": (0, 10)}
 
 
 def directions(seats_deg: ArrayLike = 0.0) -> Array:
@@ -90,6 +98,14 @@ class Ring:
     drift_sigma: float = DRIFT_SIGMA
     rise_ms: float = NOMINAL_RISE_MS  # at 10 lx
     fall_ms: float = NOMINAL_FALL_MS
+    drift_common_sigma: float = 0.0  # of all sensors together
+    seat_right_deg: Array = field(default_factory=_nine(0.0))  # see `directions`
+    seat_up_deg: Array = field(default_factory=_nine(0.0))
+
+    @property
+    def seats_deg(self) -> Array:
+        """Seats (9, 2), as `directions` takes them."""
+        return np.stack([self.seat_right_deg, self.seat_up_deg], axis=-1)
 
     def resistance_ohm(self, lux: ArrayLike) -> Array:
         """Resistance (…, 9) of the LDRs at illuminances (…, 9) above 0."""
@@ -114,7 +130,10 @@ class Ring:
         return np.where(usable, 10 * (self.r10_ohm / ohm) ** (1 / self.gamma), np.nan)
 
     def sigma_of(self, level: ArrayLike) -> Array:
-        """Relative 1 sigma (…, 9) of the illuminance at levels (…, 9); NaN where there is none."""
+        """Relative 1 sigma (…, 9) of the illuminance at levels (…, 9); NaN where there is none.
+
+        Of each sensor by itself: what they have in common is `drift_common_sigma`.
+        """
         level = np.asarray(level, dtype=np.float64)
         usable = _usable(level)
         ohm, ohm_sigma = self._ohm_and_sigma(np.where(usable, level, FULL_SCALE / 2))
@@ -122,6 +141,10 @@ class Ring:
         away = np.log(lux / self.pivot_lux) * self.gamma_sigma
         variance = (np.hypot(away, ohm_sigma / ohm) / self.gamma) ** 2
         return np.where(usable, np.sqrt(variance + self.sigma**2 + self.drift_sigma**2), np.nan)
+
+    def total_sigma_of(self, level: ArrayLike) -> Array:
+        """Likewise, with what all sensors have in common."""
+        return np.asarray(np.hypot(self.sigma_of(level), self.drift_common_sigma))
 
     def _ohm_and_sigma(self, level: Array) -> tuple[Array, Array]:
         """Resistance of the LDRs with its 1 sigma; at least half of it: no LDR has none."""
@@ -136,11 +159,22 @@ class Ring:
         for name in LIMITS:
             numbers = ", ".join(f"{value:.6g}" for value in getattr(self, name))
             lines.append(f"{name} = {numbers}")
+        if self.drift_common_sigma:
+            lines.append(f"drift_common_sigma = {self.drift_common_sigma:.6g}")
+        if self.seats_deg.any():
+            for name in SEAT_LIMITS:
+                numbers = ", ".join(f"{value:.3g}" for value in getattr(self, name))
+                lines.append(f"{name} = {numbers}")
         return "\n".join(lines) + "\n"
 
 
 def _usable(level: Array) -> NDArray[np.bool_]:
     return (level > 0) & (level < FULL_SCALE)
+
+
+def levels(counts: ArrayLike, dead: ArrayLike) -> Array:
+    """Levels (9,) of a reading; NaN where a sensor is dead."""
+    return np.where(dead, np.nan, np.asarray(counts, dtype=np.float64))
 
 
 def total_ohm(level: ArrayLike, divider_ohm: float = DIVIDER_OHM) -> Array:
@@ -175,7 +209,10 @@ def load(path: Path) -> Ring:
     }
     for name, limits in ALIKE_LIMITS.items():
         values[name] = float(_numbers(path, section, name, 1, limits)[0])
-    for name, limits in LAG_LIMITS.items():
+    for name, limits in SEAT_LIMITS.items():
+        if name in section:
+            values[name] = _numbers(path, section, name, SENSORS, limits)
+    for name, limits in (LAG_LIMITS | COMMON_LIMITS).items():
         if name in section:
             values[name] = float(_numbers(path, section, name, 1, limits)[0])
     ring = Ring(**values)

@@ -16,8 +16,8 @@ from lightprobe.geometry import Array
 
 #: ln R10, gamma, series resistance: expected and 1 sigma before any reading. R10 is left wide, so
 #: that other types of LDR can be fitted.
-_EXPECTED = np.array([np.log(ring.NOMINAL_R10_OHM), ring.NOMINAL_GAMMA, ring.NOMINAL_SERIES_OHM])
-_EXPECTED_SIGMA = np.array([0.8, ring.NOMINAL_GAMMA_SIGMA, ring.NOMINAL_SERIES_SIGMA_OHM])
+EXPECTED = np.array([np.log(ring.NOMINAL_R10_OHM), ring.NOMINAL_GAMMA, ring.NOMINAL_SERIES_OHM])
+EXPECTED_SIGMA = np.array([0.8, ring.NOMINAL_GAMMA_SIGMA, ring.NOMINAL_SERIES_SIGMA_OHM])
 #: Readings that lie so many of their sigmas off the curve are not of this LDR.
 _MOST_OFF = 4.0
 _STEPS = 50
@@ -46,6 +46,8 @@ def fit(
         series_sigma_ohm=series_sigma_ohm,
         pivot_lux=pivot_lux,
         divider_ohm=divider_ohm,
+        drift_sigma=ring.DRIFT_OWN_SIGMA,
+        drift_common_sigma=ring.DRIFT_COMMON_SIGMA,
     )
 
 
@@ -60,19 +62,19 @@ def _one(
         )
     total = ring.total_ohm(level, divider_ohm)
     slope = divider_ohm * ring.FULL_SCALE / level**2
-    found = _EXPECTED.copy()
+    found = EXPECTED.copy()
     for _ in range(_STEPS):
         off, system = _linearised(found, lux, total, slope, light_sigma)
         step = np.linalg.lstsq(system, off, rcond=None)[0]
         found = found + step
         found[2] = max(found[2], 0.0)
-        if np.all(np.abs(step) < 1e-6 * _EXPECTED_SIGMA):
+        if np.all(np.abs(step) < 1e-6 * EXPECTED_SIGMA):
             break
     off, system = _linearised(found, lux, total, slope, light_sigma)
     _refuse_bad_readings(where, found, off[: len(lux)])
     spread = max(1.0, float(off[: len(lux)] @ off[: len(lux)]) / max(len(lux) - 3, 1))
     covariance: Array = np.asarray(np.linalg.inv(system.T @ system)) * spread
-    return _told(found, covariance)
+    return told(found, covariance)
 
 
 def _linearised(
@@ -85,8 +87,8 @@ def _linearised(
     derivatives = np.stack([ldr, -x * ldr, np.ones_like(ldr)], axis=-1) / model[:, None]
     by_light = found[1] * max(light_sigma, 1e-3) * ldr / model
     sigma = np.hypot(by_light, ring.LEVEL_SIGMA * slope / total)
-    off = np.concatenate([np.log(total / model) / sigma, (_EXPECTED - found) / _EXPECTED_SIGMA])
-    return off, np.vstack([derivatives / sigma[:, None], np.diag(1 / _EXPECTED_SIGMA)])
+    off = np.concatenate([np.log(total / model) / sigma, (EXPECTED - found) / EXPECTED_SIGMA])
+    return off, np.vstack([derivatives / sigma[:, None], np.diag(1 / EXPECTED_SIGMA)])
 
 
 def _refuse_bad_readings(where: str, found: Array, off: Array) -> None:
@@ -99,7 +101,7 @@ def _refuse_bad_readings(where: str, found: Array, off: Array) -> None:
         )
 
 
-def _told(found: Array, covariance: Array) -> tuple[float, ...]:
+def told(found: Array, covariance: Array) -> tuple[float, ...]:
     """As the calibration file has it: where the illuminance is known best, and how well."""
     r10, gamma, series = (float(value) for value in found)
     pivot = covariance[0, 1] / covariance[1, 1]

@@ -43,6 +43,7 @@ class Watch:
     _lux_times: list[float] = field(default_factory=list)
     _mcu_clock: ClockOffset = field(default_factory=ClockOffset)
     _probe_clock: ClockOffset = field(default_factory=ClockOffset)
+    _directions: Array = field(default_factory=ring.directions)  # (N, 3), that lux is of
     _mcu_us: int = 0  # of the newest reading, not wrapped
 
     def ring(self, t_us: int, levels: Array, now_ns: int) -> None:
@@ -60,8 +61,8 @@ class Watch:
         self._probe_clock.arrived(estimate.send_time_unix_ns, now_ns)
         self._lux_times.append(1e-9 * self._probe_clock.ours_ns(estimate.capture_time_unix_ns))
         fit = not estimate.flags & _UNFIT
-        lux = cd_m2_per_unit * luminance(estimate.irradiance(ring.directions()))
-        self._lux.append(lux if fit else np.full(ring.SENSORS, np.inf))
+        lux = cd_m2_per_unit * luminance(estimate.irradiance(self._directions))
+        self._lux.append(lux if fit else np.full(len(self._directions), np.inf))
 
     def pairs(self) -> tuple[Array, Array]:
         """Illuminances and levels (N, 9) of the moments at which the light was the same for both.

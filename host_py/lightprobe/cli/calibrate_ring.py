@@ -20,7 +20,8 @@ from lightprobe.calibrate import ring
 from lightprobe.calibrate.files import CalibrationError
 from lightprobe.calibrate.ring_fit import fit
 from lightprobe.calibrate.ring_pairs import Watch
-from lightprobe.cli import calibrate, check, view
+from lightprobe.calibrate.ring_seats import Found
+from lightprobe.cli import calibrate, calibrate_ring_camera, check, view
 from lightprobe.cli.mcu import Port, read_ring
 from lightprobe.client import Client
 from lightprobe.errors import ProbeTimeout, UsageError
@@ -31,6 +32,7 @@ from lightprobe.wire import Subscription
 
 #: LDRs take up to 30 ms; a lamp or a hand much longer.
 _REST_S = 0.5
+_LEVEL_S, _WATCH_S = 1.0, 60.0
 _METER_SIGMA, _CAMERA_SIGMA = 0.03, 0.1
 
 
@@ -43,6 +45,12 @@ def command(
         str | None,
         typer.Option(metavar="URI", help="A probe (lightprobed without --ring) to compare with."),
     ] = None,
+    from_camera: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URI", help="A probe (lightprobed without --ring): turn the box before it."
+        ),
+    ] = None,
     port: Port = DEFAULT_PORT,
     output: Annotated[
         Path,
@@ -51,16 +59,16 @@ def command(
         ),
     ] = Path("ring.ini"),
     seconds: Annotated[
-        float,
+        float | None,
         typer.Option(
             callback=check.number(0.1, 1e5, "seconds"),
-            help="Average so long per level; with --against: watch.",
+            help="Average so long per level (1); with --against (60), --from-camera (300): watch.",
         ),
-    ] = 1.0,
+    ] = None,
     cd_m2_per_unit: Annotated[
         float | None,
         typer.Option(
-            callback=check.number(1e-9, 1e9), help="With --against: scale, if the probe has none."
+            callback=check.number(1e-9, 1e9), help="With a probe: its scale, if it has none."
         ),
     ] = None,
     divider_ohm: Annotated[
@@ -76,6 +84,14 @@ def command(
             callback=check.number(0, 10), help="Relative 1 sigma of the light; 0.03, camera 0.1."
         ),
     ] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            callback=check.new_file(".png", ".svg", ".pdf"),
+            help="With --from-camera: draw what was found.",
+        ),
+    ] = None,
     as_json: calibrate.AsJson = False,
 ) -> None:
     """Find R10, gamma and series resistance of each sensor, from known light or from the camera.
@@ -84,22 +100,48 @@ def command(
     luxmeter beside them), and to press Enter. Levels far apart tell gamma; one above 10000 lx (the
     sun) tells the multiplexer's resistance, without which sunlight is hardly measured. --against
     tcp:127.0.0.1:7700 takes the probe's own estimates while the light changes: let lamps be
-    switched, for --seconds 60. The file is for lightprobed --ring='mcu:…?calibration=FILE'. The
-    former one is kept.
+    switched, for --seconds 60.
+    --from-camera tcp:127.0.0.1:7700 needs a room with ordinary lamps and five minutes of turning
+    the box: it finds where each sensor looks, too. The file is for lightprobed
+    --ring='mcu:…?calibration=FILE'. The former one is kept.
     """
-    if (levels is None) == (against is None):
-        raise UsageError("calibrate: ring: expected --levels LUX,LUX,… or --against URI")
+    if sum(way is not None for way in (levels, against, from_camera)) != 1:
+        raise UsageError(
+            "calibrate: ring: expected --levels LUX,LUX,… or --against URI or --from-camera URI"
+        )
+    if plot is not None and from_camera is None:
+        raise UsageError("calibrate: ring: --plot: only with --from-camera")
     levels_lux = parse_levels(levels) if levels is not None else []
     with session(port) as link:
+        if from_camera is not None:
+            turned = calibrate_ring_camera.calibrate(
+                link, from_camera, seconds or calibrate_ring_camera.SECONDS, cd_m2_per_unit,
+                divider_ohm, plot,
+            )  # fmt: skip
+            save_turned(turned, output, as_json)
+            return
         if against is not None:
-            lux, level = pairs_with_camera(link, against, seconds, cd_m2_per_unit)
+            lux, level = pairs_with_camera(link, against, seconds or _WATCH_S, cd_m2_per_unit)
         else:
-            lux, level = pairs_at_levels(link, levels_lux, seconds)
+            lux, level = pairs_at_levels(link, levels_lux, seconds or _LEVEL_S)
     default = _CAMERA_SIGMA if against is not None else _METER_SIGMA
     found = fit(lux, level, default if light_sigma is None else light_sigma, divider_ohm)
     remark = calibrate.remark("lightprobe calibrate ring")
     former = calibration.save(output, f"; {remark}\n{found.text()}")
     report(found, len(lux), output, former, as_json)
+
+
+def save_turned(found: Found, output: Path, as_json: bool) -> None:
+    """Write the ring file, and say what is in it."""
+    remark = calibrate.remark("lightprobe calibrate ring --from-camera")
+    former = calibration.save(output, f"; {remark}\n{found.ring.text()}")
+    seats = {
+        "seat_right_deg": found.ring.seat_right_deg.tolist(),
+        "seat_up_deg": found.ring.seat_up_deg.tolist(),
+        "seat_sigma_deg": found.seat_sigma_deg.tolist(),
+        "rms": found.rms.tolist(),
+    }
+    report(found.ring, found.samples, output, former, as_json, seats)
 
 
 def parse_levels(text: str) -> list[float]:
@@ -145,8 +187,7 @@ def pairs_with_camera(
         for event in link.listen(seconds):
             bar.update(task, completed=time.monotonic() - started)
             if isinstance(event, mcu.Ring):
-                levels = np.where(event.dead, np.nan, np.array(event.levels, dtype=np.float64))
-                seen.ring(event.t_us, levels, time.monotonic_ns())
+                seen.ring(event.t_us, ring.levels(event.levels, event.dead), time.monotonic_ns())
                 with suppress(ProbeTimeout):  # what is there; the ring's next reading asks again
                     seen.estimate(client.receive(0), scale, time.monotonic_ns())
         link.rates()
@@ -170,24 +211,37 @@ def _scale(client: Client, uri: str, given: float | None) -> float:
     return scale
 
 
-def report(found: ring.Ring, pairs: int, output: Path, former: Path | None, as_json: bool) -> None:
-    """Print the result."""
+def report(
+    found: ring.Ring,
+    pairs: int,
+    output: Path,
+    former: Path | None,
+    as_json: bool,
+    more: dict[str, list[float]] | None = None,
+) -> None:
+    """Print the result; `more`: nine numbers each."""
+    more = more or {}
     if as_json:
         told = {name: getattr(found, name).tolist() for name in ring.LIMITS}
         told |= {"drift_sigma": found.drift_sigma, "pairs": pairs}
+        told |= {"drift_common_sigma": found.drift_common_sigma, **more}
         print(json.dumps(told | {"file": str(output), "former": former and str(former)}, indent=2))
         return
     shown = (10.0, 1000.0, 1e5)
     table = Table(
-        "sensor", "R10", "gamma", "in series", *(f"± at {e:g} lx" for e in shown), box=None
+        "sensor", "R10", "gamma", "in series", *(f"± at {e:g} lx" for e in shown), *more, box=None
     )
-    sigmas = found.sigma_of(found.level(np.repeat(np.array(shown)[:, None], ring.SENSORS, axis=1)))
+    sigmas = found.total_sigma_of(
+        found.level(np.repeat(np.array(shown)[:, None], ring.SENSORS, axis=1))
+    )
     for k in range(ring.SENSORS):
         series = f"{found.series_ohm[k]:.0f} ± {found.series_sigma_ohm[k]:.0f} Ω"
         at = (f"{100 * sigma:.0f} %" for sigma in sigmas[:, k])
-        table.add_row(str(k), f"{found.r10_ohm[k]:.0f} Ω", f"{found.gamma[k]:.3f}", series, *at)
+        rest = (f"{values[k]:.2g}" for values in more.values())
+        row = (f"{found.r10_ohm[k]:.0f} Ω", f"{found.gamma[k]:.3f}", series, *at, *rest)
+        table.add_row(str(k), *row)
     view.console().print(table)
     kept = f" (the former one is {former})" if former else ""
-    drift = f"{100 * found.drift_sigma:.0f} %"
+    drift = f"{100 * np.hypot(found.drift_sigma, found.drift_common_sigma):.0f} %"
     print(f"{pairs} pairs; {drift} of each ± is drift with temperature and former light")
     print(f"written: {output}{kept}")

@@ -45,11 +45,12 @@ class RingModel:
         """Give the daemon's settings for one reading."""
         name = zlib.crc32(scene.name.encode())
         rng = np.random.default_rng([seed, name])
+        common = 0.0
         if self.parts == IDEAL:
             true = CD_M2_PER_UNIT * illuminance.on_ring(scene)
             lux, sigma = np.maximum(true * rng.normal(1, self.sigma, 9), 0), np.full(9, self.sigma)
         else:
-            lux, sigma = self._of_ldrs(scene, rng)
+            lux, sigma, common = self._of_ldrs(scene, rng)
         scale = CD_M2_PER_UNIT * rng.normal(1, self.scale_sigma) * (1 + self.scale_off)
         if self.shadowed is not None:
             lux[self.shadowed] *= 0.2
@@ -59,16 +60,20 @@ class RingModel:
             ring_lux=_words(np.where(known, lux, np.nan)),
             ring_sigma=_words(np.clip(np.where(known, sigma, 10), 0.001, 10)),
             cd_m2_per_unit=scale if self.scale_known else None,
-            cd_m2_per_unit_sigma=self.scale_sigma if self.scale_known else None,
+            # all nine being off together looks like another scale
+            cd_m2_per_unit_sigma=float(np.hypot(self.scale_sigma, common))
+            if self.scale_known
+            else None,
         )
 
-    def _of_ldrs(self, scene: Scene, rng: np.random.Generator) -> tuple[Array, Array]:
+    def _of_ldrs(self, scene: Scene, rng: np.random.Generator) -> tuple[Array, Array, float]:
+        """Illuminances, their sigmas, and that which they have in common."""
         parts = ldr.Ldrs.draw(rng)
         known = calibrated_by_levels(parts, rng) if self.parts == CALIBRATED else ring.Ring()
         lux = CD_M2_PER_UNIT * illuminance.on_ldrs(scene, parts)
         rested = lux.mean() * 10 ** rng.uniform(-_RESTED_DECADES, _RESTED_DECADES)
         level = parts.level(lux, ldr.indoors_c(rng), rested)
-        return known.lux(level), known.sigma_of(level)
+        return known.lux(level), known.sigma_of(level), known.drift_common_sigma
 
 
 def calibrated_by_levels(parts: ldr.Ldrs, rng: np.random.Generator) -> ring.Ring:

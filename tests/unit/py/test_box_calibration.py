@@ -118,9 +118,9 @@ def test_without_bright_light_sunlight_is_uncertain_and_says_so() -> None:
         by_dim = ring_calibration.fit(dim, true.level(dim), 0.03)
         by_bright = ring_calibration.fit(bright, true.level(bright), 0.03)
         sun = true.level(np.full(9, 1e5))
-        ratios.append(by_dim.sigma_of(sun) / by_bright.sigma_of(sun))
+        ratios.append(by_dim.total_sigma_of(sun) / by_bright.total_sigma_of(sun))
         for found in (by_dim, by_bright):
-            assert np.all(found.sigma_of(true.level(np.full(9, 100.0))) < 0.18)
+            assert np.all(found.total_sigma_of(true.level(np.full(9, 100.0))) < 0.18)
     assert np.median(ratios) > 1.5
 
 
@@ -134,7 +134,7 @@ def test_one_level_leaves_gamma_to_the_data_sheet_and_says_so(rng: np.random.Gen
     assert found.lux(true.level(lux)) == pytest.approx(lux, rel=0.02)
     away = np.full(9, 10.0)
     wrong = np.log(found.lux(true.level(away)) / away)
-    sigma = found.sigma_of(true.level(away))
+    sigma = found.total_sigma_of(true.level(away))
     assert np.all(np.abs(wrong) < 2.2 * sigma)
     assert np.all(sigma > 0.25)
 
@@ -148,9 +148,10 @@ def test_stated_sigmas_are_those_of_rings_that_have_drifted() -> None:
         true = drawn(rng)
         noisy = lux * np.exp(0.03 * rng.standard_normal((4, 1)))
         found = ring_calibration.fit(lux, true.level(noisy), 0.03)
-        drift = np.exp(found.drift_sigma * true.gamma * rng.standard_normal(9))
+        own = found.drift_sigma * rng.standard_normal(9)
+        drift = np.exp(true.gamma * (own + found.drift_common_sigma * rng.standard_normal()))
         seen = dataclasses.replace(true, r10_ohm=true.r10_ohm * drift).level(seen_lux)
-        sigmas.append(np.log(found.lux(seen) / seen_lux) / np.log1p(found.sigma_of(seen)))
+        sigmas.append(np.log(found.lux(seen) / seen_lux) / np.log1p(found.total_sigma_of(seen)))
     off = np.abs(np.array(sigmas))
     for k, lux_seen in enumerate(seen_lux[:, 0]):
         print(f"{lux_seen:6g} lx: {np.mean(off[:, k] < 1):.3f} {np.mean(off[:, k] < 2):.3f}")

@@ -1,0 +1,176 @@
+"""`calibrate ring --from-camera`: the real daemon before a simulated camera that is turned.
+
+In simulated time, with the LDRs of :mod:`lightprobe.sim.ldr`; the command itself runs with the
+flashed firmware.
+"""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from lightprobe import daemon
+from lightprobe.calibrate import ring, ring_plot, ring_seats
+from lightprobe.calibrate.files import CalibrationError
+from lightprobe.calibrate.ring_turning import Samples, Turning
+from lightprobe.imaging import camera as lenses
+from lightprobe.sim import ldr, scenes
+from lightprobe.sim.camera import SimulatedCamera
+from lightprobe.sim.flicker import Flicker
+from lightprobe.sim.illuminance import RingLight
+from lightprobe.sim.ldr import Ldrs
+from lightprobe.sim.live import LiveProbe
+from lightprobe.sim.world import Behaviour, World
+from lightprobe.wire import Subscription
+from test_calibrate_box import calibrate
+from test_simulated_box import simulator
+
+LUX_PER_UNIT = 60.0
+READING_S = 0.02
+TURNING = Behaviour(act_s=0, turn_deg_s=20, nod_deg=15, nod_hz=0.11)
+
+
+def turned(
+    parts: Ldrs, behaviour: Behaviour = TURNING, scene: str = "room", seconds: float = 40.0
+) -> Turning:
+    """What a probe has seen of a room while it was turned, and the ring beside it."""
+    world = World(scenes.load([scene]), behaviour)
+    camera = SimulatedCamera(world, lenses.load("equirect"), (480, 240), rate_hz=15)
+    with LiveProbe(camera) as probe:
+        client = probe.client(Subscription(smoothing="RAW", sh_order=4, max_lights=8))
+        probe.run(seconds)
+        seen = [(probe.captured_s(estimate), estimate) for estimate in client.estimates]
+    turning = Turning()
+    read(turning, RingLight(world, LUX_PER_UNIT, parts), world, parts, seen[-1][0])
+    for t_s, estimate in seen:
+        now_ns = estimate.send_time_unix_ns - estimate.capture_time_unix_ns + round(1e9 * t_s)
+        turning.estimate(estimate, LUX_PER_UNIT, now_ns)
+    return turning
+
+
+def read(turning: Turning, light: RingLight, world: World, parts: Ldrs, until_s: float) -> None:
+    """Readings of LDRs that lag, in a warm room, after a brighter hour."""
+    felt = light.lux(world.at(0.0))
+    rested = 5 * felt.mean()
+    for t_s in np.arange(0, until_s, READING_S):
+        lux = light.lux(world.at(t_s))
+        felt += (lux - felt) * (1 - np.exp(-READING_S / np.where(lux > felt, 0.02, 0.03)))
+        level = parts.level(felt, 32.0, rested)
+        turning.ring(round(1e6 * t_s), level, round(1e9 * t_s))
+
+
+@pytest.fixture(scope="module")
+def samples() -> tuple[Ldrs, Samples]:
+    parts = Ldrs.draw(np.random.default_rng(7))
+    return parts, turned(parts).samples()
+
+
+def test_turning_finds_what_each_sensor_reads(
+    samples: tuple[Ldrs, Samples], tmp_path: Path
+) -> None:
+    parts, taken = samples
+    found = ring_seats.fit(taken, 0.02)
+    true = ring.Ring(ldr.drift(1.0, 32.0) * parts.r10_ohm, parts.gamma, parts.series_ohm)
+    for share in (0.05, 0.5, 0.95):
+        lux = np.quantile(taken.lux[:, 0], share, axis=0)
+        level = true.level(lux)
+        off = np.log(found.ring.lux(level) / lux)
+        nominal = np.log(ring.Ring().lux(level) / lux)
+        # light of a brighter hour before is in the readings, and not in `true`
+        assert np.std(off) < 0.04 < 0.2 < np.std(nominal)
+        assert np.sqrt(np.mean(off**2)) < 0.08
+        own = np.hypot(found.ring.sigma_of(level), 0.01)
+        assert np.all(np.abs(off - off.mean()) < 3 * own)
+    assert found.ring.drift_common_sigma > 0.14
+    right = found.ring.seat_right_deg[:8] - parts.seats_deg[:8, 0]
+    assert np.sqrt(np.mean(right**2)) < 1.2 < np.std(parts.seats_deg)
+    file = tmp_path / "ring.ini"
+    file.write_text(found.ring.text())
+    read_again = ring.load(file)
+    assert read_again.seats_deg == pytest.approx(found.ring.seats_deg, rel=0.01)
+    assert read_again.drift_common_sigma == pytest.approx(found.ring.drift_common_sigma, rel=1e-5)
+    ring_plot.draw(taken, found, tmp_path / "ring.png")
+    assert (tmp_path / "ring.png").stat().st_size > 10_000
+
+
+def starts(folder: Path, ring_uri: str) -> None:
+    """Start a daemon with this ring, until it listens."""
+    arguments = [f"--ring={ring_uri}", f"--publish=unix:{folder / 'probe'}"]
+    with daemon.Daemon(arguments, folder / "log") as probe:
+        while not (folder / "probe").exists():
+            probe.check()
+            time.sleep(0.05)
+
+
+def test_the_daemon_reads_the_file(samples: tuple[Ldrs, Samples], tmp_path: Path) -> None:
+    file = tmp_path / "ring.ini"
+    file.write_text(ring_seats.fit(samples[1], 0.02).ring.text())
+    uri = f"mcu:serial:{tmp_path / 'none'}?calibration={file}"
+    starts(tmp_path, uri)
+    file.write_text(file.read_text().replace("seat_up_deg = ", "seat_up_deg = 1, "))
+    (tmp_path / "probe").unlink(missing_ok=True)
+    with pytest.raises(daemon.DaemonError, match=r"seat_up_deg: 10 values, but nine"):
+        starts(tmp_path, uri)
+
+
+def test_a_dead_sensor_is_named(samples: tuple[Ldrs, Samples]) -> None:
+    level = samples[1].level.copy()
+    level[:, 3] = np.nan
+    with pytest.raises(CalibrationError, match="sensor 3: only 0 usable readings"):
+        ring_seats.fit(Samples(samples[1].lux, level), 0.02)
+    level[:, 3] = np.random.default_rng(0).uniform(500, 3500, len(level))
+    with pytest.raises(CalibrationError, match="sensor 3: its readings lie on no LDR's curve"):
+        ring_seats.fit(Samples(samples[1].lux, level), 0.02)
+
+
+@pytest.mark.parametrize(
+    ("behaviour", "scene", "reason"),
+    [
+        (Behaviour(act_s=0, swing_deg=40), "room", "too little turning"),
+        (Behaviour(act_s=0, turn_deg_s=60), "sky", "clipping"),
+        (
+            Behaviour(act_s=0, turn_deg_s=60, flicker=Flicker(8.0, (0.9,), (0.0,), ("sine",))),
+            "room",
+            "flicker",
+        ),
+    ],
+)
+def test_what_cannot_calibrate_is_refused_by_its_reason(
+    behaviour: Behaviour, scene: str, reason: str
+) -> None:
+    parts = Ldrs.draw(np.random.default_rng(7))
+    with pytest.raises(CalibrationError, match=reason):
+        turned(parts, behaviour, scene, 8.0).samples()
+
+
+def test_light_from_everywhere_is_refused(samples: tuple[Ldrs, Samples]) -> None:
+    turning = turned(samples[0], TURNING, "room", 20.0)
+    turning._lux = [np.full_like(lux, 100.0) for lux in turning._lux]
+    with pytest.raises(CalibrationError, match="too little range of light"):
+        turning.samples()
+
+
+def test_the_command_with_flashed_firmware(tmp_path: Path) -> None:
+    """A box that stands still, or a probe without a scale, is refused; nothing is written."""
+    uri, file = f"unix:{tmp_path / 'probe'}", tmp_path / "ring.ini"
+    options = ("--size", "480x240", "--rate", "10", "--scenes", "room", "--act-s", "0",
+               "--median-radiance", "0", "--ring-spread", "1")  # fmt: skip
+    with simulator(tmp_path, *options, firmware="avr"):
+        arguments = [f"--source=sim:{tmp_path / 'camera'}", f"--publish={uri}"]
+        with daemon.Daemon(arguments, tmp_path / "daemon.log") as probe:
+            while not (tmp_path / "probe").exists():
+                probe.check()
+                time.sleep(0.05)
+            words = ("ring", "--from-camera", uri, "--seconds", "6", "--output", str(file))
+            assert "scale is relative" in calibrate(tmp_path, *words, status=1)
+            said = calibrate(tmp_path, *words, "--cd-m2-per-unit", "100", status=1)
+            assert "turn the box slowly" in said
+            assert "calibrate: ring: " in said.replace("turn the box", "", 1)
+    assert not file.exists()
+
+
+def test_ways_exclude_each_other(tmp_path: Path) -> None:
+    both = ("ring", "--from-camera", "unix:x", "--levels", "10")
+    assert "expected --levels" in calibrate(tmp_path, *both, status=2)
+    plot = ("ring", "--levels", "10", "--plot", str(tmp_path / "x.png"))
+    assert "--plot: only with --from-camera" in calibrate(tmp_path, *plot, status=2)
