@@ -5,6 +5,7 @@
 #include <math.h>
 #include <sys/random.h>
 #include <unistd.h>
+#include <string.h>
 
 #include "app/backends.h"
 #include "app/film_options.h"
@@ -153,6 +154,10 @@ static void give_ring_lux(struct lp_daemon *daemon)
 	for (int k = 0; k < LP_RING_SENSORS; k++) {
 		sample.illuminance_lux[k] = daemon->options->ring_lux.values[k];
 		sample.sigma_relative[k] = sigma->values[k % sigma->count];
+	}
+	if (daemon->options->has_ring_rgb) {
+		memcpy(sample.rgb, daemon->options->ring_rgb, sizeof(sample.rgb));
+		sample.colour_sigma = daemon->options->ring_colour_sigma;
 	}
 	(void)lp_worker_ring(daemon->worker, &sample);
 }

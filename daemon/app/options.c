@@ -179,6 +179,26 @@ static int parse_ring_lux(const char *text, void *field)
 	return parse_nine(text, 0.0F, MOST_LUX, field) == LP_RING_SENSORS ? 0 : -EINVAL;
 }
 
+static int parse_ring_rgb(const char *text, void *field)
+{
+	struct lp_options *options =
+		LP_CONTAINER_OF((float(*)[9][3])field, struct lp_options, ring_rgb);
+	const char *next = text;
+
+	for (int i = 0; i < 3 * LP_RING_SENSORS; i++) {
+		char *end;
+		const float value = strtof(next, &end);
+		const bool last = i == 3 * LP_RING_SENSORS - 1;
+
+		if (end == next || value < 0.0F || value > MOST_LUX || *end != (last ? '\0' : ','))
+			return -EINVAL;
+		options->ring_rgb[i / 3][i % 3] = value;
+		next = end + 1;
+	}
+	options->has_ring_rgb = true;
+	return 0;
+}
+
 static int parse_ring_sigma(const char *text, void *field)
 {
 	struct lp_floats *sigma = field;
@@ -350,6 +370,12 @@ static const struct lp_param command_list[] = {
 	 .expects = "nine numbers 0..1e6, or nan, separated by commas",
 	 .help = "with --once: what the nine light sensors read while the pictures were taken;\n"
 		 "nan: this one cannot be used"},
+	{"ring-rgb", LP_PARAM_OWN, offsetof(struct lp_options, ring_rgb), .parse = parse_ring_rgb,
+	 .expects = "27 numbers 0..1e6, or nan, separated by commas",
+	 .help = "with --ring-lux: red, green and blue of the first sensor, of the second, ...;\n"
+		 "each colour in a unit of its own"},
+	{"ring-colour-sigma", LP_PARAM_FLOAT, offsetof(struct lp_options, ring_colour_sigma),
+	 .initial = "0.03", .min = 0.001, .max = 10, .help = "relative 1 sigma of these"},
 	{"ring-sigma", LP_PARAM_OWN, offsetof(struct lp_options, ring_sigma), .initial = "0.03",
 	 .parse = parse_ring_sigma, .expects = "one number 0.001..10 for all, or nine",
 	 .help = "relative 1 sigma of these readings: one number for all, or nine"},

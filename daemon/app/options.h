@@ -52,7 +52,10 @@ struct lp_options {
 	char rotator[LP_URI_MAX_BYTES]; /* "": none */
 	char ring[LP_URI_MAX_BYTES];	/* "": none */
 	struct lp_floats ring_lux;	/* --once: its readings beside the pictures */
-	struct lp_floats ring_sigma;	/* of these, relative: one for all, or nine */
+	float ring_rgb[9][3];		/* likewise, of red, green and blue */
+	bool has_ring_rgb;
+	float ring_colour_sigma;		    /* of these, relative */
+	struct lp_floats ring_sigma;		    /* of these, relative: one for all, or nine */
 	float cd_m2_per_unit, cd_m2_per_unit_sigma; /* 0: not known */
 	struct lp_floats wheel_angles_deg;
 	struct lp_polarizer polarizer;

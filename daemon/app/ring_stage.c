@@ -28,6 +28,7 @@
 void lp_ring_stage_init(struct lp_ring_stage *stage, const struct lp_ring_scale *given)
 {
 	*stage = (struct lp_ring_stage){.given = *given, .learned = {NAN, NAN}};
+	lp_ring_colour_init(&stage->colour);
 }
 
 int lp_ring_stage_resize(struct lp_ring_stage *stage, const struct lp_grid *grid)
@@ -78,7 +79,8 @@ static float facing(const float a[3], const float b[3])
 
 /* Lamps are known better than the panorama shows them. */
 static void see_lamps(struct lp_ring_view *view, const struct lp_lamp_memory *memory,
-		      const struct lp_rotation *to_panorama, const struct lp_ring_sample *sample)
+		      const struct lp_rotation *to_panorama, const struct lp_ring_sample *sample,
+		      int channel)
 {
 	for (int k = 0; k < LP_RING_SENSORS; k++) {
 		float normal[3];
@@ -90,21 +92,19 @@ static void see_lamps(struct lp_ring_view *view, const struct lp_lamp_memory *me
 
 			if (!m->id || !m->seen)
 				continue;
-			view->seen[k] += facing(normal, m->lamp.centroid) *
-						 m->lamp.irradiance[LP_LUMINANCE] -
-					 facing(normal, m->on_grid.centroid) *
-						 m->on_grid.irradiance[LP_LUMINANCE];
+			view->seen[k] +=
+				facing(normal, m->lamp.centroid) * m->lamp.irradiance[channel] -
+				facing(normal, m->on_grid.centroid) *
+					m->on_grid.irradiance[channel];
 		}
 		view->seen[k] = fmaxf(view->seen[k], 0.0F);
 	}
 }
 
-/* What is found has the colour of what was seen of it. */
-static void colour(const float bound[4], float luminance, float rgb[3])
+static void colour(const struct lp_ring_stage *stage, int part, float rgb[3])
 {
 	for (int c = 0; c < 3; c++)
-		rgb[c] = bound[LP_LUMINANCE] > 0.0F ? luminance * bound[c] / bound[LP_LUMINANCE]
-						    : luminance;
+		rgb[c] = stage->fusion.excess[part] * stage->colour.tint[part][c];
 }
 
 /* No sensor looks down: of what lies straight below the ring knows nothing. */
@@ -128,7 +128,7 @@ static void give_to_lamps(const struct lp_ring_stage *stage, struct lp_lamp_memo
 			continue;
 		struct lp_remembered_lamp *m = &memory->list[part->owner];
 
-		colour(part->bound, stage->fusion.excess[j], rgb);
+		colour(stage, j, rgb);
 		for (int c = 0; c < 3; c++)
 			m->recovered[c] += rgb[c];
 		m->recovered[LP_LUMINANCE] += stage->fusion.excess[j];
@@ -171,6 +171,28 @@ static void learn_scale(struct lp_ring_stage *stage, const struct lp_ring_scale 
 	held->sigma += LEARNED_SHARE * (now->sigma - held->sigma);
 }
 
+/* What is found has the colour that the ring sees, or else that of what was seen of it. */
+static void find_colours(struct lp_ring_stage *stage, const struct lp_imager *imager,
+			 const struct lp_panorama *panorama, const struct lp_lamp_memory *memory,
+			 float clipped_share)
+{
+	const struct lp_rotation *to_panorama = lp_imager_rotation(imager);
+	struct lp_ring_view views[3];
+
+	if (!(stage->sample.colour_sigma > 0.0F)) {
+		lp_ring_colour_as_seen(&stage->colour, stage->parts);
+		return;
+	}
+	for (int c = 0; c < 3; c++) {
+		lp_ring_view_init(&views[c], lp_imager_grid(imager), panorama, stage->parts,
+				  to_panorama, &stage->sample, c);
+		see_lamps(&views[c], memory, to_panorama, &stage->sample, c);
+		views[c].seen_sigma = stage->view.seen_sigma;
+	}
+	lp_ring_colour_update(&stage->colour, views, &stage->sample, &stage->fusion, stage->parts,
+			      clipped_share <= MOST_CLIPPED_SHARE);
+}
+
 void lp_ring_stage_update(struct lp_ring_stage *stage, const struct lp_imager *imager,
 			  const struct lp_panorama *panorama, const int32_t *finder_cells,
 			  struct lp_lamp_memory *memory, bool is_relative)
@@ -195,12 +217,13 @@ void lp_ring_stage_update(struct lp_ring_stage *stage, const struct lp_imager *i
 
 	find_parts(stage->parts, panorama, finder_cells, memory);
 	lp_ring_view_init(&stage->view, lp_imager_grid(imager), panorama, stage->parts, to_panorama,
-			  &stage->sample);
-	see_lamps(&stage->view, memory, to_panorama, &stage->sample);
+			  &stage->sample, LP_LUMINANCE);
+	see_lamps(&stage->view, memory, to_panorama, &stage->sample, LP_LUMINANCE);
 	stage->view.seen_sigma = hypotf(SEEN_SIGMA, status.irradiance_sigma);
 	lp_ring_fuse(&stage->view, &stage->sample, &prior, &stage->fusion);
 	if (stage->fusion.verdict != LP_RING_AGREES)
 		return;
+	find_colours(stage, imager, panorama, memory, status.clipped_share);
 	give_to_lamps(stage, memory);
 	learn_scale(stage, &prior, status.clipped_share, scale_variance);
 }
@@ -213,7 +236,7 @@ void lp_ring_stage_project(const struct lp_ring_stage *stage, double (*total)[3]
 
 		if (part->owner >= 0 || !(stage->fusion.excess[j] > 0.0F))
 			continue;
-		colour(part->bound, stage->fusion.excess[j], rgb);
+		colour(stage, j, rgb);
 		/* of Omega = 2 pi (1 - cos r) */
 		lp_sh_add_lamp(LP_SH_MAX_ORDER, part->direction, rgb,
 			       acos(fmax(1.0 - part->solid_angle_sr / (2.0 * M_PI), -1.0)), 1.0,
@@ -234,8 +257,9 @@ int lp_ring_stage_parts(const struct lp_ring_stage *stage,
 			continue;
 		*light = (struct lp_light){.irradiance_sigma = NAN};
 		memcpy(light->direction, part->direction, sizeof(light->direction));
-		colour(part->bound, part->bound[LP_LUMINANCE] + stage->fusion.excess[j],
-		       light->irradiance);
+		colour(stage, j, light->irradiance);
+		for (int c = 0; c < 3; c++)
+			light->irradiance[c] += part->bound[c];
 		count++;
 	}
 	return count;

@@ -10,6 +10,7 @@
 
 #include "include/light_estimate.h"
 #include "light/clipped_parts.h"
+#include "light/ring_colour.h"
 #include "light/ring_fusion.h"
 
 struct lp_grid;
@@ -19,7 +20,8 @@ struct lp_lamp_memory;
 /* Zeroed has no reading yet; `parts` are created with the grid. */
 struct lp_ring_stage {
 	struct lp_clipped_parts *parts;
-	struct lp_ring_scale given;   /* by the camera file or the user; NAN: none */
+	struct lp_ring_scale given; /* by the camera file or the user; NAN: none */
+	struct lp_ring_colour colour;
 	struct lp_ring_scale learned; /* from readings while little clipped; NAN: not yet */
 	bool is_relative;	      /* what was learned is of radiance with a scale of its own */
 	float scale_variance;	      /* of that, when it was learned */

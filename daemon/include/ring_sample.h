@@ -20,6 +20,10 @@ struct lp_ring_sample {
 	/* Tangents of the angles by which sensor k looks to its right and up of where it should
 	 * (docs/builders/ring_files.md); 0 where nobody has measured it. */
 	float seat[LP_RING_SENSORS][2];
+	/* What the sensors see of red, green and blue; each colour has a scale of its own, which is
+	 * found from light that does not clip. */
+	float rgb[LP_RING_SENSORS][3];
+	float colour_sigma; /* relative, of each of these numbers; 0: no colours */
 	float common_sigma; /* relative, by which all nine may be off together */
 };
 

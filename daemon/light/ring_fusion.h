@@ -72,10 +72,12 @@ void lp_ring_direction(int sensor, float direction[3]);
 void lp_ring_normal(const struct lp_ring_sample *sample, int sensor, float direction[3]);
 
 /* What falls on a ring in the camera's frame, which `to_panorama` turns into the panorama's; of the
- * reading only the seats count. view->seen_sigma is left to the caller. */
+ * reading only the seats count. `channel`: of the panorama's cells. view->seen_sigma is left to the
+ * caller. */
 void lp_ring_view_init(struct lp_ring_view *view, const struct lp_grid *grid,
 		       const struct lp_panorama *panorama, const struct lp_clipped_parts *parts,
-		       const struct lp_rotation *to_panorama, const struct lp_ring_sample *sample);
+		       const struct lp_rotation *to_panorama, const struct lp_ring_sample *sample,
+		       int channel);
 
 void lp_ring_fuse(const struct lp_ring_view *view, const struct lp_ring_sample *sample,
 		  const struct lp_ring_scale *known, struct lp_ring_fusion *fusion);

@@ -3,7 +3,6 @@
 #include <math.h>
 #include <string.h>
 
-#include "include/luminance.h"
 #include "include/panorama.h"
 #include "light/grid.h"
 #include "light/ring_fusion.h"
@@ -41,7 +40,7 @@ void lp_ring_normal(const struct lp_ring_sample *sample, int sensor, float direc
 		direction[a] /= sqrtf(length);
 }
 
-static void add_row(const float (*cells)[4], const struct lp_grid *grid, int row,
+static void add_row(const float (*cells)[4], const struct lp_grid *grid, int row, int channel,
 		    const float (*normals)[3], float sum[LANES])
 {
 	float up[LANES] = {0.0F}, x[LANES] = {0.0F}, z[LANES] = {0.0F};
@@ -52,19 +51,19 @@ static void add_row(const float (*cells)[4], const struct lp_grid *grid, int row
 		z[k] = -normals[k][2] * grid->row_sin[row];
 	}
 	for (int c = 0; c < grid->width; c++) {
-		const float luminance = cells[c][LP_LUMINANCE];
+		const float light = cells[c][channel];
 		const float sine = grid->column_sin[c], cosine = grid->column_cos[c];
 
 		for (int k = 0; k < LANES; k++) {
 			const float weight = up[k] + x[k] * sine + z[k] * cosine;
 
-			sum[k] += (weight > 0.0F ? weight : 0.0F) * luminance;
+			sum[k] += (weight > 0.0F ? weight : 0.0F) * light;
 		}
 	}
 }
 
 static void look_at_part(const struct lp_clipped_parts *parts, const struct lp_clipped_part *from,
-			 const float (*normals)[3], struct lp_ring_part *part)
+			 int channel, const float (*normals)[3], struct lp_ring_part *part)
 {
 	double mean[LP_RING_SENSORS] = {0.0}, square[LP_RING_SENSORS] = {0.0}, total = 0.0;
 
@@ -84,7 +83,7 @@ static void look_at_part(const struct lp_clipped_parts *parts, const struct lp_c
 			square[k] += omega * weight * weight;
 		}
 	}
-	part->bound = from->bound[LP_LUMINANCE];
+	part->bound = from->bound[channel];
 	for (int k = 0; k < LP_RING_SENSORS; k++) {
 		const double weight = mean[k] / total;
 
@@ -95,7 +94,8 @@ static void look_at_part(const struct lp_clipped_parts *parts, const struct lp_c
 
 void lp_ring_view_init(struct lp_ring_view *view, const struct lp_grid *grid,
 		       const struct lp_panorama *panorama, const struct lp_clipped_parts *parts,
-		       const struct lp_rotation *to_panorama, const struct lp_ring_sample *sample)
+		       const struct lp_rotation *to_panorama, const struct lp_ring_sample *sample,
+		       int channel)
 {
 	float normals[LP_RING_SENSORS][3];
 	double seen[LP_RING_SENSORS] = {0.0};
@@ -108,7 +108,7 @@ void lp_ring_view_init(struct lp_ring_view *view, const struct lp_grid *grid,
 		float sum[LANES] = {0.0F};
 
 		add_row((const float(*)[4])panorama->cells + (size_t)r * grid->width, grid, r,
-			(const float(*)[3])normals, sum);
+			channel, (const float(*)[3])normals, sum);
 		for (int k = 0; k < LP_RING_SENSORS; k++)
 			seen[k] += (double)sum[k] * grid->row_solid_angle_sr[r];
 	}
@@ -116,5 +116,6 @@ void lp_ring_view_init(struct lp_ring_view *view, const struct lp_grid *grid,
 		view->seen[k] = (float)seen[k];
 	view->count = parts->count;
 	for (int j = 0; j < parts->count; j++)
-		look_at_part(parts, &parts->list[j], (const float(*)[3])normals, &view->parts[j]);
+		look_at_part(parts, &parts->list[j], channel, (const float(*)[3])normals,
+			     &view->parts[j]);
 }

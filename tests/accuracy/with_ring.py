@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from lightprobe.evaluate import evaluation, offline
 from lightprobe.evaluate.evaluation import Case, Input
-from lightprobe.evaluate.ring_model import CALIBRATED, UNCALIBRATED, RingModel
+from lightprobe.evaluate.ring_model import CALIBRATED, COLOUR, UNCALIBRATED, RingModel
 from lightprobe.sim import scenes
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -25,6 +25,7 @@ RINGS: dict[str, RingModel | None] = {
     "3 %, scale within 2 %": RingModel(0.03, 0.02),
     "3 %, scale not known": RingModel(0.03, 1.0, scale_known=False),
     "10 %, scale within 5 %": RingModel(0.1, 0.05),
+    "colour sensors, 3 %, scale within 2 %": RingModel(0.03, 0.02, parts=COLOUR),
     "LDRs calibrated, scale within 2 %": RingModel(scale_sigma=0.02, parts=CALIBRATED),
     "LDRs as they come, scale within 2 %": RingModel(scale_sigma=0.02, parts=UNCALIBRATED),
     "LDRs as they come, scale not known": RingModel(

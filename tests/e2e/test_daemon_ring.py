@@ -110,6 +110,17 @@ def test_sigma_is_one_number_or_nine(tmp_path: Path) -> None:
         )
 
 
+def test_colours_are_27_numbers(tmp_path: Path) -> None:
+    picture = tmp_path / "0000.jpg"
+    picture.write_bytes(encode_jpeg(np.full((64, 128, 3), 90, np.uint8)))
+    lux = f"--ring-lux={','.join(['100'] * 9)}"
+    for rgb in ("1,2,3", ",".join(["1"] * 28), ",".join(["x"] * 27), ",".join(["-1"] * 27)):
+        with pytest.raises(UsageError, match=r"ring-rgb.*27 numbers"):
+            daemon.estimate_once([f"--source=file:{tmp_path}", lux, f"--ring-rgb={rgb}"])
+    for rgb in (",".join(["100"] * 27), ",".join(["nan"] * 27)):
+        daemon.estimate_once([f"--source=file:{tmp_path}", lux, f"--ring-rgb={rgb}"])
+
+
 def relighting(clipped, lux, scale=CD_M2_PER_UNIT, sigma=0.03):
     folder, exposures_us, _ = clipped
     settings = offline.Settings()

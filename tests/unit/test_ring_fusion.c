@@ -111,8 +111,10 @@ static struct lp_ring_sample look_from(struct room *room, const struct lp_rotati
 
 	lp_clipped_parts_clear(room->parts);
 	lp_clipped_parts_find(room->parts, &room->seen);
-	lp_ring_view_init(&truth, room->grid, &room->truth, room->parts, rotation, &sample);
-	lp_ring_view_init(view, room->grid, &room->seen, room->parts, rotation, &sample);
+	lp_ring_view_init(&truth, room->grid, &room->truth, room->parts, rotation, &sample,
+			  LP_LUMINANCE);
+	lp_ring_view_init(view, room->grid, &room->seen, room->parts, rotation, &sample,
+			  LP_LUMINANCE);
 	view->seen_sigma = 0.01F;
 	for (int k = 0; k < LP_RING_SENSORS; k++) {
 		sample.illuminance_lux[k] = SCALE * truth.seen[k] * (1.0F + SIGMA * gauss(seed));
@@ -235,7 +237,8 @@ static void test_known_seats_find_the_lamp(void **state)
 	assert_int_equal(with_seats.verdict, LP_RING_AGREES);
 	assert_true(error < 0.12F * truth);
 	memset(sample.seat, 0, sizeof(sample.seat));
-	lp_ring_view_init(&straight, room->grid, &room->seen, room->parts, &none, &sample);
+	lp_ring_view_init(&straight, room->grid, &room->seen, room->parts, &none, &sample,
+			  LP_LUMINANCE);
 	straight.seen_sigma = 0.01F;
 	lp_ring_fuse(&straight, &sample, &known, &without);
 	assert_true(without.verdict != LP_RING_AGREES ||

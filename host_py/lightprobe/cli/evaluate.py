@@ -163,7 +163,7 @@ def parse_ring(sigma: float | None, parts: str | None, scale_sigma: float) -> Ri
     """Give the ring that is asked for, if any; raises UsageError."""
     if parts is None and sigma is None:
         return None
-    if parts is not None and sigma is not None:
+    if parts is not None and sigma is not None and parts != ring_model.COLOUR:
         raise UsageError(
             "evaluate: --ring-sigma: LDRs of --ring-parts have their own: leave one of the two out"
         )
@@ -172,7 +172,7 @@ def parse_ring(sigma: float | None, parts: str | None, scale_sigma: float) -> Ri
             f"evaluate: --ring-parts {parts}: expected {' or '.join(ring_model.PARTS[1:])}"
         )
     return RingModel(
-        sigma or 0.0, scale_sigma or 1.0, scale_known=scale_sigma > 0,
+        0.03 if sigma is None else sigma, scale_sigma or 1.0, scale_known=scale_sigma > 0,
         parts=parts or ring_model.IDEAL,
     )  # fmt: skip
 

@@ -58,6 +58,8 @@ class Settings:
     key_light: bool = False
     ring_lux: str | None = None  # nine numbers, or nan, separated by commas
     ring_sigma: float | str | None = None  # relative: one number for all, or nine
+    ring_rgb: str | None = None  # 27 numbers
+    ring_colour_sigma: float | None = None  # relative, of these
     cd_m2_per_unit: float | None = None
     cd_m2_per_unit_sigma: float | None = None  # relative
     wheel_deg: tuple[float, ...] = ()  # of the polarizer in each picture, in turn; empty: none
@@ -65,7 +67,14 @@ class Settings:
 
     def with_ring_of(self, reading: Settings) -> Settings:
         """Give these settings with the ring and scale of `reading`, if it has any."""
-        names = ("ring_lux", "ring_sigma", "cd_m2_per_unit", "cd_m2_per_unit_sigma")
+        names = (
+            "ring_lux",
+            "ring_sigma",
+            "ring_rgb",
+            "ring_colour_sigma",
+            "cd_m2_per_unit",
+            "cd_m2_per_unit_sigma",
+        )
         given = {name: getattr(reading, name) for name in names}
         return replace(self, **{name: value for name, value in given.items() if value is not None})
 
@@ -85,6 +94,8 @@ class Settings:
             "key-light": int(self.key_light) or None,
             "ring-lux": self.ring_lux,
             "ring-sigma": self.ring_sigma,
+            "ring-rgb": self.ring_rgb,
+            "ring-colour-sigma": self.ring_colour_sigma,
             "cd-m2-per-unit": self.cd_m2_per_unit,
             "cd-m2-per-unit-sigma": self.cd_m2_per_unit_sigma,
         }

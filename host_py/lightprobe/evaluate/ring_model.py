@@ -9,18 +9,24 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lightprobe.calibrate import ring, ring_fit
+from lightprobe.colour import luminance
 from lightprobe.evaluate import offline
 from lightprobe.geometry import Array
 from lightprobe.sim import illuminance, ldr
+from lightprobe.sim.colour_sensor import ColourSensors
 from lightprobe.sim.scene import Scene
 
 #: Luminance of radiance 1 in front of a simulated ring; any number would do.
 CD_M2_PER_UNIT = 150.0
 #: What the sensors are.
-IDEAL, CALIBRATED, UNCALIBRATED = PARTS = ("ideal", "calibrated", "uncalibrated")
+IDEAL, CALIBRATED, UNCALIBRATED, COLOUR = PARTS = (
+    "ideal", "calibrated", "uncalibrated", "colour",
+)  # fmt: skip
 #: As hw/guide.md has a ring calibrated, and how well its owner sets the light.
 GUIDE_LUX = (10.0, 100.0, 1000.0, 20_000.0)
 GUIDE_SIGMA = 0.03
+#: What a colour sensor's luminance is off, relative, by seat, gain and overlap of its colours.
+COLOUR_SIGMA = 0.04
 #: The last hour was so many decades darker or brighter than now, at most.
 _RESTED_DECADES = 1.0
 
@@ -31,6 +37,7 @@ class RingModel:
 
     `parts`: `ideal` sensors have noise of `sigma` and no other error. The others are LDRs as they
     come (:mod:`lightprobe.sim.ldr`), either calibrated as the guide says, on another day, or not.
+    `colour`: sensors of colour with noise of `sigma` (:mod:`lightprobe.sim.colour_sensor`).
     """
 
     sigma: float = 0.03  # ideal: relative, of each reading
@@ -45,8 +52,14 @@ class RingModel:
         """Give the daemon's settings for one reading."""
         name = zlib.crc32(scene.name.encode())
         rng = np.random.default_rng([seed, name])
-        common = 0.0
-        if self.parts == IDEAL:
+        common, rgb = 0.0, None
+        if self.parts == COLOUR:
+            sensors = ColourSensors.draw(rng)
+            rgb = CD_M2_PER_UNIT * np.maximum(sensors.read(scene, self.sigma, rng), 0)
+            # they were calibrated under white light, by a lux meter
+            lux = luminance(rgb / np.exp(np.log(sensors.gain).mean(axis=0)))
+            sigma = np.full(9, np.hypot(self.sigma, COLOUR_SIGMA))
+        elif self.parts == IDEAL:
             true = CD_M2_PER_UNIT * illuminance.on_ring(scene)
             lux, sigma = np.maximum(true * rng.normal(1, self.sigma, 9), 0), np.full(9, self.sigma)
         else:
@@ -59,6 +72,8 @@ class RingModel:
         return offline.Settings(
             ring_lux=_words(np.where(known, lux, np.nan)),
             ring_sigma=_words(np.clip(np.where(known, sigma, 10), 0.001, 10)),
+            ring_rgb=None if rgb is None else _words(rgb.ravel()),
+            ring_colour_sigma=None if rgb is None else float(np.hypot(self.sigma, COLOUR_SIGMA)),
             cd_m2_per_unit=scale if self.scale_known else None,
             # all nine being off together looks like another scale
             cd_m2_per_unit_sigma=float(np.hypot(self.scale_sigma, common))

@@ -1,0 +1,149 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "light/ring_colour.h"
+
+#include <math.h>
+
+#include "include/luminance.h"
+#include "light/nnls.h"
+
+/* Chosen by hand, on the scenes of docs/users/accuracy.md, "With the ring of light sensors". */
+
+/* How far the colour of a lamp is from that of what clips of it, relative 1 sigma: lamps that clip
+ * in all channels look white, and are anything from a candle to the sky. */
+#define LOOK_SIGMA 0.4F
+/* What a colour of the ring is worth before anything has been learned. */
+#define WHITE_SIGMA 0.2F
+/* What was learned follows by this share. */
+#define LEARNED_SHARE 0.05F
+
+void lp_ring_colour_init(struct lp_ring_colour *colour)
+{
+	*colour = (struct lp_ring_colour){0};
+	for (int c = 0; c < 3; c++)
+		colour->white[c] = (struct lp_ring_scale){1.0F, WHITE_SIGMA};
+}
+
+static float look(const struct lp_clipped_part *part, int channel)
+{
+	return part->bound[LP_LUMINANCE] > 0.0F ? part->bound[channel] / part->bound[LP_LUMINANCE]
+						: 1.0F;
+}
+
+void lp_ring_colour_as_seen(struct lp_ring_colour *colour, const struct lp_clipped_parts *parts)
+{
+	for (int j = 0; j < parts->count; j++)
+		for (int c = 0; c < 3; c++)
+			colour->tint[j][c] = look(&parts->list[j], c);
+}
+
+static void learn(struct lp_ring_scale *held, float white, float sigma)
+{
+	if (sigma < held->sigma / 2.0F) {
+		*held = (struct lp_ring_scale){white, sigma};
+		return;
+	}
+	held->lux_per_unit += LEARNED_SHARE * (white - held->lux_per_unit);
+	held->sigma += LEARNED_SHARE * (sigma - held->sigma);
+}
+
+static void add_equation(struct lp_nnls *normal, const double *row, double value, double sigma)
+{
+	const double weight = 1.0 / (sigma * sigma);
+
+	for (int i = 0; i < normal->count; i++) {
+		normal->right[i] += weight * row[i] * value;
+		for (int j = 0; j < normal->count; j++)
+			normal->normal[i][j] += weight * row[i] * row[j];
+	}
+}
+
+/* One equation says what one unknown is expected to be. */
+static void expect(struct lp_nnls *normal, int unknown, double value, double sigma)
+{
+	double row[LP_NNLS_MAX] = {0.0};
+
+	row[unknown] = 1.0;
+	add_equation(normal, row, value, fmax(sigma, 1e-9));
+}
+
+/* What is asked of one colour. */
+struct question {
+	const struct lp_ring_view *view;
+	const struct lp_ring_sample *sample;
+	const struct lp_ring_fusion *luminance;
+	const struct lp_clipped_parts *parts;
+	int channel;
+	struct lp_ring_scale white;
+};
+
+/* Unknown 0: the scale of this colour over that of the luminance; 1 + j: the same times the tint
+ * of part j. Both are near 1. */
+static void solve(const struct question *q, double x[LP_NNLS_MAX],
+		  double covariance[LP_NNLS_MAX][LP_NNLS_MAX])
+{
+	const double scale = q->luminance->scale.lux_per_unit;
+	struct lp_nnls normal = {.count = 1 + q->parts->count};
+
+	expect(&normal, 0, q->white.lux_per_unit, (double)q->white.sigma * q->white.lux_per_unit);
+	for (int j = 0; j < q->parts->count; j++) {
+		const double seen = fmaxf(look(&q->parts->list[j], q->channel), 0.01F);
+
+		expect(&normal, 1 + j, q->white.lux_per_unit * seen, (double)LOOK_SIGMA * seen);
+	}
+	for (int k = 0; k < LP_RING_SENSORS; k++) {
+		const double reading = q->sample->rgb[k][q->channel];
+		const double seen = scale * q->view->seen[k];
+		double row[LP_NNLS_MAX] = {seen}, variance = 0.0;
+
+		if (!isfinite(reading) || q->luminance->wrong >> k & 1)
+			continue;
+		for (int j = 0; j < q->parts->count; j++) {
+			const struct lp_ring_part *part = &q->view->parts[j];
+			const double hidden = scale * q->luminance->excess[j];
+
+			row[1 + j] = hidden * part->weight[k];
+			variance += pow(hidden * part->spread[k], 2.0);
+		}
+		variance += pow(q->sample->colour_sigma * fmax(reading, seen), 2.0) +
+			    pow(q->view->seen_sigma * seen, 2.0);
+		if (variance > 0.0)
+			add_equation(&normal, row, reading, sqrt(variance));
+	}
+	lp_nnls_solve(&normal, x);
+	lp_nnls_covariance(&normal, x, covariance);
+}
+
+/* The luminance is known better than its colours are. */
+static void make_luminance_1(struct lp_ring_colour *colour, int count)
+{
+	for (int j = 0; j < count; j++) {
+		float *tint = colour->tint[j];
+		const float sum = lp_luminance(tint);
+
+		for (int c = 0; c < 3 && sum > 0.0F; c++)
+			tint[c] /= sum;
+	}
+}
+
+void lp_ring_colour_update(struct lp_ring_colour *colour, const struct lp_ring_view views[3],
+			   const struct lp_ring_sample *sample,
+			   const struct lp_ring_fusion *luminance,
+			   const struct lp_clipped_parts *parts, bool learns)
+{
+	lp_ring_colour_as_seen(colour, parts);
+	for (int c = 0; c < 3; c++) {
+		const struct question question = {&views[c], sample, luminance,
+						  parts,     c,	     colour->white[c]};
+		double x[LP_NNLS_MAX] = {0.0}, covariance[LP_NNLS_MAX][LP_NNLS_MAX];
+
+		solve(&question, x, covariance);
+		if (!(x[0] > 0.0))
+			continue;
+		for (int j = 0; j < parts->count; j++)
+			colour->tint[j][c] = (float)(x[1 + j] / x[0]);
+		if (learns)
+			learn(&colour->white[c], (float)x[0],
+			      (float)(sqrt(covariance[0][0]) / x[0]));
+	}
+	make_luminance_1(colour, parts->count);
+}
