@@ -16,7 +16,7 @@ $(OUT)/tests/%: $(OUT)/tests/unit/%.cpp.o $(DAEMON_LIBS)
 $(OUT)/tests/test_source_contract: WRAPPED := open close ioctl mmap lp_v4l2_nodes_read lp_v4l2_hotplug_open \
 	lp_v4l2_hotplug_read lp_v4l2_reset_port
 $(OUT)/tests/test_codec: WRAPPED := lp_clock_suspended_ns
-$(OUT)/tests/test_link_i2c: WRAPPED := open ioctl
+$(OUT)/tests/test_link_i2c $(OUT)/tests/test_ring_i2c: WRAPPED := open ioctl
 $(OUT)/tests/test_rotator_pca9685: WRAPPED := open ioctl lp_index_open lp_index_fd lp_index_read lp_index_is_on \
 	lp_index_close
 .PRECIOUS: $(OUT)/%.c.o $(OUT)/%.cpp.o

@@ -24,6 +24,7 @@ extern const struct lp_source_ops lp_source_example_ops;
 extern const struct lp_rotator_ops lp_rotator_mcu_ops;
 extern const struct lp_rotator_ops lp_rotator_pca9685_ops;
 extern const struct lp_rotator_ops lp_rotator_sim_ops;
+extern const struct lp_ring_ops lp_ring_i2c_ops;
 extern const struct lp_ring_ops lp_ring_mcu_ops;
 extern const struct lp_ring_ops lp_ring_sim_ops;
 extern const struct lp_orientation_ops lp_orientation_iio_ops;
@@ -54,6 +55,7 @@ static const struct lp_rotator_ops *const rotators[] = {
 
 static const struct lp_ring_ops *const rings[] = {
 	&lp_ring_mcu_ops,
+	&lp_ring_i2c_ops,
 	&lp_ring_sim_ops,
 };
 

@@ -1,0 +1,381 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The ring of colour sensors, on a bus of chips with registers: two TCA9548A, nine VEML6040 at one
+ * address behind them. The bus fails and hangs on request.
+ */
+#include "lp_test.h"
+
+#include <errno.h>
+#include <linux/i2c-dev.h>
+#include <linux/i2c.h>
+#include <math.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <sys/eventfd.h>
+
+#include "base/clock.h"
+#include "base/uri.h"
+#include "include/ring.h"
+#include "include/ring_sample.h"
+#include "loop_test.h"
+
+#define DEADLOCK_S 120 /* the test program ends then */
+#define PATIENCE_NS (60 * LP_NS_PER_S)
+#define BUS "/dev/i2c-fake"
+#define MUX 0x70
+#define MUX_UP 0x71
+#define SENSOR 0x10
+#define LUX_PER_COUNT 0.25168F
+
+extern const struct lp_ring_ops lp_ring_i2c_ops;
+
+/* ---------------------------------------------------------------- the chips */
+
+static struct {
+	pthread_mutex_t lock;
+	pthread_cond_t changed;
+	uint8_t channels[2]; /* of each multiplexer: connected */
+	uint16_t conf[LP_RING_SENSORS];
+	uint8_t pointer[LP_RING_SENSORS];
+	float lux[LP_RING_SENSORS][3];
+	unsigned int absent; /* sensors */
+	int error;	     /* errno of every transfer; 0: they succeed */
+	int collisions;	     /* transfers that reached more than one sensor */
+	int opened;
+	bool hangs;
+} bus = {.lock = PTHREAD_MUTEX_INITIALIZER, .changed = PTHREAD_COND_INITIALIZER};
+
+/* The one sensor that is connected; -1: none. */
+static int connected(void)
+{
+	const unsigned int all = bus.channels[0] | (unsigned int)(bus.channels[1] & 1) << 8;
+	int found = -1;
+
+	for (int k = 0; k < LP_RING_SENSORS; k++) {
+		if (!(all >> k & 1))
+			continue;
+		bus.collisions += found >= 0;
+		found = k;
+	}
+	return found >= 0 && bus.absent >> found & 1 ? -1 : found;
+}
+
+static uint16_t counts_of(int k, int colour)
+{
+	const int step = bus.conf[k] >> 4 & 7;
+	const float counts = bus.lux[k][colour] / LUX_PER_COUNT * (float)(1 << step);
+
+	return (uint16_t)fminf(counts, 65535.0F);
+}
+
+static int sensor_message(const struct i2c_msg *message)
+{
+	const int k = connected();
+
+	if (k < 0)
+		return -ENXIO;
+	if (message->flags & I2C_M_RD) {
+		const int colour = bus.pointer[k] - 0x08;
+		const uint16_t value = colour >= 0 && colour < 3 ? counts_of(k, colour) : 0;
+
+		message->buf[0] = (uint8_t)(value & 0xFF);
+		message->buf[1] = (uint8_t)(value >> 8);
+		return 0;
+	}
+	bus.pointer[k] = message->buf[0];
+	if (message->len == 3 && message->buf[0] == 0)
+		bus.conf[k] = (uint16_t)(message->buf[1] | message->buf[2] << 8);
+	return 0;
+}
+
+static int transfer(const struct i2c_rdwr_ioctl_data *request)
+{
+	int ret = 0;
+
+	while (bus.hangs)
+		pthread_cond_wait(&bus.changed, &bus.lock);
+	if (bus.error)
+		return -bus.error;
+	for (unsigned int i = 0; i < request->nmsgs && ret == 0; i++) {
+		const struct i2c_msg *message = &request->msgs[i];
+
+		if (message->addr == MUX || message->addr == MUX_UP)
+			bus.channels[message->addr - MUX] = message->buf[0];
+		else
+			ret = message->addr == SENSOR ? sensor_message(message) : -ENXIO;
+	}
+	return ret;
+}
+
+int __real_open(const char *path, int flags, ...);
+int __wrap_open(const char *path, int flags, ...);
+int __real_ioctl(int fd, unsigned long request, ...);
+int __wrap_ioctl(int fd, unsigned long request, ...);
+
+int __wrap_open(const char *path, int flags, ...)
+{
+	va_list arguments;
+
+	va_start(arguments, flags);
+	const int mode = flags & O_CREAT ? va_arg(arguments, int) : 0;
+
+	va_end(arguments);
+	if (strcmp(path, BUS) != 0)
+		return __real_open(path, flags, mode);
+	pthread_mutex_lock(&bus.lock);
+	bus.opened++;
+	pthread_mutex_unlock(&bus.lock);
+	return eventfd(0, EFD_CLOEXEC);
+}
+
+int __wrap_ioctl(int fd, unsigned long request, ...)
+{
+	va_list arguments;
+	void *argument;
+
+	va_start(arguments, request);
+	argument = va_arg(arguments, void *);
+	va_end(arguments);
+	if (request != I2C_RDWR)
+		return __real_ioctl(fd, request, argument);
+	pthread_mutex_lock(&bus.lock);
+	const int ret = transfer(argument);
+
+	pthread_mutex_unlock(&bus.lock);
+	errno = -ret;
+	return ret < 0 ? -1 : 0;
+}
+
+/* A value of the bus, set while a thread may look at it. */
+#define SET(field, value)                             \
+	do {                                          \
+		pthread_mutex_lock(&bus.lock);        \
+		bus.field = (value);                  \
+		pthread_cond_broadcast(&bus.changed); \
+		pthread_mutex_unlock(&bus.lock);      \
+	} while (0)
+
+/* ---------------------------------------------------------------- the ring */
+
+static struct {
+	struct lp_loop *loop;
+	struct lp_ring *ring;
+	struct lp_ring_sample sample;
+	int samples;
+	char waiting[400], missing[200], saturated[200];
+} s;
+
+static void on_sample(void *context, const struct lp_ring_sample *sample)
+{
+	(void)context;
+	s.sample = *sample;
+	s.samples++;
+}
+
+static void on_fault(void *context, const char *id, const char *text)
+{
+	char *kept = strcmp(id, "ring-i2c-waiting") == 0 ? s.waiting
+		     : strstr(id, "missing")		 ? s.missing
+							 : s.saturated;
+
+	(void)context;
+	(void)snprintf(kept, 200, "%s", text ? text : "");
+}
+
+static int create(const char *text)
+{
+	const struct lp_ring_host host = {.loop = s.loop, .sample = on_sample, .fault = on_fault};
+	struct lp_uri uri;
+
+	assert_int_equal(lp_uri_parse(&uri, text), 0);
+	return lp_ring_i2c_ops.create(&uri, &host, &s.ring);
+}
+
+static void light_all(float red, float green, float blue)
+{
+	pthread_mutex_lock(&bus.lock);
+	for (int k = 0; k < LP_RING_SENSORS; k++) {
+		const float more = 1.0F + 0.1F * (float)k;
+
+		bus.lux[k][0] = red * more;
+		bus.lux[k][1] = green * more;
+		bus.lux[k][2] = blue * more;
+	}
+	pthread_mutex_unlock(&bus.lock);
+}
+
+static int set_up(void **state)
+{
+	(void)state;
+	memset(&s, 0, sizeof(s));
+	SET(error, 0);
+	SET(hangs, false);
+	SET(absent, 0);
+	bus.collisions = bus.opened = 0;
+	memset(bus.conf, 0xFF, sizeof(bus.conf)); /* shut down, as after power */
+	light_all(300.0F, 200.0F, 100.0F);
+	return lp_loop_create(&s.loop);
+}
+
+static int tear_down(void **state)
+{
+	(void)state;
+	SET(hangs, false);
+	lp_ring_i2c_ops.destroy(s.ring);
+	lp_loop_destroy(s.loop);
+	return 0;
+}
+
+#define UNTIL(condition)                                            \
+	do {                                                        \
+		const int64_t end_ns = lp_clock_ns() + PATIENCE_NS; \
+		while (!(condition)) {                              \
+			assert_true(lp_clock_ns() < end_ns);        \
+			(void)loop_turn(s.loop, 20);                \
+		}                                                   \
+	} while (0)
+
+static void begin(void)
+{
+	assert_int_equal(create("i2c:" BUS), 0);
+	assert_int_equal(lp_ring_i2c_ops.start(s.ring), 0);
+}
+
+/* ---------------------------------------------------------------- tests */
+
+static void test_nine_sensors_are_read_each_by_itself(void **state)
+{
+	(void)state;
+	begin();
+	UNTIL(s.samples && isfinite(s.sample.illuminance_lux[8]));
+	for (int k = 0; k < LP_RING_SENSORS; k++) {
+		const float more = 1.0F + 0.1F * (float)k;
+
+		assert_float_equal(s.sample.illuminance_lux[k], 200.0F * more, 0.5F);
+		assert_float_equal(s.sample.rgb[k][0], 300.0F * more, 0.5F);
+		assert_float_equal(s.sample.rgb[k][2], 100.0F * more, 0.5F);
+		assert_true(s.sample.sigma_relative[k] > 0.04F &&
+			    s.sample.sigma_relative[k] < 0.06F);
+	}
+	assert_true(s.sample.colour_sigma > 0.0F && s.sample.common_sigma > 0.0F);
+	assert_int_equal(bus.collisions, 0);
+	assert_string_equal(s.waiting, "");
+}
+
+static void test_the_integration_time_follows_the_light(void **state)
+{
+	(void)state;
+	begin();
+	light_all(3.0F, 2.0F, 1.0F);
+	UNTIL(bus.conf[0] == 3 << 4);
+	UNTIL(fabsf(s.sample.illuminance_lux[0] - 2.0F) < 0.04F);
+	light_all(9000.0F, 8000.0F, 7000.0F);
+	UNTIL(bus.conf[0] == 0);
+	UNTIL(fabsf(s.sample.illuminance_lux[0] - 8000.0F) < 1.0F);
+}
+
+static void test_too_much_light_is_told(void **state)
+{
+	(void)state;
+	begin();
+	light_all(5e4F, 5e4F, 5e4F);
+	UNTIL(*s.saturated);
+	assert_non_null(strstr(s.saturated, "0, 1, 2, 3, 4, 5, 6, 7, 8: too bright"));
+	assert_true(isnan(s.sample.illuminance_lux[0]) && isnan(s.sample.rgb[0][1]));
+	light_all(300.0F, 200.0F, 100.0F);
+	UNTIL(!*s.saturated && isfinite(s.sample.illuminance_lux[0]));
+}
+
+static void test_a_missing_sensor_is_named_and_the_others_go_on(void **state)
+{
+	(void)state;
+	SET(absent, 1U << 3 | 1U << 8);
+	begin();
+	UNTIL(*s.missing && isfinite(s.sample.illuminance_lux[7]));
+	assert_non_null(strstr(s.missing, "sensor 3, 8: does not answer"));
+	assert_true(isnan(s.sample.illuminance_lux[3]));
+	SET(conf[3], 0xFFFF);
+	SET(absent, 0);
+	UNTIL(!*s.missing && isfinite(s.sample.illuminance_lux[3]));
+	assert_int_equal(bus.conf[3] & 1, 0); /* set up again */
+}
+
+static void test_a_bus_that_fails_is_opened_again(void **state)
+{
+	(void)state;
+	begin();
+	UNTIL(s.samples > 2);
+	SET(error, EREMOTEIO);
+	UNTIL(*s.waiting);
+	assert_non_null(strstr(s.waiting, "does the multiplexer answer?"));
+	SET(error, 0);
+	UNTIL(!*s.waiting && isfinite(s.sample.illuminance_lux[0]));
+	assert_true(bus.opened >= 2);
+}
+
+static void test_a_bus_that_hangs_is_told_and_survived(void **state)
+{
+	(void)state;
+	begin();
+	UNTIL(s.samples > 2);
+	SET(hangs, true);
+	UNTIL(*s.waiting);
+	assert_non_null(strstr(s.waiting, "the bus hangs"));
+	SET(hangs, false);
+	const int before = s.samples;
+
+	UNTIL(!*s.waiting && s.samples > before + 2);
+}
+
+static void test_no_bus_is_told_with_the_next_step(void **state)
+{
+	(void)state;
+	assert_int_equal(create("i2c:/dev/i2c-none"), 0);
+	assert_int_equal(lp_ring_i2c_ops.start(s.ring), 0);
+	UNTIL(*s.waiting);
+	assert_non_null(strstr(s.waiting, "i2c:/dev/i2c-none: open: "));
+	assert_non_null(strstr(s.waiting, "is I2C switched on?"));
+	assert_true(strlen(s.waiting) < 160);
+}
+
+static void test_uris_that_make_no_sense(void **state)
+{
+	(void)state;
+	assert_int_equal(create("i2c:"), -EINVAL);
+	assert_int_equal(create("i2c:" BUS "?mux=0x71"), -EINVAL);
+	assert_int_equal(create("i2c:" BUS "?mux=0x10"), -EINVAL);
+	assert_int_equal(create("i2c:" BUS "?cover=0"), -EINVAL);
+	assert_null(s.ring);
+}
+
+static void test_a_cover_and_gains_count(void **state)
+{
+	(void)state;
+	assert_int_equal(create("i2c:" BUS "?cover=0.1&red_gain=2&blue_gain=0.5"), 0);
+	assert_int_equal(lp_ring_i2c_ops.start(s.ring), 0);
+	UNTIL(s.samples && isfinite(s.sample.illuminance_lux[0]));
+	assert_float_equal(s.sample.illuminance_lux[0], 2000.0F, 5.0F);
+	assert_float_equal(s.sample.rgb[0][0], 6000.0F, 10.0F);
+	assert_float_equal(s.sample.rgb[0][2], 500.0F, 5.0F);
+}
+
+#define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		TEST(test_nine_sensors_are_read_each_by_itself),
+		TEST(test_the_integration_time_follows_the_light),
+		TEST(test_too_much_light_is_told),
+		TEST(test_a_missing_sensor_is_named_and_the_others_go_on),
+		TEST(test_a_bus_that_fails_is_opened_again),
+		TEST(test_a_bus_that_hangs_is_told_and_survived),
+		TEST(test_no_bus_is_told_with_the_next_step),
+		TEST(test_uris_that_make_no_sense),
+		TEST(test_a_cover_and_gains_count),
+	};
+
+	(void)alarm(DEADLOCK_S);
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}
