@@ -344,9 +344,9 @@ static int i2c_create(const struct lp_uri *uri, const struct lp_ring_host *host,
 
 const struct lp_ring_ops lp_ring_i2c_ops = {
 	.info = {.scheme = "i2c",
-		 .form = "BUS",
+		 .form = "I2C-DEVICE",
 		 .help = "nine colour sensors VEML6040 behind two multiplexers TCA9548A\n"
-			 "BUS is the device, such as /dev/i2c-1.",
+			 "I2C-DEVICE is that of the bus, such as /dev/i2c-1.",
 		 .params = &params},
 	.create = i2c_create,
 	.start = i2c_start,
