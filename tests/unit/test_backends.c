@@ -337,7 +337,7 @@ static void test_the_help_is_what_create_reads(void **state)
 				check_unknown_key(k, info, uri);
 		}
 	}
-	assert_int_equal(count, 17);
+	assert_int_equal(count, 18);
 	assert_null(connections.first);
 }
 
