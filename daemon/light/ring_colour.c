@@ -13,6 +13,8 @@
 #define LOOK_SIGMA 0.4F
 /* What a colour of the ring is worth before anything has been learned. */
 #define WHITE_SIGMA 0.2F
+/* Squared sigmas per reading beyond which the colours are not believed, as in ring_fusion.c. */
+#define MOST_MISFIT 4.0
 /* What was learned follows by this share. */
 #define LEARNED_SHARE 0.05F
 
@@ -46,7 +48,8 @@ static void learn(struct lp_ring_scale *held, float white, float sigma)
 	held->sigma += LEARNED_SHARE * (sigma - held->sigma);
 }
 
-static void add_equation(struct lp_nnls *normal, const double *row, double value, double sigma)
+/* Returns the square of the value, in sigmas. */
+static double add_equation(struct lp_nnls *normal, const double *row, double value, double sigma)
 {
 	const double weight = 1.0 / (sigma * sigma);
 
@@ -55,15 +58,29 @@ static void add_equation(struct lp_nnls *normal, const double *row, double value
 		for (int j = 0; j < normal->count; j++)
 			normal->normal[i][j] += weight * row[i] * row[j];
 	}
+	return weight * value * value;
 }
 
 /* One equation says what one unknown is expected to be. */
-static void expect(struct lp_nnls *normal, int unknown, double value, double sigma)
+static double expect(struct lp_nnls *normal, int unknown, double value, double sigma)
 {
 	double row[LP_NNLS_MAX] = {0.0};
 
 	row[unknown] = 1.0;
-	add_equation(normal, row, value, fmax(sigma, 1e-9));
+	return add_equation(normal, row, value, fmax(sigma, 1e-9));
+}
+
+/* The sum of squares, in sigmas, that x leaves; `none`: that which 0 leaves. */
+static double misfit(const struct lp_nnls *normal, const double *x, double none)
+{
+	double sum = none;
+
+	for (int i = 0; i < normal->count; i++) {
+		sum -= 2.0 * normal->right[i] * x[i];
+		for (int j = 0; j < normal->count; j++)
+			sum += normal->normal[i][j] * x[i] * x[j];
+	}
+	return sum;
 }
 
 /* What is asked of one colour. */
@@ -77,18 +94,22 @@ struct question {
 };
 
 /* Unknown 0: the scale of this colour over that of the luminance; 1 + j: the same times the tint
- * of part j. Both are near 1. */
-static void solve(const struct question *q, double x[LP_NNLS_MAX],
+ * of part j. Both are near 1. False: the readings make no sense. */
+static bool solve(const struct question *q, double x[LP_NNLS_MAX],
 		  double covariance[LP_NNLS_MAX][LP_NNLS_MAX])
 {
 	const double scale = q->luminance->scale.lux_per_unit;
 	struct lp_nnls normal = {.count = 1 + q->parts->count};
+	double none;
+	int readings = 0;
 
-	expect(&normal, 0, q->white.lux_per_unit, (double)q->white.sigma * q->white.lux_per_unit);
+	none = expect(&normal, 0, q->white.lux_per_unit,
+		      (double)q->white.sigma * q->white.lux_per_unit);
 	for (int j = 0; j < q->parts->count; j++) {
 		const double seen = fmaxf(look(&q->parts->list[j], q->channel), 0.01F);
 
-		expect(&normal, 1 + j, q->white.lux_per_unit * seen, (double)LOOK_SIGMA * seen);
+		none += expect(&normal, 1 + j, q->white.lux_per_unit * seen,
+			       (double)LOOK_SIGMA * seen);
 	}
 	for (int k = 0; k < LP_RING_SENSORS; k++) {
 		const double reading = q->sample->rgb[k][q->channel];
@@ -106,11 +127,14 @@ static void solve(const struct question *q, double x[LP_NNLS_MAX],
 		}
 		variance += pow(q->sample->colour_sigma * fmax(reading, seen), 2.0) +
 			    pow(q->view->seen_sigma * seen, 2.0);
-		if (variance > 0.0)
-			add_equation(&normal, row, reading, sqrt(variance));
+		if (!(variance > 0.0))
+			continue;
+		none += add_equation(&normal, row, reading, sqrt(variance));
+		readings++;
 	}
 	lp_nnls_solve(&normal, x);
 	lp_nnls_covariance(&normal, x, covariance);
+	return x[0] > 0.0 && misfit(&normal, x, none) <= MOST_MISFIT * (readings + 1);
 }
 
 /* The luminance is known better than its colours are. */
@@ -136,9 +160,10 @@ void lp_ring_colour_update(struct lp_ring_colour *colour, const struct lp_ring_v
 						  parts,     c,	     colour->white[c]};
 		double x[LP_NNLS_MAX] = {0.0}, covariance[LP_NNLS_MAX][LP_NNLS_MAX];
 
-		solve(&question, x, covariance);
-		if (!(x[0] > 0.0))
-			continue;
+		if (!solve(&question, x, covariance)) {
+			lp_ring_colour_as_seen(colour, parts);
+			return;
+		}
 		for (int j = 0; j < parts->count; j++)
 			colour->tint[j][c] = (float)(x[1 + j] / x[0]);
 		if (learns)

@@ -121,7 +121,7 @@ def test_colours_are_27_numbers(tmp_path: Path) -> None:
         daemon.estimate_once([f"--source=file:{tmp_path}", lux, f"--ring-rgb={rgb}"])
 
 
-def relighting(clipped, lux, scale=CD_M2_PER_UNIT, sigma=0.03):
+def relighting(clipped, lux, scale=CD_M2_PER_UNIT, sigma=0.03, rgb=None):
     folder, exposures_us, _ = clipped
     settings = offline.Settings()
     if lux is not None:
@@ -130,9 +130,21 @@ def relighting(clipped, lux, scale=CD_M2_PER_UNIT, sigma=0.03):
             ring_sigma=sigma,
             cd_m2_per_unit=scale,
             cd_m2_per_unit_sigma=0.05 if scale else None,
+            ring_rgb=None if rgb is None else ",".join(f"{v:.7g}" for v in rgb.ravel()),
         )
     estimate = offline.estimate_folder(folder, exposures_us, settings)
     return reference(SCENE).score(estimate).relighting_mae
+
+
+def test_colours_of_the_ring_are_those_of_clipped_lamps(clipped):
+    truth = SCENE.truth(np.ones(len(SCENE.lamps)))
+    light = CD_M2_PER_UNIT * truth.irradiance(ring.directions())
+    grey = relighting(clipped, clipped[2])
+    assert relighting(clipped, clipped[2], rgb=light) < 0.6 * grey
+    # other gains than the camera's, and no sense at all: never much worse than without colours
+    assert relighting(clipped, clipped[2], rgb=light * [1.1, 1.0, 0.9]) < grey
+    nonsense = np.random.default_rng(3).uniform(0, 2 * light.max(), light.shape)
+    assert relighting(clipped, clipped[2], rgb=nonsense) < relighting(clipped, None)
 
 
 BAD = {
