@@ -85,7 +85,7 @@ static void see_lamps(struct lp_ring_view *view, const struct lp_lamp_memory *me
 	for (int k = 0; k < LP_RING_SENSORS; k++) {
 		float normal[3];
 
-		lp_ring_normal(sample, k, normal);
+		lp_ring_looks_along(sample, k, normal);
 		lp_rotate_direction(to_panorama, normal);
 		for (int p = 0; p < LP_MAX_LAMPS; p++) {
 			const struct lp_remembered_lamp *m = &memory->list[p];

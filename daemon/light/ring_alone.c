@@ -32,7 +32,7 @@ static void take(const struct lp_ring_sample *sample, struct sensors *s)
 
 		if (!isfinite(lux) || lux < 0.0 || !(sigma > 0.0))
 			continue;
-		lp_ring_normal(sample, k, normal);
+		lp_ring_looks_along(sample, k, normal);
 		for (int a = 0; a < 3; a++)
 			s->normal[s->count][a] = normal[a];
 		s->lux[s->count] = lux;

@@ -69,7 +69,7 @@ struct lp_ring_fusion {
 /* Where sensor k should look, in the probe frame (docs/users/conventions.md), and where those of
  * this reading do. */
 void lp_ring_direction(int sensor, float direction[3]);
-void lp_ring_normal(const struct lp_ring_sample *sample, int sensor, float direction[3]);
+void lp_ring_looks_along(const struct lp_ring_sample *sample, int sensor, float direction[3]);
 
 /* What falls on a ring in the camera's frame, which `to_panorama` turns into the panorama's; of the
  * reading only the seats count. `channel`: of the panorama's cells. view->seen_sigma is left to the

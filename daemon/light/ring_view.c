@@ -21,7 +21,7 @@ void lp_ring_direction(int sensor, float direction[3])
 	direction[2] = up ? 0.0F : (float)sin(azimuth);
 }
 
-void lp_ring_normal(const struct lp_ring_sample *sample, int sensor, float direction[3])
+void lp_ring_looks_along(const struct lp_ring_sample *sample, int sensor, float direction[3])
 {
 	const bool up = sensor == LP_RING_SENSORS - 1;
 	const float *seat = sample->seat[sensor];
@@ -101,7 +101,7 @@ void lp_ring_view_init(struct lp_ring_view *view, const struct lp_grid *grid,
 	double seen[LP_RING_SENSORS] = {0.0};
 
 	for (int k = 0; k < LP_RING_SENSORS; k++) {
-		lp_ring_normal(sample, k, normals[k]);
+		lp_ring_looks_along(sample, k, normals[k]);
 		lp_rotate_direction(to_panorama, normals[k]);
 	}
 	for (int r = 0; r < grid->height; r++) {

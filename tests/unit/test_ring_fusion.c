@@ -206,12 +206,12 @@ static void test_seats_turn_right_and_up(void **state)
 	sample.seat[6][0] = 0.1F; /* sensor 6 looks along -Z */
 	sample.seat[0][1] = 0.1F;
 	sample.seat[8][0] = 0.1F;
-	lp_ring_normal(&sample, 6, d);
+	lp_ring_looks_along(&sample, 6, d);
 	assert_float_equal(d[0], 0.1F / sqrtf(1.01F), 1e-6F);
 	assert_float_equal(d[2], -1.0F / sqrtf(1.01F), 1e-6F);
-	lp_ring_normal(&sample, 0, d);
+	lp_ring_looks_along(&sample, 0, d);
 	assert_float_equal(d[1], 0.1F / sqrtf(1.01F), 1e-6F);
-	lp_ring_normal(&sample, 8, d);
+	lp_ring_looks_along(&sample, 8, d);
 	assert_float_equal(d[0], 0.1F / sqrtf(1.01F), 1e-6F);
 }
 
