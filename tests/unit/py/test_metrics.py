@@ -78,8 +78,9 @@ def test_summary_counts_coverage():
     assert summary.irradiance_within_1_sigma == 1
     assert summary.missed == summary.false == 0
     dimmed = dataclasses.replace(good, relighting_sigma=1e-4)
-    half = metrics.summarize([REFERENCE.score(dataclasses.replace(good, relighting_sigma=1.0)),
-                              REFERENCE.score(dataclasses.replace(dimmed, lights=lights[1:]))])  # fmt: skip
+    unsure = dataclasses.replace(good, relighting_sigma=1.0)
+    wrong = dataclasses.replace(dimmed, lights=lights[1:])
+    half = metrics.summarize([REFERENCE.score(unsure), REFERENCE.score(wrong)])
     assert half.relighting_within_1_sigma == half.relighting_within_3_sigma == 0.5
     with pytest.raises(ValueError, match="no score"):
         metrics.summarize([])
