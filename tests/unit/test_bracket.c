@@ -332,7 +332,7 @@ static void test_the_ring_makes_automatic_exposure_absolute(void **state)
 
 		for (int n = 0; n < 60; n++) {
 			camera.in_effect_us *= n < 30 ? 0.98F : 1.0F;
-			lp_pipeline_ring(pipeline, &sample);
+			lp_pipeline_ring(pipeline, &sample, &sample);
 			const struct outcome outcome = run(pipeline, &camera, 1, levels[k]);
 			const double light = outcome.last.cd_m2_per_unit *
 					     outcome.last.sh_total[0][1] / sqrt(4.0 * M_PI);
