@@ -19,8 +19,6 @@ namespace
 /* Blocks whose mean tells least about their light. */
 struct suspects {
 	static constexpr int kMax = 2048;
-	/* Of the energy of a block that clips for sure: others, which may, come before it. */
-	static constexpr float kClipped = 1e-3F;
 	struct suspect {
 		int block;
 		float energy;
@@ -161,10 +159,7 @@ void filler::row(const lp::block_row &row, int by, bool grey)
 			if (insist)
 				found.insist(static_cast<int>(first) + k);
 			else
-				found.add(static_cast<int>(first) + k,
-					  row.variance[k] * (clipped_bits >> (k - bx) & 1
-								     ? suspects::kClipped
-								     : 1.0F));
+				found.add(static_cast<int>(first) + k, row.variance[k]);
 		}
 	}
 	for (int bx = 0; bx < cells->width; bx++)
