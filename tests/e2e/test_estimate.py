@@ -72,7 +72,7 @@ def test_json_has_the_one_shape(radiance, tmp_path):
     assert np.shape(result["sh"]["coefficients"]) == (16, 3)
     assert (result["sh"]["order"], result["sh"]["kind"]) == (3, "AMBIENT")
     assert result["scale"] == {
-        "cd_m2_per_unit": None, "cd_m2_per_unit_sigma": None, "calibrated": False,
+        "cd_m2_per_unit": None, "cd_m2_per_unit_sigma": None, "calibrated": False, "sigma": None,
     }  # fmt: skip
     assert result["exposure"]["exposure_us"] is None
     assert result["model"]["sh_order"] == 3
