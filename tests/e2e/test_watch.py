@@ -151,7 +151,7 @@ def test_spoiled_frames_are_counted_and_the_light_goes_on(tmp_path, probe):
 
 @pytest.mark.xfail(
     strict=False,
-    reason="not mended: on some machines exposures that are not told are mixed up, with lost frames",
+    reason="not mended: untold exposures are at times mixed up when frames are lost",
 )
 @pytest.mark.parametrize("delay_frames", [1, 4])
 def test_no_wrong_merge_of_a_late_camera_that_tells_no_exposure(tmp_path, probe, delay_frames):
