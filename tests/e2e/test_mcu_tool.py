@@ -203,6 +203,22 @@ def test_the_flashed_binarys_box_answers_and_keeps_its_eeprom(tmp_path: Path) ->
     assert former == 40
 
 
+def test_dtr_falls_when_the_last_of_several_programs_closes_the_line(tmp_path: Path) -> None:
+    """Two that close it at once, as avrdude and the tool around it do, are two."""
+    path = str(tmp_path / "mcu")
+    with Box("avr", Path(path), lock_step=True) as box:
+        before = int(box.command("resets"))
+        for times in (1, 2, 3):
+            users = []
+            for _ in range(3):
+                users.append(os.open(path, os.O_RDWR | os.O_NOCTTY))
+                box.run(1000)
+            for user in users:
+                os.close(user)
+            box.run(1000)
+            assert int(box.command("resets")) == before + times
+
+
 def test_flash_keeps_off_a_port_in_use(tmp_path: Path, box: Box) -> None:
     with serial.Serial(str(tmp_path / "mcu"), exclusive=True):
         words = mcu(tmp_path, "flash", status=1)

@@ -17,6 +17,24 @@ static void fail(const char *what)
 	exit(1);
 }
 
+/*
+ * Each open and close is told twice, once of the folder and once of the file: inotify merges an
+ * event with the one before it when both are the same, and two programs that close the line would
+ * count as one.
+ */
+static void watch(struct line *line, const char *name)
+{
+	char folder[64];
+
+	snprintf(folder, sizeof(folder), "%.*s", (int)(strrchr(name, '/') - name), name);
+	line->watch = inotify_init1(IN_NONBLOCK | IN_CLOEXEC);
+	if (line->watch < 0)
+		fail("inotify");
+	line->watched = inotify_add_watch(line->watch, name, IN_OPEN | IN_CLOSE);
+	if (line->watched < 0 || inotify_add_watch(line->watch, folder, IN_OPEN | IN_CLOSE) < 0)
+		fail(name);
+}
+
 static void plug_in(struct line *line)
 {
 	struct termios settings;
@@ -29,9 +47,7 @@ static void plug_in(struct line *line)
 	settings.c_cflag |= HUPCL; /* as on every new serial line */
 	if (tcsetattr(line->slave, TCSANOW, &settings) || fcntl(line->master, F_SETFL, O_NONBLOCK))
 		fail(name);
-	line->watch = inotify_init1(IN_NONBLOCK | IN_CLOEXEC);
-	if (line->watch < 0 || inotify_add_watch(line->watch, name, IN_OPEN | IN_CLOSE) < 0)
-		fail("inotify");
+	watch(line, name);
 	line->opened = 0;
 	line->dtr = false;
 	unlink(line->path);
@@ -106,7 +122,8 @@ bool line_dtr_rose(struct line *line)
 	while (line->watch >= 0 && (got = read(line->watch, events, sizeof(events))) > 0) {
 		for (char *at = events; at < events + got;) {
 			const struct inotify_event *event = (const void *)at;
-			rose |= take_event(line, event);
+			if (event->wd == line->watched)
+				rose |= take_event(line, event);
 			at += sizeof(*event) + event->len;
 		}
 	}

@@ -17,7 +17,8 @@
 struct line {
 	const char *path; /* of the link; NULL: there is no line */
 	int master, slave;
-	int watch; /* inotify on the slave side: who opens and closes it */
+	int watch;   /* inotify on the slave side: who opens and closes it */
+	int watched; /* its events that count: those of the file itself */
 	int opened;
 	bool dtr;
 	bool held; /* what the microcontroller sends waits for line_flush() */
