@@ -25,6 +25,8 @@
 /* When a command should have taken effect, the old exposure must fit as well as it did: within
  * twice as many codes, and so many. */
 #define AS_WELL_CODES 0.5F
+/* More than so many frames at once are not lost: the source has begun anew. */
+#define MOST_LOST 1000
 /* Frames in a row that fit nothing: the scene has changed beyond recognition. */
 #define MOST_STRANGE 8
 /* A frame fits an exposure when it differs by no more codes than a moving scene may, and by half of
@@ -282,13 +284,22 @@ static struct lp_bracket_decision judge_change(struct lp_bracket *b,
 	return is_trusted ? by_time(b) : fits_nothing(b);
 }
 
+void lp_bracket_frame(struct lp_bracket *bracket, uint64_t sequence)
+{
+	/* at the first frame, or where a source counts anew, nothing is known to be lost */
+	const uint64_t passed = sequence - bracket->sequence;
+	const bool is_known = bracket->sequence > 0 && passed > 0 && passed <= MOST_LOST;
+
+	bracket->frames_since_command += is_known ? (int)passed : 1;
+	bracket->sequence = sequence;
+}
+
 struct lp_bracket_decision lp_bracket_judge(struct lp_bracket *bracket,
 					    const struct lp_exposure_match *settled,
 					    const struct lp_exposure_match *commanded)
 {
 	struct lp_bracket_decision decision = {.exposure_us = NAN};
 
-	bracket->frames_since_command++;
 	switch (bracket->state) {
 	case LP_BRACKET_STARTING:
 		if (bracket->frames_since_command <= most_delay(bracket))
@@ -360,7 +371,6 @@ static void watch_pace(struct lp_bracket *b, float exposure_us)
 
 struct lp_bracket_decision lp_bracket_reported(struct lp_bracket *bracket, float exposure_us)
 {
-	bracket->frames_since_command++;
 	bracket->frames_since_plan++;
 	if (bracket->state != LP_BRACKET_RUNNING)
 		bracket->reported_us = exposure_us;

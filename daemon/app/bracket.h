@@ -69,6 +69,7 @@ struct lp_bracket {
 	float clips_us, clips_peak; /* known to clip, while the peak is like this; 0: none */
 
 	float settled_us, commanded_us;
+	uint64_t sequence; /* of the last frame */
 	int frames_since_command;
 	int misses;	 /* commands in a row without effect */
 	int strange;	 /* frames in a row that fit neither exposure */
@@ -115,9 +116,13 @@ float lp_bracket_first_us(const struct lp_bracket *bracket);
  */
 bool lp_bracket_light_changed(struct lp_bracket *bracket, float factor, float *command_us);
 
+/* A frame has come, to be judged next. sequence: the source's count; frames that were lost before
+ * this one count too, as a camera takes its time in frames of its own. */
+void lp_bracket_frame(struct lp_bracket *bracket, uint64_t sequence);
+
 /*
  * Judge the frame just loaded. settled and commanded: how it matches bracket->settled_us and
- * bracket->commanded_us. scene: NULL before anything is known.
+ * bracket->commanded_us.
  */
 struct lp_bracket_decision lp_bracket_judge(struct lp_bracket *bracket,
 					    const struct lp_exposure_match *settled,

@@ -154,6 +154,7 @@ static int add_to_bracket(struct lp_pipeline *p, struct lp_frame *frame, float *
 {
 	const float reported_us = lp_frame_exposure_us(frame);
 	const bool ignored = p->bracket.state == LP_BRACKET_IGNORED;
+	const uint64_t sequence = frame->sequence;
 	int ret = lp_imager_load(p->imager, frame,
 				 p->reports_exposure ? reported_us
 				 : ignored	     ? NAN
@@ -161,6 +162,7 @@ static int add_to_bracket(struct lp_pipeline *p, struct lp_frame *frame, float *
 
 	if (ret < 0)
 		return ret;
+	lp_bracket_frame(&p->bracket, sequence);
 	const struct lp_bracket_decision decision = judge(p, reported_us);
 
 	if (decision.command) {

@@ -22,6 +22,7 @@ struct camera {
 	int delay_frames;
 	float step_us;
 	bool ignores, reports_exposure;
+	bool loses; /* a tenth of its frames on the way */
 	float in_effect_us;
 	bool restarts; /* a command makes it forget those before that have not taken effect yet */
 	float queue_us[MOST_DELAY + 1]; /* takes effect after so many frames */
@@ -84,6 +85,7 @@ static struct lp_frame *expose(const struct camera *camera, float level)
 		data[i] = (uint8_t)((code_of_root[step] + dither()) >> 8);
 	}
 	frame->t_start_ns += camera->frames * 33333333LL;
+	frame->sequence = camera->frames;
 	if (camera->reports_exposure)
 		frame->exposure_us = camera->in_effect_us;
 	return frame;
@@ -148,6 +150,8 @@ static struct outcome run(struct lp_pipeline *pipeline, struct camera *camera, i
 
 	for (int n = 0; n < frames; n++) {
 		next_frame(camera);
+		while (camera->loses && dither() < 256 / 10)
+			next_frame(camera);
 		const int ret = lp_pipeline_process(pipeline, expose(camera, level), &demand,
 						    &estimates, &command_us);
 
@@ -202,6 +206,25 @@ static void test_any_delay_merges_rightly(void **state)
 		/* once it runs, each frame counts: nearly none is refused */
 		outcome = run(pipeline, &camera, 120, 1.0F);
 		assert_true(outcome.refused <= 12);
+		lp_pipeline_destroy(pipeline);
+	}
+}
+
+/* In every estimate, as what is lost is never seen. */
+static void test_lost_frames_merge_rightly(void **state)
+{
+	(void)state;
+	for (int delay = 0; delay <= 4; delay++) {
+		struct camera camera = {.delay_frames = delay, .step_us = 10.0F, .loses = true};
+		struct lp_pipeline *pipeline = new_pipeline(&camera, 3);
+
+		run(pipeline, &camera, 120, 1.0F);
+		for (int n = 0; n < 300; n++) {
+			const struct outcome outcome = run(pipeline, &camera, 1, 1.0F);
+
+			if (outcome.estimates)
+				expect_right_light(&outcome, 1.0F, 0.05);
+		}
 		lp_pipeline_destroy(pipeline);
 	}
 }
@@ -436,6 +459,7 @@ static void test_number_of_exposures_by_the_scene(void **state)
 
 		lp_bracket_init(&bracket, 4, &limits);
 		for (int n = 0; n < 400; n++) {
+			lp_bracket_frame(&bracket, n);
 			const struct lp_bracket_decision d =
 				lp_bracket_judge(&bracket, n ? &wrong : &none, n ? &right : &none);
 			/* something of the peak's brightness clips when it is put above 0.5 */
@@ -474,6 +498,7 @@ static void test_a_lamp_smaller_than_a_cell(void **state)
 						       .peak = peak,
 						       .clipped = pixel * shortest_us > 1e6F};
 
+		lp_bracket_frame(&bracket, n);
 		if (lp_bracket_reported(&bracket, bracket.commanded_us).accept)
 			lp_bracket_next(&bracket, &scene, &command_us);
 		if (n == 200)
@@ -522,6 +547,7 @@ static void test_light_that_changes_between_frames(void **state)
 	(void)state;
 	lp_bracket_init(&b, 3, &limits);
 	assert_false(lp_bracket_light_changed(&b, 10.0F, &command_us));
+	lp_bracket_frame(&b, 1);
 	(void)lp_bracket_reported(&b, lp_bracket_first_us(&b));
 	b.planned = 3;
 	b.at = 1;
@@ -585,6 +611,7 @@ int main(void)
 		cmocka_unit_test(test_values_that_a_camera_can_take),
 		cmocka_unit_test(test_values_of_a_list),
 		cmocka_unit_test(test_any_delay_merges_rightly),
+		cmocka_unit_test(test_lost_frames_merge_rightly),
 		cmocka_unit_test(test_reported_exposures_take_turns),
 		cmocka_unit_test(test_reported_exposures_need_no_verifying),
 		cmocka_unit_test(test_a_camera_that_ignores_commands),
