@@ -270,6 +270,10 @@ static struct lp_bracket_decision judge_change(struct lp_bracket *b,
 		b->fit_codes = settled->difference_codes;
 		return still_old(b);
 	}
+	/* sooner than this camera has ever been: light that changed just so, or frames were lost
+	 * and nobody knows */
+	if (fits(commanded, settled))
+		return fits_nothing(b);
 	if (is_early || (is_due && fits(settled, commanded)))
 		return by_time(b);
 	/* dark or saturated in both, so that neither can be told: time must do, and it does no harm
