@@ -5,24 +5,18 @@
  */
 #include "lp_test.h"
 
-#include <errno.h>
-#include <linux/i2c-dev.h>
-#include <linux/i2c.h>
 #include <math.h>
-#include <pthread.h>
 #include <stdio.h>
-#include <stdlib.h>
-#include <sys/eventfd.h>
 
 #include "base/clock.h"
 #include "base/uri.h"
+#include "fake_i2c.h"
 #include "include/ring.h"
 #include "include/ring_sample.h"
 #include "loop_test.h"
 
 #define DEADLOCK_S 120 /* the test program ends then */
 #define PATIENCE_NS (60 * LP_NS_PER_S)
-#define BUS "/dev/i2c-fake"
 #define MUX 0x70
 #define MUX_UP 0x71
 #define SENSOR 0x10
@@ -32,19 +26,15 @@ extern const struct lp_ring_ops lp_ring_i2c_ops;
 
 /* ---------------------------------------------------------------- the chips */
 
+/* The thread of the bus reads and writes it with fake_i2c.lock held. */
 static struct {
-	pthread_mutex_t lock;
-	pthread_cond_t changed;
 	uint8_t channels[2]; /* of each multiplexer: connected */
 	uint16_t conf[LP_RING_SENSORS];
 	uint8_t pointer[LP_RING_SENSORS];
 	float lux[LP_RING_SENSORS][3];
 	unsigned int absent; /* sensors */
-	int error;	     /* errno of every transfer; 0: they succeed */
 	int collisions;	     /* transfers that reached more than one sensor */
-	int opened;
-	bool hangs;
-} bus = {.lock = PTHREAD_MUTEX_INITIALIZER, .changed = PTHREAD_COND_INITIALIZER};
+} bus;
 
 /* The one sensor that is connected; -1: none. */
 static int connected(void)
@@ -93,10 +83,6 @@ static int transfer(const struct i2c_rdwr_ioctl_data *request)
 {
 	int ret = 0;
 
-	while (bus.hangs)
-		pthread_cond_wait(&bus.changed, &bus.lock);
-	if (bus.error)
-		return -bus.error;
 	for (unsigned int i = 0; i < request->nmsgs && ret == 0; i++) {
 		const struct i2c_msg *message = &request->msgs[i];
 
@@ -108,52 +94,12 @@ static int transfer(const struct i2c_rdwr_ioctl_data *request)
 	return ret;
 }
 
-int __real_open(const char *path, int flags, ...);
-int __wrap_open(const char *path, int flags, ...);
-int __real_ioctl(int fd, unsigned long request, ...);
-int __wrap_ioctl(int fd, unsigned long request, ...);
-
-int __wrap_open(const char *path, int flags, ...)
-{
-	va_list arguments;
-
-	va_start(arguments, flags);
-	const int mode = flags & O_CREAT ? va_arg(arguments, int) : 0;
-
-	va_end(arguments);
-	if (strcmp(path, BUS) != 0)
-		return __real_open(path, flags, mode);
-	pthread_mutex_lock(&bus.lock);
-	bus.opened++;
-	pthread_mutex_unlock(&bus.lock);
-	return eventfd(0, EFD_CLOEXEC);
-}
-
-int __wrap_ioctl(int fd, unsigned long request, ...)
-{
-	va_list arguments;
-	void *argument;
-
-	va_start(arguments, request);
-	argument = va_arg(arguments, void *);
-	va_end(arguments);
-	if (request != I2C_RDWR)
-		return __real_ioctl(fd, request, argument);
-	pthread_mutex_lock(&bus.lock);
-	const int ret = transfer(argument);
-
-	pthread_mutex_unlock(&bus.lock);
-	errno = -ret;
-	return ret < 0 ? -1 : 0;
-}
-
-/* A value of the bus, set while a thread may look at it. */
+/* A value of the chips, set while a thread may look at it. */
 #define SET(field, value)                             \
 	do {                                          \
-		pthread_mutex_lock(&bus.lock);        \
+		pthread_mutex_lock(&fake_i2c.lock);   \
 		bus.field = (value);                  \
-		pthread_cond_broadcast(&bus.changed); \
-		pthread_mutex_unlock(&bus.lock);      \
+		pthread_mutex_unlock(&fake_i2c.lock); \
 	} while (0)
 
 /* ---------------------------------------------------------------- the ring */
@@ -194,7 +140,7 @@ static int create(const char *text)
 
 static void light_all(float red, float green, float blue)
 {
-	pthread_mutex_lock(&bus.lock);
+	pthread_mutex_lock(&fake_i2c.lock);
 	for (int k = 0; k < LP_RING_SENSORS; k++) {
 		const float more = 1.0F + 0.1F * (float)k;
 
@@ -202,17 +148,17 @@ static void light_all(float red, float green, float blue)
 		bus.lux[k][1] = green * more;
 		bus.lux[k][2] = blue * more;
 	}
-	pthread_mutex_unlock(&bus.lock);
+	pthread_mutex_unlock(&fake_i2c.lock);
 }
 
 static int set_up(void **state)
 {
 	(void)state;
 	memset(&s, 0, sizeof(s));
-	SET(error, 0);
-	SET(hangs, false);
+	fake_i2c_init();
+	fake_i2c.chips = transfer;
 	SET(absent, 0);
-	bus.collisions = bus.opened = 0;
+	bus.collisions = 0;
 	memset(bus.conf, 0xFF, sizeof(bus.conf)); /* shut down, as after power */
 	light_all(300.0F, 200.0F, 100.0F);
 	return lp_loop_create(&s.loop);
@@ -221,7 +167,7 @@ static int set_up(void **state)
 static int tear_down(void **state)
 {
 	(void)state;
-	SET(hangs, false);
+	FAKE_I2C_SET(hangs, false);
 	lp_ring_i2c_ops.destroy(s.ring);
 	lp_loop_destroy(s.loop);
 	return 0;
@@ -238,7 +184,7 @@ static int tear_down(void **state)
 
 static void begin(void)
 {
-	assert_int_equal(create("i2c:" BUS), 0);
+	assert_int_equal(create("i2c:" FAKE_I2C), 0);
 	assert_int_equal(lp_ring_i2c_ops.start(s.ring), 0);
 }
 
@@ -306,12 +252,12 @@ static void test_a_bus_that_fails_is_opened_again(void **state)
 	(void)state;
 	begin();
 	UNTIL(s.samples > 2);
-	SET(error, EREMOTEIO);
+	FAKE_I2C_SET(error, EREMOTEIO);
 	UNTIL(*s.waiting);
 	assert_non_null(strstr(s.waiting, "does the multiplexer answer?"));
-	SET(error, 0);
+	FAKE_I2C_SET(error, 0);
 	UNTIL(!*s.waiting && isfinite(s.sample.illuminance_lux[0]));
-	assert_true(bus.opened >= 2);
+	assert_true(fake_i2c_get(&fake_i2c.opened) >= 2);
 }
 
 static void test_a_bus_that_hangs_is_told_and_survived(void **state)
@@ -319,10 +265,10 @@ static void test_a_bus_that_hangs_is_told_and_survived(void **state)
 	(void)state;
 	begin();
 	UNTIL(s.samples > 2);
-	SET(hangs, true);
+	FAKE_I2C_SET(hangs, true);
 	UNTIL(*s.waiting);
 	assert_non_null(strstr(s.waiting, "the bus hangs"));
-	SET(hangs, false);
+	FAKE_I2C_SET(hangs, false);
 	const int before = s.samples;
 
 	UNTIL(!*s.waiting && s.samples > before + 2);
@@ -343,16 +289,16 @@ static void test_uris_that_make_no_sense(void **state)
 {
 	(void)state;
 	assert_int_equal(create("i2c:"), -EINVAL);
-	assert_int_equal(create("i2c:" BUS "?mux=0x71"), -EINVAL);
-	assert_int_equal(create("i2c:" BUS "?mux=0x10"), -EINVAL);
-	assert_int_equal(create("i2c:" BUS "?cover=0"), -EINVAL);
+	assert_int_equal(create("i2c:" FAKE_I2C "?mux=0x71"), -EINVAL);
+	assert_int_equal(create("i2c:" FAKE_I2C "?mux=0x10"), -EINVAL);
+	assert_int_equal(create("i2c:" FAKE_I2C "?cover=0"), -EINVAL);
 	assert_null(s.ring);
 }
 
 static void test_a_cover_and_gains_count(void **state)
 {
 	(void)state;
-	assert_int_equal(create("i2c:" BUS "?cover=0.1&red_gain=2&blue_gain=0.5"), 0);
+	assert_int_equal(create("i2c:" FAKE_I2C "?cover=0.1&red_gain=2&blue_gain=0.5"), 0);
 	assert_int_equal(lp_ring_i2c_ops.start(s.ring), 0);
 	UNTIL(s.samples && isfinite(s.sample.illuminance_lux[0]));
 	assert_float_equal(s.sample.illuminance_lux[0], 2000.0F, 5.0F);
