@@ -7,7 +7,7 @@
  * shortest clips almost nothing, one when one suffices. Pure logic: no I/O, no pixels; owned by the
  * worker.
  *
- *            MOST_DELAY frames after the first command       MOST_MISSES commands without effect
+ *            the longest delay after the first command       MOST_MISSES commands without effect
  *   STARTING ------------------------------------> RUNNING ------------------------------> IGNORED
  *      ^                                              |                                       |
  *      |   more than MOST_STRANGE frames fit nothing  |        RETRY_FRAMES frames            |

@@ -103,12 +103,11 @@ static double clipped_sigma(float share)
 	return sqrt(sqrt((double)share));
 }
 
+/* e->lights and e->sh_total are set. */
 static float relighting_sigma(const struct lp_pipeline *p, const struct lp_imager_status *status,
-			      const struct lp_light_estimate *e, const double (*total)[3])
+			      const struct lp_light_estimate *e)
 {
-	const float light[3] = {(float)total[0][0], (float)total[0][1], (float)total[0][2]};
-	/* mean irradiance = integral of radiance / 4 */
-	const double mean = lp_luminance(light) * sqrt(4.0 * M_PI) / 4.0;
+	const double mean = lp_model_mean_irradiance(e);
 	double clipped = clipped_sigma(status->clipped_share);
 	/* what a hand hides may have changed meanwhile, all of it alike */
 	const double hidden = 4.0 * status->covered_share * COVERED_WALK *
@@ -157,7 +156,7 @@ void lp_pipeline_fill(struct lp_pipeline *p, const struct lp_panorama *panorama,
 	for (int k = 0; k < e->light_count; k++) /* its phase is not known */
 		e->lights[k].irradiance_sigma =
 			hypotf(e->lights[k].irradiance_sigma, status.banding);
-	e->relighting_sigma = relighting_sigma(p, &status, e, (const double(*)[3])total);
+	e->relighting_sigma = relighting_sigma(p, &status, e);
 	lp_model_predict((const double(*)[3])total, e);
 }
 

@@ -237,19 +237,13 @@ static void change_ambient(const struct lp_step *step, double (*total)[3])
 	}
 }
 
-static double mean_irradiance(const double (*total)[3])
-{
-	const float mean[3] = {(float)total[0][0], (float)total[0][1], (float)total[0][2]};
-
-	return lp_luminance(mean) * sqrt(4.0 * M_PI) / 4.0;
-}
-
-/* Root mean square over normals: a lamp's counts 1/6, that from all around as it is. */
+/* Adds what the step leaves unknown to e->relighting_sigma: root mean square over normals, of which
+ * a lamp's variance counts 1/6 and that from all around counts in full. e->sh_total is set. */
 static void add_sigma(const struct lp_step_question *q, const struct lp_step *step,
-		      const double (*total)[3], struct lp_light_estimate *e)
+		      struct lp_light_estimate *e)
 {
 	double variance = step->ambient_variance, sensors = 0.0;
-	const double mean = mean_irradiance(total);
+	const double mean = lp_model_mean_irradiance(e);
 
 	for (int j = 0; j < q->count; j++)
 		variance += step->variance[j] / 6.0;
@@ -294,7 +288,7 @@ static void apply(const struct lp_ring_steps *steps, const struct lp_step_questi
 	for (int i = 0; i < LP_MAX_SH_COUNT; i++)
 		for (int c = 0; c < 3; c++)
 			e->sh_total[i][c] = (float)total[i][c];
-	add_sigma(q, step, (const double(*)[3])total, e);
+	add_sigma(q, step, e);
 	lp_model_predict((const double(*)[3])total, e);
 }
 

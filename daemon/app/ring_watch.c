@@ -2,11 +2,11 @@
 #include "app/ring_watch.h"
 
 #include <stdio.h>
-#include <string.h>
 
 #include "app/health.h"
 #include "base/clock.h"
 #include "base/log.h"
+#include "base/text.h"
 #include "include/light_estimate.h"
 
 /* A hand in front of a sensor, or one odd frame, is no fault of the ring. */
@@ -24,24 +24,13 @@ static const char *const ids[] = {
 	[LP_RING_WATCH_SCALE] = SCALE,
 };
 
-static void name_sensors(uint32_t wrong, char *text, size_t size_bytes)
-{
-	size_t used = 0;
-
-	text[0] = '\0';
-	for (int k = 0; k < LP_RING_SENSORS && used < size_bytes; k++)
-		if (wrong >> k & 1)
-			used += (size_t)snprintf(text + used, size_bytes - used, "%s%d",
-						 used ? ", " : "", k);
-}
-
 static void describe(int what, const struct lp_ring_status *status, char *text, size_t size_bytes)
 {
 	char sensors[32];
 
 	switch (what) {
 	case LP_RING_WATCH_SENSORS:
-		name_sensors(status->wrong, sensors, sizeof(sensors));
+		lp_text_list_bits(sensors, sizeof(sensors), status->wrong);
 		(void)snprintf(
 			text, size_bytes,
 			"ring: compare: sensor %s contradicts the camera and the others; left "

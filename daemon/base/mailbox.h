@@ -23,8 +23,8 @@ void *lp_mailbox_take(struct lp_mailbox *mailbox);
 /* Waits for an item. NULL: closed and empty, or woken. */
 void *lp_mailbox_wait(struct lp_mailbox *mailbox);
 
-/* Lets lp_mailbox_wait() return without an item once, after those that wait. False: it has been
- * woken before, and has not returned yet. */
+/* Once no item is left, lp_mailbox_wait() returns NULL one time. False: an earlier call has not
+ * shown this effect yet, so that this one adds nothing. */
 bool lp_mailbox_wake(struct lp_mailbox *mailbox);
 
 bool lp_mailbox_is_closed(struct lp_mailbox *mailbox);

@@ -3,6 +3,7 @@
 
 #include <stdbool.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <string.h>
 
 #define GAP "..."
@@ -87,4 +88,15 @@ void lp_text_copy(char *to, size_t size_bytes, const char *from)
 		used += copy_clean(to + used, next_character(from + length - tail), from + length);
 	}
 	to[used] = '\0';
+}
+
+void lp_text_list_bits(char *to, size_t size_bytes, uint32_t mask)
+{
+	size_t used = 0;
+
+	to[0] = '\0';
+	for (int k = 0; k < 32 && used < size_bytes; k++)
+		if (mask >> k & 1)
+			used += (size_t)snprintf(to + used, size_bytes - used, "%s%d",
+						 used ? ", " : "", k);
 }

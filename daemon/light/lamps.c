@@ -46,9 +46,8 @@ int lp_lamp_finder_create(const struct lp_grid *grid, struct lp_lamp_finder **fi
 	f->ring = calloc(n, sizeof(*f->ring));
 	f->values = calloc(MAX_RING_CELLS, sizeof(*f->values));
 	f->reach = calloc(grid->height, sizeof(*f->reach));
-	f->free = calloc(grid->height, sizeof(*f->free));
-	if (!f->reach || !f->free || !f->cells || !f->cells_before || !f->mark || !f->owner ||
-	    !f->ring || !f->values) {
+	if (!f->reach || !f->cells || !f->cells_before || !f->mark || !f->owner || !f->ring ||
+	    !f->values) {
 		lp_lamp_finder_destroy(f);
 		return -ENOMEM;
 	}
@@ -65,7 +64,6 @@ void lp_lamp_finder_destroy(struct lp_lamp_finder *finder)
 {
 	if (!finder)
 		return;
-	free(finder->free);
 	free(finder->reach);
 	free(finder->values);
 	free(finder->ring);

@@ -52,7 +52,6 @@ struct lp_lamp_finder {
 
 	/* workspace */
 	int *reach; /* per row: columns that span about one row's height */
-	int *free;  /* per row: cells that are not taken */
 	int cell_count;
 	uint8_t *mark;	/* per cell: what it has been taken for in this run */
 	uint8_t *owner; /* per cell, for light/holding.c */

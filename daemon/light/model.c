@@ -47,11 +47,16 @@ static void residual_rms(const double (*sh)[3], double rms[LP_MAX_SH_ORDER + 1])
 	}
 }
 
+double lp_model_mean_irradiance(const struct lp_light_estimate *estimate)
+{
+	/* integral of radiance / 4 = sqrt(4 pi) L00 / 4 */
+	return lp_luminance(estimate->sh_total[0]) * sqrt(4.0 * M_PI) / 4.0;
+}
+
 float lp_model_distance(const struct lp_light_estimate *estimate,
 			const struct lp_light_estimate *other)
 {
-	/* as in lp_model_predict() */
-	const double mean = (double)lp_luminance(estimate->sh_total[0]) * sqrt(4.0 * M_PI) / 4.0;
+	const double mean = lp_model_mean_irradiance(estimate);
 	double sum = 0.0;
 
 	for (int l = 0; l <= LP_MAX_SH_ORDER; l++)

@@ -23,6 +23,9 @@ void lp_model_predict(const double (*total)[3], struct lp_light_estimate *estima
  * error. Chosen by hand: nobody has measured what people see (docs/maintainers/constants.md). */
 #define LP_SHADOW_SHARE 0.1F
 
+/* Mean irradiance over all normals (luminance), by estimate->sh_total. */
+double lp_model_mean_irradiance(const struct lp_light_estimate *estimate);
+
 /* How far apart the light of two estimates is, up to order LP_MAX_SH_ORDER: root mean square over
  * normals of the difference of their irradiances (luminance), relative to the mean irradiance of
  * the first; 0 when that is black. */

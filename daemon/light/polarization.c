@@ -2,7 +2,6 @@
 #include "light/polarization.h"
 
 #include <math.h>
-#include <string.h>
 
 #define DEG (180.0F / (float)M_PI)
 /* Beyond 75 degrees off its normal a sheet is edge-on: cosine. */

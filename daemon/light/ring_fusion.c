@@ -2,7 +2,6 @@
 #include "light/ring_fusion.h"
 
 #include <math.h>
-#include <string.h>
 
 #include "light/nnls.h"
 #include "light/ring_posterior.h"

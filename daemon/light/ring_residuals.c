@@ -2,7 +2,6 @@
 #include "light/ring_residuals.h"
 
 #include <math.h>
-#include <stdbool.h>
 #include <string.h>
 
 /* Chosen by hand, on the scenes of docs/users/accuracy.md, "With the ring of light sensors". */

@@ -14,7 +14,8 @@
 #define INDIRECT 0.25
 /* How well the pattern of a lamp over the sensors is known: seats, cosine error; of its change. */
 #define PATTERN_SIGMA 0.05
-/* The change must be worth so much to an explanation, in squared sigmas, and of the mean light. */
+/* An explanation must reduce the squared sigmas by WORTH; a change of less than LEAST_CHANGE of the
+ * mean light is not explained at all. */
 #define WORTH 16.0
 #define LEAST_CHANGE 0.02
 /* What an explanation costs beforehand, in squared sigmas: a sensor that is shadowed; a second
@@ -25,7 +26,7 @@
 #define COST_DIMMED 4.0
 /* A lamp that is switched has its usual light within this, relative. */
 #define USUAL_SIGMA 0.1
-/* Squared sigmas per sensor beyond which an explanation is none. */
+/* An explanation that leaves more squared sigmas than this per sensor is dropped. */
 #define MOST_MISFIT 3.0
 /* Where a lamp grazes a sensor, or hardly misses it, its pattern is the less certain. */
 #define GRAZING 0.2
@@ -158,8 +159,7 @@ static int sources_of(const struct fit *fit)
 	return (fit->source[0] >= 0) + (fit->source[1] >= 0);
 }
 
-/* How much of the change on sensor k the explanation claims, whose pattern is known only so well.
- */
+/* How much of the change on sensor k the explanation claims: PATTERN_SIGMA of that is uncertain. */
 static double claimed(const struct lp_step_question *q, const struct fit *fit,
 		      const struct column *columns, int k, bool has_solution)
 {
@@ -178,11 +178,10 @@ static double claimed(const struct lp_step_question *q, const struct fit *fit,
 static void set_columns(const struct lp_step_question *q, const float (*normals)[3],
 			struct fit *fit, struct column *columns)
 {
-	fit->own = 0;
 	for (int s = 0; s < sources_of(fit); s++)
 		for (int k = 0; k < LP_RING_SENSORS; k++)
 			columns[s].value[k] = q->sources[fit->source[s]].weight[k];
-	fit->own += sources_of(fit);
+	fit->own = sources_of(fit);
 	for (int k = 0; k < LP_RING_SENSORS; k++)
 		columns[fit->own].value[k] = fit->is_all ? q->expected[k] : 1.0;
 	fit->own++;

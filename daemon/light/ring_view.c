@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* What falls on the ring: sums of max(0, cosine) over the panorama. */
 #include <math.h>
-#include <string.h>
+#include <stddef.h>
 
 #include "include/panorama.h"
 #include "light/grid.h"

@@ -10,7 +10,6 @@
 #include <new>
 #include <vector>
 
-#include "include/luminance.h"
 #include "include/panorama.h"
 #include "vision/alignment_level.hpp"
 #include "vision/radiance_map.h"

@@ -2,7 +2,7 @@
 #include "vision/gain.h"
 
 #include <math.h>
-#include <string.h>
+#include <stdbool.h>
 
 #include "light/select.h"
 

@@ -17,8 +17,6 @@
 #ifndef LP_VISION_GAIN_H
 #define LP_VISION_GAIN_H
 
-#include <stdbool.h>
-
 #ifdef __cplusplus
 extern "C" {
 #endif

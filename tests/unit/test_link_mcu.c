@@ -407,14 +407,14 @@ static void test_how_an_ldr_follows_the_light(void **state)
 
 	(void)state;
 	lp_ldr_defaults(&calibration);
-	lp_ldr_motion(&calibration, 0, 500, &sample);
+	lp_ldr_dynamics(&calibration, 0, 500, &sample);
 	assert_float_equal(sample.rise_s[0], 0.02F, 1e-6F);
 	assert_float_equal(sample.fall_s[0], 0.03F, 1e-6F);
 	const float share = share_of(&calibration, 0, 14000 * powf(50, -0.7F));
 	const float more = lp_ldr_lux(&calibration, 0, share + 1.0F / 4092, &sigma);
 
 	assert_float_equal(sample.noise_relative[0], more / 500 - 1, 1e-2F * (more / 500 - 1));
-	lp_ldr_motion(&calibration, 0, 0.1F, &sample);
+	lp_ldr_dynamics(&calibration, 0, 0.1F, &sample);
 	assert_float_equal(sample.rise_s[0], 0.2F, 1e-5F);
 	assert_float_equal(sample.fall_s[0], 0.3F, 1e-5F);
 	assert_true(sample.noise_relative[0] > 0.01F);

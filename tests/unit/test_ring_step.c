@@ -4,7 +4,6 @@
 
 #include <math.h>
 #include <stdlib.h>
-#include <string.h>
 
 #include "light/ring_fusion.h"
 #include "lp_test.h"

@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "lp_test.h"
 
-#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -70,6 +69,19 @@ static void test_any_bytes(void **state)
 	}
 }
 
+static void test_numbers_of_bits(void **state)
+{
+	char text[32], cut[6];
+
+	(void)state;
+	lp_text_list_bits(text, sizeof(text), 0);
+	assert_string_equal(text, "");
+	lp_text_list_bits(text, sizeof(text), 1U << 0 | 1U << 3 | 1U << 31);
+	assert_string_equal(text, "0, 3, 31");
+	lp_text_list_bits(cut, sizeof(cut), 0x1FF);
+	assert_string_equal(cut, "0, 1,");
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -77,6 +89,7 @@ int main(void)
 		cmocka_unit_test(test_what_is_no_utf_8_and_control_characters_are_replaced),
 		cmocka_unit_test(test_long_text_loses_its_middle),
 		cmocka_unit_test(test_any_bytes),
+		cmocka_unit_test(test_numbers_of_bits),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -186,8 +186,8 @@ float lp_ldr_lux(const struct lp_ldr_calibration *calibration, int sensor, float
 	return lux;
 }
 
-void lp_ldr_motion(const struct lp_ldr_calibration *calibration, int sensor, float lux,
-		   struct lp_ring_sample *sample)
+void lp_ldr_dynamics(const struct lp_ldr_calibration *calibration, int sensor, float lux,
+		     struct lp_ring_sample *sample)
 {
 	const struct lp_ldr *ldr = &calibration->sensors[sensor];
 	const float slower = sqrtf(fmaxf(SLOWER_BELOW_LUX / lux, 1.0F));

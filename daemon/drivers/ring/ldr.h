@@ -18,11 +18,11 @@ struct lp_ldr {
 };
 
 struct lp_ldr_calibration {
-	float drift_common_sigma; /* likewise, of all sensors together: temperature above all */
-	float seat[LP_RING_SENSORS][2]; /* as in struct lp_ring_sample */
 	float divider_ohm;
-	float drift_sigma;    /* of every sensor since the calibration: temperature, former light */
-	float rise_s, fall_s; /* time constants with which it follows the light, at 10 lux */
+	float drift_sigma; /* of every sensor since the calibration: temperature, former light */
+	float drift_common_sigma; /* likewise, of all sensors together: temperature above all */
+	float rise_s, fall_s;	  /* time constants with which it follows the light, at 10 lux */
+	float seat[LP_RING_SENSORS][2]; /* as in struct lp_ring_sample */
 	struct lp_ldr sensors[LP_RING_SENSORS];
 };
 
@@ -39,7 +39,7 @@ float lp_ldr_lux(const struct lp_ldr_calibration *calibration, int sensor, float
 
 /* How a sensor that reads so many lux follows the light, and how much it varies from reading to
  * reading: fills the sample's rise_s, fall_s and noise_relative. */
-void lp_ldr_motion(const struct lp_ldr_calibration *calibration, int sensor, float lux,
-		   struct lp_ring_sample *sample);
+void lp_ldr_dynamics(const struct lp_ldr_calibration *calibration, int sensor, float lux,
+		     struct lp_ring_sample *sample);
 
 #endif

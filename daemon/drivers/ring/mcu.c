@@ -61,7 +61,7 @@ static void on_ring(struct lp_mcu_user *user, const struct lp_mcu_ring *ring)
 
 		sample.illuminance_lux[k] =
 			lp_ldr_lux(&self->calibration, k, share, &sample.sigma_relative[k]);
-		lp_ldr_motion(&self->calibration, k, sample.illuminance_lux[k], &sample);
+		lp_ldr_dynamics(&self->calibration, k, sample.illuminance_lux[k], &sample);
 		if (dead)
 			sample.illuminance_lux[k] = sample.sigma_relative[k] = NAN;
 	}

@@ -53,8 +53,8 @@ struct ring_i2c {
 	struct lp_backoff retry;
 	int64_t t_retry_ns, heard_ns;
 	uint32_t sequence;
-	uint32_t missing, saturated; /* sensors that were told */
-	bool waits;		     /* told */
+	uint32_t missing, saturated; /* bit k: this fault of sensor k has been reported */
+	bool waits;		     /* a bus that cannot be read has been reported */
 };
 
 /* The thread's own. */
@@ -157,17 +157,6 @@ static void lose(struct ring_i2c *self, bool opened, int error)
 	host->fault(host->context, WAITING, text);
 }
 
-static void name_sensors(uint32_t mask, char *text, size_t size_bytes)
-{
-	size_t used = 0;
-
-	text[0] = '\0';
-	for (int k = 0; k < LP_RING_SENSORS && used < size_bytes; k++)
-		if (mask >> k & 1)
-			used += (size_t)snprintf(text + used, size_bytes - used, "%s%d",
-						 used ? ", " : "", k);
-}
-
 /* Tell which sensors have a fault, when that has changed. */
 static void tell(struct ring_i2c *self, const char *id, uint32_t now, uint32_t *told,
 		 const char *words)
@@ -178,7 +167,7 @@ static void tell(struct ring_i2c *self, const char *id, uint32_t now, uint32_t *
 	if (now == *told)
 		return;
 	*told = now;
-	name_sensors(now, sensors, sizeof(sensors));
+	lp_text_list_bits(sensors, sizeof(sensors), now);
 	(void)snprintf(text, sizeof(text), "ring: sensor %s: %s", sensors, words);
 	if (now)
 		lp_warning(self->object, "sensor", "%s: %s", sensors, words);

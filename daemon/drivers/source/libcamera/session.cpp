@@ -334,13 +334,14 @@ void Session::queue(libcamera::Request &request)
 }
 
 /*
- * The first that an unplugged camera leaves behind, while its node is still there, are corrupt
- * pictures. So the request of one rests: after that the node has gone, if the camera has.
+ * The last pictures of a camera that is being unplugged are corrupt, and its node is still there
+ * for a moment. So the request of a corrupt picture is queued again only after REST_NS: by then the
+ * node has gone, if the camera has.
  */
 void Session::queue_later(libcamera::Request &request)
 {
 	resting.push_back(&request);
-	rest_end = lp_clock_ns() + REST_NS;
+	t_rest_end_ns = lp_clock_ns() + REST_NS;
 }
 
 void Session::queue_rested()
@@ -348,7 +349,7 @@ void Session::queue_rested()
 	for (libcamera::Request *const request : resting)
 		queue(*request);
 	resting.clear();
-	rest_end = INT64_MAX;
+	t_rest_end_ns = INT64_MAX;
 }
 
 void Session::set_exposure(float exposure_us, float gain)
@@ -447,7 +448,7 @@ lp_frame *Session::take()
 		if (frame)
 			return frame;
 	}
-	if (lp_clock_ns() >= rest_end)
+	if (lp_clock_ns() >= t_rest_end_ns)
 		queue_rested();
 	return nullptr;
 }
@@ -527,7 +528,7 @@ lp_source_caps Session::caps() const
 
 int64_t Session::rest_end_ns() const
 {
-	return rest_end;
+	return t_rest_end_ns;
 }
 
 uint64_t Session::next_sequence() const

@@ -128,8 +128,8 @@ class Session
 	libcamera::ControlList wanted; /* for the next request */
 	float wanted_us = NAN, wanted_gain = NAN;
 	lp_exposure_guess guess{};		   /* where frames do not report it */
-	std::vector<libcamera::Request *> resting; /* not queued before rest_end */
-	int64_t rest_end = INT64_MAX;
+	std::vector<libcamera::Request *> resting; /* not queued before t_rest_end_ns */
+	int64_t t_rest_end_ns = INT64_MAX;
 	const uint64_t first_sequence;
 	uint64_t following_sequence;
 
