@@ -56,7 +56,7 @@ def called(estimate: Estimate) -> tuple[int, int]:
 
 
 def check(estimates: list[Estimate]) -> None:
-    """No lamp is called a reflection, and no mirror image a lamp for certain."""
+    """No lamp is called a reflection."""
     assert estimates
     assert not any(called(one)[0] for one in estimates)
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from lightprobe import geometry
 from lightprobe.colour import luminance
-from lightprobe.estimate import Estimate, LightFlag
+from lightprobe.estimate import Estimate, EstimateFlag, LightFlag
 from lightprobe.geometry import Array
 from lightprobe.imaging import camera as lenses
 from lightprobe.lamp import Lamp
@@ -76,7 +76,7 @@ class Run:
         return [
             packets[i][0]
             for i in range(1, len(packets))
-            if packets[i][1] <= packets[i - 1][1] and not packets[i][2].flags & 1
+            if packets[i][1] <= packets[i - 1][1] and not packets[i][2].flags & EstimateFlag.STALE
         ]
 
 

@@ -22,14 +22,14 @@ from lightprobe.colour import luminance
 from lightprobe.geometry import Array
 from lightprobe.imaging.camera import Camera
 from lightprobe.imaging.film import Sheet
-from lightprobe.imaging.polarizer import Polarizer
+from lightprobe.imaging.polarizer import Polarizer, lens_rotations
 from lightprobe.imaging.stokes import EDGE_ON_DEG, Picture, check_angles
 
-#: Light that varies less than this, in its share that is polarized, tells no angle.
+#: Light of less modulation (D · DoLP) than this tells no angle.
 LEAST_POLARIZED = 0.1
 #: The readings must follow one light behind a turning film within this share of it.
 MOST_RESIDUAL = 0.02
-#: Of a reading, by the camera's response: what no residual shows.
+#: Relative 1 sigma of a reading by errors of the camera's response, which no residual shows.
 _READING_SIGMA = 0.003
 _LEAST_PIXELS = 20
 _STEPS = 8
@@ -125,13 +125,14 @@ def fit(
         )
     ratio, is_bound = _extinction(light, target)
     clear = None if without is None else _light(without, inside, "the picture without the film")
+    transmission = None if clear is None else float(2 * light.passed / clear.sum())
     return Found(
         light.modulation, light.modulation_sigma, light.residual, light.aolp_deg,
         ratio, is_bound,
         None if target.aolp_deg is None else (offset_deg + 90) % 180 - 90,
         None if target.aolp_deg is None else light.aolp_sigma_deg,
-        None if clear is None else float(2 * light.passed / clear.sum()),
-        None if clear is None else float(2 * light.passed / clear.sum()) * _READING_SIGMA * 2,
+        transmission,
+        None if transmission is None else transmission * _READING_SIGMA * 2,
     )  # fmt: skip
 
 
@@ -144,8 +145,7 @@ def _inside(lens: Camera, region: Region, pictures: Sequence[Picture]) -> Array:
             f"{region.azimuth_deg:g}, {region.elevation_deg:g}: choose a larger --radius"
         )
     centre = geometry.direction_from_angles(region.azimuth_deg, region.elevation_deg)
-    turns = [geometry.rotation_matrix(one.rotation_wxyz) for one in lens.lenses] or [np.eye(3)]
-    cosine = max(abs(float(turn @ [0.0, 0.0, -1.0] @ centre)) for turn in turns)
+    cosine = max(abs(float(turn @ [0.0, 0.0, -1.0] @ centre)) for turn in lens_rotations(lens))
     if cosine < np.cos(np.radians(EDGE_ON_DEG)):
         raise CalibrationError(
             f"calibrate: polarizer: the film is seen edge-on at {region.azimuth_deg:g}, "

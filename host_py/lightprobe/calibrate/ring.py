@@ -32,7 +32,7 @@ NOMINAL_SIGMA, NOMINAL_GAMMA_SIGMA, NOMINAL_SERIES_SIGMA_OHM = 0.4, 0.1, 25.0
 DRIFT_SIGMA = 0.15
 #: That part of it which is each sensor's own, and that which all nine have in common: they are as
 #: warm as each other. Together DRIFT_SIGMA. Simulated rings drift by less than 5 % of their own
-#: (tests/unit/py/test_ring_turning.py).
+#: (tests/e2e/test_calibrate_ring_camera.py).
 DRIFT_OWN_SIGMA = 0.05
 DRIFT_COMMON_SIGMA = float(np.sqrt(DRIFT_SIGMA**2 - DRIFT_OWN_SIGMA**2))
 #: A level: the ADC's offset (2 counts at most, data sheet of the ATmega328P) and its steps.

@@ -74,7 +74,7 @@ def _one(
     _refuse_bad_readings(where, found, off[: len(lux)])
     spread = max(1.0, float(off[: len(lux)] @ off[: len(lux)]) / max(len(lux) - 3, 1))
     covariance: Array = np.asarray(np.linalg.inv(system.T @ system)) * spread
-    return told(found, covariance)
+    return ring_file_values(found, covariance)
 
 
 def _linearised(
@@ -101,8 +101,12 @@ def _refuse_bad_readings(where: str, found: Array, off: Array) -> None:
         )
 
 
-def told(found: Array, covariance: Array) -> tuple[float, ...]:
-    """As the calibration file has it: where the illuminance is known best, and how well."""
+def ring_file_values(found: Array, covariance: Array) -> tuple[float, ...]:
+    """Seven values of a ring file: r10_ohm, gamma, series_ohm, sigma, gamma_sigma and so on.
+
+    `found` (3,): ln R10, gamma, series resistance; `covariance` (3, 3): theirs. The pivot is where
+    the illuminance is known best, and sigma how well it is known there.
+    """
     r10, gamma, series = (float(value) for value in found)
     pivot = covariance[0, 1] / covariance[1, 1]
     variance = covariance[0, 0] - covariance[0, 1] ** 2 / covariance[1, 1]

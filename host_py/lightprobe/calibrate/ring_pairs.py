@@ -7,6 +7,7 @@ Both carry the time of their light by a clock of their own, which is what they a
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
@@ -37,6 +38,9 @@ _WRAP_US = 1 << 32  # of the microcontroller's clock
 class Watch:
     """What camera and ring have seen; times in seconds of our monotonic clock."""
 
+    #: Estimates with one of these flags are not used.
+    _unfit: ClassVar[EstimateFlag] = _UNFIT
+
     _levels: list[Array] = field(default_factory=list)
     _level_times: list[float] = field(default_factory=list)
     _lux: list[Array] = field(default_factory=list)
@@ -60,7 +64,7 @@ class Watch:
         """Note an estimate that arrived at `now_ns`."""
         self._probe_clock.arrived(estimate.send_time_unix_ns, now_ns)
         self._lux_times.append(1e-9 * self._probe_clock.ours_ns(estimate.capture_time_unix_ns))
-        fit = not estimate.flags & _UNFIT
+        fit = not estimate.flags & self._unfit
         lux = cd_m2_per_unit * luminance(estimate.irradiance(self._directions))
         self._lux.append(lux if fit else np.full(len(self._directions), np.inf))
 

@@ -13,15 +13,15 @@ import numpy as np
 
 from lightprobe.calibrate import ring
 from lightprobe.calibrate.files import CalibrationError
-from lightprobe.calibrate.ring_fit import EXPECTED, EXPECTED_SIGMA, told
+from lightprobe.calibrate.ring_fit import EXPECTED, EXPECTED_SIGMA, ring_file_values
 from lightprobe.calibrate.ring_turning import ASIDE_DEG, Samples
 from lightprobe.geometry import Array
 
 #: A seat before any reading, degrees: twice what the guide asks for.
 _SEAT_SIGMA_DEG = 4.0
-#: An error of the light so large, relative, is never undercut: the camera's own.
+#: The camera's own error, relative: no scatter is taken to be less.
 _LEAST_SIGMA = 0.01
-#: So many sigmas off a reading counts half as much (Cauchy's weights).
+#: A reading so many sigmas off counts half as much (Cauchy's weights).
 _OUTLIER = 2.5
 _STEPS = 30
 _MOST_SAMPLES = 3000
@@ -96,7 +96,7 @@ def _one(sensor: int, lux: Array, level: Array, divider_ohm: float) -> tuple[flo
             f"{found[1]:.2f}, off by {100 * rms:.0f} %): is it shaded, or does the ring stand far "
             "from the camera?"
         )
-    r10, gamma, series, sigma, gamma_sigma, series_sigma, pivot = told(
+    r10, gamma, series, sigma, gamma_sigma, series_sigma, pivot = ring_file_values(
         found[:3], covariance[:3, :3]
     )
     seat_sigma_deg = float(np.sqrt((covariance[3, 3] + covariance[4, 4]) / 2))

@@ -1,8 +1,8 @@
 """What the ring reads, against the light that the camera sees, while the box is turned.
 
-Each reading is compared with the illuminance at its own time: between the two estimates next to it,
-and as late as an LDR follows. Besides where each sensor should look, the light is kept for a little
-to its right, left, up and down: by that its seat is found.
+Each reading is compared with the illuminance at its own time, which is interpolated between the two
+nearest estimates and lags as an LDR does. The illuminance is computed where each sensor should look
+and a little to the right, left, up and down of it; from these differences its seat is found.
 """
 
 from __future__ import annotations
@@ -26,8 +26,9 @@ _PLACES = ASIDE_DEG * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
 #: Between estimates farther apart than this the light is not known; where orientation is known, the
 #: box may also have turned by so little meanwhile that the light changes evenly.
 _MOST_GAP_S, _MOST_GAP_DEG, _MOST_LONG_GAP_S = 0.2, 6.0, 1.0
-#: An LDR's, at 10 lx (data sheet of the GL5528), and how long until its start is forgotten.
-_RISE_S, _FALL_S, _SETTLE_S = 0.02, 0.03, 0.3
+#: Time constants of the LDRs, and how long until their state at the start is forgotten.
+_RISE_S, _FALL_S = ring.NOMINAL_RISE_MS / 1000, ring.NOMINAL_FALL_MS / 1000
+_SETTLE_S = 0.3
 #: Of the estimates, at least so many must be fit.
 _LEAST_FIT = 0.5
 #: The light on a sensor, brightest to darkest: its exponent is told by that.
@@ -45,7 +46,6 @@ _REASONS = {
     EstimateFlag.UNDEREXPOSED: "darkness: switch lamps on",
     EstimateFlag.STALE: "the camera gives no frames",
 }
-_UNFIT = EstimateFlag.MOTION | EstimateFlag.COVERED | EstimateFlag.FLICKER
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +60,8 @@ class Samples:
 class Turning(Watch):
     """What camera and ring have seen while the box was turned."""
 
+    _unfit = Watch._unfit | EstimateFlag.MOTION | EstimateFlag.COVERED | EstimateFlag.FLICKER
+
     _forward: list[Array] = field(default_factory=list)  # of the box, where that is known
     _flags: Counter[EstimateFlag] = field(default_factory=Counter)
 
@@ -72,8 +74,6 @@ class Turning(Watch):
     def estimate(self, estimate: Estimate, cd_m2_per_unit: float, now_ns: int) -> None:
         """See :meth:`Watch.estimate`."""
         super().estimate(estimate, cd_m2_per_unit, now_ns)
-        if estimate.flags & _UNFIT:
-            self._lux[-1] = np.full_like(self._lux[-1], np.inf)
         self._flags.update(flag for flag in _REASONS if estimate.flags & flag)
         forward = np.full(3, np.nan)
         if estimate.orientation is not None:

@@ -12,9 +12,9 @@ import typer
 from lightprobe.calibrate import camera_file, polarizer
 from lightprobe.calibrate.polarizer import Found, Region, Target
 from lightprobe.cli import calibrate, check
-from lightprobe.cli.estimate import parse_angles, parse_exposures
+from lightprobe.cli.estimate import CameraName, parse_angles, parse_exposures
 from lightprobe.errors import UsageError
-from lightprobe.imaging import camera as cameras
+from lightprobe.evaluate import offline
 from lightprobe.imaging import stokes
 
 #: What the light of each target is known to be.
@@ -70,9 +70,7 @@ def command(
             help="Exposure of each file in microseconds, of --without last; default: all alike.",
         ),
     ] = None,
-    camera: Annotated[
-        str, typer.Option(metavar="equirect|FILE", help="Projection, or a camera file.")
-    ] = "equirect",
+    camera: CameraName = "equirect",
     output: calibrate.Output = None,
     as_json: calibrate.AsJson = False,
 ) -> None:
@@ -88,10 +86,7 @@ def command(
     azimuth, elevation = parse_direction(at)
     angles = parse_angles(wheel_deg)
     stokes.check_angles(angles, len(files))
-    try:
-        lens = cameras.load(camera)
-    except cameras.CameraError as error:
-        raise UsageError(str(error)) from None
+    lens = offline.load_camera(camera)
     pictures = stokes.read([*files, *filter(None, [without])], lens, parse_exposures(exposure_us))
     found = polarizer.fit(
         pictures[: len(files)], angles, lens, wanted, Region(azimuth, elevation, radius),

@@ -11,8 +11,6 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from rich.console import Console
-from rich.progress import Progress
 from rich.table import Table
 
 from lightprobe.calibrate import files as calibration
@@ -28,7 +26,6 @@ from lightprobe.errors import ProbeTimeout, UsageError
 from lightprobe.geometry import Array
 from lightprobe.mcu import messages as mcu
 from lightprobe.mcu.session import DEFAULT_PORT, Session, session
-from lightprobe.wire import Subscription
 
 #: LDRs take up to 30 ms; a lamp or a hand much longer.
 _REST_S = 0.5
@@ -176,11 +173,8 @@ def pairs_with_camera(
 ) -> tuple[Array, Array]:
     """Watch the probe's estimates and the ring together; pairs (N, 9) of steady moments."""
     seen = Watch()
-    wish = Subscription(smoothing="RAW", sh_order=4, max_lights=8)
-    with Client(uri, wish) as client, Progress(
-        console=Console(stderr=True), transient=True
-    ) as bar:  # fmt: skip
-        task = bar.add_task("camera and ring", total=seconds)
+    watching = calibrate_ring_camera.watching(uri, "camera and ring", seconds)
+    with watching as (client, bar, task):
         scale = _scale(client, uri, cd_m2_per_unit)
         link.rates(ring_scans=80)
         started = time.monotonic()
@@ -202,7 +196,7 @@ def pairs_with_camera(
 
 def _scale(client: Client, uri: str, given: float | None) -> float:
     """Luminance of radiance 1: as given, or as the probe is calibrated."""
-    estimate = client.receive(10)
+    estimate = client.receive(calibrate_ring_camera.FIRST_S)
     scale = estimate.cd_m2_per_unit if given is None else given
     if scale is None:
         raise CalibrationError(

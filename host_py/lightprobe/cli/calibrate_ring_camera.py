@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import typer
 from rich.console import Console
-from rich.progress import Progress
+from rich.progress import Progress, TaskID
 
 from lightprobe.calibrate import ring
 from lightprobe.calibrate.files import CalibrationError
@@ -27,7 +28,8 @@ SECONDS = 300.0
 #: A scale that the user gives has no sigma: that of a lux meter.
 _GIVEN_SIGMA = 0.05
 _SCANS = 8
-_FIRST_S = 10.0
+#: Until the first estimate.
+FIRST_S = 10.0
 
 
 def calibrate(
@@ -59,12 +61,8 @@ def watch(
 ) -> tuple[Samples, float]:
     """Samples of so many seconds, and the scale's relative sigma, under a progress bar."""
     seen = Turning()
-    wish = Subscription(smoothing="RAW", sh_order=4, max_lights=8)
-    with Client(uri, wish) as client, Progress(
-        console=Console(stderr=True), transient=True
-    ) as bar:  # fmt: skip
-        task = bar.add_task("turn the box", total=seconds)
-        scale, sigma = scale_of(client.receive(_FIRST_S), uri, cd_m2_per_unit)
+    with watching(uri, "turn the box", seconds) as (client, bar, task):
+        scale, sigma = scale_of(client.receive(FIRST_S), uri, cd_m2_per_unit)
         link.rates(ring_scans=_SCANS)
         started = time.monotonic()
         for event in link.listen(seconds):
@@ -80,6 +78,16 @@ def watch(
                     seen.estimate(client.receive(0), scale, time.monotonic_ns())
         link.rates()
     return seen.samples(), sigma
+
+
+@contextmanager
+def watching(uri: str, what: str, seconds: float) -> Iterator[tuple[Client, Progress, TaskID]]:
+    """Connect to a probe for its raw estimates, under a progress bar of so many seconds."""
+    wish = Subscription(smoothing="RAW", sh_order=4, max_lights=8)
+    with Client(uri, wish) as client, Progress(
+        console=Console(stderr=True), transient=True
+    ) as bar:  # fmt: skip
+        yield client, bar, bar.add_task(what, total=seconds)
 
 
 def note(seen: Turning, event: mcu.Ring) -> None:

@@ -16,6 +16,18 @@ from lightprobe.estimate import Estimate, flag_names
 from lightprobe.evaluate import offline
 from lightprobe.imaging.film import Sheet
 
+CameraName = Annotated[
+    str, typer.Option(metavar="equirect|FILE", help="Projection, or a camera file.")
+]
+Film = Annotated[
+    str | None,
+    typer.Option(
+        metavar="T,R[,O]",
+        help="Transmission, extinction ratio and offset in degrees of the polarizer; default: "
+        "what the camera file says, or 0.84,500.",
+    ),
+]
+
 
 def command(
     files: Annotated[
@@ -28,9 +40,7 @@ def command(
         str | None,
         typer.Option(metavar="A,B,…", help="Exposure of each 8-bit file, in microseconds."),
     ] = None,
-    camera: Annotated[
-        str, typer.Option(metavar="equirect|FILE", help="Projection, or a camera file.")
-    ] = "equirect",
+    camera: CameraName = "equirect",
     order: Annotated[int, typer.Option(min=0, max=4, help="Highest SH order.")] = 2,
     lights: Annotated[int, typer.Option(min=0, max=8, help="Maximum number of lamps listed.")] = 8,
     area_lights: Annotated[
@@ -75,14 +85,7 @@ def command(
             "reflections from lamps.",
         ),
     ] = None,
-    film: Annotated[
-        str | None,
-        typer.Option(
-            metavar="T,R[,O]",
-            help="Transmission, extinction ratio and offset in degrees of the polarizer; default: "
-            "what the camera file says, or 0.84,500.",
-        ),
-    ] = None,
+    film: Film = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the estimate as JSON.")] = False,
 ) -> None:
     """Estimate the light in pictures with the daemon's own pipeline.
@@ -159,12 +162,7 @@ def parse_film(text: str | None) -> Sheet | None:
         numbers = [float(word) for word in text.split(",")]
     except ValueError:
         numbers = []
-    if not (
-        len(numbers) in (2, 3)
-        and 0.01 <= numbers[0] <= 1
-        and 1 <= numbers[1] <= 1e9
-        and all(abs(offset) <= 180 for offset in numbers[2:])
-    ):
+    if len(numbers) not in (2, 3) or not Sheet(*numbers).is_possible:
         raise UsageError(
             f"--film {text}: expected transmission (0.01…1), extinction ratio (1…1e9) and perhaps "
             "the offset in degrees (-180…180), like 0.84,500 or 0.84,500,2.5"

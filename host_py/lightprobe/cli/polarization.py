@@ -9,9 +9,9 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from lightprobe.cli.estimate import parse_angles, parse_exposures, parse_film
+from lightprobe.cli.estimate import CameraName, Film, parse_angles, parse_exposures, parse_film
 from lightprobe.errors import UsageError
-from lightprobe.imaging import camera as cameras
+from lightprobe.evaluate import offline
 from lightprobe.imaging import stokes
 
 
@@ -33,17 +33,8 @@ def command(
     out: Annotated[Path, typer.Option(metavar="FOLDER", help="Where the pictures go.")] = Path(
         "polarization"
     ),
-    camera: Annotated[
-        str, typer.Option(metavar="equirect|FILE", help="Projection, or a camera file.")
-    ] = "equirect",
-    film: Annotated[
-        str | None,
-        typer.Option(
-            metavar="T,R[,O]",
-            help="Transmission, extinction ratio and offset in degrees of the film; default: what "
-            "the camera file says, or 0.84,500.",
-        ),
-    ] = None,
+    camera: CameraName = "equirect",
+    film: Film = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")] = False,
 ) -> None:
     """Write how the light of pictures through a polarizer is polarized.
@@ -56,10 +47,7 @@ def command(
     """
     angles, sheet = parse_angles(wheel_deg), parse_film(film)
     stokes.check_angles(angles, len(files))
-    try:
-        lens = cameras.load(camera)
-    except cameras.CameraError as error:
-        raise UsageError(str(error)) from None
+    lens = offline.load_camera(camera)
     pictures = stokes.read(files, lens, parse_exposures(exposure_us))
     found = stokes.measure(pictures, angles, lens, sheet)
     dolp = found.dolp

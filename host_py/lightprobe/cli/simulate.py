@@ -5,32 +5,32 @@ from __future__ import annotations
 import json
 import math
 import signal
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass
+from contextlib import ExitStack
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any, TextIO
+from typing import Annotated, TextIO
 
 import cv2
 import typer
 
 from lightprobe.cli import check, simulate_osc
-from lightprobe.cli.estimate import parse_film
+from lightprobe.cli.estimate import Film, parse_film
+from lightprobe.cli.simulate_control import Desk, illuminated
 from lightprobe.errors import UsageError
 from lightprobe.imaging import camera as lenses
 from lightprobe.sim import faults as misbehaviour
 from lightprobe.sim import response as responses
 from lightprobe.sim import scenes
-from lightprobe.sim.box import FIRMWARES, Box, Illumination
+from lightprobe.sim.box import FIRMWARES, Box
 from lightprobe.sim.camera import FORMATS, Shot, SimulatedCamera, check_row_time
-from lightprobe.sim.control import Control, Handler, require_unix_sockets
+from lightprobe.sim.control import Control, require_unix_sockets
 from lightprobe.sim.exposure import ExposureLimits
 from lightprobe.sim.flicker import WAVES, Flicker
 from lightprobe.sim.headset import Headset, HeadsetLog
 from lightprobe.sim.illuminance import RingLight
 from lightprobe.sim.link import Exposure, Link, Surroundings
 from lightprobe.sim.sensor import CHROMA, FULL_WELL_E, READ_NOISE_E, SensorModel
-from lightprobe.sim.surroundings import FixedPolarizer, WheelAndRing, draw_ring, flicker_share
+from lightprobe.sim.surroundings import FixedPolarizer, WheelAndRing, draw_ring
 from lightprobe.sim.truth import TruthServer
 from lightprobe.sim.world import Behaviour, World
 
@@ -232,14 +232,7 @@ def command(
             "other, the outermost first (90,45,0: the published stack).",
         ),
     ] = None,
-    film: Annotated[
-        str | None,
-        typer.Option(
-            metavar="T,R[,O]",
-            help="Transmission, extinction ratio and offset in degrees of the polarizer; default: "
-            "what the camera file says, or 0.84,500.",
-        ),
-    ] = None,
+    film: Film = None,
     cd_m2_per_unit: Annotated[
         float,
         typer.Option(
@@ -370,7 +363,7 @@ def command(
     if osc is not None:
         if headset is not None:
             raise UsageError("simulate: --headset: not with --osc: leave one of the two out")
-        refuse_with_osc(firmware, polarizer, lens, pixel_format)
+        simulate_osc.refuse_others(firmware, polarizer, lens, pixel_format)
     elif firmware == "none":
         misbehaviour.Faults().merged(faults)
     size_px, kind = parse_size(size), parse_format(pixel_format)
@@ -476,21 +469,6 @@ def quaternion(option: str, text: str) -> tuple[float, float, float, float]:
     return values[0], values[1], values[2], values[3]
 
 
-def refuse_with_osc(firmware: str, polarizer: str | None, lens: str, pixel_format: str) -> None:
-    """Raise UsageError for what a THETA on the network cannot be together with."""
-    for option, is_used in (
-        (f"--firmware {firmware}", firmware != "none"),
-        (f"--polarizer {polarizer}", polarizer is not None),
-        (f"--camera {lens}", lens != "equirect"),
-        (f"--format {pixel_format}", pixel_format.upper() != "MJPG"),
-    ):
-        if is_used:
-            raise UsageError(
-                f"simulate: {option}: the camera of --osc is a THETA, which sends MJPEG "
-                "equirectangular, without wheel or ring: leave one of the two out"
-            )
-
-
 def open_truth(path: Path) -> TextIO:
     """Open the account of what is true; raises UsageError."""
     try:
@@ -499,75 +477,6 @@ def open_truth(path: Path) -> TextIO:
         raise UsageError(
             f"simulate: --truth {path}: open: {error.strerror}: name another file"
         ) from None
-
-
-@contextmanager
-def illuminated(link: Link, box: Box, light: RingLight) -> Iterator[Illumination]:
-    """Light on the box's ring as long as the block lasts."""
-    state, behaviour = link.state_now(), link.camera.world.behaviour
-    share = flicker_share(behaviour, light, state)
-    box.set(flicker_hz=behaviour.flicker.hz, flicker_share=share)
-    thread = Illumination(box, lambda: light.lux(link.state_now()), link.stop)
-    thread.start()
-    try:
-        yield thread
-    finally:
-        thread.stop()
-
-
-@dataclass
-class Desk:
-    """What can be asked and told while the simulator runs (proto/sim.md)."""
-
-    link: Link
-    box: Box | None
-    light: RingLight | None
-    lit: Illumination | None
-
-    def handlers(self) -> dict[str, Handler]:
-        """Commands by their first words."""
-        return {"faults": self.faults, "status": self.status, "light": self.set_light,
-                "get": self.get}  # fmt: skip
-
-    def faults(self, query: str) -> str:
-        """Misbehave from now on."""
-        self.link.misbehave(query)
-        return "ok"
-
-    def get(self, name: str) -> str:
-        """A number of the box."""
-        return f"{self._box().get(name):.9g}"
-
-    def set_light(self, words: str) -> str:
-        """The same light on all sensors, in lux, as in a light box; or the scene's again."""
-        self._box()
-        assert self.lit is not None
-        try:
-            lux = None if words == "scene" else float(words)
-        except ValueError:
-            lux = -1.0
-        if lux is not None and not 0 <= lux < 1e6:
-            raise UsageError(f"simulate: light {words}: expected lux, or scene")
-        self.lit.fixed_lux = lux
-        return "ok"
-
-    def status(self, _: str) -> str:
-        """Counters, faults of the camera, and what is true now, as JSON."""
-        link, state = self.link, self.link.state_now()
-        answer: dict[str, Any] = {"counters": asdict(link.counters), "faults": asdict(link.faults)}
-        answer["world"] = {"t_s": state.t_s, "scene": state.scene.name, "yaw_deg": state.yaw_deg,
-                           "powers": state.powers.tolist()}  # fmt: skip
-        if self.box is not None and self.light is not None and self.lit is not None:
-            fixed = self.lit.fixed_lux
-            lux = self.light.lux(state).tolist() if fixed is None else [fixed] * 9
-            answer["wheel_deg"] = self.box.get("wheel_deg")
-            answer["ring_lux"] = lux
-        return json.dumps(answer)
-
-    def _box(self) -> Box:
-        if self.box is None:
-            raise UsageError("simulate: there is no box: start the simulator with --firmware host")
-        return self.box
 
 
 def parse_size(text: str) -> tuple[int, int]:

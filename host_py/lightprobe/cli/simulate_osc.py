@@ -62,6 +62,21 @@ def serve(
     typer.echo(json.dumps(counters) if as_json else text)
 
 
+def refuse_others(firmware: str, polarizer: str | None, lens: str, pixel_format: str) -> None:
+    """Raise UsageError for what a THETA on the network cannot be together with."""
+    for option, is_used in (
+        (f"--firmware {firmware}", firmware != "none"),
+        (f"--polarizer {polarizer}", polarizer is not None),
+        (f"--camera {lens}", lens != "equirect"),
+        (f"--format {pixel_format}", pixel_format.upper() != "MJPG"),
+    ):
+        if is_used:
+            raise UsageError(
+                f"simulate: {option}: the camera of --osc is a THETA, which sends MJPEG "
+                "equirectangular, without wheel or ring: leave one of the two out"
+            )
+
+
 def read_login(path: Path) -> tuple[str, str]:
     """User and password from the first line of a file; raises UsageError."""
     try:

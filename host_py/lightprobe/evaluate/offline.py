@@ -267,7 +267,7 @@ def estimate_files(
     """
     settings = settings or Settings()
     check_exposures(files, exposures_us, settings.wheel_deg)
-    camera = _camera(settings.camera)
+    camera = load_camera(settings.camera)
     with tempfile.TemporaryDirectory(prefix="lightprobe-") as name:
         pictures = stage(files, Path(name))
         check_sizes(pictures, camera)
@@ -285,7 +285,7 @@ def estimate_files(
     return estimate, notes + [_in_words(line, pictures) for line in log]
 
 
-def _camera(name: str) -> Camera:
+def load_camera(name: str) -> Camera:
     """Load what was asked for; UsageError for what is no camera file."""
     try:
         return cameras.load(name)

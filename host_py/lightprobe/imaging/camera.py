@@ -226,11 +226,7 @@ def _sheet(camera: _Section) -> Sheet:
         section.number("extinction", str(usual.extinction_ratio)),
         section.number("offset_deg", "0"),
     )
-    if not (
-        0.01 <= sheet.transmission <= 1
-        and 1 <= sheet.extinction_ratio <= 1e9
-        and abs(sheet.offset_deg) <= 180
-    ):
+    if not sheet.is_possible:
         raise CameraError(
             f"camera: {section.path}: [polarizer] expected transmission 0.01…1, extinction 1…1e9, "
             "offset_deg -180…180"

@@ -14,6 +14,15 @@ class Sheet:
     offset_deg: float = 0.0  # from the wheel's angle to its axis
 
     @property
+    def is_possible(self) -> bool:
+        """Transmission 0.01…1, extinction ratio 1…1e9 and offset -180…180."""
+        return (
+            0.01 <= self.transmission <= 1
+            and 1 <= self.extinction_ratio <= 1e9
+            and abs(self.offset_deg) <= 180
+        )
+
+    @property
     def unpolarized_gain(self) -> float:
         """Share of unpolarized light that passes."""
         return self.transmission / 2

@@ -138,6 +138,14 @@ def pixel_frame(directions: Array) -> tuple[Array, Array]:
     return right, np.cross(right, directions)
 
 
+def lens_rotations(camera: Camera) -> list[Array]:
+    """Rotation matrices (3, 3) from each lens to the probe frame; of an equirectangular camera one.
+
+    The sheet of a lens faces along its -Z.
+    """
+    return [rotation_matrix(lens.rotation_wxyz) for lens in camera.lenses] or [np.eye(3)]
+
+
 def _projected_axes(
     lens: Camera, size_px: tuple[int, int]
 ) -> tuple[tuple[NDArray[np.float32], ...], tuple[NDArray[np.float32], ...]]:
@@ -146,7 +154,7 @@ def _projected_axes(
     seen = np.isfinite(directions[..., :1])
     directions = np.where(seen, directions, [0.0, 0.0, -1.0])
     right, up = pixel_frame(directions)
-    turns = [rotation_matrix(part.rotation_wxyz) for part in lens.lenses] or [np.eye(3)]
+    turns = lens_rotations(lens)
     axes = []
     for own in ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]):
         across = np.array([turn @ np.cross([0.0, 0.0, -1.0], own) for turn in turns])

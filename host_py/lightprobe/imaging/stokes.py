@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from lightprobe.colour import luminance
 from lightprobe.errors import UsageError
-from lightprobe.geometry import Array, rotation_matrix
+from lightprobe.geometry import Array
 from lightprobe.imaging import image
 from lightprobe.imaging.camera import Camera
 from lightprobe.imaging.film import Sheet
-from lightprobe.imaging.polarizer import Polarizer
+from lightprobe.imaging.polarizer import Polarizer, lens_rotations
 
 #: Beyond this angle off its normal a real sheet does not polarize any more.
 EDGE_ON_DEG = 75.0
@@ -243,7 +243,6 @@ def _variance(pictures: Sequence[Picture], rows: slice, gain: float) -> Array:
 
 def _edge_on(lens: Camera, size_px: tuple[int, int]) -> NDArray[np.bool_]:
     directions, owner = lens.look(*size_px)[0], lens.owner(*size_px)
-    turns = [rotation_matrix(part.rotation_wxyz) for part in lens.lenses] or [np.eye(3)]
-    normals = np.array([turn @ [0.0, 0.0, -1.0] for turn in turns])[owner]
+    normals = np.array([turn @ [0.0, 0.0, -1.0] for turn in lens_rotations(lens)])[owner]
     cosine = np.abs((directions * normals).sum(axis=-1))
     return np.asarray(~(cosine >= np.cos(np.radians(EDGE_ON_DEG))))

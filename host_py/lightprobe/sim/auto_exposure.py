@@ -26,8 +26,8 @@ _METERED_PX = (64, 32)
 _AIM, _GAMMA = 0.45, 2.2
 #: Share of the meter that looks ahead, within so many degrees (1 sigma).
 _AHEAD, _AHEAD_DEG = 0.5, 30.0
-#: A frame's exposure moves by this share of what is missing, and by so many stops at most; less
-#: than the last is left alone.
+#: A frame's exposure moves by _SHARE of the stops that are missing, at most by _MOST_STOPS; it
+#: stays when no more than _LEAST_STOPS are missing.
 _SHARE, _MOST_STOPS, _LEAST_STOPS = 0.2, 0.5, 0.08
 #: Where the longest exposure does not suffice, the sensor's gain rises up to this.
 _MOST_GAIN = 8.0

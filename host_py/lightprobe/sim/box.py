@@ -44,7 +44,8 @@ class BoxError(LightprobeError):
 def find(firmware: str, lock_step: bool = False) -> list[str]:
     """Command line of a firmware, in real time or in lock-step.
 
-    From $LIGHTPROBE_FIRMWARE (a folder), beside Python, on PATH."""
+    From $LIGHTPROBE_FIRMWARE (a folder), beside Python, on PATH.
+    """
     program = _PROGRAMS[firmware]
     folder = os.environ.get(ENVIRONMENT)
     tried = [Path(folder or Path(sys.executable).parent) / program]

@@ -11,6 +11,7 @@ from lightprobe import geometry
 from lightprobe.calibrate import ring
 from lightprobe.colour import luminance
 from lightprobe.geometry import Array
+from lightprobe.sim import ldr
 from lightprobe.sim.ldr import Ldrs
 from lightprobe.sim.scene import Layer, Scene, turn
 from lightprobe.sim.world import State, World
@@ -35,7 +36,7 @@ class RingLight:
         """`cd_m2_per_unit`: luminance of radiance 1. `ldrs`: as they are built; None: perfectly."""
         self._scale = cd_m2_per_unit
         self._directions = ring.directions() if ldrs is None else ldrs.directions()
-        response = perfect if ldrs is None else ldrs.response
+        response = perfect if ldrs is None else ldr.response
         self._elevations = _elevations_deg(self._directions, world.behaviour.nod_deg)
         self._tables = [_table(scene, self._elevations, response) for scene in world.scenes]
 
@@ -61,7 +62,7 @@ def on_ring(scene: Scene) -> Array:
 
 def on_ldrs(scene: Scene, ldrs: Ldrs) -> Array:
     """What counts for each sensor of a real ring, (9,), all lamps at full power."""
-    return np.asarray(sum(_layers(scene, ldrs.directions(), ldrs.response)))
+    return np.asarray(sum(_layers(scene, ldrs.directions(), ldr.response)))
 
 
 def perfect(cosine: Array) -> Array:
@@ -109,9 +110,7 @@ def _layers(scene: Scene, normals: Array, response: Response) -> list[Array]:
 def _irradiance(layer: Layer, normals: Array, response: Response) -> NDArray[np.float64]:
     """∫ luminance · response over a layer's pixels, for each normal."""
     directions, weight = _blocks(layer)
-    return np.array([
-        float(weight @ response(directions @ normal)) for normal in normals
-    ])  # fmt: skip
+    return np.array([float(weight @ response(directions @ normal)) for normal in normals])
 
 
 def _blocks(layer: Layer) -> tuple[Array, Array]:

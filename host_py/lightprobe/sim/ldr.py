@@ -61,10 +61,6 @@ class Ldrs:
         """Where the sensors look, (9, 3) in the probe frame."""
         return ring.directions(self.seats_deg)
 
-    def response(self, cosine: Array) -> Array:
-        """What counts of light whose direction has these cosines to the sensor; ≤ 0: nothing."""
-        return response(cosine)
-
     def level(
         self, lux: ArrayLike, temperature_c: float = REFERENCE_C, rested_lux: ArrayLike = np.nan
     ) -> Array:
