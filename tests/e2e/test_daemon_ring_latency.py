@@ -7,6 +7,7 @@ when told to, so how busy this machine is does not count.
 import contextlib
 import os
 import sys
+import time
 import tty
 from pathlib import Path
 
@@ -106,6 +107,7 @@ def test_a_step_of_light_arrives_within_22_ms(line, tmp_path):
             run(EARLY_US)
             assert not as_set(step)
             run(LIMIT_US - EARLY_US)
-            assert as_set(step), shares(health_now())
+            # the kernel hands a pty's bytes on in its own time, while the chip's stands still
+            assert any(as_set(step) or time.sleep(0.02) for _ in range(100)), shares(health_now())
         client.close()
     clock.close()
