@@ -26,12 +26,18 @@ extern const struct lp_ring_ops lp_ring_i2c_ops;
 
 /* ---------------------------------------------------------------- the chips */
 
-/* The thread of the bus reads and writes it with fake_i2c.lock held. */
+/*
+ * The thread of the bus reads and writes it with fake_i2c.lock held. A sensor integrates all the
+ * time, and shows the mean of the last whole integration; of the time before while there is none.
+ */
 static struct {
 	uint8_t channels[2]; /* of each multiplexer: connected */
 	uint16_t conf[LP_RING_SENSORS];
+	int64_t conf_ns[LP_RING_SENSORS];    /* integrations begin here, one after another */
+	uint16_t before[LP_RING_SENSORS][3]; /* counts that it showed then */
 	uint8_t pointer[LP_RING_SENSORS];
-	float lux[LP_RING_SENSORS][3];
+	float lux[LP_RING_SENSORS][3], old_lux[LP_RING_SENSORS][3];
+	int64_t changed_ns;  /* from old_lux to lux */
 	unsigned int absent; /* sensors */
 	int collisions;	     /* transfers that reached more than one sensor */
 } bus;
@@ -54,9 +60,26 @@ static int connected(void)
 static uint16_t counts_of(int k, int colour)
 {
 	const int step = bus.conf[k] >> 4 & 7;
-	const float counts = bus.lux[k][colour] / LUX_PER_COUNT * (float)(1 << step);
+	const int64_t it_ns = (40 * LP_NS_PER_MS) << step;
+	const int64_t whole = (lp_clock_ns() - bus.conf_ns[k]) / it_ns;
+	const int64_t begin_ns = bus.conf_ns[k] + (whole - 1) * it_ns;
+	const double old = fmin(fmax((double)(bus.changed_ns - begin_ns) / (double)it_ns, 0), 1);
+	const double lux = old * bus.old_lux[k][colour] + (1 - old) * bus.lux[k][colour];
 
-	return (uint16_t)fminf(counts, 65535.0F);
+	if (whole == 0)
+		return bus.before[k][colour];
+	return (uint16_t)fmin(lux / LUX_PER_COUNT * (double)(1 << step), 65535.0);
+}
+
+static void set_up_sensor(int k, uint16_t conf)
+{
+	uint16_t shown[3];
+
+	for (int c = 0; c < 3; c++)
+		shown[c] = counts_of(k, c);
+	memcpy(bus.before[k], shown, sizeof(shown));
+	bus.conf[k] = conf;
+	bus.conf_ns[k] = lp_clock_ns();
 }
 
 static int sensor_message(const struct i2c_msg *message)
@@ -75,7 +98,7 @@ static int sensor_message(const struct i2c_msg *message)
 	}
 	bus.pointer[k] = message->buf[0];
 	if (message->len == 3 && message->buf[0] == 0)
-		bus.conf[k] = (uint16_t)(message->buf[1] | message->buf[2] << 8);
+		set_up_sensor(k, (uint16_t)(message->buf[1] | message->buf[2] << 8));
 	return 0;
 }
 
@@ -101,6 +124,15 @@ static int transfer(const struct i2c_rdwr_ioctl_data *request)
 		bus.field = (value);                  \
 		pthread_mutex_unlock(&fake_i2c.lock); \
 	} while (0)
+
+static uint16_t conf_of(int k)
+{
+	pthread_mutex_lock(&fake_i2c.lock);
+	const uint16_t conf = bus.conf[k];
+
+	pthread_mutex_unlock(&fake_i2c.lock);
+	return conf;
+}
 
 /* ---------------------------------------------------------------- the ring */
 
@@ -141,6 +173,8 @@ static int create(const char *text)
 static void light_all(float red, float green, float blue)
 {
 	pthread_mutex_lock(&fake_i2c.lock);
+	memcpy(bus.old_lux, bus.lux, sizeof(bus.lux));
+	bus.changed_ns = lp_clock_ns();
 	for (int k = 0; k < LP_RING_SENSORS; k++) {
 		const float more = 1.0F + 0.1F * (float)k;
 
@@ -214,11 +248,45 @@ static void test_the_integration_time_follows_the_light(void **state)
 	(void)state;
 	begin();
 	light_all(3.0F, 2.0F, 1.0F);
-	UNTIL(bus.conf[0] == 3 << 4);
-	UNTIL(fabsf(s.sample.illuminance_lux[0] - 2.0F) < 0.04F);
+	UNTIL(conf_of(0) == 1 << 4);
+	UNTIL(fabsf(s.sample.illuminance_lux[0] - 2.0F) < 0.13F); /* a count */
 	light_all(9000.0F, 8000.0F, 7000.0F);
-	UNTIL(bus.conf[0] == 0);
+	UNTIL(conf_of(0) == 0);
 	UNTIL(fabsf(s.sample.illuminance_lux[0] - 8000.0F) < 1.0F);
+}
+
+/* A sample's time is that of its light, to one integration, whatever the integration time does. */
+static void test_readings_are_of_their_time(void **state)
+{
+	const float levels[] = {200.0F, 2.0F, 9000.0F, 3.0F};
+	const int64_t it_ns = 80 * LP_NS_PER_MS;
+	float before = 200.0F;
+
+	(void)state;
+	begin();
+	UNTIL(s.samples && isfinite(s.sample.illuminance_lux[0]));
+	for (int n = 0; n < 12; n++) {
+		const float lux = levels[n % 4];
+		const int64_t changed_ns = lp_clock_ns();
+		int right = 0, seen = s.samples;
+
+		light_all(lux, lux, lux);
+		/* another phase of integrations and of their change each time */
+		while (right < 1 + n) {
+			UNTIL(s.samples > seen);
+			seen = s.samples;
+			const float read = s.sample.illuminance_lux[0];
+
+			if (isnan(read))
+				continue;
+			if (s.sample.t_ns > changed_ns + it_ns)
+				assert_float_equal(read, lux, 0.02F * lux + 0.13F);
+			if (s.sample.t_ns < changed_ns - it_ns)
+				assert_float_equal(read, before, 0.02F * before + 0.13F);
+			right += s.sample.t_ns > changed_ns + it_ns;
+		}
+		before = lux;
+	}
 }
 
 static void test_too_much_light_is_told(void **state)
@@ -244,7 +312,7 @@ static void test_a_missing_sensor_is_named_and_the_others_go_on(void **state)
 	SET(conf[3], 0xFFFF);
 	SET(absent, 0);
 	UNTIL(!*s.missing && isfinite(s.sample.illuminance_lux[3]));
-	assert_int_equal(bus.conf[3] & 1, 0); /* set up again */
+	assert_int_equal(conf_of(3) & 1, 0); /* set up again */
 }
 
 static void test_a_bus_that_fails_is_opened_again(void **state)
@@ -313,6 +381,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		TEST(test_nine_sensors_are_read_each_by_itself),
 		TEST(test_the_integration_time_follows_the_light),
+		TEST(test_readings_are_of_their_time),
 		TEST(test_too_much_light_is_told),
 		TEST(test_a_missing_sensor_is_named_and_the_others_go_on),
 		TEST(test_a_bus_that_fails_is_opened_again),

@@ -177,16 +177,17 @@ static void tell(struct ring_i2c *self, const char *id, uint32_t now, uint32_t *
 static void take_sensor(const struct ring_i2c *self, const struct lp_veml6040 *sensor, int k,
 			struct lp_ring_sample *sample)
 {
-	const float lux = lp_veml6040_lux_per_count(sensor->counts_step) / self->keys.cover;
+	const float lux = lp_veml6040_lux_per_count(sensor->step) / self->keys.cover;
 	const float gains[3] = {self->keys.red_gain, 1.0F, self->keys.blue_gain};
+	const float half_count = 0.5F / fmaxf(sensor->counts[1], 1.0F);
 	const bool known = sensor->has_counts && !lp_veml6040_is_saturated(sensor);
 
 	for (int c = 0; c < 3; c++)
 		sample->rgb[k][c] = known ? gains[c] * lux * sensor->counts[c] : NAN;
 	sample->illuminance_lux[k] = sample->rgb[k][1];
 	/* and half a count, of the smallest colour */
-	sample->sigma_relative[k] =
-		known ? hypotf(OWN_SIGMA, 0.5F / fmaxf(sensor->counts[1], 1.0F)) : NAN;
+	sample->sigma_relative[k] = known ? hypotf(OWN_SIGMA, half_count) : NAN;
+	sample->noise_relative[k] = half_count;
 }
 
 static void take(struct ring_i2c *self, const struct lp_veml6040_scan *scan)

@@ -22,18 +22,20 @@ struct lp_veml6040 {
 	bool is_set_up;
 	int step;	    /* integration time: 40 ms << step */
 	int64_t settled_ns; /* before this time its counts may be of another integration time */
-	uint16_t counts[3]; /* the newest valid ones: red, green, blue */
-	int counts_step;    /* integration time of these */
-	bool has_counts;
-	int error; /* 0, or -errno of its last transfer */
+	bool has_counts;    /* of this scan */
+	uint16_t counts[3]; /* red, green, blue */
+	int error;	    /* 0, or -errno of its last transfer */
 };
 
 struct lp_veml6040_scan {
-	int64_t t_ns; /* middle, CLOCK_MONOTONIC */
+	/* CLOCK_MONOTONIC: of the light, which is older than the scan. A sensor shows the mean over
+	 * its last whole integration time. */
+	int64_t t_ns;
+	int step; /* integration time that all should have: 40 ms << step */
 	struct lp_veml6040 sensors[LP_RING_SENSORS];
 };
 
-/* Read all nine, and choose the integration time of each for the next scan. Zeroed sensors are set
+/* Read all nine, and choose the integration time for the next scan. Zeroed sensors are set
  * up first. 0, or -errno when no sensor could be reached: of the multiplexer. */
 int lp_veml6040_scan(const struct lp_veml6040_bus *bus, struct lp_veml6040_scan *scan);
 
