@@ -132,7 +132,6 @@ static bool fill_light(lightprobe_v1_Light *wire, const struct lp_light *light)
 		known(light->direction_sigma_deg, &wire->direction_sigma_deg);
 	wire->has_irradiance_sigma_permille =
 		scaled(light->irradiance_sigma, 1000, &wire->irradiance_sigma_permille);
-	wire->has_confidence_percent = scaled(light->confidence, 100, &wire->confidence_percent);
 	wire->has_distance_m = known(light->distance_m, &wire->distance_m);
 	if (light->flags & LP_LIGHT_EXTENDED) {
 		wire->half_angle_deg_count = 2;

@@ -265,13 +265,6 @@ static int choose(struct lp_lamp_stage *stage, const struct lp_grid *grid,
 	return count;
 }
 
-static float confidence_of(const struct lp_lamp *lamp)
-{
-	const float surround = fmaxf(lamp->background[LP_LUMINANCE], 0.0F);
-
-	return lamp->peak > 0.0F ? fminf(fmaxf(1.0F - surround / lamp->peak, 0.0F), 1.0F) : 0.0F;
-}
-
 /* Relative. A lower bound has none, unless the ring says what lies above it. */
 static float strength_sigma(const struct lp_remembered_lamp *m)
 {
@@ -308,7 +301,6 @@ static void list_light(const struct lp_remembered_lamp *m, struct lp_light *ligh
 	light->angular_radius_deg = radius_rad(lamp) * DEG;
 	light->direction_sigma_deg = lamp->direction_sigma_deg;
 	light->irradiance_sigma = strength_sigma(m);
-	light->confidence = confidence_of(lamp);
 	light->distance_m = NAN;
 	/* The ring tells what clipping hides; else it is guessed. */
 	light->hidden = m->recovered_sigma > 0.0F ? 0.0F : m->hidden;

@@ -68,7 +68,6 @@ static void list_lamp(const struct lp_ring_alone *light, double unit, float comm
 					  hypotf(light->lamp_sigma / light->lamp, common_sigma),
 				  .distance_m = NAN,
 				  .flags = LP_LIGHT_RING};
-	lamp->confidence = fmaxf(1.0F - lamp->irradiance_sigma, 0.0F);
 	memcpy(lamp->direction, light->direction, sizeof(lamp->direction));
 	for (int c = 0; c < 3; c++)
 		lamp->irradiance[c] = (float)(light->lamp / unit);

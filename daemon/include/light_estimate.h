@@ -66,7 +66,6 @@ struct lp_light {
 	float axis[3];
 	float direction_sigma_deg;
 	float irradiance_sigma; /* relative, 1 sigma */
-	float confidence;	/* 0..1, that this is a light source */
 	float distance_m;	/* always NAN yet */
 	float hidden; /* relative to irradiance: what clipping may hide, where lights are ranked */
 	uint32_t flags; /* enum lp_light_flag */

@@ -35,7 +35,6 @@ struct lp_light lp_key_light(const float (*sh)[3])
 		.angular_radius_deg = LP_KEY_RADIUS_DEG,
 		.direction_sigma_deg = NAN,
 		.irradiance_sigma = NAN,
-		.confidence = NAN,
 		.distance_m = NAN,
 	};
 

@@ -35,7 +35,7 @@ float lp_model_distance(const struct lp_light_estimate *estimate,
 /* Bytes on the wire (proto/lightprobe.proto): three floats a coefficient; a light with all that an
  * ordinary one says. tests/unit/test_codec.c compares them with what is sent. */
 #define LP_COEFFICIENT_BYTES 12
-#define LP_LIGHT_BYTES 49
+#define LP_LIGHT_BYTES 47
 
 /* Smallest model, in bytes on the wire, whose predicted error is at most `tolerance`, within
  * max_order and max_lights; the most exact one when none is, or when tolerance is 0. */

@@ -96,7 +96,6 @@ static void follow_light(struct lp_track *track, const struct lp_light *target, 
 	l->angular_radius_deg = follow(l->angular_radius_deg, target->angular_radius_deg, alpha);
 	l->direction_sigma_deg = follow(l->direction_sigma_deg, target->direction_sigma_deg, alpha);
 	l->irradiance_sigma = follow(l->irradiance_sigma, target->irradiance_sigma, alpha);
-	l->confidence = follow(l->confidence, target->confidence, alpha);
 	l->distance_m = follow(l->distance_m, target->distance_m, alpha);
 	l->hidden = target->hidden;
 	for (int a = 0; a < 2; a++)

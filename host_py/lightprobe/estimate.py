@@ -105,7 +105,6 @@ class Light:
     angular_radius_deg: float
     direction_sigma_deg: float | None = None
     irradiance_sigma: Array | None = None  # (3,) 1 sigma, in units of `irradiance`
-    confidence: float | None = None  # 0…1, that this is a light source
     flags: LightFlag = NO_LIGHT_FLAG
     distance_m: float | None = None
     #: Area lights (EXTENDED): the ellipse with the same extent, from its centre along the longer
@@ -142,7 +141,6 @@ class Light:
             "solid_angle_sr": _number(self.solid_angle_sr),
             "direction_sigma_deg": _number(self.direction_sigma_deg),
             "irradiance_sigma": _numbers(self.irradiance_sigma),
-            "confidence": _number(self.confidence),
             "distance_m": _number(self.distance_m),
             "half_angle_deg": _numbers(self.half_angle_deg),
             "axis": _numbers(self.axis),

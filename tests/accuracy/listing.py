@@ -30,7 +30,7 @@ from lightprobe.sim import scenes
 from recording import MORE_PANORAMAS, markdown
 
 #: Bytes on the wire: daemon/light/model.h; an ellipse is five more floats.
-COEFFICIENT, LIGHT, ELLIPSE = 12, 49, 24
+COEFFICIENT, LIGHT, ELLIPSE = 12, 47, 24
 MOST_LIGHTS = 4
 #: Where the floor under a unit sphere is looked at.
 _STEPS = np.linspace(-3, 3, 25)

@@ -23,7 +23,7 @@ def test_the_truth_itself_is_without_error():
     assert found.diffuse < 0.02  # points of a disc, and its centre
     assert found.soft < 1e-6
     assert found.hard_ambient < 1e-6
-    assert found.size_bytes == 9 * 12 + 49
+    assert found.size_bytes == 9 * 12 + 47
     dark = listing._judge("a lamp", "no lights", truth, packet())
     assert dark.diffuse > 1
     assert dark.soft > 0.5

@@ -67,7 +67,7 @@ def test_json_has_the_one_shape(radiance, tmp_path):
                            "model", "flags"}  # fmt: skip
     assert set(result["lights"][0]) >= {
         "id", "direction", "irradiance", "angular_radius_deg", "solid_angle_sr",
-        "direction_sigma_deg", "irradiance_sigma", "confidence", "flags",
+        "direction_sigma_deg", "irradiance_sigma", "flags",
     }  # fmt: skip
     assert np.shape(result["sh"]["coefficients"]) == (16, 3)
     assert (result["sh"]["order"], result["sh"]["kind"]) == (3, "AMBIENT")

@@ -40,7 +40,6 @@ static struct lp_light_estimate full_estimate(void)
 			.angular_radius_deg = 1.5F,
 			.direction_sigma_deg = 0.1F,
 			.irradiance_sigma = 0.999F,
-			.confidence = 1,
 			.distance_m = NAN,
 		};
 	for (int i = 0; i < LP_MAX_SH_COUNT; i++) {
@@ -178,7 +177,6 @@ static void test_every_variant_fits_a_packet(void **state)
 		estimate.lights[i].id = UINT32_MAX;
 		estimate.lights[i].flags = UINT32_MAX;
 		estimate.lights[i].irradiance_sigma = 1e30F;
-		estimate.lights[i].confidence = 1e30F;
 		estimate.lights[i].distance_m = 1e30F;
 	}
 	for (int order = 0; order <= LP_MAX_SH_ORDER; order++) {
@@ -270,7 +268,6 @@ static void test_values_arrive(void **state)
 	assert_int_equal(wire.lights[1].id, 101);
 	assert_true(wire.lights[0].direction[1] == 0.8F && wire.lights[0].irradiance[2] == 1);
 	assert_int_equal(wire.lights[0].irradiance_sigma_permille, 999);
-	assert_int_equal(wire.lights[0].confidence_percent, 100);
 	assert_false(wire.lights[0].has_distance_m);
 	assert_true(wire.lights[1].has_distance_m && wire.lights[1].distance_m == 2.5F);
 	assert_false(wire.lights[0].has_dolp_percent || wire.lights[0].has_aolp_deg ||
@@ -300,7 +297,6 @@ static void test_unknown_is_absent_not_zero(void **state)
 	estimate.exposure_us = NAN;
 	estimate.lights[0].direction_sigma_deg = NAN;
 	estimate.lights[0].irradiance_sigma = NAN;
-	estimate.lights[0].confidence = NAN;
 	estimate.predicted_error[2][1] = NAN;
 	estimate.relighting_sigma = NAN;
 	wire = encode(&estimate, false, 2, 1, &no_stamp);

@@ -20,7 +20,6 @@ static struct lp_light lamp(float azimuth_deg, float strength)
 				 .angular_radius_deg = 2.0F,
 				 .direction_sigma_deg = 0.1F,
 				 .irradiance_sigma = 0.02F,
-				 .confidence = 0.9F,
 				 .distance_m = NAN};
 }
 

@@ -39,7 +39,6 @@ export interface Light {
   /** 1 sigma, as a share of `irradiance`. */
   irradianceSigma: number | undefined;
   /** 0…1, that this is a light source. */
-  confidence: number | undefined;
   flags: number;
   distanceM: number | undefined;
   /** Area lights (EXTENDED): the ellipse with the same extent, from its centre along the longer and the shorter axis. */

@@ -135,7 +135,6 @@ function lightOf(m: pb.Light): Light {
     angularRadiusDeg: m.angularRadiusDeg,
     directionSigmaDeg: m.directionSigmaDeg,
     irradianceSigma: m.irradianceSigmaPermille === undefined ? undefined : m.irradianceSigmaPermille / 1000,
-    confidence: m.confidencePercent === undefined ? undefined : m.confidencePercent / 100,
     flags: m.flags,
     distanceM: m.distanceM,
     halfAngleDeg: m.halfAngleDeg.length ? (finite(m.halfAngleDeg, 2, "half angles") as [number, number]) : undefined,

@@ -57,7 +57,6 @@ def lights_table(estimate: Estimate) -> Table:
         "±",
         "",
         "across",
-        "sure",
     ):
         table.add_column(name, justify="left" if name in ("lamp", "") else "right", no_wrap=True)
     table.add_column("flags", overflow="fold")
@@ -72,7 +71,6 @@ def lights_table(estimate: Estimate) -> Table:
             "–" if percent is None else f"{percent:.2g}%",
             swatch(light.irradiance),
             f"{2 * light.angular_radius_deg:.2f}°",
-            "–" if light.confidence is None else f"{100 * light.confidence:.0f}%",
             " ".join(flag_names(light.flags)).lower(),
         )
     return table
