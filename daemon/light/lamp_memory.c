@@ -23,6 +23,12 @@
 #define GLOW_RAD (0.1F * RAD)
 /* Sigmas beyond which a measurement is a change, which is taken as it is. */
 #define CHANGE_SIGMAS 5.0F
+/* A lamp that is found on the same side in frame after frame moves: a turn that the frames do not
+ * show, as of a lamp near the axis in a room without texture. The mean over the last frames gets
+ * this share of the newest; so many of its sigmas aside are a change. Noise reaches that once in a
+ * minute or so. */
+#define ASIDE_SHARE 0.25F
+#define ASIDE_SIGMAS 3.5F
 /* Relative 1 sigma up to which what was measured counts more than what the panorama shows. */
 #define MOST_STRENGTH_SIGMA 0.3F
 /* A clipped lamp may well be so many times stronger than what is seen of it; whether it clips may
@@ -135,7 +141,8 @@ static int free_place(const struct lp_lamp_memory *memory)
 
 static void age(struct lp_remembered_lamp *m, float elapsed_s)
 {
-	m->direction_variance += square(DIRECTION_WALK_RAD) * elapsed_s;
+	m->direction_variance += (square(DIRECTION_WALK_RAD) + m->walk2) * elapsed_s;
+	m->unplaced_s += elapsed_s;
 	m->strength_variance += square(STRENGTH_WALK) * elapsed_s;
 	m->absent_s = m->seen ? 0.0F : m->absent_s + elapsed_s;
 }
@@ -214,6 +221,23 @@ static struct lp_lamp_sighting without_film(struct lp_remembered_lamp *m,
 	return result;
 }
 
+/* Adds what was measured to the mean of differences; whether that is a change. */
+static bool moves_aside(struct lp_remembered_lamp *m, const float seen[3], float variance)
+{
+	const float mean_variance = variance * ASIDE_SHARE / (2.0F - ASIDE_SHARE);
+	float aside2 = 0.0F;
+
+	for (int a = 0; a < 3; a++) {
+		m->aside[a] += ASIDE_SHARE * (seen[a] - m->lamp.direction[a] - m->aside[a]);
+		aside2 += square(m->aside[a]);
+	}
+	m->walk2 *= 1.0F - ASIDE_SHARE;
+	if (aside2 <= square(ASIDE_SIGMAS) * mean_variance)
+		return false;
+	memset(m->aside, 0, sizeof(m->aside));
+	return true;
+}
+
 /* `known`: the lamp's direction is, by pixels like these. */
 static void measure_direction(struct lp_remembered_lamp *m, const struct lp_lamp *seen,
 			      const struct lp_memory_times *times, bool known)
@@ -221,9 +245,14 @@ static void measure_direction(struct lp_remembered_lamp *m, const struct lp_lamp
 	struct lp_lamp *lamp = &m->lamp;
 	const float variance =
 		square(seen->direction_sigma_deg * RAD) + square(times->rotation_sigma_rad);
-	const float gain = known ? gain_of(m->direction_variance, variance,
-					   square(angle_rad(lamp->direction, seen->direction)))
-				 : 1.0F;
+	const float difference2 = square(angle_rad(lamp->direction, seen->direction));
+	const bool moves =
+		moves_aside(m, seen->direction, m->direction_variance + variance) || !known;
+	const float gain = moves ? 1.0F : gain_of(m->direction_variance, variance, difference2);
+
+	if (moves && known && m->unplaced_s > 0.0F)
+		m->walk2 = difference2 / m->unplaced_s;
+	m->unplaced_s = 0.0F;
 
 	blend(lamp->direction, seen->direction, 3, gain);
 	blend(lamp->centroid, seen->centroid, 3, gain);
@@ -495,6 +524,7 @@ void lp_lamp_memory_turn(struct lp_lamp_memory *memory, const struct lp_rotation
 		lp_stokes_turn(&m->stokes, lp_stokes_frame_turn(turn, m->lamp.direction));
 		lp_rotate_direction(turn, m->lamp.direction);
 		lp_rotate_direction(turn, m->lamp.centroid);
+		lp_rotate_direction(turn, m->aside);
 		lp_rotate_direction(turn, m->on_grid.direction);
 		lp_rotate_direction(turn, m->on_grid.centroid);
 		lp_rotate_direction(turn, m->lamp.axis);

@@ -29,7 +29,10 @@ struct lp_remembered_lamp {
 	bool by_pixels;		  /* `lamp` is what pixels told, be it a lower bound */
 	bool measured;		  /* by pixels of an exposure that did not clip it */
 	float direction_variance; /* rad^2, per axis */
-	float strength_variance;  /* relative; of the irradiance */
+	float aside[3]; /* mean of where it was last found against where it was known to be, rad */
+	float walk2;	/* rad^2 per second that it has been seen to move */
+	float unplaced_s;	 /* since its direction was last measured */
+	float strength_variance; /* relative; of the irradiance */
 	float then_on_grid; /* luminance of on_grid.irradiance when `lamp` was last taken anew */
 	float hidden;	    /* of its irradiance, by clipping (light_estimate.h) */
 	float absent_s;	    /* how long it has not been seen */

@@ -80,6 +80,13 @@ static void follow_axis(float axis[3], const float target[3], float alpha)
 		axis[a] /= sqrtf(length);
 }
 
+static float chord_deg(const float a[3], const float b[3])
+{
+	const float chord = hypotf(hypotf(a[0] - b[0], a[1] - b[1]), a[2] - b[2]);
+
+	return chord * 180.0F / (float)M_PI;
+}
+
 static void follow_light(struct lp_track *track, const struct lp_light *target, float alpha)
 {
 	struct lp_light *l = &track->light;
@@ -94,8 +101,11 @@ static void follow_light(struct lp_track *track, const struct lp_light *target, 
 	for (int a = 0; a < 3; a++)
 		l->direction[a] = length > 0.0F ? l->direction[a] / length : target->direction[a];
 	l->angular_radius_deg = follow(l->angular_radius_deg, target->angular_radius_deg, alpha);
-	l->direction_sigma_deg = follow(l->direction_sigma_deg, target->direction_sigma_deg, alpha);
-	l->irradiance_sigma = follow(l->irradiance_sigma, target->irradiance_sigma, alpha);
+	/* What is smoothed lags behind, and says by how much. */
+	l->direction_sigma_deg =
+		hypotf(target->direction_sigma_deg, chord_deg(l->direction, target->direction));
+	l->irradiance_sigma =
+		hypotf(target->irradiance_sigma, luminance(target) / luminance(l) - 1.0F);
 	l->distance_m = follow(l->distance_m, target->distance_m, alpha);
 	l->hidden = target->hidden;
 	for (int a = 0; a < 2; a++)
