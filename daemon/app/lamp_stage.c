@@ -201,8 +201,9 @@ static bool shines(const struct lp_grid *grid, const struct lp_panorama *panoram
 {
 	const int cell = lp_grid_cell(grid, m->on_grid.direction);
 
-	return m->seen || (m->absent_s < LONGEST_MISS_S &&
-			   panorama->cells[cell][LP_LUMINANCE] > STILL_THERE * m->on_grid.peak);
+	return m->seen || lp_lamp_may_be_hidden(m) ||
+	       (m->absent_s < LONGEST_MISS_S &&
+		panorama->cells[cell][LP_LUMINANCE] > STILL_THERE * m->on_grid.peak);
 }
 
 static float strength(const struct lp_remembered_lamp *m)

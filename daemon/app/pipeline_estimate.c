@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "app/pipeline_state.h"
 
+#include <float.h>
 #include <math.h>
 #include <string.h>
 
@@ -28,15 +29,30 @@ static void project(struct lp_pipeline *p, const struct lp_panorama *panorama, d
 	for (int k = 0; k < LP_MAX_LAMPS; k++) {
 		const struct lp_remembered_lamp *m = &p->lamps.memory.list[k];
 
-		if (!m->id || !m->seen)
+		if (!m->id || (!m->seen && !lp_lamp_may_be_hidden(m)))
 			continue;
-		lp_sh_add_lamp(LP_SH_MAX_ORDER, m->on_grid.centroid, m->on_grid.irradiance, 0.0,
-			       -1.0, total);
+		if (m->seen)
+			lp_sh_add_lamp(LP_SH_MAX_ORDER, m->on_grid.centroid, m->on_grid.irradiance,
+				       0.0, -1.0, total);
 		lp_sh_add_lamp(LP_SH_MAX_ORDER, m->lamp.centroid, m->lamp.irradiance, 0.0, 1.0,
 			       total);
 		lp_sh_add_lamp(LP_SH_MAX_ORDER, m->lamp.centroid, m->recovered, 0.0, 1.0, total);
 	}
 	lp_ring_stage_project(&p->ring, total);
+}
+
+/* Luminance of the irradiance of lamps that clip and are missed in this frame alone. */
+static float hidden_lamps(const struct lp_pipeline *p)
+{
+	float sum = 0.0F;
+
+	for (int k = 0; k < LP_MAX_LAMPS; k++) {
+		const struct lp_remembered_lamp *m = &p->lamps.memory.list[k];
+
+		if (lp_lamp_may_be_hidden(m))
+			sum += m->lamp.irradiance[LP_LUMINANCE];
+	}
+	return sum;
 }
 
 static uint32_t flags_of(const struct lp_pipeline *p, const struct lp_panorama *panorama,
@@ -46,7 +62,7 @@ static uint32_t flags_of(const struct lp_pipeline *p, const struct lp_panorama *
 
 	if (status->exposure_unknown)
 		flags |= LP_ESTIMATE_EXPOSURE_UNKNOWN;
-	if (panorama->clipped_fraction > LP_LEAST_CLIPPED_FRACTION ||
+	if (panorama->clipped_fraction > LP_LEAST_CLIPPED_FRACTION || hidden_lamps(p) > 0.0F ||
 	    lp_lamp_memory_flicker_clips(&p->lamps.memory))
 		flags |= LP_ESTIMATE_CLIPPED;
 	if (status->mean_code < DARK_CODE) /* false for NAN: float frames have no codes */
@@ -108,7 +124,9 @@ static float relighting_sigma(const struct lp_pipeline *p, const struct lp_image
 			      const struct lp_light_estimate *e)
 {
 	const double mean = lp_model_mean_irradiance(e);
-	double clipped = clipped_sigma(status->clipped_share);
+	/* of a lamp's light, a fourth is its mean over all normals */
+	const float hidden_share = hidden_lamps(p) / (4.0F * (float)fmax(mean, DBL_MIN));
+	double clipped = clipped_sigma(status->clipped_share + hidden_share);
 	/* what a hand hides may have changed meanwhile, all of it alike */
 	const double hidden = 4.0 * status->covered_share * COVERED_WALK *
 			      sqrt(1.0 + status->covered_s) / sqrt(6.0);

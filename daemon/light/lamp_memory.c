@@ -29,6 +29,8 @@
  * minute or so. */
 #define ASIDE_SHARE 0.25F
 #define ASIDE_SIGMAS 3.5F
+/* Less aside than this is noise in seven frames of eight. */
+#define NOISE_SIGMAS 2.0F
 /* Relative 1 sigma up to which what was measured counts more than what the panorama shows. */
 #define MOST_STRENGTH_SIGMA 0.3F
 /* A clipped lamp may well be so many times stronger than what is seen of it; whether it clips may
@@ -144,6 +146,7 @@ static void age(struct lp_remembered_lamp *m, float elapsed_s)
 	m->direction_variance += (square(DIRECTION_WALK_RAD) + m->walk2) * elapsed_s;
 	m->unplaced_s += elapsed_s;
 	m->strength_variance += square(STRENGTH_WALK) * elapsed_s;
+	m->missed = !m->seen && m->absent_s == 0.0F;
 	m->absent_s = m->seen ? 0.0F : m->absent_s + elapsed_s;
 }
 
@@ -232,9 +235,11 @@ static bool moves_aside(struct lp_remembered_lamp *m, const float seen[3], float
 		aside2 += square(m->aside[a]);
 	}
 	m->walk2 *= 1.0F - ASIDE_SHARE;
+	m->lag = fmaxf(sqrtf(aside2) - NOISE_SIGMAS * sqrtf(mean_variance), 0.0F);
 	if (aside2 <= square(ASIDE_SIGMAS) * mean_variance)
 		return false;
 	memset(m->aside, 0, sizeof(m->aside));
+	m->lag = 0.0F;
 	return true;
 }
 
@@ -380,7 +385,7 @@ static void follow(struct lp_remembered_lamp *m, const struct lp_lamp_sighting *
 	if (s->refined && m->flicker.flickers)
 		take_mean(m);
 	m->hidden += (hidden(&m->lamp) - m->hidden) * fminf(times->elapsed_s / HIDDEN_S, 1.0F);
-	m->lamp.direction_sigma_deg = sqrtf(m->direction_variance) / RAD;
+	m->lamp.direction_sigma_deg = sqrtf(m->direction_variance + square(m->lag)) / RAD;
 }
 
 void lp_lamp_memory_update(struct lp_lamp_memory *memory, const struct lp_lamp_sighting *sightings,
@@ -508,6 +513,11 @@ const struct lp_remembered_lamp *lp_lamp_memory_find(const struct lp_lamp_memory
 			return m;
 	}
 	return NULL;
+}
+
+bool lp_lamp_may_be_hidden(const struct lp_remembered_lamp *lamp)
+{
+	return lamp->id && lamp->missed && (lamp->lamp.flags & LP_LIGHT_CLIPPED);
 }
 
 void lp_lamp_memory_lose_cells(struct lp_lamp_memory *memory)

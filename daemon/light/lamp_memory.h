@@ -30,12 +30,14 @@ struct lp_remembered_lamp {
 	bool measured;		  /* by pixels of an exposure that did not clip it */
 	float direction_variance; /* rad^2, per axis */
 	float aside[3]; /* mean of where it was last found against where it was known to be, rad */
+	float lag;	/* of that, what is more than noise, rad */
 	float walk2;	/* rad^2 per second that it has been seen to move */
 	float unplaced_s;	 /* since its direction was last measured */
 	float strength_variance; /* relative; of the irradiance */
 	float then_on_grid; /* luminance of on_grid.irradiance when `lamp` was last taken anew */
 	float hidden;	    /* of its irradiance, by clipping (light_estimate.h) */
 	float absent_s;	    /* how long it has not been seen */
+	bool missed;	    /* in the newest panorama, but not in the one before */
 	struct lp_flicker flicker; /* of its strength as measured by pixels */
 	float disputed_s; /* how long detection has drawn other borders (light/holding.h) */
 	bool wide;	  /* an area light */
@@ -103,6 +105,13 @@ bool lp_lamp_stays_wide(const struct lp_remembered_lamp *lamp, float width_deg);
 /* The remembered lamp that a lamp of the panorama is; NULL: none. */
 const struct lp_remembered_lamp *lp_lamp_memory_find(const struct lp_lamp_memory *memory,
 						     const struct lp_lamp *on_grid);
+
+/*
+ * Whether a lamp that clips is missed in the newest panorama only, and may well be there still: a
+ * long exposure in which its pixels are spread over several blocks of the picture, none of which is
+ * seen to clip. Such a lamp shines on for one frame.
+ */
+bool lp_lamp_may_be_hidden(const struct lp_remembered_lamp *lamp);
 
 /* The finder that the lamps' cells are of is gone. */
 void lp_lamp_memory_lose_cells(struct lp_lamp_memory *memory);

@@ -30,6 +30,13 @@ static struct lp_lamp_sighting sighting(float azimuth_deg, float strength)
 					 .scale = 1.0F};
 }
 
+static float angle_deg(const float a[3], const float b[3])
+{
+	const float chord = hypotf(hypotf(a[0] - b[0], a[1] - b[1]), a[2] - b[2]);
+
+	return chord * 180.0F / (float)M_PI;
+}
+
 static const struct lp_remembered_lamp *only(const struct lp_lamp_memory *memory)
 {
 	const struct lp_remembered_lamp *found = NULL;
@@ -243,6 +250,56 @@ static void test_absence(void **state)
 }
 
 /* More lamps than there is room for: those seen stay. */
+/* One that clips shines on for the one frame that does not show it; any other one does not. */
+static void test_a_clipped_lamp_may_be_hidden_for_a_frame(void **state)
+{
+	(void)state;
+	for (int k = 0; k < 2; k++) {
+		struct lp_lamp_memory memory = {0};
+		struct lp_lamp_sighting seen = sighting(0, 10);
+
+		seen.pixels.flags = k ? LP_LIGHT_CLIPPED : 0;
+		for (int round = 0; round < 3; round++) {
+			lp_lamp_memory_update(&memory, &seen, 1, &frame);
+			lp_lamp_memory_update(&memory, &seen, 1, &frame);
+			assert_false(lp_lamp_may_be_hidden(only(&memory)));
+			lp_lamp_memory_update(&memory, NULL, 0, &frame);
+			assert_int_equal(lp_lamp_may_be_hidden(only(&memory)), k);
+			lp_lamp_memory_update(&memory, NULL, 0, &frame);
+			assert_false(lp_lamp_may_be_hidden(only(&memory)));
+		}
+	}
+}
+
+/* A lamp that moves steadily is followed with an error that its sigma covers; noise alone is not
+ * taken for a move. */
+static void test_a_lamp_that_moves_is_followed(void **state)
+{
+	const float noise_deg[] = {0.03F, -0.05F, 0.06F, -0.02F, -0.04F, 0.01F};
+	const float speeds_deg_s[] = {0.0F, 0.5F, 3.0F};
+
+	(void)state;
+	for (unsigned int k = 0; k < LP_COUNT(speeds_deg_s); k++) {
+		struct lp_lamp_memory memory = {0};
+
+		for (int n = 0; n < 300; n++) {
+			const float at_deg = speeds_deg_s[k] * (float)n / 30.0F;
+			const struct lp_lamp_sighting truth = sighting(at_deg, 10);
+			const struct lp_lamp_sighting seen =
+				sighting(at_deg + noise_deg[n % 6], 10);
+
+			lp_lamp_memory_update(&memory, &seen, 1, &frame);
+			const struct lp_lamp *lamp = &only(&memory)->lamp;
+			const float error_deg = angle_deg(lamp->direction, truth.on_grid.direction);
+
+			if (n > 30)
+				assert_true(error_deg < 3.0F * lamp->direction_sigma_deg);
+			if (n > 30 && k == 0)
+				assert_true(error_deg < 0.02F);
+		}
+	}
+}
+
 static void test_crowds(void **state)
 {
 	struct lp_lamp_memory memory = {0};
@@ -324,6 +381,8 @@ int main(void)
 		cmocka_unit_test(test_changes_and_noise),
 		cmocka_unit_test(test_entering_is_harder_than_staying),
 		cmocka_unit_test(test_absence),
+		cmocka_unit_test(test_a_clipped_lamp_may_be_hidden_for_a_frame),
+		cmocka_unit_test(test_a_lamp_that_moves_is_followed),
 		cmocka_unit_test(test_crowds),
 		cmocka_unit_test(test_lamps_are_landmarks),
 		cmocka_unit_test(test_turning),
