@@ -8,7 +8,6 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "app/fixed_exposure.h"
 #include "app/service.h"
 #include "base/clock.h"
 #include "base/log.h"
@@ -39,7 +38,7 @@ static void continue_ending(struct lp_daemon *daemon)
 		lp_loop_stop(daemon->loop);
 }
 
-static void begin_ending(struct lp_daemon *daemon, enum lp_exit exit_code)
+void lp_daemon_begin_ending(struct lp_daemon *daemon, enum lp_exit exit_code)
 {
 	if (daemon->ending_ns)
 		return;
@@ -55,7 +54,7 @@ static void on_signal(void *context, int signal_number)
 
 	lp_info("lightprobed", "signal", "%s: ending", strsignal(signal_number));
 	/* A set that was interrupted has no estimate. */
-	begin_ending(daemon, daemon->options->once ? LP_EXIT_FAILURE : LP_EXIT_OK);
+	lp_daemon_begin_ending(daemon, daemon->options->once ? LP_EXIT_FAILURE : LP_EXIT_OK);
 	lp_loop_stop(daemon->loop);
 }
 
@@ -87,89 +86,12 @@ void lp_daemon_on_ring(void *context, const struct lp_ring_sample *sample)
 	lp_hub_publish(daemon->hub, &daemon->ring_estimates, &all);
 }
 
-void lp_daemon_on_frame(void *context, struct lp_frame *frame)
-{
-	struct lp_daemon *daemon = context;
-
-	daemon->health.report.frames_received++;
-	/* A smaller number is that of a camera that has come back. */
-	if (daemon->has_frames && frame->sequence > daemon->next_sequence)
-		daemon->frames_lost += frame->sequence - daemon->next_sequence;
-	daemon->next_sequence = frame->sequence + 1;
-	daemon->has_frames = true;
-	lp_instruments_frame(daemon->instruments, frame);
-}
-
-void lp_daemon_on_corrupt_frame(void *context)
-{
-	struct lp_daemon *daemon = context;
-
-	daemon->health.report.frames_received++;
-	daemon->frames_corrupt++;
-	daemon->next_sequence++; /* it is no gap */
-}
-
-/* What is wrong with the source, for health messages. */
-static void set_fault(struct lp_daemon *daemon, enum lp_source_state state, const char *reason)
-{
-	const char *id = state == LP_SOURCE_WAITING   ? "source-waiting"
-			 : state == LP_SOURCE_STALLED ? "source-stalled"
-			 : state == LP_SOURCE_DOWN    ? "source-down"
-						      : NULL;
-
-	lp_health_fault(&daemon->health, "source-waiting", NULL);
-	lp_health_fault(&daemon->health, "source-stalled", NULL);
-	lp_health_fault(&daemon->health, "source-down", NULL);
-	if (id)
-		lp_health_fault(&daemon->health, id, reason);
-}
-
-/* A fixed exposure if one is asked for; else the worker makes brackets, where the camera can. */
-static void begin_exposures(struct lp_daemon *daemon)
-{
-	const struct lp_options *options = daemon->options;
-	const struct lp_source_caps *caps = &daemon->caps;
-	const struct lp_camera_control control = {.settable = caps->exposure_settable &&
-							      daemon->source->ops->set_exposure &&
-							      options->exposure_us <= 0,
-						  .reports_exposure = caps->reports_exposure,
-						  .limits = lp_bracket_limits_of(caps)};
-
-	if (options->exposure_us > 0)
-		lp_fixed_exposure_command(daemon->source, caps, options->exposure_us, options->gain,
-					  options->source);
-	lp_worker_control(daemon->worker, &control);
-}
-
 /* Whoever has it has logged it. */
 void lp_daemon_on_fault(void *context, const char *id, const char *text)
 {
 	struct lp_daemon *daemon = context;
 
 	lp_health_fault(&daemon->health, id, text);
-}
-
-void lp_daemon_on_state(void *context, enum lp_source_state state, const char *reason)
-{
-	static const char *const names[] = {"unknown",	 "down",    "waiting",
-					    "streaming", "stalled", "ended"};
-	struct lp_daemon *daemon = context;
-	char status[256];
-
-	if (state == LP_SOURCE_STREAMING && daemon->has_streamed &&
-	    daemon->health.report.source_state != LP_SOURCE_STALLED)
-		daemon->health.report.source_reconnects++;
-	daemon->has_streamed |= state == LP_SOURCE_STREAMING;
-	daemon->health.report.source_state = state;
-	set_fault(daemon, state, reason);
-	(void)snprintf(status, sizeof(status), "source %s %s", names[state], reason);
-	lp_service_status(status);
-	if (state == LP_SOURCE_STREAMING) {
-		daemon->source->ops->caps(daemon->source, &daemon->caps);
-		begin_exposures(daemon);
-	}
-	if (state == LP_SOURCE_DOWN && daemon->options->once)
-		begin_ending(daemon, LP_EXIT_FAILURE);
 }
 
 /* ---------------------------------------------------------------- from the worker */
@@ -181,13 +103,26 @@ static void finish_once(struct lp_daemon *daemon)
 
 	if (!daemon->once_has_best) {
 		lp_error("lightprobed", "once", "no picture gave an estimate (see above)");
-		begin_ending(daemon, LP_EXIT_FAILURE);
+		lp_daemon_begin_ending(daemon, LP_EXIT_FAILURE);
 		return;
 	}
 	if (lp_worker_rejected(daemon->worker) + daemon->frames_corrupt > 0)
 		raw->flags |= LP_ESTIMATE_BRACKET_INCOMPLETE;
 	lp_hub_publish(daemon->hub, &daemon->once_best.estimates, &daemon->once_best.demand);
-	begin_ending(daemon, LP_EXIT_OK);
+	lp_daemon_begin_ending(daemon, LP_EXIT_OK);
+}
+
+/* All cameras have told what they have to. An endless one has no last frame: its first estimate
+ * counts. */
+static bool all_told(struct lp_daemon *daemon, const struct lp_result *result)
+{
+	struct lp_daemon_camera *camera = &daemon->cameras[result->camera];
+	bool all = true;
+
+	camera->told |= result->last_frame || (!camera->caps.finite && result->status == 0);
+	for (int k = 0; k < daemon->camera_count; k++)
+		all &= daemon->cameras[k].told;
+	return all;
 }
 
 static void take_once(struct lp_daemon *daemon, const struct lp_result *result)
@@ -198,8 +133,7 @@ static void take_once(struct lp_daemon *daemon, const struct lp_result *result)
 		daemon->once_best = *result;
 		daemon->once_has_best = true;
 	}
-	/* An endless source has no last frame: its first estimate counts. */
-	if (result->last_frame || (!daemon->caps.finite && result->status == 0))
+	if (all_told(daemon, result))
 		finish_once(daemon);
 }
 
@@ -259,8 +193,12 @@ static void on_result(struct lp_watch *watch, unsigned int events)
 		return;
 	release_loop(daemon);
 	follow_preset(daemon, result);
-	if (!isnan(result->command_us))
-		(void)daemon->source->ops->set_exposure(daemon->source, result->command_us, 1.0F);
+	for (int k = 0; k < daemon->camera_count; k++) {
+		struct lp_source *source = daemon->cameras[k].source;
+
+		if (!isnan(result->commands_us[k]))
+			(void)source->ops->set_exposure(source, result->commands_us[k], 1.0F);
+	}
 	if (daemon->options->once)
 		take_once(daemon, result);
 	else if (result->status == 0)
@@ -276,8 +214,9 @@ void lp_daemon_on_publisher_failed(void *context, int failure)
 {
 	struct lp_daemon *daemon = context;
 
-	begin_ending(daemon,
-		     failure == -EPIPE && !daemon->options->once ? LP_EXIT_OK : LP_EXIT_FAILURE);
+	lp_daemon_begin_ending(daemon, failure == -EPIPE && !daemon->options->once
+					       ? LP_EXIT_OK
+					       : LP_EXIT_FAILURE);
 }
 
 /* The loop runs, or we would not be here; a worker that has been busy for half the watchdog's
@@ -369,7 +308,7 @@ static int start_all(struct lp_daemon *daemon)
 		ret = daemon->sensor->ops->start(daemon->sensor);
 	if (ret == 0)
 		ret = lp_instruments_start(daemon->instruments);
-	return ret == 0 && daemon->source ? daemon->source->ops->start(daemon->source) : ret;
+	return ret == 0 ? lp_daemon_start_cameras(daemon) : ret;
 }
 
 static int create_loop(struct lp_daemon *daemon)

@@ -51,7 +51,9 @@ static int create_hub(struct lp_daemon *daemon)
 	const struct lp_options *options = daemon->options;
 	const struct lp_pipeline_options pipeline = lp_options_pipeline(options);
 	struct lp_hub_options hub = {
-		.hello = {.source = daemon->source ? daemon->source->ops->info.scheme : "none",
+		.hello = {.source = daemon->camera_count
+					    ? daemon->cameras[0].source->ops->info.scheme
+					    : "none",
 			  .preset = lp_preset_name(options->preset),
 			  .max_sh_order = pipeline.sh_order,
 			  .max_lights = pipeline.max_lights,
@@ -84,39 +86,6 @@ static int create_hub(struct lp_daemon *daemon)
 	}
 	daemon->health.report.preset = hub.hello.preset;
 	return lp_hub_create(&hub, &daemon->hub);
-}
-
-static int create_source(struct lp_daemon *daemon)
-{
-	const struct lp_camera_profile camera = lp_camera_file_profile(daemon->camera_file);
-	const struct lp_source_host host = {.context = daemon,
-					    .loop = daemon->loop,
-					    .once = daemon->options->once,
-					    .frame = lp_daemon_on_frame,
-					    .corrupt = lp_daemon_on_corrupt_frame,
-					    .state = lp_daemon_on_state,
-					    .fault = lp_daemon_on_fault,
-					    .camera = &camera};
-	int ret;
-
-	if (!*daemon->options->source && *daemon->options->ring && !daemon->options->once)
-		return 0; /* the ring alone */
-	if (!*daemon->options->source) {
-		lp_error("lightprobed", "--source",
-			 "no source is given — name a camera with --source=URI, or a ring of light "
-			 "sensors alone with --ring=URI; lightprobed --help lists the kinds");
-		return -EINVAL;
-	}
-	ret = lp_source_open(daemon->options->source, &host, &daemon->source);
-	if (ret < 0)
-		return ret;
-	daemon->source->ops->caps(daemon->source, &daemon->caps);
-	if (daemon->options->exposure_us > 0 && !daemon->source->ops->set_exposure) {
-		lp_error(daemon->options->source, "--exposure-us",
-			 "the exposure of this source cannot be set");
-		return -EINVAL;
-	}
-	return 0;
 }
 
 static int create_instruments(struct lp_daemon *daemon)
@@ -165,19 +134,25 @@ static void give_ring_lux(struct lp_daemon *daemon)
 static int create_worker(struct lp_daemon *daemon)
 {
 	struct lp_pipeline_options options = lp_options_pipeline(daemon->options);
+	/* light is on the scale of the first camera */
+	const struct lp_camera_file *first = daemon->cameras[0].file;
+	const int waiting = daemon->camera_count ? daemon->camera_count : 1;
 	struct lp_pipeline *pipeline;
 	int ret;
 
-	options.camera = daemon->camera_file;
-	options.film = lp_film_options(daemon->options, daemon->camera_file);
-	if (isnan(options.scale.lux_per_unit) && daemon->camera_file->cd_m2_per_unit > 0.0F)
-		options.scale = (struct lp_ring_scale){daemon->camera_file->cd_m2_per_unit,
-						       daemon->camera_file->cd_m2_per_unit_sigma};
+	options.camera_count = daemon->camera_count;
+	for (int k = 0; k < LP_MAX_CAMERAS; k++)
+		options.cameras[k] = daemon->cameras[k].file;
+	options.film = lp_film_options(daemon->options, first);
+	if (isnan(options.scale.lux_per_unit) && first->cd_m2_per_unit > 0.0F)
+		options.scale =
+			(struct lp_ring_scale){first->cd_m2_per_unit, first->cd_m2_per_unit_sigma};
 	lp_ring_only_init(&daemon->ring_only, &options.scale, options.smoothing_ms, options.ttl_ms,
 			  lp_clock_ns());
 	ret = lp_pipeline_create(&options, &pipeline);
 	if (ret == 0)
-		ret = lp_worker_create(pipeline, daemon->options->once, &daemon->worker);
+		ret = lp_worker_create(pipeline, daemon->options->once ? LP_ALL_FRAMES : waiting,
+				       &daemon->worker);
 	if (ret == 0 && daemon->options->ring_lux.count)
 		give_ring_lux(daemon);
 	return ret;
@@ -196,9 +171,7 @@ int lp_daemon_create_parts(struct lp_daemon *daemon)
 	lp_health_init(&daemon->health, lp_clock_ns());
 	lp_governor_init(&daemon->governor, &daemon->options->goals, daemon->options->preset,
 			 lp_clock_ns(), lp_clock_cpu_ns());
-	ret = lp_camera_file_read(daemon->options->camera, &daemon->camera_file);
-	if (ret == 0)
-		ret = create_source(daemon);
+	ret = lp_daemon_create_cameras(daemon);
 	if (ret == 0)
 		ret = create_instruments(daemon);
 	if (ret == 0)
@@ -225,11 +198,10 @@ void lp_daemon_destroy_parts(struct lp_daemon *daemon)
 	lp_worker_destroy(daemon->worker);
 	for (int i = 0; i < daemon->publisher_count; i++)
 		daemon->publishers[i]->ops->destroy(daemon->publishers[i]);
-	if (daemon->source)
-		daemon->source->ops->destroy(daemon->source);
+	lp_daemon_destroy_sources(daemon);
 	lp_hub_destroy(daemon->hub);
 	lp_time_control_destroy(daemon->time_control);
 	lp_loop_destroy(daemon->loop);
-	lp_camera_file_destroy(daemon->camera_file);
+	lp_daemon_destroy_camera_files(daemon);
 	lp_log_flush(1);
 }

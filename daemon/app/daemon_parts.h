@@ -18,13 +18,30 @@
 #include "app/time_control.h"
 #include "app/worker.h"
 #include "base/loop.h"
+#include "include/frame.h"
 #include "include/orientation.h"
 #include "include/source.h"
 #include "vision/camera_file.h"
 
+struct lp_daemon;
+
+/* A source of frames, and what has come from it. */
+struct lp_daemon_camera {
+	struct lp_daemon *daemon;
+	int index;	 /* lp_frame.camera of its frames */
+	const char *uri; /* names it in messages */
+	struct lp_camera_file *file;
+	struct lp_source *source;
+	struct lp_source_caps caps;
+	enum lp_source_state state; /* 0: not known yet */
+	bool has_streamed;
+	bool has_frames;	/* the next one counts */
+	uint64_t next_sequence; /* of the source, if nothing is lost */
+	bool told;		/* --once: all that it has to say has been heard */
+};
+
 struct lp_daemon {
 	const struct lp_options *options;
-	struct lp_camera_file *camera_file;
 	struct lp_loop *loop;
 	struct lp_timer tick;
 	struct lp_time_control *time_control; /* NULL: the system's time */
@@ -32,8 +49,8 @@ struct lp_daemon {
 	uint64_t results_lost;
 	struct lp_hub *hub;
 	struct lp_worker *worker;
-	struct lp_source *source;
-	struct lp_source_caps caps;
+	struct lp_daemon_camera cameras[LP_MAX_CAMERAS];
+	int camera_count; /* 0: the ring alone */
 	struct lp_instruments *instruments;
 	struct lp_orientation_teller orientation;
 	struct lp_orientation *sensor; /* of orientation; NULL: none */
@@ -45,12 +62,9 @@ struct lp_daemon {
 	struct lp_ring_only ring_only;
 	struct lp_estimates ring_estimates; /* of the ring alone: too large for a stack */
 	struct lp_governor governor;
-	char preset_reason[96]; /* of the last change that was asked for */
-	bool has_streamed;
-	bool has_frames;	    /* the next two count */
-	uint64_t next_sequence;	    /* of the source, if nothing is lost */
-	uint64_t frames_lost;	    /* between the camera and us */
-	uint64_t frames_corrupt;    /* while the source did not stream: the worker never saw them */
+	char preset_reason[96];	    /* of the last change that was asked for */
+	uint64_t frames_lost;	    /* between the cameras and us */
+	uint64_t frames_corrupt;    /* while a source did not stream: the worker never saw them */
 	struct lp_result once_best; /* --once: the newest estimate of the set */
 	bool once_has_best;
 
@@ -60,10 +74,17 @@ struct lp_daemon {
 	enum lp_exit exit_code;
 };
 
+/* daemon_cameras.c: open every --source; and all of them end. */
+int lp_daemon_create_cameras(struct lp_daemon *daemon);
+int lp_daemon_start_cameras(struct lp_daemon *daemon);
+void lp_daemon_destroy_sources(struct lp_daemon *daemon);
+/* After everything else has gone. */
+void lp_daemon_destroy_camera_files(struct lp_daemon *daemon);
+
+/* The last packets leave, and then the daemon ends. */
+void lp_daemon_begin_ending(struct lp_daemon *daemon, enum lp_exit exit_code);
+
 /* What happens, on the loop; `context` is the daemon. */
-void lp_daemon_on_frame(void *context, struct lp_frame *frame);
-void lp_daemon_on_corrupt_frame(void *context);
-void lp_daemon_on_state(void *context, enum lp_source_state state, const char *reason);
 void lp_daemon_on_fault(void *context, const char *id, const char *text);
 void lp_daemon_on_stamped_frame(void *context, struct lp_frame *frame);
 void lp_daemon_on_ring(void *context, const struct lp_ring_sample *sample);

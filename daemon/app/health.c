@@ -61,13 +61,20 @@ void lp_health_init(struct lp_health *health, int64_t now_ns)
 
 void lp_health_fault(struct lp_health *health, const char *id, const char *text)
 {
+	lp_health_camera_fault(health, id, 0, text);
+}
+
+void lp_health_camera_fault(struct lp_health *health, const char *id, int camera, const char *text)
+{
 	struct lp_health_report *report = &health->report;
 	int at = 0;
 
-	while (at < report->fault_count && strcmp(report->faults[at].id, id) != 0)
+	while (at < report->fault_count &&
+	       (strcmp(report->faults[at].id, id) != 0 || report->faults[at].camera != camera))
 		at++;
 	if (text && at < LP_MAX_FAULTS) {
 		report->faults[at].id = id;
+		report->faults[at].camera = camera;
 		lp_text_copy(report->faults[at].text, sizeof(report->faults[at].text), text);
 		if (at == report->fault_count)
 			report->fault_count++;

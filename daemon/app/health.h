@@ -16,6 +16,7 @@
 
 struct lp_fault {
 	const char *id; /* docs/users/faults.md */
+	int camera;	/* which of several it is of; 0 also where it is of none */
 	char text[160];
 };
 
@@ -78,6 +79,9 @@ void lp_health_init(struct lp_health *health, int64_t now_ns);
 /* A fault by its name (static), or its end (`text` NULL). Of more than LP_MAX_FAULTS at once the
  * last ones are left out; the log has them. */
 void lp_health_fault(struct lp_health *health, const char *id, const char *text);
+
+/* The same of one of several cameras: each has faults of its own. */
+void lp_health_camera_fault(struct lp_health *health, const char *id, int camera, const char *text);
 void lp_health_add_latency(struct lp_health *health, int64_t latency_ns);
 
 /* Call it several times a second, whether anybody listens or not: rates are of the last ten

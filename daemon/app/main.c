@@ -67,6 +67,15 @@ static bool has_descriptors(void)
 	return count == LEAST_DESCRIPTORS;
 }
 
+static void say_good(const struct lp_options *options)
+{
+	(void)printf("configuration is good: source");
+	for (int k = 0; k < options->source.count; k++)
+		(void)printf(" %s", options->source.texts[k]);
+	(void)printf("%s, %d publishers\n", options->source.count ? "" : " none: the ring alone",
+		     options->publish.count);
+}
+
 static int run(const struct lp_options *options)
 {
 	if (options->help) {
@@ -87,8 +96,7 @@ static int run(const struct lp_options *options)
 		const int exit_code = lp_daemon_check(options);
 
 		if (exit_code == LP_EXIT_OK)
-			(void)printf("configuration is good: source %s, %d publishers\n",
-				     options->source, options->publish.count);
+			say_good(options);
 		return exit_code;
 	}
 	return *options->series ? lp_series_run(options) : lp_daemon_run(options);

@@ -45,6 +45,21 @@ static int parse_publish(const char *text, void *field)
 	return 0;
 }
 
+static int add_text(struct lp_camera_texts *list, const char *text)
+{
+	const size_t length = strlen(text);
+
+	if (list->count == LP_MAX_CAMERAS || length == 0 || length >= LP_URI_MAX_BYTES)
+		return -EINVAL;
+	memcpy(list->texts[list->count++], text, length + 1);
+	return 0;
+}
+
+static int parse_camera(const char *text, void *field)
+{
+	return add_text(field, text);
+}
+
 static int parse_width(const char *text, void *field)
 {
 	char *end;
@@ -236,14 +251,19 @@ static int parse_polarizer(const char *text, void *field)
 /* ---------------------------------------------------------------- the table */
 
 static const struct lp_param config_list[] = {
-	{"source", LP_PARAM_TEXT, offsetof(struct lp_options, source), .initial = "",
-	 .max = LP_URI_MAX_BYTES, .help = "URI of the camera: see below, and --help-backends"},
+	{"source", LP_PARAM_OWN, offsetof(struct lp_options, source), .parse = parse_camera,
+	 .expects = "a URI, at most four of them",
+	 .help = "URI of the camera: see below, and --help-backends. Repeat it for several "
+		 "cameras\n"
+		 "in one box"},
 	{"publish", LP_PARAM_OWN, offsetof(struct lp_options, publish), .parse = parse_publish,
 	 .expects = "a URI, at most eight of them",
 	 .help = "URI of a publisher; repeat it for more. Default: tcp:127.0.0.1:7700 and a\n"
 		 "Unix socket in $XDG_RUNTIME_DIR or /run/lightprobe; with --once: stdout:"},
-	{"camera", LP_PARAM_TEXT, offsetof(struct lp_options, camera), .initial = "equirect",
-	 .max = 1024, .help = "equirect, or a camera file (lenses, masks, rotation)"},
+	{"camera", LP_PARAM_OWN, offsetof(struct lp_options, camera), .parse = parse_camera,
+	 .expects = "equirect or a file, at most four of them",
+	 .help = "equirect (default), or a camera file (lenses, masks, rotation); of several\n"
+		 "cameras one for each --source, in the same order"},
 	{"preset", LP_PARAM_CHOICE, offsetof(struct lp_options, preset), .initial = "balanced",
 	 .choices = presets, .help = "trade-off between speed and accuracy"},
 	{"panorama-width", LP_PARAM_OWN, offsetof(struct lp_options, panorama_width_px),
@@ -516,13 +536,19 @@ int lp_options_read(struct lp_options *options, int argc, char **argv)
 	if (ret == 0 && *options->config)
 		ret = read_config_file(options, options->config);
 	if (ret == 0) {
-		/* Publishers on the command line replace those of the file. */
-		const int from_file = options->publish.count;
+		/* Lists on the command line replace those of the file. */
+		int *const counts[] = {&options->publish.count, &options->source.count,
+				       &options->camera.count};
+		int from_file[LP_COUNT(counts)];
 
-		options->publish.count = 0;
+		for (size_t k = 0; k < LP_COUNT(counts); k++) {
+			from_file[k] = *counts[k];
+			*counts[k] = 0;
+		}
 		ret = read_arguments(options, argc, argv, NULL);
-		if (options->publish.count == 0)
-			options->publish.count = from_file;
+		for (size_t k = 0; k < LP_COUNT(counts); k++)
+			if (*counts[k] == 0)
+				*counts[k] = from_file[k];
 	}
 	if (ret == 0 && options->publish.count == 0)
 		add_default_publishers(options);
@@ -539,6 +565,11 @@ void lp_options_help(FILE *out)
 	lp_param_print(out, "  --", &config_params);
 	(void)fputs("\nOnly on the command line (a name alone means 1):\n", out);
 	lp_param_print(out, "  --", &command_params);
+}
+
+const char *lp_options_camera(const struct lp_options *options, int source)
+{
+	return source < options->camera.count ? options->camera.texts[source] : "equirect";
 }
 
 struct lp_pipeline_options lp_options_pipeline(const struct lp_options *options)

@@ -20,6 +20,12 @@ struct lp_uri_texts {
 	char texts[LP_MAX_PUBLISHERS][LP_URI_MAX_BYTES];
 };
 
+/* One of each for every camera, in the same order. */
+struct lp_camera_texts {
+	int count;
+	char texts[LP_MAX_CAMERAS][LP_URI_MAX_BYTES];
+};
+
 /* --orientation */
 struct lp_orientation_choice {
 	enum lp_orientation_kind kind;
@@ -33,10 +39,10 @@ struct lp_polarizer {
 };
 
 struct lp_options {
-	char source[LP_URI_MAX_BYTES];
+	struct lp_camera_texts source;
 	struct lp_uri_texts publish;
-	char camera[1024];
-	int preset; /* enum lp_preset */
+	struct lp_camera_texts camera; /* as many as sources; or one of less, or none: equirect */
+	int preset;		       /* enum lp_preset */
 	int panorama_width_px;
 	int decode_divisor;		/* 0: as the preset says; LP_DECODE_BY_BLOCKS */
 	int exact_blocks, refine_cells; /* 0: as the preset says; LP_NONE */
@@ -89,7 +95,10 @@ void lp_options_defaults(struct lp_options *options);
 /* The options' part of --help. */
 void lp_options_help(FILE *out);
 
-/* Options of the pipeline, but for the camera and the film before it. */
+/* The camera file of a source; "equirect" where none is named. */
+const char *lp_options_camera(const struct lp_options *options, int source);
+
+/* Options of the pipeline, but for the cameras and the film before it. */
 struct lp_pipeline_options lp_options_pipeline(const struct lp_options *options);
 
 const char *lp_preset_name(int preset);

@@ -59,13 +59,18 @@ static void turn_to_camera(const struct lp_imager *imager, struct lp_light_estim
 bool lp_pipeline_control(struct lp_pipeline *pipeline, const struct lp_camera_control *control,
 			 float *command_us)
 {
-	pipeline->bracketing = control->settable && pipeline->options.brackets > 0;
-	pipeline->reports_exposure = control->reports_exposure;
-	if (!pipeline->bracketing)
+	struct lp_pipeline_camera *camera = &pipeline->cameras[control->camera];
+
+	camera->bracketing = !control->lost && control->settable && pipeline->options.brackets > 0;
+	camera->reports_exposure = control->reports_exposure;
+	if (control->lost)
+		lp_imager_lose(pipeline->imager, control->camera);
+	else if (camera->bracketing || pipeline->camera_count > 1)
+		lp_imager_begin(pipeline->imager, control->camera);
+	if (!camera->bracketing)
 		return false;
-	lp_imager_forget(pipeline->imager);
-	lp_bracket_init(&pipeline->bracket, pipeline->options.brackets, &control->limits);
-	*command_us = lp_bracket_first_us(&pipeline->bracket);
+	lp_bracket_init(&camera->bracket, pipeline->options.brackets, &control->limits);
+	*command_us = lp_bracket_first_us(&camera->bracket);
 	return true;
 }
 
@@ -81,15 +86,36 @@ static bool is_restless(struct lp_pipeline *p)
 	return p->restless > RESTLESS || lp_lamp_memory_flicker(&p->lamps.memory) > 0.0F;
 }
 
+/* Of several cameras, each exposes for what it sees itself. */
+static bool is_in_view(const struct lp_pipeline *p, int cell)
+{
+	return p->camera_count == 1 || p->view[cell];
+}
+
+/* Share of the sphere that clips in the camera's view. */
+static float clipped_in_view(const struct lp_pipeline *p, const struct lp_panorama *panorama)
+{
+	double clipped_sr = 0.0;
+
+	if (p->camera_count == 1)
+		return panorama->clipped_fraction;
+	for (int i = 0; i < panorama->width * panorama->height; i++)
+		if ((panorama->flags[i] & LP_CELL_CLIPPED) && p->view[i])
+			clipped_sr += lp_grid_solid_angle_sr(lp_imager_grid(p->imager), i);
+	return (float)(clipped_sr / (4.0 * M_PI));
+}
+
 /* Median of a sample of cells, and the peak. */
 static struct lp_bracket_scene look_at_scene(struct lp_pipeline *p,
 					     const struct lp_panorama *panorama)
 {
-	struct lp_bracket_scene scene = {.clipped = panorama->clipped_fraction >
-							    LP_LEAST_CLIPPED_FRACTION ||
-						    lp_lamp_memory_flicker_clips(&p->lamps.memory),
-					 .restless = is_restless(p)};
+	struct lp_bracket_scene scene = {.restless = is_restless(p)};
 	int count = 0;
+
+	if (p->camera_count > 1)
+		lp_imager_view(p->imager, p->view);
+	scene.clipped = clipped_in_view(p, panorama) > LP_LEAST_CLIPPED_FRACTION ||
+			lp_lamp_memory_flicker_clips(&p->lamps.memory);
 
 	for (int r = 0; r < panorama->height; r += 2) {
 		/* rows count by their length, so that poles do not */
@@ -99,22 +125,24 @@ static struct lp_bracket_scene look_at_scene(struct lp_pipeline *p,
 		for (int c = r % 4; c < panorama->width; c += step) {
 			const int cell = r * panorama->width + c;
 
-			if (!(panorama->flags[cell] & LP_CELL_UNSEEN))
+			if (!(panorama->flags[cell] & LP_CELL_UNSEEN) && is_in_view(p, cell))
 				p->scratch[count++] = panorama->cells[cell][LP_LUMINANCE];
 		}
 	}
 	if (count)
 		scene.median = lp_select(p->scratch, count, count / 2);
 	for (int i = 0; i < panorama->width * panorama->height; i++)
-		scene.peak = fmaxf(scene.peak, panorama->cells[i][LP_LUMINANCE]);
+		if (is_in_view(p, i))
+			scene.peak = fmaxf(scene.peak, panorama->cells[i][LP_LUMINANCE]);
 	return scene;
 }
 
-static struct lp_bracket_decision judge(struct lp_pipeline *p, float reported_us)
+static struct lp_bracket_decision judge(struct lp_pipeline *p, struct lp_pipeline_camera *camera,
+					float reported_us)
 {
-	struct lp_bracket *b = &p->bracket;
+	struct lp_bracket *b = &camera->bracket;
 
-	if (p->reports_exposure)
+	if (camera->reports_exposure)
 		return lp_bracket_reported(b, reported_us);
 	if (b->state == LP_BRACKET_IGNORED)
 		return lp_bracket_ignored(b, lp_imager_scale(p->imager));
@@ -150,20 +178,21 @@ static int add(struct lp_pipeline *p, struct lp_frame *frame)
 }
 
 /* The bracket says whether and as what the frame counts. 0, -EAGAIN or an error. */
-static int add_to_bracket(struct lp_pipeline *p, struct lp_frame *frame, float *command_us)
+static int add_to_bracket(struct lp_pipeline *p, struct lp_pipeline_camera *camera,
+			  struct lp_frame *frame, float *command_us)
 {
 	const float reported_us = lp_frame_exposure_us(frame);
-	const bool ignored = p->bracket.state == LP_BRACKET_IGNORED;
+	const bool ignored = camera->bracket.state == LP_BRACKET_IGNORED;
 	const uint64_t sequence = frame->sequence;
 	int ret = lp_imager_load(p->imager, frame,
-				 p->reports_exposure ? reported_us
-				 : ignored	     ? NAN
-						     : p->bracket.commanded_us);
+				 camera->reports_exposure ? reported_us
+				 : ignored		  ? NAN
+							  : camera->bracket.commanded_us);
 
 	if (ret < 0)
 		return ret;
-	lp_bracket_frame(&p->bracket, sequence);
-	const struct lp_bracket_decision decision = judge(p, reported_us);
+	lp_bracket_frame(&camera->bracket, sequence);
+	const struct lp_bracket_decision decision = judge(p, camera, reported_us);
 
 	if (decision.command) {
 		*command_us = decision.command_us;
@@ -179,7 +208,7 @@ static int add_to_bracket(struct lp_pipeline *p, struct lp_frame *frame, float *
 	const struct lp_bracket_scene scene = look_at_scene(p, lp_imager_panorama(p->imager));
 	float next_us;
 
-	if (lp_bracket_next(&p->bracket, &scene, &next_us))
+	if (lp_bracket_next(&camera->bracket, &scene, &next_us))
 		*command_us = next_us;
 	return 0;
 }
@@ -215,6 +244,7 @@ int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
 	const float told_sigma_deg = frame->orientation_sigma_deg;
 	const float told[4] = {frame->orientation[0], frame->orientation[1], frame->orientation[2],
 			       frame->orientation[3]};
+	struct lp_pipeline_camera *camera = &pipeline->cameras[frame->camera];
 	double total[LP_SH_MAX_COUNT][3];
 	struct lp_imager_status status;
 	int ret;
@@ -223,8 +253,8 @@ int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
 					  ? demand->max_lights
 					  : pipeline->options.max_lights;
 	*command_us = NAN;
-	ret = pipeline->bracketing ? add_to_bracket(pipeline, frame, command_us)
-				   : add(pipeline, frame);
+	ret = camera->bracketing ? add_to_bracket(pipeline, camera, frame, command_us)
+				 : add(pipeline, frame);
 	if (ret < 0)
 		return ret;
 	struct lp_panorama *panorama = lp_imager_panorama(pipeline->imager);

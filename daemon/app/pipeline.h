@@ -10,11 +10,11 @@
 
 #include "app/bracket.h"
 #include "app/ring_stage.h"
+#include "include/frame.h"
 #include "include/light_estimate.h"
 #include "light/detection.h"
 
 struct lp_camera_file;
-struct lp_frame;
 struct lp_pipeline;
 
 #define LP_DECODE_BY_BLOCKS (-1)
@@ -43,7 +43,9 @@ struct lp_film_numbers {
 };
 
 struct lp_pipeline_options {
-	const struct lp_camera_file *camera; /* NULL: equirectangular; borrowed during create */
+	/* NULL: equirectangular; borrowed during create. lp_frame.camera is the index. */
+	const struct lp_camera_file *cameras[LP_MAX_CAMERAS];
+	int camera_count; /* 0: one */
 	enum lp_preset preset;
 	int panorama_width; /* 0: as the preset says */
 	/* JPEG: 1, 2, 4, 8 by libjpeg-turbo; 0: as the preset says; LP_DECODE_BY_BLOCKS */
@@ -77,6 +79,8 @@ struct lp_estimates {
 
 /* What can be done about the camera's exposure (include/source.h), once it is known. */
 struct lp_camera_control {
+	int camera; /* which of several */
+	bool lost;  /* it is away, until the next control: the rest does not count */
 	bool settable;
 	bool reports_exposure; /* each frame carries the exposure that it had */
 	struct lp_bracket_limits limits;
@@ -97,8 +101,8 @@ int lp_pipeline_set_preset(struct lp_pipeline *pipeline, enum lp_preset preset);
 /* The preset in force. */
 enum lp_preset lp_pipeline_preset(const struct lp_pipeline *pipeline);
 
-/* A camera has begun to stream: begin a bracket with it, if options and camera allow. Returns
- * whether there is a first command to give. */
+/* A camera has begun to stream, or has gone: begin a bracket with it, if options and camera allow.
+ * Returns whether there is a first command to give to it. */
 bool lp_pipeline_control(struct lp_pipeline *pipeline, const struct lp_camera_control *control,
 			 float *command_us);
 
@@ -110,16 +114,16 @@ void lp_pipeline_ring(struct lp_pipeline *pipeline, const struct lp_ring_sample 
 /*
  * The ring has read light that jumped, between frames. 0: `estimates` is filled: the newest frame's
  * with what the ring says of it now. -EAGAIN: no lamp was switched, or not one worth telling.
- * *command_us as below.
+ * commands_us: as below, one for each camera.
  */
 int lp_pipeline_step(struct lp_pipeline *pipeline, const struct lp_ring_sample *now,
-		     struct lp_estimates *estimates, float *command_us);
+		     struct lp_estimates *estimates, float commands_us[LP_MAX_CAMERAS]);
 
 /*
  * Takes over the reference to `frame`. 0: `estimates` is filled. -EAGAIN: no estimate from this
  * frame (its exposure could not be told, and a wrong one is worse than none). -EBADMSG: frame
  * refused (broken, wrong size), logged; the state is as before the call. *command_us: exposure
- * times gain to command now; NAN: leave the camera as it is.
+ * times gain to command its camera now; NAN: leave it as it is.
  */
 int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
 			const struct lp_demand *demand, struct lp_estimates *estimates,

@@ -3,6 +3,7 @@
 
 #include <errno.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "base/log.h"
 #include "light/sh.h"
@@ -17,6 +18,10 @@ static const struct lp_preset_work presets[] = {
 
 static int check(const struct lp_pipeline_options *o)
 {
+	if (o->camera_count < 0 || o->camera_count > LP_MAX_CAMERAS) {
+		lp_error("options", "pipeline", "at most %d cameras", LP_MAX_CAMERAS);
+		return -EINVAL;
+	}
 	if (o->max_lights < 0 || o->max_lights > LP_MAX_LIGHTS || o->sh_order < 0 ||
 	    o->sh_order > LP_MAX_SH_ORDER) {
 		lp_error("options", "pipeline", "lights 0..%d, SH order 0..%d", LP_MAX_LIGHTS,
@@ -63,10 +68,12 @@ struct stages {
 	struct lp_detection *detection;
 	struct lp_sh_projector *projector;
 	float *scratch;
+	uint8_t *view;
 };
 
 static void destroy_stages(const struct stages *stages)
 {
+	free(stages->view);
 	free(stages->scratch);
 	lp_sh_projector_destroy(stages->projector);
 	lp_detection_destroy(stages->detection);
@@ -81,12 +88,14 @@ static struct lp_film film_of(const struct lp_pipeline *p)
 
 	film.offset_deg = numbers->offset_deg;
 	film.rest_s = numbers->rest_s;
-	if (p->camera->projection == LP_EQUIRECT)
+	const struct lp_camera *camera = p->cameras[0].geometry; /* the only one that has a film */
+
+	if (camera->projection == LP_EQUIRECT)
 		return film;
-	for (int k = 0; k < p->camera->lens_count && k < LP_MAX_SHEETS; k++) {
+	for (int k = 0; k < camera->lens_count && k < LP_MAX_SHEETS; k++) {
 		film.sheet_count = k + 1;
 		for (int i = 0; i < 9; i++)
-			film.lens[k].m[i / 3][i % 3] = p->camera->lens[k].rotation[i / 3][i % 3];
+			film.lens[k].m[i / 3][i % 3] = camera->lens[k].rotation[i / 3][i % 3];
 	}
 	return film;
 }
@@ -107,7 +116,9 @@ static int create_stages(const struct lp_pipeline *p, const struct lp_preset_wor
 	int ret;
 
 	*stages = (struct stages){0};
-	ret = lp_imager_create(p->camera, &imager, &stages->imager);
+	ret = lp_imager_create(p->cameras[0].geometry, &imager, &stages->imager);
+	for (int k = 1; k < p->camera_count && ret == 0; k++)
+		ret = lp_imager_add_camera(stages->imager, p->cameras[k].geometry);
 	if (ret == 0)
 		ret = lp_detection_create(lp_imager_grid(stages->imager), &p->options.detector,
 					  &stages->detection);
@@ -115,7 +126,8 @@ static int create_stages(const struct lp_pipeline *p, const struct lp_preset_wor
 		ret = lp_sh_projector_create(width, height, LP_SH_MAX_ORDER, &stages->projector);
 	if (ret == 0) {
 		stages->scratch = calloc((size_t)width * height, sizeof(*stages->scratch));
-		ret = stages->scratch ? 0 : -ENOMEM;
+		stages->view = calloc((size_t)width * height, 1);
+		ret = stages->scratch && stages->view ? 0 : -ENOMEM;
 	}
 	if (ret < 0)
 		destroy_stages(stages);
@@ -136,7 +148,7 @@ int lp_pipeline_set_preset(struct lp_pipeline *pipeline, enum lp_preset preset)
 {
 	const struct lp_preset_work effective = effective_preset(&pipeline->options, preset);
 	const struct stages old = {pipeline->imager, pipeline->detection, pipeline->projector,
-				   pipeline->scratch};
+				   pipeline->scratch, pipeline->view};
 	struct stages stages;
 	int ret = create_stages(pipeline, &effective, &stages);
 
@@ -164,6 +176,7 @@ int lp_pipeline_set_preset(struct lp_pipeline *pipeline, enum lp_preset preset)
 	pipeline->detection = stages.detection;
 	pipeline->projector = stages.projector;
 	pipeline->scratch = stages.scratch;
+	pipeline->view = stages.view;
 	pipeline->preset = effective;
 	pipeline->in_force = preset;
 	return 0;
@@ -185,10 +198,12 @@ int lp_pipeline_create(const struct lp_pipeline_options *options, struct lp_pipe
 	if (!p)
 		return -ENOMEM;
 	p->options = *options;
-	p->options.camera = NULL; /* was borrowed */
+	memset(p->options.cameras, 0, sizeof(p->options.cameras)); /* were borrowed */
+	p->camera_count = options->camera_count ? options->camera_count : 1;
 	p->tracker.time_constant_ms = options->smoothing_ms;
 	lp_ring_stage_init(&p->ring, &options->scale);
-	ret = lp_camera_create(options->camera, &p->camera);
+	for (int k = 0; k < p->camera_count && ret == 0; k++)
+		ret = lp_camera_create(options->cameras[k], &p->cameras[k].geometry);
 	if (ret == 0)
 		ret = lp_pipeline_set_preset(p, options->preset);
 	if (ret < 0) {
@@ -204,8 +219,9 @@ void lp_pipeline_destroy(struct lp_pipeline *pipeline)
 	if (!pipeline)
 		return;
 	destroy_stages(&(struct stages){pipeline->imager, pipeline->detection, pipeline->projector,
-					pipeline->scratch});
+					pipeline->scratch, pipeline->view});
 	lp_ring_stage_finish(&pipeline->ring);
-	lp_camera_destroy(pipeline->camera);
+	for (int k = 0; k < pipeline->camera_count; k++)
+		lp_camera_destroy(pipeline->cameras[k].geometry);
 	free(pipeline);
 }

@@ -55,6 +55,23 @@ static float hidden_lamps(const struct lp_pipeline *p)
 	return sum;
 }
 
+static uint32_t bracket_flags(const struct lp_pipeline *p)
+{
+	uint32_t flags = 0;
+
+	for (int k = 0; k < p->camera_count; k++) {
+		const struct lp_pipeline_camera *camera = &p->cameras[k];
+
+		if (!camera->bracketing)
+			continue;
+		if (camera->bracket.state == LP_BRACKET_IGNORED)
+			flags |= LP_ESTIMATE_EXPOSURE_IGNORED;
+		else if (lp_imager_current_exposures(p->imager, k) < camera->bracket.planned)
+			flags |= LP_ESTIMATE_BRACKET_INCOMPLETE;
+	}
+	return flags;
+}
+
 static uint32_t flags_of(const struct lp_pipeline *p, const struct lp_panorama *panorama,
 			 const struct lp_imager_status *status, float mean, int lamps)
 {
@@ -67,7 +84,7 @@ static uint32_t flags_of(const struct lp_pipeline *p, const struct lp_panorama *
 		flags |= LP_ESTIMATE_CLIPPED;
 	if (status->mean_code < DARK_CODE) /* false for NAN: float frames have no codes */
 		flags |= LP_ESTIMATE_UNDEREXPOSED;
-	if (panorama->seen_fraction < 1.0F)
+	if (panorama->seen_fraction < 1.0F || status->lost_view)
 		flags |= LP_ESTIMATE_PARTIAL_VIEW;
 	if (status->invalid_samples)
 		flags |= LP_ESTIMATE_INVALID_INPUT;
@@ -87,11 +104,7 @@ static uint32_t flags_of(const struct lp_pipeline *p, const struct lp_panorama *
 		flags |= LP_ESTIMATE_NO_LIGHT;
 	if (p->in_force < p->options.preset)
 		flags |= LP_ESTIMATE_DEGRADED;
-	if (p->bracketing && p->bracket.state == LP_BRACKET_IGNORED)
-		flags |= LP_ESTIMATE_EXPOSURE_IGNORED;
-	else if (p->bracketing && status->current_count < p->bracket.planned)
-		flags |= LP_ESTIMATE_BRACKET_INCOMPLETE;
-	return flags;
+	return flags | bracket_flags(p);
 }
 
 /* Variance of the irradiance, mean over all normals, that a lamp's own uncertainty brings: of its
@@ -125,11 +138,12 @@ static float relighting_sigma(const struct lp_pipeline *p, const struct lp_image
 {
 	const double mean = lp_model_mean_irradiance(e);
 	/* of a lamp's light, a fourth is its mean over all normals */
-	const float hidden_share = hidden_lamps(p) / (4.0F * (float)fmax(mean, DBL_MIN));
-	double clipped = clipped_sigma(status->clipped_share + hidden_share);
-	/* what a hand hides may have changed meanwhile, all of it alike */
-	const double hidden = 4.0 * status->covered_share * COVERED_WALK *
-			      sqrt(1.0 + status->covered_s) / sqrt(6.0);
+	const float missed_share = hidden_lamps(p) / (4.0F * (float)fmax(mean, DBL_MIN));
+	double clipped = clipped_sigma(status->clipped_share + missed_share);
+	/* what a hand hides, or a camera that is away saw, may have changed meanwhile, all of it
+	 * alike */
+	const double hidden = 4.0 * status->hidden_share * COVERED_WALK *
+			      sqrt(1.0 + status->hidden_s) / sqrt(6.0);
 	double lamps = 0.0;
 	float variance;
 

@@ -39,13 +39,14 @@ static float turn_sigma_rad(const struct lp_pipeline *p, int64_t t_ns)
 }
 
 int lp_pipeline_step(struct lp_pipeline *p, const struct lp_ring_sample *now,
-		     struct lp_estimates *estimates, float *command_us)
+		     struct lp_estimates *estimates, float commands_us[LP_MAX_CAMERAS])
 {
 	const struct lp_rotation rotation = lp_imager_rotation_at(p->imager, now->t_ns);
 	const struct lp_light_estimate before = p->steps.told;
 	const bool is_new = !p->steps.pending;
 
-	*command_us = NAN;
+	for (int k = 0; k < LP_MAX_CAMERAS; k++)
+		commands_us[k] = NAN;
 	if (!lp_ring_steps_reading(&p->steps, &rotation, turn_sigma_rad(p, now->t_ns), now))
 		return -EAGAIN;
 	estimates->ring = lp_ring_stage_status(&p->ring);
@@ -53,7 +54,9 @@ int lp_pipeline_step(struct lp_pipeline *p, const struct lp_ring_sample *now,
 	estimates->raw.t_arrival_ns = lp_clock_ns();
 	lp_tracker_jump(&p->tracker, &before, &p->steps.told);
 	lp_pipeline_finish(p, estimates);
-	if (is_new && p->bracketing)
-		(void)lp_bracket_light_changed(&p->bracket, p->steps.factor, command_us);
+	for (int k = 0; k < p->camera_count && is_new; k++)
+		if (p->cameras[k].bracketing)
+			(void)lp_bracket_light_changed(&p->cameras[k].bracket, p->steps.factor,
+						       &commands_us[k]);
 	return 0;
 }

@@ -11,6 +11,7 @@
 #include "app/pipeline.h"
 #include "app/ring_stage.h"
 #include "app/ring_steps.h"
+#include "include/frame.h"
 #include "include/panorama.h"
 #include "light/rotation.h"
 #include "light/tracker.h"
@@ -29,11 +30,19 @@ struct lp_preset_work {
 	int panorama_width;
 };
 
+/* One of several cameras, and what is done about its exposure. */
+struct lp_pipeline_camera {
+	struct lp_camera *geometry;
+	struct lp_bracket bracket;
+	bool bracketing, reports_exposure;
+};
+
 struct lp_pipeline {
 	struct lp_pipeline_options options;
 	struct lp_preset_work preset; /* in force, with what single options say */
 	enum lp_preset in_force;      /* may be lower than options.preset */
-	struct lp_camera *camera;
+	int camera_count;
+	struct lp_pipeline_camera cameras[LP_MAX_CAMERAS];
 	struct lp_imager *imager;
 	struct lp_detection *detection;
 	struct lp_sh_projector *projector;
@@ -43,10 +52,9 @@ struct lp_pipeline {
 	bool has_ring_now;
 	struct lp_ring_steps steps;
 	struct lp_tracker tracker;
-	struct lp_bracket bracket;
-	bool bracketing, reports_exposure;
 	float restless;	   /* share of the last frames that showed changed light */
 	float *scratch;	   /* cells of the panorama, for its median */
+	uint8_t *view;	   /* of several cameras: the cells that the newest frame's looks at */
 	int wanted_lights; /* by the options and the most demanding subscriber */
 	uint32_t sequence;
 	struct lp_rotation origin; /* anchor frame to that of the first frame */

@@ -69,8 +69,8 @@ static void command(struct series *series, int step)
 	const int ret = series->source->ops->set_exposure(series->source, us / gain, gain);
 
 	if (ret < 0) {
-		lp_error(series->options->source, "exposure", "%g us: %s — the series ends",
-			 (double)us, lp_strerror(ret));
+		lp_error(series->options->source.texts[0], "exposure",
+			 "%g us: %s — the series ends", (double)us, lp_strerror(ret));
 		end(series, LP_EXIT_FAILURE);
 		return;
 	}
@@ -121,14 +121,14 @@ static void begin(struct series *series)
 	if (series->options->series_us.count == 0)
 		return;
 	if (!caps.exposure_settable || !series->source->ops->set_exposure) {
-		lp_error(series->options->source, "exposure",
+		lp_error(series->options->source.texts[0], "exposure",
 			 "this camera's exposure cannot be set — leave --series-us out to take its "
 			 "frames as they come");
 		end(series, LP_EXIT_FAILURE);
 		return;
 	}
 	/* Else the exposures in the index would be wrong by this factor. */
-	if (!lp_gain_is_offered(&caps, series->options->gain, series->options->source)) {
+	if (!lp_gain_is_offered(&caps, series->options->gain, series->options->source.texts[0])) {
 		end(series, LP_EXIT_FAILURE);
 		return;
 	}
@@ -146,7 +146,7 @@ static void on_state(void *context, enum lp_source_state state, const char *reas
 	if (state == LP_SOURCE_STREAMING && !series->begun) {
 		begin(series);
 	} else if (state == LP_SOURCE_DOWN || (state == LP_SOURCE_WAITING && series->begun)) {
-		lp_error(series->options->source, "series",
+		lp_error(series->options->source.texts[0], "series",
 			 "the camera is gone and the series is not complete — run it again");
 		end(series, LP_EXIT_FAILURE);
 	} else if (state == LP_SOURCE_ENDED) {
@@ -179,12 +179,13 @@ static int open_source(struct series *series)
 					    .corrupt = on_corrupt_frame,
 					    .state = on_state,
 					    .camera = &camera};
-	const int ret = lp_camera_file_read(series->options->camera, &series->camera_file);
+	const int ret =
+		lp_camera_file_read(lp_options_camera(series->options, 0), &series->camera_file);
 
 	if (ret < 0)
 		return ret;
 	camera = lp_camera_file_profile(series->camera_file);
-	return lp_source_open(series->options->source, &host, &series->source);
+	return lp_source_open(series->options->source.texts[0], &host, &series->source);
 }
 
 /* Everything that can be wrong in what the user wrote shows here. */
@@ -194,9 +195,9 @@ static int create_all(struct series *series)
 	struct lp_source_caps caps;
 	int ret;
 
-	if (!*options->source || options->once) {
+	if (options->source.count != 1 || options->once) {
 		lp_error("lightprobed", "--series",
-			 "needs --source, and cannot be combined with --once");
+			 "needs one --source, and cannot be combined with --once");
 		return -EINVAL;
 	}
 	ret = open_source(series);
@@ -204,12 +205,12 @@ static int create_all(struct series *series)
 		return ret;
 	series->source->ops->caps(series->source, &caps);
 	if (options->series_us.count && !series->source->ops->set_exposure) {
-		lp_error(options->source, "--series-us",
+		lp_error(options->source.texts[0], "--series-us",
 			 "the exposure of this source cannot be set — leave it out");
 		return -EINVAL;
 	}
 	if (!options->series_frames && !caps.finite) {
-		lp_error(options->source, "--series-frames",
+		lp_error(options->source.texts[0], "--series-frames",
 			 "a camera never ends — give the number of frames");
 		return -EINVAL;
 	}

@@ -15,7 +15,6 @@
 #include "light/ring_filter.h"
 #include "light/ring_history.h"
 
-#define LOSSLESS_FRAMES 64 /* more than any source has */
 /* The farthest reading that still counts for a frame. */
 #define RING_MOST_NS (150 * LP_NS_PER_MS)
 /* One sensor alone is shadowed: no lamp lights one of them. A step takes a few readings: it falls
@@ -32,8 +31,8 @@ struct lp_worker {
 	bool thread_runs;
 	atomic_int demand_sh_order, demand_max_lights;
 	pthread_mutex_t control_lock;
-	struct lp_camera_control control;
-	bool control_is_new;
+	struct lp_camera_control controls[LP_MAX_CAMERAS];
+	bool control_is_new[LP_MAX_CAMERAS];
 	struct lp_ring_filter ring_filter;
 	struct lp_ring_history ring; /* of the light, lags taken off */
 	int64_t t_jump_ns;	     /* of the last reading that jumped; 0: none */
@@ -42,21 +41,19 @@ struct lp_worker {
 	atomic_int_fast64_t busy_since_ns; /* 0: idle */
 };
 
-/* Hand a new control to the pipeline. Returns its first command; NAN: none. */
-static float take_control(struct lp_worker *worker)
+/* Hand a new control of a camera to the pipeline, which may have a first command for it. */
+static void take_control(struct lp_worker *worker, int camera, float *command_us)
 {
 	struct lp_camera_control control;
-	float command_us = NAN;
 	bool is_new;
 
 	pthread_mutex_lock(&worker->control_lock);
-	control = worker->control;
-	is_new = worker->control_is_new;
-	worker->control_is_new = false;
+	control = worker->controls[camera];
+	is_new = worker->control_is_new[camera];
+	worker->control_is_new[camera] = false;
 	pthread_mutex_unlock(&worker->control_lock);
 	if (is_new)
-		lp_pipeline_control(worker->pipeline, &control, &command_us);
-	return command_us;
+		lp_pipeline_control(worker->pipeline, &control, command_us);
 }
 
 /* Hand the ring's reading of this frame's light to the pipeline. */
@@ -79,7 +76,9 @@ static void prepare(struct lp_worker *worker, struct lp_result *result)
 {
 	result->last_frame = result->preset_refused = false;
 	result->preset = lp_pipeline_preset(worker->pipeline);
-	result->command_us = NAN;
+	result->camera = 0;
+	for (int k = 0; k < LP_MAX_CAMERAS; k++)
+		result->commands_us[k] = NAN;
 	result->demand = (struct lp_demand){.sh_order = atomic_load(&worker->demand_sh_order),
 					    .max_lights = atomic_load(&worker->demand_max_lights)};
 }
@@ -88,11 +87,12 @@ static void prepare(struct lp_worker *worker, struct lp_result *result)
 static int process(struct lp_worker *worker, struct lp_frame *frame, struct lp_result *result)
 {
 	const int preset = atomic_exchange(&worker->new_preset, -1);
-	float first_us = take_control(worker);
+	float command_us = NAN;
 	int ret;
 
+	for (int k = 0; k < LP_MAX_CAMERAS; k++)
+		take_control(worker, k, &result->commands_us[k]);
 	take_ring(worker, frame);
-
 	result->preset_refused =
 		preset >= 0 && lp_pipeline_set_preset(worker->pipeline, (enum lp_preset)preset) < 0;
 	result->preset = lp_pipeline_preset(worker->pipeline);
@@ -101,10 +101,10 @@ static int process(struct lp_worker *worker, struct lp_frame *frame, struct lp_r
 		ret = -EBADMSG;
 	} else {
 		ret = lp_pipeline_process(worker->pipeline, frame, &result->demand,
-					  &result->estimates, &result->command_us);
+					  &result->estimates, &command_us);
 	}
-	if (isnan(result->command_us))
-		result->command_us = first_us;
+	if (!isnan(command_us))
+		result->commands_us[result->camera] = command_us;
 	if (ret < 0 && ret != -EAGAIN)
 		atomic_fetch_add(&worker->rejected, 1);
 	return ret;
@@ -118,7 +118,7 @@ static int step(struct lp_worker *worker, struct lp_result *result)
 	pthread_mutex_lock(&worker->control_lock);
 	(void)lp_ring_history_newest(&worker->ring, &now); /* what woke us */
 	pthread_mutex_unlock(&worker->control_lock);
-	return lp_pipeline_step(worker->pipeline, &now, &result->estimates, &result->command_us);
+	return lp_pipeline_step(worker->pipeline, &now, &result->estimates, result->commands_us);
 }
 
 static void *work(void *argument)
@@ -135,6 +135,7 @@ static void *work(void *argument)
 		prepare(worker, result);
 		if (frame) {
 			result->last_frame = frame->flags & LP_FRAME_LAST;
+			result->camera = frame->camera;
 			result->status = process(worker, frame, result);
 		} else {
 			result->status = step(worker, result);
@@ -151,7 +152,7 @@ static void *work(void *argument)
 	return NULL;
 }
 
-int lp_worker_create(struct lp_pipeline *pipeline, bool lossless, struct lp_worker **worker)
+int lp_worker_create(struct lp_pipeline *pipeline, int waiting, struct lp_worker **worker)
 {
 	struct lp_worker *self = calloc(1, sizeof(*self));
 	int ret = -ENOMEM;
@@ -163,7 +164,7 @@ int lp_worker_create(struct lp_pipeline *pipeline, bool lossless, struct lp_work
 	self->pipeline = pipeline;
 	atomic_init(&self->new_preset, -1);
 	(void)pthread_mutex_init(&self->control_lock, NULL);
-	self->inbox = lp_mailbox_create(lossless ? LOSSLESS_FRAMES : 1);
+	self->inbox = lp_mailbox_create(waiting);
 	self->outbox = lp_mailbox_create(RESULTS);
 	/* One at work and one at the loop besides those that wait: there is always one to take. */
 	self->results = lp_pool_create(sizeof(struct lp_result), RESULTS + 2, NULL);
@@ -196,8 +197,8 @@ bool lp_worker_submit(struct lp_worker *worker, struct lp_frame *frame,
 void lp_worker_control(struct lp_worker *worker, const struct lp_camera_control *control)
 {
 	pthread_mutex_lock(&worker->control_lock);
-	worker->control = *control;
-	worker->control_is_new = true;
+	worker->controls[control->camera] = *control;
+	worker->control_is_new[control->camera] = true;
 	pthread_mutex_unlock(&worker->control_lock);
 }
 

@@ -15,24 +15,29 @@
 struct lp_worker;
 
 struct lp_result {
-	int status;	       /* of lp_pipeline_process(); only 0 comes with estimates */
-	bool last_frame;       /* the frame was flagged LP_FRAME_LAST */
-	float command_us;      /* exposure times gain to command of the camera; NAN: leave it */
+	int status;	 /* of lp_pipeline_process(); only 0 comes with estimates */
+	bool last_frame; /* the frame was flagged LP_FRAME_LAST */
+	int camera;	 /* of the frame; 0 without one */
+	/* Exposure times gain to command of each camera; NAN: leave it. */
+	float commands_us[LP_MAX_CAMERAS];
 	enum lp_preset preset; /* in force for this frame */
 	bool preset_refused;   /* another one was asked for before this frame, and cannot be had */
 	struct lp_demand demand; /* what was computed */
 	struct lp_estimates estimates;
 };
 
-/* Starts the thread. Takes over `pipeline`, also on error. */
-int lp_worker_create(struct lp_pipeline *pipeline, bool lossless, struct lp_worker **worker);
+#define LP_ALL_FRAMES 64 /* more than any source has */
+
+/* Starts the thread. Takes over `pipeline`, also on error. `waiting`: frames that may wait. */
+int lp_worker_create(struct lp_pipeline *pipeline, int waiting, struct lp_worker **worker);
 
 /* Takes over the reference to `frame`. Loop thread. False: it replaced one that had to wait, which
  * will have no result. */
 bool lp_worker_submit(struct lp_worker *worker, struct lp_frame *frame,
 		      const struct lp_demand *demand);
 
-/* The camera streams (again), and this is what can be done about its exposure. Loop thread. */
+/* A camera streams (again), and this is what can be done about its exposure; or it is gone. Loop
+ * thread. */
 void lp_worker_control(struct lp_worker *worker, const struct lp_camera_control *control);
 
 /* A reading of the ring of light sensors; each frame takes the one of its time

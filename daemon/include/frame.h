@@ -21,6 +21,8 @@ enum lp_frame_flag {
 	LP_FRAME_LAST = 1 << 1,	   /* the source ends with this frame */
 };
 
+#define LP_MAX_CAMERAS 4
+
 /* So many frames the consumer may hold at once: the pipeline the one it works on, a series those
  * that are not written yet. A source has some more to fill. */
 #define LP_FRAMES_HELD 9
@@ -50,6 +52,7 @@ struct lp_frame {
 	float row_time_us; /* the exposure of each row begins so much later than that of the row
 			    * above; 0: all at once; NAN: unknown */
 	uint32_t flags;	   /* enum lp_frame_flag */
+	uint8_t camera;	   /* which of several, from 0; the application sets it */
 	void (*release)(struct lp_frame *frame);
 };
 

@@ -43,16 +43,16 @@ void lp_imager_look_for_bands(struct lp_imager *imager)
 	const struct lp_grid *grid = imager->grid;
 
 	/* of other projections a cell does not tell its row */
-	if (!(imager->row_time_us > 0.0F) || imager->camera->projection != LP_EQUIRECT ||
-	    !imager->t_map_ns || !(imager->incoming.exposure_us < LP_BANDING_MOST_US))
+	if (!(imager->eye->row_time_us > 0.0F) || imager->eye->camera->projection != LP_EQUIRECT ||
+	    !imager->t_map_ns || !(imager->eye->incoming.exposure_us < LP_BANDING_MOST_US))
 		return;
 	const struct lp_cover_view view = lp_imager_cover_view(imager, NAN);
-	const float row_s =
-		1e-6F * imager->row_time_us * (float)imager->remap->height_px / (float)grid->height;
+	const float row_s = 1e-6F * imager->eye->row_time_us *
+			    (float)imager->eye->remap->height_px / (float)grid->height;
 
 	imager->band_samples.count = 0;
 	for (int k = 0; k < imager->watched_count; k++)
 		add(imager, &frame, imager->watched[k],
 		    lp_cover_seen_cell(&view, imager->watched[k]), row_s);
-	lp_banding_look(&imager->banding, &imager->band_samples);
+	lp_banding_look(&imager->eye->banding, &imager->band_samples);
 }

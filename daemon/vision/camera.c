@@ -17,6 +17,13 @@ void lp_camera_destroy(struct lp_camera *camera)
 	free(camera);
 }
 
+int lp_camera_circle_px(const struct lp_camera *camera, int width_px)
+{
+	if (camera->projection == LP_EQUIRECT)
+		return width_px;
+	return (int)(2.0 * M_PI * (double)camera->lens[0].fx_px * width_px / camera->width_px);
+}
+
 static double polynomial(const struct lp_lens *lens, double theta)
 {
 	const double t2 = theta * theta;

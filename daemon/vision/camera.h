@@ -63,6 +63,10 @@ bool lp_camera_project(const struct lp_camera *camera, int lens, int width_px, i
 bool lp_camera_ray(const struct lp_camera *camera, int width_px, int height_px, double x, double y,
 		   double direction[3], int *lens);
 
+/* Width of the panorama whose pixels at the horizon are as small as those of a picture of width_px
+ * on the axis of the first lens. */
+int lp_camera_circle_px(const struct lp_camera *camera, int width_px);
+
 /* Solid angle of the pixel whose centre is (x, y), in sr; 0 where nothing is seen. */
 double lp_camera_pixel_solid_angle_sr(const struct lp_camera *camera, int width_px, int height_px,
 				      double x, double y);

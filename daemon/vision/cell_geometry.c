@@ -10,8 +10,10 @@
 static struct lp_cell_geometry equirect_geometry(const struct lp_imager *imager, int column,
 						 int row)
 {
-	const double theta_step = M_PI * imager->remap->cell_px / imager->remap->height_px;
-	const double lambda_step = 2.0 * M_PI * imager->remap->cell_px / imager->remap->width_px;
+	const double theta_step =
+		M_PI * imager->eye->remap->cell_px / imager->eye->remap->height_px;
+	const double lambda_step =
+		2.0 * M_PI * imager->eye->remap->cell_px / imager->eye->remap->width_px;
 	struct lp_cell_geometry g = {.seen = true};
 	double row_sin[2], row_cos[2], column_sin[2], column_cos[2];
 
@@ -37,11 +39,11 @@ static double lens_share(const struct lp_imager *imager, int own, const double d
 {
 	double pixel[2], share = 0.0, total = 0.0, illumination = 1.0;
 
-	for (int lens = 0; lens < imager->camera->lens_count; lens++) {
+	for (int lens = 0; lens < imager->eye->camera->lens_count; lens++) {
 		double at, relative;
 
-		if (!lp_camera_project(imager->camera, lens, imager->remap->width_px,
-				       imager->remap->height_px, d, pixel, &at, &relative))
+		if (!lp_camera_project(imager->eye->camera, lens, imager->eye->remap->width_px,
+				       imager->eye->remap->height_px, d, pixel, &at, &relative))
 			continue;
 		total += at;
 		if (lens == own) {
@@ -54,28 +56,29 @@ static double lens_share(const struct lp_imager *imager, int own, const double d
 
 static struct lp_cell_geometry lens_geometry(const struct lp_imager *imager, int column, int row)
 {
-	const int side = imager->remap->cell_px;
-	const int width = imager->remap->width_px, height = imager->remap->height_px;
+	const int side = imager->eye->remap->cell_px;
+	const int width = imager->eye->remap->width_px, height = imager->eye->remap->height_px;
 	const double x = (column + 0.5) * side, y = (row + 0.5) * side;
 	struct lp_cell_geometry g = {.seen = true};
 	double d[3];
 	int lens;
 
 	for (int k = 0; k < 4; k++)
-		g.seen &= lp_camera_ray(imager->camera, width, height, (column + k % 2) * side,
+		g.seen &= lp_camera_ray(imager->eye->camera, width, height, (column + k % 2) * side,
 					(row + k / 2) * side, g.corner[k], &lens);
-	g.seen &= lp_camera_ray(imager->camera, width, height, x, y, d, &lens);
+	g.seen &= lp_camera_ray(imager->eye->camera, width, height, x, y, d, &lens);
 	if (g.seen)
 		g.pixel_solid_angle_sr =
-			lp_camera_pixel_solid_angle_sr(imager->camera, width, height, x, y) *
+			lp_camera_pixel_solid_angle_sr(imager->eye->camera, width, height, x, y) *
 			lens_share(imager, lens, d);
 	return g;
 }
 
 struct lp_cell_geometry lp_cell_geometry(const struct lp_imager *imager, int column, int row)
 {
-	return imager->camera->projection == LP_EQUIRECT ? equirect_geometry(imager, column, row)
-							 : lens_geometry(imager, column, row);
+	return imager->eye->camera->projection == LP_EQUIRECT
+		       ? equirect_geometry(imager, column, row)
+		       : lens_geometry(imager, column, row);
 }
 
 struct lp_row_geometry lp_row_geometry(const struct lp_cell_geometry *g, double v)

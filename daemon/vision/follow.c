@@ -41,11 +41,11 @@ static float flicker_share(float exposure_us)
 
 struct lp_observation lp_imager_observation(const struct lp_imager *imager)
 {
-	const struct lp_exposure *e = &imager->incoming;
+	const struct lp_exposure *e = &imager->eye->incoming;
 
-	return (struct lp_observation){.radiance = (const float(*)[4])imager->seen.cells,
-				       .flags = imager->seen.flags,
-				       .response = &imager->response,
+	return (struct lp_observation){.radiance = (const float(*)[4])imager->eye->seen.cells,
+				       .flags = imager->eye->seen.flags,
+				       .response = &imager->eye->response,
 				       .scale = e->scale,
 				       .coded = !isnan(e->cells.mean_code),
 				       .code_variance = CODE_SIGMA * CODE_SIGMA +
@@ -195,7 +195,8 @@ void lp_imager_follow(struct lp_imager *imager)
 	imager->t_motion_ns = imager->t_capture_ns;
 	imager->agreement = 1.0F;
 	imager->elapsed_s = 0.0;
-	if (!first && imager->options.follow_turns && elapsed_s > 0.0) {
+	if (!first && imager->options.follow_turns &&
+	    (elapsed_s > 0.0 || lp_imager_is_late(imager, elapsed_s))) {
 		imager->elapsed_s = fmin(elapsed_s, MOST_ELAPSED_S);
 		follow_turn(imager, imager->elapsed_s);
 	}
@@ -205,7 +206,7 @@ void lp_imager_follow(struct lp_imager *imager)
 void lp_imager_followed(struct lp_imager *imager)
 {
 	lp_witness_compare(&imager->witness, &imager->testimony, &imager->motion,
-			   imager->elapsed_s);
+			   fmax(imager->elapsed_s, 0.0));
 }
 
 void lp_imager_correct_rotation(struct lp_imager *imager, const double pull[3],
@@ -219,12 +220,14 @@ bool lp_imager_rest(struct lp_imager *imager, struct lp_rotation *turn)
 {
 	if (!lp_motion_at_rest(&imager->motion))
 		return false;
-	const float in_map = imager->gain.count ? lp_imager_scale_in_map(imager) : 0.0F;
+	float in_map[LP_MAX_CAMERAS];
 
+	for (int k = 0; k < imager->eye_count; k++)
+		in_map[k] = lp_imager_scale_in_map(imager, &imager->eyes[k].gain);
 	*turn = lp_rotation_inverse(&imager->motion.rotation);
 	lp_radiance_map_turn(imager->map, imager->lookup, &imager->motion.rotation);
-	if (imager->gain.count)
-		lp_imager_turn_scale(imager, in_map);
+	for (int k = 0; k < imager->eye_count; k++)
+		lp_imager_turn_scale(imager, &imager->eyes[k].gain, in_map[k]);
 	if (imager->stokes)
 		lp_stokes_map_turn(imager->stokes, &imager->motion.rotation);
 	lp_witness_anchor(&imager->witness, &imager->motion.rotation);

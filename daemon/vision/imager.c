@@ -12,15 +12,8 @@
 #include "light/grid.h"
 #include "vision/alignment.h"
 #include "vision/lookup.h"
-#include "vision/remap.h"
 #include "vision/stokes_map.h"
 
-/* Exposures within half a stop of each other are one setting: an automatic camera on its way, no
- * bracket. Chosen by hand (docs/maintainers/constants.md). */
-#define SAME_EXPOSURE 1.4F
-/* A camera needs several frames for one change of exposure: a bracket of n takes up to 8 n frames:
- * more than MOST_DELAY_FRAMES of app/bracket.c each. */
-#define STALE_BRACKETS 8
 /* When more than this share of the light is another, exposures from before count as missing. Chosen
  * by hand. */
 #define CHANGED 0.02F
@@ -29,6 +22,9 @@
 #define MOST_STIRRED 0.5F
 /* Where a cell of a turned picture looks, in cells: what lies between samples. */
 #define PLACE_SIGMA 0.15
+/* A longest exposure and a transfer: so much later than another's may a camera's frame come that
+ * was exposed before it. */
+#define MOST_LATE_S 0.15
 
 int lp_imager_create(const struct lp_camera *camera, const struct lp_imager_options *options,
 		     struct lp_imager **imager)
@@ -40,11 +36,9 @@ int lp_imager_create(const struct lp_camera *camera, const struct lp_imager_opti
 
 	if (!m)
 		return -ENOMEM;
-	m->camera = camera;
 	m->options = *options;
 	m->agreement = 1.0F;
-	lp_gain_init(&m->gain, options->film.gain > 0.0F ? 1.0F / options->film.gain : 1.0F);
-	lp_response_init(&m->response, camera);
+	m->eye = m->eyes;
 	lp_motion_init(&m->motion);
 	ret = lp_grid_create(width, height, &m->grid);
 	if (ret == 0)
@@ -57,19 +51,19 @@ int lp_imager_create(const struct lp_camera *camera, const struct lp_imager_opti
 		ret = lp_stokes_map_create(m->grid, &m->stokes);
 	if (ret < 0)
 		goto err_destroy;
+	m->panorama.width = width;
+	m->panorama.height = height;
+	ret = lp_imager_add_camera(m, camera);
+	if (ret < 0)
+		goto err_destroy;
 	ret = -ENOMEM;
-	m->seen.width = m->panorama.width = width;
-	m->seen.height = m->panorama.height = height;
-	m->mapped = calloc(cells, sizeof(*m->mapped));
-	m->mapped_flags = calloc(cells, 1);
 	m->turned = calloc(cells, sizeof(*m->turned));
 	m->turned_flags = calloc(cells, 1);
 	m->step2 = calloc(cells, sizeof(*m->step2));
 	m->behind = calloc(cells, sizeof(*m->behind));
 	m->taken = calloc(cells, 1);
 	m->pixels = calloc((size_t)LP_REFINE_MAX_CELLS * LP_CELL_MAX_PX, sizeof(*m->pixels));
-	if (!m->mapped || !m->mapped_flags || !m->turned || !m->turned_flags || !m->step2 ||
-	    !m->behind || !m->taken || !m->pixels)
+	if (!m->turned || !m->turned_flags || !m->step2 || !m->behind || !m->taken || !m->pixels)
 		goto err_destroy;
 	lp_imager_watch(m);
 	*imager = m;
@@ -84,24 +78,31 @@ void lp_imager_destroy(struct lp_imager *imager)
 {
 	if (!imager)
 		return;
-	lp_exposure_release(&imager->incoming);
-	lp_remap_destroy(imager->remap);
-	free(imager->row_weight);
-	free(imager->place);
+	for (int k = 0; k < imager->eye_count; k++)
+		lp_eye_release(&imager->eyes[k]);
 	free(imager->pixels);
 	free(imager->taken);
 	free(imager->behind);
 	free(imager->step2);
 	free(imager->turned_flags);
 	free(imager->turned);
-	free(imager->mapped_flags);
-	free(imager->mapped);
 	lp_stokes_map_destroy(imager->stokes);
 	lp_alignment_destroy(imager->alignment);
 	lp_lookup_destroy(imager->lookup);
 	lp_radiance_map_destroy(imager->map);
 	lp_grid_destroy(imager->grid);
 	free(imager);
+}
+
+int lp_imager_add_camera(struct lp_imager *imager, const struct lp_camera *camera)
+{
+	const float film = imager->options.film.gain;
+
+	if (imager->eye_count == LP_MAX_CAMERAS)
+		return -EINVAL;
+	/* counted first: what was allocated in part is released with the rest */
+	return lp_eye_init(&imager->eyes[imager->eye_count++], camera, imager->panorama.width,
+			   film > 0.0F ? 1.0F / film : 1.0F);
 }
 
 const struct lp_grid *lp_imager_grid(const struct lp_imager *imager)
@@ -119,15 +120,59 @@ const struct lp_rotation *lp_imager_rotation(const struct lp_imager *imager)
 	return &imager->motion.rotation;
 }
 
-void lp_imager_forget(struct lp_imager *imager)
+/* Whether other cameras have shown anything. */
+static bool others_know(const struct lp_imager *imager, const struct lp_eye *eye)
+{
+	for (int k = 0; k < imager->eye_count; k++)
+		if (&imager->eyes[k] != eye && imager->eyes[k].serial)
+			return true;
+	return false;
+}
+
+/* What the camera of the newest frame looks at, as far as it is known where that is. */
+static void forget_view(struct lp_imager *imager)
+{
+	const struct lp_cover_view view = lp_imager_cover_view(imager, NAN);
+
+	for (int i = 0; i < imager->grid->width * imager->grid->height; i++)
+		if (lp_eye_sees(imager->eye, lp_cover_seen_cell(&view, i)))
+			lp_radiance_map_forget_cell(imager->map, i);
+}
+
+static void forget_all(struct lp_imager *imager)
 {
 	lp_radiance_map_forget(imager->map);
-	imager->cover = (struct lp_cover){.found = false};
 	if (imager->stokes)
 		lp_stokes_map_forget(imager->stokes);
-	memset(imager->recent, 0, sizeof(imager->recent));
 	imager->t_map_ns = 0;
+}
+
+void lp_imager_forget(struct lp_imager *imager)
+{
+	lp_eye_forget(imager->eye);
+	if (others_know(imager, imager->eye))
+		forget_view(imager);
+	else
+		forget_all(imager);
 	lp_imager_forget_scale(imager);
+}
+
+void lp_imager_begin(struct lp_imager *imager, int camera)
+{
+	imager->eye = &imager->eyes[camera];
+	imager->eye->lost = false;
+	lp_eye_forget(imager->eye);
+	if (!others_know(imager, imager->eye))
+		forget_all(imager);
+	lp_imager_forget_scale(imager);
+}
+
+void lp_imager_lose(struct lp_imager *imager, int camera)
+{
+	imager->eyes[camera].lost = true;
+	imager->eyes[camera].t_seen_ns = 0;
+	if (!imager->t_lost_ns)
+		imager->t_lost_ns = imager->t_capture_ns;
 }
 
 /*
@@ -143,76 +188,37 @@ static struct lp_decode_options decode_options(const struct lp_imager *imager,
 				      .divisor = o->divisor,
 				      .cell_px = 8,
 				      .exact_blocks = o->exact_blocks};
+	const int circle_px = lp_camera_circle_px(imager->eye->camera, (int)frame->width_px);
 	const bool blocks = frame->format != LP_FORMAT_RGB_F32 && o->decode == LP_DECODE_BLOCKS;
 
-	if (blocks && (int)frame->width_px / 8 >= o->panorama_width / 2)
+	if (blocks && circle_px / 8 >= o->panorama_width / 2)
 		return d;
 	d.decode = LP_DECODE_PIXELS;
 	if (blocks || d.divisor < 1)
 		d.divisor = 1;
-	while (d.cell_px > 1 && (int)frame->width_px / d.cell_px < o->panorama_width)
+	while (d.cell_px > 1 && circle_px / d.cell_px < o->panorama_width)
 		d.cell_px /= 2;
 	if (frame->format == LP_FORMAT_MJPEG && d.cell_px < d.divisor)
 		d.cell_px = d.divisor;
 	return d;
 }
 
-static bool same_geometry(const struct lp_imager *imager, const struct lp_frame *frame, int cell_px)
+int lp_imager_current_exposures(const struct lp_imager *imager, int camera)
 {
-	return imager->remap && imager->remap->width_px == (int)frame->width_px &&
-	       imager->remap->height_px == (int)frame->height_px &&
-	       imager->remap->cell_px == cell_px;
+	return lp_eye_exposures(&imager->eyes[camera]).current;
 }
 
-static int set_rows(struct lp_imager *imager, int width_px, int height_px)
+void lp_imager_view(const struct lp_imager *imager, uint8_t *cells)
 {
-	const int rows = (height_px + 7) / 8 * 8; /* the last block may reach beyond the picture */
-	float *weight = realloc(imager->row_weight, 2 * rows * sizeof(*weight));
+	const struct lp_cover_view view = lp_imager_cover_view(imager, NAN);
 
-	if (!weight)
-		return -ENOMEM;
-	imager->row_weight = weight;
-	imager->row_solid_angle_sr = weight + rows;
-	memset(weight, 0, 2 * rows * sizeof(*weight));
-	for (int y = 0; y < height_px; y++) {
-		weight[y] = imager->camera->projection == LP_EQUIRECT
-				    ? (float)sin(M_PI * (y + 0.5) / height_px)
-				    : 1.0F;
-		imager->row_solid_angle_sr[y] =
-			(float)lp_camera_pixel_solid_angle_sr(imager->camera, width_px, height_px,
-							      0.5, y + 0.5);
-	}
-	return 0;
-}
-
-/* A new picture size: exposures of the old size are forgotten. */
-static int set_geometry(struct lp_imager *imager, const struct lp_frame *frame, int cell_px)
-{
-	const int width = frame->width_px, height = frame->height_px;
-	const size_t cells = (size_t)((width + cell_px - 1) / cell_px) *
-			     (size_t)((height + cell_px - 1) / cell_px);
-	struct lp_remap *remap;
-	int ret = set_rows(imager, width, height);
-
-	if (ret < 0)
-		return ret;
-	free(imager->place);
-	imager->place = calloc(cells, sizeof(*imager->place));
-	if (!imager->place)
-		return -ENOMEM;
-	ret = lp_remap_create(imager->camera, width, height, cell_px, imager->panorama.width,
-			      &remap);
-	if (ret < 0)
-		return ret;
-	lp_remap_destroy(imager->remap);
-	imager->remap = remap;
-	lp_imager_forget(imager);
-	return 0;
+	for (int i = 0; i < imager->grid->width * imager->grid->height; i++)
+		cells[i] = lp_eye_sees(imager->eye, lp_cover_seen_cell(&view, i));
 }
 
 float lp_imager_scale(const struct lp_imager *imager)
 {
-	return imager->incoming.scale;
+	return imager->eye->incoming.scale;
 }
 
 void lp_imager_expect_flicker(struct lp_imager *imager, float depth)
@@ -238,18 +244,7 @@ static float scale_of(const struct lp_imager *imager, bool coded, float exposure
 
 	if (!coded)
 		return 1.0F / film;
-	return isnan(exposure_us) ? imager->gain.scale : 1e6F / exposure_us / film;
-}
-
-/* The newest frame's cells on the panorama's grid. */
-static void map_cells(struct lp_imager *imager)
-{
-	const struct lp_cells *cells = &imager->incoming.cells;
-	const bool identity = imager->remap->identity;
-
-	imager->seen.cells = identity ? cells->radiance : imager->mapped;
-	imager->seen.flags = identity ? cells->clipped : imager->mapped_flags;
-	lp_remap_apply(imager->remap, cells, &imager->seen);
+	return isnan(exposure_us) ? imager->eye->gain.scale : 1e6F / exposure_us / film;
 }
 
 /* What the frame carries of its orientation, if that is wanted. */
@@ -274,35 +269,39 @@ int lp_imager_load(struct lp_imager *imager, struct lp_frame *frame, float expec
 {
 	const int64_t duration_ns =
 		isnan(frame->exposure_us) ? 0 : (int64_t)((double)frame->exposure_us * 1e3);
-	struct lp_exposure *incoming = &imager->incoming;
-	int ret = 0;
+	struct lp_exposure *incoming;
+	int ret;
 
 	imager->loaded = false;
-	if (!sane(frame)) {
+	if (!sane(frame) || frame->camera >= imager->eye_count) {
 		lp_warning("frame", "check", "no picture of %ux%u in %zu bytes; frame left out",
 			   frame->width_px, frame->height_px, frame->size_bytes);
 		lp_frame_release(frame);
 		return -EBADMSG;
 	}
+	imager->eye = &imager->eyes[frame->camera];
+	incoming = &imager->eye->incoming;
 	const struct lp_decode_options options = decode_options(imager, frame);
-	if (!same_geometry(imager, frame, options.cell_px))
-		ret = set_geometry(imager, frame, options.cell_px);
+	ret = lp_eye_fit(imager->eye, (int)frame->width_px, (int)frame->height_px, options.cell_px);
 	if (ret < 0) {
 		lp_frame_release(frame);
 		return ret;
 	}
+	if (ret > 0 && imager->eye->serial) /* exposures of the old size are forgotten */
+		lp_imager_forget(imager);
 	imager->t_capture_ns = frame->t_start_ns + duration_ns / 2;
 	imager->testimony = testimony_of(imager, frame);
 	incoming->exposure_us = expected_us;
 	incoming->scale = scale_of(imager, frame->format != LP_FORMAT_RGB_F32, expected_us);
 	imager->wheel_deg = frame->wheel_deg;
-	imager->row_time_us = frame->row_time_us;
-	ret = lp_exposure_load(incoming, frame, &options, imager->row_weight, &imager->response);
+	imager->eye->row_time_us = frame->row_time_us;
+	ret = lp_exposure_load(incoming, frame, &options, imager->eye->row_weight,
+			       &imager->eye->response);
 	if (ret < 0)
 		return ret;
-	map_cells(imager);
-	if (imager->cover.found) /* most likely still */
-		lp_cover_mark(&imager->cover, imager->grid, imager->seen.flags);
+	lp_eye_map(imager->eye);
+	if (imager->eye->cover.found) /* most likely still */
+		lp_cover_mark(&imager->eye->cover, imager->grid, imager->eye->seen.flags);
 	lp_imager_place_film(imager);
 	lp_imager_expect_scale(imager);
 	lp_imager_follow(imager);
@@ -311,63 +310,29 @@ int lp_imager_load(struct lp_imager *imager, struct lp_frame *frame, float expec
 	return 0;
 }
 
-static bool same_exposure(float a, float b)
-{
-	return (isnan(a) && isnan(b)) || (a <= SAME_EXPOSURE * b && b <= SAME_EXPOSURE * a);
-}
-
-/* The place of this exposure setting; else an empty one; else that seen longest ago. */
-static struct lp_recent_exposure *place_for(struct lp_imager *imager, float exposure_us)
-{
-	struct lp_recent_exposure *oldest = &imager->recent[0];
-
-	for (int k = 0; k < LP_MAX_BRACKET; k++) {
-		struct lp_recent_exposure *e = &imager->recent[k];
-
-		if (e->serial && same_exposure(e->exposure_us, exposure_us))
-			return e;
-		if (e->serial < oldest->serial)
-			oldest = e;
-	}
-	return oldest;
-}
-
-/* A setting that has not come for the time of several brackets is no longer part of the bracket. */
-static void note_exposure(struct lp_imager *imager, float exposure_us)
-{
-	const struct lp_cells *cells = &imager->incoming.cells;
-	int live = 0;
-
-	imager->serial++;
-	*place_for(imager, exposure_us) =
-		(struct lp_recent_exposure){.exposure_us = exposure_us,
-					    .mean_code = (float)cells->mean_code,
-					    .serial = imager->serial,
-					    .invalid = cells->invalid_count > 0};
-	for (int k = 0; k < LP_MAX_BRACKET; k++)
-		live += imager->recent[k].serial != 0;
-	for (int k = 0; k < LP_MAX_BRACKET; k++) {
-		struct lp_recent_exposure *e = &imager->recent[k];
-
-		if (imager->serial - e->serial > STALE_BRACKETS * (uint64_t)live ||
-		    isnan(e->exposure_us) != isnan(exposure_us))
-			e->serial = 0;
-	}
-}
-
 /* A map that began with unknown exposures has a scale of its own, and says nothing to frames of a
  * known one. The other way round it tells what is unknown. */
 static void heed_scale(struct lp_imager *imager, float exposure_us)
 {
-	const bool coded = !isnan(imager->incoming.cells.mean_code);
+	const bool coded = !isnan(imager->eye->incoming.cells.mean_code);
 
-	if (imager->is_relative && !isnan(exposure_us))
-		lp_imager_forget(imager);
+	if (imager->is_relative && !isnan(exposure_us)) {
+		forget_all(imager);
+		for (int k = 0; k < imager->eye_count; k++) {
+			lp_eye_forget(&imager->eyes[k]);
+			lp_gain_init(&imager->eyes[k].gain, imager->eyes[k].gain.scale);
+		}
+	}
 	if (!imager->t_map_ns)
 		imager->is_relative = coded && isnan(exposure_us);
 	if (isnan(exposure_us))
 		return;
-	lp_gain_init(&imager->gain, imager->incoming.scale);
+	lp_gain_init(&imager->eye->gain, imager->eye->incoming.scale);
+}
+
+bool lp_imager_is_late(const struct lp_imager *imager, double elapsed_s)
+{
+	return imager->eye_count > 1 && elapsed_s < 0.0 && elapsed_s > -MOST_LATE_S;
 }
 
 static void observe(struct lp_imager *imager)
@@ -398,75 +363,15 @@ static void observe(struct lp_imager *imager)
 		imager->update = lp_radiance_map_observe(imager->map, &seen);
 		imager->update.changed = changed;
 	}
-	imager->t_map_ns = imager->t_capture_ns;
+	if (!lp_imager_is_late(imager, elapsed_s))
+		imager->t_map_ns = imager->t_capture_ns;
 }
 
-struct lp_cover_view lp_imager_cover_view(const struct lp_imager *imager, float exposure_us)
+double lp_imager_eye_elapsed_s(const struct lp_imager *imager)
 {
-	const bool turned = !lp_rotation_is_identity(&imager->motion.rotation);
-	const float scale = imager->incoming.scale;
+	const int64_t then_ns = imager->eye->t_seen_ns;
 
-	return (struct lp_cover_view){
-		.grid = imager->grid,
-		.map = imager->map,
-		.lookup = turned ? imager->lookup : NULL,
-		.radiance = (const float(*)[4])imager->seen.cells,
-		.flags = imager->seen.flags,
-		.frame_scale = scale,
-		.map_scale = isnan(exposure_us) ? scale : 1e6F / exposure_us,
-	};
-}
-
-/* What the map held before a hand came is true still. */
-static void restore_covered(struct lp_imager *imager)
-{
-	const struct lp_cover_view view = lp_imager_cover_view(imager, NAN);
-	const int width = imager->grid->width;
-
-	for (int i = 0; i < width * imager->grid->height; i++) {
-		const int seen = lp_cover_seen_cell(&view, i);
-
-		if (imager->cover.near[lp_cover_block(width, seen)])
-			lp_radiance_map_restore(imager->map, i, LP_COVER_COMES_S);
-	}
-}
-
-/* Is the lens covered in the newest frame? Where it is, the frame tells nothing of the light. */
-static void look_for_cover(struct lp_imager *imager)
-{
-	const double elapsed_s = (double)(imager->t_capture_ns - imager->t_map_ns) / 1e9;
-	const struct lp_cover before = imager->cover;
-
-	if (isnan(imager->incoming.cells.mean_code) || !imager->t_map_ns)
-		return;
-	const struct lp_cover_view view = lp_imager_cover_view(imager, NAN);
-
-	imager->cover = lp_cover_look(&before, &view);
-	imager->covered_s = before.found && imager->cover.found
-				    ? imager->covered_s + (float)fmax(elapsed_s, 0.0)
-				    : 0.0F;
-	if (before.found || imager->cover.found)
-		lp_cover_mark(&imager->cover, imager->grid, imager->seen.flags);
-	if (imager->cover.found && !before.found)
-		restore_covered(imager);
-}
-
-/* Share of the light that is known where the lens is covered. */
-static float covered_light(const struct lp_imager *imager)
-{
-	const struct lp_cover_view view = lp_imager_cover_view(imager, NAN);
-	const struct lp_grid *grid = imager->grid;
-	double covered = 0.0, all = 0.0;
-
-	for (int i = 0; i < grid->width * grid->height; i++) {
-		const double light = (double)imager->map->radiance[i][LP_LUMINANCE] *
-				     lp_grid_solid_angle_sr(grid, i);
-
-		all += light;
-		if (imager->cover.near[lp_cover_block(grid->width, lp_cover_seen_cell(&view, i))])
-			covered += light;
-	}
-	return all > 0.0 ? (float)(covered / all) : 0.0F;
+	return then_ns ? fmax((double)(imager->t_capture_ns - then_ns) / 1e9, 0.0) : 0.0;
 }
 
 /* The map, as the rest of the pipeline sees it. */
@@ -483,17 +388,17 @@ static void show(struct lp_imager *imager)
 
 void lp_imager_rescale(struct lp_imager *imager, float scale)
 {
-	if (imager->incoming.scale == scale)
+	if (imager->eye->incoming.scale == scale)
 		return;
-	lp_exposure_rescale(&imager->incoming, scale);
-	map_cells(imager);
-	if (imager->cover.found)
-		lp_cover_mark(&imager->cover, imager->grid, imager->seen.flags);
+	lp_exposure_rescale(&imager->eye->incoming, scale);
+	lp_eye_map(imager->eye);
+	if (imager->eye->cover.found)
+		lp_cover_mark(&imager->eye->cover, imager->grid, imager->eye->seen.flags);
 }
 
 void lp_imager_settle(struct lp_imager *imager, float exposure_us)
 {
-	struct lp_exposure *incoming = &imager->incoming;
+	struct lp_exposure *incoming = &imager->eye->incoming;
 	const float scale = scale_of(imager, !isnan(incoming->cells.mean_code), exposure_us);
 
 	incoming->exposure_us = exposure_us;
@@ -508,15 +413,16 @@ int lp_imager_accept(struct lp_imager *imager, float exposure_us)
 	lp_imager_settle(imager, exposure_us);
 	heed_scale(imager, exposure_us);
 	lp_imager_followed(imager);
-	look_for_cover(imager);
+	lp_imager_look_for_cover(imager);
 	lp_imager_look_for_bands(imager);
 	observe(imager);
-	imager->covered_share = imager->cover.found ? covered_light(imager) : 0.0F;
-	note_exposure(imager, exposure_us);
-	if (imager->update.changed > CHANGED) {
-		imager->changed_serial = imager->serial;
-		lp_gain_disturb(&imager->gain, imager->update.changed);
+	lp_eye_note_exposure(imager->eye, exposure_us);
+	imager->eye->t_seen_ns = imager->t_capture_ns;
+	for (int k = 0; k < imager->eye_count && imager->update.changed > CHANGED; k++) {
+		imager->eyes[k].changed_serial = imager->eyes[k].serial;
+		lp_gain_disturb(&imager->eyes[k].gain, imager->update.changed);
 	}
+	lp_imager_weigh_hidden(imager);
 	show(imager);
 	return 0;
 }
@@ -539,13 +445,29 @@ int lp_imager_add(struct lp_imager *imager, struct lp_frame *frame)
 	return ret < 0 ? ret : lp_imager_accept(imager, exposure_us);
 }
 
+/* What one of the cameras adds; the brightest picture tells whether all is too dark. */
+static void add_eye(const struct lp_eye *eye, struct lp_imager_status *status)
+{
+	const struct lp_eye_exposures exposures = lp_eye_exposures(eye);
+
+	status->invalid_samples |= exposures.invalid;
+	status->exposure_unknown |= exposures.unknown;
+	status->mean_code = fmaxf(status->mean_code, exposures.mean_code);
+	if (eye->gain.count)
+		status->scale_sigma = fmaxf(status->scale_sigma, lp_gain_sigma(&eye->gain));
+	if (eye->banding.found)
+		status->banding = fmaxf(status->banding, eye->banding.amplitude);
+	status->covered |= eye->cover.found;
+	status->hidden_s = fmaxf(status->hidden_s, eye->covered_s);
+	status->hidden_share += eye->covered_share;
+}
+
 void lp_imager_status(const struct lp_imager *imager, struct lp_imager_status *status)
 {
 	const double *rate = imager->motion.rate;
 	const double degrees = 180.0 / M_PI;
 
 	*status = (struct lp_imager_status){
-		.longest_exposure_us = NAN,
 		.mean_code = NAN,
 		.irradiance_sigma = imager->update.irradiance_sigma,
 		.clipped_share = imager->update.clipped_share,
@@ -557,27 +479,17 @@ void lp_imager_status(const struct lp_imager *imager, struct lp_imager_status *s
 		.rotation_is_unknown = imager->agreement < LP_LEAST_AGREEMENT,
 		.orientation_told = imager->testimony.known,
 		.orientation_left_out = imager->witness.left_out,
-		.scale_sigma = imager->gain.count ? lp_gain_sigma(&imager->gain) : 0.0F,
-		.banding = imager->banding.found ? imager->banding.amplitude : 0.0F,
-		.covered = imager->cover.found,
-		.covered_s = imager->covered_s,
-		.covered_share = imager->covered_share,
+		.lost_view = imager->lost_view,
+		.hidden_s = imager->lost_view
+				    ? (float)(imager->t_capture_ns - imager->t_lost_ns) / 1e9F
+				    : 0.0F,
+		.hidden_share = imager->lost_share,
 		.angles_missing = imager->stokes && !lp_stokes_polarization(&imager->angles).known};
-	for (int k = 0; k < LP_MAX_BRACKET; k++) {
-		const struct lp_recent_exposure *e = &imager->recent[k];
+	const struct lp_eye_exposures newest = lp_eye_exposures(imager->eye);
 
-		if (!e->serial)
-			continue;
-		status->exposure_count++;
-		status->current_count +=
-			e->serial == imager->serial || e->serial > imager->changed_serial;
-		status->invalid_samples |= e->invalid;
-		/* float frames are radiance, whatever their exposure */
-		status->exposure_unknown |= isnan(e->exposure_us) && !isnan(e->mean_code);
-		if (isnan(status->longest_exposure_us) ||
-		    e->exposure_us > status->longest_exposure_us) {
-			status->longest_exposure_us = e->exposure_us;
-			status->mean_code = e->mean_code;
-		}
-	}
+	status->exposure_count = newest.count;
+	status->longest_exposure_us = newest.longest_us;
+	for (int k = 0; k < imager->eye_count; k++)
+		if (!imager->eyes[k].lost)
+			add_eye(&imager->eyes[k], status);
 }

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * The whole of vision: frames in, one panorama of linear radiance out. Every frame corrects what is
- * known (vision/radiance_map.h), turned into the frame of the map as the camera is turned. One
- * thread.
+ * known (vision/radiance_map.h), turned into the frame of the map as the camera is turned. Several
+ * cameras in one box are turned together; each frame tells of the part of the sphere that its
+ * camera sees. One thread.
  *
  * Two frames of reference: the camera's (the probe frame), and the anchor frame, in which the
  * panorama and the lamps found in it are. They are the same until the camera turns.
@@ -43,9 +44,7 @@ struct lp_imager_options {
 
 /* What went into the panorama. */
 struct lp_imager_status {
-	int exposure_count;
-	int current_count; /* of these, the newest, and those since the light last changed or the
-			    * camera turned */
+	int exposure_count;	   /* of the newest frame's camera, and so on */
 	float longest_exposure_us; /* times gain; NAN: unknown */
 	bool exposure_unknown;
 	/* 1 sigma, relative, of the scale of light against that of the first frame; 0 where
@@ -65,14 +64,19 @@ struct lp_imager_status {
 	bool orientation_left_out; /* what frames carry contradicts what they show */
 	float banding;		   /* amplitude of the bands that flicker draws; 0: none are seen */
 	bool covered;		   /* something hides part of the camera's view */
-	float covered_s;	   /* for how long by now */
-	float covered_share;	   /* of the light: what was known where the view is hidden */
+	bool lost_view;		   /* a camera is away, and no other one sees what it saw */
+	float hidden_s;		   /* for how long by now something is covered or lost */
+	float hidden_share;	   /* of the light: what was known there */
 	bool angles_missing; /* a film, but too few of its angles to tell how light is polarized */
 };
 
 /* The camera is borrowed until destroy. */
 int lp_imager_create(const struct lp_camera *camera, const struct lp_imager_options *options,
 		     struct lp_imager **imager);
+
+/* One more camera, borrowed until destroy; lp_frame.camera says which one a frame is of. -EINVAL:
+ * more than LP_MAX_CAMERAS; -ENOMEM. */
+int lp_imager_add_camera(struct lp_imager *imager, const struct lp_camera *camera);
 void lp_imager_destroy(struct lp_imager *imager); /* accepts NULL; releases the frames it holds */
 
 /*
@@ -94,8 +98,15 @@ int lp_imager_accept(struct lp_imager *imager, float exposure_us);
 /* Load and accept with the exposure that the frame itself states. */
 int lp_imager_add(struct lp_imager *imager, struct lp_frame *frame);
 
-/* Forget all that is known of the light: the next frame accepted starts anew. */
+/* Forget what is known of the light that the camera of the newest frame sees: its next frame that
+ * is accepted starts anew. */
 void lp_imager_forget(struct lp_imager *imager);
+
+/* The camera streams (again): what its frames have shown of their exposures counts no more. */
+void lp_imager_begin(struct lp_imager *imager, int camera);
+
+/* The camera is away. What it has shown stays, less and less certain. */
+void lp_imager_lose(struct lp_imager *imager, int camera);
 
 /* Another exposure is commanded: a sudden change of all that frames show is most likely that. */
 void lp_imager_expect_exposure(struct lp_imager *imager);
@@ -111,6 +122,13 @@ struct lp_exposure_match {
 	float compared;		/* share of the cells */
 };
 struct lp_exposure_match lp_imager_match(const struct lp_imager *imager, float exposure_us);
+
+/* Exposures of a camera in the panorama: the newest, and those since the light last changed. */
+int lp_imager_current_exposures(const struct lp_imager *imager, int camera);
+
+/* 1 for each cell of the panorama (anchor frame) along which the camera of the newest frame looks,
+ * else 0. */
+void lp_imager_view(const struct lp_imager *imager, uint8_t *cells);
 
 const struct lp_grid *lp_imager_grid(const struct lp_imager *imager);
 /* Anchor frame. Owned by the imager; valid and changeable until the next load. */

@@ -1,22 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What imager.c, follow.c and refine.c share. */
+/* What the files of the imager share. */
 #ifndef LP_VISION_IMAGER_INTERNAL_H
 #define LP_VISION_IMAGER_INTERNAL_H
 
 #include "include/panorama.h"
 #include "light/motion.h"
 #include "light/witness.h"
-#include "vision/banding.h"
-#include "vision/camera.h"
-#include "vision/cover.h"
-#include "vision/gain.h"
+#include "vision/eye.h"
 #include "vision/imager.h"
 #include "vision/radiance_map.h"
-#include "vision/response.h"
 
 struct lp_alignment;
 struct lp_lookup;
-struct lp_remap;
 struct lp_stokes_map;
 
 /* An alignment that fewer of the compared pixels agree with is none. */
@@ -24,31 +19,18 @@ struct lp_stokes_map;
 #define LP_REFINE_MAX_CELLS 1024 /* camera cells of one lamp */
 #define LP_CELL_MAX_PX 64	 /* pixels of one camera cell */
 
-/* An exposure setting of the last frames. */
-struct lp_recent_exposure {
-	float exposure_us; /* times gain; NAN: unknown */
-	float mean_code;   /* NAN: float frames */
-	uint64_t serial;   /* of the newest frame of it; 0: none */
-	bool invalid;	   /* it held samples that are no light */
-};
-
 struct lp_imager {
-	const struct lp_camera *camera; /* borrowed */
 	struct lp_imager_options options;
-	struct lp_response response;
 	struct lp_grid *grid;
-	struct lp_remap *remap;	   /* of the current picture size */
-	float *row_weight;	   /* of the current picture size: solid angle up to a factor */
-	float *row_solid_angle_sr; /* of one pixel, equirectangular; same block as row_weight */
+	int eye_count;
+	struct lp_eye eyes[LP_MAX_CAMERAS];
+	struct lp_eye *eye; /* of the newest frame */
 
-	struct lp_exposure incoming; /* the newest frame */
-	int64_t t_capture_ns;	     /* of it */
-	bool loaded;		     /* it has not been accepted yet */
-	/* Its cells on the panorama's grid, camera frame: `mapped` and `mapped_flags`, or the
-	 * camera's own where the two grids are the same. */
-	struct lp_panorama seen;
-	float (*mapped)[4];
-	uint8_t *mapped_flags;
+	int64_t t_capture_ns; /* of the newest frame */
+	bool loaded;	      /* it has not been accepted yet */
+	int64_t t_lost_ns;    /* since when a camera is away; 0: none is */
+	bool lost_view;	      /* no camera that is there looks at a part of what is known */
+	float lost_share;     /* of the light that is known: that part's */
 
 	struct lp_radiance_map *map;
 	struct lp_panorama panorama; /* the map, as the rest of the pipeline sees it */
@@ -72,31 +54,26 @@ struct lp_imager {
 	float wheel_deg;	  /* of the newest frame; NAN: unknown */
 	struct lp_stokes angles;  /* what unpolarized light would tell by the angles so far */
 
-	uint64_t serial;
-	uint64_t changed_serial; /* of the last frame that showed other light than before it */
-	struct lp_recent_exposure recent[LP_MAX_BRACKET];
 	struct lp_map_update update; /* of the newest observation */
 	float flicker;		     /* lp_imager_expect_flicker() */
-	struct lp_cover cover;	     /* of the camera's view */
-	float covered_s;	     /* for how long by now */
-	float covered_share;	     /* of the light that is known */
-
 	/* unknown_exposure.c */
-	struct lp_gain gain;	    /* scale of the newest frame; count 0: it was told */
-	int watched[LP_GAIN_CELLS]; /* gain.cells[] in the panorama */
+	int watched[LP_GAIN_CELLS]; /* each eye's gain.cells[] in the panorama */
 	int watched_count;
 	bool is_relative; /* the map began with frames that did not tell their exposure */
 
-	float row_time_us; /* of the newest frame; NAN: unknown */
-	struct lp_banding banding;
 	struct lp_banding_samples band_samples;
 
 	/* refine.c */
-	int *place;	    /* per camera cell: index into the patch that saw it last */
 	float (*pixels)[3]; /* of LP_REFINE_MAX_CELLS camera cells */
 	int32_t *behind;    /* panorama cells behind a lamp, camera frame */
 	uint8_t *taken;	    /* per panorama cell: it is among them */
 };
+
+/* Several cameras: the frame before was exposed so much later, but for less long. */
+bool lp_imager_is_late(const struct lp_imager *imager, double elapsed_s);
+
+/* Since the frame of the same camera before the newest one; 0: there is none. */
+double lp_imager_eye_elapsed_s(const struct lp_imager *imager);
 
 /* What the newest frame says, in the camera's frame. */
 struct lp_observation lp_imager_observation(const struct lp_imager *imager);
@@ -121,8 +98,8 @@ void lp_imager_find_scale(struct lp_imager *imager);
 /* Nothing is left to compare the next frame with. */
 void lp_imager_forget_scale(struct lp_imager *imager);
 /* When the map is turned: how it lies to what is known of the scale, before and afterwards. */
-float lp_imager_scale_in_map(struct lp_imager *imager);
-void lp_imager_turn_scale(struct lp_imager *imager, float in_map);
+float lp_imager_scale_in_map(const struct lp_imager *imager, struct lp_gain *gain);
+void lp_imager_turn_scale(const struct lp_imager *imager, struct lp_gain *gain, float in_map);
 
 /* Where the camera looks in the newest frame (follow.c); and, once all that shows it has been
  * heard, what that says of the witness. */
@@ -131,5 +108,11 @@ void lp_imager_followed(struct lp_imager *imager);
 
 /* The newest frame against the map, if it was exposed for exposure_us (times gain). */
 struct lp_cover_view lp_imager_cover_view(const struct lp_imager *imager, float exposure_us);
+
+/* hidden.c: is the lens covered in the newest frame? Where it is, the frame tells nothing of the
+ * light. */
+void lp_imager_look_for_cover(struct lp_imager *imager);
+/* How much of the known light is covered, or seen only by a camera that is away. */
+void lp_imager_weigh_hidden(struct lp_imager *imager);
 
 #endif

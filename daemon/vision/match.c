@@ -28,7 +28,7 @@ static struct lp_exposure_match compare(const struct lp_imager *imager, float ex
 					const struct lp_cover_view *view,
 					const struct lp_cover *cover)
 {
-	const struct lp_cells *cells = &imager->incoming.cells;
+	const struct lp_cells *cells = &imager->eye->incoming.cells;
 	const struct lp_radiance_map *map = imager->map;
 	const int count = imager->grid->width * imager->grid->height;
 	struct lp_exposure_match match = {.difference_codes = NAN};
@@ -38,16 +38,17 @@ static struct lp_exposure_match compare(const struct lp_imager *imager, float ex
 
 	/* what the longest exposure so far could just make out */
 	for (int k = 0; k < LP_MAX_BRACKET; k++)
-		if (imager->recent[k].serial)
-			least_known = fminf(least_known,
-					    LEAST_LINEAR * 1e6F / imager->recent[k].exposure_us);
+		if (imager->eye->recent[k].serial)
+			least_known =
+				fminf(least_known,
+				      LEAST_LINEAR * 1e6F / imager->eye->recent[k].exposure_us);
 	for (int i = 0; i < count; i += STEP, looked_at++) {
 		const int seen = lp_cover_seen_cell(view, i);
-		const float observed = imager->seen.cells[seen][LP_LUMINANCE] / cells->scale;
+		const float observed = imager->eye->seen.cells[seen][LP_LUMINANCE] / cells->scale;
 		const float known = map->radiance[i][LP_LUMINANCE];
 		const float predicted = known * exposure_us * 1e-6F;
 
-		if (((map->flags[i] | imager->seen.flags[seen]) & LP_CELL_UNSEEN) ||
+		if (((map->flags[i] | imager->eye->seen.flags[seen]) & LP_CELL_UNSEEN) ||
 		    (cover && cover->near[lp_cover_block(imager->grid->width, seen)]))
 			continue;
 		/* a clipped cell is known to be bright, not how bright */
@@ -65,15 +66,15 @@ static struct lp_exposure_match compare(const struct lp_imager *imager, float ex
 
 struct lp_exposure_match lp_imager_match(const struct lp_imager *imager, float exposure_us)
 {
-	if (!imager->loaded || !imager->t_map_ns || isnan(imager->incoming.cells.mean_code))
+	if (!imager->loaded || !imager->t_map_ns || isnan(imager->eye->incoming.cells.mean_code))
 		return (struct lp_exposure_match){.difference_codes = NAN};
 	const struct lp_cover_view view = lp_imager_cover_view(imager, exposure_us);
 	const struct lp_exposure_match match = compare(imager, exposure_us, &view, NULL);
 
-	if (!imager->cover.found && !(match.difference_codes > DOUBTFUL_CODES))
+	if (!imager->eye->cover.found && !(match.difference_codes > DOUBTFUL_CODES))
 		return match;
 	/* a hand before the lens says nothing of the exposure */
-	const struct lp_cover cover = lp_cover_look(&imager->cover, &view);
+	const struct lp_cover cover = lp_cover_look(&imager->eye->cover, &view);
 
 	return cover.found ? compare(imager, exposure_us, &view, &cover) : match;
 }

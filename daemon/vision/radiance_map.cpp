@@ -357,16 +357,18 @@ extern "C" int lp_radiance_map_create(const struct lp_grid *grid, struct lp_radi
 	return 0;
 }
 
+extern "C" void lp_radiance_map_forget_cell(struct lp_radiance_map *map, int cell)
+{
+	std::memset(map->radiance[cell], 0, sizeof(*map->radiance));
+	map->flags[cell] = LP_CELL_UNSEEN;
+	map->variance[cell] = LP_VARIANCE_UNKNOWN;
+	map->before[cell].t_s = -1.0;
+}
+
 extern "C" void lp_radiance_map_forget(struct lp_radiance_map *map)
 {
-	const int cells = map->grid->width * map->grid->height;
-
-	std::memset(map->radiance, 0, cells * sizeof(*map->radiance));
-	std::memset(map->flags, LP_CELL_UNSEEN, cells);
-	for (int i = 0; i < cells; i++) {
-		map->variance[i] = LP_VARIANCE_UNKNOWN;
-		map->before[i].t_s = -1.0;
-	}
+	for (int i = 0; i < map->grid->width * map->grid->height; i++)
+		lp_radiance_map_forget_cell(map, i);
 	map->remembered_s = -1.0;
 }
 

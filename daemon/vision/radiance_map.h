@@ -87,6 +87,9 @@ void lp_radiance_map_destroy(struct lp_radiance_map *map); /* accepts NULL */
 /* Nothing is known. */
 void lp_radiance_map_forget(struct lp_radiance_map *map);
 
+/* Nothing is known of one cell. */
+void lp_radiance_map_forget_cell(struct lp_radiance_map *map, int cell);
+
 struct lp_map_update lp_radiance_map_observe(struct lp_radiance_map *map,
 					     const struct lp_observation *observation);
 

@@ -51,12 +51,12 @@ struct patch {
  */
 static int polar_stride(const struct lp_imager *imager, int row, int most)
 {
-	const struct lp_remap *remap = imager->remap;
+	const struct lp_remap *remap = imager->eye->remap;
 	const int columns = remap->width_px / remap->cell_px;
 	const double sine = sin(M_PI * (row + 0.5) * remap->cell_px / remap->height_px);
 	int stride = 1;
 
-	if (imager->camera->projection != LP_EQUIRECT)
+	if (imager->eye->camera->projection != LP_EQUIRECT)
 		return 1;
 	while (stride < most && columns % (2 * stride) == 0 && 2.0 * stride * sine < MOST_SPACING)
 		stride *= 2;
@@ -129,7 +129,7 @@ static struct behind cells_behind(struct lp_imager *imager, const struct lp_lamp
 static bool collect_thinned(struct lp_imager *imager, const struct behind *behind,
 			    const struct lp_lamp *lamp, int thin, bool all, struct patch *patch)
 {
-	const struct lp_remap *remap = imager->remap;
+	const struct lp_remap *remap = imager->eye->remap;
 	const int columns = (remap->width_px + remap->cell_px - 1) / remap->cell_px;
 
 	patch->count = 0;
@@ -139,11 +139,11 @@ static bool collect_thinned(struct lp_imager *imager, const struct behind *behin
 
 		for (int k = remap->start[cell]; k < remap->start[cell + 1]; k++) {
 			const int source = remap->source[k];
-			const int stride = thin == 1 || (!all && holds(&imager->incoming.cells,
+			const int stride = thin == 1 || (!all && holds(&imager->eye->incoming.cells,
 								       lamp, source, CORE_SHARE))
 						   ? 1
 						   : polar_stride(imager, source / columns, thin);
-			int *place = &imager->place[source];
+			int *place = &imager->eye->place[source];
 
 			if (source % columns % stride)
 				continue;
@@ -178,7 +178,7 @@ static bool clips(const struct lp_exposure *exposure, const struct patch *patch)
 static int choose_decoded(const struct lp_imager *imager, const struct lp_lamp *lamp,
 			  struct patch *patch)
 {
-	const struct lp_exposure *exposure = &imager->incoming;
+	const struct lp_exposure *exposure = &imager->eye->incoming;
 	/* what a lamp that flickers lights is brighter than known at times: that is no lamp */
 	const float share = imager->flicker > 0.0F ? FLICKER_SHARE : DECODED_SHARE;
 	int count = 0;
@@ -192,11 +192,22 @@ static int choose_decoded(const struct lp_imager *imager, const struct lp_lamp *
 	return count;
 }
 
+static bool sees_all(const struct lp_eye *eye, const struct behind *behind)
+{
+	for (int i = 0; i < behind->count; i++)
+		if (!lp_eye_sees(eye, behind->cells[i]))
+			return false;
+	return true;
+}
+
 /* The patch, of which at most `most` cells are to be decoded. False: there is none so small. */
 static bool collect(struct lp_imager *imager, const struct lp_lamp_finder *finder,
 		    const struct lp_lamp *lamp, int most, struct patch *patch)
 {
 	const struct behind behind = cells_behind(imager, finder, lamp);
+
+	if (imager->eye_count > 1 && !sees_all(imager->eye, &behind))
+		return false; /* another camera sees the rest of it */
 
 	for (int all = 0; all <= 1; all++) /* bright cells so many are alike, too */
 		for (int thin = 1; thin <= MOST_THINNED; thin *= 2)
@@ -289,7 +300,7 @@ static bool at_top(const struct lp_imager *imager, const struct lp_exposure *exp
 	if (isnan(exposure->cells.mean_code))
 		return false;
 	for (int c = 0; c < 3; c++) {
-		const float top = exposure->scale * imager->response.pixel[c][LP_TOP_CODE];
+		const float top = exposure->scale * imager->eye->response.pixel[c][LP_TOP_CODE];
 
 		for (int p = 0; p < count; p++)
 			found |= rgb[p][c] >= top;
@@ -323,8 +334,8 @@ static float load_pixels(struct lp_imager *imager, const struct lp_exposure *exp
 		if (patch->brightest[i] < 0.0F)
 			continue;
 		lp_exposure_cell_pixels(exposure, patch->cells[i] % exposure->cells.width,
-					patch->cells[i] / exposure->cells.width, &imager->response,
-					rgb);
+					patch->cells[i] / exposure->cells.width,
+					&imager->eye->response, rgb);
 		patch->brightest[i] = brightest((const float(*)[3])rgb, per_cell);
 		patch->clipped |= at_top(imager, exposure, (const float(*)[3])rgb, per_cell);
 		peak = fmaxf(peak, patch->brightest[i]);
@@ -340,9 +351,9 @@ static float load_pixels(struct lp_imager *imager, const struct lp_exposure *exp
 static struct sums sum_patch(struct lp_imager *imager, const struct lp_exposure *exposure,
 			     const struct patch *patch, const struct lp_lamp *lamp, float threshold)
 {
-	const bool equirect = imager->camera->projection == LP_EQUIRECT;
+	const bool equirect = imager->eye->camera->projection == LP_EQUIRECT;
 	const int side = exposure->cells.cell_px;
-	const int width = imager->remap->width_px, height = imager->remap->height_px;
+	const int width = imager->eye->remap->width_px, height = imager->eye->remap->height_px;
 	struct sums s = {0};
 
 	for (int i = 0; i < patch->count; i++) {
@@ -355,8 +366,9 @@ static struct sums sum_patch(struct lp_imager *imager, const struct lp_exposure 
 		const bool flat = patch->brightest[i] - lamp->background[LP_LUMINANCE] <= threshold;
 
 		for (int y = 0; g.seen && y < side && row * side + y < height; y++) {
-			const double omega = equirect ? imager->row_solid_angle_sr[row * side + y]
-						      : g.pixel_solid_angle_sr;
+			const double omega =
+				equirect ? imager->eye->row_solid_angle_sr[row * side + y]
+					 : g.pixel_solid_angle_sr;
 			const float step = 1.0F / (float)side;
 			const struct row_sums sums =
 				flat ? flat_row(exposure->cells.radiance[patch->cells[i]], columns,
@@ -388,7 +400,7 @@ static double pixel_noise(const struct lp_imager *imager, const struct lp_exposu
 	const float tone = (float)lamp->irradiance[LP_LUMINANCE] / lamp->solid_angle_sr;
 
 	return (double)tone * exposure->noise.pixel *
-	       lp_relative_slope(&imager->response, tone / exposure->scale);
+	       lp_relative_slope(&imager->eye->response, tone / exposure->scale);
 }
 
 /*
@@ -406,7 +418,8 @@ static void apply(const struct lp_imager *imager, const struct lp_exposure *expo
 {
 	/* pixels across the horizon: the scale of one pixel */
 	const double pixel_rad =
-		sqrt(4.0 * M_PI / ((double)imager->remap->width_px * imager->remap->height_px));
+		sqrt(4.0 * M_PI /
+		     ((double)imager->eye->remap->width_px * imager->eye->remap->height_px));
 
 	normalise(s->first, lamp->direction);
 	normalise(s->all, lamp->centroid);
@@ -437,25 +450,25 @@ static bool covers(const struct lp_imager *imager, const struct lp_rotation *bac
 {
 	float direction[3];
 
-	if (!imager->cover.found)
+	if (!imager->eye->cover.found)
 		return false;
 	memcpy(direction, lamp->direction, sizeof(direction));
 	lp_rotate_direction(back, direction);
-	return imager->cover
+	return imager->eye->cover
 		.near[lp_cover_block(imager->grid->width, lp_grid_cell(imager->grid, direction))];
 }
 
 bool lp_imager_refine(struct lp_imager *imager, const struct lp_lamp_finder *finder,
 		      struct lp_lamp *lamp, int most_cells)
 {
-	const struct lp_exposure *exposure = &imager->incoming;
+	const struct lp_exposure *exposure = &imager->eye->incoming;
 	const struct lp_rotation back = lp_rotation_inverse(&imager->motion.rotation);
 	struct lp_lamp seen = *lamp;
 	struct patch patch;
 
 	if (most_cells > LP_REFINE_MAX_CELLS)
 		most_cells = LP_REFINE_MAX_CELLS;
-	if (!imager->remap || covers(imager, &back, lamp) ||
+	if (!imager->eye->remap || covers(imager, &back, lamp) ||
 	    !collect(imager, finder, lamp, most_cells, &patch))
 		return false;
 	turn_lamp(&back, &seen);
@@ -474,14 +487,16 @@ bool lp_imager_refine(struct lp_imager *imager, const struct lp_lamp_finder *fin
 float lp_imager_strength_sigma(const struct lp_imager *imager, const struct lp_lamp *lamp)
 {
 	const float tone = lamp->irradiance[LP_LUMINANCE] / lamp->solid_angle_sr;
-	const struct lp_exposure *e = &imager->incoming;
+	const struct lp_exposure *e = &imager->eye->incoming;
 
-	if (!imager->remap || !(e->noise.common > 0.0F) || !(tone > 0.0F))
+	if (!imager->eye->remap || !(e->noise.common > 0.0F) || !(tone > 0.0F))
 		return 0.0F;
-	const float pixel_sr = 4.0F * (float)M_PI /
-			       ((float)imager->remap->width_px * (float)imager->remap->height_px);
+	const float pixel_sr =
+		4.0F * (float)M_PI /
+		((float)imager->eye->remap->width_px * (float)imager->eye->remap->height_px);
 	const float pixels = fmaxf(lamp->solid_angle_sr / pixel_sr, 1.0F);
 	const float codes = hypotf(e->noise.common, e->noise.pixel / sqrtf(pixels));
 
-	return hypotf(CAMERA_SIGMA, codes * lp_relative_slope(&imager->response, tone / e->scale));
+	return hypotf(CAMERA_SIGMA,
+		      codes * lp_relative_slope(&imager->eye->response, tone / e->scale));
 }

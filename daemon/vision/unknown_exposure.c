@@ -27,7 +27,8 @@
 
 static bool is_unknown(const struct lp_imager *imager)
 {
-	return isnan(imager->incoming.exposure_us) && !isnan(imager->incoming.cells.mean_code);
+	return isnan(imager->eye->incoming.exposure_us) &&
+	       !isnan(imager->eye->incoming.cells.mean_code);
 }
 
 /* Panorama cells of the watched ones, the same number for equal parts of the sphere. */
@@ -64,7 +65,7 @@ static float step2(const struct lp_imager *imager, int cell)
 
 static void see(struct lp_imager *imager, const struct lp_observation *frame, int seen, int k)
 {
-	struct lp_gain_cell *cell = &imager->gain.cells[k];
+	struct lp_gain_cell *cell = &imager->eye->gain.cells[k];
 	const float light = frame->radiance[seen][LP_LUMINANCE];
 	const float linear = light / frame->scale;
 
@@ -81,7 +82,7 @@ static void see(struct lp_imager *imager, const struct lp_observation *frame, in
 			? 0.0F
 			: PLACE_VARIANCE * step2(imager, imager->watched[k]) / (light * light);
 
-	cell->seen = logf(light / frame->scale * imager->gain.scale);
+	cell->seen = logf(light / frame->scale * imager->eye->gain.scale);
 	cell->sigma = sqrtf(noise2 + place2 + CELL_SIGMA * CELL_SIGMA);
 }
 
@@ -90,86 +91,94 @@ static struct lp_gain_look look(struct lp_imager *imager)
 	const struct lp_observation frame = lp_imager_observation(imager);
 	const struct lp_cover_view view = lp_imager_cover_view(imager, NAN);
 
-	for (int k = 0; k < imager->gain.count; k++)
+	for (int k = 0; k < imager->eye->gain.count; k++)
 		see(imager, &frame, lp_cover_seen_cell(&view, imager->watched[k]), k);
-	return lp_gain_look(&imager->gain);
+	return lp_gain_look(&imager->eye->gain);
 }
 
 /* What the map holds of the watched cells; what is only a bound is nothing. */
-static void see_map(struct lp_imager *imager)
+static void see_map(const struct lp_imager *imager, struct lp_gain *gain)
 {
 	const struct lp_radiance_map *map = imager->map;
 
-	for (int k = 0; k < imager->gain.count; k++) {
+	for (int k = 0; k < gain->count; k++) {
 		const int i = imager->watched[k];
 		const float light = map->radiance[i][LP_LUMINANCE];
 
-		imager->gain.cells[k].seen = map->flags[i] || !(light > 0.0F) ? NAN : logf(light);
-		imager->gain.cells[k].sigma = CELL_SIGMA;
+		gain->cells[k].seen = map->flags[i] || !(light > 0.0F) ? NAN : logf(light);
+		gain->cells[k].sigma = CELL_SIGMA;
 	}
 }
 
 void lp_imager_forget_scale(struct lp_imager *imager)
 {
-	if (imager->gain.count)
-		imager->gain.variance += FORGOTTEN_SIGMA * FORGOTTEN_SIGMA;
+	if (imager->eye->gain.count)
+		imager->eye->gain.variance += FORGOTTEN_SIGMA * FORGOTTEN_SIGMA;
 }
 
 void lp_imager_expect_exposure(struct lp_imager *imager)
 {
-	imager->gain.unrest = 1.0F; /* it may take some frames to come */
+	imager->eye->gain.unrest = 1.0F; /* it may take some frames to come */
 }
 
 void lp_imager_inherit(struct lp_imager *imager, const struct lp_imager *from)
 {
-	imager->gain.scale = from->gain.scale;
-	imager->gain.first = from->gain.first;
-	imager->gain.variance = from->gain.variance;
-	if (from->gain.count)
-		imager->gain.variance += FORGOTTEN_SIGMA * FORGOTTEN_SIGMA;
+	for (int k = 0; k < imager->eye_count; k++) {
+		const struct lp_gain *before = &from->eyes[k].gain;
+		struct lp_gain *gain = &imager->eyes[k].gain;
+
+		gain->scale = before->scale;
+		gain->first = before->first;
+		gain->variance = before->variance;
+		if (before->count)
+			gain->variance += FORGOTTEN_SIGMA * FORGOTTEN_SIGMA;
+		imager->eyes[k].lost = from->eyes[k].lost;
+	}
 }
 
 void lp_imager_expect_scale(struct lp_imager *imager)
 {
 	if (!is_unknown(imager) || !imager->t_map_ns)
 		return;
-	if (!imager->gain.count) { /* exposures were known until now: the map tells */
-		imager->gain.count = imager->watched_count;
-		see_map(imager);
-		lp_gain_anew(&imager->gain, 0.0F, 0.0F);
+	if (!imager->eye->gain.count) { /* exposures were known until now: the map tells */
+		imager->eye->gain.count = imager->watched_count;
+		see_map(imager, &imager->eye->gain);
+		lp_gain_anew(&imager->eye->gain, 0.0F, 0.0F);
 	}
 	const struct lp_gain_look first = look(imager);
 
 	if (fabsf(first.log_gain) > WORTH_A_LOOK)
-		lp_imager_rescale(imager, imager->gain.scale * expf(-first.log_gain));
+		lp_imager_rescale(imager, imager->eye->gain.scale * expf(-first.log_gain));
 }
 
 void lp_imager_find_scale(struct lp_imager *imager)
 {
-	const double elapsed_s = (double)(imager->t_capture_ns - imager->t_map_ns) / 1e9;
-
 	if (!is_unknown(imager))
 		return;
 	if (!imager->t_map_ns)
-		imager->gain.count = imager->watched_count;
+		imager->eye->gain.count = imager->watched_count;
 	const struct lp_gain_look found = look(imager);
 
 	if (!imager->t_map_ns) {
-		lp_gain_anew(&imager->gain, 0.0F, 0.0F);
+		lp_gain_anew(&imager->eye->gain, 0.0F, 0.0F);
 		return;
 	}
-	lp_gain_follow(&imager->gain, &found, (float)fmax(elapsed_s, 0.0));
-	lp_imager_rescale(imager, imager->gain.scale);
+	lp_gain_follow(&imager->eye->gain, &found, (float)lp_imager_eye_elapsed_s(imager));
+	lp_imager_rescale(imager, imager->eye->gain.scale);
 }
 
-float lp_imager_scale_in_map(struct lp_imager *imager)
+float lp_imager_scale_in_map(const struct lp_imager *imager, struct lp_gain *gain)
 {
-	see_map(imager);
-	return lp_gain_look(&imager->gain).log_gain;
+	if (!gain->count)
+		return 0.0F;
+	see_map(imager, gain);
+	return lp_gain_look(gain).log_gain;
 }
 
-void lp_imager_turn_scale(struct lp_imager *imager, float in_map)
+void lp_imager_turn_scale(const struct lp_imager *imager, struct lp_gain *gain, float in_map)
 {
-	see_map(imager);
-	lp_gain_anew(&imager->gain, -in_map, TURNED_SIGMA);
+	if (!gain->count)
+		return;
+	see_map(imager, gain);
+	lp_gain_anew(gain, -in_map, TURNED_SIGMA);
 }

@@ -48,7 +48,7 @@ struct lp_pipeline_options defaults(const lp_camera_file &camera)
 {
 	struct lp_pipeline_options options = {};
 
-	options.camera = &camera;
+	options.cameras[0] = &camera;
 	options.preset = LP_PRESET_BALANCED;
 	options.max_lights = LP_MAX_LIGHTS;
 	options.sh_order = LP_MAX_SH_ORDER;

@@ -88,7 +88,7 @@ static int current_count(const struct lp_imager *imager)
 	struct lp_imager_status status;
 
 	lp_imager_status(imager, &status);
-	return status.current_count;
+	return lp_imager_current_exposures(imager, 0);
 }
 
 /* Exposures from before and after a turn are no bracket; those of one light are. */

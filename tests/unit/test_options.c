@@ -30,8 +30,8 @@ static void test_defaults(void **state)
 	(void)state;
 	setenv("XDG_RUNTIME_DIR", "/run/user/7", 1);
 	assert_int_equal(read_line("--source=file:a.jpg", NULL, NULL), 0);
-	assert_string_equal(options.source, "file:a.jpg");
-	assert_string_equal(options.camera, "equirect");
+	assert_string_equal(options.source.texts[0], "file:a.jpg");
+	assert_string_equal(lp_options_camera(&options, 0), "equirect");
 	assert_int_equal(options.preset, LP_PRESET_BALANCED);
 	assert_int_equal(options.detector.detector, LP_DETECTOR_ADAPTIVE);
 	assert_int_equal(options.sh_order, 4);
@@ -173,11 +173,29 @@ static void test_config_file_form(void **state)
 				     "smoothing-ms = 0\r\n"
 				     "lights: 3"),
 			 0);
-	assert_string_equal(options.source, "sim:/run/sim.sock");
+	assert_string_equal(options.source.texts[0], "sim:/run/sim.sock");
 	assert_int_equal(options.sh_order, 1);
 	assert_int_equal(options.lights, 3);
 	assert_true(options.smoothing_ms == 0);
 	assert_int_equal(options.publish.count, 2);
+}
+
+static void test_several_cameras(void **state)
+{
+	(void)state;
+	assert_int_equal(read_config("source = sim:/run/a\n"
+				     "source = sim:/run/b\n"
+				     "camera = front.camera\n"
+				     "camera = back.camera\n"),
+			 0);
+	assert_int_equal(options.source.count, 2);
+	assert_string_equal(options.source.texts[1], "sim:/run/b");
+	assert_string_equal(lp_options_camera(&options, 0), "front.camera");
+	assert_string_equal(lp_options_camera(&options, 1), "back.camera");
+	assert_int_equal(read_line("--source=file:a", "--source=file:b", NULL), 0);
+	assert_int_equal(options.source.count, 2);
+	assert_string_equal(lp_options_camera(&options, 1), "equirect");
+	assert_int_equal(read_line("--source=", NULL, NULL), -EINVAL);
 }
 
 static void test_config_errors_name_file_and_line(void **state)
@@ -260,6 +278,7 @@ int main(void)
 		cmocka_unit_test(test_detectors),
 		cmocka_unit_test(test_bad_command_lines),
 		cmocka_unit_test(test_config_file_form),
+		cmocka_unit_test(test_several_cameras),
 		cmocka_unit_test(test_config_errors_name_file_and_line),
 		cmocka_unit_test(test_command_line_wins_over_file),
 		cmocka_unit_test(test_help_names_every_option),

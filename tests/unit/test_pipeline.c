@@ -367,7 +367,7 @@ static void test_options_are_checked(void **state)
 	assert_int_equal(lp_pipeline_create(&options, &pipeline), -EINVAL);
 	options = (struct lp_pipeline_options){.exact_blocks = 1 << 20};
 	assert_int_equal(lp_pipeline_create(&options, &pipeline), -EINVAL);
-	options = (struct lp_pipeline_options){.camera = &no_projection};
+	options = (struct lp_pipeline_options){.cameras = {&no_projection}};
 	assert_int_equal(lp_pipeline_create(&options, &pipeline), -EBADMSG);
 	assert_contains(capture_end(&capture),
 			"room.camera: camera file: [camera] needs projection");
@@ -400,22 +400,22 @@ static void test_a_lamp_goes_off_between_frames(void **state)
 	struct lp_ring_sample one = ring_sample(discs, 1, 200.0);
 	struct lp_pipeline *pipeline;
 	struct lp_estimates e;
-	float command_us;
+	float commands_us[LP_MAX_CAMERAS];
 
 	(void)state;
 	assert_int_equal(lp_pipeline_create(&options, &pipeline), 0);
 	one.t_ns = LP_NS_PER_S;
-	assert_int_equal(lp_pipeline_step(pipeline, &one, &e, &command_us), -EAGAIN);
+	assert_int_equal(lp_pipeline_step(pipeline, &one, &e, commands_us), -EAGAIN);
 	for (int n = 0; n < 5; n++) {
 		both.t_ns = LP_NS_PER_S + n * LP_NS_PER_S / 30;
 		lp_pipeline_ring(pipeline, &both, &both);
 		assert_int_equal(estimate(pipeline, timed_frame(discs, 2, n)).light_count, 2);
 	}
 	both.t_ns += LP_NS_PER_S / 100;
-	assert_int_equal(lp_pipeline_step(pipeline, &both, &e, &command_us), -EAGAIN);
+	assert_int_equal(lp_pipeline_step(pipeline, &both, &e, commands_us), -EAGAIN);
 	one.t_ns = both.t_ns + LP_NS_PER_S / 100;
-	assert_int_equal(lp_pipeline_step(pipeline, &one, &e, &command_us), 0);
-	assert_true(isnan(command_us)); /* no bracket */
+	assert_int_equal(lp_pipeline_step(pipeline, &one, &e, commands_us), 0);
+	assert_true(isnan(commands_us[0])); /* no bracket */
 	const struct lp_light kept = e.raw.lights[0];
 	const float lit = e.raw.sh_total[0][1];
 	const int64_t t_frame_ns = e.raw.t_capture_ns;
@@ -426,12 +426,12 @@ static void test_a_lamp_goes_off_between_frames(void **state)
 	assert_float_equal(e.smoothed.sh_total[0][1], lit, 0.02F * lit);
 	/* the same again is not worth telling */
 	one.t_ns += LP_NS_PER_S / 100;
-	assert_int_equal(lp_pipeline_step(pipeline, &one, &e, &command_us), -EAGAIN);
+	assert_int_equal(lp_pipeline_step(pipeline, &one, &e, commands_us), -EAGAIN);
 	for (int n = 5; n < 12; n++) {
 		lp_pipeline_ring(pipeline, n == 5 ? &both : &one, &one);
 		assert_int_equal(lp_pipeline_process(pipeline,
 						     timed_frame(discs, n == 5 ? 2 : 1, n),
-						     &everything, &e, &command_us),
+						     &everything, &e, commands_us),
 				 0);
 		assert_true(e.raw.t_capture_ns > t_frame_ns);
 		assert_int_equal(e.raw.light_count, 1);

@@ -76,6 +76,8 @@ class SimulatedCamera:
         response: Array | None = None,
         limits: ExposureLimits | None = None,
         row_time_us: float = 0.0,
+        phase_s: float = 0.0,
+        white_balance: tuple[float, float, float] = (1.0, 1.0, 1.0),
     ) -> None:
         """`size_px` (width, height), both even for YUYV and NV12; `sheet`: of a polarizer;
         `stack_deg`: several of them one behind the other, the outermost first, instead of a wheel.
@@ -83,11 +85,13 @@ class SimulatedCamera:
         `response`: linear light (256, 3) of each code; None: as the camera file of the lens says.
         `limits`: of exposures at any frame rate; None: those of :class:`ExposureLimits`.
         `row_time_us`: by which each row's exposure begins later than that of the row above.
+        `phase_s`: by which each frame's exposure begins later than at n / rate.
+        `white_balance`: factors of R, G, B; 1: as D65 lights a white wall.
         """
         self.world, self.lens, self.size_px = world, lens, size_px
         self.rate_hz, self.pixel_format = rate_hz, pixel_format
         self.limits = (limits or ExposureLimits()).at(rate_hz)
-        self.row_time_us = row_time_us
+        self.row_time_us, self.phase_s = row_time_us, phase_s
         check_row_time(row_time_us, size_px, rate_hz)
         # From the start of the middle row's exposure to that of each row's.
         rows = np.arange(size_px[1], dtype=np.float64)
@@ -105,7 +109,7 @@ class SimulatedCamera:
         self._layers = [scene.render(*self._map_px) for scene in world.scenes]
         self.sheet = sheet
         self._hand: NDArray[np.float32] | None = None  # (H, W, 1): share of each pixel covered
-        self.white_balance = (1.0, 1.0, 1.0)  # factors of R, G, B; 1: as D65 lights a white wall
+        self.white_balance = white_balance
         polarized = not all(layers.unpolarized for layers in self._layers)
         if sheet and polarized and world.behaviour.nod_deg:
             raise UsageError("camera: polarized light cannot be simulated while the camera nods")
@@ -120,10 +124,14 @@ class SimulatedCamera:
     def state(self, frame: int, shot: Shot) -> State:
         """State of the world while the middle row of frame `frame` is exposed.
 
-        The first row's exposure begins at frame / rate.
+        The first row's exposure begins at :meth:`start_s`.
         """
-        start_s = frame / self.rate_hz - float(self._rows_s[0])
+        start_s = self.start_s(frame) - float(self._rows_s[0])
         return self.world.at(start_s, 1e-6 * shot.exposure_us)
+
+    def start_s(self, frame: int) -> float:
+        """Seconds from the world's start to that of a frame's exposure."""
+        return frame / self.rate_hz + self.phase_s
 
     def _rows(self, state: State, shot: Shot) -> Rows | None:
         """What each row saw; None: all the same as the middle one."""
@@ -139,7 +147,7 @@ class SimulatedCamera:
 
         All are within :attr:`limits`.
         """
-        state = self.world.at(frame / self.rate_hz)
+        state = self.world.at(self.start_s(frame))
         if state.act not in self._medians:
             radiance = self._layers[state.act].compose(np.ones(len(state.scene.lamps)))
             self._medians[state.act] = max(self.gain * median_luminance(radiance), 1e-9)

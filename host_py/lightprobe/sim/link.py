@@ -135,21 +135,39 @@ class Link:
 
     def run_until(self, end_ns: float) -> None:
         """Serve until a time of the clock, or until :meth:`stop`."""
-        assert self._listener is not None
+        while not self._stop.is_set() and self.clock.now_ns() < end_ns:
+            if self._session is not None:
+                self._serve(self._session, end_ns)
+            else:
+                self._accept(round(min(end_ns, self.clock.now_ns() + _LISTEN_NS)))
+
+    def due_ns(self) -> int:
+        """Give the time of the clock at which there is something to do next."""
+        if self._session is None:
+            return self.clock.now_ns() + _LISTEN_NS
+        return self._session.due_ns()
+
+    def work(self) -> None:
+        """Do what is due now, beside another link that lets time go on."""
+        now_ns = self.clock.now_ns()
+        if self._session is None:
+            self._accept(now_ns)
+        session = self._session
+        if session is not None:
+            self._serve(session, now_ns)
+
+    def _accept(self, until_ns: int) -> None:
+        """Wait for a daemon until a time of the clock; nobody comes to an unplugged camera."""
         with selectors.DefaultSelector() as selector:
-            selector.register(self._listener, selectors.EVENT_READ)
-            while not self._stop.is_set() and self.clock.now_ns() < end_ns:
-                if self._session is not None:
-                    self._serve(self._session, end_ns)
-                elif self.clock.wait_until(
-                    round(min(end_ns, self.clock.now_ns() + _LISTEN_NS)), selector
-                ):
-                    connection, _ = self._listener.accept()
-                    self.counters.connections += 1
-                    self._session = _Session(self, connection)
+            if self._listener is not None:
+                selector.register(self._listener, selectors.EVENT_READ)
+            if self.clock.wait_until(until_ns, selector) and self._listener is not None:
+                connection, _ = self._listener.accept()
+                self.counters.connections += 1
+                self._session = _Session(self, connection)
 
     def close(self) -> None:
-        """Unplug the camera for good."""
+        """Unplug the camera; :meth:`listen` brings it back."""
         self._end_session()
         if self._listener is not None:
             self._listener.close()
@@ -207,11 +225,11 @@ class Link:
     def frame_now(self) -> int:
         """Give the number of the frame whose exposure started last."""
         elapsed_s = (self.clock.now_ns() - self._start_ns) / 1e9
-        return math.floor(elapsed_s * self.camera.rate_hz)
+        return math.floor((elapsed_s - self.camera.phase_s) * self.camera.rate_hz)
 
     def start_ns(self, frame: int) -> int:
         """CLOCK_MONOTONIC at the start of a frame's exposure."""
-        return self._start_ns + round(1e9 * frame / self.camera.rate_hz)
+        return self._start_ns + round(1e9 * self.camera.start_s(frame))
 
     def log_truth(self, frame: int, shot: Shot, wheel_deg: tuple[float, ...]) -> None:
         """Write what is true during a frame."""

@@ -102,9 +102,11 @@ class LiveProbe:
         delay_frames: int = 2,
         faults: Faults | None = None,
         box: LiveBox | None = None,
+        others: Sequence[SimulatedCamera] = (),
     ) -> None:
         """`arguments`: more of lightprobed's; `delay_frames`: from exposure command to effect;
-        `box`: its wheel turns the camera's polarizer."""
+        `box`: its wheel turns the camera's polarizer; `others`: more cameras in the same world,
+        each of which wants a --camera= of its own, after that of the first."""
         self._folder = tempfile.TemporaryDirectory(prefix="lp-")  # socket paths are short
         folder = Path(self._folder.name)
         self.socket, self.log_path = folder / "probe", folder / "log"
@@ -115,9 +117,18 @@ class LiveProbe:
             folder / "camera", camera, Exposure(camera, delay_frames=delay_frames), faults,
             surroundings=box, say=lambda text: None, clock=self.clock,
         )  # fmt: skip
+        self.other_links = [
+            Link(
+                folder / f"camera{k}", other, Exposure(other, delay_frames=delay_frames), faults,
+                say=lambda text: None, clock=self.clock,
+            )
+            for k, other in enumerate(others, 1)
+        ]  # fmt: skip
+        self.apps += self.other_links
         self._daemon = Daemon(
             [
-                f"--source=sim:{folder / 'camera'}", f"--publish=unix:{self.socket}",
+                *(f"--source=sim:{link.path}" for link in (self.link, *self.other_links)),
+                f"--publish=unix:{self.socket}",
                 f"--simulated-time={folder / 'time'}", *arguments,
             ],
             self.log_path,
@@ -125,7 +136,8 @@ class LiveProbe:
 
     def __enter__(self) -> Self:
         """Start the daemon; its time stands still."""
-        self.link.listen()
+        for link in (self.link, *self.other_links):
+            link.listen()
         self._daemon.__enter__()
         try:
             self.clock.advance(START_NS)
@@ -139,7 +151,8 @@ class LiveProbe:
         for client in self.clients:
             client.close()
         self._daemon.__exit__()
-        self.link.close()
+        for link in (self.link, *self.other_links):
+            link.close()
         self.clock.close()
         self._folder.cleanup()
 

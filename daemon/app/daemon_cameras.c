@@ -1,0 +1,240 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The daemon's cameras: one source of frames each, all into one worker. */
+#include <errno.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "app/backends.h"
+#include "app/daemon_parts.h"
+#include "app/fixed_exposure.h"
+#include "app/service.h"
+#include "base/log.h"
+
+/* ---------------------------------------------------------------- what comes from them */
+
+static void on_frame(void *context, struct lp_frame *frame)
+{
+	struct lp_daemon_camera *camera = context;
+	struct lp_daemon *daemon = camera->daemon;
+
+	daemon->health.report.frames_received++;
+	/* A smaller number is that of a camera that has come back. */
+	if (camera->has_frames && frame->sequence > camera->next_sequence)
+		daemon->frames_lost += frame->sequence - camera->next_sequence;
+	camera->next_sequence = frame->sequence + 1;
+	camera->has_frames = true;
+	frame->camera = (uint8_t)camera->index;
+	lp_instruments_frame(daemon->instruments, frame);
+}
+
+static void on_corrupt_frame(void *context)
+{
+	struct lp_daemon_camera *camera = context;
+
+	camera->daemon->health.report.frames_received++;
+	camera->daemon->frames_corrupt++;
+	camera->next_sequence++; /* it is no gap */
+}
+
+/* Whoever has it has logged it. */
+static void on_fault(void *context, const char *id, const char *text)
+{
+	struct lp_daemon_camera *camera = context;
+
+	lp_health_camera_fault(&camera->daemon->health, id, camera->index, text);
+}
+
+/* What is wrong with the source, for health messages. */
+static void set_fault(struct lp_daemon_camera *camera, const char *reason)
+{
+	const enum lp_source_state state = camera->state;
+
+	on_fault(camera, "source-waiting", state == LP_SOURCE_WAITING ? reason : NULL);
+	on_fault(camera, "source-stalled", state == LP_SOURCE_STALLED ? reason : NULL);
+	on_fault(camera, "source-down", state == LP_SOURCE_DOWN ? reason : NULL);
+}
+
+/* A fixed exposure if one is asked for; else the worker makes brackets, where the camera can. */
+static void begin_exposures(struct lp_daemon_camera *camera)
+{
+	const struct lp_options *options = camera->daemon->options;
+	const struct lp_source_caps *caps = &camera->caps;
+	const struct lp_camera_control control = {.camera = camera->index,
+						  .settable = caps->exposure_settable &&
+							      camera->source->ops->set_exposure &&
+							      options->exposure_us <= 0,
+						  .reports_exposure = caps->reports_exposure,
+						  .limits = lp_bracket_limits_of(caps)};
+
+	if (options->exposure_us > 0)
+		lp_fixed_exposure_command(camera->source, caps, options->exposure_us, options->gain,
+					  camera->uri);
+	lp_worker_control(camera->daemon->worker, &control);
+}
+
+/* STREAMING as long as one of them does; else as the first one. */
+static enum lp_source_state state_of_all(const struct lp_daemon *daemon)
+{
+	for (int k = 0; k < daemon->camera_count; k++)
+		if (daemon->cameras[k].state == LP_SOURCE_STREAMING)
+			return LP_SOURCE_STREAMING;
+	return daemon->cameras[0].state;
+}
+
+/* The others go on without it. */
+static void lose(struct lp_daemon_camera *camera)
+{
+	const struct lp_camera_control lost = {.camera = camera->index, .lost = true};
+
+	if (camera->daemon->camera_count > 1 && camera->has_streamed &&
+	    !camera->daemon->options->once)
+		lp_worker_control(camera->daemon->worker, &lost);
+}
+
+static void on_state(void *context, enum lp_source_state state, const char *reason)
+{
+	static const char *const names[] = {"unknown",	 "down",    "waiting",
+					    "streaming", "stalled", "ended"};
+	struct lp_daemon_camera *camera = context;
+	struct lp_daemon *daemon = camera->daemon;
+	char status[256];
+
+	if (state == LP_SOURCE_STREAMING && camera->has_streamed &&
+	    camera->state != LP_SOURCE_STALLED)
+		daemon->health.report.source_reconnects++;
+	camera->has_streamed |= state == LP_SOURCE_STREAMING;
+	camera->state = state;
+	daemon->health.report.source_state = state_of_all(daemon);
+	set_fault(camera, reason);
+	(void)snprintf(status, sizeof(status), "source %s %s", names[state], reason);
+	lp_service_status(status);
+	if (state == LP_SOURCE_STREAMING) {
+		camera->source->ops->caps(camera->source, &camera->caps);
+		begin_exposures(camera);
+	} else {
+		lose(camera);
+	}
+	if (state == LP_SOURCE_DOWN && daemon->options->once)
+		lp_daemon_begin_ending(daemon, LP_EXIT_FAILURE);
+}
+
+/* ---------------------------------------------------------------- life */
+
+/* What can be wrong with several of them. */
+static int check(const struct lp_options *options)
+{
+	const struct lp_camera_texts *sources = &options->source;
+
+	if (sources->count && options->camera.count > sources->count) {
+		lp_error(options->camera.texts[sources->count], "--camera",
+			 "%d camera files for %d sources — name one for each --source, in the same "
+			 "order",
+			 options->camera.count, sources->count);
+		return -EINVAL;
+	}
+	if (sources->count < 2)
+		return 0;
+	if (options->camera.count != sources->count) {
+		lp_error(sources->texts[options->camera.count], "--camera",
+			 "%d sources, but %d camera files — name one for each --source, in the "
+			 "same order: it says where in the box the camera looks",
+			 sources->count, options->camera.count);
+		return -EINVAL;
+	}
+	for (int k = 1; k < sources->count; k++)
+		for (int other = 0; other < k; other++)
+			if (strcmp(sources->texts[k], sources->texts[other]) == 0) {
+				lp_error(
+					sources->texts[k], "--source",
+					"is named twice — each --source is a camera of its own: "
+					"name two of the same kind by path, port or serial number");
+				return -EINVAL;
+			}
+	if (*options->rotator || options->polarizer.mode != LP_POLARIZER_OFF) {
+		lp_error("lightprobed", "--rotator",
+			 "a polarizer needs one camera — leave out --rotator and --polarizer, or "
+			 "all but one --source");
+		return -EINVAL;
+	}
+	return 0;
+}
+
+static int open_camera(struct lp_daemon_camera *camera)
+{
+	const struct lp_options *options = camera->daemon->options;
+	struct lp_camera_profile profile;
+	const struct lp_source_host host = {.context = camera,
+					    .loop = camera->daemon->loop,
+					    .once = options->once,
+					    .frame = on_frame,
+					    .corrupt = on_corrupt_frame,
+					    .state = on_state,
+					    .fault = on_fault,
+					    .camera = &profile};
+	int ret = lp_camera_file_read(lp_options_camera(options, camera->index), &camera->file);
+
+	if (ret < 0)
+		return ret;
+	profile = lp_camera_file_profile(camera->file);
+	ret = lp_source_open(camera->uri, &host, &camera->source);
+	if (ret < 0)
+		return ret;
+	camera->source->ops->caps(camera->source, &camera->caps);
+	if (options->exposure_us > 0 && !camera->source->ops->set_exposure) {
+		lp_error(camera->uri, "--exposure-us", "the exposure of this source cannot be set");
+		return -EINVAL;
+	}
+	return 0;
+}
+
+int lp_daemon_create_cameras(struct lp_daemon *daemon)
+{
+	const struct lp_options *options = daemon->options;
+	int ret = check(options);
+
+	if (ret == 0 && !options->source.count && (!*options->ring || options->once)) {
+		lp_error("lightprobed", "--source",
+			 "no source is given — name a camera with --source=URI, or a ring of light "
+			 "sensors alone with --ring=URI; lightprobed --help lists the kinds");
+		return -EINVAL;
+	}
+	if (ret == 0 && !options->source.count) /* its photometry serves the ring, too */
+		ret = lp_camera_file_read(lp_options_camera(options, 0), &daemon->cameras[0].file);
+	for (int k = 0; k < options->source.count && ret == 0; k++) {
+		struct lp_daemon_camera *camera = &daemon->cameras[daemon->camera_count++];
+
+		*camera = (struct lp_daemon_camera){.daemon = daemon,
+						    .index = k,
+						    .uri = options->source.texts[k]};
+		ret = open_camera(camera);
+	}
+	return ret;
+}
+
+int lp_daemon_start_cameras(struct lp_daemon *daemon)
+{
+	int ret = 0;
+
+	for (int k = 0; k < daemon->camera_count && ret == 0; k++) {
+		struct lp_source *source = daemon->cameras[k].source;
+
+		ret = source->ops->start(source);
+	}
+	return ret;
+}
+
+void lp_daemon_destroy_sources(struct lp_daemon *daemon)
+{
+	for (int k = 0; k < daemon->camera_count; k++) {
+		struct lp_source *source = daemon->cameras[k].source;
+
+		if (source)
+			source->ops->destroy(source);
+	}
+}
+
+void lp_daemon_destroy_camera_files(struct lp_daemon *daemon)
+{
+	for (int k = 0; k < LP_MAX_CAMERAS; k++)
+		lp_camera_file_destroy(daemon->cameras[k].file);
+}

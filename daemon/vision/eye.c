@@ -1,0 +1,179 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "vision/eye.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "vision/remap.h"
+
+/* Exposures within half a stop of each other are one setting: an automatic camera on its way, no
+ * bracket. Chosen by hand (docs/maintainers/constants.md). */
+#define SAME_EXPOSURE 1.4F
+/* A camera needs several frames for one change of exposure: a bracket of n takes up to 8 n frames:
+ * more than MOST_DELAY_FRAMES of app/bracket.c each. */
+#define STALE_BRACKETS 8
+
+int lp_eye_init(struct lp_eye *eye, const struct lp_camera *camera, int panorama_width, float scale)
+{
+	const int height = panorama_width / 2;
+	const size_t cells =
+		(size_t)panorama_width * height + 16; /* vector loads reach beyond the last */
+
+	*eye = (struct lp_eye){.camera = camera};
+	lp_gain_init(&eye->gain, scale);
+	lp_response_init(&eye->response, camera);
+	eye->seen.width = panorama_width;
+	eye->seen.height = height;
+	eye->mapped = calloc(cells, sizeof(*eye->mapped));
+	eye->mapped_flags = calloc(cells, 1);
+	return eye->mapped && eye->mapped_flags ? 0 : -ENOMEM;
+}
+
+void lp_eye_release(struct lp_eye *eye)
+{
+	lp_exposure_release(&eye->incoming);
+	lp_remap_destroy(eye->remap);
+	free(eye->row_weight);
+	free(eye->place);
+	free(eye->mapped_flags);
+	free(eye->mapped);
+}
+
+/* ---------------------------------------------------------------- geometry */
+
+static int set_rows(struct lp_eye *eye, int width_px, int height_px)
+{
+	const int rows = (height_px + 7) / 8 * 8; /* the last block may reach beyond the picture */
+	float *weight = realloc(eye->row_weight, 2 * rows * sizeof(*weight));
+
+	if (!weight)
+		return -ENOMEM;
+	eye->row_weight = weight;
+	eye->row_solid_angle_sr = weight + rows;
+	memset(weight, 0, 2 * rows * sizeof(*weight));
+	for (int y = 0; y < height_px; y++) {
+		weight[y] = eye->camera->projection == LP_EQUIRECT
+				    ? (float)sin(M_PI * (y + 0.5) / height_px)
+				    : 1.0F;
+		eye->row_solid_angle_sr[y] =
+			(float)lp_camera_pixel_solid_angle_sr(eye->camera, width_px, height_px, 0.5,
+							      y + 0.5);
+	}
+	return 0;
+}
+
+int lp_eye_fit(struct lp_eye *eye, int width_px, int height_px, int cell_px)
+{
+	const size_t cells = (size_t)((width_px + cell_px - 1) / cell_px) *
+			     (size_t)((height_px + cell_px - 1) / cell_px);
+	struct lp_remap *remap = eye->remap;
+	int ret;
+
+	if (remap && remap->width_px == width_px && remap->height_px == height_px &&
+	    remap->cell_px == cell_px)
+		return 0;
+	ret = set_rows(eye, width_px, height_px);
+	if (ret < 0)
+		return ret;
+	free(eye->place);
+	eye->place = calloc(cells, sizeof(*eye->place));
+	if (!eye->place)
+		return -ENOMEM;
+	ret = lp_remap_create(eye->camera, width_px, height_px, cell_px, eye->seen.width, &remap);
+	if (ret < 0)
+		return ret;
+	lp_remap_destroy(eye->remap);
+	eye->remap = remap;
+	return 1;
+}
+
+void lp_eye_map(struct lp_eye *eye)
+{
+	const struct lp_cells *cells = &eye->incoming.cells;
+	const bool identity = eye->remap->identity;
+
+	eye->seen.cells = identity ? cells->radiance : eye->mapped;
+	eye->seen.flags = identity ? cells->clipped : eye->mapped_flags;
+	lp_remap_apply(eye->remap, cells, &eye->seen);
+}
+
+bool lp_eye_sees(const struct lp_eye *eye, int cell)
+{
+	return eye->remap && eye->remap->start[cell] < eye->remap->start[cell + 1];
+}
+
+/* ---------------------------------------------------------------- exposures */
+
+static bool same_exposure(float a, float b)
+{
+	return (isnan(a) && isnan(b)) || (a <= SAME_EXPOSURE * b && b <= SAME_EXPOSURE * a);
+}
+
+/* The place of this exposure setting; else an empty one; else that seen longest ago. */
+static struct lp_recent_exposure *place_for(struct lp_eye *eye, float exposure_us)
+{
+	struct lp_recent_exposure *oldest = &eye->recent[0];
+
+	for (int k = 0; k < LP_MAX_BRACKET; k++) {
+		struct lp_recent_exposure *e = &eye->recent[k];
+
+		if (e->serial && same_exposure(e->exposure_us, exposure_us))
+			return e;
+		if (e->serial < oldest->serial)
+			oldest = e;
+	}
+	return oldest;
+}
+
+/* A setting that has not come for the time of several brackets is no longer part of the bracket. */
+void lp_eye_note_exposure(struct lp_eye *eye, float exposure_us)
+{
+	const struct lp_cells *cells = &eye->incoming.cells;
+	int live = 0;
+
+	eye->serial++;
+	*place_for(eye, exposure_us) =
+		(struct lp_recent_exposure){.exposure_us = exposure_us,
+					    .mean_code = (float)cells->mean_code,
+					    .serial = eye->serial,
+					    .invalid = cells->invalid_count > 0};
+	for (int k = 0; k < LP_MAX_BRACKET; k++)
+		live += eye->recent[k].serial != 0;
+	for (int k = 0; k < LP_MAX_BRACKET; k++) {
+		struct lp_recent_exposure *e = &eye->recent[k];
+
+		if (eye->serial - e->serial > STALE_BRACKETS * (uint64_t)live ||
+		    isnan(e->exposure_us) != isnan(exposure_us))
+			e->serial = 0;
+	}
+}
+
+struct lp_eye_exposures lp_eye_exposures(const struct lp_eye *eye)
+{
+	struct lp_eye_exposures found = {.longest_us = NAN, .mean_code = NAN};
+
+	for (int k = 0; k < LP_MAX_BRACKET; k++) {
+		const struct lp_recent_exposure *e = &eye->recent[k];
+
+		if (!e->serial)
+			continue;
+		found.count++;
+		found.current += e->serial == eye->serial || e->serial > eye->changed_serial;
+		found.invalid |= e->invalid;
+		/* float frames are radiance, whatever their exposure */
+		found.unknown |= isnan(e->exposure_us) && !isnan(e->mean_code);
+		if (isnan(found.longest_us) || e->exposure_us > found.longest_us) {
+			found.longest_us = e->exposure_us;
+			found.mean_code = e->mean_code;
+		}
+	}
+	return found;
+}
+
+void lp_eye_forget(struct lp_eye *eye)
+{
+	eye->cover = (struct lp_cover){.found = false};
+	memset(eye->recent, 0, sizeof(eye->recent));
+}

@@ -1,0 +1,91 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * One camera of the imager: where its pixels look, what they mean, its newest frame, and what its
+ * frames have shown of its exposures. Several of them share one radiance map. One thread.
+ */
+#ifndef LP_VISION_EYE_H
+#define LP_VISION_EYE_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "include/panorama.h"
+#include "vision/banding.h"
+#include "vision/camera.h"
+#include "vision/cover.h"
+#include "vision/exposure.h"
+#include "vision/gain.h"
+#include "vision/imager.h"
+#include "vision/response.h"
+
+struct lp_remap;
+
+/* An exposure setting of the last frames. */
+struct lp_recent_exposure {
+	float exposure_us; /* times gain; NAN: unknown */
+	float mean_code;   /* NAN: float frames */
+	uint64_t serial;   /* of the newest frame of it; 0: none */
+	bool invalid;	   /* it held samples that are no light */
+};
+
+/* Plain data but for what it allocates; lp_eye_init() starts it. */
+struct lp_eye {
+	const struct lp_camera *camera; /* borrowed */
+	struct lp_response response;
+	struct lp_remap *remap;	   /* of the current picture size; NULL: no frame has come */
+	float *row_weight;	   /* of the current picture size: solid angle up to a factor */
+	float *row_solid_angle_sr; /* of one pixel, equirectangular; same block as row_weight */
+	int *place;		   /* per camera cell: index into the patch that saw it last */
+
+	struct lp_exposure incoming; /* the newest frame */
+	/* Its cells on the panorama's grid, camera frame: `mapped` and `mapped_flags`, or the
+	 * camera's own where the two grids are the same. */
+	struct lp_panorama seen;
+	float (*mapped)[4];
+	uint8_t *mapped_flags;
+	int64_t t_seen_ns; /* of the newest frame accepted; 0: none since the camera came */
+	bool lost;	   /* the camera is away */
+
+	uint64_t serial;	 /* of the newest frame accepted; 0: none */
+	uint64_t changed_serial; /* of the last frame that showed other light than before it */
+	struct lp_recent_exposure recent[LP_MAX_BRACKET];
+	struct lp_cover cover; /* of the camera's view */
+	float covered_s;       /* for how long by now */
+	float covered_share;   /* of the light that is known */
+	struct lp_gain gain;   /* scale of the newest frame; count 0: it was told */
+	float row_time_us;     /* of the newest frame; NAN: unknown */
+	struct lp_banding banding;
+};
+
+/* `scale`: of a frame whose exposure is unknown, full scale to radiance. -ENOMEM: release it. */
+int lp_eye_init(struct lp_eye *eye, const struct lp_camera *camera, int panorama_width,
+		float scale);
+void lp_eye_release(struct lp_eye *eye); /* everything it holds */
+
+/* 1: the next picture has another size than the one before, 0: the same. -ENOMEM, -EINVAL. */
+int lp_eye_fit(struct lp_eye *eye, int width_px, int height_px, int cell_px);
+
+/* The newest frame's cells on the panorama's grid. */
+void lp_eye_map(struct lp_eye *eye);
+
+/* Whether the camera looks along a cell of the panorama, camera frame. */
+bool lp_eye_sees(const struct lp_eye *eye, int cell);
+
+/* The newest frame has been accepted, exposed for exposure_us (times gain; NAN: unknown). */
+void lp_eye_note_exposure(struct lp_eye *eye, float exposure_us);
+
+/* What its last frames were exposed for. */
+struct lp_eye_exposures {
+	int count;
+	int current;	  /* of these, the newest, and those since the light last changed */
+	float longest_us; /* NAN: unknown */
+	float mean_code;  /* of the longest; NAN: float frames */
+	bool unknown;	  /* not told, and not found out */
+	bool invalid;	  /* they held samples that are no light */
+};
+struct lp_eye_exposures lp_eye_exposures(const struct lp_eye *eye);
+
+/* Forget what its frames have shown. */
+void lp_eye_forget(struct lp_eye *eye);
+
+#endif
