@@ -156,6 +156,7 @@ static float relighting_sigma(const struct lp_pipeline *p, const struct lp_image
 	return (float)sqrt(LEAST_RELIGHTING_SIGMA * LEAST_RELIGHTING_SIGMA + lamps +
 			   clipped * clipped + hidden * hidden +
 			   (double)status->irradiance_sigma * status->irradiance_sigma +
+			   (double)status->cameras_sigma * status->cameras_sigma +
 			   (double)status->changed * status->changed +
 			   (double)status->banding * status->banding);
 }

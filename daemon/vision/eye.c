@@ -8,6 +8,16 @@
 
 #include "vision/remap.h"
 
+/* Of a cell's mean, in codes, besides the rounding of its own (vision/code_noise.h). */
+#define CODE_SIGMA 0.5F
+/* So many cells are compared between two cameras: enough for a mean. */
+#define COMPARED 800
+/* Noisier cells tell nothing (relative); nor do those that are brighter, of full scale, where
+ * pixels within them may be saturated unseen. */
+#define MOST_NOISE 0.1F
+#define BRIGHTEST 0.8F
+/* Of a cell, relative: what the cameras' grids do to it. */
+#define CELL_SIGMA 0.03F
 /* Exposures within half a stop of each other are one setting: an automatic camera on its way, no
  * bracket. Chosen by hand (docs/maintainers/constants.md). */
 #define SAME_EXPOSURE 1.4F
@@ -170,6 +180,72 @@ struct lp_eye_exposures lp_eye_exposures(const struct lp_eye *eye)
 		}
 	}
 	return found;
+}
+
+/* ---------------------------------------------------------------- overlap */
+
+float lp_eye_code_variance(const struct lp_eye *eye)
+{
+	const float common = eye->incoming.noise.common;
+
+	return CODE_SIGMA * CODE_SIGMA + common * common;
+}
+
+/* Relative variance of a channel of a cell; infinite where it tells nothing. */
+static float noise2_of(const struct lp_eye *eye, int cell, int channel)
+{
+	const float linear = eye->seen.cells[cell][channel] / eye->incoming.scale;
+
+	if (eye->seen.flags[cell] || !(linear > 0.0F) || linear > BRIGHTEST)
+		return INFINITY;
+	return lp_eye_code_variance(eye) / lp_response_weight(&eye->response, linear) /
+	       (linear * linear);
+}
+
+static bool both_see(const struct lp_eye *a, const struct lp_eye *b, int cell)
+{
+	return lp_eye_sees(a, cell) && lp_eye_sees(b, cell);
+}
+
+/* Every so many cells that both see are compared. */
+static int stride_of(const struct lp_eye *a, const struct lp_eye *b)
+{
+	int count = 0;
+
+	for (int i = 0; i < a->seen.width * a->seen.height; i++)
+		count += both_see(a, b, i);
+	return 1 + count / COMPARED;
+}
+
+static void compare_channel(const struct lp_eye *eye, const struct lp_eye *other, int channel,
+			    int stride, struct lp_gain *cells)
+{
+	int in_both = 0;
+
+	cells->count = 0;
+	for (int i = 0; i < eye->seen.width * eye->seen.height; i++) {
+		if (!both_see(eye, other, i) || in_both++ % stride)
+			continue;
+		struct lp_gain_cell *cell = &cells->cells[cells->count++];
+		const float noise2 = noise2_of(eye, i, channel) + noise2_of(other, i, channel);
+
+		cell->seen = NAN;
+		if (!(noise2 < MOST_NOISE * MOST_NOISE))
+			continue;
+		cell->seen = logf(eye->seen.cells[i][channel]);
+		cell->reference = logf(other->seen.cells[i][channel]);
+		cell->sigma = sqrtf(noise2 + CELL_SIGMA * CELL_SIGMA);
+	}
+}
+
+void lp_eye_compare(struct lp_eye *eye, const struct lp_eye *other, struct lp_gain *cells)
+{
+	const int stride = stride_of(eye, other);
+
+	for (int c = 0; c < 3; c++) {
+		compare_channel(eye, other, c, stride, cells);
+		lp_overlap_correct(&eye->overlap, c, cells, other->overlap.variance[c]);
+	}
 }
 
 void lp_eye_forget(struct lp_eye *eye)

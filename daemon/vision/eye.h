@@ -16,6 +16,7 @@
 #include "vision/exposure.h"
 #include "vision/gain.h"
 #include "vision/imager.h"
+#include "vision/overlap.h"
 #include "vision/response.h"
 
 struct lp_remap;
@@ -44,16 +45,18 @@ struct lp_eye {
 	float (*mapped)[4];
 	uint8_t *mapped_flags;
 	int64_t t_seen_ns; /* of the newest frame accepted; 0: none since the camera came */
+	bool accepted;	   /* `seen` is of that frame */
 	bool lost;	   /* the camera is away */
 
 	uint64_t serial;	 /* of the newest frame accepted; 0: none */
 	uint64_t changed_serial; /* of the last frame that showed other light than before it */
 	struct lp_recent_exposure recent[LP_MAX_BRACKET];
-	struct lp_cover cover; /* of the camera's view */
-	float covered_s;       /* for how long by now */
-	float covered_share;   /* of the light that is known */
-	struct lp_gain gain;   /* scale of the newest frame; count 0: it was told */
-	float row_time_us;     /* of the newest frame; NAN: unknown */
+	struct lp_cover cover;	   /* of the camera's view */
+	float covered_s;	   /* for how long by now */
+	float covered_share;	   /* of the light that is known */
+	struct lp_gain gain;	   /* scale of the newest frame; count 0: it was told */
+	struct lp_overlap overlap; /* with the other cameras */
+	float row_time_us;	   /* of the newest frame; NAN: unknown */
 	struct lp_banding banding;
 };
 
@@ -84,6 +87,13 @@ struct lp_eye_exposures {
 	bool invalid;	  /* they held samples that are no light */
 };
 struct lp_eye_exposures lp_eye_exposures(const struct lp_eye *eye);
+
+/* Several cameras: compare the newest frame with that of another one, where both look, and correct
+ * this one's factors by it. `cells`: workspace. */
+void lp_eye_compare(struct lp_eye *eye, const struct lp_eye *other, struct lp_gain *cells);
+
+/* 1 sigma of the mean of a cell's codes, from rounding and noise, squared. */
+float lp_eye_code_variance(const struct lp_eye *eye);
 
 /* Forget what its frames have shown. */
 void lp_eye_forget(struct lp_eye *eye);

@@ -8,8 +8,6 @@
 #include "vision/lookup.h"
 #include "vision/stokes_map.h"
 
-/* Of a cell's mean, in codes, besides the rounding of its own (vision/code_noise.h). */
-#define CODE_SIGMA 0.5F
 /* Share of the cells that contradict what is known, from which on the camera may have turned. */
 #define LEAST_CONTRADICTING 0.002F
 /* The same of the light that the frame before showed changed: a lamp that moves before dark walls.
@@ -48,8 +46,7 @@ struct lp_observation lp_imager_observation(const struct lp_imager *imager)
 				       .response = &imager->eye->response,
 				       .scale = e->scale,
 				       .coded = !isnan(e->cells.mean_code),
-				       .code_variance = CODE_SIGMA * CODE_SIGMA +
-							e->noise.common * e->noise.common,
+				       .code_variance = lp_eye_code_variance(imager->eye),
 				       .flicker_sigma =
 					       imager->flicker * flicker_share(e->exposure_us)};
 }

@@ -12,6 +12,7 @@
 #include "light/grid.h"
 #include "vision/alignment.h"
 #include "vision/lookup.h"
+#include "vision/remap.h"
 #include "vision/stokes_map.h"
 
 /* When more than this share of the light is another, exposures from before count as missing. Chosen
@@ -22,9 +23,6 @@
 #define MOST_STIRRED 0.5F
 /* Where a cell of a turned picture looks, in cells: what lies between samples. */
 #define PLACE_SIGMA 0.15
-/* A longest exposure and a transfer: so much later than another's may a camera's frame come that
- * was exposed before it. */
-#define MOST_LATE_S 0.15
 
 int lp_imager_create(const struct lp_camera *camera, const struct lp_imager_options *options,
 		     struct lp_imager **imager)
@@ -80,6 +78,7 @@ void lp_imager_destroy(struct lp_imager *imager)
 		return;
 	for (int k = 0; k < imager->eye_count; k++)
 		lp_eye_release(&imager->eyes[k]);
+	free(imager->compared);
 	free(imager->pixels);
 	free(imager->taken);
 	free(imager->behind);
@@ -100,9 +99,16 @@ int lp_imager_add_camera(struct lp_imager *imager, const struct lp_camera *camer
 
 	if (imager->eye_count == LP_MAX_CAMERAS)
 		return -EINVAL;
-	/* counted first: what was allocated in part is released with the rest */
-	return lp_eye_init(&imager->eyes[imager->eye_count++], camera, imager->panorama.width,
-			   film > 0.0F ? 1.0F / film : 1.0F);
+	if (imager->eye_count && !imager->compared)
+		imager->compared = calloc(1, sizeof(*imager->compared));
+	if (imager->eye_count && !imager->compared)
+		return -ENOMEM;
+	struct lp_eye *eye = &imager->eyes[imager->eye_count++]; /* also to be released */
+	const int ret =
+		lp_eye_init(eye, camera, imager->panorama.width, film > 0.0F ? 1.0F / film : 1.0F);
+
+	lp_overlap_init(&eye->overlap, eye == imager->eyes);
+	return ret;
 }
 
 const struct lp_grid *lp_imager_grid(const struct lp_imager *imager)
@@ -120,26 +126,7 @@ const struct lp_rotation *lp_imager_rotation(const struct lp_imager *imager)
 	return &imager->motion.rotation;
 }
 
-/* Whether other cameras have shown anything. */
-static bool others_know(const struct lp_imager *imager, const struct lp_eye *eye)
-{
-	for (int k = 0; k < imager->eye_count; k++)
-		if (&imager->eyes[k] != eye && imager->eyes[k].serial)
-			return true;
-	return false;
-}
-
-/* What the camera of the newest frame looks at, as far as it is known where that is. */
-static void forget_view(struct lp_imager *imager)
-{
-	const struct lp_cover_view view = lp_imager_cover_view(imager, NAN);
-
-	for (int i = 0; i < imager->grid->width * imager->grid->height; i++)
-		if (lp_eye_sees(imager->eye, lp_cover_seen_cell(&view, i)))
-			lp_radiance_map_forget_cell(imager->map, i);
-}
-
-static void forget_all(struct lp_imager *imager)
+void lp_imager_forget_all(struct lp_imager *imager)
 {
 	lp_radiance_map_forget(imager->map);
 	if (imager->stokes)
@@ -150,29 +137,11 @@ static void forget_all(struct lp_imager *imager)
 void lp_imager_forget(struct lp_imager *imager)
 {
 	lp_eye_forget(imager->eye);
-	if (others_know(imager, imager->eye))
-		forget_view(imager);
+	if (lp_imager_others_know(imager, imager->eye))
+		lp_imager_forget_view(imager);
 	else
-		forget_all(imager);
+		lp_imager_forget_all(imager);
 	lp_imager_forget_scale(imager);
-}
-
-void lp_imager_begin(struct lp_imager *imager, int camera)
-{
-	imager->eye = &imager->eyes[camera];
-	imager->eye->lost = false;
-	lp_eye_forget(imager->eye);
-	if (!others_know(imager, imager->eye))
-		forget_all(imager);
-	lp_imager_forget_scale(imager);
-}
-
-void lp_imager_lose(struct lp_imager *imager, int camera)
-{
-	imager->eyes[camera].lost = true;
-	imager->eyes[camera].t_seen_ns = 0;
-	if (!imager->t_lost_ns)
-		imager->t_lost_ns = imager->t_capture_ns;
 }
 
 /*
@@ -201,19 +170,6 @@ static struct lp_decode_options decode_options(const struct lp_imager *imager,
 	if (frame->format == LP_FORMAT_MJPEG && d.cell_px < d.divisor)
 		d.cell_px = d.divisor;
 	return d;
-}
-
-int lp_imager_current_exposures(const struct lp_imager *imager, int camera)
-{
-	return lp_eye_exposures(&imager->eyes[camera]).current;
-}
-
-void lp_imager_view(const struct lp_imager *imager, uint8_t *cells)
-{
-	const struct lp_cover_view view = lp_imager_cover_view(imager, NAN);
-
-	for (int i = 0; i < imager->grid->width * imager->grid->height; i++)
-		cells[i] = lp_eye_sees(imager->eye, lp_cover_seen_cell(&view, i));
 }
 
 float lp_imager_scale(const struct lp_imager *imager)
@@ -280,6 +236,8 @@ int lp_imager_load(struct lp_imager *imager, struct lp_frame *frame, float expec
 		return -EBADMSG;
 	}
 	imager->eye = &imager->eyes[frame->camera];
+	imager->eye->accepted = false;
+	(void)lp_overlap_apply(&imager->eye->overlap, &imager->eye->response);
 	incoming = &imager->eye->incoming;
 	const struct lp_decode_options options = decode_options(imager, frame);
 	ret = lp_eye_fit(imager->eye, (int)frame->width_px, (int)frame->height_px, options.cell_px);
@@ -317,7 +275,7 @@ static void heed_scale(struct lp_imager *imager, float exposure_us)
 	const bool coded = !isnan(imager->eye->incoming.cells.mean_code);
 
 	if (imager->is_relative && !isnan(exposure_us)) {
-		forget_all(imager);
+		lp_imager_forget_all(imager);
 		for (int k = 0; k < imager->eye_count; k++) {
 			lp_eye_forget(&imager->eyes[k]);
 			lp_gain_init(&imager->eyes[k].gain, imager->eyes[k].gain.scale);
@@ -328,11 +286,6 @@ static void heed_scale(struct lp_imager *imager, float exposure_us)
 	if (isnan(exposure_us))
 		return;
 	lp_gain_init(&imager->eye->gain, imager->eye->incoming.scale);
-}
-
-bool lp_imager_is_late(const struct lp_imager *imager, double elapsed_s)
-{
-	return imager->eye_count > 1 && elapsed_s < 0.0 && elapsed_s > -MOST_LATE_S;
 }
 
 static void observe(struct lp_imager *imager)
@@ -417,7 +370,9 @@ int lp_imager_accept(struct lp_imager *imager, float exposure_us)
 	lp_imager_look_for_bands(imager);
 	observe(imager);
 	lp_eye_note_exposure(imager->eye, exposure_us);
+	lp_imager_compare_cameras(imager);
 	imager->eye->t_seen_ns = imager->t_capture_ns;
+	imager->eye->accepted = true;
 	for (int k = 0; k < imager->eye_count && imager->update.changed > CHANGED; k++) {
 		imager->eyes[k].changed_serial = imager->eyes[k].serial;
 		lp_gain_disturb(&imager->eyes[k].gain, imager->update.changed);
@@ -460,6 +415,10 @@ static void add_eye(const struct lp_eye *eye, struct lp_imager_status *status)
 	status->covered |= eye->cover.found;
 	status->hidden_s = fmaxf(status->hidden_s, eye->covered_s);
 	status->hidden_share += eye->covered_share;
+	if (eye->remap)
+		status->cameras_sigma =
+			fmaxf(status->cameras_sigma,
+			      lp_overlap_sigma(&eye->overlap) * eye->remap->seen_fraction);
 }
 
 void lp_imager_status(const struct lp_imager *imager, struct lp_imager_status *status)

@@ -67,6 +67,8 @@ struct lp_imager_status {
 	bool lost_view;		   /* a camera is away, and no other one sees what it saw */
 	float hidden_s;		   /* for how long by now something is covered or lost */
 	float hidden_share;	   /* of the light: what was known there */
+	/* 1 sigma of all light, relative, from how well cameras are brought to one scale */
+	float cameras_sigma;
 	bool angles_missing; /* a film, but too few of its angles to tell how light is polarized */
 };
 

@@ -24,7 +24,8 @@ struct lp_imager {
 	struct lp_grid *grid;
 	int eye_count;
 	struct lp_eye eyes[LP_MAX_CAMERAS];
-	struct lp_eye *eye; /* of the newest frame */
+	struct lp_eye *eye;	  /* of the newest frame */
+	struct lp_gain *compared; /* workspace: two cameras' cells; NULL: there is one */
 
 	int64_t t_capture_ns; /* of the newest frame */
 	bool loaded;	      /* it has not been accepted yet */
@@ -69,8 +70,17 @@ struct lp_imager {
 	uint8_t *taken;	    /* per panorama cell: it is among them */
 };
 
-/* Several cameras: the frame before was exposed so much later, but for less long. */
+/* several.c: the frame before was exposed so much later, but for less long. */
 bool lp_imager_is_late(const struct lp_imager *imager, double elapsed_s);
+/* Whether other cameras have shown anything. */
+bool lp_imager_others_know(const struct lp_imager *imager, const struct lp_eye *eye);
+/* Forget what the camera of the newest frame looks at, as far as it is known where that is; and
+ * (imager.c) everything. */
+void lp_imager_forget_view(struct lp_imager *imager);
+void lp_imager_forget_all(struct lp_imager *imager);
+/* The newest frame against the other cameras': those further on in the list are brought to the
+ * scale and the colours of those before them. */
+void lp_imager_compare_cameras(struct lp_imager *imager);
 
 /* Since the frame of the same camera before the newest one; 0: there is none. */
 double lp_imager_eye_elapsed_s(const struct lp_imager *imager);

@@ -97,3 +97,16 @@ void lp_response_init(struct lp_response *response, const struct lp_camera *came
 	}
 	init_weight(response);
 }
+
+void lp_response_scale(struct lp_response *response, const float factor[3])
+{
+	for (int c = 0; c < 3; c++) {
+		for (int v = 0; v < 256; v++)
+			response->pixel[c][v] *= factor[c];
+		for (int i = 0; i <= LP_CODE_INDEX_MAX; i++) {
+			response->block[c][i].linear *= factor[c];
+			response->block[c][i].half_curvature *= factor[c];
+		}
+	}
+	init_weight(response);
+}

@@ -43,6 +43,9 @@ static inline float lp_response_weight(const struct lp_response *response, float
 	return response->weight[(int)(root * 255.0F)];
 }
 
+/* Multiply all light of R, G and B by a factor each. */
+void lp_response_scale(struct lp_response *response, const float factor[3]);
+
 /* The camera's table, or sRGB (IEC 61966-2-1) when it has none. */
 void lp_response_init(struct lp_response *response, const struct lp_camera *camera);
 

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Frames that do not tell their exposure: their scale by what is known (vision/gain.h). */
 #include <math.h>
+#include <string.h>
 
 #include "include/luminance.h"
 #include "light/grid.h"
@@ -133,6 +134,10 @@ void lp_imager_inherit(struct lp_imager *imager, const struct lp_imager *from)
 		if (before->count)
 			gain->variance += FORGOTTEN_SIGMA * FORGOTTEN_SIGMA;
 		imager->eyes[k].lost = from->eyes[k].lost;
+		memcpy(imager->eyes[k].overlap.log_gain, from->eyes[k].overlap.log_gain,
+		       sizeof(from->eyes[k].overlap.log_gain));
+		memcpy(imager->eyes[k].overlap.variance, from->eyes[k].overlap.variance,
+		       sizeof(from->eyes[k].overlap.variance));
 	}
 }
 

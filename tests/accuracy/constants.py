@@ -105,8 +105,8 @@ SEQUENCES = {
     "imager bracket pipeline": [
         Constant("vision/match.c", "STEP"),
         Constant("vision/match.c", "LEAST_LINEAR"),
-        Constant("vision/imager.c", "SAME_EXPOSURE", (1.1, 2.8)),
-        Constant("vision/imager.c", "STALE_BRACKETS"),
+        Constant("vision/eye.c", "SAME_EXPOSURE", (1.1, 2.8)),
+        Constant("vision/eye.c", "STALE_BRACKETS"),
     ],
     "tracker": [
         Constant("light/tracker.c", "MEMORY_NS"),

@@ -156,6 +156,41 @@ static void test_frames_in_another_order_than_exposed(void **state)
 	lp_imager_destroy(imager);
 }
 
+/* One shows all light brighter than the other, also where both look: it is brought to the first. */
+static void test_the_overlap_aligns_them(void **state)
+{
+	struct lp_imager *imager = new_imager();
+	struct lp_imager_status before, after;
+
+	(void)state;
+	for (int n = 0; n < 40; n++) {
+		assert_int_equal(lp_imager_add(imager, even(0, 4.0, 0.03, 1.0 + n / 30.0)), 0);
+		assert_int_equal(lp_imager_add(imager, even(1, 4.4, 0.03, 1.008 + n / 30.0)), 0);
+		if (n == 0)
+			lp_imager_status(imager, &before);
+	}
+	lp_imager_status(imager, &after);
+	assert_float_equal(light(imager, FORWARD), 4.0, 0.04);
+	assert_float_equal(light(imager, BACKWARD), 4.0, 0.04);
+	assert_true(after.cameras_sigma < 0.5F * before.cameras_sigma);
+	assert_true(after.cameras_sigma > 0.002F);
+	lp_imager_destroy(imager);
+}
+
+/* Of a camera that sees another scene nothing is known but what it shows. */
+static void test_what_is_no_difference_between_cameras(void **state)
+{
+	struct lp_imager *imager = new_imager();
+
+	(void)state;
+	for (int n = 0; n < 20; n++) {
+		assert_int_equal(lp_imager_add(imager, even(0, 4.0, 0.03, 1.0 + n / 30.0)), 0);
+		assert_int_equal(lp_imager_add(imager, even(1, 8.0, 0.03, 1.008 + n / 30.0)), 0);
+	}
+	assert_float_equal(light(imager, BACKWARD), 8.0, 0.1);
+	lp_imager_destroy(imager);
+}
+
 int main(void)
 {
 	static const struct CMUnitTest tests[] = {
@@ -163,6 +198,8 @@ int main(void)
 		cmocka_unit_test(test_one_forgets_and_the_other_does_not),
 		cmocka_unit_test(test_a_camera_that_is_away),
 		cmocka_unit_test(test_frames_in_another_order_than_exposed),
+		cmocka_unit_test(test_the_overlap_aligns_them),
+		cmocka_unit_test(test_what_is_no_difference_between_cameras),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
