@@ -94,6 +94,21 @@ ORIENTATIONS = {
 }  # fmt: skip
 
 
+#: Two fisheye modules back to back, as many pixels to a degree as SIZE_PX.
+MODULES = [
+    Path(__file__).resolve().parents[2] / f"packaging/cameras/module_{name}.camera"
+    for name in ("ahead", "back")
+]
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two modules instead of one camera: how the second differs."""
+
+    later_s: float = 0.008
+    sensitivity: tuple[float, float, float] = (1.0, 1.0, 1.0)  # R, G, B, against the first
+
+
 @dataclass(frozen=True)
 class Run:
     """One run of the daemon."""
@@ -109,6 +124,7 @@ class Run:
     row_time_us: float = 0.0
     orientation: str = "visual"
     ring: bool = False  # with a ring of light sensors, calibrated to 3 %, beside the camera
+    pair: Pair | None = None  # two modules, of the size that their files state
     levels: tuple[float, ...] = (1.0,)  # of all light, in turns, behaviour.act_s each
 
     @property
@@ -136,24 +152,45 @@ class Recording:
     packets: dict[str, list[Packet]]
 
 
+def cameras(run: Run, world: World) -> list[SimulatedCamera]:
+    """Give the camera of a run, or its two modules."""
+    if run.pair is None:
+        lens = lenses.load("equirect")
+        return [
+            SimulatedCamera(
+                world, lens, run.size_px, rate_hz=run.rate_hz, row_time_us=run.row_time_us
+            )
+        ]
+    found = []
+    for number, path in enumerate(MODULES):
+        lens = lenses.load(str(path))
+        found.append(
+            SimulatedCamera(
+                world, lens, (lens.width_px, lens.height_px), rate_hz=run.rate_hz,
+                row_time_us=run.row_time_us, seed=number, phase_s=number * run.pair.later_s,
+                white_balance=run.pair.sensitivity if number else (1.0, 1.0, 1.0),
+            )
+        )  # fmt: skip
+    return found
+
+
 def record(run: Run) -> Recording:
     """Run a daemon before a scene."""
     cv2.setNumThreads(1)
     (scene,) = World([run.scene], median_radiance=run.median_radiance).scenes
     world = World([scene.scaled(level) for level in run.levels], run.behaviour)
-    camera = SimulatedCamera(
-        world, lenses.load("equirect"), run.size_px, rate_hz=run.rate_hz,
-        row_time_us=run.row_time_us,
-    )  # fmt: skip
+    camera, *others = cameras(run, world)
     teller = ORIENTATIONS[run.orientation]
     faults = EXPOSURES[run.exposures].merged(run.faults).merged(teller.faults)
     arguments = (f"--orientation={teller.kind}", *run.daemon_arguments)
+    if run.pair:
+        arguments += tuple(f"--camera={path}" for path in MODULES)
     frame: Frame = "WORLD" if teller.wants_world else "PROBE"
     with contextlib.ExitStack() as stack:
         ring = stack.enter_context(LiveRing()) if run.ring else None
         if ring:
             arguments += tuple(ring.daemon_arguments(RING_CD_M2_PER_UNIT))
-        probe = stack.enter_context(LiveProbe(camera, arguments, faults=faults))
+        probe = stack.enter_context(LiveProbe(camera, arguments, faults=faults, others=others))
         if ring:
             light = RingLight(world, RING_CD_M2_PER_UNIT)
             ring.shine(lambda: light.lux(probe.link.state_now()))

@@ -26,6 +26,7 @@ sys.path.insert(0, str(ROOT / "tests/extremes"))
 import automatic  # noqa: E402
 import changes  # noqa: E402
 import live  # noqa: E402
+import several  # noqa: E402
 import with_ring  # noqa: E402
 from cases import CASES  # noqa: E402
 from recording import markdown as table  # noqa: E402
@@ -171,10 +172,12 @@ def live_figures(out: Path, page: Path) -> dict[str, str]:
     told = live.all_figures(live.told_cases())
     ringed = live.all_figures(live.ring_cases())
     exposing = automatic.all_figures(automatic.cases(automatic.SCENES))
+    modules = several.all_figures(several.cases(several.SCENES))
     changing = changes.all_figures(changes.cases(changes.SCENES))
     (out / "live.json").write_text(to_json([*moving, *troubled, *told, *ringed]) + "\n")
     (out / "changes.json").write_text(to_json(changing) + "\n")
     (out / "automatic.json").write_text(to_json(exposing) + "\n")
+    (out / "several.json").write_text(to_json(modules) + "\n")
     live.draw(moving, page.with_name("live.png"))
     put(ROOT / "README.md", {"live": table(live.README_HEAD, live.readme_rows(moving))})
     return {
@@ -183,6 +186,7 @@ def live_figures(out: Path, page: Path) -> dict[str, str]:
         "orientations": table(live.TOLD_HEAD, live.told_rows(told)),
         "live-ring": table(live.HEAD, live.ring_rows(moving, ringed)),
         "automatic": table(automatic.HEAD, automatic.rows(exposing)),
+        "several": table(several.HEAD, several.rows(modules)),
         "troubles": table(live.HEAD, live.rows(troubled)),
         "troubles-sigmas": table(live.COVERAGE_HEAD, live.coverage_rows(troubled)),
         "steps": table(changes.STEP_HEAD, changes.step_rows(changing)),

@@ -97,6 +97,11 @@ static void test_faults_come_and_go_by_name(void **state)
 	lp_health_fault(&health, "a", NULL);
 	assert_int_equal(report->fault_count, 1);
 	assert_string_equal(report->faults[0].id, "b");
+	lp_health_camera_fault(&health, "b", 1, "of another camera");
+	assert_int_equal(report->fault_count, 2);
+	lp_health_camera_fault(&health, "b", 1, NULL);
+	assert_int_equal(report->fault_count, 1);
+	assert_string_equal(report->faults[0].text, "second");
 	for (size_t i = 0; i < LP_COUNT(names); i++)
 		lp_health_fault(&health, names[i], "many");
 	assert_int_equal(report->fault_count, LP_MAX_FAULTS);

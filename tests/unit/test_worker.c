@@ -103,15 +103,21 @@ static void release(struct lp_frame *frame)
 
 static const struct lp_demand demand = {.sh_order = 2, .max_lights = 3};
 
-static void submit(struct lp_worker *worker, uint64_t sequence, uint32_t flags)
+static void submit_of(struct lp_worker *worker, int camera, uint64_t sequence, uint32_t flags)
 {
 	struct lp_frame *frame = calloc(1, sizeof(*frame));
 
+	frame->camera = (uint8_t)camera;
 	frame->sequence = sequence;
 	frame->flags = flags;
 	frame->release = release;
 	atomic_fetch_add(&frames_alive, 1);
 	lp_worker_submit(worker, frame, &demand);
+}
+
+static void submit(struct lp_worker *worker, uint64_t sequence, uint32_t flags)
+{
+	submit_of(worker, 0, sequence, flags);
 }
 
 static struct lp_worker *start(bool lossless)
@@ -356,6 +362,30 @@ static void test_destroy_with_work_left(void **state)
 	lp_worker_destroy(NULL);
 }
 
+/* Each of several cameras has commands of its own, and its frames may wait beside the others'. */
+static void test_several_cameras(void **state)
+{
+	const struct lp_camera_control control = {.camera = 1, .limits.min_us = 250.0F};
+	struct lp_worker *worker = start(true);
+	struct lp_result *result;
+
+	(void)state;
+	lp_worker_control(worker, &control);
+	submit(worker, 1, 0);
+	result = wait_result(worker);
+	assert_int_equal(result->camera, 0);
+	assert_true(isnan(result->commands_us[0]));
+	assert_float_equal(result->commands_us[1], 250.0F, 0.0F);
+	lp_worker_give(worker, result);
+	submit_of(worker, 1, 197, 0);
+	result = wait_result(worker);
+	assert_int_equal(result->camera, 1);
+	assert_true(isnan(result->commands_us[0]));
+	assert_float_equal(result->commands_us[1], 1000.0F, 0.0F);
+	lp_worker_give(worker, result);
+	lp_worker_destroy(worker);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -368,6 +398,7 @@ int main(void)
 		cmocka_unit_test(test_every_frame_has_a_result_and_refused_ones_are_counted),
 		cmocka_unit_test(test_results_that_nobody_takes),
 		cmocka_unit_test(test_destroy_with_work_left),
+		cmocka_unit_test(test_several_cameras),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
