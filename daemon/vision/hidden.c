@@ -91,6 +91,8 @@ static void weigh_lost(struct lp_imager *imager)
 			live[count++] = &imager->eyes[k];
 	if (count == imager->eye_count)
 		imager->t_lost_ns = 0;
+	else if (!imager->t_lost_ns) /* also of one that was away before this imager was made */
+		imager->t_lost_ns = imager->t_capture_ns;
 	for (int i = 0; i < grid->width * grid->height && count < imager->eye_count; i++) {
 		const double light = (double)imager->map->radiance[i][LP_LUMINANCE] *
 				     lp_grid_solid_angle_sr(grid, i);

@@ -142,6 +142,29 @@ static void test_a_camera_that_is_away(void **state)
 	lp_imager_destroy(imager);
 }
 
+/* Another preset makes another imager, while a camera is away. */
+static void test_another_imager_goes_on(void **state)
+{
+	struct lp_imager *before = new_imager(), *after;
+	struct lp_imager_status status;
+
+	(void)state;
+	for (int n = 0; n < 40; n++) {
+		assert_int_equal(lp_imager_add(before, even(0, 4.0, 0.03, 1.0 + n / 30.0)), 0);
+		assert_int_equal(lp_imager_add(before, even(1, 4.4, 0.03, 1.008 + n / 30.0)), 0);
+	}
+	after = new_imager();
+	lp_imager_lose(before, 0);
+	lp_imager_inherit(after, before);
+	assert_int_equal(lp_imager_add(after, even(1, 4.4, 0.03, 3.0)), 0);
+	assert_float_equal(light(after, BACKWARD), 4.0, 0.04); /* aligned as before */
+	lp_imager_status(after, &status);
+	assert_float_equal(status.hidden_s, 0.0, 0.0);
+	assert_float_equal(lp_imager_panorama(after)->seen_fraction, 0.56, 0.03);
+	lp_imager_destroy(before);
+	lp_imager_destroy(after);
+}
+
 /* A long exposure may end after a short one that began later. */
 static void test_frames_in_another_order_than_exposed(void **state)
 {
@@ -197,6 +220,7 @@ int main(void)
 		cmocka_unit_test(test_each_camera_tells_of_what_it_sees),
 		cmocka_unit_test(test_one_forgets_and_the_other_does_not),
 		cmocka_unit_test(test_a_camera_that_is_away),
+		cmocka_unit_test(test_another_imager_goes_on),
 		cmocka_unit_test(test_frames_in_another_order_than_exposed),
 		cmocka_unit_test(test_the_overlap_aligns_them),
 		cmocka_unit_test(test_what_is_no_difference_between_cameras),
