@@ -62,7 +62,7 @@ FLAG_WORDS: dict[str, str] = {
     "UNDEREXPOSED": "most of the picture is below the noise; use longer exposures or more gain",
     "BRACKET_INCOMPLETE": "exposures of the bracket are missing, or were taken before the light "
     "changed",
-    "PARTIAL_VIEW": "the camera does not see part of the sphere; that part is filled, not measured",
+    "PARTIAL_VIEW": "no camera sees part of the sphere; that part is filled, not measured now",
     "MORE_LIGHTS": "more lamps were found than are listed; the others are in the SH",
     "INVALID_INPUT": "NaN, infinite or negative samples were left out",
     "DEGRADED": "the governor lowered the preset to keep its budget",
