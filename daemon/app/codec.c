@@ -20,8 +20,10 @@
 
 #define PROTOCOL_MAJOR 1
 /* 1: estimates echo the number of their subscription. 2: Hello names the probe. 3: poses, pings,
- * WORLD and the probe's orientation; KEY and area lights. */
-#define PROTOCOL_MINOR 3
+ * WORLD and the probe's orientation; KEY and area lights. 4: reflection maps. */
+#define PROTOCOL_MINOR 4
+#define REFLECTION_RATE_HZ 5.0F /* of a client that does not say */
+#define REFLECTION_MOST_HZ 30.0F
 #define POSE_SIGMA_DEG 0.2F		   /* of a client that does not say */
 #define LEAST_SLEEP_NS (50 * LP_NS_PER_MS) /* less may be the reading of two clocks */
 #define LENGTH_PREFIX_BYTES 2		   /* of messages up to 16383 bytes */
@@ -283,6 +285,7 @@ void lp_encode_hello(const struct lp_hello *hello, struct lp_packet *packet)
 	COPY_TEXT(wire->name, hello->name);
 	wire->insecure_lan = hello->insecure_lan;
 	COPY_TEXT(wire->orientation, hello->orientation ? hello->orientation : "");
+	wire->max_reflection_map_size = (uint32_t)hello->max_reflection_size;
 	encode(&message, LP_PACKET_CONTROL, packet);
 }
 
@@ -372,6 +375,29 @@ struct lp_subscription lp_default_subscription(void)
 	return (struct lp_subscription){.sh_order = 2, .max_lights = 4};
 }
 
+static int read_reflection(const lightprobe_v1_Subscription *wire, struct lp_reflection_wish *wish,
+			   const char **reason)
+{
+	const lightprobe_v1_ReflectionMapWish *map = &wire->reflection_map;
+
+	if (!wire->has_reflection_map || map->size == 0)
+		return 0;
+	*reason = "reflection_map.size: must be 16, 32 or 64; 0: none";
+	if (map->size != 16 && map->size != 32 && map->size != 64)
+		return -ERANGE;
+	*reason = "reflection_map.rate_hz: must be 0 or a positive number";
+	if (!isfinite(map->rate_hz) || map->rate_hz < 0)
+		return -ERANGE;
+	*reason = "reflection_map.kind: must be AMBIENT or TOTAL";
+	if ((int)map->kind < 0 || map->kind > lightprobe_v1_SphericalHarmonics_Kind_TOTAL)
+		return -ERANGE;
+	wish->size = (int)map->size;
+	wish->rate_hz =
+		map->rate_hz > 0 ? fminf(map->rate_hz, REFLECTION_MOST_HZ) : REFLECTION_RATE_HZ;
+	wish->total = map->kind != lightprobe_v1_SphericalHarmonics_Kind_AMBIENT;
+	return 0;
+}
+
 static int read_subscription(const lightprobe_v1_Subscription *wire,
 			     struct lp_subscription *subscription, const char **reason)
 {
@@ -404,7 +430,7 @@ static int read_subscription(const lightprobe_v1_Subscription *wire,
 	subscription->key_light = wire->key_light;
 	subscription->area_lights = wire->area_lights;
 	subscription->leave_out_reflections = wire->leave_out_reflections;
-	return 0;
+	return read_reflection(wire, &subscription->reflection, reason);
 }
 
 static bool sane_time(int64_t time_ns)

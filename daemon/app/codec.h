@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Between the daemon's structures and the bytes of proto/lightprobe.proto. The only file that sees
- * the generated protobuf code is codec.c. Packets carry their length prefix.
+ * Between the daemon's structures and the bytes of proto/lightprobe.proto. The only files that see
+ * the generated protobuf code are codec*.c. Packets carry their length prefix.
  */
 #ifndef LP_APP_CODEC_H
 #define LP_APP_CODEC_H
@@ -15,6 +15,13 @@
 struct lp_health_report;
 struct lp_packet;
 
+/* A reflection map, as a client wants it. */
+struct lp_reflection_wish {
+	int size; /* texels along an edge: 16, 32, 64; 0: none */
+	float rate_hz;
+	bool total;
+};
+
 struct lp_subscription {
 	bool world;    /* in the app's world, where it is known */
 	float rate_hz; /* 0: every estimate */
@@ -26,6 +33,7 @@ struct lp_subscription {
 	float tolerance;	   /* relative; 0: the largest model allowed */
 	uint32_t health_period_ms; /* 0: none */
 	bool leave_out_reflections;
+	struct lp_reflection_wish reflection;
 	uint32_t number; /* the client's own, echoed in its estimates; 0: the defaults */
 };
 
@@ -85,12 +93,29 @@ struct lp_hello {
 	const char *name; /* of this probe */
 	bool insecure_lan;
 	const char *orientation; /* what tells it */
+	int max_reflection_size; /* 0: reflection maps are off */
 };
+
+/* Of a reflection map, what the estimate and the stamp do not know. */
+struct lp_reflection_header {
+	int size;
+	bool total;
+	float scale; /* lp_cube_encode() */
+};
+
+/* Most bytes of a reflection map's message beside its texels. */
+#define LP_REFLECTION_HEADER_BYTES 128
 
 /* -ERANGE: the estimate holds a number that is not finite where one must be; nothing is sent then.
  */
 int lp_encode_estimate(const struct lp_light_estimate *estimate, const struct lp_variant *variant,
 		       const struct lp_stamp *stamp, struct lp_packet *packet);
+/* `texels`: of lp_cube_encode(). Into packet->large, which holds `most_bytes`: the texels and
+ * LP_REFLECTION_HEADER_BYTES. (app/codec_reflection.c) */
+void lp_encode_reflection_map(const struct lp_light_estimate *estimate,
+			      const struct lp_reflection_header *header, const uint8_t *texels,
+			      const struct lp_stamp *stamp, size_t most_bytes,
+			      struct lp_packet *packet);
 void lp_encode_hello(const struct lp_hello *hello, struct lp_packet *packet);
 void lp_encode_health(const struct lp_health_report *report, struct lp_packet *packet);
 void lp_encode_pong(const struct lp_pong *pong, struct lp_packet *packet);

@@ -73,7 +73,8 @@ void lp_daemon_on_stamped_frame(void *context, struct lp_frame *frame)
 
 void lp_daemon_on_ring(void *context, const struct lp_ring_sample *sample)
 {
-	static const struct lp_demand all = {LP_MAX_SH_ORDER, LP_MAX_LIGHTS};
+	static const struct lp_demand all = {.sh_order = LP_MAX_SH_ORDER,
+					     .max_lights = LP_MAX_LIGHTS};
 	struct lp_daemon *daemon = context;
 
 	if (lp_worker_ring(daemon->worker, sample))
@@ -131,6 +132,7 @@ static void take_once(struct lp_daemon *daemon, const struct lp_result *result)
 		return;
 	if (result->status == 0) {
 		daemon->once_best = *result;
+		daemon->once_best.estimates.surroundings = &daemon->once_best.surroundings;
 		daemon->once_has_best = true;
 	}
 	if (all_told(daemon, result))

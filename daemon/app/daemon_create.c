@@ -61,7 +61,8 @@ static int create_hub(struct lp_daemon *daemon)
 			  .has_wheel = *options->rotator,
 			  .has_ring = *options->ring,
 			  .name = daemon->name,
-			  .orientation = lp_orientation_name((int)pipeline.orientation)},
+			  .orientation = lp_orientation_name((int)pipeline.orientation),
+			  .max_reflection_size = pipeline.reflection_size},
 		.initial = lp_default_subscription(),
 		.ttl_ms = (uint32_t)lrintf(options->ttl_ms),
 		.max_clients = options->max_clients,
@@ -83,6 +84,8 @@ static int create_hub(struct lp_daemon *daemon)
 		hub.initial.max_lights = pipeline.max_lights;
 		hub.initial.area_lights = options->area_lights;
 		hub.initial.key_light = options->key_light;
+		hub.initial.reflection.size = pipeline.reflection_size;
+		hub.initial.reflection.total = true;
 	}
 	daemon->health.report.preset = hub.hello.preset;
 	return lp_hub_create(&hub, &daemon->hub);

@@ -9,6 +9,8 @@
 #include "app/health.h"
 #include "app/packets.h"
 #include "app/pose_sender.h"
+#include "app/reflection_maps.h"
+#include "app/surroundings.h"
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/pool.h"
@@ -33,7 +35,8 @@ struct client {
 	struct lp_publisher *publisher;
 	struct lp_client *handle;
 	struct lp_subscription subscription;
-	int64_t due_ns; /* earliest next estimate */
+	int64_t due_ns;		   /* earliest next estimate */
+	int64_t reflection_due_ns; /* likewise, of reflection maps */
 	int64_t health_due_ns;
 	int64_t second_ns;    /* begin of the second in which requests are counted */
 	int requests, poses;  /* in that second */
@@ -41,7 +44,8 @@ struct client {
 	bool poses_refused;   /* another client's are used: its world is not this one's */
 	struct lp_pose_sender sender;
 	bool unknown_told; /* that it asks for what this daemon does not know */
-	bool subscribed;   /* it has a new subscription, not answered yet */
+	bool no_reflection_told;
+	bool subscribed; /* it has a new subscription, not answered yet */
 	int64_t answered_ns;
 	int index; /* in hub->clients */
 };
@@ -49,6 +53,7 @@ struct client {
 struct lp_hub {
 	struct lp_hub_options options;
 	struct lp_packets *packets;
+	struct lp_reflection_maps *reflections; /* NULL: they are off */
 	struct lp_pool *client_pool;
 	struct client **clients; /* [client_count] */
 	int client_count;
@@ -109,15 +114,26 @@ void lp_hub_set_insecure(struct lp_hub *hub)
 
 /* ---------------------------------------------------------------- estimates */
 
-static void send_estimate(struct lp_hub *hub, struct client *client)
+static struct lp_stamp stamp_of(const struct lp_hub *hub, const struct client *client)
 {
-	const struct lp_stamp stamp = {.boot_id = hub->options.hello.boot_id,
-				       .ttl_ms = hub->options.ttl_ms,
-				       .subscription = client->subscription.number,
-				       .t_send_ns = lp_clock_ns()};
+	return (struct lp_stamp){.boot_id = hub->options.hello.boot_id,
+				 .ttl_ms = hub->options.ttl_ms,
+				 .subscription = client->subscription.number,
+				 .t_send_ns = lp_clock_ns()};
+}
+
+static struct lp_subscription wanted_by(const struct client *client)
+{
 	struct lp_subscription wanted = client->subscription;
 
 	wanted.world &= !client->poses_refused;
+	return wanted;
+}
+
+static void send_estimate(struct lp_hub *hub, struct client *client)
+{
+	const struct lp_stamp stamp = stamp_of(hub, client);
+	const struct lp_subscription wanted = wanted_by(client);
 	struct lp_packet *packet =
 		lp_packets_estimate(hub->packets, &hub->last, &hub->last_computed, &wanted, &stamp);
 
@@ -125,28 +141,48 @@ static void send_estimate(struct lp_hub *hub, struct client *client)
 		send_packet(hub, client, packet);
 }
 
-/* Least time between estimates; 0: none. */
-static int64_t period_of(const struct client *client)
+/* Least time between messages; 0: none. */
+static int64_t period_of(float rate_hz)
 {
-	const float rate_hz = client->subscription.rate_hz;
-
 	return rate_hz <= 0 ? 0 : rate_hz < 1e-3F ? 1000 * LP_NS_PER_S : (int64_t)(1e9F / rate_hz);
 }
 
-/*
- * Whether an estimate may go now. Half a period early counts as in time, so that a client that asks
- * for the camera's own rate misses nothing to jitter; the schedule keeps the mean rate.
- */
-static bool take_turn(struct client *client, int64_t now_ns)
+/* Half a period early counts as in time, so that a client that asks for the camera's own rate
+ * misses nothing to jitter; the schedule keeps the mean rate. */
+static bool is_due(int64_t due_ns, float rate_hz, int64_t now_ns)
 {
-	const int64_t period_ns = period_of(client);
+	return now_ns >= due_ns - period_of(rate_hz) / 2;
+}
 
-	if (now_ns < client->due_ns - period_ns / 2)
+/* Whether a message may go now; then the next is scheduled. */
+static bool take_turn(int64_t *due_ns, float rate_hz, int64_t now_ns)
+{
+	if (!is_due(*due_ns, rate_hz, now_ns))
 		return false;
-	client->due_ns += period_ns;
-	if (client->due_ns < now_ns) /* no burst after a pause */
-		client->due_ns = now_ns + period_ns;
+	*due_ns += period_of(rate_hz);
+	if (*due_ns < now_ns) /* no burst after a pause */
+		*due_ns = now_ns + period_of(rate_hz);
 	return true;
+}
+
+/* A map goes only with the frame that it was made of. */
+static void send_reflection(struct lp_hub *hub, struct client *client,
+			    const struct lp_surroundings *surroundings, int64_t now_ns)
+{
+	const struct lp_subscription wanted = wanted_by(client);
+	struct lp_packet *packet;
+
+	if (!wanted.reflection.size ||
+	    !take_turn(&client->reflection_due_ns, wanted.reflection.rate_hz, now_ns))
+		return;
+	const struct lp_stamp stamp = stamp_of(hub, client);
+	const struct lp_choice choice =
+		lp_packets_choose(hub->packets, &hub->last, &hub->last_computed, &wanted);
+
+	packet = lp_reflection_maps_packet(hub->reflections, surroundings, &choice,
+					   &wanted.reflection, &stamp);
+	if (packet)
+		send_packet(hub, client, packet);
 }
 
 /* Send the last estimate to a client that has subscribed anew; too soon after such an answer it
@@ -158,26 +194,35 @@ static void answer_subscription(struct lp_hub *hub, struct client *client, int64
 		return;
 	client->subscribed = false;
 	client->answered_ns = now_ns;
-	client->due_ns = now_ns + period_of(client);
+	client->due_ns = now_ns + period_of(client->subscription.rate_hz);
+	client->reflection_due_ns = 0;
 	client->health_due_ns = 0;
 	if (hub->has_last)
 		send_estimate(hub, client);
 }
 
-static void send_to_all(struct lp_hub *hub)
+/* `surroundings`: of this estimate; NULL: there are none. */
+static void send_to_all(struct lp_hub *hub, const struct lp_surroundings *surroundings)
 {
 	const int64_t now_ns = lp_clock_ns();
 
 	for (int i = 0; i < hub->client_count; i++) {
-		if (take_turn(hub->clients[i], now_ns))
-			send_estimate(hub, hub->clients[i]);
+		struct client *client = hub->clients[i];
+
+		if (take_turn(&client->due_ns, client->subscription.rate_hz, now_ns))
+			send_estimate(hub, client);
 	}
+	for (int i = 0; surroundings && i < hub->client_count; i++)
+		send_reflection(hub, hub->clients[i], surroundings, now_ns);
+	if (surroundings)
+		lp_reflection_maps_forget(hub->reflections);
 	lp_packets_forget(hub->packets);
 }
 
 void lp_hub_publish(struct lp_hub *hub, const struct lp_estimates *estimates,
 		    const struct lp_demand *computed)
 {
+	const struct lp_surroundings *surroundings = estimates->surroundings;
 	struct lp_health *health = hub->options.health;
 
 	hub->last = *estimates;
@@ -186,8 +231,10 @@ void lp_hub_publish(struct lp_hub *hub, const struct lp_estimates *estimates,
 	hub->last_ns = lp_clock_ns();
 	hub->stale_ns = 0;
 	hub->has_last = true;
+	hub->last.surroundings = NULL;
 	health->report.estimates++;
-	send_to_all(hub);
+	send_to_all(hub,
+		    hub->reflections && surroundings && surroundings->size ? surroundings : NULL);
 	lp_health_add_latency(health, lp_clock_ns() - estimates->raw.t_arrival_ns);
 }
 
@@ -200,7 +247,7 @@ static void repeat_when_stale(struct lp_hub *hub, int64_t now_ns)
 	hub->stale_ns = now_ns;
 	hub->last.raw.flags |= LP_ESTIMATE_STALE;
 	hub->last.smoothed.flags |= LP_ESTIMATE_STALE;
-	send_to_all(hub);
+	send_to_all(hub, NULL);
 }
 
 static void send_health(struct lp_hub *hub, int64_t now_ns)
@@ -241,8 +288,10 @@ void lp_hub_tick(struct lp_hub *hub)
 struct lp_demand lp_hub_demand(const struct lp_hub *hub)
 {
 	const struct lp_subscription *initial = &hub->options.initial;
+	const int64_t now_ns = lp_clock_ns();
 	struct lp_demand demand = {.sh_order = initial->sh_order,
-				   .max_lights = initial->max_lights};
+				   .max_lights = initial->max_lights,
+				   .reflection_size = initial->reflection.size};
 
 	for (int i = 0; i < hub->client_count; i++) {
 		const struct lp_subscription *wanted = &hub->clients[i]->subscription;
@@ -251,6 +300,9 @@ struct lp_demand lp_hub_demand(const struct lp_hub *hub)
 			demand.sh_order = wanted->sh_order;
 		if (wanted->max_lights > demand.max_lights)
 			demand.max_lights = wanted->max_lights;
+		if (wanted->reflection.size > demand.reflection_size &&
+		    is_due(hub->clients[i]->reflection_due_ns, wanted->reflection.rate_hz, now_ns))
+			demand.reflection_size = wanted->reflection.size;
 	}
 	if (demand.sh_order > hub->options.hello.max_sh_order)
 		demand.sh_order = hub->options.hello.max_sh_order;
@@ -398,12 +450,31 @@ static int count_request(struct lp_hub *hub, struct client *client, enum lp_requ
 	return 0;
 }
 
-static void subscribe(struct client *client, const struct lp_subscription *subscription)
+/* Reflection maps are off, or smaller than wished. */
+static void limit_reflection(struct lp_hub *hub, struct client *client)
+{
+	struct lp_reflection_wish *wish = &client->subscription.reflection;
+	const int most = hub->options.hello.max_reflection_size;
+
+	if (wish->size && !most && !client->no_reflection_told) {
+		hub->options.health->report.requests_rejected++;
+		refuse_request(hub, client, -EACCES, "reflection_map",
+			       "reflection maps are off, because they are pictures — start "
+			       "lightprobed with --reflection-map=32; everything else is sent");
+		client->no_reflection_told = true;
+	}
+	if (wish->size > most)
+		wish->size = most;
+}
+
+static void subscribe(struct lp_hub *hub, struct client *client,
+		      const struct lp_subscription *subscription)
 {
 	client->subscription = *subscription;
 	if (subscription->health_period_ms &&
 	    subscription->health_period_ms < SHORTEST_HEALTH_PERIOD_MS)
 		client->subscription.health_period_ms = SHORTEST_HEALTH_PERIOD_MS;
+	limit_reflection(hub, client);
 	client->subscribed = true;
 }
 
@@ -446,7 +517,7 @@ static int on_request(void *context, void *user, const uint8_t *data, size_t siz
 		answer_ping(hub, client, &request.ping);
 		break;
 	case LP_REQUEST_SUBSCRIBE:
-		subscribe(client, &request.subscription);
+		subscribe(hub, client, &request.subscription);
 		break;
 	}
 	return 0;
@@ -531,7 +602,11 @@ int lp_hub_create(const struct lp_hub_options *options, struct lp_hub **hub)
 	self->clients = calloc((size_t)options->max_clients, sizeof(struct client *));
 	self->client_pool = lp_pool_create(sizeof(struct client), options->max_clients, NULL);
 	self->packets = lp_packets_create(options->max_clients * PACKETS_PER_CLIENT);
-	if (!self->clients || !self->client_pool || !self->packets) {
+	if (options->hello.max_reflection_size)
+		self->reflections = lp_reflection_maps_create(options->hello.max_reflection_size,
+							      options->max_clients);
+	if (!self->clients || !self->client_pool || !self->packets ||
+	    (options->hello.max_reflection_size && !self->reflections)) {
 		lp_hub_destroy(self);
 		return -ENOMEM;
 	}
@@ -543,6 +618,7 @@ void lp_hub_destroy(struct lp_hub *hub)
 {
 	if (!hub)
 		return;
+	lp_reflection_maps_destroy(hub->reflections);
 	lp_packets_destroy(hub->packets);
 	lp_pool_destroy(hub->client_pool);
 	free((void *)hub->clients);

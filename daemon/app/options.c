@@ -113,6 +113,17 @@ static int parse_refine_cells(const char *text, void *field)
 }
 
 /* NAME, or NAME:NUMBER where the detector has one. */
+static int parse_reflection_size(const char *text, void *field)
+{
+	int *const size = field;
+
+	*size = strcmp(text, "16") == 0	  ? 16
+		: strcmp(text, "32") == 0 ? 32
+		: strcmp(text, "64") == 0 ? 64
+					  : 0;
+	return *size || strcmp(text, "off") == 0 ? 0 : -EINVAL;
+}
+
 static int parse_orientation(const char *text, void *field)
 {
 	struct lp_orientation_choice *choice = field;
@@ -297,6 +308,10 @@ static const struct lp_param config_list[] = {
 	 .max = LP_MAX_SH_ORDER, .help = "highest order of spherical harmonics offered"},
 	{"lights", LP_PARAM_INT, offsetof(struct lp_options, lights), .initial = "8",
 	 .max = LP_MAX_LIGHTS, .help = "maximum number of lights to find"},
+	{"reflection-map", LP_PARAM_OWN, offsetof(struct lp_options, reflection_size),
+	 .initial = "off", .parse = parse_reflection_size, .expects = "off|16|32|64",
+	 .help = "let clients ask for reflection maps of up to so many texels along an edge: a\n"
+		 "picture of the room, which whoever may connect can then see"},
 	{"orientation", LP_PARAM_OWN, offsetof(struct lp_options, orientation), .initial = "visual",
 	 .parse = parse_orientation, .expects = "visual|none|client|sim|URI of a sensor",
 	 .help = "how it is known where the camera looks. visual: by its own frames; none: it "
@@ -591,5 +606,6 @@ struct lp_pipeline_options lp_options_pipeline(const struct lp_options *options)
 				 : (struct lp_ring_scale){NAN, NAN},
 		.smoothing_ms = options->smoothing_ms,
 		.ttl_ms = options->ttl_ms,
+		.reflection_size = options->reflection_size,
 	};
 }

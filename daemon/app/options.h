@@ -50,6 +50,7 @@ struct lp_options {
 	struct lp_detector_options detector;
 	int sh_order, lights;
 	bool area_lights, key_light;
+	int reflection_size; /* the largest that clients may ask for; 0: none */
 	struct lp_orientation_choice orientation;
 	char mount[1024]; /* file; "": identity */
 	float smoothing_ms, ttl_ms;

@@ -227,38 +227,53 @@ static struct packet *encode(struct lp_packets *packets, const struct lp_light_e
 	return NULL;
 }
 
+struct lp_choice lp_packets_choose(struct lp_packets *packets, const struct lp_estimates *estimates,
+				   const struct lp_demand *computed,
+				   const struct lp_subscription *wanted)
+{
+	struct lp_choice choice = {.all = wanted->raw ? &estimates->raw : &estimates->smoothed,
+				   .limits = limits_of(computed, wanted)};
+
+	if (!wanted->raw) {
+		struct kind *kind = kind_of(packets, &choice.limits);
+
+		list(kind, &estimates->smoothed, wanted);
+		choice.listed = &kind->estimate;
+		choice.variant = kind->variant;
+	} else {
+		choice.listed = choice.all;
+		if (wanted->leave_out_reflections) {
+			lp_leave_out_reflections(choice.all, &packets->others);
+			choice.listed = &packets->others;
+		}
+		choice.variant = choose_raw(choice.listed, &choice.limits, wanted);
+	}
+	choice.variant.world = wanted->world && estimates->raw.orientation.world;
+	return choice;
+}
+
+bool lp_choices_are_same(const struct lp_choice *a, const struct lp_choice *b)
+{
+	return a->all == b->all && a->listed == b->listed &&
+	       a->variant.lights == b->variant.lights && same_limits(&a->limits, &b->limits);
+}
+
 struct lp_packet *lp_packets_estimate(struct lp_packets *packets,
 				      const struct lp_estimates *estimates,
 				      const struct lp_demand *computed,
 				      const struct lp_subscription *wanted,
 				      const struct lp_stamp *stamp)
 {
-	const struct lp_listing_limits limits = limits_of(computed, wanted);
-	const struct lp_light_estimate *estimate = &estimates->raw;
-	const bool world = wanted->world && estimate->orientation.world;
-	struct lp_variant variant;
-	struct packet **slot;
+	const struct lp_choice choice = lp_packets_choose(packets, estimates, computed, wanted);
+	const struct lp_variant *variant = &choice.variant;
+	struct packet **slot =
+		wanted->raw ? &packets->raw[wanted->leave_out_reflections][raw_index(variant)]
+			    : &kind_of(packets, &choice.limits)
+				       ->encoded[variant->world][variant->total][variant->key];
 
-	if (wanted->raw && wanted->leave_out_reflections) {
-		lp_leave_out_reflections(estimate, &packets->others);
-		estimate = &packets->others;
-	}
-	if (wanted->raw) {
-		variant = choose_raw(estimate, &limits, wanted);
-		variant.world = world;
-		slot = &packets->raw[wanted->leave_out_reflections][raw_index(&variant)];
-	} else {
-		struct kind *kind = kind_of(packets, &limits);
-
-		list(kind, &estimates->smoothed, wanted);
-		variant = kind->variant;
-		variant.world = world;
-		estimate = &kind->estimate;
-		slot = &kind->encoded[world][wanted->total][wanted->key_light];
-	}
 	if (!*slot || (*slot)->subscription != stamp->subscription) {
 		forget(slot);
-		*slot = encode(packets, estimate, &variant, stamp);
+		*slot = encode(packets, choice.listed, variant, stamp);
 	}
 	return *slot ? &(*slot)->base : NULL;
 }

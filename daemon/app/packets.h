@@ -8,6 +8,7 @@
 
 #include "app/codec.h"
 #include "app/pipeline.h"
+#include "light/listing.h"
 
 struct lp_packet;
 struct lp_packets;
@@ -29,6 +30,22 @@ struct lp_packet *lp_packets_estimate(struct lp_packets *packets,
 				      const struct lp_demand *computed,
 				      const struct lp_subscription *wanted,
 				      const struct lp_stamp *stamp);
+
+/* What an estimate's packet for one client is made of, until the next lp_packets_forget(). */
+struct lp_choice {
+	const struct lp_light_estimate *all; /* every light that is known */
+	const struct lp_light_estimate
+		*listed; /* the first variant.lights of its lights are sent */
+	struct lp_variant variant;
+	struct lp_listing_limits limits; /* that it was chosen by */
+};
+
+struct lp_choice lp_packets_choose(struct lp_packets *packets, const struct lp_estimates *estimates,
+				   const struct lp_demand *computed,
+				   const struct lp_subscription *wanted);
+
+/* Whether they list the same lights. */
+bool lp_choices_are_same(const struct lp_choice *a, const struct lp_choice *b);
 
 /* Drop what was encoded. */
 void lp_packets_forget(struct lp_packets *packets);

@@ -5,6 +5,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "app/surroundings.h"
 #include "include/frame.h"
 #include "include/luminance.h"
 #include "light/grid.h"
@@ -234,6 +235,23 @@ void lp_pipeline_finish(struct lp_pipeline *pipeline, struct lp_estimates *estim
 	turn_to_camera(pipeline->imager, &estimates->smoothed);
 }
 
+/* What reflections are made of, if anybody wants them. */
+static void look_around(struct lp_pipeline *p, const struct lp_demand *demand,
+			const struct lp_panorama *panorama, const struct lp_light_estimate *raw,
+			struct lp_surroundings *surroundings)
+{
+	const struct lp_view_of_lamps view = {.grid = lp_imager_grid(p->imager),
+					      .panorama = panorama,
+					      .memory = &p->lamps.memory,
+					      .finder = p->detection->finder,
+					      .rotation = lp_imager_rotation(p->imager)};
+
+	if (!demand->reflection_size || !p->surround)
+		return;
+	surroundings->size = demand->reflection_size;
+	lp_surroundings_look(surroundings, &view, raw, p->surround);
+}
+
 int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
 			const struct lp_demand *demand, struct lp_estimates *estimates,
 			float *command_us)
@@ -286,6 +304,7 @@ int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
 	estimates->raw.orientation =
 		lp_pipeline_orientation(pipeline, told, told_sigma_deg, panorama->t_capture_ns);
 	lp_pipeline_heed_ring(pipeline, (const double(*)[3])total, &estimates->raw);
+	look_around(pipeline, demand, panorama, &estimates->raw, estimates->surroundings);
 	lp_pipeline_finish(pipeline, estimates);
 	rest(pipeline);
 	return 0;

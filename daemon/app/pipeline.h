@@ -16,6 +16,7 @@
 
 struct lp_camera_file;
 struct lp_pipeline;
+struct lp_surroundings;
 
 #define LP_DECODE_BY_BLOCKS (-1)
 #define LP_NONE (-1)
@@ -63,18 +64,22 @@ struct lp_pipeline_options {
 	struct lp_ring_scale scale; /* cd/m^2 per unit of radiance; NAN: not known */
 	float smoothing_ms;	    /* time constant of the smoothed estimate; 0: none */
 	float ttl_ms;
+	int reflection_size; /* the largest that may be wanted: 0, 16, 32, 64 */
 };
 
 /* The most that any subscriber asks for; more is not computed. */
 struct lp_demand {
 	int sh_order;
 	int max_lights;
+	int reflection_size; /* texels along an edge of lp_surroundings; 0: none are wanted */
 };
 
 struct lp_estimates {
 	struct lp_light_estimate raw;	   /* what is known with this frame */
 	struct lp_light_estimate smoothed; /* tracked in time; same ids */
 	struct lp_ring_status ring;
+	/* The caller's, of a frame: filled if they are wanted, else of size 0. NULL: never. */
+	struct lp_surroundings *surroundings;
 };
 
 /* What can be done about the camera's exposure (include/source.h), once it is known. */

@@ -52,10 +52,11 @@ struct lp_pipeline {
 	bool has_ring_now;
 	struct lp_ring_steps steps;
 	struct lp_tracker tracker;
-	float restless;	   /* share of the last frames that showed changed light */
-	float *scratch;	   /* cells of the panorama, for its median */
-	uint8_t *view;	   /* of several cameras: the cells that the newest frame's looks at */
-	int wanted_lights; /* by the options and the most demanding subscriber */
+	float restless;	      /* share of the last frames that showed changed light */
+	float *scratch;	      /* cells of the panorama, for its median */
+	uint8_t *view;	      /* of several cameras: the cells that the newest frame's looks at */
+	float (*surround)[4]; /* of the panorama, without lamps; NULL: no reflection maps */
+	int wanted_lights;    /* by the options and the most demanding subscriber */
 	uint32_t sequence;
 	struct lp_rotation origin; /* anchor frame to that of the first frame */
 	double drift_deg2;	   /* variance of what the anchor frame has drifted since then */

@@ -29,7 +29,7 @@ struct lp_worker {
 	struct lp_pool *results;
 	pthread_t thread;
 	bool thread_runs;
-	atomic_int demand_sh_order, demand_max_lights;
+	atomic_int demand_sh_order, demand_max_lights, demand_reflection_size;
 	pthread_mutex_t control_lock;
 	struct lp_camera_control controls[LP_MAX_CAMERAS];
 	bool control_is_new[LP_MAX_CAMERAS];
@@ -79,8 +79,12 @@ static void prepare(struct lp_worker *worker, struct lp_result *result)
 	result->camera = 0;
 	for (int k = 0; k < LP_MAX_CAMERAS; k++)
 		result->commands_us[k] = NAN;
-	result->demand = (struct lp_demand){.sh_order = atomic_load(&worker->demand_sh_order),
-					    .max_lights = atomic_load(&worker->demand_max_lights)};
+	result->demand =
+		(struct lp_demand){.sh_order = atomic_load(&worker->demand_sh_order),
+				   .max_lights = atomic_load(&worker->demand_max_lights),
+				   .reflection_size = atomic_load(&worker->demand_reflection_size)};
+	result->estimates.surroundings = &result->surroundings;
+	result->surroundings.size = 0;
 }
 
 /* Run the pipeline, or count the frame that the driver marked corrupt as refused. */
@@ -189,6 +193,7 @@ bool lp_worker_submit(struct lp_worker *worker, struct lp_frame *frame,
 
 	atomic_store(&worker->demand_sh_order, demand->sh_order);
 	atomic_store(&worker->demand_max_lights, demand->max_lights);
+	atomic_store(&worker->demand_reflection_size, demand->reflection_size);
 	replaced = lp_mailbox_put(worker->inbox, frame);
 	lp_frame_release(replaced);
 	return !replaced;

@@ -11,6 +11,7 @@
 #include <stdint.h>
 
 #include "app/pipeline.h"
+#include "app/surroundings.h"
 
 struct lp_worker;
 
@@ -24,6 +25,7 @@ struct lp_result {
 	bool preset_refused;   /* another one was asked for before this frame, and cannot be had */
 	struct lp_demand demand; /* what was computed */
 	struct lp_estimates estimates;
+	struct lp_surroundings surroundings; /* of the estimates */
 };
 
 #define LP_ALL_FRAMES 64 /* more than any source has */

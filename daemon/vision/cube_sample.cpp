@@ -116,11 +116,11 @@ void add_row(const struct lp_grid *grid, const float (*cells)[4], const turned_f
 } /* namespace */
 
 extern "C" void lp_cube_sample(const struct lp_grid *grid, const float (*cells)[4],
-			       const struct lp_rotation *rotation, struct lp_cube *cube)
+			       const struct lp_rotation *rotation, int size, float *const rgb[3])
 {
-	const int size = cube->grid->size, step = kSamples / size;
+	const int step = kSamples / size;
 	v_float32x4 sum[6][kSamples];
-	float weight[kSamples], rgb[4];
+	float weight[kSamples], colour[4];
 
 	for (int row = 0; row < size; row++) {
 		std::fill(sum[0], sum[0] + 6 * kSamples, cv::v_setzero_f32()); /* {} would not */
@@ -138,10 +138,10 @@ extern "C" void lp_cube_sample(const struct lp_grid *grid, const float (*cells)[
 		for (int texel = 0; texel < 6 * size; texel++) {
 			const int f = texel / size, column = texel % size;
 
-			cv::v_store(rgb, sum[f][column]);
+			cv::v_store(colour, sum[f][column]);
 			for (int c = 0; c < 3; c++)
-				cube->rgb[c][(f * size + row) * size + column] =
-					rgb[c] / weight[column];
+				rgb[c][(f * size + row) * size + column] =
+					colour[c] / weight[column];
 		}
 	}
 }

@@ -7,17 +7,17 @@
 extern "C" {
 #endif
 
-struct lp_cube;
 struct lp_grid;
 struct lp_rotation;
 
 /*
- * Fill the cube with the mean radiance over each texel of `cells` (R, G, B, luminance, on `grid`).
- * `rotation` turns a direction of the cube into one of the grid. As many samples are taken of a
- * small cube as of a large one: LP_CUBE_MOST along each edge, each bilinear.
+ * Mean radiance of `cells` (R, G, B, luminance, on `grid`) over each texel of a cube with `size`
+ * (16, 32, 64) texels along an edge, one plane per channel. `rotation` turns a direction of the
+ * cube into one of the grid. As many samples are taken of a small cube as of a large one:
+ * LP_CUBE_MOST along each edge, each bilinear.
  */
 void lp_cube_sample(const struct lp_grid *grid, const float (*cells)[4],
-		    const struct lp_rotation *rotation, struct lp_cube *cube);
+		    const struct lp_rotation *rotation, int size, float *const rgb[3]);
 
 #ifdef __cplusplus
 }

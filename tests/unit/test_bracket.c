@@ -144,7 +144,7 @@ static struct lp_pipeline *new_pipeline(struct camera *camera, int brackets)
 static struct outcome run(struct lp_pipeline *pipeline, struct camera *camera, int frames,
 			  float level)
 {
-	static const struct lp_demand demand = {2, 8};
+	static const struct lp_demand demand = {.sh_order = 2, .max_lights = 8};
 	struct outcome outcome = {.first_complete = -1};
 	struct lp_estimates estimates;
 	float command_us;

@@ -352,7 +352,8 @@ static void test_hello_error_health(void **state)
 				       .max_lights = 7,
 				       .smoothing_ms = 250,
 				       .name = "a name",
-				       .insecure_lan = true};
+				       .insecure_lan = true,
+				       .max_reflection_size = 32};
 	static struct lp_health_report report = {.fault_count = LP_MAX_FAULTS, .preset = "fast"};
 	lightprobe_v1_FromProbe message;
 	char text[400];
@@ -368,6 +369,7 @@ static void test_hello_error_health(void **state)
 	assert_int_equal(message.message.hello.smoothing_time_constant_ms, 250);
 	assert_string_equal(message.message.hello.name, "a name");
 	assert_true(message.message.hello.insecure_lan);
+	assert_int_equal(message.message.hello.max_reflection_map_size, 32);
 
 	/* Too long for the field of 239 bytes: cut between characters, in the middle. */
 	memset(text, 'x', 238);
@@ -479,6 +481,41 @@ static void test_subscription_defaults_and_values(void **state)
 	assert_int_equal(subscription.number, 7);
 	assert_true(subscription.leave_out_reflections);
 	assert_int_equal(subscription.health_period_ms, 1000);
+}
+
+static void test_reflection_map_wishes(void **state)
+{
+	const lightprobe_v1_ReflectionMapWish good[] = {{.size = 16},
+							{.size = 32, .rate_hz = 1e9F},
+							{.size = 64, .rate_hz = 0.5F, .kind = 1}};
+	const struct lp_reflection_wish expected[] = {{16, 5, true},
+						      {32, 30, true},
+						      {64, 0.5F, false}};
+	const lightprobe_v1_ReflectionMapWish bad[] = {
+		{.size = 8},
+		{.size = 33},
+		{.size = 128},
+		{.size = 32, .rate_hz = -1},
+		{.size = 32, .rate_hz = NAN},
+		{.size = 32, .rate_hz = INFINITY},
+		{.size = 32, .kind = (lightprobe_v1_SphericalHarmonics_Kind)3}};
+	lightprobe_v1_Subscription wire = {.has_reflection_map = true};
+	struct lp_subscription subscription;
+
+	(void)state;
+	assert_int_equal(decode(&wire, &subscription), 0); /* of no size: none */
+	assert_int_equal(subscription.reflection.size, 0);
+	for (unsigned int k = 0; k < LP_COUNT(good); k++) {
+		wire.reflection_map = good[k];
+		assert_int_equal(decode(&wire, &subscription), 0);
+		assert_int_equal(subscription.reflection.size, expected[k].size);
+		assert_true(subscription.reflection.rate_hz == expected[k].rate_hz);
+		assert_int_equal(subscription.reflection.total, expected[k].total);
+	}
+	for (unsigned int k = 0; k < LP_COUNT(bad); k++) {
+		wire.reflection_map = bad[k];
+		assert_int_equal(decode(&wire, &subscription), -ERANGE);
+	}
 }
 
 static void test_bad_requests(void **state)
@@ -604,6 +641,7 @@ int main(void)
 		cmocka_unit_test(test_hello_error_health),
 		cmocka_unit_test(test_wheel_and_ring_in_health),
 		cmocka_unit_test(test_subscription_defaults_and_values),
+		cmocka_unit_test(test_reflection_map_wishes),
 		cmocka_unit_test(test_bad_requests),
 		cmocka_unit_test(test_poses_and_pings),
 		cmocka_unit_test(test_orientation_and_frame),

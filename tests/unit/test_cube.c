@@ -307,7 +307,8 @@ static void test_panorama_lies_where_it_looks(void **state)
 			struct lp_cube cube = new_cube(sizes[s]);
 			float d[3];
 
-			lp_cube_sample(grid, (const float(*)[4])p.cells, rotation, &cube);
+			lp_cube_sample(grid, (const float(*)[4])p.cells, rotation, cube.grid->size,
+				       cube.rgb);
 			for (int i = 0; i < cube.grid->texels; i++) {
 				lp_cube_direction(sizes[s], i, d);
 				lp_rotate_direction(rotation, d);
@@ -332,8 +333,8 @@ static void test_shrunk_is_as_sampled(void **state)
 	assert_int_equal(lp_grid_create(240, 120, &grid), 0);
 	struct lp_panorama p = paint(grid, gradient);
 
-	lp_cube_sample(grid, (const float(*)[4])p.cells, &straight, &fine);
-	lp_cube_sample(grid, (const float(*)[4])p.cells, &straight, &coarse);
+	lp_cube_sample(grid, (const float(*)[4])p.cells, &straight, fine.grid->size, fine.rgb);
+	lp_cube_sample(grid, (const float(*)[4])p.cells, &straight, coarse.grid->size, coarse.rgb);
 	lp_cube_shrink(&fine, &small);
 	for (int c = 0; c < 3; c++)
 		for (int i = 0; i < small.grid->texels; i++)

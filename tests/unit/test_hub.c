@@ -7,6 +7,7 @@
 
 #include "app/health.h"
 #include "app/hub.h"
+#include "app/surroundings.h"
 #include "base/clock.h"
 
 #define MAX_CLIENTS 8
@@ -33,7 +34,7 @@ static void keep(struct lp_publisher *publisher, struct lp_client *client, struc
 static const struct lp_publisher_ops ops = {.info = {.scheme = "test"}, .send = keep};
 static struct lp_publisher publisher = {.ops = &ops};
 
-static int setup(void **state)
+static int create_hub(int max_reflection_size)
 {
 	const struct lp_hub_options options = {
 		.hello = {.boot_id = 5,
@@ -41,14 +42,14 @@ static int setup(void **state)
 			  .preset = "fast",
 			  .name = "a probe",
 			  .max_sh_order = 3,
-			  .max_lights = 6},
+			  .max_lights = 6,
+			  .max_reflection_size = max_reflection_size},
 		.initial = lp_default_subscription(),
 		.ttl_ms = 30,
 		.max_clients = MAX_CLIENTS,
 		.health = &health,
 	};
 
-	(void)state;
 	lp_clock_simulate(LP_NS_PER_S);
 	lp_health_init(&health, lp_clock_ns());
 	health.report.preset = "fast";
@@ -57,6 +58,18 @@ static int setup(void **state)
 		return -1;
 	host = lp_hub_publisher_host(hub);
 	return 0;
+}
+
+static int setup(void **state)
+{
+	(void)state;
+	return create_hub(0);
+}
+
+static int setup_with_reflections(void **state)
+{
+	(void)state;
+	return create_hub(32);
 }
 
 static void forget_packets(struct lp_client *client)
@@ -123,10 +136,12 @@ static void pass_ms(int ms)
 	lp_clock_simulate(lp_clock_ns() + ms * LP_NS_PER_MS);
 }
 
+static struct lp_surroundings surroundings; /* of the next estimates, if of any size */
+
 static void publish(float value)
 {
 	const struct lp_demand computed = {.sh_order = 3, .max_lights = 6};
-	struct lp_estimates estimates = {0};
+	struct lp_estimates estimates = {.surroundings = &surroundings};
 
 	estimates.raw.t_capture_ns = estimates.raw.t_arrival_ns = lp_clock_ns();
 	estimates.raw.cd_m2_per_unit = estimates.raw.exposure_us = NAN;
@@ -368,6 +383,83 @@ static void test_a_flood_of_requests_ends_the_connection(void **state)
 	assert_int_equal(health.report.requests_rejected, 1);
 }
 
+/* Packets that are reflection maps, since the last call. */
+static int count_maps(struct lp_client *client)
+{
+	int maps = 0;
+
+	for (int i = 0; i < client->count; i++)
+		maps += client->packets[i]->kind == LP_PACKET_PICTURE;
+	forget_packets(client);
+	return maps;
+}
+
+/* A frame as the daemon has it: what is wanted is made, and published. */
+static void frame(void)
+{
+	surroundings.size = lp_hub_demand(hub).reflection_size;
+	publish(1);
+	surroundings.size = 0;
+}
+
+static void test_reflection_maps_at_their_own_rate(void **state)
+{
+	const lightprobe_v1_Subscription slow = {.has_reflection_map = true,
+						 .reflection_map = {.size = 16, .rate_hz = 2}};
+	const lightprobe_v1_Subscription fast = {.rate_hz = 1,
+						 .has_reflection_map = true,
+						 .reflection_map = {.size = 64}};
+	int made = 0, slow_maps = 0, fast_maps = 0;
+
+	(void)state;
+	for (int i = 0; i < 3; i++)
+		join(i);
+	assert_int_equal(decode_packet(clients[0].packets[0]).message.hello.max_reflection_map_size,
+			 32);
+	frame();
+	assert_int_equal(count_maps(&clients[0]), 0); /* none unasked */
+	assert_int_equal(subscribe(&clients[0], &slow), 0);
+	assert_int_equal(subscribe(&clients[1], &fast), 0);
+	assert_int_equal(lp_hub_demand(hub).reflection_size, 32); /* the most there is */
+	for (int ms = 0; ms < 2000; ms += 20) {
+		made += lp_hub_demand(hub).reflection_size > 0;
+		frame();
+		slow_maps += count_maps(&clients[0]);
+		fast_maps += count_maps(&clients[1]);
+		assert_int_equal(count_maps(&clients[2]), 0);
+		pass_ms(20);
+	}
+	assert_in_range(slow_maps, 4, 5); /* one may be early */
+	assert_in_range(fast_maps, 10, 11);
+	assert_in_range(made, 10, 15); /* no more than are sent */
+	publish(1);		       /* an estimate without a frame brings none */
+	assert_int_equal(count_maps(&clients[1]), 0);
+}
+
+static void test_reflection_maps_are_off_unless_the_owner_wants_them(void **state)
+{
+	const lightprobe_v1_Subscription wish = {.has_reflection_map = true,
+						 .reflection_map = {.size = 16}};
+	struct lp_client *client = join(0);
+	lightprobe_v1_FromProbe message;
+
+	(void)state;
+	assert_int_equal(decode_packet(client->packets[0]).message.hello.max_reflection_map_size,
+			 0);
+	assert_int_equal(subscribe(client, &wish), 0); /* everything else goes on */
+	message = decode_packet(client->packets[1]);
+	assert_int_equal(message.which_message, lightprobe_v1_FromProbe_error_tag);
+	assert_int_equal(message.message.error.code, -EACCES);
+	assert_contains(message.message.error.text, "--reflection-map");
+	assert_int_equal(subscribe(client, &wish), 0);
+	assert_int_equal(client->count, 2); /* told once */
+	assert_int_equal(lp_hub_demand(hub).reflection_size, 0);
+	surroundings.size = 16; /* even if there were one */
+	publish(1);
+	surroundings.size = 0;
+	assert_int_equal(count_maps(client), 0);
+}
+
 static void test_stale_estimates_are_repeated_and_marked(void **state)
 {
 	struct lp_client *client = join(0);
@@ -494,6 +586,9 @@ int main(void)
 		HUB_TEST(test_a_subscription_is_answered_at_once_but_not_over_and_over),
 		HUB_TEST(test_of_subscriptions_that_come_together_the_newest_is_answered),
 		HUB_TEST(test_a_flood_of_requests_ends_the_connection),
+		cmocka_unit_test_setup_teardown(test_reflection_maps_at_their_own_rate,
+						setup_with_reflections, teardown),
+		HUB_TEST(test_reflection_maps_are_off_unless_the_owner_wants_them),
 		HUB_TEST(test_stale_estimates_are_repeated_and_marked),
 		HUB_TEST(test_health_at_its_period),
 		HUB_TEST(test_bad_requests_get_an_error),

@@ -11,7 +11,8 @@
 #include "scene.h"
 #include "vision/camera_file.h"
 
-static const struct lp_demand everything = {LP_MAX_SH_ORDER, LP_MAX_LIGHTS};
+static const struct lp_demand everything = {.sh_order = LP_MAX_SH_ORDER,
+					    .max_lights = LP_MAX_LIGHTS};
 
 static struct lp_pipeline *new_pipeline(enum lp_preset preset, int max_lights)
 {
@@ -105,7 +106,8 @@ static void test_light_limit(void **state)
 static void test_demand(void **state)
 {
 	const struct disc discs[] = {{30, 20, 2, 400}, {-60, -30, 6, 40}};
-	const struct lp_demand demands[] = {{2, 1}, {2, 0}};
+	const struct lp_demand demands[] = {{.sh_order = 2, .max_lights = 1},
+					    {.sh_order = 2, .max_lights = 0}};
 	struct lp_pipeline *pipeline = new_pipeline(LP_PRESET_BALANCED, 8);
 	struct lp_estimates estimates;
 	float command_us;

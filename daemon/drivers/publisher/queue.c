@@ -26,6 +26,9 @@ bool lp_send_queue_put(struct lp_send_queue *queue, struct lp_packet *packet)
 	if (packet->kind == LP_PACKET_STATE) {
 		lost = queue->state;
 		queue->state = lp_packet_hold(packet);
+	} else if (packet->kind == LP_PACKET_PICTURE) {
+		lost = queue->picture;
+		queue->picture = lp_packet_hold(packet);
 	} else {
 		if (queue->control_count == LP_QUEUE_CONTROLS)
 			lost = pop_control(queue);
@@ -48,6 +51,10 @@ static struct lp_packet *next_packet(struct lp_send_queue *queue)
 		queue->current = queue->state;
 		queue->state = NULL;
 	}
+	if (!queue->current) {
+		queue->current = queue->picture;
+		queue->picture = NULL;
+	}
 	return queue->current;
 }
 
@@ -56,7 +63,7 @@ int lp_send_queue_flush(struct lp_send_queue *queue, int fd)
 	struct lp_packet *packet;
 
 	while ((packet = next_packet(queue)) != NULL) {
-		const ssize_t sent = write(fd, packet->data + queue->sent_bytes,
+		const ssize_t sent = write(fd, lp_packet_bytes(packet) + queue->sent_bytes,
 					   packet->size_bytes - queue->sent_bytes);
 
 		if (sent < 0 && errno == EINTR)
@@ -82,7 +89,7 @@ struct lp_packet *lp_send_queue_take(struct lp_send_queue *queue)
 
 bool lp_send_queue_is_empty(const struct lp_send_queue *queue)
 {
-	return !queue->current && !queue->state && queue->control_count == 0;
+	return !queue->current && !queue->state && !queue->picture && queue->control_count == 0;
 }
 
 void lp_send_queue_clear(struct lp_send_queue *queue)

@@ -65,7 +65,7 @@ struct lp_server {
 	char policy[2048];
 	struct lws_protocol_vhost_options headers[RESPONSE_HEADERS];
 	const struct lp_session *last_closed; /* only to compare with: it is freed */
-	unsigned char output[LWS_PRE + LP_PACKET_MAX_BYTES];
+	unsigned char output[LWS_PRE + LP_PACKET_LARGE_BYTES];
 };
 
 /* ---------------------------------------------------------------- HTTP */
@@ -162,7 +162,7 @@ static uint32_t prefix_bytes(const struct lp_packet *packet)
 {
 	uint32_t count = 1;
 
-	while (packet->data[count - 1] & 0x80)
+	while (lp_packet_bytes(packet)[count - 1] & 0x80)
 		count++;
 	return count;
 }
@@ -203,7 +203,7 @@ static int on_writable(struct lp_session *session)
 	}
 	skipped = prefix_bytes(packet);
 	size = packet->size_bytes - skipped;
-	memcpy(server->output + LWS_PRE, packet->data + skipped, size);
+	memcpy(server->output + LWS_PRE, lp_packet_bytes(packet) + skipped, size);
 	lp_packet_drop(packet);
 	sent = lws_write(session->wsi, server->output + LWS_PRE, size, LWS_WRITE_BINARY);
 	lws_callback_on_writable(session->wsi);
