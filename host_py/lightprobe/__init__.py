@@ -12,13 +12,14 @@ if TYPE_CHECKING:
     from lightprobe.client import AsyncClient, Client
     from lightprobe.errors import IncompatibleProbe, LightprobeError, ProbeError, ProbeTimeout
     from lightprobe.estimate import Estimate, EstimateFlag, Light, LightFlag
+    from lightprobe.reflection_map import ReflectionMap
     from lightprobe.wire import Subscription, SubscriptionError
 
 __version__ = "0.1.0"
 
 __all__ = [
     "AsyncClient", "Client", "Estimate", "EstimateFlag", "IncompatibleProbe", "Light", "LightFlag",
-    "LightprobeError", "ProbeError", "ProbeTimeout", "Subscription",
+    "LightprobeError", "ProbeError", "ProbeTimeout", "ReflectionMap", "Subscription",
     "SubscriptionError",
 ]  # fmt: skip
 
@@ -26,6 +27,7 @@ _HOMES = {
     "client": ("AsyncClient", "Client"),
     "errors": ("IncompatibleProbe", "LightprobeError", "ProbeError", "ProbeTimeout"),
     "estimate": ("Estimate", "EstimateFlag", "Light", "LightFlag"),
+    "reflection_map": ("ReflectionMap",),
     "wire": ("Subscription", "SubscriptionError"),
 }
 

@@ -36,6 +36,7 @@ from lightprobe.address import Address
 from lightprobe.clock_offset import ClockOffset
 from lightprobe.errors import IncompatibleProbe, ProbeError, ProbeTimeout
 from lightprobe.estimate import Estimate, Health, Hello, Pong, Refusal
+from lightprobe.reflection_map import ReflectionMap
 from lightprobe.websocket import WebSocketStream
 from lightprobe.wire import (
     MINOR_WITH_NUMBERS,
@@ -128,6 +129,7 @@ class AsyncClient:
         self._subscription = subscription or Subscription()
         self._subscription_number = 1
         self._newest: Estimate | None = None
+        self._reflection_map: ReflectionMap | None = None
         self._received = self._taken = 0  # counted since the start
         self._probe_clock = ClockOffset()
         self._pong_time_ns: int | None = None  # when the last answer to a ping came
@@ -168,6 +170,11 @@ class AsyncClient:
         if newest is None or (newest.ttl_ms and self._age_ms(newest) > newest.ttl_ms):
             return None
         return newest
+
+    @property
+    def reflection_map(self) -> ReflectionMap | None:
+        """Give the newest reflection map, however old; None before the first."""
+        return self._reflection_map
 
     def age_ms(self) -> float | None:
         """Milliseconds since the newest estimate's capture, aged out or not."""
@@ -357,6 +364,9 @@ class AsyncClient:
             raise WireError("the first message is not a Hello")
         elif isinstance(message, Estimate):
             await self._take_estimate(message)
+        elif isinstance(message, ReflectionMap):
+            if message.subscription == self._subscription_number:
+                self._reflection_map = message
         elif isinstance(message, Health):
             self.health = message
         elif isinstance(message, Pong):
@@ -502,6 +512,11 @@ class Client:
     def statistics(self) -> Statistics:
         """Counters of this client."""
         return self._async.statistics
+
+    @property
+    def reflection_map(self) -> ReflectionMap | None:
+        """Give the newest reflection map, however old; None before the first."""
+        return self._async.reflection_map
 
     def latest(self) -> Estimate | None:
         """Give the newest estimate at once; None before the first, and when it has aged out."""

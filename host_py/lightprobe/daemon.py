@@ -7,11 +7,13 @@ import shutil
 import signal
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
 from lightprobe.errors import LightprobeError, UsageError
 from lightprobe.estimate import Estimate
+from lightprobe.reflection_map import ReflectionMap
 from lightprobe.wire import Decoder, WireError
 
 NAME = "lightprobed"
@@ -56,8 +58,23 @@ def version(binary: Path) -> str:
     return done.stdout.splitlines()[0].strip()
 
 
+@dataclass(frozen=True)
+class Once:
+    """What `lightprobed --once` gave."""
+
+    estimate: Estimate
+    log: list[str]
+    reflection_map: ReflectionMap | None  # only with --reflection-map
+
+
 def estimate_once(arguments: list[str], timeout_s: float = 60) -> tuple[Estimate, list[str]]:
     """One estimate from `lightprobed ARGUMENTS --once --publish=stdout:`, and its log lines."""
+    once = run_once(arguments, timeout_s)
+    return once.estimate, once.log
+
+
+def run_once(arguments: list[str], timeout_s: float = 60) -> Once:
+    """Run `lightprobed ARGUMENTS --once --publish=stdout:`; DaemonError without an estimate."""
     command = [str(find()), *arguments, "--once", "--publish=stdout:"]
     try:
         done = subprocess.run(command, capture_output=True, timeout=timeout_s)
@@ -73,9 +90,10 @@ def estimate_once(arguments: list[str], timeout_s: float = 60) -> tuple[Estimate
         raise DaemonError(
             f"{NAME}: stdout: {error}: are daemon and package of the same version?"
         ) from None
+    maps = [message for message in messages if isinstance(message, ReflectionMap)]
     for message in messages:
         if isinstance(message, Estimate):
-            return message, log.splitlines()
+            return Once(message, log.splitlines(), maps[-1] if maps else None)
     raise DaemonError(f"{NAME}: exit 0 but no estimate among {len(messages)} messages\n{log}")
 
 

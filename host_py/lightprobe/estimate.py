@@ -279,6 +279,7 @@ class Hello:
     name: str = ""  # of the probe; "": it speaks a protocol older than 1.2
     insecure_lan: bool = False  # anyone on the network can read it, unencrypted
     orientation: str = ""  # what tells it: none, visual, sim, client, sensor; "": older than 1.3
+    max_reflection_map_size: int = 0  # 0: it sends no reflection maps
 
 
 @dataclass(frozen=True)

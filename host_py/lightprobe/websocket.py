@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from websockets.client import ClientProtocol
 
 _PROTOCOL = "lightprobe.v1"
-_MAX_MESSAGE_BYTES = 64 * 1024
+_MAX_MESSAGE_BYTES = 128 * 1024
 _PORTS = {"ws": 80, "wss": 443}
 #: The address of the probe's page is also that of its messages.
 _SCHEMES = {"ws": "ws", "wss": "wss", "http": "ws", "https": "wss"}

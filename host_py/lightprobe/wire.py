@@ -34,16 +34,17 @@ from lightprobe.estimate import (
     Wheel,
 )
 from lightprobe.geometry import Array
+from lightprobe.reflection_map import SIZES, ReflectionMap, decode_rgb9e5
 
 PROTOCOL_MAJOR = 1
 #: From this minor version on, estimates carry the number of the subscription that they answer.
 MINOR_WITH_NUMBERS = 1
 #: From this one on, it answers pings and takes poses.
 MINOR_WITH_PINGS = 3
-#: The daemon's messages stay below 2 KiB; the rest is room to grow.
-MAX_MESSAGE_BYTES = 64 * 1024
+#: A reflection map of 64 texels has 96 KiB, all else less than 2 KiB; the rest is room to grow.
+MAX_MESSAGE_BYTES = 128 * 1024
 
-Message = Hello | Estimate | Health | Refusal | Pong
+Message = Hello | Estimate | Health | Refusal | Pong | ReflectionMap
 
 
 class WireError(Exception):
@@ -72,6 +73,11 @@ class Subscription:
     key_light: bool = False  # one more directional light, KEY, for what the listed lights leave
     area_lights: bool = False  # windows, soft boxes and the like are listed, too, one ellipse each
     leave_out_reflections: bool = False  # do not list mirror images; their light stays in the SH
+    #: Texels along an edge of reflection maps: 16, 32 or 64, or what the probe has, if that is
+    #: less; 0: none. A probe sends them only if it was started with --reflection-map.
+    reflection_map_size: int = 0
+    reflection_map_rate_hz: float = 5.0  # most maps a second, up to 30
+    reflection_map_kind: Kind = "TOTAL"  # a mirror shows the lamps
 
     def __post_init__(self) -> None:
         """Check every field."""
@@ -83,6 +89,13 @@ class Subscription:
         self._check_word("kind", get_args(Kind))
         self._check_word("smoothing", ("SMOOTHED", "RAW"))
         self._check_word("frame", get_args(Frame))
+        self._check_number("reflection_map_rate_hz", 30, "maps a second (0: 5)")
+        self._check_word("reflection_map_kind", get_args(Kind))
+        if self.reflection_map_size not in (0, *SIZES):
+            raise SubscriptionError(
+                f"subscription: reflection_map_size = {self.reflection_map_size!r}: expected 16, "
+                "32 or 64, or 0 for none"
+            )
 
     def _check_number(self, name: str, most: float, unit: str) -> None:
         value = getattr(self, name)
@@ -130,6 +143,12 @@ def encode_subscription(subscription: Subscription, number: int = 0) -> bytes:
     wish.number = number
     wish.leave_out_reflections = bool(subscription.leave_out_reflections)
     wish.frame = pb.Estimate.Frame.Value(subscription.frame)
+    if subscription.reflection_map_size:
+        wish.reflection_map.size = int(subscription.reflection_map_size)
+        wish.reflection_map.rate_hz = float(subscription.reflection_map_rate_hz)
+        wish.reflection_map.kind = pb.SphericalHarmonics.Kind.Value(
+            subscription.reflection_map_kind
+        )
     return delimit(message.SerializeToString())
 
 
@@ -223,6 +242,8 @@ def decode(payload: bytes) -> Message | None:
     if kind == "pong":
         pong = message.pong
         return Pong(pong.ping_time_ns, pong.received_unix_ns, pong.sent_unix_ns)
+    if kind == "reflection_map":
+        return _reflection_map(message.reflection_map)
     if kind == "error":
         return Refusal(message.error.code, message.error.text)
     return None
@@ -308,6 +329,31 @@ def _estimate(m: pb.Estimate) -> Estimate:
     )
 
 
+def _reflection_map(m: pb.ReflectionMap) -> ReflectionMap:
+    if m.size not in SIZES or len(m.texels) != 4 * 6 * m.size**2:
+        raise WireError(
+            f"reflection map of {m.size} texels in {len(m.texels)} bytes: expected 16, 32 or 64"
+        )
+    if not (np.isfinite(m.scale) and m.scale > 0):
+        raise WireError(f"reflection map with a scale of {m.scale}: expected a positive number")
+    return ReflectionMap(
+        sequence=m.sequence,
+        boot_id=m.boot_id,
+        capture_time_unix_ns=m.capture_time_unix_ns,
+        subscription=m.subscription,
+        kind=_kind(m.kind, "reflection map"),
+        radiance=decode_rgb9e5(m.texels, m.scale).reshape(6, m.size, m.size, 3),
+        orientation=_orientation(m.orientation) if m.orientation else None,
+    )
+
+
+def _kind(number: int, what: str) -> Kind:
+    kinds: dict[int, Kind] = {1: "AMBIENT", 2: "TOTAL"}
+    if int(number) not in kinds:
+        raise WireError(f"{what} of kind {int(number)}: expected AMBIENT or TOTAL")
+    return kinds[int(number)]
+
+
 def _frame(number: int) -> Frame:
     """Frame of reference; what is in one that we do not know cannot be used."""
     frames: dict[int, Frame] = {0: "PROBE", 1: "WORLD"}
@@ -355,14 +401,11 @@ def _sh(m: pb.SphericalHarmonics) -> SphericalHarmonics:
         or m.quantity != pb.SphericalHarmonics.RADIANCE
     ):
         raise WireError("SH of a basis or quantity that this client does not know")
-    kinds: dict[int, Kind] = {1: "AMBIENT", 2: "TOTAL"}
-    if int(m.kind) not in kinds or m.order > 8:
-        raise WireError(
-            f"SH of kind {int(m.kind)}, order {m.order}: expected AMBIENT or TOTAL, 0…8"
-        )
+    if m.order > 8:
+        raise WireError(f"SH of order {m.order}: expected 0…8")
     number = (m.order + 1) ** 2
     coefficients = _floats(m.coefficients, 3 * number, "SH coefficients").reshape(number, 3)
-    return SphericalHarmonics(kinds[int(m.kind)], m.order, coefficients)
+    return SphericalHarmonics(_kind(m.kind, "SH"), m.order, coefficients)
 
 
 def _floats(values: object, number: int, what: str) -> Array:

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 import json
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 
 from lightprobe.calibrate import ring
-from lightprobe.cli import view
+from lightprobe.cli import check, view, whole_file
 from lightprobe.errors import UsageError
 from lightprobe.estimate import Estimate, flag_names
 from lightprobe.evaluate import offline
+from lightprobe.imaging import image
 from lightprobe.imaging.film import Sheet
+from lightprobe.reflection_map import SIZES, ReflectionMap
 
 CameraName = Annotated[
     str, typer.Option(metavar="equirect|FILE", help="Projection, or a camera file.")
@@ -86,6 +90,18 @@ def command(
         ),
     ] = None,
     film: Film = None,
+    reflection_map: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            callback=check.new_file(".hdr", ".exr", ".pfm", ".npy"),
+            help="Write what shiny surfaces mirror: .hdr, .exr, .pfm: an environment map; .npy: "
+            "the six faces of a cube.",
+        ),
+    ] = None,
+    reflection_size: Annotated[
+        int, typer.Option(metavar="16|32|64", help="Texels along an edge of the reflection map.")
+    ] = 32,
     as_json: Annotated[bool, typer.Option("--json", help="Print the estimate as JSON.")] = False,
 ) -> None:
     """Estimate the light in pictures with the daemon's own pipeline.
@@ -97,6 +113,8 @@ def command(
     Example: lightprobe estimate room-1.jpg room-2.jpg --exposure-us 8000,500 --json
     Through a polarizer: lightprobe estimate a.jpg b.jpg c.jpg d.jpg --wheel-deg 0,45,90,135
     """
+    if reflection_size not in SIZES:
+        raise UsageError(f"estimate: --reflection-size {reflection_size}: expected 16, 32 or 64")
     if kind.upper() not in ("AMBIENT", "TOTAL"):
         raise UsageError(f"estimate: --kind {kind}: expected AMBIENT or TOTAL")
     settings = offline.Settings(
@@ -105,16 +123,32 @@ def command(
         ring_lux=parse_ring(ring_lux),
         ring_sigma=ring_sigma if ring_lux else None, cd_m2_per_unit=cd_m2_per_unit,
         wheel_deg=parse_angles(wheel_deg), film=parse_film(film),
+        reflection_map=reflection_size if reflection_map else None,
     )  # fmt: skip
-    result, notes = offline.estimate_files(files, parse_exposures(exposure_us), settings)
+    once = offline.estimate_pictures(files, parse_exposures(exposure_us), settings)
+    result = once.estimate
+    if reflection_map and once.reflection_map:
+        write_reflection_map(once.reflection_map, reflection_map)
     if kind.upper() == "TOTAL":
         result = dataclasses.replace(result, sh=result.total())
-    for note in notes:
+    for note in once.log:
         typer.echo(f"note: {note}", err=True)
     if as_json:
         typer.echo(json.dumps(result.to_json(), indent=2))
     else:
         show(result)
+
+
+def write_reflection_map(found: ReflectionMap, file: Path) -> None:
+    """Write the kind of file that its name says, whole or not at all."""
+    if file.suffix.lower() == ".npy":
+        buffer = io.BytesIO()
+        np.save(buffer, found.radiance)
+        data = buffer.getvalue()
+    else:
+        # Two pixels a texel: the faces' corners are finer than their centres.
+        data = image.encode(file.suffix.lower(), found.environment_map(8 * found.size))
+    whole_file.write("estimate", file, data)
 
 
 def parse_exposures(text: str | None) -> list[float]:

@@ -9,9 +9,9 @@ from typing import Annotated
 
 import typer
 
-from lightprobe.cli import check
+from lightprobe.cli import check, whole_file
 from lightprobe.client import DEFAULT_URI, Client
-from lightprobe.errors import LightprobeError, UsageError
+from lightprobe.errors import UsageError
 from lightprobe.estimate import Estimate, EstimateFlag, flag_names
 from lightprobe.imaging import environment, gltf, image
 from lightprobe.wire import Subscription
@@ -113,11 +113,5 @@ def write(estimate: Estimate, file: Path, width_px: int) -> list[str]:
         radiance, notes = environment.environment_map(estimate, width_px)
         # Photometric where the probe is calibrated, as the intensities of .glb are.
         data = image.encode(file.suffix.lower(), radiance * (estimate.cd_m2_per_unit or 1.0))
-    half_done = file.with_name(f".{file.name}.part")
-    try:
-        half_done.write_bytes(data)
-        half_done.replace(file)
-    except OSError as error:
-        half_done.unlink(missing_ok=True)
-        raise LightprobeError(f"export: {file}: write: {error.strerror}") from None
+    whole_file.write("export", file, data)
     return notes

@@ -56,6 +56,7 @@ class Settings:
     lights: int | None = None
     area_lights: bool = False
     key_light: bool = False
+    reflection_map: int | None = None  # texels along an edge; None: off
     ring_lux: str | None = None  # nine numbers, or nan, separated by commas
     ring_sigma: float | str | None = None  # relative: one number for all, or nine
     ring_rgb: str | None = None  # 27 numbers
@@ -92,6 +93,7 @@ class Settings:
             "lights": self.lights,
             "area-lights": int(self.area_lights) or None,
             "key-light": int(self.key_light) or None,
+            "reflection-map": self.reflection_map,
             "ring-lux": self.ring_lux,
             "ring-sigma": self.ring_sigma,
             "ring-rgb": self.ring_rgb,
@@ -265,6 +267,14 @@ def estimate_files(
     with exposures such that 1.0 = full scale at one second. Raises UsageError for files that are no
     bracket, ImageError and DaemonError for those that cannot be used, each with the file's name.
     """
+    once = estimate_pictures(files, exposures_us, settings)
+    return once.estimate, once.log
+
+
+def estimate_pictures(
+    files: Sequence[Path], exposures_us: Sequence[float] = (), settings: Settings | None = None
+) -> daemon.Once:
+    """As :func:`estimate_files`, with the reflection map if the settings ask for one."""
     settings = settings or Settings()
     check_exposures(files, exposures_us, settings.wheel_deg)
     camera = load_camera(settings.camera)
@@ -275,14 +285,14 @@ def estimate_files(
         if exposures_us and not settings.wheel_deg:
             notes += check_bracket(pictures, exposures_us, camera.response_table())
         try:
-            estimate, log = _estimate_folder(Path(name), exposures_us, settings)
-            log = [line for line in log if not line.startswith("info ")]
+            once = _estimate_folder(Path(name), exposures_us, settings)
+            log = [line for line in once.log if not line.startswith("info ")]
             unused = [line for line in log if _UNUSED.search(line)]
             if unused:
                 raise daemon.DaemonError("\n".join(unused))
         except (UsageError, daemon.DaemonError) as error:
             raise type(error)(_in_words(str(error), pictures)) from None
-    return estimate, notes + [_in_words(line, pictures) for line in log]
+    return replace(once, log=notes + [_in_words(line, pictures) for line in log])
 
 
 def load_camera(name: str) -> Camera:
@@ -311,13 +321,13 @@ def estimate_folder(
     folder: Path, exposures_us: Sequence[float] = (), settings: Settings | None = None
 ) -> Estimate:
     """Estimate from a folder of frames as :func:`stage` leaves it."""
-    return _estimate_folder(folder, exposures_us, settings or Settings())[0]
+    return _estimate_folder(folder, exposures_us, settings or Settings()).estimate
 
 
 def _estimate_folder(
     folder: Path, exposures_us: Sequence[float], settings: Settings
-) -> tuple[Estimate, list[str]]:
-    """The same with the daemon's log lines."""
+) -> daemon.Once:
+    """The same with all that the daemon gave."""
     lists = {"exposures_us": exposures_us, "wheel_deg": settings.wheel_deg}
     query = "&".join(
         f"{name}={','.join(f'{value:.9g}' for value in values)}"
@@ -325,4 +335,4 @@ def _estimate_folder(
         if len(values)
     )
     source = f"--source=file:{folder}{'?' if query else ''}{query}"
-    return daemon.estimate_once([source, *settings.arguments()])
+    return daemon.run_once([source, *settings.arguments()])

@@ -1,0 +1,101 @@
+"""Reflection maps: radiance on the six faces of a cube, as a probe sends it on request.
+
+Faces come as +X −X +Y −Y +Z −Z, in OpenGL's and WebXR's orientation (docs/users/conventions.md),
+in the probe frame: +X right, +Y up, −Z forward.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lightprobe import geometry
+from lightprobe.estimate import Kind
+from lightprobe.geometry import Array
+
+#: Texels along an edge that a probe may offer.
+SIZES = (16, 32, 64)
+
+#: Of each face: its axis, and where columns and rows lead. OpenGL 4.6, table 8.19.
+_AXES = np.array([
+    [[1, 0, 0], [0, 0, -1], [0, -1, 0]], [[-1, 0, 0], [0, 0, 1], [0, -1, 0]],
+    [[0, 1, 0], [1, 0, 0], [0, 0, 1]], [[0, -1, 0], [1, 0, 0], [0, 0, -1]],
+    [[0, 0, 1], [1, 0, 0], [0, -1, 0]], [[0, 0, -1], [-1, 0, 0], [0, -1, 0]],
+], dtype=np.float64)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class ReflectionMap:
+    """What shiny surfaces around the probe mirror."""
+
+    sequence: int  # of the estimate that is the same light
+    boot_id: int
+    capture_time_unix_ns: int
+    subscription: int  # number of the subscription that it answers
+    kind: Kind  # AMBIENT: without the lights that the estimate lists; TOTAL: with them
+    radiance: NDArray[np.float32]  # (6, size, size, 3): face, row, column, RGB; units of the SH
+    orientation: Array | None = None  # (4,) x, y, z, w: as Estimate.orientation
+
+    @property
+    def size(self) -> int:
+        """Texels along an edge."""
+        return int(self.radiance.shape[1])
+
+    def irradiance(self, normals: ArrayLike) -> Array:
+        """Irradiance (…, 3) on surfaces with the given normals (…, 3)."""
+        n = np.asarray(normals, dtype=np.float64)
+        cosines = np.maximum(n @ directions(self.size).reshape(-1, 3).T, 0)
+        flux = self.radiance.astype(np.float64) * solid_angles(self.size)[..., None]
+        return np.asarray(cosines @ flux.reshape(-1, 3))
+
+    def sample(self, towards: ArrayLike) -> NDArray[np.float32]:
+        """Radiance (…, 3) of the texels along the given directions (…, 3), of any length > 0."""
+        face, row, column = texels(towards, self.size)
+        return np.asarray(self.radiance[face, row, column])
+
+    def environment_map(self, width_px: int) -> NDArray[np.float32]:
+        """Equirectangular radiance (width / 2, width, 3); the centre is forward (−Z)."""
+        return self.sample(geometry.equirect_directions(width_px, width_px // 2))
+
+
+def _places(size: int) -> Array:
+    """Centres of the texels along an edge, −1…1."""
+    return (2 * np.arange(size) + 1) / size - 1
+
+
+def directions(size: int) -> Array:
+    """Unit vectors (6, size, size, 3) through the centres of the texels."""
+    t, s = np.meshgrid(_places(size), _places(size), indexing="ij")
+    main, across, down = (_AXES[:, None, None, k] for k in range(3))
+    return geometry.normalize(main + s[..., None] * across + t[..., None] * down)
+
+
+def solid_angles(size: int) -> Array:
+    """Solid angles (6, size, size) of the texels, exact; they sum to 4π."""
+    edges = 2 * np.arange(size + 1) / size - 1
+    s, t = np.meshgrid(edges, edges)
+    corner = np.arctan2(s * t, np.sqrt(s * s + t * t + 1))
+    face = np.diff(np.diff(corner, axis=0), axis=1)
+    return np.broadcast_to(face, (6, size, size))
+
+
+def texels(towards: ArrayLike, size: int) -> tuple[NDArray[np.intp], ...]:
+    """Face, row and column (…) of the texels along directions (…, 3)."""
+    d = np.asarray(towards, dtype=np.float64)
+    axis = np.argmax(np.abs(d), axis=-1)
+    main = np.take_along_axis(d, axis[..., None], axis=-1)[..., 0]
+    face = 2 * axis + (main < 0)
+    place = np.einsum("...ij,...j->...i", _AXES[face, 1:], d) / np.abs(main)[..., None]
+    index = np.clip(np.floor((place + 1) / 2 * size), 0, size - 1).astype(np.intp)
+    return face, index[..., 1], index[..., 0]
+
+
+def decode_rgb9e5(texels: bytes, scale: float) -> NDArray[np.float32]:
+    """Radiance (number, 3) of RGB9E5 texels, little-endian (OpenGL 4.6, 8.5.2), times `scale`."""
+    bits = np.frombuffer(texels, dtype="<u4")
+    mantissas = np.stack([bits & 511, bits >> 9 & 511, bits >> 18 & 511], axis=-1)
+    exponents = (bits >> 27).astype(np.int32) - 24
+    values = np.ldexp(mantissas.astype(np.float64), exponents[:, None]) * scale
+    return values.astype(np.float32)
