@@ -78,7 +78,8 @@ function errorAgainst(estimate: Estimate | undefined, exact: Estimate | undefine
 function renderSide(who: "probe" | "truth", estimate: Estimate | undefined, x: number, width: number, height: number, nowMs: number): void {
   lights.probe.visible = who === "probe";
   lights.truth.visible = who === "truth";
-  stage.environment(estimate, who, nowMs, 400 + 20 * restMs);
+  const map = who === "probe" && estimate && checked("use-ambient") && checked("use-lamps") ? probe.reflectionMap : undefined;
+  stage.environment(estimate, map, who, nowMs, 400 + 20 * restMs);
   stage.catcher.update(lights[who]);
   renderer.setViewport(x, 0, width, height);
   renderer.setScissor(x, 0, width, height);
@@ -194,4 +195,10 @@ function wire(): void {
 }
 
 wire();
+// Lamps shine by themselves here: the map that metal and glass mirror is without them.
+let asked = false;
+probe.on("hello", ({ maxReflectionMapSize }) => {
+  if (!asked && maxReflectionMapSize) probe.subscribe({ reflectionMap: { size: 32, rateHz: 2, kind: "AMBIENT" } });
+  asked ||= maxReflectionMapSize > 0;
+});
 renderer.setAnimationLoop(frame);

@@ -2,8 +2,8 @@
 /** The objects: five materials on a floor, or on the picture of a camera, and what turns the view. */
 import * as THREE from "three";
 import { GLTFLoader } from "three/examples/jsm/loaders/GLTFLoader.js";
-import type { Estimate } from "../src/index.js";
-import { ShadowCatcher, ambientEnvironment } from "../src/three.js";
+import type { Estimate, ReflectionMap } from "../src/index.js";
+import { ShadowCatcher, ambientEnvironment, reflectionTexture } from "../src/three.js";
 
 const RADIUS_M = 0.16, SPACING_M = 0.4, FLOOR_RADIUS_M = 12;
 
@@ -24,7 +24,7 @@ export class Stage {
   readonly #pmrem: THREE.PMREMGenerator;
   #isPicture = false;
   readonly #environmentMs = new Map<string, number>();
-  readonly #environments = new Map<string, THREE.WebGLRenderTarget>();
+  readonly #environments = new Map<string, { target: THREE.WebGLRenderTarget; intensity: number }>();
   /** Of the view, around the objects. */
   azimuth = 0.35;
   elevation = 0.3;
@@ -55,26 +55,36 @@ export class Stage {
     this.#isPicture = is;
   }
 
-  /** What metal and glass show: the ambient light; `who` keeps the probe's and the truth's apart. It is
-   * made anew every `periodMs`, because that is the dearest part of a frame. */
-  environment(estimate: Estimate | undefined, who: string, nowMs: number, periodMs: number): void {
+  /** What metal and glass show: the reflection map, or where there is none the ambient light; `who` keeps the probe's and
+   * the truth's apart. It is made anew every `periodMs`, because that is the dearest part of a frame. */
+  environment(estimate: Estimate | undefined, map: ReflectionMap | undefined, who: string, nowMs: number, periodMs: number): void {
     const known = this.#environments.get(who);
     if (estimate && (!known || nowMs - (this.#environmentMs.get(who) ?? -Infinity) > periodMs)) {
-      const map = ambientEnvironment(estimate);
-      this.#environments.set(who, this.#pmrem.fromEquirectangular(map));
-      known?.dispose();
-      map.dispose();
+      this.#environments.set(who, map ? this.#ofMap(map) : this.#ofAmbient(estimate));
+      known?.target.dispose();
       this.#environmentMs.set(who, nowMs);
     }
-    const texture = this.#environments.get(who)?.texture ?? null;
+    const { target, intensity } = this.#environments.get(who) ?? { target: undefined, intensity: 1 }, texture = target?.texture ?? null;
     if (!this.#isPicture) {
       this.scene.background = texture;
       this.scene.backgroundBlurriness = 0.4;
-      this.scene.backgroundIntensity = 0.35; // behind, not in front of the objects
+      this.scene.backgroundIntensity = 0.35 * intensity; // behind, not in front of the objects
     }
     for (const material of Object.values(MATERIALS)) {
-      if (material instanceof THREE.MeshPhysicalMaterial && (material.metalness === 1 || material.name === "glass")) material.envMap = texture;
+      if (material instanceof THREE.MeshPhysicalMaterial && (material.metalness === 1 || material.name === "glass")) Object.assign(material, { envMap: texture, envMapIntensity: intensity });
     }
+  }
+
+  #ofMap(map: ReflectionMap): { target: THREE.WebGLRenderTarget; intensity: number } {
+    const { texture, intensity } = reflectionTexture(map), target = this.#pmrem.fromCubemap(texture);
+    texture.dispose();
+    return { target, intensity };
+  }
+
+  #ofAmbient(estimate: Estimate): { target: THREE.WebGLRenderTarget; intensity: number } {
+    const map = ambientEnvironment(estimate), target = this.#pmrem.fromEquirectangular(map);
+    map.dispose();
+    return { target, intensity: 1 };
   }
 
   /** Glass that shows what lies behind it unbent: the bent picture costs a frame of its own. */

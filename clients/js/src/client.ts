@@ -2,6 +2,7 @@
 /** A probe's client: connects, asks, stays. The newest estimate wins; what is too old is none. */
 
 import type { Estimate, Health, Hello } from "./estimate.js";
+import type { ReflectionMap } from "./reflection.js";
 import { DEFAULT_SUBSCRIPTION, MINOR_WITH_NUMBERS, MINOR_WITH_PINGS, PROTOCOL_MAJOR, WireError, decode, encodePing, encodePose, encodeSubscription } from "./wire.js";
 import type { Message, Subscription } from "./wire.js";
 
@@ -21,6 +22,7 @@ export interface ProbeEvents {
   estimate: Estimate;
   hello: Hello;
   health: Health;
+  reflectionMap: ReflectionMap;
   state: State;
 }
 
@@ -53,6 +55,8 @@ export class Probe {
   state: State = "connecting";
   hello: Hello | undefined;
   health: Health | undefined;
+  /** The newest, however old; undefined before the first. */
+  reflectionMap: ReflectionMap | undefined;
   /** Why there is nothing, in a sentence; undefined while all is well. */
   lastError: string | undefined;
   /** Estimates that were made for an earlier subscription: dropped. */
@@ -209,6 +213,7 @@ export class Probe {
     if (message.kind === "hello") this.#greet(message.hello);
     else if (!this.hello) throw new WireError("the first message is not a Hello");
     else if (message.kind === "estimate") this.#takeEstimate(message.estimate);
+    else if (message.kind === "reflectionMap") this.#takeReflectionMap(message.reflectionMap);
     else if (message.kind === "pong") this.#pongMs = now();
     else {
       this.health = message.health;
@@ -242,6 +247,12 @@ export class Probe {
     if (this.#offsetsMs.length > CLOCK_MESSAGES) this.#offsetsMs.shift();
     this.#newest = estimate;
     this.#emit("estimate", estimate);
+  }
+
+  #takeReflectionMap(map: ReflectionMap): void {
+    if (map.subscription !== this.#number) return;
+    this.reflectionMap = map;
+    this.#emit("reflectionMap", map);
   }
 
   #expectWithin(ms: number | undefined): void {

@@ -110,6 +110,8 @@ export interface Hello {
   preset: string;
   /** What tells it: none, visual, sim, client; "": older than protocol 1.3. */
   orientation: string;
+  /** Texels along an edge; 0: it sends no reflection maps. */
+  maxReflectionMapSize: number;
 }
 
 /** The answer to a ping: times of our clock, and of the probe's. */

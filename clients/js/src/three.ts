@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 /** For three.js: a group that lights the scene with a probe's light. Several lamps, soft shadows, no jumps. */
 
-import { DataTexture, DirectionalLight, EquirectangularReflectionMapping, FloatType, Group, LightProbe, Mesh, MeshLambertMaterial, MultiplyBlending, LinearFilter, LinearSRGBColorSpace, Quaternion, RGBAFormat, Vector3 } from "three";
+import { CubeReflectionMapping, CubeTexture, DataTexture, DataUtils, DirectionalLight, EquirectangularReflectionMapping, FloatType, Group, HalfFloatType, LightProbe, Mesh, MeshLambertMaterial, MultiplyBlending, LinearFilter, LinearSRGBColorSpace, Quaternion, RGBAFormat, Vector3 } from "three";
 import type { BufferGeometry } from "three";
 import { besideSh } from "./estimate.js";
 import type { Estimate, Light, Vec3 } from "./estimate.js";
+import { largest, type ReflectionMap } from "./reflection.js";
 import * as sh from "./sh.js";
 
 export interface ProbeLightOptions {
@@ -184,8 +185,8 @@ export class ProbeLight extends Group {
 }
 
 /**
- * Radiance of the SH all around, as an equirectangular environment for PMREMGenerator: what metal and glass show as long
- * as there is no reflection map. Lamps are not in it: directional lights give their highlights.
+ * Radiance of the SH all around, as an equirectangular environment for PMREMGenerator: what metal and glass show where
+ * there is no reflection map. Lamps are not in it: directional lights give their highlights.
  */
 export function ambientEnvironment(estimate: Estimate, widthPx = 64): DataTexture {
   const heightPx = widthPx / 2;
@@ -207,6 +208,39 @@ export function ambientEnvironment(estimate: Estimate, widthPx = 64): DataTextur
   texture.minFilter = texture.magFilter = LinearFilter;
   texture.needsUpdate = true;
   return texture;
+}
+
+/** Largest value of a texture of half floats; the lamps of a probe exceed it. */
+const MOST_HALF = 60000;
+
+/**
+ * A reflection map as a cube texture, for `envMap` (as it is on MeshLambert, MeshBasic; through PMREMGenerator.fromCubemap()
+ * for physical materials) and for `scene.background`. Multiply by `intensity` (`envMapIntensity`, `environmentIntensity`,
+ * `backgroundIntensity`): the texture itself stays within half floats.
+ */
+export function reflectionTexture(map: ReflectionMap): { texture: CubeTexture; intensity: number } {
+  const intensity = Math.max(largest(map), 1e-30) / MOST_HALF;
+  // three.js looks cube textures up as if they were seen from outside: along (−x, y, z).
+  const images = [1, 0, 2, 3, 4, 5].map((face) => mirrored(map.faces[face]!, map.size, intensity));
+  const texture = new CubeTexture(images, CubeReflectionMapping, undefined, undefined, LinearFilter, LinearFilter, RGBAFormat, HalfFloatType);
+  texture.colorSpace = LinearSRGBColorSpace;
+  texture.generateMipmaps = false;
+  texture.needsUpdate = true;
+  return { texture, intensity };
+}
+
+/** A face with its columns from right to left, in half floats. */
+function mirrored(rgb: Float32Array, size: number, unit: number): DataTexture {
+  const data = new Uint16Array(4 * size * size);
+  for (let row = 0; row < size; row++)
+    for (let column = 0; column < size; column++) {
+      const from = 3 * (row * size + column), to = 4 * (row * size + size - 1 - column);
+      for (let c = 0; c < 3; c++) data[to + c] = DataUtils.toHalfFloat(rgb[from + c]! / unit);
+      data[to + 3] = DataUtils.toHalfFloat(1);
+    }
+  const face = new DataTexture(data, size, size, RGBAFormat, HalfFloatType);
+  face.needsUpdate = true;
+  return face;
 }
 
 /**

@@ -3,6 +3,7 @@
 
 import { create, fromBinary, toBinary } from "@bufbuild/protobuf";
 import * as pb from "./gen/lightprobe_pb.js";
+import { decodeRgb9e5, type ReflectionMap } from "./reflection.js";
 import type { Estimate, Health, Hello, Light, Pong, Refusal, SphericalHarmonics, Vec3 } from "./estimate.js";
 
 export const PROTOCOL_MAJOR = 1;
@@ -19,7 +20,8 @@ export type Message =
   | { kind: "estimate"; estimate: Estimate }
   | { kind: "health"; health: Health }
   | { kind: "error"; error: Refusal }
-  | { kind: "pong"; pong: Pong };
+  | { kind: "pong"; pong: Pong }
+  | { kind: "reflectionMap"; reflectionMap: ReflectionMap };
 
 /** What a client wants; absent means the probe's default. */
 export interface Subscription {
@@ -43,13 +45,26 @@ export interface Subscription {
   areaLights: boolean;
   /** Do not list mirror images of lamps; their light stays in the SH. */
   leaveOutReflections: boolean;
+  /** What metal and glass mirror; undefined: none. The probe sends it only if Hello.maxReflectionMapSize is not 0. */
+  reflectionMap: ReflectionMapWish | undefined;
+}
+
+export interface ReflectionMapWish {
+  /** Texels along an edge; the probe may have fewer. */
+  size: 16 | 32 | 64;
+  /** Most maps a second, up to 30; 0: 5. */
+  rateHz?: number;
+  /** Default TOTAL: a mirror shows the lamps. AMBIENT beside lights that shine by themselves. */
+  kind?: "AMBIENT" | "TOTAL";
 }
 
 export const DEFAULT_SUBSCRIPTION: Subscription = {
   rateHz: 0, shOrder: 2, maxLights: 4, kind: "AMBIENT", tolerance: 0, smoothing: "SMOOTHED", healthPeriodMs: 1000,
   frame: "PROBE", keyLight: false, areaLights: false,
-  leaveOutReflections: false,
+  leaveOutReflections: false, reflectionMap: undefined,
 };
+
+const kindOf = (kind: "AMBIENT" | "TOTAL"): pb.SphericalHarmonics_Kind => (kind === "TOTAL" ? pb.SphericalHarmonics_Kind.TOTAL : pb.SphericalHarmonics_Kind.AMBIENT);
 
 function need(value: boolean, what: string): void {
   if (!value) throw new RangeError(`subscription: ${what}`);
@@ -62,6 +77,9 @@ export function encodeSubscription(wish: Subscription, number: number): Uint8Arr
   need(Number.isInteger(wish.maxLights) && wish.maxLights >= 0 && wish.maxLights <= 8, `maxLights ${wish.maxLights}: expected 0…8`);
   need(wish.tolerance >= 0 && wish.tolerance <= 1, `tolerance ${wish.tolerance}: expected 0…1`);
   need(Number.isInteger(wish.healthPeriodMs) && wish.healthPeriodMs >= 0, `healthPeriodMs ${wish.healthPeriodMs}: expected 0 or more`);
+  const map = wish.reflectionMap;
+  need(!map || [16, 32, 64].includes(map.size), `reflectionMap.size ${map?.size}: expected 16, 32 or 64`);
+  need(!map?.rateHz || (map.rateHz > 0 && map.rateHz <= 30), `reflectionMap.rateHz ${map?.rateHz}: expected 0…30`);
   return new Uint8Array(toBinary(pb.FromClientSchema, create(pb.FromClientSchema, {
     message: {
       case: "subscribe",
@@ -69,13 +87,14 @@ export function encodeSubscription(wish: Subscription, number: number): Uint8Arr
         rateHz: wish.rateHz,
         shOrder: wish.shOrder,
         maxLights: wish.maxLights,
-        kind: wish.kind === "TOTAL" ? pb.SphericalHarmonics_Kind.TOTAL : pb.SphericalHarmonics_Kind.AMBIENT,
+        kind: kindOf(wish.kind),
         tolerancePermille: Math.round(1000 * wish.tolerance),
         smoothing: wish.smoothing === "RAW" ? pb.Subscription_Smoothing.RAW : pb.Subscription_Smoothing.SMOOTHED,
         healthPeriodMs: wish.healthPeriodMs,
         keyLight: wish.keyLight,
         areaLights: wish.areaLights,
         leaveOutReflections: wish.leaveOutReflections,
+        ...(map ? { reflectionMap: { size: map.size, rateHz: map.rateHz ?? 0, kind: kindOf(map.kind ?? "TOTAL") } } : {}),
         number,
         frame: wish.frame === "WORLD" ? pb.Estimate_Frame.WORLD : pb.Estimate_Frame.PROBE,
       },
@@ -113,6 +132,7 @@ export function decode(data: Uint8Array): Message | undefined {
     case "estimate": return { kind: "estimate", estimate: estimateOf(message.value) };
     case "health": return { kind: "health", health: healthOf(message.value) };
     case "pong": return { kind: "pong", pong: pongOf(message.value) };
+    case "reflectionMap": return { kind: "reflectionMap", reflectionMap: reflectionMapOf(message.value) };
     case "error": return { kind: "error", error: { code: message.value.code, text: message.value.text } };
     default: return undefined;
   }
@@ -179,6 +199,24 @@ function estimateOf(m: pb.Estimate): Estimate {
     frame: frameOf(m.frame),
     orientation: m.orientation.length ? (finite(m.orientation, 4, "orientation") as [number, number, number, number]) : undefined,
     orientationSigmaDeg: m.orientationSigmaDeg,
+  };
+}
+
+function reflectionMapOf(m: pb.ReflectionMap): ReflectionMap {
+  if (![16, 32, 64].includes(m.size) || m.texels.length !== 24 * m.size ** 2)
+    throw new WireError(`reflection map of ${m.size} texels in ${m.texels.length} bytes: expected 16, 32 or 64`);
+  if (!(m.scale > 0 && m.scale < Infinity)) throw new WireError(`reflection map with a scale of ${m.scale}: expected a positive number`);
+  if (m.kind !== pb.SphericalHarmonics_Kind.AMBIENT && m.kind !== pb.SphericalHarmonics_Kind.TOTAL)
+    throw new WireError(`reflection map of kind ${m.kind}: expected AMBIENT or TOTAL`);
+  return {
+    sequence: m.sequence,
+    bootId: m.bootId,
+    captureTimeUnixMs: Number(m.captureTimeUnixNs) / 1e6,
+    subscription: m.subscription,
+    kind: m.kind === pb.SphericalHarmonics_Kind.TOTAL ? "TOTAL" : "AMBIENT",
+    size: m.size,
+    faces: decodeRgb9e5(m.texels, m.size, m.scale),
+    orientation: m.orientation.length ? (finite(m.orientation, 4, "orientation") as [number, number, number, number]) : undefined,
   };
 }
 

@@ -10,7 +10,8 @@ import { after, before, test } from "node:test";
 import { build } from "esbuild";
 import { chromium, type Browser, type Page } from "playwright-core";
 import { create, toBinary } from "@bufbuild/protobuf";
-import { decode, irradiance, type Estimate, type Vec3 } from "../src/index.js";
+import { decode, encodeSubscription, irradiance, largest, reflected, type Estimate, type ReflectionMap, type Vec3 } from "../src/index.js";
+import { DEFAULT_SUBSCRIPTION } from "../src/wire.js";
 import * as pb from "../src/gen/lightprobe_pb.js";
 import { ROOT } from "./golden.js";
 
@@ -41,7 +42,7 @@ function panorama(): Buffer {
 
 function startDaemon(...more: string[]): ChildProcess {
   return spawn(DAEMON, [`--source=file:${join(folder, "room.pfm")}?rate=30`, `--publish=ws:127.0.0.1:${port}?root=${resolve(ROOT, "build/web")}`,
-    "--name=test room", "--ttl-ms=600000", ...more], { stdio: ["ignore", "ignore", "inherit"] });
+    "--name=test room", "--reflection-map=32", "--ttl-ms=600000", ...more], { stdio: ["ignore", "ignore", "inherit"] });
 }
 
 before(async () => {
@@ -128,6 +129,78 @@ test("a shadow is as dark as the lamp's share of the light", { timeout: LONG_MS 
     assert.ok(Math.abs(open[c]! - 1) <= 2 / 255, `beside the shadow ${open[c]}`);
     assert.ok(Math.abs(shadow[c]! - ambient[c]! / whole[c]!) <= 2 / 255, `in the shadow ${shadow[c]}, expected ${ambient[c]! / whole[c]!}`);
   }
+});
+
+// ---------------------------------------------------------------- reflections
+
+/** Every face has a colour of its own, and slopes along both of its edges, so that no turn or mirror image of it fits. */
+function slopingFaces(): ReflectionMap {
+  const size = 32, colours: Vec3[] = [[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0], [1, 0, 1], [0, 1, 1]];
+  const faces = colours.map((colour) => {
+    const rgb = new Float32Array(3 * size * size);
+    for (let i = 0; i < size * size; i++)
+      colour.forEach((value, c) => { rgb[3 * i + c] = 100 * (value * (0.3 + (0.5 * (i % size)) / size) + (0.2 * Math.floor(i / size)) / size); });
+    return rgb;
+  });
+  return { sequence: 1, bootId: 1, captureTimeUnixMs: 0, subscription: 1, kind: "TOTAL", size, faces, orientation: undefined };
+}
+
+/** Away from the faces' edges, where colours change at once. */
+const inside = (direction: Vec3): boolean => {
+  const [first, second] = direction.map(Math.abs).sort((a, b) => b - a) as [number, number, number];
+  return second / first < 0.9;
+};
+
+const GRID: [number, number][] = Array.from({ length: 441 }, (_, i): [number, number] => [((i % 21) - 10) / 10.5, (Math.floor(i / 21) - 10) / 10.5]).filter(([u, v]) => Math.hypot(u, v) < 0.93);
+
+type Sample = { towards: Vec3; radiance: Vec3 };
+const inMirror = async (map: ReflectionMap, rough: boolean): Promise<Sample[]> => (await numbersPage()).evaluate(
+  ({ map, places, rough }) => (window as unknown as { mirror: (...all: unknown[]) => Sample[] }).mirror(map, places, rough), { map, places: GRID, rough });
+
+for (const [how, rough, most] of [["as it is", false, 0.04], ["by a physical material", true, 0.08]] as const)
+  test(`a mirror ball shows the map where it lies: ${how}`, { timeout: LONG_MS }, async () => {
+    const map = slopingFaces(), seen = new Set<number>();
+    for (const { towards, radiance } of await inMirror(map, rough)) {
+      if (!inside(towards)) continue;
+      const expected = reflected(map, towards);
+      seen.add(towards.map(Math.abs).indexOf(Math.max(...towards.map(Math.abs))) * 2 + Number(towards[towards.map(Math.abs).indexOf(Math.max(...towards.map(Math.abs)))]! < 0));
+      expected.forEach((value, c) => assert.ok(Math.abs(value - radiance[c]!) < most * largest(map), `along ${String(towards)}: ${String(radiance)}, expected ${String(expected)}`));
+    }
+    assert.equal(seen.size, 6, "not every face was seen");
+  });
+
+test("WebXR's cube map is looked up where the map lies", { timeout: LONG_MS }, async () => {
+  const map = slopingFaces(), gain = 1 / largest(map);
+  const towards = Array.from({ length: 200 }, (_, i): Vec3 => {
+    const y = 1 - (2 * (i + 0.5)) / 200, radius = Math.sqrt(1 - y * y);
+    return [radius * Math.cos(i * 2.399963), y, radius * Math.sin(i * 2.399963)];
+  }).filter(inside);
+  const found = await (await numbersPage()).evaluate(
+    ({ map, towards, gain }) => (window as unknown as { lookUp: (...all: unknown[]) => Vec3[] }).lookUp(map, towards, gain), { map, towards, gain });
+  found.forEach((radiance, i) => reflected(map, towards[i]!).forEach((value, c) => assert.ok(Math.abs(value - radiance[c]!) < 0.04 * largest(map), `along ${String(towards[i])}`)));
+});
+
+test("a mirror ball shows the live lamp where it is", { timeout: LONG_MS }, async () => {
+  const page = await browser.newPage();
+  await page.goto(`http://127.0.0.1:${port}/style.css`); // the probe's own origin, and no other client in it
+  const request = [...encodeSubscription({ ...DEFAULT_SUBSCRIPTION, reflectionMap: { size: 32, rateHz: 30 } }, 1)];
+  const received = await page.evaluate(({ where, request }) => new Promise<number[][]>((done) => {
+    const socket = new WebSocket(`ws://127.0.0.1:${where}/`, "lightprobe.v1"), messages: number[][] = [];
+    socket.binaryType = "arraybuffer";
+    socket.onopen = () => socket.send(new Uint8Array(request));
+    socket.onmessage = ({ data }: MessageEvent<ArrayBuffer>) => {
+      messages.push([...new Uint8Array(data)]);
+      if (data.byteLength > 20000) done(messages);
+    };
+  }), { where: port, request });
+  await page.close();
+  const messages = received.map((bytes) => decode(Uint8Array.from(bytes)));
+  const map = messages.flatMap((message) => (message?.kind === "reflectionMap" ? [message.reflectionMap] : []))[0]!;
+  const lamp = messages.flatMap((message) => (message?.kind === "estimate" ? message.estimate.lights : []))[0]!.direction;
+  const brightest = (await inMirror(map, false)).reduce((best, one) => (one.radiance[1] > best.radiance[1] ? one : best));
+  const cosine = lamp.reduce((sum, value, a) => sum + value * brightest.towards[a]!, 0);
+  assert.ok(Math.acos(Math.min(1, cosine)) < (8 * Math.PI) / 180, `lamp at ${String(lamp)}, in the mirror at ${String(brightest.towards)}`); // places are 5° apart
+  assert.ok(brightest.radiance[1] > 20 * reflected(map, [0, -1, 0])[1]);
 });
 
 // ---------------------------------------------------------------- the viewer

@@ -6,12 +6,15 @@ import * as pb from "../src/gen/lightprobe_pb.js";
 import { DEFAULT_SUBSCRIPTION, WireError, decode, encodeSubscription } from "../src/wire.js";
 import { bytes, expected, names } from "./golden.js";
 
+/** The name that JavaScript has for a name of the schema. */
+const camel = (snake: string): string => snake.replace(/_(\w)/g, (_, letter: string) => letter.toUpperCase());
+
 /** "estimate.lights[0].direction[2]" in C's names, of a decoded message. */
 function read(message: unknown, path: string): unknown {
   let value = message as Record<string, unknown>;
   for (const step of path.split(".").slice(1)) {
     const [, snake, index] = /^(\w+?)(?:\[(\d+)\])?$/.exec(step)!;
-    const name = snake!.replace(/_(\w)/g, (_, letter: string) => letter.toUpperCase());
+    const name = camel(snake!);
     if (name.endsWith("Count") && !(name in value)) return ((value[name.slice(0, -5)] as unknown[]) ?? []).length;
     let next = value[name];
     if (index !== undefined) next = (next as unknown[])[Number(index)];
@@ -28,7 +31,7 @@ for (const name of names) {
     const schema = name.startsWith("from_client") ? pb.FromClientSchema : pb.FromProbeSchema;
     const message = fromBinary<typeof schema>(schema as never, bytes(name)) as unknown as { message: { case: string; value: unknown } };
     const values = expected[name]!;
-    assert.equal(Object.keys(values)[0]!.split(".")[0], message.message.case);
+    assert.equal(camel(Object.keys(values)[0]!.split(".")[0]!), message.message.case);
     for (const [path, value] of Object.entries(values)) {
       const got = numeric(read(message.message.value, path));
       if (typeof value === "number" && typeof got === "number") assert.ok(Math.abs(got - value) <= Math.abs(value) * 1e-15, `${path}: ${got}, expected ${value}`);
@@ -108,4 +111,30 @@ test("a subscription is checked before anything is sent", () => {
   const sent = fromBinary(pb.FromClientSchema, encodeSubscription({ ...DEFAULT_SUBSCRIPTION, shOrder: 0, maxLights: 0 }, 7)).message;
   assert.equal(sent.case, "subscribe");
   if (sent.case === "subscribe") assert.deepEqual([sent.value.shOrder, sent.value.maxLights, sent.value.number], [0, 0, 7]);
+});
+
+test("a reflection map: texels by their definition, faces in their order", () => {
+  const message = decode(bytes("reflection_map.bin"));
+  assert.equal(message?.kind, "reflectionMap");
+  if (message?.kind !== "reflectionMap") return;
+  const { reflectionMap: map } = message;
+  assert.deepEqual([map.size, map.kind, map.sequence, map.subscription, map.faces.length], [16, "TOTAL", 12, 300, 6]);
+  assert.deepEqual([...map.faces[0]!.subarray(0, 6)], [0.25, 0.125, 0.0625, 0, 0, 0]); // scale 0.25 × (1, 1/2, 1/4)
+  assert.equal(map.faces[5]!.at(-1), 0.25 * 511 * 2 ** 7);
+  assert.deepEqual(map.orientation, [0.5, -0.5, 0.5, 0.5]);
+});
+
+test("a reflection map that makes no sense is refused", () => {
+  const good = { kind: 2, size: 16, scale: 1, texels: new Uint8Array(24 * 256) };
+  const encode = (value: object): Uint8Array => toBinary(pb.FromProbeSchema, create(pb.FromProbeSchema, { message: { case: "reflectionMap", value: create(pb.ReflectionMapSchema, value as never) } }));
+  assert.equal(decode(encode(good))?.kind, "reflectionMap");
+  for (const bad of [{ size: 17 }, { size: 32 }, { texels: new Uint8Array(4) }, { scale: 0 }, { scale: NaN }, { scale: Infinity }, { kind: 0 }])
+    assert.throws(() => decode(encode({ ...good, ...bad })), WireError, JSON.stringify(bad));
+});
+
+test("wishes for reflection maps are checked", () => {
+  for (const reflectionMap of [{ size: 8 }, { size: 32, rateHz: 31 }, { size: 32, rateHz: -1 }])
+    assert.throws(() => encodeSubscription({ ...DEFAULT_SUBSCRIPTION, reflectionMap: reflectionMap as never }, 1), RangeError);
+  const request = fromBinary(pb.FromClientSchema, encodeSubscription({ ...DEFAULT_SUBSCRIPTION, reflectionMap: { size: 16 } }, 1));
+  assert.equal(request.message.case === "subscribe" && request.message.value.reflectionMap?.kind, pb.SphericalHarmonics_Kind.TOTAL);
 });
