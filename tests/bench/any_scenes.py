@@ -20,7 +20,7 @@ from rich.progress import Progress
 KINDS = ("equirect_1920x960_420", "equirect_1920x960_422")
 STILL = (timing.YARDSTICK, "balanced", "exposures_3", timing.PUBLISHED, "stages")
 TURNING = (timing.YARDSTICK, "turning")
-STAGES = ("stage_map", "stage_detection", "stage_refinement")
+STAGES = ("stage_map", "stage_detection", "stage_refinement", "stage_reflection_map_32")
 #: Frames of a camera that turns: those that are not timed, and all.
 SETTLING, FRAMES = 6, 24
 
@@ -85,7 +85,7 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
     """Markdown: a row for each scene and chroma, and the median of each chroma."""
     head = ["scene", "chroma", "plain decode ms", "balanced, still", "three exposures, still",
             f"balanced, turning at {frames.TURN_DEG_S:g}°/s", "published recipe",
-            "map ms", "detection ms", "refinement ms"]  # fmt: skip
+            "map ms", "detection ms", "refinement ms", "reflection map of 32 ms"]  # fmt: skip
     keys = list(rows[0])[2:]
     everything = list(rows)
     for chroma in dict.fromkeys(row["chroma"] for row in rows):

@@ -69,7 +69,7 @@ struct pipeline : bench::contestant {
 
 	pipeline(const char *its_name, const struct lp_pipeline_options &its_options, int lights,
 		 int its_exposures)
-	    : contestant(its_name), options(its_options), demand{LP_MAX_SH_ORDER, lights},
+	    : contestant(its_name), options(its_options), demand{LP_MAX_SH_ORDER, lights, 0},
 	      exposures(its_exposures)
 	{
 		begin();

@@ -1,9 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Where the time of a preset goes: its stages by the same calls that app/pipeline.c makes. */
+#include <algorithm>
+#include <cstdlib>
+
 #include "contestant.hpp"
 #include "vision/camera.h"
 #include "vision/camera_file.h"
 #include "vision/cells.h"
+#include "vision/cube_sample.h"
 #include "vision/imager.h"
 #include "vision/imager_internal.h"
 #include "vision/jpeg/blocks.h"
@@ -13,9 +17,11 @@
 extern "C" {
 #include "include/frame.h"
 #include "include/panorama.h"
+#include "light/cube.h"
 #include "light/detection.h"
 #include "light/grid.h"
 #include "light/model.h"
+#include "light/rotation.h"
 #include "light/tracker.h"
 }
 
@@ -23,7 +29,8 @@ namespace
 {
 
 constexpr int kExactBlocks = 16, kRefineCells = 49; /* `balanced`, app/pipeline.c */
-constexpr float kScale = 100.0F;		    /* 10 ms */
+constexpr int kReflectionSize = 32;
+constexpr float kScale = 100.0F; /* 10 ms */
 
 /* Stages of `balanced`, one after the other. */
 struct stages final : bench::contestant {
@@ -35,6 +42,9 @@ struct stages final : bench::contestant {
 	struct lp_response response = {};
 	struct lp_cells cells = {};
 	struct lp_tracker tracker = {};
+	struct lp_cube_grid *cube_grid = nullptr;
+	struct lp_cube cube = {};
+	std::vector<uint8_t> texels;
 	std::vector<bench::timing> times;
 	int64_t last_ns = 0;
 
@@ -48,6 +58,7 @@ struct stages final : bench::contestant {
 		times.push_back({std::string("stage_") + stage, bench::now_ns() - last_ns});
 		last_ns = bench::now_ns();
 	}
+	void make_reflection_map(const struct lp_panorama &panorama, const double (*sh)[3]);
 	void run(const bench::picture &p) override;
 	std::vector<bench::timing> measure(const bench::picture &p) override
 	{
@@ -70,14 +81,24 @@ stages::stages(const lp_camera_file &file) : contestant("stages")
 	    lp_detection_create(lp_imager_grid(imager), &detector, &detection) < 0 ||
 	    lp_sh_projector_create(LP_PANORAMA_WIDTH, LP_PANORAMA_WIDTH / 2, LP_SH_MAX_ORDER,
 				   &projector) < 0 ||
-	    lp_jpeg_reader_create(&reader) < 0)
+	    lp_jpeg_reader_create(&reader) < 0 ||
+	    lp_cube_grid_create(kReflectionSize, &cube_grid) < 0)
 		bench::die("stages", "create");
 	lp_response_init(&response, camera);
 	tracker.time_constant_ms = 200.0F;
+	cube.grid = cube_grid;
+	for (float *&plane : cube.rgb)
+		plane = static_cast<float *>(
+			std::aligned_alloc(16,
+					   static_cast<size_t>(cube_grid->texels) * sizeof(float)));
+	texels.resize(4 * static_cast<size_t>(cube_grid->texels));
 }
 
 stages::~stages()
 {
+	for (float *plane : cube.rgb)
+		std::free(plane);
+	lp_cube_grid_destroy(cube_grid);
 	lp_cells_release(&cells);
 	lp_jpeg_reader_destroy(reader);
 	lp_sh_projector_destroy(projector);
@@ -88,6 +109,26 @@ stages::~stages()
 
 void keep(struct lp_frame *)
 {
+}
+
+/* On request: the cube, its lamps and fit, as app/surroundings.c and app/reflection_maps.c make it.
+ */
+void stages::make_reflection_map(const struct lp_panorama &panorama, const double (*sh)[3])
+{
+	const struct lp_rotation straight = lp_rotation_identity();
+
+	lp_cube_sample(lp_imager_grid(imager), panorama.cells, &straight, kReflectionSize,
+		       cube.rgb);
+	lp_cube_fit(&cube, sh);
+	for (int k = 0; k < detection->finder->count && k < LP_MAX_LIGHTS; k++) {
+		const struct lp_lamp &lamp = detection->finder->lamps[k];
+		struct lp_light light = {};
+
+		std::copy_n(lamp.direction, 3, light.direction);
+		light.angular_radius_deg = lamp.half_angle_deg[1];
+		lp_cube_add_light(&cube, &light, lamp.irradiance);
+	}
+	lp_cube_encode(&cube, texels.data());
 }
 
 void stages::run(const bench::picture &p)
@@ -149,6 +190,8 @@ void stages::run(const bench::picture &p)
 	lp_model_predict(total, &raw);
 	lp_tracker_update(&tracker, &raw, &smoothed);
 	lap("model_and_tracker");
+	make_reflection_map(*panorama, total);
+	lap("reflection_map_32");
 }
 
 } /* namespace */

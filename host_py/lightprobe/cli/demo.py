@@ -148,6 +148,7 @@ def command(
                 arguments.append(ports.publish())
                 print(f"demo: open {ports.url(simulator is not None)}", file=sys.stderr)
             if simulator is not None:
+                arguments.append("--reflection-map=32")  # nobody lives in that room
                 box_uri = f"mcu:serial:{folder / 'mcu'}"
                 arguments += [f"--rotator={box_uri}", f"--ring={box_uri}"]
                 arguments.append(f"--wheel-angles={_WHEEL_DEG:g}")
