@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from frames import Kind
+from lightprobe.reflection_map import ReflectionMap
 from lightprobe.sim.clock import SimulatedClock
 from lightprobe.sim.live import LiveClient
 from lightprobe.wire import Subscription
@@ -89,14 +90,14 @@ def _running(load: Load, **popen: Any) -> Iterator[Daemon]:
 
 @contextmanager
 def simulated(
-    load: Load, on_advance: Callable[[], None], **popen: Any
+    load: Load, on_advance: Callable[[], None], *more: str, **popen: Any
 ) -> Iterator[tuple[Daemon, Camera, SimulatedClock]]:
     """The daemon in simulated time, with a camera and a clock in the caller's hand."""
     with camera() as cam, tempfile.TemporaryDirectory(prefix="lp-") as folder:
         path = Path(folder) / "time"
         clock = SimulatedClock(path, on_advance)
         options = [f"--source=sim:{cam.path}", f"--camera={load.kind.camera}", "--brackets=0"]
-        options.append(f"--simulated-time={path}")
+        options += [f"--simulated-time={path}", *more]
         with Daemon(*options, variant="release", **popen) as daemon:
             clock.advance(clock.now_ns())  # it connects to the camera
             cam.accept()
@@ -142,6 +143,8 @@ def crowd(load: Load, subscribers: int) -> dict[str, float]:
 def allocations_per_frame(load: Load, folder: Path) -> float:
     """Calls that allocate, in the whole daemon, per estimate with ten subscribers.
 
+    Two of them get reflection maps, too.
+
     In simulated time: each frame is an estimate, sent to all, before the next one comes. Nobody
     asks for health reports, which read files of the operating system.
     """
@@ -157,9 +160,14 @@ def allocations_per_frame(load: Load, folder: Path) -> float:
     with (
         open(path, "r+b") as file,
         mmap.mmap(file.fileno(), 8) as counter,
-        simulated(load, read, env=environment) as (daemon, cam, clock),
+        simulated(load, read, "--reflection-map=32", env=environment) as (daemon, cam, clock),
     ):
-        clients += [LiveClient(daemon.socket, Subscription(health_period_ms=0)) for _ in range(10)]
+        for size, kind in [(0, "TOTAL")] * 8 + [(16, "TOTAL"), (32, "AMBIENT")]:
+            wish = Subscription(
+                health_period_ms=0, reflection_map_size=size, reflection_map_rate_hz=30,
+                reflection_map_kind=kind,
+            )  # fmt: skip
+            clients.append(LiveClient(daemon.socket, wish))
         pictures = itertools.cycle([path.read_bytes() for path in load.files])
         size = {"width": load.kind.width_px, "height": load.kind.height_px}
 
@@ -175,6 +183,7 @@ def allocations_per_frame(load: Load, folder: Path) -> float:
         send(3 * RATE_HZ)
         count = int.from_bytes(counter[:8], "little") - before
         assert len(clients[0].estimates) == seen + 3 * RATE_HZ
+        assert any(isinstance(one.message, ReflectionMap) for one in clients[-1].received)
         for client in clients:
             client.close()
         return count / (3 * RATE_HZ)
