@@ -59,6 +59,26 @@ test("addresses: of the messages, and of the page", () => {
   for (const wrong of ["", "probe", "ftp://x/", "tcp:127.0.0.1:7700"]) assert.throws(() => parseAddress(wrong), TypeError, wrong);
 });
 
+test("reflection maps of the newest subscription arrive, others are dropped", () => {
+  const { probe, socket } = open({ reflectionMap: { size: 16, kind: "AMBIENT" } }), seen: number[] = [];
+  const map = (sequence: number, subscription: number): void => socket().say({ case: "reflectionMap", value: create(pb.ReflectionMapSchema, {
+    sequence, subscription, kind: 1, size: 16, scale: 2, texels: new Uint8Array(24 * 256),
+  }) });
+  probe.on("reflectionMap", ({ sequence }) => seen.push(sequence));
+  socket().open();
+  socket().hello();
+  assert.deepEqual([socket().sent[0]!.reflectionMap?.size, socket().sent[0]!.reflectionMap?.kind], [16, 1]);
+  map(1, 0);
+  assert.deepEqual(seen, []);
+  map(2, 1);
+  probe.subscribe({ reflectionMap: undefined });
+  assert.equal(socket().sent[1]!.reflectionMap, undefined);
+  map(3, 1); // on its way when the subscription changed
+  assert.deepEqual(seen, [2]);
+  assert.equal(probe.reflectionMap?.sequence, 2);
+  probe.close();
+});
+
 test("subscribes, and gives the estimates that are its own", () => {
   const { probe, socket, sequences } = open({ maxLights: 8 }, "https://probe:1/#token=secret");
   assert.deepEqual(socket().protocols, ["lightprobe.v1", "token.secret"]);
