@@ -21,7 +21,7 @@
 #define RIDGE 1e-3
 #define SQRT_4_PI 3.5449077018110318
 
-typedef float v4 __attribute__((vector_size(16)));
+typedef float v4 __attribute__((vector_size(16), may_alias)); /* of planes of floats */
 typedef int32_t mask4 __attribute__((vector_size(16)));
 
 static v4 select4(mask4 which, v4 yes, v4 no)
