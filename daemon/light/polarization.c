@@ -212,7 +212,9 @@ static void normalise(const struct solution *x, struct lp_polarization *result)
 	const double s0 = x->s[0], q = x->s[1] / s0, u = x->s[2] / s0;
 	const double *p = x->covariance;
 	const double over = 1.0 / (s0 * s0);
-	const double least = (double)LEAST_SIGMA * LEAST_SIGMA;
+	/* No light is more than wholly polarized: what seems so was read of different light. */
+	const double beyond = fmax(hypot(q, u) - 1.0, 0.0);
+	const double least = (double)LEAST_SIGMA * LEAST_SIGMA + beyond * beyond;
 
 	result->q = (float)q;
 	result->u = (float)u;

@@ -236,6 +236,7 @@ static void test_no_more_than_wholly_polarized(void **state)
 
 	(void)state;
 	assert_true(p.dolp <= 1.0F);
+	assert_true(p.dolp_sigma > 0.15F && !p.known); /* it is of different light */
 	(void)lp_stokes_correct(&black, &none, 0.0F);
 	assert_false(lp_stokes_polarization(&black).known);
 }
