@@ -13,6 +13,7 @@
 #include "base/clock.h"
 #include "base/text.h"
 #include "include/packet.h"
+#include "include/polarization_grid.h"
 #include "include/publisher.h"
 #include "light/key.h"
 #include "light/model.h"
@@ -20,16 +21,31 @@
 
 #define PROTOCOL_MAJOR 1
 /* 1: estimates echo the number of their subscription. 2: Hello names the probe. 3: poses, pings,
- * WORLD and the probe's orientation; KEY and area lights. 4: reflection maps. */
+ * WORLD and the probe's orientation; KEY and area lights. 4: reflection maps; polarization maps,
+ * sweeps on request. */
 #define PROTOCOL_MINOR 4
 #define REFLECTION_RATE_HZ 5.0F /* of a client that does not say */
 #define REFLECTION_MOST_HZ 30.0F
 #define POSE_SIGMA_DEG 0.2F		   /* of a client that does not say */
 #define LEAST_SLEEP_NS (50 * LP_NS_PER_MS) /* less may be the reading of two clocks */
-#define LENGTH_PREFIX_BYTES 2		   /* of messages up to 16383 bytes */
+#define LENGTH_PREFIX_BYTES 3		   /* of messages up to 2 MiB */
+/* What FromProbe adds to the message in it: its tag and its length. */
+#define ENVELOPE_BYTES (1 + LENGTH_PREFIX_BYTES + LENGTH_PREFIX_BYTES)
 
-static_assert(lightprobe_v1_FromProbe_size + LENGTH_PREFIX_BYTES <= LP_PACKET_MAX_BYTES,
-	      "a packet holds the largest message");
+#define FITS(message)                                                                         \
+	static_assert(lightprobe_v1_##message##_size + ENVELOPE_BYTES <= LP_PACKET_MAX_BYTES, \
+		      "a packet holds the largest " #message)
+FITS(Hello);
+FITS(Estimate);
+FITS(Health);
+FITS(Error);
+FITS(Pong);
+FITS(SweepStarted);
+static_assert(lightprobe_v1_PolarizationMap_size + ENVELOPE_BYTES <= LP_PACKET_LARGE_BYTES,
+	      "a picture's packet holds the largest PolarizationMap");
+static_assert(sizeof(((struct lp_polarization_grid *)NULL)->cells) ==
+		      sizeof(((lightprobe_v1_PolarizationMap_cells_t *)NULL)->bytes),
+	      "as many cells as the wire holds");
 static_assert(lightprobe_v1_FromClient_size <= LP_REQUEST_MAX_BYTES,
 	      "a request may be as long as the largest message");
 
@@ -79,7 +95,7 @@ static_assert(LP_MAX_FAULTS * sizeof(lightprobe_v1_Fault) ==
 static void encode(const lightprobe_v1_FromProbe *message, enum lp_packet_kind kind,
 		   struct lp_packet *packet)
 {
-	pb_ostream_t stream = pb_ostream_from_buffer(packet->data, sizeof(packet->data));
+	pb_ostream_t stream = pb_ostream_from_buffer(packet->data, packet->capacity_bytes);
 	const bool done = pb_encode_delimited(&stream, lightprobe_v1_FromProbe_fields, message);
 
 	assert(done); /* every field is bounded, and the buffer holds them all */
@@ -286,6 +302,7 @@ void lp_encode_hello(const struct lp_hello *hello, struct lp_packet *packet)
 	wire->insecure_lan = hello->insecure_lan;
 	COPY_TEXT(wire->orientation, hello->orientation ? hello->orientation : "");
 	wire->max_reflection_map_size = (uint32_t)hello->max_reflection_size;
+	wire->polarization_map = hello->polarization_map;
 	encode(&message, LP_PACKET_CONTROL, packet);
 }
 
@@ -303,6 +320,7 @@ static void fill_wheel(lightprobe_v1_Wheel *wire, const struct lp_wheel_report *
 	wire->frames_unknown = wheel->frames_unknown;
 	wire->has_clock_sigma_us = known(state->clock_sigma_us, &wire->clock_sigma_us);
 	wire->reconnects = state->reconnects;
+	wire->sweeps = wheel->sweeps;
 }
 
 static void fill_ring(lightprobe_v1_Ring *wire, const struct lp_ring_report *ring)
@@ -340,6 +358,7 @@ void lp_encode_health(const struct lp_health_report *report, struct lp_packet *p
 	fill_wheel(&wire->wheel, &report->wheel);
 	wire->has_ring = report->has_ring;
 	fill_ring(&wire->ring, &report->ring);
+	wire->polarization_maps_sent = report->polarization_maps_sent;
 	wire->faults_count = (pb_size_t)report->fault_count;
 	for (int i = 0; i < report->fault_count; i++) {
 		COPY_TEXT(wire->faults[i].id, report->faults[i].id);
@@ -356,6 +375,37 @@ void lp_encode_pong(const struct lp_pong *pong, struct lp_packet *packet)
 	wire->ping_time_ns = pong->ping_time_ns;
 	wire->received_unix_ns = (uint64_t)lp_clock_unix_ns(pong->t_received_ns);
 	wire->sent_unix_ns = (uint64_t)lp_clock_unix_ns(pong->t_sent_ns);
+	encode(&message, LP_PACKET_CONTROL, packet);
+}
+
+void lp_encode_polarization(const struct lp_polarization_grid *grid, uint64_t sweeps,
+			    struct lp_packet *packet)
+{
+	lightprobe_v1_FromProbe message = {.which_message =
+						   lightprobe_v1_FromProbe_polarization_map_tag};
+	lightprobe_v1_PolarizationMap *wire = &message.message.polarization_map;
+
+	wire->capture_time_unix_ns = (uint64_t)lp_clock_unix_ns(grid->t_capture_ns);
+	wire->width = LP_POLARIZATION_WIDTH;
+	wire->height = LP_POLARIZATION_HEIGHT;
+	wire->s0_unit = grid->s0_unit;
+	wire->sweeps = sweeps;
+	wire->cells.size = sizeof(grid->cells);
+	for (size_t i = 0; i < sizeof(grid->cells) / 2; i++) {
+		const uint16_t half = grid->cells[i / 4][i % 4];
+
+		wire->cells.bytes[2 * i] = (uint8_t)half;
+		wire->cells.bytes[2 * i + 1] = (uint8_t)(half >> 8);
+	}
+	encode(&message, LP_PACKET_PICTURE, packet);
+}
+
+void lp_encode_sweep_started(uint64_t done_at, struct lp_packet *packet)
+{
+	lightprobe_v1_FromProbe message = {.which_message =
+						   lightprobe_v1_FromProbe_sweep_started_tag};
+
+	message.message.sweep_started.done_at = done_at;
 	encode(&message, LP_PACKET_CONTROL, packet);
 }
 
@@ -493,6 +543,12 @@ int lp_decode_request(const uint8_t *data, size_t size_bytes, struct lp_request 
 	case lightprobe_v1_FromClient_ping_tag:
 		request->kind = LP_REQUEST_PING;
 		return read_ping(&message.message.ping, &request->ping, reason);
+	case lightprobe_v1_FromClient_get_polarization_map_tag:
+		request->kind = LP_REQUEST_POLARIZATION_MAP;
+		return 0;
+	case lightprobe_v1_FromClient_start_sweep_tag:
+		request->kind = LP_REQUEST_SWEEP;
+		return 0;
 	default:
 		*reason = "is not known to this version";
 		return -EOPNOTSUPP;

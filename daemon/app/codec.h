@@ -14,6 +14,7 @@
 
 struct lp_health_report;
 struct lp_packet;
+struct lp_polarization_grid;
 
 /* A reflection map, as a client wants it. */
 struct lp_reflection_wish {
@@ -59,7 +60,13 @@ struct lp_client_ping {
 	int64_t pong_time_ns; /* when the answer to the ping before came */
 };
 
-enum lp_request_kind { LP_REQUEST_SUBSCRIBE, LP_REQUEST_POSE, LP_REQUEST_PING };
+enum lp_request_kind {
+	LP_REQUEST_SUBSCRIBE,
+	LP_REQUEST_POSE,
+	LP_REQUEST_PING,
+	LP_REQUEST_POLARIZATION_MAP,
+	LP_REQUEST_SWEEP,
+};
 
 /* What a client asks for or tells. */
 struct lp_request {
@@ -94,6 +101,7 @@ struct lp_hello {
 	bool insecure_lan;
 	const char *orientation; /* what tells it */
 	int max_reflection_size; /* 0: reflection maps are off */
+	bool polarization_map;	 /* clients may ask for it */
 };
 
 /* Of a reflection map, what the estimate and the stamp do not know. */
@@ -110,15 +118,18 @@ struct lp_reflection_header {
  */
 int lp_encode_estimate(const struct lp_light_estimate *estimate, const struct lp_variant *variant,
 		       const struct lp_stamp *stamp, struct lp_packet *packet);
-/* `texels`: of lp_cube_encode(). Into packet->large, which holds `most_bytes`: the texels and
- * LP_REFLECTION_HEADER_BYTES. (app/codec_reflection.c) */
+/* `texels`: of lp_cube_encode(). The packet has room for them and LP_REFLECTION_HEADER_BYTES.
+ * (app/codec_reflection.c) */
 void lp_encode_reflection_map(const struct lp_light_estimate *estimate,
 			      const struct lp_reflection_header *header, const uint8_t *texels,
-			      const struct lp_stamp *stamp, size_t most_bytes,
-			      struct lp_packet *packet);
+			      const struct lp_stamp *stamp, struct lp_packet *packet);
 void lp_encode_hello(const struct lp_hello *hello, struct lp_packet *packet);
 void lp_encode_health(const struct lp_health_report *report, struct lp_packet *packet);
 void lp_encode_pong(const struct lp_pong *pong, struct lp_packet *packet);
+/* `packet` has room for a picture. sweeps: as in the health report. */
+void lp_encode_polarization(const struct lp_polarization_grid *grid, uint64_t sweeps,
+			    struct lp_packet *packet);
+void lp_encode_sweep_started(uint64_t done_at, struct lp_packet *packet);
 void lp_encode_error(int code, const char *text, struct lp_packet *packet);
 
 /*

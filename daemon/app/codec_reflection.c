@@ -46,8 +46,7 @@ static void fill(lightprobe_v1_ReflectionMap *wire, const struct lp_light_estima
 
 void lp_encode_reflection_map(const struct lp_light_estimate *estimate,
 			      const struct lp_reflection_header *header, const uint8_t *texels,
-			      const struct lp_stamp *stamp, size_t most_bytes,
-			      struct lp_packet *packet)
+			      const struct lp_stamp *stamp, struct lp_packet *packet)
 {
 	struct bytes bytes = {texels, 4 * (size_t)LP_CUBE_TEXELS(header->size)};
 	lightprobe_v1_ReflectionMap wire = lightprobe_v1_ReflectionMap_init_zero;
@@ -59,7 +58,7 @@ void lp_encode_reflection_map(const struct lp_light_estimate *estimate,
 	wire.texels.arg = &bytes;
 	done = pb_encode_tag(&sizing, PB_WT_STRING, FROM_PROBE_REFLECTION_MAP) &&
 	       pb_encode_submessage(&sizing, lightprobe_v1_ReflectionMap_fields, &wire);
-	stream = pb_ostream_from_buffer(packet->large, most_bytes);
+	stream = pb_ostream_from_buffer(packet->data, packet->capacity_bytes);
 	done = done && pb_encode_varint(&stream, sizing.bytes_written) &&
 	       pb_encode_tag(&stream, PB_WT_STRING, FROM_PROBE_REFLECTION_MAP) &&
 	       pb_encode_submessage(&stream, lightprobe_v1_ReflectionMap_fields, &wire);

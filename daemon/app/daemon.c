@@ -172,6 +172,8 @@ static void publish(struct lp_daemon *daemon, struct lp_result *result)
 	result->estimates.smoothed.orientation = result->estimates.raw.orientation;
 	lp_ring_only_camera(&daemon->ring_only, &result->estimates.raw, lp_clock_ns());
 	lp_hub_publish(daemon->hub, &result->estimates, &result->demand);
+	if (result->has_polarization)
+		lp_hub_publish_polarization(daemon->hub, &result->polarization);
 	lp_governor_estimate(&daemon->governor, lp_clock_ns() - result->estimates.raw.t_arrival_ns);
 }
 
@@ -262,6 +264,13 @@ static void on_tick(struct lp_timer *timer)
 	feed_watchdog(daemon);
 	lp_log_flush(0);
 	continue_ending(daemon);
+}
+
+int lp_daemon_on_sweep(void *context, uint64_t *done_at, const char **reason)
+{
+	struct lp_daemon *daemon = context;
+
+	return lp_instruments_sweep(daemon->instruments, done_at, reason);
 }
 
 /* ---------------------------------------------------------------- orientation */

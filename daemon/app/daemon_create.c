@@ -62,7 +62,8 @@ static int create_hub(struct lp_daemon *daemon)
 			  .has_ring = *options->ring,
 			  .name = daemon->name,
 			  .orientation = lp_orientation_name((int)pipeline.orientation),
-			  .max_reflection_size = pipeline.reflection_size},
+			  .max_reflection_size = pipeline.reflection_size,
+			  .polarization_map = options->publish_polarization},
 		.initial = lp_default_subscription(),
 		.ttl_ms = (uint32_t)lrintf(options->ttl_ms),
 		.max_clients = options->max_clients,
@@ -72,6 +73,7 @@ static int create_hub(struct lp_daemon *daemon)
 		.context = daemon,
 		.pose = lp_daemon_on_pose,
 		.left = lp_daemon_on_client_left,
+		.sweep = lp_daemon_on_sweep,
 		.failed = lp_daemon_on_publisher_failed,
 	};
 
@@ -89,6 +91,22 @@ static int create_hub(struct lp_daemon *daemon)
 	}
 	daemon->health.report.preset = hub.hello.preset;
 	return lp_hub_create(&hub, &daemon->hub);
+}
+
+/* Pictures leave the box only where its owner says so, and then the log says it, too. */
+static int check_polarization(const struct lp_options *options)
+{
+	if (!options->publish_polarization)
+		return 0;
+	if (options->polarizer.mode != LP_POLARIZER_SWEEP) {
+		lp_error("lightprobed", "--publish-polarization",
+			 "only a film that is swept tells how light is polarized — add "
+			 "--polarizer=sweep");
+		return -EINVAL;
+	}
+	lp_warning("lightprobed", "--publish-polarization",
+		   "every client may ask for coarse pictures of the room");
+	return 0;
 }
 
 static int create_instruments(struct lp_daemon *daemon)
@@ -174,7 +192,9 @@ int lp_daemon_create_parts(struct lp_daemon *daemon)
 	lp_health_init(&daemon->health, lp_clock_ns());
 	lp_governor_init(&daemon->governor, &daemon->options->goals, daemon->options->preset,
 			 lp_clock_ns(), lp_clock_cpu_ns());
-	ret = lp_daemon_create_cameras(daemon);
+	ret = check_polarization(daemon->options);
+	if (ret == 0)
+		ret = lp_daemon_create_cameras(daemon);
 	if (ret == 0)
 		ret = create_instruments(daemon);
 	if (ret == 0)

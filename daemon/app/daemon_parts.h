@@ -50,12 +50,12 @@ struct lp_daemon {
 	struct lp_hub *hub;
 	struct lp_worker *worker;
 	struct lp_daemon_camera cameras[LP_MAX_CAMERAS];
-	int camera_count; /* 0: the ring alone */
 	struct lp_instruments *instruments;
 	struct lp_orientation_teller orientation;
 	struct lp_orientation *sensor; /* of orientation; NULL: none */
 	char name[64];		       /* of the probe */
 	struct lp_publisher *publishers[LP_MAX_PUBLISHERS];
+	int camera_count; /* 0: the ring alone */
 	int publisher_count;
 	struct lp_health health;
 	struct lp_ring_watch ring_watch;
@@ -66,12 +66,11 @@ struct lp_daemon {
 	uint64_t frames_lost;	    /* between the cameras and us */
 	uint64_t frames_corrupt;    /* while a source did not stream: the worker never saw them */
 	struct lp_result once_best; /* --once: the newest estimate of the set */
-	bool once_has_best;
-
-	int64_t watchdog_ns; /* 0: nobody watches */
-	int64_t fed_ns;	     /* the watchdog, last */
-	int64_t ending_ns;   /* since when; 0: running */
+	int64_t watchdog_ns;	    /* 0: nobody watches */
+	int64_t fed_ns;		    /* the watchdog, last */
+	int64_t ending_ns;	    /* since when; 0: running */
 	enum lp_exit exit_code;
+	bool once_has_best;
 };
 
 /* daemon_cameras.c: open every --source; and all of them end. */
@@ -91,6 +90,7 @@ void lp_daemon_on_ring(void *context, const struct lp_ring_sample *sample);
 void lp_daemon_on_publisher_failed(void *context, int failure);
 int lp_daemon_on_pose(void *context, const void *client,
 		      const struct lp_orientation_sample *sample);
+int lp_daemon_on_sweep(void *context, uint64_t *done_at, const char **reason);
 void lp_daemon_on_client_left(void *context, const void *client);
 void lp_daemon_on_orientation_sample(void *context, const struct lp_orientation_sample *sample);
 

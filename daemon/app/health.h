@@ -23,6 +23,7 @@ struct lp_fault {
 struct lp_wheel_report {
 	struct lp_wheel_state state;
 	uint64_t moves;
+	uint64_t sweeps; /* rounds of all angles that are over */
 	uint64_t frames_stamped, frames_moving, frames_unknown;
 };
 
@@ -42,6 +43,7 @@ struct lp_health_report {
 	uint32_t latency_p50_us, latency_p99_us; /* frame arrival to packet handed out */
 	uint32_t clients;
 	uint64_t packets_sent, packets_superseded, requests_rejected;
+	uint64_t polarization_maps_sent;
 	float cpu_percent; /* of one core */
 	uint32_t rss_kib;
 	const char *preset;

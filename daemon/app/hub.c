@@ -7,9 +7,7 @@
 #include <string.h>
 
 #include "app/health.h"
-#include "app/packets.h"
-#include "app/pose_sender.h"
-#include "app/reflection_maps.h"
+#include "app/hub_state.h"
 #include "app/surroundings.h"
 #include "base/clock.h"
 #include "base/log.h"
@@ -19,6 +17,8 @@
 
 /* A client may hold one packet half sent, the newest estimate, and a queue of control messages. */
 #define PACKETS_PER_CLIENT 12
+/* And of pictures one half sent, and the newest; one more is being made. */
+#define PICTURES_PER_CLIENT 2
 #define STALE_PERIOD_NS LP_NS_PER_S
 #define SHORTEST_HEALTH_PERIOD_MS 100
 /* A client that asks for more is thrown out: each request costs the loop a few microseconds, and
@@ -31,73 +31,37 @@
 #define MOST_POSES_PER_S 250
 #define FLOOD_PER_S 2000
 
-struct client {
-	struct lp_publisher *publisher;
-	struct lp_client *handle;
-	struct lp_subscription subscription;
-	int64_t due_ns;		   /* earliest next estimate */
-	int64_t reflection_due_ns; /* likewise, of reflection maps */
-	int64_t health_due_ns;
-	int64_t second_ns;    /* begin of the second in which requests are counted */
-	int requests, poses;  /* in that second */
-	bool pose_error_told; /* in that second */
-	bool poses_refused;   /* another client's are used: its world is not this one's */
-	struct lp_pose_sender sender;
-	bool unknown_told; /* that it asks for what this daemon does not know */
-	bool no_reflection_told;
-	bool subscribed; /* it has a new subscription, not answered yet */
-	int64_t answered_ns;
-	int index; /* in hub->clients */
-};
-
-struct lp_hub {
-	struct lp_hub_options options;
-	struct lp_packets *packets;
-	struct lp_reflection_maps *reflections; /* NULL: they are off */
-	struct lp_pool *client_pool;
-	struct client **clients; /* [client_count] */
-	int client_count;
-
-	bool has_last;
-	struct lp_estimates last;
-	struct lp_demand last_computed;
-	int64_t last_ns;  /* when it came */
-	int64_t stale_ns; /* when it was last repeated; 0: it is fresh */
-	uint32_t sequence;
-};
-
 /* ---------------------------------------------------------------- packets */
 
-static void send_packet(struct lp_hub *hub, struct client *client, struct lp_packet *packet)
+static void send_packet(struct lp_hub *hub, struct lp_hub_client *client, struct lp_packet *packet)
 {
 	hub->options.health->report.packets_sent++;
 	client->publisher->ops->send(client->publisher, client->handle, packet);
 }
 
-/* Send and drop `packet`, which may be NULL. */
-static void send_last(struct lp_hub *hub, struct client *client, struct lp_packet *packet)
+void lp_hub_send_last(struct lp_hub *hub, struct lp_hub_client *client, struct lp_packet *packet)
 {
 	if (packet)
 		send_packet(hub, client, packet);
 	lp_packet_drop(packet);
 }
 
-static void send_error(struct lp_hub *hub, struct client *client, int code, const char *text)
+static void send_error(struct lp_hub *hub, struct lp_hub_client *client, int code, const char *text)
 {
 	struct lp_packet *packet = lp_packets_take(hub->packets);
 
 	if (packet)
 		lp_encode_error(code, text, packet);
-	send_last(hub, client, packet);
+	lp_hub_send_last(hub, client, packet);
 }
 
-static void send_hello(struct lp_hub *hub, struct client *client)
+static void send_hello(struct lp_hub *hub, struct lp_hub_client *client)
 {
 	struct lp_packet *packet = lp_packets_take(hub->packets);
 
 	if (packet)
 		lp_encode_hello(&hub->options.hello, packet);
-	send_last(hub, client, packet);
+	lp_hub_send_last(hub, client, packet);
 }
 
 void lp_hub_preset(struct lp_hub *hub, const char *name)
@@ -114,7 +78,7 @@ void lp_hub_set_insecure(struct lp_hub *hub)
 
 /* ---------------------------------------------------------------- estimates */
 
-static struct lp_stamp stamp_of(const struct lp_hub *hub, const struct client *client)
+static struct lp_stamp stamp_of(const struct lp_hub *hub, const struct lp_hub_client *client)
 {
 	return (struct lp_stamp){.boot_id = hub->options.hello.boot_id,
 				 .ttl_ms = hub->options.ttl_ms,
@@ -122,7 +86,7 @@ static struct lp_stamp stamp_of(const struct lp_hub *hub, const struct client *c
 				 .t_send_ns = lp_clock_ns()};
 }
 
-static struct lp_subscription wanted_by(const struct client *client)
+static struct lp_subscription wanted_by(const struct lp_hub_client *client)
 {
 	struct lp_subscription wanted = client->subscription;
 
@@ -130,7 +94,7 @@ static struct lp_subscription wanted_by(const struct client *client)
 	return wanted;
 }
 
-static void send_estimate(struct lp_hub *hub, struct client *client)
+static void send_estimate(struct lp_hub *hub, struct lp_hub_client *client)
 {
 	const struct lp_stamp stamp = stamp_of(hub, client);
 	const struct lp_subscription wanted = wanted_by(client);
@@ -166,7 +130,7 @@ static bool take_turn(int64_t *due_ns, float rate_hz, int64_t now_ns)
 }
 
 /* A map goes only with the frame that it was made of. */
-static void send_reflection(struct lp_hub *hub, struct client *client,
+static void send_reflection(struct lp_hub *hub, struct lp_hub_client *client,
 			    const struct lp_surroundings *surroundings, int64_t now_ns)
 {
 	const struct lp_subscription wanted = wanted_by(client);
@@ -187,7 +151,7 @@ static void send_reflection(struct lp_hub *hub, struct client *client,
 
 /* Send the last estimate to a client that has subscribed anew; too soon after such an answer it
  * waits for the next tick. Its schedule begins here. */
-static void answer_subscription(struct lp_hub *hub, struct client *client, int64_t now_ns)
+static void answer_subscription(struct lp_hub *hub, struct lp_hub_client *client, int64_t now_ns)
 {
 	if (!client->subscribed ||
 	    (client->answered_ns && now_ns - client->answered_ns < ANSWER_PERIOD_NS))
@@ -207,7 +171,7 @@ static void send_to_all(struct lp_hub *hub, const struct lp_surroundings *surrou
 	const int64_t now_ns = lp_clock_ns();
 
 	for (int i = 0; i < hub->client_count; i++) {
-		struct client *client = hub->clients[i];
+		struct lp_hub_client *client = hub->clients[i];
 
 		if (take_turn(&client->due_ns, client->subscription.rate_hz, now_ns))
 			send_estimate(hub, client);
@@ -255,7 +219,7 @@ static void send_health(struct lp_hub *hub, int64_t now_ns)
 	struct lp_packet *packet = NULL;
 
 	for (int i = 0; i < hub->client_count; i++) {
-		struct client *client = hub->clients[i];
+		struct lp_hub_client *client = hub->clients[i];
 		const uint32_t period_ms = client->subscription.health_period_ms;
 
 		if (period_ms == 0 || now_ns < client->health_due_ns)
@@ -308,6 +272,7 @@ struct lp_demand lp_hub_demand(const struct lp_hub *hub)
 		demand.sh_order = hub->options.hello.max_sh_order;
 	if (demand.max_lights > hub->options.hello.max_lights)
 		demand.max_lights = hub->options.hello.max_lights;
+	demand.polarization_map = lp_hub_polarization_is_due(hub);
 	return demand;
 }
 
@@ -317,7 +282,7 @@ struct lp_demand lp_hub_demand(const struct lp_hub *hub)
 static int refuse(struct lp_hub *hub, struct lp_publisher *publisher, struct lp_client *handle,
 		  const char *reason)
 {
-	struct client passing = {.publisher = publisher, .handle = handle};
+	struct lp_hub_client passing = {.publisher = publisher, .handle = handle};
 	char text[200];
 
 	(void)snprintf(text, sizeof(text), "lightprobed: connect: %s", reason);
@@ -330,7 +295,7 @@ static int on_connected(void *context, struct lp_publisher *publisher, struct lp
 			const char *refusal, void **user)
 {
 	struct lp_hub *hub = context;
-	struct client *client;
+	struct lp_hub_client *client;
 	char full[80];
 
 	if (refusal)
@@ -341,10 +306,10 @@ static int on_connected(void *context, struct lp_publisher *publisher, struct lp
 			       hub->client_count);
 		return refuse(hub, publisher, handle, full);
 	}
-	*client = (struct client){.publisher = publisher,
-				  .handle = handle,
-				  .subscription = hub->options.initial,
-				  .index = hub->client_count};
+	*client = (struct lp_hub_client){.publisher = publisher,
+					 .handle = handle,
+					 .subscription = hub->options.initial,
+					 .index = hub->client_count};
 	hub->clients[hub->client_count++] = client;
 	hub->options.health->report.clients = (uint32_t)hub->client_count;
 	*user = client;
@@ -355,8 +320,8 @@ static int on_connected(void *context, struct lp_publisher *publisher, struct lp
 	return 0;
 }
 
-static void refuse_request(struct lp_hub *hub, struct client *client, int code, const char *what,
-			   const char *reason)
+void lp_hub_refuse_request(struct lp_hub *hub, struct lp_hub_client *client, int code,
+			   const char *what, const char *reason)
 {
 	char text[200];
 
@@ -365,7 +330,7 @@ static void refuse_request(struct lp_hub *hub, struct client *client, int code, 
 	send_error(hub, client, code, text);
 }
 
-static void begin_second(struct client *client)
+static void begin_second(struct lp_hub_client *client)
 {
 	const int64_t now_ns = lp_clock_ns();
 
@@ -377,16 +342,18 @@ static void begin_second(struct client *client)
 }
 
 /* Of more than one error in a second the first is told; the connection stays. */
-static void refuse_pose(struct lp_hub *hub, struct client *client, int code, const char *reason)
+static void refuse_pose(struct lp_hub *hub, struct lp_hub_client *client, int code,
+			const char *reason)
 {
 	hub->options.health->report.requests_rejected++;
 	if (!client->pose_error_told)
-		refuse_request(hub, client, code, "pose", reason);
+		lp_hub_refuse_request(hub, client, code, "pose", reason);
 	client->pose_error_told = true;
 }
 
 /* The pose as a sample on our clock, for who uses it. */
-static int use_pose(struct lp_hub *hub, struct client *client, const struct lp_client_pose *pose)
+static int use_pose(struct lp_hub *hub, struct lp_hub_client *client,
+		    const struct lp_client_pose *pose)
 {
 	struct lp_orientation_sample sample;
 	char fault[160];
@@ -400,7 +367,8 @@ static int use_pose(struct lp_hub *hub, struct client *client, const struct lp_c
 	return ret < 0 ? ret : hub->options.pose(hub->options.context, client, &sample);
 }
 
-static void take_pose(struct lp_hub *hub, struct client *client, const struct lp_client_pose *pose)
+static void take_pose(struct lp_hub *hub, struct lp_hub_client *client,
+		      const struct lp_client_pose *pose)
 {
 	const int ret = use_pose(hub, client, pose);
 
@@ -413,7 +381,7 @@ static void take_pose(struct lp_hub *hub, struct client *client, const struct lp
 		refuse_pose(hub, client, ret, lp_pose_refusal(ret));
 }
 
-static void answer_ping(struct lp_hub *hub, struct client *client,
+static void answer_ping(struct lp_hub *hub, struct lp_hub_client *client,
 			const struct lp_client_ping *ping)
 {
 	struct lp_packet *packet = lp_packets_take(hub->packets);
@@ -421,12 +389,13 @@ static void answer_ping(struct lp_hub *hub, struct client *client,
 
 	if (packet)
 		lp_encode_pong(&pong, packet);
-	send_last(hub, client, packet);
+	lp_hub_send_last(hub, client, packet);
 }
 
 /* Whether there are too many of this kind in this second: 0; 1: leave it out; -EDQUOT: it ends the
  * connection. Both are told. */
-static int count_request(struct lp_hub *hub, struct client *client, enum lp_request_kind kind)
+static int count_request(struct lp_hub *hub, struct lp_hub_client *client,
+			 enum lp_request_kind kind)
 {
 	const int most = kind == LP_REQUEST_POSE ? FLOOD_PER_S : MOST_REQUESTS_PER_S;
 	int *const count = kind == LP_REQUEST_POSE ? &client->poses : &client->requests;
@@ -434,11 +403,12 @@ static int count_request(struct lp_hub *hub, struct client *client, enum lp_requ
 	begin_second(client);
 	if (++*count > most) {
 		hub->options.health->report.requests_rejected++;
-		refuse_request(hub, client, -EDQUOT, "requests",
-			       kind == LP_REQUEST_POSE
-				       ? "more than 2000 poses in a second — send one per picture"
-				       : "more than 50 in a second — send a subscription only when "
-					 "it changes");
+		lp_hub_refuse_request(
+			hub, client, -EDQUOT, "requests",
+			kind == LP_REQUEST_POSE
+				? "more than 2000 poses in a second — send one per picture"
+				: "more than 50 in a second — send a subscription only when "
+				  "it changes");
 		return -EDQUOT;
 	}
 	if (kind == LP_REQUEST_POSE && *count > MOST_POSES_PER_S) {
@@ -451,23 +421,24 @@ static int count_request(struct lp_hub *hub, struct client *client, enum lp_requ
 }
 
 /* Reflection maps are off, or smaller than wished. */
-static void limit_reflection(struct lp_hub *hub, struct client *client)
+static void limit_reflection(struct lp_hub *hub, struct lp_hub_client *client)
 {
 	struct lp_reflection_wish *wish = &client->subscription.reflection;
 	const int most = hub->options.hello.max_reflection_size;
 
 	if (wish->size && !most && !client->no_reflection_told) {
 		hub->options.health->report.requests_rejected++;
-		refuse_request(hub, client, -EACCES, "reflection_map",
-			       "reflection maps are off, because they are pictures — start "
-			       "lightprobed with --reflection-map=32; everything else is sent");
+		lp_hub_refuse_request(
+			hub, client, -EACCES, "reflection_map",
+			"reflection maps are off, because they are pictures — start "
+			"lightprobed with --reflection-map=32; everything else is sent");
 		client->no_reflection_told = true;
 	}
 	if (wish->size > most)
 		wish->size = most;
 }
 
-static void subscribe(struct lp_hub *hub, struct client *client,
+static void subscribe(struct lp_hub *hub, struct lp_hub_client *client,
 		      const struct lp_subscription *subscription)
 {
 	client->subscription = *subscription;
@@ -479,7 +450,7 @@ static void subscribe(struct lp_hub *hub, struct client *client,
 }
 
 /* A request that cannot be read, or that makes no sense. */
-static int refuse_unread(struct lp_hub *hub, struct client *client, int code,
+static int refuse_unread(struct lp_hub *hub, struct lp_hub_client *client, int code,
 			 enum lp_request_kind kind, size_t size_bytes, const char *reason)
 {
 	char what[40];
@@ -491,7 +462,7 @@ static int refuse_unread(struct lp_hub *hub, struct client *client, int code,
 	hub->options.health->report.requests_rejected++;
 	(void)snprintf(what, sizeof(what), "request of %zu bytes", size_bytes);
 	if (code != -EOPNOTSUPP || !client->unknown_told)
-		refuse_request(hub, client, code, what, reason);
+		lp_hub_refuse_request(hub, client, code, what, reason);
 	client->unknown_told |= code == -EOPNOTSUPP;
 	return code == -EOPNOTSUPP ? 0 : code; /* a newer client may go on without it */
 }
@@ -499,7 +470,7 @@ static int refuse_unread(struct lp_hub *hub, struct client *client, int code,
 static int on_request(void *context, void *user, const uint8_t *data, size_t size_bytes)
 {
 	struct lp_hub *hub = context;
-	struct client *client = user;
+	struct lp_hub_client *client = user;
 	struct lp_request request;
 	const char *reason;
 	const int unread = lp_decode_request(data, size_bytes, &request, &reason);
@@ -518,6 +489,12 @@ static int on_request(void *context, void *user, const uint8_t *data, size_t siz
 		break;
 	case LP_REQUEST_SUBSCRIBE:
 		subscribe(hub, client, &request.subscription);
+		break;
+	case LP_REQUEST_POLARIZATION_MAP:
+		lp_hub_want_polarization(hub, client);
+		break;
+	case LP_REQUEST_SWEEP:
+		lp_hub_start_sweep(hub, client);
 		break;
 	}
 	return 0;
@@ -546,7 +523,7 @@ static void on_unreadable(void *context, void *user, const char *reason)
 static void on_disconnected(void *context, void *user)
 {
 	struct lp_hub *hub = context;
-	struct client *client = user;
+	struct lp_hub_client *client = user;
 
 	if (hub->options.left)
 		hub->options.left(hub->options.context, client);
@@ -599,9 +576,11 @@ int lp_hub_create(const struct lp_hub_options *options, struct lp_hub **hub)
 	if (!self)
 		return -ENOMEM;
 	self->options = *options;
-	self->clients = calloc((size_t)options->max_clients, sizeof(struct client *));
-	self->client_pool = lp_pool_create(sizeof(struct client), options->max_clients, NULL);
-	self->packets = lp_packets_create(options->max_clients * PACKETS_PER_CLIENT);
+	self->clients = calloc((size_t)options->max_clients, sizeof(struct lp_hub_client *));
+	self->client_pool =
+		lp_pool_create(sizeof(struct lp_hub_client), options->max_clients, NULL);
+	self->packets = lp_packets_create(options->max_clients * PACKETS_PER_CLIENT,
+					  options->max_clients * PICTURES_PER_CLIENT + 1);
 	if (options->hello.max_reflection_size)
 		self->reflections = lp_reflection_maps_create(options->hello.max_reflection_size,
 							      options->max_clients);

@@ -16,6 +16,7 @@
 struct lp_health;
 struct lp_hub;
 struct lp_orientation_sample;
+struct lp_polarization_grid;
 
 struct lp_hub_options {
 	struct lp_hello hello;
@@ -31,6 +32,8 @@ struct lp_hub_options {
 	 * And: it has left. NULL: poses are not used. */
 	int (*pose)(void *context, const void *client, const struct lp_orientation_sample *sample);
 	void (*left)(void *context, const void *client);
+	/* As lp_instruments_sweep(). NULL: there is no wheel. */
+	int (*sweep)(void *context, uint64_t *done_at, const char **reason);
 	/* A publisher cannot go on (publisher.h). */
 	void (*failed)(void *context, int failure);
 };
@@ -46,6 +49,9 @@ struct lp_publisher_host lp_hub_publisher_host(struct lp_hub *hub);
  */
 void lp_hub_publish(struct lp_hub *hub, const struct lp_estimates *estimates,
 		    const struct lp_demand *computed);
+
+/* A picture that lp_hub_demand() asked for: send it to all who wait for one. */
+void lp_hub_publish_polarization(struct lp_hub *hub, const struct lp_polarization_grid *grid);
 
 /* Health messages that are due, and the last estimate marked stale when frames stay away; call it
  * several times a second. */

@@ -30,6 +30,7 @@ struct lp_instruments {
 	struct lp_rotator *rotator; /* NULL: none */
 	struct lp_ring *ring;	    /* NULL: none */
 	struct lp_sweep sweep;
+	bool sweeps;	      /* --polarizer=sweep */
 	uint32_t newest_lamp; /* highest id so far */
 
 	bool ring_heard; /* the next two count */
@@ -181,6 +182,23 @@ void lp_instruments_see(struct lp_instruments *instruments,
 	}
 }
 
+int lp_instruments_sweep(struct lp_instruments *instruments, uint64_t *done_at, const char **reason)
+{
+	*reason = "this probe has no polarizer wheel — start lightprobed with --rotator=URI and "
+		  "--polarizer=sweep";
+	if (!instruments->rotator)
+		return -ENODEV;
+	*reason = "the polarizer stays where it is — start lightprobed with --polarizer=sweep";
+	if (!instruments->sweeps)
+		return -EOPNOTSUPP;
+	*reason = "the wheel is lost, or not ready yet — its fault in the health says more "
+		  "(lightprobe doctor)";
+	if (lp_sweep_lost(&instruments->sweep))
+		return -EIO;
+	*done_at = lp_sweep_request(&instruments->sweep);
+	return 0;
+}
+
 /* Where the wheel goes: what the polarizer needs, unless the user names several angles. */
 static struct lp_floats wheel_angles(const struct lp_options *options)
 {
@@ -210,6 +228,7 @@ static int open_rotator(struct lp_instruments *self, const struct lp_options *op
 	self->health->report.has_wheel = true;
 	const struct lp_floats angles = wheel_angles(options);
 
+	self->sweeps = options->polarizer.mode == LP_POLARIZER_SWEEP;
 	self->sweep = (struct lp_sweep){
 		.host = {.context = self, .frame = emit, .move = move, .look = look},
 		.report = report,

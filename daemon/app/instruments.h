@@ -39,6 +39,12 @@ void lp_instruments_tick(struct lp_instruments *instruments, int64_t now_ns);
 void lp_instruments_see(struct lp_instruments *instruments,
 			const struct lp_light_estimate *estimate);
 
+/* Go round the polarizer's angles now. 0: that is over when Health.wheel.sweeps has reached
+ * *done_at. -ENODEV, -EOPNOTSUPP, -EIO: it cannot; *reason (static) says why, next step included.
+ */
+int lp_instruments_sweep(struct lp_instruments *instruments, uint64_t *done_at,
+			 const char **reason);
+
 /* enum lp_estimate_flag: what is wrong with wheel and ring now. */
 uint32_t lp_instruments_flags(const struct lp_instruments *instruments);
 

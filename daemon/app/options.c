@@ -365,6 +365,10 @@ static const struct lp_param config_list[] = {
 	 .initial = "0", .max = 86400,
 	 .help = "seconds that the wheel rests after each sweep, unless a new lamp appears; 0: it\n"
 		 "sweeps on and on"},
+	{"publish-polarization", LP_PARAM_BOOL, offsetof(struct lp_options, publish_polarization),
+	 .initial = "0",
+	 .help = "let clients ask for pictures of how light is polarized, with cells of 3 degrees\n"
+		 "(lightprobe polarization); without it no picture leaves the probe"},
 	{"wheel-dwell-ms", LP_PARAM_FLOAT, offsetof(struct lp_options, wheel_dwell_ms),
 	 .initial = "500", .max = 3600000,
 	 .help = "how long the wheel stays at each of several angles"},

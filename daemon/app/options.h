@@ -72,7 +72,8 @@ struct lp_options {
 	int max_clients;
 	char name[64]; /* of the probe; "": the host's */
 	bool insecure_lan;
-	int log_level; /* enum lp_log_level */
+	bool publish_polarization; /* clients may ask for pictures of it */
+	int log_level;		   /* enum lp_log_level */
 	char config[1024];
 	char series[1024]; /* folder; empty: estimate */
 	struct lp_floats series_us;

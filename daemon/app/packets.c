@@ -21,6 +21,13 @@ struct packet {
 	struct lp_packet base;
 	struct lp_pool *pool;
 	uint32_t subscription; /* of an estimate: the number in it */
+	uint8_t data[LP_PACKET_MAX_BYTES];
+};
+
+struct picture {
+	struct lp_packet base;
+	struct lp_pool *pool;
+	uint8_t data[LP_PACKET_LARGE_BYTES];
 };
 
 /* What all clients with the same wishes are sent. */
@@ -38,7 +45,7 @@ struct kind {
 };
 
 struct lp_packets {
-	struct lp_pool *pool;
+	struct lp_pool *pool, *pictures;
 	/* Of the present estimate, with reflections and without; NULL: not yet. */
 	struct packet *raw[2][RAW_VARIANTS];
 	struct lp_light_estimate others; /* workspace: the raw estimate without reflections */
@@ -46,7 +53,7 @@ struct lp_packets {
 	uint64_t asked;
 };
 
-struct lp_packets *lp_packets_create(int most_held)
+struct lp_packets *lp_packets_create(int most_held, int most_pictures)
 {
 	struct lp_packets *self = calloc(1, sizeof(*self));
 
@@ -54,8 +61,9 @@ struct lp_packets *lp_packets_create(int most_held)
 		return NULL;
 	self->pool = lp_pool_create(sizeof(struct packet), most_held + 2 * RAW_VARIANTS + 8 * KINDS,
 				    NULL);
-	if (!self->pool) {
-		free(self);
+	self->pictures = lp_pool_create(sizeof(struct picture), most_pictures, NULL);
+	if (!self->pool || !self->pictures) {
+		lp_packets_destroy(self);
 		return NULL;
 	}
 	return self;
@@ -65,8 +73,10 @@ void lp_packets_destroy(struct lp_packets *packets)
 {
 	if (!packets)
 		return;
-	lp_packets_forget(packets);
+	if (packets->pool)
+		lp_packets_forget(packets);
 	lp_pool_destroy(packets->pool);
+	lp_pool_destroy(packets->pictures);
 	free(packets);
 }
 
@@ -87,8 +97,10 @@ static struct packet *take(struct lp_packets *packets)
 		return NULL;
 	}
 	packet->pool = packets->pool;
-	packet->base.references = 1;
-	packet->base.release = release_packet;
+	packet->base = (struct lp_packet){.references = 1,
+					  .release = release_packet,
+					  .data = packet->data,
+					  .capacity_bytes = sizeof(packet->data)};
 	return packet;
 }
 
@@ -97,6 +109,29 @@ struct lp_packet *lp_packets_take(struct lp_packets *packets)
 	struct packet *packet = take(packets);
 
 	return packet ? &packet->base : NULL;
+}
+
+static void release_picture(struct lp_packet *packet)
+{
+	struct picture *self = (struct picture *)packet;
+
+	lp_pool_give(self->pool, self);
+}
+
+struct lp_packet *lp_packets_take_picture(struct lp_packets *packets)
+{
+	struct picture *picture = lp_pool_take(packets->pictures);
+
+	if (!picture) {
+		lp_error("hub", "packet", "out of memory; a picture is lost");
+		return NULL;
+	}
+	picture->pool = packets->pictures;
+	picture->base = (struct lp_packet){.references = 1,
+					   .release = release_picture,
+					   .data = picture->data,
+					   .capacity_bytes = sizeof(picture->data)};
+	return &picture->base;
 }
 
 /* ---------------------------------------------------------------- estimates */

@@ -13,11 +13,15 @@
 struct lp_packet;
 struct lp_packets;
 
-/* Of so many that may be held at a time, besides those of one estimate. NULL: out of memory. */
-struct lp_packets *lp_packets_create(int most_held);
+/* Of so many that may be held at a time, besides those of one estimate, and of so many pictures,
+ * which take memory only once there are some. NULL: out of memory. */
+struct lp_packets *lp_packets_create(int most_held, int most_pictures);
 
 /* An empty one, with one reference. NULL: out of memory, logged. */
 struct lp_packet *lp_packets_take(struct lp_packets *packets);
+
+/* The same with room for a picture. */
+struct lp_packet *lp_packets_take_picture(struct lp_packets *packets);
 
 /*
  * What a client wants of the estimates, encoded now or before; `computed` says what they hold. The

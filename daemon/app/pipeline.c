@@ -309,3 +309,8 @@ int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
 	rest(pipeline);
 	return 0;
 }
+
+bool lp_pipeline_polarization(const struct lp_pipeline *pipeline, struct lp_polarization_grid *grid)
+{
+	return lp_imager_polarization_grid(pipeline->imager, grid);
+}

@@ -16,6 +16,7 @@
 
 struct lp_camera_file;
 struct lp_pipeline;
+struct lp_polarization_grid;
 struct lp_surroundings;
 
 #define LP_DECODE_BY_BLOCKS (-1)
@@ -71,7 +72,8 @@ struct lp_pipeline_options {
 struct lp_demand {
 	int sh_order;
 	int max_lights;
-	int reflection_size; /* texels along an edge of lp_surroundings; 0: none are wanted */
+	int reflection_size;   /* texels along an edge of lp_surroundings; 0: none are wanted */
+	bool polarization_map; /* somebody waits for one */
 };
 
 struct lp_estimates {
@@ -133,6 +135,11 @@ int lp_pipeline_step(struct lp_pipeline *pipeline, const struct lp_ring_sample *
 int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
 			const struct lp_demand *demand, struct lp_estimates *estimates,
 			float *command_us);
+
+/* How light is polarized, as of the frame processed last, as far as the angles of the film tell.
+ * False: there is no film. */
+bool lp_pipeline_polarization(const struct lp_pipeline *pipeline,
+			      struct lp_polarization_grid *grid);
 
 void lp_pipeline_destroy(struct lp_pipeline *pipeline); /* accepts NULL */
 

@@ -153,8 +153,8 @@ void lp_pipeline_turn_anchor(struct lp_pipeline *p, const struct lp_rotation *tu
 int lp_pipeline_set_preset(struct lp_pipeline *pipeline, enum lp_preset preset)
 {
 	const struct lp_preset_work effective = effective_preset(&pipeline->options, preset);
-	const struct stages old = {pipeline->imager, pipeline->detection, pipeline->projector,
-				   pipeline->scratch, pipeline->view, pipeline->surround};
+	const struct stages old = {pipeline->imager,  pipeline->detection, pipeline->projector,
+				   pipeline->scratch, pipeline->view,	   pipeline->surround};
 	struct stages stages;
 	int ret = create_stages(pipeline, &effective, &stages);
 
@@ -226,8 +226,7 @@ void lp_pipeline_destroy(struct lp_pipeline *pipeline)
 	if (!pipeline)
 		return;
 	destroy_stages(&(struct stages){pipeline->imager, pipeline->detection, pipeline->projector,
-					pipeline->scratch, pipeline->view,
-					pipeline->surround});
+					pipeline->scratch, pipeline->view, pipeline->surround});
 	lp_ring_stage_finish(&pipeline->ring);
 	for (int k = 0; k < pipeline->camera_count; k++)
 		lp_camera_destroy(pipeline->cameras[k].geometry);

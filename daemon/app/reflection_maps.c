@@ -230,11 +230,11 @@ static struct map *encode(struct lp_reflection_maps *maps, const struct lp_choic
 		return NULL;
 	}
 	map->pool = maps->pool;
-	map->base.references = 1;
-	map->base.release = release_map;
-	map->base.large = map->bytes;
-	lp_encode_reflection_map(choice->all, &header, maps->texels, stamp, maps->most_bytes,
-				 &map->base);
+	map->base = (struct lp_packet){.references = 1,
+				       .release = release_map,
+				       .data = map->bytes,
+				       .capacity_bytes = (uint32_t)maps->most_bytes};
+	lp_encode_reflection_map(choice->all, &header, maps->texels, stamp, &map->base);
 	return map;
 }
 

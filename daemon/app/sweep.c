@@ -141,8 +141,10 @@ static void go_on(struct lp_sweep *sweep, int64_t now_ns)
 		if (sweep->at == 0)
 			sweep->wanted = false;
 		sweep->at = (sweep->at + 1) % sweep->angle_count;
-		if (sweep->at == 0)
+		if (sweep->at == 0) {
 			sweep->t_rest_ns = now_ns;
+			sweep->report->sweeps++;
+		}
 		sweep->t_arrived_ns = 0;
 		sweep->host.move(sweep->host.context, sweep->angles_deg[sweep->at]);
 	}
@@ -151,6 +153,13 @@ static void go_on(struct lp_sweep *sweep, int64_t now_ns)
 void lp_sweep_want(struct lp_sweep *sweep)
 {
 	sweep->wanted = true;
+}
+
+uint64_t lp_sweep_request(struct lp_sweep *sweep)
+{
+	lp_sweep_want(sweep);
+	/* The round on its way has begun before. */
+	return sweep->report->sweeps + (sweep->at == 0 ? 1 : 2);
 }
 
 void lp_sweep_start(struct lp_sweep *sweep)

@@ -50,6 +50,9 @@ void lp_sweep_start(struct lp_sweep *sweep);
 void lp_sweep_state(struct lp_sweep *sweep, const struct lp_wheel_state *state, int64_t now_ns);
 /* Go round the angles now, even if it is time to rest. */
 void lp_sweep_want(struct lp_sweep *sweep);
+/* The same. A whole round that begins after now is over when report->sweeps has reached the result.
+ */
+uint64_t lp_sweep_request(struct lp_sweep *sweep);
 /* Takes over the reference to `frame`. */
 void lp_sweep_frame(struct lp_sweep *sweep, struct lp_frame *frame, int64_t now_ns);
 /* Several times a second. */

@@ -30,6 +30,7 @@ struct lp_worker {
 	pthread_t thread;
 	bool thread_runs;
 	atomic_int demand_sh_order, demand_max_lights, demand_reflection_size;
+	atomic_bool demand_polarization_map;
 	pthread_mutex_t control_lock;
 	struct lp_camera_control controls[LP_MAX_CAMERAS];
 	bool control_is_new[LP_MAX_CAMERAS];
@@ -74,7 +75,7 @@ static void take_ring(struct lp_worker *worker, const struct lp_frame *frame)
 /* What results of frames and of the ring have in common. */
 static void prepare(struct lp_worker *worker, struct lp_result *result)
 {
-	result->last_frame = result->preset_refused = false;
+	result->last_frame = result->preset_refused = result->has_polarization = false;
 	result->preset = lp_pipeline_preset(worker->pipeline);
 	result->camera = 0;
 	for (int k = 0; k < LP_MAX_CAMERAS; k++)
@@ -82,7 +83,9 @@ static void prepare(struct lp_worker *worker, struct lp_result *result)
 	result->demand =
 		(struct lp_demand){.sh_order = atomic_load(&worker->demand_sh_order),
 				   .max_lights = atomic_load(&worker->demand_max_lights),
-				   .reflection_size = atomic_load(&worker->demand_reflection_size)};
+				   .reflection_size = atomic_load(&worker->demand_reflection_size),
+				   .polarization_map =
+					   atomic_load(&worker->demand_polarization_map)};
 	result->estimates.surroundings = &result->surroundings;
 	result->surroundings.size = 0;
 }
@@ -107,6 +110,9 @@ static int process(struct lp_worker *worker, struct lp_frame *frame, struct lp_r
 		ret = lp_pipeline_process(worker->pipeline, frame, &result->demand,
 					  &result->estimates, &command_us);
 	}
+	if (ret == 0 && result->demand.polarization_map)
+		result->has_polarization =
+			lp_pipeline_polarization(worker->pipeline, &result->polarization);
 	if (!isnan(command_us))
 		result->commands_us[result->camera] = command_us;
 	if (ret < 0 && ret != -EAGAIN)
@@ -194,6 +200,7 @@ bool lp_worker_submit(struct lp_worker *worker, struct lp_frame *frame,
 	atomic_store(&worker->demand_sh_order, demand->sh_order);
 	atomic_store(&worker->demand_max_lights, demand->max_lights);
 	atomic_store(&worker->demand_reflection_size, demand->reflection_size);
+	atomic_store(&worker->demand_polarization_map, demand->polarization_map);
 	replaced = lp_mailbox_put(worker->inbox, frame);
 	lp_frame_release(replaced);
 	return !replaced;

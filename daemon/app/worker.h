@@ -12,6 +12,7 @@
 
 #include "app/pipeline.h"
 #include "app/surroundings.h"
+#include "include/polarization_grid.h"
 
 struct lp_worker;
 
@@ -26,6 +27,8 @@ struct lp_result {
 	struct lp_demand demand; /* what was computed */
 	struct lp_estimates estimates;
 	struct lp_surroundings surroundings; /* of the estimates */
+	bool has_polarization;		     /* it was demanded, and there is a film */
+	struct lp_polarization_grid polarization;
 };
 
 #define LP_ALL_FRAMES 64 /* more than any source has */

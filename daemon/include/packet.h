@@ -6,7 +6,8 @@
 #include <stdint.h>
 
 #define LP_PACKET_MAX_BYTES 2048
-#define LP_PACKET_LARGE_BYTES 100000 /* a reflection map of 64 texels: 96 KiB, and its header */
+#define LP_PACKET_LARGE_BYTES 100000 /* of the kind that is larger: a reflection map of 64 texels \
+				      */
 
 /* What a slow client may lose: a newer STATE replaces an older one still unsent, and a newer
  * PICTURE an older one; CONTROL is kept. */
@@ -22,14 +23,9 @@ struct lp_packet {
 	enum lp_packet_kind kind;
 	uint32_t size_bytes;
 	void (*release)(struct lp_packet *packet);
-	uint8_t *large; /* in place of `data`: of a message that is longer; NULL: it is in `data` */
-	uint8_t data[LP_PACKET_MAX_BYTES]; /* length prefix included: goes to the stream as it is */
+	uint8_t *data;		 /* length prefix included: goes to the stream as it is */
+	uint32_t capacity_bytes; /* of data, which lives as long as the packet */
 };
-
-static inline const uint8_t *lp_packet_bytes(const struct lp_packet *packet)
-{
-	return packet->large ? packet->large : packet->data;
-}
 
 static inline struct lp_packet *lp_packet_hold(struct lp_packet *packet)
 {

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "include/luminance.h"
+#include "include/polarization_grid.h"
 #include "light/lamps.h"
 #include "vision/imager_internal.h"
 #include "vision/stokes_map.h"
@@ -32,6 +33,15 @@ struct lp_polarization lp_imager_polarization(const struct lp_imager *imager,
 	return lp_stokes_map_of(imager->stokes, (const float(*)[4])imager->map->radiance,
 				lamp->background[LP_LUMINANCE], finder->cells + lamp->first,
 				lamp->count);
+}
+
+bool lp_imager_polarization_grid(const struct lp_imager *imager, struct lp_polarization_grid *grid)
+{
+	if (!imager->stokes)
+		return false;
+	grid->t_capture_ns = imager->panorama.t_capture_ns;
+	lp_stokes_map_picture(imager->stokes, lp_imager_rotation(imager), grid);
+	return true;
 }
 
 void lp_imager_see_through(struct lp_imager *imager, struct lp_observation *seen)

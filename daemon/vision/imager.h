@@ -28,6 +28,7 @@ struct lp_imager;
 struct lp_lamp;
 struct lp_lamp_finder;
 struct lp_panorama;
+struct lp_polarization_grid;
 struct lp_rotation;
 
 #define LP_MAX_BRACKET 8 /* exposure settings that are told apart */
@@ -150,6 +151,9 @@ const struct lp_film_view *lp_imager_film(const struct lp_imager *imager);
 struct lp_polarization lp_imager_polarization(const struct lp_imager *imager,
 					      const struct lp_lamp_finder *finder,
 					      const struct lp_lamp *lamp);
+
+/* How light is polarized, camera frame, as of the newest frame. False: there is no film. */
+bool lp_imager_polarization_grid(const struct lp_imager *imager, struct lp_polarization_grid *grid);
 
 /* Lamps say how the frame just loaded is turned (light/motion.h: lp_motion_correct_by_landmarks()).
  */

@@ -18,6 +18,7 @@ extern "C" {
 
 struct lp_grid;
 struct lp_observation;
+struct lp_polarization_grid;
 
 struct lp_stokes_map {
 	const struct lp_grid *grid; /* borrowed */
@@ -49,6 +50,11 @@ void lp_stokes_map_see_through(struct lp_stokes_map *map, const struct lp_film_v
  * that hold more than a fifth of it are not. radiance: of all cells, as the map holds it. */
 struct lp_polarization lp_stokes_map_of(const struct lp_stokes_map *map, const float (*radiance)[4],
 					float background, const int32_t *cells, int count);
+
+/* All that is known as a coarse picture in the frame from which `to_map` turns into that of the
+ * map. Fills all but t_capture_ns. */
+void lp_stokes_map_picture(const struct lp_stokes_map *map, const struct lp_rotation *to_map,
+			   struct lp_polarization_grid *picture);
 
 /* As lp_radiance_map_turn(). */
 void lp_stokes_map_turn(struct lp_stokes_map *map, const struct lp_rotation *rotation);

@@ -35,20 +35,31 @@ from numpy.typing import ArrayLike
 from lightprobe.address import Address
 from lightprobe.clock_offset import ClockOffset
 from lightprobe.errors import IncompatibleProbe, ProbeError, ProbeTimeout
-from lightprobe.estimate import Estimate, Health, Hello, Pong, Refusal
+from lightprobe.estimate import (
+    Estimate,
+    Health,
+    Hello,
+    PolarizationMap,
+    Pong,
+    Refusal,
+    SweepStarted,
+)
 from lightprobe.reflection_map import ReflectionMap
 from lightprobe.websocket import WebSocketStream
 from lightprobe.wire import (
     MINOR_WITH_NUMBERS,
     MINOR_WITH_PINGS,
+    MINOR_WITH_POLARIZATION,
     PROTOCOL_MAJOR,
     Decoder,
     Message,
     Subscription,
     WireError,
     decode,
+    encode_get_polarization_map,
     encode_ping,
     encode_pose,
+    encode_start_sweep,
     encode_subscription,
 )
 
@@ -134,6 +145,7 @@ class AsyncClient:
         self._probe_clock = ClockOffset()
         self._pong_time_ns: int | None = None  # when the last answer to a ping came
         self._final: ProbeError | None = None
+        self._answer: PolarizationMap | SweepStarted | None = None
         self._refusal: str | None = None  # of this connection
         self._writer: asyncio.StreamWriter | WebSocketStream | None = None
         self._news = asyncio.Condition()
@@ -269,6 +281,67 @@ class AsyncClient:
         self._writer.write(request)
         return True
 
+    async def polarization(self, timeout_s: float = 10.0) -> PolarizationMap:
+        """Ask for a coarse picture of how the light is polarized, and wait for it.
+
+        Raises :class:`ProbeError` with the probe's words where it gives none (the daemon needs
+        --publish-polarization), :class:`ProbeTimeout`. One such request at a time.
+        """
+        return await self._ask(encode_get_polarization_map(), PolarizationMap, timeout_s)
+
+    async def sweep(self, timeout_s: float = 60.0) -> int:
+        """Have the polarizer visit all its angles, and wait until it has; gives Wheel.sweeps.
+
+        Raises :class:`ProbeError` with the probe's words where it cannot (no wheel, fixed angle),
+        :class:`ProbeTimeout`. The subscription must ask for health.
+        """
+        if not self._subscription.health_period_ms:
+            raise ProbeError(f"{self.uri}: sweep: only health tells its end: health_period_ms > 0")
+        deadline_s = time.monotonic() + timeout_s
+        started = await self._ask(encode_start_sweep(), SweepStarted, timeout_s)
+        over = await self._until(lambda: self._sweeps() >= started.done_at, deadline_s)
+        if not over:
+            raise ProbeTimeout(
+                f"{self.uri}: sweep: not over after {timeout_s:g} s: does the wheel turn? "
+                "(lightprobe doctor)"
+            )
+        return self._sweeps()
+
+    def _sweeps(self) -> int:
+        return self.health.wheel.sweeps if self.health and self.health.wheel else 0
+
+    async def _until(self, condition: Callable[[], bool], deadline_s: float) -> bool:
+        """Wait for news until a condition holds; False when it does not in time."""
+        if self._task is None:
+            raise self._not_running()
+        with suppress(TimeoutError):
+            async with asyncio.timeout(max(0.0, deadline_s - time.monotonic())), self._news:
+                await self._news.wait_for(lambda: self._final or condition())
+        if self._final:
+            raise self._final
+        return condition()
+
+    async def _ask(self, request: bytes, kind: type[T], timeout_s: float) -> T:
+        """Send a request and wait for its answer."""
+        deadline_s = time.monotonic() + timeout_s
+        if not await self._until(lambda: self.connected, deadline_s) or self._writer is None:
+            raise ProbeTimeout(f"{self._why_nothing()} (waited {timeout_s:g} s)")
+        if self.hello is None or self.hello.protocol_minor < MINOR_WITH_POLARIZATION:
+            raise ProbeError(
+                f"{self.uri}: request: this probe is older than protocol "
+                f"1.{MINOR_WITH_POLARIZATION}: install a newer lightprobed"
+            )
+        self._answer = self._refusal = None
+        self._writer.write(request)
+        await self._until(
+            lambda: isinstance(self._answer, kind) or self._refusal is not None, deadline_s
+        )
+        if self._refusal is not None:
+            raise ProbeError(self._refusal)
+        if not isinstance(self._answer, kind):
+            raise ProbeTimeout(f"{self._why_nothing()} (waited {timeout_s:g} s for an answer)")
+        return self._answer
+
     @property
     def clock_sigma_s(self) -> float:
         """1 sigma of how far the probe's clock is off ours; infinite before the first ping."""
@@ -360,6 +433,7 @@ class AsyncClient:
         elif isinstance(message, Refusal):  # comes in place of a Hello when the probe is full
             self.statistics.refusals += 1
             self._refusal = self.last_error = f"{self.uri}: request: {message.text}"
+            await self._announce()
         elif not self.connected:
             raise WireError("the first message is not a Hello")
         elif isinstance(message, Estimate):
@@ -369,6 +443,10 @@ class AsyncClient:
                 self._reflection_map = message
         elif isinstance(message, Health):
             self.health = message
+            await self._announce()
+        elif isinstance(message, PolarizationMap | SweepStarted):
+            self._answer = message
+            await self._announce()
         elif isinstance(message, Pong):
             self._pong_time_ns = time.monotonic_ns()
             self._probe_clock.was_there(message.ping_time_ns, message.received_unix_ns)
@@ -557,6 +635,14 @@ class Client:
     def subscribe(self, subscription: Subscription) -> None:
         """Ask for something else; see :meth:`AsyncClient.subscribe`."""
         self._call(self._async.subscribe(subscription))
+
+    def polarization(self, timeout_s: float = 10.0) -> PolarizationMap:
+        """Ask for a coarse picture of polarized light; see :meth:`AsyncClient.polarization`."""
+        return self._call(self._async.polarization(timeout_s))
+
+    def sweep(self, timeout_s: float = 60.0) -> int:
+        """Have the polarizer visit all its angles; see :meth:`AsyncClient.sweep`."""
+        return self._call(self._async.sweep(timeout_s))
 
     def send_pose(
         self, orientation: ArrayLike, time_ns: int | None = None, sigma_deg: float | None = None

@@ -280,6 +280,7 @@ class Hello:
     insecure_lan: bool = False  # anyone on the network can read it, unencrypted
     orientation: str = ""  # what tells it: none, visual, sim, client, sensor; "": older than 1.3
     max_reflection_map_size: int = 0  # 0: it sends no reflection maps
+    polarization_map: bool = False  # any client may ask for one, which is a coarse picture
 
 
 @dataclass(frozen=True)
@@ -304,6 +305,7 @@ class Wheel:
     frames_unknown: int  # used without an angle
     clock_sigma_us: float | None  # of the microcontroller's clock on the probe's
     reconnects: int
+    sweeps: int = 0  # rounds of all angles of the polarizer that are over
 
 
 @dataclass(frozen=True)
@@ -340,6 +342,7 @@ class Health:
     faults: tuple[Fault, ...]
     wheel: Wheel | None = None  # None: no wheel
     ring: Ring | None = None  # None: no ring
+    polarization_maps_sent: int = 0  # pictures that have left the probe
 
 
 @dataclass(frozen=True)
@@ -349,6 +352,29 @@ class Pong:
     ping_time_ns: int  # of our clock
     received_unix_ns: int  # of the probe's
     sent_unix_ns: int
+
+
+@dataclass(frozen=True, eq=False)
+class PolarizationMap:
+    """How the light is polarized: a coarse equirectangular picture, probe frame, row 0 up.
+
+    Cell (r, c) of H rows and W columns looks along d = (sin t sin l, cos t, −sin t cos l),
+    t = π (r + ½) / H, l = 2π ((c + ½) / W − ½). All arrays (H, W), of luminance; NaN: not known.
+    """
+
+    capture_time_unix_ns: int  # of the newest frame in it
+    s0: Array  # radiance without the film
+    q: Array  # S1 / S0 in the frame of each direction: x = d × up, y = x × d
+    u: Array  # S2 / S0
+    sigma: Array  # 1 sigma of q and u
+    sweeps: int  # Wheel.sweeps at that time
+
+
+@dataclass(frozen=True)
+class SweepStarted:
+    """The polarizer visits all its angles."""
+
+    done_at: int  # it is over when Wheel.sweeps has reached this
 
 
 @dataclass(frozen=True)

@@ -27,10 +27,12 @@ from lightprobe.estimate import (
     Kind,
     Light,
     LightFlag,
+    PolarizationMap,
     Pong,
     Refusal,
     Ring,
     SphericalHarmonics,
+    SweepStarted,
     Wheel,
 )
 from lightprobe.geometry import Array
@@ -41,10 +43,15 @@ PROTOCOL_MAJOR = 1
 MINOR_WITH_NUMBERS = 1
 #: From this one on, it answers pings and takes poses.
 MINOR_WITH_PINGS = 3
-#: A reflection map of 64 texels has 96 KiB, all else less than 2 KiB; the rest is room to grow.
+#: From this one on, it answers requests for polarization maps and sweeps.
+MINOR_WITH_POLARIZATION = 4
+#: A reflection map of 64 texels has 96 KiB, a polarization map 57, all else less than 2; the rest is
+#: room to grow.
 MAX_MESSAGE_BYTES = 128 * 1024
 
-Message = Hello | Estimate | Health | Refusal | Pong | ReflectionMap
+Message = (
+    Hello | Estimate | Health | Refusal | Pong | ReflectionMap | PolarizationMap | SweepStarted
+)
 
 
 class WireError(Exception):
@@ -186,6 +193,20 @@ def encode_ping(time_ns: int, pong_time_ns: int | None = None) -> bytes:
     return delimit(message.SerializeToString())
 
 
+def encode_get_polarization_map() -> bytes:
+    """Delimited FromClient message: one PolarizationMap is wanted."""
+    message = pb.FromClient()
+    message.get_polarization_map.SetInParent()
+    return delimit(message.SerializeToString())
+
+
+def encode_start_sweep() -> bytes:
+    """Delimited FromClient message: the polarizer is to visit all its angles now."""
+    message = pb.FromClient()
+    message.start_sweep.SetInParent()
+    return delimit(message.SerializeToString())
+
+
 class Decoder:
     """Bytes in, messages out, in whatever pieces they arrive."""
 
@@ -244,6 +265,10 @@ def decode(payload: bytes) -> Message | None:
         return Pong(pong.ping_time_ns, pong.received_unix_ns, pong.sent_unix_ns)
     if kind == "reflection_map":
         return _reflection_map(message.reflection_map)
+    if kind == "polarization_map":
+        return _polarization_map(message.polarization_map)
+    if kind == "sweep_started":
+        return SweepStarted(message.sweep_started.done_at)
     if kind == "error":
         return Refusal(message.error.code, message.error.text)
     return None
@@ -284,7 +309,21 @@ def _wheel(m: pb.Wheel) -> Wheel:
         frames_unknown=m.frames_unknown,
         clock_sigma_us=known("clock_sigma_us"),
         reconnects=m.reconnects,
+        sweeps=m.sweeps,
     )
+
+
+def _polarization_map(m: pb.PolarizationMap) -> PolarizationMap:
+    if len(m.cells) != 8 * m.width * m.height or not 0 < m.s0_unit < np.inf:
+        raise WireError(
+            f"polarization map of {m.width}×{m.height} cells: {len(m.cells)} bytes, unit "
+            f"{m.s0_unit}: expected 8 bytes for each cell, and a positive unit"
+        )
+    cells = np.frombuffer(m.cells, "<f2").reshape(m.height, m.width, 4).astype(np.float64)
+    if np.isinf(cells).any() or (cells[..., 0] < 0).any():
+        raise WireError("polarization map: infinite numbers, or negative light")
+    s0, q, u, sigma = np.moveaxis(cells, -1, 0)
+    return PolarizationMap(m.capture_time_unix_ns, m.s0_unit * s0, q, u, sigma, m.sweeps)
 
 
 def _ring(m: pb.Ring) -> Ring:

@@ -65,7 +65,7 @@ class Daemon:
         self.socket = self.folder / "probe"
         self.variant = variant
         self.arguments = list(arguments)
-        if not any(argument.startswith(("--publish", "--once")) for argument in arguments):
+        if not any(argument.startswith(("--publish=", "--once")) for argument in arguments):
             self.arguments.append(f"--publish=unix:{self.socket}?mode=666&per_peer=4096")
         self.popen = popen
         self.log_path = self.folder / "log"

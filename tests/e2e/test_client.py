@@ -16,6 +16,7 @@ from lightprobe.wire import Subscription, SubscriptionError
 from lightprobe_proto import lightprobe_pb2 as pb
 
 LONG_S = 30
+_SH = pb.SphericalHarmonics(kind=1, order=0, coefficients=[1, 1, 1])
 
 
 def hello(major=1, minor=0):
@@ -90,6 +91,84 @@ def serve(*messages, hold=True):
             probe.hold(connection)
 
     return script
+
+
+def polarized(*, refuse=None, sweeps=0):
+    """Script: answer requests for maps and sweeps, or refuse them with a text."""
+    cells = np.array([[[2, 0.3, -0.4, 0.01], [np.nan] * 4]], "<f2")
+    grid = pb.PolarizationMap(width=2, height=1, s0_unit=0.5, cells=cells.tobytes(), sweeps=sweeps)
+
+    def answers(request):
+        kind = request.WhichOneof("message")
+        if kind == "subscribe":
+            return [pb.FromProbe(estimate=pb.Estimate(subscription=1, sh=_SH))]
+        if kind == "ping":
+            return []
+        if refuse:
+            return [pb.FromProbe(error=pb.Error(code=-1, text=refuse))]
+        if kind == "get_polarization_map":
+            return [pb.FromProbe(polarization_map=grid)]
+        done = pb.Health(wheel=pb.Wheel(phase=3, sweeps=sweeps))
+        started = pb.SweepStarted(done_at=sweeps)
+        return [pb.FromProbe(sweep_started=started), pb.FromProbe(health=done)]
+
+    def script(probe, connection):
+        connection.sendall(hello(minor=4))
+        connection.settimeout(0.05)
+        data = b""
+        while not probe.ended.is_set():
+            with contextlib.suppress(TimeoutError):
+                got = connection.recv(4096)
+                if not got:
+                    return
+                data += got
+            while data and len(data) > data[0]:  # requests are short
+                request, data = pb.FromClient.FromString(data[1 : 1 + data[0]]), data[1 + data[0] :]
+                for answer in answers(request):
+                    connection.sendall(wire.delimit(answer.SerializeToString()))
+
+    return script
+
+
+def test_maps_of_polarized_light_and_sweeps_on_request():
+    with Probe(polarized(sweeps=7)) as probe, Client(probe.uri) as client:
+        assert client.sweep(LONG_S) == 7
+        found = client.polarization(LONG_S)
+        assert found.sweeps == 7
+        np.testing.assert_allclose(found.s0, [[1, np.nan]])
+        np.testing.assert_allclose([found.q[0, 0], found.u[0, 0]], [0.3, -0.4], atol=1e-3)
+
+
+def test_what_the_probe_refuses_is_said():
+    with Probe(polarized(refuse="start it with --so")) as probe, Client(probe.uri) as client:
+        with pytest.raises(ProbeError, match="start it with --so"):
+            client.polarization(LONG_S)
+        with pytest.raises(ProbeError, match="start it with --so"):
+            client.sweep(LONG_S)
+        assert client.receive(LONG_S)
+
+
+def test_a_probe_that_knows_no_maps_and_one_that_does_not_answer():
+    with (
+        Probe(serve(hello(minor=3))) as probe,
+        Client(probe.uri) as client,
+        pytest.raises(ProbeError, match=r"older than protocol 1\.4"),
+    ):
+        client.polarization(LONG_S)
+    with (
+        Probe(serve(hello(minor=4))) as probe,
+        Client(probe.uri) as client,
+        pytest.raises(ProbeTimeout, match="for an answer"),
+    ):
+        client.polarization(0.5)
+
+
+@pytest.mark.parametrize("fault", [{"width": 3}, {"s0_unit": 0.0}, {"cells": b"\x00\x7c" * 8}])
+def test_maps_that_cannot_be_are_refused(fault):
+    good = {"width": 2, "height": 1, "s0_unit": 1.0, "cells": bytes(16)}
+    wire.decode(pb.FromProbe(polarization_map=good).SerializeToString())
+    with pytest.raises(wire.WireError, match="polarization map"):
+        wire.decode(pb.FromProbe(polarization_map=good | fault).SerializeToString())
 
 
 def test_estimates_come_with_hello_and_health():

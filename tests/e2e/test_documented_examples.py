@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from lightprobe import wire
 from lightprobe_proto import lightprobe_pb2 as pb
-from test_client import Probe, estimate, hello, serve
+from test_client import Probe, estimate, hello, polarized, serve
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCUMENTS = (
@@ -47,8 +47,8 @@ def test_examples_run_as_printed(code, monkeypatch):
         raise Enough
 
     monkeypatch.setitem(sys.modules, "lightprobe_pb2", pb)  # as protoc would have made it
-    messages = [hello(minor=3), estimate(1), lit(2)]
-    with Probe(serve(*messages)) as probe:
+    script = polarized() if "sweep()" in code else serve(hello(minor=3), estimate(1), lit(2))
+    with Probe(script) as probe:
         host, _, port = probe.uri.removeprefix("tcp:").rpartition(":")
         if ADDRESS in code:
             code = code.replace(ADDRESS, f"{host}:{port}")

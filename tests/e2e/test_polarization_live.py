@@ -9,8 +9,17 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from harness import run
 from lightprobe import geometry
-from lightprobe.estimate import Estimate, EstimateFlag, LightFlag
+from lightprobe.colour import luminance
+from lightprobe.estimate import (
+    Estimate,
+    EstimateFlag,
+    LightFlag,
+    PolarizationMap,
+    Refusal,
+    SweepStarted,
+)
 from lightprobe.imaging import camera as lenses
 from lightprobe.imaging.film import Sheet
 from lightprobe.sim.camera import SimulatedCamera
@@ -19,7 +28,7 @@ from lightprobe.sim.live_box import LiveBox
 from lightprobe.sim.polarized import PolishedFloor
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.world import Behaviour, World
-from lightprobe.wire import Subscription
+from lightprobe.wire import Subscription, encode_get_polarization_map, encode_start_sweep
 
 SIZE_PX, RATE_HZ = (960, 480), 10.0
 #: The wheel has homed and gone round its angles.
@@ -140,3 +149,92 @@ def test_the_offset_of_the_camera_file_mends_it(tmp_path) -> None:
     assert called(client.estimates[-1]) == (0, called(client.estimates[-1])[1])
     assert called(client.estimates[-1])[1] >= 2
     assert np.all(np.isfinite(client.estimates[-1].total().coefficients))
+
+
+def true_polarization(yaw_deg: float, like: PolarizationMap) -> tuple[np.ndarray, np.ndarray]:
+    """(S1, S2) / S0 of the room (2, H, W), camera frame, and the range of S0 within each cell."""
+    height, width = like.s0.shape
+    layers, powers = ROOM.render(8 * width, 8 * height), np.ones(len(ROOM.lamps))
+    s012 = np.stack([layers.compose(powers), *layers.compose_polarized(powers)])
+    light = np.roll(luminance(s012), round(yaw_deg / 360 * 8 * width), axis=-1)
+    cells = light.reshape(3, height, 8, width, 8)
+    mean = cells.mean(axis=(2, 4))
+    return mean[1:] / mean[0], cells[0].max(axis=(1, 3)) / cells[0].min(axis=(1, 3))
+
+
+@pytest.mark.parametrize("turn_deg_s", [0.0, 30.0])
+def test_a_map_of_polarized_light_is_that_of_the_room(turn_deg_s: float) -> None:
+    """Coarse picture on request, as the camera sees it while it turns."""
+    behaviour = Behaviour(act_s=0, turn_deg_s=turn_deg_s)
+    world = World([ROOM], behaviour, 30.0)
+    camera = SimulatedCamera(
+        world, lenses.load("equirect"), SIZE_PX, rate_hz=RATE_HZ, sheet=Sheet()
+    )
+    with (
+        LiveBox() as box,
+        LiveProbe(camera, (*box.arguments, "--publish-polarization"), box=box) as probe,
+    ):
+        client = probe.client(Subscription())
+        probe.run(SWEPT_S + 4.0)
+        assert not [one for one in client.received if isinstance(one.message, PolarizationMap)]
+        client.send(encode_get_polarization_map())
+        probe.run(1.0)
+        maps = [one.message for one in client.received if isinstance(one.message, PolarizationMap)]
+        assert len(maps) == 1
+        found = maps[0]
+        assert isinstance(found, PolarizationMap)
+        captured_s = (found.capture_time_unix_ns - client.estimates[-1].capture_time_unix_ns) / 1e9
+        captured_s += probe.captured_s(client.estimates[-1])
+        yaw_deg = camera.true_yaw_deg(world.at(captured_s))
+    assert found.sweeps >= 1
+    truth, contrast = true_polarization(yaw_deg, found)
+    # where something is known, and no lamp or its image begins within the cell
+    plain = (found.sigma < 0.03) & (contrast < 1.5)
+    error = np.hypot(found.q - truth[0], found.u - truth[1])[plain]
+    assert plain.sum() > 4000
+    assert np.sqrt(np.mean(error**2)) < 0.02
+    assert error.max() < 0.1
+    mirrored = plain & (np.hypot(*truth) > 0.1)  # the floor near Brewster's angle: horizontal
+    aolp_deg = np.degrees(np.arctan2(found.u, found.q))[mirrored] / 2
+    assert mirrored.sum() > 500
+    assert np.sqrt(np.mean(aolp_deg**2)) < 3.0
+    if not turn_deg_s:
+        assert np.isfinite(found.s0).mean() == pytest.approx(0.61, abs=0.02)  # not edge-on
+
+
+def test_a_sweep_on_request_ends_the_rest() -> None:
+    with swept(Behaviour(act_s=0), "host", None, "--polarizer-rest=3600") as (_, probe, client):
+        probe.run(SWEPT_S + 4.0)
+        client.send(encode_start_sweep())
+        probe.run(0.5)
+        started = [one.message for one in client.received if isinstance(one.message, SweepStarted)]
+        assert len(started) == 1
+        assert isinstance(started[0], SweepStarted)
+        assert client.health is not None
+        assert client.health.wheel is not None
+        assert client.health.wheel.sweeps == started[0].done_at - 1
+        probe.run(SWEPT_S)
+        assert client.health.wheel.sweeps == started[0].done_at
+        client.send(encode_get_polarization_map())
+        probe.run(0.5)
+        refusals = [one.message for one in client.received if isinstance(one.message, Refusal)]
+        assert len(refusals) == 1
+        assert "--publish-polarization" in str(refusals[0])
+
+
+def test_a_sweep_is_refused_where_the_polarizer_stays() -> None:
+    with swept(Behaviour(act_s=0), "host", None, "--polarizer=fixed:45") as (_, probe, client):
+        probe.run(2.0)
+        client.send(encode_start_sweep())
+        probe.run(0.5)
+        refusals = [one.message for one in client.received if isinstance(one.message, Refusal)]
+        assert len(refusals) == 1
+        assert "start lightprobed with --polarizer=sweep" in str(refusals[0])
+
+
+def test_pictures_need_a_film_that_is_swept() -> None:
+    status, _, log = run(
+        "--source=file:nothing.pfm", "--publish-polarization", "--polarizer=films"
+    )  # fmt: skip
+    assert status == 2
+    assert "add --polarizer=sweep" in log

@@ -376,3 +376,40 @@ def test_a_sweep_tells_reflections_from_lamps(tmp_path: Path, turn_deg_s: str) -
     assert all(one.dolp is None or one.dolp < 0.2 for one in lamps[:3])
     ratio = lamps[1].irradiance[1] / lamps[0].irradiance[1]
     assert ratio == pytest.approx(strongest[1] / strongest[0], rel=0.15)
+
+
+def test_a_running_probe_shows_how_its_light_is_polarized(tmp_path: Path) -> None:
+    """The whole way of `lightprobe polarization`: a sweep on request, then a coarse picture."""
+    options = ("--scenes", "polished:room", "--size", "480x240")
+    with (
+        simulator(tmp_path, *options),
+        Daemon(
+            f"--source=sim:{tmp_path / 'camera'}", f"--rotator=mcu:serial:{tmp_path / 'mcu'}",
+            "--polarizer=sweep", "--publish-polarization", variant="release",
+        ) as daemon,
+    ):  # fmt: skip
+        with Client(f"unix:{daemon.socket}") as client:
+            assert client.wait_for(lambda one: one.health is not None, PATIENCE_S)
+            assert client.hello is not None
+            assert client.hello.polarization_map
+            ready = ("SETTLED", "MOVING")
+            assert client.wait_for(
+                lambda one: (
+                    bool(one.health and one.health.wheel) and one.health.wheel.phase in ready
+                ),
+                PATIENCE_S,
+            )
+        command = [LIGHTPROBE, "polarization", f"unix:{daemon.socket}", "--sweep", "--json",
+                   "--wait", "120", "--out", tmp_path / "out"]  # fmt: skip
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+        with Client(f"unix:{daemon.socket}") as client:
+            assert client.wait_for(lambda one: one.health is not None, PATIENCE_S)
+            assert client.health is not None
+            assert client.health.polarization_maps_sent == 1
+    summary = json.loads(done.stdout)
+    assert summary["sweeps"] >= 1
+    assert 0.55 < summary["known_share"] < 0.65
+    stokes = np.load(tmp_path / "out" / "stokes.npz")["S"]
+    assert stokes.shape == (60, 120, 4, 3)
+    floor = stokes[38:44, 45:75]  # near Brewster's angle, ahead
+    assert np.median(floor[:, :, 1]) > 0  # horizontal

@@ -161,6 +161,19 @@ def test_the_python_client(probe):
         client.receive(LONG_S)
 
 
+def test_a_message_longer_than_any_other(tmp_path):
+    """A map of polarized light, of 58 kB: in one frame."""
+    with (
+        WebDaemon(
+            "--rotator=sim:", "--polarizer=sweep", "--publish-polarization", folder=tmp_path
+        ) as probe,
+        ProbeClient(f"ws://127.0.0.1:{probe.port}/") as client,
+    ):
+        for _ in range(3):
+            assert client.polarization(LONG_S).s0.shape == (60, 120)
+        assert client.last_error is None
+
+
 # ---------------------------------------------------------------- files
 
 

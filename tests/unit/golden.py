@@ -2,7 +2,8 @@
 
 `proto/golden/v1.json` maps a file of frozen bytes to {path: value}. A path is what C writes to
 reach the field (`estimate.lights[0].direction[2]`); null says that an optional field is absent;
-every repeated field has a `NAME_count`.
+every repeated field has a `NAME_count`; "0x…" are the bytes of a field of bytes, and the path of a
+message without fields is its name alone.
 
     golden.py header    print the expectations as C, for tests/unit/test_golden.c
     golden.py freeze    write the files that are named and do not exist yet; never changes one
@@ -43,6 +44,8 @@ def root(values: dict[str, Any]) -> str:
 def read(message: Any, path: str) -> Any:
     """Value at `path` of a decoded message; None for an optional field that is absent."""
     *parents, (name, index) = steps(path)
+    if not parents:
+        return bool(message.HasField(name))
     for field, position in parents:
         message = getattr(message, field)
         message = message if position is None else message[position]
@@ -52,7 +55,8 @@ def read(message: Any, path: str) -> Any:
     if descriptor.has_presence and not message.HasField(name):
         return None
     value = getattr(message, name)
-    return value if index is None else value[index]
+    value = value if index is None else value[index]
+    return f"0x{value.hex()}" if isinstance(value, bytes) else value
 
 
 def write(message: Any, path: str, value: Any) -> None:
@@ -60,6 +64,10 @@ def write(message: Any, path: str, value: Any) -> None:
     from google.protobuf.descriptor import FieldDescriptor
 
     *parents, (name, index) = steps(path)
+    if not parents:
+        return
+    if isinstance(value, str) and value.startswith("0x"):
+        value = bytes.fromhex(value[2:])
     for field, position in parents:
         message = getattr(message, field)
         if position is not None:
@@ -70,7 +78,8 @@ def write(message: Any, path: str, value: Any) -> None:
         return
     if message.DESCRIPTOR.fields_by_name[name].type == FieldDescriptor.TYPE_BYTES:
         so_far = getattr(message, name)
-        setattr(message, name, so_far.ljust(index or 0, b"\0") + bytes([value]))
+        whole = value if index is None else so_far.ljust(index, b"\0") + bytes([value])
+        setattr(message, name, whole)
     elif index is None:
         setattr(message, name, value)
     else:
@@ -95,6 +104,11 @@ def as_c(path: str, value: Any) -> str:
     if value is None:
         parent, _, field = path.rpartition(".")
         return f"ABSENT({parent}.has_{field})"
+    if "." not in path:
+        return ""
+    if isinstance(value, str) and value.startswith("0x"):
+        octets = "".join(f"\\x{octet:02x}" for octet in bytes.fromhex(value[2:]))
+        return f'BYTES({path}, "{octets}")'
     if isinstance(value, str):
         return f"TEXT({path}, {json.dumps(value)})"
     if isinstance(value, float):

@@ -7,12 +7,14 @@
 #include <sys/mman.h>
 
 #include "app/codec.h"
+#include "include/polarization_grid.h"
 #include "include/publisher.h"
 #include "app/health.h"
 #include "base/clock.h"
 #include "light/model.h"
 
-static struct lp_packet packet;
+static uint8_t packet_bytes[LP_PICTURE_MAX_BYTES];
+static struct lp_packet packet = {.data = packet_bytes, .capacity_bytes = LP_PACKET_MAX_BYTES};
 static const struct lp_stamp no_stamp;
 
 /* Every field set, with values as large as a probe that has run for a day would send. */
@@ -625,6 +627,45 @@ static void test_orientation_and_frame(void **state)
 	assert_int_equal(lp_encode_estimate(&estimate, &variant, &no_stamp, &packet), -ERANGE);
 }
 
+static void test_polarization_maps_and_sweeps(void **state)
+{
+	static struct lp_polarization_grid grid;
+	lightprobe_v1_FromClient wire = {.which_message =
+						 lightprobe_v1_FromClient_get_polarization_map_tag};
+	struct lp_request request;
+	uint8_t data[16];
+	const char *reason;
+
+	(void)state;
+	grid.t_capture_ns = lp_clock_ns();
+	grid.s0_unit = 0.5F;
+	for (int i = 0; i < LP_POLARIZATION_CELLS; i++)
+		for (int k = 0; k < 4; k++)
+			grid.cells[i][k] = (uint16_t)(4 * i + k);
+	packet.capacity_bytes = sizeof(packet_bytes);
+	lp_encode_polarization(&grid, 7, &packet);
+	assert_int_equal(packet.kind, LP_PACKET_PICTURE);
+	const lightprobe_v1_PolarizationMap map = decode_packet(&packet).message.polarization_map;
+
+	assert_int_equal(map.width * map.height * 8, map.cells.size);
+	assert_true(map.s0_unit == 0.5F && map.sweeps == 7);
+	for (int i = 0; i < map.cells.size / 2; i++)
+		assert_int_equal(map.cells.bytes[2 * i] + 256 * map.cells.bytes[2 * i + 1], i);
+	packet.capacity_bytes = LP_PACKET_MAX_BYTES;
+	lp_encode_sweep_started(9, &packet);
+	assert_int_equal(packet.kind, LP_PACKET_CONTROL);
+	assert_int_equal(decode_packet(&packet).message.sweep_started.done_at, 9);
+	assert_int_equal(lp_decode_request(data, encode_client(&wire, data, sizeof(data)), &request,
+					   &reason),
+			 0);
+	assert_int_equal(request.kind, LP_REQUEST_POLARIZATION_MAP);
+	wire.which_message = lightprobe_v1_FromClient_start_sweep_tag;
+	assert_int_equal(lp_decode_request(data, encode_client(&wire, data, sizeof(data)), &request,
+					   &reason),
+			 0);
+	assert_int_equal(request.kind, LP_REQUEST_SWEEP);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -645,6 +686,7 @@ int main(void)
 		cmocka_unit_test(test_bad_requests),
 		cmocka_unit_test(test_poses_and_pings),
 		cmocka_unit_test(test_orientation_and_frame),
+		cmocka_unit_test(test_polarization_maps_and_sweeps),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

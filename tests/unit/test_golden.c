@@ -42,6 +42,11 @@ static lightprobe_v1_FromClient load_client(const char *name)
 #define WHOLE(path, value) assert_true(m.message.path == (value));
 #define REAL(path, value) assert_true(m.message.path == (float)(value));
 #define TEXT(path, value) assert_string_equal(m.message.path, value);
+#define BYTES(path, value)                                                           \
+	do {                                                                         \
+		assert_int_equal(m.message.path.size, sizeof(value) - 1);            \
+		assert_memory_equal(m.message.path.bytes, value, sizeof(value) - 1); \
+	} while (false);
 #define ABSENT(path) assert_false(m.message.path);
 
 #define PROBE(name, file, root, ...)                                                     \

@@ -9,6 +9,7 @@
 #include "app/hub.h"
 #include "app/surroundings.h"
 #include "base/clock.h"
+#include "include/polarization_grid.h"
 
 #define MAX_CLIENTS 8
 
@@ -34,10 +35,23 @@ static void keep(struct lp_publisher *publisher, struct lp_client *client, struc
 static const struct lp_publisher_ops ops = {.info = {.scheme = "test"}, .send = keep};
 static struct lp_publisher publisher = {.ops = &ops};
 
-static int create_hub(int max_reflection_size)
+/* What the wheel answers. */
+static int sweep_result;
+
+static int on_sweep(void *context, uint64_t *done_at, const char **reason)
+{
+	(void)context;
+	*done_at = 12;
+	*reason = "it stays — turn it";
+	return sweep_result;
+}
+
+static int create_hub(bool polarization_map, int max_reflection_size)
 {
 	const struct lp_hub_options options = {
-		.hello = {.boot_id = 5,
+		.sweep = on_sweep,
+		.hello = {.polarization_map = polarization_map,
+			  .boot_id = 5,
 			  .source = "test",
 			  .preset = "fast",
 			  .name = "a probe",
@@ -63,13 +77,19 @@ static int create_hub(int max_reflection_size)
 static int setup(void **state)
 {
 	(void)state;
-	return create_hub(0);
+	return create_hub(false, 0);
 }
 
 static int setup_with_reflections(void **state)
 {
 	(void)state;
-	return create_hub(32);
+	return create_hub(false, 32);
+}
+
+static int setup_with_pictures(void **state)
+{
+	(void)state;
+	return create_hub(true, 0);
 }
 
 static void forget_packets(struct lp_client *client)
@@ -570,12 +590,92 @@ static void test_clients_that_come_and_go_leave_the_others_alone(void **state)
 	assert_int_equal(health.report.clients, 3);
 }
 
+static int ask(struct lp_client *client, pb_size_t which)
+{
+	const lightprobe_v1_FromClient wire = {.which_message = which};
+	uint8_t data[16];
+	pb_ostream_t stream = pb_ostream_from_buffer(data, sizeof(data));
+
+	assert_true(pb_encode(&stream, lightprobe_v1_FromClient_fields, &wire));
+	return host.request(host.context, client->user, data, stream.bytes_written);
+}
+
+static bool picture_is_due(void)
+{
+	return lp_hub_demand(hub).polarization_map;
+}
+
+static void test_pictures_of_polarized_light_for_who_asks(void **state)
+{
+	static struct lp_polarization_grid grid = {.s0_unit = 1};
+	const pb_size_t get = lightprobe_v1_FromClient_get_polarization_map_tag;
+	struct lp_client *first = join(0), *second = join(1), *other = join(2);
+
+	(void)state;
+	assert_true(decode_packet(first->packets[0]).message.hello.polarization_map);
+	assert_false(picture_is_due());
+	assert_int_equal(ask(first, get), 0);
+	assert_int_equal(ask(first, get), 0);
+	assert_int_equal(ask(second, get), 0);
+	assert_true(picture_is_due());
+	lp_hub_publish_polarization(hub, &grid);
+	lp_hub_publish_polarization(hub, &grid); /* nobody waits any more */
+	assert_true(first->count == 2 && second->count == 2 && other->count == 1);
+	assert_ptr_equal(first->packets[1], second->packets[1]);
+	assert_int_equal(decode_packet(first->packets[1]).which_message,
+			 lightprobe_v1_FromProbe_polarization_map_tag);
+	assert_int_equal(health.report.polarization_maps_sent, 2);
+	assert_int_equal(ask(first, get), 0);
+	assert_false(picture_is_due()); /* so soon */
+	pass_ms(500);
+	assert_true(picture_is_due());
+	leave(first);
+	assert_false(picture_is_due());
+}
+
+static void test_pictures_are_refused_unless_the_owner_allows_them(void **state)
+{
+	struct lp_client *client = join(0);
+
+	(void)state;
+	assert_false(decode_packet(client->packets[0]).message.hello.polarization_map);
+	assert_int_equal(ask(client, lightprobe_v1_FromClient_get_polarization_map_tag), 0);
+	const lightprobe_v1_FromProbe message = decode_packet(client->packets[client->count - 1]);
+
+	assert_int_equal(message.message.error.code, -EPERM);
+	assert_contains(message.message.error.text, "--publish-polarization");
+	assert_int_equal(health.report.requests_rejected, 1);
+	assert_false(picture_is_due());
+}
+
+static void test_sweeps_on_request(void **state)
+{
+	struct lp_client *client = join(0);
+	lightprobe_v1_FromProbe message;
+
+	(void)state;
+	sweep_result = 0;
+	assert_int_equal(ask(client, lightprobe_v1_FromClient_start_sweep_tag), 0);
+	message = decode_packet(client->packets[client->count - 1]);
+	assert_int_equal(message.which_message, lightprobe_v1_FromProbe_sweep_started_tag);
+	assert_int_equal(message.message.sweep_started.done_at, 12);
+	sweep_result = -EOPNOTSUPP;
+	assert_int_equal(ask(client, lightprobe_v1_FromClient_start_sweep_tag), 0);
+	message = decode_packet(client->packets[client->count - 1]);
+	assert_int_equal(message.message.error.code, -EOPNOTSUPP);
+	assert_contains(message.message.error.text, "sweep: it stays — turn it");
+}
+
 #define HUB_TEST(test) cmocka_unit_test_setup_teardown(test, setup, teardown)
 
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		HUB_TEST(test_a_new_preset_is_told_to_all),
+		cmocka_unit_test_setup_teardown(test_pictures_of_polarized_light_for_who_asks,
+						setup_with_pictures, teardown),
+		HUB_TEST(test_pictures_are_refused_unless_the_owner_allows_them),
+		HUB_TEST(test_sweeps_on_request),
 		HUB_TEST(test_hello_first_then_the_last_value_at_once),
 		HUB_TEST(test_same_wishes_share_one_packet),
 		HUB_TEST(test_estimates_carry_the_number_of_their_subscription),

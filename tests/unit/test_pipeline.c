@@ -106,8 +106,7 @@ static void test_light_limit(void **state)
 static void test_demand(void **state)
 {
 	const struct disc discs[] = {{30, 20, 2, 400}, {-60, -30, 6, 40}};
-	const struct lp_demand demands[] = {{.sh_order = 2, .max_lights = 1},
-					    {.sh_order = 2, .max_lights = 0}};
+	const struct lp_demand demands[] = {{.sh_order = 2, .max_lights = 1}, {.sh_order = 2}};
 	struct lp_pipeline *pipeline = new_pipeline(LP_PRESET_BALANCED, 8);
 	struct lp_estimates estimates;
 	float command_us;

@@ -20,13 +20,14 @@ static void release(struct lp_packet *packet)
 /* Put a packet full of `letter`; the queue holds the only reference. */
 static bool put(struct lp_send_queue *queue, enum lp_packet_kind kind, char letter, uint32_t size)
 {
-	struct lp_packet *packet = calloc(1, sizeof(*packet));
+	struct lp_packet *packet = calloc(1, sizeof(*packet) + size);
 	bool lost;
 
 	packet->references = 1;
 	packet->kind = kind;
 	packet->size_bytes = size;
 	packet->release = release;
+	packet->data = (uint8_t *)(packet + 1);
 	memset(packet->data, letter, size);
 	alive++;
 	lost = lp_send_queue_put(queue, packet);
@@ -38,6 +39,31 @@ static void open_pipe(int fds[2])
 {
 	assert_int_equal(pipe2(fds, O_NONBLOCK | O_CLOEXEC), 0);
 	assert_true(fcntl(fds[1], F_SETPIPE_SZ, 4096) > 0);
+}
+
+static void test_pictures_go_last_and_the_newest_only(void **state)
+{
+	struct lp_send_queue queue = {0};
+	char text[16] = {0};
+	int fds[2];
+
+	(void)state;
+	open_pipe(fds);
+	assert_false(put(&queue, LP_PACKET_PICTURE, 'p', 1));
+	assert_true(put(&queue, LP_PACKET_PICTURE, 'q', 1));
+	assert_false(put(&queue, LP_PACKET_STATE, 'a', 1));
+	assert_false(put(&queue, LP_PACKET_CONTROL, 'C', 1));
+	assert_false(lp_send_queue_is_empty(&queue));
+	assert_int_equal(lp_send_queue_flush(&queue, fds[1]), 0);
+	assert_true(lp_send_queue_is_empty(&queue));
+	assert_int_equal(alive, 0);
+	assert_int_equal(read(fds[0], text, sizeof(text)), 3);
+	assert_string_equal(text, "Caq");
+	put(&queue, LP_PACKET_PICTURE, 'r', 1);
+	lp_send_queue_clear(&queue);
+	assert_int_equal(alive, 0);
+	close(fds[0]);
+	close(fds[1]);
 }
 
 static void test_control_before_state_and_newest_state_only(void **state)
@@ -193,6 +219,7 @@ static void test_packets_are_taken_whole(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_pictures_go_last_and_the_newest_only),
 		cmocka_unit_test(test_control_before_state_and_newest_state_only),
 		cmocka_unit_test(test_the_newest_picture_comes_last),
 		cmocka_unit_test(test_control_queue_is_bounded),

@@ -43,12 +43,13 @@ static void release(struct lp_packet *packet)
 static void send_text(struct lp_publisher *publisher, struct lp_client *client, const char *text,
 		      enum lp_packet_kind kind, uint32_t size)
 {
-	struct lp_packet *packet = calloc(1, sizeof(*packet));
+	struct lp_packet *packet = calloc(1, sizeof(*packet) + size);
 
 	packet->references = 1;
 	packet->kind = kind;
 	packet->size_bytes = size;
 	packet->release = release;
+	packet->data = (uint8_t *)(packet + 1);
 	memcpy(packet->data, text, strlen(text));
 	packets_alive++;
 	publisher->ops->send(publisher, client, packet);

@@ -85,7 +85,7 @@ static struct picture read_map(const struct lp_packet *packet, int size)
 	uint8_t *bytes = malloc(4 * (size_t)texels);
 	lightprobe_v1_ReflectionMap map = lightprobe_v1_ReflectionMap_init_zero;
 	struct picture picture;
-	pb_istream_t whole = pb_istream_from_buffer(lp_packet_bytes(packet), packet->size_bytes);
+	pb_istream_t whole = pb_istream_from_buffer(packet->data, packet->size_bytes);
 	pb_istream_t part;
 	pb_wire_type_t type;
 	uint32_t length, tag;

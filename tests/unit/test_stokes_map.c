@@ -6,6 +6,7 @@
 #include <stdlib.h>
 
 #include "include/luminance.h"
+#include "include/polarization_grid.h"
 #include "light/grid.h"
 #include "lp_test.h"
 #include "vision/radiance_map.h"
@@ -96,6 +97,95 @@ static void test_cells_that_tell_of_other_light_tell_nothing_of_the_lamp(void **
 	close_room(&room);
 }
 
+static void to_floats(const uint16_t half[4], float value[4])
+{
+	for (int k = 0; k < 4; k++) {
+		const int exponent = half[k] >> 10 & 31, mantissa = half[k] & 1023;
+
+		value[k] = exponent == 31  ? NAN
+			   : exponent == 0 ? ldexpf((float)mantissa, -24)
+					   : ldexpf((float)(1024 + mantissa), exponent - 25);
+		if (half[k] & 0x8000)
+			value[k] = -value[k];
+	}
+}
+
+/* The cell of a picture along a direction. */
+static const uint16_t *cell_along(const struct lp_polarization_grid *picture,
+				  const float direction[3])
+{
+	struct lp_grid *grid;
+
+	assert_int_equal(lp_grid_create(LP_POLARIZATION_WIDTH, LP_POLARIZATION_HEIGHT, &grid), 0);
+	const int cell = lp_grid_cell(grid, direction);
+
+	lp_grid_destroy(grid);
+	return picture->cells[cell];
+}
+
+static void test_a_picture_holds_what_is_known(void **state)
+{
+	static struct lp_polarization_grid picture;
+	const struct lp_rotation none = lp_rotation_identity();
+	struct room room;
+	float value[4];
+
+	(void)state;
+	open_room(&room);
+	lp_stokes_map_picture(room.map, &none, &picture);
+	for (int i = 0; i < LP_POLARIZATION_CELLS; i++) {
+		to_floats(picture.cells[i], value);
+		assert_true(isnan(value[0]) && isnan(value[1]) && isnan(value[3]));
+	}
+	for (int k = 0; k < 8; k++)
+		see(&room, 45.0F * (float)(k % 4), 20000.0F, 0.3F, -0.4F);
+	lp_stokes_map_picture(room.map, &none, &picture);
+	to_floats(cell_along(&picture, (const float[]){0.3F, 0.2F, -1.0F}), value);
+	assert_float_equal(value[0] * picture.s0_unit, 20000.0, 100.0);
+	assert_float_equal(value[1], 0.3, 0.01);
+	assert_float_equal(value[2], -0.4, 0.01);
+	assert_true(value[3] > 0.0F && value[3] < 0.1F);
+	/* The sheet is seen edge-on. */
+	to_floats(cell_along(&picture, (const float[]){1.0F, 0.0F, 0.0F}), value);
+	assert_true(isnan(value[0]));
+	close_room(&room);
+}
+
+/* A camera that has rolled by 30 degrees (its right side up) sees all light polarized 30 degrees
+ * less, and what was straight above 30 degrees to the right of it. */
+static void test_a_picture_is_in_the_cameras_frame(void **state)
+{
+	static struct lp_polarization_grid picture;
+	const double turn = M_PI / 6.0;
+	const struct lp_rotation roll = lp_rotation_of_quaternion(
+		(const double[]){0.0, 0.0, sin(turn / 2.0), cos(turn / 2.0)});
+	struct room room;
+	float up[3] = {0.1F, 0.6F, -0.8F}, value[4];
+
+	(void)state;
+	open_room(&room);
+	for (int k = 0; k < 8; k++)
+		see(&room, 45.0F * (float)(k % 4), 1.0F, 0.5F, 0.0F);
+	/* One bright place, in the frame of the map. */
+	const int bright = lp_grid_cell(room.grid, up);
+
+	for (int i = 0; i < 3; i++)
+		room.map->cells[bright].right[i] *= 4.0F;
+	room.map->cells[bright].scale *= 4.0F;
+	lp_stokes_map_picture(room.map, &roll, &picture);
+	to_floats(cell_along(&picture, (const float[]){0.02F, 0.02F, -1.0F}), value);
+	assert_float_equal(value[1], 0.5 * cos(-2.0 * turn), 0.03);
+	assert_float_equal(value[2], 0.5 * sin(-2.0 * turn), 0.03);
+	lp_grid_direction(room.grid, bright, up);
+	const struct lp_rotation back = lp_rotation_inverse(&roll);
+
+	lp_rotate_direction(&back, up);
+	assert_true(up[0] > 0.3F);
+	to_floats(cell_along(&picture, up), value);
+	assert_float_equal(value[0] * picture.s0_unit, 4.0, 0.1);
+	close_room(&room);
+}
+
 /* A reading of every cell through the film, as it would be without. */
 static float seen_through(struct room *room, float wheel_deg, float light, float *sigma)
 {
@@ -183,6 +273,8 @@ static void test_rims_of_a_turning_picture_are_not_polarized(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_a_picture_holds_what_is_known),
+		cmocka_unit_test(test_a_picture_is_in_the_cameras_frame),
 		cmocka_unit_test(test_a_lamp_is_polarized_as_its_cells),
 		cmocka_unit_test(test_cells_that_tell_of_other_light_tell_nothing_of_the_lamp),
 		cmocka_unit_test(test_light_of_unknown_polarization_is_taken_as_it_is),

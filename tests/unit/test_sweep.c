@@ -238,6 +238,44 @@ static void test_it_goes_round_the_angles(void **state)
 }
 
 /* One round, a minute at the first angle; a new lamp ends the rest once. */
+/* The wheel gets where it was told to go, dwells there, and goes on. */
+static void dwell(int64_t *now_ms)
+{
+	struct lp_wheel_state there = settled(*now_ms, *now_ms);
+
+	there.commanded_deg = sweep.angles_deg[sweep.at];
+	tell(there, *now_ms);
+	*now_ms += 500;
+	lp_sweep_tick(&sweep, *now_ms * MS);
+}
+
+static void test_a_sweep_on_request_is_a_whole_round(void **state)
+{
+	int64_t now_ms = 1000;
+
+	(void)state;
+	sweep.rest_ns = 3600000 * MS;
+	lp_sweep_start(&sweep);
+	for (int k = 0; k < 3; k++)
+		dwell(&now_ms);
+	assert_true(report.sweeps == 1 && target_deg == 0.0F);
+	dwell(&now_ms);
+	assert_true(target_deg == 0.0F); /* it rests */
+	assert_int_equal(lp_sweep_request(&sweep), 2);
+	assert_int_equal(lp_sweep_request(&sweep), 2); /* both are answered by the same round */
+	dwell(&now_ms);
+	assert_true(target_deg == 45.0F);
+	assert_int_equal(lp_sweep_request(&sweep), 3); /* this one has begun before */
+	dwell(&now_ms);
+	dwell(&now_ms);
+	assert_true(report.sweeps == 2 && target_deg == 0.0F);
+	for (int k = 0; k < 3; k++)
+		dwell(&now_ms);
+	assert_int_equal(report.sweeps, 3);
+	dwell(&now_ms);
+	assert_true(target_deg == 0.0F);
+}
+
 static void test_it_rests_after_a_round(void **state)
 {
 	struct lp_wheel_state there = settled(900, 950);
@@ -278,6 +316,7 @@ int main(void)
 		cmocka_unit_test_setup(test_unknown_exposure_counts_to_the_arrival, setup),
 		cmocka_unit_test_setup(test_doubt_is_no_angle, setup),
 		cmocka_unit_test_setup(test_it_goes_round_the_angles, setup),
+		cmocka_unit_test_setup(test_a_sweep_on_request_is_a_whole_round, setup),
 		cmocka_unit_test_setup(test_it_rests_after_a_round, setup),
 	};
 

@@ -95,13 +95,20 @@ int lp_pipeline_step(struct lp_pipeline *self, const struct lp_ring_sample *now,
 	return 0;
 }
 
+bool lp_pipeline_polarization(const struct lp_pipeline *self, struct lp_polarization_grid *grid)
+{
+	assert_ptr_equal(self, &pipeline);
+	grid->s0_unit = 5.0F;
+	return true;
+}
+
 static void release(struct lp_frame *frame)
 {
 	atomic_fetch_sub(&frames_alive, 1);
 	free(frame);
 }
 
-static const struct lp_demand demand = {.sh_order = 2, .max_lights = 3};
+static struct lp_demand demand = {.sh_order = 2, .max_lights = 3};
 
 static void submit_of(struct lp_worker *worker, int camera, uint64_t sequence, uint32_t flags)
 {
@@ -165,6 +172,24 @@ static void test_a_frame_gets_its_reading_of_the_ring(void **state)
 	lp_worker_submit(worker, late, &demand);
 	lp_worker_give(worker, wait_result(worker));
 	assert_int_equal(atomic_load(&ring_lux), -1);
+	lp_worker_destroy(worker);
+}
+
+static void test_how_light_is_polarized_comes_on_demand(void **state)
+{
+	struct lp_worker *worker = start(true);
+	struct lp_result *result;
+
+	(void)state;
+	for (int i = 0; i < 4; i++) {
+		demand.polarization_map = i == 1 || i == 3;
+		submit(worker, i == 3 ? 8 : 0, 0); /* the last frame gives no estimate */
+		result = wait_result(worker);
+		assert_int_equal(result->has_polarization, i == 1);
+		assert_true(i != 1 || result->polarization.s0_unit == 5.0F);
+		lp_worker_give(worker, result);
+	}
+	demand.polarization_map = false;
 	lp_worker_destroy(worker);
 }
 
@@ -390,6 +415,7 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_a_frame_gets_its_reading_of_the_ring),
+		cmocka_unit_test(test_how_light_is_polarized_comes_on_demand),
 		cmocka_unit_test(test_light_that_jumps_gives_a_result),
 		cmocka_unit_test(test_newest_frame_wins_and_drops_are_counted),
 		cmocka_unit_test(test_a_new_preset_comes_before_the_next_frame),

@@ -19,16 +19,23 @@ static struct lp_packet *pop_control(struct lp_send_queue *queue)
 	return packet;
 }
 
+/* The slot gets `packet` and gives what it held. */
+static struct lp_packet *exchange(struct lp_packet **slot, struct lp_packet *packet)
+{
+	struct lp_packet *before = *slot;
+
+	*slot = packet;
+	return before;
+}
+
 bool lp_send_queue_put(struct lp_send_queue *queue, struct lp_packet *packet)
 {
 	struct lp_packet *lost = NULL;
 
 	if (packet->kind == LP_PACKET_STATE) {
-		lost = queue->state;
-		queue->state = lp_packet_hold(packet);
+		lost = exchange(&queue->state, lp_packet_hold(packet));
 	} else if (packet->kind == LP_PACKET_PICTURE) {
-		lost = queue->picture;
-		queue->picture = lp_packet_hold(packet);
+		lost = exchange(&queue->picture, lp_packet_hold(packet));
 	} else {
 		if (queue->control_count == LP_QUEUE_CONTROLS)
 			lost = pop_control(queue);
@@ -47,14 +54,10 @@ static struct lp_packet *next_packet(struct lp_send_queue *queue)
 		return queue->current;
 	queue->sent_bytes = 0;
 	queue->current = pop_control(queue);
-	if (!queue->current) {
-		queue->current = queue->state;
-		queue->state = NULL;
-	}
-	if (!queue->current) {
-		queue->current = queue->picture;
-		queue->picture = NULL;
-	}
+	if (!queue->current)
+		queue->current = exchange(&queue->state, NULL);
+	if (!queue->current)
+		queue->current = exchange(&queue->picture, NULL);
 	return queue->current;
 }
 
@@ -63,7 +66,7 @@ int lp_send_queue_flush(struct lp_send_queue *queue, int fd)
 	struct lp_packet *packet;
 
 	while ((packet = next_packet(queue)) != NULL) {
-		const ssize_t sent = write(fd, lp_packet_bytes(packet) + queue->sent_bytes,
+		const ssize_t sent = write(fd, packet->data + queue->sent_bytes,
 					   packet->size_bytes - queue->sent_bytes);
 
 		if (sent < 0 && errno == EINTR)

@@ -1,8 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * What waits to be sent to one client: at most one packet half sent, the newest state, the
- * newest picture, and a few control messages. A client that does not read costs this much and no
- * more.
+ * What waits to be sent to one client: at most one packet half sent, the newest state, the newest
+ * picture, and a few control messages. A client that does not read costs this much and no more.
  */
 #ifndef LP_PUBLISHER_QUEUE_H
 #define LP_PUBLISHER_QUEUE_H
@@ -18,8 +17,7 @@ struct lp_packet;
 struct lp_send_queue {
 	struct lp_packet *current; /* [sent_bytes, size) of it is still to go */
 	uint32_t sent_bytes;
-	struct lp_packet *state;
-	struct lp_packet *picture;
+	struct lp_packet *state, *picture;
 	struct lp_packet *controls[LP_QUEUE_CONTROLS]; /* ring */
 	int first_control, control_count;
 };
@@ -27,8 +25,8 @@ struct lp_send_queue {
 /* Hold `packet`. True: an older one was given up for it. */
 bool lp_send_queue_put(struct lp_send_queue *queue, struct lp_packet *packet);
 
-/* Write what `fd` takes: control messages, then the state, then the picture. 0: all is sent. 1: the
- * rest must wait until it is writable. Negative: the connection is broken. */
+/* Write what `fd` takes, control messages first and pictures last. 0: all is sent. 1: the rest must
+ * wait until it is writable. Negative: the connection is broken. */
 int lp_send_queue_flush(struct lp_send_queue *queue, int fd);
 
 /* The packet that is to go next, taken out of the queue: the caller holds it now. NULL: none. Not

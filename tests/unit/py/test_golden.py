@@ -21,7 +21,7 @@ def test_every_frozen_file_has_expectations() -> None:
 @pytest.mark.parametrize("name", EXPECTED)
 def test_expectations_name_every_field(name: str) -> None:
     """A field that nobody compares could rot."""
-    named = {path.split(".")[1].split("[")[0] for path in EXPECTED[name]}
+    named = {path.split(".")[1].split("[")[0] for path in EXPECTED[name] if "." in path}
     message = getattr(golden.decode(name), golden.root(EXPECTED[name]))
     missing = {field.name for field in message.DESCRIPTOR.fields} - named
     assert {field for field in missing if f"{field}_count" not in named} == set()

@@ -162,7 +162,7 @@ static uint32_t prefix_bytes(const struct lp_packet *packet)
 {
 	uint32_t count = 1;
 
-	while (lp_packet_bytes(packet)[count - 1] & 0x80)
+	while (packet->data[count - 1] & 0x80)
 		count++;
 	return count;
 }
@@ -203,7 +203,7 @@ static int on_writable(struct lp_session *session)
 	}
 	skipped = prefix_bytes(packet);
 	size = packet->size_bytes - skipped;
-	memcpy(server->output + LWS_PRE, lp_packet_bytes(packet) + skipped, size);
+	memcpy(server->output + LWS_PRE, packet->data + skipped, size);
 	lp_packet_drop(packet);
 	sent = lws_write(session->wsi, server->output + LWS_PRE, size, LWS_WRITE_BINARY);
 	lws_callback_on_writable(session->wsi);

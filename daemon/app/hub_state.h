@@ -1,0 +1,60 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What a hub is made of: for the files hub*.c alone. */
+#ifndef LP_APP_HUB_STATE_H
+#define LP_APP_HUB_STATE_H
+
+#include "app/hub.h"
+#include "app/packets.h"
+#include "app/pose_sender.h"
+#include "app/reflection_maps.h"
+
+struct lp_hub_client {
+	struct lp_publisher *publisher;
+	struct lp_client *handle;
+	struct lp_subscription subscription;
+	int64_t due_ns;		   /* earliest next estimate */
+	int64_t reflection_due_ns; /* likewise, of reflection maps */
+	int64_t health_due_ns;
+	int64_t second_ns;    /* begin of the second in which requests are counted */
+	int requests, poses;  /* in that second */
+	bool pose_error_told; /* in that second */
+	bool poses_refused;   /* another client's are used: its world is not this one's */
+	struct lp_pose_sender sender;
+	bool unknown_told; /* that it asks for what this daemon does not know */
+	bool no_reflection_told;
+	bool subscribed; /* it has a new subscription, not answered yet */
+	int64_t answered_ns;
+	bool wants_polarization_map;
+	int index; /* in hub->clients */
+};
+
+struct lp_hub {
+	struct lp_hub_options options;
+	struct lp_packets *packets;
+	struct lp_reflection_maps *reflections; /* NULL: they are off */
+	struct lp_pool *client_pool;
+	struct lp_hub_client **clients; /* [client_count] */
+	int client_count;
+
+	bool has_last;
+	struct lp_estimates last;
+	struct lp_demand last_computed;
+	int64_t last_ns;  /* when it came */
+	int64_t stale_ns; /* when it was last repeated; 0: it is fresh */
+	uint32_t sequence;
+	int64_t polarization_map_ns; /* when the last one was sent; 0: none yet */
+};
+
+/* Send and drop `packet`, which may be NULL. */
+void lp_hub_send_last(struct lp_hub *hub, struct lp_hub_client *client, struct lp_packet *packet);
+
+/* An error, also in the log; the connection stays. */
+void lp_hub_refuse_request(struct lp_hub *hub, struct lp_hub_client *client, int code,
+			   const char *what, const char *reason);
+
+/* hub_polarization.c: requests that concern the polarizer, granted or refused. */
+void lp_hub_want_polarization(struct lp_hub *hub, struct lp_hub_client *client);
+void lp_hub_start_sweep(struct lp_hub *hub, struct lp_hub_client *client);
+bool lp_hub_polarization_is_due(const struct lp_hub *hub);
+
+#endif
