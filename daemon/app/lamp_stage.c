@@ -26,6 +26,8 @@
 #define STILL_THERE 0.5F
 /* Of readings through a film while the camera turns: they may miss a part of the lamp. */
 #define TURNING_MISFIT 100.0F
+/* Likelihood ratio that the film is a quarter turn off, from which on it is said. */
+#define TURNED 1e3
 /* A lamp that has been listed as a mirror image stays one down to this probability. */
 #define STILL_IMAGE 0.5F
 
@@ -141,6 +143,12 @@ static void measure_polarization(struct lp_remembered_lamp *m, const struct lp_i
 		m->polarization = lp_imager_polarization(imager, finder, &m->on_grid);
 }
 
+/* By the lamps' images; or by all of the floor, if those do not contradict. */
+static bool film_is_turned(double evidence, const struct lp_imager *imager)
+{
+	return evidence > TURNED || (evidence > 1.0 / TURNED && lp_imager_floor_is_upright(imager));
+}
+
 /* Which of the remembered lamps are mirror images of others. */
 static void tell_reflections(struct lp_lamp_stage *stage, const struct lp_imager *imager,
 			     const struct lp_lamp_finder *finder)
@@ -161,7 +169,7 @@ static void tell_reflections(struct lp_lamp_stage *stage, const struct lp_imager
 		memcpy(suspects[k].direction, lamp->direction, sizeof(lamp->direction));
 	}
 	lp_tell_reflections(suspects, count, verdicts);
-	stage->film_is_turned = lp_film_is_turned(suspects, count);
+	stage->film_is_turned = film_is_turned(lp_film_turned_evidence(suspects, count), imager);
 	for (int k = 0; k < count; k++) {
 		lamps[k]->image_probability = verdicts[k].reflection;
 		lamps[k]->reflection =

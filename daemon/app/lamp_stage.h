@@ -22,7 +22,7 @@ struct lp_panorama;
 struct lp_lamp_stage {
 	struct lp_lamp_memory memory;
 	int64_t t_ns;	     /* of the last update; 0: none yet */
-	bool film_is_turned; /* lp_film_is_turned() */
+	bool film_is_turned; /* a quarter turn off */
 };
 
 struct lp_lamp_stage_work {

@@ -27,8 +27,6 @@
 #define LEAST_APART_RAD (5.0F * RAD)
 /* Probability from which on it is said. */
 #define SURE 0.9F
-/* Evidence for a turned film: likelihood ratio. */
-#define TURNED 1e3
 
 struct lp_fresnel lp_fresnel(float cosine)
 {
@@ -313,7 +311,7 @@ void lp_tell_reflections(const struct lp_suspect *suspects, int count, struct lp
 		verdicts[k] = judge(suspects, count, k, verdicts);
 }
 
-bool lp_film_is_turned(const struct lp_suspect *suspects, int count)
+double lp_film_turned_evidence(const struct lp_suspect *suspects, int count)
 {
 	static const float up[3] = {0.0F, 1.0F, 0.0F};
 	double evidence = 1.0;
@@ -335,5 +333,5 @@ bool lp_film_is_turned(const struct lp_suspect *suspects, int count)
 
 		evidence *= (double)(if_turned + other) / (double)(as_is + other);
 	}
-	return evidence > TURNED;
+	return evidence;
 }

@@ -44,8 +44,8 @@ struct lp_verdict {
 /* Suspects come strongest first, as far as it is known. */
 void lp_tell_reflections(const struct lp_suspect *suspects, int count, struct lp_verdict *verdicts);
 
-/* The images in floors are polarized upright, as no floor does it: the film has been put in a
- * quarter turn wrong. */
-bool lp_film_is_turned(const struct lp_suspect *suspects, int count);
+/* How much likelier the polarization of images in floors is if the film has been put in a quarter
+ * turn wrong, so that they seem upright. 1: nothing is mirrored that tells. */
+double lp_film_turned_evidence(const struct lp_suspect *suspects, int count);
 
 #endif

@@ -35,6 +35,11 @@ struct lp_polarization lp_imager_polarization(const struct lp_imager *imager,
 				lamp->count);
 }
 
+bool lp_imager_floor_is_upright(const struct lp_imager *imager)
+{
+	return imager->stokes && lp_stokes_map_floor_is_upright(imager->stokes);
+}
+
 bool lp_imager_polarization_grid(const struct lp_imager *imager, struct lp_polarization_grid *grid)
 {
 	if (!imager->stokes)

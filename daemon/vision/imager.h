@@ -152,6 +152,9 @@ struct lp_polarization lp_imager_polarization(const struct lp_imager *imager,
 					      const struct lp_lamp_finder *finder,
 					      const struct lp_lamp *lamp);
 
+/* lp_stokes_map_floor_is_upright(); false without a film. */
+bool lp_imager_floor_is_upright(const struct lp_imager *imager);
+
 /* How light is polarized, camera frame, as of the newest frame. False: there is no film. */
 bool lp_imager_polarization_grid(const struct lp_imager *imager, struct lp_polarization_grid *grid);
 

@@ -51,6 +51,11 @@ void lp_stokes_map_see_through(struct lp_stokes_map *map, const struct lp_film_v
 struct lp_polarization lp_stokes_map_of(const struct lp_stokes_map *map, const float (*radiance)[4],
 					float background, const int32_t *cells, int count);
 
+/* Nearly everywhere around what lies below the horizon is polarized upright, as no floor does it,
+ * and what lies above is not polarized: the film is a quarter turn off. False also where too little
+ * is known or polarized. */
+bool lp_stokes_map_floor_is_upright(const struct lp_stokes_map *map);
+
 /* All that is known as a coarse picture in the frame from which `to_map` turns into that of the
  * map. Fills all but t_capture_ns. */
 void lp_stokes_map_picture(const struct lp_stokes_map *map, const struct lp_rotation *to_map,

@@ -36,6 +36,20 @@ def test_a_sweep_tells_every_reflection(seed: int) -> None:
     assert found.reflections >= 1
 
 
+@pytest.mark.parametrize("kind", ["float", "8-bit"])
+@pytest.mark.parametrize("seed", [0, 3])  # images of lamps do not tell it in 8-bit frames
+def test_a_film_put_in_wrong_shows_in_the_floor(seed: int, kind: str) -> None:
+    """A varnished floor mirrors the walls; a matt one tells nothing, and there is no false alarm."""
+    settings = offline.Settings(wheel_deg=polarization.ANGLES_DEG)
+    turned = [(angle + 90) % 180 for angle in polarization.ANGLES_DEG]
+    for scene, named in ((PolishedFloor(random_scene(seed)), True), (random_scene(seed), False)):
+        studio = polarization.Studio(scene, kind)
+        wrong = studio.estimate(studio.sheet_at(*turned), settings)
+        right = studio.estimate(studio.sheet_at(*polarization.ANGLES_DEG), settings)
+        assert bool(wrong.flags & EstimateFlag.FILM_TURNED) == named
+        assert not right.flags & EstimateFlag.FILM_TURNED
+
+
 def test_a_film_put_in_wrong_is_found_and_calibrated(tmp_path: Path) -> None:
     """A quarter turn wrong, by the reflection of a lamp in the floor; the camera file mends it."""
     scene = PolishedFloor(random_scene(8))

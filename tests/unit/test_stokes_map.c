@@ -11,7 +11,7 @@
 #include "lp_test.h"
 #include "vision/radiance_map.h"
 
-#define WIDTH 32
+#define WIDTH 96
 #define CELLS (WIDTH * WIDTH / 2)
 
 struct room {
@@ -97,6 +97,71 @@ static void test_cells_that_tell_of_other_light_tell_nothing_of_the_lamp(void **
 	close_room(&room);
 }
 
+static float floor_q;
+
+static float everywhere_below(const float d[3])
+{
+	return d[1] < 0.0F ? floor_q : 0.0F;
+}
+
+static float all_around(const float d[3])
+{
+	(void)d;
+	return floor_q;
+}
+
+/* A glossy wall on the left, and a floor that is matt. */
+static float on_the_left(const float d[3])
+{
+	return d[1] < 0.0F && d[0] < 0.0F ? floor_q : 0.0F;
+}
+
+/* q: S1/S0 of the light from a direction. */
+static bool floor_is_upright(float (*q)(const float direction[3]), float value)
+{
+	struct room room;
+
+	open_room(&room);
+	floor_q = value;
+	for (int k = 0; k < 8; k++) {
+		const struct lp_rotation none = lp_rotation_identity();
+		const struct lp_film_view view =
+			lp_film_seen(&room.film, 45.0F * (float)(k % 4), &none);
+		const struct lp_observation seen = {.radiance = (const float(*)[4])room.radiance,
+						    .flags = room.flags,
+						    .elapsed_s = 0.05F};
+
+		for (int i = 0; i < CELLS; i++) {
+			float direction[3], axis[2] = {0};
+
+			lp_grid_direction(room.grid, i, direction);
+			(void)lp_film_axis(&view, direction, axis);
+			for (int c = 0; c < 4; c++)
+				room.radiance[i][c] = 1.0F + axis[0] * q(direction);
+		}
+		lp_stokes_map_learn(room.map, &view, &seen);
+	}
+	const bool upright = lp_stokes_map_floor_is_upright(room.map);
+
+	close_room(&room);
+	return upright;
+}
+
+static void test_a_floor_that_seems_upright(void **state)
+{
+	struct room room;
+
+	(void)state;
+	assert_true(floor_is_upright(everywhere_below, -0.06F));
+	assert_false(floor_is_upright(everywhere_below, 0.06F));
+	assert_false(floor_is_upright(everywhere_below, -0.01F)); /* matt */
+	assert_false(floor_is_upright(all_around, -0.06F)); /* no floor: the response, or a sky */
+	assert_false(floor_is_upright(on_the_left, -0.06F));
+	open_room(&room);
+	assert_false(lp_stokes_map_floor_is_upright(room.map));
+	close_room(&room);
+}
+
 static void to_floats(const uint16_t half[4], float value[4])
 {
 	for (int k = 0; k < 4; k++) {
@@ -169,9 +234,16 @@ static void test_a_picture_is_in_the_cameras_frame(void **state)
 	/* One bright place, in the frame of the map. */
 	const int bright = lp_grid_cell(room.grid, up);
 
-	for (int i = 0; i < 3; i++)
-		room.map->cells[bright].right[i] *= 4.0F;
-	room.map->cells[bright].scale *= 4.0F;
+	int around[LP_NEIGHBOURS + 1] = {bright};
+
+	lp_grid_neighbours(room.grid, bright, around + 1);
+	for (int k = 0; k <= LP_NEIGHBOURS; k++) {
+		struct lp_stokes *cell = &room.map->cells[around[k]];
+
+		cell->scale *= 4.0F;
+		for (int i = 0; i < 3; i++)
+			cell->right[i] *= 4.0F;
+	}
 	lp_stokes_map_picture(room.map, &roll, &picture);
 	to_floats(cell_along(&picture, (const float[]){0.02F, 0.02F, -1.0F}), value);
 	assert_float_equal(value[1], 0.5 * cos(-2.0 * turn), 0.03);
@@ -273,6 +345,7 @@ static void test_rims_of_a_turning_picture_are_not_polarized(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_a_floor_that_seems_upright),
 		cmocka_unit_test(test_a_picture_holds_what_is_known),
 		cmocka_unit_test(test_a_picture_is_in_the_cameras_frame),
 		cmocka_unit_test(test_a_lamp_is_polarized_as_its_cells),
