@@ -39,7 +39,7 @@ def test_a_sweep_tells_every_reflection(seed: int) -> None:
 @pytest.mark.parametrize("kind", ["float", "8-bit"])
 @pytest.mark.parametrize("seed", [0, 3])  # images of lamps do not tell it in 8-bit frames
 def test_a_film_put_in_wrong_shows_in_the_floor(seed: int, kind: str) -> None:
-    """A varnished floor mirrors the walls; a matt one tells nothing, and there is no false alarm."""
+    """A varnished floor mirrors the walls; a matt one tells nothing: no false alarm."""
     settings = offline.Settings(wheel_deg=polarization.ANGLES_DEG)
     turned = [(angle + 90) % 180 for angle in polarization.ANGLES_DEG]
     for scene, named in ((PolishedFloor(random_scene(seed)), True), (random_scene(seed), False)):
