@@ -2,11 +2,13 @@
 
     bench.py [--quick] [--rounds N]
     bench.py --scenes NAME[,NAME...] [--rounds N]
+    bench.py --film [--rounds N]
 
 The first writes build/bench/speed.json; without --quick also speed.md and speed_accuracy.png in
 docs/maintainers.
 --quick runs everything a little, to see that it works, and says nothing about speed. The second
-times scenes one by one, as `lightprobe` names them: a folder of panoramas, room, procedural:5.
+times scenes one by one, as `lightprobe` names them: a folder of panoramas, room, procedural:5. The
+third times a sweep of the polarizer alone.
 """
 
 from __future__ import annotations
@@ -114,6 +116,12 @@ def run_scenes(names: str, rounds: int) -> None:
     print(any_scenes.table(rows))
 
 
+def run_film(rounds: int) -> None:
+    """Time frames behind a film; the table goes to stdout."""
+    files = frames.make(frames.KINDS[DAEMON_KIND], OUT / "frames", frames.subjects(False))
+    print(report.film(timing.time_film(frames.KINDS[DAEMON_KIND], files, rounds)))
+
+
 def run(quick: bool, rounds: int) -> dict[str, Any]:
     """Measure everything."""
     speed: dict[str, Any] = {"machine": machine(), "quick": quick, "frames": {}}
@@ -150,11 +158,15 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="only check that it runs")
     parser.add_argument("--rounds", type=int, help=f"how often; default {ROUNDS}")
     parser.add_argument("--scenes", help="time these scenes one by one, and nothing else")
+    parser.add_argument("--film", action="store_true", help="time a sweep of the polarizer alone")
     arguments = parser.parse_args()
     quick = arguments.quick
     OUT.mkdir(parents=True, exist_ok=True)
     if arguments.scenes:
         run_scenes(arguments.scenes, arguments.rounds or SCENE_ROUNDS)
+        return 0
+    if arguments.film:
+        run_film(arguments.rounds or ROUNDS)
         return 0
     speed = run(quick, arguments.rounds or (QUICK_ROUNDS if quick else ROUNDS))
     path = save(speed)

@@ -9,6 +9,7 @@
 extern "C" {
 #include "app/pipeline.h"
 #include "include/frame.h"
+#include "include/polarization_grid.h"
 }
 
 namespace
@@ -18,6 +19,7 @@ constexpr float kExposureUs = 10000.0F;	     /* all pictures are of one exposure
 constexpr float kBracketStep = 16.0F;	     /* frames.py: EXPOSURE_STEP */
 constexpr int64_t kFramePeriodNs = 33333333; /* 30 frames per second */
 constexpr int kSettlingFrames = 2;	     /* until nothing of a still picture is new */
+constexpr int kAngles = 4;		     /* of a sweep */
 
 void keep(struct lp_frame *)
 {
@@ -66,10 +68,11 @@ struct pipeline : bench::contestant {
 	struct lp_estimates estimates = {};
 	int exposures; /* of a bracket that goes round */
 	int number = 0;
+	bool swept = false; /* behind a film that goes round its angles */
 
 	pipeline(const char *its_name, const struct lp_pipeline_options &its_options, int lights,
 		 int its_exposures)
-	    : contestant(its_name), options(its_options), demand{LP_MAX_SH_ORDER, lights, 0},
+	    : contestant(its_name), options(its_options), demand{LP_MAX_SH_ORDER, lights, 0, false},
 	      exposures(its_exposures)
 	{
 		begin();
@@ -99,6 +102,10 @@ struct pipeline : bench::contestant {
 		float command_us;
 
 		frame.gain = std::pow(kBracketStep, static_cast<float>(-steps));
+		if (swept) {
+			frame.wheel_deg = 180.0F / kAngles * static_cast<float>(number % kAngles);
+			frame.wheel_sigma_deg = 0.5F;
+		}
 		if (lp_pipeline_process(self, &frame, &demand, &estimates, &command_us) < 0)
 			bench::die(name.c_str(), "no estimate");
 	}
@@ -138,6 +145,40 @@ struct still_pipeline final : pipeline {
 	}
 };
 
+/* A film before the lens that goes round its angles: one frame, one sweep, and the map that clients
+ * may ask for. */
+struct film_pipeline final : bench::contestant {
+	still_pipeline one;
+	std::unique_ptr<struct lp_polarization_grid> map =
+		std::make_unique<struct lp_polarization_grid>();
+
+	explicit film_pipeline(const struct lp_pipeline_options &options)
+	    : contestant("film"), one("film_frame", options, LP_MAX_LIGHTS, 1)
+	{
+		one.swept = true;
+	}
+	void run(const bench::picture &p) override
+	{
+		one.run(p);
+	}
+	std::vector<bench::timing> measure(const bench::picture &p) override
+	{
+		int64_t sweep_ns = 0, frame_ns = 0;
+
+		for (int k = 0; k < kAngles; k++) {
+			frame_ns = one.measure(p).front().ns;
+			sweep_ns += frame_ns;
+		}
+		const int64_t begin_ns = bench::now_ns();
+
+		if (!lp_pipeline_polarization(one.self, map.get()))
+			bench::die(name.c_str(), "no map");
+		return {{"film_frame", frame_ns},
+			{"film_sweep", sweep_ns},
+			{"film_map", bench::now_ns() - begin_ns}};
+	}
+};
+
 } /* namespace */
 
 void bench::add_pipelines(contestants &list, const lp_camera_file &camera)
@@ -173,5 +214,9 @@ void bench::add_pipelines(contestants &list, const lp_camera_file &camera)
 		list.push_back(
 			std::make_unique<still_pipeline>(a.name, options, a.lights, a.exposures));
 	}
+	struct lp_pipeline_options behind_film = defaults(camera);
+
+	behind_film.film = {0.84F, 500.0F, 0.0F, 0.0F};
+	list.push_back(std::make_unique<film_pipeline>(behind_film));
 	list.push_back(std::make_unique<pipeline>("turning", defaults(camera), LP_MAX_LIGHTS, 1));
 }

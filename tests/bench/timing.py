@@ -25,9 +25,11 @@ DECODES = ("decode_1_2", "decode_1_4", "decode_1_8")
 DIVISORS = tuple(f"balanced_decode_1_{n}" for n in (1, 2, 4, 8))
 LIGHTS = tuple(f"lights_{n}" for n in (0, 1, 2, 4, 8))
 EXPOSURES = ("exposures_2", "exposures_3", "exposures_4")
+#: One contestant, three times.
+FILM, FILM_TIMES = "film", ("film_frame", "film_sweep", "film_map")
 PUBLISHED = "published_cpp"
 EVERY_ROUND = (
-    YARDSTICK, *PRESETS, *DECODES, *DIVISORS, *LIGHTS, *EXPOSURES, PUBLISHED, "stages",
+    YARDSTICK, *PRESETS, *DECODES, *DIVISORS, *LIGHTS, *EXPOSURES, FILM, PUBLISHED, "stages",
 )  # fmt: skip
 #: Slow ones run in one of so many rounds.
 SELDOM = 5
@@ -107,6 +109,21 @@ def time_kind(kind: Kind, files: Sequence[Path], rounds: int, bar: Progress) -> 
     return _summary(kind, files, samples, fidelity)
 
 
+def time_film(kind: Kind, files: Sequence[Path], rounds: int) -> dict[str, dict[str, float]]:
+    """Median milliseconds of the film's times, of a frame without it and of the yardstick."""
+    samples: dict[str, list[int]] = {}
+    with Program(kind.camera, files) as program:
+        for number in range(rounds + len(files)):
+            times = program.ask("run", number % len(files), YARDSTICK, "balanced", FILM)
+            if number >= len(files):  # the first ones warm up
+                add(samples, times)
+    plain = float(np.median(samples[YARDSTICK]))
+    return {
+        name: {"median_ms": float(np.median(ns)) / 1e6, "ratio": float(np.median(ns)) / plain}
+        for name, ns in samples.items()
+    }
+
+
 def _fidelity(program: Program, count: int) -> dict[str, list[float]]:
     """SH error of each preset, order 2, against all pixels of the same picture linearised."""
     errors: dict[str, list[float]] = {name: [] for name in (*PRESETS, *DIVISORS)}
@@ -155,4 +172,5 @@ def _summary(
         },
         "lights": {name.removeprefix("lights_"): figures(name) for name in LIGHTS},
         "exposures": {name.removeprefix("exposures_"): figures(name) for name in EXPOSURES},
+        "film": {name.removeprefix("film_"): figures(name) for name in FILM_TIMES},
     }
