@@ -128,8 +128,19 @@ void lp_stokes_map_learn(struct lp_stokes_map *map, const struct lp_film_view *v
 	}
 }
 
-/* By how much a cell's radiance is divided, and the sigma of that. */
-static void factor_of(const struct lp_stokes_map *map, size_t i, float *factor, float *sigma)
+/* Whether what is known of a cell's polarization is of light that strong. */
+static bool tells(const struct lp_polarization *p, float factor, float light)
+{
+	const float expected = p->s0 * factor;
+
+	return p->known && expected < MOST_APART * light && light < MOST_APART * expected;
+}
+
+/* By how much a cell's radiance is divided, and the sigma of that. `light`: as it is seen through
+ * the film. Where a lamp's rim comes and goes as the camera turns, cells seem polarized: dividing
+ * other light by that would draw lamps that are not there. */
+static void factor_of(const struct lp_stokes_map *map, size_t i, float light, float *factor,
+		      float *sigma)
 {
 	struct lp_polarization p = lp_stokes_polarization(&map->cells[i]);
 	const float biased = hypotf(p.q, p.u), kept = biased > 0.0F ? p.dolp / biased : 0.0F;
@@ -142,6 +153,10 @@ static void factor_of(const struct lp_stokes_map *map, size_t i, float *factor, 
 		return;
 	lp_film_factor(&p, map->axis[i], factor, sigma);
 	*factor = fmaxf(*factor, LEAST_FACTOR);
+	if (tells(&p, *factor, light))
+		return;
+	*factor = 1.0F;
+	*sigma = UNKNOWN_SIGMA;
 }
 
 void lp_stokes_map_see_through(struct lp_stokes_map *map, const struct lp_film_view *view,
@@ -153,7 +168,7 @@ void lp_stokes_map_see_through(struct lp_stokes_map *map, const struct lp_film_v
 	for (size_t i = 0; i < cell_count(map->grid); i++) {
 		float factor, sigma;
 
-		factor_of(map, i, &factor, &sigma);
+		factor_of(map, i, observation->radiance[i][LP_LUMINANCE], &factor, &sigma);
 		for (int c = 0; c < 4; c++)
 			map->radiance[i][c] = observation->radiance[i][c] / factor;
 		const float light = map->radiance[i][LP_LUMINANCE] * sigma / factor;
@@ -165,12 +180,6 @@ void lp_stokes_map_see_through(struct lp_stokes_map *map, const struct lp_film_v
 	observation->radiance = (const float(*)[4])map->radiance;
 	observation->step2 = map->variance;
 	observation->place_variance = 1.0F;
-}
-
-/* Whether what is known of a cell's polarization is of the light that the map shows. */
-static bool tells(const struct lp_polarization *p, float radiance)
-{
-	return p->known && p->s0 < MOST_APART * radiance && radiance < MOST_APART * p->s0;
 }
 
 struct lp_polarization lp_stokes_map_of(const struct lp_stokes_map *map, const float (*radiance)[4],
@@ -186,7 +195,7 @@ struct lp_polarization lp_stokes_map_of(const struct lp_stokes_map *map, const f
 				    lp_grid_solid_angle_sr(map->grid, cell);
 
 		all += light;
-		if (!tells(&p, radiance[cell][LP_LUMINANCE]))
+		if (!tells(&p, 1.0F, radiance[cell][LP_LUMINANCE]))
 			continue;
 		sum.s0 += light;
 		sum.q += light * p.q;

@@ -292,6 +292,23 @@ static void test_light_of_unknown_polarization_is_taken_as_it_is(void **state)
 	close_room(&room);
 }
 
+/* The rim of a lamp that comes and goes seems polarized; a lamp that then lies there is as it is.
+ */
+static void test_other_light_is_not_divided_by_what_was_known(void **state)
+{
+	struct room room;
+	float sigma;
+
+	(void)state;
+	open_room(&room);
+	for (int k = 0; k < 40; k++)
+		see(&room, 45.0F * (float)(k % 4), 2.0F, 0.8F, 0.0F);
+	assert_float_equal(seen_through(&room, 90.0F, 0.4F, &sigma), 2.0, 0.2);
+	assert_float_equal(seen_through(&room, 90.0F, 2.0F, &sigma), 2.0, 1e-6);
+	assert_true(sigma > 0.1F);
+	close_room(&room);
+}
+
 static void test_polarized_light_is_seen_through(void **state)
 {
 	struct room room;
@@ -351,6 +368,7 @@ int main(void)
 		cmocka_unit_test(test_a_lamp_is_polarized_as_its_cells),
 		cmocka_unit_test(test_cells_that_tell_of_other_light_tell_nothing_of_the_lamp),
 		cmocka_unit_test(test_light_of_unknown_polarization_is_taken_as_it_is),
+		cmocka_unit_test(test_other_light_is_not_divided_by_what_was_known),
 		cmocka_unit_test(test_polarized_light_is_seen_through),
 		cmocka_unit_test(test_rims_of_a_turning_picture_are_not_polarized),
 	};
