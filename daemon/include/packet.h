@@ -6,8 +6,9 @@
 #include <stdint.h>
 
 #define LP_PACKET_MAX_BYTES 2048
-#define LP_PACKET_LARGE_BYTES 100000 /* of the kind that is larger: a reflection map of 64 texels \
-				      */
+#define LP_PACKET_LARGE_BYTES                                               \
+	100000 /* of the kind that is larger: a reflection map of 64 texels \
+		*/
 
 /* What a slow client may lose: a newer STATE replaces an older one still unsent, and a newer
  * PICTURE an older one; CONTROL is kept. */

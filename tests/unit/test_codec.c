@@ -13,7 +13,7 @@
 #include "base/clock.h"
 #include "light/model.h"
 
-static uint8_t packet_bytes[LP_PICTURE_MAX_BYTES];
+static uint8_t packet_bytes[LP_PACKET_LARGE_BYTES];
 static struct lp_packet packet = {.data = packet_bytes, .capacity_bytes = LP_PACKET_MAX_BYTES};
 static const struct lp_stamp no_stamp;
 

@@ -89,40 +89,6 @@ static void test_control_before_state_and_newest_state_only(void **state)
 	close(fds[1]);
 }
 
-/* A picture waits for all else; only a newer one takes its place. */
-static void test_the_newest_picture_comes_last(void **state)
-{
-	struct lp_send_queue queue = {0};
-	uint8_t large[3] = {'x', 'y', 'z'};
-	struct lp_packet map = {.references = 1,
-				.kind = LP_PACKET_PICTURE,
-				.size_bytes = 3,
-				.large = large};
-	char text[16] = {0};
-	int fds[2];
-
-	(void)state;
-	open_pipe(fds);
-	assert_false(put(&queue, LP_PACKET_PICTURE, 'p', 1));
-	assert_false(put(&queue, LP_PACKET_STATE, 'a', 1));
-	assert_true(lp_send_queue_put(&queue, &map));
-	assert_true(put(&queue, LP_PACKET_STATE, 'b', 1));
-	assert_false(put(&queue, LP_PACKET_CONTROL, 'C', 1));
-	assert_int_equal(alive, 2);
-	assert_int_equal(lp_send_queue_flush(&queue, fds[1]), 0);
-	assert_true(lp_send_queue_is_empty(&queue));
-	assert_int_equal(alive, 0);
-	assert_int_equal(map.references, 1);
-	assert_int_equal(read(fds[0], text, sizeof(text)), 5);
-	assert_string_equal(text, "Cbxyz");
-	assert_false(put(&queue, LP_PACKET_PICTURE, 'p', 1));
-	assert_false(lp_send_queue_is_empty(&queue));
-	lp_send_queue_clear(&queue);
-	assert_int_equal(alive, 0);
-	close(fds[0]);
-	close(fds[1]);
-}
-
 static void test_control_queue_is_bounded(void **state)
 {
 	struct lp_send_queue queue = {0};
@@ -221,7 +187,6 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_pictures_go_last_and_the_newest_only),
 		cmocka_unit_test(test_control_before_state_and_newest_state_only),
-		cmocka_unit_test(test_the_newest_picture_comes_last),
 		cmocka_unit_test(test_control_queue_is_bounded),
 		cmocka_unit_test(test_slow_reader_gets_whole_packets_and_the_newest),
 		cmocka_unit_test(test_broken_connection_and_clear),

@@ -40,7 +40,7 @@ static int setup(void **state)
 
 	(void)state;
 	estimates = (struct lp_estimates){.surroundings = &surroundings};
-	packets = lp_packets_create(8);
+	packets = lp_packets_create(8, 0);
 	maps = lp_reflection_maps_create(64, 4);
 	return packets && maps ? lp_pipeline_create(&options, &pipeline) : -1;
 }
@@ -391,7 +391,7 @@ static void test_bytes_are_the_frozen_ones(void **state)
 	const struct lp_reflection_header header = {.size = 16, .total = true, .scale = 0.25F};
 	const struct lp_stamp stamp = {.boot_id = 305419896, .subscription = 300};
 	static uint8_t texels[4 * LP_CUBE_TEXELS(16)], expected[8192], large[8192];
-	struct lp_packet packet = {.large = large};
+	struct lp_packet packet = {.data = large, .capacity_bytes = sizeof(large)};
 	struct lp_light_estimate estimate = {.sequence = 12,
 					     .orientation = {.known = true,
 							     .xyzw = {0.5F, -0.5F, 0.5F, 0.5F}}};
@@ -407,7 +407,7 @@ static void test_bytes_are_the_frozen_ones(void **state)
 	memset(texels + sizeof(texels) - 4, 255, 4);
 	lp_clock_simulate(1);
 	estimate.t_capture_ns = 1700000000123456789 - lp_clock_unix_ns(0);
-	lp_encode_reflection_map(&estimate, &header, texels, &stamp, sizeof(large), &packet);
+	lp_encode_reflection_map(&estimate, &header, texels, &stamp, &packet);
 	lp_clock_simulate(0);
 	assert_int_equal(packet.size_bytes, size);
 	assert_memory_equal(large, expected, size);
