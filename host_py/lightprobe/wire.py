@@ -45,8 +45,8 @@ MINOR_WITH_NUMBERS = 1
 MINOR_WITH_PINGS = 3
 #: From this one on, it answers requests for polarization maps and sweeps.
 MINOR_WITH_POLARIZATION = 4
-#: A reflection map of 64 texels has 96 KiB, a polarization map 57, all else less than 2; the rest is
-#: room to grow.
+#: A reflection map of 64 texels has 96 KiB, a polarization map 57, all else less than 2; the rest
+#: is room to grow.
 MAX_MESSAGE_BYTES = 128 * 1024
 
 Message = (
