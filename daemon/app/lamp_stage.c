@@ -203,15 +203,31 @@ void lp_lamp_stage_update(struct lp_lamp_stage *stage, struct lp_imager *imager,
 		tell_reflections(stage, imager, finder);
 }
 
-/* Whether a lamp is there: detection may miss one that is on its threshold. */
-static bool shines(const struct lp_grid *grid, const struct lp_panorama *panorama,
-		   const struct lp_remembered_lamp *m)
+static bool is_bright(const struct lp_grid *grid, const struct lp_panorama *panorama,
+		      const struct lp_remembered_lamp *m)
 {
 	const int cell = lp_grid_cell(grid, m->on_grid.direction);
 
+	return panorama->cells[cell][LP_LUMINANCE] > STILL_THERE * m->on_grid.peak;
+}
+
+/* Where the panorama still shows a lamp's light, another sighting has it, or detection misses a
+ * lamp that is on its threshold: nothing is hidden. */
+static void find_hidden(struct lp_lamp_stage *stage, const struct lp_grid *grid,
+			const struct lp_panorama *panorama)
+{
+	for (int k = 0; k < LP_MAX_LAMPS; k++) {
+		struct lp_remembered_lamp *m = &stage->memory.list[k];
+
+		m->missed = m->missed && !is_bright(grid, panorama, m);
+	}
+}
+
+static bool shines(const struct lp_grid *grid, const struct lp_panorama *panorama,
+		   const struct lp_remembered_lamp *m)
+{
 	return m->seen || lp_lamp_may_be_hidden(m) ||
-	       (m->absent_s < LONGEST_MISS_S &&
-		panorama->cells[cell][LP_LUMINANCE] > STILL_THERE * m->on_grid.peak);
+	       (m->absent_s < LONGEST_MISS_S && is_bright(grid, panorama, m));
 }
 
 static float strength(const struct lp_remembered_lamp *m)
@@ -327,6 +343,7 @@ int lp_lamp_stage_list(struct lp_lamp_stage *stage, const struct lp_grid *grid,
 	struct lp_remembered_lamp *chosen[LP_MAX_LIGHTS];
 	int lamps;
 
+	find_hidden(stage, grid, panorama);
 	estimate->light_count = choose(stage, grid, panorama, most, chosen, &lamps);
 	estimate->area_count = lamps < estimate->light_count ? estimate->light_count - lamps : 0;
 	for (int k = 0; k < estimate->light_count; k++)

@@ -45,6 +45,8 @@
 #define LEAST_FILM_FACTOR 0.1F
 /* Of what the panorama shows of a lamp, then and now: beyond this ratio it is another light. */
 #define LEAST_RATIO 0.6F
+/* A block of the picture of 1920 pixels: 1.5 degrees along and across. */
+#define BLOCK_SR (1.5F * RAD * 1.5F * RAD)
 /* A lower bound of at least this share of the largest comes from as short an exposure: the glow
  * moves the middle of what is clipped as much. */
 #define LIKE_THE_LARGEST 0.7F
@@ -517,7 +519,8 @@ const struct lp_remembered_lamp *lp_lamp_memory_find(const struct lp_lamp_memory
 
 bool lp_lamp_may_be_hidden(const struct lp_remembered_lamp *lamp)
 {
-	return lamp->id && lamp->missed && (lamp->lamp.flags & LP_LIGHT_CLIPPED);
+	return lamp->id && lamp->missed && (lamp->lamp.flags & LP_LIGHT_CLIPPED) &&
+	       lamp->lamp.solid_angle_sr < BLOCK_SR;
 }
 
 void lp_lamp_memory_lose_cells(struct lp_lamp_memory *memory)

@@ -37,7 +37,7 @@ struct lp_remembered_lamp {
 	float then_on_grid; /* luminance of on_grid.irradiance when `lamp` was last taken anew */
 	float hidden;	    /* of its irradiance, by clipping (light_estimate.h) */
 	float absent_s;	    /* how long it has not been seen */
-	bool missed;	    /* in the newest panorama, but not in the one before */
+	bool missed; /* in the newest panorama, but not in the one before; its light is gone */
 	struct lp_flicker flicker; /* of its strength as measured by pixels */
 	float disputed_s; /* how long detection has drawn other borders (light/holding.h) */
 	bool wide;	  /* an area light */
@@ -107,9 +107,9 @@ const struct lp_remembered_lamp *lp_lamp_memory_find(const struct lp_lamp_memory
 						     const struct lp_lamp *on_grid);
 
 /*
- * Whether a lamp that clips is missed in the newest panorama only, and may well be there still: a
- * long exposure in which its pixels are spread over several blocks of the picture, none of which is
- * seen to clip. Such a lamp shines on for one frame.
+ * Whether a small lamp that clips is missed in the newest panorama only, and may well be there
+ * still: a long exposure in which its pixels are spread over several blocks of the picture, none of
+ * which is seen to clip. Such a lamp shines on for one frame.
  */
 bool lp_lamp_may_be_hidden(const struct lp_remembered_lamp *lamp);
 
