@@ -237,13 +237,13 @@ static struct lp_bracket_decision change_seen(struct lp_bracket *b)
 	return take_effect(b);
 }
 
-/* The light has changed, and how long this camera takes tells the exposure: all light darker by a
- * factor looks just like a shorter exposure. */
+/* The light has changed, and how long this camera takes tells the exposure, if it always takes as
+ * long: all light darker by a factor looks just like a shorter exposure. */
 static struct lp_bracket_decision by_time(struct lp_bracket *b)
 {
 	const bool is_old = b->frames_since_command < b->least_seen_frames;
 
-	if ((!is_old && b->frames_since_command < b->most_seen_frames) || ++b->untold > MOST_UNTOLD)
+	if (b->least_seen_frames != b->most_seen_frames || ++b->untold > MOST_UNTOLD)
 		return fits_nothing(b);
 	if (!is_old)
 		b->settled_us = b->commanded_us;

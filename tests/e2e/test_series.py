@@ -95,7 +95,7 @@ def test_what_makes_no_sense_is_refused(tmp_path):
         ((source, into, "--once"), "with --once"),
         ((f"--source=sim:{tmp_path / 'sim'}", into, "--series-frames=0"), "never ends"),
         ((source, f"--series={tmp_path / 'a' / 'b'}"), "No such file"),
-        ((into,), "needs --source"),
+        ((into,), "needs one --source"),
     ):
         status, _, log = run(*arguments)
         assert status == 2, log
