@@ -169,6 +169,17 @@ def test_the_old_boot_loader_never_comes_back_from_the_watchdog(rig: Rig) -> Non
     assert hellos(rig, 2_000_000)
 
 
+def test_a_boot_loader_leaves_when_no_programmer_speaks(rig: Rig) -> None:
+    """The daemon's bytes look like a programmer's first words, and go on otherwise."""
+    rig.set(boot_loader=OPTIBOOT_7)
+    rig.command("reset external")
+    rig.run(10_000)
+    rig.send_bytes(b"0 ")
+    rig.run(10_000)
+    rig.send_bytes(b"ab")
+    assert hellos(rig, 100_000)
+
+
 def test_reset_on_request_needs_its_key(homed: Rig) -> None:
     assert homed.ask("Reset", key=0xB006)["result"] == "OUT_OF_RANGE"
     assert homed.phase() == "SETTLED"

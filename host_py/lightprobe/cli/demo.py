@@ -363,12 +363,20 @@ def _paint(
 
 @contextmanager
 def _ctrl_c_held() -> Iterator[None]:
-    """Hold Ctrl-C back as long as the block lasts; a process that starts in it never gets one."""
+    """Hold Ctrl-C back as long as the block lasts; a process that starts in it never gets one.
+
+    Blocked in this thread, it may still come by another one, such as numpy's.
+    """
+    came: list[int] = []
+    handler = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
     former = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, former)
+        signal.signal(signal.SIGINT, handler)
+        if came:
+            signal.raise_signal(signal.SIGINT)
 
 
 def make_folder(path: Path) -> None:
