@@ -9,8 +9,9 @@ import { bytes, expected, names } from "./golden.js";
 /** The name that JavaScript has for a name of the schema. */
 const camel = (snake: string): string => snake.replace(/_(\w)/g, (_, letter: string) => letter.toUpperCase());
 
-/** "estimate.lights[0].direction[2]" in C's names, of a decoded message. */
+/** "estimate.lights[0].direction[2]" in C's names, of a decoded message; a message's name alone: that it is there. */
 function read(message: unknown, path: string): unknown {
+  if (!path.includes(".")) return message !== undefined;
   let value = message as Record<string, unknown>;
   for (const step of path.split(".").slice(1)) {
     const [, snake, index] = /^(\w+?)(?:\[(\d+)\])?$/.exec(step)!;
@@ -21,6 +22,7 @@ function read(message: unknown, path: string): unknown {
     if (next === undefined) return null;
     value = next as Record<string, unknown>;
   }
+  if (value instanceof Uint8Array) return `0x${Buffer.from(value).toString("hex")}`;
   return typeof value === "bigint" ? Number(value) : value;
 }
 
