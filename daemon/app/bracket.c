@@ -106,7 +106,7 @@ static float allowed(const struct lp_bracket *b, float exposure_us)
 static void command(struct lp_bracket *b, float exposure_us)
 {
 	b->commanded_us = exposure_us;
-	b->frames_since_command = 0;
+	b->frames_since_command = b->judged_since_command = 0;
 }
 
 static void start(struct lp_bracket *b, float exposure_us)
@@ -189,7 +189,7 @@ static struct lp_bracket_decision still_old(struct lp_bracket *b)
 	b->strange = 0;
 	if (b->verified && b->frames_since_command > b->most_seen_frames + 1)
 		decision = (struct lp_bracket_decision){.exposure_us = NAN};
-	if (b->frames_since_command <= most_delay(b))
+	if (b->judged_since_command <= most_delay(b))
 		return decision;
 	if (++b->misses < MOST_MISSES) {
 		command(b, other_us(b));
@@ -281,7 +281,7 @@ static struct lp_bracket_decision judge_change(struct lp_bracket *b,
 	const bool alike = (!evidence(settled) || settled->difference_codes < FIT_CODES) &&
 			   (!evidence(commanded) || commanded->difference_codes < FIT_CODES);
 
-	if (alike && b->frames_since_command > most_delay(b))
+	if (alike && b->judged_since_command > most_delay(b))
 		return take_effect(b);
 	if (alike)
 		return (struct lp_bracket_decision){.exposure_us = NAN};
@@ -295,6 +295,7 @@ void lp_bracket_frame(struct lp_bracket *bracket, uint64_t sequence)
 	const bool is_known = bracket->sequence > 0 && passed > 0 && passed <= MOST_LOST;
 
 	bracket->frames_since_command += is_known ? (int)passed : 1;
+	bracket->judged_since_command++;
 	bracket->sequence = sequence;
 }
 
@@ -306,7 +307,7 @@ struct lp_bracket_decision lp_bracket_judge(struct lp_bracket *bracket,
 
 	switch (bracket->state) {
 	case LP_BRACKET_STARTING:
-		if (bracket->frames_since_command <= most_delay(bracket))
+		if (bracket->judged_since_command <= most_delay(bracket))
 			return decision;
 		bracket->state = LP_BRACKET_RUNNING;
 		lp_debug("camera", "bracket", "begins with %g us", (double)bracket->commanded_us);

@@ -69,12 +69,13 @@ struct lp_bracket {
 	float clips_us, clips_peak; /* known to clip, while the peak is like this; 0: none */
 
 	float settled_us, commanded_us;
-	uint64_t sequence; /* of the last frame */
-	int frames_since_command;
-	int misses;	 /* commands in a row without effect */
-	int strange;	 /* frames in a row that fit neither exposure */
-	int changes;	 /* seen to take effect */
-	int untold;	 /* frames in a row whose exposure only the time tells */
+	uint64_t sequence;	  /* of the last frame */
+	int frames_since_command; /* those that were lost, too */
+	int judged_since_command; /* on a busy machine commands are late, and frames are lost */
+	int misses;		  /* commands in a row without effect */
+	int strange;		  /* frames in a row that fit neither exposure */
+	int changes;		  /* seen to take effect */
+	int untold;		  /* frames in a row whose exposure only the time tells */
 	float fit_codes; /* by how much the last frame differed from what its exposure predicts */
 	int least_seen_frames, most_seen_frames; /* from command to effect */
 	int frames_ignored; /* since it was found not to follow, or tried again */
