@@ -10,10 +10,10 @@
 #include "light/rotation.h"
 #include "light/sh.h"
 #include "lp_test.h"
+#include "normals.h"
 #include "scene.h"
 #include "vision/cube_sample.h"
 
-#define NORMALS 100
 /* Root mean square over the normals, relative to the largest irradiance on any surface. */
 #define FLUX_TOLERANCE 0.005
 /* The largest of them, in widths of a texel (radians): a lamp that is spread over a texel lights a
@@ -42,22 +42,6 @@ static void free_cube(struct lp_cube *cube)
 	for (int c = 0; c < 3; c++)
 		free(cube->rgb[c]);
 	lp_cube_grid_destroy((struct lp_cube_grid *)cube->grid);
-}
-
-/* Even over the sphere (Fibonacci's lattice). */
-static void normal_of(int k, float normal[3])
-{
-	const float z = 1.0F - (2.0F * (float)k + 1.0F) / (float)NORMALS;
-	const float turn = (float)k * 2.39996323F;
-
-	normal[0] = sqrtf(1.0F - z * z) * cosf(turn);
-	normal[1] = z;
-	normal[2] = sqrtf(1.0F - z * z) * sinf(turn);
-}
-
-static double cosine(const float a[3], const float b[3])
-{
-	return fmax(0.0, (double)a[0] * b[0] + (double)a[1] * b[1] + (double)a[2] * b[2]);
 }
 
 static double irradiance(const struct lp_cube *cube, int channel, const float normal[3])

@@ -11,10 +11,10 @@
 #include "base/clock.h"
 #include "light/cube.h"
 #include "light/model.h"
+#include "normals.h"
 #include "scene.h"
 #include "wire.h"
 
-#define NORMALS 100
 /* Root mean square over the normals, relative to the largest irradiance on any surface. */
 #define FLUX_TOLERANCE 0.005
 /* Of a window, of which the estimate knows its SH alone: these end at order 4. */
@@ -137,21 +137,6 @@ static void forget(struct picture *picture)
 	free_picture(picture);
 	lp_reflection_maps_forget(maps);
 	lp_packets_forget(packets);
-}
-
-static void normal_of(int k, float normal[3])
-{
-	const float z = 1.0F - (2.0F * (float)k + 1.0F) / (float)NORMALS;
-	const float turn = (float)k * 2.39996323F;
-
-	normal[0] = sqrtf(1.0F - z * z) * cosf(turn);
-	normal[1] = z;
-	normal[2] = sqrtf(1.0F - z * z) * sinf(turn);
-}
-
-static double cosine(const float a[3], const float b[3])
-{
-	return fmax(0.0, (double)a[0] * b[0] + (double)a[1] * b[1] + (double)a[2] * b[2]);
 }
 
 static double lit_by_map(const struct picture *picture, const float normal[3])

@@ -101,8 +101,8 @@ size_t stk500_byte(struct stk500 *loader, uint8_t byte, uint8_t reply[STK500_REP
 		bytes = 1 + execute(loader, reply + 1);
 		reply[bytes++] = OK;
 	} else if (loader->synchronized) {
-		loader->left =
-			true; /* no programmer speaks: it starts the program by its watchdog */
+		/* no programmer speaks: it starts the program by its watchdog */
+		loader->left = true;
 	}
 	loader->command = 0;
 	return bytes;
