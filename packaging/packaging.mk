@@ -15,7 +15,8 @@ setup-build: $(call apt,build)
 PREFIX ?= /usr/local
 DESTDIR ?=
 INSTALLED := bin/lightprobed lib/systemd/system/lightprobed.service lib/sysusers.d/lightprobe.conf \
-	lib/udev/rules.d/70-lightprobe.rules lib/udev/rules.d/71-lightprobe-mcu.rules share/lightprobe
+	lib/udev/rules.d/70-lightprobe.rules lib/udev/rules.d/71-lightprobe-mcu.rules \
+	lib/udev/rules.d/72-lightprobe-iio.rules share/lightprobe
 CONFIG := $(DESTDIR)/etc/lightprobe/lightprobed.conf
 
 .PHONY: install uninstall check-service

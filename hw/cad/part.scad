@@ -4,6 +4,7 @@ include <derived.scad>
 use <wheel.scad>
 use <plate.scad>
 use <drum.scad>
+use <pair.scad>
 
 part = "wheel_front";
 
@@ -15,6 +16,7 @@ else if (part == "plate") plate();
 else if (part == "sensor_carrier") sensor_carrier();
 else if (part == "cradle") cradle();
 else if (part == "module_cradle") module_cradle();
+else if (part == "module_pair") module_pair();
 else if (part == "ring_cap") ring_cap();
 else if (part == "base") base();
 else if (part == "ring") ring();

@@ -178,3 +178,38 @@ def test_pictures_with_known_exposures_do_as_well(tmp_path):
     for found in table.values():
         error = found - responses.parse("gamma:2.4")
         assert np.all(np.sqrt(np.mean(error**2, axis=0)) < 0.01)
+
+
+FISHEYE = """[camera]
+projection = fisheye
+width_px = 480
+height_px = 480
+[lens.0]
+cx_px = 240
+cy_px = 240
+fx_px = 141
+fy_px = 141
+max_theta_deg = 97
+"""
+
+
+def test_the_roll_off_of_a_camera_that_turns_is_found(tmp_path, released_daemon):
+    """By the daemon's own frames, at an exposure that the command chooses."""
+    true = (-0.4935, 0.0961, -0.0076)  # about the fourth power of the cosine of half the angle
+    module, probe = tmp_path / "module.camera", tmp_path / "probe.camera"
+    probe.write_text(FISHEYE)
+    module.write_text(FISHEYE + f"rolloff = {true[0]}, {true[1]}, {true[2]}\n")
+    scene = Path(__file__).resolve().parents[2] / "build/scenes/courtyard.exr"
+    options = ("--scenes", scene, "--camera", module, "--size", "480x480", "--rate", "10")
+    turning = ("--turn-deg-s", "40", "--median-radiance", "200")
+    with simulated(tmp_path, *map(str, options), *turning) as socket:
+        done = lightprobe(
+            "calibrate", "roll-off", f"sim:{socket}", "--output", probe, "--frames", "105", "--json"
+        )
+    (report,) = json.loads(done.stdout)
+    theta = np.radians(np.linspace(0, 92, 93))
+    terms = theta[:, None] ** np.array([2, 4, 6])
+    error = np.abs((1 + terms @ report["rolloff"]) / (1 + terms @ true) - 1).max()
+    print(f"roll-off by 36 frames of a camera that turns: within {100 * error:.1f} %")
+    assert error < 0.04
+    assert camera.load(str(probe)).lenses[0].rolloff == pytest.approx(report["rolloff"], rel=1e-4)

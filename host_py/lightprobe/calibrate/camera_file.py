@@ -8,8 +8,11 @@ one, names the whole table that it was made with.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+import secrets
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+
+from scipy.spatial.transform import Rotation
 
 from lightprobe.calibrate import files as calibration
 from lightprobe.geometry import Array
@@ -99,3 +102,24 @@ def save_response(path: Path, size_px: tuple[int, int], table: Array, remark: st
     calibration.save(target, rows + f"# {remark}\n")
     save(path, size_px, "response", {"table": target.name})
     return target
+
+
+def save_rig(paths: Sequence[Path], turns: Sequence[Rotation], sigmas_deg: Sequence[float]) -> str:
+    """Turn the lenses of the cameras of one rig, and mark their files as belonging together.
+
+    `turns`: from the frame of each file as it is to that of the first; returns the rig's id.
+    """
+    rig = secrets.token_hex(4)
+    texts = []
+    for number, (path, turn, sigma) in enumerate(zip(paths, turns, sigmas_deg, strict=True), 1):
+        text = read_or_new(path, (0, 0))
+        for k, lens in enumerate(camera.load(str(path)).lenses):
+            w, x, y, z = lens.rotation_wxyz
+            x, y, z, w = (turn * Rotation.from_quat([x, y, z, w])).as_quat(canonical=True)
+            values = {"rotation_wxyz": f"{w:.7f}, {x:.7f}, {y:.7f}, {z:.7f}"}
+            text = edited(text, f"lens.{k}", values)
+        values = {"id": rig, "camera": str(number), "sigma_deg": f"{sigma:.3f}"}
+        texts.append(edited(text, "rig", values))
+    for path, text in zip(paths, texts, strict=True):
+        calibration.save(path, text)
+    return rig

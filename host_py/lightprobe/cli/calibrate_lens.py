@@ -35,10 +35,18 @@ def command(
             help="Write the board, to be printed, and end.",
         ),
     ] = None,
+    model: Annotated[
+        str,
+        typer.Option(
+            metavar="|".join(lens_fit.MODELS),
+            callback=check.one_of(lens_fit.MODELS),
+            help="OpenCV's model. omnidir is rewritten as the polynomial of the other.",
+        ),
+    ] = "fisheye",
     max_theta_deg: Annotated[
         float | None,
         typer.Option(
-            callback=check.number(1, 180, "degrees"),
+            callback=check.number(1, 150, "degrees"),
             help="Use the lens to this angle off its axis; default: to the farthest corner seen.",
         ),
     ] = None,
@@ -61,14 +69,16 @@ def command(
     if not pictures:
         raise UsageError("calibrate: lens: give pictures of the board, or --draw FILE.png")
     found, size_px = find_all(pictures, kind)
-    result = lens_fit.fit(list(found.values()), size_px)
+    result = lens_fit.fit(list(found.values()), size_px, model)
+    if max_theta_deg is not None:
+        refuse_beyond(result, max_theta_deg)
     for path, rms_px in zip(found, result.picture_rms_px, strict=True):
         if np.isnan(rms_px):
             typer.echo(f"note: {path}: left out: it contradicts the others", err=True)
     if as_json:
-        typer.echo(json.dumps(to_json(result), indent=2))
+        typer.echo(json.dumps(to_json(result, max_theta_deg), indent=2))
     else:
-        show(result)
+        show(result, max_theta_deg)
     if output is not None:
         values = lens_values(result, max_theta_deg)
         camera_file.save_lens(output, size_px, values)
@@ -113,22 +123,46 @@ def lens_values(result: Fit, max_theta_deg: float | None) -> dict[str, str]:
     return {key: f"{value:.6g}" for key, value in numbers.items()}
 
 
-def to_json(result: Fit) -> dict[str, Any]:
-    """Give the result as JSON."""
-    numbers = {key: float(value) for key, value in lens_values(result, None).items()}
+def refuse_beyond(result: Fit, max_theta_deg: float) -> None:
+    """Raise UsageError where the fitted radius does not grow so far."""
+    grows_deg = lens_fit.grows_to_deg(result.lens, max_theta_deg)
+    if grows_deg < max_theta_deg:
+        raise UsageError(
+            f"calibrate: lens: --max-theta-deg {max_theta_deg:g}: what fits corners up to "
+            f"{result.lens.max_theta_deg:.1f} degrees stops growing at {grows_deg:.0f}: take "
+            "pictures with the board nearer to the rim, or name a smaller angle"
+        )
+
+
+def to_json(result: Fit, max_theta_deg: float | None) -> dict[str, Any]:
+    """Give the result as JSON; sigma to the last corner and to max_theta_deg, of fisheye only."""
+    numbers = {key: float(value) for key, value in lens_values(result, max_theta_deg).items()}
     used = sum(not np.isnan(rms) for rms in result.picture_rms_px)
+    angles_deg = result.lens.max_theta_deg, numbers["max_theta_deg"]
+    known = result.model == "fisheye"
+    sigmas = [result.sigma_deg(angle) if known else None for angle in angles_deg]
     return {
-        "lens": numbers, "rms_px": result.rms_px, "corners": result.corners,
+        "model": result.model, "lens": numbers, "rms_px": result.rms_px, "corners": result.corners,
         "pictures_used": used, "covered": result.covered,
+        "farthest_corner_deg": result.lens.max_theta_deg,
+        "sigma_deg": sigmas[0], "sigma_at_max_theta_deg": sigmas[1],
     }  # fmt: skip
 
 
-def show(result: Fit) -> None:
+def show(result: Fit, max_theta_deg: float | None) -> None:
     """Print the result."""
-    for key, value in lens_values(result, None).items():
+    for key, value in lens_values(result, max_theta_deg).items():
         typer.echo(f"{key} = {value}")
     used = sum(not np.isnan(rms) for rms in result.picture_rms_px)
+    farthest_deg = result.lens.max_theta_deg
     typer.echo(
         f"{result.corners} corners in {used} pictures, off by {result.rms_px:.2f} px (RMS); "
-        f"they reach {100 * result.covered:.0f} % of the way to the edge"
+        f"they reach {100 * result.covered:.0f} % of the way to the edge and "
+        f"{farthest_deg:.1f} degrees off the axis"
     )
+    if result.model == "fisheye":
+        beyond_deg = max(max_theta_deg or 0.0, farthest_deg)
+        known = f"{result.sigma_deg(farthest_deg):.3f} degrees (1 sigma) up to there"
+        if beyond_deg > farthest_deg:
+            known += f", to {result.sigma_deg(beyond_deg):.2f} up to {beyond_deg:g} degrees"
+        typer.echo(f"where pixels look is known to {known}")

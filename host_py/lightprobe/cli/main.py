@@ -84,6 +84,13 @@ class Calibrate(LazyGroup):
             "calibrate_lens:command", "Find a fisheye lens with pictures of a printed board.",
             "calibrate",
         ),
+        "rig": Entry(
+            "calibrate_rig:command", "Find how cameras are turned in one box.", "calibrate"
+        ),
+        "roll-off": Entry(
+            "calibrate_roll_off:command", "Find how much darker a lens is towards its rim.",
+            "calibrate",
+        ),
         "wheel": Entry(
             "calibrate_wheel:command", "Measure the servo that turns the polarizer wheel.",
             "calibrate",
