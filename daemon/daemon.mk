@@ -46,6 +46,7 @@ LP_EXCLUDE := $(if $(filter 0,$(WITH_GPIOD)),daemon/drivers/wheel/pca9685/%, \
 		daemon/drivers/wheel/pca9685/index_gpiod$(if $(filter 1,$(GPIOD_MAJOR)),2,1).c) \
 	$(if $(filter 0,$(WITH_LIBCAMERA)),daemon/drivers/source/libcamera/%) \
 	$(if $(filter 0,$(WITH_OSC)),daemon/drivers/source/osc/%) \
+	$(if $(filter 0,$(WITH_LIBUSB)),daemon/drivers/source/ptp/%) \
 	$(if $(filter 0,$(WITH_WEBSOCKETS)),daemon/drivers/publisher/websocket/%) \
 	$(if $(filter 0,$(WITH_IIO)),daemon/drivers/orientation/iio.c)
 LP_PACKAGES := libuv libturbojpeg inih $(foreach o,$(WITH_OPTIONS),$(if $(filter 1,$(WITH_$o)),$(PACKAGE_$o)))

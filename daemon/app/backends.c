@@ -20,6 +20,7 @@ extern const struct lp_source_ops lp_source_sim_ops;
 extern const struct lp_source_ops lp_source_v4l2_ops;
 extern const struct lp_source_ops lp_source_libcamera_ops;
 extern const struct lp_source_ops lp_source_osc_ops;
+extern const struct lp_source_ops lp_source_ptp_ops;
 extern const struct lp_source_ops lp_source_example_ops;
 extern const struct lp_rotator_ops lp_rotator_mcu_ops;
 extern const struct lp_rotator_ops lp_rotator_pca9685_ops;
@@ -42,6 +43,7 @@ static const struct lp_source_ops *const sources[] = {
 	&lp_source_v4l2_ops,
 	WITH_LIBCAMERA ? &lp_source_libcamera_ops : LEFT_OUT(source, "libcamera", "WITH_LIBCAMERA"),
 	WITH_OSC ? &lp_source_osc_ops : LEFT_OUT(source, "osc", "WITH_OSC"),
+	WITH_LIBUSB ? &lp_source_ptp_ops : LEFT_OUT(source, "ptp", "WITH_LIBUSB"),
 	&lp_source_file_ops,
 	WITH_SIM ? &lp_source_sim_ops : LEFT_OUT(source, "sim", "WITH_SIM"),
 	&lp_source_example_ops,

@@ -4,6 +4,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "app/bracket_plan.h"
 #include "base/log.h"
 #include "include/source.h"
 
@@ -17,6 +18,10 @@
 /* Commands without effect before a camera is said not to follow, and when it is tried again. */
 #define MOST_MISSES 3
 #define RETRY_FRAMES 300
+/* The same of a camera that has followed: commands are late where a computer is busy. */
+#define PATIENT_MISSES 12
+/* Changes of exposure that frames must tell, before exposures are what was commanded. */
+#define PROOFS 2
 /* After so many changes the shortest delay seen is taken for this camera's. */
 #define TRUSTED_CHANGES 5
 /* Changes of light in a row that only the time tells from changes of exposure: the time is wrong.
@@ -30,94 +35,55 @@
 /* Frames in a row that fit nothing: the scene has changed beyond recognition. */
 #define MOST_STRANGE 8
 /* A frame fits an exposure when it differs by no more codes than a moving scene may, and by half of
- * what it differs from the other exposure, and by LEAST_CODES less. Less than LEAST_COMPARED of the
- * cells are no evidence. */
+ * what it differs from the other exposure, and by LEAST_CODES less. */
 #define FIT_CODES 12.0F
 #define CLEARLY 0.5F
 #define LEAST_CODES 0.1F
-#define LEAST_COMPARED 0.01F
-/* The longest exposure puts the median here, of full scale, as in the brackets of
- * docs/users/accuracy.md; the shortest the brightest cell's mean between these (pixels within it
- * are brighter). */
-#define MEDIAN_AT 0.25F
-#define PEAK_LOW 0.06F
-#define PEAK_HIGH 0.25F
-/* Range in stops that one exposure holds, and that lies between neighbours of a bracket, at most:
- * the brackets that docs/users/accuracy.md measures are four stops apart. */
-#define STOPS_ALONE 4.0F
-#define STOPS_APART 5.0F
 /* A new plan must differ by this, or the bracket would never rest. */
 #define REPLAN_STOPS 0.7F
 /* Before anything is known of the scene. */
 #define FIRST_US 8000.0F
-/* Of a camera that does not say: up to what keeps 30 frames a second. */
-#define LEAST_US 1.0F
-#define MOST_US 33000.0F
-
-static float stops(float a, float b)
-{
-	return fabsf(log2f(a / b));
-}
-
-static float or_else(float value, float otherwise)
-{
-	return isnan(value) ? otherwise : value;
-}
-
-struct lp_bracket_limits lp_bracket_limits_of(const struct lp_source_caps *caps)
-{
-	struct lp_bracket_limits limits = {.min_us = or_else(caps->exposure_min_us, LEAST_US),
-					   .max_us = or_else(caps->exposure_max_us, MOST_US),
-					   .step_us = or_else(caps->exposure_step_us, 0.0F),
-					   .exposure_count = caps->exposure_count,
-					   .delay_frames = caps->exposure_delay_frames};
-
-	memcpy(limits.exposures_us, caps->exposures_us, sizeof(limits.exposures_us));
-	return limits;
-}
-
-static float nearest_of(const struct lp_bracket_limits *limits, float exposure_us)
-{
-	float nearest_us = limits->exposures_us[0];
-
-	for (int k = 1; k < limits->exposure_count; k++) {
-		if (stops(limits->exposures_us[k], exposure_us) < stops(nearest_us, exposure_us))
-			nearest_us = limits->exposures_us[k];
-	}
-	return nearest_us;
-}
-
-float lp_bracket_allowed(const struct lp_bracket_limits *limits, float exposure_us)
-{
-	const float step_us = limits->step_us;
-
-	if (limits->exposure_count > 0)
-		return nearest_of(limits, exposure_us);
-	if (step_us > 0.0F)
-		exposure_us = fmaxf(roundf(exposure_us / step_us), 1.0F) * step_us;
-	return fminf(fmaxf(exposure_us, limits->min_us), limits->max_us);
-}
+/* Two exposures that are the same but for rounding. */
+#define SAME_STOPS 0.01F
 
 static float allowed(const struct lp_bracket *b, float exposure_us)
 {
 	return lp_bracket_allowed(&b->limits, exposure_us);
 }
 
+/* What frames may have, from the k-th on. */
+static void forget_before(struct lp_bracket *b, int k)
+{
+	b->could -= k;
+	memmove(b->could_us, b->could_us + k, (size_t)b->could * sizeof(*b->could_us));
+}
+
 static void command(struct lp_bracket *b, float exposure_us)
 {
 	b->commanded_us = exposure_us;
 	b->frames_since_command = b->judged_since_command = 0;
+	b->assumed = false;
+	if (b->could == LP_MAX_CANDIDATES)
+		forget_before(b, 1);
+	b->could_us[b->could++] = exposure_us;
 }
 
 static void start(struct lp_bracket *b, float exposure_us)
 {
 	b->state = LP_BRACKET_STARTING;
 	b->settled_us = NAN;
-	b->strange = 0;
+	b->strange = b->proved = b->could = 0;
 	b->planned = 1;
 	b->at = 0;
 	b->plan_us[0] = exposure_us;
 	command(b, exposure_us);
+}
+
+/* The first command is in force already: there is nothing to wait for. */
+static bool is_in_force(const struct lp_bracket *b)
+{
+	return b->limits.in_force_us > 0.0F &&
+	       lp_stops(b->limits.in_force_us, b->commanded_us) < SAME_STOPS;
 }
 
 void lp_bracket_init(struct lp_bracket *bracket, int most, const struct lp_bracket_limits *limits)
@@ -127,6 +93,10 @@ void lp_bracket_init(struct lp_bracket *bracket, int most, const struct lp_brack
 	bracket->limits = *limits;
 	start(bracket, allowed(bracket, FIRST_US));
 	bracket->shortest_us = bracket->commanded_us;
+	if (is_in_force(bracket)) {
+		bracket->state = LP_BRACKET_RUNNING;
+		bracket->settled_us = bracket->commanded_us;
+	}
 }
 
 float lp_bracket_first_us(const struct lp_bracket *bracket)
@@ -146,66 +116,104 @@ static struct lp_bracket_decision accept(float exposure_us)
 	return (struct lp_bracket_decision){.accept = true, .exposure_us = exposure_us};
 }
 
-static bool evidence(const struct lp_exposure_match *match)
+/* Does the frame fit the a-th exposure, and clearly not the b-th? */
+static bool beats(const struct lp_exposure_matches *matches, int a, int b)
 {
-	return match->compared >= LEAST_COMPARED && !isnan(match->difference_codes);
+	const float own = matches->codes[a][b], other = matches->codes[b][a];
+
+	/* false for NAN: nothing tells the two apart */
+	return own < FIT_CODES && own < CLEARLY * other && own < other - LEAST_CODES;
 }
 
-/* Does the frame fit `this`, and clearly not `other`? Where there is nothing to compare with the
- * other exposure, fitting must do. */
-static bool fits(const struct lp_exposure_match *this, const struct lp_exposure_match *other)
+/* What a frame says of the exposures that it may have. */
+struct verdict {
+	int oldest, newest; /* those that are left; oldest > newest: none */
+	bool fits;	    /* they differ by no more than a moving scene may */
+};
+
+static struct verdict compare(const struct lp_bracket *b, const struct lp_exposure_matches *matches)
 {
-	return evidence(this) && this->difference_codes < FIT_CODES &&
-	       (!evidence(other) ||
-		(this->difference_codes < CLEARLY * other->difference_codes &&
-		 this->difference_codes < other->difference_codes - LEAST_CODES));
+	struct verdict verdict = {.oldest = b->could, .newest = -1, .fits = true};
+
+	for (int k = 0; k < b->could; k++) {
+		bool is_beaten = false, fits = true;
+
+		for (int j = 0; j < b->could; j++) {
+			is_beaten |= j != k && beats(matches, j, k);
+			fits &= j == k || !(matches->codes[k][j] >= FIT_CODES);
+		}
+		if (is_beaten)
+			continue;
+		verdict.oldest = verdict.oldest < k ? verdict.oldest : k;
+		verdict.newest = k;
+		verdict.fits &= fits;
+	}
+	return verdict;
 }
 
-static struct lp_bracket_decision take_effect(struct lp_bracket *b)
+static struct lp_bracket_decision take_effect(struct lp_bracket *b, int k)
 {
-	b->settled_us = b->commanded_us;
+	b->settled_us = b->could_us[k];
+	forget_before(b, k);
 	b->misses = b->strange = 0;
 	return accept(b->settled_us);
 }
 
-/* A third exposure, two stops from the one commanded and off the one that seems to last: whether
- * the picture answers it tells a camera that does not follow from light that changed just so. */
+static float distance_stops(const struct lp_bracket *b, float exposure_us)
+{
+	float least = INFINITY;
+
+	for (int k = 0; k < b->could; k++)
+		least = fminf(least, lp_stops(exposure_us, b->could_us[k]));
+	return least;
+}
+
+/* One more exposure, two stops from the one commanded and off those that may come: whether the
+ * picture answers it tells a camera that does not follow from light that changed just so. */
 static float other_us(const struct lp_bracket *b)
 {
 	const float shorter = allowed(b, b->commanded_us / 4.0F);
 	const float longer = allowed(b, b->commanded_us * 4.0F);
 
-	return stops(shorter, b->settled_us) > stops(longer, b->settled_us) ? shorter : longer;
+	return distance_stops(b, shorter) > distance_stops(b, longer) ? shorter : longer;
 }
 
-/*
- * The old exposure lasts: good while the command may still be on its way, suspect afterwards. Past
- * the longest delay try another exposure, and after some tries give the camera up.
- */
+/* Past the longest delay nothing has taken effect: try another exposure, and after some tries give
+ * the camera up. One that has followed may be late, as on a busy machine. */
+static void miss(struct lp_bracket *b, struct lp_bracket_decision *decision)
+{
+	const int most = lp_bracket_is_proved(b) ? PATIENT_MISSES : MOST_MISSES;
+
+	b->judged_since_command = 0;
+	if (++b->misses < MOST_MISSES) {
+		command(b, other_us(b));
+		decision->command = true;
+		decision->command_us = b->commanded_us;
+	}
+	if (b->misses < most)
+		return;
+	lp_warning(
+		"camera", "exposure",
+		"ignores exposure commands (%d without effect); exposures are unknown and brackets "
+		"are off — is automatic exposure on, or does another program control the camera?",
+		MOST_MISSES);
+	b->state = LP_BRACKET_IGNORED;
+	b->frames_ignored = 0;
+	*decision =
+		(struct lp_bracket_decision){.accept = true, .forget = true, .exposure_us = NAN};
+}
+
+/* The old exposure lasts: good while the command may still be on its way, suspect afterwards. */
 static struct lp_bracket_decision still_old(struct lp_bracket *b)
 {
 	struct lp_bracket_decision decision = accept(b->settled_us);
 
 	b->strange = 0;
-	if (b->verified && b->frames_since_command > b->most_seen_frames + 1)
+	b->assumed = false;
+	if (b->changes && b->frames_since_command > b->most_seen_frames + 1)
 		decision = (struct lp_bracket_decision){.exposure_us = NAN};
-	if (b->judged_since_command <= most_delay(b))
-		return decision;
-	if (++b->misses < MOST_MISSES) {
-		command(b, other_us(b));
-		decision.command = true;
-		decision.command_us = b->commanded_us;
-		return decision;
-	}
-	lp_warning(
-		"camera", "exposure",
-		"ignores exposure commands (%d without effect); exposures are unknown and brackets "
-		"are off — is automatic exposure on, or does another program control the camera?",
-		b->misses);
-	b->state = LP_BRACKET_IGNORED;
-	b->frames_ignored = 0;
-	decision.accept = decision.forget = true;
-	decision.exposure_us = NAN;
+	if (b->judged_since_command > most_delay(b))
+		miss(b, &decision);
 	return decision;
 }
 
@@ -223,18 +231,21 @@ static struct lp_bracket_decision fits_nothing(struct lp_bracket *b)
 	return decision;
 }
 
-/* The command has taken effect, and shows how long this camera takes. */
-static struct lp_bracket_decision change_seen(struct lp_bracket *b)
+/* The k-th has taken effect; the newest shows how long this camera takes. */
+static struct lp_bracket_decision change_seen(struct lp_bracket *b, int k)
 {
 	const int delay = b->frames_since_command;
 
-	b->least_seen_frames =
-		b->verified && b->least_seen_frames < delay ? b->least_seen_frames : delay;
-	b->most_seen_frames =
-		b->verified && b->most_seen_frames > delay ? b->most_seen_frames : delay;
-	b->verified = true;
-	b->changes++;
-	return take_effect(b);
+	if (k == b->could - 1) {
+		b->least_seen_frames =
+			b->changes && b->least_seen_frames < delay ? b->least_seen_frames : delay;
+		b->most_seen_frames =
+			b->changes && b->most_seen_frames > delay ? b->most_seen_frames : delay;
+		b->changes++;
+	}
+	b->proved++;
+	b->assumed = false;
+	return take_effect(b, k);
 }
 
 /* The light has changed, and how long this camera takes tells the exposure, if it always takes as
@@ -243,49 +254,61 @@ static struct lp_bracket_decision by_time(struct lp_bracket *b)
 {
 	const bool is_old = b->frames_since_command < b->least_seen_frames;
 
-	if (b->least_seen_frames != b->most_seen_frames || ++b->untold > MOST_UNTOLD)
+	if (b->could != 2 || b->least_seen_frames != b->most_seen_frames ||
+	    ++b->untold > MOST_UNTOLD)
 		return fits_nothing(b);
-	if (!is_old)
-		b->settled_us = b->commanded_us;
-	return accept(b->settled_us);
+	return is_old ? accept(b->settled_us) : take_effect(b, 1);
 }
 
-static struct lp_bracket_decision judge_change(struct lp_bracket *b,
-					       const struct lp_exposure_match *settled,
-					       const struct lp_exposure_match *commanded)
+/* The frame fits the k-th exposure alone. */
+static struct lp_bracket_decision told(struct lp_bracket *b, int k, float codes)
 {
 	const bool is_trusted = b->changes >= TRUSTED_CHANGES;
 	const bool is_early = is_trusted && b->frames_since_command < b->least_seen_frames;
 	const bool is_due = is_trusted && b->frames_since_command >= b->most_seen_frames;
-	const float before_codes = b->fit_codes;
 
-	if (fits(commanded, settled) && !is_early) {
-		b->untold = 0;
-		b->fit_codes = commanded->difference_codes;
-		return change_seen(b);
-	}
-	if (fits(settled, commanded) &&
-	    !(is_due && settled->difference_codes > 2.0F * before_codes + AS_WELL_CODES)) {
-		b->untold = 0;
-		b->fit_codes = settled->difference_codes;
-		return still_old(b);
-	}
+	if (k == 0 && is_due && codes > 2.0F * b->fit_codes + AS_WELL_CODES)
+		return by_time(b);
 	/* sooner than this camera has ever been: light that changed just so, or frames were lost
 	 * and nobody knows */
-	if (fits(commanded, settled))
+	if (k > 0 && k == b->could - 1 && is_early)
 		return fits_nothing(b);
-	if (is_early || (is_due && fits(settled, commanded)))
-		return by_time(b);
-	/* dark or saturated in both, so that neither can be told: time must do, and it does no harm
-	 */
-	const bool alike = (!evidence(settled) || settled->difference_codes < FIT_CODES) &&
-			   (!evidence(commanded) || commanded->difference_codes < FIT_CODES);
+	b->untold = 0;
+	b->fit_codes = codes;
+	return k == 0 ? still_old(b) : change_seen(b, k);
+}
 
-	if (alike && b->judged_since_command > most_delay(b))
-		return take_effect(b);
-	if (alike)
+static struct lp_bracket_decision judge_change(struct lp_bracket *b,
+					       const struct lp_exposure_matches *matches)
+{
+	const bool is_trusted = b->changes >= TRUSTED_CHANGES;
+	const bool is_early = is_trusted && b->frames_since_command < b->least_seen_frames;
+	const struct verdict verdict = compare(b, matches);
+	const int k = verdict.oldest;
+
+	if (k > verdict.newest || !verdict.fits)
+		return is_trusted ? by_time(b) : fits_nothing(b);
+	if (k == verdict.newest)
+		return told(b, k, matches->codes[k][k ? 0 : 1]);
+	if (b->could_us[k] == b->could_us[verdict.newest]) /* whichever of the two */
+		return accept(b->could_us[k]);
+	/* dark or saturated in several, so that they cannot be told: time must do, and it does no
+	 * harm */
+	if (b->assumed)
+		return accept(b->settled_us);
+	if (is_early)
+		return by_time(b);
+	if (b->judged_since_command <= most_delay(b))
 		return (struct lp_bracket_decision){.exposure_us = NAN};
-	return is_trusted ? by_time(b) : fits_nothing(b);
+	b->assumed = true;
+	b->settled_us = b->commanded_us;
+	b->misses = b->strange = 0;
+	return accept(b->settled_us);
+}
+
+bool lp_bracket_is_proved(const struct lp_bracket *bracket)
+{
+	return bracket->reports || bracket->proved >= PROOFS;
 }
 
 void lp_bracket_frame(struct lp_bracket *bracket, uint64_t sequence)
@@ -300,8 +323,7 @@ void lp_bracket_frame(struct lp_bracket *bracket, uint64_t sequence)
 }
 
 struct lp_bracket_decision lp_bracket_judge(struct lp_bracket *bracket,
-					    const struct lp_exposure_match *settled,
-					    const struct lp_exposure_match *commanded)
+					    const struct lp_exposure_matches *matches)
 {
 	struct lp_bracket_decision decision = {.exposure_us = NAN};
 
@@ -311,11 +333,10 @@ struct lp_bracket_decision lp_bracket_judge(struct lp_bracket *bracket,
 			return decision;
 		bracket->state = LP_BRACKET_RUNNING;
 		lp_debug("camera", "bracket", "begins with %g us", (double)bracket->commanded_us);
-		return take_effect(bracket);
+		return take_effect(bracket, bracket->could - 1);
 	case LP_BRACKET_RUNNING:
-		return bracket->commanded_us == bracket->settled_us
-			       ? accept(bracket->settled_us)
-			       : judge_change(bracket, settled, commanded);
+		return bracket->could == 1 ? accept(bracket->settled_us)
+					   : judge_change(bracket, matches);
 	case LP_BRACKET_IGNORED: /* lp_bracket_ignored() */
 		break;
 	}
@@ -327,7 +348,7 @@ static float elsewhere_us(const struct lp_bracket *b, float exposure_us)
 {
 	const float shorter = allowed(b, exposure_us / 4.0F);
 
-	return stops(shorter, exposure_us) > 1.0F ? shorter : allowed(b, exposure_us * 4.0F);
+	return lp_stops(shorter, exposure_us) > 1.0F ? shorter : allowed(b, exposure_us * 4.0F);
 }
 
 struct lp_bracket_decision lp_bracket_ignored(struct lp_bracket *bracket, float scale)
@@ -350,7 +371,7 @@ struct lp_bracket_decision lp_bracket_ignored(struct lp_bracket *bracket, float 
 	if (bracket->frames_ignored <= second_at + most_delay(bracket))
 		return decision;
 	bracket->frames_ignored = 0;
-	if (stops(bracket->scale_before * bracket->settled_us, scale * bracket->commanded_us) >
+	if (lp_stops(bracket->scale_before * bracket->settled_us, scale * bracket->commanded_us) >
 	    REPLAN_STOPS)
 		return decision;
 	lp_info("camera", "exposure", "follows commands again");
@@ -366,7 +387,7 @@ struct lp_bracket_decision lp_bracket_ignored(struct lp_bracket *bracket, float 
  * command again before a command has taken effect. */
 static void watch_pace(struct lp_bracket *b, float exposure_us)
 {
-	const bool changed = stops(exposure_us, b->reported_us) > REPLAN_STOPS;
+	const bool changed = lp_stops(exposure_us, b->reported_us) > REPLAN_STOPS;
 
 	b->frames_unchanged = changed || b->planned == 1 ? 0 : b->frames_unchanged + 1;
 	b->reported_us = exposure_us;
@@ -380,62 +401,16 @@ struct lp_bracket_decision lp_bracket_reported(struct lp_bracket *bracket, float
 	if (bracket->state != LP_BRACKET_RUNNING)
 		bracket->reported_us = exposure_us;
 	bracket->state = LP_BRACKET_RUNNING;
-	bracket->verified = true;
 	bracket->reports = true;
 	bracket->shortest_seen |=
-		stops(exposure_us, bracket->plan_us[bracket->planned - 1]) < 0.5F * REPLAN_STOPS;
+		lp_stops(exposure_us, bracket->plan_us[bracket->planned - 1]) < 0.5F * REPLAN_STOPS;
 	watch_pace(bracket, exposure_us);
 	/* the device may round: near enough is what was asked for; and it is not asked twice */
-	if (stops(exposure_us, bracket->commanded_us) < REPLAN_STOPS ||
+	if (lp_stops(exposure_us, bracket->commanded_us) < REPLAN_STOPS ||
 	    bracket->frames_since_command > most_delay(bracket))
 		bracket->settled_us = bracket->commanded_us;
+	forget_before(bracket, bracket->could - 1);
 	return accept(exposure_us);
-}
-
-/* The shortest exposure follows the peak. A lamp smaller than a cell clips while the cell's mean is
- * still low: what clipped is not tried again as long as the peak is what it was then. */
-static void adapt_shortest(struct lp_bracket *b, const struct lp_bracket_scene *scene)
-{
-	if (scene->clipped) {
-		b->clips_us = b->shortest_us;
-		b->clips_peak = 0.0F;
-		b->shortest_us /= 4.0F;
-		return;
-	}
-	b->clips_peak = fmaxf(b->clips_peak, scene->peak);
-	if (scene->peak < 0.5F * b->clips_peak)
-		b->clips_us = b->clips_peak = 0.0F;
-	if (scene->peak > 0.0F && scene->peak * b->shortest_us * 1e-6F < PEAK_LOW) {
-		const float longer_us =
-			fminf(b->shortest_us * 2.0F, PEAK_HIGH * 1e6F / scene->peak);
-
-		if (b->clips_us <= 0.0F || longer_us < 0.99F * b->clips_us)
-			b->shortest_us = longer_us;
-	}
-}
-
-/* Exposures for the scene, longest first. */
-static int plan(struct lp_bracket *b, const struct lp_bracket_scene *scene,
-		float plan_us[LP_MAX_PLANNED])
-{
-	const float longest = allowed(b, scene->median > 0.0F ? MEDIAN_AT * 1e6F / scene->median
-							      : b->limits.max_us);
-	int count;
-
-	adapt_shortest(b, scene);
-	b->shortest_us = fminf(allowed(b, b->shortest_us), longest);
-
-	const float range = log2f(longest / b->shortest_us);
-
-	count = range <= STOPS_ALONE ? 1 : 1 + (int)ceilf(range / STOPS_APART - 0.25F);
-	count = count < 1 ? 1 : count > b->most ? b->most : count;
-	if (count == 1) {
-		plan_us[0] = b->shortest_us;
-		return 1;
-	}
-	for (int k = 0; k < count; k++)
-		plan_us[k] = allowed(b, longest * exp2f(-range * (float)k / (float)(count - 1)));
-	return count;
 }
 
 static void log_plan(const float plan_us[LP_MAX_PLANNED], int count)
@@ -452,7 +427,7 @@ static bool differs(const struct lp_bracket *b, const float plan_us[LP_MAX_PLANN
 	if (count != b->planned)
 		return true;
 	for (int k = 0; k < count; k++)
-		if (stops(plan_us[k], b->plan_us[k]) > REPLAN_STOPS)
+		if (lp_stops(plan_us[k], b->plan_us[k]) > REPLAN_STOPS)
 			return true;
 	return false;
 }
@@ -474,6 +449,12 @@ static int round_length(const struct lp_bracket *b, const struct lp_bracket_scen
 	return b->planned + (at_once && scene->restless && b->planned % 3 == 0);
 }
 
+/* Where exposures are reported, until it is; else until frames tell it. */
+static bool is_under_way(const struct lp_bracket *b)
+{
+	return b->reports ? b->commanded_us != b->settled_us : b->could > 1 && !b->assumed;
+}
+
 bool lp_bracket_next(struct lp_bracket *bracket, const struct lp_bracket_scene *scene,
 		     float *command_us)
 {
@@ -482,12 +463,16 @@ bool lp_bracket_next(struct lp_bracket *bracket, const struct lp_bracket_scene *
 
 	const bool at_once = b->reports && !b->waits;
 
-	if (b->state != LP_BRACKET_RUNNING || (!at_once && b->commanded_us != b->settled_us))
+	/* much brighter: the rest of the round would clip, too */
+	b->outdated = !at_once && scene->clipped && (b->outdated || scene->changed);
+	if (b->state != LP_BRACKET_RUNNING || (!at_once && is_under_way(b)))
 		return false;
-	if (b->at >= b->planned - 1 && (!at_once || plan_is_seen(b))) { /* the round is complete */
-		const int count = plan(b, scene, plan_us);
+	const bool is_complete = b->at >= b->planned - 1 && (!at_once || plan_is_seen(b));
 
-		b->shortest_seen = false;
+	if (is_complete || b->outdated) {
+		const int count = lp_bracket_plan(b, scene, plan_us);
+
+		b->shortest_seen = b->outdated = false;
 		b->frames_since_plan = 0;
 
 		if (differs(b, plan_us, count)) {
@@ -501,8 +486,8 @@ bool lp_bracket_next(struct lp_bracket *bracket, const struct lp_bracket_scene *
 	b->at = (b->at + 1) % round_length(b, scene);
 	*command_us = b->plan_us[b->at < b->planned ? b->at : b->planned - 1];
 	/* in the dark no step could be seen */
-	if (!b->verified && scene->peak * b->settled_us * 1e-6F > PEAK_LOW &&
-	    stops(*command_us, b->settled_us) < 1.0F)
+	if (!lp_bracket_is_proved(b) && scene->peak * b->settled_us * 1e-6F > LP_BRACKET_PEAK_LOW &&
+	    lp_stops(*command_us, b->settled_us) < 1.0F)
 		*command_us = elsewhere_us(b, b->settled_us); /* does it follow at all? */
 	if (*command_us == (at_once ? b->commanded_us : b->settled_us))
 		return false;
@@ -515,7 +500,7 @@ bool lp_bracket_light_changed(struct lp_bracket *bracket, float factor, float *c
 	struct lp_bracket *b = bracket;
 
 	if (b->state != LP_BRACKET_RUNNING || !b->reports || b->waits || !(factor > 0.0F) ||
-	    stops(factor, 1.0F) < REPLAN_STOPS)
+	    lp_stops(factor, 1.0F) < REPLAN_STOPS)
 		return false;
 	for (int k = 0; k < b->planned; k++)
 		b->plan_us[k] = allowed(b, b->plan_us[k] / factor);

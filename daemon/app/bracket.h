@@ -2,10 +2,10 @@
 /*
  * Exposure brackets on cameras that take a command some frames later and do not say when. Set,
  * wait, verify by what the picture shows, accept: a frame counts only when its brightness, cell
- * by cell, is that of the exposure in effect or of the one commanded last, and clearly not of the
- * other. Chooses the exposures itself: the longest resolves the dark half of the scene, the
- * shortest clips almost nothing, one when one suffices. Pure logic: no I/O, no pixels; owned by the
- * worker.
+ * by cell, is that of the exposure in effect or of one commanded since, and clearly not of the
+ * others. How long a camera takes tells exposures only while it always takes as long. Chooses the
+ * exposures itself: the longest resolves the dark half of the scene, the shortest clips almost
+ * nothing, one when one suffices. Pure logic: no I/O, no pixels; owned by the worker.
  *
  *            the longest delay after the first command       MOST_MISSES commands without effect
  *   STARTING ------------------------------------> RUNNING ------------------------------> IGNORED
@@ -15,11 +15,12 @@
  *
  * While RUNNING a command is under way, or none is:
  *
- *   settled == commanded --plan says another exposure--> settled != commanded
+ *   could == 1 ----------plan says another exposure----> could == 2
  *        ^                                                   |   |
  *        |   a frame fits the commanded exposure, clearly    |   |  more than the longest delay
  *        +---------------------------------------------------+   |  without effect: another
- *                                                                +-> exposure is tried (a miss)
+ *                                                                +-> exposure is tried (a miss),
+ *                                                                    and may come as well
  *
  * Where frames report their exposure (lp_bracket_reported) only RUNNING is reached, and no command
  * waits for the one before it: each frame commands the next exposure, so that all are seen within
@@ -41,6 +42,7 @@ struct lp_bracket_limits {
 	int exposure_count;   /* only those below can be set; 0: any within the limits */
 	float exposures_us[LP_EXPOSURES_MAX]; /* ascending */
 	int delay_frames;		      /* from command to effect; -1: unknown */
+	float in_force_us;		      /* of the first frame; 0: not known */
 };
 
 /* What the panorama says of the scene; luminance. */
@@ -48,6 +50,7 @@ struct lp_bracket_scene {
 	float median;  /* radiance that half of the sphere stays below */
 	float peak;    /* highest of a cell */
 	bool clipped;  /* something saturates in the shortest exposure */
+	bool changed;  /* most of the light, with this frame */
 	bool restless; /* the light changes from frame to frame, as of lamps that flicker */
 };
 
@@ -61,14 +64,20 @@ struct lp_bracket {
 	int most; /* exposures; 1..LP_MAX_PLANNED */
 	struct lp_bracket_limits limits;
 	enum lp_bracket_state state;
-	bool verified; /* a command has been seen to take effect */
 
 	float plan_us[LP_MAX_PLANNED]; /* longest first */
 	int planned, at;   /* plan_us[at] is commanded; the shortest also when at == planned */
+	bool outdated;	   /* the light has become so bright that the plan does not serve */
 	float shortest_us; /* adapted to the scene's peak */
 	float clips_us, clips_peak; /* known to clip, while the peak is like this; 0: none */
 
 	float settled_us, commanded_us;
+	/* What the next frame may have: the exposure in effect, and those commanded since, in their
+	 * order. The newest is the one commanded last. */
+	float could_us[LP_MAX_CANDIDATES];
+	int could;
+	bool assumed;		  /* frames that tell none of them are taken for the newest */
+	int proved;		  /* changes that frames told since exposures were unknown */
 	uint64_t sequence;	  /* of the last frame */
 	int frames_since_command; /* those that were lost, too */
 	int judged_since_command; /* on a busy machine commands are late, and frames are lost */
@@ -121,13 +130,13 @@ bool lp_bracket_light_changed(struct lp_bracket *bracket, float factor, float *c
  * this one count too, as a camera takes its time in frames of its own. */
 void lp_bracket_frame(struct lp_bracket *bracket, uint64_t sequence);
 
-/*
- * Judge the frame just loaded. settled and commanded: how it matches bracket->settled_us and
- * bracket->commanded_us.
- */
+/* Judge the frame just loaded. `matches`: how it matches bracket->could_us. */
 struct lp_bracket_decision lp_bracket_judge(struct lp_bracket *bracket,
-					    const struct lp_exposure_match *settled,
-					    const struct lp_exposure_match *commanded);
+					    const struct lp_exposure_matches *matches);
+
+/* Whether frames have told exposures. If not, they are what was commanded, for all that is known:
+ * light may be off by any factor. */
+bool lp_bracket_is_proved(const struct lp_bracket *bracket);
 
 /* The same while IGNORED. scale: full scale to radiance of this frame, as found by what is known of
  * the light. From time to time two other exposures are commanded: a camera that follows again

@@ -7,6 +7,7 @@
 #include "app/backends.h"
 #include "app/daemon_parts.h"
 #include "app/fixed_exposure.h"
+#include "app/rig.h"
 #include "app/service.h"
 #include "base/log.h"
 
@@ -187,6 +188,15 @@ static int open_camera(struct lp_daemon_camera *camera)
 	return 0;
 }
 
+static int check_rig(const struct lp_daemon *daemon)
+{
+	const struct lp_camera_file *files[LP_MAX_CAMERAS];
+
+	for (int k = 0; k < daemon->camera_count; k++)
+		files[k] = daemon->cameras[k].file;
+	return lp_rig_check(files, daemon->camera_count);
+}
+
 int lp_daemon_create_cameras(struct lp_daemon *daemon)
 {
 	const struct lp_options *options = daemon->options;
@@ -208,7 +218,7 @@ int lp_daemon_create_cameras(struct lp_daemon *daemon)
 						    .uri = options->source.texts[k]};
 		ret = open_camera(camera);
 	}
-	return ret;
+	return ret < 0 ? ret : check_rig(daemon);
 }
 
 int lp_daemon_start_cameras(struct lp_daemon *daemon)

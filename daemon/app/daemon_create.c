@@ -9,6 +9,7 @@
 
 #include "app/backends.h"
 #include "app/film_options.h"
+#include "app/rig.h"
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/text.h"
@@ -164,6 +165,7 @@ static int create_worker(struct lp_daemon *daemon)
 	options.camera_count = daemon->camera_count;
 	for (int k = 0; k < LP_MAX_CAMERAS; k++)
 		options.cameras[k] = daemon->cameras[k].file;
+	options.rig_sigma_deg = lp_rig_sigma_deg(options.cameras, daemon->camera_count);
 	options.film = lp_film_options(daemon->options, first);
 	if (isnan(options.scale.lux_per_unit) && first->cd_m2_per_unit > 0.0F)
 		options.scale =

@@ -4,7 +4,6 @@
 #include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 
 #include "app/health.h"
 #include "app/hub_state.h"
@@ -12,7 +11,6 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/pool.h"
-#include "include/orientation.h"
 #include "include/packet.h"
 
 /* A client may hold one packet half sent, the newest estimate, and a queue of control messages. */
@@ -20,16 +18,8 @@
 /* And of pictures one half sent, and the newest; one more is being made. */
 #define PICTURES_PER_CLIENT 2
 #define STALE_PERIOD_NS LP_NS_PER_S
-#define SHORTEST_HEALTH_PERIOD_MS 100
-/* A client that asks for more is thrown out: each request costs the loop a few microseconds, and
- * an app changes its mind far less often. */
-#define MOST_REQUESTS_PER_S 50
 /* A new subscription is answered at once, but not more often than this: it costs an encoding. */
 #define ANSWER_PERIOD_NS (100 * LP_NS_PER_MS)
-/* Poses come as often as an app draws. What is beyond the first is left out, and who sends more
- * than the second is thrown out. */
-#define MOST_POSES_PER_S 250
-#define FLOOD_PER_S 2000
 
 /* ---------------------------------------------------------------- packets */
 
@@ -46,7 +36,7 @@ void lp_hub_send_last(struct lp_hub *hub, struct lp_hub_client *client, struct l
 	lp_packet_drop(packet);
 }
 
-static void send_error(struct lp_hub *hub, struct lp_hub_client *client, int code, const char *text)
+void lp_hub_send_error(struct lp_hub *hub, struct lp_hub_client *client, int code, const char *text)
 {
 	struct lp_packet *packet = lp_packets_take(hub->packets);
 
@@ -149,9 +139,7 @@ static void send_reflection(struct lp_hub *hub, struct lp_hub_client *client,
 		send_packet(hub, client, packet);
 }
 
-/* Send the last estimate to a client that has subscribed anew; too soon after such an answer it
- * waits for the next tick. Its schedule begins here. */
-static void answer_subscription(struct lp_hub *hub, struct lp_hub_client *client, int64_t now_ns)
+void lp_hub_answer_subscription(struct lp_hub *hub, struct lp_hub_client *client, int64_t now_ns)
 {
 	if (!client->subscribed ||
 	    (client->answered_ns && now_ns - client->answered_ns < ANSWER_PERIOD_NS))
@@ -242,7 +230,7 @@ void lp_hub_tick(struct lp_hub *hub)
 	const int64_t now_ns = lp_clock_ns();
 
 	for (int i = 0; i < hub->client_count; i++)
-		answer_subscription(hub, hub->clients[i], now_ns);
+		lp_hub_answer_subscription(hub, hub->clients[i], now_ns);
 	lp_packets_forget(hub->packets);
 	repeat_when_stale(hub, now_ns);
 	lp_health_tick(hub->options.health, now_ns);
@@ -287,7 +275,7 @@ static int refuse(struct lp_hub *hub, struct lp_publisher *publisher, struct lp_
 
 	(void)snprintf(text, sizeof(text), "lightprobed: connect: %s", reason);
 	lp_warning("hub", "connect", "a client is refused: %s", reason);
-	send_error(hub, &passing, -EUSERS, text);
+	lp_hub_send_error(hub, &passing, -EUSERS, text);
 	return -EUSERS;
 }
 
@@ -318,206 +306,6 @@ static int on_connected(void *context, struct lp_publisher *publisher, struct lp
 		send_estimate(hub, client);
 	lp_packets_forget(hub->packets);
 	return 0;
-}
-
-void lp_hub_refuse_request(struct lp_hub *hub, struct lp_hub_client *client, int code,
-			   const char *what, const char *reason)
-{
-	char text[200];
-
-	(void)snprintf(text, sizeof(text), "lightprobed: %s: %s", what, reason);
-	lp_warning("hub", "request", "refused: %s", reason);
-	send_error(hub, client, code, text);
-}
-
-static void begin_second(struct lp_hub_client *client)
-{
-	const int64_t now_ns = lp_clock_ns();
-
-	if (now_ns - client->second_ns < LP_NS_PER_S)
-		return;
-	client->second_ns = now_ns;
-	client->requests = client->poses = 0;
-	client->pose_error_told = false;
-}
-
-/* Of more than one error in a second the first is told; the connection stays. */
-static void refuse_pose(struct lp_hub *hub, struct lp_hub_client *client, int code,
-			const char *reason)
-{
-	hub->options.health->report.requests_rejected++;
-	if (!client->pose_error_told)
-		lp_hub_refuse_request(hub, client, code, "pose", reason);
-	client->pose_error_told = true;
-}
-
-/* The pose as a sample on our clock, for who uses it. */
-static int use_pose(struct lp_hub *hub, struct lp_hub_client *client,
-		    const struct lp_client_pose *pose)
-{
-	struct lp_orientation_sample sample;
-	char fault[160];
-	int ret;
-
-	if (!hub->options.pose)
-		return -EOPNOTSUPP;
-	ret = lp_pose_sender_sample(&client->sender, pose, lp_clock_ns(), &sample, fault,
-				    sizeof(fault));
-	lp_health_fault(hub->options.health, "orientation-clock", ret < 0 ? fault : NULL);
-	return ret < 0 ? ret : hub->options.pose(hub->options.context, client, &sample);
-}
-
-static void take_pose(struct lp_hub *hub, struct lp_hub_client *client,
-		      const struct lp_client_pose *pose)
-{
-	const int ret = use_pose(hub, client, pose);
-
-	client->poses_refused = ret == -EBUSY;
-	if (ret == 1) { /* what is kept is in the world of another app */
-		memset(&hub->last.raw.orientation, 0, sizeof(hub->last.raw.orientation));
-		memset(&hub->last.smoothed.orientation, 0, sizeof(hub->last.smoothed.orientation));
-	}
-	if (ret < 0)
-		refuse_pose(hub, client, ret, lp_pose_refusal(ret));
-}
-
-static void answer_ping(struct lp_hub *hub, struct lp_hub_client *client,
-			const struct lp_client_ping *ping)
-{
-	struct lp_packet *packet = lp_packets_take(hub->packets);
-	const struct lp_pong pong = lp_pose_sender_ping(&client->sender, ping, lp_clock_ns());
-
-	if (packet)
-		lp_encode_pong(&pong, packet);
-	lp_hub_send_last(hub, client, packet);
-}
-
-/* Whether there are too many of this kind in this second: 0; 1: leave it out; -EDQUOT: it ends the
- * connection. Both are told. */
-static int count_request(struct lp_hub *hub, struct lp_hub_client *client,
-			 enum lp_request_kind kind)
-{
-	const int most = kind == LP_REQUEST_POSE ? FLOOD_PER_S : MOST_REQUESTS_PER_S;
-	int *const count = kind == LP_REQUEST_POSE ? &client->poses : &client->requests;
-
-	begin_second(client);
-	if (++*count > most) {
-		hub->options.health->report.requests_rejected++;
-		lp_hub_refuse_request(
-			hub, client, -EDQUOT, "requests",
-			kind == LP_REQUEST_POSE
-				? "more than 2000 poses in a second — send one per picture"
-				: "more than 50 in a second — send a subscription only when "
-				  "it changes");
-		return -EDQUOT;
-	}
-	if (kind == LP_REQUEST_POSE && *count > MOST_POSES_PER_S) {
-		refuse_pose(hub, client, -EDQUOT,
-			    "more than 250 in a second; the others are left out — send one per "
-			    "picture");
-		return 1;
-	}
-	return 0;
-}
-
-/* Reflection maps are off, or smaller than wished. */
-static void limit_reflection(struct lp_hub *hub, struct lp_hub_client *client)
-{
-	struct lp_reflection_wish *wish = &client->subscription.reflection;
-	const int most = hub->options.hello.max_reflection_size;
-
-	if (wish->size && !most && !client->no_reflection_told) {
-		hub->options.health->report.requests_rejected++;
-		lp_hub_refuse_request(
-			hub, client, -EACCES, "reflection_map",
-			"reflection maps are off, because they are pictures — start "
-			"lightprobed with --reflection-map=32; everything else is sent");
-		client->no_reflection_told = true;
-	}
-	if (wish->size > most)
-		wish->size = most;
-}
-
-static void subscribe(struct lp_hub *hub, struct lp_hub_client *client,
-		      const struct lp_subscription *subscription)
-{
-	client->subscription = *subscription;
-	if (subscription->health_period_ms &&
-	    subscription->health_period_ms < SHORTEST_HEALTH_PERIOD_MS)
-		client->subscription.health_period_ms = SHORTEST_HEALTH_PERIOD_MS;
-	limit_reflection(hub, client);
-	client->subscribed = true;
-}
-
-/* A request that cannot be read, or that makes no sense. */
-static int refuse_unread(struct lp_hub *hub, struct lp_hub_client *client, int code,
-			 enum lp_request_kind kind, size_t size_bytes, const char *reason)
-{
-	char what[40];
-
-	if (code == -ERANGE && kind == LP_REQUEST_POSE) {
-		refuse_pose(hub, client, code, reason);
-		return 0;
-	}
-	hub->options.health->report.requests_rejected++;
-	(void)snprintf(what, sizeof(what), "request of %zu bytes", size_bytes);
-	if (code != -EOPNOTSUPP || !client->unknown_told)
-		lp_hub_refuse_request(hub, client, code, what, reason);
-	client->unknown_told |= code == -EOPNOTSUPP;
-	return code == -EOPNOTSUPP ? 0 : code; /* a newer client may go on without it */
-}
-
-static int on_request(void *context, void *user, const uint8_t *data, size_t size_bytes)
-{
-	struct lp_hub *hub = context;
-	struct lp_hub_client *client = user;
-	struct lp_request request;
-	const char *reason;
-	const int unread = lp_decode_request(data, size_bytes, &request, &reason);
-	const int excess = count_request(hub, client, request.kind);
-
-	if (excess)
-		return excess < 0 ? excess : 0;
-	if (unread < 0)
-		return refuse_unread(hub, client, unread, request.kind, size_bytes, reason);
-	switch (request.kind) {
-	case LP_REQUEST_POSE:
-		take_pose(hub, client, &request.pose);
-		break;
-	case LP_REQUEST_PING:
-		answer_ping(hub, client, &request.ping);
-		break;
-	case LP_REQUEST_SUBSCRIBE:
-		subscribe(hub, client, &request.subscription);
-		break;
-	case LP_REQUEST_POLARIZATION_MAP:
-		lp_hub_want_polarization(hub, client);
-		break;
-	case LP_REQUEST_SWEEP:
-		lp_hub_start_sweep(hub, client);
-		break;
-	}
-	return 0;
-}
-
-/* Of several subscriptions that came together the newest is answered. */
-static void on_requests_done(void *context, void *user)
-{
-	struct lp_hub *hub = context;
-
-	answer_subscription(hub, user, lp_clock_ns());
-	lp_packets_forget(hub->packets);
-}
-
-static void on_unreadable(void *context, void *user, const char *reason)
-{
-	struct lp_hub *hub = context;
-	char text[160];
-
-	hub->options.health->report.requests_rejected++;
-	lp_warning("hub", "request", "refused: %s", reason);
-	(void)snprintf(text, sizeof(text), "lightprobed: request: %s", reason);
-	send_error(hub, user, -EMSGSIZE, text);
 }
 
 static void on_disconnected(void *context, void *user)
@@ -558,9 +346,9 @@ struct lp_publisher_host lp_hub_publisher_host(struct lp_hub *hub)
 		.max_clients = hub->options.max_clients,
 		.insecure_lan = hub->options.insecure_lan,
 		.connected = on_connected,
-		.request = on_request,
-		.requests_done = on_requests_done,
-		.unreadable = on_unreadable,
+		.request = lp_hub_on_request,
+		.requests_done = lp_hub_on_requests_done,
+		.unreadable = lp_hub_on_unreadable,
 		.disconnected = on_disconnected,
 		.superseded = on_superseded,
 		.failed = on_failed,

@@ -48,6 +48,19 @@ struct lp_hub {
 /* Send and drop `packet`, which may be NULL. */
 void lp_hub_send_last(struct lp_hub *hub, struct lp_hub_client *client, struct lp_packet *packet);
 
+void lp_hub_send_error(struct lp_hub *hub, struct lp_hub_client *client, int code,
+		       const char *text);
+
+/* Send the last estimate to a client that has subscribed anew; too soon after such an answer it
+ * waits for the next tick. Its schedule begins here. */
+void lp_hub_answer_subscription(struct lp_hub *hub, struct lp_hub_client *client, int64_t now_ns);
+
+/* hub_requests.c: what a publisher calls (include/publisher.h); `context`: the hub, `user`: the
+ * client. Of several subscriptions that came together the newest is answered. */
+int lp_hub_on_request(void *context, void *user, const uint8_t *data, size_t size_bytes);
+void lp_hub_on_requests_done(void *context, void *user);
+void lp_hub_on_unreadable(void *context, void *user, const char *reason);
+
 /* An error, also in the log; the connection stays. */
 void lp_hub_refuse_request(struct lp_hub *hub, struct lp_hub_client *client, int code,
 			   const char *what, const char *reason);

@@ -5,6 +5,7 @@
 #include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
+#include <stdio.h>
 #include <string.h>
 
 #include "app/backends.h"
@@ -107,6 +108,19 @@ static void on_sample(void *context, const struct lp_ring_sample *sample)
 	self->host.ring(self->host.context, sample);
 }
 
+static void tell_silence(struct lp_instruments *self)
+{
+	char text[160];
+
+	(void)snprintf(
+		text, sizeof(text),
+		"ring: receive: no sample for a second from --ring=%s: — is it connected? the "
+		"other faults say more",
+		self->ring->ops->info.scheme);
+	lp_warning("ring", "receive", "no sample for a second");
+	lp_health_fault(self->health, "ring-silent", text);
+}
+
 static void watch_ring(struct lp_instruments *self, int64_t now_ns)
 {
 	struct lp_ring_report *report = &self->health->report.ring;
@@ -117,10 +131,7 @@ static void watch_ring(struct lp_instruments *self, int64_t now_ns)
 		self->ring_heard = false;
 		for (int k = 0; k < LP_RING_SENSORS; k++)
 			report->illuminance_lux[k] = NAN;
-		lp_warning("ring", "receive", "no sample for a second");
-		lp_health_fault(self->health, "ring-silent",
-				"ring: receive: no sample for a second — is the microcontroller "
-				"connected? the other faults say more");
+		tell_silence(self);
 	}
 	if (window_ns < RATE_WINDOW_NS)
 		return;

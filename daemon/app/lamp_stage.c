@@ -37,6 +37,19 @@ static float radius_rad(const struct lp_lamp *lamp)
 	return 2.0F * asinf(fminf(sqrtf(lamp->solid_angle_sr / (4.0F * (float)M_PI)), 1.0F));
 }
 
+/* Pixels know better than cells how strong a small lamp is, near the poles above all. */
+static bool enters_by_pixels(const struct lp_detection *detection,
+			     const struct lp_lamp_sighting *sighting)
+{
+	const float on_grid = sighting->on_grid.irradiance[LP_LUMINANCE];
+	const float rest = on_grid * (1.0F / fmaxf(sighting->on_grid.share, 1e-6F) - 1.0F);
+	const float own = sighting->pixels.irradiance[LP_LUMINANCE];
+	struct lp_lamp lamp = sighting->pixels;
+
+	lamp.share = own / (own + rest);
+	return lp_detection_enters(detection, &lamp);
+}
+
 /* Lamps are looked at in full resolution, the small ones that the grid misplaces above all. */
 static void look_closer(const struct lp_lamp_memory *memory, struct lp_imager *imager,
 			const struct lp_detection *detection, const struct lp_lamp_stage_work *work,
@@ -49,12 +62,13 @@ static void look_closer(const struct lp_lamp_memory *memory, struct lp_imager *i
 	sighting->enters = lp_detection_enters(detection, pixels);
 	sighting->width_deg = lp_detection_width_deg(detection, pixels);
 	const struct lp_remembered_lamp *known = lp_lamp_memory_find(memory, pixels);
-	const bool worth =
-		known ? !known->wide && (known->listed || closer)
-		      : sighting->enters && closer && sighting->width_deg < LP_COMPACT_DEG;
+	const bool worth = known ? !known->wide && (known->listed || closer)
+				 : closer && sighting->width_deg < LP_COMPACT_DEG;
 
 	sighting->refined = worth && work->refine_cells &&
 			    lp_imager_refine(imager, finder, pixels, work->refine_cells);
+	sighting->enters =
+		sighting->enters || (sighting->refined && enters_by_pixels(detection, sighting));
 	const float noise = pixels->background_noise * pixels->solid_angle_sr /
 			    fmaxf(pixels->irradiance[LP_LUMINANCE], 1e-30F);
 
@@ -67,8 +81,12 @@ static void look_closer(const struct lp_lamp_memory *memory, struct lp_imager *i
 	sighting->film_misfit = status.rotation_sigma_deg > 0.0F ? TURNING_MISFIT : 1.0F;
 	sighting->film_rest_s = film ? film->rest_s : 0.0F;
 	sighting->through_film = film && lp_film_axis(film, pixels->direction, sighting->film_axis);
-	sighting->strength_sigma = fmaxf(hypotf(lp_imager_strength_sigma(imager, pixels), noise),
-					 LEAST_IRRADIANCE_SIGMA);
+	const float cells =
+		sighting->refined ? 0.0F : lp_imager_cells_sigma(imager, finder, pixels);
+
+	sighting->strength_sigma =
+		fmaxf(hypotf(hypotf(lp_imager_strength_sigma(imager, pixels), noise), cells),
+		      LEAST_IRRADIANCE_SIGMA);
 }
 
 void lp_lamp_stage_steer(struct lp_lamp_stage *stage, struct lp_imager *imager,
@@ -87,7 +105,7 @@ void lp_lamp_stage_steer(struct lp_lamp_stage *stage, struct lp_imager *imager,
 		const struct lp_remembered_lamp *m = &stage->memory.list[k];
 		struct lp_lamp_sighting *s = &sightings[count];
 
-		if (!m->id || !m->seen || !m->measured)
+		if (!m->id || !m->seen || !m->by_pixels)
 			continue;
 		s->pixels = m->on_grid;
 		s->refined =
@@ -326,6 +344,8 @@ static void list_light(const struct lp_remembered_lamp *m, struct lp_light *ligh
 	light->angular_radius_deg = radius_rad(lamp) * DEG;
 	light->direction_sigma_deg = lamp->direction_sigma_deg;
 	light->irradiance_sigma = strength_sigma(m);
+	light->colour_sigma =
+		m->recovered_sigma > 0.0F ? m->recovered_colour_sigma / strength(m) : 0.0F;
 	light->distance_m = NAN;
 	/* The ring tells what clipping hides; else it is guessed. */
 	light->hidden = m->recovered_sigma > 0.0F ? 0.0F : m->hidden;

@@ -15,6 +15,8 @@
 /* 1 sigma of when an exposure was: what a turning camera adds to every direction. */
 #define TIMING_SIGMA_S 0.002F
 
+/* Most of the light has changed when this share has. */
+#define MOST_CHANGED 0.5F
 /* A restless light: so much of it changes in a frame, in such a share of the last frames; and the
  * gain of that share's running mean. */
 #define RESTLESS_CHANGE 0.003F
@@ -77,13 +79,9 @@ bool lp_pipeline_control(struct lp_pipeline *pipeline, const struct lp_camera_co
 
 /* Whether the light has changed in most of the last frames: lamps that flicker, maybe in step with
  * the exposures, so that no single lamp shows it. */
-static bool is_restless(struct lp_pipeline *p)
+static bool is_restless(struct lp_pipeline *p, float changed)
 {
-	struct lp_imager_status status;
-
-	lp_imager_status(p->imager, &status);
-	p->restless +=
-		RESTLESS_GAIN * ((status.changed > RESTLESS_CHANGE ? 1.0F : 0.0F) - p->restless);
+	p->restless += RESTLESS_GAIN * ((changed > RESTLESS_CHANGE ? 1.0F : 0.0F) - p->restless);
 	return p->restless > RESTLESS || lp_lamp_memory_flicker(&p->lamps.memory) > 0.0F;
 }
 
@@ -110,7 +108,11 @@ static float clipped_in_view(const struct lp_pipeline *p, const struct lp_panora
 static struct lp_bracket_scene look_at_scene(struct lp_pipeline *p,
 					     const struct lp_panorama *panorama)
 {
-	struct lp_bracket_scene scene = {.restless = is_restless(p)};
+	struct lp_imager_status status;
+
+	lp_imager_status(p->imager, &status);
+	struct lp_bracket_scene scene = {.changed = status.changed > MOST_CHANGED,
+					 .restless = is_restless(p, status.changed)};
 	int count = 0;
 
 	if (p->camera_count > 1)
@@ -147,10 +149,10 @@ static struct lp_bracket_decision judge(struct lp_pipeline *p, struct lp_pipelin
 		return lp_bracket_reported(b, reported_us);
 	if (b->state == LP_BRACKET_IGNORED)
 		return lp_bracket_ignored(b, lp_imager_scale(p->imager));
-	const struct lp_exposure_match settled = lp_imager_match(p->imager, b->settled_us);
-	const struct lp_exposure_match commanded = lp_imager_match(p->imager, b->commanded_us);
+	struct lp_exposure_matches matches;
 
-	return lp_bracket_judge(b, &settled, &commanded);
+	lp_imager_match(p->imager, b->could_us, b->could, &matches);
+	return lp_bracket_judge(b, &matches);
 }
 
 static struct lp_lamp_stage_work lamp_work(const struct lp_pipeline *p)

@@ -60,6 +60,7 @@ struct lp_pipeline_options {
 	int sh_order;	/* 0..4: highest order estimated */
 	int brackets; /* most exposures of a bracket of our own making; 0: exposure is left alone */
 	enum lp_orientation_kind orientation;
+	float rig_sigma_deg; /* of the cameras' rotations against each other */
 	/* In front of the lens, with a wheel whose angle frames carry; transmission 0: none. */
 	struct lp_film_numbers film;
 	struct lp_ring_scale scale; /* cd/m^2 per unit of radiance; NAN: not known */

@@ -16,6 +16,8 @@
 /* Thresholds of flags: chosen by hand (docs/maintainers/constants.md). */
 /* Below this mean code of the longest exposure most of an 8-bit picture is noise. */
 #define DARK_CODE 4.0F
+/* 1 sigma, relative, of light whose exposure was commanded, but not seen to take effect. */
+#define UNPROVED_SIGMA 1.0F
 /* 1 sigma of the drift of the anchor frame in a second of turning, in sigmas of its frames. */
 #define DRIFT_SIGMAS 4.0
 /* 1 sigma of light that is not seen, relative, after its first second; grows with its root. */
@@ -53,6 +55,18 @@ static float hidden_lamps(const struct lp_pipeline *p)
 			sum += m->lamp.irradiance[LP_LUMINANCE];
 	}
 	return sum;
+}
+
+/* Whether exposures are what was commanded, for all that frames have told: nothing yet. */
+static bool is_unproved(const struct lp_pipeline *p)
+{
+	bool is_unproved = false;
+
+	for (int k = 0; k < p->camera_count; k++)
+		is_unproved |= p->cameras[k].bracketing &&
+			       p->cameras[k].bracket.state == LP_BRACKET_RUNNING &&
+			       !lp_bracket_is_proved(&p->cameras[k].bracket);
+	return is_unproved;
 }
 
 static uint32_t bracket_flags(const struct lp_pipeline *p)
@@ -172,6 +186,10 @@ void lp_pipeline_fill(struct lp_pipeline *p, const struct lp_panorama *panorama,
 
 	project(p, panorama, total);
 	lp_imager_status(p->imager, &status);
+	if (is_unproved(p)) {
+		status.exposure_unknown = true;
+		status.scale_sigma = hypotf(status.scale_sigma, UNPROVED_SIGMA);
+	}
 	const struct lp_ring_scale scale = lp_ring_stage_scale(&p->ring, status.exposure_unknown);
 
 	e->t_capture_ns = panorama->t_capture_ns;
@@ -186,9 +204,14 @@ void lp_pipeline_fill(struct lp_pipeline *p, const struct lp_panorama *panorama,
 	for (int i = 0; i < LP_MAX_SH_COUNT; i++)
 		for (int c = 0; c < 3; c++)
 			e->sh_total[i][c] = (float)total[i][c];
-	for (int k = 0; k < e->light_count; k++) /* its phase is not known */
-		e->lights[k].irradiance_sigma =
-			hypotf(e->lights[k].irradiance_sigma, status.banding);
+	for (int k = 0; k < e->light_count; k++) {
+		struct lp_light *const light = &e->lights[k];
+
+		/* its phase is not known */
+		light->irradiance_sigma = hypotf(light->irradiance_sigma, status.banding);
+		light->direction_sigma_deg =
+			hypotf(light->direction_sigma_deg, p->options.rig_sigma_deg);
+	}
 	e->relighting_sigma = relighting_sigma(p, &status, e);
 	lp_model_predict((const double(*)[3])total, e);
 }
@@ -218,7 +241,7 @@ struct lp_estimate_orientation lp_pipeline_orientation(struct lp_pipeline *p, co
 	    p->options.orientation == LP_ORIENTATION_CLIENT) {
 		o.known = o.world = status.orientation_told && !o.left_out;
 		memcpy(o.xyzw, told, sizeof(o.xyzw));
-		o.sigma_deg = told_sigma_deg;
+		o.sigma_deg = hypotf(told_sigma_deg, status.orientation_late_deg);
 	} else if (p->options.orientation != LP_ORIENTATION_NONE) {
 		const struct lp_rotation turned =
 			lp_rotation_product(&p->origin, lp_imager_rotation(p->imager));

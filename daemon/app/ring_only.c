@@ -66,6 +66,7 @@ static void list_lamp(const struct lp_ring_alone *light, double unit, float comm
 				  .direction_sigma_deg = light->direction_sigma_deg,
 				  .irradiance_sigma =
 					  hypotf(light->lamp_sigma / light->lamp, common_sigma),
+				  .colour_sigma = COLOUR_SIGMA,
 				  .distance_m = NAN,
 				  .flags = LP_LIGHT_RING};
 	memcpy(lamp->direction, light->direction, sizeof(lamp->direction));

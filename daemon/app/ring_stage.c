@@ -70,6 +70,10 @@ static void find_parts(struct lp_clipped_parts *parts, const struct lp_panorama 
 					       m->lamp.count, k);
 	}
 	lp_clipped_parts_find(parts, panorama);
+	for (int j = 0; j < parts->count; j++)
+		if (parts->list[j].owner >= 0)
+			lp_lamp_rim_apply(&memory->list[parts->list[j].owner].lamp.rim,
+					  parts->list[j].tint);
 }
 
 static float facing(const float a[3], const float b[3])
@@ -133,6 +137,9 @@ static void give_to_lamps(const struct lp_ring_stage *stage, struct lp_lamp_memo
 			m->recovered[c] += rgb[c];
 		m->recovered[LP_LUMINANCE] += stage->fusion.excess[j];
 		m->recovered_sigma = hypotf(m->recovered_sigma, sigma);
+		/* what was not found, and may be there, has no known colour either */
+		m->recovered_colour_sigma +=
+			stage->colour.tint_sigma[j] * hypotf(stage->fusion.excess[j], sigma);
 	}
 }
 
@@ -204,6 +211,7 @@ void lp_ring_stage_update(struct lp_ring_stage *stage, const struct lp_imager *i
 	for (int k = 0; k < LP_MAX_LAMPS; k++) {
 		memset(memory->list[k].recovered, 0, sizeof(memory->list[k].recovered));
 		memory->list[k].recovered_sigma = 0.0F;
+		memory->list[k].recovered_colour_sigma = 0.0F;
 	}
 	stage->fused = stage->has_sample;
 	if (!stage->has_sample)

@@ -47,10 +47,11 @@ static void on_ready(struct lp_watch *watch, unsigned int events)
 {
 	struct lp_time_control *self = LP_CONTAINER_OF(watch, struct lp_time_control, link);
 	const int fd = watch->fd;
+	ssize_t got;
 	char byte;
 
 	(void)events;
-	while (recv(fd, &byte, 1, MSG_DONTWAIT) == 1) {
+	while ((got = recv(fd, &byte, 1, MSG_DONTWAIT)) == 1) {
 		if (byte != '\n' && self->line_bytes < sizeof(self->line) - 1) {
 			self->line[self->line_bytes++] = byte;
 			continue;
@@ -60,10 +61,12 @@ static void on_ready(struct lp_watch *watch, unsigned int events)
 		take_line(self);
 		return;
 	}
-	if (errno == EAGAIN)
+	if (got < 0 && (errno == EAGAIN || errno == EINTR))
 		return;
+	lp_info("time", "read", "the test has gone, and time stands still: the program ends");
 	lp_watch_stop(watch);
 	close(fd);
+	lp_loop_stop(self->loop);
 }
 
 static int connect_to(const char *path)

@@ -21,11 +21,13 @@
  * into the middle of one, and the sensors' lag is not known exactly. */
 #define JUMPING_SENSORS 2
 #define JUMP_LASTS_NS (50 * LP_NS_PER_MS)
+#define STILLS 32 /* places for frames that no newer one replaces */
 #define RESULTS 4 /* so many the loop may be late before one is lost */
 
 struct lp_worker {
 	struct lp_pipeline *pipeline;
 	struct lp_mailbox *inbox, *outbox;
+	int waiting; /* live frames in the inbox, at most */
 	struct lp_pool *results;
 	pthread_t thread;
 	bool thread_runs;
@@ -174,7 +176,8 @@ int lp_worker_create(struct lp_pipeline *pipeline, int waiting, struct lp_worker
 	self->pipeline = pipeline;
 	atomic_init(&self->new_preset, -1);
 	(void)pthread_mutex_init(&self->control_lock, NULL);
-	self->inbox = lp_mailbox_create(waiting);
+	self->waiting = waiting;
+	self->inbox = lp_mailbox_create(waiting + STILLS);
 	self->outbox = lp_mailbox_create(RESULTS);
 	/* One at work and one at the loop besides those that wait: there is always one to take. */
 	self->results = lp_pool_create(sizeof(struct lp_result), RESULTS + 2, NULL);
@@ -192,6 +195,11 @@ err_destroy:
 	return ret;
 }
 
+static bool is_live(const void *item)
+{
+	return !(((const struct lp_frame *)item)->flags & LP_FRAME_STILL);
+}
+
 bool lp_worker_submit(struct lp_worker *worker, struct lp_frame *frame,
 		      const struct lp_demand *demand)
 {
@@ -201,7 +209,7 @@ bool lp_worker_submit(struct lp_worker *worker, struct lp_frame *frame,
 	atomic_store(&worker->demand_max_lights, demand->max_lights);
 	atomic_store(&worker->demand_reflection_size, demand->reflection_size);
 	atomic_store(&worker->demand_polarization_map, demand->polarization_map);
-	replaced = lp_mailbox_put(worker->inbox, frame);
+	replaced = lp_mailbox_put_counted(worker->inbox, frame, worker->waiting, is_live);
 	lp_frame_release(replaced);
 	return !replaced;
 }

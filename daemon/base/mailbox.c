@@ -61,19 +61,61 @@ static void *take_locked(struct lp_mailbox *mailbox)
 	return item;
 }
 
+/* The item that waits as number k, behind the oldest. */
+static void **item_at(struct lp_mailbox *mailbox, int k)
+{
+	return &mailbox->items[(mailbox->first + k) % mailbox->capacity];
+}
+
+static void *remove_locked(struct lp_mailbox *mailbox, int k)
+{
+	void *item = *item_at(mailbox, k);
+
+	for (; k > 0; k--)
+		*item_at(mailbox, k) = *item_at(mailbox, k - 1);
+	(void)take_locked(mailbox);
+	mailbox->lost++;
+	return item;
+}
+
+static void append_locked(struct lp_mailbox *mailbox, void *item)
+{
+	*item_at(mailbox, mailbox->count) = item;
+	if (mailbox->count++ == 0)
+		signal_fd(mailbox, true);
+	pthread_cond_signal(&mailbox->filled);
+}
+
 void *lp_mailbox_put(struct lp_mailbox *mailbox, void *item)
 {
 	void *lost = NULL;
 
 	pthread_mutex_lock(&mailbox->lock);
-	if (mailbox->count == mailbox->capacity) {
-		lost = take_locked(mailbox);
-		mailbox->lost++;
+	if (mailbox->count == mailbox->capacity)
+		lost = remove_locked(mailbox, 0);
+	append_locked(mailbox, item);
+	pthread_mutex_unlock(&mailbox->lock);
+	return lost;
+}
+
+void *lp_mailbox_put_counted(struct lp_mailbox *mailbox, void *item, int most,
+			     bool (*counts)(const void *item))
+{
+	int counted = 0, oldest = 0;
+	void *lost = NULL;
+
+	pthread_mutex_lock(&mailbox->lock);
+	for (int k = mailbox->count - 1; k >= 0; k--) {
+		if (counts(*item_at(mailbox, k))) {
+			counted++;
+			oldest = k;
+		}
 	}
-	mailbox->items[(mailbox->first + mailbox->count) % mailbox->capacity] = item;
-	if (mailbox->count++ == 0)
-		signal_fd(mailbox, true);
-	pthread_cond_signal(&mailbox->filled);
+	if (counts(item) && counted >= most)
+		lost = remove_locked(mailbox, oldest);
+	else if (mailbox->count == mailbox->capacity)
+		lost = remove_locked(mailbox, 0);
+	append_locked(mailbox, item);
 	pthread_mutex_unlock(&mailbox->lock);
 	return lost;
 }

@@ -17,6 +17,11 @@ struct lp_mailbox *lp_mailbox_create(int capacity);
 /* Returns the item that had to go, for the caller to release; NULL when none had to. */
 void *lp_mailbox_put(struct lp_mailbox *mailbox, void *item);
 
+/* The same, but of the items that `counts` says yes to no more than `most` may wait: one that
+ * counts too much takes the place of the oldest of them. */
+void *lp_mailbox_put_counted(struct lp_mailbox *mailbox, void *item, int most,
+			     bool (*counts)(const void *item));
+
 /* The oldest item; NULL when empty. */
 void *lp_mailbox_take(struct lp_mailbox *mailbox);
 

@@ -19,6 +19,9 @@ enum lp_pixel_format {
 enum lp_frame_flag {
 	LP_FRAME_CORRUPT = 1 << 0, /* the driver says so: count it, do not use it */
 	LP_FRAME_LAST = 1 << 1,	   /* the source ends with this frame */
+	/* Seldom, and seconds late: no newer frame takes its place, and what was seen since then
+	 * counts more. */
+	LP_FRAME_STILL = 1 << 2,
 };
 
 #define LP_MAX_CAMERAS 4

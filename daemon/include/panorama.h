@@ -21,6 +21,7 @@ enum lp_cell_flag {
 	LP_CELL_BESIDE = 1 << 2,  /* of a turned picture: next to a marked cell, whose light may lie
 				   * anywhere within it */
 	LP_CELL_COVERED = 1 << 3, /* of a picture: something before the lens hides it */
+	LP_CELL_BESIDE_DARK = 1 << 4, /* BESIDE one that is not seen, or covered: may be brighter */
 };
 
 /*

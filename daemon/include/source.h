@@ -80,7 +80,9 @@ struct lp_source_caps {
 	float exposures_us[LP_EXPOSURES_MAX]; /* ascending */
 	float gain_min, gain_max;	      /* both 1: it cannot be set */
 	int exposure_delay_frames;	      /* frames from command to effect; -1: unknown */
-	bool finite;			      /* ends by itself, with LP_FRAME_LAST and ENDED */
+	float in_force_us; /* exposure times gain that the first frame has for certain; 0: unknown
+			    */
+	bool finite;	   /* ends by itself, with LP_FRAME_LAST and ENDED */
 };
 
 struct lp_source_ops {

@@ -93,6 +93,10 @@ static void measure(const struct lp_clipped_parts *parts, const struct lp_panora
 		for (int c = 0; c < 4; c++)
 			part->bound[c] += weight * panorama->cells[cell][c];
 	}
+	for (int c = 0; c < 3; c++)
+		part->tint[c] = part->bound[LP_LUMINANCE] > 0.0F
+					? part->bound[c] / part->bound[LP_LUMINANCE]
+					: 1.0F;
 	const double length =
 		sqrt(middle[0] * middle[0] + middle[1] * middle[1] + middle[2] * middle[2]);
 

@@ -20,6 +20,7 @@ struct lp_clipped_part {
 	float solid_angle_sr;
 	float spread_rad; /* root mean square angle along its longest axis */
 	float bound[4];	  /* least irradiance at normal incidence: R, G, B, luminance */
+	float tint[3];	  /* R, G, B of what it hides for luminance 1: as was seen of it */
 	int owner;	  /* who claimed it (lp_clipped_parts_claim()); -1: nobody */
 };
 

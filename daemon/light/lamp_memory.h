@@ -39,12 +39,15 @@ struct lp_remembered_lamp {
 	float absent_s;	    /* how long it has not been seen */
 	bool missed; /* in the newest panorama, but not in the one before; its light is gone */
 	struct lp_flicker flicker; /* of its strength as measured by pixels */
+	float clipped_scale;	   /* of the shortest exposure whose pixels clip it; 0: none does */
 	float disputed_s; /* how long detection has drawn other borders (light/holding.h) */
 	bool wide;	  /* an area light */
 	bool listed;	  /* in the newest estimate */
 	/* What the ring of light sensors finds of it beyond `lamp`, which is a lower bound: R, G,
 	 * B, luminance, and 1 sigma of the last; 0: nothing. Of the newest frame alone. */
 	float recovered[4], recovered_sigma;
+	/* 1 sigma of the colour of that: root mean square over R, G and B; of irradiance. */
+	float recovered_colour_sigma;
 	struct lp_stokes stokes;	     /* of its luminance above the surround; anchor frame */
 	struct lp_polarization polarization; /* by `stokes`, or by its cells */
 	float image_probability; /* that it is the mirror image of another lamp; NAN: not judged */

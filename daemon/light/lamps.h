@@ -9,6 +9,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "light/lamp_rim.h"
+
 struct lp_grid;
 struct lp_panorama;
 struct lp_regions;
@@ -29,6 +31,7 @@ struct lp_lamp {
 	float half_angle_deg[2]; /* of the uniform ellipse with the same moments: longer, shorter */
 	float peak;		 /* highest luminance in it */
 	float share;		 /* of the light on a surface facing it */
+	struct lp_lamp_rim rim;	 /* only if it clips, and its pixels have been seen */
 	float contrast;		 /* mean luminance of its core over the surround's */
 	uint32_t flags;		 /* enum lp_light_flag: CLIPPED */
 	int first, count;	 /* its cells: lp_lamp_finder.cells */

@@ -2,15 +2,19 @@
 #include "light/ring_colour.h"
 
 #include <math.h>
+#include <string.h>
 
 #include "include/luminance.h"
 #include "light/nnls.h"
 
 /* Chosen by hand, on the scenes of docs/users/accuracy.md, "With the ring of light sensors". */
 
-/* How far the colour of a lamp is from that of what clips of it, relative 1 sigma: lamps that clip
- * in all channels look white, and are anything from a candle to the sky. */
+/* How far the colour of a lamp is from that of what was seen of it, relative 1 sigma: lamps that
+ * clip in all channels look white, and are anything from a candle to the sky. */
 #define LOOK_SIGMA 0.4F
+/* The same without a ring that sees colours: root mean square over red, green and blue, of the
+ * luminance. */
+#define TINT_SIGMA 0.27F
 /* What a colour of the ring is worth before anything has been learned. */
 #define WHITE_SIGMA 0.2F
 /* Squared sigmas per reading beyond which the colours are not believed, as in ring_fusion.c. */
@@ -25,17 +29,12 @@ void lp_ring_colour_init(struct lp_ring_colour *colour)
 		colour->white[c] = (struct lp_ring_scale){1.0F, WHITE_SIGMA};
 }
 
-static float look(const struct lp_clipped_part *part, int channel)
-{
-	return part->bound[LP_LUMINANCE] > 0.0F ? part->bound[channel] / part->bound[LP_LUMINANCE]
-						: 1.0F;
-}
-
 void lp_ring_colour_as_seen(struct lp_ring_colour *colour, const struct lp_clipped_parts *parts)
 {
-	for (int j = 0; j < parts->count; j++)
-		for (int c = 0; c < 3; c++)
-			colour->tint[j][c] = look(&parts->list[j], c);
+	for (int j = 0; j < parts->count; j++) {
+		memcpy(colour->tint[j], parts->list[j].tint, sizeof(colour->tint[j]));
+		colour->tint_sigma[j] = TINT_SIGMA;
+	}
 }
 
 static void learn(struct lp_ring_scale *held, float white, float sigma)
@@ -106,7 +105,7 @@ static bool solve(const struct question *q, double x[LP_NNLS_MAX],
 	none = expect(&normal, 0, q->white.lux_per_unit,
 		      (double)q->white.sigma * q->white.lux_per_unit);
 	for (int j = 0; j < q->parts->count; j++) {
-		const double seen = fmaxf(look(&q->parts->list[j], q->channel), 0.01F);
+		const double seen = fmaxf(q->parts->list[j].tint[q->channel], 0.01F);
 
 		none += expect(&normal, 1 + j, q->white.lux_per_unit * seen,
 			       (double)LOOK_SIGMA * seen);
@@ -137,6 +136,19 @@ static bool solve(const struct question *q, double x[LP_NNLS_MAX],
 	return x[0] > 0.0 && misfit(&normal, x, none) <= MOST_MISFIT * (readings + 1);
 }
 
+/* A solution becomes one colour of a part's tint; its variance is added. */
+static void take_tint(struct lp_ring_colour *colour, float *variance, int part, int channel,
+		      const double x[LP_NNLS_MAX],
+		      const double covariance[LP_NNLS_MAX][LP_NNLS_MAX])
+{
+	/* at 0 it is bound: as uncertain as it was */
+	const double own = x[1 + part] > 0.0 ? covariance[1 + part][1 + part]
+					     : (double)(TINT_SIGMA * TINT_SIGMA);
+
+	colour->tint[part][channel] = (float)(x[1 + part] / x[0]);
+	variance[part] += (float)(own / (x[0] * x[0]));
+}
+
 /* The luminance is known better than its colours are. */
 static void make_luminance_1(struct lp_ring_colour *colour, int count)
 {
@@ -154,6 +166,8 @@ void lp_ring_colour_update(struct lp_ring_colour *colour, const struct lp_ring_v
 			   const struct lp_ring_fusion *luminance,
 			   const struct lp_clipped_parts *parts, bool learns)
 {
+	float variance[LP_MAX_CLIPPED_PARTS] = {0.0F};
+
 	lp_ring_colour_as_seen(colour, parts);
 	for (int c = 0; c < 3; c++) {
 		const struct question question = {&views[c], sample, luminance,
@@ -165,10 +179,13 @@ void lp_ring_colour_update(struct lp_ring_colour *colour, const struct lp_ring_v
 			return;
 		}
 		for (int j = 0; j < parts->count; j++)
-			colour->tint[j][c] = (float)(x[1 + j] / x[0]);
+			take_tint(colour, variance, j, c, x,
+				  (const double(*)[LP_NNLS_MAX])covariance);
 		if (learns)
 			learn(&colour->white[c], (float)x[0],
 			      (float)(sqrt(covariance[0][0]) / x[0]));
 	}
+	for (int j = 0; j < parts->count; j++)
+		colour->tint_sigma[j] = sqrtf(variance[j] / 3.0F);
 	make_luminance_1(colour, parts->count);
 }

@@ -14,11 +14,12 @@ struct lp_ring_colour {
 	struct lp_ring_scale white[3];
 	/* Red, green and blue of part j's hidden light for luminance 1. */
 	float tint[LP_MAX_CLIPPED_PARTS][3];
+	float tint_sigma[LP_MAX_CLIPPED_PARTS]; /* of these, root mean square over the three */
 };
 
 void lp_ring_colour_init(struct lp_ring_colour *colour);
 
-/* Without colours: what is hidden has the colour of what was seen. */
+/* Without colours: what is hidden has the part's tint. */
 void lp_ring_colour_as_seen(struct lp_ring_colour *colour, const struct lp_clipped_parts *parts);
 
 /*

@@ -11,8 +11,9 @@
 
 /* Squared sigmas that a fit must gain to be worth a sensor that is left out, or another scale. */
 #define WORTH 16.0
-/* Likewise to be worth any hidden light at all. */
-#define WORTH_LIGHT 3.0
+/* Likewise to be worth any hidden light at all, and all that explains the readings. */
+#define WORTH_LITTLE 1.0
+#define WORTH_LIGHT 4.0
 /* Likewise to say that the ring is turned. Where it is not, no other place does better by more than
  * 6 on those scenes. */
 #define WORTH_TURNED 10.0
@@ -151,8 +152,9 @@ static double evidence(const struct lp_ring_problem *problem, const struct lp_ri
 	return without.chi2 - fit->chi2;
 }
 
-/* Hidden light counts as far as the evidence for it goes (James & Stein 1961: of p unknowns that
- * explain chi2, the share 1 - p / chi2); what is held back is uncertainty. */
+/* Several unknowns explain noise together, and hide light at the wrong place: they count as far as
+ * the evidence for them goes (after James & Stein 1961: of p unknowns that explain chi2, the share
+ * 1 - p / chi2). So does one alone, up to WORTH_LIGHT. What is held back is uncertainty. */
 static void hold_back(const struct lp_ring_problem *problem, const struct lp_ring_fit *fit,
 		      struct lp_ring_fusion *fusion)
 {
@@ -161,7 +163,9 @@ static void hold_back(const struct lp_ring_problem *problem, const struct lp_rin
 
 	for (int j = 0; j < problem->view->count; j++)
 		unknowns += fit->x[j + 1] > 0.0;
-	const double share = gain > WORTH_LIGHT ? fmax(1.0 - unknowns / gain, 0.0) : 0.0;
+	const double worth =
+		fmin(fmax((gain - WORTH_LITTLE) / (WORTH_LIGHT - WORTH_LITTLE), 0.0), 1.0);
+	const double share = worth * (unknowns > 1 ? fmax(1.0 - unknowns / gain, 0.0) : 1.0);
 
 	for (int i = 0; i < problem->view->count; i++)
 		for (int j = 0; j < problem->view->count; j++)

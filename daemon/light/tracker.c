@@ -106,6 +106,7 @@ static void follow_light(struct lp_track *track, const struct lp_light *target, 
 		hypotf(target->direction_sigma_deg, chord_deg(l->direction, target->direction));
 	l->irradiance_sigma =
 		hypotf(target->irradiance_sigma, luminance(target) / luminance(l) - 1.0F);
+	l->colour_sigma = target->colour_sigma;
 	l->distance_m = follow(l->distance_m, target->distance_m, alpha);
 	l->hidden = target->hidden;
 	for (int a = 0; a < 2; a++)
@@ -125,17 +126,30 @@ static void fade(struct lp_track *track, float alpha, int64_t now_ns)
 		track->light.id = 0;
 }
 
-static bool precedes(const struct lp_light *a, const struct lp_light *b)
+static bool is_wide(const struct lp_light *light)
 {
-	const bool a_wide = a->flags & LP_LIGHT_EXTENDED, b_wide = b->flags & LP_LIGHT_EXTENDED;
-
-	return a_wide != b_wide ? b_wide : lp_light_rank(a) > lp_light_rank(b);
+	return light->flags & LP_LIGHT_EXTENDED;
 }
 
-/* Tracks that still shine: lamps, then area lights, each strongest first. */
-static void list_tracks(const struct lp_tracker *tracker, struct lp_light_estimate *smoothed)
+/* Lamps, then area lights, each strongest first. */
+static bool precedes(const struct lp_light *a, const struct lp_light *b)
 {
-	int count = 0, lamps = 0;
+	return is_wide(a) != is_wide(b) ? is_wide(b) : lp_light_rank(a) > lp_light_rank(b);
+}
+
+/* By their full strength: one that fades keeps its place until it is gone. */
+static bool stays_before(const struct lp_track *a, const struct lp_track *b)
+{
+	return is_wide(&a->light) != is_wide(&b->light)
+		       ? is_wide(&b->light)
+		       : a->full * (1.0F + a->light.hidden) > b->full * (1.0F + b->light.hidden);
+}
+
+/* Tracks that still shine, as many as an estimate holds; returns how many. */
+static int choose_tracks(const struct lp_tracker *tracker,
+			 const struct lp_track *chosen[LP_MAX_LIGHTS])
+{
+	int count = 0;
 
 	for (int t = 0; t < LP_MAX_TRACKS; t++) {
 		const struct lp_track *track = &tracker->track[t];
@@ -144,17 +158,32 @@ static void list_tracks(const struct lp_tracker *tracker, struct lp_light_estima
 
 		if (!track->light.id || strength < LEAST_SHARE * track->full || strength <= 0.0F)
 			continue;
-		lamps += !(track->light.flags & LP_LIGHT_EXTENDED);
-		for (at = count; at > 0 && precedes(&track->light, &smoothed->lights[at - 1]); at--)
+		for (at = count; at > 0 && stays_before(track, chosen[at - 1]); at--)
 			if (at < LP_MAX_LIGHTS)
-				smoothed->lights[at] = smoothed->lights[at - 1];
+				chosen[at] = chosen[at - 1];
 		if (at < LP_MAX_LIGHTS)
-			smoothed->lights[at] = track->light;
+			chosen[at] = track;
 		if (count < LP_MAX_LIGHTS)
 			count++;
 	}
-	smoothed->light_count = count;
-	smoothed->area_count = lamps < count ? count - lamps : 0;
+	return count;
+}
+
+static void list_tracks(const struct lp_tracker *tracker, struct lp_light_estimate *smoothed)
+{
+	const struct lp_track *chosen[LP_MAX_LIGHTS];
+
+	smoothed->light_count = choose_tracks(tracker, chosen);
+	smoothed->area_count = 0;
+	for (int k = 0; k < smoothed->light_count; k++) {
+		const struct lp_light *light = &chosen[k]->light;
+		int at = k;
+
+		for (; at > 0 && precedes(light, &smoothed->lights[at - 1]); at--)
+			smoothed->lights[at] = smoothed->lights[at - 1];
+		smoothed->lights[at] = *light;
+		smoothed->area_count += is_wide(light);
+	}
 }
 
 void lp_tracker_update(struct lp_tracker *tracker, const struct lp_light_estimate *raw,

@@ -24,12 +24,28 @@ struct lp_testimony {
 	double sigma_rad;	     /* about each axis */
 };
 
+#define LP_WITNESS_POINTS 4
+
+/* How late it tells, by what pictures showed whenever the rate of the turn changed. */
+struct lp_witness_delay {
+	struct lp_witness_point {
+		struct lp_rotation told, seen;
+		double after_s;	     /* the point before */
+	} points[LP_WITNESS_POINTS]; /* oldest first */
+	int count;
+	bool turned;		   /* at the newest frame */
+	double steady_s;	   /* since the camera began to turn, or to hold still */
+	double passed_s;	   /* since the newest point */
+	double sum_s, information; /* of the delay: weighted sum, and inverse variance */
+};
+
 struct lp_witness {
 	struct lp_testimony last; /* of the frame before; set by the caller */
 	bool has_world;
 	struct lp_rotation world; /* anchor frame to the witness's, followed slowly */
 	bool left_out;		  /* it contradicts the pictures */
 	double agreed_s;	  /* since then, without a break */
+	struct lp_witness_delay delay;
 };
 
 /* How the camera has turned since the frame before, in its own frame. False: that is not told, or
@@ -47,6 +63,10 @@ void lp_witness_contradict(struct lp_witness *witness);
 /* The frame is done, `elapsed_s` after the one before: `motion` is what all together know. */
 void lp_witness_compare(struct lp_witness *witness, const struct lp_testimony *now,
 			const struct lp_motion *motion, double elapsed_s);
+
+/* 1 sigma of what it tells at this rate of the turn, from how late it may be: always as late looks
+ * like another frame of reference, until the rate changes. */
+double lp_witness_delay_sigma_rad(const struct lp_witness *witness, double rate_rad_s);
 
 /* The anchor frame is that of the camera at `rotation` (camera to the old one) from now on. */
 void lp_witness_anchor(struct lp_witness *witness, const struct lp_rotation *rotation);

@@ -57,6 +57,14 @@ static const struct lp_param polarizer_list[] = {
 };
 static const struct lp_params polarizer_params = LP_PARAMS(polarizer_list);
 
+static const struct lp_param rig_list[] = {
+	{"id", LP_PARAM_TEXT, offsetof(struct lp_camera_file, rig.id),
+	 .max = sizeof(((struct lp_rig_fields *)0)->id)},
+	{"camera", LP_PARAM_INT, offsetof(struct lp_camera_file, rig.camera), .min = 1, .max = 64},
+	{"sigma_deg", LP_PARAM_FLOAT, offsetof(struct lp_camera_file, rig.sigma_deg), .max = 180},
+};
+static const struct lp_params rig_params = LP_PARAMS(rig_list);
+
 #define LENS_FLOAT(key, low, high)                                                        \
 	{                                                                                 \
 #key, LP_PARAM_FLOAT, offsetof(struct lp_lens_fields, key), .min = (low), \
@@ -83,9 +91,10 @@ static const struct lp_params lens_params = LP_PARAMS(lens_list);
 
 static int set_fields(struct lp_camera_file *file)
 {
-	static const char *const sections[] = {"camera",     "response",  "lens.0", "lens.1",
-					       "lens.2",     "lens.3",	  "v4l2",   "libcamera",
-					       "photometry", "polarizer", NULL};
+	static const char *const sections[] = {"camera", "response",   "lens.0",    "lens.1",
+					       "lens.2", "lens.3",     "v4l2",	    "libcamera",
+					       "osc",	 "photometry", "polarizer", "rig",
+					       NULL};
 	int ret = lp_ini_check_sections(&file->ini, sections);
 
 	_Static_assert(LP_MAX_LENSES == 4, "a section for each lens");
@@ -97,6 +106,8 @@ static int set_fields(struct lp_camera_file *file)
 		ret = lp_ini_set(&file->ini, "photometry", &photometry_params, file);
 	if (ret == 0)
 		ret = lp_ini_set(&file->ini, "polarizer", &polarizer_params, file);
+	if (ret == 0)
+		ret = lp_ini_set(&file->ini, "rig", &rig_params, file);
 	for (int k = 0; k < LP_MAX_LENSES && ret == 0; k++) {
 		char section[20];
 

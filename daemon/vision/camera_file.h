@@ -23,6 +23,13 @@ struct lp_lens_fields {
 	char mask[PATH_MAX];
 };
 
+/* Of the rig that the camera is a part of; lightprobe calibrate rig writes it. */
+struct lp_rig_fields {
+	char id[24];	 /* "": of none */
+	int camera;	 /* from 1 on */
+	float sigma_deg; /* of its rotation against camera 1 */
+};
+
 /* Numbers are within their own bounds; what several of them say together is not checked yet. */
 struct lp_camera_file {
 	struct lp_ini ini; /* of no entries for "equirect" */
@@ -37,6 +44,7 @@ struct lp_camera_file {
 	/* Of the film on the wheel (light/polarization.h); 0: the file does not say */
 	float film_transmission, film_extinction, film_offset_deg;
 	struct lp_lens_fields lens[LP_MAX_LENSES];
+	struct lp_rig_fields rig;
 };
 
 /* "equirect", or the path of a camera file. -errno or -EBADMSG, logged as FILE:LINE. */

@@ -111,7 +111,7 @@ void lp_eye_map(struct lp_eye *eye)
 
 bool lp_eye_sees(const struct lp_eye *eye, int cell)
 {
-	return eye->remap && eye->remap->start[cell] < eye->remap->start[cell + 1];
+	return eye->remap && !eye->remap->unseen[cell];
 }
 
 /* ---------------------------------------------------------------- exposures */

@@ -166,6 +166,9 @@ static void follow_turn(struct lp_imager *imager, double elapsed_s)
 	lp_motion_predict(&by_rate, elapsed_s);
 	if (imager->stokes && lp_rotation_is_identity(&imager->motion.rotation))
 		lp_stokes_map_see_through(imager->stokes, lp_imager_film(imager), &seen);
+	if (imager->stokes)
+		lp_stokes_map_leave_out(imager->stokes,
+					told ? &by_witness.rotation : &by_rate.rotation, &seen);
 	if (told || imager->motion.turning || !lp_rotation_is_identity(&imager->motion.rotation) ||
 	    imager->update.changed > LEAST_CHANGED ||
 	    lp_radiance_map_contradicting(imager->map, &seen) > LEAST_CONTRADICTING) {
@@ -189,9 +192,11 @@ void lp_imager_follow(struct lp_imager *imager)
 	const double elapsed_s = (double)(imager->t_capture_ns - imager->t_motion_ns) / 1e9;
 	const bool first = !imager->t_motion_ns || !imager->t_map_ns;
 
-	imager->t_motion_ns = imager->t_capture_ns;
 	imager->agreement = 1.0F;
 	imager->elapsed_s = 0.0;
+	if (imager->late_s > 0.0F) /* the box has not turned since */
+		return;
+	imager->t_motion_ns = imager->t_capture_ns;
 	if (!first && imager->options.follow_turns &&
 	    (elapsed_s > 0.0 || lp_imager_is_late(imager, elapsed_s))) {
 		imager->elapsed_s = fmin(elapsed_s, MOST_ELAPSED_S);
@@ -202,6 +207,8 @@ void lp_imager_follow(struct lp_imager *imager)
 
 void lp_imager_followed(struct lp_imager *imager)
 {
+	if (imager->late_s > 0.0F)
+		return;
 	lp_witness_compare(&imager->witness, &imager->testimony, &imager->motion,
 			   fmax(imager->elapsed_s, 0.0));
 }

@@ -45,7 +45,7 @@
 void lp_gain_init(struct lp_gain *gain, float scale)
 {
 	gain->scale = gain->first = scale;
-	gain->variance = gain->unrest = gain->usual = 0.0F;
+	gain->variance = gain->own = gain->unrest = gain->usual = 0.0F;
 	gain->lost = gain->count = 0;
 }
 
@@ -146,6 +146,7 @@ void lp_gain_follow(struct lp_gain *gain, const struct lp_gain_look *look, float
 	const float odd = fmaxf(gain->usual - look->agreement, 0.0F) * step;
 
 	gain->lost = 0;
+	gain->own = look->sigma;
 	gain->usual += (1.0F - expf(-elapsed_s / USUAL_S)) * (look->agreement - gain->usual);
 	if (was_at_rest && step > SUDDEN) {
 		gain->unrest = 1.0F;
@@ -182,5 +183,6 @@ float lp_gain_sigma(const struct lp_gain *gain)
 {
 	const float response = RESPONSE_SIGMA * logf(gain->scale / gain->first);
 
-	return sqrtf(gain->variance + response * response);
+	/* twice: what is known began with a frame that erred alike */
+	return sqrtf(gain->variance + response * response + 2.0F * gain->own * gain->own);
 }

@@ -45,6 +45,7 @@ struct lp_gain {
 	float scale;	/* full scale to radiance, of the newest frame */
 	float first;	/* the scale of the first frame */
 	float variance; /* of the scale's logarithm, without what the response adds */
+	float own;	/* 1 sigma of the newest frame's scale against what is known */
 	float unrest;	/* how much it changed lately */
 	float usual;	/* agreement of the frames before */
 	int lost;	/* frames in a row that did not tell it */

@@ -10,6 +10,7 @@
 #include "include/frame.h"
 #include "include/luminance.h"
 #include "light/grid.h"
+#include "light/lamps.h"
 #include "vision/alignment.h"
 #include "vision/lookup.h"
 #include "vision/remap.h"
@@ -235,6 +236,14 @@ int lp_imager_load(struct lp_imager *imager, struct lp_frame *frame, float expec
 		lp_frame_release(frame);
 		return -EBADMSG;
 	}
+	const int64_t before_ns = imager->t_capture_ns;
+
+	imager->t_capture_ns = frame->t_start_ns + duration_ns / 2;
+	if (!lp_imager_place_still(imager, frame)) {
+		imager->t_capture_ns = before_ns;
+		lp_frame_release(frame);
+		return -EAGAIN;
+	}
 	imager->eye = &imager->eyes[frame->camera];
 	imager->eye->accepted = false;
 	(void)lp_overlap_apply(&imager->eye->overlap, &imager->eye->response);
@@ -247,7 +256,6 @@ int lp_imager_load(struct lp_imager *imager, struct lp_frame *frame, float expec
 	}
 	if (ret > 0 && imager->eye->serial) /* exposures of the old size are forgotten */
 		lp_imager_forget(imager);
-	imager->t_capture_ns = frame->t_start_ns + duration_ns / 2;
 	imager->testimony = testimony_of(imager, frame);
 	incoming->exposure_us = expected_us;
 	incoming->scale = scale_of(imager, frame->format != LP_FORMAT_RGB_F32, expected_us);
@@ -293,6 +301,7 @@ static void observe(struct lp_imager *imager)
 	struct lp_observation seen = lp_imager_observation(imager);
 	const double elapsed_s = (double)(imager->t_capture_ns - imager->t_map_ns) / 1e9;
 
+	seen.late_s = imager->late_s;
 	seen.elapsed_s = imager->t_map_ns && elapsed_s > 0.0 ? (float)elapsed_s : 0.0F;
 	if (!lp_rotation_is_identity(&imager->motion.rotation)) {
 		const double sigma =
@@ -377,9 +386,30 @@ int lp_imager_accept(struct lp_imager *imager, float exposure_us)
 		imager->eyes[k].changed_serial = imager->eyes[k].serial;
 		lp_gain_disturb(&imager->eyes[k].gain, imager->update.changed);
 	}
+	if (imager->motion.turning || imager->agreement < LP_LEAST_AGREEMENT ||
+	    imager->update.changed > CHANGED)
+		imager->t_moved_ns = imager->t_capture_ns;
 	lp_imager_weigh_hidden(imager);
 	show(imager);
 	return 0;
+}
+
+float lp_imager_cells_sigma(const struct lp_imager *imager, const struct lp_lamp_finder *finder,
+			    const struct lp_lamp *lamp)
+{
+	const struct lp_radiance_map *map = imager->map;
+	double sigma = 0.0, light = 0.0;
+
+	for (int k = lamp->first; k < lamp->first + lamp->count; k++) {
+		const int cell = finder->cells[k];
+		const double solid_angle_sr = lp_grid_solid_angle_sr(imager->grid, cell);
+
+		if (map->flags[cell] || !(map->variance[cell] < LP_VARIANCE_UNKNOWN))
+			continue;
+		sigma += sqrt((double)map->variance[cell]) * solid_angle_sr;
+		light += (double)map->radiance[cell][LP_LUMINANCE] * solid_angle_sr;
+	}
+	return light > 0.0 ? (float)(sigma / light) : 0.0F;
 }
 
 struct lp_rotation lp_imager_rotation_at(const struct lp_imager *imager, int64_t t_ns)
@@ -444,6 +474,9 @@ void lp_imager_status(const struct lp_imager *imager, struct lp_imager_status *s
 				    : 0.0F,
 		.hidden_share = imager->lost_share,
 		.angles_missing = imager->stokes && !lp_stokes_polarization(&imager->angles).known};
+	status->orientation_late_deg =
+		(float)(degrees * lp_witness_delay_sigma_rad(&imager->witness,
+							     status->rate_deg_per_s / degrees));
 	const struct lp_eye_exposures newest = lp_eye_exposures(imager->eye);
 
 	status->exposure_count = newest.count;

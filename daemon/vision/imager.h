@@ -61,13 +61,14 @@ struct lp_imager_status {
 	float rate_deg_per_s;	  /* how fast it turns */
 	/* The newest frame contradicts what is known, and no turn of the camera explains it. */
 	bool rotation_is_unknown;
-	bool orientation_told;	   /* the newest frame carries its orientation */
-	bool orientation_left_out; /* what frames carry contradicts what they show */
-	float banding;		   /* amplitude of the bands that flicker draws; 0: none are seen */
-	bool covered;		   /* something hides part of the camera's view */
-	bool lost_view;		   /* a camera is away, and no other one sees what it saw */
-	float hidden_s;		   /* for how long by now something is covered or lost */
-	float hidden_share;	   /* of the light: what was known there */
+	bool orientation_told;	    /* the newest frame carries its orientation */
+	float orientation_late_deg; /* 1 sigma of what they carry, from how late it may be */
+	bool orientation_left_out;  /* what frames carry contradicts what they show */
+	float banding;	    /* amplitude of the bands that flicker draws; 0: none are seen */
+	bool covered;	    /* something hides part of the camera's view */
+	bool lost_view;	    /* a camera is away, and no other one sees what it saw */
+	float hidden_s;	    /* for how long by now something is covered or lost */
+	float hidden_share; /* of the light: what was known there */
 	/* 1 sigma of all light, relative, from how well cameras are brought to one scale */
 	float cameras_sigma;
 	bool angles_missing; /* a film, but too few of its angles to tell how light is polarized */
@@ -86,7 +87,7 @@ void lp_imager_destroy(struct lp_imager *imager); /* accepts NULL; releases the 
  * Takes over the reference to `frame` and decodes it. It does not count yet: lp_imager_accept()
  * says with which exposure it does; the next load forgets it otherwise. expected_us (times gain;
  * NAN: unknown) is what it will most likely be. -EBADMSG: frame refused, logged; all else is as
- * before. -ENOMEM.
+ * before. -EAGAIN: a still that tells nothing any more, logged; all else is as before. -ENOMEM.
  */
 int lp_imager_load(struct lp_imager *imager, struct lp_frame *frame, float expected_us);
 
@@ -118,13 +119,18 @@ void lp_imager_expect_exposure(struct lp_imager *imager);
  * not told. */
 void lp_imager_inherit(struct lp_imager *imager, const struct lp_imager *from);
 
-/* How the frame loaded last compares with the radiance known so far, if it was exposed for
- * exposure_us: mean difference in codes (of a square-root response) over what both can tell. */
-struct lp_exposure_match {
-	float difference_codes; /* NAN: nothing to compare */
-	float compared;		/* share of the cells */
+#define LP_MAX_CANDIDATES 6
+
+/*
+ * How the frame loaded last compares with the radiance known so far: codes[a][b] is how much it
+ * differs from what the a-th exposure predicts, in codes of a square-root response, mean over the
+ * cells where the b-th predicts something else. NAN: too few of them tell the two apart.
+ */
+struct lp_exposure_matches {
+	float codes[LP_MAX_CANDIDATES][LP_MAX_CANDIDATES];
 };
-struct lp_exposure_match lp_imager_match(const struct lp_imager *imager, float exposure_us);
+void lp_imager_match(const struct lp_imager *imager, const float *exposures_us, int count,
+		     struct lp_exposure_matches *matches);
 
 /* Exposures of a camera in the panorama: the newest, and those since the light last changed. */
 int lp_imager_current_exposures(const struct lp_imager *imager, int camera);
@@ -193,6 +199,14 @@ bool lp_imager_refine(struct lp_imager *imager, const struct lp_lamp_finder *fin
  * response and white balance, and the rounding of codes (vision/code_noise.h). 0 for float frames.
  */
 float lp_imager_strength_sigma(const struct lp_imager *imager, const struct lp_lamp *lamp);
+
+/*
+ * 1 sigma, relative, of what the panorama holds of a lamp: of a lamp that no newer frame could
+ * measure it grows with time, in all of its cells alike. Cells that are only a lower bound are left
+ * out.
+ */
+float lp_imager_cells_sigma(const struct lp_imager *imager, const struct lp_lamp_finder *finder,
+			    const struct lp_lamp *lamp);
 
 #ifdef __cplusplus
 }

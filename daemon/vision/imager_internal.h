@@ -29,6 +29,8 @@ struct lp_imager {
 
 	int64_t t_capture_ns; /* of the newest frame */
 	bool loaded;	      /* it has not been accepted yet */
+	float late_s;	      /* it was taken so long before t_capture_ns: a still; else 0 */
+	int64_t t_moved_ns;   /* of the last frame in which the box turned, or much light changed */
 	int64_t t_lost_ns;    /* since when a camera is away; 0: none is */
 	bool lost_view;	      /* no camera that is there looks at a part of what is known */
 	float lost_share;     /* of the light that is known: that part's */
@@ -70,7 +72,10 @@ struct lp_imager {
 	uint8_t *taken;	    /* per panorama cell: it is among them */
 };
 
-/* several.c: the frame before was exposed so much later, but for less long. */
+/* several.c: a still that is older than what the map knows (frame.h). False: since it was taken
+ * the box has turned, or the light has changed: it tells nothing. */
+bool lp_imager_place_still(struct lp_imager *imager, const struct lp_frame *frame);
+/* The frame before was exposed so much later, but for less long. */
 bool lp_imager_is_late(const struct lp_imager *imager, double elapsed_s);
 /* Whether other cameras have shown anything. */
 bool lp_imager_others_know(const struct lp_imager *imager, const struct lp_eye *eye);

@@ -311,7 +311,10 @@ extern "C" void lp_lookup_marks(struct lp_lookup *lookup, const uint8_t *from, u
 		if (lookup->wide[l]) { /* few are */
 			const uint8_t own = from[l] | from[r] | from[l + width] | from[r + width];
 
-			to[i] = own ? own : static_cast<uint8_t>(LP_CELL_BESIDE);
+			const bool dark = lookup->wide[l] & ~LP_CELL_CLIPPED;
+			const int beside = LP_CELL_BESIDE | (dark ? LP_CELL_BESIDE_DARK : 0);
+
+			to[i] = own ? own : static_cast<uint8_t>(beside);
 		}
 	}
 }

@@ -40,7 +40,8 @@ void lp_lookup_set(struct lp_lookup *lookup, const struct lp_rotation *rotation)
 void lp_lookup_radiance(struct lp_lookup *lookup, const float (*from)[4], float (*to)[4],
 			float *step2);
 
-/* Marks (enum lp_cell_flag) of all four cells, so that none is lost; next to those LP_CELL_BESIDE.
+/* Marks (enum lp_cell_flag) of all four cells, so that none is lost; next to those LP_CELL_BESIDE
+ * (_DARK).
  */
 void lp_lookup_marks(struct lp_lookup *lookup, const uint8_t *from, uint8_t *to);
 

@@ -42,6 +42,8 @@ constexpr float kSameScale = 1.2F;
  * the linear value, in 255ths) up to so many more codes of sigma. */
 constexpr float kDark = 12.0F;
 constexpr float kDarkCodes = 2.0F;
+/* A cell that is darker than this share of full scale holds no clipped pixel, of 64. */
+constexpr float kNoneClipped = 0.01F;
 
 constexpr float kKnown = 0.1F * LP_VARIANCE_UNKNOWN;
 
@@ -92,7 +94,8 @@ class noise_model
 	explicit noise_model(const struct lp_observation &seen)
 	    : coded(seen.coded), step2(seen.step2), full(cv::v_setall_f32(1.0F / seen.scale)),
 	      relative2(cv::v_setall_f32(kCameraSigma * kCameraSigma +
-					 seen.flicker_sigma * seen.flicker_sigma)),
+					 seen.flicker_sigma * seen.flicker_sigma +
+					 kWalk * kWalk * seen.late_s)),
 	      place_variance(cv::v_setall_f32(seen.place_variance))
 	{
 		for (auto code = 0; coded && code < 256; code++) {
@@ -249,14 +252,17 @@ bool correct_plain(struct lp_radiance_map *map, const struct lp_observation *see
 	const v_float32x4 fresh = mask_of(flags, LP_CELL_UNSEEN);
 	/* beside a clipped cell nothing is learned, but of a cell of which nothing is known */
 	const v_float32x4 clipped = mask_of(seen_flags, LP_CELL_CLIPPED) | (beside & fresh);
-	const v_float32x4 missing = mask_of(seen_flags, LP_CELL_UNSEEN) |
-				    mask_of(seen_flags, LP_CELL_COVERED) |
-				    (beside & (fresh == zero));
 	const v_float32x4 before =
 		cv::v_min(cv::v_fma(walk, held * held, cv::v_load(map->variance + i)), unknown);
 	const v_float32x4 known = before < cv::v_setall_f32(kKnown);
 	const lesson learned(light, held, before, noise.of(light, i));
 	const v_float32x4 difference = learned.difference;
+	/* ...and that a cell is darker than was known: a neighbour's light only adds to it. Else
+	 * what a misplaced frame has left beside a lamp would stay */
+	const v_float32x4 darker = (learned.contradicts | mask_of(flags, LP_CELL_CLIPPED)) &
+				   (difference < zero) &
+				   (light < cv::v_setall_f32(kNoneClipped * seen->scale)) &
+				   (mask_of(seen_flags, LP_CELL_BESIDE_DARK) == zero);
 	v_float32x4 gain = learned.gain, variance = learned.variance;
 	/* a lower bound of a known cell, or one more of a cell that has only been seen clipped */
 	const v_float32x4 above = difference > zero;
@@ -272,6 +278,11 @@ bool correct_plain(struct lp_radiance_map *map, const struct lp_observation *see
 				      cv::v_setall_f32(kBoundGate * kBoundGate) * learned.both),
 			     mask_of(flags, LP_CELL_UNSEEN) |
 				     (bound & (shorter | (longer & above))));
+	const v_float32x4 changed = known & cv::v_select(clipped, refuted, learned.contradicts);
+	const v_float32x4 overruled = changed & (cv::v_setall_f32(seen->late_s) > zero);
+	const v_float32x4 missing = mask_of(seen_flags, LP_CELL_UNSEEN) |
+				    mask_of(seen_flags, LP_CELL_COVERED) |
+				    (beside & (fresh == zero) & (darker == zero)) | overruled;
 	const v_float32x4 mean = bound & (refuted == zero) & (longer == zero);
 	const v_float32x4 bound_gain =
 		cv::v_select(refuted | (known & above), one,
@@ -281,8 +292,6 @@ bool correct_plain(struct lp_radiance_map *map, const struct lp_observation *see
 	variance = cv::v_select(clipped, cv::v_select(refuted, unknown, before), variance);
 	gain = cv::v_select(missing, zero, gain);
 	variance = cv::v_select(missing, before, variance);
-
-	const v_float32x4 changed = known & cv::v_select(clipped, refuted, learned.contradicts);
 
 	if (seen->stirred > 0.0F)
 		remember(map, i, known & (missing == zero));
@@ -486,7 +495,8 @@ extern "C" void lp_radiance_map_turn(struct lp_radiance_map *map, struct lp_look
 	std::swap(map->flags, map->turned_flags);
 	std::swap(map->bound_scale, map->turned_scale);
 	for (int i = 0; i < cells; i++)
-		map->flags[i] &= static_cast<uint8_t>(~(LP_CELL_BESIDE | LP_CELL_COVERED));
+		map->flags[i] &= static_cast<uint8_t>(
+			~(LP_CELL_BESIDE | LP_CELL_BESIDE_DARK | LP_CELL_COVERED));
 	for (int i = 0; i < cells; i++) /* cells lie elsewhere now */
 		map->before[i].t_s = -1.0;
 	map->remembered_s = -1.0;

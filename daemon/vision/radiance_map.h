@@ -7,6 +7,7 @@
  *  - variance grows with time, as a random walk of the radiance would;
  *  - an observation that contradicts what is known beyond GATE sigma is a change of light: it is
  *    taken as it is, not averaged;
+ *  - but not by an observation that is older than the newest one: that tells nothing of the cell;
  *  - a clipped cell is a lower bound: it never makes a known cell darker. Where nothing but bounds
  *    is known, that of the shortest exposure counts.
  *
@@ -63,6 +64,8 @@ struct lp_observation {
 	float elapsed_s;     /* since the observation before */
 	float stirred;	     /* 1 sigma, relative, of a change of light everywhere since then; 0 */
 	float flicker_sigma; /* relative 1 sigma of all light, from lamps that flicker */
+	float late_s; /* so much older than the newest observation, which is right where they differ
+		       */
 	/* Squared change of luminance from cell to cell, and the variance in cells^2 of where a
 	 * cell looks; NULL: nothing turned, and each cell is one of the camera's. */
 	const float *step2;

@@ -15,6 +15,7 @@
 #include "vision/imager_internal.h"
 #include "vision/lookup.h"
 #include "vision/remap.h"
+#include "vision/rim.h"
 
 /* Chosen by hand; docs/maintainers/constants.md says what half and double of each does. */
 
@@ -136,8 +137,9 @@ static bool collect_thinned(struct lp_imager *imager, const struct behind *behin
 	for (int i = 0; i < behind->count; i++) {
 		const int32_t cell = behind->cells[i];
 		const float omega = lp_grid_solid_angle_sr(imager->grid, cell);
+		int k, end;
 
-		for (int k = remap->start[cell]; k < remap->start[cell + 1]; k++) {
+		for (lp_remap_entries(remap, cell, &k, &end); k < end; k++) {
 			const int source = remap->source[k];
 			const int stride = thin == 1 || (!all && holds(&imager->eye->incoming.cells,
 								       lamp, source, CORE_SHARE))
@@ -384,6 +386,24 @@ static struct sums sum_patch(struct lp_imager *imager, const struct lp_exposure 
 	return s;
 }
 
+/* Of a lamp that clips; load_pixels() has been called. */
+static struct lp_lamp_rim rim_of(const struct lp_imager *imager, const struct lp_exposure *exposure,
+				 const struct patch *patch, const struct lp_lamp *lamp)
+{
+	const int per_cell = exposure->cells.cell_px * exposure->cells.cell_px;
+	struct lp_rim_sums sums = {0};
+	float full[3];
+
+	for (int c = 0; c < 3; c++)
+		full[c] = exposure->scale * imager->eye->response.pixel[c][255];
+	for (int i = 0; i < patch->count; i++)
+		if (patch->brightest[i] >= 0.0F)
+			lp_rim_add(&sums,
+				   (const float(*)[3])(imager->pixels + (size_t)i * per_cell),
+				   per_cell, lamp->background, full);
+	return lp_rim_of(&sums);
+}
+
 static void normalise(const double vector[3], float unit[3])
 {
 	const double length =
@@ -479,6 +499,8 @@ bool lp_imager_refine(struct lp_imager *imager, const struct lp_lamp_finder *fin
 	if (!(s.core > 0.0) || !(s.flux[LP_LUMINANCE] > 0.0))
 		return false;
 	apply(imager, exposure, &s, clips(exposure, &patch), &seen);
+	seen.rim = seen.flags & LP_LIGHT_CLIPPED ? rim_of(imager, exposure, &patch, lamp)
+						 : (struct lp_lamp_rim){0};
 	turn_lamp(&imager->motion.rotation, &seen);
 	*lamp = seen;
 	return true;

@@ -8,6 +8,7 @@
 #include <cstring>
 #include <memory>
 #include <new>
+#include <numeric>
 #include <vector>
 
 #include "include/panorama.h"
@@ -203,42 +204,86 @@ bool is_identity(const matrix &rows, int sources)
 	return true;
 }
 
+template <typename T> T *array_of(size_t count)
+{
+	return static_cast<T *>(std::calloc(count + 1, sizeof(T)));
+}
+
+/* Panorama cells by the number of their entries. */
+std::vector<int> by_length(const matrix &rows)
+{
+	std::vector<int> order(rows.size());
+
+	std::iota(order.begin(), order.end(), 0);
+	std::stable_sort(order.begin(), order.end(),
+			 [&](int a, int b) { return rows[a].size() < rows[b].size(); });
+	return order;
+}
+
+/* Which panorama cells take from each camera cell. */
+void fill_targets(struct lp_remap *remap, int rows)
+{
+	for (int k = 0; k < remap->first[rows]; k++)
+		remap->target_first[remap->source[k] + 1]++;
+	for (int s = 0; s < remap->sources; s++)
+		remap->target_first[s + 1] += remap->target_first[s];
+	std::vector<int> next(remap->target_first, remap->target_first + remap->sources);
+	for (int i = 0; i < rows; i++)
+		for (int k = remap->first[i]; k < remap->first[i + 1]; k++)
+			remap->target[next[remap->source[k]]++] = remap->order[i];
+}
+
+/* A cell seen in part takes the radiance of the part; gives how much of it is seen. */
+double fill_row(struct lp_remap *remap, const std::vector<entry> &row, int first, double omega)
+{
+	double covered = 0.0;
+
+	for (const entry &e : row)
+		covered += e.weight;
+	for (const entry &e : row) {
+		remap->source[first] = e.source;
+		remap->weight[first] = static_cast<float>(e.weight / covered / e.illumination);
+		remap->given_sr[e.source] += remap->weight[first++] * static_cast<float>(omega);
+	}
+	return covered;
+}
+
 int compress(const matrix &rows, int sources, struct lp_remap *remap)
 {
+	const std::vector<int> order = by_length(rows);
+	const int cells = static_cast<int>(rows.size());
 	size_t count = 0;
 	double seen = 0.0;
 
 	for (const auto &row : rows)
 		count += row.size();
-	remap->start = static_cast<int *>(std::malloc((rows.size() + 1) * sizeof(int)));
-	remap->source = static_cast<int *>(std::malloc((count + 1) * sizeof(int)));
-	remap->weight = static_cast<float *>(std::malloc((count + 1) * sizeof(float)));
-	remap->given_sr = static_cast<float *>(std::calloc(sources, sizeof(float)));
-	if (!remap->start || !remap->source || !remap->weight || !remap->given_sr)
+	remap->sources = sources;
+	remap->order = array_of<int>(cells);
+	remap->first = array_of<int>(cells);
+	remap->row = array_of<int>(cells);
+	remap->source = array_of<int>(count);
+	remap->weight = array_of<float>(count);
+	remap->given_sr = array_of<float>(sources);
+	remap->unseen = array_of<uint8_t>(cells);
+	remap->target_first = array_of<int>(sources);
+	remap->target = array_of<int>(count);
+	if (!remap->order || !remap->first || !remap->row || !remap->source || !remap->weight ||
+	    !remap->given_sr || !remap->unseen || !remap->target_first || !remap->target)
 		return -ENOMEM;
-	count = 0;
-	for (size_t i = 0; i < rows.size(); i++) {
-		double covered = 0.0;
+	for (int i = 0; i < cells; i++) {
+		const int cell = order[i];
+		const double omega =
+			row_solid_angle(cell / remap->width, remap->width, remap->height);
 
-		remap->start[i] = static_cast<int>(count);
-		for (const entry &e : rows[i])
-			covered += e.weight;
-		for (const entry &e : rows[i]) {
-			remap->source[count] = e.source;
-			/* a cell seen in part takes the radiance of the part */
-			remap->weight[count] =
-				static_cast<float>(e.weight / covered / e.illumination);
-			remap->given_sr[e.source] +=
-				remap->weight[count++] *
-				static_cast<float>(
-					row_solid_angle(static_cast<int>(i) / remap->width,
-							remap->width, remap->height));
-		}
-		if (covered > 0.0)
-			seen += row_solid_angle(static_cast<int>(i) / remap->width, remap->width,
-						remap->height);
+		remap->order[i] = cell;
+		remap->row[cell] = i;
+		if (fill_row(remap, rows[cell], remap->first[i], omega) > 0.0)
+			seen += omega;
+		else
+			remap->unseen[cell] = LP_CELL_UNSEEN;
+		remap->first[i + 1] = remap->first[i] + static_cast<int>(rows[cell].size());
 	}
-	remap->start[rows.size()] = static_cast<int>(count);
+	fill_targets(remap, cells);
 	seen /= 4.0 * M_PI;
 	remap->seen_fraction = seen > 0.9999 ? 1.0F : static_cast<float>(seen);
 	return 0;
@@ -282,23 +327,27 @@ extern "C" void lp_remap_destroy(struct lp_remap *remap)
 {
 	if (!remap)
 		return;
-	std::free(remap->given_sr);
-	std::free(remap->weight);
-	std::free(remap->source);
-	std::free(remap->start);
+	for (void *array :
+	     {static_cast<void *>(remap->order), static_cast<void *>(remap->first),
+	      static_cast<void *>(remap->row), static_cast<void *>(remap->source),
+	      static_cast<void *>(remap->weight), static_cast<void *>(remap->given_sr),
+	      static_cast<void *>(remap->unseen), static_cast<void *>(remap->target),
+	      static_cast<void *>(remap->target_first)})
+		std::free(array);
 	std::free(remap);
 }
 
 /* A panorama cell is clipped when any camera cell in it is. */
-static uint8_t flags_of(const struct lp_remap *remap, const struct lp_cells *cells, int i)
+static void mark_clipped(const struct lp_remap *remap, const struct lp_cells *cells, uint8_t *flags)
 {
-	uint8_t clipped = 0;
+	const uint8_t *clipped = cells->clipped, *end = clipped + remap->sources;
 
-	if (remap->start[i] == remap->start[i + 1])
-		return LP_CELL_UNSEEN;
-	for (int k = remap->start[i]; k < remap->start[i + 1]; k++)
-		clipped |= cells->clipped[remap->source[k]];
-	return clipped ? LP_CELL_CLIPPED : 0;
+	while ((clipped = static_cast<const uint8_t *>(std::memchr(clipped, 1, end - clipped)))) {
+		const long source = clipped++ - cells->clipped;
+
+		for (int k = remap->target_first[source]; k < remap->target_first[source + 1]; k++)
+			flags[remap->target[k]] = LP_CELL_CLIPPED;
+	}
 }
 
 /* Flagged cells of a row, eight at a time; widths are multiples of eight. */
@@ -334,19 +383,18 @@ extern "C" void lp_remap_apply(const struct lp_remap *remap, const struct lp_cel
 	const int count = remap->width * remap->height;
 
 	if (!remap->identity) {
-		for (int i = 0; i < count; i++) {
+		for (int i = 0, k = 0; i < count; i++) {
+			const int end = remap->first[i + 1];
 			cv::v_float32x4 sum = cv::v_setzero_f32();
 
-			for (int k = remap->start[i]; k < remap->start[i + 1]; k++)
+			for (; k < end; k++)
 				sum = cv::v_fma(cv::v_load(cells->radiance[remap->source[k]]),
 						cv::v_setall_f32(remap->weight[k]), sum);
-			cv::v_store(panorama->cells[i], sum);
+			cv::v_store(panorama->cells[remap->order[i]], sum);
 		}
-		if (cells->clipped_count || remap->seen_fraction < 1.0F)
-			for (int i = 0; i < count; i++)
-				panorama->flags[i] = flags_of(remap, cells, i);
-		else
-			std::memset(panorama->flags, 0, count);
+		std::memcpy(panorama->flags, remap->unseen, count);
+		if (cells->clipped_count)
+			mark_clipped(remap, cells, panorama->flags);
 	}
 	panorama->seen_fraction = remap->seen_fraction;
 	panorama->clipped_fraction =

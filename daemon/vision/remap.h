@@ -18,18 +18,34 @@ struct lp_camera;
 struct lp_cells;
 struct lp_panorama;
 
-/* Compressed rows: panorama cell i takes entries start[i] .. start[i + 1] - 1. Immutable. */
+/*
+ * Compressed rows. Rows of as many entries lie together, so that the loop over a row's entries is
+ * predicted well: row i is panorama cell order[i], its entries first[i] .. first[i + 1] - 1.
+ * Immutable.
+ */
 struct lp_remap {
 	int width, height;		  /* of the panorama */
 	int width_px, height_px, cell_px; /* of the picture it was built for */
 	bool identity;			  /* the camera's cells are the panorama's */
-	int *start;
+	int *order, *first;
+	int *row;	 /* of a panorama cell */
 	int *source;	 /* camera cell */
 	float *weight;	 /* includes division by the lens's relative illumination */
 	float *given_sr; /* per camera cell: weight times solid angle that the panorama takes from
 			    it */
-	float seen_fraction; /* of the sphere's solid angle */
+	uint8_t *unseen; /* flags of a picture without clipped cells */
+	int sources;	 /* camera cells */
+	int *target_first, *target; /* panorama cells that take from camera cell k: from
+				       target_first[k] to before target_first[k + 1] */
+	float seen_fraction;	    /* of the sphere's solid angle */
 };
+
+/* Entries of a panorama cell: from *k to before *end. */
+static inline void lp_remap_entries(const struct lp_remap *remap, int cell, int *k, int *end)
+{
+	*k = remap->first[remap->row[cell]];
+	*end = remap->first[remap->row[cell] + 1];
+}
 
 int lp_remap_create(const struct lp_camera *camera, int width_px, int height_px, int cell_px,
 		    int panorama_width, struct lp_remap **remap);

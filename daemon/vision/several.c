@@ -2,6 +2,8 @@
 /* What the imager does only because there may be several cameras. */
 #include <math.h>
 
+#include "base/log.h"
+#include "include/frame.h"
 #include "light/grid.h"
 #include "vision/imager_internal.h"
 
@@ -55,6 +57,25 @@ void lp_imager_view(const struct lp_imager *imager, uint8_t *cells)
 
 	for (int i = 0; i < imager->grid->width * imager->grid->height; i++)
 		cells[i] = lp_eye_sees(imager->eye, lp_cover_seen_cell(&view, i));
+}
+
+bool lp_imager_place_still(struct lp_imager *imager, const struct lp_frame *frame)
+{
+	const double late_s = (double)(imager->t_map_ns - imager->t_capture_ns) / 1e9;
+
+	imager->late_s = 0.0F;
+	if (!(frame->flags & LP_FRAME_STILL) || !imager->t_map_ns || late_s <= 0.0)
+		return true;
+	if (imager->t_moved_ns >= frame->t_start_ns) {
+		lp_info("still", "place",
+			"left out: the box turned, or the light changed, in the %.1f s since it "
+			"was taken",
+			late_s);
+		return false;
+	}
+	imager->late_s = (float)late_s;
+	imager->t_capture_ns = imager->t_map_ns;
+	return true;
 }
 
 bool lp_imager_is_late(const struct lp_imager *imager, double elapsed_s)

@@ -24,6 +24,11 @@
 /* A cell that the map knows to be brighter or darker than its S0 by this factor was read clipped,
  * or mixed with its neighbours: its S1 and S2 are of other light. Chosen by hand. */
 #define MOST_APART 1.5F
+/* Light that is more polarized than this is not compared with the map: what is not known of it
+ * would turn the picture, as all of a floor errs alike. Looked at in blocks of so many cells along
+ * and across. Chosen by hand. */
+#define MOST_COMPARED 0.05F
+#define LOOK 2
 /* Of a lamp's light, in cells whose polarization is known. */
 #define LEAST_KNOWN_SHARE 0.8F
 
@@ -45,7 +50,8 @@ int lp_stokes_map_create(const struct lp_grid *grid, struct lp_stokes_map **map)
 	m->axis = calloc(cells, sizeof(*m->axis));
 	m->radiance = calloc(cells, sizeof(*m->radiance));
 	m->variance = calloc(cells, sizeof(*m->variance));
-	if (!m->cells || !m->turned || !m->axis || !m->radiance || !m->variance) {
+	m->flags = calloc(cells, sizeof(*m->flags));
+	if (!m->flags || !m->cells || !m->turned || !m->axis || !m->radiance || !m->variance) {
 		lp_stokes_map_destroy(m);
 		return -ENOMEM;
 	}
@@ -57,6 +63,7 @@ void lp_stokes_map_destroy(struct lp_stokes_map *map)
 {
 	if (!map)
 		return;
+	free(map->flags);
 	free(map->variance);
 	free(map->radiance);
 	free(map->axis);
@@ -136,22 +143,23 @@ static bool tells(const struct lp_polarization *p, float factor, float light)
 	return p->known && expected < MOST_APART * light && light < MOST_APART * expected;
 }
 
-/* By how much a cell's radiance is divided, and the sigma of that. `light`: as it is seen through
- * the film. Where a lamp's rim comes and goes as the camera turns, cells seem polarized: dividing
- * other light by that would draw lamps that are not there. */
-static void factor_of(const struct lp_stokes_map *map, size_t i, float light, float *factor,
-		      float *sigma)
+/* By how much the radiance of a cell of the map is divided, and the sigma of that. axis: NULL: it
+ * is not known, or seen edge-on. `light`: as it is seen through the film. Where a lamp's rim comes
+ * and goes as the camera turns, cells seem polarized: dividing other light by that would draw lamps
+ * that are not there. */
+static void factor_of(const struct lp_stokes_map *map, size_t cell, const float *axis, float light,
+		      float *factor, float *sigma)
 {
-	struct lp_polarization p = lp_stokes_polarization(&map->cells[i]);
+	struct lp_polarization p = lp_stokes_polarization(&map->cells[cell]);
 	const float biased = hypotf(p.q, p.u), kept = biased > 0.0F ? p.dolp / biased : 0.0F;
 
 	p.q *= kept; /* what is no more than noise does not change the light */
 	p.u *= kept;
 	*factor = 1.0F;
-	*sigma = !p.known ? UNKNOWN_SIGMA : map->angle_known ? 0.0F : p.dolp;
-	if (!p.known || !map->angle_known || isnan(map->axis[i][0]))
+	*sigma = p.known ? p.dolp : UNKNOWN_SIGMA;
+	if (!p.known || !axis)
 		return;
-	lp_film_factor(&p, map->axis[i], factor, sigma);
+	lp_film_factor(&p, axis, factor, sigma);
 	*factor = fmaxf(*factor, LEAST_FACTOR);
 	if (tells(&p, *factor, light))
 		return;
@@ -159,27 +167,75 @@ static void factor_of(const struct lp_stokes_map *map, size_t i, float light, fl
 	*sigma = UNKNOWN_SIGMA;
 }
 
-void lp_stokes_map_see_through(struct lp_stokes_map *map, const struct lp_film_view *view,
-			       struct lp_observation *observation)
+/* One cell of the observation, as it would be without the film. */
+static void divide(struct lp_stokes_map *map, const struct lp_observation *observation, size_t i,
+		   float factor, float sigma)
 {
-	map->angle_known = view != NULL;
-	if (view)
-		look(map, view);
-	for (size_t i = 0; i < cell_count(map->grid); i++) {
-		float factor, sigma;
+	for (int c = 0; c < 4; c++)
+		map->radiance[i][c] = observation->radiance[i][c] / factor;
+	const float light = map->radiance[i][LP_LUMINANCE] * sigma / factor;
 
-		factor_of(map, i, observation->radiance[i][LP_LUMINANCE], &factor, &sigma);
-		for (int c = 0; c < 4; c++)
-			map->radiance[i][c] = observation->radiance[i][c] / factor;
-		const float light = map->radiance[i][LP_LUMINANCE] * sigma / factor;
+	map->variance[i] = light * light;
+	if (observation->step2)
+		map->variance[i] += observation->step2[i] * observation->place_variance;
+}
 
-		map->variance[i] = light * light;
-		if (observation->step2)
-			map->variance[i] += observation->step2[i] * observation->place_variance;
-	}
+static void take(const struct lp_stokes_map *map, struct lp_observation *observation)
+{
 	observation->radiance = (const float(*)[4])map->radiance;
 	observation->step2 = map->variance;
 	observation->place_variance = 1.0F;
+}
+
+void lp_stokes_map_see_through(struct lp_stokes_map *map, const struct lp_film_view *view,
+			       struct lp_observation *observation)
+{
+	if (view)
+		look(map, view);
+	for (size_t i = 0; i < cell_count(map->grid); i++) {
+		const float *axis = view && !isnan(map->axis[i][0]) ? map->axis[i] : NULL;
+		float factor, sigma;
+
+		factor_of(map, i, axis, observation->radiance[i][LP_LUMINANCE], &factor, &sigma);
+		divide(map, observation, i, factor, sigma);
+	}
+	take(map, observation);
+}
+
+/* Unit vector towards the middle of a block of LOOK x LOOK cells, the first of which is given. */
+static void middle(const struct lp_grid *grid, int first, float direction[3])
+{
+	float last[3], length2 = 0.0F;
+
+	lp_grid_direction(grid, first, direction);
+	lp_grid_direction(grid, first + (LOOK - 1) * (grid->width + 1), last);
+	for (int a = 0; a < 3; a++) {
+		direction[a] += last[a];
+		length2 += direction[a] * direction[a];
+	}
+	for (int a = 0; a < 3; a++)
+		direction[a] /= sqrtf(length2);
+}
+
+void lp_stokes_map_leave_out(struct lp_stokes_map *map, const struct lp_rotation *to_map,
+			     struct lp_observation *observation)
+{
+	const int width = map->grid->width;
+
+	memcpy(map->flags, observation->flags, cell_count(map->grid));
+	for (int row = 0; row < map->grid->height; row += LOOK)
+		for (int first = row * width; first < (row + 1) * width; first += LOOK) {
+			float direction[3];
+
+			middle(map->grid, first, direction);
+			lp_rotate_direction(to_map, direction);
+			const struct lp_polarization p = lp_stokes_polarization(
+				&map->cells[lp_grid_cell(map->grid, direction)]);
+
+			for (int k = 0; p.known && p.dolp > MOST_COMPARED && k < LOOK * LOOK; k++)
+				map->flags[first + k / LOOK * width + k % LOOK] |= LP_CELL_UNSEEN;
+		}
+	observation->flags = map->flags;
 }
 
 struct lp_polarization lp_stokes_map_of(const struct lp_stokes_map *map, const float (*radiance)[4],

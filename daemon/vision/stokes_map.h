@@ -26,9 +26,9 @@ struct lp_stokes_map {
 	struct lp_stokes *turned;   /* workspace */
 	struct lp_film_view view;   /* that `axis` is of */
 	float (*axis)[2];	    /* lp_film_axis(); NAN: edge-on */
-	bool angle_known;	    /* lp_stokes_map_see_through() */
 	float (*radiance)[4];	    /* workspace of lp_stokes_map_see_through() */
 	float *variance;
+	uint8_t *flags;
 };
 
 int lp_stokes_map_create(const struct lp_grid *grid, struct lp_stokes_map **map); /* -ENOMEM */
@@ -45,6 +45,12 @@ void lp_stokes_map_learn(struct lp_stokes_map *map, const struct lp_film_view *v
  * radiance and step2 are the map's until the next call. */
 void lp_stokes_map_see_through(struct lp_stokes_map *map, const struct lp_film_view *view,
 			       struct lp_observation *observation);
+
+/* Mark as not seen what is known to be polarized, in an observation in a frame from which `to_map`
+ * turns into that of the map: the film, which does not turn with the room, makes it brighter and
+ * darker. Its flags are the map's until the next call. */
+void lp_stokes_map_leave_out(struct lp_stokes_map *map, const struct lp_rotation *to_map,
+			     struct lp_observation *observation);
 
 /* Of what the cells show together above a surround of radiance `background`; not known where cells
  * that hold more than a fifth of it are not. radiance: of all cells, as the map holds it. */

@@ -46,6 +46,7 @@ GROUPS = {
     "uvc": Group("UVC camera in user space, the kernel's uvcvideo, the daemon"),
     "service": Group("the installed service: systemd, udev, camera, wheel, ring", systemd=True),
     "bracket": Group("the simulator's frames through the UVC camera, one exposure and several"),
+    "ptp": Group("a camera for stills in user space (FunctionFS), libusb, the daemon"),
     "libcamera": Group("the UVC camera through libcamera and udev"),
     "mcu": Group(
         "the daemon with the microcontroller's firmware, and with a servo hat: every carrier",

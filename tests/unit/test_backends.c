@@ -248,6 +248,7 @@ static const char *example_of(const char *form)
 		{"HOST:PORT", "127.0.0.1:0"},
 		{"[NAME]", "gyro_3d"},
 		{"HOST[:PORT]", "192.0.2.1:8080"},
+		{"[SERIAL]", "00000042"},
 	};
 
 	for (size_t i = 0; i < LP_COUNT(examples); i++) {
@@ -337,7 +338,7 @@ static void test_the_help_is_what_create_reads(void **state)
 				check_unknown_key(k, info, uri);
 		}
 	}
-	assert_int_equal(count, 18);
+	assert_int_equal(count, 19);
 	assert_null(connections.first);
 }
 

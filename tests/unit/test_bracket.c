@@ -17,6 +17,7 @@
 #define WIDTH 480
 #define HEIGHT 240
 #define MOST_DELAY 8
+#define MOST_LATE 64 /* commands */
 
 struct camera {
 	int delay_frames;
@@ -25,6 +26,10 @@ struct camera {
 	bool loses;  /* a tenth of its frames on the way */
 	bool counts; /* its frames, so that lost ones are known */
 	float in_effect_us;
+	int first_late_frames; /* the first command comes so much later, and those after it */
+	int unsteady_frames;   /* commands come up to so much later, in their order */
+	float late_us[MOST_LATE];
+	int due_frame[MOST_LATE], late;
 	bool restarts; /* a command makes it forget those before that have not taken effect yet */
 	float queue_us[MOST_DELAY + 1]; /* takes effect after so many frames */
 	int frames;
@@ -92,6 +97,31 @@ static struct lp_frame *expose(const struct camera *camera, float level)
 	return frame;
 }
 
+/* Most commands come soon; one in four is late. */
+static void send_late(struct camera *camera, float command_us)
+{
+	const int spread = dither() < 64 ? camera->unsteady_frames : 3;
+	const int due = camera->unsteady_frames ? camera->frames + (int)dither() * spread / 256
+						: camera->first_late_frames;
+	const int last = camera->late ? camera->due_frame[camera->late - 1] : 0;
+
+	assert_true(camera->late < MOST_LATE);
+	camera->late_us[camera->late] = command_us;
+	camera->due_frame[camera->late++] = due > last ? due : last;
+}
+
+static void receive_late(struct camera *camera)
+{
+	while (camera->late && camera->due_frame[0] < camera->frames) {
+		camera->queue_us[camera->delay_frames] = camera->late_us[0];
+		camera->late--;
+		memmove(camera->late_us, camera->late_us + 1,
+			sizeof(camera->late_us) - sizeof(float));
+		memmove(camera->due_frame, camera->due_frame + 1,
+			sizeof(camera->due_frame) - sizeof(int));
+	}
+}
+
 static void take_command(struct camera *camera, float command_us)
 {
 	if (camera->ignores || isnan(command_us))
@@ -100,12 +130,17 @@ static void take_command(struct camera *camera, float command_us)
 		command_us = roundf(command_us / camera->step_us) * camera->step_us;
 	if (camera->restarts)
 		memset(camera->queue_us, 0, sizeof(camera->queue_us));
+	if (camera->unsteady_frames || camera->frames < camera->first_late_frames) {
+		send_late(camera, command_us);
+		return;
+	}
 	camera->queue_us[camera->delay_frames] = command_us;
 }
 
 static void next_frame(struct camera *camera)
 {
 	camera->frames++;
+	receive_late(camera);
 	if (camera->queue_us[0] > 0.0F)
 		camera->in_effect_us = camera->queue_us[0];
 	memmove(camera->queue_us, camera->queue_us + 1, MOST_DELAY * sizeof(float));
@@ -231,6 +266,70 @@ static void test_lost_frames_merge_rightly(void **state)
 		}
 		lp_pipeline_destroy(pipeline);
 	}
+}
+
+struct count {
+	int healthy, wrong; /* packets without a flag, and those of them that are not right */
+};
+
+static struct count count_healthy(struct camera *camera, int frames, float level)
+{
+	struct lp_pipeline *pipeline = new_pipeline(camera, 3);
+	struct count count = {0};
+
+	for (int n = 0; n < frames; n++) {
+		const struct outcome outcome = run(pipeline, camera, 1, level);
+		const double light = outcome.last.sh_total[0][1] / sqrt(4.0 * M_PI);
+
+		if (!outcome.estimates || outcome.last.flags)
+			continue;
+		count.healthy++;
+		count.wrong += fabs(light / true_mean(level) - 1.0) > 0.05;
+	}
+	lp_pipeline_destroy(pipeline);
+	return count;
+}
+
+/* Where a computer is so busy that commands come late, by up to 1.5 seconds, only what frames show
+ * may tell their exposure. Not mended: in some sequences of delays a few packets are wrong without
+ * a flag. */
+static void test_an_unsteady_delay_is_mostly_merged_rightly(void **state)
+{
+	struct count all = {0};
+
+	(void)state;
+	for (int k = 0; k < 6; k++) {
+		struct camera camera = {.delay_frames = k % 4,
+					.step_us = 10.0F,
+					.loses = k % 2,
+					.counts = k % 3,
+					.unsteady_frames = 15 * (1 + k % 3)};
+		const struct count one = count_healthy(&camera, 300, 1.0F);
+
+		all.healthy += one.healthy;
+		all.wrong += one.wrong;
+	}
+	print_message("%d healthy, %d wrong\n", all.healthy, all.wrong);
+	assert_true(all.healthy > 6 * 120);
+	assert_true(all.wrong * 10 < all.healthy);
+}
+
+/* It is not known what the camera was left at, until frames tell a change. Nothing clips in this
+ * light. */
+static void test_a_late_first_command(void **state)
+{
+	int healthy = 0;
+
+	(void)state;
+	for (int late = 10; late <= 70; late += 30) {
+		struct camera camera = {.step_us = 10.0F, .first_late_frames = late};
+
+		const struct count one = count_healthy(&camera, 500, 0.012F);
+
+		assert_int_equal(one.wrong, 0);
+		healthy += one.healthy;
+	}
+	assert_true(healthy > 300); /* later, the camera is said not to follow */
 }
 
 static void test_reported_exposures_need_no_verifying(void **state)
@@ -410,7 +509,7 @@ static void expect_soon(struct lp_pipeline *pipeline, struct camera *camera, flo
 	assert_true(right >= 1);
 }
 
-/* Darkness is known within 0.4 s. */
+/* Fifty times darker or brighter: known within 0.4 s. */
 static void test_sudden_changes_of_all_light(void **state)
 {
 	(void)state;
@@ -422,7 +521,7 @@ static void test_sudden_changes_of_all_light(void **state)
 		expect_soon(pipeline, &camera, 0.02F, 12, LP_ESTIMATE_BRACKET_INCOMPLETE);
 		/* lamps clip until exposures are short enough again */
 		run(pipeline, &camera, 60, 0.02F);
-		expect_soon(pipeline, &camera, 1.0F, 45,
+		expect_soon(pipeline, &camera, 1.0F, 12,
 			    LP_ESTIMATE_BRACKET_INCOMPLETE | LP_ESTIMATE_CLIPPED);
 		lp_pipeline_destroy(pipeline);
 	}
@@ -449,8 +548,7 @@ static void test_number_of_exposures_by_the_scene(void **state)
 	const struct lp_bracket_limits limits = {.min_us = 1.0F,
 						 .max_us = 33000.0F,
 						 .delay_frames = 0};
-	const struct lp_exposure_match none = {.difference_codes = NAN}, right = {1.0F, 0.9F},
-				       wrong = {60.0F, 0.9F};
+	const struct lp_exposure_matches newest = {{{NAN, 60.0F}, {1.0F, NAN}}};
 	const struct {
 		float median, peak;
 		int count;
@@ -464,8 +562,7 @@ static void test_number_of_exposures_by_the_scene(void **state)
 		lp_bracket_init(&bracket, 4, &limits);
 		for (int n = 0; n < 400; n++) {
 			lp_bracket_frame(&bracket, n);
-			const struct lp_bracket_decision d =
-				lp_bracket_judge(&bracket, n ? &wrong : &none, n ? &right : &none);
+			const struct lp_bracket_decision d = lp_bracket_judge(&bracket, &newest);
 			/* something of the peak's brightness clips when it is put above 0.5 */
 			const struct lp_bracket_scene scene = {
 				.median = scenes[k].median,
@@ -607,9 +704,33 @@ static void test_values_of_a_list(void **state)
 	assert_true(lp_bracket_allowed(&limits, 1e9F) == 33333.3F);
 }
 
+/* A camera whose exposure was set before its stream began: the first frame counts. */
+static void test_an_exposure_in_force_is_not_waited_for(void **state)
+{
+	const struct lp_exposure_matches nothing = {.codes = {{NAN}}}; /* of one candidate */
+	struct lp_bracket_limits limits = {.min_us = 60.0F,
+					   .max_us = 33000.0F,
+					   .delay_frames = 30,
+					   .in_force_us = 8000.0F};
+	struct lp_bracket_decision decision;
+	struct lp_bracket b;
+
+	(void)state;
+	lp_bracket_init(&b, 3, &limits);
+	lp_bracket_frame(&b, 1);
+	decision = lp_bracket_judge(&b, &nothing);
+	assert_true(decision.accept);
+	assert_float_equal(decision.exposure_us, 8000.0F, 0.1F);
+	limits.in_force_us = 2000.0F;
+	lp_bracket_init(&b, 3, &limits);
+	lp_bracket_frame(&b, 1);
+	assert_false(lp_bracket_judge(&b, &nothing).accept);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_an_exposure_in_force_is_not_waited_for),
 		cmocka_unit_test(test_another_preset_amid_a_bracket),
 		cmocka_unit_test(test_light_that_changes_between_frames),
 		cmocka_unit_test(test_values_that_a_camera_can_take),
@@ -626,6 +747,8 @@ int main(void)
 		cmocka_unit_test(test_darkness),
 		cmocka_unit_test(test_number_of_exposures_by_the_scene),
 		cmocka_unit_test(test_a_lamp_smaller_than_a_cell),
+		cmocka_unit_test(test_an_unsteady_delay_is_mostly_merged_rightly),
+		cmocka_unit_test(test_a_late_first_command),
 	};
 
 	return cmocka_run_group_tests(tests, prepare, NULL);

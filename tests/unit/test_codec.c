@@ -42,6 +42,7 @@ static struct lp_light_estimate full_estimate(void)
 			.angular_radius_deg = 1.5F,
 			.direction_sigma_deg = 0.1F,
 			.irradiance_sigma = 0.999F,
+			.colour_sigma = i == 0 ? 0.1874F : 0.0F,
 			.distance_m = NAN,
 		};
 	for (int i = 0; i < LP_MAX_SH_COUNT; i++) {
@@ -270,6 +271,9 @@ static void test_values_arrive(void **state)
 	assert_int_equal(wire.lights[1].id, 101);
 	assert_true(wire.lights[0].direction[1] == 0.8F && wire.lights[0].irradiance[2] == 1);
 	assert_int_equal(wire.lights[0].irradiance_sigma_permille, 999);
+	assert_true(wire.lights[0].has_colour_sigma_permille &&
+		    wire.lights[0].colour_sigma_permille == 187);
+	assert_false(wire.lights[1].has_colour_sigma_permille);
 	assert_false(wire.lights[0].has_distance_m);
 	assert_true(wire.lights[1].has_distance_m && wire.lights[1].distance_m == 2.5F);
 	assert_false(wire.lights[0].has_dolp_percent || wire.lights[0].has_aolp_deg ||

@@ -182,6 +182,31 @@ static void test_no_drift(void **state)
 	free(world);
 }
 
+/* At rest, too: what is known began with frames as noisy as the newest. */
+static void test_the_sigma_holds_at_rest(void **state)
+{
+	struct world *world = new_world();
+	struct lp_gain *gain = new_gain();
+	int within_1 = 0, within_3 = 0;
+
+	(void)state;
+	for (int round = 0; round < 40; round++) {
+		lp_gain_init(gain, world->scale);
+		gain->count = CELLS;
+		see(gain, world);
+		lp_gain_anew(gain, 0.0F, 0.0F);
+		for (int n = 0; n < 5; n++) {
+			next_frame(gain, world);
+			within_1 += off(gain, world) <= lp_gain_sigma(gain);
+			within_3 += off(gain, world) <= 3.0F * lp_gain_sigma(gain);
+		}
+	}
+	assert_true(within_1 >= 120);
+	assert_true(within_3 >= 196);
+	free(gain);
+	free(world);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -190,6 +215,7 @@ int main(void)
 		cmocka_unit_test(test_sudden_light_everywhere),
 		cmocka_unit_test(test_nothing_to_see_is_no_change),
 		cmocka_unit_test(test_no_drift),
+		cmocka_unit_test(test_the_sigma_holds_at_rest),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

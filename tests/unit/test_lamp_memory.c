@@ -135,7 +135,78 @@ static void test_the_largest_bound_counts(void **state)
 	}
 }
 
-/* What is not measured any more becomes uncertain, and in the end the panorama is asked. */
+/* Some frames clip it, others do not look closer: as long as one says the bound again, it is not
+ * too old. */
+static void test_a_bound_that_is_said_again_stays(void **state)
+{
+	struct lp_lamp_memory memory = {0};
+
+	(void)state;
+	for (int n = 0; n < 1200; n++) {
+		struct lp_lamp_sighting s = sighting(10.0F, 4.0F);
+
+		s.refined = n % 3 == 0;
+		s.pixels = sighting(10.0F, 3.0F).pixels;
+		s.pixels.flags = s.refined ? LP_LIGHT_CLIPPED : 0;
+		lp_lamp_memory_update(&memory, &s, 1, &frame);
+		assert_float_equal(only(&memory)->lamp.irradiance[0], 3.0F, 1e-6F);
+		assert_true(only(&memory)->lamp.flags & LP_LIGHT_CLIPPED);
+	}
+}
+
+/* A few clipped pixels do not show in a panorama: what it shows of the lamp is a bound, too, until
+ * a shorter exposure says nothing of clipping. */
+static void test_what_a_panorama_shows_of_a_clipped_lamp_is_a_bound(void **state)
+{
+	struct lp_lamp_memory memory = {0};
+	struct lp_lamp_sighting s = sighting(10.0F, 3.0F);
+
+	(void)state;
+	s.pixels.flags = LP_LIGHT_CLIPPED;
+	lp_lamp_memory_update(&memory, &s, 1, &frame);
+	s = sighting(10.0F, 6.0F);
+	s.refined = false;
+	for (int n = 0; n < 1200; n++) {
+		lp_lamp_memory_update(&memory, &s, 1, &frame);
+		assert_true(only(&memory)->lamp.flags & LP_LIGHT_CLIPPED);
+	}
+	assert_float_equal(only(&memory)->lamp.irradiance[0], 6.0F, 1e-6F);
+	s.scale = 10.0F;
+	s.on_grid = sighting(10.0F, 20.0F).on_grid;
+	lp_lamp_memory_update(&memory, &s, 1, &frame);
+	assert_float_equal(only(&memory)->lamp.irradiance[0], 20.0F, 1e-6F);
+	assert_false(only(&memory)->lamp.flags & LP_LIGHT_CLIPPED);
+}
+
+/* Within a lamp there is no other as bright as it: it would be a piece of it. A brighter one, as a
+ * bulb in its shade, is one; so is one beside it. */
+static void test_pieces_of_a_lamp_are_no_lamps(void **state)
+{
+	const struct {
+		float azimuth_deg, strength;
+		int lamps;
+	} cases[] = {{11.5F, 5.0F, 1}, {11.5F, 9.0F, 2}, {14.5F, 5.0F, 2}};
+
+	(void)state;
+	for (size_t k = 0; k < sizeof(cases) / sizeof(*cases); k++) {
+		struct lp_lamp_sighting s[2] = {sighting(10.0F, 20.0F),
+						sighting(cases[k].azimuth_deg, cases[k].strength)};
+		struct lp_lamp_memory memory = {0};
+		int count = 0;
+
+		for (int n = 0; n < 2; n++) {
+			s[0].on_grid.solid_angle_sr = s[0].pixels.solid_angle_sr =
+				4e-3F; /* 2 deg */
+			s[n].pixels.flags = LP_LIGHT_CLIPPED;
+		}
+		lp_lamp_memory_update(&memory, s, 2, &frame);
+		lp_lamp_memory_update(&memory, s, 2, &frame);
+		for (int p = 0; p < LP_MAX_LAMPS; p++)
+			count += memory.list[p].id != 0;
+		assert_int_equal(count, cases[k].lamps);
+	}
+}
+
 /* The anchor frame drifts while the camera turns. The shortest exposure tells where a lamp is that
  * clips in each; the glow in longer ones moves it. */
 static void test_a_clipped_lamp_is_followed(void **state)
@@ -168,6 +239,51 @@ static void test_a_clipped_lamp_is_followed(void **state)
 	}
 }
 
+/* While the camera turns a small lamp falls on the pixels in another place each time. */
+static void test_turning_is_no_flicker(void **state)
+{
+	const float rotation_sigma_rad[] = {0.0F, 0.05F * (float)M_PI / 180.0F};
+
+	(void)state;
+	for (int turns = 0; turns < 2; turns++) {
+		struct lp_memory_times times = frame;
+		struct lp_lamp_memory memory = {0};
+
+		times.rotation_sigma_rad = rotation_sigma_rad[turns];
+		for (int n = 0; n < 60; n++) {
+			struct lp_lamp_sighting s = sighting(10.0F, n % 2 ? 5.3F : 4.7F);
+
+			s.scale = 10000.0F;
+			lp_lamp_memory_update(&memory, &s, 1, &times);
+		}
+		assert_true((lp_lamp_memory_flicker(&memory) > 0.0F) == (turns == 0));
+	}
+}
+
+/* Its light may be anywhere in a wide plateau: 0.2 of the radius, however often it is seen. */
+static void test_a_wide_plateau_is_no_place(void **state)
+{
+	const float radius = 4.0F * (float)M_PI / 180.0F;
+	struct lp_lamp_memory memory = {0};
+
+	(void)state;
+	for (int n = 0; n < 60; n++) {
+		struct lp_lamp_sighting s = sighting(10.0F, 3.0F);
+
+		s.pixels.flags = LP_LIGHT_CLIPPED;
+		s.pixels.solid_angle_sr = (float)M_PI * radius * radius;
+		lp_lamp_memory_update(&memory, &s, 1, &frame);
+	}
+	assert_float_equal(only(&memory)->lamp.direction_sigma_deg, 0.8F, 0.1F);
+	for (int n = 0; n < 10; n++) { /* until an exposure shows it */
+		const struct lp_lamp_sighting s = sighting(10.0F, 3.0F);
+
+		lp_lamp_memory_update(&memory, &s, 1, &frame);
+	}
+	assert_true(only(&memory)->lamp.direction_sigma_deg < 0.1F);
+}
+
+/* What is not measured any more becomes uncertain, and in the end the panorama is asked. */
 static void test_old_measurements_fade(void **state)
 {
 	struct lp_lamp_memory memory = {0};
@@ -377,7 +493,12 @@ int main(void)
 		cmocka_unit_test(test_ids_follow_the_lamps),
 		cmocka_unit_test(test_clipping_takes_nothing_away),
 		cmocka_unit_test(test_the_largest_bound_counts),
+		cmocka_unit_test(test_a_bound_that_is_said_again_stays),
+		cmocka_unit_test(test_what_a_panorama_shows_of_a_clipped_lamp_is_a_bound),
+		cmocka_unit_test(test_pieces_of_a_lamp_are_no_lamps),
 		cmocka_unit_test(test_a_clipped_lamp_is_followed),
+		cmocka_unit_test(test_a_wide_plateau_is_no_place),
+		cmocka_unit_test(test_turning_is_no_flicker),
 		cmocka_unit_test(test_old_measurements_fade),
 		cmocka_unit_test(test_changes_and_noise),
 		cmocka_unit_test(test_entering_is_harder_than_staying),

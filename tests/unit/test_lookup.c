@@ -82,19 +82,20 @@ static int reach(const struct lp_grid *grid, int row)
 	return columns < 1 ? 1 : columns < grid->width / 2 - 1 ? columns : grid->width / 2 - 1;
 }
 
-/* Is any cell marked within a row and the reach of `cell`? */
-static bool marked_near(const struct lp_grid *grid, const uint8_t *marks, int cell)
+/* All marks within a row and the reach of `cell`. */
+static uint8_t marks_near(const struct lp_grid *grid, const uint8_t *marks, int cell)
 {
 	const int width = grid->width, row = cell / width, column = cell % width;
+	uint8_t all = 0;
 
 	for (int r = row - 1; r <= row + 1; r++)
 		for (int k = 0; r >= 0 && r < grid->height && k <= 2 * reach(grid, r); k++)
-			if (marks[r * width + (column - reach(grid, r) + k + width) % width])
-				return true;
-	return false;
+			all |= marks[r * width + (column - reach(grid, r) + k + width) % width];
+	return all;
 }
 
-/* Those of the four cells around, all of them; beside those BESIDE; else none. */
+/* Those of the four cells around, all of them; beside those BESIDE, and BESIDE_DARK where one of
+ * them is not seen; else none. */
 static void test_marks(void **state)
 {
 	(void)state;
@@ -110,14 +111,17 @@ static void test_marks(void **state)
 		for (int i = 0; i < cells; i++) {
 			const int l = t.lookup->left[i], r = t.lookup->right[i];
 			const int around[4] = {l, r, l + width, r + width};
-			bool near = false;
-			uint8_t own = 0;
+			uint8_t own = 0, near = 0, beside = 0;
 
 			for (int k = 0; k < 4; k++) {
 				own |= from[around[k]];
-				near |= marked_near(t.grid, from, around[k]);
+				near |= marks_near(t.grid, from, around[k]);
 			}
-			assert_int_equal(to[i], own ? own : near ? LP_CELL_BESIDE : 0);
+			if (near)
+				beside = LP_CELL_BESIDE;
+			if (near & LP_CELL_UNSEEN)
+				beside |= LP_CELL_BESIDE_DARK;
+			assert_int_equal(to[i], own ? own : beside);
 		}
 		free(to);
 		free(from);

@@ -47,6 +47,36 @@ static void test_capacity_one_keeps_the_newest(void **state)
 	lp_mailbox_destroy(mailbox);
 }
 
+static bool is_small(const void *item)
+{
+	return *(const int *)item < 10;
+}
+
+/* What does not count is only displaced when there is no room at all. */
+static void test_only_what_counts_is_displaced(void **state)
+{
+	struct lp_mailbox *mailbox = lp_mailbox_create(4);
+	int items[] = {1, 10, 2, 3, 11, 12, 4};
+
+	(void)state;
+	assert_null(lp_mailbox_put_counted(mailbox, &items[0], 2, is_small));
+	assert_null(lp_mailbox_put_counted(mailbox, &items[1], 2, is_small));
+	assert_null(lp_mailbox_put_counted(mailbox, &items[2], 2, is_small));
+	assert_ptr_equal(lp_mailbox_put_counted(mailbox, &items[3], 2, is_small), &items[0]);
+	assert_null(lp_mailbox_put_counted(mailbox, &items[4], 2, is_small));
+	/* 10 2 3 11: full */
+	assert_ptr_equal(lp_mailbox_put_counted(mailbox, &items[6], 2, is_small), &items[2]);
+	assert_ptr_equal(lp_mailbox_put_counted(mailbox, &items[5], 2, is_small), &items[1]);
+	assert_int_equal(lp_mailbox_lost(mailbox), 3);
+	assert_ptr_equal(lp_mailbox_take(mailbox), &items[3]);
+	assert_ptr_equal(lp_mailbox_take(mailbox), &items[4]);
+	assert_ptr_equal(lp_mailbox_take(mailbox), &items[6]);
+	assert_true(readable(mailbox));
+	assert_ptr_equal(lp_mailbox_take(mailbox), &items[5]);
+	assert_false(readable(mailbox));
+	lp_mailbox_destroy(mailbox);
+}
+
 static void test_descriptor_is_readable_while_an_item_waits(void **state)
 {
 	struct lp_mailbox *mailbox = lp_mailbox_create(2);
@@ -120,6 +150,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_newest_wins_and_losses_are_counted),
 		cmocka_unit_test(test_capacity_one_keeps_the_newest),
+		cmocka_unit_test(test_only_what_counts_is_displaced),
 		cmocka_unit_test(test_descriptor_is_readable_while_an_item_waits),
 		cmocka_unit_test(test_waking),
 		cmocka_unit_test(test_threads_see_rising_items_and_the_last),

@@ -181,6 +181,40 @@ static void test_clipped_cells_bound_from_below(void **state)
 }
 
 /* Radiance from a billionth to a billion. */
+/* Beside a clipped cell light may be that cell's, but darkness is not: what a misplaced frame has
+ * left there goes. A cell so bright that a few of its pixels may clip, or one beside a cell that is
+ * not seen, says nothing. */
+static void test_what_is_darker_beside_a_clipped_cell_is_learned(void **state)
+{
+	const struct {
+		uint8_t before, flag;
+		float seen, known;
+	} cases[] = {{0, LP_CELL_BESIDE, 0.004F, 0.004F},
+		     {LP_CELL_CLIPPED, LP_CELL_BESIDE, 0.004F, 0.004F},
+		     {0, LP_CELL_BESIDE, 0.9F, 0.5F},
+		     {0, LP_CELL_BESIDE, 0.1F, 0.5F},
+		     {LP_CELL_CLIPPED, LP_CELL_BESIDE, 0.1F, 0.5F},
+		     {0, LP_CELL_BESIDE | LP_CELL_BESIDE_DARK, 0.004F, 0.5F}};
+
+	(void)state;
+	for (size_t k = 0; k < sizeof(cases) / sizeof(*cases); k++) {
+		struct lp_observation seen = picture(1.0F);
+
+		lp_radiance_map_forget(map);
+		memset(flags, 0, sizeof(flags));
+		fill(0.004F);
+		for (int c = 0; c < 4; c++)
+			radiance[100][c] = 0.5F;
+		flags[100] = cases[k].before;
+		(void)lp_radiance_map_observe(map, &seen);
+		for (int c = 0; c < 4; c++)
+			radiance[100][c] = cases[k].seen;
+		flags[100] = cases[k].flag;
+		(void)lp_radiance_map_observe(map, &seen);
+		assert_float_equal(map->radiance[100][LP_LUMINANCE], cases[k].known, 1e-6F);
+	}
+}
+
 static void test_any_unit_will_do(void **state)
 {
 	(void)state;
@@ -402,6 +436,7 @@ int main(void)
 		cmocka_unit_test_setup(test_noise_is_averaged, begin),
 		cmocka_unit_test_setup(test_a_change_is_taken_at_once, begin),
 		cmocka_unit_test_setup(test_clipped_cells_bound_from_below, begin),
+		cmocka_unit_test_setup(test_what_is_darker_beside_a_clipped_cell_is_learned, begin),
 		cmocka_unit_test_setup(test_any_unit_will_do, begin),
 		cmocka_unit_test_setup(test_lookup_of_a_turned_picture, begin),
 		cmocka_unit_test_setup(test_marks_are_not_lost, begin),

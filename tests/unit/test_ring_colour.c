@@ -33,8 +33,8 @@ static void look(const float tints[2][3], const float white[3], float noise)
 	s.luminance.excess[1] = 3.0F;
 	s.sample.colour_sigma = 0.03F;
 	for (int j = 0; j < 2; j++)
-		for (int c = 0; c < 4; c++)
-			s.parts.list[j].bound[c] = 0.1F; /* clips in all channels: white */
+		for (int c = 0; c < 3; c++)
+			s.parts.list[j].tint[c] = 1.0F; /* clips in all channels: white */
 	for (int k = 0; k < LP_RING_SENSORS; k++) {
 		float n[3];
 
@@ -114,14 +114,18 @@ static void test_without_colours_it_is_as_it_looks(void **state)
 {
 	(void)state;
 	look(candle_and_sky, one, 0.0F);
-	s.parts.list[0].bound[0] = 0.2F;
+	s.parts.list[0].tint[0] = 2.0F;
 	lp_ring_colour_as_seen(&s.colour, &s.parts);
 	assert_float_equal(s.colour.tint[0][0], 2.0F, 1e-5F);
 	assert_float_equal(s.colour.tint[1][0], 1.0F, 1e-5F);
+	const float unseen_sigma = s.colour.tint_sigma[0];
+
+	update(true);
+	assert_true(s.colour.tint_sigma[0] < 0.7F * unseen_sigma);
 	for (int k = 0; k < LP_RING_SENSORS; k++)
 		for (int c = 0; c < 3; c++)
 			s.sample.rgb[k][c] = NAN;
-	s.parts.list[0].bound[0] = 0.1F;
+	s.parts.list[0].tint[0] = 1.0F;
 	update(true);
 	for (int c = 0; c < 3; c++)
 		assert_float_equal(s.colour.tint[0][c], 1.0F, 1e-3F);

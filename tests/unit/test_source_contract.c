@@ -2,8 +2,8 @@
 /*
  * What include/source.h promises of every source, tested on all of them: in every test each
  * callback is checked against the contract. A v4l2 camera is made by fake_v4l2.h, one on the
- * network by fake_osc.h; libcamera: has the same tests on a real kernel
- * (tests/kernel/guest/test_uvc_contract.py).
+ * network by fake_osc.h, one for stills by fake_theta.h; libcamera: has the same tests on a real
+ * kernel (tests/kernel/guest/test_uvc_contract.py).
  */
 #include "lp_test.h"
 
@@ -20,6 +20,7 @@
 #include "base/uri.h"
 #include "drivers/source/sim/header.h"
 #include "fake_osc.h"
+#include "fake_theta.h"
 #include "fake_v4l2.h"
 #include "include/frame.h"
 #include "include/source.h"
@@ -307,12 +308,25 @@ static void osc_nudge(void)
 	(void)fake_osc_put("Type: image/jpeg\r\n", 18);
 }
 
+static const char *ptp_uri(const char *frames)
+{
+	(void)frames;
+	return "ptp:?every=0&exposures=3";
+}
+
+/* Events that are no stills. */
+static void ptp_nudge(void)
+{
+	UNTIL(fake_theta_get(&fake_theta.sets) > 0);
+}
+
 static const struct device devices[] = {
 	{.name = "file", .uri = file_uri},
 	{.name = "example", .uri = example_uri},
 	{"sim", sim_uri, sim_send, sim_nudge, sim_plug, sim_unplug},
 	{"v4l2", v4l2_uri, v4l2_send, v4l2_nudge, v4l2_plug, v4l2_unplug},
 	{"osc", osc_uri, fake_osc_send, osc_nudge, fake_osc_plug, fake_osc_unplug},
+	{"ptp", ptp_uri, fake_theta_send, ptp_nudge, fake_theta_plug, fake_theta_unplug},
 };
 
 /* ---------------------------------------------------------------- a source and its device */
@@ -367,6 +381,7 @@ static void end(const struct device *device)
 	(void)snprintf(command, sizeof(command), "rm -rf %s/*", folder);
 	assert_int_equal(system(command), 0); /* NOLINT(cert-env33-c) */
 	fake_v4l2_init();
+	fake_theta_init();
 }
 
 /* ---------------------------------------------------------------- all sources */
@@ -716,6 +731,7 @@ static int setup(void **state)
 		return -1;
 	simulator.exposure_us = 1000;
 	fake_v4l2_init();
+	fake_theta_init();
 	return lp_loop_create(&loop);
 }
 

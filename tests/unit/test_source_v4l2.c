@@ -40,9 +40,13 @@ static void test_device_names(void **state)
 	assert_string_equal(target.serial, "");
 	assert_int_equal(lp_v4l2_target_parse("2E1A:1000:AB:12", &target), 0);
 	assert_string_equal(target.serial, "AB:12");
+	assert_int_equal(lp_v4l2_target_parse("port:1-1.2", &target), 0);
+	assert_int_equal(target.kind, LP_V4L2_PORT);
+	assert_string_equal(target.port, "1-1.2");
 	for (const char *const *bad =
 		     (const char *const[]){"video0", "2e1a", "2e1a:10", "2e1a:1000x", "2e1:1000",
-					   "12345:1000", NULL};
+					   "12345:1000", "port:", "port:1-1/2",
+					   "port:1-1.1.1.1.1.1.1.1.1.1.1.1.1.1.1.1", NULL};
 	     *bad; bad++)
 		assert_int_equal(lp_v4l2_target_parse(*bad, &target), -EINVAL);
 }
@@ -191,6 +195,33 @@ static void test_the_same_camera_again(void **state)
 	assert_int_equal(select_by("", (struct lp_v4l2_node[]){twins[0], twins[0]}, 2, &nameless,
 				   reason),
 			 -ENOTUNIQ);
+}
+
+/* Cheap modules: one serial number for all of them. */
+static void test_twins_are_told_apart_by_their_ports(void **state)
+{
+	const struct lp_v4l2_node both[] = {CAMERA(0, 0x0102, "A", "1-1.1"),
+					    CAMERA(2, 0x0102, "A", "1-1.2")};
+	struct lp_v4l2_node known = both[0];
+	char reason[512];
+
+	(void)state;
+	assert_int_equal(select_by("port:1-1.2", both, 2, NULL, reason), 1);
+	assert_int_equal(select_by("port:1-1.3", both, 2, NULL, reason), -ENOENT);
+	assert_contains(reason, "1d6b:0102:A, port 1-1.2)");
+	/* By what they have in common: both are named, and what to write. */
+	assert_int_equal(select_by("1d6b:0102:A", both, 2, NULL, reason), -ENOTUNIQ);
+	assert_contains(reason, "name one by its port, like v4l2:port:1-1.1");
+	assert_contains(reason, "port 1-1.1)");
+	/* When one is unplugged, the other is not taken for it: */
+	assert_int_equal(select_by("port:1-1.1", &both[1], 1, &known, reason), -ENOENT);
+	assert_contains(reason, "unplugged from port 1-1.1 — replug it there; present: /dev/v");
+	assert_int_equal(select_by("/dev/v4l/by-path/x", &both[1], 1, &known, reason), -ENOENT);
+	assert_int_equal(select_by("port:1-1.1", NULL, 0, &known, reason), -ENOENT);
+	assert_contains(reason, "unplugged from port 1-1.1 — replug it there; no camera");
+	known.has_twin = true; /* it was seen beside the other */
+	assert_int_equal(select_by("/dev/video0", &both[1], 1, &known, reason), -ENOENT);
+	assert_int_equal(select_by("/dev/video0", both, 2, &known, reason), 0);
 }
 
 /* ---------------------------------------------------------------- settings */
@@ -574,6 +605,7 @@ int main(void)
 		cmocka_unit_test(test_nodes_of_a_machine),
 		cmocka_unit_test(test_the_node_that_is_meant),
 		cmocka_unit_test(test_the_same_camera_again),
+		cmocka_unit_test(test_twins_are_told_apart_by_their_ports),
 		cmocka_unit_test(test_events_of_the_kernel),
 		cmocka_unit_test(test_events_of_udev),
 		cmocka_unit_test(test_settings_of_a_camera_file),

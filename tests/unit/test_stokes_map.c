@@ -323,6 +323,55 @@ static void test_polarized_light_is_seen_through(void **state)
 	close_room(&room);
 }
 
+/* Light from below the horizon is polarized. */
+static void see_a_floor(struct room *room, float wheel_deg)
+{
+	const struct lp_rotation none = lp_rotation_identity();
+	const struct lp_film_view view = lp_film_seen(&room->film, wheel_deg, &none);
+	const struct lp_observation seen = {.radiance = (const float(*)[4])room->radiance,
+					    .flags = room->flags,
+					    .elapsed_s = 0.05F};
+
+	for (int i = 0; i < CELLS; i++) {
+		float d[3], axis[2] = {0};
+
+		lp_grid_direction(room->grid, i, d);
+		if (d[1] < 0.0F)
+			(void)lp_film_axis(&view, d, axis);
+		for (int c = 0; c < 4; c++)
+			room->radiance[i][c] = 2.0F * (1.0F + 0.4F * axis[0]);
+	}
+	lp_stokes_map_learn(room->map, &view, &seen);
+}
+
+/* Wherever the camera looks, only what is not polarized is compared with the map. */
+static void test_polarized_light_is_not_compared(void **state)
+{
+	const struct lp_rotation to_map = lp_rotation_of_vector((const double[3]){0.0, 0.7, 0.9});
+	struct room room;
+	int above = 0, below = 0;
+
+	(void)state;
+	open_room(&room);
+	for (int k = 0; k < 40; k++)
+		see_a_floor(&room, 45.0F * (float)(k % 4));
+	struct lp_observation seen = {.radiance = (const float(*)[4])room.radiance,
+				      .flags = room.flags};
+
+	lp_stokes_map_leave_out(room.map, &to_map, &seen);
+	for (int i = 0; i < CELLS; i++) {
+		float d[3];
+
+		lp_grid_direction(room.grid, i, d);
+		lp_rotate_direction(&to_map, d);
+		above += d[1] > 0.1F && seen.flags[i];
+		below += d[1] < -0.1F && seen.flags[i];
+	}
+	assert_int_equal(above, 0);
+	assert_true(below > CELLS / 5);
+	close_room(&room);
+}
+
 /* While the camera turns, cells at the rim of a lamp read more or less of it, by chance: no film
  * did that. */
 static void test_rims_of_a_turning_picture_are_not_polarized(void **state)
@@ -370,6 +419,7 @@ int main(void)
 		cmocka_unit_test(test_light_of_unknown_polarization_is_taken_as_it_is),
 		cmocka_unit_test(test_other_light_is_not_divided_by_what_was_known),
 		cmocka_unit_test(test_polarized_light_is_seen_through),
+		cmocka_unit_test(test_polarized_light_is_not_compared),
 		cmocka_unit_test(test_rims_of_a_turning_picture_are_not_polarized),
 	};
 

@@ -3,6 +3,7 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "light/rotation.h"
 #include "lp_test.h"
@@ -117,6 +118,43 @@ static void test_an_absent_lamp_is_held_while_it_fades(void **state)
 	assert_false(smoothed.lights[0].flags & LP_LIGHT_HELD);
 }
 
+/* A ninth lamp is found when one of eight has gone: that one fades to its end first. */
+static void test_a_lamp_that_fades_keeps_its_place(void **state)
+{
+	struct lp_tracker tracker = {.time_constant_ms = 100.0F};
+	struct lp_light lights[LP_MAX_LIGHTS + 1];
+	struct lp_light_estimate raw, smoothed;
+	float before = INFINITY;
+	bool entered = false;
+
+	(void)state;
+	for (int k = 0; k <= LP_MAX_LIGHTS; k++) {
+		lights[k] = lamp(45.0F * (float)k, 10.0F - (float)k);
+		lights[k].id = 1 + (uint32_t)k;
+	}
+	raw = at(0, LP_MAX_LIGHTS, lights);
+	lp_tracker_update(&tracker, &raw, &smoothed);
+	for (int n = 1; n < 30; n++) { /* all but the third: id 3, strength 8 */
+		const struct lp_light *fading = NULL;
+
+		raw = at(n * FRAME_NS, LP_MAX_LIGHTS, lights);
+		memcpy(&raw.lights[2], &lights[3], (LP_MAX_LIGHTS - 2) * sizeof(*lights));
+		lp_tracker_update(&tracker, &raw, &smoothed);
+		for (int k = 0; k < smoothed.light_count; k++) {
+			if (smoothed.lights[k].id == 3)
+				fading = &smoothed.lights[k];
+			entered |= smoothed.lights[k].id == LP_MAX_LIGHTS + 1;
+			assert_true(k == 0 || smoothed.lights[k].irradiance[1] <=
+						      smoothed.lights[k - 1].irradiance[1]);
+		}
+		if (!fading)
+			assert_true(before < 0.05F * lights[2].irradiance[1]);
+		before = fading ? fading->irradiance[1] : 0.0F;
+	}
+	assert_true(entered);
+	assert_float_equal(before, 0.0F, 0.0F);
+}
+
 /* The frame of reference turns: what is smoothed turns with it. */
 static void test_turning_turns_lights_and_sh(void **state)
 {
@@ -219,6 +257,7 @@ int main(void)
 		cmocka_unit_test(test_time_constant),
 		cmocka_unit_test(test_lights_and_sh_stay_consistent),
 		cmocka_unit_test(test_an_absent_lamp_is_held_while_it_fades),
+		cmocka_unit_test(test_a_lamp_that_fades_keeps_its_place),
 		cmocka_unit_test(test_turning_turns_lights_and_sh),
 		cmocka_unit_test(test_time_may_stand_still_or_go_back),
 		cmocka_unit_test(test_a_million_frames),

@@ -149,6 +149,47 @@ static void test_one_that_drifts_is_found_out(void **state)
 	check_it_is_found_out(drifting_deg, still_deg, 2.0);
 }
 
+static double constant_deg(double t_s)
+{
+	return 100.0 * t_s;
+}
+
+static double sigma_deg(double rate_deg_s)
+{
+	return lp_witness_delay_sigma_rad(&witness, rate_deg_s * DEG) / DEG;
+}
+
+static void turn_like(double (*true_deg)(double t_s), double late_s, int frames)
+{
+	for (int n = 0; n < frames; n++) {
+		const double t_s = frame * FRAME_S;
+
+		motion.rate[1] = (true_deg(t_s + 1e-4) - true_deg(t_s - 1e-4)) / 2e-4 * DEG;
+		tell(true_deg(t_s), true_deg(t_s - late_s));
+	}
+}
+
+/* One that is always as late looks like one in another world, while the rate stays. The sigma
+ * covers that until the rate changes; then it tells how late it is. */
+static void test_how_late_it_is(void **state)
+{
+	(void)state;
+	for (int n = 0; n < 2; n++) /* it turns already, and pictures do not show that at once */
+		tell(0.0, 100.0 * frame * FRAME_S);
+	turn_like(constant_deg, 0.1, 300);
+	assert_false(witness.left_out);
+	assert_true(3.0 * sigma_deg(100.0) > 10.0);
+	setup(NULL);
+	turn_like(head_deg, 0.0, 300);
+	assert_false(witness.left_out);
+	assert_true(sigma_deg(100.0) < 0.5);
+	assert_true(sigma_deg(0.0) == 0.0);
+	setup(NULL);
+	turn_like(head_deg, 0.005, 300);
+	assert_false(witness.left_out);
+	assert_float_equal(sigma_deg(100.0), 0.5, 0.2);
+}
+
 /* A new anchor frame is no contradiction. */
 static void test_the_anchor_frame_changes(void **state)
 {
@@ -172,6 +213,7 @@ int main(void)
 		cmocka_unit_test_setup(test_one_that_jumps_is_left_out_for_a_while, setup),
 		cmocka_unit_test_setup(test_one_that_is_late_is_found_out, setup),
 		cmocka_unit_test_setup(test_one_that_drifts_is_found_out, setup),
+		cmocka_unit_test_setup(test_how_late_it_is, setup),
 		cmocka_unit_test_setup(test_the_anchor_frame_changes, setup),
 	};
 

@@ -19,8 +19,9 @@ class Gadget:
     """One gadget with one function, such as `acm.usb0`; unplugged until plug()."""
 
     def __init__(
-        self, name: str, function: str, product_id: int, vendor_id: int = LINUX_FOUNDATION
-    ) -> None:
+        self, name: str, function: str, product_id: int, vendor_id: int = LINUX_FOUNDATION,
+        serial: str = "",
+    ) -> None:  # fmt: skip
         load_bus()
         modprobe("libcomposite")
         if not (CONFIGFS / "usb_gadget").exists():
@@ -34,7 +35,7 @@ class Gadget:
             ("idProduct", f"{product_id:#06x}"),
             ("strings/0x409/manufacturer", "lightprobe"),
             ("strings/0x409/product", name),
-            ("strings/0x409/serialnumber", f"{name}-1"),
+            ("strings/0x409/serialnumber", serial or f"{name}-1"),
         ):
             (self._folder / attribute).write_text(value)
         link = self._folder / "configs/c.1" / function

@@ -9,15 +9,23 @@ from machine import modprobe, run
 PARAMETERS = Path("/sys/module/i2c_rdwr/parameters")
 
 
-@pytest.fixture(scope="module")
-def bus():
-    """Number of a bus with chips at 0x40 and 0x68."""
+def load_bus() -> str:
+    """Load the module: chips at 0x40 and 0x68, nine sensors at 0x10 behind 0x70 and 0x71.
+
+    Returns the number of the bus.
+    """
     modprobe("i2c-dev")
-    modprobe("i2c_rdwr", "chips=0x40,0x68")
+    modprobe("i2c_rdwr", "chips=0x40,0x68", "muxes=0x70,0x71", "sensor=0x10")
     for adapter in Path("/sys/class/i2c-adapter").iterdir():
         if (adapter / "name").read_text().strip() == "lightprobe register files":
             return adapter.name.removeprefix("i2c-")
     raise AssertionError("no adapter appeared")
+
+
+@pytest.fixture(scope="module")
+def bus():
+    """Number of the bus."""
+    return load_bus()
 
 
 def test_registers_keep_what_was_written(bus):

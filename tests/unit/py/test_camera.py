@@ -1,5 +1,7 @@
 """Camera files and where their pixels look."""
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
@@ -123,3 +125,16 @@ def test_bad_files_are_named(tmp_path, old, new, message):
 def test_missing_file():
     with pytest.raises(camera.CameraError, match=r"none\.camera: open: No such file"):
         camera.load("none.camera")
+
+
+PACKAGED = sorted((Path(__file__).resolve().parents[3] / "packaging/cameras").glob("*.camera"))
+
+
+@pytest.mark.parametrize("path", PACKAGED, ids=lambda path: path.stem)
+def test_packaged_files_are_read_and_say_what_was_tested(path):
+    loaded = camera.load(str(path))
+    assert "On hardware:" in path.read_text()
+    for lens in loaded.lenses:  # its circle lies in the picture, or is cut by its edge
+        rim_px = lens.focal_px[0] * lens.radius(np.radians(lens.max_theta_deg))
+        assert 0 < lens.centre_px[0] < loaded.width_px
+        assert 0.25 * loaded.height_px < rim_px < 0.75 * loaded.height_px

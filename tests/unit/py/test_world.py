@@ -7,11 +7,13 @@ from lightprobe import geometry, sh
 from lightprobe.colour import luminance, srgb_table
 from lightprobe.errors import UsageError
 from lightprobe.imaging import camera as lenses
+from lightprobe.imaging.film import Sheet
 from lightprobe.sim.camera import Shot, SimulatedCamera
 from lightprobe.sim.exposure import ExposureLimits, median_luminance
 from lightprobe.sim.faults import Faults
 from lightprobe.sim.flicker import WAVES, Flicker
 from lightprobe.sim.link import Exposure
+from lightprobe.sim.polarized import PolishedFloor
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.room import Room
 from lightprobe.sim.scene import MapTruth, disc_layer
@@ -62,12 +64,13 @@ def test_a_head_swings_about_where_it_looks():
     assert world.at(0, 0.01).smear_deg == pytest.approx(40 * np.pi * 0.01, rel=1e-3)
 
 
-@pytest.mark.parametrize("optics", ["equirect", "fisheye"])
+@pytest.mark.parametrize("optics", ["equirect", "fisheye", "film", "fisheye and film"])
 def test_what_turns_during_the_exposure_is_smeared_and_keeps_its_light(tmp_path, optics):
-    """A second long at 45° a second: as the mean of many short ones."""
-    lens = dual_fisheye(tmp_path) if optics == "fisheye" else lenses.load("equirect")
-    world = World([Room()], Behaviour(act_s=0, turn_deg_s=45))
-    camera = SimulatedCamera(world, lens, SIZE, rate_hz=100, pixel_format="RGBF")
+    """A second long at 45° a second: as the mean of many short ones. Films do not turn with it."""
+    lens = dual_fisheye(tmp_path) if "fisheye" in optics else lenses.load("equirect")
+    sheet = Sheet() if "film" in optics else None
+    world = World([PolishedFloor(Room())], Behaviour(act_s=0, turn_deg_s=45))
+    camera = SimulatedCamera(world, lens, SIZE, rate_hz=100, pixel_format="RGBF", sheet=sheet)
 
     def shown(frame, exposure_s):
         data = camera.frame(frame, Shot(1e6 * exposure_s))

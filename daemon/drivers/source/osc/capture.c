@@ -48,6 +48,8 @@ static void set_caps(struct lp_osc_capture *self, const struct lp_osc_camera *ca
 		const float base_iso = (float)range->base_iso;
 
 		caps.exposure_settable = true;
+		/* Set a second before the live preview begins (AFTER_OPTIONS_NS). */
+		caps.in_force_us = camera->exposure_us * camera->gain;
 		caps.exposure_count = range->exposure_count;
 		memcpy(caps.exposures_us, range->exposures_us, sizeof(caps.exposures_us));
 		caps.exposure_min_us = caps.exposures_us[0];

@@ -382,6 +382,7 @@ static void begin_guess(struct run *run)
 		run->guess.longest_frames = LP_OSC_LONGEST_DELAY_FRAMES;
 	lp_exposure_guess_command(&run->guess, run->camera->exposure_us, run->camera->gain,
 				  lp_clock_ns());
+	run->guess.pending = false; /* set a second ago, before this live preview was asked for */
 }
 
 int64_t lp_osc_run(struct lp_osc_capture *capture)

@@ -11,6 +11,9 @@
 #include <string.h>
 #include <unistd.h>
 
+/* Of cameras among which the user has to choose. */
+#define MOST_LISTED 3
+
 /* First line of a small file; "" when there is none. */
 static void read_attribute(const char *folder, const char *name, char *text, size_t size_bytes)
 {
@@ -123,6 +126,21 @@ static int by_path(const void *a, const void *b)
 	return strverscmp(one->path, other->path);
 }
 
+static bool is_same_kind(const struct lp_v4l2_node *node, const struct lp_v4l2_node *other)
+{
+	return node->usb && other->usb && node->vendor == other->vendor &&
+	       node->product == other->product && !strcmp(node->serial, other->serial);
+}
+
+/* Cheap modules of one make have one serial number, or none. */
+static void find_twins(struct lp_v4l2_node *nodes, int count)
+{
+	for (int i = 0; i < count; i++)
+		for (int k = 0; k < count; k++)
+			nodes[i].has_twin |= k != i && is_same_kind(&nodes[i], &nodes[k]) &&
+					     strcmp(nodes[i].port, nodes[k].port) != 0;
+}
+
 int lp_v4l2_nodes_read(const char *sysfs, struct lp_v4l2_node *nodes, int capacity)
 {
 	char folder[PATH_MAX];
@@ -141,17 +159,26 @@ int lp_v4l2_nodes_read(const char *sysfs, struct lp_v4l2_node *nodes, int capaci
 	}
 	closedir(stream);
 	qsort(nodes, (size_t)count, sizeof(*nodes), by_path);
+	find_twins(nodes, count);
 	return count;
 }
 
 /* ---------------------------------------------------------------- which one is meant */
 
-static bool is_same_device(const struct lp_v4l2_node *node, const struct lp_v4l2_node *known)
+/* Only the port says which one is meant. */
+static bool is_by_port(const struct lp_v4l2_target *target, const struct lp_v4l2_node *known)
+{
+	return known->usb && (known->has_twin || target->kind == LP_V4L2_PORT ||
+			      (target->kind == LP_V4L2_PATH && strstr(target->text, "/by-path/")));
+}
+
+static bool is_same_device(const struct lp_v4l2_node *node, const struct lp_v4l2_node *known,
+			   const struct lp_v4l2_target *target)
 {
 	if (!known->usb || !node->usb)
 		return !known->usb && !node->usb && !strcmp(node->path, known->path);
-	return node->vendor == known->vendor && node->product == known->product &&
-	       !strcmp(node->serial, known->serial);
+	return is_same_kind(node, known) &&
+	       (!is_by_port(target, known) || !strcmp(node->port, known->port));
 }
 
 /* A link is followed; a path that does not exist stands for itself. */
@@ -173,6 +200,8 @@ static bool is_meant(const struct lp_v4l2_node *node, const struct lp_v4l2_targe
 		return node->usb && node->vendor == target->usb.vendor &&
 		       node->product == target->usb.product &&
 		       (!*target->serial || !strcmp(node->serial, target->serial));
+	case LP_V4L2_PORT:
+		return node->usb && !strcmp(node->port, target->port);
 	case LP_V4L2_ANY:
 		return true;
 	}
@@ -198,18 +227,44 @@ static void list_nodes(const struct lp_v4l2_node *nodes, int count, char *text, 
 	}
 }
 
+/* Those that match, short: health messages must hold all of it. */
+static void refuse_several(const struct lp_v4l2_node *const *nodes, int count, char *reason,
+			   size_t reason_bytes)
+{
+	const char *port = nodes[0]->port;
+	size_t used = (size_t)snprintf(reason, reason_bytes, "several cameras match:");
+
+	for (int i = 0; i < count && used < reason_bytes; i++) {
+		const struct lp_v4l2_node *node = nodes[i];
+
+		used += (size_t)snprintf(reason + used, reason_bytes - used,
+					 node->usb ? "%s %s (%04x:%04x:%s, port %s)" : "%s %s",
+					 i ? "," : "", node->path, node->vendor, node->product,
+					 node->serial, node->port);
+	}
+	if (used < reason_bytes)
+		snprintf(reason + used, reason_bytes - used,
+			 *port ? " — name one by its port, like v4l2:port:%s"
+			       : " — name one by path",
+			 port);
+}
+
 int lp_v4l2_nodes_select(const struct lp_v4l2_node *nodes, int count,
 			 const struct lp_v4l2_target *target, const struct lp_v4l2_node *known,
 			 char *reason, size_t reason_bytes)
 {
+	const struct lp_v4l2_node *several[MOST_LISTED];
 	int found = -1, matches = 0;
 	char list[260]; /* what to do follows it: that must fit, too */
 
 	for (int i = 0; i < count; i++) {
-		if (!(known ? is_same_device(&nodes[i], known) : is_meant(&nodes[i], target)))
+		if (!(known ? is_same_device(&nodes[i], known, target)
+			    : is_meant(&nodes[i], target)))
 			continue;
 		if (known && !strcmp(nodes[i].port, known->port))
 			return i; /* the same camera in the same place */
+		if (matches < MOST_LISTED)
+			several[matches] = &nodes[i];
 		matches++;
 		found = i;
 	}
@@ -217,7 +272,10 @@ int lp_v4l2_nodes_select(const struct lp_v4l2_node *nodes, int count,
 		return found;
 	list_nodes(nodes, count, list, sizeof(list));
 	if (matches == 0) {
-		if (known && count)
+		if (known && is_by_port(target, known))
+			snprintf(reason, reason_bytes,
+				 "unplugged from port %s — replug it there; %s", known->port, list);
+		else if (known && count)
 			snprintf(reason, reason_bytes,
 				 "%s is unplugged; %s — replug it, or restart lightprobed to use "
 				 "another one",
@@ -229,7 +287,7 @@ int lp_v4l2_nodes_select(const struct lp_v4l2_node *nodes, int count,
 			snprintf(reason, reason_bytes, "no such device; %s", list);
 		return -ENOENT;
 	}
-	snprintf(reason, reason_bytes,
-		 "several cameras match — name one by path, port or serial number; %s", list);
+	refuse_several(several, matches < MOST_LISTED ? matches : MOST_LISTED, reason,
+		       reason_bytes);
 	return -ENOTUNIQ;
 }

@@ -17,8 +17,9 @@ struct lp_v4l2_node {
 	char id_name[LP_V4L2_NAME_BYTES]; /* as udev would link it in /dev/v4l/by-id; "": not USB */
 	bool usb;			  /* what follows is valid */
 	uint16_t vendor, product;
-	char serial[64];  /* "": the camera has none */
-	char port[32];	  /* where it is plugged in: "1-1.2" */
+	char serial[64];	       /* "": the camera has none */
+	char port[LP_V4L2_PORT_BYTES]; /* where it is plugged in: "1-1.2" */
+	bool has_twin;	  /* another one has the same numbers: only the port tells them apart */
 	int bus, address; /* of the USB device at present */
 };
 
@@ -27,7 +28,8 @@ int lp_v4l2_nodes_read(const char *sysfs, struct lp_v4l2_node *nodes, int capaci
 
 /*
  * The node that is meant: `known`, once a camera has been used, is that very camera, wherever it
- * has come back; until then `target` decides. Returns an index. -ENOENT: absent. -ENOTUNIQ: several
+ * has come back; until then `target` decides. One that has a twin, or is named by its port, comes
+ * back to its port only. Returns an index. -ENOENT: absent. -ENOTUNIQ: several
  * could be meant. `*reason` then says so, with what there is, and the next step.
  */
 int lp_v4l2_nodes_select(const struct lp_v4l2_node *nodes, int count,

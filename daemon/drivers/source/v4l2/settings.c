@@ -62,13 +62,26 @@ static bool parse_usb(const char *text, struct lp_v4l2_target *target)
 	return true;
 }
 
+/* False: not of the form port:BUS-PORT[.PORT...]. */
+static bool parse_port(const char *text, struct lp_v4l2_target *target)
+{
+	const char *port = text + strlen("port:");
+
+	if (strncmp(text, "port:", strlen("port:")) != 0 || !*port ||
+	    port[strspn(port, "0123456789-.")] || strlen(port) >= sizeof(target->port))
+		return false;
+	snprintf(target->port, sizeof(target->port), "%s", port);
+	target->kind = LP_V4L2_PORT;
+	return true;
+}
+
 int lp_v4l2_target_parse(const char *text, struct lp_v4l2_target *target)
 {
 	*target = (struct lp_v4l2_target){.kind = LP_V4L2_ANY};
 	if (strlen(text) >= sizeof(target->text))
 		return -EINVAL;
 	snprintf(target->text, sizeof(target->text), "%s", text);
-	if (!*text || parse_usb(text, target))
+	if (!*text || parse_port(text, target) || parse_usb(text, target))
 		return 0;
 	if (text[0] == '/')
 		target->kind = LP_V4L2_PATH;
@@ -93,7 +106,8 @@ int lp_v4l2_settings_read(const struct lp_uri *uri, const struct lp_camera_profi
 	if (lp_v4l2_target_parse(uri->rest, target) < 0) {
 		lp_error(uri->text, "parse",
 			 "'%s' is not the name of a camera — use v4l2:/dev/video0, "
-			 "v4l2:VENDOR:PRODUCT[:SERIAL], or a name from /dev/v4l/by-id",
+			 "v4l2:VENDOR:PRODUCT[:SERIAL], v4l2:port:1-1.2, or a name from "
+			 "/dev/v4l/by-id",
 			 uri->rest);
 		return -EINVAL;
 	}

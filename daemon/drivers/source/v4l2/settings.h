@@ -18,6 +18,7 @@ struct lp_uri;
 
 /* Text of a node's or camera's name. */
 #define LP_V4L2_NAME_BYTES 192
+#define LP_V4L2_PORT_BYTES 32
 
 enum lp_v4l2_exposure_mode {
 	LP_V4L2_EXPOSURE_SETTABLE, /* lock it; be told when that fails */
@@ -48,6 +49,7 @@ enum lp_v4l2_target_kind {
 	LP_V4L2_PATH,	 /* "/dev/video0", or a link to it */
 	LP_V4L2_ID_NAME, /* "usb-Maker_Model_Serial-video-index0", as in /dev/v4l/by-id */
 	LP_V4L2_USB,	 /* "1d6b:0102" or "1d6b:0102:SERIAL" */
+	LP_V4L2_PORT,	 /* "port:1-1.2": whatever is plugged in there */
 };
 
 struct lp_v4l2_target {
@@ -55,6 +57,7 @@ struct lp_v4l2_target {
 	char text[LP_V4L2_NAME_BYTES]; /* path or name, as it was written; names it in messages */
 	struct lp_usb_id usb;
 	char serial[64]; /* "": any */
+	char port[LP_V4L2_PORT_BYTES];
 };
 
 /* Of the URI's query, and of section [v4l2] of the camera file. */
