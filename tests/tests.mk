@@ -4,7 +4,7 @@
 
 C_SOURCES = $(DAEMON_SOURCES) $(wildcard tests/*/*.[ch] tests/*/*.cpp)
 
-UNIT_SOURCES := $(filter-out $(if $(filter 0,$(WITH_LIBCAMERA)),%_libcamera.cpp) $(if $(filter 0,$(WITH_OSC)),%_osc.c) $(if $(filter 0,$(WITH_WEBSOCKETS)),%_websocket_handshake.c) $(if $(filter 0,$(WITH_GPIOD)),%_pca9685.c),$(wildcard tests/unit/test_*.c tests/unit/test_*.cpp))
+UNIT_SOURCES := $(filter-out $(if $(filter 0,$(WITH_LIBCAMERA)),%_libcamera.cpp) $(if $(filter 0,$(WITH_OSC)),%_osc.c) $(if $(filter 0,$(WITH_LIBUSB)),%_ptp.c) $(if $(filter 0,$(WITH_WEBSOCKETS)),%_websocket_handshake.c) $(if $(filter 0,$(WITH_GPIOD)),%_pca9685.c),$(wildcard tests/unit/test_*.c tests/unit/test_*.cpp))
 UNIT_TESTS := $(patsubst tests/unit/%,$(OUT)/tests/%,$(basename $(UNIT_SOURCES)))
 
 link_unit_test = mkdir -p $(@D) && $(CC) $(LP_LDFLAGS) $(WRAPPED:%=-Wl,--wrap=%) -o $@ $^ $(LP_LDLIBS) -lcmocka -ljpeg
@@ -14,7 +14,8 @@ $(OUT)/tests/%: $(OUT)/tests/unit/%.cpp.o $(DAEMON_LIBS)
 	@$(link_unit_test)
 # Calls that a test answers itself, instead of the system or of another file.
 $(OUT)/tests/test_source_contract: WRAPPED := open close ioctl mmap lp_v4l2_nodes_read lp_v4l2_hotplug_open \
-	lp_v4l2_hotplug_read lp_v4l2_reset_port
+	lp_v4l2_hotplug_read lp_v4l2_reset_port lp_ptp_usb_open
+$(OUT)/tests/test_source_ptp: WRAPPED := lp_ptp_usb_open
 $(OUT)/tests/test_codec: WRAPPED := lp_clock_suspended_ns
 $(OUT)/tests/test_link_i2c $(OUT)/tests/test_ring_i2c: WRAPPED := open ioctl
 $(OUT)/tests/test_rotator_pca9685: WRAPPED := open ioctl lp_index_open lp_index_fd lp_index_read lp_index_is_on \

@@ -105,6 +105,9 @@ class Light:
     angular_radius_deg: float
     direction_sigma_deg: float | None = None
     irradiance_sigma: Array | None = None  # (3,) 1 sigma, in units of `irradiance`
+    #: 1 sigma of red, green and blue, root mean square, over the luminance of `irradiance`: of
+    #: lamps whose strength the ring of light sensors found; None: not stated.
+    colour_sigma: float | None = None
     flags: LightFlag = NO_LIGHT_FLAG
     distance_m: float | None = None
     #: Area lights (EXTENDED): the ellipse with the same extent, from its centre along the longer
@@ -141,6 +144,7 @@ class Light:
             "solid_angle_sr": _number(self.solid_angle_sr),
             "direction_sigma_deg": _number(self.direction_sigma_deg),
             "irradiance_sigma": _numbers(self.irradiance_sigma),
+            "colour_sigma": _number(self.colour_sigma),
             "distance_m": _number(self.distance_m),
             "half_angle_deg": _numbers(self.half_angle_deg),
             "axis": _numbers(self.axis),

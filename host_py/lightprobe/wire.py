@@ -424,6 +424,9 @@ def _light(m: pb.Light) -> Light:
         angular_radius_deg=m.angular_radius_deg,
         direction_sigma_deg=m.direction_sigma_deg if m.HasField("direction_sigma_deg") else None,
         irradiance_sigma=None if sigma is None else sigma * irradiance,
+        colour_sigma=(
+            m.colour_sigma_permille / 1000 if m.HasField("colour_sigma_permille") else None
+        ),
         flags=LightFlag(m.flags),
         distance_m=m.distance_m if m.HasField("distance_m") else None,
         half_angle_deg=None if half is None else (float(half[0]), float(half[1])),

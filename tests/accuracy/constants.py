@@ -27,7 +27,7 @@ ROOT = Path(__file__).resolve().parents[2]
 COPIES = ROOT / "build/constants"
 PAGE = ROOT / "docs/maintainers/constants.md"
 COPIED = ("Makefile", "daemon", "proto", "packaging", "tests", "host_py", "firmware", "hw",
-          "build/gen", "build/release")  # fmt: skip
+          "docs/docs.mk", "clients/clients.mk", "build/gen", "build/release")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -96,11 +96,17 @@ SEQUENCES = {
     "bracket pipeline": [
         Constant("app/bracket.c", name)
         for name in (
-            "MOST_DELAY_FRAMES", "MOST_MISSES", "RETRY_FRAMES", "TRUSTED_CHANGES", "MOST_STRANGE",
-            "FIT_CODES", "CLEARLY", "LEAST_CODES", "LEAST_COMPARED", "MEDIAN_AT", "PEAK_LOW",
-            "PEAK_HIGH", "STOPS_ALONE", "STOPS_APART", "REPLAN_STOPS", "FIRST_US", "LEAST_US",
-            "MOST_US",
+            "MOST_DELAY_FRAMES", "MOST_MISSES", "RETRY_FRAMES",
+            "TRUSTED_CHANGES", "MOST_STRANGE", "FIT_CODES", "CLEARLY", "LEAST_CODES",
+            "REPLAN_STOPS", "FIRST_US",
         )
+    ] + [
+        Constant("app/bracket_plan.c", name)
+        for name in (
+            "MEDIAN_AT", "PEAK_HIGH", "STOPS_ALONE", "STOPS_APART", "LEAST_US", "MOST_US",
+        )
+    ] + [
+        Constant("app/bracket_plan.h", "LP_BRACKET_PEAK_LOW"),
     ],
     "imager bracket pipeline": [
         Constant("vision/match.c", "STEP"),

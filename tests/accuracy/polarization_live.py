@@ -33,6 +33,11 @@ SIZE_PX, RATE_HZ = (1920, 960), 10.0
 #: The wheel homes and sweeps once in the first ones (14 s); the last ones are judged.
 SETTLE_S, JUDGED_S = 18.0, 4.0
 MEDIAN_RADIANCE = 30.0
+#: What may stand before the lens, and the published stack, the outermost first.
+FILMS = {
+    "none": "no film", "films": "three films (published)", "swept": "0°, 45°, 90°, 135°, swept",
+}  # fmt: skip
+STACK_DEG = (90.0, 45.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -64,20 +69,20 @@ def count(lamps: Sequence[geometry.Array], estimate: Estimate) -> Count:
     return Count(len(lamps), lost, false, len(others & called), 1, int(bool(lost or false)))
 
 
-def judge(turn_deg_s: float, film: bool, seed: int) -> Count:
-    """One room; without a film nothing is in front of the lens."""
+def judge(turn_deg_s: float, film: str, seed: int) -> Count:
+    """One room; `film`: of FILMS."""
     cv2.setNumThreads(1)
     scene = PolishedFloor(random_scene(seed))
     world = World([scene], Behaviour(act_s=0, turn_deg_s=turn_deg_s), MEDIAN_RADIANCE)
     camera = SimulatedCamera(
         world, lenses.load("equirect"), SIZE_PX, rate_hz=RATE_HZ, seed=seed,
-        sheet=Sheet() if film else None,
+        sheet=None if film == "none" else Sheet(), stack_deg=STACK_DEG if film == "films" else (),
     )  # fmt: skip
     wish = Subscription(max_lights=8, smoothing="RAW", area_lights=True)
 
     def seen_by(probe: LiveProbe) -> Count:
         client = probe.client(wish)
-        probe.run(SETTLE_S if film else 2.0)
+        probe.run(SETTLE_S if film == "swept" else 2.0)
         before = len(client.estimates)
         probe.run(JUDGED_S)
         some = client.estimates[before:]
@@ -86,8 +91,8 @@ def judge(turn_deg_s: float, film: bool, seed: int) -> Count:
         newest = asdict(counts[-1]) | {"packets": len(counts), "wrong_packets": wrong}
         return Count(**newest)
 
-    if not film:
-        with LiveProbe(camera) as probe:
+    if film != "swept":
+        with LiveProbe(camera, ["--polarizer=films"] if film == "films" else []) as probe:
             return seen_by(probe)
     with LiveBox(seed=seed) as box, LiveProbe(camera, box.arguments, box=box) as probe:
         return seen_by(probe)
@@ -99,7 +104,7 @@ def _lamps(world: World, camera: SimulatedCamera, t_s: float) -> list[geometry.A
     return [turn.T @ lamp.direction for lamp in world.scenes[0].lamps]
 
 
-def figures(rate: float, film: bool, seeds: Sequence[int], processes: int) -> Count:
+def figures(rate: float, film: str, seeds: Sequence[int], processes: int) -> Count:
     """Sum over rooms; what went wrong where on stderr."""
     total = Count()
     with multiprocessing.get_context("spawn").Pool(processes) as pool:
@@ -117,10 +122,10 @@ HEAD = [
 ]  # fmt: skip
 
 
-def row(rate: float, film: bool, one: Count) -> str:
+def row(rate: float, film: str, one: Count) -> str:
     """Row of Markdown."""
     cells = [
-        f"{rate:g} °/s", "0°, 45°, 90°, 135°, swept" if film else "no film",
+        f"{rate:g} °/s", FILMS[film],
         f"{one.lamps - one.lost} of {one.lamps}", f"{one.false}", f"{one.reflections}",
         f"{100 * one.wrong_packets / max(one.packets, 1):.1f} %",
     ]  # fmt: skip
@@ -135,14 +140,16 @@ def main() -> None:
     parser.add_argument("--scenes", type=int, default=40, help="rooms with a varnished floor")
     parser.add_argument("--first", type=int, default=0, help="number of the first room")
     parser.add_argument("--rates", default="0,30", help="°/s, like 0,30")
-    parser.add_argument("--films", default="none,swept", help="none, swept or both")
+    parser.add_argument("--films", default=",".join(FILMS), help=f"some of {','.join(FILMS)}")
     parser.add_argument("--processes", type=int, default=2, help="rooms at a time")
     parser.add_argument("--json", action="store_true", help="print JSON in the place of a table")
     options = parser.parse_args()
+    if not set(options.films.split(",")) <= set(FILMS):
+        parser.error(f"--films={options.films}: expected some of {','.join(FILMS)}")
     seeds = range(options.first, options.first + options.scenes)
     rows = ["| " + " | ".join(HEAD) + " |", "|" + " --- |" * len(HEAD)]
     everything = []
-    for film in (name == "swept" for name in options.films.split(",")):
+    for film in options.films.split(","):
         for rate in (float(word) for word in options.rates.split(",")):
             one = figures(rate, film, seeds, options.processes)
             rows.append(row(rate, film, one))

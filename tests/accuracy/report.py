@@ -25,6 +25,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests/extremes"))
 import automatic  # noqa: E402
 import changes  # noqa: E402
+import fisheye  # noqa: E402
 import live  # noqa: E402
 import several  # noqa: E402
 import with_ring  # noqa: E402
@@ -215,6 +216,7 @@ def main() -> None:
         "lamps": f"{count} scenes:\n\n{lamps_table(lamp_cases, lamps)}",
         "light": light_table(panoramas, possible=True),
         "light-procedural": light_table(lamps),
+        "fisheye": table(fisheye.HEAD, fisheye.rows(fisheye.all_figures(fisheye.ROOMS))),
         **with_ring.parts(),
         "extremes": extremes_table(),
     }

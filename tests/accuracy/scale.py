@@ -13,6 +13,8 @@ from lightprobe.geometry import Array
 
 #: Share of the normals that are the dim ones.
 DIM = 0.25
+#: Packets state it in thousandths, and light itself is found within so much.
+LEAST_SIGMA = 0.001
 
 
 @dataclass(frozen=True)
@@ -21,7 +23,8 @@ class Scale:
 
     off_worst: float  # largest distance of a packet's own best scale from the common one, relative
     sigma: float | None  # stated in the last packet; None: none was
-    within_3: float | None  # share of the packets less than 3 sigma off the first
+    within_1: float | None  # share of the packets less than 1 sigma off the first
+    within_3: float | None
 
 
 def on_one_scale(
@@ -36,15 +39,15 @@ def on_one_scale(
         for packet in packets
     ]
     stated = [packet.estimate.scale_sigma for packet in packets]
-    known = [
-        abs(log - logs[0]) <= 3 * max(sigma, 0.0005)
+    sigmas_off = np.array([
+        abs(log - logs[0]) / max(sigma, LEAST_SIGMA)
         for log, sigma in zip(logs, stated, strict=True)
         if sigma is not None
-    ]
+    ])  # fmt: skip
     return brought, Scale(
         float(np.exp(np.abs(logs - np.median(logs)).max())) - 1 if own else float("nan"),
         stated[-1] if stated else None,
-        float(np.mean(known)) if known else None,
+        *(float(np.mean(sigmas_off <= k)) if len(sigmas_off) else None for k in (1, 3)),
     )
 
 

@@ -7,7 +7,7 @@ import pytest
 @pytest.fixture(scope="module")
 def figures():
     """Of the furnished room."""
-    todo = automatic.cases(["room"], ["still", "head", "lamps", "dark", "ignored"])
+    todo = automatic.cases(["room"], ["still", "head", "lamps", "dark", "ignored", "breathes"])
     return {one.condition: one for case in todo for one in automatic.judged(case)}
 
 
@@ -20,6 +20,12 @@ def test_turning_leaves_the_scale(figures, condition):
     assert one.flags["EXPOSURE_UNKNOWN"] == 1
 
 
+def test_light_is_steady_while_the_exposure_breathes(figures):
+    one = figures["breathes"]
+    assert one.unsteady < 0.03
+    assert one.error_median < figures["still"].error_median + 0.01
+
+
 def test_a_lamp_is_not_taken_for_an_exposure(figures):
     one = figures["lamps"]
     assert one.error_median < 0.1  # lamps clip
@@ -30,3 +36,11 @@ def test_all_light_at_once_is_doubtful(figures):
     one = figures["dark"]
     assert one.error_median < figures["still"].error_median + 0.02
     assert one.scale.sigma > 0.5
+
+
+def test_where_nothing_clips_the_scale_holds_while_the_camera_turns():
+    (case,) = [one for one in automatic.cases(["courtyard"], ["100"]) if not one.clips]
+    (one,) = automatic.judged(case)
+    assert one.flags.get("CLIPPED", 0) < 0.1
+    assert one.scale.off_worst < 0.01
+    assert one.scale.within_3 >= 0.98

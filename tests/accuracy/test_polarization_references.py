@@ -9,6 +9,7 @@ import importlib.util
 from collections.abc import Sequence
 from pathlib import Path
 
+import cv2
 import numpy as np
 import polanalyser
 import pytest
@@ -22,7 +23,7 @@ from lightprobe.sim.exposure import bracket_us, median_luminance
 from lightprobe.sim.polarized import PolishedFloor, StokesPanorama
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.scene import Scene
-from lightprobe.sim.sensor import Sensor
+from lightprobe.sim.sensor import Sensor, encode_jpeg
 
 ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
 LENS = camera.load("equirect")
@@ -73,15 +74,27 @@ def by_polanalyser(
     return np.array(result)
 
 
-def bracketed(seen: Sequence[np.ndarray]) -> tuple[list[stokes.Picture], list[float]]:
-    """Views in three exposures of 8 bits with a camera's noise, and the angle of each."""
+def bracketed(
+    seen: Sequence[np.ndarray], quality: int | None = None
+) -> tuple[list[stokes.Picture], list[float]]:
+    """Views in three exposures of 8 bits with a camera's noise, and the angle of each.
+
+    `quality`: of JPEG; None: as they are.
+    """
     height, width, _ = seen[0].shape
     sensor, pictures = Sensor(width, height), []
     for view in seen:
         for exposure_us in bracket_us(median_luminance(seen[0]), 3):
             codes = sensor.capture(view, exposure_us, frame=len(pictures))
+            if quality:
+                data = np.frombuffer(encode_jpeg(codes, quality), np.uint8)
+                codes = cv2.cvtColor(cv2.imdecode(data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
             pictures.append(stokes.of_codes(codes, LENS, 1e6 / exposure_us))
     return pictures, np.repeat(ANGLES_DEG, 3).tolist()
+
+
+#: Quality (None: no JPEG), and how far off DoLP and AoLP (degrees) may be.
+JPEG_LIMITS = ((None, 0.03, 3.0), (95, 0.04, 5.5), (85, 0.07, 8.0))
 
 
 def scenes() -> list[Scene]:
@@ -113,11 +126,13 @@ def test_panoramas_are_measured_as_they_are(scene: Scene) -> None:
     dolp, aolp_deg = errors(exact.reshape(-1, 3)[pixels], other)
     assert dolp < 0.002
     assert aolp_deg < 0.2
-    pictures, angles = bracketed(seen)
-    dolp, aolp_deg = errors(measured(stokes.measure(pictures, angles, LENS, IDEAL)), truth)
-    print(f"{scene.name}: 8-bit: DoLP off by {dolp:.4f}, AoLP by {aolp_deg:.2f}° (RMS)")
-    assert dolp < 0.03
-    assert aolp_deg < 3
+    for quality, most_dolp, most_deg in JPEG_LIMITS:
+        pictures, angles = bracketed(seen, quality)
+        dolp, aolp_deg = errors(measured(stokes.measure(pictures, angles, LENS, IDEAL)), truth)
+        kind = f"JPEG {quality}" if quality else "8-bit"
+        print(f"{scene.name}: {kind}: DoLP off by {dolp:.4f}, AoLP by {aolp_deg:.2f}° (RMS)")
+        assert dolp < most_dolp
+        assert aolp_deg < most_deg
 
 
 @pytest.mark.long

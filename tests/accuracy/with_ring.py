@@ -17,6 +17,7 @@ from lightprobe.evaluate.ring_model import CALIBRATED, COLOUR, UNCALIBRATED, Rin
 from lightprobe.sim import scenes
 
 sys.path.insert(0, str(Path(__file__).parent))
+import ring_bound
 from recording import markdown as table
 
 #: How well the camera's scale and the ring are known; None: no ring.
@@ -47,7 +48,7 @@ HARMED = 0.005
 EXPOSURES = ("1", "2", "3", "4")
 HEAD = ["exposures", "ring: noise of each sensor", "relighting MAE, median (worst): panoramas",
         "rooms", f"worse than without by more than {HARMED:g} (most)",
-        "lamps by the ring: truth within 1σ, 3σ"]  # fmt: skip
+        "lamps by the ring: truth within 1σ, 3σ", "their colours"]  # fmt: skip
 FAULT_HEAD = ["ring: noise, and what nobody knows", f"worse than without by more than {HARMED:g}",
               "most", "relighting MAE, median (worst) with three exposures: panoramas",
               "rooms"]  # fmt: skip
@@ -99,6 +100,19 @@ def coverage(cases: list[Case], exposures: str) -> str:
     return f"{within[0]:.0f} %, {within[1]:.0f} % of {len(ratio)}"
 
 
+def colour_coverage(cases: list[Case], exposures: str) -> str:
+    """The same of the colours of such lamps."""
+    ratio = np.array([
+        match.colour_error / match.colour_sigma
+        for case in cases if case.score and case.input == exposures
+        for match in case.score.matches if match.by_ring and match.colour_sigma
+    ])  # fmt: skip
+    if not len(ratio):
+        return "–"
+    within = [100 * float(np.mean(ratio <= limit)) for limit in (1, 3)]
+    return f"{within[0]:.0f} %, {within[1]:.0f} %"
+
+
 def rows(panoramas: dict[str, list[Case]], rooms: dict[str, list[Case]]) -> list[list[str]]:
     """One row for each number of exposures and ring."""
     out = []
@@ -112,7 +126,7 @@ def rows(panoramas: dict[str, list[Case]], rooms: dict[str, list[Case]]) -> list
             out.append([
                 exposures, name, light(panoramas[name], exposures), light(rooms[name], exposures),
                 "–" if name == "without" else f"{harmed(worse)} ({max(*worse, 0):.3f})",
-                coverage(rooms[name], exposures),
+                coverage(rooms[name], exposures), colour_coverage(rooms[name], exposures),
             ])  # fmt: skip
     return out
 
@@ -134,7 +148,11 @@ def fault_rows(panoramas: dict[str, list[Case]], rooms: dict[str, list[Case]]) -
 def parts(count: int = 20) -> dict[str, str]:
     """Measure what the page shows."""
     found = measure(["blender"]), measure([f"procedural:{count}"])
-    return {"ring": table(HEAD, rows(*found)), "ring-faults": table(FAULT_HEAD, fault_rows(*found))}
+    return {
+        "ring": table(HEAD, rows(*found)),
+        "ring-bound": table(ring_bound.HEAD, ring_bound.rows(scenes.load(["blender"]))),
+        "ring-faults": table(FAULT_HEAD, fault_rows(*found)),
+    }
 
 
 def main() -> None:

@@ -20,7 +20,10 @@ from rich.progress import Progress
 KINDS = ("equirect_1920x960_420", "equirect_1920x960_422")
 STILL = (timing.YARDSTICK, "balanced", "exposures_3", timing.PUBLISHED, "stages")
 TURNING = (timing.YARDSTICK, "turning")
-STAGES = ("stage_map", "stage_detection", "stage_refinement", "stage_reflection_map_32")
+STAGES = (
+    "stage_map", "stage_detection", "stage_refinement", "stage_reflection_map_32",
+    "stage_ring_view", "stage_ring_fusion_16_parts",
+)  # fmt: skip
 #: Frames of a camera that turns: those that are not timed, and all.
 SETTLING, FRAMES = 6, 24
 

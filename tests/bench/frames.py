@@ -26,7 +26,9 @@ from lightprobe.sim.world import Behaviour, World
 from numpy.typing import NDArray
 
 ROOT = Path(__file__).resolve().parents[2]
-FISHEYE = ROOT / "packaging" / "cameras" / "theta_s.camera"
+CAMERAS = ROOT / "packaging" / "cameras"
+#: Two circles in one picture.
+FISHEYE, LARGE_FISHEYE = CAMERAS / "theta_s.camera", CAMERAS / "insta360_air.camera"
 #: A camera's lens and demosaicing take this part of the contrast at its finest octave.
 LENS_CONTRAST = 0.5
 #: How fast the camera turns where that is timed.
@@ -54,6 +56,7 @@ def _kinds() -> Iterator[Kind]:
         yield Kind(f"dual_fisheye_1280x720_{chroma}", 1280, 720, str(FISHEYE), chroma, quality)
         yield Kind(f"equirect_1920x960_{chroma}", 1920, 960, "equirect", chroma, quality)
         yield Kind(f"equirect_3840x1920_{chroma}", 3840, 1920, "equirect", chroma, quality)
+    yield Kind("dual_fisheye_2176x1088_420", 2176, 1088, str(LARGE_FISHEYE), "420", 85)
 
 
 KINDS = {kind.name: kind for kind in _kinds()}

@@ -11,6 +11,7 @@ from harness import Daemon, camera, jpeg, panorama, run, streaming
 from lightprobe import daemon
 from lightprobe.calibrate import ring
 from lightprobe.errors import UsageError
+from lightprobe.estimate import LightFlag
 from lightprobe.evaluate import offline
 from lightprobe.evaluate.evaluation import Input, Studio, reference
 from lightprobe.evaluate.ring_model import CD_M2_PER_UNIT
@@ -134,6 +135,24 @@ def relighting(clipped, lux, scale=CD_M2_PER_UNIT, sigma=0.03, rgb=None):
         )
     estimate = offline.estimate_folder(folder, exposures_us, settings)
     return reference(SCENE).score(estimate).relighting_mae
+
+
+def test_what_the_ring_found_states_how_well_its_colour_is_known(clipped):
+    folder, exposures_us, lux = clipped
+    words = ",".join(f"{value:.7g}" for value in lux)
+    without = offline.estimate_folder(folder, exposures_us, offline.Settings())
+    settings = offline.Settings(
+        ring_lux=words, ring_sigma=0.03, cd_m2_per_unit=CD_M2_PER_UNIT, cd_m2_per_unit_sigma=0.05
+    )
+    ringed = offline.estimate_folder(folder, exposures_us, settings)
+    assert all(light.colour_sigma is None for light in without.lights)
+    found = [light for light in ringed.lights if light.flags & LightFlag.RING]
+    assert found
+    for light in found:
+        assert light.colour_sigma is not None
+        assert light.colour_sigma <= 0.35  # that of what is hidden
+    for light in ringed.lights:
+        assert light.flags & LightFlag.RING or light.colour_sigma is None
 
 
 def test_colours_of_the_ring_are_those_of_clipped_lamps(clipped):

@@ -26,6 +26,7 @@ from PIL import Image
 
 LIGHTPROBE = Path(sys.executable).parent / "lightprobe"
 ROOM = random_scene(2)  # three lamps
+PACKAGED = sorted((Path(__file__).resolve().parents[2] / "packaging/cameras").glob("*.camera"))
 
 
 @pytest.fixture(scope="module")
@@ -381,3 +382,16 @@ def test_angles_and_files_must_agree(tmp_path):
     done = run("a.jpg", "b.jpg", "--wheel-deg", "0,45,90")
     assert done.returncode == 2
     assert "2 files and 3 angles" in done.stderr
+
+
+@pytest.mark.parametrize("path", PACKAGED, ids=lambda path: path.stem)
+def test_the_daemon_reads_packaged_camera_files(path, tmp_path):
+    """A grey picture through each: radiance is the same everywhere, and the same for all."""
+    known = camera.load(str(path))
+    size_px = (known.width_px, known.height_px) if known.lenses else (640, 320)
+    cv2.imwrite(str(tmp_path / "grey.jpg"), np.full((size_px[1], size_px[0], 3), 128, np.uint8))
+    estimate, _ = offline.estimate_files(
+        [tmp_path / "grey.jpg"], [1000.0], offline.Settings(camera=str(path))
+    )
+    light = estimate.irradiance(geometry.sphere_normals())
+    assert light == pytest.approx(np.pi * 1000 * 0.2158, rel=0.02)

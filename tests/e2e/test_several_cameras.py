@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from harness import BUILD, run
 from lightprobe import geometry
+from lightprobe.calibrate.camera_file import edited
 from lightprobe.daemon import estimate_once
 from lightprobe.estimate import Estimate, EstimateFlag
 from lightprobe.evaluate.metrics import relighting
@@ -36,7 +37,10 @@ def probe(world: World, arguments: tuple[str, ...] = (), **later: Any) -> LivePr
     """Two modules; `later`: what is different of the one that looks back."""
     ahead = SimulatedCamera(world, lenses.load(str(AHEAD)), (520, 520))
     back = SimulatedCamera(
-        world, lenses.load(str(BACK)), (520, 520), **{"phase_s": LATER_S, "seed": 1} | later
+        world,
+        lenses.load(str(BACK)),
+        (520, 520),
+        **{"phase_s": LATER_S, "seed": 1} | later,
     )
     return LiveProbe(ahead, [*FILES, *arguments], others=[back])
 
@@ -125,16 +129,61 @@ def test_cameras_of_different_rates() -> None:
         assert len(client.estimates) == pytest.approx(4 * (30 + 12), abs=6)
 
 
-def test_while_they_turn() -> None:
+@pytest.mark.parametrize("rate_hz", [30.0, 15.0])
+def test_while_they_turn(rate_hz: float) -> None:
     world = room(turn_deg_s=30.0)
-    with probe(world) as running:
+    with probe(world, rate_hz=rate_hz) as running:
         client = running.client(ALL)
         running.run(4.0)
         (scene,) = world.scenes
+        assert len(client.estimates) == pytest.approx(4 * (30 + rate_hz), abs=8)
         for e in client.estimates[-60:]:
             yaw_deg = world.at(running.captured_s(e)).yaw_deg
             truth = scene.truth(np.ones(len(scene.lamps)), yaw_deg).irradiance(NORMALS)
             assert relighting(truth, e.irradiance(NORMALS))[0] < 0.02
+
+
+def of_rig(folder: Path, name: str, rig: str, number: int) -> str:
+    """Option of a camera file of a rig."""
+    path = folder / f"{name}.camera"
+    values = {"id": rig, "camera": str(number), "sigma_deg": "0.2"}
+    path.write_text(edited((CAMERAS / f"module_{name}.camera").read_text(), "rig", values))
+    return f"--camera={path}"
+
+
+def test_camera_files_of_different_rigs_are_refused(tmp_path: Path) -> None:
+    sources = ("--source=sim:/a", "--source=sim:/b")
+    ahead, back = (
+        of_rig(tmp_path, "ahead", "1a2b", 1),
+        of_rig(tmp_path, "back", "3c4d", 2),
+    )
+    cases = [
+        ((ahead, back), "back.camera: rig: of rig 3c4d, but "),
+        ((ahead, FILES[1]), "module_back.camera: rig: has no [rig], but "),
+        ((FILES[0], back), "module_ahead.camera: rig: has no [rig], but "),
+    ]
+    for files, message in cases:
+        status, _, log = run(*sources, *files)
+        assert status == 2
+        assert message in log, log
+        assert "run lightprobe calibrate rig" in log
+    again = of_rig(tmp_path, "back", "1a2b", 1)
+    status, _, log = run(*sources, ahead, again)
+    assert status == 2
+    assert "back.camera: rig: camera 1 of rig 1a2b, as is " in log, log
+
+
+def test_lamps_are_as_uncertain_as_the_rig(tmp_path: Path) -> None:
+    files = of_rig(tmp_path, "ahead", "1a2b", 1), of_rig(tmp_path, "back", "1a2b", 2)
+    camera, other = (
+        SimulatedCamera(room(), lenses.load(str(lens)), (520, 520)) for lens in (AHEAD, BACK)
+    )
+    with LiveProbe(camera, files, others=[other]) as running:
+        client = running.client(ALL)
+        running.run(1.5)
+        lights = client.estimates[-1].lights
+        assert lights
+        assert all((light.direction_sigma_deg or 0) >= 0.2 for light in lights)
 
 
 @pytest.mark.parametrize(

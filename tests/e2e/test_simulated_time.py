@@ -69,3 +69,13 @@ def test_without_a_test_that_listens_it_says_so_and_ends(tmp_path) -> None:
 def test_a_daemon_that_ends_is_told(tmp_path) -> None:
     with pytest.raises(LightprobeError, match="unknown key"):
         LiveProbe(camera(), ["--no-such-option=1"]).__enter__()
+
+
+def test_a_daemon_whose_test_has_gone_ends() -> None:
+    with LiveProbe(camera()) as probe:
+        probe.run(0.5)
+        probe.clock.close()
+        process = probe._daemon.process
+        assert process is not None
+        assert process.wait(120) == 1
+        assert "the test has gone" in probe.log

@@ -151,21 +151,25 @@ def test_spoiled_frames_are_counted_and_the_light_goes_on(tmp_path, probe):
 
 @pytest.mark.xfail(
     strict=False,
-    reason="not mended: on a machine so busy that commands are late by seconds, exposures that "
-    "frames do not tell may be mixed up",
+    reason="not mended wholly: where commands are late by very different times, a few packets may "
+    "be wrong without a flag",
 )
 @pytest.mark.parametrize("delay_frames", [1, 4])
 def test_no_wrong_merge_of_a_late_camera_that_tells_no_exposure(tmp_path, probe, delay_frames):
-    """Ten stops between room and a lamp smaller than a hundredth of the picture; lost frames."""
+    """Ten stops between room and a lamp smaller than a hundredth of the picture; lost frames. A
+    busy machine makes commands come late: then packets are flagged, or right all the same."""
     options = ["--delay-frames", delay_frames, "--rate", "30"]
     late = probe(tmp_path, *map(str, options), faults="hide_exposure=1&drop=0.1")
+    healthy = []
     with late as uri, Client(uri, Subscription(smoothing="RAW")) as client:
         assert client.wait_for(whole, LONG_S)
-        estimates = [client.receive(LONG_S) for _ in range(150)]
+        while len(healthy) < 150:
+            estimate = client.receive(LONG_S)
+            if not estimate.flags:
+                healthy.append(estimate)
     (scene,) = World([random_scene(0)], median_radiance=30).scenes
     truth = scene.truth([1]).total[0]
-    for estimate in estimates:
-        assert EstimateFlag.EXPOSURE_IGNORED not in estimate.flags
+    for estimate in healthy:
         assert estimate.total().coefficients[0] == pytest.approx(truth, rel=0.05)
 
 

@@ -38,7 +38,8 @@ export interface Light {
   directionSigmaDeg: number | undefined;
   /** 1 sigma, as a share of `irradiance`. */
   irradianceSigma: number | undefined;
-  /** 0…1, that this is a light source. */
+  /** 1 sigma of red, green and blue, root mean square, over the luminance of `irradiance`: of lamps whose strength the ring found. */
+  colourSigma: number | undefined;
   flags: number;
   distanceM: number | undefined;
   /** Area lights (EXTENDED): the ellipse with the same extent, from its centre along the longer and the shorter axis. */

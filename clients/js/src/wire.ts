@@ -155,6 +155,7 @@ function lightOf(m: pb.Light): Light {
     angularRadiusDeg: m.angularRadiusDeg,
     directionSigmaDeg: m.directionSigmaDeg,
     irradianceSigma: m.irradianceSigmaPermille === undefined ? undefined : m.irradianceSigmaPermille / 1000,
+    colourSigma: m.colourSigmaPermille === undefined ? undefined : m.colourSigmaPermille / 1000,
     flags: m.flags,
     distanceM: m.distanceM,
     halfAngleDeg: m.halfAngleDeg.length ? (finite(m.halfAngleDeg, 2, "half angles") as [number, number]) : undefined,

@@ -36,6 +36,9 @@ class LampMatch:
     direction_sigma_deg: float | None  # as stated
     irradiance_sigma: float | None  # relative, as stated
     by_ring: bool = False  # the ring of light sensors found its strength
+    # Of the colour: root mean square over R, G and B, each lamp's luminance being 1.
+    colour_error: float = 0.0
+    colour_sigma: float | None = None  # as stated
 
 
 @dataclass(frozen=True)
@@ -87,6 +90,14 @@ def sh_error(true: ArrayLike, estimated: ArrayLike) -> float:
     return float(np.linalg.norm(e - t)) / size if size else float(np.linalg.norm(e))
 
 
+def _colour_error(true: ArrayLike, estimated: ArrayLike) -> float:
+    """Root mean square over R, G and B of two irradiances (3,), each of luminance 1."""
+    t, e = np.asarray(true, dtype=np.float64), np.asarray(estimated, dtype=np.float64)
+    lit = float(luminance(t)) > 0 and float(luminance(e)) > 0
+    off = e / float(luminance(e)) - t / float(luminance(t)) if lit else np.zeros(3)
+    return float(np.sqrt(np.mean(off**2)))
+
+
 def match_lamps(true: Iterable[Lamp], estimate: Estimate) -> tuple[list[LampMatch], int, int]:
     """(matches, missed, false) of an estimate's lights."""
     lamps = list(true)
@@ -110,6 +121,8 @@ def match_lamps(true: Iterable[Lamp], estimate: Estimate) -> tuple[list[LampMatc
                     else float(luminance(sigma)) / brightness
                 ),
                 by_ring=bool(light.flags & LightFlag.RING),
+                colour_error=_colour_error(lamp.irradiance, light.irradiance),
+                colour_sigma=light.colour_sigma,
             )
         )
     return matches, len(lamps) - len(pairs), len(estimate.lights) - len(pairs)

@@ -20,7 +20,7 @@ The file is INI; its numbers refer to the size it states, and any other frame si
 from __future__ import annotations
 
 import configparser
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import cv2
@@ -69,6 +69,33 @@ class Lens:
         a = (x_px - self.centre_px[0]) / self.focal_px[0]
         b = (y_px - self.centre_px[1]) / self.focal_px[1]
         return a, b, np.hypot(a, b)
+
+    def place(self, directions: Array) -> tuple[Array, Array]:
+        """Where directions (…, 3) of the probe frame are in the picture, in px; see :meth:`sees`.
+
+        The inverse of :meth:`look`, but beyond `max_theta_deg`, too.
+        """
+        x, y, z = np.moveaxis(directions @ rotation_matrix(self.rotation_wxyz), -1, 0)
+        sine = np.hypot(x, y)
+        scale = self.radius(np.arctan2(sine, -z)) / np.where(sine > 0, sine, 1)
+        return (
+            np.asarray(self.centre_px[0] + self.focal_px[0] * scale * x),
+            np.asarray(self.centre_px[1] - self.focal_px[1] * scale * y),
+        )
+
+    def sees(self, directions: Array) -> NDArray[np.bool_]:
+        """Tell of directions (…, 3) of the probe frame whether the lens reaches that far."""
+        ahead = -(directions @ rotation_matrix(self.rotation_wxyz))[..., 2]
+        return np.asarray(ahead >= np.cos(np.radians(self.max_theta_deg)))
+
+    def scaled(self, x: float, y: float) -> Lens:
+        """Give the same lens for pictures that are so many times as wide and high; no mask."""
+        return replace(
+            self,
+            centre_px=(x * self.centre_px[0], y * self.centre_px[1]),
+            focal_px=(x * self.focal_px[0], y * self.focal_px[1]),
+            mask=None,
+        )
 
     def look(self, x_px: Array, y_px: Array) -> tuple[Array, Array]:
         """Give (direction (…, 3) in the probe frame, theta in rad); NaN where nothing is seen."""
@@ -209,10 +236,12 @@ def _camera(section: _Section) -> Camera:
         raise CameraError(
             f"camera: {section.path}: {projection} with {len(names)} [lens.N] sections"
         )
+    # Panoramas of any size are seen alike.
+    width_px, height_px = ("1920", "960") if projection == "equirect" else (None, None)
     return Camera(
         name=section.text("name", section.path.stem),
-        width_px=int(section.number("width_px")),
-        height_px=int(section.number("height_px")),
+        width_px=int(section.number("width_px", width_px)),
+        height_px=int(section.number("height_px", height_px)),
         lenses=tuple(_lens(_Section(section.path, config, name)) for name in names),
         response=_response(section) if config.has_option("response", "table") else None,
         sheet=_sheet(section) if config.has_section("polarizer") else Sheet(),

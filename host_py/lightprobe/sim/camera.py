@@ -251,8 +251,8 @@ class SimulatedCamera:
     ) -> NDArray[np.float32]:
         """Radiance (H, W, 3) at the sensor, mean over the exposure; see :meth:`_turns_first`."""
         smear_px = self._smear_px(state)
-        if not self._turns_first(state):
-            return _smeared(self._still(state, wheel_deg, rows), smear_px)
+        if self._rays is None:  # the mean of turned columns is that of columns, turned
+            return self._still(state, wheel_deg, rows, smear_px)
         nod_px = abs(state.nod_smear_deg) / 360 * self.size_px[0]
         steps = min(math.ceil(max(smear_px, nod_px) / _SMEAR_STEP_PX), _MOST_SMEAR_STEPS)
         total = np.zeros((self.size_px[1], self.size_px[0], 3), np.float32)
@@ -265,17 +265,23 @@ class SimulatedCamera:
         return total / np.float32(steps)
 
     def _still(
-        self, state: State, wheel_deg: tuple[float, ...], rows: Rows | None
+        self, state: State, wheel_deg: tuple[float, ...], rows: Rows | None, smear_px: int = 1
     ) -> NDArray[np.float32]:
-        """Radiance (H, W, 3) at one moment; turned when :meth:`_turns_first`."""
+        """Radiance (H, W, 3) at one moment; turned when :meth:`_turns_first`.
+
+        `smear_px`: of equirectangular pictures the mean over so many columns, an odd number.
+        """
         radiance, polarized = self._compose(state, rows)
         if self._rays is not None:
             radiance, polarized = self._through_lens(radiance, polarized, state, rows)
-        elif polarized is not None:
+        else:
+            radiance = _smeared(radiance, smear_px)
+        if self._rays is None and polarized is not None:
             turn_px = self._turn_px(state)
             shift_px = np.zeros(1, np.int64) if rows is None else self._shift_px(state, rows)
             radiance = _rolled(radiance, turn_px + shift_px)
-            polarized = np.stack([_rolled(part, turn_px + shift_px) for part in polarized])
+            parts = [_rolled(_smeared(part, smear_px), turn_px + shift_px) for part in polarized]
+            polarized = np.stack(parts)
         if self._polarizer is not None and self._stack_deg:
             return self._polarizer.through_stack(radiance, polarized, self._stack_deg)
         if self._polarizer is not None:

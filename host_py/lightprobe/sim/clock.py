@@ -110,7 +110,7 @@ class SimulatedClock:
         return bool(selector.select(0))
 
     def close(self) -> None:
-        """Close the sockets: the daemon's time stands still."""
+        """Close the sockets: the daemon ends."""
         self._listener.close()
         if self._daemon is not None:
             self._daemon.close()

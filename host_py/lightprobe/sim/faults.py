@@ -74,6 +74,8 @@ class Faults(PictureFaults):
             ),
             (0, 1),
         ),
+        "breathe_stops": (0, 10),
+        "breathe_s": (0.1, math.inf),
         "orientation_late_ms": (-1000, 1000),
     }
 
@@ -84,6 +86,8 @@ class Faults(PictureFaults):
     #: 1: the camera exposes by itself (sim/auto_exposure.py) and says that it takes no commands;
     #: with ignore_exposure it says that it takes them.
     auto_exposure: int = 0
+    breathe_stops: float = 0.0  # its exposure swings by so much to each side besides
+    breathe_s: float = 2.0  # so long for each swing
     hide_orientation: int = 0  # 1: frames do not report their orientation
     orientation_noise_deg: float = 0.0  # about each axis; the sensor states it as its sigma
     orientation_late_ms: float = 0.0  # it is that of so long before; below 0: of later

@@ -315,6 +315,10 @@ class _Session:
             link.counters.dropped += 1
             return
         shot = (link.automatic if f.auto_exposure else link.exposure).shot(frame)
+        if f.auto_exposure and f.breathe_stops:
+            swing = math.sin(2 * math.pi * link.camera.start_s(frame) / f.breathe_s)
+            breathed_us = shot.exposure_us * 2 ** (f.breathe_stops * swing)
+            shot = replace(shot, exposure_us=link.camera.limits.nearest(breathed_us))
         late_ms = f.late_ms + f.jitter_ms * rng.random()
         read_out_us = link.camera.row_time_us * link.camera.size_px[1]
         end_ns = link.start_ns(frame) + round(1e3 * (shot.exposure_us + read_out_us))
