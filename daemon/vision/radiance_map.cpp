@@ -44,6 +44,9 @@ constexpr float kDark = 12.0F;
 constexpr float kDarkCodes = 2.0F;
 /* A cell that is darker than this share of full scale holds no clipped pixel, of 64. */
 constexpr float kNoneClipped = 0.01F;
+/* Beside a clipped cell, light below this share of what is known is a change: where the lamp falls
+ * within its own cell makes less of a difference. */
+constexpr float kFarDarker = 0.25F;
 
 constexpr float kKnown = 0.1F * LP_VARIANCE_UNKNOWN;
 
@@ -257,10 +260,10 @@ bool correct_plain(struct lp_radiance_map *map, const struct lp_observation *see
 	const v_float32x4 known = before < cv::v_setall_f32(kKnown);
 	const lesson learned(light, held, before, noise.of(light, i));
 	const v_float32x4 difference = learned.difference;
-	/* ...and that a cell is darker than was known: a neighbour's light only adds to it. Else
+	/* ...and that a cell is far darker than was known: a neighbour's light only adds to it. Else
 	 * what a misplaced frame has left beside a lamp would stay */
 	const v_float32x4 darker = (learned.contradicts | mask_of(flags, LP_CELL_CLIPPED)) &
-				   (difference < zero) &
+				   (light < held * cv::v_setall_f32(kFarDarker)) &
 				   (light < cv::v_setall_f32(kNoneClipped * seen->scale)) &
 				   (mask_of(seen_flags, LP_CELL_BESIDE_DARK) == zero);
 	v_float32x4 gain = learned.gain, variance = learned.variance;
