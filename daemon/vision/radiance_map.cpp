@@ -260,8 +260,8 @@ bool correct_plain(struct lp_radiance_map *map, const struct lp_observation *see
 	const v_float32x4 known = before < cv::v_setall_f32(kKnown);
 	const lesson learned(light, held, before, noise.of(light, i));
 	const v_float32x4 difference = learned.difference;
-	/* ...and that a cell is far darker than was known: a neighbour's light only adds to it. Else
-	 * what a misplaced frame has left beside a lamp would stay */
+	/* ...and that a cell is far darker than was known: a neighbour's light only adds to it.
+	 * Else what a misplaced frame has left beside a lamp would stay */
 	const v_float32x4 darker = (learned.contradicts | mask_of(flags, LP_CELL_CLIPPED)) &
 				   (light < held * cv::v_setall_f32(kFarDarker)) &
 				   (light < cv::v_setall_f32(kNoneClipped * seen->scale)) &

@@ -39,11 +39,20 @@ ROOM = PolishedFloor(random_scene(8))
 
 @contextmanager
 def swept(
-    behaviour: Behaviour, firmware: str = "host", sheet: Sheet | None = None, *options: str
+    behaviour: Behaviour,
+    firmware: str = "host",
+    sheet: Sheet | None = None,
+    *options: str,
+    then: float = 1.0,
 ) -> Iterator[tuple[LiveBox, LiveProbe, LiveClient]]:
-    world = World([ROOM], behaviour, 30.0)
+    """`then`: in the next act the room is brighter by so much."""
+    (room,) = World([ROOM], behaviour, 30.0).scenes
     camera = SimulatedCamera(
-        world, lenses.load("equirect"), SIZE_PX, rate_hz=RATE_HZ, sheet=sheet or Sheet()
+        World([room, room.scaled(then)], behaviour),
+        lenses.load("equirect"),
+        SIZE_PX,
+        rate_hz=RATE_HZ,
+        sheet=sheet or Sheet(),
     )
     with (
         LiveBox(firmware) as box,
@@ -98,6 +107,21 @@ def test_lamps_that_are_switched_in_mid_sweep() -> None:
         later = [called(one)[1] for one in client.estimates[before:]]
         assert np.mean(np.array(later) >= 1) > 0.8
         assert max(later) >= 2
+
+
+def test_exposures_that_change_in_mid_sweep() -> None:
+    """All light is eight times as bright in the midst of the second sweep: exposures follow it."""
+    change_s = SWEPT_S + 2.0
+    with swept(Behaviour(act_s=change_s), then=8.0) as (_, probe, client):
+        probe.run(change_s - 0.5)
+        before = client.estimates[-1]
+        assert called(before)[1] >= 2
+        probe.run(SWEPT_S)
+        check(client.estimates)
+        after = client.estimates[-1]
+        assert called(after)[1] >= 2
+        # lamps clip in every exposure, by which they are less than eight times as bright
+        assert after.sh.coefficients[0] == pytest.approx(8 * before.sh.coefficients[0], rel=0.1)
 
 
 def test_a_wheel_that_sticks_leaves_light_and_says_so() -> None:
