@@ -10,13 +10,14 @@
 #include "light/research.h"
 #include "light/threshold.h"
 
-/* A lamp is brighter than twice the mean, of the brightest tenth of the sphere and no larger, 1.6
- * times its own saddle to a brighter one, and reaches down to a tenth of its peak; it gives a
- * surface facing it at least a hundredth of its light, and stands out of its surround twofold.
- * Chosen by hand; docs/maintainers/constants.md says what half and double of each does. */
+/* A lamp is brighter than twice the mean, of the brightest tenth of the sphere and no larger,
+ * LP_PEAK_STANDS_OUT times its own saddle to a brighter one, and reaches down to a tenth of its
+ * peak; it gives a surface facing it at least a hundredth of its light, and stands out of its
+ * surround twofold. Chosen by hand; docs/maintainers/constants.md says what half and double of each
+ * does. */
 static const struct lp_peak_options peak_options = {.floor_ratio = 2.0F,
 						    .area_sr = 1.2F,
-						    .persistence_ratio = 1.6F,
+						    .persistence_ratio = LP_PEAK_STANDS_OUT,
 						    .core_ratio = 0.1F,
 						    .clipped_core_ratio = 0.5F};
 static const struct lp_lamp_options lamp_options = {.min_strength = 0.01F, .min_contrast = 2.0F};

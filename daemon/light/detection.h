@@ -9,6 +9,10 @@
 #include "light/lamps.h"
 #include "light/regions.h"
 
+/* A peak is a lamp of its own when it is so many times as bright as its saddle to a brighter one.
+ */
+#define LP_PEAK_STANDS_OUT 1.6F
+
 enum lp_detector {
 	LP_DETECTOR_ADAPTIVE,  /* default: peaks with persistence, excess over the surround */
 	LP_DETECTOR_MEDIAN,    /* connected cells above the histogram's median */

@@ -71,7 +71,7 @@ class Constant:
 ACCURACY = (
     Constant("light/detection.c", ".floor_ratio"),
     Constant("light/detection.c", ".area_sr"),
-    Constant("light/detection.c", ".persistence_ratio", (1.2, 3.2)),
+    Constant("light/detection.h", "LP_PEAK_STANDS_OUT", (1.2, 3.2)),
     Constant("light/detection.c", ".core_ratio"),
     Constant("light/detection.c", ".min_strength"),
     Constant("light/detection.c", ".min_contrast", (1.2, 4.0)),
