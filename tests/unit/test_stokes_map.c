@@ -37,8 +37,9 @@ static void close_room(struct room *room)
 	lp_grid_destroy(room->grid);
 }
 
-/* One frame at an angle of the wheel, of light that is q, u polarized everywhere. */
-static void see(struct room *room, float wheel_deg, float light, float q, float u)
+/* One frame at an angle of the wheel, of light that is q, u polarized below a height. */
+static void see_below(struct room *room, float wheel_deg, float height, float light, float q,
+		      float u)
 {
 	const struct lp_rotation none = lp_rotation_identity();
 	const struct lp_film_view view = lp_film_seen(&room->film, wheel_deg, &none);
@@ -50,11 +51,18 @@ static void see(struct room *room, float wheel_deg, float light, float q, float 
 		float direction[3], axis[2] = {0};
 
 		lp_grid_direction(room->grid, i, direction);
-		(void)lp_film_axis(&view, direction, axis);
+		if (direction[1] < height)
+			(void)lp_film_axis(&view, direction, axis);
 		for (int c = 0; c < 4; c++)
 			room->radiance[i][c] = light * (1.0F + axis[0] * q + axis[1] * u);
 	}
 	lp_stokes_map_learn(room->map, &view, &seen);
+}
+
+/* The same, polarized everywhere. */
+static void see(struct room *room, float wheel_deg, float light, float q, float u)
+{
+	see_below(room, wheel_deg, INFINITY, light, q, u);
 }
 
 static struct lp_polarization lamp_ahead(struct room *room, float radiance, float background)
@@ -326,22 +334,7 @@ static void test_polarized_light_is_seen_through(void **state)
 /* Light from below the horizon is polarized. */
 static void see_a_floor(struct room *room, float wheel_deg)
 {
-	const struct lp_rotation none = lp_rotation_identity();
-	const struct lp_film_view view = lp_film_seen(&room->film, wheel_deg, &none);
-	const struct lp_observation seen = {.radiance = (const float(*)[4])room->radiance,
-					    .flags = room->flags,
-					    .elapsed_s = 0.05F};
-
-	for (int i = 0; i < CELLS; i++) {
-		float d[3], axis[2] = {0};
-
-		lp_grid_direction(room->grid, i, d);
-		if (d[1] < 0.0F)
-			(void)lp_film_axis(&view, d, axis);
-		for (int c = 0; c < 4; c++)
-			room->radiance[i][c] = 2.0F * (1.0F + 0.4F * axis[0]);
-	}
-	lp_stokes_map_learn(room->map, &view, &seen);
+	see_below(room, wheel_deg, 0.0F, 2.0F, 0.4F, 0.0F);
 }
 
 /* Wherever the camera looks, only what is not polarized is compared with the map. */
