@@ -27,5 +27,5 @@ $(BUILD)/web/index.html: $(JS)/built
 	@touch $@
 web: $(BUILD)/web/index.html ## build the viewer in build/web: lightprobed --publish=ws:127.0.0.1:7701?root=build/web
 
-test-js: web daemon ## run the tests of the JavaScript package and the viewer, also in Chromium
+test-js: web daemon $(STAMPS)/venv ## run the tests of the JavaScript package and the viewer, also in Chromium
 	@cd $(JS) && npm test --silent

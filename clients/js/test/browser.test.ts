@@ -7,15 +7,14 @@ import { createServer } from "node:http";
 import { tmpdir } from "node:os";
 import { join, resolve } from "node:path";
 import { after, before, test } from "node:test";
-import { build } from "esbuild";
-import { chromium, type Browser, type Page } from "playwright-core";
+import type { Browser, Page } from "playwright-core";
 import { create, toBinary } from "@bufbuild/protobuf";
 import { decode, encodeSubscription, irradiance, largest, reflected, type Estimate, type ReflectionMap, type Vec3 } from "../src/index.js";
 import { DEFAULT_SUBSCRIPTION } from "../src/wire.js";
 import * as pb from "../src/gen/lightprobe_pb.js";
+import { LONG_MS, launch, pageWith } from "./chromium.js";
 import { ROOT } from "./golden.js";
 
-const LONG_MS = 120_000; // the machine may be busy: never a measure of speed
 const DAEMON = resolve(ROOT, "build/release/bin/lightprobed");
 
 let browser: Browser, daemon: ChildProcess, port = 0, folder = "";
@@ -50,10 +49,7 @@ before(async () => {
   writeFileSync(join(folder, "room.pfm"), panorama());
   port = await freePort();
   daemon = startDaemon();
-  browser = await chromium.launch({
-    executablePath: process.env["CHROMIUM"] ?? "/usr/bin/chromium",
-    args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"],
-  });
+  browser = await launch();
 }, { timeout: LONG_MS });
 
 after(async () => {
@@ -83,15 +79,7 @@ function packet(name: string): Estimate {
 }
 
 let numbers: Page | undefined;
-
-async function numbersPage(): Promise<Page> {
-  if (numbers) return numbers;
-  const { outputFiles } = await build({ entryPoints: ["test/page/sphere.ts"], bundle: true, write: false, format: "iife" });
-  numbers = await browser.newPage();
-  numbers.on("pageerror", (error) => { throw error; });
-  await numbers.addScriptTag({ content: outputFiles[0]!.text });
-  return numbers;
-}
+const numbersPage = async (): Promise<Page> => (numbers ??= await pageWith(browser, "sphere.ts"));
 
 type Sphere = (estimate: Estimate, count: number, turn: number[]) => { normal: Vec3; colour: Vec3 }[];
 
@@ -235,7 +223,7 @@ for (const [name, width, height] of [["desktop", 1000, 640], ["phone", 390, 844]
 test("keys switch what is shown", { timeout: 2 * LONG_MS }, async () => {
   const { page, faults } = await viewer(500, 400);
   await lit(page);
-  for (const [key, id] of [["l", "use-lamps"], ["a", "use-ambient"], ["r", "turn"]] as const) {
+  for (const [key, id] of [["l", "use-lamps"], ["a", "use-ambient"], ["r", "turn"], ["f", "use-formulas"]] as const) {
     const former = await page.locator(`#${id}`).isChecked();
     await page.keyboard.press(key);
     assert.equal(await page.locator(`#${id}`).isChecked(), !former);
