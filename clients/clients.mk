@@ -5,7 +5,7 @@
 JS := $(BUILD)/js
 JS_SOURCES := $(wildcard clients/js/src/*.ts clients/js/test/*.ts clients/js/test/page/*.ts clients/js/*.json web/*)
 
-.PHONY: web js test-js test-engines
+.PHONY: web js test-js
 $(JS)/installed: clients/js/package.json clients/js/package-lock.json clients/js/.npmrc | $(call apt,web) $(if $(shell command -v npm),,$(call apt,npm))
 	@echo 'setup: JavaScript packages into $(JS) (clients/js/package-lock.json)'
 	@mkdir -p $(JS) && cp clients/js/package.json clients/js/package-lock.json clients/js/.npmrc $(JS)
