@@ -234,6 +234,32 @@ test("keys switch what is shown", { timeout: 2 * LONG_MS }, async () => {
   await page.close();
 });
 
+/** The picture in 64 × 64 pixels of red, green, blue and alpha, once `frames` more have been drawn. */
+async function picture(page: Page, frames: number): Promise<number[]> {
+  const drawn = await page.evaluate(() => Number(document.body.dataset["frames"]));
+  await page.waitForFunction((wanted) => Number(document.body.dataset["frames"]) > wanted, drawn + frames, { timeout: LONG_MS });
+  return page.evaluate(() => {
+    const small = new OffscreenCanvas(64, 64).getContext("2d")!;
+    small.drawImage(document.querySelector<HTMLCanvasElement>("#view")!, 0, 0, 64, 64);
+    return [...small.getImageData(0, 0, 64, 64).data];
+  });
+}
+
+test("classic formulas change the picture", { timeout: 3 * LONG_MS }, async () => {
+  const { page, faults } = await viewer(500, 400);
+  await lit(page);
+  const changed = (one: number[], other: number[]): number => one.filter((value, i) => Math.abs(value - other[i]!) > 20).length;
+  let before = await picture(page, 3), still = await picture(page, 3);
+  for (let i = 0; i < 20 && changed(before, still) > 4; i++) // exposure, shadows and resolution settle
+    [before, still] = [still, await picture(page, 3)];
+  assert.ok(changed(before, still) <= 4, `${changed(before, still)} values change by themselves`);
+  await page.keyboard.press("f");
+  const after = await picture(page, 3);
+  assert.ok(changed(still, after) > 40, `only ${changed(still, after)} values change with the materials`);
+  assert.deepEqual(faults, []);
+  await page.close();
+});
+
 test("a probe that restarts is found again", { timeout: 3 * LONG_MS }, async () => {
   const { page } = await viewer(500, 400);
   await lit(page);
