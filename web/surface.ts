@@ -43,15 +43,15 @@ vec3 fresnel(float cosine) { // Schlick
   return atNormal + (1.0 - atNormal) * pow(1.0 - saturate(cosine), 5.0);
 }
 
-/** The surface is brushed in circles around the vertical. */
-vec3 brushedAlong(vec3 n) {
+/** Along the brush: the surface is brushed in circles around the vertical. */
+vec3 tangentOf(vec3 n) {
   vec3 along = cross(viewMatrix[1].xyz, n);
   return dot(along, along) < 1e-8 ? viewMatrix[0].xyz : normalize(along);
 }
 
 /** Ashikhmin and Shirley's lobe, 1 for half vectors along the normal. */
 float lobe(vec3 n, vec3 h) {
-  vec3 tangent = brushedAlong(n);
+  vec3 tangent = tangentOf(n);
   vec2 part = vec2(dot(h, tangent), dot(h, cross(n, tangent)));
   part *= part;
   float sine2 = part.x + part.y;
@@ -83,7 +83,7 @@ vec3 surroundings(vec3 direction) {
 #endif
 }
 
-vec3 mirroredAndBent(vec3 n, vec3 v) {
+vec3 reflectedAndRefracted(vec3 n, vec3 v) {
   vec3 share = fresnel(dot(n, v)), sum = vec3(0.0);
   if (reflection > 0.0) sum += reflection * share * surroundings(reflect(-v, n));
   if (refraction > 0.0) sum += refraction * (1.0 - share) * surroundings(refract(-v, n, indexRatio));
@@ -101,7 +101,7 @@ void RE_Direct_Surface(const in IncidentLight directLight, const in vec3 positio
 /** Each place of three's Lambert shader that is written anew. */
 const PATCHES: [place: string, text: string][] = [
   ["#include <lights_lambert_pars_fragment>", DECLARATIONS],
-  ["#include <opaque_fragment>", "outgoingLight += mirroredAndBent(geometryNormal, geometryViewDir);\n#include <opaque_fragment>"],
+  ["#include <opaque_fragment>", "outgoingLight += reflectedAndRefracted(geometryNormal, geometryViewDir);\n#include <opaque_fragment>"],
 ];
 
 export class SurfaceMaterial extends MeshLambertMaterial {

@@ -88,11 +88,11 @@ def shaded(scene: dict[str, Any]) -> Array:
     seen = np.sum(normal * view, axis=-1)[:, None]
     share = shading.fresnel_schlick(seen, surface["atNormal"])
     if surface["reflection"]:
-        mirrored = surroundings(scene, shading.reflect(view, normal))
-        radiance = radiance + surface["reflection"] * share * mirrored
+        reflected = surroundings(scene, shading.reflect(view, normal))
+        radiance = radiance + surface["reflection"] * share * reflected
     if surface["refraction"]:
-        bent = surroundings(scene, shading.refract(view, normal, surface["indexRatio"]))
-        radiance = radiance + surface["refraction"] * (1 - share) * bent
+        refracted = surroundings(scene, shading.refract(view, normal, surface["indexRatio"]))
+        radiance = radiance + surface["refraction"] * (1 - share) * refracted
     return np.asarray(radiance)
 
 
