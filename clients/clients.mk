@@ -5,7 +5,7 @@
 JS := $(BUILD)/js
 JS_SOURCES := $(wildcard clients/js/src/*.ts clients/js/test/*.ts clients/js/test/page/*.ts clients/js/*.json web/*)
 
-.PHONY: web js test-js test-engines
+.PHONY: web js test-js
 $(JS)/installed: clients/js/package.json clients/js/package-lock.json clients/js/.npmrc | $(call apt,web) $(if $(shell command -v npm),,$(call apt,npm))
 	@echo 'setup: JavaScript packages into $(JS) (clients/js/package-lock.json)'
 	@mkdir -p $(JS) && cp clients/js/package.json clients/js/package-lock.json clients/js/.npmrc $(JS)
@@ -27,5 +27,5 @@ $(BUILD)/web/index.html: $(JS)/built
 	@touch $@
 web: $(BUILD)/web/index.html ## build the viewer in build/web: lightprobed --publish=ws:127.0.0.1:7701?root=build/web
 
-test-js: web daemon ## run the tests of the JavaScript package and the viewer, also in Chromium
+test-js: web daemon $(STAMPS)/venv ## run the tests of the JavaScript package and the viewer, also in Chromium
 	@cd $(JS) && npm test --silent

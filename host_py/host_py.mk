@@ -18,13 +18,13 @@ python: $(STAMPS)/venv daemon firmware-host
 RUFF := RUFF_CACHE_DIR=$(BUILD)/cache/ruff $(VENV)/bin/ruff --config host_py/pyproject.toml
 
 check-python:
-	@$(RUFF) format --check -q host_py tests docs proto
-	@$(RUFF) check -q host_py tests docs proto
+	@$(RUFF) format --check -q host_py tests docs proto clients
+	@$(RUFF) check -q host_py tests docs proto clients
 	@$(VENV)/bin/mypy --config-file host_py/pyproject.toml host_py/lightprobe
 
 format-python:
-	@$(RUFF) format -q host_py tests docs proto
-	@$(RUFF) check -q --fix host_py tests docs proto
+	@$(RUFF) format -q host_py tests docs proto clients
+	@$(RUFF) check -q --fix host_py tests docs proto clients
 
 .PHONY: package
 package: setup-python ## build wheel and source distribution in build/dist

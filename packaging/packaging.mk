@@ -30,6 +30,7 @@ install: ## copy daemon, service, rules and camera files to PREFIX=/usr/local, a
 	@install -D -m 644 -t '$(DESTDIR)$(PREFIX)/lib/udev/rules.d' packaging/udev/*.rules
 	@install -D -m 644 -t '$(DESTDIR)$(PREFIX)/share/lightprobe/drop-ins' packaging/systemd/drop-ins/*.conf
 	@install -D -m 644 -t '$(DESTDIR)$(PREFIX)/share/lightprobe/cameras' packaging/cameras/*.camera
+	@install -D -m 644 -t '$(DESTDIR)$(PREFIX)/share/lightprobe/avahi' packaging/avahi/lightprobe.service
 	@if [ -e '$(CONFIG)' ]; then \
 		echo 'install: $(CONFIG) is kept; for new settings see packaging/systemd/lightprobed.conf'; \
 	else \

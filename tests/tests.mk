@@ -72,6 +72,18 @@ $(STAMPS)/venv-renderer: host_py/pyproject.toml host_py/constraints.txt | $(STAM
 test-renderer: build $(STAMPS)/venv-renderer ## compare measured polarization with a physically based renderer (Mitsuba, a minute)
 	@$(VENV)/bin/pytest -q -s -m '' tests/accuracy/test_polarization_references.py
 
+# Babylon.js, from npm, to read what `lightprobe export` writes.
+BABYLON := $(BUILD)/babylon
+$(BABYLON)/page.bundle.js: $(wildcard tests/engines/babylon/*) tests/engines/babylon/.npmrc | $(call apt,web)
+	@echo 'npm: tests/engines/babylon'
+	@mkdir -p $(@D) && cp tests/engines/babylon/* tests/engines/babylon/.npmrc $(@D)
+	@cd $(@D) && npm ci --silent --no-audit --no-fund
+	@cd $(@D) && node_modules/.bin/esbuild page.js --bundle --outfile=page.bundle.js --log-level=warning
+
+.PHONY: test-engines
+test-engines: build $(BABYLON)/page.bundle.js ## read exported files in Babylon.js (108 MB from npm)
+	@$(VENV)/bin/pytest -q -s tests/engines
+
 test-all: test-unit test-python test-js
 
 .PHONY: check-rules

@@ -173,7 +173,8 @@ function wire(): void {
       problem.hidden = false;
     });
   });
-  const keys: Record<string, string> = { l: "use-lamps", a: "use-ambient", t: "use-truth", r: "turn" };
+  element("use-formulas").addEventListener("change", () => stage.useFormulas(checked("use-formulas")));
+  const keys: Record<string, string> = { l: "use-lamps", a: "use-ambient", t: "use-truth", r: "turn", f: "use-formulas" };
   addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || (event.target as HTMLElement).matches("select, pre")) return;
     const box = keys[event.key.toLowerCase()];

@@ -1,19 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-/** The objects: five materials on a floor, or on the picture of a camera, and what turns the view. */
+/** The objects: spheres of several materials on a floor, or on the picture of a camera, and what turns the view. */
 import * as THREE from "three";
 import { GLTFLoader } from "three/examples/jsm/loaders/GLTFLoader.js";
 import type { Estimate, ReflectionMap } from "../src/index.js";
-import { ShadowCatcher, ambientEnvironment, reflectionTexture } from "../src/three.js";
+import { ShadowCatcher } from "../src/three.js";
+import { BY_FORMULA, DIAMETER_M, MIRRORS, NAMES, PHYSICAL } from "./materials.js";
+import { Surroundings } from "./surroundings.js";
 
-const RADIUS_M = 0.16, SPACING_M = 0.4, FLOOR_RADIUS_M = 12;
-
-const MATERIALS: Record<string, THREE.Material> = {
-  chalk: new THREE.MeshLambertMaterial({ color: 0xf2f0ea }),
-  plastic: new THREE.MeshPhysicalMaterial({ color: 0xc0322b, roughness: 0.35, clearcoat: 0.6, clearcoatRoughness: 0.1 }),
-  "brushed metal": new THREE.MeshPhysicalMaterial({ color: 0xd7d2c8, metalness: 1, roughness: 0.4, anisotropy: 0.9, anisotropyRotation: Math.PI / 2 }),
-  chrome: new THREE.MeshPhysicalMaterial({ color: 0xe6e6e6, metalness: 1, roughness: 0.06 }),
-  glass: new THREE.MeshPhysicalMaterial({ color: 0xffffff, roughness: 0.02, transmission: 1, thickness: 2 * RADIUS_M, ior: 1.5 }),
-};
+const RADIUS_M = DIAMETER_M / 2, SPACING_M = 0.4, FLOOR_RADIUS_M = 12;
 
 export class Stage {
   readonly scene = new THREE.Scene();
@@ -21,25 +15,25 @@ export class Stage {
   readonly catcher: ShadowCatcher;
   readonly #floor: THREE.Mesh;
   readonly #objects = new THREE.Group();
-  readonly #pmrem: THREE.PMREMGenerator;
+  readonly #spheres: THREE.Mesh<THREE.BufferGeometry, THREE.Material>[] = [];
+  readonly #surroundings: Record<"probe" | "truth", Surroundings>;
   #isPicture = false;
-  readonly #environmentMs = new Map<string, number>();
-  readonly #environments = new Map<string, { target: THREE.WebGLRenderTarget; intensity: number }>();
   /** Of the view, around the objects. */
   azimuth = 0.35;
   elevation = 0.3;
 
   constructor(renderer: THREE.WebGLRenderer) {
-    this.#pmrem = new THREE.PMREMGenerator(renderer);
+    this.#surroundings = { probe: new Surroundings(renderer), truth: new Surroundings(renderer) };
     const sphere = new THREE.SphereGeometry(RADIUS_M, 64, 48);
-    Object.entries(MATERIALS).forEach(([name, material], i) => {
-      const mesh = new THREE.Mesh(sphere, material);
-      mesh.name = material.name = name;
-      mesh.position.set((i - 2) * SPACING_M, RADIUS_M, i % 2 ? 0.12 : -0.12);
+    NAMES.forEach((name, i) => {
+      const mesh = new THREE.Mesh<THREE.BufferGeometry, THREE.Material>(sphere, PHYSICAL[name]);
+      mesh.name = name;
+      mesh.position.set((i - (NAMES.length - 1) / 2) * SPACING_M, RADIUS_M, i % 2 ? 0.12 : -0.12);
       mesh.castShadow = true;
       mesh.receiveShadow = name === "chalk" || name === "plastic";
-      this.#objects.add(mesh);
+      this.#spheres.push(mesh);
     });
+    this.#objects.add(...this.#spheres);
     const disc = new THREE.CircleGeometry(FLOOR_RADIUS_M, 96).rotateX(-Math.PI / 2);
     this.#floor = new THREE.Mesh(disc, new THREE.MeshLambertMaterial({ color: 0x85807a }));
     this.#floor.receiveShadow = true;
@@ -55,43 +49,29 @@ export class Stage {
     this.#isPicture = is;
   }
 
-  /** What metal and glass show: the reflection map, or where there is none the ambient light; `who` keeps the probe's and
-   * the truth's apart. It is made anew every `periodMs`, because that is the dearest part of a frame. */
-  environment(estimate: Estimate | undefined, map: ReflectionMap | undefined, who: string, nowMs: number, periodMs: number): void {
-    const known = this.#environments.get(who);
-    if (estimate && (!known || nowMs - (this.#environmentMs.get(who) ?? -Infinity) > periodMs)) {
-      this.#environments.set(who, map ? this.#ofMap(map) : this.#ofAmbient(estimate));
-      known?.target.dispose();
-      this.#environmentMs.set(who, nowMs);
-    }
-    const { target, intensity } = this.#environments.get(who) ?? { target: undefined, intensity: 1 }, texture = target?.texture ?? null;
+  /** Materials by the formulas of lightprobe.shading, or three.js' physical ones. */
+  useFormulas(are: boolean): void {
+    for (const mesh of this.#spheres) mesh.material = (are ? BY_FORMULA : PHYSICAL)[mesh.name as (typeof NAMES)[number]];
+  }
+
+  /** What metal and glass show in the light of the probe or of the truth, made anew every `periodMs`. */
+  environment(estimate: Estimate | undefined, map: ReflectionMap | undefined, who: "probe" | "truth", nowMs: number, periodMs: number): void {
+    const surroundings = this.#surroundings[who];
+    surroundings.update(estimate, map, nowMs, periodMs);
+    const { texture, intensity, cube } = surroundings;
     if (!this.#isPicture) {
       this.scene.background = texture;
       this.scene.backgroundBlurriness = 0.4;
       this.scene.backgroundIntensity = 0.35 * intensity; // behind, not in front of the objects
     }
-    for (const material of Object.values(MATERIALS)) {
-      if (material instanceof THREE.MeshPhysicalMaterial && (material.metalness === 1 || material.name === "glass")) Object.assign(material, { envMap: texture, envMapIntensity: intensity });
-    }
-  }
-
-  #ofMap(map: ReflectionMap): { target: THREE.WebGLRenderTarget; intensity: number } {
-    const { texture, intensity } = reflectionTexture(map), target = this.#pmrem.fromCubemap(texture);
-    texture.dispose();
-    return { target, intensity };
-  }
-
-  #ofAmbient(estimate: Estimate): { target: THREE.WebGLRenderTarget; intensity: number } {
-    const map = ambientEnvironment(estimate), target = this.#pmrem.fromEquirectangular(map);
-    map.dispose();
-    return { target, intensity: 1 };
+    for (const material of MIRRORS) Object.assign(material, { envMap: texture, envMapIntensity: intensity });
+    for (const material of Object.values(BY_FORMULA)) material.setSurroundings(cube);
   }
 
   /** Glass that shows what lies behind it unbent: the bent picture costs a frame of its own. */
   simplifyGlass(): void {
-    const glass = MATERIALS["glass"] as THREE.MeshPhysicalMaterial;
-    Object.assign(glass, { transmission: 0, transparent: true, opacity: 0.25 });
-    glass.needsUpdate = true;
+    Object.assign(PHYSICAL.glass, { transmission: 0, transparent: true, opacity: 0.25 });
+    PHYSICAL.glass.needsUpdate = true;
   }
 
   /** Show a loaded object in place of the spheres; throws what the loader throws. */
@@ -110,7 +90,7 @@ export class Stage {
   aim(aspect: number): void {
     this.camera.aspect = aspect;
     // All spheres stay in view however narrow it is.
-    const halfWidth = 2 * SPACING_M + 2.1 * RADIUS_M;
+    const halfWidth = ((NAMES.length - 1) / 2) * SPACING_M + 2.1 * RADIUS_M;
     const distance = Math.max(2.3, halfWidth / (Math.tan((this.camera.fov * Math.PI) / 360) * aspect));
     this.elevation = Math.min(1.4, Math.max(0.03, this.elevation));
     this.camera.position.setFromSphericalCoords(distance, Math.PI / 2 - this.elevation, this.azimuth);

@@ -97,6 +97,26 @@ def _lobe(normal: Array, half: Array, tangent: Array, powers: tuple[float, float
     return np.asarray(np.where(sine2 > _ON_AXIS, cosine**power, 1.0))
 
 
+def _highlight(
+    normal: ArrayLike,
+    light: ArrayLike,
+    view: ArrayLike,
+    tangent: ArrayLike,
+    powers: tuple[float, float],
+    at_normal: ArrayLike,
+) -> tuple[Array, Array]:
+    """What both anisotropic BRDFs begin with: lobe · Fresnel, 0 below the horizon; view · half."""
+    half = half_vector(light, view)
+    seen = _dot(view, half)
+    lobe = _lobe(np.asarray(normal, float), half, np.asarray(tangent, float), powers)
+    return _above(normal, light, view) * lobe * fresnel_schlick(seen, at_normal), seen
+
+
+def _divide(above: Array, below: Array) -> Array:
+    """0 where the numerator is 0: below the horizon the denominator may be 0, too."""
+    return above / np.where(above > 0, below, 1.0)
+
+
 def ashikhmin_shirley(
     normal: ArrayLike,
     light: ArrayLike,
@@ -110,13 +130,9 @@ def ashikhmin_shirley(
     `tangent`: unit, at a right angle to the normal; `powers`: of the lobe along it and across;
     `at_normal`: reflectance straight on, scalar or broadcast.
     """
-    n, half = np.asarray(normal, float), half_vector(light, view)
-    lobe = _lobe(n, half, np.asarray(tangent, float), powers)
-    seen = _dot(view, half)
-    below = 8 * np.pi * seen * np.maximum(_dot(n, light), _dot(n, view))
-    scale = np.sqrt((powers[0] + 1) * (powers[1] + 1)) * fresnel_schlick(seen, at_normal)
-    above = _above(n, light, view)
-    return np.asarray(above * scale * lobe / np.where(above > 0, below, 1.0))
+    highlight, seen = _highlight(normal, light, view, tangent, powers, at_normal)
+    scale = np.sqrt((powers[0] + 1) * (powers[1] + 1)) / (8 * np.pi)
+    return _divide(scale * highlight, seen * np.maximum(_dot(normal, light), _dot(normal, view)))
 
 
 def ashikhmin_premoze(
@@ -132,10 +148,7 @@ def ashikhmin_premoze(
     The lobe is a density of half vectors (∫ p (n·h) dω = 1), so that the constant is 1/4.
     Parameters are those of :func:`ashikhmin_shirley`.
     """
-    n, half = np.asarray(normal, float), half_vector(light, view)
-    lobe = _lobe(n, half, np.asarray(tangent, float), powers)
-    density = np.sqrt((powers[0] + 2) * (powers[1] + 2)) / (2 * np.pi) * lobe
-    lit, seen = _dot(n, light), _dot(n, view)
-    above = _above(n, light, view)
-    below = np.where(above > 0, lit + seen - lit * seen, 1.0)
-    return np.asarray(above * density * fresnel_schlick(_dot(view, half), at_normal) / (4 * below))
+    highlight, _ = _highlight(normal, light, view, tangent, powers, at_normal)
+    density = np.sqrt((powers[0] + 2) * (powers[1] + 2)) / (2 * np.pi)
+    lit, seen = _dot(normal, light), _dot(normal, view)
+    return _divide(density / 4 * highlight, lit + seen - lit * seen)

@@ -65,7 +65,8 @@ def test_the_light_of_a_probe_as_a_file(uri, tmp_path, name):
     if name == "x.glb":
         data = path.read_bytes()
         assert data[:4] == b"glTF"
-        assert json.loads(data[20:])["scenes"][0]["extras"]["lightprobe"] == told
+        document = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])
+        assert document["scenes"][0]["extras"]["lightprobe"] == told
         return
     radiance = image.read(path).radiance
     assert radiance.shape == (128, 256, 3)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from harness import LONG_S, Daemon, jpeg
 from lightprobe import Client, Subscription, geometry, reflection_map
-from lightprobe.imaging import image
+from lightprobe.imaging import cube, image
 
 LIGHTPROBE = Path(sys.executable).parent / "lightprobe"
 
@@ -84,6 +84,44 @@ def test_it_is_off_unless_the_owner_wants_it(picture, tmp_path):
             client.receive(LONG_S)  # everything else comes
         assert client.reflection_map is None
         assert client.statistics.refusals == 1
+
+
+def export(*words):
+    command = [LIGHTPROBE, "export", *map(str, words), "--wait", str(LONG_S), "--json"]
+    return subprocess.run(command, capture_output=True, text=True, timeout=2 * LONG_S)
+
+
+def test_it_is_exported(picture, tmp_path):
+    """As a cross, with the lamp where it is; in a .glb file without the lamps, which it lists."""
+    cross, scene = tmp_path / "x.exr", tmp_path / "x.glb"
+    with Daemon(f"--source=file:{picture}?rate=30", "--reflection-map=64") as daemon:
+        address = ["--from", f"unix:{daemon.socket}", "--reflection-map"]
+        done = export(cross, *address, "--layout", "cross")
+        assert done.returncode == 0, done.stderr
+        in_scene = export(scene, *address)
+        assert in_scene.returncode == 0, in_scene.stderr
+    radiance = image.read(cross).radiance
+    assert radiance.shape == (192, 256, 3)
+    towards = cube.cross(reflection_map.directions(64).astype(np.float32))
+    brightest_of_cross = towards.reshape(-1, 3)[radiance.sum(axis=-1).argmax()]
+    lamp = json.loads(done.stdout)["lights"][0]
+    most = most_deg(64, lamp["angular_radius_deg"])
+    assert geometry.angle_deg(brightest_of_cross, lamp["direction"]) < most
+    data = scene.read_bytes()
+    document = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])
+    assert len(document["extensions"]["KHR_lights_punctual"]["lights"]) >= 1
+    (light,) = document["extensions"]["EXT_lights_image_based"]["lights"]
+    assert light["specularImageSize"] == 64
+    assert len(light["specularImages"]) == 3
+
+
+def test_it_is_not_exported_unless_the_owner_wants_it(picture, tmp_path):
+    with Daemon(f"--source=file:{picture}?rate=30") as daemon:
+        address = ["--from", f"unix:{daemon.socket}", "--reflection-map"]
+        done = export(tmp_path / "x.exr", *address)
+    assert done.returncode != 0
+    assert "start lightprobed with --reflection-map=64" in done.stderr
+    assert list(tmp_path.iterdir()) == []
 
 
 def estimate(*arguments):

@@ -28,6 +28,30 @@ const AXES: [Vec3, Vec3, Vec3][] = [
   [[0, 0, 1], [1, 0, 0], [0, -1, 0]], [[0, 0, -1], [-1, 0, 0], [0, -1, 0]],
 ];
 
+/** Unit vectors through the middles of the texels: face by face, row by row. */
+export function texelDirections(size: number): Float32Array {
+  const directions = new Float32Array(18 * size * size);
+  AXES.forEach(([main, across, down], face) => {
+    for (let i = 0; i < size * size; i++) {
+      const s = (2 * (i % size) + 1) / size - 1, t = (2 * Math.floor(i / size) + 1) / size - 1, length = Math.hypot(1, s, t);
+      for (let a = 0; a < 3; a++) directions[3 * (face * size * size + i) + a] = (main[a]! + s * across[a]! + t * down[a]!) / length;
+    }
+  });
+  return directions;
+}
+
+/** Of the texels of one face, row by row, exact; the six faces sum to 4π. */
+export function texelSolidAngles(size: number): Float32Array {
+  const corner = (column: number, row: number): number => {
+    const s = (2 * column) / size - 1, t = (2 * row) / size - 1;
+    return Math.atan2(s * t, Math.hypot(s, t, 1));
+  };
+  return Float32Array.from({ length: size * size }, (_, i) => {
+    const column = i % size, row = Math.floor(i / size);
+    return corner(column + 1, row + 1) - corner(column, row + 1) - corner(column + 1, row) + corner(column, row);
+  });
+}
+
 /** Six faces of RGB floats from RGB9E5 texels, little-endian (OpenGL 4.6, 8.5.2), times `scale`. */
 export function decodeRgb9e5(texels: Uint8Array, size: number, scale: number): Float32Array<ArrayBuffer>[] {
   const view = new DataView(texels.buffer, texels.byteOffset, texels.byteLength);

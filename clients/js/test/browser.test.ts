@@ -7,15 +7,14 @@ import { createServer } from "node:http";
 import { tmpdir } from "node:os";
 import { join, resolve } from "node:path";
 import { after, before, test } from "node:test";
-import { build } from "esbuild";
-import { chromium, type Browser, type Page } from "playwright-core";
+import type { Browser, Page } from "playwright-core";
 import { create, toBinary } from "@bufbuild/protobuf";
 import { decode, encodeSubscription, irradiance, largest, reflected, type Estimate, type ReflectionMap, type Vec3 } from "../src/index.js";
 import { DEFAULT_SUBSCRIPTION } from "../src/wire.js";
 import * as pb from "../src/gen/lightprobe_pb.js";
+import { LONG_MS, launch, pageWith } from "./chromium.js";
 import { ROOT } from "./golden.js";
 
-const LONG_MS = 120_000; // the machine may be busy: never a measure of speed
 const DAEMON = resolve(ROOT, "build/release/bin/lightprobed");
 
 let browser: Browser, daemon: ChildProcess, port = 0, folder = "";
@@ -50,10 +49,7 @@ before(async () => {
   writeFileSync(join(folder, "room.pfm"), panorama());
   port = await freePort();
   daemon = startDaemon();
-  browser = await chromium.launch({
-    executablePath: process.env["CHROMIUM"] ?? "/usr/bin/chromium",
-    args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"],
-  });
+  browser = await launch();
 }, { timeout: LONG_MS });
 
 after(async () => {
@@ -83,15 +79,7 @@ function packet(name: string): Estimate {
 }
 
 let numbers: Page | undefined;
-
-async function numbersPage(): Promise<Page> {
-  if (numbers) return numbers;
-  const { outputFiles } = await build({ entryPoints: ["test/page/sphere.ts"], bundle: true, write: false, format: "iife" });
-  numbers = await browser.newPage();
-  numbers.on("pageerror", (error) => { throw error; });
-  await numbers.addScriptTag({ content: outputFiles[0]!.text });
-  return numbers;
-}
+const numbersPage = async (): Promise<Page> => (numbers ??= await pageWith(browser, "sphere.ts"));
 
 type Sphere = (estimate: Estimate, count: number, turn: number[]) => { normal: Vec3; colour: Vec3 }[];
 
@@ -235,13 +223,39 @@ for (const [name, width, height] of [["desktop", 1000, 640], ["phone", 390, 844]
 test("keys switch what is shown", { timeout: 2 * LONG_MS }, async () => {
   const { page, faults } = await viewer(500, 400);
   await lit(page);
-  for (const [key, id] of [["l", "use-lamps"], ["a", "use-ambient"], ["r", "turn"]] as const) {
+  for (const [key, id] of [["l", "use-lamps"], ["a", "use-ambient"], ["r", "turn"], ["f", "use-formulas"]] as const) {
     const former = await page.locator(`#${id}`).isChecked();
     await page.keyboard.press(key);
     assert.equal(await page.locator(`#${id}`).isChecked(), !former);
   }
   await page.selectOption("#lights", "0");
   await page.waitForFunction(() => !document.querySelector("#lamps tbody tr"), null, { timeout: LONG_MS });
+  assert.deepEqual(faults, []);
+  await page.close();
+});
+
+/** The picture in 64 × 64 pixels of red, green, blue and alpha, once `frames` more have been drawn. */
+async function picture(page: Page, frames: number): Promise<number[]> {
+  const drawn = await page.evaluate(() => Number(document.body.dataset["frames"]));
+  await page.waitForFunction((wanted) => Number(document.body.dataset["frames"]) > wanted, drawn + frames, { timeout: LONG_MS });
+  return page.evaluate(() => {
+    const small = new OffscreenCanvas(64, 64).getContext("2d")!;
+    small.drawImage(document.querySelector<HTMLCanvasElement>("#view")!, 0, 0, 64, 64);
+    return [...small.getImageData(0, 0, 64, 64).data];
+  });
+}
+
+test("classic formulas change the picture", { timeout: 3 * LONG_MS }, async () => {
+  const { page, faults } = await viewer(500, 400);
+  await lit(page);
+  const changed = (one: number[], other: number[]): number => one.filter((value, i) => Math.abs(value - other[i]!) > 20).length;
+  let before = await picture(page, 3), still = await picture(page, 3);
+  for (let i = 0; i < 20 && changed(before, still) > 4; i++) // exposure, shadows and resolution settle
+    [before, still] = [still, await picture(page, 3)];
+  assert.ok(changed(before, still) <= 4, `${changed(before, still)} values change by themselves`);
+  await page.keyboard.press("f");
+  const after = await picture(page, 3);
+  assert.ok(changed(still, after) > 40, `only ${changed(still, after)} values change with the materials`);
   assert.deepEqual(faults, []);
   await page.close();
 });

@@ -6,12 +6,14 @@ import struct
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
-from lightprobe import geometry
+from lightprobe import geometry, reflection_map
 from lightprobe.estimate import Estimate, EstimateFlag, Light, SphericalHarmonics
-from lightprobe.imaging import gltf, image
+from lightprobe.imaging import cube, gltf, image
 from lightprobe.imaging.environment import environment_map
+from lightprobe.imaging.image_based_light import rgbd
+from lightprobe.reflection_map import ReflectionMap
 from lightprobe.sim.scene import MapTruth
 
 AMBIENT = np.array([[1.0, 1.2, 1.5], [0.3, 0.2, 0.4], [0.1, 0, 0], [0, 0.1, 0.2]])
@@ -87,14 +89,21 @@ def test_a_sun_is_not_cut_off_in_an_exr(tmp_path):
 
 
 def parse_glb(data):
-    """Chunks as the specification lays them out: header, then JSON alone."""
+    """Document and buffer, from chunks as the specification lays them out."""
     magic, version, length = struct.unpack_from("<4sII", data)
     assert (magic, version, length) == (b"glTF", 2, len(data))
     size, kind = struct.unpack_from("<I4s", data, 12)
     assert kind == b"JSON"
-    assert size == len(data) - 20
     assert size % 4 == 0
-    return json.loads(data[20:])
+    document, rest = json.loads(data[20 : 20 + size]), data[20 + size :]
+    size, kind = struct.unpack_from("<I4s", rest)
+    assert (size, kind) == (len(rest) - 8, b"BIN\0")
+    assert document["buffers"] == [{"byteLength": size}]
+    return document, rest[8:]
+
+
+def glb(given):
+    return parse_glb(gltf.glb(given, cube.cube_map(given, 32, lamps=False)[0]))
 
 
 def turn(rotation, vector):
@@ -103,11 +112,12 @@ def turn(rotation, vector):
     return vector + 2 * np.cross(q, np.cross(q, vector) + w * vector)
 
 
+@settings(max_examples=20)
 @given(st.floats(-180, 180), st.floats(-90, 90))
 def test_lamps_of_a_glb_shine_along_minus_z_of_their_nodes(azimuth_deg, elevation_deg):
     direction = geometry.direction_from_angles(azimuth_deg, elevation_deg)
     lamp = Light(3, direction, np.array([8.0, 4, 2]), 1.0)
-    document = parse_glb(gltf.glb(estimate(lights=(lamp,), cd_m2_per_unit=2.5)))
+    document, _ = glb(estimate(lights=(lamp,), cd_m2_per_unit=2.5))
     (light,) = document["extensions"]["KHR_lights_punctual"]["lights"]
     assert (light["type"], light["color"], light["intensity"]) == (
         "directional",
@@ -123,12 +133,105 @@ def test_lamps_of_a_glb_shine_along_minus_z_of_their_nodes(azimuth_deg, elevatio
 
 def test_a_light_straight_behind_has_a_rotation_too():
     lamp = Light(3, np.array([0.0, 0, -1]), np.ones(3), 1.0)
-    node = parse_glb(gltf.glb(estimate(lights=(lamp,))))["nodes"][0]
+    node = glb(estimate(lights=(lamp,)))[0]["nodes"][0]
     assert turn(node["rotation"], np.array([0, 0, -1.0])) == pytest.approx([0, 0, 1])
 
 
 def test_a_glb_without_lamps_has_no_empty_lists():
-    document = parse_glb(gltf.glb(estimate(lights=())))
-    assert set(document) == {"asset", "scene", "scenes"}
+    document, _ = glb(estimate(lights=()))
+    assert "nodes" not in document
     assert "nodes" not in document["scenes"][0]
+    assert document["extensionsUsed"] == ["EXT_lights_image_based"]
     assert document["scenes"][0]["extras"]["lightprobe"]["sh"]["order"] == 1
+
+
+@pytest.mark.parametrize("cd_m2_per_unit", [None, 1000.0])
+def test_the_environment_of_a_glb(cd_m2_per_unit):
+    """Irradiance and the sharpest images are the estimate's; Babylon.js itself: tests/engines."""
+    given_light = estimate(cd_m2_per_unit=cd_m2_per_unit)
+    document, data = glb(given_light)
+    (light,) = document["extensions"]["EXT_lights_image_based"]["lights"]
+    assert document["scenes"][0]["extensions"] == {"EXT_lights_image_based": {"light": 0}}
+    assert light["intensity"] == (1 if cd_m2_per_unit is None else 4)  # RGBD holds up to 255
+    scale = (cd_m2_per_unit or 1) / light["intensity"]
+    mean = np.array(light["irradianceCoefficients"][0])
+    assert mean == pytest.approx(scale * np.pi * AMBIENT[0])
+    assert np.shape(light["irradianceCoefficients"]) == (9, 3)
+    assert np.shape(light["specularImages"]) == (2, 6)
+    faces = []
+    for index in light["specularImages"][0]:
+        view = document["bufferViews"][document["images"][index]["bufferView"]]
+        png = data[view["byteOffset"] :][: view["byteLength"]]
+        pixels = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED)
+        rgba = cv2.cvtColor(pixels, cv2.COLOR_BGRA2RGBA) / 255
+        assert rgba.shape == (light["specularImageSize"],) * 2 + (4,)
+        faces.append(rgba[..., :3] ** 2.2 / rgba[..., 3:])
+    shown = np.array(faces).mean(axis=(0, 1, 2))
+    true = scale * cube.cube_map(given_light, 32, lamps=False)[0].mean(axis=(0, 1, 2))
+    assert shown == pytest.approx(true, rel=0.01)
+
+
+@given(st.floats(0.02, 255), st.floats(0, 1))
+def test_rgbd_holds_two_digits(largest, share):
+    radiance = np.float32([[largest, share * largest, 0]])
+    rgba = rgbd(radiance) / 255
+    off = np.abs(rgba[:, :3] ** 2.2 / rgba[:, 3:] - radiance)
+    assert off.max() < 0.02 * largest
+
+
+@pytest.mark.parametrize("size", [16, 64])
+def test_a_cube_lights_as_the_estimate_does(size):
+    given_light = estimate()
+    radiance, notes = cube.cube_map(given_light, size)
+    assert notes == []
+    normals = geometry.sphere_normals()
+    true = given_light.irradiance(normals)
+    lit = ReflectionMap(1, 2, 3, 4, "TOTAL", radiance).irradiance(normals)
+    assert np.abs(lit - true).max() < (0.05 if size == 16 else 0.01) * true.max()
+
+
+def test_a_cross_is_seen_from_inside():
+    size = 8
+    picture = cube.cross(reflection_map.directions(size).astype(np.float32))
+    assert picture.shape == (3 * size, 4 * size, 3)
+    middle = {"left": (1, 0), "front": (1, 1), "right": (1, 2), "back": (1, 3), "top": (0, 1)}
+    for name, (row, column) in middle.items():
+        face = picture[row * size : (row + 1) * size, column * size : (column + 1) * size]
+        towards = {"left": (-1, 0, 0), "front": (0, 0, -1), "right": (1, 0, 0), "back": (0, 0, 1),
+                   "top": (0, 1, 0)}[name]  # fmt: skip
+        assert geometry.angle_deg(face.mean(axis=(0, 1)), towards) < 1, name
+    step = geometry.angle_deg(picture[1:, size : 2 * size], picture[:-1, size : 2 * size])
+    assert step.max() < 15  # no jump from top to front to bottom; a texel has up to 14°
+    step = geometry.angle_deg(picture[size : 2 * size, 1:], picture[size : 2 * size, :-1])
+    assert step.max() < 15
+    assert not picture[0, 0].any()
+
+
+def test_rough_mirrors_by_sampling_the_lobe():
+    """The levels against half vectors drawn from GGX (Walter et al. 2007, (35))."""
+    size, levels = 64, 3
+    towards = reflection_map.directions(size)
+    bright = np.float32(np.exp(6 * (towards @ geometry.direction_from_angles(20, 30) - 1)))
+    faces = np.repeat(bright[..., None], 3, axis=-1)
+    rng = np.random.default_rng(1)
+    u, turn = rng.uniform(size=(2, 400_000))
+    for level, roughness in ((1, 0.5), (2, 1.0)):
+        blurred = cube.ggx_levels(faces, levels)[level]
+        assert blurred.shape == (6, size >> level, size >> level, 3)
+        for face, row, column in ((5, 3, 4), (0, 8, 1), (3, 15, 15)):
+            normal = reflection_map.directions(size >> level)[face, row, column]
+            cosine = np.sqrt((1 - u) / (1 + (roughness**4 - 1) * u))
+            sine, across = np.sqrt(1 - cosine**2), np.cross(normal, [0.6, 0, 0.8])
+            across /= np.linalg.norm(across)
+            local = np.stack([sine * np.cos(2 * np.pi * turn), sine * np.sin(2 * np.pi * turn)])
+            half = np.outer(cosine, normal) + local.T @ [across, np.cross(normal, across)]
+            light = 2 * cosine[:, None] * half - normal
+            weight = np.maximum(light @ normal, 0)
+            radiance = np.exp(6 * (light @ geometry.direction_from_angles(20, 30) - 1))
+            expected = (weight * radiance).sum() / weight.sum()
+            assert blurred[face, row, column, 1] == pytest.approx(expected, rel=0.02)
+
+
+def test_uniform_light_stays_as_it_is_when_blurred():
+    for level in cube.ggx_levels(np.full((6, 32, 32, 3), 7, np.float32), 2):
+        assert level == pytest.approx(7, rel=1e-4)

@@ -5,19 +5,7 @@ import type { Estimate, Vec3 } from "../../src/index.js";
 import type { ReflectionMap } from "../../src/index.js";
 import { ProbeLight, ShadowCatcher, reflectionTexture } from "../../src/three.js";
 import { reflectionCubeMap } from "../../src/webxr.js";
-
-const SIZE = 256;
-
-const renderer = new THREE.WebGLRenderer({ preserveDrawingBuffer: true, antialias: false });
-renderer.outputColorSpace = THREE.LinearSRGBColorSpace; // numbers are light
-renderer.setSize(SIZE, SIZE);
-
-/** Pixel at (x, y) of the picture, 0…1 from the lower left. */
-function pixel(x: number, y: number): [number, number, number] {
-  const gl = renderer.getContext(), data = new Uint8Array(4);
-  gl.readPixels(Math.floor(x * SIZE), Math.floor(y * SIZE), 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, data);
-  return [data[0]! / 255, data[1]! / 255, data[2]! / 255];
-}
+import { cameraFrom, onSphere, pixel, renderer } from "./picture.js";
 
 /**
  * A white Lambert sphere, seen from both sides: at each of `count` pixels the normal and the colour, which should be
@@ -30,15 +18,10 @@ function sphere(estimate: Estimate, count: number, turn: [number, number, number
   light.set(estimate);
   const samples: { normal: Vec3; colour: Vec3 }[] = [];
   for (const side of [1, -1]) {
-    const camera = new THREE.OrthographicCamera(-1, 1, 1, -1, 0.1, 10);
-    camera.position.set(0, 0, 5 * side);
-    camera.lookAt(0, 0, 0);
-    renderer.render(scene, camera);
+    renderer.render(scene, cameraFrom(side));
     for (let i = 0; i < count / 2; i++) {
       const radius = 0.92 * Math.sqrt((i + 0.5) / (count / 2)), angle = i * 2.399963;
-      const column = Math.floor(((radius * Math.cos(angle)) / 2 + 0.5) * SIZE), row = Math.floor(((radius * Math.sin(angle)) / 2 + 0.5) * SIZE);
-      const x = (2 * (column + 0.5)) / SIZE - 1, y = (2 * (row + 0.5)) / SIZE - 1, z = Math.sqrt(1 - x * x - y * y);
-      samples.push({ normal: [x * side, y, z * side], colour: pixel((column + 0.5) / SIZE, (row + 0.5) / SIZE) });
+      samples.push(onSphere(radius * Math.cos(angle), radius * Math.sin(angle), side));
     }
   }
   light.dispose();
@@ -86,10 +69,8 @@ function mirror(map: ReflectionMap, places: [number, number][], rough: boolean):
     camera.lookAt(0, 0, 0);
     renderer.render(scene, camera);
     for (const [u, v] of places) {
-      const column = Math.floor((u / 2 + 0.5) * SIZE), row = Math.floor((v / 2 + 0.5) * SIZE);
-      const x = ((2 * (column + 0.5)) / SIZE - 1) * side, y = (2 * (row + 0.5)) / SIZE - 1, z = Math.sqrt(1 - x * x - y * y) * side;
+      const { normal: [x, y, z], colour: [r, g, b] } = onSphere(u, v, side);
       const view = new THREE.Vector3(0, 0, -side), normal = new THREE.Vector3(x, y, z);
-      const [r, g, b] = pixel((column + 0.5) / SIZE, (row + 0.5) / SIZE);
       samples.push({ towards: view.reflect(normal).toArray() as unknown as Vec3, radiance: [r * unit, g * unit, b * unit] });
     }
   }

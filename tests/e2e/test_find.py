@@ -1,0 +1,93 @@
+"""`lightprobe find` and the service file for Avahi: announced on loopback, found by the command."""
+
+import json
+import socket
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from harness import LONG_S
+from lightprobe.cli import find, pair
+from zeroconf import DNSOutgoing, DNSPointer, ServiceInfo, Zeroconf, const
+
+SERVICE_FILE = Path(__file__).parents[2] / "packaging/avahi/lightprobe.service"
+
+
+def announcement(name, port, properties):
+    return ServiceInfo(
+        find.SERVICE_TYPE, f"{name}.{find.SERVICE_TYPE}", port=port, properties=properties,
+        server="probe.local.", addresses=[socket.inet_aton("127.0.0.1")],
+    )  # fmt: skip
+
+
+def lightprobe_find(*words):
+    command = [Path(sys.executable).parent / "lightprobe", "find", *words]
+    return subprocess.run(command, capture_output=True, text=True, timeout=LONG_S)
+
+
+@pytest.fixture
+def network():
+    with Zeroconf(interfaces=["127.0.0.1"]) as zeroconf:
+        yield zeroconf
+        zeroconf.unregister_all_services()
+
+
+def service_file():
+    """Port and properties that Avahi announces by our file."""
+    service = ElementTree.parse(SERVICE_FILE).find("service")
+    assert service.findtext("type") + ".local." == find.SERVICE_TYPE
+    records = [record.text.split("=") for record in service.findall("txt-record")]
+    return int(service.findtext("port")), dict(records)
+
+
+def test_what_the_service_file_announces_is_found(network):
+    port, properties = service_file()
+    assert port == pair._PORT
+    network.register_service(announcement("lightprobe on desk", port, properties))
+    done = lightprobe_find("--interface", "127.0.0.1")
+    assert done.returncode == 0, done.stderr
+    assert "lightprobe on desk: https://probe.local:7702/ (127.0.0.1)" in done.stdout.splitlines()
+    assert "lightprobe pair" in done.stderr
+
+
+def announce_name(network, name, stop):
+    """Send, again and again, that there is such a service, and nothing else of it."""
+    while not stop.wait(0.2):
+        answer = DNSOutgoing(const._FLAGS_QR_RESPONSE | const._FLAGS_AA)
+        pointer = (find.SERVICE_TYPE, const._TYPE_PTR, const._CLASS_IN, 4500)
+        answer.add_answer_at_time(DNSPointer(*pointer, f"{name}.{find.SERVICE_TYPE}"), 0)
+        network.send(answer)
+
+
+def test_strange_announcements_do_no_harm(network):
+    network.register_service(announcement("odd", 1, {"scheme": "go\x1b[31m"}))
+    network.register_service(announcement("plain", 7700, {"scheme": "tcp"}))
+    network.register_service(announcement("bare", 7700, {}))
+    stop = threading.Event()
+    for name in ("nowhere", "red \x1b[31m"):
+        threading.Thread(target=announce_name, args=(network, name, stop)).start()
+    done = lightprobe_find("--interface", "127.0.0.1", "--json")
+    stop.set()
+    assert done.returncode == 0, done.stderr
+    found = {one["name"]: (one["uri"], one["scheme"]) for one in json.loads(done.stdout)}
+    assert found == {
+        "odd": (None, "go?[31m"), "plain": ("tcp:probe.local:7700", "tcp"), "bare": (None, ""),
+    }  # fmt: skip
+    assert "nowhere: announced, but it does not say where it is" in done.stderr
+    assert "\x1b" not in done.stdout + done.stderr
+
+
+def test_without_a_probe_it_says_what_to_do():
+    done = lightprobe_find("--interface", "127.0.0.1", "--seconds", "0.5")
+    assert done.returncode == 1
+    assert "no probe announced itself in 0.5 s" in done.stderr
+    assert "avahi-daemon" in done.stderr
+
+
+def test_an_interface_that_is_not_there():
+    done = lightprobe_find("--interface", "192.0.2.77", "--seconds", "0.5")
+    assert done.returncode == 1
+    assert "192.0.2.77" in done.stderr or "check --interface" in done.stderr
