@@ -150,8 +150,8 @@ def of_source(
         if len(whole) < roll_off.LEAST_PICTURES:
             raise RollOffError(
                 f"calibrate: roll-off: {source}: only {len(whole)} of {len(series.frames)} frames "
-                f"are whole and have the exposure commanded, {exposure_us:g} us: give --exposure-us "
-                "a value that the camera can set, or more --frames"
+                f"are whole and have the exposure commanded, {exposure_us:g} us: give "
+                "--exposure-us a value that the camera can set, or more --frames"
             )
         chosen = [whole[k] for k in np.linspace(0, len(whole) - 1, _PICTURES).astype(int)]
         return _pictures(chosen)
