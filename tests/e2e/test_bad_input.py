@@ -202,6 +202,7 @@ REFUSED = [
     ("export nowhere/x.hdr", "nowhere/x.hdr: expected a file that can be written"),
     ("export x.hdr --width 15", "--width"),
     ("export x.hdr --width 101", "--width 101: expected an even number"),
+    ("export x.glb --key-light --reflection-map", "reflections would count it twice"),
     ("export x.hdr --width 102 --layout cross", "--width 102: expected a multiple of 4"),
     ("export x.hdr --layout sphere", "--layout sphere: expected equirect"),
     ("export x.glb --layout cross", "--layout cross: a .glb file has no layout"),

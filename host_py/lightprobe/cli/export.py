@@ -95,6 +95,11 @@ def command(
     is_glb = file.suffix.lower() == ".glb"
     if is_glb and layout == "cross":
         raise UsageError("export: --layout cross: a .glb file has no layout: leave the option out")
+    if is_glb and key_light and reflection_map:
+        raise UsageError(
+            "export: --key-light and --reflection-map: the map shows the key light, too, so that "
+            "reflections would count it twice: leave one of them out"
+        )
     wish = Subscription(
         sh_order=order, max_lights=lights, area_lights=area_lights, key_light=key_light,
         reflection_map_size=max(SIZES) if reflection_map else 0,
