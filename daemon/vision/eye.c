@@ -163,7 +163,8 @@ void lp_eye_note_exposure(struct lp_eye *eye, float exposure_us)
 
 struct lp_eye_exposures lp_eye_exposures(const struct lp_eye *eye)
 {
-	struct lp_eye_exposures found = {.longest_us = NAN, .mean_code = NAN, .shortest_us = NAN};
+	struct lp_eye_exposures found = {.longest_us = NAN, .mean_code = NAN};
+	float shortest_us = NAN;
 
 	for (int k = 0; k < LP_MAX_BRACKET; k++) {
 		const struct lp_recent_exposure *e = &eye->recent[k];
@@ -179,8 +180,8 @@ struct lp_eye_exposures lp_eye_exposures(const struct lp_eye *eye)
 			found.longest_us = e->exposure_us;
 			found.mean_code = e->mean_code;
 		}
-		if (isnan(found.shortest_us) || e->exposure_us < found.shortest_us) {
-			found.shortest_us = e->exposure_us;
+		if (isnan(shortest_us) || e->exposure_us < shortest_us) {
+			shortest_us = e->exposure_us;
 			found.clipped_fraction = e->clipped_fraction;
 		}
 	}

@@ -81,10 +81,9 @@ void lp_eye_note_exposure(struct lp_eye *eye, float exposure_us);
 /* What its last frames were exposed for. */
 struct lp_eye_exposures {
 	int count;
-	int current;	   /* of these, the newest, and those since the light last changed */
-	float longest_us;  /* NAN: unknown */
-	float mean_code;   /* of the longest; NAN: float frames */
-	float shortest_us; /* NAN: unknown */
+	int current;	  /* of these, the newest, and those since the light last changed */
+	float longest_us; /* NAN: unknown */
+	float mean_code;  /* of the longest; NAN: float frames */
 	/* Of the sphere, what the shortest of them shows to clip; a map that holds small lamps in
 	 * the wrong place while the camera turns may not know. */
 	float clipped_fraction;
