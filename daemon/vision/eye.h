@@ -23,11 +23,10 @@ struct lp_remap;
 
 /* An exposure setting of the last frames. */
 struct lp_recent_exposure {
-	float exposure_us;	/* times gain; NAN: unknown */
-	float mean_code;	/* NAN: float frames */
-	uint64_t serial;	/* of the newest frame of it; 0: none */
-	float clipped_fraction; /* of the sphere, in the camera's own picture */
-	bool invalid;		/* it held samples that are no light */
+	float exposure_us; /* times gain; NAN: unknown */
+	float mean_code;   /* NAN: float frames */
+	uint64_t serial;   /* of the newest frame of it; 0: none */
+	bool invalid;	   /* it held samples that are no light */
 };
 
 /* Plain data but for what it allocates; lp_eye_init() starts it. */
@@ -84,11 +83,8 @@ struct lp_eye_exposures {
 	int current;	  /* of these, the newest, and those since the light last changed */
 	float longest_us; /* NAN: unknown */
 	float mean_code;  /* of the longest; NAN: float frames */
-	/* Of the sphere, what the shortest of them shows to clip; a map that holds small lamps in
-	 * the wrong place while the camera turns may not know. */
-	float clipped_fraction;
-	bool unknown; /* not told, and not found out */
-	bool invalid; /* they held samples that are no light */
+	bool unknown;	  /* not told, and not found out */
+	bool invalid;	  /* they held samples that are no light */
 };
 struct lp_eye_exposures lp_eye_exposures(const struct lp_eye *eye);
 

@@ -438,7 +438,6 @@ static void add_eye(const struct lp_eye *eye, struct lp_imager_status *status)
 	status->invalid_samples |= exposures.invalid;
 	status->exposure_unknown |= exposures.unknown;
 	status->mean_code = fmaxf(status->mean_code, exposures.mean_code);
-	status->any_clips = fmaxf(status->any_clips, exposures.clipped_fraction);
 	if (eye->gain.count)
 		status->scale_sigma = fmaxf(status->scale_sigma, lp_gain_sigma(&eye->gain));
 	if (eye->banding.found)
@@ -482,7 +481,6 @@ void lp_imager_status(const struct lp_imager *imager, struct lp_imager_status *s
 
 	status->exposure_count = newest.count;
 	status->longest_exposure_us = newest.longest_us;
-	status->newest_clips = newest.clipped_fraction;
 	for (int k = 0; k < imager->eye_count; k++)
 		if (!imager->eyes[k].lost)
 			add_eye(&imager->eyes[k], status);
