@@ -131,7 +131,7 @@ def every(seconds: float, act: Callable[[], None], stop: threading.Event) -> thr
 def test_ring_against_the_camera(tmp_path: Path) -> None:
     """The probe's own estimates are the light meter; lamps are switched meanwhile."""
     options = ("--size", "960x480", "--rate", "20", "--scenes", "procedural:5", "--act-s", "4",
-               "--ring-spread", "1", "--median-radiance", "0")  # fmt: skip
+               "--ring-spread", "1", "--median-radiance", "0", "--cd-m2-per-unit", "40")  # fmt: skip
     uri = f"unix:{tmp_path / 'probe'}"
     polarizer = 0.42
     with simulator(tmp_path, *options) as running:
@@ -142,7 +142,7 @@ def test_ring_against_the_camera(tmp_path: Path) -> None:
                 time.sleep(0.05)
             calibrate(
                 tmp_path, "ring", "--against", uri, "--seconds", "40", "--cd-m2-per-unit",
-                str(2.0 / polarizer), "--output", str(tmp_path / "ring.ini"),
+                str(40.0 / polarizer), "--output", str(tmp_path / "ring.ini"),
             )  # fmt: skip
         r10 = [float(running.control(f"get ldr{k}_r10_ohm")) for k in range(9)]
         gamma = [float(running.control(f"get ldr{k}_gamma")) for k in range(9)]
