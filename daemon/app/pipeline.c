@@ -118,6 +118,7 @@ static struct lp_bracket_scene look_at_scene(struct lp_pipeline *p,
 	if (p->camera_count > 1)
 		lp_imager_view(p->imager, p->view);
 	scene.clipped = clipped_in_view(p, panorama) > LP_LEAST_CLIPPED_FRACTION ||
+			status.newest_clips > LP_LEAST_CLIPPED_FRACTION ||
 			lp_lamp_memory_flicker_clips(&p->lamps.memory);
 
 	for (int r = 0; r < panorama->height; r += 2) {

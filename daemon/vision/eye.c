@@ -147,6 +147,7 @@ void lp_eye_note_exposure(struct lp_eye *eye, float exposure_us)
 	*place_for(eye, exposure_us) =
 		(struct lp_recent_exposure){.exposure_us = exposure_us,
 					    .mean_code = (float)cells->mean_code,
+					    .clipped_fraction = eye->seen.clipped_fraction,
 					    .serial = eye->serial,
 					    .invalid = cells->invalid_count > 0};
 	for (int k = 0; k < LP_MAX_BRACKET; k++)
@@ -162,7 +163,9 @@ void lp_eye_note_exposure(struct lp_eye *eye, float exposure_us)
 
 struct lp_eye_exposures lp_eye_exposures(const struct lp_eye *eye)
 {
-	struct lp_eye_exposures found = {.longest_us = NAN, .mean_code = NAN};
+	struct lp_eye_exposures found = {.longest_us = NAN,
+					 .mean_code = NAN,
+					 .shortest_us = INFINITY};
 
 	for (int k = 0; k < LP_MAX_BRACKET; k++) {
 		const struct lp_recent_exposure *e = &eye->recent[k];
@@ -177,6 +180,10 @@ struct lp_eye_exposures lp_eye_exposures(const struct lp_eye *eye)
 		if (isnan(found.longest_us) || e->exposure_us > found.longest_us) {
 			found.longest_us = e->exposure_us;
 			found.mean_code = e->mean_code;
+		}
+		if (e->exposure_us < found.shortest_us) { /* false for NAN */
+			found.shortest_us = e->exposure_us;
+			found.clipped_fraction = e->clipped_fraction;
 		}
 	}
 	return found;

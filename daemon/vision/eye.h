@@ -23,10 +23,11 @@ struct lp_remap;
 
 /* An exposure setting of the last frames. */
 struct lp_recent_exposure {
-	float exposure_us; /* times gain; NAN: unknown */
-	float mean_code;   /* NAN: float frames */
-	uint64_t serial;   /* of the newest frame of it; 0: none */
-	bool invalid;	   /* it held samples that are no light */
+	float exposure_us;	/* times gain; NAN: unknown */
+	float mean_code;	/* NAN: float frames */
+	uint64_t serial;	/* of the newest frame of it; 0: none */
+	float clipped_fraction; /* of the sphere, in the camera's own picture */
+	bool invalid;		/* it held samples that are no light */
 };
 
 /* Plain data but for what it allocates; lp_eye_init() starts it. */
@@ -80,11 +81,15 @@ void lp_eye_note_exposure(struct lp_eye *eye, float exposure_us);
 /* What its last frames were exposed for. */
 struct lp_eye_exposures {
 	int count;
-	int current;	  /* of these, the newest, and those since the light last changed */
-	float longest_us; /* NAN: unknown */
-	float mean_code;  /* of the longest; NAN: float frames */
-	bool unknown;	  /* not told, and not found out */
-	bool invalid;	  /* they held samples that are no light */
+	int current;	   /* of these, the newest, and those since the light last changed */
+	float longest_us;  /* NAN: unknown */
+	float mean_code;   /* of the longest; NAN: float frames */
+	float shortest_us; /* of those known; INFINITY: none is */
+	/* Of the sphere, what the shortest of them shows to clip, 0 where none is known; a map that
+	 * holds small lamps in the wrong place while the camera turns may not know. */
+	float clipped_fraction;
+	bool unknown; /* not told, and not found out */
+	bool invalid; /* they held samples that are no light */
 };
 struct lp_eye_exposures lp_eye_exposures(const struct lp_eye *eye);
 

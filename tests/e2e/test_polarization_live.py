@@ -254,6 +254,20 @@ def test_a_turning_head_keeps_its_bearings_behind_the_film() -> None:
     assert error_deg.max() < 1.0  # 10 where the picture is compared as the film shows it
 
 
+def test_small_lamps_are_seen_to_clip_while_a_bare_room_turns() -> None:
+    """By the frame that clips them: the map, in the wrong place by then, takes them for noise."""
+    room = PolishedFloor(random_scene(36))  # two lamps of less than a degree, and no texture
+    world = World([room], Behaviour(act_s=0, turn_deg_s=30.0), 30.0)
+    camera = SimulatedCamera(
+        world, lenses.load("equirect"), (1920, 960), rate_hz=RATE_HZ, seed=36, sheet=Sheet()
+    )
+    with LiveBox(seed=36) as box, LiveProbe(camera, box.arguments, box=box) as probe:
+        client = probe.client(Subscription(max_lights=8, smoothing="RAW"))
+        probe.run(4.0)
+    assert all(one.flags & EstimateFlag.CLIPPED for one in client.estimates)
+    assert len(client.estimates[-1].lights) >= len(room.lamps)
+
+
 def test_a_sweep_on_request_ends_the_rest() -> None:
     with swept(Behaviour(act_s=0), "host", None, "--polarizer-rest=3600") as (_, probe, client):
         probe.run(SWEPT_S + 4.0)

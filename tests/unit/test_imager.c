@@ -187,6 +187,27 @@ static void test_bracket(void **state)
 	lp_imager_destroy(imager);
 }
 
+/* What clips is told by the shortest exposure, whatever the map makes of it. */
+static void test_what_clips_in_the_shortest_exposure(void **state)
+{
+	const double exposures_s[] = {2.0, 4.0, 0.2, 2.0};
+	const float clip[] = {0.76F, 0.76F, 0.0F, 0.0F};
+	struct lp_imager *imager = new_imager(LP_DECODE_BLOCKS);
+
+	(void)state;
+	for (int n = 0; n < 4; n++) {
+		struct lp_imager_status status;
+
+		assert_int_equal(lp_imager_add(imager, raw_gradient(LP_FORMAT_GREY, 480, 240,
+								    exposures_s[n])),
+				 0);
+		lp_imager_status(imager, &status);
+		assert_float_equal(status.newest_clips, clip[n], 0.03);
+		assert_float_equal(status.shortest_clips, clip[n], 0.03);
+	}
+	lp_imager_destroy(imager);
+}
+
 /* Which of several exposures a frame had shows in its picture. */
 static void test_match(void **state)
 {
@@ -535,6 +556,7 @@ int main(void)
 		cmocka_unit_test(test_exposure_is_divided_out),
 		cmocka_unit_test(test_gain_counts_as_exposure),
 		cmocka_unit_test(test_bracket),
+		cmocka_unit_test(test_what_clips_in_the_shortest_exposure),
 		cmocka_unit_test(test_match),
 		cmocka_unit_test(test_unknown_exposure_is_full_scale),
 		cmocka_unit_test(test_jpeg_against_its_own_pixels),
