@@ -47,6 +47,12 @@ constexpr float kNoneClipped = 0.01F;
 /* Beside a clipped cell, light below this share of what is known is a change: where the lamp falls
  * within its own cell makes less of a difference. */
 constexpr float kFarDarker = 0.25F;
+/* In the mean of a cell of middle brightness, clipped pixels do not show if they are few: up to an
+ * eighth of them. So a cell that a shorter exposure has found clipped, but below this share of full
+ * scale, is not darker because a longer exposure says so... */
+constexpr float kFewClipped = 0.25F;
+/* ...but each time that it does, the shorter exposure counts so much less. */
+constexpr float kFade = 0.8F;
 
 constexpr float kKnown = 0.1F * LP_VARIANCE_UNKNOWN;
 
@@ -188,6 +194,45 @@ struct lesson {
 	}
 };
 
+/* A frame's exposure beside the shortest ones that have shown four cells clipped lately. */
+struct clipping {
+	v_float32x4 scale, held, shorter, longer;
+
+	clipping(const struct lp_radiance_map *map, const struct lp_observation *seen, size_t i)
+	{
+		const v_float32x4 same = cv::v_setall_f32(kSameScale);
+
+		scale = cv::v_setall_f32(seen->scale);
+		held = cv::v_load(map->bound_scale + i);
+		shorter = scale > held * same;
+		longer = scale * same < held;
+	}
+
+	/* Whether clipped pixels may hide in the mean of a cell that was known as brighter. */
+	v_float32x4 hides(const v_float32x4 &light, const v_float32x4 &known) const
+	{
+		return longer & (light >= scale * cv::v_setall_f32(kNoneClipped)) &
+		       (known < held * cv::v_setall_f32(kFewClipped));
+	}
+
+	/* Keep what this frame, where it counts, says of it: `clipped`, beyond what was known
+	 * (`refuted`), or `hidden`. */
+	void store(struct lp_radiance_map *map, size_t i, const v_float32x4 &counts,
+		   const v_float32x4 &clipped, const v_float32x4 &refuted,
+		   const v_float32x4 &hidden) const
+	{
+		const v_float32x4 zero = cv::v_setzero_f32();
+		const v_float32x4 plain = counts & (clipped == zero);
+		v_float32x4 next =
+			cv::v_select(counts & clipped,
+				     cv::v_select(refuted, scale, cv::v_max(held, scale)), held);
+
+		next = cv::v_select(plain & (shorter == zero) & (longer == zero), zero, next);
+		next = cv::v_select(hidden, held * cv::v_setall_f32(kFade), next);
+		cv::v_store(map->bound_scale + i, next);
+	}
+};
+
 /* Move `cell` towards what is seen now; a gain of 1 takes it to the bit, whatever it was before. */
 void move(four_cells &cell, const four_cells &now, const v_float32x4 &gain)
 {
@@ -254,11 +299,13 @@ bool correct_plain(struct lp_radiance_map *map, const struct lp_observation *see
 	const v_float32x4 beside = mask_of(seen_flags, LP_CELL_BESIDE);
 	const v_float32x4 fresh = mask_of(flags, LP_CELL_UNSEEN);
 	/* beside a clipped cell nothing is learned, but of a cell of which nothing is known */
-	const v_float32x4 clipped = mask_of(seen_flags, LP_CELL_CLIPPED) | (beside & fresh);
+	const v_float32x4 seen_is_clipped = mask_of(seen_flags, LP_CELL_CLIPPED);
+	const v_float32x4 clipped = seen_is_clipped | (beside & fresh);
 	const v_float32x4 before =
 		cv::v_min(cv::v_fma(walk, held * held, cv::v_load(map->variance + i)), unknown);
 	const v_float32x4 known = before < cv::v_setall_f32(kKnown);
-	const lesson learned(light, held, before, noise.of(light, i));
+	const v_float32x4 observed = noise.of(light, i);
+	const lesson learned(light, held, before, observed);
 	const v_float32x4 difference = learned.difference;
 	/* ...and that a cell is far darker than was known: a neighbour's light only adds to it.
 	 * Else what a misplaced frame has left beside a lamp would stay */
@@ -270,23 +317,26 @@ bool correct_plain(struct lp_radiance_map *map, const struct lp_observation *see
 	/* a lower bound of a known cell, or one more of a cell that has only been seen clipped */
 	const v_float32x4 above = difference > zero;
 	const v_float32x4 bound = mask_of(flags, LP_CELL_CLIPPED);
-	const v_float32x4 scale = cv::v_setall_f32(seen->scale);
-	const v_float32x4 held_scale = cv::v_load(map->bound_scale + i);
-	const v_float32x4 same = cv::v_setall_f32(kSameScale);
-	const v_float32x4 shorter = scale > held_scale * same;
-	const v_float32x4 longer = scale * same < held_scale;
+	const clipping bounds(map, seen, i);
 	const v_float32x4 refuted =
 		cv::v_select(known,
 			     above & (difference * difference >
 				      cv::v_setall_f32(kBoundGate * kBoundGate) * learned.both),
 			     mask_of(flags, LP_CELL_UNSEEN) |
-				     (bound & (shorter | (longer & above))));
+				     (bound & (bounds.shorter | (bounds.longer & above))));
+	const v_float32x4 below =
+		(difference < zero) &
+		cv::v_select(known, learned.contradicts,
+			     difference * difference >
+				     cv::v_setall_f32(kBoundGate * kBoundGate) * observed);
+	const v_float32x4 hidden = bounds.hides(light, held) & below & (seen_is_clipped == zero) &
+				   (cv::v_setall_f32(seen->stirred) == zero) & (fresh == zero);
 	const v_float32x4 changed = known & cv::v_select(clipped, refuted, learned.contradicts);
 	const v_float32x4 overruled = changed & (cv::v_setall_f32(seen->late_s) > zero);
-	const v_float32x4 missing = mask_of(seen_flags, LP_CELL_UNSEEN) |
-				    mask_of(seen_flags, LP_CELL_COVERED) |
-				    (beside & (fresh == zero) & (darker == zero)) | overruled;
-	const v_float32x4 mean = bound & (refuted == zero) & (longer == zero);
+	const v_float32x4 missing =
+		mask_of(seen_flags, LP_CELL_UNSEEN) | mask_of(seen_flags, LP_CELL_COVERED) |
+		(beside & (fresh == zero) & (darker == zero)) | overruled | hidden;
+	const v_float32x4 mean = bound & (refuted == zero) & (bounds.longer == zero);
 	const v_float32x4 bound_gain =
 		cv::v_select(refuted | (known & above), one,
 			     cv::v_select(mean, cv::v_setall_f32(0.5F), zero));
@@ -310,8 +360,7 @@ bool correct_plain(struct lp_radiance_map *map, const struct lp_observation *see
 	flags = cv::v_select(kept, flags, marks);
 	cell.store(map->radiance + i);
 	cv::v_store(map->variance + i, variance);
-	cv::v_store(map->bound_scale + i,
-		    cv::v_select(clipped & refuted & (missing == zero), scale, held_scale));
+	bounds.store(map, i, missing == zero, clipped, refuted, hidden);
 	for (auto k = 0; k < 4; k++) {
 		int32_t four[4];
 
@@ -374,6 +423,7 @@ extern "C" void lp_radiance_map_forget_cell(struct lp_radiance_map *map, int cel
 	std::memset(map->radiance[cell], 0, sizeof(*map->radiance));
 	map->flags[cell] = LP_CELL_UNSEEN;
 	map->variance[cell] = LP_VARIANCE_UNKNOWN;
+	map->bound_scale[cell] = 0.0F;
 	map->before[cell].t_s = -1.0;
 }
 

@@ -43,8 +43,8 @@ struct lp_radiance_map {
 	float (*radiance)[4];	    /* R, G, B, luminance */
 	float *variance;	    /* of the luminance; LP_VARIANCE_UNKNOWN: not known */
 	uint8_t *flags;		    /* enum lp_cell_flag: UNSEEN never, CLIPPED only ever clipped */
-	float *bound_scale;	    /* CLIPPED: of the shortest exposure that it was clipped in */
-	double t_s;		    /* sum of all elapsed_s */
+	float *bound_scale; /* of the shortest exposure that clipped it lately; 0: none did */
+	double t_s;	    /* sum of all elapsed_s */
 	struct lp_cell_before *before; /* what each cell held before it last changed */
 	double remembered_s;	       /* the latest time of those; below 0: there is none */
 	float (*turned)[4];	       /* workspace of lp_radiance_map_turn() */

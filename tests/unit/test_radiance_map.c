@@ -180,7 +180,48 @@ static void test_clipped_cells_bound_from_below(void **state)
 	assert_int_equal(map->flags[5], 0);
 }
 
-/* Radiance from a billionth to a billion. */
+/* A clipped pixel does not show in the mean of a cell of middle brightness: a longer exposure does
+ * not make the cell darker that a shorter one has seen clipped, until that one shows it darker,
+ * too, or comes no more. */
+static void test_a_clipped_pixel_hides_in_a_longer_exposure(void **state)
+{
+	struct lp_observation longer = picture(1.0F), shorter = picture(100.0F);
+	int waited = 0;
+
+	(void)state;
+	for (int round = 0; round < 3; round++) {
+		fill(2.0F); /* one pixel of 64, and more */
+		memset(flags, LP_CELL_CLIPPED, CELLS);
+		(void)lp_radiance_map_observe(map, &shorter);
+		fill(0.3F);
+		memset(flags, 0, CELLS);
+		(void)lp_radiance_map_observe(map, &longer);
+		assert_float_equal(map->radiance[5][1], 2.0F, 1e-4F);
+		assert_int_equal(map->flags[5], LP_CELL_CLIPPED);
+	}
+	(void)lp_radiance_map_observe(map, &shorter);
+	assert_float_equal(map->radiance[5][1], 0.3F, 1e-4F);
+	assert_int_equal(map->flags[5], 0);
+
+	fill(2.0F);
+	memset(flags, LP_CELL_CLIPPED, CELLS);
+	(void)lp_radiance_map_observe(map, &shorter);
+	fill(0.3F);
+	memset(flags, 0, CELLS);
+	while (map->flags[5] && ++waited < 100)
+		(void)lp_radiance_map_observe(map, &longer);
+	assert_in_range(waited, 10, 30);
+	assert_float_equal(map->radiance[5][1], 0.3F, 1e-4F);
+
+	fill(2.0F);
+	memset(flags, LP_CELL_CLIPPED, CELLS);
+	(void)lp_radiance_map_observe(map, &shorter);
+	fill(0.004F); /* so dark that not one pixel can clip */
+	memset(flags, 0, CELLS);
+	(void)lp_radiance_map_observe(map, &longer);
+	assert_float_equal(map->radiance[5][1], 0.004F, 1e-5F);
+}
+
 /* Beside a clipped cell light may be that cell's, but darkness is not: what a misplaced frame has
  * left there goes. A cell so bright that a few of its pixels may clip, or one beside a cell that is
  * not seen, says nothing. */
@@ -436,6 +477,7 @@ int main(void)
 		cmocka_unit_test_setup(test_noise_is_averaged, begin),
 		cmocka_unit_test_setup(test_a_change_is_taken_at_once, begin),
 		cmocka_unit_test_setup(test_clipped_cells_bound_from_below, begin),
+		cmocka_unit_test_setup(test_a_clipped_pixel_hides_in_a_longer_exposure, begin),
 		cmocka_unit_test_setup(test_what_is_darker_beside_a_clipped_cell_is_learned, begin),
 		cmocka_unit_test_setup(test_any_unit_will_do, begin),
 		cmocka_unit_test_setup(test_lookup_of_a_turned_picture, begin),
