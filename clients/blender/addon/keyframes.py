@@ -54,25 +54,36 @@ def keyframe(
     scene_world.remove(scene)
     scene_lamps.root(scene)
     scene_world.show_sequence(scene, str(first_file), start, len(lights))
-    with _linear():
-        count = _key_lamps(scene, lights, scales)
-        _key_world(scene, lights, scales)
-    return Written(start, lights[-1].frame, count, tuple(notes))
+    objects = _key_lamps(scene, lights, scales)
+    _key_world(scene, lights, scales)
+    for one in objects:
+        _straighten(one)
+        _straighten(one.data)
+    _straighten(scene_world.world(scene).node_tree)
+    return Written(start, lights[-1].frame, len(objects), tuple(notes))
 
 
-@contextmanager
-def _linear() -> Iterator[None]:
-    """New keyframes are joined by straight lines meanwhile."""
-    edit = bpy.context.preferences.edit
-    before = edit.keyframe_new_interpolation_type
-    edit.keyframe_new_interpolation_type = "LINEAR"
-    try:
-        yield
-    finally:
-        edit.keyframe_new_interpolation_type = before
+def _straighten(animated: bpy.types.ID) -> None:
+    """Join keyframes by straight lines: Bézier curves would swing beyond them."""
+    for curve in _curves(animated.animation_data.action):
+        for key in curve.keyframe_points:
+            key.interpolation = "LINEAR"
 
 
-def _key_lamps(scene: bpy.types.Scene, lights: list[FrameLight], scales: list[float]) -> int:
+def _curves(action: bpy.types.Action) -> Iterator[bpy.types.FCurve]:
+    """Give the curves of an action: of Blender 4, and of the layers of Blender 5."""
+    if hasattr(action, "fcurves"):
+        yield from action.fcurves
+        return
+    for layer in action.layers:
+        for strip in layer.strips:
+            for bag in strip.channelbags:
+                yield from bag.fcurves
+
+
+def _key_lamps(
+    scene: bpy.types.Scene, lights: list[FrameLight], scales: list[float]
+) -> list[bpy.types.Object]:
     """Keyframe every lamp on the frames that show it, and dark before and after."""
     empty = scene_lamps.root(scene)
     objects: dict[LampKey, bpy.types.Object] = {}
@@ -88,7 +99,7 @@ def _key_lamps(scene: bpy.types.Scene, lights: list[FrameLight], scales: list[fl
         for gone in shown_before - shown:
             _key_dark(objects[gone], light.frame)
         shown_before = shown
-    return len(objects)
+    return list(objects.values())
 
 
 def _key_dark(lamp: bpy.types.Object, frame: int) -> None:

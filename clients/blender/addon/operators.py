@@ -152,7 +152,7 @@ class KeyframeOperator(bpy.types.Operator, ImportHelper):
         for note in done.notes:
             self.report({"WARNING"}, note)
         self.report(
-            {"INFO"}, f"{path.name}: {done.lamps} lamps, frames {done.first_frame} to "
+            {"INFO"}, f"{path.name}: lamps: {done.lamps}, frames {done.first_frame} to "
             f"{done.last_frame}; the sky is in {folder}"
         )  # fmt: skip
         return {"FINISHED"}

@@ -42,9 +42,9 @@ class LightprobePanel(bpy.types.Panel):
         _draw_state(layout, int(width_px * _CHARACTERS_PER_PX))
         column = layout.column()
         column.prop(settings, "mode")
-        for name in ("max_lamps", "map_size", "rate_hz", "steady") if settings.mode == "LAMPS" else (
-            "map_size", "rate_hz", "steady"
-        ):  # fmt: skip
+        if settings.mode == "LAMPS":
+            column.prop(settings, "max_lamps")
+        for name in ("map_size", "rate_hz", "steady"):
             column.prop(settings, name)
         column.separator()
         for name in ("units", "scale", "default_colour"):

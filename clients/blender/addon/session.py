@@ -28,7 +28,7 @@ class Session:
     link: Link
     scene_uid: int
     fader: Fader = field(default_factory=Fader)
-    report: Report = Report("WAITING", "connecting")
+    report: Report = field(default_factory=lambda: Report("WAITING", "connecting"))
     _ticked_s: float | None = None
     _shown: Seen | None = None
     _scale: float = 1.0

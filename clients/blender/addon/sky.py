@@ -78,9 +78,7 @@ def _still_basis(order: int, width_px: int) -> Array:
     return sh.evaluate(order, _probe_directions(width_px, 1, None))
 
 
-def from_harmonics(
-    harmonics_of: SphericalHarmonics, orientation: ArrayLike | None = None
-) -> Sky:
+def from_harmonics(harmonics_of: SphericalHarmonics, orientation: ArrayLike | None = None) -> Sky:
     """Picture of SH, nowhere negative, with the irradiance of the SH.
 
     `orientation`: (4,) x, y, z, w of the estimate, where the light is to stay when the probe turns.
@@ -98,21 +96,23 @@ def from_harmonics(
 def from_map(found: ReflectionMap, orientation: ArrayLike | None = None) -> Sky:
     """Picture of a reflection map, eight times as wide as a face; pixels are means of texels."""
     width_px = 8 * found.size
-    if orientation is None:
-        places = _still_texels(found.size, width_px)
-    else:
-        places = texels(_probe_directions(width_px, _SAMPLES, orientation), found.size)
+    rounded = None
+    if orientation is not None:  # to 0.1°: a probe at rest costs one look at the cache
+        rounded = tuple(np.round(np.asarray(orientation, np.float64), 3).tolist())
+    places = _texels(found.size, width_px, rounded)
     return Sky(_mean_pixels(found.radiance[places], width_px), "MAP")
 
 
-@functools.cache
-def _still_texels(size: int, width_px: int) -> tuple[NDArray[np.intp], ...]:
-    return texels(_probe_directions(width_px, _SAMPLES, None), size)
+@functools.lru_cache(maxsize=2)
+def _texels(
+    size: int, width_px: int, orientation: tuple[float, ...] | None
+) -> tuple[NDArray[np.intp], ...]:
+    return texels(_probe_directions(width_px, _SAMPLES, orientation), size)
 
 
 def _mean_pixels(fine: NDArray[np.float32], width_px: int) -> NDArray[np.float32]:
     """Average the samples of each pixel, by their solid angles."""
-    rows, columns, channels = fine.shape
+    rows, _, channels = fine.shape
     weight = np.cos(np.pi * ((np.arange(rows) + 0.5) / rows - 0.5)).astype(np.float32)
     weight = weight.reshape(-1, _SAMPLES)
     weight /= weight.sum(axis=1, keepdims=True) * _SAMPLES

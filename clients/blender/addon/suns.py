@@ -17,7 +17,7 @@ from . import axes
 Units = Literal["RELATIVE", "PHOTOMETRIC"]
 #: Luminous efficacy in lm/W that Blender's own glTF exporter divides by (CIE: of 555 nm).
 LUMENS_PER_WATT = 683.0
-#: Radiance of the brightest white surface after `fitting_scale`: below 1, so that it is not clipped.
+#: Radiance of the brightest white surface after `fitting_scale`; above 1 it would be clipped.
 _FITTED = 0.8
 
 

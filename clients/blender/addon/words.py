@@ -45,7 +45,9 @@ def report(seen: Seen) -> Report:
         return Report("WAITING", _nothing(seen), details)
     name = seen.probe_name or seen.uri
     if not seen.fresh:
-        return Report("OLD", f"{name}: the light is too old, so it fades out", (*_age(seen), *details))
+        return Report(
+            "OLD", f"{name}: the light is too old, so it fades out", (*_age(seen), *details)
+        )
     flags = seen.estimate.flags & ~_HARMLESS
     if flags or seen.faults:
         return Report("FAULTY", f"{name}: light comes, but it may be wrong", details)

@@ -55,8 +55,10 @@ class Probe:
         async with self._server.listening(f"tcp:127.0.0.1:{self._port}") as self.uri:
             self._ready.set()
             await self._end.wait()
-            for task in asyncio.all_tasks() - {asyncio.current_task()}:
-                task.cancel()  # connections that are open
+            connections = asyncio.all_tasks() - {asyncio.current_task()}
+            for task in connections:
+                task.cancel()
+            await asyncio.gather(*connections, return_exceptions=True)
 
     @property
     def port(self):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-from mathutils import Vector
+from mathutils import Matrix, Vector
 
 WHITE = 0.8  # albedo of every surface
 
@@ -45,15 +45,21 @@ def sphere(radius=1.0, location=(0, 0, 0)):
     return made
 
 
-def camera(towards_eye, width=2.0, up="Y"):
-    """Orthographic camera that looks at the origin from a direction; sees `width` across."""
+def camera(towards_eye, width=2.0):
+    """Orthographic camera that looks at the origin from a direction; sees `width` across.
+
+    From straight above, Blender's +X is right in the picture and +Y is up.
+    """
+    z = Vector(towards_eye).normalized()
+    x = Vector((0, 1, 0)).cross(z).normalized()
+    turned = Matrix((x, z.cross(x), z)).transposed()
     data = bpy.data.cameras.new("eye")
     data.type = "ORTHO"
     data.ortho_scale = width
     eye = bpy.data.objects.new("eye", data)
-    eye.location = 10 * Vector(towards_eye).normalized()
+    eye.location = 10 * z
     eye.rotation_mode = "QUATERNION"
-    eye.rotation_quaternion = Vector(towards_eye).to_track_quat("Z", up)
+    eye.rotation_quaternion = turned.to_quaternion()
     bpy.context.scene.collection.objects.link(eye)
     bpy.context.scene.camera = eye
     bpy.context.view_layer.update()
@@ -61,7 +67,7 @@ def camera(towards_eye, width=2.0, up="Y"):
 
 
 @contextlib.contextmanager
-def _quiet():
+def quiet():
     """Cycles reports every step on the process' standard output."""
     sys.stdout.flush()
     kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
@@ -91,7 +97,7 @@ def render(size_px=8, samples=64):
     settings.file_format, settings.color_depth = "OPEN_EXR", "32"
     with tempfile.TemporaryDirectory() as folder:
         scene.render.filepath = str(Path(folder) / "out.exr")
-        with _quiet():
+        with quiet():
             bpy.ops.render.render(write_still=True)
         image = bpy.data.images.load(scene.render.filepath)
         pixels = np.empty(4 * size_px * size_px, np.float32)
