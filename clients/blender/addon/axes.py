@@ -25,6 +25,11 @@ def to_probe(vectors: ArrayLike) -> Array:
     return np.asarray(np.asarray(vectors, dtype=np.float64) @ AXES)
 
 
+def blender_turn(orientation_xyzw: ArrayLike | None) -> Array:
+    """Matrix (3, 3) of the same turn for vectors in Blender's axes."""
+    return np.asarray(AXES @ turn(orientation_xyzw) @ AXES.T)
+
+
 def turn(orientation_xyzw: ArrayLike | None) -> Array:
     """Matrix (3, 3) that turns the probe frame into the frame that does not move.
 

@@ -20,6 +20,8 @@ from .timeline import FrameLight
 
 #: Gets the share, 0…1, that is done.
 OnProgress = Callable[[float], None]
+#: Of the pictures of the sky: nobody else's files have this name.
+_PREFIX = "lightprobe_"
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,7 @@ def keyframe(
     fps = scene.render.fps / scene.render.fps_base
     lights = list(timeline.frames(packets, start, fps, settings.steady))
     scales = [unit_scale(one.estimate, settings.units, settings.scale) for one in lights]
-    first_file = write_skies(lights, folder, settings.steady, on_progress)
+    first_file = write_skies(lights, folder, on_progress)
     scene_lamps.remove_all(scene)
     scene_world.remove(scene)
     scene_lamps.root(scene)
@@ -130,44 +132,48 @@ def _continued(before: Quaternion, towards: Vector) -> Quaternion:
 
 def _key_world(scene: bpy.types.Scene, lights: list[FrameLight], scales: list[float]) -> None:
     found = scene_world.world(scene)
-    gain, strength = scene_world.gain_socket(found), scene_world.strength_socket(found)
+    keyed = (
+        scene_world.gain_socket(found),
+        scene_world.strength_socket(found),
+        scene_world.turn_socket(found),
+    )
     for light, scale in zip(lights, scales, strict=True):
-        scene_world.show(scene, light.world_gain, scale)
-        gain.keyframe_insert("default_value", frame=light.frame)
-        strength.keyframe_insert("default_value", frame=light.frame)
+        orientation = light.estimate.orientation if scene.lightprobe.steady else None
+        scene_world.show(scene, light.world_gain, scale, orientation)
+        for socket in keyed:
+            socket.keyframe_insert("default_value", frame=light.frame)
 
 
-def write_skies(
-    lights: list[FrameLight], folder: Path, steady: bool, on_progress: OnProgress
-) -> Path:
+def write_skies(lights: list[FrameLight], folder: Path, on_progress: OnProgress) -> Path:
     """Write one OpenEXR picture of 32-bit floats for each frame; gives the first file.
 
-    Files 0001.exr, 0002.exr, …; a picture that does not change is copied. Raises
-    :class:`lightprobe.LightprobeError` when the folder cannot be written.
+    Files lightprobe_0001.exr, …; those of a former recording are deleted, and nothing else. A
+    picture that does not change is copied. Raises :class:`lightprobe.LightprobeError` when the
+    folder cannot be written.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for old in folder.glob("[0-9][0-9][0-9][0-9]*.exr"):
+        for old in folder.glob(f"{_PREFIX}[0-9][0-9][0-9][0-9]*.exr"):
             old.unlink()
         with _exr_scene() as writer:
             before: Estimate | None = None
             for index, light in enumerate(lights, start=1):
-                file = folder / f"{index:04d}.exr"
+                file = folder / f"{_PREFIX}{index:04d}.exr"
                 if light.estimate is before:
-                    shutil.copyfile(folder / f"{index - 1:04d}.exr", file)
+                    shutil.copyfile(folder / f"{_PREFIX}{index - 1:04d}.exr", file)
                 else:
-                    _write_sky(light.estimate, file, steady, writer)
+                    _write_sky(light.estimate, file, writer)
                 before = light.estimate
                 on_progress(index / len(lights))
     except (OSError, RuntimeError) as error:  # RuntimeError: Blender cannot write
         raise LightprobeError(
             f"{folder}: write pictures of the sky: {error}: choose another folder"
         ) from None
-    return folder / "0001.exr"
+    return folder / f"{_PREFIX}0001.exr"
 
 
-def _write_sky(estimate: Estimate, file: Path, steady: bool, writer: bpy.types.Scene) -> None:
-    picture = sky.from_harmonics(estimate.sh, estimate.orientation if steady else None)
+def _write_sky(estimate: Estimate, file: Path, writer: bpy.types.Scene) -> None:
+    picture = sky.from_harmonics(estimate.sh)
     image = scene_world.new_picture("lightprobe to write", picture.size_px)
     try:
         image.pixels.foreach_set(picture.rgba())

@@ -128,7 +128,8 @@ class KeyframeOperator(bpy.types.Operator, ImportHelper):
     )
     sky_folder: bpy.props.StringProperty(
         name="Folder of the sky",
-        description="Gets one picture a frame (0001.exr, …); empty: NAME_sky beside the recording",
+        description="Gets one picture a frame (lightprobe_0001.exr, …); empty: NAME_sky beside the "
+        "recording",
         subtype="DIR_PATH",
     )
 

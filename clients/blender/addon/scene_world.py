@@ -7,8 +7,10 @@ the default colour → Background, whose strength is the unit scale.
 from __future__ import annotations
 
 import bpy
-from mathutils import Quaternion
+from mathutils import Matrix, Quaternion
+from numpy.typing import ArrayLike
 
+from . import axes
 from .sky import Sky
 
 NAME = "lightprobe"
@@ -79,10 +81,12 @@ def strength_socket(found: bpy.types.World) -> bpy.types.NodeSocket:
     return found.node_tree.nodes[_BACKGROUND].inputs["Strength"]
 
 
-def show(scene: bpy.types.Scene, gain: float, scale: float) -> None:
-    """Set how much of the picture is seen, and its turn; see :func:`show_picture`."""
+def show(
+    scene: bpy.types.Scene, gain: float, scale: float, orientation: ArrayLike | None = None
+) -> None:
+    """Set how much of the picture is seen, and how it is turned; see :func:`show_picture`."""
     found = world(scene)
-    set_turn(scene)
+    set_turn(scene, orientation)
     _set(gain_socket(found), gain)
     _set(strength_socket(found), scale)
     set_default(scene, scale)
@@ -97,12 +101,21 @@ def set_default(scene: bpy.types.Scene, scale: float) -> None:
         socket.default_value = (*colour, 1.0)
 
 
-def set_turn(scene: bpy.types.Scene) -> None:
-    """Turn the picture as the empty is turned."""
+def set_turn(scene: bpy.types.Scene, orientation: ArrayLike | None) -> None:
+    """Turn the picture as the probe was turned (`orientation`), and as the empty is."""
     empty = scene.lightprobe.root
     turned = empty.matrix_world.to_quaternion() if empty else Quaternion()
-    mapping = world(scene).node_tree.nodes[_MAPPING]
-    mapping.inputs["Rotation"].default_value = turned.inverted().to_euler("XYZ")
+    turned = turned @ Matrix(axes.blender_turn(orientation)).to_quaternion()
+    socket = turn_socket(world(scene))
+    # Near the one before, so that keyframes do not swing around by 360°.
+    euler = turned.inverted().to_euler("XYZ", socket.default_value)
+    if tuple(socket.default_value) != tuple(euler):
+        socket.default_value = euler
+
+
+def turn_socket(found: bpy.types.World) -> bpy.types.NodeSocket:
+    """Euler angles, XYZ, that turn directions of the scene into those of the picture."""
+    return found.node_tree.nodes[_MAPPING].inputs["Rotation"]
 
 
 def _set(socket: bpy.types.NodeSocket, value: float) -> None:
@@ -153,11 +166,17 @@ def show_sequence(scene: bpy.types.Scene, first_file: str, start: int, count: in
     image.source = "SEQUENCE"
     image.name = f"{NAME} sky"
     as_light(image)
-    node.image = image
+    node.image = scene.lightprobe.picture = image
     node.image_user.frame_start = start
     node.image_user.frame_duration = count
     node.image_user.frame_offset = 0
     node.image_user.use_auto_refresh = True
+
+
+def is_keyframed(scene: bpy.types.Scene) -> bool:
+    """Tell whether a recording has been keyframed in this scene."""
+    found = scene.lightprobe.world
+    return found is not None and found.node_tree.animation_data is not None
 
 
 def pack(scene: bpy.types.Scene) -> None:

@@ -69,7 +69,8 @@ class Session:
         if seen.sky is not None and fresh and (self._shown is None or self._shown.sky != seen.sky):
             scene_world.show_picture(scene, seen.sky)
             self._shown = seen
-        scene_world.show(scene, self.fader.world_gain, self._scale)
+        orientation = self._shown.sky.orientation if self._shown and self._shown.sky else None
+        scene_world.show(scene, self.fader.world_gain, self._scale, orientation)
 
 
 class _Current:
@@ -96,12 +97,20 @@ def connect(scene: bpy.types.Scene) -> Session:
     Raises :class:`lightprobe.LightprobeError` for a wrong address or wish.
     """
     disconnect("not connected")
-    link = Link(scene.lightprobe.uri, scene.lightprobe.wish())
+    link = _open(scene)
     _Current.session = Session(link, scene.session_uid)
     scene_lamps.root(scene)
     if not bpy.app.timers.is_registered(_on_timer):
         bpy.app.timers.register(_on_timer, persistent=True)
     return _Current.session
+
+
+def _open(scene: bpy.types.Scene) -> Link:
+    if scene_world.is_keyframed(scene):
+        raise LightprobeError(
+            "connect: this scene shows a keyframed recording: press 'Remove lamps and world' first"
+        )
+    return Link(scene.lightprobe.uri, scene.lightprobe.wish())
 
 
 def disconnect(why: str = "not connected; the light stays as it was last") -> None:
@@ -143,7 +152,7 @@ def light_once(scene: bpy.types.Scene, timeout_s: float) -> Report:
     Raises :class:`lightprobe.LightprobeError` with the reason when no light came in time.
     """
     disconnect("not connected")
-    link = Link(scene.lightprobe.uri, scene.lightprobe.wish())
+    link = _open(scene)
     try:
         return _wait_and_show(scene, link, time.monotonic() + timeout_s)
     finally:

@@ -112,6 +112,25 @@ def test_a_recording_that_is_cut_off_is_used_as_far_as_it_goes(scene, tmp_path):
     assert "is cut off after" in notes[0]
 
 
+def test_files_of_others_in_the_folder_stay(scene, tmp_path):
+    folder = tmp_path / "turn_sky"
+    folder.mkdir()
+    (folder / "0001.exr").write_text("mine")
+    (folder / "lightprobe_9999.exr").write_text("of a longer recording")
+    keyframed(a_lamp_that_turns(tmp_path / "turn.mcap"))
+    assert (folder / "0001.exr").read_text() == "mine"
+    assert len(list(folder.glob("lightprobe_*.exr"))) == FPS + 1
+
+
+def test_a_keyframed_scene_is_not_overwritten_by_a_live_probe(scene, tmp_path):
+    keyframed(a_lamp_that_turns(tmp_path / "turn.mcap"))
+    with pytest.raises(RuntimeError, match="press 'Remove lamps and world' first"):
+        bpy.ops.lightprobe.connect()
+    bpy.ops.lightprobe.remove()
+    assert not bpy.data.images
+    assert bpy.ops.lightprobe.connect() == {"FINISHED"}
+
+
 @pytest.mark.parametrize(
     ("content", "words"),
     [

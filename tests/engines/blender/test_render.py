@@ -126,7 +126,7 @@ def test_the_world_turns_with_the_empty(scene):
     empty.rotation_mode = "QUATERNION"
     empty.rotation_quaternion = turn = Quaternion((0.8, 0.2, -0.5, 0.3)).normalized()
     scene.view_layers[0].update()
-    scene_world.set_turn(scene)
+    scene_world.set_turn(scene, None)
     back = np.array(turn.to_matrix())  # row vectors times it: turned back
 
     def expected(probe):
@@ -138,4 +138,17 @@ def test_the_world_turns_with_the_empty(scene):
 
     worst, _ = off_at_normals(scene, expected, 512, eyes=((1, -1, 0.5),))
     print(f"turned empty: {worst:.2f}/255 off at most")
+    assert worst < 2
+
+
+def test_the_world_stays_when_the_probe_turns(scene):
+    """The picture is in the probe frame; the orientation of the packet turns it."""
+    shown(scene, coefficients=COEFFICIENTS)
+    x, y, z, w = turn = np.array([0.1, -0.7, 0.3, 0.6403]) / np.linalg.norm(
+        [0.1, -0.7, 0.3, 0.6403]
+    )
+    scene_world.set_turn(scene, turn)
+    turned = sh.rotate(COEFFICIENTS, (w, x, y, z))
+    worst, _ = off_at_normals(scene, lambda n: sh.irradiance(turned, n), 512, eyes=((1, -1, 0.5),))
+    print(f"turned probe: {worst:.2f}/255 off at most")
     assert worst < 2
