@@ -32,8 +32,8 @@ def packet(coefficients=None, lamps=(), kind="AMBIENT", ttl_ms=60_000, flags=0):
 class Probe:
     """A probe on a port of its own. Use with `with`; `send` publishes to whoever listens."""
 
-    def __init__(self, port=0):
-        self._port = port
+    def __init__(self, port=0, scheme="tcp"):
+        self._port, self._scheme = port, scheme
         self._loop = asyncio.new_event_loop()
         self._ready, self._end = threading.Event(), None
         self.uri = ""
@@ -52,7 +52,7 @@ class Probe:
     async def _run(self):
         self._end = asyncio.Event()
         self._server = ProbeServer("test probe", "tests")
-        async with self._server.listening(f"tcp:127.0.0.1:{self._port}") as self.uri:
+        async with self._server.listening(f"{self._scheme}:127.0.0.1:{self._port}") as self.uri:
             self._ready.set()
             await self._end.wait()
             connections = asyncio.all_tasks() - {asyncio.current_task()}

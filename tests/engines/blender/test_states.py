@@ -76,6 +76,14 @@ def test_a_probe_without_light_is_waited_for(scene):
         assert running.fader.world_gain == 0
 
 
+def test_a_web_address_works_with_the_wheel_of_the_extension(scene):
+    with Probe(scheme="ws") as probe:
+        assert probe.uri.startswith("ws://")
+        running = connected(scene, probe.uri)
+        probe.send(packet(lamps=[LAMP]))
+        ticked_until(running, lambda: energies(scene) == [pytest.approx(2)], "no light")
+
+
 def test_flags_are_shown_in_words(scene):
     with Probe() as probe:
         running = connected(scene, probe.uri)
