@@ -29,3 +29,24 @@ web: $(BUILD)/web/index.html ## build the viewer in build/web: lightprobed --pub
 
 test-js: web daemon $(STAMPS)/venv ## run the tests of the JavaScript package and the viewer, also in Chromium
 	@cd $(JS) && npm test --silent
+
+# The Blender extension, and the real Blender to test it: bpy from PyPI, in a Python of its own.
+BLENDER := $(BUILD)/blender
+BLENDER_SOURCES := $(wildcard clients/blender/addon/* clients/blender/tools/*.py host_py/lightprobe/*.py)
+BUILD_EXTENSION := $(VENV)/bin/python clients/blender/tools/build_extension.py --out $(BLENDER)
+
+.PHONY: blender test-blender
+$(BLENDER)/built: $(BLENDER_SOURCES) host_py/constraints.txt proto/lightprobe.proto | $(STAMPS)/venv
+	@$(BUILD_EXTENSION)
+	@touch $@
+blender: $(BLENDER)/built ## build the Blender extension for this machine in build/blender; PLATFORM=windows-x64, macos-arm64, …: for another one, too
+	@$(if $(PLATFORM),$(BUILD_EXTENSION) --platform $(PLATFORM))
+
+$(BLENDER)/installed: tests/engines/blender/requirements.txt
+	@echo 'setup: Blender as a Python module into $(BLENDER)/venv (350 MB)'
+	@[ -x $(BLENDER)/venv/bin/python ] || $(PYTHON) -m venv $(BLENDER)/venv
+	@$(BLENDER)/venv/bin/pip install --quiet --disable-pip-version-check -r $<
+	@touch $@
+
+test-blender: build $(BLENDER)/installed $(BLENDER)/built ## test the Blender extension in the real Blender (350 MB from PyPI)
+	@$(BLENDER)/venv/bin/python -m pytest -q -s -W ignore::pytest.PytestConfigWarning tests/engines/blender

@@ -21,6 +21,7 @@ check-python:
 	@$(RUFF) format --check -q host_py tests docs proto clients
 	@$(RUFF) check -q host_py tests docs proto clients
 	@$(VENV)/bin/mypy --config-file host_py/pyproject.toml host_py/lightprobe
+	@$(VENV)/bin/mypy --config-file host_py/pyproject.toml clients/blender/addon clients/blender/tools
 
 format-python:
 	@$(RUFF) format -q host_py tests docs proto clients
