@@ -95,7 +95,7 @@ def read(path: Path, notes: list[str]) -> Iterator[Recorded]:
                     yield Recorded(record.log_time, message)  # type: ignore[attr-defined]
         except _SPOILT as error:
             notes.append(
-                f"{path}: is cut off after {count} messages ({error or type(error).__name__})"
+                f"{path}: is cut off after {count} messages ({str(error) or type(error).__name__})"
             )
     if foreign:
         notes.append(f"{path}: {foreign} messages of other programs are left out")

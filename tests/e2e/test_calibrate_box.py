@@ -131,7 +131,8 @@ def every(seconds: float, act: Callable[[], None], stop: threading.Event) -> thr
 def test_ring_against_the_camera(tmp_path: Path) -> None:
     """The probe's own estimates are the light meter; lamps are switched meanwhile."""
     options = ("--size", "960x480", "--rate", "20", "--scenes", "procedural:5", "--act-s", "4",
-               "--ring-spread", "1", "--median-radiance", "0", "--cd-m2-per-unit", "40")  # fmt: skip
+               "--ring-spread", "1", "--median-radiance", "0",
+               "--cd-m2-per-unit", "40")  # fmt: skip
     uri = f"unix:{tmp_path / 'probe'}"
     polarizer = 0.42
     with simulator(tmp_path, *options) as running:
