@@ -150,7 +150,8 @@ def test_a_recording_cut_in_the_middle_is_used_as_far_as_it_goes(recorded, tmp_p
         with contextlib.suppress(recording.LightprobeError):  # nothing whole is left
             messages = list(recording.read(short, notes))
         assert len(notes) == 1
-        assert f"is cut off after {len(messages)} messages" in notes[0] and "()" not in notes[0]
+        assert f"is cut off after {len(messages)} messages" in notes[0]
+        assert "()" not in notes[0]
     short.write_bytes(data[: len(data) * 2 // 3])
     done = command("replay", short, "--once", "--speed", 100, "--publish",
                    f"tcp:127.0.0.1:{free_port()}")  # fmt: skip
