@@ -13,31 +13,10 @@ import { decode, encodeSubscription, irradiance, largest, reflected, type Estima
 import { DEFAULT_SUBSCRIPTION } from "../src/wire.js";
 import * as pb from "../src/gen/lightprobe_pb.js";
 import { LONG_MS, launch, pageWith } from "./chromium.js";
+import { DAEMON, freePort, panorama } from "./daemon.js";
 import { ROOT } from "./golden.js";
 
-const DAEMON = resolve(ROOT, "build/release/bin/lightprobed");
-
 let browser: Browser, daemon: ChildProcess, port = 0, folder = "";
-
-/** A port that is free now. */
-const freePort = (): Promise<number> => new Promise((done) => {
-  const server = createServer().listen(0, "127.0.0.1", () => {
-    const { port: found } = server.address() as { port: number };
-    server.close(() => done(found));
-  });
-});
-
-/** A 32-bit float panorama with a bright patch at azimuth 0, elevation 45°, over a warm room. */
-function panorama(): Buffer {
-  const width = 128, height = 64, data = new Float32Array(3 * width * height);
-  for (let row = 0; row < height; row++)
-    for (let column = 0; column < width; column++) {
-      const isLamp = Math.abs(row - 16) < 2 && Math.abs(column - 64) < 2;
-      // PFM's rows begin at the bottom.
-      data.set(isLamp ? [400, 380, 300] : [0.5, 0.4, 0.3 + 0.2 * (row / height)], 3 * ((height - 1 - row) * width + column));
-    }
-  return Buffer.concat([Buffer.from(`PF\n${width} ${height}\n-1.0\n`), Buffer.from(data.buffer)]);
-}
 
 function startDaemon(...more: string[]): ChildProcess {
   return spawn(DAEMON, [`--source=file:${join(folder, "room.pfm")}?rate=30`, `--publish=ws:127.0.0.1:${port}?root=${resolve(ROOT, "build/web")}`,
