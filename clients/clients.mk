@@ -50,3 +50,8 @@ $(BLENDER)/installed: tests/engines/blender/requirements.txt
 
 test-blender: build $(BLENDER)/installed $(BLENDER)/built ## test the Blender extension in the real Blender (350 MB from PyPI)
 	@$(BLENDER)/venv/bin/python -m pytest -q -s -W ignore::pytest.PytestConfigWarning tests/engines/blender
+
+# The C# package: compiled and run by mono.
+.PHONY: test-csharp
+test-csharp: build $(call apt,csharp) ## test the C# package for Unity, by mono
+	@$(VENV)/bin/pytest -q tests/engines/csharp

@@ -82,10 +82,10 @@ $(BABYLON)/page.bundle.js: $(wildcard tests/engines/babylon/*) tests/engines/bab
 
 .PHONY: test-engines
 test-engines: build $(BABYLON)/page.bundle.js ## read exported files in Babylon.js (108 MB from npm), and test the Blender extension (350 MB from PyPI)
-	@$(VENV)/bin/pytest -q -s --ignore=tests/engines/blender tests/engines
+	@$(VENV)/bin/pytest -q -s tests/engines/test_babylon.py
 	@$(MAKE) test-blender
 
-test-all: test-unit test-python test-js
+test-all: test-unit test-python test-js test-csharp
 
 .PHONY: check-rules
 check-rules: build

@@ -1,0 +1,294 @@
+// SPDX-License-Identifier: Apache-2.0
+using System;
+using System.Collections.Generic;
+using System.Diagnostics;
+using System.IO;
+using System.Linq;
+using System.Net.Sockets;
+using System.Threading;
+using Lightprobe.Messages;
+
+namespace Lightprobe
+{
+    /// <summary>What a client is doing.</summary>
+    public enum ProbeState
+    {
+        /// <summary>No greeting has come yet.</summary>
+        Connecting,
+        /// <summary>The probe has greeted.</summary>
+        Open,
+        /// <summary>Until the next attempt.</summary>
+        Waiting,
+        /// <summary>For good: Dispose was called, or the probe speaks another protocol.</summary>
+        Closed,
+    }
+
+    /// <summary>
+    /// A client of one probe. It connects, and connects again when the connection is lost; the newest estimate wins.
+    /// A thread of its own does the work. Every member may be used from any thread, and none of them waits, but
+    /// <see cref="WaitForNext"/>. Messages that it has given out do not change any more.
+    /// </summary>
+    public sealed class Probe : IDisposable
+    {
+        private const uint ProtocolMajor = 1, MinorWithNumbers = 1;
+        private const int FirstBackoffMs = 100, LastBackoffMs = 5000, ConnectMs = 5000, LeastPatienceMs = 5000;
+        /// <summary>Of how many estimates the fastest tells how far the probe's clock is off.</summary>
+        private const int ClockMessages = 32;
+        private static readonly Stopwatch Clock = Stopwatch.StartNew();
+
+        private readonly object _lock = new object();
+        private readonly TcpAddress _address;
+        private readonly Queue<double> _offsetsMs = new Queue<double>();
+        private readonly Random _random = new Random();
+        private readonly Thread _thread;
+        private Subscription _wish;
+        private TcpClient _connection;
+        private Hello _hello;
+        private Health _health;
+        private Estimate _newest;
+        private ProbeState _state = ProbeState.Connecting;
+        private string _lastError;
+        private long _count;
+        private int _backoffMs = FirstBackoffMs;
+
+        /// <summary>Starts to connect, and returns at once.</summary>
+        /// <param name="address">tcp:HOST:PORT, as lightprobed listens by default: tcp:127.0.0.1:7700.</param>
+        /// <param name="wish">What the probe is to send; null: its defaults, and health once a second. It is
+        /// not to be changed any more: see <see cref="Subscribe"/>.</param>
+        /// <exception cref="ArgumentException">The address is none, or of a kind that this client does not know.</exception>
+        public Probe(string address = "tcp:127.0.0.1:7700", Subscription wish = null)
+        {
+            _address = TcpAddress.Parse(address);
+            _wish = Numbered(wish ?? new Subscription { HealthPeriodMs = 1000 }, 1);
+            _thread = new Thread(Run) { IsBackground = true, Name = "lightprobe " + address };
+            _thread.Start();
+        }
+
+        /// <summary>What it is doing.</summary>
+        public ProbeState State { get { lock (_lock) return _state; } }
+
+        /// <summary>The greeting of the connection that is open; null: none is.</summary>
+        public Hello Hello { get { lock (_lock) return _hello; } }
+
+        /// <summary>The newest report on the probe's health; null before the first.</summary>
+        public Health Health { get { lock (_lock) return _health; } }
+
+        /// <summary>Why there is nothing, in a sentence; null while all is well.</summary>
+        public string LastError { get { lock (_lock) return _lastError; } }
+
+        /// <summary>The newest estimate; null before the first, and when it has outlived its TtlMs.</summary>
+        public Estimate Latest
+        {
+            get
+            {
+                lock (_lock) return _newest == null || (_newest.TtlMs > 0 && AgeMsLocked() > _newest.TtlMs) ? null : _newest;
+            }
+        }
+
+        /// <summary>Milliseconds since the capture of the newest estimate, aged out or not; null before the first.</summary>
+        public double? AgeMs { get { lock (_lock) return _newest == null ? (double?)null : AgeMsLocked(); } }
+
+        /// <summary>Waits for an estimate that comes after this call; null: none came in time.</summary>
+        public Estimate WaitForNext(int timeoutMs)
+        {
+            double until = NowMs() + timeoutMs;
+            lock (_lock)
+            {
+                long before = _count;
+                for (double left; _count == before && _state != ProbeState.Closed && (left = until - NowMs()) > 0;)
+                    Monitor.Wait(_lock, (int)Math.Ceiling(left));
+                return _count == before ? null : _newest;
+            }
+        }
+
+        /// <summary>Asks for something else, now and after each reconnection. `wish` is not to be changed any more.</summary>
+        public void Subscribe(Subscription wish)
+        {
+            lock (_lock)
+            {
+                _wish = Numbered(wish, _wish.Number + 1);
+                if (_connection == null) return;
+                try
+                {
+                    Send(_connection.GetStream(), _wish);
+                }
+                catch (Exception error) when (IsOfConnection(error))
+                {
+                    // The thread notices, too, and asks for it on the next connection.
+                }
+            }
+        }
+
+        /// <summary>Ends for good.</summary>
+        public void Dispose()
+        {
+            lock (_lock)
+            {
+                _state = ProbeState.Closed;
+                _connection?.Close();
+                Monitor.PulseAll(_lock);
+            }
+        }
+
+        private static double NowMs() => Clock.Elapsed.TotalMilliseconds;
+
+        private double AgeMsLocked() => NowMs() - (_newest.CaptureTimeUnixNs / 1e6 + _offsetsMs.Min());
+
+        private static Subscription Numbered(Subscription wish, uint number)
+        {
+            wish.Number = number;
+            return wish;
+        }
+
+        private static bool IsOfConnection(Exception error) =>
+            error is IOException || error is SocketException || error is ObjectDisposedException || error is InvalidOperationException;
+
+        // ------------------------------------------------------------ the thread
+
+        private void Run()
+        {
+            try
+            {
+                while (State != ProbeState.Closed) RunOnce();
+            }
+            catch (Exception error)
+            {
+                lock (_lock)
+                {
+                    _lastError = _address + ": client: unexpected " + error + ": please report it";
+                    _state = ProbeState.Closed;
+                    Monitor.PulseAll(_lock);
+                }
+            }
+        }
+
+        private void RunOnce()
+        {
+            string why = OneConnection();
+            lock (_lock)
+            {
+                _hello = null;
+                _connection = null;
+                if (_state == ProbeState.Closed) return;
+                _lastError = why;
+                _state = ProbeState.Waiting;
+                Monitor.Wait(_lock, (int)(_backoffMs * (0.8 + 0.4 * _random.NextDouble())));
+                _backoffMs = Math.Min(2 * _backoffMs, LastBackoffMs);
+                if (_state != ProbeState.Closed) _state = ProbeState.Connecting;
+            }
+        }
+
+        /// <summary>Gives why it ended.</summary>
+        private string OneConnection()
+        {
+            string refusal = null;
+            try
+            {
+                using (TcpClient connection = Open())
+                {
+                    Stream stream = new BufferedStream(connection.GetStream(), 1 << 16);
+                    for (; ; )
+                    {
+                        FromProbe message = Framing.Read(stream);
+                        if (message == null) return refusal ?? _address + ": the probe closed the connection";
+                        if (message.Error != null) refusal = _address + ": " + message.Error.Text;
+                        Take(message, refusal);
+                    }
+                }
+            }
+            catch (WireException error)
+            {
+                return _address + ": receive: " + error.Message + ": is this a lightprobe?";
+            }
+            catch (Exception error) when (IsOfConnection(error))
+            {
+                return refusal ?? Explained(error);
+            }
+        }
+
+        private string Explained(Exception error)
+        {
+            if (error is IOException && error.InnerException is SocketException inner && inner.SocketErrorCode == SocketError.TimedOut)
+                return _address + ": silent for too long: is the network up?";
+            return Hello == null
+                ? _address + ": connect: " + error.Message + ": is lightprobed running?"
+                : _address + ": receive: " + error.Message;
+        }
+
+        private TcpClient Open()
+        {
+            var connection = new TcpClient { NoDelay = true };
+            IAsyncResult attempt = connection.BeginConnect(_address.Host, _address.Port, null, null);
+            if (!attempt.AsyncWaitHandle.WaitOne(ConnectMs))
+            {
+                connection.Close();
+                throw new IOException("no answer within " + ConnectMs / 1000 + " s");
+            }
+            connection.EndConnect(attempt);
+            lock (_lock)
+            {
+                if (_state == ProbeState.Closed)
+                {
+                    connection.Close();
+                    throw new IOException("closed");
+                }
+                _connection = connection;
+                connection.GetStream().ReadTimeout = LeastPatienceMs;
+                connection.GetStream().WriteTimeout = LeastPatienceMs;
+                Send(connection.GetStream(), _wish);
+            }
+            return connection;
+        }
+
+        private static void Send(Stream stream, Subscription wish)
+        {
+            byte[] data = Framing.Delimited(new FromClient { Subscribe = wish });
+            stream.Write(data, 0, data.Length);
+        }
+
+        private void Take(FromProbe message, string refusal)
+        {
+            lock (_lock)
+            {
+                if (_state == ProbeState.Closed) return;
+                if (message.Hello != null) Greet(message.Hello);
+                else if (message.Error == null && _hello == null) throw new WireException("the first message is not a Hello");
+                if (message.Health != null) _health = message.Health;
+                if (message.Estimate != null) TakeEstimate(message.Estimate);
+                if (refusal != null) _lastError = refusal;
+                if (_connection != null)
+                    _connection.GetStream().ReadTimeout = _wish.HealthPeriodMs > 0
+                        ? (int)Math.Max(LeastPatienceMs, 5L * _wish.HealthPeriodMs) : Timeout.Infinite;
+            }
+        }
+
+        private void Greet(Hello hello)
+        {
+            if (hello.ProtocolMajor != ProtocolMajor)
+            {
+                _lastError = _address + ": " + hello.Software + " speaks protocol " + hello.ProtocolMajor + ", this client "
+                    + ProtocolMajor + ": use the client of the probe's version";
+                _state = ProbeState.Closed;
+                _connection?.Close();
+                Monitor.PulseAll(_lock);
+                return;
+            }
+            _hello = hello;
+            _lastError = null;
+            _backoffMs = FirstBackoffMs;
+            _state = ProbeState.Open;
+        }
+
+        private void TakeEstimate(Estimate estimate)
+        {
+            // What was made for an earlier subscription was on its way.
+            if (_hello.ProtocolMinor >= MinorWithNumbers && estimate.Subscription != _wish.Number) return;
+            if (_newest == null || _newest.BootId != estimate.BootId) _offsetsMs.Clear();
+            _offsetsMs.Enqueue(NowMs() - (estimate.CaptureTimeUnixNs / 1e6 + estimate.SendDelayUs / 1e3));
+            if (_offsetsMs.Count > ClockMessages) _offsetsMs.Dequeue();
+            _newest = estimate;
+            _count++;
+            Monitor.PulseAll(_lock);
+        }
+    }
+}

@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: Apache-2.0
+using System.Collections.Generic;
+using Lightprobe.Messages;
+using UnityEngine;
+using UnityEngine.Rendering;
+
+namespace Lightprobe
+{
+    /// <summary>
+    /// Lights the scene with a probe's light: lamps become directional lights below this object, the rest the ambient probe.
+    /// The probe's axes are those of this object's transform. Lamps fade in and out; they do not pop.
+    /// </summary>
+    [AddComponentMenu("Lighting/Lightprobe receiver")]
+    public sealed class LightProbeReceiver : MonoBehaviour
+    {
+        [Tooltip("tcp:HOST:PORT of the probe")]
+        [SerializeField] private string address = "tcp:127.0.0.1:7700";
+        [Tooltip("Lamps at once")]
+        [Range(0, 8)]
+        [SerializeField] private int lamps = 4;
+        [Tooltip("Built-in and URP, or HDRP: they differ in what intensity means")]
+        [SerializeField] private Pipeline pipeline = Pipeline.Universal;
+        [Tooltip("Time constant of changes, in seconds")]
+        [SerializeField] private float fadeS = 0.15f;
+
+        private readonly Dictionary<uint, LampFade> _shown = new Dictionary<uint, LampFade>();
+        private readonly List<uint> _gone = new List<uint>();
+        private float[,] _ambient = new float[3, 9];
+        private uint _bootId;
+        private Probe _probe;
+
+        /// <summary>The client; null while the component is off.</summary>
+        public Probe Probe => _probe;
+
+        /// <summary>How it is, in a sentence, for your interface.</summary>
+        public string Status =>
+            _probe == null ? "off" : _probe.LastError ?? (_probe.Latest == null ? "no light yet" : "light is " + _probe.AgeMs.Value.ToString("0") + " ms old");
+
+        private void OnEnable() =>
+            _probe = new Probe(address, new Subscription { MaxLights = (uint)lamps, HealthPeriodMs = 1000 });
+
+        private void OnDisable()
+        {
+            _probe?.Dispose();
+            _probe = null;
+        }
+
+        private void Update()
+        {
+            Estimate estimate = _probe?.Latest;
+            float share = 1 - Mathf.Exp(-Time.deltaTime / Mathf.Max(fadeS, 1e-3f));
+            if (estimate != null && estimate.BootId != _bootId) Restarted(estimate.BootId);
+            foreach (LampFade lamp in _shown.Values) lamp.Goal = 0;
+            if (estimate != null)
+                foreach (var lamp in estimate.Lights) Aim(lamp, estimate.CdM2PerUnit ?? 1);
+            Fade(share);
+            Ambient(estimate, share);
+        }
+
+        /// <summary>Numbers of lamps begin anew: the lamps of before fade out beside the new ones.</summary>
+        private void Restarted(uint bootId)
+        {
+            var before = new List<LampFade>(_shown.Values);
+            _shown.Clear();
+            for (int i = 0; i < before.Count; i++) _shown[uint.MaxValue - (uint)i] = before[i];
+            _bootId = bootId;
+        }
+
+        private void Aim(Messages.Light lamp, float cdM2PerUnit)
+        {
+            var light = new UnityLight(lamp, pipeline, cdM2PerUnit);
+            if (!_shown.TryGetValue(lamp.Id, out LampFade shown)) _shown[lamp.Id] = shown = new LampFade(transform);
+            shown.Aim(light);
+        }
+
+        private void Fade(float share)
+        {
+            _gone.Clear();
+            foreach (KeyValuePair<uint, LampFade> one in _shown)
+                if (!one.Value.Step(share)) _gone.Add(one.Key);
+            foreach (uint id in _gone) _shown.Remove(id);
+        }
+
+        private void Ambient(Estimate estimate, float share)
+        {
+            float scale = pipeline == Pipeline.HighDefinition ? estimate?.CdM2PerUnit ?? 1 : 1;
+            float[,] goal = estimate?.Sh == null ? new float[3, 9] : UnityLight.SphericalHarmonicsL2(estimate.Sh, scale);
+            var probe = new SphericalHarmonicsL2();
+            for (int c = 0; c < 3; c++)
+                for (int i = 0; i < 9; i++)
+                    probe[c, i] = _ambient[c, i] += share * (goal[c, i] - _ambient[c, i]);
+            RenderSettings.ambientMode = AmbientMode.Custom;
+            RenderSettings.ambientProbe = probe;
+        }
+    }
+}

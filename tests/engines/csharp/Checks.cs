@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the tests ask of the package: one word says what, the rest comes on standard input, the answer is JSON lines.
+using System;
+using System.Collections;
+using System.Globalization;
+using System.IO;
+using System.Linq;
+using System.Reflection;
+using Lightprobe;
+using Lightprobe.Messages;
+
+static class Checks
+{
+    static int Main(string[] arguments)
+    {
+        switch (arguments[0])
+        {
+            case "decode": foreach (string line in Lines()) Decode(line); return 0;
+            case "subscribe": Console.WriteLine(Hex(Framing.Delimited(new FromClient { Subscribe = Wish() }))); return 0;
+            case "unity": foreach (string line in Lines()) Unity(line); return 0;
+            case "live": return Live(arguments[1], int.Parse(arguments[2]));
+            case "address": return Address(arguments[1]);
+            default: return 2;
+        }
+    }
+
+    static System.Collections.Generic.IEnumerable<string> Lines()
+    {
+        for (string line; (line = Console.ReadLine()) != null;) yield return line;
+    }
+
+    static byte[] Bytes(string hex) =>
+        Enumerable.Range(0, hex.Length / 2).Select(i => byte.Parse(hex.Substring(2 * i, 2), NumberStyles.HexNumber)).ToArray();
+
+    static string Hex(byte[] bytes) => string.Concat(bytes.Select(b => b.ToString("x2")));
+
+    /// <summary>Through the stream, as messages come, with their lengths.</summary>
+    static void Decode(string hex)
+    {
+        try
+        {
+            FromProbe message = Framing.Read(new MemoryStream(Bytes(hex)));
+            Console.WriteLine(message == null ? "\"end\"" : Json(message));
+        }
+        catch (WireException error)
+        {
+            Console.WriteLine("\"refused: " + error.Message + "\"");
+        }
+    }
+
+    static Subscription Wish() => new Subscription
+    {
+        RateHz = 30, ShOrder = 0, MaxLights = 8, Kind = SphericalHarmonicsKind.Total, Number = 300, KeyLight = true,
+        ReflectionMap = new ReflectionMapWish { Size = 32, RateHz = 2.5f },
+    };
+
+    /// <summary>Of an estimate's first lamp and SH, what Unity gets.</summary>
+    static void Unity(string hex)
+    {
+        Estimate estimate = Framing.Read(new MemoryStream(Bytes(hex))).Estimate;
+        foreach (Pipeline pipeline in new[] { Pipeline.Universal, Pipeline.HighDefinition })
+        {
+            var lamp = new UnityLight(estimate.Lights[0], pipeline);
+            float[,] sh = UnityLight.SphericalHarmonicsL2(estimate.Sh);
+            Console.WriteLine(Json(lamp.Forward.Concat(lamp.Colour).Concat(new[] { lamp.Intensity }).Concat(sh.Cast<float>()).ToArray()));
+        }
+    }
+
+    /// <summary>Prints every estimate for so many seconds; then why there was nothing, if so.</summary>
+    static int Live(string address, int seconds)
+    {
+        var until = DateTime.UtcNow.AddSeconds(seconds);
+        using (var probe = new Probe(address))
+            while (DateTime.UtcNow < until)
+            {
+                Estimate estimate = probe.WaitForNext(200);
+                Console.WriteLine(estimate == null ? "{\"error\":" + Json(probe.LastError) + ",\"stale\":" + Json(probe.Latest == null) + "}" : Json(estimate));
+            }
+        return 0;
+    }
+
+    static int Address(string address)
+    {
+        try
+        {
+            new Probe(address).Dispose();
+            return 0;
+        }
+        catch (ArgumentException error)
+        {
+            Console.WriteLine(error.Message);
+            return 1;
+        }
+    }
+
+    static string Json(object value)
+    {
+        if (value == null) return "null";
+        if (value is bool) return (bool)value ? "true" : "false";
+        if (value is string) return "\"" + ((string)value).Replace("\\", "\\\\").Replace("\"", "\\\"").Replace("\n", " ") + "\"";
+        if (value is byte[]) return Json(Hex((byte[])value));
+        if (value is float) return Number((float)value);
+        if (value is Enum) return Convert.ToUInt64(value).ToString();
+        if (value is IEnumerable) return "[" + string.Join(",", ((IEnumerable)value).Cast<object>().Select(Json)) + "]";
+        if (value is IFormattable) return ((IFormattable)value).ToString(null, CultureInfo.InvariantCulture);
+        return "{" + string.Join(",", value.GetType().GetFields(BindingFlags.Public | BindingFlags.Instance).Select(f => "\"" + f.Name + "\":" + Json(f.GetValue(value)))) + "}";
+    }
+
+    static string Number(float number)
+    {
+        string text = number.ToString("R", CultureInfo.InvariantCulture);
+        return float.IsNaN(number) || float.IsInfinity(number) ? "\"" + text + "\"" : text;
+    }
+}

@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+// The parts of UnityEngine that clients/csharp/Unity names, without any behaviour: the compiler finds misspelt names
+// with them. Nothing of Unity is tested.
+using System;
+
+namespace UnityEngine
+{
+    public class Object { public static void Destroy(Object obj) { } }
+    public class Component : Object { public Transform transform; public GameObject gameObject; }
+    public class MonoBehaviour : Component { }
+    public class Transform : Component { public Quaternion localRotation; public void SetParent(Transform parent, bool worldPositionStays) { } }
+    public class GameObject : Object { public Transform transform; public GameObject(string name) { } public T AddComponent<T>() where T : Component => null; }
+    public class Light : Component { public LightType type; public LightShadows shadows; public float intensity; public Color color; }
+    public enum LightType { Directional }
+    public enum LightShadows { Soft }
+    public struct Color { public Color(float r, float g, float b) { } }
+    public struct Vector3 { public float y; public Vector3(float x, float y, float z) { this.y = y; } public static Vector3 forward => default(Vector3); public static Vector3 up => default(Vector3); }
+    public struct Quaternion { public static Quaternion LookRotation(Vector3 forward, Vector3 upwards) => default(Quaternion); }
+    public static class Mathf { public static float Exp(float f) => 0; public static float Max(float a, float b) => 0; public static float Abs(float f) => 0; }
+    public static class Time { public static float deltaTime => 0; }
+    public static class RenderSettings { public static Rendering.AmbientMode ambientMode; public static Rendering.SphericalHarmonicsL2 ambientProbe; }
+    public class SerializeField : Attribute { }
+    public class TooltipAttribute : Attribute { public TooltipAttribute(string text) { } }
+    public class RangeAttribute : Attribute { public RangeAttribute(float min, float max) { } }
+    public class AddComponentMenu : Attribute { public AddComponentMenu(string name) { } }
+}
+
+namespace UnityEngine.Rendering
+{
+    public enum AmbientMode { Custom }
+    public struct SphericalHarmonicsL2 { public float this[int rgb, int coefficient] { get { return 0; } set { } } }
+}

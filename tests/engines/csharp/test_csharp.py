@@ -1,0 +1,284 @@
+"""The C# package, compiled and run by mono: golden bytes, Unity's numbers, and a live daemon."""
+
+import json
+import random
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from google.protobuf.descriptor import FieldDescriptor
+from harness import Daemon
+from lightprobe import wire
+from lightprobe.convert import ADAPTERS
+from lightprobe.imaging import image
+from lightprobe_proto import lightprobe_pb2 as pb
+
+ROOT = Path(__file__).resolve().parents[3]
+PACKAGE = ROOT / "clients/csharp"
+GOLDEN = sorted(
+    file for file in (ROOT / "proto/golden").glob("*.bin") if not file.name.startswith("from_")
+)
+COMPILER = ("mcs", "-langversion:7.2", "-codepage:utf8", "-warnaserror")
+sys.path.append(str(PACKAGE / "tools"))
+
+
+def compiled(out, *sources, options=()):
+    files = [str(file) for source in sources for file in sorted(source.parent.glob(source.name))]
+    subprocess.run([*COMPILER, *options, f"-out:{out}", *files], check=True, timeout=300)
+    return out
+
+
+@pytest.fixture(scope="session")
+def program(tmp_path_factory):
+    out = tmp_path_factory.mktemp("csharp") / "checks.exe"
+    return compiled(out, PACKAGE / "Runtime/*.cs", Path(__file__).with_name("Checks.cs"))
+
+
+def ask(program, *words, given=""):
+    done = subprocess.run(
+        ["mono", program, *words], input=given, capture_output=True, text=True, timeout=300
+    )
+    assert not done.stderr, done.stderr
+    return [
+        json.loads(line, strict=False) if line[0] in '{["' else line
+        for line in done.stdout.split("\n")[:-1]
+    ]
+
+
+def pascal(name):
+    return "".join(part.capitalize() for part in name.split("_"))
+
+
+def expected(message):
+    """A message as Checks.cs prints it, from Python's protobuf."""
+    told = {}
+    for field in message.DESCRIPTOR.fields:
+        value = getattr(message, field.name)
+        is_message = field.type == FieldDescriptor.TYPE_MESSAGE
+        if field.is_repeated:
+            value = [expected(one) if is_message else one for one in value]
+        elif field.has_presence and not message.HasField(field.name):
+            value = None
+        elif is_message:
+            value = expected(value)
+        elif field.type == FieldDescriptor.TYPE_BYTES:
+            value = value.hex()
+        told[pascal(field.name)] = value
+    return told
+
+
+def same(theirs, ours):
+    if isinstance(ours, dict):
+        assert theirs.keys() == ours.keys()
+        for name in ours:
+            same(theirs[name], ours[name])
+    elif isinstance(ours, list):
+        assert len(theirs) == len(ours)
+        for one, other in zip(theirs, ours, strict=True):
+            same(one, other)
+    elif isinstance(ours, float):
+        np.testing.assert_allclose(np.float32(theirs), np.float32(ours), rtol=2e-7)  # NaN is NaN
+    else:
+        assert theirs == ours
+
+
+def test_golden_bytes_are_decoded_as_by_python(program):
+    data = [file.read_bytes() for file in GOLDEN]
+    found = ask(program, "decode", given="\n".join(one.hex() for one in data))
+    assert len(found) == len(data) > 15
+    for theirs, one in zip(found, data, strict=True):
+        same(theirs, expected(parsed(one)))
+
+
+def parsed(data):
+    """The message behind its length."""
+    start = next(i for i, byte in enumerate(data) if byte < 128) + 1
+    return pb.FromProbe.FromString(data[start:])
+
+
+def delimited(**message):
+    return wire.delimit(pb.FromProbe(**message).SerializeToString())
+
+
+def test_every_field_of_the_schema_is_read(program):
+    """Also those that no golden message has: filled with numbers that differ."""
+    count = iter(range(3, 10_000))
+
+    def fill(message):
+        for field in message.DESCRIPTOR.fields:
+            if field.type == FieldDescriptor.TYPE_MESSAGE:
+                inner = getattr(message, field.name)
+                fill(inner.add() if field.is_repeated else inner)
+                continue
+            value = {
+                FieldDescriptor.CPPTYPE_STRING: str(next(count)),
+                FieldDescriptor.CPPTYPE_BOOL: True,
+                FieldDescriptor.CPPTYPE_ENUM: 1,
+            }.get(field.cpp_type, next(count))
+            if field.type == FieldDescriptor.TYPE_BYTES:
+                value = value.encode()
+            if field.is_repeated:
+                getattr(message, field.name).extend([value, value])
+            else:
+                setattr(message, field.name, value)
+
+    messages = []
+    for field in pb.FromProbe.DESCRIPTOR.fields:
+        messages.append(pb.FromProbe())
+        fill(getattr(messages[-1], field.name))
+        getattr(messages[-1], field.name).SetInParent()
+    lines = (wire.delimit(one.SerializeToString()).hex() for one in messages)
+    for theirs, message in zip(
+        ask(program, "decode", given="\n".join(lines)), messages, strict=True
+    ):
+        same(theirs, expected(message))
+
+
+def test_spoilt_bytes_are_refused_with_a_sentence(program):
+    rng = random.Random(5)
+    lines = []
+    for file in GOLDEN:
+        data = file.read_bytes()
+        lines += [
+            data[:length].hex() for length in rng.sample(range(1, len(data)), min(8, len(data) - 1))
+        ]
+        for _ in range(60):
+            spoilt = bytearray(data)
+            for _ in range(rng.randint(1, 4)):
+                spoilt[rng.randrange(len(spoilt))] = rng.randrange(256)
+            lines.append(bytes(spoilt).hex())
+    found = ask(program, "decode", given="\n".join(lines))  # nothing but WireException, or it ends
+    assert len(found) == len(lines)
+    refused = [one for one in found if isinstance(one, str) and one.startswith("refused: ")]
+    assert len(refused) > len(lines) / 10
+    assert any("Estimate." in one or "Light." in one for one in refused)
+
+
+def test_a_subscription_is_written_as_python_reads_it(program):
+    (line,) = ask(program, "subscribe")
+    data = bytes.fromhex(line)
+    wish = pb.FromClient.FromString(data[1:]).subscribe
+    assert data[0] == len(data) - 1
+    assert wish.HasField("sh_order")
+    assert (wish.rate_hz, wish.sh_order, wish.max_lights, wish.number) == (30, 0, 8, 300)
+    assert (wish.kind, wish.key_light) == (pb.SphericalHarmonics.TOTAL, True)
+    assert (wish.reflection_map.size, wish.reflection_map.rate_hz) == (32, 2.5)
+
+
+@pytest.mark.parametrize("towards", [(0, 1, 0), (0.6, 0, -0.8), (-0.48, 0.64, 0.6)])
+def test_unitys_numbers_are_those_of_convert(program, towards):
+    rng = np.random.default_rng(7)
+    message = pb.FromProbe()
+    lamp = message.estimate.lights.add(id=1, angular_radius_deg=0.5)
+    lamp.direction.extend(towards)
+    lamp.irradiance.extend([3, 2, 0.5])
+    message.estimate.sh.order = 4
+    coefficients = rng.normal(size=(25, 3)).astype(np.float32)
+    message.estimate.sh.coefficients.extend(coefficients.ravel().tolist())
+    lines = ask(program, "unity", given=wire.delimit(message.SerializeToString()).hex())
+    for line, name in zip(lines, ("unity", "unity-hdrp"), strict=True):
+        adapter = ADAPTERS[name]
+        intensity = 3 * adapter.light_scale
+        colour = [1, *(1.055 * (x / 3) ** (1 / 2.4) - 0.055 for x in (2, 0.5))]
+        forward = -adapter.direction(towards)
+        np.testing.assert_allclose(line[:7], [*forward, *colour, intensity], atol=1e-6)
+        np.testing.assert_allclose(line[7:], adapter.coefficients(coefficients), atol=1e-6)
+    if towards == (0, 1, 0):  # a lamp straight up shines down, along Unity's -y
+        assert lines[0][:3] == [0, -1, 0]
+
+
+def room(folder):
+    picture = np.full((64, 128, 3), 0.2, np.float32)
+    picture[15:18, 94:98] = [400, 300, 200]  # 45° up, 90° to the right
+    image.write_pfm(str(folder / "room.pfm"), picture)
+    return folder / "room.pfm"
+
+
+def free_port():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return server.getsockname()[1]
+
+
+def test_a_live_daemon_that_is_started_again(program, tmp_path):
+    port = free_port()
+    arguments = (f"--source=file:{room(tmp_path)}?rate=30", f"--publish=tcp:127.0.0.1:{port}")
+    client = subprocess.Popen(
+        ["mono", program, "live", f"tcp:127.0.0.1:{port}", "120"], stdout=subprocess.PIPE, text=True
+    )
+    try:
+        first = said(client, lambda one: one.get("error"))
+        assert f"tcp:127.0.0.1:{port}: connect: " in first["error"]
+        assert first["error"].endswith("is lightprobed running?")
+        boots = []
+        for _ in range(2):
+            with Daemon(*arguments):
+                estimate = said(client, lambda one: one.get("BootId") not in (None, *boots))
+                boots.append(estimate["BootId"])
+                direction = estimate["Lights"][0]["Direction"]
+                np.testing.assert_allclose(direction, [0.7071, 0.7071, 0], atol=0.05)
+            gone = said(client, lambda one: one.get("error") and one["stale"])
+            assert "the probe closed the connection" in gone["error"] or "connect" in gone["error"]
+    finally:
+        client.kill()
+        client.wait()
+
+
+def said(client, condition, within_s=60):
+    end = time.monotonic() + within_s
+    while time.monotonic() < end:
+        one = json.loads(client.stdout.readline())
+        if condition(one):
+            return one
+    raise AssertionError(f"not said within {within_s} s")
+
+
+@pytest.mark.parametrize(
+    ("sent", "told"),
+    [(b"HTTP/1.1 400 Bad Request\r\nServer: " + 80 * b"x", "is this a lightprobe?"),
+     (b"\xff\xff\xff\xff\xff", "a length of more than four bytes"),
+     ((ROOT / "proto/golden/pong.bin").read_bytes(), "the first message is not a Hello"),
+     (delimited(hello=pb.Hello(protocol_major=9, software="x 9")),
+      "x 9 speaks protocol 9, this client 1")],
+)  # fmt: skip
+def test_what_is_no_probe_is_told(program, sent, told):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve():
+            for _ in range(3):
+                connection, _ = server.accept()
+                with connection:
+                    connection.sendall(sent)
+                    connection.recv(100)
+
+        threading.Thread(target=serve, daemon=True).start()
+        lines = ask(program, "live", f"tcp:127.0.0.1:{server.getsockname()[1]}", "5")
+    assert any(told in (line["error"] or "") for line in lines)
+
+
+@pytest.mark.parametrize(
+    "address", ["tcp:", "tcp:host", "tcp:host:0", "tcp:h:70000", "udp:h:1", ""]
+)
+def test_an_address_that_is_none(program, address):
+    (line,) = ask(program, "address", address)
+    assert "expected tcp:HOST:PORT" in line
+
+
+def test_the_messages_are_those_of_the_schema():
+    import generate
+
+    assert generate.generated() == generate.OUT.read_text(), (
+        "run build/venv/bin/python clients/csharp/tools/generate.py"
+    )
+
+
+def test_the_example_and_unitys_part_compile(tmp_path):
+    """The latter with stubs, which have no behaviour: this finds misspelt names, no more."""
+    runtime, stubs = PACKAGE / "Runtime/*.cs", Path(__file__).with_name("UnityStubs.cs")
+    compiled(tmp_path / "watch.exe", runtime, PACKAGE / "Examples~/Watch.cs")
+    compiled(tmp_path / "unity.dll", runtime, PACKAGE / "Unity/*.cs", stubs,
+             options=("-target:library", "-nowarn:649,169,414"))  # fmt: skip
