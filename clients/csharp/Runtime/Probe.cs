@@ -5,6 +5,7 @@ using System.Diagnostics;
 using System.IO;
 using System.Linq;
 using System.Net.Sockets;
+using System.Net.WebSockets;
 using System.Threading;
 using Lightprobe.Messages;
 
@@ -37,12 +38,12 @@ namespace Lightprobe
         private static readonly Stopwatch Clock = Stopwatch.StartNew();
 
         private readonly object _lock = new object();
-        private readonly TcpAddress _address;
+        private readonly Address _address;
         private readonly Queue<double> _offsetsMs = new Queue<double>();
         private readonly Random _random = new Random();
         private readonly Thread _thread;
         private Subscription _wish;
-        private TcpClient _connection;
+        private Connection _connection;
         private Hello _hello;
         private Health _health;
         private Estimate _newest;
@@ -52,15 +53,16 @@ namespace Lightprobe
         private int _backoffMs = FirstBackoffMs;
 
         /// <summary>Starts to connect, and returns at once.</summary>
-        /// <param name="address">tcp:HOST:PORT, as lightprobed listens by default: tcp:127.0.0.1:7700.</param>
+        /// <param name="address">tcp:HOST:PORT, as lightprobed listens by default: tcp:127.0.0.1:7700; ws://HOST:PORT/; or what
+        /// `lightprobe pair` prints.</param>
         /// <param name="wish">What the probe is to send; null: its defaults, and health once a second. It is
         /// not to be changed any more: see <see cref="Subscribe"/>.</param>
-        /// <exception cref="ArgumentException">The address is none, or of a kind that this client does not know.</exception>
+        /// <exception cref="ArgumentException">The address is none.</exception>
         public Probe(string address = "tcp:127.0.0.1:7700", Subscription wish = null)
         {
-            _address = TcpAddress.Parse(address);
+            _address = Address.Parse(address);
             _wish = Numbered(wish ?? new Subscription { HealthPeriodMs = 1000 }, 1);
-            _thread = new Thread(Run) { IsBackground = true, Name = "lightprobe " + address };
+            _thread = new Thread(Run) { IsBackground = true, Name = "lightprobe " + _address };
             _thread.Start();
         }
 
@@ -110,7 +112,7 @@ namespace Lightprobe
                 if (_connection == null) return;
                 try
                 {
-                    Send(_connection.GetStream(), _wish);
+                    _connection.Send(Encoded(_wish));
                 }
                 catch (Exception error) when (IsOfConnection(error))
                 {
@@ -125,7 +127,7 @@ namespace Lightprobe
             lock (_lock)
             {
                 _state = ProbeState.Closed;
-                _connection?.Close();
+                _connection?.Dispose();
                 Monitor.PulseAll(_lock);
             }
         }
@@ -141,7 +143,8 @@ namespace Lightprobe
         }
 
         private static bool IsOfConnection(Exception error) =>
-            error is IOException || error is SocketException || error is ObjectDisposedException || error is InvalidOperationException;
+            error is IOException || error is SocketException || error is WebSocketException || error is System.Net.WebException
+            || error is ObjectDisposedException || error is InvalidOperationException || error is OperationCanceledException;
 
         // ------------------------------------------------------------ the thread
 
@@ -155,6 +158,7 @@ namespace Lightprobe
             {
                 lock (_lock)
                 {
+                    if (_state == ProbeState.Closed) return; // what reads a connection that was closed under it
                     _lastError = _address + ": client: unexpected " + error + ": please report it";
                     _state = ProbeState.Closed;
                     Monitor.PulseAll(_lock);
@@ -178,21 +182,22 @@ namespace Lightprobe
             }
         }
 
-        /// <summary>Gives why it ended.</summary>
+        /// <summary>Gives why it ended; null: for good.</summary>
         private string OneConnection()
         {
             string refusal = null;
             try
             {
-                using (TcpClient connection = Open())
+                using (Connection connection = Open())
                 {
-                    Stream stream = new BufferedStream(connection.GetStream(), 1 << 16);
                     for (; ; )
                     {
-                        FromProbe message = Framing.Read(stream);
-                        if (message == null) return refusal ?? _address + ": the probe closed the connection";
+                        byte[] data = connection.Receive(PatienceMs());
+                        if (data == null) return refusal ?? _address + ": the probe closed the connection";
+                        FromProbe message = Decode(data);
                         if (message.Error != null) refusal = _address + ": " + message.Error.Text;
                         Take(message, refusal);
+                        if (State == ProbeState.Closed) return null;
                     }
                 }
             }
@@ -200,51 +205,47 @@ namespace Lightprobe
             {
                 return _address + ": receive: " + error.Message + ": is this a lightprobe?";
             }
+            catch (TimeoutException)
+            {
+                return _address + ": silent for too long: is the network up?";
+            }
             catch (Exception error) when (IsOfConnection(error))
             {
-                return refusal ?? Explained(error);
+                if (refusal != null) return refusal;
+                return Hello != null ? _address + ": receive: " + error.Message
+                    : _address + ": connect: " + error.Message + ": is lightprobed running, and is this its address?";
             }
         }
 
-        private string Explained(Exception error)
+        private Connection Open()
         {
-            if (error is IOException && error.InnerException is SocketException inner && inner.SocketErrorCode == SocketError.TimedOut)
-                return _address + ": silent for too long: is the network up?";
-            return Hello == null
-                ? _address + ": connect: " + error.Message + ": is lightprobed running?"
-                : _address + ": receive: " + error.Message;
-        }
-
-        private TcpClient Open()
-        {
-            var connection = new TcpClient { NoDelay = true };
-            IAsyncResult attempt = connection.BeginConnect(_address.Host, _address.Port, null, null);
-            if (!attempt.AsyncWaitHandle.WaitOne(ConnectMs))
-            {
-                connection.Close();
-                throw new IOException("no answer within " + ConnectMs / 1000 + " s");
-            }
-            connection.EndConnect(attempt);
+            Connection connection = _address.Open(ConnectMs);
             lock (_lock)
             {
                 if (_state == ProbeState.Closed)
                 {
-                    connection.Close();
+                    connection.Dispose();
                     throw new IOException("closed");
                 }
                 _connection = connection;
-                connection.GetStream().ReadTimeout = LeastPatienceMs;
-                connection.GetStream().WriteTimeout = LeastPatienceMs;
-                Send(connection.GetStream(), _wish);
+                connection.Send(Encoded(_wish));
             }
             return connection;
         }
 
-        private static void Send(Stream stream, Subscription wish)
+        /// <summary>A greeting comes at once, health periodically: longer silence is a fault.</summary>
+        private int PatienceMs()
         {
-            byte[] data = Framing.Delimited(new FromClient { Subscribe = wish });
-            stream.Write(data, 0, data.Length);
+            lock (_lock)
+            {
+                if (_hello == null) return LeastPatienceMs;
+                return _wish.HealthPeriodMs > 0 ? (int)Math.Max(LeastPatienceMs, 5L * _wish.HealthPeriodMs) : Timeout.Infinite;
+            }
         }
+
+        internal static FromProbe Decode(byte[] data) => FromProbe.Read(new WireReader(data, 0, data.Length));
+
+        internal static byte[] Encoded(Subscription wish) => new FromClient { Subscribe = wish }.Write(new WireWriter()).ToArray();
 
         private void Take(FromProbe message, string refusal)
         {
@@ -256,9 +257,6 @@ namespace Lightprobe
                 if (message.Health != null) _health = message.Health;
                 if (message.Estimate != null) TakeEstimate(message.Estimate);
                 if (refusal != null) _lastError = refusal;
-                if (_connection != null)
-                    _connection.GetStream().ReadTimeout = _wish.HealthPeriodMs > 0
-                        ? (int)Math.Max(LeastPatienceMs, 5L * _wish.HealthPeriodMs) : Timeout.Infinite;
             }
         }
 
@@ -269,7 +267,7 @@ namespace Lightprobe
                 _lastError = _address + ": " + hello.Software + " speaks protocol " + hello.ProtocolMajor + ", this client "
                     + ProtocolMajor + ": use the client of the probe's version";
                 _state = ProbeState.Closed;
-                _connection?.Close();
+                _connection?.Dispose();
                 Monitor.PulseAll(_lock);
                 return;
             }

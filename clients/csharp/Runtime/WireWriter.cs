@@ -54,14 +54,14 @@ namespace Lightprobe
         internal void Message(int field, WireWriter message)
         {
             Tag(field, 2);
-            Delimited(message);
+            Delimited(message.ToArray());
         }
 
         /// <summary>A message with its length before it.</summary>
-        internal void Delimited(WireWriter message)
+        internal void Delimited(byte[] message)
         {
-            Varint((ulong)message._bytes.Length);
-            message._bytes.WriteTo(_bytes);
+            Varint((ulong)message.Length);
+            _bytes.Write(message, 0, message.Length);
         }
 
         private void Tag(int field, int type) => Varint((ulong)(field << 3 | type));

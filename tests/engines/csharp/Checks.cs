@@ -16,7 +16,7 @@ static class Checks
         switch (arguments[0])
         {
             case "decode": foreach (string line in Lines()) Decode(line); return 0;
-            case "subscribe": Console.WriteLine(Hex(Framing.Delimited(new FromClient { Subscribe = Wish() }))); return 0;
+            case "subscribe": Console.WriteLine(Hex(TcpConnection.Delimited(Probe.Encoded(Wish())))); return 0;
             case "unity": foreach (string line in Lines()) Unity(line); return 0;
             case "live": return Live(arguments[1], int.Parse(arguments[2]));
             case "address": return Address(arguments[1]);
@@ -39,8 +39,8 @@ static class Checks
     {
         try
         {
-            FromProbe message = Framing.Read(new MemoryStream(Bytes(hex)));
-            Console.WriteLine(message == null ? "\"end\"" : Json(message));
+            byte[] data = TcpConnection.Read(new MemoryStream(Bytes(hex)));
+            Console.WriteLine(data == null ? "\"end\"" : Json(Probe.Decode(data)));
         }
         catch (WireException error)
         {
@@ -57,7 +57,7 @@ static class Checks
     /// <summary>Of an estimate's first lamp and SH, what Unity gets.</summary>
     static void Unity(string hex)
     {
-        Estimate estimate = Framing.Read(new MemoryStream(Bytes(hex))).Estimate;
+        Estimate estimate = Probe.Decode(TcpConnection.Read(new MemoryStream(Bytes(hex)))).Estimate;
         foreach (Pipeline pipeline in new[] { Pipeline.Universal, Pipeline.HighDefinition })
         {
             var lamp = new UnityLight(estimate.Lights[0], pipeline);

@@ -204,16 +204,28 @@ def free_port():
         return server.getsockname()[1]
 
 
-def test_a_live_daemon_that_is_started_again(program, tmp_path):
-    port = free_port()
-    arguments = (f"--source=file:{room(tmp_path)}?rate=30", f"--publish=tcp:127.0.0.1:{port}")
+def make_pair(folder, *arguments):
+    command = [sys.executable, "-m", "lightprobe", "pair", "--dir", folder, "--json", *arguments]
+    return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+
+
+@pytest.mark.parametrize("scheme", ["tcp", "ws", "wss"])
+def test_a_live_daemon_that_is_started_again(program, tmp_path, scheme):
+    port, pair = free_port(), tmp_path / "pair"
+    address = f"tcp:127.0.0.1:{port}" if scheme == "tcp" else f"ws://127.0.0.1:{port}/"
+    publish = f"{scheme}:127.0.0.1:{port}"
+    if scheme == "wss":
+        address = make_pair(pair, "--host", "127.0.0.1", "--port", str(port))["url"]
+        publish += f"?pair={pair}"
+    arguments = (f"--source=file:{room(tmp_path)}?rate=30", f"--publish={publish}")
     client = subprocess.Popen(
-        ["mono", program, "live", f"tcp:127.0.0.1:{port}", "120"], stdout=subprocess.PIPE, text=True
+        ["mono", program, "live", address, "120"], stdout=subprocess.PIPE, text=True
     )
     try:
         first = said(client, lambda one: one.get("error"))
-        assert f"tcp:127.0.0.1:{port}: connect: " in first["error"]
-        assert first["error"].endswith("is lightprobed running?")
+        assert f"127.0.0.1:{port}" in first["error"].split(": connect: ")[0]
+        assert "token" not in first["error"]
+        assert first["error"].endswith("is lightprobed running, and is this its address?")
         boots = []
         for _ in range(2):
             with Daemon(*arguments):
@@ -221,11 +233,28 @@ def test_a_live_daemon_that_is_started_again(program, tmp_path):
                 boots.append(estimate["BootId"])
                 direction = estimate["Lights"][0]["Direction"]
                 np.testing.assert_allclose(direction, [0.7071, 0.7071, 0], atol=0.05)
-            gone = said(client, lambda one: one.get("error") and one["stale"])
-            assert "the probe closed the connection" in gone["error"] or "connect" in gone["error"]
+            said(client, lambda one: one.get("error") and one["stale"])
     finally:
         client.kill()
         client.wait()
+
+
+def test_another_certificate_or_token_gets_nothing(program, tmp_path):
+    port, pair = free_port(), tmp_path / "pair"
+    url = make_pair(pair, "--host", "127.0.0.1", "--port", str(port))["url"]
+    other = make_pair(tmp_path / "other", "--host", "127.0.0.1", "--port", str(port))["url"]
+    token, sha256 = url.split("#")[1].split("&")
+    place, (other_token, other_sha256) = url.split("#")[0], other.split("#")[1].split("&")
+    with Daemon(
+        f"--source=file:{room(tmp_path)}?rate=30", f"--publish=wss:127.0.0.1:{port}?pair={pair}"
+    ) as probe:
+        for fragment, told in ((f"{token}&{other_sha256}", "the certificate is not the one"),
+                               (f"{other_token}&{sha256}", "the token is missing or wrong"),
+                               (sha256, "the token is missing or wrong")):  # fmt: skip
+            lines = ask(program, "live", f"{place}#{fragment}", "4")
+            assert all("BootId" not in line for line in lines)
+            assert any(told in (line["error"] or "") for line in lines), lines
+        assert token.removeprefix("token=") not in probe.log()
 
 
 def said(client, condition, within_s=60):

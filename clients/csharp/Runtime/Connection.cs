@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: Apache-2.0
+using System;
+
+namespace Lightprobe
+{
+    /// <summary>Messages to and from a probe, whole. One thread receives, one at a time sends; Dispose ends both.</summary>
+    internal abstract class Connection : IDisposable
+    {
+        /// <summary>A probe sends no message that is longer: the largest is a reflection map.</summary>
+        internal const int MostBytes = 1 << 20;
+
+        internal abstract void Send(byte[] message);
+
+        /// <summary>Waits for the next message; null: the probe has closed the connection.</summary>
+        /// <param name="timeoutMs">How long; System.Threading.Timeout.Infinite: for ever.</param>
+        /// <exception cref="TimeoutException">Nothing came.</exception>
+        /// <exception cref="WireException">What came is no message.</exception>
+        internal abstract byte[] Receive(int timeoutMs);
+
+        public abstract void Dispose();
+    }
+}
