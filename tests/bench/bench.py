@@ -40,7 +40,8 @@ ROUNDS, QUICK_ROUNDS = 200, 2
 SCENE_ROUNDS = 20
 SECONDS, QUICK_SECONDS = 15.0, 2.0
 DAEMON_KIND = "equirect_1920x960_420"
-SUBSCRIBERS = (1, 10, 100)
+#: At tcp:, and at ws:.
+SUBSCRIBERS = ((1, 0), (10, 0), (100, 0), (200, 0), (200, 200))
 #: The published recipe is the same in C++ and in Python, but for rounding of the decoders.
 AGREEMENT_DEG = 1.0
 
@@ -92,7 +93,7 @@ def measure_daemon(files: list[Path], quick: bool) -> dict[str, Any]:
     return {
         "frame": DAEMON_KIND,
         "rate_hz": daemon_load.RATE_HZ,
-        "subscribers": {str(n): daemon_load.crowd(load, n) for n in counts},
+        "subscribers": {f"{tcp} + {web}": daemon_load.crowd(load, tcp, web) for tcp, web in counts},
         "allocations_per_frame": daemon_load.allocations_per_frame(load, OUT),
     }
 
@@ -120,6 +121,12 @@ def run_film(rounds: int) -> None:
     """Time frames behind a film; the table goes to stdout."""
     files = frames.make(frames.KINDS[DAEMON_KIND], OUT / "frames", frames.subjects(False))
     print(report.film(timing.time_film(frames.KINDS[DAEMON_KIND], files, rounds)))
+
+
+def run_crowd(quick: bool) -> None:
+    """Measure the daemon with subscribers; the table goes to stdout."""
+    files = frames.make(frames.KINDS[DAEMON_KIND], OUT / "frames", frames.subjects(False))
+    print(report.daemon(measure_daemon(files, quick)))
 
 
 def run(quick: bool, rounds: int) -> dict[str, Any]:
@@ -159,6 +166,7 @@ def main() -> int:
     parser.add_argument("--rounds", type=int, help=f"how often; default {ROUNDS}")
     parser.add_argument("--scenes", help="time these scenes one by one, and nothing else")
     parser.add_argument("--film", action="store_true", help="time a sweep of the polarizer alone")
+    parser.add_argument("--crowd", action="store_true", help="the daemon with subscribers alone")
     arguments = parser.parse_args()
     quick = arguments.quick
     OUT.mkdir(parents=True, exist_ok=True)
@@ -167,6 +175,9 @@ def main() -> int:
         return 0
     if arguments.film:
         run_film(arguments.rounds or ROUNDS)
+        return 0
+    if arguments.crowd:
+        run_crowd(quick)
         return 0
     speed = run(quick, arguments.rounds or (QUICK_ROUNDS if quick else ROUNDS))
     path = save(speed)

@@ -6,6 +6,7 @@ import itertools
 import mmap
 import os
 import selectors
+import socket
 import sys
 import tempfile
 import threading
@@ -21,6 +22,11 @@ from lightprobe.reflection_map import ReflectionMap
 from lightprobe.sim.clock import SimulatedClock
 from lightprobe.sim.live import LiveClient
 from lightprobe.wire import Subscription
+from lightprobe_proto import lightprobe_pb2 as pb
+from websockets.client import ClientProtocol
+from websockets.protocol import State
+from websockets.typing import Subprotocol
+from websockets.uri import parse_uri
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "e2e"))
@@ -40,18 +46,42 @@ class Load:
     seconds: float  # longer than the daemon's own window of figures (10 s), to be meaningful
 
 
+def _tcp(port: int) -> socket.socket:
+    """A subscriber at tcp:."""
+    client = Client(("127.0.0.1", port))
+    client.subscribe()
+    return client.socket
+
+
+def _web(port: int) -> socket.socket:
+    """A subscriber at ws:, as a browser is one."""
+    protocol = ClientProtocol(
+        parse_uri(f"ws://127.0.0.1:{port}/"), subprotocols=[Subprotocol("lightprobe.v1")]
+    )
+    connection = socket.create_connection(("127.0.0.1", port))
+    protocol.send_request(protocol.connect())
+    connection.sendall(b"".join(protocol.data_to_send()))
+    while protocol.state is not State.OPEN:
+        protocol.receive_data(connection.recv(1 << 16))
+        if protocol.handshake_exc is not None:
+            raise protocol.handshake_exc
+    request = pb.FromClient(subscribe=pb.Subscription())
+    request.subscribe.SetInParent()
+    protocol.send_binary(request.SerializeToString())
+    connection.sendall(b"".join(protocol.data_to_send()))
+    return connection
+
+
 class Readers:
     """Subscribers that read as fast as they can, in one thread."""
 
-    def __init__(self, daemon: Daemon, count: int) -> None:
+    def __init__(self, subscribers: Sequence[socket.socket]) -> None:
         self._selector = selectors.DefaultSelector()
         self._ended = threading.Event()
         self._bytes = [0]
-        for _ in range(count):
-            client = Client(daemon.socket)
-            client.subscribe()
-            client.socket.setblocking(False)
-            self._selector.register(client.socket, selectors.EVENT_READ, client)
+        for one in subscribers:
+            one.setblocking(False)
+            self._selector.register(one, selectors.EVENT_READ, one)
         self._thread = threading.Thread(target=self._read)
 
     def __enter__(self) -> Readers:
@@ -62,7 +92,7 @@ class Readers:
         self._ended.set()
         self._thread.join()
         for key in list(self._selector.get_map().values()):
-            key.data.socket.close()
+            key.data.close()
 
     @property
     def bytes_read(self) -> int:
@@ -72,15 +102,19 @@ class Readers:
     def _read(self) -> None:
         while not self._ended.is_set():
             for key, _ in self._selector.select(0.1):
-                self._bytes[0] += len(key.data.socket.recv(1 << 16))
+                data = key.data.recv(1 << 16)
+                assert data, "a subscriber was disconnected"
+                self._bytes[0] += len(data)
 
 
 @contextmanager
-def _running(load: Load, **popen: Any) -> Iterator[Daemon]:
+def _running(load: Load, ports: dict[str, int]) -> Iterator[Daemon]:
     """The daemon with a camera that streams to it; exposure is left alone: one estimate a frame."""
     with camera() as cam:
         options = [f"--source=sim:{cam.path}", f"--camera={load.kind.camera}", "--brackets=0"]
-        with Daemon(*options, variant="release", **popen) as daemon:
+        options += ["--max-clients=512"]
+        options += [f"--publish={s}:127.0.0.1:{port}?per_peer=512" for s, port in ports.items()]
+        with Daemon(*options, variant="release") as daemon:
             cam.accept()
             pictures = [path.read_bytes() for path in load.files]
             size = {"width": load.kind.width_px, "height": load.kind.height_px}
@@ -107,6 +141,11 @@ def simulated(
                 clock.close()
 
 
+def _free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return int(server.getsockname()[1])
+
+
 def _cpu_s(pid: int) -> float:
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
@@ -117,10 +156,18 @@ def _peak_rss_kib(pid: int) -> int:
     return int(status.partition("VmHWM:")[2].split()[0])
 
 
-def crowd(load: Load, subscribers: int) -> dict[str, float]:
-    """Figures of the daemon's own health report, and of the operating system, over some seconds."""
-    with _running(load) as daemon, Readers(daemon, subscribers) as readers, ExitStack() as stack:
-        watcher = stack.enter_context(daemon.client(rate_hz=0.001, health_period_ms=1000))
+def crowd(load: Load, tcp: int, web: int) -> dict[str, float]:
+    """Figures of the daemon's own health report, and of the operating system, over some seconds.
+
+    `tcp` subscribers are at tcp:, `web` ones at ws:.
+    """
+    ports, subscribers = {"tcp": _free_port(), "ws": _free_port()}, tcp + web
+    with _running(load, ports) as daemon, ExitStack() as stack:
+        sockets = [_tcp(ports["tcp"]) for _ in range(tcp)]
+        sockets += [_web(ports["ws"]) for _ in range(web)]
+        readers = stack.enter_context(Readers(sockets))
+        watcher = stack.enter_context(Client(("127.0.0.1", ports["tcp"])))
+        watcher.subscribe(rate_hz=0.001, health_period_ms=1000)
         watcher.until(lambda h: h.estimates >= RATE_HZ, "health")
         assert daemon.process is not None
         pid = daemon.process.pid
