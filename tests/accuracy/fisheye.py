@@ -107,7 +107,8 @@ def calibrated(folder: Path) -> Path:
         jpeg = np.frombuffer(taking.frame(number, shot), np.uint8)
         pictures.append(np.ascontiguousarray(cv2.imdecode(jpeg, cv2.IMREAD_COLOR)[..., ::-1]))
     names = [f"picture {number}" for number in range(TURNS)]
-    turned = turned_pictures.rotations(pictures, known, names)
+    numbers, turned = turned_pictures.rotations(pictures, known, names)
+    pictures = [pictures[number] for number in numbers]
     for number in range(len(known.lenses)):
         found = roll_off.fit(pictures, turned, known, number)
         value = ", ".join(f"{a:.6g}" for a in found.rolloff)

@@ -6,7 +6,8 @@ taken (RANSAC): things near the camera and things that move are outvoted.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterable, Sequence
 
 import cv2
 import numpy as np
@@ -26,31 +27,54 @@ _RATIO = 0.75  # Lowe's: the best match is so much nearer than the second
 #: Pairs that agree on a rotation within so much; at least so many must.
 _AGREE_DEG, LEAST_PAIRS = 0.7, 12
 _TRIALS = 400
+#: A picture is compared with so many before it; so many in a row may show too little.
+_COMPARED, _MOST_MISSED = 3, 2
 
 
 class TurnError(LightprobeError):
     """Pictures that do not tell how the camera was turned; says why, and what to do."""
 
 
-def rotations(pictures: Sequence[Codes], camera: Camera, names: Sequence[str]) -> list[Array]:
-    """From the probe frame of each picture (H, W, 3) to that of the first, (3, 3) each.
+def rotations(
+    pictures: Sequence[Codes], camera: Camera, names: Sequence[str]
+) -> tuple[list[int], list[Array]]:
+    """Which pictures (H, W, 3) tell it, and from the probe frame of each of them to the first's.
 
-    `names`: of the pictures, for messages. Raises :class:`TurnError`.
+    Gives their numbers, and a rotation (3, 3) for each.
+
+    A picture that shows too little, as of a plain wall, is left out; the next ones are compared
+    with those before it. `names`: of the pictures, for messages. Raises :class:`TurnError` where
+    several in a row show too little.
     """
-    turned = [np.eye(3)]
-    before = _features(pictures[0], camera)
+    numbers, turned = [0], [np.eye(3)]
+    placed = deque([(_features(pictures[0], camera), turned[0])], _COMPARED)
     for number in range(1, len(pictures)):
         now = _features(pictures[number], camera)
-        between, pairs = _between(before, now, seed=number)
-        if between is None:
+        turn, pairs = _turn_by(placed, now, seed=number)
+        if turn is not None:
+            placed.append((now, turn))
+            numbers.append(number)
+            turned.append(turn)
+        elif number - numbers[-1] > _MOST_MISSED:
             raise TurnError(
                 f"calibrate: {names[number]}: turn: only {pairs} things are seen in it and in "
-                f"{names[number - 1]}, at least {LEAST_PAIRS} are needed: turn less from picture "
+                f"{names[numbers[-1]]}, at least {LEAST_PAIRS} are needed: turn less from picture "
                 "to picture (about 15 degrees), hold still, and show a room with detail"
             )
-        turned.append(turned[-1] @ between)
-        before = now
-    return turned
+    return numbers, turned
+
+
+def _turn_by(
+    placed: Iterable[tuple[Features, Array]], now: Features, seed: int
+) -> tuple[Array | None, int]:
+    """Rotation of a picture by the newest of those before that shows the same; the pairs of it."""
+    most = 0
+    for before, turn in reversed(list(placed)):
+        between, pairs = _between(before, now, seed)
+        if between is not None:
+            return turn @ between, pairs
+        most = max(most, pairs)
+    return None, most
 
 
 def _features(picture: Codes, camera: Camera) -> Features:

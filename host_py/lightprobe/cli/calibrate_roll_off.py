@@ -90,11 +90,10 @@ def command(
             f"calibrate: roll-off: {len(pictures)} pictures, at least {roll_off.LEAST_PICTURES} "
             "are needed: 24, each turned by 15 degrees, are better"
         )
-    turned = (
-        turned_pictures.rotations(pictures, lens, names)
-        if step_deg is None
-        else on_turntable(step_deg, len(pictures))
-    )
+    if step_deg is None:
+        pictures, turned = placed(pictures, lens, names)
+    else:
+        turned = on_turntable(step_deg, len(pictures))
     found = [roll_off.fit(pictures, turned, lens, k) for k in range(len(lens.lenses))]
     if as_json:
         typer.echo(json.dumps([to_json(one) for one in found], indent=2))
@@ -190,6 +189,17 @@ def longest(ladder: ExposureSeries) -> float:
             f"{_LADDER_US[0]:g} us: choose less light"
         )
     return best
+
+
+def placed(
+    pictures: Sequence[Codes], lens: Camera, names: Sequence[str]
+) -> tuple[list[Codes], list[Array]]:
+    """Pictures whose turn they show themselves, and their turns; says which are left out."""
+    numbers, turned = turned_pictures.rotations(pictures, lens, names)
+    for number, name in enumerate(names):
+        if number not in numbers:
+            typer.echo(f"left out: {name}: it shows too little to see how it was turned", err=True)
+    return [pictures[number] for number in numbers], turned
 
 
 def on_turntable(step_deg: float, count: int) -> list[Array]:

@@ -100,8 +100,12 @@ def test_roll_off_is_found_by_walls_that_are_lit_unevenly(tmp_path, camera):
         picture = cv2.imread(str(path))
         cv2.circle(picture, (250, 380), 60, (40, 50, 60), -1)
         cv2.imwrite(str(path), picture, [cv2.IMWRITE_JPEG_QUALITY, 95])
+    for path in (paths[5], paths[16], paths[17]):  # and once right before the lens
+        cv2.imwrite(str(path), np.full((SIZE, SIZE, 3), 90, np.uint8))
     status, out, err = run(*paths, "--output", camera, "--json")
     assert status == 0, err
+    assert err.count("left out: ") == 3
+    assert "05.jpg: it shows too little" in err
     (report,) = json.loads(out)
     error = error_of(report["rolloff"])
     print(
@@ -120,7 +124,8 @@ def test_a_blank_wall_needs_a_turntable(tmp_path, camera):
     before = camera.read_text()
     status, _, err = run(*paths, "--output", camera)
     assert status == 1
-    assert "01.jpg: turn: only" in err
+    assert "03.jpg: turn: only" in err
+    assert "00.jpg, at least 12 are needed" in err
     assert "a room with detail" in err
     assert camera.read_text() == before
     status, out, err = run(*paths, "--output", camera, "--step-deg", "-15", "--json")
