@@ -9,7 +9,7 @@ contradict each other.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +28,8 @@ LEAST_TURN_DEG, LEAST_OFF_AXIS_DEG = 2.0, 1.0
 #: What the scatter does not show, 1 sigma about each axis: rows that are read one after the other
 #: while the box turns, and a map of half a sphere; of overlaps: lenses blur askew near their rim.
 _TURNING_SYSTEMATIC_DEG, _OVERLAP_SYSTEMATIC_DEG = 0.3, 0.08
+#: So many sigmas of turning off, overlaps are tried, too: what they then tell must be the same.
+_ASTRAY = 1.5
 #: Square of the distance, in sigmas, at which both contradict each other: 1 in 1000 of good ones.
 _CONTRADICTION = 16.3
 _TURN = "turn the box for half a minute, left and right and up and down, not too fast"
@@ -124,6 +126,9 @@ def _by_overlap(
     names: Sequence[str], views: Sequence[View], turned: Sequence[Turned]
 ) -> list[Turned]:
     overlap = rig_overlap.align(views, [Rotation.identity(), *(one.rotation for one in turned)])
+    elsewhere = [
+        rig_overlap.align(views, [Rotation.identity(), *start]) for start in _starts(turned)
+    ]
     found = []
     for k in range(1, len(names)):
         shared = [n for pair, n in overlap.points.items() if k in pair]
@@ -136,8 +141,26 @@ def _by_overlap(
                 "max_theta_deg and mask say how far they are used; show a furnished room; or "
                 "take --turning-only, and have less certain rotations"
             )
-        found.append(Turned(overlap.rotations[k], covariance + _square(_OVERLAP_SYSTEMATIC_DEG)))
+        apart = np.stack(
+            [(one.rotations[k] * overlap.rotations[k].inv()).as_rotvec() for one in elsewhere]
+        )
+        ambiguity = np.degrees(apart).T @ np.degrees(apart) / len(elsewhere)
+        known = covariance + ambiguity + _square(_OVERLAP_SYSTEMATIC_DEG)
+        found.append(Turned(overlap.rotations[k], known))
     return found
+
+
+def _starts(turned: Sequence[Turned]) -> Iterator[list[Rotation]]:
+    """Where else the cameras may stand by what turning tells: small or plain pictures agree with
+    the first one's in more than one place.
+    """
+    for axis in np.eye(3):
+        for sign in (1, -1):
+            yield [
+                Rotation.from_rotvec(sign * _ASTRAY * one.sigma_deg * axis, degrees=True)
+                * one.rotation
+                for one in turned
+            ]
 
 
 def _merged(name: str, one: Turned, other: Turned) -> Turned:
