@@ -94,8 +94,8 @@ static uint32_t flags_of(const struct lp_pipeline *p, const struct lp_panorama *
 	if (status->exposure_unknown)
 		flags |= LP_ESTIMATE_EXPOSURE_UNKNOWN;
 	if (panorama->clipped_fraction > LP_LEAST_CLIPPED_FRACTION ||
-	    status->shortest_clips > LP_LEAST_CLIPPED_FRACTION || hidden_lamps(p) > 0.0F ||
-	    lp_lamp_memory_flicker_clips(&p->lamps.memory))
+	    (p->camera_count == 1 && status->newest_clips > LP_LEAST_CLIPPED_FRACTION) ||
+	    hidden_lamps(p) > 0.0F || lp_lamp_memory_flicker_clips(&p->lamps.memory))
 		flags |= LP_ESTIMATE_CLIPPED;
 	if (status->mean_code < DARK_CODE) /* false for NAN: float frames have no codes */
 		flags |= LP_ESTIMATE_UNDEREXPOSED;

@@ -431,17 +431,13 @@ int lp_imager_add(struct lp_imager *imager, struct lp_frame *frame)
 }
 
 /* What one of the cameras adds; the brightest picture tells whether all is too dark. */
-static void add_eye(const struct lp_eye *eye, struct lp_imager_status *status, float *shortest_us)
+static void add_eye(const struct lp_eye *eye, struct lp_imager_status *status)
 {
 	const struct lp_eye_exposures exposures = lp_eye_exposures(eye);
 
 	status->invalid_samples |= exposures.invalid;
 	status->exposure_unknown |= exposures.unknown;
 	status->mean_code = fmaxf(status->mean_code, exposures.mean_code);
-	if (exposures.shortest_us < *shortest_us) {
-		*shortest_us = exposures.shortest_us;
-		status->shortest_clips = exposures.clipped_fraction;
-	}
 	if (eye->gain.count)
 		status->scale_sigma = fmaxf(status->scale_sigma, lp_gain_sigma(&eye->gain));
 	if (eye->banding.found)
@@ -459,7 +455,6 @@ void lp_imager_status(const struct lp_imager *imager, struct lp_imager_status *s
 {
 	const double *rate = imager->motion.rate;
 	const double degrees = 180.0 / M_PI;
-	float shortest_us = INFINITY;
 
 	*status = (struct lp_imager_status){
 		.mean_code = NAN,
@@ -489,5 +484,5 @@ void lp_imager_status(const struct lp_imager *imager, struct lp_imager_status *s
 	status->newest_clips = newest.clipped_fraction;
 	for (int k = 0; k < imager->eye_count; k++)
 		if (!imager->eyes[k].lost)
-			add_eye(&imager->eyes[k], status, &shortest_us);
+			add_eye(&imager->eyes[k], status);
 }

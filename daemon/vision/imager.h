@@ -56,9 +56,9 @@ struct lp_imager_status {
 	/* 1 sigma of irradiance from the panorama's own uncertainty (vision/radiance_map.h) */
 	float irradiance_sigma;
 	float clipped_share; /* of the light: what clipped cells hold at least */
-	/* Of the sphere, what clips in the shortest exposure of the newest frame's camera, and in
-	 * that of all cameras, among them the one that takes stills. */
-	float newest_clips, shortest_clips;
+	/* Of the sphere, what clips in the shortest exposure of the newest frame's camera; of
+	 * several cameras the map may know more, as by stills. */
+	float newest_clips;
 	float changed;		  /* share of the light that the newest frame showed changed */
 	float rotation_sigma_deg; /* of lp_imager_rotation(); 0: the camera holds still */
 	float rate_deg_per_s;	  /* how fast it turns */
