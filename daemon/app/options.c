@@ -371,7 +371,8 @@ static const struct lp_param config_list[] = {
 		 "(lightprobe polarization); without it no picture leaves the probe"},
 	{"wheel-dwell-ms", LP_PARAM_FLOAT, offsetof(struct lp_options, wheel_dwell_ms),
 	 .initial = "500", .max = 3600000,
-	 .help = "how long the wheel stays at each of several angles"},
+	 .help = "how long the wheel stays at each of several angles; with --polarizer-rest at\n"
+		 "most: it goes on when each exposure of the bracket has been there"},
 	{"ring", LP_PARAM_TEXT, offsetof(struct lp_options, ring), .initial = "",
 	 .max = LP_URI_MAX_BYTES,
 	 .help = "URI of the ring of light sensors (lightprobed --help-backends); default: no "

@@ -9,6 +9,7 @@
 
 #define ANSWER_NS (100 * LP_NS_PER_MS) /* a frame waits no longer for its angle */
 #define SAME_DEG 0.02F
+#define SAME_EXPOSURE 1.2F /* ratio: as the map takes exposures for one setting */
 
 static bool turning(const struct lp_sweep *sweep)
 {
@@ -20,6 +21,25 @@ static bool turning(const struct lp_sweep *sweep)
 bool lp_sweep_lost(const struct lp_sweep *sweep)
 {
 	return sweep->report->state.phase != LP_WHEEL_SETTLED && !turning(sweep);
+}
+
+/* ---------------------------------------------------------------- exposures */
+
+static bool alike(float one_us, float other_us)
+{
+	return one_us < SAME_EXPOSURE * other_us && other_us < SAME_EXPOSURE * one_us;
+}
+
+/* A frame at this angle had this exposure; NAN: it does not tell. */
+static void note_exposure(struct lp_sweep_exposures *seen, float exposure_us)
+{
+	if (isnan(exposure_us) || (seen->count && alike(exposure_us, seen->last_us)))
+		return;
+	seen->last_us = exposure_us;
+	for (int k = 0; k < seen->count; k++)
+		seen->is_whole |= alike(exposure_us, seen->us[k]);
+	if (!seen->is_whole && seen->count < LP_SWEEP_EXPOSURES)
+		seen->us[seen->count++] = exposure_us;
 }
 
 /* ---------------------------------------------------------------- frames */
@@ -92,8 +112,11 @@ static void judge(struct lp_sweep *sweep)
 		leave_out(sweep, frame);
 	else if (isnan(state->sigma_deg))
 		pass(sweep, frame, NAN, NAN);
-	else
+	else {
+		if (sweep->t_arrived_ns)
+			note_exposure(&sweep->exposures, lp_frame_exposure_us(frame));
 		pass(sweep, frame, state->measured_deg, state->sigma_deg);
+	}
 }
 
 void lp_sweep_frame(struct lp_sweep *sweep, struct lp_frame *frame, int64_t now_ns)
@@ -134,10 +157,13 @@ static void go_on(struct lp_sweep *sweep, int64_t now_ns)
 	}
 	if (sweep->t_arrived_ns == 0) {
 		sweep->t_arrived_ns = now_ns;
+		sweep->exposures = (struct lp_sweep_exposures){0};
 		sweep->report->moves++;
 	}
-	if (sweep->angle_count > 1 && now_ns - sweep->t_arrived_ns >= sweep->dwell_ns &&
-	    !rests(sweep, now_ns)) {
+	const bool is_done = now_ns - sweep->t_arrived_ns >= sweep->dwell_ns ||
+			     (sweep->rest_ns && sweep->exposures.is_whole);
+
+	if (sweep->angle_count > 1 && is_done && !rests(sweep, now_ns)) {
 		if (sweep->at == 0)
 			sweep->wanted = false;
 		sweep->at = (sweep->at + 1) % sweep->angle_count;

@@ -5,7 +5,8 @@
  * the exposure began. Until the answer comes the frame waits; a frame exposed while the wheel moved
  * is left out; where nothing is known of the wheel the frame passes without an angle.
  *
- * Besides, it goes round the angles that were asked for. No I/O: time and states are handed in.
+ * Besides, it goes round the angles that were asked for, and stays at each as long as it was told,
+ * or until the bracket's exposures have been there. No I/O: time and states are handed in.
  */
 #ifndef LP_APP_SWEEP_H
 #define LP_APP_SWEEP_H
@@ -17,6 +18,7 @@
 #include "include/rotator.h"
 
 #define LP_SWEEP_ANGLES 16
+#define LP_SWEEP_EXPOSURES 8
 
 struct lp_frame;
 
@@ -25,6 +27,14 @@ struct lp_sweep_host {
 	void (*frame)(void *context, struct lp_frame *frame); /* takes over the reference */
 	void (*move)(void *context, float target_deg);
 	void (*look)(void *context);
+};
+
+/* What the frames at one angle were exposed for, times gain. */
+struct lp_sweep_exposures {
+	float us[LP_SWEEP_EXPOSURES];
+	int count;
+	float last_us;
+	bool is_whole; /* one has come again, after others: all have been there */
 };
 
 struct lp_sweep {
@@ -39,7 +49,8 @@ struct lp_sweep {
 	int64_t rest_ns;   /* after each round at the first angle, unless one is wanted */
 	int64_t t_rest_ns; /* since when; 0: no round is over yet */
 	bool wanted;
-	int at;		      /* angles_deg[at] is commanded */
+	int at; /* angles_deg[at] is commanded */
+	struct lp_sweep_exposures exposures;
 	int64_t t_arrived_ns; /* 0: not there yet */
 	struct lp_frame *held;
 	int64_t t_held_ns;

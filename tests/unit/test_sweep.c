@@ -237,6 +237,79 @@ static void test_it_goes_round_the_angles(void **state)
 	assert_int_equal(report.moves, 7);
 }
 
+/* A frame of this exposure, taken at the angle where the wheel stands; the next one 33 ms later. */
+static void expose(float exposure_us, int64_t *now_ms)
+{
+	struct lp_wheel_state there = settled(*now_ms - 20, *now_ms + 33);
+
+	there.commanded_deg = sweep.angles_deg[sweep.at];
+	frame.t_start_ns = *now_ms * MS;
+	frame.exposure_us = exposure_us;
+	*now_ms += 33;
+	lp_sweep_frame(&sweep, &frame, *now_ms * MS);
+	tell(there, *now_ms);
+}
+
+static void arrive(int64_t *now_ms)
+{
+	struct lp_wheel_state there = settled(*now_ms, *now_ms);
+
+	there.commanded_deg = sweep.angles_deg[sweep.at];
+	tell(there, *now_ms);
+	*now_ms += 33;
+}
+
+/* In sweeps with a rest between them it leaves an angle when each exposure of the bracket has been
+ * there, and not before; where frames tell none, or all the same, after the time. */
+static void test_it_goes_on_when_all_exposures_have_been_there(void **state)
+{
+	const struct {
+		float us[6];
+		int frames, moves;
+	} cases[] = {{{10000, 600, 40}, 3, 0},
+		     {{10000, 600, 40, 10000}, 4, 1},
+		     {{600, 610, 40, 41, 10000, 600}, 6, 1}, /* commands late: each comes twice */
+		     {{600, 610, 40, 41, 10000, 10000}, 6, 0},
+		     {{40, 10000, 40}, 3, 1},
+		     {{600, 600, 600, 600, 600, 600}, 6, 0},
+		     {{NAN, NAN, NAN, NAN, NAN, NAN}, 6, 0}};
+
+	for (size_t k = 0; k < sizeof(cases) / sizeof(*cases); k++)
+		for (int rests = 0; rests < 2; rests++) {
+			int64_t now_ms = 2000;
+
+			(void)setup(state);
+			sweep.rest_ns = rests ? 60000 * MS : 0;
+			lp_sweep_start(&sweep);
+			arrive(&now_ms);
+			for (int n = 0; n < cases[k].frames; n++)
+				expose(cases[k].us[n], &now_ms);
+			assert_int_equal(moves, 1 + rests * cases[k].moves);
+			lp_sweep_tick(&sweep, 2500 * MS);
+			assert_int_equal(moves, 2);
+		}
+}
+
+/* What was seen at one angle does not count at the next. */
+static void test_each_angle_has_all_exposures(void **state)
+{
+	const float us[] = {10000, 600, 40, 10000, 600, 40, 10000, 600, 40, 10000};
+	int64_t now_ms = 2000;
+
+	(void)state;
+	sweep.rest_ns = 60000 * MS;
+	lp_sweep_start(&sweep);
+	for (int n = 0; n < 3; n++) {
+		arrive(&now_ms);
+		for (int k = 0; k < 3; k++)
+			expose(us[3 * n + k], &now_ms);
+		assert_int_equal(moves, 1 + n);
+		expose(us[3 * n + 3], &now_ms);
+		assert_int_equal(moves, 2 + n);
+	}
+	assert_int_equal(report.sweeps, 1);
+}
+
 /* One round, a minute at the first angle; a new lamp ends the rest once. */
 /* The wheel gets where it was told to go, dwells there, and goes on. */
 static void dwell(int64_t *now_ms)
@@ -315,6 +388,8 @@ int main(void)
 		cmocka_unit_test_setup(test_no_answer_is_no_angle, setup),
 		cmocka_unit_test_setup(test_unknown_exposure_counts_to_the_arrival, setup),
 		cmocka_unit_test_setup(test_doubt_is_no_angle, setup),
+		cmocka_unit_test_setup(test_it_goes_on_when_all_exposures_have_been_there, setup),
+		cmocka_unit_test_setup(test_each_angle_has_all_exposures, setup),
 		cmocka_unit_test_setup(test_it_goes_round_the_angles, setup),
 		cmocka_unit_test_setup(test_a_sweep_on_request_is_a_whole_round, setup),
 		cmocka_unit_test_setup(test_it_rests_after_a_round, setup),
