@@ -123,8 +123,10 @@ static int identify(struct lp_ptp_camera *camera, struct lp_ptp_fault *fault)
 	struct lp_ptp_device *device = &camera->device;
 	const uint8_t *data;
 	size_t size_bytes;
-	int ret = lp_ptp_get(&camera->session, LP_PTP_GET_DEVICE_INFO, 0, &data, &size_bytes);
+	int ret = lp_ptp_drain(&camera->session);
 
+	if (ret == 0)
+		ret = lp_ptp_get(&camera->session, LP_PTP_GET_DEVICE_INFO, 0, &data, &size_bytes);
 	if (ret < 0)
 		return lp_ptp_camera_fail(camera, ret, "device info", fault);
 	if (!lp_ptp_device_read(data, size_bytes, device))

@@ -221,6 +221,18 @@ int lp_ptp_operate(struct lp_ptp_session *session, enum lp_ptp_operation operati
 	return ret < 0 ? ret : receive_answer(session, operation, sink);
 }
 
+int lp_ptp_drain(struct lp_ptp_session *session)
+{
+	for (int n = 0; n < MOST_STALE; n++) {
+		const int ret = session->port->ops->receive(session->port, session->chunk,
+							    LP_PTP_CHUNK_BYTES, SLICE_MS);
+
+		if (ret < 0)
+			return ret == -ETIMEDOUT ? 0 : ret;
+	}
+	return 0;
+}
+
 static uint8_t *reserve_set(void *context, size_t size_bytes)
 {
 	struct lp_ptp_session *session = context;

@@ -70,6 +70,10 @@ int lp_ptp_session_init(struct lp_ptp_session *session, struct lp_ptp_port *port
 			struct lp_stop *stop);
 void lp_ptp_session_finish(struct lp_ptp_session *session); /* the port stays open */
 
+/* Take what the camera still has to say of an operation that was given up: it takes no other one
+ * before that. 0 or -errno. */
+int lp_ptp_drain(struct lp_ptp_session *session);
+
 /*
  * `sink` NULL: data from the camera are not expected. 0: done; -EREMOTEIO: the camera refuses, with
  * session->response. All else is about the transport, after which nothing can be asked any more:
