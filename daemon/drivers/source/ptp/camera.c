@@ -121,8 +121,8 @@ static int find_family(struct lp_ptp_camera *camera, struct lp_ptp_fault *fault)
 static int identify(struct lp_ptp_camera *camera, struct lp_ptp_fault *fault)
 {
 	struct lp_ptp_device *device = &camera->device;
-	const uint8_t *data;
-	size_t size_bytes;
+	const uint8_t *data = NULL;
+	size_t size_bytes = 0;
 	int ret = lp_ptp_drain(&camera->session);
 
 	if (ret == 0)
