@@ -6,8 +6,8 @@ namespace Lightprobe
     /// <summary>Messages to and from a probe, whole. One thread receives, one at a time sends; Dispose ends both.</summary>
     internal abstract class Connection : IDisposable
     {
-        /// <summary>A probe sends no message that is longer: the largest is a reflection map.</summary>
-        internal const int MostBytes = 1 << 20;
+        /// <summary>No probe sends a longer message. The largest, a reflection map, has 98 432 bytes (docs/users/clients.md).</summary>
+        internal const int MostBytes = 131072;
 
         internal abstract void Send(byte[] message);
 

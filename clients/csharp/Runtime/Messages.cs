@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Generated from proto/lightprobe.proto by clients/csharp/tools/generate.py: do not edit.
+// Generated from proto/lightprobe.proto by clients/csharp/Tools~/generate.py: do not edit.
 using System;
 using System.Collections.Generic;
 
@@ -238,7 +238,7 @@ namespace Lightprobe.Messages
                     case 5: m.TtlMs = r.UInt32("Estimate.ttl_ms"); break;
                     case 6: m.Flags = r.UInt32("Estimate.flags"); break;
                     case 7: m.Frame = (EstimateFrame)r.UInt32("Estimate.frame"); break;
-                    case 8: m.Lights.Add(Light.Read(r.Message("Estimate.lights"))); break;
+                    case 8: m.Lights.Add(Light.Read(r.Repeated("Estimate.lights", m.Lights.Count))); break;
                     case 9: m.Sh = SphericalHarmonics.Read(r.Message("Estimate.sh")); break;
                     case 10: m.PredictedErrorPermille = r.UInt32("Estimate.predicted_error_permille"); break;
                     case 11: m.ExposureUs = r.UInt32("Estimate.exposure_us"); break;
@@ -574,7 +574,7 @@ namespace Lightprobe.Messages
                     case 15: m.CpuPercent = r.Float("Health.cpu_percent"); break;
                     case 16: m.RssKib = r.UInt32("Health.rss_kib"); break;
                     case 17: m.Preset = r.String("Health.preset"); break;
-                    case 18: m.Faults.Add(Fault.Read(r.Message("Health.faults"))); break;
+                    case 18: m.Faults.Add(Fault.Read(r.Repeated("Health.faults", m.Faults.Count))); break;
                     case 19: m.Wheel = Wheel.Read(r.Message("Health.wheel")); break;
                     case 20: m.Ring = Ring.Read(r.Message("Health.ring")); break;
                     case 21: m.PolarizationMapsSent = r.UInt64("Health.polarization_maps_sent"); break;
@@ -646,14 +646,14 @@ namespace Lightprobe.Messages
             while (r.Next(out int field))
                 switch (field)
                 {
-                    case 1: m.Hello = Hello.Read(r.Message("FromProbe.hello")); break;
-                    case 2: m.Estimate = Estimate.Read(r.Message("FromProbe.estimate")); break;
-                    case 3: m.Health = Health.Read(r.Message("FromProbe.health")); break;
-                    case 4: m.Error = Error.Read(r.Message("FromProbe.error")); break;
-                    case 5: m.Pong = Pong.Read(r.Message("FromProbe.pong")); break;
-                    case 6: m.ReflectionMap = ReflectionMap.Read(r.Message("FromProbe.reflection_map")); break;
-                    case 7: m.PolarizationMap = PolarizationMap.Read(r.Message("FromProbe.polarization_map")); break;
-                    case 8: m.SweepStarted = SweepStarted.Read(r.Message("FromProbe.sweep_started")); break;
+                    case 1: m = new FromProbe { Hello = Hello.Read(r.Message("FromProbe.hello")) }; break;
+                    case 2: m = new FromProbe { Estimate = Estimate.Read(r.Message("FromProbe.estimate")) }; break;
+                    case 3: m = new FromProbe { Health = Health.Read(r.Message("FromProbe.health")) }; break;
+                    case 4: m = new FromProbe { Error = Error.Read(r.Message("FromProbe.error")) }; break;
+                    case 5: m = new FromProbe { Pong = Pong.Read(r.Message("FromProbe.pong")) }; break;
+                    case 6: m = new FromProbe { ReflectionMap = ReflectionMap.Read(r.Message("FromProbe.reflection_map")) }; break;
+                    case 7: m = new FromProbe { PolarizationMap = PolarizationMap.Read(r.Message("FromProbe.polarization_map")) }; break;
+                    case 8: m = new FromProbe { SweepStarted = SweepStarted.Read(r.Message("FromProbe.sweep_started")) }; break;
                     default: r.Skip(); break;
                 }
             return m;

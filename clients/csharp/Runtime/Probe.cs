@@ -47,6 +47,7 @@ namespace Lightprobe
         private Hello _hello;
         private Health _health;
         private Estimate _newest;
+        private ReflectionMap _reflectionMap;
         private ProbeState _state = ProbeState.Connecting;
         private string _lastError;
         private long _count;
@@ -89,6 +90,12 @@ namespace Lightprobe
 
         /// <summary>Milliseconds since the capture of the newest estimate, aged out or not; null before the first.</summary>
         public double? AgeMs { get { lock (_lock) return _newest == null ? (double?)null : AgeMsLocked(); } }
+
+        /// <summary>
+        /// The newest reflection map, however old; null before the first. The probe sends some only if the subscription asks for
+        /// them and Hello.MaxReflectionMapSize is not 0. <see cref="UnityReflection"/> reads it.
+        /// </summary>
+        public ReflectionMap ReflectionMap { get { lock (_lock) return _reflectionMap; } }
 
         /// <summary>Waits for an estimate that comes after this call; null: none came in time.</summary>
         public Estimate WaitForNext(int timeoutMs)
@@ -195,6 +202,7 @@ namespace Lightprobe
                         byte[] data = connection.Receive(PatienceMs());
                         if (data == null) return refusal ?? _address + ": the probe closed the connection";
                         FromProbe message = Decode(data);
+                        MessageCheck.Check(message);
                         if (message.Error != null) refusal = _address + ": " + message.Error.Text;
                         Take(message, refusal);
                         if (State == ProbeState.Closed) return null;
@@ -228,7 +236,15 @@ namespace Lightprobe
                     throw new IOException("closed");
                 }
                 _connection = connection;
-                connection.Send(Encoded(_wish));
+                try
+                {
+                    connection.Send(Encoded(_wish));
+                }
+                catch
+                {
+                    connection.Dispose();
+                    throw;
+                }
             }
             return connection;
         }
@@ -256,6 +272,7 @@ namespace Lightprobe
                 else if (message.Error == null && _hello == null) throw new WireException("the first message is not a Hello");
                 if (message.Health != null) _health = message.Health;
                 if (message.Estimate != null) TakeEstimate(message.Estimate);
+                if (message.ReflectionMap != null && message.ReflectionMap.Subscription == _wish.Number) _reflectionMap = message.ReflectionMap;
                 if (refusal != null) _lastError = refusal;
             }
         }

@@ -16,6 +16,8 @@ namespace Lightprobe
     {
         private const int Varint = 0, Fixed64 = 1, Delimited = 2, Fixed32 = 5;
         private const int MostNested = 16;
+        /// <summary>Of messages in one list. Each takes two bytes on the wire at least, but some hundred in memory.</summary>
+        private const int MostRepeated = 256;
         private static readonly UTF8Encoding Utf8 = new UTF8Encoding(false, true);
 
         private readonly byte[] _data;
@@ -123,6 +125,13 @@ namespace Lightprobe
         {
             int start = TakeDelimited(name);
             return new WireReader(_data, start, _at, _depth + 1);
+        }
+
+        /// <summary>A reader of one more message of a list that has `count` already.</summary>
+        internal WireReader Repeated(string name, int count)
+        {
+            if (count >= MostRepeated) throw new WireException(name + ": more than " + MostRepeated);
+            return Message(name);
         }
 
         private void Expect(int type, string name)

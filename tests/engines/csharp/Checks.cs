@@ -17,6 +17,8 @@ static class Checks
         {
             case "decode": foreach (string line in Lines()) Decode(line); return 0;
             case "subscribe": Console.WriteLine(Hex(TcpConnection.Delimited(Probe.Encoded(Wish())))); return 0;
+            case "check": foreach (string line in Lines()) Check(line); return 0;
+            case "reflection": foreach (string line in Lines()) Reflection(line); return 0;
             case "unity": foreach (string line in Lines()) Unity(line); return 0;
             case "live": return Live(arguments[1], int.Parse(arguments[2]));
             case "address": return Address(arguments[1]);
@@ -46,6 +48,27 @@ static class Checks
         {
             Console.WriteLine("\"refused: " + error.Message + "\"");
         }
+    }
+
+    /// <summary>As a client takes it: decoded, then looked at.</summary>
+    static void Check(string hex)
+    {
+        try
+        {
+            MessageCheck.Check(Probe.Decode(TcpConnection.Read(new MemoryStream(Bytes(hex)))));
+            Console.WriteLine("\"taken\"");
+        }
+        catch (WireException error)
+        {
+            Console.WriteLine("\"refused: " + error.Message + "\"");
+        }
+    }
+
+    /// <summary>The six faces of a reflection map in Unity's axes.</summary>
+    static void Reflection(string hex)
+    {
+        ReflectionMap map = Probe.Decode(TcpConnection.Read(new MemoryStream(Bytes(hex)))).ReflectionMap;
+        for (int face = 0; face < 6; face++) Console.WriteLine(Json(UnityReflection.Face(map, face)));
     }
 
     static Subscription Wish() => new Subscription

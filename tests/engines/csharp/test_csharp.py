@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from google.protobuf.descriptor import FieldDescriptor
 from harness import Daemon
-from lightprobe import wire
+from lightprobe import reflection_map, wire
 from lightprobe.convert import ADAPTERS
 from lightprobe.imaging import image
 from lightprobe_proto import lightprobe_pb2 as pb
@@ -24,7 +24,7 @@ GOLDEN = sorted(
     file for file in (ROOT / "proto/golden").glob("*.bin") if not file.name.startswith("from_")
 )
 COMPILER = ("mcs", "-langversion:7.2", "-codepage:utf8", "-warnaserror")
-sys.path.append(str(PACKAGE / "tools"))
+sys.path.append(str(PACKAGE / "Tools~"))
 
 
 def compiled(out, *sources, options=()):
@@ -192,6 +192,76 @@ def test_unitys_numbers_are_those_of_convert(program, towards):
         assert lines[0][:3] == [0, -1, 0]
 
 
+def checked(program, *messages):
+    """What the client says of messages: "taken", or why not."""
+    lines = [wire.delimit(one.SerializeToString()).hex() for one in messages]
+    return ask(program, "check", given="\n".join(lines))
+
+
+def test_messages_of_a_probe_are_taken(program):
+    messages = [parsed(file.read_bytes()) for file in GOLDEN]
+    assert checked(program, *messages) == len(messages) * ["taken"]
+
+
+def spoilt(change):
+    """A golden estimate, or a reflection map, with one thing changed."""
+    message = parsed((ROOT / "proto/golden/estimate_full.bin").read_bytes())
+    if not message.estimate.lights:
+        lamp = message.estimate.lights.add(id=1)
+        lamp.direction.extend([0, 1, 0])
+        lamp.irradiance.extend([1, 1, 1])
+    change(message)
+    return message
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [(lambda m: m.estimate.lights[0].irradiance.__setitem__(1, float("nan")), "Light.irradiance"),
+     (lambda m: m.estimate.lights[0].direction.__setitem__(0, 7.0), "Light.direction: of length"),
+     (lambda m: m.estimate.lights[0].direction.append(0), "Light.direction: 4 numbers, expected 3"),
+     (lambda m: m.estimate.sh.coefficients.append(1), "SphericalHarmonics.coefficients"),
+     (lambda m: setattr(m.estimate.sh, "basis", 3), "of a basis"),
+     (lambda m: setattr(m.estimate, "frame", 2), "Estimate.frame: 2"),
+     (lambda m: setattr(m.estimate, "cd_m2_per_unit", float("inf")), "Estimate.cd_m2_per_unit"),
+     (lambda m: setattr(m.reflection_map, "size", 16), "ReflectionMap.texels: 0 bytes of size 16")],
+)  # fmt: skip
+def test_numbers_that_no_light_has_are_refused(program, change, told):
+    (line,) = checked(program, spoilt(change))
+    assert line.startswith("refused: ")
+    assert told in line
+
+
+def test_lists_that_would_fill_the_memory_are_refused(program):
+    """128 KiB of empty lamps would take 200 MB."""
+    (line,) = checked(program, pb.FromProbe(estimate=pb.Estimate(lights=60_000 * [pb.Light()])))
+    assert line == "refused: Estimate.lights: more than 256"
+
+
+def test_of_two_answers_in_one_message_the_last_is_valid(program):
+    data = pb.FromProbe(hello=pb.Hello(software="x")).SerializeToString()
+    data += pb.FromProbe(pong=pb.Pong(ping_time_ns=3)).SerializeToString()
+    (found,) = ask(program, "decode", given=wire.delimit(data).hex())
+    same(found, expected(pb.FromProbe.FromString(data)))
+    assert found["Hello"] is None
+
+
+def test_a_reflection_map_in_unitys_axes(program):
+    size = 16
+    rng = np.random.default_rng(3)
+    message = pb.FromProbe()
+    message.reflection_map.size, message.reflection_map.scale = size, 0.25
+    message.reflection_map.kind = pb.SphericalHarmonics.TOTAL
+    message.reflection_map.texels = rng.integers(0, 2**32, 6 * size**2, dtype="<u4").tobytes()
+    given = wire.delimit(message.SerializeToString())
+    faces = np.array(ask(program, "reflection", given=given.hex()), np.float32)
+    (theirs,) = (m for m in wire.Decoder().feed(given))
+    # Cube maps have the same layout in every renderer, but Unity's z is the probe's turned round.
+    towards = reflection_map.directions(size) * [1, 1, -1]
+    np.testing.assert_allclose(
+        faces.reshape(6, size, size, 3), theirs.sample(towards), rtol=1e-6, atol=0
+    )
+
+
 def room(folder):
     picture = np.full((64, 128, 3), 0.2, np.float32)
     picture[15:18, 94:98] = [400, 300, 200]  # 45° up, 90° to the right
@@ -301,7 +371,7 @@ def test_the_messages_are_those_of_the_schema():
     import generate
 
     assert generate.generated() == generate.OUT.read_text(), (
-        "run build/venv/bin/python clients/csharp/tools/generate.py"
+        "run build/venv/bin/python clients/csharp/Tools~/generate.py"
     )
 
 

@@ -39,7 +39,7 @@ _SCALARS = {
 }
 _FLAGS = ("LightFlag", "EstimateFlag")
 _HEAD = """// SPDX-License-Identifier: Apache-2.0
-// Generated from proto/lightprobe.proto by clients/csharp/tools/generate.py: do not edit.
+// Generated from proto/lightprobe.proto by clients/csharp/Tools~/generate.py: do not edit.
 using System;
 using System.Collections.Generic;
 
@@ -121,9 +121,15 @@ def reading(message: str, field: FieldDescriptorProto) -> str:
     """Give the statement that reads a field."""
     name, text = pascal(field.name), f'"{message}.{field.name}"'
     repeated = field.label == FieldDescriptorProto.LABEL_REPEATED
+    if is_class(field) and repeated:
+        return (
+            f"m.{name}.Add({type_name(field.type_name)}.Read(r.Repeated({text}, m.{name}.Count)));"
+        )
     if is_class(field):
         read = f"{type_name(field.type_name)}.Read(r.Message({text}))"
-        return f"m.{name}.Add({read});" if repeated else f"m.{name} = {read};"
+        # Of a oneof, the last one on the wire is valid: a new message forgets those before it.
+        is_choice = field.HasField("oneof_index") and not field.proto3_optional
+        return f"m = new {message} {{ {name} = {read} }};" if is_choice else f"m.{name} = {read};"
     if repeated:
         return f"r.Floats({text}, m.{name});"
     if field.type == FieldDescriptorProto.TYPE_ENUM:
