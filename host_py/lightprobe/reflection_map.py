@@ -99,3 +99,21 @@ def decode_rgb9e5(texels: bytes, scale: float) -> NDArray[np.float32]:
     exponents = (bits >> 27).astype(np.int32) - 24
     values = np.ldexp(mantissas.astype(np.float64), exponents[:, None]) * scale
     return values.astype(np.float32)
+
+
+def encode_rgb9e5(radiance: ArrayLike) -> tuple[bytes, float]:
+    """Texels (number, 3) as RGB9E5, little-endian, and the scale that :func:`decode_rgb9e5` needs.
+
+    Negative values become 0. The brightest has the largest exponent.
+    """
+    values = np.maximum(np.asarray(radiance, dtype=np.float64), 0)
+    largest = values.max(axis=-1)
+    brightest = float(largest.max(initial=0)) or 1.0
+    scale = float(np.exp2(np.ceil(np.log2(brightest / 511)) - 7))  # mantissas of 2^(31 - 24)
+    with np.errstate(divide="ignore"):
+        exponents = np.ceil(np.log2(largest / scale / 511.5))
+    exponents = np.clip(exponents, -24, 7)
+    mantissas = np.minimum(np.rint(values / scale / np.exp2(exponents)[:, None]), 511)
+    bits = mantissas.astype(np.uint32) << np.array([0, 9, 18], np.uint32)
+    bits = np.bitwise_or.reduce(bits, axis=-1) | (exponents + 24).astype(np.uint32) << 27
+    return bits.astype("<u4").tobytes(), scale

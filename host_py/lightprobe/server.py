@@ -1,7 +1,8 @@
 """A server of lightprobe.v1 in Python: replays recordings, and publishes what a simulator knows.
 
-It is no daemon: it sends one stream of estimates to every client, cut to what the client has
-subscribed to as far as the stream holds it. TCP and WebSocket, on this machine only.
+It is no daemon: it sends one stream of estimates, and of reflection maps if there are any, to
+every client, cut to what the client has subscribed to as far as the stream holds it. TCP and
+WebSocket, on this machine only.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from urllib.parse import urlsplit
 import numpy as np
 from lightprobe_proto import lightprobe_pb2 as pb
 
-from lightprobe import sh
+from lightprobe import replayed_map, sh
 from lightprobe.errors import LightprobeError
 from lightprobe.estimate import LightFlag
 from lightprobe.wire import PROTOCOL_MAJOR, Decoder, delimit
@@ -26,26 +27,30 @@ from lightprobe.wire import PROTOCOL_MAJOR, Decoder, delimit
 _PROTOCOL = "lightprobe.v1"
 _LOOPBACK = ("127.0.0.1", "::1", "localhost")
 _MINOR = 2
+_MAP_RATE_HZ = 5.0  # where a subscription names none
 
 
 @dataclass(eq=False)
 class _Client:
-    """One connection: what it wants, and what waits for it (the newest estimate alone)."""
+    """One connection: what it wants, and what waits for it (the newest estimate and map alone)."""
 
     wish: Any = field(default_factory=pb.Subscription)
     newest: Any = None
+    map: Any = None  # pb.ReflectionMap as recorded, and the estimate that it belongs to
+    map_due_s: float = 0.0  # no map before; of time.monotonic()
     news: asyncio.Event = field(default_factory=asyncio.Event)
 
 
 class ProbeServer:
     """Clients of one stream. Use within one event loop."""
 
-    def __init__(self, name: str, software: str) -> None:
-        """`name`: of the probe, as Hello tells it."""
+    def __init__(self, name: str, software: str, map_size: int = 0) -> None:
+        """`name`: of the probe, as Hello tells it; `map_size`: of reflection maps; 0: none."""
         self._hello = pb.Hello(
             protocol_major=PROTOCOL_MAJOR, protocol_minor=_MINOR, software=software[:39],
             boot_id=secrets.randbits(32), source="replay", max_sh_order=4, max_lights=8,
             clock="CLOCK_REALTIME", name=name[:60],
+            max_reflection_map_size=map_size,
         )  # fmt: skip
         self._clients: set[_Client] = set()
         self._last: Any = None
@@ -60,6 +65,20 @@ class ProbeServer:
         for client in self._clients:
             client.newest = estimate
             client.news.set()
+
+    def publish_map(self, recorded: Any) -> None:
+        """Send a pb.ReflectionMap of AMBIENT, which belongs to the estimate published last."""
+        if self._last is None:
+            return
+        for name in ("sequence", "boot_id", "capture_time_unix_ns"):
+            setattr(recorded, name, getattr(self._last, name))
+        now_s = time.monotonic()
+        for client in self._clients:
+            wish = client.wish.reflection_map
+            if wish.size and now_s >= client.map_due_s:
+                client.map_due_s = now_s + 1 / (wish.rate_hz or _MAP_RATE_HZ)
+                client.map = (recorded, self._last)
+                client.news.set()
 
     @contextlib.asynccontextmanager
     async def listening(self, uri: str) -> AsyncIterator[str]:
@@ -148,8 +167,14 @@ class ProbeServer:
             while True:
                 await client.news.wait()
                 client.news.clear()
-                estimate = cut(client.newest, client.wish)
-                await write(pb.FromProbe(estimate=estimate).SerializeToString())
+                if client.newest is not None:
+                    estimate, client.newest = cut(client.newest, client.wish), None
+                    await write(pb.FromProbe(estimate=estimate).SerializeToString())
+                if client.map is not None:
+                    (recorded, estimate), client.map = client.map, None
+                    added = not_listed(estimate, client.wish)
+                    reflection_map = replayed_map.answer(recorded, client.wish, added)
+                    await write(pb.FromProbe(reflection_map=reflection_map).SerializeToString())
 
         sending = asyncio.create_task(send())
         try:
@@ -175,6 +200,23 @@ def _own_page_only(connection: Any, request: Any) -> Any:
     return connection.respond(403, "pages of other machines may not read this\n")
 
 
+def _listed(estimate: Any, wish: Any) -> list[Any]:
+    most = wish.max_lights if wish.HasField("max_lights") else 4
+    return [
+        light
+        for light in estimate.lights
+        if wish.area_lights or not light.flags & LightFlag.EXTENDED
+    ][:most]
+
+
+def not_listed(estimate: Any, wish: Any) -> list[Any]:
+    """Lamps of a pb.Estimate whose light a reflection map is to hold, by a subscription."""
+    if wish.reflection_map.kind != pb.SphericalHarmonics.AMBIENT:
+        return list(estimate.lights)
+    listed = _listed(estimate, wish)
+    return [light for light in estimate.lights if light not in listed]
+
+
 def cut(estimate: Any, wish: Any) -> Any:
     """Give the part of a pb.Estimate that a subscription asks for.
 
@@ -185,12 +227,9 @@ def cut(estimate: Any, wish: Any) -> Any:
     part = pb.Estimate()
     part.CopyFrom(estimate)
     part.subscription = wish.number
-    most = wish.max_lights if wish.HasField("max_lights") else 4
     total = wish.kind == pb.SphericalHarmonics.TOTAL and part.sh.kind != pb.SphericalHarmonics.TOTAL
     order = min(part.sh.order, wish.sh_order if wish.HasField("sh_order") else 2)
-    listed = [
-        light for light in part.lights if wish.area_lights or not light.flags & LightFlag.EXTENDED
-    ][:most]
+    listed = _listed(part, wish)
     if part.sh.kind != pb.SphericalHarmonics.TOTAL:
         coefficients = np.array(part.sh.coefficients).reshape(-1, 3)
         dropped = [light for light in part.lights if light not in listed]

@@ -12,6 +12,7 @@ import pytest
 from harness import LONG_S, Client, Daemon, jpeg, wait_for
 from lightprobe import Client as ProbeClient
 from lightprobe import Subscription, recording
+from lightprobe.imaging import image
 from lightprobe.server import cut
 from lightprobe_proto import lightprobe_pb2 as pb
 from mcap.reader import make_reader
@@ -157,6 +158,59 @@ def test_a_recording_cut_in_the_middle_is_used_as_far_as_it_goes(recorded, tmp_p
                    f"tcp:127.0.0.1:{free_port()}")  # fmt: skip
     assert "Traceback" not in done.stderr
     assert done.returncode in (0, 1)
+
+
+@pytest.fixture(scope="module")
+def with_maps(tmp_path_factory):
+    """A recording with reflection maps of 32 texels."""
+    folder = tmp_path_factory.mktemp("maps")
+    picture = np.full((64, 128, 3), 0.2, np.float32)
+    picture[15:18, 94:98] = [400, 300, 200]  # 45° up, 90° to the right
+    image.write_pfm(str(folder / "room.pfm"), picture)
+    file = folder / "room.mcap"
+    with Daemon(f"--source=file:{folder}/room.pfm?rate=30", "--reflection-map=64") as daemon:
+        done = command("record", file, "--from", f"unix:{daemon.socket}", "--seconds", 3,
+                       "--reflection-map", 32)  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return file
+
+
+@pytest.mark.parametrize(
+    ("kind", "lights", "size"), [("AMBIENT", 4, 32), ("AMBIENT", 0, 64), ("TOTAL", 4, 16)]
+)
+def test_reflection_maps_are_replayed_with_the_lamps_that_a_client_wants_in_them(
+    with_maps, kind, lights, size
+):
+    """E(map) is E of the same light by SH and lamps, at normals all around."""
+    wish = Subscription(
+        sh_order=4, max_lights=lights, reflection_map_size=size, reflection_map_kind=kind,
+        reflection_map_rate_hz=30,
+    )  # fmt: skip
+    with replayed(with_maps) as (tcp, _, _), ProbeClient(f"tcp:127.0.0.1:{tcp}", wish) as client:
+        assert client.wait_for(lambda c: c.reflection_map and c.latest(), LONG_S)
+        found, estimate = client.reflection_map, client.latest()
+        assert client.hello.max_reflection_map_size == 32
+    assert (found.size, found.kind) == (min(size, 32), kind)
+    assert len(estimate.lights) == min(lights, 1)
+    normals = np.eye(3)[[0, 1, 2, 0, 1, 2]] * [[1], [1], [1], [-1], [-1], [-1]]
+    wanted = estimate.irradiance(normals)
+    if kind == "AMBIENT":
+        for light in estimate.lights:
+            wanted = wanted - np.maximum(normals @ light.direction, 0)[:, None] * light.irradiance
+    # Order 4 leaves out 2 % of a lamp's light; of 16 texels each is 6° wide.
+    np.testing.assert_allclose(found.irradiance(normals), wanted, atol=0.05 * wanted.max())
+
+
+def test_a_probe_without_reflection_maps_is_told(recorded, tmp_path):
+    (tmp_path / "a.jpg").write_bytes(jpeg())
+    file = tmp_path / "x.mcap"
+    with Daemon(f"--source=file:{tmp_path}/a.jpg?rate=30") as daemon:
+        done = command("record", file, "--from", f"unix:{daemon.socket}", "--reflection-map", 16)
+    assert done.returncode == 1
+    assert "start lightprobed with --reflection-map=16" in done.stderr
+    assert not file.exists()
+    done = command("record", file, "--reflection-map", 17)
+    assert "expected 0, 16, 32, 64" in done.stderr
 
 
 @pytest.mark.parametrize(

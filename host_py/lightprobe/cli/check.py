@@ -53,12 +53,12 @@ def _range(low: float, high: float, above: bool) -> str:
     return f"{start}, at most {high:g}" if above else f"{start}…{high:g}"
 
 
-def one_of(known: Collection[str]) -> Check[str]:
-    """Want one of some words."""
+def one_of(known: Collection[T]) -> Check[T]:
+    """Want one of some words, or numbers."""
 
-    def check(context: typer.Context, option: typer.CallbackParam, value: str) -> str:
+    def check(context: typer.Context, option: typer.CallbackParam, value: T) -> T:
         if value not in known and not context.resilient_parsing:
-            refuse(context, option, value, ", ".join(known))
+            refuse(context, option, value, ", ".join(map(str, known)))
         return value
 
     return check

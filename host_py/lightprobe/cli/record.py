@@ -10,11 +10,13 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from lightprobe_proto import lightprobe_pb2 as pb
 
 from lightprobe import __version__, recording
 from lightprobe.cli import check
 from lightprobe.client import DEFAULT_URI, AsyncClient
 from lightprobe.errors import LightprobeError, ProbeTimeout
+from lightprobe.reflection_map import SIZES
 from lightprobe.server import ProbeServer, stamp_now
 from lightprobe.wire import Subscription
 
@@ -22,6 +24,10 @@ _PATIENCE_S = 10.0
 _DEFAULT_URIS = ["tcp:127.0.0.1:7700", "ws:127.0.0.1:7701"]
 #: Pauses in a recording, as of a probe that was away, are not waited out.
 _LONGEST_PAUSE_S = 5.0
+
+
+class _NoMapsError(LightprobeError):
+    """Reflection maps are wanted of a probe that sends none."""
 
 
 def record(
@@ -37,6 +43,15 @@ def record(
     ] = None,
     order: Annotated[int, typer.Option(min=0, max=4, help="Highest SH order.")] = 4,
     lights: Annotated[int, typer.Option(min=0, max=8, help="Maximum number of lamps.")] = 8,
+    map_size: Annotated[
+        int,
+        typer.Option(
+            "--reflection-map",
+            metavar="16|32|64",
+            callback=check.one_of((0, *SIZES)),
+            help="Texels of reflection maps, five a second. They are pictures of the room.",
+        ),
+    ] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
     """Record a probe's messages as they come, until Ctrl-C or for some seconds.
@@ -50,13 +65,16 @@ def record(
     count = 0
     try:
         with recording.Recorder(file) as recorder, suppress(KeyboardInterrupt):
-            wish = Subscription(sh_order=order, max_lights=lights)
+            wish = Subscription(
+                sh_order=order, max_lights=lights,
+                reflection_map_size=map_size, reflection_map_kind="AMBIENT",
+            )  # fmt: skip
             try:
                 asyncio.run(_record(uri, wish, recorder, seconds))
             finally:
                 count = recorder.messages
-    except ProbeTimeout:
-        file.unlink(missing_ok=True)  # it holds nothing
+    except (ProbeTimeout, _NoMapsError):
+        file.unlink(missing_ok=True)  # it holds nothing of use
         raise
     except OSError as error:
         raise LightprobeError(f"record: {file}: write: {error.strerror}") from None
@@ -73,6 +91,11 @@ async def _record(
 
     async with AsyncClient(uri, wish, on_payload=keep) as client:
         await client.receive(_PATIENCE_S)
+        if wish.reflection_map_size and client.hello and not client.hello.max_reflection_map_size:
+            raise _NoMapsError(
+                f"record: {uri}: reflection maps: the probe sends none: start lightprobed with "
+                f"--reflection-map={wish.reflection_map_size}, or record without"
+            )
         with suppress(TimeoutError):
             async with asyncio.timeout(seconds):
                 async for _ in client.estimates():
@@ -108,8 +131,14 @@ def replay(
 async def _replay(
     file: Path, messages: list[recording.Recorded], uris: list[str], speed: float, once: bool
 ) -> None:
-    server = ProbeServer(file.stem, f"lightprobe replay {__version__}")
-    estimates = [one for one in messages if one.message.WhichOneof("message") == "estimate"]
+    kinds = ("estimate", "reflection_map")
+    played = [one for one in messages if one.message.WhichOneof("message") in kinds]
+    estimates = [one for one in played if one.message.HasField("estimate")]
+    # What was asked for AMBIENT alone can be given to every client.
+    maps = [one.message.reflection_map for one in played if _is_ambient_map(one.message)]
+    server = ProbeServer(
+        file.stem, f"lightprobe replay {__version__}", max((m.size for m in maps), default=0)
+    )
     if not estimates:
         raise LightprobeError(f"replay: {file}: holds no estimate")
     async with AsyncExitStack() as stack:
@@ -117,18 +146,31 @@ async def _replay(
             address = await stack.enter_async_context(server.listening(uri))
             typer.echo(f"replay: {file}: {len(estimates)} estimates on {address}", err=True)
         while True:
-            await _once(server, estimates, speed)
+            await _once(server, played, speed)
             if once:
                 return
 
 
-async def _once(server: ProbeServer, estimates: list[recording.Recorded], speed: float) -> None:
-    last_ns = estimates[0].time_ns
-    for one in estimates:
+def _is_ambient_map(message: Any) -> bool:
+    return bool(
+        message.HasField("reflection_map")
+        and message.reflection_map.kind == pb.SphericalHarmonics.AMBIENT
+    )
+
+
+async def _once(server: ProbeServer, played: list[recording.Recorded], speed: float) -> None:
+    last_ns = played[0].time_ns
+    for one in played:
         pause_s = max(0, one.time_ns - last_ns) / 1e9 / speed
         last_ns = one.time_ns
         await asyncio.sleep(min(pause_s, _LONGEST_PAUSE_S))
-        estimate: Any = type(one.message.estimate)()
+        if one.message.HasField("reflection_map"):
+            if _is_ambient_map(one.message):
+                reflection_map = pb.ReflectionMap()
+                reflection_map.CopyFrom(one.message.reflection_map)
+                server.publish_map(reflection_map)
+            continue
+        estimate: Any = pb.Estimate()
         estimate.CopyFrom(one.message.estimate)
         stamp_now(estimate, estimate.send_delay_us)
         server.publish(estimate)

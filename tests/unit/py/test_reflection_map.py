@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from lightprobe import geometry, reflection_map, wire
 from lightprobe.reflection_map import SIZES, ReflectionMap
 from lightprobe_proto import lightprobe_pb2 as pb
@@ -118,3 +119,17 @@ def test_a_wish_travels():
     assert sent.subscribe.reflection_map.kind == SH.TOTAL
     none = pb.FromClient.FromString(wire.encode_subscription(wire.Subscription())[1:])
     assert not none.subscribe.HasField("reflection_map")
+
+
+@given(
+    arrays(np.float64, (7, 3), elements=st.just(0.0) | st.floats(1e-6, 1e6)),
+    st.floats(1e-12, 1e12),
+)
+def test_what_is_encoded_is_decoded(values, factor):
+    """Each channel within half a step of its texel's exponent: 1/511 of the brightest channel."""
+    radiance = values * factor
+    texels, scale = reflection_map.encode_rgb9e5(radiance)
+    found = reflection_map.decode_rgb9e5(texels, scale)
+    # Below 2^-32 of the brightest texel there is no smaller exponent.
+    step = np.maximum(radiance.max(axis=1), radiance.max() * 2.0**-31)
+    assert (np.abs(found - radiance) <= 1.001 * step[:, None] / 511).all()
