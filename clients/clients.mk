@@ -30,6 +30,10 @@ web: $(BUILD)/web/index.html ## build the viewer in build/web: lightprobed --pub
 test-js: web daemon $(STAMPS)/venv ## run the tests of the JavaScript package and the viewer, also in Chromium
 	@cd $(JS) && npm test --silent
 
+.PHONY: soak-page
+soak-page: web build $(BUILD)/scenes/blender.stamp ## show the live viewer of the demo in Chromium for an hour: its memory must not grow; MINUTES=n
+	@cd $(JS) && node dist/test/soak.js
+
 # The Blender extension, and the real Blender to test it: bpy from PyPI, in a Python of its own.
 BLENDER := $(BUILD)/blender
 BLENDER_SOURCES := $(wildcard clients/blender/addon/* clients/blender/tools/*.py host_py/lightprobe/*.py)

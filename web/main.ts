@@ -136,6 +136,7 @@ function frame(nowMs: number): void {
     show(probe, estimate, exact, errorAgainst(estimate, exact));
   }
   document.body.dataset["frames"] = String(++frames);
+  document.body.dataset["sequence"] = String(estimate?.sequence ?? 0);
 }
 
 async function showCamera(): Promise<void> {
