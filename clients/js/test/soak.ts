@@ -66,7 +66,15 @@ try {
   const page = await browser.newPage({ viewport: VIEWPORT });
   const faults: string[] = [];
   page.on("pageerror", (error) => faults.push(error.message));
-  await page.goto(await addressOf(demo));
+  const address = await addressOf(demo);
+  for (let left = 60; ; left--)
+    try {
+      await page.goto(address);
+      break;
+    } catch (error) { // the daemon is about to listen
+      if (left === 0) throw error;
+      await new Promise((done) => setTimeout(done, 500));
+    }
   const session = await page.context().newCDPSession(page);
   await session.send("Performance.enable");
   const seen = (): Promise<{ frames: number; estimates: number }> => page.evaluate(() => ({
