@@ -207,6 +207,27 @@ static void test_what_clips_in_the_shortest_exposure(void **state)
 	lp_imager_destroy(imager);
 }
 
+/* A set of stills has up to 13 exposures; the longest come after the shortest, and none pushes it
+ * out. */
+static void test_a_set_of_many_exposures(void **state)
+{
+	struct lp_imager *imager = new_imager(LP_DECODE_BLOCKS);
+
+	(void)state;
+	for (int n = 0; n < 26; n++) {
+		struct lp_imager_status status;
+		const double exposure_s = 0.02 * pow(2.0, n % 13);
+
+		assert_int_equal(lp_imager_add(imager,
+					       raw_gradient(LP_FORMAT_GREY, 480, 240, exposure_s)),
+				 0);
+		lp_imager_status(imager, &status);
+		assert_float_equal(status.newest_clips, 0.0, 0.0);
+		assert_int_equal(status.exposure_count, n < 13 ? n + 1 : 13);
+	}
+	lp_imager_destroy(imager);
+}
+
 /* Which of several exposures a frame had shows in its picture. */
 static void test_match(void **state)
 {
@@ -556,6 +577,7 @@ int main(void)
 		cmocka_unit_test(test_gain_counts_as_exposure),
 		cmocka_unit_test(test_bracket),
 		cmocka_unit_test(test_what_clips_in_the_shortest_exposure),
+		cmocka_unit_test(test_a_set_of_many_exposures),
 		cmocka_unit_test(test_match),
 		cmocka_unit_test(test_unknown_exposure_is_full_scale),
 		cmocka_unit_test(test_jpeg_against_its_own_pixels),
