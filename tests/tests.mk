@@ -68,9 +68,11 @@ $(STAMPS)/venv-renderer: host_py/pyproject.toml host_py/constraints.txt | $(STAM
 	@PIP_CONSTRAINT=host_py/constraints.txt $(VENV)/bin/pip install --quiet --disable-pip-version-check -e 'host_py[renderer]'
 	@touch $@
 
-.PHONY: test-renderer
-test-renderer: build $(STAMPS)/venv-renderer ## compare measured polarization with a physically based renderer (Mitsuba, a minute)
-	@$(VENV)/bin/pytest -q -s -m '' tests/accuracy/test_polarization_references.py
+.PHONY: test-renderer seen
+test-renderer: build $(STAMPS)/venv-renderer ## compare measured polarization, and AR pictures, with a physically based renderer (Mitsuba, five minutes)
+	@$(VENV)/bin/pytest -q -s -m '' tests/accuracy/test_polarization_references.py tests/seen
+seen: build $(STAMPS)/venv-renderer ## compare AR pictures with renders of the real object again, and write docs/users/seen.md (half an hour)
+	@$(VENV)/bin/python tests/seen/seen.py
 
 # Babylon.js, from npm, to read what `lightprobe export` writes.
 BABYLON := $(BUILD)/babylon

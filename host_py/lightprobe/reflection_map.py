@@ -19,7 +19,7 @@ from lightprobe.geometry import Array
 SIZES = (16, 32, 64)
 
 #: Of each face: its axis, and where columns and rows lead. OpenGL 4.6, table 8.19.
-_AXES = np.array([
+AXES = np.array([
     [[1, 0, 0], [0, 0, -1], [0, -1, 0]], [[-1, 0, 0], [0, 0, 1], [0, -1, 0]],
     [[0, 1, 0], [1, 0, 0], [0, 0, 1]], [[0, -1, 0], [1, 0, 0], [0, 0, -1]],
     [[0, 0, 1], [1, 0, 0], [0, -1, 0]], [[0, 0, -1], [-1, 0, 0], [0, -1, 0]],
@@ -68,7 +68,7 @@ def _places(size: int) -> Array:
 def directions(size: int) -> Array:
     """Unit vectors (6, size, size, 3) through the centres of the texels."""
     t, s = np.meshgrid(_places(size), _places(size), indexing="ij")
-    main, across, down = (_AXES[:, None, None, k] for k in range(3))
+    main, across, down = (AXES[:, None, None, k] for k in range(3))
     return geometry.normalize(main + s[..., None] * across + t[..., None] * down)
 
 
@@ -87,7 +87,7 @@ def texels(towards: ArrayLike, size: int) -> tuple[NDArray[np.intp], ...]:
     axis = np.argmax(np.abs(d), axis=-1)
     main = np.take_along_axis(d, axis[..., None], axis=-1)[..., 0]
     face = 2 * axis + (main < 0)
-    place = np.einsum("...ij,...j->...i", _AXES[face, 1:], d) / np.abs(main)[..., None]
+    place = np.einsum("...ij,...j->...i", AXES[face, 1:], d) / np.abs(main)[..., None]
     index = np.clip(np.floor((place + 1) / 2 * size), 0, size - 1).astype(np.intp)
     return face, index[..., 1], index[..., 0]
 
