@@ -7,6 +7,7 @@ import * as THREE from "three";
 import { Probe, irradiance, luminance, meanIrradiance } from "../src/index.js";
 import type { Estimate, Vec3 } from "../src/index.js";
 import { ProbeLight } from "../src/three.js";
+import { ArView } from "./ar.js";
 import { show } from "./panel.js";
 import { Stage } from "./scene.js";
 
@@ -46,7 +47,8 @@ const renderer = makeRenderer(canvas);
 const stage = new Stage(renderer);
 const lights = { probe: new ProbeLight({ lamps: LAMPS }), truth: new ProbeLight({ lamps: LAMPS }) };
 stage.scene.add(lights.probe, lights.truth);
-const video = document.createElement("video");
+/** Phones see about 65° along the longer side of their picture; ?fov=DEGREES for another camera. */
+const ar = new ArView(renderer, Number(address.searchParams.get("fov") ?? 65));
 let exposure = 0;
 
 const checked = (id: string): boolean => element<HTMLInputElement>(id).checked;
@@ -125,6 +127,7 @@ function frame(nowMs: number): void {
     renderer.toneMappingExposure = exposure;
   }
   const half = beside ? Math.floor(width / 2) : width;
+  updateCamera(nowMs, half / height, estimate);
   stage.aim(half / height);
   renderer.setScissorTest(true);
   renderSide("probe", switched(estimate), 0, half, height, nowMs);
@@ -141,8 +144,7 @@ function frame(nowMs: number): void {
 
 async function showCamera(): Promise<void> {
   try {
-    video.srcObject = await navigator.mediaDevices.getUserMedia({ video: { facingMode: "environment" } });
-    await video.play();
+    await ar.start();
   } catch (error) {
     element<HTMLSelectElement>("behind").value = "room";
     const problem = element("problem");
@@ -150,12 +152,30 @@ async function showCamera(): Promise<void> {
     problem.hidden = false;
     return;
   }
-  const picture = new THREE.VideoTexture(video);
-  picture.colorSpace = THREE.SRGBColorSpace;
   stage.overPicture(true);
-  stage.scene.background = picture;
+  stage.scene.background = ar.picture;
   stage.scene.backgroundIntensity = 1;
   stage.scene.backgroundBlurriness = 0;
+}
+
+function hideCamera(): void {
+  ar.stop();
+  stage.overPicture(false);
+  stage.setGround(undefined);
+  stage.lookFrom(undefined);
+  element("marker").hidden = true;
+}
+
+/** The camera's newest picture; the view from the marker, if there is one. */
+function updateCamera(nowMs: number, aspect: number, estimate: Estimate | undefined): void {
+  if (!ar.isOn) return;
+  ar.update(nowMs, estimate, probe.reflectionMap);
+  stage.lookFrom(ar.place, ar.cover(aspect));
+  const ground = checked("use-ground") ? ar.ground : undefined;
+  stage.setGround(ground);
+  document.body.dataset["ground"] = ground ? ground.gain.toPrecision(4) : "";
+  document.body.dataset["camera"] = ar.place ? ar.place.elements.map((value) => value.toFixed(4)).join(" ") : "";
+  element("marker").hidden = ar.place !== undefined;
 }
 
 function wire(): void {
@@ -163,8 +183,7 @@ function wire(): void {
   for (const id of ["order", "lights", "tolerance"]) element(id).addEventListener("change", wish);
   element("behind").addEventListener("change", () => {
     if (chosen("behind") === "camera") return void showCamera();
-    (video.srcObject as MediaStream | null)?.getTracks().forEach((track) => track.stop());
-    stage.overPicture(false);
+    hideCamera();
   });
   element<HTMLInputElement>("object").addEventListener("change", (event) => {
     const file = (event.target as HTMLInputElement).files?.[0];
@@ -175,7 +194,7 @@ function wire(): void {
     });
   });
   element("use-formulas").addEventListener("change", () => stage.useFormulas(checked("use-formulas")));
-  const keys: Record<string, string> = { l: "use-lamps", a: "use-ambient", t: "use-truth", r: "turn", f: "use-formulas" };
+  const keys: Record<string, string> = { l: "use-lamps", a: "use-ambient", t: "use-truth", r: "turn", f: "use-formulas", g: "use-ground" };
   addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || (event.target as HTMLElement).matches("select, pre")) return;
     const box = keys[event.key.toLowerCase()];

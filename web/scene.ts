@@ -7,17 +7,18 @@ import { ShadowCatcher } from "../src/three.js";
 import { BY_FORMULA, DIAMETER_M, MIRRORS, NAMES, PHYSICAL } from "./materials.js";
 import { Surroundings } from "./surroundings.js";
 
-const RADIUS_M = DIAMETER_M / 2, SPACING_M = 0.4, FLOOR_RADIUS_M = 12;
+const RADIUS_M = DIAMETER_M / 2, SPACING_M = 0.4, FLOOR_RADIUS_M = 12, FIELD_DEG = 32;
 
 export class Stage {
   readonly scene = new THREE.Scene();
-  readonly camera = new THREE.PerspectiveCamera(32, 1, 0.05, 50);
+  readonly camera = new THREE.PerspectiveCamera(FIELD_DEG, 1, 0.05, 50);
   readonly catcher: ShadowCatcher;
   readonly #floor: THREE.Mesh;
   readonly #objects = new THREE.Group();
   readonly #spheres: THREE.Mesh<THREE.BufferGeometry, THREE.Material>[] = [];
   readonly #surroundings: Record<"probe" | "truth", Surroundings>;
   #isPicture = false;
+  #marked: THREE.Matrix4 | undefined;
   /** Of the view, around the objects. */
   azimuth = 0.35;
   elevation = 0.3;
@@ -87,8 +88,24 @@ export class Stage {
     this.#objects.add(scene);
   }
 
+  /** The ground as an AR camera sees it, which the classic formulas mirror; undefined: none. */
+  setGround(ground: { texture: THREE.Texture; sideM: number; gain: number } | undefined): void {
+    for (const material of Object.values(BY_FORMULA)) material.setGround(ground);
+  }
+
+  /** The view is that of a camera in the scene, of such a vertical field, until it is undefined. */
+  lookFrom(place: THREE.Matrix4 | undefined, fieldDeg = FIELD_DEG): void {
+    this.#marked = place;
+    this.camera.fov = place ? fieldDeg : FIELD_DEG;
+  }
+
   aim(aspect: number): void {
     this.camera.aspect = aspect;
+    if (this.#marked) {
+      this.#marked.decompose(this.camera.position, this.camera.quaternion, this.camera.scale);
+      this.camera.updateProjectionMatrix();
+      return;
+    }
     // All spheres stay in view however narrow it is.
     const halfWidth = ((NAMES.length - 1) / 2) * SPACING_M + 2.1 * RADIUS_M;
     const distance = Math.max(2.3, halfWidth / (Math.tan((this.camera.fov * Math.PI) / 360) * aspect));

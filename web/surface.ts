@@ -4,7 +4,7 @@
  * Blinn–Phong, Ashikhmin–Shirley, Premoze's form of it, reflection and refraction of the surroundings with Fresnel.
  * three.js gives the lamps, their shadows and the SH; this file adds to its Lambert material.
  */
-import { Color, CubeTexture, MeshLambertMaterial, Vector2, Vector3 } from "three";
+import { Color, CubeTexture, MeshLambertMaterial, Vector2, Vector3, type Texture } from "three";
 
 type Rgb = readonly [number, number, number];
 
@@ -38,6 +38,10 @@ uniform vec2 powers;
 uniform float reflection, refraction, indexRatio, detail;
 uniform samplerCube reflectionMap;
 uniform float mapIntensity; // 0: no map
+uniform sampler2D ground;   // what an AR camera sees of a level square at y = 0 (ground.ts)
+uniform float groundHalf;   // of its edge; 0: none
+uniform float groundGain;
+const float GROUND_FADE = 0.2; // at its border, this share of the half
 
 vec3 fresnel(float cosine) { // Schlick
   return atNormal + (1.0 - atNormal) * pow(1.0 - saturate(cosine), 5.0);
@@ -69,9 +73,8 @@ vec3 highlight(vec3 n, vec3 l, vec3 v) {
   return fresnel(viewedHalf) * sqrt((p + 2.0) * (powers.y + 2.0)) * lobe(n, h) / (8.0 * PI * (lit + seen - lit * seen));
 }
 
-/** Radiance of the surroundings along a direction of the view: of the reflection map, or without one of the SH. */
-vec3 surroundings(vec3 direction) {
-  vec3 d = transformDirectionByInverseViewMatrix(direction, viewMatrix);
+/** Radiance of what is far along a direction: of the reflection map, or without one of the SH. */
+vec3 farAlong(vec3 d) {
   if (mapIntensity > 0.0) return mapIntensity * textureLod(reflectionMap, vec3(-d.x, d.yz), detail).rgb; // three.js' cube: from outside
 #ifdef USE_LIGHT_PROBES
   vec3 sum = 0.282095 * lightProbe[0] + 0.488603 * (d.y * lightProbe[1] + d.z * lightProbe[2] + d.x * lightProbe[3])
@@ -81,6 +84,17 @@ vec3 surroundings(vec3 direction) {
 #else
   return vec3(0.0);
 #endif
+}
+
+/** Radiance that comes from a direction, both of the view: of the ground where the ray meets its square, else from far away. */
+vec3 surroundings(vec3 direction) {
+  vec3 d = transformDirectionByInverseViewMatrix(direction, viewMatrix), far = farAlong(d);
+  vec3 from = cameraPosition + (vec4(-vViewPosition, 0.0) * viewMatrix).xyz; // viewMatrix turns: its inverse is its transpose
+  if (groundHalf <= 0.0 || d.y >= 0.0 || from.y < 0.0) return far;
+  vec2 met = (from.xz - from.y / d.y * d.xz) / groundHalf; // within the square −1…1
+  vec4 near = textureLod(ground, 0.5 + 0.5 * met, 0.0); // 0 where the camera did not see it
+  float share = clamp((1.0 - max(abs(met.x), abs(met.y))) / GROUND_FADE, 0.0, 1.0) * near.a;
+  return mix(far, groundGain * near.rgb / max(near.a, 1e-4), share);
 }
 
 vec3 reflectedAndRefracted(vec3 n, vec3 v) {
@@ -120,6 +134,9 @@ export class SurfaceMaterial extends MeshLambertMaterial {
       detail: { value: surface.detail },
       reflectionMap: { value: null as CubeTexture | null },
       mapIntensity: { value: 0 },
+      ground: { value: null as Texture | null },
+      groundHalf: { value: 0 },
+      groundGain: { value: 0 },
     };
     this.onBeforeCompile = (shader) => {
       Object.assign(shader.uniforms, this.#uniforms);
@@ -134,5 +151,12 @@ export class SurfaceMaterial extends MeshLambertMaterial {
   setSurroundings(map: { texture: CubeTexture; intensity: number } | undefined): void {
     this.#uniforms.reflectionMap.value = map?.texture ?? null;
     this.#uniforms.mapIntensity.value = map?.intensity ?? 0;
+  }
+
+  /** The ground that it mirrors; undefined: none, the map is of all directions. */
+  setGround(ground: { texture: Texture; sideM: number; gain: number } | undefined): void {
+    this.#uniforms.ground.value = ground?.texture ?? null;
+    this.#uniforms.groundHalf.value = (ground?.sideM ?? 0) / 2;
+    this.#uniforms.groundGain.value = ground?.gain ?? 0;
   }
 }

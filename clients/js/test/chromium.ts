@@ -5,9 +5,9 @@ import { chromium, type Browser, type Page } from "playwright-core";
 
 export const LONG_MS = 120_000; // the machine may be busy: never a measure of speed
 
-export const launch = (): Promise<Browser> => chromium.launch({
+export const launch = (...more: string[]): Promise<Browser> => chromium.launch({
   executablePath: process.env["CHROMIUM"] ?? "/usr/bin/chromium",
-  args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"],
+  args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", ...more],
 });
 
 /** An empty page that has run one of test/page; errors of the page and of its shaders fail the test. */

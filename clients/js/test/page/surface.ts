@@ -7,11 +7,12 @@ import { SurfaceMaterial, type Surface } from "../../web/surface.js";
 import { mippedCube } from "../../web/surroundings.js";
 import { SIZE, cameraFrom, pixel, renderer } from "./picture.js";
 
-const PLATE_PX = 4, COLUMNS = SIZE / PLATE_PX;
+const PLATE_PX = 4;
+export const COLUMNS = SIZE / PLATE_PX;
 const QUAD = [[0, 0], [1, 0], [1, 1], [0, 0], [1, 1], [0, 1]] as const;
 
 /** One plate per normal, row by row as a camera at ±z sees them. A sphere's pixels would have less exact normals. */
-function plates(normals: Vec3[], side: number): THREE.BufferGeometry {
+export function plates(normals: Vec3[], side: number): THREE.BufferGeometry {
   const positions = normals.flatMap((_, i) => QUAD.flatMap(([u, v]) => [
     side * ((2 * ((i % COLUMNS) + u)) / COLUMNS - 1), (2 * (Math.floor(i / COLUMNS) + v)) / COLUMNS - 1, 0]));
   return new THREE.BufferGeometry()
