@@ -20,13 +20,20 @@ const VIEWPORT = { width: 360, height: 240 };
 
 interface Sample { minute: number; heapMib: number; nodes: number; listeners: number; residentMib: number; frames: number; estimates: number }
 
+const statusOf = (id: string, name: string): number => Number(new RegExp(`${name}:\\s+(\\d+)`).exec(readFileSync(`/proc/${id}/status`, "utf8"))?.[1] ?? 0);
+
+/** Whether this program has started a process, or one that started it. */
+function isOurs(id: string): boolean {
+  for (let at = id; at !== "0"; at = String(statusOf(at, "PPid"))) if (at === String(process.pid)) return true;
+  return false;
+}
+
 /** Resident memory of the tab's process and the one that draws, MiB. */
 function residentMib(): number {
   let kib = 0;
   for (const id of readdirSync("/proc").filter((name) => /^\d+$/.test(name)))
     try {
-      if (!/--type=(renderer|gpu-process)/.test(readFileSync(`/proc/${id}/cmdline`, "utf8"))) continue;
-      kib += Number(/VmRSS:\s+(\d+)/.exec(readFileSync(`/proc/${id}/status`, "utf8"))?.[1] ?? 0);
+      if (/--type=(renderer|gpu-process)/.test(readFileSync(`/proc/${id}/cmdline`, "utf8")) && isOurs(id)) kib += statusOf(id, "VmRSS");
     } catch { /* it has ended */ }
   return kib / 1024;
 }

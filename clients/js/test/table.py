@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A table with the printed marker on it, as the camera of a phone sees it; and what lightprobe.local makes of it.
+"""A table with the printed marker on it, as a phone sees it, and what lightprobe.local makes of it.
 
     table.py picture FILE.y4m    a film of the table, for Chromium's simulated camera
     table.py pictures            for each pose on standard input: the picture, and the pose
     table.py ground              texels of the ground, factors, and radiance along rays
 
-Poses: [eye x, y, z, target x, y, z], in edges of the marker times 0.4. JSON comes on standard input and goes
-to standard output.
+Poses: [eye x, y, z, target x, y, z]; the marker's edge is 0.4. JSON comes on standard input and
+goes to standard output.
 """
 
 import base64
@@ -26,6 +26,7 @@ from lightprobe.reflection_map import ReflectionMap
 EDGE_M = 0.4  # of the marker's black square
 SIZE_PX = (640, 480)
 FIELD_DEG = 65.0
+PAPER_PX = 600  # the same edge
 FINE = 3  # points along each edge of a pixel
 POSE = [0.5, 0.9, 1.3, 0.1, 0.0, -0.1]
 
@@ -111,21 +112,8 @@ def ground(asked: dict[str, Any]) -> dict[str, Any]:
     ).astype(np.float32)
     around = ReflectionMap(1, 1, 0, 1, "AMBIENT", faces)
     coefficients = np.reshape(asked["coefficients"], (-1, 3))
-    order = int(np.sqrt(len(coefficients))) - 1
-    estimate = Estimate(
-        0,
-        1,
-        0,
-        0,
-        0,
-        EstimateFlag(0),
-        (),
-        SphericalHarmonics("AMBIENT", order, coefficients),
-        None,
-        None,
-        1,
-        None,
-    )
+    harmonics = SphericalHarmonics("AMBIENT", int(np.sqrt(len(coefficients))) - 1, coefficients)
+    estimate = Estimate(0, 1, 0, 0, 0, EstimateFlag(0), (), harmonics, None, None, 1, None)
     mean = square.mean().mean()
     by_map = local.by_reflection_map(square, around, [0, asked["probe"], 0])
     radiance = local.radiance(by_map, around, asked["points"], asked["towards"])
