@@ -124,9 +124,22 @@ def run_film(rounds: int) -> None:
 
 
 def run_crowd(quick: bool) -> None:
-    """Measure the daemon with subscribers; the table goes to stdout."""
+    """Measure the daemon with subscribers, and write this section of speed.md."""
     files = frames.make(frames.KINDS[DAEMON_KIND], OUT / "frames", frames.subjects(False))
-    print(report.daemon(measure_daemon(files, quick)))
+    section = report.daemon(measure_daemon(files, quick)).strip()
+    on = machine()
+    section += (
+        f"\n\nThis section alone is by `tests/bench/bench.py --crowd`, on {on['processor']}, "
+        f"{on['cores']} cores, {on['date']}, revision {on['revision']}.\n"
+    )
+    print(section)
+    if quick:
+        return
+    page = ROOT / "docs/maintainers/speed.md"
+    before, found, rest = page.read_text().partition("## The daemon\n")
+    after = rest.partition("\n## ")[2]
+    assert found and after, f"{page}: has no section of the daemon"
+    page.write_text(f"{before}{section}\n## {after}")
 
 
 def run(quick: bool, rounds: int) -> dict[str, Any]:
@@ -166,7 +179,11 @@ def main() -> int:
     parser.add_argument("--rounds", type=int, help=f"how often; default {ROUNDS}")
     parser.add_argument("--scenes", help="time these scenes one by one, and nothing else")
     parser.add_argument("--film", action="store_true", help="time a sweep of the polarizer alone")
-    parser.add_argument("--crowd", action="store_true", help="the daemon with subscribers alone")
+    parser.add_argument(
+        "--crowd",
+        action="store_true",
+        help="the daemon with subscribers alone; writes that section",
+    )
     arguments = parser.parse_args()
     quick = arguments.quick
     OUT.mkdir(parents=True, exist_ok=True)
