@@ -107,7 +107,7 @@ def _envmap(surroundings: Surroundings) -> dict[str, Any]:
 def table_ratio(surroundings: Surroundings, samples: int) -> Array:
     """E(with object) / E(without) (H, W, 3) on the table, as the AR camera sees it."""
     grey = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.5}}
-    plane = room._rectangle((0, 0, 0), (3, 3), (0, 1, 0), (0, 0, -1)) | {"bsdf": grey}
+    plane = room.rectangle((0, 0, 0), (3, 3), (0, 1, 0), (0, 0, -1)) | {"bsdf": grey}
     parts = {"light": _envmap(surroundings), "plane": plane}
     without = room.render(parts, room.eye(), samples, 1, depth=3)
     parts["caster"] = room.thing(_CASTER)
@@ -121,7 +121,7 @@ def draw_object(surroundings: Surroundings, material: dict[str, Any], samples: i
     parts = {"light": _envmap(surroundings), "object": room.thing(material)}
     if surroundings.ground is not None:
         half = surroundings.ground.side_m / 2
-        square = room._rectangle((0, 0, 0), (half, half), (0, 1, 0), (0, 0, -1))
+        square = room.rectangle((0, 0, 0), (half, half), (0, 1, 0), (0, 0, -1))
         light = {"type": "area", "radiance": room.texture(surroundings.ground.radiance)}
         black = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
         parts["ground"] = square | {"bsdf": black, "emitter": light}

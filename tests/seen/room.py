@@ -70,7 +70,7 @@ def _light(colour: Sequence[float]) -> dict[str, Any]:
     return {"type": "area", "radiance": {"type": "rgb", "value": list(colour)}}
 
 
-def _rectangle(
+def rectangle(
     at: Sequence[float], half: Sequence[float], facing: Sequence[float], up: Sequence[float]
 ) -> dict[str, Any]:
     """Half sizes across and along `up`."""
@@ -111,26 +111,26 @@ def room(place: Place) -> dict[str, Any]:
         ))
     }  # fmt: skip
     return {
-        "floor": _rectangle((x, _FLOOR, z), (_HALF_X, _HALF_Z), y, z_up) | {"bsdf": _matte(0.25)},
-        "ceiling": _rectangle((x, _CEILING, z), (_HALF_X, _HALF_Z), (0, -1, 0), z_up)
+        "floor": rectangle((x, _FLOOR, z), (_HALF_X, _HALF_Z), y, z_up) | {"bsdf": _matte(0.25)},
+        "ceiling": rectangle((x, _CEILING, z), (_HALF_X, _HALF_Z), (0, -1, 0), z_up)
         | {"bsdf": _matte(0.75)},
-        "ahead": _rectangle((x, height, z - _HALF_Z), (_HALF_X, half_y), (0, 0, 1), y)
+        "ahead": rectangle((x, height, z - _HALF_Z), (_HALF_X, half_y), (0, 0, 1), y)
         | {"bsdf": _matte((0.55, 0.52, 0.45))},
-        "behind": _rectangle((x, height, z + _HALF_Z), (_HALF_X, half_y), (0, 0, -1), y)
+        "behind": rectangle((x, height, z + _HALF_Z), (_HALF_X, half_y), (0, 0, -1), y)
         | {"bsdf": _matte((0.4, 0.45, 0.5))},
-        "left": _rectangle((x - _HALF_X, height, z), (_HALF_Z, half_y), (1, 0, 0), y)
+        "left": rectangle((x - _HALF_X, height, z), (_HALF_Z, half_y), (1, 0, 0), y)
         | {"bsdf": _matte((0.55, 0.05, 0.04))},
-        "right": _rectangle((x + _HALF_X, height, z), (_HALF_Z, half_y), (-1, 0, 0), y)
+        "right": rectangle((x + _HALF_X, height, z), (_HALF_Z, half_y), (-1, 0, 0), y)
         | {"bsdf": _matte(0.6)},
-        "poster": _rectangle((x - 0.6, 0.7, z - _HALF_Z + 0.02), (0.6, 0.45), (0, 0, 1), y)
+        "poster": rectangle((x - 0.6, 0.7, z - _HALF_Z + 0.02), (0.6, 0.45), (0, 0, 1), y)
         | {"bsdf": {"type": "diffuse", "reflectance": texture(
             _painted(5, 128, (0.05, 0.1, 0.3), (0.9, 0.6, 0.2)))}},
-        "table": _rectangle(table_at, ((right - left) / 2, 0.5), y, z_up)
+        "table": rectangle(table_at, ((right - left) / 2, 0.5), y, z_up)
         | {"bsdf": {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": texture(
             _painted(3, 256, (0.2, 0.12, 0.07), (0.65, 0.5, 0.36)))}}},
-        "panel": _rectangle((x - 0.5, _CEILING - 0.02, z + 0.5), (0.35, 0.35), (0, -1, 0), z_up)
+        "panel": rectangle((x - 0.5, _CEILING - 0.02, z + 0.5), (0.35, 0.35), (0, -1, 0), z_up)
         | {"emitter": _light((22, 20, 17))},
-        "window": _rectangle((x + _HALF_X - 0.02, 0.7, z - 0.3), (0.7, 0.6), (-1, 0, 0), y)
+        "window": rectangle((x + _HALF_X - 0.02, 0.7, z - 0.3), (0.7, 0.6), (-1, 0, 0), y)
         | {"emitter": _light((5, 6, 7.5))},
         "globe": {
             "type": "sphere", "center": [x - 0.9, 1.0, z - 1.0], "radius": 0.1,
