@@ -6,8 +6,7 @@ taken (RANSAC): things near the camera and things that move are outvoted.
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 
 import cv2
 import numpy as np
@@ -27,8 +26,8 @@ _RATIO = 0.75  # Lowe's: the best match is so much nearer than the second
 #: Pairs that agree on a rotation within so much; at least so many must.
 _AGREE_DEG, LEAST_PAIRS = 0.7, 12
 _TRIALS = 400
-#: A picture is compared with so many before it; so many in a row may show too little.
-_COMPARED, _MOST_MISSED = 3, 2
+#: A picture is compared with so many before it, and only then with all others.
+_COMPARED = 3
 
 
 class TurnError(LightprobeError):
@@ -42,39 +41,55 @@ def rotations(
 
     Gives their numbers, and a rotation (3, 3) for each.
 
-    A picture that shows too little, as of a plain wall, is left out; the next ones are compared
-    with those before it. `names`: of the pictures, for messages. Raises :class:`TurnError` where
-    several in a row show too little.
+    A picture that shows too little, as of a plain wall, is left out. Those after it are compared
+    with all others: the camera may have come around to what it saw before. `names`: of the
+    pictures, for messages. Raises :class:`TurnError` where more than half show too little.
     """
-    numbers, turned = [0], [np.eye(3)]
-    placed = deque([(_features(pictures[0], camera), turned[0])], _COMPARED)
-    for number in range(1, len(pictures)):
-        now = _features(pictures[number], camera)
-        turn, pairs = _turn_by(placed, now, seed=number)
-        if turn is not None:
-            placed.append((now, turn))
-            numbers.append(number)
-            turned.append(turn)
-        elif number - numbers[-1] > _MOST_MISSED:
-            raise TurnError(
-                f"calibrate: {names[number]}: turn: only {pairs} things are seen in it and in "
-                f"{names[numbers[-1]]}, at least {LEAST_PAIRS} are needed: turn less from picture "
-                "to picture (about 15 degrees), hold still, and show a room with detail"
-            )
-    return numbers, turned
+    seen = [_features(picture, camera) for picture in pictures]
+    turned = {0: np.eye(3)}
+    left = list(range(1, len(pictures)))
+    failed: dict[int, tuple[int, int]] = {}
+    count = 0
+    while count != len(turned):
+        count = len(turned)
+        for number in left:
+            turn, with_number, pairs = _turn_by(turned, seen, number)
+            if turn is None:
+                failed[number] = with_number, pairs
+            else:
+                turned[number] = turn
+        left = [number for number in left if number not in turned]
+    if 2 * len(left) > len(pictures):
+        first = left[0]
+        other, pairs = failed[first]
+        raise TurnError(
+            f"calibrate: {names[first]}: turn: only {pairs} things are seen in it and in "
+            f"{names[other]}, at least {LEAST_PAIRS} are needed, and so it is with {len(left)} of "
+            f"{len(pictures)} pictures: turn less from picture to picture (about 15 degrees), hold "
+            "still, and show a room with detail"
+        )
+    numbers = sorted(turned)
+    return numbers, [turned[number] for number in numbers]
 
 
 def _turn_by(
-    placed: Iterable[tuple[Features, Array]], now: Features, seed: int
-) -> tuple[Array | None, int]:
-    """Rotation of a picture by the newest of those before that shows the same; the pairs of it."""
-    most = 0
-    for before, turn in reversed(list(placed)):
-        between, pairs = _between(before, now, seed)
-        if between is not None:
-            return turn @ between, pairs
-        most = max(most, pairs)
-    return None, most
+    turned: Mapping[int, Array], seen: Sequence[Features], number: int
+) -> tuple[Array | None, int, int]:
+    """Rotation of a picture by others that show the same: one of its neighbours, else the best.
+
+    Also the other's number, and how many things are seen in both; of none, the best is told.
+    """
+    nearest = sorted(turned, key=lambda other: abs(number - other))
+    best: tuple[Array | None, int, int] = (None, nearest[0], 0)
+    for place, other in enumerate(nearest):
+        between, pairs = _between(seen[other], seen[number], seed=number)
+        if between is not None and (best[0] is None or pairs > best[2]):
+            best = turned[other] @ between, other, pairs
+        elif best[0] is None and pairs > best[2]:
+            best = None, other, pairs
+        if best[0] is not None and place < _COMPARED:
+            break
+    return best
 
 
 def _features(picture: Codes, camera: Camera) -> Features:

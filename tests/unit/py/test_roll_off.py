@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 from lightprobe import geometry
+from lightprobe.calibrate import turned_pictures
 from lightprobe.imaging import camera as cameras
 from lightprobe.imaging.camera import Camera, Lens
 from lightprobe.sim.camera import Shot, SimulatedCamera
@@ -124,8 +125,8 @@ def test_a_blank_wall_needs_a_turntable(tmp_path, camera):
     before = camera.read_text()
     status, _, err = run(*paths, "--output", camera)
     assert status == 1
-    assert "03.jpg: turn: only" in err
-    assert "00.jpg, at least 12 are needed" in err
+    assert "01.jpg: turn: only" in err
+    assert "00.jpg, at least 12 are needed, and so it is with 23 of 24" in err
     assert "a room with detail" in err
     assert camera.read_text() == before
     status, out, err = run(*paths, "--output", camera, "--step-deg", "-15", "--json")
@@ -152,3 +153,15 @@ def test_what_is_wrong_is_said(tmp_path, camera):
         status, _, err = run(*arguments)
         assert status != 0, words
         assert words in err
+
+
+def test_pictures_after_a_plain_wall_are_placed_by_what_was_seen_before_it(tmp_path):
+    """Turned twice around; of the first turn, half shows a plain wall only."""
+    paths = shoot(tmp_path, walls(posters=400), count=48, nod_deg=0)
+    pictures = [cv2.imread(str(path))[..., ::-1] for path in paths]
+    for number in range(8, 20):
+        pictures[number] = np.full_like(pictures[number], 90)
+    camera = Camera("dark", SIZE, SIZE, (LENS,))
+    numbers, turned = turned_pictures.rotations(pictures, camera, [path.name for path in paths])
+    assert numbers == [*range(8), *range(20, 48)]
+    assert geometry.angle_deg(turned[-1] @ [0, 0, -1], turned[numbers.index(23)] @ [0, 0, -1]) < 3
