@@ -1,5 +1,6 @@
 """`lightprobe find` and the service file for Avahi: announced on loopback, found by the command."""
 
+import fcntl
 import json
 import socket
 import subprocess
@@ -9,7 +10,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from harness import LONG_S
+from harness import BUILD, LONG_S
 from lightprobe.cli import find, pair
 from zeroconf import DNSOutgoing, DNSPointer, ServiceInfo, Zeroconf, const
 
@@ -26,6 +27,14 @@ def announcement(name, port, properties):
 def lightprobe_find(*words):
     command = [Path(sys.executable).parent / "lightprobe", "find", *words]
     return subprocess.run(command, capture_output=True, text=True, timeout=LONG_S)
+
+
+@pytest.fixture(autouse=True)
+def alone():
+    """Tests that run at the same time would find each other's probes: loopback is one network."""
+    with (BUILD / "find.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
 
 
 @pytest.fixture
