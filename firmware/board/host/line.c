@@ -3,6 +3,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <poll.h>
 #include <pty.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -85,10 +86,21 @@ void line_send(struct line *line, const uint8_t *bytes, size_t count)
 	line->waiting += count;
 }
 
+/* The kernel carries bytes to the other side in a thread of its own, after write() has returned.
+ * poll() waits for that thread, so that who reads there has them, however busy the machine is. */
+static void wait_until_there(const struct line *line)
+{
+	struct pollfd other_side = {.fd = line->slave, .events = POLLIN};
+
+	(void)poll(&other_side, 1, 0);
+}
+
 void line_flush(struct line *line)
 {
-	if (line->master >= 0)
+	if (line->master >= 0 && line->waiting > 0) {
 		(void)!write(line->master, line->bytes, line->waiting);
+		wait_until_there(line);
+	}
 	line->waiting = 0;
 }
 
