@@ -48,7 +48,8 @@ def module(
     turn = WRONG if number else Rotation.identity()
     camera = mounted(FILES[number], turn if moved is None else moved * turn)
     other = {"phase_s": 0.008, "seed": 1, "white_balance": (1.03, 1.0, 0.97)} if number else {}
-    return SimulatedCamera(world, camera, SIZE_PX, row_time_us=15.0, **other | more)
+    more = {"size_px": SIZE_PX, "row_time_us": 15.0} | other | more
+    return SimulatedCamera(world, camera, **more)
 
 
 def turned(behaviour: Behaviour, seconds: float = SECONDS):
@@ -62,14 +63,23 @@ def turned(behaviour: Behaviour, seconds: float = SECONDS):
     return tracks
 
 
-def seen(max_theta_deg: float | None = None, moved: Rotation | None = None):
-    """Views of both modules, of the box at rest; `moved`: before the second one's were taken."""
+def seen(
+    max_theta_deg: float | None = None,
+    moved: Rotation | None = None,
+    size_px: tuple[int, int] = SIZE_PX,
+    first: int = 0,
+):
+    """Views of both modules, of the box at rest, by the frames from `first`.
+
+    `moved`: before the second one's were taken.
+    """
     views = []
     for number, file in enumerate(FILES):
-        camera = module(number, Behaviour(act_s=0), moved if number else None)
+        camera = module(number, Behaviour(act_s=0), moved if number else None, size_px=size_px)
         shots = []
         for us in EXPOSURES_US:
-            frames = [decode(camera.frame(k, Shot(us)), "MJPG", SIZE_PX) for k in range(4)]
+            jpegs = [camera.frame(first + k, Shot(us)) for k in range(4)]
+            frames = [decode(jpeg, "MJPG", size_px) for jpeg in jpegs]
             shots.append((us, np.rint(np.mean(frames, axis=0)).astype(np.uint8)))
         told = lenses.load(str(file))
         if max_theta_deg is not None:
@@ -116,6 +126,18 @@ def test_the_mounting_is_found(tracks, views, tmp_path, record_property):
     wanted = mounted(FILES[1], turn).lenses[0].rotation_wxyz
     assert abs(np.dot(told, wanted)) == pytest.approx(1, abs=1e-6)
     assert "# " in paths[1].read_text()  # comments stay
+
+
+def test_few_pixels_and_plain_walls_are_less_certain(tracks):
+    distances, side_px = [], 260
+    for number in range(3):
+        views = seen(size_px=(side_px, side_px), first=10 * number)
+        (found,) = rig.solve(NAMES, tracks, views)
+        error = (found.turned.rotation * WRONG.inv()).as_rotvec(degrees=True)
+        distances.append(np.sqrt(error @ np.linalg.solve(found.turned.covariance, error)))
+        print(f"{side_px} px: off {error.round(2)}° ± {found.turned.sigma_deg:.2f}°")
+    print(f"distances in sigmas of three axes: {np.round(distances, 1)}")
+    assert max(distances) < 4.0  # 1 in 1000 by chance
 
 
 def test_a_box_that_turns_too_little_or_about_one_axis(tracks):

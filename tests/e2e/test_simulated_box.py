@@ -364,7 +364,11 @@ def test_a_sweep_tells_reflections_from_lamps(tmp_path: Path, turn_deg_s: str) -
             if latest is None or latest.flags & EstimateFlag.POLARIZATION_UNKNOWN:
                 return False
             images = [one for one in latest.lights if one.flags & LightFlag.REFLECTION]
-            return not latest.flags & EstimateFlag.CLIPPED and len(images) >= 2 and all(one.dolp for one in images)
+            return (
+                not latest.flags & EstimateFlag.CLIPPED
+                and len(images) >= 2
+                and all(one.dolp for one in images)
+            )
 
         assert client.wait_for(told, 2 * PATIENCE_S)
         estimate = client.latest()

@@ -4,7 +4,8 @@ Pictures of a box that stands still are turned until they agree where lenses ove
 on the difference of log radiance with Cauchy's weights, from coarse to fine. Brightness that
 changes slowly over the picture (roll-off, responses) is left out, so that edges count. Two lenses
 see near things from two places; such places contradict the others, and what this does to the
-result is part of its sigma: a jackknife over parts of the sphere.
+result is part of its sigma: a jackknife over parts of the sphere. Noise and coarse pixels do the
+same to all parts; they show by what the coarser and the finer blur tell differently.
 """
 
 from __future__ import annotations
@@ -39,6 +40,8 @@ _SLOPE_STEP, _LONGEST_STEP = 0.3, 2.0
 #: Of the median absolute difference; of the steepest places, as flat ones always agree.
 _CAUCHY, _EDGES = 2.4 / 0.6745, 0.2
 _MOST_POINTS = 12_000
+#: 1 sigma about each axis that no comparison shows, of a pixel.
+_PIXEL_SHARE = 0.25
 #: Overlaps of fewer places tell nothing. The jackknife leaves out one part at a time.
 LEAST_POINTS, _LEAST_PARTS = 500, 4
 
@@ -96,6 +99,7 @@ def align(seen: Sequence[View], start: Sequence[Rotation]) -> Overlap:
     """Turn the cameras from `start` (camera to first camera) on until their pictures agree."""
     rotations = list(start)
     pairs = [(a, b) for a, b in combinations(seen, 2) if a.camera != b.camera]
+    by_blur = []
     for blur_deg in _BLURS_DEG:
         planes = {id(view): view.edges(blur_deg) for view in seen}
         for _ in range(_MOST_STEPS):
@@ -108,7 +112,13 @@ def align(seen: Sequence[View], start: Sequence[Rotation]) -> Overlap:
                 rotations[k] = turn * rotations[k]
             if longest < _SMALL_STEP_DEG:
                 break
-    return Overlap(tuple(rotations), system.covariance(), system.points)
+        by_blur.append(list(rotations))
+    apart = np.concatenate(
+        [(a * b.inv()).as_rotvec(degrees=True) for a, b in zip(*by_blur, strict=True)][1:]
+    )
+    pixel_deg = max(float(np.degrees(1 / view.lens.focal_px[0])) for view in seen)
+    coarse = np.outer(apart, apart) + (_PIXEL_SHARE * pixel_deg) ** 2 * np.eye(len(apart))
+    return Overlap(tuple(rotations), system.covariance() + coarse, system.points)
 
 
 class _System:
