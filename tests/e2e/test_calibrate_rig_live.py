@@ -81,9 +81,11 @@ def calibrate(folder: Path, *arguments: str) -> subprocess.Popen[str]:
     )  # fmt: skip
 
 
-def test_two_live_cameras_are_calibrated_and_their_files_written(box, tmp_path):
+def calibrated(box, folder: Path) -> tuple[int, str, str]:
+    """Status and output of the command, while the box is turned when it asks for it."""
     world, clock, begin_ns, _ = box
-    process = calibrate(tmp_path, "--seconds", "20", "--patience-s", "120", "--json")
+    world.turned_from_s = float("inf")
+    process = calibrate(folder, "--seconds", "20", "--patience-s", "120", "--json")
     assert process.stderr is not None
     said = ""
     for line in process.stderr:
@@ -92,7 +94,15 @@ def test_two_live_cameras_are_calibrated_and_their_files_written(box, tmp_path):
             world.turned_from_s = (clock.now_ns() - begin_ns) / 1e9
             break
     out, rest = process.communicate(timeout=400)
-    assert process.returncode == 0, said + rest
+    return process.returncode, out, said + rest
+
+
+def test_two_live_cameras_are_calibrated_and_their_files_written(box, tmp_path):
+    for _ in range(3):
+        status, out, said = calibrated(box, tmp_path)
+        if ": turning: " not in said:  # a busy machine drops too many frames: then turn again
+            break
+    assert status == 0, said
     (found,) = json.loads(out)["cameras"]
     w, x, y, z = found["turn_wxyz"]
     off_deg = (Rotation.from_quat([x, y, z, w]) * WRONG.inv()).magnitude() * 57.3

@@ -73,10 +73,11 @@ class HandEye:
         }
 
 
-def solve(head: Track, probe: Track) -> HandEye:
+def solve(head: Track, probe: Track, *, latest_s: float | None = None) -> HandEye:
     """Find the rotation from probe to head; raises :class:`AlignError` that says what is missing.
 
-    `head` and `probe`: each in its own frame of the world and with its own clock.
+    `head` and `probe`: each in its own frame of the world and with its own clock; `latest_s`: both
+    are known to have one clock, and neither to be later than so much.
     """
     for track in (head, probe):
         if track.duration_s < LEAST_S:
@@ -91,9 +92,9 @@ def solve(head: Track, probe: Track) -> HandEye:
     own_s = np.arange(0, head.duration_s - TURN_S, _STEP_S)
     _require_motion(head.name, head.turns_deg(own_s, TURN_S))
     _require_motion(probe.name, turns)
-    fits = _fits(head, start_s, turns, _offsets(head, probe, one_clock=True))
-    if not fits or fits[0].agreeing < _LEAST_AGREEING:
-        fits = _fits(head, start_s, turns, _offsets(head, probe, one_clock=False))
+    fits = _fits(head, start_s, turns, _offsets(head, probe, latest_s or SAME_CLOCK_S))
+    if latest_s is None and (not fits or fits[0].agreeing < _LEAST_AGREEING):
+        fits = _fits(head, start_s, turns, _offsets(head, probe, np.inf))
     if not fits:
         raise AlignError(
             f"align: {head.name} and {probe.name} never turn alike, whatever the offset between "
@@ -134,11 +135,11 @@ def _spread_deg(turns: Array) -> Array:
     return np.asarray(np.linalg.svd(turns, compute_uv=False) / np.sqrt(len(turns)))
 
 
-def _offsets(head: Track, probe: Track, *, one_clock: bool) -> list[float]:
+def _offsets(head: Track, probe: Track, latest_s: float) -> list[float]:
     """Offsets with which both turn equally fast, in seconds; the best ones.
 
-    From the probe's time since its start to the head's. `one_clock`: only those near the offset
-    that there is if both have one clock.
+    From the probe's time since its start to the head's; only those so near the offset that there is
+    if both have one clock.
     """
     speeds = []
     for track in (head, probe):
@@ -154,8 +155,7 @@ def _offsets(head: Track, probe: Track, *, one_clock: bool) -> list[float]:
     lag_s = (np.arange(len(score)) - len(speeds[1]) + 1) * _SPEED_STEP_S
     score[common < LEAST_S] = -1
     same_s = 1e-9 * (probe.start_ns - head.start_ns)  # the lag, if it is one clock
-    if one_clock:
-        score[np.abs(lag_s - same_s) > SAME_CLOCK_S] = -1
+    score[np.abs(lag_s - same_s) > latest_s] = -1
     peaks, _ = find_peaks(np.concatenate([[-1], score, [-1]]), height=0.2)
     order = sorted(peaks - 1, key=lambda k: -score[k])[:_CANDIDATES]
     return [float(lag_s[k]) for k in order]

@@ -32,6 +32,9 @@ _TURNING_SYSTEMATIC_DEG, _OVERLAP_SYSTEMATIC_DEG = 0.3, 0.08
 _ASTRAY = 1.5
 #: Square of the distance, in sigmas, at which both contradict each other: 1 in 1000 of good ones.
 _CONTRADICTION = 16.3
+#: Frames of both are stamped by one clock. Motion that is repeated, or turned back, would agree at
+#: other times, and tell a wrong rotation.
+_LATEST_S = 0.5
 _TURN = "turn the box for half a minute, left and right and up and down, not too fast"
 
 
@@ -96,7 +99,7 @@ def _by_turning(names: Sequence[str], tracks: Sequence[Track], number: int) -> h
     for k in (0, number):
         _require_turning(names[k], tracks[k])
     try:
-        return hand_eye.solve(tracks[0], tracks[number])
+        return hand_eye.solve(tracks[0], tracks[number], latest_s=_LATEST_S)
     except AlignError as error:
         raise RigError(
             f"rig: {names[number]}: turning: it does not turn as {names[0]} does: is it fixed in "
