@@ -10,6 +10,7 @@ import { ProbeLight } from "../src/three.js";
 import { ArView } from "./ar.js";
 import { show } from "./panel.js";
 import { Stage } from "./scene.js";
+import { isXrOffered, startXr } from "./xr.js";
 
 const element = <T extends HTMLElement>(id: string): T => document.getElementById(id) as T;
 const PANEL_PERIOD_MS = 200;
@@ -111,7 +112,37 @@ function mayDraw(nowMs: number): boolean {
   return true;
 }
 
+/** Brightness follows the light slowly, as eyes do. */
+function expose(estimate: Estimate | undefined): void {
+  if (!estimate) return;
+  const wanted = 1.05 / Math.max(1e-9, meanIrradiance(estimate));
+  exposure += (exposure === 0 ? 1 : 0.05) * (wanted - exposure);
+  renderer.toneMappingExposure = exposure;
+}
+
+function countFrame(estimate: Estimate | undefined): void {
+  document.body.dataset["frames"] = String(++frames);
+  document.body.dataset["sequence"] = String(estimate?.sequence ?? 0);
+}
+
+/** A frame of an XR session: the device's own view, and nothing beside it. */
+function frameInRoom(nowMs: number): void {
+  const estimate = probe.latest(), shown = switched(estimate);
+  lights.probe.update(shown, nowMs / 1000);
+  lights.probe.visible = true;
+  lights.truth.visible = false;
+  expose(estimate);
+  gapMs += 0.3 * (Math.min(nowMs - lastMs, 1000) - gapMs);
+  lastMs = nowMs;
+  stage.environment(shown, probe.reflectionMap, "probe", nowMs, Math.max(400, 20 * gapMs)); // costs more than a frame does
+  stage.catcher.update(lights.probe);
+  renderer.setScissorTest(false);
+  renderer.render(stage.scene, stage.camera);
+  countFrame(estimate);
+}
+
 function frame(nowMs: number): void {
+  if (renderer.xr.isPresenting) return frameInRoom(nowMs);
   if (!mayDraw(nowMs)) return;
   const { clientWidth: width, clientHeight: height } = canvas;
   const size = renderer.getSize(new THREE.Vector2());
@@ -121,11 +152,7 @@ function frame(nowMs: number): void {
   if (checked("turn") && !STILL) stage.azimuth += 0.004;
   lights.probe.update(switched(estimate), nowMs / 1000);
   lights.truth.update(switched(exact), nowMs / 1000);
-  if (estimate) {
-    const wanted = 1.05 / Math.max(1e-9, meanIrradiance(estimate));
-    exposure += (exposure === 0 ? 1 : 0.05) * (wanted - exposure);
-    renderer.toneMappingExposure = exposure;
-  }
+  expose(estimate);
   const half = beside ? Math.floor(width / 2) : width;
   updateCamera(nowMs, half / height, estimate);
   stage.aim(half / height);
@@ -138,8 +165,26 @@ function frame(nowMs: number): void {
     panelMs = nowMs;
     show(probe, estimate, exact, errorAgainst(estimate, exact));
   }
-  document.body.dataset["frames"] = String(++frames);
-  document.body.dataset["sequence"] = String(estimate?.sequence ?? 0);
+  countFrame(estimate);
+}
+
+function say(problem: string): void {
+  element("problem").textContent = problem;
+  element("problem").hidden = false;
+}
+
+/** The room itself is behind the objects, and a camera's picture is not needed. */
+async function enterRoom(): Promise<void> {
+  element<HTMLSelectElement>("behind").value = "room";
+  hideCamera();
+  stage.simplifyGlass(); // the bent picture would be of the objects alone: the room is not in it
+  try {
+    await startXr(renderer, () => { stage.overPicture(false); });
+  } catch (error) {
+    return say(`AR: ${String(error)}: allow this page to use the device's sensors, and open it by https: or on this machine`);
+  }
+  stage.overPicture(true);
+  stage.scene.background = null;
 }
 
 async function showCamera(): Promise<void> {
@@ -147,10 +192,7 @@ async function showCamera(): Promise<void> {
     await ar.start();
   } catch (error) {
     element<HTMLSelectElement>("behind").value = "room";
-    const problem = element("problem");
-    problem.textContent = `camera: ${String(error)}: allow this page to use a camera, and open it by https: or on this machine`;
-    problem.hidden = false;
-    return;
+    return say(`camera: ${String(error)}: allow this page to use a camera, and open it by https: or on this machine`);
   }
   stage.overPicture(true);
   stage.scene.background = ar.picture;
@@ -187,11 +229,7 @@ function wire(): void {
   });
   element<HTMLInputElement>("object").addEventListener("change", (event) => {
     const file = (event.target as HTMLInputElement).files?.[0];
-    if (file) stage.load(file).catch((error: unknown) => {
-      const problem = element("problem");
-      problem.textContent = `${file.name}: ${String(error)}: choose a .glb file that holds all it needs`;
-      problem.hidden = false;
-    });
+    if (file) stage.load(file).catch((error: unknown) => { say(`${file.name}: ${String(error)}: choose a .glb file that holds all it needs`); });
   });
   element("use-formulas").addEventListener("change", () => stage.useFormulas(checked("use-formulas")));
   const keys: Record<string, string> = { l: "use-lamps", a: "use-ambient", t: "use-truth", r: "turn", f: "use-formulas", g: "use-ground" };
@@ -216,6 +254,8 @@ function wire(): void {
 }
 
 wire();
+element("enter-room").addEventListener("click", () => void enterRoom());
+void isXrOffered().then((is) => { element("enter-room").hidden = !is; });
 // Lamps shine by themselves here: the map that metal and glass mirror is without them.
 let asked = false;
 probe.on("hello", ({ maxReflectionMapSize }) => {

@@ -2,7 +2,7 @@
 /** The viewer over a camera's picture: the printed marker, the ground that objects mirror, and the page with a simulated camera. */
 import assert from "node:assert/strict";
 import { execFileSync, spawn, type ChildProcess } from "node:child_process";
-import { mkdtempSync, writeFileSync } from "node:fs";
+import { mkdtempSync, readFileSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join, resolve } from "node:path";
 import { after, before, test } from "node:test";
@@ -144,6 +144,52 @@ test("without a marker in sight the page says what to do", { timeout: 3 * LONG_M
   const { page, faults } = await overCamera(browser, "");
   await page.waitForFunction(() => !document.getElementById("marker")!.hidden, null, { timeout: LONG_MS });
   assert.match((await page.locator("#marker").textContent())!, /lightprobe align marker --print/);
+  assert.deepEqual(faults, []);
+  await browser.close();
+});
+
+test("in a WebXR session the objects stand in the room, by an emulated headset", { timeout: 3 * LONG_MS }, async () => {
+  const browser = await launch(), page = await browser.newPage({ viewport: { width: 240, height: 320 } }), faults: string[] = [];
+  page.on("pageerror", (error) => faults.push(error.message));
+  const emulator = readFileSync(resolve(ROOT, "build/js/node_modules/iwer/build/iwer.min.js"), "utf8");
+  // The emulator (2.5) gives a transform where its own code reads a matrix.
+  const mend = "const { prototype } = XRReferenceSpace, offset = prototype.getOffsetReferenceSpace; prototype.getOffsetReferenceSpace = function (transform) { return offset.call(this, transform.matrix); };";
+  await page.addInitScript(`${emulator}; window.headset = new IWER.XRDevice(IWER.metaQuest3); window.headset.installRuntime({ forceInstall: true }); ${mend}`);
+  await page.goto(`http://127.0.0.1:${port}/`, { timeout: LONG_MS });
+  await page.waitForFunction(() => Number(document.body.dataset["sequence"]) > 0, null, { timeout: LONG_MS });
+  await page.waitForFunction(() => !document.getElementById("enter-room")!.hidden, null, { timeout: LONG_MS });
+  await page.evaluate(() => document.getElementById("enter-room")!.click()); // not by mouse: that waits for frames, which are slow here
+  type Headset = { headset: { activeSession?: XRSession; quaternion: { set(x: number, y: number, z: number, w: number): void } } };
+  await page.waitForFunction(() => (window as unknown as Headset).headset.activeSession, null, { timeout: LONG_MS });
+  /** Pixels drawn, and how far below the middle of the picture they lie on average, as a share of its height. */
+  const seen = (): Promise<{ pixels: number; below: number }> => page.evaluate(() => new Promise((resolve) => {
+    const session = (window as unknown as Headset).headset.activeSession!;
+    let frames = 0;
+    const read = (): void => {
+      if (++frames < 5) return void session.requestAnimationFrame(read);
+      const gl = (document.getElementById("view") as HTMLCanvasElement).getContext("webgl2")!, width = gl.drawingBufferWidth, height = gl.drawingBufferHeight;
+      const codes = new Uint8Array(4 * width * height);
+      gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, codes);
+      let pixels = 0, rows = 0;
+      for (let k = 0; k < width * height; k++) {
+        if (codes[4 * k + 3]! < 250) continue; // the room is seen there
+        pixels += 1;
+        rows += Math.floor(k / width);
+      }
+      resolve({ pixels, below: 0.5 - rows / Math.max(1, pixels) / height });
+    };
+    session.requestAnimationFrame(read);
+  }));
+  const ahead = await seen();
+  await page.evaluate(() => { (window as unknown as Headset).headset.quaternion.set(0, 1, 0, 0); });
+  const behind = await seen();
+  await page.evaluate(() => { (window as unknown as Headset).headset.quaternion.set(0, 0, 0, 1); });
+  console.log(`objects in the room: ${ahead.pixels} pixels ahead, ${(100 * ahead.below).toFixed(0)} % of the height below the middle; behind the user ${behind.pixels}`);
+  assert.ok(ahead.pixels > 200 && ahead.below > 0.03);
+  assert.equal(behind.pixels, 0);
+  await page.evaluate(() => (window as unknown as Headset).headset.activeSession!.end());
+  const after = Number(await page.evaluate(() => document.body.dataset["frames"]));
+  await page.waitForFunction((before) => Number(document.body.dataset["frames"]) > before + 3, after, { timeout: LONG_MS });
   assert.deepEqual(faults, []);
   await browser.close();
 });
