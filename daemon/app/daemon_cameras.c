@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The daemon's cameras: one source of frames each, all into one worker. */
 #include <errno.h>
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -12,6 +13,20 @@
 #include "base/log.h"
 
 /* ---------------------------------------------------------------- what comes from them */
+
+/* By how much the shortest time between two frames grows with each further one. */
+#define PERIOD_FORGOTTEN 1.02F
+
+/* The shortest time between two of the last frames: where one is lost it is longer. */
+static void note_period(struct lp_daemon_camera *camera, struct lp_frame *frame)
+{
+	const float passed_us = 1e-3F * (float)(frame->t_read_ns - camera->t_read_ns);
+
+	if (camera->t_read_ns && passed_us > 0.0F)
+		camera->period_us = fminf(camera->period_us * PERIOD_FORGOTTEN, passed_us);
+	camera->t_read_ns = frame->t_read_ns;
+	frame->period_us = isfinite(camera->period_us) ? camera->period_us : NAN;
+}
 
 static void on_frame(void *context, struct lp_frame *frame)
 {
@@ -25,6 +40,7 @@ static void on_frame(void *context, struct lp_frame *frame)
 	camera->next_sequence = frame->sequence + 1;
 	camera->has_frames = true;
 	frame->camera = (uint8_t)camera->index;
+	note_period(camera, frame);
 	lp_instruments_frame(daemon->instruments, frame);
 }
 
@@ -215,6 +231,7 @@ int lp_daemon_create_cameras(struct lp_daemon *daemon)
 
 		*camera = (struct lp_daemon_camera){.daemon = daemon,
 						    .index = k,
+						    .period_us = INFINITY,
 						    .uri = options->source.texts[k]};
 		ret = open_camera(camera);
 	}

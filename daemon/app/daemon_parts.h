@@ -37,6 +37,8 @@ struct lp_daemon_camera {
 	bool has_streamed;
 	bool has_frames;	/* the next one counts */
 	uint64_t next_sequence; /* of the source, if nothing is lost */
+	int64_t t_read_ns;	/* of the newest frame; 0: there is none */
+	float period_us;	/* of its frames; infinite: not known */
 	bool told;		/* --once: all that it has to say has been heard */
 };
 

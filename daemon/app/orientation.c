@@ -11,6 +11,7 @@
 #include "base/log.h"
 #include "base/param.h"
 #include "include/frame.h"
+#include "vision/frame_time.h"
 
 #define DEG (M_PI / 180.0)
 /* Who tells nothing for so long makes room for another. */
@@ -135,16 +136,6 @@ void lp_orientation_client_left(struct lp_orientation_teller *teller, const void
 	}
 }
 
-/* The middle of the exposure of the middle row. */
-static int64_t middle_ns(const struct lp_frame *frame)
-{
-	const double exposure_us = isnan(frame->exposure_us) ? 0.0 : (double)frame->exposure_us;
-	const double rows_us =
-		isnan(frame->row_time_us) ? 0.0 : (double)frame->row_time_us * frame->height_px;
-
-	return frame->t_start_ns + (int64_t)(500.0 * (exposure_us + rows_us));
-}
-
 void lp_orientation_sensed(struct lp_orientation_teller *teller,
 			   const struct lp_orientation_sample *sample)
 {
@@ -164,7 +155,7 @@ static void stamp(struct lp_frame *frame, const struct lp_rotation *rotation, do
 
 void lp_orientation_frame(struct lp_orientation_teller *teller, struct lp_frame *frame)
 {
-	const int64_t t_ns = middle_ns(frame);
+	const int64_t t_ns = lp_frame_time(frame, frame->exposure_us).middle_ns;
 	struct lp_track_reading reading;
 
 	if (teller->kind == LP_ORIENTATION_SIM && !isnan(frame->orientation[0]))
@@ -174,6 +165,7 @@ void lp_orientation_frame(struct lp_orientation_teller *teller, struct lp_frame 
 	for (int i = 0; i < 4; i++)
 		frame->orientation[i] = NAN;
 	frame->orientation_sigma_deg = NAN;
+	frame->t_orientation_ns = t_ns;
 	if (lp_orientation_track_at(&teller->track, t_ns, &reading) == 0) {
 		const struct lp_rotation rotation =
 			lp_rotation_product(&reading.rotation, &teller->mount.rotation);

@@ -12,9 +12,6 @@
 #include "light/model.h"
 #include "light/select.h"
 
-/* 1 sigma of when an exposure was: what a turning camera adds to every direction. */
-#define TIMING_SIGMA_S 0.002F
-
 /* Most of the light has changed when this share has. */
 #define MOST_CHANGED 0.5F
 /* A restless light: so much of it changes in a frame, in such a share of the last frames; and the
@@ -54,7 +51,7 @@ static void turn_to_camera(const struct lp_imager *imager, struct lp_light_estim
 	if (lp_rotation_is_identity(&back))
 		return;
 	lp_imager_status(imager, &status);
-	const float late_deg = TIMING_SIGMA_S * status.rate_deg_per_s;
+	const float late_deg = status.time_sigma_s * status.rate_deg_per_s;
 
 	lp_model_turn(e, &back, hypotf(status.rotation_sigma_deg, late_deg));
 }
@@ -262,9 +259,6 @@ int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
 	const int64_t t_arrival_ns = frame->t_arrival_ns;
 	const float wheel_deg = frame->wheel_deg;
 	const float wheel_sigma_deg = frame->wheel_sigma_deg;
-	const float told_sigma_deg = frame->orientation_sigma_deg;
-	const float told[4] = {frame->orientation[0], frame->orientation[1], frame->orientation[2],
-			       frame->orientation[3]};
 	struct lp_pipeline_camera *camera = &pipeline->cameras[frame->camera];
 	double total[LP_SH_MAX_COUNT][3];
 	struct lp_imager_status status;
@@ -305,7 +299,7 @@ int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
 	estimates->raw.wheel_deg = wheel_deg;
 	estimates->raw.wheel_sigma_deg = wheel_sigma_deg;
 	estimates->raw.orientation =
-		lp_pipeline_orientation(pipeline, told, told_sigma_deg, panorama->t_capture_ns);
+		lp_pipeline_orientation(pipeline, panorama->t_capture_ns);
 	lp_pipeline_heed_ring(pipeline, (const double(*)[3])total, &estimates->raw);
 	look_around(pipeline, demand, panorama, &estimates->raw, estimates->surroundings);
 	lp_pipeline_finish(pipeline, estimates);

@@ -227,13 +227,20 @@ static void note_drift(struct lp_pipeline *p, const struct lp_imager_status *sta
 	p->t_drift_ns = t_ns;
 }
 
+static void set_xyzw(struct lp_estimate_orientation *o, const struct lp_rotation *rotation)
+{
+	double quaternion[4];
+
+	lp_rotation_quaternion(rotation, quaternion);
+	for (int i = 0; i < 4; i++)
+		o->xyzw[i] = (float)quaternion[i];
+}
+
 /* A gyroscope tells turns, but no world. */
-struct lp_estimate_orientation lp_pipeline_orientation(struct lp_pipeline *p, const float told[4],
-						       float told_sigma_deg, int64_t t_ns)
+struct lp_estimate_orientation lp_pipeline_orientation(struct lp_pipeline *p, int64_t t_ns)
 {
 	struct lp_estimate_orientation o = {0};
 	struct lp_imager_status status;
-	double quaternion[4];
 
 	lp_imager_status(p->imager, &status);
 	note_drift(p, &status, t_ns);
@@ -241,15 +248,14 @@ struct lp_estimate_orientation lp_pipeline_orientation(struct lp_pipeline *p, co
 	if (p->options.orientation == LP_ORIENTATION_SIM ||
 	    p->options.orientation == LP_ORIENTATION_CLIENT) {
 		o.known = o.world = status.orientation_told && !o.left_out;
-		memcpy(o.xyzw, told, sizeof(o.xyzw));
-		o.sigma_deg = hypotf(told_sigma_deg, status.orientation_late_deg);
+		if (status.orientation_told)
+			set_xyzw(&o, &status.told_rotation);
+		o.sigma_deg = hypotf(status.told_sigma_deg, status.orientation_late_deg);
 	} else if (p->options.orientation != LP_ORIENTATION_NONE) {
 		const struct lp_rotation turned =
 			lp_rotation_product(&p->origin, lp_imager_rotation(p->imager));
 
-		lp_rotation_quaternion(&turned, quaternion);
-		for (int i = 0; i < 4; i++)
-			o.xyzw[i] = (float)quaternion[i];
+		set_xyzw(&o, &turned);
 		o.known = true;
 		o.sigma_deg = hypotf(status.rotation_sigma_deg, sqrtf((float)p->drift_deg2));
 	}

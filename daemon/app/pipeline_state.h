@@ -84,11 +84,9 @@ void lp_pipeline_heed_ring(struct lp_pipeline *pipeline, const double (*total)[3
 			   struct lp_light_estimate *estimate);
 
 /*
- * How the camera was turned at t_ns: as `told` (x, y, z, w; its 1 sigma in degrees) where that
- * agrees with the pictures; else, where nothing tells it, as they show it since the first one.
+ * How the camera was turned in the newest frame, of t_ns: as it is told where that agrees with the
+ * pictures; else, where nothing tells it, as they show it since the first one.
  */
-struct lp_estimate_orientation lp_pipeline_orientation(struct lp_pipeline *pipeline,
-						       const float told[4], float told_sigma_deg,
-						       int64_t t_ns);
+struct lp_estimate_orientation lp_pipeline_orientation(struct lp_pipeline *pipeline, int64_t t_ns);
 
 #endif

@@ -83,11 +83,11 @@ static void write_row(const struct lp_series_writer *writer, const char *name,
 
 	(void)fprintf(out,
 		      "{\"file\": \"%s\", \"format\": \"%s\", \"width_px\": %u, \"height_px\": %u, "
-		      "\"stride_bytes\": %u, \"sequence\": %" PRIu64 ", \"t_start_ns\": %" PRId64
+		      "\"stride_bytes\": %u, \"sequence\": %" PRIu64 ", \"t_read_ns\": %" PRId64
 		      ", \"t_arrival_ns\": %" PRId64 ", \"corrupt\": %s, \"step\": %d, "
 		      "\"t_command_ns\": %" PRId64,
 		      name, formats[frame->format].name, frame->width_px, frame->height_px,
-		      frame->stride_bytes, frame->sequence, frame->t_start_ns, frame->t_arrival_ns,
+		      frame->stride_bytes, frame->sequence, frame->t_read_ns, frame->t_arrival_ns,
 		      frame->flags & LP_FRAME_CORRUPT ? "true" : "false", item->shot.step,
 		      item->shot.t_command_ns);
 	put_number(out, "commanded_us", item->shot.exposure_us);

@@ -73,12 +73,12 @@ static struct lp_frame *take_held(struct lp_sweep *sweep)
 	return frame;
 }
 
-/* The end of the exposure, or later. */
+/* The end of the last row's exposure, or later. */
 static int64_t end_ns(const struct lp_frame *frame)
 {
-	return isnan(frame->exposure_us)
-		       ? frame->t_arrival_ns
-		       : frame->t_start_ns + (int64_t)((double)frame->exposure_us * 1e3);
+	const double rows_us = (double)frame->row_time_us * frame->height_px;
+
+	return isnan(rows_us) ? frame->t_arrival_ns : frame->t_read_ns + (int64_t)(1e3 * rows_us);
 }
 
 /* No answer came, or none that says anything: without an angle, unless it was turning. */
@@ -108,7 +108,7 @@ static void judge(struct lp_sweep *sweep)
 	if (state->t_seen_ns < end_ns(frame))
 		return;
 	frame = take_held(sweep);
-	if (state->t_phase_ns > frame->t_start_ns)
+	if (state->t_phase_ns > lp_frame_start_ns(frame))
 		leave_out(sweep, frame);
 	else if (isnan(state->sigma_deg))
 		pass(sweep, frame, NAN, NAN);

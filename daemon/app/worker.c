@@ -12,6 +12,7 @@
 #include "base/mailbox.h"
 #include "base/pool.h"
 #include "include/frame.h"
+#include "vision/frame_time.h"
 #include "light/ring_filter.h"
 #include "light/ring_history.h"
 
@@ -62,8 +63,7 @@ static void take_control(struct lp_worker *worker, int camera, float *command_us
 /* Hand the ring's reading of this frame's light to the pipeline. */
 static void take_ring(struct lp_worker *worker, const struct lp_frame *frame)
 {
-	const float exposure_us = isnan(frame->exposure_us) ? 0.0F : frame->exposure_us;
-	const int64_t t_ns = frame->t_start_ns + (int64_t)((double)exposure_us * 1e3 / 2.0);
+	const int64_t t_ns = lp_frame_time(frame, frame->exposure_us).middle_ns;
 	struct lp_ring_sample sample, now;
 	bool found, has_now;
 

@@ -41,19 +41,23 @@ struct lp_frame {
 	const uint8_t *data;
 	size_t size_bytes;
 	uint64_t sequence;     /* the source's own count; gaps are frames lost before us */
-	int64_t t_start_ns;    /* CLOCK_MONOTONIC at the start of exposure */
+	/* CLOCK_MONOTONIC when the first row had been exposed, and the sensor began to read it: what
+	 * cameras stamp, whatever the exposure was. */
+	int64_t t_read_ns;
 	int64_t t_arrival_ns;  /* CLOCK_MONOTONIC when the whole frame was in memory */
 	float exposure_us;     /* NAN: unknown */
 	float gain;	       /* linear factor, 1 = base sensitivity; NAN: unknown */
 	float wheel_deg;       /* polarizer angle during the exposure; NAN: no wheel, or unknown */
 	float wheel_sigma_deg; /* 1 sigma; NAN: unknown */
 	/* What the source itself knows of its orientation: x y z w, turns the probe's frame into
-	 * one that does not move, at the middle of the exposure of the middle row; all NAN:
-	 * unknown. */
+	 * one that does not move; all NAN: unknown. */
 	float orientation[4];
 	float orientation_sigma_deg; /* 1 sigma; NAN: unknown */
+	int64_t t_orientation_ns;    /* that it is of; 0: of the middle, whenever that was */
 	float row_time_us; /* the exposure of each row begins so much later than that of the row
 			    * above; 0: all at once; NAN: unknown */
+	float period_us;   /* from one frame of this camera to the next; the application sets it;
+			    * NAN: not known yet */
 	uint32_t flags;	   /* enum lp_frame_flag */
 	uint8_t camera;	   /* which of several, from 0; the application sets it */
 	void (*release)(struct lp_frame *frame);
@@ -63,6 +67,18 @@ struct lp_frame {
 static inline float lp_frame_exposure_us(const struct lp_frame *frame)
 {
 	return frame->exposure_us * (isnan(frame->gain) ? 1.0F : frame->gain);
+}
+
+/* The longest exposure of cameras that are not told another: what keeps 30 frames a second. */
+#define LP_LONGEST_EXPOSURE_US 33000.0F
+
+/* When the exposure of the first row began, or may have begun at the earliest. */
+static inline int64_t lp_frame_start_ns(const struct lp_frame *frame)
+{
+	const float longest_us = fminf(frame->period_us, LP_LONGEST_EXPOSURE_US); /* not NAN */
+	const float exposure_us = isnan(frame->exposure_us) ? longest_us : frame->exposure_us;
+
+	return frame->t_read_ns - (int64_t)(1e3 * (double)exposure_us);
 }
 
 static inline void lp_frame_release(struct lp_frame *frame)

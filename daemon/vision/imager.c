@@ -204,10 +204,19 @@ static float scale_of(const struct lp_imager *imager, bool coded, float exposure
 	return isnan(exposure_us) ? imager->eye->gain.scale : 1e6F / exposure_us / film;
 }
 
-/* What the frame carries of its orientation, if that is wanted. */
-static struct lp_testimony testimony_of(const struct lp_imager *imager,
-					const struct lp_frame *frame)
+/* By how much the camera turned, in its own frame, in so long. */
+static struct lp_rotation turn_within(const struct lp_motion *motion, double elapsed_s)
 {
+	const double turn[3] = {motion->rate[0] * elapsed_s, motion->rate[1] * elapsed_s,
+				motion->rate[2] * elapsed_s};
+
+	return lp_rotation_of_vector(turn);
+}
+
+/* What the newest frame carries of its orientation, if that is wanted, at the frame's middle. */
+static struct lp_testimony testimony_of(const struct lp_imager *imager)
+{
+	const struct lp_frame *frame = &imager->about;
 	struct lp_testimony testimony = {0};
 	double quaternion[4];
 
@@ -218,14 +227,29 @@ static struct lp_testimony testimony_of(const struct lp_imager *imager,
 		quaternion[i] = frame->orientation[i];
 	testimony.known = true;
 	testimony.rotation = lp_rotation_of_quaternion(quaternion);
+	if (frame->t_orientation_ns) {
+		const int64_t later_ns = imager->time.middle_ns - frame->t_orientation_ns;
+		const struct lp_rotation turn =
+			turn_within(&imager->motion, (double)later_ns / 1e9);
+
+		testimony.rotation = lp_rotation_product(&testimony.rotation, &turn);
+	}
 	testimony.sigma_rad = frame->orientation_sigma_deg * M_PI / 180.0;
 	return testimony;
 }
 
+/* When the newest frame was taken, if it does not say itself that it was exposed for exposure_us.
+ */
+static void place_in_time(struct lp_imager *imager, float exposure_us)
+{
+	const float own_us = imager->about.exposure_us;
+
+	imager->time = lp_frame_time(&imager->about, isnan(own_us) ? exposure_us : own_us);
+	imager->testimony = testimony_of(imager);
+}
+
 int lp_imager_load(struct lp_imager *imager, struct lp_frame *frame, float expected_us)
 {
-	const int64_t duration_ns =
-		isnan(frame->exposure_us) ? 0 : (int64_t)((double)frame->exposure_us * 1e3);
 	struct lp_exposure *incoming;
 	int ret;
 
@@ -238,7 +262,10 @@ int lp_imager_load(struct lp_imager *imager, struct lp_frame *frame, float expec
 	}
 	const int64_t before_ns = imager->t_capture_ns;
 
-	imager->t_capture_ns = frame->t_start_ns + duration_ns / 2;
+	imager->about = *frame;
+	imager->about.data = NULL;
+	place_in_time(imager, expected_us);
+	imager->t_capture_ns = imager->time.middle_ns;
 	if (!lp_imager_place_still(imager, frame)) {
 		imager->t_capture_ns = before_ns;
 		lp_frame_release(frame);
@@ -256,7 +283,6 @@ int lp_imager_load(struct lp_imager *imager, struct lp_frame *frame, float expec
 	}
 	if (ret > 0 && imager->eye->serial) /* exposures of the old size are forgotten */
 		lp_imager_forget(imager);
-	imager->testimony = testimony_of(imager, frame);
 	incoming->exposure_us = expected_us;
 	incoming->scale = scale_of(imager, frame->format != LP_FORMAT_RGB_F32, expected_us);
 	imager->wheel_deg = frame->wheel_deg;
@@ -365,6 +391,11 @@ void lp_imager_settle(struct lp_imager *imager, float exposure_us)
 
 	incoming->exposure_us = exposure_us;
 	lp_imager_rescale(imager, scale);
+	place_in_time(imager, exposure_us);
+	if (imager->late_s > 0.0F)
+		return;
+	imager->t_motion_ns += imager->time.middle_ns - imager->t_capture_ns;
+	imager->t_capture_ns = imager->time.middle_ns;
 }
 
 int lp_imager_accept(struct lp_imager *imager, float exposure_us)
@@ -462,11 +493,14 @@ void lp_imager_status(const struct lp_imager *imager, struct lp_imager_status *s
 		.clipped_share = imager->update.clipped_share,
 		.changed = imager->update.changed,
 		.rotation_sigma_deg = (float)(lp_motion_sigma_rad(&imager->motion) * degrees),
+		.time_sigma_s = imager->time.sigma_s,
 		.rate_deg_per_s =
 			(float)(sqrt(rate[0] * rate[0] + rate[1] * rate[1] + rate[2] * rate[2]) *
 				degrees),
 		.rotation_is_unknown = imager->agreement < LP_LEAST_AGREEMENT,
 		.orientation_told = imager->testimony.known,
+		.told_rotation = imager->testimony.rotation,
+		.told_sigma_deg = (float)(imager->testimony.sigma_rad * degrees),
 		.orientation_left_out = imager->witness.left_out,
 		.lost_view = imager->lost_view,
 		.hidden_s = imager->lost_view

@@ -3,10 +3,12 @@
 #ifndef LP_VISION_IMAGER_INTERNAL_H
 #define LP_VISION_IMAGER_INTERNAL_H
 
+#include "include/frame.h"
 #include "include/panorama.h"
 #include "light/motion.h"
 #include "light/witness.h"
 #include "vision/eye.h"
+#include "vision/frame_time.h"
 #include "vision/imager.h"
 #include "vision/radiance_map.h"
 
@@ -28,6 +30,8 @@ struct lp_imager {
 	struct lp_gain *compared; /* workspace: two cameras' cells; NULL: there is one */
 
 	int64_t t_capture_ns; /* of the newest frame */
+	struct lp_frame about; /* the newest frame, without its picture */
+	struct lp_frame_time time; /* of the newest frame */
 	bool loaded;	      /* it has not been accepted yet */
 	float late_s;	      /* it was taken so long before t_capture_ns: a still; else 0 */
 	int64_t t_moved_ns;   /* of the last frame in which the box turned, or much light changed */

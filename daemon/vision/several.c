@@ -66,7 +66,7 @@ bool lp_imager_place_still(struct lp_imager *imager, const struct lp_frame *fram
 	imager->late_s = 0.0F;
 	if (!(frame->flags & LP_FRAME_STILL) || !imager->t_map_ns || late_s <= 0.0)
 		return true;
-	if (imager->t_moved_ns >= frame->t_start_ns) {
+	if (imager->t_moved_ns >= lp_frame_start_ns(frame)) {
 		lp_info("still", "place",
 			"left out: the box turned, or the light changed, in the %.1f s since it "
 			"was taken",

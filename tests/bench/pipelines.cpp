@@ -40,7 +40,7 @@ struct lp_frame frame_of(const bench::picture &p, int number)
 	for (float &component : frame.orientation)
 		component = NAN;
 	frame.orientation_sigma_deg = frame.row_time_us = NAN;
-	frame.t_start_ns = frame.t_arrival_ns = kFramePeriodNs * (number + 1);
+	frame.t_read_ns = frame.t_arrival_ns = kFramePeriodNs * (number + 1);
 	frame.release = keep;
 	return frame;
 }

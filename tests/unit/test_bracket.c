@@ -90,7 +90,7 @@ static struct lp_frame *expose(const struct camera *camera, float level)
 
 		data[i] = (uint8_t)((code_of_root[step] + dither()) >> 8);
 	}
-	frame->t_start_ns += camera->frames * 33333333LL;
+	frame->t_read_ns += camera->frames * 33333333LL;
 	frame->sequence = camera->counts ? camera->frames : 0;
 	if (camera->reports_exposure)
 		frame->exposure_us = camera->in_effect_us;

@@ -62,7 +62,7 @@ static struct lp_frame *even(int camera, double radiance, double exposure_s, dou
 	       (int)lround(255.0 * (1.055 * pow(linear, 1.0 / 2.4) - 0.055)), frame->size_bytes);
 	frame->camera = (uint8_t)camera;
 	frame->exposure_us = (float)(exposure_s * 1e6);
-	frame->t_start_ns = (int64_t)(t_s * 1e9);
+	frame->t_read_ns = (int64_t)(t_s * 1e9);
 	return frame;
 }
 

@@ -50,7 +50,7 @@ static void show(double yaw_deg, double told_deg, float brightness)
 	struct lp_frame *frame = scene_frame(480, 240, discs, LP_COUNT(discs), brightness);
 
 	t_ns += FRAME_NS;
-	frame->t_start_ns = t_ns;
+	frame->t_read_ns = t_ns;
 	for (int i = 0; i < 4; i++)
 		frame->orientation[i] = NAN;
 	frame->orientation_sigma_deg = NAN;

@@ -166,8 +166,8 @@ static const char *last_error(const struct lp_client *client)
 /* A frame whose exposure's middle was age_ms ago; NAN: it is not stamped. */
 static double stamped_yaw_deg(int age_ms)
 {
-	struct lp_frame frame = {.t_start_ns =
-					 lp_clock_ns() - age_ms * LP_NS_PER_MS - 5 * LP_NS_PER_MS,
+	struct lp_frame frame = {.t_read_ns =
+					 lp_clock_ns() - age_ms * LP_NS_PER_MS + 3 * LP_NS_PER_MS,
 				 .exposure_us = 8000.0F,
 				 .row_time_us = 2.0F,
 				 .height_px = 1000};
@@ -495,9 +495,7 @@ static void sense_for_ms(int ms)
 
 static struct lp_frame frame_of(int age_ms)
 {
-	struct lp_frame frame = {.t_start_ns = lp_clock_ns() - age_ms * LP_NS_PER_MS,
-				 .exposure_us = NAN,
-				 .row_time_us = NAN};
+	struct lp_frame frame = {.t_read_ns = lp_clock_ns() - age_ms * LP_NS_PER_MS};
 
 	lp_orientation_frame(&teller, &frame);
 	return frame;

@@ -380,7 +380,7 @@ static struct lp_frame *timed_frame(const struct disc *discs, int count, int num
 {
 	struct lp_frame *frame = coded_frame(960, 480, discs, count);
 
-	frame->t_start_ns = LP_NS_PER_S + number * LP_NS_PER_S / 30;
+	frame->t_read_ns = 2 * LP_NS_PER_S + number * LP_NS_PER_S / 30;
 	frame->exposure_us = 1e6F;
 	frame->gain = 1.0F;
 	return frame;

@@ -74,7 +74,7 @@ static void on_frame(void *context, struct lp_frame *frame)
 	MUST(heard.caps.reports_exposure || heard.caps.exposure_settable ||
 	     isnan(frame->exposure_us));
 	MUST(!heard.caps.reports_exposure || corrupt || !isnan(frame->exposure_us));
-	MUST(frame->t_start_ns > 0 && frame->t_start_ns <= frame->t_arrival_ns);
+	MUST(frame->t_read_ns > 0 && frame->t_read_ns <= frame->t_arrival_ns);
 	heard.was_last = frame->flags & LP_FRAME_LAST;
 	lp_frame_release(frame);
 }

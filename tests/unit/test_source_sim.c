@@ -202,7 +202,7 @@ static void on_frame(void *context, struct lp_frame *frame)
 	heard.frames++;
 	heard.corrupt += frame->flags & LP_FRAME_CORRUPT ? 1 : 0;
 	heard.sequence = frame->sequence;
-	heard.start_ns = frame->t_start_ns;
+	heard.start_ns = frame->t_read_ns;
 	heard.first_byte = frame->data[0];
 	memcpy(heard.orientation, frame->orientation, sizeof(heard.orientation));
 	heard.row_time_us = frame->row_time_us;

@@ -510,12 +510,12 @@ static void guess_frames(int delay_frames, float *exposures_us, int count)
 	guess.gain = 1;
 	for (int i = 0; i < count; i++) {
 		struct lp_frame frame = {.sequence = 70 + (uint64_t)i,
-					 .t_start_ns = (i + 1) * 10 * LP_NS_PER_MS};
+					 .t_read_ns = (i + 1) * 10 * LP_NS_PER_MS};
 
 		lp_exposure_guess_frame(&guess, &frame);
 		exposures_us[i] = frame.exposure_us;
 		if (i == 4)
-			lp_exposure_guess_command(&guess, 800, 1, frame.t_start_ns + LP_NS_PER_MS);
+			lp_exposure_guess_command(&guess, 800, 1, frame.t_read_ns + LP_NS_PER_MS);
 	}
 }
 
@@ -543,7 +543,7 @@ static void test_frames_around_a_change_are_unknown(void **state)
 static void test_a_second_change_before_the_first_has_landed(void **state)
 {
 	struct lp_exposure_guess guess;
-	struct lp_frame frame = {.sequence = 1, .t_start_ns = 10 * LP_NS_PER_MS};
+	struct lp_frame frame = {.sequence = 1, .t_read_ns = 10 * LP_NS_PER_MS};
 
 	(void)state;
 	lp_exposure_guess_init(&guess, 2);
@@ -552,7 +552,7 @@ static void test_a_second_change_before_the_first_has_landed(void **state)
 	lp_exposure_guess_command(&guess, 400, 1, 6 * LP_NS_PER_MS);
 	lp_exposure_guess_frame(&guess, &frame);
 	assert_true(isnan(frame.exposure_us));
-	frame = (struct lp_frame){.sequence = 4, .t_start_ns = 40 * LP_NS_PER_MS};
+	frame = (struct lp_frame){.sequence = 4, .t_read_ns = 40 * LP_NS_PER_MS};
 	lp_exposure_guess_frame(&guess, &frame);
 	assert_float_equal(frame.exposure_us, 400, 0);
 }
@@ -571,7 +571,7 @@ static void test_a_command_that_is_answered_late(void **state)
 	for (unsigned k = 1; k <= 10; k++) {
 		if (k == 3)
 			lp_exposure_guess_late(&guess, 25 * LP_NS_PER_MS);
-		frame = (struct lp_frame){.sequence = k, .t_start_ns = k * 10 * LP_NS_PER_MS};
+		frame = (struct lp_frame){.sequence = k, .t_read_ns = k * 10 * LP_NS_PER_MS};
 		lp_exposure_guess_frame(&guess, &frame);
 		/* frame 3 is the first one after the answer; three more may still lack it */
 		assert_true(isnan(frame.exposure_us) == (k <= 6));
@@ -582,20 +582,20 @@ static void test_a_command_that_is_answered_late(void **state)
 	assert_float_equal(frame.exposure_us, 200, 0);
 }
 
-static void test_start_of_exposure(void **state)
+static void test_time_without_a_stamp(void **state)
 {
-	struct lp_frame frame = {.t_start_ns = 50 * LP_NS_PER_MS,
+	struct lp_frame frame = {.t_read_ns = 50 * LP_NS_PER_MS,
 				 .t_arrival_ns = 70 * LP_NS_PER_MS};
 	struct lp_exposure_guess guess;
 
 	(void)state;
 	lp_exposure_guess_init(&guess, 0);
 	lp_exposure_guess_frame(&guess, &frame);
-	assert_int_equal(frame.t_start_ns, 50 * LP_NS_PER_MS);
-	frame.t_start_ns = 0;
+	assert_int_equal(frame.t_read_ns, 50 * LP_NS_PER_MS);
+	frame.t_read_ns = 0;
 	guess.exposure_us = 8000;
 	lp_exposure_guess_frame(&guess, &frame);
-	assert_int_equal(frame.t_start_ns, 62 * LP_NS_PER_MS);
+	assert_int_equal(frame.t_read_ns, 70 * LP_NS_PER_MS);
 }
 
 int main(void)
@@ -619,7 +619,7 @@ int main(void)
 		cmocka_unit_test(test_frames_around_a_change_are_unknown),
 		cmocka_unit_test(test_a_second_change_before_the_first_has_landed),
 		cmocka_unit_test(test_a_command_that_is_answered_late),
-		cmocka_unit_test(test_start_of_exposure),
+		cmocka_unit_test(test_time_without_a_stamp),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -97,7 +97,7 @@ static struct lp_frame *picture(const struct disc *disc, float exposure_us, doub
 	memcpy((uint8_t *)frame->data, rendered.codes, frame->size_bytes);
 	frame->exposure_us = exposure_us;
 	frame->gain = 1.0F;
-	frame->t_start_ns = frame->t_arrival_ns = (int64_t)(t_s * 1e9);
+	frame->t_read_ns = frame->t_arrival_ns = (int64_t)(t_s * 1e9 + 1e3 * (double)exposure_us);
 	return frame;
 }
 

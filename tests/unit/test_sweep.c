@@ -46,7 +46,7 @@ static struct lp_sweep sweep;
 static int setup(void **state)
 {
 	(void)state;
-	frame = (struct lp_frame){.t_start_ns = 1000 * MS,
+	frame = (struct lp_frame){.t_read_ns = 1010 * MS,
 				  .exposure_us = 10000,
 				  .gain = 1,
 				  .t_arrival_ns = 1020 * MS,
@@ -189,10 +189,10 @@ static void test_no_answer_is_no_angle(void **state)
 	assert_int_equal(released, 1);
 }
 
-static void test_unknown_exposure_counts_to_the_arrival(void **state)
+static void test_rows_of_unknown_time_count_to_the_arrival(void **state)
 {
 	(void)state;
-	frame.exposure_us = NAN;
+	frame.row_time_us = NAN;
 	tell(settled(900, 950), 960);
 	lp_sweep_frame(&sweep, &frame, 1020 * MS);
 	tell(settled(900, 1015), 1021);
@@ -243,7 +243,7 @@ static void expose(float exposure_us, int64_t *now_ms)
 	struct lp_wheel_state there = settled(*now_ms - 20, *now_ms + 33);
 
 	there.commanded_deg = sweep.angles_deg[sweep.at];
-	frame.t_start_ns = *now_ms * MS;
+	frame.t_read_ns = *now_ms * MS + (int64_t)(1e3 * (double)exposure_us);
 	frame.exposure_us = exposure_us;
 	*now_ms += 33;
 	lp_sweep_frame(&sweep, &frame, *now_ms * MS);
@@ -386,7 +386,7 @@ int main(void)
 		cmocka_unit_test_setup(test_without_a_wheel_there_is_no_waiting, setup),
 		cmocka_unit_test_setup(test_frames_of_a_turning_wheel_are_left_out, setup),
 		cmocka_unit_test_setup(test_no_answer_is_no_angle, setup),
-		cmocka_unit_test_setup(test_unknown_exposure_counts_to_the_arrival, setup),
+		cmocka_unit_test_setup(test_rows_of_unknown_time_count_to_the_arrival, setup),
 		cmocka_unit_test_setup(test_doubt_is_no_angle, setup),
 		cmocka_unit_test_setup(test_it_goes_on_when_all_exposures_have_been_there, setup),
 		cmocka_unit_test_setup(test_each_angle_has_all_exposures, setup),

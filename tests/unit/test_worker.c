@@ -167,7 +167,7 @@ static void test_a_frame_gets_its_reading_of_the_ring(void **state)
 	assert_int_equal(atomic_load(&ring_lux), 100);
 	struct lp_frame *late = calloc(1, sizeof(*late));
 
-	*late = (struct lp_frame){.t_start_ns = LP_NS_PER_S, .release = release};
+	*late = (struct lp_frame){.t_read_ns = LP_NS_PER_S, .release = release};
 	atomic_fetch_add(&frames_alive, 1);
 	lp_worker_submit(worker, late, &demand);
 	lp_worker_give(worker, wait_result(worker));

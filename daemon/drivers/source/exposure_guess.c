@@ -3,7 +3,6 @@
 
 #include <math.h>
 
-#include "base/clock.h"
 #include "include/frame.h"
 
 /* Where the delay is not known: longer than the 1 to 4 frames that cameras take (app/bracket.c). */
@@ -41,18 +40,18 @@ void lp_exposure_guess_late(struct lp_exposure_guess *guess, int64_t now_ns)
 }
 
 /* Frames after the first one begun after the command: -1 for those begun before it. */
-static int64_t age_frames(struct lp_exposure_guess *guess, uint64_t sequence, int64_t stamp_ns)
+static int64_t age_frames(struct lp_exposure_guess *guess, uint64_t sequence, int64_t read_ns)
 {
-	if (!guess->seen_after && stamp_ns > guess->commanded_ns) {
+	if (!guess->seen_after && read_ns > guess->commanded_ns) {
 		guess->seen_after = true;
 		guess->first_after = sequence;
 	}
 	return guess->seen_after ? (int64_t)(sequence - guess->first_after) : -1;
 }
 
-static void guess_pending(struct lp_exposure_guess *guess, struct lp_frame *frame, int64_t stamp_ns)
+static void guess_pending(struct lp_exposure_guess *guess, struct lp_frame *frame)
 {
-	const int64_t age = age_frames(guess, frame->sequence, stamp_ns);
+	const int64_t age = age_frames(guess, frame->sequence, frame->t_read_ns);
 	const int delay = guess->delay_frames;
 	const int64_t unsure_from = delay > 0 ? delay - 1 : 0;
 	const int64_t unsure_to = delay >= 0 ? delay : guess->longest_frames;
@@ -67,17 +66,14 @@ static void guess_pending(struct lp_exposure_guess *guess, struct lp_frame *fram
 
 void lp_exposure_guess_frame(struct lp_exposure_guess *guess, struct lp_frame *frame)
 {
-	const int64_t stamp_ns = frame->t_start_ns ? frame->t_start_ns : frame->t_arrival_ns;
-
+	if (!frame->t_read_ns)
+		frame->t_read_ns = frame->t_arrival_ns;
 	frame->exposure_us = NAN;
 	frame->gain = NAN;
 	if (guess->pending)
-		guess_pending(guess, frame, stamp_ns);
+		guess_pending(guess, frame);
 	if (!guess->pending) {
 		frame->exposure_us = guess->exposure_us;
 		frame->gain = guess->gain;
 	}
-	frame->t_start_ns = stamp_ns;
-	if (!isnan(frame->exposure_us))
-		frame->t_start_ns -= (int64_t)((double)frame->exposure_us * LP_NS_PER_US);
 }

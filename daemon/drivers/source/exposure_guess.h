@@ -34,10 +34,8 @@ void lp_exposure_guess_command(struct lp_exposure_guess *guess, float exposure_u
 void lp_exposure_guess_late(struct lp_exposure_guess *guess, int64_t now_ns);
 
 /*
- * Fill in exposure_us and gain of the next frame, and turn t_start_ns from the driver's time stamp
- * into the start of exposure. The stamp is of the frame's first bytes, when its first row had been
- * exposed and read; so the exposure ended then at the latest. Where the driver gives no stamp (0)
- * the arrival stands in for it; where the exposure is unknown nothing is subtracted.
+ * Fill in exposure_us and gain of the next frame. Where the driver gives no time stamp (t_read_ns
+ * is 0) the arrival stands in for it.
  */
 void lp_exposure_guess_frame(struct lp_exposure_guess *guess, struct lp_frame *frame);
 

@@ -40,6 +40,7 @@ struct lp_owned_frame *lp_owned_frame_take(struct lp_pool *pool, bool wait)
 		.orientation = {NAN, NAN, NAN, NAN},
 		.orientation_sigma_deg = NAN,
 		.row_time_us = NAN,
+		.period_us = NAN,
 		.release = release,
 	};
 	return owned;

@@ -158,7 +158,7 @@ def _delay(old: Sequence[_Look], new: Sequence[_Look], arrived: int) -> int | No
     last_old = frames[arrived - 1] if arrived else old[-1].frame
     if frames[arrived].sequence - last_old.sequence != 1:
         return None
-    begun = next((f for f in frames if f.t_start_ns > f.t_command_ns), None)
+    begun = next((f for f in frames if f.t_read_ns > f.t_command_ns), None)
     if begun is None:
         return None
     return max(0, frames[arrived].sequence - begun.sequence)

@@ -42,7 +42,7 @@ class Frame:
     height_px: int
     stride_bytes: int
     sequence: int  # the camera's own count; gaps are frames lost
-    t_start_ns: int
+    t_read_ns: int
     corrupt: bool
     step: int  # of the schedule; -1: nothing was commanded
     t_command_ns: int
@@ -62,7 +62,7 @@ class Frame:
 
 # Fields of Frame that the index has by the same name.
 _AS_WRITTEN = (
-    "format", "width_px", "height_px", "stride_bytes", "sequence", "t_start_ns", "corrupt", "step",
+    "format", "width_px", "height_px", "stride_bytes", "sequence", "t_read_ns", "corrupt", "step",
     "t_command_ns", "commanded_us",
 )  # fmt: skip
 

@@ -162,7 +162,7 @@ def _settled(frame: Frame) -> bool:
         return True
     if frame.stated_us is not None:
         return abs(frame.stated_us / frame.commanded_us - 1) < _SAME
-    return frame.t_start_ns - frame.t_command_ns > _SETTLED_S * 1e9
+    return frame.t_read_ns - frame.t_command_ns > _SETTLED_S * 1e9
 
 
 def _pictures(frames: Sequence[Frame]) -> tuple[list[Codes], list[str]]:

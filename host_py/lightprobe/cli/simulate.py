@@ -422,7 +422,7 @@ def command(
                 TruthServer(truth_publish, lambda: (link.state_now(), simulated.gain))
             )
         if headset is not None:
-            log_poses = HeadsetLog(headset, carrier, world, link.start_ns(0))
+            log_poses = HeadsetLog(headset, carrier, world, link.begin_ns(0))
             stack.enter_context(log_poses)
         lit = None
         if box is not None and light is not None:

@@ -57,7 +57,7 @@ def check_row_time(row_time_us: float, size_px: tuple[int, int], rate_hz: float)
 
 
 class SimulatedCamera:
-    """Frames of a world; frame n shows the world at n / rate seconds, always the same."""
+    """Frames of a world; frame n shows the world until (n + 1) / rate seconds, always the same."""
 
     def __init__(
         self,
@@ -85,7 +85,7 @@ class SimulatedCamera:
         `response`: linear light (256, 3) of each code; None: as the camera file of the lens says.
         `limits`: of exposures at any frame rate; None: those of :class:`ExposureLimits`.
         `row_time_us`: by which each row's exposure begins later than that of the row above.
-        `phase_s`: by which each frame's exposure begins later than at n / rate.
+        `phase_s`: by which each frame is read later than at (n + 1) / rate.
         `white_balance`: factors of R, G, B; 1: as D65 lights a white wall.
         """
         self.world, self.lens, self.size_px = world, lens, size_px
@@ -122,16 +122,24 @@ class SimulatedCamera:
         self._signals: OrderedDict[Hashable, Expected] = OrderedDict()
 
     def state(self, frame: int, shot: Shot) -> State:
-        """State of the world while the middle row of frame `frame` is exposed.
-
-        The first row's exposure begins at :meth:`start_s`.
-        """
-        start_s = self.start_s(frame) - float(self._rows_s[0])
+        """State of the world while the middle row of frame `frame` is exposed."""
+        start_s = self.start_s(frame, shot) - float(self._rows_s[0])
         return self.world.at(start_s, 1e-6 * shot.exposure_us)
 
-    def start_s(self, frame: int) -> float:
-        """Seconds from the world's start to that of a frame's exposure."""
+    def begin_s(self, frame: int) -> float:
+        """Seconds from the world's start to when its exposure is chosen and may begin."""
         return frame / self.rate_hz + self.phase_s
+
+    def read_s(self, frame: int) -> float:
+        """Seconds from the world's start to when the first row has been exposed and is read.
+
+        Sensors read regularly, and begin to expose as much before as the exposure asks for.
+        """
+        return self.begin_s(frame + 1)
+
+    def start_s(self, frame: int, shot: Shot) -> float:
+        """Seconds from the world's start to that of the first row's exposure."""
+        return self.read_s(frame) - 1e-6 * shot.exposure_us
 
     def _rows(self, state: State, shot: Shot) -> Rows | None:
         """What each row saw; None: all the same as the middle one."""
@@ -147,7 +155,7 @@ class SimulatedCamera:
 
         All are within :attr:`limits`.
         """
-        state = self.world.at(self.start_s(frame))
+        state = self.world.at(self.begin_s(frame))
         if state.act not in self._medians:
             radiance = self._layers[state.act].compose(np.ones(len(state.scene.lamps)))
             self._medians[state.act] = max(self.gain * median_luminance(radiance), 1e-9)

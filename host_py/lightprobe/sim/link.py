@@ -227,16 +227,24 @@ class Link:
         elapsed_s = (self.clock.now_ns() - self._start_ns) / 1e9
         return math.floor((elapsed_s - self.camera.phase_s) * self.camera.rate_hz)
 
-    def start_ns(self, frame: int) -> int:
-        """CLOCK_MONOTONIC at the start of a frame's exposure."""
-        return self._start_ns + round(1e9 * self.camera.start_s(frame))
+    def begin_ns(self, frame: int) -> int:
+        """CLOCK_MONOTONIC when a frame's exposure is chosen and may begin."""
+        return self._start_ns + round(1e9 * self.camera.begin_s(frame))
+
+    def start_ns(self, frame: int, shot: Shot) -> int:
+        """CLOCK_MONOTONIC at the start of the exposure of a frame's first row."""
+        return self._start_ns + round(1e9 * self.camera.start_s(frame, shot))
+
+    def read_ns(self, frame: int) -> int:
+        """CLOCK_MONOTONIC when a frame's first row has been exposed and is read."""
+        return self._start_ns + round(1e9 * self.camera.read_s(frame))
 
     def log_truth(self, frame: int, shot: Shot, wheel_deg: tuple[float, ...]) -> None:
         """Write what is true during a frame."""
         if self._truth is None:
             return
         state = self.camera.state(frame, shot)
-        line = account(self.camera, frame, shot, self.start_ns(frame))
+        line = account(self.camera, frame, shot, self.start_ns(frame, shot))
         if self.surroundings is not None:
             line |= {
                 "wheel_deg": sum(wheel_deg) / len(wheel_deg),
@@ -279,13 +287,13 @@ class _Session:
 
     def due_ns(self) -> int:
         """Give the time of the next step."""
-        start_ns = self.link.start_ns(self.next)
-        return min(start_ns, self._ready[0].due_ns) if self._ready else start_ns
+        begin_ns = self.link.begin_ns(self.next)
+        return min(begin_ns, self._ready[0].due_ns) if self._ready else begin_ns
 
     def step(self) -> bool:
         """Expose or deliver one frame, whichever is due first; False ends the connection."""
-        start_ns = self.link.start_ns(self.next)
-        if self._ready and self._ready[0].due_ns <= start_ns:
+        begin_ns = self.link.begin_ns(self.next)
+        if self._ready and self._ready[0].due_ns <= begin_ns:
             if not self.wait_until(self._ready[0].due_ns):
                 return False
             ready = heapq.heappop(self._ready)
@@ -293,7 +301,7 @@ class _Session:
                 return self._send(ready, ready.payload)
             self._develop(ready)
             return True
-        if not self.wait_until(start_ns):
+        if not self.wait_until(begin_ns):
             return False
         self._expose()
         return True
@@ -316,12 +324,12 @@ class _Session:
             return
         shot = (link.automatic if f.auto_exposure else link.exposure).shot(frame)
         if f.auto_exposure and f.breathe_stops:
-            swing = math.sin(2 * math.pi * link.camera.start_s(frame) / f.breathe_s)
+            swing = math.sin(2 * math.pi * link.camera.begin_s(frame) / f.breathe_s)
             breathed_us = shot.exposure_us * 2 ** (f.breathe_stops * swing)
             shot = replace(shot, exposure_us=link.camera.limits.nearest(breathed_us))
         late_ms = f.late_ms + f.jitter_ms * rng.random()
         read_out_us = link.camera.row_time_us * link.camera.size_px[1]
-        end_ns = link.start_ns(frame) + round(1e3 * (shot.exposure_us + read_out_us))
+        end_ns = link.read_ns(frame) + round(1e3 * read_out_us)
         ready = _Ready(end_ns, frame, shot, end_ns + round(1e6 * late_ms))
         if link.surroundings is None or not link.camera.sees_wheel(link.camera.state(frame, shot)):
             ready.payload = link.camera.frame(frame, shot)
@@ -333,7 +341,8 @@ class _Session:
         link, frame, shot = self.link, ready.number, ready.shot
         wheel_deg: tuple[float, ...] | None = (0.0,)
         if link.surroundings is not None:
-            wheel_deg = link.surroundings.wheel_deg(link.start_ns(frame), ready.due_ns)
+            start_ns = link.start_ns(frame, shot)
+            wheel_deg = link.surroundings.wheel_deg(start_ns, ready.due_ns)
         if wheel_deg is None:
             link.counters.dropped += 1
             return
@@ -363,7 +372,9 @@ class _Session:
             width, height = width // 2, height // 2
         header = HEADER.pack(
             MAGIC, HEADER.size, len(payload), camera.pixel_format.encode(), width, height, 0,
-            ready.number, self.link.start_ns(ready.number),
+            ready.number,
+            self.link.read_ns(ready.number) if f.hide_exposure
+            else self.link.start_ns(ready.number, ready.shot),
             math.nan if f.hide_exposure else ready.shot.exposure_us,
             math.nan if f.hide_exposure else ready.shot.gain,
             MARKED_CORRUPT if rng.random() < f.marked else 0, 0,

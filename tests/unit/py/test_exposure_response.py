@@ -34,7 +34,7 @@ def write_series(folder, delay, *, frames=12, scene=SCENE, lost=(), ignores=Fals
         name = f"{number:05}.grey"
         (folder / name).write_bytes(np.clip(np.rint(picture), 0, 255).astype(np.uint8).tobytes())
         rows.append({"file": name, "format": "GREY", "width_px": SIZE[0], "height_px": SIZE[1],
-                     "stride_bytes": 0, "sequence": number, "t_start_ns": 1000 * number,
+                     "stride_bytes": 0, "sequence": number, "t_read_ns": 1000 * number,
                      "t_arrival_ns": 0, "corrupt": False, "step": step,
                      "t_command_ns": 1000 * step * frames - 1, "commanded_us": commanded,
                      "exposure_us": None, "gain": None})  # fmt: skip

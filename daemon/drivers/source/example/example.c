@@ -72,7 +72,7 @@ static int make_picture(const struct source_example *self, struct lp_owned_frame
 	for (size_t i = 0; i < frame->size_bytes; i++)
 		owned->buffer[i] = (uint8_t)(64 + (i + sequence) % 128);
 	frame->sequence = sequence;
-	frame->t_start_ns = frame->t_arrival_ns = lp_clock_ns();
+	frame->t_read_ns = frame->t_arrival_ns = lp_clock_ns();
 	frame->flags = sequence < (uint64_t)self->options.corrupt_first ? LP_FRAME_CORRUPT : 0;
 	return 0;
 }

@@ -115,9 +115,7 @@ static bool deliver(struct source_file *self, struct progress *progress)
 		progress->due_ns += (int64_t)((double)LP_NS_PER_S / self->options.rate_hz);
 	}
 	frame->t_arrival_ns = lp_clock_ns();
-	frame->t_start_ns = frame->t_arrival_ns;
-	if (!isnan(frame->exposure_us))
-		frame->t_start_ns -= (int64_t)(frame->exposure_us * 1e3);
+	frame->t_read_ns = frame->t_arrival_ns;
 	progress->ahead = NULL;
 	lp_source_outbox_send(self->outbox, frame, self->object);
 	return true;

@@ -7,7 +7,7 @@
 
 namespace controls = libcamera::controls;
 
-bool lp::describe_frame(const libcamera::ControlList &metadata, int64_t stamp_ns, lp_frame &frame)
+bool lp::describe_frame(const libcamera::ControlList &metadata, lp_frame &frame)
 {
 	const auto exposure_us = metadata.get(controls::ExposureTime);
 	const auto gain = metadata.get(controls::AnalogueGain);
@@ -16,6 +16,5 @@ bool lp::describe_frame(const libcamera::ControlList &metadata, int64_t stamp_ns
 		return false;
 	frame.exposure_us = static_cast<float>(*exposure_us);
 	frame.gain = *gain * metadata.get(controls::DigitalGain).value_or(1.0F);
-	frame.t_start_ns = stamp_ns - int64_t{*exposure_us} * LP_NS_PER_US;
 	return true;
 }

@@ -10,13 +10,11 @@ namespace lp
 {
 
 /*
- * Fill in what a finished request reports of its frame: exposure_us, gain (analogue times digital),
- * and t_start_ns, the start of exposure. `stamp_ns`, CLOCK_MONOTONIC: when the sensor began to send
- * the frame, its first row exposed by then. False: the request reports no exposure (as libcamera's
- * pipeline for USB cameras), and the frame is left as it is.
+ * Fill in what a finished request reports of its frame: exposure_us and gain (analogue times
+ * digital). False: the request reports no exposure (as libcamera's pipeline for USB cameras), and
+ * the frame is left as it is.
  */
-bool describe_frame(const libcamera::ControlList &metadata, int64_t stamp_ns,
-		    struct lp_frame &frame);
+bool describe_frame(const libcamera::ControlList &metadata, struct lp_frame &frame);
 
 } // namespace lp
 

@@ -402,12 +402,12 @@ lp_frame *Session::make_frame(libcamera::Request &request)
 	frame.height_px = choice.height_px;
 	frame.stride_bytes = stride_bytes;
 	frame.sequence = first_sequence + about.sequence;
-	frame.t_start_ns = stamp_ns;
+	frame.t_read_ns = stamp_ns;
 	frame.t_arrival_ns = lp_clock_ns();
 	if (about.status != libcamera::FrameMetadata::FrameSuccess || !frame.size_bytes ||
 	    frame.size_bytes < picture_bytes)
 		frame.flags |= LP_FRAME_CORRUPT;
-	const bool described = describe_frame(request.metadata(), stamp_ns, frame);
+	const bool described = describe_frame(request.metadata(), frame);
 
 	if (!described)
 		lp_exposure_guess_frame(&guess, &frame);

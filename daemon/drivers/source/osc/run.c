@@ -98,7 +98,7 @@ static void fill_frame(struct run *run, struct lp_frame *frame, size_t size_byte
 	frame->height_px = choice->height_px;
 	frame->size_bytes = size_bytes;
 	frame->sequence = run->capture->sequence++;
-	frame->t_start_ns = run->filling_ns;
+	frame->t_read_ns = run->filling_ns;
 	frame->t_arrival_ns = lp_clock_ns();
 	if (!whole)
 		frame->flags = LP_FRAME_CORRUPT;

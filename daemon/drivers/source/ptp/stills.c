@@ -90,6 +90,9 @@ static void fill_exposure(struct set *set, struct lp_frame *frame)
 
 	frame->exposure_us = isnan(exif.exposure_us) ? asked_us : exif.exposure_us;
 	frame->gain = exif.iso ? (float)exif.iso / (float)camera->iso : 1.0F;
+	frame->t_read_ns += (int64_t)((double)frame->exposure_us * LP_NS_PER_US);
+	if (frame->t_read_ns > frame->t_arrival_ns)
+		frame->t_read_ns = frame->t_arrival_ns;
 	if (!self->warned &&
 	    fabsf(log2f(frame->exposure_us * frame->gain / asked_us)) > SAME_STOPS) {
 		self->warned = true;
@@ -106,7 +109,7 @@ static void fill_frame(struct set *set, struct lp_frame *frame, size_t size_byte
 	frame->format = LP_FORMAT_MJPEG;
 	frame->size_bytes = size_bytes;
 	frame->sequence = set->stills->sequence++;
-	frame->t_start_ns = start_ns(set);
+	frame->t_read_ns = start_ns(set);
 	frame->t_arrival_ns = lp_clock_ns();
 	frame->flags = LP_FRAME_STILL;
 	if (lp_picture_next(LP_ENCODING_JPEG, 0, 0, frame->data, size_bytes, true, &picture) != 1 ||

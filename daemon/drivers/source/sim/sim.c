@@ -164,7 +164,6 @@ static void fill_frame(struct source_sim *self, struct lp_frame *frame)
 	frame->stride_bytes = header->stride_bytes;
 	frame->size_bytes = header->payload_bytes;
 	frame->sequence = header->sequence;
-	frame->t_start_ns = header->t_start_ns;
 	frame->t_arrival_ns = lp_clock_ns();
 	frame->exposure_us = header->exposure_us;
 	frame->gain = header->gain;
@@ -173,11 +172,17 @@ static void fill_frame(struct source_sim *self, struct lp_frame *frame)
 	frame->row_time_us = header->row_time_us;
 	frame->flags = header->flags;
 	/* The other end may be any program: no time that this machine cannot have seen. */
-	if (frame->t_start_ns < 0 || frame->t_start_ns > frame->t_arrival_ns ||
-	    frame->t_start_ns < frame->t_arrival_ns - OLDEST_FRAME_NS) {
+	if (header->t_start_ns < 0 || header->t_start_ns > frame->t_arrival_ns ||
+	    header->t_start_ns < frame->t_arrival_ns - OLDEST_FRAME_NS) {
 		frame->flags |= LP_FRAME_CORRUPT;
-		frame->t_start_ns = frame->t_arrival_ns;
+		frame->t_read_ns = frame->t_arrival_ns;
+		return;
 	}
+	frame->t_read_ns = header->t_start_ns; /* of an exposure that is not said: its end */
+	if (!isnan(header->exposure_us))
+		frame->t_read_ns += (int64_t)((double)header->exposure_us * LP_NS_PER_US);
+	if (frame->t_read_ns > frame->t_arrival_ns)
+		frame->t_read_ns = frame->t_arrival_ns;
 }
 
 /* The first usable frame reports STREAMING; corrupt ones before it are counted only. */

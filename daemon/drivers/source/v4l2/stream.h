@@ -27,7 +27,7 @@ int lp_v4l2_stream_fd(const struct lp_v4l2_stream *stream);
 
 /*
  * Dequeue the oldest finished frame, for the caller to release. What the driver says is filled in:
- * picture, sequence (goes on over restarts), LP_FRAME_CORRUPT, t_arrival_ns, and in t_start_ns the
+ * picture, sequence (goes on over restarts), LP_FRAME_CORRUPT, t_arrival_ns, and in t_read_ns the
  * driver's time stamp (0: it gives none); exposure and gain are NAN. -EAGAIN: none. -ENODEV:
  * unplugged.
  */

@@ -346,7 +346,7 @@ class OscCamera:
             chance = np.random.default_rng([camera.sensor.seed, frame])
             picture = camera.frame(frame, shot)
             late_s = 1e-3 * (f.late_ms + f.jitter_ms * chance.random())
-            due_s = max(frame / rate_hz + 1e-6 * shot.exposure_us + late_s, last_s)
+            due_s = max((frame + 1) / rate_hz + late_s, last_s)
             if f.burst_ms and due_s % 1 < 1e-3 * f.burst_ms:
                 due_s = math.floor(due_s) + 1e-3 * f.burst_ms
             time.sleep(max(due_s - self._elapsed_s(), 0))
