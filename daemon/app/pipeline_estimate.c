@@ -43,7 +43,15 @@ static void project(struct lp_pipeline *p, const struct lp_panorama *panorama, d
 	lp_ring_stage_project(&p->ring, total);
 }
 
-/* Luminance of the irradiance of lamps that clip and are missed in this frame alone. */
+/* A lower bound of which the panorama's cells do not tell: too few pixels clip, or the lamp is
+ * missed in this frame alone. */
+static bool clips_unseen(const struct lp_remembered_lamp *m)
+{
+	return lp_lamp_may_be_hidden(m) || (m->id && m->seen && !m->measured &&
+					    (m->lamp.flags & ~m->on_grid.flags & LP_LIGHT_CLIPPED));
+}
+
+/* Luminance of the irradiance of such lamps. */
 static float hidden_lamps(const struct lp_pipeline *p)
 {
 	float sum = 0.0F;
@@ -51,7 +59,7 @@ static float hidden_lamps(const struct lp_pipeline *p)
 	for (int k = 0; k < LP_MAX_LAMPS; k++) {
 		const struct lp_remembered_lamp *m = &p->lamps.memory.list[k];
 
-		if (lp_lamp_may_be_hidden(m))
+		if (clips_unseen(m))
 			sum += m->lamp.irradiance[LP_LUMINANCE];
 	}
 	return sum;

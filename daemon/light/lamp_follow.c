@@ -252,6 +252,10 @@ static bool stays(const struct lp_remembered_lamp *m, const struct lp_lamp_sight
 		return false;
 	if (!m->measured && s->refined) /* a bound, or what the panorama showed */
 		return bound && least < m->lamp.irradiance[LP_LUMINANCE];
+	const bool is_bound = m->lamp.flags & LP_LIGHT_CLIPPED;
+
+	if (!m->measured && is_bound && least > m->lamp.irradiance[LP_LUMINANCE])
+		return false; /* the panorama knows of more */
 	if (!m->measured)
 		return m->by_pixels && sqrtf(m->strength_variance) < MOST_STRENGTH_SIGMA;
 	return bound ? least <= most : sigma < MOST_STRENGTH_SIGMA;

@@ -143,7 +143,7 @@ static void test_a_bound_that_is_said_again_stays(void **state)
 
 	(void)state;
 	for (int n = 0; n < 1200; n++) {
-		struct lp_lamp_sighting s = sighting(10.0F, 4.0F);
+		struct lp_lamp_sighting s = sighting(10.0F, 2.5F);
 
 		s.refined = n % 3 == 0;
 		s.pixels = sighting(10.0F, 3.0F).pixels;
@@ -151,6 +151,24 @@ static void test_a_bound_that_is_said_again_stays(void **state)
 		lp_lamp_memory_update(&memory, &s, 1, &frame);
 		assert_float_equal(only(&memory)->lamp.irradiance[0], 3.0F, 1e-6F);
 		assert_true(only(&memory)->lamp.flags & LP_LIGHT_CLIPPED);
+	}
+}
+
+/* A bound by one frame's pixels is no more than that: the panorama knows the lamp better. */
+static void test_a_bound_below_the_panorama_does_not_stay(void **state)
+{
+	struct lp_lamp_memory memory = {0};
+
+	(void)state;
+	for (int n = 0; n < 6; n++) {
+		struct lp_lamp_sighting s = sighting(10.0F, 6.0F);
+
+		s.refined = n % 3 == 0;
+		s.pixels = sighting(10.0F, 5.0F).pixels;
+		s.pixels.flags = LP_LIGHT_CLIPPED;
+		lp_lamp_memory_update(&memory, &s, 1, &frame);
+		if (n)
+			assert_float_equal(only(&memory)->lamp.irradiance[LP_LUMINANCE], 6, 1e-6);
 	}
 }
 
@@ -494,6 +512,7 @@ int main(void)
 		cmocka_unit_test(test_clipping_takes_nothing_away),
 		cmocka_unit_test(test_the_largest_bound_counts),
 		cmocka_unit_test(test_a_bound_that_is_said_again_stays),
+		cmocka_unit_test(test_a_bound_below_the_panorama_does_not_stay),
 		cmocka_unit_test(test_what_a_panorama_shows_of_a_clipped_lamp_is_a_bound),
 		cmocka_unit_test(test_pieces_of_a_lamp_are_no_lamps),
 		cmocka_unit_test(test_a_clipped_lamp_is_followed),
