@@ -311,13 +311,27 @@ bool lp_bracket_is_proved(const struct lp_bracket *bracket)
 	return bracket->reports || bracket->proved >= PROOFS;
 }
 
-void lp_bracket_frame(struct lp_bracket *bracket, uint64_t sequence)
+/* Frames that the camera has taken since the last one that came, and this one. */
+static int passed(const struct lp_bracket *b, uint64_t sequence)
 {
 	/* at the first frame, or where a source counts anew, nothing is known to be lost */
-	const uint64_t passed = sequence - bracket->sequence;
-	const bool is_known = bracket->sequence > 0 && passed > 0 && passed <= MOST_LOST;
+	const uint64_t frames = sequence - b->sequence;
+	const bool is_known = b->sequence > 0 && frames > 0 && frames <= MOST_LOST;
 
-	bracket->frames_since_command += is_known ? (int)passed : 1;
+	return is_known ? (int)frames : 1;
+}
+
+float lp_bracket_expected_us(const struct lp_bracket *bracket, uint64_t sequence)
+{
+	const int delay = bracket->frames_since_command + passed(bracket, sequence);
+	const bool is_old = bracket->changes && delay < bracket->least_seen_frames;
+
+	return is_old && bracket->could > 1 ? bracket->settled_us : bracket->commanded_us;
+}
+
+void lp_bracket_frame(struct lp_bracket *bracket, uint64_t sequence)
+{
+	bracket->frames_since_command += passed(bracket, sequence);
 	bracket->judged_since_command++;
 	bracket->sequence = sequence;
 }

@@ -126,6 +126,9 @@ float lp_bracket_first_us(const struct lp_bracket *bracket);
  */
 bool lp_bracket_light_changed(struct lp_bracket *bracket, float factor, float *command_us);
 
+/* What the frame of this number most likely has, before its picture has been looked at. */
+float lp_bracket_expected_us(const struct lp_bracket *bracket, uint64_t sequence);
+
 /* A frame has come, to be judged next. sequence: the source's count; frames that were lost before
  * this one count too, as a camera takes its time in frames of its own. */
 void lp_bracket_frame(struct lp_bracket *bracket, uint64_t sequence);

@@ -40,6 +40,8 @@ static void on_frame(void *context, struct lp_frame *frame)
 	camera->next_sequence = frame->sequence + 1;
 	camera->has_frames = true;
 	frame->camera = (uint8_t)camera->index;
+	if (isnan(frame->row_time_us))
+		frame->row_time_us = 1e3F * camera->file->read_out_ms / (float)frame->height_px;
 	note_period(camera, frame);
 	lp_instruments_frame(daemon->instruments, frame);
 }

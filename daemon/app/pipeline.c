@@ -185,10 +185,10 @@ static int add_to_bracket(struct lp_pipeline *p, struct lp_pipeline_camera *came
 	const float reported_us = lp_frame_exposure_us(frame);
 	const bool ignored = camera->bracket.state == LP_BRACKET_IGNORED;
 	const uint64_t sequence = frame->sequence;
-	int ret = lp_imager_load(p->imager, frame,
-				 camera->reports_exposure ? reported_us
-				 : ignored		  ? NAN
-							  : camera->bracket.commanded_us);
+	const float expected_us = camera->reports_exposure ? reported_us
+				  : ignored		   ? NAN
+					    : lp_bracket_expected_us(&camera->bracket, sequence);
+	int ret = lp_imager_load(p->imager, frame, expected_us);
 
 	if (ret < 0)
 		return ret;
@@ -298,8 +298,7 @@ int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
 	estimates->raw.t_arrival_ns = t_arrival_ns;
 	estimates->raw.wheel_deg = wheel_deg;
 	estimates->raw.wheel_sigma_deg = wheel_sigma_deg;
-	estimates->raw.orientation =
-		lp_pipeline_orientation(pipeline, panorama->t_capture_ns);
+	estimates->raw.orientation = lp_pipeline_orientation(pipeline, panorama->t_capture_ns);
 	lp_pipeline_heed_ring(pipeline, (const double(*)[3])total, &estimates->raw);
 	look_around(pipeline, demand, panorama, &estimates->raw, estimates->surroundings);
 	lp_pipeline_finish(pipeline, estimates);

@@ -40,9 +40,9 @@ struct lp_frame {
 	uint32_t stride_bytes; /* of a row of the first plane; 0 for MJPEG */
 	const uint8_t *data;
 	size_t size_bytes;
-	uint64_t sequence;     /* the source's own count; gaps are frames lost before us */
-	/* CLOCK_MONOTONIC when the first row had been exposed, and the sensor began to read it: what
-	 * cameras stamp, whatever the exposure was. */
+	uint64_t sequence; /* the source's own count; gaps are frames lost before us */
+	/* CLOCK_MONOTONIC when the first row had been exposed, and the sensor began to read it:
+	 * what cameras stamp, whatever the exposure was. */
 	int64_t t_read_ns;
 	int64_t t_arrival_ns;  /* CLOCK_MONOTONIC when the whole frame was in memory */
 	float exposure_us;     /* NAN: unknown */

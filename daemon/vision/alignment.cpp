@@ -18,6 +18,7 @@
 
 extern "C" {
 #include "light/grid.h"
+#include "light/shear.h"
 }
 
 using cv::v_float32x4;
@@ -167,6 +168,7 @@ struct lp_alignment {
 	int factor; /* grid cells in a row per pixel of the fine level */
 	level fine, coarse;
 	bool has_coarse; /* of what has been loaded last */
+	struct lp_shear shear;
 	std::vector<float> residual, weight, sorted;
 	std::vector<float> row_light, row_variance; /* workspace of reduce() */
 
@@ -373,13 +375,15 @@ extern "C" void lp_alignment_destroy(struct lp_alignment *alignment)
 }
 
 extern "C" void lp_alignment_load(struct lp_alignment *alignment, const struct lp_radiance_map *map,
-				  const struct lp_observation *picture)
+				  const struct lp_observation *picture,
+				  const struct lp_shear *shear)
 {
 	struct lp_alignment &a = *alignment;
 
 	a.reduce(map->radiance, map->flags, map->variance, nullptr, a.fine.known_raw);
 	a.reduce(picture->radiance, picture->flags, nullptr, picture, a.fine.seen_raw);
-	a.fine.prepare();
+	a.shear = *shear;
+	a.fine.prepare(a.shear);
 	a.has_coarse = false;
 }
 
@@ -396,7 +400,7 @@ extern "C" struct lp_alignment_result lp_alignment_solve(struct lp_alignment *al
 		if (!a.has_coarse) {
 			a.halve(a.fine.known_raw, a.coarse.known_raw);
 			a.halve(a.fine.seen_raw, a.coarse.seen_raw);
-			a.coarse.prepare();
+			a.coarse.prepare(a.shear);
 			a.has_coarse = true;
 		}
 		a.iterate(a.coarse, *guess, prior, result);

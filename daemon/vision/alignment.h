@@ -20,13 +20,14 @@ struct lp_grid;
 struct lp_observation;
 struct lp_radiance_map;
 struct lp_rotation;
+struct lp_shear;
 
 int lp_alignment_create(const struct lp_grid *grid, struct lp_alignment **alignment);
 void lp_alignment_destroy(struct lp_alignment *alignment); /* accepts NULL */
 
-/* Look at both; the picture in the camera's own frame. */
+/* Look at both; the picture in the camera's own frame, its rows exposed as `shear` says. */
 void lp_alignment_load(struct lp_alignment *alignment, const struct lp_radiance_map *map,
-		       const struct lp_observation *picture);
+		       const struct lp_observation *picture, const struct lp_shear *shear);
 
 struct lp_alignment_result {
 	double turn[3]; /* rotation vector, camera frame: rotation = guess * exp(turn) */

@@ -3,6 +3,10 @@
 
 #include <algorithm>
 
+extern "C" {
+#include "light/shear.h"
+}
+
 using cv::v_float32x4;
 
 namespace lp
@@ -84,12 +88,12 @@ void level::smooth(const picture &from, picture &to)
 	}
 }
 
-void level::prepare()
+void level::prepare(const struct lp_shear &shear)
 {
 	smooth(seen_raw, seen);
 	smooth(known_raw, known);
 	table.fill(known);
-	collect();
+	collect(shear);
 }
 
 void readable::create(int w, int h)
@@ -143,7 +147,7 @@ void readable::at(const places &where, v_float32x4 &value, v_float32x4 &weight) 
 	weight = cv::v_select(enough, known, zero);
 }
 
-void level::collect()
+void level::collect(const struct lp_shear &shear)
 {
 	list.count = 0;
 	for (int y = 1; y + 1 < height; y++) {
@@ -170,7 +174,7 @@ void level::collect()
 			if (gx * gx + gy * gy < 4.0F * kLeastSlope * kLeastSlope)
 				continue;
 			const float sl = column_sin[x], cl = column_cos[x];
-			const float d[3] = {st * sl, ct, -st * cl};
+			float d[3] = {st * sl, ct, -st * cl};
 			const float g[3] = {ct * sl * gy * per_theta + cl * gx * per_lambda,
 					    -st * gy * per_theta,
 					    -ct * cl * gy * per_theta + sl * gx * per_lambda};
@@ -179,6 +183,7 @@ void level::collect()
 				1.0F / std::sqrt(1.0F + steep * steep * (gx * gx + gy * gy));
 			const size_t k = list.count++;
 
+			lp_shear_to_middle(&shear, d);
 			for (int a = 0; a < 3; a++) {
 				list.direction[a][k] = d[a];
 				list.slope[a][k] = certainty * (d[(a + 1) % 3] * g[(a + 2) % 3] -

@@ -10,6 +10,8 @@
 
 #include "vision/sphere.hpp"
 
+struct lp_shear;
+
 namespace lp
 {
 
@@ -72,13 +74,13 @@ struct level {
 	void create(int w, int h);
 
 	/* From seen_raw and known_raw all that is compared. */
-	void prepare();
+	void prepare(const struct lp_shear &shear);
 
 	/* [1 2 1] in both directions, over what is known. */
 	void smooth(const picture &from, picture &to);
 	/* Slopes of the camera's picture, at every other pixel: how its value changes with a
 	 * rotation vector. Smoothed neighbours err alike, so that all pixels tell no more. */
-	void collect();
+	void collect(const struct lp_shear &shear);
 
 	/* Sum of the weights, if everything could be compared. */
 	double all() const

@@ -2,6 +2,7 @@
 #include "vision/camera_file.h"
 
 #include <errno.h>
+#include <math.h>
 #include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -31,6 +32,8 @@ static const struct lp_param camera_list[] = {
 	 .max = 16384},
 	{"height_px", LP_PARAM_INT, offsetof(struct lp_camera_file, height_px), .min = 1,
 	 .max = 16384},
+	{"read_out_ms", LP_PARAM_FLOAT, offsetof(struct lp_camera_file, read_out_ms), .min = 0,
+	 .max = 1000},
 };
 static const struct lp_params camera_params = LP_PARAMS(camera_list);
 
@@ -125,6 +128,7 @@ int lp_camera_file_read(const char *name_or_path, struct lp_camera_file **file)
 
 	if (!self)
 		return -ENOMEM;
+	self->read_out_ms = NAN;
 	if (strcmp(name_or_path, "equirect") == 0) {
 		self->projection = LP_EQUIRECT;
 		(void)snprintf(self->name, sizeof(self->name), "equirect");

@@ -38,6 +38,8 @@ struct lp_camera_file {
 	struct lp_usb_id usb;
 	int projection; /* enum lp_projection; -1: the file does not say */
 	int width_px, height_px;
+	float read_out_ms; /* from the reading of the first row to that of the last; NAN: not said
+			    */
 	char response[PATH_MAX];
 	float cd_m2_per_unit;	    /* luminance of radiance 1; 0: not known */
 	float cd_m2_per_unit_sigma; /* relative */

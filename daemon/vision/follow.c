@@ -6,6 +6,7 @@
 #include "vision/alignment.h"
 #include "vision/imager_internal.h"
 #include "vision/lookup.h"
+#include "vision/remap.h"
 #include "vision/stokes_map.h"
 
 /* Share of the cells that contradict what is known, from which on the camera may have turned. */
@@ -146,13 +147,27 @@ static void choose(struct lp_imager *imager, const struct lp_motion *by_rate,
 		lp_witness_contradict(&imager->witness);
 }
 
+struct lp_shear lp_imager_shear(const struct lp_imager *imager)
+{
+	const struct lp_motion *motion = &imager->motion;
+	struct lp_shear shear = {.grid = imager->grid};
+
+	if (!motion->turning || !imager->eye->remap || !(imager->time.read_out_s > 0.0F))
+		return shear;
+	shear.row_share = imager->eye->remap->row_share;
+	for (int a = 0; a < 3; a++)
+		shear.turn[a] = motion->rate[a] * (double)imager->time.read_out_s;
+	return shear;
+}
+
 /* Find the map's cells in the frame of a turned camera. */
 static void place_map(struct lp_imager *imager)
 {
 	const struct lp_rotation back = lp_rotation_inverse(&imager->motion.rotation);
+	const struct lp_shear shear = lp_imager_shear(imager);
 
 	if (!lp_rotation_is_identity(&back))
-		lp_lookup_set(imager->lookup, &back);
+		lp_lookup_set_sheared(imager->lookup, &back, &shear);
 }
 
 /* A camera that holds still is only looked at closer when the frame contradicts what is known, or a
@@ -174,7 +189,9 @@ static void follow_turn(struct lp_imager *imager, double elapsed_s)
 	    lp_radiance_map_contradicting(imager->map, &seen) > LEAST_CONTRADICTING) {
 		struct attempt alone = {.motion = by_rate};
 
-		lp_alignment_load(imager->alignment, imager->map, &seen);
+		const struct lp_shear shear = lp_imager_shear(imager);
+
+		lp_alignment_load(imager->alignment, imager->map, &seen, &shear);
 		if (told) {
 			choose(imager, &by_rate, &by_witness);
 		} else {
@@ -187,22 +204,42 @@ static void follow_turn(struct lp_imager *imager, double elapsed_s)
 	place_map(imager);
 }
 
-void lp_imager_follow(struct lp_imager *imager)
+/* The newest frame against imager->before. */
+static void follow(struct lp_imager *imager)
 {
 	const double elapsed_s = (double)(imager->t_capture_ns - imager->t_motion_ns) / 1e9;
 	const bool first = !imager->t_motion_ns || !imager->t_map_ns;
 
 	imager->agreement = 1.0F;
 	imager->elapsed_s = 0.0;
-	if (imager->late_s > 0.0F) /* the box has not turned since */
-		return;
 	imager->t_motion_ns = imager->t_capture_ns;
 	if (!first && imager->options.follow_turns &&
 	    (elapsed_s > 0.0 || lp_imager_is_late(imager, elapsed_s))) {
 		imager->elapsed_s = fmin(elapsed_s, MOST_ELAPSED_S);
 		follow_turn(imager, imager->elapsed_s);
 	}
-	imager->witness.last = imager->testimony;
+}
+
+void lp_imager_follow(struct lp_imager *imager)
+{
+	if (imager->late_s > 0.0F) { /* the box has not turned since */
+		imager->agreement = 1.0F;
+		imager->elapsed_s = 0.0;
+		return;
+	}
+	imager->before = imager->motion;
+	imager->t_before_ns = imager->t_motion_ns;
+	imager->witness.last = imager->heeded;
+	imager->heeded = imager->testimony;
+	follow(imager);
+}
+
+void lp_imager_follow_again(struct lp_imager *imager)
+{
+	imager->motion = imager->before;
+	imager->t_motion_ns = imager->t_before_ns;
+	imager->heeded = imager->testimony;
+	follow(imager);
 }
 
 void lp_imager_followed(struct lp_imager *imager)

@@ -28,8 +28,9 @@ struct lp_frame_time lp_frame_time(const struct lp_frame *frame, float exposure_
 	const float exposed_us = or_middle(exposure_us, longest_us, &variance);
 	const float read_us = or_middle(rows_us, longest_us, &variance);
 
-	return (struct lp_frame_time){
-		.middle_ns = frame->t_read_ns + (int64_t)(500.0 * ((double)read_us - exposed_us)),
-		.sigma_s = sqrtf(variance),
-		.read_out_s = isnan(rows_us) ? 0.0F : 1e-6F * rows_us};
+	return (struct lp_frame_time){.middle_ns =
+					      frame->t_read_ns +
+					      (int64_t)(500.0 * ((double)read_us - exposed_us)),
+				      .sigma_s = sqrtf(variance),
+				      .read_out_s = isnan(rows_us) ? 0.0F : 1e-6F * rows_us};
 }

@@ -392,10 +392,15 @@ void lp_imager_settle(struct lp_imager *imager, float exposure_us)
 	incoming->exposure_us = exposure_us;
 	lp_imager_rescale(imager, scale);
 	place_in_time(imager, exposure_us);
-	if (imager->late_s > 0.0F)
+	const int64_t later_ns = imager->time.middle_ns - imager->t_capture_ns;
+
+	if (imager->late_s > 0.0F || later_ns == 0)
 		return;
-	imager->t_motion_ns += imager->time.middle_ns - imager->t_capture_ns;
 	imager->t_capture_ns = imager->time.middle_ns;
+	if (imager->motion.turning)
+		lp_imager_follow_again(imager);
+	else
+		imager->t_motion_ns = imager->t_capture_ns;
 }
 
 int lp_imager_accept(struct lp_imager *imager, float exposure_us)

@@ -65,11 +65,11 @@ struct lp_imager_status {
 	float time_sigma_s;	  /* 1 sigma of when the newest frame was exposed */
 	/* The newest frame contradicts what is known, and no turn of the camera explains it. */
 	bool rotation_is_unknown;
-	bool orientation_told;	    /* the newest frame carries its orientation: */
+	bool orientation_told;		  /* the newest frame carries its orientation: */
 	struct lp_rotation told_rotation; /* camera to what tells it, at the frame's middle */
 	float told_sigma_deg;		  /* 1 sigma about each axis */
-	float orientation_late_deg; /* 1 sigma of what they carry, from how late it may be */
-	bool orientation_left_out;  /* what frames carry contradicts what they show */
+	float orientation_late_deg;	  /* 1 sigma of what they carry, from how late it may be */
+	bool orientation_left_out;	  /* what frames carry contradicts what they show */
 	float banding;	    /* amplitude of the bands that flicker draws; 0: none are seen */
 	bool covered;	    /* something hides part of the camera's view */
 	bool lost_view;	    /* a camera is away, and no other one sees what it saw */

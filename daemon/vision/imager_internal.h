@@ -6,6 +6,7 @@
 #include "include/frame.h"
 #include "include/panorama.h"
 #include "light/motion.h"
+#include "light/shear.h"
 #include "light/witness.h"
 #include "vision/eye.h"
 #include "vision/frame_time.h"
@@ -29,24 +30,27 @@ struct lp_imager {
 	struct lp_eye *eye;	  /* of the newest frame */
 	struct lp_gain *compared; /* workspace: two cameras' cells; NULL: there is one */
 
-	int64_t t_capture_ns; /* of the newest frame */
-	struct lp_frame about; /* the newest frame, without its picture */
+	int64_t t_capture_ns;	   /* of the newest frame */
+	struct lp_frame about;	   /* the newest frame, without its picture */
 	struct lp_frame_time time; /* of the newest frame */
-	bool loaded;	      /* it has not been accepted yet */
-	float late_s;	      /* it was taken so long before t_capture_ns: a still; else 0 */
-	int64_t t_moved_ns;   /* of the last frame in which the box turned, or much light changed */
-	int64_t t_lost_ns;    /* since when a camera is away; 0: none is */
-	bool lost_view;	      /* no camera that is there looks at a part of what is known */
-	float lost_share;     /* of the light that is known: that part's */
+	bool loaded;		   /* it has not been accepted yet */
+	float late_s;		   /* it was taken so long before t_capture_ns: a still; else 0 */
+	int64_t t_moved_ns; /* of the last frame in which the box turned, or much light changed */
+	int64_t t_lost_ns;  /* since when a camera is away; 0: none is */
+	bool lost_view;	    /* no camera that is there looks at a part of what is known */
+	float lost_share;   /* of the light that is known: that part's */
 
 	struct lp_radiance_map *map;
 	struct lp_panorama panorama; /* the map, as the rest of the pipeline sees it */
 	struct lp_motion motion;
-	int64_t t_motion_ns; /* that motion.rotation is of; 0: nothing has been seen */
-	int64_t t_map_ns;    /* of the last frame that the map has observed */
-	float agreement;     /* of the last alignment */
-	double elapsed_s;    /* between the newest frame and the one before; 0: not told */
+	int64_t t_motion_ns;	 /* that motion.rotation is of; 0: nothing has been seen */
+	struct lp_motion before; /* motion before the newest frame, of t_before_ns */
+	int64_t t_before_ns;
+	int64_t t_map_ns; /* of the last frame that the map has observed */
+	float agreement;  /* of the last alignment */
+	double elapsed_s; /* between the newest frame and the one before; 0: not told */
 	struct lp_testimony testimony; /* what the newest frame carries of its orientation */
+	struct lp_testimony heeded;    /* of the newest frame that is no still */
 	struct lp_witness witness;
 
 	/* Where the map's cells lie in the camera's frame, while the camera is turned. */
@@ -102,6 +106,9 @@ void lp_imager_place_film(struct lp_imager *imager);
 /* What the film's angle tells, and then the frame as it would be without the film. */
 void lp_imager_see_through(struct lp_imager *imager, struct lp_observation *seen);
 
+/* How the newest frame's rows look elsewhere, by how fast the camera turns. */
+struct lp_shear lp_imager_shear(const struct lp_imager *imager);
+
 /* The newest frame's scale is another. */
 void lp_imager_rescale(struct lp_imager *imager, float scale);
 
@@ -120,9 +127,11 @@ void lp_imager_forget_scale(struct lp_imager *imager);
 float lp_imager_scale_in_map(const struct lp_imager *imager, struct lp_gain *gain);
 void lp_imager_turn_scale(const struct lp_imager *imager, struct lp_gain *gain, float in_map);
 
-/* Where the camera looks in the newest frame (follow.c); and, once all that shows it has been
- * heard, what that says of the witness. */
+/* Where the camera looks in the newest frame (follow.c); the same if the frame was taken at another
+ * time than it seemed; and, once all that shows it has been heard, what that says of the witness.
+ */
 void lp_imager_follow(struct lp_imager *imager);
+void lp_imager_follow_again(struct lp_imager *imager);
 void lp_imager_followed(struct lp_imager *imager);
 
 /* The newest frame against the map, if it was exposed for exposure_us (times gain). */

@@ -12,6 +12,7 @@
 
 extern "C" {
 #include "light/grid.h"
+#include "light/shear.h"
 }
 
 using cv::v_float32x4;
@@ -80,6 +81,45 @@ void find_places(const struct lp_grid *grid, const struct lp_rotation &rotation,
 	}
 }
 
+/* The same of a picture whose rows were exposed one after the other. */
+void find_sheared(const struct lp_grid *grid, const struct lp_rotation &rotation,
+		  const struct lp_shear &shear, int r, row_places &to)
+{
+	const v_float32x4 half = cv::v_setall_f32(0.5F);
+	const cv::v_int32x4 last_row = cv::v_setall_s32(grid->height - 1);
+	v_float32x4 turn[3];
+
+	find_places(grid, rotation, r, to);
+	for (int a = 0; a < 3; a++)
+		turn[a] = cv::v_setall_f32(static_cast<float>(-shear.turn[a]));
+	const lp::turned_row row(rotation, grid->row_sin[r], grid->row_cos[r]);
+
+	for (int c = 0; c < grid->width; c += 4) {
+		const v_float32x4 sine = cv::v_load(grid->column_sin + c);
+		const v_float32x4 cosine = cv::v_load(grid->column_cos + c);
+		const v_float32x4 d[3] = {row.at(0, sine, cosine), row.at(1, sine, cosine),
+					  row.at(2, sine, cosine)};
+		const cv::v_int32x4 width = cv::v_setall_s32(grid->width);
+		const cv::v_int32x4 column = cv::v_trunc(cv::v_load(to.column + c) + half);
+		const cv::v_int32x4 wrapped = column - (width & (column >= width));
+		const cv::v_int32x4 cell_row =
+			cv::v_min(cv::v_trunc(cv::v_load(to.row + c) + half), last_row);
+		const cv::v_int32x4 cell = cell_row * width + wrapped;
+		const v_float32x4 share = cv::v_lut(shear.row_share, cell);
+		v_float32x4 seen[3];
+
+		for (int a = 0; a < 3; a++) {
+			const int b = (a + 1) % 3, e = (a + 2) % 3;
+
+			seen[a] = cv::v_fma(share, turn[b] * d[e] - turn[e] * d[b], d[a]);
+		}
+		const lp::places at(seen[0], seen[1], seen[2], grid->width, grid->height);
+
+		cv::v_store(to.column + c, at.column);
+		cv::v_store(to.row + c, at.row);
+	}
+}
+
 /* Those of the row as far from the other pole: half a turn away lies the cell that looks the
  * opposite way, and so it does after any rotation. */
 void find_opposite(const struct lp_grid *grid, const row_places &from, row_places &to)
@@ -138,6 +178,21 @@ extern "C" void lp_lookup_set(struct lp_lookup *lookup, const struct lp_rotation
 		find_opposite(grid, upper, lower);
 		set_row(lookup, r, upper);
 		set_row(lookup, grid->height - 1 - r, lower);
+	}
+}
+
+extern "C" void lp_lookup_set_sheared(struct lp_lookup *lookup, const struct lp_rotation *rotation,
+				      const struct lp_shear *shear)
+{
+	row_places row;
+
+	if (lp_shear_is_none(shear)) {
+		lp_lookup_set(lookup, rotation);
+		return;
+	}
+	for (int r = 0; r < lookup->grid->height; r++) {
+		find_sheared(lookup->grid, *rotation, *shear, r, row);
+		set_row(lookup, r, row);
 	}
 }
 

@@ -15,6 +15,7 @@ extern "C" {
 
 struct lp_grid;
 struct lp_rotation;
+struct lp_shear;
 
 struct lp_lookup {
 	const struct lp_grid *grid; /* borrowed */
@@ -31,6 +32,11 @@ void lp_lookup_destroy(struct lp_lookup *lookup);			     /* accepts NULL */
 
 /* `rotation` turns a direction of the grid that is filled into one of the grid that is read. */
 void lp_lookup_set(struct lp_lookup *lookup, const struct lp_rotation *rotation);
+
+/* The same where the grid that is read is a picture whose rows were exposed one after the other
+ * (lp_shear_from_middle()). */
+void lp_lookup_set_sheared(struct lp_lookup *lookup, const struct lp_rotation *rotation,
+			   const struct lp_shear *shear);
 
 /*
  * Fill `to` from `from` (R, G, B, luminance). Where columns crowd towards a pole, `from` is first

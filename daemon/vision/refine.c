@@ -457,23 +457,38 @@ static void apply(const struct lp_imager *imager, const struct lp_exposure *expo
 		(lamp->flags & ~(uint32_t)LP_LIGHT_CLIPPED) | (clipped ? LP_LIGHT_CLIPPED : 0);
 }
 
-/* From the anchor frame to the camera's, or back. */
-static void turn_lamp(const struct lp_rotation *rotation, struct lp_lamp *lamp)
+/* From the anchor frame to where it is in the camera's picture. */
+static void place_lamp(const struct lp_imager *imager, struct lp_lamp *lamp)
 {
-	lp_rotate_direction(rotation, lamp->direction);
-	lp_rotate_direction(rotation, lamp->centroid);
+	const struct lp_rotation back = lp_rotation_inverse(&imager->motion.rotation);
+	const struct lp_shear shear = lp_imager_shear(imager);
+
+	for (int k = 0; k < 2; k++) {
+		float *direction = k ? lamp->centroid : lamp->direction;
+
+		lp_rotate_direction(&back, direction);
+		lp_shear_from_middle(&shear, direction);
+	}
 }
 
-/* Something before the lens hides the lamp. */
-static bool covers(const struct lp_imager *imager, const struct lp_rotation *back,
-		   const struct lp_lamp *lamp)
+/* And back. */
+static void turn_lamp(const struct lp_imager *imager, struct lp_lamp *lamp)
 {
-	float direction[3];
+	const struct lp_shear shear = lp_imager_shear(imager);
 
+	for (int k = 0; k < 2; k++) {
+		float *direction = k ? lamp->centroid : lamp->direction;
+
+		lp_shear_to_middle(&shear, direction);
+		lp_rotate_direction(&imager->motion.rotation, direction);
+	}
+}
+
+/* Something before the lens hides the lamp; `direction`: in the camera's picture. */
+static bool covers(const struct lp_imager *imager, const float direction[3])
+{
 	if (!imager->eye->cover.found)
 		return false;
-	memcpy(direction, lamp->direction, sizeof(direction));
-	lp_rotate_direction(back, direction);
 	return imager->eye->cover
 		.near[lp_cover_block(imager->grid->width, lp_grid_cell(imager->grid, direction))];
 }
@@ -482,16 +497,15 @@ bool lp_imager_refine(struct lp_imager *imager, const struct lp_lamp_finder *fin
 		      struct lp_lamp *lamp, int most_cells)
 {
 	const struct lp_exposure *exposure = &imager->eye->incoming;
-	const struct lp_rotation back = lp_rotation_inverse(&imager->motion.rotation);
 	struct lp_lamp seen = *lamp;
 	struct patch patch;
 
 	if (most_cells > LP_REFINE_MAX_CELLS)
 		most_cells = LP_REFINE_MAX_CELLS;
-	if (!imager->eye->remap || covers(imager, &back, lamp) ||
+	place_lamp(imager, &seen);
+	if (!imager->eye->remap || covers(imager, seen.direction) ||
 	    !collect(imager, finder, lamp, most_cells, &patch))
 		return false;
-	turn_lamp(&back, &seen);
 	const float peak = load_pixels(imager, exposure, &patch) - lamp->background[LP_LUMINANCE];
 	const float threshold = fmaxf(CORE_SHARE * peak, 3.0F * lamp->background_noise);
 	const struct sums s = sum_patch(imager, exposure, &patch, &seen, threshold);
@@ -501,7 +515,7 @@ bool lp_imager_refine(struct lp_imager *imager, const struct lp_lamp_finder *fin
 	apply(imager, exposure, &s, clips(exposure, &patch), &seen);
 	seen.rim = seen.flags & LP_LIGHT_CLIPPED ? rim_of(imager, exposure, &patch, lamp)
 						 : (struct lp_lamp_rim){0};
-	turn_lamp(&imager->motion.rotation, &seen);
+	turn_lamp(imager, &seen);
 	*lamp = seen;
 	return true;
 }

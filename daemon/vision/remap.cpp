@@ -248,6 +248,21 @@ double fill_row(struct lp_remap *remap, const std::vector<entry> &row, int first
 	return covered;
 }
 
+/* In the picture, the mean height of what a panorama cell sees. */
+float row_share(const struct lp_remap *remap, const std::vector<entry> &row)
+{
+	const int columns = cells_across(remap->width_px, remap->cell_px);
+	double sum = 0.0, covered = 0.0;
+
+	for (const entry &e : row) {
+		const double y_px = (e.source / columns + 0.5) * remap->cell_px;
+
+		sum += e.weight * (y_px / remap->height_px - 0.5);
+		covered += e.weight;
+	}
+	return covered > 0.0 ? static_cast<float>(sum / covered) : 0.0F;
+}
+
 int compress(const matrix &rows, int sources, struct lp_remap *remap)
 {
 	const std::vector<int> order = by_length(rows);
@@ -265,10 +280,12 @@ int compress(const matrix &rows, int sources, struct lp_remap *remap)
 	remap->weight = array_of<float>(count);
 	remap->given_sr = array_of<float>(sources);
 	remap->unseen = array_of<uint8_t>(cells);
+	remap->row_share = array_of<float>(cells);
 	remap->target_first = array_of<int>(sources);
 	remap->target = array_of<int>(count);
 	if (!remap->order || !remap->first || !remap->row || !remap->source || !remap->weight ||
-	    !remap->given_sr || !remap->unseen || !remap->target_first || !remap->target)
+	    !remap->given_sr || !remap->unseen || !remap->row_share || !remap->target_first ||
+	    !remap->target)
 		return -ENOMEM;
 	for (int i = 0; i < cells; i++) {
 		const int cell = order[i];
@@ -277,6 +294,7 @@ int compress(const matrix &rows, int sources, struct lp_remap *remap)
 
 		remap->order[i] = cell;
 		remap->row[cell] = i;
+		remap->row_share[cell] = row_share(remap, rows[cell]);
 		if (fill_row(remap, rows[cell], remap->first[i], omega) > 0.0)
 			seen += omega;
 		else
@@ -331,8 +349,8 @@ extern "C" void lp_remap_destroy(struct lp_remap *remap)
 	     {static_cast<void *>(remap->order), static_cast<void *>(remap->first),
 	      static_cast<void *>(remap->row), static_cast<void *>(remap->source),
 	      static_cast<void *>(remap->weight), static_cast<void *>(remap->given_sr),
-	      static_cast<void *>(remap->unseen), static_cast<void *>(remap->target),
-	      static_cast<void *>(remap->target_first)})
+	      static_cast<void *>(remap->unseen), static_cast<void *>(remap->row_share),
+	      static_cast<void *>(remap->target), static_cast<void *>(remap->target_first)})
 		std::free(array);
 	std::free(remap);
 }

@@ -28,13 +28,15 @@ struct lp_remap {
 	int width_px, height_px, cell_px; /* of the picture it was built for */
 	bool identity;			  /* the camera's cells are the panorama's */
 	int *order, *first;
-	int *row;	 /* of a panorama cell */
-	int *source;	 /* camera cell */
-	float *weight;	 /* includes division by the lens's relative illumination */
-	float *given_sr; /* per camera cell: weight times solid angle that the panorama takes from
-			    it */
-	uint8_t *unseen; /* flags of a picture without clipped cells */
-	int sources;	 /* camera cells */
+	int *row;	  /* of a panorama cell */
+	int *source;	  /* camera cell */
+	float *weight;	  /* includes division by the lens's relative illumination */
+	float *given_sr;  /* per camera cell: weight times solid angle that the panorama takes from
+			     it */
+	uint8_t *unseen;  /* flags of a picture without clipped cells */
+	float *row_share; /* where in the picture a panorama cell is seen: -1/2 its upper edge, 1/2
+			     the lower; 0 where it is not */
+	int sources;	  /* camera cells */
 	int *target_first, *target; /* panorama cells that take from camera cell k: from
 				       target_first[k] to before target_first[k + 1] */
 	float seen_fraction;	    /* of the sphere's solid angle */

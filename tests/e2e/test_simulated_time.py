@@ -42,6 +42,21 @@ def test_two_runs_are_alike_to_the_last_bit() -> None:
     assert health_s == pytest.approx([k + 0.1 for k in range(9)])  # with the daemon's tick
 
 
+@pytest.mark.parametrize("faults", [Faults(), Faults(hide_exposure=1)])
+def test_commands_take_effect_at_the_same_frames(faults: Faults) -> None:
+    """A frame and the next exposure may be due at the same time: first the frame is taken."""
+
+    def told() -> list[str]:
+        with LiveProbe(camera(), faults=faults) as probe:
+            client = probe.client(ALL)
+            probe.run(2.0)
+            return [repr(replace(one, boot_id=0)) for one in client.estimates]
+
+    first = told()
+    assert len(first) > 30
+    assert first == told()
+
+
 def test_a_silent_camera_makes_estimates_stale_after_their_time() -> None:
     estimates, _, _ = story()
     stale = [e for e in estimates if e.flags & 1]

@@ -542,6 +542,32 @@ static void test_darkness(void **state)
 	lp_pipeline_destroy(pipeline);
 }
 
+/* Until a camera has ever done what it was told, a frame has what was commanded; from then on,
+ * before that delay has passed, what it had. */
+static void test_what_a_frame_most_likely_has(void **state)
+{
+	const struct lp_bracket_limits limits = {.min_us = 100, .max_us = 33000};
+	struct lp_bracket b;
+
+	(void)state;
+	lp_bracket_init(&b, 3, &limits);
+	b.state = LP_BRACKET_RUNNING;
+	b.could = 2;
+	b.settled_us = 16000;
+	b.commanded_us = 250;
+	lp_bracket_frame(&b, 1);
+	b.frames_since_command = 0;
+	assert_float_equal(lp_bracket_expected_us(&b, 2), 250, 0);
+	b.changes = 1;
+	b.least_seen_frames = b.most_seen_frames = 3;
+	assert_float_equal(lp_bracket_expected_us(&b, 2), 16000, 0);
+	assert_float_equal(lp_bracket_expected_us(&b, 3), 16000, 0);
+	assert_float_equal(lp_bracket_expected_us(&b, 4), 250, 0);
+	b.could = 1;
+	b.settled_us = 250;
+	assert_float_equal(lp_bracket_expected_us(&b, 2), 250, 0);
+}
+
 /* One exposure when one suffices. */
 static void test_number_of_exposures_by_the_scene(void **state)
 {
@@ -745,6 +771,7 @@ int main(void)
 		cmocka_unit_test(test_a_change_of_all_light),
 		cmocka_unit_test(test_sudden_changes_of_all_light),
 		cmocka_unit_test(test_darkness),
+		cmocka_unit_test(test_what_a_frame_most_likely_has),
 		cmocka_unit_test(test_number_of_exposures_by_the_scene),
 		cmocka_unit_test(test_a_lamp_smaller_than_a_cell),
 		cmocka_unit_test(test_an_unsteady_delay_is_mostly_merged_rightly),

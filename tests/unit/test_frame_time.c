@@ -14,7 +14,9 @@ static double middle_ms(const struct lp_frame *frame, float exposure_us)
 
 static void test_what_is_known(void **state)
 {
-	const struct lp_frame at_once = {.t_read_ns = READ_NS, .period_us = 33333, .height_px = 960};
+	const struct lp_frame at_once = {.t_read_ns = READ_NS,
+					 .period_us = 33333,
+					 .height_px = 960};
 	struct lp_frame rolling = at_once;
 
 	(void)state;
@@ -71,8 +73,12 @@ static void test_unknown_rows_are_read_within_the_period(void **state)
 
 static void test_the_start_is_never_too_late(void **state)
 {
-	const struct lp_frame unknown = {.t_read_ns = READ_NS, .exposure_us = NAN, .period_us = 10000};
-	const struct lp_frame known = {.t_read_ns = READ_NS, .exposure_us = 4000, .period_us = 10000};
+	const struct lp_frame unknown = {.t_read_ns = READ_NS,
+					 .exposure_us = NAN,
+					 .period_us = 10000};
+	const struct lp_frame known = {.t_read_ns = READ_NS,
+				       .exposure_us = 4000,
+				       .period_us = 10000};
 
 	(void)state;
 	assert_int_equal(lp_frame_start_ns(&unknown), READ_NS - 10 * LP_NS_PER_MS);

@@ -4,10 +4,12 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "include/panorama.h"
 #include "light/grid.h"
 #include "light/rotation.h"
+#include "light/shear.h"
 #include "lp_test.h"
 
 /* A small grid whose half turn is no multiple of four columns, and that of the daemon. */
@@ -72,6 +74,82 @@ static void test_places(void **state)
 		}
 		end(&t);
 	}
+}
+
+/* Of a picture whose rows were exposed one after the other, each cell is found where the camera
+ * looked while that row was. */
+static void test_places_of_a_rolling_shutter(void **state)
+{
+	const double degree = M_PI / 180.0;
+
+	(void)state;
+	for (int n = 0; n < 10; n++) {
+		struct turned t = begin(240);
+		const int width = t.grid->width, cells = width * width / 2;
+		float *row_share = calloc((size_t)cells, sizeof(*row_share));
+		const struct lp_shear shear = {.grid = t.grid,
+					       .row_share = row_share,
+					       .turn = {6.0 * degree * uniform(),
+							6.0 * degree * uniform(),
+							6.0 * degree * uniform()}};
+
+		for (int i = 0; i < cells; i++)
+			row_share[i] = (float)((i / width + 0.5) / (width / 2.0) - 0.5);
+		lp_lookup_set_sheared(t.lookup, &t.rotation, &shear);
+		for (int i = 0; i < cells; i++) {
+			const double down = t.lookup->left[i] / width + (double)t.lookup->down[i];
+			const double across =
+				t.lookup->left[i] % width + (double)t.lookup->across[i];
+			const double theta = M_PI * (down + 0.5) / (width / 2.0);
+			const double lambda = 2.0 * M_PI * ((across + 0.5) / width - 0.5);
+			const double share = (down + 0.5) / (width / 2.0) - 0.5;
+			const double turn[3] = {share * shear.turn[0], share * shear.turn[1],
+						share * shear.turn[2]};
+			const struct lp_rotation then = lp_rotation_of_vector(turn);
+			float found[3] = {(float)(sin(theta) * sin(lambda)), (float)cos(theta),
+					  (float)(-sin(theta) * cos(lambda))};
+			float wanted[3];
+
+			if (down < 0.01 || down > width / 2.0 - 1.01)
+				continue; /* at a pole places are held within the grid */
+			lp_rotate_direction(&then, found);
+			lp_grid_direction(t.grid, i, wanted);
+			lp_rotate_direction(&t.rotation, wanted);
+			for (int a = 0; a < 3; a++)
+				assert_float_equal(found[a], wanted[a], 0.001);
+		}
+		free(row_share);
+		end(&t);
+	}
+}
+
+/* There and back again. */
+static void test_a_sheared_direction_returns(void **state)
+{
+	struct turned t = begin(240);
+	float *row_share = calloc((size_t)240 * 120, sizeof(*row_share));
+	const struct lp_shear shear = {.grid = t.grid,
+				       .row_share = row_share,
+				       .turn = {0.01, 0.05, -0.02}};
+	const struct lp_shear none = {.grid = t.grid, .turn = {0.01, 0.05, -0.02}};
+
+	(void)state;
+	for (int i = 0; i < 240 * 120; i++)
+		row_share[i] = (float)((i / 240 + 0.5) / 120.0 - 0.5);
+	for (int i = 0; i < 240 * 120; i += 7) {
+		float begun[3], d[3];
+
+		lp_grid_direction(t.grid, i, begun);
+		memcpy(d, begun, sizeof(d));
+		lp_shear_to_middle(&none, d);
+		assert_memory_equal(d, begun, sizeof(d));
+		lp_shear_to_middle(&shear, d);
+		lp_shear_from_middle(&shear, d);
+		for (int a = 0; a < 3; a++)
+			assert_float_equal(d[a], begun[a], 0.002);
+	}
+	free(row_share);
+	end(&t);
 }
 
 /* Columns to either side that span half a row's height. */
@@ -160,6 +238,8 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_places),
+		cmocka_unit_test(test_places_of_a_rolling_shutter),
+		cmocka_unit_test(test_a_sheared_direction_returns),
 		cmocka_unit_test(test_marks),
 		cmocka_unit_test(test_an_even_picture_stays_even),
 	};

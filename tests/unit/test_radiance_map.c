@@ -9,6 +9,7 @@
 #include "include/panorama.h"
 #include "light/grid.h"
 #include "light/rotation.h"
+#include "light/shear.h"
 #include "lp_test.h"
 #include "vision/alignment.h"
 #include "vision/camera.h"
@@ -406,7 +407,7 @@ static void test_a_turned_picture_is_aligned(void **state)
 
 		look(&truth, gain);
 		seen = picture(2.0F);
-		lp_alignment_load(alignment, map, &seen);
+		lp_alignment_load(alignment, map, &seen, &(struct lp_shear){0});
 		const struct lp_alignment_result result =
 			lp_alignment_solve(alignment, &identity, none, 0.1);
 		const struct lp_rotation found = lp_rotation_of_vector(result.turn);
@@ -432,12 +433,12 @@ static void test_what_cannot_be_aligned_is_told(void **state)
 	for (int i = 0; i < CELLS; i++)
 		for (int c = 0; c < 4; c++)
 			radiance[i][c] = (i / 8 + i / (8 * WIDTH)) % 2 ? 0.02F : 1.5F;
-	lp_alignment_load(alignment, map, &seen);
+	lp_alignment_load(alignment, map, &seen, &(struct lp_shear){0});
 	struct lp_alignment_result result = lp_alignment_solve(alignment, &identity, firm, 0.001);
 
 	assert_true(result.agreement < 0.4F);
 	fill(0.0F);
-	lp_alignment_load(alignment, map, &seen);
+	lp_alignment_load(alignment, map, &seen, &(struct lp_shear){0});
 	result = lp_alignment_solve(alignment, &identity, firm, 0.001);
 	for (int a = 0; a < 3; a++) {
 		assert_float_equal(result.turn[a], 0.0, 1e-9);

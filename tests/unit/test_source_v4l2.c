@@ -584,8 +584,7 @@ static void test_a_command_that_is_answered_late(void **state)
 
 static void test_time_without_a_stamp(void **state)
 {
-	struct lp_frame frame = {.t_read_ns = 50 * LP_NS_PER_MS,
-				 .t_arrival_ns = 70 * LP_NS_PER_MS};
+	struct lp_frame frame = {.t_read_ns = 50 * LP_NS_PER_MS, .t_arrival_ns = 70 * LP_NS_PER_MS};
 	struct lp_exposure_guess guess;
 
 	(void)state;
