@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /** What the objects are made of: twice, by three.js' physical materials and by the formulas of lightprobe.shading. */
-import { MeshLambertMaterial, MeshPhysicalMaterial } from "three";
+import { MeshLambertMaterial, MeshPhysicalMaterial, ShaderChunk, type MeshStandardMaterial } from "three";
 import { SurfaceMaterial, type Surface } from "./surface.js";
 
 /** Diameter of a sphere, in metres: the way of light through the glass. */
@@ -36,5 +36,17 @@ export const BY_FORMULA = Object.fromEntries(Object.entries(SURFACES).map(([name
 
 export const NAMES = Object.keys(SURFACES) as Name[];
 
-/** Physical materials that show the surroundings by an environment map. It would light the others twice: they have the SH. */
-export const MIRRORS = (["silver", "copper", "chrome", "glass"] as const).map((name) => PHYSICAL[name] as MeshPhysicalMaterial);
+const CHUNK = "lights_fragment_maps", DIFFUSE = "iblIrradiance += getIBLIrradiance( geometryNormal );";
+
+/** The same material, which takes no diffuse light from its environment map: it has that from the SH. */
+export function mirroringOnly<T extends MeshStandardMaterial>(material: T): T {
+  material.onBeforeCompile = (shader) => {
+    const place = `#include <${CHUNK}>`, chunk = ShaderChunk[CHUNK];
+    if (!shader.fragmentShader.includes(place) || !chunk.includes(DIFFUSE)) throw new Error(`materials: three.js' ${CHUNK} has changed: adapt web/materials.ts to this version of three.js`);
+    shader.fragmentShader = shader.fragmentShader.replace(place, chunk.replace(DIFFUSE, ""));
+  };
+  return material;
+}
+
+/** Physical materials that show the surroundings by an environment map. */
+export const MIRRORS = (["plastic", "silver", "copper", "chrome", "glass"] as const).map((name) => mirroringOnly(PHYSICAL[name] as MeshPhysicalMaterial));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /** What stands beside the picture: a map of all directions, lamps, figures, spherical harmonics, faults. */
-import { LightFlag, flagNames, luminance, meanIrradiance, sh } from "../src/index.js";
+import { LightFlag, besideSh, flagNames, luminance, meanIrradiance, sh } from "../src/index.js";
 import type { Estimate, Light, Probe, Vec3 } from "../src/index.js";
 
 const element = <T extends HTMLElement>(id: string): T => document.getElementById(id) as T;
@@ -42,7 +42,7 @@ export function drawMap(estimate: Estimate | undefined, truth: Estimate | undefi
     }
   };
   context.lineWidth = 3;
-  for (const light of estimate.lights) {
+  for (const light of besideSh(estimate)) {
     context.strokeStyle = "#ffd479";
     round(light, Math.max(light.angularRadiusDeg, 2));
     if (light.directionSigmaDeg === undefined || light.directionSigmaDeg < 0.3) continue; // too small to see
@@ -63,7 +63,7 @@ export function drawMap(estimate: Estimate | undefined, truth: Estimate | undefi
 const number = (value: number, digits = 0): string => value.toFixed(digits);
 
 function drawLamps(estimate: Estimate | undefined): void {
-  const rows = (estimate?.lights ?? []).map((light) => {
+  const rows = besideSh(estimate).map((light) => {
     const row = document.createElement("tr");
     const swatch = document.createElement("span");
     swatch.className = "swatch";
@@ -73,7 +73,7 @@ function drawLamps(estimate: Estimate | undefined): void {
       `${luminance(light.irradiance).toPrecision(3)}${light.flags & LightFlag.CLIPPED ? " ≥" : ""}`];
     for (const [i, text] of cells.entries()) {
       const cell = row.insertCell();
-      if (i === 0) cell.append(swatch, ` ${light.id}`);
+      if (i === 0) cell.append(swatch, ` ${light.id || "KEY"}`);
       else cell.textContent = text;
     }
     return row;
@@ -88,6 +88,13 @@ function drawFigures(figures: Record<string, string>): void {
     text.textContent = value;
     return [term, text];
   }));
+}
+
+/** What keeps the probe away; written only when it is new, so that it is read out once. */
+function showConnection(problem: string): void {
+  const connection = element("connection");
+  connection.hidden = problem === "";
+  if (connection.textContent !== problem) connection.textContent = problem;
 }
 
 const STATES = { connecting: "connecting", open: "", waiting: "no probe: trying again", closed: "ended" };
@@ -121,7 +128,5 @@ export function show(probe: Probe, estimate: Estimate | undefined, truth: Estima
   const faults = (health?.faults ?? []).map(({ id, text }) => `${id}: ${text}`);
   if (estimate?.flags) faults.push(`flags: ${flagNames(estimate.flags).join(", ")}`);
   element("faults").textContent = faults.join(" · ");
-  const problem = element("problem");
-  problem.hidden = !(probe.lastError && probe.state !== "open");
-  problem.textContent = probe.lastError ?? "";
+  showConnection(probe.state === "open" ? "" : probe.lastError ?? "");
 }

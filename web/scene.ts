@@ -4,7 +4,7 @@ import * as THREE from "three";
 import { GLTFLoader } from "three/examples/jsm/loaders/GLTFLoader.js";
 import type { Estimate, ReflectionMap } from "../src/index.js";
 import { ShadowCatcher } from "../src/three.js";
-import { BY_FORMULA, DIAMETER_M, MIRRORS, NAMES, PHYSICAL } from "./materials.js";
+import { BY_FORMULA, DIAMETER_M, MIRRORS, NAMES, PHYSICAL, mirroringOnly } from "./materials.js";
 import { Surroundings } from "./surroundings.js";
 
 const RADIUS_M = DIAMETER_M / 2, SPACING_M = 0.4, FLOOR_RADIUS_M = 12, FIELD_DEG = 32;
@@ -17,6 +17,8 @@ export class Stage {
   readonly #objects = new THREE.Group();
   readonly #spheres: THREE.Mesh<THREE.BufferGeometry, THREE.Material>[] = [];
   readonly #surroundings: Record<"probe" | "truth", Surroundings>;
+  /** Of the loaded object, what mirrors its surroundings. */
+  #loaded: THREE.MeshStandardMaterial[] = [];
   #isPicture = false;
   #marked: THREE.Matrix4 | undefined;
   /** Of the view, around the objects. */
@@ -65,7 +67,7 @@ export class Stage {
       this.scene.backgroundBlurriness = 0.4;
       this.scene.backgroundIntensity = 0.35 * intensity; // behind, not in front of the objects
     }
-    for (const material of MIRRORS) Object.assign(material, { envMap: texture, envMapIntensity: intensity });
+    for (const material of [...MIRRORS, ...this.#loaded]) Object.assign(material, { envMap: texture, envMapIntensity: intensity });
     for (const material of Object.values(BY_FORMULA)) material.setSurroundings(cube);
   }
 
@@ -83,7 +85,12 @@ export class Stage {
     box.setFromObject(scene);
     const centre = box.getCenter(new THREE.Vector3());
     scene.position.sub(new THREE.Vector3(centre.x, box.min.y, centre.z));
-    scene.traverse((one) => { one.castShadow = one.receiveShadow = true; });
+    const materials = new Set<THREE.Material>();
+    scene.traverse((one) => {
+      one.castShadow = one.receiveShadow = true;
+      if (one instanceof THREE.Mesh) for (const material of [one.material].flat() as THREE.Material[]) materials.add(material);
+    });
+    this.#loaded = [...materials].filter((material) => material instanceof THREE.MeshStandardMaterial).map(mirroringOnly);
     this.#objects.clear();
     this.#objects.add(scene);
   }

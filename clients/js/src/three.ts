@@ -170,6 +170,7 @@ export class ProbeLight extends Group {
     slot.radiusDeg += share * (target.radiusDeg - slot.radiusDeg);
     const strength = Math.max(slot.irradiance.x, slot.irradiance.y, slot.irradiance.z);
     light.intensity = strength;
+    light.shadow.autoUpdate = strength > 0; // the shadow of no light is not drawn
     if (strength > 0) light.color.setRGB(slot.irradiance.x / strength, slot.irradiance.y / strength, slot.irradiance.z / strength, LinearSRGBColorSpace);
     light.position.copy(slot.direction).multiplyScalar(10).add(light.target.position);
     const { shadowHeightM, shadowRegionM, shadowMapSize } = this.#options;

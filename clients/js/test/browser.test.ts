@@ -1,11 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/** In headless Chromium: pixels against the formulas, and the viewer with a live daemon. */
+/** In headless Chromium: pixels against the formulas, and reflections of a live lamp. */
 import assert from "node:assert/strict";
-import { spawn, type ChildProcess } from "node:child_process";
-import { mkdtempSync, readFileSync, writeFileSync } from "node:fs";
-import { createServer } from "node:http";
-import { tmpdir } from "node:os";
-import { join, resolve } from "node:path";
 import { after, before, test } from "node:test";
 import type { Browser, Page } from "playwright-core";
 import { create, toBinary } from "@bufbuild/protobuf";
@@ -13,27 +8,19 @@ import { decode, encodeSubscription, irradiance, largest, reflected, type Estima
 import { DEFAULT_SUBSCRIPTION } from "../src/wire.js";
 import * as pb from "../src/gen/lightprobe_pb.js";
 import { LONG_MS, launch, pageWith } from "./chromium.js";
-import { DAEMON, freePort, panorama } from "./daemon.js";
-import { ROOT } from "./golden.js";
+import { LiveDaemon } from "./daemon.js";
 
-let browser: Browser, daemon: ChildProcess, port = 0, folder = "";
-
-function startDaemon(...more: string[]): ChildProcess {
-  return spawn(DAEMON, [`--source=file:${join(folder, "room.pfm")}?rate=30`, `--publish=ws:127.0.0.1:${port}?root=${resolve(ROOT, "build/web")}`,
-    "--name=test room", "--reflection-map=32", "--ttl-ms=600000", ...more], { stdio: ["ignore", "ignore", "inherit"] });
-}
+let browser: Browser;
+const daemon = new LiveDaemon();
 
 before(async () => {
-  folder = mkdtempSync(join(tmpdir(), "lp-web-"));
-  writeFileSync(join(folder, "room.pfm"), panorama());
-  port = await freePort();
-  daemon = startDaemon();
+  await daemon.start();
   browser = await launch();
 }, { timeout: LONG_MS });
 
 after(async () => {
   await browser?.close();
-  daemon?.kill();
+  daemon.kill();
 });
 
 // ---------------------------------------------------------------- pixels
@@ -149,7 +136,7 @@ test("WebXR's cube map is looked up where the map lies", { timeout: LONG_MS }, a
 
 test("a mirror ball shows the live lamp where it is", { timeout: LONG_MS }, async () => {
   const page = await browser.newPage();
-  await page.goto(`http://127.0.0.1:${port}/style.css`); // the probe's own origin, and no other client in it
+  await page.goto(`http://127.0.0.1:${daemon.port}/style.css`); // the probe's own origin, and no other client in it
   const request = [...encodeSubscription({ ...DEFAULT_SUBSCRIPTION, reflectionMap: { size: 32, rateHz: 30 } }, 1)];
   const received = await page.evaluate(({ where, request }) => new Promise<number[][]>((done) => {
     const socket = new WebSocket(`ws://127.0.0.1:${where}/`, "lightprobe.v1"), messages: number[][] = [];
@@ -159,7 +146,7 @@ test("a mirror ball shows the live lamp where it is", { timeout: LONG_MS }, asyn
       messages.push([...new Uint8Array(data)]);
       if (data.byteLength > 20000) done(messages);
     };
-  }), { where: port, request });
+  }), { where: daemon.port, request });
   await page.close();
   const messages = received.map((bytes) => decode(Uint8Array.from(bytes)));
   const map = messages.flatMap((message) => (message?.kind === "reflectionMap" ? [message.reflectionMap] : []))[0]!;
@@ -168,117 +155,4 @@ test("a mirror ball shows the live lamp where it is", { timeout: LONG_MS }, asyn
   const cosine = lamp.reduce((sum, value, a) => sum + value * brightest.towards[a]!, 0);
   assert.ok(Math.acos(Math.min(1, cosine)) < (8 * Math.PI) / 180, `lamp at ${String(lamp)}, in the mirror at ${String(brightest.towards)}`); // places are 5° apart
   assert.ok(brightest.radiance[1] > 20 * reflected(map, [0, -1, 0])[1]);
-});
-
-// ---------------------------------------------------------------- the viewer
-
-/** The viewer in a window of this size; it fails on errors of the page and on requests to elsewhere. */
-async function viewer(width: number, height: number, query = ""): Promise<{ page: Page; faults: string[] }> {
-  const page = await browser.newPage({ viewport: { width, height }, reducedMotion: "reduce" });
-  const faults: string[] = [];
-  page.on("pageerror", (error) => faults.push(error.message));
-  page.on("console", (message) => { if (message.type() === "error") faults.push(message.text()); });
-  page.on("request", (request) => { if (!/^(data|blob):/.test(request.url()) && new URL(request.url()).host !== `127.0.0.1:${port}`) faults.push(`request to ${request.url()}`); });
-  await page.goto(`http://127.0.0.1:${port}/${query}`, { timeout: LONG_MS });
-  return { page, faults };
-}
-
-const lit = (page: Page): Promise<unknown> => page.waitForFunction(() => Number(document.body.dataset["frames"]) > 3 && document.querySelector("#lamps tbody tr"), null, { timeout: LONG_MS });
-
-for (const [name, width, height] of [["desktop", 1000, 640], ["phone", 390, 844]] as const)
-  test(`the viewer shows the live light: ${name}`, { timeout: 3 * LONG_MS }, async () => {
-    const { page, faults } = await viewer(width, height);
-    await lit(page);
-    assert.equal(await page.locator("#status").textContent(), "test room");
-    const [azimuth, elevation] = (await page.locator("#lamps tbody tr:first-child td").allTextContents()).slice(1, 3);
-    assert.match(azimuth!, /^[0-3]°$/);
-    assert.match(elevation!, /^4[2-6]° ± /);
-    assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), "the page is wider than its window");
-    assert.equal(await page.locator("#problem").isVisible(), false);
-    assert.deepEqual(faults, []);
-    await page.close();
-  });
-
-test("keys switch what is shown", { timeout: 2 * LONG_MS }, async () => {
-  const { page, faults } = await viewer(500, 400);
-  await lit(page);
-  for (const [key, id] of [["l", "use-lamps"], ["a", "use-ambient"], ["r", "turn"], ["f", "use-formulas"]] as const) {
-    const former = await page.locator(`#${id}`).isChecked();
-    await page.keyboard.press(key);
-    assert.equal(await page.locator(`#${id}`).isChecked(), !former);
-  }
-  await page.selectOption("#lights", "0");
-  await page.waitForFunction(() => !document.querySelector("#lamps tbody tr"), null, { timeout: LONG_MS });
-  assert.deepEqual(faults, []);
-  await page.close();
-});
-
-/** The picture in 64 × 64 pixels of red, green, blue and alpha, once `frames` more have been drawn. */
-async function picture(page: Page, frames: number): Promise<number[]> {
-  const drawn = await page.evaluate(() => Number(document.body.dataset["frames"]));
-  await page.waitForFunction((wanted) => Number(document.body.dataset["frames"]) > wanted, drawn + frames, { timeout: LONG_MS });
-  return page.evaluate(() => {
-    const small = new OffscreenCanvas(64, 64).getContext("2d")!;
-    small.drawImage(document.querySelector<HTMLCanvasElement>("#view")!, 0, 0, 64, 64);
-    return [...small.getImageData(0, 0, 64, 64).data];
-  });
-}
-
-test("classic formulas change the picture", { timeout: 3 * LONG_MS }, async () => {
-  const { page, faults } = await viewer(500, 400);
-  await lit(page);
-  const changed = (one: number[], other: number[]): number => one.filter((value, i) => Math.abs(value - other[i]!) > 20).length;
-  let before = await picture(page, 3), still = await picture(page, 3);
-  for (let i = 0; i < 20 && changed(before, still) > 4; i++) // exposure, shadows and resolution settle
-    [before, still] = [still, await picture(page, 3)];
-  assert.ok(changed(before, still) <= 4, `${changed(before, still)} values change by themselves`);
-  await page.keyboard.press("f");
-  const after = await picture(page, 3);
-  assert.ok(changed(still, after) > 40, `only ${changed(still, after)} values change with the materials`);
-  assert.deepEqual(faults, []);
-  await page.close();
-});
-
-test("a probe that restarts is found again", { timeout: 3 * LONG_MS }, async () => {
-  const { page } = await viewer(500, 400);
-  await lit(page);
-  daemon.kill("SIGKILL");
-  await page.waitForFunction(() => document.getElementById("status")!.classList.contains("bad"), null, { timeout: LONG_MS });
-  assert.match((await page.locator("#problem").textContent()) ?? "", /closed the connection|no answer/);
-  daemon = startDaemon();
-  await page.waitForFunction(() => document.getElementById("status")!.textContent === "test room" && document.querySelector("#lamps tbody tr"), null, { timeout: LONG_MS });
-  await page.close();
-});
-
-test("without WebGL a sentence says what to do", { timeout: LONG_MS }, async () => {
-  const page = await browser.newPage();
-  await page.addInitScript(() => {
-    HTMLCanvasElement.prototype.getContext = ((original) => function (this: HTMLCanvasElement, kind: string, ...rest: unknown[]) {
-      return kind.startsWith("webgl") ? null : (original as (...all: unknown[]) => unknown).call(this, kind, ...rest);
-    })(HTMLCanvasElement.prototype.getContext) as typeof HTMLCanvasElement.prototype.getContext;
-  });
-  await page.goto(`http://127.0.0.1:${port}/`);
-  await page.waitForFunction(() => /no WebGL 2/.test(document.getElementById("problem")!.textContent ?? ""), null, { timeout: LONG_MS });
-  await page.close();
-});
-
-test("a page of another origin gets nothing", { timeout: LONG_MS }, async () => {
-  const elsewhere = createServer((_, answer) => answer.setHeader("content-type", "text/html").end("<!doctype html>"));
-  await new Promise<void>((done) => { elsewhere.listen(0, "127.0.0.1", done); });
-  const page = await browser.newPage();
-  await page.goto(`http://127.0.0.1:${(elsewhere.address() as { port: number }).port}/`);
-  const ask = (target: number): Promise<string> => page.evaluate((where) => new Promise<string>((done) => {
-    const socket = new WebSocket(`ws://127.0.0.1:${where}/`, "lightprobe.v1");
-    socket.onmessage = () => done("a message");
-    socket.onerror = () => done("refused");
-  }), target);
-  assert.equal(await ask(port), "refused");
-  await page.goto(`http://127.0.0.1:${port}/style.css`);
-  assert.equal(await ask(port), "a message"); // the same question from the probe's own origin
-  await page.close();
-  elsewhere.close();
-});
-
-test("the page's licences are beside it", () => {
-  assert.match(readFileSync(resolve(ROOT, "build/web/main.js.LEGAL.txt"), "utf8"), /three/i);
 });

@@ -7,6 +7,7 @@ export const LONG_MS = 120_000; // the machine may be busy: never a measure of s
 
 export const launch = (...more: string[]): Promise<Browser> => chromium.launch({
   executablePath: process.env["CHROMIUM"] ?? "/usr/bin/chromium",
+  ignoreDefaultArgs: ["--hide-scrollbars"], // as users see it
   args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", ...more],
 });
 

@@ -1,7 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 /** The daemon, and what it looks at, for tests with a live one. */
+import { spawn, type ChildProcess } from "node:child_process";
+import { mkdtempSync, writeFileSync } from "node:fs";
 import { createServer } from "node:http";
-import { resolve } from "node:path";
+import { connect } from "node:net";
+import { tmpdir } from "node:os";
+import { join, resolve } from "node:path";
 import { ROOT } from "./golden.js";
 
 export const DAEMON = resolve(ROOT, "build/release/bin/lightprobed");
@@ -24,4 +28,38 @@ export function panorama(lampColumn = 64): Buffer {
       data.set(isLamp ? [400, 380, 300] : [0.5, 0.4, 0.3 + 0.2 * (row / height)], 3 * ((height - 1 - row) * width + column));
     }
   return Buffer.concat([Buffer.from(`PF\n${width} ${height}\n-1.0\n`), Buffer.from(data.buffer)]);
+}
+
+export const WEB = resolve(ROOT, "build/web");
+
+/** A daemon that looks at panorama() and serves the viewer; it may be stopped, and started again on the same port. */
+export class LiveDaemon {
+  readonly folder = mkdtempSync(join(tmpdir(), "lp-web-"));
+  port = 0;
+  #process: ChildProcess | undefined;
+
+  /** `publish`: the option's value for a port. Resolves when it listens. */
+  async start(publish = (port: number): string => `ws:127.0.0.1:${port}?root=${WEB}`, ...more: string[]): Promise<this> {
+    writeFileSync(join(this.folder, "room.pfm"), panorama());
+    this.port ||= await freePort();
+    this.#process = spawn(DAEMON, [`--source=file:${join(this.folder, "room.pfm")}?rate=30`, `--publish=${publish(this.port)}`,
+      "--name=test room", "--reflection-map=32", "--ttl-ms=600000", ...more], { stdio: ["ignore", "ignore", "inherit"] });
+    for (let left = 600; !(await this.#isListening()); left--) {
+      if (left === 0 || this.#process.exitCode !== null) throw new Error("the daemon does not listen");
+      await new Promise((done) => setTimeout(done, 100));
+    }
+    return this;
+  }
+
+  /** Ends it without a word to its clients. */
+  kill(): void {
+    this.#process?.kill("SIGKILL");
+  }
+
+  #isListening(): Promise<boolean> {
+    return new Promise((done) => {
+      const socket = connect(this.port, "127.0.0.1", () => { socket.destroy(); done(true); });
+      socket.on("error", () => done(false));
+    });
+  }
 }
