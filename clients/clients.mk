@@ -58,4 +58,5 @@ test-blender: build $(BLENDER)/installed $(BLENDER)/built ## test the Blender ex
 # The C# package: compiled and run by mono.
 .PHONY: test-csharp
 test-csharp: build $(call apt,csharp) ## test the C# package for Unity, by mono
+	@$(MAKE) VARIANT=asan -j$(JOBS) daemon
 	@$(VENV)/bin/pytest -q tests/engines/csharp

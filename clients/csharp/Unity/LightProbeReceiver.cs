@@ -7,18 +7,23 @@ using UnityEngine.Rendering;
 namespace Lightprobe
 {
     /// <summary>
-    /// Lights the scene with a probe's light: lamps become directional lights below this object, the rest the ambient probe.
-    /// The probe's axes are those of this object's transform. Lamps fade in and out; they do not pop.
+    /// Lights the scene with a probe's light: lamps become directional lights below this object, the rest the ambient probe;
+    /// in HDRP lamps alone, because HDRP takes ambient light from its sky and overwrites what others set (its
+    /// SkyManager.SetupAmbientProbe). The probe's axes are those of this object's transform. Lamps fade in and out; they do not
+    /// pop.
     /// </summary>
     [AddComponentMenu("Lighting/Lightprobe receiver")]
     public sealed class LightProbeReceiver : MonoBehaviour
     {
+        private const string LampsAlone =
+            "lightprobe: HDRP takes ambient light from its sky: only lamps come from the probe. Give the scene a sky as bright as the room.";
+
         [Tooltip("tcp:HOST:PORT of the probe")]
         [SerializeField] private string address = "tcp:127.0.0.1:7700";
         [Tooltip("Lamps at once")]
         [Range(0, 8)]
         [SerializeField] private int lamps = 4;
-        [Tooltip("Built-in and URP, or HDRP: they differ in what intensity means")]
+        [Tooltip("Built-in and URP, or HDRP: they differ in what intensity means; in HDRP only lamps come from the probe")]
         [SerializeField] private Pipeline pipeline = Pipeline.Universal;
         [Tooltip("Time constant of changes, in seconds")]
         [SerializeField] private float fadeS = 0.15f;
@@ -36,8 +41,12 @@ namespace Lightprobe
         public string Status =>
             _probe == null ? "off" : _probe.LastError ?? (_probe.Latest == null ? "no light yet" : "light is " + _probe.AgeMs.Value.ToString("0") + " ms old");
 
-        private void OnEnable() =>
+        private void OnEnable()
+        {
+            if (pipeline == Pipeline.HighDefinition) Debug.LogWarning(LampsAlone, this);
+            else GraphicsSettings.lightsUseLinearIntensity = true; // else the built-in pipeline takes intensity as sRGB
             _probe = new Probe(address, new Subscription { MaxLights = (uint)lamps, HealthPeriodMs = 1000 });
+        }
 
         private void OnDisable()
         {
@@ -54,7 +63,7 @@ namespace Lightprobe
             if (estimate != null)
                 foreach (var lamp in estimate.Lights) Aim(lamp, estimate.CdM2PerUnit ?? 1);
             Fade(share);
-            Ambient(estimate, share);
+            if (pipeline == Pipeline.Universal) Ambient(estimate, share);
         }
 
         /// <summary>Numbers of lamps begin anew: the lamps of before fade out beside the new ones.</summary>
@@ -83,8 +92,7 @@ namespace Lightprobe
 
         private void Ambient(Estimate estimate, float share)
         {
-            float scale = pipeline == Pipeline.HighDefinition ? estimate?.CdM2PerUnit ?? 1 : 1;
-            float[,] goal = estimate?.Sh == null ? new float[3, 9] : UnityLight.SphericalHarmonicsL2(estimate.Sh, scale);
+            float[,] goal = estimate?.Sh == null ? new float[3, 9] : UnityLight.SphericalHarmonicsL2(estimate.Sh);
             var probe = new SphericalHarmonicsL2();
             for (int c = 0; c < 3; c++)
                 for (int i = 0; i < 9; i++)

@@ -77,14 +77,15 @@ static class Checks
         ReflectionMap = new ReflectionMapWish { Size = 32, RateHz = 2.5f },
     };
 
-    /// <summary>Of an estimate's first lamp and SH, what Unity gets.</summary>
+    /// <summary>Of an estimate's first lamp and SH, what Unity gets: relative in URP, in lux and cd/m² in HDRP.</summary>
     static void Unity(string hex)
     {
         Estimate estimate = Probe.Decode(TcpConnection.Read(new MemoryStream(Bytes(hex)))).Estimate;
         foreach (Pipeline pipeline in new[] { Pipeline.Universal, Pipeline.HighDefinition })
         {
-            var lamp = new UnityLight(estimate.Lights[0], pipeline);
-            float[,] sh = UnityLight.SphericalHarmonicsL2(estimate.Sh);
+            float scale = estimate.CdM2PerUnit ?? 1;
+            var lamp = new UnityLight(estimate.Lights[0], pipeline, scale);
+            float[,] sh = UnityLight.SphericalHarmonicsL2(estimate.Sh, pipeline == Pipeline.HighDefinition ? scale : 1);
             Console.WriteLine(Json(lamp.Forward.Concat(lamp.Colour).Concat(new[] { lamp.Intensity }).Concat(sh.Cast<float>()).ToArray()));
         }
     }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The parts of UnityEngine that clients/csharp/Unity names, without any behaviour: the compiler finds misspelt names
-// with them. Nothing of Unity is tested.
+// The parts of UnityEngine that clients/csharp/Unity names, without any behaviour but that they note what they are told: the
+// compiler finds misspelt names with them, and a test what the component sets. Nothing of Unity is tested.
 using System;
 
 namespace UnityEngine
@@ -18,7 +18,8 @@ namespace UnityEngine
     public struct Quaternion { public static Quaternion LookRotation(Vector3 forward, Vector3 upwards) => default(Quaternion); }
     public static class Mathf { public static float Exp(float f) => 0; public static float Max(float a, float b) => 0; public static float Abs(float f) => 0; }
     public static class Time { public static float deltaTime => 0; }
-    public static class RenderSettings { public static Rendering.AmbientMode ambientMode; public static Rendering.SphericalHarmonicsL2 ambientProbe; }
+    public static class Debug { public static int Warnings; public static string Warning; public static void LogWarning(object message, Object context) { Warnings++; Warning = message.ToString(); } }
+    public static class RenderSettings { public static Rendering.AmbientMode ambientMode; public static int Probes; public static Rendering.SphericalHarmonicsL2 ambientProbe { set { Probes++; } } }
     public class SerializeField : Attribute { }
     public class TooltipAttribute : Attribute { public TooltipAttribute(string text) { } }
     public class RangeAttribute : Attribute { public RangeAttribute(float min, float max) { } }
@@ -27,6 +28,7 @@ namespace UnityEngine
 
 namespace UnityEngine.Rendering
 {
-    public enum AmbientMode { Custom }
+    public enum AmbientMode { Skybox, Custom }
+    public static class GraphicsSettings { public static bool lightsUseLinearIntensity; }
     public struct SphericalHarmonicsL2 { public float this[int rgb, int coefficient] { get { return 0; } set { } } }
 }

@@ -170,24 +170,30 @@ def test_a_subscription_is_written_as_python_reads_it(program):
     assert (wish.reflection_map.size, wish.reflection_map.rate_hz) == (32, 2.5)
 
 
+@pytest.mark.parametrize("cd_m2_per_unit", [None, 137.5])
 @pytest.mark.parametrize("towards", [(0, 1, 0), (0.6, 0, -0.8), (-0.48, 0.64, 0.6)])
-def test_unitys_numbers_are_those_of_convert(program, towards):
+def test_unitys_numbers_are_those_of_convert(program, towards, cd_m2_per_unit):
+    """URP takes light relative to the packet's unit, HDRP lux (irradiance) and cd/m² (SH)."""
     rng = np.random.default_rng(7)
     message = pb.FromProbe()
     lamp = message.estimate.lights.add(id=1, angular_radius_deg=0.5)
     lamp.direction.extend(towards)
     lamp.irradiance.extend([3, 2, 0.5])
+    if cd_m2_per_unit:
+        message.estimate.cd_m2_per_unit = cd_m2_per_unit
     message.estimate.sh.order = 4
     coefficients = rng.normal(size=(25, 3)).astype(np.float32)
     message.estimate.sh.coefficients.extend(coefficients.ravel().tolist())
     lines = ask(program, "unity", given=wire.delimit(message.SerializeToString()).hex())
     for line, name in zip(lines, ("unity", "unity-hdrp"), strict=True):
         adapter = ADAPTERS[name]
-        intensity = 3 * adapter.light_scale
+        absolute = cd_m2_per_unit or 1 if name == "unity-hdrp" else 1
+        intensity = 3 * adapter.light_scale * absolute
         colour = [1, *(1.055 * (x / 3) ** (1 / 2.4) - 0.055 for x in (2, 0.5))]
         forward = -adapter.direction(towards)
-        np.testing.assert_allclose(line[:7], [*forward, *colour, intensity], atol=1e-6)
-        np.testing.assert_allclose(line[7:], adapter.coefficients(coefficients), atol=1e-6)
+        np.testing.assert_allclose(line[:7], [*forward, *colour, intensity], rtol=1e-6, atol=1e-6)
+        coefficients_there = absolute * adapter.coefficients(coefficients)
+        np.testing.assert_allclose(line[7:], coefficients_there, rtol=1e-5, atol=1e-6)
     if towards == (0, 1, 0):  # a lamp straight up shines down, along Unity's -y
         assert lines[0][:3] == [0, -1, 0]
 
@@ -375,9 +381,28 @@ def test_the_messages_are_those_of_the_schema():
     )
 
 
-def test_the_example_and_unitys_part_compile(tmp_path):
-    """The latter with stubs, which have no behaviour: this finds misspelt names, no more."""
-    runtime, stubs = PACKAGE / "Runtime/*.cs", Path(__file__).with_name("UnityStubs.cs")
-    compiled(tmp_path / "watch.exe", runtime, PACKAGE / "Examples~/Watch.cs")
-    compiled(tmp_path / "unity.dll", runtime, PACKAGE / "Unity/*.cs", stubs,
-             options=("-target:library", "-nowarn:649,169,414"))  # fmt: skip
+def test_the_example_compiles(tmp_path):
+    compiled(tmp_path / "watch.exe", PACKAGE / "Runtime/*.cs", PACKAGE / "Examples~/Watch.cs")
+
+
+@pytest.fixture(scope="session")
+def receiver(tmp_path_factory):
+    """The component with stubs of Unity's types: they note what they are told, and do nothing."""
+    return compiled(
+        tmp_path_factory.mktemp("unity") / "receiver.exe",
+        PACKAGE / "Runtime/*.cs", PACKAGE / "Unity/*.cs",
+        *(Path(__file__).with_name(name) for name in ("UnityStubs.cs", "Receiver.cs")),
+        options=("-nowarn:649,169,414",),
+    )  # fmt: skip
+
+
+def test_in_urp_the_component_sets_the_ambient_probe(receiver):
+    told, _ = ask(receiver, "Universal")
+    assert told == "0 3 True True"
+
+
+def test_in_hdrp_it_says_once_that_lamps_alone_come(receiver):
+    """HDRP's sky would overwrite the ambient probe: it is left alone."""
+    told, warning = ask(receiver, "HighDefinition")
+    assert told == "1 0 False False"
+    assert "only lamps come from the probe" in warning
