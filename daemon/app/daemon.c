@@ -14,6 +14,7 @@
 #include "include/frame.h"
 
 #define TICK_NS (100 * LP_NS_PER_MS)
+#define EXPIRES_SOON_NS (14 * 24 * 3600 * LP_NS_PER_S)
 #define DRAIN_NS (5 * LP_NS_PER_S) /* how long the last packets may take to leave */
 
 /* ---------------------------------------------------------------- the end */
@@ -250,6 +251,35 @@ static void govern(struct lp_daemon *daemon)
 		lp_worker_preset(daemon->worker, (enum lp_preset)governor->preset);
 }
 
+static const char *const certificate_texts[] = {
+	[LP_EXPIRES_SOON] = "the certificate expires within 14 days — run lightprobe pair --new, "
+			    "restart lightprobed, and give clients the new address",
+	[LP_EXPIRED] = "the certificate has expired: browsers refuse it — run lightprobe pair "
+		       "--new, restart lightprobed, and give clients the new address",
+};
+
+/* A certificate that ends while the daemon runs keeps new clients away; they cannot tell us. */
+static void watch_certificates(struct lp_daemon *daemon)
+{
+	const int64_t now_ns = lp_clock_unix_ns(lp_clock_ns());
+	enum lp_validity validity = LP_VALID;
+
+	for (int i = 0; i < daemon->publisher_count; i++) {
+		const int64_t end_ns = daemon->publishers[i]->t_expires_unix_ns;
+
+		if (end_ns && now_ns > end_ns)
+			validity = LP_EXPIRED;
+		else if (end_ns && now_ns > end_ns - EXPIRES_SOON_NS && validity == LP_VALID)
+			validity = LP_EXPIRES_SOON;
+	}
+	if (validity == daemon->validity)
+		return;
+	daemon->validity = validity;
+	lp_health_fault(&daemon->health, "certificate", certificate_texts[validity]);
+	if (validity != LP_VALID)
+		lp_warning("lightprobed", "certificate", "%s", certificate_texts[validity]);
+}
+
 static void on_tick(struct lp_timer *timer)
 {
 	struct lp_daemon *daemon = LP_CONTAINER_OF(timer, struct lp_daemon, tick);
@@ -260,6 +290,7 @@ static void on_tick(struct lp_timer *timer)
 	lp_instruments_tick(daemon->instruments, lp_clock_ns());
 	lp_orientation_tick(&daemon->orientation, lp_clock_ns());
 	govern(daemon);
+	watch_certificates(daemon);
 	lp_hub_tick(daemon->hub);
 	feed_watchdog(daemon);
 	lp_log_flush(0);

@@ -25,6 +25,9 @@
 
 struct lp_daemon;
 
+/* Of the certificate that ends first. */
+enum lp_validity { LP_VALID, LP_EXPIRES_SOON, LP_EXPIRED };
+
 /* A source of frames, and what has come from it. */
 struct lp_daemon_camera {
 	struct lp_daemon *daemon;
@@ -59,6 +62,7 @@ struct lp_daemon {
 	struct lp_publisher *publishers[LP_MAX_PUBLISHERS];
 	int camera_count; /* 0: the ring alone */
 	int publisher_count;
+	enum lp_validity validity;
 	struct lp_health health;
 	struct lp_ring_watch ring_watch;
 	struct lp_ring_only ring_only;

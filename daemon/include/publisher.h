@@ -69,7 +69,10 @@ struct lp_publisher_ops {
 /* Base of every back end: embed it as the first member. */
 struct lp_publisher {
 	const struct lp_publisher_ops *ops;
-	bool is_insecure; /* open to the network without encryption; set by create() */
+	/* Set by create(): open to the network without encryption; when clients no longer accept
+	 * its certificate, by Unix time (0: it has none). */
+	bool is_insecure;
+	int64_t t_expires_unix_ns;
 	struct lp_publisher_host host;
 };
 

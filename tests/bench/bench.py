@@ -3,12 +3,15 @@
     bench.py [--quick] [--rounds N]
     bench.py --scenes NAME[,NAME...] [--rounds N]
     bench.py --film [--rounds N]
+    bench.py --stages [--rounds N]
+    bench.py --crowd
 
 The first writes build/bench/speed.json; without --quick also speed.md and speed_accuracy.png in
 docs/maintainers.
 --quick runs everything a little, to see that it works, and says nothing about speed. The second
 times scenes one by one, as `lightprobe` names them: a folder of panoramas, room, procedural:5. The
-third times a sweep of the polarizer alone.
+third times a sweep of the polarizer alone. The last two measure one section of speed.md each, and
+write it: the stages of an estimate with the reflection map, and the daemon with its subscribers.
 """
 
 from __future__ import annotations
@@ -119,27 +122,43 @@ def run_scenes(names: str, rounds: int) -> None:
 
 def run_film(rounds: int) -> None:
     """Time frames behind a film; the table goes to stdout."""
-    files = frames.make(frames.KINDS[DAEMON_KIND], OUT / "frames", frames.subjects(False))
-    print(report.film(timing.time_film(frames.KINDS[DAEMON_KIND], files, rounds)))
+    kind = frames.KINDS[DAEMON_KIND]
+    files = frames.make(kind, OUT / "frames", frames.subjects(False))
+    print(report.film(timing.time_some(kind, files, rounds, "balanced", timing.FILM)))
 
 
 def run_crowd(quick: bool) -> None:
     """Measure the daemon with subscribers, and write this section of speed.md."""
     files = frames.make(frames.KINDS[DAEMON_KIND], OUT / "frames", frames.subjects(False))
-    section = report.daemon(measure_daemon(files, quick)).strip()
+    write_section(report.daemon(measure_daemon(files, quick)), "--crowd", quick)
+
+
+def run_stages(quick: bool, rounds: int) -> None:
+    """Time the stages of an estimate, and write this section of speed.md."""
+    kinds = {}
+    for name, kind in frames.KINDS.items():
+        files = frames.make(kind, OUT / "frames", frames.subjects(False))
+        times = timing.time_some(kind, files, rounds, "stages")
+        kinds[name] = {"stages": timing.stages_of(times)}
+    write_section(report.stages({"frames": kinds}), "--stages", quick)
+
+
+def write_section(section: str, option: str, quick: bool) -> None:
+    """Print a section of speed.md; without `quick`, put it in the place of the former one."""
     on = machine()
-    section += (
-        f"\n\nThis section alone is by `tests/bench/bench.py --crowd`, on {on['processor']}, "
-        f"{on['cores']} cores, {on['date']}, revision {on['revision']}.\n"
+    section = (
+        f"{section.strip()}\n\nThis section alone is by `tests/bench/bench.py {option}`, on "
+        f"{on['processor']}, {on['cores']} cores, {on['date']}, revision {on['revision']}.\n"
     )
     print(section)
     if quick:
         return
     page = ROOT / "docs/maintainers/speed.md"
-    before, found, rest = page.read_text().partition("## The daemon\n")
+    head = section.partition("\n")[0]
+    before, found, rest = page.read_text().partition(f"{head}\n")
     after = rest.partition("\n## ")[2]
     if not (found and after):
-        raise SystemExit(f"{page}: has no section of the daemon: run make bench")
+        raise SystemExit(f"{page}: has no section {head.lstrip('# ')}: run make bench")
     page.write_text(f"{before}{section}\n## {after}")
 
 
@@ -185,6 +204,9 @@ def main() -> int:
         action="store_true",
         help="the daemon with subscribers alone; writes that section",
     )
+    parser.add_argument(
+        "--stages", action="store_true", help="the stages of an estimate alone; writes that section"
+    )
     arguments = parser.parse_args()
     quick = arguments.quick
     OUT.mkdir(parents=True, exist_ok=True)
@@ -196,6 +218,9 @@ def main() -> int:
         return 0
     if arguments.crowd:
         run_crowd(quick)
+        return 0
+    if arguments.stages:
+        run_stages(quick, arguments.rounds or (QUICK_ROUNDS if quick else ROUNDS))
         return 0
     speed = run(quick, arguments.rounds or (QUICK_ROUNDS if quick else ROUNDS))
     path = save(speed)

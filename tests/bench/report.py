@@ -57,6 +57,16 @@ its time on this machine: `published_cpp` above); the time in which the wheel tu
 
 """
 
+STAGES = """
+## Stages of `balanced`
+
+Median milliseconds. Each stage runs alone with warm caches, so the sum is less than the whole. The \
+last ones run on request or with a ring of light sensors only: `reflection_map_32` is a map of 32 \
+texels from the panorama to its bytes. The research behind lightprobe published 173 ms for a \
+global cube map.
+
+"""
+
 DAEMON = """
 ## The daemon
 
@@ -114,9 +124,14 @@ def _by_frame(speed: dict[str, Any], part: str, key: str, what: str = "") -> str
 
 
 def film(times: dict[str, dict[str, float]]) -> str:
-    """Table of :func:`timing.time_film`."""
+    """Table of :func:`timing.time_some`, of the film."""
     rows = [[name, f"{one['median_ms']:.2f}", f"{one['ratio']:.3f}"] for name, one in times.items()]
     return table(["1920×960, 4:2:0", "median ms", "ratio"], rows)
+
+
+def stages(speed: dict[str, Any]) -> str:
+    """Section of the stages of each kind of frame."""
+    return STAGES + _by_frame(speed, "stages", "median_ms")
 
 
 def daemon(measured: dict[str, Any]) -> str:
@@ -163,9 +178,7 @@ def markdown(speed: dict[str, Any]) -> str:
         parts.append(table(["", "median ms", "p99 ms", "ratio", "SH error"], _frame_rows(frame)))
     parts += [FRAMES_NOTE, BASELINES, "\nRatios:\n\n", _by_frame(speed, "baselines", "ratio")]
     parts += [
-        "\n## Stages of `balanced`\n\nMedian milliseconds. Each stage runs alone with warm caches, "
-        "so the sum is less than the whole.\n\n",
-        _by_frame(speed, "stages", "median_ms"),
+        stages(speed),
         "\n## Scaling of `balanced`\n\nMedian milliseconds, by the maximum number of lights:\n\n",
         _by_frame(speed, "lights", "median_ms"),
         "\nand by the number of exposures of a bracket:\n\n",

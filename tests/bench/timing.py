@@ -109,18 +109,29 @@ def time_kind(kind: Kind, files: Sequence[Path], rounds: int, bar: Progress) -> 
     return _summary(kind, files, samples, fidelity)
 
 
-def time_film(kind: Kind, files: Sequence[Path], rounds: int) -> dict[str, dict[str, float]]:
-    """Median milliseconds of the film's times, of a frame without it and of the yardstick."""
+def time_some(
+    kind: Kind, files: Sequence[Path], rounds: int, *names: str
+) -> dict[str, dict[str, float]]:
+    """Median milliseconds of the times of some contestants, and their ratio to the yardstick."""
     samples: dict[str, list[int]] = {}
     with Program(kind.camera, files) as program:
         for number in range(rounds + len(files)):
-            times = program.ask("run", number % len(files), YARDSTICK, "balanced", FILM)
+            times = program.ask("run", number % len(files), YARDSTICK, *names)
             if number >= len(files):  # the first ones warm up
                 add(samples, times)
     plain = float(np.median(samples[YARDSTICK]))
     return {
         name: {"median_ms": float(np.median(ns)) / 1e6, "ratio": float(np.median(ns)) / plain}
         for name, ns in samples.items()
+    }
+
+
+def stages_of(times: dict[str, Any]) -> dict[str, Any]:
+    """Those of stages, by the stage's name."""
+    return {
+        name.removeprefix("stage_"): value
+        for name, value in times.items()
+        if name.startswith("stage_")
     }
 
 
@@ -167,9 +178,7 @@ def _summary(
         "plain_decode_ms": plain_ms,
         "presets": {name: figures(name) for name in PRESETS},
         "baselines": {name: figures(name) for name in BASELINES if name in samples},
-        "stages": {
-            name.removeprefix("stage_"): figures(name) for name in samples if "stage_" in name
-        },
+        "stages": {name: figures(f"stage_{name}") for name in stages_of(samples)},
         "lights": {name.removeprefix("lights_"): figures(name) for name in LIGHTS},
         "exposures": {name.removeprefix("exposures_"): figures(name) for name in EXPOSURES},
         "film": {name.removeprefix("film_"): figures(name) for name in FILM_TIMES},

@@ -22,6 +22,13 @@ from cryptography.hazmat.primitives import hashes, serialization
 from harness import BUILD, LONG_S, Client, Daemon, camera, jpeg, run, streaming, wait_for
 from lightprobe import Client as ProbeClient
 from lightprobe.errors import ProbeTimeout
+from lightprobe.imaging import camera as lenses
+from lightprobe.sim import scenes
+from lightprobe.sim.camera import SimulatedCamera
+from lightprobe.sim.faults import Faults
+from lightprobe.sim.live import LiveProbe
+from lightprobe.sim.world import Behaviour, World
+from lightprobe.wire import Subscription
 from lightprobe_proto import lightprobe_pb2 as pb
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
@@ -391,7 +398,7 @@ def still_open(connections):
     return count
 
 
-def test_a_tab_that_sleeps_gets_the_newest_and_disturbs_nobody():
+def test_a_client_that_reads_nothing_for_seconds_gets_the_newest_and_disturbs_nobody():
     with camera() as cam:
         port = free_port()
         with Daemon(f"--source=sim:{cam.path}", f"--publish=ws:127.0.0.1:{port}",
@@ -401,6 +408,8 @@ def test_a_tab_that_sleeps_gets_the_newest_and_disturbs_nobody():
             raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
             raw.connect(("127.0.0.1", port))
             raw.sendall(handshake(b"\r\n"))
+            large = request(sh_order=4, max_lights=8)  # fills the kernel's buffers sooner
+            raw.sendall(bytes([0x82, 0x80 | len(large), 0, 0, 0, 0]) + large)
             with (
                 streaming(cam, GOOD, rate_hz=200),
                 connect(f"ws://127.0.0.1:{port}/", open_timeout=LONG_S) as awake,
@@ -415,13 +424,41 @@ def test_a_tab_that_sleeps_gets_the_newest_and_disturbs_nobody():
             assert daemon.alive()
 
 
-def messages_of(raw):
+def test_an_hour_of_simulated_time_in_which_a_client_reads_nothing(released_daemon):
+    """As of a tab that sleeps. The camera is silent, so there is one estimate a second, repeated."""
+    world = World(scenes.load(["room"]), Behaviour(act_s=0), 30.0)
+    view = SimulatedCamera(world, lenses.load("equirect"), (320, 160))
+    port, wish = free_port(), Subscription(max_lights=8, sh_order=4, health_period_ms=1000)
+    silence = Faults(stall_after=30, stall_s=2 * 3600.0)
+    with LiveProbe(view, [f"--publish=ws:127.0.0.1:{port}"], faults=silence) as probe:
+        awake = probe.client(wish)
+        raw = socket.socket()
+        raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
+        raw.connect(("127.0.0.1", port))
+        raw.sendall(handshake(b"\r\n"))
+        probe.run(120)
+        assert awake.health.clients == 2
+        before_kib = awake.health.rss_kib
+        probe.run(3600)
+        assert awake.health.clients == 2
+        assert awake.health.packets_superseded > 3000
+        assert awake.health.rss_kib < before_kib + 1024
+        assert len(awake.estimates) > 3600  # the one that reads has missed nothing
+        numbers = messages_of(raw, lambda: probe.run(0.1))
+    assert numbers == sorted(numbers)
+    assert numbers[-1] == awake.estimates[-1].sequence, "the newest has not come"
+
+
+def messages_of(raw, meanwhile=lambda: None):
     """Sequence numbers of the estimates that lie in a connection that wakes up now."""
+    raw.settimeout(2)
+    meanwhile()
     raw.settimeout(2)
     data = b""
     with contextlib.suppress(TimeoutError):
         while len(data) < 1 << 20 and (piece := raw.recv(65536)):
             data += piece
+            meanwhile()
     data = data[data.index(b"\r\n\r\n") + 4 :]
     numbers = []
     while len(data) >= 4:
@@ -509,14 +546,15 @@ def test_key_and_token_are_for_their_owner_alone(tmp_path):
         assert (tmp_path / "pair" / name).stat().st_mode & 0o777 == 0o600
 
 
-def expire(pair):
-    """Give the pair a certificate that expired yesterday."""
+def expire(pair, in_s=-86400):
+    """Give the pair a certificate that expires in so many seconds: yesterday."""
     key = serialization.load_pem_private_key((pair / "key.pem").read_bytes(), None)
-    name, day = x509.Name([]), datetime.timedelta(days=1)
-    now = datetime.datetime.now(datetime.UTC)
+    name, now = x509.Name([]), datetime.datetime.now(datetime.UTC)
+    end = now + datetime.timedelta(seconds=in_s)
     old = (
         x509.CertificateBuilder().subject_name(name).issuer_name(name).serial_number(1)
-        .public_key(key.public_key()).not_valid_before(now - 9 * day).not_valid_after(now - day)
+        .public_key(key.public_key())
+        .not_valid_before(now - datetime.timedelta(days=9)).not_valid_after(end)
         .add_extension(x509.SubjectAlternativeName([x509.DNSName("probe")]), False)
         .sign(key, hashes.SHA256())
     )  # fmt: skip
@@ -557,6 +595,27 @@ def test_pair_says_when_its_certificate_has_expired(tmp_path):
     assert done.returncode == 1
     assert "expired on" in done.stderr
     assert "--new" in done.stderr
+
+
+def test_a_certificate_that_ends_while_the_daemon_runs(tmp_path):
+    """Health and log say so before and after; who knows the fingerprint still gets the light."""
+    port, pair = free_port(), tmp_path / "pair"
+    arguments = ("--host", "127.0.0.1", "--port", str(port))
+    make_pair(pair, *arguments)
+    expire(pair, in_s=20)
+    url = make_pair(pair, "--port", str(port))["url"].replace("//probe:", "//127.0.0.1:")
+
+    def told(client, text):
+        faults = client.health.faults if client.health else ()
+        return any(fault.id == "certificate" and text in fault.text for fault in faults)
+
+    with Daemon(*wss(tmp_path, port, pair)) as daemon, ProbeClient(url) as client:
+        wait_for(lambda: told(client, "expires within 14 days"), "no warning")
+        wait_for(lambda: told(client, "has expired: browsers refuse it"), "no fault")
+        daemon.wait_log("certificate: the certificate has expired")
+        client.receive(LONG_S)
+        with ProbeClient(url) as late:
+            late.receive(LONG_S)
 
 
 def test_pair_prints_address_fingerprint_and_a_qr_code(tmp_path):

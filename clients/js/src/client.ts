@@ -206,7 +206,9 @@ export class Probe {
 
   #whyClosed(): string {
     if (this.hello) return `${this.#url}: the probe closed the connection`;
-    return `${this.#url}: connect: no answer: is lightprobed running, and may this page read it?`;
+    if (!this.#url.startsWith("wss:")) return `${this.#url}: connect: no answer: is lightprobed running, and may this page read it?`;
+    // A browser does not say why TLS failed.
+    return `${this.#url}: connect: no answer: is lightprobed running, and does the browser accept the probe's certificate? Open ${this.#url.replace("wss:", "https:")} to see`;
   }
 
   #take(message: Exclude<Message, { kind: "error" }>): void {

@@ -53,6 +53,18 @@ const until = async (condition: () => boolean): Promise<void> => {
   assert.ok(condition(), condition.toString());
 };
 
+test("where TLS may be in the way, it is said how to see it", async () => {
+  const { probe, socket } = open({}, "https://probe.local:7702/#token=abc");
+  socket().close();
+  await until(() => probe.lastError !== undefined);
+  assert.match(probe.lastError!, /accept the probe's certificate\? Open https:\/\/probe\.local:7702\/ to see/);
+  probe.close();
+  const plain = open({}, "ws://probe.local:7701/");
+  plain.socket().close();
+  assert.match(plain.probe.lastError!, /is lightprobed running, and may this page read it/);
+  plain.probe.close();
+});
+
 test("addresses: of the messages, and of the page", () => {
   assert.deepEqual(parseAddress("ws://127.0.0.1:7701/"), { url: "ws://127.0.0.1:7701/", token: undefined });
   assert.deepEqual(parseAddress("https://probe.local:7702/?x=1#token=abc&sha256=12"), { url: "wss://probe.local:7702/", token: "abc" });

@@ -6,7 +6,9 @@
 #include <openssl/x509.h>
 #include <stdio.h>
 #include <string.h>
+#include <time.h>
 
+#include "base/clock.h"
 #include "base/log.h"
 
 #define TOKEN_LEAST 16
@@ -88,6 +90,15 @@ static int check_validity(const char *object, const char *path, const X509 *cert
 	return 0;
 }
 
+static int64_t expiry_of(const X509 *certificate)
+{
+	struct tm utc;
+
+	if (ASN1_TIME_to_tm(X509_get0_notAfter(certificate), &utc) != 1)
+		return 0;
+	return (int64_t)timegm(&utc) * LP_NS_PER_S;
+}
+
 static void write_fingerprint(struct lp_pair *pair, const X509 *certificate)
 {
 	unsigned char digest[EVP_MAX_MD_SIZE];
@@ -95,7 +106,8 @@ static void write_fingerprint(struct lp_pair *pair, const X509 *certificate)
 
 	(void)X509_digest(certificate, EVP_sha256(), digest, &length);
 	for (unsigned int i = 0; i < length; i++)
-		(void)snprintf(pair->fingerprint + 3 * (size_t)i, 4, "%02X%s", digest[i],
+		(void)snprintf(pair->fingerprint + 3 * (size_t)i,
+			       sizeof(pair->fingerprint) - 3 * (size_t)i, "%02X%s", digest[i],
 			       i + 1 < length ? ":" : "");
 }
 
@@ -109,8 +121,10 @@ static int check_certificate(struct lp_pair *pair, const char *object)
 		ret = check_validity(object, pair->certificate, certificate);
 		if (ret == 0 && X509_check_private_key(certificate, key) != 1)
 			ret = pair_error(object, pair->key, "belongs to another certificate");
-		if (ret == 0)
+		if (ret == 0) {
 			write_fingerprint(pair, certificate);
+			pair->t_expires_unix_ns = expiry_of(certificate);
+		}
 	}
 	EVP_PKEY_free(key);
 	X509_free(certificate);

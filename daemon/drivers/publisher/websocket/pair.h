@@ -3,12 +3,15 @@
 #ifndef LP_WEBSOCKET_PAIR_H
 #define LP_WEBSOCKET_PAIR_H
 
+#include <stdint.h>
+
 #define LP_PAIR_PATH_BYTES 1100
 
 struct lp_pair {
 	char certificate[LP_PAIR_PATH_BYTES], key[LP_PAIR_PATH_BYTES]; /* paths */
 	char token[129];
 	char fingerprint[96]; /* SHA-256 of the certificate, as openssl prints it */
+	int64_t t_expires_unix_ns;
 };
 
 /*

@@ -366,6 +366,7 @@ static int check_access(struct websocket_publisher *self)
 		self->base.is_insecure = ret > 0;
 	} else if (*self->options.pair) {
 		ret = lp_pair_read(&self->pair, self->object, self->options.pair);
+		self->base.t_expires_unix_ns = self->pair.t_expires_unix_ns;
 	} else {
 		lp_error(self->object, "pair",
 			 "needs ?pair=FOLDER with key, certificate and token — lightprobe pair "
