@@ -60,9 +60,9 @@ its time on this machine: `published_cpp` above); the time in which the wheel tu
 STAGES = """
 ## Stages of `balanced`
 
-Median milliseconds. Each stage runs alone with warm caches, so the sum is less than the whole. The \
-last ones run on request or with a ring of light sensors only: `reflection_map_32` is a map of 32 \
-texels from the panorama to its bytes. The research behind lightprobe published 173 ms for a \
+Median milliseconds. Each stage runs alone with warm caches, so the sum is less than the whole. \
+The last ones run on request or with a ring of light sensors only: `reflection_map_32` is a map of \
+32 texels from the panorama to its bytes. The research behind lightprobe published 173 ms for a \
 global cube map.
 
 """

@@ -425,7 +425,7 @@ def test_a_client_that_reads_nothing_for_seconds_gets_the_newest_and_disturbs_no
 
 
 def test_an_hour_of_simulated_time_in_which_a_client_reads_nothing(released_daemon):
-    """As of a tab that sleeps. The camera is silent, so there is one estimate a second, repeated."""
+    """As of a tab that sleeps. The camera is silent: one estimate a second, repeated."""
     world = World(scenes.load(["room"]), Behaviour(act_s=0), 30.0)
     view = SimulatedCamera(world, lenses.load("equirect"), (320, 160))
     port, wish = free_port(), Subscription(max_lights=8, sh_order=4, health_period_ms=1000)
