@@ -77,7 +77,7 @@ $(STAMPS)/venv-renderer: host_py/pyproject.toml host_py/constraints.txt | $(STAM
 .PHONY: test-renderer seen
 test-renderer: build $(STAMPS)/venv-renderer ## compare measured polarization, and AR pictures, with a physically based renderer (Mitsuba, five minutes)
 	@$(VENV)/bin/pytest -q -s -m '' tests/accuracy/test_polarization_references.py tests/seen
-seen: build $(STAMPS)/venv-renderer ## compare AR pictures with renders of the real object again, and write docs/users/seen.md (half an hour)
+seen: build web $(STAMPS)/venv-renderer ## compare AR pictures with renders of the real object again, and write docs/users/seen.md (half an hour)
 	@$(VENV)/bin/python tests/seen/seen.py
 
 # Babylon.js, from npm, to read what `lightprobe export` writes.

@@ -22,6 +22,7 @@ import numpy as np
 import probe
 import room
 import shadow
+import updates
 from composite import Surroundings
 from lightprobe.colour import linear_to_srgb
 from lightprobe.geometry import Array
@@ -231,6 +232,7 @@ def main() -> None:
     parts = {what: table(figures, materials, what) for what in ("flip", "rmse", "ssim")}
     parts["answers"] = answers(figures)
     parts["shadow"] = shadow.table(shadow.measured())
+    parts["updates"] = updates.table(updates.measured())
     print("\n\n".join(parts.values()), file=sys.stderr)
     out = Path(tempfile.mkdtemp()) if options.json or options.quick else ROOT / "docs/users"
     for name, picture in sheets.items():

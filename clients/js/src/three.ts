@@ -2,7 +2,7 @@
 /** For three.js: a group that lights the scene with a probe's light. Several lamps, soft shadows, no jumps. */
 
 import { CubeReflectionMapping, CubeTexture, DataTexture, DataUtils, DirectionalLight, EquirectangularReflectionMapping, FloatType, Group, HalfFloatType, LightProbe, Mesh, MeshLambertMaterial, MultiplyBlending, LinearFilter, LinearSRGBColorSpace, Quaternion, RGBAFormat, Vector3 } from "three";
-import type { BufferGeometry } from "three";
+import type { BufferGeometry, Object3DEventMap } from "three";
 import { besideSh } from "./estimate.js";
 import type { Estimate, Light, Vec3 } from "./estimate.js";
 import { largest, type ReflectionMap } from "./reflection.js";
@@ -33,13 +33,19 @@ interface Slot {
 
 const DARK = 1e-4;
 
+/** As XREstimatedLight's: there is light from now on; there is none any more. */
+export interface ProbeLightEvents extends Object3DEventMap {
+  estimationstart: object;
+  estimationend: object;
+}
+
 /**
  * @example
  * const light = new ProbeLight();
  * scene.add(light);
  * renderer.setAnimationLoop((ms) => { light.update(probe.latest(), ms / 1000); renderer.render(scene, camera); });
  */
-export class ProbeLight extends Group {
+export class ProbeLight extends Group<ProbeLightEvents> {
   /** SH of the rest of the light; set `ambient.intensity = 0` where an environment map gives it. */
   readonly ambient = new LightProbe();
   /** Takes a direction in the scene to the probe's axes: how the probe stands in the scene. */
@@ -50,6 +56,7 @@ export class ProbeLight extends Group {
   #coefficients: number[] = Array.from({ length: 27 }, () => 0);
   readonly #normal = new Vector3();
   #lastS: number | undefined;
+  #isLit = false;
 
   constructor(options: ProbeLightOptions = {}) {
     super();
@@ -73,6 +80,10 @@ export class ProbeLight extends Group {
   }
 
   #step(estimate: Estimate | undefined, share: number): void {
+    if (this.#isLit !== (estimate !== undefined)) {
+      this.#isLit = !this.#isLit;
+      this.dispatchEvent({ type: this.#isLit ? "estimationstart" : "estimationend" });
+    }
     this.#aim(estimate);
     for (const slot of this.#slots) this.#move(slot, share);
     const coefficients = this.#turned(estimate);

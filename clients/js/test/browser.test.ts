@@ -4,11 +4,11 @@ import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
 import type { Browser, Page } from "playwright-core";
 import { create, toBinary } from "@bufbuild/protobuf";
-import { decode, encodeSubscription, irradiance, largest, reflected, type Estimate, type ReflectionMap, type Vec3 } from "../src/index.js";
-import { DEFAULT_SUBSCRIPTION } from "../src/wire.js";
+import { decode, irradiance, largest, reflected, type Estimate, type ReflectionMap, type Vec3 } from "../src/index.js";
 import * as pb from "../src/gen/lightprobe_pb.js";
 import { LONG_MS, launch, pageWith } from "./chromium.js";
 import { LiveDaemon } from "./daemon.js";
+import { packets } from "./packets.js";
 
 let browser: Browser;
 const daemon = new LiveDaemon();
@@ -135,22 +135,10 @@ test("WebXR's cube map is looked up where the map lies", { timeout: LONG_MS }, a
 });
 
 test("a mirror ball shows the live lamp where it is", { timeout: LONG_MS }, async () => {
-  const page = await browser.newPage();
-  await page.goto(`http://127.0.0.1:${daemon.port}/style.css`); // the probe's own origin, and no other client in it
-  const request = [...encodeSubscription({ ...DEFAULT_SUBSCRIPTION, reflectionMap: { size: 32, rateHz: 30 } }, 1)];
-  const received = await page.evaluate(({ where, request }) => new Promise<number[][]>((done) => {
-    const socket = new WebSocket(`ws://127.0.0.1:${where}/`, "lightprobe.v1"), messages: number[][] = [];
-    socket.binaryType = "arraybuffer";
-    socket.onopen = () => socket.send(new Uint8Array(request));
-    socket.onmessage = ({ data }: MessageEvent<ArrayBuffer>) => {
-      messages.push([...new Uint8Array(data)]);
-      if (data.byteLength > 20000) done(messages);
-    };
-  }), { where: daemon.port, request });
-  await page.close();
-  const messages = received.map((bytes) => decode(Uint8Array.from(bytes)));
-  const map = messages.flatMap((message) => (message?.kind === "reflectionMap" ? [message.reflectionMap] : []))[0]!;
-  const lamp = messages.flatMap((message) => (message?.kind === "estimate" ? message.estimate.lights : []))[0]!.direction;
+  const found = await packets(browser, daemon.port, { size: 32, rateHz: 30 });
+  const [estimate, message] = [found.estimate, found.map].map((bytes) => decode(Uint8Array.from(bytes)));
+  assert.ok(estimate?.kind === "estimate" && message?.kind === "reflectionMap");
+  const map = message.reflectionMap, lamp = estimate.estimate.lights[0]!.direction;
   const brightest = (await inMirror(map, false)).reduce((best, one) => (one.radiance[1] > best.radiance[1] ? one : best));
   const cosine = lamp.reduce((sum, value, a) => sum + value * brightest.towards[a]!, 0);
   assert.ok(Math.acos(Math.min(1, cosine)) < (8 * Math.PI) / 180, `lamp at ${String(lamp)}, in the mirror at ${String(brightest.towards)}`); // places are 5° apart

@@ -140,3 +140,12 @@ test("shadows are as soft as the lamp is large", () => {
   assert.ok(Math.abs(radius(5) - (0.5 * Math.tan((5 * Math.PI) / 180) * 1000) / 2) < 1e-6);
   assert.ok(radius(10) > 1.9 * radius(5));
 });
+
+test("a light says when there is light, and when there is none any more, as XREstimatedLight does", () => {
+  const light = new ProbeLight(), told: string[] = [];
+  for (const type of ["estimationstart", "estimationend"] as const) light.addEventListener(type, (event) => told.push(event.type));
+  const lit = estimate([lamp(1, [0, 1, 0])]);
+  for (const one of [undefined, lit, lit, undefined, undefined]) light.update(one, told.length);
+  light.set(lit);
+  assert.deepEqual(told, ["estimationstart", "estimationend", "estimationstart"]);
+});
