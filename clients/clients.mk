@@ -34,6 +34,10 @@ test-js: web daemon $(STAMPS)/venv ## run the tests of the JavaScript package an
 soak-page: web build $(BUILD)/scenes/blender.stamp ## show the live viewer of the demo in Chromium for an hour: its memory must not grow; MINUTES=n
 	@cd $(JS) && node dist/test/soak.js
 
+.PHONY: web-pictures
+web-pictures: web build $(BUILD)/scenes/blender.stamp ## take the pictures of the viewer in docs/users/web.md again, in Chromium
+	@cd $(JS) && node dist/test/pictures.js
+
 # The Blender extension, and the real Blender to test it: bpy from PyPI, in a Python of its own.
 BLENDER := $(BUILD)/blender
 BLENDER_SOURCES := $(wildcard clients/blender/addon/* clients/blender/tools/*.py host_py/lightprobe/*.py)

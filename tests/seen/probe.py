@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import tempfile
-import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from lightprobe import daemon
-from lightprobe.cli.export import receive
-from lightprobe.estimate import Estimate, flag_names
+from lightprobe.estimate import Estimate, EstimateFlag, flag_names
 from lightprobe.geometry import Array
+from lightprobe.imaging import camera as lenses
 from lightprobe.imaging import image
 from lightprobe.reflection_map import ReflectionMap
+from lightprobe.sim import scenes
+from lightprobe.sim.camera import SimulatedCamera
 from lightprobe.sim.exposure import median_luminance
+from lightprobe.sim.live import LiveClient, LiveProbe
+from lightprobe.sim.world import Behaviour, World
 from lightprobe.wire import Subscription
 
-LIGHTPROBE = Path(sys.executable).parent / "lightprobe"
 #: The simulated camera sees the room at this median luminance; full scale at 1 s is 1.
 _MEDIAN = 30.0
-_SETTLE_S, _WAIT_S = 6.0, 60.0
+_PICTURE_PX = (1920, 960)
+#: Simulated seconds until the daemon has chosen its exposures and seen all of them several times.
+_SETTLE_S = 6.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,39 +43,34 @@ class Packet:
 
 
 def measure(panorama: Array) -> Packet:
-    """What a probe measures there: JPEG frames of a 360° camera, exposures by the daemon."""
+    """What a probe measures there: JPEG frames of a 360° camera, exposures by the daemon.
+
+    In simulated time: other programs on this machine change nothing.
+    """
     factor = _MEDIAN / float(median_luminance(np.float32(panorama)))
-    with tempfile.TemporaryDirectory(prefix="lp-") as name:
-        folder = Path(name)
-        image.write_pfm(str(folder / "room.pfm"), np.float32(panorama * factor))
-        command = [
-            LIGHTPROBE, "simulate", "--socket", folder / "sim", "--act-s", "0",
-            "--scenes", folder / "room.pfm", "--median-radiance", "0",
-        ]  # fmt: skip
-        simulator = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        uri = f"unix:{folder / 'probe'}"
-        arguments = [f"--source=sim:{folder / 'sim'}", f"--publish={uri}", "--reflection-map=64"]
-        try:
-            with daemon.Daemon(arguments, folder / "log"):
-                time.sleep(_SETTLE_S)
-                estimate, ambient = _receive(uri, "AMBIENT")
-                _, total = _receive(uri, "TOTAL")
-        finally:
-            simulator.terminate()
-            simulator.wait()
+    with tempfile.TemporaryDirectory(prefix="lp-") as folder:
+        path = Path(folder) / "room.pfm"
+        image.write_pfm(path, np.float32(panorama * factor))
+        world = World(scenes.load([str(path)]), Behaviour(act_s=0), None)
+    camera = SimulatedCamera(world, lenses.load("equirect"), _PICTURE_PX)
+    with LiveProbe(camera, ["--reflection-map=64"]) as live:
+        ambient, total = (live.client(_wish(kind)) for kind in ("AMBIENT", "TOTAL"))
+        live.run(_SETTLE_S)
+    whole = [e for e in ambient.estimates if EstimateFlag.BRACKET_INCOMPLETE not in e.flags]
     return Packet(
-        _scaled(estimate, 1 / factor), _scaled_map(ambient, 1 / factor),
-        _scaled_map(total, 1 / factor),
+        _scaled(whole[-1], 1 / factor), _scaled_map(_newest_map(ambient), 1 / factor),
+        _scaled_map(_newest_map(total), 1 / factor),
     )  # fmt: skip
 
 
-def _receive(uri: str, kind: str) -> tuple[Estimate, ReflectionMap]:
-    wish = Subscription(
+def _wish(kind: str) -> Subscription:
+    return Subscription(
         sh_order=4, max_lights=8, reflection_map_size=64, reflection_map_kind=kind,  # type: ignore[arg-type]
     )  # fmt: skip
-    estimate, found = receive(uri, wish, _WAIT_S)
-    assert found is not None
-    return estimate, found
+
+
+def _newest_map(client: LiveClient) -> ReflectionMap:
+    return [r.message for r in client.received if isinstance(r.message, ReflectionMap)][-1]
 
 
 def _scaled(estimate: Estimate, factor: float) -> Estimate:

@@ -3,14 +3,10 @@
  * `make soak-page MINUTES=60`: the viewer of `lightprobe demo` in a Chromium tab, live all the time. Once a minute it prints what
  * the tab holds after a garbage collection. Exit 1: the last third holds more than the third before it.
  */
-import { spawn } from "node:child_process";
-import { mkdtempSync, readFileSync, readdirSync, rmSync } from "node:fs";
-import { tmpdir } from "node:os";
-import { join, resolve } from "node:path";
-import { createInterface } from "node:readline";
+import { readFileSync, readdirSync } from "node:fs";
 import type { CDPSession } from "playwright-core";
 import { launch } from "./chromium.js";
-import { ROOT } from "./golden.js";
+import { open, startDemo } from "./demo.js";
 
 const MINUTES = Number(process.env["MINUTES"] ?? 60);
 /** Of what the heap may differ between thirds: a collection does not find everything at once. */
@@ -45,18 +41,6 @@ async function take(session: CDPSession, minute: number, seen: () => Promise<{ f
   return { minute, heapMib: of("JSHeapUsedSize") / 2 ** 20, nodes: of("Nodes"), listeners: of("JSEventListeners"), residentMib: residentMib(), ...await seen() };
 }
 
-/** Its address, as `lightprobe demo` prints it. */
-async function addressOf(demo: ReturnType<typeof spawn>): Promise<string> {
-  for await (const line of createInterface({ input: demo.stderr! })) {
-    const address = /http:\/\/127\S+/.exec(line)?.[0];
-    if (address) {
-      demo.stderr!.resume(); // what it says later is not read
-      return address;
-    }
-  }
-  throw new Error("lightprobe demo printed no address");
-}
-
 const mean = (samples: Sample[], of: (one: Sample) => number): number => samples.reduce((sum, one) => sum + of(one), 0) / samples.length;
 
 function isFlat(samples: Sample[]): boolean {
@@ -65,23 +49,14 @@ function isFlat(samples: Sample[]): boolean {
   return third > 0 && !grows((one) => one.heapMib) && !grows((one) => one.nodes) && !grows((one) => one.listeners) && !grows((one) => one.residentMib);
 }
 
-const folder = mkdtempSync(join(tmpdir(), "lp-soak-"));
-const demo = spawn(resolve(ROOT, "build/venv/bin/lightprobe"), ["demo", "--every-s", "3600", "--output", folder], { stdio: ["ignore", "ignore", "pipe"] });
+const demo = await startDemo();
 const browser = await launch();
 const samples: Sample[] = [];
 try {
   const page = await browser.newPage({ viewport: VIEWPORT });
   const faults: string[] = [];
   page.on("pageerror", (error) => faults.push(error.message));
-  const address = await addressOf(demo);
-  for (let left = 60; ; left--)
-    try {
-      await page.goto(address);
-      break;
-    } catch (error) { // the daemon is about to listen
-      if (left === 0) throw error;
-      await new Promise((done) => setTimeout(done, 500));
-    }
+  await open(page, demo.address);
   const session = await page.context().newCDPSession(page);
   await session.send("Performance.enable");
   const seen = (): Promise<{ frames: number; estimates: number }> => page.evaluate(() => ({
@@ -102,6 +77,5 @@ try {
   process.exitCode = grew || stood || faults.length ? 1 : 0;
 } finally {
   await browser.close();
-  demo.kill("SIGINT");
-  rmSync(folder, { recursive: true, force: true });
+  demo.end();
 }
