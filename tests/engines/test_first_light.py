@@ -1,4 +1,4 @@
-"""docs/users/first_light.md: its shell lines, as they are printed, in a folder that looks like a clone.
+"""docs/users/first_light.md: its shell lines, as they are printed, in what looks like a clone.
 
 Ports and the simulator's socket are others than on the page, because tests run side by side. What
 is downloaded comes from PyPI and npm. Each way prints how long it took. What its code shows is

@@ -17,7 +17,7 @@ import room
 from lightprobe import geometry, local
 from lightprobe.estimate import Estimate
 from lightprobe.geometry import Array
-from lightprobe.imaging.environment import environment_map
+from lightprobe.imaging.environment import environment_map, lamps_alone
 from lightprobe.lamp import Lamp, disc_pixels
 from lightprobe.reflection_map import ReflectionMap, directions
 
@@ -39,7 +39,7 @@ class Surroundings:
 
 
 def by_harmonics(estimate: Estimate) -> Surroundings:
-    """Lamps and spherical harmonics of a packet."""
+    """Lamps, area lights if it lists some, and spherical harmonics of a packet."""
     return Surroundings(environment_map(estimate, _WIDTH_PX)[0])
 
 
@@ -49,9 +49,7 @@ def by_reflection_map(estimate: Estimate, around: ReflectionMap) -> Surroundings
     texel_px = _WIDTH_PX // (4 * around.size)
     wide = np.pad(sharp, ((0, 0), (texel_px, texel_px), (0, 0)), mode="wrap")
     smooth = cv2.blur(wide, (texel_px, texel_px), borderType=cv2.BORDER_REPLICATE)
-    dark = replace(estimate.sh, coefficients=np.zeros_like(estimate.sh.coefficients))
-    lamps = environment_map(replace(estimate, sh=dark), _WIDTH_PX)[0]
-    return Surroundings(smooth[:, texel_px:-texel_px] + lamps)
+    return Surroundings(smooth[:, texel_px:-texel_px] + lamps_alone(estimate, _WIDTH_PX))
 
 
 def with_ground(surroundings: Surroundings, picture: Array, total: ReflectionMap) -> Surroundings:

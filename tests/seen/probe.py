@@ -31,6 +31,7 @@ class Packet:
     """What the probe says, in the panorama's units."""
 
     estimate: Estimate  # AMBIENT of order 4, and lamps
+    areas: Estimate  # the same light with area lights listed
     ambient: ReflectionMap  # of 64 texels, without the lamps
     total: ReflectionMap  # with them
 
@@ -38,8 +39,11 @@ class Packet:
     def summary(self) -> str:
         """For the log."""
         flags = flag_names(self.estimate.flags) or ["healthy"]
-        sizes = ", ".join(f"{light.angular_radius_deg:.1f}°" for light in self.estimate.lights)
-        return f"{len(self.estimate.lights)} lamps ({sizes}), {' '.join(flags)}"
+        lamps, all_lights = (
+            ", ".join(f"{light.angular_radius_deg:.1f}°" for light in one.lights)
+            for one in (self.estimate, self.areas)
+        )
+        return f"lamps {lamps}; with area lights {all_lights}; {' '.join(flags)}"
 
 
 def measure(panorama: Array) -> Packet:
@@ -55,18 +59,23 @@ def measure(panorama: Array) -> Packet:
     camera = SimulatedCamera(world, lenses.load("equirect"), _PICTURE_PX)
     with LiveProbe(camera, ["--reflection-map=64"]) as live:
         ambient, total = (live.client(_wish(kind)) for kind in ("AMBIENT", "TOTAL"))
+        areas = live.client(Subscription(sh_order=4, max_lights=8, area_lights=True))
         live.run(_SETTLE_S)
-    whole = [e for e in ambient.estimates if EstimateFlag.BRACKET_INCOMPLETE not in e.flags]
-    return Packet(
-        _scaled(whole[-1], 1 / factor), _scaled_map(_newest_map(ambient), 1 / factor),
-        _scaled_map(_newest_map(total), 1 / factor),
-    )  # fmt: skip
+    estimates = (_scaled(_newest(client), 1 / factor) for client in (ambient, areas))
+    maps = (_scaled_map(_newest_map(client), 1 / factor) for client in (ambient, total))
+    return Packet(*estimates, *maps)
 
 
 def _wish(kind: str) -> Subscription:
     return Subscription(
         sh_order=4, max_lights=8, reflection_map_size=64, reflection_map_kind=kind,  # type: ignore[arg-type]
     )  # fmt: skip
+
+
+def _newest(client: LiveClient) -> Estimate:
+    """Of those that are made of all exposures."""
+    whole = (e for e in client.estimates if EstimateFlag.BRACKET_INCOMPLETE not in e.flags)
+    return list(whole)[-1]
 
 
 def _newest_map(client: LiveClient) -> ReflectionMap:

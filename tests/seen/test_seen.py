@@ -48,6 +48,13 @@ def test_the_packet_is_closer_than_one_lamp_and_ambient(figures):
         assert figures[material, seen.MAP] < 1.25 * figures[material, seen.EXACT]
 
 
+def test_area_lights_are_closer_than_lamps_and_harmonics_alone(figures):
+    import seen
+
+    assert figures["chrome", seen.AREAS] < 0.85 * figures["chrome", seen.PACKET]
+    assert figures["chalk", seen.AREAS] < 1.05 * figures["chalk", seen.PACKET]
+
+
 def test_chrome_wants_a_picture_of_the_room(figures):
     import seen
 

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from lightprobe import geometry, sh
+from lightprobe import geometry, not_negative, sh
 from lightprobe.estimate import SphericalHarmonics
 from lightprobe.geometry import Array
 from lightprobe.reflection_map import ReflectionMap, solid_angles, texels
 from numpy.typing import ArrayLike, NDArray
 
-from . import axes, harmonics
+from . import axes
 
 #: Of a picture of SH: at order 4, what linear interpolation loses is below 0.1 %.
 SH_WIDTH_PX = 128
@@ -86,9 +86,9 @@ def _basis(order: int, width_px: int) -> Array:
 
 def from_harmonics(of: SphericalHarmonics, orientation: ArrayLike | None = None) -> Sky:
     """Picture of SH in the probe frame, nowhere negative, with the irradiance of the SH."""
-    fitted = harmonics.not_negative(of.coefficients)
+    fitted = not_negative.fit(of.coefficients)
     radiance = np.maximum(_basis(of.order, SH_WIDTH_PX) @ fitted, 0).astype(np.float32)
-    error = harmonics.irradiance_error(of.coefficients, fitted)
+    error = not_negative.irradiance_error(of.coefficients, fitted)
     return Sky(radiance, "SH", error, _tuple(orientation))
 
 

@@ -9,10 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lightprobe import reflection_map, sh
+from lightprobe import reflection_map
 from lightprobe.estimate import Estimate
-from lightprobe.geometry import angle_deg
-from lightprobe.imaging.environment import without_negative
+from lightprobe.imaging.environment import lamp_of, rest_beside, without_negative
 
 Faces = NDArray[np.float32]
 
@@ -35,16 +34,20 @@ def cube_map(estimate: Estimate, size: int, *, lamps: bool = True) -> tuple[Face
     `lamps` the SH alone.
     """
     directions, solid_angles = reflection_map.directions(size), reflection_map.solid_angles(size)
-    ambient = sh.radiance(estimate.sh.coefficients, directions)
-    radiance, notes = without_negative(ambient, solid_angles[..., None])
+    if not lamps:
+        return without_negative(estimate.sh.coefficients, directions)
     texel_deg = 90 / size
-    for light in estimate.beside_sh if lamps else ():
-        radius_deg = max(light.angular_radius_deg, texel_deg)
-        away_deg = angle_deg(directions, light.direction)
-        share = np.clip((radius_deg - away_deg) / texel_deg + 0.5, 0, 1)  # the rim is a texel wide
+    drawn = np.zeros((*directions.shape[:-1], 3), np.float32)
+    for light in estimate.beside_sh:
+        lamp = lamp_of(light, texel_deg)
+        narrow_deg = min(lamp.half_angle_deg or (lamp.radius_deg,))
+        outside_deg = (lamp.place(directions) - 1) * narrow_deg
+        share = np.clip(0.5 - outside_deg / texel_deg, 0, 1)  # the rim is a texel wide
         added = share[..., None] * light.irradiance / (share * solid_angles).sum()
-        radiance += added.astype(np.float32)
-    return radiance, notes
+        drawn += added.astype(np.float32)
+    flux = (drawn * solid_angles[..., None]).reshape(-1, 3)
+    rest, notes = rest_beside(estimate, directions.reshape(-1, 3), flux, directions)
+    return rest + drawn, notes
 
 
 def cross(faces: Faces) -> NDArray[np.float32]:

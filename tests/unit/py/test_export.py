@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from lightprobe import geometry, reflection_map
+from lightprobe import geometry, reflection_map, sh
 from lightprobe.estimate import Estimate, EstimateFlag, Light, SphericalHarmonics
 from lightprobe.imaging import cube, gltf, image
 from lightprobe.imaging.environment import environment_map
@@ -62,11 +62,65 @@ def test_lamps_of_a_total_are_not_added_again():
     assert np.array_equal(radiance, alone)
 
 
-def test_sh_below_zero_are_noted():
+def bright_patch(towards, radius_deg):
+    """SH of order 4 of a bright disc in a dim room: below zero in many directions."""
+    patch = sh.lamp(towards, 4, radius_deg)[:, None] * np.array([3.0, 2, 1])
+    patch[0] += 0.3
+    return patch
+
+
+def most_off(radiance, given_light):
+    """Largest error of irradiance, relative to the largest one."""
+    normals = geometry.sphere_normals()
+    true = given_light.irradiance(normals)
+    return np.abs(MapTruth(radiance).irradiance(normals) - true).max() / true.max()
+
+
+def test_sh_below_zero_light_as_they_should():
+    given_light = estimate(lights=(), coefficients=bright_patch([0.6, 0, 0.8], 20))
+    directions = geometry.equirect_directions(256, 128)
+    swinging = sh.radiance(given_light.sh.coefficients, directions)
+    clipped = most_off(np.float32(np.maximum(swinging, 0)), given_light)
+    radiance, notes = environment_map(given_light, 256)
+    assert radiance.min() == 0
+    assert notes == []
+    # What is left is of bands above order 4, which the SH do not tell.
+    assert most_off(radiance, given_light) < min(0.02, clipped / 3)
+
+
+def test_sh_that_no_light_has_are_noted():
     swinging = np.array([[1.0] * 3, [0] * 3, [2.5] * 3, [0] * 3])
     radiance, (note,) = environment_map(estimate(lights=(), coefficients=swinging), 64)
     assert radiance.min() == 0
-    assert "SH below zero set to 0: adds" in note
+    assert "no light has these SH: irradiance is off by up to" in note
+
+
+WINDOW = Light(3, np.array([1.0, 0, 0]), np.array([2.0, 2, 2]), 20.0,
+               half_angle_deg=(32.0, 13.0), axis=np.array([0.0, 0, 1]))  # fmt: skip
+
+
+def test_an_area_light_is_an_ellipse_and_its_light_is_not_lost():
+    """What the packet takes out of AMBIENT is a point; the picture has the same light."""
+    total = sh.lamp(WINDOW.direction, 4, 20.0)[:, None] * WINDOW.irradiance
+    total[0] += 0.8
+    ambient = total - sh.lamp(WINDOW.direction, 4)[:, None] * WINDOW.irradiance
+    given_light = estimate(lights=(WINDOW,), coefficients=ambient)
+    radiance, notes = environment_map(given_light, 256)
+    assert notes == []
+
+    def along(azimuth_deg, elevation_deg):
+        towards = geometry.direction_from_angles(azimuth_deg, elevation_deg)
+        column, row = geometry.equirect_pixel(towards, 256, 128)
+        return radiance[int(row), int(column)].mean()
+
+    assert along(90 + 28, 0) > 5 * along(90, 28)  # 32° to the sides, 13° up and down
+    assert along(90, 10) > 5 * along(90, 16)
+    expected = estimate("TOTAL", (), total)
+    assert most_off(radiance, expected) < 0.02
+    faces, _ = cube.cube_map(given_light, 64)
+    wanted = expected.irradiance(geometry.sphere_normals())
+    found = ReflectionMap(1, 2, 3, 4, "TOTAL", faces).irradiance(geometry.sphere_normals())
+    assert np.abs(found - wanted).max() < 0.03 * wanted.max()
 
 
 @pytest.mark.parametrize("suffix", [".hdr", ".exr", ".pfm"])

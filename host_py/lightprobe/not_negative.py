@@ -11,6 +11,7 @@ from __future__ import annotations
 import functools
 
 import numpy as np
+
 from lightprobe import sh
 from lightprobe.geometry import Array, sphere_normals
 
@@ -41,7 +42,7 @@ def _nodes(order: int) -> tuple[Array, Array]:
     return sh.evaluate(order, points.reshape(-1, 3)), solid_angles_sr
 
 
-def not_negative(coefficients: Array) -> Array:
+def fit(coefficients: Array) -> Array:
     """Coefficients c ((order+1)², 3) such that max(0, Σ c_i Y_i) has the given SH.
 
     `coefficients`: ((order+1)², 3) of radiance, probe frame. Where no radiance has these SH (they
@@ -87,7 +88,7 @@ def _downhill(c: Array, step: Array, target: Array, basis: Array, weights: Array
 def irradiance_error(coefficients: Array, fitted: Array) -> float:
     """Largest error of irradiance over all normals, as a share of the largest irradiance.
 
-    `coefficients`: ((order+1)², 3) of the packet; `fitted`: what :func:`not_negative` gave.
+    `coefficients`: ((order+1)², 3) of the packet; `fitted`: what :func:`fit` gave.
     """
     basis, solid_angles_sr = _nodes(sh.order_of(coefficients))
     made = (basis * solid_angles_sr[:, None]).T @ np.maximum(basis @ fitted, 0)
