@@ -4,16 +4,21 @@
 #include <libcamera/formats.h>
 #include <libcamera/libcamera.h>
 
+#include <atomic>
 #include <cerrno>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <map>
+#include <memory>
+#include <thread>
 #include <vector>
 
 #include <sys/resource.h>
 
 #include "drivers/source/libcamera/c.hpp"
+#include "drivers/source/libcamera/log.hpp"
+#include "drivers/source/libcamera/manager.hpp"
 #include "drivers/source/libcamera/metadata.hpp"
 #include "drivers/source/libcamera/offers.hpp"
 
@@ -198,6 +203,38 @@ void test_the_camera_that_is_meant(void **)
 	assert_false(lp_libcamera_is_meant(&settings, csi, "imx477"));
 }
 
+/* libcamera ends a program that has two managers at a time, as two sources would. */
+void test_sources_share_the_manager(void **)
+{
+	lp::take_over_log();
+	for (int round = 0; round < 3; round++) {
+		const auto first = std::make_unique<lp::ManagerUse>();
+		auto second = std::make_unique<lp::ManagerUse>();
+
+		assert_int_equal(first->error(), 0);
+		assert_int_equal(second->error(), 0);
+		assert_ptr_equal(&first->get(), &second->get());
+		second.reset();
+		(void)first->get().cameras(); /* which lives on */
+	}
+}
+
+void test_the_manager_is_used_from_many_threads(void **)
+{
+	std::vector<std::thread> threads;
+	std::atomic<int> errors = 0;
+
+	lp::take_over_log();
+	for (int i = 0; i < 4; i++)
+		threads.emplace_back([&errors] {
+			for (int round = 0; round < 10; round++)
+				errors += lp::ManagerUse().error() < 0;
+		});
+	for (std::thread &thread : threads)
+		thread.join();
+	assert_int_equal(errors, 0);
+}
+
 /* What create() has made so far is given back; the sanitizers watch. */
 void test_create_without_descriptors(void **)
 {
@@ -238,6 +275,8 @@ int main()
 		cmocka_unit_test(test_settings),
 		cmocka_unit_test(test_faults_in_settings_are_told),
 		cmocka_unit_test(test_the_camera_that_is_meant),
+		cmocka_unit_test(test_sources_share_the_manager),
+		cmocka_unit_test(test_the_manager_is_used_from_many_threads),
 		cmocka_unit_test(test_create_without_descriptors),
 	};
 

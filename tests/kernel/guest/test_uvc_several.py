@@ -6,15 +6,9 @@ from pathlib import Path
 
 import pytest
 from camera import Camera, device_of, load_drivers
-from machine import wait_for
-from room import PICTURES, TRUTH, angle_deg
+from modules import CAMERA_FILES, PARTIAL_VIEW, STILL, make_modules, wait_room
 
-NAMES = ("ahead", "back")
-PARTIAL_VIEW = 32  # ESTIMATE_FLAG_PARTIAL_VIEW
-EXPOSURE_US = 100  # one of those that there are pictures of
-STILL = (f"--exposure-us={EXPOSURE_US}", "--orientation=none", "--preset=fast")
-OFF_DEG = 4.0  # lamps of 5 to 9 pixels; the nearest two are 60° apart
-RATES = {"ahead": 15, "back": 5}
+RATES = (15, 5)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -25,13 +19,7 @@ def _drivers():
 @pytest.fixture
 def modules(make_camera):
     """Two cameras, plugged in."""
-    found = [
-        make_camera(port=port, pictures=f"folder:{PICTURES / name}")
-        for port, name in enumerate(NAMES)
-    ]
-    for camera in found:
-        camera.plug()
-    return found
+    return make_modules(make_camera)
 
 
 def port_of(camera: Camera) -> str:
@@ -43,36 +31,10 @@ def port_of(camera: Camera) -> str:
 def daemon(start, modules):
     """A daemon that reads both, each named by its port."""
     first, second = (
-        f"v4l2:port:{port_of(camera)}?size=640x320&format=mjpeg&fps={RATES[name]}"
-        for camera, name in zip(modules, NAMES, strict=True)
+        f"v4l2:port:{port_of(camera)}?size=640x320&format=mjpeg&fps={rate}"
+        for camera, rate in zip(modules, RATES, strict=True)
     )
-    files = [f"--camera={PICTURES / name}.camera" for name in NAMES]
-    return start(first, f"--source={second}", *files, *STILL)
-
-
-def off_deg(estimate, *, ahead: bool = False) -> float:
-    """By how much the lamp known worst is off; `ahead`: of those that the first module sees."""
-    return max(
-        min(
-            (angle_deg(light.direction, lamp["direction"]) for light in estimate.lights),
-            default=180,
-        )
-        for lamp in TRUTH["lamps"]
-        if not ahead or lamp["direction"][2] < 0
-    )
-
-
-def wait_room(daemon, *, whole: bool):
-    """Wait until the room is known, and all directions are seen by frames from now on, or not."""
-    since_ns = time.time_ns()
-
-    def is_known():
-        estimate = daemon.wait_estimate(since_ns)
-        seen = not estimate.flags & PARTIAL_VIEW
-        known = off_deg(estimate, ahead=not whole) < OFF_DEG
-        return estimate.exposure_us == EXPOSURE_US and known and seen == whole
-
-    return wait_for("a whole view" if whole else "a partial view", is_known, timeout_s=240)
+    return start(first, f"--source={second}", *CAMERA_FILES, *STILL)
 
 
 def test_one_is_unplugged_and_comes_back(daemon, modules):

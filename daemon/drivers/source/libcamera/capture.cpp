@@ -182,7 +182,7 @@ std::shared_ptr<libcamera::Camera> Capture::find()
 	std::string present_ones;
 	int matches = 0;
 
-	for (const auto &camera : manager->cameras()) {
+	for (const auto &camera : manager->get().cameras()) {
 		const std::string model = model_of(*camera);
 
 		present_ones +=
@@ -213,17 +213,14 @@ std::shared_ptr<libcamera::Camera> Capture::find()
 	return nullptr;
 }
 
-/* A manager knows the cameras of its beginning: for each attempt there is a new one. */
 std::unique_ptr<Session> Capture::open()
 {
 	Fault fault;
 
 	name_object("");
-	manager = std::make_unique<libcamera::CameraManager>();
-	const int ret = manager->start();
-
-	if (ret < 0) {
-		report(LP_SOURCE_WAITING, "start", lp_strerror(ret));
+	manager.emplace();
+	if (manager->error() < 0) {
+		report(LP_SOURCE_WAITING, "start", lp_strerror(manager->error()));
 		return nullptr;
 	}
 	auto camera = find();
@@ -232,7 +229,7 @@ std::unique_ptr<Session> Capture::open()
 		return nullptr;
 	name_object(camera->id());
 	const std::string model = model_of(*camera);
-	auto nodes = nodes_of(*manager, camera);
+	auto nodes = nodes_of(manager->get(), camera);
 	auto session = Session::open(
 		std::move(camera), std::move(nodes), settings, frames, next_sequence,
 		[this] { notify(); }, fault);

@@ -9,9 +9,11 @@
 #include <condition_variable>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <thread>
 
+#include "drivers/source/libcamera/manager.hpp"
 #include "drivers/source/libcamera/session.hpp"
 
 namespace lp
@@ -59,8 +61,8 @@ class Capture
 	float wanted_us = NAN, wanted_gain = NAN; /* NAN: nothing new */
 
 	/* The thread's own. */
-	std::unique_ptr<libcamera::CameraManager> manager;
-	std::string object; /* names the camera in messages */
+	std::optional<ManagerUse> manager; /* from open() to the end of the session */
+	std::string object;		   /* names the camera in messages */
 	lp_backoff retry;
 	int64_t silent_ns = 0;	  /* since when there is no usable frame */
 	bool has_corrupt = false; /* frames since then */
