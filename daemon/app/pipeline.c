@@ -67,6 +67,8 @@ bool lp_pipeline_control(struct lp_pipeline *pipeline, const struct lp_camera_co
 		lp_imager_lose(pipeline->imager, control->camera);
 	else if (camera->bracketing || pipeline->camera_count > 1)
 		lp_imager_begin(pipeline->imager, control->camera);
+	if (!control->lost)
+		lp_imager_expect_exposure(pipeline->imager, control->camera);
 	if (!camera->bracketing)
 		return false;
 	lp_bracket_init(&camera->bracket, pipeline->options.brackets, &control->limits);
@@ -197,7 +199,7 @@ static int add_to_bracket(struct lp_pipeline *p, struct lp_pipeline_camera *came
 
 	if (decision.command) {
 		*command_us = decision.command_us;
-		lp_imager_expect_exposure(p->imager);
+		lp_imager_expect_exposure(p->imager, (int)(camera - p->cameras));
 	}
 	if (decision.forget)
 		lp_imager_forget(p->imager);

@@ -117,9 +117,9 @@ void lp_imager_forget_scale(struct lp_imager *imager)
 		imager->eye->gain.variance += FORGOTTEN_SIGMA * FORGOTTEN_SIGMA;
 }
 
-void lp_imager_expect_exposure(struct lp_imager *imager)
+void lp_imager_expect_exposure(struct lp_imager *imager, int camera)
 {
-	imager->eye->gain.unrest = 1.0F; /* it may take some frames to come */
+	imager->eyes[camera].gain.unrest = 1.0F; /* it may take some frames to come */
 }
 
 void lp_imager_inherit(struct lp_imager *imager, const struct lp_imager *from)

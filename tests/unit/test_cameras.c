@@ -142,6 +142,37 @@ static void test_a_camera_that_is_away(void **state)
 	lp_imager_destroy(imager);
 }
 
+/* A camera comes back with another exposure, which its first frames do not tell. */
+static void test_a_camera_that_comes_back_exposes_otherwise(void **state)
+{
+	struct lp_imager *imager = new_imager();
+	double t_s = 1.0;
+
+	(void)state;
+	for (int n = 0; n < 10; n++, t_s += 0.033) {
+		assert_int_equal(lp_imager_add(imager, even(0, 20.0, 1e-3, t_s)), 0);
+		assert_int_equal(lp_imager_add(imager, even(1, 30.0, 1e-3, t_s + 0.01)), 0);
+	}
+	lp_imager_lose(imager, 0);
+	lp_imager_lose(imager, 1);
+	t_s += 2.0;
+	for (int camera = 1; camera >= 0; camera--) {
+		lp_imager_begin(imager, camera);
+		lp_imager_expect_exposure(imager, camera);
+		for (int n = 0; n < 6; n++, t_s += 0.033) {
+			const double exposure_s = n < 3 ? 16e-3 : 1e-3; /* commanded meanwhile */
+			struct lp_frame *frame =
+				even(camera, camera ? 30.0 : 20.0, exposure_s, t_s);
+
+			frame->exposure_us = NAN;
+			assert_int_equal(lp_imager_add(imager, frame), 0);
+			assert_float_equal(light(imager, FORWARD), 20.0, 0.8);
+			assert_float_equal(light(imager, BACKWARD), 30.0, 1.0);
+		}
+	}
+	lp_imager_destroy(imager);
+}
+
 /* Another preset makes another imager, while a camera is away. */
 static void test_another_imager_goes_on(void **state)
 {
@@ -220,6 +251,7 @@ int main(void)
 		cmocka_unit_test(test_each_camera_tells_of_what_it_sees),
 		cmocka_unit_test(test_one_forgets_and_the_other_does_not),
 		cmocka_unit_test(test_a_camera_that_is_away),
+		cmocka_unit_test(test_a_camera_that_comes_back_exposes_otherwise),
 		cmocka_unit_test(test_another_imager_goes_on),
 		cmocka_unit_test(test_frames_in_another_order_than_exposed),
 		cmocka_unit_test(test_the_overlap_aligns_them),
