@@ -1,5 +1,6 @@
-"""`lightprobe find` and the service file for Avahi: announced on loopback, found by the command."""
+"""`lightprobe find`: what is announced on loopback, as by Avahi or a camera, is found."""
 
+import contextlib
 import fcntl
 import json
 import socket
@@ -10,8 +11,9 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from harness import BUILD, LONG_S
-from lightprobe.cli import find, pair
+from harness import BUILD, LONG_S, Daemon
+from lightprobe.cli import find, find_cameras, pair
+from lightprobe_proto import lightprobe_pb2 as pb
 from zeroconf import DNSOutgoing, DNSPointer, ServiceInfo, Zeroconf, const
 
 SERVICE_FILE = Path(__file__).parents[2] / "packaging/avahi/lightprobe.service"
@@ -100,3 +102,76 @@ def test_an_interface_that_is_not_there():
     done = lightprobe_find("--interface", "192.0.2.77", "--seconds", "0.5")
     assert done.returncode == 1
     assert "192.0.2.77" in done.stderr or "check --interface" in done.stderr
+
+
+@contextlib.contextmanager
+def simulated_theta(*arguments):
+    """`lightprobe simulate --osc`; gives its name, once it has announced itself."""
+    command = [Path(sys.executable).parent / "lightprobe", "simulate", "--osc", "0", *arguments]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        lines = (line for line in process.stderr if "announced as" in line)
+        try:
+            yield next(lines).split("announced as ")[1].strip()
+        finally:
+            process.terminate()
+
+
+def cameras():
+    """What the command lists, by name."""
+    done = lightprobe_find("--cameras", "--interface", "127.0.0.1", "--json")
+    assert done.returncode == 0, done.stderr
+    return {one["name"]: one for one in json.loads(done.stdout)}
+
+
+def test_a_camera_is_found_and_read():
+    with simulated_theta("--osc-model", "z1") as name:
+        found = cameras()[name]
+        assert (found["model"], found["needs_password"]) == ("RICOH THETA Z1", False)
+        with (
+            Daemon(f"--source={found['uri']}?size=1024x512") as daemon,
+            daemon.client(health_period_ms=100) as client,
+        ):
+            client.until(lambda h: h.source_state == pb.Health.SourceState.STREAMING, "health")
+
+
+def test_a_camera_with_a_password_is_found(tmp_path):
+    """What it is, it tells only who has the password; that it is there, it tells everybody."""
+    password = tmp_path / "password"
+    password.write_text("THETAYN10100001:10100001\n")
+    password.chmod(0o600)
+    with simulated_theta("--osc-password-file", password) as name:
+        found = cameras()[name]
+        assert (found["model"], found["needs_password"]) == (None, True)
+        done = lightprobe_find("--cameras", "--interface", "127.0.0.1")
+        assert f"{name}: --source={found['uri']}?password_file=FILE" in done.stdout
+        with (
+            Daemon(f"--source={found['uri']}?size=1024x512&password_file={password}") as daemon,
+            daemon.client(health_period_ms=100) as client,
+        ):
+            client.until(lambda h: h.source_state == pb.Health.SourceState.STREAMING, "health")
+
+
+def test_two_cameras_of_one_number_have_two_names():
+    with simulated_theta() as first, simulated_theta() as second:
+        assert {first, second} <= set(cameras())
+
+
+def osc_announcement(name, port):
+    return ServiceInfo(
+        find_cameras.SERVICE_TYPE, f"{name}.{find_cameras.SERVICE_TYPE}", port=port,
+        server="mixer.local.", addresses=[socket.inet_aton("127.0.0.1")],
+    )  # fmt: skip
+
+
+def test_open_sound_control_is_no_camera(network):
+    """It has the same service type. One says nothing for long, one is not there at all."""
+    with socket.create_server(("127.0.0.1", 0)) as mixer, socket.socket() as nobody:
+        nobody.bind(("127.0.0.1", 0))
+        network.register_service(osc_announcement("mixer", mixer.getsockname()[1]))
+        network.register_service(osc_announcement("gone", nobody.getsockname()[1]))
+        done = lightprobe_find("--cameras", "--interface", "127.0.0.1")
+    assert done.returncode == 1
+    assert "note: mixer: no camera, or not awake" in done.stderr
+    assert "note: gone: no camera" in done.stderr
+    assert "a THETA does so in client mode" in done.stderr
+    assert "osc:192.168.1.1" in done.stderr

@@ -1,16 +1,17 @@
-"""`lightprobe find`: probes that announce themselves in the local network (DNS-SD over mDNS)."""
+"""`lightprobe find`: probes that announce themselves in the local network, and cameras."""
 
 from __future__ import annotations
 
 import json
-import time
 from dataclasses import asdict, dataclass
 from typing import Annotated
 
 import typer
-from zeroconf import Error, InterfaceChoice, ServiceBrowser, ServiceInfo, ServiceListener, Zeroconf
+from zeroconf import ServiceInfo
 
 from lightprobe.cli import check
+from lightprobe.cli.browse import browse, printable, short
+from lightprobe.cli.find_cameras import list_cameras
 from lightprobe.errors import LightprobeError
 
 SERVICE_TYPE = "_lightprobe._tcp.local."
@@ -29,22 +30,6 @@ class Announcement:
     addresses: list[str]
 
 
-class _Names(ServiceListener):
-    """Names of the services that are there."""
-
-    def __init__(self) -> None:
-        self.present: set[str] = set()
-
-    def add_service(self, zc: Zeroconf, type_: str, name: str) -> None:
-        self.present.add(name)
-
-    def update_service(self, zc: Zeroconf, type_: str, name: str) -> None:
-        self.present.add(name)
-
-    def remove_service(self, zc: Zeroconf, type_: str, name: str) -> None:
-        self.present.discard(name)
-
-
 def command(
     seconds: Annotated[
         float,
@@ -58,13 +43,20 @@ def command(
         str | None,
         typer.Option(metavar="ADDRESS", help="Of this machine; without it all interfaces."),
     ] = None,
+    cameras: Annotated[
+        bool, typer.Option("--cameras", help="List cameras for --source=osc: instead.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print a list as JSON.")] = False,
 ) -> None:
-    """List the probes that announce themselves in the local network.
+    """List the probes, or the cameras, that announce themselves in the local network.
 
     A probe does so when its owner has copied packaging/avahi/lightprobe.service to
-    /etc/avahi/services/. Example: lightprobe find --seconds 5
+    /etc/avahi/services/. A camera (RICOH THETA) does so in client mode. Example:
+    lightprobe find --cameras
     """
+    if cameras:
+        list_cameras(seconds, interface, as_json=as_json)
+        return
     found, silent = find(seconds, interface)
     for name in silent:
         typer.echo(f"note: {name}: announced, but it does not say where it is", err=True)
@@ -92,40 +84,12 @@ def find(seconds: float, interface: str | None = None) -> tuple[list[Announcemen
 
     Raises LightprobeError when the network cannot be used.
     """
-    try:
-        network = Zeroconf(interfaces=[interface] if interface else InterfaceChoice.Default)
-    except (OSError, ValueError, RuntimeError) as error:
-        raise LightprobeError(
-            f"find: listen to mDNS: {error}: check --interface and the network"
-        ) from None
-    with network:
-        names = _Names()
-        ServiceBrowser(network, SERVICE_TYPE, names)
-        time.sleep(seconds)
-        infos = {name: _resolve(network, name) for name in sorted(names.present)}
-    found = [_announcement(info) for info in infos.values() if info and info.port]
-    silent = [_short(name) for name, info in infos.items() if not (info and info.port)]
-    return found, silent
-
-
-def _resolve(network: Zeroconf, name: str) -> ServiceInfo | None:
-    try:
-        return network.get_service_info(SERVICE_TYPE, name)
-    except Error:  # a name that breaks the rules
-        return None
+    infos, silent = browse(SERVICE_TYPE, seconds, interface)
+    return [_announcement(info) for info in infos], silent
 
 
 def _announcement(info: ServiceInfo) -> Announcement:
-    scheme = _printable((info.decoded_properties.get("scheme") or "").lower())
-    host = _printable((info.server or "").removesuffix("."))
+    scheme = printable((info.decoded_properties.get("scheme") or "").lower())
+    host = printable((info.server or "").removesuffix("."))
     uri = _URI[scheme].format(host=host, port=info.port) if scheme in _URI else None
-    return Announcement(_short(info.name), uri, scheme, info.parsed_addresses())
-
-
-def _short(name: str) -> str:
-    return _printable(name.removesuffix(f".{SERVICE_TYPE}"))
-
-
-def _printable(text: str) -> str:
-    """Text of the network for a terminal: no control characters."""
-    return "".join(letter if letter.isprintable() else "?" for letter in text)
+    return Announcement(short(info.name, SERVICE_TYPE), uri, scheme, info.parsed_addresses())

@@ -159,7 +159,7 @@ class Root(LazyGroup):
     entries: ClassVar[dict[str, Entry]] = {
         "watch": Entry("watch:command", "Watch a probe: lamps, SH, rate, latency, health."),
         "doctor": Entry("doctor:command", "Check installation, devices and a running probe."),
-        "find": Entry("find:command", "List the probes that announce themselves.", "find"),
+        "find": Entry("find:command", "List the probes or cameras in the network.", "find"),
         "export": Entry("export:command", "Write a probe's light as .hdr, .exr or .glb.", "sim"),
         "estimate": Entry("estimate:command", "Estimate the light in pictures.", "sim"),
         "polarization": Entry("polarization:command", "Show how pictures are polarized.", "sim"),

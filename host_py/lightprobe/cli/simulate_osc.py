@@ -11,10 +11,11 @@ from typing import Any
 
 import typer
 
-from lightprobe.errors import UsageError
+from lightprobe.errors import LightprobeError, UsageError
 from lightprobe.sim import faults as misbehaviour
 from lightprobe.sim.control import Control, Handler
 from lightprobe.sim.osc import models
+from lightprobe.sim.osc.announce import announced
 from lightprobe.sim.osc.camera import OscCamera
 from lightprobe.sim.osc.faults import OscFaults
 from lightprobe.sim.osc.server import OscServer
@@ -56,6 +57,12 @@ def serve(
             f"waiting for lightprobed --source=osc:{address[0] or 'localhost'}:{server.port}",
             err=True,
         )
+        try:
+            name = stack.enter_context(announced(camera.serial, address[0], server.port))
+        except LightprobeError as error:
+            typer.echo(f"note: {error}: `lightprobe find --cameras` will not find it", err=True)
+        else:
+            typer.echo(f"simulate: announced as {name}", err=True)
         ending.wait(seconds)
     counters = {"frames": camera.frames, "commands": camera.commands}
     text = f"simulate: {', '.join(f'{value} {key}' for key, value in counters.items())}"

@@ -140,7 +140,8 @@ int lp_osc_settings_read(const struct lp_uri *uri, const struct lp_camera_profil
 	if (lp_osc_address_parse(uri->rest, settings) < 0) {
 		lp_error(uri->text, "parse",
 			 "'%s' is not the address of a camera — use osc:HOST or osc:HOST:PORT, as "
-			 "osc:192.168.1.1",
+			 "osc:192.168.1.1; `lightprobe find --cameras` lists those that announce "
+			 "themselves",
 			 uri->rest);
 		return -EINVAL;
 	}
