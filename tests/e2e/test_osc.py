@@ -1,7 +1,9 @@
 """The daemon on a camera that follows Open Spherical Camera, with all that goes wrong with one."""
 
 import contextlib
+import itertools
 import threading
+import time
 from http.server import BaseHTTPRequestHandler, HTTPServer
 
 import numpy as np
@@ -12,12 +14,16 @@ from lightprobe.evaluate.evaluation import reference
 from lightprobe.sim import scenes
 from lightprobe.sim.osc.camera import OscCamera
 from lightprobe.sim.osc.faults import OscFaults
+from lightprobe.sim.osc.options import RefusedError
 from lightprobe.sim.osc.server import OscServer
 from lightprobe.sim.world import Behaviour, World
 from lightprobe_proto import lightprobe_pb2 as pb
 
 State = pb.Health.SourceState
 LOGIN = ("THETAYN10100001", "10100001")
+#: The simulated camera's change of mode; how often it is asked meanwhile; what it wants to pass
+#: between options and live preview (RICOH's commands/camera.set_options.md).
+MODE_S, BUSY_PAUSE_S, AFTER_OPTIONS_S = 1.5, 0.1, 1.0
 #: What a camera is when nobody has touched it.
 FACTORY = {"captureMode": "image", "exposureProgram": 2, "shutterSpeed": 0, "iso": 0,
            "whiteBalance": "auto", "_colorTemperature": 5000, "sleepDelay": 180, "offDelay": 600,
@@ -83,6 +89,55 @@ def test_light_from_a_theta(world):
             daemon.stop()
             assert "as they were" in daemon.log()
         assert options(camera) == FACTORY
+
+
+class Watched(OscCamera):
+    """Notes, by its own clock, when it was asked for what, and what it refused."""
+
+    def __init__(self, world):
+        super().__init__(world)
+        self.asked = []
+
+    def note(self, name, call):
+        try:
+            answer = call()
+        except RefusedError as refused:
+            self.asked.append((time.monotonic(), name, refused.code))
+            raise
+        self.asked.append((time.monotonic(), name, "done"))
+        return answer
+
+    def execute(self, name, parameters):
+        return self.note(name, lambda: super(Watched, self).execute(name, parameters))
+
+    def begin_preview(self):
+        return self.note("camera.getLivePreview", super().begin_preview)
+
+
+def test_no_time_is_lost_before_the_first_estimate(world):
+    """The camera's change of mode, and the second that RICOH asks for after options, are waited for.
+    Nothing else is: by what is asked in between, and by the shortest of some pauses, which a busy
+    machine only makes longer."""
+    camera = Watched(world)
+    with OscServer(camera, ("127.0.0.1", 0)) as server, probing(server.port) as (_, client):
+        client.until(lambda e: e.exposure_count >= 1)
+        begun = [name for _, name, _ in camera.asked].index("camera.getLivePreview")
+        refused = [at_s for at_s, _, code in camera.asked[:begun] if code != "done"]
+        assert 2 <= len(refused) <= MODE_S / BUSY_PAUSE_S + 1
+        assert min(b - a for a, b in itertools.pairwise(refused)) < 1.5 * BUSY_PAUSE_S
+        assert begun - len(refused) <= 8
+        for _ in range(4):
+            health = client.until(lambda h: h.source_state == State.STREAMING, "health")
+            camera.end_preview()
+            received = health.frames_received
+            client.until(lambda h, n=received: h.frames_received > n + 20, "health")
+    pauses = []
+    for (set_s, name, code), (asked_s, after, _) in itertools.pairwise(camera.asked):
+        if (name, code, after) == ("camera.setOptions", "done", "camera.getLivePreview"):
+            pauses.append(asked_s - set_s)
+    assert all(code == "done" for _, name, code in camera.asked if name == "camera.getLivePreview")
+    assert len(pauses) >= 5
+    assert AFTER_OPTIONS_S <= min(pauses) < AFTER_OPTIONS_S + 0.05
 
 
 @pytest.mark.parametrize(

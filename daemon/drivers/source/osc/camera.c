@@ -18,10 +18,11 @@
 #define NEVER_S 65535 /* of sleepDelay and offDelay */
 #define FIRST_US 8000.0F
 /* A camera that is busy is asked again after this, for so long: a change of mode takes a while. */
-#define BUSY_PAUSE_NS (200 * LP_NS_PER_MS)
+#define BUSY_PAUSE_NS (100 * LP_NS_PER_MS)
 #define BUSY_PATIENCE_NS (10 * LP_NS_PER_S)
-/* RICOH: "an interval of 1 second or more" between options and live preview. */
-#define AFTER_OPTIONS_NS (1050 * LP_NS_PER_MS)
+/* RICOH: "an interval of 1 second or more" between options and live preview. It begins when the
+ * answer is here, which is later than what it answers; the rest is for the camera's clock. */
+#define AFTER_OPTIONS_NS (1010 * LP_NS_PER_MS)
 /* Fewer frames a second are too few for brackets, if there is another choice. */
 #define LEAST_RATE_HZ 15.0F
 
