@@ -61,7 +61,7 @@ static void forget_before(struct lp_bracket *b, int k)
 static void command(struct lp_bracket *b, float exposure_us)
 {
 	b->commanded_us = exposure_us;
-	b->frames_since_command = b->judged_since_command = 0;
+	b->frames_since_command = b->judged_since_command = b->early_frames = 0;
 	b->assumed = false;
 	if (b->could == LP_MAX_CANDIDATES)
 		forget_before(b, 1);
@@ -231,18 +231,28 @@ static struct lp_bracket_decision fits_nothing(struct lp_bracket *b)
 	return decision;
 }
 
-/* The k-th has taken effect; the newest shows how long this camera takes. */
-static struct lp_bracket_decision change_seen(struct lp_bracket *b, int k)
+/* How long this camera takes, as the newest command shows. Light may change just as the exposure
+ * will a few frames later, but not time and again: then the camera has become faster, as it does
+ * when a computer is no longer busy. */
+static void learn_delay(struct lp_bracket *b)
 {
 	const int delay = b->frames_since_command;
 
-	if (k == b->could - 1) {
-		b->least_seen_frames =
-			b->changes && b->least_seen_frames < delay ? b->least_seen_frames : delay;
-		b->most_seen_frames =
-			b->changes && b->most_seen_frames > delay ? b->most_seen_frames : delay;
-		b->changes++;
-	}
+	b->early_changes = b->early_frames ? b->early_changes + 1 : 0;
+	if (b->early_changes >= TRUSTED_CHANGES)
+		b->least_seen_frames = b->early_frames;
+	else if (!b->changes || delay < b->least_seen_frames)
+		b->least_seen_frames = delay;
+	if (!b->changes || delay > b->most_seen_frames)
+		b->most_seen_frames = delay;
+	b->changes++;
+}
+
+/* The k-th has taken effect. */
+static struct lp_bracket_decision change_seen(struct lp_bracket *b, int k)
+{
+	if (k == b->could - 1)
+		learn_delay(b);
 	b->proved++;
 	b->assumed = false;
 	return take_effect(b, k);
@@ -271,8 +281,13 @@ static struct lp_bracket_decision told(struct lp_bracket *b, int k, float codes)
 		return by_time(b);
 	/* sooner than this camera has ever been: light that changed just so, or frames were lost
 	 * and nobody knows */
-	if (k > 0 && k == b->could - 1 && is_early)
+	if (k > 0 && k == b->could - 1 && is_early) {
+		if (!b->early_frames)
+			b->early_frames = b->frames_since_command;
 		return fits_nothing(b);
+	}
+	if (k == 0)
+		b->early_frames = 0;
 	b->untold = 0;
 	b->fit_codes = codes;
 	return k == 0 ? still_old(b) : change_seen(b, k);

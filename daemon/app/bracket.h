@@ -87,6 +87,8 @@ struct lp_bracket {
 	int untold;		  /* frames in a row whose exposure only the time tells */
 	float fit_codes; /* by how much the last frame differed from what its exposure predicts */
 	int least_seen_frames, most_seen_frames; /* from command to effect */
+	int early_frames;  /* since when all frames fit the newest, though it is too soon; 0: not */
+	int early_changes; /* in a row that came so */
 	int frames_ignored; /* since it was found not to follow, or tried again */
 	float scale_before; /* at the last command to see whether it does */
 

@@ -246,6 +246,25 @@ static void test_any_delay_merges_rightly(void **state)
 	}
 }
 
+/* As of a computer that is busy at first: what has been seen of the camera until then is no limit.
+ */
+static void test_a_camera_that_becomes_faster(void **state)
+{
+	struct camera camera = {.delay_frames = 5, .step_us = 10.0F};
+	struct lp_pipeline *pipeline = new_pipeline(&camera, 3);
+
+	(void)state;
+	(void)run(pipeline, &camera, 120, 1.0F);
+	camera.delay_frames = 1;
+	(void)run(pipeline, &camera, 90, 1.0F);
+	const struct outcome outcome = run(pipeline, &camera, 120, 1.0F);
+
+	assert_true(outcome.refused <= 12);
+	assert_int_equal(outcome.last.exposure_count, 3);
+	expect_right_light(&outcome, 1.0F, 0.03);
+	lp_pipeline_destroy(pipeline);
+}
+
 /* Whether or not the source tells that frames were lost. */
 static void test_lost_frames_merge_rightly(void **state)
 {
@@ -762,6 +781,7 @@ int main(void)
 		cmocka_unit_test(test_values_that_a_camera_can_take),
 		cmocka_unit_test(test_values_of_a_list),
 		cmocka_unit_test(test_any_delay_merges_rightly),
+		cmocka_unit_test(test_a_camera_that_becomes_faster),
 		cmocka_unit_test(test_lost_frames_merge_rightly),
 		cmocka_unit_test(test_reported_exposures_take_turns),
 		cmocka_unit_test(test_reported_exposures_need_no_verifying),
