@@ -37,9 +37,10 @@ struct block_picture {
 };
 
 /* Cells of linear radiance from block means and detail; the `exact_blocks` whose mean tells least
- * are looked at pixel by pixel. row_weight: as in vision/cells.h, of height * 8 rows. */
+ * are looked at pixel by pixel. row_weight, of height * 8 rows, and seen: as in vision/cells.h. */
 int cells_from_blocks(struct lp_cells *cells, const block_picture &picture, const float *row_weight,
-		      const struct lp_response *response, float scale, int exact_blocks);
+		      const uint8_t *seen, const struct lp_response *response, float scale,
+		      int exact_blocks);
 
 } /* namespace lp */
 

@@ -39,7 +39,10 @@ int lp_cells_reserve(struct lp_cells *cells, int width, int height, int cell_px)
 void lp_cells_release(struct lp_cells *cells);
 
 /* `scale` turns full scale into radiance: 1 / (exposure in s * gain), or 1 when that is unknown.
- * row_weight: per pixel row, its solid angle up to a factor; NULL: all alike. */
+ * row_weight: per pixel row, its solid angle up to a factor; NULL: all alike. seen: which cells a
+ * lens sees, four to a byte (bit k: cell 4 i + k of the row), rows of LP_QUADS(width) bytes; NULL:
+ * all. The others become 0 and count nowhere. */
+#define LP_QUADS(cells) (((cells) + 3) / 4)
 
 /*
  * From block means and detail of a JPEG (vision/jpeg/blocks.h), without its pixels; cells of 8 px.
@@ -47,8 +50,8 @@ void lp_cells_release(struct lp_cells *cells);
  * where row_weight is uneven across a block. row_weight holds whole blocks.
  */
 int lp_cells_from_jpeg(struct lp_cells *cells, const struct lp_jpeg_reader *reader,
-		       const float *row_weight, const struct lp_response *response, float scale,
-		       int exact_blocks);
+		       const float *row_weight, const uint8_t *seen,
+		       const struct lp_response *response, float scale, int exact_blocks);
 
 /* From decoded pixels: RGB, 8 bit, each linearised on its own. */
 int lp_cells_from_rgb8(struct lp_cells *cells, const uint8_t *rgb, int width_px, int height_px,
@@ -57,8 +60,8 @@ int lp_cells_from_rgb8(struct lp_cells *cells, const uint8_t *rgb, int width_px,
 
 /* From block means and detail of a raw 8-bit frame; otherwise as from a JPEG. */
 int lp_cells_from_raw_blocks(struct lp_cells *cells, const struct lp_frame *frame,
-			     const float *row_weight, const struct lp_response *response,
-			     float scale, int exact_blocks);
+			     const float *row_weight, const uint8_t *seen,
+			     const struct lp_response *response, float scale, int exact_blocks);
 
 /* From a raw frame pixel by pixel: YUYV, NV12, GREY, RGB_F32. */
 int lp_cells_from_raw(struct lp_cells *cells, const struct lp_frame *frame, int cell_px,

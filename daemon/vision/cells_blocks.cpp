@@ -102,10 +102,14 @@ struct filler {
 	struct lp_cells *cells;
 	const struct lp_response *response;
 	const float *row_weight; /* per pixel row, for every row of whole blocks; NULL: all alike */
+	const uint8_t *seen;
 	suspects found;
 	int64_t luma;
+	int count; /* of the blocks that are seen */
 
 	bool uneven(int by) const;
+	int seen_of(int bx, int by) const;
+	void skip(size_t first);
 	void row(const lp::block_row &row, int by, bool grey);
 	void exact(const lp::block_picture &picture, int block);
 };
@@ -119,6 +123,22 @@ bool filler::uneven(int by) const
 	return w && (w[7] > 4.0F * w[0] || w[0] > 4.0F * w[7]);
 }
 
+/* Those of the four blocks from bx on that are in the picture and seen, as bits. */
+int filler::seen_of(int bx, int by) const
+{
+	const int inside = bx + 4 <= cells->width ? 15 : (1 << (cells->width - bx)) - 1;
+
+	return seen ? inside & seen[by * LP_QUADS(cells->width) + bx / 4] : inside;
+}
+
+/* Four blocks that no lens sees. */
+void filler::skip(size_t first)
+{
+	for (int k = 0; k < 4; k++)
+		cv::v_store(cells->radiance[first + k], cv::v_setzero_f32());
+	std::memset(cells->clipped + first, 0, 4);
+}
+
 /* Stores reach up to three cells past the row: into the next row, which comes later, or the margin.
  */
 void filler::row(const lp::block_row &row, int by, bool grey)
@@ -130,7 +150,12 @@ void filler::row(const lp::block_row &row, int by, bool grey)
 	const bool insist = uneven(by);
 
 	for (int bx = 0; bx < cells->width; bx += 4) {
-		const int inside = bx + 4 <= cells->width ? 15 : (1 << (cells->width - bx)) - 1;
+		const int inside = seen_of(bx, by);
+
+		if (!inside) {
+			skip(first + bx);
+			continue;
+		}
 		const rgb_means m = means_at(row, bx, grey);
 		const v_float32x4 variance = cv::v_load(row.variance + bx);
 		const v_float32x4 red = linear_light(response->block[0], m.red, variance, scale);
@@ -161,9 +186,10 @@ void filler::row(const lp::block_row &row, int by, bool grey)
 			else
 				found.add(static_cast<int>(first) + k, row.variance[k]);
 		}
+		for (int bits = inside; bits; bits &= bits - 1)
+			luma += row.luma[bx + __builtin_ctz(bits)];
+		count += __builtin_popcount(inside);
 	}
-	for (int bx = 0; bx < cells->width; bx++)
-		luma += row.luma[bx];
 }
 
 /* The block's pixels after all. */
@@ -191,11 +217,11 @@ void filler::exact(const lp::block_picture &picture, int block)
 } /* namespace */
 
 int lp::cells_from_blocks(struct lp_cells *cells, const block_picture &picture,
-			  const float *row_weight, const struct lp_response *response, float scale,
-			  int exact_blocks)
+			  const float *row_weight, const uint8_t *seen,
+			  const struct lp_response *response, float scale, int exact_blocks)
 {
 	const int ret = lp_cells_reserve(cells, picture.width, picture.height, 8);
-	filler fill = {cells, response, row_weight, {}, 0};
+	filler fill = {cells, response, row_weight, seen, {}, 0, 0};
 	block_row row;
 
 	if (ret < 0)
@@ -207,7 +233,6 @@ int lp::cells_from_blocks(struct lp_cells *cells, const block_picture &picture,
 	}
 	for (int i = 0, n = fill.found.strongest(exact_blocks); i < n; i++)
 		fill.exact(picture, fill.found.list[i].block);
-	cells->mean_code = static_cast<double>(fill.luma) / LP_CODE_STEPS /
-			   (static_cast<double>(picture.width) * picture.height);
+	cells->mean_code = static_cast<double>(fill.luma) / LP_CODE_STEPS / std::max(fill.count, 1);
 	return 0;
 }

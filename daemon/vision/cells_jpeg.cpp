@@ -82,9 +82,9 @@ void jpeg_picture::read(int row, lp::block_row &out) const
 } /* namespace */
 
 extern "C" int lp_cells_from_jpeg(struct lp_cells *cells, const struct lp_jpeg_reader *reader,
-				  const float *row_weight, const struct lp_response *response,
-				  float scale, int exact_blocks)
+				  const float *row_weight, const uint8_t *seen,
+				  const struct lp_response *response, float scale, int exact_blocks)
 {
-	return lp::cells_from_blocks(cells, jpeg_picture(reader), row_weight, response, scale,
+	return lp::cells_from_blocks(cells, jpeg_picture(reader), row_weight, seen, response, scale,
 				     exact_blocks);
 }

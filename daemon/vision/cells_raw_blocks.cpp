@@ -186,9 +186,10 @@ void raw_picture::read(int row, lp::block_row &out) const
 } /* namespace */
 
 extern "C" int lp_cells_from_raw_blocks(struct lp_cells *cells, const struct lp_frame *frame,
-					const float *row_weight, const struct lp_response *response,
-					float scale, int exact_blocks)
+					const float *row_weight, const uint8_t *seen,
+					const struct lp_response *response, float scale,
+					int exact_blocks)
 {
-	return lp::cells_from_blocks(cells, raw_picture(frame), row_weight, response, scale,
+	return lp::cells_from_blocks(cells, raw_picture(frame), row_weight, seen, response, scale,
 				     exact_blocks);
 }

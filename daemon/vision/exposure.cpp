@@ -158,7 +158,7 @@ int load_picture(struct lp_exposure *exposure, const struct lp_frame *frame, int
 
 int load_blocks(struct lp_exposure *exposure, const struct lp_frame *frame,
 		const struct lp_decode_options *options, const float *row_weight,
-		const struct lp_response *response)
+		const uint8_t *seen, const struct lp_response *response)
 {
 	int ret = exposure->jpeg ? 0 : lp_jpeg_reader_create(&exposure->jpeg);
 
@@ -174,7 +174,7 @@ int load_blocks(struct lp_exposure *exposure, const struct lp_frame *frame,
 	    exposure->jpeg->height_px != static_cast<int>(frame->height_px))
 		return refuse("JPEG header", "the picture has another size than the stream");
 	exposure->jpeg_holds_frame = true;
-	return lp_cells_from_jpeg(&exposure->cells, exposure->jpeg, row_weight, response,
+	return lp_cells_from_jpeg(&exposure->cells, exposure->jpeg, row_weight, seen, response,
 				  exposure->scale, options->exact_blocks);
 }
 
@@ -202,7 +202,7 @@ size_t least_stride(const struct lp_frame *frame)
 }
 
 int load_raw(struct lp_exposure *exposure, struct lp_frame *frame,
-	     const struct lp_decode_options *options, const float *row_weight,
+	     const struct lp_decode_options *options, const float *row_weight, const uint8_t *seen,
 	     const struct lp_response *response)
 {
 	int ret;
@@ -210,8 +210,8 @@ int load_raw(struct lp_exposure *exposure, struct lp_frame *frame,
 	if (frame->stride_bytes < least_stride(frame) || frame->size_bytes < raw_size(frame))
 		return refuse("raw frame", "fewer bytes than its size needs");
 	ret = options->decode == LP_DECODE_BLOCKS
-		      ? lp_cells_from_raw_blocks(&exposure->cells, frame, row_weight, response,
-						 exposure->scale, options->exact_blocks)
+		      ? lp_cells_from_raw_blocks(&exposure->cells, frame, row_weight, seen,
+						 response, exposure->scale, options->exact_blocks)
 		      : lp_cells_from_raw(&exposure->cells, frame, options->cell_px, row_weight,
 					  response, exposure->scale);
 	if (ret == 0)
@@ -223,7 +223,7 @@ int load_raw(struct lp_exposure *exposure, struct lp_frame *frame,
 
 extern "C" int lp_exposure_load(struct lp_exposure *exposure, struct lp_frame *frame,
 				const struct lp_decode_options *options, const float *row_weight,
-				const struct lp_response *response)
+				const uint8_t *seen, const struct lp_response *response)
 {
 	int ret;
 
@@ -232,9 +232,9 @@ extern "C" int lp_exposure_load(struct lp_exposure *exposure, struct lp_frame *f
 	exposure->jpeg_holds_frame = false;
 	exposure->noise = lp_code_noise_of(frame);
 	if (frame->format != LP_FORMAT_MJPEG)
-		ret = load_raw(exposure, frame, options, row_weight, response);
+		ret = load_raw(exposure, frame, options, row_weight, seen, response);
 	else if (options->decode == LP_DECODE_BLOCKS)
-		ret = load_blocks(exposure, frame, options, row_weight, response);
+		ret = load_blocks(exposure, frame, options, row_weight, seen, response);
 	else
 		ret = load_picture(exposure, frame, options->divisor, options->cell_px, row_weight,
 				   response);

@@ -50,11 +50,11 @@ struct lp_exposure {
 	void *turbo; /* tjhandle */
 };
 
-/* Takes over the reference to `frame`. Fills cells. On an error the exposure holds no picture.
- * -EBADMSG: the frame is broken (logged); -ENOMEM. */
+/* Takes over the reference to `frame`. Fills cells; BLOCKS: those that are seen. On an error the
+ * exposure holds no picture. -EBADMSG: the frame is broken (logged); -ENOMEM. */
 int lp_exposure_load(struct lp_exposure *exposure, struct lp_frame *frame,
 		     const struct lp_decode_options *options, const float *row_weight,
-		     const struct lp_response *response);
+		     const uint8_t *seen, const struct lp_response *response);
 
 /* Scale the cells anew, when the exposure turns out to be another one. */
 void lp_exposure_rescale(struct lp_exposure *exposure, float scale);

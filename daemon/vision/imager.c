@@ -288,7 +288,7 @@ int lp_imager_load(struct lp_imager *imager, struct lp_frame *frame, float expec
 	imager->wheel_deg = frame->wheel_deg;
 	imager->eye->row_time_us = frame->row_time_us;
 	ret = lp_exposure_load(incoming, frame, &options, imager->eye->row_weight,
-			       &imager->eye->response);
+			       imager->eye->remap->seen, &imager->eye->response);
 	if (ret < 0)
 		return ret;
 	lp_eye_map(imager->eye);

@@ -233,6 +233,19 @@ void fill_targets(struct lp_remap *remap, int rows)
 			remap->target[next[remap->source[k]]++] = remap->order[i];
 }
 
+/* The camera cells that some row takes from. */
+void fill_seen(struct lp_remap *remap)
+{
+	const int across = cells_across(remap->width_px, remap->cell_px);
+
+	for (int k = 0; k < remap->sources; k++) {
+		const int column = k % across;
+
+		if (remap->given_sr[k] > 0.0F)
+			remap->seen[k / across * LP_QUADS(across) + column / 4] |= 1 << column % 4;
+	}
+}
+
 /* A cell seen in part takes the radiance of the part; gives how much of it is seen. */
 double fill_row(struct lp_remap *remap, const std::vector<entry> &row, int first, double omega)
 {
@@ -279,13 +292,14 @@ int compress(const matrix &rows, int sources, struct lp_remap *remap)
 	remap->source = array_of<int>(count);
 	remap->weight = array_of<float>(count);
 	remap->given_sr = array_of<float>(sources);
+	remap->seen = array_of<uint8_t>(sources); /* more than enough */
 	remap->unseen = array_of<uint8_t>(cells);
 	remap->row_share = array_of<float>(cells);
 	remap->target_first = array_of<int>(sources);
 	remap->target = array_of<int>(count);
 	if (!remap->order || !remap->first || !remap->row || !remap->source || !remap->weight ||
-	    !remap->given_sr || !remap->unseen || !remap->row_share || !remap->target_first ||
-	    !remap->target)
+	    !remap->given_sr || !remap->seen || !remap->unseen || !remap->row_share ||
+	    !remap->target_first || !remap->target)
 		return -ENOMEM;
 	for (int i = 0; i < cells; i++) {
 		const int cell = order[i];
@@ -300,8 +314,11 @@ int compress(const matrix &rows, int sources, struct lp_remap *remap)
 		else
 			remap->unseen[cell] = LP_CELL_UNSEEN;
 		remap->first[i + 1] = remap->first[i] + static_cast<int>(rows[cell].size());
+		for (size_t n = rows[cell].size(); n <= LP_REMAP_SHORT; n++)
+			remap->rows_end[n] = i + 1;
 	}
 	fill_targets(remap, cells);
+	fill_seen(remap);
 	seen /= 4.0 * M_PI;
 	remap->seen_fraction = seen > 0.9999 ? 1.0F : static_cast<float>(seen);
 	return 0;
@@ -349,8 +366,9 @@ extern "C" void lp_remap_destroy(struct lp_remap *remap)
 	     {static_cast<void *>(remap->order), static_cast<void *>(remap->first),
 	      static_cast<void *>(remap->row), static_cast<void *>(remap->source),
 	      static_cast<void *>(remap->weight), static_cast<void *>(remap->given_sr),
-	      static_cast<void *>(remap->unseen), static_cast<void *>(remap->row_share),
-	      static_cast<void *>(remap->target), static_cast<void *>(remap->target_first)})
+	      static_cast<void *>(remap->seen), static_cast<void *>(remap->unseen),
+	      static_cast<void *>(remap->row_share), static_cast<void *>(remap->target),
+	      static_cast<void *>(remap->target_first)})
 		std::free(array);
 	std::free(remap);
 }
@@ -395,22 +413,65 @@ static float clipped_fraction(const struct lp_remap *remap, const uint8_t *flags
 	return static_cast<float>(sum / (4.0 * M_PI));
 }
 
+namespace
+{
+
+/* Rows with `Count` entries each, from row `from` to before row `to`. */
+template <int Count>
+void apply_rows(const struct lp_remap *remap, const float (*radiance)[4], int from, int to,
+		float (*out)[4])
+{
+	const int *source = remap->source + remap->first[from];
+	const float *weight = remap->weight + remap->first[from];
+	const int *order = remap->order + from, *const end = remap->order + to;
+
+	for (; order < end; order++, source += Count, weight += Count) {
+		cv::v_float32x4 sum = cv::v_setzero_f32();
+
+		for (int k = 0; k < Count; k++)
+			sum = cv::v_fma(cv::v_load(radiance[source[k]]),
+					cv::v_setall_f32(weight[k]), sum);
+		cv::v_store(out[*order], sum);
+	}
+}
+
+/* Rows with any number of entries. */
+void apply_long_rows(const struct lp_remap *remap, const float (*radiance)[4], int from, int to,
+		     float (*out)[4])
+{
+	for (int i = from; i < to; i++) {
+		cv::v_float32x4 sum = cv::v_setzero_f32();
+
+		for (int k = remap->first[i]; k < remap->first[i + 1]; k++)
+			sum = cv::v_fma(cv::v_load(radiance[remap->source[k]]),
+					cv::v_setall_f32(remap->weight[k]), sum);
+		cv::v_store(out[remap->order[i]], sum);
+	}
+}
+
+/* Loops whose length is known when they are compiled are unrolled: most rows are short. */
+void apply_all_rows(const struct lp_remap *remap, const float (*radiance)[4], float (*out)[4])
+{
+	const int *end = remap->rows_end;
+
+	static_assert(LP_REMAP_SHORT == 4);
+	apply_rows<0>(remap, radiance, 0, end[0], out);
+	apply_rows<1>(remap, radiance, end[0], end[1], out);
+	apply_rows<2>(remap, radiance, end[1], end[2], out);
+	apply_rows<3>(remap, radiance, end[2], end[3], out);
+	apply_rows<4>(remap, radiance, end[3], end[4], out);
+	apply_long_rows(remap, radiance, end[4], remap->width * remap->height, out);
+}
+
+} /* namespace */
+
 extern "C" void lp_remap_apply(const struct lp_remap *remap, const struct lp_cells *cells,
 			       struct lp_panorama *panorama)
 {
-	const int count = remap->width * remap->height;
-
 	if (!remap->identity) {
-		for (int i = 0, k = 0; i < count; i++) {
-			const int end = remap->first[i + 1];
-			cv::v_float32x4 sum = cv::v_setzero_f32();
-
-			for (; k < end; k++)
-				sum = cv::v_fma(cv::v_load(cells->radiance[remap->source[k]]),
-						cv::v_setall_f32(remap->weight[k]), sum);
-			cv::v_store(panorama->cells[remap->order[i]], sum);
-		}
-		std::memcpy(panorama->flags, remap->unseen, count);
+		apply_all_rows(remap, cells->radiance, panorama->cells);
+		std::memcpy(panorama->flags, remap->unseen,
+			    static_cast<size_t>(remap->width) * remap->height);
 		if (cells->clipped_count)
 			mark_clipped(remap, cells, panorama->flags);
 	}

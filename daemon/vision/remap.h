@@ -18,21 +18,25 @@ struct lp_camera;
 struct lp_cells;
 struct lp_panorama;
 
+/* Rows with up to so many entries have loops of their own. */
+#define LP_REMAP_SHORT 4
+
 /*
- * Compressed rows. Rows of as many entries lie together, so that the loop over a row's entries is
- * predicted well: row i is panorama cell order[i], its entries first[i] .. first[i + 1] - 1.
- * Immutable.
+ * Compressed rows, the shortest first: row i is panorama cell order[i], its entries first[i] ..
+ * first[i + 1] - 1. Immutable.
  */
 struct lp_remap {
 	int width, height;		  /* of the panorama */
 	int width_px, height_px, cell_px; /* of the picture it was built for */
 	bool identity;			  /* the camera's cells are the panorama's */
 	int *order, *first;
-	int *row;	  /* of a panorama cell */
-	int *source;	  /* camera cell */
+	int rows_end[LP_REMAP_SHORT + 1]; /* rows with up to n entries end before rows_end[n] */
+	int *row;			  /* of a panorama cell */
+	int *source;			  /* camera cell */
 	float *weight;	  /* includes division by the lens's relative illumination */
 	float *given_sr;  /* per camera cell: weight times solid angle that the panorama takes from
 			     it */
+	uint8_t *seen;	  /* which camera cells the panorama takes from (vision/cells.h) */
 	uint8_t *unseen;  /* flags of a picture without clipped cells */
 	float *row_share; /* where in the picture a panorama cell is seen: -1/2 its upper edge, 1/2
 			     the lower; 0 where it is not */

@@ -454,6 +454,64 @@ static void test_few_clipped_pixels_are_seen(void **state)
 	}
 }
 
+/* One lens in the middle of the picture, its circle full of small lamps, and something beside it.
+ */
+static struct lp_frame *circle(int side, double radius, int beside)
+{
+	struct lp_frame *frame = new_frame(LP_FORMAT_GREY, side, side, side, (size_t)side * side);
+	uint8_t *data = (uint8_t *)frame->data;
+
+	for (int y = 0; y < side; y++)
+		for (int x = 0; x < side; x++) {
+			const double r = hypot(x + 0.5 - side / 2.0, y + 0.5 - side / 2.0);
+			const bool inside = r < radius + 16.0; /* blocks on its rim, too */
+			const bool dot = x % 32 == 3 && y % 32 == 5;
+
+			data[y * side + x] = inside ? (dot ? 200 : 20) : (x ^ y) & 1 ? beside : 0;
+		}
+	frame->exposure_us = 1e6F;
+	return frame;
+}
+
+/* Neither its light nor its detail: blocks with detail are looked at closely, as far as time
+ * allows.
+ */
+static void test_what_lies_beside_the_circle_counts_nowhere(void **state)
+{
+	const int side = 480;
+	struct lp_camera lens = {.projection = LP_FISHEYE,
+				 .width_px = side,
+				 .height_px = side,
+				 .lens_count = 1};
+	struct lp_imager_options options = {.panorama_width = 160,
+					    .decode = LP_DECODE_BLOCKS,
+					    .divisor = 1,
+					    .exact_blocks = 64};
+	struct lp_imager *imagers[2];
+	struct lp_imager_status status[2];
+
+	(void)state;
+	lens.lens[0] = (struct lp_lens){.cx_px = 240,
+					.cy_px = 240,
+					.fx_px = 110,
+					.fy_px = 110,
+					.max_theta_rad = 1.6F,
+					.rotation = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
+	for (int k = 0; k < 2; k++) {
+		assert_int_equal(lp_imager_create(&lens, &options, &imagers[k]), 0);
+		assert_int_equal(lp_imager_add(imagers[k], circle(side, 110 * 1.6, 255 * k)), 0);
+		lp_imager_status(imagers[k], &status[k]);
+	}
+	assert_float_equal(status[0].mean_code, 20.2, 1.0);
+	assert_float_equal(status[1].mean_code, status[0].mean_code, 0);
+	assert_float_equal(lp_imager_panorama(imagers[1])->clipped_fraction, 0, 0);
+	for (int i = 0; i < 160 * 80; i++)
+		assert_memory_equal(lp_imager_panorama(imagers[0])->cells[i],
+				    lp_imager_panorama(imagers[1])->cells[i], 16);
+	lp_imager_destroy(imagers[0]);
+	lp_imager_destroy(imagers[1]);
+}
+
 static int frames_out;
 
 static void count_back(struct lp_frame *frame)
@@ -584,6 +642,7 @@ int main(void)
 		cmocka_unit_test(test_raw_blocks_against_pixels),
 		cmocka_unit_test(test_refinement),
 		cmocka_unit_test(test_few_clipped_pixels_are_seen),
+		cmocka_unit_test(test_what_lies_beside_the_circle_counts_nowhere),
 		cmocka_unit_test(test_frames_held),
 		cmocka_unit_test(test_bad_frames),
 		cmocka_unit_test(test_invalid_samples),
