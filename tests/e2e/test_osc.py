@@ -115,8 +115,8 @@ class Watched(OscCamera):
 
 
 def test_no_time_is_lost_before_the_first_estimate(world):
-    """The camera's change of mode, and the second that RICOH asks for after options, are waited for.
-    Nothing else is: by what is asked in between, and by the shortest of some pauses, which a busy
+    """Only the camera's change of mode is waited for, and the second that RICOH asks for after
+    options: as what is asked in between tells, and the shortest of some pauses, which a busy
     machine only makes longer."""
     camera = Watched(world)
     with OscServer(camera, ("127.0.0.1", 0)) as server, probing(server.port) as (_, client):

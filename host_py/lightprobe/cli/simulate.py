@@ -274,6 +274,15 @@ def command(
             help="With --osc: ask for a password, as in client mode: a line USER:PASSWORD.",
         ),
     ] = None,
+    keep_pictures: Annotated[
+        int,
+        typer.Option(
+            min=0,
+            max=64,
+            help="While nothing changes, repeat so many pictures of each exposure, noise and all: "
+            "for rates that this machine is too slow to draw; 0: all are new.",
+        ),
+    ] = 0,
     headset: Annotated[
         Path | None,
         typer.Option(
@@ -390,7 +399,7 @@ def command(
             world, osc_model, (osc_host, osc), osc_password_file, faults=faults, seconds=seconds,
             delay_frames=delay_frames, seed=seed, quality=quality, chroma=chroma,
             sensor=SensorModel(full_well_e, read_noise_e), response=curve, truth=truth,
-            control=control, as_json=as_json,
+            control=control, as_json=as_json, kept=keep_pictures,
         )  # fmt: skip
         return
     simulated = SimulatedCamera(
@@ -398,7 +407,7 @@ def command(
         seed=seed,
         model=SensorModel(full_well_e, read_noise_e), sheet=sheet,
         stack_deg=stack_deg if len(stack_deg) > 1 else (),
-        response=curve, limits=limits, row_time_us=row_time_us,
+        response=curve, limits=limits, row_time_us=row_time_us, kept=keep_pictures,
     )  # fmt: skip
     fixed = None if exposure_us is None else Shot(exposure_us)
     exposure = Exposure(simulated, bracket, fixed, delay_frames)

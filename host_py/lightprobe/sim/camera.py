@@ -31,6 +31,8 @@ Composed = tuple[NDArray[np.float32], NDArray[np.float32] | None]
 FORMATS = ("MJPG", "YUYV", "NV12", "GREY", "RGBF")
 #: Noiseless signals kept: a bracket of the scene before and after a lamp is switched.
 _CACHED = 12
+#: Pictures kept, where any are: of so many exposures and states of the world.
+_KEPT_KINDS = 12
 #: A hand before the lens: share of the mean light that passes through it, and the width of its rim
 #: (1 is a radian).
 _HAND_GLOW, _HAND_RIM = np.array([0.03, 0.015, 0.01], np.float32), 0.2
@@ -78,6 +80,7 @@ class SimulatedCamera:
         row_time_us: float = 0.0,
         phase_s: float = 0.0,
         white_balance: tuple[float, float, float] = (1.0, 1.0, 1.0),
+        kept: int = 0,
     ) -> None:
         """`size_px` (width, height), both even for YUYV and NV12; `sheet`: of a polarizer;
         `stack_deg`: several of them one behind the other, the outermost first, instead of a wheel.
@@ -87,6 +90,8 @@ class SimulatedCamera:
         `row_time_us`: by which each row's exposure begins later than that of the row above.
         `phase_s`: by which each frame is read later than at (n + 1) / rate.
         `white_balance`: factors of R, G, B; 1: as D65 lights a white wall.
+        `kept`: while nothing changes, so many pictures come again and again, noise and all, and are
+        drawn and encoded only once: for rates that this machine is too slow for; 0: all are new.
         """
         self.world, self.lens, self.size_px = world, lens, size_px
         self.rate_hz, self.pixel_format = rate_hz, pixel_format
@@ -120,6 +125,7 @@ class SimulatedCamera:
         self._composed: tuple[Hashable, Composed] | None = None
         self._walked: tuple[Hashable, Layers] | None = None
         self._signals: OrderedDict[Hashable, Expected] = OrderedDict()
+        self._kept, self._pictures = kept, OrderedDict[Hashable, bytes]()
 
     def state(self, frame: int, shot: Shot) -> State:
         """State of the world while the middle row of frame `frame` is exposed."""
@@ -184,10 +190,23 @@ class SimulatedCamera:
                 return radiance.tobytes()
             codes = self.sensor.capture(radiance, shot.exposure_us, number, shot.gain)
             return encode(codes, self.pixel_format, self.quality, self.chroma)
-        signal = self._signal(state, shot, wheel_deg, rows)
+        key = self._key(state, shot, wheel_deg, rows)
         turn_px = 0 if self._turns_first(state) else self._turn_px(state)
-        codes = self.sensor.develop(signal, number, shot.gain, turn_px)
-        return encode(codes, self.pixel_format, self.quality, self.chroma)
+        which = (key, turn_px, number % self._kept) if self._kept and rows is None else None
+        picture = self._pictures.get(which)
+        if picture is None:
+            signal = self._signal(key, state, shot, wheel_deg, rows)
+            codes = self.sensor.develop(signal, number, shot.gain, turn_px)
+            picture = encode(codes, self.pixel_format, self.quality, self.chroma)
+        if which is not None:
+            self._keep(which, picture)
+        return picture
+
+    def _keep(self, which: Hashable, picture: bytes) -> None:
+        self._pictures[which] = picture
+        self._pictures.move_to_end(which)
+        if len(self._pictures) > _KEPT_KINDS * self._kept:
+            self._pictures.popitem(last=False)
 
     def _behind_a_hand(self, radiance: NDArray[np.float32]) -> NDArray[np.float32]:
         """Radiance (H, W, 3) when a hand covers what looks to the right.
@@ -332,16 +351,13 @@ class SimulatedCamera:
         shift_px = np.zeros(1, np.int64) if rows is None else self._shift_px(state, rows)
         return _rolled(radiance, self._turn_px(state) + shift_px).astype("<f4")
 
-    def _signal(
+    def _key(
         self, state: State, shot: Shot, wheel_deg: tuple[float, ...], rows: Rows | None
-    ) -> Expected:
-        """Noiseless signal, from the cache while all that shapes it stays the same.
-
-        Where :meth:`_turns_first` is false it still wants the middle row's turn.
-        """
+    ) -> Hashable:
+        """All that shapes :meth:`_signal`."""
         turned = self._turns_first(state)
         yaw = self._turn_px(state) if self._rays is None else state.yaw_deg
-        key = (
+        return (
             state.act, state.place_m, state.powers.tobytes(), shot, yaw if turned else None,
             self._smear_px(state), state.nod_deg, state.nod_smear_deg,
             wheel_deg if self._polarized(state) else None,
@@ -350,6 +366,19 @@ class SimulatedCamera:
             rows.nod_offset_deg.tobytes() if rows is not None else None,
             self.white_balance,
         )  # fmt: skip
+
+    def _signal(
+        self,
+        key: Hashable,
+        state: State,
+        shot: Shot,
+        wheel_deg: tuple[float, ...],
+        rows: Rows | None,
+    ) -> Expected:
+        """Noiseless signal, from the cache while all that shapes it (`key`) stays the same.
+
+        Where :meth:`_turns_first` is false it still wants the middle row's turn.
+        """
         signal = self._signals.get(key)
         if signal is None:
             radiance = self._radiance(state, wheel_deg, rows)
@@ -360,7 +389,11 @@ class SimulatedCamera:
             if len(self._signals) > _CACHED:
                 self._signals.popitem(last=False)
         self._signals.move_to_end(key)
-        return signal if turned or rows is None else _rolled(signal, self._shift_px(state, rows))
+        return (
+            signal
+            if self._turns_first(state) or rows is None
+            else _rolled(signal, self._shift_px(state, rows))
+        )
 
 
 def _rolled(picture: NDArray[Pixel], shift_px: NDArray[np.int64]) -> NDArray[Pixel]:

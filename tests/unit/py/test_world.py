@@ -28,6 +28,24 @@ def test_acts_follow_each_other_and_come_again():
     assert World([random_scene(0), random_scene(1)], Behaviour(act_s=0)).at(99).act == 0
 
 
+def test_pictures_are_kept_while_nothing_changes():
+    world = World([random_scene(2)], Behaviour(act_s=0, switch_s=1))
+    fresh, keeping = (
+        SimulatedCamera(world, lenses.equirect(), SIZE, rate_hz=30, kept=kept) for kept in (0, 2)
+    )
+    shot, other = Shot(2000), Shot(500)
+    for number in (0, 1):
+        assert keeping.frame(number, shot) == fresh.frame(number, shot)
+    assert keeping.frame(2, shot) is keeping.frame(0, shot)
+    assert keeping.frame(3, shot) is keeping.frame(1, shot)
+    assert fresh.frame(2, shot) != fresh.frame(0, shot)
+    assert keeping.frame(2, other) == fresh.frame(2, other)
+    lamp_off = 45  # in the second second
+    assert keeping.frame(lamp_off, shot) == fresh.frame(lamp_off, shot)
+    keeping.white_balance = fresh.white_balance = (1.2, 1.0, 0.9)
+    assert keeping.frame(4, shot) == fresh.frame(4, shot)
+
+
 def test_lamps_are_off_in_turn():
     world = World([random_scene(2)], Behaviour(act_s=0, switch_s=1))
     lit = [tuple(world.at(t + 0.5).powers > 0) for t in range(4)]

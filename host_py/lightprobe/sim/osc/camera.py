@@ -58,8 +58,10 @@ class OscCamera:
         sensor: SensorModel | None = None,
         response: Array | None = None,
         truth: TextIO | None = None,
+        kept: int = 0,
     ) -> None:
-        """`model`: a key of models.MODELS. `truth` gets one JSON line per frame."""
+        """`model`: a key of models.MODELS. `truth` gets one JSON line per frame. `kept`: pictures
+        that are repeated while nothing changes, as :class:`SimulatedCamera` has it."""
         self.world, self.faults = world, faults or OscFaults()
         self.model = models.MODELS[model]
         if self.faults.old_firmware:
@@ -72,7 +74,7 @@ class OscCamera:
         self.commands = 0
         self._optics: Optics = functools.cache(self._make)
         self._about = {"quality": quality, "chroma": chroma, "seed": seed, "model": sensor,
-                       "response": response}  # fmt: skip
+                       "response": response, "kept": kept}  # fmt: skip
         self._delay_frames, self._truth = delay_frames, truth
         self._chance = random.Random(seed)
         self._lock = threading.RLock()
@@ -95,7 +97,8 @@ class OscCamera:
 
     def prepare(self, size_px: tuple[int, int], rate_hz: float) -> None:
         """Draw the world for a preview already now: a real camera does not need that time."""
-        self._optics(size_px, rate_hz)
+        camera = self._optics(size_px, rate_hz)
+        camera.frame(0, camera.automatic(0)[0])
 
     # What the network and the power say.
 
