@@ -5,7 +5,7 @@
 faults-docs: build ## write the generated parts of the fault pages in docs/ again
 	@$(VENV)/bin/python docs/faults.py
 .PHONY: which-camera
-which-camera: build ## measure the simulated THETA X again and write docs/users/which_camera.md (two minutes)
+which-camera: build ## measure the simulated THETA X again and write docs/users/which_camera.md (four minutes)
 	@$(VENV)/bin/python tests/bench/which_camera.py
 
 check-rules: check-faults
