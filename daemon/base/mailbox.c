@@ -78,9 +78,12 @@ static void *remove_locked(struct lp_mailbox *mailbox, int k)
 	return item;
 }
 
-static void append_locked(struct lp_mailbox *mailbox, void *item)
+/* Behind k items. */
+static void insert_locked(struct lp_mailbox *mailbox, void *item, int k)
 {
-	*item_at(mailbox, mailbox->count) = item;
+	for (int j = mailbox->count; j > k; j--)
+		*item_at(mailbox, j) = *item_at(mailbox, j - 1);
+	*item_at(mailbox, k) = item;
 	if (mailbox->count++ == 0)
 		signal_fd(mailbox, true);
 	pthread_cond_signal(&mailbox->filled);
@@ -93,29 +96,72 @@ void *lp_mailbox_put(struct lp_mailbox *mailbox, void *item)
 	pthread_mutex_lock(&mailbox->lock);
 	if (mailbox->count == mailbox->capacity)
 		lost = remove_locked(mailbox, 0);
-	append_locked(mailbox, item);
+	insert_locked(mailbox, item, mailbox->count);
 	pthread_mutex_unlock(&mailbox->lock);
+	return lost;
+}
+
+/* What waits of one kind: those that count, or the others. */
+struct kind {
+	int items;
+	int oldest, newest; /* -1: none waits */
+};
+
+static struct kind kind_of(struct lp_mailbox *mailbox, bool counted,
+			   bool (*counts)(const void *item))
+{
+	struct kind kind = {.oldest = -1, .newest = -1};
+
+	for (int k = mailbox->count - 1; k >= 0; k--) {
+		if (counts(*item_at(mailbox, k)) != counted)
+			continue;
+		kind.items++;
+		kind.oldest = k;
+		if (kind.newest < 0)
+			kind.newest = k;
+	}
+	return kind;
+}
+
+/* The oldest of the kind goes; each of the others moves up into the place before it, and the item
+ * takes the last place, so that it does not wait longer than what it displaces. */
+static void *displace_locked(struct lp_mailbox *mailbox, void *item, bool (*counts)(const void *))
+{
+	const struct kind kind = kind_of(mailbox, true, counts);
+	void *lost = *item_at(mailbox, kind.oldest);
+	int place = kind.oldest;
+
+	for (int k = kind.oldest + 1; k <= kind.newest; k++) {
+		if (!counts(*item_at(mailbox, k)))
+			continue;
+		*item_at(mailbox, place) = *item_at(mailbox, k);
+		place = k;
+	}
+	*item_at(mailbox, place) = item;
+	mailbox->lost++;
 	return lost;
 }
 
 void *lp_mailbox_put_counted(struct lp_mailbox *mailbox, void *item, int most,
 			     bool (*counts)(const void *item))
 {
-	int counted = 0, oldest = 0;
+	const bool counted = counts(item);
 	void *lost = NULL;
 
 	pthread_mutex_lock(&mailbox->lock);
-	for (int k = mailbox->count - 1; k >= 0; k--) {
-		if (counts(*item_at(mailbox, k))) {
-			counted++;
-			oldest = k;
-		}
+	struct kind kind = kind_of(mailbox, counted, counts);
+
+	if (counted && kind.items >= most) {
+		lost = displace_locked(mailbox, item, counts);
+	} else {
+		if (mailbox->count == mailbox->capacity)
+			lost = remove_locked(mailbox, kind.oldest < 0 ? 0 : kind.oldest);
+		kind = kind_of(mailbox, true, counts);
+		/* behind the newest that counts, and one of the others */
+		const int place = counted ? kind.newest + 2 : mailbox->count;
+
+		insert_locked(mailbox, item, place < mailbox->count ? place : mailbox->count);
 	}
-	if (counts(item) && counted >= most)
-		lost = remove_locked(mailbox, oldest);
-	else if (mailbox->count == mailbox->capacity)
-		lost = remove_locked(mailbox, 0);
-	append_locked(mailbox, item);
 	pthread_mutex_unlock(&mailbox->lock);
 	return lost;
 }

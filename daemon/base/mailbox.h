@@ -18,7 +18,8 @@ struct lp_mailbox *lp_mailbox_create(int capacity);
 void *lp_mailbox_put(struct lp_mailbox *mailbox, void *item);
 
 /* The same, but of the items that `counts` says yes to no more than `most` may wait: one that
- * counts too much takes the place of the oldest of them. */
+ * counts too much displaces the oldest of them, and waits no longer than it would have. They take
+ * turns with the others: behind those that count before it, each waits for one other at most. */
 void *lp_mailbox_put_counted(struct lp_mailbox *mailbox, void *item, int most,
 			     bool (*counts)(const void *item));
 

@@ -64,16 +64,59 @@ static void test_only_what_counts_is_displaced(void **state)
 	assert_null(lp_mailbox_put_counted(mailbox, &items[2], 2, is_small));
 	assert_ptr_equal(lp_mailbox_put_counted(mailbox, &items[3], 2, is_small), &items[0]);
 	assert_null(lp_mailbox_put_counted(mailbox, &items[4], 2, is_small));
-	/* 10 2 3 11: full */
+	/* 2 10 3 11: full */
 	assert_ptr_equal(lp_mailbox_put_counted(mailbox, &items[6], 2, is_small), &items[2]);
 	assert_ptr_equal(lp_mailbox_put_counted(mailbox, &items[5], 2, is_small), &items[1]);
 	assert_int_equal(lp_mailbox_lost(mailbox), 3);
 	assert_ptr_equal(lp_mailbox_take(mailbox), &items[3]);
-	assert_ptr_equal(lp_mailbox_take(mailbox), &items[4]);
 	assert_ptr_equal(lp_mailbox_take(mailbox), &items[6]);
+	assert_ptr_equal(lp_mailbox_take(mailbox), &items[4]);
 	assert_true(readable(mailbox));
 	assert_ptr_equal(lp_mailbox_take(mailbox), &items[5]);
 	assert_false(readable(mailbox));
+	lp_mailbox_destroy(mailbox);
+}
+
+/* More of each kind come than are taken: both go on. */
+static void test_they_take_turns(void **state)
+{
+	struct lp_mailbox *mailbox = lp_mailbox_create(6);
+	int small[40], large[40], taken = 0, last = 0;
+
+	(void)state;
+	for (int k = 0; k < 40; k++) {
+		small[k] = 0;
+		large[k] = 10 + k;
+		(void)lp_mailbox_put_counted(mailbox, &large[k], 1, is_small);
+		(void)lp_mailbox_put_counted(mailbox, &small[k], 1, is_small);
+		const int item = *(const int *)lp_mailbox_take(mailbox);
+
+		taken += item < 10;
+		if (item >= 10) {
+			assert_true(item > last); /* of one kind in their order */
+			last = item;
+		}
+	}
+	assert_in_range(taken, 15, 25);
+	while (lp_mailbox_take(mailbox))
+		;
+	lp_mailbox_destroy(mailbox);
+}
+
+/* A full mailbox of the others loses the oldest of them, and none that counts. */
+static void test_none_that_counts_is_displaced_by_others(void **state)
+{
+	struct lp_mailbox *mailbox = lp_mailbox_create(3);
+	int items[] = {1, 10, 11, 12};
+
+	(void)state;
+	assert_null(lp_mailbox_put_counted(mailbox, &items[0], 1, is_small));
+	assert_null(lp_mailbox_put_counted(mailbox, &items[1], 1, is_small));
+	assert_null(lp_mailbox_put_counted(mailbox, &items[2], 1, is_small));
+	assert_ptr_equal(lp_mailbox_put_counted(mailbox, &items[3], 1, is_small), &items[1]);
+	assert_ptr_equal(lp_mailbox_take(mailbox), &items[0]);
+	while (lp_mailbox_take(mailbox))
+		;
 	lp_mailbox_destroy(mailbox);
 }
 
@@ -151,6 +194,8 @@ int main(void)
 		cmocka_unit_test(test_newest_wins_and_losses_are_counted),
 		cmocka_unit_test(test_capacity_one_keeps_the_newest),
 		cmocka_unit_test(test_only_what_counts_is_displaced),
+		cmocka_unit_test(test_they_take_turns),
+		cmocka_unit_test(test_none_that_counts_is_displaced_by_others),
 		cmocka_unit_test(test_descriptor_is_readable_while_an_item_waits),
 		cmocka_unit_test(test_waking),
 		cmocka_unit_test(test_threads_see_rising_items_and_the_last),
