@@ -19,8 +19,8 @@
 #define PROTOCOL_MAJOR 1
 /* 1: estimates echo the number of their subscription. 2: Hello names the probe. 3: poses, pings,
  * WORLD and the probe's orientation; KEY and area lights. 4: reflection maps; polarization maps,
- * sweeps on request. */
-#define PROTOCOL_MINOR 4
+ * sweeps on request. 5: stills on request. */
+#define PROTOCOL_MINOR 5
 #define LEAST_SLEEP_NS (50 * LP_NS_PER_MS) /* less may be the reading of two clocks */
 #define LENGTH_PREFIX_BYTES 3		   /* of messages up to 2 MiB */
 /* What FromProbe adds to the message in it: its tag and its length. */
@@ -399,6 +399,15 @@ void lp_encode_sweep_started(uint64_t done_at, struct lp_packet *packet)
 						   lightprobe_v1_FromProbe_sweep_started_tag};
 
 	message.message.sweep_started.done_at = done_at;
+	encode(&message, LP_PACKET_CONTROL, packet);
+}
+
+void lp_encode_stills_asked(uint32_t cameras, struct lp_packet *packet)
+{
+	lightprobe_v1_FromProbe message = {.which_message =
+						   lightprobe_v1_FromProbe_stills_asked_tag};
+
+	message.message.stills_asked.cameras = cameras;
 	encode(&message, LP_PACKET_CONTROL, packet);
 }
 

@@ -66,6 +66,7 @@ enum lp_request_kind {
 	LP_REQUEST_PING,
 	LP_REQUEST_POLARIZATION_MAP,
 	LP_REQUEST_SWEEP,
+	LP_REQUEST_STILLS,
 };
 
 /* What a client asks for or tells. */
@@ -130,6 +131,7 @@ void lp_encode_pong(const struct lp_pong *pong, struct lp_packet *packet);
 void lp_encode_polarization(const struct lp_polarization_grid *grid, uint64_t sweeps,
 			    struct lp_packet *packet);
 void lp_encode_sweep_started(uint64_t done_at, struct lp_packet *packet);
+void lp_encode_stills_asked(uint32_t cameras, struct lp_packet *packet);
 void lp_encode_error(int code, const char *text, struct lp_packet *packet);
 
 /*

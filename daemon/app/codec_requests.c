@@ -144,6 +144,9 @@ int lp_decode_request(const uint8_t *data, size_t size_bytes, struct lp_request 
 	case lightprobe_v1_FromClient_start_sweep_tag:
 		request->kind = LP_REQUEST_SWEEP;
 		return 0;
+	case lightprobe_v1_FromClient_take_stills_tag:
+		request->kind = LP_REQUEST_STILLS;
+		return 0;
 	default:
 		*reason = "is not known to this version";
 		return -EOPNOTSUPP;

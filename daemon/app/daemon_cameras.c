@@ -137,6 +137,28 @@ static void on_state(void *context, enum lp_source_state state, const char *reas
 		lp_daemon_begin_ending(daemon, LP_EXIT_FAILURE);
 }
 
+int lp_daemon_on_stills(void *context, const char **reason)
+{
+	struct lp_daemon *daemon = context;
+	int able = 0, asked = 0;
+
+	for (int k = 0; k < daemon->camera_count; k++) {
+		const struct lp_daemon_camera *camera = &daemon->cameras[k];
+
+		if (!camera->source->ops->take_stills)
+			continue;
+		able++;
+		if (camera->state != LP_SOURCE_STREAMING)
+			continue;
+		camera->source->ops->take_stills(camera->source);
+		asked++;
+	}
+	*reason = able ? "no camera for stills is ready — health says what it waits for"
+		       : "this probe has no camera for stills — start lightprobed with a second "
+			 "--source=ptp:";
+	return asked ? asked : able ? -EAGAIN : -ENODEV;
+}
+
 /* ---------------------------------------------------------------- life */
 
 /* What can be wrong with several of them. */

@@ -75,6 +75,7 @@ static int create_hub(struct lp_daemon *daemon)
 		.pose = lp_daemon_on_pose,
 		.left = lp_daemon_on_client_left,
 		.sweep = lp_daemon_on_sweep,
+		.stills = lp_daemon_on_stills,
 		.failed = lp_daemon_on_publisher_failed,
 	};
 

@@ -97,6 +97,7 @@ void lp_daemon_on_publisher_failed(void *context, int failure);
 int lp_daemon_on_pose(void *context, const void *client,
 		      const struct lp_orientation_sample *sample);
 int lp_daemon_on_sweep(void *context, uint64_t *done_at, const char **reason);
+int lp_daemon_on_stills(void *context, const char **reason); /* daemon_cameras.c */
 void lp_daemon_on_client_left(void *context, const void *client);
 void lp_daemon_on_orientation_sample(void *context, const struct lp_orientation_sample *sample);
 

@@ -34,6 +34,8 @@ struct lp_hub_options {
 	void (*left)(void *context, const void *client);
 	/* As lp_instruments_sweep(). NULL: there is no wheel. */
 	int (*sweep)(void *context, uint64_t *done_at, const char **reason);
+	/* Cameras for stills are to take a set; how many do, or -errno with the reason. */
+	int (*stills)(void *context, const char **reason);
 	/* A publisher cannot go on (publisher.h). */
 	void (*failed)(void *context, int failure);
 };

@@ -167,6 +167,23 @@ static int refuse_unread(struct lp_hub *hub, struct lp_hub_client *client, int c
 	return code == -EOPNOTSUPP ? 0 : code; /* a newer client may go on without it */
 }
 
+static void take_stills(struct lp_hub *hub, struct lp_hub_client *client)
+{
+	const char *reason;
+	const int cameras = hub->options.stills(hub->options.context, &reason);
+
+	if (cameras < 0) {
+		hub->options.health->report.requests_rejected++;
+		lp_hub_refuse_request(hub, client, cameras, "stills", reason);
+		return;
+	}
+	struct lp_packet *packet = lp_packets_take(hub->packets);
+
+	if (packet)
+		lp_encode_stills_asked((uint32_t)cameras, packet);
+	lp_hub_send_last(hub, client, packet);
+}
+
 int lp_hub_on_request(void *context, void *user, const uint8_t *data, size_t size_bytes)
 {
 	struct lp_hub *hub = context;
@@ -195,6 +212,9 @@ int lp_hub_on_request(void *context, void *user, const uint8_t *data, size_t siz
 		break;
 	case LP_REQUEST_SWEEP:
 		lp_hub_start_sweep(hub, client);
+		break;
+	case LP_REQUEST_STILLS:
+		take_stills(hub, client);
 		break;
 	}
 	return 0;

@@ -93,6 +93,8 @@ struct lp_source_ops {
 	void (*caps)(const struct lp_source *source, struct lp_source_caps *caps);
 	/* Optional (NULL): command exposure; takes effect some frames later. */
 	int (*set_exposure)(struct lp_source *source, float exposure_us, float gain);
+	/* Optional (NULL): a camera for stills is to take a set now, or after the one under way. */
+	void (*take_stills)(struct lp_source *source);
 	/* Accepts NULL. Restores what start() changed on the device. Frames must be back by then.
 	 */
 	void (*destroy)(struct lp_source *source);

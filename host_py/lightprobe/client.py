@@ -42,6 +42,7 @@ from lightprobe.estimate import (
     PolarizationMap,
     Pong,
     Refusal,
+    StillsAsked,
     SweepStarted,
 )
 from lightprobe.reflection_map import ReflectionMap
@@ -50,6 +51,7 @@ from lightprobe.wire import (
     MINOR_WITH_NUMBERS,
     MINOR_WITH_PINGS,
     MINOR_WITH_POLARIZATION,
+    MINOR_WITH_STILLS,
     PROTOCOL_MAJOR,
     Decoder,
     Message,
@@ -61,6 +63,7 @@ from lightprobe.wire import (
     encode_pose,
     encode_start_sweep,
     encode_subscription,
+    encode_take_stills,
 )
 
 DEFAULT_URI = "tcp:127.0.0.1:7700"
@@ -145,7 +148,7 @@ class AsyncClient:
         self._probe_clock = ClockOffset()
         self._pong_time_ns: int | None = None  # when the last answer to a ping came
         self._final: ProbeError | None = None
-        self._answer: PolarizationMap | SweepStarted | None = None
+        self._answer: PolarizationMap | SweepStarted | StillsAsked | None = None
         self._refusal: str | None = None  # of this connection
         self._writer: asyncio.StreamWriter | WebSocketStream | None = None
         self._news = asyncio.Condition()
@@ -307,6 +310,15 @@ class AsyncClient:
             )
         return self._sweeps()
 
+    async def take_stills(self, timeout_s: float = 10.0) -> int:
+        """Have cameras for stills take a set now, and wait until that is under way; gives how many.
+
+        A set counts some seconds later, when it has come. Raises :class:`ProbeError` with the
+        probe's words where there is no such camera, or none is ready; :class:`ProbeTimeout`.
+        """
+        asked = await self._ask(encode_take_stills(), StillsAsked, timeout_s, MINOR_WITH_STILLS)
+        return asked.cameras
+
     def _sweeps(self) -> int:
         return self.health.wheel.sweeps if self.health and self.health.wheel else 0
 
@@ -321,15 +333,21 @@ class AsyncClient:
             raise self._final
         return condition()
 
-    async def _ask(self, request: bytes, kind: type[T], timeout_s: float) -> T:
-        """Send a request and wait for its answer."""
+    async def _ask(
+        self,
+        request: bytes,
+        kind: type[T],
+        timeout_s: float,
+        least_minor: int = MINOR_WITH_POLARIZATION,
+    ) -> T:
+        """Send a request and wait for its answer; probes of an older protocol have none."""
         deadline_s = time.monotonic() + timeout_s
         if not await self._until(lambda: self.connected, deadline_s) or self._writer is None:
             raise ProbeTimeout(f"{self._why_nothing()} (waited {timeout_s:g} s)")
-        if self.hello is None or self.hello.protocol_minor < MINOR_WITH_POLARIZATION:
+        if self.hello is None or self.hello.protocol_minor < least_minor:
             raise ProbeError(
-                f"{self.uri}: request: this probe is older than protocol "
-                f"1.{MINOR_WITH_POLARIZATION}: install a newer lightprobed"
+                f"{self.uri}: request: this probe is older than protocol 1.{least_minor}: "
+                "install a newer lightprobed"
             )
         self._answer = self._refusal = None
         self._writer.write(request)
@@ -444,7 +462,7 @@ class AsyncClient:
         elif isinstance(message, Health):
             self.health = message
             await self._announce()
-        elif isinstance(message, PolarizationMap | SweepStarted):
+        elif isinstance(message, PolarizationMap | SweepStarted | StillsAsked):
             self._answer = message
             await self._announce()
         elif isinstance(message, Pong):
@@ -643,6 +661,10 @@ class Client:
     def sweep(self, timeout_s: float = 60.0) -> int:
         """Have the polarizer visit all its angles; see :meth:`AsyncClient.sweep`."""
         return self._call(self._async.sweep(timeout_s))
+
+    def take_stills(self, timeout_s: float = 10.0) -> int:
+        """Have cameras for stills take a set now; see :meth:`AsyncClient.take_stills`."""
+        return self._call(self._async.take_stills(timeout_s))
 
     def send_pose(
         self, orientation: ArrayLike, time_ns: int | None = None, sigma_deg: float | None = None

@@ -382,6 +382,13 @@ class SweepStarted:
 
 
 @dataclass(frozen=True)
+class StillsAsked:
+    """Cameras for stills take a set now."""
+
+    cameras: int  # so many
+
+
+@dataclass(frozen=True)
 class Refusal:
     """The probe refused a request."""
 

@@ -32,6 +32,7 @@ from lightprobe.estimate import (
     Refusal,
     Ring,
     SphericalHarmonics,
+    StillsAsked,
     SweepStarted,
     Wheel,
 )
@@ -45,12 +46,22 @@ MINOR_WITH_NUMBERS = 1
 MINOR_WITH_PINGS = 3
 #: From this one on, it answers requests for polarization maps and sweeps.
 MINOR_WITH_POLARIZATION = 4
+#: From this one on, it answers requests for stills.
+MINOR_WITH_STILLS = 5
 #: A reflection map of 64 texels has 96 KiB, a polarization map 57, all else less than 2; the rest
 #: is room to grow.
 MAX_MESSAGE_BYTES = 128 * 1024
 
 Message = (
-    Hello | Estimate | Health | Refusal | Pong | ReflectionMap | PolarizationMap | SweepStarted
+    Hello
+    | Estimate
+    | Health
+    | Refusal
+    | Pong
+    | ReflectionMap
+    | PolarizationMap
+    | SweepStarted
+    | StillsAsked
 )
 
 
@@ -207,6 +218,13 @@ def encode_start_sweep() -> bytes:
     return delimit(message.SerializeToString())
 
 
+def encode_take_stills() -> bytes:
+    """Delimited FromClient message: cameras for stills are to take a set now."""
+    message = pb.FromClient()
+    message.take_stills.SetInParent()
+    return delimit(message.SerializeToString())
+
+
 class Decoder:
     """Bytes in, messages out, in whatever pieces they arrive."""
 
@@ -269,6 +287,8 @@ def decode(payload: bytes) -> Message | None:
         return _polarization_map(message.polarization_map)
     if kind == "sweep_started":
         return SweepStarted(message.sweep_started.done_at)
+    if kind == "stills_asked":
+        return StillsAsked(message.stills_asked.cameras)
     if kind == "error":
         return Refusal(message.error.code, message.error.text)
     return None

@@ -93,7 +93,7 @@ def serve(*messages, hold=True):
     return script
 
 
-def polarized(*, refuse=None, sweeps=0):
+def polarized(*, refuse=None, sweeps=0, minor=5):
     """Script: answer requests for maps and sweeps, or refuse them with a text."""
     cells = np.array([[[2, 0.3, -0.4, 0.01], [np.nan] * 4]], "<f2")
     grid = pb.PolarizationMap(width=2, height=1, s0_unit=0.5, cells=cells.tobytes(), sweeps=sweeps)
@@ -108,12 +108,14 @@ def polarized(*, refuse=None, sweeps=0):
             return [pb.FromProbe(error=pb.Error(code=-1, text=refuse))]
         if kind == "get_polarization_map":
             return [pb.FromProbe(polarization_map=grid)]
+        if kind == "take_stills":
+            return [pb.FromProbe(stills_asked=pb.StillsAsked(cameras=1))]
         done = pb.Health(wheel=pb.Wheel(phase=3, sweeps=sweeps))
         started = pb.SweepStarted(done_at=sweeps)
         return [pb.FromProbe(sweep_started=started), pb.FromProbe(health=done)]
 
     def script(probe, connection):
-        connection.sendall(hello(minor=4))
+        connection.sendall(hello(minor=minor))
         connection.settimeout(0.05)
         data = b""
         while not probe.ended.is_set():
@@ -137,6 +139,15 @@ def test_maps_of_polarized_light_and_sweeps_on_request():
         assert found.sweeps == 7
         np.testing.assert_allclose(found.s0, [[1, np.nan]])
         np.testing.assert_allclose([found.q[0, 0], found.u[0, 0]], [0.3, -0.4], atol=1e-3)
+
+
+def test_stills_on_request():
+    with Probe(polarized()) as probe, Client(probe.uri) as client:
+        assert client.take_stills(LONG_S) == 1
+    with Probe(polarized(minor=4)) as probe, Client(probe.uri) as client:
+        with pytest.raises(ProbeError, match=r"older than protocol 1\.5"):
+            client.take_stills(LONG_S)
+        assert client.sweep(LONG_S) == 0
 
 
 def test_what_the_probe_refuses_is_said():

@@ -53,6 +53,14 @@ def export(*words):
     return subprocess.run(command, capture_output=True, text=True, timeout=2 * LONG_S)
 
 
+def test_without_a_camera_for_stills_there_are_none(uri):
+    command = [Path(sys.executable).parent / "lightprobe", "still", uri]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=LONG_S)
+    assert done.returncode == 1
+    assert "stills: this probe has no camera for stills" in done.stderr
+    assert "--source=ptp:" in done.stderr
+
+
 @pytest.mark.parametrize("name", ["x.hdr", "x.exr", "x.pfm", "x.glb"])
 def test_the_light_of_a_probe_as_a_file(uri, tmp_path, name):
     path = tmp_path / name

@@ -668,6 +668,13 @@ static void test_polarization_maps_and_sweeps(void **state)
 					   &reason),
 			 0);
 	assert_int_equal(request.kind, LP_REQUEST_SWEEP);
+	lp_encode_stills_asked(2, &packet);
+	assert_int_equal(decode_packet(&packet).message.stills_asked.cameras, 2);
+	wire.which_message = lightprobe_v1_FromClient_take_stills_tag;
+	assert_int_equal(lp_decode_request(data, encode_client(&wire, data, sizeof(data)), &request,
+					   &reason),
+			 0);
+	assert_int_equal(request.kind, LP_REQUEST_STILLS);
 }
 
 int main(void)

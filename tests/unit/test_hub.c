@@ -46,10 +46,21 @@ static int on_sweep(void *context, uint64_t *done_at, const char **reason)
 	return sweep_result;
 }
 
+/* How many cameras take stills; or why none does. */
+static int stills_result;
+
+static int on_stills(void *context, const char **reason)
+{
+	(void)context;
+	*reason = "none is ready — plug it in";
+	return stills_result;
+}
+
 static int create_hub(bool polarization_map, int max_reflection_size)
 {
 	const struct lp_hub_options options = {
 		.sweep = on_sweep,
+		.stills = on_stills,
 		.hello = {.polarization_map = polarization_map,
 			  .boot_id = 5,
 			  .source = "test",
@@ -668,6 +679,25 @@ static void test_sweeps_on_request(void **state)
 
 #define HUB_TEST(test) cmocka_unit_test_setup_teardown(test, setup, teardown)
 
+static void test_stills_on_request(void **state)
+{
+	struct lp_client *client = join(0);
+	lightprobe_v1_FromProbe message;
+
+	(void)state;
+	stills_result = 2;
+	assert_int_equal(ask(client, lightprobe_v1_FromClient_take_stills_tag), 0);
+	message = decode_packet(client->packets[client->count - 1]);
+	assert_int_equal(message.which_message, lightprobe_v1_FromProbe_stills_asked_tag);
+	assert_int_equal(message.message.stills_asked.cameras, 2);
+	stills_result = -EAGAIN;
+	assert_int_equal(ask(client, lightprobe_v1_FromClient_take_stills_tag), 0);
+	message = decode_packet(client->packets[client->count - 1]);
+	assert_int_equal(message.message.error.code, -EAGAIN);
+	assert_contains(message.message.error.text, "stills: none is ready — plug it in");
+	assert_int_equal(health.report.requests_rejected, 1);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -676,6 +706,7 @@ int main(void)
 						setup_with_pictures, teardown),
 		HUB_TEST(test_pictures_are_refused_unless_the_owner_allows_them),
 		HUB_TEST(test_sweeps_on_request),
+		HUB_TEST(test_stills_on_request),
 		HUB_TEST(test_hello_first_then_the_last_value_at_once),
 		HUB_TEST(test_same_wishes_share_one_packet),
 		HUB_TEST(test_estimates_carry_the_number_of_their_subscription),

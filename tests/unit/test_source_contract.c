@@ -311,7 +311,7 @@ static void osc_nudge(void)
 static const char *ptp_uri(const char *frames)
 {
 	(void)frames;
-	return "ptp:?every=0&exposures=3";
+	return "ptp:?every=0.001&exposures=3";
 }
 
 /* Events that are no stills. */

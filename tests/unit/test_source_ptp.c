@@ -183,7 +183,7 @@ static void test_each_still_has_its_own_exposure(void **state)
 	static const float asked_us[] = {62.5F, 500, 4000};
 
 	(void)state;
-	create("ptp:?every=0&exposures=3");
+	create("ptp:?every=0.001&exposures=3");
 	send_stills(6);
 	UNTIL(heard.frames >= 6);
 	for (int i = 0; i < 6; i++)
@@ -194,10 +194,28 @@ static void test_each_still_has_its_own_exposure(void **state)
 	UNTIL(fake_theta_get(&fake_theta.deleted) >= 6);
 }
 
+/* Hours before the next set would come by itself, or where none would. */
+static void test_a_set_on_request(void **state)
+{
+	static const char *const uris[] = {"ptp:?every=3600&exposures=2",
+					   "ptp:?every=0&exposures=2"};
+
+	(void)state;
+	for (unsigned int k = 0; k < LP_COUNT(uris); k++) {
+		create(uris[k]);
+		send_stills(2);
+		UNTIL(heard.frames >= 2);
+		source->ops->take_stills(source);
+		send_stills(2);
+		UNTIL(heard.frames >= 4);
+		destroy();
+	}
+}
+
 static void test_stills_may_stay_in_the_camera(void **state)
 {
 	(void)state;
-	create("ptp:?every=0&exposures=2&keep=1");
+	create("ptp:?every=0.001&exposures=2&keep=1");
 	send_stills(4);
 	UNTIL(heard.frames >= 4);
 	assert_int_equal(fake_theta_get(&fake_theta.deleted), 0);
@@ -209,7 +227,7 @@ static void test_sensitivities(void **state)
 	const uint8_t *bracket = fake_theta_property(0xD812)->value;
 
 	(void)state;
-	create("ptp:?every=0&exposures=2&iso=100");
+	create("ptp:?every=0.001&exposures=2&iso=100");
 	send_stills(2);
 	UNTIL(heard.frames == 2);
 	assert_int_equal(bracket[4 + 2], 100);
@@ -238,14 +256,14 @@ static void test_options_are_put_back(void **state)
 
 	(void)state;
 	memcpy(before, fake_theta.properties, sizeof(before));
-	create("ptp:?every=0&exposures=2");
+	create("ptp:?every=0.001&exposures=2");
 	send_stills(2);
 	UNTIL(heard.frames == 2);
 	destroy();
 	assert_as_before(before);
 	assert_false(fake_theta.has_session);
 	/* also of a camera that was away meanwhile */
-	create("ptp:?every=0&exposures=2");
+	create("ptp:?every=0.001&exposures=2");
 	send_stills(2);
 	UNTIL(heard.frames == 2);
 	fake_theta_unplug();
@@ -261,7 +279,7 @@ static void test_options_are_put_back(void **state)
 static void test_a_set_is_cut_short(void **state)
 {
 	(void)state;
-	create("ptp:?every=0&exposures=3");
+	create("ptp:?every=0.001&exposures=3");
 	send_stills(1);
 	UNTIL(heard.frames == 1 && fake_theta_get(&fake_theta.left) == 2);
 	destroy();
@@ -279,7 +297,7 @@ static void test_what_a_camera_may_do(void **state)
 	fake_theta.stale = true;
 	fake_theta.split = true;
 	fake_theta.busy = 3;
-	create("ptp:?every=0&exposures=2");
+	create("ptp:?every=0.001&exposures=2");
 	send_stills(2);
 	UNTIL(heard.frames == 2);
 	assert_int_equal(heard.state, LP_SOURCE_STREAMING);
@@ -292,7 +310,7 @@ static void test_what_a_camera_may_do(void **state)
 static void test_pictures_of_any_size(void **state)
 {
 	(void)state;
-	create("ptp:?every=0&exposures=2");
+	create("ptp:?every=0.001&exposures=2");
 	for (int i = 0; i < 4; i++) {
 		uint8_t *jpeg = fake_theta.jpeg;
 
@@ -366,6 +384,7 @@ int main(void)
 		cmocka_unit_test(test_exposures_are_of_the_list),
 		cmocka_unit_test(test_data_that_end_early),
 		PTP_TEST(test_each_still_has_its_own_exposure),
+		PTP_TEST(test_a_set_on_request),
 		PTP_TEST(test_stills_may_stay_in_the_camera),
 		PTP_TEST(test_sensitivities),
 		PTP_TEST(test_options_are_put_back),

@@ -349,6 +349,25 @@ namespace Lightprobe.Messages
         }
     }
 
+    /// <summary>The answer to TakeStills.</summary>
+    public sealed class StillsAsked
+    {
+        /// <summary>so many take a set now</summary>
+        public uint Cameras;
+
+        internal static StillsAsked Read(WireReader r)
+        {
+            var m = new StillsAsked();
+            while (r.Next(out int field))
+                switch (field)
+                {
+                    case 1: m.Cameras = r.UInt32("StillsAsked.cameras"); break;
+                    default: r.Skip(); break;
+                }
+            return m;
+        }
+    }
+
     /// <summary>First message on every connection, and again when something in it changes.</summary>
     public sealed class Hello
     {
@@ -639,6 +658,7 @@ namespace Lightprobe.Messages
         public ReflectionMap ReflectionMap;
         public PolarizationMap PolarizationMap;
         public SweepStarted SweepStarted;
+        public StillsAsked StillsAsked;
 
         internal static FromProbe Read(WireReader r)
         {
@@ -654,6 +674,7 @@ namespace Lightprobe.Messages
                     case 6: m = new FromProbe { ReflectionMap = ReflectionMap.Read(r.Message("FromProbe.reflection_map")) }; break;
                     case 7: m = new FromProbe { PolarizationMap = PolarizationMap.Read(r.Message("FromProbe.polarization_map")) }; break;
                     case 8: m = new FromProbe { SweepStarted = SweepStarted.Read(r.Message("FromProbe.sweep_started")) }; break;
+                    case 9: m = new FromProbe { StillsAsked = StillsAsked.Read(r.Message("FromProbe.stills_asked")) }; break;
                     default: r.Skip(); break;
                 }
             return m;
@@ -787,6 +808,16 @@ namespace Lightprobe.Messages
         }
     }
 
+    /// <summary>Cameras for stills (ptp:) are to take a set now. It counts some seconds later, when it has come. Error where there is none, or none is ready.</summary>
+    public sealed class TakeStills
+    {
+
+        internal WireWriter Write(WireWriter w)
+        {
+            return w;
+        }
+    }
+
     public sealed class FromClient
     {
         public Subscription Subscribe;
@@ -794,6 +825,7 @@ namespace Lightprobe.Messages
         public Ping Ping;
         public GetPolarizationMap GetPolarizationMap;
         public StartSweep StartSweep;
+        public TakeStills TakeStills;
 
         internal WireWriter Write(WireWriter w)
         {
@@ -802,6 +834,7 @@ namespace Lightprobe.Messages
             if (Ping != null) w.Message(3, Ping.Write(new WireWriter()));
             if (GetPolarizationMap != null) w.Message(4, GetPolarizationMap.Write(new WireWriter()));
             if (StartSweep != null) w.Message(5, StartSweep.Write(new WireWriter()));
+            if (TakeStills != null) w.Message(6, TakeStills.Write(new WireWriter()));
             return w;
         }
     }

@@ -158,6 +158,7 @@ class Root(LazyGroup):
 
     entries: ClassVar[dict[str, Entry]] = {
         "watch": Entry("watch:command", "Watch a probe: lamps, SH, rate, latency, health."),
+        "still": Entry("still:command", "Have a camera for stills take a set now."),
         "doctor": Entry("doctor:command", "Check installation, devices and a running probe."),
         "find": Entry("find:command", "List the probes or cameras in the network.", "find"),
         "export": Entry("export:command", "Write a probe's light as .hdr, .exr or .glb.", "sim"),

@@ -54,8 +54,7 @@ class Client:
         wish.subscribe.health_period_ms = HEALTH_PERIOD_MS
         wish.subscribe.max_lights = 8
         wish.subscribe.smoothing = pb.Subscription.RAW
-        payload = wish.SerializeToString()
-        self._socket.sendall(bytes([len(payload)]) + payload)
+        self.request(wish)
 
     def next_message(self, timeout_s: float = 120) -> pb.FromProbe:
         """Return the next message of any kind."""
@@ -115,6 +114,11 @@ class Client:
         message: bytes | None = b""
         while message is not None:
             message, self._data = parse_delimited(self._data)
+
+    def request(self, wish: pb.FromClient) -> None:
+        """Send a request."""
+        payload = wish.SerializeToString()
+        self._socket.sendall(bytes([len(payload)]) + payload)
 
     def health(self) -> pb.Health:
         """Return the state as it is now."""

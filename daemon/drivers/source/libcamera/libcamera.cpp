@@ -74,6 +74,7 @@ const lp_source_ops lp_source_libcamera_ops = {
 	libcamera_start,
 	libcamera_caps,
 	libcamera_set_exposure,
+	nullptr, /* no stills */
 	libcamera_destroy,
 };
 

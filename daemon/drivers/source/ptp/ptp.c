@@ -70,6 +70,11 @@ static void ptp_caps(const struct lp_source *source, struct lp_source_caps *caps
 					.exposure_delay_frames = -1};
 }
 
+static void ptp_take_stills(struct lp_source *source)
+{
+	lp_ptp_stills_take(stills_of(source));
+}
+
 const struct lp_source_ops lp_source_ptp_ops = {
 	.info = {.scheme = "ptp",
 		 .form = "[SERIAL]",
@@ -82,5 +87,6 @@ const struct lp_source_ops lp_source_ptp_ops = {
 	.create = ptp_create,
 	.start = ptp_start,
 	.caps = ptp_caps,
+	.take_stills = ptp_take_stills,
 	.destroy = ptp_destroy,
 };

@@ -13,7 +13,9 @@
 
 static const struct lp_param list[] = {
 	{"every", LP_PARAM_FLOAT, offsetof(struct lp_ptp_settings, every_s), .initial = "60",
-	 .max = 86400, .help = "seconds from one set of stills to the next"},
+	 .max = 86400,
+	 .help = "seconds from one set of stills to the next; 0: one at\n"
+		 "first, then only when a client asks (lightprobe still)"},
 	{"exposures", LP_PARAM_INT, offsetof(struct lp_ptp_settings, exposures), .initial = "3",
 	 .min = LP_PTP_LEAST_EXPOSURES, .max = LP_PTP_MOST_EXPOSURES, .help = "stills in a set"},
 	{"shortest_us", LP_PARAM_FLOAT, offsetof(struct lp_ptp_settings, shortest_us),

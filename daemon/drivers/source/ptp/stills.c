@@ -4,6 +4,7 @@
 #include <errno.h>
 #include <math.h>
 #include <pthread.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <unistd.h>
@@ -39,6 +40,7 @@ struct lp_ptp_stills {
 	struct lp_stop stop;
 	pthread_t thread;
 	bool thread_runs;
+	atomic_bool is_asked; /* for a set before its time */
 
 	/* The thread's own. */
 	struct lp_ptp_camera camera;
@@ -293,10 +295,10 @@ static int64_t report(struct lp_ptp_stills *self, const struct lp_ptp_fault *fau
 	return fault->state == LP_SOURCE_DOWN ? RETRY_UNFIT_NS : lp_backoff_next_ns(&self->retry);
 }
 
-/* Until the next set is due; sees that the camera is unplugged meanwhile. */
+/* Until the next set is due or asked for; sees that the camera is unplugged meanwhile. */
 static int idle_until(struct lp_ptp_stills *self, int64_t due_ns, struct lp_ptp_fault *fault)
 {
-	while (lp_clock_ns() < due_ns) {
+	while (lp_clock_ns() < due_ns && !atomic_load(&self->is_asked)) {
 		struct lp_ptp_event event;
 		const int ret = lp_ptp_event(&self->camera.session, EVENT_MS, &event);
 
@@ -308,18 +310,18 @@ static int idle_until(struct lp_ptp_stills *self, int64_t due_ns, struct lp_ptp_
 
 static int run(struct lp_ptp_stills *self, struct lp_ptp_fault *fault)
 {
-	int64_t due_ns = lp_clock_ns();
+	const int64_t period_ns = (int64_t)((double)self->settings.every_s * (double)LP_NS_PER_S);
 	int ret = 0;
 
 	while (ret == 0) {
+		const int64_t begun_ns = lp_clock_ns();
+
+		atomic_store(&self->is_asked, false); /* this is the one */
 		ret = take_set(self, fault);
 		if (ret < 0)
 			return ret;
 		lp_backoff_reset(&self->retry);
-		due_ns += (int64_t)((double)self->settings.every_s * (double)LP_NS_PER_S);
-		if (due_ns < lp_clock_ns()) /* it takes longer than that */
-			due_ns = lp_clock_ns();
-		ret = idle_until(self, due_ns, fault);
+		ret = idle_until(self, period_ns ? begun_ns + period_ns : INT64_MAX, fault);
 	}
 	return ret;
 }
@@ -388,6 +390,11 @@ int lp_ptp_stills_start(struct lp_ptp_stills *stills, struct lp_source *source)
 		lp_error("ptp", "start", "%s", lp_strerror(ret));
 	stills->thread_runs = ret == 0;
 	return ret;
+}
+
+void lp_ptp_stills_take(struct lp_ptp_stills *stills)
+{
+	atomic_store(&stills->is_asked, true);
 }
 
 void lp_ptp_stills_destroy(struct lp_ptp_stills *stills)
