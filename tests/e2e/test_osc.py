@@ -181,9 +181,11 @@ def test_a_stream_that_ends_again_and_again(world):
 
 
 def test_a_stream_that_changes_its_size(world):
-    with theta(world, "size_after=20") as (_, port), probing(port) as (_, client):
-        assert "pictures of 512x256 came instead of 1024x512" in fault(client, "source-stalled")
-        client.until(lambda h: h.source_state == State.STREAMING, "health")
+    with theta(world, "size_after=20") as (camera, port):
+        with probing(port) as (_, client):
+            assert "pictures of 512x256 came instead of 1024x512" in fault(client, "source-stalled")
+            client.until(lambda h: h.source_state == State.STREAMING, "health")
+        assert options(camera) == FACTORY
 
 
 def test_the_network_is_lost_and_comes_back(world):
@@ -245,6 +247,7 @@ def test_a_password(world, tmp_path):
         wrong = password_file(tmp_path, LOGIN[0], "no")
         with probing(port, f"&password_file={wrong}") as (_, client):
             assert "refuses user or password" in fault(client, "source-down")
+        assert options(camera) == FACTORY
         with probing(port, f"&password_file={password_file(tmp_path, *LOGIN)}") as (daemon, client):
             client.until(lambda e: e.exposure_count >= 2)
             assert LOGIN[1] not in daemon.log().replace(camera.serial, "")
@@ -294,11 +297,15 @@ def test_a_model_without_movies(world):
 
 
 def test_what_is_not_offered(world):
-    with theta(world) as (_, port):
+    """And nothing is left behind on a camera that was half prepared."""
+    with theta(world) as (camera, port):
         with probing(port, size="1000x500") as (_, client):
             assert "1024x512 at 30" in fault(client, "source-down")
+        assert options(camera) == FACTORY
         with probing(port, "&iso=51") as (_, client):
             assert "iso: 51 is not offered" in fault(client, "source-down")
+            assert camera.options.mode == "video"
+        assert options(camera) == FACTORY
 
 
 def test_no_camera_there(world):
