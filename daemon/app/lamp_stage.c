@@ -162,8 +162,11 @@ static void measure_polarization(struct lp_remembered_lamp *m, const struct lp_i
 }
 
 /* By the lamps' images; or by all of the floor, if those do not contradict. */
-static bool film_is_turned(double evidence, const struct lp_imager *imager)
+static bool film_is_turned(const struct lp_suspect *suspects, int count,
+			   const struct lp_imager *imager)
 {
+	const double evidence = lp_film_turned_evidence(suspects, count);
+
 	return evidence > TURNED || (evidence > 1.0 / TURNED && lp_imager_floor_is_upright(imager));
 }
 
@@ -186,8 +189,11 @@ static void tell_reflections(struct lp_lamp_stage *stage, const struct lp_imager
 						  .polarization = lamps[k]->polarization};
 		memcpy(suspects[k].direction, lamp->direction, sizeof(lamp->direction));
 	}
+	stage->film_is_turned = film_is_turned(suspects, count, imager);
+	/* Then all angles of polarization are wrong, and place and strength are left. */
+	for (int k = 0; stage->film_is_turned && k < count; k++)
+		lamps[k]->polarization.known = suspects[k].polarization.known = false;
 	lp_tell_reflections(suspects, count, verdicts);
-	stage->film_is_turned = film_is_turned(lp_film_turned_evidence(suspects, count), imager);
 	for (int k = 0; k < count; k++) {
 		lamps[k]->image_probability = verdicts[k].reflection;
 		lamps[k]->reflection =

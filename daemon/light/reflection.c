@@ -73,6 +73,7 @@ static float angle(const float a[3], const float b[3])
 
 /* An image in a mirror of normal m (towards the probe's side). */
 struct mirror {
+	float normal[3];
 	float field[3];	   /* along which what is mirrored is polarized: m x d */
 	float mirrored[3]; /* where a far lamp is */
 	struct lp_fresnel fresnel;
@@ -86,6 +87,7 @@ static bool mirror_of(const float image[3], const float normal[3], struct mirror
 		return false;
 	for (int i = 0; i < 3; i++)
 		mirror->mirrored[i] = image[i] + 2.0F * cosine * normal[i];
+	memcpy(mirror->normal, normal, sizeof(mirror->normal));
 	cross(normal, image, mirror->field);
 	if (!unit(mirror->field)) { /* straight at it: not polarized */
 		mirror->field[0] = 1.0F;
@@ -119,6 +121,21 @@ static float gauss(float x, float sigma)
 	return expf(-z * z / 2.0F) / (sqrtf(2.0F * (float)M_PI) * sigma);
 }
 
+/* Lamp and image are equally far from the line through the probe across the mirror, so that the
+ * lamp is nearer than its image by the sines of their angles from it. Of a much nearer one the
+ * image were too weak: it would stand right beside the probe. */
+static bool may_be_near(const float image[3], const struct mirror *mirror, const float lamp[3])
+{
+	float across_image[3], across_lamp[3];
+
+	cross(mirror->normal, image, across_image);
+	cross(mirror->normal, lamp, across_lamp);
+	const float nearer = (sqrtf(dot(across_image, across_image)) + 2.0F * PLACE_SIGMA_RAD) /
+			     fmaxf(sqrtf(dot(across_lamp, across_lamp)), PLACE_SIGMA_RAD);
+
+	return nearer * nearer > LEAST_NEAR_SHARE;
+}
+
 /* Whether `lamp` is on the arc from the image to its mirrored direction, and how far beside it. */
 static bool on_arc(const float image[3], const struct mirror *mirror, const float lamp[3],
 		   float *length, float *beside)
@@ -134,7 +151,8 @@ static bool on_arc(const float image[3], const struct mirror *mirror, const floa
 	const float along = atan2f(dot(to_lamp, plane), dot(image, lamp));
 
 	*beside = asinf(fmaxf(fminf(sine, 1.0F), -1.0F));
-	return along > LEAST_APART_RAD && along < *length + 2.0F * PLACE_SIGMA_RAD;
+	return along > LEAST_APART_RAD && along < *length + 2.0F * PLACE_SIGMA_RAD &&
+	       may_be_near(image, mirror, lamp);
 }
 
 /* ---------------------------------------------------------------- likelihoods */

@@ -152,11 +152,16 @@ def test_a_wheel_that_rests_remembers_its_sweep() -> None:
 
 
 def test_a_film_put_in_a_quarter_turn_wrong_is_named() -> None:
-    """Nothing is wrongly called a mirror image; the flag says what to do."""
+    """Nothing is wrongly called a mirror image, or a lamp; the flag says what to do."""
+    images = [lamp.direction * [1, -1, 1] for lamp in ROOM.lamps if lamp.direction[1] > 0.05]
     with swept(Behaviour(act_s=0), sheet=Sheet(offset_deg=90.0)) as (_, probe, client):
         probe.run(SWEPT_S + 2.0)
         check(client.estimates)
         assert client.estimates[-1].flags & EstimateFlag.FILM_TURNED
+        for one in client.estimates:
+            found = geometry.match_directions(images, [light.direction for light in one.lights])
+            lights = [one.lights[index] for _, index, _ in found]
+            assert not any(light.dolp and (light.reflection or 0) < 0.1 for light in lights)
 
 
 def test_the_offset_of_the_camera_file_mends_it(tmp_path) -> None:

@@ -133,6 +133,24 @@ static void test_images_of_lamps_that_clip(void **state)
 				     LP_CLASS_REFLECTION);
 }
 
+/* Straight below and level with the probe: as lamp and image, they would stand a hand's breadth
+ * beside it. */
+static void test_a_clipped_lamp_at_the_nadir_is_nobodys_image(void **state)
+{
+	(void)state;
+	for (int elevation = -10; elevation <= 40; elevation += 5) {
+		const struct lp_suspect lamp = clipped(at(0, (float)elevation, 10.0F), 0.1F);
+		const struct lp_suspect below = clipped(unknown(at(0, -89.5F, 10.0F)), 0.08F);
+
+		assert_true(second(lamp, below).reflection < 0.05F);
+	}
+	/* straight above it, it may be the lamp */
+	assert_int_equal(second(clipped(at(0, 89.5F, 10.0F), 0.1F),
+				clipped(unknown(at(0, -89.5F, 10.0F)), 0.08F))
+				 .kind,
+			 LP_CLASS_REFLECTION);
+}
+
 static void test_lamps_are_lamps(void **state)
 {
 	(void)state;
@@ -246,6 +264,7 @@ int main(void)
 		cmocka_unit_test(test_an_image_in_a_near_floor),
 		cmocka_unit_test(test_images_whose_polarization_says_nothing),
 		cmocka_unit_test(test_images_of_lamps_that_clip),
+		cmocka_unit_test(test_a_clipped_lamp_at_the_nadir_is_nobodys_image),
 		cmocka_unit_test(test_lamps_are_lamps),
 		cmocka_unit_test(test_images_in_upright_mirrors),
 		cmocka_unit_test(test_light_that_is_polarized_by_itself),
