@@ -125,7 +125,10 @@ static bool copy_finite(float *to, const float *from, size_t count)
 static void fill_polarization(lightprobe_v1_Light *wire, const struct lp_light_polarization *p)
 {
 	wire->has_dolp_percent = p->known && scaled(p->dolp, 100, &wire->dolp_percent);
+	wire->has_dolp_sigma_permille =
+		p->known && scaled(p->dolp_sigma, 1000, &wire->dolp_sigma_permille);
 	wire->has_aolp_deg = p->known && known(p->aolp_deg, &wire->aolp_deg);
+	wire->has_aolp_sigma_deg = p->known && known(p->aolp_sigma_deg, &wire->aolp_sigma_deg);
 	wire->has_reflection_percent =
 		p->judged && scaled(p->reflection, 100, &wire->reflection_percent);
 }

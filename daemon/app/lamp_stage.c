@@ -332,7 +332,9 @@ static struct lp_light_polarization polarization_of(const struct lp_remembered_l
 					      .known = p.known,
 					      .reflection = m->image_probability,
 					      .dolp = p.dolp,
-					      .aolp_deg = p.aolp_deg};
+					      .aolp_deg = p.aolp_deg,
+					      .dolp_sigma = p.dolp_sigma,
+					      .aolp_sigma_deg = p.aolp_sigma_deg};
 }
 
 static void list_light(const struct lp_remembered_lamp *m, struct lp_light *light)

@@ -51,6 +51,7 @@ struct lp_light_polarization {
 	float dolp;	  /* degree of linear polarization, 0..1 */
 	float aolp_deg; /* angle of it, 0..180: 0 horizontal, counter-clockwise as seen from inside
 			 */
+	float dolp_sigma, aolp_sigma_deg;
 };
 
 /* One lamp. Unknown values are NAN. Directions are unit vectors towards the light, probe frame. */

@@ -277,7 +277,7 @@ static float likelihood(const struct lp_suspect *image, const struct lp_suspect 
 	struct mirror mirror;
 	float ratio;
 
-	if (upright && (!known || !has_size(image, lamp, 2.0F, 1.5F)))
+	if (upright && !has_size(image, lamp, 2.0F, 1.5F))
 		return 0.0F;
 	if (!has_size(image, lamp, 4.0F, 3.0F))
 		return 0.0F;

@@ -116,8 +116,12 @@ class Light:
     axis: Array | None = None
     # From several angles of a polarizer; None: not known.
     dolp: float | None = None  # degree of linear polarization, 0…1
+    dolp_sigma: float | None = None
     aolp_deg: float | None = None  # angle of it: 0 horizontal, counter-clockwise from inside
-    reflection: float | None = None  # probability, 0…1, that it is another lamp's mirror image
+    aolp_sigma_deg: float | None = None  # 90: any angle is as likely
+    #: Probability, 0…1, that it is another lamp's mirror image: above 0.9 it is one (REFLECTION),
+    #: below 0.1 none, in between unsure. Without `dolp` place and strength alone tell.
+    reflection: float | None = None
 
     @property
     def solid_angle_sr(self) -> float:
@@ -149,7 +153,9 @@ class Light:
             "half_angle_deg": _numbers(self.half_angle_deg),
             "axis": _numbers(self.axis),
             "dolp": _number(self.dolp),
+            "dolp_sigma": _number(self.dolp_sigma),
             "aolp_deg": _number(self.aolp_deg),
+            "aolp_sigma_deg": _number(self.aolp_sigma_deg),
             "reflection": _number(self.reflection),
             "flags": flag_names(self.flags),
         }

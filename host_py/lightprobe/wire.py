@@ -452,7 +452,9 @@ def _light(m: pb.Light) -> Light:
         half_angle_deg=None if half is None else (float(half[0]), float(half[1])),
         axis=_floats(m.axis, 3, "light axis") if m.axis else None,
         dolp=m.dolp_percent / 100 if m.HasField("dolp_percent") else None,
+        dolp_sigma=(m.dolp_sigma_permille / 1000 if m.HasField("dolp_sigma_permille") else None),
         aolp_deg=m.aolp_deg if m.HasField("aolp_deg") else None,
+        aolp_sigma_deg=m.aolp_sigma_deg if m.HasField("aolp_sigma_deg") else None,
         reflection=m.reflection_percent / 100 if m.HasField("reflection_percent") else None,
     )
 

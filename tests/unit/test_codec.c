@@ -247,7 +247,9 @@ static void test_values_arrive(void **state)
 									 .known = true,
 									 .reflection = 0.98F,
 									 .dolp = 0.71F,
-									 .aolp_deg = 3.5F};
+									 .aolp_deg = 3.5F,
+									 .dolp_sigma = 0.0124F,
+									 .aolp_sigma_deg = 0.75F};
 	wire = encode(&estimate, false, 3, 2, &stamp);
 	assert_int_equal(wire.sequence, estimate.sequence);
 	assert_int_equal(wire.boot_id, 77);
@@ -280,6 +282,10 @@ static void test_values_arrive(void **state)
 		     wire.lights[0].has_reflection_percent);
 	assert_true(wire.lights[1].has_dolp_percent && wire.lights[1].dolp_percent == 71);
 	assert_true(wire.lights[1].has_aolp_deg && wire.lights[1].aolp_deg == 3.5F);
+	assert_true(wire.lights[1].has_dolp_sigma_permille &&
+		    wire.lights[1].dolp_sigma_permille == 12);
+	assert_true(wire.lights[1].has_aolp_sigma_deg && wire.lights[1].aolp_sigma_deg == 0.75F);
+	assert_false(wire.lights[0].has_dolp_sigma_permille || wire.lights[0].has_aolp_sigma_deg);
 	assert_true(wire.lights[1].has_reflection_percent &&
 		    wire.lights[1].reflection_percent == 98);
 	assert_int_equal(wire.sh.order, 3);

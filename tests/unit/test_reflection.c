@@ -193,6 +193,11 @@ static void test_images_in_upright_mirrors(void **state)
 	shown = polarized(shown, f.dolp * (x * x - y * y), f.dolp * 2.0F * x * y);
 	assert_int_equal(second(lamp, shown).kind, LP_CLASS_REFLECTION);
 	assert_int_equal(second(lamp, polarized(shown, 0.0F, 0.0F)).kind, LP_CLASS_LAMP);
+	/* not known: an upright mirror may face any way, so nothing is sure */
+	const struct lp_verdict unsure = second(lamp, unknown(shown));
+
+	assert_int_equal(unsure.kind, LP_CLASS_UNSURE);
+	assert_true(unsure.reflection > 0.1F);
 }
 
 /* Sky and screens are polarized without being anybody's image. */

@@ -95,10 +95,13 @@ namespace Lightprobe.Messages
         public uint? DolpPercent;
         /// <summary>angle of it, 0..180: 0 horizontal, counter-clockwise as seen from inside</summary>
         public float? AolpDeg;
-        /// <summary>probability that it is the mirror image of another lamp</summary>
+        /// <summary>Probability that it is the mirror image of another lamp: above 90 it is one (LIGHT_FLAG_REFLECTION), below 10 none, in between it is unsure. Without dolp_percent place and strength alone tell.</summary>
         public uint? ReflectionPercent;
         /// <summary>1 sigma of its colour: of r, g and b, root mean square of the three, over the luminance of irradiance. irradiance_sigma_permille is that of the luminance then. Only of lamps whose strength the ring found (LIGHT_FLAG_RING): the picture hides their colour, too.</summary>
         public uint? ColourSigmaPermille;
+        /// <summary>1 sigma of dolp_percent and of aolp_deg; absent: not known. 90 degrees: any angle is as likely.</summary>
+        public uint? DolpSigmaPermille;
+        public float? AolpSigmaDeg;
 
         internal static Light Read(WireReader r)
         {
@@ -121,6 +124,8 @@ namespace Lightprobe.Messages
                     case 15: m.AolpDeg = r.Float("Light.aolp_deg"); break;
                     case 16: m.ReflectionPercent = r.UInt32("Light.reflection_percent"); break;
                     case 17: m.ColourSigmaPermille = r.UInt32("Light.colour_sigma_permille"); break;
+                    case 18: m.DolpSigmaPermille = r.UInt32("Light.dolp_sigma_permille"); break;
+                    case 19: m.AolpSigmaDeg = r.Float("Light.aolp_sigma_deg"); break;
                     default: r.Skip(); break;
                 }
             return m;

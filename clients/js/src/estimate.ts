@@ -48,9 +48,16 @@ export interface Light {
   axis: Vec3 | undefined;
   /** Degree of linear polarization, 0…1; undefined without several angles of a polarizer. */
   dolp: number | undefined;
+  /** 1 sigma of it. */
+  dolpSigma: number | undefined;
   /** Angle of it, 0…180°: 0 horizontal, counter-clockwise as seen from inside. */
   aolpDeg: number | undefined;
-  /** Probability, 0…1, that it is the mirror image of another lamp. */
+  /** 1 sigma of it; 90: any angle is as likely. */
+  aolpSigmaDeg: number | undefined;
+  /**
+   * Probability, 0…1, that it is the mirror image of another lamp: above 0.9 it is one (REFLECTION), below 0.1 none, in between
+   * unsure. Without `dolp` place and strength alone tell.
+   */
   reflection: number | undefined;
 }
 

@@ -161,7 +161,9 @@ function lightOf(m: pb.Light): Light {
     halfAngleDeg: m.halfAngleDeg.length ? (finite(m.halfAngleDeg, 2, "half angles") as [number, number]) : undefined,
     axis: m.axis.length ? (finite(m.axis, 3, "light axis") as unknown as Vec3) : undefined,
     dolp: m.dolpPercent === undefined ? undefined : m.dolpPercent / 100,
+    dolpSigma: m.dolpSigmaPermille === undefined ? undefined : m.dolpSigmaPermille / 1000,
     aolpDeg: m.aolpDeg,
+    aolpSigmaDeg: m.aolpSigmaDeg,
     reflection: m.reflectionPercent === undefined ? undefined : m.reflectionPercent / 100,
   };
 }

@@ -9,7 +9,7 @@ import { lightEstimate } from "../src/webxr.js";
 export const lamp = (id: number, direction: Vec3, light: Vec3 = [1, 1, 1]): Light => ({
   id, direction, irradiance: light, angularRadiusDeg: 2, directionSigmaDeg: undefined, irradianceSigma: undefined, colourSigma: undefined, flags: 0, distanceM: undefined,
   halfAngleDeg: undefined, axis: undefined,
-  dolp: undefined, aolpDeg: undefined, reflection: undefined,
+  dolp: undefined, dolpSigma: undefined, aolpDeg: undefined, aolpSigmaDeg: undefined, reflection: undefined,
 });
 
 export const estimate = (lights: Light[], coefficients: number[] = Array(27).fill(0), bootId = 1): Estimate => ({

@@ -90,6 +90,17 @@ test("KEY and the ellipse of an area light", () => {
   assert.equal(estimate.key.axis, undefined);
 });
 
+test("how a lamp is polarized, with sigmas; an older probe sends none", () => {
+  for (const [file, sigmas] of [["estimate_polarization_sigma.bin", [0.013, 0.75]], ["estimate_polarization.bin", [undefined, undefined]]] as const) {
+    const message = decode(bytes(file));
+    assert.equal(message?.kind, "estimate");
+    if (message?.kind !== "estimate") return;
+    const [light] = message.estimate.lights;
+    assert.deepEqual([light!.dolp, light!.aolpDeg, light!.reflection], [0.87, 176.5, 0.99]);
+    assert.deepEqual([light!.dolpSigma, light!.aolpSigmaDeg], sigmas);
+  }
+});
+
 test("garbage is a WireError, and a message of the future is skipped", () => {
   assert.throws(() => decode(Uint8Array.of(0xff, 0xff, 0xff)), WireError);
   assert.equal(decode(Uint8Array.of(0x7a, 2, 104, 105)), undefined);

@@ -17,6 +17,9 @@ from lightprobe.colour import linear_to_srgb, luminance
 from lightprobe.estimate import FLAG_WORDS, Estimate, Health, Light, flag_names
 from lightprobe.geometry import Array
 
+#: Angles of polarization with a larger sigma are not shown.
+_KNOWN_ANGLE_DEG = 20.0
+
 
 def console() -> Console:
     """Console for stdout; wide where nobody folds lines (a pipe, a file)."""
@@ -45,8 +48,20 @@ def sigma_percent(light: Light) -> float | None:
     return 100 * float(luminance(light.irradiance_sigma)) / brightness
 
 
+def polarization_words(light: Light) -> tuple[str, str]:
+    """How a light is polarized, and how likely it is that it is a mirror image; dashes: unknown."""
+    degree = "–"
+    if light.dolp is not None and light.dolp_sigma is not None:
+        degree = f"{100 * light.dolp:.0f}±{number(100 * light.dolp_sigma, 2)}%"
+        if light.aolp_deg is not None and (light.aolp_sigma_deg or 90) < _KNOWN_ANGLE_DEG:
+            degree += f" {light.aolp_deg:.0f}±{number(light.aolp_sigma_deg, 2)}°"
+    return degree, "–" if light.reflection is None else f"{100 * light.reflection:.0f}%"
+
+
 def lights_table(estimate: Estimate) -> Table:
-    """One row per lamp, strongest first."""
+    """One row per lamp, strongest first; how they are polarized, where the probe tells it."""
+    lights = (*estimate.lights, *filter(None, [estimate.key]))
+    has_film = any(light.reflection is not None for light in lights)
     table = Table(expand=True, box=None, header_style="bold", pad_edge=False)
     for name in (
         "lamp",
@@ -59,8 +74,10 @@ def lights_table(estimate: Estimate) -> Table:
         "across",
     ):
         table.add_column(name, justify="left" if name in ("lamp", "") else "right", no_wrap=True)
+    for name in ("polarized", "mirrored") if has_film else ():
+        table.add_column(name, justify="right", no_wrap=True)
     table.add_column("flags", overflow="fold")
-    for light in (*estimate.lights, *filter(None, [estimate.key])):
+    for light in lights:
         percent = sigma_percent(light)
         table.add_row(
             f"#{light.id}" if light.id else "key",
@@ -71,6 +88,7 @@ def lights_table(estimate: Estimate) -> Table:
             "–" if percent is None else f"{percent:.2g}%",
             swatch(light.irradiance),
             f"{2 * light.angular_radius_deg:.2f}°",
+            *(polarization_words(light) if has_film else ()),
             " ".join(flag_names(light.flags)).lower(),
         )
     return table

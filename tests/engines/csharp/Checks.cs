@@ -121,7 +121,7 @@ static class Checks
     {
         if (value == null) return "null";
         if (value is bool) return (bool)value ? "true" : "false";
-        if (value is string) return "\"" + ((string)value).Replace("\\", "\\\\").Replace("\"", "\\\"").Replace("\n", " ") + "\"";
+        if (value is string) return "\"" + ((string)value).Replace("\\", "\\\\").Replace("\"", "\\\"").Replace("\n", " ").Replace("\r", " ") + "\"";
         if (value is byte[]) return Json(Hex((byte[])value));
         if (value is float) return Number((float)value);
         if (value is Enum) return Convert.ToUInt64(value).ToString();

@@ -139,6 +139,25 @@ def test_tables_and_lines_tell_everything():
     assert "unknown to this version" in words[1]
 
 
+def test_how_lamps_are_polarized_is_shown_where_it_is_known():
+    def shown(light: Light) -> str:
+        console = view.console()
+        with console.capture() as capture:
+            console.print(view.lights_table(dataclasses.replace(perfect(), lights=(light,))))
+        return capture.get()
+
+    lamp = perfect().lights[0]
+    assert "mirrored" not in shown(lamp)
+    image = dataclasses.replace(
+        lamp, dolp=0.43, dolp_sigma=0.021, aolp_deg=178.2, aolp_sigma_deg=1.5, reflection=0.57
+    )
+    for word in ("43±2.1%", "178±1.5°", "57%"):
+        assert word in shown(image)
+    assert "°" not in view.polarization_words(dataclasses.replace(image, aolp_sigma_deg=45.0))[0]
+    unknown = dataclasses.replace(lamp, reflection=0.12)
+    assert view.polarization_words(unknown) == ("–", "12%")
+
+
 def test_unknown_is_a_dash_not_zero():
     light = Light(1, np.array([0, 1.0, 0]), np.zeros(3), 0.5, flags=LightFlag.CLIPPED)
     assert view.number(None) == "–"

@@ -189,14 +189,19 @@ def test_subscription():
 
 def test_how_a_lamp_is_polarized_comes_typed_and_unknown_is_none() -> None:
     plain = {"direction": [0, 1, 0], "irradiance": [1, 1, 1]}
-    polarized = {"dolp_percent": 87, "aolp_deg": 3.5, "reflection_percent": 99, "flags": 2}
+    polarized = {"dolp_percent": 87, "aolp_deg": 3.5, "reflection_percent": 99, "flags": 2,
+                 "dolp_sigma_permille": 12, "aolp_sigma_deg": 0.75}  # fmt: skip
     lights = [pb.Light(**plain), pb.Light(**plain, **polarized)]
     (got,) = wire.Decoder().feed(message(estimate=estimate(lights=lights)))
     assert isinstance(got, Estimate)
     unknown, known = got.lights
     assert (unknown.dolp, unknown.aolp_deg, unknown.reflection) == (None, None, None)
+    assert (unknown.dolp_sigma, unknown.aolp_sigma_deg) == (None, None)
     assert (known.dolp, known.aolp_deg, known.reflection) == (0.87, 3.5, 0.99)
-    assert known.to_json()["flags"] == ["REFLECTION"]
+    assert (known.dolp_sigma, known.aolp_sigma_deg) == (0.012, 0.75)
+    shown = known.to_json()
+    assert shown["flags"] == ["REFLECTION"]
+    assert (shown["dolp_sigma"], shown["aolp_sigma_deg"]) == (0.012, 0.75)
 
 
 def test_wheel_and_ring_come_typed_and_unknown_is_none() -> None:
