@@ -109,8 +109,10 @@ static bool upright_mirror(const float image[3], const float lamp[3], struct mir
 	cross(up, plane, normal);
 	if (!unit(normal))
 		return false;
-	for (int i = 0; dot(normal, image) > 0.0F && i < 3; i++)
-		normal[i] = -normal[i];
+	const float side = dot(normal, image) > 0.0F ? -1.0F : 1.0F;
+
+	for (int i = 0; i < 3; i++)
+		normal[i] *= side;
 	return mirror_of(image, normal, mirror);
 }
 

@@ -169,6 +169,60 @@ static void test_lamps_are_lamps(void **state)
 	assert_int_not_equal(second(at(0, 50, 10.0F), at(0, -30, 3.0F)).kind, LP_CLASS_REFLECTION);
 }
 
+/* Image of a lamp at a place in metres, in a wall whose normal points to an azimuth, so far away.
+ */
+static struct lp_suspect in_a_wall(const float lamp[3], float irradiance, float normal_deg,
+				   float away_m)
+{
+	const float a = normal_deg * RAD, normal[3] = {sinf(a), 0.0F, -cosf(a)};
+	const float before = 2.0F * (lamp[0] * normal[0] + lamp[2] * normal[2] + away_m);
+	const float place[3] = {lamp[0] - before * normal[0], lamp[1],
+				lamp[2] - before * normal[2]};
+	const float near = hypotf(hypotf(lamp[0], lamp[1]), lamp[2]);
+	const float far = hypotf(hypotf(place[0], place[1]), place[2]);
+	struct lp_suspect shown = at(0, 0, 1.0F);
+	float right[3], up[3], *d = shown.direction;
+
+	for (int i = 0; i < 3; i++)
+		d[i] = place[i] / far;
+	const struct lp_fresnel f = lp_fresnel(-(d[0] * normal[0] + d[2] * normal[2]));
+	/* across the plane of incidence: normal x d */
+	const float field[3] = {-normal[2] * d[1], normal[2] * d[0] - normal[0] * d[2],
+				normal[0] * d[1]};
+
+	lp_stokes_frame(d, right, up);
+	const float x = field[0] * right[0] + field[1] * right[1] + field[2] * right[2];
+	const float y = field[0] * up[0] + field[1] * up[1] + field[2] * up[2];
+	const float over = f.dolp / (x * x + y * y);
+
+	shown.irradiance = irradiance * f.reflectance * near * near / (far * far);
+	return polarized(shown, over * (x * x - y * y), over * 2.0F * x * y);
+}
+
+/* Lamps 2 m away; walls that face all ways, near Brewster's angle or not far from it. */
+static void test_walls_may_face_any_way(void **state)
+{
+	int shown = 0;
+
+	(void)state;
+	for (int normal_deg = -180; normal_deg < 180; normal_deg += 10)
+		for (int aside_deg = -80; aside_deg <= 80; aside_deg += 8) {
+			const float azimuth = (float)(normal_deg + aside_deg);
+			const struct lp_suspect lamp = at(azimuth, 25, 10.0F);
+			const float place[3] = {2.0F * lamp.direction[0], 2.0F * lamp.direction[1],
+						2.0F * lamp.direction[2]};
+			const struct lp_suspect seen =
+				in_a_wall(place, 10.0F, (float)normal_deg, 0.5F);
+			const float dolp = hypotf(seen.polarization.q, seen.polarization.u);
+
+			if (dolp < 0.4F)
+				continue;
+			shown++;
+			assert_int_equal(second(lamp, seen).kind, LP_CLASS_REFLECTION);
+		}
+	assert_true(shown > 100);
+}
+
 /* A window or a picture on the wall mirrors a lamp: polarized upright, or nearly. */
 static void test_images_in_upright_mirrors(void **state)
 {
@@ -271,6 +325,7 @@ int main(void)
 		cmocka_unit_test(test_images_of_lamps_that_clip),
 		cmocka_unit_test(test_a_clipped_lamp_at_the_nadir_is_nobodys_image),
 		cmocka_unit_test(test_lamps_are_lamps),
+		cmocka_unit_test(test_walls_may_face_any_way),
 		cmocka_unit_test(test_images_in_upright_mirrors),
 		cmocka_unit_test(test_light_that_is_polarized_by_itself),
 		cmocka_unit_test(test_several),
