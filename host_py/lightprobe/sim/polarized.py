@@ -31,16 +31,24 @@ from lightprobe.sim.scene import (
 _TRUTH_PX = (1024, 512)
 
 
-def fresnel(incidence_deg: ArrayLike, refractive_index: float) -> tuple[Array, Array]:
-    """Reflectances of a dielectric for light polarized across and in the plane of incidence.
+def fresnel_amplitudes(cosine: ArrayLike, refractive_index: float) -> tuple[Array, Array]:
+    """What a dielectric leaves of fields across and in the plane of incidence; negative: turned.
 
-    Fresnel's equations (Born and Wolf, Principles of Optics, 1.5.2), from air.
+    Fresnel's equations (Born and Wolf, Principles of Optics, 1.5.2), from air. `cosine`: of the
+    angle of incidence.
     """
-    cosine = np.cos(np.radians(np.asarray(incidence_deg, dtype=np.float64)))
-    inside = np.sqrt(1 - (1 - cosine**2) / refractive_index**2)
+    c = np.asarray(cosine, dtype=np.float64)
+    inside = np.sqrt(1 - (1 - c**2) / refractive_index**2)
     n = refractive_index
-    across = (cosine - n * inside) / (cosine + n * inside)
-    along = (n * cosine - inside) / (n * cosine + inside)
+    across = (c - n * inside) / (c + n * inside)
+    along = (n * c - inside) / (n * c + inside)
+    return np.asarray(across), np.asarray(along)
+
+
+def fresnel(incidence_deg: ArrayLike, refractive_index: float) -> tuple[Array, Array]:
+    """Reflectances of a dielectric for light polarized across and in the plane of incidence."""
+    cosine = np.cos(np.radians(np.asarray(incidence_deg, dtype=np.float64)))
+    across, along = fresnel_amplitudes(cosine, refractive_index)
     return across**2, along**2
 
 
@@ -75,41 +83,52 @@ class PolishedFloor:
     def render(self, width_px: int, height_px: int) -> Layers:
         """See :class:`lightprobe.sim.scene.Scene`."""
         layers = self.scene.render(width_px, height_px)
-        base, polarized = self._varnish(layers.base)
-        if layers.polarized is not None:
-            polarized += layers.polarized
+        base, polarized = self._varnish(layers.base, layers.polarized)
         return Layers(base, tuple(self._mirrored(layer, base) for layer in layers.lamps), polarized)
 
     def _mirrored(self, layer: Layer, like: NDArray[np.float32]) -> Layer:
         """Give a lamp's layer with its reflection."""
-        full = np.zeros_like(like)
+        full, own = np.zeros_like(like), np.zeros((2, *like.shape), np.float32)
         full.reshape(-1, 3)[layer.index] = layer.values
-        full, polarized = self._varnish(full)
-        flat, stokes = full.reshape(-1, 3), polarized.reshape(2, -1, 3)
         if layer.polarized is not None:
-            stokes[:, layer.index] += layer.polarized
+            own.reshape(2, -1, 3)[:, layer.index] = layer.polarized
+        full, polarized = self._varnish(full, own)
+        flat, stokes = full.reshape(-1, 3), polarized.reshape(2, -1, 3)
         if isinstance(layer.index, slice):
             return Layer(layer.index, flat, stokes)
         index = np.flatnonzero(flat.any(axis=1))
         return Layer(index, flat[index], stokes[:, index])
 
     def _varnish(
-        self, radiance: NDArray[np.float32]
+        self, radiance: NDArray[np.float32], own: NDArray[np.float32] | None
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Add to a map what its lower half mirrors: radiance (H, W, 3) and S1, S2 (2, H, W, 3)."""
+        """Add to a map what its lower half mirrors: radiance (H, W, 3) and S1, S2 (2, H, W, 3).
+
+        `own`: S1, S2 without the varnish. What is horizontal is across the plane of incidence, for
+        the light that arrives as for that which leaves; the Mueller matrix of a mirror has S2 times
+        the product of the amplitudes (Goldstein, Polarized Light, ch. 8).
+        """
         height = len(radiance)
         half = height // 2
-        incidence_deg = 90 - 180 * (np.arange(half) + 0.5) / height
-        across, along = fresnel(incidence_deg, self.refractive_index)
-        upper = radiance[half - 1 :: -1][:half]  # row by row below the horizon: its mirror image
-        full, polarized = radiance.copy(), np.zeros((2, *radiance.shape), np.float32)
-        full[height - half :] += ((across + along) / 2)[:, None, None] * upper
-        polarized[0, height - half :] = ((across - along) / 2)[:, None, None] * upper
+        sine = np.sin(np.pi * (np.arange(half) + 0.5) / height)
+        r = fresnel_amplitudes(sine, self.refractive_index)
+        across, along, both = (part[:, None, None] for part in (r[0] ** 2, r[1] ** 2, r[0] * r[1]))
+        below = slice(height - half, height)
+        full = radiance.copy()
+        polarized = np.zeros((2, *radiance.shape), np.float32) if own is None else own.copy()
+        # row by row below the horizon: its mirror image
+        s0, s1, s2 = (
+            part[half - 1 :: -1][:half]
+            for part in (radiance, *(np.zeros_like(polarized) if own is None else own))
+        )
+        full[below] += (across + along) / 2 * s0 + (across - along) / 2 * s1
+        polarized[0, below] += (across - along) / 2 * s0 + (across + along) / 2 * s1
+        polarized[1, below] += both * s2
         return full, polarized
 
     def truth(self, powers: ArrayLike, yaw_deg: float = 0.0, nod_deg: float = 0.0) -> MapTruth:
         """Sum over the map; the lamps are the scene's own."""
-        return _map_truth(self, powers, yaw_deg, nod_deg)
+        return map_truth(self, powers, yaw_deg, nod_deg)
 
 
 # ---------------------------------------------------------------- a clear sky
@@ -184,7 +203,7 @@ class Sky:
 
     def truth(self, powers: ArrayLike, yaw_deg: float = 0.0, nod_deg: float = 0.0) -> MapTruth:
         """Sum over the map; the sun in closed form."""
-        return _map_truth(self, powers, yaw_deg, nod_deg)
+        return map_truth(self, powers, yaw_deg, nod_deg)
 
 
 # ---------------------------------------------------------------- files
@@ -241,7 +260,8 @@ class StokesPanorama:
         return self.panorama.truth(powers, yaw_deg, nod_deg)
 
 
-def _map_truth(scene: Scene, powers: ArrayLike, yaw_deg: float, nod_deg: float) -> MapTruth:
+def map_truth(scene: Scene, powers: ArrayLike, yaw_deg: float, nod_deg: float) -> MapTruth:
+    """Sum over a scene's map; its lamps are its own."""
     radiance = scene.render(*_TRUTH_PX).compose(powers)
     lamps = lit_lamps(scene.lamps, powers, yaw_deg, nod_deg)
     return MapTruth(radiance, yaw_deg, lamps, nod_deg)

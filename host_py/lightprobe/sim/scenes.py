@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from lightprobe.errors import UsageError
 from lightprobe.imaging.image import HDR_SUFFIXES
+from lightprobe.sim.glossy_rooms import glossy_room
 from lightprobe.sim.polarized import PolishedFloor, Sky, StokesPanorama
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.room import Room
@@ -15,6 +16,8 @@ from lightprobe.sim.scene import PanoramaScene, Scene
 
 DEFAULT_PROCEDURAL = 20
 ENVIRONMENT = "LIGHTPROBE_SCENES"
+#: Rooms by number.
+_DRAWN: dict[str, Callable[[int], Scene]] = {"procedural": random_scene, "glossy": glossy_room}
 
 
 def panorama_folder() -> Path:
@@ -44,8 +47,8 @@ def load(names: Iterable[str]) -> list[Scene]:
     scenes: list[Scene] = []
     for name in names:
         kind, _, rest = name.partition(":")
-        if kind == "procedural":
-            scenes += [random_scene(seed) for seed in range(_number(name))]
+        if kind in _DRAWN:
+            scenes += [_DRAWN[kind](seed) for seed in range(_number(name))]
         elif kind == "polished" and rest:
             scenes += [PolishedFloor(scene) for scene in load([rest])]
         elif kind == "sky":
@@ -68,7 +71,7 @@ def _number(name: str) -> int:
     if not text:
         return DEFAULT_PROCEDURAL
     if not text.isdecimal() or int(text) < 1:
-        raise UsageError(f"scenes: {name}: expected procedural:N with N ≥ 1")
+        raise UsageError(f"scenes: {name}: expected {name.partition(':')[0]}:N with N ≥ 1")
     return int(text)
 
 
