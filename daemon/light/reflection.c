@@ -123,80 +123,103 @@ static float gauss(float x, float sigma)
 	return expf(-z * z / 2.0F) / (sqrtf(2.0F * (float)M_PI) * sigma);
 }
 
+/* A lamp that is near, beside the arc from its image to the mirrored direction. */
+struct near_lamp {
+	float length, beside; /* of the arc; radians */
+	float share;	      /* squared: how much nearer the lamp is than its image. NAN: either */
+};
+
 /* Lamp and image are equally far from the line through the probe across the mirror, so that the
  * lamp is nearer than its image by the sines of their angles from it. Of a much nearer one the
  * image were too weak: it would stand right beside the probe. */
-static bool may_be_near(const float image[3], const struct mirror *mirror, const float lamp[3])
+static bool may_be_near(const float image[3], const struct mirror *mirror, const float lamp[3],
+			float *share)
 {
 	float across_image[3], across_lamp[3];
 
 	cross(mirror->normal, image, across_image);
 	cross(mirror->normal, lamp, across_lamp);
-	const float nearer = (sqrtf(dot(across_image, across_image)) + 2.0F * PLACE_SIGMA_RAD) /
-			     fmaxf(sqrtf(dot(across_lamp, across_lamp)), PLACE_SIGMA_RAD);
+	const float of_image = sqrtf(dot(across_image, across_image)),
+		    of_lamp = sqrtf(dot(across_lamp, across_lamp)), off = 2.0F * PLACE_SIGMA_RAD;
+	const float most = (of_image + off) / fmaxf(of_lamp, off);
+	const bool tells = fminf(of_image, of_lamp) > 2.0F * off;
+	const float nearer = fminf(of_image / fmaxf(of_lamp, off), 1.0F);
 
-	return nearer * nearer > LEAST_NEAR_SHARE;
+	*share = tells ? nearer * nearer : NAN;
+	return most * most > LEAST_NEAR_SHARE;
 }
 
-/* Whether `lamp` is on the arc from the image to its mirrored direction, and how far beside it. */
 static bool on_arc(const float image[3], const struct mirror *mirror, const float lamp[3],
-		   float *length, float *beside)
+		   struct near_lamp *near)
 {
 	float plane[3], to_lamp[3];
 
 	cross(image, mirror->mirrored, plane);
-	*length = angle(image, mirror->mirrored);
-	if (!unit(plane) || *length < LEAST_APART_RAD)
+	near->length = angle(image, mirror->mirrored);
+	if (!unit(plane) || near->length < LEAST_APART_RAD)
 		return false;
 	cross(image, lamp, to_lamp);
 	const float sine = dot(plane, lamp);
 	const float along = atan2f(dot(to_lamp, plane), dot(image, lamp));
 
-	*beside = asinf(fmaxf(fminf(sine, 1.0F), -1.0F));
-	return along > LEAST_APART_RAD && along < *length + 2.0F * PLACE_SIGMA_RAD &&
-	       may_be_near(image, mirror, lamp);
+	near->beside = asinf(fmaxf(fminf(sine, 1.0F), -1.0F));
+	return along > LEAST_APART_RAD && along < near->length + 2.0F * PLACE_SIGMA_RAD &&
+	       may_be_near(image, mirror, lamp, &near->share);
 }
 
 /* ---------------------------------------------------------------- likelihoods */
 
 /* All of them relative to a lamp that stands anywhere with any strength. */
 
-static float strength_density(float log_ratio, const struct lp_fresnel *fresnel, bool far)
+/* Probability that the logarithm of a strength is less than what is so far above the expected. */
+static float less(float above)
 {
-	const float expected = logf(fresnel->reflectance);
+	return 0.5F * erfcf(-above / (sqrtf(2.0F) * REFLECTANCE_SIGMA));
+}
 
-	if (far)
-		return gauss(log_ratio - expected, REFLECTANCE_SIGMA);
-	const float below = expected - log_ratio;
+/* excess: logarithm of how much stronger an image is than reflectance alone has it. near NULL: of a
+ * far lamp. A near one shines the same to all sides, or less towards the mirror. */
+static float strength_density(float excess, const struct near_lamp *near)
+{
+	if (!near)
+		return gauss(excess, REFLECTANCE_SIGMA);
 	const float span = -logf(LEAST_NEAR_SHARE);
+	const float any = (less(-excess) - less(-excess - span)) / span;
 
-	return below > -REFLECTANCE_SIGMA && below < span ? 1.0F / (span + REFLECTANCE_SIGMA)
-							  : 0.0F;
+	return isnan(near->share)
+		       ? any
+		       : (gauss(excess - logf(near->share), REFLECTANCE_SIGMA) + any) / 2.0F;
 }
 
 /* One of them clips, or both: whether the image may be as strong as the reflectance says, or, of a
  * near lamp, weaker. A lamp that clips is stronger than it seems, and so is an image. */
-static float bound_probability(float log_ratio, const struct lp_suspect *image,
-			       const struct lp_suspect *lamp, const struct lp_fresnel *fresnel,
-			       bool far)
+static float bound_probability(float excess, const struct lp_suspect *image,
+			       const struct lp_suspect *lamp, bool far)
 {
-	const float excess = log_ratio - logf(fresnel->reflectance);
-	const float above = 0.5F * erfcf(-excess / (sqrtf(2.0F) * REFLECTANCE_SIGMA));
-
 	if (lamp->is_bound)
-		return image->is_bound || !far ? 1.0F : above;
-	return 1.0F - above;
+		return image->is_bound ? 1.0F
+				       : less(far ? excess : excess - logf(LEAST_NEAR_SHARE));
+	return 1.0F - less(excess);
 }
 
 static float strength_ratio(const struct lp_suspect *image, const struct lp_suspect *lamp,
-			    const struct lp_fresnel *fresnel, bool far)
+			    const struct lp_fresnel *fresnel, const struct near_lamp *near)
 {
-	const float any = 1.0F / logf(CONTRAST);
-	const float log_ratio = logf(image->irradiance / lamp->irradiance);
+	const float any = 1.0F / logf(CONTRAST), dolp = fresnel->dolp;
+	const float excess = logf(image->irradiance / (lamp->irradiance * fresnel->reflectance));
+	/* What the film makes of light whose polarization is not known. */
+	const float passed[] = {1.0F, 1.0F + dolp, 1.0F - 0.9F * dolp};
+	const int ways = image->polarization.known ? 1 : 3;
+	float ratio = 0.0F;
 
-	if (image->is_bound || lamp->is_bound)
-		return bound_probability(log_ratio, image, lamp, fresnel, far);
-	return strength_density(log_ratio, fresnel, far) / any;
+	for (int k = 0; k < ways; k++) {
+		const float above = excess - logf(passed[k]);
+
+		ratio += image->is_bound || lamp->is_bound
+				 ? bound_probability(above, image, lamp, !near)
+				 : strength_density(above, near) / any;
+	}
+	return ratio / (float)ways;
 }
 
 /* The lamp is where an image in a floor says; far and near lamps are as likely. */
@@ -207,12 +230,12 @@ static float floor_ratio(const struct lp_suspect *image, const struct lp_suspect
 	const float off = angle(mirror->mirrored, lamp->direction);
 	const float z = off / PLACE_SIGMA_RAD;
 	const float far = 2.0F / (PLACE_SIGMA_RAD * PLACE_SIGMA_RAD) * expf(-z * z / 2.0F);
-	float length, beside, ratio;
+	struct near_lamp near;
+	float ratio = 0.5F * far * strength_ratio(image, lamp, &mirror->fresnel, NULL);
 
-	ratio = 0.5F * far * strength_ratio(image, lamp, &mirror->fresnel, true);
-	if (on_arc(image->direction, mirror, lamp->direction, &length, &beside))
-		ratio += 0.5F * sphere / length * gauss(beside, PLACE_SIGMA_RAD) *
-			 strength_ratio(image, lamp, &mirror->fresnel, false);
+	if (on_arc(image->direction, mirror, lamp->direction, &near))
+		ratio += 0.5F * sphere / near.length * gauss(near.beside, PLACE_SIGMA_RAD) *
+			 strength_ratio(image, lamp, &mirror->fresnel, &near);
 	return ratio;
 }
 
@@ -223,12 +246,12 @@ static float upright_ratio(const struct lp_suspect *image, const struct lp_suspe
 {
 	const float off = asinf(lamp->direction[1]) - asinf(image->direction[1]);
 	const float far = 2.0F * gauss(off, PLACE_SIGMA_RAD);
-	float length, beside;
+	struct near_lamp near;
 
-	if (!on_arc(image->direction, mirror, lamp->direction, &length, &beside))
+	if (!on_arc(image->direction, mirror, lamp->direction, &near))
 		return 0.0F;
-	return 0.5F * far * strength_ratio(image, lamp, &mirror->fresnel, true) +
-	       0.5F * strength_ratio(image, lamp, &mirror->fresnel, false);
+	return 0.5F * far * strength_ratio(image, lamp, &mirror->fresnel, NULL) +
+	       0.5F * strength_ratio(image, lamp, &mirror->fresnel, &near);
 }
 
 /* Probability density of the polarization found, if it is expected to be q, u with `sigma`. */
