@@ -210,16 +210,29 @@ int lp_instruments_sweep(struct lp_instruments *instruments, uint64_t *done_at, 
 	return 0;
 }
 
-/* Where the wheel goes: what the polarizer needs, unless the user names several angles. */
+static int ascending(const void *a, const void *b)
+{
+	const float x = *(const float *)a, y = *(const float *)b;
+
+	return (x > y) - (x < y);
+}
+
+/* Where the wheel goes: what the polarizer needs, unless the user names several angles. A sweep
+ * ends where the film stands as it began, 180 degrees on: what has changed meanwhile contradicts
+ * what was read there first. */
 static struct lp_floats wheel_angles(const struct lp_options *options)
 {
 	const struct lp_polarizer *polarizer = &options->polarizer;
+	struct lp_floats angles = options->wheel_angles_deg;
 
 	if (polarizer->mode == LP_POLARIZER_FIXED)
 		return (struct lp_floats){1, {polarizer->fixed_deg}};
-	if (polarizer->mode == LP_POLARIZER_SWEEP && options->wheel_angles_deg.count < 2)
-		return (struct lp_floats){4, {0.0F, 45.0F, 90.0F, 135.0F}};
-	return options->wheel_angles_deg;
+	if (polarizer->mode != LP_POLARIZER_SWEEP)
+		return angles;
+	if (angles.count < 2)
+		return (struct lp_floats){5, {0.0F, 45.0F, 90.0F, 135.0F, 180.0F}};
+	qsort(angles.values, (size_t)angles.count, sizeof(*angles.values), ascending);
+	return angles;
 }
 
 static int open_rotator(struct lp_instruments *self, const struct lp_options *options)
@@ -245,6 +258,8 @@ static int open_rotator(struct lp_instruments *self, const struct lp_options *op
 		.report = report,
 		.pass_turning = options->polarizer.mode != LP_POLARIZER_OFF,
 		.angle_count = angles.count,
+		.to_and_fro = self->sweeps,
+		.by_exposures = self->sweeps,
 		.dwell_ns = (int64_t)((double)options->wheel_dwell_ms * 1e6),
 		.rest_ns = options->polarizer.mode == LP_POLARIZER_SWEEP
 				   ? (int64_t)((double)options->polarizer_rest_s * 1e9)

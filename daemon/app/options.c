@@ -347,8 +347,9 @@ static const struct lp_param config_list[] = {
 	{"polarizer", LP_PARAM_OWN, offsetof(struct lp_options, polarizer), .initial = "off",
 	 .parse = parse_polarizer, .expects = "off|sweep|fixed:DEGREES|films",
 	 .help = "the wheel carries a polarizing film: measure how light is polarized and tell\n"
-		 "reflections from lamps (sweep: at the wheel's angles, by default 0, 45, 90 and\n"
-		 "135; fixed: only divide by what the film lets through); films: three films at\n"
+		 "reflections from lamps (sweep: at the wheel's angles, to and fro, by default 0,\n"
+		 "45, 90, 135 and 180; fixed: only divide by what the film lets through); films: "
+		 "three films at\n"
 		 "90, 45 and 0 degrees stand before the lens, without a wheel; off: light is\n"
 		 "what passes the film"},
 	{"polarizer-transmission", LP_PARAM_FLOAT,
@@ -371,7 +372,7 @@ static const struct lp_param config_list[] = {
 		 "(lightprobe polarization); without it no picture leaves the probe"},
 	{"wheel-dwell-ms", LP_PARAM_FLOAT, offsetof(struct lp_options, wheel_dwell_ms),
 	 .initial = "500", .max = 3600000,
-	 .help = "how long the wheel stays at each of several angles; with --polarizer-rest at\n"
+	 .help = "how long the wheel stays at each of several angles; with --polarizer=sweep at\n"
 		 "most: it goes on when each exposure of the bracket has been there"},
 	{"ring", LP_PARAM_TEXT, offsetof(struct lp_options, ring), .initial = "",
 	 .max = LP_URI_MAX_BYTES,

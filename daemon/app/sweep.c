@@ -30,16 +30,37 @@ static bool alike(float one_us, float other_us)
 	return one_us < SAME_EXPOSURE * other_us && other_us < SAME_EXPOSURE * one_us;
 }
 
-/* A frame at this angle had this exposure; NAN: it does not tell. */
-static void note_exposure(struct lp_sweep_exposures *seen, float exposure_us)
+static bool has(const struct lp_sweep_exposures *seen, float exposure_us)
 {
+	bool found = false;
+
+	for (int k = 0; k < seen->count; k++)
+		found |= alike(exposure_us, seen->us[k]);
+	return found;
+}
+
+static bool has_all(const struct lp_sweep_exposures *seen, const struct lp_sweep_exposures *before)
+{
+	bool all = before->is_whole;
+
+	for (int k = 0; k < before->count; k++)
+		all &= has(seen, before->us[k]);
+	return all;
+}
+
+/* A frame at this angle had this exposure; NAN: it does not tell. */
+static void note_exposure(struct lp_sweep *sweep, float exposure_us)
+{
+	struct lp_sweep_exposures *seen = &sweep->exposures;
+
 	if (isnan(exposure_us) || (seen->count && alike(exposure_us, seen->last_us)))
 		return;
 	seen->last_us = exposure_us;
-	for (int k = 0; k < seen->count; k++)
-		seen->is_whole |= alike(exposure_us, seen->us[k]);
-	if (!seen->is_whole && seen->count < LP_SWEEP_EXPOSURES)
+	if (has(seen, exposure_us))
+		seen->is_whole = true;
+	else if (seen->count < LP_SWEEP_EXPOSURES)
 		seen->us[seen->count++] = exposure_us;
+	seen->is_whole |= has_all(seen, &sweep->before);
 }
 
 /* ---------------------------------------------------------------- frames */
@@ -114,7 +135,7 @@ static void judge(struct lp_sweep *sweep)
 		pass(sweep, frame, NAN, NAN);
 	else {
 		if (sweep->t_arrived_ns)
-			note_exposure(&sweep->exposures, lp_frame_exposure_us(frame));
+			note_exposure(sweep, lp_frame_exposure_us(frame));
 		pass(sweep, frame, state->measured_deg, state->sigma_deg);
 	}
 }
@@ -145,8 +166,40 @@ static bool arrived(const struct lp_sweep *sweep)
 
 static bool rests(const struct lp_sweep *sweep, int64_t now_ns)
 {
-	return sweep->at == 0 && sweep->t_rest_ns && !sweep->wanted &&
+	return !sweep->is_under_way && sweep->t_rest_ns && !sweep->wanted &&
 	       now_ns - sweep->t_rest_ns < sweep->rest_ns;
+}
+
+static void arrive(struct lp_sweep *sweep, int64_t now_ns)
+{
+	sweep->t_arrived_ns = now_ns;
+	sweep->before = sweep->exposures;
+	sweep->exposures = (struct lp_sweep_exposures){0};
+	sweep->report->moves++;
+}
+
+/* A sweep to and fro is over when all has been seen at its last angle; round the angles, when the
+ * wheel leaves that: the first one follows. */
+static void end_sweep(struct lp_sweep *sweep, int64_t now_ns)
+{
+	sweep->is_under_way = false;
+	sweep->backwards = sweep->to_and_fro && sweep->at > 0;
+	sweep->t_rest_ns = now_ns;
+	sweep->report->sweeps++;
+}
+
+static void leave(struct lp_sweep *sweep, int64_t now_ns)
+{
+	const int last = sweep->angle_count - 1;
+
+	if (!sweep->is_under_way)
+		sweep->wanted = false;
+	sweep->is_under_way = true;
+	if (!sweep->to_and_fro && sweep->at == last)
+		end_sweep(sweep, now_ns);
+	sweep->at = sweep->backwards ? sweep->at - 1 : (sweep->at + 1) % sweep->angle_count;
+	sweep->t_arrived_ns = 0;
+	sweep->host.move(sweep->host.context, sweep->angles_deg[sweep->at]);
 }
 
 static void go_on(struct lp_sweep *sweep, int64_t now_ns)
@@ -155,25 +208,18 @@ static void go_on(struct lp_sweep *sweep, int64_t now_ns)
 		sweep->t_arrived_ns = 0;
 		return;
 	}
-	if (sweep->t_arrived_ns == 0) {
-		sweep->t_arrived_ns = now_ns;
-		sweep->exposures = (struct lp_sweep_exposures){0};
-		sweep->report->moves++;
-	}
+	if (sweep->t_arrived_ns == 0)
+		arrive(sweep, now_ns);
 	const bool is_done = now_ns - sweep->t_arrived_ns >= sweep->dwell_ns ||
-			     (sweep->rest_ns && sweep->exposures.is_whole);
+			     (sweep->by_exposures && sweep->exposures.is_whole);
+	const int end = sweep->backwards ? 0 : sweep->angle_count - 1;
 
-	if (sweep->angle_count > 1 && is_done && !rests(sweep, now_ns)) {
-		if (sweep->at == 0)
-			sweep->wanted = false;
-		sweep->at = (sweep->at + 1) % sweep->angle_count;
-		if (sweep->at == 0) {
-			sweep->t_rest_ns = now_ns;
-			sweep->report->sweeps++;
-		}
-		sweep->t_arrived_ns = 0;
-		sweep->host.move(sweep->host.context, sweep->angles_deg[sweep->at]);
-	}
+	if (sweep->angle_count < 2 || !is_done)
+		return;
+	if (sweep->to_and_fro && sweep->is_under_way && sweep->at == end)
+		end_sweep(sweep, now_ns);
+	if (!rests(sweep, now_ns))
+		leave(sweep, now_ns);
 }
 
 void lp_sweep_want(struct lp_sweep *sweep)
@@ -184,8 +230,8 @@ void lp_sweep_want(struct lp_sweep *sweep)
 uint64_t lp_sweep_request(struct lp_sweep *sweep)
 {
 	lp_sweep_want(sweep);
-	/* The round on its way has begun before. */
-	return sweep->report->sweeps + (sweep->at == 0 ? 1 : 2);
+	/* The sweep on its way has begun before. */
+	return sweep->report->sweeps + (sweep->is_under_way ? 2 : 1);
 }
 
 void lp_sweep_start(struct lp_sweep *sweep)

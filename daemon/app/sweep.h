@@ -5,8 +5,9 @@
  * the exposure began. Until the answer comes the frame waits; a frame exposed while the wheel moved
  * is left out; where nothing is known of the wheel the frame passes without an angle.
  *
- * Besides, it goes round the angles that were asked for, and stays at each as long as it was told,
- * or until the bracket's exposures have been there. No I/O: time and states are handed in.
+ * Besides, it visits the angles that were asked for, and stays at each as long as it was told, or
+ * until the bracket's exposures have been there. Angles in rising order are visited to and fro: the
+ * shortest way, which begins where it has ended. No I/O: time and states are handed in.
  */
 #ifndef LP_APP_SWEEP_H
 #define LP_APP_SWEEP_H
@@ -34,7 +35,9 @@ struct lp_sweep_exposures {
 	float us[LP_SWEEP_EXPOSURES];
 	int count;
 	float last_us;
-	bool is_whole; /* one has come again, after others: all have been there */
+	/* All have been there: one has come again, after others; or all that there were at the
+	 * angle before. */
+	bool is_whole;
 };
 
 struct lp_sweep {
@@ -45,13 +48,17 @@ struct lp_sweep {
 	bool pass_turning;
 	int angle_count;
 	float angles_deg[LP_SWEEP_ANGLES];
-	int64_t dwell_ns;
-	int64_t rest_ns;   /* after each round at the first angle, unless one is wanted */
-	int64_t t_rest_ns; /* since when; 0: no round is over yet */
+	bool to_and_fro;   /* from end to end and back, not from the last to the first */
+	bool by_exposures; /* leave an angle as soon as each exposure has been there */
+	int64_t dwell_ns;  /* at an angle; by_exposures: at most */
+	int64_t rest_ns;   /* after each sweep where it ends, unless one is wanted */
+	int64_t t_rest_ns; /* since when; 0: no sweep is over yet */
 	bool wanted;
-	int at; /* angles_deg[at] is commanded */
-	struct lp_sweep_exposures exposures;
-	int64_t t_arrived_ns; /* 0: not there yet */
+	bool backwards;
+	bool is_under_way; /* a sweep has left its first angle and is not over */
+	int at;		   /* angles_deg[at] is commanded */
+	struct lp_sweep_exposures exposures, before; /* here, and at the angle before */
+	int64_t t_arrived_ns;			     /* 0: not there yet */
 	struct lp_frame *held;
 	int64_t t_held_ns;
 };
@@ -59,9 +66,9 @@ struct lp_sweep {
 /* Commands the first angle. */
 void lp_sweep_start(struct lp_sweep *sweep);
 void lp_sweep_state(struct lp_sweep *sweep, const struct lp_wheel_state *state, int64_t now_ns);
-/* Go round the angles now, even if it is time to rest. */
+/* Sweep now, even if it is time to rest. */
 void lp_sweep_want(struct lp_sweep *sweep);
-/* The same. A whole round that begins after now is over when report->sweeps has reached the result.
+/* The same. A whole sweep that begins after now is over when report->sweeps has reached the result.
  */
 uint64_t lp_sweep_request(struct lp_sweep *sweep);
 /* Takes over the reference to `frame`. */

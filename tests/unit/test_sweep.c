@@ -259,7 +259,7 @@ static void arrive(int64_t *now_ms)
 	*now_ms += 33;
 }
 
-/* In sweeps with a rest between them it leaves an angle when each exposure of the bracket has been
+/* A film leaves an angle when each exposure of the bracket has been
  * there, and not before; where frames tell none, or all the same, after the time. */
 static void test_it_goes_on_when_all_exposures_have_been_there(void **state)
 {
@@ -275,16 +275,16 @@ static void test_it_goes_on_when_all_exposures_have_been_there(void **state)
 		     {{NAN, NAN, NAN, NAN, NAN, NAN}, 6, 0}};
 
 	for (size_t k = 0; k < sizeof(cases) / sizeof(*cases); k++)
-		for (int rests = 0; rests < 2; rests++) {
+		for (int film = 0; film < 2; film++) {
 			int64_t now_ms = 2000;
 
 			(void)setup(state);
-			sweep.rest_ns = rests ? 60000 * MS : 0;
+			sweep.by_exposures = film;
 			lp_sweep_start(&sweep);
 			arrive(&now_ms);
 			for (int n = 0; n < cases[k].frames; n++)
 				expose(cases[k].us[n], &now_ms);
-			assert_int_equal(moves, 1 + rests * cases[k].moves);
+			assert_int_equal(moves, 1 + film * cases[k].moves);
 			lp_sweep_tick(&sweep, 2500 * MS);
 			assert_int_equal(moves, 2);
 		}
@@ -293,21 +293,101 @@ static void test_it_goes_on_when_all_exposures_have_been_there(void **state)
 /* What was seen at one angle does not count at the next. */
 static void test_each_angle_has_all_exposures(void **state)
 {
-	const float us[] = {10000, 600, 40, 10000, 600, 40, 10000, 600, 40, 10000};
+	/* the first angle shows how many there are; the others are left with the last of them */
+	const float us[] = {10000, 600, 40, 10000, 600, 40, 10000, 40, 600, 10000};
 	int64_t now_ms = 2000;
+	int at = 0;
 
 	(void)state;
-	sweep.rest_ns = 60000 * MS;
+	sweep.by_exposures = true;
 	lp_sweep_start(&sweep);
 	for (int n = 0; n < 3; n++) {
 		arrive(&now_ms);
-		for (int k = 0; k < 3; k++)
-			expose(us[3 * n + k], &now_ms);
+		for (int k = 0; k < (n ? 2 : 3); k++)
+			expose(us[at++], &now_ms);
 		assert_int_equal(moves, 1 + n);
-		expose(us[3 * n + 3], &now_ms);
+		expose(us[at++], &now_ms);
 		assert_int_equal(moves, 2 + n);
 	}
 	assert_int_equal(report.sweeps, 1);
+}
+
+/* Fewer exposures than at the angle before: one that comes again says that these are all. */
+static void test_a_bracket_may_become_smaller(void **state)
+{
+	const float first[] = {10000, 600, 40, 10000}, then[] = {10000, 600, 10000};
+	int64_t now_ms = 2000;
+
+	(void)state;
+	sweep.by_exposures = true;
+	lp_sweep_start(&sweep);
+	arrive(&now_ms);
+	for (int k = 0; k < 4; k++)
+		expose(first[k], &now_ms);
+	assert_int_equal(moves, 2);
+	arrive(&now_ms);
+	for (int k = 0; k < 3; k++) {
+		assert_int_equal(moves, 2);
+		expose(then[k], &now_ms);
+	}
+	assert_int_equal(moves, 3);
+}
+
+/* From end to end and back: the wheel never turns further than to the next angle, and what was seen
+ * at the end of one sweep begins the next. */
+static void test_it_goes_to_and_fro(void **state)
+{
+	const float way[] = {45, 90, 45, 0, 45, 90, 45};
+	int64_t now_ms = 1000;
+
+	(void)state;
+	sweep.to_and_fro = true;
+	lp_sweep_start(&sweep);
+	for (int k = 0; k < 7; k++) {
+		struct lp_wheel_state there = settled(now_ms, now_ms);
+
+		there.commanded_deg = target_deg;
+		tell(there, now_ms);
+		lp_sweep_tick(&sweep, (now_ms + 499) * MS);
+		assert_int_equal(moves, 1 + k);
+		now_ms += 500;
+		lp_sweep_tick(&sweep, now_ms * MS);
+		assert_true(target_deg == way[k]);
+		/* over when all has been seen at the other end */
+		assert_int_equal(report.sweeps, k / 2);
+	}
+}
+
+static void test_it_rests_at_either_end(void **state)
+{
+	int64_t now_ms = 1000;
+
+	(void)state;
+	sweep.to_and_fro = true;
+	sweep.rest_ns = 60000 * MS;
+	lp_sweep_start(&sweep);
+	for (int sweeps = 1; sweeps < 4; sweeps++) {
+		const float end_deg = sweeps % 2 ? 90.0F : 0.0F;
+
+		/* the first one begins with a stay at its first angle */
+		for (int k = sweeps > 1; k < 3; k++) {
+			struct lp_wheel_state there = settled(now_ms, now_ms);
+
+			assert_int_equal(report.sweeps, sweeps - 1);
+			there.commanded_deg = target_deg;
+			tell(there, now_ms);
+			now_ms += 500;
+			lp_sweep_tick(&sweep, now_ms * MS);
+		}
+		assert_true(report.sweeps == (uint64_t)sweeps && target_deg == end_deg);
+		lp_sweep_tick(&sweep, (now_ms + 59000) * MS);
+		assert_true(target_deg == end_deg);
+		assert_int_equal(lp_sweep_request(&sweep), sweeps + 1);
+		lp_sweep_tick(&sweep, (now_ms += 59100) * MS);
+		assert_true(target_deg == 45.0F);
+		assert_int_equal(lp_sweep_request(&sweep), sweeps + 2); /* this one has begun */
+		sweep.wanted = false;
+	}
 }
 
 /* One round, a minute at the first angle; a new lamp ends the rest once. */
@@ -390,6 +470,9 @@ int main(void)
 		cmocka_unit_test_setup(test_doubt_is_no_angle, setup),
 		cmocka_unit_test_setup(test_it_goes_on_when_all_exposures_have_been_there, setup),
 		cmocka_unit_test_setup(test_each_angle_has_all_exposures, setup),
+		cmocka_unit_test_setup(test_a_bracket_may_become_smaller, setup),
+		cmocka_unit_test_setup(test_it_goes_to_and_fro, setup),
+		cmocka_unit_test_setup(test_it_rests_at_either_end, setup),
 		cmocka_unit_test_setup(test_it_goes_round_the_angles, setup),
 		cmocka_unit_test_setup(test_a_sweep_on_request_is_a_whole_round, setup),
 		cmocka_unit_test_setup(test_it_rests_after_a_round, setup),
