@@ -18,6 +18,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import page
 import report
 from lightprobe.evaluate import evaluation, metrics, offline
 from lightprobe.evaluate.evaluation import Input
@@ -287,11 +288,11 @@ def main() -> None:
             rows = accuracy_rows(arguments.procedural, Path(folder))
             part = table(head, rows, 1 + 2 * len(ACCURACY))
         part = f"{arguments.procedural} rooms, 8 panoramas:\n\n{part}"
-        PAGE.write_text(report.replace(PAGE.read_text(), "constants", part))
+        PAGE.write_text(page.replace(PAGE.read_text(), "constants", part))
     if arguments.only != "accuracy":
         total = 2 * sum(len(constants) for constants in SEQUENCES.values())
         part = table(["constant", "is", "tried", "tests that fail"], test_rows(), total)
-        PAGE.write_text(report.replace(PAGE.read_text(), "tests", part))
+        PAGE.write_text(page.replace(PAGE.read_text(), "tests", part))
 
 
 if __name__ == "__main__":

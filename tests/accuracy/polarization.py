@@ -1,24 +1,27 @@
-"""False lamps in rooms with a varnished floor: without a polarizer, through films, and told by it.
+"""Mirror images among lamps: without a polarizer, through films, and told by it.
 
-Each scene is rendered with its mirror images (lightprobe.sim.polarized) and reaches the daemon as
-floats, or as 8-bit frames of the simulated camera in three exposures (noise, saturation, JPEG). The
-table of docs/users/accuracy.md:
+Rooms are varnished (a floor that mirrors all that is far away, lightprobe.sim.polarized) or glossy
+(panes, screens, windows, things at a distance: lightprobe.sim.glossy_rooms). Each reaches the
+daemon as floats, or as 8-bit frames of the simulated camera in three exposures (noise, saturation,
+JPEG). The tables of docs/users/accuracy.md, or one of other rooms:
 
-    build/venv/bin/python tests/accuracy/polarization.py --scenes 40
+    build/venv/bin/python tests/accuracy/polarization.py --page
+    build/venv/bin/python tests/accuracy/polarization.py --rooms glossy --first 200 --scenes 10
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 
+import glossy
 import numpy as np
 from lightprobe import geometry
 from lightprobe.estimate import Estimate, EstimateFlag, LightFlag
@@ -27,11 +30,14 @@ from lightprobe.imaging import camera, image
 from lightprobe.imaging.film import Sheet
 from lightprobe.imaging.polarizer import Polarizer
 from lightprobe.sim.exposure import bracket_us, median_luminance
+from lightprobe.sim.glossy_rooms import glossy_room
 from lightprobe.sim.polarized import PolishedFloor
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.scene import Scene
 from lightprobe.sim.sensor import Sensor, encode_jpeg
 from numpy.typing import NDArray
+from page import ACCURACY, put
+from recording import markdown
 
 SIZE_PX = (960, 480)
 ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
@@ -48,6 +54,7 @@ class Count:
     lost: int = 0  # lamps not listed, or as reflections
     false: int = 0  # lights listed that are no lamps, and not called reflections
     reflections: int = 0  # lights that are no lamps, called reflections
+    denied: int = 0  # false ones of known polarization that are surely no reflections, as it says
     total_error: float = 0.0  # relative L2 of the SH of all light, sum over the scenes
 
     def __add__(self, other: Count) -> Count:
@@ -65,6 +72,8 @@ def count(scene: Scene, estimate: Estimate, truth: Estimate) -> Count:
         index for index, light in enumerate(estimate.lights) if light.flags & LightFlag.REFLECTION
     }
     others = set(range(len(estimate.lights))) - matched
+    lights = [estimate.lights[index] for index in others - called]
+    denied = sum(glossy.verdict(light) == glossy.NONE for light in lights)
     found = len(matched - called)
     total, expected = estimate.total().coefficients, truth.total().coefficients
     error = float(np.linalg.norm(total - expected) / np.linalg.norm(expected))
@@ -74,6 +83,7 @@ def count(scene: Scene, estimate: Estimate, truth: Estimate) -> Count:
         len(lamps) - found,
         len(others - called),
         len(others & called),
+        denied,
         error,
     )
 
@@ -133,18 +143,19 @@ class Studio:
 
 Way = Callable[[Studio], tuple[list[Radiance], offline.Settings]]
 _PLAIN = offline.Settings()
+SWEPT, TURNED = "0°, 45°, 90°, 135°", "film put in 90° wrong"
 #: How a scene is looked at.
 WAYS: dict[str, Way] = {
     "no film": lambda studio: (studio.bare(), _PLAIN),
     "three films (published)": lambda studio: (studio.films(), _PLAIN),
     "one film at 90°": lambda studio: (studio.sheet_at(90), _PLAIN),
-    "0°, 45°, 90°, 135°": lambda studio: (
+    SWEPT: lambda studio: (
         studio.sheet_at(*ANGLES_DEG), offline.Settings(wheel_deg=ANGLES_DEG)
     ),
     "0°, 60°, 120°": lambda studio: (
         studio.sheet_at(0, 60, 120), offline.Settings(wheel_deg=(0, 60, 120))
     ),
-    "film put in 90° wrong": lambda studio: (
+    TURNED: lambda studio: (
         studio.sheet_at(90, 135, 0, 45), offline.Settings(wheel_deg=ANGLES_DEG)
     ),
 }  # fmt: skip
@@ -155,68 +166,120 @@ def ways_of(kind: str) -> list[str]:
     return list(WAYS) if kind == "float" else [list(WAYS)[index] for index in (0, 1, 3)]
 
 
-def judge(kind: str, seed: int) -> tuple[dict[str, Count], int]:
-    """Every way for one scene; also whether a film put in wrong was found."""
+@dataclass(frozen=True)
+class Named:
+    """In how many rooms FILM_TURNED was said."""
+
+    turned: int = 0  # of the film put in 90° wrong
+    right: int = 0
+
+    def __add__(self, other: Named) -> Named:
+        """Sum of both."""
+        return Named(self.turned + other.turned, self.right + other.right)
+
+
+Figures = tuple[dict[str, Count], Named]
+
+
+def judge(kind: str, seed: int) -> Figures:
+    """Every way for one varnished room."""
     scene = PolishedFloor(random_scene(seed))
     truth_studio = Studio(scene, "float")
     truth = truth_studio.estimate(truth_studio.bare(), _PLAIN)
     studio = truth_studio if kind == "float" else Studio(scene, kind)
-    counts, turned = {}, 0
+    counts, named = {}, Named()
     for name in ways_of(kind):
-        way = WAYS[name]
-        estimate = studio.estimate(*way(studio))
+        estimate = studio.estimate(*WAYS[name](studio))
         counts[name] = count(scene, estimate, truth)
-        turned += name.startswith("film put") and bool(estimate.flags & EstimateFlag.FILM_TURNED)
-        if name.startswith("0°, 45°") and estimate.flags & EstimateFlag.FILM_TURNED:
-            turned -= 1000  # a false alarm
+        if estimate.flags & EstimateFlag.FILM_TURNED:
+            named += Named(1, 0) if name == TURNED else Named(0, 1)
     print(f"polarization: {scene.name} {kind}: done", file=sys.stderr)
-    return counts, turned
+    return counts, named
 
 
-def figures(kind: str, scenes: int, processes: int = 2) -> tuple[dict[str, Count], int]:
-    """Sum over scenes; and in how many of them the film put in wrong was found."""
+def figures(kind: str, seeds: Sequence[int], processes: int) -> Figures:
+    """Sum over varnished rooms."""
     with ProcessPoolExecutor(processes) as pool:
-        found = list(pool.map(partial(judge, kind), range(scenes)))
+        found = list(pool.map(partial(judge, kind), seeds))
     sums = {name: sum((counts[name] for counts, _ in found), Count()) for name in ways_of(kind)}
-    return sums, sum(turned for _, turned in found)
-
-
-def table(sums: dict[str, Count], kind: str, scenes: int) -> list[str]:
-    """Rows of Markdown."""
-    return [
-        f"| {kind} | {name} | {one.found} of {one.lamps} | {one.false} | {one.reflections} "
-        f"| {one.total_error / scenes:.3f} |"
-        for name, one in sums.items()
-    ]
+    return sums, sum((named for _, named in found), Named())
 
 
 HEAD = [
-    "| input | film | lamps listed | false lamps listed | reflections named | TOTAL off by, mean |",
-    "| --- | --- | --- | --- | --- | --- |",
-]
+    "input", "film", "lamps listed", "false lamps listed", "reflections named",
+    "reflections called none", "TOTAL off by, mean",
+]  # fmt: skip
+
+
+def table(found: dict[str, Figures], rooms: int) -> str:
+    """Rows of Markdown by kind of input, and what was said of the film."""
+    rows, words = [], []
+    for kind, (sums, named) in found.items():
+        rows += [
+            [kind, name, f"{one.found} of {one.lamps}", f"{one.false}", f"{one.reflections}",
+             f"{one.denied}", f"{one.total_error / rooms:.3f}"]
+            for name, one in sums.items()
+        ]  # fmt: skip
+        if TURNED in sums:
+            words.append(
+                f"The film put in 90° wrong was named in {named.turned} of {rooms} rooms ({kind}); "
+                f"where it was right, in {named.right}."
+            )
+        else:
+            words.append(f"Where the film was right, FILM_TURNED was said in {named.right} rooms "
+                         f"({kind}).")  # fmt: skip
+    return "\n\n".join([markdown(HEAD, rows), " ".join(words)])
+
+
+def judge_glossy(kind: str, seed: int) -> glossy.Found:
+    """One glossy room, from four angles."""
+    room = glossy_room(seed)
+    studio = Studio(room, kind)
+    estimate = studio.estimate(*WAYS[SWEPT](studio))
+    print(f"polarization: {room.name} {kind}: done", file=sys.stderr)
+    return glossy.found(room, [estimate])
+
+
+def glossy_figures(kind: str, seeds: Sequence[int], processes: int) -> glossy.Found:
+    """Sum over glossy rooms."""
+    with ProcessPoolExecutor(processes) as pool:
+        return sum(pool.map(partial(judge_glossy, kind), seeds), glossy.Found(Counter()))
+
+
+def measure(rooms: str, kinds: Sequence[str], seeds: Sequence[int], processes: int) -> str:
+    """Give the table of one set of rooms."""
+    if rooms == "glossy":
+        return glossy.table({kind: glossy_figures(kind, seeds, processes) for kind in kinds})
+    return table({kind: figures(kind, seeds, processes) for kind in kinds}, len(seeds))
+
+
+#: What the page shows, by mark. Constants were chosen on the first rooms; the others are unseen.
+PARTS = {
+    "polarization": ("varnished", range(40)),
+    "polarization-unseen": ("varnished", range(100, 140)),
+    "polarization-glossy": ("glossy", range(100, 140)),
+}
 
 
 def main() -> None:
-    """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--scenes", type=int, default=40, help="rooms with a varnished floor")
+    """Measure, and print or write."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--rooms", choices=("varnished", "glossy"), default="varnished")
+    parser.add_argument("--first", type=int, default=0, help="number of the first room")
+    parser.add_argument("--scenes", type=int, default=40, help="how many rooms")
     parser.add_argument("--inputs", default="float,8-bit", help="float, 8-bit or both")
-    parser.add_argument("--json", action="store_true", help="print JSON in the place of a table")
+    parser.add_argument("--processes", type=int, default=2, help="rooms at a time")
+    parser.add_argument("--page", action="store_true", help="write docs/users/accuracy.md")
     options = parser.parse_args()
-    rows, everything = list(HEAD), {}
-    for kind in options.inputs.split(","):
-        sums, turned = figures(kind, options.scenes)
-        rows += table(sums, kind, options.scenes)
-        everything[kind] = {
-            "ways": {name: asdict(one) for name, one in sums.items()},
-            "film_turned_found": turned,
-        }
-    print(json.dumps(everything, indent=2) if options.json else "\n".join(rows))
-    if not options.json:
-        for kind, one in everything.items():
-            if len(ways_of(kind)) == len(WAYS):
-                print(f"\n{kind}: a film put in 90° wrong was found in "
-                      f"{one['film_turned_found']} of {options.scenes} rooms")  # fmt: skip
+    kinds = options.inputs.split(",")
+    if options.page:
+        for name, (rooms, seeds) in PARTS.items():
+            put(ACCURACY, {name: measure(rooms, kinds, seeds, options.processes)})
+        return
+    seeds = range(options.first, options.first + options.scenes)
+    print(measure(options.rooms, kinds, seeds, options.processes))
 
 
 if __name__ == "__main__":

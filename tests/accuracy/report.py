@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import re
 import sys
 import tempfile
 from pathlib import Path
@@ -30,6 +29,7 @@ import live  # noqa: E402
 import several  # noqa: E402
 import with_ring  # noqa: E402
 from cases import CASES  # noqa: E402
+from page import ACCURACY, put  # noqa: E402
 from recording import markdown as table  # noqa: E402
 from recording import to_json  # noqa: E402
 
@@ -150,22 +150,6 @@ def evaluated(names: list[str], inputs: list[str]) -> tuple[list[Case], evaluate
     return cases, evaluate.group(cases)
 
 
-def replace(text: str, name: str, part: str) -> str:
-    """Put `part` where `name` is marked; SystemExit when it is not."""
-    pattern = rf"(<!-- generated: {name} -->\n).*?(<!-- end -->)"
-    if not re.search(pattern, text, re.DOTALL):
-        raise SystemExit(f"accuracy: no mark for {name} in the page")
-    return re.sub(pattern, lambda m: f"{m[1]}{part}\n{m[2]}", text, flags=re.DOTALL)
-
-
-def put(page: Path, parts: dict[str, str]) -> None:
-    """Replace the marked parts of a page."""
-    text = page.read_text()
-    for name, part in parts.items():
-        text = replace(text, name, part)
-    page.write_text(text)
-
-
 def live_figures(out: Path, page: Path) -> dict[str, str]:
     """Measure turning cameras, troubles and changing lamps; the parts of the page."""
     moving = live.all_figures(live.cases(live.SCENES))
@@ -204,7 +188,7 @@ def main() -> None:
     )
     options = parser.parse_args()
     count = options.procedural
-    out, page = ROOT / "build/accuracy", ROOT / "docs/users/accuracy.md"
+    out, page = ROOT / "build/accuracy", ACCURACY
     out.mkdir(parents=True, exist_ok=True)
     live_parts = live_figures(out, page)
     if options.only_live:

@@ -18,6 +18,7 @@ from lightprobe.sim import scenes
 
 sys.path.insert(0, str(Path(__file__).parent))
 import ring_bound
+from page import ACCURACY, put
 from recording import markdown as table
 
 #: How well the camera's scale and the ring are known; None: no ring.
@@ -167,10 +168,8 @@ def main() -> None:
             for name, cases in found.items():
                 print(f"{exposures} exposures, ring {name}: {light(cases, exposures)}")
         return
-    import report  # it imports this module
 
-    page = report.ROOT / "docs/users/accuracy.md"
-    report.put(page, parts(options.procedural))
+    put(ACCURACY, parts(options.procedural))
 
 
 if __name__ == "__main__":

@@ -30,7 +30,7 @@ from skimage.metrics import structural_similarity
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests/accuracy"))
-from report import put  # noqa: E402
+from page import put  # noqa: E402
 
 #: Mean of the empty place's picture on the screen, linear.
 _GREY = 0.35
