@@ -31,8 +31,8 @@ struct lp_instruments {
 	struct lp_rotator *rotator; /* NULL: none */
 	struct lp_ring *ring;	    /* NULL: none */
 	struct lp_sweep sweep;
-	bool sweeps;	      /* --polarizer=sweep */
-	uint32_t newest_lamp; /* highest id so far */
+	bool sweeps;	     /* --polarizer=sweep */
+	uint32_t unmeasured; /* of the newest estimate */
 
 	bool ring_heard; /* the next two count */
 	uint32_t ring_sequence;
@@ -182,15 +182,9 @@ int lp_instruments_start(struct lp_instruments *instruments)
 void lp_instruments_see(struct lp_instruments *instruments,
 			const struct lp_light_estimate *estimate)
 {
-	for (int k = 0; k < estimate->light_count; k++) {
-		const struct lp_light *light = &estimate->lights[k];
-
-		if (light->id <= instruments->newest_lamp)
-			continue;
-		instruments->newest_lamp = light->id;
-		if (light->polarization.judged && !light->polarization.known)
-			lp_sweep_want(&instruments->sweep);
-	}
+	if (estimate->unmeasured != instruments->unmeasured)
+		lp_sweep_want(&instruments->sweep);
+	instruments->unmeasured = estimate->unmeasured;
 }
 
 int lp_instruments_sweep(struct lp_instruments *instruments, uint64_t *done_at, const char **reason)

@@ -35,7 +35,8 @@ void lp_instruments_frame(struct lp_instruments *instruments, struct lp_frame *f
 /* Several times a second. */
 void lp_instruments_tick(struct lp_instruments *instruments, int64_t now_ns);
 
-/* What the newest frame showed: a new lamp of unknown polarization ends the wheel's rest. */
+/* What the newest frame showed: a new bright region of unknown polarization ends the wheel's rest.
+ */
 void lp_instruments_see(struct lp_instruments *instruments,
 			const struct lp_light_estimate *estimate);
 

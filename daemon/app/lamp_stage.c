@@ -161,6 +161,15 @@ static void measure_polarization(struct lp_remembered_lamp *m, const struct lp_i
 		m->polarization = lp_imager_polarization(imager, finder, &m->on_grid);
 }
 
+/* Once: where the film is edge-on, no sweep tells it. */
+static void count_unmeasured(struct lp_lamp_stage *stage, struct lp_remembered_lamp *m)
+{
+	if (m->counted)
+		return;
+	stage->unmeasured += !m->polarization.known;
+	m->counted = true;
+}
+
 /* By the lamps' images; or by all of the floor, if those do not contradict. */
 static bool film_is_turned(const struct lp_suspect *suspects, int count,
 			   const struct lp_imager *imager)
@@ -183,6 +192,7 @@ static void tell_reflections(struct lp_lamp_stage *stage, const struct lp_imager
 		const struct lp_lamp *lamp = &lamps[k]->lamp;
 
 		measure_polarization(lamps[k], imager, finder);
+		count_unmeasured(stage, lamps[k]);
 		suspects[k] = (struct lp_suspect){.irradiance = lamp->irradiance[LP_LUMINANCE],
 						  .is_bound = lamp->flags & LP_LIGHT_CLIPPED,
 						  .radius_deg = radius_rad(lamp) * DEG,
@@ -372,6 +382,7 @@ int lp_lamp_stage_list(struct lp_lamp_stage *stage, const struct lp_grid *grid,
 	int lamps;
 
 	find_hidden(stage, grid, panorama);
+	estimate->unmeasured = stage->unmeasured;
 	estimate->light_count = choose(stage, grid, panorama, most, chosen, &lamps);
 	estimate->area_count = lamps < estimate->light_count ? estimate->light_count - lamps : 0;
 	for (int k = 0; k < estimate->light_count; k++)

@@ -23,6 +23,8 @@ struct lp_lamp_stage {
 	struct lp_lamp_memory memory;
 	int64_t t_ns;	     /* of the last update; 0: none yet */
 	bool film_is_turned; /* a quarter turn off */
+	/* So many bright regions, listed or not, have appeared whose polarization was not known. */
+	uint32_t unmeasured;
 };
 
 struct lp_lamp_stage_work {

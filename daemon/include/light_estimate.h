@@ -110,9 +110,10 @@ struct lp_light_estimate {
 	int exposure_count;
 	float scale_sigma; /* relative, 1 sigma, against the first frames; NAN: exposures are known
 			    */
-	float cd_m2_per_unit;			    /* luminance of radiance 1; NAN: not known */
-	float cd_m2_per_unit_sigma;		    /* relative, 1 sigma; NAN with it */
-	float wheel_deg, wheel_sigma_deg;	    /* of the newest frame used (frame.h) */
+	float cd_m2_per_unit;		  /* luminance of radiance 1; NAN: not known */
+	float cd_m2_per_unit_sigma;	  /* relative, 1 sigma; NAN with it */
+	float wheel_deg, wheel_sigma_deg; /* of the newest frame used (frame.h) */
+	uint32_t unmeasured; /* grows with bright regions whose polarization is to be measured */
 	struct lp_estimate_orientation orientation; /* at t_capture_ns */
 };
 

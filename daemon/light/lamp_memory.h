@@ -52,6 +52,7 @@ struct lp_remembered_lamp {
 	struct lp_polarization polarization; /* by `stokes`, or by its cells */
 	float image_probability; /* that it is the mirror image of another lamp; NAN: not judged */
 	bool reflection;	 /* it is listed as the mirror image of another lamp */
+	bool counted;		 /* among those of unknown polarization (app/lamp_stage.h) */
 };
 
 struct lp_lamp_memory {

@@ -10,11 +10,12 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 from harness import run
-from lightprobe import geometry
+from lightprobe import geometry, sh
 from lightprobe.colour import luminance
 from lightprobe.estimate import (
     Estimate,
     EstimateFlag,
+    Health,
     LightFlag,
     PolarizationMap,
     Refusal,
@@ -27,6 +28,7 @@ from lightprobe.sim.live import LiveClient, LiveProbe
 from lightprobe.sim.live_box import LiveBox
 from lightprobe.sim.polarized import PolishedFloor
 from lightprobe.sim.procedural import random_scene
+from lightprobe.sim.scene import ProceduralScene
 from lightprobe.sim.world import Behaviour, World
 from lightprobe.wire import Subscription, encode_get_polarization_map, encode_start_sweep
 
@@ -149,6 +151,32 @@ def test_a_wheel_that_rests_remembers_its_sweep() -> None:
         assert box.box.get("wheel_deg") == pytest.approx(at_rest, abs=0.5)
         check(client.estimates)
         assert all(called(one)[1] >= 2 for one in client.estimates[before:])
+
+
+def test_reflections_that_a_client_leaves_out_stay_in_the_light() -> None:
+    """Not listed, for smoothed and raw alike; TOTAL is the same light, AMBIENT holds theirs."""
+    with swept(Behaviour(act_s=0)) as (_, probe, client):
+        wishes = [
+            Subscription(max_lights=8, smoothing=smoothing, area_lights=True,
+                         leave_out_reflections=leave_out)
+            for smoothing in ("RAW", "SMOOTHED") for leave_out in (False, True)
+        ]  # fmt: skip
+        others = [probe.client(wish) for wish in wishes]
+        probe.run(SWEPT_S + 2.0)
+        assert called(client.estimates[-1])[1] >= 2
+        for everything, without in (others[:2], others[2:]):
+            one, other = everything.estimates[-1], without.estimates[-1]
+            assert one.sequence == other.sequence
+            images = [light for light in one.lights if light.flags & LightFlag.REFLECTION]
+            assert len(images) >= 2
+            assert {light.id for light in other.lights} == (
+                {light.id for light in one.lights} - {light.id for light in images}
+            )
+            total, ambient = other.total().coefficients, other.sh.coefficients
+            np.testing.assert_allclose(total, one.total().coefficients, rtol=1e-3, atol=1e-3)
+            theirs = sum(np.outer(sh.lamp(light.direction, 2, 0.0), light.irradiance)
+                         for light in images)  # fmt: skip
+            np.testing.assert_allclose(ambient - one.sh.coefficients, theirs, rtol=0.05, atol=0.02)
 
 
 def test_a_film_put_in_a_quarter_turn_wrong_is_named() -> None:
@@ -291,6 +319,49 @@ def test_a_sweep_on_request_ends_the_rest() -> None:
         refusals = [one.message for one in client.received if isinstance(one.message, Refusal)]
         assert len(refusals) == 1
         assert "--publish-polarization" in str(refusals[0])
+
+
+@pytest.mark.parametrize("max_lights", [8, 1])
+def test_a_new_lamp_ends_the_rest(max_lights: int) -> None:
+    """Also one that the daemon does not list; what is known, and goes on, does not."""
+    scene = random_scene(8)
+    weakest = min(scene.lamps, key=lambda lamp: float(luminance(lamp.irradiance)))
+    before = PolishedFloor(
+        ProceduralScene(scene.name, scene.background,
+                        tuple(lamp for lamp in scene.lamps if lamp is not weakest))
+    )  # fmt: skip
+    change_s = SWEPT_S + 6.0
+    factor = World([ROOM], None, 30.0).scenes[0].lamps[0].irradiance / ROOM.lamps[0].irradiance
+    world = World([before.scaled(factor[0]), ROOM.scaled(factor[0])], Behaviour(act_s=change_s))
+    camera = SimulatedCamera(
+        world, lenses.load("equirect"), SIZE_PX, rate_hz=RATE_HZ, sheet=Sheet()
+    )
+    with LiveBox() as box:
+        arguments = (*box.arguments, "--orientation=none", "--polarizer-rest=3600",
+                     f"--lights={max_lights}")  # fmt: skip
+        with LiveProbe(camera, arguments, box=box) as probe:
+            client = probe.client(Subscription(max_lights=8, health_period_ms=100))
+            probe.run(change_s - 0.5)
+            assert client.health is not None
+            assert client.health.wheel is not None
+            rested = client.health.wheel.sweeps
+            at_rest = box.box.get("wheel_deg")
+            seen = [one.message for one in client.received if isinstance(one.message, Health)]
+            late = seen[-30:]  # 3 s
+            assert {one.wheel.sweeps for one in late if one.wheel} == {rested}
+            probe.run(2.0)
+            assert abs(box.box.get("wheel_deg") - at_rest) > 5
+            probe.run(10.0)  # one sweep, and another if it took more than one look to see it all
+            assert client.health.wheel.sweeps in (rested + 1, rested + 2)
+            at_rest = box.box.get("wheel_deg")
+            probe.run(3.0)
+            assert box.box.get("wheel_deg") == pytest.approx(at_rest, abs=0.5)
+            direction = weakest.direction
+            if max_lights == 1:
+                assert not any(
+                    geometry.angle_deg(light.direction, direction) < 5
+                    for one in client.estimates for light in one.lights
+                )  # fmt: skip
 
 
 def test_a_sweep_is_refused_where_the_polarizer_stays() -> None:

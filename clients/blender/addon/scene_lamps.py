@@ -69,6 +69,7 @@ def put(lamp: bpy.types.Object, sun: Sun, scale: float) -> None:
     lamp.data.energy = sun.strength * scale
     lamp.data.color = sun.colour
     lamp.data.angle = sun.angle_rad
+    lamp.data.use_shadow = sun.casts_shadow
 
 
 def remove(lamp: bpy.types.Object) -> None:

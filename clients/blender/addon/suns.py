@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from lightprobe.colour import LUMINANCE
 from lightprobe.errors import LightprobeError
-from lightprobe.estimate import Estimate, Light
+from lightprobe.estimate import Estimate, Light, LightFlag
 from lightprobe.geometry import Array, sphere_normals
 
 from . import axes
@@ -30,6 +30,7 @@ class Sun:
     colour: tuple[float, float, float]  # linear Rec. 709, its largest channel is 1
     strength: float  # irradiance of that channel on a surface that faces the lamp
     angle_rad: float  # of the disc, from rim to rim, as Blender's `angle`
+    casts_shadow: bool = True  # False: a mirror image, which shines through floor or pane
 
 
 def suns(estimate: Estimate, steady: bool) -> list[Sun]:
@@ -51,6 +52,7 @@ def _sun(light: Light, turn: Array) -> Sun:
         (red, green, blue),
         max(strength, 0.0),
         float(np.radians(2 * light.angular_radius_deg)),
+        not light.flags & LightFlag.REFLECTION,
     )
 
 

@@ -32,6 +32,8 @@ namespace Lightprobe
         public readonly float Intensity;
         /// <summary>Angular diameter in degrees, for soft shadows.</summary>
         public readonly float AngularDiameterDeg;
+        /// <summary>False of a mirror image: it shines through the floor or pane in which it is seen.</summary>
+        public readonly bool CastsShadow;
 
         /// <param name="lamp">A lamp of an estimate.</param>
         /// <param name="pipeline">Which renderer it is for.</param>
@@ -52,6 +54,7 @@ namespace Lightprobe
             for (int c = 0; c < 3; c++)
                 Colour[c] = (float)Srgb(largest > 0 ? Math.Max(0.0, lamp.Irradiance[c]) / largest : 1);
             AngularDiameterDeg = 2 * lamp.AngularRadiusDeg;
+            CastsShadow = (lamp.Flags & (uint)LightFlag.Reflection) == 0;
         }
 
         /// <summary>A direction of the probe in Unity's axes (3).</summary>

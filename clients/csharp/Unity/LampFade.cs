@@ -20,7 +20,6 @@ namespace Lightprobe
             holder.transform.SetParent(parent, false);
             _light = holder.AddComponent<UnityEngine.Light>();
             _light.type = LightType.Directional;
-            _light.shadows = LightShadows.Soft;
             _light.intensity = 0;
         }
 
@@ -28,6 +27,7 @@ namespace Lightprobe
         {
             Goal = 1;
             _intensity = light.Intensity;
+            _light.shadows = light.CastsShadow ? LightShadows.Soft : LightShadows.None;
             _light.color = new Color(light.Colour[0], light.Colour[1], light.Colour[2]);
             var forward = new Vector3(light.Forward[0], light.Forward[1], light.Forward[2]);
             // LookRotation needs an up that is not along forward.

@@ -3,7 +3,7 @@
 
 import { CubeReflectionMapping, CubeTexture, DataTexture, DataUtils, DirectionalLight, EquirectangularReflectionMapping, FloatType, Group, HalfFloatType, LightProbe, Mesh, MeshLambertMaterial, MultiplyBlending, LinearFilter, LinearSRGBColorSpace, Quaternion, RGBAFormat, Vector3 } from "three";
 import type { BufferGeometry, Object3DEventMap } from "three";
-import { besideSh } from "./estimate.js";
+import { besideSh, LightFlag } from "./estimate.js";
 import type { Estimate, Light, Vec3 } from "./estimate.js";
 import { largest, type ReflectionMap } from "./reflection.js";
 import * as sh from "./sh.js";
@@ -170,6 +170,7 @@ export class ProbeLight extends Group<ProbeLightEvents> {
     slot.target.direction.set(...light.direction).applyQuaternion(this.toProbe.clone().invert());
     slot.target.irradiance.set(...light.irradiance);
     slot.target.radiusDeg = light.angularRadiusDeg;
+    slot.light.castShadow = this.#options.castShadow && !(light.flags & LightFlag.REFLECTION);
   }
 
   #move(slot: Slot, share: number): void {

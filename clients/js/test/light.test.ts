@@ -2,7 +2,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { Quaternion, Vector3 } from "three";
-import { irradiance, sh, type Estimate, type Light, type Vec3 } from "../src/index.js";
+import { irradiance, LightFlag, sh, type Estimate, type Light, type Vec3 } from "../src/index.js";
 import { ProbeLight } from "../src/three.js";
 import { lightEstimate } from "../src/webxr.js";
 
@@ -92,6 +92,20 @@ test("one lamp straight up lights what faces up", () => {
   const shown = light.lamps.filter((one) => one.intensity > 0);
   assert.equal(shown.length, 1);
   assert.ok(shown[0]!.position.y > 9.9);
+});
+
+test("a mirror image lights things, but casts no shadow", () => {
+  const seen = estimate([lamp(1, [0, 1, 0]), { ...lamp(2, [0.6, -0.8, 0]), flags: LightFlag.REFLECTION }]);
+  const light = new ProbeLight();
+  light.set(seen);
+  const shown = light.lamps.filter((one) => one.intensity > 0);
+  assert.deepEqual(shown.map((one) => [one.position.y > 0, one.castShadow]), [[true, true], [false, false]]);
+  assert.deepEqual(irradiance(seen, [0, -1, 0]).map((value) => Math.round(10 * value)), [8, 8, 8]);
+  light.set(estimate([lamp(1, [0, 1, 0]), lamp(2, [0.6, -0.8, 0])])); // it is none after all
+  assert.ok(light.lamps.filter((one) => one.intensity > 0).every((one) => one.castShadow));
+  const without = new ProbeLight({ castShadow: false });
+  without.set(seen);
+  assert.ok(without.lamps.every((one) => !one.castShadow));
 });
 
 const sum = (light: ProbeLight): number => light.lamps.reduce((total, one) => total + one.intensity, 0);

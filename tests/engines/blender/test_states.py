@@ -9,9 +9,9 @@ import bpy
 import numpy as np
 import pytest
 from bl_ext.user_default.lightprobe import scene_lamps, session, suns, words
-from bl_ext.user_default.lightprobe.fade import FADE_S, Fader
+from bl_ext.user_default.lightprobe.fade import FADE_S, Fader, ShownLamp
 from lightprobe.errors import LightprobeError
-from lightprobe.estimate import FLAG_WORDS, EstimateFlag, Fault
+from lightprobe.estimate import FLAG_WORDS, EstimateFlag, Fault, LightFlag
 from lightprobe.wire import decode
 from lightprobe_proto import lightprobe_pb2 as pb
 from probes import LONG_S, Probe, packet, ticked_until
@@ -150,6 +150,19 @@ def test_lamps_never_pop():
     assert gains[19] == {1: 1.0}
     assert gains[39] == {2: 1.0}
     assert gains[22][1] + gains[22][2] == pytest.approx(1)  # one comes as the other goes
+
+
+def test_a_mirror_image_casts_no_shadow(scene):
+    """It shines through the floor in which it is seen; a lamp does not."""
+    estimate = estimate_of(lamps=[LAMP, (2, (0, -1, 0), (1, 1, 1), 1)])
+    lamp, image = estimate.lights
+    image = replace(image, flags=LightFlag.REFLECTION)
+    shown = suns.suns(replace(estimate, lights=(lamp, image)), True)
+    scene_lamps.show(scene, [ShownLamp((7, sun.id), sun, 1.0) for sun in shown], 1.0)
+    lamps = scene_lamps.lamps(scene.lightprobe.root)
+    for number, casts in ((1, True), (2, False)):
+        data = lamps[7, number].data
+        assert data.use_shadow == casts
 
 
 def test_of_total_nothing_is_added():

@@ -12,7 +12,7 @@ namespace UnityEngine
     public class GameObject : Object { public Transform transform; public GameObject(string name) { } public T AddComponent<T>() where T : Component => null; }
     public class Light : Component { public LightType type; public LightShadows shadows; public float intensity; public Color color; }
     public enum LightType { Directional }
-    public enum LightShadows { Soft }
+    public enum LightShadows { None, Soft }
     public struct Color { public Color(float r, float g, float b) { } }
     public struct Vector3 { public float y; public Vector3(float x, float y, float z) { this.y = y; } public static Vector3 forward => default(Vector3); public static Vector3 up => default(Vector3); }
     public struct Quaternion { public static Quaternion LookRotation(Vector3 forward, Vector3 upwards) => default(Quaternion); }

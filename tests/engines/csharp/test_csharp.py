@@ -15,6 +15,7 @@ from google.protobuf.descriptor import FieldDescriptor
 from harness import Daemon
 from lightprobe import reflection_map, wire
 from lightprobe.convert import ADAPTERS
+from lightprobe.estimate import LightFlag
 from lightprobe.imaging import image
 from lightprobe_proto import lightprobe_pb2 as pb
 
@@ -171,12 +172,16 @@ def test_a_subscription_is_written_as_python_reads_it(program):
 
 
 @pytest.mark.parametrize("cd_m2_per_unit", [None, 137.5])
+@pytest.mark.parametrize("flags", [0, int(LightFlag.REFLECTION | LightFlag.CLIPPED)])
 @pytest.mark.parametrize("towards", [(0, 1, 0), (0.6, 0, -0.8), (-0.48, 0.64, 0.6)])
-def test_unitys_numbers_are_those_of_convert(program, towards, cd_m2_per_unit):
-    """URP takes light relative to the packet's unit, HDRP lux (irradiance) and cd/m² (SH)."""
+def test_unitys_numbers_are_those_of_convert(program, towards, flags, cd_m2_per_unit):
+    """URP takes light relative to the packet's unit, HDRP lux (irradiance) and cd/m² (SH).
+
+    A mirror image casts no shadow.
+    """
     rng = np.random.default_rng(7)
     message = pb.FromProbe()
-    lamp = message.estimate.lights.add(id=1, angular_radius_deg=0.5)
+    lamp = message.estimate.lights.add(id=1, angular_radius_deg=0.5, flags=flags)
     lamp.direction.extend(towards)
     lamp.irradiance.extend([3, 2, 0.5])
     if cd_m2_per_unit:
@@ -192,8 +197,9 @@ def test_unitys_numbers_are_those_of_convert(program, towards, cd_m2_per_unit):
         colour = [1, *(1.055 * (x / 3) ** (1 / 2.4) - 0.055 for x in (2, 0.5))]
         forward = -adapter.direction(towards)
         np.testing.assert_allclose(line[:7], [*forward, *colour, intensity], rtol=1e-6, atol=1e-6)
+        assert line[-1] == (0 if flags else 1)
         coefficients_there = absolute * adapter.coefficients(coefficients)
-        np.testing.assert_allclose(line[7:], coefficients_there, rtol=1e-5, atol=1e-6)
+        np.testing.assert_allclose(line[7:-1], coefficients_there, rtol=1e-5, atol=1e-6)
     if towards == (0, 1, 0):  # a lamp straight up shines down, along Unity's -y
         assert lines[0][:3] == [0, -1, 0]
 
