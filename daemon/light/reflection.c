@@ -23,8 +23,10 @@
 #define LEAST_NEAR_SHARE 0.05F
 /* Irradiances of two lamps of a scene lie within this factor. */
 #define CONTRAST 1000.0F
-/* An image lies further from its lamp than this. */
-#define LEAST_APART_RAD (5.0F * RAD)
+/* An image lies beside its lamp, and further from it than this: pieces of a lamp are none. */
+#define LEAST_APART_RAD (2.0F * RAD)
+/* The arc from an image to its mirrored direction is longer than this, or it lies anyhow. */
+#define LEAST_ARC_RAD (5.0F * RAD)
 /* Probability from which on it is said. */
 #define SURE 0.9F
 
@@ -149,21 +151,23 @@ static bool may_be_near(const float image[3], const struct mirror *mirror, const
 	return most * most > LEAST_NEAR_SHARE;
 }
 
-static bool on_arc(const float image[3], const struct mirror *mirror, const float lamp[3],
-		   struct near_lamp *near)
+static bool on_arc(const struct lp_suspect *suspect, const struct mirror *mirror,
+		   const struct lp_suspect *of, struct near_lamp *near)
 {
+	const float *image = suspect->direction, *lamp = of->direction;
+	const float apart = fmaxf((suspect->radius_deg + of->radius_deg) * RAD, LEAST_APART_RAD);
 	float plane[3], to_lamp[3];
 
 	cross(image, mirror->mirrored, plane);
 	near->length = angle(image, mirror->mirrored);
-	if (!unit(plane) || near->length < LEAST_APART_RAD)
+	if (!unit(plane) || near->length < LEAST_ARC_RAD)
 		return false;
 	cross(image, lamp, to_lamp);
 	const float sine = dot(plane, lamp);
 	const float along = atan2f(dot(to_lamp, plane), dot(image, lamp));
 
 	near->beside = asinf(fmaxf(fminf(sine, 1.0F), -1.0F));
-	return along > LEAST_APART_RAD && along < near->length + 2.0F * PLACE_SIGMA_RAD &&
+	return along > apart && along < near->length + 2.0F * PLACE_SIGMA_RAD &&
 	       may_be_near(image, mirror, lamp, &near->share);
 }
 
@@ -233,7 +237,7 @@ static float floor_ratio(const struct lp_suspect *image, const struct lp_suspect
 	struct near_lamp near;
 	float ratio = 0.5F * far * strength_ratio(image, lamp, &mirror->fresnel, NULL);
 
-	if (on_arc(image->direction, mirror, lamp->direction, &near))
+	if (on_arc(image, mirror, lamp, &near))
 		ratio += 0.5F * sphere / near.length * gauss(near.beside, PLACE_SIGMA_RAD) *
 			 strength_ratio(image, lamp, &mirror->fresnel, &near);
 	return ratio;
@@ -248,7 +252,7 @@ static float upright_ratio(const struct lp_suspect *image, const struct lp_suspe
 	const float far = 2.0F * gauss(off, PLACE_SIGMA_RAD);
 	struct near_lamp near;
 
-	if (!on_arc(image->direction, mirror, lamp->direction, &near))
+	if (!on_arc(image, mirror, lamp, &near))
 		return 0.0F;
 	return 0.5F * far * strength_ratio(image, lamp, &mirror->fresnel, NULL) +
 	       0.5F * strength_ratio(image, lamp, &mirror->fresnel, &near);

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import glossy
 import numpy as np
 import polarization
 import pytest
@@ -10,6 +11,7 @@ from lightprobe.estimate import EstimateFlag
 from lightprobe.evaluate import offline
 from lightprobe.imaging import camera
 from lightprobe.imaging.stokes import Picture
+from lightprobe.sim.glossy_rooms import glossy_room
 from lightprobe.sim.polarized import PolishedFloor
 from lightprobe.sim.procedural import random_scene
 
@@ -30,10 +32,33 @@ pytestmark = pytest.mark.usefixtures("released_daemon")
 def test_a_sweep_tells_every_reflection(seed: int) -> None:
     scene = PolishedFloor(random_scene(seed))
     studio = polarization.Studio(scene, "8-bit")
-    estimate = studio.estimate(*polarization.WAYS["0°, 45°, 90°, 135°"](studio))
+    estimate = studio.estimate(*polarization.WAYS[polarization.SWEPT](studio))
     found = polarization.count(scene, estimate, estimate)
     assert (found.lost, found.false) == (0, 0), estimate.lights
     assert found.reflections >= 1
+
+
+@pytest.mark.parametrize(
+    ("seed", "images"),
+    [
+        (1, 3),  # two panes; a floor seen edge-on, where the film passes more of its image
+        (15, 3),  # two panes that face anyhow, a floor, a screen, a window
+        (17, 2),  # aslant to the probe's axes
+        (139, 1),  # a lamp right above the floor, and its image right below
+    ],
+)
+def test_panes_screens_and_the_sky(seed: int, images: int) -> None:
+    """Images in upright glass and near floors are told, or unsure; nothing else is called one."""
+    room = glossy_room(seed)
+    studio = polarization.Studio(room, "float")
+    estimate = studio.estimate(*polarization.WAYS[polarization.SWEPT](studio))
+    found = glossy.lights(room, estimate)
+    assert not glossy.NEVER & found.keys(), found
+    named = sum(found[what, glossy.CALLED] for what in (glossy.UPRIGHT, glossy.FLOOR))
+    unsure = sum(found[what, glossy.UNSURE] for what in (glossy.UPRIGHT, glossy.FLOOR))
+    assert named >= images - 1
+    assert named + unsure >= images
+    assert not estimate.flags & EstimateFlag.FILM_TURNED
 
 
 @pytest.mark.parametrize("kind", ["float", "8-bit"])
@@ -55,7 +80,7 @@ def test_behind_a_film_put_in_wrong_no_image_is_said_to_be_a_lamp(seed: int) -> 
     """What is polarized as no floor does it says nothing then; place and strength tell."""
     scene = PolishedFloor(random_scene(seed))
     studio = polarization.Studio(scene, "float")
-    estimate = studio.estimate(*polarization.WAYS["film put in 90° wrong"](studio))
+    estimate = studio.estimate(*polarization.WAYS[polarization.TURNED](studio))
     assert estimate.flags & EstimateFlag.FILM_TURNED
     assert not any(light.dolp for light in estimate.lights)
     counted = polarization.count(scene, estimate, estimate)

@@ -40,6 +40,36 @@ static struct lp_suspect image(float azimuth_deg, float elevation_deg, float irr
 	return polarized(at(azimuth_deg, -elevation_deg, irradiance * f.reflectance), f.dolp, 0.0F);
 }
 
+/* Image of a lamp at a place in metres, in a wall whose normal points to an azimuth, so far away.
+ */
+static struct lp_suspect in_a_wall(const float lamp[3], float irradiance, float normal_deg,
+				   float away_m)
+{
+	const float a = normal_deg * RAD, normal[3] = {sinf(a), 0.0F, -cosf(a)};
+	const float before = 2.0F * (lamp[0] * normal[0] + lamp[2] * normal[2] + away_m);
+	const float place[3] = {lamp[0] - before * normal[0], lamp[1],
+				lamp[2] - before * normal[2]};
+	const float near = hypotf(hypotf(lamp[0], lamp[1]), lamp[2]);
+	const float far = hypotf(hypotf(place[0], place[1]), place[2]);
+	struct lp_suspect shown = at(0, 0, 1.0F);
+	float right[3], up[3], *d = shown.direction;
+
+	for (int i = 0; i < 3; i++)
+		d[i] = place[i] / far;
+	const struct lp_fresnel f = lp_fresnel(-(d[0] * normal[0] + d[2] * normal[2]));
+	/* across the plane of incidence: normal x d */
+	const float field[3] = {-normal[2] * d[1], normal[2] * d[0] - normal[0] * d[2],
+				normal[0] * d[1]};
+
+	lp_stokes_frame(d, right, up);
+	const float x = field[0] * right[0] + field[1] * right[1] + field[2] * right[2];
+	const float y = field[0] * up[0] + field[1] * up[1] + field[2] * up[2];
+	const float over = f.dolp / (x * x + y * y);
+
+	shown.irradiance = irradiance * f.reflectance * near * near / (far * far);
+	return polarized(shown, over * (x * x - y * y), over * 2.0F * x * y);
+}
+
 static struct lp_verdict second(struct lp_suspect a, struct lp_suspect b)
 {
 	struct lp_verdict verdicts[2];
@@ -86,6 +116,19 @@ static void test_an_image_in_a_near_floor(void **state)
 			 LP_CLASS_REFLECTION);
 }
 
+/* A lamp that stands on the floor, right beside its image; but not what lies within a lamp. */
+static void test_an_image_at_the_foot_of_its_lamp(void **state)
+{
+	struct lp_suspect lamp = at(30, -40, 10.0F), shown = image(30, 45, 10.0F);
+
+	(void)state;
+	lamp.radius_deg = 1.7F;
+	shown.radius_deg = 1.6F;
+	assert_int_equal(second(lamp, shown).kind, LP_CLASS_REFLECTION);
+	lamp.radius_deg = 6.0F;
+	assert_int_not_equal(second(lamp, shown).kind, LP_CLASS_REFLECTION);
+}
+
 /* Near the nadir, and where the sheet is edge-on, the place and the strength tell. */
 static void test_images_whose_polarization_says_nothing(void **state)
 {
@@ -96,6 +139,39 @@ static void test_images_whose_polarization_says_nothing(void **state)
 	/* as strong as the other, it is no image */
 	assert_int_not_equal(second(at(90, 40, 10.0F), unknown(at(90, -40, 9.0F))).kind,
 			     LP_CLASS_REFLECTION);
+}
+
+/* Of an image whose polarization is not known, the film may have passed nearly all or little. */
+static void test_an_image_that_the_film_made_brighter_or_darker(void **state)
+{
+	const float factors[] = {0.3F, 1.0F, 1.8F};
+
+	(void)state;
+	for (int k = 0; k < 3; k++) {
+		struct lp_suspect seen = unknown(image(90, 25, 10.0F));
+
+		seen.irradiance *= factors[k];
+		assert_true(second(at(90, 25, 10.0F), seen).reflection > 0.9F);
+	}
+	/* a lamp on the floor, hardly nearer than its image */
+	assert_true(second(at(90, -3, 3.0F), unknown(at(90, -22, 0.7F))).reflection > 0.5F);
+}
+
+/* Near lamps: the place tells how much further away the image is, and so how strong. */
+static void test_how_strong_the_image_of_a_near_lamp_is(void **state)
+{
+	const float place[] = {1.2F, 0.9F, -1.2F};
+	struct lp_suspect lamp = at(45, 27.9F, 10.0F), seen = in_a_wall(place, 10.0F, -80, 1.5F);
+
+	(void)state;
+	const float as_it_is = second(lamp, seen).reflection;
+	struct lp_suspect weaker = seen;
+
+	weaker.irradiance /= 4.0F;
+	seen.irradiance *= 4.0F;
+	assert_true(as_it_is > 0.9F);
+	assert_true(second(lamp, weaker).reflection < 0.9F); /* of a lamp that shines elsewhere */
+	assert_true(second(lamp, seen).reflection < 0.7F);
 }
 
 static struct lp_suspect clipped(struct lp_suspect s, float left)
@@ -119,9 +195,9 @@ static void test_images_of_lamps_that_clip(void **state)
 	lp_tell_reflections((const struct lp_suspect[]){shown, clipped(lamp, 0.01F)}, 2, verdicts);
 	assert_int_equal(verdicts[0].kind, LP_CLASS_REFLECTION);
 	assert_int_not_equal(verdicts[1].kind, LP_CLASS_REFLECTION);
-	/* even the least strength of the lamp is too much for it */
-	assert_int_not_equal(second(clipped(lamp, 0.1F), unknown(at(90, -40, 0.01F))).kind,
-			     LP_CLASS_REFLECTION);
+	/* even the least strength of the lamp is too much for it, as near as it may be, and
+	 * whatever the film leaves of the image */
+	assert_true(second(clipped(lamp, 0.1F), unknown(at(90, -40, 1e-4F))).reflection < 0.1F);
 	/* it is stronger than an image of this lamp could be */
 	assert_int_not_equal(second(lamp, clipped(unknown(at(90, -40, 10.0F)), 0.5F)).kind,
 			     LP_CLASS_REFLECTION);
@@ -167,36 +243,6 @@ static void test_lamps_are_lamps(void **state)
 		}
 	/* below another lamp, too */
 	assert_int_not_equal(second(at(0, 50, 10.0F), at(0, -30, 3.0F)).kind, LP_CLASS_REFLECTION);
-}
-
-/* Image of a lamp at a place in metres, in a wall whose normal points to an azimuth, so far away.
- */
-static struct lp_suspect in_a_wall(const float lamp[3], float irradiance, float normal_deg,
-				   float away_m)
-{
-	const float a = normal_deg * RAD, normal[3] = {sinf(a), 0.0F, -cosf(a)};
-	const float before = 2.0F * (lamp[0] * normal[0] + lamp[2] * normal[2] + away_m);
-	const float place[3] = {lamp[0] - before * normal[0], lamp[1],
-				lamp[2] - before * normal[2]};
-	const float near = hypotf(hypotf(lamp[0], lamp[1]), lamp[2]);
-	const float far = hypotf(hypotf(place[0], place[1]), place[2]);
-	struct lp_suspect shown = at(0, 0, 1.0F);
-	float right[3], up[3], *d = shown.direction;
-
-	for (int i = 0; i < 3; i++)
-		d[i] = place[i] / far;
-	const struct lp_fresnel f = lp_fresnel(-(d[0] * normal[0] + d[2] * normal[2]));
-	/* across the plane of incidence: normal x d */
-	const float field[3] = {-normal[2] * d[1], normal[2] * d[0] - normal[0] * d[2],
-				normal[0] * d[1]};
-
-	lp_stokes_frame(d, right, up);
-	const float x = field[0] * right[0] + field[1] * right[1] + field[2] * right[2];
-	const float y = field[0] * up[0] + field[1] * up[1] + field[2] * up[2];
-	const float over = f.dolp / (x * x + y * y);
-
-	shown.irradiance = irradiance * f.reflectance * near * near / (far * far);
-	return polarized(shown, over * (x * x - y * y), over * 2.0F * x * y);
 }
 
 /* Lamps 2 m away; walls that face all ways, near Brewster's angle or not far from it. */
@@ -321,7 +367,10 @@ int main(void)
 		cmocka_unit_test(test_fresnel),
 		cmocka_unit_test(test_images_in_a_floor),
 		cmocka_unit_test(test_an_image_in_a_near_floor),
+		cmocka_unit_test(test_an_image_at_the_foot_of_its_lamp),
 		cmocka_unit_test(test_images_whose_polarization_says_nothing),
+		cmocka_unit_test(test_an_image_that_the_film_made_brighter_or_darker),
+		cmocka_unit_test(test_how_strong_the_image_of_a_near_lamp_is),
 		cmocka_unit_test(test_images_of_lamps_that_clip),
 		cmocka_unit_test(test_a_clipped_lamp_at_the_nadir_is_nobodys_image),
 		cmocka_unit_test(test_lamps_are_lamps),
