@@ -57,6 +57,12 @@ accuracy-ring: build $(BUILD)/scenes/blender.stamp ## its parts about the ring o
 accuracy-live: build $(BUILD)/scenes/blender.stamp ## its part about turning cameras and changing lamps (a quarter of an hour)
 	@$(VENV)/bin/python tests/accuracy/report.py --only-live
 
+.PHONY: accuracy-polarization
+accuracy-polarization: build ## its part about mirror images, polarizer and films (hours)
+	@$(VENV)/bin/python tests/accuracy/films.py --page
+	@$(VENV)/bin/python tests/accuracy/polarization.py --page
+	@$(VENV)/bin/python tests/accuracy/polarization_live.py --page
+
 .PHONY: constants
 constants: build $(BUILD)/scenes/blender.stamp ## what the estimator's constants do: half and double of each, into docs/maintainers/constants.md (half an hour)
 	@$(VENV)/bin/python tests/accuracy/constants.py

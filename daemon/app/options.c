@@ -168,8 +168,10 @@ static int parse_detector(const char *text, void *field)
 	if (!number || !number[1])
 		return -EINVAL;
 	*choice = (struct lp_detector_options){0};
-	if (strncmp(text, "static:", 7) == 0) {
-		choice->detector = LP_DETECTOR_STATIC;
+	const bool is_static = strncmp(text, "static:", 7) == 0;
+
+	if (is_static || strncmp(text, "research:", 9) == 0) {
+		choice->detector = is_static ? LP_DETECTOR_STATIC : LP_DETECTOR_RESEARCH;
 		choice->threshold = strtof(number + 1, &end);
 		return *end || !isfinite(choice->threshold) || choice->threshold <= 0 ? -EINVAL : 0;
 	}
@@ -302,7 +304,7 @@ static const struct lp_param config_list[] = {
 	 .help = "lower the preset while more of a core is used; 0: never"},
 	{"detector", LP_PARAM_OWN, offsetof(struct lp_options, detector), .initial = "adaptive",
 	 .parse = parse_detector,
-	 .expects = "adaptive|median|otsu|static:RADIANCE|research|mediancut:1..8",
+	 .expects = "adaptive|median|otsu|static:RADIANCE|research[:RADIANCE]|mediancut:1..8",
 	 .help = "how lamps are found"},
 	{"sh-order", LP_PARAM_INT, offsetof(struct lp_options, sh_order), .initial = "4",
 	 .max = LP_MAX_SH_ORDER, .help = "highest order of spherical harmonics offered"},

@@ -133,7 +133,8 @@ void lp_detect(struct lp_detection *detection, const struct lp_panorama *panoram
 		detect_above(detection, panorama, detection->options.threshold, mean);
 		return;
 	case LP_DETECTOR_RESEARCH:
-		lp_research_detect(detection->finder, panorama, detection->scratch);
+		lp_research_detect(detection->finder, panorama, detection->options.threshold,
+				   detection->scratch);
 		return;
 	case LP_DETECTOR_MEDIANCUT:
 		lp_mediancut(detection->finder, panorama, detection->options.lights);

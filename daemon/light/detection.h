@@ -24,7 +24,7 @@ enum lp_detector {
 
 struct lp_detector_options {
 	enum lp_detector detector;
-	float threshold; /* STATIC: radiance */
+	float threshold; /* radiance: of STATIC; of RESEARCH, where 0 is the median */
 	int lights;	 /* MEDIANCUT: how many */
 };
 

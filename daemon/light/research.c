@@ -137,12 +137,12 @@ static void insert_by_area(struct lp_lamp_finder *finder, const struct lp_lamp *
 }
 
 void lp_research_detect(struct lp_lamp_finder *finder, const struct lp_panorama *panorama,
-			float *scratch)
+			float threshold, float *scratch)
 {
 	const int n = panorama->width * panorama->height;
 	struct planes p = {panorama->width, panorama->height, scratch, scratch + n};
 	const int erosion = half_width(&p, ERODE_PX), dilation = half_width(&p, 3.0F * ERODE_PX);
-	const float level = lp_threshold_median(panorama, scratch);
+	const float level = threshold > 0.0F ? threshold : lp_threshold_median(panorama, scratch);
 
 	for (int i = 0; i < n; i++)
 		p.a[i] = panorama->cells[i][LP_LUMINANCE] > level ? 1.0F : 0.0F;

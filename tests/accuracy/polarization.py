@@ -257,7 +257,7 @@ def measure(rooms: str, kinds: Sequence[str], seeds: Sequence[int], processes: i
 PARTS = {
     "polarization": ("varnished", range(40)),
     "polarization-unseen": ("varnished", range(100, 140)),
-    "polarization-glossy": ("glossy", range(100, 140)),
+    "polarization-glossy": ("glossy", range(200, 240)),
 }
 
 

@@ -294,6 +294,7 @@ static void test_other_detectors(void **state)
 		{.detector = LP_DETECTOR_OTSU},
 		{.detector = LP_DETECTOR_STATIC, .threshold = 50.0F},
 		{.detector = LP_DETECTOR_RESEARCH},
+		{.detector = LP_DETECTOR_RESEARCH, .threshold = 50.0F},
 	};
 	struct fixture *f = *state;
 	double d[3];
@@ -307,6 +308,28 @@ static void test_other_detectors(void **state)
 		lp_detect(detection, &f->panorama, mean_of(f));
 		assert_true(detection->finder->count >= 1);
 		assert_true(angle_between_deg(d, detection->finder->lamps[0].direction) < 1.0);
+		lp_detection_destroy(detection);
+	}
+}
+
+/* The published recipe takes all that is brighter than the median for lamps, or than a static
+ * value: here a wall that the films would have dimmed. */
+static void test_the_published_recipe_has_a_static_threshold(void **state)
+{
+	const struct disc discs[] = {{30, 20, 4, 500}, {-120, -30, 8, 20}};
+	const float thresholds[] = {0.0F, 50.0F};
+	const int expected[] = {2, 1};
+	struct fixture *f = *state;
+
+	fill_panorama(&f->panorama, discs, 2, 0.1);
+	for (int k = 0; k < 2; k++) {
+		const struct lp_detector_options options = {.detector = LP_DETECTOR_RESEARCH,
+							    .threshold = thresholds[k]};
+		struct lp_detection *detection;
+
+		assert_int_equal(lp_detection_create(f->grid, &options, &detection), 0);
+		lp_detect(detection, &f->panorama, mean_of(f));
+		assert_int_equal(detection->finder->count, expected[k]);
 		lp_detection_destroy(detection);
 	}
 }
@@ -329,6 +352,7 @@ int main(void)
 		TEST(test_results_scale_with_the_light),
 		TEST(test_mediancut_keeps_all_light),
 		TEST(test_other_detectors),
+		TEST(test_the_published_recipe_has_a_static_threshold),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

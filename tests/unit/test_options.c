@@ -91,7 +91,8 @@ static void test_detectors(void **state)
 		"--detector=",		 "--detector=static",	   "--detector=static:",
 		"--detector=static:0",	 "--detector=static:nan",  "--detector=static:1x",
 		"--detector=mediancut:", "--detector=mediancut:9", "--detector=mediancut:0",
-		"--detector=median:3",	 "--detector=other",	   "--detector=mediancut:22"};
+		"--detector=median:3",	 "--detector=other",	   "--detector=research:",
+		"--detector=research:0", "--detector=mediancut:22"};
 
 	(void)state;
 	assert_int_equal(read_line("--detector=static:0.25", NULL, NULL), 0);
@@ -102,6 +103,10 @@ static void test_detectors(void **state)
 	assert_int_equal(options.detector.lights, 6);
 	assert_int_equal(read_line("--detector=research", NULL, NULL), 0);
 	assert_int_equal(options.detector.detector, LP_DETECTOR_RESEARCH);
+	assert_true(options.detector.threshold == 0.0F); /* the median */
+	assert_int_equal(read_line("--detector=research:0.5", NULL, NULL), 0);
+	assert_int_equal(options.detector.detector, LP_DETECTOR_RESEARCH);
+	assert_true(options.detector.threshold == 0.5F);
 	for (size_t i = 0; i < LP_COUNT(bad); i++) {
 		if (read_line(bad[i], NULL, NULL) != -EINVAL)
 			fail_msg("%s was accepted", bad[i]);

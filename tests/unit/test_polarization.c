@@ -268,6 +268,29 @@ static void test_a_change_begins_anew(void **state)
 	assert_true(p.dolp < 0.05F);
 }
 
+/* Half the light goes between the second and the third angle. Four angles explain that by
+ * polarization; the last one of a sweep, where the film stands as at the first, contradicts it. */
+static void test_a_change_in_mid_sweep_shows_at_its_end(void **state)
+{
+	const struct light before = {1.0, 0.0, 0.0}, after = {0.5, 0.0, 0.0};
+	struct lp_stokes stokes = {0};
+
+	(void)state;
+	for (int k = 0; k < 15; k++) { /* three exposures at each angle */
+		const float wheel_deg = 45.0F * (float)(k / 3);
+		const struct lp_stokes_reading r =
+			reading_of(k < 6 ? &before : &after, wheel_deg, 0.005);
+
+		(void)lp_stokes_correct(&stokes, &r, 0.05F);
+		const struct lp_polarization p = lp_stokes_polarization(&stokes);
+
+		if (k == 11)
+			assert_true(p.known && p.dolp > 0.2F);
+		if (k == 14)
+			assert_true(!p.known || p.dolp < 0.05F);
+	}
+}
+
 /* A reading of something else is left out; what is known stays. */
 static void test_one_outlier_changes_nothing(void **state)
 {
@@ -415,6 +438,7 @@ int main(void)
 		cmocka_unit_test(test_noise_is_covered),
 		cmocka_unit_test(test_no_more_than_wholly_polarized),
 		cmocka_unit_test(test_a_change_begins_anew),
+		cmocka_unit_test(test_a_change_in_mid_sweep_shows_at_its_end),
 		cmocka_unit_test(test_one_outlier_changes_nothing),
 		cmocka_unit_test(test_scatter_shows_in_sigma),
 		cmocka_unit_test(test_doubtful_readings_must_agree_for_longer),

@@ -64,7 +64,8 @@ def command(
         int | None, typer.Option(metavar="N", help="Width of the small panorama.")
     ] = None,
     detector: Annotated[
-        str | None, typer.Option(help="adaptive, median, otsu, static:T, research, mediancut:N.")
+        str | None,
+        typer.Option(help="adaptive, median, otsu, static:T, research[:T], mediancut:N."),
     ] = None,
     ring_lux: Annotated[
         str | None,
