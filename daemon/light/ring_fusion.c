@@ -23,6 +23,8 @@
 /* Squared sigmas per degree of freedom, and altogether, beyond which the ring is not believed. */
 #define MOST_MISFIT 4.0
 #define ALWAYS_ALLOWED 9.0
+/* Of a scale of which nothing is known, no smaller ones than this factor count. */
+#define WIDEST 3.0
 /* A scale that contradicts the readings may be off by this factor, 1 sigma, relative. */
 #define WIDE_SIGMA 1.0F
 
@@ -125,7 +127,9 @@ static void take(const struct lp_ring_problem *problem, const struct lp_ring_fit
 	if (!(s > 0.0))
 		return;
 	lp_ring_normal(problem, fit, &normal, bound);
-	lp_ring_posterior(&normal, bound, fit->x, &posterior);
+	if (isnan(problem->scale.lux_per_unit))
+		bound[0] = s / WIDEST;
+	lp_ring_posterior(&normal, bound, &posterior);
 	fusion->scale = (struct lp_ring_scale){(float)s, (float)(sqrt(fit->covariance[0][0]) / s)};
 	for (int i = 0; i < problem->view->count; i++) {
 		fusion->excess[i] = (float)(fit->x[i + 1] / s);

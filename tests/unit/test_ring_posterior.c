@@ -48,14 +48,13 @@ static void test_one_part_is_as_by_integration(void **state)
 	(void)state;
 	for (int i = 0; i < 5; i++) {
 		const struct lp_nnls normal = one_part(4.0, values[i]);
-		const double start[LP_NNLS_MAX] = {1.0, fmax(values[i], 0.0)};
 		struct lp_ring_posterior found;
 		double mean, sigma;
 
 		integrate(normal.normal[1][1], normal.right[1], bound[1], &mean, &sigma);
-		lp_ring_posterior(&normal, bound, start, &found);
-		assert_float_equal(found.mean[1], mean, 0.25 * sigma);
-		assert_float_equal(sqrt(found.covariance[1][1]), sigma, 0.25 * sigma);
+		lp_ring_posterior(&normal, bound, &found);
+		assert_float_equal(found.mean[1], mean, 0.02 * sigma);
+		assert_float_equal(sqrt(found.covariance[1][1]), sigma, 0.02 * sigma);
 		assert_float_equal(found.scale, 1.0, 1e-3);
 	}
 }
@@ -63,7 +62,7 @@ static void test_one_part_is_as_by_integration(void **state)
 /* Two parts that look alike: the sum is known, and each one hardly. */
 static void test_parts_that_look_alike(void **state)
 {
-	const double bound[LP_NNLS_MAX] = {0.0, 1.0, 1.0}, start[LP_NNLS_MAX] = {1.0, 100.0};
+	const double bound[LP_NNLS_MAX] = {0.0, 1.0, 1.0};
 	struct lp_nnls normal = one_part(3.0, 100.0);
 	struct lp_ring_posterior found;
 	double sum = 0.0;
@@ -73,7 +72,7 @@ static void test_parts_that_look_alike(void **state)
 	normal.right[2] = normal.right[1];
 	normal.normal[2][2] = normal.normal[1][1] * (1.0 + 1e-6);
 	normal.normal[1][2] = normal.normal[2][1] = normal.normal[1][1];
-	lp_ring_posterior(&normal, bound, start, &found);
+	lp_ring_posterior(&normal, bound, &found);
 	assert_float_equal(found.mean[1] + found.mean[2], 100.0, 3.0);
 	for (int i = 1; i < 3; i++) {
 		assert_true(sqrt(found.covariance[i][i]) > 15.0);
@@ -83,17 +82,36 @@ static void test_parts_that_look_alike(void **state)
 	assert_true(sqrt(sum) < 4.5);
 }
 
-/* Input that differs a little gives a result that differs a little: the numbers drawn are the same
- * each time. */
+/* A scale of which nothing but a product is known: light and scale share what is read. */
+static void test_a_scale_of_which_nothing_is_known_is_positive(void **state)
+{
+	const double bound[LP_NNLS_MAX] = {0.3, 0.1};
+	struct lp_nnls normal = {.count = 2};
+	struct lp_ring_posterior found;
+
+	(void)state;
+	/* scale + x = 1 +- 0.01 */
+	for (int i = 0; i < 2; i++) {
+		normal.right[i] = 1e4;
+		for (int j = 0; j < 2; j++)
+			normal.normal[i][j] = 1e4 + (i == j) * 1e-3;
+	}
+	lp_ring_posterior(&normal, bound, &found);
+	assert_true(found.scale > 0.2 && found.scale < 0.9);
+	assert_true(found.scale_sigma > 0.15 && found.scale_sigma < 0.5);
+	assert_true(found.mean[1] > 0.0);
+}
+
+/* Input that differs a little gives a result that differs a little. */
 static void test_the_result_is_smooth(void **state)
 {
-	const double bound[LP_NNLS_MAX] = {0.0, 0.5}, start[LP_NNLS_MAX] = {1.0, 10.0};
+	const double bound[LP_NNLS_MAX] = {0.0, 0.5};
 	const struct lp_nnls normal = one_part(4.0, 10.0), near = one_part(4.0, 10.01);
 	struct lp_ring_posterior a, b;
 
 	(void)state;
-	lp_ring_posterior(&normal, bound, start, &a);
-	lp_ring_posterior(&near, bound, start, &b);
+	lp_ring_posterior(&normal, bound, &a);
+	lp_ring_posterior(&near, bound, &b);
 	assert_float_equal(b.mean[1], a.mean[1], 0.05);
 	assert_true(b.mean[1] > a.mean[1]);
 }
@@ -103,6 +121,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_one_part_is_as_by_integration),
 		cmocka_unit_test(test_parts_that_look_alike),
+		cmocka_unit_test(test_a_scale_of_which_nothing_is_known_is_positive),
 		cmocka_unit_test(test_the_result_is_smooth),
 	};
 
