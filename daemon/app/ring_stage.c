@@ -8,6 +8,7 @@
 #include "include/luminance.h"
 #include "include/panorama.h"
 #include "light/lamp_memory.h"
+#include "light/ring_explain.h"
 #include "light/rotation.h"
 #include "light/sh.h"
 #include "vision/imager.h"
@@ -20,8 +21,6 @@
 #define LEARNED_SHARE 0.05F
 /* A scale less certain is not told to clients. */
 #define MOST_SCALE_SIGMA 0.2F
-/* The cosine of a part to the sensor that sees it best, below which the ring does not see it. */
-#define LEAST_WEIGHT 0.1F
 /* Of the light that clips, at most, where the scale is learned. */
 #define MOST_CLIPPED_SHARE 0.02F
 
@@ -112,15 +111,6 @@ static void colour(const struct lp_ring_stage *stage, int part, float rgb[3])
 }
 
 /* No sensor looks down: of what lies straight below the ring knows nothing. */
-static bool any_sensor_sees(const struct lp_ring_part *part)
-{
-	float most = 0.0F;
-
-	for (int k = 0; k < LP_RING_SENSORS; k++)
-		most = fmaxf(most, part->weight[k]);
-	return most > LEAST_WEIGHT;
-}
-
 static void give_to_lamps(const struct lp_ring_stage *stage, struct lp_lamp_memory *memory)
 {
 	for (int j = 0; j < stage->parts->count; j++) {
@@ -128,7 +118,7 @@ static void give_to_lamps(const struct lp_ring_stage *stage, struct lp_lamp_memo
 		const float sigma = stage->fusion.sigma[j];
 		float rgb[3];
 
-		if (part->owner < 0 || !any_sensor_sees(&stage->view.parts[j]))
+		if (part->owner < 0 || !lp_ring_sees(&stage->view.parts[j], ~stage->fusion.wrong))
 			continue;
 		struct lp_remembered_lamp *m = &memory->list[part->owner];
 
@@ -186,7 +176,7 @@ static void find_colours(struct lp_ring_stage *stage, const struct lp_imager *im
 	const struct lp_rotation *to_panorama = lp_imager_rotation(imager);
 	struct lp_ring_view views[3];
 
-	if (!(stage->sample.colour_sigma > 0.0F)) {
+	if (!(stage->sample.colour_sigma > 0.0F) || stage->fusion.verdict != LP_RING_AGREES) {
 		lp_ring_colour_as_seen(&stage->colour, stage->parts);
 		return;
 	}
@@ -229,7 +219,7 @@ void lp_ring_stage_update(struct lp_ring_stage *stage, const struct lp_imager *i
 	see_lamps(&stage->view, memory, to_panorama, &stage->sample, LP_LUMINANCE);
 	stage->view.seen_sigma = hypotf(SEEN_SIGMA, status.irradiance_sigma);
 	lp_ring_fuse(&stage->view, &stage->sample, &prior, &stage->fusion);
-	if (stage->fusion.verdict != LP_RING_AGREES)
+	if (!lp_ring_counts(stage->fusion.verdict))
 		return;
 	find_colours(stage, imager, panorama, memory, status.clipped_share);
 	give_to_lamps(stage, memory);
@@ -275,7 +265,7 @@ int lp_ring_stage_parts(const struct lp_ring_stage *stage,
 
 bool lp_ring_stage_knows(const struct lp_ring_stage *stage, float *variance)
 {
-	if (!stage->fused || stage->fusion.verdict != LP_RING_AGREES)
+	if (!stage->fused || !lp_ring_counts(stage->fusion.verdict))
 		return false;
 	*variance = lp_ring_variance(&stage->fusion, stage->parts);
 	return true;
@@ -285,7 +275,7 @@ struct lp_ring_scale lp_ring_stage_scale(const struct lp_ring_stage *stage, bool
 {
 	const struct lp_ring_scale nothing = {NAN, NAN};
 
-	if (stage->fused && stage->fusion.verdict == LP_RING_AGREES &&
+	if (stage->fused && lp_ring_counts(stage->fusion.verdict) &&
 	    stage->fusion.scale.sigma < MOST_SCALE_SIGMA)
 		return stage->fusion.scale;
 	return stage->given.sigma < MOST_SCALE_SIGMA && !is_relative ? stage->given : nothing;

@@ -40,8 +40,8 @@ static void describe(int what, const struct lp_ring_status *status, char *text, 
 	case LP_RING_WATCH_TURNED:
 		(void)snprintf(
 			text, size_bytes,
-			"ring: compare: turned by %.0f degrees to the %s against the camera; "
-			"not used — mount it as the guide shows",
+			"ring: compare: turned by %.0f degrees to the %s against the camera; read "
+			"so — mount it as the guide shows",
 			(double)(status->turned_deg < 0 ? -status->turned_deg : status->turned_deg),
 			status->turned_deg < 0 ? "left" : "right");
 		break;

@@ -2,31 +2,33 @@
 #include "light/ring_fusion.h"
 
 #include <math.h>
+#include <string.h>
 
 #include "light/nnls.h"
+#include "light/ring_explain.h"
 #include "light/ring_posterior.h"
 #include "light/ring_residuals.h"
 
 /* Chosen by hand, on the scenes of docs/users/accuracy.md, "With the ring of light sensors". */
 
-/* Squared sigmas that a fit must gain to be worth a sensor that is left out, or another scale. */
-#define WORTH 16.0
-/* Likewise to be worth any hidden light at all, and all that explains the readings. */
-#define WORTH_LITTLE 1.0
+/* Squared sigmas that a fit must gain to be worth any hidden light at all, and all of it. */
+#define WORTH_LITTLE 1.5
 #define WORTH_LIGHT 4.0
-/* Likewise to say that the ring is turned. Where it is not, no other place does better by more than
- * 6 on those scenes. */
-#define WORTH_TURNED 10.0
-/* Sensors that may be left out. */
-#define MOST_WRONG 3
 #define LEAST_USED 4
 /* Squared sigmas per degree of freedom, and altogether, beyond which the ring is not believed. */
 #define MOST_MISFIT 4.0
 #define ALWAYS_ALLOWED 9.0
+/* Of what hidden light costs in a fit, where each part is a surprise of its own, this share counts
+ * where explanations are compared. */
+#define PRICE 0.5
+/* Explanations less likely than this are left out. */
+#define LEAST_WEIGHT 0.003
+/* What is wrong is named when all other explanations together are less likely than this. */
+#define DOUBT 0.05
+/* A part is taken to have been seen with at least this share of the mean light on the sensors. */
+#define LEAST_SEEN 1e-3F
 /* Of a scale of which nothing is known, no smaller ones than this factor count. */
 #define WIDEST 3.0
-/* A scale that contradicts the readings may be off by this factor, 1 sigma, relative. */
-#define WIDE_SIGMA 1.0F
 
 static int bits(uint32_t mask)
 {
@@ -44,103 +46,15 @@ static uint32_t usable(const struct lp_ring_sample *sample)
 	return mask;
 }
 
-/* What the fit costs, in squared sigmas; sensors that are left out are not free. */
-static double cost(const struct lp_ring_fit *fit, uint32_t all)
+/* Of a part that clips in hardly any cell next to nothing was seen; it hides light all the same. */
+static void raise_bounds(struct lp_ring_view *view)
 {
-	return fit->chi2 + fit->price + WORTH * bits(all & ~fit->used);
-}
+	float mean = 0.0F;
 
-/* Leave out the sensor that the others contradict most, again and again, as long as it is worth it.
- */
-static void fit_robustly(const struct lp_ring_problem *problem, uint32_t all,
-			 struct lp_ring_fit *fit)
-{
-	lp_ring_fit(problem, all, fit);
-	while (bits(all & ~fit->used) < MOST_WRONG && bits(fit->used) > LEAST_USED &&
-	       fit->chi2 > WORTH) {
-		struct lp_ring_fit best = {.chi2 = INFINITY};
-
-		for (int k = 0; k < LP_RING_SENSORS; k++) {
-			struct lp_ring_fit without;
-
-			if (!(fit->used >> k & 1))
-				continue;
-			lp_ring_fit(problem, fit->used & ~(1U << k), &without);
-			if (without.chi2 < best.chi2)
-				best = without;
-		}
-		if (!(best.chi2 + WORTH < fit->chi2))
-			return;
-		*fit = best;
-	}
-}
-
-static bool believed(const struct lp_ring_fit *fit)
-{
-	return fit->chi2 <= ALWAYS_ALLOWED + MOST_MISFIT * fit->freedom;
-}
-
-/* The eight sensors around the equator, as they would read if the ring were turned to the right by
- * so many of their places. */
-static void turn(const struct lp_ring_sample *sample, int places, struct lp_ring_sample *turned)
-{
-	const int around = LP_RING_SENSORS - 1;
-
-	*turned = *sample;
-	for (int k = 0; k < around; k++) {
-		turned->illuminance_lux[(k + places) % around] = sample->illuminance_lux[k];
-		turned->sigma_relative[(k + places) % around] = sample->sigma_relative[k];
-	}
-}
-
-/* By how many places the ring seems to be turned, and what it costs then. */
-static int places_turned(const struct lp_ring_problem *problem, double *least)
-{
-	int found = 0;
-
-	*least = INFINITY;
-	for (int places = 1; places < LP_RING_SENSORS - 1; places++) {
-		struct lp_ring_sample turned;
-		struct lp_ring_problem other = *problem;
-		struct lp_ring_fit fit;
-
-		turn(problem->sample, places, &turned);
-		other.sample = &turned;
-		lp_ring_fit(&other, usable(&turned), &fit);
-		if (believed(&fit) && fit.chi2 + fit.price < *least) {
-			*least = fit.chi2 + fit.price;
-			found = places;
-		}
-	}
-	return found;
-}
-
-/* What agrees best with the readings, and how far all else that agrees with them lies from it. */
-static void take(const struct lp_ring_problem *problem, const struct lp_ring_fit *fit,
-		 struct lp_ring_fusion *fusion)
-{
-	struct lp_ring_posterior posterior;
-	double bound[LP_NNLS_MAX] = {0.0}, off[LP_NNLS_MAX];
-	struct lp_nnls normal;
-	const double s = fit->x[0];
-
-	if (!(s > 0.0))
-		return;
-	lp_ring_normal(problem, fit, &normal, bound);
-	if (isnan(problem->scale.lux_per_unit))
-		bound[0] = s / WIDEST;
-	lp_ring_posterior(&normal, bound, &posterior);
-	fusion->scale = (struct lp_ring_scale){(float)s, (float)(sqrt(fit->covariance[0][0]) / s)};
-	for (int i = 0; i < problem->view->count; i++) {
-		fusion->excess[i] = (float)(fit->x[i + 1] / s);
-		off[i] = posterior.mean[i + 1] - (double)fusion->excess[i];
-	}
-	for (int i = 0; i < problem->view->count; i++) {
-		for (int j = 0; j < problem->view->count; j++)
-			fusion->covariance[i][j] =
-				(float)(posterior.covariance[i + 1][j + 1] + off[i] * off[j]);
-		fusion->sigma[i] = sqrtf(fusion->covariance[i][i]);
-	}
+	for (int k = 0; k < LP_RING_SENSORS; k++)
+		mean += view->seen[k] / LP_RING_SENSORS;
+	for (int j = 0; j < view->count; j++)
+		view->parts[j].bound = fmaxf(view->parts[j].bound, LEAST_SEEN * mean);
 }
 
 /* How many squared sigmas the readings are worse understood without any hidden light. */
@@ -158,88 +72,207 @@ static double evidence(const struct lp_ring_problem *problem, const struct lp_ri
 
 /* Several unknowns explain noise together, and hide light at the wrong place: they count as far as
  * the evidence for them goes (after James & Stein 1961: of p unknowns that explain chi2, the share
- * 1 - p / chi2). So does one alone, up to WORTH_LIGHT. What is held back is uncertainty. */
-static void hold_back(const struct lp_ring_problem *problem, const struct lp_ring_fit *fit,
-		      struct lp_ring_fusion *fusion)
+ * 1 - p / chi2). So does one alone, up to WORTH_LIGHT. */
+static double share_that_counts(const struct lp_ring_problem *problem,
+				const struct lp_ring_fit *fit)
 {
 	const double gain = evidence(problem, fit);
+	const double worth =
+		fmin(fmax((gain - WORTH_LITTLE) / (WORTH_LIGHT - WORTH_LITTLE), 0.0), 1.0);
 	int unknowns = 0;
 
 	for (int j = 0; j < problem->view->count; j++)
 		unknowns += fit->x[j + 1] > 0.0;
-	const double worth =
-		fmin(fmax((gain - WORTH_LITTLE) / (WORTH_LIGHT - WORTH_LITTLE), 0.0), 1.0);
-	const double share = worth * (unknowns > 1 ? fmax(1.0 - unknowns / gain, 0.0) : 1.0);
-
-	for (int i = 0; i < problem->view->count; i++)
-		for (int j = 0; j < problem->view->count; j++)
-			fusion->covariance[i][j] += (float)((1.0 - share) * (1.0 - share)) *
-						    fusion->excess[i] * fusion->excess[j];
-	for (int i = 0; i < problem->view->count; i++) {
-		fusion->excess[i] *= (float)share;
-		fusion->sigma[i] = sqrtf(fusion->covariance[i][i]);
-	}
+	return worth * (unknowns > 1 ? fmax(1.0 - unknowns / gain, 0.0) : 1.0);
 }
 
-/* The fit with another scale than the one that was given; false: none was given. */
-static bool fit_with_another_scale(const struct lp_ring_problem *problem, uint32_t all,
-				   struct lp_ring_problem *wide, struct lp_ring_fit *fit)
+/* Sums over explanations. */
+struct mixture {
+	double weight, scale, scale2;
+	double excess[LP_MAX_CLIPPED_PARTS];
+	double square[LP_MAX_CLIPPED_PARTS][LP_MAX_CLIPPED_PARTS];
+};
+
+/* What one explanation says of part i: what agrees best with the readings, how far the mean of all
+ * that agrees lies from it, and what of it is held back. */
+struct finding {
+	double excess, off, held;
+};
+
+/* `inflation`: of variances. In darkness nothing is added. */
+static void add(const struct lp_ring_problem *problem, uint32_t used, double weight,
+		double inflation, struct mixture *mixture)
 {
+	struct finding found[LP_MAX_CLIPPED_PARTS];
+	double bound[LP_NNLS_MAX] = {0.0};
+	struct lp_ring_posterior posterior;
+	struct lp_nnls normal;
+	struct lp_ring_fit fit;
+
+	lp_ring_fit(problem, used, &fit);
+	const double s = fit.x[0];
+
+	if (!(s > 0.0))
+		return;
+	lp_ring_normal(problem, &fit, &normal, bound);
 	if (isnan(problem->scale.lux_per_unit))
-		return false;
-	*wide = *problem;
-	wide->scale.sigma = WIDE_SIGMA;
-	fit_robustly(wide, all, fit);
-	return true;
+		bound[0] = s / WIDEST;
+	lp_ring_posterior(&normal, bound, &posterior);
+	const double share = share_that_counts(problem, &fit);
+
+	for (int j = 0; j < problem->view->count; j++) {
+		const double best = fit.x[j + 1] / s;
+
+		found[j] = (struct finding){share * best, posterior.mean[j + 1] - best,
+					    (1.0 - share) * best};
+	}
+	mixture->weight += weight;
+	mixture->scale += weight * s;
+	mixture->scale2 += weight * (s * s + inflation * fit.covariance[0][0]);
+	for (int i = 0; i < problem->view->count; i++) {
+		mixture->excess[i] += weight * found[i].excess;
+		for (int j = 0; j < problem->view->count; j++)
+			mixture->square[i][j] +=
+				weight *
+				(inflation * (posterior.covariance[i + 1][j + 1] +
+					      found[i].off * found[j].off) +
+				 found[i].held * found[j].held + found[i].excess * found[j].excess);
+	}
 }
 
-/* What explains the readings at the least cost: the ring as it should be, another scale, or a ring
- * that is turned. Where the last two do about as well, nothing is believed. */
-static void choose(struct lp_ring_problem *problem, uint32_t all, struct lp_ring_fit *fit,
-		   struct lp_ring_fusion *fusion)
+/* Mean and covariance over the explanations (Bayesian model averaging: Hoeting et al. 1999). */
+static void take(const struct mixture *m, int parts, struct lp_ring_fusion *fusion)
 {
-	struct lp_ring_problem wide;
-	struct lp_ring_fit other;
-	double turned;
-	const int places = places_turned(problem, &turned);
-	double least = cost(fit, all);
+	const double scale = m->scale / m->weight;
 
-	fusion->verdict = LP_RING_AGREES;
-	if (fit_with_another_scale(problem, all, &wide, &other) &&
-	    cost(&other, all) + WORTH < least) {
-		least = cost(&other, all) + WORTH;
-		fusion->scale_is_wrong = true;
-		*problem = wide;
-		*fit = other;
-	}
-	if (turned + WORTH_TURNED < least) {
-		fusion->verdict = LP_RING_TURNED;
-		fusion->turned_deg = 45.0F * (float)(places <= 4 ? places : places - 8);
-		fusion->scale_is_wrong = false;
-	} else if (!believed(fit) || (fusion->scale_is_wrong && turned < least)) {
-		fusion->verdict = LP_RING_DISAGREES;
+	fusion->scale = (struct lp_ring_scale){
+		(float)scale,
+		(float)(sqrt(fmax(m->scale2 / m->weight - scale * scale, 0.0)) / scale)};
+	for (int i = 0; i < parts; i++)
+		fusion->excess[i] = (float)(m->excess[i] / m->weight);
+	for (int i = 0; i < parts; i++) {
+		for (int j = 0; j < parts; j++)
+			fusion->covariance[i][j] =
+				(float)(m->square[i][j] / m->weight -
+					m->excess[i] / m->weight * m->excess[j] / m->weight);
+		fusion->sigma[i] = sqrtf(fmaxf(fusion->covariance[i][i], 0.0F));
 	}
 }
 
-void lp_ring_fuse(const struct lp_ring_view *view, const struct lp_ring_sample *sample,
+/* What nearly all explanations, by weight, have in common. */
+static void name(const struct lp_ring_explanation *list, const double *weight, int count,
+		 uint32_t all, struct lp_ring_fusion *fusion)
+{
+	double total = 0.0, other_scale = 0.0, turned[LP_RING_SENSORS] = {0.0};
+	double wrong[LP_RING_SENSORS] = {0.0};
+
+	for (int i = 0; i < count; i++) {
+		total += weight[i];
+		other_scale += list[i].other_scale ? weight[i] : 0.0;
+		turned[list[i].places] += weight[i];
+		for (int k = 0; k < LP_RING_SENSORS && !list[i].places; k++)
+			wrong[k] += all & ~list[i].used & 1U << k ? weight[i] : 0.0;
+	}
+	const double nearly_all = (1.0 - DOUBT) * total;
+
+	fusion->scale_is_wrong = other_scale > nearly_all;
+	for (int k = 0; k < LP_RING_SENSORS; k++)
+		fusion->wrong |= wrong[k] > nearly_all ? 1U << k : 0U;
+	for (int places = 1; places < LP_RING_SENSORS - 1; places++)
+		if (turned[places] > nearly_all) {
+			fusion->verdict = LP_RING_TURNED;
+			fusion->turned_deg = 45.0F * (float)(places <= 4 ? places : places - 8);
+		}
+}
+
+static double cost(const struct lp_ring_explanation *e)
+{
+	return e->cost + PRICE * e->price;
+}
+
+/* The best explanation; `given`: of those with the scale that was given. */
+static const struct lp_ring_explanation *cheapest(const struct lp_ring_explanation *list, int count,
+						  bool given)
+{
+	const struct lp_ring_explanation *best = &list[0];
+
+	for (int i = 1; i < count; i++)
+		if (cost(&list[i]) < cost(best) && !(given && list[i].other_scale))
+			best = &list[i];
+	return best;
+}
+
+/*
+ * How likely each explanation is: the mean of two answers. By one of them another scale is the more
+ * likely if it needs less hidden light; by the other one only the readings may speak for it. A
+ * window hides light in all its parts, and a lamp may hide none, so that nobody knows how
+ * surprising hidden light is: a scale that is right is not given up for it, nor is the sigma of one
+ * that is wrong as if it were right.
+ */
+static void weigh(const struct lp_ring_explanation *list, int count, double inflation,
+		  double *weight)
+{
+	const double least_price = cheapest(list, count, true)->price;
+
+	memset(weight, 0, (size_t)count * sizeof(*weight));
+	for (int answer = 0; answer < 2; answer++) {
+		double all[LP_RING_EXPLANATIONS], least = INFINITY, sum = 0.0;
+
+		for (int i = 0; i < count; i++) {
+			const double saved = fmax(least_price - list[i].price, 0.0);
+
+			all[i] = cost(&list[i]) +
+				 (answer && list[i].other_scale ? PRICE * saved : 0.0);
+			least = fmin(least, all[i]);
+		}
+		for (int i = 0; i < count; i++)
+			sum += exp(-0.5 * (all[i] - least) / inflation);
+		for (int i = 0; i < count; i++)
+			weight[i] += 0.5 * exp(-0.5 * (all[i] - least) / inflation) / sum;
+	}
+	for (int i = 0; i < count; i++)
+		weight[i] *= weight[i] > LEAST_WEIGHT;
+}
+
+void lp_ring_fuse(const struct lp_ring_view *as_seen, const struct lp_ring_sample *sample,
 		  const struct lp_ring_scale *known, struct lp_ring_fusion *fusion)
 {
-	struct lp_ring_problem problem = {.view = view, .sample = sample, .scale = *known};
+	struct lp_ring_explanation list[LP_RING_EXPLANATIONS];
+	double weight[LP_RING_EXPLANATIONS];
 	const uint32_t all = usable(sample);
-	struct lp_ring_fit fit;
+	struct lp_ring_view view = *as_seen;
+	struct mixture mixture = {0};
 
 	*fusion = (struct lp_ring_fusion){.scale = *known};
 	if (bits(all) < LEAST_USED)
 		return;
-	fit_robustly(&problem, all, &fit);
-	choose(&problem, all, &fit, fusion);
-	fusion->misfit = (float)(fit.chi2 / fit.freedom);
-	if (fusion->verdict != LP_RING_TURNED)
-		fusion->wrong = all & ~fit.used;
-	if (fusion->verdict != LP_RING_AGREES)
+	raise_bounds(&view);
+	const struct lp_ring_problem problem = {.view = &view, .sample = sample, .scale = *known};
+	const int count = lp_ring_explain(&problem, all, list);
+	const struct lp_ring_explanation *const best = cheapest(list, count, false);
+
+	fusion->misfit = (float)(best->chi2 / best->freedom);
+	fusion->verdict = LP_RING_AGREES;
+	/* sigmas that are too small for what is left unexplained are taken for larger ones (Birge
+	 * 1932), also where explanations are compared */
+	const double inflation = fmax(fusion->misfit, 1.0);
+
+	weigh(list, count, inflation, weight);
+	name(list, weight, count, all, fusion);
+	if (best->chi2 > ALWAYS_ALLOWED + MOST_MISFIT * best->freedom) {
+		fusion->verdict = LP_RING_DISAGREES;
 		return;
-	take(&problem, &fit, fusion);
-	hold_back(&problem, &fit, fusion);
+	}
+	for (int i = 0; i < count; i++) {
+		struct lp_ring_case one;
+
+		if (!(weight[i] > 0.0))
+			continue;
+		lp_ring_case_init(&one, &problem, &list[i]);
+		add(&one.problem, list[i].used, weight[i], inflation, &mixture);
+	}
+	if (mixture.weight > 0.0)
+		take(&mixture, view.count, fusion);
 }
 
 float lp_ring_variance(const struct lp_ring_fusion *fusion, const struct lp_clipped_parts *parts)

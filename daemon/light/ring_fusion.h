@@ -8,8 +8,10 @@
  * region: light/clipped_parts.h) holds beyond what the camera saw of it, and `scale` is in lux per
  * unit. All of these are solved for by non-negative least squares, each reading weighed by its
  * sigma. Light that only explains noise is left out: each x_j pays log(x_j + its bound) (Candes,
- * Wakin & Boyd 2008). Sensors that contradict the others are found by leaving out one after the
- * other. Pure functions on plain data; nothing is allocated.
+ * Wakin & Boyd 2008). The same is done for other explanations of the readings
+ * (light/ring_explain.h); the result is the mean over all of them, weighed by how likely each is,
+ * and its covariance contains how far they differ. Pure functions on plain data; nothing is
+ * allocated.
  */
 #ifndef LP_LIGHT_RING_FUSION_H
 #define LP_LIGHT_RING_FUSION_H
@@ -48,12 +50,19 @@ struct lp_ring_scale {
 enum lp_ring_verdict {
 	LP_RING_NO_READING, /* fewer than four sensors can be used */
 	LP_RING_AGREES,
-	LP_RING_TURNED,	   /* it would agree if it were turned by `turned_deg` */
+	LP_RING_TURNED,	   /* it is turned by `turned_deg`, and read so */
 	LP_RING_DISAGREES, /* it does not show the light that the camera sees */
 };
 
+/* Whether something was found. */
+static inline bool lp_ring_counts(enum lp_ring_verdict verdict)
+{
+	return verdict == LP_RING_AGREES || verdict == LP_RING_TURNED;
+}
+
 struct lp_ring_fusion {
-	enum lp_ring_verdict verdict; /* all but AGREES: nothing was found, the excess is 0 */
+	enum lp_ring_verdict verdict; /* NO_READING, DISAGREES: the excess is 0 */
+	/* What is as good as certain; what is only likely is in the covariance. */
 	uint32_t wrong;	     /* bit k: sensor k contradicts the others, and does not count */
 	bool scale_is_wrong; /* the scale that was given contradicts the readings; not used */
 	float turned_deg;    /* TURNED: to the right, seen from above */
@@ -63,7 +72,7 @@ struct lp_ring_fusion {
 	float excess[LP_MAX_CLIPPED_PARTS];
 	float sigma[LP_MAX_CLIPPED_PARTS];
 	float covariance[LP_MAX_CLIPPED_PARTS][LP_MAX_CLIPPED_PARTS];
-	float misfit; /* mean squared residual, in sigmas squared */
+	float misfit; /* of the best explanation: mean squared residual, in sigmas squared */
 };
 
 /* Where sensor k should look, in the probe frame (docs/users/conventions.md), and where those of

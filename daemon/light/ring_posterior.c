@@ -126,8 +126,9 @@ static void propagate(struct state *s)
 
 		for (int i = 0; i < s->normal->count; i++)
 			if (s->bound[i] > 0.0)
-				most = fmax(most, match(s, i, sweep < FIRST_SWEEPS ? FIRST_STEP
-										    : LATER_STEP));
+				most = fmax(most,
+					    match(s, i,
+						  sweep < FIRST_SWEEPS ? FIRST_STEP : LATER_STEP));
 		if (most < SETTLED)
 			return;
 	}

@@ -18,10 +18,10 @@ struct lp_ring_posterior {
 
 /*
  * `normal`: normal equations of readings and scale, proper. Beforehand part j's light is as likely
- * to lie in any of its powers of ten above bound[1 + j] > 0, in lux: p(x) ~ 1 / (x + bound), x >= 0.
- * The scale has such a prior too where bound[0] > 0, and none besides that of `normal` where it is
- * 0. By expectation propagation (Minka 2001): each prior is replaced by the Gaussian with which the
- * unknown has the same mean and variance as with the prior itself.
+ * to lie in any of its powers of ten above bound[1 + j] > 0, in lux: p(x) ~ 1 / (x + bound), x >=
+ * 0. The scale has such a prior too where bound[0] > 0, and none besides that of `normal` where it
+ * is 0. By expectation propagation (Minka 2001): each prior is replaced by the Gaussian with which
+ * the unknown has the same mean and variance as with the prior itself.
  */
 void lp_ring_posterior(const struct lp_nnls *normal, const double *bound,
 		       struct lp_ring_posterior *posterior);

@@ -51,7 +51,8 @@ HEAD = ["exposures", "ring: noise of each sensor", "relighting MAE, median (wors
         "rooms", f"worse than without by more than {HARMED:g} (most)",
         "lamps by the ring: truth within 1σ, 3σ", "their colours"]  # fmt: skip
 FAULT_HEAD = ["ring: noise, and what nobody knows", f"worse than without by more than {HARMED:g}",
-              "most", "relighting MAE, median (worst) with three exposures: panoramas",
+              "most", "light within 1σ, 3σ of what is stated",
+              "relighting MAE, median (worst) with three exposures: panoramas",
               "rooms"]  # fmt: skip
 
 
@@ -85,6 +86,17 @@ def harms(cases: list[Case], without: list[Case], exposures: str | None = None) 
 def harmed(worse: list[float]) -> str:
     """How many are worse by more than HARMED."""
     return f"{sum(one > HARMED for one in worse)} of {len(worse)}"
+
+
+def stated(cases: list[Case], exposures: str | None = None) -> str:
+    """How often the light is within 1 and 3 of the sigmas that packets state of it."""
+    ratio = np.array([
+        case.score.relighting_relative / case.score.relighting_stated
+        for case in cases
+        if case.score and case.score.relighting_stated and exposures in (None, case.input)
+    ])  # fmt: skip
+    within = [100 * float(np.mean(ratio <= limit)) for limit in (1, 3)]
+    return f"{within[0]:.0f} %, {within[1]:.0f} % of {len(ratio)}"
 
 
 def coverage(cases: list[Case], exposures: str) -> str:
@@ -140,7 +152,7 @@ def fault_rows(panoramas: dict[str, list[Case]], rooms: dict[str, list[Case]]) -
             one for group in (panoramas, rooms) for one in harms(group[name], group["without"])
         ]
         out.append([
-            name, harmed(worse), f"{max(*worse, 0):.3f}",
+            name, harmed(worse), f"{max(*worse, 0):.3f}", stated(panoramas[name] + rooms[name]),
             light(panoramas[name], "3"), light(rooms[name], "3"),
         ])  # fmt: skip
     return out
@@ -166,7 +178,12 @@ def main() -> None:
         found = measure(options.scenes)
         for exposures in EXPOSURES:
             for name, cases in found.items():
-                print(f"{exposures} exposures, ring {name}: {light(cases, exposures)}")
+                worse = harms(cases, found["without"], exposures)
+                print(
+                    f"{exposures} exposures, ring {name}: {light(cases, exposures)}; worse than "
+                    f"without: {harmed(worse)} ({max(*worse, 0):.3f}); within 1σ, 3σ: "
+                    f"{stated(cases, exposures)}"
+                )
         return
 
     put(ACCURACY, parts(options.procedural))

@@ -1,0 +1,154 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "light/ring_explain.h"
+
+#include <math.h>
+#include <string.h>
+
+/* Chosen by hand (docs/maintainers/constants.md). Squared sigmas: -2 log of how likely it is. */
+
+/* A sensor that is wrong: one in a hundred, with a reading that may be anything. */
+#define COST_SENSOR 16.0
+/* A scale other than the one given: about one calibration in three, of another camera, of sensors
+ * that have aged or not settled. Only so does the sigma hold where light could hide instead. */
+#define COST_SCALE 2.0
+/* A ring mounted in a wrong place: about one in thirty for each place. */
+#define COST_TURNED 7.0
+/* Such a scale is off by this, 1 sigma, relative. */
+#define OTHER_SCALE_SIGMA 0.3F
+/* The cosine of a part to the sensor that sees it best, below which the ring does not see it: it
+ * could hide any light, and light all sensors alike; and a seat that is off by a few degrees would
+ * decide how much. */
+#define LEAST_COSINE 0.2F
+/* Of readings that are explained better than this no sensor is left out. */
+#define EXPLAINED 9.0
+#define MOST_WRONG 3
+#define LEAST_USED 4
+
+static int bits(uint32_t mask)
+{
+	return __builtin_popcount(mask);
+}
+
+/* The eight sensors around the equator, as they would read if the ring were turned to the right by
+ * so many of their places. */
+static void turn(const struct lp_ring_sample *sample, int places, struct lp_ring_sample *turned)
+{
+	const int around = LP_RING_SENSORS - 1;
+
+	*turned = *sample;
+	for (int k = 0; k < around; k++) {
+		turned->illuminance_lux[(k + places) % around] = sample->illuminance_lux[k];
+		turned->sigma_relative[(k + places) % around] = sample->sigma_relative[k];
+	}
+}
+
+static uint32_t turn_bits(uint32_t mask, int places)
+{
+	const uint32_t around = mask & 0xFFU;
+
+	return (mask & ~0xFFU) | ((around << places | around >> (8 - places)) & 0xFFU);
+}
+
+bool lp_ring_sees(const struct lp_ring_part *part, uint32_t used)
+{
+	float most = 0.0F;
+
+	for (int k = 0; k < LP_RING_SENSORS; k++)
+		if (used >> k & 1)
+			most = fmaxf(most, part->weight[k]);
+	return most >= LEAST_COSINE;
+}
+
+void lp_ring_case_init(struct lp_ring_case *self, const struct lp_ring_problem *problem,
+		       const struct lp_ring_explanation *explanation)
+{
+	turn(problem->sample, explanation->places, &self->sample);
+	self->view = *problem->view;
+	for (int j = 0; j < self->view.count; j++) {
+		struct lp_ring_part *part = &self->view.parts[j];
+
+		if (lp_ring_sees(part, explanation->used))
+			continue;
+		memset(part->weight, 0, sizeof(part->weight));
+		memset(part->spread, 0, sizeof(part->spread));
+	}
+	self->problem = (struct lp_ring_problem){&self->view, &self->sample, problem->scale};
+	if (explanation->other_scale)
+		self->problem.scale.sigma = OTHER_SCALE_SIGMA;
+}
+
+/* A scale that may be anything within OTHER_SCALE_SIGMA explains the more, the closer the readings
+ * tell it: the evidence counts how much of what was possible is left (MacKay 2003, chapter 28). */
+static double cost_of_scale(const struct lp_ring_problem *problem, const struct lp_ring_fit *fit)
+{
+	const double given = problem->scale.lux_per_unit;
+	const double found = sqrt(fit->covariance[0][0]) / given;
+	const double left = fmax(found, (double)problem->scale.sigma);
+
+	return COST_SCALE + 2.0 * log(fmax((double)OTHER_SCALE_SIGMA / left, 1.0));
+}
+
+static struct lp_ring_explanation explanation_of(const struct lp_ring_problem *problem,
+						 uint32_t all, uint32_t used, int places,
+						 bool other_scale)
+{
+	struct lp_ring_explanation e = {.used = used, .places = places, .other_scale = other_scale};
+	struct lp_ring_case as_explained;
+	struct lp_ring_fit fit;
+
+	lp_ring_case_init(&as_explained, problem, &e);
+	lp_ring_fit(&as_explained.problem, used, &fit);
+	e.chi2 = fit.chi2;
+	e.freedom = fit.freedom;
+	e.price = fit.price;
+	e.cost = fit.chi2 + COST_SENSOR * bits(all & ~used);
+	if (other_scale)
+		e.cost += cost_of_scale(problem, &fit);
+	if (places)
+		e.cost += COST_TURNED;
+	return e;
+}
+
+/* All sensors; then without the one that the others contradict most, again and again, as long as
+ * it is worth it. Returns how many explanations that are. */
+static int leave_out(const struct lp_ring_problem *problem, uint32_t all, bool other_scale,
+		     struct lp_ring_explanation *list)
+{
+	int count = 1, best = 0;
+
+	list[0] = explanation_of(problem, all, all, 0, other_scale);
+	for (int wrong = 1; wrong <= MOST_WRONG; wrong++) {
+		const struct lp_ring_explanation before = list[best];
+
+		if (before.chi2 < EXPLAINED || bits(before.used) <= LEAST_USED)
+			break;
+		best = count;
+		for (int k = 0; k < LP_RING_SENSORS; k++) {
+			if (!(before.used >> k & 1))
+				continue;
+			list[count] = explanation_of(problem, all, before.used & ~(1U << k), 0,
+						     other_scale);
+			if (list[count].cost < list[best].cost)
+				best = count;
+			count++;
+		}
+		if (list[best].cost >= before.cost)
+			break;
+	}
+	return count;
+}
+
+int lp_ring_explain(const struct lp_ring_problem *problem, uint32_t all,
+		    struct lp_ring_explanation list[LP_RING_EXPLANATIONS])
+{
+	int count = leave_out(problem, all, false, list);
+
+	if (problem->scale.sigma < OTHER_SCALE_SIGMA) /* false for NAN */
+		count += leave_out(problem, all, true, list + count);
+	for (int places = 1; places < LP_RING_SENSORS - 1; places++) {
+		const uint32_t turned = turn_bits(all, places);
+
+		list[count++] = explanation_of(problem, turned, turned, places, false);
+	}
+	return count;
+}
