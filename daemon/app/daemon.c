@@ -110,6 +110,7 @@ static void finish_once(struct lp_daemon *daemon)
 	}
 	if (lp_worker_rejected(daemon->worker) + daemon->frames_corrupt > 0)
 		raw->flags |= LP_ESTIMATE_BRACKET_INCOMPLETE;
+	raw->flags |= lp_ring_watch_once(&daemon->once_best.estimates.ring);
 	lp_hub_publish(daemon->hub, &daemon->once_best.estimates, &daemon->once_best.demand);
 	lp_daemon_begin_ending(daemon, LP_EXIT_OK);
 }

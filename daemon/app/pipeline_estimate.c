@@ -223,6 +223,7 @@ void lp_pipeline_fill(struct lp_pipeline *p, const struct lp_panorama *panorama,
 	}
 	e->relighting_sigma = relighting_sigma(p, &status, e);
 	lp_model_predict((const double(*)[3])total, e);
+	(void)lp_ring_stage_stand_in(&p->ring, p->imager, total, e);
 }
 
 /* While the camera turns, the anchor frame drifts by more than the sigma of each frame says. */

@@ -7,6 +7,7 @@
 #include "base/clock.h"
 #include "light/model.h"
 #include "light/ring_alone.h"
+#include "light/rotation.h"
 
 #define PERIOD_NS (LP_NS_PER_S / 30)
 /* The lamps of a camera count from 1 up. */
@@ -57,7 +58,7 @@ static void smooth(struct lp_ring_only *self, const struct lp_ring_sample *sampl
 }
 
 static void list_lamp(const struct lp_ring_alone *light, double unit, float common_sigma,
-		      struct lp_light_estimate *e)
+		      const struct lp_rotation *turn, struct lp_light_estimate *e)
 {
 	struct lp_light *lamp = &e->lights[0];
 
@@ -70,6 +71,7 @@ static void list_lamp(const struct lp_ring_alone *light, double unit, float comm
 				  .distance_m = NAN,
 				  .flags = LP_LIGHT_RING};
 	memcpy(lamp->direction, light->direction, sizeof(lamp->direction));
+	lp_rotate_direction(turn, lamp->direction);
 	for (int c = 0; c < 3; c++)
 		lamp->irradiance[c] = (float)(light->lamp / unit);
 }
@@ -87,28 +89,24 @@ static float relighting_sigma(const struct lp_ring_alone *light)
 	return mean > 0.0 ? (float)sqrt(parts / (mean * mean) + COLOUR_SIGMA * COLOUR_SIGMA) : 0.0F;
 }
 
-static void fill(const struct lp_ring_only *self, const struct lp_ring_sample *sample,
-		 int64_t now_ns, struct lp_light_estimate *e)
+void lp_ring_only_light(const struct lp_ring_sample *sample, const struct lp_ring_scale *scale,
+			const struct lp_rotation *turn, double total[LP_SH_MAX_COUNT][3],
+			struct lp_light_estimate *e)
 {
-	double total[LP_SH_MAX_COUNT][3] = {{0.0}};
-	const double unit = self->scale.lux_per_unit;
+	const double unit = scale->lux_per_unit;
 	struct lp_ring_alone light;
 
-	*e = (struct lp_light_estimate){.t_capture_ns = sample->t_ns,
-					.t_arrival_ns = now_ns,
-					.suspended_ns = lp_clock_suspended_ns(),
-					.flags = LP_ESTIMATE_RING_ONLY,
-					.exposure_us = NAN,
-					.scale_sigma = NAN,
-					.cd_m2_per_unit = (float)unit,
-					.cd_m2_per_unit_sigma = self->scale.sigma,
-					.wheel_deg = NAN,
-					.wheel_sigma_deg = NAN};
+	memset(total, 0, LP_SH_MAX_COUNT * sizeof(*total));
+	e->light_count = e->area_count = 0;
+	e->cd_m2_per_unit = (float)unit;
+	e->cd_m2_per_unit_sigma = scale->sigma;
+	e->relighting_sigma = 0.0F;
+	e->flags = (e->flags & ~LP_ESTIMATE_NO_LIGHT) | LP_ESTIMATE_RING_ONLY;
 	if (lp_ring_alone(sample, &light)) {
 		for (int c = 0; c < 3; c++)
 			total[0][c] = light.ambient / unit * sqrt(4.0 * M_PI);
 		if (light.lamp > LEAST_SIGMAS * light.lamp_sigma) {
-			list_lamp(&light, unit, sample->common_sigma, e);
+			list_lamp(&light, unit, sample->common_sigma, turn, e);
 			lp_sh_add_lamp(LP_SH_MAX_ORDER, e->lights[0].direction,
 				       e->lights[0].irradiance, 0.0, 1.0, total);
 		} else { /* its light comes from all around */
@@ -123,6 +121,22 @@ static void fill(const struct lp_ring_only *self, const struct lp_ring_sample *s
 		for (int c = 0; c < 3; c++)
 			e->sh_total[i][c] = (float)total[i][c];
 	lp_model_predict((const double(*)[3])total, e);
+}
+
+static void fill(const struct lp_ring_only *self, const struct lp_ring_sample *sample,
+		 int64_t now_ns, struct lp_light_estimate *e)
+{
+	const struct lp_rotation none = lp_rotation_identity();
+	double total[LP_SH_MAX_COUNT][3];
+
+	*e = (struct lp_light_estimate){.t_capture_ns = sample->t_ns,
+					.t_arrival_ns = now_ns,
+					.suspended_ns = lp_clock_suspended_ns(),
+					.exposure_us = NAN,
+					.scale_sigma = NAN,
+					.wheel_deg = NAN,
+					.wheel_sigma_deg = NAN};
+	lp_ring_only_light(sample, &self->scale, &none, total, e);
 }
 
 bool lp_ring_only_sample(struct lp_ring_only *self, const struct lp_ring_sample *sample,

@@ -11,6 +11,18 @@
 
 #include "app/pipeline.h"
 #include "include/ring_sample.h"
+#include "light/sh.h"
+
+struct lp_rotation;
+
+/*
+ * The light that the ring sees by itself, of whatever else `estimate` has: coefficients, one lamp,
+ * predicted error and sigma, scale; the flag RING_ONLY, or NO_LIGHT where it is dark. `turn`: from
+ * the probe's frame to that of the estimate. `total` becomes all orders of its light.
+ */
+void lp_ring_only_light(const struct lp_ring_sample *sample, const struct lp_ring_scale *scale,
+			const struct lp_rotation *turn, double total[LP_SH_MAX_COUNT][3],
+			struct lp_light_estimate *estimate);
 
 struct lp_ring_only {
 	float smoothing_ms;

@@ -4,6 +4,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "app/ring_only.h"
 #include "include/light_estimate.h"
 #include "include/luminance.h"
 #include "include/panorama.h"
@@ -21,6 +22,12 @@
 #define LEARNED_SHARE 0.05F
 /* A scale less certain is not told to clients. */
 #define MOST_SCALE_SIGMA 0.2F
+/* Below this mean code of the longest exposure a picture may be that of a covered lens: where it
+ * holds no lamp, nothing in it clips, and the ring reads so many times the light that it shows. */
+#define BLACK_CODE 4.0F
+#define BLIND_RATIO 10.0F
+/* Less light than this, in lux, is darkness for the ring, too. */
+#define LEAST_LUX 1.0F
 /* Of the light that clips, at most, where the scale is learned. */
 #define MOST_CLIPPED_SHARE 0.02F
 
@@ -190,6 +197,42 @@ static void find_colours(struct lp_ring_stage *stage, const struct lp_imager *im
 			      clipped_share <= MOST_CLIPPED_SHARE);
 }
 
+static float mean_lux(const struct lp_ring_sample *sample)
+{
+	float sum = 0.0F;
+	int count = 0;
+
+	for (int k = 0; k < LP_RING_SENSORS; k++)
+		if (isfinite(sample->illuminance_lux[k])) {
+			sum += sample->illuminance_lux[k];
+			count++;
+		}
+	return count ? sum / (float)count : 0.0F;
+}
+
+static bool shows_a_lamp(const struct lp_lamp_memory *memory)
+{
+	for (int k = 0; k < LP_MAX_LAMPS; k++)
+		if (memory->list[k].id && memory->list[k].seen)
+			return true;
+	return false;
+}
+
+/* Without a scale, any light counts. */
+static bool is_blind(const struct lp_ring_stage *stage, const struct lp_imager_status *status,
+		     const struct lp_lamp_memory *memory, const struct lp_ring_scale *scale)
+{
+	const float read = mean_lux(&stage->sample);
+	float seen = 0.0F;
+
+	for (int k = 0; k < LP_RING_SENSORS; k++)
+		seen += stage->view.seen[k] / LP_RING_SENSORS;
+	if (!isnan(scale->lux_per_unit) && read < BLIND_RATIO * scale->lux_per_unit * seen)
+		return false;
+	return status->mean_code < BLACK_CODE && read > LEAST_LUX && stage->view.count == 0 &&
+	       !shows_a_lamp(memory);
+}
+
 void lp_ring_stage_update(struct lp_ring_stage *stage, const struct lp_imager *imager,
 			  const struct lp_panorama *panorama, const int32_t *finder_cells,
 			  struct lp_lamp_memory *memory, bool is_relative)
@@ -204,6 +247,7 @@ void lp_ring_stage_update(struct lp_ring_stage *stage, const struct lp_imager *i
 		memory->list[k].recovered_colour_sigma = 0.0F;
 	}
 	stage->fused = stage->has_sample;
+	stage->camera_is_blind = false;
 	if (!stage->has_sample)
 		return;
 	if (is_relative != stage->is_relative)
@@ -218,12 +262,31 @@ void lp_ring_stage_update(struct lp_ring_stage *stage, const struct lp_imager *i
 			  &stage->sample, LP_LUMINANCE);
 	see_lamps(&stage->view, memory, to_panorama, &stage->sample, LP_LUMINANCE);
 	stage->view.seen_sigma = hypotf(SEEN_SIGMA, status.irradiance_sigma);
+	stage->camera_is_blind = is_blind(stage, &status, memory, &prior);
+	if (stage->camera_is_blind) {
+		stage->fused = false;
+		return;
+	}
 	lp_ring_fuse(&stage->view, &stage->sample, &prior, &stage->fusion);
 	if (!lp_ring_counts(stage->fusion.verdict))
 		return;
 	find_colours(stage, imager, panorama, memory, status.clipped_share);
 	give_to_lamps(stage, memory);
 	learn_scale(stage, &prior, status.clipped_share, scale_variance);
+}
+
+bool lp_ring_stage_stand_in(const struct lp_ring_stage *stage, const struct lp_imager *imager,
+			    double total[LP_SH_MAX_COUNT][3], struct lp_light_estimate *estimate)
+{
+	struct lp_ring_scale scale = lp_ring_stage_scale(stage, stage->is_relative);
+
+	if (!stage->camera_is_blind)
+		return false;
+	if (isnan(scale.lux_per_unit))
+		scale = (struct lp_ring_scale){1.0F, 0.0F};
+	lp_ring_only_light(&stage->sample, &scale, lp_imager_rotation(imager), total, estimate);
+	estimate->flags |= LP_ESTIMATE_COVERED;
+	return true;
 }
 
 void lp_ring_stage_project(const struct lp_ring_stage *stage, double (*total)[3])
@@ -283,7 +346,9 @@ struct lp_ring_scale lp_ring_stage_scale(const struct lp_ring_stage *stage, bool
 
 struct lp_ring_status lp_ring_stage_status(const struct lp_ring_stage *stage)
 {
-	return (struct lp_ring_status){.fused = stage->fused,
+	return (struct lp_ring_status){.camera_is_blind = stage->camera_is_blind,
+				       .mean_lux = mean_lux(&stage->sample),
+				       .fused = stage->fused,
 				       .verdict = stage->fusion.verdict,
 				       .wrong = stage->fusion.wrong,
 				       .scale_is_wrong = stage->fusion.scale_is_wrong,

@@ -12,6 +12,7 @@
 #include "light/clipped_parts.h"
 #include "light/ring_colour.h"
 #include "light/ring_fusion.h"
+#include "light/sh.h"
 
 struct lp_grid;
 struct lp_imager;
@@ -27,6 +28,8 @@ struct lp_ring_stage {
 	float scale_variance;	      /* of that, when it was learned */
 	struct lp_ring_sample sample; /* newest */
 	bool has_sample;
+	/* The camera sees nothing where the ring reads light: its lens is covered. */
+	bool camera_is_blind;
 	bool fused; /* the next two are of the newest panorama */
 	struct lp_ring_view view;
 	struct lp_ring_fusion fusion;
@@ -34,6 +37,8 @@ struct lp_ring_stage {
 
 /* What the ring said of the newest frame, for health messages. */
 struct lp_ring_status {
+	bool camera_is_blind;
+	float mean_lux; /* that the ring reads */
 	bool fused;
 	enum lp_ring_verdict verdict;
 	uint32_t wrong;
@@ -59,6 +64,11 @@ void lp_ring_stage_sample(struct lp_ring_stage *stage, const struct lp_ring_samp
 void lp_ring_stage_update(struct lp_ring_stage *stage, const struct lp_imager *imager,
 			  const struct lp_panorama *panorama, const int32_t *finder_cells,
 			  struct lp_lamp_memory *memory, bool is_relative);
+
+/* Where the camera is blind: what the ring sees by itself takes the place of what the estimate
+ * holds of light (app/ring_only.h), in the anchor frame. False: it is not blind. */
+bool lp_ring_stage_stand_in(const struct lp_ring_stage *stage, const struct lp_imager *imager,
+			    double total[LP_SH_MAX_COUNT][3], struct lp_light_estimate *estimate);
 
 /* Light of clipped regions that are no lamps, into coefficients up to LP_SH_MAX_ORDER. */
 void lp_ring_stage_project(const struct lp_ring_stage *stage, double (*total)[3]);

@@ -16,12 +16,12 @@
 #define TURNED "ring-turned"
 #define DISAGREES "ring-disagrees"
 #define SCALE "ring-scale"
+#define COVERED "lens-covered"
 
 static const char *const ids[] = {
-	[LP_RING_WATCH_SENSORS] = SENSOR_WRONG,
-	[LP_RING_WATCH_TURNED] = TURNED,
-	[LP_RING_WATCH_DISAGREES] = DISAGREES,
-	[LP_RING_WATCH_SCALE] = SCALE,
+	[LP_RING_WATCH_SENSORS] = SENSOR_WRONG, [LP_RING_WATCH_TURNED] = TURNED,
+	[LP_RING_WATCH_DISAGREES] = DISAGREES,	[LP_RING_WATCH_SCALE] = SCALE,
+	[LP_RING_WATCH_COVERED] = COVERED,
 };
 
 static void describe(int what, const struct lp_ring_status *status, char *text, size_t size_bytes)
@@ -51,6 +51,13 @@ static void describe(int what, const struct lp_ring_status *status, char *text, 
 			"ring: compare: it does not show the light that the camera sees; not "
 			"used — does it stand beside the camera, and is it calibrated?");
 		break;
+	case LP_RING_WATCH_COVERED:
+		(void)snprintf(
+			text, size_bytes,
+			"camera: compare: its picture is black where the ring reads %.0f lx — is "
+			"the lens covered, or the exposure too short? Light is the ring's alone",
+			(double)status->mean_lux);
+		break;
 	default:
 		(void)snprintf(
 			text, size_bytes,
@@ -69,9 +76,19 @@ static bool is_so(int what, const struct lp_ring_status *status)
 		return status->verdict == LP_RING_TURNED;
 	case LP_RING_WATCH_DISAGREES:
 		return status->verdict == LP_RING_DISAGREES;
+	case LP_RING_WATCH_COVERED:
+		return status->camera_is_blind;
 	default:
 		return status->scale_is_wrong;
 	}
+}
+
+uint32_t lp_ring_watch_once(const struct lp_ring_status *status)
+{
+	for (int i = 0; i < LP_RING_WATCH_COVERED; i++)
+		if (status->fused && is_so(i, status))
+			return LP_ESTIMATE_RING_FAULT;
+	return 0;
 }
 
 uint32_t lp_ring_watch_update(struct lp_ring_watch *watch, const struct lp_ring_status *status,
@@ -81,7 +98,7 @@ uint32_t lp_ring_watch_update(struct lp_ring_watch *watch, const struct lp_ring_
 	char text[160];
 
 	for (int i = 0; i < LP_RING_WATCHED; i++) {
-		const bool so = status->fused && is_so(i, status);
+		const bool so = (status->fused || i == LP_RING_WATCH_COVERED) && is_so(i, status);
 
 		if (so != watch->list[i].now)
 			watch->list[i].since_ns = now_ns;
@@ -101,7 +118,7 @@ uint32_t lp_ring_watch_update(struct lp_ring_watch *watch, const struct lp_ring_
 			lp_health_fault(health, ids[i], NULL);
 			watch->list[i].told = false;
 		}
-		if (watch->list[i].told)
+		if (watch->list[i].told && i != LP_RING_WATCH_COVERED)
 			flags = LP_ESTIMATE_RING_FAULT;
 	}
 	return flags;

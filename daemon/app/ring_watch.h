@@ -16,6 +16,7 @@ enum {
 	LP_RING_WATCH_TURNED,
 	LP_RING_WATCH_DISAGREES,
 	LP_RING_WATCH_SCALE,
+	LP_RING_WATCH_COVERED, /* the camera's lens; no fault of the ring */
 	LP_RING_WATCHED
 };
 
@@ -26,6 +27,9 @@ struct lp_ring_watch {
 	} list[LP_RING_WATCHED];
 	uint32_t wrong; /* sensors named */
 };
+
+/* What this estimate alone says of the ring: RING_FAULT, or 0. For pictures that are no film. */
+uint32_t lp_ring_watch_once(const struct lp_ring_status *status);
 
 /* Of every estimate. Returns enum lp_estimate_flag: RING_FAULT while something is told. */
 uint32_t lp_ring_watch_update(struct lp_ring_watch *watch, const struct lp_ring_status *status,

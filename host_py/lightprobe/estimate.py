@@ -66,7 +66,8 @@ FLAG_WORDS: dict[str, str] = {
     "MORE_LIGHTS": "more lamps were found than are listed; the others are in the SH",
     "INVALID_INPUT": "NaN, infinite or negative samples were left out",
     "DEGRADED": "the governor lowered the preset to keep its budget",
-    "RING_ONLY": "there is no camera; the estimate comes from the ring of light sensors alone",
+    "RING_ONLY": "there is no camera, or it sees nothing (COVERED); the estimate comes from the "
+    "ring of light sensors alone",
     "EXPOSURE_IGNORED": "the camera did not follow the exposure command",
     "RING_FAULT": "the ring of light sensors, or part of it, cannot be used",
     "WHEEL_FAULT": "the position of the polarizer wheel is not known; its angle is not used",

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from harness import Daemon, camera, jpeg, panorama, run, streaming
+from harness import STALE, Daemon, camera, jpeg, panorama, run, streaming
 from lightprobe import daemon
 from lightprobe.calibrate import ring
 from lightprobe.errors import UsageError
@@ -20,7 +20,7 @@ from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.sensor import encode_jpeg
 
 LIGHTPROBE = Path(sys.executable).parent / "lightprobe"
-RING_ONLY, RING_FAULT = 512, 2048
+UNDEREXPOSED, RING_ONLY, RING_FAULT, COVERED = 8, 512, 2048, 65536
 DIRECTION = np.array([0.6, 0.8, 0.0])
 #: One lamp of 400 lx in an even surround of 50 cd/m².
 LUX = ",".join(f"{np.pi * 50 + 400 * max(n @ DIRECTION, 0):.6g}" for n in ring.directions())
@@ -61,6 +61,68 @@ def test_the_camera_comes_first_and_the_ring_takes_over():
         cam.send(jpeg(panorama()), exposure_us=2000)
         client.until(lambda e: not e.flags & RING_ONLY)
         client.until(lambda e: e.flags & RING_ONLY)
+
+
+def is_the_lamp(light):
+    assert np.degrees(np.arccos(DIRECTION @ light.direction)) < 1
+    assert light.irradiance[0] == pytest.approx(400 / 150, rel=0.02)
+    assert light.flags == 8
+
+
+def test_a_covered_lens_leaves_the_light_to_the_ring():
+    """From the first frame on, and with what the map knew before; then the camera sees again."""
+    black = jpeg(np.full((64, 128, 3), 1, np.uint8))
+    with (
+        camera() as cam,
+        Daemon(
+            f"--source=sim:{cam.path}", f"--ring=sim:?lux={LUX}", "--cd-m2-per-unit=150"
+        ) as daemon,
+        daemon.client(smoothing="RAW", health_period_ms=100) as client,
+    ):
+        cam.accept()
+        with streaming(cam, black, exposure_us=8000):
+            estimate = client.until(lambda e: e.flags & RING_ONLY and not e.flags & STALE)
+            assert estimate.flags & COVERED
+            (light,) = estimate.lights
+            is_the_lamp(light)
+            assert 0.15 < estimate.relighting_sigma_permille / 1000 < 0.5
+            health = client.until(
+                lambda h: any(fault.id == "lens-covered" for fault in h.faults), "health"
+            )
+            fault = next(fault for fault in health.faults if fault.id == "lens-covered")
+            assert "is the lens covered" in fault.text
+            assert not client.until(lambda e: True).flags & RING_FAULT
+        with streaming(cam, jpeg(panorama()), exposure_us=8000):
+            client.until(lambda e: not e.flags & (RING_ONLY | COVERED))
+            client.until(lambda h: all(f.id != "lens-covered" for f in h.faults), "health")
+        with streaming(cam, black, exposure_us=8000):
+            estimate = client.until(lambda e: e.flags & UNDEREXPOSED)
+            assert estimate.flags & (RING_ONLY | COVERED) == RING_ONLY | COVERED
+            is_the_lamp(estimate.lights[0])
+
+
+@pytest.mark.parametrize("scale", [None, 150.0])
+def test_a_black_picture_and_a_ring(tmp_path: Path, scale) -> None:
+    (tmp_path / "0000.jpg").write_bytes(encode_jpeg(np.ones((64, 128, 3), np.uint8)))
+    settings = offline.Settings(ring_lux=LUX, ring_sigma=0.03, cd_m2_per_unit=scale)
+    estimate = offline.estimate_folder(tmp_path, [8000], settings)
+    assert estimate.flags & (RING_ONLY | COVERED) == RING_ONLY | COVERED
+    (light,) = estimate.lights
+    assert light.irradiance[1] == pytest.approx(400 / (scale or 1), rel=0.02)
+    assert estimate.cd_m2_per_unit == (scale or 1)
+    assert 0.15 < estimate.relighting_sigma < 0.5
+    # where it is dark for the ring, too, it is dark
+    dark = offline.Settings(ring_lux=",".join(["0.1"] * 9), ring_sigma=0.03, cd_m2_per_unit=scale)
+    assert not offline.estimate_folder(tmp_path, [8000], dark).flags & (RING_ONLY | COVERED)
+
+
+def test_a_ring_that_contradicts_pictures_is_flagged(tmp_path: Path) -> None:
+    (tmp_path / "0000.jpg").write_bytes(encode_jpeg(np.full((64, 128, 3), 90, np.uint8)))
+    settings = offline.Settings(
+        ring_lux="1000,10,900,10,800,10,700,10,10", ring_sigma=0.03, cd_m2_per_unit=150
+    )
+    estimate = offline.estimate_folder(tmp_path, [8000], settings)
+    assert estimate.flags & RING_FAULT
 
 
 def test_a_ring_that_sees_other_light_is_told():
