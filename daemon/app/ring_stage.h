@@ -37,14 +37,14 @@ struct lp_ring_stage {
 
 /* What the ring said of the newest frame, for health messages. */
 struct lp_ring_status {
-	bool camera_is_blind;
-	float mean_lux; /* that the ring reads */
-	bool fused;
 	enum lp_ring_verdict verdict;
 	uint32_t wrong;
-	bool scale_is_wrong;
 	float turned_deg;
+	float mean_lux; /* that the ring reads */
 	struct lp_ring_scale scale;
+	bool camera_is_blind;
+	bool fused;
+	bool scale_is_wrong;
 };
 
 void lp_ring_stage_init(struct lp_ring_stage *stage, const struct lp_ring_scale *given);

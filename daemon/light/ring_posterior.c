@@ -49,7 +49,7 @@ static struct moments with_prior(struct moments gauss, double bound)
 	const double ratio = exp(step), scale = -0.5 / gauss.variance;
 	double point = (low + bound) * exp(step / 2.0), sums[3] = {0.0};
 
-	for (int i = 0; i < POINTS; i++, point *= ratio) {
+	for (int i = 0; i < POINTS; i++) {
 		const double off = point - bound - gauss.mean;
 		const double p = exp(scale * (off * off - below * below));
 		const double x = point - bound - inside;
@@ -57,6 +57,7 @@ static struct moments with_prior(struct moments gauss, double bound)
 		sums[0] += p;
 		sums[1] += p * x;
 		sums[2] += p * x * x;
+		point *= ratio;
 	}
 	const double mean = sums[1] / sums[0];
 
