@@ -196,7 +196,7 @@ def pairs_with_camera(
 
 def _scale(client: Client, uri: str, given: float | None) -> float:
     """Luminance of radiance 1: as given, or as the probe is calibrated."""
-    estimate = client.receive(calibrate_ring_camera.FIRST_S)
+    estimate = calibrate_ring_camera.first_of(client, uri)
     scale = estimate.cd_m2_per_unit if given is None else given
     if scale is None:
         raise CalibrationError(

@@ -62,7 +62,7 @@ def watch(
     """Samples of so many seconds, and the scale's relative sigma, under a progress bar."""
     seen = Turning()
     with watching(uri, "turn the box", seconds) as (client, bar, task):
-        scale, sigma = scale_of(client.receive(FIRST_S), uri, cd_m2_per_unit)
+        scale, sigma = scale_of(first_of(client, uri), uri, cd_m2_per_unit)
         link.rates(ring_scans=_SCANS)
         started = time.monotonic()
         for event in link.listen(seconds):
@@ -94,6 +94,17 @@ def note(seen: Turning, event: mcu.Ring) -> None:
     """Give a reading; a dead sensor is NaN."""
     levels: Array = ring.levels(event.levels, event.dead)
     seen.ring(event.t_us, levels, time.monotonic_ns())
+
+
+def first_of(client: Client, uri: str) -> Estimate:
+    """Give the first estimate; CalibrationError when none comes."""
+    try:
+        return client.receive(FIRST_S)
+    except ProbeTimeout:
+        raise CalibrationError(
+            f"calibrate: ring: {uri}: no estimate in {FIRST_S:.0f} s: does its camera give frames? "
+            f"(lightprobe watch {uri})"
+        ) from None
 
 
 def scale_of(estimate: Estimate, uri: str, given: float | None) -> tuple[float, float]:

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 
 import can
 
+from lightprobe.errors import LightprobeError
 from lightprobe.mcu import faults
 from lightprobe.mcu import link as mcu_link
 from lightprobe.mcu import messages as mcu
@@ -50,6 +51,8 @@ def words(uri: str, stage: str) -> Iterator[None]:
         if uri not in text:
             text = f"mcu: {uri}: {text.removeprefix('mcu: ')}"
         raise McuError(text) from None
+    except LightprobeError:  # a time-out of somebody else's is an OSError, too
+        raise
     except OSError as error:
         number = error.errno or 0
         reason = errno_words(number) if number else str(error)
