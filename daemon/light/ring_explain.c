@@ -8,6 +8,8 @@
 
 /* A sensor that is wrong: one in a hundred, with a reading that may be anything. */
 #define COST_SENSOR 16.0
+/* A hand that is before one sensor covers its neighbours, too: each for so much more. */
+#define COST_NEIGHBOUR 3.0
 /* A scale other than the one given: about one calibration in three, of another camera, of sensors
  * that have aged or not settled. Only so does the sigma hold where light could hide instead. */
 #define COST_SCALE 2.0
@@ -49,6 +51,12 @@ static uint32_t turn_bits(uint32_t mask, int places)
 	return (mask & ~0xFFU) | ((around << places | around >> (8 - places)) & 0xFFU);
 }
 
+/* So many sensors around the equator from the first one on. */
+static uint32_t neighbours(int first, int count)
+{
+	return turn_bits((1U << count) - 1U, first);
+}
+
 bool lp_ring_sees(const struct lp_ring_part *part, uint32_t used)
 {
 	float most = 0.0F;
@@ -88,6 +96,18 @@ static double cost_of_scale(const struct lp_ring_problem *problem, const struct 
 	return COST_SCALE + 2.0 * log(fmax((double)OTHER_SCALE_SIGMA / left, 1.0));
 }
 
+/* Sensors that are wrong each by itself, or neighbours around the equator. */
+static double cost_of_sensors(uint32_t wrong)
+{
+	double cost = COST_SENSOR * bits(wrong);
+
+	for (int count = 2; count <= MOST_WRONG; count++)
+		for (int first = 0; first < LP_RING_SENSORS - 1; first++)
+			if (wrong == neighbours(first, count))
+				cost = COST_SENSOR + COST_NEIGHBOUR * (count - 1);
+	return cost;
+}
+
 static struct lp_ring_explanation explanation_of(const struct lp_ring_problem *problem,
 						 uint32_t all, uint32_t used, int places,
 						 bool other_scale)
@@ -101,7 +121,7 @@ static struct lp_ring_explanation explanation_of(const struct lp_ring_problem *p
 	e.chi2 = fit.chi2;
 	e.freedom = fit.freedom;
 	e.price = fit.price;
-	e.cost = fit.chi2 + COST_SENSOR * bits(all & ~used);
+	e.cost = fit.chi2 + cost_of_sensors(all & ~used);
 	if (other_scale)
 		e.cost += cost_of_scale(problem, &fit);
 	if (places)
@@ -109,30 +129,57 @@ static struct lp_ring_explanation explanation_of(const struct lp_ring_problem *p
 	return e;
 }
 
-/* All sensors; then without the one that the others contradict most, again and again, as long as
- * it is worth it. Returns how many explanations that are. */
+/* Without each of the sensors that count so far; returns how many explanations that are. */
+static int leave_one_out(const struct lp_ring_problem *problem, uint32_t all, uint32_t used,
+			 bool other_scale, struct lp_ring_explanation *list)
+{
+	int count = 0;
+
+	for (int k = 0; k < LP_RING_SENSORS; k++)
+		if (used >> k & 1)
+			list[count++] =
+				explanation_of(problem, all, used & ~(1U << k), 0, other_scale);
+	return count;
+}
+
+static int leave_neighbours_out(const struct lp_ring_problem *problem, uint32_t all,
+				bool other_scale, struct lp_ring_explanation *list)
+{
+	int found = 0;
+
+	for (int count = 2; count <= MOST_WRONG; count++)
+		for (int first = 0; first < LP_RING_SENSORS - 1; first++) {
+			const uint32_t used = all & ~neighbours(first, count);
+
+			if (bits(used) == bits(all) - count && bits(used) >= LEAST_USED)
+				list[found++] = explanation_of(problem, all, used, 0, other_scale);
+		}
+	return found;
+}
+
+/* All sensors; and where those are not enough, without neighbours, and without the one that the
+ * others contradict most, again and again, as long as it is worth it. Returns how many. */
 static int leave_out(const struct lp_ring_problem *problem, uint32_t all, bool other_scale,
 		     struct lp_ring_explanation *list)
 {
-	int count = 1, best = 0;
+	struct lp_ring_explanation best = explanation_of(problem, all, all, 0, other_scale);
+	int count = 1;
 
-	list[0] = explanation_of(problem, all, all, 0, other_scale);
+	list[0] = best;
+	if (best.chi2 >= EXPLAINED)
+		count += leave_neighbours_out(problem, all, other_scale, list + count);
 	for (int wrong = 1; wrong <= MOST_WRONG; wrong++) {
-		const struct lp_ring_explanation before = list[best];
+		const double before = best.cost;
+		const int from = count;
 
-		if (before.chi2 < EXPLAINED || bits(before.used) <= LEAST_USED)
+		if (best.chi2 < EXPLAINED || bits(best.used) <= LEAST_USED)
 			break;
-		best = count;
-		for (int k = 0; k < LP_RING_SENSORS; k++) {
-			if (!(before.used >> k & 1))
-				continue;
-			list[count] = explanation_of(problem, all, before.used & ~(1U << k), 0,
-						     other_scale);
-			if (list[count].cost < list[best].cost)
-				best = count;
-			count++;
-		}
-		if (list[best].cost >= before.cost)
+		count += leave_one_out(problem, all, best.used, other_scale, list + count);
+		best = list[from];
+		for (int i = from + 1; i < count; i++)
+			if (list[i].cost < best.cost)
+				best = list[i];
+		if (best.cost >= before)
 			break;
 	}
 	return count;

@@ -12,8 +12,9 @@
 
 #include "light/ring_residuals.h"
 
-/* The ring as it is and with another scale: all sensors, and one, two or three left out; turned. */
-#define LP_RING_EXPLANATIONS (2 * (1 + 9 + 8 + 7) + 7)
+/* The ring as it is and with another scale: all sensors, and one, two or three left out, or two or
+ * three neighbours; turned. */
+#define LP_RING_EXPLANATIONS (2 * (1 + 9 + 8 + 7 + 2 * 8) + 7)
 
 struct lp_ring_explanation {
 	uint32_t used; /* bit k: sensor k counts */

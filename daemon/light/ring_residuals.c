@@ -14,6 +14,8 @@
 #define HIDDEN_RATIO 30.0
 /* A scale of which nothing is known, relative 1 sigma. */
 #define UNKNOWN_SIGMA 10.0
+/* No scale is less than this share of the one that is known. */
+#define LEAST_SCALE 0.02
 /* A lamp hides no more light than so many times the brightest reading, 1 sigma: more would be a
  * lamp that no sensor faces. */
 #define MOST_LIGHT 2.0
@@ -173,14 +175,19 @@ static void judge(const struct lp_ring_problem *problem, const struct weights *w
 	fit->freedom = fmax(fit->freedom, 1.0);
 }
 
-/* What is known of the scale beforehand. */
-static struct weights prior_of(const struct lp_ring_problem *problem, uint32_t used)
+/* What is known of the scale beforehand: its logarithm, within its relative sigma, as a Gaussian
+ * around the scale as found. */
+static struct weights prior_of(const struct lp_ring_problem *problem, uint32_t used, double found)
 {
-	struct weights weights = {.scale = first_scale(problem, used)};
+	const double first = first_scale(problem, used);
+	struct weights weights = {.scale = first, .scale_sigma = UNKNOWN_SIGMA * first};
 
-	weights.scale_sigma =
-		weights.scale *
-		(isnan(problem->scale.lux_per_unit) ? UNKNOWN_SIGMA : (double)problem->scale.sigma);
+	if (!isnan(problem->scale.lux_per_unit)) {
+		const double scale = fmax(found, LEAST_SCALE * first);
+
+		weights.scale = scale * (1.0 - log(scale / first));
+		weights.scale_sigma = scale * (double)problem->scale.sigma;
+	}
 	if (!(weights.scale_sigma > 0.0)) /* darkness */
 		weights.scale_sigma = 1e-30;
 	return weights;
@@ -199,7 +206,7 @@ static double floor_of(const struct lp_ring_problem *problem, uint32_t used)
 void lp_ring_normal(const struct lp_ring_problem *problem, const struct lp_ring_fit *fit,
 		    struct lp_nnls *normal, double bound[LP_NNLS_MAX])
 {
-	struct weights weights = prior_of(problem, fit->used);
+	struct weights weights = prior_of(problem, fit->used, fit->x[0]);
 
 	weigh(problem, fit->used, fit->x, floor_of(problem, fit->used), &weights);
 	make_normal(problem, fit->used, &weights, normal);
@@ -210,20 +217,22 @@ void lp_ring_normal(const struct lp_ring_problem *problem, const struct lp_ring_
 void lp_ring_fit(const struct lp_ring_problem *problem, uint32_t used, struct lp_ring_fit *fit)
 {
 	const double floor_lux = floor_of(problem, used);
-	struct weights weights = prior_of(problem, used);
 	struct lp_nnls normal;
+	struct weights weights;
 
-	*fit = (struct lp_ring_fit){.used = used, .x = {weights.scale}};
+	*fit = (struct lp_ring_fit){.used = used, .x = {first_scale(problem, used)}};
 	for (int round = 0; round < ROUNDS; round++) {
+		weights = prior_of(problem, used, fit->x[0]);
 		weigh(problem, used, fit->x, floor_lux, &weights);
 		make_normal(problem, used, &weights, &normal);
 		if (round > 0)
 			add_prices(problem->view, fit->x, normal.right);
 		else
-			expect_alike(problem->view, weights.scale, &normal);
+			expect_alike(problem->view, fit->x[0], &normal);
 		lp_nnls_solve(&normal, fit->x);
 	}
 	lp_nnls_covariance(&normal, fit->x, fit->covariance);
+	weights = prior_of(problem, used, fit->x[0]);
 	weigh(problem, used, fit->x, floor_lux, &weights);
 	judge(problem, &weights, fit);
 }
