@@ -95,12 +95,34 @@ static bool step(const struct factor *f, const double *wanted, bool *is_free, do
 	return false;
 }
 
-void lp_nnls_solve(const struct lp_nnls *problem, double x[LP_NNLS_MAX])
+/* The least value over the unknowns that are free, as far as none becomes negative. False: the
+ * matrix is not positive definite. */
+static bool descend(const struct lp_nnls *problem, bool *is_free, double *x)
+{
+	for (bool there = false; !there;) {
+		double wanted[LP_NNLS_MAX];
+		struct factor f;
+
+		if (!factorise(problem, is_free, &f))
+			return false;
+		for (int i = 0; i < f.count; i++)
+			wanted[i] = problem->right[f.index[i]];
+		substitute(&f, wanted);
+		there = step(&f, wanted, is_free, x);
+	}
+	return true;
+}
+
+void lp_nnls_improve(const struct lp_nnls *problem, double x[LP_NNLS_MAX])
 {
 	bool is_free[LP_NNLS_MAX] = {false};
-	struct factor f;
 
-	memset(x, 0, LP_NNLS_MAX * sizeof(*x));
+	for (int i = 0; i < problem->count; i++)
+		is_free[i] = x[i] > 0.0;
+	if (!descend(problem, is_free, x)) {
+		memset(x, 0, LP_NNLS_MAX * sizeof(*x));
+		return;
+	}
 	for (int round = 0; round < 3 * LP_NNLS_MAX; round++) {
 		const int next = steepest(problem, is_free, x);
 
@@ -108,20 +130,17 @@ void lp_nnls_solve(const struct lp_nnls *problem, double x[LP_NNLS_MAX])
 			return;
 		is_free[next] = true;
 		x[next] = DBL_MIN; /* free, so that step() can go away from it */
-		for (bool there = false; !there;) {
-			double wanted[LP_NNLS_MAX];
-
-			if (!factorise(problem, is_free, &f)) {
-				is_free[next] = false;
-				x[next] = 0.0;
-				return;
-			}
-			for (int i = 0; i < f.count; i++)
-				wanted[i] = problem->right[f.index[i]];
-			substitute(&f, wanted);
-			there = step(&f, wanted, is_free, x);
+		if (!descend(problem, is_free, x)) {
+			x[next] = 0.0;
+			return;
 		}
 	}
+}
+
+void lp_nnls_solve(const struct lp_nnls *problem, double x[LP_NNLS_MAX])
+{
+	memset(x, 0, LP_NNLS_MAX * sizeof(*x));
+	lp_nnls_improve(problem, x);
 }
 
 void lp_nnls_covariance(const struct lp_nnls *problem, const double x[LP_NNLS_MAX],
@@ -143,4 +162,23 @@ void lp_nnls_covariance(const struct lp_nnls *problem, const double x[LP_NNLS_MA
 		for (int i = 0; i < f.count; i++)
 			covariance[f.index[i]][f.index[j]] = column[i];
 	}
+}
+
+double lp_nnls_variance(const struct lp_nnls *problem, const double x[LP_NNLS_MAX], int unknown)
+{
+	bool is_free[LP_NNLS_MAX] = {false};
+	double column[LP_NNLS_MAX] = {0.0};
+	struct factor f;
+	int at = -1;
+
+	for (int i = 0; i < problem->count; i++)
+		is_free[i] = x[i] > 0.0;
+	if (!is_free[unknown] || !factorise(problem, is_free, &f))
+		return 0.0;
+	for (int i = 0; i < f.count; i++)
+		if (f.index[i] == unknown)
+			at = i;
+	column[at] = 1.0;
+	substitute(&f, column);
+	return column[at];
 }

@@ -17,8 +17,14 @@ struct lp_nnls {
 /* x >= 0 of least value; 0 for all of them if the matrix is not positive definite. */
 void lp_nnls_solve(const struct lp_nnls *problem, double x[LP_NNLS_MAX]);
 
+/* The same from a solution x >= 0 of a problem that is like this one, which is faster. */
+void lp_nnls_improve(const struct lp_nnls *problem, double x[LP_NNLS_MAX]);
+
 /* Inverse of `normal` over the unknowns for which x > 0: their covariance. 0 elsewhere. */
 void lp_nnls_covariance(const struct lp_nnls *problem, const double x[LP_NNLS_MAX],
 			double covariance[LP_NNLS_MAX][LP_NNLS_MAX]);
+
+/* That of one unknown alone: its variance; 0 where x is 0. */
+double lp_nnls_variance(const struct lp_nnls *problem, const double x[LP_NNLS_MAX], int unknown);
 
 #endif

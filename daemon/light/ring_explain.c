@@ -90,7 +90,7 @@ void lp_ring_case_init(struct lp_ring_case *self, const struct lp_ring_problem *
 static double cost_of_scale(const struct lp_ring_problem *problem, const struct lp_ring_fit *fit)
 {
 	const double given = problem->scale.lux_per_unit;
-	const double found = sqrt(fit->covariance[0][0]) / given;
+	const double found = sqrt(fit->scale_variance) / given;
 	const double left = fmax(found, (double)problem->scale.sigma);
 
 	return COST_SCALE + 2.0 * log(fmax((double)OTHER_SCALE_SIGMA / left, 1.0));

@@ -22,7 +22,7 @@
  * where explanations are compared. */
 #define PRICE 0.5
 /* Explanations less likely than this are left out. */
-#define LEAST_WEIGHT 0.003
+#define LEAST_WEIGHT 0.01
 /* What is wrong is named when all other explanations together are less likely than this. */
 #define DOUBT 0.05
 /* A part is taken to have been seen with at least this share of the mean light on the sensors. */
@@ -128,7 +128,7 @@ static void add(const struct lp_ring_problem *problem, uint32_t used, double wei
 	}
 	mixture->weight += weight;
 	mixture->scale += weight * s;
-	mixture->scale2 += weight * (s * s + inflation * fit.covariance[0][0]);
+	mixture->scale2 += weight * (s * s + inflation * fit.scale_variance);
 	for (int i = 0; i < problem->view->count; i++) {
 		mixture->excess[i] += weight * found[i].excess;
 		for (int j = 0; j < problem->view->count; j++)

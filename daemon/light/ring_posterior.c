@@ -7,13 +7,13 @@
 /* Most often six sweeps are enough; where the posterior has several peaks, it may take more. */
 #define SWEEPS 20
 /* It ends when no mean has moved by more than this, in its sigmas. */
-#define SETTLED 0.02
+#define SETTLED 0.05
 /* Steps that are too long swing. */
 #define FIRST_STEP 0.8
 #define LATER_STEP 0.4
 #define FIRST_SWEEPS 8
 /* Points of the sums over one unknown; they are so many sigmas wide on each side. */
-#define POINTS 40
+#define POINTS 28
 #define REACH 7.0
 /* At first an unknown is expected to be about so many bounds. */
 #define TYPICAL 30.0

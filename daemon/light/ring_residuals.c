@@ -68,9 +68,11 @@ static double variance_of(const struct lp_ring_problem *problem, const double *x
 static void add_row(struct lp_nnls *normal, const double *row, double value, double variance)
 {
 	for (int i = 0; i < normal->count; i++) {
-		normal->right[i] += row[i] * value / variance;
+		const double weighed = row[i] / variance;
+
+		normal->right[i] += weighed * value;
 		for (int j = 0; j < normal->count; j++)
-			normal->normal[i][j] += row[i] * row[j] / variance;
+			normal->normal[i][j] += weighed * row[j];
 	}
 }
 
@@ -229,9 +231,9 @@ void lp_ring_fit(const struct lp_ring_problem *problem, uint32_t used, struct lp
 			add_prices(problem->view, fit->x, normal.right);
 		else
 			expect_alike(problem->view, fit->x[0], &normal);
-		lp_nnls_solve(&normal, fit->x);
+		lp_nnls_improve(&normal, fit->x);
 	}
-	lp_nnls_covariance(&normal, fit->x, fit->covariance);
+	fit->scale_variance = lp_nnls_variance(&normal, fit->x, 0);
 	weights = prior_of(problem, used, fit->x[0]);
 	weigh(problem, used, fit->x, floor_lux, &weights);
 	judge(problem, &weights, fit);

@@ -18,10 +18,10 @@ struct lp_ring_problem {
 struct lp_ring_fit {
 	uint32_t used; /* bit k: sensor k counts */
 	double x[LP_NNLS_MAX];
-	double covariance[LP_NNLS_MAX][LP_NNLS_MAX];
-	double chi2;	/* squared residuals in sigmas, the scale's included */
-	double price;	/* what hidden light costs beforehand, in squared sigmas */
-	double freedom; /* number of residuals less unknowns, at least 1 */
+	double scale_variance; /* of x[0] */
+	double chi2;	       /* squared residuals in sigmas, the scale's included */
+	double price;	       /* what hidden light costs beforehand, in squared sigmas */
+	double freedom;	       /* number of residuals less unknowns, at least 1 */
 };
 
 void lp_ring_fit(const struct lp_ring_problem *problem, uint32_t used, struct lp_ring_fit *fit);

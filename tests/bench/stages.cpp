@@ -57,9 +57,9 @@ struct stages final : bench::contestant {
 	stages(const stages &) = delete;
 	stages &operator=(const stages &) = delete;
 
-	void lap(const char *stage)
+	void lap(const std::string &stage)
 	{
-		times.push_back({std::string("stage_") + stage, bench::now_ns() - last_ns});
+		times.push_back({"stage_" + stage, bench::now_ns() - last_ns});
 		last_ns = bench::now_ns();
 	}
 	void fuse_ring(const struct lp_panorama &panorama);
@@ -112,11 +112,11 @@ stages::~stages()
 	lp_camera_destroy(camera);
 }
 
-/* What the ring costs at its most: as many clipped parts as there may be, all around, and as much
- * light hidden in each as is seen of all. Made up, but for what the panorama shows. */
-void look_at_ring(const struct lp_ring_sample &sample, struct lp_ring_view &view)
+/* What the ring costs: so many clipped parts, all around, and as much light hidden in each as is
+ * seen of all. Made up, but for what the panorama shows. */
+void look_at_ring(const struct lp_ring_sample &sample, int count, struct lp_ring_view &view)
 {
-	view.count = LP_MAX_CLIPPED_PARTS;
+	view.count = count;
 	view.seen_sigma = 0.01F;
 	for (int j = 0; j < view.count; j++) {
 		const double height = (2.0 * j + 1.0) / view.count - 1.0, around = 2.4 * j;
@@ -147,18 +147,20 @@ void stages::fuse_ring(const struct lp_panorama &panorama)
 	lp_ring_view_init(&view, no_parts.grid, &panorama, &no_parts, &straight, &sample,
 			  LP_LUMINANCE);
 	lap("ring_view");
-	look_at_ring(sample, view);
-	for (int k = 0; k < LP_RING_SENSORS; k++) {
-		float lux = view.seen[k];
+	for (const int count : {1, 4, 8, LP_MAX_CLIPPED_PARTS}) {
+		look_at_ring(sample, count, view);
+		for (int k = 0; k < LP_RING_SENSORS; k++) {
+			float lux = view.seen[k];
 
-		for (int j = 0; j < view.count; j++)
-			lux += view.parts[j].weight[k] * view.seen[j % LP_RING_SENSORS];
-		sample.illuminance_lux[k] = known.lux_per_unit * lux;
-		sample.sigma_relative[k] = 0.03F;
+			for (int j = 0; j < view.count; j++)
+				lux += view.parts[j].weight[k] * view.seen[j % LP_RING_SENSORS];
+			sample.illuminance_lux[k] = known.lux_per_unit * lux;
+			sample.sigma_relative[k] = 0.03F;
+		}
+		last_ns = bench::now_ns();
+		lp_ring_fuse(&view, &sample, &known, &fusion);
+		lap("ring_fusion_" + std::to_string(count) + "_parts");
 	}
-	last_ns = bench::now_ns();
-	lp_ring_fuse(&view, &sample, &known, &fusion);
-	lap("ring_fusion_16_parts");
 }
 
 void keep(struct lp_frame *)

@@ -109,6 +109,30 @@ static void test_covariance(void **state)
 	assert_float_equal(covariance[0][2], -0.5 / 7.75, 1e-12);
 	assert_float_equal(covariance[2][2], 4.0 / 7.75, 1e-12);
 	assert_float_equal(covariance[1][1], 0.0, 0.0);
+	for (int i = 0; i < 3; i++)
+		assert_float_equal(lp_nnls_variance(&problem, x, i), covariance[i][i], 1e-12);
+}
+
+/* From the solution of another problem it comes to the same. */
+static void test_improving_a_solution(void **state)
+{
+	unsigned int seed = 3;
+
+	(void)state;
+	for (int trial = 0; trial < 500; trial++) {
+		const int count = 1 + trial % 12;
+		const struct lp_nnls problem = random_problem(count, &seed);
+		const struct lp_nnls other = random_problem(count, &seed);
+		double x[LP_NNLS_MAX], improved[LP_NNLS_MAX];
+
+		lp_nnls_solve(&problem, x);
+		lp_nnls_solve(&other, improved);
+		lp_nnls_improve(&problem, improved);
+		for (int i = 0; i < count && count <= ROWS; i++)
+			assert_float_equal(improved[i], x[i], 1e-6);
+		for (int i = 0; i < count; i++)
+			assert_true(improved[i] >= 0.0);
+	}
 }
 
 static void test_not_positive_definite(void **state)
@@ -129,6 +153,7 @@ int main(void)
 		cmocka_unit_test(test_optimality),
 		cmocka_unit_test(test_units_do_not_matter),
 		cmocka_unit_test(test_covariance),
+		cmocka_unit_test(test_improving_a_solution),
 		cmocka_unit_test(test_not_positive_definite),
 	};
 
