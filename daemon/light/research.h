@@ -3,8 +3,8 @@
  * The published recipe for lights in a 360 degree picture (Alhakamy & Tuceryan 2019, "CubeMap360";
  * 2020), on the small panorama: threshold at the histogram's median, or at a static value as
  * behind films, Gaussian blur, erode, dilate with a kernel three times the erosion's, contours
- * sorted by area, direction from the planar moments' centroid, mean colour. Kept as a mode to compare with; its faults (no wrap at the seam,
- * planar moments, area before light) are part of it.
+ * sorted by area, direction from the planar moments' centroid, mean colour. Kept as a mode to
+ * compare with; its faults (no wrap at the seam, planar moments, area before light) are part of it.
  */
 #ifndef LP_LIGHT_RESEARCH_H
 #define LP_LIGHT_RESEARCH_H

@@ -118,8 +118,8 @@ void lp_imager_begin(struct lp_imager *imager, int camera);
 /* The camera is away. What it has shown stays, less and less certain. */
 void lp_imager_lose(struct lp_imager *imager, int camera);
 
-/* Another exposure is commanded, or the camera begins, with whatever exposure: a sudden change of all
- * that its frames show is most likely that. */
+/* Another exposure is commanded, or the camera begins, with whatever exposure: a sudden change of
+ * all that its frames show is most likely that. */
 void lp_imager_expect_exposure(struct lp_imager *imager, int camera);
 
 /* Go on with the scale of another imager that saw the same camera until now; for exposures that are
