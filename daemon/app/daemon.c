@@ -276,7 +276,7 @@ static void watch_certificates(struct lp_daemon *daemon)
 	if (validity == daemon->validity)
 		return;
 	daemon->validity = validity;
-	lp_health_fault(&daemon->health, "certificate", certificate_texts[validity]);
+	lp_health_fault(&daemon->health, "certificate-expires", certificate_texts[validity]);
 	if (validity != LP_VALID)
 		lp_warning("lightprobed", "certificate", "%s", certificate_texts[validity]);
 }

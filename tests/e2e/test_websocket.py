@@ -607,7 +607,7 @@ def test_a_certificate_that_ends_while_the_daemon_runs(tmp_path):
 
     def told(client, text):
         faults = client.health.faults if client.health else ()
-        return any(fault.id == "certificate" and text in fault.text for fault in faults)
+        return any(fault.id == "certificate-expires" and text in fault.text for fault in faults)
 
     with Daemon(*wss(tmp_path, port, pair)) as daemon, ProbeClient(url) as client:
         wait_for(lambda: told(client, "expires within 14 days"), "no warning")
