@@ -15,7 +15,7 @@ import polanalyser
 import pytest
 import renderer
 from lightprobe.colour import luminance
-from lightprobe.imaging import camera, stokes
+from lightprobe.imaging import camera, jpeg_noise, stokes
 from lightprobe.imaging.film import Sheet
 from lightprobe.imaging.image import ImageError
 from lightprobe.imaging.polarizer import Polarizer
@@ -86,15 +86,18 @@ def bracketed(
     for view in seen:
         for exposure_us in bracket_us(median_luminance(seen[0]), 3):
             codes = sensor.capture(view, exposure_us, frame=len(pictures))
+            sigma = None
             if quality:
-                data = np.frombuffer(encode_jpeg(codes, quality), np.uint8)
-                codes = cv2.cvtColor(cv2.imdecode(data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
-            pictures.append(stokes.of_codes(codes, LENS, 1e6 / exposure_us))
+                data = encode_jpeg(codes, quality)
+                sigma = jpeg_noise.code_sigma(data)
+                decoded = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+                codes = cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB)
+            pictures.append(stokes.of_codes(codes, LENS, 1e6 / exposure_us, sigma))
     return pictures, np.repeat(ANGLES_DEG, 3).tolist()
 
 
 #: Quality (None: no JPEG), and how far off DoLP and AoLP (degrees) may be.
-JPEG_LIMITS = ((None, 0.03, 3.0), (95, 0.04, 5.5), (85, 0.07, 8.0))
+JPEG_LIMITS = ((None, 0.015, 2.0), (95, 0.02, 2.5), (85, 0.06, 3.5))
 
 
 def scenes() -> list[Scene]:

@@ -3,6 +3,7 @@
 The geometry is that of :mod:`lightprobe.imaging.polarizer`: one flat sheet in front of each lens,
 so that a pixel has its own angle ψ of the sheet. I = ½ t (S0 + D (S1 cos 2ψ + S2 sin 2ψ)). Several
 exposures of one angle count by their noise: the short ones tell of what clips in the long ones.
+What noise is left is lessened by the neighbours (:mod:`lightprobe.imaging.stokes_filter`).
 """
 
 from __future__ import annotations
@@ -18,18 +19,19 @@ from numpy.typing import NDArray
 from lightprobe.colour import luminance
 from lightprobe.errors import UsageError
 from lightprobe.geometry import Array
-from lightprobe.imaging import image
+from lightprobe.imaging import image, jpeg_noise
 from lightprobe.imaging.camera import Camera
 from lightprobe.imaging.film import Sheet
 from lightprobe.imaging.polarizer import Polarizer, lens_rotations
+from lightprobe.imaging.stokes_filter import smoothed
 
 #: Beyond this angle off its normal a real sheet does not polarize any more.
 EDGE_ON_DEG = 75.0
 #: Angles of the wheel that are closer than this, modulo 180°, are one.
 _LEAST_APART_DEG = 5.0
 _CLIPPED_CODE = 250
-#: 1 sigma of a code: what JPEG of quality 85 makes of detail, rounding and the sensor's noise.
-_CODE_SIGMA = 2.0
+#: 1 sigma of a code without JPEG: rounding and the sensor's noise.
+_CODE_SIGMA = 1.0
 #: Determinant of the angles' normal equations, 0.25 for four at 45°: three at 5° have 1e-6.
 _LEAST_DETERMINANT = 1e-7
 _ROWS = 32
@@ -48,7 +50,7 @@ class Polarization:
     """Stokes parameters of every pixel, in its own frame (right, up); NaN: not known."""
 
     stokes: NDArray[np.float32]  # (3, H, W, 3): S0, S1, S2 of R, G, B
-    covariance: NDArray[np.float32] | None = None  # (H, W, 3, 3), of luminance; None: exact
+    covariance: Array | None = None  # (H, W, 3, 3), of luminance; None: exact
 
     @property
     def dolp(self) -> Array:
@@ -169,16 +171,22 @@ def read(files: Sequence[Path], lens: Camera, exposures_us: Sequence[float] = ()
 def _read_one(file: Path, lens: Camera, scale: float) -> Picture:
     if file.suffix.lower() in image.HDR_SUFFIXES:
         return Picture(image.read(file).radiance)
-    return of_codes(image.read_srgb8(file), lens, scale)
+    jpeg_sigma = jpeg_noise.code_sigma(file.read_bytes()) if file.is_file() else None
+    return of_codes(image.read_srgb8(file), lens, scale, jpeg_sigma)
 
 
-def of_codes(codes: NDArray[np.uint8], lens: Camera, scale: float = 1.0) -> Picture:
-    """Linear light of 8-bit codes (H, W, 3), `scale` at full scale."""
+def of_codes(
+    codes: NDArray[np.uint8], lens: Camera, scale: float = 1.0, jpeg_sigma: float | None = None
+) -> Picture:
+    """Linear light of 8-bit codes (H, W, 3), `scale` at full scale.
+
+    `jpeg_sigma`: of codes, by JPEG's rounding (:func:`lightprobe.imaging.jpeg_noise.code_sigma`).
+    """
     table = lens.response_table()
     slope = luminance(np.gradient(table, axis=0))
     light = np.stack([table[codes[..., c], c] for c in range(3)], axis=-1)
     light[(codes >= _CLIPPED_CODE).any(axis=-1)] = np.nan
-    sigma = _CODE_SIGMA * slope[codes[..., 1]]
+    sigma = np.hypot(_CODE_SIGMA, jpeg_sigma or 0.0) * slope[codes[..., 1]]
     return Picture((scale * light).astype(np.float32), (scale * sigma).astype(np.float32))
 
 
@@ -198,15 +206,16 @@ def measure(
     height, width, _ = pictures[0].light.shape
     polarizer = Polarizer(sheet or lens.sheet, lens, (width, height))
     stokes = np.full((3, height, width, 3), np.nan, np.float32)
-    covariance = np.full((height, width, 3, 3), np.nan, np.float32)
+    covariance = np.full((height, width, 3, 3), np.nan)
     hidden = _edge_on(lens, (width, height))
     for top in range(0, height, _ROWS):
         rows = slice(top, min(top + _ROWS, height))
         solved, covariance[rows] = _solve(polarizer, wheel_deg, rows, pictures)
         solved[hidden[rows]] = np.nan
         stokes[:, rows] = np.moveaxis(solved, 2, 0)
-    exact = all(picture.sigma is None for picture in pictures)
-    return Polarization(stokes, None if exact else covariance)
+    if all(picture.sigma is None for picture in pictures):
+        return Polarization(stokes)
+    return Polarization(*smoothed(stokes, covariance))
 
 
 def _solve(

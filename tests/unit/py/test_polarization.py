@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from lightprobe.colour import luminance
 from lightprobe.errors import UsageError
-from lightprobe.imaging import camera, image, stokes
+from lightprobe.imaging import camera, image, jpeg_noise, stokes, stokes_filter
 from lightprobe.imaging.film import Sheet
 from lightprobe.imaging.polarizer import Polarizer
 from lightprobe.sim import scenes
@@ -115,6 +116,75 @@ def test_short_exposures_tell_of_what_clips(tmp_path):
     assert np.sqrt(np.mean(error**2)) < 0.03
     sigmas = np.abs(error) / found.dolp_sigma[known]
     assert np.mean(sigmas < 3) > 0.95
+
+
+def bracketed(scene, quality, size_px=(256, 128)):
+    """Truth (3, H, W), and pictures of four angles in three exposures each."""
+    truth, seen = views(scene, (0, 45, 90, 135), size_px)
+    sensor, found = Sensor(*size_px), []
+    for view in seen:
+        for exposure_us in bracket_us(median_luminance(seen[0]), 3):
+            codes = sensor.capture(view, exposure_us, frame=len(found))
+            data = encode_jpeg(codes, quality)
+            decoded = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+            sigma = jpeg_noise.code_sigma(data)
+            found.append(stokes.of_codes(decoded, LENS, 1e6 / exposure_us, sigma))
+    return luminance(truth.astype(np.float64)), found
+
+
+@pytest.mark.parametrize("quality", [85, 95])
+@pytest.mark.parametrize("seed", [2, 103])
+def test_neighbours_lessen_noise_and_sigmas_cover_what_is_left(quality, seed, monkeypatch):
+    truth, read = bracketed(PolishedFloor(random_scene(seed)), quality)
+    angles = np.repeat((0, 45, 90, 135), 3)
+    degree = np.hypot(truth[1], truth[2]) / truth[0]
+    off, ratio = [], []
+    for width in (1, 5):
+        monkeypatch.setattr(stokes_filter, "_WIDTH", width)
+        found = stokes.measure(read, angles, LENS)
+        known = np.isfinite(found.dolp)
+        error = (found.dolp - degree)[known]
+        off.append(float(np.sqrt(np.mean(error**2))))
+        ratio.append(float(np.mean(np.abs(error) < 3 * found.dolp_sigma[known])))
+        assert np.all(found.dolp_sigma[known] > 0)
+    assert off[1] < 0.6 * off[0]
+    assert ratio[1] > 0.95
+
+
+def test_a_filter_keeps_edges_and_what_is_exact():
+    """A step in polarization stays where noise does not explain it; S0 stays in any case."""
+    height, width = 32, 64
+    s0 = np.ones((height, width, 3), np.float32)
+    s1 = np.where(np.arange(width) < 32, 0.0, 0.8).astype(np.float32)[None, :, None] * s0
+    light = np.stack([s0, s1, 0 * s0])
+    light[:, 5, 7] = np.nan
+    for sigma, step in ((1e-3, 0.79), (3.0, 0.2)):
+        covariance = np.broadcast_to(np.diag([sigma**2] * 3), (height, width, 3, 3))
+        found, left = stokes_filter.smoothed(light, covariance)
+        assert np.array_equal(np.isnan(found), np.isnan(light))
+        np.testing.assert_array_equal(found[0], light[0])
+        across = found[1, 16, 32, 0] - found[1, 16, 31, 0]
+        assert across > step if sigma < 1 else across < step
+        assert np.nanmax(left[..., 1, 1]) <= sigma**2 * 1.2
+    assert left[16, 10, 1, 1] < 0.1 * 3.0**2  # the mean of 25
+    same = np.broadcast_to(np.float32([[[[1.0]]], [[[0.3]]], [[[0.1]]]]), (3, height, width, 3))
+    found, _ = stokes_filter.smoothed(same, covariance)
+    np.testing.assert_allclose(found, same, rtol=1e-5)
+
+
+def test_what_jpeg_does_to_codes_is_in_its_table():
+    """Within a factor of noise that fills every coefficient; of what is no JPEG nothing is said."""
+    rng = np.random.default_rng(3)
+    codes = np.repeat(rng.normal(128, 25, (256, 256, 1)), 3, axis=-1).clip(0, 255).astype(np.uint8)
+    for quality in (60, 85, 95):
+        data = encode_jpeg(codes, quality)
+        luma = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)[..., 1]
+        off = float(np.std(luma.astype(float) - codes[..., 1]))
+        assert jpeg_noise.code_sigma(data) == pytest.approx(off, rel=0.25)
+    whole = encode_jpeg(codes, 85)
+    for length in (0, 1, 2, 5, 30, 90, 160):
+        assert jpeg_noise.code_sigma(whole[:length]) is None
+    assert jpeg_noise.code_sigma(b"\x89PNG\r\n\x1a\n") is None
 
 
 def test_one_exposure_for_each_picture(tmp_path):
