@@ -11,7 +11,7 @@ simulated time, as live.py. One scene takes two minutes:
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import product
@@ -25,6 +25,7 @@ from lightprobe import geometry
 from lightprobe.colour import luminance
 from lightprobe.errors import LightprobeError
 from lightprobe.estimate import EstimateFlag
+from lightprobe.geometry import Array
 from lightprobe.sim.exposure import median_luminance
 from lightprobe.sim.room import Room
 from lightprobe.sim.scene import PanoramaScene
@@ -41,6 +42,10 @@ CONDITIONS: dict[str, tuple[str, Behaviour, dict[str, Any]]] = {
     "breathes": (
         "its exposure breathes, ± 2 stops every 2 s", Behaviour(act_s=0),
         {"judged_s": 8.0, "faults": "breathe_stops=2"},
+    ),
+    "ring": (
+        "its exposure breathes, with the ring of light sensors", Behaviour(act_s=0),
+        {"judged_s": 8.0, "faults": "breathe_stops=2", "ring": True},
     ),
     "minute": (
         "a minute of 100 °/s", Behaviour(act_s=0, turn_deg_s=100),
@@ -86,6 +91,7 @@ class Automatic:
     scale: Scale | None = None
     clips: bool = True
     unsteady: float = 0.0  # total irradiance of a packet off the median of all, the worst, relative
+    absolute_off: float | None = None  # the same in cd/m² off the truth; None: without a ring
 
 
 def judged(case: Case) -> list[Automatic]:
@@ -106,14 +112,24 @@ def judged(case: Case) -> list[Automatic]:
         [luminance(one.estimate.irradiance(_NORMALS)).mean() for one in recorded.packets["raw"]]
     )
     unsteady = float(np.abs(totals / np.median(totals) - 1).max())
+    absolute_off = _absolute_off(in_scene, recorded.packets["raw"], totals) if run.ring else None
     packets, scale = on_one_scale(in_scene, recorded.packets["raw"])
     figures = judge(in_scene, packets, run.judged_s, _HARMLESS)
     return [
         Automatic(
             run.scene.name, case.condition, figures.error_median, figures.error_p90,
-            figures.wrong_and_healthy, figures.flags, scale, case.clips, unsteady,
+            figures.wrong_and_healthy, figures.flags, scale, case.clips, unsteady, absolute_off,
         )
     ]  # fmt: skip
+
+
+def _absolute_off(
+    truth: Callable[[Packet], Light], packets: Sequence[Packet], totals: Array
+) -> float:
+    """Worst packet's total irradiance, on the scale that the ring tells, off the truth."""
+    found = totals * [one.estimate.cd_m2_per_unit or np.nan for one in packets]
+    true = np.array([luminance(truth(one).irradiance).mean() for one in packets])
+    return float(np.abs(found / (recording.RING_CD_M2_PER_UNIT * true) - 1).max())
 
 
 def darkened(scene: PanoramaScene) -> PanoramaScene:
@@ -146,6 +162,7 @@ HEAD = [
     "of 90 % of the packets, worst scene", "wrong and healthy, worst",
     "nothing clips: off the common scale, worst packet",
     "total irradiance off its median, worst packet",
+    "in cd/m² off the truth, worst packet",
     "stated sigma of the scale at the end, largest",
     "scale within 1σ, 3σ of the first packet's",
 ]  # fmt: skip
@@ -162,6 +179,7 @@ def rows(found: Sequence[Automatic]) -> list[list[str]]:
         dark = [one for one in found if one.condition == name and not one.clips]
         more = [one.error_median - still[one.scene] for one in some if one.scene in still]
         scales = [one.scale for one in dark or some if one.scale is not None]
+        absolute = [one.absolute_off for one in some if one.absolute_off is not None]
         sigmas = [scale.sigma for scale in scales if scale.sigma is not None]
         within_1 = [scale.within_1 for scale in scales if scale.within_1 is not None]
         within_3 = [scale.within_3 for scale in scales if scale.within_3 is not None]
@@ -174,6 +192,7 @@ def rows(found: Sequence[Automatic]) -> list[list[str]]:
             f"{100 * max(one.wrong_and_healthy for one in some):.0f} %",
             f"{100 * max(scale.off_worst for scale in scales):.1f} %",
             f"{100 * max(one.unsteady for one in some):.1f} %",
+            f"{100 * max(absolute):.0f} %" if absolute else "–",
             f"{100 * max(sigmas):.1f} %" if sigmas else "–",
             f"{100 * min(within_1):.0f} %, {100 * min(within_3):.0f} %" if within_1 else "–",
         ])  # fmt: skip

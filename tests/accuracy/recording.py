@@ -16,9 +16,11 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import cv2
+import numpy as np
 from judge import Packet
 from lightprobe.errors import LightprobeError, UsageError
 from lightprobe.estimate import Estimate, Frame
+from lightprobe.geometry import Array
 from lightprobe.imaging import camera as lenses
 from lightprobe.imaging.image import HDR_SUFFIXES
 from lightprobe.sim import scenes
@@ -101,12 +103,23 @@ MODULES = [
 ]
 
 
+#: Where highlights begin to bend, of full scale.
+KNEE_AT = 0.7
+
+
 @dataclass(frozen=True)
 class Pair:
     """Two modules instead of one camera: how the second differs."""
 
     later_s: float = 0.008
     sensitivity: tuple[float, float, float] = (1.0, 1.0, 1.0)  # R, G, B, against the first
+    gamma: float = 1.0  # of its response, against the first: light to this power
+    knee: float = 0.0  # full scale is so much more light, relative: highlights are compressed
+
+    def response(self, first: Array) -> Array:
+        """Linear light (256, 3) of each code of the second, by that of the first."""
+        bent = np.maximum(first - KNEE_AT, 0) / (1 - KNEE_AT)
+        return np.asarray(first**self.gamma + self.knee * bent**2)
 
 
 @dataclass(frozen=True)
@@ -169,6 +182,7 @@ def cameras(run: Run, world: World) -> list[SimulatedCamera]:
                 world, lens, (lens.width_px, lens.height_px), rate_hz=run.rate_hz,
                 row_time_us=run.row_time_us, seed=number, phase_s=number * run.pair.later_s,
                 white_balance=run.pair.sensitivity if number else (1.0, 1.0, 1.0),
+                response=run.pair.response(lens.response_table()) if number else None,
             )
         )  # fmt: skip
     return found
@@ -189,7 +203,8 @@ def record(run: Run) -> Recording:
     with contextlib.ExitStack() as stack:
         ring = stack.enter_context(LiveRing()) if run.ring else None
         if ring:
-            arguments += tuple(ring.daemon_arguments(RING_CD_M2_PER_UNIT))
+            known = None if run.is_relative else RING_CD_M2_PER_UNIT
+            arguments += tuple(ring.daemon_arguments(known))
         probe = stack.enter_context(LiveProbe(camera, arguments, faults=faults, others=others))
         if ring:
             light = RingLight(world, RING_CD_M2_PER_UNIT)

@@ -1,7 +1,7 @@
 """How good estimates of two fisheye modules back to back are, beside one 360° camera.
 
 Part of `make accuracy`; in simulated time, as live.py. The second module exposes 8 ms later; alike,
-or with 3 % more red and 3 % less blue. One scene takes two minutes:
+or with 3 % more red and 3 % less blue, or with another curve. One scene takes two minutes:
 
     build/venv/bin/python tests/accuracy/several.py --scene room --json
 """
@@ -26,6 +26,8 @@ CAMERAS: dict[str, tuple[str, Pair | None]] = {
     "one": ("one equirectangular camera", None),
     "alike": ("two fisheye modules, alike", Pair()),
     "other": ("two fisheye modules, 3 % different", Pair(sensitivity=(1.03, 1.0, 0.97))),
+    "gamma": ("two fisheye modules, of gamma 2.2 and 2.27", Pair(gamma=2.27 / 2.2)),
+    "knee": ("two fisheye modules, highlights of one bent by 3 %", Pair(knee=0.03)),
 }
 
 

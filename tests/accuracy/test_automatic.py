@@ -7,7 +7,9 @@ import pytest
 @pytest.fixture(scope="module")
 def figures():
     """Of the furnished room."""
-    todo = automatic.cases(["room"], ["still", "head", "lamps", "dark", "ignored", "breathes"])
+    todo = automatic.cases(
+        ["room"], ["still", "head", "lamps", "dark", "ignored", "breathes", "ring"]
+    )
     return {one.condition: one for case in todo for one in automatic.judged(case)}
 
 
@@ -24,6 +26,14 @@ def test_light_is_steady_while_the_exposure_breathes(figures):
     one = figures["breathes"]
     assert one.unsteady < 0.03
     assert one.error_median < figures["still"].error_median + 0.01
+
+
+def test_the_ring_gives_a_scale_to_exposures_that_nobody_tells(figures):
+    """In cd/m², while the exposure breathes by two stops to each side."""
+    one = figures["ring"]
+    assert one.flags["EXPOSURE_UNKNOWN"] == 1
+    assert one.absolute_off < 0.05  # each sensor is known to 3 %
+    assert one.unsteady < 0.03
 
 
 def test_a_lamp_is_not_taken_for_an_exposure(figures):

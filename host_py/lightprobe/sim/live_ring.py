@@ -56,12 +56,13 @@ class LiveRing:
         self.box.__exit__()
         self._folder.cleanup()
 
-    def daemon_arguments(self, cd_m2_per_unit: float, sigma: float = 0.02) -> list[str]:
-        """Options for lightprobed; `sigma`: relative, of the scale."""
-        return [
-            f"--ring=mcu:serial:{self.line}?calibration={self._file}",
-            f"--cd-m2-per-unit={cd_m2_per_unit}", f"--cd-m2-per-unit-sigma={sigma}",
-        ]  # fmt: skip
+    def daemon_arguments(self, cd_m2_per_unit: float | None, sigma: float = 0.02) -> list[str]:
+        """Options for lightprobed; `sigma`: relative, of the scale; None: the ring finds it."""
+        arguments = [f"--ring=mcu:serial:{self.line}?calibration={self._file}"]
+        if cd_m2_per_unit is not None:
+            arguments.append(f"--cd-m2-per-unit={cd_m2_per_unit}")
+            arguments.append(f"--cd-m2-per-unit-sigma={sigma}")
+        return arguments
 
     def shine(self, lux_now: Callable[[], Array]) -> None:
         """From now on nine illuminances fall on the sensors, asked for every PERIOD_US."""
