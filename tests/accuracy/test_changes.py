@@ -102,15 +102,19 @@ def test_a_daemon_follows_switches(exposures: str, most_frames: dict[str, int]) 
 @pytest.mark.parametrize("exposures", ["reported", "unreported"])
 def test_a_lamp_that_flickers_is_its_mean(exposures: str) -> None:
     at_100_hz = next(case for case in changes.of_scene(Room(), exposures) if case.mains_hz == 100)
-    run = replace(at_100_hz.run, judged_s=6.0)
-    for one in changes.judged(replace(at_100_hz, run=run)):
-        assert isinstance(one, changes.Ripple)
+    recorded = recording.record(replace(at_100_hz.run, judged_s=6.0))
+    for name, packets in recorded.packets.items():
+        settled = [one for one in packets if one.captured_s > 3.0]  # all phases have been seen
+        one = changes.flicker(recorded.world, settled, ("room", exposures, name), 100.0)
         assert one.listed == 1
-        assert abs(one.bias) < 0.05
         if exposures == "reported":
+            assert abs(one.bias) < 0.05
             assert one.flagged == 1
-            assert one.ripple < 0.15  # before all phases have been seen equally often
-        else:  # the shortest exposure comes but three times in nine frames
+            assert one.ripple < 0.15
+        else:  # the shortest exposure comes but three times in nine frames, not in all phases alike
+            strongest = max(settled[-1].estimate.lights, key=lambda light: light.irradiance[1])
+            sigma = strongest.irradiance_sigma[1] / strongest.irradiance[1]
+            assert abs(one.bias) < min(2 * sigma, 0.15)
             assert one.flagged > 0.7
 
 

@@ -291,7 +291,7 @@ def pfm(radiance: np.ndarray) -> bytes:
 class Camera:
     """The simulator's end of the link, sending what the test tells it to."""
 
-    HEADER = struct.Struct("<4sIQ4sIIIQqffII")
+    HEADER = struct.Struct("<4sIQ4sIIIQqffII5ff")
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -355,6 +355,8 @@ class Camera:
             1.0,
             flags,
             0,
+            *[math.nan] * 5,  # no orientation
+            0.0,  # µs: all rows at once
         )
         self.link.sendall(header + payload[: len(payload) - cut])
 

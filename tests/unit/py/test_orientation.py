@@ -61,7 +61,8 @@ def test_a_nodding_camera_sees_lamps_where_the_truth_has_them():
 
 def test_nodding_smears_a_long_exposure():
     """The light of 90 ms is the mean of twelve moments in them."""
-    long = picture(camera(0.0, nod_deg=40.0, pixel_format="RGBF"), 0, 90_000)
+    slow = camera(0.0, nod_deg=40.0, pixel_format="RGBF", rate_hz=1 / 0.09)
+    long = picture(slow, 0, 90_000)
     fast = camera(0.0, nod_deg=40.0, pixel_format="RGBF", rate_hz=12 / 0.09)
     moments = np.stack([picture(fast, k, 7_500) for k in range(12)])
     smear = np.abs(moments[5] - moments.mean(axis=0)).mean()
@@ -80,10 +81,12 @@ def test_each_row_of_a_nodding_camera_is_of_its_own_time():
     rows = rolling.world.rows(state, rolling._rows_s, 1e-5)
     assert np.ptp(rows.nod_offset_deg) > 1
     assert state.nod_deg + rows.nod_offset_deg[0] == pytest.approx(
-        rolling.world.at(0.1, 1e-5).nod_deg
+        rolling.world.at(rolling.start_s(1, shot), 1e-5).nod_deg
     )
     whole = camera(0.0, nod_deg=30.0, pixel_format="RGBF")
-    whole.state = lambda frame, shot: rolling.world.at(0.1, 1e-5)  # as the first row
+    whole.state = lambda frame, shot: rolling.world.at(
+        rolling.start_s(1, shot), 1e-5
+    )  # as the first row
     first, single = (np.frombuffer(c.frame(1, shot), "<f4") for c in (rolling, whole))
     assert (first[: 256 * 3] == single[: 256 * 3]).all()
     assert (first[-256 * 300 :] != single[-256 * 300 :]).any()
