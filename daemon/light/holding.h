@@ -22,6 +22,6 @@ struct lp_panorama;
 void lp_hold_lamps(struct lp_lamp_memory *memory, struct lp_detection *detection,
 		   const struct lp_panorama *panorama, float mean, float elapsed_s);
 
-#define LP_BORDERS_S 1.0F
+#define LP_BORDERS_S 4.0F
 
 #endif

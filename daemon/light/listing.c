@@ -118,26 +118,52 @@ static void enter(struct lp_listing *listing, uint32_t id, float share)
 		*free = (struct lp_listed){.id = id, .share = share};
 }
 
-/* A lamp outside that has been stronger for long enough sends the weakest one off. */
+/* Into a list of `count`, strongest first. */
+static void insert_by_rank(const struct lp_light *list[], int count, const struct lp_light *light)
+{
+	for (; count > 0 && lp_light_rank(list[count - 1]) < lp_light_rank(light); count--)
+		list[count] = list[count - 1];
+	list[count] = light;
+}
+
+/* For how long a lamp has outshone another. */
+static float challenged_s(const struct lp_listing *listing, uint32_t id)
+{
+	for (int k = 0; k < LP_MAX_LIGHTS; k++)
+		if (listing->challengers[k].id == id)
+			return listing->challengers[k].seconds;
+	return 0.0F;
+}
+
+/* Lamps outside that have been stronger for long enough send others off: the strongest the weakest,
+ * the next the next, all at the same time. As many of them as places are becoming free enter
+ * without. */
 static void challenge(struct lp_listing *listing, const struct lp_light_estimate *estimate,
 		      const struct lp_light_estimate *candidates, float elapsed_s)
 {
-	const struct lp_light *outside = strongest_outside(listing, candidates);
-	struct lp_listed *last = weakest(listing, estimate);
+	const struct lp_light *outside[LP_MAX_LIGHTS], *inside[LP_MAX_LIGHTS];
+	struct lp_challenger challengers[LP_MAX_LIGHTS] = {0};
+	int outside_count = 0, inside_count = 0;
 
-	if (!outside || !last ||
-	    lp_light_rank(outside) < OUTSHINES * lp_light_rank(find(estimate, last->id))) {
-		listing->challenger = 0;
-		return;
+	for (int k = 0; k < candidates->light_count; k++)
+		if (!place_of(listing, candidates->lights[k].id))
+			insert_by_rank(outside, outside_count++, &candidates->lights[k]);
+	for (int p = 0; p < LP_MAX_LIGHTS; p++)
+		if (listing->place[p].id && !listing->place[p].leaves)
+			insert_by_rank(inside, inside_count++,
+				       find(estimate, listing->place[p].id));
+	for (int k = listing->lights - inside_count; k < outside_count && inside_count > 0; k++) {
+		const struct lp_light *last = inside[--inside_count];
+		const float seconds = challenged_s(listing, outside[k]->id) + elapsed_s;
+
+		if (lp_light_rank(outside[k]) < OUTSHINES * lp_light_rank(last))
+			break;
+		if (seconds > PATIENCE_S)
+			place_of(listing, last->id)->leaves = true;
+		else
+			challengers[k] = (struct lp_challenger){outside[k]->id, seconds};
 	}
-	if (listing->challenger != outside->id)
-		listing->challenged_s = 0.0F;
-	listing->challenger = outside->id;
-	listing->challenged_s += elapsed_s;
-	if (listing->challenged_s > PATIENCE_S) {
-		last->leaves = true;
-		listing->challenger = 0;
-	}
+	memcpy(listing->challengers, challengers, sizeof(challengers));
 }
 
 /* candidates: the lights of the estimate that may enter. */

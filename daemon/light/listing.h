@@ -29,13 +29,18 @@ struct lp_listed {
 	bool leaves;
 };
 
+/* A lamp outside that outshines one inside, and for how long. */
+struct lp_challenger {
+	uint32_t id; /* 0: none */
+	float seconds;
+};
+
 struct lp_listing {
 	bool started;
 	int64_t t_ns;	      /* of the estimate listed last */
 	int sh_order, lights; /* the model in force */
 	float unfit_s;	      /* how long another model would have done better */
-	uint32_t challenger;  /* a lamp outside that outshines one inside */
-	float challenged_s;   /* for so long */
+	struct lp_challenger challengers[LP_MAX_LIGHTS];
 	struct lp_listed place[LP_MAX_LIGHTS];
 };
 

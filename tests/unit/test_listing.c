@@ -161,6 +161,28 @@ static void test_a_stronger_lamp_takes_over(void **state)
 	assert_float_equal(strong, 1.0F, 0.0F);
 }
 
+/* Several lamps outshine the weakest ones, as after the first frames, before the exposures fit: all
+ * have taken over when patience and fading are past, not one after the other. */
+static void test_several_take_over_at_once(void **state)
+{
+	struct lp_listing listing = {0};
+	struct lp_light_estimate listed;
+
+	(void)state;
+	for (int n = 0; n < 30; n++) {
+		const float later = n < 2 ? 0.1F : 6.0F;
+		const float strengths[] = {4.0F,  3.0F,		2.0F,	      1.0F,
+					   later, later + 1.0F, later + 2.0F, 1.2F};
+		const struct lp_light_estimate e = at(n, strengths, 8);
+
+		lp_listing_update(&listing, &e, &four, &listed);
+	}
+	assert_int_equal(listed.light_count, 4);
+	assert_float_equal(share_of(&listed, 1, 4.0F), 1.0F, 0.0F);
+	for (uint32_t id = 5; id <= 7; id++)
+		assert_true(share_of(&listed, id, 1.0F + (float)id) > 0.0F);
+}
+
 /* What is not in the list is in AMBIENT, to the last share. */
 static void test_shares_add_up(void **state)
 {
@@ -253,6 +275,7 @@ int main(void)
 		cmocka_unit_test(test_noise_moves_nothing),
 		cmocka_unit_test(test_reflections_are_left_out),
 		cmocka_unit_test(test_a_stronger_lamp_takes_over),
+		cmocka_unit_test(test_several_take_over_at_once),
 		cmocka_unit_test(test_shares_add_up),
 		cmocka_unit_test(test_models_do_not_flicker),
 		cmocka_unit_test(test_edges),
