@@ -1,50 +1,51 @@
 """Automatic exposure: light stays on one scale, and says how certainly."""
 
+from functools import cache
+
 import automatic
 import pytest
 
 
-@pytest.fixture(scope="module")
-def figures():
-    """Of the furnished room."""
-    todo = automatic.cases(
-        ["room"], ["still", "head", "lamps", "dark", "ignored", "breathes", "ring"]
-    )
-    return {one.condition: one for case in todo for one in automatic.judged(case)}
+@cache
+def figures(condition: str) -> automatic.Automatic:
+    """Of the furnished room; once in each process that asks."""
+    (case,) = automatic.cases(["room"], [condition])
+    (one,) = automatic.judged(case)
+    return one
 
 
 @pytest.mark.parametrize("condition", ["head", "ignored"])
-def test_turning_leaves_the_scale(figures, condition):
-    one = figures[condition]
-    assert one.error_median < figures["still"].error_median + 0.02
+def test_turning_leaves_the_scale(condition):
+    one = figures(condition)
+    assert one.error_median < figures("still").error_median + 0.02
     assert one.wrong_and_healthy == 0
     assert one.scale.off_worst < 0.02
     assert one.flags["EXPOSURE_UNKNOWN"] == 1
 
 
-def test_light_is_steady_while_the_exposure_breathes(figures):
-    one = figures["breathes"]
+def test_light_is_steady_while_the_exposure_breathes():
+    one = figures("breathes")
     assert one.unsteady < 0.03
-    assert one.error_median < figures["still"].error_median + 0.01
+    assert one.error_median < figures("still").error_median + 0.01
 
 
-def test_the_ring_gives_a_scale_to_exposures_that_nobody_tells(figures):
+def test_the_ring_gives_a_scale_to_exposures_that_nobody_tells():
     """In cd/m², while the exposure breathes by two stops to each side."""
-    one = figures["ring"]
+    one = figures("ring")
     assert one.flags["EXPOSURE_UNKNOWN"] == 1
     assert one.absolute_off < 0.05  # each sensor is known to 3 %
     assert one.unsteady < 0.03
 
 
-def test_a_lamp_is_not_taken_for_an_exposure(figures):
-    one = figures["lamps"]
+def test_a_lamp_is_not_taken_for_an_exposure():
+    one = figures("lamps")
     assert one.error_median < 0.1  # lamps clip
     assert 0 < one.scale.sigma < 0.2
 
 
-def test_all_light_at_once_is_doubtful(figures):
-    one = figures["dark"]
-    assert one.error_median < figures["still"].error_median + 0.02
+def test_all_light_at_once_is_doubtful():
+    one = figures("dark")
+    assert one.error_median < figures("still").error_median + 0.02
     assert one.scale.sigma > 0.5
 
 

@@ -149,11 +149,6 @@ def test_spoiled_frames_are_counted_and_the_light_goes_on(tmp_path, probe):
     assert [len(estimate.lights) for estimate in estimates] == [1] * len(estimates)
 
 
-@pytest.mark.xfail(
-    strict=False,
-    reason="not mended wholly: where commands are late by very different times, a few packets may "
-    "be wrong without a flag",
-)
 @pytest.mark.parametrize("delay_frames", [1, 4])
 def test_no_wrong_merge_of_a_late_camera_that_tells_no_exposure(tmp_path, probe, delay_frames):
     """Ten stops between room and a lamp smaller than a hundredth of the picture; lost frames. A

@@ -465,6 +465,8 @@ def messages_of(raw, meanwhile=lambda: None):
         size, start = data[1], 2
         if size == 126:
             size, start = int.from_bytes(data[2:4], "big"), 4
+        if len(data) < start + size:  # no more of it was read
+            break
         message = pb.FromProbe.FromString(data[start : start + size])
         data = data[start + size :]
         if message.WhichOneof("message") == "estimate":
