@@ -110,6 +110,7 @@ struct filler {
 	bool uneven(int by) const;
 	int seen_of(int bx, int by) const;
 	void skip(size_t first);
+	void count_in(const int *four, int inside);
 	void row(const lp::block_row &row, int by, bool grey);
 	void exact(const lp::block_picture &picture, int block);
 };
@@ -137,6 +138,18 @@ void filler::skip(size_t first)
 	for (int k = 0; k < 4; k++)
 		cv::v_store(cells->radiance[first + k], cv::v_setzero_f32());
 	std::memset(cells->clipped + first, 0, 4);
+}
+
+/* The luma of four blocks, of those that are `inside`. Mostly all of them are. */
+void filler::count_in(const int *four, int inside)
+{
+	if (inside == 15) {
+		luma += four[0] + four[1] + four[2] + four[3];
+		count += 4;
+		return;
+	}
+	for (int bits = inside; bits; bits &= bits - 1, count++)
+		luma += four[__builtin_ctz(bits)];
 }
 
 /* Stores reach up to three cells past the row: into the next row, which comes later, or the margin.
@@ -186,9 +199,7 @@ void filler::row(const lp::block_row &row, int by, bool grey)
 			else
 				found.add(static_cast<int>(first) + k, row.variance[k]);
 		}
-		for (int bits = inside; bits; bits &= bits - 1)
-			luma += row.luma[bx + __builtin_ctz(bits)];
-		count += __builtin_popcount(inside);
+		count_in(row.luma + bx, inside);
 	}
 }
 
