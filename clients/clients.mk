@@ -35,7 +35,7 @@ soak-page: web build $(BUILD)/scenes/blender.stamp ## show the live viewer of th
 	@cd $(JS) && node dist/test/soak.js
 
 .PHONY: web-pictures
-web-pictures: web build $(BUILD)/scenes/blender.stamp ## take the pictures of the viewer in docs/users/web.md again, in Chromium
+web-pictures: web build $(BUILD)/scenes/blender.stamp ## take pictures of the viewer in Chromium, on a desktop and on a phone: docs/users/web_*.jpg, or in PICTURES=folder
 	@cd $(JS) && node dist/test/pictures.js
 
 # The Blender extension, and the real Blender to test it: bpy from PyPI, in a Python of its own.

@@ -136,8 +136,8 @@ static float challenged_s(const struct lp_listing *listing, uint32_t id)
 }
 
 /* Lamps outside that have been stronger for long enough send others off: the strongest the weakest,
- * the next the next, all at the same time. As many of them as places are becoming free enter
- * without. */
+ * the next one the next weakest, all at the same time. Where places are becoming free already, so
+ * many of the strongest outside need not wait. */
 static void challenge(struct lp_listing *listing, const struct lp_light_estimate *estimate,
 		      const struct lp_light_estimate *candidates, float elapsed_s)
 {

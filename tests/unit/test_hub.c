@@ -659,6 +659,13 @@ static void test_pictures_are_refused_unless_the_owner_allows_them(void **state)
 	assert_false(picture_is_due());
 }
 
+/* What the client is answered. */
+static lightprobe_v1_FromProbe answer_to(struct lp_client *client, pb_size_t which)
+{
+	assert_int_equal(ask(client, which), 0);
+	return decode_packet(client->packets[client->count - 1]);
+}
+
 static void test_sweeps_on_request(void **state)
 {
 	struct lp_client *client = join(0);
@@ -666,18 +673,14 @@ static void test_sweeps_on_request(void **state)
 
 	(void)state;
 	sweep_result = 0;
-	assert_int_equal(ask(client, lightprobe_v1_FromClient_start_sweep_tag), 0);
-	message = decode_packet(client->packets[client->count - 1]);
+	message = answer_to(client, lightprobe_v1_FromClient_start_sweep_tag);
 	assert_int_equal(message.which_message, lightprobe_v1_FromProbe_sweep_started_tag);
 	assert_int_equal(message.message.sweep_started.done_at, 12);
 	sweep_result = -EOPNOTSUPP;
-	assert_int_equal(ask(client, lightprobe_v1_FromClient_start_sweep_tag), 0);
-	message = decode_packet(client->packets[client->count - 1]);
+	message = answer_to(client, lightprobe_v1_FromClient_start_sweep_tag);
 	assert_int_equal(message.message.error.code, -EOPNOTSUPP);
 	assert_contains(message.message.error.text, "sweep: it stays — turn it");
 }
-
-#define HUB_TEST(test) cmocka_unit_test_setup_teardown(test, setup, teardown)
 
 static void test_stills_on_request(void **state)
 {
@@ -686,17 +689,17 @@ static void test_stills_on_request(void **state)
 
 	(void)state;
 	stills_result = 2;
-	assert_int_equal(ask(client, lightprobe_v1_FromClient_take_stills_tag), 0);
-	message = decode_packet(client->packets[client->count - 1]);
+	message = answer_to(client, lightprobe_v1_FromClient_take_stills_tag);
 	assert_int_equal(message.which_message, lightprobe_v1_FromProbe_stills_asked_tag);
 	assert_int_equal(message.message.stills_asked.cameras, 2);
 	stills_result = -EAGAIN;
-	assert_int_equal(ask(client, lightprobe_v1_FromClient_take_stills_tag), 0);
-	message = decode_packet(client->packets[client->count - 1]);
+	message = answer_to(client, lightprobe_v1_FromClient_take_stills_tag);
 	assert_int_equal(message.message.error.code, -EAGAIN);
 	assert_contains(message.message.error.text, "stills: none is ready — plug it in");
 	assert_int_equal(health.report.requests_rejected, 1);
 }
+
+#define HUB_TEST(test) cmocka_unit_test_setup_teardown(test, setup, teardown)
 
 int main(void)
 {

@@ -1,27 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 /** In headless Chromium: pixels against the formulas, and reflections of a live lamp. */
 import assert from "node:assert/strict";
-import { after, before, test } from "node:test";
-import type { Browser, Page } from "playwright-core";
+import { test } from "node:test";
+import type { Page } from "playwright-core";
 import { create, toBinary } from "@bufbuild/protobuf";
 import { decode, irradiance, largest, reflected, type Estimate, type ReflectionMap, type Vec3 } from "../src/index.js";
 import * as pb from "../src/gen/lightprobe_pb.js";
-import { LONG_MS, launch, pageWith } from "./chromium.js";
-import { LiveDaemon } from "./daemon.js";
+import { LONG_MS, pageWith } from "./chromium.js";
+import { live } from "./live.js";
 import { packets } from "./packets.js";
 
-let browser: Browser;
-const daemon = new LiveDaemon();
-
-before(async () => {
-  await daemon.start();
-  browser = await launch();
-}, { timeout: LONG_MS });
-
-after(async () => {
-  await browser?.close();
-  daemon.kill();
-});
+const session = live(), { daemon } = session;
 
 // ---------------------------------------------------------------- pixels
 
@@ -45,7 +34,7 @@ function packet(name: string): Estimate {
 }
 
 let numbers: Page | undefined;
-const numbersPage = async (): Promise<Page> => (numbers ??= await pageWith(browser, "sphere.ts"));
+const numbersPage = async (): Promise<Page> => (numbers ??= await pageWith(session.browser, "sphere.ts"));
 
 type Sphere = (estimate: Estimate, count: number, turn: number[]) => { normal: Vec3; colour: Vec3 }[];
 
@@ -135,7 +124,7 @@ test("WebXR's cube map is looked up where the map lies", { timeout: LONG_MS }, a
 });
 
 test("a mirror ball shows the live lamp where it is", { timeout: LONG_MS }, async () => {
-  const found = await packets(browser, daemon.port, { size: 32, rateHz: 30 });
+  const found = await packets(session.browser, daemon.port, { size: 32, rateHz: 30 });
   const [estimate, message] = [found.estimate, found.map].map((bytes) => decode(Uint8Array.from(bytes)));
   assert.ok(estimate?.kind === "estimate" && message?.kind === "reflectionMap");
   const map = message.reflectionMap, lamp = estimate.estimate.lights[0]!.direction;

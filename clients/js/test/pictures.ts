@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/** `make web-pictures`: the viewer of `lightprobe demo` as docs/users/web.md shows it, on a desktop and on a phone. */
+/** `make web-pictures`: pictures of the viewer of `lightprobe demo`, on a desktop and on a phone. */
 import { resolve } from "node:path";
 import { LONG_MS, launch } from "./chromium.js";
 import { open, startDemo } from "./demo.js";

@@ -4,31 +4,21 @@ import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { createServer } from "node:http";
 import { resolve } from "node:path";
-import { after, before, test } from "node:test";
+import { test } from "node:test";
 import { fromBinary } from "@bufbuild/protobuf";
-import type { Browser, Page } from "playwright-core";
+import type { Page } from "playwright-core";
 import { decode } from "../src/index.js";
 import * as pb from "../src/gen/lightprobe_pb.js";
 import { LONG_MS, launch } from "./chromium.js";
 import { LiveDaemon, WEB } from "./daemon.js";
 import { redCube } from "./gltf.js";
+import { live } from "./live.js";
 
-let browser: Browser;
-const daemon = new LiveDaemon();
-
-before(async () => {
-  await daemon.start();
-  browser = await launch();
-}, { timeout: LONG_MS });
-
-after(async () => {
-  await browser?.close();
-  daemon.kill();
-});
+const session = live(), { daemon } = session;
 
 /** The viewer in a window of this size; it fails on errors of the page and on requests to elsewhere. */
 async function viewer(width: number, height: number, query = ""): Promise<{ page: Page; faults: string[] }> {
-  const page = await browser.newPage({ viewport: { width, height }, reducedMotion: "reduce" });
+  const page = await session.browser.newPage({ viewport: { width, height }, reducedMotion: "reduce" });
   const faults: string[] = [];
   page.on("pageerror", (error) => faults.push(error.message));
   page.on("console", (message) => { if (message.type() === "error") faults.push(message.text()); });
@@ -161,7 +151,7 @@ test("what is asked of the probe, it is asked, and shows", { timeout: 4 * LONG_M
 
 test("a probe without reflection maps is not asked for one", { timeout: 2 * LONG_MS }, async () => {
   const other = await new LiveDaemon().start(undefined, "--reflection-map=off");
-  const page = await browser.newPage({ viewport: { width: 500, height: 400 } });
+  const page = await session.browser.newPage({ viewport: { width: 500, height: 400 } });
   await page.goto(`http://127.0.0.1:${other.port}/`);
   await lit(page);
   assert.ok(await page.locator("#use-map").isDisabled());
@@ -247,7 +237,7 @@ test("without WebGL a sentence says what to do, and all but the picture works", 
 test("a page of another origin gets nothing", { timeout: LONG_MS }, async () => {
   const elsewhere = createServer((_, answer) => answer.setHeader("content-type", "text/html").end("<!doctype html>"));
   await new Promise<void>((done) => { elsewhere.listen(0, "127.0.0.1", done); });
-  const page = await browser.newPage();
+  const page = await session.browser.newPage();
   await page.goto(`http://127.0.0.1:${(elsewhere.address() as { port: number }).port}/`);
   const ask = (target: number): Promise<string> => page.evaluate((where) => new Promise<string>((done) => {
     const socket = new WebSocket(`ws://127.0.0.1:${where}/`, "lightprobe.v1");

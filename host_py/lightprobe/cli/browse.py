@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+import json
 import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING, TypeVar
 
+import typer
 from zeroconf import Error, InterfaceChoice, ServiceBrowser, ServiceInfo, ServiceListener, Zeroconf
 
 from lightprobe.errors import LightprobeError
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+Found = TypeVar("Found", bound="DataclassInstance")
 
 
 class _Names(ServiceListener):
@@ -54,6 +64,26 @@ def _resolve(network: Zeroconf, service_type: str, name: str) -> ServiceInfo | N
         return network.get_service_info(service_type, name)
     except Error:  # a name that breaks the rules
         return None
+
+
+def show(
+    found: Sequence[Found],
+    silent: Sequence[str],
+    line: Callable[[Found], str],
+    nobody: str,
+    *,
+    as_json: bool,
+) -> None:
+    """Print what was found, `line` by line or as JSON; LightprobeError `nobody` without any."""
+    for name in silent:
+        typer.echo(f"note: {name}: announced, but it does not say where it is", err=True)
+    if as_json:
+        typer.echo(json.dumps([asdict(one) for one in found], indent=2))
+    if not found:
+        raise LightprobeError(nobody)
+    if not as_json:
+        for one in found:
+            typer.echo(line(one))
 
 
 def short(name: str, service_type: str) -> str:

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Annotated
 
 import typer
 from zeroconf import ServiceInfo
 
 from lightprobe.cli import check
-from lightprobe.cli.browse import browse, printable, short
+from lightprobe.cli.browse import browse, printable, short, show
 from lightprobe.cli.find_cameras import list_cameras
-from lightprobe.errors import LightprobeError
 
 SERVICE_TYPE = "_lightprobe._tcp.local."
 
@@ -58,25 +56,23 @@ def command(
         list_cameras(seconds, interface, as_json=as_json)
         return
     found, silent = find(seconds, interface)
-    for name in silent:
-        typer.echo(f"note: {name}: announced, but it does not say where it is", err=True)
-    if as_json:
-        typer.echo(json.dumps([asdict(one) for one in found], indent=2))
-    if not found:
-        raise LightprobeError(
-            f"find: no probe announced itself in {seconds:g} s: on the probe, avahi-daemon must "
-            "run, and /etc/avahi/services/ have packaging/avahi/lightprobe.service; both machines "
-            "must be in one network"
+    show(
+        found, silent, _line,
+        f"find: no probe announced itself in {seconds:g} s: on the probe, avahi-daemon must "
+        "run, and /etc/avahi/services/ have packaging/avahi/lightprobe.service; both machines "
+        "must be in one network",
+        as_json=as_json,
+    )  # fmt: skip
+    if not as_json and any(one.scheme == "wss" for one in found):
+        typer.echo(
+            "note: add to an https: address what `lightprobe pair` prints there from # on",
+            err=True,
         )
-    if not as_json:
-        for one in found:
-            where = one.uri or f"scheme {one.scheme!r}: unknown, try a newer lightprobe"
-            typer.echo(f"{one.name}: {where} ({', '.join(one.addresses)})")
-        if any(one.scheme == "wss" for one in found):
-            typer.echo(
-                "note: add to an https: address what `lightprobe pair` prints there from # on",
-                err=True,
-            )
+
+
+def _line(one: Announcement) -> str:
+    where = one.uri or f"scheme {one.scheme!r}: unknown, try a newer lightprobe"
+    return f"{one.name}: {where} ({', '.join(one.addresses)})"
 
 
 def find(seconds: float, interface: str | None = None) -> tuple[list[Announcement], list[str]]:

@@ -9,13 +9,12 @@ from __future__ import annotations
 import http.client
 import ipaddress
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import typer
 from zeroconf import ServiceInfo
 
-from lightprobe.cli.browse import browse, printable, short
-from lightprobe.errors import LightprobeError
+from lightprobe.cli.browse import browse, printable, short, show
 
 SERVICE_TYPE = "_osc._tcp.local."
 _PATIENCE_S = 3.0
@@ -44,19 +43,13 @@ def list_cameras(seconds: float, interface: str | None, *, as_json: bool) -> Non
             cameras.append(camera)
         else:
             typer.echo(f"note: {short(info.name, SERVICE_TYPE)}: {camera}", err=True)
-    for name in silent:
-        typer.echo(f"note: {name}: announced, but it does not say where it is", err=True)
-    if as_json:
-        typer.echo(json.dumps([asdict(one) for one in cameras], indent=2))
-    if not cameras:
-        raise LightprobeError(
-            f"find: no camera announced itself in {seconds:g} s: a THETA does so in client mode; "
-            "it must be awake, and in the network of this machine. In the camera's own Wi-Fi it "
-            "is osc:192.168.1.1; with a cable see its screen for the address"
-        )
-    if not as_json:
-        for one in cameras:
-            typer.echo(_line(one))
+    show(
+        cameras, silent, _line,
+        f"find: no camera announced itself in {seconds:g} s: a THETA does so in client mode; "
+        "it must be awake, and in the network of this machine. In the camera's own Wi-Fi it "
+        "is osc:192.168.1.1; with a cable see its screen for the address",
+        as_json=as_json,
+    )  # fmt: skip
 
 
 def _line(camera: Camera) -> str:

@@ -6,19 +6,16 @@ import subprocess
 import time
 
 import pytest
-from camera import load_drivers
-from machine import modprobe, run, wait_for
+from machine import run, wait_for
 from room import assert_room, wait_whole_bracket
-from udev import settle, start_udev
+from udev import prepare_libcamera, settle
 
 SMALL = "size=640x320"
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _drivers():
-    load_drivers()
-    modprobe("firmware_node")
-    start_udev()
+    prepare_libcamera()
 
 
 @pytest.fixture

@@ -4,8 +4,7 @@
 import pytest
 from camera import load_drivers
 from contract import check_corrupt_frames_first, check_only_corrupt_frames
-from machine import modprobe
-from udev import settle, start_udev
+from udev import prepare_libcamera, settle
 
 SMALL = "size=640x320&format=grey"
 
@@ -13,9 +12,7 @@ SMALL = "size=640x320&format=grey"
 @pytest.fixture(scope="module", autouse=True)
 def _flagged():
     """Deliver frames with errors, with a flag."""
-    load_drivers(nodrop=1)
-    modprobe("firmware_node")
-    start_udev()
+    prepare_libcamera(nodrop=1)
     settle()
     yield
     load_drivers(nodrop=0)

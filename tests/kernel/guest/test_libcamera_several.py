@@ -4,10 +4,8 @@
 import time
 
 import pytest
-from camera import load_drivers
-from machine import modprobe
 from modules import CAMERA_FILES, PARTIAL_VIEW, STILL, make_modules, wait_room
-from udev import settle, start_udev
+from udev import prepare_libcamera, settle
 
 # libcamera's names leave out which bus a camera is on: these two differ by their product.
 USB = ("1d6b:0102", "1d6b:0103")
@@ -16,9 +14,7 @@ STREAMING = 3
 
 @pytest.fixture(scope="module", autouse=True)
 def _drivers():
-    load_drivers()
-    modprobe("firmware_node")
-    start_udev()
+    prepare_libcamera()
 
 
 @pytest.fixture

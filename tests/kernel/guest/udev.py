@@ -4,7 +4,8 @@
 import shutil
 from pathlib import Path
 
-from machine import run
+from camera import load_drivers
+from machine import modprobe, run
 
 RULES = Path(__file__).resolve().parents[3] / "packaging" / "udev" / "70-lightprobe.rules"
 
@@ -21,3 +22,10 @@ def start_udev() -> None:
 def settle() -> None:
     """Wait until all events are handled."""
     run("udevadm", "settle", "--timeout=60", timeout_s=90)
+
+
+def prepare_libcamera(nodrop: int = 0) -> None:
+    """Load the drivers of cameras, and what libcamera finds them by; nodrop: see load_drivers()."""
+    load_drivers(nodrop=nodrop)
+    modprobe("firmware_node")
+    start_udev()
