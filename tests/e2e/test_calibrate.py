@@ -49,15 +49,17 @@ def test_the_delay_of_a_camera_is_found_and_written(tmp_path, delay):
     out.write_text("; mine\n[camera]\nprojection = equirect\nwidth_px = 640\nheight_px = 320\n")
     with simulated(tmp_path, "--delay-frames", str(delay)) as socket:
         done = lightprobe(
-            "calibrate", "exposure", f"sim:{socket}?hide_exposure=1", "--output", out, "--json"
-        )
+            "calibrate", "exposure", f"sim:{socket}?hide_exposure=1&late_ms=8", "--output", out,
+            "--json",
+        )  # fmt: skip
     report = json.loads(done.stdout)
     assert report["follows"]
-    assert report["delay_frames"] == delay
+    # A command that answers a frame 8 ms late finds the next one begun: it is read without it.
+    assert report["delay_frames"] == 1 + delay
     assert report["linearity_error"] < 0.05
     text = out.read_text()
     assert text.startswith("; mine\n[camera]\n")
-    assert f"[v4l2]\nexposure_delay_frames = {delay}\n" in text
+    assert f"[v4l2]\nexposure_delay_frames = {1 + delay}\n" in text
 
 
 def test_frames_that_tell_their_exposure_are_compared_with_it(tmp_path):

@@ -39,7 +39,7 @@ void lp_exposure_guess_late(struct lp_exposure_guess *guess, int64_t now_ns)
 	guess->seen_after = false;
 }
 
-/* Frames after the first one begun after the command: -1 for those begun before it. */
+/* Frames after the first one read after the command: -1 for those read before it. */
 static int64_t age_frames(struct lp_exposure_guess *guess, uint64_t sequence, int64_t read_ns)
 {
 	if (!guess->seen_after && read_ns > guess->commanded_ns) {

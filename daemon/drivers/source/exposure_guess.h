@@ -17,7 +17,7 @@ struct lp_exposure_guess {
 	int longest_frames; /* that it may be where it is not known; 5 */
 	bool pending;	    /* the command's frame may still be to come */
 	int64_t commanded_ns;
-	bool seen_after; /* a frame begun after the command has been seen: the one below */
+	bool seen_after; /* a frame read after the command has been seen: the one below */
 	uint64_t first_after;
 	float exposure_us, gain;	       /* in force once settled; NAN: unknown */
 	float before_exposure_us, before_gain; /* until then */

@@ -2,7 +2,7 @@
 
 A step of the schedule turns the picture of the old exposure into that of the new one; where on the
 way between them a frame lies tells which it had, whatever the response. The delay is counted as
-the driver counts (docs/users/cameras.md): frames begun after the command and before the first that
+the driver counts (docs/users/cameras.md): frames read after the command and before the first that
 obeys.
 """
 
@@ -153,12 +153,12 @@ def _judge(old: Sequence[_Look], new: Sequence[_Look]) -> Change:
 
 
 def _delay(old: Sequence[_Look], new: Sequence[_Look], arrived: int) -> int | None:
-    """Frames begun after the command and before new[arrived]; None when some are missing."""
+    """Frames read after the command and before new[arrived]; None when some are missing."""
     frames = [look.frame for look in new]
     last_old = frames[arrived - 1] if arrived else old[-1].frame
     if frames[arrived].sequence - last_old.sequence != 1:
         return None
-    begun = next((f for f in frames if f.t_read_ns > f.t_command_ns), None)
-    if begun is None:
+    first = next((f for f in frames if f.t_read_ns > f.t_command_ns), None)
+    if first is None:
         return None
-    return max(0, frames[arrived].sequence - begun.sequence)
+    return max(0, frames[arrived].sequence - first.sequence)
