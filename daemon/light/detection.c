@@ -20,9 +20,11 @@ static const struct lp_peak_options peak_options = {.floor_ratio = 2.0F,
 						    .persistence_ratio = LP_PEAK_STANDS_OUT,
 						    .core_ratio = 0.1F,
 						    .clipped_core_ratio = 0.5F};
-static const struct lp_lamp_options lamp_options = {.min_strength = 0.01F, .min_contrast = 2.0F};
-/* What is a lamp stays one down to this share of min_strength and of min_contrast, so that noise
- * does not make it come and go. */
+static const struct lp_lamp_options lamp_options = {.min_strength = 0.01F,
+						    .min_contrast = 2.0F,
+						    .min_noises = 5.0F};
+/* What is a lamp stays one down to this share of all three, so that noise does not make it come and
+ * go. */
 #define STAYS 0.6F
 
 int lp_detection_create(const struct lp_grid *grid, const struct lp_detector_options *options,
@@ -62,7 +64,8 @@ void lp_detection_destroy(struct lp_detection *detection)
 static struct lp_lamp_options to_stay(void)
 {
 	return (struct lp_lamp_options){.min_strength = STAYS * lamp_options.min_strength,
-					.min_contrast = STAYS * lamp_options.min_contrast};
+					.min_contrast = STAYS * lamp_options.min_contrast,
+					.min_noises = STAYS * lamp_options.min_noises};
 }
 
 static void find_lamps(struct lp_detection *detection, const struct lp_panorama *panorama,
@@ -105,7 +108,8 @@ bool lp_detection_enters(const struct lp_detection *detection, const struct lp_l
 	if (!lp_detection_finds_regions(detection))
 		return true;
 	return lamp->share >= lamp_options.min_strength &&
-	       lamp->contrast >= lamp_options.min_contrast;
+	       lamp->contrast >= lamp_options.min_contrast &&
+	       lamp->noises >= lamp_options.min_noises;
 }
 
 static void detect_above(struct lp_detection *detection, const struct lp_panorama *panorama,

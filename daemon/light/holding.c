@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "light/holding.h"
 
+#include <math.h>
 #include <stdbool.h>
 #include <string.h>
 
@@ -95,6 +96,12 @@ static void drop_rivals(const struct claim *claim, const struct lp_detection *de
 			dropped[k] = true;
 }
 
+/* In the first seconds the map is still being filled: the first borders are guesses. */
+static float patience_s(const struct lp_remembered_lamp *lamp)
+{
+	return fminf(LP_BORDERS_S, 0.5F * lamp->known_s);
+}
+
 static int make_claims(struct lp_lamp_memory *memory, const struct lp_lamp_finder *finder,
 		       struct claim claims[LP_MAX_LAMPS])
 {
@@ -155,7 +162,7 @@ void lp_hold_lamps(struct lp_lamp_memory *memory, struct lp_detection *detection
 			m->disputed_s = 0.0F;
 		else
 			m->disputed_s += elapsed_s;
-		if (m->seen || m->disputed_s > LP_BORDERS_S)
+		if (m->seen || m->disputed_s > patience_s(m))
 			continue;
 		held[held_count] = m->on_grid;
 		if (!lp_detection_hold(detection, panorama, mean, &held[held_count]))

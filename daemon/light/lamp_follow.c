@@ -72,6 +72,7 @@ void lp_lamp_age(struct lp_remembered_lamp *m, float elapsed_s)
 {
 	m->direction_variance += (square(DIRECTION_WALK_RAD) + m->walk2) * elapsed_s;
 	m->unplaced_s += elapsed_s;
+	m->known_s += elapsed_s;
 	m->strength_variance += square(STRENGTH_WALK) * elapsed_s;
 	m->missed = !m->seen && m->absent_s == 0.0F;
 	m->absent_s = m->seen ? 0.0F : m->absent_s + elapsed_s;

@@ -330,11 +330,11 @@ static bool describe(const struct lp_lamp_finder *finder, const struct moments *
 
 static bool stands_out(struct lp_lamp *lamp, float core_mean, const struct lp_lamp_options *options)
 {
-	const float background = fmaxf(lamp->background[LP_LUMINANCE], 0.0F);
+	const float background = lamp->background[LP_LUMINANCE];
 
 	lamp->contrast = core_mean / fmaxf(background, FLT_MIN);
-	return core_mean > options->min_contrast * lamp->background[LP_LUMINANCE] &&
-	       core_mean > lamp->background[LP_LUMINANCE] + 5.0F * lamp->background_noise;
+	lamp->noises = (core_mean - background) / fmaxf(lamp->background_noise, FLT_MIN);
+	return core_mean > options->min_contrast * background && lamp->noises > options->min_noises;
 }
 
 static bool strong(struct lp_lamp *lamp, float mean, const struct lp_lamp_options *options)

@@ -13,6 +13,7 @@
 #include "scene.h"
 
 #define WIDTH 240
+#define UNIFORM_SIGMA 0.741F /* 1.4826 times the median deviation of noise up to 1 */
 #define FRAME_S (1.0F / 30.0F)
 
 struct fixture {
@@ -20,6 +21,7 @@ struct fixture {
 	struct lp_panorama panorama;
 	struct lp_detection *detection;
 	struct lp_lamp_memory memory;
+	float noise; /* around the discs: uniform, up to so much more or less */
 };
 
 static int set_up(void **state)
@@ -52,6 +54,12 @@ static void look(struct fixture *f, const struct disc *discs, int count, double 
 	struct lp_lamp_sighting sightings[LP_MAX_LAMPS];
 
 	fill_panorama(&f->panorama, discs, count, background);
+	for (int i = 0; i < WIDTH * WIDTH / 2; i++) {
+		const float uniform = (float)((i * 2654435761U) >> 16) / 32768.0F - 1.0F;
+
+		for (int c = 0; c < 4 && f->panorama.cells[i][3] <= (float)background; c++)
+			f->panorama.cells[i][c] += f->noise * uniform;
+	}
 	const float mean = lp_grid_mean_luminance(f->grid, &f->panorama);
 
 	lp_detect(f->detection, &f->panorama, mean);
@@ -125,19 +133,45 @@ static void test_a_lamp_that_is_off_is_gone(void **state)
 	assert_int_equal(seen(f), 1);
 }
 
-/* Of two lamps that were taken for one at first, both are found in the end. */
-static void test_other_borders_that_last_are_taken(void **state)
+/* How long two lamps must be seen that were taken for one for `known_s`, until both are found. */
+static float seconds_until_two(struct fixture *f, float known_s)
 {
 	const struct disc one = {4, 0, 6, 20}, two[] = {{0, 0, 1.5, 120}, {8, 0, 1.5, 100}};
-	struct fixture *f = *state;
 	int n = 0;
 
-	look(f, &one, 1, 0.1);
+	for (int k = 0; k * FRAME_S < known_s; k++)
+		look(f, &one, 1, 0.1);
 	assert_int_equal(seen(f), 1);
 	for (; n < 3 * (int)(LP_BORDERS_S / FRAME_S) && seen(f) < 2; n++)
 		look(f, two, 2, 0.1);
 	assert_int_equal(seen(f), 2);
-	assert_true((float)n * FRAME_S > 0.9F * LP_BORDERS_S);
+	return (float)n * FRAME_S;
+}
+
+static void test_other_borders_that_last_are_taken(void **state)
+{
+	assert_float_equal(seconds_until_two(*state, 3.0F * LP_BORDERS_S), LP_BORDERS_S, 0.2);
+}
+
+/* In the first seconds the map is still being filled. */
+static void test_borders_that_are_new_change_sooner(void **state)
+{
+	assert_float_equal(seconds_until_two(*state, 0.5F), 0.5, 0.2);
+}
+
+/* Noise that would not let a lamp enter does not send off one that is known; more of it does. */
+static void test_noise_around_a_known_lamp(void **state)
+{
+	const struct disc lamp_and_sky[] = {{30, 20, 5, 9.5}, {180, 0, 45, 9}};
+	struct fixture *f = *state;
+
+	look(f, lamp_and_sky, 2, 2);
+	assert_int_equal(seen(f), 1); /* the sky is too large */
+	for (int n = 0; n < 10; n++) {
+		f->noise = 9.5F / UNIFORM_SIGMA / (n < 9 ? 4.0F : 2.5F);
+		look(f, lamp_and_sky, 2, 2);
+		assert_int_equal(seen(f), n < 9);
+	}
 }
 
 /* What is about as wide as a lamp may be stays what it was. */
@@ -165,6 +199,8 @@ int main(void)
 		TEST(test_a_lamp_that_detection_misses_keeps_its_strength),
 		TEST(test_a_lamp_that_is_off_is_gone),
 		TEST(test_other_borders_that_last_are_taken),
+		TEST(test_borders_that_are_new_change_sooner),
+		TEST(test_noise_around_a_known_lamp),
 		TEST(test_a_lamp_does_not_become_an_area_light_by_noise),
 	};
 
