@@ -40,7 +40,7 @@ struct lp_remembered_lamp {
 	bool missed; /* in the newest panorama, but not in the one before; its light is gone */
 	struct lp_flicker flicker; /* of its strength as measured by pixels */
 	float clipped_scale;	   /* of the shortest exposure whose pixels clip it; 0: none does */
-	float known_s;	  /* since it was found first */
+	float known_s;		   /* since it was found first */
 	float disputed_s; /* how long detection has drawn other borders (light/holding.h) */
 	bool wide;	  /* an area light */
 	bool listed;	  /* in the newest estimate */
