@@ -23,7 +23,7 @@
 #define SAME_EXPOSURE 1.4F
 /* A camera needs several frames for one change of exposure: a bracket of n takes up to 8 n frames:
  * more than MOST_DELAY_FRAMES of app/bracket.c each. */
-#define STALE_BRACKETS 8
+#define BRACKETS_REMEMBERED 8
 
 int lp_eye_init(struct lp_eye *eye, const struct lp_camera *camera, int panorama_width, float scale)
 {
@@ -155,7 +155,7 @@ void lp_eye_note_exposure(struct lp_eye *eye, float exposure_us)
 	for (int k = 0; k < LP_MAX_BRACKET; k++) {
 		struct lp_recent_exposure *e = &eye->recent[k];
 
-		if (eye->serial - e->serial > STALE_BRACKETS * (uint64_t)live ||
+		if (eye->serial - e->serial > BRACKETS_REMEMBERED * (uint64_t)live ||
 		    isnan(e->exposure_us) != isnan(exposure_us))
 			e->serial = 0;
 	}

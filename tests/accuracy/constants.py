@@ -113,7 +113,7 @@ SEQUENCES = {
         Constant("vision/match.c", "STEP"),
         Constant("vision/match.c", "LEAST_LINEAR"),
         Constant("vision/eye.c", "SAME_EXPOSURE", (1.1, 2.8)),
-        Constant("vision/eye.c", "STALE_BRACKETS"),
+        Constant("vision/eye.c", "BRACKETS_REMEMBERED"),
     ],
     "tracker": [
         Constant("light/tracker.c", "MEMORY_NS"),

@@ -150,9 +150,13 @@ def evaluated(names: list[str], inputs: list[str]) -> tuple[list[Case], evaluate
     return cases, evaluate.group(cases)
 
 
+#: Births a second are small numbers: turning cameras are judged for so long.
+MOVING_S = 16.0
+
+
 def live_figures(out: Path, page: Path) -> dict[str, str]:
     """Measure turning cameras, troubles and changing lamps; the parts of the page."""
-    moving = live.all_figures(live.cases(live.SCENES))
+    moving = live.all_figures(live.cases(live.SCENES, judged_s=MOVING_S))
     troubled = live.all_figures(live.cases(live.TROUBLED_SCENES, tuple(live.TROUBLES)))
     told = live.all_figures(live.told_cases())
     ringed = live.all_figures(live.ring_cases())

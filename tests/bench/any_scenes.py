@@ -88,7 +88,7 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
     """Markdown: a row for each scene and chroma, and the median of each chroma."""
     head = ["scene", "chroma", "plain decode ms", "balanced, still", "three exposures, still",
             f"balanced, turning at {frames.TURN_DEG_S:g}°/s", "published recipe",
-            "map ms", "detection ms", "refinement ms", "reflection map of 32 ms"]  # fmt: skip
+            *(f"{name.removeprefix('stage_').replace('_', ' ')} ms" for name in STAGES)]  # fmt: skip
     keys = list(rows[0])[2:]
     everything = list(rows)
     for chroma in dict.fromkeys(row["chroma"] for row in rows):
