@@ -20,6 +20,8 @@
 #define UNPROVED_SIGMA 1.0F
 /* 1 sigma of the drift of the anchor frame in a second of turning, in sigmas of its frames. */
 #define DRIFT_SIGMAS 4.0
+/* Of a direction that may be any. */
+#define MOST_DRIFT_DEG 104.0
 /* 1 sigma of light that is not seen, relative, after its first second; grows with its root. */
 #define COVERED_WALK 0.1
 
@@ -226,13 +228,17 @@ void lp_pipeline_fill(struct lp_pipeline *p, const struct lp_panorama *panorama,
 	(void)lp_ring_stage_stand_in(&p->ring, p->imager, total, e);
 }
 
-/* While the camera turns, the anchor frame drifts by more than the sigma of each frame says. */
+/* While the camera turns, the anchor frame drifts by more than the sigma of each frame says; and
+ * while it turns unseen, by all of that. */
 static void note_drift(struct lp_pipeline *p, const struct lp_imager_status *status, int64_t t_ns)
 {
 	const double sigma_deg = DRIFT_SIGMAS * (double)status->rotation_sigma_deg;
+	const double elapsed_s =
+		p->t_drift_ns && t_ns > p->t_drift_ns ? (double)(t_ns - p->t_drift_ns) / 1e9 : 0.0;
+	const double unseen_deg = (double)status->unseen_rate_deg_per_s * elapsed_s;
+	const double drift_deg = fmin(sqrt(p->drift_deg2) + unseen_deg, MOST_DRIFT_DEG);
 
-	if (p->t_drift_ns && t_ns > p->t_drift_ns)
-		p->drift_deg2 += sigma_deg * sigma_deg * (double)(t_ns - p->t_drift_ns) / 1e9;
+	p->drift_deg2 = drift_deg * drift_deg + sigma_deg * sigma_deg * elapsed_s;
 	p->t_drift_ns = t_ns;
 }
 

@@ -4,6 +4,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "light/symmetric3.h"
+
 #define DEG (M_PI / 180.0)
 /* Chosen by hand, on the scenes of docs/users/accuracy.md, "While the camera turns". */
 
@@ -174,6 +176,23 @@ static bool has_turned(const double turn[3], const double information[3][3])
 			sigmas += turn[a] * information[a][b] * turn[b];
 	}
 	return square > LEAST_TURN * LEAST_TURN && sigmas > TURN_SIGMAS * TURN_SIGMAS;
+}
+
+double lp_motion_shown_turn_rad(const double information[3][3])
+{
+	double known[3][3], covariance[3][3], axis[3];
+
+	for (int a = 0; a < 3; a++) /* no direction is further off than half a turn */
+		for (int b = 0; b < 3; b++)
+			known[a][b] = information[a][b] + (a == b ? 1.0 / (M_PI * M_PI) : 0.0);
+	invert3((const double(*)[3])known, covariance);
+	const double largest =
+		lp_symmetric3_largest((const double[6]){covariance[0][0], covariance[0][1],
+							covariance[0][2], covariance[1][1],
+							covariance[1][2], covariance[2][2]},
+				      axis);
+
+	return fmax(TURN_SIGMAS * sqrt(largest), LEAST_TURN);
 }
 
 void lp_motion_correct(struct lp_motion *motion, const double turn[3],

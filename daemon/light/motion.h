@@ -50,7 +50,12 @@ double lp_motion_sigma_rad(const struct lp_motion *motion);
 void lp_motion_correct(struct lp_motion *motion, const double turn[3],
 		       const double information[3][3]);
 
-/* The same from landmarks, of a camera that turns (lp_lamp_memory_landmarks(), anchor frame). */
+/* The smallest turn of a camera that holds still which information (per rad^2) of one picture would
+ * show for certain, about the axis that it tells least of; more than a turn: none. */
+double lp_motion_shown_turn_rad(const double information[3][3]);
+
+/* The same as lp_motion_correct() from landmarks, of a camera that turns
+ * (lp_lamp_memory_landmarks(), anchor frame). */
 void lp_motion_correct_by_landmarks(struct lp_motion *motion, const double pull[3],
 				    const double information[3][3]);
 

@@ -24,6 +24,9 @@
 #define CLEAR_TURN (0.3 * M_PI / 180.0)
 /* ...and of a camera that turns, both predictions are tried when they are so far apart. */
 #define FAR_APART (0.75 * M_PI / 180.0)
+/* A camera that seems to hold still is found to turn slowly when it has turned by so much against
+ * the map. */
+#define SLOW_TURN (3.0 * M_PI / 180.0)
 /* One prediction fits better than the other when so much more of the picture agrees. */
 #define CLEARLY_BETTER 0.03F
 
@@ -170,8 +173,33 @@ static void place_map(struct lp_imager *imager)
 		lp_lookup_set_sheared(imager->lookup, &back, &shear);
 }
 
+static bool contradicts(const struct lp_imager *imager, const struct lp_observation *seen)
+{
+	return imager->update.changed > LEAST_CHANGED ||
+	       lp_radiance_map_contradicting(imager->map, seen) > LEAST_CONTRADICTING;
+}
+
+/* By the pictures alone. Where they hardly differ, noise must not move a camera that holds still.
+ */
+static void follow_by_pictures(struct lp_imager *imager, const struct lp_motion *by_rate,
+			       bool differ, double elapsed_s)
+{
+	const double nothing[3][3] = {{0.0}};
+	struct attempt attempt = {.motion = *by_rate};
+
+	solve(imager, &attempt);
+	lp_unseen_turn_looked(&imager->unseen_turn,
+			      compares(&attempt) ? (const double(*)[3])attempt.result.information
+						 : nothing,
+			      elapsed_s);
+	if (differ || angle_between(&by_rate->rotation, &attempt.motion.rotation) > SLOW_TURN)
+		take(imager, &attempt);
+	else
+		imager->motion = *by_rate;
+}
+
 /* A camera that holds still is only looked at closer when the frame contradicts what is known, or a
- * witness says clearly that it turns. */
+ * witness says clearly that it turns; and now and then. */
 static void follow_turn(struct lp_imager *imager, double elapsed_s)
 {
 	struct lp_observation seen = lp_imager_observation(imager);
@@ -184,23 +212,25 @@ static void follow_turn(struct lp_imager *imager, double elapsed_s)
 	if (imager->stokes)
 		lp_stokes_map_leave_out(imager->stokes,
 					told ? &by_witness.rotation : &by_rate.rotation, &seen);
-	if (told || imager->motion.turning || !lp_rotation_is_identity(&imager->motion.rotation) ||
-	    imager->update.changed > LEAST_CHANGED ||
-	    lp_radiance_map_contradicting(imager->map, &seen) > LEAST_CONTRADICTING) {
-		struct attempt alone = {.motion = by_rate};
+	const bool differ = told || imager->motion.turning ||
+			    !lp_rotation_is_identity(&imager->motion.rotation) ||
+			    contradicts(imager, &seen);
+	const bool due =
+		lp_unseen_turn_is_due(&imager->unseen_turn, elapsed_s) && !imager->testimony.known;
 
+	if (differ || due) {
 		const struct lp_shear shear = lp_imager_shear(imager);
 
 		lp_alignment_load(imager->alignment, imager->map, &seen, &shear);
-		if (told) {
+		if (told)
 			choose(imager, &by_rate, &by_witness);
-		} else {
-			solve(imager, &alone);
-			take(imager, &alone);
-		}
+		else
+			follow_by_pictures(imager, &by_rate, differ, elapsed_s);
 	} else {
 		imager->motion = by_rate;
 	}
+	if (imager->motion.turning || imager->testimony.known)
+		imager->unseen_turn = (struct lp_unseen_turn){0};
 	place_map(imager);
 }
 

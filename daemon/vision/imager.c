@@ -502,6 +502,7 @@ void lp_imager_status(const struct lp_imager *imager, struct lp_imager_status *s
 		.rate_deg_per_s =
 			(float)(sqrt(rate[0] * rate[0] + rate[1] * rate[1] + rate[2] * rate[2]) *
 				degrees),
+		.unseen_rate_deg_per_s = (float)(imager->unseen_turn.rate_rad_s * degrees),
 		.rotation_is_unknown = imager->agreement < LP_LEAST_AGREEMENT,
 		.orientation_told = imager->testimony.known,
 		.told_rotation = imager->testimony.rotation,

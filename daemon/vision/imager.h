@@ -62,7 +62,9 @@ struct lp_imager_status {
 	float changed;		  /* share of the light that the newest frame showed changed */
 	float rotation_sigma_deg; /* of lp_imager_rotation(); 0: the camera holds still */
 	float rate_deg_per_s;	  /* how fast it turns */
-	float time_sigma_s;	  /* 1 sigma of when the newest frame was exposed */
+	/* 1 sigma of how fast it may turn while it seems to hold still; 0: that would be seen */
+	float unseen_rate_deg_per_s;
+	float time_sigma_s; /* 1 sigma of when the newest frame was exposed */
 	/* The newest frame contradicts what is known, and no turn of the camera explains it. */
 	bool rotation_is_unknown;
 	bool orientation_told;		  /* the newest frame carries its orientation: */

@@ -7,6 +7,7 @@
 #include "include/panorama.h"
 #include "light/motion.h"
 #include "light/shear.h"
+#include "light/unseen_turn.h"
 #include "light/witness.h"
 #include "vision/eye.h"
 #include "vision/frame_time.h"
@@ -52,6 +53,7 @@ struct lp_imager {
 	struct lp_testimony testimony; /* what the newest frame carries of its orientation */
 	struct lp_testimony heeded;    /* of the newest frame that is no still */
 	struct lp_witness witness;
+	struct lp_unseen_turn unseen_turn;
 
 	/* Where the map's cells lie in the camera's frame, while the camera is turned. */
 	struct lp_lookup *lookup;

@@ -143,6 +143,22 @@ static void test_gaps(void **state)
 	}
 }
 
+/* A camera that holds still may turn in the dark. */
+static void test_in_the_dark_nobody_knows_whether_the_camera_turns(void **state)
+{
+	(void)state;
+	for (int n = 0; n < 60; n++) {
+		show(0.0, NAN, 1.0F);
+		assert_true(status().unseen_rate_deg_per_s == 0.0F);
+	}
+	for (int n = 0; n < 60; n++)
+		show(0.0, NAN, 0.0F);
+	assert_true(status().unseen_rate_deg_per_s > 30.0F);
+	for (int n = 0; n < 60; n++)
+		show(0.0, NAN, 1.0F);
+	assert_true(status().unseen_rate_deg_per_s == 0.0F);
+}
+
 #define TEST(f) cmocka_unit_test_setup_teardown(f, setup, teardown)
 
 int main(void)
@@ -152,6 +168,7 @@ int main(void)
 		TEST(test_a_turn_that_is_too_fast_for_the_pictures),
 		TEST(test_a_turn_in_the_dark),
 		TEST(test_gaps),
+		TEST(test_in_the_dark_nobody_knows_whether_the_camera_turns),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
