@@ -86,9 +86,10 @@ def measure(
 
 def table(rows: Sequence[dict[str, Any]]) -> str:
     """Markdown: a row for each scene and chroma, and the median of each chroma."""
+    stages = [f"{name.removeprefix('stage_').replace('_', ' ')} ms" for name in STAGES]
     head = ["scene", "chroma", "plain decode ms", "balanced, still", "three exposures, still",
             f"balanced, turning at {frames.TURN_DEG_S:g}°/s", "published recipe",
-            *(f"{name.removeprefix('stage_').replace('_', ' ')} ms" for name in STAGES)]  # fmt: skip
+            *stages]  # fmt: skip
     keys = list(rows[0])[2:]
     everything = list(rows)
     for chroma in dict.fromkeys(row["chroma"] for row in rows):
