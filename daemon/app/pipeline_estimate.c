@@ -20,7 +20,7 @@
 #define UNPROVED_SIGMA 1.0F
 /* 1 sigma of the drift of the anchor frame in a second of turning, in sigmas of its frames. */
 #define DRIFT_SIGMAS 4.0
-/* Of a direction that may be any. */
+/* 1 sigma of an angle that may be any: 360 / sqrt(12). */
 #define MOST_DRIFT_DEG 104.0
 /* 1 sigma of light that is not seen, relative, after its first second; grows with its root. */
 #define COVERED_WALK 0.1

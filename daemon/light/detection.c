@@ -22,7 +22,7 @@ static const struct lp_peak_options peak_options = {.floor_ratio = 2.0F,
 						    .clipped_core_ratio = 0.5F};
 static const struct lp_lamp_options lamp_options = {.min_strength = 0.01F,
 						    .min_contrast = 2.0F,
-						    .min_noises = 5.0F};
+						    .min_contrast_to_noise = 5.0F};
 /* What is a lamp stays one down to this share of all three, so that noise does not make it come and
  * go. */
 #define STAYS 0.6F
@@ -65,7 +65,8 @@ static struct lp_lamp_options to_stay(void)
 {
 	return (struct lp_lamp_options){.min_strength = STAYS * lamp_options.min_strength,
 					.min_contrast = STAYS * lamp_options.min_contrast,
-					.min_noises = STAYS * lamp_options.min_noises};
+					.min_contrast_to_noise =
+						STAYS * lamp_options.min_contrast_to_noise};
 }
 
 static void find_lamps(struct lp_detection *detection, const struct lp_panorama *panorama,
@@ -109,7 +110,7 @@ bool lp_detection_enters(const struct lp_detection *detection, const struct lp_l
 		return true;
 	return lamp->share >= lamp_options.min_strength &&
 	       lamp->contrast >= lamp_options.min_contrast &&
-	       lamp->noises >= lamp_options.min_noises;
+	       lamp->contrast_to_noise >= lamp_options.min_contrast_to_noise;
 }
 
 static void detect_above(struct lp_detection *detection, const struct lp_panorama *panorama,

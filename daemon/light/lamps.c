@@ -333,8 +333,9 @@ static bool stands_out(struct lp_lamp *lamp, float core_mean, const struct lp_la
 	const float background = lamp->background[LP_LUMINANCE];
 
 	lamp->contrast = core_mean / fmaxf(background, FLT_MIN);
-	lamp->noises = (core_mean - background) / fmaxf(lamp->background_noise, FLT_MIN);
-	return core_mean > options->min_contrast * background && lamp->noises > options->min_noises;
+	lamp->contrast_to_noise = (core_mean - background) / fmaxf(lamp->background_noise, FLT_MIN);
+	return core_mean > options->min_contrast * background &&
+	       lamp->contrast_to_noise > options->min_contrast_to_noise;
 }
 
 static bool strong(struct lp_lamp *lamp, float mean, const struct lp_lamp_options *options)

@@ -33,19 +33,21 @@ struct lp_lamp {
 	float share;		 /* of the light on a surface facing it */
 	struct lp_lamp_rim rim;	 /* only if it clips, and its pixels have been seen */
 	float contrast;		 /* mean luminance of its core over the surround's */
-	float noises;	   /* what its core is brighter than the surround, in background_noise */
-	uint32_t flags;	   /* enum lp_light_flag: CLIPPED */
-	int first, count;  /* its cells: lp_lamp_finder.cells */
-	int core_count;	   /* the first of them; the others are its rim */
-	uint32_t known_id; /* of the remembered lamp whose cells these are; 0: none
-			      (light/holding.h) */
+	float contrast_to_noise; /* what its core is brighter than the surround, in background_noise
+				  */
+	uint32_t flags;		 /* enum lp_light_flag: CLIPPED */
+	int first, count;	 /* its cells: lp_lamp_finder.cells */
+	int core_count;		 /* the first of them; the others are its rim */
+	uint32_t known_id;	 /* of the remembered lamp whose cells these are; 0: none
+				    (light/holding.h) */
 };
 
 struct lp_lamp_options {
 	float min_strength; /* share of the light on a surface facing it, below which it is no lamp
 			     */
 	float min_contrast; /* mean luminance of its core over the surround's, likewise */
-	float min_noises;   /* what its core is brighter than the surround, in background_noise */
+	float min_contrast_to_noise; /* what its core is brighter than the surround, in
+					background_noise */
 };
 
 struct lp_lamp_finder {

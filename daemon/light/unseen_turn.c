@@ -11,9 +11,9 @@
 #define LOOK_AGAIN_S 0.5
 /* Longer than the short exposures of a bracket last. */
 #define BLIND_S 1.0
-/* What would show a turn as small as this is enough; */
+/* A frame that would show a turn as small as this is enough. */
 #define SHOWN_TURN (10.0 * DEG)
-/* it is one against the map, which is as old. */
+/* A frame is compared with the map, which shows how the camera was turned so long ago. */
 #define MAP_AGE_S 0.3
 /* Heads do not turn faster for long. */
 #define MOST_RATE (60.0 * DEG)

@@ -382,3 +382,25 @@ def test_pictures_need_a_film_that_is_swept() -> None:
     )  # fmt: skip
     assert status == 2
     assert "add --polarizer=sweep" in log
+
+
+def test_a_turn_is_followed_in_a_room_so_bare_that_nothing_contradicts_the_map():
+    rate_deg_s = 30.0
+    world = World(
+        [PolishedFloor(random_scene(10))], Behaviour(act_s=0, turn_deg_s=rate_deg_s), 30.0
+    )
+    camera = SimulatedCamera(
+        world, lenses.load("equirect"), SIZE_PX, rate_hz=RATE_HZ, sheet=Sheet()
+    )
+    with LiveBox() as box, LiveProbe(camera, box.arguments, box=box) as probe:
+        client = probe.client(Subscription())
+        probe.run(5.0)
+        found = [
+            (probe.captured_s(one), 2 * np.arctan2(one.orientation[1], one.orientation[3]))
+            for one in client.estimates
+            if one.orientation is not None and probe.captured_s(one) > 2.0
+        ]
+    t_s, yaw = np.array(found).T
+    turned_deg = np.degrees(np.unwrap(yaw)) - rate_deg_s * t_s
+    assert t_s[-1] - t_s[0] > 2.0
+    assert np.ptp(turned_deg) < 8.0
