@@ -45,7 +45,7 @@ namespace Lightprobe.Messages
         InvalidInput = 128,
         /// <summary>the governor lowered the preset to keep its budget</summary>
         Degraded = 256,
-        /// <summary>no camera, or none that gives frames: estimated from the ring of light sensors alone</summary>
+        /// <summary>no camera, or none that gives frames or sees light: estimated from the ring of light sensors alone</summary>
         RingOnly = 512,
         /// <summary>the camera did not follow the exposure command</summary>
         ExposureIgnored = 1024,
