@@ -1,7 +1,6 @@
 """Write Runtime/Messages.cs, the messages of proto/lightprobe.proto in C#.
 
-Unity's users have no protoc, so the result is committed; `tests/engines/csharp` tells when it is
-old.
+Unity's users have no protoc, so the result is committed; `make check` tells when it is old.
 """
 
 from __future__ import annotations

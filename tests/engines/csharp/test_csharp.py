@@ -25,7 +25,6 @@ GOLDEN = sorted(
     file for file in (ROOT / "proto/golden").glob("*.bin") if not file.name.startswith("from_")
 )
 COMPILER = ("mcs", "-langversion:7.2", "-codepage:utf8", "-warnaserror")
-sys.path.append(str(PACKAGE / "Tools~"))
 
 
 def compiled(out, *sources, options=()):
@@ -377,14 +376,6 @@ def test_what_is_no_probe_is_told(program, sent, told):
 def test_an_address_that_is_none(program, address):
     (line,) = ask(program, "address", address)
     assert "expected tcp:HOST:PORT" in line
-
-
-def test_the_messages_are_those_of_the_schema():
-    import generate
-
-    assert generate.generated() == generate.OUT.read_text(), (
-        "run build/venv/bin/python clients/csharp/Tools~/generate.py"
-    )
 
 
 def test_the_example_compiles(tmp_path):
