@@ -27,7 +27,8 @@
  * furnished room that clip in every exposure (tests/accuracy/live.py --troubles=ignored). */
 #define PLATEAU_SHARE 0.2F
 /* A clipped lamp may well be so many times stronger than what is seen of it; whether it clips may
- * change from exposure to exposure, what it is worth changes within HIDDEN_S. */
+ * change from exposure to exposure, what it is worth is a mean over HIDDEN_S, or over all the time
+ * for which it has been known. */
 #define CLIPPED_HIDES 2.0F
 #define HIDDEN_S 1.0F
 /* Of the strength of a small lamp while the camera turns: it falls on the pixels in another place
@@ -303,6 +304,14 @@ float lp_lamp_hidden(const struct lp_lamp *lamp)
 	return lamp->flags & LP_LIGHT_CLIPPED ? CLIPPED_HIDES : 0.0F;
 }
 
+static void follow_hidden(struct lp_remembered_lamp *m, float elapsed_s)
+{
+	const float over_s = fminf(HIDDEN_S, m->known_s);
+	const float share = elapsed_s < over_s ? elapsed_s / over_s : 1.0F;
+
+	m->hidden += share * (lp_lamp_hidden(&m->lamp) - m->hidden);
+}
+
 /* The shortest exposure whose pixels clip the lamp, until a shorter one shows it or tells nothing.
  */
 static float clipped_scale(const struct lp_remembered_lamp *m, const struct lp_lamp_sighting *s)
@@ -349,8 +358,7 @@ void lp_lamp_follow(struct lp_remembered_lamp *m, const struct lp_lamp_sighting 
 		keep_or_take(m, s, times);
 	if (s->refined && m->flicker.flickers)
 		take_mean(m);
-	m->hidden +=
-		(lp_lamp_hidden(&m->lamp) - m->hidden) * fminf(times->elapsed_s / HIDDEN_S, 1.0F);
+	follow_hidden(m, times->elapsed_s);
 	m->lamp.direction_sigma_deg =
 		sqrtf(m->direction_variance + square(m->lag) + square(off_centre(m))) / RAD;
 }

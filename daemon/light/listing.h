@@ -27,9 +27,11 @@ struct lp_listed {
 	uint32_t id; /* 0: this place is free */
 	float share; /* of its irradiance that is in the list, 0..1 */
 	bool leaves;
+	bool lost; /* the estimate holds it no more: nothing is listed, its place is kept */
+	float lost_s;
 };
 
-/* A lamp outside that outshines one inside, and for how long. */
+/* A lamp outside that outshines one inside, and for how long; longer for one that is stronger. */
 struct lp_challenger {
 	uint32_t id; /* 0: none */
 	float seconds;
@@ -37,7 +39,9 @@ struct lp_challenger {
 
 struct lp_listing {
 	bool started;
-	int64_t t_ns;	      /* of the estimate listed last */
+	int64_t t_ns; /* of the estimate listed last */
+	float age_s;
+	float unrest;	      /* entries of late, but of lamps whose light came with them */
 	int sh_order, lights; /* the model in force */
 	float unfit_s;	      /* how long another model would have done better */
 	struct lp_challenger challengers[LP_MAX_LIGHTS];

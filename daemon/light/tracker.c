@@ -7,6 +7,7 @@
 #include "include/luminance.h"
 #include "light/model.h"
 #include "light/rotation.h"
+#include "light/sh.h"
 
 /* Chosen by hand; docs/maintainers/constants.md says which tests notice other values. */
 
@@ -14,6 +15,11 @@
 #define MEMORY_NS 2000000000LL
 /* Below this share of its full strength a fading lamp is no longer listed. */
 #define LEAST_SHARE 0.02F
+/* Time constant of what the light was before, and for how long after a lamp is found its light may
+ * come; so much of its irradiance is a lamp that was switched on, not a border drawn anew. */
+#define BEFORE_MS 1000.0F
+#define COMES_NS 500000000LL
+#define LIT_SHARE 0.5F
 
 static float luminance(const struct lp_light *light)
 {
@@ -49,19 +55,53 @@ static struct lp_track *new_track(struct lp_tracker *tracker)
 	return faintest; /* never NULL: half of the tracks cannot be seen at once */
 }
 
-static void start_track(struct lp_tracker *tracker, struct lp_track *track,
-			const struct lp_light *light)
+static void start_track(const struct lp_tracker *tracker, struct lp_track *track,
+			const struct lp_light *light, int64_t now_ns)
 {
-	track->light = *light;
-	track->seen = true;
+	*track = (struct lp_track){.light = *light, .t_found_ns = now_ns, .seen = true};
 	if (tracker->started)
 		memset(track->light.irradiance, 0, sizeof(track->light.irradiance));
+}
+
+static float facing(const float sh[LP_MAX_SH_COUNT][3], const float direction[3])
+{
+	float irradiance[3];
+
+	lp_sh_irradiance(LP_MAX_SH_ORDER, sh, direction, irradiance);
+	return lp_luminance(irradiance);
+}
+
+/* Whether the lamp's light has come to where it is. */
+static bool has_come(const struct lp_tracker *tracker, const struct lp_light_estimate *raw,
+		     const struct lp_light *light)
+{
+	const float before = facing(tracker->sh_before, light->direction);
+
+	return facing(raw->sh_total, light->direction) - before > LIT_SHARE * luminance(light);
+}
+
+static void judge_light_come(const struct lp_tracker *tracker, struct lp_track *track,
+			     const struct lp_light_estimate *raw, const struct lp_light *light)
+{
+	const int64_t found_ns = raw->t_capture_ns - track->t_found_ns;
+
+	if (!track->light.lit && found_ns < COMES_NS)
+		track->light.lit = has_come(tracker, raw, light);
+	track->light.found_s = fmaxf((float)found_ns / 1e9F, 0.0F);
 }
 
 static float follow(float from, float to, float alpha)
 {
 	/* unknown stays unknown, and a first value is taken as it is */
 	return isnan(from) || isnan(to) ? to : from + alpha * (to - from);
+}
+
+static void follow_sh(float sh[LP_MAX_SH_COUNT][3], const float target[LP_MAX_SH_COUNT][3],
+		      float alpha)
+{
+	for (int i = 0; i < LP_MAX_SH_COUNT; i++)
+		for (int c = 0; c < 3; c++)
+			sh[i][c] = follow(sh[i][c], target[i][c], alpha);
 }
 
 /* An axis and its opposite are the same. */
@@ -194,6 +234,7 @@ void lp_tracker_update(struct lp_tracker *tracker, const struct lp_light_estimat
 	const float alpha = tracker->started && tracker->time_constant_ms > 0.0F
 				    ? (float)-expm1(-elapsed_ms / tracker->time_constant_ms)
 				    : 1.0F;
+	const float alpha_before = tracker->started ? (float)-expm1(-elapsed_ms / BEFORE_MS) : 1.0F;
 	struct lp_track *of_light[LP_MAX_LIGHTS] = {NULL};
 
 	for (int t = 0; t < LP_MAX_TRACKS; t++)
@@ -202,18 +243,17 @@ void lp_tracker_update(struct lp_tracker *tracker, const struct lp_light_estimat
 	for (int k = 0; k < raw->light_count; k++) {
 		if (!of_light[k]) {
 			of_light[k] = new_track(tracker);
-			start_track(tracker, of_light[k], &raw->lights[k]);
+			start_track(tracker, of_light[k], &raw->lights[k], now_ns);
 		}
+		judge_light_come(tracker, of_light[k], raw, &raw->lights[k]);
 		follow_light(of_light[k], &raw->lights[k], alpha);
 		of_light[k]->t_seen_ns = now_ns;
 	}
 	for (int t = 0; t < LP_MAX_TRACKS; t++)
 		if (tracker->track[t].light.id && !tracker->track[t].seen)
 			fade(&tracker->track[t], alpha, now_ns);
-	for (int i = 0; i < LP_MAX_SH_COUNT; i++)
-		for (int c = 0; c < 3; c++)
-			tracker->sh_total[i][c] =
-				follow(tracker->sh_total[i][c], raw->sh_total[i][c], alpha);
+	follow_sh(tracker->sh_total, raw->sh_total, alpha);
+	follow_sh(tracker->sh_before, raw->sh_total, alpha_before);
 	tracker->started = true;
 	tracker->t_last_ns = now_ns;
 
@@ -252,7 +292,8 @@ void lp_tracker_jump(struct lp_tracker *tracker, const struct lp_light_estimate 
 		if (!of_light[k]) {
 			struct lp_track *const track = new_track(tracker);
 
-			start_track(tracker, track, &after->lights[k]);
+			start_track(tracker, track, &after->lights[k], after->t_capture_ns);
+			judge_light_come(tracker, track, after, &after->lights[k]);
 			track->t_seen_ns = after->t_capture_ns;
 		}
 	for (int t = 0; t < LP_MAX_TRACKS; t++) {
@@ -270,6 +311,7 @@ void lp_tracker_jump(struct lp_tracker *tracker, const struct lp_light_estimate 
 void lp_tracker_turn(struct lp_tracker *tracker, const struct lp_rotation *turn)
 {
 	lp_sh_rotate(turn, LP_MAX_SH_ORDER, tracker->sh_total);
+	lp_sh_rotate(turn, LP_MAX_SH_ORDER, tracker->sh_before);
 	for (int t = 0; t < LP_MAX_TRACKS; t++) {
 		lp_rotate_direction(turn, tracker->track[t].light.direction);
 		lp_rotate_direction(turn, tracker->track[t].light.axis);

@@ -118,6 +118,16 @@ SEQUENCES = {
     "tracker": [
         Constant("light/tracker.c", "MEMORY_NS"),
         Constant("light/tracker.c", "LEAST_SHARE"),
+        Constant("light/tracker.c", "BEFORE_MS"),
+        Constant("light/tracker.c", "COMES_NS"),
+        Constant("light/tracker.c", "LIT_SHARE"),
+    ],
+    "lamp_memory": [Constant("light/lamp_memory.c", "STAYS_APART", (1.0, 1.3))],
+    "listing": [
+        Constant("light/listing.c", name)
+        for name in (
+            "OUTSHINES", "QUICKER", "PATIENCE_S", "LEAST_PATIENCE_S", "UNREST_S", "JUST_LIT_S",
+        )
     ],
     "model": [Constant("light/model.h", "LP_SHADOW_SHARE")],
     "pipeline": [

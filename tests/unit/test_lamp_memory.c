@@ -203,7 +203,7 @@ static void test_pieces_of_a_lamp_are_no_lamps(void **state)
 	const struct {
 		float azimuth_deg, strength;
 		int lamps;
-	} cases[] = {{11.5F, 5.0F, 1}, {11.5F, 9.0F, 2}, {14.5F, 5.0F, 2}};
+	} cases[] = {{11.5F, 5.0F, 1}, {11.5F, 10.0F, 2}, {14.5F, 5.0F, 2}};
 
 	(void)state;
 	for (size_t k = 0; k < sizeof(cases) / sizeof(*cases); k++) {
@@ -222,6 +222,40 @@ static void test_pieces_of_a_lamp_are_no_lamps(void **state)
 		for (int p = 0; p < LP_MAX_LAMPS; p++)
 			count += memory.list[p].id != 0;
 		assert_int_equal(count, cases[k].lamps);
+	}
+}
+
+/* What is nearly a piece of a lamp does not become one, and what is one stays one there: else noise
+ * at the border would make it come and go. */
+static void test_a_lamp_near_another_does_not_come_and_go(void **state)
+{
+	struct lp_memory_times now = frame;
+
+	(void)state;
+	for (int known = 0; known < 2; known++) {
+		struct lp_lamp_memory memory = {0};
+		uint32_t id = 0;
+
+		for (int n = 0; n < 60; n++) {
+			/* within the radius of 2.04 degrees, and beyond it */
+			const float aside_deg = n == 0 && known ? 4.0F : n % 2 ? 1.9F : 2.2F;
+			struct lp_lamp_sighting s[2] = {sighting(10.0F, 20.0F),
+							sighting(10.0F + aside_deg, 5.0F)};
+			int count = 0;
+
+			for (int k = 0; k < 2; k++) {
+				s[k].pixels.flags = LP_LIGHT_CLIPPED;
+				s[k].pixels.direction_sigma_deg = 1.0F;
+			}
+			s[0].on_grid.solid_angle_sr = s[0].pixels.solid_angle_sr = 4e-3F;
+			lp_lamp_memory_update(&memory, s, 2, &now);
+			for (int p = 0; p < LP_MAX_LAMPS; p++)
+				count += memory.list[p].id != 0;
+			assert_int_equal(count, 1 + known);
+			if (n == 0)
+				id = memory.last_id;
+			assert_int_equal(memory.last_id, id);
+		}
 	}
 }
 
@@ -515,6 +549,7 @@ int main(void)
 		cmocka_unit_test(test_a_bound_below_the_panorama_does_not_stay),
 		cmocka_unit_test(test_what_a_panorama_shows_of_a_clipped_lamp_is_a_bound),
 		cmocka_unit_test(test_pieces_of_a_lamp_are_no_lamps),
+		cmocka_unit_test(test_a_lamp_near_another_does_not_come_and_go),
 		cmocka_unit_test(test_a_clipped_lamp_is_followed),
 		cmocka_unit_test(test_a_wide_plateau_is_no_place),
 		cmocka_unit_test(test_turning_is_no_flicker),

@@ -3,6 +3,7 @@
 #include "light/listing.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 
 #include "light/model.h"
@@ -16,7 +17,8 @@ static struct lp_light lamp(uint32_t id, float strength)
 
 	return (struct lp_light){.id = id,
 				 .direction = {sinf(a), 0.0F, -cosf(a)},
-				 .irradiance = {strength, strength, strength}};
+				 .irradiance = {strength, strength, strength},
+				 .found_s = 100.0F};
 }
 
 /* Lamps 1 .. count of the given strengths, strongest first; id 0: not there. */
@@ -143,7 +145,7 @@ static void test_a_stronger_lamp_takes_over(void **state)
 
 	(void)state;
 	for (int n = 0; n < 200; n++) {
-		const float strengths[] = {4.0F, 3.0F, 2.0F, 1.0F, n < 20 ? 0.5F : 1.8F};
+		const float strengths[] = {4.0F, 3.0F, 2.0F, 1.0F, n < 20 ? 0.5F : 1.6F};
 		const struct lp_light_estimate e = at(n, strengths, 5);
 
 		lp_listing_update(&listing, &e, &four, &listed);
@@ -181,6 +183,107 @@ static void test_several_take_over_at_once(void **state)
 	assert_float_equal(share_of(&listed, 1, 4.0F), 1.0F, 0.0F);
 	for (uint32_t id = 5; id <= 7; id++)
 		assert_true(share_of(&listed, id, 1.0F + (float)id) > 0.0F);
+}
+
+/* Whether the light with this id is in the list. */
+static bool lists(const struct lp_light_estimate *listed, uint32_t id)
+{
+	return share_of(listed, id, 1.0F) > 0.0F;
+}
+
+/* A lamp that is only told apart from its surround waits; one whose light came with it does not. */
+static void test_new_borders_wait(void **state)
+{
+	static const float strengths[] = {4.0F, 3.0F};
+	const int found = 300; /* 10 s: the list is young no more */
+
+	(void)state;
+	for (int lit = 0; lit < 2; lit++) {
+		struct lp_listing listing = {0};
+		struct lp_light_estimate listed;
+		int entered = -1;
+
+		for (int n = 0; n < 600; n++) {
+			struct lp_light_estimate e = at(n, strengths, n < found ? 1 : 2);
+
+			e.lights[1].found_s = (float)(n - found) * (float)FRAME_NS / 1e9F;
+			e.lights[1].lit = lit;
+			lp_listing_update(&listing, &e, &four, &listed);
+			if (entered < 0 && lists(&listed, 2))
+				entered = n - found;
+		}
+		if (lit)
+			assert_int_equal(entered, 0);
+		else
+			assert_in_range(entered, 119, 122); /* 4 s */
+	}
+}
+
+/* The place of a lamp that is lost is kept for it: the next one does not take it for a second. One
+ * that is switched on then does. */
+static void test_a_lost_lamp_keeps_its_place(void **state)
+{
+	(void)state;
+	for (int lit = 0; lit < 2; lit++) {
+		struct lp_listing listing = {0};
+		struct lp_light_estimate listed;
+
+		for (int n = 0; n < 400; n++) {
+			const bool lost = n >= 300 && n < 330;
+			const float strengths[] = {4.0F, 3.0F,
+						   2.0F, lost ? 0.0F : 1.0F,
+						   0.9F, lit && n >= 310 ? 0.8F : 0.0F};
+			struct lp_light_estimate e = at(n, strengths, 6);
+			const int last = e.light_count - 1;
+
+			if (e.lights[last].id == 6) {
+				e.lights[last].lit = true;
+				e.lights[last].found_s = (float)(n - 310) / 30.0F;
+			}
+			lp_listing_update(&listing, &e, &four, &listed);
+			assert_false(lists(&listed, 5));
+			assert_int_equal(lists(&listed, 6), lit && n >= 310);
+		}
+		assert_int_equal(lists(&listed, 4), !lit);
+	}
+}
+
+/* Two lamps come and go for ever, as regions of a bright sky do by noise, each time as new ones.
+ * The list takes in fewer than one in ten seconds. */
+static void test_a_restless_scene_does_not_pop(void **state)
+{
+	struct lp_listing listing = {0};
+	struct lp_light_estimate listed;
+	uint32_t before[2] = {0};
+	int births = 0;
+
+	(void)state;
+	for (int n = 0; n < 30 * 300; n++) {
+		static const float strengths[] = {4.0F, 2.5F, 2.0F};
+		struct lp_light_estimate e = at(n, strengths, 3);
+
+		for (int k = 0; k < 2; k++) { /* there for 6 s, gone for 1 s; for 8 s, for 2 s */
+			const int period = k ? 300 : 210, gone = k ? 60 : 30;
+			const int phase = n % period;
+
+			e.lights[1 + k].found_s = (float)phase / 30.0F;
+			e.lights[1 + k].id = 10 + 2 * (uint32_t)(n / period) + (uint32_t)k;
+			if (phase >= period - gone)
+				e.lights[1 + k].id = 0;
+		}
+		for (int k = 2; k > 0; k--)
+			if (!e.lights[k].id)
+				e.lights[k] = e.lights[--e.light_count];
+		lp_listing_update(&listing, &e, &four, &listed);
+		for (int k = 0; k < listed.light_count; k++)
+			if (listed.lights[k].id >= 10) {
+				uint32_t *known = &before[listed.lights[k].id % 2];
+
+				births += listed.lights[k].id != *known;
+				*known = listed.lights[k].id;
+			}
+	}
+	assert_in_range(births, 1, 30);
 }
 
 /* What is not in the list is in AMBIENT, to the last share. */
@@ -276,6 +379,9 @@ int main(void)
 		cmocka_unit_test(test_reflections_are_left_out),
 		cmocka_unit_test(test_a_stronger_lamp_takes_over),
 		cmocka_unit_test(test_several_take_over_at_once),
+		cmocka_unit_test(test_new_borders_wait),
+		cmocka_unit_test(test_a_lost_lamp_keeps_its_place),
+		cmocka_unit_test(test_a_restless_scene_does_not_pop),
 		cmocka_unit_test(test_shares_add_up),
 		cmocka_unit_test(test_models_do_not_flicker),
 		cmocka_unit_test(test_edges),

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "light/rotation.h"
+#include "light/sh.h"
 #include "lp_test.h"
 
 #define FRAME_NS 33333333LL
@@ -250,6 +251,53 @@ static void test_a_jump_has_no_delay(void **state)
 	assert_float_equal(smoothed.lights[0].irradiance[0], 3.0F, 1e-4F);
 }
 
+/* A scene with one lamp, of which `told` of `shining` are told apart from the rest. */
+static struct lp_light_estimate scene(int n, float azimuth_deg, float shining, float told)
+{
+	const struct lp_light light = lamp(azimuth_deg, told);
+	const struct lp_light all = lamp(azimuth_deg, shining);
+	double sh[LP_MAX_SH_COUNT][3] = {{4.0, 4.0, 4.0}};
+	struct lp_light_estimate e = at(n * FRAME_NS, told > 0.0F, &light);
+
+	lp_sh_add_lamp(LP_MAX_SH_ORDER, all.direction, all.irradiance, 0.0, 1.0, sh);
+	for (int i = 0; i < LP_MAX_SH_COUNT; i++)
+		for (int c = 0; c < 3; c++)
+			e.sh_total[i][c] = (float)sh[i][c];
+	return e;
+}
+
+/* A lamp that is switched on is lit, also when it is found only after some frames; one that is told
+ * apart from its surround is not. The frame of reference may turn meanwhile. */
+static void test_whether_light_came(void **state)
+{
+	const struct lp_rotation turn =
+		lp_rotation_of_vector((const double[]){0.0, -M_PI / 4, 0.0});
+
+	(void)state;
+	for (int switched = 0; switched < 2; switched++) {
+		struct lp_tracker tracker = {.time_constant_ms = 100.0F};
+		struct lp_light_estimate smoothed;
+
+		for (int n = 0; n < 200; n++) {
+			const float azimuth_deg = n < 50 ? 0.0F : 45.0F;
+			const bool shines = !switched || n >= 100;
+			const bool found = n >= 110;
+			const struct lp_light_estimate raw =
+				scene(n, azimuth_deg, shines ? 2.0F : 0.0F, found ? 2.0F : 0.0F);
+
+			if (n == 50)
+				lp_tracker_turn(&tracker, &turn);
+			lp_tracker_update(&tracker, &raw, &smoothed);
+			assert_int_equal(smoothed.light_count, found);
+			if (!found)
+				continue;
+			assert_int_equal(smoothed.lights[0].lit, switched);
+			assert_float_equal(smoothed.lights[0].found_s, (float)(n - 110) / 30.0F,
+					   1e-3F);
+		}
+	}
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -262,6 +310,7 @@ int main(void)
 		cmocka_unit_test(test_time_may_stand_still_or_go_back),
 		cmocka_unit_test(test_a_million_frames),
 		cmocka_unit_test(test_a_jump_has_no_delay),
+		cmocka_unit_test(test_whether_light_came),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
