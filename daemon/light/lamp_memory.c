@@ -17,9 +17,8 @@
 #define ABSENT_S 2.0F
 /* A lamp becomes an area light, or an area light a lamp, beyond LP_COMPACT_DEG by this factor. */
 #define STAYS_WIDE 1.4F
-/* What is to become a lamp is further from being a piece of another, and what is one may be nearer
- * to it, by this factor. */
-#define STAYS_APART 1.15F
+/* A lamp that is known stays one down to this share of what tells another from a piece. */
+#define STAYS_APART 0.77F
 /* A block of the picture of 1920 pixels: 1.5 degrees along and across. */
 #define BLOCK_SR (1.5F * RAD * 1.5F * RAD)
 
@@ -112,7 +111,7 @@ static float inner_radius_rad(const struct lp_lamp *lamp)
 
 /* Whether a lamp is only a piece of another: it lies within the other and is hardly
  * brighter. What a misplaced frame left beside a lamp would be held as if it were one. With a
- * margin above 1, what is nearly a piece is one, too. */
+ * margin below 1, what is hardly a piece is none. */
 static bool is_piece(const struct lp_lamp *lamp, const struct lp_remembered_lamp *of, float margin)
 {
 	return of->id && of->seen && lamp->solid_angle_sr <= of->lamp.solid_angle_sr &&
@@ -136,15 +135,14 @@ static void drop_pieces(struct lp_lamp_memory *memory)
 	for (int p = LP_MAX_LAMPS - 1; p >= 0; p--) {
 		struct lp_remembered_lamp *m = &memory->list[p];
 
-		if (m->id && m->seen && is_piece_of_any(memory, &m->lamp, 1.0F / STAYS_APART))
+		if (m->id && m->seen && is_piece_of_any(memory, &m->lamp, STAYS_APART))
 			m->id = 0;
 	}
 }
 
 static bool enters(const struct lp_lamp_memory *memory, const struct lp_lamp_sighting *s)
 {
-	return s->enters &&
-	       !is_piece_of_any(memory, s->refined ? &s->pixels : &s->on_grid, STAYS_APART);
+	return s->enters && !is_piece_of_any(memory, s->refined ? &s->pixels : &s->on_grid, 1.0F);
 }
 
 void lp_lamp_memory_update(struct lp_lamp_memory *memory, const struct lp_lamp_sighting *sightings,

@@ -122,7 +122,7 @@ SEQUENCES = {
         Constant("light/tracker.c", "COMES_NS"),
         Constant("light/tracker.c", "LIT_SHARE"),
     ],
-    "lamp_memory": [Constant("light/lamp_memory.c", "STAYS_APART", (1.0, 1.3))],
+    "lamp_memory": [Constant("light/lamp_memory.c", "STAYS_APART", (0.6, 1.0))],
     "listing": [
         Constant("light/listing.c", name)
         for name in (
