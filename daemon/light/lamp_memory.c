@@ -17,7 +17,7 @@
 #define ABSENT_S 2.0F
 /* A lamp becomes an area light, or an area light a lamp, beyond LP_COMPACT_DEG by this factor. */
 #define STAYS_WIDE 1.4F
-/* A lamp that is known stays one down to this share of what tells another from a piece. */
+/* Of the two limits that make a lamp a piece of a wider one, for a lamp that is known already. */
 #define STAYS_APART 0.77F
 /* A block of the picture of 1920 pixels: 1.5 degrees along and across. */
 #define BLOCK_SR (1.5F * RAD * 1.5F * RAD)
@@ -110,8 +110,8 @@ static float inner_radius_rad(const struct lp_lamp *lamp)
 }
 
 /* Whether a lamp is only a piece of another: it lies within the other and is hardly
- * brighter. What a misplaced frame left beside a lamp would be held as if it were one. With a
- * margin below 1, what is hardly a piece is none. */
+ * brighter. What a misplaced frame left beside a lamp would be held as if it were one. The
+ * margin is a factor on the limits of radiance and of distance. */
 static bool is_piece(const struct lp_lamp *lamp, const struct lp_remembered_lamp *of, float margin)
 {
 	return of->id && of->seen && lamp->solid_angle_sr <= of->lamp.solid_angle_sr &&

@@ -165,8 +165,8 @@ static float challenged_s(const struct lp_listing *listing, uint32_t id)
 }
 
 /* Lamps outside that have been stronger for long enough send others off: the strongest the weakest,
- * the next one the next weakest, all at the same time. Where places are becoming free already, so
- * many of the strongest outside need not wait; so it is where a lamp fades that may come again. */
+ * the next one the next weakest, all at the same time. For each place that becomes free, or is kept
+ * for a lamp that has faded, one of the strongest outside waits without sending anyone off. */
 static void challenge(struct lp_listing *listing, const struct lp_light_estimate *estimate,
 		      const struct lp_light_estimate *candidates, float elapsed_s)
 {

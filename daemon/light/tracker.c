@@ -15,8 +15,9 @@
 #define MEMORY_NS 2000000000LL
 /* Below this share of its full strength a fading lamp is no longer listed. */
 #define LEAST_SHARE 0.02F
-/* Time constant of what the light was before, and for how long after a lamp is found its light may
- * come; so much of its irradiance is a lamp that was switched on, not a border drawn anew. */
+/* A lamp is lit when, within COMES_NS of being found, the irradiance that faces it has grown by
+ * this share of its own; what the irradiance was before is a mean with the time constant BEFORE_MS.
+ */
 #define BEFORE_MS 1000.0F
 #define COMES_NS 500000000LL
 #define LIT_SHARE 0.5F

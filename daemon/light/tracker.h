@@ -33,7 +33,7 @@ struct lp_tracker {
 	bool started;
 	int64_t t_last_ns;
 	float sh_total[LP_MAX_SH_COUNT][3];
-	float sh_before[LP_MAX_SH_COUNT][3]; /* as it was about a second ago */
+	float sh_before[LP_MAX_SH_COUNT][3]; /* mean of the last second or so */
 	struct lp_track track[LP_MAX_TRACKS];
 };
 

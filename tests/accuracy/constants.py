@@ -28,7 +28,8 @@ ROOT = Path(__file__).resolve().parents[2]
 COPIES = ROOT / "build/constants"
 PAGE = ROOT / "docs/maintainers/constants.md"
 COPIED = ("Makefile", "daemon", "proto", "packaging", "tests", "host_py", "firmware", "hw",
-          "docs/docs.mk", "clients/clients.mk", "build/gen", "build/release")  # fmt: skip
+          "docs/docs.mk", "clients/clients.mk",
+          "build/gen", "build/release", "build/stamps")  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What is generated and committed is as its source says now."""
+"""Generated files that are committed are up to date with their sources."""
 
 import importlib.util
 from pathlib import Path

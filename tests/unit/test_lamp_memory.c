@@ -229,8 +229,6 @@ static void test_pieces_of_a_lamp_are_no_lamps(void **state)
  * stays one; what lies well within it does not become one. */
 static void test_a_lamp_near_another_does_not_come_and_go(void **state)
 {
-	struct lp_memory_times now = frame;
-
 	(void)state;
 	for (int known = 0; known < 2; known++) {
 		struct lp_lamp_memory memory = {0};
@@ -248,7 +246,7 @@ static void test_a_lamp_near_another_does_not_come_and_go(void **state)
 				s[k].pixels.direction_sigma_deg = 1.0F;
 			}
 			s[0].on_grid.solid_angle_sr = s[0].pixels.solid_angle_sr = 4e-3F;
-			lp_lamp_memory_update(&memory, s, 2, &now);
+			lp_lamp_memory_update(&memory, s, 2, &frame);
 			for (int p = 0; p < LP_MAX_LAMPS; p++)
 				count += memory.list[p].id != 0;
 			assert_int_equal(count, 1 + known);

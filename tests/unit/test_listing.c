@@ -163,6 +163,34 @@ static void test_a_stronger_lamp_takes_over(void **state)
 	assert_float_equal(strong, 1.0F, 0.0F);
 }
 
+/* Into an old list: one that outshines another by little waits for seconds, by much for one half.
+ */
+static void test_the_stronger_takes_over_sooner(void **state)
+{
+	static const struct {
+		float strength;
+		int least, most; /* frames */
+	} cases[] = {{1.55F, 105, 112}, {3.0F, 14, 18}};
+
+	(void)state;
+	for (size_t c = 0; c < sizeof(cases) / sizeof(*cases); c++) {
+		struct lp_listing listing = {0};
+		struct lp_light_estimate listed;
+		int left = -1;
+
+		for (int n = 0; n < 600 && left < 0; n++) {
+			const float strengths[] = {8.0F, 7.0F, 6.0F, 1.0F,
+						   n < 300 ? 0.5F : cases[c].strength};
+			const struct lp_light_estimate e = at(n, strengths, 5);
+
+			lp_listing_update(&listing, &e, &four, &listed);
+			if (share_of(&listed, 4, 1.0F) < 1.0F)
+				left = n - 300;
+		}
+		assert_in_range(left, cases[c].least, cases[c].most);
+	}
+}
+
 /* Several lamps outshine the weakest ones, as after the first frames, before the exposures fit: all
  * have taken over when patience and fading are past, not one after the other. */
 static void test_several_take_over_at_once(void **state)
@@ -378,6 +406,7 @@ int main(void)
 		cmocka_unit_test(test_noise_moves_nothing),
 		cmocka_unit_test(test_reflections_are_left_out),
 		cmocka_unit_test(test_a_stronger_lamp_takes_over),
+		cmocka_unit_test(test_the_stronger_takes_over_sooner),
 		cmocka_unit_test(test_several_take_over_at_once),
 		cmocka_unit_test(test_new_borders_wait),
 		cmocka_unit_test(test_a_lost_lamp_keeps_its_place),
