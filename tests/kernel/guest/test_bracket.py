@@ -12,6 +12,7 @@ from room import CLIPPED, PICTURES, PROGRAM, assert_room, wait_whole_bracket
 from daemon import Daemon
 
 IGNORED = 1024  # ESTIMATE_FLAG_EXPOSURE_IGNORED
+WAITING_FRAMES = 5  # what the daemon lets wait in the driver (drivers/source/v4l2/stream.c)
 SOURCE = "v4l2:1d6b:0102?size=640x320&format=mjpeg"
 
 
@@ -74,6 +75,7 @@ def test_the_delay_is_calibrated_through_usb(make_camera, simulator, tmp_path):
     report = json.loads(done.stdout)
     assert report["follows"]
     assert not report["reports_exposure"]
-    # one frame more is on its way through the bus when the command is given
-    assert report["delay_frames"] in (2, 3)
+    # A frame on its way through the bus, and those that wait in the driver until a slow guest reads
+    # them, have left the camera before the command is given: all of them come before its effect.
+    assert 2 <= report["delay_frames"] <= 2 + 1 + WAITING_FRAMES, report["delays_frames"]
     assert f"exposure_delay_frames = {report['delay_frames']}" in out.read_text()
