@@ -276,6 +276,67 @@ static void test_a_lost_lamp_keeps_its_place(void **state)
 	}
 }
 
+/* Half a minute after a lamp has entered, the next one waits longer by a good quarter;
+ * after minutes it does not. */
+static void test_unrest_is_forgotten(void **state)
+{
+	static const struct {
+		int later; /* frames */
+		int least, most;
+	} cases[] = {{30 * 30, 148, 158}, {300 * 30, 119, 122}};
+
+	(void)state;
+	for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++) {
+		static const float strengths[] = {4.0F, 3.0F, 2.0F};
+		struct lp_listing listing = {0};
+		struct lp_light_estimate listed;
+		int first = -1, second = -1;
+
+		for (int n = 0; n < 300 + cases[i].later + 500; n++) {
+			const int count = 1 + (n >= 100) + (n >= 300 + cases[i].later);
+			struct lp_light_estimate e = at(n, strengths, count);
+
+			e.lights[1].found_s = (float)(n - 100) * (float)FRAME_NS / 1e9F;
+			e.lights[2].found_s =
+				(float)(n - 300 - cases[i].later) * (float)FRAME_NS / 1e9F;
+			lp_listing_update(&listing, &e, &four, &listed);
+			if (first < 0 && lists(&listed, 2))
+				first = n;
+			if (second < 0 && lists(&listed, 3))
+				second = n - 300 - cases[i].later;
+		}
+		assert_in_range(first, 150, 300);
+		assert_in_range(second, cases[i].least, cases[i].most);
+	}
+}
+
+/* A kept place goes to a lamp that was switched on a short time ago, not to one that has been
+ * lit for a while and was too faint for the list. */
+static void test_the_just_lit_takes_a_kept_place(void **state)
+{
+	(void)state;
+	for (int early = 0; early < 2; early++) {
+		const float lit_s = early ? 2.5F : 1.5F;
+		struct lp_listing listing = {0};
+		struct lp_light_estimate listed;
+
+		for (int n = 0; n < 310; n++) {
+			const float age_s = lit_s + (float)(n - 300) / 30.0F;
+			const float strengths[] = {4.0F, 3.0F, 2.0F, n < 300 ? 1.0F : 0.0F,
+						   age_s >= 0.0F ? 0.9F : 0.0F};
+			struct lp_light_estimate e = at(n, strengths, 5);
+			struct lp_light *const last = &e.lights[e.light_count - 1];
+
+			if (last->id == 5) {
+				last->lit = true;
+				last->found_s = age_s;
+			}
+			lp_listing_update(&listing, &e, &four, &listed);
+			assert_int_equal(lists(&listed, 5), n >= 300 && !early);
+		}
+	}
+}
+
 /* Two lamps come and go for ever, as regions of a bright sky do by noise, each time as new ones.
  * The list takes in fewer than one in ten seconds. */
 static void test_a_restless_scene_does_not_pop(void **state)
@@ -410,6 +471,8 @@ int main(void)
 		cmocka_unit_test(test_several_take_over_at_once),
 		cmocka_unit_test(test_new_borders_wait),
 		cmocka_unit_test(test_a_lost_lamp_keeps_its_place),
+		cmocka_unit_test(test_unrest_is_forgotten),
+		cmocka_unit_test(test_the_just_lit_takes_a_kept_place),
 		cmocka_unit_test(test_a_restless_scene_does_not_pop),
 		cmocka_unit_test(test_shares_add_up),
 		cmocka_unit_test(test_models_do_not_flicker),

@@ -298,6 +298,32 @@ static void test_whether_light_came(void **state)
 	}
 }
 
+/* Light counts as a lamp's own when enough of it comes, and soon after the lamp is found. */
+static void test_light_comes_with_a_lamp_or_later(void **state)
+{
+	static const struct {
+		int later; /* frames */
+		float share;
+		bool lit;
+	} cases[] = {{12, 1.0F, true}, {20, 1.0F, false}, {0, 0.6F, true}, {0, 0.4F, false}};
+
+	(void)state;
+	for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++) {
+		struct lp_tracker tracker = {.time_constant_ms = 100.0F};
+		struct lp_light_estimate smoothed;
+
+		for (int n = 0; n < 150; n++) {
+			const bool shines = n >= 100 + cases[i].later;
+			const struct lp_light_estimate raw =
+				scene(n, 0.0F, shines ? 2.0F * cases[i].share : 0.0F,
+				      n >= 100 ? 2.0F : 0.0F);
+
+			lp_tracker_update(&tracker, &raw, &smoothed);
+		}
+		assert_int_equal(smoothed.lights[0].lit, cases[i].lit);
+	}
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -311,6 +337,7 @@ int main(void)
 		cmocka_unit_test(test_a_million_frames),
 		cmocka_unit_test(test_a_jump_has_no_delay),
 		cmocka_unit_test(test_whether_light_came),
+		cmocka_unit_test(test_light_comes_with_a_lamp_or_later),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
