@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -244,6 +245,13 @@ def run_group(kernel: Kernel, options: argparse.Namespace, name: str) -> bool:
     return reason is None
 
 
+def run_groups(run: Callable[[str], bool], names: Sequence[str], jobs: int) -> list[str]:
+    """Run groups, so many at a time; the names of those that failed."""
+    with ThreadPoolExecutor(jobs) as pool:
+        passed = list(pool.map(run, names))
+    return [name for name, well in zip(names, passed, strict=True) if not well]
+
+
 def shell(kernel: Kernel, variant: str) -> int:
     """Boot to an interactive shell with the devices of all groups."""
     with tempfile.TemporaryDirectory(prefix="lp-kernel-") as folder:
@@ -279,12 +287,16 @@ def main() -> int:
         return shell(kernel, options.variant)
     # A guest waits most of the time: for frames, for time limits, for its own slow disk.
     # They would add to the same counts of coverage at once, though.
-    jobs = 1 if options.variant == "cov" else options.jobs
-    with ThreadPoolExecutor(jobs) as pool:
-        passed = list(pool.map(partial(run_group, kernel, options), options.groups or GROUPS))
+    names = options.groups or list(GROUPS)
+    jobs = 1 if options.variant == "cov" else min(options.jobs, len(names))
+    run = partial(run_group, kernel, options)
+    failed = run_groups(run, names, jobs)
+    if failed and jobs > 1:
+        print(f"kernel: those that failed, once more and alone: {', '.join(failed)}", flush=True)
+        failed = run_groups(run, failed, 1)
     if options.variant == "cov":
         coverage.report(OUT / "gcov", OUT / "coverage.txt")
-    return 0 if all(passed) else 1
+    return 1 if failed else 0
 
 
 if __name__ == "__main__":
