@@ -47,14 +47,14 @@ evaluate: build $(BUILD)/scenes/blender.stamp ## measure accuracy against exact 
 		--plot $(BUILD)/evaluate/accuracy.png --json-file $(BUILD)/evaluate/accuracy.json
 
 .PHONY: accuracy
-accuracy: build $(BUILD)/scenes/blender.stamp ## measure accuracy again and write docs/users/accuracy.md (an hour)
+accuracy: build $(BUILD)/scenes/blender.stamp ## measure accuracy again and write docs/users/accuracy.md (two hours)
 	@$(VENV)/bin/python tests/accuracy/report.py
 
 .PHONY: accuracy-ring
 accuracy-ring: build $(BUILD)/scenes/blender.stamp ## its parts about the ring of light sensors (a quarter of an hour)
 	@$(VENV)/bin/python tests/accuracy/with_ring.py
 .PHONY: accuracy-live
-accuracy-live: build $(BUILD)/scenes/blender.stamp ## its part about turning cameras and changing lamps (half an hour)
+accuracy-live: build $(BUILD)/scenes/blender.stamp ## its part about turning cameras and changing lamps (an hour and a half)
 	@$(VENV)/bin/python tests/accuracy/report.py --only-live
 
 .PHONY: accuracy-polarization

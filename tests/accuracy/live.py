@@ -203,9 +203,9 @@ def told_cases() -> list[Case]:
     ]
 
 
-def ring_cases() -> list[Case]:
+def ring_cases(judged_s: float = JUDGED_S) -> list[Case]:
     """With the ring of light sensors beside the camera."""
-    return cases(RING_SCENES, RING_RATES, ["reported"], ring=True)
+    return cases(RING_SCENES, RING_RATES, ["reported"], ring=True, judged_s=judged_s)
 
 
 def ring_rows(moving: Sequence[Live], ringed: Sequence[Live]) -> list[list[str]]:

@@ -150,8 +150,8 @@ def evaluated(names: list[str], inputs: list[str]) -> tuple[list[Case], evaluate
     return cases, evaluate.group(cases)
 
 
-#: Births a second are small numbers: turning cameras are judged for so long.
-MOVING_S = 16.0
+#: A few births in a minute tell how restless a list is: turning cameras are judged for so long.
+MOVING_S = 60.0
 
 
 def live_figures(out: Path, page: Path) -> dict[str, str]:
@@ -159,7 +159,7 @@ def live_figures(out: Path, page: Path) -> dict[str, str]:
     moving = live.all_figures(live.cases(live.SCENES, judged_s=MOVING_S))
     troubled = live.all_figures(live.cases(live.TROUBLED_SCENES, tuple(live.TROUBLES)))
     told = live.all_figures(live.told_cases())
-    ringed = live.all_figures(live.ring_cases())
+    ringed = live.all_figures(live.ring_cases(judged_s=MOVING_S))
     exposing = automatic.all_figures(automatic.cases(automatic.SCENES))
     modules = several.all_figures(several.cases(several.SCENES))
     changing = changes.all_figures(changes.cases(changes.SCENES))
