@@ -285,9 +285,9 @@ def main() -> int:
     shutil.rmtree(OUT / "gcov", ignore_errors=True)
     if options.shell:
         return shell(kernel, options.variant)
+    names = options.groups or list(GROUPS)
     # A guest waits most of the time: for frames, for time limits, for its own slow disk.
     # They would add to the same counts of coverage at once, though.
-    names = options.groups or list(GROUPS)
     jobs = 1 if options.variant == "cov" else min(options.jobs, len(names))
     run = partial(run_group, kernel, options)
     failed = run_groups(run, names, jobs)

@@ -88,7 +88,7 @@ static struct count count_healthy(struct camera *camera, int frames, float level
 
 /* Where a computer is so busy that commands come late, by up to 1.5 seconds, only what frames show
  * may tell their exposure. Not mended: in some sequences of delays a few packets are wrong without
- * a flag (11 of 939 in one of 16 sequences that were tried, none in the others). */
+ * a flag (11 of 939 if the state of dither() begins with 77). */
 static void test_an_unsteady_delay_is_mostly_merged_rightly(void **state)
 {
 	struct count all = {0};

@@ -276,8 +276,8 @@ static void test_a_lost_lamp_keeps_its_place(void **state)
 	}
 }
 
-/* Half a minute after a lamp has entered, the next one waits longer by a good quarter;
- * after minutes it does not. */
+/* Half a minute after a lamp has entered, the next one waits longer by a good quarter; after
+ * minutes it does not. */
 static void test_unrest_is_forgotten(void **state)
 {
 	static const struct {
