@@ -9,7 +9,7 @@
  *    taken as it is, not averaged;
  *  - but not by an observation that is older than the newest one: that tells nothing of the cell;
  *  - a clipped cell is a lower bound: it never makes a known cell darker. Where nothing but bounds
- *    is known, that of the shortest exposure counts;
+ *    is known, or what is known has become vague, that of the shortest exposure counts;
  *  - a few clipped pixels do not show in the mean of a cell of middle brightness, so a longer
  *    exposure makes no cell darker that a shorter one has just seen clipped.
  *

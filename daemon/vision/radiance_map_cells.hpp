@@ -29,6 +29,12 @@ constexpr float kCameraSigma = 0.03F;
 constexpr float kGate = 5.0F;
 /* Sigmas beyond which a lower bound contradicts a known radiance. */
 constexpr float kBoundGate = 3.0F;
+/* ...or relative 1 sigma of what is known, from which on any bound above it does: a frame that
+ * shows the cell clipped then tells more than frames of long ago that did not... */
+constexpr float kVague = 0.2F;
+/* ...as does one that is higher by this share of what is known: light has come that may be
+ * misplaced, but is there. */
+constexpr float kFarBrighter = 1.0F;
 /* Exposures within this ratio are one setting. */
 constexpr float kSameScale = 1.2F;
 /* Codes cannot be negative, so that the darkest are too bright on average: below kDark (the root of
@@ -303,12 +309,15 @@ bool correct_plain(struct lp_radiance_map *map, const struct lp_observation *see
 	v_float32x4 gain = learned.gain, variance = learned.variance;
 	/* a lower bound of a known cell, or one more of a cell that has only been seen clipped */
 	const v_float32x4 above = difference > zero;
+	const v_float32x4 vague = before > cv::v_setall_f32(kVague * kVague) * held * held;
 	const v_float32x4 bound = mask_of(flags, LP_CELL_CLIPPED);
 	const clipping bounds(map, seen, i);
+	const v_float32x4 known_is_refuted =
+		vague | (difference > held * cv::v_setall_f32(kFarBrighter)) |
+		(difference * difference >
+		 cv::v_setall_f32(kBoundGate * kBoundGate) * learned.both);
 	const v_float32x4 refuted =
-		cv::v_select(known,
-			     above & (difference * difference >
-				      cv::v_setall_f32(kBoundGate * kBoundGate) * learned.both),
+		cv::v_select(known, above & known_is_refuted,
 			     mask_of(flags, LP_CELL_UNSEEN) |
 				     (bound & (bounds.shorter | (bounds.longer & above))));
 	const v_float32x4 below =
@@ -324,9 +333,11 @@ bool correct_plain(struct lp_radiance_map *map, const struct lp_observation *see
 		mask_of(seen_flags, LP_CELL_UNSEEN) | mask_of(seen_flags, LP_CELL_COVERED) |
 		(beside & (fresh == zero) & (darker == zero)) | overruled | hidden;
 	const v_float32x4 mean = bound & (refuted == zero) & (bounds.longer == zero);
+	/* a bound that misplaced frames may explain moves a known cell as any observation does */
 	const v_float32x4 bound_gain =
-		cv::v_select(refuted | (known & above), one,
-			     cv::v_select(mean, cv::v_setall_f32(0.5F), zero));
+		cv::v_select(refuted, one,
+			     cv::v_select(known & above, learned.gain,
+					  cv::v_select(mean, cv::v_setall_f32(0.5F), zero)));
 
 	gain = cv::v_select(clipped, bound_gain, gain);
 	variance = cv::v_select(clipped, cv::v_select(refuted, unknown, before), variance);

@@ -181,6 +181,85 @@ static void test_clipped_cells_bound_from_below(void **state)
 	assert_int_equal(map->flags[5], 0);
 }
 
+/* Of a turned picture: the cells look in the wrong place by so much, 1 sigma. */
+static struct lp_observation misplaced(float scale, float sigma)
+{
+	struct lp_observation seen = picture(scale);
+
+	for (int i = 0; i < CELLS; i++)
+		step2[i] = 1.0F;
+	seen.step2 = step2;
+	seen.place_variance = sigma * sigma;
+	return seen;
+}
+
+/* Every cell is known to be so bright. */
+static void know(float value, float scale)
+{
+	const struct lp_observation seen = picture(scale);
+
+	memset(flags, 0, CELLS);
+	fill(value);
+	for (int n = 0; n < 30; n++)
+		lp_radiance_map_observe(map, &seen);
+	memset(flags, LP_CELL_CLIPPED, CELLS);
+}
+
+/* Frames that misplace the light of a clipped lamp do not add up in the cell beside it, until
+ * nothing else has been seen of the cell for some seconds. */
+static void test_misplaced_bounds_do_not_add_up(void **state)
+{
+	struct lp_observation seen;
+
+	(void)state;
+	know(20.0F, 100.0F);
+	seen = misplaced(100.0F, 10.0F);
+	for (int n = 0; n < 240; n++) {
+		fill(20.0F + 10.0F * fabsf(noise()));
+		lp_radiance_map_observe(map, &seen);
+		if (n == 10)
+			assert_true(map->radiance[5][1] < 21.0F);
+		if (n == 90)
+			assert_int_equal(map->flags[5], 0);
+	}
+	assert_int_equal(map->flags[5], LP_CELL_CLIPPED);
+}
+
+static void test_a_bound_of_twice_what_is_known_counts(void **state)
+{
+	struct lp_observation seen;
+
+	(void)state;
+	know(20.0F, 100.0F);
+	seen = misplaced(100.0F, 40.0F);
+	fill(36.0F);
+	lp_radiance_map_observe(map, &seen);
+	assert_int_equal(map->flags[5], 0);
+	assert_float_equal(map->radiance[5][1], 20.0F, 0.5F);
+	fill(50.0F);
+	lp_radiance_map_observe(map, &seen);
+	assert_int_equal(map->flags[5], LP_CELL_CLIPPED);
+	assert_float_equal(map->radiance[5][1], 50.0F, 1e-4F);
+}
+
+/* A lamp that a drifting frame of reference moves across a dark cell comes and goes by parts. */
+static void test_a_clipped_lamp_comes_and_goes_by_parts(void **state)
+{
+	struct lp_observation seen;
+
+	(void)state;
+	know(0.05F, 0.1F);
+	seen = misplaced(100.0F, 40.0F);
+	for (int n = 0; n <= 100; n++) {
+		const float share = 1.0F - fabsf((float)n / 50.0F - 1.0F);
+
+		fill(1.0F + 60.0F * share);
+		lp_radiance_map_observe(map, &seen);
+		assert_float_equal(map->radiance[5][1], radiance[5][1], 3.0F);
+		assert_int_equal(map->flags[5], LP_CELL_CLIPPED);
+	}
+}
+
 /* A clipped pixel does not show in the mean of a cell of middle brightness: a longer exposure does
  * not make the cell darker that a shorter one has seen clipped, until that one shows it darker,
  * too, or comes no more. */
@@ -478,6 +557,9 @@ int main(void)
 		cmocka_unit_test_setup(test_noise_is_averaged, begin),
 		cmocka_unit_test_setup(test_a_change_is_taken_at_once, begin),
 		cmocka_unit_test_setup(test_clipped_cells_bound_from_below, begin),
+		cmocka_unit_test_setup(test_misplaced_bounds_do_not_add_up, begin),
+		cmocka_unit_test_setup(test_a_bound_of_twice_what_is_known_counts, begin),
+		cmocka_unit_test_setup(test_a_clipped_lamp_comes_and_goes_by_parts, begin),
 		cmocka_unit_test_setup(test_a_clipped_pixel_hides_in_a_longer_exposure, begin),
 		cmocka_unit_test_setup(test_what_is_darker_beside_a_clipped_cell_is_learned, begin),
 		cmocka_unit_test_setup(test_any_unit_will_do, begin),
