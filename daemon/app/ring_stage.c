@@ -63,18 +63,10 @@ void lp_ring_stage_sample(struct lp_ring_stage *stage, const struct lp_ring_samp
 		stage->sample = *sample;
 }
 
-/* Clipped lamps are parts of their own, whatever they hang together with. */
 static void find_parts(struct lp_clipped_parts *parts, const struct lp_panorama *panorama,
 		       const int32_t *finder_cells, const struct lp_lamp_memory *memory)
 {
-	lp_clipped_parts_clear(parts);
-	for (int k = 0; k < LP_MAX_LAMPS && parts->count < LP_MAX_CLIPPED_PARTS; k++) {
-		const struct lp_remembered_lamp *m = &memory->list[k];
-
-		if (m->id && m->seen && (m->lamp.flags & LP_LIGHT_CLIPPED))
-			lp_clipped_parts_claim(parts, panorama, finder_cells + m->lamp.first,
-					       m->lamp.count, k);
-	}
+	lp_clipped_parts_of_lamps(parts, panorama, finder_cells, memory);
 	lp_clipped_parts_find(parts, panorama);
 	for (int j = 0; j < parts->count; j++)
 		if (parts->list[j].owner >= 0)

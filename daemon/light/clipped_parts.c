@@ -7,9 +7,11 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "include/light_estimate.h"
 #include "include/luminance.h"
 #include "include/panorama.h"
 #include "light/grid.h"
+#include "light/lamp_memory.h"
 #include "light/symmetric3.h"
 
 /* Wider parts are split as long as there is room. Chosen by hand (docs/maintainers/constants.md).
@@ -158,6 +160,40 @@ void lp_clipped_parts_claim(struct lp_clipped_parts *parts, const struct lp_pano
 	for (int i = 0; i < count; i++)
 		(void)take(parts, panorama, cells[i]);
 	add(parts, panorama, first, owner);
+}
+
+/* The lamps that clip, those of the fewest cells first; returns how many. */
+static int clipped_lamps(const struct lp_lamp_memory *memory, int owners[LP_MAX_LAMPS])
+{
+	int count = 0;
+
+	for (int k = 0; k < LP_MAX_LAMPS; k++) {
+		const struct lp_remembered_lamp *m = &memory->list[k];
+		int at = count;
+
+		if (!m->id || !m->seen || !(m->lamp.flags & LP_LIGHT_CLIPPED))
+			continue;
+		for (; at > 0 && memory->list[owners[at - 1]].lamp.count > m->lamp.count; at--)
+			owners[at] = owners[at - 1];
+		owners[at] = k;
+		count++;
+	}
+	return count;
+}
+
+void lp_clipped_parts_of_lamps(struct lp_clipped_parts *parts, const struct lp_panorama *panorama,
+			       const int32_t *cells, const struct lp_lamp_memory *memory)
+{
+	int owners[LP_MAX_LAMPS];
+	const int count = clipped_lamps(memory, owners);
+
+	lp_clipped_parts_clear(parts);
+	for (int k = 0; k < count && parts->count < LP_MAX_CLIPPED_PARTS; k++) {
+		const struct lp_lamp *lamp = &memory->list[owners[k]].lamp;
+
+		lp_clipped_parts_claim(parts, panorama, cells + lamp->first, lamp->count,
+				       owners[k]);
+	}
 }
 
 /* All clipped cells that hang together with the one at parts->cells[first]. */

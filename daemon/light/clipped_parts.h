@@ -10,6 +10,7 @@
 #include <stdint.h>
 
 struct lp_grid;
+struct lp_lamp_memory;
 struct lp_panorama;
 
 #define LP_MAX_CLIPPED_PARTS 16
@@ -43,6 +44,12 @@ void lp_clipped_parts_clear(struct lp_clipped_parts *parts);
  * such as a lamp. */
 void lp_clipped_parts_claim(struct lp_clipped_parts *parts, const struct lp_panorama *panorama,
 			    const int32_t *cells, int count, int owner);
+
+/* Begin with the lamps that are seen and clip: each becomes a part of its own, whatever it hangs
+ * together with; its owner is its place in the memory. `cells`: of the lamp finder. Small lamps
+ * come first: a sky that a sun was once part of is held over the sun's cells, too. */
+void lp_clipped_parts_of_lamps(struct lp_clipped_parts *parts, const struct lp_panorama *panorama,
+			       const int32_t *cells, const struct lp_lamp_memory *memory);
 
 /* All other clipped cells. Of more groups than there is room for the brightest are taken. */
 void lp_clipped_parts_find(struct lp_clipped_parts *parts, const struct lp_panorama *panorama);

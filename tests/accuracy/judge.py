@@ -115,10 +115,12 @@ def judge(
     packets: Sequence[Packet],
     seconds: float,
     harmless: int = HARMLESS,
+    bounds_count: bool = True,
 ) -> Figures:
     """Sum up what came in `seconds`; `light_at`: the truth when a packet was captured.
 
-    `harmless`: flags that a healthy packet may carry.
+    `harmless`: flags that a healthy packet may carry. `bounds_count`: a sun is listed by a lamp
+    that clips, however little of the sun's light it has; not with a ring, which tells the rest.
     """
     lights = [light_at(packet) for packet in packets]
     pairs = list(zip(lights, packets, strict=True))
@@ -127,7 +129,7 @@ def judge(
     wrong = [mae > WRONG and _seems_fine(p, harmless) for mae, p in zip(maes, packets, strict=True)]
     matches = [match for pair in pairs for match in _matches(*pair)]
     flags = Counter(name for packet in packets for name in flag_names(packet.estimate.flags))
-    suns = [_lists(packet, light.sun) for light, packet in pairs if light.sun is not None]
+    suns = [_lists(packet, light.sun, bounds_count) for light, packet in pairs if light.sun]
     count = max(len(packets), 1)
     return Figures(
         packets=len(packets),
@@ -184,12 +186,15 @@ def _seems_fine(packet: Packet, harmless: int) -> bool:
     return stated is not None and stated < STATED and _healthy(packet, harmless)
 
 
-def _lists(packet: Packet, sun: Lamp) -> bool:
+def _lists(packet: Packet, sun: Lamp, bounds_count: bool) -> bool:
     near, direction = np.cos(np.radians(NEAR_DEG)), packet.turn @ sun.direction
     least = SHARE * _strength(sun)
     return any(
         light.direction @ direction > near
-        and (light.flags & LightFlag.CLIPPED or luminance(light.irradiance) > least)
+        and (
+            (bounds_count and light.flags & LightFlag.CLIPPED)
+            or luminance(light.irradiance) > least
+        )
         for light in packet.estimate.lights
     )
 

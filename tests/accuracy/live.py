@@ -158,7 +158,7 @@ def judged(case: Case) -> list[Live]:
                 case.motion,
                 run.exposures,
                 name,
-                judge(light_at, some, run.judged_s),
+                judge(light_at, some, run.judged_s, bounds_count=not run.ring),
                 run.orientation,
                 run.ring,
                 **(told(some, recorded.world) if asked else {}),

@@ -124,6 +124,8 @@ def test_a_sun_must_be_listed() -> None:
     for lights, share in ((weak, 0), (clipped, 1)):
         seen = replace(one, estimate=replace(one.estimate, lights=tuple(lights)))
         assert judged([seen], light=light).sun_listed == share
+        with_ring = judge.judge(lambda _: light, [seen], 1, bounds_count=False)
+        assert with_ring.sun_listed == 0
     assert judged([one], light=replace(light, sun=None)).sun_listed is None
 
 

@@ -1,0 +1,96 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "include/light_estimate.h"
+#include "include/panorama.h"
+#include "light/clipped_parts.h"
+#include "light/grid.h"
+#include "light/lamp_memory.h"
+
+#define WIDTH 240
+#define HEIGHT 120
+#define CELLS (WIDTH * HEIGHT)
+
+static struct lp_grid *grid;
+static struct lp_clipped_parts *parts;
+static float radiance[CELLS][4];
+static uint8_t flags[CELLS];
+
+static int set_up(void **state)
+{
+	(void)state;
+	assert_int_equal(lp_grid_create(WIDTH, HEIGHT, &grid), 0);
+	return lp_clipped_parts_create(grid, &parts);
+}
+
+static int tear_down(void **state)
+{
+	(void)state;
+	lp_clipped_parts_destroy(parts);
+	lp_grid_destroy(grid);
+	return 0;
+}
+
+/* The cells of a square, side * side, into cells[]; they clip. */
+static void square(int row, int column, int side, int32_t *cells)
+{
+	for (int r = 0; r < side; r++)
+		for (int c = 0; c < side; c++) {
+			const int32_t cell = (row + r) * WIDTH + column + c;
+
+			cells[r * side + c] = cell;
+			flags[cell] = LP_CELL_CLIPPED;
+			for (int k = 0; k < 4; k++)
+				radiance[cell][k] = 1.0F;
+		}
+}
+
+/* A sky that clips, which has been known for longer, and the sun within it. */
+static void test_a_sun_within_a_sky_is_a_part_of_its_own(void **state)
+{
+	static struct lp_lamp_memory memory;
+	static int32_t cells[9 * 9 + 3 * 3];
+	const struct lp_panorama panorama = {.width = WIDTH,
+					     .height = HEIGHT,
+					     .cells = radiance,
+					     .flags = flags};
+
+	(void)state;
+	square(40, 100, 9, cells);
+	square(43, 103, 3, cells + 81);
+	memory.list[0] =
+		(struct lp_remembered_lamp){.id = 1,
+					    .seen = true,
+					    .lamp = {.count = 81, .flags = LP_LIGHT_CLIPPED}};
+	memory.list[1] = (struct lp_remembered_lamp){.id = 2,
+						     .seen = true,
+						     .lamp = {.first = 81,
+							      .count = 9,
+							      .flags = LP_LIGHT_CLIPPED}};
+	memory.list[2] =
+		(struct lp_remembered_lamp){.id = 3,
+					    .seen = false,
+					    .lamp = {.count = 81, .flags = LP_LIGHT_CLIPPED}};
+	lp_clipped_parts_of_lamps(parts, &panorama, cells, &memory);
+	lp_clipped_parts_find(parts, &panorama);
+	assert_int_equal(parts->list[0].owner, 1);
+	assert_int_equal(parts->list[0].count, 9);
+	for (int k = 1; k < parts->count; k++)
+		sky += parts->list[k].owner == 0 ? parts->list[k].count : 0;
+	assert_int_equal(sky, 81 - 9);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_a_sun_within_a_sky_is_a_part_of_its_own),
+	};
+
+	return cmocka_run_group_tests(tests, set_up, tear_down);
+}
