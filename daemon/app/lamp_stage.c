@@ -366,7 +366,7 @@ static void list_light(const struct lp_remembered_lamp *m, struct lp_light *ligh
 		m->recovered_sigma > 0.0F ? m->recovered_colour_sigma / strength(m) : 0.0F;
 	light->distance_m = NAN;
 	/* The ring tells what clipping hides; else it is guessed. */
-	light->hidden = m->recovered_sigma > 0.0F ? 0.0F : m->hidden;
+	light->hidden = m->hidden;
 	light->flags = lamp->flags | (m->seen ? 0 : LP_LIGHT_HELD) |
 		       (m->wide ? LP_LIGHT_EXTENDED : 0) |
 		       (m->recovered_sigma > 0.0F ? LP_LIGHT_RING : 0) |

@@ -162,7 +162,7 @@ void lp_clipped_parts_claim(struct lp_clipped_parts *parts, const struct lp_pano
 	add(parts, panorama, first, owner);
 }
 
-/* The lamps that clip, those of the fewest cells first; returns how many. */
+/* The lamps that clip, then the area lights; returns how many. */
 static int clipped_lamps(const struct lp_lamp_memory *memory, int owners[LP_MAX_LAMPS])
 {
 	int count = 0;
@@ -173,7 +173,7 @@ static int clipped_lamps(const struct lp_lamp_memory *memory, int owners[LP_MAX_
 
 		if (!m->id || !m->seen || !(m->lamp.flags & LP_LIGHT_CLIPPED))
 			continue;
-		for (; at > 0 && memory->list[owners[at - 1]].lamp.count > m->lamp.count; at--)
+		for (; at > 0 && memory->list[owners[at - 1]].wide > m->wide; at--)
 			owners[at] = owners[at - 1];
 		owners[at] = k;
 		count++;

@@ -309,7 +309,9 @@ static void follow_hidden(struct lp_remembered_lamp *m, float elapsed_s)
 	const float over_s = fminf(HIDDEN_S, m->known_s);
 	const float share = elapsed_s < over_s ? elapsed_s / over_s : 1.0F;
 
-	m->hidden += share * (lp_lamp_hidden(&m->lamp) - m->hidden);
+	const float hidden = m->recovered_sigma > 0.0F ? 0.0F : lp_lamp_hidden(&m->lamp);
+
+	m->hidden += share * (hidden - m->hidden);
 }
 
 /* The shortest exposure whose pixels clip the lamp, until a shorter one shows it or tells nothing.

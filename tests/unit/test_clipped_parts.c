@@ -60,6 +60,7 @@ static void test_a_sun_within_a_sky_is_a_part_of_its_own(void **state)
 					     .height = HEIGHT,
 					     .cells = radiance,
 					     .flags = flags};
+	int sky = 0;
 
 	(void)state;
 	square(40, 100, 9, cells);
@@ -67,6 +68,7 @@ static void test_a_sun_within_a_sky_is_a_part_of_its_own(void **state)
 	memory.list[0] =
 		(struct lp_remembered_lamp){.id = 1,
 					    .seen = true,
+					    .wide = true,
 					    .lamp = {.count = 81, .flags = LP_LIGHT_CLIPPED}};
 	memory.list[1] = (struct lp_remembered_lamp){.id = 2,
 						     .seen = true,

@@ -415,7 +415,27 @@ static void test_absence(void **state)
 	assert_int_equal(only(&memory)->id, 2);
 }
 
-/* More lamps than there is room for: those seen stay. */
+/* What the ring tells of a clipped lamp, now and then, does not move it up and down a list. */
+static void test_a_lamp_that_the_ring_knows_hides_less_by_and_by(void **state)
+{
+	struct lp_lamp_memory memory = {0};
+	struct lp_lamp_sighting seen = sighting(0, 10);
+	float before;
+
+	(void)state;
+	seen.pixels.flags = LP_LIGHT_CLIPPED;
+	for (int n = 0; n < 60; n++)
+		lp_lamp_memory_update(&memory, &seen, 1, &frame);
+	before = only(&memory)->hidden;
+	assert_true(before > 1.0F);
+	memory.list[0].recovered_sigma = 1.0F; /* by one frame */
+	lp_lamp_memory_update(&memory, &seen, 1, &frame);
+	assert_true(only(&memory)->hidden < before && only(&memory)->hidden > 0.9F * before);
+	for (int n = 0; n < 90; n++)
+		lp_lamp_memory_update(&memory, &seen, 1, &frame);
+	assert_true(only(&memory)->hidden < 0.1F * before);
+}
+
 /* A small one that clips shines on for the one frame that does not show it; no other one does. */
 static void test_a_clipped_lamp_may_be_hidden_for_a_frame(void **state)
 {
@@ -555,6 +575,7 @@ int main(void)
 		cmocka_unit_test(test_changes_and_noise),
 		cmocka_unit_test(test_entering_is_harder_than_staying),
 		cmocka_unit_test(test_absence),
+		cmocka_unit_test(test_a_lamp_that_the_ring_knows_hides_less_by_and_by),
 		cmocka_unit_test(test_a_clipped_lamp_may_be_hidden_for_a_frame),
 		cmocka_unit_test(test_a_lamp_that_moves_is_followed),
 		cmocka_unit_test(test_crowds),
