@@ -66,6 +66,7 @@ struct lp_observation {
 	float elapsed_s;     /* since the observation before */
 	float stirred;	     /* 1 sigma, relative, of a change of light everywhere since then; 0 */
 	float flicker_sigma; /* relative 1 sigma of all light, from lamps that flicker */
+	bool longer;	     /* than another exposure that has come lately */
 	float late_s; /* so much older than the newest observation, which is right where they differ
 		       */
 	/* Squared change of luminance from cell to cell, and the variance in cells^2 of where a

@@ -312,8 +312,10 @@ bool correct_plain(struct lp_radiance_map *map, const struct lp_observation *see
 	const v_float32x4 vague = before > cv::v_setall_f32(kVague * kVague) * held * held;
 	const v_float32x4 bound = mask_of(flags, LP_CELL_CLIPPED);
 	const clipping bounds(map, seen, i);
+	/* a longer exposure clips in more cells, and shorter ones tell what they hold */
+	const v_float32x4 shortest = cv::v_setall_f32(seen->longer ? 1.0F : 0.0F) == zero;
 	const v_float32x4 known_is_refuted =
-		vague | (difference > held * cv::v_setall_f32(kFarBrighter)) |
+		(shortest & (vague | (difference > held * cv::v_setall_f32(kFarBrighter)))) |
 		(difference * difference >
 		 cv::v_setall_f32(kBoundGate * kBoundGate) * learned.both);
 	const v_float32x4 refuted =

@@ -237,6 +237,10 @@ static void test_a_bound_of_twice_what_is_known_counts(void **state)
 	assert_int_equal(map->flags[5], 0);
 	assert_float_equal(map->radiance[5][1], 20.0F, 0.5F);
 	fill(50.0F);
+	seen.longer = true; /* a shorter exposure tells more */
+	lp_radiance_map_observe(map, &seen);
+	assert_int_equal(map->flags[5], 0);
+	seen.longer = false;
 	lp_radiance_map_observe(map, &seen);
 	assert_int_equal(map->flags[5], LP_CELL_CLIPPED);
 	assert_float_equal(map->radiance[5][1], 50.0F, 1e-4F);
