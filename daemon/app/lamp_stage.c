@@ -365,7 +365,6 @@ static void list_light(const struct lp_remembered_lamp *m, struct lp_light *ligh
 	light->colour_sigma =
 		m->recovered_sigma > 0.0F ? m->recovered_colour_sigma / strength(m) : 0.0F;
 	light->distance_m = NAN;
-	/* The ring tells what clipping hides; else it is guessed. */
 	light->hidden = m->hidden;
 	light->flags = lamp->flags | (m->seen ? 0 : LP_LIGHT_HELD) |
 		       (m->wide ? LP_LIGHT_EXTENDED : 0) |

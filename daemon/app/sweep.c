@@ -6,10 +6,10 @@
 
 #include "base/clock.h"
 #include "include/frame.h"
+#include "vision/radiance_map.h" /* LP_SAME_EXPOSURE */
 
 #define ANSWER_NS (100 * LP_NS_PER_MS) /* a frame waits no longer for its angle */
 #define SAME_DEG 0.02F
-#define SAME_EXPOSURE 1.2F /* ratio: as the map takes exposures for one setting */
 
 static bool turning(const struct lp_sweep *sweep)
 {
@@ -27,7 +27,7 @@ bool lp_sweep_lost(const struct lp_sweep *sweep)
 
 static bool alike(float one_us, float other_us)
 {
-	return one_us < SAME_EXPOSURE * other_us && other_us < SAME_EXPOSURE * one_us;
+	return one_us < LP_SAME_EXPOSURE * other_us && other_us < LP_SAME_EXPOSURE * one_us;
 }
 
 static bool has(const struct lp_sweep_exposures *seen, float exposure_us)

@@ -46,8 +46,8 @@ void lp_clipped_parts_claim(struct lp_clipped_parts *parts, const struct lp_pano
 			    const int32_t *cells, int count, int owner);
 
 /* Begin with the lamps that are seen and clip: each becomes a part of its own, whatever it hangs
- * together with; its owner is its place in the memory. `cells`: of the lamp finder. Small lamps
- * come first: a sky that a sun was once part of is held over the sun's cells, too. */
+ * together with; its owner is its place in the memory. `cells`: of the lamp finder. Area
+ * lights come last: a sky that a sun was once part of is held over the sun's cells, too. */
 void lp_clipped_parts_of_lamps(struct lp_clipped_parts *parts, const struct lp_panorama *panorama,
 			       const int32_t *cells, const struct lp_lamp_memory *memory);
 

@@ -308,7 +308,7 @@ static void follow_hidden(struct lp_remembered_lamp *m, float elapsed_s)
 {
 	const float over_s = fminf(HIDDEN_S, m->known_s);
 	const float share = elapsed_s < over_s ? elapsed_s / over_s : 1.0F;
-
+	/* what the ring found in the frame before is known, not hidden */
 	const float hidden = m->recovered_sigma > 0.0F ? 0.0F : lp_lamp_hidden(&m->lamp);
 
 	m->hidden += share * (hidden - m->hidden);

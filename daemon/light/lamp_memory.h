@@ -35,8 +35,8 @@ struct lp_remembered_lamp {
 	float unplaced_s;	 /* since its direction was last measured */
 	float strength_variance; /* relative; of the irradiance */
 	float then_on_grid; /* luminance of on_grid.irradiance when `lamp` was last taken anew */
-	float hidden;	/* of its irradiance, by clipping (light_estimate.h); nothing that the ring
-			   tells */
+	float hidden; /* of its irradiance, by clipping (light_estimate.h); not what the ring tells
+		       */
 	float absent_s; /* how long it has not been seen */
 	bool missed;	/* in the newest panorama, but not in the one before; its light is gone */
 	struct lp_flicker flicker; /* of its strength as measured by pixels */

@@ -24,8 +24,6 @@
 #define MOST_STIRRED 0.5F
 /* Where a cell of a turned picture looks, in cells: what lies between samples. */
 #define PLACE_SIGMA 0.15
-/* Exposures within this ratio are one setting. */
-#define SAME_EXPOSURE 1.2F
 
 int lp_imager_create(const struct lp_camera *camera, const struct lp_imager_options *options,
 		     struct lp_imager **imager)
@@ -331,7 +329,7 @@ static void observe(struct lp_imager *imager)
 
 	seen.late_s = imager->late_s;
 	seen.longer = imager->eye->incoming.exposure_us >
-		      SAME_EXPOSURE * lp_eye_exposures(imager->eye).shortest_us;
+		      LP_SAME_EXPOSURE * lp_eye_exposures(imager->eye).shortest_us;
 	seen.elapsed_s = imager->t_map_ns && elapsed_s > 0.0 ? (float)elapsed_s : 0.0F;
 	if (!lp_rotation_is_identity(&imager->motion.rotation)) {
 		const double sigma =

@@ -32,6 +32,9 @@ struct lp_rotation;
 
 #define LP_VARIANCE_UNKNOWN 1e36F
 
+/* Exposures within this ratio are one setting. */
+#define LP_SAME_EXPOSURE 1.2F
+
 /* A cell before a change of light, as it was when the change began. */
 struct lp_cell_before {
 	float radiance[4];

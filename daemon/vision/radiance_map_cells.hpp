@@ -29,14 +29,12 @@ constexpr float kCameraSigma = 0.03F;
 constexpr float kGate = 5.0F;
 /* Sigmas beyond which a lower bound contradicts a known radiance. */
 constexpr float kBoundGate = 3.0F;
-/* ...or relative 1 sigma of what is known, from which on any bound above it does: a frame that
- * shows the cell clipped then tells more than frames of long ago that did not... */
+/* Relative 1 sigma of a known radiance that is old: any lower bound above it contradicts it,
+ * because the frame that shows the cell clipped is newer than those that did not. */
 constexpr float kVague = 0.2F;
-/* ...as does one that is higher by this share of what is known: light has come that may be
- * misplaced, but is there. */
+/* A lower bound that is higher than a known radiance by this share of it contradicts it, too: a
+ * lamp comes into a dark cell, even where its place is not known well. */
 constexpr float kFarBrighter = 1.0F;
-/* Exposures within this ratio are one setting. */
-constexpr float kSameScale = 1.2F;
 /* Codes cannot be negative, so that the darkest are too bright on average: below kDark (the root of
  * the linear value, in 255ths) up to so many more codes of sigma. */
 constexpr float kDark = 12.0F;
@@ -193,7 +191,7 @@ struct clipping {
 
 	clipping(const struct lp_radiance_map *map, const struct lp_observation *seen, size_t i)
 	{
-		const v_float32x4 same = cv::v_setall_f32(kSameScale);
+		const v_float32x4 same = cv::v_setall_f32(LP_SAME_EXPOSURE);
 
 		scale = cv::v_setall_f32(seen->scale);
 		held = cv::v_load(map->bound_scale + i);

@@ -130,8 +130,8 @@ class Turning(Watch):
         fit = sum(bool(np.isfinite(lux).all()) for lux in self._lux) / total
         if fit >= _LEAST_FIT:
             return
-        few = (1 - fit) * total / 4
-        common = [flag for flag, number in self._flags.most_common() if number > few]
+        unfit = (1 - fit) * total
+        common = [flag for flag, number in self._flags.most_common() if number > unfit / 4]
         words = "; ".join(_REASONS[flag] for flag in common) or "the camera was covered or shaken"
         raise CalibrationError(
             f"calibrate: ring: only {100 * fit:.0f} % of {total} estimates can be used: {words}"
