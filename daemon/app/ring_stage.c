@@ -68,6 +68,7 @@ static void find_parts(struct lp_clipped_parts *parts, const struct lp_panorama 
 {
 	lp_clipped_parts_of_lamps(parts, panorama, finder_cells, memory);
 	lp_clipped_parts_find(parts, panorama);
+	lp_clipped_parts_give_to_lamps(parts, memory);
 	for (int j = 0; j < parts->count; j++)
 		if (parts->list[j].owner >= 0)
 			lp_lamp_rim_apply(&memory->list[parts->list[j].owner].lamp.rim,
@@ -110,6 +111,26 @@ static void colour(const struct lp_ring_stage *stage, int part, float rgb[3])
 }
 
 /* No sensor looks down: of what lies straight below the ring knows nothing. */
+static bool is_found(const struct lp_ring_stage *stage, int part)
+{
+	return stage->parts->list[part].owner >= 0 &&
+	       lp_ring_sees(&stage->view.parts[part], ~stage->fusion.wrong);
+}
+
+/* Of what is found of a lamp, in all its parts together. */
+static float sigma_of(const struct lp_ring_stage *stage, int lamp)
+{
+	double variance = 0.0;
+
+	for (int i = 0; i < stage->parts->count; i++)
+		for (int j = 0; j < stage->parts->count; j++)
+			if (stage->parts->list[i].owner == lamp &&
+			    stage->parts->list[j].owner == lamp && is_found(stage, i) &&
+			    is_found(stage, j))
+				variance += stage->fusion.covariance[i][j];
+	return (float)sqrt(fmax(variance, 0.0));
+}
+
 static void give_to_lamps(const struct lp_ring_stage *stage, struct lp_lamp_memory *memory)
 {
 	for (int j = 0; j < stage->parts->count; j++) {
@@ -117,7 +138,7 @@ static void give_to_lamps(const struct lp_ring_stage *stage, struct lp_lamp_memo
 		const float sigma = stage->fusion.sigma[j];
 		float rgb[3];
 
-		if (part->owner < 0 || !lp_ring_sees(&stage->view.parts[j], ~stage->fusion.wrong))
+		if (!is_found(stage, j))
 			continue;
 		struct lp_remembered_lamp *m = &memory->list[part->owner];
 
@@ -125,11 +146,12 @@ static void give_to_lamps(const struct lp_ring_stage *stage, struct lp_lamp_memo
 		for (int c = 0; c < 3; c++)
 			m->recovered[c] += rgb[c];
 		m->recovered[LP_LUMINANCE] += stage->fusion.excess[j];
-		m->recovered_sigma = hypotf(m->recovered_sigma, sigma);
 		/* what was not found, and may be there, has no known colour either */
 		m->recovered_colour_sigma +=
 			stage->colour.tint_sigma[j] * hypotf(stage->fusion.excess[j], sigma);
 	}
+	for (int k = 0; k < LP_MAX_LAMPS; k++)
+		memory->list[k].recovered_sigma = sigma_of(stage, k);
 }
 
 /* What is known before the newest reading: the less, the more the scale of the radiance may have

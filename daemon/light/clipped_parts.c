@@ -14,9 +14,12 @@
 #include "light/lamp_memory.h"
 #include "light/symmetric3.h"
 
-/* Wider parts are split as long as there is room. Chosen by hand (docs/maintainers/constants.md).
- */
+/* Chosen by hand (docs/maintainers/constants.md). */
+
 #define MUCH_FAINTER 20.0F
+/* What is no farther from a lamp than this, and no wider, is beside it. */
+#define BESIDE_RAD (6.0F * (float)M_PI / 180.0F)
+/* Wider parts are split as long as there is room. */
 #define MOST_SPREAD_RAD (12.0F * (float)M_PI / 180.0F)
 
 int lp_clipped_parts_create(const struct lp_grid *grid, struct lp_clipped_parts **parts)
@@ -307,4 +310,47 @@ void lp_clipped_parts_find(struct lp_clipped_parts *parts, const struct lp_panor
 	}
 	while (split_widest(parts, panorama))
 		;
+}
+
+static bool is_lamp(const struct lp_clipped_part *part, const struct lp_lamp_memory *memory)
+{
+	return part->owner >= 0 && !memory->list[part->owner].wide;
+}
+
+static float cosine(const struct lp_clipped_part *a, const struct lp_clipped_part *b)
+{
+	return a->direction[0] * b->direction[0] + a->direction[1] * b->direction[1] +
+	       a->direction[2] * b->direction[2];
+}
+
+/* The nearest part of a lamp that this one is beside; -1: none. */
+static int lamp_beside(const struct lp_clipped_parts *parts, const struct lp_lamp_memory *memory,
+		       const struct lp_clipped_part *part)
+{
+	float most = cosf(BESIDE_RAD);
+	int nearest = -1;
+
+	for (int k = 0; k < parts->count; k++)
+		if (is_lamp(&parts->list[k], memory) && cosine(&parts->list[k], part) > most) {
+			most = cosine(&parts->list[k], part);
+			nearest = k;
+		}
+	return nearest;
+}
+
+void lp_clipped_parts_give_to_lamps(struct lp_clipped_parts *parts,
+				    const struct lp_lamp_memory *memory)
+{
+	int owners[LP_MAX_CLIPPED_PARTS];
+
+	for (int j = 0; j < parts->count; j++) {
+		const struct lp_clipped_part *part = &parts->list[j];
+		int lamp = -1;
+
+		if (!is_lamp(part, memory) && part->spread_rad < BESIDE_RAD)
+			lamp = lamp_beside(parts, memory, part);
+		owners[j] = lamp < 0 ? part->owner : parts->list[lamp].owner;
+	}
+	for (int j = 0; j < parts->count; j++)
+		parts->list[j].owner = owners[j];
 }

@@ -14,6 +14,7 @@ from lightprobe.estimate import Estimate, EstimateFlag, LightFlag, SphericalHarm
 from lightprobe.estimate import Light as Listed
 from lightprobe.evaluate.metrics import stated_error
 from lightprobe.imaging import camera as lenses
+from lightprobe.sim import scenes
 from lightprobe.sim.camera import SimulatedCamera
 from lightprobe.sim.live import LiveProbe
 from lightprobe.sim.procedural import random_scene
@@ -193,6 +194,16 @@ def test_a_lamp_overhead_keeps_its_strength_while_the_camera_turns(motion: str) 
     for one in recorded.packets["raw"]:
         (found,) = [light for light in one.estimate.lights if light.direction[1] > 0.99]
         assert luminance(found.irradiance) == pytest.approx(luminance(above.irradiance), rel=0.03)
+
+
+def test_the_ring_takes_a_turn_for_no_step_and_keeps_the_sun() -> None:
+    """A sun that grazes sensors from one moment to the next, and glows into an area light."""
+    (sunrise,) = (one for one in scenes.load(["blender"]) if "sunrise" in one.name)
+    for one in live.judged(live.case(sunrise, "100", "reported", ring=True)):
+        assert one.figures.packets > 100
+        assert one.figures.error_p90 < 0.05
+        assert one.figures.ambient_step < 0.02
+        assert one.figures.sun_listed == 1
 
 
 def test_without_orientation_a_turning_camera_is_flagged() -> None:

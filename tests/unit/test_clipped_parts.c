@@ -88,10 +88,78 @@ static void test_a_sun_within_a_sky_is_a_part_of_its_own(void **state)
 	assert_int_equal(sky, 81 - 9);
 }
 
+/* A sun of 3 * 3 cells in the middle of an area light of side * side. */
+static void find_sun_and_area(int side, struct lp_lamp_memory *memory)
+{
+	static int32_t cells[CELLS];
+	const struct lp_panorama panorama = {.width = WIDTH,
+					     .height = HEIGHT,
+					     .cells = radiance,
+					     .flags = flags};
+	const int area = side * side, from = 60 - side / 2;
+
+	memset(flags, 0, sizeof(flags));
+	square(from, from, side, cells);
+	square(59, 59, 3, cells + area);
+	*memory = (struct lp_lamp_memory){0};
+	memory->list[0] =
+		(struct lp_remembered_lamp){.id = 1,
+					    .seen = true,
+					    .wide = true,
+					    .lamp = {.count = area, .flags = LP_LIGHT_CLIPPED}};
+	memory->list[1] = (struct lp_remembered_lamp){.id = 2,
+						      .seen = true,
+						      .lamp = {.first = area,
+							       .count = 9,
+							       .flags = LP_LIGHT_CLIPPED}};
+	lp_clipped_parts_of_lamps(parts, &panorama, cells, memory);
+	lp_clipped_parts_find(parts, &panorama);
+	lp_clipped_parts_give_to_lamps(parts, memory);
+}
+
+static void test_a_glow_is_its_lamps(void **state)
+{
+	struct lp_lamp_memory memory;
+
+	(void)state;
+	find_sun_and_area(9, &memory);
+	assert_int_equal(parts->count, 2);
+	assert_int_equal(parts->list[0].owner, 1);
+	assert_int_equal(parts->list[1].owner, 1);
+}
+
+static void test_a_sky_is_not_its_suns(void **state)
+{
+	struct lp_lamp_memory memory;
+	int sky = 0;
+
+	(void)state;
+	find_sun_and_area(61, &memory);
+	for (int k = 0; k < parts->count; k++)
+		sky += parts->list[k].owner == 0 ? parts->list[k].count : 0;
+	assert_true(sky > 61 * 61 / 2);
+}
+
+static void test_a_lamp_beside_a_lamp_is_itself(void **state)
+{
+	struct lp_lamp_memory memory;
+
+	(void)state;
+	find_sun_and_area(9, &memory);
+	memory.list[0].wide = false;
+	parts->list[1].owner = 0;
+	lp_clipped_parts_give_to_lamps(parts, &memory);
+	assert_int_equal(parts->list[0].owner, 1);
+	assert_int_equal(parts->list[1].owner, 0);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_a_sun_within_a_sky_is_a_part_of_its_own),
+		cmocka_unit_test(test_a_glow_is_its_lamps),
+		cmocka_unit_test(test_a_sky_is_not_its_suns),
+		cmocka_unit_test(test_a_lamp_beside_a_lamp_is_itself),
 	};
 
 	return cmocka_run_group_tests(tests, set_up, tear_down);
