@@ -24,6 +24,11 @@
 #define LONGEST_SINCE_FRAME_NS (LP_NS_PER_S / 2)
 /* 1 sigma of what a ratio and the estimate's fine structure change in a few frames, relative. */
 #define RATIO_SIGMA 0.005F
+/* The same, for each factor e by which the light on a sensor is other than where its ratio was
+ * learned, and for each radian by which it has turned since then: seats and cosine errors count
+ * the more, the more the light grazes it. */
+#define SHIFTED_SIGMA 0.15F
+#define TURNED_SIGMA 0.1F
 /* A camera at rest may have begun to turn by this since its last frame. */
 #define TURN_SIGMA_RAD 0.01F
 #define SMALL_TURN_RAD 0.01
@@ -102,6 +107,21 @@ static void add_source(struct lp_step_question *q, const float (*normals)[3],
 	source->now = is_on ? source->usual : 0.0F;
 }
 
+/* 1 sigma, relative, of sensor k's ratio in other light than that in which it was learned. */
+static float ratio_sigma(const struct lp_ring_steps *steps, int k, const float normal[3],
+			 float expected)
+{
+	const float shift = logf(expected / steps->ratio_at[k]);
+	float turn[3];
+
+	if (!isfinite(shift))
+		return RATIO_SIGMA;
+	for (int a = 0; a < 3; a++)
+		turn[a] = TURNED_SIGMA * (normal[a] - steps->ratio_toward[k][a]);
+	return sqrtf(RATIO_SIGMA * RATIO_SIGMA + SHIFTED_SIGMA * SHIFTED_SIGMA * shift * shift +
+		     dot(turn, turn));
+}
+
 static void ask(const struct lp_ring_steps *steps, const struct lp_rotation *to_anchor,
 		float turn_sigma_rad, const struct lp_ring_sample *now,
 		float normals[LP_RING_SENSORS][3], struct lp_step_question *q)
@@ -129,8 +149,9 @@ static void ask(const struct lp_ring_steps *steps, const struct lp_rotation *to_
 		const float read = now->illuminance_lux[k] / steps->ratio[k];
 
 		q->change[k] = steps->ratio[k] > 0.0F ? read - q->expected[k] : NAN;
-		q->sigma[k] =
-			hypotf(now->noise_relative[k], RATIO_SIGMA) * fmaxf(read, q->expected[k]);
+		q->sigma[k] = hypotf(now->noise_relative[k],
+				     ratio_sigma(steps, k, normals[k], q->expected[k])) *
+			      fmaxf(read, q->expected[k]);
 	}
 	for (int j = 0; j < steps->seen.light_count; j++)
 		add_source(q, (const float(*)[3])normals, &steps->seen.lights[j], true);
@@ -294,6 +315,21 @@ static void apply(const struct lp_ring_steps *steps, const struct lp_step_questi
 
 /* ---------------------------------------------------------------- over time */
 
+static void follow_ratio(struct lp_ring_steps *steps, int k, float ratio, const float normal[3],
+			 float expected)
+{
+	const float usual = UNUSUAL + ratio_sigma(steps, k, normal, expected);
+	const float off = fabsf(ratio / steps->ratio[k] - 1.0F); /* infinite at first */
+	float gain = 1.0F;
+
+	if (isfinite(off))
+		gain = off > usual ? UNUSUAL_GAIN : RATIO_GAIN;
+	steps->ratio[k] += gain * (ratio - steps->ratio[k]);
+	steps->ratio_at[k] += gain * (expected - steps->ratio_at[k]);
+	for (int a = 0; a < 3; a++)
+		steps->ratio_toward[k][a] += gain * (normal[a] - steps->ratio_toward[k][a]);
+}
+
 static void learn_ratios(struct lp_ring_steps *steps, const struct lp_rotation *to_anchor,
 			 const struct lp_ring_sample *then)
 {
@@ -304,16 +340,11 @@ static void learn_ratios(struct lp_ring_steps *steps, const struct lp_rotation *
 	expect(steps, (const float(*)[3])ambient, (const float(*)[3])normals, expected);
 	for (int k = 0; k < LP_RING_SENSORS; k++) {
 		const float ratio = then->illuminance_lux[k] / expected[k];
-		const float off = fabsf(ratio - steps->ratio[k]);
 
 		if (!isfinite(ratio) || ratio <= 0.0F)
 			steps->ratio[k] = 0.0F;
-		else if (steps->ratio[k] > 0.0F)
-			steps->ratio[k] +=
-				(off > UNUSUAL * steps->ratio[k] ? UNUSUAL_GAIN : RATIO_GAIN) *
-				(ratio - steps->ratio[k]);
 		else
-			steps->ratio[k] = ratio;
+			follow_ratio(steps, k, ratio, normals[k], expected[k]);
 	}
 }
 
@@ -428,4 +459,6 @@ void lp_ring_steps_turn(struct lp_ring_steps *steps, const struct lp_rotation *t
 		lp_rotate_direction(turn, steps->gone[i].direction);
 	for (int i = 0; i < steps->part_count; i++)
 		lp_rotate_direction(turn, steps->parts[i].direction);
+	for (int k = 0; k < LP_RING_SENSORS; k++)
+		lp_rotate_direction(turn, steps->ratio_toward[k]);
 }

@@ -24,10 +24,12 @@ struct lp_rotation;
 #define LP_MAX_GONE 8
 
 struct lp_ring_steps {
-	struct lp_light_estimate seen;	   /* by the newest frame */
-	struct lp_light_estimate told;	   /* the same with what the ring has said since */
-	float total[LP_SH_MAX_COUNT][3];   /* of `seen`, all orders */
-	float ratio[LP_RING_SENSORS];	   /* reading over what it should be; 0: not known yet */
+	struct lp_light_estimate seen;	 /* by the newest frame */
+	struct lp_light_estimate told;	 /* the same with what the ring has said since */
+	float total[LP_SH_MAX_COUNT][3]; /* of `seen`, all orders */
+	float ratio[LP_RING_SENSORS];	 /* reading over what it should be; 0: not known yet */
+	/* Light on the sensor where that was learned, and where it looked, running means. */
+	float ratio_at[LP_RING_SENSORS], ratio_toward[LP_RING_SENSORS][3];
 	struct lp_light gone[LP_MAX_GONE]; /* that were listed, and may have been switched off */
 	int gone_count;
 	struct lp_light parts[LP_MAX_CLIPPED_PARTS]; /* clipped, and no lamps; id 0 */
