@@ -147,6 +147,7 @@ void lp_pipeline_turn_anchor(struct lp_pipeline *p, const struct lp_rotation *tu
 	lp_lamp_memory_turn(&p->lamps.memory, turn);
 	lp_tracker_turn(&p->tracker, turn);
 	lp_ring_steps_turn(&p->steps, turn);
+	lp_ring_poses_turn(&p->ring.poses, turn);
 	p->origin = lp_rotation_product(&p->origin, &back);
 }
 

@@ -49,6 +49,7 @@ int lp_pipeline_step(struct lp_pipeline *p, const struct lp_ring_sample *now,
 		commands_us[k] = NAN;
 	if (!lp_ring_steps_reading(&p->steps, &rotation, turn_sigma_rad(p, now->t_ns), now))
 		return -EAGAIN;
+	lp_ring_poses_forget(&p->ring.poses); /* of other light */
 	estimates->ring = lp_ring_stage_status(&p->ring);
 	estimates->raw = p->steps.told;
 	estimates->raw.t_arrival_ns = lp_clock_ns();

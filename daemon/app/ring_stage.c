@@ -104,17 +104,59 @@ static void see_lamps(struct lp_ring_view *view, const struct lp_lamp_memory *me
 	}
 }
 
+static void look(struct lp_ring_view *view, const struct lp_ring_stage *stage,
+		 const struct lp_imager *imager, const struct lp_panorama *panorama,
+		 const struct lp_lamp_memory *memory, const struct lp_ring_pose *pose,
+		 float seen_sigma)
+{
+	lp_ring_view_init(view, lp_imager_grid(imager), panorama, stage->parts, &pose->to_panorama,
+			  &pose->sample, LP_LUMINANCE);
+	see_lamps(view, memory, &pose->to_panorama, &pose->sample, LP_LUMINANCE);
+	view->seen_sigma = seen_sigma;
+}
+
+/* What the ring read before, of the light as it is known now. */
+static void look_back(struct lp_ring_stage *stage, const struct lp_imager *imager,
+		      const struct lp_panorama *panorama, const struct lp_lamp_memory *memory,
+		      float seen_sigma)
+{
+	struct lp_ring_past *past = &stage->past;
+
+	past->count = 0;
+	for (int p = 0; p < stage->poses.count; p++) {
+		const struct lp_ring_pose *pose = &stage->poses.list[p];
+		struct lp_ring_look *before = &past->list[past->count];
+
+		if (!lp_ring_pose_counts(pose, lp_imager_rotation(imager), stage->sample.t_ns))
+			continue;
+		before->sample = pose->sample;
+		before->age_s = lp_ring_pose_age_s(pose, stage->sample.t_ns);
+		look(&before->view, stage, imager, panorama, memory, pose, seen_sigma);
+		past->count++;
+	}
+}
+
+static void keep_reading(struct lp_ring_stage *stage, const struct lp_rotation *to_panorama)
+{
+	if (stage->fusion.changed)
+		stage->past.count = 0;
+	if (stage->fusion.changed || stage->fusion.verdict != LP_RING_AGREES)
+		lp_ring_poses_forget(&stage->poses);
+	if (stage->fusion.verdict == LP_RING_AGREES)
+		lp_ring_poses_keep(&stage->poses, to_panorama, &stage->sample);
+}
+
 static void colour(const struct lp_ring_stage *stage, int part, float rgb[3])
 {
 	for (int c = 0; c < 3; c++)
 		rgb[c] = stage->fusion.excess[part] * stage->colour.tint[part][c];
 }
 
-/* No sensor looks down: of what lies straight below the ring knows nothing. */
+/* Of a lamp; no sensor looks down: of what lies straight below the ring knows nothing. */
 static bool is_found(const struct lp_ring_stage *stage, int part)
 {
 	return stage->parts->list[part].owner >= 0 &&
-	       lp_ring_sees(&stage->view.parts[part], ~stage->fusion.wrong);
+	       lp_ring_sees(&stage->view, &stage->past, part, ~stage->fusion.wrong);
 }
 
 /* Of what is found of a lamp, in all its parts together. */
@@ -272,16 +314,18 @@ void lp_ring_stage_update(struct lp_ring_stage *stage, const struct lp_imager *i
 	const struct lp_ring_scale prior = prior_scale(stage, scale_variance);
 
 	find_parts(stage->parts, panorama, finder_cells, memory);
-	lp_ring_view_init(&stage->view, lp_imager_grid(imager), panorama, stage->parts, to_panorama,
-			  &stage->sample, LP_LUMINANCE);
-	see_lamps(&stage->view, memory, to_panorama, &stage->sample, LP_LUMINANCE);
-	stage->view.seen_sigma = hypotf(SEEN_SIGMA, status.irradiance_sigma);
+	const struct lp_ring_pose now = {*to_panorama, stage->sample};
+	const float seen_sigma = hypotf(SEEN_SIGMA, status.irradiance_sigma);
+
+	look(&stage->view, stage, imager, panorama, memory, &now, seen_sigma);
 	stage->camera_is_blind = is_blind(stage, &status, memory, &prior);
 	if (stage->camera_is_blind) {
 		stage->fused = false;
 		return;
 	}
-	lp_ring_fuse(&stage->view, &stage->sample, &prior, &stage->fusion);
+	look_back(stage, imager, panorama, memory, seen_sigma);
+	lp_ring_fuse(&stage->view, &stage->sample, &stage->past, &prior, &stage->fusion);
+	keep_reading(stage, to_panorama);
 	if (!lp_ring_counts(stage->fusion.verdict))
 		return;
 	find_colours(stage, imager, panorama, memory, status.clipped_share);

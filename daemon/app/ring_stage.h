@@ -12,6 +12,7 @@
 #include "light/clipped_parts.h"
 #include "light/ring_colour.h"
 #include "light/ring_fusion.h"
+#include "light/ring_poses.h"
 #include "light/sh.h"
 
 struct lp_grid;
@@ -33,6 +34,8 @@ struct lp_ring_stage {
 	bool fused; /* the next two are of the newest panorama */
 	struct lp_ring_view view;
 	struct lp_ring_fusion fusion;
+	struct lp_ring_poses poses;
+	struct lp_ring_past past; /* of poses other than the newest panorama's */
 };
 
 /* What the ring said of the newest frame, for health messages. */

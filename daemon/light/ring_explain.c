@@ -57,7 +57,7 @@ static uint32_t neighbours(int first, int count)
 	return turn_bits((1U << count) - 1U, first);
 }
 
-bool lp_ring_sees(const struct lp_ring_part *part, uint32_t used)
+static bool sees(const struct lp_ring_part *part, uint32_t used)
 {
 	float most = 0.0F;
 
@@ -67,20 +67,39 @@ bool lp_ring_sees(const struct lp_ring_part *part, uint32_t used)
 	return most >= LEAST_COSINE;
 }
 
+bool lp_ring_sees(const struct lp_ring_view *view, const struct lp_ring_past *past, int j,
+		  uint32_t used)
+{
+	bool any = sees(&view->parts[j], used);
+
+	for (int p = 0; past && p < past->count; p++)
+		any |= sees(&past->list[p].view.parts[j], used);
+	return any;
+}
+
+static void hide(struct lp_ring_view *view, int j)
+{
+	memset(view->parts[j].weight, 0, sizeof(view->parts[j].weight));
+	memset(view->parts[j].spread, 0, sizeof(view->parts[j].spread));
+}
+
 void lp_ring_case_init(struct lp_ring_case *self, const struct lp_ring_problem *problem,
 		       const struct lp_ring_explanation *explanation)
 {
 	turn(problem->sample, explanation->places, &self->sample);
 	self->view = *problem->view;
+	self->past.count = 0;
+	if (problem->past && !explanation->places)
+		self->past = *problem->past;
 	for (int j = 0; j < self->view.count; j++) {
-		struct lp_ring_part *part = &self->view.parts[j];
-
-		if (lp_ring_sees(part, explanation->used))
+		if (lp_ring_sees(&self->view, &self->past, j, explanation->used))
 			continue;
-		memset(part->weight, 0, sizeof(part->weight));
-		memset(part->spread, 0, sizeof(part->spread));
+		hide(&self->view, j);
+		for (int p = 0; p < self->past.count; p++)
+			hide(&self->past.list[p].view, j);
 	}
-	self->problem = (struct lp_ring_problem){&self->view, &self->sample, problem->scale};
+	self->problem =
+		(struct lp_ring_problem){&self->view, &self->sample, &self->past, problem->scale};
 	if (explanation->other_scale)
 		self->problem.scale.sigma = OTHER_SCALE_SIGMA;
 }

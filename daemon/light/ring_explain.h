@@ -36,13 +36,15 @@ int lp_ring_explain(const struct lp_ring_problem *problem, uint32_t all,
 struct lp_ring_case {
 	struct lp_ring_sample sample;
 	struct lp_ring_view view;
-	struct lp_ring_problem problem; /* borrows the two above */
+	struct lp_ring_past past;
+	struct lp_ring_problem problem; /* borrows the three above */
 };
 
 void lp_ring_case_init(struct lp_ring_case *self, const struct lp_ring_problem *problem,
 		       const struct lp_ring_explanation *explanation);
 
-/* Whether one of these sensors sees the part well enough to tell its light. */
-bool lp_ring_sees(const struct lp_ring_part *part, uint32_t used);
+/* Whether one of these sensors sees, or saw, part j well enough to tell its light. */
+bool lp_ring_sees(const struct lp_ring_view *view, const struct lp_ring_past *past, int j,
+		  uint32_t used);
 
 #endif

@@ -29,6 +29,9 @@
 #define LEAST_SEEN 1e-3F
 /* Of a scale of which nothing is known, no smaller ones than this factor count. */
 #define WIDEST 3.0
+/* Squared sigmas by which readings of before may make the newest one worse understood; else the
+ * light is not the same. */
+#define CHANGED 16.0
 
 static int bits(uint32_t mask)
 {
@@ -61,22 +64,30 @@ static void raise_bounds(struct lp_ring_view *view)
 static double evidence(const struct lp_ring_problem *problem, const struct lp_ring_fit *fit)
 {
 	struct lp_ring_view view = *problem->view;
+	struct lp_ring_past past = {0};
 	struct lp_ring_problem plain = *problem;
 	struct lp_ring_fit without;
 
 	view.count = 0;
+	if (problem->past)
+		past = *problem->past;
+	for (int p = 0; p < past.count; p++)
+		past.list[p].view.count = 0;
 	plain.view = &view;
+	plain.past = &past;
 	lp_ring_fit(&plain, fit->used, &without);
 	return without.chi2 - fit->chi2;
 }
 
 /* Several unknowns explain noise together, and hide light at the wrong place: they count as far as
  * the evidence for them goes (after James & Stein 1961: of p unknowns that explain chi2, the share
- * 1 - p / chi2). So does one alone, up to WORTH_LIGHT. */
+ * 1 - p / chi2). So does one alone, up to WORTH_LIGHT. What stays of a sensor's error speaks in
+ * every look: the evidence of n looks counts as that of sqrt(n). */
 static double share_that_counts(const struct lp_ring_problem *problem,
 				const struct lp_ring_fit *fit)
 {
-	const double gain = evidence(problem, fit);
+	const int looks = 1 + (problem->past ? problem->past->count : 0);
+	const double gain = evidence(problem, fit) / sqrt(looks);
 	const double worth =
 		fmin(fmax((gain - WORTH_LITTLE) / (WORTH_LIGHT - WORTH_LITTLE), 0.0), 1.0);
 	int unknowns = 0;
@@ -234,8 +245,27 @@ static void weigh(const struct lp_ring_explanation *list, int count, double infl
 		weight[i] *= weight[i] > LEAST_WEIGHT;
 }
 
+/* Whether the newest reading is of the light that the ones before were of. */
+static bool has_changed(const struct lp_ring_problem *problem,
+			const struct lp_ring_explanation *explanation)
+{
+	struct lp_ring_problem alone = *problem;
+	struct lp_ring_case one;
+	struct lp_ring_fit fit;
+	double now;
+
+	alone.past = NULL;
+	lp_ring_case_init(&one, &alone, explanation);
+	lp_ring_fit(&one.problem, explanation->used, &fit);
+	now = lp_ring_misfit_now(&one.problem, &fit);
+	lp_ring_case_init(&one, problem, explanation);
+	lp_ring_fit(&one.problem, explanation->used, &fit);
+	return lp_ring_misfit_now(&one.problem, &fit) > now + CHANGED;
+}
+
 void lp_ring_fuse(const struct lp_ring_view *as_seen, const struct lp_ring_sample *sample,
-		  const struct lp_ring_scale *known, struct lp_ring_fusion *fusion)
+		  const struct lp_ring_past *past, const struct lp_ring_scale *known,
+		  struct lp_ring_fusion *fusion)
 {
 	struct lp_ring_explanation list[LP_RING_EXPLANATIONS];
 	double weight[LP_RING_EXPLANATIONS];
@@ -247,7 +277,7 @@ void lp_ring_fuse(const struct lp_ring_view *as_seen, const struct lp_ring_sampl
 	if (bits(all) < LEAST_USED)
 		return;
 	raise_bounds(&view);
-	const struct lp_ring_problem problem = {.view = &view, .sample = sample, .scale = *known};
+	struct lp_ring_problem problem = {.view = &view, .sample = sample, .scale = *known};
 	const int count = lp_ring_explain(&problem, all, list);
 	const struct lp_ring_explanation *const best = cheapest(list, count, false);
 
@@ -263,6 +293,10 @@ void lp_ring_fuse(const struct lp_ring_view *as_seen, const struct lp_ring_sampl
 		fusion->verdict = LP_RING_DISAGREES;
 		return;
 	}
+	problem.past = past;
+	fusion->changed = past && past->count && has_changed(&problem, best);
+	if (fusion->changed)
+		problem.past = NULL;
 	for (int i = 0; i < count; i++) {
 		struct lp_ring_case one;
 

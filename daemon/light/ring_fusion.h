@@ -41,6 +41,18 @@ struct lp_ring_view {
 	struct lp_ring_part parts[LP_MAX_CLIPPED_PARTS];
 };
 
+/* Readings of the same light from elsewhere: the camera and the ring have turned since then. */
+#define LP_RING_POSES 12
+
+struct lp_ring_past {
+	int count;
+	struct lp_ring_look {
+		struct lp_ring_view view; /* the parts of the newest reading's, in its order */
+		struct lp_ring_sample sample;
+		float age_s;
+	} list[LP_RING_POSES];
+};
+
 /* Lux per unit of luminance times solid angle: cd/m^2 per unit. NAN: not known. */
 struct lp_ring_scale {
 	float lux_per_unit;
@@ -72,6 +84,7 @@ struct lp_ring_fusion {
 	float excess[LP_MAX_CLIPPED_PARTS];
 	float sigma[LP_MAX_CLIPPED_PARTS];
 	float covariance[LP_MAX_CLIPPED_PARTS][LP_MAX_CLIPPED_PARTS];
+	bool changed; /* the newest reading contradicts the ones before: those did not count */
 	float misfit; /* of the best explanation: mean squared residual, in sigmas squared */
 };
 
@@ -88,8 +101,10 @@ void lp_ring_view_init(struct lp_ring_view *view, const struct lp_grid *grid,
 		       const struct lp_rotation *to_panorama, const struct lp_ring_sample *sample,
 		       int channel);
 
+/* `past`: NULL: none. The newest reading alone says what is wrong with the ring. */
 void lp_ring_fuse(const struct lp_ring_view *view, const struct lp_ring_sample *sample,
-		  const struct lp_ring_scale *known, struct lp_ring_fusion *fusion);
+		  const struct lp_ring_past *past, const struct lp_ring_scale *known,
+		  struct lp_ring_fusion *fusion);
 
 /* Variance of the irradiance on a surface, mean over all normals, that the excess's covariance
  * brings (luminance, camera's units). */

@@ -21,6 +21,8 @@
 #define MOST_LIGHT 2.0
 /* Of the mean reading: what the ring cannot tell. */
 #define LEAST_SIGMA 1e-3
+/* Light changes by this share in a second, 1 sigma. */
+#define AGING 0.01
 
 /* Before anything is known of the scale: as if nothing were hidden from the darkest sensor. */
 static double first_scale(const struct lp_ring_problem *problem, uint32_t used)
@@ -45,17 +47,40 @@ static double predicted(const struct lp_ring_view *view, const double *x, int se
 	return lux;
 }
 
-/* Variance of a reading around what x predicts: its own, the camera's, and that of where in a part
- * the light is. A reading that is too low does not count the more for it. */
-static double variance_of(const struct lp_ring_problem *problem, const double *x, int sensor,
-			  double floor_lux)
+static int looks(const struct lp_ring_problem *problem)
 {
-	const struct lp_ring_view *view = problem->view;
-	const double lux =
-		fmax(problem->sample->illuminance_lux[sensor], predicted(view, x, sensor));
-	const double own = problem->sample->sigma_relative[sensor] * lux;
+	return 1 + (problem->past ? problem->past->count : 0);
+}
+
+/* Look 0 is the newest reading. */
+static const struct lp_ring_view *view_of(const struct lp_ring_problem *problem, int look)
+{
+	return look ? &problem->past->list[look - 1].view : problem->view;
+}
+
+static const struct lp_ring_sample *sample_of(const struct lp_ring_problem *problem, int look)
+{
+	return look ? &problem->past->list[look - 1].sample : problem->sample;
+}
+
+static bool counts(const struct lp_ring_sample *sample, int sensor, uint32_t used)
+{
+	return used >> sensor & 1 && isfinite(sample->illuminance_lux[sensor]);
+}
+
+/* Variance of a reading around what x predicts: its own, the camera's, and that of where in a part
+ * the light is. A reading that is too low does not count the more for it. What stays of a sensor's
+ * error counts anew in each look: another sensor faces the same light then. */
+static double variance_of(const struct lp_ring_problem *problem, const double *x, int look,
+			  int sensor, double floor_lux)
+{
+	const struct lp_ring_view *view = view_of(problem, look);
+	const struct lp_ring_sample *sample = sample_of(problem, look);
+	const double lux = fmax(sample->illuminance_lux[sensor], predicted(view, x, sensor));
+	const double own = sample->sigma_relative[sensor] * lux;
 	const double camera = (double)view->seen_sigma * view->seen[sensor] * x[0];
-	double variance = own * own + camera * camera + floor_lux * floor_lux;
+	const double aged = look ? AGING * problem->past->list[look - 1].age_s * lux : 0.0;
+	double variance = own * own + camera * camera + floor_lux * floor_lux + aged * aged;
 
 	for (int j = 0; j < view->count; j++) {
 		const double place = x[j + 1] * view->parts[j].spread[sensor];
@@ -95,8 +120,22 @@ static double brightest(const struct lp_ring_problem *problem, uint32_t used)
 
 struct weights {
 	double scale, scale_sigma; /* prior */
-	double variance[LP_RING_SENSORS];
+	double variance[1 + LP_RING_POSES][LP_RING_SENSORS];
 };
+
+static void add_look(const struct lp_ring_problem *problem, int look, uint32_t used,
+		     const struct weights *weights, struct lp_nnls *normal)
+{
+	const struct lp_ring_sample *sample = sample_of(problem, look);
+	double row[LP_NNLS_MAX];
+
+	for (int k = 0; k < LP_RING_SENSORS; k++) {
+		if (!counts(sample, k, used))
+			continue;
+		row_of(view_of(problem, look), k, row);
+		add_row(normal, row, sample->illuminance_lux[k], weights->variance[look][k]);
+	}
+}
 
 static void make_normal(const struct lp_ring_problem *problem, uint32_t used,
 			const struct weights *weights, struct lp_nnls *normal)
@@ -106,12 +145,8 @@ static void make_normal(const struct lp_ring_problem *problem, uint32_t used,
 
 	memset(normal, 0, sizeof(*normal));
 	normal->count = 1 + view->count;
-	for (int k = 0; k < LP_RING_SENSORS; k++) {
-		if (!(used >> k & 1))
-			continue;
-		row_of(view, k, row);
-		add_row(normal, row, problem->sample->illuminance_lux[k], weights->variance[k]);
-	}
+	for (int p = 0; p < looks(problem); p++)
+		add_look(problem, p, used, weights, normal);
 	for (int i = 1; i < normal->count; i++)
 		trace += normal->normal[i][i];
 	memset(row, 0, sizeof(row));
@@ -147,9 +182,31 @@ static void add_prices(const struct lp_ring_view *view, const double *x, double 
 static void weigh(const struct lp_ring_problem *problem, uint32_t used, const double *x,
 		  double floor_lux, struct weights *weights)
 {
-	for (int k = 0; k < LP_RING_SENSORS; k++)
-		if (used >> k & 1)
-			weights->variance[k] = variance_of(problem, x, k, floor_lux);
+	for (int p = 0; p < looks(problem); p++)
+		for (int k = 0; k < LP_RING_SENSORS; k++)
+			if (counts(sample_of(problem, p), k, used))
+				weights->variance[p][k] = variance_of(problem, x, p, k, floor_lux);
+}
+
+/* Squared residuals, in sigmas; `count`: of the newest looks. */
+static double residuals(const struct lp_ring_problem *problem, const struct weights *weights,
+			const struct lp_ring_fit *fit, int count)
+{
+	double sum = 0.0;
+
+	for (int p = 0; p < count; p++) {
+		const struct lp_ring_sample *sample = sample_of(problem, p);
+
+		for (int k = 0; k < LP_RING_SENSORS; k++) {
+			if (!counts(sample, k, fit->used))
+				continue;
+			const double residual = sample->illuminance_lux[k] -
+						predicted(view_of(problem, p), fit->x, k);
+
+			sum += residual * residual / weights->variance[p][k];
+		}
+	}
+	return sum;
 }
 
 static void judge(const struct lp_ring_problem *problem, const struct weights *weights,
@@ -157,17 +214,9 @@ static void judge(const struct lp_ring_problem *problem, const struct weights *w
 {
 	const double off = (fit->x[0] - weights->scale) / weights->scale_sigma;
 
-	fit->chi2 = off * off;
+	fit->chi2 = off * off + residuals(problem, weights, fit, looks(problem));
 	fit->freedom = isnan(problem->scale.lux_per_unit) ? -1.0 : 0.0;
-	for (int k = 0; k < LP_RING_SENSORS; k++) {
-		if (!(fit->used >> k & 1))
-			continue;
-		const double residual =
-			problem->sample->illuminance_lux[k] - predicted(problem->view, fit->x, k);
-
-		fit->chi2 += residual * residual / weights->variance[k];
-		fit->freedom += 1.0;
-	}
+	fit->freedom += __builtin_popcount(fit->used);
 	for (int j = 0; j < problem->view->count; j++) {
 		const double bound = fmax(problem->view->parts[j].bound * fit->x[0], 1e-30);
 
@@ -214,6 +263,14 @@ void lp_ring_normal(const struct lp_ring_problem *problem, const struct lp_ring_
 	make_normal(problem, fit->used, &weights, normal);
 	for (int j = 0; j < problem->view->count; j++)
 		bound[j + 1] = fmax(problem->view->parts[j].bound * fit->x[0], 1e-30);
+}
+
+double lp_ring_misfit_now(const struct lp_ring_problem *problem, const struct lp_ring_fit *fit)
+{
+	struct weights weights = prior_of(problem, fit->used, fit->x[0]);
+
+	weigh(problem, fit->used, fit->x, floor_of(problem, fit->used), &weights);
+	return residuals(problem, &weights, fit, 1);
 }
 
 void lp_ring_fit(const struct lp_ring_problem *problem, uint32_t used, struct lp_ring_fit *fit)

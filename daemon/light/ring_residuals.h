@@ -11,7 +11,8 @@
 struct lp_ring_problem {
 	const struct lp_ring_view *view;
 	const struct lp_ring_sample *sample;
-	struct lp_ring_scale scale; /* as known before */
+	const struct lp_ring_past *past; /* NULL: none */
+	struct lp_ring_scale scale;	 /* as known before */
 };
 
 /* Unknown 0 is the scale s, in lux per unit; unknown 1 + j is s x_j, in lux. */
@@ -25,6 +26,9 @@ struct lp_ring_fit {
 };
 
 void lp_ring_fit(const struct lp_ring_problem *problem, uint32_t used, struct lp_ring_fit *fit);
+
+/* Squared residuals in sigmas that x leaves of the newest reading alone, without the scale's. */
+double lp_ring_misfit_now(const struct lp_ring_problem *problem, const struct lp_ring_fit *fit);
 
 /* The normal equations that the fit has solved, without its prices; what a part was seen of, in
  * lux, is bound[1 + j]. */

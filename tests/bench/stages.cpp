@@ -141,6 +141,7 @@ void stages::fuse_ring(const struct lp_panorama &panorama)
 	const struct lp_ring_scale known = {100.0F, 0.02F};
 	struct lp_ring_sample sample = {};
 	struct lp_ring_view view = {};
+	struct lp_ring_past past = {};
 	struct lp_ring_fusion fusion = {};
 
 	no_parts.grid = lp_imager_grid(imager);
@@ -158,8 +159,13 @@ void stages::fuse_ring(const struct lp_panorama &panorama)
 			sample.sigma_relative[k] = 0.03F;
 		}
 		last_ns = bench::now_ns();
-		lp_ring_fuse(&view, &sample, &known, &fusion);
+		lp_ring_fuse(&view, &sample, NULL, &known, &fusion);
 		lap("ring_fusion_" + std::to_string(count) + "_parts");
+		past.count = LP_RING_POSES;
+		for (auto &look : past.list)
+			look = {view, sample, 1.0F};
+		lp_ring_fuse(&view, &sample, &past, &known, &fusion);
+		lap("ring_fusion_" + std::to_string(count) + "_parts_turning");
 	}
 }
 

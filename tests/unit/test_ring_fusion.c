@@ -194,7 +194,7 @@ static void test_a_clipped_lamp_is_found(void **state)
 			const struct lp_ring_scale scale = {SCALE * (1.0F + 0.02F * gauss(&seed)),
 							    0.02F};
 
-			lp_ring_fuse(&view, &sample, &scale, &fusion);
+			lp_ring_fuse(&view, &sample, NULL, &scale, &fusion);
 			assert_int_equal(fusion.verdict, LP_RING_AGREES);
 			assert_int_equal(view.count, 1);
 			const float truth = true_excess(room, &room->parts->list[0]);
@@ -246,7 +246,7 @@ static void test_known_seats_find_the_lamp(void **state)
 		const float truth = true_excess(room, &room->parts->list[0]);
 		struct lp_ring_fusion fusion;
 
-		lp_ring_fuse(&view, &sample, &known, &fusion);
+		lp_ring_fuse(&view, &sample, NULL, &known, &fusion);
 		assert_int_equal(fusion.verdict, LP_RING_AGREES);
 		assert_float_equal(fusion.excess[0], truth, 0.12F * truth);
 		with_seats += (fusion.excess[0] - truth) / truth / 40.0F;
@@ -254,7 +254,7 @@ static void test_known_seats_find_the_lamp(void **state)
 		lp_ring_view_init(&straight, room->grid, &room->seen, room->parts, &none, &sample,
 				  LP_LUMINANCE);
 		straight.seen_sigma = 0.01F;
-		lp_ring_fuse(&straight, &sample, &known, &fusion);
+		lp_ring_fuse(&straight, &sample, NULL, &known, &fusion);
 		without += (fusion.excess[0] - truth) / truth / 40.0F;
 	}
 	assert_float_equal(with_seats, 0.0F, 0.02F);
@@ -274,13 +274,76 @@ static void test_two_lamps_are_told_apart(void **state)
 	add_disc(room, 170.0F, 20.0F, 4.0F, 4.0F); /* as it looks */
 	const struct lp_ring_sample sample = look(room, &none, &view, &seed);
 
-	lp_ring_fuse(&view, &sample, &known, &fusion);
+	lp_ring_fuse(&view, &sample, NULL, &known, &fusion);
 	assert_int_equal(view.count, 2);
 	const int strong = room->parts->list[0].direction[2] < 0.0F ? 0 : 1;
 	const float truth = true_excess(room, &room->parts->list[strong]);
 
 	assert_float_equal(fusion.excess[strong], truth, 0.1F * truth);
 	assert_true(fusion.excess[1 - strong] < 0.02F * truth);
+}
+
+/* Readings from all around, a second apart, of lamps that look alike to the sensors. */
+static void look_around(struct room *room, struct lp_ring_past *past, unsigned int *seed)
+{
+	past->count = LP_RING_POSES - 1;
+	for (int p = 0; p < past->count; p++) {
+		const double yaw[3] = {0.0, 2.0 * M_PI * (p + 1) / LP_RING_POSES, 0.0};
+		const struct lp_rotation turned = lp_rotation_of_vector(yaw);
+
+		past->list[p].sample = look(room, &turned, &past->list[p].view, seed);
+		past->list[p].age_s = (float)(p + 1);
+	}
+}
+
+static void test_a_turn_tells_lamps_apart(void **state)
+{
+	struct room *room = *state;
+	const struct lp_rotation none = lp_rotation_identity();
+	double alone = 0.0, with_past = 0.0;
+	int within_3 = 0;
+	unsigned int seed = 11;
+
+	add_disc(room, 20.0F, 30.0F, 2.0F, 900.0F);
+	add_disc(room, 50.0F, 10.0F, 2.0F, 300.0F);
+	for (int trial = 0; trial < TRIALS; trial++) {
+		struct lp_ring_past past;
+		struct lp_ring_view view;
+		struct lp_ring_fusion fusion;
+
+		look_around(room, &past, &seed);
+		const struct lp_ring_sample sample = look(room, &none, &view, &seed);
+		const float truth = true_excess(room, &room->parts->list[0]);
+
+		lp_ring_fuse(&view, &sample, NULL, &known, &fusion);
+		alone += pow(fusion.excess[0] - truth, 2.0);
+		lp_ring_fuse(&view, &sample, &past, &known, &fusion);
+		assert_false(fusion.changed);
+		with_past += pow(fusion.excess[0] - truth, 2.0);
+		within_3 += fabsf(fusion.excess[0] - truth) < 3.0F * fusion.sigma[0];
+	}
+	assert_true(with_past < 0.25 * alone);
+	assert_true(within_3 >= TRIALS * 98 / 100);
+}
+
+static void test_other_light_is_not_averaged(void **state)
+{
+	struct room *room = *state;
+	const struct lp_rotation none = lp_rotation_identity();
+	struct lp_ring_past past;
+	struct lp_ring_view view;
+	struct lp_ring_fusion fusion;
+	unsigned int seed = 12;
+
+	add_disc(room, 20.0F, 30.0F, 2.0F, 900.0F);
+	look_around(room, &past, &seed);
+	add_disc(room, 20.0F, 30.0F, 2.0F, 600.0F);
+	const struct lp_ring_sample sample = look(room, &none, &view, &seed);
+	const float truth = true_excess(room, &room->parts->list[0]);
+
+	lp_ring_fuse(&view, &sample, &past, &known, &fusion);
+	assert_true(fusion.changed);
+	assert_float_equal(fusion.excess[0], truth, 0.1F * truth);
 }
 
 /* Noise alone is no light: highlights that hardly clip stay as they were seen. */
@@ -300,7 +363,7 @@ static void test_noise_is_not_light(void **state)
 		const struct lp_ring_sample sample = look(room, &none, &view, &seed);
 		float sum = 0.0F;
 
-		lp_ring_fuse(&view, &sample, &known, &fusion);
+		lp_ring_fuse(&view, &sample, NULL, &known, &fusion);
 		for (int j = 0; j < view.count; j++)
 			sum += fusion.excess[j];
 		/* of an irradiance of about 3: a mean error over a sphere is a quarter of it */
@@ -319,7 +382,7 @@ static void test_without_clipping_the_scale_is_found(void **state)
 	unsigned int seed = 5;
 	const struct lp_ring_sample sample = look(room, &none, &view, &seed);
 
-	lp_ring_fuse(&view, &sample, &unknown, &fusion);
+	lp_ring_fuse(&view, &sample, NULL, &unknown, &fusion);
 	assert_int_equal(fusion.verdict, LP_RING_AGREES);
 	assert_float_equal(fusion.scale.lux_per_unit, SCALE, 3.0F * fusion.scale.sigma * SCALE);
 	assert_true(fusion.scale.sigma > 0.005F && fusion.scale.sigma < 0.02F);
@@ -339,7 +402,7 @@ static void test_a_wrong_scale_is_found(void **state)
 		struct lp_ring_fusion fusion;
 		const struct lp_ring_sample sample = look(room, &none, &view, &seed);
 
-		lp_ring_fuse(&view, &sample, &wrong, &fusion);
+		lp_ring_fuse(&view, &sample, NULL, &wrong, &fusion);
 		assert_true(fusion.scale_is_wrong);
 		assert_float_equal(fusion.scale.lux_per_unit, SCALE, 0.1F * SCALE);
 		const float truth = true_excess(room, &room->parts->list[0]);
@@ -390,7 +453,7 @@ static void test_a_wrong_scale_or_hidden_light(void **state)
 		const float truth = true_sum(room);
 		float sigma, sum;
 
-		lp_ring_fuse(&view, &sample, &low, &fusion);
+		lp_ring_fuse(&view, &sample, NULL, &low, &fusion);
 		sum = sum_of(&fusion, view.count, &sigma);
 		assert_float_equal(sum, truth, fminf(3.0F * sigma, 2.0F * truth));
 		for (int j = 0; j < view.count; j++)
@@ -418,7 +481,7 @@ static void test_many_strong_lamps_are_no_wrong_scale(void **state)
 			const float truth = true_sum(room);
 			float sigma, sum;
 
-			lp_ring_fuse(&view, &sample, &known, &fusion);
+			lp_ring_fuse(&view, &sample, NULL, &known, &fusion);
 			assert_int_equal(fusion.verdict, LP_RING_AGREES);
 			assert_false(fusion.scale_is_wrong);
 			assert_float_equal(fusion.scale.lux_per_unit, SCALE,
@@ -450,7 +513,7 @@ static void test_a_turned_ring_is_not_taken_for_light(void **state)
 
 		for (int k = 0; k < 8; k++)
 			sample.illuminance_lux[k] = straight.illuminance_lux[(k + 1) % 8];
-		lp_ring_fuse(&view, &sample, &known, &fusion);
+		lp_ring_fuse(&view, &sample, NULL, &known, &fusion);
 		found += fusion.verdict == LP_RING_TURNED && fusion.turned_deg == 45.0F;
 		assert_float_equal(sum_of(&fusion, view.count, &sigma), truth, 0.15F * truth);
 	}
@@ -473,7 +536,7 @@ static void test_a_wrong_sensor_is_left_out(void **state)
 			struct lp_ring_sample sample = look(room, &none, &view, &seed);
 
 			sample.illuminance_lux[k] *= factors[f];
-			lp_ring_fuse(&view, &sample, &known, &fusion);
+			lp_ring_fuse(&view, &sample, NULL, &known, &fusion);
 			assert_int_equal(fusion.verdict, LP_RING_AGREES);
 			assert_int_equal(fusion.wrong, 1U << k);
 			const float truth = true_excess(room, &room->parts->list[0]);
@@ -506,7 +569,7 @@ static void test_a_hand_before_neighbours(void **state)
 				sample.illuminance_lux[k % 8] *= 0.1F;
 				hand |= 1U << k % 8;
 			}
-			lp_ring_fuse(&view, &sample, &known, &fusion);
+			lp_ring_fuse(&view, &sample, NULL, &known, &fusion);
 			assert_int_equal(fusion.verdict, LP_RING_AGREES);
 			assert_int_equal(fusion.wrong, hand);
 			assert_false(fusion.scale_is_wrong);
@@ -528,12 +591,12 @@ static void test_dead_sensors(void **state)
 
 	for (int k = 0; k < 5; k++)
 		sample.illuminance_lux[k] = sample.sigma_relative[k] = NAN;
-	lp_ring_fuse(&view, &sample, &known, &fusion);
+	lp_ring_fuse(&view, &sample, NULL, &known, &fusion);
 	assert_int_equal(fusion.verdict, LP_RING_AGREES);
 	assert_true(fusion.excess[0] > 0.0F);
 	for (int k = 5; k < LP_RING_SENSORS; k++)
 		sample.illuminance_lux[k] = NAN;
-	lp_ring_fuse(&view, &sample, &known, &fusion);
+	lp_ring_fuse(&view, &sample, NULL, &known, &fusion);
 	assert_int_equal(fusion.verdict, LP_RING_NO_READING);
 	assert_float_equal(fusion.excess[0], 0.0F, 0.0F);
 	assert_float_equal(fusion.scale.lux_per_unit, SCALE, 0.0F);
@@ -557,7 +620,7 @@ static void test_a_turned_ring_is_found(void **state)
 		for (int k = 0; k < 8;
 		     k++) /* a sensor turned to the right looks at the next place */
 			sample.illuminance_lux[k] = straight.illuminance_lux[(k + places + 8) % 8];
-		lp_ring_fuse(&view, &sample, &known, &fusion);
+		lp_ring_fuse(&view, &sample, NULL, &known, &fusion);
 		if (places == 0) {
 			assert_int_equal(fusion.verdict, LP_RING_AGREES);
 			continue;
@@ -585,7 +648,7 @@ static void test_a_ring_elsewhere_is_not_believed(void **state)
 	struct lp_ring_sample sample = look(room, &none, &view, &seed);
 
 	memcpy(sample.illuminance_lux, elsewhere, sizeof(elsewhere));
-	lp_ring_fuse(&view, &sample, &known, &fusion);
+	lp_ring_fuse(&view, &sample, NULL, &known, &fusion);
 	assert_int_equal(fusion.verdict, LP_RING_DISAGREES);
 	assert_float_equal(fusion.excess[0], 0.0F, 0.0F);
 }
@@ -602,9 +665,9 @@ static void test_darkness(void **state)
 	memset(room->true_cells, 0, CELLS * sizeof(*room->true_cells));
 	const struct lp_ring_sample sample = look(room, &none, &view, &seed);
 
-	lp_ring_fuse(&view, &sample, &known, &fusion);
+	lp_ring_fuse(&view, &sample, NULL, &known, &fusion);
 	assert_float_equal(fusion.scale.lux_per_unit, SCALE, 1e-3F * SCALE);
-	lp_ring_fuse(&view, &sample, &unknown, &fusion);
+	lp_ring_fuse(&view, &sample, NULL, &unknown, &fusion);
 	assert_true(isfinite(fusion.misfit));
 }
 
@@ -623,7 +686,7 @@ static void test_a_sun_in_a_white_sky(void **state)
 	const struct lp_ring_sample sample = look(room, &none, &view, &seed);
 
 	assert_int_equal(view.count, LP_MAX_CLIPPED_PARTS);
-	lp_ring_fuse(&view, &sample, &known, &fusion);
+	lp_ring_fuse(&view, &sample, NULL, &known, &fusion);
 	assert_int_equal(fusion.verdict, LP_RING_AGREES);
 	for (int j = 0; j < view.count; j++) {
 		sum += fusion.excess[j];
@@ -653,6 +716,8 @@ int main(void)
 		TEST(test_seats_turn_right_and_up),
 		TEST(test_known_seats_find_the_lamp),
 		TEST(test_two_lamps_are_told_apart),
+		TEST(test_a_turn_tells_lamps_apart),
+		TEST(test_other_light_is_not_averaged),
 		TEST(test_noise_is_not_light),
 		TEST(test_without_clipping_the_scale_is_found),
 		TEST(test_a_wrong_scale_is_found),
