@@ -100,6 +100,13 @@ static float mean_radiance(const struct lp_lamp *lamp)
 	return lamp->irradiance[LP_LUMINANCE] / fmaxf(lamp->solid_angle_sr, 1e-12F);
 }
 
+/* With what the ring finds of it, which clips in the picture. */
+static float known_radiance(const struct lp_remembered_lamp *m)
+{
+	return mean_radiance(&m->lamp) +
+	       m->recovered[LP_LUMINANCE] / fmaxf(m->lamp.solid_angle_sr, 1e-12F);
+}
+
 /* Radius of a disc that lies within it: of one that is longer than wide, half of its width. */
 static float inner_radius_rad(const struct lp_lamp *lamp)
 {
@@ -109,22 +116,24 @@ static float inner_radius_rad(const struct lp_lamp *lamp)
 	return half_width > 0.0F ? fminf(radius, half_width) : radius;
 }
 
-/* Whether a lamp is only a piece of another: it lies within the other and is hardly
- * brighter. What a misplaced frame left beside a lamp would be held as if it were one. The
+/* Whether a lamp of this radiance is only a piece of another: it lies within the other and is
+ * hardly brighter. What a misplaced frame left beside a lamp would be held as if it were one. The
  * margin is a factor on the limits of radiance and of distance. */
-static bool is_piece(const struct lp_lamp *lamp, const struct lp_remembered_lamp *of, float margin)
+static bool is_piece(const struct lp_lamp *lamp, float radiance,
+		     const struct lp_remembered_lamp *of, float margin)
 {
 	return of->id && of->seen && lamp->solid_angle_sr <= of->lamp.solid_angle_sr &&
-	       mean_radiance(lamp) < margin * LP_PEAK_STANDS_OUT * mean_radiance(&of->lamp) &&
+	       radiance < margin * LP_PEAK_STANDS_OUT * known_radiance(of) &&
 	       lp_lamp_apart_rad(lamp->direction, of->lamp.direction) <
 		       margin * inner_radius_rad(&of->lamp);
 }
 
 static bool is_piece_of_any(const struct lp_lamp_memory *memory, const struct lp_lamp *lamp,
-			    float margin)
+			    float radiance, float margin)
 {
 	for (int p = 0; p < LP_MAX_LAMPS; p++)
-		if (&memory->list[p].lamp != lamp && is_piece(lamp, &memory->list[p], margin))
+		if (&memory->list[p].lamp != lamp &&
+		    is_piece(lamp, radiance, &memory->list[p], margin))
 			return true;
 	return false;
 }
@@ -135,14 +144,17 @@ static void drop_pieces(struct lp_lamp_memory *memory)
 	for (int p = LP_MAX_LAMPS - 1; p >= 0; p--) {
 		struct lp_remembered_lamp *m = &memory->list[p];
 
-		if (m->id && m->seen && is_piece_of_any(memory, &m->lamp, STAYS_APART))
+		if (m->id && m->seen &&
+		    is_piece_of_any(memory, &m->lamp, known_radiance(m), STAYS_APART))
 			m->id = 0;
 	}
 }
 
 static bool enters(const struct lp_lamp_memory *memory, const struct lp_lamp_sighting *s)
 {
-	return s->enters && !is_piece_of_any(memory, s->refined ? &s->pixels : &s->on_grid, 1.0F);
+	const struct lp_lamp *lamp = s->refined ? &s->pixels : &s->on_grid;
+
+	return s->enters && !is_piece_of_any(memory, lamp, mean_radiance(lamp), 1.0F);
 }
 
 void lp_lamp_memory_update(struct lp_lamp_memory *memory, const struct lp_lamp_sighting *sightings,

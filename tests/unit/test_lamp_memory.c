@@ -225,6 +225,32 @@ static void test_pieces_of_a_lamp_are_no_lamps(void **state)
 	}
 }
 
+/* A sun within a glow that clips like it: the picture shows both equally bright, the ring does not.
+ */
+static void test_a_lamp_that_the_ring_knows_is_no_piece_of_its_glow(void **state)
+{
+	(void)state;
+	for (int known = 0; known < 2; known++) {
+		struct lp_lamp_sighting s[2] = {sighting(14.5F, 5.0F), sighting(10.0F, 20.0F)};
+		struct lp_lamp_memory memory = {0};
+		int count = 0;
+
+		s[1].on_grid.solid_angle_sr = s[1].pixels.solid_angle_sr = 4e-3F; /* 2 degrees */
+		s[0].pixels.flags = s[1].pixels.flags = LP_LIGHT_CLIPPED;
+		lp_lamp_memory_update(&memory, s, 2, &frame);
+		s[1].on_grid.solid_angle_sr = s[1].pixels.solid_angle_sr = 4e-2F; /* 6 degrees */
+		s[1].on_grid.irradiance[LP_LUMINANCE] = s[1].pixels.irradiance[LP_LUMINANCE] =
+			200.0F;
+		for (int n = 0; n < 2; n++) {
+			memory.list[0].recovered[LP_LUMINANCE] = known ? 500.0F : 0.0F;
+			lp_lamp_memory_update(&memory, s, 2, &frame);
+		}
+		for (int p = 0; p < LP_MAX_LAMPS; p++)
+			count += memory.list[p].id != 0;
+		assert_int_equal(count, known ? 2 : 1);
+	}
+}
+
 /* Near the border of a lamp noise makes another come into it and leave it. Once known as a lamp it
  * stays one; what lies well within it does not become one. */
 static void test_a_lamp_near_another_does_not_come_and_go(void **state)
@@ -567,6 +593,7 @@ int main(void)
 		cmocka_unit_test(test_a_bound_below_the_panorama_does_not_stay),
 		cmocka_unit_test(test_what_a_panorama_shows_of_a_clipped_lamp_is_a_bound),
 		cmocka_unit_test(test_pieces_of_a_lamp_are_no_lamps),
+		cmocka_unit_test(test_a_lamp_that_the_ring_knows_is_no_piece_of_its_glow),
 		cmocka_unit_test(test_a_lamp_near_another_does_not_come_and_go),
 		cmocka_unit_test(test_a_clipped_lamp_is_followed),
 		cmocka_unit_test(test_a_wide_plateau_is_no_place),
