@@ -68,7 +68,7 @@ static void find_parts(struct lp_clipped_parts *parts, const struct lp_panorama 
 {
 	lp_clipped_parts_of_lamps(parts, panorama, finder_cells, memory);
 	lp_clipped_parts_find(parts, panorama);
-	lp_clipped_parts_give_to_lamps(parts, memory);
+	lp_clipped_parts_give_glow(parts, memory);
 	for (int j = 0; j < parts->count; j++)
 		if (parts->list[j].owner >= 0)
 			lp_lamp_rim_apply(&memory->list[parts->list[j].owner].lamp.rim,
@@ -136,12 +136,13 @@ static void look_back(struct lp_ring_stage *stage, const struct lp_imager *image
 	}
 }
 
+/* Readings that did not count in the newest fusion are forgotten. */
 static void keep_reading(struct lp_ring_stage *stage, const struct lp_rotation *to_panorama)
 {
-	if (stage->fusion.changed)
-		stage->past.count = 0;
-	if (stage->fusion.changed || stage->fusion.verdict != LP_RING_AGREES)
+	if (stage->fusion.changed || stage->fusion.verdict != LP_RING_AGREES) {
 		lp_ring_poses_forget(&stage->poses);
+		stage->past.count = 0;
+	}
 	if (stage->fusion.verdict == LP_RING_AGREES)
 		lp_ring_poses_keep(&stage->poses, to_panorama, &stage->sample);
 }
@@ -152,7 +153,8 @@ static void colour(const struct lp_ring_stage *stage, int part, float rgb[3])
 		rgb[c] = stage->fusion.excess[part] * stage->colour.tint[part][c];
 }
 
-/* Of a lamp; no sensor looks down: of what lies straight below the ring knows nothing. */
+/* Whether the part is a lamp's, and was seen. No sensor looks down: of what lies straight below the
+ * ring knows nothing. */
 static bool is_found(const struct lp_ring_stage *stage, int part)
 {
 	return stage->parts->list[part].owner >= 0 &&

@@ -338,8 +338,7 @@ static int lamp_beside(const struct lp_clipped_parts *parts, const struct lp_lam
 	return nearest;
 }
 
-void lp_clipped_parts_give_to_lamps(struct lp_clipped_parts *parts,
-				    const struct lp_lamp_memory *memory)
+void lp_clipped_parts_give_glow(struct lp_clipped_parts *parts, const struct lp_lamp_memory *memory)
 {
 	int owners[LP_MAX_CLIPPED_PARTS];
 

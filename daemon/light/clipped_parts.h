@@ -51,12 +51,12 @@ void lp_clipped_parts_claim(struct lp_clipped_parts *parts, const struct lp_pano
 void lp_clipped_parts_of_lamps(struct lp_clipped_parts *parts, const struct lp_panorama *panorama,
 			       const int32_t *cells, const struct lp_lamp_memory *memory);
 
-/* After the parts have been found: compact ones beside a lamp's, which are no lamps themselves,
- * become the lamp's: the ring cannot tell them apart, and a glow hides less than what glows. */
-void lp_clipped_parts_give_to_lamps(struct lp_clipped_parts *parts,
-				    const struct lp_lamp_memory *memory);
-
 /* All other clipped cells. Of more groups than there is room for the brightest are taken. */
 void lp_clipped_parts_find(struct lp_clipped_parts *parts, const struct lp_panorama *panorama);
+
+/* After the parts have been found: compact ones beside a lamp's, which are no lamps themselves,
+ * become the lamp's: the ring cannot tell them apart, and a glow hides less than what glows. */
+void lp_clipped_parts_give_glow(struct lp_clipped_parts *parts,
+				const struct lp_lamp_memory *memory);
 
 #endif

@@ -81,8 +81,8 @@ static double evidence(const struct lp_ring_problem *problem, const struct lp_ri
 
 /* Several unknowns explain noise together, and hide light at the wrong place: they count as far as
  * the evidence for them goes (after James & Stein 1961: of p unknowns that explain chi2, the share
- * 1 - p / chi2). So does one alone, up to WORTH_LIGHT. What stays of a sensor's error speaks in
- * every look: the evidence of n looks counts as that of sqrt(n). */
+ * 1 - p / chi2). So does one alone, up to WORTH_LIGHT. What stays of a sensor's error adds to
+ * the evidence in every look, so that n looks count as sqrt(n) of them. */
 static double share_that_counts(const struct lp_ring_problem *problem,
 				const struct lp_ring_fit *fit)
 {

@@ -114,7 +114,7 @@ static void find_sun_and_area(int side, struct lp_lamp_memory *memory)
 							       .flags = LP_LIGHT_CLIPPED}};
 	lp_clipped_parts_of_lamps(parts, &panorama, cells, memory);
 	lp_clipped_parts_find(parts, &panorama);
-	lp_clipped_parts_give_to_lamps(parts, memory);
+	lp_clipped_parts_give_glow(parts, memory);
 }
 
 static void test_a_glow_is_its_lamps(void **state)
@@ -148,7 +148,7 @@ static void test_a_lamp_beside_a_lamp_is_itself(void **state)
 	find_sun_and_area(9, &memory);
 	memory.list[0].wide = false;
 	parts->list[1].owner = 0;
-	lp_clipped_parts_give_to_lamps(parts, &memory);
+	lp_clipped_parts_give_glow(parts, &memory);
 	assert_int_equal(parts->list[0].owner, 1);
 	assert_int_equal(parts->list[1].owner, 0);
 }

@@ -283,7 +283,7 @@ static void test_two_lamps_are_told_apart(void **state)
 	assert_true(fusion.excess[1 - strong] < 0.02F * truth);
 }
 
-/* Readings from all around, a second apart, of lamps that look alike to the sensors. */
+/* Readings from all around, each a second older than the one before. */
 static void look_around(struct room *room, struct lp_ring_past *past, unsigned int *seed)
 {
 	past->count = LP_RING_POSES - 1;
@@ -296,6 +296,7 @@ static void look_around(struct room *room, struct lp_ring_past *past, unsigned i
 	}
 }
 
+/* Two lamps that one look hardly tells apart. */
 static void test_a_turn_tells_lamps_apart(void **state)
 {
 	struct room *room = *state;

@@ -1,16 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-
-#include <cmocka.h>
-
 #include "app/ring_steps.h"
+
+#include <math.h>
+
 #include "light/ring_fusion.h"
 #include "light/rotation.h"
 #include "light/sh.h"
+#include "lp_test.h"
 
 #define SUN 1000.0F
 #define AMBIENT 100.0F
@@ -29,7 +25,7 @@ static struct lp_rotation yaw(double deg)
 
 /* A ring whose seats, one after the other, look to the left and to the right of where they should.
  * `sun`: the share of its strength that it has. */
-static struct lp_ring_sample read(double yaw_deg, float sun, int64_t t_ns)
+static struct lp_ring_sample reading(double yaw_deg, float sun, int64_t t_ns)
 {
 	struct lp_ring_sample sample = {.t_ns = t_ns};
 
@@ -52,7 +48,7 @@ static struct lp_ring_sample read(double yaw_deg, float sun, int64_t t_ns)
 static void show(struct lp_ring_steps *steps, double yaw_deg, int64_t t_ns)
 {
 	const struct lp_rotation to_anchor = yaw(yaw_deg);
-	const struct lp_ring_sample now = read(yaw_deg, 1.0F, t_ns);
+	const struct lp_ring_sample now = reading(yaw_deg, 1.0F, t_ns);
 	const float white[3] = {SUN, SUN, SUN};
 	double total[LP_SH_MAX_COUNT][3] = {{0.0}};
 	struct lp_light_estimate estimate = {.t_capture_ns = t_ns, .light_count = 1};
@@ -74,7 +70,7 @@ static bool steps_at(double from_deg, double to_deg, float sun)
 {
 	struct lp_ring_steps steps = {0};
 	const struct lp_rotation to_anchor = yaw(to_deg);
-	const struct lp_ring_sample now = read(to_deg, sun, 1020000000);
+	const struct lp_ring_sample now = reading(to_deg, sun, 1020000000);
 
 	show(&steps, from_deg, 1000000000);
 	steps.seen.t_capture_ns = 1010000000;
