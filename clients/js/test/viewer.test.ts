@@ -16,14 +16,16 @@ import { live } from "./live.js";
 
 const session = live(), { daemon } = session;
 
-/** The viewer in a window of this size; it fails on errors of the page and on requests to elsewhere. */
-async function viewer(width: number, height: number, query = ""): Promise<{ page: Page; faults: string[] }> {
+/** The viewer in a window of this size; it fails on errors of the page and on requests to elsewhere. `listen` gets the
+ *  page before it connects. */
+async function viewer(width: number, height: number, listen: (page: Page) => void = () => {}): Promise<{ page: Page; faults: string[] }> {
   const page = await session.browser.newPage({ viewport: { width, height }, reducedMotion: "reduce" });
   const faults: string[] = [];
   page.on("pageerror", (error) => faults.push(error.message));
   page.on("console", (message) => { if (message.type() === "error") faults.push(message.text()); });
   page.on("request", (request) => { if (!/^(data|blob):/.test(request.url()) && new URL(request.url()).host !== `127.0.0.1:${daemon.port}`) faults.push(`request to ${request.url()}`); });
-  await page.goto(`http://127.0.0.1:${daemon.port}/${query}`, { timeout: LONG_MS });
+  listen(page);
+  await page.goto(`http://127.0.0.1:${daemon.port}/`, { timeout: LONG_MS });
   return { page, faults };
 }
 
@@ -111,17 +113,15 @@ test("classic formulas change the picture", { timeout: 3 * LONG_MS }, async () =
 });
 
 test("what is asked of the probe, it is asked, and shows", { timeout: 4 * LONG_MS }, async () => {
-  const { page, faults } = await viewer(500, 400, "style.css"); // listens before the page connects
   const asked: pb.Subscription[] = [];
   let maps = 0;
-  page.on("websocket", (socket) => {
+  const { page, faults } = await viewer(500, 400, (unconnected) => unconnected.on("websocket", (socket) => {
     socket.on("framesent", ({ payload }) => {
       const { message } = fromBinary(pb.FromClientSchema, payload as Buffer);
       if (message.case === "subscribe") asked.push(message.value);
     });
     socket.on("framereceived", ({ payload }) => { if (decode(payload as Buffer)?.kind === "reflectionMap") maps++; });
-  });
-  await page.goto(`http://127.0.0.1:${daemon.port}/`);
+  }));
   await lit(page);
   for (const order of [4, 3, 0]) {
     await page.selectOption("#order", String(order));
