@@ -1,8 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* Readings of other poses: which are kept, and what they tell. */
 #include <math.h>
 
 #include "light/ring_poses.h"
 #include "lp_test.h"
+#include "ring_room.h"
 
 #define SECOND 1000000000LL
 
@@ -75,6 +77,70 @@ static void test_poses_turn_with_the_frame_of_reference(void **state)
 	assert_true(lp_ring_pose_counts(&poses.list[0], &before, 2 * SECOND));
 }
 
+/* Readings from all around, each a second older than the one before. */
+static void look_around(struct room *room, struct lp_ring_past *past, unsigned int *seed)
+{
+	past->count = LP_RING_POSES - 1;
+	for (int p = 0; p < past->count; p++) {
+		const double yaw[3] = {0.0, 2.0 * M_PI * (p + 1) / LP_RING_POSES, 0.0};
+		const struct lp_rotation turned = lp_rotation_of_vector(yaw);
+
+		past->list[p].sample = look(room, &turned, &past->list[p].view, seed);
+		past->list[p].age_s = (float)(p + 1);
+	}
+}
+
+/* Two lamps that one look hardly tells apart. */
+static void test_a_turn_tells_lamps_apart(void **state)
+{
+	struct room *room = *state;
+	const struct lp_rotation none = lp_rotation_identity();
+	double alone = 0.0, with_past = 0.0;
+	int within_3 = 0;
+	unsigned int seed = 11;
+
+	add_disc(room, 20.0F, 30.0F, 2.0F, 900.0F);
+	add_disc(room, 50.0F, 10.0F, 2.0F, 300.0F);
+	for (int trial = 0; trial < TRIALS; trial++) {
+		struct lp_ring_past past;
+		struct lp_ring_view view;
+		struct lp_ring_fusion fusion;
+
+		look_around(room, &past, &seed);
+		const struct lp_ring_sample sample = look(room, &none, &view, &seed);
+		const float truth = true_excess(room, &room->parts->list[0]);
+
+		lp_ring_fuse(&view, &sample, NULL, &known, &fusion);
+		alone += pow(fusion.excess[0] - truth, 2.0);
+		lp_ring_fuse(&view, &sample, &past, &known, &fusion);
+		assert_false(fusion.changed);
+		with_past += pow(fusion.excess[0] - truth, 2.0);
+		within_3 += fabsf(fusion.excess[0] - truth) < 3.0F * fusion.sigma[0];
+	}
+	assert_true(with_past < 0.25 * alone);
+	assert_true(within_3 >= TRIALS * 98 / 100);
+}
+
+static void test_other_light_is_not_averaged(void **state)
+{
+	struct room *room = *state;
+	const struct lp_rotation none = lp_rotation_identity();
+	struct lp_ring_past past;
+	struct lp_ring_view view;
+	struct lp_ring_fusion fusion;
+	unsigned int seed = 12;
+
+	add_disc(room, 20.0F, 30.0F, 2.0F, 900.0F);
+	look_around(room, &past, &seed);
+	add_disc(room, 20.0F, 30.0F, 2.0F, 600.0F);
+	const struct lp_ring_sample sample = look(room, &none, &view, &seed);
+	const float truth = true_excess(room, &room->parts->list[0]);
+
+	lp_ring_fuse(&view, &sample, &past, &known, &fusion);
+	assert_true(fusion.changed);
+	assert_float_equal(fusion.excess[0], truth, 0.1F * truth);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -82,6 +148,8 @@ int main(void)
 		cmocka_unit_test(test_a_camera_at_rest_keeps_its_newest_reading),
 		cmocka_unit_test(test_the_oldest_makes_room),
 		cmocka_unit_test(test_poses_turn_with_the_frame_of_reference),
+		TEST(test_a_turn_tells_lamps_apart),
+		TEST(test_other_light_is_not_averaged),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
