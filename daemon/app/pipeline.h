@@ -119,6 +119,9 @@ bool lp_pipeline_control(struct lp_pipeline *pipeline, const struct lp_camera_co
 void lp_pipeline_ring(struct lp_pipeline *pipeline, const struct lp_ring_sample *then,
 		      const struct lp_ring_sample *now);
 
+/* How fast the camera turns, in radians per second, as the newest frame shows it. */
+float lp_pipeline_turn_rad_s(const struct lp_pipeline *pipeline);
+
 /*
  * The ring has read light that jumped, between frames. 0: `estimates` is filled: the newest frame's
  * with what the ring says of it now. -EAGAIN: no lamp was switched, or not one worth telling.

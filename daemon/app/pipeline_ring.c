@@ -28,14 +28,20 @@ void lp_pipeline_heed_ring(struct lp_pipeline *p, const double (*total)[3],
 			    p->has_ring_now ? &p->ring_now : NULL, total, estimate);
 }
 
+float lp_pipeline_turn_rad_s(const struct lp_pipeline *pipeline)
+{
+	struct lp_imager_status status;
+
+	lp_imager_status(pipeline->imager, &status);
+	return status.rate_deg_per_s * (float)M_PI / 180.0F;
+}
+
 /* How far the camera may have turned otherwise since the newest frame. */
 static float turn_sigma_rad(const struct lp_pipeline *p, int64_t t_ns)
 {
-	struct lp_imager_status status;
 	const int64_t since_ns = t_ns - p->steps.seen.t_capture_ns;
 
-	lp_imager_status(p->imager, &status);
-	return TURN_SIGMA * status.rate_deg_per_s * (float)M_PI / 180.0F * (float)since_ns / 1e9F;
+	return TURN_SIGMA * lp_pipeline_turn_rad_s(p) * (float)since_ns / 1e9F;
 }
 
 int lp_pipeline_step(struct lp_pipeline *p, const struct lp_ring_sample *now,

@@ -64,10 +64,12 @@ static void take_control(struct lp_worker *worker, int camera, float *command_us
 static void take_ring(struct lp_worker *worker, const struct lp_frame *frame)
 {
 	const int64_t t_ns = lp_frame_time(frame, frame->exposure_us).middle_ns;
+	const float turn_rad_s = lp_pipeline_turn_rad_s(worker->pipeline);
 	struct lp_ring_sample sample, now;
 	bool found, has_now;
 
 	pthread_mutex_lock(&worker->control_lock);
+	worker->ring_filter.turn_rad_s = turn_rad_s;
 	has_now = lp_ring_history_newest(&worker->ring, &now);
 	found = lp_ring_history_at(&worker->ring, t_ns, RING_MOST_NS, &sample);
 	pthread_mutex_unlock(&worker->control_lock);

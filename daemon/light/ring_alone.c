@@ -27,7 +27,8 @@ static void take(const struct lp_ring_sample *sample, struct sensors *s)
 	s->count = 0;
 	for (int k = 0; k < LP_RING_SENSORS; k++) {
 		const double lux = sample->illuminance_lux[k];
-		const double sigma = sample->sigma_relative[k];
+		const double sigma =
+			hypot((double)sample->sigma_relative[k], (double)sample->noise_relative[k]);
 		float normal[3];
 
 		if (!isfinite(lux) || lux < 0.0 || !(sigma > 0.0))

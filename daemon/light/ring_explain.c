@@ -88,9 +88,12 @@ void lp_ring_case_init(struct lp_ring_case *self, const struct lp_ring_problem *
 {
 	turn(problem->sample, explanation->places, &self->sample);
 	self->view = *problem->view;
-	self->past.count = 0;
-	if (problem->past && !explanation->places)
-		self->past = *problem->past;
+	self->past.count = problem->past ? problem->past->count : 0;
+	for (int p = 0; p < self->past.count; p++) {
+		self->past.list[p] = problem->past->list[p];
+		turn(&problem->past->list[p].sample, explanation->places,
+		     &self->past.list[p].sample);
+	}
 	for (int j = 0; j < self->view.count; j++) {
 		if (lp_ring_sees(&self->view, &self->past, j, explanation->used))
 			continue;

@@ -8,8 +8,10 @@
 
 /* A sensor that was missing for longer begins anew. */
 #define LONGEST_GAP_S 0.25
-/* Light wanders by this share in a second, 1 sigma, without being switched. */
+/* Light wanders by this share in a second, 1 sigma, without being switched; and that on a sensor
+ * that turns by so much more per radian per second. */
 #define WANDER 0.1
+#define TURNING 0.2
 /* How well time constants are known, relative. */
 #define LAG_SIGMA 0.2
 /* Least noise of a reading, relative, and in lux. */
@@ -36,11 +38,11 @@ static double square(double x)
 }
 
 /* felt' = felt + share (light - felt); the light stays, or wanders. */
-static void predict(struct lp_sensor_filter *s, double share, double elapsed_s)
+static void predict(struct lp_sensor_filter *s, double share, double wander_per_s, double elapsed_s)
 {
 	double *p = s->covariance;
 	const double gap = share * (s->light - s->felt);
-	const double wander = square(WANDER * s->light) * elapsed_s;
+	const double wander = square(wander_per_s * s->light) * elapsed_s;
 
 	s->felt += gap;
 	p[2] = square(share) * p[0] + 2.0 * share * (1.0 - share) * p[1] +
@@ -66,7 +68,8 @@ static void correct(struct lp_sensor_filter *s, double innovation, double noise)
 }
 
 /* Returns whether the light has jumped. */
-static bool follow(struct lp_sensor_filter *s, const struct lp_ring_sample *reading, int k)
+static bool follow(struct lp_sensor_filter *s, const struct lp_ring_sample *reading, int k,
+		   double wander_per_s)
 {
 	const double lux = reading->illuminance_lux[k];
 	const double relative = fmax(reading->noise_relative[k], LEAST_NOISE);
@@ -81,7 +84,7 @@ static bool follow(struct lp_sensor_filter *s, const struct lp_ring_sample *read
 	const double share = lag_s > 0.0 ? -expm1(-elapsed_s / lag_s) : 1.0;
 
 	s->t_ns = reading->t_ns;
-	predict(s, share, elapsed_s);
+	predict(s, share, wander_per_s, elapsed_s);
 	const double innovation = lux - s->felt;
 	const double sigmas2 = square(innovation) / (s->covariance[2] + noise);
 	const bool jumps = sigmas2 > square(JUMP_SIGMAS) * s->restlessness;
@@ -102,6 +105,7 @@ static bool follow(struct lp_sensor_filter *s, const struct lp_ring_sample *read
 uint32_t lp_ring_filter_update(struct lp_ring_filter *filter, const struct lp_ring_sample *reading,
 			       struct lp_ring_sample *light)
 {
+	const double wander_per_s = WANDER + TURNING * filter->turn_rad_s;
 	uint32_t jumped = 0;
 
 	*light = *reading;
@@ -112,11 +116,11 @@ uint32_t lp_ring_filter_update(struct lp_ring_filter *filter, const struct lp_ri
 
 		if (!isfinite(reading->illuminance_lux[k]) || reading->illuminance_lux[k] < 0.0F)
 			continue;
-		if (follow(s, reading, k))
+		if (follow(s, reading, k, wander_per_s))
 			jumped |= 1U << k;
-		light->illuminance_lux[k] = (float)s->light;
+		light->illuminance_lux[k] = (float)fmax(s->light, LEAST_LUX);
 		light->noise_relative[k] =
-			(float)(sqrt(s->covariance[0]) / fmax(s->light, LEAST_LUX));
+			(float)sqrt(s->covariance[0]) / light->illuminance_lux[k];
 	}
 	return jumped;
 }

@@ -20,6 +20,7 @@ struct lp_sensor_filter {
 
 struct lp_ring_filter {
 	struct lp_sensor_filter sensors[LP_RING_SENSORS];
+	float turn_rad_s; /* how fast the ring turns, as far as the caller knows */
 };
 
 /*

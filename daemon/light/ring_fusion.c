@@ -245,22 +245,56 @@ static void weigh(const struct lp_ring_explanation *list, int count, double infl
 		weight[i] *= weight[i] > LEAST_WEIGHT;
 }
 
-/* Whether the newest reading is of the light that the ones before were of. */
-static bool has_changed(const struct lp_ring_problem *problem,
-			const struct lp_ring_explanation *explanation)
+/* How many readings of before an explanation uses. */
+static int used_before(const struct lp_ring_past *past, uint32_t used)
 {
-	struct lp_ring_problem alone = *problem;
-	struct lp_ring_case one;
-	struct lp_ring_fit fit;
-	double now;
+	int count = 0;
 
-	alone.past = NULL;
-	lp_ring_case_init(&one, &alone, explanation);
-	lp_ring_fit(&one.problem, explanation->used, &fit);
-	now = lp_ring_misfit_now(&one.problem, &fit);
+	for (int p = 0; p < past->count; p++)
+		count += bits(usable(&past->list[p].sample) & used);
+	return count;
+}
+
+/* Squared sigmas by which readings of before make the newest one worse understood. `cost`: by which
+ * they are worse understood than their own sigmas allow; as in share_that_counts(). */
+static double look_back_with(const struct lp_ring_problem *problem,
+			     const struct lp_ring_explanation *explanation, double *cost)
+{
+	struct lp_ring_problem newest = *problem;
+	struct lp_ring_case one;
+	struct lp_ring_fit alone, together;
+
+	newest.past = NULL;
+	lp_ring_case_init(&one, &newest, explanation);
+	lp_ring_fit(&one.problem, explanation->used, &alone);
+	const double misfit_alone = lp_ring_misfit_now(&one.problem, &alone);
+
 	lp_ring_case_init(&one, problem, explanation);
-	lp_ring_fit(&one.problem, explanation->used, &fit);
-	return lp_ring_misfit_now(&one.problem, &fit) > now + CHANGED;
+	lp_ring_fit(&one.problem, explanation->used, &together);
+	const double more = together.chi2 - alone.chi2 - used_before(&one.past, explanation->used);
+
+	*cost = fmax(more, 0.0) / sqrt(1 + problem->past->count);
+	return lp_ring_misfit_now(&one.problem, &together) - misfit_alone;
+}
+
+/* What is wrong with a ring stays wrong: what the newest reading leaves possible must explain those
+ * before, too. Returns false, and leaves the costs, where they are of other light by any of them.
+ */
+static bool look_back(const struct lp_ring_problem *problem, struct lp_ring_explanation *list,
+		      const double *weight, int count)
+{
+	double cost[LP_RING_EXPLANATIONS], least = INFINITY;
+
+	for (int i = 0; i < count; i++) {
+		cost[i] = INFINITY;
+		if (weight[i] > 0.0)
+			least = fmin(least, look_back_with(problem, &list[i], &cost[i]));
+	}
+	if (least > CHANGED)
+		return false;
+	for (int i = 0; i < count; i++)
+		list[i].cost += cost[i];
+	return true;
 }
 
 void lp_ring_fuse(const struct lp_ring_view *as_seen, const struct lp_ring_sample *sample,
@@ -288,15 +322,19 @@ void lp_ring_fuse(const struct lp_ring_view *as_seen, const struct lp_ring_sampl
 	const double inflation = fmax(fusion->misfit, 1.0);
 
 	weigh(list, count, inflation, weight);
+	if (past && past->count) {
+		problem.past = past;
+		fusion->changed = !look_back(&problem, list, weight, count);
+		if (fusion->changed)
+			problem.past = NULL;
+		else
+			weigh(list, count, inflation, weight);
+	}
 	name(list, weight, count, all, fusion);
 	if (best->chi2 > ALWAYS_ALLOWED + MOST_MISFIT * best->freedom) {
 		fusion->verdict = LP_RING_DISAGREES;
 		return;
 	}
-	problem.past = past;
-	fusion->changed = past && past->count && has_changed(&problem, best);
-	if (fusion->changed)
-		problem.past = NULL;
 	for (int i = 0; i < count; i++) {
 		struct lp_ring_case one;
 

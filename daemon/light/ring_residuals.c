@@ -68,9 +68,10 @@ static bool counts(const struct lp_ring_sample *sample, int sensor, uint32_t use
 	return used >> sensor & 1 && isfinite(sample->illuminance_lux[sensor]);
 }
 
-/* Variance of a reading around what x predicts: its own, the camera's, and that of where in a part
- * the light is. A reading that is too low does not count the more for it. What stays of a sensor's
- * error counts anew in each look: another sensor faces the same light then. */
+/* Variance of a reading around what x predicts: of what stays of the sensor's error, of its noise,
+ * of what the camera saw, and of where in a part the light is. A reading that is too low does not
+ * count the more for it. What stays of a sensor's error counts anew in each look: another sensor
+ * faces the same light then. */
 static double variance_of(const struct lp_ring_problem *problem, const double *x, int look,
 			  int sensor, double floor_lux)
 {
@@ -78,9 +79,12 @@ static double variance_of(const struct lp_ring_problem *problem, const double *x
 	const struct lp_ring_sample *sample = sample_of(problem, look);
 	const double lux = fmax(sample->illuminance_lux[sensor], predicted(view, x, sensor));
 	const double own = sample->sigma_relative[sensor] * lux;
+	const double noise =
+		(double)sample->noise_relative[sensor] * sample->illuminance_lux[sensor];
 	const double camera = (double)view->seen_sigma * view->seen[sensor] * x[0];
 	const double aged = look ? AGING * problem->past->list[look - 1].age_s * lux : 0.0;
-	double variance = own * own + camera * camera + floor_lux * floor_lux + aged * aged;
+	double variance =
+		own * own + noise * noise + camera * camera + floor_lux * floor_lux + aged * aged;
 
 	for (int j = 0; j < view->count; j++) {
 		const double place = x[j + 1] * view->parts[j].spread[sensor];

@@ -163,6 +163,52 @@ static void test_flicker_and_dimming_are_no_steps(void **state)
 	}
 }
 
+#define TURN_RAD_S 1.75
+
+/* A sensor that turns past a lamp in a dim room. */
+static double sweeps(double t_s)
+{
+	return 100.0 + 2000.0 * fmax(cos(TURN_RAD_S * t_s), 0.0);
+}
+
+struct errors {
+	double mean, within_3;
+};
+
+/* How well light is known in turning, relative, where the filter is told that it turns so fast. */
+static struct errors errors_of_a_sweep(double told_rad_s)
+{
+	struct lp_ring_filter filter = {.turn_rad_s = (float)told_rad_s};
+	struct ldr ldr = new_ldr(sweeps(0.0));
+	struct errors errors = {0.0, 0.0};
+	const int count = 1000;
+
+	for (int i = 0; i < count; i++) {
+		struct lp_ring_sample light;
+		const double truth = sweeps((double)ldr.t_ns / 1e9 + PERIOD_MS * 0.5e-3);
+		const struct lp_ring_sample reading = read_ldr(&ldr, sweeps);
+
+		(void)lp_ring_filter_update(&filter, &reading, &light);
+		const double lux = light.illuminance_lux[0], off = fabs(lux - truth);
+
+		errors.mean += off / truth / count;
+		errors.within_3 +=
+			(off < 3.0 * (double)light.noise_relative[0] * lux) / (double)count;
+	}
+	return errors;
+}
+
+static void test_light_that_turns_is_known_less_well(void **state)
+{
+	const struct errors unaware = errors_of_a_sweep(0.0);
+	const struct errors aware = errors_of_a_sweep(TURN_RAD_S);
+
+	(void)state;
+	assert_true(aware.within_3 > 0.9);
+	assert_true(unaware.within_3 < 0.9);
+	assert_true(aware.mean < 0.85 * unaware.mean);
+}
+
 /* Sensors without a lag, and readings without a time, are taken as they are. */
 static void test_without_lag(void **state)
 {
@@ -211,6 +257,7 @@ int main(void)
 		cmocka_unit_test(test_steady_light_is_known_better_than_a_reading),
 		cmocka_unit_test(test_a_step_is_seen_at_once),
 		cmocka_unit_test(test_flicker_and_dimming_are_no_steps),
+		cmocka_unit_test(test_light_that_turns_is_known_less_well),
 		cmocka_unit_test(test_without_lag),
 		cmocka_unit_test(test_a_sensor_that_comes_back),
 	};

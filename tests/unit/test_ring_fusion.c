@@ -215,6 +215,28 @@ static void test_a_sun_in_a_white_sky(void **state)
 	assert_true(cosine > cosf(15.0F * (float)M_PI / 180.0F));
 }
 
+/* A reading that is mostly noise, as after a lag is taken off, decides nothing. */
+static void test_noise_of_a_reading_counts(void **state)
+{
+	struct room *room = *state;
+	const struct lp_rotation none = lp_rotation_identity();
+	struct lp_ring_view view;
+	struct lp_ring_fusion fusion;
+	unsigned int seed = 13;
+
+	add_disc(room, 0.0F, 30.0F, 2.0F, 900.0F);
+	struct lp_ring_sample sample = look(room, &none, &view, &seed);
+	const float truth = true_excess(room, &room->parts->list[0]);
+
+	sample.illuminance_lux[0] *= 0.25F;
+	lp_ring_fuse(&view, &sample, NULL, &known, &fusion);
+	assert_int_equal(fusion.wrong, 1);
+	sample.noise_relative[0] = 4.0F;
+	lp_ring_fuse(&view, &sample, NULL, &known, &fusion);
+	assert_int_equal(fusion.wrong, 0);
+	assert_float_equal(fusion.excess[0], truth, 0.1F * truth);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -224,6 +246,7 @@ int main(void)
 		TEST(test_known_seats_find_the_lamp),
 		TEST(test_two_lamps_are_told_apart),
 		TEST(test_noise_is_not_light),
+		TEST(test_noise_of_a_reading_counts),
 		TEST(test_darkness),
 		TEST(test_a_sun_in_a_white_sky),
 	};

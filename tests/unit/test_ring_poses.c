@@ -141,6 +141,72 @@ static void test_other_light_is_not_averaged(void **state)
 	assert_float_equal(fusion.excess[0], truth, 0.1F * truth);
 }
 
+/* As the ring reads when it is turned to the right by two places. */
+static struct lp_ring_sample turned_by_two(const struct lp_ring_sample *straight)
+{
+	struct lp_ring_sample turned = *straight;
+
+	for (int k = 0; k < 8; k++)
+		turned.illuminance_lux[k] = straight->illuminance_lux[(k + 2) % 8];
+	return turned;
+}
+
+static void test_a_ring_that_is_turned_since_then(void **state)
+{
+	struct room *room = *state;
+	const struct lp_rotation none = lp_rotation_identity();
+	struct lp_ring_past past;
+	struct lp_ring_view view;
+	struct lp_ring_fusion fusion;
+	unsigned int seed = 14;
+
+	add_disc(room, 20.0F, 40.0F, 4.0F, 300.0F);
+	add_disc(room, 100.0F, 10.0F, 4.0F, 100.0F);
+	look_around(room, &past, &seed);
+	const struct lp_ring_sample straight = look(room, &none, &view, &seed);
+	const struct lp_ring_sample turned = turned_by_two(&straight);
+
+	lp_ring_fuse(&view, &turned, &past, &known, &fusion);
+	assert_true(fusion.changed);
+	assert_int_equal(fusion.verdict, LP_RING_TURNED);
+	assert_float_equal(fusion.turned_deg, 90.0F, 0.0F);
+	/* and when it was so before, too */
+	for (int p = 0; p < past.count; p++)
+		past.list[p].sample = turned_by_two(&past.list[p].sample);
+	lp_ring_fuse(&view, &turned, &past, &known, &fusion);
+	assert_false(fusion.changed);
+	assert_int_equal(fusion.verdict, LP_RING_TURNED);
+}
+
+/* Of noisy readings some look as if the ring were turned; those before tell that it is not. */
+static void test_noise_is_no_turned_ring(void **state)
+{
+	struct room *room = *state;
+	const struct lp_rotation none = lp_rotation_identity();
+	double worst = 0.0;
+	unsigned int seed = 15;
+
+	add_disc(room, 20.0F, 30.0F, 30.0F, 8.0F);
+	add_disc(room, -150.0F, 30.0F, 4.0F, 300.0F);
+	for (int trial = 0; trial < TRIALS; trial++) {
+		struct lp_ring_past past;
+		struct lp_ring_view view;
+		struct lp_ring_fusion fusion;
+		double found = 0.0, truth = 0.0;
+
+		look_around(room, &past, &seed);
+		const struct lp_ring_sample sample = look_with(room, &none, 0.2F, &view, &seed);
+
+		lp_ring_fuse(&view, &sample, &past, &known, &fusion);
+		for (int j = 0; j < view.count; j++) {
+			found += fusion.excess[j];
+			truth += true_excess(room, &room->parts->list[j]);
+		}
+		worst = fmax(worst, fabs(found / truth - 1.0));
+	}
+	assert_true(worst < 0.12); /* 0.2 if it were taken for turned */
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -150,6 +216,8 @@ int main(void)
 		cmocka_unit_test(test_poses_turn_with_the_frame_of_reference),
 		TEST(test_a_turn_tells_lamps_apart),
 		TEST(test_other_light_is_not_averaged),
+		TEST(test_a_ring_that_is_turned_since_then),
+		TEST(test_noise_is_no_turned_ring),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
