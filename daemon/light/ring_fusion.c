@@ -245,7 +245,7 @@ static void weigh(const struct lp_ring_explanation *list, int count, double infl
 		weight[i] *= weight[i] > LEAST_WEIGHT;
 }
 
-/* How many readings of before an explanation uses. */
+/* How many readings of the sensors in `used` there are from before. */
 static int used_before(const struct lp_ring_past *past, uint32_t used)
 {
 	int count = 0;
@@ -255,8 +255,9 @@ static int used_before(const struct lp_ring_past *past, uint32_t used)
 	return count;
 }
 
-/* Squared sigmas by which readings of before make the newest one worse understood. `cost`: by which
- * they are worse understood than their own sigmas allow; as in share_that_counts(). */
+/* Squared sigmas by which an explanation leaves the newest reading worse understood together with
+ * those before than alone. `cost`: by which it leaves those before worse understood than their
+ * sigmas allow; n looks count as sqrt(n), as in share_that_counts(). */
 static double look_back_with(const struct lp_ring_problem *problem,
 			     const struct lp_ring_explanation *explanation, double *cost)
 {
@@ -277,9 +278,9 @@ static double look_back_with(const struct lp_ring_problem *problem,
 	return lp_ring_misfit_now(&one.problem, &together) - misfit_alone;
 }
 
-/* What is wrong with a ring stays wrong: what the newest reading leaves possible must explain those
- * before, too. Returns false, and leaves the costs, where they are of other light by any of them.
- */
+/* What is wrong with a ring stays wrong: what explains the newest reading must explain those
+ * before, too, or costs more. Returns false, and changes no cost, where each explanation needs
+ * other light for the newest reading than for those before. */
 static bool look_back(const struct lp_ring_problem *problem, struct lp_ring_explanation *list,
 		      const double *weight, int count)
 {

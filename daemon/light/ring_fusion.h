@@ -101,8 +101,8 @@ void lp_ring_view_init(struct lp_ring_view *view, const struct lp_grid *grid,
 		       const struct lp_rotation *to_panorama, const struct lp_ring_sample *sample,
 		       int channel);
 
-/* `past`: NULL: none. The newest reading says what may be wrong with the ring; the ones before rule
- * out what does not explain them, too. */
+/* `past`: NULL: none. The newest reading says what may be wrong with the ring; what does not
+ * explain the ones before, too, becomes less likely. */
 void lp_ring_fuse(const struct lp_ring_view *view, const struct lp_ring_sample *sample,
 		  const struct lp_ring_past *past, const struct lp_ring_scale *known,
 		  struct lp_ring_fusion *fusion);
