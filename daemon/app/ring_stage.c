@@ -242,7 +242,7 @@ static void find_colours(struct lp_ring_stage *stage, const struct lp_imager *im
 	struct lp_ring_view views[3];
 
 	if (!(stage->sample.colour_sigma > 0.0F) || stage->fusion.verdict != LP_RING_AGREES) {
-		lp_ring_colour_as_seen(&stage->colour, stage->parts);
+		lp_ring_colour_as_seen(&stage->colour, stage->parts, &stage->fusion);
 		return;
 	}
 	for (int c = 0; c < 3; c++) {

@@ -12,9 +12,11 @@
 /* How far the colour of a lamp is from that of what was seen of it, relative 1 sigma: lamps that
  * clip in all channels look white, and are anything from a candle to the sky. */
 #define LOOK_SIGMA 0.4F
-/* The same without a ring that sees colours: root mean square over red, green and blue, of the
- * luminance. */
-#define TINT_SIGMA 0.27F
+/* The same of a whole lamp without a ring that sees colours: root mean square over red, green and
+ * blue, of the luminance. */
+#define TINT_SIGMA 0.22F
+/* Of light that is all in red, where white was expected. */
+#define ONE_CHANNEL 2.3F
 /* What a colour of the ring is worth before anything has been learned. */
 #define WHITE_SIGMA 0.2F
 /* Squared sigmas per reading beyond which the colours are not believed, as in ring_fusion.c. */
@@ -29,11 +31,21 @@ void lp_ring_colour_init(struct lp_ring_colour *colour)
 		colour->white[c] = (struct lp_ring_scale){1.0F, WHITE_SIGMA};
 }
 
-void lp_ring_colour_as_seen(struct lp_ring_colour *colour, const struct lp_clipped_parts *parts)
+/* A lamp that hardly clips hides little light, which may be in one channel alone. */
+static float tint_sigma(float hidden, float whole)
+{
+	return hidden > 0.0F ? fminf(TINT_SIGMA * whole / hidden, ONE_CHANNEL) : ONE_CHANNEL;
+}
+
+void lp_ring_colour_as_seen(struct lp_ring_colour *colour, const struct lp_clipped_parts *parts,
+			    const struct lp_ring_fusion *luminance)
 {
 	for (int j = 0; j < parts->count; j++) {
-		memcpy(colour->tint[j], parts->list[j].tint, sizeof(colour->tint[j]));
-		colour->tint_sigma[j] = TINT_SIGMA;
+		const struct lp_clipped_part *part = &parts->list[j];
+		const float hidden = hypotf(luminance->excess[j], luminance->sigma[j]);
+
+		memcpy(colour->tint[j], part->tint, sizeof(colour->tint[j]));
+		colour->tint_sigma[j] = tint_sigma(hidden, part->bound[LP_LUMINANCE] + hidden);
 	}
 }
 
@@ -168,14 +180,14 @@ void lp_ring_colour_update(struct lp_ring_colour *colour, const struct lp_ring_v
 {
 	float variance[LP_MAX_CLIPPED_PARTS] = {0.0F};
 
-	lp_ring_colour_as_seen(colour, parts);
+	lp_ring_colour_as_seen(colour, parts, luminance);
 	for (int c = 0; c < 3; c++) {
 		const struct question question = {&views[c], sample, luminance,
 						  parts,     c,	     colour->white[c]};
 		double x[LP_NNLS_MAX] = {0.0}, covariance[LP_NNLS_MAX][LP_NNLS_MAX];
 
 		if (!solve(&question, x, covariance)) {
-			lp_ring_colour_as_seen(colour, parts);
+			lp_ring_colour_as_seen(colour, parts, luminance);
 			return;
 		}
 		for (int j = 0; j < parts->count; j++)

@@ -19,8 +19,9 @@ struct lp_ring_colour {
 
 void lp_ring_colour_init(struct lp_ring_colour *colour);
 
-/* Without colours: what is hidden has the part's tint. */
-void lp_ring_colour_as_seen(struct lp_ring_colour *colour, const struct lp_clipped_parts *parts);
+/* Without colours: what is hidden, by `luminance`, has the part's tint. */
+void lp_ring_colour_as_seen(struct lp_ring_colour *colour, const struct lp_clipped_parts *parts,
+			    const struct lp_ring_fusion *luminance);
 
 /*
  * views: of red, green and blue. `luminance`: what the same reading said of that; it AGREES.

@@ -141,6 +141,7 @@ static struct lp_ring_explanation explanation_of(const struct lp_ring_problem *p
 	lp_ring_case_init(&as_explained, problem, &e);
 	lp_ring_fit(&as_explained.problem, used, &fit);
 	e.chi2 = fit.chi2;
+	e.misfit_now = fit.misfit_now;
 	e.freedom = fit.freedom;
 	e.price = fit.price;
 	e.cost = fit.chi2 + cost_of_sensors(all & ~used);

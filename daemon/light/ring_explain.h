@@ -23,7 +23,7 @@ struct lp_ring_explanation {
 	/* In squared sigmas: what it leaves unexplained, and how unlikely it is beforehand; and how
 	 * unlikely the light is that it needs. */
 	double cost, price;
-	double chi2, freedom; /* of its fit */
+	double chi2, misfit_now, freedom; /* of its fit */
 };
 
 /* Fits them all; `all`: bit k: sensor k can be used. Returns how many; the first one is the ring as

@@ -259,23 +259,16 @@ static int used_before(const struct lp_ring_past *past, uint32_t used)
  * those before than alone. `cost`: by which it leaves those before worse understood than their
  * sigmas allow; n looks count as sqrt(n), as in share_that_counts(). */
 static double look_back_with(const struct lp_ring_problem *problem,
-			     const struct lp_ring_explanation *explanation, double *cost)
+			     const struct lp_ring_explanation *alone, double *cost)
 {
-	struct lp_ring_problem newest = *problem;
 	struct lp_ring_case one;
-	struct lp_ring_fit alone, together;
+	struct lp_ring_fit together;
 
-	newest.past = NULL;
-	lp_ring_case_init(&one, &newest, explanation);
-	lp_ring_fit(&one.problem, explanation->used, &alone);
-	const double misfit_alone = lp_ring_misfit_now(&one.problem, &alone);
-
-	lp_ring_case_init(&one, problem, explanation);
-	lp_ring_fit(&one.problem, explanation->used, &together);
-	const double more = together.chi2 - alone.chi2 - used_before(&one.past, explanation->used);
-
-	*cost = fmax(more, 0.0) / sqrt(1 + problem->past->count);
-	return lp_ring_misfit_now(&one.problem, &together) - misfit_alone;
+	lp_ring_case_init(&one, problem, alone);
+	lp_ring_fit(&one.problem, alone->used, &together);
+	*cost = fmax(together.chi2 - alone->chi2 - used_before(&one.past, alone->used), 0.0) /
+		sqrt(1 + problem->past->count);
+	return together.misfit_now - alone->misfit_now;
 }
 
 /* What is wrong with a ring stays wrong: what explains the newest reading must explain those

@@ -219,6 +219,7 @@ static void judge(const struct lp_ring_problem *problem, const struct weights *w
 	const double off = (fit->x[0] - weights->scale) / weights->scale_sigma;
 
 	fit->chi2 = off * off + residuals(problem, weights, fit, looks(problem));
+	fit->misfit_now = residuals(problem, weights, fit, 1);
 	fit->freedom = isnan(problem->scale.lux_per_unit) ? -1.0 : 0.0;
 	fit->freedom += __builtin_popcount(fit->used);
 	for (int j = 0; j < problem->view->count; j++) {
@@ -267,14 +268,6 @@ void lp_ring_normal(const struct lp_ring_problem *problem, const struct lp_ring_
 	make_normal(problem, fit->used, &weights, normal);
 	for (int j = 0; j < problem->view->count; j++)
 		bound[j + 1] = fmax(problem->view->parts[j].bound * fit->x[0], 1e-30);
-}
-
-double lp_ring_misfit_now(const struct lp_ring_problem *problem, const struct lp_ring_fit *fit)
-{
-	struct weights weights = prior_of(problem, fit->used, fit->x[0]);
-
-	weigh(problem, fit->used, fit->x, floor_of(problem, fit->used), &weights);
-	return residuals(problem, &weights, fit, 1);
 }
 
 void lp_ring_fit(const struct lp_ring_problem *problem, uint32_t used, struct lp_ring_fit *fit)

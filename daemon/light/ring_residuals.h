@@ -21,14 +21,12 @@ struct lp_ring_fit {
 	double x[LP_NNLS_MAX];
 	double scale_variance; /* of x[0] */
 	double chi2;	       /* squared residuals in sigmas, the scale's included */
+	double misfit_now;     /* the same of the newest reading alone, without the scale's */
 	double price;	       /* what hidden light costs beforehand, in squared sigmas */
 	double freedom;	       /* number of residuals less unknowns, at least 1 */
 };
 
 void lp_ring_fit(const struct lp_ring_problem *problem, uint32_t used, struct lp_ring_fit *fit);
-
-/* Squared residuals in sigmas that x leaves of the newest reading alone, without the scale's. */
-double lp_ring_misfit_now(const struct lp_ring_problem *problem, const struct lp_ring_fit *fit);
 
 /* The normal equations that the fit has solved, without its prices; what a part was seen of, in
  * lux, is bound[1 + j]. */

@@ -115,7 +115,7 @@ static void test_without_colours_it_is_as_it_looks(void **state)
 	(void)state;
 	look(candle_and_sky, one, 0.0F);
 	s.parts.list[0].tint[0] = 2.0F;
-	lp_ring_colour_as_seen(&s.colour, &s.parts);
+	lp_ring_colour_as_seen(&s.colour, &s.parts, &s.luminance);
 	assert_float_equal(s.colour.tint[0][0], 2.0F, 1e-5F);
 	assert_float_equal(s.colour.tint[1][0], 1.0F, 1e-5F);
 	const float unseen_sigma = s.colour.tint_sigma[0];
@@ -131,6 +131,37 @@ static void test_without_colours_it_is_as_it_looks(void **state)
 		assert_float_equal(s.colour.tint[0][c], 1.0F, 1e-3F);
 }
 
+/* 1 sigma of the colour of a whole lamp, of luminance 1, that is seen as white. */
+static float colour_sigma(float seen, float hidden, float sigma)
+{
+	struct lp_clipped_parts parts = {.count = 1};
+	struct lp_ring_fusion luminance = {.excess = {hidden}, .sigma = {sigma}};
+	struct lp_ring_colour colour;
+
+	parts.list[0].bound[LP_LUMINANCE] = seen;
+	lp_ring_colour_as_seen(&colour, &parts, &luminance);
+	return colour.tint_sigma[0] * hypotf(hidden, sigma) / (seen + hidden);
+}
+
+static void test_a_lamp_that_hardly_clips_may_hide_one_channel(void **state)
+{
+	const float red[3] = {1.275F, 0.896F, 0.863F}, clip = 0.88F, white[3] = {1.0F, 1.0F, 1.0F};
+	float seen[3], square = 0.0F;
+
+	(void)state;
+	for (int c = 0; c < 3; c++)
+		seen[c] = fminf(red[c], clip);
+	for (int c = 0; c < 3; c++)
+		square += powf(seen[c] / lp_luminance(seen) - red[c] / lp_luminance(red), 2.0F);
+	const float hidden = lp_luminance(red) - lp_luminance(seen);
+
+	assert_true(sqrtf(square / 3.0F) < 2.0F * colour_sigma(lp_luminance(seen), hidden, 0.01F));
+	/* where nearly all is hidden, and where nothing is, and that is known */
+	assert_float_equal(colour_sigma(1.0F, 1000.0F, 30.0F), colour_sigma(1.0F, 10000.0F, 300.0F),
+			   0.01F);
+	assert_true(colour_sigma(lp_luminance(white), 0.0F, 0.001F) < 0.003F);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -138,6 +169,7 @@ int main(void)
 		cmocka_unit_test(test_the_balance_is_learned),
 		cmocka_unit_test(test_sensors_that_do_not_count_change_nothing),
 		cmocka_unit_test(test_without_colours_it_is_as_it_looks),
+		cmocka_unit_test(test_a_lamp_that_hardly_clips_may_hide_one_channel),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
