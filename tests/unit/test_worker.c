@@ -77,6 +77,8 @@ bool lp_pipeline_control(struct lp_pipeline *self, const struct lp_camera_contro
 }
 
 static atomic_int ring_lux = -1; /* of the newest frame's reading; -1: none */
+static atomic_int ring_noise;	 /* of the newest reading then, in millionths */
+static atomic_int turn_rad_s;
 
 void lp_pipeline_ring(struct lp_pipeline *self, const struct lp_ring_sample *then,
 		      const struct lp_ring_sample *now)
@@ -84,6 +86,13 @@ void lp_pipeline_ring(struct lp_pipeline *self, const struct lp_ring_sample *the
 	assert_ptr_equal(self, &pipeline);
 	assert_true(now || !then);
 	atomic_store(&ring_lux, then ? (int)then->illuminance_lux[0] : -1);
+	atomic_store(&ring_noise, now ? (int)(1e6F * now->noise_relative[0]) : -1);
+}
+
+float lp_pipeline_turn_rad_s(const struct lp_pipeline *self)
+{
+	assert_ptr_equal(self, &pipeline);
+	return (float)atomic_load(&turn_rad_s);
 }
 
 int lp_pipeline_step(struct lp_pipeline *self, const struct lp_ring_sample *now,
@@ -173,6 +182,33 @@ static void test_a_frame_gets_its_reading_of_the_ring(void **state)
 	lp_worker_give(worker, wait_result(worker));
 	assert_int_equal(atomic_load(&ring_lux), -1);
 	lp_worker_destroy(worker);
+}
+
+/* Noise of steady light, in millionths, while the frames show that the camera turns so fast. */
+static int noise_while_turning(int rad_s)
+{
+	struct lp_worker *worker = start(true);
+	struct lp_ring_sample sample = {.t_ns = LP_NS_PER_S, .illuminance_lux = {100.0F}};
+
+	atomic_store(&turn_rad_s, rad_s);
+	for (int i = 0; i < 20; i++) {
+		submit(worker, 0, 0);
+		lp_worker_give(worker, wait_result(worker));
+		sample.noise_relative[0] = 0.01F;
+		lp_worker_ring(worker, &sample);
+		sample.t_ns += 10 * LP_NS_PER_MS;
+	}
+	submit(worker, 0, 0);
+	lp_worker_give(worker, wait_result(worker));
+	lp_worker_destroy(worker);
+	atomic_store(&turn_rad_s, 0);
+	return atomic_load(&ring_noise);
+}
+
+static void test_the_filter_knows_how_fast_the_camera_turns(void **state)
+{
+	(void)state;
+	assert_true(noise_while_turning(5) > 1.2 * noise_while_turning(0));
 }
 
 static void test_how_light_is_polarized_comes_on_demand(void **state)
@@ -415,6 +451,7 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_a_frame_gets_its_reading_of_the_ring),
+		cmocka_unit_test(test_the_filter_knows_how_fast_the_camera_turns),
 		cmocka_unit_test(test_how_light_is_polarized_comes_on_demand),
 		cmocka_unit_test(test_light_that_jumps_gives_a_result),
 		cmocka_unit_test(test_newest_frame_wins_and_drops_are_counted),
