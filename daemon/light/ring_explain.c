@@ -41,6 +41,7 @@ static void turn(const struct lp_ring_sample *sample, int places, struct lp_ring
 	for (int k = 0; k < around; k++) {
 		turned->illuminance_lux[(k + places) % around] = sample->illuminance_lux[k];
 		turned->sigma_relative[(k + places) % around] = sample->sigma_relative[k];
+		turned->noise_relative[(k + places) % around] = sample->noise_relative[k];
 	}
 }
 

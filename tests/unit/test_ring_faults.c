@@ -270,6 +270,32 @@ static void test_a_turned_ring_is_found(void **state)
 	}
 }
 
+static void test_noise_turns_with_its_sensor(void **state)
+{
+	struct room *room = *state;
+	const struct lp_rotation none = lp_rotation_identity();
+	struct lp_ring_view view;
+	struct lp_ring_fusion fusion;
+	unsigned int seed = 9;
+
+	add_disc(room, 20.0F, 40.0F, 4.0F, 300.0F);
+	add_disc(room, 100.0F, 10.0F, 4.0F, 100.0F);
+	const struct lp_ring_sample straight = look(room, &none, &view, &seed);
+	struct lp_ring_sample sample = straight;
+
+	for (int k = 0; k < 8; k++)
+		sample.illuminance_lux[k] = straight.illuminance_lux[(k + 2) % 8];
+	sample.illuminance_lux[0] *= 0.2F;
+	sample.noise_relative[0] = 5.0F;
+	lp_ring_fuse(&view, &sample, NULL, &known, &fusion);
+	assert_int_equal(fusion.verdict, LP_RING_TURNED);
+	for (int j = 0; j < view.count; j++) {
+		const float truth = true_excess(room, &room->parts->list[j]);
+
+		assert_float_equal(fusion.excess[j], truth, 0.2F * truth);
+	}
+}
+
 static void test_a_ring_elsewhere_is_not_believed(void **state)
 {
 	struct room *room = *state;
@@ -300,6 +326,7 @@ int main(void)
 		TEST(test_a_hand_before_neighbours),
 		TEST(test_dead_sensors),
 		TEST(test_a_turned_ring_is_found),
+		TEST(test_noise_turns_with_its_sensor),
 		TEST(test_a_ring_elsewhere_is_not_believed),
 	};
 
