@@ -10,7 +10,8 @@
  * sigma. Light that only explains noise is left out: each x_j pays log(x_j + its bound) (Candes,
  * Wakin & Boyd 2008). The same is done for other explanations of the readings
  * (light/ring_explain.h); the result is the mean over all of them, weighed by how likely each is,
- * and its covariance contains how far they differ. Pure functions on plain data; nothing is
+ * and its covariance contains how far they differ. Readings of the same light from other poses are
+ * more equations for the same unknowns. Pure functions on plain data; nothing is
  * allocated.
  */
 #ifndef LP_LIGHT_RING_FUSION_H

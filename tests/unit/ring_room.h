@@ -161,6 +161,16 @@ static inline float true_excess(const struct room *room, const struct lp_clipped
 	return sum;
 }
 
+/* As a ring reads that is turned to the right by so many places of its sensors. */
+static inline struct lp_ring_sample turned_by(const struct lp_ring_sample *straight, int places)
+{
+	struct lp_ring_sample turned = *straight;
+
+	for (int k = 0; k < 8; k++)
+		turned.illuminance_lux[k] = straight->illuminance_lux[(k + places + 8) % 8];
+	return turned;
+}
+
 #define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
 
 #endif

@@ -107,6 +107,24 @@ static void test_sigmas_hold(void **state)
 	assert_true(within_3 > 0.98 * trials && strength_3 > 0.98 * trials);
 }
 
+static void test_noise_counts(void **state)
+{
+	struct lp_ring_alone steady, noisy;
+	unsigned int seed = 5;
+	float d[3];
+
+	(void)state;
+	direction_of(40.0F, 30.0F, d);
+	struct lp_ring_sample sample = sample_of(d, 900.0F, 40.0F, 0.0F, &seed);
+
+	assert_true(lp_ring_alone(&sample, &steady));
+	for (int k = 0; k < LP_RING_SENSORS; k++)
+		sample.noise_relative[k] = 0.2F;
+	assert_true(lp_ring_alone(&sample, &noisy));
+	assert_true(noisy.lamp_sigma > 2.0F * steady.lamp_sigma);
+	assert_true(noisy.direction_sigma_deg > 2.0F * steady.direction_sigma_deg);
+}
+
 static void test_no_lamp(void **state)
 {
 	const float up[3] = {0.0F, 1.0F, 0.0F};
@@ -143,6 +161,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_without_noise_it_is_exact),
 		cmocka_unit_test(test_sigmas_hold),
+		cmocka_unit_test(test_noise_counts),
 		cmocka_unit_test(test_no_lamp),
 		cmocka_unit_test(test_too_few_sensors_and_darkness),
 	};

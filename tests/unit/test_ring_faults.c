@@ -142,12 +142,10 @@ static void test_a_turned_ring_is_not_taken_for_light(void **state)
 		struct lp_ring_view view;
 		struct lp_ring_fusion fusion;
 		const struct lp_ring_sample straight = look(room, &none, &view, &seed);
-		struct lp_ring_sample sample = straight;
+		const struct lp_ring_sample sample = turned_by(&straight, 1);
 		const float truth = true_sum(room);
 		float sigma;
 
-		for (int k = 0; k < 8; k++)
-			sample.illuminance_lux[k] = straight.illuminance_lux[(k + 1) % 8];
 		lp_ring_fuse(&view, &sample, NULL, &known, &fusion);
 		found += fusion.verdict == LP_RING_TURNED && fusion.turned_deg == 45.0F;
 		assert_float_equal(sum_of(&fusion, view.count, &sigma), truth, 0.15F * truth);
@@ -250,11 +248,8 @@ static void test_a_turned_ring_is_found(void **state)
 		struct lp_ring_view view;
 		struct lp_ring_fusion fusion;
 		const struct lp_ring_sample straight = look(room, &none, &view, &seed);
-		struct lp_ring_sample sample = straight;
+		const struct lp_ring_sample sample = turned_by(&straight, places);
 
-		for (int k = 0; k < 8;
-		     k++) /* a sensor turned to the right looks at the next place */
-			sample.illuminance_lux[k] = straight.illuminance_lux[(k + places + 8) % 8];
 		lp_ring_fuse(&view, &sample, NULL, &known, &fusion);
 		if (places == 0) {
 			assert_int_equal(fusion.verdict, LP_RING_AGREES);
@@ -281,10 +276,8 @@ static void test_noise_turns_with_its_sensor(void **state)
 	add_disc(room, 20.0F, 40.0F, 4.0F, 300.0F);
 	add_disc(room, 100.0F, 10.0F, 4.0F, 100.0F);
 	const struct lp_ring_sample straight = look(room, &none, &view, &seed);
-	struct lp_ring_sample sample = straight;
+	struct lp_ring_sample sample = turned_by(&straight, 2);
 
-	for (int k = 0; k < 8; k++)
-		sample.illuminance_lux[k] = straight.illuminance_lux[(k + 2) % 8];
 	sample.illuminance_lux[0] *= 0.2F;
 	sample.noise_relative[0] = 5.0F;
 	lp_ring_fuse(&view, &sample, NULL, &known, &fusion);

@@ -82,8 +82,7 @@ static void look_around(struct room *room, struct lp_ring_past *past, unsigned i
 {
 	past->count = LP_RING_POSES - 1;
 	for (int p = 0; p < past->count; p++) {
-		const double yaw[3] = {0.0, 2.0 * M_PI * (p + 1) / LP_RING_POSES, 0.0};
-		const struct lp_rotation turned = lp_rotation_of_vector(yaw);
+		const struct lp_rotation turned = yaw(360.0 * (p + 1) / LP_RING_POSES);
 
 		past->list[p].sample = look(room, &turned, &past->list[p].view, seed);
 		past->list[p].age_s = (float)(p + 1);
@@ -141,16 +140,6 @@ static void test_other_light_is_not_averaged(void **state)
 	assert_float_equal(fusion.excess[0], truth, 0.1F * truth);
 }
 
-/* As the ring reads when it is turned to the right by two places. */
-static struct lp_ring_sample turned_by_two(const struct lp_ring_sample *straight)
-{
-	struct lp_ring_sample turned = *straight;
-
-	for (int k = 0; k < 8; k++)
-		turned.illuminance_lux[k] = straight->illuminance_lux[(k + 2) % 8];
-	return turned;
-}
-
 static void test_a_ring_that_is_turned_since_then(void **state)
 {
 	struct room *room = *state;
@@ -164,7 +153,7 @@ static void test_a_ring_that_is_turned_since_then(void **state)
 	add_disc(room, 100.0F, 10.0F, 4.0F, 100.0F);
 	look_around(room, &past, &seed);
 	const struct lp_ring_sample straight = look(room, &none, &view, &seed);
-	const struct lp_ring_sample turned = turned_by_two(&straight);
+	const struct lp_ring_sample turned = turned_by(&straight, 2);
 
 	lp_ring_fuse(&view, &turned, &past, &known, &fusion);
 	assert_true(fusion.changed);
@@ -172,7 +161,7 @@ static void test_a_ring_that_is_turned_since_then(void **state)
 	assert_float_equal(fusion.turned_deg, 90.0F, 0.0F);
 	/* and when it was so before, too */
 	for (int p = 0; p < past.count; p++)
-		past.list[p].sample = turned_by_two(&past.list[p].sample);
+		past.list[p].sample = turned_by(&past.list[p].sample, 2);
 	lp_ring_fuse(&view, &turned, &past, &known, &fusion);
 	assert_false(fusion.changed);
 	assert_int_equal(fusion.verdict, LP_RING_TURNED);
