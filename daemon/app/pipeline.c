@@ -20,26 +20,40 @@
 #define RESTLESS 0.4F
 #define RESTLESS_GAIN 0.1F
 
-/* What no camera pixel sees is given the mean of what is seen, lamps apart. */
-static void fill_unseen(struct lp_panorama *panorama, const struct lp_grid *grid,
-			const struct lp_lamp_finder *finder)
+/* Mean radiance of the cells that are seen, without the lamps that were found in them. */
+static void seen_ambient(const struct lp_panorama *panorama, const struct lp_grid *grid,
+			 const struct lp_lamp_finder *finder, float ambient[4])
 {
-	double sum[4] = {0.0}, seen = 4.0 * M_PI * panorama->seen_fraction;
-	float fill[4];
+	const double seen_sr = 4.0 * M_PI * panorama->seen_fraction;
+	double sum[4] = {0.0};
 
-	if (panorama->seen_fraction >= 1.0F || seen <= 0.0)
-		return;
 	for (int i = 0; i < panorama->width * panorama->height; i++)
-		for (int c = 0; c < 4; c++)
+		for (int c = 0; c < 4 && !(panorama->flags[i] & LP_CELL_UNSEEN); c++)
 			sum[c] += (double)panorama->cells[i][c] * lp_grid_solid_angle_sr(grid, i);
 	for (int k = 0; k < finder->count; k++)
 		for (int c = 0; c < 4; c++)
 			sum[c] -= finder->lamps[k].irradiance[c];
 	for (int c = 0; c < 4; c++)
-		fill[c] = (float)fmax(sum[c] / seen, 0.0);
-	for (int i = 0; i < panorama->width * panorama->height; i++)
-		if (panorama->flags[i] & LP_CELL_UNSEEN)
-			memcpy(panorama->cells[i], fill, sizeof(fill));
+		ambient[c] = seen_sr > 0.0 ? (float)fmax(sum[c] / seen_sr, 0.0) : 0.0F;
+}
+
+/* The panorama with the mean of the rest, lamps apart, where no camera pixel looks. The filled
+ * cells are a copy: nothing may write into the map but what a camera sees. */
+static struct lp_panorama filled(const struct lp_pipeline *p, const struct lp_panorama *panorama)
+{
+	const int cells = panorama->width * panorama->height;
+	struct lp_panorama copy = *panorama;
+	float ambient[4];
+
+	if (panorama->seen_fraction >= 1.0F)
+		return copy;
+	seen_ambient(panorama, lp_imager_grid(p->imager), p->detection->finder, ambient);
+	copy.cells = p->filled;
+	memcpy(copy.cells, panorama->cells, (size_t)cells * sizeof(*copy.cells));
+	for (int i = 0; i < cells; i++)
+		if (copy.flags[i] & LP_CELL_UNSEEN)
+			memcpy(copy.cells[i], ambient, sizeof(ambient));
+	return copy;
 }
 
 /* From the anchor frame to the camera's, at the estimate's capture time. */
@@ -274,35 +288,34 @@ int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
 				 : add(pipeline, frame);
 	if (ret < 0)
 		return ret;
-	struct lp_panorama *panorama = lp_imager_panorama(pipeline->imager);
-	const struct lp_grid *grid = lp_imager_grid(pipeline->imager);
-	const float mean = lp_grid_mean_luminance(grid, panorama);
+	const struct lp_panorama *seen = lp_imager_panorama(pipeline->imager);
+	const float mean = lp_grid_mean_luminance(lp_imager_grid(pipeline->imager), seen);
 
 	if (pipeline->wanted_lights) { /* else all light is in the SH anyway */
-		lp_detect(pipeline->detection, panorama, mean);
-		lp_lamp_stage_hold(&pipeline->lamps, pipeline->detection, panorama, mean);
+		lp_detect(pipeline->detection, seen, mean);
+		lp_lamp_stage_hold(&pipeline->lamps, pipeline->detection, seen, mean);
 	} else {
 		pipeline->detection->finder->count = 0;
 	}
-	fill_unseen(panorama, grid, pipeline->detection->finder);
+	const struct lp_panorama whole = filled(pipeline, seen);
 	const struct lp_lamp_stage_work work = lamp_work(pipeline);
 
 	lp_lamp_stage_update(&pipeline->lamps, pipeline->imager, pipeline->detection, &work,
-			     panorama->t_capture_ns);
+			     whole.t_capture_ns);
 	lp_imager_expect_flicker(pipeline->imager, lp_lamp_memory_flicker(&pipeline->lamps.memory));
 	lp_imager_status(pipeline->imager, &status);
-	lp_ring_stage_update(&pipeline->ring, pipeline->imager, panorama,
+	lp_ring_stage_update(&pipeline->ring, pipeline->imager, &whole,
 			     pipeline->detection->finder->cells, &pipeline->lamps.memory,
 			     status.exposure_unknown);
 	estimates->ring = lp_ring_stage_status(&pipeline->ring);
 	memset(&estimates->raw, 0, sizeof(estimates->raw));
-	lp_pipeline_fill(pipeline, panorama, mean, total, &estimates->raw);
+	lp_pipeline_fill(pipeline, &whole, mean, total, &estimates->raw);
 	estimates->raw.t_arrival_ns = t_arrival_ns;
 	estimates->raw.wheel_deg = wheel_deg;
 	estimates->raw.wheel_sigma_deg = wheel_sigma_deg;
-	estimates->raw.orientation = lp_pipeline_orientation(pipeline, panorama->t_capture_ns);
+	estimates->raw.orientation = lp_pipeline_orientation(pipeline, whole.t_capture_ns);
 	lp_pipeline_heed_ring(pipeline, (const double(*)[3])total, &estimates->raw);
-	look_around(pipeline, demand, panorama, &estimates->raw, estimates->surroundings);
+	look_around(pipeline, demand, &whole, &estimates->raw, estimates->surroundings);
 	lp_pipeline_finish(pipeline, estimates);
 	rest(pipeline);
 	return 0;

@@ -69,12 +69,14 @@ struct stages {
 	struct lp_sh_projector *projector;
 	float *scratch;
 	uint8_t *view;
+	float (*filled)[4];
 	float (*surround)[4];
 };
 
 static void destroy_stages(const struct stages *stages)
 {
 	free(stages->view);
+	free(stages->filled);
 	free(stages->surround);
 	free(stages->scratch);
 	lp_sh_projector_destroy(stages->projector);
@@ -129,7 +131,8 @@ static int create_stages(const struct lp_pipeline *p, const struct lp_preset_wor
 	if (ret == 0) {
 		stages->scratch = calloc((size_t)width * height, sizeof(*stages->scratch));
 		stages->view = calloc((size_t)width * height, 1);
-		ret = stages->scratch && stages->view ? 0 : -ENOMEM;
+		stages->filled = calloc((size_t)width * height, sizeof(*stages->filled));
+		ret = stages->scratch && stages->view && stages->filled ? 0 : -ENOMEM;
 	}
 	if (ret == 0 && p->options.reflection_size) {
 		stages->surround = calloc((size_t)width * height, sizeof(*stages->surround));
@@ -155,7 +158,8 @@ int lp_pipeline_set_preset(struct lp_pipeline *pipeline, enum lp_preset preset)
 {
 	const struct lp_preset_work effective = effective_preset(&pipeline->options, preset);
 	const struct stages old = {pipeline->imager,  pipeline->detection, pipeline->projector,
-				   pipeline->scratch, pipeline->view,	   pipeline->surround};
+				   pipeline->scratch, pipeline->view,	   pipeline->filled,
+				   pipeline->surround};
 	struct stages stages;
 	int ret = create_stages(pipeline, &effective, &stages);
 
@@ -184,6 +188,7 @@ int lp_pipeline_set_preset(struct lp_pipeline *pipeline, enum lp_preset preset)
 	pipeline->projector = stages.projector;
 	pipeline->scratch = stages.scratch;
 	pipeline->view = stages.view;
+	pipeline->filled = stages.filled;
 	pipeline->surround = stages.surround;
 	pipeline->preset = effective;
 	pipeline->in_force = preset;
@@ -227,7 +232,8 @@ void lp_pipeline_destroy(struct lp_pipeline *pipeline)
 	if (!pipeline)
 		return;
 	destroy_stages(&(struct stages){pipeline->imager, pipeline->detection, pipeline->projector,
-					pipeline->scratch, pipeline->view, pipeline->surround});
+					pipeline->scratch, pipeline->view, pipeline->filled,
+					pipeline->surround});
 	lp_ring_stage_finish(&pipeline->ring);
 	for (int k = 0; k < pipeline->camera_count; k++)
 		lp_camera_destroy(pipeline->cameras[k].geometry);

@@ -55,6 +55,7 @@ struct lp_pipeline {
 	float restless;	      /* share of the last frames that showed changed light */
 	float *scratch;	      /* cells of the panorama, for its median */
 	uint8_t *view;	      /* of several cameras: the cells that the newest frame's looks at */
+	float (*filled)[4];   /* of a panorama that is not seen whole, with what stands in */
 	float (*surround)[4]; /* of the panorama, without lamps; NULL: no reflection maps */
 	int wanted_lights;    /* by the options and the most demanding subscriber */
 	uint32_t sequence;

@@ -117,7 +117,7 @@ const struct lp_grid *lp_imager_grid(const struct lp_imager *imager)
 	return imager->grid;
 }
 
-struct lp_panorama *lp_imager_panorama(struct lp_imager *imager)
+const struct lp_panorama *lp_imager_panorama(const struct lp_imager *imager)
 {
 	return &imager->panorama;
 }

@@ -149,8 +149,9 @@ int lp_imager_current_exposures(const struct lp_imager *imager, int camera);
 void lp_imager_view(const struct lp_imager *imager, uint8_t *cells);
 
 const struct lp_grid *lp_imager_grid(const struct lp_imager *imager);
-/* Anchor frame. Owned by the imager; valid and changeable until the next load. */
-struct lp_panorama *lp_imager_panorama(struct lp_imager *imager);
+/* Anchor frame. Its cells are the map's own, 0 where UNSEEN: nobody may write to them. Owned by the
+ * imager; valid until the next load. */
+const struct lp_panorama *lp_imager_panorama(const struct lp_imager *imager);
 
 /* Camera to anchor frame, at the newest frame's capture time. Valid until the next load. */
 const struct lp_rotation *lp_imager_rotation(const struct lp_imager *imager);

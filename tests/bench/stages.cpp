@@ -236,7 +236,7 @@ void stages::run(const bench::picture &p)
 	seen.elapsed_s = 0.033F;
 	lp_radiance_map_observe(imager->map, &seen);
 	lap("map");
-	struct lp_panorama *panorama = lp_imager_panorama(imager);
+	const struct lp_panorama *panorama = lp_imager_panorama(imager);
 	const float mean = lp_grid_mean_luminance(lp_imager_grid(imager), panorama);
 	lap("mean");
 	lp_detect(detection, panorama, mean);

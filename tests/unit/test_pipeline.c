@@ -444,6 +444,60 @@ static void test_a_lamp_goes_off_between_frames(void **state)
 	lp_pipeline_destroy(pipeline);
 }
 
+/* A lens that sees three quarters of the sphere or a sixth of it, and the same picture again and
+ * again: an even wall, with or without a lamp. What stands in for the rest never adds to itself. */
+static void test_what_is_not_seen_does_not_grow(void **state)
+{
+	static char path[] = "module.camera";
+	enum { SIDE_PX = 240, FRAMES = 60 };
+	const float seen_deg[] = {120.0F, 97.0F, 88.0F, 48.0F};
+
+	(void)state;
+	for (unsigned int k = 0; k < 2 * LP_COUNT(seen_deg); k++) {
+		const float theta_deg = seen_deg[k / 2];
+		const float px_per_rad = SIDE_PX / 2.0F / (theta_deg * (float)M_PI / 180.0F);
+		struct lp_camera_file camera = {.ini = {.path = path},
+						.projection = LP_FISHEYE,
+						.width_px = SIDE_PX,
+						.height_px = SIDE_PX,
+						.read_out_ms = NAN};
+		camera.lens[0] = (struct lp_lens_fields){.present = true,
+							 .cx_px = SIDE_PX / 2.0F,
+							 .cy_px = SIDE_PX / 2.0F,
+							 .fx_px = px_per_rad,
+							 .fy_px = px_per_rad,
+							 .max_theta_deg = theta_deg};
+		const struct lp_pipeline_options options = {.cameras = {&camera},
+							    .preset = LP_PRESET_ACCURATE,
+							    .max_lights = 8,
+							    .sh_order = 2};
+		struct lp_pipeline *pipeline;
+		float first = 0.0F;
+
+		assert_int_equal(lp_pipeline_create(&options, &pipeline), 0);
+		for (int n = 0; n < FRAMES; n++) {
+			struct lp_frame *frame = new_float_frame(SIDE_PX, SIDE_PX);
+			float *rgb = (float *)frame->data;
+
+			for (int i = 0; i < 3 * SIDE_PX * SIDE_PX; i++)
+				rgb[i] = 1.0F;
+			for (int i = 0; i < 3 * 64 && k % 2; i++) /* 8 x 8 pixels */
+				rgb[3 * (SIDE_PX * (100 + i / 24) + 100) + i % 24] = 100.0F;
+			frame->t_read_ns = 2 * LP_NS_PER_S + n * LP_NS_PER_S / 30;
+			const struct lp_light_estimate e = estimate(pipeline, frame);
+			float ambient[LP_MAX_SH_COUNT][3];
+
+			lp_model_ambient(&e, 2, e.light_count, ambient);
+			first = n ? first : e.sh_total[0][1];
+			assert_true(e.flags & LP_ESTIMATE_PARTIAL_VIEW);
+			assert_int_equal(e.light_count, k % 2);
+			assert_float_equal(e.sh_total[0][1] / first, 1.0, 1e-3);
+			assert_float_equal(ambient[0][1] / sqrt(4.0 * M_PI), 1.0, 0.02);
+		}
+		lp_pipeline_destroy(pipeline);
+	}
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -457,6 +511,7 @@ int main(void)
 		cmocka_unit_test(test_knobs),
 		cmocka_unit_test(test_the_ring_finds_what_clips),
 		cmocka_unit_test(test_a_lamp_goes_off_between_frames),
+		cmocka_unit_test(test_what_is_not_seen_does_not_grow),
 		cmocka_unit_test(test_options_are_checked),
 	};
 
