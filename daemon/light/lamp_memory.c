@@ -242,18 +242,23 @@ void lp_lamp_memory_lose_cells(struct lp_lamp_memory *memory)
 		memory->list[p].seen = false;
 }
 
+static void turn_lamp(struct lp_lamp *lamp, const struct lp_rotation *turn)
+{
+	lp_rotate_direction(turn, lamp->direction);
+	lp_rotate_direction(turn, lamp->centroid);
+	lp_rotate_direction(turn, lamp->axis);
+}
+
 void lp_lamp_memory_turn(struct lp_lamp_memory *memory, const struct lp_rotation *turn)
 {
 	for (int p = 0; p < LP_MAX_LAMPS; p++) {
 		struct lp_remembered_lamp *m = &memory->list[p];
+		const float turn_rad = lp_stokes_frame_turn(turn, m->lamp.direction);
 
-		lp_stokes_turn(&m->stokes, lp_stokes_frame_turn(turn, m->lamp.direction));
-		lp_rotate_direction(turn, m->lamp.direction);
-		lp_rotate_direction(turn, m->lamp.centroid);
+		lp_stokes_turn(&m->stokes, turn_rad);
+		lp_polarization_turn(&m->polarization, turn_rad);
 		lp_rotate_direction(turn, m->aside);
-		lp_rotate_direction(turn, m->on_grid.direction);
-		lp_rotate_direction(turn, m->on_grid.centroid);
-		lp_rotate_direction(turn, m->lamp.axis);
-		lp_rotate_direction(turn, m->on_grid.axis);
+		turn_lamp(&m->lamp, turn);
+		turn_lamp(&m->on_grid, turn);
 	}
 }

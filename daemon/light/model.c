@@ -135,6 +135,17 @@ void lp_model_ambient(const struct lp_light_estimate *estimate, int order, int l
 			ambient[i][c] = (float)sh[i][c];
 }
 
+void lp_model_turn_light(struct lp_light *light, const struct lp_rotation *rotation)
+{
+	const float turn_deg =
+		lp_stokes_frame_turn(rotation, light->direction) * 180.0F / (float)M_PI;
+
+	light->polarization.aolp_deg =
+		fmodf(light->polarization.aolp_deg - turn_deg + 360.0F, 180.0F);
+	lp_rotate_direction(rotation, light->direction);
+	lp_rotate_direction(rotation, light->axis);
+}
+
 void lp_model_turn(struct lp_light_estimate *estimate, const struct lp_rotation *rotation,
 		   float sigma_deg)
 {
@@ -142,13 +153,7 @@ void lp_model_turn(struct lp_light_estimate *estimate, const struct lp_rotation 
 	for (int k = 0; k < estimate->light_count; k++) {
 		struct lp_light *const light = &estimate->lights[k];
 
-		const float turn_deg =
-			lp_stokes_frame_turn(rotation, light->direction) * 180.0F / (float)M_PI;
-
-		light->polarization.aolp_deg =
-			fmodf(light->polarization.aolp_deg - turn_deg + 360.0F, 180.0F);
-		lp_rotate_direction(rotation, light->direction);
-		lp_rotate_direction(rotation, light->axis);
+		lp_model_turn_light(light, rotation);
 		light->direction_sigma_deg = hypotf(light->direction_sigma_deg, sigma_deg);
 	}
 }

@@ -286,6 +286,20 @@ float lp_stokes_frame_turn(const struct lp_rotation *turn, const float direction
 	return -atan2f(dot(right, new_up), dot(right, new_right));
 }
 
+void lp_polarization_turn(struct lp_polarization *polarization, float turn_rad)
+{
+	const struct lp_polarization p = *polarization;
+	const float c = cosf(2.0F * turn_rad), s = sinf(2.0F * turn_rad);
+	const float turn_deg = turn_rad * 180.0F / (float)M_PI;
+
+	polarization->q = c * p.q + s * p.u;
+	polarization->u = c * p.u - s * p.q;
+	polarization->qq = c * c * p.qq + 2.0F * c * s * p.qu + s * s * p.uu;
+	polarization->qu = (c * c - s * s) * p.qu + c * s * (p.uu - p.qq);
+	polarization->uu = s * s * p.qq - 2.0F * c * s * p.qu + c * c * p.uu;
+	polarization->aolp_deg = fmodf(p.aolp_deg - turn_deg + 360.0F, 180.0F);
+}
+
 void lp_stokes_turn(struct lp_stokes *stokes, float turn_rad)
 {
 	const float c = cosf(2.0F * turn_rad), s = sinf(2.0F * turn_rad);

@@ -121,6 +121,7 @@ float lp_stokes_frame_turn(const struct lp_rotation *turn, const float direction
 
 /* Express S1, S2 in a frame whose x axis is turned counter-clockwise by turn_rad. */
 void lp_stokes_turn(struct lp_stokes *stokes, float turn_rad);
+void lp_polarization_turn(struct lp_polarization *polarization, float turn_rad);
 
 #ifdef __cplusplus
 }

@@ -94,7 +94,7 @@ static void judge_light_come(const struct lp_tracker *tracker, struct lp_track *
 static float follow(float from, float to, float alpha)
 {
 	/* unknown stays unknown, and a first value is taken as it is */
-	return isnan(from) || isnan(to) ? to : from + alpha * (to - from);
+	return isnan(from) || isnan(to) ? to : to + (1.0F - alpha) * (from - to);
 }
 
 static void follow_sh(float sh[LP_MAX_SH_COUNT][3], const float target[LP_MAX_SH_COUNT][3],
@@ -128,33 +128,45 @@ static float chord_deg(const float a[3], const float b[3])
 	return chord * 180.0F / (float)M_PI;
 }
 
-static void follow_light(struct lp_track *track, const struct lp_light *target, float alpha)
+static void follow_direction(float direction[3], const float target[3], float alpha)
 {
-	struct lp_light *l = &track->light;
 	float length = 0.0F;
 
 	for (int a = 0; a < 3; a++) {
-		l->direction[a] = follow(l->direction[a], target->direction[a], alpha);
-		length += l->direction[a] * l->direction[a];
-		l->irradiance[a] = follow(l->irradiance[a], target->irradiance[a], alpha);
+		direction[a] = follow(direction[a], target[a], alpha);
+		length += direction[a] * direction[a];
 	}
 	length = sqrtf(length);
 	for (int a = 0; a < 3; a++)
-		l->direction[a] = length > 0.0F ? l->direction[a] / length : target->direction[a];
-	l->angular_radius_deg = follow(l->angular_radius_deg, target->angular_radius_deg, alpha);
+		direction[a] = length > 0.0F ? direction[a] / length : target[a];
+}
+
+/* The lamp is what the newest estimate says of it, but for what is smoothed. */
+static void follow_light(struct lp_track *track, const struct lp_light *target, float alpha)
+{
+	const struct lp_light before = track->light;
+	struct lp_light *l = &track->light;
+
+	*l = *target;
+	l->lit = before.lit;
+	l->found_s = before.found_s;
+	memcpy(l->direction, before.direction, sizeof(l->direction));
+	follow_direction(l->direction, target->direction, alpha);
+	memcpy(l->axis, before.axis, sizeof(l->axis));
+	follow_axis(l->axis, target->axis, alpha);
+	for (int c = 0; c < 3; c++)
+		l->irradiance[c] = follow(before.irradiance[c], target->irradiance[c], alpha);
+	for (int a = 0; a < 2; a++)
+		l->half_angle_deg[a] =
+			follow(before.half_angle_deg[a], target->half_angle_deg[a], alpha);
+	l->angular_radius_deg =
+		follow(before.angular_radius_deg, target->angular_radius_deg, alpha);
+	l->distance_m = follow(before.distance_m, target->distance_m, alpha);
 	/* What is smoothed lags behind, and says by how much. */
 	l->direction_sigma_deg =
 		hypotf(target->direction_sigma_deg, chord_deg(l->direction, target->direction));
 	l->irradiance_sigma =
 		hypotf(target->irradiance_sigma, luminance(target) / luminance(l) - 1.0F);
-	l->colour_sigma = target->colour_sigma;
-	l->distance_m = follow(l->distance_m, target->distance_m, alpha);
-	l->hidden = target->hidden;
-	for (int a = 0; a < 2; a++)
-		l->half_angle_deg[a] =
-			follow(l->half_angle_deg[a], target->half_angle_deg[a], alpha);
-	follow_axis(l->axis, target->axis, alpha);
-	l->flags = target->flags;
 	track->full = luminance(target);
 }
 
@@ -313,8 +325,6 @@ void lp_tracker_turn(struct lp_tracker *tracker, const struct lp_rotation *turn)
 {
 	lp_sh_rotate(turn, LP_MAX_SH_ORDER, tracker->sh_total);
 	lp_sh_rotate(turn, LP_MAX_SH_ORDER, tracker->sh_before);
-	for (int t = 0; t < LP_MAX_TRACKS; t++) {
-		lp_rotate_direction(turn, tracker->track[t].light.direction);
-		lp_rotate_direction(turn, tracker->track[t].light.axis);
-	}
+	for (int t = 0; t < LP_MAX_TRACKS; t++)
+		lp_model_turn_light(&tracker->track[t].light, turn);
 }

@@ -404,12 +404,22 @@ static void test_a_turned_frame(void **state)
 
 		(void)lp_stokes_correct(&stokes, &r, 0.1F);
 	}
+	struct lp_polarization turned = lp_stokes_polarization(&stokes);
+
+	lp_polarization_turn(&turned, (float)(20.0 * RAD));
 	lp_stokes_turn(&stokes, (float)(20.0 * RAD));
 	const struct lp_polarization p = lp_stokes_polarization(&stokes);
 
 	assert_true(p.known);
 	assert_float_equal(p.aolp_deg, 160.0, 0.5);
 	assert_float_equal(p.dolp, 0.5, 0.01);
+	/* what has been told before is turned alike */
+	assert_float_equal(turned.aolp_deg, p.aolp_deg, 0.01);
+	assert_float_equal(turned.q, p.q, 1e-4);
+	assert_float_equal(turned.u, p.u, 1e-4);
+	assert_float_equal(turned.qq / p.qq, 1.0, 1e-3);
+	assert_float_equal(turned.qu, p.qu, 1e-3 * p.qq);
+	assert_float_equal(turned.uu / p.uu, 1.0, 1e-3);
 }
 
 static void test_what_passes(void **state)

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "light/model.h"
 #include "light/rotation.h"
 #include "light/sh.h"
 #include "lp_test.h"
@@ -324,6 +325,58 @@ static void test_light_comes_with_a_lamp_or_later(void **state)
 	}
 }
 
+/* A light whose every number is `value`, but for what must be of one length, yes or no. */
+static struct lp_light_estimate all_fields(int64_t t_ns, int value, const float axis[3])
+{
+	struct lp_light_estimate e = {.t_capture_ns = t_ns, .light_count = 1};
+	struct lp_light *light = &e.lights[0];
+
+	memset(light, value, sizeof(*light));
+	light->id = 1;
+	light->lit = false;
+	light->polarization.judged = light->polarization.known = value & 1;
+	memcpy(light->direction, axis, sizeof(light->direction));
+	memcpy(light->axis, axis, sizeof(light->axis));
+	return e;
+}
+
+/* Without a time constant the smoothed light is the raw one, byte for byte, whatever fields it has:
+ * what is not smoothed is passed on. */
+static void test_every_field_of_a_light_is_passed_on(void **state)
+{
+	const float axes[][3] = {{1.0F, 0.0F, 0.0F}, {0.0F, 1.0F, 0.0F}, {0.0F, 0.0F, 1.0F}};
+	struct lp_tracker tracker = {0};
+	struct lp_light_estimate smoothed;
+
+	(void)state;
+	for (int n = 0; n < 3; n++) {
+		struct lp_light_estimate raw = all_fields(n * FRAME_NS, 0x3d + n, axes[n]);
+
+		lp_tracker_update(&tracker, &raw, &smoothed);
+		/* the tracker's own: since when the lamp is known, and whether its light came */
+		raw.lights[0].lit = smoothed.lights[0].lit;
+		raw.lights[0].found_s = smoothed.lights[0].found_s;
+		assert_memory_equal(&smoothed.lights[0], &raw.lights[0], sizeof(raw.lights[0]));
+	}
+}
+
+/* A light of the tracker turns as the same light of an estimate does, in every field. */
+static void test_the_tracker_turns_every_field(void **state)
+{
+	const float axis[3] = {0.0F, 1.0F, 0.0F};
+	const struct lp_rotation turn = lp_rotation_of_vector((const double[3]){0.3, 0.5, -0.2});
+	struct lp_light_estimate raw = all_fields(0, 0x3f, axis), smoothed;
+	struct lp_tracker tracker = {0};
+
+	(void)state;
+	raw.lights[0].direction[0] = 0.6F;
+	raw.lights[0].direction[1] = 0.8F;
+	lp_tracker_update(&tracker, &raw, &smoothed);
+	lp_tracker_turn(&tracker, &turn);
+	lp_model_turn(&smoothed, &turn, 0.0F);
+	assert_memory_equal(&tracker.track[0].light, &smoothed.lights[0], sizeof(struct lp_light));
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -338,6 +391,8 @@ int main(void)
 		cmocka_unit_test(test_a_jump_has_no_delay),
 		cmocka_unit_test(test_whether_light_came),
 		cmocka_unit_test(test_light_comes_with_a_lamp_or_later),
+		cmocka_unit_test(test_every_field_of_a_light_is_passed_on),
+		cmocka_unit_test(test_the_tracker_turns_every_field),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
