@@ -14,6 +14,7 @@ import subprocess
 import sys
 import time
 import urllib.request
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -215,6 +216,67 @@ def test_no_other_file_is_served(probe, path):
     assert b" 200 " not in answer.partition(b"\r\n")[0]
     assert b"not part" not in answer
     assert b"root:" not in answer
+
+
+def spoil_page(folder):
+    """Put into a page's folder whatever is no file of it; returns the paths."""
+    outside = folder.parent / "outside"
+    outside.mkdir()
+    (outside / "index.html").write_text("not part of the page")
+    (folder / "index.html").write_text("page")
+    (folder / "below").mkdir()
+    (folder / "below" / "a.txt").write_text("below")
+    os.mkfifo(folder / "fifo")
+    os.mkfifo(folder / "below" / "fifo.js")
+    (folder / "link").symlink_to(outside / "index.html")
+    (folder / "linked").symlink_to(outside)
+    (folder / "inside").symlink_to(folder / "below" / "a.txt")
+    (folder / "null").symlink_to("/dev/null")
+    (folder / "tty").symlink_to("/dev/tty")
+    (folder / "loop").symlink_to(folder / "loop")
+    (folder / "empty").mkdir()
+    for name, make in (("piped", os.mkfifo), ("aliased", lambda p: p.symlink_to("../index.html"))):
+        (folder / name).mkdir()
+        make(folder / name / "index.html")
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(folder / "socket"))
+    with zipfile.ZipFile(folder / "a.zip", "w") as packed:
+        packed.writestr("a.txt", "not part of the page")
+    return ["/fifo", "/below/fifo.js", "/fifo/", "/link", "/linked/index.html", "/linked/",
+            "/inside", "/null", "/tty", "/loop", "/empty/", "/piped/", "/aliased/", "/socket",
+            "/a.zip/a.txt", "/index.html/below", "/" + "a" * 300,
+            "/below/../../outside/index.html"]  # fmt: skip
+
+
+def test_what_is_no_regular_file_below_the_root_is_not_there(tmp_path):
+    """And asking for it takes no time: opening a FIFO waits until somebody writes into it."""
+    folder = tmp_path / "page"
+    folder.mkdir()
+    paths = spoil_page(folder)
+    with WebDaemon(folder=tmp_path, query=f"?root={folder}") as daemon:
+        for path in paths:
+            with socket.create_connection(("127.0.0.1", daemon.port), LONG_S) as raw:
+                raw.sendall(f"GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
+                answer = read_all(raw)
+            assert b" 404 " in answer.partition(b"\r\n")[0], (path, answer)
+            assert b"not part" not in answer, path
+        assert get(daemon.port, "/")[::2] == (200, "page")
+        assert get(daemon.port, "/below/a.txt")[::2] == (200, "below")
+        with daemon.open() as web:
+            receive(web, "estimate")
+
+
+def test_a_page_that_is_built_again_is_served(tmp_path):
+    folder = tmp_path / "page"
+    folder.mkdir()
+    (folder / "index.html").write_text("old")
+    with WebDaemon(folder=tmp_path, query=f"?root={folder}") as daemon:
+        assert get(daemon.port, "/")[2] == "old"
+        shutil.rmtree(folder)
+        assert get(daemon.port, "/")[0] == 404
+        folder.mkdir()
+        (folder / "index.html").write_text("new")
+        assert get(daemon.port, "/")[2] == "new"
 
 
 def test_without_a_page_the_answer_says_how_to_have_one(tmp_path):

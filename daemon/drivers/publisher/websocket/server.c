@@ -5,7 +5,6 @@
 #include <libwebsockets.h>
 #include <openssl/ssl.h>
 #include <stdio.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -14,6 +13,7 @@
 #include "base/log.h"
 #include "base/loop.h"
 #include "base/macros.h"
+#include "drivers/publisher/websocket/files.h"
 #include "drivers/publisher/websocket/handshake.h"
 #include "drivers/publisher/websocket/pair.h"
 #include "include/packet.h"
@@ -62,6 +62,7 @@ struct lp_server {
 	bool is_tls;
 	struct lws_protocols protocols[2];
 	struct lws_http_mount mount;
+	struct lp_files files; /* of the mount */
 	char policy[2048];
 	struct lws_protocol_vhost_options headers[RESPONSE_HEADERS];
 	const struct lp_session *last_closed; /* only to compare with: it is freed */
@@ -352,10 +353,11 @@ static const struct lws_protocol_vhost_options *mime_types(void)
 
 static void set_mount(struct lp_server *self, const char *root)
 {
+	lp_files_init(&self->files, root);
 	self->mount = (struct lws_http_mount){
 		.mountpoint = "/",
 		.mountpoint_len = 1,
-		.origin = root,
+		.origin = LP_FILES_ORIGIN,
 		.def = "index.html",
 		.origin_protocol = LWSMPRO_FILE,
 		.extra_mimetypes = mime_types(),
@@ -405,6 +407,8 @@ static int create_context(struct lp_server *self, const struct lp_server_options
 			 "--log-level=debug shows what it says");
 		return -EPROTO;
 	}
+	if (*options->root)
+		lws_set_fops(self->context, &self->files.ops);
 	self->vhost = lws_get_vhost_by_name(self->context, "default");
 	return 0;
 }
