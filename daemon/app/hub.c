@@ -315,6 +315,7 @@ static void on_disconnected(void *context, void *user)
 
 	if (hub->options.left)
 		hub->options.left(hub->options.context, client);
+	lp_hub_clock_fault(hub, client, NULL);
 	hub->client_count--;
 	hub->clients[client->index] = hub->clients[hub->client_count];
 	hub->clients[client->index]->index = client->index;

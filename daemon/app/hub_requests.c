@@ -51,6 +51,17 @@ static void refuse_pose(struct lp_hub *hub, struct lp_hub_client *client, int co
 	client->pose_error_told = true;
 }
 
+void lp_hub_clock_fault(struct lp_hub *hub, struct lp_hub_client *client, const char *text)
+{
+	bool wrong = false;
+
+	client->clock_is_wrong = text != NULL;
+	for (int i = 0; i < hub->client_count; i++)
+		wrong |= hub->clients[i]->clock_is_wrong;
+	if (text || !wrong)
+		lp_health_fault(hub->options.health, "orientation-clock", text);
+}
+
 /* The pose as a sample on our clock, for who uses it. */
 static int use_pose(struct lp_hub *hub, struct lp_hub_client *client,
 		    const struct lp_client_pose *pose)
@@ -63,7 +74,7 @@ static int use_pose(struct lp_hub *hub, struct lp_hub_client *client,
 		return -EOPNOTSUPP;
 	ret = lp_pose_sender_sample(&client->sender, pose, lp_clock_ns(), &sample, fault,
 				    sizeof(fault));
-	lp_health_fault(hub->options.health, "orientation-clock", ret < 0 ? fault : NULL);
+	lp_hub_clock_fault(hub, client, ret < 0 ? fault : NULL);
 	return ret < 0 ? ret : hub->options.pose(hub->options.context, client, &sample);
 }
 

@@ -20,7 +20,8 @@ struct lp_hub_client {
 	bool pose_error_told; /* in that second */
 	bool poses_refused;   /* another client's are used: its world is not this one's */
 	struct lp_pose_sender sender;
-	bool unknown_told; /* that it asks for what this daemon does not know */
+	bool clock_is_wrong; /* its newest pose's time cannot be */
+	bool unknown_told;   /* that it asks for what this daemon does not know */
 	bool no_reflection_told;
 	bool subscribed; /* it has a new subscription, not answered yet */
 	int64_t answered_ns;
@@ -60,6 +61,10 @@ void lp_hub_answer_subscription(struct lp_hub *hub, struct lp_hub_client *client
 int lp_hub_on_request(void *context, void *user, const uint8_t *data, size_t size_bytes);
 void lp_hub_on_requests_done(void *context, void *user);
 void lp_hub_on_unreadable(void *context, void *user, const char *reason);
+
+/* Times of this client's poses cannot be, or are right (`text` NULL), or it leaves. The fault is
+ * told as long as it is so of any client. */
+void lp_hub_clock_fault(struct lp_hub *hub, struct lp_hub_client *client, const char *text);
 
 /* An error, also in the log; the connection stays. */
 void lp_hub_refuse_request(struct lp_hub *hub, struct lp_hub_client *client, int code,

@@ -17,6 +17,8 @@
 /* Who tells nothing for so long makes room for another. */
 #define SILENCE_NS LP_NS_PER_S
 #define MOST_NOT_UNIT 0.02
+#define CONTRADICTS "orientation-contradicts"
+#define LATE "orientation-late"
 #define NO_POSE                                                                                   \
 	"orientation: receive: no client has sent a pose for a second — does the app send its " \
 	"head pose?"
@@ -79,6 +81,20 @@ int lp_mount_read(const char *path, struct lp_mount *mount)
 
 /* ---------------------------------------------------------------- what is told */
 
+/* Log and tell a fault when it begins, and take it back when it is over. */
+static void set_fault(struct lp_orientation_teller *teller, bool *is_told, const char *id,
+		      const char *text)
+{
+	if (*is_told == (text != NULL))
+		return;
+	*is_told = text != NULL;
+	lp_health_fault(teller->health, id, text);
+	if (text)
+		lp_warning("orientation", id, "%s", text);
+	else
+		lp_info("orientation", id, "is over");
+}
+
 void lp_orientation_init(struct lp_orientation_teller *teller, enum lp_orientation_kind kind,
 			 const struct lp_mount *mount, struct lp_health *health)
 {
@@ -96,6 +112,7 @@ static bool is_silent(const struct lp_orientation_teller *teller, int64_t now_ns
 static void begin_with(struct lp_orientation_teller *teller, const void *client)
 {
 	teller->client = client;
+	teller->tellers++;
 	teller->t_stamped_ns = teller->t_unstamped_ns = 0;
 	lp_orientation_track_clear(&teller->track);
 }
@@ -133,6 +150,9 @@ void lp_orientation_client_left(struct lp_orientation_teller *teller, const void
 		begin_with(teller, NULL);
 		teller->t_sample_ns = 0;
 		teller->t_start_ns = lp_clock_ns();
+		/* what was wrong with its poses goes with it */
+		set_fault(teller, &teller->contradicted, CONTRADICTS, NULL);
+		set_fault(teller, &teller->late, LATE, NULL);
 	}
 }
 
@@ -166,6 +186,7 @@ void lp_orientation_frame(struct lp_orientation_teller *teller, struct lp_frame 
 		frame->orientation[i] = NAN;
 	frame->orientation_sigma_deg = NAN;
 	frame->t_orientation_ns = t_ns;
+	frame->orientation_by = teller->tellers;
 	if (lp_orientation_track_at(&teller->track, t_ns, &reading) == 0) {
 		const struct lp_rotation rotation =
 			lp_rotation_product(&reading.rotation, &teller->mount.rotation);
@@ -186,28 +207,17 @@ void lp_orientation_frame(struct lp_orientation_teller *teller, struct lp_frame 
 
 /* ---------------------------------------------------------------- what is wrong with it */
 
-/* Log and tell a fault when it begins, and take it back when it is over. */
-static void set_fault(struct lp_orientation_teller *teller, bool *is_told, const char *id,
-		      const char *text)
-{
-	if (*is_told == (text != NULL))
-		return;
-	*is_told = text != NULL;
-	lp_health_fault(teller->health, id, text);
-	if (text)
-		lp_warning("orientation", id, "%s", text);
-	else
-		lp_info("orientation", id, "is over");
-}
-
 void lp_orientation_judged(struct lp_orientation_teller *teller,
 			   struct lp_estimate_orientation *orientation)
 {
 	if (orientation->world && teller->kind == LP_ORIENTATION_CLIENT)
 		orientation->sigma_deg =
 			hypotf(orientation->sigma_deg, (float)(teller->mount.sigma_rad / DEG));
-	set_fault(teller, &teller->contradicted, "orientation-contradicts",
-		  orientation->left_out
+	/* Frames of a client that has left meanwhile are still on their way. */
+	const bool anybody = teller->kind != LP_ORIENTATION_CLIENT || teller->client;
+
+	set_fault(teller, &teller->contradicted, CONTRADICTS,
+		  orientation->left_out && anybody
 			  ? "orientation: compare: what is told contradicts the pictures and is "
 			    "left out — is the mount right (--mount), are times right?"
 			  : NULL);
@@ -244,5 +254,5 @@ void lp_orientation_tick(struct lp_orientation_teller *teller, int64_t now_ns)
 		       "orientation: receive: poses come %.0f ms after the frames that they are "
 		       "for, at most 50 ms are predicted — send them sooner",
 		       teller->behind_ms);
-	set_fault(teller, &teller->late, "orientation-late", late ? text : NULL);
+	set_fault(teller, &teller->late, LATE, late ? text : NULL);
 }

@@ -33,9 +33,10 @@ struct lp_orientation_teller {
 	struct lp_mount mount;
 	struct lp_health *health; /* borrowed */
 	struct lp_orientation_track track;
-	const void *client;	/* whose poses are used; NULL: nobody's */
-	int64_t t_sample_ns;	/* when the newest came; 0: none yet */
-	int64_t t_stamped_ns;	/* when a frame was stamped last; 0: not since somebody tells */
+	const void *client;   /* whose poses are used; NULL: nobody's */
+	uint32_t tellers;     /* how many there were, this one included: lp_frame.orientation_by */
+	int64_t t_sample_ns;  /* when the newest came; 0: none yet */
+	int64_t t_stamped_ns; /* when a frame was stamped last; 0: not since somebody tells */
 	int64_t t_unstamped_ns; /* when one could not be, for the newest sample was too old */
 	double behind_ms;	/* by so much, then */
 	double walk;		/* of the last frame that was stamped (light/orientation_track.h) */

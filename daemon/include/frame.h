@@ -54,6 +54,8 @@ struct lp_frame {
 	float orientation[4];
 	float orientation_sigma_deg; /* 1 sigma; NAN: unknown */
 	int64_t t_orientation_ns;    /* that it is of; 0: of the middle, whenever that was */
+	/* Who has told it, as a number: another one has another frame that does not move. */
+	uint32_t orientation_by;
 	float row_time_us; /* the exposure of each row begins so much later than that of the row
 			    * above; 0: all at once; NAN: unknown */
 	float period_us;   /* from one frame of this camera to the next; the application sets it;

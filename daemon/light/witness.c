@@ -51,6 +51,15 @@ static double limit_rad(double sigma_rad, double rate_rad_s)
 	return SIGMAS * sqrt(sigma_rad * sigma_rad + OWN_SIGMA * OWN_SIGMA + timing * timing);
 }
 
+void lp_witness_heed(struct lp_witness *witness, const struct lp_testimony *before,
+		     const struct lp_testimony *now)
+{
+	if (now->known && now->by != witness->by)
+		*witness = (struct lp_witness){.by = now->by};
+	else
+		witness->last = *before;
+}
+
 bool lp_witness_turn(const struct lp_witness *witness, const struct lp_testimony *now,
 		     double turn[3], double *sigma_rad)
 {

@@ -10,6 +10,7 @@
 #define LP_LIGHT_WITNESS_H
 
 #include <stdbool.h>
+#include <stdint.h>
 
 #include "light/rotation.h"
 
@@ -20,6 +21,7 @@ struct lp_motion;
 /* Of one frame, at the middle of its exposure. */
 struct lp_testimony {
 	bool known;
+	uint32_t by;		     /* who tells it, as a number */
 	struct lp_rotation rotation; /* camera to the witness's frame */
 	double sigma_rad;	     /* about each axis */
 };
@@ -40,13 +42,19 @@ struct lp_witness_delay {
 };
 
 struct lp_witness {
-	struct lp_testimony last; /* of the frame before; set by the caller */
+	struct lp_testimony last; /* of the frame before */
+	uint32_t by;		  /* whose testimony all this is of */
 	bool has_world;
 	struct lp_rotation world; /* anchor frame to the witness's, followed slowly */
 	bool left_out;		  /* it contradicts the pictures */
 	double agreed_s;	  /* since then, without a break */
 	struct lp_witness_delay delay;
 };
+
+/* The next frame comes with this. Another witness than before has another frame of reference, and
+ * what was found out about the one before does not count against it. */
+void lp_witness_heed(struct lp_witness *witness, const struct lp_testimony *before,
+		     const struct lp_testimony *now);
 
 /* How the camera has turned since the frame before, in its own frame. False: that is not told, or
  * the witness is left out. */

@@ -259,7 +259,7 @@ void lp_imager_follow(struct lp_imager *imager)
 	}
 	imager->before = imager->motion;
 	imager->t_before_ns = imager->t_motion_ns;
-	imager->witness.last = imager->heeded;
+	lp_witness_heed(&imager->witness, &imager->heeded, &imager->testimony);
 	imager->heeded = imager->testimony;
 	follow(imager);
 }

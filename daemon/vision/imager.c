@@ -226,6 +226,7 @@ static struct lp_testimony testimony_of(const struct lp_imager *imager)
 	for (int i = 0; i < 4; i++)
 		quaternion[i] = frame->orientation[i];
 	testimony.known = true;
+	testimony.by = frame->orientation_by;
 	testimony.rotation = lp_rotation_of_quaternion(quaternion);
 	if (frame->t_orientation_ns) {
 		const int64_t later_ns = imager->time.middle_ns - frame->t_orientation_ns;

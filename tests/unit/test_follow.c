@@ -13,6 +13,7 @@
 static struct lp_camera *camera;
 static struct lp_imager *imager;
 static int64_t t_ns;
+static uint32_t told_by;
 
 static int setup(void **state)
 {
@@ -24,6 +25,7 @@ static int setup(void **state)
 
 	(void)state;
 	t_ns = 1000000000;
+	told_by = 1;
 	assert_int_equal(lp_camera_create(NULL, &camera), 0);
 	return lp_imager_create(camera, &options, &imager);
 }
@@ -59,6 +61,7 @@ static void show(double yaw_deg, double told_deg, float brightness)
 		frame->orientation[1] = (float)sin(told_deg * TEST_DEG / 2);
 		frame->orientation[3] = (float)cos(told_deg * TEST_DEG / 2);
 		frame->orientation_sigma_deg = 0.1F;
+		frame->orientation_by = told_by;
 	}
 	assert_int_equal(lp_imager_add(imager, frame), 0);
 }
@@ -92,6 +95,23 @@ static void test_a_jump_that_the_pictures_do_not_show(void **state)
 		show(0.0, 45.0, 1.0F);
 		assert_true(lp_rotation_is_identity(lp_imager_rotation(imager)));
 	}
+}
+
+/* The app has left; the next one has a world of its own, and is believed from its first pose on. */
+static void test_after_a_jump_the_next_one_is_believed(void **state)
+{
+	(void)state;
+	for (int n = 0; n < 10; n++)
+		show(0.0, n < 5 ? 33.0 : 123.0, 1.0F);
+	assert_true(status().orientation_left_out);
+	told_by = 2;
+	for (int n = 0; n < 10; n++) {
+		show(n, 70.0 + n, 1.0F);
+		assert_false(status().orientation_left_out);
+		assert_float_equal(yaw_found_deg(), n, 0.3);
+	}
+	show(9.0, 99.0, 1.0F); /* and found out likewise */
+	assert_true(status().orientation_left_out);
 }
 
 /* More than a camera turns between two frames, so that the pictures alone do not find it. */
@@ -165,6 +185,7 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		TEST(test_a_jump_that_the_pictures_do_not_show),
+		TEST(test_after_a_jump_the_next_one_is_believed),
 		TEST(test_a_turn_that_is_too_fast_for_the_pictures),
 		TEST(test_a_turn_in_the_dark),
 		TEST(test_gaps),

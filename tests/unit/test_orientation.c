@@ -458,6 +458,7 @@ static void test_a_contradiction_is_told(void **state)
 	struct lp_estimate_orientation orientation = {.left_out = true};
 
 	(void)state;
+	assert_int_equal(send_pose(&clients[0], 1.0, 0), 0);
 	lp_orientation_judged(&teller, &orientation);
 	assert_true(has_fault("orientation-contradicts"));
 	orientation.left_out = false;
@@ -468,6 +469,38 @@ static void test_a_contradiction_is_told(void **state)
 	orientation = (struct lp_estimate_orientation){.world = true, .sigma_deg = 0.4F};
 	lp_orientation_judged(&teller, &orientation);
 	assert_float_equal(orientation.sigma_deg, 0.5, 1e-6);
+}
+
+/* What was wrong with a client's poses is nobody's fault when it has left; and whoever tells next
+ * is another one. */
+static void test_the_faults_of_a_client_go_with_it(void **state)
+{
+	struct lp_estimate_orientation orientation = {.left_out = true};
+	struct lp_frame frame = {.t_read_ns = lp_clock_ns()};
+
+	(void)state;
+	for (int i = 0; i < 2; i++) {
+		ping(&clients[i], false);
+		pass_ms(10);
+		ping(&clients[i], true);
+	}
+	assert_int_equal(send_pose(&clients[0], 1.0, 0), 0);
+	lp_orientation_frame(&teller, &frame);
+	const uint32_t first = frame.orientation_by;
+
+	lp_orientation_judged(&teller, &orientation);
+	for (int i = 0; i < 2; i++)
+		assert_int_equal(send_pose(&clients[i], 1.0, 3600 * 1000), 0);
+	assert_true(has_fault("orientation-contradicts") && has_fault("orientation-clock"));
+	leave(&clients[0]);
+	assert_false(has_fault("orientation-contradicts"));
+	assert_true(has_fault("orientation-clock"));  /* of the other */
+	lp_orientation_judged(&teller, &orientation); /* of a frame that was on its way */
+	assert_false(has_fault("orientation-contradicts"));
+	lp_orientation_frame(&teller, &frame);
+	assert_int_not_equal(frame.orientation_by, first);
+	leave(&clients[1]);
+	assert_int_equal(health.report.fault_count, 0);
 }
 
 /* ---------------------------------------------------------------- a sensor */
@@ -597,6 +630,7 @@ int main(void)
 		TEST(test_poses_that_nobody_wants),
 		TEST(test_frames_that_carry_nothing),
 		TEST(test_a_contradiction_is_told),
+		TEST(test_the_faults_of_a_client_go_with_it),
 		TEST(test_mount_files),
 		cmocka_unit_test_setup_teardown(test_a_gyroscope_stamps_frames, setup_sensor,
 						teardown),
