@@ -5,6 +5,7 @@
 #include <systemd/sd-daemon.h>
 
 #include "base/clock.h"
+#include "base/text.h"
 
 void lp_service_ready(void)
 {
@@ -18,7 +19,10 @@ void lp_service_stopping(void)
 
 void lp_service_status(const char *text)
 {
-	(void)sd_notifyf(0, "STATUS=%s", text);
+	char line[256]; /* another line would be another message to systemd */
+
+	lp_text_copy(line, sizeof(line), text);
+	(void)sd_notifyf(0, "STATUS=%s", line);
 }
 
 int64_t lp_service_watchdog_ns(void)

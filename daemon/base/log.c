@@ -145,7 +145,7 @@ static void print_or_count(enum lp_log_level level, uint64_t key, const char *te
 void lp_log(enum lp_log_level level, const char *object, const char *stage, const char *reason, ...)
 {
 	const int saved_errno = errno;
-	char text[TEXT_BYTES];
+	char text[TEXT_BYTES], line[TEXT_BYTES];
 	va_list arguments;
 	int length;
 
@@ -159,20 +159,17 @@ void lp_log(enum lp_log_level level, const char *object, const char *stage, cons
 	va_start(arguments, reason);
 	(void)vsnprintf(text + length, sizeof(text) - (size_t)length, reason, arguments);
 	va_end(arguments);
-	for (char *c = text; *c; c++) {
-		if (*c == '\n' || *c == '\r')
-			*c = ' '; /* one message, one line, whatever a client sent */
-	}
+	lp_text_copy(line, sizeof(line), text); /* one line, whatever a client sent */
 	if (strcmp(reason, "%s") == 0)
-		reason = text; /* the kind of reason is in the text alone */
+		reason = line; /* the kind of reason is in the text alone */
 	if (level == LP_LOG_DEBUG)
-		print_line(level, text, 0);
+		print_line(level, line, 0);
 	else
 		print_or_count(level,
 			       hash(hash(hash(0xcbf29ce484222325U + (uint64_t)level, object),
 					 stage),
 				    reason),
-			       text);
+			       line);
 unlock:
 	pthread_mutex_unlock(&the_log.lock);
 	errno = saved_errno;

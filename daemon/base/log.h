@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Messages to standard error, one line each: "<level> object: stage: reason". Under systemd the
- * level is written as the journal's "<N>" prefix instead.
+ * Messages to standard error, one line each, whatever is in them (base/text.h): "<level> object:
+ * stage: reason". Under systemd the level is written as the journal's "<N>" prefix instead.
  *
  * A fault that repeats (same object, stage and reason but for what is filled into the reason's
  * format; of "%s", the text itself) is printed once, then counted; the count follows with the next

@@ -39,6 +39,30 @@ static size_t character_bytes(const uint8_t *text)
 	return count;
 }
 
+/* Characters that no reader sees, and that change what is read: control characters (also the second
+ * set, which terminals obey), separators of lines, and what turns the direction of text. */
+static char replacement(const uint8_t *text, size_t count)
+{
+	static const struct {
+		uint32_t first, last;
+	} hidden[] = {{0x80, 0x9F},	{0xAD, 0xAD},	   {0x61C, 0x61C},   {0x180E, 0x180E},
+		      {0x200B, 0x200F}, {0x2028, 0x202E},  {0x2060, 0x206F}, {0xFEFF, 0xFEFF},
+		      {0xFFF9, 0xFFFB}, {0xE0000, 0xE007F}};
+	uint32_t code;
+
+	if (count == 0)
+		return '?';
+	if (count == 1)
+		return text[0] < 0x20 || text[0] == 0x7F ? ' ' : (char)text[0];
+	code = text[0] & (0x7FU >> count);
+	for (size_t i = 1; i < count; i++)
+		code = code << 6 | (text[i] & 0x3FU);
+	for (size_t k = 0; k < sizeof(hidden) / sizeof(hidden[0]); k++)
+		if (code >= hidden[k].first && code <= hidden[k].last)
+			return '?';
+	return '\0';
+}
+
 /* The characters of `from` whose last byte lies before `end`, cleaned, into `to`; returns their
  * bytes. A character that is replaced by one byte makes the result shorter, never longer. */
 static size_t copy_clean(char *to, const char *from, const char *end)
@@ -50,13 +74,13 @@ static size_t copy_clean(char *to, const char *from, const char *end)
 
 		if (from + (count ? count : 1) > end)
 			break;
-		if (count > 1) {
+		const char instead = replacement((const uint8_t *)from, count);
+
+		if (instead) {
+			to[used++] = instead;
+		} else {
 			memcpy(to + used, from, count);
 			used += count;
-		} else {
-			const uint8_t byte = (uint8_t)*from;
-
-			to[used++] = count == 0 ? '?' : byte < 0x20 || byte == 0x7F ? ' ' : *from;
 		}
 		from += count ? count : 1;
 	}

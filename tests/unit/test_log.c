@@ -105,6 +105,12 @@ static void test_one_message_is_one_line(void **state)
 	lp_error(longer, "stage", "reason");
 	capture_end(&capture);
 	assert_contains(capture.text, "error client: request: first second \n");
+	capture_begin(&capture);
+	lp_warning("ws: \x1b[2J", "origin", "of %s: %s", "http://\x1b]0;title\x07\x1b[2Jx",
+		   "\xc2\x9b"
+		   "31m");
+	assert_string_equal(capture_end(&capture),
+			    "warning ws:  [2J: origin: of http:// ]0;title  [2Jx: ?31m\n");
 	assert_true(strlen(capture.text) < 800);
 	assert_int_equal(capture.text[strlen(capture.text) - 1], '\n');
 }

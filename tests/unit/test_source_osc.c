@@ -231,6 +231,12 @@ static void test_health(void **state)
 {
 	static const char text[] = "{\"state\":{\"batteryLevel\":0.25,\"_batteryState\":"
 				   "\"charging\",\"_boardTemp\":61,\"_cameraError\":[\"A\"]}}";
+	static const char *const impossible[] = {
+		"{\"state\":{\"batteryLevel\":-1e300,\"_boardTemp\":1e300}}",
+		"{\"state\":{\"batteryLevel\":-0.01,\"_boardTemp\":-1e39}}",
+		"{\"state\":{\"batteryLevel\":25,\"_boardTemp\":1000}}",
+		"{\"state\":{\"batteryLevel\":\"1\",\"_boardTemp\":null}}",
+	};
 	struct lp_osc_reply reply = {200, text, sizeof(text) - 1};
 	struct lp_osc_health health;
 
@@ -243,6 +249,11 @@ static void test_health(void **state)
 	reply = (struct lp_osc_reply){200, "{\"state\":{\"_cameraError\":7}}", 28};
 	assert_true(lp_osc_health_read(&reply, &health));
 	assert_true(isnan(health.battery) && isnan(health.temperature_c) && !*health.error);
+	for (size_t k = 0; k < LP_COUNT(impossible); k++) {
+		reply = (struct lp_osc_reply){200, impossible[k], strlen(impossible[k])};
+		assert_true(lp_osc_health_read(&reply, &health));
+		assert_true(isnan(health.battery) && isnan(health.temperature_c));
+	}
 	reply = (struct lp_osc_reply){200, "nonsense", 8};
 	assert_false(lp_osc_health_read(&reply, &health));
 }

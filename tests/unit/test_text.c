@@ -39,6 +39,25 @@ static void test_what_is_no_utf_8_and_control_characters_are_replaced(void **sta
 	assert_string_equal(copied("\xe2\x82\xacx\x80", 64), "\xe2\x82\xacx?");
 }
 
+/* Terminals obey the second set of control characters, too; and text may pretend to be another. */
+static void test_hidden_characters_are_replaced(void **state)
+{
+	static const char *const hidden[] = {"\xc2\x80",  "\xc2\x9b", "\xc2\x9f", "\xc2\xad",
+					     "\u200b",	  "\u200f",   "\u2028",	  "\u2029",
+					     "\u202e",	  "\u2066",   "\u2069",	  "\ufeff",
+					     "\U000E0041"};
+
+	(void)state;
+	for (size_t k = 0; k < LP_COUNT(hidden); k++) {
+		char from[16];
+
+		(void)snprintf(from, sizeof(from), "a%sb", hidden[k]);
+		assert_string_equal(copied(from, 64), "a?b");
+	}
+	assert_string_equal(copied("\xc2\xa0 \u2010\u2027\u2030\u205f\u2070", 64),
+			    "\xc2\xa0 \u2010\u2027\u2030\u205f\u2070");
+}
+
 static void test_long_text_loses_its_middle(void **state)
 {
 	(void)state;
@@ -87,6 +106,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_good_text_stays_as_it_is),
 		cmocka_unit_test(test_what_is_no_utf_8_and_control_characters_are_replaced),
+		cmocka_unit_test(test_hidden_characters_are_replaced),
 		cmocka_unit_test(test_long_text_loses_its_middle),
 		cmocka_unit_test(test_any_bytes),
 		cmocka_unit_test(test_numbers_of_bits),

@@ -182,9 +182,14 @@ static int read_info(struct lp_osc_camera *camera, struct lp_osc_fault *fault)
 
 /* ---------------------------------------------------------------- which preview */
 
+#define MOST_RATE_HZ 1000.0
+
+/* 0: it does not say, or what cannot be. */
 static float rate_of(const json_t *format)
 {
-	return (float)json_number_value(json_object_get(format, "framerate"));
+	const double rate_hz = json_number_value(json_object_get(format, "framerate"));
+
+	return rate_hz > 0.0 && rate_hz <= MOST_RATE_HZ ? (float)rate_hz : 0.0F;
 }
 
 /* Equirectangular ones only. */

@@ -104,11 +104,13 @@ int lp_osc_reply_check(const struct lp_osc_reply *reply, const char *stage, bool
 
 /* ---------------------------------------------------------------- health */
 
-static float number_or_nan(const json_t *object, const char *key)
+/* What cannot be is not said. */
+static float number_or_nan(const json_t *object, const char *key, float least, float most)
 {
 	const json_t *value = json_object_get(object, key);
+	const float number = json_is_number(value) ? (float)json_number_value(value) : NAN;
 
-	return json_is_number(value) ? (float)json_number_value(value) : NAN;
+	return number >= least && number <= most ? number : NAN;
 }
 
 bool lp_osc_health_read(const struct lp_osc_reply *reply, struct lp_osc_health *health)
@@ -121,9 +123,9 @@ bool lp_osc_health_read(const struct lp_osc_reply *reply, struct lp_osc_health *
 	const bool is_state = json_is_object(state);
 
 	*health = (struct lp_osc_health){
-		.battery = number_or_nan(state, "batteryLevel"),
+		.battery = number_or_nan(state, "batteryLevel", 0.0F, 1.0F),
 		.is_charging = power && strcmp(power, "disconnect") != 0,
-		.temperature_c = number_or_nan(state, "_boardTemp"),
+		.temperature_c = number_or_nan(state, "_boardTemp", -100.0F, 300.0F),
 	};
 	(void)snprintf(health->error, sizeof(health->error), "%s", error ? error : "");
 	json_decref(answer);
