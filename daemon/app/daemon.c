@@ -264,14 +264,21 @@ static void watch_certificates(struct lp_daemon *daemon)
 {
 	const int64_t now_ns = lp_clock_unix_ns(lp_clock_ns());
 	enum lp_validity validity = LP_VALID;
+	const char *waits_for = NULL;
 
 	for (int i = 0; i < daemon->publisher_count; i++) {
 		const int64_t end_ns = daemon->publishers[i]->t_expires_unix_ns;
 
+		if (daemon->publishers[i]->waits_for)
+			waits_for = daemon->publishers[i]->waits_for;
 		if (end_ns && now_ns > end_ns)
 			validity = LP_EXPIRED;
 		else if (end_ns && now_ns > end_ns - EXPIRES_SOON_NS && validity == LP_VALID)
 			validity = LP_EXPIRES_SOON;
+	}
+	if (waits_for != daemon->waits_for) {
+		daemon->waits_for = waits_for;
+		lp_health_fault(&daemon->health, "publisher-waits", waits_for);
 	}
 	if (validity == daemon->validity)
 		return;

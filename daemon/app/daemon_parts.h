@@ -63,6 +63,7 @@ struct lp_daemon {
 	int camera_count; /* 0: the ring alone */
 	int publisher_count;
 	enum lp_validity validity;
+	const char *waits_for; /* a publisher does; NULL: none */
 	struct lp_health health;
 	struct lp_ring_watch ring_watch;
 	struct lp_ring_only ring_only;

@@ -11,6 +11,7 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/pool.h"
+#include "drivers/publisher/places.h"
 #include "include/packet.h"
 
 /* A client may hold one packet half sent, the newest estimate, and a queue of control messages. */
@@ -18,6 +19,13 @@
 /* And of pictures one half sent, and the newest; one more is being made. */
 #define PICTURES_PER_CLIENT 2
 #define STALE_PERIOD_NS LP_NS_PER_S
+/* What reflection maps may take of a frame; those that are left wait for the next one. */
+#define REFLECTION_BUDGET_NS (5 * LP_NS_PER_MS)
+#define REFLECTION_FAULT_NS (5 * LP_NS_PER_S)
+#define REFLECTION_FAULT "reflection-maps-late"
+#define REFLECTION_LATE                                                                     \
+	"clients ask for more than there is time for, and get them less often — ask for " \
+	"the same size and lights, or a lower rate"
 /* A new subscription is answered at once, but not more often than this: it costs an encoding. */
 #define ANSWER_PERIOD_NS (100 * LP_NS_PER_MS)
 
@@ -126,8 +134,7 @@ static void send_reflection(struct lp_hub *hub, struct lp_hub_client *client,
 	const struct lp_subscription wanted = wanted_by(client);
 	struct lp_packet *packet;
 
-	if (!wanted.reflection.size ||
-	    !take_turn(&client->reflection_due_ns, wanted.reflection.rate_hz, now_ns))
+	if (!take_turn(&client->reflection_due_ns, wanted.reflection.rate_hz, now_ns))
 		return;
 	const struct lp_stamp stamp = stamp_of(hub, client);
 	const struct lp_choice choice =
@@ -137,6 +144,40 @@ static void send_reflection(struct lp_hub *hub, struct lp_hub_client *client,
 					   &wanted.reflection, &stamp);
 	if (packet)
 		send_packet(hub, client, packet);
+}
+
+static void tell_late_reflections(struct lp_hub *hub, int64_t now_ns)
+{
+	if (!hub->reflection_late_ns) {
+		lp_health_fault(hub->options.health, REFLECTION_FAULT,
+				"hub: reflection maps: " REFLECTION_LATE);
+		lp_warning("hub", "reflection maps", REFLECTION_LATE);
+	}
+	hub->reflection_late_ns = now_ns;
+}
+
+/* To whoever is due, from the client on that had to wait last time. */
+static void send_reflections(struct lp_hub *hub, const struct lp_surroundings *surroundings,
+			     int64_t now_ns)
+{
+	const int first = hub->reflection_first;
+	const int64_t begin_ns = lp_clock_ns();
+
+	for (int k = 0; k < hub->client_count; k++) {
+		const int i = (first + k) % hub->client_count;
+		struct lp_hub_client *client = hub->clients[i];
+		const struct lp_reflection_wish *wish = &client->subscription.reflection;
+
+		if (!wish->size || !is_due(client->reflection_due_ns, wish->rate_hz, now_ns))
+			continue;
+		if (lp_clock_ns() - begin_ns > REFLECTION_BUDGET_NS) {
+			hub->reflection_first = i;
+			tell_late_reflections(hub, now_ns);
+			break;
+		}
+		send_reflection(hub, client, surroundings, now_ns);
+	}
+	lp_reflection_maps_forget(hub->reflections);
 }
 
 void lp_hub_answer_subscription(struct lp_hub *hub, struct lp_hub_client *client, int64_t now_ns)
@@ -164,10 +205,8 @@ static void send_to_all(struct lp_hub *hub, const struct lp_surroundings *surrou
 		if (take_turn(&client->due_ns, client->subscription.rate_hz, now_ns))
 			send_estimate(hub, client);
 	}
-	for (int i = 0; surroundings && i < hub->client_count; i++)
-		send_reflection(hub, hub->clients[i], surroundings, now_ns);
 	if (surroundings)
-		lp_reflection_maps_forget(hub->reflections);
+		send_reflections(hub, surroundings, now_ns);
 	lp_packets_forget(hub->packets);
 }
 
@@ -233,6 +272,10 @@ void lp_hub_tick(struct lp_hub *hub)
 		lp_hub_answer_subscription(hub, hub->clients[i], now_ns);
 	lp_packets_forget(hub->packets);
 	repeat_when_stale(hub, now_ns);
+	if (hub->reflection_late_ns && now_ns - hub->reflection_late_ns > REFLECTION_FAULT_NS) {
+		hub->reflection_late_ns = 0;
+		lp_health_fault(hub->options.health, REFLECTION_FAULT, NULL);
+	}
 	lp_health_tick(hub->options.health, now_ns);
 	send_health(hub, now_ns);
 }
@@ -345,6 +388,7 @@ struct lp_publisher_host lp_hub_publisher_host(struct lp_hub *hub)
 		.context = hub,
 		.loop = hub->options.loop,
 		.max_clients = hub->options.max_clients,
+		.places = hub->places,
 		.insecure_lan = hub->options.insecure_lan,
 		.connected = on_connected,
 		.request = lp_hub_on_request,
@@ -365,15 +409,19 @@ int lp_hub_create(const struct lp_hub_options *options, struct lp_hub **hub)
 	if (!self)
 		return -ENOMEM;
 	self->options = *options;
+	self->places = lp_places_create(options->max_clients);
 	self->clients = calloc((size_t)options->max_clients, sizeof(struct lp_hub_client *));
 	self->client_pool =
 		lp_pool_create(sizeof(struct lp_hub_client), options->max_clients, NULL);
-	self->packets = lp_packets_create(options->max_clients * PACKETS_PER_CLIENT,
-					  options->max_clients * PICTURES_PER_CLIENT + 1);
+	/* Those that leave may hold as much. */
+	const int holders = options->max_clients + LP_PLACES_LEAVING;
+
+	self->packets =
+		lp_packets_create(holders * PACKETS_PER_CLIENT, holders * PICTURES_PER_CLIENT + 1);
 	if (options->hello.max_reflection_size)
-		self->reflections = lp_reflection_maps_create(options->hello.max_reflection_size,
-							      options->max_clients);
-	if (!self->clients || !self->client_pool || !self->packets ||
+		self->reflections =
+			lp_reflection_maps_create(options->hello.max_reflection_size, holders);
+	if (!self->places || !self->clients || !self->client_pool || !self->packets ||
 	    (options->hello.max_reflection_size && !self->reflections)) {
 		lp_hub_destroy(self);
 		return -ENOMEM;
@@ -389,6 +437,7 @@ void lp_hub_destroy(struct lp_hub *hub)
 	lp_reflection_maps_destroy(hub->reflections);
 	lp_packets_destroy(hub->packets);
 	lp_pool_destroy(hub->client_pool);
+	lp_places_destroy(hub->places);
 	free((void *)hub->clients);
 	free(hub);
 }

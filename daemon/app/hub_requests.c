@@ -239,7 +239,7 @@ void lp_hub_on_requests_done(void *context, void *user)
 	lp_packets_forget(hub->packets);
 }
 
-void lp_hub_on_unreadable(void *context, void *user, const char *reason)
+void lp_hub_on_unreadable(void *context, void *user, int code, const char *reason)
 {
 	struct lp_hub *hub = context;
 	char text[160];
@@ -247,5 +247,5 @@ void lp_hub_on_unreadable(void *context, void *user, const char *reason)
 	hub->options.health->report.requests_rejected++;
 	lp_warning("hub", "request", "refused: %s", reason);
 	(void)snprintf(text, sizeof(text), "lightprobed: request: %s", reason);
-	lp_hub_send_error(hub, user, -EMSGSIZE, text);
+	lp_hub_send_error(hub, user, code, text);
 }

@@ -31,8 +31,11 @@ struct lp_hub_client {
 
 struct lp_hub {
 	struct lp_hub_options options;
+	struct lp_places *places;
 	struct lp_packets *packets;
 	struct lp_reflection_maps *reflections; /* NULL: they are off */
+	int reflection_first;			/* client whose turn it is first */
+	int64_t reflection_late_ns; /* when one had to wait for the next frame; 0: lately none */
 	struct lp_pool *client_pool;
 	struct lp_hub_client **clients; /* [client_count] */
 	int client_count;
@@ -60,7 +63,7 @@ void lp_hub_answer_subscription(struct lp_hub *hub, struct lp_hub_client *client
  * client. Of several subscriptions that came together the newest is answered. */
 int lp_hub_on_request(void *context, void *user, const uint8_t *data, size_t size_bytes);
 void lp_hub_on_requests_done(void *context, void *user);
-void lp_hub_on_unreadable(void *context, void *user, const char *reason);
+void lp_hub_on_unreadable(void *context, void *user, int code, const char *reason);
 
 /* Times of this client's poses cannot be, or are right (`text` NULL), or it leaves. The fault is
  * told as long as it is so of any client. */

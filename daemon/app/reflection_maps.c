@@ -12,7 +12,8 @@
 #include "light/model.h"
 
 #define SIZES 3 /* 16, 32, 64 */
-/* Different maps of one estimate that are remembered; each further one is made for one client. */
+/* Different pictures of one estimate that are remembered, and encoded for each number of a
+ * subscription; each further one is made for one client. */
 #define VARIANTS 8
 /* A client may hold one half sent and the newest one. */
 #define MAPS_PER_CLIENT 2
@@ -23,12 +24,14 @@ struct map {
 	uint8_t bytes[];
 };
 
+/* A picture that is composed. */
 struct variant {
-	struct map *map; /* NULL: this place is free */
+	bool used;
 	struct lp_choice choice;
-	int size;
-	bool total;
-	uint32_t subscription;
+	struct lp_reflection_header header;
+	uint8_t *texels;       /* of the largest size */
+	struct map *map;       /* the last one that was encoded of it; NULL: none */
+	uint32_t subscription; /* its number */
 };
 
 struct lp_reflection_maps {
@@ -36,9 +39,8 @@ struct lp_reflection_maps {
 	size_t most_bytes;
 	struct lp_cube_grid *grids[SIZES];
 	struct lp_cube surround, lamps; /* workspace, of the largest size */
-	uint8_t *texels;		/* likewise */
 	struct variant variants[VARIANTS];
-	struct map *single; /* the last one that found no place */
+	struct variant single; /* the last one that found no place */
 };
 
 /* ---------------------------------------------------------------- life */
@@ -54,6 +56,12 @@ static bool create_cube(struct lp_cube *cube, int texels)
 	return complete;
 }
 
+static bool create_variant(struct variant *variant, int texels)
+{
+	variant->texels = malloc(4 * (size_t)texels);
+	return variant->texels;
+}
+
 struct lp_reflection_maps *lp_reflection_maps_create(int most_size, int clients)
 {
 	struct lp_reflection_maps *self = calloc(1, sizeof(*self));
@@ -65,9 +73,11 @@ struct lp_reflection_maps *lp_reflection_maps_create(int most_size, int clients)
 	self->most_bytes = 4 * (size_t)texels + LP_REFLECTION_HEADER_BYTES;
 	self->pool = lp_pool_create(sizeof(struct map) + self->most_bytes,
 				    clients * MAPS_PER_CLIENT + VARIANTS + 1, NULL);
-	self->texels = malloc(4 * (size_t)texels);
-	complete = create_cube(&self->surround, texels);
-	complete = create_cube(&self->lamps, texels) && complete && self->pool && self->texels;
+	complete = self->pool && create_variant(&self->single, texels);
+	for (int k = 0; k < VARIANTS; k++)
+		complete = create_variant(&self->variants[k], texels) && complete;
+	complete = create_cube(&self->surround, texels) && complete;
+	complete = create_cube(&self->lamps, texels) && complete;
 	for (int k = 0; k < SIZES && LP_CUBE_LEAST << k <= most_size; k++)
 		complete =
 			lp_cube_grid_create(LP_CUBE_LEAST << k, &self->grids[k]) == 0 && complete;
@@ -89,7 +99,9 @@ void lp_reflection_maps_destroy(struct lp_reflection_maps *maps)
 		free(maps->surround.rgb[c]);
 		free(maps->lamps.rgb[c]);
 	}
-	free(maps->texels);
+	free(maps->single.texels);
+	for (int k = 0; k < VARIANTS; k++)
+		free(maps->variants[k].texels);
 	if (maps->pool)
 		lp_pool_destroy(maps->pool);
 	free(maps);
@@ -102,18 +114,19 @@ static void release_map(struct lp_packet *packet)
 	lp_pool_give(self->pool, self);
 }
 
-static void drop(struct map **map)
+static void forget(struct variant *variant)
 {
-	if (*map)
-		lp_packet_drop(&(*map)->base);
-	*map = NULL;
+	if (variant->map)
+		lp_packet_drop(&variant->map->base);
+	variant->map = NULL;
+	variant->used = false;
 }
 
 void lp_reflection_maps_forget(struct lp_reflection_maps *maps)
 {
 	for (int k = 0; k < VARIANTS; k++)
-		drop(&maps->variants[k].map);
-	drop(&maps->single);
+		forget(&maps->variants[k]);
+	forget(&maps->single);
 }
 
 /* ---------------------------------------------------------------- light */
@@ -213,18 +226,18 @@ static void compose(struct lp_reflection_maps *maps, const struct lp_surrounding
 
 /* ---------------------------------------------------------------- packets */
 
-static struct map *encode(struct lp_reflection_maps *maps, const struct lp_choice *choice, int size,
-			  bool total, const struct lp_stamp *stamp)
+/* The picture for one number of a subscription. NULL: logged. */
+static struct lp_packet *encode(struct lp_reflection_maps *maps, struct variant *variant,
+				const struct lp_stamp *stamp)
 {
-	struct lp_reflection_header header = {.size = size, .total = total};
 	struct map *map;
 
-	header.scale = lp_cube_encode(&maps->surround, maps->texels);
-	if (!(header.scale > 0.0F)) {
-		lp_error("hub", "encode", "a reflection map is not finite; it is not sent");
-		return NULL;
-	}
-	map = lp_pool_take(maps->pool);
+	if (variant->map && variant->subscription == stamp->subscription)
+		return &variant->map->base;
+	if (variant->map)
+		lp_packet_drop(&variant->map->base);
+	variant->map = map = lp_pool_take(maps->pool);
+	variant->subscription = stamp->subscription;
 	if (!map) {
 		lp_error("hub", "packet", "out of memory; a reflection map is lost");
 		return NULL;
@@ -234,17 +247,37 @@ static struct map *encode(struct lp_reflection_maps *maps, const struct lp_choic
 				       .release = release_map,
 				       .data = map->bytes,
 				       .capacity_bytes = (uint32_t)maps->most_bytes};
-	lp_encode_reflection_map(choice->all, &header, maps->texels, stamp, &map->base);
-	return map;
+	lp_encode_reflection_map(variant->choice.all, &variant->header, variant->texels, stamp,
+				 &map->base);
+	return &map->base;
 }
 
 static bool is_same(const struct variant *variant, const struct lp_choice *choice, int size,
-		    bool total, uint32_t subscription)
+		    bool total)
 {
-	return variant->size == size && variant->total == total &&
-	       variant->subscription == subscription &&
+	return variant->used && variant->header.size == size && variant->header.total == total &&
 	       (total ? variant->choice.all == choice->all
 		      : lp_choices_are_same(&variant->choice, choice));
+}
+
+/* The picture that is the same as this, or a place for it. */
+static struct variant *find(struct lp_reflection_maps *maps, const struct lp_choice *choice,
+			    int size, bool total)
+{
+	struct variant *place = NULL;
+
+	for (int k = 0; k < VARIANTS; k++) {
+		struct variant *variant = &maps->variants[k];
+
+		if (is_same(variant, choice, size, total))
+			return variant;
+		if (!variant->used && !place)
+			place = variant;
+	}
+	if (place)
+		return place;
+	forget(&maps->single);
+	return &maps->single;
 }
 
 struct lp_packet *lp_reflection_maps_packet(struct lp_reflection_maps *maps,
@@ -254,26 +287,16 @@ struct lp_packet *lp_reflection_maps_packet(struct lp_reflection_maps *maps,
 					    const struct lp_stamp *stamp)
 {
 	const int size = wish->size < surroundings->size ? wish->size : surroundings->size;
-	struct variant *place = NULL;
-	struct map *map;
+	struct variant *variant = find(maps, choice, size, wish->total);
 
-	for (int k = 0; k < VARIANTS; k++) {
-		struct variant *variant = &maps->variants[k];
-
-		if (!variant->map)
-			place = place ? place : variant;
-		else if (is_same(variant, choice, size, wish->total, stamp->subscription))
-			return &variant->map->base;
+	if (!variant->used) {
+		compose(maps, surroundings, choice, size, wish->total);
+		variant->used = true;
+		variant->choice = *choice;
+		variant->header = (struct lp_reflection_header){.size = size, .total = wish->total};
+		variant->header.scale = lp_cube_encode(&maps->surround, variant->texels);
+		if (!(variant->header.scale > 0.0F))
+			lp_error("hub", "encode", "a reflection map is not finite; it is not sent");
 	}
-	compose(maps, surroundings, choice, size, wish->total);
-	map = encode(maps, choice, size, wish->total, stamp);
-	if (!map)
-		return NULL;
-	if (place) {
-		*place = (struct variant){map, *choice, size, wish->total, stamp->subscription};
-	} else {
-		drop(&maps->single);
-		maps->single = map;
-	}
-	return &map->base;
+	return variant->header.scale > 0.0F ? encode(maps, variant, stamp) : NULL;
 }

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Reflection maps for clients: the surroundings with the lamps that each kind of subscription has
- * in them, fitted to its coefficients, so that E(map) = E(TOTAL), or E(AMBIENT). Encoded once for
- * all clients that want the same. Loop thread.
+ * in them, fitted to its coefficients, so that E(map) = E(TOTAL), or E(AMBIENT). Composed once for
+ * all clients that want the same, and shared by those that number their subscriptions alike. Loop
+ * thread.
  */
 #ifndef LP_APP_REFLECTION_MAPS_H
 #define LP_APP_REFLECTION_MAPS_H

@@ -17,6 +17,7 @@
 
 struct lp_loop;
 struct lp_packet;
+struct lp_places;
 struct lp_publisher;
 struct lp_uri;
 struct lp_client; /* owned by the publisher */
@@ -27,9 +28,10 @@ struct lp_client; /* owned by the publisher */
 /* Callbacks into the application, all on the loop thread. */
 struct lp_publisher_host {
 	void *context;
-	struct lp_loop *loop; /* outlives the publisher */
-	int max_clients;      /* of all publishers together */
-	bool insecure_lan;    /* the user accepts the network without encryption */
+	struct lp_loop *loop;	  /* outlives the publisher */
+	int max_clients;	  /* of all publishers together */
+	struct lp_places *places; /* likewise (drivers/publisher/places.h); outlives them */
+	bool insecure_lan;	  /* the user accepts the network without encryption */
 	/* May call send() at once. *user is the application's own pointer for this client.
 	 * `refusal`: why the publisher will not have it, next step included; NULL: it may stay. A
 	 * negative result refuses it: what was sent goes out, the connection closes, nothing more
@@ -41,9 +43,9 @@ struct lp_publisher_host {
 	int (*request)(void *context, void *user, const uint8_t *data, size_t size_bytes);
 	/* All requests that had come together have been handed over. */
 	void (*requests_done)(void *context, void *user);
-	/* What the client sends has no readable length; may call send(), then the connection
-	 * closes. */
-	void (*unreadable)(void *context, void *user, const char *reason);
+	/* What the client sends has no readable length (-EMSGSIZE), or is too much (-EDQUOT), or
+	 * another needs its place (-EUSERS); may call send(), then the connection closes. */
+	void (*unreadable)(void *context, void *user, int code, const char *reason);
 	void (*disconnected)(void *context, void *user);
 	/* A packet was given up for a newer one before it was sent. */
 	void (*superseded)(void *context, void *user);
@@ -73,6 +75,8 @@ struct lp_publisher {
 	 * its certificate, by Unix time (0: it has none). */
 	bool is_insecure;
 	int64_t t_expires_unix_ns;
+	/* Why it serves nobody yet, next step included (static); NULL: it does. May change. */
+	const char *waits_for;
 	struct lp_publisher_host host;
 };
 

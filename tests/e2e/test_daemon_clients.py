@@ -1,12 +1,13 @@
 """Clients with and without manners: each gets what it asked for, none can harm the others."""
 
 import contextlib
+import re
 import socket
 import struct
 import time
 
 import pytest
-from harness import LONG_S, MORE_LIGHTS, Client, Daemon, camera, delimit, jpeg, streaming
+from harness import LONG_S, MORE_LIGHTS, Client, Daemon, camera, delimit, jpeg, split, streaming
 from lightprobe_proto import lightprobe_pb2 as pb
 
 GOOD = jpeg()
@@ -206,7 +207,30 @@ def test_the_network_does_not_lock_local_clients_out(tmp_path):
         crowd = [Client(("127.0.0.1", port)) for _ in range(20)]
         assert [client.next().DESCRIPTOR.name for client in crowd[:14]] == ["Hello"] * 14
         refused = crowd[14].next("error")
-        assert "tcp has 14 clients — raise its ?clients=" in refused.text
+        assert "14 clients are connected — raise --max-clients" in refused.text
+        with Client(tmp_path / "s") as local:
+            local.next("estimate")
+        for client in crowd:
+            client.socket.close()
+
+
+def test_one_address_is_counted_over_all_publishers_and_refused_ones_are_not(tmp_path):
+    """It would hold what two publishers have, and whoever is refused would hold a place."""
+    (tmp_path / "a.jpg").write_bytes(GOOD)
+    options = ["--publish=tcp:127.0.0.1:0", "--publish=tcp:127.0.0.1:0?clients=99"]
+    with Daemon(f"--source=file:{tmp_path}/a.jpg", *options, "--max-clients=16",
+                f"--publish=unix:{tmp_path}/s") as d:  # fmt: skip
+        ports = [int(port) for port in re.findall("listen: 127.0.0.1 port ([0-9]+)", d.log())]
+        crowd = [Client(("127.0.0.1", ports[k % 2])) for k in range(40)]
+        kinds = [client.next().DESCRIPTOR.name for client in crowd]
+        assert (kinds.count("Hello"), kinds.count("Error")) == (8, 32)
+        for port in ports:  # crowd still holds all of its connections
+            raw = socket.create_connection(("127.0.0.1", port), LONG_S, ("127.0.0.9", 0))
+            with contextlib.closing(raw):
+                data = b""
+                while not split(data)[0] and (more := raw.recv(4096)):
+                    data += more
+                assert split(data)[0][0].HasField("hello")
         with Client(tmp_path / "s") as local:
             local.next("estimate")
         for client in crowd:

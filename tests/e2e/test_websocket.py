@@ -335,6 +335,23 @@ def test_a_name_that_a_stranger_points_here_gets_nothing(probe):
     assert b"its address or its own name" in answer
 
 
+@pytest.mark.parametrize("header", [b"Origin: http://", b"Host: "])
+def test_what_strangers_send_obeys_the_log(probe, header):
+    """No escape sequence, title or colour of theirs reaches a terminal that shows it."""
+    text = b"\x1b]0;owned\x07\x1b[2J\xc2\x9b31m\xe2\x80\xaex-" + header[:4]
+    key = base64.b64encode(os.urandom(16))
+    rest = b"" if header == b"Host: " else b"Host: 127.0.0.1\r\n"
+    with socket.create_connection(("127.0.0.1", probe.port), LONG_S) as raw:
+        raw.sendall(
+            b"GET / HTTP/1.1\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+            b"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: " + key + b"\r\n" + rest + header
+            + text + b"\r\n\r\n"
+        )  # fmt: skip
+        assert b" 403 " in read_all(raw)
+    probe.wait_log("]0;owned  [2J?31m?x-" + header[:4].decode())
+    assert not set(probe.log()) & {"\x1b", "\x07", "\x9b", "\u202e"}
+
+
 # ---------------------------------------------------------------- nonsense
 
 
@@ -412,6 +429,38 @@ def test_a_flood_of_requests_ends_with_its_connection(probe):
         wait_closed(web)
 
 
+def frame(opcode, data=b"", final=True):
+    return bytes([opcode | final << 7, 0x80 | len(data), 0, 0, 0, 0]) + data
+
+
+@pytest.mark.parametrize(
+    ("first", "flood"),
+    [
+        (b"", frame(9, bytes(125))),
+        (b"", frame(9)),
+        (b"", frame(10, bytes(125))),
+        (b"", frame(10)),
+        (frame(2, final=False), frame(0, final=False)),
+    ],
+    ids=["pings", "empty pings", "pongs", "empty pongs", "empty fragments"],
+)
+def test_frames_that_are_no_requests_are_counted(tmp_path, first, flood):
+    """The library answers them by itself: what has come counts."""
+    with WebDaemon(folder=tmp_path) as daemon:
+        with socket.create_connection(("127.0.0.1", daemon.port), LONG_S) as raw:
+            raw.sendall(handshake(b"\r\n"))
+            assert b" 101 " in read_all(raw)
+            raw.sendall(first)
+            many = flood * ((100 << 20) // len(flood))
+            with pytest.raises(ConnectionError):
+                raw.sendall(many)
+        daemon.wait_log("far more than an app does")
+        other = socket.create_connection(("127.0.0.1", daemon.port), LONG_S, ("127.0.0.9", 0))
+        with contextlib.closing(other):
+            other.sendall(handshake(b"\r\n"))
+            assert b" 101 " in read_all(other)
+
+
 # ---------------------------------------------------------------- quotas, slow clients
 
 
@@ -438,8 +487,10 @@ def test_connections_that_say_nothing_do_not_lock_others_out(tmp_path):
             stack.enter_context(socket.create_connection(("127.0.0.1", daemon.port), LONG_S))
             for _ in range(100)
         ]
-        # One address gets no more than 64 connections without a WebSocket; they end after 10 s.
-        daemon.wait_log("accept: ")
+        # Of one address the newest 32 without a WebSocket stay; they end after 5 s.
+        daemon.wait_log("127.0.0.1: it has too many handshakes under way")
+        with daemon.open() as web:  # the oldest has made room
+            receive(web, "estimate")
         with Client(daemon.local) as local:
             local.next("estimate")
         wait_for(lambda: still_open(silent) == 0, "silent connections stay open")
@@ -610,7 +661,7 @@ def test_key_and_token_are_for_their_owner_alone(tmp_path):
         assert (tmp_path / "pair" / name).stat().st_mode & 0o777 == 0o600
 
 
-def expire(pair, in_s=-86400):
+def expire(pair, in_s=-86400, begins_in_s=-9 * 86400):
     """Give the pair a certificate that expires in so many seconds: yesterday."""
     key = serialization.load_pem_private_key((pair / "key.pem").read_bytes(), None)
     name, now = x509.Name([]), datetime.datetime.now(datetime.UTC)
@@ -618,7 +669,7 @@ def expire(pair, in_s=-86400):
     old = (
         x509.CertificateBuilder().subject_name(name).issuer_name(name).serial_number(1)
         .public_key(key.public_key())
-        .not_valid_before(now - datetime.timedelta(days=9)).not_valid_after(end)
+        .not_valid_before(now + datetime.timedelta(seconds=begins_in_s)).not_valid_after(end)
         .add_extension(x509.SubjectAlternativeName([x509.DNSName("probe")]), False)
         .sign(key, hashes.SHA256())
     )  # fmt: skip
@@ -631,9 +682,9 @@ def other_key(pair):
 
 
 SPOILT = {
-    "expired": (expire, "the certificate has expired — make it with lightprobe pair"),
     "other key": (other_key, "belongs to another certificate — make it with lightprobe pair"),
     "no key": (lambda p: (p / "key.pem").unlink(), "No such file"),
+    "key is a FIFO": (lambda p: ((p / "key.pem").unlink(), os.mkfifo(p / "key.pem")), "is no file"),
     "no token": (lambda p: (p / "token").write_text("\n"), "holds no token"),
     "short token": (lambda p: (p / "token").write_text("secret\n"), "holds no token"),
     "no certificate": (lambda p: (p / "certificate.pem").write_text("x"), "holds no certificate"),
@@ -649,6 +700,85 @@ def test_a_spoilt_pair_is_told_at_the_start(tmp_path, how):
     assert status == 2
     assert text in log
     assert str(tmp_path / "pair") in log
+
+
+def has_fault(client, id):
+    return client.health and any(fault.id == id for fault in client.health.faults)
+
+
+@pytest.mark.parametrize("when", ["not yet", "expired"])
+def test_a_certificate_that_is_not_valid_now_keeps_one_publisher_waiting(tmp_path, when):
+    """As on a machine without a clock of its own. The others serve, and it begins by itself."""
+    port, pair, local = free_port(), tmp_path / "pair", tmp_path / "probe"
+    make_pair(pair)
+    expire(pair, *((86400, 8) if when == "not yet" else (-86400,)))
+    url = make_pair(tmp_path / "new", "--port", str(port), "--host", "127.0.0.1")["url"]
+    arguments = (*wss(tmp_path, port, pair), f"--publish=unix:{local}")
+    with Daemon(*arguments) as daemon, ProbeClient(f"unix:{local}") as near:
+        near.receive(LONG_S)
+        wait_for(lambda: has_fault(near, "publisher-waits"), "no fault")
+        assert f"{pair}/certificate.pem: the certificate" in daemon.log()
+        if when == "expired":
+            with pytest.raises(ConnectionRefusedError):
+                socket.create_connection(("127.0.0.1", port), LONG_S)
+            for name in ("key.pem", "token", "certificate.pem"):
+                shutil.copy(tmp_path / "new" / name, pair / name)
+        else:
+            fingerprint = make_pair(pair)["sha256"].replace(":", "")
+            token = (pair / "token").read_text().strip()
+            url = f"wss://127.0.0.1:{port}/#token={token}&sha256={fingerprint}"
+        daemon.wait_log("certificate: SHA-256")
+        with ProbeClient(url) as client:
+            client.receive(LONG_S)
+        wait_for(lambda: not has_fault(near, "publisher-waits"), "the fault stays")
+
+
+def test_a_pair_that_is_made_anew_is_taken_without_a_restart(tmp_path):
+    """Clients that are connected stay. What cannot be used changes nothing."""
+    port, pair = free_port(), tmp_path / "pair"
+    arguments = ("--host", "127.0.0.1", "--port", str(port))
+    old = make_pair(pair, *arguments)["url"]
+    with Daemon(*wss(tmp_path, port, pair)) as daemon, ProbeClient(old) as stays:
+        stays.receive(LONG_S)
+        good = (pair / "certificate.pem").read_bytes()
+        (pair / "certificate.pem").write_text("nonsense")
+        daemon.wait_log("holds no certificate")
+        with ProbeClient(old) as client:
+            client.receive(LONG_S)
+        (pair / "certificate.pem").write_bytes(good)
+        made = make_pair(pair, *arguments, "--new")
+        daemon.wait_log(f"certificate: SHA-256 {made['sha256']}")
+        with ProbeClient(made["url"]) as client:
+            client.receive(LONG_S)
+        assert "is not the one of the address" in refusal_of(old)
+        stays.receive(LONG_S)
+        assert stays.statistics.failures == 0
+
+
+@pytest.mark.parametrize("name", ["key.pem", "token"])
+def test_a_secret_that_everybody_can_read_is_told(tmp_path, name):
+    port, pair = free_port(), tmp_path / "pair"
+    make_pair(pair)
+    (pair / name).chmod(0o644)
+    with Daemon(*wss(tmp_path, port, pair)) as daemon:
+        assert f"{pair}/{name}: every user of this machine can read it — chmod 600" in daemon.log()
+        assert daemon.log().count("every user") == 1
+
+
+def test_ciphers_of_yesterday_are_refused(tmp_path):
+    port, pair = free_port(), tmp_path / "pair"
+    make_pair(pair)
+    with Daemon(*wss(tmp_path, port, pair)):
+        for ciphers, is_good in (("ECDHE+AESGCM", True), ("AES128-SHA:ECDHE+AES+SHA1", False)):
+            context = unverified()
+            context.maximum_version = ssl.TLSVersion.TLSv1_2
+            context.set_ciphers(ciphers)
+            with socket.create_connection(("127.0.0.1", port), LONG_S) as raw:
+                if is_good:
+                    assert "GCM" in context.wrap_socket(raw).cipher()[0]
+                else:
+                    with pytest.raises((ssl.SSLError, ConnectionError)):
+                        context.wrap_socket(raw)
 
 
 def test_pair_says_when_its_certificate_has_expired(tmp_path):

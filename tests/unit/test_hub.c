@@ -25,11 +25,15 @@ static struct lp_health health;
 static struct lp_publisher_host host;
 static struct lp_client clients[MAX_CLIENTS + 1];
 
+static int64_t map_takes_ns; /* in simulated time */
+
 static void keep(struct lp_publisher *publisher, struct lp_client *client, struct lp_packet *packet)
 {
 	(void)publisher;
 	assert_true(client->count < 256);
 	client->packets[client->count++] = lp_packet_hold(packet);
+	if (packet->kind == LP_PACKET_PICTURE)
+		lp_clock_simulate(lp_clock_ns() + map_takes_ns);
 }
 
 static const struct lp_publisher_ops ops = {.info = {.scheme = "test"}, .send = keep};
@@ -467,6 +471,36 @@ static void test_reflection_maps_at_their_own_rate(void **state)
 	assert_int_equal(count_maps(&clients[1]), 0);
 }
 
+/* More maps than there is time for are sent less often, to each client in turn, and health says so;
+ * estimates are not late for them. */
+static void test_reflection_maps_have_a_budget(void **state)
+{
+	(void)state;
+	for (int i = 0; i < MAX_CLIENTS; i++) {
+		const lightprobe_v1_Subscription wish = {.number = 1 + (uint32_t)i,
+							 .has_reflection_map = true,
+							 .reflection_map = {.size = 16,
+									    .rate_hz = 30}};
+
+		assert_int_equal(subscribe(join(i), &wish), 0);
+	}
+	for (int k = 0; k < 16; k++) {
+		const int64_t begin_ns = lp_clock_ns();
+
+		map_takes_ns = 4 * LP_NS_PER_MS;
+		frame();
+		map_takes_ns = 0;
+		assert_in_range(lp_clock_ns() - begin_ns, 1, 12 * LP_NS_PER_MS);
+		pass_ms(34);
+	}
+	for (int i = 0; i < MAX_CLIENTS; i++)
+		assert_in_range(count_maps(&clients[i]), 3, 5); /* of 16 */
+	assert_string_equal(health.report.faults[0].id, "reflection-maps-late");
+	pass_ms(6000);
+	lp_hub_tick(hub);
+	assert_int_equal(health.report.fault_count, 0);
+}
+
 static void test_reflection_maps_are_off_unless_the_owner_wants_them(void **state)
 {
 	const lightprobe_v1_Subscription wish = {.has_reflection_map = true,
@@ -560,7 +594,7 @@ static void test_bad_requests_get_an_error(void **state)
 	count = client->count;
 	assert_int_equal(host.request(host.context, client->user, garbage, 0), 0);
 	assert_int_equal(client->count, count);
-	host.unreadable(host.context, client->user, "too long");
+	host.unreadable(host.context, client->user, -EMSGSIZE, "too long");
 	message = decode_packet(client->packets[client->count - 1]);
 	assert_contains(message.message.error.text, "too long");
 	assert_int_equal(health.report.requests_rejected, 5);
@@ -721,6 +755,8 @@ int main(void)
 		HUB_TEST(test_of_subscriptions_that_come_together_the_newest_is_answered),
 		HUB_TEST(test_a_flood_of_requests_ends_the_connection),
 		cmocka_unit_test_setup_teardown(test_reflection_maps_at_their_own_rate,
+						setup_with_reflections, teardown),
+		cmocka_unit_test_setup_teardown(test_reflection_maps_have_a_budget,
 						setup_with_reflections, teardown),
 		HUB_TEST(test_reflection_maps_are_off_unless_the_owner_wants_them),
 		HUB_TEST(test_stale_estimates_are_repeated_and_marked),

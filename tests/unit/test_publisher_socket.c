@@ -14,6 +14,7 @@
 #include <sys/un.h>
 
 #include "base/uri.h"
+#include "drivers/publisher/places.h"
 #include "include/packet.h"
 #include "include/publisher.h"
 #include "loop_test.h"
@@ -95,9 +96,10 @@ static void on_requests_done(void *context, void *user)
 	heard.requests_done++;
 }
 
-static void on_unreadable(void *context, void *user, const char *reason)
+static void on_unreadable(void *context, void *user, int code, const char *reason)
 {
 	(void)context;
+	(void)code;
 	heard.unreadable++;
 	send_text(heard.publisher, user, reason, LP_PACKET_CONTROL, (uint32_t)strlen(reason));
 }
@@ -156,6 +158,8 @@ static int setup(void **state)
 	(void)snprintf(path, sizeof(path), "/tmp/lp-pub-%d.sock", (int)getpid());
 	unlink(path);
 	assert_int_equal(lp_loop_create(&host.loop), 0);
+	host.places = lp_places_create(host.max_clients);
+	assert_non_null(host.places);
 	publisher = create_unix("");
 	return publisher->ops->start(publisher);
 }
@@ -169,6 +173,7 @@ static int teardown(void **state)
 		publisher->ops->destroy(publisher);
 	publisher = NULL;
 	lp_loop_destroy(host.loop);
+	lp_places_destroy(host.places);
 	assert_int_equal(packets_alive, 0);
 	assert_int_equal(heard.connected, heard.disconnected);
 	assert_true(stat(path, &status) < 0); /* the socket file is gone */

@@ -336,13 +336,16 @@ static void test_same_wishes_share_a_map(void **state)
 	struct lp_subscription wanted = {.sh_order = 2, .max_lights = 4, .raw = true};
 	const struct lp_reflection_wish total = {32, 5, true}, ambient = {32, 1, false},
 					larger = {64, 5, true};
-	const struct lp_stamp one = {.subscription = 1}, two = {.subscription = 2};
+	const struct lp_stamp one = {.subscription = 1}, two = {.subscription = 2},
+			      three = {.subscription = 3};
 
 	(void)state;
 	look(lamps, 2, 1.0, 32);
 	struct lp_choice choice = lp_packets_choose(packets, &estimates, &computed, &wanted);
-	const struct lp_packet *first =
-		lp_reflection_maps_packet(maps, &surroundings, &choice, &total, &one);
+	struct lp_packet *const held = lp_packet_hold(
+		lp_reflection_maps_packet(maps, &surroundings, &choice, &total, &one));
+	const struct lp_packet *first = held;
+	struct picture before = read_map(first, 32);
 
 	assert_ptr_equal(lp_reflection_maps_packet(maps, &surroundings, &choice, &total, &one),
 			 first);
@@ -350,6 +353,23 @@ static void test_same_wishes_share_a_map(void **state)
 			 first); /* there is no more */
 	assert_ptr_not_equal(lp_reflection_maps_packet(maps, &surroundings, &choice, &total, &two),
 			     first);
+	/* composed once: for another number of a subscription nothing is looked at again */
+	surroundings.rgb[0][0] *= 100.0F;
+	surroundings.rgb[1][7] = NAN;
+	const struct lp_packet *again =
+		lp_reflection_maps_packet(maps, &surroundings, &choice, &total, &three);
+
+	assert_non_null(again);
+	struct picture picture = read_map(again, 32);
+
+	for (int i = 0; i < picture.grid->texels; i++)
+		assert_memory_equal(picture.rgb[i], before.rgb[i], sizeof(before.rgb[i]));
+	free_picture(&picture);
+	free_picture(&before);
+	lp_packet_drop(held);
+	surroundings.rgb[0][0] /= 100.0F;
+	surroundings.rgb[1][7] = surroundings.rgb[1][8];
+	first = lp_reflection_maps_packet(maps, &surroundings, &choice, &total, &one);
 	const struct lp_packet *second =
 		lp_reflection_maps_packet(maps, &surroundings, &choice, &ambient, &one);
 

@@ -11,7 +11,7 @@
 #include "base/log.h"
 #include "base/macros.h"
 
-#define ACCEPTS_PER_EVENT 8
+#define ACCEPTS_PER_EVENT 4
 #define SEND_BUFFER_BYTES (16 << 10)
 #define KEEPALIVE_IDLE_S 10
 #define KEEPALIVE_INTERVAL_S 5
@@ -53,6 +53,15 @@ static void turn_away(struct lp_acceptor *self, int listener_fd)
 	self->spare_fd = open("/dev/null", O_RDONLY | O_CLOEXEC);
 }
 
+/* Nothing stays of it, here or in the kernel. */
+static void hang_up(int fd)
+{
+	const struct linger at_once = {.l_onoff = 1};
+
+	(void)setsockopt(fd, SOL_SOCKET, SO_LINGER, &at_once, sizeof(at_once));
+	close(fd);
+}
+
 static void on_ready(struct lp_watch *watch, unsigned int events)
 {
 	struct lp_acceptor *self = LP_CONTAINER_OF(watch, struct lp_listener, watch)->owner;
@@ -69,10 +78,10 @@ static void on_ready(struct lp_watch *watch, unsigned int events)
 		if (fd < 0)
 			return; /* none left, or it has gone again */
 		ret = self->accepted(self, fd);
-		if (ret < 0) {
+		if (ret < 0 && ret != -EUSERS)
 			lp_error(self->object, "accept", "%s", lp_strerror(ret));
-			close(fd);
-		}
+		if (ret < 0)
+			hang_up(fd);
 	}
 }
 

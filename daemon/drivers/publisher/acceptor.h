@@ -19,7 +19,7 @@ struct lp_listener {
 struct lp_acceptor {
 	const char *object; /* names it in messages; borrowed */
 	/* One more connection, which does not block. After 0 the descriptor belongs to the callee;
-	 * after -errno, which is logged here, it is closed. */
+	 * after -errno, which is logged here unless it is -EUSERS, it is closed. */
 	int (*accepted)(struct lp_acceptor *acceptor, int fd);
 	struct lp_listener listeners[LP_LISTEN_MAX];
 	int count;

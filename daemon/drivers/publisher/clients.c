@@ -9,21 +9,25 @@
 
 #include "base/clock.h"
 #include "drivers/publisher/framing.h"
+#include "drivers/publisher/places.h"
 #include "drivers/publisher/queue.h"
 #include "include/packet.h"
 #include "include/publisher.h"
 
 /* A closing client may take so long to read its last packet. */
 #define LINGER_NS (2 * LP_NS_PER_S)
+/* What it still sends is read to make room, so that the last packet is not lost; but not more. */
+#define LINGER_BYTES (64 << 10)
 
 struct lp_client {
 	struct lp_clients *owner;
 	struct lp_client *next, *previous;
 	struct lp_watch watch;
 	void *user;
-	bool announced;	    /* the host knows it: it will hear disconnected() */
-	int64_t closing_ns; /* nothing more is taken from it or queued for it; 0: open */
-	struct lp_peer peer;
+	bool announced;	      /* the host knows it: it will hear disconnected() */
+	int64_t closing_ns;   /* nothing more is taken from it or queued for it; 0: open */
+	size_t ignored_bytes; /* since it closes */
+	struct lp_place place;
 	struct lp_send_queue queue;
 	size_t input_bytes;
 	uint8_t input[LP_LENGTH_MAX_BYTES + LP_REQUEST_MAX_BYTES];
@@ -43,6 +47,7 @@ static void close_client(struct lp_client *client)
 
 	if (client->announced)
 		host_of(self)->disconnected(host_of(self)->context, client->user);
+	lp_place_give(&client->place);
 	lp_watch_stop(&client->watch);
 	close(fd);
 	lp_send_queue_clear(&client->queue);
@@ -76,6 +81,21 @@ static void begin_closing(struct lp_client *client)
 		host_of(self)->disconnected(host_of(self)->context, client->user);
 	client->announced = false;
 	shut_when_sent(client);
+	lp_place_leave(&client->place);
+}
+
+/* Another needs the place of this one. */
+static void on_evicted(struct lp_place *place)
+{
+	struct lp_client *client = LP_CONTAINER_OF(place, struct lp_client, place);
+	const struct lp_publisher_host *host = host_of(client->owner);
+
+	if (client->closing_ns) {
+		close_client(client);
+		return;
+	}
+	host->unreadable(host->context, client->user, -EUSERS, LP_NO_MORE_PLACES);
+	begin_closing(client);
 }
 
 static void on_reap(struct lp_timer *timer)
@@ -100,6 +120,14 @@ static void on_reap(struct lp_timer *timer)
 
 /* ---------------------------------------------------------------- sending */
 
+/* A closing client that sends without end is not read any more. */
+static void watch_for(struct lp_client *client, bool writable)
+{
+	const unsigned int read = client->ignored_bytes > LINGER_BYTES ? LP_HANGUP : LP_READABLE;
+
+	lp_watch_change(&client->watch, writable ? LP_WRITABLE | (read & LP_READABLE) : read);
+}
+
 /* Never closes: the host may be in the middle of its list. The loop reports the hang-up. */
 static void flush(struct lp_client *client)
 {
@@ -109,7 +137,7 @@ static void flush(struct lp_client *client)
 		lp_send_queue_clear(&client->queue);
 		(void)shutdown(client->watch.fd, SHUT_RDWR);
 	}
-	lp_watch_change(&client->watch, ret > 0 ? LP_READABLE | LP_WRITABLE : LP_READABLE);
+	watch_for(client, ret > 0);
 	shut_when_sent(client);
 }
 
@@ -146,6 +174,10 @@ static bool take_requests(struct lp_client *client)
 				      LP_REQUEST_MAX_BYTES, &offset, &size);
 		if (ret != 1)
 			break;
+		if (!lp_place_charge(&client->place, LP_COST_REQUEST_NS)) {
+			host->unreadable(host->context, client->user, -EDQUOT, LP_ALLOWANCE_SPENT);
+			return false;
+		}
 		ret = host->request(host->context, client->user, client->input + used + offset,
 				    size);
 		if (ret < 0)
@@ -153,7 +185,7 @@ static bool take_requests(struct lp_client *client)
 		used += offset + size;
 	}
 	if (ret < 0) {
-		host->unreadable(host->context, client->user, unreadable_reason(ret));
+		host->unreadable(host->context, client->user, -EMSGSIZE, unreadable_reason(ret));
 		return false;
 	}
 	host->requests_done(host->context, client->user);
@@ -174,8 +206,11 @@ static void receive(struct lp_client *client)
 		close_client(client);
 		return;
 	}
-	if (client->closing_ns)
-		return; /* read to make room, and ignored */
+	if (client->closing_ns) {
+		client->ignored_bytes += (size_t)got;
+		watch_for(client, client->watch.events & LP_WRITABLE);
+		return;
+	}
 	client->input_bytes += (size_t)got;
 	if (!take_requests(client)) {
 		client->input_bytes = 0;
@@ -217,42 +252,37 @@ void lp_clients_finish(struct lp_clients *clients)
 }
 
 int lp_clients_add(struct lp_clients *clients, int fd, const struct lp_peer *peer,
-		   const char *refusal)
+		   struct lp_share *share)
 {
 	struct lp_client *client = calloc(1, sizeof(*client));
 	const struct lp_publisher_host *host = host_of(clients);
-	int ret;
+	int ret = client ? 0 : -ENOMEM;
+	const char *refusal;
+	char text[96];
 
-	if (!client)
-		return -ENOMEM;
-	client->owner = clients;
-	client->peer = *peer;
-	ret = lp_watch_start(host->loop, &client->watch, fd, LP_READABLE, on_client_ready);
+	if (ret == 0)
+		ret = lp_place_take(host->places, &client->place, peer, LP_COST_CONNECTION_NS,
+				    on_evicted);
+	if (ret == 0)
+		ret = lp_watch_start(host->loop, &client->watch, fd, LP_READABLE, on_client_ready);
 	if (ret < 0) {
+		if (client)
+			lp_place_give(&client->place);
 		free(client);
 		return ret;
 	}
+	client->owner = clients;
 	client->next = clients->first;
 	if (client->next)
 		client->next->previous = client;
 	clients->first = client;
+	refusal = lp_place_admit(&client->place, share, clients->publisher->ops->info.scheme, text,
+				 sizeof(text));
 	if (host->connected(host->context, clients->publisher, client, refusal, &client->user) < 0)
 		begin_closing(client);
 	else
 		client->announced = true;
 	return 0;
-}
-
-int lp_clients_count(const struct lp_clients *clients, const struct lp_peer *peer, int *same)
-{
-	int count = 0;
-
-	*same = 0;
-	for (const struct lp_client *client = clients->first; client; client = client->next) {
-		count++;
-		*same += lp_peer_is_same(&client->peer, peer);
-	}
-	return count;
 }
 
 bool lp_clients_pending(const struct lp_clients *clients)

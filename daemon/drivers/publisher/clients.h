@@ -14,6 +14,7 @@
 struct lp_client; /* as in include/publisher.h */
 struct lp_packet;
 struct lp_publisher;
+struct lp_share;
 
 struct lp_clients {
 	struct lp_publisher *publisher; /* its host hears of them */
@@ -27,13 +28,10 @@ void lp_clients_init(struct lp_clients *clients, struct lp_publisher *publisher)
 /* Close all of them. */
 void lp_clients_finish(struct lp_clients *clients);
 
-/* One more, on a socket that does not block; takes it over after 0 only. The host hears of it, and
- * of the `refusal` if there is one (include/publisher.h). -errno: not logged. */
+/* One more, on a socket that does not block, which it takes over after 0 only. The host hears of
+ * it, refused or not. -errno: not logged. */
 int lp_clients_add(struct lp_clients *clients, int fd, const struct lp_peer *peer,
-		   const char *refusal);
-
-/* How many there are; *same: how many of this peer. Closing ones count. */
-int lp_clients_count(const struct lp_clients *clients, const struct lp_peer *peer, int *same);
+		   struct lp_share *share);
 
 /* Send or queue. Never closes, never calls the host but for superseded(). */
 void lp_client_send(struct lp_client *client, struct lp_packet *packet);

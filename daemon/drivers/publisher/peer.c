@@ -1,7 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "drivers/publisher/peer.h"
 
+#include <arpa/inet.h>
+#include <linux/tcp.h>
 #include <netinet/in.h>
+#include <stdio.h>
 #include <string.h>
 #include <sys/socket.h>
 
@@ -43,6 +46,31 @@ void lp_peer_read(int fd, struct lp_peer *peer)
 		read_in6(&((const struct sockaddr_in6 *)&address)->sin6_addr, peer);
 	else
 		peer->id = user_of(fd);
+}
+
+void lp_peer_describe(const struct lp_peer *peer, char *text, size_t size_bytes)
+{
+	const uint32_t ipv4 = (uint32_t)peer->id;
+	struct in6_addr ipv6 = {0};
+	char address[INET6_ADDRSTRLEN] = "";
+
+	memcpy(&ipv6, &peer->id, sizeof(peer->id));
+	if (peer->family == AF_INET)
+		(void)inet_ntop(AF_INET, &ipv4, text, (socklen_t)size_bytes);
+	else if (peer->family == AF_INET6)
+		(void)snprintf(text, size_bytes, "%s/64",
+			       inet_ntop(AF_INET6, &ipv6, address, sizeof(address)));
+	else
+		(void)snprintf(text, size_bytes, "user %d", (int)peer->id);
+}
+
+uint64_t lp_peer_sent_bytes(int fd)
+{
+	struct tcp_info info = {0};
+	socklen_t length = sizeof(info);
+
+	(void)getsockopt(fd, IPPROTO_TCP, TCP_INFO, &info, &length);
+	return info.tcpi_bytes_received;
 }
 
 bool lp_peer_is_same(const struct lp_peer *a, const struct lp_peer *b)

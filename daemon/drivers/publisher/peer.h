@@ -4,6 +4,7 @@
 #define LP_PUBLISHER_PEER_H
 
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
 
 struct lp_peer {
@@ -13,6 +14,12 @@ struct lp_peer {
 };
 
 void lp_peer_read(int fd, struct lp_peer *peer);
+/* "192.0.2.1", "2001:db8:0:1::/64", "user 1000". */
+void lp_peer_describe(const struct lp_peer *peer, char *text, size_t size_bytes);
+
+/* Bytes that have come on a TCP connection since it began, of any kind; 0: it is none. */
+uint64_t lp_peer_sent_bytes(int fd);
+
 bool lp_peer_is_same(const struct lp_peer *a, const struct lp_peer *b);
 
 #endif

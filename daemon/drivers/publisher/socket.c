@@ -46,16 +46,10 @@ static int on_accepted(struct lp_acceptor *acceptor, int fd)
 	struct socket_publisher *self =
 		LP_CONTAINER_OF(acceptor, struct socket_publisher, acceptor);
 	struct lp_peer peer;
-	char text[96];
-	int count, same;
 
 	lp_connection_set_options(fd, self->is_tcp);
 	lp_peer_read(fd, &peer);
-	count = lp_clients_count(&self->clients, &peer, &same);
-	return lp_clients_add(&self->clients, fd, &peer,
-			      lp_share_refusal(&self->options.share, self->base.ops->info.scheme,
-					       count, same, self->is_tcp ? "address" : "user", text,
-					       sizeof(text)));
+	return lp_clients_add(&self->clients, fd, &peer, &self->options.share);
 }
 
 /* ---------------------------------------------------------------- ops */
@@ -162,7 +156,7 @@ static int create(const struct lp_uri *uri, const struct lp_publisher_host *host
 		socket_destroy(&self->base);
 		return ret;
 	}
-	lp_share_complete(&self->options.share, host->max_clients, is_tcp);
+	lp_share_complete(&self->options.share, host->max_clients);
 	*publisher = &self->base;
 	return 0;
 }

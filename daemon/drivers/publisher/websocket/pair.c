@@ -2,11 +2,15 @@
 #include "drivers/publisher/websocket/pair.h"
 
 #include <errno.h>
+#include <fcntl.h>
+#include <openssl/err.h>
 #include <openssl/pem.h>
+#include <openssl/ssl.h>
 #include <openssl/x509.h>
 #include <stdio.h>
 #include <string.h>
 #include <time.h>
+#include <unistd.h>
 
 #include "base/clock.h"
 #include "base/log.h"
@@ -20,20 +24,35 @@ static int pair_error(const char *object, const char *path, const char *reason)
 	return -EINVAL;
 }
 
-static FILE *open_file(const char *object, const char *path)
+/* A regular file, or what a link leads to: nobody waits for a FIFO. NULL: logged. */
+static FILE *open_file(const char *object, const char *path, bool is_secret)
 {
-	FILE *file = fopen(path, "re");
+	const int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
+	struct stat status;
+	FILE *file = NULL;
 
-	if (!file)
+	if (fd < 0 || fstat(fd, &status) < 0) {
 		lp_error(object, "pair",
 			 "%s: %s — make it with lightprobe pair, and let this user read it", path,
 			 lp_strerror(errno));
+	} else if (!S_ISREG(status.st_mode)) {
+		(void)pair_error(object, path, "is no file");
+	} else {
+		file = fdopen(fd, "r");
+		if (is_secret && status.st_mode & S_IRWXO)
+			lp_warning(object, "pair",
+				   "%s: every user of this machine can read it — chmod 600 it, and "
+				   "make a new one with lightprobe pair --new",
+				   path);
+	}
+	if (!file && fd >= 0)
+		close(fd);
 	return file;
 }
 
 static int read_token(struct lp_pair *pair, const char *object, const char *path)
 {
-	FILE *file = open_file(object, path);
+	FILE *file = open_file(object, path, true);
 	size_t length;
 
 	if (!file)
@@ -48,23 +67,30 @@ static int read_token(struct lp_pair *pair, const char *object, const char *path
 	return 0;
 }
 
-static X509 *read_certificate(const char *object, const char *path)
+/* NULL: logged. */
+static STACK_OF(X509) * read_chain(const char *object, const char *path)
 {
-	FILE *file = open_file(object, path);
+	FILE *file = open_file(object, path, false);
+	STACK_OF(X509) *chain = sk_X509_new_null();
 	X509 *certificate;
 
-	if (!file)
-		return NULL;
-	certificate = PEM_read_X509(file, NULL, NULL, NULL);
-	(void)fclose(file);
-	if (!certificate)
+	while (file && chain && (certificate = PEM_read_X509(file, NULL, NULL, NULL)))
+		if (!sk_X509_push(chain, certificate))
+			X509_free(certificate);
+	ERR_clear_error(); /* of the file's end */
+	if (file)
+		(void)fclose(file);
+	if (chain && sk_X509_num(chain) > 0)
+		return chain;
+	sk_X509_free(chain);
+	if (file)
 		(void)pair_error(object, path, "holds no certificate");
-	return certificate;
+	return NULL;
 }
 
 static EVP_PKEY *read_key(const char *object, const char *path)
 {
-	FILE *file = open_file(object, path);
+	FILE *file = open_file(object, path, true);
 	EVP_PKEY *key;
 
 	if (!file)
@@ -76,18 +102,19 @@ static EVP_PKEY *read_key(const char *object, const char *path)
 	return key;
 }
 
+/* -EAGAIN: not now. */
 static int check_validity(const char *object, const char *path, const X509 *certificate)
 {
+	const char *reason = NULL;
+
 	if (X509_cmp_current_time(X509_get0_notAfter(certificate)) < 0)
-		return pair_error(object, path, "the certificate has expired");
-	if (X509_cmp_current_time(X509_get0_notBefore(certificate)) > 0) {
-		lp_error(object, "pair",
-			 "%s: the certificate is not valid yet — is the clock of this machine "
-			 "right?",
-			 path);
-		return -EINVAL;
-	}
-	return 0;
+		reason = "has expired — make another with lightprobe pair --new";
+	else if (X509_cmp_current_time(X509_get0_notBefore(certificate)) > 0)
+		reason = "is not valid yet — is the clock of this machine right?";
+	if (!reason)
+		return 0;
+	lp_warning(object, "pair", "%s: the certificate %s; this publisher waits", path, reason);
+	return -EAGAIN;
 }
 
 static int64_t expiry_of(const X509 *certificate)
@@ -113,23 +140,27 @@ static void write_fingerprint(struct lp_pair *pair, const X509 *certificate)
 
 static int check_certificate(struct lp_pair *pair, const char *object)
 {
-	X509 *certificate = read_certificate(object, pair->certificate);
-	EVP_PKEY *key = read_key(object, pair->key);
-	int ret = -EINVAL;
+	X509 *certificate;
+	int ret;
 
-	if (certificate && key) {
-		ret = check_validity(object, pair->certificate, certificate);
-		if (ret == 0 && X509_check_private_key(certificate, key) != 1)
-			ret = pair_error(object, pair->key, "belongs to another certificate");
-		if (ret == 0) {
-			write_fingerprint(pair, certificate);
-			pair->t_expires_unix_ns = expiry_of(certificate);
-		}
+	pair->chain = read_chain(object, pair->certificate_path);
+	pair->key = read_key(object, pair->key_path);
+	if (!pair->chain || !pair->key)
+		return -EINVAL;
+	certificate = sk_X509_value(pair->chain, 0);
+	if (X509_check_private_key(certificate, pair->key) != 1) {
+		ERR_clear_error();
+		return pair_error(object, pair->key_path, "belongs to another certificate");
 	}
-	EVP_PKEY_free(key);
-	X509_free(certificate);
+	ret = check_validity(object, pair->certificate_path, certificate);
+	if (ret == 0) {
+		write_fingerprint(pair, certificate);
+		pair->t_expires_unix_ns = expiry_of(certificate);
+	}
 	return ret;
 }
+
+static const char *const names[LP_PAIR_FILES] = {"certificate.pem", "key.pem", "token"};
 
 int lp_pair_read(struct lp_pair *pair, const char *object, const char *folder)
 {
@@ -137,9 +168,77 @@ int lp_pair_read(struct lp_pair *pair, const char *object, const char *folder)
 	int ret;
 
 	*pair = (struct lp_pair){0};
-	(void)snprintf(pair->certificate, sizeof(pair->certificate), "%s/certificate.pem", folder);
-	(void)snprintf(pair->key, sizeof(pair->key), "%s/key.pem", folder);
-	(void)snprintf(token, sizeof(token), "%s/token", folder);
+	(void)snprintf(pair->certificate_path, sizeof(pair->certificate_path), "%s/%s", folder,
+		       names[0]);
+	(void)snprintf(pair->key_path, sizeof(pair->key_path), "%s/%s", folder, names[1]);
+	(void)snprintf(token, sizeof(token), "%s/%s", folder, names[2]);
 	ret = read_token(pair, object, token);
-	return ret < 0 ? ret : check_certificate(pair, object);
+	if (ret == 0)
+		ret = check_certificate(pair, object);
+	if (ret < 0)
+		lp_pair_finish(pair);
+	return ret;
+}
+
+int lp_pair_use(const struct lp_pair *pair, const char *object, SSL_CTX *tls)
+{
+	const EVP_PKEY *former = SSL_CTX_get0_privatekey(tls);
+	bool done;
+
+	/* OpenSSL keeps a certificate of each kind, and would go on showing the former. */
+	if (former && EVP_PKEY_get_base_id(former) != EVP_PKEY_get_base_id(pair->key)) {
+		lp_error(object, "pair",
+			 "the new key is of another kind (RSA, EC) — restart lightprobed");
+		return -ENOTSUP;
+	}
+	done = SSL_CTX_use_certificate(tls, sk_X509_value(pair->chain, 0)) == 1 &&
+	       SSL_CTX_use_PrivateKey(tls, pair->key) == 1;
+	(void)SSL_CTX_clear_chain_certs(tls);
+	for (int k = 1; k < sk_X509_num(pair->chain); k++)
+		done = SSL_CTX_add1_chain_cert(tls, sk_X509_value(pair->chain, k)) == 1 && done;
+	ERR_clear_error();
+	if (!done)
+		lp_error(object, "pair",
+			 "the new certificate cannot be used — make another with lightprobe pair "
+			 "--new");
+	return done ? 0 : -EINVAL;
+}
+
+void lp_pair_finish(struct lp_pair *pair)
+{
+	sk_X509_pop_free(pair->chain, X509_free);
+	EVP_PKEY_free(pair->key);
+	pair->chain = NULL;
+	pair->key = NULL;
+}
+
+struct lp_pair_stamp lp_pair_stamp(const char *folder)
+{
+	struct lp_pair_stamp stamp = {0};
+
+	for (int k = 0; k < LP_PAIR_FILES; k++) {
+		char path[LP_PAIR_PATH_BYTES];
+		struct stat status;
+
+		(void)snprintf(path, sizeof(path), "%s/%s", folder, names[k]);
+		if (stat(path, &status) < 0)
+			continue;
+		stamp.changed[k] = status.st_mtim;
+		stamp.devices[k] = status.st_dev;
+		stamp.inodes[k] = status.st_ino;
+		stamp.sizes[k] = status.st_size;
+	}
+	return stamp;
+}
+
+bool lp_pair_stamps_are_same(const struct lp_pair_stamp *a, const struct lp_pair_stamp *b)
+{
+	for (int k = 0; k < LP_PAIR_FILES; k++) {
+		if (a->changed[k].tv_sec != b->changed[k].tv_sec ||
+		    a->changed[k].tv_nsec != b->changed[k].tv_nsec ||
+		    a->devices[k] != b->devices[k] || a->inodes[k] != b->inodes[k] ||
+		    a->sizes[k] != b->sizes[k])
+			return false;
+	}
+	return true;
 }

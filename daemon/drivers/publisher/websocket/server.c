@@ -13,6 +13,7 @@
 #include "base/log.h"
 #include "base/loop.h"
 #include "base/macros.h"
+#include "drivers/publisher/peer.h"
 #include "drivers/publisher/websocket/files.h"
 #include "drivers/publisher/websocket/handshake.h"
 #include "drivers/publisher/websocket/pair.h"
@@ -20,8 +21,7 @@
 #include "include/publisher.h"
 
 #define HEADER_BYTES 4096    /* of one request; more is refused */
-#define HEADERS_AT_ONCE 32   /* further requests wait */
-#define REQUEST_TIMEOUT_S 10 /* for TLS, headers, a file */
+#define REQUEST_TIMEOUT_S 5  /* for TLS, headers, a piece of a file */
 #define CLOSE_TIMEOUT_S 2    /* for the last message of a session that ends */
 #define PING_AFTER_S 30	     /* of silence; browsers answer for pages that sleep */
 #define HANGUP_AFTER_S 90    /* of silence */
@@ -29,6 +29,8 @@
 #define LONGEST_REASON 123   /* of a close frame */
 #define RESPONSE_HEADERS 5
 #define NO_OLD_TLS (SSL_OP_NO_TLSv1 | SSL_OP_NO_TLSv1_1)
+/* Without CBC and without RSA key exchange; those of TLS 1.3 are all good. */
+#define TLS_1_2_CIPHERS "ECDHE+AESGCM:ECDHE+CHACHA20"
 #define HEADER_TEXT_BYTES 1024 /* longest Host, Origin, list of protocols */
 
 /*
@@ -44,6 +46,7 @@ struct lp_session {
 	struct lp_server *server;
 	struct lp_session *next, *previous;
 	struct lws *wsi;
+	int fd;
 	void *user;
 	const char *close_reason; /* NULL: open */
 	bool unreadable, close_sent;
@@ -60,6 +63,8 @@ struct lp_server {
 	struct lp_loop *loop;
 	void *loops[1];
 	bool is_tls;
+	const char *object; /* names it in messages; borrowed */
+	SSL_CTX *tls;	    /* libwebsockets' own; NULL: none */
 	struct lws_protocols protocols[2];
 	struct lws_http_mount mount;
 	struct lp_files files; /* of the mount */
@@ -238,10 +243,18 @@ static int on_event(struct lws *wsi, enum lws_callback_reasons reason, void *use
 {
 	struct lp_session *session = wsi ? lws_get_opaque_user_data(wsi) : NULL;
 
+	if (reason == LWS_CALLBACK_OPENSSL_LOAD_EXTRA_SERVER_VERIFY_CERTS) {
+		struct lp_server *server = lws_context_user(lws_get_context(wsi));
+
+		server->tls = user;
+		return 0;
+	}
 	if (!session)
 		return lws_callback_http_dummy(wsi, reason, user, in, size_bytes);
 	session->wsi = wsi;
 	switch (reason) {
+	case LWS_CALLBACK_FILTER_HTTP_CONNECTION:
+		return !session->server->host.page(session->server->host.context, session);
 	case LWS_CALLBACK_HTTP_CONFIRM_UPGRADE:
 		return on_upgrade(session);
 	case LWS_CALLBACK_HTTP:
@@ -269,6 +282,16 @@ void *lp_session_user(const struct lp_session *session)
 	return session->user;
 }
 
+uint64_t lp_session_received_bytes(const struct lp_session *session)
+{
+	return lp_peer_sent_bytes(session->fd);
+}
+
+void lp_session_kill(struct lp_session *session)
+{
+	lws_set_timeout(session->wsi, PENDING_TIMEOUT_USER_REASON_BASE, LWS_TO_KILL_ASYNC);
+}
+
 void lp_session_want_write(struct lp_session *session)
 {
 	lws_callback_on_writable(session->wsi);
@@ -285,7 +308,7 @@ void lp_session_close(struct lp_session *session, const char *reason)
 
 /* ---------------------------------------------------------------- life */
 
-int lp_server_adopt(struct lp_server *server, int fd, void *user)
+int lp_server_adopt(struct lp_server *server, int fd, void *user, struct lp_session **place)
 {
 	struct lp_session *session = calloc(1, sizeof(*session));
 	const lws_adopt_desc_t adopted = {
@@ -296,18 +319,25 @@ int lp_server_adopt(struct lp_server *server, int fd, void *user)
 		.opaque = session,
 	};
 
+	struct lws *wsi;
+
 	if (!session) {
 		close(fd);
 		return -ENOMEM;
 	}
 	session->server = server;
 	session->user = user;
+	session->fd = fd;
+	*place = session;
 	session->next = server->first;
 	if (session->next)
 		session->next->previous = session;
 	server->first = session;
 	server->last_closed = NULL;
-	if (lws_adopt_descriptor_vhost_via_info(&adopted))
+	wsi = lws_adopt_descriptor_vhost_via_info(&adopted);
+	if (wsi && server->last_closed != session)
+		session->wsi = wsi;
+	if (wsi)
 		return 0;
 	if (server->last_closed != session) /* it came to no connection that could end */
 		end_session(session);
@@ -340,7 +370,7 @@ static void set_response_headers(struct lp_server *self, const char *connect)
 		};
 }
 
-static const struct lws_protocol_vhost_options *mime_types(void)
+static void set_mount(struct lp_server *self, const char *root)
 {
 	static const struct lws_protocol_vhost_options types[] = {
 		{&types[1], NULL, ".glb", "model/gltf-binary"},
@@ -348,11 +378,6 @@ static const struct lws_protocol_vhost_options *mime_types(void)
 		{NULL, NULL, ".webmanifest", "application/manifest+json"},
 	};
 
-	return types;
-}
-
-static void set_mount(struct lp_server *self, const char *root)
-{
 	lp_files_init(&self->files, root);
 	self->mount = (struct lws_http_mount){
 		.mountpoint = "/",
@@ -360,7 +385,7 @@ static void set_mount(struct lp_server *self, const char *root)
 		.origin = LP_FILES_ORIGIN,
 		.def = "index.html",
 		.origin_protocol = LWSMPRO_FILE,
-		.extra_mimetypes = mime_types(),
+		.extra_mimetypes = types,
 		.cache_revalidate = 1,
 		.cache_reusable = 1,
 	};
@@ -369,9 +394,15 @@ static void set_mount(struct lp_server *self, const char *root)
 static void set_tls(struct lws_context_creation_info *info, const struct lp_pair *pair)
 {
 	info->options |= LWS_SERVER_OPTION_DO_SSL_GLOBAL_INIT;
-	info->ssl_cert_filepath = pair->certificate;
-	info->ssl_private_key_filepath = pair->key;
+	info->ssl_cert_filepath = pair->certificate_path;
+	info->ssl_private_key_filepath = pair->key_path;
 	info->ssl_options_set = NO_OLD_TLS;
+	info->ssl_cipher_list = TLS_1_2_CIPHERS;
+}
+
+int lp_server_certify(struct lp_server *server, const struct lp_pair *pair)
+{
+	return lp_pair_use(pair, server->object, server->tls);
 }
 
 static int create_context(struct lp_server *self, const struct lp_server_options *options)
@@ -386,8 +417,9 @@ static int create_context(struct lp_server *self, const struct lp_server_options
 		.options = LWS_SERVER_OPTION_LIBUV,
 		.foreign_loops = self->loops,
 		.pcontext = &self->context,
+		.user = self,
 		.max_http_header_data = HEADER_BYTES,
-		.max_http_header_pool = HEADERS_AT_ONCE,
+		.max_http_header_pool = (unsigned short)options->most_handshakes,
 		.timeout_secs = REQUEST_TIMEOUT_S,
 		.keepalive_timeout = REQUEST_TIMEOUT_S,
 		.retry_and_idle_policy = &idle,
@@ -425,6 +457,7 @@ int lp_server_create(const struct lp_server_options *options, const struct lp_se
 	self->loop = loop;
 	self->loops[0] = lp_loop_uv(loop);
 	self->is_tls = options->pair != NULL;
+	self->object = options->object;
 	self->protocols[0] = (struct lws_protocols){.name = LP_WEBSOCKET_PROTOCOL,
 						    .callback = on_event,
 						    .rx_buffer_size = LP_REQUEST_MAX_BYTES};

@@ -4,62 +4,41 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
+#include "base/clock.h"
 #include "base/log.h"
+#include "base/loop.h"
 #include "base/macros.h"
-#include "base/param.h"
 #include "base/uri.h"
 #include "drivers/publisher/acceptor.h"
-#include "drivers/publisher/peer.h"
-#include "drivers/publisher/queue.h"
+#include "drivers/publisher/places.h"
 #include "drivers/publisher/share.h"
+#include "drivers/publisher/websocket/certificate.h"
 #include "drivers/publisher/websocket/handshake.h"
-#include "drivers/publisher/websocket/pair.h"
+#include "drivers/publisher/websocket/options.h"
 #include "drivers/publisher/websocket/server.h"
+#include "drivers/publisher/websocket/web_client.h"
 #include "include/packet.h"
 #include "include/publisher.h"
 
-/* Connections that are no WebSocket clients: pages that load, handshakes under way, and whoever
- * opens connections and says nothing. */
-#define MOST_OTHERS 256
-#define MOST_OTHERS_PER_PEER 64
-
-/* The query of the URI. */
-struct options {
-	struct lp_share share;
-	char root[1024];
-	char origins[1024];
-	char connect[1024];
-	char pair[1024];
-};
-
-/* One connection; the host's struct lp_client once it is a WebSocket. */
-struct client {
-	struct websocket_publisher *owner;
-	struct client *next, *previous;
-	struct lp_session *session;
-	struct lp_peer peer;
-	struct lp_send_queue queue;
-	void *user;
-	bool is_open;	/* a WebSocket */
-	bool has_token; /* or needs none */
-	bool announced; /* the host will hear disconnected() */
-	bool closing;	/* nothing more is queued for it */
-};
+/* How often the pair is looked at. */
+#define RENEWAL_NS (2 * LP_NS_PER_S)
+/* Connections that are closed, and libwebsockets still knows. */
+#define GOING 64
 
 struct websocket_publisher {
 	struct lp_publisher base;
 	char *object; /* the URI; names it in messages */
 	bool is_tls;
 	struct lp_tcp_address address;
-	struct options options;
-	struct lp_pair pair;
+	struct lp_websocket_options options;
+	struct lp_certificate certificate;
 	char machine[256]; /* its name */
 	struct lp_acceptor acceptor;
 	struct lp_server *server;
-	struct client *first;
+	struct lp_timer renewal;
+	struct lp_web_clients clients;
 };
 
 static struct websocket_publisher *self_of(const struct lp_publisher *publisher)
@@ -67,71 +46,22 @@ static struct websocket_publisher *self_of(const struct lp_publisher *publisher)
 	return (struct websocket_publisher *)publisher;
 }
 
-static struct lp_client *handle_of(struct client *client)
-{
-	return (struct lp_client *)client;
-}
-
-/* ---------------------------------------------------------------- the list of connections */
-
-static void add_client(struct client *client)
-{
-	struct websocket_publisher *self = client->owner;
-
-	client->next = self->first;
-	if (client->next)
-		client->next->previous = client;
-	self->first = client;
-}
-
-static void remove_client(struct client *client)
-{
-	if (client->previous)
-		client->previous->next = client->next;
-	else
-		client->owner->first = client->next;
-	if (client->next)
-		client->next->previous = client->previous;
-	lp_send_queue_clear(&client->queue);
-	free(client);
-}
-
-/* Connections that are WebSockets, or those that are not; *same: how many are of this peer. */
-static int count_clients(const struct websocket_publisher *self, bool is_open,
-			 const struct lp_peer *peer, int *same)
-{
-	int count = 0;
-
-	*same = 0;
-	for (const struct client *client = self->first; client; client = client->next) {
-		if (client->is_open != is_open)
-			continue;
-		count++;
-		*same += lp_peer_is_same(&client->peer, peer);
-	}
-	return count;
-}
+/* ---------------------------------------------------------------- accepting */
 
 static int on_accepted(struct lp_acceptor *acceptor, int fd)
 {
 	struct websocket_publisher *self =
 		LP_CONTAINER_OF(acceptor, struct websocket_publisher, acceptor);
-	struct client *client;
-	struct lp_peer peer;
-	int same, ret;
+	struct lp_web_client *client;
+	int ret;
 
-	lp_peer_read(fd, &peer);
-	if (count_clients(self, false, &peer, &same) >= MOST_OTHERS || same >= MOST_OTHERS_PER_PEER)
-		return -EUSERS;
-	client = calloc(1, sizeof(*client));
-	if (!client)
-		return -ENOMEM;
+	ret = lp_web_client_add(&self->clients, fd, self->is_tls, &client);
+	if (ret < 0)
+		return ret;
 	lp_connection_set_options(fd, true);
-	*client = (struct client){.owner = self, .peer = peer};
-	add_client(client);
-	ret = lp_server_adopt(self->server, fd, client);
+	ret = lp_server_adopt(self->server, fd, client, &client->session);
 	if (ret == -ENOMEM)
-		remove_client(client);
+		lp_web_client_remove(client);
 	if (ret < 0)
 		lp_debug(self->object, "accept", "a connection cannot be served: %s",
 			 lp_strerror(ret));
@@ -144,7 +74,7 @@ static const char *on_check(void *context, struct lp_session *session, const cha
 			    const char *origin, const char *protocols)
 {
 	const struct websocket_publisher *self = context;
-	struct client *client = lp_session_user(session);
+	struct lp_web_client *client = lp_session_user(session);
 
 	/* With TLS the certificate names the host. */
 	if (!self->is_tls && !lp_host_is_ok(host, self->machine, self->options.origins)) {
@@ -157,42 +87,32 @@ static const char *on_check(void *context, struct lp_session *session, const cha
 			   origin);
 		return "pages of other origins may not read this probe (?origins=)";
 	}
-	client->has_token = !self->is_tls || lp_token_is_offered(protocols, self->pair.token);
+	client->has_token =
+		!self->is_tls || lp_token_is_offered(protocols, self->certificate.pair.token);
 	return NULL;
-}
-
-static void begin_closing(struct client *client, const char *reason)
-{
-	const struct lp_publisher_host *host = &client->owner->base.host;
-
-	if (client->closing)
-		return;
-	client->closing = true;
-	if (client->announced)
-		host->disconnected(host->context, client->user);
-	client->announced = false;
-	lp_session_close(client->session, reason);
 }
 
 static void on_opened(void *context, struct lp_session *session)
 {
 	struct websocket_publisher *self = context;
-	struct client *client = lp_session_user(session);
+	struct lp_web_client *client = lp_session_user(session);
 	const struct lp_publisher_host *host = &self->base.host;
-	int same, count;
 	char text[96];
 	const char *refusal = "the token is missing or wrong — open the address that lightprobe "
 			      "pair prints";
 
 	client->session = session;
-	count = count_clients(self, true, &client->peer, &same);
-	client->is_open = true;
-	if (client->has_token)
-		refusal = lp_share_refusal(&self->options.share, self->base.ops->info.scheme, count,
-					   same, "address", text, sizeof(text));
-	if (host->connected(host->context, &self->base, handle_of(client), refusal, &client->user) <
-	    0)
-		begin_closing(client, "refused");
+	if (client->closing) /* it is being killed */
+		return;
+	if (self->is_tls && lp_place_is_barred(&client->place))
+		refusal = "the token is missing or wrong, or others of this address were: wait "
+			  "ten seconds — open the address that lightprobe pair prints";
+	if (!self->is_tls || lp_place_token(&client->place, client->has_token))
+		refusal = lp_place_admit(&client->place, &self->options.share,
+					 self->base.ops->info.scheme, text, sizeof(text));
+	if (host->connected(host->context, &self->base, (struct lp_client *)client, refusal,
+			    &client->user) < 0)
+		lp_web_client_close(client, "refused");
 	else
 		client->announced = true;
 }
@@ -201,13 +121,13 @@ static void on_message(void *context, struct lp_session *session, const uint8_t 
 		       size_t size_bytes)
 {
 	const struct websocket_publisher *self = context;
-	struct client *client = lp_session_user(session);
+	struct lp_web_client *client = lp_session_user(session);
 	const struct lp_publisher_host *host = &self->base.host;
 
-	if (client->closing)
+	if (client->closing || !lp_web_client_charge(client, LP_COST_REQUEST_NS))
 		return;
 	if (host->request(host->context, client->user, data, size_bytes) < 0)
-		begin_closing(client, "request refused");
+		lp_web_client_close(client, "request refused");
 	else
 		host->requests_done(host->context, client->user);
 }
@@ -215,30 +135,38 @@ static void on_message(void *context, struct lp_session *session, const uint8_t 
 static void on_unreadable(void *context, struct lp_session *session, const char *reason)
 {
 	const struct websocket_publisher *self = context;
-	struct client *client = lp_session_user(session);
+	struct lp_web_client *client = lp_session_user(session);
 
 	if (client->closing)
 		return;
-	self->base.host.unreadable(self->base.host.context, client->user, reason);
-	begin_closing(client, "unreadable");
+	self->base.host.unreadable(self->base.host.context, client->user, -EMSGSIZE, reason);
+	lp_web_client_close(client, "unreadable");
 }
 
 static struct lp_packet *on_writable(void *context, struct lp_session *session)
 {
-	struct client *client = lp_session_user(session);
+	struct lp_web_client *client = lp_session_user(session);
 
 	(void)context;
 	return lp_send_queue_take(&client->queue);
 }
 
+static bool on_page(void *context, struct lp_session *session)
+{
+	struct lp_web_client *client = lp_session_user(session);
+
+	(void)context;
+	return !client->closing && lp_web_client_charge(client, LP_COST_PAGE_NS);
+}
+
 static void on_closed(void *context, struct lp_session *session)
 {
 	const struct websocket_publisher *self = context;
-	struct client *client = lp_session_user(session);
+	struct lp_web_client *client = lp_session_user(session);
 
 	if (client->announced)
 		self->base.host.disconnected(self->base.host.context, client->user);
-	remove_client(client);
+	lp_web_client_remove(client);
 }
 
 /* ---------------------------------------------------------------- ops */
@@ -246,7 +174,7 @@ static void on_closed(void *context, struct lp_session *session)
 static void websocket_send(struct lp_publisher *publisher, struct lp_client *handle,
 			   struct lp_packet *packet)
 {
-	struct client *client = (struct client *)handle;
+	struct lp_web_client *client = (struct lp_web_client *)handle;
 
 	if (client->closing)
 		return;
@@ -257,12 +185,7 @@ static void websocket_send(struct lp_publisher *publisher, struct lp_client *han
 
 static bool websocket_pending(const struct lp_publisher *publisher)
 {
-	for (const struct client *client = self_of(publisher)->first; client;
-	     client = client->next) {
-		if (!lp_send_queue_is_empty(&client->queue))
-			return true;
-	}
-	return false;
+	return lp_web_clients_pending(&self_of(publisher)->clients);
 }
 
 static void websocket_destroy(struct lp_publisher *publisher)
@@ -271,15 +194,24 @@ static void websocket_destroy(struct lp_publisher *publisher)
 
 	if (!publisher)
 		return;
+	lp_timer_stop(&self->renewal);
 	lp_acceptor_finish(&self->acceptor);
 	lp_server_destroy(self->server);
+	lp_web_clients_finish(&self->clients);
+	lp_certificate_finish(&self->certificate);
 	free(self->object);
 	free(self);
 }
 
-static int websocket_start(struct lp_publisher *publisher)
+static void note_certificate(struct websocket_publisher *self)
 {
-	struct websocket_publisher *self = self_of(publisher);
+	self->base.t_expires_unix_ns = self->certificate.pair.t_expires_unix_ns;
+	self->base.waits_for = NULL;
+	lp_info(self->object, "certificate", "SHA-256 %s", self->certificate.pair.fingerprint);
+}
+
+static int serve(struct websocket_publisher *self)
+{
 	const struct lp_server_host host = {
 		.context = self,
 		.check = on_check,
@@ -287,14 +219,17 @@ static int websocket_start(struct lp_publisher *publisher)
 		.message = on_message,
 		.unreadable = on_unreadable,
 		.writable = on_writable,
+		.page = on_page,
 		.closed = on_closed,
 	};
 	const struct lp_server_options options = {
 		.object = self->object,
 		.root = self->options.root,
 		.connect = self->options.connect,
-		.max_connections = self->base.host.max_clients + MOST_OTHERS,
-		.pair = self->is_tls ? &self->pair : NULL,
+		.max_connections =
+			self->base.host.max_clients + LP_PLACES_NEW + LP_PLACES_LEAVING + GOING,
+		.most_handshakes = LP_PLACES_NEW + GOING,
+		.pair = self->is_tls ? &self->certificate.pair : NULL,
 	};
 	int fds[LP_LISTEN_MAX], count, ret;
 
@@ -305,55 +240,37 @@ static int websocket_start(struct lp_publisher *publisher)
 	if (count < 0)
 		return count;
 	if (self->is_tls)
-		lp_info(self->object, "certificate", "SHA-256 %s", self->pair.fingerprint);
+		note_certificate(self);
+	lp_web_clients_start(&self->clients);
 	return lp_acceptor_start(&self->acceptor, self->base.host.loop, fds, count);
 }
 
+/* The clock of this machine may be set, or another pair made, at any time. */
+static void on_renewal(struct lp_timer *timer)
+{
+	struct websocket_publisher *self =
+		LP_CONTAINER_OF(timer, struct websocket_publisher, renewal);
+
+	if (!lp_certificate_look(&self->certificate))
+		return;
+	if (!self->server) {
+		if (serve(self) < 0)
+			self->base.host.failed(self->base.host.context, &self->base, -EIO);
+	} else if (lp_server_certify(self->server, &self->certificate.pair) == 0) {
+		note_certificate(self);
+	}
+}
+
+static int websocket_start(struct lp_publisher *publisher)
+{
+	struct websocket_publisher *self = self_of(publisher);
+
+	if (self->is_tls)
+		lp_timer_set(&self->renewal, RENEWAL_NS, RENEWAL_NS);
+	return self->base.waits_for ? 0 : serve(self);
+}
+
 /* ---------------------------------------------------------------- creating */
-
-/* They become part of a header. */
-static int parse_connect(const char *text, void *field)
-{
-	const size_t length = strlen(text);
-
-	if (length >= sizeof(((struct options *)NULL)->connect) ||
-	    strspn(text,
-		   "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789:/.[]- *") !=
-		    length)
-		return -EINVAL;
-	memcpy(field, text, length + 1);
-	return 0;
-}
-
-static const struct lp_param list[] = {
-	{"root", LP_PARAM_TEXT, offsetof(struct options, root), .initial = "", .max = 1024,
-	 .help = "folder whose files are served by HTTP, index.html first; default: none"},
-	{"origins", LP_PARAM_TEXT, offsetof(struct options, origins), .initial = "", .max = 1024,
-	 .help = "origins whose pages may connect besides the probe's own, with commas between"},
-	{"connect", LP_PARAM_OWN, offsetof(struct options, connect), .initial = "",
-	 .parse = parse_connect,
-	 .expects = "origins of letters, digits and :/.[]-, with blanks between",
-	 .help = "where the served page may connect besides this probe, like ws://127.0.0.1:7703"},
-};
-static const struct lp_params ws_params = {list, LP_COUNT(list), &lp_share_params};
-
-static const struct lp_param wss_list[] = {
-	{"pair", LP_PARAM_TEXT, offsetof(struct options, pair), .initial = "", .max = 1024,
-	 .help = "folder with key, certificate and token, as lightprobe pair makes it"},
-};
-static const struct lp_params wss_params = {wss_list, LP_COUNT(wss_list), &ws_params};
-
-static int check_root(const struct websocket_publisher *self)
-{
-	const char *root = self->options.root;
-	struct stat status;
-
-	if (!*root || (stat(root, &status) == 0 && S_ISDIR(status.st_mode)))
-		return 0;
-	lp_error(self->object, "root", "%s: is no folder — make web builds the page in build/web",
-		 root);
-	return -ENOTDIR;
-}
 
 /* Who may connect, and how that is secured. */
 static int check_access(struct websocket_publisher *self)
@@ -365,8 +282,11 @@ static int check_access(struct websocket_publisher *self)
 						self->base.host.insecure_lan);
 		self->base.is_insecure = ret > 0;
 	} else if (*self->options.pair) {
-		ret = lp_pair_read(&self->pair, self->object, self->options.pair);
-		self->base.t_expires_unix_ns = self->pair.t_expires_unix_ns;
+		ret = lp_certificate_begin(&self->certificate, self->object, self->options.pair);
+		if (!self->certificate.is_valid)
+			self->base.waits_for =
+				"the certificate of wss: is not valid yet, or no more: nobody can "
+				"connect there — is the clock right? else lightprobe pair --new";
 	} else {
 		lp_error(self->object, "pair",
 			 "needs ?pair=FOLDER with key, certificate and token — lightprobe pair "
@@ -384,7 +304,7 @@ static int read_uri(struct websocket_publisher *self, const struct lp_uri *uri)
 	if (ret == 0)
 		ret = lp_tcp_address_parse(uri->text, uri->rest, &self->address);
 	if (ret == 0)
-		ret = check_root(self);
+		ret = lp_websocket_check_root(self->object, self->options.root);
 	return ret < 0 ? ret : check_access(self);
 }
 
@@ -400,6 +320,8 @@ static int create(const struct lp_publisher_ops *ops, bool is_tls, const struct 
 	self->is_tls = is_tls;
 	self->object = strdup(uri->text);
 	lp_acceptor_init(&self->acceptor, self->object, on_accepted);
+	lp_web_clients_init(&self->clients, &self->base);
+	lp_timer_init(host->loop, &self->renewal, on_renewal);
 	(void)gethostname(self->machine, sizeof(self->machine) - 1);
 	if (self->object)
 		ret = read_uri(self, uri);
@@ -407,7 +329,7 @@ static int create(const struct lp_publisher_ops *ops, bool is_tls, const struct 
 		websocket_destroy(&self->base);
 		return ret;
 	}
-	lp_share_complete(&self->options.share, host->max_clients, true);
+	lp_share_complete(&self->options.share, host->max_clients);
 	*publisher = &self->base;
 	return 0;
 }
@@ -432,7 +354,7 @@ const struct lp_publisher_ops lp_publisher_ws_ops = {
 		 .form = "HOST:PORT",
 		 .help = "messages to web pages of this machine, and the page itself\n"
 			 "Beyond loopback it is unencrypted: with --insecure-lan only.",
-		 .params = &ws_params},
+		 .params = &lp_ws_params},
 	.create = ws_create,
 	.start = websocket_start,
 	.send = websocket_send,
@@ -445,7 +367,7 @@ const struct lp_publisher_ops lp_publisher_wss_ops = {
 		 .form = "HOST:PORT",
 		 .help = "messages and page over the network: encrypted, for clients with the "
 			 "token",
-		 .params = &wss_params},
+		 .params = &lp_wss_params},
 	.create = wss_create,
 	.start = websocket_start,
 	.send = websocket_send,
