@@ -12,6 +12,8 @@
 #include "base/macros.h"
 
 #define NAME_BYTES 256
+/* What the mount names, so that paths arrive as it, a slash, and the rest. */
+#define ORIGIN "."
 
 /* ---------------------------------------------------------------- which files */
 
@@ -89,9 +91,9 @@ static lws_fop_fd_t on_open(const struct lws_plat_file_ops *ops, const char *fil
 	int fd;
 
 	(void)rest;
-	if (strncmp(filename, LP_FILES_ORIGIN "/", strlen(LP_FILES_ORIGIN "/")) != 0)
+	if (strncmp(filename, ORIGIN "/", strlen(ORIGIN "/")) != 0)
 		return NULL;
-	fd = lp_files_open(self->root, filename + strlen(LP_FILES_ORIGIN "/"));
+	fd = lp_files_open(self->root, filename + strlen(ORIGIN "/"));
 	file = fd < 0 ? NULL : calloc(1, sizeof(*file));
 	if (!file || fstat(fd, &status) < 0) {
 		if (fd >= 0)
@@ -147,4 +149,24 @@ void lp_files_init(struct lp_files *files, const char *root)
 					   .LWS_FOP_READ = on_read,
 					   .LWS_FOP_WRITE = on_write},
 				   .root = root};
+}
+
+void lp_files_mount(struct lws_http_mount *mount)
+{
+	static const struct lws_protocol_vhost_options types[] = {
+		{&types[1], NULL, ".glb", "model/gltf-binary"},
+		{&types[2], NULL, ".hdr", "application/octet-stream"},
+		{NULL, NULL, ".webmanifest", "application/manifest+json"},
+	};
+
+	*mount = (struct lws_http_mount){
+		.mountpoint = "/",
+		.mountpoint_len = 1,
+		.origin = ORIGIN,
+		.def = "index.html",
+		.origin_protocol = LWSMPRO_FILE,
+		.extra_mimetypes = types,
+		.cache_revalidate = 1,
+		.cache_reusable = 1,
+	};
 }

@@ -8,9 +8,6 @@
 
 #include <libwebsockets.h>
 
-/* The origin that the server's mount names, so that paths arrive as it, a slash, and the rest. */
-#define LP_FILES_ORIGIN "."
-
 struct lp_files {
 	struct lws_plat_file_ops ops; /* for lws_set_fops(); stays at its address */
 	const char *root;
@@ -18,6 +15,9 @@ struct lp_files {
 
 /* `root` is borrowed. It is opened anew for each file: a page may be built again meanwhile. */
 void lp_files_init(struct lp_files *files, const char *root);
+
+/* Where they appear: at "/", index.html first. */
+void lp_files_mount(struct lws_http_mount *mount);
 
 /* Open a regular file, or a folder, by its path below `root`. A symbolic link anywhere below, "..",
  * a device, a FIFO and a socket: -ENOENT. A descriptor that does not block, or -errno. */

@@ -31,6 +31,7 @@
 #define NO_OLD_TLS (SSL_OP_NO_TLSv1 | SSL_OP_NO_TLSv1_1)
 /* Without CBC and without RSA key exchange; those of TLS 1.3 are all good. */
 #define TLS_1_2_CIPHERS "ECDHE+AESGCM:ECDHE+CHACHA20"
+#define FILE_BYTES 16384       /* of a file that are sent at a time */
 #define HEADER_TEXT_BYTES 1024 /* longest Host, Origin, list of protocols */
 
 /*
@@ -83,7 +84,6 @@ static const char *header(struct lws *wsi, enum lws_token_indexes token, char *t
 	return text;
 }
 
-/* 0: go on. 1: answered. */
 /* The library would answer with an HTML page in HTTP/1.0. */
 static int answer(struct lws *wsi, const char *status, const char *text)
 {
@@ -97,6 +97,7 @@ static int answer(struct lws *wsi, const char *status, const char *text)
 	return lws_write(wsi, buffer + LWS_PRE, (size_t)size, LWS_WRITE_HTTP_FINAL);
 }
 
+/* 0: go on. 1: answered. */
 static int on_upgrade(struct lp_session *session)
 {
 	const struct lp_server_host *host = &session->server->host;
@@ -370,27 +371,6 @@ static void set_response_headers(struct lp_server *self, const char *connect)
 		};
 }
 
-static void set_mount(struct lp_server *self, const char *root)
-{
-	static const struct lws_protocol_vhost_options types[] = {
-		{&types[1], NULL, ".glb", "model/gltf-binary"},
-		{&types[2], NULL, ".hdr", "application/octet-stream"},
-		{NULL, NULL, ".webmanifest", "application/manifest+json"},
-	};
-
-	lp_files_init(&self->files, root);
-	self->mount = (struct lws_http_mount){
-		.mountpoint = "/",
-		.mountpoint_len = 1,
-		.origin = LP_FILES_ORIGIN,
-		.def = "index.html",
-		.origin_protocol = LWSMPRO_FILE,
-		.extra_mimetypes = types,
-		.cache_revalidate = 1,
-		.cache_reusable = 1,
-	};
-}
-
 static void set_tls(struct lws_context_creation_info *info, const struct lp_pair *pair)
 {
 	info->options |= LWS_SERVER_OPTION_DO_SSL_GLOBAL_INIT;
@@ -420,6 +400,7 @@ static int create_context(struct lp_server *self, const struct lp_server_options
 		.user = self,
 		.max_http_header_data = HEADER_BYTES,
 		.max_http_header_pool = (unsigned short)options->most_handshakes,
+		.pt_serv_buf_size = FILE_BYTES,
 		.timeout_secs = REQUEST_TIMEOUT_S,
 		.keepalive_timeout = REQUEST_TIMEOUT_S,
 		.retry_and_idle_policy = &idle,
@@ -460,9 +441,12 @@ int lp_server_create(const struct lp_server_options *options, const struct lp_se
 	self->object = options->object;
 	self->protocols[0] = (struct lws_protocols){.name = LP_WEBSOCKET_PROTOCOL,
 						    .callback = on_event,
-						    .rx_buffer_size = LP_REQUEST_MAX_BYTES};
-	if (*options->root)
-		set_mount(self, options->root);
+						    .rx_buffer_size = LP_REQUEST_MAX_BYTES,
+						    .tx_packet_size = FILE_BYTES};
+	if (*options->root) {
+		lp_files_init(&self->files, options->root);
+		lp_files_mount(&self->mount);
+	}
 	set_response_headers(self, options->connect);
 	lws_set_log_level(LLL_ERR | LLL_WARN, on_library_log);
 	ret = create_context(self, options);
