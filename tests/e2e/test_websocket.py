@@ -755,6 +755,28 @@ def test_a_pair_that_is_made_anew_is_taken_without_a_restart(tmp_path):
         assert stays.statistics.failures == 0
 
 
+def try_token(port, token, address="127.0.0.1"):
+    """The first message that a client with this token gets, from this address."""
+    raw = socket.create_connection(("127.0.0.1", port), LONG_S, (address, 0))
+    with connect(
+        f"wss://127.0.0.1:{port}/", sock=raw, ssl=unverified(), open_timeout=LONG_S,
+        subprotocols=[PROTOCOL, f"token.{token}"],
+    ) as web:  # fmt: skip
+        return receive(web)
+
+
+def test_who_tries_tokens_has_to_wait_and_nobody_else(tmp_path):
+    port, pair = free_port(), tmp_path / "pair"
+    make_pair(pair)
+    good = (pair / "token").read_text().strip()
+    with Daemon(*wss(tmp_path, port, pair)) as daemon:
+        while "wait ten seconds" not in (text := try_token(port, "a" * 32).text):
+            assert "the token is missing or wrong — open the address" in text
+        assert isinstance(try_token(port, good, "127.0.0.9"), pb.Hello)
+        daemon.wait_log("127.0.0.1: it has sent wrong tokens; none of its tokens counts")
+        wait_for(lambda: isinstance(try_token(port, good), pb.Hello), "it waits for ever")
+
+
 @pytest.mark.parametrize("name", ["key.pem", "token"])
 def test_a_secret_that_everybody_can_read_is_told(tmp_path, name):
     port, pair = free_port(), tmp_path / "pair"

@@ -108,6 +108,19 @@ static lws_fop_fd_t on_open(const struct lws_plat_file_ops *ops, const char *fil
 	return file;
 }
 
+/* Later versions of libwebsockets have one parameter more. */
+__attribute__((unused)) static lws_fop_fd_t on_open_later(const struct lws_plat_file_ops *own,
+							  const struct lws_plat_file_ops *ops,
+							  const char *filename, const char *rest,
+							  lws_fop_flags_t *flags)
+{
+	(void)ops;
+	return on_open(own, filename, rest, flags);
+}
+
+#define OPEN_OF(ops) \
+	_Generic((ops).LWS_FOP_OPEN, __typeof__(&on_open) : on_open, default : on_open_later)
+
 static int on_close(lws_fop_fd_t *file)
 {
 	close((*file)->fd);
@@ -143,7 +156,7 @@ static int on_write(lws_fop_fd_t file, lws_filepos_t *count, uint8_t *data, lws_
 
 void lp_files_init(struct lp_files *files, const char *root)
 {
-	*files = (struct lp_files){.ops = {.LWS_FOP_OPEN = on_open,
+	*files = (struct lp_files){.ops = {.LWS_FOP_OPEN = OPEN_OF(files->ops),
 					   .LWS_FOP_CLOSE = on_close,
 					   .LWS_FOP_SEEK_CUR = on_seek,
 					   .LWS_FOP_READ = on_read,

@@ -382,7 +382,10 @@ static void set_tls(struct lws_context_creation_info *info, const struct lp_pair
 
 int lp_server_certify(struct lp_server *server, const struct lp_pair *pair)
 {
-	return lp_pair_use(pair, server->object, server->tls);
+	if (server->tls)
+		return lp_pair_use(pair, server->object, server->tls);
+	lp_error(server->object, "pair", "libwebsockets takes no other pair — restart lightprobed");
+	return -ENOTSUP;
 }
 
 static int create_context(struct lp_server *self, const struct lp_server_options *options)
