@@ -20,7 +20,7 @@ static void copy(const struct lp_picture *picture, const uint8_t *data)
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
-	static const enum lp_encoding encodings[] = {LP_ENCODING_JPEG, LP_ENCODING_PFM,
+	static const enum lp_encoding encodings[] = {LP_ENCODING_MJPEG, LP_ENCODING_PFM,
 						     LP_ENCODING_YUYV, LP_ENCODING_NV12,
 						     LP_ENCODING_GREY};
 	struct lp_picture picture;

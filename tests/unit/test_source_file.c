@@ -190,6 +190,42 @@ static void test_folder_in_name_order_other_files_left_out(void **state)
 	assert_true(((const float *)(const void *)heard.frames[2]->data)[1] == 1.0F);
 }
 
+/* Phones append previews, gain maps and movies to a photo; cameras send one JPEG after another. */
+static void test_a_photo_is_its_first_picture_and_a_stream_all_of_them(void **state)
+{
+	static const uint8_t two[] = {
+		0xff, 0xd8, 0xff, 0xc0, 0, 11, 8, 0,  4,  0, 6, 1,    1,    0x11, 0, /* SOI, SOF0:
+											6x4 */
+		0xff, 0xda, 0,	  8,	1, 1,  0, 0,  63, 0, 1, 2,    0xff, 0xd9,    /* SOS, EOI */
+		0xff, 0xd8, 0xff, 0xc0, 0, 11, 8, 0,  2,  0, 3, 1,    1,    0x11, 0, 0xff,
+		0xda, 0,    8,	  1,	1, 0,  0, 63, 0,  1, 2, 0xff, 0xd9,
+	};
+	static const struct {
+		const char *name, *query;
+		int pictures;
+	} cases[] = {
+		{"a.jpg", "", 1},
+		{"a.JPEG", "", 1},
+		{"no_name_of_a_kind", "", 1},
+		{"a.jpg", "?format=mjpeg", 2},
+		{"a.mjpg", "", 2},
+		{"a.mjpeg", "?format=jpeg", 1},
+	};
+
+	(void)state;
+	for (size_t i = 0; i < LP_COUNT(cases); i++) {
+		write_file(cases[i].name, two, sizeof(two));
+		assert_int_equal(create(cases[i].name, cases[i].query, true), 0);
+		assert_int_equal(lp_source_file_ops.start(source), 0);
+		pump(64);
+		assert_int_equal(heard.state, LP_SOURCE_ENDED);
+		assert_int_equal(heard.count, cases[i].pictures);
+		assert_int_equal(heard.frames[0]->width_px, 6);
+		assert_int_equal(heard.frames[heard.count - 1]->flags, LP_FRAME_LAST);
+		destroy();
+	}
+}
+
 static void test_what_cannot_be_read_is_an_error_of_start(void **state)
 {
 	static const struct {
@@ -277,6 +313,7 @@ int main(void)
 		FILE_TEST(test_loop_repeats_and_exposures_follow_the_set),
 		FILE_TEST(test_rate_paces),
 		FILE_TEST(test_folder_in_name_order_other_files_left_out),
+		FILE_TEST(test_a_photo_is_its_first_picture_and_a_stream_all_of_them),
 		FILE_TEST(test_what_cannot_be_read_is_an_error_of_start),
 		FILE_TEST(test_truncated_frame_is_marked_corrupt),
 		FILE_TEST(test_a_broken_file_in_the_folder),

@@ -39,7 +39,7 @@ static int next_jpeg(const struct stream *stream, size_t from, size_t to, bool a
 	int ret;
 
 	memcpy(copy, stream->bytes + from, to - from);
-	ret = lp_picture_next(LP_ENCODING_JPEG, 0, 0, copy, to - from, at_end, picture);
+	ret = lp_picture_next(LP_ENCODING_MJPEG, 0, 0, copy, to - from, at_end, picture);
 	free(copy);
 	return ret;
 }
@@ -274,7 +274,7 @@ static void test_encoding_by_name_and_by_bytes(void **state)
 
 	(void)state;
 	assert_int_equal(lp_encoding_of("a/b.JPG", NULL, 0), LP_ENCODING_JPEG);
-	assert_int_equal(lp_encoding_of("stream.mjpeg", NULL, 0), LP_ENCODING_JPEG);
+	assert_int_equal(lp_encoding_of("stream.mjpeg", NULL, 0), LP_ENCODING_MJPEG);
 	assert_int_equal(lp_encoding_of("x.nv12", NULL, 0), LP_ENCODING_NV12);
 	assert_int_equal(lp_encoding_of("x.pfm", NULL, 0), LP_ENCODING_PFM);
 	assert_int_equal(lp_encoding_of("x", soi, 3), LP_ENCODING_JPEG);

@@ -20,10 +20,10 @@ enum lp_encoding lp_encoding_of(const char *path, const uint8_t *data, size_t si
 		const char *extension;
 		enum lp_encoding encoding;
 	} known[] = {
-		{".jpg", LP_ENCODING_JPEG},  {".jpeg", LP_ENCODING_JPEG},
-		{".mjpg", LP_ENCODING_JPEG}, {".mjpeg", LP_ENCODING_JPEG},
-		{".yuyv", LP_ENCODING_YUYV}, {".nv12", LP_ENCODING_NV12},
-		{".grey", LP_ENCODING_GREY}, {".pfm", LP_ENCODING_PFM},
+		{".jpg", LP_ENCODING_JPEG},   {".jpeg", LP_ENCODING_JPEG},
+		{".mjpg", LP_ENCODING_MJPEG}, {".mjpeg", LP_ENCODING_MJPEG},
+		{".yuyv", LP_ENCODING_YUYV},  {".nv12", LP_ENCODING_NV12},
+		{".grey", LP_ENCODING_GREY},  {".pfm", LP_ENCODING_PFM},
 	};
 	const char *dot = strrchr(path, '.');
 
@@ -303,6 +303,7 @@ int lp_picture_next(enum lp_encoding encoding, uint32_t raw_width_px, uint32_t r
 {
 	*picture = (struct lp_picture){0};
 	switch (encoding) {
+	case LP_ENCODING_MJPEG:
 	case LP_ENCODING_JPEG:
 		return jpeg_next(data, size_bytes, at_end, picture);
 	case LP_ENCODING_PFM:

@@ -17,11 +17,12 @@
 
 enum lp_encoding {
 	LP_ENCODING_UNKNOWN,
-	LP_ENCODING_JPEG, /* one or many, one after the other, garbage between them is skipped */
+	LP_ENCODING_MJPEG, /* JPEGs one after the other, garbage between them is skipped */
 	LP_ENCODING_YUYV,
 	LP_ENCODING_NV12,
 	LP_ENCODING_GREY,
 	LP_ENCODING_PFM,
+	LP_ENCODING_JPEG, /* a photo: its first JPEG; previews, gain maps and movies may follow */
 };
 
 struct lp_picture {

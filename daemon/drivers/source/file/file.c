@@ -36,7 +36,7 @@ struct options {
 	float gain;
 };
 
-static const char *const formats[] = {"auto", "mjpeg", "yuyv", "nv12", "grey", "pfm", NULL};
+static const char *const formats[] = {"auto", "mjpeg", "yuyv", "nv12", "grey", "pfm", "jpeg", NULL};
 
 static const struct lp_param list[] = {
 	{"rate", LP_PARAM_FLOAT, offsetof(struct options, rate_hz), .initial = "30", .max = 1000,
@@ -44,7 +44,9 @@ static const struct lp_param list[] = {
 	{"loop", LP_PARAM_BOOL, offsetof(struct options, loop), .initial = "1",
 	 .help = "1: begin again after the last picture"},
 	{"format", LP_PARAM_CHOICE, offsetof(struct options, format), .initial = "auto",
-	 .choices = formats, .help = "auto: from the name of the file"},
+	 .choices = formats,
+	 .help = "auto: from the name of the file; jpeg: a photo, of which the first picture "
+		 "counts; mjpeg: a stream of pictures"},
 	{"size", LP_PARAM_SIZE, offsetof(struct options, size_px), .max = LP_PICTURE_MAX_SIDE_PX,
 	 .help = "size of raw pictures (yuyv, nv12, grey), which do not contain it"},
 	{"exposures_us", LP_PARAM_FLOATS, offsetof(struct options, exposures_us), .min = 0.001,
@@ -296,7 +298,8 @@ static void file_caps(const struct lp_source *source, struct lp_source_caps *cap
 const struct lp_source_ops lp_source_file_ops = {
 	.info = {.scheme = "file",
 		 .form = "PATH",
-		 .help = "a JPEG, an MJPEG stream, raw YUYV/NV12/GREY, PFM, or a folder of them",
+		 .help = "a JPEG photo, an MJPEG stream, raw YUYV/NV12/GREY, PFM, or a folder of "
+			 "them",
 		 .params = &params},
 	.create = file_create,
 	.start = file_start,

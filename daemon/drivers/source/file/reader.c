@@ -29,6 +29,7 @@ struct lp_file_reader {
 	bool at_end;
 	uint8_t *buffer; /* [first, filled) is read and not yet consumed */
 	size_t capacity, first, filled;
+	bool told_of_rest; /* of a photo */
 };
 
 static void name_object(struct lp_file_reader *reader, const char *path)
@@ -160,7 +161,7 @@ static int find_encoding(struct lp_file_reader *reader, const char *path)
 	if (reader->encoding == LP_ENCODING_UNKNOWN) {
 		lp_error(reader->object, "open",
 			 "neither the name nor the first bytes tell the format — give "
-			 "?format=mjpeg|yuyv|nv12|grey|pfm");
+			 "?format=jpeg|mjpeg|yuyv|nv12|grey|pfm");
 		return -EBADMSG;
 	}
 	if (encoding_is_raw(reader->encoding) && reader->raw_width_px == 0) {
@@ -234,12 +235,27 @@ static int at_end_of_file(const struct lp_file_reader *reader)
 	return -EBADMSG;
 }
 
+/* A photo is its first picture. Phones append others: previews, gain maps, depths, a movie. */
+static bool is_read(struct lp_file_reader *reader)
+{
+	if (reader->encoding != LP_ENCODING_JPEG || reader->picture_count == 0)
+		return false;
+	if (!reader->told_of_rest && reader->filled > reader->first)
+		lp_info(reader->object, "read",
+			"the first picture counts; what follows it in the file is left out — a "
+			"stream of pictures is named .mjpg, or read with ?format=mjpeg");
+	reader->told_of_rest |= reader->filled > reader->first;
+	return true;
+}
+
 /* The next picture of the open file: 1, 0 at its end, or negative. */
 static int next_in_file(struct lp_file_reader *reader, struct lp_owned_frame *owned)
 {
 	struct lp_picture picture;
 	int ret;
 
+	if (is_read(reader))
+		return 0;
 	for (;;) {
 		ret = lp_picture_next(reader->encoding, reader->raw_width_px, reader->raw_height_px,
 				      reader->buffer + reader->first,
