@@ -18,6 +18,7 @@
 #include "vision/tile.hpp"
 
 extern "C" {
+#include "base/jpeg_start.h"
 #include "base/log.h"
 }
 
@@ -75,8 +76,27 @@ bool follows_luma(const turbo_header &header, int divisor)
 	       (header.subsampling == TJSAMP_420 || header.subsampling == TJSAMP_422);
 }
 
-int decode_planes(struct lp_exposure *exposure, const struct lp_frame *frame,
-		  const turbo_header &header)
+/* A JPEG in a frame, and whether its blocks have been found whole already (vision/jpeg/blocks.h).
+ */
+struct jpeg {
+	const uint8_t *data;
+	size_t size;
+	bool is_whole;
+};
+
+/*
+ * libjpeg warns of data that it did not need, of a missing end, and of broken data, in whose place
+ * it puts something; light is no filling. The blocks of most JPEGs are known to be whole by then;
+ * of others any warning counts.
+ */
+int judge(struct lp_exposure *exposure, const jpeg &jpeg, int result)
+{
+	if (result == 0 || (jpeg.is_whole && tjGetErrorCode(exposure->turbo) == TJERR_WARNING))
+		return 0;
+	return refuse_turbo(exposure, "JPEG data");
+}
+
+int decode_planes(struct lp_exposure *exposure, const jpeg &jpeg, const turbo_header &header)
 {
 	unsigned char *plane[3];
 	size_t size[3];
@@ -88,9 +108,12 @@ int decode_planes(struct lp_exposure *exposure, const struct lp_frame *frame,
 	plane[0] = exposure->yuv;
 	plane[1] = plane[0] + size[0];
 	plane[2] = plane[1] + size[1];
-	if (tjDecompressToYUVPlanes(exposure->turbo, frame->data, frame->size_bytes, plane,
-				    header.width, nullptr, header.height, 0) < 0)
-		return refuse_turbo(exposure, "JPEG data");
+	const int ret = judge(exposure, jpeg,
+			      tjDecompressToYUVPlanes(exposure->turbo, jpeg.data, jpeg.size, plane,
+						      header.width, nullptr, header.height, 0));
+
+	if (ret < 0)
+		return ret;
 
 	lp::planes planes;
 
@@ -109,7 +132,8 @@ int decode_planes(struct lp_exposure *exposure, const struct lp_frame *frame,
 }
 
 /* Whole picture by libjpeg-turbo at 1/divisor. */
-int decode_picture(struct lp_exposure *exposure, const struct lp_frame *frame, int divisor)
+int decode_picture(struct lp_exposure *exposure, const struct lp_frame *frame, const jpeg &jpeg,
+		   int divisor)
 {
 	turbo_header header;
 
@@ -117,7 +141,7 @@ int decode_picture(struct lp_exposure *exposure, const struct lp_frame *frame, i
 		exposure->turbo = tjInitDecompress();
 	if (!exposure->turbo)
 		return -ENOMEM;
-	if (tjDecompressHeader3(exposure->turbo, frame->data, frame->size_bytes, &header.width,
+	if (tjDecompressHeader3(exposure->turbo, jpeg.data, jpeg.size, &header.width,
 				&header.height, &header.subsampling, &header.colourspace) < 0)
 		return refuse_turbo(exposure, "JPEG header");
 	if (header.width != static_cast<int>(frame->width_px) ||
@@ -132,19 +156,17 @@ int decode_picture(struct lp_exposure *exposure, const struct lp_frame *frame, i
 	exposure->rgb_height_px = h;
 	exposure->rgb_divisor = divisor;
 	if (follows_luma(header, divisor))
-		return decode_planes(exposure, frame, header);
-	/* warnings are broken data too: libjpeg fills in what is missing, and light is no filling
-	 */
-	if (tjDecompress2(exposure->turbo, frame->data, frame->size_bytes, exposure->rgb, w, 0, h,
-			  TJPF_RGB, 0) < 0)
-		return refuse_turbo(exposure, "JPEG data");
-	return 0;
+		return decode_planes(exposure, jpeg, header);
+	return judge(exposure, jpeg,
+		     tjDecompress2(exposure->turbo, jpeg.data, jpeg.size, exposure->rgb, w, 0, h,
+				   TJPF_RGB, 0));
 }
 
-int load_picture(struct lp_exposure *exposure, const struct lp_frame *frame, int divisor,
-		 int cell_px, const float *row_weight, const struct lp_response *response)
+int load_picture(struct lp_exposure *exposure, const struct lp_frame *frame, const jpeg &jpeg,
+		 int divisor, int cell_px, const float *row_weight,
+		 const struct lp_response *response)
 {
-	int ret = decode_picture(exposure, frame, divisor);
+	int ret = decode_picture(exposure, frame, jpeg, divisor);
 
 	if (ret == 0)
 		ret = lp_cells_from_rgb8(&exposure->cells, exposure->rgb, exposure->rgb_width_px,
@@ -156,20 +178,28 @@ int load_picture(struct lp_exposure *exposure, const struct lp_frame *frame, int
 	return ret;
 }
 
-int load_blocks(struct lp_exposure *exposure, const struct lp_frame *frame,
-		const struct lp_decode_options *options, const float *row_weight,
-		const uint8_t *seen, const struct lp_response *response)
+/* Whatever is decoded of it: the blocks say whether it is whole. */
+int load_jpeg(struct lp_exposure *exposure, const struct lp_frame *frame,
+	      const struct lp_decode_options *options, const float *row_weight, const uint8_t *seen,
+	      const struct lp_response *response)
 {
+	const bool blocks = options->decode == LP_DECODE_BLOCKS;
+	const size_t start = lp_jpeg_start(frame->data, frame->size_bytes, 0);
+	jpeg jpeg = {frame->data + start, frame->size_bytes - start, false};
 	int ret = exposure->jpeg ? 0 : lp_jpeg_reader_create(&exposure->jpeg);
 
 	if (ret == 0)
-		ret = lp_jpeg_read(exposure->jpeg, frame->data, frame->size_bytes);
-	if (ret == -ENOTSUP) /* progressive and the like: still cells of blocks */
-		return load_picture(exposure, frame, 1, 8, nullptr, response);
+		ret = lp_jpeg_read(exposure->jpeg, jpeg.data, jpeg.size);
 	if (ret == -EBADMSG)
 		return refuse("JPEG", "the data is damaged or ends too early");
-	if (ret < 0)
+	if (ret < 0 && ret != -ENOTSUP)
 		return ret;
+	jpeg.is_whole = ret == 0;
+	if (!blocks)
+		return load_picture(exposure, frame, jpeg, options->divisor, options->cell_px,
+				    row_weight, response);
+	if (!jpeg.is_whole) /* progressive and the like: still cells of blocks */
+		return load_picture(exposure, frame, jpeg, 1, 8, nullptr, response);
 	if (exposure->jpeg->width_px != static_cast<int>(frame->width_px) ||
 	    exposure->jpeg->height_px != static_cast<int>(frame->height_px))
 		return refuse("JPEG header", "the picture has another size than the stream");
@@ -231,13 +261,9 @@ extern "C" int lp_exposure_load(struct lp_exposure *exposure, struct lp_frame *f
 	exposure->frame = nullptr;
 	exposure->jpeg_holds_frame = false;
 	exposure->noise = lp_code_noise_of(frame);
-	if (frame->format != LP_FORMAT_MJPEG)
-		ret = load_raw(exposure, frame, options, row_weight, seen, response);
-	else if (options->decode == LP_DECODE_BLOCKS)
-		ret = load_blocks(exposure, frame, options, row_weight, seen, response);
-	else
-		ret = load_picture(exposure, frame, options->divisor, options->cell_px, row_weight,
-				   response);
+	ret = frame->format == LP_FORMAT_MJPEG
+		      ? load_jpeg(exposure, frame, options, row_weight, seen, response)
+		      : load_raw(exposure, frame, options, row_weight, seen, response);
 	if (!exposure->frame)
 		lp_frame_release(frame);
 	return ret;

@@ -38,9 +38,9 @@ struct lp_exposure {
 	float scale;	   /* full scale to radiance */
 	float exposure_us; /* of the frame, times gain; NAN: unknown */
 	struct lp_code_noise noise;
-	uint64_t serial;	     /* when it was last refreshed, in frames of the imager */
-	struct lp_frame *frame;	     /* held while its pixels may be looked at; NULL: not needed */
-	struct lp_jpeg_reader *jpeg; /* BLOCKS */
+	uint64_t serial;	/* when it was last refreshed, in frames of the imager */
+	struct lp_frame *frame; /* held while its pixels may be looked at; NULL: not needed */
+	struct lp_jpeg_reader *jpeg;
 	bool jpeg_holds_frame;
 	uint8_t *rgb; /* PIXELS of a JPEG: decoded picture */
 	size_t rgb_capacity;

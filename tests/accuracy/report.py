@@ -22,8 +22,10 @@ from lightprobe.sim import scenes
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests/extremes"))
+sys.path.insert(0, str(ROOT / "tests/files"))
 import automatic  # noqa: E402
 import changes  # noqa: E402
+import files  # noqa: E402
 import fisheye  # noqa: E402
 import live  # noqa: E402
 import several  # noqa: E402
@@ -207,6 +209,7 @@ def main() -> None:
         "fisheye": table(fisheye.HEAD, fisheye.rows(fisheye.all_figures(fisheye.ROOMS))),
         **with_ring.parts(),
         "extremes": extremes_table(),
+        "files": table(files.HEAD, [files.row(file) for file in files.FILES]),
     }
     put(page, parts | live_parts)
     put(ROOT / "README.md", {"figures": readme_table(lamps, panoramas)})

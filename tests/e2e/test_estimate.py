@@ -163,7 +163,7 @@ def test_what_the_daemon_cannot_use_is_named_as_the_user_named_it(tmp_path, kind
         assert done.stdout == ""
         # libjpeg, which reads the picture here too, writes its own line about what is corrupt.
         (line,) = [line for line in done.stderr.splitlines() if not line.startswith("Corrupt JPEG")]
-        assert line.startswith(f"lightprobe: {name}: frame: JPEG data: ")
+        assert line.startswith(f"lightprobe: {name}: frame: JPEG")
 
 
 def test_without_exposure_light_is_relative_and_says_so(radiance, tmp_path):

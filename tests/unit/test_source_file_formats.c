@@ -127,14 +127,32 @@ static void test_truncated_jpeg_ends_where_the_next_begins(void **state)
 
 static void test_jpeg_without_size_is_corrupt(void **state)
 {
-	const uint8_t bare[] = {0xff, 0xd8, 0xff, 0xd9};
+	const uint8_t comment[] = {0xff, 0xd8, 0xff, 0xfe, 0, 2, 0xff, 0xd9};
 	struct stream stream = {0};
 	struct lp_picture picture;
 
 	(void)state;
-	add(&stream, bare, sizeof(bare));
+	add(&stream, comment, sizeof(comment));
 	assert_int_equal(next_jpeg(&stream, 0, stream.size, true, &picture), 1);
 	assert_true(picture.corrupt);
+}
+
+/* Encoders of capture cards send them. */
+static void test_empty_jpegs_are_no_pictures(void **state)
+{
+	const uint8_t empty[] = {0xff, 0xd8, 0xff, 0xd9}, filled[] = {0xff, 0xd8, 0xff, 0xff, 0xd9};
+	struct stream stream = {0};
+	struct lp_picture picture;
+
+	(void)state;
+	add(&stream, empty, sizeof(empty));
+	assert_int_equal(next_jpeg(&stream, 0, stream.size, true, &picture), -ENODATA);
+	add(&stream, filled, sizeof(filled));
+	assert_int_equal(next_jpeg(&stream, 0, stream.size, true, &picture), -ENODATA);
+	add(&stream, jpeg, sizeof(jpeg));
+	assert_int_equal(next_jpeg(&stream, 0, stream.size, true, &picture), 1);
+	assert_int_equal(picture.skip_bytes, sizeof(empty) + sizeof(filled));
+	assert_false(picture.corrupt);
 }
 
 static void test_raw_sizes(void **state)
@@ -290,6 +308,7 @@ int main(void)
 		cmocka_unit_test(test_one_jpeg_and_every_part_of_it),
 		cmocka_unit_test(test_garbage_between_jpegs_is_skipped),
 		cmocka_unit_test(test_truncated_jpeg_ends_where_the_next_begins),
+		cmocka_unit_test(test_empty_jpegs_are_no_pictures),
 		cmocka_unit_test(test_jpeg_without_size_is_corrupt),
 		cmocka_unit_test(test_raw_sizes),
 		cmocka_unit_test(test_pfm_colour_both_endiannesses),

@@ -9,6 +9,7 @@
 #include <string.h>
 #include <strings.h>
 
+#include "base/jpeg_start.h"
 #include "base/macros.h"
 
 #define JPEG_MAX_BYTES ((size_t)64 << 20)
@@ -50,14 +51,6 @@ struct jpeg_scan {
 	size_t size, at;
 	struct lp_picture *picture;
 };
-
-static size_t find_soi(const uint8_t *data, size_t size, size_t from)
-{
-	const uint8_t *found =
-		from < size ? memmem(data + from, size - from, "\xff\xd8\xff", 3) : NULL;
-
-	return found ? (size_t)(found - data) : size;
-}
 
 static bool jpeg_is_standalone(uint8_t marker)
 {
@@ -135,7 +128,7 @@ static enum jpeg_step jpeg_step(struct jpeg_scan *scan)
 
 static int jpeg_next(const uint8_t *data, size_t size, bool at_end, struct lp_picture *picture)
 {
-	const size_t start = find_soi(data, size, 0);
+	const size_t start = lp_jpeg_start(data, size, 0);
 	struct jpeg_scan scan = {.data = data, .size = size, .at = start + 2, .picture = picture};
 	enum jpeg_step step = JPEG_NEXT;
 
@@ -149,7 +142,7 @@ static int jpeg_next(const uint8_t *data, size_t size, bool at_end, struct lp_pi
 	while (step == JPEG_NEXT)
 		step = jpeg_step(&scan);
 	if (step == JPEG_BROKEN) {
-		scan.at = find_soi(data, size, scan.at); /* ends where the next one begins */
+		scan.at = lp_jpeg_start(data, size, scan.at); /* ends where the next one begins */
 		step = scan.at < size ? JPEG_END : JPEG_MORE;
 		picture->corrupt = true;
 	}

@@ -7,7 +7,9 @@
  *
  * Reads: 8-bit baseline and extended sequential, one interleaved scan, grey or YCbCr with any of
  * 4:4:4, 4:2:2, 4:4:0, 4:2:0, restart intervals, Motion JPEG without DHT. Any other JPEG: -ENOTSUP,
- * and libjpeg-turbo reads it. Anything broken: -EBADMSG, never a read outside the data.
+ * and libjpeg-turbo reads it. Anything broken: -EBADMSG, never a read outside the data. A picture
+ * is whole when every MCU is found, between restart markers that are in turn. A few bytes too many
+ * before a marker, and an end without EOI, are no damage.
  */
 #ifndef LP_VISION_JPEG_BLOCKS_H
 #define LP_VISION_JPEG_BLOCKS_H
@@ -65,6 +67,7 @@ struct lp_jpeg_reader {
 	size_t stream_capacity, stream_size;
 	uint32_t *segment_start; /* byte offsets into stream, segment_count + 1 of them */
 	int segment_count, segment_capacity;
+	bool goes_on;	   /* other markers than EOI follow: another scan may */
 	uint32_t *mcu_bit; /* bit offset into stream where each MCU begins */
 	size_t block_capacity[3], mcu_capacity;
 	uint32_t prediction[3]; /* of DC: running, within a restart segment */

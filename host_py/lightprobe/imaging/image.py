@@ -26,6 +26,10 @@ JPEG_SUFFIXES = frozenset({".jpg", ".jpeg"})
 SUFFIXES = HDR_SUFFIXES | JPEG_SUFFIXES | {".png", ".tif", ".tiff", ".bmp"}
 
 
+#: A JPEG, and not one that ends where it begins; the daemon's rule (base/jpeg_start.h).
+_JPEG_START = re.compile(rb"\xff\xd8\xff+[^\xff\xd9]", re.DOTALL)
+
+
 class ImageError(LightprobeError):
     """A picture that cannot be read; says which, at which stage, and what to do."""
 
@@ -76,9 +80,11 @@ def _bytes(path: Path) -> bytes:
 
 
 def _decode(path: Path) -> NDArray[np.generic]:
-    data = np.frombuffer(_bytes(path), dtype=np.uint8)
     # As the daemon does it: pixels as they are stored, whatever a tag says of their orientation.
     jpeg = path.suffix.lower() in JPEG_SUFFIXES
+    file = _bytes(path)
+    start = _JPEG_START.search(file) if jpeg else None
+    data = np.frombuffer(file, np.uint8, offset=start.start() if start else 0)
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION if jpeg else cv2.IMREAD_UNCHANGED
     try:
         decoded = cv2.imdecode(data, flags) if data.size else None

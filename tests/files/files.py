@@ -1,0 +1,260 @@
+"""Pictures as people have them: the tests' list, and the table of docs/users/accuracy.md.
+
+Each file is of a kind that real cameras and programs make, and stands beside the light that is in
+it, or the words that refuse it. `build/venv/bin/python tests/files/files.py` measures all of them
+and writes the table.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from lightprobe import daemon, geometry
+from lightprobe.colour import luminance
+from lightprobe.errors import LightprobeError
+from lightprobe.estimate import Estimate, flag_names
+from lightprobe.evaluate import offline
+
+FOLDER = Path(__file__).resolve().parent
+PRESETS = ("fast", "balanced", "accurate", "reference")
+MOST_DEGREES = 1.0  # of a lamp; `fast` has cells of 3°, and of these pictures blocks of 5.6°
+
+
+@dataclass(frozen=True)
+class Light:
+    """What is in a picture, whatever reads it."""
+
+    sh0: float  # luminance of coefficient 0, AMBIENT
+    lamp: tuple[float, float] | None  # azimuth, elevation of the strongest
+    flags: frozenset[str] = frozenset()  # those that must be there
+    within: float = 0.02  # of sh0
+    told: str = ""  # among the notes
+
+
+@dataclass(frozen=True)
+class Refused:
+    """No estimate, and why: one of these is in the message."""
+
+    words: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class File:
+    """A file, what is special about it, and the right answer."""
+
+    name: str
+    what: str
+    right: Light | Refused
+    exposure_us: float | None = 2000.0
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a file came to, in one way of reading it; of a refusal only `log`."""
+
+    way: str
+    log: str
+    estimate: Estimate | None = None
+
+    @property
+    def sh0(self) -> float:
+        """Luminance of coefficient 0."""
+        assert self.estimate is not None
+        return float(luminance(self.estimate.sh.coefficients[0]))
+
+    @property
+    def lamp(self) -> tuple[float, float] | None:
+        """Azimuth and elevation of the strongest lamp."""
+        assert self.estimate is not None
+        lights = self.estimate.lights
+        return (lights[0].azimuth_deg, lights[0].elevation_deg) if lights else None
+
+    @property
+    def flags(self) -> frozenset[str]:
+        """Names of the estimate's flags."""
+        assert self.estimate is not None
+        return frozenset(flag_names(self.estimate.flags))
+
+
+#: Sky 30/24/18, floor 6/6/6, a lamp of 5° that clips in 2000 µs.
+PLAIN = Light(54.83, (60, 30), frozenset({"CLIPPED"}))
+CUT = Refused(("a picture is cut off or damaged", "is the file complete?"))
+DAMAGED = Refused(("the data is damaged or ends too early",))
+#: `.jpg`, read by the daemon and by `lightprobe estimate`.
+JPEG = (
+    File("jpeg/plain.jpg", "a photo", PLAIN),
+    File("jpeg/444.jpg", "chroma 4:4:4", PLAIN),
+    File("jpeg/422.jpg", "chroma 4:2:2", PLAIN),
+    File("jpeg/440.jpg", "chroma 4:4:0", PLAIN),
+    File("jpeg/420.jpg", "chroma 4:2:0", PLAIN),
+    File("jpeg/411.jpg", "chroma 4:1:1", PLAIN),
+    File("jpeg/grey.jpg", "grey", PLAIN),
+    File("jpeg/progressive.jpg", "progressive", PLAIN),
+    File("jpeg/rgb_adobe.jpg", "RGB, by Adobe's marker", PLAIN),
+    File("jpeg/cmyk.jpg", "CMYK", Refused(("Unsupported color conversion request",))),
+    File("jpeg/restart.jpg", "restart markers", PLAIN),
+    File("jpeg/exif_thumbnail.jpg", "a thumbnail in its Exif", PLAIN),
+    File("jpeg/gain_map_grey.jpg", "Ultra HDR: a gain map behind the picture", PLAIN),
+    File("jpeg/mpf_preview.jpg", "MPF: a preview behind the picture", PLAIN),
+    File("jpeg/trailer_mp4.jpg", "motion photo: a movie behind the picture", PLAIN),
+    File("jpeg/trailer_zero.jpg", "zeros behind the picture", PLAIN),
+    File("jpeg/trailer_ff.jpg", "ones behind the picture", PLAIN),
+    File("jpeg/leading_garbage.jpg", "line ends before the picture", PLAIN),
+    File("jpeg/cut.jpg", "cut off", CUT),
+    File("jpeg/no_eoi.jpg", "without its last two bytes", CUT),
+)
+
+#: `.mjpg`, as cameras send it.
+MJPEG = (
+    File("mjpeg/plain.mjpg", "a frame", PLAIN),
+    File("mjpeg/avi1_no_dht.mjpg", "without Huffman tables (AVI1)", PLAIN),
+    File("mjpeg/optimised_tables.mjpg", "with Huffman tables of its own", PLAIN),
+    File("mjpeg/ids_0_1_2.mjpg", "components numbered from 0", PLAIN),
+    File("mjpeg/com_after_sof.mjpg", "a comment behind the frame header", PLAIN),
+    File("mjpeg/q100_444.mjpg", "quality 100, 4:4:4", PLAIN),
+    File(
+        "mjpeg/q1.mjpg", "quality 1",
+        Light(54.83, (60, 30), PLAIN.flags, within=0.08),
+    ),
+    File(
+        "mjpeg/odd_size.mjpg", "501×250: the plain picture without its right and lower edge",
+        Light(56.08, (65.28, 28.64), PLAIN.flags),
+    ),
+    File("mjpeg/size_changes.mjpg", "another size in between", PLAIN),
+    File("mjpeg/app4_h264.mjpg", "H.264 in APP4 (Logitech C920)", PLAIN),
+    File("mjpeg/app4_between.mjpg", "the same between the tables", PLAIN),
+    File("mjpeg/restart.mjpg", "restart markers", PLAIN),
+    File(
+        "mjpeg/restart_extraneous_bytes.mjpg",
+        "bytes before restart markers (Logitech C270, C910)", PLAIN,
+    ),
+    File("mjpeg/restart_ff_fill.mjpg", "fill bytes before restart markers", PLAIN),
+    File("mjpeg/restart_zero_dri.mjpg", "a restart interval of 0", PLAIN),
+    File(
+        "mjpeg/restart_missing_marker.mjpg", "a restart marker is missing",
+        DAMAGED,
+    ),
+    File(
+        "mjpeg/restart_numbers_from_1.mjpg", "restart markers that begin at 1",
+        DAMAGED,
+    ),
+    File(
+        "mjpeg/restart_declared_none_used.mjpg", "restart markers stated, and none there",
+        DAMAGED,
+    ),
+    File("mjpeg/ff_before_eoi.mjpg", "fill bytes before the end", PLAIN),
+    File("mjpeg/double_eoi.mjpg", "two ends", PLAIN),
+    File("mjpeg/zero_padding.mjpg", "zeros behind the frame", PLAIN),
+    File("mjpeg/ff_padding.mjpg", "ones behind the frame", PLAIN),
+    File("mjpeg/empty_jpegs_before.mjpg", "empty JPEGs before the frame (capture cards)", PLAIN),
+    File("mjpeg/two_first_without_eoi.mjpg", "two frames, the first without its end", PLAIN),
+    File("mjpeg/no_eoi.mjpg", "without its last two bytes", CUT),
+    File(
+        "mjpeg/no_eoi_zero_padding.mjpg", "the same, zeros behind it",
+        CUT,
+    ),
+    File("mjpeg/truncated_80.mjpg", "cut off", CUT),
+    File(
+        "mjpeg/truncated_50_then_eoi.mjpg", "half of it, and an end",
+        DAMAGED,
+    ),
+)  # fmt: skip
+
+#: Read by `lightprobe estimate` alone.
+PNG = (
+    File("png/rgb8.png", "8 bits a channel", PLAIN),
+    File("png/palette.png", "a palette", PLAIN),
+    File("png/grey8.png", "grey", PLAIN),
+    File("png/la.png", "grey with alpha", PLAIN),
+    File("png/rgb.bmp", "BMP", PLAIN),
+    File("png/lzw.tif", "TIFF, LZW", PLAIN),
+    File("png/rgb8.webp", "WebP", Refused(("unknown kind",))),
+)
+
+FILES = (*JPEG, *MJPEG, *PNG)
+
+
+def answers(file: File) -> Iterator[Answer]:
+    """What every way of reading a file makes of it."""
+    path = FOLDER / file.name
+    kind = path.parent.name
+    exposure = f"?exposures_us={file.exposure_us:g}" if file.exposure_us else ""
+    if kind in ("jpeg", "mjpeg"):
+        for preset in PRESETS:
+            try:
+                source = f"--source=file:{path}{exposure}"
+                once = daemon.run_once([source, f"--preset={preset}"])
+                yield Answer(preset, "\n".join(once.log), once.estimate)
+            except LightprobeError as error:
+                yield Answer(preset, str(error))
+    if kind != "mjpeg":
+        try:
+            estimate, log = offline.estimate_files(
+                [path], [file.exposure_us] if file.exposure_us else []
+            )
+            yield Answer("estimate", "\n".join(log), estimate)
+        except LightprobeError as error:
+            yield Answer("estimate", str(error))
+
+
+def fault(file: File, answer: Answer) -> str:
+    """What is wrong with an answer; empty: nothing."""
+    right = file.right
+    if isinstance(right, Refused):
+        if answer.estimate is not None:
+            return f"{answer.way}: an estimate, but expected a refusal: {right.words[0]}"
+        named = any(words in answer.log for words in right.words)
+        return "" if named else f"{answer.way}: {answer.log}"
+    if answer.estimate is None:
+        return f"{answer.way}: refused: {answer.log}"
+    if abs(answer.sh0 / right.sh0 - 1) > right.within:
+        return f"{answer.way}: sh0 {answer.sh0:.4g}, expected {right.sh0:.4g}"
+    if not right.flags <= answer.flags:
+        return f"{answer.way}: flags {sorted(answer.flags)}, expected {sorted(right.flags)}"
+    if right.lamp and not (answer.lamp and _apart_deg(answer.lamp, right.lamp) < MOST_DEGREES):
+        return f"{answer.way}: lamp at {answer.lamp}, expected {right.lamp}"
+    if right.told not in answer.log:
+        return f"{answer.way}: expected a note: {right.told}: {answer.log}"
+    return ""
+
+
+def _apart_deg(one: tuple[float, float], other: tuple[float, float]) -> float:
+    return float(
+        geometry.angle_deg(
+            geometry.direction_from_angles(*one), geometry.direction_from_angles(*other)
+        )
+    )
+
+
+HEAD = ["file", "what it is", "answer", "light off by", "flags"]
+
+
+def row(file: File) -> list[str]:
+    """Measure a file for the table; SystemExit when an answer is wrong."""
+    found = list(answers(file))
+    for answer in found:
+        if wrong := fault(file, answer):
+            raise SystemExit(f"{file.name}: {wrong}")
+    if isinstance(file.right, Refused):
+        return [file.name, file.what, f"refused: {file.right.words[0]}", "–", "–"]
+    off = max(abs(answer.sh0 / file.right.sh0 - 1) for answer in found)
+    flags = ", ".join(f"`{name}`" for name in sorted(found[0].flags)) or "–"
+    return [file.name, file.what, "estimate", f"{100 * off:.1f} %", flags]
+
+
+def main() -> None:
+    """Measure all files; write and print the table."""
+    sys.path.insert(0, str(FOLDER.parent / "accuracy"))
+    from page import ACCURACY, put
+    from recording import markdown
+
+    text = markdown(HEAD, [row(file) for file in FILES])
+    put(ACCURACY, {"files": text})
+    print(text)
+
+
+if __name__ == "__main__":
+    main()
