@@ -19,7 +19,7 @@
 
 #include "base/macros.h"
 
-#define LP_PARAM_FLOATS_MAX 16
+#define LP_PARAM_FLOATS_MAX 32
 
 enum lp_param_type {
 	LP_PARAM_BOOL,	 /* bool: 0 1 no yes off on false true */

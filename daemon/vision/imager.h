@@ -31,7 +31,7 @@ struct lp_panorama;
 struct lp_polarization_grid;
 struct lp_rotation;
 
-#define LP_MAX_BRACKET 16 /* exposure settings that are told apart; cameras for stills take 13 */
+#define LP_MAX_BRACKET 32 /* exposure settings that are told apart; people take 18 and more */
 
 struct lp_imager_options {
 	int panorama_width; /* multiple of 8, 16..LP_PANORAMA_MAX_WIDTH */

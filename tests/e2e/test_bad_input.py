@@ -186,6 +186,8 @@ REFUSED = [
     ("estimate square.pfm", "square.pfm: 8×8: an equirectangular picture is twice as wide"),
     ("estimate dark.jpg bright.jpg", "their exposures with --exposure-us"),
     ("estimate dark.jpg bright.jpg --exposure-us 100", "one for each file"),
+    (f"estimate {'dark.jpg ' * 33} --exposure-us {','.join(['100'] * 33)}",
+     "33 files: at most 32 in one bracket"),
     ("estimate dark.jpg bright.jpg --exposure-us 0,100", "expected microseconds above 0"),
     ("estimate dark.jpg bright.jpg --exposure-us nan,100", "expected microseconds above 0"),
     ("estimate dark.jpg bright.jpg --exposure-us x", "expected numbers"),

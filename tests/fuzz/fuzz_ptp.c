@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "drivers/source/photo.h"
 #include "drivers/source/ptp/data.h"
 #include "drivers/source/ptp/session.h"
 
@@ -78,7 +79,7 @@ static void try_session(const uint8_t *data, size_t size_bytes)
 		(void)lp_ptp_device_read(set, set_bytes, &device);
 	(void)lp_ptp_event(&session, 0, &event);
 	if (lp_ptp_operate(&session, LP_PTP_GET_OBJECT, NULL, &sink) == 0)
-		(void)lp_ptp_exif_read(picture, sink.size_bytes);
+		(void)lp_photo_read(picture, sink.size_bytes);
 	lp_ptp_session_finish(&session);
 }
 
@@ -90,7 +91,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size_bytes)
 
 	try_session(data, size_bytes);
 	(void)lp_ptp_device_read(data, size_bytes, &device);
-	(void)lp_ptp_exif_read(data, size_bytes);
+	(void)lp_photo_read(data, size_bytes);
 	if (lp_ptp_values_read(data, size_bytes, &values))
 		fuzz_assert(lp_ptp_choose(&values, 0, 3, 13, chosen) <= 13);
 	return 0;

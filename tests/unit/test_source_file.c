@@ -190,6 +190,24 @@ static void test_folder_in_name_order_other_files_left_out(void **state)
 	assert_true(((const float *)(const void *)heard.frames[2]->data)[1] == 1.0F);
 }
 
+/* As people and cameras number them; an exposure in the wrong place is wrong light. */
+static void test_numbers_in_names_count_by_value(void **state)
+{
+	static const char *const names[] = {"IMG_10.grey", "IMG_2.grey", "IMG_1.grey"};
+
+	(void)state;
+	for (size_t i = 0; i < 3; i++)
+		write_file(names[i], names[i] + 4, 4);
+	assert_int_equal(create("", "?size=2x2&exposures_us=1,2,10", true), 0);
+	assert_int_equal(lp_source_file_ops.start(source), 0);
+	pump(64);
+	assert_int_equal(heard.count, 3);
+	assert_memory_equal(heard.frames[0]->data, "1.gr", 4);
+	assert_memory_equal(heard.frames[1]->data, "2.gr", 4);
+	assert_memory_equal(heard.frames[2]->data, "10.g", 4);
+	assert_true(heard.frames[2]->exposure_us == 10);
+}
+
 /* Phones append previews, gain maps and movies to a photo; cameras send one JPEG after another. */
 static void test_a_photo_is_its_first_picture_and_a_stream_all_of_them(void **state)
 {
@@ -313,6 +331,7 @@ int main(void)
 		FILE_TEST(test_loop_repeats_and_exposures_follow_the_set),
 		FILE_TEST(test_rate_paces),
 		FILE_TEST(test_folder_in_name_order_other_files_left_out),
+		FILE_TEST(test_numbers_in_names_count_by_value),
 		FILE_TEST(test_a_photo_is_its_first_picture_and_a_stream_all_of_them),
 		FILE_TEST(test_what_cannot_be_read_is_an_error_of_start),
 		FILE_TEST(test_truncated_frame_is_marked_corrupt),

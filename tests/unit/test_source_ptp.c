@@ -7,6 +7,7 @@
 
 #include "app/backends.h"
 #include "base/clock.h"
+#include "drivers/source/photo.h"
 #include "drivers/source/ptp/data.h"
 #include "fake_theta.h"
 #include "include/frame.h"
@@ -172,7 +173,7 @@ static void test_data_that_end_early(void **state)
 	memset(data, 0xff, sizeof(data));
 	for (size_t size = 0; size <= sizeof(data); size++) {
 		assert_false(lp_ptp_device_read(data, size, &device));
-		assert_true(isnan(lp_ptp_exif_read(data, size).exposure_us));
+		assert_true(isnan(lp_photo_read(data, size).exposure_us));
 	}
 }
 

@@ -26,6 +26,8 @@ from lightprobe.imaging import image
 from lightprobe.imaging.camera import Camera
 from lightprobe.imaging.film import Sheet
 
+#: In one set (LP_PARAM_FLOATS_MAX of the daemon).
+MOST_PICTURES = 32
 #: How far from two by one an equirectangular picture may be, of its width.
 _OFF_SHAPE = 0.01
 #: A longer exposure may be darker by this much: noise, and nothing to see.
@@ -169,6 +171,10 @@ def check_exposures(
 
     Through a polarizer each needs an angle of the wheel, and may be of one unknown exposure.
     """
+    if len(files) > MOST_PICTURES:
+        raise UsageError(
+            f"estimate: {len(files)} files: at most {MOST_PICTURES} in one bracket: leave some out"
+        )
     if wheel_deg and len(wheel_deg) != len(files):
         raise UsageError(
             f"estimate: {len(files)} files and {len(wheel_deg)} angles of the wheel: "

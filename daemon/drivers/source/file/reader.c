@@ -62,11 +62,12 @@ static int add_path(struct lp_file_reader *reader, const char *folder, const cha
 	return 0;
 }
 
-/* Files of other kinds (notes, licences) may lie in the folder; they are counted aloud. */
+/* In the order of their numbers: IMG_2 before IMG_10. Files of other kinds (notes, licences) may
+ * lie in the folder; they are counted aloud. */
 static int add_folder(struct lp_file_reader *reader, const char *folder)
 {
 	struct dirent **entries;
-	const int count = scandir(folder, &entries, NULL, alphasort);
+	const int count = scandir(folder, &entries, NULL, versionsort);
 	int ignored = 0, ret = 0;
 
 	if (count < 0)

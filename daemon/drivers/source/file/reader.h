@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The pictures of one file, or of all files of a folder in name order, one after the other. Blocks.
+/* The pictures of one file, or of all files of a folder, one after the other: in the order of their
+ * names, numbers in them by value. Blocks.
  */
 #ifndef LP_SOURCE_FILE_READER_H
 #define LP_SOURCE_FILE_READER_H

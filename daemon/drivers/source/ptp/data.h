@@ -75,11 +75,4 @@ void lp_ptp_bracket_write(const struct lp_ptp_bracket *bracket, uint8_t *data);
 int lp_ptp_choose(const struct lp_ptp_values *list, float shortest_us, float stops, int count,
 		  uint64_t *shutters);
 
-/* What a JPEG's Exif says of its exposure; NAN and 0: nothing. */
-struct lp_ptp_exif {
-	float exposure_us;
-	int iso;
-};
-struct lp_ptp_exif lp_ptp_exif_read(const uint8_t *jpeg, size_t size_bytes);
-
 #endif

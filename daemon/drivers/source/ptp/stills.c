@@ -17,6 +17,7 @@
 #include "drivers/source/formats.h"
 #include "drivers/source/frames.h"
 #include "drivers/source/outbox.h"
+#include "drivers/source/photo.h"
 #include "drivers/source/ptp/camera.h"
 
 #define FRAMES (LP_FRAMES_HELD + LP_PTP_MOST_EXPOSURES) /* at work, and a set that waits */
@@ -86,12 +87,12 @@ static void fill_exposure(struct set *set, struct lp_frame *frame)
 {
 	struct lp_ptp_stills *self = set->stills;
 	const struct lp_ptp_camera *camera = &self->camera;
-	const struct lp_ptp_exif exif = lp_ptp_exif_read(frame->data, frame->size_bytes);
+	const struct lp_photo photo = lp_photo_read(frame->data, frame->size_bytes);
 	const int k = set->taken < camera->exposure_count ? set->taken : camera->exposure_count - 1;
 	const float asked_us = camera->exposures_us[k];
 
-	frame->exposure_us = isnan(exif.exposure_us) ? asked_us : exif.exposure_us;
-	frame->gain = exif.iso ? (float)exif.iso / (float)camera->iso : 1.0F;
+	frame->exposure_us = isnan(photo.exposure_us) ? asked_us : photo.exposure_us;
+	frame->gain = photo.iso ? (float)photo.iso / (float)camera->iso : 1.0F;
 	frame->t_read_ns += (int64_t)((double)frame->exposure_us * LP_NS_PER_US);
 	if (frame->t_read_ns > frame->t_arrival_ns)
 		frame->t_read_ns = frame->t_arrival_ns;
