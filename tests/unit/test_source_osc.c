@@ -112,22 +112,23 @@ static void on_part(void *context, size_t size_bytes)
 #define END "\xff\xd9"
 #define LINE "--b0undary\r\nContent-type: image/jpeg\r\n"
 
-static const char *split(const char *stream, size_t piece_bytes)
+static const char *split_as(const char *type, const char *stream, size_t piece_bytes)
 {
 	const struct lp_multipart_sink where = {NULL, reserve, is_whole, on_part};
 	const size_t length = strlen(stream);
 	struct lp_multipart multipart;
 
 	sink.parts[0] = '\0';
-	assert_int_equal(lp_multipart_init(&multipart,
-					   "multipart/x-mixed-replace; "
-					   "boundary=\"b0undary\"",
-					   &where),
-			 0);
+	assert_int_equal(lp_multipart_init(&multipart, type, &where), 0);
 	for (size_t at = 0; at < length; at += piece_bytes)
 		lp_multipart_feed(&multipart, (const uint8_t *)stream + at,
 				  at + piece_bytes < length ? piece_bytes : length - at);
 	return sink.parts;
+}
+
+static const char *split(const char *stream, size_t piece_bytes)
+{
+	return split_as("multipart/x-mixed-replace; boundary=\"b0undary\"", stream, piece_bytes);
 }
 
 /* However it is cut, and whatever the length says. The last one ends when it is whole. */
@@ -165,6 +166,67 @@ static void test_parts_however_they_are_cut(void **state)
 				fail_msg("case %zu in pieces of %zu: '%s'", i, piece, parts);
 		}
 	}
+}
+
+/* Everything that RFC 2046 and RFC 2045 allow around and in a boundary; two pictures each. */
+static void test_every_legal_framing(void **state)
+{
+	static const struct {
+		const char *type, *stream;
+	} cases[] = {
+		/* blanks behind the boundary; blanks around the parameter; other parameters */
+		{"multipart/mixed;boundary=ab",
+		 "--ab \r\n\r\n<a\r\n--ab \t \r\n\r\n<b\r\n--ab--  \r\n"},
+		{"multipart/mixed ; charset=x; boundary = ab ; y=z",
+		 "--ab\r\n\r\n<a\r\n--ab\r\n\r\n<b\r\n--ab--"},
+		{"multipart/mixed; x=\"; boundary=no\"; boundary=ab",
+		 "--ab\r\n\r\n<a\r\n--ab\r\n\r\n<b\r\n--ab--"},
+		{"multipart/mixed; xboundary=no; boundary=ab",
+		 "--ab\r\n\r\n<a\r\n--ab\r\n\r\n<b\r\n--ab--"},
+		/* a boundary of one byte, which pictures have in them; of dashes; of all that it
+		   may have */
+		{"multipart/mixed; boundary=b", "--b\r\n\r\n<a\r\n--b\r\n\r\n<b\r\n--b--"},
+		{"multipart/mixed; boundary=--", "----\r\n\r\n<a\r\n----\r\n\r\n<b\r\n------"},
+		{"multipart/mixed; boundary=\"a b\\c'()+_,-./:=?\"",
+		 "--a bc'()+_,-./:=?\r\n\r\n<a\r\n--a bc'()+_,-./:=?\r\n\r\n<b\r\n--a "
+		 "bc'()+_,-./:=?--"},
+		{"multipart/mixed; "
+		 "boundary=0123456789012345678901234567890123456789012345678901234567890123456789",
+		 "--0123456789012345678901234567890123456789012345678901234567890123456789\r\n\r\n<"
+		 "a\r\n"
+		 "--0123456789012345678901234567890123456789012345678901234567890123456789\r\n\r\n<"
+		 "b\r\n"
+		 "--0123456789012345678901234567890123456789012345678901234567890123456789--"},
+		/* text before and behind, which mentions the boundary and has a header's look */
+		{"multipart/mixed; boundary=ab",
+		 "ab is next\r\n\r\nContent-Length: "
+		 "1\r\n--abc\r\n--ab\r\n\r\n<a\r\n--ab\r\n\r\n<b\r\n--ab--\r\n\r\n<c\r\n"},
+		/* headers in any case, folded, unknown, or none; line ends without their CR */
+		{"multipart/mixed; boundary=ab",
+		 "--ab\r\nCONTENT-LENGTH:\r\n 2\r\nX: --ab\r\n\r\n<a\r\n--ab\r\n\r\n<b\r\n--ab--"},
+		{"multipart/mixed; boundary=ab", "--ab\n\n<a\n--ab\n\n<b\n--ab--\n"},
+	};
+
+	(void)state;
+	for (size_t i = 0; i < LP_COUNT(cases); i++) {
+		for (size_t piece = 1; piece <= strlen(cases[i].stream); piece++) {
+			const char *parts = split_as(cases[i].type, cases[i].stream, piece);
+
+			if (strcmp(parts, "<a|<b|") != 0)
+				fail_msg("case %zu in pieces of %zu: '%s'", i, piece, parts);
+		}
+	}
+}
+
+/* What is like a short boundary is no end of a picture that goes on. */
+static void test_a_short_boundary_is_not_found_in_pictures(void **state)
+{
+	static const char stream[] = "--b\r\n\r\n<b -b --b \nb b" END "\r\n--b\r\n\r\n<b" END;
+
+	(void)state;
+	for (size_t piece = 1; piece < sizeof(stream); piece++)
+		assert_string_equal(split_as("multipart/mixed; boundary=b", stream, piece),
+				    "<b -b --b \nb b()|<b()|");
 }
 
 static void test_parts_without_room_are_left_out(void **state)
@@ -264,6 +326,8 @@ int main(void)
 		cmocka_unit_test(test_addresses),
 		cmocka_unit_test(test_passwords),
 		cmocka_unit_test(test_parts_however_they_are_cut),
+		cmocka_unit_test(test_every_legal_framing),
+		cmocka_unit_test(test_a_short_boundary_is_not_found_in_pictures),
 		cmocka_unit_test(test_parts_without_room_are_left_out),
 		cmocka_unit_test(test_types_that_are_none),
 		cmocka_unit_test(test_answers),

@@ -7,24 +7,71 @@
 #include <strings.h>
 
 #define MOST_BOUNDARY_BYTES 70 /* RFC 2046, 5.1.1 */
+/* So many bytes are not the same by chance, in any picture of any day. */
+#define CERTAIN_BYTES 6
+
+/* ---------------------------------------------------------------- the type */
+
+#define BLANKS " \t"
+
+static const char *skip_blanks(const char *text)
+{
+	return text + strspn(text, BLANKS);
+}
+
+/* The value of a parameter: as it stands, or in quotes, where a backslash makes the next character
+ * plain (RFC 2045, 5.1). Steps behind it. Returns its length; what does not fit is counted only. */
+static size_t read_value(const char **text, char *value, size_t capacity)
+{
+	const char *at = *text;
+	const bool is_quoted = *at == '"';
+	size_t length = 0;
+
+	for (at += is_quoted; *at && !strchr(is_quoted ? "\"" : ";" BLANKS, *at); at++) {
+		if (is_quoted && *at == '\\' && at[1])
+			at++;
+		if (length < capacity)
+			value[length] = *at;
+		length++;
+	}
+	*text = at + (is_quoted && *at == '"');
+	return length;
+}
+
+/* The parameters follow the type, each behind a semicolon; blanks may stand anywhere between. */
+static size_t find_boundary(const char *type, char *value, size_t capacity)
+{
+	static const char wanted[] = "boundary";
+	const char *at = strchr(type, ';');
+
+	while (at) {
+		const char *const name = skip_blanks(at + 1);
+		const size_t name_bytes = strcspn(name, ";=" BLANKS);
+		size_t length = 0;
+
+		at = skip_blanks(name + name_bytes);
+		if (*at == '=') {
+			at = skip_blanks(at + 1);
+			length = read_value(&at, value, capacity);
+		}
+		if (name_bytes == strlen(wanted) && strncasecmp(name, wanted, name_bytes) == 0)
+			return length;
+		at = strchr(at, ';');
+	}
+	return 0;
+}
 
 int lp_multipart_init(struct lp_multipart *multipart, const char *content_type,
 		      const struct lp_multipart_sink *sink)
 {
-	const char *start = content_type ? strcasestr(content_type, "boundary=") : NULL;
 	size_t length;
 
 	*multipart = (struct lp_multipart){.sink = *sink};
-	if (!start || strncasecmp(content_type, "multipart/", 10) != 0)
+	if (!content_type || strncasecmp(content_type, "multipart/", 10) != 0)
 		return -EPROTO;
-	start += strlen("boundary=");
-	if (*start == '"')
-		length = strcspn(++start, "\"");
-	else
-		length = strcspn(start, "; \t");
+	length = find_boundary(content_type, multipart->boundary, MOST_BOUNDARY_BYTES);
 	if (length == 0 || length > MOST_BOUNDARY_BYTES)
 		return -EPROTO;
-	memcpy(multipart->boundary, start, length);
 	multipart->boundary_bytes = length;
 	return 0;
 }
@@ -51,14 +98,20 @@ static void read_header_line(struct lp_multipart *m)
 	}
 }
 
-/* A line without its end: is it the boundary, with or without its dashes? */
+/* A line without its end: is it the boundary, with or without its dashes? Blanks may follow
+ * (RFC 2046, 5.1.1: transport padding); with dashes behind it, no part follows. */
 static bool is_boundary(const struct lp_multipart *m)
 {
-	const size_t dashes = m->line_bytes - m->boundary_bytes;
+	for (size_t dashes = 0; dashes <= 2; dashes++) {
+		const char *const text = m->line + dashes;
 
-	return m->line_bytes >= m->boundary_bytes && dashes <= 2 &&
-	       memcmp(m->line + dashes, m->boundary, m->boundary_bytes) == 0 &&
-	       memcmp(m->line, "--", dashes) == 0;
+		if (m->line_bytes >= dashes + m->boundary_bytes &&
+		    memcmp(m->line, "--", dashes) == 0 &&
+		    memcmp(text, m->boundary, m->boundary_bytes) == 0 &&
+		    *skip_blanks(text + m->boundary_bytes) == '\0')
+			return true;
+	}
+	return false;
 }
 
 static void read_line(struct lp_multipart *m)
@@ -98,22 +151,31 @@ static void end_part(struct lp_multipart *m, size_t size_bytes)
 	m->line_bytes = 0;
 }
 
-/* The end of the picture before a boundary at `at`: without the dashes and the line end. */
-static size_t before_boundary(const uint8_t *body, size_t at)
+static bool ends_like_a_jpeg(const uint8_t *body, size_t bytes)
 {
-	for (int i = 0; i < 2 && at > 0 && body[at - 1] == '-'; i++)
-		at--;
-	if (at > 0 && body[at - 1] == '\n')
-		at--;
-	if (at > 0 && body[at - 1] == '\r')
-		at--;
-	return at;
+	return bytes >= 2 && body[bytes - 2] == 0xff && body[bytes - 1] == 0xd9;
 }
 
-static bool ends_like_a_jpeg(const struct lp_multipart *m)
+/* Where the picture ends before the boundary's text at `at`: in front of its dashes and the line
+ * end. False: these bytes are rather the picture's own. What RFC 2046 prescribes is always a
+ * boundary; without line end or dashes it must be long, or follow the end of a JPEG. */
+static bool ends_at(const struct lp_multipart *m, size_t at, size_t *end)
 {
-	return m->body_bytes >= 2 && m->body[m->body_bytes - 2] == 0xff &&
-	       m->body[m->body_bytes - 1] == 0xd9;
+	size_t dashes = 0, line_end = at;
+
+	while (dashes < 2 && line_end > 0 && m->body[line_end - 1] == '-') {
+		line_end--;
+		dashes++;
+	}
+	*end = line_end;
+	if (*end > 0 && m->body[*end - 1] == '\n')
+		(*end)--;
+	if (*end > 0 && m->body[*end - 1] == '\r')
+		(*end)--;
+	const bool begins_line = line_end == 0 || *end < line_end;
+
+	return (begins_line && dashes == 2) || ends_like_a_jpeg(m->body, *end) ||
+	       begins_line + dashes + m->boundary_bytes >= CERTAIN_BYTES;
 }
 
 /* Look for the boundary in what has just come, and in what may have been its beginning before.
@@ -121,19 +183,23 @@ static bool ends_like_a_jpeg(const struct lp_multipart *m)
 static size_t search_boundary(struct lp_multipart *m, size_t added)
 {
 	const size_t old = m->body_bytes - added;
-	const size_t from = old > m->boundary_bytes ? old - m->boundary_bytes : 0;
-	const uint8_t *found =
-		memmem(m->body + from, m->body_bytes - from, m->boundary, m->boundary_bytes);
-	size_t at;
+	size_t from = old > m->boundary_bytes ? old - m->boundary_bytes : 0, end;
+	const uint8_t *found;
 
-	if (!found)
-		return added;
-	at = (size_t)(found - m->body);
-	end_part(m, before_boundary(m->body, at));
-	/* What follows the boundary in its line is of no interest. */
-	memcpy(m->line, m->boundary, m->boundary_bytes);
-	m->line_bytes = m->boundary_bytes;
-	return at + m->boundary_bytes - old;
+	while ((found = memmem(m->body + from, m->body_bytes - from, m->boundary,
+			       m->boundary_bytes)) != NULL) {
+		const size_t at = (size_t)(found - m->body);
+
+		from = at + 1;
+		if (!ends_at(m, at, &end))
+			continue;
+		end_part(m, end);
+		/* What follows the boundary in its line says whether it is the last one. */
+		memcpy(m->line, m->boundary, m->boundary_bytes);
+		m->line_bytes = m->boundary_bytes;
+		return at + m->boundary_bytes > old ? at + m->boundary_bytes - old : 0;
+	}
+	return added;
 }
 
 /* Bytes used. */
@@ -157,7 +223,8 @@ static size_t take_body(struct lp_multipart *m, const uint8_t *data, size_t size
 	used = search_boundary(m, added);
 	if (m->state != LP_MULTIPART_BODY || m->body_bytes < m->length_bytes)
 		return used;
-	if (ends_like_a_jpeg(m) && m->sink.is_whole(m->sink.context, m->body, m->body_bytes))
+	if (ends_like_a_jpeg(m->body, m->body_bytes) &&
+	    m->sink.is_whole(m->sink.context, m->body, m->body_bytes))
 		end_part(m, m->body_bytes);
 	else
 		m->length_bytes = 0; /* it was wrong, or there is none: the boundary decides */

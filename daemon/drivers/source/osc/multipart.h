@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Pictures out of a multipart/x-mixed-replace stream (RFC 2046), as cameras send it: with or
- * without Content-Length, which may be wrong, with boundaries that may lack their two dashes and
- * may be cut anywhere. Bytes go from the network's buffer straight into the picture's. No I/O.
+ * without Content-Length, which may be wrong, with boundaries that may lack their two dashes or
+ * their line end, may be followed by blanks and may be cut anywhere. Bytes go from the network's
+ * buffer straight into the picture's. No I/O.
  */
 #ifndef LP_SOURCE_OSC_MULTIPART_H
 #define LP_SOURCE_OSC_MULTIPART_H
