@@ -57,8 +57,10 @@ HARDENING := -U_FORTIFY_SOURCE -D_FORTIFY_SOURCE=3 -fstack-protector-strong -fst
 FLAGS_release := -O2 $(HARDENING)
 FLAGS_arm64 := -O2 $(HARDENING)
 FLAGS_gpiod2 := -O2 $(HARDENING)
-FLAGS_asan := -O1 -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
-FLAGS_fuzz := -O1 -fsanitize=fuzzer-no-link,address,undefined -fno-sanitize-recover=all
+# gcc does not count a float that no int can hold as `undefined`.
+SANITIZERS := address,undefined,float-cast-overflow
+FLAGS_asan := -O1 -fsanitize=$(SANITIZERS) -fno-sanitize-recover=all -fno-omit-frame-pointer
+FLAGS_fuzz := -O1 -fsanitize=fuzzer-no-link,$(SANITIZERS) -fno-sanitize-recover=all
 FLAGS_tsan := -O1 -fsanitize=thread
 FLAGS_cov := -O0 --coverage
 WARNINGS := -Wall -Wextra -Werror -Wshadow -Wpointer-arith -Wvla -Wundef

@@ -36,8 +36,8 @@ run-unit-tests: unit-tests
 		'out=$$($(EMULATOR) @ 2>&1); status=$$?; printf "== %s\n%s\n" @ "$$out"; exit $$status'
 
 test-unit: ## run the C unit tests with the address and undefined-behaviour sanitizers
-	@$(MAKE) VARIANT=asan -j$(JOBS) unit-tests
-	@$(MAKE) VARIANT=asan run-unit-tests
+	@$(MAKE) VARIANT=asan -j$(JOBS) unit-tests replays
+	@$(MAKE) VARIANT=asan run-unit-tests run-replays
 
 # Several processes, because many tests wait: for daemons to start, for frames to come. A test has its
 # own folder and port.
@@ -104,25 +104,35 @@ check-rules: build
 soak: build ## process an hour of simulated frames as fast as possible: memory must not grow; FRAMES=n
 	@$(VENV)/bin/python tests/e2e/soak.py $(if $(FRAMES),--frames $(FRAMES))
 
-# One libFuzzer target per tests/fuzz/fuzz_NAME.c; what it finds on its way stays under build/.
-FUZZ_TARGETS := $(patsubst tests/fuzz/fuzz_%.c,%,$(wildcard tests/fuzz/fuzz_*.c))
-FUZZ_SECONDS := $(or $(SECONDS),60)
+# One libFuzzer target per tests/fuzz/fuzz_NAME.c, and per fuzz_NAME.py (with atheris); what it finds on its way stays
+# under build/. `mcu` links the firmware's own parts.
+FUZZ_LEFT_OUT := $(if $(filter 0,$(WITH_OSC)),osc osc_camera) $(if $(filter 0,$(WITH_LIBUSB)),ptp) \
+	$(if $(filter 0,$(WITH_WEBSOCKETS)),websocket)
+FUZZ_TARGETS := $(filter-out $(FUZZ_LEFT_OUT),$(patsubst tests/fuzz/fuzz_%.c,%,$(wildcard tests/fuzz/fuzz_*.c)))
+RUNS ?= 1000000
 
 $(OUT)/fuzz/%: $(OUT)/tests/fuzz/fuzz_%.c.o $(DAEMON_LIBS)
 	@mkdir -p $(@D)
 	@$(CXX) $(LP_LDFLAGS) -fsanitize=fuzzer -o $@ $^ $(LP_LDLIBS) -ljpeg
 
-.PHONY: fuzz fuzz-targets run-fuzz
+$(STAMPS)/venv-fuzz: host_py/pyproject.toml host_py/constraints.txt | $(STAMPS)/venv
+	@echo 'setup: atheris (host_py[fuzz])'
+	@PIP_CONSTRAINT=host_py/constraints.txt $(VENV)/bin/pip install --quiet --disable-pip-version-check -e 'host_py[fuzz]'
+	@touch $@
+
+.PHONY: fuzz fuzz-targets
 fuzz-targets: $(FUZZ_TARGETS:%=$(OUT)/fuzz/%)
-run-fuzz: fuzz-targets
-	@for target in $(FUZZ_TARGETS); do \
-		echo "== fuzz $$target, $(FUZZ_SECONDS) s"; \
-		mkdir -p $(BUILD)/fuzz/$$target tests/fuzz/corpus/$$target; \
-		$(OUT)/fuzz/$$target -max_total_time=$(FUZZ_SECONDS) -timeout=20 -max_len=65536 \
-			-artifact_prefix=$(BUILD)/fuzz/$$target- -print_final_stats=1 -verbosity=0 \
-			$(BUILD)/fuzz/$$target tests/fuzz/corpus/$$target 2>&1 \
-			| { grep -E 'ERROR|SUMMARY|executed_units|artifact' || true; }; \
-	done
-fuzz: setup-build $(call apt,fuzz) ## run every libFuzzer target for SECONDS=60; inputs that break one are in build/fuzz/
+fuzz: build $(call apt,fuzz) $(STAMPS)/venv-fuzz ## run every fuzz target for RUNS=1000000 inputs (half an hour on four cores); fails if one finds something or runs fewer
 	@$(MAKE) VARIANT=fuzz -j$(JOBS) fuzz-targets
-	@$(MAKE) VARIANT=fuzz SECONDS=$(FUZZ_SECONDS) run-fuzz
+	@$(VENV)/bin/python tests/fuzz/run.py --runs $(RUNS) --jobs $(JOBS) --out $(BUILD)/fuzz/found \
+		$(FUZZ_TARGETS:%=$(BUILD)/fuzz/fuzz/%) $(wildcard tests/fuzz/fuzz_*.py)
+
+# Every corpus through its target, without libFuzzer: what was found once must not come back.
+$(OUT)/replay/%: $(OUT)/tests/fuzz/fuzz_%.c.o $(OUT)/tests/fuzz/replay.c.o $(DAEMON_LIBS)
+	@mkdir -p $(@D) && $(CC) $(LP_LDFLAGS) -o $@ $^ $(LP_LDLIBS) -ljpeg
+.PHONY: replays run-replays
+replays: $(FUZZ_TARGETS:%=$(OUT)/replay/%)
+run-replays: replays
+	@printf '%s\n' $(FUZZ_TARGETS) | xargs -P$(JOBS) -I@ sh -c \
+		'out=$$($(OUT)/replay/@ tests/fuzz/corpus/@ 2>&1) || { printf "== replay @\n%s\n" "$$out"; exit 1; }'
+	@echo 'replay: the corpora of $(FUZZ_TARGETS) find nothing'

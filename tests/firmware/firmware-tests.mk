@@ -44,6 +44,9 @@ ring-accuracy: build ## how good a calibrated ring is: the table of docs/builder
 $(BUILD)/fuzz/fuzz/mcu: $(FW_OUT)/fuzz/tests/fuzz/fuzz_mcu.o $(FW_OBJECTS_fuzz)
 	@mkdir -p $(@D)
 	@$(CC) $(FLAGS_fuzz) -fsanitize=fuzzer -o $@ $^ -lm
+$(BUILD)/asan/replay/mcu: $(FW_OUT)/asan/tests/fuzz/fuzz_mcu.o $(FW_OUT)/asan/tests/fuzz/replay.o $(FW_OBJECTS_asan)
+	@mkdir -p $(@D)
+	@$(CC) $(FLAGS_asan) -o $@ $^ -lm
 
 .PHONY: check-firmware
 check-c: check-firmware

@@ -11,13 +11,15 @@
 #include "firmware.h"
 #include "fuzz.h"
 
-#define MOST_BYTES 512 /* one byte can be a second of the firmware: longer ones are slow */
+#define MOST_BYTES 512
+#define MOST_MS 2000 /* of one input, simulated */
 
 static struct firmware firmware;
+static unsigned left_ms;
 
 static void run_ms(unsigned ms)
 {
-	for (; ms > 0; ms--) {
+	for (; ms > 0 && left_ms > 0; ms--, left_ms--) {
 		host_pass(1000);
 		firmware_poll(&firmware);
 		if (host.reset_asked) {
@@ -87,6 +89,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 		return 0;
 	if (size > MOST_BYTES)
 		size = MOST_BYTES;
+	left_ms = MOST_MS;
 	host_init(1);
 	host.carrier = data[0] % 3;
 	host.spi = on_spi;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a camera on the network may send: its live preview, in pieces as the first byte says, and
- * its answers. */
+/* What a camera on the network may send: its live preview - a line with its type, then its bytes,
+ * in pieces as the first byte says - and its answers. */
 #include "fuzz.h"
 
 #include <stdbool.h>
@@ -39,12 +39,14 @@ static void on_part(void *context, size_t size_bytes)
 	fuzz_assert(size_bytes <= part.bytes);
 }
 
-static void try_stream(const uint8_t *data, size_t size_bytes, size_t piece_bytes)
+static void try_stream(const char *type, const uint8_t *data, size_t size_bytes, size_t piece_bytes)
 {
 	const struct lp_multipart_sink sink = {NULL, reserve, is_whole, on_part};
 	struct lp_multipart multipart;
 
-	fuzz_assert(lp_multipart_init(&multipart, "multipart/mixed; boundary=next", &sink) == 0);
+	if (lp_multipart_init(&multipart, type, &sink) < 0)
+		return;
+	fuzz_assert(multipart.boundary_bytes > 0 && multipart.boundary_bytes <= 70);
 	while (size_bytes > 0) {
 		const size_t now = piece_bytes < size_bytes ? piece_bytes : size_bytes;
 
@@ -77,11 +79,25 @@ static void try_answer(const uint8_t *data, size_t size_bytes)
 	free(text);
 }
 
+/* The type is a text of exactly its length: what is beyond it is a fault. */
+static void try_typed(const uint8_t *data, size_t size_bytes, size_t piece_bytes)
+{
+	const uint8_t *end = size_bytes ? memchr(data, '\n', size_bytes) : NULL;
+	const size_t type_bytes = end ? (size_t)(end - data) : size_bytes;
+	char *type = calloc(1, type_bytes + 1);
+
+	fuzz_assert(type != NULL);
+	memcpy(type, data, type_bytes);
+	if (end)
+		try_stream(type, end + 1, size_bytes - type_bytes - 1, piece_bytes);
+	free(type);
+}
+
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size_bytes)
 {
 	if (size_bytes < 1)
 		return 0;
-	try_stream(data + 1, size_bytes - 1, (size_t)data[0] + 1);
+	try_typed(data + 1, size_bytes - 1, (size_t)data[0] + 1);
 	try_answer(data + 1, size_bytes - 1);
 	free(part.data);
 	part.data = NULL;

@@ -22,8 +22,20 @@ static void on_frame(void *context, struct lp_frame *frame)
 	for (size_t i = 0; i < frame->size_bytes; i += 64)
 		sum ^= frame->data[i];
 	fuzz_assert(frame->width_px > 0 && frame->height_px > 0);
+	fuzz_assert(frame->t_arrival_ns > 0);
 	frame->gain += sum; /* the bytes are there */
 	lp_frame_release(frame);
+}
+
+static void on_corrupt(void *context)
+{
+	(void)context;
+}
+
+static void on_fault(void *context, const char *id, const char *text)
+{
+	(void)context;
+	fuzz_assert(*id != '\0' && (!text || *text != '\0'));
 }
 
 static void on_state(void *context, enum lp_source_state state, const char *reason)
@@ -40,7 +52,7 @@ static int listener(const char *path)
 
 	if (fd >= 0)
 		return fd;
-	fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+	fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
 	memcpy(address.sun_path, path, strlen(path) + 1);
 	unlink(path);
 	fuzz_assert(bind(fd, (struct sockaddr *)&address, sizeof(address)) == 0);
@@ -48,10 +60,26 @@ static int listener(const char *path)
 	return fd;
 }
 
+/* The source connects in its first turns of the loop. */
+static int accept_source(int listening, struct lp_loop *loop)
+{
+	int peer;
+
+	do {
+		(void)lp_loop_run_once(loop);
+		peer = accept4(listening, NULL, NULL, SOCK_CLOEXEC | SOCK_NONBLOCK);
+	} while (peer < 0);
+	return peer;
+}
+
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
 	enum lp_source_state state = 0;
-	struct lp_source_host host = {.context = &state, .frame = on_frame, .state = on_state};
+	struct lp_source_host host = {.context = &state,
+				      .frame = on_frame,
+				      .corrupt = on_corrupt,
+				      .state = on_state,
+				      .fault = on_fault};
 	struct lp_source *source;
 	char uri[64];
 	int listening, peer;
@@ -62,7 +90,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 	fuzz_assert(lp_loop_create(&host.loop) == 0);
 	fuzz_assert(lp_source_open(uri, &host, &source) == 0);
 	fuzz_assert(source->ops->start(source) == 0);
-	peer = accept(listening, NULL, NULL);
+	peer = accept_source(listening, host.loop);
 	/* More than the socket holds is cut off: a simulator that dies. */
 	(void)!send(peer, data, size, MSG_DONTWAIT | MSG_NOSIGNAL);
 	(void)shutdown(peer, SHUT_WR);

@@ -60,11 +60,15 @@ class Frame:
         return decode(data, self.format, (self.width_px, self.height_px), self.stride_bytes)
 
 
-# Fields of Frame that the index has by the same name.
-_AS_WRITTEN = (
-    "format", "width_px", "height_px", "stride_bytes", "sequence", "t_read_ns", "corrupt", "step",
-    "t_command_ns", "commanded_us",
-)  # fmt: skip
+_SIDE_PX = (1, 16384)
+_COUNT = (0, 2**64)
+_TIME_NS = (-(2**63), 2**63)
+# Fields of Frame that the index has by the same name: text, yes or no, or a number's limits.
+_AS_WRITTEN: dict[str, type | tuple[int, int]] = {
+    "format": str, "width_px": _SIDE_PX, "height_px": _SIDE_PX, "stride_bytes": (0, 2**30),
+    "sequence": _COUNT, "t_read_ns": _TIME_NS, "corrupt": bool, "step": (-1, 2**31),
+    "t_command_ns": _TIME_NS, "commanded_us": float,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -106,6 +110,8 @@ def decode(data: bytes, kind: str, size_px: tuple[int, int], stride_bytes: int =
         )
     width, height = size_px
     raw = np.frombuffer(data, np.uint8)
+    if (kind in ("YUYV", "NV12") and width % 2) or (kind == "NV12" and height % 2):
+        return None
     if kind == "MJPG":
         try:
             picture = cv2.imdecode(raw, cv2.IMREAD_COLOR) if raw.size else None
@@ -115,7 +121,7 @@ def decode(data: bytes, kind: str, size_px: tuple[int, int], stride_bytes: int =
     row_bytes = width * (2 if kind == "YUYV" else 1)
     stride = stride_bytes or row_bytes
     rows = height * 3 // 2 if kind == "NV12" else height
-    if raw.size < stride * (rows - 1) + row_bytes:
+    if stride < row_bytes or raw.size < stride * (rows - 1) + row_bytes:
         return None
     raw = np.pad(raw, (0, max(0, stride * rows - raw.size)))
     plane = raw[: stride * rows].reshape(rows, stride)[:, :row_bytes]
@@ -146,36 +152,68 @@ def load(folder: Path) -> ExposureSeries:
         rows = [json.loads(line) for line in lines]
     except OSError as error:
         raise SeriesError(f"{where}: read: {error.strerror}") from None
-    except ValueError:
+    except (ValueError, RecursionError):
         raise SeriesError(
             f"{where}: parse: these are not JSON lines: is the series complete?"
         ) from None
+    for number, row in enumerate(rows, 1):
+        if not isinstance(row, dict):
+            raise SeriesError(f"{where}: line {number}: is no JSON object: record the series again")
     if len(rows) < 2 or rows[0].get("lightprobe_series") != VERSION:
         raise SeriesError(f"{where}: not a series of version {VERSION}, or no frame was written")
     if not rows[-1].get("complete"):
         raise SeriesError(f"{where}: the series is incomplete: record it again")
-    try:
-        camera = rows[0]
-        return ExposureSeries(
-            source=camera["source"],
-            settable=camera["exposure_settable"],
-            reports_exposure=camera["reports_exposure"],
-            min_us=camera["exposure_min_us"],
-            max_us=camera["exposure_max_us"],
-            step_us=camera["exposure_step_us"],
-            frames=tuple(_frame(folder, row) for row in rows[1:-1]),
-        )
-    except KeyError as error:
-        raise SeriesError(
-            f"{where}: {error} is missing: was the series written by another version?"
-        ) from None
+    camera = _Row(rows[0], f"{where}: line 1")
+    return ExposureSeries(
+        source=camera.take("source", str),
+        settable=camera.take("exposure_settable", bool),
+        reports_exposure=camera.take("reports_exposure", bool),
+        min_us=camera.take("exposure_min_us", float),
+        max_us=camera.take("exposure_max_us", float),
+        step_us=camera.take("exposure_step_us", float),
+        frames=tuple(
+            _frame(folder, _Row(row, f"{where}: line {number}"))
+            for number, row in enumerate(rows[1:-1], 2)
+        ),
+    )
 
 
-def _frame(folder: Path, row: dict[str, Any]) -> Frame:
-    stated, gain = row["exposure_us"], row["gain"]
+@dataclass(frozen=True)
+class _Row:
+    """One line of the index, and where it stands."""
+
+    fields: dict[str, Any]
+    where: str
+
+    def take(self, name: str, kind: type | tuple[int, int]) -> Any:
+        """A field: text, yes or no, a finite number or null (float), a whole one within limits."""
+        if name not in self.fields:
+            raise SeriesError(
+                f"{self.where}: {name!r} is missing: was the series written by another version?"
+            )
+        value = self.fields[name]
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if isinstance(kind, tuple):
+            right = number and isinstance(value, int) and kind[0] <= value <= kind[1]
+        elif kind is float:
+            right = value is None or (number and abs(value) < 1e18)
+        else:
+            right = isinstance(value, kind)
+        if not right:
+            raise SeriesError(
+                f"{self.where}: {name!r} makes no sense ({value!r:.40}): record the series again"
+            )
+        return value
+
+
+def _frame(folder: Path, row: _Row) -> Frame:
+    stated, gain = row.take("exposure_us", float), row.take("gain", float)
+    name = row.take("file", str)
+    if Path(name).name != name or "\0" in name:
+        raise SeriesError(f"{row.where}: file {name!r:.40}: must be a name in the series' folder")
     return Frame(
-        path=folder / row["file"],
-        **{name: row[name] for name in _AS_WRITTEN},
+        path=folder / name,
+        **{field: row.take(field, kind) for field, kind in _AS_WRITTEN.items()},
         stated_us=None if stated is None else stated * (1.0 if gain is None else gain),
     )
 

@@ -25,6 +25,7 @@
 #define AFTER_OPTIONS_NS (1010 * LP_NS_PER_MS)
 /* Fewer frames a second are too few for brackets, if there is another choice. */
 #define LEAST_RATE_HZ 15.0F
+#define MOST_RATE_HZ 1000.0F
 
 void lp_osc_camera_init(struct lp_osc_camera *camera, const struct lp_osc_settings *settings,
 			struct lp_osc_http *http)
@@ -192,7 +193,7 @@ static float rate_of(const json_t *format)
 	return rate_hz > 0.0 && rate_hz <= MOST_RATE_HZ ? (float)rate_hz : 0.0F;
 }
 
-/* Equirectangular ones only. */
+/* Equirectangular ones only, of a rate that a camera can have: it is written back as an integer. */
 static void read_formats(const json_t *formats, float least_hz, struct lp_offers *offers)
 {
 	const json_t *format;
@@ -205,7 +206,8 @@ static void read_formats(const json_t *formats, float least_hz, struct lp_offers
 		const json_int_t height = json_integer_value(json_object_get(format, "height"));
 
 		if (offers->count == LP_MAX_OFFERS || width < 2 || width > 16384 ||
-		    width != 2 * height || rate_of(format) < least_hz)
+		    width % 2 != 0 || height != width / 2 ||
+		    !(rate_of(format) >= least_hz && rate_of(format) <= MOST_RATE_HZ))
 			continue;
 		offers->list[offers->count++] = (struct lp_offer){.fourcc = LP_FOURCC_MJPEG,
 								  .width_px = (uint32_t)width,

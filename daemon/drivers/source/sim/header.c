@@ -176,5 +176,7 @@ const char *lp_sim_header_parse(const uint8_t data[LP_SIM_HEADER_BYTES],
 	if ((read_u32(data + 56) & FLAG_CORRUPT) || !size_is_right(header) ||
 	    header->exposure_us > LONGEST_EXPOSURE_US)
 		header->flags |= LP_FRAME_CORRUPT;
+	if (header->exposure_us > LONGEST_EXPOSURE_US)
+		header->exposure_us = NAN;
 	return NULL;
 }
