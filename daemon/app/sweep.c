@@ -20,7 +20,17 @@ static bool turning(const struct lp_sweep *sweep)
 
 bool lp_sweep_lost(const struct lp_sweep *sweep)
 {
-	return sweep->report->state.phase != LP_WHEEL_SETTLED && !turning(sweep);
+	return sweep->is_lost ||
+	       (sweep->report->state.phase != LP_WHEEL_SETTLED && !turning(sweep));
+}
+
+/* A wheel that failed turns while it tries again. It is lost until it has settled. */
+static bool still_lost(const struct lp_sweep *sweep)
+{
+	const enum lp_wheel_phase phase = sweep->report->state.phase;
+
+	return phase == LP_WHEEL_FAULT || phase == LP_WHEEL_ABSENT ||
+	       (sweep->is_lost && phase != LP_WHEEL_SETTLED);
 }
 
 /* ---------------------------------------------------------------- exposures */
@@ -143,10 +153,10 @@ static void judge(struct lp_sweep *sweep)
 void lp_sweep_frame(struct lp_sweep *sweep, struct lp_frame *frame, int64_t now_ns)
 {
 	give_up(sweep); /* the one before */
-	if (lp_sweep_lost(sweep) || (frame->flags & LP_FRAME_LAST)) {
-		pass(sweep, frame, NAN, NAN);
-	} else if (turning(sweep)) {
+	if (turning(sweep) && !(frame->flags & LP_FRAME_LAST)) {
 		leave_out(sweep, frame);
+	} else if (lp_sweep_lost(sweep) || (frame->flags & LP_FRAME_LAST)) {
+		pass(sweep, frame, NAN, NAN);
 	} else {
 		sweep->held = frame;
 		sweep->t_held_ns = now_ns;
@@ -242,6 +252,7 @@ void lp_sweep_start(struct lp_sweep *sweep)
 void lp_sweep_state(struct lp_sweep *sweep, const struct lp_wheel_state *state, int64_t now_ns)
 {
 	sweep->report->state = *state;
+	sweep->is_lost = still_lost(sweep);
 	judge(sweep);
 	go_on(sweep, now_ns);
 }

@@ -55,6 +55,7 @@ struct lp_sweep {
 	int64_t t_rest_ns; /* since when; 0: no sweep is over yet */
 	bool wanted;
 	bool backwards;
+	bool is_lost;	   /* it failed, or fell silent, and has not settled since */
 	bool is_under_way; /* a sweep has left its first angle and is not over */
 	int at;		   /* angles_deg[at] is commanded */
 	struct lp_sweep_exposures exposures, before; /* here, and at the angle before */
@@ -77,7 +78,8 @@ void lp_sweep_frame(struct lp_sweep *sweep, struct lp_frame *frame, int64_t now_
 void lp_sweep_tick(struct lp_sweep *sweep, int64_t now_ns);
 void lp_sweep_finish(struct lp_sweep *sweep); /* releases what waits */
 
-/* The wheel is not where it should be, or nobody knows. */
+/* The wheel is not where it should be, or nobody knows. Once lost it stays so until it has settled:
+ * a stuck wheel that turns to try again is as lost as before. */
 bool lp_sweep_lost(const struct lp_sweep *sweep);
 
 #endif

@@ -1,11 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "light/tracker.h"
 
+#include <float.h>
 #include <math.h>
 #include <string.h>
 
 #include "include/luminance.h"
 #include "light/model.h"
+#include "light/nnls.h"
 #include "light/rotation.h"
 #include "light/sh.h"
 
@@ -15,12 +17,12 @@
 #define MEMORY_NS 2000000000LL
 /* Below this share of its full strength a fading lamp is no longer listed. */
 #define LEAST_SHARE 0.02F
-/* A lamp is lit when, within COMES_NS of being found, the irradiance that faces it has grown by
- * this share of its own; what the irradiance was before is a mean with the time constant BEFORE_MS.
- */
+/* A lamp is lit when, within COMES_NS of being found, it has brought this share of its irradiance
+ * to the light; what the light was before is a mean with the time constant BEFORE_MS. */
 #define BEFORE_MS 1000.0F
 #define COMES_NS 500000000LL
-#define LIT_SHARE 0.5F
+#define LIT_SHARE 0.5
+#define ALONE 1e-3
 
 static float luminance(const struct lp_light *light)
 {
@@ -64,31 +66,76 @@ static void start_track(const struct lp_tracker *tracker, struct lp_track *track
 		memset(track->light.irradiance, 0, sizeof(track->light.irradiance));
 }
 
-static float facing(const float sh[LP_MAX_SH_COUNT][3], const float direction[3])
+/* The SH of radiance, luminance only, that a lamp adds to the total. */
+static void lamp_sh(const struct lp_light *light, float strength, double sh[LP_MAX_SH_COUNT])
 {
-	float irradiance[3];
+	const float grey[3] = {strength, strength, strength};
+	double rgb[LP_MAX_SH_COUNT][3] = {{0.0}};
 
-	lp_sh_irradiance(LP_MAX_SH_ORDER, sh, direction, irradiance);
-	return lp_luminance(irradiance);
+	lp_sh_add_lamp(LP_MAX_SH_ORDER, light->direction, grey,
+		       (double)light->angular_radius_deg * M_PI / 180.0, 1.0, rgb);
+	for (int i = 0; i < LP_MAX_SH_COUNT; i++)
+		sh[i] = rgb[i][0];
 }
 
-/* Whether the lamp's light has come to where it is. */
-static bool has_come(const struct lp_tracker *tracker, const struct lp_light_estimate *raw,
-		     const struct lp_light *light)
+static bool is_new(const struct lp_tracker *tracker, int t, int64_t now_ns)
 {
-	const float before = facing(tracker->sh_before, light->direction);
+	const struct lp_track *track = &tracker->track[t];
 
-	return facing(raw->sh_total, light->direction) - before > LIT_SHARE * luminance(light);
+	return track->seen && !track->light.lit && now_ns - track->t_found_ns < COMES_NS;
 }
 
-static void judge_light_come(const struct lp_tracker *tracker, struct lp_track *track,
-			     const struct lp_light_estimate *raw, const struct lp_light *light)
+/* What lamps may have done to the light: a new one has brought `share` of its own, another one has
+ * taken some of its away. The shares are the least squares of the change of the total. */
+static void fit_changes(const struct lp_tracker *tracker, const struct lp_light_estimate *raw,
+			double share[LP_NNLS_MAX])
 {
-	const int64_t found_ns = raw->t_capture_ns - track->t_found_ns;
+	double column[LP_MAX_TRACKS][LP_MAX_SH_COUNT], change[LP_MAX_SH_COUNT];
+	struct lp_nnls fit = {.count = LP_MAX_TRACKS};
 
-	if (!track->light.lit && found_ns < COMES_NS)
-		track->light.lit = has_come(tracker, raw, light);
-	track->light.found_s = fmaxf((float)found_ns / 1e9F, 0.0F);
+	for (int i = 0; i < LP_MAX_SH_COUNT; i++)
+		change[i] = (double)(lp_luminance(raw->sh_total[i]) -
+				     lp_luminance(tracker->sh_before[i]));
+	for (int t = 0; t < LP_MAX_TRACKS; t++) {
+		const struct lp_track *track = &tracker->track[t];
+		const bool comes = is_new(tracker, t, raw->t_capture_ns);
+
+		memset(column[t], 0, sizeof(column[t]));
+		if (track->light.id)
+			lamp_sh(&track->light, comes ? track->full : -track->full, column[t]);
+		for (int u = 0; u <= t; u++)
+			for (int i = 0; i < LP_MAX_SH_COUNT; i++)
+				fit.normal[t][u] += column[t][i] * column[u][i];
+		for (int i = 0; i < LP_MAX_SH_COUNT; i++)
+			fit.right[t] += column[t][i] * change[i];
+		for (int u = 0; u < t; u++)
+			fit.normal[u][t] = fit.normal[t][u];
+		/* lamps side by side cannot be told apart: none is what is then found */
+		fit.normal[t][t] += ALONE * fit.normal[t][t] + DBL_MIN;
+	}
+	lp_nnls_solve(&fit, share);
+}
+
+/* Whether the light of new lamps has come to where they are. */
+static void judge_light_come(struct lp_tracker *tracker, const struct lp_light_estimate *raw)
+{
+	double share[LP_NNLS_MAX];
+	bool any = false;
+
+	for (int t = 0; t < LP_MAX_TRACKS; t++)
+		any |= is_new(tracker, t, raw->t_capture_ns);
+	if (any)
+		fit_changes(tracker, raw, share);
+	for (int t = 0; t < LP_MAX_TRACKS; t++) {
+		struct lp_track *track = &tracker->track[t];
+
+		if (!track->seen)
+			continue;
+		if (is_new(tracker, t, raw->t_capture_ns))
+			track->light.lit = share[t] > LIT_SHARE;
+		track->light.found_s =
+			fmaxf((float)(raw->t_capture_ns - track->t_found_ns) / 1e9F, 0.0F);
+	}
 }
 
 static float follow(float from, float to, float alpha)
@@ -167,7 +214,6 @@ static void follow_light(struct lp_track *track, const struct lp_light *target, 
 		hypotf(target->direction_sigma_deg, chord_deg(l->direction, target->direction));
 	l->irradiance_sigma =
 		hypotf(target->irradiance_sigma, luminance(target) / luminance(l) - 1.0F);
-	track->full = luminance(target);
 }
 
 static void fade(struct lp_track *track, float alpha, int64_t now_ns)
@@ -258,7 +304,10 @@ void lp_tracker_update(struct lp_tracker *tracker, const struct lp_light_estimat
 			of_light[k] = new_track(tracker);
 			start_track(tracker, of_light[k], &raw->lights[k], now_ns);
 		}
-		judge_light_come(tracker, of_light[k], raw, &raw->lights[k]);
+		of_light[k]->full = luminance(&raw->lights[k]);
+	}
+	judge_light_come(tracker, raw);
+	for (int k = 0; k < raw->light_count; k++) {
 		follow_light(of_light[k], &raw->lights[k], alpha);
 		of_light[k]->t_seen_ns = now_ns;
 	}
@@ -306,9 +355,10 @@ void lp_tracker_jump(struct lp_tracker *tracker, const struct lp_light_estimate 
 			struct lp_track *const track = new_track(tracker);
 
 			start_track(tracker, track, &after->lights[k], after->t_capture_ns);
-			judge_light_come(tracker, track, after, &after->lights[k]);
+			track->full = luminance(&after->lights[k]);
 			track->t_seen_ns = after->t_capture_ns;
 		}
+	judge_light_come(tracker, after);
 	for (int t = 0; t < LP_MAX_TRACKS; t++) {
 		struct lp_track *const track = &tracker->track[t];
 

@@ -172,6 +172,27 @@ static void test_frames_of_a_turning_wheel_are_left_out(void **state)
 	assert_true(emitted == 1 && isnan(frame.wheel_deg));
 }
 
+static void test_a_lost_wheel_is_lost_until_it_settles(void **state)
+{
+	static const enum lp_wheel_phase losses[] = {LP_WHEEL_FAULT, LP_WHEEL_ABSENT};
+	static const enum lp_wheel_phase tries[] = {LP_WHEEL_UNKNOWN, LP_WHEEL_HOMING,
+						    LP_WHEEL_MOVING};
+
+	for (size_t i = 0; i < LP_COUNT(losses) * LP_COUNT(tries); i++) {
+		setup(state);
+		tell(in_phase(LP_WHEEL_MOVING), 900);
+		assert_false(lp_sweep_lost(&sweep));
+		tell(in_phase(losses[i % LP_COUNT(losses)]), 960);
+		assert_true(lp_sweep_lost(&sweep));
+		tell(in_phase(tries[i / LP_COUNT(losses)]), 970);
+		assert_true(lp_sweep_lost(&sweep));
+		tell(settled(980, 990), 1000);
+		assert_false(lp_sweep_lost(&sweep));
+		tell(in_phase(LP_WHEEL_HOMING), 1010);
+		assert_false(lp_sweep_lost(&sweep));
+	}
+}
+
 static void test_no_answer_is_no_angle(void **state)
 {
 	(void)state;
@@ -243,7 +264,9 @@ static void expose(float exposure_us, int64_t *now_ms)
 	struct lp_wheel_state there = settled(*now_ms - 20, *now_ms + 33);
 
 	there.commanded_deg = sweep.angles_deg[sweep.at];
-	frame.t_read_ns = *now_ms * MS + (int64_t)(1e3 * (double)exposure_us);
+	frame.t_read_ns = *now_ms * MS;
+	if (!isnan(exposure_us))
+		frame.t_read_ns += (int64_t)(1e3 * (double)exposure_us);
 	frame.exposure_us = exposure_us;
 	*now_ms += 33;
 	lp_sweep_frame(&sweep, &frame, *now_ms * MS);
@@ -465,6 +488,7 @@ int main(void)
 		cmocka_unit_test_setup(test_what_happens_while_a_frame_waits, setup),
 		cmocka_unit_test_setup(test_without_a_wheel_there_is_no_waiting, setup),
 		cmocka_unit_test_setup(test_frames_of_a_turning_wheel_are_left_out, setup),
+		cmocka_unit_test_setup(test_a_lost_wheel_is_lost_until_it_settles, setup),
 		cmocka_unit_test_setup(test_no_answer_is_no_angle, setup),
 		cmocka_unit_test_setup(test_rows_of_unknown_time_count_to_the_arrival, setup),
 		cmocka_unit_test_setup(test_doubt_is_no_angle, setup),

@@ -325,6 +325,43 @@ static void test_light_comes_with_a_lamp_or_later(void **state)
 	}
 }
 
+/* A lamp that goes on as another one goes off is lit: the light as a whole may even become less.
+ * One that is told apart as another one is lost, whose light stays, is not. */
+static void test_light_comes_as_other_light_goes(void **state)
+{
+	const float apart_deg[] = {20.0F, 45.0F, 90.0F, 180.0F};
+
+	(void)state;
+	for (int i = 0; i < 2 * (int)LP_COUNT(apart_deg); i++) {
+		const float place_deg[] = {0.0F, apart_deg[i / 2]}, strength[] = {4.0F, 1.0F};
+		const bool switched = i % 2;
+		struct lp_tracker tracker = {.time_constant_ms = 100.0F};
+		struct lp_light_estimate raw, smoothed;
+
+		for (int n = 0; n < 110; n++) {
+			const bool on[] = {n < 100, n >= 100};
+			struct lp_light told = lamp(place_deg[n >= 100], strength[n >= 100]);
+			double sh[LP_MAX_SH_COUNT][3] = {{4.0, 4.0, 4.0}};
+
+			told.id = 1 + (n >= 100);
+			raw = at(n * FRAME_NS, 1, &told);
+			for (int k = 0; k < 2; k++) {
+				const struct lp_light shines = lamp(place_deg[k], strength[k]);
+
+				lp_sh_add_lamp(LP_MAX_SH_ORDER, shines.direction, shines.irradiance,
+					       0.0, on[k] || !switched ? 1.0 : 0.0, sh);
+			}
+			for (int m = 0; m < LP_MAX_SH_COUNT; m++)
+				for (int c = 0; c < 3; c++)
+					raw.sh_total[m][c] = (float)sh[m][c];
+			lp_tracker_update(&tracker, &raw, &smoothed);
+		}
+		for (int k = 0; k < smoothed.light_count; k++)
+			if (smoothed.lights[k].id == 2)
+				assert_int_equal(smoothed.lights[k].lit, switched);
+	}
+}
+
 /* A light whose every number is `value`, but for what must be of one length, yes or no. */
 static struct lp_light_estimate all_fields(int64_t t_ns, int value, const float axis[3])
 {
@@ -391,6 +428,7 @@ int main(void)
 		cmocka_unit_test(test_a_jump_has_no_delay),
 		cmocka_unit_test(test_whether_light_came),
 		cmocka_unit_test(test_light_comes_with_a_lamp_or_later),
+		cmocka_unit_test(test_light_comes_as_other_light_goes),
 		cmocka_unit_test(test_every_field_of_a_light_is_passed_on),
 		cmocka_unit_test(test_the_tracker_turns_every_field),
 	};

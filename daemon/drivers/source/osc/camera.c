@@ -25,7 +25,6 @@
 #define AFTER_OPTIONS_NS (1010 * LP_NS_PER_MS)
 /* Fewer frames a second are too few for brackets, if there is another choice. */
 #define LEAST_RATE_HZ 15.0F
-#define MOST_RATE_HZ 1000.0F
 
 void lp_osc_camera_init(struct lp_osc_camera *camera, const struct lp_osc_settings *settings,
 			struct lp_osc_http *http)
@@ -183,7 +182,7 @@ static int read_info(struct lp_osc_camera *camera, struct lp_osc_fault *fault)
 
 /* ---------------------------------------------------------------- which preview */
 
-#define MOST_RATE_HZ 1000.0
+#define MOST_RATE_HZ 1000.0 /* it is written back as an integer */
 
 /* 0: it does not say, or what cannot be. */
 static float rate_of(const json_t *format)
@@ -193,7 +192,7 @@ static float rate_of(const json_t *format)
 	return rate_hz > 0.0 && rate_hz <= MOST_RATE_HZ ? (float)rate_hz : 0.0F;
 }
 
-/* Equirectangular ones only, of a rate that a camera can have: it is written back as an integer. */
+/* Equirectangular ones only. */
 static void read_formats(const json_t *formats, float least_hz, struct lp_offers *offers)
 {
 	const json_t *format;
@@ -206,8 +205,7 @@ static void read_formats(const json_t *formats, float least_hz, struct lp_offers
 		const json_int_t height = json_integer_value(json_object_get(format, "height"));
 
 		if (offers->count == LP_MAX_OFFERS || width < 2 || width > 16384 ||
-		    width % 2 != 0 || height != width / 2 ||
-		    !(rate_of(format) >= least_hz && rate_of(format) <= MOST_RATE_HZ))
+		    width % 2 != 0 || height != width / 2 || rate_of(format) < least_hz)
 			continue;
 		offers->list[offers->count++] = (struct lp_offer){.fourcc = LP_FOURCC_MJPEG,
 								  .width_px = (uint32_t)width,
