@@ -133,7 +133,8 @@ static void fill_polarization(lightprobe_v1_Light *wire, const struct lp_light_p
 		p->judged && scaled(p->reflection, 100, &wire->reflection_percent);
 }
 
-static bool fill_light(lightprobe_v1_Light *wire, const struct lp_light *light)
+/* `upward`: lp_upward_irradiance() of the estimate. */
+static bool fill_light(lightprobe_v1_Light *wire, const struct lp_light *light, float upward)
 {
 	wire->id = light->id;
 	wire->flags = light->flags;
@@ -146,6 +147,8 @@ static bool fill_light(lightprobe_v1_Light *wire, const struct lp_light *light)
 	wire->has_colour_sigma_permille =
 		light->colour_sigma > 0.0F &&
 		scaled(light->colour_sigma, 1000, &wire->colour_sigma_permille);
+	wire->has_shadow_strength_permille =
+		scaled(lp_shadow_strength(light, upward), 1000, &wire->shadow_strength_permille);
 	wire->has_distance_m = known(light->distance_m, &wire->distance_m);
 	if (light->flags & LP_LIGHT_EXTENDED) {
 		wire->half_angle_deg_count = 2;
@@ -216,6 +219,7 @@ int lp_encode_estimate(const struct lp_light_estimate *estimate, const struct lp
 	lightprobe_v1_FromProbe message = {.which_message = lightprobe_v1_FromProbe_estimate_tag};
 	lightprobe_v1_Estimate *wire = &message.message.estimate;
 	const int64_t slept_ns = slept_since(estimate);
+	const float upward = lp_upward_irradiance(estimate);
 	struct lp_light key;
 	const int64_t delay_us =
 		(stamp->t_send_ns - estimate->t_capture_ns + slept_ns) / LP_NS_PER_US;
@@ -259,13 +263,13 @@ int lp_encode_estimate(const struct lp_light_estimate *estimate, const struct lp
 	wire->has_sh = true;
 	wire->lights_count = (pb_size_t)variant->lights;
 	for (int i = 0; i < variant->lights; i++) {
-		if (!fill_light(&wire->lights[i], &estimate->lights[i]))
+		if (!fill_light(&wire->lights[i], &estimate->lights[i], upward))
 			return -ERANGE;
 	}
 	wire->has_key = variant->key;
 	if (variant->key) {
 		key = key_of(estimate, variant);
-		if (!fill_light(&wire->key, &key))
+		if (!fill_light(&wire->key, &key, upward))
 			return -ERANGE;
 	}
 	if (!fill_sh(&wire->sh, estimate, variant, variant->key ? &key : NULL))

@@ -17,7 +17,7 @@ float lp_light_rank(const struct lp_light *light)
 	return lp_luminance(light->irradiance) * (1.0F + light->hidden);
 }
 
-float lp_shadow_strength(const struct lp_light_estimate *estimate, int index)
+float lp_facing_share(const struct lp_light_estimate *estimate, int index)
 {
 	const struct lp_light *light = &estimate->lights[index];
 	const float own = lp_luminance(light->irradiance);
@@ -30,6 +30,32 @@ float lp_shadow_strength(const struct lp_light_estimate *estimate, int index)
 	const float rest = fmaxf(all - own * 17.0F / 16.0F, 0.0F);
 
 	return own > 0.0F ? own / (own + rest) : 0.0F;
+}
+
+static float upward_irradiance_of(const struct lp_light *light)
+{
+	return lp_luminance(light->irradiance) * fmaxf(light->direction[1], 0.0F);
+}
+
+float lp_upward_irradiance(const struct lp_light_estimate *estimate)
+{
+	static const float up[3] = {0.0F, 1.0F, 0.0F};
+	float ambient[LP_MAX_SH_COUNT][3], rest[3];
+
+	lp_model_ambient(estimate, LP_MAX_SH_ORDER, estimate->light_count, ambient);
+	lp_sh_irradiance(LP_MAX_SH_ORDER, (const float(*)[3])ambient, up, rest);
+	float sum = lp_luminance(rest);
+
+	if (sum < 0.0F)
+		sum = 0.0F;
+	for (int k = 0; k < estimate->light_count; k++)
+		sum += upward_irradiance_of(&estimate->lights[k]);
+	return sum;
+}
+
+float lp_shadow_strength(const struct lp_light *light, float upward)
+{
+	return upward > 0.0F ? fminf(upward_irradiance_of(light) / upward, 1.0F) : NAN;
 }
 
 /* Root mean square over normals of the irradiance in the bands above each order, luminance. */
@@ -79,7 +105,7 @@ void lp_model_predict(const double (*total)[3], struct lp_light_estimate *estima
 
 	memcpy(residual, total, sizeof(residual));
 	for (int k = estimate->light_count - 1; k >= 0; k--)
-		shadow[k] = shadow[k + 1] + lp_shadow_strength(estimate, k);
+		shadow[k] = shadow[k + 1] + lp_facing_share(estimate, k);
 	for (int k = 0; k <= LP_MAX_LIGHTS; k++) {
 		double rms[LP_MAX_SH_ORDER + 1];
 

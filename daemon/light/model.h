@@ -35,7 +35,7 @@ float lp_model_distance(const struct lp_light_estimate *estimate,
 /* Bytes on the wire (proto/lightprobe.proto): three floats a coefficient; a light with all that an
  * ordinary one says. tests/unit/test_codec.c compares them with what is sent. */
 #define LP_COEFFICIENT_BYTES 12
-#define LP_LIGHT_BYTES 47
+#define LP_LIGHT_BYTES 50
 
 /* Smallest model, in bytes on the wire, whose predicted error is at most `tolerance`, within
  * max_order and max_lights; the most exact one when none is, or when tolerance is 0. */
@@ -60,6 +60,14 @@ void lp_model_turn(struct lp_light_estimate *estimate, const struct lp_rotation 
 float lp_light_rank(const struct lp_light *light);
 
 /* Share of the light reaching a surface that faces light `index`; 0..1. */
-float lp_shadow_strength(const struct lp_light_estimate *estimate, int index);
+float lp_facing_share(const struct lp_light_estimate *estimate, int index);
+
+/* Irradiance (luminance) on a surface that faces up (+Y): of all lights exactly, and of what they
+ * leave by its SH, where that is not negative. */
+float lp_upward_irradiance(const struct lp_light_estimate *estimate);
+
+/* Share of `upward` (lp_upward_irradiance()) that is the light's own, 0..1; NAN when there is none.
+ * Those of all lights of an estimate add up to 1 at most. */
+float lp_shadow_strength(const struct lp_light *light, float upward);
 
 #endif

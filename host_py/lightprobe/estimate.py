@@ -109,6 +109,9 @@ class Light:
     #: 1 sigma of red, green and blue, root mean square, over the luminance of `irradiance`: of
     #: lamps whose strength the ring of light sensors found; None: not stated.
     colour_sigma: float | None = None
+    #: Share, 0…1, of the light (luminance) on a surface facing up, +Y of `Estimate.frame`:
+    #: how dark its shadow on a table is. None: no light reaches it, or an older probe.
+    shadow_strength: float | None = None
     flags: LightFlag = NO_LIGHT_FLAG
     distance_m: float | None = None
     #: Area lights (EXTENDED): the ellipse with the same extent, from its centre along the longer
@@ -150,6 +153,7 @@ class Light:
             "direction_sigma_deg": _number(self.direction_sigma_deg),
             "irradiance_sigma": _numbers(self.irradiance_sigma),
             "colour_sigma": _number(self.colour_sigma),
+            "shadow_strength": _number(self.shadow_strength),
             "distance_m": _number(self.distance_m),
             "half_angle_deg": _numbers(self.half_angle_deg),
             "axis": _numbers(self.axis),

@@ -447,6 +447,9 @@ def _light(m: pb.Light) -> Light:
         colour_sigma=(
             m.colour_sigma_permille / 1000 if m.HasField("colour_sigma_permille") else None
         ),
+        shadow_strength=(
+            m.shadow_strength_permille / 1000 if m.HasField("shadow_strength_permille") else None
+        ),
         flags=LightFlag(m.flags),
         distance_m=m.distance_m if m.HasField("distance_m") else None,
         half_angle_deg=None if half is None else (float(half[0]), float(half[1])),

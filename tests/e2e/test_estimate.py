@@ -86,6 +86,24 @@ def test_json_has_the_one_shape(radiance, tmp_path):
         )
 
 
+def test_a_lamps_shadow_is_as_dark_as_its_share_of_the_light_on_a_table(radiance, tmp_path):
+    """Against the picture itself: what comes from the lamp, over all that comes from above.
+
+    It does not depend on how many lamps are listed.
+    """
+    image.write_pfm(tmp_path / "x.pfm", radiance)
+    result, one = (run_json(tmp_path / "x.pfm", "--lights", count) for count in (8, 1))
+    up = np.maximum(geometry.equirect_directions(1024, 512)[..., 1], 0)
+    weight = geometry.equirect_solid_angles(1024, 512)[:, None] * up
+    upward = float((luminance(radiance) * weight).sum())
+    for lamp in ROOM.lamps:
+        light = max(result["lights"], key=lambda item: np.dot(item["direction"], lamp.direction))
+        share = max(lamp.direction[1], 0) * luminance(lamp.irradiance) / upward
+        assert light["shadow_strength"] == pytest.approx(share, abs=0.01)
+    assert any(0.05 < light["shadow_strength"] < 0.95 for light in result["lights"])
+    assert one["lights"][0]["shadow_strength"] == result["lights"][0]["shadow_strength"]
+
+
 def test_hdr_formats_give_the_same_light_in_the_file_s_own_units(radiance, tmp_path):
     image.write_pfm(tmp_path / "x.pfm", radiance)
     cv2.imwrite(str(tmp_path / "x.hdr"), radiance[..., ::-1])

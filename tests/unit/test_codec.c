@@ -85,7 +85,7 @@ static void test_size_budgets(void **state)
 		estimate.lights[i].flags = LP_LIGHT_CLIPPED;
 	encode(&estimate, false, 2, 4, &stamp);
 	print_message("order 2, 4 lights: %u bytes\n", packet.size_bytes);
-	assert_in_range(packet.size_bytes, 300, 360);
+	assert_in_range(packet.size_bytes, 300, 380);
 	encode(&estimate, false, 1, 0, &stamp);
 	print_message("order 1, no lights: %u bytes\n", packet.size_bytes);
 	assert_in_range(packet.size_bytes, 60, 100);
@@ -276,6 +276,10 @@ static void test_values_arrive(void **state)
 	assert_true(wire.lights[0].has_colour_sigma_permille &&
 		    wire.lights[0].colour_sigma_permille == 187);
 	assert_false(wire.lights[1].has_colour_sigma_permille);
+	assert_true(wire.lights[0].has_shadow_strength_permille);
+	assert_int_equal(wire.lights[0].shadow_strength_permille,
+			 lroundf(1000.0F * lp_shadow_strength(&estimate.lights[0],
+							      lp_upward_irradiance(&estimate))));
 	assert_false(wire.lights[0].has_distance_m);
 	assert_true(wire.lights[1].has_distance_m && wire.lights[1].distance_m == 2.5F);
 	assert_false(wire.lights[0].has_dolp_percent || wire.lights[0].has_aolp_deg ||
@@ -311,6 +315,9 @@ static void test_unknown_is_absent_not_zero(void **state)
 	estimate.lights[0].irradiance_sigma = NAN;
 	estimate.predicted_error[2][1] = NAN;
 	estimate.relighting_sigma = NAN;
+	for (int i = 0; i < LP_MAX_LIGHTS; i++) /* nothing shines on what faces up */
+		estimate.lights[i].direction[1] = -0.8F;
+	memset(estimate.sh_total, 0, sizeof(estimate.sh_total));
 	wire = encode(&estimate, false, 2, 1, &no_stamp);
 	assert_false(wire.has_exposure_us || wire.has_cd_m2_per_unit ||
 		     wire.has_cd_m2_per_unit_sigma_permille || wire.has_wheel_deg ||
@@ -318,7 +325,8 @@ static void test_unknown_is_absent_not_zero(void **state)
 		     wire.has_relighting_sigma_permille || wire.has_scale_sigma_permille);
 	assert_false(wire.lights[0].has_direction_sigma_deg ||
 		     wire.lights[0].has_irradiance_sigma_permille ||
-		     wire.lights[0].has_confidence_percent || wire.lights[0].has_distance_m);
+		     wire.lights[0].has_confidence_percent || wire.lights[0].has_distance_m ||
+		     wire.lights[0].has_shadow_strength_permille);
 }
 
 static void test_what_is_not_finite_is_not_sent(void **state)

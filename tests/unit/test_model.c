@@ -85,8 +85,8 @@ static void test_predicted_error_is_the_real_one(void **state)
 			squared += lost * lost / normals;
 			mean += all / normals;
 		}
-		const float shadows = lp_shadow_strength(&e, 0) + lp_shadow_strength(&e, 1) +
-				      lp_shadow_strength(&e, 2);
+		const float shadows =
+			lp_facing_share(&e, 0) + lp_facing_share(&e, 1) + lp_facing_share(&e, 2);
 		assert_float_equal(e.predicted_error[order][0],
 				   sqrt(squared) / mean + LP_SHADOW_SHARE * shadows, 1e-3);
 	}
@@ -115,6 +115,61 @@ static void test_smallest_model_under_the_tolerance(void **state)
 	lp_model_choose(&e, 4, 8, 100.0F, &loose_order, &loose_lights);
 	assert_int_equal(loose_order, 0);
 	assert_int_equal(loose_lights, 0);
+}
+
+/* A surface that faces up, in the dark but for two lamps: each has the share that it brings. With
+ * an even sky of irradiance pi L the rest is the sky's. What shines from below brings nothing
+ * there. */
+static void test_shadow_strengths_on_a_surface_that_faces_up(void **state)
+{
+	struct lp_light_estimate e = {
+		.light_count = 3,
+		.lights = {{.direction = {0.6F, 0.8F, 0.0F}, .irradiance = {5.0F, 5.0F, 5.0F}},
+			   {.direction = {0.0F, 0.5F, -0.8660254F},
+			    .irradiance = {4.0F, 4.0F, 4.0F}},
+			   {.direction = {0.0F, -1.0F, 0.0F}, .irradiance = {9.0F, 9.0F, 9.0F}}}};
+	const float sky[] = {0.0F, 1.0F, 100.0F};
+
+	(void)state;
+	assert_true(isnan(lp_shadow_strength(&e.lights[0], 0.0F)));
+	for (size_t s = 0; s < LP_COUNT(sky); s++) {
+		const float rest = (float)M_PI * sky[s], sum = 5.0F * 0.8F + 4.0F * 0.5F + rest;
+		double sh[LP_MAX_SH_COUNT][3] = {{0.0}};
+
+		for (int c = 0; c < 3; c++)
+			sh[0][c] = sky[s] * sqrt(4.0 * M_PI);
+		for (int k = 0; k < e.light_count; k++)
+			lp_sh_add_lamp(LP_MAX_SH_ORDER, e.lights[k].direction,
+				       e.lights[k].irradiance, 0.0, 1.0, sh);
+		for (int i = 0; i < LP_MAX_SH_COUNT; i++)
+			for (int c = 0; c < 3; c++)
+				e.sh_total[i][c] = (float)sh[i][c];
+		const float upward = lp_upward_irradiance(&e);
+
+		assert_float_equal(upward, sum, 1e-4F * sum);
+		assert_float_equal(lp_shadow_strength(&e.lights[0], upward), 4.0F / sum, 1e-4F);
+		assert_float_equal(lp_shadow_strength(&e.lights[1], upward), 2.0F / sum, 1e-4F);
+		assert_true(lp_shadow_strength(&e.lights[2], upward) == 0.0F);
+	}
+}
+
+/* SH that swing below zero up there do not make shares of more than all light. */
+static void test_shadow_strengths_add_up_to_1_at_most(void **state)
+{
+	double total[LP_SH_MAX_COUNT][3];
+	struct lp_light_estimate e = random_estimate(4, total);
+	float sum = 0.0F;
+
+	(void)state;
+	for (int c = 0; c < 3; c++)
+		e.sh_total[0][c] = 0.0F;
+	const float upward = lp_upward_irradiance(&e);
+
+	for (int k = 0; k < e.light_count; k++)
+		sum += lp_shadow_strength(&e.lights[k], upward);
+	assert_float_equal(sum, 1.0F, 1e-5F);
+	e.sh_total[6][1] = NAN;
+	assert_true(isnan(lp_shadow_strength(&e.lights[0], lp_upward_irradiance(&e))));
 }
 
 /* An even sky needs one number. */
@@ -156,6 +211,8 @@ int main(void)
 		cmocka_unit_test(test_the_invariant),
 		cmocka_unit_test(test_predicted_error_is_the_real_one),
 		cmocka_unit_test(test_smallest_model_under_the_tolerance),
+		cmocka_unit_test(test_shadow_strengths_on_a_surface_that_faces_up),
+		cmocka_unit_test(test_shadow_strengths_add_up_to_1_at_most),
 		cmocka_unit_test(test_overcast),
 		cmocka_unit_test(test_distance),
 	};

@@ -71,7 +71,7 @@ static void test_lamps_and_ambient(void **state)
 		}
 		for (int j = 0; j < 3; j++) {
 			assert_true(e.lights[j].id != 0);
-			assert_true(lp_shadow_strength(&e, j) > 0.1F);
+			assert_true(lp_facing_share(&e, j) > 0.1F);
 			if (j)
 				assert_true(e.lights[j].irradiance[1] <=
 					    e.lights[j - 1].irradiance[1]);

@@ -102,6 +102,8 @@ namespace Lightprobe.Messages
         /// <summary>1 sigma of dolp_percent and of aolp_deg; absent: not known. 90 degrees: any angle is as likely.</summary>
         public uint? DolpSigmaPermille;
         public float? AolpSigmaDeg;
+        /// <summary>Its share of the irradiance (luminance) on a surface that faces up, +Y of Estimate.frame: how dark its shadow on a table is, 0..1000. Absent: no light reaches that surface, or the probe is older than this field.</summary>
+        public uint? ShadowStrengthPermille;
 
         internal static Light Read(WireReader r)
         {
@@ -126,6 +128,7 @@ namespace Lightprobe.Messages
                     case 17: m.ColourSigmaPermille = r.UInt32("Light.colour_sigma_permille"); break;
                     case 18: m.DolpSigmaPermille = r.UInt32("Light.dolp_sigma_permille"); break;
                     case 19: m.AolpSigmaDeg = r.Float("Light.aolp_sigma_deg"); break;
+                    case 20: m.ShadowStrengthPermille = r.UInt32("Light.shadow_strength_permille"); break;
                     default: r.Skip(); break;
                 }
             return m;

@@ -34,6 +34,11 @@ namespace Lightprobe
         public readonly float AngularDiameterDeg;
         /// <summary>False of a mirror image: it shines through the floor or pane in which it is seen.</summary>
         public readonly bool CastsShadow;
+        /// <summary>
+        /// Share, 0 to 1, of the light on a surface that faces up: how dark a shadow is that you draw on a table yourself. Null:
+        /// not known. Leave Unity's Light.shadowStrength at 1: its renderer takes the lamp's light away, and the rest remains.
+        /// </summary>
+        public readonly float? ShadowStrength;
 
         /// <param name="lamp">A lamp of an estimate.</param>
         /// <param name="pipeline">Which renderer it is for.</param>
@@ -54,6 +59,7 @@ namespace Lightprobe
             for (int c = 0; c < 3; c++)
                 Colour[c] = (float)Srgb(largest > 0 ? Math.Max(0.0, lamp.Irradiance[c]) / largest : 1);
             AngularDiameterDeg = 2 * lamp.AngularRadiusDeg;
+            ShadowStrength = lamp.ShadowStrengthPermille / 1000f;
             CastsShadow = (lamp.Flags & (uint)LightFlag.Reflection) == 0;
         }
 

@@ -40,6 +40,11 @@ export interface Light {
   irradianceSigma: number | undefined;
   /** 1 sigma of red, green and blue, root mean square, over the luminance of `irradiance`: of lamps whose strength the ring found. */
   colourSigma: number | undefined;
+  /**
+   * Share, 0…1, of the light (luminance) that reaches a surface facing up, +Y of `Estimate.frame`: how dark its shadow on a table
+   * is. undefined: no light reaches it, or an older probe.
+   */
+  shadowStrength: number | undefined;
   flags: number;
   distanceM: number | undefined;
   /** Area lights (EXTENDED): the ellipse with the same extent, from its centre along the longer and the shorter axis. */

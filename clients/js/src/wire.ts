@@ -156,6 +156,7 @@ function lightOf(m: pb.Light): Light {
     directionSigmaDeg: m.directionSigmaDeg,
     irradianceSigma: m.irradianceSigmaPermille === undefined ? undefined : m.irradianceSigmaPermille / 1000,
     colourSigma: m.colourSigmaPermille === undefined ? undefined : m.colourSigmaPermille / 1000,
+    shadowStrength: m.shadowStrengthPermille === undefined ? undefined : m.shadowStrengthPermille / 1000,
     flags: m.flags,
     distanceM: m.distanceM,
     halfAngleDeg: m.halfAngleDeg.length ? (finite(m.halfAngleDeg, 2, "half angles") as [number, number]) : undefined,

@@ -7,7 +7,7 @@ import { ProbeLight } from "../src/three.js";
 import { lightEstimate } from "../src/webxr.js";
 
 export const lamp = (id: number, direction: Vec3, light: Vec3 = [1, 1, 1]): Light => ({
-  id, direction, irradiance: light, angularRadiusDeg: 2, directionSigmaDeg: undefined, irradianceSigma: undefined, colourSigma: undefined, flags: 0, distanceM: undefined,
+  id, direction, irradiance: light, angularRadiusDeg: 2, directionSigmaDeg: undefined, irradianceSigma: undefined, colourSigma: undefined, shadowStrength: undefined, flags: 0, distanceM: undefined,
   halfAngleDeg: undefined, axis: undefined,
   dolp: undefined, dolpSigma: undefined, aolpDeg: undefined, aolpSigmaDeg: undefined, reflection: undefined,
 });

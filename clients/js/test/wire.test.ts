@@ -101,6 +101,15 @@ test("how a lamp is polarized, with sigmas; an older probe sends none", () => {
   }
 });
 
+test("how dark a lamp's shadow on a table is; an older probe does not say", () => {
+  for (const [file, strength] of [["estimate_shadow_strength.bin", 0.625], ["estimate_colour_sigma.bin", undefined]] as const) {
+    const message = decode(bytes(file));
+    assert.equal(message?.kind, "estimate");
+    if (message?.kind !== "estimate") return;
+    assert.equal(message.estimate.lights[0]!.shadowStrength, strength);
+  }
+});
+
 test("garbage is a WireError, and a message of the future is skipped", () => {
   assert.throws(() => decode(Uint8Array.of(0xff, 0xff, 0xff)), WireError);
   assert.equal(decode(Uint8Array.of(0x7a, 2, 104, 105)), undefined);

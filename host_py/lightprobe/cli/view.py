@@ -72,6 +72,7 @@ def lights_table(estimate: Estimate) -> Table:
         "±",
         "",
         "across",
+        "shadow",
     ):
         table.add_column(name, justify="left" if name in ("lamp", "") else "right", no_wrap=True)
     for name in ("polarized", "mirrored") if has_film else ():
@@ -88,6 +89,7 @@ def lights_table(estimate: Estimate) -> Table:
             "–" if percent is None else f"{percent:.2g}%",
             swatch(light.irradiance),
             f"{2 * light.angular_radius_deg:.2f}°",
+            "–" if light.shadow_strength is None else f"{100 * light.shadow_strength:.0f}%",
             *(polarization_words(light) if has_film else ()),
             " ".join(flag_names(light.flags)).lower(),
         )

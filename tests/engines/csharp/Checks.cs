@@ -86,7 +86,7 @@ static class Checks
             float scale = estimate.CdM2PerUnit ?? 1;
             var lamp = new UnityLight(estimate.Lights[0], pipeline, scale);
             float[,] sh = UnityLight.SphericalHarmonicsL2(estimate.Sh, pipeline == Pipeline.HighDefinition ? scale : 1);
-            Console.WriteLine(Json(lamp.Forward.Concat(lamp.Colour).Concat(new[] { lamp.Intensity }).Concat(sh.Cast<float>()).Concat(new[] { lamp.CastsShadow ? 1f : 0f }).ToArray()));
+            Console.WriteLine(Json(lamp.Forward.Concat(lamp.Colour).Concat(new[] { lamp.Intensity }).Concat(sh.Cast<float>()).Concat(new[] { lamp.ShadowStrength ?? -1f, lamp.CastsShadow ? 1f : 0f }).ToArray()));
         }
     }
 

@@ -185,6 +185,7 @@ def test_unitys_numbers_are_those_of_convert(program, towards, flags, cd_m2_per_
     lamp.irradiance.extend([3, 2, 0.5])
     if cd_m2_per_unit:
         message.estimate.cd_m2_per_unit = cd_m2_per_unit
+        lamp.shadow_strength_permille = 625
     message.estimate.sh.order = 4
     coefficients = rng.normal(size=(25, 3)).astype(np.float32)
     message.estimate.sh.coefficients.extend(coefficients.ravel().tolist())
@@ -196,9 +197,10 @@ def test_unitys_numbers_are_those_of_convert(program, towards, flags, cd_m2_per_
         colour = [1, *(1.055 * (x / 3) ** (1 / 2.4) - 0.055 for x in (2, 0.5))]
         forward = -adapter.direction(towards)
         np.testing.assert_allclose(line[:7], [*forward, *colour, intensity], rtol=1e-6, atol=1e-6)
+        assert line[-2] == (0.625 if cd_m2_per_unit else -1)  # -1: not known
         assert line[-1] == (0 if flags else 1)
         coefficients_there = absolute * adapter.coefficients(coefficients)
-        np.testing.assert_allclose(line[7:-1], coefficients_there, rtol=1e-5, atol=1e-6)
+        np.testing.assert_allclose(line[7:-2], coefficients_there, rtol=1e-5, atol=1e-6)
     if towards == (0, 1, 0):  # a lamp straight up shines down, along Unity's -y
         assert lines[0][:3] == [0, -1, 0]
 

@@ -139,6 +139,18 @@ def test_tables_and_lines_tell_everything():
     assert "unknown to this version" in words[1]
 
 
+def test_how_dark_a_lamps_shadow_is_is_shown():
+    lamp = perfect().lights[0]
+    for strength, words in ((0.625, "62%"), (None, "–")):
+        changed = dataclasses.replace(lamp, shadow_strength=strength)
+        console = view.console()
+        with console.capture() as capture:
+            table = view.lights_table(dataclasses.replace(perfect(), lights=(changed,)))
+            console.print(table)
+        assert "shadow" in capture.get()
+        assert words in list(table.columns[8].cells)
+
+
 def test_how_lamps_are_polarized_is_shown_where_it_is_known():
     def shown(light: Light) -> str:
         console = view.console()

@@ -15,7 +15,8 @@ def message(**kind):
 
 def estimate(**changes):
     light = pb.Light(id=3, direction=[0, 1, 0], irradiance=[3, 2, 1], angular_radius_deg=0.25,
-                     irradiance_sigma_permille=20, colour_sigma_permille=187, flags=1)  # fmt: skip
+                     irradiance_sigma_permille=20, colour_sigma_permille=187,
+                     shadow_strength_permille=625, flags=1)  # fmt: skip
     sh = pb.SphericalHarmonics(kind=1, order=1, coefficients=range(12))
     fields = {"sequence": 7, "boot_id": 9, "capture_time_unix_ns": 10**18, "send_delay_us": 4000,
               "ttl_ms": 500, "flags": 4 | 64, "lights": [light], "sh": sh, "exposure_us": 8000,
@@ -36,12 +37,14 @@ def test_every_value_arrives():
     (light,) = got.lights
     assert light.irradiance_sigma == pytest.approx([0.06, 0.04, 0.02])
     assert light.colour_sigma == 0.187
+    assert light.shadow_strength == 0.625
     assert (light.direction_sigma_deg, light.distance_m) == (None, None)
     shape = got.to_json()
     assert shape["flags"] == ["CLIPPED", "MORE_LIGHTS"]
     assert shape["lights"][0]["flags"] == ["CLIPPED"]
     assert shape["lights"][0]["direction_sigma_deg"] is None
     assert shape["lights"][0]["colour_sigma"] == 0.187
+    assert shape["lights"][0]["shadow_strength"] == 0.625
     assert shape["scale"] == {
         "cd_m2_per_unit": None, "cd_m2_per_unit_sigma": None, "calibrated": False,
         "sigma": None,
