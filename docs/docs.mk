@@ -8,6 +8,10 @@ faults-docs: build ## write the generated parts of the fault pages in docs/ agai
 which-camera: build ## measure the simulated THETA X again and write docs/users/which_camera.md (four minutes)
 	@$(VENV)/bin/python tests/bench/which_camera.py
 
+.PHONY: docs-old
+docs-old: $(STAMPS)/venv ## name the generated parts of pages that are older than what they measure, and what writes them
+	@$(VENV)/bin/python docs/generated.py
+
 check-rules: check-faults
 check-faults: build
 	@$(VENV)/bin/python docs/faults.py --check

@@ -7,7 +7,7 @@ Each fact has one source:
 - proto/mcu_faults.toml: the microcontroller's faults;
 - lightprobe.estimate.FLAG_WORDS: the flags of an estimate.
 
-A generated part stands between `<!-- generated: NAME -->` and `<!-- end -->`.
+docs/generated.py puts the parts into the pages.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import re
 import sys
 from pathlib import Path
 
+from generated import replace
 from lightprobe.estimate import FLAG_WORDS, EstimateFlag
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -98,17 +99,9 @@ def mcu_tests(faults: list[mcu_faults.Fault]) -> str:
     return table(["fault", "test"], rows)
 
 
-def replace(page: str, name: str, text: str) -> str:
-    """Return the page with its part NAME made anew; ValueError when it has none."""
-    part = re.compile(rf"(<!-- generated: {name} -->\n).*?(<!-- end -->\n)", re.S)
-    page, count = part.subn(lambda m: f"{m[1]}{text}{m[2]}", page)
-    if count != 1:
-        raise ValueError(f"{count} parts named {name}, expected 1")
-    return page
-
-
 def pages() -> dict[Path, str]:
-    """Return both pages as they should be; ValueError names what cannot be made."""
+    """Return both pages as they should be; ValueError names what cannot be made, SystemExit
+    a part that is not marked."""
     faults = mcu_faults.load()
     maintainers = replace(MAINTAINERS.read_text(), "mcu-tests", mcu_tests(faults))
     users = USERS.read_text()

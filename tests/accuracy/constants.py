@@ -299,11 +299,11 @@ def main() -> None:
             rows = accuracy_rows(arguments.procedural, Path(folder))
             part = table(head, rows, 1 + 2 * len(ACCURACY))
         part = f"{arguments.procedural} rooms, 8 panoramas:\n\n{part}"
-        PAGE.write_text(page.replace(PAGE.read_text(), "constants", part))
+        page.put(PAGE, {"constants": part})
     if arguments.only != "accuracy":
         total = 2 * sum(len(constants) for constants in SEQUENCES.values())
         part = table(["constant", "is", "tried", "tests that fail"], test_rows(), total)
-        PAGE.write_text(page.replace(PAGE.read_text(), "tests", part))
+        page.put(PAGE, {"tests": part})
 
 
 if __name__ == "__main__":

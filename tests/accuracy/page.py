@@ -1,25 +1,13 @@
-"""Pages whose tables are measured: parts between `<!-- generated: NAME -->` and `<!-- end -->`."""
+"""Pages whose tables are measured: what docs/generated.py puts into them."""
 
 from __future__ import annotations
 
-import re
+import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "docs"))
+from generated import put  # noqa: E402
+
 ACCURACY = ROOT / "docs/users/accuracy.md"
-
-
-def replace(text: str, name: str, part: str) -> str:
-    """Put `part` where `name` is marked; SystemExit when it is not."""
-    pattern = rf"(<!-- generated: {name} -->\n).*?(<!-- end -->)"
-    if not re.search(pattern, text, re.DOTALL):
-        raise SystemExit(f"accuracy: no mark for {name} in the page")
-    return re.sub(pattern, lambda m: f"{m[1]}{part}\n{m[2]}", text, flags=re.DOTALL)
-
-
-def put(page: Path, parts: dict[str, str]) -> None:
-    """Replace the marked parts of a page."""
-    text = page.read_text()
-    for name, part in parts.items():
-        text = replace(text, name, part)
-    page.write_text(text)
+__all__ = ["ACCURACY", "put"]

@@ -8,7 +8,6 @@ the machine; times and processor load do.
 
 from __future__ import annotations
 
-import re
 import statistics
 import sys
 import tempfile
@@ -36,6 +35,9 @@ from lightprobe.sim.osc.server import OscServer
 from lightprobe.sim.world import Behaviour, World
 
 ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "docs"))
+from generated import put  # noqa: E402
+
 PAGE = ROOT / "docs" / "users" / "which_camera.md"
 SCENE, MEDIAN_RADIANCE = "room", 4.0
 RATE_HZ = 30.0
@@ -205,9 +207,7 @@ def main() -> None:
         "(worst) | estimates a second | CPU, of one core | frame here to packet, median (99 %) |"
     )
     table = "\n".join([head, "| --- | --- | --- | --- | --- | --- | --- | --- |", *rows])
-    text = PAGE.read_text()
-    marked = re.compile(r"(<!-- generated: osc -->\n).*?(<!-- end: osc -->)", re.S)
-    PAGE.write_text(marked.sub(lambda m: f"{m[1]}{table}\n{m[2]}", text))
+    put(PAGE, {"osc": table})
 
 
 if __name__ == "__main__":
