@@ -7,6 +7,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "include/crop.h"
+
 enum lp_pixel_format {
 	LP_FORMAT_MJPEG = 1, /* one JPEG image; also without DHT, as many UVC cameras send it */
 	LP_FORMAT_YUYV,	     /* 4:2:2 packed, BT.601 full range as UVC cameras deliver */
@@ -56,12 +58,13 @@ struct lp_frame {
 	int64_t t_orientation_ns;    /* that it is of; 0: of the middle, whenever that was */
 	/* Who has told it, as a number: another one has another frame that does not move. */
 	uint32_t orientation_by;
-	float row_time_us; /* the exposure of each row begins so much later than that of the row
-			    * above; 0: all at once; NAN: unknown */
-	float period_us;   /* from one frame of this camera to the next; the application sets it;
-			    * NAN: not known yet */
-	uint32_t flags;	   /* enum lp_frame_flag */
-	uint8_t camera;	   /* which of several, from 0; the application sets it */
+	float row_time_us;   /* the exposure of each row begins so much later than that of the row
+			      * above; 0: all at once; NAN: unknown */
+	float period_us;     /* from one frame of this camera to the next; the application sets it;
+			      * NAN: not known yet */
+	struct lp_crop crop; /* that the picture states of itself, if it is equirectangular */
+	uint32_t flags;	     /* enum lp_frame_flag */
+	uint8_t camera;	     /* which of several, from 0; the application sets it */
 	void (*release)(struct lp_frame *frame);
 };
 

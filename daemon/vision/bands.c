@@ -43,7 +43,7 @@ void lp_imager_look_for_bands(struct lp_imager *imager)
 	const struct lp_grid *grid = imager->grid;
 
 	/* of other projections a cell does not tell its row */
-	if (!(imager->eye->row_time_us > 0.0F) || imager->eye->camera->projection != LP_EQUIRECT ||
+	if (!(imager->eye->row_time_us > 0.0F) || !lp_camera_is_whole(imager->eye->camera) ||
 	    !imager->t_map_ns || !(imager->eye->incoming.exposure_us < LP_BANDING_MOST_US))
 		return;
 	const struct lp_cover_view view = lp_imager_cover_view(imager, NAN);

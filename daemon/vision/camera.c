@@ -20,7 +20,7 @@ void lp_camera_destroy(struct lp_camera *camera)
 int lp_camera_circle_px(const struct lp_camera *camera, int width_px)
 {
 	if (camera->projection == LP_EQUIRECT)
-		return width_px;
+		return (int)((float)width_px / camera->crop.width);
 	return (int)(2.0 * M_PI * (double)camera->lens[0].fx_px * width_px / camera->width_px);
 }
 
@@ -76,10 +76,17 @@ static bool masked(const struct lp_camera *camera, const struct lp_lens *lens, d
 	       !lens->mask[(size_t)row * camera->width_px + column];
 }
 
-static void project_equirect(int width_px, int height_px, const double d[3], double pixel[2])
+/* False: not in the part that the picture shows. */
+static bool project_equirect(const struct lp_crop *crop, int width_px, int height_px,
+			     const double d[3], double pixel[2])
 {
-	pixel[0] = (atan2(d[0], -d[2]) / (2.0 * M_PI) + 0.5) * width_px;
-	pixel[1] = acos(fmax(-1.0, fmin(1.0, d[1]))) / M_PI * height_px;
+	const double column = atan2(d[0], -d[2]) / (2.0 * M_PI) + 0.5 - (double)crop->left;
+	const double row = acos(fmax(-1.0, fmin(1.0, d[1]))) / M_PI - (double)crop->top;
+	const bool whole = lp_crop_is_whole(crop);
+
+	pixel[0] = (whole ? column : column - floor(column)) / (double)crop->width * width_px;
+	pixel[1] = row / (double)crop->height * height_px;
+	return whole || (pixel[0] < width_px && pixel[1] >= 0.0 && pixel[1] < height_px);
 }
 
 bool lp_camera_project(const struct lp_camera *camera, int lens, int width_px, int height_px,
@@ -90,10 +97,10 @@ bool lp_camera_project(const struct lp_camera *camera, int lens, int width_px, i
 	double d[3], theta, radius, x, y;
 
 	*share = *illumination = 1.0;
-	if (camera->projection == LP_EQUIRECT) {
-		project_equirect(width_px, height_px, direction, pixel);
-		return true;
-	}
+	if (camera->projection == LP_EQUIRECT)
+		return project_equirect(&camera->crop, width_px, height_px, direction, pixel) &&
+		       !masked(camera, l, pixel[0] * camera->width_px / width_px,
+			       pixel[1] * camera->height_px / height_px);
 	for (int a = 0; a < 3; a++)
 		d[a] = l->rotation[0][a] * direction[0] + l->rotation[1][a] * direction[1] +
 		       l->rotation[2][a] * direction[2];
@@ -115,9 +122,11 @@ bool lp_camera_project(const struct lp_camera *camera, int lens, int width_px, i
 	return *illumination > 0.0;
 }
 
-static void ray_equirect(int width_px, int height_px, double x, double y, double d[3])
+static void ray_equirect(const struct lp_camera *camera, int width_px, int height_px, double x,
+			 double y, double d[3])
 {
-	const double theta = M_PI * y / height_px, lambda = 2.0 * M_PI * (x / width_px - 0.5);
+	const double theta = lp_camera_row_rad(camera, height_px, y);
+	const double lambda = lp_camera_column_rad(camera, width_px, x) - M_PI;
 
 	d[0] = sin(theta) * sin(lambda);
 	d[1] = cos(theta);
@@ -131,8 +140,9 @@ bool lp_camera_ray(const struct lp_camera *camera, int width_px, int height_px, 
 
 	*lens = 0;
 	if (camera->projection == LP_EQUIRECT) {
-		ray_equirect(width_px, height_px, x, y, direction);
-		return true;
+		ray_equirect(camera, width_px, height_px, x, y, direction);
+		return !masked(camera, &camera->lens[0], x * camera->width_px / width_px,
+			       y * camera->height_px / height_px);
 	}
 	x *= (double)camera->width_px / width_px;
 	y *= (double)camera->height_px / height_px;
@@ -163,8 +173,9 @@ double lp_camera_pixel_solid_angle_sr(const struct lp_camera *camera, int width_
 				      double x, double y)
 {
 	if (camera->projection == LP_EQUIRECT)
-		return 2.0 * M_PI / width_px *
-		       (cos(M_PI * (y - 0.5) / height_px) - cos(M_PI * (y + 0.5) / height_px));
+		return 2.0 * M_PI * (double)camera->crop.width / width_px *
+		       (cos(lp_camera_row_rad(camera, height_px, y - 0.5)) -
+			cos(lp_camera_row_rad(camera, height_px, y + 0.5)));
 
 	double d[3];
 	int lens;

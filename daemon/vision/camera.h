@@ -13,6 +13,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "include/crop.h"
+
 #ifdef __cplusplus
 extern "C" {
 #endif
@@ -36,6 +38,8 @@ struct lp_camera {
 	char name[64];
 	enum lp_projection projection;
 	int width_px, height_px; /* that the lens numbers refer to; 0: any (equirect) */
+	struct lp_crop crop;	 /* LP_EQUIRECT: what of the sphere the picture shows */
+	bool crop_given;	 /* by the camera file */
 	int lens_count;
 	struct lp_lens lens[LP_MAX_LENSES];
 	bool response_given;
@@ -62,6 +66,27 @@ bool lp_camera_project(const struct lp_camera *camera, int lens, int width_px, i
 /* Direction that pixel (x, y) looks along, through the lens it belongs to; false: through none. */
 bool lp_camera_ray(const struct lp_camera *camera, int width_px, int height_px, double x, double y,
 		   double direction[3], int *lens);
+
+/* Equirectangular, and all of the sphere: rows go around, and every direction is seen. */
+static inline bool lp_camera_is_whole(const struct lp_camera *camera)
+{
+	return camera->projection == LP_EQUIRECT && lp_crop_is_whole(&camera->crop) &&
+	       !camera->lens[0].mask;
+}
+
+/* Angle from straight up of a row of an equirectangular picture, y in 0 .. height_px. */
+static inline double lp_camera_row_rad(const struct lp_camera *camera, int height_px, double y)
+{
+	return 3.14159265358979323846 *
+	       ((double)camera->crop.top + (double)camera->crop.height * y / height_px);
+}
+
+/* Angle of a column from the picture's left edge of the whole sphere, x in 0 .. width_px. */
+static inline double lp_camera_column_rad(const struct lp_camera *camera, int width_px, double x)
+{
+	return 2.0 * 3.14159265358979323846 *
+	       ((double)camera->crop.left + (double)camera->crop.width * x / width_px);
+}
 
 /* Width of the panorama whose pixels at the horizon are as small as those of a picture of width_px
  * on the axis of the first lens. */

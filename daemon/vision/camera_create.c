@@ -162,6 +162,39 @@ static int set_lens(struct lp_camera *camera, struct lp_lens *lens, const char *
 	return f->mask[0] ? load_mask(camera, lens, path, f->mask) : 0;
 }
 
+static int set_crop(struct lp_camera *camera, const char *path, const struct lp_crop_fields *f)
+{
+	camera->crop = lp_crop_of(f->left_px, f->top_px, camera->width_px, camera->height_px,
+				  f->full_width_px, f->full_height_px);
+	camera->crop_given = true;
+	if (lp_crop_is_stated(&camera->crop))
+		return 0;
+	lp_error(path, "camera file",
+		 "[crop] needs full_width_px and full_height_px, within which width_px x height_px "
+		 "of [camera] lie at left_px, top_px");
+	return -EBADMSG;
+}
+
+/* Which part of the sphere an equirectangular picture shows. */
+static int set_panorama(struct lp_camera *camera, const struct lp_camera_file *f)
+{
+	const char *path = f->ini.path;
+
+	if (camera->projection != LP_EQUIRECT || !f->width_px || !f->height_px) {
+		lp_error(path, "camera file",
+			 "[crop] and mask of [camera] are for projection = equirect, and need its "
+			 "width_px and height_px (a fisheye's mask is in its [lens.0])");
+		return -EBADMSG;
+	}
+	if (f->mask[0]) {
+		const int ret = load_mask(camera, &camera->lens[0], path, f->mask);
+
+		if (ret < 0)
+			return ret;
+	}
+	return f->crop.present ? set_crop(camera, path, &f->crop) : 0;
+}
+
 static int build(struct lp_camera *camera, const struct lp_camera_file *f)
 {
 	const char *path = f->ini.path;
@@ -175,6 +208,13 @@ static int build(struct lp_camera *camera, const struct lp_camera_file *f)
 	camera->width_px = f->width_px;
 	camera->height_px = f->height_px;
 	camera->lens_count = camera->projection == LP_EQUIRECT;
+	camera->crop = LP_CROP_WHOLE;
+	if (f->crop.present || f->mask[0]) {
+		const int ret = set_panorama(camera, f);
+
+		if (ret < 0)
+			return ret;
+	}
 	if (camera->projection == LP_FISHEYE && (!f->width_px || !f->height_px)) {
 		lp_error(path, "camera file",
 			 "[camera] needs width_px and height_px, the picture "

@@ -34,8 +34,19 @@ static const struct lp_param camera_list[] = {
 	 .max = 16384},
 	{"read_out_ms", LP_PARAM_FLOAT, offsetof(struct lp_camera_file, read_out_ms), .min = 0,
 	 .max = 1000},
+	{"mask", LP_PARAM_TEXT, offsetof(struct lp_camera_file, mask), .max = PATH_MAX},
 };
 static const struct lp_params camera_params = LP_PARAMS(camera_list);
+
+static const struct lp_param crop_list[] = {
+	{"full_width_px", LP_PARAM_INT, offsetof(struct lp_crop_fields, full_width_px), .min = 1,
+	 .max = 65536},
+	{"full_height_px", LP_PARAM_INT, offsetof(struct lp_crop_fields, full_height_px), .min = 1,
+	 .max = 65536},
+	{"left_px", LP_PARAM_INT, offsetof(struct lp_crop_fields, left_px), .max = 65536},
+	{"top_px", LP_PARAM_INT, offsetof(struct lp_crop_fields, top_px), .max = 65536},
+};
+static const struct lp_params crop_params = LP_PARAMS(crop_list);
 
 static const struct lp_param response_list[] = {
 	{"table", LP_PARAM_TEXT, offsetof(struct lp_camera_file, response), .max = PATH_MAX},
@@ -97,7 +108,7 @@ static int set_fields(struct lp_camera_file *file)
 	static const char *const sections[] = {"camera", "response",   "lens.0",    "lens.1",
 					       "lens.2", "lens.3",     "v4l2",	    "libcamera",
 					       "osc",	 "photometry", "polarizer", "rig",
-					       NULL};
+					       "crop",	 NULL};
 	int ret = lp_ini_check_sections(&file->ini, sections);
 
 	_Static_assert(LP_MAX_LENSES == 4, "a section for each lens");
@@ -111,6 +122,9 @@ static int set_fields(struct lp_camera_file *file)
 		ret = lp_ini_set(&file->ini, "polarizer", &polarizer_params, file);
 	if (ret == 0)
 		ret = lp_ini_set(&file->ini, "rig", &rig_params, file);
+	file->crop.present = lp_ini_has(&file->ini, "crop");
+	if (ret == 0)
+		ret = lp_ini_set(&file->ini, "crop", &crop_params, &file->crop);
 	for (int k = 0; k < LP_MAX_LENSES && ret == 0; k++) {
 		char section[20];
 

@@ -23,6 +23,12 @@ struct lp_lens_fields {
 	char mask[PATH_MAX];
 };
 
+/* Where the picture lies within an equirectangular one of the whole sphere. */
+struct lp_crop_fields {
+	bool present;
+	int full_width_px, full_height_px, left_px, top_px;
+};
+
 /* Of the rig that the camera is a part of; lightprobe calibrate rig writes it. */
 struct lp_rig_fields {
 	char id[24];	 /* "": of none */
@@ -45,6 +51,8 @@ struct lp_camera_file {
 	float cd_m2_per_unit_sigma; /* relative */
 	/* Of the film on the wheel (light/polarization.h); 0: the file does not say */
 	float film_transmission, film_extinction, film_offset_deg;
+	struct lp_crop_fields crop;
+	char mask[PATH_MAX]; /* of an equirectangular picture */
 	struct lp_lens_fields lens[LP_MAX_LENSES];
 	struct lp_rig_fields rig;
 };

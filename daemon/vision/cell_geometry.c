@@ -10,16 +10,17 @@
 static struct lp_cell_geometry equirect_geometry(const struct lp_imager *imager, int column,
 						 int row)
 {
-	const double theta_step =
-		M_PI * imager->eye->remap->cell_px / imager->eye->remap->height_px;
-	const double lambda_step =
-		2.0 * M_PI * imager->eye->remap->cell_px / imager->eye->remap->width_px;
+	const struct lp_camera *camera = imager->eye->camera;
+	const struct lp_remap *remap = imager->eye->remap;
 	struct lp_cell_geometry g = {.seen = true};
 	double row_sin[2], row_cos[2], column_sin[2], column_cos[2];
 
 	for (int k = 0; k < 2; k++) {
-		const double theta = (row + k) * theta_step;
-		const double lambda = (column + k) * lambda_step - M_PI;
+		const double theta = lp_camera_row_rad(camera, remap->height_px,
+						       (double)(row + k) * remap->cell_px);
+		const double lambda = lp_camera_column_rad(camera, remap->width_px,
+							   (double)(column + k) * remap->cell_px) -
+				      M_PI;
 
 		row_sin[k] = sin(theta);
 		row_cos[k] = cos(theta);
@@ -30,6 +31,14 @@ static struct lp_cell_geometry equirect_geometry(const struct lp_imager *imager,
 		g.corner[k][0] = row_sin[k / 2] * column_sin[k % 2];
 		g.corner[k][1] = row_cos[k / 2];
 		g.corner[k][2] = -row_sin[k / 2] * column_cos[k % 2];
+	}
+	if (camera->lens[0].mask) {
+		double middle[3];
+		int lens;
+
+		g.seen = lp_camera_ray(camera, remap->width_px, remap->height_px,
+				       (column + 0.5) * remap->cell_px,
+				       (row + 0.5) * remap->cell_px, middle, &lens);
 	}
 	return g;
 }

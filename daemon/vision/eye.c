@@ -31,7 +31,7 @@ int lp_eye_init(struct lp_eye *eye, const struct lp_camera *camera, int panorama
 	const size_t cells =
 		(size_t)panorama_width * height + 16; /* vector loads reach beyond the last */
 
-	*eye = (struct lp_eye){.camera = camera};
+	*eye = (struct lp_eye){.camera = camera, .given = camera};
 	lp_gain_init(&eye->gain, scale);
 	lp_response_init(&eye->response, camera);
 	eye->seen.width = panorama_width;
@@ -65,13 +65,39 @@ static int set_rows(struct lp_eye *eye, int width_px, int height_px)
 	memset(weight, 0, 2 * rows * sizeof(*weight));
 	for (int y = 0; y < height_px; y++) {
 		weight[y] = eye->camera->projection == LP_EQUIRECT
-				    ? (float)sin(M_PI * (y + 0.5) / height_px)
+				    ? (float)sin(lp_camera_row_rad(eye->camera, height_px, y + 0.5))
 				    : 1.0F;
 		eye->row_solid_angle_sr[y] =
 			(float)lp_camera_pixel_solid_angle_sr(eye->camera, width_px, height_px, 0.5,
 							      y + 0.5);
 	}
 	return 0;
+}
+
+/* What a camera file says counts. */
+static bool heeds_crop(const struct lp_eye *eye)
+{
+	return eye->given->projection == LP_EQUIRECT && !eye->given->crop_given;
+}
+
+bool lp_eye_can_look(const struct lp_eye *eye, const struct lp_crop *stated)
+{
+	return !heeds_crop(eye) || !lp_crop_is_unusable(stated);
+}
+
+void lp_eye_look(struct lp_eye *eye, const struct lp_crop *stated)
+{
+	const struct lp_camera *given = eye->given;
+	const bool heeded = heeds_crop(eye) && lp_crop_is_stated(stated);
+	const struct lp_crop crop = heeded ? *stated : given->crop;
+
+	if (lp_crop_same(&crop, &eye->camera->crop))
+		return;
+	eye->cropped = *given;
+	eye->cropped.crop = crop;
+	eye->camera = &eye->cropped;
+	lp_remap_destroy(eye->remap);
+	eye->remap = NULL;
 }
 
 int lp_eye_fit(struct lp_eye *eye, int width_px, int height_px, int cell_px)

@@ -32,7 +32,9 @@ struct lp_recent_exposure {
 
 /* Plain data but for what it allocates; lp_eye_init() starts it. */
 struct lp_eye {
-	const struct lp_camera *camera; /* borrowed */
+	const struct lp_camera *given;	/* borrowed */
+	const struct lp_camera *camera; /* that, or `cropped` */
+	struct lp_camera cropped;	/* the same of a part of the sphere; borrows from it */
 	struct lp_response response;
 	struct lp_remap *remap;	   /* of the current picture size; NULL: no frame has come */
 	float *row_weight;	   /* of the current picture size: solid angle up to a factor */
@@ -65,6 +67,13 @@ struct lp_eye {
 int lp_eye_init(struct lp_eye *eye, const struct lp_camera *camera, int panorama_width,
 		float scale);
 void lp_eye_release(struct lp_eye *eye); /* everything it holds */
+
+/* False: the next picture says that it shows no part of the sphere that could be used, and the
+ * camera file does not say it either. */
+bool lp_eye_can_look(const struct lp_eye *eye, const struct lp_crop *stated);
+
+/* Before lp_eye_fit(): the part of the sphere that the next picture says it shows. */
+void lp_eye_look(struct lp_eye *eye, const struct lp_crop *stated);
 
 /* 1: the next picture has another size than the one before, 0: the same. -ENOMEM, -EINVAL. */
 int lp_eye_fit(struct lp_eye *eye, int width_px, int height_px, int cell_px);

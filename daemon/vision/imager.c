@@ -249,17 +249,34 @@ static void place_in_time(struct lp_imager *imager, float exposure_us)
 	imager->testimony = testimony_of(imager);
 }
 
+/* -EBADMSG, and a line in the log: nobody can tell what the frame shows. */
+static int check(const struct lp_imager *imager, const struct lp_frame *frame)
+{
+	if (!sane(frame) || frame->camera >= imager->eye_count) {
+		lp_warning("frame", "check", "no picture of %ux%u in %zu bytes; frame left out",
+			   frame->width_px, frame->height_px, frame->size_bytes);
+		return -EBADMSG;
+	}
+	if (!lp_eye_can_look(&imager->eyes[frame->camera], &frame->crop)) {
+		lp_warning("frame", "check",
+			   "its GPano metadata name a projection or a part of the sphere that "
+			   "cannot be used; frame left out: remove them, or name a camera file "
+			   "with a [crop]");
+		return -EBADMSG;
+	}
+	return 0;
+}
+
 int lp_imager_load(struct lp_imager *imager, struct lp_frame *frame, float expected_us)
 {
 	struct lp_exposure *incoming;
 	int ret;
 
 	imager->loaded = false;
-	if (!sane(frame) || frame->camera >= imager->eye_count) {
-		lp_warning("frame", "check", "no picture of %ux%u in %zu bytes; frame left out",
-			   frame->width_px, frame->height_px, frame->size_bytes);
+	ret = check(imager, frame);
+	if (ret < 0) {
 		lp_frame_release(frame);
-		return -EBADMSG;
+		return ret;
 	}
 	const int64_t before_ns = imager->t_capture_ns;
 
@@ -276,6 +293,7 @@ int lp_imager_load(struct lp_imager *imager, struct lp_frame *frame, float expec
 	imager->eye->accepted = false;
 	(void)lp_overlap_apply(&imager->eye->overlap, &imager->eye->response);
 	incoming = &imager->eye->incoming;
+	lp_eye_look(imager->eye, &frame->crop);
 	const struct lp_decode_options options = decode_options(imager, frame);
 	ret = lp_eye_fit(imager->eye, (int)frame->width_px, (int)frame->height_px, options.cell_px);
 	if (ret < 0) {

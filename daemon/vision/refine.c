@@ -54,11 +54,14 @@ static int polar_stride(const struct lp_imager *imager, int row, int most)
 {
 	const struct lp_remap *remap = imager->eye->remap;
 	const int columns = remap->width_px / remap->cell_px;
-	const double sine = sin(M_PI * (row + 0.5) * remap->cell_px / remap->height_px);
+	const struct lp_camera *camera = imager->eye->camera;
 	int stride = 1;
 
-	if (imager->eye->camera->projection != LP_EQUIRECT)
+	if (camera->projection != LP_EQUIRECT)
 		return 1;
+	const double sine =
+		sin(lp_camera_row_rad(camera, remap->height_px, (row + 0.5) * remap->cell_px));
+
 	while (stride < most && columns % (2 * stride) == 0 && 2.0 * stride * sine < MOST_SPACING)
 		stride *= 2;
 	return stride;

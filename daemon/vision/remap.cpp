@@ -341,12 +341,12 @@ try {
 	r->height_px = height_px;
 	r->cell_px = cell_px;
 	const matrix rows =
-		camera->projection == LP_EQUIRECT
+		lp_camera_is_whole(camera)
 			? map_equirect(width_px, height_px, cell_px, panorama_width, height)
 			: map_lenses(*camera, width_px, height_px, cell_px, panorama_width, height);
 	const int sources = cells_across(width_px, cell_px) * cells_across(height_px, cell_px);
 
-	r->identity = camera->projection == LP_EQUIRECT && is_identity(rows, sources);
+	r->identity = lp_camera_is_whole(camera) && is_identity(rows, sources);
 	ret = compress(rows, sources, r);
 	if (ret < 0) {
 		lp_remap_destroy(r);

@@ -27,7 +27,7 @@ def normalize(vectors: ArrayLike) -> Array:
 
 
 def equirect_direction(
-    column_px: ArrayLike, row_px: ArrayLike, width_px: int, height_px: int
+    column_px: ArrayLike, row_px: ArrayLike, width_px: float, height_px: float
 ) -> Array:
     """Directions (…, 3) seen at continuous pixel coordinates; whole numbers are pixel centres."""
     theta = np.pi * (np.asarray(row_px, dtype=np.float64) + 0.5) / height_px

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from lightprobe import daemon, geometry
@@ -81,6 +81,9 @@ class Answer:
 
 #: Sky 30/24/18, floor 6/6/6, a lamp of 5° that clips in 2000 µs.
 PLAIN = Light(54.83, (60, 30), frozenset({"CLIPPED"}))
+#: What the rest of the sphere holds is not known.
+PART = replace(PLAIN, flags=frozenset({"CLIPPED", "PARTIAL_VIEW"}))
+STORED = "is not obeyed: pixels count as they are stored"
 CUT = Refused(("a picture is cut off or damaged", "is the file complete?"))
 DAMAGED = Refused(("the data is damaged or ends too early",))
 #: `.jpg`, read by the daemon and by `lightprobe estimate`.
@@ -103,6 +106,20 @@ JPEG = (
     File("jpeg/trailer_zero.jpg", "zeros behind the picture", PLAIN),
     File("jpeg/trailer_ff.jpg", "ones behind the picture", PLAIN),
     File("jpeg/leading_garbage.jpg", "line ends before the picture", PLAIN),
+    File("jpeg/gpano_crop_2to1.jpg", "GPano: a 2:1 part of the sphere", PART),
+    File(
+        "jpeg/gpano_crop_no_nadir.jpg",
+        "GPano: a part without the nadir",
+        replace(PART, sh0=56.74),
+    ),
+    File(
+        "jpeg/gpano_window.jpg",
+        "GPano: 112°×98° around the lamp",
+        replace(PART, sh0=69.2),
+    ),
+    File("jpeg/gpano_seam.jpg", "GPano: a part across the seam", PART),
+    File("jpeg/orientation3.jpg", "Exif orientation 3", replace(PLAIN, told=STORED)),
+    File("jpeg/orientation6.jpg", "Exif orientation 6", replace(PLAIN, told=STORED)),
     File("jpeg/cut.jpg", "cut off", CUT),
     File("jpeg/no_eoi.jpg", "without its last two bytes", CUT),
 )
@@ -171,6 +188,15 @@ PNG = (
     File("png/la.png", "grey with alpha", PLAIN),
     File("png/rgb.bmp", "BMP", PLAIN),
     File("png/lzw.tif", "TIFF, LZW", PLAIN),
+    File("png/rgb16.png", "16 bits a channel", PLAIN),
+    File(
+        "png/transparent_nadir.png",
+        "a transparent nadir",
+        replace(PART, sh0=56.4, told="transparent pixels are not seen"),
+    ),
+    File("png/cmyk.tif", "TIFF, CMYK", PLAIN),
+    File("png/orientation3.png", "Exif orientation 3", replace(PLAIN, told=STORED)),
+    File("png/orientation3.tif", "TIFF, orientation 3", replace(PLAIN, told=STORED)),
     File("png/rgb8.webp", "WebP", Refused(("unknown kind",))),
 )
 

@@ -136,6 +136,88 @@ static void test_pixel_solid_angles(void **state)
 	lp_camera_destroy(equirect);
 }
 
+/* A part of an equirectangular picture, also across the seam: what a pixel sees is where it is in
+ * the whole one. */
+static void test_part_of_a_sphere(void **state)
+{
+	static const struct lp_crop crops[] = {{0.25F, 0.25F, 0.5F, 0.5F},
+					       {0.875F, 0.0F, 0.5F, 1.0F},
+					       {0.0F, 0.5F, 1.0F, 0.5F}};
+	struct lp_camera *whole, *part;
+
+	(void)state;
+	assert_int_equal(lp_camera_create(NULL, &whole), 0);
+	assert_int_equal(lp_camera_create(NULL, &part), 0);
+	for (unsigned int k = 0; k < LP_COUNT(crops); k++) {
+		const struct lp_crop *c = &crops[k];
+		const int width = (int)(800 * c->width), height = (int)(400 * c->height);
+		double sum = 0.0, other, d[3], e[3], pixel[2], share, illumination;
+		int lens;
+
+		part->crop = *c;
+		for (int i = 0; i < width * height; i++) {
+			const double x = i % width + 0.5, y = i / width + 0.5;
+
+			assert_true(lp_camera_ray(part, width, height, x, y, d, &lens));
+			assert_true(lp_camera_ray(whole, 800, 400,
+						  fmod(x + 800 * (double)c->left, 800),
+						  y + 400 * (double)c->top, e, &lens));
+			assert_true(lp_camera_project(part, 0, width, height, d, pixel, &share,
+						      &illumination));
+			for (int a = 0; a < 3; a++)
+				assert_float_equal(d[a], e[a], 1e-9);
+			assert_float_equal(pixel[0], x, 1e-6);
+			assert_float_equal(pixel[1], y, 1e-6);
+			sum += lp_camera_pixel_solid_angle_sr(part, width, height, x, y);
+		}
+		other = (double)c->width * 2.0 * M_PI *
+			(cos(M_PI * (double)c->top) - cos(M_PI * (double)(c->top + c->height)));
+		assert_float_equal(sum, other, 1e-6);
+		assert_int_equal(lp_camera_circle_px(part, width), 800);
+		/* what is in front of the picture's middle is seen, what is behind it is not */
+		lp_camera_ray(part, width, height, width / 2.0, height / 2.0, d, &lens);
+		for (int a = 0; a < 3; a++)
+			d[a] = -d[a];
+		assert_false(
+			lp_camera_project(part, 0, width, height, d, pixel, &share, &illumination));
+	}
+	lp_camera_destroy(part);
+	lp_camera_destroy(whole);
+}
+
+/* A mask leaves pixels of an equirectangular picture out, of whatever size the picture is. */
+static void test_mask_of_a_panorama(void **state)
+{
+	char mask[] = "/tmp/lp_mask_XXXXXX", text[128];
+	double d[3], pixel[2], share, illumination;
+	int lens;
+
+	(void)state;
+	FILE *file = fdopen(mkstemp(mask), "wb");
+
+	assert_non_null(file);
+	fputs("P5 4 2 255\n\xff\xff\xff\xff\xff\xff\xff", file); /* not the last pixel */
+	fputc(0, file);
+	fclose(file);
+	snprintf(text, sizeof(text),
+		 "[camera]\nprojection = equirect\nwidth_px = 4\nheight_px = 2\nmask = %s\n", mask);
+	struct lp_camera *camera = load(text);
+
+	assert_false(lp_camera_is_whole(camera));
+	for (int y = 0; y < 20; y++)
+		for (int x = 0; x < 40; x++) {
+			const bool seen = x < 30 || y < 10;
+
+			assert_int_equal(lp_camera_ray(camera, 40, 20, x + 0.5, y + 0.5, d, &lens),
+					 seen);
+			assert_int_equal(lp_camera_project(camera, 0, 40, 20, d, pixel, &share,
+							   &illumination),
+					 seen);
+		}
+	lp_camera_destroy(camera);
+	unlink(mask);
+}
+
 /* A camera's cells under a uniform sky, roll-off included. */
 static void fill_uniform(struct lp_cells *cells, const struct lp_camera *camera, int width_px,
 			 int height_px, int cell_px)
@@ -359,6 +441,8 @@ static void test_long_lines(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_part_of_a_sphere),
+		cmocka_unit_test(test_mask_of_a_panorama),
 		cmocka_unit_test(test_pixels_and_rays_are_inverse),
 		cmocka_unit_test(test_axes),
 		cmocka_unit_test(test_pixel_solid_angles),

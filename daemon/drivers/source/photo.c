@@ -120,7 +120,7 @@ static void read_gpano(struct lp_photo *photo, const char *xmp)
 	const double full_height = number_of(xmp, ":FullPanoHeightPixels");
 
 	if (projection && strncmp(projection, "equirectangular", 15) != 0) {
-		photo->crop_is_unusable = true;
+		photo->crop = LP_CROP_UNUSABLE;
 		return;
 	}
 	if (isnan(full_width) && isnan(full_height))
@@ -130,7 +130,6 @@ static void read_gpano(struct lp_photo *photo, const char *xmp)
 				 number_of(xmp, ":CroppedAreaImageWidthPixels"),
 				 number_of(xmp, ":CroppedAreaImageHeightPixels"), full_width,
 				 full_height);
-	photo->crop_is_unusable = !lp_crop_is_stated(&photo->crop);
 }
 
 static void read_xmp(struct lp_photo *photo, const uint8_t *data, size_t size_bytes)

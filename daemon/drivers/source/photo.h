@@ -16,9 +16,6 @@ struct lp_photo {
 	int iso;
 	int orientation;     /* 1 to 8; 1: as it is stored */
 	struct lp_crop crop; /* of an equirectangular picture */
-	/* It says that it is a part of a sphere, and not which: another projection, or numbers that
-	 * make no sense. */
-	bool crop_is_unusable;
 };
 
 struct lp_photo lp_photo_read(const uint8_t *jpeg, size_t size_bytes);

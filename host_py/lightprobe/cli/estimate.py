@@ -42,7 +42,10 @@ def command(
     ],
     exposure_us: Annotated[
         str | None,
-        typer.Option(metavar="A,B,…", help="Exposure of each 8-bit file, in microseconds."),
+        typer.Option(
+            metavar="A,B,…",
+            help="Exposure of each 8- or 16-bit file, in microseconds; default: its Exif.",
+        ),
     ] = None,
     camera: CameraName = "equirect",
     order: Annotated[int, typer.Option(min=0, max=4, help="Highest SH order.")] = 2,
@@ -108,7 +111,8 @@ def command(
     """Estimate the light in pictures with the daemon's own pipeline.
 
     Values are scene-linear: in the file's own units for HDR; for 8-bit pictures with exposures,
-    radiance 1.0 is full scale at one second; without, it is relative to full scale.
+    radiance 1.0 is full scale at one second; without (also in their Exif), it is relative to
+    full scale.
     --ring-lux recovers lamps that clip in every picture; with the scale of the camera
     (lightprobe calibrate scale) it does so best.
     Example: lightprobe estimate room-1.jpg room-2.jpg --exposure-us 8000,500 --json

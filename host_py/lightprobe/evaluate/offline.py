@@ -1,8 +1,8 @@
 """The daemon's own pipeline over files: what `lightprobe estimate` and `evaluate` run.
 
-The daemon reads JPEG and PFM; everything else becomes one of them first. 8-bit pictures become
-JPEG (quality 100, chroma in full) rather than floats, so that the daemon knows them for camera
-pictures: it sees what is clipped and merges exposures.
+The daemon reads JPEG and PFM; everything else becomes one of them first. 8- and 16-bit pictures
+become JPEG (quality 100, RGB) rather than floats, so that the daemon knows them for
+camera pictures: it sees what is clipped and merges exposures.
 """
 
 from __future__ import annotations
@@ -11,20 +11,22 @@ import itertools
 import re
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from lightprobe import daemon
 from lightprobe.errors import UsageError
 from lightprobe.estimate import Estimate
+from lightprobe.evaluate import seen_part
 from lightprobe.imaging import camera as cameras
-from lightprobe.imaging import image
+from lightprobe.imaging import image, metadata, transparency
 from lightprobe.imaging.camera import Camera
 from lightprobe.imaging.film import Sheet
+from lightprobe.imaging.metadata import WHOLE, Crop, Metadata
 
 #: In one set (LP_PARAM_FLOATS_MAX of the daemon).
 MOST_PICTURES = 32
@@ -113,15 +115,11 @@ class Settings:
 
 
 def write_jpeg(path: Path, codes: NDArray[np.uint8]) -> None:
-    """Write RGB codes (height, width, 3) with as little loss as JPEG allows."""
-    options = [
-        cv2.IMWRITE_JPEG_QUALITY, 100,
-        cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
-    ]  # fmt: skip
-    done, data = cv2.imencode(".jpg", np.ascontiguousarray(codes[..., ::-1]), options)
-    if not done:
-        raise image.ImageError(f"image: {path}: encode: JPEG refused {codes.shape}")
-    path.write_bytes(data.tobytes())
+    """Write RGB codes (height, width, 3) with as little loss as JPEG allows: as RGB.
+
+    Rounding to luma and chroma would shift the means of dim colours by a code.
+    """
+    Image.fromarray(codes).save(path, "JPEG", quality=100, subsampling=0, keep_rgb=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,8 +129,10 @@ class Staged:
     file: Path
     frame: Path  # in the temporary folder
     size_px: tuple[int, int]
-    codes: NDArray[np.uint8] | None  # (height, width, 3) RGB of an 8-bit picture
+    codes: NDArray[np.uint8] | None  # (height, width, 3) RGB of an 8- or 16-bit picture
     notes: tuple[str, ...] = ()
+    says: Metadata = field(default_factory=Metadata)
+    transparent: NDArray[np.bool_] | None = None  # (height, width); None: nowhere
 
 
 def stage(files: Sequence[Path], folder: Path) -> list[Staged]:
@@ -143,18 +143,34 @@ def stage(files: Sequence[Path], folder: Path) -> list[Staged]:
 def _stage_one(file: Path, frame: Path) -> Staged:
     if not file.is_file():
         raise image.ImageError(f"image: {file}: open: no such file")
-    jpeg = file.suffix.lower() in image.JPEG_SUFFIXES
-    picture = None if jpeg else image.read(file)
-    if picture is not None and picture.bits != 8:
+    says = metadata.read(file)
+    if file.suffix.lower() in image.JPEG_SUFFIXES:
+        codes, frame = image.read_srgb8(file), frame.with_suffix(".jpg")
+        frame.symlink_to(file.resolve())  # the daemon tells of its orientation
+        return Staged(file, frame, _size_px(codes), codes, says=says)
+    picture = image.read(file)
+    notes, transparent = list(picture.notes), transparency.read(file)
+    if says.orientation != 1:
+        notes.append(
+            f"Exif orientation {says.orientation} is not obeyed: pixels count as they are stored"
+        )
+    if transparent is not None:
+        notes.append("transparent pixels are not seen")
+        if transparent.all():
+            raise image.ImageError(f"image: {file}: all of its pixels are transparent")
+    if picture.bits == 32:
         frame = frame.with_suffix(".pfm")
         image.write_pfm(frame, picture.radiance)
-        return Staged(file, frame, _size_px(picture.radiance), None, picture.notes)
+        return Staged(
+            file, frame, _size_px(picture.radiance), None, tuple(notes), says, transparent
+        )
     codes, frame = image.read_srgb8(file), frame.with_suffix(".jpg")
-    if jpeg:
-        frame.symlink_to(file.resolve())
-    else:
-        write_jpeg(frame, codes)
-    return Staged(file, frame, _size_px(codes), codes)
+    if transparent is not None:
+        codes = transparency.fill(codes, transparent)
+    write_jpeg(frame, codes)
+    if picture.bits == 16:
+        notes.append("16 bits a channel are read as 8, and rounded at random")
+    return Staged(file, frame, _size_px(codes), codes, tuple(notes), says, transparent)
 
 
 def _size_px(picture: NDArray[np.generic]) -> tuple[int, int]:
@@ -186,8 +202,8 @@ def check_exposures(
         )
     if len(files) > 1 and not exposures_us and not wheel_deg:
         raise UsageError(
-            "estimate: several files form one bracket: give their exposures with "
-            "--exposure-us A,B,…"
+            "estimate: several files form one bracket, and not all say in their Exif how they were "
+            "exposed: give their exposures with --exposure-us A,B,…"
         )
     if any(not value > 0 or not np.isfinite(value) for value in exposures_us):
         raise UsageError(f"estimate: exposures {list(exposures_us)}: expected microseconds above 0")
@@ -195,8 +211,8 @@ def check_exposures(
         raise UsageError("estimate: HDR files contain radiance already: leave --exposure-us out")
 
 
-def check_sizes(pictures: Sequence[Staged], camera: Camera) -> None:
-    """Pictures of one bracket have one size, equirectangular ones two by one; else UsageError."""
+def check_one_size(pictures: Sequence[Staged]) -> None:
+    """Pictures of one bracket have one size; raises UsageError otherwise."""
     first = pictures[0]
     for other in pictures[1:]:
         if other.size_px != first.size_px:
@@ -204,13 +220,43 @@ def check_sizes(pictures: Sequence[Staged], camera: Camera) -> None:
                 f"estimate: {other.file}: {_times(other)}, but {first.file}: {_times(first)}: "
                 "all pictures of a bracket must have the same size"
             )
-    width, height = first.size_px
-    if camera.is_equirect and abs(width - 2 * height) > _OFF_SHAPE * width:
+
+
+def check_shape(picture: Staged, camera: Camera) -> None:
+    """An equirectangular picture of all of the sphere is two by one; else UsageError."""
+    width, height = picture.size_px
+    crop = camera.crop or WHOLE
+    sphere = width / crop.width, height / crop.height
+    if camera.is_equirect and abs(sphere[0] - 2 * sphere[1]) > _OFF_SHAPE * sphere[0]:
         raise UsageError(
-            f"estimate: {first.file}: {_times(first)}: an equirectangular picture is twice as wide "
-            "as high: name another projection's camera file, --camera FILE "
+            f"estimate: {picture.file}: {_times(picture)}: an equirectangular picture is twice as "
+            "wide as high, unless it or a camera file says that it is a part of one: name another "
+            "projection's camera file, --camera FILE "
             "(docs/users/camera_files.md)"
         )
+
+
+def common_crop(pictures: Sequence[Staged]) -> Crop | None:
+    """The part of the sphere that all of them say they show; raises ImageError, UsageError."""
+    first = pictures[0]
+    for picture in pictures:
+        if picture.says.fault:
+            raise image.ImageError(
+                f"image: {picture.file}: {picture.says.fault}: remove it, or give --camera FILE "
+                "with a [crop]"
+            )
+        if picture.says.crop != first.says.crop:
+            raise UsageError(
+                f"estimate: {picture.file} and {first.file} show other parts of the sphere "
+                "(GPano): all pictures of a bracket must show the same"
+            )
+    return first.says.crop
+
+
+def common_transparency(pictures: Sequence[Staged]) -> NDArray[np.bool_] | None:
+    """Where (height, width) any of them is transparent; None: nowhere."""
+    clear = [picture.transparent for picture in pictures if picture.transparent is not None]
+    return np.any(clear, axis=0) if clear else None
 
 
 def _times(picture: Staged) -> str:
@@ -282,11 +328,26 @@ def estimate_pictures(
 ) -> daemon.Once:
     """As :func:`estimate_files`, with the reflection map if the settings ask for one."""
     settings = settings or Settings()
+    exposures_us = exposures_us or metadata.exposures_us([metadata.read(file) for file in files])
     check_exposures(files, exposures_us, settings.wheel_deg)
     camera = load_camera(settings.camera)
-    with tempfile.TemporaryDirectory(prefix="lightprobe-") as name:
+    with (
+        tempfile.TemporaryDirectory(prefix="lightprobe-") as name,
+        tempfile.TemporaryDirectory(prefix="lightprobe-camera-") as beside,
+    ):
         pictures = stage(files, Path(name))
-        check_sizes(pictures, camera)
+        check_one_size(pictures)
+        part = seen_part.Part(
+            pictures[0].size_px,
+            common_crop(pictures) if camera.is_equirect and not camera.crop else None,
+            common_transparency(pictures),
+        )
+        if part.crop or part.transparent is not None:
+            settings = replace(
+                settings, camera=seen_part.write(settings.camera, camera, part, Path(beside))
+            )
+            camera = load_camera(settings.camera)
+        check_shape(pictures[0], camera)
         notes = [f"{picture.file}: {note}" for picture in pictures for note in picture.notes]
         if exposures_us and not settings.wheel_deg:
             notes += check_bracket(pictures, exposures_us, camera.response_table())

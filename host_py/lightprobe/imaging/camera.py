@@ -3,6 +3,7 @@
 The file is INI; its numbers refer to the size it states, and any other frame size is scaled:
 
     [camera]   version = 1, name, projection = equirect | fisheye, width_px, height_px
+               mask               of an equirectangular picture, as a lens'
     [lens.0]   cx_px, cy_px       image centre; the first pixel's centre is at (0.5, 0.5)
                fx_px, fy_px       focal lengths; r = f·(θ + k1·θ³ + k2·θ⁵ + k3·θ⁷ + k4·θ⁹)
                k1 … k4            (Kannala and Brandt 2006); default 0
@@ -13,6 +14,7 @@ The file is INI; its numbers refer to the size it states, and any other frame si
                mask               PGM beside the file; 0 where the lens sees nothing useful
     [lens.1]   …
     [polarizer] transmission, extinction, offset_deg: the film on the wheel (imaging/film.py)
+    [crop]     full_width_px, full_height_px, left_px, top_px: equirect, the part of the sphere
     [response] table              file of 256 rows r g b: linear light of each code, scaled so
                                   that the last row of green is 1; default sRGB
 """
@@ -31,6 +33,7 @@ from lightprobe.colour import srgb_table
 from lightprobe.errors import LightprobeError
 from lightprobe.geometry import Array, equirect_direction, rotation_matrix
 from lightprobe.imaging.film import Sheet
+from lightprobe.imaging.metadata import WHOLE, Crop, crop_of
 
 VERSION = 1  # of the format
 _THETA_STEPS = 4096
@@ -117,11 +120,19 @@ class Camera:
     lenses: tuple[Lens, ...] = ()  # none: equirectangular
     response: Array | None = None  # (256, 3) linear light of each code; None: sRGB
     sheet: Sheet = field(default_factory=Sheet)  # of the polarizer on the wheel
+    #: Of an equirectangular picture; None: the file does not say.
+    crop: Crop | None = None
+    mask: NDArray[np.uint8] | None = None  # of an equirectangular picture; 0: not seen
 
     @property
     def is_equirect(self) -> bool:
         """True for an equirectangular picture."""
         return not self.lenses
+
+    @property
+    def is_whole(self) -> bool:
+        """True for an equirectangular picture of all of the sphere."""
+        return self.is_equirect and self.crop in (None, WHOLE) and self.mask is None
 
     def response_table(self) -> Array:
         """Linear light (256, 3) of the codes, full scale = 1."""
@@ -133,9 +144,16 @@ class Camera:
         Where nothing is seen the illumination is 0 and the direction NaN.
         """
         if self.is_equirect:
-            columns, rows = np.arange(width_px)[None, :], np.arange(height_px)[:, None]
-            directions = equirect_direction(columns, rows, width_px, height_px)
-            return directions, np.ones((height_px, width_px))
+            crop = self.crop or WHOLE
+            full_width, full_height = width_px / crop.width, height_px / crop.height
+            columns = np.arange(width_px)[None, :] + crop.left * full_width
+            rows = np.arange(height_px)[:, None] + crop.top * full_height
+            directions = equirect_direction(columns, rows, full_width, full_height)
+            illumination = np.ones((height_px, width_px))
+            if self.mask is not None:
+                illumination[_of_size(self.mask, width_px, height_px) == 0] = 0
+                directions[illumination == 0] = np.nan
+            return directions, illumination
         x, y = self._stated_px(width_px, height_px)
         owner = self.owner(width_px, height_px)
         directions = np.full((height_px, width_px, 3), np.nan)
@@ -144,8 +162,7 @@ class Camera:
             direction, theta = lens.look(x, y)
             seen = np.isfinite(theta) & (owner == number)
             if lens.mask is not None:
-                size = (width_px, height_px)
-                seen &= cv2.resize(lens.mask, size, interpolation=cv2.INTER_NEAREST) > 0
+                seen &= _of_size(lens.mask, width_px, height_px) > 0
             directions[seen] = direction[seen]
             illumination[seen] = lens.illumination(theta[seen])
         return directions, illumination
@@ -163,6 +180,10 @@ class Camera:
         y = (np.arange(height_px)[:, None] + 0.5) * self.height_px / height_px
         x, y = np.broadcast_arrays(x, y)
         return x, y
+
+
+def _of_size(mask: NDArray[np.uint8], width_px: int, height_px: int) -> NDArray[np.uint8]:
+    return np.asarray(cv2.resize(mask, (width_px, height_px), interpolation=cv2.INTER_NEAREST))
 
 
 def equirect(width_px: int = 1920, height_px: int = 960) -> Camera:
@@ -245,7 +266,24 @@ def _camera(section: _Section) -> Camera:
         lenses=tuple(_lens(_Section(section.path, config, name)) for name in names),
         response=_response(section) if config.has_option("response", "table") else None,
         sheet=_sheet(section) if config.has_section("polarizer") else Sheet(),
+        crop=_crop(section) if config.has_section("crop") else None,
+        mask=_mask(section) if projection == "equirect" else None,
     )
+
+
+def _crop(camera: _Section) -> Crop:
+    section = _Section(camera.path, camera.config, "crop")
+    crop = crop_of(
+        section.number("left_px", "0"), section.number("top_px", "0"),
+        camera.number("width_px"), camera.number("height_px"),
+        section.number("full_width_px"), section.number("full_height_px"),
+    )  # fmt: skip
+    if crop is None:
+        raise CameraError(
+            f"camera: {section.path}: [crop] expected full_width_px and full_height_px, within "
+            "which width_px × height_px of [camera] lie at left_px, top_px"
+        )
+    return crop
 
 
 def _sheet(camera: _Section) -> Sheet:

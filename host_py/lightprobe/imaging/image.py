@@ -10,7 +10,7 @@ import re
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -27,6 +27,7 @@ SUFFIXES = HDR_SUFFIXES | JPEG_SUFFIXES | {".png", ".tif", ".tiff", ".bmp"}
 
 
 #: A JPEG, and not one that ends where it begins; the daemon's rule (base/jpeg_start.h).
+_ORIENTATION = 0x0112
 _JPEG_START = re.compile(rb"\xff\xd8\xff+[^\xff\xd9]", re.DOTALL)
 
 
@@ -65,8 +66,15 @@ def read(path: str | Path) -> Picture:
 
 
 def read_srgb8(path: str | Path) -> NDArray[np.uint8]:
-    """Read the codes (height, width, 3) RGB of an 8-bit picture as they are."""
+    """Read the codes (height, width, 3) RGB of an 8-bit picture as they are.
+
+    Those of 16 bits are rounded up or down at random, so that mean light stays what it is.
+    """
     decoded = _decode(Path(path))
+    if decoded.dtype == np.uint16:
+        dither = np.random.default_rng(0).random((*decoded.shape[:2], *[1] * (decoded.ndim - 2)))
+        rounded = np.minimum(decoded.astype(np.float64) / 257 + dither, 255)
+        decoded = np.asarray(rounded, dtype=np.uint8)
     if decoded.dtype != np.uint8:
         raise ImageError(f"image: {path}: {decoded.dtype.itemsize * 8} bits a sample: expected 8")
     return np.ascontiguousarray(_three_channels(decoded, Path(path))[..., ::-1])
@@ -83,6 +91,8 @@ def _decode(path: Path) -> NDArray[np.generic]:
     # As the daemon does it: pixels as they are stored, whatever a tag says of their orientation.
     jpeg = path.suffix.lower() in JPEG_SUFFIXES
     file = _bytes(path)
+    if path.suffix.lower() in (".tif", ".tiff"):
+        file = _as_stored(file)
     start = _JPEG_START.search(file) if jpeg else None
     data = np.frombuffer(file, np.uint8, offset=start.start() if start else 0)
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION if jpeg else cv2.IMREAD_UNCHANGED
@@ -93,6 +103,21 @@ def _decode(path: Path) -> NDArray[np.generic]:
     if decoded is None:
         raise ImageError(f"image: {path}: decode: contains no such picture: is the file complete?")
     return np.asarray(decoded)
+
+
+def _as_stored(tiff: bytes) -> bytes:
+    """Give the TIFF without its orientation, which libtiff would obey."""
+    order: Literal["little", "big"] = "little" if tiff[:2] == b"II" else "big"
+    data = bytearray(tiff)
+
+    def number(at: int, size: int) -> int:
+        return int.from_bytes(data[at : at + size], order)
+
+    directory = number(4, 4)
+    for at in range(directory + 2, directory + 2 + 12 * number(directory, 2), 12):
+        if number(at, 2) == _ORIENTATION and at + 12 <= len(data):
+            data[at + 8 : at + 10] = (1).to_bytes(2, order)
+    return bytes(data)
 
 
 def _three_channels(decoded: NDArray[np.generic], path: Path) -> NDArray[np.generic]:

@@ -107,7 +107,7 @@ class SimulatedCamera:
         )
         # Equirectangular pictures turn by whole pixels, unless they nod. What is not simply turned
         # is looked up in a map finer than the picture.
-        simple = lens.is_equirect and not world.behaviour.nod_deg
+        simple = lens.is_whole and not world.behaviour.nod_deg
         self._map_px = size_px if simple else (2 * size_px[0], size_px[0])
         self._rays = None if simple else _Rays(lens, size_px, self._map_px)
         # All of it now: a camera does not pause when the scene changes.

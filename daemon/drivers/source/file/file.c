@@ -50,11 +50,13 @@ static const struct lp_param list[] = {
 	{"size", LP_PARAM_SIZE, offsetof(struct options, size_px), .max = LP_PICTURE_MAX_SIDE_PX,
 	 .help = "size of raw pictures (yuyv, nv12, grey), which do not contain it"},
 	{"exposures_us", LP_PARAM_FLOATS, offsetof(struct options, exposures_us), .min = 0.001,
-	 .max = 1e9, .help = "exposure of each picture, in turn; none: unknown"},
+	 .max = 1e9,
+	 .help = "exposure of each picture, in turn; none: what its Exif says, else unknown"},
 	{"wheel_deg", LP_PARAM_FLOATS, offsetof(struct options, wheel_deg), .max = 360,
 	 .help = "angle of the polarizer in each picture, in turn; none: unknown"},
 	{"gain", LP_PARAM_FLOAT, offsetof(struct options, gain), .min = 1e-6, .max = 1e6,
-	 .help = "gain of all pictures, a linear factor; none: unknown"},
+	 .help = "gain of all pictures, a linear factor; none: what their Exif says with the "
+		 "exposure (ISO / 100), else unknown"},
 };
 static const struct lp_params params = LP_PARAMS(list);
 
@@ -92,9 +94,12 @@ static void stamp(struct source_file *self, struct progress *progress, struct lp
 	const struct lp_floats *angles = &self->options.wheel_deg;
 
 	frame->sequence = progress->sequence++;
-	frame->gain = self->options.gain;
-	if (exposures->count > 0)
+	if (exposures->count > 0) {
+		frame->gain = NAN; /* what is stated counts alone */
 		frame->exposure_us = exposures->values[progress->in_pass % exposures->count];
+	}
+	if (!isnan(self->options.gain))
+		frame->gain = self->options.gain;
 	if (angles->count > 0) {
 		frame->wheel_deg = angles->values[progress->in_pass % angles->count];
 		frame->wheel_sigma_deg = STATED_ANGLE_SIGMA_DEG;

@@ -4,6 +4,7 @@
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -12,6 +13,7 @@
 
 #include "base/log.h"
 #include "drivers/source/frames.h"
+#include "drivers/source/photo.h"
 
 #define FIRST_READ_BYTES ((size_t)256 << 10)
 
@@ -29,7 +31,8 @@ struct lp_file_reader {
 	bool at_end;
 	uint8_t *buffer; /* [first, filled) is read and not yet consumed */
 	size_t capacity, first, filled;
-	bool told_of_rest; /* of a photo */
+	bool told_of_rest, told_of_orientation; /* of a photo */
+	float f_number; /* of the first photo that says it; 0: none has yet */
 };
 
 static void name_object(struct lp_file_reader *reader, const char *path)
@@ -203,6 +206,34 @@ static int open_file(struct lp_file_reader *reader)
 
 /* ---------------------------------------------------------------- one picture */
 
+/*
+ * What the photo says of itself. Its exposure is told relative to ISO 100, and to the aperture of
+ * the first photo. Orientation is told, and not obeyed: a camera file is of the pixels as they are
+ * stored, however the camera was held.
+ */
+static void fill_photo(struct lp_file_reader *reader, struct lp_frame *frame)
+{
+	const struct lp_photo photo = lp_photo_read(frame->data, frame->size_bytes);
+
+	frame->crop = photo.crop;
+	frame->exposure_us = photo.exposure_us;
+	if (!isnan(photo.exposure_us) && photo.iso > 0)
+		frame->gain = (float)photo.iso / 100.0F;
+	if (!isnan(photo.exposure_us) && !isnan(photo.f_number)) {
+		if (reader->f_number == 0.0F)
+			reader->f_number = photo.f_number;
+		const float ratio = reader->f_number / photo.f_number;
+
+		frame->gain = (isnan(frame->gain) ? 1.0F : frame->gain) * ratio * ratio;
+	}
+	if (photo.orientation > 1 && !reader->told_of_orientation) {
+		reader->told_of_orientation = true;
+		lp_warning(reader->object, "read",
+			   "Exif orientation %d is not obeyed: pixels count as they are stored",
+			   photo.orientation);
+	}
+}
+
 static int fill_frame(struct lp_file_reader *reader, const struct lp_picture *picture,
 		      struct lp_owned_frame *owned)
 {
@@ -219,6 +250,9 @@ static int fill_frame(struct lp_file_reader *reader, const struct lp_picture *pi
 	if (picture->corrupt) {
 		owned->frame.flags |= LP_FRAME_CORRUPT;
 		lp_error(reader->object, "read", "a picture is cut off or damaged; it is not used");
+	} else if (picture->format == LP_FORMAT_MJPEG) {
+		owned->frame.data = owned->buffer;
+		fill_photo(reader, &owned->frame);
 	}
 	if (picture->skip_bytes)
 		lp_warning(reader->object, "read",

@@ -82,7 +82,7 @@ static int64_t start_ns(const struct set *set)
 	return t_ns;
 }
 
-/* What the camera says of its exposure counts; else what it was told. */
+/* What the picture says of its exposure counts; else what the camera was told. */
 static void fill_exposure(struct set *set, struct lp_frame *frame)
 {
 	struct lp_ptp_stills *self = set->stills;
@@ -91,6 +91,7 @@ static void fill_exposure(struct set *set, struct lp_frame *frame)
 	const int k = set->taken < camera->exposure_count ? set->taken : camera->exposure_count - 1;
 	const float asked_us = camera->exposures_us[k];
 
+	frame->crop = photo.crop;
 	frame->exposure_us = isnan(photo.exposure_us) ? asked_us : photo.exposure_us;
 	frame->gain = photo.iso ? (float)photo.iso / (float)camera->iso : 1.0F;
 	frame->t_read_ns += (int64_t)((double)frame->exposure_us * LP_NS_PER_US);

@@ -1,0 +1,124 @@
+"""What a picture file says of itself: Exif, and Google's photo sphere XMP metadata.
+
+The daemon reads the same from JPEGs (drivers/source/photo.c).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+from PIL import Image
+
+_ORIENTATION, _EXIF_IFD = 0x0112, 0x8769
+_EXPOSURE_TIME, _F_NUMBER, _ISO = 0x829A, 0x829D, 0x8827
+_BASE_ISO = 100
+#: Crops that leave out less than this of the sphere's sides leave out nothing.
+_ROUNDING = 1e-6
+
+
+@dataclass(frozen=True)
+class Crop:
+    """The part of an equirectangular picture of the whole sphere, in fractions of it."""
+
+    left: float
+    top: float
+    width: float
+    height: float
+
+
+#: All of the sphere.
+WHOLE = Crop(0, 0, 1, 1)
+
+
+@dataclass(frozen=True)
+class Metadata:
+    """None: the file does not say."""
+
+    exposure_us: float | None = None  # times ISO / 100
+    f_number: float | None = None
+    orientation: int = 1  # 1: as it is stored
+    crop: Crop | None = None
+    fault: str = ""  # why the part of the sphere cannot be used
+
+
+def read(path: Path) -> Metadata:
+    """Read what the file says; nothing of a file that Pillow cannot read."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of damaged metadata
+            with Image.open(path) as picture:
+                return _read(picture)
+    except (OSError, SyntaxError, ValueError, TypeError, KeyError, Image.DecompressionBombError):
+        return Metadata()
+
+
+def _read(picture: Image.Image) -> Metadata:
+    exif = picture.getexif()
+    inner = exif.get_ifd(_EXIF_IFD)
+    exposure_s = _number(inner.get(_EXPOSURE_TIME))
+    iso = inner.get(_ISO)
+    iso = _number(iso[0] if isinstance(iso, tuple) else iso) or _BASE_ISO
+    orientation = int(_number(exif.get(_ORIENTATION)) or 1)
+    xmp = picture.info.get("xmp", b"")
+    crop, fault = _crop(xmp.decode(errors="replace") if isinstance(xmp, bytes) else str(xmp))
+    return Metadata(
+        exposure_us=1e6 * exposure_s * iso / _BASE_ISO if exposure_s else None,
+        f_number=_number(inner.get(_F_NUMBER)),
+        orientation=orientation if 1 <= orientation <= 8 else 1,
+        crop=crop,
+        fault=fault,
+    )
+
+
+def exposures_us(pictures: list[Metadata]) -> list[float]:
+    """Exposures of one bracket, relative to the first picture's aperture; empty: not all say."""
+    known = [picture.exposure_us for picture in pictures if picture.exposure_us]
+    if len(known) != len(pictures):
+        return []
+    first = next((picture.f_number for picture in pictures if picture.f_number), None)
+    return [
+        exposure * (first / picture.f_number) ** 2 if first and picture.f_number else exposure
+        for exposure, picture in zip(known, pictures, strict=True)
+    ]
+
+
+def _number(value: object) -> float | None:
+    """Give a number above 0, or None."""
+    try:
+        number = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError, ZeroDivisionError):
+        return None
+    return number if math.isfinite(number) and number > 0 else None
+
+
+def crop_of(
+    left: float, top: float, width: float, height: float, full_width: float, full_height: float
+) -> Crop | None:
+    """Give a part of a whole picture of full_width x full_height; None: it makes no sense.
+
+    It may reach across the seam.
+    """
+    most = 1 + _ROUNDING
+    across = 0 <= left < full_width and 1 <= width <= most * full_width
+    if not (across and top >= 0 and height >= 1 and top + height <= most * full_height):
+        return None
+    return Crop(left / full_width, top / full_height, width / full_width, height / full_height)
+
+
+def _crop(xmp: str) -> tuple[Crop | None, str]:
+    if "/photos/1.0/panorama/" not in xmp:
+        return None, ""
+    projection = re.search(r""":ProjectionType[\s=>"']+(\w+)""", xmp)
+    if projection and projection[1] != "equirectangular":
+        return None, f"GPano: projection {projection[1]}: expected equirectangular"
+    names = ("CroppedAreaLeft", "CroppedAreaTop", "CroppedAreaImageWidth", "CroppedAreaImageHeight",
+             "FullPanoWidth", "FullPanoHeight")  # fmt: skip
+    found = [re.search(rf""":{name}Pixels[\s=>"']+(-?[\d.]+)""", xmp) for name in names]
+    if not found[4] and not found[5]:
+        return None, ""
+    crop = crop_of(*(float(match[1]) if match else math.nan for match in found))
+    return crop, "" if crop else "GPano: the part of the sphere that it names makes no sense"
