@@ -16,6 +16,10 @@ class UsageError(LightprobeError):
     exit_code = 2
 
 
+class ImageError(LightprobeError):
+    """A picture that cannot be read; says which, at which stage, and what to do."""
+
+
 class ProbeError(LightprobeError):
     """Something that a user of the client has to know."""
 

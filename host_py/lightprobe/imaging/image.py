@@ -7,7 +7,6 @@ units; 8- and 16-bit pictures are taken as sRGB, full scale = 1.
 from __future__ import annotations
 
 import re
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -17,9 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lightprobe.colour import srgb_table, srgb_to_linear
-from lightprobe.errors import LightprobeError
-
-Radiance = NDArray[np.float32]
+from lightprobe.errors import ImageError as ImageError
+from lightprobe.imaging import opencv, rgbe
+from lightprobe.imaging.decoded import Decoded, Radiance
 
 HDR_SUFFIXES = frozenset({".hdr", ".exr", ".pfm"})
 JPEG_SUFFIXES = frozenset({".jpg", ".jpeg"})
@@ -29,10 +28,6 @@ SUFFIXES = HDR_SUFFIXES | JPEG_SUFFIXES | {".png", ".tif", ".tiff", ".bmp"}
 #: A JPEG, and not one that ends where it begins; the daemon's rule (base/jpeg_start.h).
 _ORIENTATION = 0x0112
 _JPEG_START = re.compile(rb"\xff\xd8\xff+[^\xff\xd9]", re.DOTALL)
-
-
-class ImageError(LightprobeError):
-    """A picture that cannot be read; says which, at which stage, and what to do."""
 
 
 @dataclass(frozen=True)
@@ -47,22 +42,27 @@ class Picture:
 def read(path: str | Path) -> Picture:
     """Read HDR, EXR, PFM, PNG, JPEG, TIFF or BMP as linear light; raises :class:`ImageError`.
 
-    Negative samples (lossy EXR leaves tiny ones) become 0 and are noted; NaN and infinity are left
-    for the daemon, which flags them.
+    Negative samples (lossy EXR leaves tiny ones) become 0 and are noted; NaN (not seen, or broken)
+    and infinity (saturated) are left for the daemon, which flags them.
     """
     path = Path(path)
     if not path.is_file():
         raise ImageError(f"image: {path}: open: no such file")
     suffix = path.suffix.lower()
+    bits = 32
     if suffix == ".exr":
-        radiance, notes, bits = *_read_exr(path), 32
+        decoded = _read_exr(path)
+    elif suffix == ".hdr":
+        decoded = rgbe.read(path)
     elif suffix == ".pfm":
-        radiance, notes, bits = read_pfm(path), [], 32
+        decoded = Decoded(read_pfm(path))
     elif suffix in SUFFIXES:
         radiance, notes, bits = _read_cv2(path)
+        decoded = Decoded(radiance, notes)
     else:
         raise ImageError(f"image: {path}: unknown kind: expected {', '.join(sorted(SUFFIXES))}")
-    return Picture(radiance, bits, tuple(notes + _clamp_negative(radiance)))
+    notes = decoded.notes + _clamp_negative(decoded.radiance)
+    return Picture(decoded.radiance, bits, tuple(notes))
 
 
 def read_srgb8(path: str | Path) -> NDArray[np.uint8]:
@@ -94,15 +94,11 @@ def _decode(path: Path) -> NDArray[np.generic]:
     if path.suffix.lower() in (".tif", ".tiff"):
         file = _as_stored(file)
     start = _JPEG_START.search(file) if jpeg else None
-    data = np.frombuffer(file, np.uint8, offset=start.start() if start else 0)
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION if jpeg else cv2.IMREAD_UNCHANGED
-    try:
-        decoded = cv2.imdecode(data, flags) if data.size else None
-    except cv2.error as error:
-        raise ImageError(f"image: {path}: decode: {error.err}: is the file complete?") from None
+    decoded = opencv.decode(file[start.start() if start else 0 :], flags)
     if decoded is None:
         raise ImageError(f"image: {path}: decode: contains no such picture: is the file complete?")
-    return np.asarray(decoded)
+    return decoded
 
 
 def _as_stored(tiff: bytes) -> bytes:
@@ -141,61 +137,10 @@ def _read_cv2(path: Path) -> tuple[Radiance, list[str], int]:
     raise ImageError(f"image: {path}: samples of {colour.dtype}: expected 8 or 16 bit, or float")
 
 
-def _read_exr(path: Path) -> tuple[Radiance, list[str]]:
-    import OpenEXR  # slow to load, and only EXR files need it
+def _read_exr(path: Path) -> Decoded:
+    from lightprobe.imaging import exr  # slow to load, and only EXR files need it
 
-    try:
-        with OpenEXR.File(str(path), separate_channels=True) as file:
-            channels = {name: channel.pixels for name, channel in file.channels().items()}
-            chromaticities = file.header().get("chromaticities")
-    except Exception as error:  # OpenEXR raises whatever its C++ core throws
-        raise ImageError(f"image: {path}: decode: {error}: is the file complete?") from None
-    planes = _rgb_planes(channels)
-    if planes is None:
-        raise ImageError(f"image: {path}: channels {', '.join(channels)}: expected R G B, or Y")
-    radiance = np.stack(planes, axis=-1).astype(np.float32)
-    if chromaticities is None:
-        return radiance, []
-    matrix = to_rec709(chromaticities)
-    if np.allclose(matrix, np.eye(3), atol=2e-3):
-        return radiance, []
-    return (radiance @ matrix.T).astype(np.float32), ["primaries converted to Rec. 709"]
-
-
-def _rgb_planes(channels: dict[str, NDArray[np.generic]]) -> list[NDArray[np.generic]] | None:
-    """R, G, B of the main layer, else of the first layer that has them, else luminance thrice."""
-    prefixes = sorted(
-        {name.rpartition(".")[0] for name in channels}, key=lambda layer: (layer != "", layer)
-    )
-    for prefix in prefixes:
-        names = [f"{prefix}.{c}" if prefix else c for c in "RGB"]
-        if all(name in channels for name in names):
-            return [channels[name] for name in names]
-    return [channels["Y"]] * 3 if "Y" in channels else None
-
-
-def to_rec709(chromaticities: ArrayLike) -> NDArray[np.float64]:
-    """3×3 matrix from primaries (rx, ry, gx, gy, bx, by, wx, wy) to Rec. 709, D65.
-
-    White is adapted by the Bradford transform (Lindbloom), so that neutral stays neutral.
-    """
-    rec709 = np.array([0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290])
-    bradford = np.array(
-        [[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]]
-    )
-    c = np.asarray(chromaticities, dtype=np.float64)
-    cones = [bradford @ _xyz(primaries[6], primaries[7]) for primaries in (c, rec709)]
-    adapt = np.linalg.inv(bradford) @ np.diag(cones[1] / cones[0]) @ bradford
-    return np.asarray(np.linalg.inv(_rgb_to_xyz(rec709)) @ adapt @ _rgb_to_xyz(c))
-
-
-def _xyz(x: float, y: float) -> NDArray[np.float64]:
-    return np.array([x / y, 1.0, (1 - x - y) / y])
-
-
-def _rgb_to_xyz(c: NDArray[np.float64]) -> NDArray[np.float64]:
-    primaries = np.stack([_xyz(c[i], c[i + 1]) for i in (0, 2, 4)], axis=1)
-    return np.asarray(primaries * np.linalg.solve(primaries, _xyz(c[6], c[7])))
+    return exr.read(path)
 
 
 def _clamp_negative(radiance: Radiance) -> list[str]:
@@ -215,23 +160,10 @@ def encode(suffix: str, radiance: ArrayLike) -> bytes:
     if suffix == ".pfm":
         return _pfm(pixels)
     if suffix == ".exr":
-        return _exr(pixels)
-    done, data = cv2.imencode(suffix, np.ascontiguousarray(pixels[..., ::-1]))
-    if not done:
-        raise ImageError(f"image: {suffix}: encode: not possible for {pixels.shape}")
-    return data.tobytes()
+        from lightprobe.imaging import exr
 
-
-def _exr(pixels: Radiance) -> bytes:
-    """Through a file: the library writes nothing else."""
-    import OpenEXR  # slow to load, and only EXR files need it
-
-    most = float(np.finfo(np.float16).max)  # real suns exceed it: then float
-    kind = np.float16 if float(pixels.max(initial=0)) < most else np.float32
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    with tempfile.NamedTemporaryFile(suffix=".exr") as file:
-        OpenEXR.File(header, {"RGB": pixels.astype(kind)}).write(file.name)
-        return Path(file.name).read_bytes()
+        return exr.encode(pixels)
+    return rgbe.encode(pixels)
 
 
 # ---------------------------------------------------------------- PFM
@@ -265,7 +197,11 @@ def read_pfm(path: str | Path) -> Radiance:
         raise ImageError(
             f"image: {path}: {have} bytes of pixels, {needed} wanted: is the file complete?"
         )
+    if scale == 0:
+        raise ImageError(f"image: {path}: header: scale 0: expected one that is not")
     kind = "<f4" if scale < 0 else ">f4"
     pixels = np.frombuffer(data, kind, width * height * channels, header.end())
-    pixels = pixels.reshape(height, width, channels)[::-1].astype(np.float32)
+    pixels = pixels.reshape(height, width, channels)[::-1].astype(np.float32) * np.float32(
+        abs(scale)
+    )
     return np.ascontiguousarray(np.repeat(pixels, 3, axis=2) if channels == 1 else pixels)
