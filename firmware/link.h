@@ -38,6 +38,7 @@ struct link {
 	bool can_up;
 	bool can_rx1_older; /* than anything in the other receive buffer */
 	uint8_t can_check_ms;
+	uint8_t can_prescaler; /* by the parameters at the start: they count from a reset on */
 };
 
 void link_init(struct link *link, const struct params *params, struct safe *safe, uint8_t carrier);

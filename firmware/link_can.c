@@ -87,17 +87,23 @@ static void write_identifier(uint8_t address, uint16_t identifier)
 	write_registers(address, registers, sizeof(registers));
 }
 
-/* Bit time of 8 quanta (1 + 2 + 3 + 2), sampled at 75 %. */
-static void configure(const struct params *params)
+static uint8_t prescaler_of(const struct params *params)
 {
 	uint8_t crystal_mhz = param(params, PARAM_CAN_CRYSTAL_MHZ) < 16 ? 8 : 16;
 	uint16_t kbit_s = param(params, PARAM_CAN_KBIT_S);
 	uint8_t slower = kbit_s >= 500 ? 1 : kbit_s >= 250 ? 2 : 4;
+
+	return crystal_mhz / 8 * slower - 1;
+}
+
+/* Bit time of 8 quanta (1 + 2 + 3 + 2), sampled at 75 %. */
+static void configure(uint8_t prescaler)
+{
 	const uint8_t timing[4] = {
-		0x01,			      /* CNF3: phase 2 of two quanta */
-		0x91,			      /* CNF2: propagation two, phase 1 three */
-		crystal_mhz / 8 * slower - 1, /* CNF1: prescaler */
-		0x03,			      /* CANINTE: both receive buffers */
+		0x01,	   /* CNF3: phase 2 of two quanta */
+		0x91,	   /* CNF2: propagation two, phase 1 three */
+		prescaler, /* CNF1 */
+		0x03,	   /* CANINTE: both receive buffers */
 	};
 
 	write_registers(CNF3, timing, sizeof(timing));
@@ -114,6 +120,7 @@ static void configure(const struct params *params)
 static void bring_up(struct link *link)
 {
 	link->can_up = false;
+	link->can_rx1_older = false; /* its buffers will be empty */
 	board_spi_select(true);
 	board_spi_exchange(DO_RESET);
 	board_spi_select(false);
@@ -124,12 +131,13 @@ static void bring_up(struct link *link)
 		safe_latch(link->safe, FAULT_CAN_ABSENT, 0);
 		return;
 	}
-	configure(link->params);
+	configure(link->can_prescaler);
 	link->can_up = true;
 }
 
 void link_can_init(struct link *link)
 {
+	link->can_prescaler = prescaler_of(link->params);
 	board_spi_start();
 	bring_up(link);
 }

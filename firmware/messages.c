@@ -76,6 +76,20 @@ static void send_result(struct firmware *firmware, uint8_t request, uint8_t answ
 	SEND(firmware, result, RESULT, &result);
 }
 
+/* What came of a save. A cell that fails has spoilt the copy that it lies in. */
+static void send_saved(struct firmware *firmware)
+{
+	uint16_t address = firmware->params.worn_address;
+	struct mcu_result_t result = {.request = ID(MCU_PARAM_ACTION_FRAME_ID)};
+
+	if (address != PARAMS_SAVED) {
+		result.result = MCU_RESULT_RESULT_NOT_STORED_CHOICE;
+		result.detail = (int16_t)address;
+		safe_latch(&firmware->safe, FAULT_PARAMS_COPY_LOST, firmware->params.generation);
+	}
+	SEND(firmware, result, RESULT, &result);
+}
+
 static void send_hello(struct firmware *firmware)
 {
 	struct mcu_hello_t hello = {
@@ -345,14 +359,10 @@ static void on_param_get(const struct context *c)
 /* What was computed from parameters is computed again. Carriers read theirs at a reset. */
 static void params_changed(struct firmware *firmware, bool wheel, bool ring)
 {
-	uint16_t interval_scans = firmware->ring.interval_windows * firmware->ring.window_scans;
-
 	if (wheel && firmware->wheel.phase != WHEEL_FAULT)
 		wheel_forget(&firmware->wheel);
-	if (ring) {
+	if (ring)
 		ring_init(&firmware->ring, &firmware->params, &firmware->safe);
-		ring_set_interval(&firmware->ring, interval_scans);
-	}
 }
 
 static void on_param_set(const struct context *c)
@@ -523,6 +533,6 @@ void messages_poll(struct firmware *firmware)
 		send_counters(firmware);
 	if (firmware->saving && !params_saving(&firmware->params) && link_room(&firmware->link)) {
 		firmware->saving = false;
-		send_result(firmware, ID(MCU_PARAM_ACTION_FRAME_ID), ANSWER_OK, 0);
+		send_saved(firmware);
 	}
 }

@@ -19,10 +19,15 @@ static const BOARD_FLASH struct limits table[PARAM_COUNT] = {
 #undef PARAM_LIMITS
 };
 
-_Static_assert(SIZE(PARAM_COUNT) < PARAMS_IDLE, "a copy is counted in 8 bits");
+/* A copy is counted in 8 bits. */
+#define COUNT_MOST ((PARAMS_IDLE - 1 - SIZE(0)) / 2)
+_Static_assert(PARAM_COUNT <= COUNT_MOST, "so many parameters have no place");
+
+#define TRIES 2 /* to write a cell */
 
 void params_defaults(struct params *params)
 {
+	params->count = PARAM_COUNT;
 	for (uint8_t i = 0; i < PARAM_COUNT; i++)
 		params->values[i] = table[i].initial;
 }
@@ -79,7 +84,7 @@ static bool copy_good(uint8_t copy)
 	uint8_t count = stored(copy, 2);
 	uint16_t crc = CRC16_START;
 
-	if (stored(copy, 0) != VERSION || stored(copy, 1) == 0 || count == 0 || count > PARAM_COUNT)
+	if (stored(copy, 0) != VERSION || stored(copy, 1) == 0 || count == 0 || count > COUNT_MOST)
 		return false;
 	for (uint8_t i = 0; i < SIZE(count) - 2; i++)
 		crc = crc16(crc, stored(copy, i));
@@ -96,7 +101,9 @@ static bool take(struct params *params, uint8_t copy)
 
 	params->copy = copy;
 	params->generation = stored(copy, 1);
-	for (uint8_t i = 0; i < count; i++) {
+	if (count > PARAM_COUNT)
+		params->count = count;
+	for (uint8_t i = 0; i < count && i < PARAM_COUNT; i++) {
 		uint8_t at = HEADER + 2 * i;
 		params->values[i] = (int16_t)(stored(copy, at) | stored(copy, at + 1) << 8);
 		allowed = allowed && within_limits(i, params->values[i]);
@@ -115,6 +122,7 @@ enum params_load params_load(struct params *params)
 	params->generation = 0;
 	params->copy = 1;
 	params->save_at = PARAMS_IDLE;
+	params->worn_address = PARAMS_SAVED;
 	if (!good[0] && !good[1])
 		return copy_blank(0) && copy_blank(1) ? PARAMS_BLANK : PARAMS_CORRUPT;
 	if (good[0] && good[1]) {
@@ -135,11 +143,13 @@ static uint8_t byte_to_store(const struct params *params, uint8_t at)
 	if (at == 1)
 		return params->generation == 0xFF ? 1 : params->generation + 1;
 	if (at == 2)
-		return PARAM_COUNT;
-	if (at == SIZE(PARAM_COUNT) - 2)
+		return params->count;
+	if (at == SIZE(params->count) - 2)
 		return params->save_crc & 0xFF;
-	if (at == SIZE(PARAM_COUNT) - 1)
+	if (at == SIZE(params->count) - 1)
 		return params->save_crc >> 8;
+	if (at >= HEADER + 2 * PARAM_COUNT) /* a newer firmware's */
+		return stored(params->copy, at);
 	uint16_t value = (uint16_t)params->values[(at - HEADER) / 2];
 	return (at - HEADER) & 1 ? value >> 8 : value & 0xFF;
 }
@@ -147,7 +157,9 @@ static uint8_t byte_to_store(const struct params *params, uint8_t at)
 void params_save(struct params *params)
 {
 	params->save_at = 0;
+	params->save_tries = 0;
 	params->save_crc = CRC16_START;
+	params->worn_address = PARAMS_SAVED;
 }
 
 bool params_saving(const struct params *params)
@@ -155,24 +167,37 @@ bool params_saving(const struct params *params)
 	return params->save_at != PARAMS_IDLE;
 }
 
-bool params_poll(struct params *params)
+static void save_failed(struct params *params, uint16_t address)
+{
+	params->worn_address = address;
+	params->save_at = PARAMS_IDLE;
+	if (params->generation == 0) /* neither copy is good: the next save tries the other one */
+		params->copy = !params->copy;
+}
+
+void params_poll(struct params *params)
 {
 	uint8_t at = params->save_at;
+	uint16_t address = (uint16_t)!params->copy * COPY_STRIDE + at;
 
-	if (at == PARAMS_IDLE)
-		return false;
-	if (at < SIZE(PARAM_COUNT)) {
-		uint8_t value = byte_to_store(params, at);
-		uint16_t address = (uint16_t)!params->copy * COPY_STRIDE + at;
-		if (!board_eeprom_write(address, value))
-			return false;
-		if (at < SIZE(PARAM_COUNT) - 2)
+	if (at == PARAMS_IDLE || !board_eeprom_ready())
+		return;
+	if (at == SIZE(params->count)) {
+		params->generation = byte_to_store(params, 1);
+		params->copy = !params->copy;
+		params->save_at = PARAMS_IDLE;
+		return;
+	}
+	uint8_t value = byte_to_store(params, at);
+	if (board_eeprom_read(address) == value) {
+		if (at < SIZE(params->count) - 2)
 			params->save_crc = crc16(params->save_crc, value);
 		params->save_at++;
-		return false;
+		params->save_tries = 0;
+	} else if (params->save_tries == TRIES) {
+		save_failed(params, address);
+	} else {
+		board_eeprom_write(address, value);
+		params->save_tries++;
 	}
-	params->generation = byte_to_store(params, 1);
-	params->copy = !params->copy;
-	params->save_at = PARAMS_IDLE;
-	return true;
 }

@@ -5,7 +5,11 @@
  * values.
  *
  * A copy: version, generation, count, values (little-endian), CRC-16 over all before it. A copy
- * with fewer values than this firmware knows leaves the rest at their defaults.
+ * with fewer values than this firmware knows leaves the rest at their defaults. Of one with more,
+ * written by a newer firmware, those it knows are taken; a save keeps the others as they are.
+ *
+ * A save reads every byte back. A cell that does not hold what was written is written once more;
+ * then the save has failed, and the other copy stays the one in use.
  */
 #ifndef PARAMS_H
 #define PARAMS_H
@@ -61,10 +65,13 @@ struct params {
 	int16_t values[PARAM_COUNT];
 	uint8_t generation; /* of the newest good copy; 0: none */
 	uint8_t copy;	    /* where it is: 0 or 1 */
-	/* A save in progress: next byte to write; PARAMS_IDLE: none. */
-	uint8_t save_at;
+	uint8_t count;	    /* of its values, at least PARAM_COUNT: what a save writes */
+	/* A save in progress: next byte to write, PARAMS_IDLE: none; how often it was written. */
+	uint8_t save_at, save_tries;
 	uint16_t save_crc;
+	uint16_t worn_address; /* cell at which the last save failed; PARAMS_SAVED: it did not */
 };
+#define PARAMS_SAVED 0xFFFF
 #define PARAMS_IDLE 0xFF
 
 enum params_load params_load(struct params *params);
@@ -80,10 +87,10 @@ void param_limits(enum param which, int16_t *minimum, int16_t *maximum);
 /* False when the value is out of range, or a minimum would not lie below its maximum. */
 bool param_set(struct params *params, enum param which, int16_t value);
 
-/* Starts writing; params_poll() goes on with it, one byte a call, and is true when that is done.
- * Values must not be set meanwhile. */
+/* Starts writing; params_poll() goes on with it, one byte a call, until params_saving() is false;
+ * then `worn_address` says whether it is stored. Values must not be set meanwhile. */
 void params_save(struct params *params);
 bool params_saving(const struct params *params);
-bool params_poll(struct params *params);
+void params_poll(struct params *params);
 
 #endif

@@ -25,7 +25,8 @@
 
 #define SUPPLY_LOW_AFTER 20 /* readings in a row: 50 ms */
 
-/* The only state that an interrupt shares with the portable code. */
+/* The only state that an interrupt shares with the portable code. What it counts is written by the
+ * interrupt alone and never set back: the readers would take that for news. */
 static volatile struct ring_input input;
 static uint8_t input_window;
 
@@ -66,16 +67,20 @@ void ring_init(struct ring *ring, const struct params *params, struct safe *safe
 	ring->slot_us = mains_60 ? 119 : 125;
 	ring->bandgap_mv = param(params, PARAM_BANDGAP_MV);
 	ring->supply_min_mv = param(params, PARAM_SUPPLY_MIN_MV);
+	ring_set_interval(ring, ring->interval_scans);
 	board_lock();
-	memset((void *)&input, 0, sizeof(input));
+	/* The window that is being filled begins anew, with its first slot. */
+	memset((void *)input.sums, 0, sizeof(input.sums));
+	input.scan = 0;
 	input_window = ring->window_scans;
-	ring->windows_seen = 0;
-	board_unlock();
+	ring->windows_seen = input.windows;
 	board_sample(ring->slot_us);
+	board_unlock();
 }
 
-void ring_set_interval(struct ring *ring, uint16_t scans)
+void ring_set_interval(struct ring *ring, uint8_t scans)
 {
+	ring->interval_scans = scans;
 	ring->interval_windows = scans / ring->window_scans;
 	if (scans && !ring->interval_windows)
 		ring->interval_windows = 1;

@@ -21,7 +21,7 @@ struct safe;
 #define RING_SLOTS 10
 #define RING_FULL_SCALE 4092 /* level of the supply voltage */
 
-/* What the ADC interrupt writes. */
+/* What the ADC interrupt writes, and nobody else while it runs. */
 struct ring_input {
 	uint16_t sums[BOARD_LDRS];   /* of the window that is being filled */
 	uint16_t window[BOARD_LDRS]; /* of the newest whole one */
@@ -37,7 +37,8 @@ struct ring {
 	uint8_t window_scans;
 	uint8_t slot_us;
 	uint8_t windows_seen;
-	uint8_t interval_windows;    /* of the reports; 0: none */
+	uint8_t interval_scans;	     /* of the reports, as asked for; 0: none */
+	uint8_t interval_windows;    /* the same in whole windows */
 	uint8_t windows_due;	     /* until the next report */
 	uint8_t extreme[BOARD_LDRS]; /* windows in a row in which it read open or shorted */
 	uint16_t open, shorted;	     /* bit = sensor */
@@ -53,10 +54,12 @@ struct ring_report {
 	uint16_t levels[BOARD_LDRS];
 };
 
+/* At the start, and again when parameters have changed. The interval of the reports stays, and so
+ * does what has been measured but not yet read, except for the window that is being filled. */
 void ring_init(struct ring *ring, const struct params *params, struct safe *safe);
 
 /* Reports every so many scans from now on, in whole windows, at least one; 0: none. */
-void ring_set_interval(struct ring *ring, uint16_t scans);
+void ring_set_interval(struct ring *ring, uint8_t scans);
 
 /* Watches sensors and supply; true when a report is due, and is then in `report`. */
 bool ring_poll(struct ring *ring, struct ring_report *report);

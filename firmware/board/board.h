@@ -85,7 +85,8 @@ void board_index(struct board_index *index);
 /*
  * Starts sampling, one slot every so many microseconds: slots 0 to 8 are the LDRs, then one of
  * (feedback, supply) alternately. Levels are 10-bit shares of the supply, except the supply's own
- * slot: the 1.1 V reference as a share of the supply.
+ * slot: the 1.1 V reference as a share of the supply. Called again, it begins anew with slot 0; a
+ * conversion under way is thrown away. May be called between board_lock() and board_unlock().
  */
 enum board_slot { BOARD_SLOT_FEEDBACK = BOARD_LDRS, BOARD_SLOT_SUPPLY };
 void board_sample(uint8_t period_us);
@@ -97,9 +98,11 @@ void board_on_conversion(uint8_t slot, uint16_t level);
 void board_lock(void);
 void board_unlock(void);
 
-/* EEPROM, at least 512 bytes. write() returns false while a former write is going on (3.4 ms). */
+/* EEPROM, at least 512 bytes. A write takes 3.4 ms; until ready() says that it has ended, read()
+ * and write() must not be called. */
+bool board_eeprom_ready(void);
 uint8_t board_eeprom_read(uint16_t address);
-bool board_eeprom_write(uint16_t address, uint8_t value);
+void board_eeprom_write(uint16_t address, uint8_t value);
 
 /* Serial line. get() returns -1 when nothing waits; put() takes all bytes or none. */
 int16_t board_uart_get(void);

@@ -283,9 +283,13 @@ static avr_cycle_count_t eeprom_timer(avr_t *avr, avr_cycle_count_t when, void *
 
 static void on_eeprom_control(avr_t *avr, avr_io_addr_t address, uint8_t value, void *context)
 {
+	struct chip *chip = context;
+	uint8_t *worn = chip_eeprom(chip) + chip->worn_address;
+
 	(void)address;
 	if (!(value & EEPE) || !(value & EEMPE))
 		return;
+	*worn = (*worn & ~chip->worn_bits) | chip->worn_held;
 	avr->data[REGISTER_EECR] |= EEPE;
 	avr_cycle_timer_register(avr, CHIP_US(EEPROM_WRITE_US), eeprom_timer, context);
 }

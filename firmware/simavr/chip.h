@@ -57,6 +57,8 @@ struct chip {
 
 	uint8_t line_in[CHIP_LINE_BYTES];
 	unsigned line_in_first, line_in_end;
+	uint16_t worn_address; /* of an EEPROM cell, of which these bits keep what they held then */
+	uint8_t worn_bits, worn_held;
 	bool line_in_running, line_in_wait;
 	/* Sent and not yet taken; called for every byte, may be NULL. */
 	void (*line_out)(void *context, uint8_t byte);

@@ -68,6 +68,7 @@ static void usage(void)
 	     "  resets          how many there were, the watchdog's too\n"
 	     "  cut ADDRESS     run until this EEPROM byte is being written, then cut the power\n"
 	     "  eeprom [HEX]    read all, or write from 0\n"
+	     "  worn ADDRESS BITS   of this EEPROM byte these bits keep what they hold\n"
 	     "  flash ADDRESS [HEX], ram ADDRESS [N | =HEX]   look, or change\n"
 	     "  stack ADDRESS   bytes free, stack used, static: ADDRESS is the end of the data\n"
 	     "  quit");
@@ -281,7 +282,7 @@ static void execute(void *context, const char *line)
 	struct chip *chip = runner->chip;
 	char reply[2048], word[8];
 	unsigned long long number;
-	unsigned address;
+	unsigned address, bits;
 	int at = 0;
 
 	if (sscanf(line, "run %llu", &number) == 1) {
@@ -320,6 +321,11 @@ static void execute(void *context, const char *line)
 		command_cut(runner, address);
 	} else if (strncmp(line, "eeprom", 6) == 0) {
 		command_eeprom(runner, line + 6);
+	} else if (sscanf(line, "worn %u %u", &address, &bits) == 2) {
+		chip->worn_address = address % CHIP_EEPROM_BYTES;
+		chip->worn_bits = (uint8_t)bits;
+		chip->worn_held = chip_eeprom(chip)[chip->worn_address] & chip->worn_bits;
+		console_answer(&runner->console, "ok");
 	} else if (sscanf(line, "stack %i", (int *)&address) == 1) {
 		command_stack(runner, address);
 	} else if (sscanf(line, "%7s %i %n", word, (int *)&address, &at) == 2 &&

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import random
@@ -402,30 +403,82 @@ def test_an_angle_out_of_range_is_named():
             Daemon(f"--source=sim:{cam.path}", *options).__enter__()
 
 
-@pytest.mark.parametrize(
-    ("major", "says"), [(0, "the firmware is older: make flash"), (2, "the firmware is newer")]
-)
-def test_firmware_of_another_protocol_is_named(major, says):
+@contextmanager
+def scripted_mcu() -> Iterator[tuple[int, str]]:
+    """A serial line: the microcontroller's end, and the daemon's path."""
     device, line = os.openpty()
     tty.setraw(line)
+    try:
+        yield device, os.ttyname(line)
+    finally:
+        os.close(line)
+        os.close(device)
+
+
+def say_hello(device: int, major: int, minor: int) -> None:
+    """Answer the greeting as firmware of this protocol."""
+    assert os.read(device, 100)  # the greeting
     hello = mcu.encode(
-        "Hello", protocol_major=major, protocol_minor=0, firmware_major=3, firmware_minor=1,
+        "Hello", protocol_major=major, protocol_minor=minor, firmware_major=3, firmware_minor=1,
         firmware_patch=4, reset_cause="POWER_ON", board="ATMEGA328P", boot_count=7,
     )  # fmt: skip
-    with camera() as cam:
-        options = [f"--rotator=mcu:serial:{os.ttyname(line)}"]
-        with Daemon(f"--source=sim:{cam.path}", *options) as daemon:
-            cam.accept()
-            assert os.read(device, 100)  # the greeting
-            os.write(device, mcu_link.serial_frame(*hello))
-            with daemon.client(health_period_ms=100) as client, streaming(cam, jpeg()):
-                health = client.until(lambda h: h.faults, "health")
-                assert health.faults[0].id == "mcu-version"
-                assert says in health.faults[0].text
-                assert f"3.1.4 speaks protocol {major}.0" in health.faults[0].text
-                client.until(lambda e: e.flags & WHEEL_FAULT)
-    os.close(line)
-    os.close(device)
+    os.write(device, mcu_link.serial_frame(*hello))
+
+
+@pytest.mark.parametrize(
+    ("major", "says"),
+    [(0, "the firmware is older: lightprobe mcu flash"), (2, "the firmware is newer")],
+)
+def test_firmware_of_another_protocol_is_named(major, says):
+    with (
+        scripted_mcu() as (device, path),
+        camera() as cam,
+        Daemon(f"--source=sim:{cam.path}", f"--rotator=mcu:serial:{path}") as daemon,
+    ):
+        cam.accept()
+        say_hello(device, major, 0)
+        with daemon.client(health_period_ms=100) as client, streaming(cam, jpeg()):
+            health = client.until(lambda h: h.faults, "health")
+            assert health.faults[0].id == "mcu-version"
+            assert says in health.faults[0].text
+            assert f"3.1.4 speaks protocol {major}.0" in health.faults[0].text
+            client.until(lambda e: e.flags & WHEEL_FAULT)
+
+
+@pytest.mark.parametrize(
+    ("minor", "says"),
+    [
+        (mcu.PROTOCOL_MINOR - 1, "the firmware is older: lightprobe mcu flash"),
+        (mcu.PROTOCOL_MINOR + 1, "the firmware is newer: install a newer lightprobe"),
+    ],
+)
+def test_firmware_of_another_minor_version_works_and_is_named(minor, says):
+    def told(health: pb.Health) -> bool:
+        return "mcu-minor-version" in {fault.id for fault in health.faults}
+
+    with (
+        scripted_mcu() as (device, path),
+        camera() as cam,
+        Daemon(f"--source=sim:{cam.path}", f"--rotator=mcu:serial:{path}") as daemon,
+    ):
+        cam.accept()
+        say_hello(device, 1, minor)
+        received = mcu_link.SerialDecoder()
+        rates, _ = mcu.encode("Rates", ring_scans=0, wheel_ms=0, counters_ms=0)
+        while rates not in {number for number, _ in received.feed(os.read(device, 100))}:
+            pass  # refused firmware would be asked no more
+        with daemon.client(health_period_ms=100) as client, streaming(cam, jpeg()):
+            health = client.until(told, "health")
+            (fault,) = [f for f in health.faults if f.id == "mcu-minor-version"]
+            assert f"3.1.4 speaks protocol 1.{minor}" in fault.text
+            assert fault.text.endswith(says)
+            command = [Path(sys.executable).parent / "lightprobe", "doctor", "--json"]
+            done = subprocess.run(
+                [*command, f"unix:{daemon.socket}"], capture_output=True, text=True, timeout=120
+            )
+    findings = {f["check"]: f for f in json.loads(done.stdout)["findings"]}
+    assert findings["fault mcu-minor-version"]["verdict"] == "warn"
+    assert findings["fault mcu-minor-version"]["detail"].endswith(says)
 
 
 @pytest.mark.parametrize(

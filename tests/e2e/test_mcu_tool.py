@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 import serial
 from lightprobe.calibrate import ring
+from lightprobe.mcu.messages import PROTOCOL_MINOR
 from lightprobe.sim.box import Box
 
 LIGHTPROBE = Path(sys.executable).parent / "lightprobe"
@@ -48,6 +49,7 @@ def test_info(tmp_path: Path) -> None:
     assert "on HOST" in words
     assert "angle unknown" in words
     assert "no faults" in words
+    assert f"\nprotocol 1.{PROTOCOL_MINOR}\n" in words
 
 
 def test_home_move_release(tmp_path: Path, box: Box) -> None:
@@ -64,6 +66,15 @@ def test_home_move_release(tmp_path: Path, box: Box) -> None:
     assert box.get("powered") == 0
     assert "OUT_OF_RANGE" in mcu(tmp_path, "move", "200", status=1)
     assert "expected -327…327 degrees" in mcu(tmp_path, "move", "400", status=2)
+
+
+def test_what_the_eeprom_does_not_keep_is_no_success(tmp_path: Path, box: Box) -> None:
+    mcu(tmp_path, "params", "set", "lag_ms", "41", "--save")
+    box.command("worn 277 255")  # of the other copy
+    words = mcu(tmp_path, "params", "set", "lag_ms", "42", "--save", status=1)
+    assert "ParamAction refused: NOT_STORED (detail 277): that cell of the EEPROM is worn" in words
+    mcu(tmp_path, "params", "reload")
+    assert json.loads(mcu(tmp_path, "params", "get", "lag_ms", "--json"))[0]["value"] == 41
 
 
 @pytest.mark.usefixtures("box")

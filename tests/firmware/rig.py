@@ -32,6 +32,11 @@ def symbols() -> dict[str, int]:
     return {row[2]: int(row[0], 16) & 0x7FFFFF for row in rows if len(row) == 3}
 
 
+def param_number(name: str) -> int:
+    """Number of a parameter."""
+    return {word: number for number, word in mcu.param_names().items()}[name]
+
+
 @dataclass(frozen=True)
 class Seen:
     """A message from the MCU, when its last byte left, and where the wheel was just before."""
@@ -220,9 +225,11 @@ class Rig:
 
     def param(self, name: str, value: int) -> None:
         """Set a parameter by its name."""
-        choices = mcu_link.database().get_message_by_name("ParamValue")
-        numbers = {str(v): k for k, v in choices.get_signal_by_name("param").choices.items()}
-        assert self.ask("ParamSet", param=numbers[name], value=value)["value"] == value
+        assert self.ask("ParamSet", param=param_number(name), value=value)["value"] == value
+
+    def param_value(self, name: str) -> int:
+        """Read a parameter by its name."""
+        return self.ask("ParamGet", param=param_number(name)).number("value")
 
     def run_until(self, done: Callable[[], bool], limit_us: int, step_us: int = 5000) -> None:
         """Let time pass until `done`; AssertionError after `limit_us`."""

@@ -316,6 +316,25 @@ def test_can_at_other_bit_rates_and_crystals(can: Rig) -> None:
     assert can.ask("Rates", ring_scans=0, wheel_ms=0, counters_ms=0)["result"] == "OK"
 
 
+def frame_us(can: Rig) -> int:
+    """How long a frame takes on the bus: the least distance within an answer of many."""
+    can.send("StatusRequest", count=0)
+    times = [item.t_us for item in can.run(30_000)]
+    return min(b - a for a, b in pairwise(times))
+
+
+def test_can_goes_on_at_the_bit_rate_that_it_began_with(can: Rig) -> None:
+    """Until the next reset, also when the controller had to be set up again."""
+    before_us = frame_us(can)
+    can.param("can_kbit_s", 125)
+    can.command("can absent 1")
+    can.run(600_000)
+    can.command("can absent 0")
+    can.run(600_000)
+    assert set(can.faults) == {"CAN_ABSENT"}
+    assert frame_us(can) == pytest.approx(before_us, rel=0.2)
+
+
 def time_requests(can: Rig, gaps_us: list[int]) -> list[tuple[int, int]]:
     """Put numbered requests on the bus, so far apart; return number and time of those that fit."""
     sent = []

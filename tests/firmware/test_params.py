@@ -112,6 +112,42 @@ def test_stored_values_that_are_not_allowed_are_not_used_in_part(
     assert set(rig.faults) == restart_faults
 
 
+def stored_values(rig: Rig, copy: int) -> list[int]:
+    """All values of one copy in the EEPROM, also those that this firmware does not know."""
+    content = eeprom(rig)[copy * COPY_STRIDE :]
+    values = content[3 : 3 + 2 * content[2]]
+    body = content[: 3 + len(values)]
+    assert content[len(body) : len(body) + 2] == mcu_link.crc16(bytes(body)).to_bytes(2, "little")
+    return [
+        int.from_bytes(values[k : k + 2], "little", signed=True) for k in range(0, len(values), 2)
+    ]
+
+
+@pytest.mark.parametrize("more", [1, 30])
+def test_parameters_of_a_newer_firmware_are_used_as_far_as_known_and_all_kept(
+    rig: Rig, more: int
+) -> None:
+    """After a downgrade: the calibration holds, and a save does not take the rest away."""
+    values = [int(rig.ask("ParamGet", param=n)["value"]) for n in range(COUNT)]
+    values[names()["lag_ms"]] = 41
+    newer = list(range(7, 7 + more))
+    rig.command("eeprom " + copy_of([*values, *newer]).hex())
+    restart(rig)
+    assert not rig.faults
+    assert read(rig, "lag_ms") == 41
+    for copy, lag_ms in ((1, 42), (0, 43), (1, 44)):
+        rig.param("lag_ms", lag_ms)
+        save(rig)
+        values[names()["lag_ms"]] = lag_ms
+        assert stored_values(rig, copy) == [*values, *newer]
+    restart(rig)
+    assert not rig.faults
+    assert read(rig, "lag_ms") == 44
+    rig.ask("ParamAction", action="DEFAULTS")
+    save(rig)
+    assert len(stored_values(rig, 0)) == COUNT
+
+
 def test_a_blank_chip_has_defaults_and_no_fault(rig: Rig) -> None:
     rig.run(50_000)
     assert not rig.faults
@@ -199,6 +235,44 @@ def test_a_power_cut_at_any_byte_leaves_all_old_or_all_new(
         values = (read(rig, "lag_ms"), read(rig, "settle_ms"))
         assert values in (old, new), f"cut at byte {address}"
         assert set(rig.faults) <= {"PARAMS_COPY_LOST"}
+
+
+#: Its header, a value, the last byte of its CRC.
+PLACES = [0, 1, 2, 3 + 2 * 9, COPY_BYTES - 1]
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_a_save_that_a_worn_cell_spoils_is_told_and_the_other_copy_stays(
+    rig: Rig, place: int
+) -> None:
+    rig.param("lag_ms", 41)
+    save(rig)
+    before = eeprom(rig)
+    address = COPY_STRIDE + place
+    assert before[address] == 0xFF  # all bits are worn: it stays erased
+    rig.command(f"worn {address} 255")
+    rig.param("lag_ms", 42)
+    for _ in range(2):
+        answer = rig.ask("ParamAction", wait_us=1_000_000, action="SAVE")
+        assert (answer["result"], answer["detail"]) == ("NOT_STORED", address)
+        assert eeprom(rig)[:COPY_STRIDE] == before[:COPY_STRIDE]
+        rig.run(30_000)
+        assert set(rig.faults) == {"PARAMS_COPY_LOST"}
+        assert rig.status()["CountersWork"]["params_generation"] == 1
+    assert read(rig, "lag_ms") == 42  # until the next start
+    restart(rig)
+    assert read(rig, "lag_ms") == 41
+
+
+def test_a_save_on_a_blank_chip_goes_on_to_the_copy_whose_cells_are_sound(rig: Rig) -> None:
+    rig.command("worn 21 1")
+    rig.param("lag_ms", 40)
+    rig.param("settle_ms", 140)
+    answer = rig.ask("ParamAction", wait_us=1_000_000, action="SAVE")
+    assert (answer["result"], answer["detail"]) == ("NOT_STORED", 21)
+    save(rig)
+    restart(rig)
+    assert (read(rig, "lag_ms"), read(rig, "settle_ms")) == (40, 140)
 
 
 def test_one_corrupt_byte_anywhere_costs_at_most_one_copy(rig: Rig) -> None:

@@ -115,6 +115,25 @@ def test_what_a_slow_line_does_not_take_is_dropped_whole_and_counted(
     assert rig.ask("TimeRequest", count=1)["stamped"] == 1  # requests are answered all the same
 
 
+def test_rings_are_right_from_the_first_one_after_their_parameters_have_changed(rig: Rig) -> None:
+    """No window is of two periods, and no conversion is taken for another sensor's."""
+    rig.exact_adc()
+    millivolts = [100, 4900] * 4 + [100]
+    rig.set(**{f"ldr{k}_mv": mv for k, mv in enumerate(millivolts)})
+    stream(rig, 8)
+    rings(rig, 50_000)
+    rng = random.Random(9)
+    seen = 0
+    for k in range(40):
+        rings(rig, rng.randrange(1_000, 20_000))
+        rig.param("mains_hz", (60, 50)[k % 2])
+        got = rings(rig, 40_000)
+        seen += len(got)
+        for _, ring in got:
+            assert list(ring.levels) == pytest.approx(levels_of(millivolts), abs=LSB)
+    assert seen >= 40 * 3
+
+
 @pytest.mark.parametrize("mains_hz", [50, 60])
 def test_a_step_of_the_voltages_is_out_within_22_ms(rig: Rig, mains_hz: int) -> None:
     """From the step to the last byte of the first ring with all nine new values within a count.

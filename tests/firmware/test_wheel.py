@@ -1,5 +1,6 @@
 """The wheel as the flashed binary turns it: arrival, every fault by its name, safe state."""
 
+import random
 from collections.abc import Callable
 
 import pytest
@@ -75,6 +76,33 @@ def test_feedback_makes_sigma_smaller_anywhere(rig: Rig) -> None:
         assert rig.wheel.sigma_deg <= 0.34
         off = abs(rig.get("wheel_deg") - rig.wheel.measured_deg)
         assert off <= 3 * rig.wheel.sigma_deg
+
+
+#: Those that begin the sampling anew.
+RING_PARAMETERS = [("mains_hz", 60), ("bandgap_mv", 1090), ("supply_min_mv", 3800)]
+
+
+@pytest.mark.parametrize(("name", "value"), RING_PARAMETERS)
+def test_the_rings_parameters_do_not_disturb_a_wheel_with_feedback(
+    rig: Rig, name: str, value: int
+) -> None:
+    """At rest and on the way, at any moment: no fault, and the angle stays known and true."""
+    rig.fit_feedback()
+    rig.home()
+    rig.move(40)
+    rng = random.Random(4)
+    former = rig.param_value(name)
+    for target in (None, 120, 50):
+        if target is not None:
+            assert rig.start_move(target) == "OK"
+        for k in range(16):
+            rig.param(name, (value, former)[k % 2])
+            rig.run(rng.randrange(1_000, 30_000))
+        rig.run_until(rig.ended, 5_000_000)
+        assert rig.phase() == "SETTLED", (target, rig.faults)
+        off = abs(rig.get("wheel_deg") - rig.wheel.measured_deg)
+        assert off <= 3 * rig.wheel.sigma_deg
+    assert not rig.faults
 
 
 @pytest.mark.parametrize("crooked_deg", [0, 2])

@@ -11,7 +11,7 @@
 #include "drivers/link/mcu_parts.h"
 
 #define PROTOCOL_MAJOR 1
-#define PROTOCOL_MINOR 1
+#define PROTOCOL_MINOR 2
 #define MINOR_WITH_WHEEL_REQUEST 1
 
 #define ASK_NS (200 * LP_NS_PER_MS)   /* greeting and rates are repeated */
@@ -162,29 +162,35 @@ static bool is_echo(const struct lp_mcu *mcu, const struct mcu_hello_t *hello)
 	       mcu->t_heard_ns - mcu->t_hello_ns < HELLO_ECHO_NS;
 }
 
-static void refuse_version(struct lp_mcu *mcu, const struct mcu_hello_t *hello)
+/* Both versions, and which side is to be updated. */
+static void version_fault(struct lp_mcu *mcu, const struct mcu_hello_t *hello, const char *id)
 {
+	const bool older = hello->protocol_major != PROTOCOL_MAJOR
+				   ? hello->protocol_major < PROTOCOL_MAJOR
+				   : hello->protocol_minor < PROTOCOL_MINOR;
 	char text[200];
 
 	(void)snprintf(text, sizeof(text),
 		       "firmware %d.%d.%d speaks protocol %d.%d, this lightprobed %d.%d — %s",
 		       hello->firmware_major, hello->firmware_minor, hello->firmware_patch,
 		       hello->protocol_major, hello->protocol_minor, PROTOCOL_MAJOR, PROTOCOL_MINOR,
-		       hello->protocol_major < PROTOCOL_MAJOR
-			       ? "the firmware is older: make flash PORT=..."
-			       : "the firmware is newer: install a newer lightprobe");
-	connection_fault(mcu, "mcu-version", "version", text);
+		       older ? "the firmware is older: lightprobe mcu flash"
+			     : "the firmware is newer: install a newer lightprobe");
+	connection_fault(mcu, id, "version", text);
+}
+
+static void refuse_version(struct lp_mcu *mcu, const struct mcu_hello_t *hello)
+{
+	version_fault(mcu, hello, "mcu-version");
 	close_link(mcu, REFUSED_NS);
 }
 
 static void accept_version(struct lp_mcu *mcu, const struct mcu_hello_t *hello)
 {
 	if (hello->protocol_minor != PROTOCOL_MINOR)
-		lp_info(mcu->object, "version",
-			"the firmware speaks protocol %d.%d, this lightprobed %d.%d: only their "
-			"common part is used",
-			hello->protocol_major, hello->protocol_minor, PROTOCOL_MAJOR,
-			PROTOCOL_MINOR);
+		version_fault(mcu, hello, "mcu-minor-version"); /* what both know is used */
+	else
+		connection_fault(mcu, "mcu-minor-version", "version", NULL);
 	connection_fault(mcu, "mcu-version", "version", NULL);
 	connection_fault(mcu, "mcu-silent", "hello", NULL);
 	lp_info(mcu->object, "hello", "firmware %d.%d.%d", hello->firmware_major,

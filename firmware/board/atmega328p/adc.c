@@ -92,6 +92,9 @@ void board_sample(uint8_t period_us)
 		TIMSK0 = 0;
 		slot = 0;
 		connect(slot);
+		/* Off for a moment: a conversion under way would be taken for slot 0's. The first
+		 * one after it takes 100 us, less than a slot. */
+		ADCSRA = 0;
 		ADCSRA = ADC_ON;
 		ADCSRA |= PIN_BIT(ADSC);
 		TCCR0A = PIN_BIT(WGM01);

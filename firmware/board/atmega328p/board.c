@@ -247,12 +247,14 @@ uint8_t board_eeprom_read(uint16_t address)
 	return eeprom_read_byte((const uint8_t *)address);
 }
 
-bool board_eeprom_write(uint16_t address, uint8_t value)
+bool board_eeprom_ready(void)
 {
-	if (!eeprom_is_ready())
-		return false;
-	eeprom_update_byte((uint8_t *)address, value);
-	return true;
+	return eeprom_is_ready();
+}
+
+void board_eeprom_write(uint16_t address, uint8_t value)
+{
+	eeprom_write_byte((uint8_t *)address, value);
 }
 
 /* --- the rest ------------------------------------------------------------------------------- */

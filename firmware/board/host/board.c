@@ -194,14 +194,17 @@ uint8_t board_eeprom_read(uint16_t address)
 	return host.eeprom[address % HOST_EEPROM_BYTES];
 }
 
-bool board_eeprom_write(uint16_t address, uint8_t value)
+bool board_eeprom_ready(void)
 {
-	if (host.t_us < host.eeprom_ready_us)
-		return false;
-	if (host.eeprom[address] != value)
-		host.eeprom_ready_us = host.t_us + EEPROM_WRITE_US;
+	return host.t_us >= host.eeprom_ready_us;
+}
+
+void board_eeprom_write(uint16_t address, uint8_t value)
+{
+	host.eeprom_ready_us = host.t_us + EEPROM_WRITE_US;
 	host.eeprom[address] = value;
-	return true;
+	if (address == host.worn_address)
+		host.eeprom[address] = (value & ~host.worn_bits) | host.worn_held;
 }
 
 /* --- carriers ------------------------------------------------------------------------------- */

@@ -23,6 +23,8 @@ struct host {
 	uint64_t t_us;
 	uint8_t eeprom[HOST_EEPROM_BYTES];
 	uint64_t eeprom_ready_us;
+	uint16_t worn_address; /* of a cell, of which these bits keep what they held then */
+	uint8_t worn_bits, worn_held;
 	uint8_t carrier;
 	enum reset_cause reset_cause; /* of the next board_init() */
 	bool reset_asked;

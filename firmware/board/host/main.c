@@ -42,6 +42,7 @@ static void usage(void)
 	     "  frames          frames from it: count, then lines of time, least and\n"
 	     "                  greatest wheel angle of the 2 ms before, bytes\n"
 	     "  eeprom [HEX]    read all, or write from 0\n"
+	     "  worn ADDRESS BITS   of this EEPROM byte these bits keep what they hold\n"
 	     "  time, reset, quit");
 }
 
@@ -160,6 +161,7 @@ static void execute(void *context, const char *line)
 	struct process *process = context;
 	struct console *console = &process->console;
 	char answer[2048];
+	unsigned address, bits;
 	unsigned long us;
 
 	if (sscanf(line, "run %lu", &us) == 1) {
@@ -172,6 +174,11 @@ static void execute(void *context, const char *line)
 		command_tx(process, line + 3);
 	} else if (strncmp(line, "eeprom", 6) == 0) {
 		command_eeprom(process, line + 6);
+	} else if (sscanf(line, "worn %u %u", &address, &bits) == 2) {
+		host.worn_address = address % HOST_EEPROM_BYTES;
+		host.worn_bits = (uint8_t)bits;
+		host.worn_held = host.eeprom[host.worn_address] & host.worn_bits;
+		console_answer(console, "ok");
 	} else if (strcmp(line, "frames") == 0) {
 		frame_log_answer(&process->log, console);
 	} else if (strcmp(line, "reset") == 0) {

@@ -292,6 +292,10 @@ def _flags(estimate: Estimate) -> Iterator[Finding]:
             yield Finding(f"flag {name}", Verdict.WARN, words, _NEXT_STEPS.get(name, ""))
 
 
+#: Faults with which everything that both sides know works.
+_WARNINGS = {"mcu-minor-version"}
+
+
 def _health(client: Client, wait_s: float) -> Iterator[Finding]:
     """Counters and faults that the daemon tells."""
     if not client.wait_for(lambda c: c.health is not None, wait_s):
@@ -324,4 +328,5 @@ def _health(client: Client, wait_s: float) -> Iterator[Finding]:
     )
     yield Finding("load", Verdict.OK, load)
     for fault in health.faults:
-        yield Finding(f"fault {fault.id}", Verdict.FAIL, fault.text)
+        verdict = Verdict.WARN if fault.id in _WARNINGS else Verdict.FAIL
+        yield Finding(f"fault {fault.id}", verdict, fault.text)

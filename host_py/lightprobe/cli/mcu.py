@@ -73,6 +73,19 @@ def wheel_words(state: mcu.WheelState) -> str:
     )
 
 
+def protocol_words(greeting: mcu.Message) -> str:
+    """One line about the protocols of both sides; the next step where they differ."""
+    theirs = greeting.number("protocol_minor")
+    words = f"protocol {greeting['protocol_major']}.{theirs}"
+    if theirs == mcu.PROTOCOL_MINOR:
+        return words
+    step = "a newer lightprobe" if theirs > mcu.PROTOCOL_MINOR else "`lightprobe mcu flash`"
+    return (
+        f"{words}, this program {mcu.PROTOCOL_MAJOR}.{mcu.PROTOCOL_MINOR}: "
+        f"what both know works; the rest needs {step}"
+    )
+
+
 def fault_words(name: str) -> str:
     """One line about a fault."""
     return f"{name}: {mcu_faults.words(name)}"
@@ -101,6 +114,7 @@ def info(port: Port = DEFAULT_PORT, as_json: AsJson = False) -> None:
         return
     version = ".".join(str(greeting[f"firmware_{part}"]) for part in ("major", "minor", "patch"))
     print(f"{port}: firmware {version} on {greeting['board']}")
+    print(protocol_words(greeting))
     print(f"started {greeting['boot_count']} times, last by {greeting['reset_cause']}")
     state = status["WheelState"]
     assert isinstance(state, mcu.WheelState)

@@ -16,7 +16,7 @@ from typing import Any, cast
 from lightprobe.mcu.link import CAN_BASE, NO_ACKNOWLEDGE, Carrier, McuError, database
 
 PROTOCOL_MAJOR = 1
-PROTOCOL_MINOR = 1
+PROTOCOL_MINOR = 2
 RESET_KEY = 0xB007
 REPEAT_AFTER_S = 0.1
 
@@ -26,6 +26,8 @@ _REFUSALS = {
     "NOT_HOMED": "`lightprobe mcu home` first",
     "IN_FAULT": "`lightprobe mcu clear`, then `home`",
     "BUSY": "wait until it is done",
+    "NOT_STORED": "that cell of the EEPROM is worn out; the former parameters stay stored: save "
+    "again, and if that fails too, replace the board",
 }
 
 
