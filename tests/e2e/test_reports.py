@@ -3,7 +3,12 @@
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from lightprobe import daemon
+from lightprobe.colour import luminance
+from lightprobe.estimate import flag_names
+from lightprobe.evaluate import offline
 
 FOLDER = Path(__file__).resolve().parents[1] / "files"
 sys.path.insert(0, str(FOLDER))
@@ -16,6 +21,29 @@ def test_the_right_light_or_a_refusal(file):
     found = [files.fault(file, answer) for answer in files.answers(file)]
     assert found
     assert not any(found), [fault for fault in found if fault]
+
+
+#: Of the lamp, in one second at full scale.
+IRRADIANCE = (47.7, 35.8, 23.9)
+
+
+@pytest.mark.usefixtures("released_daemon")
+@pytest.mark.parametrize("kind", ["", "_mpf"], ids=["photos", "photos with a preview behind them"])
+def test_the_right_light_of_a_bracket(kind, tmp_path):
+    """Each exposure is of its own picture, and none of a preview."""
+    exposures_us = [16000.0, 2000.0, 250.0]
+    pictures = [FOLDER / f"jpeg/b_{name}{kind}.jpg" for name in ("long", "mid", "short")]
+    for number, picture in enumerate(pictures):
+        (tmp_path / f"{number}.jpg").symlink_to(picture)
+    alone, _ = daemon.estimate_once(
+        [f"--source=file:{tmp_path}?exposures_us=16000,2000,250", "--preset=accurate"]
+    )
+    for found in (alone, offline.estimate_files(pictures, exposures_us)[0]):
+        assert luminance(found.sh.coefficients[0]) == pytest.approx(54.83, rel=0.02)
+        assert np.asarray(found.lights[0].irradiance) == pytest.approx(
+            np.array(IRRADIANCE), rel=0.05
+        )
+        assert "CLIPPED" not in flag_names(found.flags)
 
 
 def test_the_page_lists_them_all():
