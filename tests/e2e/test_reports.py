@@ -46,6 +46,14 @@ def test_the_right_light_of_a_bracket(kind, tmp_path):
         assert "CLIPPED" not in flag_names(found.flags)
 
 
+@pytest.mark.parametrize("kind", ["jpeg", "mjpeg", "png"])
+def test_every_picture_has_its_right_answer(kind):
+    """One that nobody looks at would stand there as if it were tested."""
+    listed = {Path(file.name).name for file in files.FILES if file.name.startswith(f"{kind}/")}
+    there = {path.name for path in (FOLDER / kind).iterdir() if not path.name.startswith("b_")}
+    assert listed == there
+
+
 def test_the_page_lists_them_all():
     """After a change: `build/venv/bin/python tests/files/files.py`."""
     page = (FOLDER.parents[1] / "docs/users/accuracy.md").read_text()

@@ -186,6 +186,7 @@ PNG = (
     File("png/palette.png", "a palette", PLAIN),
     File("png/grey8.png", "grey", PLAIN),
     File("png/la.png", "grey with alpha", PLAIN),
+    File("png/bits1.png", "1 bit", Light(317.77, None, frozenset({"CLIPPED"}))),
     File("png/rgb.bmp", "BMP", PLAIN),
     File("png/lzw.tif", "TIFF, LZW", PLAIN),
     File("png/rgb16.png", "16 bits a channel", PLAIN),
