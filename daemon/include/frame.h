@@ -62,6 +62,7 @@ struct lp_frame {
 			      * above; 0: all at once; NAN: unknown */
 	float period_us;     /* from one frame of this camera to the next; the application sets it;
 			      * NAN: not known yet */
+	float brightest;     /* RGB_F32: the largest finite sample; 0: not known */
 	struct lp_crop crop; /* that the picture states of itself, if it is equirectangular */
 	uint32_t flags;	     /* enum lp_frame_flag */
 	uint8_t camera;	     /* which of several, from 0; the application sets it */

@@ -40,6 +40,11 @@ extern "C" int lp_cells_reserve(struct lp_cells *cells, int width, int height, i
 	return 0;
 }
 
+extern "C" float lp_frame_saturation(const struct lp_frame *frame)
+{
+	return std::max(frame->brightest, LP_INFINITY_IS_AT_LEAST);
+}
+
 extern "C" void lp_cells_release(struct lp_cells *cells)
 {
 	std::free(cells->radiance);
@@ -124,17 +129,26 @@ int fill_from_pixels(struct lp_cells *cells, int width_px, int height_px, int ce
 	return ret;
 }
 
-bool float_pixel(const struct lp_frame *frame, int x, int y, float linear[3])
+enum class pixel { broken, sound, saturated };
+
+pixel float_pixel(const struct lp_frame *frame, int x, int y, float linear[3])
 {
+	auto kind = pixel::sound;
+
 	std::memcpy(linear,
 		    frame->data + static_cast<size_t>(y) * frame->stride_bytes +
 			    static_cast<size_t>(x) * 3 * sizeof(float),
 		    3 * sizeof(float));
 	/* one broken channel spoils the sample; !(a >= 0) is also true of NaN */
-	for (int c = 0; c < 3; c++)
-		if (!(linear[c] >= 0.0F) || std::isinf(linear[c]))
-			return false;
-	return true;
+	for (int c = 0; c < 3; c++) {
+		if (!(linear[c] >= 0.0F))
+			return pixel::broken;
+		if (std::isinf(linear[c])) {
+			linear[c] = lp_frame_saturation(frame);
+			kind = pixel::saturated;
+		}
+	}
+	return kind;
 }
 
 int fill_from_float(struct lp_cells *cells, const struct lp_frame *frame, int cell_px,
@@ -144,10 +158,13 @@ int fill_from_float(struct lp_cells *cells, const struct lp_frame *frame, int ce
 		float linear[3];
 
 		for (int x = x0; x < x1; x++) {
-			if (float_pixel(frame, x, y, linear))
-				sum.add(linear, w);
-			else
+			const pixel kind = float_pixel(frame, x, y, linear);
+
+			if (kind == pixel::broken)
 				sum.left_out++;
+			else
+				sum.add(linear, w);
+			sum.clipped |= kind == pixel::saturated;
 		}
 	};
 	const int ret = fill_from_pixels(cells, frame->width_px, frame->height_px, cell_px,
@@ -223,7 +240,7 @@ void float_pixels(const struct lp_frame *frame, int x0, int y0, int side, float 
 	for (int p = 0; p < side * side; p++) {
 		const int x = std::min(x0 + p % side, static_cast<int>(frame->width_px) - 1);
 		const int y = std::min(y0 + p / side, static_cast<int>(frame->height_px) - 1);
-		const bool sound = float_pixel(frame, x, y, rgb[p]);
+		const bool sound = float_pixel(frame, x, y, rgb[p]) != pixel::broken;
 
 		for (int c = 0; c < 3; c++)
 			rgb[p][c] = sound ? rgb[p][c] * scale : 0.0F;

@@ -20,6 +20,9 @@ struct lp_response;
 
 /* Codes from here on count as saturated: the last few are bent by many cameras' highlight knee. */
 #define LP_TOP_CODE 250
+/* Infinity in a float frame is light beyond what was written, in most cases as half floats, whose
+ * largest number this is: at least so much, and at least as much as the brightest other sample. */
+#define LP_INFINITY_IS_AT_LEAST 65504.0F
 
 /* Storage grows to the largest frame seen and stays. */
 struct lp_cells {
@@ -31,7 +34,7 @@ struct lp_cells {
 	uint8_t *clipped;     /* 1: some pixel of the cell is at the top of the scale */
 	size_t capacity;
 	int clipped_count;
-	int invalid_count; /* samples left out: NaN, infinite, negative */
+	int invalid_count; /* samples left out: NaN, negative */
 	double mean_code;  /* mean luma code 0..255 of 8-bit frames; NAN for float frames */
 };
 
@@ -71,6 +74,9 @@ int lp_cells_from_raw(struct lp_cells *cells, const struct lp_frame *frame, int 
  * picture its edge, 0 for a broken sample. side and the alignment of x, y: of cells, up to 8. */
 void lp_frame_linear_pixels(const struct lp_frame *frame, int x, int y, int side,
 			    const struct lp_response *response, float scale, float (*rgb)[3]);
+
+/* What infinity stands for in a float frame, as it is in the file. */
+float lp_frame_saturation(const struct lp_frame *frame);
 
 #ifdef __cplusplus
 }

@@ -51,7 +51,7 @@ struct lp_imager_status {
 	/* 1 sigma, relative, of the scale of light against that of the first frame; 0 where
 	 * exposures are known */
 	float scale_sigma;
-	bool invalid_samples; /* NaN, infinite or negative ones were left out */
+	bool invalid_samples; /* NaN or negative ones were left out */
 	float mean_code;      /* of the longest exposure, 0..255; NAN: float frames */
 	/* 1 sigma of irradiance from the panorama's own uncertainty (vision/radiance_map.h) */
 	float irradiance_sigma;

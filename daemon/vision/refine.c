@@ -395,10 +395,12 @@ static struct lp_lamp_rim rim_of(const struct lp_imager *imager, const struct lp
 {
 	const int per_cell = exposure->cells.cell_px * exposure->cells.cell_px;
 	struct lp_rim_sums sums = {0};
+	const bool coded = !isnan(exposure->cells.mean_code);
 	float full[3];
 
 	for (int c = 0; c < 3; c++)
-		full[c] = exposure->scale * imager->eye->response.pixel[c][255];
+		full[c] = exposure->scale * (coded ? imager->eye->response.pixel[c][255]
+						   : lp_frame_saturation(exposure->frame));
 	for (int i = 0; i < patch->count; i++)
 		if (patch->brightest[i] >= 0.0F)
 			lp_rim_add(&sums,

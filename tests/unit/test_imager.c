@@ -577,7 +577,7 @@ static void test_bad_frames(void **state)
 	lp_imager_destroy(imager);
 }
 
-/* NaN, infinite and negative samples are left out, and said so. */
+/* NaN and negative samples are left out, and said so. */
 static void test_invalid_samples(void **state)
 {
 	struct lp_imager *imager = new_imager(LP_DECODE_PIXELS);
@@ -589,7 +589,7 @@ static void test_invalid_samples(void **state)
 	for (int i = 0; i < 960 * 480 * 3; i++)
 		rgb[i] = 2.0F;
 	rgb[3 * 1000] = NAN;
-	rgb[3 * 50000 + 1] = INFINITY;
+	rgb[3 * 50000 + 1] = -INFINITY;
 	rgb[3 * 100000 + 2] = -1.0F;
 	for (int y = 100; y < 104; y++) /* a whole cell */
 		for (int x = 200; x < 204; x++)
@@ -606,6 +606,41 @@ static void test_invalid_samples(void **state)
 					   whole ? 0.0 : 2.0, 1e-5);
 		}
 	lp_imager_destroy(imager);
+}
+
+/* Infinity is light beyond the largest half float, or beyond what is brighter: a lower bound. */
+static void test_infinity_is_saturated(void **state)
+{
+	(void)state;
+	for (int k = 0; k < 2; k++) {
+		const float brightest = k ? 2e5F : 2.0F, least = k ? 2e5F : 65504.0F;
+		struct lp_imager *imager = new_imager(LP_DECODE_PIXELS);
+		struct lp_frame *frame = new_float_frame(960, 480);
+		float *rgb = (float *)frame->data;
+		struct lp_imager_status status;
+
+		for (int i = 0; i < 960 * 480 * 3; i++)
+			rgb[i] = 2.0F;
+		for (int y = 100; y < 104; y++) /* a whole cell */
+			for (int x = 200; x < 204; x++)
+				for (int c = 0; c < 3; c++)
+					rgb[3 * (y * 960 + x) + c] = INFINITY;
+		rgb[3 * 50000 + 1] = INFINITY; /* of another one, one channel of one pixel */
+		frame->brightest = brightest;
+		assert_int_equal(lp_imager_add(imager, frame), 0);
+		lp_imager_status(imager, &status);
+		assert_false(status.invalid_samples);
+		const struct lp_panorama *panorama = lp_imager_panorama(imager);
+		const int whole = 25 * 240 + 50, part = 50000 / 960 / 4 * 240 + 50000 % 960 / 4;
+
+		for (int i = 0; i < 240 * 120; i++)
+			assert_int_equal(panorama->flags[i] & LP_CELL_CLIPPED,
+					 i == whole || i == part ? LP_CELL_CLIPPED : 0);
+		assert_float_equal(panorama->cells[whole][0], least, least * 1e-5);
+		assert_float_equal(panorama->cells[part][1], (least + 30) / 16, least / 160);
+		assert_float_equal(panorama->cells[part][0], 2.0, 1e-4);
+		lp_imager_destroy(imager);
+	}
 }
 
 /* The picture may change its size in mid-stream. */
@@ -646,6 +681,7 @@ int main(void)
 		cmocka_unit_test(test_frames_held),
 		cmocka_unit_test(test_bad_frames),
 		cmocka_unit_test(test_invalid_samples),
+		cmocka_unit_test(test_infinity_is_saturated),
 		cmocka_unit_test(test_size_changes),
 	};
 

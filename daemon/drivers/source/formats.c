@@ -3,6 +3,7 @@
 
 #include <endian.h>
 #include <errno.h>
+#include <float.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -268,10 +269,11 @@ static float pfm_sample(const uint8_t *data, bool big_endian)
 	return value;
 }
 
-/* Row 0 of the frame is up, row 0 of the file is down. */
-static void pfm_copy(const struct lp_picture *picture, const uint8_t *data, float *frame)
+/* Row 0 of the frame is up, row 0 of the file is down. Returns the largest finite sample. */
+static float pfm_copy(const struct lp_picture *picture, const uint8_t *data, float *frame)
 {
 	const size_t row_samples = (size_t)picture->width_px * picture->channels;
+	float brightest = 0.0F;
 
 	data += picture->header_bytes;
 	for (uint32_t row = 0; row < picture->height_px; row++) {
@@ -280,6 +282,8 @@ static void pfm_copy(const struct lp_picture *picture, const uint8_t *data, floa
 		for (size_t i = 0; i < row_samples; i++, in += 4) {
 			const float value = picture->scale * pfm_sample(in, picture->big_endian);
 
+			if (value > brightest && value <= FLT_MAX)
+				brightest = value;
 			*frame++ = value;
 			if (picture->channels == 1) {
 				*frame++ = value;
@@ -287,6 +291,7 @@ static void pfm_copy(const struct lp_picture *picture, const uint8_t *data, floa
 			}
 		}
 	}
+	return brightest;
 }
 
 /* ---------------------------------------------------------------- any */
@@ -313,11 +318,11 @@ int lp_picture_next(enum lp_encoding encoding, uint32_t raw_width_px, uint32_t r
 	return -EBADMSG;
 }
 
-void lp_picture_copy(const struct lp_picture *picture, const uint8_t *data, uint8_t *frame)
+float lp_picture_copy(const struct lp_picture *picture, const uint8_t *data, uint8_t *frame)
 {
 	data += picture->skip_bytes;
 	if (picture->format == LP_FORMAT_RGB_F32 && !picture->corrupt)
-		pfm_copy(picture, data, (float *)(void *)frame);
-	else
-		memcpy(frame, data, picture->frame_bytes);
+		return pfm_copy(picture, data, (float *)(void *)frame);
+	memcpy(frame, data, picture->frame_bytes);
+	return 0.0F;
 }

@@ -52,7 +52,7 @@ int lp_picture_next(enum lp_encoding encoding, uint32_t raw_width_px, uint32_t r
 		    struct lp_picture *picture);
 
 /* Write the frame (`frame_bytes`) of a picture found at `data`. Corrupt pictures copy as they are.
- */
-void lp_picture_copy(const struct lp_picture *picture, const uint8_t *data, uint8_t *frame);
+ * Returns the largest finite sample of a float picture, else 0. */
+float lp_picture_copy(const struct lp_picture *picture, const uint8_t *data, uint8_t *frame);
 
 #endif

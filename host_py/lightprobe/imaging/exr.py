@@ -295,9 +295,7 @@ def _in_display_window(
     share = (rows.stop - rows.start) * (columns.stop - columns.start) / (height * width)
     if share == 1:
         return placed, []
-    return placed, [
-        f"the data window covers {100 * share:.0f} % of the picture; the rest is unseen"
-    ]
+    return placed, [f"the data window covers {100 * share:.0f} % of the picture; the rest is black"]
 
 
 def _remarks(header: dict[str, Any]) -> list[str]:

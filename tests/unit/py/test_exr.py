@@ -55,7 +55,7 @@ def test_files_that_fill_a_part_of_the_display_window(name):
     missing = np.isnan(seen.radiance).any(axis=-1)
     assert 0.01 < missing.mean() < 0.99
     assert seen.radiance[~missing] == pytest.approx(scene[~missing], rel=0.01)
-    assert any("the rest is unseen" in note for note in seen.notes)
+    assert any("the rest is black" in note for note in seen.notes)
 
 
 @pytest.mark.parametrize(("left", "top"), [(5, 3), (-4, 2), (7, -3), (-2, -9)])

@@ -241,7 +241,8 @@ static int fill_frame(struct lp_file_reader *reader, const struct lp_picture *pi
 
 	if (ret < 0)
 		return ret;
-	lp_picture_copy(picture, reader->buffer + reader->first, owned->buffer);
+	owned->frame.brightest =
+		lp_picture_copy(picture, reader->buffer + reader->first, owned->buffer);
 	owned->frame.format = picture->format;
 	owned->frame.width_px = picture->width_px;
 	owned->frame.height_px = picture->height_px;
