@@ -196,6 +196,25 @@ def test_no_more_than_3v3_comes_to_the_computers_pins(name: str) -> None:
         assert 3 < high_volt(box, box.parts["HOST"].pins[pin]) <= 3.3, pin
 
 
+def config_pins(page: str) -> set[str]:
+    """Pins of the computer's header that lines for config.txt give to a device."""
+    pins = set()
+    for line in re.findall(r"`(dt(?:overlay|param)=[^`]*)`", page):
+        pins |= {f"GPIO{n}" for n in re.findall(r"(?:gpio\w*|interrupt|int_pin)=(\d+)", line)}
+        if re.search(r"\bspi", line):
+            pins |= {f"GPIO{n}" for n in (8, 9, 10, 11)}
+    return pins
+
+
+def test_every_pin_that_the_page_gives_to_a_device_is_drawn() -> None:
+    """So that the voltage on it has been looked at: above."""
+    page = (ROOT / "hw/README.md").read_text()
+    drawn = {pin for name in CIRCUITS for pin in circuit.load(name).parts["HOST"].pins}
+    assert {"GPIO23", "GPIO24"} <= config_pins(page) <= drawn
+    mcp2515 = "`dtparam=spi=on` and `dtoverlay=mcp2515,spi0-0,oscillator=8000000,interrupt=25`"
+    assert config_pins(mcp2515) - drawn == {"GPIO8", "GPIO9", "GPIO10", "GPIO11", "GPIO25"}
+
+
 def test_the_combs_sensors_saturate() -> None:
     """TCST2202: at 20 mA at least 1 mA (5 %), 0.4 V at most at 0.5 mA; its lamp drops 1.1…1.6 V."""
     for name in CIRCUITS:
