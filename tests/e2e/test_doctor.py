@@ -1,15 +1,18 @@
 """`lightprobe doctor`: sound probes are sound, sick ones are named."""
 
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 from lightprobe import daemon
+from lightprobe.cli import doctor
 from lightprobe.client import Client
 from lightprobe.estimate import EstimateFlag
 
+ROOT = Path(__file__).resolve().parents[2]
 LIGHTPROBE = Path(sys.executable).parent / "lightprobe"
 LONG_S = 90
 
@@ -100,6 +103,30 @@ def test_a_daemon_that_is_named_and_not_there(tmp_path, monkeypatch):
     assert code == 1
     assert found["daemon"]["verdict"] == "fail"
     assert "make build" in found["daemon"]["next_step"]
+
+
+@pytest.mark.parametrize(
+    ("programs", "ruled", "named"),
+    [
+        (["systemd", "bash"], False, []),
+        (["brltty"], True, ["brltty"]),  # no rule of ours keeps it off
+        (["ModemManager"], False, ["ModemManager"]),
+        (["ModemManager"], True, []),
+        (["bash", "brltty", "ModemManager"], False, ["brltty", "ModemManager"]),
+    ],
+)
+def test_programs_that_take_the_serial_port_are_named(tmp_path, programs, ruled, named):
+    for number, name in enumerate(programs, 1):
+        (tmp_path / f"proc/{number}").mkdir(parents=True)
+        (tmp_path / f"proc/{number}/comm").write_text(name + "\n")
+    (tmp_path / "proc/99").mkdir()  # one that ends meanwhile
+    if ruled:
+        rules = tmp_path / "usr/local/lib/udev/rules.d"
+        rules.mkdir(parents=True)
+        shutil.copy(ROOT / "packaging/udev/71-lightprobe-mcu.rules", rules)
+    found = list(doctor.grabbers(tmp_path))
+    assert [finding.check for finding in found] == [f"program {name}" for name in named]
+    assert all(finding.verdict == "warn" and finding.next_step for finding in found)
 
 
 def test_a_machine_with_a_client_alone(tmp_path, probe, monkeypatch):

@@ -1,9 +1,11 @@
 """udev accepts the rules."""
 
+import re
 import shutil
 import subprocess
 from pathlib import Path
 
+import pytest
 from dimensions import ROOT
 
 RULES = ROOT / "packaging/udev"
@@ -43,6 +45,31 @@ def test_udev_reads_the_rules_without_complaint() -> None:
     assert udev_says(RULES) == [
         f"Reading rules file: /etc/udev/rules.d/{path.name}" for path in files
     ]
+
+
+#: USB ids of the serial chips on Nanos and their clones.
+CHIPS = {"CH340": "1a86:7523", "CH9102": "1a86:55d4",
+         "FT232R": "0403:6001", "FT231X": "0403:6015", "CP2102": "10c4:ea60",
+         "Arduino Nano Every": "2341:0058"}  # fmt: skip
+
+
+def is_named(vendor: str, product: str) -> bool:
+    """Whether a serial port of this USB id becomes /dev/lightprobe-mcu."""
+    for line in (RULES / "71-lightprobe-mcu.rules").read_text().splitlines():
+        if 'SYMLINK+="lightprobe-mcu"' not in line:
+            continue
+        wanted = dict(re.findall(r'ATTRS\{(\w+)\}=="([^"]*)"', line))
+        if vendor in wanted["idVendor"].split("|") and product in wanted.get(
+            "idProduct", product
+        ).split("|"):
+            return True
+    return False
+
+
+@pytest.mark.parametrize("chip", CHIPS)
+def test_the_serial_chips_of_nanos_get_their_name(chip: str) -> None:
+    assert is_named(*CHIPS[chip].split(":"))
+    assert not is_named("067b", "2303")  # a cable that may be anybody's
 
 
 def test_a_wrong_rule_is_found(tmp_path: Path) -> None:

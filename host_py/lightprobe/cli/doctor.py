@@ -8,6 +8,7 @@ import platform
 import stat
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from importlib.util import find_spec
@@ -156,6 +157,36 @@ def devices(hosts_a_probe: bool) -> Iterator[Finding]:
     yield _device_class(
         "serial ports", "tty[AU][CS][MB]*", "the microcontroller appears as /dev/ttyUSBN or ttyACMN"
     )
+    yield from grabbers()
+
+
+#: Programs that open or detach any serial port they see, and how to keep them off.
+_GRABBERS = {
+    "brltty": "takes USB serial ports for braille displays, and their /dev/ttyUSBN vanishes: "
+    "without a braille display: sudo apt remove brltty, then plug the microcontroller in again",
+    "ModemManager": "asks every serial port whether it is a modem, unless a udev rule forbids it: "
+    "`make install` installs 71-lightprobe-mcu.rules; then plug the microcontroller in again",
+}
+_MCU_RULES = "71-lightprobe-mcu.rules"
+_RULE_FOLDERS = ("etc/udev/rules.d", "run/udev/rules.d", "usr/local/lib/udev/rules.d",
+                 "usr/lib/udev/rules.d", "lib/udev/rules.d")  # fmt: skip
+
+
+def grabbers(root: Path = Path("/")) -> Iterator[Finding]:
+    """Programs that take the microcontroller's serial port, where they run below `root`."""
+    running = set(_program_names(root / "proc"))
+    ruled = any((root / folder / _MCU_RULES).exists() for folder in _RULE_FOLDERS)
+    for name, step in _GRABBERS.items():
+        if name in running and not (name == "ModemManager" and ruled):
+            what, _, do = step.partition(": ")
+            yield Finding(f"program {name}", Verdict.WARN, f"{name} runs; it {what}", do)
+
+
+def _program_names(proc: Path) -> Iterator[str]:
+    """Names of all programs that run."""
+    for process in proc.glob("[0-9]*/comm"):
+        with suppress(OSError):  # it has ended
+            yield process.read_text().strip()
 
 
 def _device_class(check: str, pattern: str, absent: str) -> Finding:
