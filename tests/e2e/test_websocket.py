@@ -131,6 +131,9 @@ def test_the_same_messages_as_binary_frames(probe):
                 for _ in range(5)]  # fmt: skip
         for estimate in same:
             other = of_web[estimate.sequence]
+            # Each packet has the time of capture by both clocks as they stand when it is made.
+            assert abs(other.capture_time_unix_ns - estimate.capture_time_unix_ns) < 1_000_000
+            other.capture_time_unix_ns = estimate.capture_time_unix_ns
             other.send_delay_us = estimate.send_delay_us
             assert other == estimate
 
@@ -427,6 +430,33 @@ def test_a_flood_of_requests_ends_with_its_connection(probe):
                 web.send(request(sh_order=1))
         assert "more than 50 in a second" in receive(web, "error").text
         wait_closed(web)
+
+
+def load(address, path, source):
+    """Bytes of a file that have come when the connection ends; 0: it was turned away at once."""
+    size = 0
+    with (
+        contextlib.suppress(OSError),
+        socket.create_connection(address, LONG_S, (source, 0)) as raw,
+    ):
+        raw.sendall(f"GET {path} HTTP/1.0\r\nHost: 127.0.0.1\r\n\r\n".encode())
+        while data := raw.recv(1 << 20):
+            size += len(data)
+    return size
+
+
+def test_who_loads_large_files_again_and_again_is_turned_away(tmp_path):
+    """What is sent of them counts, not only that they were asked for. Others load them still."""
+    folder = tmp_path / "page"
+    folder.mkdir()
+    with (folder / "large.js").open("wb") as file:
+        file.truncate(64 << 20)
+    with WebDaemon(folder=tmp_path, query=f"?root={folder}") as daemon:
+        address = ("127.0.0.1", daemon.port)
+        assert load(address, "/large.js", "127.0.0.1") > 64 << 20
+        assert any(load(address, "/large.js", "127.0.0.1") < 64 << 20 for _ in range(64))
+        assert load(address, "/large.js", "127.0.0.2") > 64 << 20
+        assert daemon.alive()
 
 
 def frame(opcode, data=b"", final=True):

@@ -44,7 +44,8 @@ enum lp_place_phase { LP_PLACE_NEW, LP_PLACE_CLIENT, LP_PLACE_LEAVING, LP_PLACE_
 #define LP_COST_TLS_NS (1500 * INT64_C(1000))
 #define LP_COST_REQUEST_NS (20 * INT64_C(1000))
 #define LP_COST_PAGE_NS (300 * INT64_C(1000))
-#define LP_COST_BYTE_NS INT64_C(25) /* received: it may be a frame of six bytes */
+#define LP_COST_BYTE_NS INT64_C(25)	/* received: it may be a frame of six bytes */
+#define LP_COST_PAGE_BYTE_NS INT64_C(2) /* sent of a page's file, over TLS */
 
 /* Of one connection; embed it. Zero-initialised has none. */
 struct lp_place {

@@ -3,7 +3,6 @@
 
 #include <errno.h>
 #include <fcntl.h>
-#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -103,6 +102,7 @@ static lws_fop_fd_t on_open(const struct lws_plat_file_ops *ops, const char *fil
 	}
 	*file = (struct lws_fop_fd){.fd = fd,
 				    .fops = ops,
+				    .filesystem_priv = self->reader,
 				    .len = (lws_filepos_t)status.st_size,
 				    .flags = *flags};
 	return file;
@@ -140,11 +140,12 @@ static lws_fileofs_t on_seek(lws_fop_fd_t file, lws_fileofs_t offset)
 
 static int on_read(lws_fop_fd_t file, lws_filepos_t *count, uint8_t *data, lws_filepos_t size)
 {
+	const struct lp_files *self = LP_CONTAINER_OF(file->fops, struct lp_files, ops);
 	const ssize_t got = read(file->fd, data, (size_t)size);
 
 	*count = got > 0 ? (lws_filepos_t)got : 0;
 	file->pos += *count;
-	return got < 0 ? -1 : 0;
+	return got < 0 || !self->count(file->filesystem_priv, (size_t)got) ? -1 : 0;
 }
 
 static int on_write(lws_fop_fd_t file, lws_filepos_t *count, uint8_t *data, lws_filepos_t size)
@@ -154,14 +155,16 @@ static int on_write(lws_fop_fd_t file, lws_filepos_t *count, uint8_t *data, lws_
 	return -1; /* files are read only */
 }
 
-void lp_files_init(struct lp_files *files, const char *root)
+void lp_files_init(struct lp_files *files, const char *root,
+		   bool (*count)(void *reader, size_t size_bytes))
 {
 	*files = (struct lp_files){.ops = {.LWS_FOP_OPEN = OPEN_OF(files->ops),
 					   .LWS_FOP_CLOSE = on_close,
 					   .LWS_FOP_SEEK_CUR = on_seek,
 					   .LWS_FOP_READ = on_read,
 					   .LWS_FOP_WRITE = on_write},
-				   .root = root};
+				   .root = root,
+				   .count = count};
 }
 
 void lp_files_mount(struct lws_http_mount *mount)

@@ -118,6 +118,15 @@ static int on_upgrade(struct lp_session *session)
 	return 1;
 }
 
+/* Also called for each piece of a file (files.h), which is closed before its session. */
+static bool on_page_bytes(void *reader, size_t size_bytes)
+{
+	struct lp_session *session = reader;
+	const struct lp_server_host *host = &session->server->host;
+
+	return host->page(host->context, session, size_bytes);
+}
+
 /* A path that no file answers for. */
 static int on_http(struct lp_session *session)
 {
@@ -255,7 +264,8 @@ static int on_event(struct lws *wsi, enum lws_callback_reasons reason, void *use
 	session->wsi = wsi;
 	switch (reason) {
 	case LWS_CALLBACK_FILTER_HTTP_CONNECTION:
-		return !session->server->host.page(session->server->host.context, session);
+		session->server->files.reader = session;
+		return !on_page_bytes(session, 0);
 	case LWS_CALLBACK_HTTP_CONFIRM_UPGRADE:
 		return on_upgrade(session);
 	case LWS_CALLBACK_HTTP:
@@ -447,7 +457,7 @@ int lp_server_create(const struct lp_server_options *options, const struct lp_se
 						    .rx_buffer_size = LP_REQUEST_MAX_BYTES,
 						    .tx_packet_size = FILE_BYTES};
 	if (*options->root) {
-		lp_files_init(&self->files, options->root);
+		lp_files_init(&self->files, options->root, on_page_bytes);
 		lp_files_mount(&self->mount);
 	}
 	set_response_headers(self, options->connect);

@@ -33,8 +33,10 @@ struct lp_server_host {
 	/* It takes a message now, as lp_session_want_write() has asked. NULL: nothing is left. The
 	 * packet is the server's to drop. */
 	struct lp_packet *(*writable)(void *context, struct lp_session *session);
-	/* A page's file is asked for. False: end the connection. */
-	bool (*page)(void *context, struct lp_session *session);
+	/* A page's file is asked for (0), or so many bytes of it are sent. False: end the
+	 * connection.
+	 */
+	bool (*page)(void *context, struct lp_session *session, size_t size_bytes);
 	/* The connection has ended; the last call. Sessions that never opened are closed, too. */
 	void (*closed)(void *context, struct lp_session *session);
 };

@@ -151,12 +151,15 @@ static struct lp_packet *on_writable(void *context, struct lp_session *session)
 	return lp_send_queue_take(&client->queue);
 }
 
-static bool on_page(void *context, struct lp_session *session)
+static bool on_page(void *context, struct lp_session *session, size_t size_bytes)
 {
 	struct lp_web_client *client = lp_session_user(session);
 
 	(void)context;
-	return !client->closing && lp_web_client_charge(client, LP_COST_PAGE_NS);
+	return !client->closing &&
+	       lp_web_client_charge(client, size_bytes == 0
+						    ? LP_COST_PAGE_NS
+						    : (int64_t)size_bytes * LP_COST_PAGE_BYTE_NS);
 }
 
 static void on_closed(void *context, struct lp_session *session)
