@@ -39,10 +39,10 @@ include tests/arm64/arm64.mk
 
 setup: setup-build setup-python ## install what building and testing need (apt, venv); fast when nothing is missing
 
-build: setup ## build the daemon, the Python package and what belongs to them
-	@$(MAKE) -j$(JOBS) daemon python
+build: setup ## build the daemon, the Python package, the viewer, the firmware
+	@$(MAKE) -j$(JOBS) daemon python firmware web
 
-demo: build web $(if $(CAMERA),,$(BUILD)/scenes/blender.stamp) ## run the whole system live: simulated room (or CAMERA=v4l2:/dev/video0), daemon, view and web page; SECONDS=n ends it
+demo: build $(if $(CAMERA),,$(BUILD)/scenes/blender.stamp) ## run the whole system live: simulated room (or CAMERA=v4l2:/dev/video0), daemon, view and web page; SECONDS=n ends it
 	@$(VENV)/bin/lightprobe demo $(if $(SECONDS),--seconds $(SECONDS)) $(if $(CAMERA),--source $(CAMERA))
 
 test: build ## build everything and run all tests that need no hardware and no kernel

@@ -6,7 +6,7 @@ JS := $(BUILD)/js
 JS_SOURCES := $(wildcard clients/js/src/*.ts clients/js/test/*.ts clients/js/test/page/*.ts clients/js/*.json web/*)
 
 .PHONY: web js test-js
-$(JS)/installed: clients/js/package.json clients/js/package-lock.json clients/js/.npmrc | $(call apt,web) $(if $(shell command -v npm),,$(call apt,npm))
+$(JS)/installed: clients/js/package.json clients/js/package-lock.json clients/js/.npmrc | $(call apt,build) $(if $(shell command -v npm),,$(call apt,npm))
 	@echo 'setup: JavaScript packages into $(JS) (clients/js/package-lock.json)'
 	@mkdir -p $(JS) && cp clients/js/package.json clients/js/package-lock.json clients/js/.npmrc $(JS)
 	@cd $(JS) && npm ci --silent
@@ -27,15 +27,15 @@ $(BUILD)/web/index.html: $(JS)/built
 	@touch $@
 web: $(BUILD)/web/index.html ## build the viewer in build/web: lightprobed --publish=ws:127.0.0.1:7701?root=build/web
 
-test-js: web daemon $(STAMPS)/venv ## run the tests of the JavaScript package and the viewer, also in Chromium
+test-js: build $(call apt,web) ## run the tests of the JavaScript package and the viewer, also in Chromium
 	@cd $(JS) && npm test --silent
 
 .PHONY: soak-page
-soak-page: web build $(BUILD)/scenes/blender.stamp ## show the live viewer of the demo in Chromium for an hour: its memory must not grow; MINUTES=n
+soak-page: build $(call apt,web) $(BUILD)/scenes/blender.stamp ## show the live viewer of the demo in Chromium for an hour: its memory must not grow; MINUTES=n
 	@cd $(JS) && node dist/test/soak.js
 
 .PHONY: web-pictures
-web-pictures: web build $(BUILD)/scenes/blender.stamp ## take pictures of the viewer in Chromium, on a desktop and on a phone: docs/users/web_*.jpg, or in PICTURES=folder
+web-pictures: build $(call apt,web) $(BUILD)/scenes/blender.stamp ## take pictures of the viewer in Chromium, on a desktop and on a phone: docs/users/web_*.jpg, or in PICTURES=folder
 	@cd $(JS) && node dist/test/pictures.js
 
 # The Blender extension, and the real Blender to test it: bpy from PyPI, in a Python of its own.

@@ -106,6 +106,15 @@ def test_make_targets_exist():
     assert len(named) > 10
 
 
+def test_pages_install_packages_where_debian_allows_it():
+    """Debian 12 and newer refuse pip outside of a virtual environment (PEP 668)."""
+    found = [
+        (name, at) for name in PAGES for at in re.findall(r"(\S*)pip3? install", text_of(name))
+    ]
+    assert [(name, at) for name, at in found if not at.endswith("venv/bin/")] == []
+    assert len(found) > 2
+
+
 def commands_in(name, program):
     """What follows the name of a program where a page shows it as code, up to the next command."""
     page = text_of(name)

@@ -36,13 +36,14 @@ export const WEB = resolve(ROOT, "build/web");
 export class LiveDaemon {
   readonly folder = mkdtempSync(join(tmpdir(), "lp-web-"));
   port = 0;
+  program = DAEMON;
   #process: ChildProcess | undefined;
 
   /** `publish`: the option's value for a port. Resolves when it listens. */
   async start(publish = (port: number): string => `ws:127.0.0.1:${port}?root=${WEB}`, ...more: string[]): Promise<this> {
     writeFileSync(join(this.folder, "room.pfm"), panorama());
     this.port ||= await freePort();
-    this.#process = spawn(DAEMON, [`--source=file:${join(this.folder, "room.pfm")}?rate=30`, `--publish=${publish(this.port)}`,
+    this.#process = spawn(this.program, [`--source=file:${join(this.folder, "room.pfm")}?rate=30`, `--publish=${publish(this.port)}`,
       "--name=test room", "--reflection-map=32", "--ttl-ms=600000", ...more], { stdio: ["ignore", "ignore", "inherit"] });
     for (let left = 600; !(await this.#isListening()); left--) {
       if (left === 0 || this.#process.exitCode !== null) throw new Error("the daemon does not listen");

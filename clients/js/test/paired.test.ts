@@ -1,29 +1,38 @@
 // SPDX-License-Identifier: Apache-2.0
-/** The address of `lightprobe pair` in Chromium: TLS, the certificate's warning, the token; and a tab that is frozen. */
+/** The address of `lightprobe pair` of an installed system in Chromium: TLS, the certificate's warning, the token; and a tab that is frozen. */
 import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
-import { join, resolve } from "node:path";
+import { rmSync, symlinkSync } from "node:fs";
+import { join } from "node:path";
 import { after, before, test } from "node:test";
 import type { Browser, Page } from "playwright-core";
 import { LONG_MS, launch } from "./chromium.js";
-import { LiveDaemon, WEB, freePort } from "./daemon.js";
+import { LiveDaemon, freePort } from "./daemon.js";
 import { ROOT } from "./golden.js";
 
 let browser: Browser, url = "";
 const daemon = new LiveDaemon();
 
 before(async () => {
-  const pair = join(daemon.folder, "pair");
+  const { folder } = daemon, prefix = join(folder, "usr"), root = join(folder, "root");
+  // Everything lies where it says that it does: the prefix leads into the folder that stands for /.
+  execFileSync("make", ["-s", "-C", ROOT, "install", `DESTDIR=${root}`, `PREFIX=${prefix}`], { env: { ...process.env, MAKEFLAGS: "" } });
+  symlinkSync(join(root, prefix), prefix);
   daemon.port = await freePort();
-  const told = execFileSync(resolve(ROOT, "build/venv/bin/lightprobe"), ["pair", "--dir", pair, "--host", "127.0.0.1", "--port", String(daemon.port), "--json"]);
-  url = (JSON.parse(told.toString()) as { url: string }).url;
-  await daemon.start((port) => `wss:127.0.0.1:${port}?pair=${pair}&root=${WEB}`);
+  const told = execFileSync(join(prefix, "bin/lightprobe"), ["pair", "--dir", join(folder, "pair"), "--host", "127.0.0.1", "--port", String(daemon.port), "--json"],
+    { env: { ...process.env, PATH: `${prefix}/bin:${process.env["PATH"]}` } });
+  const { url: address, publish, next } = JSON.parse(told.toString()) as { url: string; publish: string; next: string };
+  assert.equal(next, `${prefix}/bin/lightprobed --source=v4l2: '${publish}'`.replace(/'--publish=/, "--publish='"));
+  url = address;
+  daemon.program = join(prefix, "bin/lightprobed");
+  await daemon.start(() => publish.replace("--publish=", ""));
   browser = await launch();
 }, { timeout: LONG_MS });
 
 after(async () => {
   await browser?.close();
   daemon.kill();
+  rmSync(daemon.folder, { recursive: true });
 });
 
 /** A tab whose user has accepted the warning. */

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import typer
 
-from lightprobe import daemon
+from lightprobe import daemon, installation
 from lightprobe.cli import check, watch
 from lightprobe.cli.simulate import MEDIAN_RADIANCE
 from lightprobe.client import Client
@@ -35,8 +35,6 @@ from lightprobe.wire import Subscription
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
-#: The viewer, as `make web` builds it; without it the demo has no page.
-WEB = Path(__file__).resolve().parents[3] / "build" / "web"
 PANORAMAS = ("sunset", "forest", "courtyard")
 _ACT_S, _SWITCH_S = 8.0, 4.0
 #: As somebody looks around: so far to each side, so often.
@@ -72,7 +70,7 @@ class Ports:
     def publish(self) -> str:
         """Give the daemon's option."""
         truth = f"ws://127.0.0.1:{self.truth}"
-        return f"--publish=ws:127.0.0.1:{self.page}?root={WEB}&connect={truth}"
+        return f"--publish=ws:127.0.0.1:{self.page}?root={installation.viewer()}&connect={truth}"
 
     def url(self, has_truth: bool) -> str:
         """Give the address for a browser."""
@@ -133,7 +131,7 @@ def command(
     require_unix_sockets("demo")
     daemon.find()
     make_folder(output)
-    ports = Ports.choose() if (WEB / "index.html").exists() else None
+    ports = Ports.choose() if installation.viewer() else None
     chosen = scene or default_scenes() if source is None else []
     with Painter(output, chosen) as painter:
         with ExitStack() as stack:

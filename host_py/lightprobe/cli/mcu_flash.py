@@ -13,12 +13,12 @@ from typing import Annotated
 
 import typer
 
+from lightprobe import installation
 from lightprobe.errors import UsageError
 from lightprobe.mcu.link import McuError, keep_dtr
 from lightprobe.mcu.session import DEFAULT_PORT, ENVIRONMENT, session, words
 from lightprobe.sim.box import ENVIRONMENT as FOLDER
 
-_HEX = "lightprobe-mcu.hex"
 #: Optiboot listens for one second after a reset. On a busy machine avrdude can miss it where it
 #: cannot reset the chip itself, as on a line without DTR.
 _ATTEMPTS = 3
@@ -40,7 +40,7 @@ def command(
         ),
     ] = DEFAULT_PORT,
     file: Annotated[
-        Path | None, typer.Option("--hex", help="Intel HEX; default: what `make firmware` built.")
+        Path | None, typer.Option("--hex", help="Intel HEX; default: what `make build` built.")
     ] = None,
     boot_baud: Annotated[
         int,
@@ -61,7 +61,10 @@ def command(
         )
     hex_file = file or default_hex()
     if not hex_file.is_file():
-        raise UsageError(f"mcu: flash: {hex_file}: no such file: build it with `make firmware`")
+        raise UsageError(
+            f"mcu: flash: {hex_file}: no such file: build it with `make firmware`, "
+            "or name one with --hex"
+        )
     if shutil.which("avrdude") is None:
         raise McuError("mcu: flash: avrdude is not installed: apt install avrdude")
     if boot_baud == _ATMEGABOOT_BAUD:
@@ -106,9 +109,6 @@ def _locked(device: str) -> Iterator[int | None]:
 
 
 def default_hex() -> Path:
-    """Firmware of this installation: $LIGHTPROBE_FIRMWARE, or where `make firmware` puts it."""
-    folder = os.environ.get(FOLDER)
-    if folder:
-        return Path(folder) / _HEX
-    # build/venv/bin/python is beside build/firmware.
-    return Path(sys.executable).parents[2] / "firmware" / _HEX
+    """Firmware of $LIGHTPROBE_FIRMWARE, or of this installation."""
+    file, folder = installation.firmware(), os.environ.get(FOLDER)
+    return Path(folder) / file.name if folder else file

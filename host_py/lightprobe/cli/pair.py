@@ -9,6 +9,7 @@ import os
 import secrets
 import socket
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -20,10 +21,18 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
+from lightprobe import daemon, installation
 from lightprobe.errors import LightprobeError
 
 _KEY, _CERTIFICATE, _TOKEN = "key.pem", "certificate.pem", "token"
 _PORT = 7702
+#: Where the service looks (packaging/systemd), and where its copies of the three files are.
+_SERVICE_FOLDER = Path("/etc/lightprobe/pair")
+_CREDENTIALS = Path("/run/credentials/lightprobed.service")
+_SERVICE_D = Path("/etc/systemd/system/lightprobed.service.d")
+_CONFIG = Path("/etc/lightprobe/lightprobed.conf")
+#: avahi-daemon's; it announces NAME.local.
+_ANNOUNCER = Path("/run/avahi-daemon/socket")
 #: As long as browsers accept.
 _DAYS = 397
 _TOKEN_BYTES = 24
@@ -31,7 +40,7 @@ _TOKEN_BYTES = 24
 
 def _default_folder() -> Path:
     if os.geteuid() == 0:
-        return Path("/etc/lightprobe/pair")
+        return _SERVICE_FOLDER
     config = os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config"
     return Path(config) / "lightprobe" / "pair"
 
@@ -40,14 +49,15 @@ def _default_folder() -> Path:
 class Pair:
     """What a client needs to know."""
 
-    hosts: list[str]  # names and addresses that the certificate is for; the first is shown
+    hosts: list[str]  # names and addresses that the certificate is for; see shown_host
     fingerprint: str  # SHA-256 of the certificate, AA:BB:…
     expires: datetime.datetime
     token: str
 
     def url(self, port: int) -> str:
         """Address of the page, and of the messages. What follows # is never sent as an address."""
-        host = f"[{self.hosts[0]}]" if ":" in self.hosts[0] else self.hosts[0]
+        name = shown_host(self.hosts)
+        host = f"[{name}]" if ":" in name else name
         sha256 = self.fingerprint.replace(":", "").lower()
         return f"https://{host}:{port}/#token={self.token}&sha256={sha256}"
 
@@ -178,12 +188,48 @@ def read(folder: Path) -> Pair:
     )
 
 
+def shown_host(hosts: list[str]) -> str:
+    """The first, or an address instead of a name in .local that nothing announces."""
+    if _is_local(hosts[0]) and not _ANNOUNCER.exists():
+        return next((host for host in hosts if not _is_local(host)), hosts[0])
+    return hosts[0]
+
+
+def _is_local(host: str) -> bool:
+    return host.endswith(".local")
+
+
+def publish_uri(folder: Path, port: int) -> str:
+    """Where lightprobed is to publish: for clients, and with the viewer for browsers."""
+    web = installation.viewer()
+    return f"wss:0.0.0.0:{port}?pair={folder}" + (f"&root={web}" if web else "")
+
+
+def next_command(folder: Path, port: int) -> str:
+    """One line for a shell that makes the probe serve: as a service where it is one."""
+    drop_in = installation.share() / "drop-ins" / "wss.conf"
+    if folder == _SERVICE_FOLDER and drop_in.is_file():
+        publish = f"publish = {publish_uri(_CREDENTIALS, port)}"
+        return (
+            f"sudo sh -ec 'install -D -m 644 -t {_SERVICE_D} {drop_in}; "
+            f'sed -i "/^publish = wss:/d" {_CONFIG}; echo "{publish}" >>{_CONFIG}; '
+            "systemctl daemon-reload; systemctl restart lightprobed'"
+        )
+    try:
+        program = str(daemon.find())
+    except daemon.DaemonError:
+        program = daemon.NAME
+    return f"{program} --source=v4l2: --publish='{publish_uri(folder, port)}'"
+
+
 def _print(pair: Pair, folder: Path, port: int, as_json: bool, made: bool) -> None:
-    publish = f"--publish=wss:0.0.0.0:{port}?pair={folder}"
+    folder = folder.absolute()
     if as_json:
         print(json.dumps({
             "url": pair.url(port), "sha256": pair.fingerprint, "hosts": pair.hosts,
-            "expires": f"{pair.expires:%Y-%m-%d}", "folder": str(folder), "publish": publish,
+            "expires": f"{pair.expires:%Y-%m-%d}", "folder": str(folder),
+            "publish": f"--publish={publish_uri(folder, port)}",
+            "next": next_command(folder, port),
         }, indent=2))  # fmt: skip
         return
     segno.make(pair.url(port), error="m").terminal(out=sys.stdout, compact=True)
@@ -191,6 +237,23 @@ def _print(pair: Pair, folder: Path, port: int, as_json: bool, made: bool) -> No
     print(f"certificate  valid until {pair.expires:%Y-%m-%d}, for {', '.join(pair.hosts)}")
     print(f"SHA-256      {pair.fingerprint}")
     print(f"{'made' if made else 'found'}        {folder}: {_KEY}, {_CERTIFICATE}, {_TOKEN}")
-    print(f"next         start lightprobed with {publish}; a running one must be restarted.")
+    print(f"next         run this, which serves that address; end lightprobed first if it runs:\n\n"
+          f"{next_command(folder, port)}\n")  # fmt: skip
     print("             A browser warns once, because no authority has signed the certificate:")
     print("             compare the SHA-256 that it shows with the one above.")
+    for warning in _warnings(pair):
+        print(f"note         {warning}")
+
+
+def _warnings(pair: Pair) -> Iterator[str]:
+    """What keeps a phone from the page, and the next step."""
+    if installation.viewer() is None:
+        yield (
+            "there is no viewer beside this command, so a browser gets no page: run `make web` "
+            "and add &root=build/web"
+        )
+    if _is_local(pair.hosts[0]) and not _ANNOUNCER.exists():
+        yield (
+            f"nothing announces {pair.hosts[0]} in the network: sudo apt-get install avahi-daemon, "
+            "then run this again"
+        )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The installed service from the test's side: `make install`, its configuration, systemctl."""
+"""The installed service as tests see it: `make install-daemon`, its configuration, systemctl."""
 
 import shutil
 import time
@@ -18,7 +18,7 @@ DROP_INS = Path("/usr/local/share/lightprobe/drop-ins")
 
 def install() -> None:
     """Install as a user does."""
-    run("make", "-C", str(REPO), "install", timeout_s=300)
+    run("make", "-C", str(REPO), "install-daemon", timeout_s=300)
 
 
 def configure(*lines: str, without: str = "") -> None:

@@ -1,4 +1,4 @@
-"""The service as `make install` leaves it: what systemd says about the unit and its drop-ins.
+"""The service as `make install-daemon` leaves it: what systemd says about unit and drop-ins.
 
 That it works as a service, on Debian's kernel, is shown by tests/kernel/guest/test_service.py.
 """
@@ -31,7 +31,7 @@ def make(*arguments: str) -> str:
 @pytest.fixture
 def root(tmp_path: Path) -> Path:
     """A folder with everything installed under it."""
-    make("install", f"DESTDIR={tmp_path}")
+    make("install-daemon", f"DESTDIR={tmp_path}")
     return tmp_path
 
 
@@ -99,7 +99,7 @@ def test_an_update_keeps_the_configuration_and_uninstall_too(root):
     before = files(root)
     config = root / "etc/lightprobe/lightprobed.conf"
     config.write_text("# mine\n")
-    assert "is kept" in make("install", f"DESTDIR={root}")
+    assert "is kept" in make("install-daemon", f"DESTDIR={root}")
     assert files(root) == before
     make("uninstall", f"DESTDIR={root}")
     assert files(root) == {"etc/lightprobe/lightprobed.conf"}
@@ -107,14 +107,14 @@ def test_an_update_keeps_the_configuration_and_uninstall_too(root):
 
 
 def test_a_package_has_its_own_prefix(tmp_path):
-    make("install", f"DESTDIR={tmp_path}", "PREFIX=/usr")
+    make("install-daemon", f"DESTDIR={tmp_path}", "PREFIX=/usr")
     unit = (tmp_path / "usr/lib/systemd/system/lightprobed.service").read_text()
     assert "ExecStart=/usr/bin/lightprobed " in unit
 
 
 def test_what_is_not_built_is_not_installed(tmp_path):
     with pytest.raises(AssertionError, match="make build"):
-        make("install", f"DESTDIR={tmp_path}/root", f"BUILD={tmp_path}/build")
+        make("install-daemon", f"DESTDIR={tmp_path}/root", f"BUILD={tmp_path}/build")
     assert not (tmp_path / "root").exists()
 
 
