@@ -70,7 +70,9 @@ C_WARNINGS := $(WARNINGS) -Wstrict-prototypes -Wmissing-prototypes
 
 LP_CPPFLAGS = -D_GNU_SOURCE -DLP_VERSION='"$(VERSION)"' -DLP_VARIANT='"$(VARIANT)"' \
 	$(foreach o,$(WITH_OPTIONS),-DWITH_$o=$(WITH_$o)) \
-	-Idaemon -Idaemon/include -I$(GEN) -isystem /usr/include/opencv4 -MMD -MP
+	-Idaemon -Idaemon/include -I$(GEN) -isystem /usr/include/opencv4 $(NANOPB_CPPFLAGS) -MMD -MP
+# Debian 13 has nanopb's headers in a folder of their own.
+NANOPB_CPPFLAGS := $(if $(wildcard /usr/include/nanopb),-isystem /usr/include/nanopb)
 LP_CFLAGS = -std=c17 -g $(ARCH_FLAGS) $(FLAGS_$(VARIANT)) $(C_WARNINGS) $(shell $(PKG_CONFIG) --cflags $(LP_PACKAGES))
 LP_CXXFLAGS = -std=c++17 -g $(ARCH_FLAGS) $(FLAGS_$(VARIANT)) $(WARNINGS) $(LIBCAMERA_CFLAGS)
 LP_LDFLAGS = $(FLAGS_$(VARIANT))

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "drivers/source/libcamera/capture.hpp"
 
+#include <algorithm>
 #include <cerrno>
 #include <chrono>
 #include <exception>
@@ -26,6 +27,21 @@ std::string model_of(const libcamera::Camera &camera)
 	return camera.properties().get(libcamera::properties::Model).value_or("");
 }
 
+/* Whether a device is one of the camera's: until libcamera 0.1 its manager says that, later the
+ * camera. */
+bool is_device_of([[maybe_unused]] libcamera::CameraManager &manager,
+		  const std::shared_ptr<libcamera::Camera> &camera, dev_t device)
+{
+#if LIBCAMERA_VERSION_MAJOR == 0 && LIBCAMERA_VERSION_MINOR == 0
+	return manager.get(device) == camera;
+#else
+	const auto devices = camera->properties().get(libcamera::properties::SystemDevices);
+
+	return devices && std::find(devices->begin(), devices->end(),
+				    static_cast<int64_t>(device)) != devices->end();
+#endif
+}
+
 std::vector<Node> nodes_of(libcamera::CameraManager &manager,
 			   const std::shared_ptr<libcamera::Camera> &camera)
 {
@@ -37,7 +53,8 @@ std::vector<Node> nodes_of(libcamera::CameraManager &manager,
 	for (size_t i = 0; i < paths.gl_pathc; i++) {
 		struct stat about;
 
-		if (stat(paths.gl_pathv[i], &about) == 0 && manager.get(about.st_rdev) == camera)
+		if (stat(paths.gl_pathv[i], &about) == 0 &&
+		    is_device_of(manager, camera, about.st_rdev))
 			nodes.push_back({paths.gl_pathv[i], about.st_ino});
 	}
 	globfree(&paths);
