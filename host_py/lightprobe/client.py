@@ -120,6 +120,14 @@ class _Patience:
         self._said = why
 
 
+class _CallerError(Exception):
+    """What a function of the caller has raised: passed on to it, and no reason to reconnect."""
+
+    def __init__(self, error: Exception) -> None:
+        super().__init__(repr(error))
+        self.error = error
+
+
 class AsyncClient:
     """A probe's client for asyncio; use with `async with`. Not for several event loops at once."""
 
@@ -131,7 +139,8 @@ class AsyncClient:
     ) -> None:
         """Take an address (raises :class:`ProbeError` when it is none); connects on entering.
 
-        `on_payload` gets every message as it came, without its length: for recordings.
+        `on_payload` gets every message as it came, without its length: for recordings. What it
+        raises ends the client; :meth:`receive` and the other calls that wait raise it, unchanged.
         """
         self.hello: Hello | None = None  # of the connection that is open; None: not connected
         self.health: Health | None = None
@@ -147,7 +156,7 @@ class AsyncClient:
         self._received = self._taken = 0  # counted since the start
         self._probe_clock = ClockOffset()
         self._pong_time_ns: int | None = None  # when the last answer to a ping came
-        self._final: ProbeError | None = None
+        self._final: Exception | None = None
         self._answer: PolarizationMap | SweepStarted | StillsAsked | None = None
         self._refusal: str | None = None  # of this connection
         self._writer: asyncio.StreamWriter | WebSocketStream | None = None
@@ -389,6 +398,8 @@ class AsyncClient:
             await self._reconnect_for_ever()
         except IncompatibleProbe as error:
             await self._announce(final=error)
+        except _CallerError as error:
+            await self._announce(final=error.error)
         except Exception as error:
             _log.exception("%s: client: unexpected error", self.uri)
             await self._announce(
@@ -428,14 +439,22 @@ class AsyncClient:
                     raise ProbeError(f"{self.uri}: receive: the probe closed the connection")
                 for payload in decoder.payloads(data):
                     message = decode(payload)
-                    if self._on_payload is not None:
-                        self._on_payload(payload)
+                    self._hand_out(payload)
                     if message is not None:
                         await self._take(message)
         finally:
             pings.cancel()
             self.hello = self._writer = self._pong_time_ns = None
             writer.close()
+
+    def _hand_out(self, payload: bytes) -> None:
+        """Give a message to the caller's function, whose errors are not the network's."""
+        if self._on_payload is None:
+            return
+        try:
+            self._on_payload(payload)
+        except Exception as error:
+            raise _CallerError(error) from error
 
     def _patience_s(self) -> float | None:
         """Longest silence that is no fault: a greeting comes at once, health periodically."""
@@ -493,7 +512,7 @@ class AsyncClient:
             self.last_error = None
         self.hello = hello
 
-    async def _announce(self, final: ProbeError | None = None) -> None:
+    async def _announce(self, final: Exception | None = None) -> None:
         async with self._news:
             self._final = final
             self._news.notify_all()

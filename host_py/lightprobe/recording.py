@@ -6,19 +6,25 @@ They open in Foxglove. The format: https://mcap.dev, protobuf profile; one topic
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Self
+from typing import IO, Any, Self
 
+import lz4.frame  # type: ignore[import-untyped]
+import zstandard
 from lightprobe_proto import lightprobe_pb2 as pb
-from mcap.stream_reader import StreamReader
+from mcap.records import Chunk, McapRecord
+from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import Writer
 
 from lightprobe.errors import LightprobeError
 
 TOPIC = "/lightprobe"
 SCHEMA = "lightprobe.v1.FromProbe"
+#: A record, and what a compressed chunk unpacks to, may have so many bytes. Ours have some 16 KiB.
+_MOST_BYTES = 16 << 20
 
 
 class Recorder:
@@ -34,21 +40,61 @@ class Recorder:
         schema_id = self._writer.register_schema(SCHEMA, "protobuf", schema)
         self._channel = self._writer.register_channel(TOPIC, "protobuf", schema_id)
         self.messages = 0
+        self._is_spoilt = False
 
     def __enter__(self) -> Self:
         """Nothing to do: it is open."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Write the index, and close."""
-        self._writer.finish()  # type: ignore[no-untyped-call]
-        self._file.close()
+        """Write the index, and close; raises OSError where that cannot be written."""
+        try:
+            if not self._is_spoilt:
+                self._writer.finish()  # type: ignore[no-untyped-call]
+                self._file.flush()
+        finally:
+            with suppress(OSError):  # what is still in the buffer cannot be written either
+                self._file.close()
 
     def write(self, payload: bytes, now_ns: int) -> None:
-        """Add a FromProbe message that came at `now_ns` (Unix time)."""
-        self._writer.add_message(self._channel, now_ns, payload, now_ns, self.messages)
-        self._file.flush()
+        """Add a FromProbe message that came at `now_ns` (Unix time).
+
+        Raises OSError when it cannot be written; what was written before stays readable.
+        """
+        try:
+            self._writer.add_message(self._channel, now_ns, payload, now_ns, self.messages)
+            self._file.flush()
+        except OSError:
+            self._is_spoilt = True  # an index after half a record would be read as part of it
+            raise
         self.messages += 1
+
+
+class _TooLargeError(Exception):
+    """A chunk that unpacks to more than any recording needs."""
+
+
+def _unpacked(chunk: Chunk) -> bytes:
+    """Content of a chunk; never takes more than the limit, whatever the chunk says of its size."""
+    if chunk.compression == "zstd":
+        data = zstandard.ZstdDecompressor(max_window_size=_MOST_BYTES).stream_reader(chunk.data)
+        content = data.read(_MOST_BYTES + 1)
+    elif chunk.compression == "lz4":
+        content = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, _MOST_BYTES + 1)
+    else:
+        content = chunk.data
+    if len(content) > _MOST_BYTES:
+        raise _TooLargeError(f"a chunk unpacks to more than {_MOST_BYTES >> 20} MiB")
+    return bytes(content)
+
+
+def _records(file: IO[bytes]) -> Iterator[McapRecord]:
+    """Every record, in the order of the file; those of one chunk at a time are in memory."""
+    for record in StreamReader(file, emit_chunks=True, record_size_limit=_MOST_BYTES).records:
+        if isinstance(record, Chunk):
+            yield from breakup_chunk(replace(record, compression="", data=_unpacked(record)))
+        else:
+            yield record
 
 
 @dataclass(frozen=True)
@@ -74,7 +120,7 @@ def read(path: Path, notes: list[str]) -> Iterator[Recorded]:
         schemas: dict[int, str] = {}
         channels: dict[int, int] = {}
         try:
-            for record in StreamReader(file).records:
+            for record in _records(file):
                 kind = type(record).__name__
                 if kind == "Schema":
                     schemas[record.id] = record.name  # type: ignore[attr-defined]

@@ -17,17 +17,20 @@ from typing import Any
 from urllib.parse import urlsplit
 
 import numpy as np
+from google.protobuf.message import DecodeError
 from lightprobe_proto import lightprobe_pb2 as pb
 
 from lightprobe import replayed_map, sh
 from lightprobe.errors import LightprobeError
 from lightprobe.estimate import LightFlag
-from lightprobe.wire import PROTOCOL_MAJOR, Decoder, delimit
+from lightprobe.wire import PROTOCOL_MAJOR, Decoder, WireError, delimit
 
 _PROTOCOL = "lightprobe.v1"
 _LOOPBACK = ("127.0.0.1", "::1", "localhost")
 _MINOR = 2
 _MAP_RATE_HZ = 5.0  # where a subscription names none
+#: What ends a connection without a word: what is no request, and this program's end.
+_ENDS = (WireError, DecodeError, asyncio.CancelledError)
 
 
 @dataclass(eq=False)
@@ -143,7 +146,7 @@ class ProbeServer:
             writer.write(delimit(message))
             await writer.drain()
 
-        with self._client() as client, contextlib.suppress(OSError):
+        with self._client() as client, contextlib.suppress(*_ENDS, OSError):
             await self._talk(client, read, write)
         writer.close()
 
@@ -156,7 +159,7 @@ class ProbeServer:
 
         from websockets.exceptions import ConnectionClosed
 
-        with self._client() as client, contextlib.suppress(ConnectionClosed):
+        with self._client() as client, contextlib.suppress(*_ENDS, ConnectionClosed):
             await self._talk(client, read, connection.send)
 
     async def _talk(self, client: _Client, read: Any, write: Any) -> None:
@@ -186,6 +189,8 @@ class ProbeServer:
 
     def _subscribe(self, client: _Client, payload: bytes) -> None:
         request = pb.FromClient.FromString(payload)
+        if request.WhichOneof("message") != "subscribe":
+            return  # a ping, a pose, what only a probe can do: the wish stays
         client.wish = request.subscribe
         if self._last is not None:
             client.newest = self._last

@@ -1,7 +1,10 @@
 """`lightprobe record` and `replay`: what a client gets from a recording is what the probe sent."""
 
+import asyncio
 import contextlib
+import errno
 import json
+import resource
 import signal
 import subprocess
 import sys
@@ -10,12 +13,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from harness import LONG_S, Client, Daemon, jpeg, wait_for
+from lightprobe import AsyncClient, ProbeError, Subscription, recording
 from lightprobe import Client as ProbeClient
-from lightprobe import Subscription, recording
 from lightprobe.imaging import image
 from lightprobe.server import cut
 from lightprobe_proto import lightprobe_pb2 as pb
 from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
 from test_websocket import free_port
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
@@ -267,3 +271,106 @@ def test_replay_stays_on_this_machine_and_refuses_other_pages(recorded):
         with connect(f"ws://127.0.0.1:{web}/", origin="http://127.0.0.1:7701",
                      subprotocols=["lightprobe.v1"]) as own:  # fmt: skip
             own.recv(LONG_S)
+
+
+def test_a_full_disk_ends_the_recording_with_an_error_and_leaves_what_it_holds(tmp_path):
+    (tmp_path / "a.jpg").write_bytes(jpeg())
+    file = tmp_path / "room.mcap"
+
+    def little_room():
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # as where it is not heeded: EFBIG
+        resource.setrlimit(resource.RLIMIT_FSIZE, (8_000, 8_000))
+
+    with Daemon(f"--source=file:{tmp_path}/a.jpg?rate=30") as daemon:
+        done = command(
+            "record", file, "--from", f"unix:{daemon.socket}", "--seconds", 600,
+            preexec_fn=little_room,
+        )  # fmt: skip
+    assert done.returncode == 1
+    assert f"{file}: write: File too large" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert len(list(recording.read(file, []))) > 10
+
+
+@pytest.mark.parametrize("raised", [OSError(errno.ENOSPC, "full"), ValueError("mine"),
+                                    TimeoutError("mine"), ProbeError("mine")])  # fmt: skip
+def test_what_a_callback_raises_reaches_its_owner_and_is_no_failure_of_the_network(
+    recorded, raised
+):
+    def keep(payload):
+        raise raised
+
+    async def receive(uri):
+        async with AsyncClient(uri, on_payload=keep) as client:
+            with pytest.raises(type(raised)) as caught:
+                await client.receive(LONG_S)
+            assert client.statistics.failures == 0
+        return caught.value
+
+    with replayed(recorded[0]) as (tcp, _, _):
+        assert asyncio.run(receive(f"tcp:127.0.0.1:{tcp}")) is raised
+
+
+def test_a_request_that_is_no_subscription_leaves_the_wish_of_a_client_of_replay(recorded):
+    with (
+        replayed(recorded[0]) as (_, web, _),
+        connect(f"ws://127.0.0.1:{web}/", subprotocols=["lightprobe.v1"]) as socket,
+    ):
+        wish = pb.FromClient()
+        wish.subscribe.number = 7
+        socket.send(wish.SerializeToString())
+        for other in (pb.FromClient(ping=pb.Ping(time_ns=1)), pb.FromClient(),
+                      pb.FromClient(take_stills=pb.TakeStills())):  # fmt: skip
+            socket.send(other.SerializeToString())
+        numbers = []
+        while numbers[-30:] != [7] * 30 and len(numbers) < 200:
+            message = pb.FromProbe.FromString(socket.recv(LONG_S))
+            if message.HasField("estimate"):
+                numbers.append(message.estimate.subscription)
+    assert numbers[-30:] == [7] * 30
+
+
+def test_ctrl_c_ends_replay_without_a_traceback_whoever_is_connected(recorded):
+    port = free_port()
+    process = subprocess.Popen(
+        [LIGHTPROBE, "replay", recorded[0], "--publish", f"tcp:127.0.0.1:{port}"],
+        stderr=subprocess.PIPE, text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )  # fmt: skip
+    assert f":{port}" in process.stderr.readline()
+    with Client(("127.0.0.1", port)) as client, ProbeClient(f"tcp:127.0.0.1:{port}") as other:
+        client.next("hello")
+        other.receive(LONG_S)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=LONG_S)
+    assert said == ""
+
+
+@pytest.mark.parametrize("compression", ["ZSTD", "LZ4", "NONE"])
+def test_a_small_file_that_unpacks_to_much_is_refused_in_little_memory(tmp_path, compression):
+    file = tmp_path / "bomb.mcap"
+    with open(file, "wb") as stream:
+        writer = Writer(stream, 1 << 30, compression=CompressionType[compression])
+        writer.start(library="test")
+        schema = writer.register_schema(recording.SCHEMA, "protobuf", b"")
+        channel = writer.register_channel(recording.TOPIC, "protobuf", schema)
+        for number in range(3):
+            writer.add_message(channel, number, bytes(64 << 20), number, number)
+        writer.finish()
+    program = (
+        "import resource, sys\n"
+        "from lightprobe import recording\n"
+        "from pathlib import Path\n"
+        "before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n"
+        "notes = []\n"
+        "try:\n"
+        "    list(recording.read(Path(sys.argv[1]), notes))\n"
+        "except Exception as error:\n"
+        "    notes.append(str(error))\n"
+        "print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) // 1024, notes)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program, file], capture_output=True, text=True,
+                          timeout=LONG_S, check=True)  # fmt: skip
+    more_mib, said = done.stdout.split(" ", 1)
+    assert int(more_mib) < 80, done.stdout
+    assert "more than 16 MiB" in said or "limit" in said

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import time
+from collections.abc import Iterable, Iterator
 from contextlib import AsyncExitStack, suppress
 from pathlib import Path
 from typing import Annotated, Any
@@ -77,7 +78,10 @@ def record(
         file.unlink(missing_ok=True)  # it holds nothing of use
         raise
     except OSError as error:
-        raise LightprobeError(f"record: {file}: write: {error.strerror}") from None
+        raise LightprobeError(
+            f"record: {file}: write: {error.strerror}: {count} messages are in it: free some room, "
+            "and record into a new file"
+        ) from None
     summary = {"file": str(file), "messages": count, "seconds": time.monotonic() - started_s}
     text = f"written: {file}: {count} messages in {summary['seconds']:.1f} s"
     typer.echo(json.dumps(summary) if as_json else text, err=not as_json)
@@ -120,33 +124,41 @@ def replay(
 
     Clients connect as to lightprobed. Example: lightprobe replay room.mcap --speed 2
     """
+    with suppress(KeyboardInterrupt):
+        estimates, map_size = _look_through(file)
+        asyncio.run(_replay(file, estimates, map_size, publish or _DEFAULT_URIS, speed, once))
+
+
+def _look_through(file: Path) -> tuple[int, int]:
+    """How many estimates a recording holds, and the size of its largest map; says what is wrong.
+
+    The file is read again in every round, so that it may be larger than the memory.
+    """
     notes: list[str] = []
-    messages = [one for one in recording.read(file, notes)]
+    estimates = map_size = 0
+    for one in recording.read(file, notes):
+        if one.message.HasField("estimate"):
+            estimates += 1
+        elif _is_ambient_map(one.message):
+            # What was asked for AMBIENT alone can be given to every client.
+            map_size = max(map_size, one.message.reflection_map.size)
     for note in notes:
         typer.echo(f"note: {note}", err=True)
-    with suppress(KeyboardInterrupt):
-        asyncio.run(_replay(file, messages, publish or _DEFAULT_URIS, speed, once))
+    if not estimates:
+        raise LightprobeError(f"replay: {file}: holds no estimate")
+    return estimates, map_size
 
 
 async def _replay(
-    file: Path, messages: list[recording.Recorded], uris: list[str], speed: float, once: bool
+    file: Path, estimates: int, map_size: int, uris: list[str], speed: float, once: bool
 ) -> None:
-    kinds = ("estimate", "reflection_map")
-    played = [one for one in messages if one.message.WhichOneof("message") in kinds]
-    estimates = [one for one in played if one.message.HasField("estimate")]
-    # What was asked for AMBIENT alone can be given to every client.
-    maps = [one.message.reflection_map for one in played if _is_ambient_map(one.message)]
-    server = ProbeServer(
-        file.stem, f"lightprobe replay {__version__}", max((m.size for m in maps), default=0)
-    )
-    if not estimates:
-        raise LightprobeError(f"replay: {file}: holds no estimate")
+    server = ProbeServer(file.stem, f"lightprobe replay {__version__}", map_size)
     async with AsyncExitStack() as stack:
         for uri in uris:
             address = await stack.enter_async_context(server.listening(uri))
-            typer.echo(f"replay: {file}: {len(estimates)} estimates on {address}", err=True)
+            typer.echo(f"replay: {file}: {estimates} estimates on {address}", err=True)
         while True:
-            await _once(server, played, speed)
+            await _once(server, _played(file), speed)
             if once:
                 return
 
@@ -158,10 +170,16 @@ def _is_ambient_map(message: Any) -> bool:
     )
 
 
-async def _once(server: ProbeServer, played: list[recording.Recorded], speed: float) -> None:
-    last_ns = played[0].time_ns
+def _played(file: Path) -> Iterator[recording.Recorded]:
+    kinds = ("estimate", "reflection_map")
+    read = recording.read(file, [])
+    return (one for one in read if one.message.WhichOneof("message") in kinds)
+
+
+async def _once(server: ProbeServer, played: Iterable[recording.Recorded], speed: float) -> None:
+    last_ns: int | None = None
     for one in played:
-        pause_s = max(0, one.time_ns - last_ns) / 1e9 / speed
+        pause_s = 0.0 if last_ns is None else max(0, one.time_ns - last_ns) / 1e9 / speed
         last_ns = one.time_ns
         await asyncio.sleep(min(pause_s, _LONGEST_PAUSE_S))
         if one.message.HasField("reflection_map"):
