@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /** A probe's client: connects, asks, stays. The newest estimate wins; what is too old is none. */
 
+import { Drained } from "./drained.js";
 import type { Estimate, Health, Hello } from "./estimate.js";
 import type { ReflectionMap } from "./reflection.js";
 import { DEFAULT_SUBSCRIPTION, MINOR_WITH_NUMBERS, MINOR_WITH_PINGS, PROTOCOL_MAJOR, WireError, decode, encodePing, encodePose, encodeSubscription } from "./wire.js";
@@ -14,6 +15,8 @@ const HELLO_TIMEOUT_MS = 5000, LEAST_PATIENCE_MS = 5000;
 const CLOCK_MESSAGES = 32;
 /** How often the probe is told our clock, which it needs for poses. */
 const PING_PERIOD_MS = 1000;
+/** A silence that may end with what is not read yet is judged again after this time. */
+const LOOK_AGAIN_MS = 50;
 
 /** connecting: no greeting yet. open: greeted. waiting: until the next attempt. closed: for good. */
 export type State = "connecting" | "open" | "waiting" | "closed";
@@ -74,6 +77,7 @@ export class Probe {
   #backoffMs = BACKOFF_FIRST_MS;
   #retry: ReturnType<typeof setTimeout> | undefined;
   #silence: ReturnType<typeof setTimeout> | undefined;
+  readonly #drained = new Drained(now);
   #offsetsMs: number[] = [];
   #pings: ReturnType<typeof setInterval> | undefined;
   #pongMs: number | undefined;
@@ -90,6 +94,7 @@ export class Probe {
       document.addEventListener("visibilitychange", this.#wake);
       window.addEventListener("online", this.#wake);
     }
+    this.#drained.start();
     this.#connect();
   }
 
@@ -101,17 +106,24 @@ export class Probe {
     return () => set.delete(listener as (value: never) => void);
   }
 
-  /** The newest estimate; undefined before the first, and when it has outlived its ttlMs. */
+  /**
+   * The newest estimate; undefined before the first, and when it has outlived its ttlMs. After a pause of the page, what came
+   * meanwhile is read first: until then the one before the pause remains.
+   */
   latest(): Estimate | undefined {
-    const age = this.ageMs();
-    if (!this.#newest || age === undefined) return undefined;
-    return this.#newest.ttlMs && age > this.#newest.ttlMs ? undefined : this.#newest;
+    const newest = this.#newest;
+    if (!newest) return undefined;
+    return newest.ttlMs && this.#drained.untilMs - this.#capturedMs(newest) > newest.ttlMs ? undefined : newest;
   }
 
   /** Milliseconds since the capture of the newest estimate, aged out or not. */
   ageMs(): number | undefined {
-    if (!this.#newest) return undefined;
-    return now() - (this.#newest.captureTimeUnixMs + Math.min(...this.#offsetsMs));
+    return this.#newest && now() - this.#capturedMs(this.#newest);
+  }
+
+  /** When it was captured, by our clock. */
+  #capturedMs(estimate: Estimate): number {
+    return estimate.captureTimeUnixMs + Math.min(...this.#offsetsMs);
   }
 
   /** Ask for something else, now and after every reconnection. */
@@ -260,13 +272,19 @@ export class Probe {
   #expectWithin(ms: number | undefined): void {
     clearTimeout(this.#silence);
     if (ms === undefined) return;
-    this.#silence = setTimeout(() => {
+    const dueMs = now() + ms;
+    const look = (): void => {
+      if (this.#drained.untilMs < dueMs) {
+        this.#silence = setTimeout(look, LOOK_AGAIN_MS);
+        return;
+      }
       this.lastError = `${this.#url}: silent for too long: is the network up?`;
       const socket = this.#socket;
       this.#socket = undefined;
       socket?.close();
       this.#lose();
-    }, ms);
+    };
+    this.#silence = setTimeout(look, ms);
   }
 
   /** Nothing is open; try again later, not all clients at once. */
@@ -281,6 +299,7 @@ export class Probe {
   }
 
   #end(state: State): void {
+    this.#drained.stop();
     clearTimeout(this.#retry);
     clearTimeout(this.#silence);
     this.#stopPings();

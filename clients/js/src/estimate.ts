@@ -183,3 +183,23 @@ export function meanIrradiance(estimate: Estimate): number {
   const lamps = besideSh(estimate).reduce((sum, light) => sum + luminance(light.irradiance), 0);
   return ambient + lamps / 4;
 }
+
+/** Mean radiance of a fallback before the first estimate: a white surface shows about half of full brightness. */
+const FALLBACK_RADIANCE = 0.5;
+/** How much brighter the upper side of a fallback is than its middle, as a share. */
+const FALLBACK_FROM_ABOVE = 0.4;
+
+/**
+ * A neutral, soft light from above, for the time before the first and after the last estimate: as bright in the mean as `last`. It has
+ * no lamps, because nobody knows where they are. Its bootId and sequence are 0.
+ */
+export function fallbackEstimate(last?: Estimate): Estimate {
+  const mean = last ? meanIrradiance(last) / Math.PI : FALLBACK_RADIANCE;
+  const flat = mean / 0.28209479177387814, up = (FALLBACK_FROM_ABOVE * mean) / 0.4886025119029199;
+  return {
+    sequence: 0, bootId: 0, captureTimeUnixMs: 0, sendDelayMs: 0, ttlMs: 0, flags: EstimateFlag.STALE, lights: [], key: undefined,
+    sh: { kind: "AMBIENT", order: 1, coefficients: [flat, flat, flat, up, up, up, 0, 0, 0, 0, 0, 0] },
+    predictedError: undefined, exposureUs: undefined, exposureCount: 0, cdM2PerUnit: last?.cdM2PerUnit, cdM2PerUnitSigma: undefined,
+    scaleSigma: undefined, wheelDeg: undefined, subscription: 0, frame: "PROBE", orientation: undefined, orientationSigmaDeg: undefined,
+  };
+}

@@ -3,7 +3,7 @@
 
 import { CubeReflectionMapping, CubeTexture, DataTexture, DataUtils, DirectionalLight, EquirectangularReflectionMapping, FloatType, Group, HalfFloatType, LightProbe, Mesh, MeshLambertMaterial, MultiplyBlending, LinearFilter, LinearSRGBColorSpace, Quaternion, RGBAFormat, Vector3 } from "three";
 import type { BufferGeometry, Object3DEventMap } from "three";
-import { besideSh, LightFlag } from "./estimate.js";
+import { besideSh, fallbackEstimate, LightFlag } from "./estimate.js";
 import type { Estimate, Light, Vec3 } from "./estimate.js";
 import { largest, type ReflectionMap } from "./reflection.js";
 import * as sh from "./sh.js";
@@ -13,6 +13,8 @@ export interface ProbeLightOptions {
   lamps?: number;
   /** Time constant of changes, in seconds. */
   fadeS?: number;
+  /** What to show before the first and after the last estimate, given the last; default: fallbackEstimate. */
+  fallback?: (last: Estimate | undefined) => Estimate;
   castShadow?: boolean;
   shadowMapSize?: number;
   /** Half the width of the region with shadows, in metres. */
@@ -32,6 +34,8 @@ interface Slot {
 }
 
 const DARK = 1e-4;
+/** After a pause of the page a fade goes on from where it was: one step is never longer. */
+const MOST_STEP_S = 0.1;
 
 /** As XREstimatedLight's: there is light from now on; there is none any more. */
 export interface ProbeLightEvents extends Object3DEventMap {
@@ -57,11 +61,14 @@ export class ProbeLight extends Group<ProbeLightEvents> {
   readonly #normal = new Vector3();
   #lastS: number | undefined;
   #isLit = false;
+  #last: Estimate | undefined;
+  #fallback: Estimate | undefined;
 
   constructor(options: ProbeLightOptions = {}) {
     super();
     this.#options = {
-      lamps: 4, fadeS: 0.15, castShadow: true, shadowMapSize: 1024, shadowRegionM: 1.5, shadowHeightM: 0.3, ...options,
+      lamps: 4, fadeS: 0.15, castShadow: true, shadowMapSize: 1024, shadowRegionM: 1.5, shadowHeightM: 0.3,
+      fallback: fallbackEstimate, ...options,
     };
     this.add(this.ambient);
     for (let i = 0; i < this.#options.lamps; i++) this.#slots.push(this.#makeSlot());
@@ -72,15 +79,18 @@ export class ProbeLight extends Group<ProbeLightEvents> {
     return this.#slots.map((slot) => slot.light);
   }
 
-  /** Move on towards an estimate (undefined: darkness) by the time that has passed; `timeS` of any clock. */
+  /** Move on towards an estimate (undefined: the fallback) by the time that has passed; `timeS` of any clock. */
   update(estimate: Estimate | undefined, timeS: number): void {
-    const passedS = this.#lastS === undefined ? 0 : Math.max(0, timeS - this.#lastS);
+    if (this.#lastS === undefined && !estimate && !this.#last) this.set(undefined); // nothing was shown that it could fade from
+    const passedS = this.#lastS === undefined ? 0 : Math.min(MOST_STEP_S, Math.max(0, timeS - this.#lastS));
     this.#lastS = timeS;
     this.#step(estimate, 1 - Math.exp(-passedS / this.#options.fadeS));
   }
 
-  #step(estimate: Estimate | undefined, share: number): void {
-    if (this.#isLit !== (estimate !== undefined)) {
+  #step(known: Estimate | undefined, share: number): void {
+    const estimate = known ?? (this.#fallback ??= this.#options.fallback(this.#last));
+    if (known) [this.#last, this.#fallback] = [known, undefined];
+    if (this.#isLit !== (known !== undefined)) {
       this.#isLit = !this.#isLit;
       this.dispatchEvent({ type: this.#isLit ? "estimationstart" : "estimationend" });
     }
@@ -101,7 +111,7 @@ export class ProbeLight extends Group<ProbeLightEvents> {
     return sum;
   }
 
-  /** Show an estimate at once. */
+  /** Show an estimate at once; undefined: the fallback. */
   set(estimate: Estimate | undefined): void {
     this.#step(estimate, 1);
     this.#lastS = undefined;
@@ -137,9 +147,9 @@ export class ProbeLight extends Group<ProbeLightEvents> {
   }
 
   /** Which slot shows which lamp, and what it is on its way to. A lamp keeps its slot while it lasts. */
-  #aim(estimate: Estimate | undefined): void {
+  #aim(estimate: Estimate): void {
     const lights = besideSh(estimate).slice(0, this.#slots.length);
-    const wanted = new Map(lights.map((light) => [`${estimate!.bootId}/${light.id}`, light]));
+    const wanted = new Map(lights.map((light) => [`${estimate.bootId}/${light.id}`, light]));
     for (const slot of this.#slots) {
       const light = slot.key === undefined ? undefined : wanted.get(slot.key);
       if (light) {
@@ -151,7 +161,7 @@ export class ProbeLight extends Group<ProbeLightEvents> {
       }
     }
     for (const [key, light] of wanted) {
-      const slot = this.#slots.find((one) => one.key === undefined) ?? this.#darkest(new Set(lights.map((one) => `${estimate!.bootId}/${one.id}`)));
+      const slot = this.#slots.find((one) => one.key === undefined) ?? this.#darkest(new Set(lights.map((one) => `${estimate.bootId}/${one.id}`)));
       if (!slot) continue;
       slot.key = key;
       this.#setTarget(slot, light);
@@ -190,8 +200,7 @@ export class ProbeLight extends Group<ProbeLightEvents> {
     light.shadow.radius = Math.max(1, ((penumbraM / 2) * shadowMapSize) / (2 * shadowRegionM));
   }
 
-  #turned(estimate: Estimate | undefined): number[] {
-    if (!estimate) return Array.from({ length: 27 }, () => 0);
+  #turned(estimate: Estimate): number[] {
     const vector = new Vector3();
     return sh.rotate(estimate.sh.coefficients, (d) => vector.set(...d).applyQuaternion(this.toProbe).toArray() as unknown as Vec3);
   }

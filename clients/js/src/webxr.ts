@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /** The light of a probe in the shape of WebXR's XRLightEstimate, so that code written for phones works. */
 
-import { besideSh, luminance } from "./estimate.js";
+import { besideSh, fallbackEstimate, luminance } from "./estimate.js";
 import type { Estimate, Vec3 } from "./estimate.js";
 import type { ReflectionMap } from "./reflection.js";
 import * as sh from "./sh.js";
@@ -38,9 +38,10 @@ export interface LightEstimate {
 const point = ([x, y, z]: Vec3, w: number): Point => ({ x, y, z, w });
 
 /** The strongest lamp is the primary light; the other lamps are put into the SH, so that nothing is lost or counted
- * twice. `undefined` (no estimate, or too old) gives darkness. */
-export function lightEstimate(estimate: Estimate | undefined): LightEstimate {
-  const coefficients: number[] = Array.from({ length: 27 }, (_, i) => estimate?.sh.coefficients[i] ?? 0);
+ * twice. `undefined` (no estimate, or too old) gives the light of fallbackEstimate(). */
+export function lightEstimate(known: Estimate | undefined): LightEstimate {
+  const estimate = known ?? fallbackEstimate();
+  const coefficients: number[] = Array.from({ length: 27 }, (_, i) => estimate.sh.coefficients[i] ?? 0);
   const lights = besideSh(estimate);
   lights.sort((a, b) => luminance(b.irradiance) - luminance(a.irradiance));
   const [primary, ...others] = lights;

@@ -208,3 +208,34 @@ test("an older probe gets no poses", () => {
   assert.equal(socket().poses.length + socket().pings.length, 0);
   probe.close();
 });
+
+/** A page whose main thread is busy, so that nothing that comes is read. */
+const pause = (ms: number): void => { for (const until = performance.now() + ms; performance.now() < until;); };
+
+test("after a pause that is longer than the time to live, what came meanwhile is read before light counts as old", async () => {
+  const { probe, socket } = open();
+  socket().open();
+  socket().hello();
+  socket().estimate(1, 1, 500);
+  pause(700);
+  assert.equal(probe.latest()?.sequence, 1, "the first frame after the pause is dark");
+  assert.ok(probe.ageMs()! >= 700, "the age itself is told as it is");
+  setTimeout(() => socket().estimate(2, 1, 500, 600)); // it waited in the queue for 600 ms
+  await until(() => probe.latest()?.sequence === 2 || probe.latest() === undefined);
+  assert.equal(probe.latest()?.sequence, 2);
+  await until(() => probe.latest() === undefined); // nothing came: it is old all the same
+  probe.close();
+});
+
+test("a pause is no silence of the probe", async () => {
+  const { probe, socket } = open({ healthPeriodMs: 100 });
+  socket().open();
+  socket().hello();
+  const first = socket();
+  pause(5500);
+  setTimeout(() => first.estimate(1)); // it waited in the queue
+  await new Promise((done) => setTimeout(done, 120));
+  assert.equal(probe.state, "open", probe.lastError);
+  assert.equal(Scripted.all.length, 1);
+  probe.close();
+});

@@ -2,7 +2,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { Quaternion, Vector3 } from "three";
-import { irradiance, LightFlag, sh, type Estimate, type Light, type Vec3 } from "../src/index.js";
+import { fallbackEstimate, irradiance, LightFlag, meanIrradiance, sh, type Estimate, type Light, type Vec3 } from "../src/index.js";
 import { ProbeLight } from "../src/three.js";
 import { lightEstimate } from "../src/webxr.js";
 
@@ -122,7 +122,7 @@ test("lamps fade, and never jump", () => {
       assert.ok(Math.abs(sum(light) - last) < 0.35, `jump at ${time}: ${last} to ${sum(light)}`);
       last = sum(light);
     }
-  assert.ok(last < 0.3, "it is dark in the end");
+  assert.ok(last < 0.3, "no lamp is lit in the end");
 });
 
 test("a lamp keeps its light while it moves, and a new boot's lamp of the same number is another", () => {
@@ -130,9 +130,9 @@ test("a lamp keeps its light while it moves, and a new boot's lamp of the same n
   light.set(estimate([lamp(7, [0, 1, 0])]));
   const index = light.lamps.findIndex((one) => one.intensity > 0.9);
   light.update(estimate([lamp(8, [1, 0, 0]), lamp(7, [0, 0.8, 0.6])]), 1);
-  light.update(estimate([lamp(8, [1, 0, 0]), lamp(7, [0, 0.8, 0.6])]), 3);
+  for (let k = 1; k < 20; k++) light.update(estimate([lamp(8, [1, 0, 0]), lamp(7, [0, 0.8, 0.6])]), 1 + k / 10);
   assert.ok(light.lamps[index]!.position.z > 5);
-  light.update(estimate([lamp(7, [-1, 0, 0])], undefined, 2), 3.02);
+  light.update(estimate([lamp(7, [-1, 0, 0])], undefined, 2), 2.92);
   assert.ok(light.lamps[index]!.position.x > -0.1, "the old lamp fades where it was");
 });
 
@@ -162,4 +162,35 @@ test("a light says when there is light, and when there is none any more, as XREs
   for (const one of [undefined, lit, lit, undefined, undefined]) light.update(one, told.length);
   light.set(lit);
   assert.deepEqual(told, ["estimationstart", "estimationend", "estimationstart"]);
+});
+
+/** Luminance of what is shown on a surface that faces up, sideways and down. */
+const shown = (light: ProbeLight): number[] => ([[0, 1, 0], [1, 0, 0], [0, -1, 0]] as Vec3[]).map((normal) => light.irradiance(normal)[1]);
+
+test("before the first estimate a fallback is shown, from the first frame on", () => {
+  const light = new ProbeLight();
+  light.update(undefined, 5);
+  const [up, side, down] = shown(light) as [number, number, number];
+  assert.ok(up > side && side > down && down > 0.5, `${up} ${side} ${down}`);
+  const own = new ProbeLight({ fallback: () => estimate([lamp(1, [0, 1, 0], [3, 3, 3])]) });
+  own.update(undefined, 5);
+  assert.ok(Math.abs(shown(own)[0]! - 3) < 1e-9);
+});
+
+test("after the last estimate the light fades to a fallback that is as bright in the mean", () => {
+  const light = new ProbeLight(), last = estimate([lamp(1, [0, 1, 0], [40, 40, 40])], Array.from({ length: 27 }, (_, i) => (i < 3 ? 30 : 0)));
+  light.set(last);
+  for (let k = 0; k < 100; k++) light.update(undefined, k / 30);
+  assert.ok(Math.abs(meanIrradiance(fallbackEstimate(last)) / meanIrradiance(last) - 1) < 1e-9);
+  assert.ok(Math.abs(shown(light)[1]! / meanIrradiance(last) - 1) < 1e-3);
+  assert.equal(sum(light) < 1e-3, true);
+});
+
+test("a pause of the page is no long step of a fade", () => {
+  const light = new ProbeLight();
+  const lit = estimate([lamp(1, [0, 1, 0], [40, 40, 40])]);
+  light.set(lit);
+  light.update(lit, 1);
+  light.update(undefined, 4);
+  assert.ok(shown(light)[0]! > 20, `${shown(light)[0]} of 40 in the first frame after 3 s`);
 });
