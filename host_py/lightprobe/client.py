@@ -34,7 +34,7 @@ from numpy.typing import ArrayLike
 
 from lightprobe.address import Address
 from lightprobe.clock_offset import ClockOffset
-from lightprobe.errors import IncompatibleProbe, ProbeError, ProbeTimeout
+from lightprobe.errors import IncompatibleProbe, MissingPackage, ProbeError, ProbeTimeout
 from lightprobe.estimate import (
     Estimate,
     Health,
@@ -396,7 +396,7 @@ class AsyncClient:
     async def _stay_connected(self) -> None:
         try:
             await self._reconnect_for_ever()
-        except IncompatibleProbe as error:
+        except (IncompatibleProbe, MissingPackage) as error:
             await self._announce(final=error)
         except _CallerError as error:
             await self._announce(final=error.error)
@@ -412,7 +412,7 @@ class AsyncClient:
             greeted = self.statistics.connections
             try:
                 await self._one_connection()
-            except IncompatibleProbe:
+            except (IncompatibleProbe, MissingPackage):
                 raise
             except (OSError, WireError, ProbeError, TimeoutError) as error:
                 self.last_error = self._refusal or _explain(self.uri, error)

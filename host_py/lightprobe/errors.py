@@ -28,5 +28,9 @@ class ProbeTimeout(ProbeError, TimeoutError):  # noqa: N818 - reads as what it i
     """No estimate came in the time given."""
 
 
+class MissingPackage(ProbeError):  # noqa: N818
+    """A Python package is not installed; trying again would not help."""
+
+
 class IncompatibleProbe(ProbeError):  # noqa: N818
     """The probe speaks another major version of the protocol; trying again would not help."""

@@ -1,6 +1,6 @@
 """A probe's messages over WebSocket: `ws:` on this machine, `wss:` over the network.
 
-The WebSocket protocol itself is the package `websockets` (`pip install 'lightprobe[ws]'`), which is
+The WebSocket protocol itself is the package `websockets` (`pip install websockets`), which is
 imported when such an address is used.
 """
 
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 from urllib.parse import parse_qs, urlsplit
 
-from lightprobe.errors import ProbeError
+from lightprobe.errors import MissingPackage, ProbeError
 
 if TYPE_CHECKING:
     from websockets.client import ClientProtocol
@@ -53,12 +53,18 @@ class WebAddress:
             raise ProbeError(f"{uri}: address: expected {parts.scheme}://HOST:PORT/")
         extra = parse_qs(parts.fragment)
         scheme = _SCHEMES[parts.scheme]
+        token = extra.get("token", [None])[0]
+        if token and scheme != "wss":
+            raise ProbeError(
+                f"{uri.partition('#')[0]}: address: {parts.scheme}: would send the token in clear: "
+                "take the address that `lightprobe pair` prints, with https: or wss:"
+            )
         return cls(
             scheme,
             host,
             port or _PORTS[scheme],
             parts.path or "/",
-            extra.get("token", [None])[0],
+            token,
             _fingerprint(uri, extra.get("sha256", [""])[0]),
         )
 
@@ -69,8 +75,8 @@ class WebAddress:
             from websockets.typing import Subprotocol
             from websockets.uri import parse_uri
         except ModuleNotFoundError:
-            raise ProbeError(
-                f"{self}: connect: needs the package websockets: pip install 'lightprobe[ws]'"
+            raise MissingPackage(
+                f"{self}: connect: needs the package websockets: pip install websockets"
             ) from None
         reader, writer = await asyncio.open_connection(
             self.host, self.port, ssl=self._tls() if self.scheme == "wss" else None

@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import socket
+import sys
 import threading
 import time
 
@@ -311,6 +312,14 @@ def test_addresses_that_are_none(uri):
         Client(uri)
 
 
+@pytest.mark.parametrize("place", ["probe:7701", "127.0.0.1:7701"])
+@pytest.mark.parametrize("scheme", ["http", "ws"])
+def test_a_token_goes_over_tls_alone(scheme, place):
+    with pytest.raises(ProbeError, match=r"would send the token in clear.*https: or wss:") as told:
+        AsyncClient(f"{scheme}://{place}/#token=secret&sha256=")
+    assert "secret" not in str(told.value)
+
+
 @pytest.mark.parametrize("uri", ["tcp://127.0.0.1:7700", "tcp://[::1]:7700"])
 def test_an_address_is_no_url(uri):
     with pytest.raises(ProbeError, match=r"expected tcp:HOST:PORT \(without //\)"):
@@ -320,6 +329,14 @@ def test_an_address_is_no_url(uri):
 @pytest.mark.parametrize("uri", ["tcp:[::1]:9", "tcp:::1:9"])
 def test_ipv6_with_brackets_and_without(uri):
     assert Address.parse(uri) == Address("::1", 9, None)
+
+
+def test_without_websockets_one_sentence_says_so_and_nothing_is_tried_again(monkeypatch):
+    monkeypatch.setitem(sys.modules, "websockets.client", None)
+    with Client("ws://127.0.0.1:9/") as client:
+        with pytest.raises(ProbeError, match="needs the package websockets: pip install websocke"):
+            client.receive(LONG_S)
+        assert client.statistics.failures == 0
 
 
 # ---------------------------------------------------------------- waiting

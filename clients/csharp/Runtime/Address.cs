@@ -68,6 +68,9 @@ namespace Lightprobe
                 .Where(pair => pair.Length == 2).GroupBy(pair => pair[0]).ToDictionary(pairs => pairs.Key, pairs => pairs.First()[1]);
             extra.TryGetValue("token", out string token);
             extra.TryGetValue("sha256", out string digits);
+            if (!string.IsNullOrEmpty(token) && scheme != "wss")
+                throw new ArgumentException(Shown(uri.OriginalString) + ": address: " + uri.Scheme
+                    + ": would send the token in clear: take the address that `lightprobe pair` prints, with https: or wss:");
             int port = uri.IsDefaultPort || uri.Port < 0 ? Ports[scheme] : uri.Port;
             return new Address(scheme, uri.Host.Trim('[', ']'), port, token, digits == null ? null : Fingerprint(uri, digits));
         }

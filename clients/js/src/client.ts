@@ -46,6 +46,8 @@ export function parseAddress(address: string): { url: string; token: string | un
   const scheme = schemes[url.protocol];
   if (!scheme) throw new TypeError(`${url.protocol}: address: expected ws:, wss:, http: or https:`);
   const token = new URLSearchParams(url.hash.slice(1)).get("token") ?? undefined;
+  if (token && scheme !== "wss:")
+    throw new TypeError(`${scheme}//${url.host}/: address: ${url.protocol} would send the token in clear: take the address that \`lightprobe pair\` prints, with https: or wss:`);
   return { url: `${scheme}//${url.host}/`, token };
 }
 

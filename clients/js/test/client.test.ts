@@ -71,6 +71,13 @@ test("addresses: of the messages, and of the page", () => {
   for (const wrong of ["", "probe", "ftp://x/", "tcp:127.0.0.1:7700"]) assert.throws(() => parseAddress(wrong), TypeError, wrong);
 });
 
+test("a token goes over TLS alone, whatever the host", () => {
+  for (const clear of ["http://probe:7701/#token=secret", "ws://probe:7701/#token=secret", "ws://127.0.0.1/#sha256=1&token=secret"]) {
+    assert.throws(() => parseAddress(clear), (error: Error) => /would send the token in clear.*https: or wss:/.test(error.message) && !error.message.includes("secret"), clear);
+  }
+  assert.equal(parseAddress("wss://probe/#token=secret").token, "secret");
+});
+
 test("reflection maps of the newest subscription arrive, others are dropped", () => {
   const { probe, socket } = open({ reflectionMap: { size: 16, kind: "AMBIENT" } }), seen: number[] = [];
   const map = (sequence: number, subscription: number): void => socket().say({ case: "reflectionMap", value: create(pb.ReflectionMapSchema, {

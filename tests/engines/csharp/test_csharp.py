@@ -380,6 +380,13 @@ def test_an_address_that_is_none(program, address):
     assert "expected tcp:HOST:PORT" in line
 
 
+@pytest.mark.parametrize("scheme", ["http", "ws"])
+def test_a_token_goes_over_tls_alone(program, scheme):
+    (line,) = ask(program, "address", f"{scheme}://probe:7701/#token=secret")
+    assert "would send the token in clear" in line
+    assert "secret" not in line
+
+
 def test_the_example_compiles(tmp_path):
     compiled(tmp_path / "watch.exe", PACKAGE / "Runtime/*.cs", PACKAGE / "Examples~/Watch.cs")
 
