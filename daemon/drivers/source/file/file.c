@@ -44,19 +44,15 @@ static const struct lp_param list[] = {
 	{"loop", LP_PARAM_BOOL, offsetof(struct options, loop), .initial = "1",
 	 .help = "1: begin again after the last picture"},
 	{"format", LP_PARAM_CHOICE, offsetof(struct options, format), .initial = "auto",
-	 .choices = formats,
-	 .help = "auto: from the name of the file; jpeg: a photo, of which the first picture "
-		 "counts; mjpeg: a stream of pictures"},
+	 .choices = formats, .help = "auto: by name; jpeg: a photo; mjpeg: a stream of them"},
 	{"size", LP_PARAM_SIZE, offsetof(struct options, size_px), .max = LP_PICTURE_MAX_SIDE_PX,
 	 .help = "size of raw pictures (yuyv, nv12, grey), which do not contain it"},
 	{"exposures_us", LP_PARAM_FLOATS, offsetof(struct options, exposures_us), .min = 0.001,
-	 .max = 1e9,
-	 .help = "exposure of each picture, in turn; none: what its Exif says, else unknown"},
+	 .max = 1e9, .help = "exposure of each picture, in turn; none: from Exif, else unknown"},
 	{"wheel_deg", LP_PARAM_FLOATS, offsetof(struct options, wheel_deg), .max = 360,
 	 .help = "angle of the polarizer in each picture, in turn; none: unknown"},
 	{"gain", LP_PARAM_FLOAT, offsetof(struct options, gain), .min = 1e-6, .max = 1e6,
-	 .help = "gain of all pictures, a linear factor; none: what their Exif says with the "
-		 "exposure (ISO / 100), else unknown"},
+	 .help = "gain of all pictures, a linear factor; none: from Exif, else unknown"},
 };
 static const struct lp_params params = LP_PARAMS(list);
 
