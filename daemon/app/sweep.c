@@ -153,9 +153,11 @@ static void judge(struct lp_sweep *sweep)
 void lp_sweep_frame(struct lp_sweep *sweep, struct lp_frame *frame, int64_t now_ns)
 {
 	give_up(sweep); /* the one before */
-	if (turning(sweep) && !(frame->flags & LP_FRAME_LAST)) {
+	if (frame->flags & LP_FRAME_LAST) {
+		pass(sweep, frame, NAN, NAN);
+	} else if (turning(sweep)) {
 		leave_out(sweep, frame);
-	} else if (lp_sweep_lost(sweep) || (frame->flags & LP_FRAME_LAST)) {
+	} else if (lp_sweep_lost(sweep)) {
 		pass(sweep, frame, NAN, NAN);
 	} else {
 		sweep->held = frame;

@@ -22,7 +22,9 @@
 #define BEFORE_MS 1000.0F
 #define COMES_NS 500000000LL
 #define LIT_SHARE 0.5
-#define ALONE 1e-3
+/* Share of each lamp's own square that is added to the normal equations: lamps side by side are
+ * nearly the same to them, and would get large shares of opposite sign from a little noise. */
+#define RIDGE 1e-3
 
 static float luminance(const struct lp_light *light)
 {
@@ -78,40 +80,42 @@ static void lamp_sh(const struct lp_light *light, float strength, double sh[LP_M
 		sh[i] = rgb[i][0];
 }
 
-static bool is_new(const struct lp_tracker *tracker, int t, int64_t now_ns)
+static bool is_new(const struct lp_track *track, int64_t now_ns)
 {
-	const struct lp_track *track = &tracker->track[t];
-
 	return track->seen && !track->light.lit && now_ns - track->t_found_ns < COMES_NS;
 }
 
-/* What lamps may have done to the light: a new one has brought `share` of its own, another one has
- * taken some of its away. The shares are the least squares of the change of the total. */
+static double dot(const double a[LP_MAX_SH_COUNT], const double b[LP_MAX_SH_COUNT])
+{
+	double sum = 0.0;
+
+	for (int i = 0; i < LP_MAX_SH_COUNT; i++)
+		sum += a[i] * b[i];
+	return sum;
+}
+
+/* What lamps have done to the light, by least squares of the change of the total: a new one has
+ * brought `share` of its own, any other one has taken `share` of its own away. */
 static void fit_changes(const struct lp_tracker *tracker, const struct lp_light_estimate *raw,
 			double share[LP_NNLS_MAX])
 {
-	double column[LP_MAX_TRACKS][LP_MAX_SH_COUNT], change[LP_MAX_SH_COUNT];
+	double column[LP_MAX_TRACKS][LP_MAX_SH_COUNT] = {{0.0}}, change[LP_MAX_SH_COUNT];
 	struct lp_nnls fit = {.count = LP_MAX_TRACKS};
 
+	_Static_assert(LP_MAX_TRACKS <= LP_NNLS_MAX, "an unknown for each track");
 	for (int i = 0; i < LP_MAX_SH_COUNT; i++)
 		change[i] = (double)(lp_luminance(raw->sh_total[i]) -
 				     lp_luminance(tracker->sh_before[i]));
 	for (int t = 0; t < LP_MAX_TRACKS; t++) {
 		const struct lp_track *track = &tracker->track[t];
-		const bool comes = is_new(tracker, t, raw->t_capture_ns);
+		const bool comes = is_new(track, raw->t_capture_ns);
 
-		memset(column[t], 0, sizeof(column[t]));
 		if (track->light.id)
 			lamp_sh(&track->light, comes ? track->full : -track->full, column[t]);
 		for (int u = 0; u <= t; u++)
-			for (int i = 0; i < LP_MAX_SH_COUNT; i++)
-				fit.normal[t][u] += column[t][i] * column[u][i];
-		for (int i = 0; i < LP_MAX_SH_COUNT; i++)
-			fit.right[t] += column[t][i] * change[i];
-		for (int u = 0; u < t; u++)
-			fit.normal[u][t] = fit.normal[t][u];
-		/* lamps side by side cannot be told apart: none is what is then found */
-		fit.normal[t][t] += ALONE * fit.normal[t][t] + DBL_MIN;
+			fit.normal[t][u] = fit.normal[u][t] = dot(column[t], column[u]);
+		fit.normal[t][t] += RIDGE * fit.normal[t][t] + DBL_MIN; /* of a free track, too */
+		fit.right[t] = dot(column[t], change);
 	}
 	lp_nnls_solve(&fit, share);
 }
@@ -123,7 +127,7 @@ static void judge_light_come(struct lp_tracker *tracker, const struct lp_light_e
 	bool any = false;
 
 	for (int t = 0; t < LP_MAX_TRACKS; t++)
-		any |= is_new(tracker, t, raw->t_capture_ns);
+		any |= is_new(&tracker->track[t], raw->t_capture_ns);
 	if (any)
 		fit_changes(tracker, raw, share);
 	for (int t = 0; t < LP_MAX_TRACKS; t++) {
@@ -131,7 +135,7 @@ static void judge_light_come(struct lp_tracker *tracker, const struct lp_light_e
 
 		if (!track->seen)
 			continue;
-		if (is_new(tracker, t, raw->t_capture_ns))
+		if (is_new(track, raw->t_capture_ns))
 			track->light.lit = share[t] > LIT_SHARE;
 		track->light.found_s =
 			fmaxf((float)(raw->t_capture_ns - track->t_found_ns) / 1e9F, 0.0F);

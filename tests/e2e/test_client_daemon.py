@@ -13,7 +13,7 @@ from lightprobe.client import Client
 from lightprobe.imaging import image
 from lightprobe.sim.scene import MapTruth
 from lightprobe.wire import Subscription
-from test_websocket import free_port
+from web_daemon import free_port
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,7 @@ from lightprobe.server import cut
 from lightprobe_proto import lightprobe_pb2 as pb
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
-from test_websocket import free_port
+from web_daemon import free_port
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from lightprobe import Client, Subscription
 from lightprobe.geometry import equirect_directions
-from test_websocket import free_port
+from web_daemon import free_port
 
 LIGHTPROBE = Path(sys.executable).parent / "lightprobe"
 LONG_S = 60

@@ -356,9 +356,15 @@ static void test_light_comes_as_other_light_goes(void **state)
 					raw.sh_total[m][c] = (float)sh[m][c];
 			lp_tracker_update(&tracker, &raw, &smoothed);
 		}
-		for (int k = 0; k < smoothed.light_count; k++)
-			if (smoothed.lights[k].id == 2)
-				assert_int_equal(smoothed.lights[k].lit, switched);
+		int listed = 0;
+
+		for (int k = 0; k < smoothed.light_count; k++) {
+			if (smoothed.lights[k].id != 2)
+				continue;
+			assert_int_equal(smoothed.lights[k].lit, switched);
+			listed++;
+		}
+		assert_int_equal(listed, 1);
 	}
 }
 

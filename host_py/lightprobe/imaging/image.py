@@ -23,10 +23,9 @@ from lightprobe.imaging.decoded import Decoded, Radiance
 HDR_SUFFIXES = frozenset({".hdr", ".exr", ".pfm"})
 JPEG_SUFFIXES = frozenset({".jpg", ".jpeg"})
 SUFFIXES = HDR_SUFFIXES | JPEG_SUFFIXES | {".png", ".tif", ".tiff", ".bmp"}
-
-
-#: A JPEG, and not one that ends where it begins; the daemon's rule (base/jpeg_start.h).
+#: Tag of TIFF.
 _ORIENTATION = 0x0112
+#: A JPEG, and not one that ends where it begins; the daemon's rule (base/jpeg_start.h).
 _JPEG_START = re.compile(rb"\xff\xd8\xff+[^\xff\xd9]", re.DOTALL)
 
 
