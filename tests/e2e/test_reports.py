@@ -46,7 +46,13 @@ def test_the_right_light_of_a_bracket(kind, tmp_path):
         assert "CLIPPED" not in flag_names(found.flags)
 
 
-@pytest.mark.parametrize("kind", ["jpeg", "mjpeg", "png"])
+@pytest.mark.usefixtures("released_daemon")
+def test_an_infinite_lamp_is_a_lower_bound():
+    found, _ = offline.estimate_files([FOLDER / "exr/lamp_is_inf.exr"])
+    assert max(found.lights[0].irradiance) > 100
+
+
+@pytest.mark.parametrize("kind", ["jpeg", "mjpeg", "png", "exr", "hdr"])
 def test_every_picture_has_its_right_answer(kind):
     """One that nobody looks at would stand there as if it were tested."""
     listed = {Path(file.name).name for file in files.FILES if file.name.startswith(f"{kind}/")}

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 from lightprobe import daemon, geometry
 from lightprobe.colour import luminance
 from lightprobe.errors import LightprobeError
@@ -20,7 +21,6 @@ from lightprobe.evaluate import offline
 
 FOLDER = Path(__file__).resolve().parent
 PRESETS = ("fast", "balanced", "accurate", "reference")
-MOST_DEGREES = 1.0  # of a lamp; `fast` has cells of 3°, and of these pictures blocks of 5.6°
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,9 @@ class Light:
     sh0: float  # luminance of coefficient 0, AMBIENT
     lamp: tuple[float, float] | None  # azimuth, elevation of the strongest
     flags: frozenset[str] = frozenset()  # those that must be there
-    within: float = 0.02  # of sh0
+    within: float = 0.02  # of sh0 and of the irradiance
+    lamp_within_deg: float = 1.0  # `fast` has cells of 3°, and of 8-bit pictures blocks of 5.6°
+    irradiance: tuple[float, float, float] | None = None  # of the lamp; None: not known
     told: str = ""  # among the notes
 
 
@@ -201,7 +203,58 @@ PNG = (
     File("png/rgb8.webp", "WebP", Refused(("unknown kind",))),
 )
 
-FILES = (*JPEG, *MJPEG, *PNG)
+#: Sky .5/.4/.3, floor .1/.1/.1, a lamp of 4°; read by `lightprobe estimate` alone, too.
+FLOAT = Light(0.911, (60.15, 29.98), lamp_within_deg=0.2, irradiance=(6.04, 4.53, 3.02))
+CONVERTED = replace(FLOAT, told="primaries converted to Rec. 709")
+DIVIDED = replace(FLOAT, told="pixels divided by EXPOSURE and COLORCORR")
+BLACK = replace(FLOAT, flags=frozenset({"INVALID_INPUT"}), told="the rest is black")
+EXR = (
+    ("plain", "half floats, ZIP", FLOAT),
+    ("b44", "compressed by B44", FLOAT),
+    ("dwaa", "compressed by DWAA", FLOAT),
+    ("dwab", "compressed by DWAB", FLOAT),
+    ("piz", "compressed by PIZ", FLOAT),
+    ("pxr24", "compressed by PXR24", FLOAT),
+    ("rle", "compressed by run lengths", FLOAT),
+    ("decreasing_y", "rows from the bottom", FLOAT),
+    ("lower_case", "channels r g b", FLOAT),
+    ("luminance_chroma", "luminance and chroma", FLOAT),
+    ("blender_layers", "Blender's layers", replace(FLOAT, told="ViewLayer.Combined is the")),
+    ("aces_ap0", "primaries of ACES", CONVERTED),
+    ("white_luminance", "a stated luminance of 1", replace(FLOAT, told="--cd-m2-per-unit 100")),
+    ("uint", "whole numbers, in units of 0.01",
+     replace(FLOAT, sh0=91.1, irradiance=(604.0, 453.0, 302.0))),
+    ("cropped", "a data window of a quarter", replace(BLACK, sh0=0.373)),
+    ("cropped_nadir", "a data window without the nadir", replace(BLACK, sh0=0.871)),
+    ("lamp_is_inf", "half floats that overflow in the lamp",
+     replace(FLOAT, flags=frozenset({"CLIPPED"}), irradiance=None)),
+    ("nan_inf_negative", "one pixel each of NaN, infinity and below 0",
+     Light(0.911, None, frozenset({"CLIPPED", "INVALID_INPUT"}), told="3 negative samples")),
+    ("deep", "deep samples", Refused(("flatten the picture first",))),
+)  # fmt: skip
+HDR = (
+    ("plain", "new run lengths", FLOAT),
+    ("oldrle", "old run lengths", FLOAT),
+    ("exposure_half", "EXPOSURE", DIVIDED),
+    ("exposure_twice", "EXPOSURE, twice", DIVIDED),
+    ("colorcorr", "COLORCORR", DIVIDED),
+    # its samples are those of Rec. 709: whoever believes the header sees other colours
+    ("primaries2020", "PRIMARIES of Rec. 2020", replace(CONVERTED, irradiance=None)),
+    ("xyze", "CIE X, Y, Z", CONVERTED),
+    ("bottom_up", "rows from the bottom", FLOAT),
+    ("mirrored", "columns from the right", FLOAT),
+    ("autopano", "the header of a stitching program", FLOAT),
+    ("crlf", "lines that end as on Windows", FLOAT),
+    ("long_header", "a long header", FLOAT),
+    ("rgbe_magic", "#?RGBE", FLOAT),
+    ("truncated", "cut off", Refused(("is the file complete?",))),
+)
+
+FILES = (
+    *JPEG, *MJPEG, *PNG,
+    *(File(f"exr/{name}.exr", what, right, None) for name, what, right in EXR),
+    *(File(f"hdr/{name}.hdr", what, right, None) for name, what, right in HDR),
+)  # fmt: skip
 
 
 def answers(file: File) -> Iterator[Answer]:
@@ -241,10 +294,22 @@ def fault(file: File, answer: Answer) -> str:
         return f"{answer.way}: sh0 {answer.sh0:.4g}, expected {right.sh0:.4g}"
     if not right.flags <= answer.flags:
         return f"{answer.way}: flags {sorted(answer.flags)}, expected {sorted(right.flags)}"
-    if right.lamp and not (answer.lamp and _apart_deg(answer.lamp, right.lamp) < MOST_DEGREES):
-        return f"{answer.way}: lamp at {answer.lamp}, expected {right.lamp}"
+    if wrong := _lamp_fault(right, answer):
+        return wrong
     if right.told not in answer.log:
         return f"{answer.way}: expected a note: {right.told}: {answer.log}"
+    return ""
+
+
+def _lamp_fault(right: Light, answer: Answer) -> str:
+    if not right.lamp:
+        return ""
+    if not (answer.lamp and _apart_deg(answer.lamp, right.lamp) < right.lamp_within_deg):
+        return f"{answer.way}: lamp at {answer.lamp}, expected {right.lamp}"
+    assert answer.estimate is not None
+    found = answer.estimate.lights[0].irradiance
+    if right.irradiance and not np.allclose(found, right.irradiance, rtol=right.within):
+        return f"{answer.way}: irradiance {found}, expected {right.irradiance}"
     return ""
 
 
