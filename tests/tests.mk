@@ -59,14 +59,18 @@ test-parts: build $(BUILD)/scenes/blender.stamp $(BUILD)/osc_client/stamp
 
 # Tests of programs in real time may fail where others leave them no processor. Those that failed (status 1) run
 # once more, alone; what then fails, fails. Both runs are printed.
-AGAIN = $(PYTEST_ALONE) -x -m 'not long' --last-failed --last-failed-no-failures none
+AGAIN = --last-failed --last-failed-no-failures none
+define run-and-again
+	@$(PYTEST) --durations=25 -m $(1) $(PYTEST_ROOMS:%=tests/%) || { [ $$? -eq 1 ] && \
+		echo 'tests: those that failed, once more and alone' && \
+		$(PYTEST_ALONE) -x -m $(1) $(AGAIN) $(PYTEST_ROOMS:%=tests/%); }
+endef
 test-python: test-parts
-	@$(PYTEST) -m 'not long' $(PYTEST_ROOMS:%=tests/%) || { [ $$? -eq 1 ] && \
-		echo 'tests: those that failed, once more and alone' && $(AGAIN) $(PYTEST_ROOMS:%=tests/%); }
+	$(call run-and-again,'not long')
 
 .PHONY: test-parts test-long
 test-long: test-parts ## run the tests that take too long for `make test`: random faults, instruction counts, other Pythons
-	@$(PYTEST) -m long $(PYTEST_ROOMS:%=tests/%)
+	$(call run-and-again,long)
 	@$(VENV)/bin/pytest -q -s tests/package
 
 $(STAMPS)/venv-renderer: host_py/pyproject.toml host_py/constraints.txt | $(STAMPS)/venv

@@ -39,8 +39,11 @@ def run(*arguments, timeout_s=LONG_S):
 def test_light_of_the_scene_reaches_the_client(shared):
     with Client(shared, Subscription(smoothing="RAW", max_lights=8)) as client:
         client.receive(LONG_S)
-        time.sleep(0.5)
-        estimate = client.receive(LONG_S)
+        # the first frames have one exposure, and a lamp that they clip is no lamp yet
+        assert client.wait_for(
+            lambda c: c.latest().lights and c.latest().exposure_count >= 2, LONG_S
+        )
+        estimate = client.latest()
         assert client.hello.source == "sim"
     (lamp,) = random_scene(0).lamps
     (light,) = estimate.lights
