@@ -235,6 +235,8 @@ int lp_encode_estimate(const struct lp_light_estimate *estimate, const struct lp
 	wire->ttl_ms = stamp->ttl_ms;
 	wire->subscription = stamp->subscription;
 	wire->flags = estimate->flags;
+	if (!stamp->lasts && delay_us * LP_NS_PER_US > stamp->ttl_ms * LP_NS_PER_MS)
+		wire->flags |= LP_ESTIMATE_STALE;
 	if (estimate->light_count - estimate->area_count > variant->lights)
 		wire->flags |= LP_ESTIMATE_MORE_LIGHTS;
 	wire->has_predicted_error_permille =

@@ -22,10 +22,24 @@ static void note_period(struct lp_daemon_camera *camera, struct lp_frame *frame)
 {
 	const float passed_us = 1e-3F * (float)(frame->t_read_ns - camera->t_read_ns);
 
-	if (camera->t_read_ns && passed_us > 0.0F)
+	if (camera->t_read_ns && passed_us > 0.0F && !frame->clock_fault)
 		camera->period_us = fminf(camera->period_us * PERIOD_FORGOTTEN, passed_us);
-	camera->t_read_ns = frame->t_read_ns;
+	camera->t_read_ns = frame->clock_fault ? 0 : frame->t_read_ns;
 	frame->period_us = isfinite(camera->period_us) ? camera->period_us : NAN;
+}
+
+/* The driver has looked at the clock, and has logged what is wrong with it. */
+static void tell_clock(struct lp_daemon_camera *camera, const char *fault)
+{
+	char text[sizeof(((struct lp_fault *)NULL)->text)];
+
+	if (camera->clock_fault == fault)
+		return;
+	camera->clock_fault = fault;
+	(void)snprintf(text, sizeof(text), "%s: clock: %s: the time of arrival counts instead",
+		       camera->uri, fault ? fault : "");
+	lp_health_camera_fault(&camera->daemon->health, "camera-clock", camera->index,
+			       fault ? text : NULL);
 }
 
 static void on_frame(void *context, struct lp_frame *frame)
@@ -43,6 +57,7 @@ static void on_frame(void *context, struct lp_frame *frame)
 	if (isnan(frame->row_time_us))
 		frame->row_time_us = 1e3F * camera->file->read_out_ms / (float)frame->height_px;
 	note_period(camera, frame);
+	tell_clock(camera, frame->clock_fault);
 	lp_instruments_frame(daemon->instruments, frame);
 }
 

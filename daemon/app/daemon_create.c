@@ -82,6 +82,7 @@ static int create_hub(struct lp_daemon *daemon)
 	if (getrandom(&hub.hello.boot_id, sizeof(hub.hello.boot_id), GRND_NONBLOCK) < 0)
 		hub.hello.boot_id = (uint32_t)lp_clock_unix_ns(lp_clock_ns());
 	if (options->once) {
+		hub.lasts = true;
 		/* One estimate of this set, as it is, with all that was asked for. */
 		hub.initial.raw = true;
 		hub.initial.sh_order = pipeline.sh_order;

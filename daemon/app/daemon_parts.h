@@ -42,6 +42,7 @@ struct lp_daemon_camera {
 	uint64_t next_sequence; /* of the source, if nothing is lost */
 	int64_t t_read_ns;	/* of the newest frame; 0: there is none */
 	float period_us;	/* of its frames; infinite: not known */
+	const char *clock_fault; /* of its newest frame, as told in health */
 	bool told;		/* --once: all that it has to say has been heard */
 };
 

@@ -80,6 +80,7 @@ static struct lp_stamp stamp_of(const struct lp_hub *hub, const struct lp_hub_cl
 {
 	return (struct lp_stamp){.boot_id = hub->options.hello.boot_id,
 				 .ttl_ms = hub->options.ttl_ms,
+				 .lasts = hub->options.lasts,
 				 .subscription = client->subscription.number,
 				 .t_send_ns = lp_clock_ns()};
 }
@@ -236,8 +237,6 @@ static void repeat_when_stale(struct lp_hub *hub, int64_t now_ns)
 	if (hub->stale_ns && now_ns - hub->stale_ns < STALE_PERIOD_NS)
 		return;
 	hub->stale_ns = now_ns;
-	hub->last.raw.flags |= LP_ESTIMATE_STALE;
-	hub->last.smoothed.flags |= LP_ESTIMATE_STALE;
 	send_to_all(hub, NULL);
 }
 

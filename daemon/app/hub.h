@@ -23,6 +23,7 @@ struct lp_hub_options {
 	/* What a client gets before it subscribes. */
 	struct lp_subscription initial;
 	uint32_t ttl_ms;
+	bool lasts; /* an estimate does not become stale: it is that of a set */
 	int max_clients;
 	bool insecure_lan;	  /* publishers may be open to the network without encryption */
 	struct lp_health *health; /* counted into; borrowed */

@@ -109,7 +109,8 @@ static int64_t end_ns(const struct lp_frame *frame)
 {
 	const double rows_us = (double)frame->row_time_us * frame->height_px;
 
-	return isnan(rows_us) ? frame->t_arrival_ns : frame->t_read_ns + (int64_t)(1e3 * rows_us);
+	return isnan(rows_us) || frame->clock_fault ? frame->t_arrival_ns
+						    : frame->t_read_ns + (int64_t)(1e3 * rows_us);
 }
 
 /* No answer came, or none that says anything: without an angle, unless it was turning. */

@@ -46,6 +46,8 @@ struct lp_frame {
 	/* CLOCK_MONOTONIC when the first row had been exposed, and the sensor began to read it:
 	 * what cameras stamp, whatever the exposure was. */
 	int64_t t_read_ns;
+	float stamp_sigma_us;	 /* 1 sigma of that, where the camera's clock is not believed */
+	const char *clock_fault; /* static: why it is not; NULL: it is */
 	int64_t t_arrival_ns;  /* CLOCK_MONOTONIC when the whole frame was in memory */
 	float exposure_us;     /* NAN: unknown */
 	float gain;	       /* linear factor, 1 = base sensitivity; NAN: unknown */
@@ -81,10 +83,11 @@ static inline float lp_frame_exposure_us(const struct lp_frame *frame)
 /* When the exposure of the first row began, or may have begun at the earliest. */
 static inline int64_t lp_frame_start_ns(const struct lp_frame *frame)
 {
+	const float unsure_us = 2.0F * frame->stamp_sigma_us;
 	const float longest_us = fminf(frame->period_us, LP_LONGEST_EXPOSURE_US); /* not NAN */
 	const float exposure_us = isnan(frame->exposure_us) ? longest_us : frame->exposure_us;
 
-	return frame->t_read_ns - (int64_t)(1e3 * (double)exposure_us);
+	return frame->t_read_ns - (int64_t)(1e3 * ((double)exposure_us + (double)unsure_us));
 }
 
 static inline void lp_frame_release(struct lp_frame *frame)

@@ -24,7 +24,7 @@ struct lp_frame_time lp_frame_time(const struct lp_frame *frame, float exposure_
 {
 	const float longest_us = fminf(frame->period_us, LP_LONGEST_EXPOSURE_US); /* not NAN */
 	const float rows_us = frame->row_time_us * (float)frame->height_px;
-	float variance = STAMP_SIGMA_S * STAMP_SIGMA_S;
+	float variance = STAMP_SIGMA_S * STAMP_SIGMA_S + powf(1e-6F * frame->stamp_sigma_us, 2.0F);
 	const float exposed_us = or_middle(exposure_us, longest_us, &variance);
 	const float read_us = or_middle(rows_us, longest_us, &variance);
 

@@ -225,6 +225,22 @@ static void test_an_old_estimate_is_as_old_as_the_sleep(void **state)
 	suspended_ns = 0;
 }
 
+static void test_what_is_older_than_its_time_to_live_is_stale(void **state)
+{
+	const struct lp_light_estimate estimate = full_estimate();
+	struct lp_stamp stamp = {.ttl_ms = 500,
+				 .t_send_ns = estimate.t_capture_ns + 500 * LP_NS_PER_MS};
+
+	(void)state;
+	assert_false(encode(&estimate, false, 3, 2, &stamp).flags & LP_ESTIMATE_STALE);
+	stamp.t_send_ns += LP_NS_PER_US;
+	assert_true(encode(&estimate, false, 3, 2, &stamp).flags & LP_ESTIMATE_STALE);
+	stamp.t_send_ns += 30 * LP_NS_PER_S;
+	assert_true(encode(&estimate, false, 3, 2, &stamp).flags & LP_ESTIMATE_STALE);
+	stamp.lasts = true; /* of a set of pictures, however old */
+	assert_false(encode(&estimate, false, 3, 2, &stamp).flags & LP_ESTIMATE_STALE);
+}
+
 static void test_values_arrive(void **state)
 {
 	struct lp_light_estimate estimate = full_estimate();
@@ -700,6 +716,7 @@ int main(void)
 		cmocka_unit_test(test_area_lights_tell_their_ellipse),
 		cmocka_unit_test(test_every_variant_fits_a_packet),
 		cmocka_unit_test(test_values_arrive),
+		cmocka_unit_test(test_what_is_older_than_its_time_to_live_is_stale),
 		cmocka_unit_test(test_an_old_estimate_is_as_old_as_the_sleep),
 		cmocka_unit_test(test_unknown_is_absent_not_zero),
 		cmocka_unit_test(test_what_is_not_finite_is_not_sent),

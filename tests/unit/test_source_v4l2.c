@@ -582,21 +582,6 @@ static void test_a_command_that_is_answered_late(void **state)
 	assert_float_equal(frame.exposure_us, 200, 0);
 }
 
-static void test_time_without_a_stamp(void **state)
-{
-	struct lp_frame frame = {.t_read_ns = 50 * LP_NS_PER_MS, .t_arrival_ns = 70 * LP_NS_PER_MS};
-	struct lp_exposure_guess guess;
-
-	(void)state;
-	lp_exposure_guess_init(&guess, 0);
-	lp_exposure_guess_frame(&guess, &frame);
-	assert_int_equal(frame.t_read_ns, 50 * LP_NS_PER_MS);
-	frame.t_read_ns = 0;
-	guess.exposure_us = 8000;
-	lp_exposure_guess_frame(&guess, &frame);
-	assert_int_equal(frame.t_read_ns, 70 * LP_NS_PER_MS);
-}
-
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -618,7 +603,6 @@ int main(void)
 		cmocka_unit_test(test_frames_around_a_change_are_unknown),
 		cmocka_unit_test(test_a_second_change_before_the_first_has_landed),
 		cmocka_unit_test(test_a_command_that_is_answered_late),
-		cmocka_unit_test(test_time_without_a_stamp),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

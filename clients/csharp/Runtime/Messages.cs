@@ -27,7 +27,7 @@ namespace Lightprobe.Messages
     public enum EstimateFlag : uint
     {
         None = 0,
-        /// <summary>no frame for longer than ttl_ms: the last estimate, repeated</summary>
+        /// <summary>its newest frame is older than ttl_ms: none has come since, or it came late</summary>
         Stale = 1,
         /// <summary>frames tell no exposure: light is relative, on the scale of the first estimates</summary>
         ExposureUnknown = 2,

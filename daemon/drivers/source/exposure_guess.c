@@ -66,8 +66,6 @@ static void guess_pending(struct lp_exposure_guess *guess, struct lp_frame *fram
 
 void lp_exposure_guess_frame(struct lp_exposure_guess *guess, struct lp_frame *frame)
 {
-	if (!frame->t_read_ns)
-		frame->t_read_ns = frame->t_arrival_ns;
 	frame->exposure_us = NAN;
 	frame->gain = NAN;
 	if (guess->pending)

@@ -33,10 +33,7 @@ void lp_exposure_guess_command(struct lp_exposure_guess *guess, float exposure_u
 /* The command was answered only now: it may have taken effect at any time since it was given. */
 void lp_exposure_guess_late(struct lp_exposure_guess *guess, int64_t now_ns);
 
-/*
- * Fill in exposure_us and gain of the next frame. Where the driver gives no time stamp (t_read_ns
- * is 0) the arrival stands in for it.
- */
+/* Fill in exposure_us and gain of the next frame, whose t_read_ns is set. */
 void lp_exposure_guess_frame(struct lp_exposure_guess *guess, struct lp_frame *frame);
 
 #endif

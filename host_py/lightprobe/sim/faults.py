@@ -77,6 +77,8 @@ class Faults(PictureFaults):
         "breathe_stops": (0, 10),
         "breathe_s": (0.1, math.inf),
         "orientation_late_ms": (-1000, 1000),
+        "clock_ahead_ms": (-1e12, 1e12),
+        "clock_drift_ppm": (-1e6, 1e6),
     }
 
     marked: float = 0.0  # share of frames that the driver itself marks corrupt
@@ -94,6 +96,20 @@ class Faults(PictureFaults):
     orientation_drop: float = 0.0  # share of frames without
     orientation_jump_s: float = 0.0  # so often the sensor's idea of the world jumps; 0: never
     orientation_jump_deg: float = 0.0  # by so much, about an axis drawn each time
+    clock_stop_s: float = 0.0  # after so long the time stamps stand still; 0: never
+    clock_ahead_ms: float = 0.0  # they are ahead by so much; below 0: behind
+    clock_step_s: float = 0.0  # they become so after so long
+    clock_drift_ppm: float = 0.0  # and the clock runs faster by so much
+
+    def stamp_ns(self, t_ns: int, start_ns: int) -> int:
+        """Give what the camera's clock makes of a time; the simulation began at `start_ns`."""
+        since_ns = t_ns - start_ns
+        if self.clock_stop_s:
+            since_ns = min(since_ns, round(1e9 * self.clock_stop_s))
+        ahead_ns = round(1e-6 * self.clock_drift_ppm * since_ns)
+        if since_ns >= 1e9 * self.clock_step_s:
+            ahead_ns += round(1e6 * self.clock_ahead_ms)
+        return start_ns + since_ns + ahead_ns
 
 
 def split(query: str, box: Collection[str]) -> tuple[str, dict[str, float]]:

@@ -239,6 +239,15 @@ class Link:
         """CLOCK_MONOTONIC when a frame's first row has been exposed and is read."""
         return self._start_ns + round(1e9 * self.camera.read_s(frame))
 
+    def stamp_ns(self, frame: int, shot: Shot, faults: Faults) -> int:
+        """What the camera's clock says of the start of a frame's exposure.
+
+        Where it hides its exposure: of the end.
+        """
+        read_ns = self.read_ns(frame)
+        before_ns = 0 if faults.hide_exposure else read_ns - self.start_ns(frame, shot)
+        return faults.stamp_ns(read_ns, self._start_ns) - before_ns
+
     def log_truth(self, frame: int, shot: Shot, wheel_deg: tuple[float, ...]) -> None:
         """Write what is true during a frame."""
         if self._truth is None:
@@ -373,8 +382,7 @@ class _Session:
         header = HEADER.pack(
             MAGIC, HEADER.size, len(payload), camera.pixel_format.encode(), width, height, 0,
             ready.number,
-            self.link.read_ns(ready.number) if f.hide_exposure
-            else self.link.start_ns(ready.number, ready.shot),
+            self.link.stamp_ns(ready.number, ready.shot, f),
             math.nan if f.hide_exposure else ready.shot.exposure_us,
             math.nan if f.hide_exposure else ready.shot.gain,
             MARKED_CORRUPT if rng.random() < f.marked else 0, 0,

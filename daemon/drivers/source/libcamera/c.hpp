@@ -13,6 +13,7 @@ extern "C" {
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/pool.h"
+#include "drivers/source/frame_clock.h"
 #include "drivers/source/frames.h"
 #include "drivers/source/libcamera/settings.h"
 #include "drivers/source/offers.h"

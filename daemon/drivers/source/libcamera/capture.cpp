@@ -249,7 +249,7 @@ std::unique_ptr<Session> Capture::open()
 	auto nodes = nodes_of(manager->get(), camera);
 	auto session = Session::open(
 		std::move(camera), std::move(nodes), settings, frames, next_sequence,
-		[this] { notify(); }, fault);
+		clock, [this] { notify(); }, fault);
 
 	if (!session) {
 		report(fault.state, fault.stage, fault.reason);

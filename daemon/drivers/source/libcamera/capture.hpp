@@ -68,6 +68,7 @@ class Capture
 	bool has_corrupt = false; /* frames since then */
 	bool has_frames = false;  /* usable ones, since it was opened */
 	uint64_t next_sequence = 0;
+	lp_frame_clock clock{};
 };
 
 } // namespace lp

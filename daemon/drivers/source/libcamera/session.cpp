@@ -89,8 +89,9 @@ bool limits(const libcamera::ControlInfoMap &map, const libcamera::Control<T> &c
 
 Session::Session(std::shared_ptr<libcamera::Camera> opened, std::vector<Node> its_nodes,
 		 const lp_libcamera_settings &how, lp_pool *pool, uint64_t sequence,
-		 std::function<void()> notify)
-    : settings(how), nodes(std::move(its_nodes)), frames(pool), wake(std::move(notify)),
+		 lp_frame_clock &its_clock, std::function<void()> notify)
+    : settings(how), nodes(std::move(its_nodes)), frames(pool), clock(its_clock),
+      wake(std::move(notify)),
       camera(std::move(opened)), wanted(camera->controls()), first_sequence(sequence),
       following_sequence(sequence)
 {
@@ -127,8 +128,8 @@ Session::~Session()
 std::unique_ptr<Session> Session::open(std::shared_ptr<libcamera::Camera> camera,
 				       std::vector<Node> nodes,
 				       const lp_libcamera_settings &settings, lp_pool *frames,
-				       uint64_t first_sequence, std::function<void()> wake,
-				       Fault &fault)
+				       uint64_t first_sequence, lp_frame_clock &clock,
+				       std::function<void()> wake, Fault &fault)
 {
 	const int ret = camera->acquire();
 
@@ -137,7 +138,8 @@ std::unique_ptr<Session> Session::open(std::shared_ptr<libcamera::Camera> camera
 		return nullptr;
 	}
 	std::unique_ptr<Session> session(new Session(std::move(camera), std::move(nodes), settings,
-						     frames, first_sequence, std::move(wake)));
+						     frames, first_sequence, clock,
+						     std::move(wake)));
 
 	return session->start(fault) ? std::move(session) : nullptr;
 }
@@ -402,11 +404,11 @@ lp_frame *Session::make_frame(libcamera::Request &request)
 	frame.height_px = choice.height_px;
 	frame.stride_bytes = stride_bytes;
 	frame.sequence = first_sequence + about.sequence;
-	frame.t_read_ns = stamp_ns;
 	frame.t_arrival_ns = lp_clock_ns();
 	if (about.status != libcamera::FrameMetadata::FrameSuccess || !frame.size_bytes ||
 	    frame.size_bytes < picture_bytes)
 		frame.flags |= LP_FRAME_CORRUPT;
+	lp_frame_clock_stamp(&clock, &frame, stamp_ns, "libcamera");
 	const bool described = describe_frame(request.metadata(), frame);
 
 	if (!described)

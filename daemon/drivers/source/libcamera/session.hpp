@@ -41,14 +41,15 @@ class Session
       public:
 	/*
 	 * Acquires, configures and starts the camera with these nodes. Frames come from `frames`
-	 * (lp_owned_frames_create); `first_sequence` is the number of the first. `wake` is called,
+	 * (lp_owned_frames_create); `first_sequence` is the number of the first; `clock` is
+	 * borrowed, and knows the camera from sessions before. `wake` is called,
 	 * from libcamera's thread, when take() or gone() have news. NULL: `fault` says why.
 	 */
 	static std::unique_ptr<Session> open(std::shared_ptr<libcamera::Camera> camera,
 					     std::vector<Node> nodes,
 					     const lp_libcamera_settings &settings, lp_pool *frames,
-					     uint64_t first_sequence, std::function<void()> wake,
-					     Fault &fault);
+					     uint64_t first_sequence, lp_frame_clock &clock,
+					     std::function<void()> wake, Fault &fault);
 	/* Stops the camera. Its frames may be out. */
 	~Session();
 	Session(const Session &) = delete;
@@ -88,7 +89,7 @@ class Session
 
 	Session(std::shared_ptr<libcamera::Camera> camera, std::vector<Node> nodes,
 		const lp_libcamera_settings &settings, lp_pool *frames, uint64_t first_sequence,
-		std::function<void()> wake);
+		lp_frame_clock &clock, std::function<void()> wake);
 
 	bool start(Fault &fault);
 	void await_disconnection();
@@ -112,6 +113,7 @@ class Session
 	const lp_libcamera_settings settings;
 	const std::vector<Node> nodes;
 	lp_pool *const frames;
+	lp_frame_clock &clock;
 	const std::function<void()> wake;
 	std::shared_ptr<libcamera::Camera> camera;
 	std::unique_ptr<libcamera::CameraConfiguration> configuration;

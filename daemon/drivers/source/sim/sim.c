@@ -18,6 +18,7 @@
 #include "base/loop.h"
 #include "base/pool.h"
 #include "base/uri.h"
+#include "drivers/source/frame_clock.h"
 #include "drivers/source/frames.h"
 #include "drivers/source/report.h"
 #include "drivers/source/sim/header.h"
@@ -28,7 +29,6 @@
 #define FIRST_BACKOFF_NS (100 * LP_NS_PER_MS)
 #define LONGEST_BACKOFF_NS (2 * LP_NS_PER_S)
 #define STALL_NS (2 * LP_NS_PER_S)
-#define OLDEST_FRAME_NS (3600 * LP_NS_PER_S)
 
 struct source_sim {
 	struct lp_source base;
@@ -45,6 +45,7 @@ struct source_sim {
 	float exposure_min_us, exposure_max_us, exposure_step_us; /* of the newest frame's header */
 	bool exposure_fixed;
 	bool has_corrupt; /* since the last usable frame */
+	struct lp_frame_clock clock;
 
 	/* What is being read: a header, what the header is longer than ours, a payload. */
 	uint8_t header_data[LP_SIM_HEADER_KNOWN_BYTES];
@@ -154,6 +155,20 @@ static int sim_set_exposure(struct lp_source *source, float exposure_us, float g
 
 /* ---------------------------------------------------------------- frames */
 
+/* When the reading began: at the end of the exposure. The other end may be any program, and its
+ * numbers anything. */
+static int64_t stamp_ns(const struct lp_sim_header *header)
+{
+	const int64_t exposure_ns =
+		isnan(header->exposure_us) /* then it is the end that is told */
+			? 0
+			: (int64_t)((double)header->exposure_us * LP_NS_PER_US);
+	int64_t end_ns;
+
+	return __builtin_add_overflow(header->t_start_ns, exposure_ns, &end_ns) ? INT64_MAX
+										 : end_ns;
+}
+
 static void fill_frame(struct source_sim *self, struct lp_frame *frame)
 {
 	const struct lp_sim_header *header = &self->header;
@@ -171,18 +186,7 @@ static void fill_frame(struct source_sim *self, struct lp_frame *frame)
 	frame->orientation_sigma_deg = header->orientation_sigma_deg;
 	frame->row_time_us = header->row_time_us;
 	frame->flags = header->flags;
-	/* The other end may be any program: no time that this machine cannot have seen. */
-	if (header->t_start_ns < 0 || header->t_start_ns > frame->t_arrival_ns ||
-	    header->t_start_ns < frame->t_arrival_ns - OLDEST_FRAME_NS) {
-		frame->flags |= LP_FRAME_CORRUPT;
-		frame->t_read_ns = frame->t_arrival_ns;
-		return;
-	}
-	frame->t_read_ns = header->t_start_ns; /* of an exposure that is not said: its end */
-	if (!isnan(header->exposure_us))
-		frame->t_read_ns += (int64_t)((double)header->exposure_us * LP_NS_PER_US);
-	if (frame->t_read_ns > frame->t_arrival_ns)
-		frame->t_read_ns = frame->t_arrival_ns;
+	lp_frame_clock_stamp(&self->clock, frame, stamp_ns(header), self->object);
 }
 
 /* The first usable frame reports STREAMING; corrupt ones before it are counted only. */
@@ -193,8 +197,7 @@ static void hand_on(struct source_sim *self, struct lp_frame *frame)
 	if (frame->flags & LP_FRAME_CORRUPT) {
 		self->has_corrupt = true;
 		lp_error(self->object, "read",
-			 "a frame is marked corrupt, or its size or time is impossible; it is not "
-			 "used");
+			 "a frame is marked corrupt, or its size is impossible; it is not used");
 		if (!is_streaming(self)) {
 			lp_frame_release(frame);
 			host->corrupt(host->context);

@@ -9,6 +9,7 @@
 #include <stdint.h>
 
 #include "base/backoff.h"
+#include "drivers/source/frame_clock.h"
 #include "drivers/source/outbox.h"
 #include "drivers/source/v4l2/capture.h"
 #include "drivers/source/v4l2/nodes.h"
@@ -37,6 +38,7 @@ struct lp_v4l2_capture {
 	int attempts; /* to open it since something was plugged in */
 	struct lp_backoff retry, reset;
 	int64_t next_reset_ns;
+	struct lp_frame_clock clock;
 };
 
 /* Has the loop asked the thread to end? */

@@ -51,6 +51,7 @@ static void command_exposure(struct lp_v4l2_capture *capture, struct run *run)
 
 static void deliver(struct lp_v4l2_capture *capture, struct run *run, struct lp_frame *frame)
 {
+	lp_frame_clock_stamp(&capture->clock, frame, frame->t_read_ns, run->session->object);
 	lp_exposure_guess_frame(&run->guess, frame);
 	if (frame->flags & LP_FRAME_CORRUPT) {
 		run->has_corrupt = true;
