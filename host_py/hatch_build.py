@@ -50,5 +50,6 @@ def compile_schema() -> None:
     status = protoc.main(["protoc", f"-I{PROTO}", f"--descriptor_set_out={compiled}", str(schema)])
     if status != 0:
         raise RuntimeError(f"proto: protoc ended with status {status}")
-    for path in (HERE / "lightprobe_pb2.py", *PROTO.glob("*.dbc"), *PROTO.glob("*.toml")):
+    modules = (HERE / "lightprobe_pb2.py", PROTO / "ranges.py")
+    for path in (*modules, *PROTO.glob("*.dbc"), *PROTO.glob("*.toml")):
         (GENERATED / path.name).write_bytes(path.read_bytes())

@@ -4,7 +4,7 @@
 .PHONY: setup-python python check-python format-python
 setup-python: $(STAMPS)/venv
 
-$(STAMPS)/venv: host_py/pyproject.toml host_py/hatch_build.py host_py/lightprobe_pb2.py host_py/constraints.txt $(wildcard proto/*.proto proto/*.dbc proto/*.toml) | $(call apt,build)
+$(STAMPS)/venv: host_py/pyproject.toml host_py/hatch_build.py host_py/lightprobe_pb2.py host_py/constraints.txt $(wildcard proto/*.proto proto/*.dbc proto/*.toml) proto/ranges.py | $(call apt,build)
 	@echo 'setup: Python packages into $(VENV) (host_py/constraints.txt)'
 	@[ -x $(VENV)/bin/python ] || $(PYTHON) -m venv $(VENV)
 	@PIP_CONSTRAINT=host_py/constraints.txt $(VENV)/bin/pip install --quiet --disable-pip-version-check -e 'host_py[dev]'

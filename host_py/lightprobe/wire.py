@@ -37,6 +37,7 @@ from lightprobe.estimate import (
     Wheel,
 )
 from lightprobe.geometry import Array
+from lightprobe.ranges import broken
 from lightprobe.reflection_map import SIZES, ReflectionMap, decode_rgb9e5
 
 PROTOCOL_MAJOR = 1
@@ -63,6 +64,10 @@ Message = (
     | SweepStarted
     | StillsAsked
 )
+
+
+_KINDS: dict[int, Kind] = {1: "AMBIENT", 2: "TOTAL"}
+_FRAMES: dict[int, Frame] = {0: "PROBE", 1: "WORLD"}
 
 
 class WireError(Exception):
@@ -271,6 +276,8 @@ def decode(payload: bytes) -> Message | None:
         message.ParseFromString(payload)
     except DecodeError as error:
         raise WireError(f"no FromProbe message: {error}") from None
+    if (sentence := broken(message)) is not None:
+        raise WireError(sentence)
     kind = message.WhichOneof("message")
     if kind == "hello":
         return _hello(message.hello)
@@ -334,11 +341,6 @@ def _wheel(m: pb.Wheel) -> Wheel:
 
 
 def _polarization_map(m: pb.PolarizationMap) -> PolarizationMap:
-    if len(m.cells) != 8 * m.width * m.height or not 0 < m.s0_unit < np.inf:
-        raise WireError(
-            f"polarization map of {m.width}×{m.height} cells: {len(m.cells)} bytes, unit "
-            f"{m.s0_unit}: expected 8 bytes for each cell, and a positive unit"
-        )
     cells = np.frombuffer(m.cells, "<f2").reshape(m.height, m.width, 4).astype(np.float64)
     if np.isinf(cells).any() or (cells[..., 0] < 0).any():
         raise WireError("polarization map: infinite numbers, or negative light")
@@ -378,8 +380,8 @@ def _estimate(m: pb.Estimate) -> Estimate:
             else None
         ),
         subscription=m.subscription,
-        frame=_frame(m.frame),
-        orientation=_orientation(m.orientation) if m.orientation else None,
+        frame=_FRAMES[m.frame],
+        orientation=_unit(m.orientation) if m.orientation else None,
         orientation_sigma_deg=(
             m.orientation_sigma_deg if m.HasField("orientation_sigma_deg") else None
         ),
@@ -389,57 +391,29 @@ def _estimate(m: pb.Estimate) -> Estimate:
 
 
 def _reflection_map(m: pb.ReflectionMap) -> ReflectionMap:
-    if m.size not in SIZES or len(m.texels) != 4 * 6 * m.size**2:
-        raise WireError(
-            f"reflection map of {m.size} texels in {len(m.texels)} bytes: expected 16, 32 or 64"
-        )
-    if not (np.isfinite(m.scale) and m.scale > 0):
-        raise WireError(f"reflection map with a scale of {m.scale}: expected a positive number")
     return ReflectionMap(
         sequence=m.sequence,
         boot_id=m.boot_id,
         capture_time_unix_ns=m.capture_time_unix_ns,
         subscription=m.subscription,
-        kind=_kind(m.kind, "reflection map"),
+        kind=_KINDS[m.kind],
         radiance=decode_rgb9e5(m.texels, m.scale).reshape(6, m.size, m.size, 3),
-        orientation=_orientation(m.orientation) if m.orientation else None,
+        orientation=_unit(m.orientation) if m.orientation else None,
     )
 
 
-def _kind(number: int, what: str) -> Kind:
-    kinds: dict[int, Kind] = {1: "AMBIENT", 2: "TOTAL"}
-    if int(number) not in kinds:
-        raise WireError(f"{what} of kind {int(number)}: expected AMBIENT or TOTAL")
-    return kinds[int(number)]
-
-
-def _frame(number: int) -> Frame:
-    """Frame of reference; what is in one that we do not know cannot be used."""
-    frames: dict[int, Frame] = {0: "PROBE", 1: "WORLD"}
-    if int(number) not in frames:
-        raise WireError(f"estimate in frame {int(number)}: expected PROBE or WORLD")
-    return frames[int(number)]
-
-
-def _orientation(values: object) -> Array:
-    quaternion = _floats(values, 4, "orientation")
-    length = float(np.linalg.norm(quaternion))
-    if abs(length - 1) > 1e-3:
-        raise WireError(f"orientation of length {length:.3g}: expected a unit quaternion")
-    return quaternion / length
+def _unit(values: object) -> Array:
+    """Of a vector whose length is nearly 1, the one whose length is."""
+    vector = np.array(values, dtype=np.float64)
+    return vector / float(np.linalg.norm(vector))
 
 
 def _light(m: pb.Light) -> Light:
-    direction = _floats(m.direction, 3, "light direction")
-    length = float(np.linalg.norm(direction))
-    if abs(length - 1) > 1e-3:
-        raise WireError(f"light direction of length {length:.3g}: expected a unit vector")
-    irradiance = _floats(m.irradiance, 3, "light irradiance")
-    half = _floats(m.half_angle_deg, 2, "half angles") if m.half_angle_deg else None
+    irradiance = np.array(m.irradiance, dtype=np.float64)
     sigma = m.irradiance_sigma_permille / 1000 if m.HasField("irradiance_sigma_permille") else None
     return Light(
         id=m.id,
-        direction=direction / length,
+        direction=_unit(m.direction),
         irradiance=irradiance,
         angular_radius_deg=m.angular_radius_deg,
         direction_sigma_deg=m.direction_sigma_deg if m.HasField("direction_sigma_deg") else None,
@@ -452,8 +426,8 @@ def _light(m: pb.Light) -> Light:
         ),
         flags=LightFlag(m.flags),
         distance_m=m.distance_m if m.HasField("distance_m") else None,
-        half_angle_deg=None if half is None else (float(half[0]), float(half[1])),
-        axis=_floats(m.axis, 3, "light axis") if m.axis else None,
+        half_angle_deg=(m.half_angle_deg[0], m.half_angle_deg[1]) if m.half_angle_deg else None,
+        axis=_unit(m.axis) if m.axis else None,
         dolp=m.dolp_percent / 100 if m.HasField("dolp_percent") else None,
         dolp_sigma=(m.dolp_sigma_permille / 1000 if m.HasField("dolp_sigma_permille") else None),
         aolp_deg=m.aolp_deg if m.HasField("aolp_deg") else None,
@@ -463,20 +437,5 @@ def _light(m: pb.Light) -> Light:
 
 
 def _sh(m: pb.SphericalHarmonics) -> SphericalHarmonics:
-    if (
-        m.basis != pb.SphericalHarmonics.REAL_POSITIVE
-        or m.quantity != pb.SphericalHarmonics.RADIANCE
-    ):
-        raise WireError("SH of a basis or quantity that this client does not know")
-    if m.order > 8:
-        raise WireError(f"SH of order {m.order}: expected 0…8")
-    number = (m.order + 1) ** 2
-    coefficients = _floats(m.coefficients, 3 * number, "SH coefficients").reshape(number, 3)
-    return SphericalHarmonics(_kind(m.kind, "SH"), m.order, coefficients)
-
-
-def _floats(values: object, number: int, what: str) -> Array:
-    array = np.array(values, dtype=np.float64)
-    if array.shape != (number,) or not np.all(np.isfinite(array)):
-        raise WireError(f"{what}: {array.size} numbers: expected {number}, all finite")
-    return array
+    coefficients = np.array(m.coefficients, dtype=np.float64).reshape(-1, 3)
+    return SphericalHarmonics(_KINDS[m.kind], m.order, coefficients)

@@ -143,12 +143,15 @@ def test_flipped_bytes_are_a_wire_error_or_numbers(noise, where):
 @pytest.mark.parametrize(
     ("changes", "message_text"),
     [
-        ({"sh": pb.SphericalHarmonics(kind=1, order=1, coefficients=range(11))}, "SH coefficients"),
+        ({"sh": pb.SphericalHarmonics(kind=1, order=1, coefficients=range(11))}, "coefficients"),
         ({"sh": pb.SphericalHarmonics(kind=1, coefficients=[1, 2, float("nan")])}, "finite"),
-        ({"sh": pb.SphericalHarmonics(kind=0, coefficients=[1, 2, 3])}, "kind 0"),
+        (
+            {"sh": pb.SphericalHarmonics(kind=0, coefficients=[1, 2, 3])},
+            "kind: expected AMBIENT or TOTAL",
+        ),
         ({"sh": pb.SphericalHarmonics(kind=1, basis=5, coefficients=[1, 2, 3])}, "basis"),
         ({"lights": [pb.Light(direction=[0, 2, 0], irradiance=[1, 1, 1])]}, "unit vector"),
-        ({"lights": [pb.Light(direction=[0, 1], irradiance=[1, 1, 1])]}, "light direction"),
+        ({"lights": [pb.Light(direction=[0, 1], irradiance=[1, 1, 1])]}, "Light.direction"),
         ({"lights": [pb.Light(direction=[0, 1, 0], irradiance=[1, 1, float("inf")])]}, "finite"),
     ],
 )
