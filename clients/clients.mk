@@ -12,10 +12,11 @@ $(JS)/installed: clients/js/package.json clients/js/package-lock.json clients/js
 	@cd $(JS) && npm ci --silent
 	@touch $@
 
-$(JS)/built: $(JS)/installed $(JS_SOURCES) proto/lightprobe.proto
+$(JS)/built: $(JS)/installed $(JS_SOURCES) proto/lightprobe.proto proto/ranges.toml proto/ranges.py
 	@rm -rf $(JS)/src $(JS)/test $(JS)/web $(JS)/proto $(JS)/dist
 	@cp -r clients/js/src clients/js/test clients/js/tsconfig.json $(JS)
 	@mkdir -p $(JS)/src/gen $(JS)/proto && cp -r web $(JS)/web && cp proto/lightprobe.proto $(JS)/proto
+	@$(PYTHON) proto/ranges.py --typescript $(JS)/src/gen/ranges.ts
 	@cd $(JS) && npm run --silent generate && npm run --silent build
 	@touch $@
 js: $(JS)/built ## build the JavaScript package in build/js
@@ -44,7 +45,7 @@ BLENDER_SOURCES := $(wildcard clients/blender/addon/* clients/blender/tools/*.py
 BUILD_EXTENSION := $(VENV)/bin/python clients/blender/tools/build_extension.py --out $(BLENDER)
 
 .PHONY: blender test-blender
-$(BLENDER)/built: $(BLENDER_SOURCES) host_py/constraints.txt proto/lightprobe.proto | $(STAMPS)/venv
+$(BLENDER)/built: $(BLENDER_SOURCES) host_py/constraints.txt proto/lightprobe.proto proto/ranges.toml proto/ranges.py | $(STAMPS)/venv
 	@$(BUILD_EXTENSION)
 	@touch $@
 blender: $(BLENDER)/built ## build the Blender extension for this machine in build/blender; PLATFORM=windows-x64, macos-arm64, …: for another one, too

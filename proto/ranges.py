@@ -22,7 +22,7 @@ from typing import Any
 
 HERE = Path(__file__).resolve().parent
 #: How far the length of a unit vector may be from 1.
-UNIT_TOLERANCE = 1e-3
+UNIT_TOLERANCE = 2e-3
 
 
 @dataclass(frozen=True)

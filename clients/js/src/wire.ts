@@ -3,6 +3,7 @@
 
 import { create, fromBinary, toBinary } from "@bufbuild/protobuf";
 import * as pb from "./gen/lightprobe_pb.js";
+import { broken } from "./ranges.js";
 import { decodeRgb9e5, type ReflectionMap } from "./reflection.js";
 import type { Estimate, Health, Hello, Light, Pong, Refusal, SphericalHarmonics, Vec3 } from "./estimate.js";
 
@@ -127,6 +128,8 @@ export function decode(data: Uint8Array): Message | undefined {
   } catch (error) {
     throw new WireError(`no FromProbe message: ${String(error)}`);
   }
+  const refusal = message.value && broken(message.value);
+  if (refusal) throw new WireError(refusal);
   switch (message.case) {
     case "hello": return { kind: "hello", hello: message.value };
     case "estimate": return { kind: "estimate", estimate: estimateOf(message.value) };
@@ -138,20 +141,17 @@ export function decode(data: Uint8Array): Message | undefined {
   }
 }
 
-function finite(values: number[], count: number, what: string): number[] {
-  if (values.length !== count || !values.every(Number.isFinite))
-    throw new WireError(`${what}: ${values.length} numbers: expected ${count}, all finite`);
-  return values;
+/** Of a vector whose length is nearly 1, the one whose length is. */
+function unit<T>(values: number[]): T {
+  const length = Math.hypot(...values);
+  return values.map((value) => value / length) as T;
 }
 
 function lightOf(m: pb.Light): Light {
-  const [x, y, z] = finite(m.direction, 3, "light direction") as [number, number, number];
-  const length = Math.hypot(x, y, z);
-  if (Math.abs(length - 1) > 1e-3) throw new WireError(`light direction of length ${length}: expected a unit vector`);
   return {
     id: m.id,
-    direction: [x / length, y / length, z / length],
-    irradiance: finite(m.irradiance, 3, "light irradiance") as unknown as Vec3,
+    direction: unit(m.direction),
+    irradiance: m.irradiance as unknown as Vec3,
     angularRadiusDeg: m.angularRadiusDeg,
     directionSigmaDeg: m.directionSigmaDeg,
     irradianceSigma: m.irradianceSigmaPermille === undefined ? undefined : m.irradianceSigmaPermille / 1000,
@@ -159,8 +159,8 @@ function lightOf(m: pb.Light): Light {
     shadowStrength: m.shadowStrengthPermille === undefined ? undefined : m.shadowStrengthPermille / 1000,
     flags: m.flags,
     distanceM: m.distanceM,
-    halfAngleDeg: m.halfAngleDeg.length ? (finite(m.halfAngleDeg, 2, "half angles") as [number, number]) : undefined,
-    axis: m.axis.length ? (finite(m.axis, 3, "light axis") as unknown as Vec3) : undefined,
+    halfAngleDeg: m.halfAngleDeg.length ? (m.halfAngleDeg as [number, number]) : undefined,
+    axis: m.axis.length ? unit<Vec3>(m.axis) : undefined,
     dolp: m.dolpPercent === undefined ? undefined : m.dolpPercent / 100,
     dolpSigma: m.dolpSigmaPermille === undefined ? undefined : m.dolpSigmaPermille / 1000,
     aolpDeg: m.aolpDeg,
@@ -169,17 +169,9 @@ function lightOf(m: pb.Light): Light {
   };
 }
 
-function shOf(m: pb.SphericalHarmonics | undefined): SphericalHarmonics {
-  if (!m || m.basis !== pb.SphericalHarmonics_Basis.REAL_POSITIVE || m.quantity !== pb.SphericalHarmonics_Quantity.RADIANCE)
-    throw new WireError("SH of a basis or quantity that this client does not know");
-  if (m.order > 4 || (m.kind !== pb.SphericalHarmonics_Kind.AMBIENT && m.kind !== pb.SphericalHarmonics_Kind.TOTAL))
-    throw new WireError(`SH of kind ${m.kind}, order ${m.order}: expected AMBIENT or TOTAL, 0…4`);
-  return {
-    kind: m.kind === pb.SphericalHarmonics_Kind.TOTAL ? "TOTAL" : "AMBIENT",
-    order: m.order,
-    coefficients: finite(m.coefficients, 3 * (m.order + 1) ** 2, "SH coefficients"),
-  };
-}
+const kindName = (kind: pb.SphericalHarmonics_Kind): "AMBIENT" | "TOTAL" => (kind === pb.SphericalHarmonics_Kind.TOTAL ? "TOTAL" : "AMBIENT");
+
+const shOf = (m: pb.SphericalHarmonics): SphericalHarmonics => ({ kind: kindName(m.kind), order: m.order, coefficients: m.coefficients });
 
 function estimateOf(m: pb.Estimate): Estimate {
   return {
@@ -191,7 +183,7 @@ function estimateOf(m: pb.Estimate): Estimate {
     flags: m.flags,
     lights: m.lights.map(lightOf),
     key: m.key && lightOf(m.key),
-    sh: shOf(m.sh),
+    sh: shOf(m.sh!),
     predictedError: m.predictedErrorPermille === undefined ? undefined : m.predictedErrorPermille / 1000,
     exposureUs: m.exposureUs,
     exposureCount: m.exposureCount,
@@ -200,34 +192,23 @@ function estimateOf(m: pb.Estimate): Estimate {
     scaleSigma: m.scaleSigmaPermille === undefined ? undefined : m.scaleSigmaPermille / 1000,
     wheelDeg: m.wheelDeg,
     subscription: m.subscription,
-    frame: frameOf(m.frame),
-    orientation: m.orientation.length ? (finite(m.orientation, 4, "orientation") as [number, number, number, number]) : undefined,
+    frame: m.frame === pb.Estimate_Frame.WORLD ? "WORLD" : "PROBE",
+    orientation: m.orientation.length ? unit<[number, number, number, number]>(m.orientation) : undefined,
     orientationSigmaDeg: m.orientationSigmaDeg,
   };
 }
 
 function reflectionMapOf(m: pb.ReflectionMap): ReflectionMap {
-  if (![16, 32, 64].includes(m.size) || m.texels.length !== 24 * m.size ** 2)
-    throw new WireError(`reflection map of ${m.size} texels in ${m.texels.length} bytes: expected 16, 32 or 64`);
-  if (!(m.scale > 0 && m.scale < Infinity)) throw new WireError(`reflection map with a scale of ${m.scale}: expected a positive number`);
-  if (m.kind !== pb.SphericalHarmonics_Kind.AMBIENT && m.kind !== pb.SphericalHarmonics_Kind.TOTAL)
-    throw new WireError(`reflection map of kind ${m.kind}: expected AMBIENT or TOTAL`);
   return {
     sequence: m.sequence,
     bootId: m.bootId,
     captureTimeUnixMs: Number(m.captureTimeUnixNs) / 1e6,
     subscription: m.subscription,
-    kind: m.kind === pb.SphericalHarmonics_Kind.TOTAL ? "TOTAL" : "AMBIENT",
+    kind: kindName(m.kind),
     size: m.size,
     faces: decodeRgb9e5(m.texels, m.size, m.scale),
-    orientation: m.orientation.length ? (finite(m.orientation, 4, "orientation") as [number, number, number, number]) : undefined,
+    orientation: m.orientation.length ? unit<[number, number, number, number]>(m.orientation) : undefined,
   };
-}
-
-function frameOf(frame: pb.Estimate_Frame): "PROBE" | "WORLD" {
-  if (frame === pb.Estimate_Frame.PROBE) return "PROBE";
-  if (frame === pb.Estimate_Frame.WORLD) return "WORLD";
-  throw new WireError(`estimate in frame ${String(frame)}: expected PROBE or WORLD`);
 }
 
 function pongOf(m: pb.Pong): Pong {

@@ -3,6 +3,7 @@
 The same cases for the others: tests/engines/csharp, clients/js/test/ranges.test.ts.
 """
 
+import golden
 import pytest
 from google.protobuf.descriptor import FieldDescriptor
 from lightprobe import wire
@@ -48,6 +49,11 @@ def test_every_number_that_a_probe_sends_has_a_line():
 def test_every_line_refuses_something():
     lines = {one.refusal for fields in RANGES.values() for one in fields.values()}
     assert {case.refusal for case in cases()} - {None} == lines
+
+
+@pytest.mark.parametrize("file", sorted(golden.GOLDEN.glob("[!f]*.bin")), ids=lambda f: f.stem)
+def test_what_is_released_is_taken_for_ever(file):
+    assert len(wire.Decoder().feed(file.read_bytes())) == 1
 
 
 @pytest.mark.parametrize("kind", ["estimate", "health", "reflection_map", "polarization_map"])
