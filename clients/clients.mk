@@ -12,11 +12,11 @@ $(JS)/installed: clients/js/package.json clients/js/package-lock.json clients/js
 	@cd $(JS) && npm ci --silent
 	@touch $@
 
-$(JS)/built: $(JS)/installed $(JS_SOURCES) proto/lightprobe.proto proto/ranges.toml proto/ranges.py
+$(JS)/built: $(JS)/installed $(JS_SOURCES) proto/lightprobe.proto proto/ranges.toml proto/ranges.py proto/ranges_code.py
 	@rm -rf $(JS)/src $(JS)/test $(JS)/web $(JS)/proto $(JS)/dist
 	@cp -r clients/js/src clients/js/test clients/js/tsconfig.json $(JS)
 	@mkdir -p $(JS)/src/gen $(JS)/proto && cp -r web $(JS)/web && cp proto/lightprobe.proto $(JS)/proto
-	@$(PYTHON) proto/ranges.py --typescript $(JS)/src/gen/ranges.ts
+	@$(PYTHON) proto/ranges_code.py --typescript $(JS)/src/gen/ranges.ts
 	@cd $(JS) && npm run --silent generate && npm run --silent build
 	@touch $@
 js: $(JS)/built ## build the JavaScript package in build/js

@@ -1,20 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Read ranges.toml, which says what numbers a probe may send, and make the checks of it.
+"""Read ranges.toml, which says what numbers a probe may send.
 
-Python reads the table itself: this file and the table are packed with it. The others' are made:
-
-    ranges.py --typescript OUT    the table, for clients/js/src/ranges.ts
-    ranges.py --csharp OUT        clients/csharp/Runtime/Ranges.cs
-    ranges.py --header OUT        C, of the daemon (app/codec.c)
-
-All say the same sentence of the same field.
+This file and the table are packed with the Python package, whose check reads them. The checks of
+the others are made by ranges_code.py. All say the same sentence of the same field.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
-import re
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
@@ -100,52 +92,3 @@ def factor(one: int | str) -> tuple[int, str]:
         return one, ""
     field, _, plus = one.partition(" + ")
     return int(plus or 0), field
-
-
-# ---------------------------------------------------------------- TypeScript
-
-
-def camel(name: str) -> str:
-    """Give snake_case as JavaScript has it."""
-    return re.sub(r"_(\w)", lambda match: match[1].upper(), name)
-
-
-def typescript() -> str:
-    """Give the table as a module, in JavaScript's names."""
-
-    def factors(count: tuple[int | str, ...]) -> list[Any]:
-        split = (factor(one) for one in count)
-        return [{"plus": plus, "of": camel(of)} if of else plus for plus, of in split]
-
-    def row(field: str, one: Range) -> dict[str, Any]:
-        told = {"field": camel(field), "least": one.least, "most": one.most, "above": one.above,
-                "count": factors(one.count or one.bytes) or None, "unit": one.unit or None,
-                "absent": one.absent or None, "nan": one.nan or None,
-                "oneOf": one.one_of or None, "required": one.required or None,
-                "refusal": one.refusal}  # fmt: skip
-        return {key: value for key, value in told.items() if value is not None}
-
-    rows = {
-        f"lightprobe.v1.{message}": [row(field, one) for field, one in fields.items()]
-        for message, fields in load().items()
-    }
-    table = json.dumps(rows, indent=1, ensure_ascii=False)
-    return (
-        "// Generated from proto/ranges.toml by proto/ranges.py.\n"
-        'import type { Range } from "../ranges.js";\n\n'
-        f"export const UNIT_TOLERANCE = {UNIT_TOLERANCE};\n"
-        f"export const RANGES: Record<string, Range[]> = {table};\n"
-    )
-
-
-def main() -> None:
-    """Write what is asked for."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--typescript", type=Path)
-    arguments = parser.parse_args()
-    if arguments.typescript:
-        arguments.typescript.write_text(typescript(), encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main()

@@ -1,6 +1,8 @@
 """Generated files that are committed are up to date with their sources."""
 
 import importlib.util
+import subprocess
+import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -12,3 +14,12 @@ def test_the_csharp_messages_are_those_of_the_schema():
     generate = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(generate)
     assert generate.generated() == generate.OUT.read_text(), f"run build/venv/bin/python {GENERATE}"
+
+
+def test_the_csharp_ranges_are_those_of_the_table(tmp_path):
+    command = [sys.executable, ROOT / "proto/ranges_code.py", "--csharp", tmp_path / "Ranges.cs"]
+    subprocess.run(command, check=True)
+    committed = ROOT / "clients/csharp/Runtime/Ranges.cs"
+    assert (tmp_path / "Ranges.cs").read_text() == committed.read_text(), (
+        f"run build/venv/bin/python proto/ranges_code.py --csharp {committed.relative_to(ROOT)}"
+    )

@@ -202,7 +202,7 @@ namespace Lightprobe
                         byte[] data = connection.Receive(PatienceMs());
                         if (data == null) return refusal ?? _address + ": the probe closed the connection";
                         FromProbe message = Decode(data);
-                        MessageCheck.Check(message);
+                        if (Ranges.Broken(message) is string refused) throw new WireException(refused);
                         if (message.Error != null) refusal = _address + ": " + message.Error.Text;
                         Take(message, refusal);
                         if (State == ProbeState.Closed) return null;

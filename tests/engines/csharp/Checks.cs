@@ -55,8 +55,8 @@ static class Checks
     {
         try
         {
-            MessageCheck.Check(Probe.Decode(TcpConnection.Read(new MemoryStream(Bytes(hex)))));
-            Console.WriteLine("\"taken\"");
+            string refusal = Ranges.Broken(Probe.Decode(TcpConnection.Read(new MemoryStream(Bytes(hex)))));
+            Console.WriteLine(Json(refusal == null ? "taken" : "refused: " + refusal));
         }
         catch (WireException error)
         {

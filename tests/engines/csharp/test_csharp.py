@@ -18,6 +18,7 @@ from lightprobe.convert import ADAPTERS
 from lightprobe.estimate import LightFlag
 from lightprobe.imaging import image
 from lightprobe_proto import lightprobe_pb2 as pb
+from range_cases import cases
 
 ROOT = Path(__file__).resolve().parents[3]
 PACKAGE = ROOT / "clients/csharp"
@@ -216,32 +217,12 @@ def test_messages_of_a_probe_are_taken(program):
     assert checked(program, *messages) == len(messages) * ["taken"]
 
 
-def spoilt(change):
-    """A golden estimate, or a reflection map, with one thing changed."""
-    message = parsed((ROOT / "proto/golden/estimate_full.bin").read_bytes())
-    if not message.estimate.lights:
-        lamp = message.estimate.lights.add(id=1)
-        lamp.direction.extend([0, 1, 0])
-        lamp.irradiance.extend([1, 1, 1])
-    change(message)
-    return message
-
-
-@pytest.mark.parametrize(
-    ("change", "told"),
-    [(lambda m: m.estimate.lights[0].irradiance.__setitem__(1, float("nan")), "Light.irradiance"),
-     (lambda m: m.estimate.lights[0].direction.__setitem__(0, 7.0), "Light.direction: of length"),
-     (lambda m: m.estimate.lights[0].direction.append(0), "Light.direction: 4 numbers, expected 3"),
-     (lambda m: m.estimate.sh.coefficients.append(1), "SphericalHarmonics.coefficients"),
-     (lambda m: setattr(m.estimate.sh, "basis", 3), "of a basis"),
-     (lambda m: setattr(m.estimate, "frame", 2), "Estimate.frame: 2"),
-     (lambda m: setattr(m.estimate, "cd_m2_per_unit", float("inf")), "Estimate.cd_m2_per_unit"),
-     (lambda m: setattr(m.reflection_map, "size", 16), "ReflectionMap.texels: 0 bytes of size 16")],
-)  # fmt: skip
-def test_numbers_that_no_light_has_are_refused(program, change, told):
-    (line,) = checked(program, spoilt(change))
-    assert line.startswith("refused: ")
-    assert told in line
+def test_each_number_is_taken_or_refused_by_name(program):
+    """At and beyond the ends of every line of proto/ranges.toml: the cases of all clients."""
+    all_cases = cases()
+    lines = [wire.delimit(case.data).hex() for case in all_cases]
+    for said, case in zip(ask(program, "check", given="\n".join(lines)), all_cases, strict=True):
+        assert said == ("taken" if case.refusal is None else f"refused: {case.refusal}"), case.name
 
 
 def test_lists_that_would_fill_the_memory_are_refused(program):
