@@ -109,7 +109,7 @@ $(OUT)/lib/liblp_$(1).a: $(filter-out %/main.c.o,$(call objects,$(1)))
 endef
 $(foreach r,$(DAEMON_ROOMS),$(eval $(call lp_library,$(r))))
 
-$(OUT)/%.c.o: %.c $(OUT)/packages.stamp | $(PROTO_H) $(DBC_H) $(MCU_FAULTS_H)
+$(OUT)/%.c.o: %.c $(OUT)/packages.stamp | $(PROTO_H) $(RANGES_H) $(DBC_H) $(MCU_FAULTS_H)
 	@mkdir -p $(@D) && echo '  cc $@'
 	@$(CC) $(LP_CPPFLAGS) $(LP_CFLAGS) -c -o $@ $<
 
@@ -141,7 +141,7 @@ FORCE:
 DAEMON_SOURCES = $(foreach r,include $(DAEMON_ROOMS),$(call sources,$(r),*.[ch] *.cpp *.hpp))
 
 .PHONY: check-c format-c
-check-c: $(PROTO_H) ## clang-format and clang-tidy over the C and C++ sources
+check-c: $(PROTO_H) $(RANGES_H) ## clang-format and clang-tidy over the C and C++ sources
 	@clang-format --dry-run -Werror $(C_SOURCES)
 	@printf '%s\n' $(filter-out $(LP_EXCLUDE),$(filter %.c,$(DAEMON_SOURCES))) | xargs -P$(JOBS) -I@ clang-tidy --quiet \
 		--warnings-as-errors='*' @ -- -std=c17 $(filter-out -MMD -MP,$(LP_CPPFLAGS)) 2>&1 \

@@ -26,3 +26,10 @@ MCU_FAULTS_H := $(GEN)/dbc/mcu_faults.h
 $(MCU_FAULTS_H): proto/mcu_faults.toml proto/mcu_faults.py
 	@mkdir -p $(@D)
 	@$(PYTHON) proto/mcu_faults.py --header $@
+
+# What each number of a message may be, for the daemon. (Python reads the table itself.)
+RANGES_H := $(GEN)/proto/ranges.h
+
+$(RANGES_H): proto/lightprobe.proto proto/lightprobe.options proto/ranges.toml proto/ranges.py proto/ranges_code.py | $(STAMPS)/venv
+	@mkdir -p $(@D)
+	@$(VENV)/bin/python proto/ranges_code.py --header $@

@@ -9,12 +9,14 @@
 
 #include "app/health.h"
 #include "base/clock.h"
+#include "base/log.h"
 #include "base/text.h"
 #include "include/packet.h"
 #include "include/polarization_grid.h"
 #include "light/key.h"
 #include "light/model.h"
 #include "proto/lightprobe.pb.h"
+#include "proto/ranges.h"
 
 #define PROTOCOL_MAJOR 1
 /* 1: estimates echo the number of their subscription. 2: Hello names the probe. 3: poses, pings,
@@ -94,6 +96,14 @@ static void encode(const lightprobe_v1_FromProbe *message, enum lp_packet_kind k
 	packet->size_bytes = (uint32_t)stream.bytes_written;
 }
 
+int lp_may_be_sent(const char *forbidden)
+{
+	if (!forbidden)
+		return 0;
+	lp_error("hub", "encode", "%s; the message is not sent", forbidden);
+	return -ERANGE;
+}
+
 /* A ratio as a whole number of `parts`; false when it is not known. */
 static bool scaled(float ratio, float parts, uint32_t *value)
 {
@@ -111,17 +121,6 @@ static bool known(float value, float *field)
 	return true;
 }
 
-/* False: a number that must be there is not. */
-static bool copy_finite(float *to, const float *from, size_t count)
-{
-	for (size_t i = 0; i < count; i++) {
-		if (!isfinite(from[i]))
-			return false;
-		to[i] = from[i];
-	}
-	return true;
-}
-
 static void fill_polarization(lightprobe_v1_Light *wire, const struct lp_light_polarization *p)
 {
 	wire->has_dolp_percent = p->known && scaled(p->dolp, 100, &wire->dolp_percent);
@@ -134,7 +133,7 @@ static void fill_polarization(lightprobe_v1_Light *wire, const struct lp_light_p
 }
 
 /* `upward`: lp_upward_irradiance() of the estimate. */
-static bool fill_light(lightprobe_v1_Light *wire, const struct lp_light *light, float upward)
+static void fill_light(lightprobe_v1_Light *wire, const struct lp_light *light, float upward)
 {
 	wire->id = light->id;
 	wire->flags = light->flags;
@@ -153,14 +152,13 @@ static bool fill_light(lightprobe_v1_Light *wire, const struct lp_light *light, 
 	if (light->flags & LP_LIGHT_EXTENDED) {
 		wire->half_angle_deg_count = 2;
 		wire->axis_count = 3;
-		if (!copy_finite(wire->half_angle_deg, light->half_angle_deg, 2) ||
-		    !copy_finite(wire->axis, light->axis, 3))
-			return false;
+		memcpy(wire->half_angle_deg, light->half_angle_deg, sizeof(light->half_angle_deg));
+		memcpy(wire->axis, light->axis, sizeof(light->axis));
 	}
 	fill_polarization(wire, &light->polarization);
-	return copy_finite(wire->direction, light->direction, 3) &&
-	       copy_finite(wire->irradiance, light->irradiance, 3) &&
-	       copy_finite(&wire->angular_radius_deg, &light->angular_radius_deg, 1);
+	memcpy(wire->direction, light->direction, sizeof(light->direction));
+	memcpy(wire->irradiance, light->irradiance, sizeof(light->irradiance));
+	wire->angular_radius_deg = light->angular_radius_deg;
 }
 
 /* KEY of what the listed lights leave. */
@@ -173,7 +171,7 @@ static struct lp_light key_of(const struct lp_light_estimate *estimate,
 	return lp_key_light((const float(*)[3])ambient);
 }
 
-static bool fill_sh(lightprobe_v1_SphericalHarmonics *wire,
+static void fill_sh(lightprobe_v1_SphericalHarmonics *wire,
 		    const struct lp_light_estimate *estimate, const struct lp_variant *variant,
 		    const struct lp_light *key)
 {
@@ -191,18 +189,18 @@ static bool fill_sh(lightprobe_v1_SphericalHarmonics *wire,
 				    : lightprobe_v1_SphericalHarmonics_Kind_AMBIENT;
 	wire->order = (uint32_t)variant->sh_order;
 	wire->coefficients_count = (pb_size_t)values;
-	return copy_finite(wire->coefficients, coefficients[0], (size_t)values);
+	memcpy(wire->coefficients, coefficients[0], (size_t)values * sizeof(float));
 }
 
-static bool fill_orientation(lightprobe_v1_Estimate *wire,
+static void fill_orientation(lightprobe_v1_Estimate *wire,
 			     const struct lp_estimate_orientation *orientation)
 {
 	if (!orientation->known)
-		return true;
+		return;
 	wire->orientation_count = 4;
 	wire->has_orientation_sigma_deg =
 		known(orientation->sigma_deg, &wire->orientation_sigma_deg);
-	return copy_finite(wire->orientation, orientation->xyzw, 4);
+	memcpy(wire->orientation, orientation->xyzw, sizeof(orientation->xyzw));
 }
 
 /* How long the machine was suspended since the estimate was made. */
@@ -258,23 +256,20 @@ int lp_encode_estimate(const struct lp_light_estimate *estimate, const struct lp
 	wire->has_wheel_sigma_deg = known(estimate->wheel_sigma_deg, &wire->wheel_sigma_deg);
 	wire->has_wheel_deg =
 		wire->has_wheel_sigma_deg && known(estimate->wheel_deg, &wire->wheel_deg);
-	if (!fill_orientation(wire, &estimate->orientation))
-		return -ERANGE;
+	fill_orientation(wire, &estimate->orientation);
 	wire->frame = variant->world ? lightprobe_v1_Estimate_Frame_WORLD
 				     : lightprobe_v1_Estimate_Frame_PROBE;
 	wire->has_sh = true;
 	wire->lights_count = (pb_size_t)variant->lights;
-	for (int i = 0; i < variant->lights; i++) {
-		if (!fill_light(&wire->lights[i], &estimate->lights[i], upward))
-			return -ERANGE;
-	}
+	for (int i = 0; i < variant->lights; i++)
+		fill_light(&wire->lights[i], &estimate->lights[i], upward);
 	wire->has_key = variant->key;
 	if (variant->key) {
 		key = key_of(estimate, variant);
-		if (!fill_light(&wire->key, &key, upward))
-			return -ERANGE;
+		fill_light(&wire->key, &key, upward);
 	}
-	if (!fill_sh(&wire->sh, estimate, variant, variant->key ? &key : NULL))
+	fill_sh(&wire->sh, estimate, variant, variant->key ? &key : NULL);
+	if (lp_may_be_sent(lp_keep_Estimate(wire)) != 0)
 		return -ERANGE;
 	encode(&message, LP_PACKET_STATE, packet);
 	return 0;
@@ -334,7 +329,7 @@ static void fill_ring(lightprobe_v1_Ring *wire, const struct lp_ring_report *rin
 	wire->samples_lost = ring->samples_lost;
 }
 
-void lp_encode_health(const struct lp_health_report *report, struct lp_packet *packet)
+int lp_encode_health(const struct lp_health_report *report, struct lp_packet *packet)
 {
 	lightprobe_v1_FromProbe message = {.which_message = lightprobe_v1_FromProbe_health_tag};
 	lightprobe_v1_Health *wire = &message.message.health;
@@ -366,7 +361,10 @@ void lp_encode_health(const struct lp_health_report *report, struct lp_packet *p
 		COPY_TEXT(wire->faults[i].id, report->faults[i].id);
 		COPY_TEXT(wire->faults[i].text, report->faults[i].text);
 	}
+	if (lp_may_be_sent(lp_keep_Health(wire)) != 0)
+		return -ERANGE;
 	encode(&message, LP_PACKET_CONTROL, packet);
+	return 0;
 }
 
 void lp_encode_pong(const struct lp_pong *pong, struct lp_packet *packet)
@@ -380,8 +378,8 @@ void lp_encode_pong(const struct lp_pong *pong, struct lp_packet *packet)
 	encode(&message, LP_PACKET_CONTROL, packet);
 }
 
-void lp_encode_polarization(const struct lp_polarization_grid *grid, uint64_t sweeps,
-			    struct lp_packet *packet)
+int lp_encode_polarization(const struct lp_polarization_grid *grid, uint64_t sweeps,
+			   struct lp_packet *packet)
 {
 	lightprobe_v1_FromProbe message = {.which_message =
 						   lightprobe_v1_FromProbe_polarization_map_tag};
@@ -399,7 +397,10 @@ void lp_encode_polarization(const struct lp_polarization_grid *grid, uint64_t sw
 		wire->cells.bytes[2 * i] = (uint8_t)half;
 		wire->cells.bytes[2 * i + 1] = (uint8_t)(half >> 8);
 	}
+	if (lp_may_be_sent(lp_keep_PolarizationMap(wire)) != 0)
+		return -ERANGE;
 	encode(&message, LP_PACKET_PICTURE, packet);
+	return 0;
 }
 
 void lp_encode_sweep_started(uint64_t done_at, struct lp_packet *packet)

@@ -116,21 +116,27 @@ struct lp_reflection_header {
 /* Most bytes of a reflection map's message beside its texels. */
 #define LP_REFLECTION_HEADER_BYTES 128
 
-/* -ERANGE: the estimate holds a number that is not finite where one must be; nothing is sent then.
+/*
+ * Of a message that holds measured numbers: -ERANGE, and an error in the log, where one of them is
+ * not what proto/ranges.toml allows. The packet is not to be sent then. A number that may be absent
+ * is left out instead, and what a sensor of the ring says becomes NaN.
  */
 int lp_encode_estimate(const struct lp_light_estimate *estimate, const struct lp_variant *variant,
 		       const struct lp_stamp *stamp, struct lp_packet *packet);
 /* `texels`: of lp_cube_encode(). The packet has room for them and LP_REFLECTION_HEADER_BYTES.
  * (app/codec_reflection.c) */
-void lp_encode_reflection_map(const struct lp_light_estimate *estimate,
-			      const struct lp_reflection_header *header, const uint8_t *texels,
-			      const struct lp_stamp *stamp, struct lp_packet *packet);
-void lp_encode_hello(const struct lp_hello *hello, struct lp_packet *packet);
-void lp_encode_health(const struct lp_health_report *report, struct lp_packet *packet);
-void lp_encode_pong(const struct lp_pong *pong, struct lp_packet *packet);
+int lp_encode_reflection_map(const struct lp_light_estimate *estimate,
+			     const struct lp_reflection_header *header, const uint8_t *texels,
+			     const struct lp_stamp *stamp, struct lp_packet *packet);
+int lp_encode_health(const struct lp_health_report *report, struct lp_packet *packet);
 /* `packet` has room for a picture. sweeps: as in the health report. */
-void lp_encode_polarization(const struct lp_polarization_grid *grid, uint64_t sweeps,
-			    struct lp_packet *packet);
+int lp_encode_polarization(const struct lp_polarization_grid *grid, uint64_t sweeps,
+			   struct lp_packet *packet);
+/* For app/codec*.c: 0 where `forbidden` is NULL; else it is logged, and -ERANGE. */
+int lp_may_be_sent(const char *forbidden);
+
+void lp_encode_hello(const struct lp_hello *hello, struct lp_packet *packet);
+void lp_encode_pong(const struct lp_pong *pong, struct lp_packet *packet);
 void lp_encode_sweep_started(uint64_t done_at, struct lp_packet *packet);
 void lp_encode_stills_asked(uint32_t cameras, struct lp_packet *packet);
 void lp_encode_error(int code, const char *text, struct lp_packet *packet);

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Reflection maps on the wire: FromProbe without its C structure, which is to stay small. */
 #include <assert.h>
+#include <errno.h>
 #include <math.h>
 #include <pb_encode.h>
 
@@ -9,6 +10,7 @@
 #include "include/packet.h"
 #include "light/cube.h"
 #include "proto/lightprobe.pb.h"
+#include "proto/ranges.h"
 
 #define FROM_PROBE_REFLECTION_MAP 6 /* FromProbe.reflection_map: left out by lightprobe.options */
 
@@ -44,9 +46,9 @@ static void fill(lightprobe_v1_ReflectionMap *wire, const struct lp_light_estima
 		wire->orientation[i] = estimate->orientation.xyzw[i];
 }
 
-void lp_encode_reflection_map(const struct lp_light_estimate *estimate,
-			      const struct lp_reflection_header *header, const uint8_t *texels,
-			      const struct lp_stamp *stamp, struct lp_packet *packet)
+int lp_encode_reflection_map(const struct lp_light_estimate *estimate,
+			     const struct lp_reflection_header *header, const uint8_t *texels,
+			     const struct lp_stamp *stamp, struct lp_packet *packet)
 {
 	struct bytes bytes = {texels, 4 * (size_t)LP_CUBE_TEXELS(header->size)};
 	lightprobe_v1_ReflectionMap wire = lightprobe_v1_ReflectionMap_init_zero;
@@ -54,6 +56,8 @@ void lp_encode_reflection_map(const struct lp_light_estimate *estimate,
 	bool done;
 
 	fill(&wire, estimate, header, stamp);
+	if (lp_may_be_sent(lp_keep_ReflectionMap(&wire)) != 0)
+		return -ERANGE;
 	wire.texels.funcs.encode = write_bytes;
 	wire.texels.arg = &bytes;
 	done = pb_encode_tag(&sizing, PB_WT_STRING, FROM_PROBE_REFLECTION_MAP) &&
@@ -66,4 +70,5 @@ void lp_encode_reflection_map(const struct lp_light_estimate *estimate,
 	(void)done;
 	packet->kind = LP_PACKET_PICTURE;
 	packet->size_bytes = (uint32_t)stream.bytes_written;
+	return 0;
 }

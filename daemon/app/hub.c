@@ -256,7 +256,8 @@ static void send_health(struct lp_hub *hub, int64_t now_ns)
 			if (!packet)
 				return;
 			lp_health_update(hub->options.health, now_ns);
-			lp_encode_health(&hub->options.health->report, packet);
+			if (lp_encode_health(&hub->options.health->report, packet) != 0)
+				break;
 		}
 		send_packet(hub, client, packet);
 	}

@@ -68,7 +68,10 @@ void lp_hub_publish_polarization(struct lp_hub *hub, const struct lp_polarizatio
 		packet = lp_packets_take_picture(hub->packets);
 	if (!packet)
 		return;
-	lp_encode_polarization(grid, hub->options.health->report.wheel.sweeps, packet);
+	if (lp_encode_polarization(grid, hub->options.health->report.wheel.sweeps, packet) != 0) {
+		lp_packet_drop(packet);
+		return;
+	}
 	hub->polarization_map_ns = lp_clock_ns();
 	for (int i = 0; i < hub->client_count; i++) {
 		struct lp_hub_client *client = hub->clients[i];

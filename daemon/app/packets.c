@@ -256,8 +256,6 @@ static struct packet *encode(struct lp_packets *packets, const struct lp_light_e
 	}
 	if (lp_encode_estimate(estimate, variant, stamp, &packet->base) == 0)
 		return packet;
-	lp_error("hub", "encode",
-		 "an estimate contains a number that is not finite; it is not sent");
 	lp_packet_drop(&packet->base);
 	return NULL;
 }

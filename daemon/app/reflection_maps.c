@@ -247,9 +247,12 @@ static struct lp_packet *encode(struct lp_reflection_maps *maps, struct variant 
 				       .release = release_map,
 				       .data = map->bytes,
 				       .capacity_bytes = (uint32_t)maps->most_bytes};
-	lp_encode_reflection_map(variant->choice.all, &variant->header, variant->texels, stamp,
-				 &map->base);
-	return &map->base;
+	if (lp_encode_reflection_map(variant->choice.all, &variant->header, variant->texels, stamp,
+				     &map->base) == 0)
+		return &map->base;
+	lp_packet_drop(&map->base);
+	variant->map = NULL;
+	return NULL;
 }
 
 static bool is_same(const struct variant *variant, const struct lp_choice *choice, int size,

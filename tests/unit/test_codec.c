@@ -181,6 +181,8 @@ static void test_every_variant_fits_a_packet(void **state)
 		estimate.lights[i].flags = UINT32_MAX;
 		estimate.lights[i].irradiance_sigma = 1e30F;
 		estimate.lights[i].distance_m = 1e30F;
+		estimate.lights[i].half_angle_deg[0] = 90.0F;
+		estimate.lights[i].axis[2] = 1.0F;
 	}
 	for (int order = 0; order <= LP_MAX_SH_ORDER; order++) {
 		for (int lights = 0; lights <= LP_MAX_LIGHTS; lights++) {

@@ -4,7 +4,7 @@ using Lightprobe.Messages;
 
 namespace Lightprobe
 {
-    /// <summary>What is wrong with a message by proto/ranges.toml, in a sentence that names the field; null: nothing.</summary>
+    /// <summary>What proto/ranges.toml forbids in a message; null: nothing.</summary>
     internal static class Ranges
     {
         /// <summary>How far the length of a unit vector may be from 1.</summary>
@@ -86,9 +86,12 @@ namespace Lightprobe
                 return "Estimate.orientation: expected a unit vector of 4 numbers";
             if (!(RangeCheck.IsInside(m.OrientationSigmaDeg, 0, 180, double.NegativeInfinity)))
                 return "Estimate.orientation_sigma_deg: expected a number, 0 to 180";
-            foreach (var one in m.Lights) if (Broken(one) is string told) return told;
-            if (m.Sh != null && Broken(m.Sh) is string ofSh) return ofSh;
-            if (m.Key != null && Broken(m.Key) is string ofKey) return ofKey;
+            foreach (var one in m.Lights)
+                if (Broken(one) is string told) return told;
+            if (m.Sh != null && Broken(m.Sh) is string ofSh)
+                return ofSh;
+            if (m.Key != null && Broken(m.Key) is string ofKey)
+                return ofKey;
             return null;
         }
 
@@ -120,8 +123,10 @@ namespace Lightprobe
                 return "Health.estimates_per_s: expected a finite number, 0 or more";
             if (!(RangeCheck.IsInside(m.CpuPercent, 0, double.MaxValue, double.NegativeInfinity)))
                 return "Health.cpu_percent: expected a finite number, 0 or more";
-            if (m.Wheel != null && Broken(m.Wheel) is string ofWheel) return ofWheel;
-            if (m.Ring != null && Broken(m.Ring) is string ofRing) return ofRing;
+            if (m.Wheel != null && Broken(m.Wheel) is string ofWheel)
+                return ofWheel;
+            if (m.Ring != null && Broken(m.Ring) is string ofRing)
+                return ofRing;
             return null;
         }
 
@@ -155,10 +160,14 @@ namespace Lightprobe
 
         internal static string Broken(FromProbe m)
         {
-            if (m.Estimate != null && Broken(m.Estimate) is string ofEstimate) return ofEstimate;
-            if (m.Health != null && Broken(m.Health) is string ofHealth) return ofHealth;
-            if (m.ReflectionMap != null && Broken(m.ReflectionMap) is string ofReflectionMap) return ofReflectionMap;
-            if (m.PolarizationMap != null && Broken(m.PolarizationMap) is string ofPolarizationMap) return ofPolarizationMap;
+            if (m.Estimate != null && Broken(m.Estimate) is string ofEstimate)
+                return ofEstimate;
+            if (m.Health != null && Broken(m.Health) is string ofHealth)
+                return ofHealth;
+            if (m.ReflectionMap != null && Broken(m.ReflectionMap) is string ofReflectionMap)
+                return ofReflectionMap;
+            if (m.PolarizationMap != null && Broken(m.PolarizationMap) is string ofPolarizationMap)
+                return ofPolarizationMap;
             return null;
         }
     }
