@@ -17,7 +17,7 @@
 #define FIRMWARE_MINOR 1
 #define FIRMWARE_PATCH 0
 #define PROTOCOL_MAJOR 1
-#define PROTOCOL_MINOR 2 /* 1: WheelRequest. 2: NOT_STORED */
+#define PROTOCOL_MINOR 3 /* 1: WheelRequest. 2: NOT_STORED. 3: WheelPulse */
 
 struct firmware {
 	struct board_info info;

@@ -286,6 +286,15 @@ static void on_wheel_action(const struct context *c)
 	send_result(c->firmware, c->id, answer, request.token);
 }
 
+static void on_wheel_pulse(const struct context *c)
+{
+	struct mcu_wheel_pulse_t request;
+
+	mcu_wheel_pulse_unpack(&request, c->payload, MESSAGE_MAX_BYTES);
+	send_result(c->firmware, c->id, wheel_pulse(&c->firmware->wheel, request.pulse_hus), 0);
+	c->firmware->owed |= OWE_WHEEL;
+}
+
 static void on_wheel_request(const struct context *c)
 {
 	const struct wheel *wheel = &c->firmware->wheel;
@@ -454,6 +463,7 @@ static const BOARD_FLASH struct handler handlers[] = {
 	HANDLER(STATUS_REQUEST, on_status),
 	HANDLER(RESET, on_reset),
 	HANDLER(WHEEL_REQUEST, on_wheel_request),
+	HANDLER(WHEEL_PULSE, on_wheel_pulse),
 };
 
 void messages_handle(struct firmware *firmware, const struct link_message *received)

@@ -57,18 +57,23 @@ static int32_t pulse_half_us(const struct wheel *wheel, int16_t angle_cdeg)
 	return 2 * (int32_t)value(wheel, PARAM_SERVO_ZERO_US) + half_us;
 }
 
-static bool reachable(const struct wheel *wheel, int16_t angle_cdeg)
+static bool within_servo(const struct wheel *wheel, int32_t half_us)
 {
-	int32_t half_us = pulse_half_us(wheel, angle_cdeg);
-
 	return half_us >= 2 * (int32_t)value(wheel, PARAM_SERVO_MIN_US) &&
 	       half_us <= 2 * (int32_t)value(wheel, PARAM_SERVO_MAX_US);
+}
+
+static bool reachable(const struct wheel *wheel, int16_t angle_cdeg)
+{
+	return within_servo(wheel, pulse_half_us(wheel, angle_cdeg));
 }
 
 uint16_t wheel_pulse_half_us(const struct wheel *wheel)
 {
 	if (!wheel->servo_on)
 		return 0;
+	if (wheel->step == STEP_PULSE)
+		return wheel->host_half_us;
 	int32_t half_us = pulse_half_us(wheel, leg_at(&wheel->leg, wheel->now_ms));
 	int32_t least = 2 * (int32_t)value(wheel, PARAM_SERVO_MIN_US);
 	int32_t most = 2 * (int32_t)value(wheel, PARAM_SERVO_MAX_US);
@@ -141,8 +146,30 @@ void wheel_forget(struct wheel *wheel)
 void wheel_release(struct wheel *wheel)
 {
 	let_go(wheel);
-	if (wheel->phase == WHEEL_HOMING || wheel->phase == WHEEL_MOVING)
+	if (wheel->phase != WHEEL_SETTLED && wheel->phase != WHEEL_FAULT)
 		enter(wheel, WHEEL_UNKNOWN, STEP_REST);
+}
+
+enum wheel_answer wheel_pulse(struct wheel *wheel, uint16_t half_us)
+{
+	if (wheel->phase == WHEEL_FAULT)
+		return ANSWER_IN_FAULT;
+	if (wheel->phase == WHEEL_HOMING || wheel->phase == WHEEL_MOVING)
+		return ANSWER_BUSY;
+	if (!within_servo(wheel, half_us))
+		return ANSWER_OUT_OF_RANGE;
+	enter(wheel, WHEEL_UNKNOWN, STEP_PULSE);
+	wheel->host_half_us = half_us;
+	wheel->servo_on = true;
+	return ANSWER_OK;
+}
+
+static void hold_pulse(struct wheel *wheel)
+{
+	uint16_t held_ms = wheel->now_ms - wheel->t_step_ms;
+
+	if (held_ms >= (uint16_t)value(wheel, PARAM_HOLD_MAX_DS) * 100)
+		wheel_forget(wheel);
 }
 
 /* --- homing --------------------------------------------------------------------------------- */
@@ -424,6 +451,8 @@ void wheel_tick(struct wheel *wheel, uint8_t elapsed_ms)
 		move_on(wheel);
 	} else if (wheel->step == STEP_SETTLE) {
 		settle(wheel);
+	} else if (wheel->step == STEP_PULSE) {
+		hold_pulse(wheel);
 	} else if (wheel->phase == WHEEL_SETTLED) {
 		hold(wheel);
 	}

@@ -38,6 +38,7 @@ enum wheel_step {
 	STEP_TRAVEL, /* to the start of the approach */
 	STEP_CREEP,
 	STEP_SETTLE,
+	STEP_PULSE, /* the servo stands where the host said, whatever the wheel does */
 };
 
 /* Same values as Result.result. */
@@ -77,6 +78,7 @@ struct wheel {
 	uint16_t slew_ddeg_s, hold_ds;
 	int16_t offset_cdeg, home_offset_cdeg; /* command minus wheel angle, found on the comb */
 	bool servo_on;
+	uint16_t host_half_us; /* the pulses of STEP_PULSE */
 	uint16_t t_step_ms;
 
 	/* Evidence of the comb. */
@@ -127,6 +129,10 @@ enum wheel_answer wheel_home(struct wheel *wheel, uint8_t token);
 enum wheel_answer wheel_move(struct wheel *wheel, uint8_t token, int16_t target_cdeg,
 			     uint16_t slew_ddeg_s, uint16_t hold_ds);
 void wheel_release(struct wheel *wheel);
+
+/* Puts the servo to this pulse, in half microseconds, for HOLD_MAX: to set the gear, before there
+ * is a comb to see. The wheel is UNKNOWN then. */
+enum wheel_answer wheel_pulse(struct wheel *wheel, uint16_t half_us);
 
 /* Faults were cleared, or the geometry was changed: what was known is not known any more. */
 void wheel_forget(struct wheel *wheel);

@@ -3,9 +3,11 @@
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import termios
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -66,6 +68,27 @@ def test_home_move_release(tmp_path: Path, box: Box) -> None:
     assert box.get("powered") == 0
     assert "OUT_OF_RANGE" in mcu(tmp_path, "move", "200", status=1)
     assert "expected -327…327 degrees" in mcu(tmp_path, "move", "400", status=2)
+
+
+def test_pulse_holds_the_servo_and_lets_it_go(tmp_path: Path, box: Box) -> None:
+    """Longer than the firmware would by itself; also when the tool is interrupted."""
+    mcu(tmp_path, "params", "set", "hold_max_ds", "5")
+    command = [LIGHTPROBE, "mcu", "pulse", "1234.5", "--port", f"serial:{tmp_path / 'mcu'}"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    assert process.stdout
+    assert process.stdout.readline() == "servo at 1234.5 µs for 20 s\n"
+    for _ in range(4):
+        time.sleep(0.4)
+        assert box.get("pulse_us") == pytest.approx(1234.5, abs=0.1)
+        assert box.get("powered") == 1
+    process.send_signal(signal.SIGINT)
+    process.wait(30)
+    process.stdout.close()
+    assert box.get("powered") == 0
+    assert mcu(tmp_path, "pulse", "800", "--seconds", "0.2").endswith("servo let go\n")
+    assert box.get("powered") == 0
+    assert "OUT_OF_RANGE" in mcu(tmp_path, "pulse", "2600", status=1)
+    assert "expected 300…2700 µs" in mcu(tmp_path, "pulse", "80", status=2)
 
 
 def test_what_the_eeprom_does_not_keep_is_no_success(tmp_path: Path, box: Box) -> None:

@@ -265,6 +265,10 @@ class Rig:
         assert self.ask("FaultClear", faults=0xFFFFFFFF)["result"] == "OK"
         self.run(30_000)
 
+    def pulse(self, pulse_us: float) -> str:
+        """Put the servo to a pulse; return the answer."""
+        return str(self.ask("WheelPulse", pulse_hus=round(2 * pulse_us))["result"])
+
     def status(self) -> dict[str, mcu.Message]:
         """Ask for everything; return the messages by name."""
         self.send("StatusRequest", count=0)

@@ -189,6 +189,55 @@ def test_release_during_a_move_leaves_the_wheel_unknown(homed: Rig) -> None:
     assert homed.get("powered") == 0
 
 
+@pytest.mark.parametrize("target", ["avr", "host"])
+def test_the_host_puts_the_servo_to_a_pulse_without_a_comb(make_rig: MakeRig, target: str) -> None:
+    """To set the gear on its horn: the pulse is held for hold_max_ds, from the last time on."""
+    rig = make_rig(target=target)
+    rig.set(index_a_forced=0, index_b_forced=0)
+    rig.param("hold_max_ds", 5)
+    rig.param("servo_min_us", 600)
+    for pulse_us in (600, 800, 2500, 1234.5):
+        assert rig.pulse(pulse_us) == "OK"
+        rig.run(400_000)
+        assert rig.get("pulse_us") == pytest.approx(pulse_us, abs=0.1)
+        assert (rig.phase(), rig.wheel.servo_on) == ("UNKNOWN", True)
+        assert rig.wheel.measured_deg is None
+        assert rig.status()["WheelServo"]["pulse_hus"] == 2 * pulse_us
+    for pulse_us in (599.5, 2500.5, 0, 32767):
+        assert rig.pulse(pulse_us) == "OUT_OF_RANGE"
+    assert rig.pulse(800) == "OK"
+    rig.run(450_000)
+    assert rig.get("powered") == 1
+    rig.run(100_000)
+    assert rig.get("powered") == 0
+    assert not rig.wheel.servo_on
+    assert not rig.faults
+
+
+def test_a_pulse_of_the_hosts_ends_by_release_and_home(homed: Rig) -> None:
+    assert homed.pulse(1000) == "OK"
+    homed.run(50_000)
+    assert homed.start_move(90) == "NOT_HOMED"
+    homed.ask("WheelAction", token=9, action="RELEASE")
+    assert homed.get("powered") == 0
+    assert homed.pulse(1000) == "OK"
+    homed.home()
+    assert homed.phase() == "SETTLED"
+    assert homed.get("wheel_deg") == pytest.approx(0, abs=1.2)
+
+
+def test_a_pulse_of_the_hosts_waits_for_moves_and_faults(homed: Rig) -> None:
+    assert homed.start_move(90) == "OK"
+    assert homed.pulse(1000) == "BUSY"
+    homed.run_until(homed.ended, 5_000_000)
+    assert homed.phase() == "SETTLED"
+    assert homed.pulse(1000) == "OK"
+    homed.set(supply_mv=3500)
+    homed.run(200_000)
+    assert homed.get("powered") == 0
+    assert homed.pulse(1000) == "IN_FAULT"
+
+
 def test_pulses_are_exact_without_runts_or_gaps(rig: Rig) -> None:
     """From the first to the last pulse of homing and moves: width in range, period 20 ms."""
     rig.home()

@@ -11,7 +11,7 @@
 #include "drivers/link/mcu_parts.h"
 
 #define PROTOCOL_MAJOR 1
-#define PROTOCOL_MINOR 2
+#define PROTOCOL_MINOR 3
 #define MINOR_WITH_WHEEL_REQUEST 1
 
 #define ASK_NS (200 * LP_NS_PER_MS)   /* greeting and rates are repeated */

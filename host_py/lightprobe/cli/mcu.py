@@ -37,6 +37,9 @@ Calibration = Annotated[
     Path | None, typer.Option(metavar="FILE", help="File written by `calibrate ring`.")
 ]
 
+#: Less than the least hold_max_ds, after which the firmware lets go by itself.
+_PULSE_AGAIN_S = 0.05
+
 app = typer.Typer(
     help="Talk to the microcontroller: over serial, I2C or CAN. lightprobed must not be using it.",
     no_args_is_help=True,
@@ -211,6 +214,37 @@ def release(port: Port = DEFAULT_PORT) -> None:
     """Switch the servo off; the comb still measures the wheel."""
     with conversation(port) as link:
         link.release()
+
+
+@app.command("pulse")
+def pulse_command(
+    pulse_us: Annotated[
+        float,
+        typer.Argument(callback=check.number(300, 2700, "µs"), help="Width of the pulses in µs."),
+    ],
+    port: Port = DEFAULT_PORT,
+    seconds: Annotated[
+        float,
+        typer.Option(
+            callback=check.number(0.1, 600, "seconds"), help="So long, then the servo is let go."
+        ),
+    ] = 20,
+) -> None:
+    """Hold the servo at a pulse, to set its gear, as a servo tester does; Ctrl-C ends it.
+
+    Not beyond the parameters servo_min_us and servo_max_us. The wheel has to be homed afterwards.
+    """
+    end = time.monotonic() + seconds
+    with conversation(port) as link:
+        link.pulse(pulse_us)
+        print(f"servo at {pulse_us:g} µs for {seconds:g} s", flush=True)
+        try:
+            while (left_s := end - time.monotonic()) > 0:
+                link.pulse(pulse_us)
+                time.sleep(min(left_s, _PULSE_AGAIN_S))
+        finally:
+            link.release()
+    print("servo let go")
 
 
 @app.command("clear")

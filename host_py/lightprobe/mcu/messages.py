@@ -16,7 +16,7 @@ from typing import Any, cast
 from lightprobe.mcu.link import CAN_BASE, NO_ACKNOWLEDGE, Carrier, McuError, database
 
 PROTOCOL_MAJOR = 1
-PROTOCOL_MINOR = 2
+PROTOCOL_MINOR = 3
 RESET_KEY = 0xB007
 REPEAT_AFTER_S = 0.1
 
@@ -26,6 +26,7 @@ _REFUSALS = {
     "NOT_HOMED": "`lightprobe mcu home` first",
     "IN_FAULT": "`lightprobe mcu clear`, then `home`",
     "BUSY": "wait until it is done",
+    "UNKNOWN_ID": "the firmware is older than this program: `lightprobe mcu flash`",
     "NOT_STORED": "that cell of the EEPROM is worn out; the former parameters stay stored: save "
     "again, and if that fails too, replace the board",
 }
@@ -337,6 +338,13 @@ class Mcu:
     def release(self) -> None:
         """Let the servo go."""
         self.request("WheelAction", token=self._next_token(), action="RELEASE")
+
+    def pulse(self, pulse_us: float) -> None:
+        """Put the servo to a pulse, in microseconds, for the parameter hold_max_ds at most.
+
+        The wheel's angle is unknown then. Raises McuError outside servo_min_us…servo_max_us.
+        """
+        self.request("WheelPulse", pulse_hus=round(2 * pulse_us))
 
     def move(self, target_deg: float, slew_deg_s: float = 0, hold_s: float = 0) -> int:
         """Start a move; return its token. 0 for slew or hold means the parameter's value."""
