@@ -6,7 +6,7 @@ HW := hw
 HW_SERVO ?= 180
 HW_OUT := $(BUILD)/hw$(if $(filter-out 180,$(HW_SERVO)),-$(HW_SERVO))
 HW_PARTS := wheel_front wheel_comb wheel_back servo_gear plate sensor_carrier cradle module_cradle module_pair ring_cap base ring lid \
-	headset_base
+	headset_base pi_mount
 HW_ITEMS := wheel_front wheel_comb wheel_back film plate roller_0 roller_1 roller_2 fork_0 fork_1 \
 	sensor_carrier_0 sensor_carrier_1 servo servo_gear cradle module_cradle module ring_cap camera camera_plug screws base board ring lid headset_base
 HW_VIEWS := box open headset module wheel

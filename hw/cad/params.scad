@@ -141,3 +141,11 @@ headset_rib = 22;        // height of what stiffens the pillars
 headset_window = 26;     // half width
 strap_width = 26;
 strap_slot = 4;
+
+// --- the computer on a leg of the tripod: Raspberry Pi 3, 4, 5
+pi_holes_long = 58;      // between the holes of its board
+pi_holes_across = 49;
+pi_plate = 4;
+pi_post = 9;             // strap and solder pins below the board
+pi_groove = 10;          // width, for legs and columns of 15 mm and more
+pi_strap = 12;           // the straps' slots from the groove's middle

@@ -5,6 +5,7 @@ use <wheel.scad>
 use <plate.scad>
 use <drum.scad>
 use <pair.scad>
+use <pi_mount.scad>
 
 part = "wheel_front";
 
@@ -21,5 +22,6 @@ else if (part == "ring_cap") ring_cap();
 else if (part == "base") base();
 else if (part == "ring") ring();
 else if (part == "lid") lid();
+else if (part == "pi_mount") pi_mount();
 else if (part == "headset_base") headset_base();
 else assert(false, str("no such part: ", part));

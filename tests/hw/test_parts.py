@@ -253,6 +253,30 @@ def test_tripod_nut_and_screw_fit() -> None:
     assert 11.11 / 2 < nut < 11.11 / 2 + 0.15  # across flats, 7/16 inch
 
 
+@pytest.mark.parametrize("x", [-29, 29])
+@pytest.mark.parametrize("y", [-24.5, 24.5])
+def test_a_raspberry_pi_fits_its_mount(x: float, y: float, dim: dict[str, float]) -> None:
+    """Holes as in its mechanical drawing, 58 × 49 mm; a screw of 12 mm ends within the post."""
+    board_mm, screw_mm = 1.4, 12
+    top = part("pi_mount").bounds[1][2]
+    for z in (top - 0.5, top - (screw_mm - board_mm) - 0.1):
+        hole = free_radius("pi_mount", z, (x, y))
+        assert hole == pytest.approx(dim["wheel_screw_hole"] / 2, abs=0.05)
+    assert inside(section(part("pi_mount"), 0.6), np.array([[x, y]])).all()
+
+
+def test_straps_and_a_tripods_leg_fit_the_mount_of_the_computer(dim: dict[str, float]) -> None:
+    for z in (0.5, dim["pi_plate"] - 0.5):
+        for x in (-1, 1):
+            at = (x * (dim["strap_width"] / 2 + 3), dim["pi_strap"])
+            assert free_radius("pi_mount", z, at) == pytest.approx(dim["strap_slot"] / 2, abs=0.01)
+    # A leg of 15 mm touches the groove's edges and not its ground.
+    half, leg = dim["pi_groove"] / 2, 7.5
+    ground = np.array([[0.0, 0.0]])
+    sunk = leg - np.sqrt(leg**2 - half**2)
+    assert not inside(section(part("pi_mount"), sunk - 0.02), ground).any()
+
+
 def test_the_headsets_base_takes_the_place_of_the_drums(dim: dict[str, float]) -> None:
     """Pillars and board posts are where the drum's base has them; straps go through."""
     for x in (-1, 1):
