@@ -1,13 +1,18 @@
 """Pictures as cameras deliver them on a bad day: the daemon counts, says so, and goes on."""
 
 import os
+import signal
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 from harness import STALE, Daemon, camera, jpeg, panorama, pfm, streaming, wait_for
 from lightprobe_proto import lightprobe_pb2 as pb
 
+LIGHTPROBE = Path(sys.executable).parent / "lightprobe"
 GOOD = jpeg()
 State = pb.Health.SourceState
 
@@ -189,6 +194,32 @@ def test_a_fault_can_be_read_whatever_the_path_is_called(length):
         assert health.faults[0].id == "source-waiting"
         assert health.faults[0].text.startswith("sim: /tmp/?€")
         assert health.faults[0].text.endswith("Trying again")
+
+
+def test_a_second_daemon_on_one_simulator_says_why_it_waits(tmp_path):
+    """And it takes its turn when the first one has left."""
+    socket = tmp_path / "camera"
+    command = [LIGHTPROBE, "simulate", "--socket", socket, "--size", "64x32", "--act-s", "0"]
+    with subprocess.Popen(command) as simulator:
+        wait_for(socket.exists, "a simulator")
+        with Daemon(f"--source=sim:{socket}") as first, first.client() as client:
+            client.next("estimate")
+            with (
+                Daemon(f"--source=sim:{socket}") as second,
+                second.client(health_period_ms=100) as waiting,
+            ):
+                health = waiting.until(lambda h: h.faults, "health")
+                assert health.source_state == State.WAITING
+                assert [fault.id for fault in health.faults] == ["source-waiting"]
+                busy = "connect: busy — another lightprobed has this simulator"
+                assert busy in health.faults[0].text
+                assert busy in second.log()
+                number = client.next("estimate").sequence
+                client.until(lambda e: e.sequence > number + 10)  # the first one is served on
+                first.stop()
+                waiting.next("estimate")
+                waiting.until(lambda h: not h.faults, "health")
+        simulator.send_signal(signal.SIGINT)
 
 
 def test_waits_for_a_camera_that_is_absent():

@@ -488,6 +488,28 @@ static void test_silence_is_a_stall(void **state)
 	assert_int_equal(heard.state, LP_SOURCE_STREAMING);
 }
 
+static void test_a_simulator_that_is_busy(void **state)
+{
+	uint8_t busy[LP_SIM_HEADER_BYTES] = "BUSY";
+
+	(void)state;
+	start_simulator();
+	assert_int_equal(lp_source_sim_ops.start(source), 0);
+	for (int times = 0; times < 2; times++) {
+		accept_peer();
+		assert_int_equal(write(peer, busy, sizeof(busy)), sizeof(busy));
+		close(peer); /* with the daemon's hello unread */
+		while (heard.reason[0] == '\0')
+			dispatch(10);
+		assert_int_equal(heard.state, LP_SOURCE_WAITING);
+		assert_contains(heard.reason, "busy — another lightprobed has this simulator");
+	}
+	accept_peer();
+	send_frame('a', 0);
+	pump_frames(1);
+	assert_int_equal(heard.state, LP_SOURCE_STREAMING);
+}
+
 #define LINK_TEST(test) cmocka_unit_test_setup_teardown(test, setup, teardown)
 
 int main(void)
@@ -505,6 +527,7 @@ int main(void)
 		LINK_TEST(test_corrupt_frames_are_marked),
 		LINK_TEST(test_times_that_cannot_be),
 		LINK_TEST(test_silence_is_a_stall),
+		LINK_TEST(test_a_simulator_that_is_busy),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

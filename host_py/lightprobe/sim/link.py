@@ -12,6 +12,7 @@ import sys
 import threading
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol, TextIO
@@ -29,6 +30,8 @@ from lightprobe.sim.world import State
 #: Orientation x y z w and its sigma, row time, and limits of exposure follow what was there first.
 HEADER = struct.Struct("<4sIQ4sIIIQqffII4fff3f")
 MAGIC = b"LPF1"
+#: Instead of a header, to a daemon that comes while another one is served.
+BUSY = b"BUSY".ljust(64, b"\0")
 MARKED_CORRUPT = 1
 _SEND_TIMEOUT_S = 2.0
 _LISTEN_NS = 100_000_000  # how often it is looked whether to stop
@@ -164,7 +167,7 @@ class Link:
             if self.clock.wait_until(until_ns, selector) and self._listener is not None:
                 connection, _ = self._listener.accept()
                 self.counters.connections += 1
-                self._session = _Session(self, connection)
+                self._session = _Session(self, connection, self._listener)
 
     def close(self) -> None:
         """Unplug the camera; :meth:`listen` brings it back."""
@@ -283,7 +286,7 @@ class _Ready:
 class _Session:
     """One connection: commands in, frames out."""
 
-    def __init__(self, link: Link, connection: socket.socket) -> None:
+    def __init__(self, link: Link, connection: socket.socket, listener: socket.socket) -> None:
         connection.settimeout(_SEND_TIMEOUT_S)
         self.link, self.connection, self.faults = link, connection, link.faults
         self.frames = 0  # sent on this connection
@@ -292,7 +295,9 @@ class _Session:
         self._ready: list[_Ready] = []  # a heap
         self._text = b""
         self._selector = selectors.DefaultSelector()
-        self._selector.register(connection, selectors.EVENT_READ)
+        self._listener = listener
+        for one in (connection, listener):
+            self._selector.register(one, selectors.EVENT_READ)
 
     def due_ns(self) -> int:
         """Give the time of the next step."""
@@ -411,10 +416,24 @@ class _Session:
         clock = self.link.clock
         while True:
             is_due = clock.now_ns() >= t_ns
-            if clock.wait_until(t_ns, self._selector) and not self._take_commands():
+            if clock.wait_until(t_ns, self._selector) and not self._attend():
                 return False
             if is_due:
                 return True
+
+    def _attend(self) -> bool:
+        """Do what has come; False when the daemon has left."""
+        ready = [key.fileobj for key, _ in self._selector.select(0)]
+        if self._listener in ready:
+            self._turn_away()
+        return self.connection not in ready or self._take_commands()
+
+    def _turn_away(self) -> None:
+        """Tell another daemon that there is one already."""
+        another, _ = self._listener.accept()
+        with another, suppress(OSError):  # it may be another simulator that only looked
+            another.setblocking(False)
+            another.sendall(BUSY)
 
     def _take_commands(self) -> bool:
         data = self.connection.recv(4096)

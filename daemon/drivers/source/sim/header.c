@@ -139,6 +139,11 @@ void lp_sim_header_parse_more(const uint8_t data[LP_SIM_HEADER_KNOWN_BYTES],
 	}
 }
 
+bool lp_sim_header_is_busy(const uint8_t data[LP_SIM_HEADER_BYTES])
+{
+	return memcmp(data, "BUSY", 4) == 0;
+}
+
 const char *lp_sim_header_parse(const uint8_t data[LP_SIM_HEADER_BYTES],
 				struct lp_sim_header *header)
 {

@@ -32,6 +32,9 @@ struct lp_sim_header {
 	bool exposure_fixed;					  /* it cannot be commanded */
 };
 
+/* In the place of a header: another daemon is served, and the link ends here. */
+bool lp_sim_header_is_busy(const uint8_t data[LP_SIM_HEADER_BYTES]);
+
 /* NULL, or what is wrong with it: then nothing more of the stream can be understood. */
 const char *lp_sim_header_parse(const uint8_t data[LP_SIM_HEADER_BYTES],
 				struct lp_sim_header *header);

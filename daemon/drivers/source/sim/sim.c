@@ -234,8 +234,14 @@ static void deliver(struct source_sim *self)
 /* The part is there that tells how long the header is. False: it makes no sense. */
 static bool begin_header(struct source_sim *self)
 {
-	const char *fault = lp_sim_header_parse(self->header_data, &self->header);
+	const char *fault;
 
+	if (lp_sim_header_is_busy(self->header_data)) {
+		lose_link(self, "connect",
+			  "busy — another lightprobed has this simulator. Trying again");
+		return false;
+	}
+	fault = lp_sim_header_parse(self->header_data, &self->header);
 	if (fault) {
 		char reason[120];
 
@@ -449,7 +455,7 @@ const struct lp_source_ops lp_source_sim_ops = {
 	.info = {.scheme = "sim",
 		 .form = "PATH",
 		 .help = "the simulator's socket (lightprobe simulate)\n"
-			 "The daemon waits for it, also when it goes away. The keys are those of "
+			 "The daemon waits for it, also when it goes away or has another daemon. The keys are those of "
 			 "the simulator: see\n"
 			 "lightprobe simulate --help."},
 	.create = sim_create,
