@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from lightprobe.client import AsyncClient, Client
     from lightprobe.errors import IncompatibleProbe, LightprobeError, ProbeError, ProbeTimeout
     from lightprobe.estimate import Estimate, EstimateFlag, Light, LightFlag
+    from lightprobe.fallback import fallback_estimate
     from lightprobe.reflection_map import ReflectionMap
     from lightprobe.wire import Subscription, SubscriptionError
 
@@ -20,13 +21,14 @@ __version__ = "0.1.0"
 __all__ = [
     "AsyncClient", "Client", "Estimate", "EstimateFlag", "IncompatibleProbe", "Light", "LightFlag",
     "LightprobeError", "ProbeError", "ProbeTimeout", "ReflectionMap", "Subscription",
-    "SubscriptionError",
+    "SubscriptionError", "fallback_estimate",
 ]  # fmt: skip
 
 _HOMES = {
     "client": ("AsyncClient", "Client"),
     "errors": ("IncompatibleProbe", "LightprobeError", "ProbeError", "ProbeTimeout"),
     "estimate": ("Estimate", "EstimateFlag", "Light", "LightFlag"),
+    "fallback": ("fallback_estimate",),
     "reflection_map": ("ReflectionMap",),
     "wire": ("Subscription", "SubscriptionError"),
 }

@@ -8,7 +8,8 @@ A client connects, asks for what its :class:`Subscription` says, and stays: when
 lost or the probe sends nonsense it connects again, waiting longer after each failure. Only a probe
 of another major protocol version is a final error. The newest estimate wins: who reads slowly
 skips, and the number of skipped ones is counted. `latest()` is None once the estimate has outlived
-its ttl_ms, so that nobody is lit by light of an hour ago.
+its ttl_ms, so that nobody is lit by light of an hour ago: then :func:`fallback_estimate` gives what
+to show. A pause of the program makes nothing old: what came meanwhile is read first.
 
 Estimates that were made for another subscription, as those that a probe sends before it has read
 the client's own, are dropped and counted.
@@ -34,6 +35,7 @@ from numpy.typing import ArrayLike
 
 from lightprobe.address import Address
 from lightprobe.clock_offset import ClockOffset
+from lightprobe.drained import Drained
 from lightprobe.errors import IncompatibleProbe, MissingPackage, ProbeError, ProbeTimeout
 from lightprobe.estimate import (
     Estimate,
@@ -155,6 +157,7 @@ class AsyncClient:
         self._reflection_map: ReflectionMap | None = None
         self._received = self._taken = 0  # counted since the start
         self._probe_clock = ClockOffset()
+        self._drained = Drained()
         self._pong_time_ns: int | None = None  # when the last answer to a ping came
         self._final: Exception | None = None
         self._answer: PolarizationMap | SweepStarted | StillsAsked | None = None
@@ -189,11 +192,16 @@ class AsyncClient:
         return self.hello is not None
 
     def latest(self) -> Estimate | None:
-        """Give the newest estimate; None before the first, and when it has outlived its ttl_ms."""
+        """Give the newest estimate; None before the first, and when it has outlived its ttl_ms.
+
+        That is judged by what has been read: after a pause of the program, the one before the pause
+        remains until what came meanwhile is read.
+        """
         newest = self._newest
-        if newest is None or (newest.ttl_ms and self._age_ms(newest) > newest.ttl_ms):
+        if newest is None:
             return None
-        return newest
+        age_ms = self._age_ms(newest, self._drained.until_ns)
+        return None if newest.ttl_ms and age_ms > newest.ttl_ms else newest
 
     @property
     def reflection_map(self) -> ReflectionMap | None:
@@ -202,11 +210,10 @@ class AsyncClient:
 
     def age_ms(self) -> float | None:
         """Milliseconds since the newest estimate's capture, aged out or not."""
-        return None if self._newest is None else self._age_ms(self._newest)
+        return None if self._newest is None else self._age_ms(self._newest, time.monotonic_ns())
 
-    def _age_ms(self, estimate: Estimate) -> float:
-        captured_ns = self._probe_clock.ours_ns(estimate.capture_time_unix_ns)
-        return (time.monotonic_ns() - captured_ns) / 1e6
+    def _age_ms(self, estimate: Estimate, at_ns: int) -> float:
+        return (at_ns - self._probe_clock.ours_ns(estimate.capture_time_unix_ns)) / 1e6
 
     async def receive(
         self, timeout_s: float | None = None, on_waiting: OnWaiting | None = None
@@ -394,6 +401,7 @@ class AsyncClient:
         return encode_subscription(self._subscription, self._subscription_number)
 
     async def _stay_connected(self) -> None:
+        turns = asyncio.create_task(self._drained.note_turns())
         try:
             await self._reconnect_for_ever()
         except (IncompatibleProbe, MissingPackage) as error:
@@ -405,6 +413,8 @@ class AsyncClient:
             await self._announce(
                 final=ProbeError(f"{self.uri}: client: unexpected {error!r}: please report it")
             )
+        finally:
+            turns.cancel()
 
     async def _reconnect_for_ever(self) -> None:
         wait_s = BACKOFF_FIRST_S
@@ -433,8 +443,7 @@ class AsyncClient:
             writer.write(self._request())
             decoder = Decoder()
             while True:
-                async with asyncio.timeout(self._patience_s()):
-                    data = await reader.read(65536)
+                data = await self._drained.within(self._patience_s(), lambda: reader.read(65536))
                 if not data:
                     raise ProbeError(f"{self.uri}: receive: the probe closed the connection")
                 for payload in decoder.payloads(data):

@@ -9,6 +9,7 @@ import time
 
 import numpy as np
 import pytest
+from lightprobe import client as client_module
 from lightprobe import wire
 from lightprobe.address import Address
 from lightprobe.client import AsyncClient, Client
@@ -216,6 +217,68 @@ def test_the_last_estimate_survives_a_lost_connection_but_not_its_age():
         client.receive(LONG_S)
         assert client.wait_for(lambda c: c.latest() is None, LONG_S)
         assert client.age_ms() > 600
+
+
+def test_after_a_pause_what_came_meanwhile_is_read_before_light_counts_as_old():
+    """The event loop is blocked for longer than the time to live, while the probe goes on."""
+    over = threading.Event()
+
+    def stream(probe, connection):
+        connection.sendall(hello())
+        number = 0
+        while not over.is_set():
+            number += 1
+            connection.sendall(estimate(number, ttl_ms=800))
+            time.sleep(0.02)
+        probe.hold(connection)
+
+    async def run(uri):
+        async with AsyncClient(uri) as client:
+            await client.receive(LONG_S)
+            await asyncio.sleep(0.5)
+            before = client.latest().sequence
+            time.sleep(1.2)  # the pause
+            assert client.age_ms() > 800  # the age itself is told as it is
+            while (found := client.latest()) is not None and found.sequence == before:
+                await asyncio.sleep(0.005)
+            assert found is not None, "dark after the pause"
+            over.set()
+            while client.latest() is not None:  # nothing comes: it is old all the same
+                await asyncio.sleep(0.01)
+        assert client.latest() is None
+
+    with Probe(stream) as probe:
+        asyncio.run(asyncio.wait_for(run(probe.uri), 2 * LONG_S))
+
+
+def test_a_pause_is_no_silence_of_the_probe(monkeypatch):
+    monkeypatch.setattr(client_module, "HELLO_TIMEOUT_S", 1.0)
+    paused = threading.Event()
+
+    def late(probe, connection):
+        paused.wait(LONG_S)
+        connection.sendall(hello() + estimate(1))
+        probe.hold(connection)
+
+    async def run(probe):
+        async with AsyncClient(probe.uri) as client:
+            while not probe.connections:
+                await asyncio.sleep(0.01)
+            await asyncio.sleep(0.1)
+            paused.set()
+            time.sleep(1.5)  # the pause
+            assert (await client.receive(LONG_S)).sequence == 1
+            assert (client.statistics.failures, probe.connections) == (0, 1)
+
+    with Probe(late) as probe:
+        asyncio.run(run(probe))
+
+
+def test_light_ages_on_when_the_client_is_left():
+    with Probe(serve(hello(), estimate(1, ttl_ms=700))) as probe:
+        with Client(probe.uri) as client:
+            client.receive(LONG_S)
+        assert client.wait_for(lambda c: c.latest() is None, LONG_S)
 
 
 @pytest.mark.parametrize("clock_off_s", [-3600, 3600])
