@@ -4,6 +4,7 @@
 import { Drained } from "./drained.js";
 import type { Estimate, Health, Hello } from "./estimate.js";
 import type { ReflectionMap } from "./reflection.js";
+import { whyUnanswered } from "./unanswered.js";
 import { DEFAULT_SUBSCRIPTION, MINOR_WITH_NUMBERS, MINOR_WITH_PINGS, PROTOCOL_MAJOR, WireError, decode, encodePing, encodePose, encodeSubscription } from "./wire.js";
 import type { Message, Subscription } from "./wire.js";
 
@@ -220,9 +221,9 @@ export class Probe {
 
   #whyClosed(): string {
     if (this.hello) return `${this.#url}: the probe closed the connection`;
-    if (!this.#url.startsWith("wss:")) return `${this.#url}: connect: no answer: is lightprobed running, and may this page read it?`;
-    // A browser does not say why TLS failed.
-    return `${this.#url}: connect: no answer: is lightprobed running, and does the browser accept the probe's certificate? Open ${this.#url.replace("wss:", "https:")} to see`;
+    const origin = typeof location === "undefined" ? undefined : location.origin, why = whyUnanswered(this.#url, origin);
+    if (origin !== undefined) console.warn(`lightprobe: ${why}`); // beside the browser's own line, which does not say it
+    return why;
   }
 
   #take(message: Exclude<Message, { kind: "error" }>): void {

@@ -19,7 +19,7 @@ export class Drained {
     this.#now = now;
   }
 
-  /** Starts anew: as if all were read now. */
+  /** Starts anew: as if all were read now. Before it, and after stop(), nothing is waited for. */
   start(): void {
     this.stop();
     this.#turnsMs = [this.#now()];
@@ -32,6 +32,7 @@ export class Drained {
   stop(): void {
     clearInterval(this.#timer);
     this.#timer = undefined;
+    this.#turnsMs = [];
   }
 
   /** All that came before this time of the clock has been read. */

@@ -194,7 +194,7 @@ const FALLBACK_FROM_ABOVE = 0.4;
  * no lamps, because nobody knows where they are. Its bootId and sequence are 0.
  */
 export function fallbackEstimate(last?: Estimate): Estimate {
-  const mean = last ? meanIrradiance(last) / Math.PI : FALLBACK_RADIANCE;
+  const mean = last ? Math.max(0, meanIrradiance(last) / Math.PI) : FALLBACK_RADIANCE;
   const flat = mean / 0.28209479177387814, up = (FALLBACK_FROM_ABOVE * mean) / 0.4886025119029199;
   return {
     sequence: 0, bootId: 0, captureTimeUnixMs: 0, sendDelayMs: 0, ttlMs: 0, flags: EstimateFlag.STALE, lights: [], key: undefined,

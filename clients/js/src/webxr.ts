@@ -23,7 +23,8 @@ export function reflectionCubeMap(gl: WebGL2RenderingContext, map: ReflectionMap
   return texture;
 }
 
-interface Point { readonly x: number; readonly y: number; readonly z: number; readonly w: number }
+/** In browsers a DOMPointReadOnly, as WebXR has it; elsewhere there is none. */
+export type Point = Pick<DOMPointReadOnly, "x" | "y" | "z" | "w">;
 
 /** As https://www.w3.org/TR/webxr-lighting-estimation-1/#xrlightestimate-interface */
 export interface LightEstimate {
@@ -35,7 +36,8 @@ export interface LightEstimate {
   readonly primaryLightIntensity: Point;
 }
 
-const point = ([x, y, z]: Vec3, w: number): Point => ({ x, y, z, w });
+const point = ([x, y, z]: Vec3, w: number): Point =>
+  (typeof DOMPointReadOnly === "undefined" ? { x, y, z, w } : new DOMPointReadOnly(x, y, z, w));
 
 /** The strongest lamp is the primary light; the other lamps are put into the SH, so that nothing is lost or counted
  * twice. `undefined` (no estimate, or too old) gives the light of fallbackEstimate(). */

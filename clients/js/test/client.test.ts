@@ -3,6 +3,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { create, fromBinary, toBinary } from "@bufbuild/protobuf";
 import { Probe, parseAddress } from "../src/index.js";
+import { whyUnanswered } from "../src/unanswered.js";
 import * as pb from "../src/gen/lightprobe_pb.js";
 
 /** A WebSocket whose other end is the test. */
@@ -57,12 +58,21 @@ test("where TLS may be in the way, it is said how to see it", async () => {
   const { probe, socket } = open({}, "https://probe.local:7702/#token=abc");
   socket().close();
   await until(() => probe.lastError !== undefined);
-  assert.match(probe.lastError!, /accept the probe's certificate\? Open https:\/\/probe\.local:7702\/ to see/);
+  assert.match(probe.lastError!, /accept the probe's certificate \(open https:\/\/probe\.local:7702\/ to see\)\?$/);
   probe.close();
   const plain = open({}, "ws://probe.local:7701/");
   plain.socket().close();
-  assert.match(plain.probe.lastError!, /is lightprobed running, and may this page read it/);
+  assert.match(plain.probe.lastError!, /is lightprobed running\?$/, "outside of browsers there are no origins");
   plain.probe.close();
+});
+
+test("a page of another origin is told how to be allowed", () => {
+  const dev = "http://localhost:5173";
+  assert.equal(whyUnanswered("ws://127.0.0.1:7701/", dev),
+    `ws://127.0.0.1:7701/: connect: no answer: is lightprobed running, and may pages of ${dev} read it: start lightprobed with ?origins=${dev} at the end of its --publish=ws:…?`);
+  assert.match(whyUnanswered("wss://probe.local:7702/", dev), /certificate \(open https:\/\/probe\.local:7702\/ to see\), and may pages of .*\?origins=http:\/\/localhost:5173 .*--publish=wss:/);
+  assert.match(whyUnanswered("ws://127.0.0.1:7701/", "null"), /refuses pages of files: serve this one by http:/);
+  for (const own of ["ws://probe:1/", "wss://probe:1/"]) assert.doesNotMatch(whyUnanswered(own, own.replace("ws", "http").slice(0, -1)), /origins/);
 });
 
 test("addresses: of the messages, and of the page", () => {
@@ -232,6 +242,16 @@ test("after a pause that is longer than the time to live, what came meanwhile is
   assert.equal(probe.latest()?.sequence, 2);
   await until(() => probe.latest() === undefined); // nothing came: it is old all the same
   probe.close();
+});
+
+test("light ages on after the client was closed", async () => {
+  const { probe, socket } = open();
+  socket().open();
+  socket().hello();
+  socket().estimate(1, 1, 300);
+  probe.close();
+  assert.equal(probe.latest()?.sequence, 1);
+  await until(() => probe.latest() === undefined);
 });
 
 test("a pause is no silence of the probe", async () => {

@@ -8,6 +8,8 @@ export const ROOT = resolve(import.meta.dirname ?? process.cwd(), process.env["L
 const FOLDER = resolve(ROOT, "proto/golden");
 
 export const expected = JSON.parse(readFileSync(resolve(FOLDER, "v1.json"), "utf8")) as Record<string, Record<string, unknown>>;
+/** SH coefficients of the fallback light after an estimate; "": before the first. */
+export const fallbacks = JSON.parse(readFileSync(resolve(FOLDER, "fallback.json"), "utf8")) as Record<string, number[]>;
 export const names = readdirSync(FOLDER).filter((name) => name.endsWith(".bin"));
 
 /** Bytes of one message, without the length before it. */

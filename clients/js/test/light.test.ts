@@ -5,6 +5,8 @@ import { Quaternion, Vector3 } from "three";
 import { fallbackEstimate, irradiance, LightFlag, meanIrradiance, sh, type Estimate, type Light, type Vec3 } from "../src/index.js";
 import { ProbeLight } from "../src/three.js";
 import { lightEstimate } from "../src/webxr.js";
+import { decode } from "../src/wire.js";
+import { bytes, fallbacks } from "./golden.js";
 
 export const lamp = (id: number, direction: Vec3, light: Vec3 = [1, 1, 1]): Light => ({
   id, direction, irradiance: light, angularRadiusDeg: 2, directionSigmaDeg: undefined, irradianceSigma: undefined, colourSigma: undefined, shadowStrength: undefined, flags: 0, distanceM: undefined,
@@ -166,6 +168,15 @@ test("a light says when there is light, and when there is none any more, as XREs
 
 /** Luminance of what is shown on a surface that faces up, sideways and down. */
 const shown = (light: ProbeLight): number[] => ([[0, 1, 0], [1, 0, 0], [0, -1, 0]] as Vec3[]).map((normal) => light.irradiance(normal)[1]);
+
+test("the fallback is the same in every client", () => {
+  assert.ok(Object.keys(fallbacks).length > 3);
+  for (const [name, wanted] of Object.entries(fallbacks)) {
+    const last = name ? decode(bytes(name)) : undefined;
+    const found = fallbackEstimate(last?.kind === "estimate" ? last.estimate : undefined).sh.coefficients;
+    wanted.forEach((value, i) => assert.ok(Math.abs(found[i]! - value) <= 1e-5 * Math.abs(value), `${name} ${i}: ${found[i]}, expected ${value}`));
+  }
+});
 
 test("before the first estimate a fallback is shown, from the first frame on", () => {
   const light = new ProbeLight();
