@@ -53,6 +53,15 @@ def test_lamps_are_where_they_are(tmp_path):
         assert cv2.imread(str(tmp_path / name)).shape == (650, 1600, 3)
 
 
+def test_it_ends_with_the_scene_that_it_began_with(tmp_path):
+    """After 9 s the second scene is on; the last picture was its, or that of a sky."""
+    done = run("--seconds", 9, "--scenes", "room", "--scenes", "sky", "--every-s", 60,
+               "--output", tmp_path, "--json")  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert list(json.loads(done.stdout)["pictures"])[-1] == str(tmp_path / "room.png")
+    assert (tmp_path / "latest.png").read_bytes() == (tmp_path / "room.png").read_bytes()
+
+
 def test_ctrl_c_ends_it_well(tmp_path):
     command = [
         LIGHTPROBE,

@@ -334,12 +334,16 @@ def test_control_names_what_is_wrong(tmp_path: Path) -> None:
             (("inject-fault", socket, "explode=1"), "unknown option explode"),
             (("light", socket, "dark"), "expected lux, or scene"),
             (("get", socket, "nothing"), "no number nothing"),
+            (("scene", socket, "2"), "scene 2: expected 1…1, or all"),
         ]:
             done = control_command(*words)
             assert done.returncode == 2
             assert message in done.stderr
-        with pytest.raises(UsageError, match="unknown command: known are faults, get, light"):
+        with pytest.raises(
+            UsageError, match="unknown command: known are faults, get, light, scene"
+        ):
             running.control("dance")
+        assert control_command("scene", socket, "1").stdout == "ok\n"
         assert control_command("inject-fault", socket, "drop=0.5").stdout == "ok\n"
         assert running.status()["faults"]["drop"] == 0.5
         assert running.status()["counters"]["connections"] == 0

@@ -48,6 +48,18 @@ def light(
     typer.echo(control.send(path, f"light {lux}"))
 
 
+@app.command("scene")
+def scene(
+    path: SocketPath,
+    which: Annotated[
+        str,
+        typer.Argument(metavar="N|all", help="Its place among --scenes; all: in turn again."),
+    ],
+) -> None:
+    """Keep one scene from now on."""
+    typer.echo(control.send(path, f"scene {which}"))
+
+
 @app.command("get")
 def get(
     path: SocketPath,

@@ -28,8 +28,7 @@ from lightprobe.cli.simulate import MEDIAN_RADIANCE
 from lightprobe.client import Client
 from lightprobe.errors import LightprobeError, UsageError
 from lightprobe.estimate import Estimate, EstimateFlag
-from lightprobe.sim import scenes
-from lightprobe.sim.control import require_unix_sockets
+from lightprobe.sim import control, scenes
 from lightprobe.wire import Subscription
 
 if TYPE_CHECKING:
@@ -46,6 +45,8 @@ _FIRST_ESTIMATE_S = 60.0
 _SOURCE_S = 3.0
 #: Homing takes some seconds; if it is not done by then, the show begins and says so.
 _WHEEL_S = 30.0
+#: The last picture's good moment comes by then, or there is none.
+_LAST_S = 10.0
 #: A picture is taken of a world that has been the same for so long.
 _SETTLED_S = 1.5
 
@@ -125,10 +126,10 @@ def command(
     """Show the whole path: a simulated room, the daemon, a live view, and a picture of the result.
 
     The camera looks around, lamps switch, scenes change. The picture shows lamps true and
-    estimated, and an object lit by each. Ends on Ctrl-C, or after --seconds. A real camera has
-    no truth to compare with.
+    estimated, and an object lit by each. Ends on Ctrl-C, or after --seconds, with a picture of the
+    first scene. A real camera has no truth to compare with.
     """  # fmt: skip
-    require_unix_sockets("demo")
+    control.require_unix_sockets("demo")
     daemon.find()
     make_folder(output)
     ports = Ports.choose() if installation.viewer() else None
@@ -160,6 +161,8 @@ def command(
                 watch.show(client, show.step) if not as_json else show.run_silently()
             summary = show.summary()
             with suppress(KeyboardInterrupt):
+                if simulator is not None:  # it ends with the scene that it began with
+                    control.send(folder / "control", "scene 1")
                 show.take_picture(last=True)
         # Nothing else runs now. A second Ctrl-C ends this too.
         with suppress(KeyboardInterrupt):
@@ -186,7 +189,7 @@ def simulation(
         sys.executable, "-m", "lightprobe", "simulate", "--socket", folder / "camera",
         "--truth", folder / "truth", "--act-s", str(_ACT_S), "--swing-deg", str(_SWING_DEG),
         "--swing-hz", str(_SWING_HZ), "--switch-s", str(_SWITCH_S), "--format", "MJPG",
-        "--firmware", "host", "--pty", folder / "mcu",
+        "--firmware", "host", "--pty", folder / "mcu", "--control", folder / "control",
     ]  # fmt: skip
     for name in chosen:
         command_line += ["--scenes", name]
@@ -338,6 +341,7 @@ def _paint(
     import numpy as np
 
     from lightprobe.evaluate import picture
+    from lightprobe.sim.scene import has_exact_lamps
     from lightprobe.sim.world import World
 
     cv2.setNumThreads(1)
@@ -352,7 +356,7 @@ def _paint(
     # By whole pixels of the map: the truth beside it is turned by just as much.
     turn_px = round(frame["yaw_deg"] / 360 * 1024)
     off_deg = frame["yaw_deg"] - turn_px * 360 / 1024
-    lamps = scene.truth(frame["powers"], frame["yaw_deg"]).lamps
+    lamps = scene.truth(frame["powers"], frame["yaw_deg"]).lamps if has_exact_lamps(scene) else None
     turned = np.roll(radiance, turn_px, axis=1)
     scenery = picture.Scenery(frame["scene"], turned, lamps, off_deg)
     path = output / f"{frame['scene']}.png"
@@ -465,9 +469,9 @@ class Show:
 
     def take_picture(self, last: bool = False) -> bool:
         """Begin a picture if one can be had now; `last`: wait for a good moment to have one."""
-        if last and not self.painter.collect():
-            return False  # the one under way is recent
-        deadline = time.monotonic() + (5 if last else 0)
+        if last:
+            self.painter.collect(wait=True)
+        deadline = time.monotonic() + (_LAST_S if last else 0)
         while True:
             estimate = self.client.latest()
             if estimate is not None and is_whole(estimate) and self.painter.collect():
@@ -524,7 +528,8 @@ def report(summary: dict[str, Any], as_json: bool) -> None:
         words = f"relighting error {100 * figures['relighting_mae']:.1f} %" if figures else ""
         if "lamps" in figures:
             words += f", {figures['found']:.0f} of {figures['lamps']:.0f} lamps"
-            words += f", {figures['extra']:.0f} extra" if figures["extra"] else ""
+        if figures.get("extra"):
+            words += f", {figures['extra']:.0f} extra"
         if "direction_rmse_deg" in figures:
             words += f", {figures['direction_rmse_deg']:.2f}° off"
         print(f"demo: picture: {path}  {words}")

@@ -51,7 +51,7 @@ def command(
             metavar="WHAT",
             help="room, procedural[:N], blender, sky[:ELEVATION], polished:WHAT, FILE, FOLDER.",
         ),
-    ] = ["procedural:5"],  # noqa: B006 - typer copies it
+    ] = ["room"],  # noqa: B006 - typer copies it
     act_s: Annotated[
         float,
         typer.Option(callback=check.number(0), help="Seconds per scene; 0: the first for ever."),

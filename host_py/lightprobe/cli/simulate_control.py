@@ -42,7 +42,7 @@ class Desk:
     def handlers(self) -> dict[str, Handler]:
         """Commands by their first words."""
         return {"faults": self.faults, "status": self.status, "light": self.set_light,
-                "get": self.get}  # fmt: skip
+                "get": self.get, "scene": self.keep_scene}  # fmt: skip
 
     def faults(self, query: str) -> str:
         """Misbehave from now on."""
@@ -64,6 +64,15 @@ class Desk:
         if lux is not None and not 0 <= lux < 1e6:
             raise UsageError(f"simulate: light {words}: expected lux, or scene")
         self.lit.fixed_lux = lux
+        return "ok"
+
+    def keep_scene(self, words: str) -> str:
+        """One scene from now on, by its place among --scenes; or one after the other again."""
+        world = self.link.camera.world
+        number = int(words) if words.isdecimal() else 0
+        if words != "all" and not 1 <= number <= len(world.scenes):
+            raise UsageError(f"simulate: scene {words}: expected 1…{len(world.scenes)}, or all")
+        world.kept = None if words == "all" else number - 1
         return "ok"
 
     def status(self, _: str) -> str:

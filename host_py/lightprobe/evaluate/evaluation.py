@@ -25,7 +25,7 @@ from lightprobe.evaluate.metrics import Reference, Score
 from lightprobe.evaluate.ring_model import RingModel
 from lightprobe.imaging import image
 from lightprobe.sim.exposure import bracket_us, median_luminance
-from lightprobe.sim.scene import PanoramaScene, Scene
+from lightprobe.sim.scene import PanoramaScene, Scene, has_exact_lamps
 from lightprobe.sim.sensor import Sensor, encode_jpeg
 
 SIZE_PX = (1920, 960)
@@ -76,7 +76,7 @@ class Case:
 def reference(scene: Scene) -> Reference:
     """Truth of a scene with all lamps at full power."""
     truth = scene.truth(np.ones(len(scene.lamps)))
-    lamps = None if isinstance(scene, PanoramaScene) else truth.lamps
+    lamps = truth.lamps if has_exact_lamps(scene) else None
     return Reference(truth.irradiance(geometry.sphere_normals()), truth.total, lamps)
 
 

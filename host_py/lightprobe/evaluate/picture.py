@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import matplotlib
 
 matplotlib.use("Agg")
@@ -19,7 +20,8 @@ from numpy.typing import NDArray
 from lightprobe import geometry, sh
 from lightprobe.colour import linear_to_srgb, luminance
 from lightprobe.estimate import Estimate, flag_names
-from lightprobe.evaluate import metrics, relight
+from lightprobe.evaluate import marks, metrics, relight
+from lightprobe.evaluate.marks import Marks
 from lightprobe.geometry import Array
 from lightprobe.lamp import Lamp
 from lightprobe.sim.exposure import median_luminance
@@ -35,7 +37,7 @@ class Scenery:
 
     name: str
     radiance: NDArray[np.float32]  # (H, W, 3) unclipped
-    lamps: tuple[Lamp, ...]  # as the camera is turned
+    lamps: tuple[Lamp, ...] | None  # as the camera is turned; None: known as a map alone
     yaw_deg: float = 0.0  # by which the map is to be turned besides (less than a pixel)
 
 
@@ -48,13 +50,11 @@ def draw(path: Path, estimate: Estimate, truth: Scenery | None, footer: str) -> 
     )  # fmt: skip
     axis = figure.add_subplot(grid[0, 0])
     _panorama(axis, estimate, truth)
-    pairs = _match(estimate, truth)
-    _lamps(axis, estimate, truth, pairs)
-    figures = _objects(figure, grid, estimate, truth)
-    if truth is not None:
-        figures |= _direction_figures(pairs, estimate, truth)
-    _words(figure.add_subplot(grid[1, 0]), estimate, truth, pairs)
-    _summary(figure.add_subplot(grid[1, 1:]), estimate, figures)
+    marked = _mark(estimate, truth)
+    _lamps(axis, estimate, marked)
+    figures = _objects(figure, grid, estimate, truth) | marked.figures
+    _words(figure.add_subplot(grid[1, 0]), truth, marked)
+    _summary(figure.add_subplot(grid[1, 1:]), estimate, figures, marked)
     title = truth.name if truth else "what the packet says (no truth: a real camera)"
     figure.text(0.014, 0.94, f"lightprobe · {title}", color=_INK, fontsize=17, weight="bold")
     figure.text(0.986, 0.945, footer, color=_INK, fontsize=10, ha="right", alpha=0.8)
@@ -86,33 +86,34 @@ def _panorama(axis: Axes, estimate: Estimate, truth: Scenery | None) -> None:
     axis.axis("off")
 
 
-def _match(estimate: Estimate, truth: Scenery | None) -> list[tuple[int, int, float]]:
+def _mark(estimate: Estimate, truth: Scenery | None) -> Marks:
     if truth is None:
-        return []
-    return geometry.match_directions(
-        [lamp.direction for lamp in truth.lamps], [light.direction for light in estimate.lights]
-    )
+        return marks.of_packet(estimate)
+    if truth.lamps is None:
+        return marks.of_map(estimate, truth.radiance)
+    return marks.of_lamps(estimate, truth.lamps)
 
 
-def _lamps(
-    axis: Axes, estimate: Estimate, truth: Scenery | None, pairs: list[tuple[int, int, float]]
-) -> None:
-    """Circles around true lamps, crosses on estimated ones."""
-    numbers = {j: i for i, j, _ in pairs}
+def _lamps(axis: Axes, estimate: Estimate, marked: Marks) -> None:
+    """Lines around what is true, crosses on estimated lamps."""
+    if marked.areas is not None and marked.areas.any():
+        height, width = marked.areas.shape
+        x = (np.arange(width) + 0.5) * 360 / width - 180
+        y = 90 - (np.arange(height) + 0.5) * 180 / height
+        inside = cv2.GaussianBlur(marked.areas.astype(np.float32), (5, 5), 0)
+        axis.contour(x, y, inside, levels=[0.5], colors=[_TRUE], linewidths=1.2)
     for index, light in enumerate(estimate.lights):
         azimuth, elevation = light.azimuth_deg, light.elevation_deg
-        extra = truth is not None and index not in numbers
-        colour = _EXTRA if extra else _SEEN
+        colour = _EXTRA if marked.is_extra(index) else _SEEN
         axis.plot(azimuth, elevation, "+", color=colour, markersize=13, markeredgewidth=2)
         _ring(axis, light.direction, light.angular_radius_deg, colour, "-", 1.2)
-        name = f"#{light.id}" if truth is None else "extra" if extra else f"{numbers[index] + 1}"
         left = azimuth > 150
         axis.annotate(
-            name, (azimuth, elevation), xytext=(-9 if left else 9, 9), textcoords="offset points",
-            color=colour, fontsize=12, weight="bold", ha="right" if left else "left",
-            path_effects=_outline(),
+            marked.names[index], (azimuth, elevation), xytext=(-9 if left else 9, 9),
+            textcoords="offset points", color=colour, fontsize=12, weight="bold",
+            ha="right" if left else "left", path_effects=_outline(),
         )  # fmt: skip
-    for lamp in truth.lamps if truth else ():
+    for lamp in marked.lamps:
         _ring(axis, lamp.direction, max(lamp.radius_deg, 1.5) + 2.5, _TRUE, "-", 2.0)
 
 
@@ -170,66 +171,30 @@ def _object(axis: Axes, picture: Array, scale: float, title: str) -> None:
     axis.axis("off")
 
 
-def _direction_figures(
-    pairs: list[tuple[int, int, float]], estimate: Estimate, truth: Scenery
-) -> dict[str, float]:
-    angles = [angle for *_, angle in pairs]
-    figures: dict[str, float] = {
-        "lamps": len(truth.lamps),
-        "found": len(pairs),
-        "extra": len(estimate.lights) - len(pairs),
-    }
-    if angles:
-        figures["direction_rmse_deg"] = float(np.sqrt(np.mean(np.square(angles))))
-    return figures
-
-
-def _words(
-    axis: Axes, estimate: Estimate, truth: Scenery | None, pairs: list[tuple[int, int, float]]
-) -> None:
-    """Legend, and one line per lamp."""
+def _words(axis: Axes, truth: Scenery | None, marked: Marks) -> None:
+    """Legend, and one line per lamp or area."""
     axis.axis("off")
     axis.set_xlim(0, 1)
     axis.set_ylim(0, 1)
-    handles = [Line2D([], [], marker="+", color=_SEEN, linestyle="", markersize=12, mew=2,
-                      label="estimated, with its size")]  # fmt: skip
+    entries = [("+", _SEEN, "estimated, with its size")]
     if truth is not None:
-        handles.insert(0, Line2D([], [], marker="o", color=_TRUE, linestyle="", markersize=12,
-                                 fillstyle="none", mew=2, label="true lamp"))  # fmt: skip
-        handles.append(Line2D([], [], marker="+", color=_EXTRA, linestyle="", markersize=12, mew=2,
-                              label="extra: no true lamp there"))  # fmt: skip
+        what = "bright area" if truth.lamps is None else "lamp"
+        entries.insert(0, ("o", _TRUE, f"true {what}"))
+    if any(map(marked.is_extra, range(len(marked.names)))):
+        entries.append(("+", _EXTRA, f"extra: no true {what} there"))
+    handles = [
+        Line2D([], [], marker=marker, color=colour, linestyle="", markersize=12,
+               fillstyle="none", mew=2, label=label)
+        for marker, colour, label in entries
+    ]  # fmt: skip
     axis.legend(handles=handles, loc="upper left", frameon=False, labelcolor=_INK, fontsize=11,
                 borderaxespad=0.1)  # fmt: skip
-    rows = _lamp_rows(estimate, truth, pairs)
-    for k, row in enumerate(rows[:8]):
+    for k, row in enumerate(marked.rows[:8]):
         axis.text(0.31 + 0.36 * (k // 4), 0.92 - 0.2 * (k % 4), row, color=_INK, fontsize=9.5,
                   va="top", family="monospace")  # fmt: skip
 
 
-def _lamp_rows(
-    estimate: Estimate, truth: Scenery | None, pairs: list[tuple[int, int, float]]
-) -> list[str]:
-    if truth is None:
-        return [
-            f"#{light.id}: az {light.azimuth_deg:+6.1f}° el {light.elevation_deg:+5.1f}°, "
-            f"{2 * light.angular_radius_deg:.1f}° across"
-            for light in estimate.lights
-        ]
-    rows = []
-    for i, j, angle in pairs:
-        lamp, light = truth.lamps[i], estimate.lights[j]
-        ratio = float(luminance(light.irradiance)) / float(luminance(lamp.irradiance))
-        rows.append(f"lamp {i + 1}: {angle:.2f}° off, irradiance {100 * (ratio - 1):+.0f}%")
-    missed = set(range(len(truth.lamps))) - {i for i, *_ in pairs}
-    extra = set(range(len(estimate.lights))) - {j for _, j, _ in pairs}
-    rows += [f"lamp {i + 1}: not listed" for i in sorted(missed)]
-    return rows + [
-        f"extra: az {light.azimuth_deg:+6.1f}° el {light.elevation_deg:+5.1f}°"
-        for light in (estimate.lights[j] for j in sorted(extra))
-    ]
-
-
-def _summary(axis: Axes, estimate: Estimate, figures: dict[str, float]) -> None:
+def _summary(axis: Axes, estimate: Estimate, figures: dict[str, float], marked: Marks) -> None:
     """Figures of the whole, and what the packet says of itself."""
     axis.axis("off")
     words = []
@@ -238,11 +203,8 @@ def _summary(axis: Axes, estimate: Estimate, figures: dict[str, float]) -> None:
                      f"brightest, RMS {100 * figures['relighting_rmse']:.2f} %")  # fmt: skip
         words.append(f"SH error (order {estimate.sh.order}, TOTAL): "
                      f"{100 * figures['sh_error']:.2f} %")  # fmt: skip
-    if "lamps" in figures:
-        found = f"{figures['found']:.0f} of {figures['lamps']:.0f} found"
-        rmse_deg = figures.get("direction_rmse_deg")
-        direction = "" if rmse_deg is None else f", direction RMSE {rmse_deg:.2f}°"
-        words.append(f"lamps: {found}, {figures['extra']:.0f} extra{direction}")
+    if marked.summary:
+        words.append(marked.summary)
     left_out = estimate.predicted_error
     number = len(estimate.lights)
     model = f"packet: order {estimate.sh.order}, {number} lamp{'s' if number != 1 else ''}"

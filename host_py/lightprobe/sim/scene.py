@@ -217,6 +217,11 @@ def lit_lamps(
 # ---------------------------------------------------------------- panoramas
 
 
+def has_exact_lamps(scene: Scene) -> bool:
+    """Whether its lamps are what it was made of, and not found in a picture of it."""
+    return not isinstance(scene, PanoramaScene)
+
+
 @dataclass(frozen=True, eq=False)
 class PanoramaScene:
     """A real radiance map; its lamps are what stands out of it (see :func:`split_lamps`)."""

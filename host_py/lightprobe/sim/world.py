@@ -1,7 +1,7 @@
 """The world over time: which scene, how it is turned, and how bright each lamp is.
 
 Everything is a function of the time since the start, so that a run repeats exactly and anyone who
-knows the world's description knows the truth of every frame.
+knows the world's description knows the truth of every frame, until somebody keeps a scene.
 """
 
 from __future__ import annotations
@@ -85,6 +85,7 @@ class World:
         if not scenes:
             raise ValueError("world: no scene")
         self.behaviour = behaviour or Behaviour()
+        self.kept: int | None = None  # the scene that stays, by index; None: as behaviour has it
         flat = [scene.name for scene in scenes if not isinstance(scene, Room)]
         if self.behaviour.walk_m and flat:
             raise UsageError(f"world: {flat[0]}: nobody can walk in it: take the scene room")
@@ -100,6 +101,7 @@ class World:
         """
         b = self.behaviour
         act = int(t_s // b.act_s) % len(self.scenes) if b.act_s > 0 else 0
+        act = act if self.kept is None else self.kept
         scene = self.scenes[act]
         yaw_deg = float(self._yaw_deg(t_s + exposure_s / 2)) % 360
         turned_deg = float(self._yaw_deg(t_s + exposure_s) - self._yaw_deg(t_s))

@@ -9,7 +9,7 @@ from lightprobe import geometry
 from lightprobe.cli import view
 from lightprobe.colour import luminance
 from lightprobe.estimate import Estimate, EstimateFlag, Light, LightFlag, SphericalHarmonics
-from lightprobe.evaluate import picture, relight
+from lightprobe.evaluate import marks, picture, relight
 from lightprobe.sim import scene
 from lightprobe.sim.procedural import random_scene
 
@@ -105,7 +105,6 @@ def test_picture_is_written_whole(tmp_path, known):
 
 
 def test_a_lamp_that_is_not_there_is_counted_and_drawn(tmp_path):
-    """Of a real panorama too: its true lamps are few, and what else is listed is no match."""
     estimate = perfect()
     away = Light(9, np.array([0.0, -1, 0]), np.ones(3), 3.0)
     more = dataclasses.replace(estimate, lights=(*estimate.lights, away))
@@ -117,6 +116,43 @@ def test_a_lamp_that_is_not_there_is_counted_and_drawn(tmp_path):
     drawn, plain = (cv2.imread(str(tmp_path / name)).astype(int) for name in ("x.png", "y.png"))
     pink = np.abs(drawn - (0xC6, 0x7A, 0xFF)).sum(axis=2) < 30
     assert pink.sum() > (np.abs(plain - (0xC6, 0x7A, 0xFF)).sum(axis=2) < 30).sum() + 50
+
+
+def a_sky_with_leaves() -> np.ndarray:
+    """A sky that twigs cut into pieces, and a bright window elsewhere."""
+    radiance = np.full((256, 512, 3), 0.2, np.float32)
+    radiance[40:110, 150:350] = 10
+    radiance[40:110, 150:350:9] = 0.2
+    radiance[120:135, 20:35] = 12
+    return radiance
+
+
+def at(azimuth_deg: float, elevation_deg: float) -> Light:
+    direction = geometry.direction_from_angles(azimuth_deg, elevation_deg)
+    return Light(int(azimuth_deg) + 181, direction, np.ones(3), 3.0)
+
+
+def test_lamps_of_one_sky_are_one_area_and_none_of_them_is_extra(tmp_path):
+    """Real panoramas were shown with up to seven lamps "extra", all of them in one sky."""
+    sky = [at(azimuth, 40) for azimuth in (-60, -30, 0, 30, 55)]
+    estimate = dataclasses.replace(perfect(), lights=(*sky, at(-160, 0), at(120, -50)))
+    marked = marks.of_map(estimate, a_sky_with_leaves())
+    assert marked.names == ("1", "", "", "", "", "2", "extra")
+    assert marked.figures == {"areas": 2, "listed": 6, "extra": 1}
+    assert marked.rows[0].endswith("as 5 lamps")
+    assert marked.rows[1].endswith("as 1 lamp")
+    scenery = picture.Scenery("park", a_sky_with_leaves(), None)
+    figures = picture.draw(tmp_path / "x.png", estimate, scenery, "footer")
+    assert "direction_rmse_deg" not in figures
+    drawn = cv2.imread(str(tmp_path / "x.png")).astype(int)
+    assert (np.abs(drawn - (0x4D, 0xD3, 0xFF)).sum(axis=2) < 60).sum() > 300  # its outline
+
+
+def test_a_lamp_across_the_seam_lies_in_the_area_there():
+    radiance = np.full((256, 512, 3), 0.2, np.float32)
+    radiance[100:120, :10] = radiance[100:120, -10:] = 10
+    estimate = dataclasses.replace(perfect(), lights=(at(179, 13), at(-177, 13)))
+    assert marks.of_map(estimate, radiance).names == ("1", "")
 
 
 def test_tables_and_lines_tell_everything():

@@ -26,6 +26,8 @@ def test_acts_follow_each_other_and_come_again():
     world = World([random_scene(0), random_scene(1)], Behaviour(act_s=2))
     assert [world.at(t).act for t in (0, 1.9, 2, 3.9, 4)] == [0, 0, 1, 1, 0]
     assert World([random_scene(0), random_scene(1)], Behaviour(act_s=0)).at(99).act == 0
+    world.kept = 1
+    assert [world.at(t).act for t in (0, 1.9, 2, 3.9, 4)] == [1] * 5
 
 
 def test_pictures_are_kept_while_nothing_changes():
