@@ -1,9 +1,11 @@
 """What pictures say of themselves: exposure, part of the sphere, transparency, bits a channel."""
 
+import functools
 from pathlib import Path
 
 import cv2
 import numpy as np
+import OpenEXR
 import pytest
 from lightprobe import daemon
 from lightprobe.colour import luminance, srgb_to_linear
@@ -80,9 +82,90 @@ def test_exposures_come_from_exif(tmp_path, suffix, by):
         assert sh0(alone) == pytest.approx(sh0(typed), rel=1e-3)
 
 
+APEX = {
+    name: (int(np.log2(1e6 / us) * 1e4), 10000)
+    for name, us in (("long", 16000), ("mid", 2000), ("short", 250))
+}
+
+
+def xmp(properties):
+    return (
+        '<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf='
+        '"http://www.w3.org/1999/02/22-rdf-syntax-ns#"><rdf:Description '
+        'xmlns:exif="http://ns.adobe.com/exif/1.0/" xmlns:tiff="http://ns.adobe.com/tiff/1.0/">'
+        f"{properties}</rdf:Description></rdf:RDF></x:xmpmeta>"
+    )
+
+
+def as_apex(picture, path, name):
+    exif = Image.Exif()
+    exif.get_ifd(0x8769).update({0x9201: IFDRational(*APEX[name]), 0x9202: IFDRational(2, 1)})
+    picture.save(path, quality=95, exif=exif.tobytes())
+
+
+def as_xmp(properties, picture, path, name):
+    above, below = APEX[name]
+    us = {"long": 16000, "mid": 2000, "short": 250}[name]
+    said = xmp(properties.format(us=us, above=above, below=below))
+    chunks = PngInfo()
+    chunks.add_itxt("XML:com.adobe.xmp", said)
+    how = {"pnginfo": chunks} if path.suffix == ".png" else {"xmp": said.encode(), "quality": 95}
+    picture.save(path, **how)
+
+
+WAYS = {
+    "apex": as_apex,
+    "xmp time": functools.partial(
+        as_xmp,
+        "<exif:ExposureTime>{us}/1000000</exif:ExposureTime><exif:ISOSpeedRatings><rdf:Seq>"
+        "<rdf:li>100</rdf:li></rdf:Seq></exif:ISOSpeedRatings>",
+    ),
+    "xmp apex": functools.partial(
+        as_xmp, "<exif:ShutterSpeedValue>{above}/{below}</exif:ShutterSpeedValue>"
+    ),
+}
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".png"])
+@pytest.mark.parametrize("way", WAYS)
+def test_exposures_come_from_apex_values_and_xmp(tmp_path, suffix, way):
+    files = [tmp_path / f"{index}{suffix}" for index in range(3)]
+    for name, path in zip(APEX, files, strict=True):
+        WAYS[way](Image.open(FILES / f"jpeg/b_{name}.jpg"), path, name)
+    read, _ = estimate(*files)
+    typed, _ = estimate(*files, exposures_us=[16000, 2000, 250])
+    assert sh0(read) == pytest.approx(sh0(typed), rel=2e-3)
+    assert read.exposure_count == 3
+    if suffix == ".jpg":
+        alone, _ = daemon.estimate_once([f"--source=file:{tmp_path}", "--preset=accurate"])
+        assert sh0(alone) == pytest.approx(sh0(typed), rel=2e-3)
+
+
+@pytest.mark.parametrize("properties", ["<exif:ExposureBiasValue>1/3</exif:ExposureBiasValue>",
+                                        "<exif:ExposureTime>0/1</exif:ExposureTime>"])  # fmt: skip
+def test_a_compensation_or_no_time_is_no_exposure(tmp_path, properties):
+    files = [tmp_path / f"{index}.jpg" for index in range(3)]
+    for name, path in zip(APEX, files, strict=True):
+        as_xmp(properties, Image.open(FILES / f"jpeg/b_{name}.jpg"), path, name)
+    with pytest.raises(LightprobeError, match="not all say .* how they were exposed"):
+        estimate(*files)
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".png"])
+def test_an_orientation_in_xmp_is_told(tmp_path, suffix):
+    file = tmp_path / f"x{suffix}"
+    as_xmp(
+        "<tiff:Orientation>6</tiff:Orientation>", Image.open(FILES / "jpeg/plain.jpg"), file, "mid"
+    )
+    _, notes = estimate(file, exposures_us=[2000])
+    assert any("rientation 6 is not obeyed" in note for note in notes)
+
+
 def test_a_bracket_whose_pictures_do_not_all_say_it_needs_exposures(tmp_path):
     with_exif(FILES / "jpeg/b_long.jpg", tmp_path / "a.jpg", 0.016)
-    with pytest.raises(LightprobeError, match="not all say in their Exif how they were exposed"):
+    with pytest.raises(
+        LightprobeError, match="not all say in their Exif or XMP how they were exposed"
+    ):
         estimate(tmp_path / "a.jpg", FILES / "jpeg/b_mid.jpg")
 
 
@@ -91,7 +174,7 @@ def clear(picture, kind):
     kind, _, suffix = kind.partition(".")
     path = picture.path.with_suffix(f".{suffix}")
     grey = picture.pixels
-    rgb, alpha = np.repeat(grey[..., None], 3, axis=2), np.where(grey == 0, 0, 255)[..., None]
+    rgb, alpha = (np.repeat(grey[..., None], 3, axis=2), np.where(grey == 0, 0, 255)[..., None])
     rgba = np.concatenate([rgb, alpha], axis=2).astype(np.uint8)
     if kind == "rgba":
         Image.fromarray(rgba).save(path)
@@ -148,6 +231,29 @@ def test_every_kind_of_transparency_is_known(tmp_path, kind):
     found, _ = estimate(clear(Picture(tmp_path / "x", 256, 128, HOLES["a hole"]), kind))
     assert sh0(found) == pytest.approx(sh0_of_code(CODE), rel=0.005)
     assert "PARTIAL_VIEW" in flag_names(found.flags)
+
+
+@pytest.mark.parametrize("hole", HOLES)
+@pytest.mark.parametrize("how", ["alpha", "window"])
+def test_what_an_exr_does_not_show_is_not_seen(tmp_path, hole, how):
+    """Neither what is black and transparent, nor what lies outside of the data window."""
+    height, width = 128, 256
+    shown = np.ones((height, width), bool)
+    shown[HOLES[hole]] = False
+    file, header = tmp_path / "x.exr", {"displayWindow": ((0, 0), (width - 1, height - 1))}
+    rows, columns = (np.flatnonzero(shown.any(axis=axis)) for axis in (1, 0))
+    window = (columns[0], rows[0]), (columns[-1], rows[-1])
+    if how == "window" and shown.sum() == len(rows) * len(columns):
+        header["dataWindow"] = window
+        shown = shown[window[0][1] : window[1][1] + 1, window[0][0] : window[1][0] + 1]
+    pixels = np.where(shown, 0.5, 0).astype(np.float32)
+    OpenEXR.File(header, {name: pixels for name in "RGB"} | {"A": shown.astype(np.float32)}).write(
+        str(file)
+    )
+    found, notes = estimate(file)
+    assert sh0(found) == pytest.approx(0.5 * np.sqrt(4 * np.pi), rel=0.005)
+    assert flag_names(found.flags) == ["PARTIAL_VIEW"]
+    assert any("not seen" in note for note in notes)
 
 
 @pytest.mark.parametrize("masked", [False, True])

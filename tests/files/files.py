@@ -207,7 +207,8 @@ PNG = (
 FLOAT = Light(0.911, (60.15, 29.98), lamp_within_deg=0.2, irradiance=(6.04, 4.53, 3.02))
 CONVERTED = replace(FLOAT, told="primaries converted to Rec. 709")
 DIVIDED = replace(FLOAT, told="pixels divided by EXPOSURE and COLORCORR")
-BLACK = replace(FLOAT, flags=frozenset({"INVALID_INPUT"}), told="the rest is black")
+#: What lies outside of the data window is as bright as the mean inside, as far as anybody knows.
+WINDOW = replace(FLOAT, flags=frozenset({"PARTIAL_VIEW"}), told="the rest is not seen")
 EXR = (
     ("plain", "half floats, ZIP", FLOAT),
     ("b44", "compressed by B44", FLOAT),
@@ -224,8 +225,8 @@ EXR = (
     ("white_luminance", "a stated luminance of 1", replace(FLOAT, told="--cd-m2-per-unit 100")),
     ("uint", "whole numbers, in units of 0.01",
      replace(FLOAT, sh0=91.1, irradiance=(604.0, 453.0, 302.0))),
-    ("cropped", "a data window of a quarter", replace(BLACK, sh0=0.373)),
-    ("cropped_nadir", "a data window without the nadir", replace(BLACK, sh0=0.871)),
+    ("cropped", "a data window of a quarter", replace(WINDOW, sh0=1.141)),
+    ("cropped_nadir", "a data window without the nadir", replace(WINDOW, sh0=0.982)),
     ("lamp_is_inf", "half floats that overflow in the lamp",
      replace(FLOAT, flags=frozenset({"CLIPPED"}), irradiance=None)),
     ("nan_inf_negative", "one pixel each of NaN, infinity and below 0",

@@ -44,8 +44,18 @@ static void segment(struct bytes *jpeg, const void *content, size_t size)
 	add(jpeg, content, size);
 }
 
-/* 1/250 s, f/2, ISO 400, orientation 6. */
-static void add_exif(struct bytes *jpeg, bool big_endian)
+/* What a camera says: three entries, the first two of them fractions. */
+struct said {
+	uint32_t tag[3];
+	int32_t fraction[2][2];
+	uint32_t last_type, last;
+};
+
+/* 1/250 s, f/2, ISO 400. */
+static const struct said direct = {{0x829a, 0x829d, 0x8827}, {{1, 250}, {20, 10}}, 3, 400};
+
+/* And orientation 6. */
+static void add_exif(struct bytes *jpeg, bool big_endian, const struct said *said)
 {
 	struct bytes exif = {.big_endian = big_endian};
 
@@ -56,14 +66,12 @@ static void add_exif(struct bytes *jpeg, bool big_endian)
 	entry(&exif, 0x8769, 4, 38);
 	number(&exif, 0, 4);
 	number(&exif, 3, 2); /* at 38 */
-	entry(&exif, 0x829a, 5, 80);
-	entry(&exif, 0x829d, 5, 88);
-	entry(&exif, 0x8827, 3, 400);
+	entry(&exif, said->tag[0], 5, 80);
+	entry(&exif, said->tag[1], 5, 88);
+	entry(&exif, said->tag[2], said->last_type, said->last);
 	number(&exif, 0, 4);
-	number(&exif, 1, 4); /* at 80 */
-	number(&exif, 250, 4);
-	number(&exif, 20, 4);
-	number(&exif, 10, 4);
+	for (int i = 0; i < 4; i++) /* at 80 */
+		number(&exif, (uint32_t)said->fraction[i / 2][i % 2], 4);
 	segment(jpeg, exif.data, exif.size);
 }
 
@@ -98,7 +106,7 @@ static void test_exif(void **state)
 		struct bytes jpeg = {0};
 
 		add(&jpeg, "\xff\xd8\xff", 3); /* and a fill byte */
-		add_exif(&jpeg, big);
+		add_exif(&jpeg, big, &direct);
 		const struct lp_photo photo = read_exact(&jpeg, jpeg.size);
 
 		assert_float_equal(photo.exposure_us, 4000, 1e-3);
@@ -108,6 +116,35 @@ static void test_exif(void **state)
 		assert_false(photo.crop.width != 0.0F);
 		for (size_t size = 0; size < jpeg.size; size++)
 			assert_true(isnan(read_exact(&jpeg, size).exposure_us));
+	}
+}
+
+/* 2^-5 s and 2^(6/2) by their exponents; a compensation of exposure is none. */
+static void test_apex(void **state)
+{
+	static const struct said apex = {{0x9201, 0x9202, 0x8832}, {{-50, -10}, {6, 1}}, 4, 102400};
+	static const struct said compensation = {{0x9204, 0x9202, 0x8827},
+						 {{-1, 3}, {6, 1}},
+						 3,
+						 100};
+	static const struct said not_at_all = {{0x829a, 0x9201, 0x8827}, {{0, 1}, {7, 0}}, 3, 100};
+
+	(void)state;
+	for (int big = 0; big < 2; big++) {
+		struct bytes jpeg = {.size = 2, .data = {0xff, 0xd8}};
+
+		add_exif(&jpeg, big, &apex);
+		const struct lp_photo photo = read_exact(&jpeg, jpeg.size);
+
+		assert_float_equal(photo.exposure_us, 31250, 1e-2);
+		assert_float_equal(photo.f_number, 8, 1e-6);
+		assert_int_equal(photo.iso, 102400);
+		jpeg.size = 2;
+		add_exif(&jpeg, big, &compensation);
+		assert_true(isnan(read_exact(&jpeg, jpeg.size).exposure_us));
+		jpeg.size = 2;
+		add_exif(&jpeg, big, &not_at_all);
+		assert_true(isnan(read_exact(&jpeg, jpeg.size).exposure_us));
 	}
 }
 
@@ -150,6 +187,47 @@ static void test_parts_of_a_sphere(void **state)
 	assert_float_equal(photo.crop.left, 0.875, 1e-6);
 }
 
+static void test_xmp_of_a_camera(void **state)
+{
+	struct lp_photo photo;
+
+	(void)state;
+	photo = photo_of("exif:ExposureTime=\"1/250\" exif:FNumber='28/10' tiff:Orientation=\"6\"");
+	assert_float_equal(photo.exposure_us, 4000, 1e-3);
+	assert_float_equal(photo.f_number, 2.8, 1e-6);
+	assert_int_equal(photo.iso, 0);
+	assert_int_equal(photo.orientation, 6);
+	photo = photo_of(
+		"<exif:ShutterSpeedValue>5/1</exif:ShutterSpeedValue> "
+		"<exif:ApertureValue>6/1</exif:ApertureValue> <exif:ISOSpeedRatings>\n <rdf:Seq>"
+		"\n  <rdf:li>400</rdf:li></rdf:Seq></exif:ISOSpeedRatings>");
+	assert_float_equal(photo.exposure_us, 31250, 1e-2);
+	assert_float_equal(photo.f_number, 8, 1e-6);
+	assert_int_equal(photo.iso, 400);
+	photo = photo_of("exif:ExposureTime=\"0/1\" exif:ExposureBiasValue=\"1/3\" "
+			 "exif:ShutterSpeedValue=\"1/0\" tiff:Orientation=\"9\"");
+	assert_true(isnan(photo.exposure_us));
+	assert_int_equal(photo.orientation, 0);
+}
+
+static void test_exif_counts_more_than_xmp(void **state)
+{
+	(void)state;
+	for (int exif_first = 0; exif_first < 2; exif_first++) {
+		struct bytes jpeg = {.size = 2, .data = {0xff, 0xd8}};
+
+		if (exif_first)
+			add_exif(&jpeg, false, &direct);
+		add_xmp(&jpeg, "exif:ExposureTime=\"1/8\" tiff:Orientation=\"3\"");
+		if (!exif_first)
+			add_exif(&jpeg, false, &direct);
+		const struct lp_photo photo = read_exact(&jpeg, jpeg.size);
+
+		assert_float_equal(photo.exposure_us, 4000, 1e-3);
+		assert_int_equal(photo.orientation, 6);
+	}
+}
+
 static void test_parts_that_make_no_sense(void **state)
 {
 	(void)state;
@@ -167,6 +245,9 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_exif),
+		cmocka_unit_test(test_apex),
+		cmocka_unit_test(test_xmp_of_a_camera),
+		cmocka_unit_test(test_exif_counts_more_than_xmp),
 		cmocka_unit_test(test_parts_of_a_sphere),
 		cmocka_unit_test(test_parts_that_make_no_sense),
 	};

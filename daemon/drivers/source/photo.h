@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a JPEG says of itself: Exif (CIPA DC-008) and Google's photo sphere XMP metadata. */
+/* What a JPEG says of itself: Exif (CIPA DC-008), XMP, and Google's photo sphere metadata in it. */
 #ifndef LP_SOURCE_PHOTO_H
 #define LP_SOURCE_PHOTO_H
 

@@ -132,7 +132,7 @@ class Staged:
     codes: NDArray[np.uint8] | None  # (height, width, 3) RGB of an 8- or 16-bit picture
     notes: tuple[str, ...] = ()
     says: Metadata = field(default_factory=Metadata)
-    transparent: NDArray[np.bool_] | None = None  # (height, width); None: nowhere
+    unseen: NDArray[np.bool_] | None = None  # (height, width); None: nowhere
 
 
 def stage(files: Sequence[Path], folder: Path) -> list[Staged]:
@@ -149,28 +149,24 @@ def _stage_one(file: Path, frame: Path) -> Staged:
         frame.symlink_to(file.resolve())  # the daemon tells of its orientation
         return Staged(file, frame, _size_px(codes), codes, says=says)
     picture = image.read(file)
-    notes, transparent = list(picture.notes), transparency.read(file)
+    notes, unseen = list(picture.notes), picture.unseen
     if says.orientation != 1:
         notes.append(
-            f"Exif orientation {says.orientation} is not obeyed: pixels count as they are stored"
+            f"orientation {says.orientation} is not obeyed: pixels count as they are stored"
         )
-    if transparent is not None:
-        notes.append("transparent pixels are not seen")
-        if transparent.all():
-            raise image.ImageError(f"image: {file}: all of its pixels are transparent")
     if picture.bits == 32:
-        frame = frame.with_suffix(".pfm")
-        image.write_pfm(frame, picture.radiance)
-        return Staged(
-            file, frame, _size_px(picture.radiance), None, tuple(notes), says, transparent
-        )
+        frame, radiance = frame.with_suffix(".pfm"), picture.radiance
+        if unseen is not None:
+            radiance = transparency.fill(radiance, unseen)
+        image.write_pfm(frame, radiance)
+        return Staged(file, frame, _size_px(radiance), None, tuple(notes), says, unseen)
     codes, frame = image.read_srgb8(file), frame.with_suffix(".jpg")
-    if transparent is not None:
-        codes = transparency.fill(codes, transparent)
+    if unseen is not None:
+        codes = transparency.fill(codes, unseen)
     write_jpeg(frame, codes)
     if picture.bits == 16:
         notes.append("16 bits a channel are read as 8, and rounded at random")
-    return Staged(file, frame, _size_px(codes), codes, tuple(notes), says, transparent)
+    return Staged(file, frame, _size_px(codes), codes, tuple(notes), says, unseen)
 
 
 def _size_px(picture: NDArray[np.generic]) -> tuple[int, int]:
@@ -202,8 +198,8 @@ def check_exposures(
         )
     if len(files) > 1 and not exposures_us and not wheel_deg:
         raise UsageError(
-            "estimate: several files form one bracket, and not all say in their Exif how they were "
-            "exposed: give their exposures with --exposure-us A,B,…"
+            "estimate: several files form one bracket, and not all say in their Exif or XMP how "
+            "they were exposed: give their exposures with --exposure-us A,B,…"
         )
     if any(not value > 0 or not np.isfinite(value) for value in exposures_us):
         raise UsageError(f"estimate: exposures {list(exposures_us)}: expected microseconds above 0")
@@ -253,10 +249,10 @@ def common_crop(pictures: Sequence[Staged]) -> Crop | None:
     return first.says.crop
 
 
-def common_transparency(pictures: Sequence[Staged]) -> NDArray[np.bool_] | None:
-    """Where (height, width) any of them is transparent; None: nowhere."""
-    clear = [picture.transparent for picture in pictures if picture.transparent is not None]
-    return np.any(clear, axis=0) if clear else None
+def common_unseen(pictures: Sequence[Staged]) -> NDArray[np.bool_] | None:
+    """Where (height, width) any of them shows nothing; None: nowhere."""
+    unseen = [picture.unseen for picture in pictures if picture.unseen is not None]
+    return np.any(unseen, axis=0) if unseen else None
 
 
 def _times(picture: Staged) -> str:
@@ -340,9 +336,9 @@ def estimate_pictures(
         part = seen_part.Part(
             pictures[0].size_px,
             common_crop(pictures) if camera.is_equirect and not camera.crop else None,
-            common_transparency(pictures),
+            common_unseen(pictures),
         )
-        if part.crop or part.transparent is not None:
+        if part.crop or part.unseen is not None:
             settings = replace(
                 settings, camera=seen_part.write(settings.camera, camera, part, Path(beside))
             )

@@ -20,7 +20,7 @@ class Part:
 
     size_px: tuple[int, int]
     crop: Crop | None  # of equirectangular ones; None: they do not say
-    transparent: NDArray[np.bool_] | None  # (height, width); None: nowhere
+    unseen: NDArray[np.bool_] | None  # (height, width); None: nowhere
 
 
 def write(name: str, camera: Camera, part: Part, folder: Path) -> str:
@@ -33,8 +33,8 @@ def write(name: str, camera: Camera, part: Part, folder: Path) -> str:
             config["camera"]["name"] = Path(name).stem
     if camera.is_equirect:
         _be_equirect(config, part)
-    if part.transparent is not None:
-        _mask(config, camera, part.transparent, folder)
+    if part.unseen is not None:
+        _mask(config, camera, part.unseen, folder)
     path = folder / "seen.camera"
     with path.open("w") as file:
         config.write(file)
@@ -67,11 +67,11 @@ def _be_equirect(config: configparser.ConfigParser, part: Part) -> None:
 
 
 def _mask(
-    config: configparser.ConfigParser, camera: Camera, transparent: NDArray[np.bool_], folder: Path
+    config: configparser.ConfigParser, camera: Camera, unseen: NDArray[np.bool_], folder: Path
 ) -> None:
-    """Add to every lens' mask what is transparent."""
+    """Add to every lens' mask what shows nothing."""
     size = int(config["camera"]["width_px"]), int(config["camera"]["height_px"])
-    seen = np.where(transparent, 0, 255).astype(np.uint8)
+    seen = np.where(unseen, 0, 255).astype(np.uint8)
     seen = np.asarray(cv2.resize(seen, size, interpolation=cv2.INTER_NEAREST), dtype=np.uint8)
     lenses = {f"lens.{number}": lens.mask for number, lens in enumerate(camera.lenses)}
     for section, mask in (lenses or {"camera": camera.mask}).items():

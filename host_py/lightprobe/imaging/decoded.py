@@ -11,7 +11,9 @@ from lightprobe.imaging import primaries
 
 Radiance = NDArray[np.float32]
 
-
+#: The largest picture that is read: 32768×16384.
+MOST_PIXELS = 1 << 29
+TOO_LARGE = "expected at most 32768×16384 pixels"
 #: Samples of half floats from here on are saturated; so +Inf in any file stands for at least this
 #: (the daemon's rule, too: vision/cells.h).
 HALF_MOST = float(np.finfo(np.float16).max)
@@ -26,6 +28,7 @@ class Decoded:
 
     radiance: Radiance
     notes: list[str] = field(default_factory=list)
+    unseen: NDArray[np.bool_] | None = None  # (height, width); None: all is seen
 
 
 def convert(radiance: Radiance, stated: tuple[float, ...]) -> Decoded:

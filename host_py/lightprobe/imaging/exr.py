@@ -1,8 +1,8 @@
 """OpenEXR files, by the library of the Academy Software Foundation.
 
 A file may hold several parts and layers: the picture is the one without a name, or named as
-renderers name what the camera sees. It fills the display window; NaN where the file has no samples.
-What cannot be taken for scene light is refused by name.
+renderers name what the camera sees. It fills the display window; where the file has no samples it
+was not seen. What cannot be taken for scene light is refused by name.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from lightprobe.errors import ImageError
 from lightprobe.geometry import Array
-from lightprobe.imaging import primaries
-from lightprobe.imaging.decoded import HALF_MOST, Decoded, Radiance, convert
+from lightprobe.imaging import primaries, transparency
+from lightprobe.imaging.decoded import HALF_MOST, MOST_PIXELS, TOO_LARGE, Decoded, Radiance, convert
 
 #: Last words of the names of parts and layers that hold the picture, in lower case.
 _PICTURE_NAMES = frozenset(
@@ -87,12 +87,16 @@ def read(path: Path) -> Decoded:
     stated = _primaries(path, layer)
     radiance = np.stack(_planes(layer, stated), axis=-1)
     converted = convert(radiance, stated)
-    _hide_transparent(layer, converted.radiance)
-    radiance, about_windows = _in_display_window(path, header, converted.radiance)
-    if np.isnan(radiance).all():
+    transparent = _transparent(layer, converted.radiance)
+    radiance, unseen, about_windows = _in_display_window(
+        path, header, converted.radiance, transparent
+    )
+    if np.isnan(radiance[~unseen]).all():
         raise ImageError(f"image: {path}: every sample is NaN or transparent: there is no light")
+    if transparent.any():
+        about_windows += [transparency.NOTE]
     notes = converted.notes + _others(layer, layers) + about_windows + _remarks(header)
-    return Decoded(radiance, notes)
+    return Decoded(radiance, notes, unseen if unseen.any() else None)
 
 
 def encode(pixels: Radiance) -> bytes:
@@ -266,18 +270,23 @@ def _chromaticities(path: Path, header: dict[str, Any]) -> tuple[float, ...]:
 # ---------------------------------------------------------------- where there are samples
 
 
-def _hide_transparent(layer: _Layer, radiance: Radiance) -> None:
-    """What is black and transparent was not seen; light that hides nothing is light."""
+def _transparent(layer: _Layer, radiance: Radiance) -> NDArray[np.bool_]:
+    """Where a pixel is black and transparent; light that hides nothing is light.
+
+    Alpha that is 0 everywhere, light or not, tells nothing.
+    """
     alpha = layer.channels.get("a")
     if alpha is None or alpha.pixels.shape != radiance.shape[:2]:
-        return
-    radiance[(alpha.pixels <= 0) & (radiance == 0).all(axis=-1)] = np.nan
+        return np.zeros(radiance.shape[:2], bool)
+    clear = np.asarray(alpha.pixels <= 0)
+    black = (radiance == 0).all(axis=-1)
+    return np.asarray(clear & (black if black.all() or not clear.all() else False))
 
 
 def _in_display_window(
-    path: Path, header: dict[str, Any], radiance: Radiance
-) -> tuple[Radiance, list[str]]:
-    """Give the display window: what lies beyond is cut off, what is missing NaN, with a note."""
+    path: Path, header: dict[str, Any], radiance: Radiance, transparent: NDArray[np.bool_]
+) -> tuple[Radiance, NDArray[np.bool_], list[str]]:
+    """Give the display window: what lies beyond is cut off, what is missing unseen, with a note."""
     (data_left, data_top), _ = header["dataWindow"]
     (left, top), _ = header["displayWindow"]
     height, width = _size(header["displayWindow"])
@@ -288,14 +297,19 @@ def _in_display_window(
         raise ImageError(
             f"image: {path}: the data window lies outside the display window: it shows nothing"
         )
+    if height * width > MOST_PIXELS:
+        raise ImageError(f"image: {path}: the display window is {width}×{height}: {TOO_LARGE}")
     placed = np.full((height, width, 3), np.nan, np.float32)
-    placed[rows, columns] = radiance[
-        rows.start - down : rows.stop - down, columns.start - right : columns.stop - right
-    ]
+    unseen = np.ones((height, width), bool)
+    stored = (
+        slice(rows.start - down, rows.stop - down),
+        slice(columns.start - right, columns.stop - right),
+    )
+    unseen[rows, columns] = transparent[stored]
+    placed[rows, columns] = np.where(transparent[stored][..., None], np.nan, radiance[stored])
     share = (rows.stop - rows.start) * (columns.stop - columns.start) / (height * width)
-    if share == 1:
-        return placed, []
-    return placed, [f"the data window covers {100 * share:.0f} % of the picture; the rest is black"]
+    notes = [f"the data window covers {100 * share:.0f} % of the picture; the rest is not seen"]
+    return placed, unseen, notes if share < 1 else []
 
 
 def _remarks(header: dict[str, Any]) -> list[str]:

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lightprobe.colour import srgb_table, srgb_to_linear
 from lightprobe.errors import ImageError as ImageError
-from lightprobe.imaging import opencv, rgbe
+from lightprobe.imaging import opencv, rgbe, transparency
 from lightprobe.imaging.decoded import Decoded, Radiance
 
 HDR_SUFFIXES = frozenset({".hdr", ".exr", ".pfm"})
@@ -36,6 +36,7 @@ class Picture:
     radiance: Radiance
     bits: int  # per sample in the file; 32 for float formats
     notes: tuple[str, ...] = ()
+    unseen: NDArray[np.bool_] | None = None  # (height, width); None: all is seen
 
 
 def read(path: str | Path) -> Picture:
@@ -57,11 +58,15 @@ def read(path: str | Path) -> Picture:
         decoded = Decoded(read_pfm(path))
     elif suffix in SUFFIXES:
         radiance, notes, bits = _read_cv2(path)
-        decoded = Decoded(radiance, notes)
+        decoded = Decoded(radiance, notes, transparency.read(path))
+        if decoded.unseen is not None:
+            notes.append(transparency.NOTE)
+            if decoded.unseen.all():
+                raise ImageError(f"image: {path}: all of its pixels are transparent")
     else:
         raise ImageError(f"image: {path}: unknown kind: expected {', '.join(sorted(SUFFIXES))}")
     notes = decoded.notes + _clamp_negative(decoded.radiance)
-    return Picture(decoded.radiance, bits, tuple(notes))
+    return Picture(decoded.radiance, bits, tuple(notes), decoded.unseen)
 
 
 def read_srgb8(path: str | Path) -> NDArray[np.uint8]:

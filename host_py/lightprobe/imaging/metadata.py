@@ -1,4 +1,4 @@
-"""What a picture file says of itself: Exif, and Google's photo sphere XMP metadata.
+"""What a picture file says of itself: Exif, XMP, and Google's photo sphere metadata in it.
 
 The daemon reads the same from JPEGs (drivers/source/photo.c).
 """
@@ -8,13 +8,19 @@ from __future__ import annotations
 import math
 import re
 import warnings
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from PIL import Image
 
 _ORIENTATION, _EXIF_IFD = 0x0112, 0x8769
 _EXPOSURE_TIME, _F_NUMBER, _ISO = 0x829A, 0x829D, 0x8827
+#: APEX: exponents of 2.
+_SHUTTER_SPEED, _APERTURE = 0x9201, 0x9202
+#: Above what _ISO can say: recommended exposure index, ISO speed, standard output sensitivity.
+_WIDE_ISO, _ISO_BEYOND = (0x8832, 0x8833, 0x8831), 65535
 _BASE_ISO = 100
 #: Crops that leave out less than this of the sphere's sides leave out nothing.
 _ROUNDING = 1e-6
@@ -58,20 +64,72 @@ def read(path: Path) -> Metadata:
 
 def _read(picture: Image.Image) -> Metadata:
     exif = picture.getexif()
-    inner = exif.get_ifd(_EXIF_IFD)
-    exposure_s = _number(inner.get(_EXPOSURE_TIME))
-    iso = inner.get(_ISO)
-    iso = _number(iso[0] if isinstance(iso, tuple) else iso) or _BASE_ISO
-    orientation = int(_number(exif.get(_ORIENTATION)) or 1)
     xmp = picture.info.get("xmp", b"")
-    crop, fault = _crop(xmp.decode(errors="replace") if isinstance(xmp, bytes) else str(xmp))
-    return Metadata(
-        exposure_us=1e6 * exposure_s * iso / _BASE_ISO if exposure_s else None,
-        f_number=_number(inner.get(_F_NUMBER)),
+    xmp = xmp.decode(errors="replace") if isinstance(xmp, bytes) else str(xmp)
+    camera = _of_exif(exif.get_ifd(_EXIF_IFD))
+    if camera.exposure_us is None:  # Exif counts more
+        camera = _of_xmp(xmp)
+    orientation = int(
+        _number(exif.get(_ORIENTATION)) or _number(_text(xmp, "tiff:Orientation")) or 1
+    )
+    crop, fault = _crop(xmp)
+    return replace(
+        camera,
         orientation=orientation if 1 <= orientation <= 8 else 1,
         crop=crop,
         fault=fault,
     )
+
+
+def _of_exif(exif: Mapping[int, Any]) -> Metadata:
+    iso = _number(_first(exif.get(_ISO)))
+    if iso is None or iso == _ISO_BEYOND:
+        iso = next(filter(None, (_number(_first(exif.get(tag))) for tag in _WIDE_ISO)), iso)
+    return _exposed(
+        _number(exif.get(_EXPOSURE_TIME)) or _apex(exif.get(_SHUTTER_SPEED), -1),
+        _number(exif.get(_F_NUMBER)) or _apex(exif.get(_APERTURE), 0.5),
+        iso,
+    )
+
+
+def _of_xmp(xmp: str) -> Metadata:
+    def fraction(name: str) -> float | None:
+        above, _, below = _text(xmp, name).partition("/")
+        try:
+            return float(above) / float(below or 1)
+        except (ValueError, ZeroDivisionError):
+            return None
+
+    iso = _text(xmp, "exif:ISOSpeedRatings") or _text(xmp, "exifEX:PhotographicSensitivity")
+    return _exposed(
+        _number(fraction("exif:ExposureTime")) or _apex(fraction("exif:ShutterSpeedValue"), -1),
+        _number(fraction("exif:FNumber")) or _apex(fraction("exif:ApertureValue"), 0.5),
+        _number(iso),
+    )
+
+
+def _exposed(exposure_s: float | None, f_number: float | None, iso: float | None) -> Metadata:
+    if exposure_s is None:
+        return Metadata()
+    return Metadata(1e6 * exposure_s * (iso or _BASE_ISO) / _BASE_ISO, f_number)
+
+
+def _first(value: object) -> object:
+    return value[0] if isinstance(value, tuple) and value else value
+
+
+def _apex(value: object, factor: float) -> float | None:
+    """Give 2 to the value's power times `factor`, or None."""
+    try:
+        return _number(2 ** (factor * float(value)))  # type: ignore[arg-type]
+    except (TypeError, ValueError, ZeroDivisionError, OverflowError):
+        return None
+
+
+def _text(xmp: str, name: str) -> str:
+    """Give the value of an XMP property, of a list its first item; empty: it is not there."""
+    found = re.search(rf"""{name}[\s=>"']+(?:<[^/>]*>\s*)*([^\s<>"']+)""", xmp)
+    return found[1] if found else ""
 
 
 def exposures_us(pictures: list[Metadata]) -> list[float]:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
+from typing import TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+Sample = TypeVar("Sample", bound=np.generic)
+NOTE = "transparent pixels are not seen"
 #: Of 255. What is half transparent and less shows the picture more than nothing.
 _LEAST_OPAQUE = 128
 
@@ -38,7 +41,7 @@ def _alpha(picture: Image.Image) -> NDArray[np.generic]:
     return np.asarray(picture.convert("RGBA").getchannel("A"))
 
 
-def fill(codes: NDArray[np.uint8], transparent: NDArray[np.bool_]) -> NDArray[np.uint8]:
+def fill(codes: NDArray[Sample], transparent: NDArray[np.bool_]) -> NDArray[Sample]:
     """Give transparent pixels the colour of the nearest other one: means at the edge stay right."""
     _, nearest = cv2.distanceTransformWithLabels(
         transparent.astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL

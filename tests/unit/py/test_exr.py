@@ -53,9 +53,10 @@ def test_files_that_fill_a_part_of_the_display_window(name):
     seen = image.read(FILES / "exr" / name)
     scene = draw(seen.radiance.shape[1])
     missing = np.isnan(seen.radiance).any(axis=-1)
+    assert np.array_equal(missing, seen.unseen)
     assert 0.01 < missing.mean() < 0.99
     assert seen.radiance[~missing] == pytest.approx(scene[~missing], rel=0.01)
-    assert any("the rest is black" in note for note in seen.notes)
+    assert any("the rest is not seen" in note for note in seen.notes)
 
 
 @pytest.mark.parametrize(("left", "top"), [(5, 3), (-4, 2), (7, -3), (-2, -9)])
@@ -69,6 +70,12 @@ def test_other_windows(tmp_path, left, top):
         inside = 0 <= y - top < 32 and 0 <= x - left < 64
         right = SCENE[y - top, x - left] if inside else np.full(3, np.nan)
         assert np.array_equal(seen[y, x], right, equal_nan=True)
+
+
+def test_a_display_window_beyond_all_memory_is_named(tmp_path):
+    windows = {"displayWindow": ((0, 0), (1 << 20, 1 << 20))}
+    with pytest.raises(ImageError, match="display window is 1048577×1048577: expected at most"):
+        image.read(write(tmp_path / "x.exr", planes(SCENE), **windows))
 
 
 def test_windows_that_do_not_meet_are_named(tmp_path):
@@ -155,9 +162,27 @@ def test_full_scale_of_halfs_is_a_number_among_floats(tmp_path):
 def test_black_and_transparent_is_unseen(tmp_path):
     pixels = np.concatenate([SCENE, np.ones_like(SCENE[..., :1])], axis=-1)
     pixels[20:] = 0
-    seen = image.read(write(tmp_path / "x.exr", planes(pixels, names="RGBA"))).radiance
-    assert np.isnan(seen[20:]).all()
-    assert np.isfinite(seen[:20]).all()
+    seen = image.read(write(tmp_path / "x.exr", planes(pixels, names="RGBA")))
+    assert seen.unseen[20:].all()
+    assert not seen.unseen[:20].any()
+    assert np.isfinite(seen.radiance[:20]).all()
+    assert "transparent pixels are not seen" in seen.notes
+
+
+def test_alpha_that_is_zero_everywhere_tells_nothing(tmp_path):
+    """Some programs write it so: black is black then."""
+    pixels = np.concatenate([SCENE, np.zeros_like(SCENE[..., :1])], axis=-1)
+    pixels[20:] = 0
+    seen = image.read(write(tmp_path / "x.exr", planes(pixels, names="RGBA")))
+    assert seen.unseen is None
+    assert not seen.radiance[20:].any()
+
+
+def test_light_before_nothing_is_light(tmp_path):
+    """Of a glow alpha is 0, and its light is there."""
+    pixels = np.concatenate([SCENE, np.ones_like(SCENE[..., :1])], axis=-1)
+    pixels[5, :, 3] = 0
+    assert image.read(write(tmp_path / "x.exr", planes(pixels, names="RGBA"))).unseen is None
 
 
 def test_a_cube_is_named(tmp_path):

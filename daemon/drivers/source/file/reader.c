@@ -229,7 +229,7 @@ static void fill_photo(struct lp_file_reader *reader, struct lp_frame *frame)
 	if (photo.orientation > 1 && !reader->told_of_orientation) {
 		reader->told_of_orientation = true;
 		lp_warning(reader->object, "read",
-			   "Exif orientation %d is not obeyed: pixels count as they are stored",
+			   "orientation %d is not obeyed: pixels count as they are stored",
 			   photo.orientation);
 	}
 }
