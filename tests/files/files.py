@@ -145,6 +145,7 @@ MJPEG = (
     File("mjpeg/size_changes.mjpg", "another size in between", PLAIN),
     File("mjpeg/app4_h264.mjpg", "H.264 in APP4 (Logitech C920)", PLAIN),
     File("mjpeg/app4_between.mjpg", "the same between the tables", PLAIN),
+    File("mjpeg/app4_twice.mjpg", "two pictures in APP4 before the frame", PLAIN),
     File("mjpeg/restart.mjpg", "restart markers", PLAIN),
     File(
         "mjpeg/restart_extraneous_bytes.mjpg",
@@ -235,6 +236,7 @@ EXR = (
 )  # fmt: skip
 HDR = (
     ("plain", "new run lengths", FLOAT),
+    ("flat", "not compressed", FLOAT),
     ("oldrle", "old run lengths", FLOAT),
     ("exposure_half", "EXPOSURE", DIVIDED),
     ("exposure_twice", "EXPOSURE, twice", DIVIDED),
@@ -251,8 +253,16 @@ HDR = (
     ("truncated", "cut off", Refused(("is the file complete?",))),
 )
 
+#: Radiance 0.2159 all over what the lens sees; what it does not see is nothing else.
+EVEN = Light(0.765, None, frozenset({"PARTIAL_VIEW"}))
+#: Beside each its camera file; read by the daemon and by `lightprobe estimate`.
+FISHEYE = (
+    File("fisheye/fish176.jpg", "a lens of 176°", EVEN, None),
+    File("fisheye/fish194.jpg", "a lens of 194°", EVEN, None),
+)
+
 FILES = (
-    *JPEG, *MJPEG, *PNG,
+    *JPEG, *MJPEG, *PNG, *FISHEYE,
     *(File(f"exr/{name}.exr", what, right, None) for name, what, right in EXR),
     *(File(f"hdr/{name}.hdr", what, right, None) for name, what, right in HDR),
 )  # fmt: skip
@@ -263,19 +273,20 @@ def answers(file: File) -> Iterator[Answer]:
     path = FOLDER / file.name
     kind = path.parent.name
     exposure = f"?exposures_us={file.exposure_us:g}" if file.exposure_us else ""
-    if kind in ("jpeg", "mjpeg"):
+    camera = str(path.with_suffix(".camera")) if kind == "fisheye" else "equirect"
+    if kind in ("jpeg", "mjpeg", "fisheye"):
         for preset in PRESETS:
             try:
                 source = f"--source=file:{path}{exposure}"
-                once = daemon.run_once([source, f"--preset={preset}"])
+                once = daemon.run_once([source, f"--preset={preset}", f"--camera={camera}"])
                 yield Answer(preset, "\n".join(once.log), once.estimate)
             except LightprobeError as error:
                 yield Answer(preset, str(error))
     if kind != "mjpeg":
         try:
-            estimate, log = offline.estimate_files(
-                [path], [file.exposure_us] if file.exposure_us else []
-            )
+            exposures_us = [file.exposure_us] if file.exposure_us else []
+            settings = offline.Settings(camera=camera)
+            estimate, log = offline.estimate_files([path], exposures_us, settings)
             yield Answer("estimate", "\n".join(log), estimate)
         except LightprobeError as error:
             yield Answer("estimate", str(error))
