@@ -44,7 +44,7 @@ test-unit: ## run the C unit tests with the address and undefined-behaviour sani
 PYTEST_JOBS ?= $(shell expr $(JOBS) + 1)
 PYTEST_ALONE = $(VENV)/bin/pytest -q -o cache_dir=$(abspath $(BUILD))/cache/pytest
 PYTEST = $(PYTEST_ALONE) -n $(PYTEST_JOBS) --dist=load --maxschedchunk=1
-PYTEST_ROOMS := accuracy bench e2e extremes unit firmware
+PYTEST_ROOMS := accuracy bench e2e extremes unit firmware package
 
 # A client for Open Spherical Cameras, from npm.
 $(BUILD)/osc_client/stamp: tests/e2e/osc_client/package.json tests/e2e/osc_client/package-lock.json | $(call apt,build)
@@ -71,7 +71,6 @@ test-python: test-parts
 .PHONY: test-parts test-long
 test-long: test-parts ## run the tests that take too long for `make test`: random faults, instruction counts, other Pythons
 	$(call run-and-again,long)
-	@$(VENV)/bin/pytest -q -s tests/package
 
 $(STAMPS)/venv-renderer: host_py/pyproject.toml host_py/constraints.txt | $(STAMPS)/venv
 	@echo 'setup: Mitsuba (host_py[renderer])'

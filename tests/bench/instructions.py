@@ -83,25 +83,22 @@ def _pictures(kind: frames.Kind, contestant: str, folder: Path) -> tuple[list[Pa
     return [picture], SETTLING
 
 
-def measure() -> dict[str, dict[str, int]]:
-    """Give "kind contestant" -> function -> instructions per frame."""
-    result = {}
-    for name, contestant in CASES:
-        kind = frames.KINDS[name]
-        with tempfile.TemporaryDirectory() as folder:
-            pictures, first = _pictures(kind, contestant, Path(folder))
-            before = _inclusive(kind.camera, pictures, contestant, first)
-            after = _inclusive(kind.camera, pictures, contestant, first + 2)
-        result[f"{name} {contestant}"] = {
-            function: (after[function] - before.get(function, 0)) // 2
-            for function in FUNCTIONS
-            if function in after
-        }
-    return result
+def measure(name: str, contestant: str) -> dict[str, int]:
+    """Give function -> instructions per frame, of one of CASES."""
+    kind = frames.KINDS[name]
+    with tempfile.TemporaryDirectory() as folder:
+        pictures, first = _pictures(kind, contestant, Path(folder))
+        before = _inclusive(kind.camera, pictures, contestant, first)
+        after = _inclusive(kind.camera, pictures, contestant, first + 2)
+    return {
+        function: (after[function] - before.get(function, 0)) // 2
+        for function in FUNCTIONS
+        if function in after
+    }
 
 
 def recorded() -> dict[str, dict[str, int]] | None:
-    """What is on record for this architecture."""
+    """What is on record for this architecture: "kind contestant" -> function -> instructions."""
     record: dict[str, dict[str, dict[str, int]]] = json.loads(RECORD.read_text())
     return record.get(platform.machine())
 
@@ -122,8 +119,9 @@ def main() -> int:
     """Exit status 1 when counts differ."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--write", action="store_true", help="record the counts")
-    new = measure()
-    if parser.parse_args().write:
+    args = parser.parse_args()
+    new = {f"{name} {contestant}": measure(name, contestant) for name, contestant in CASES}
+    if args.write:
         record = json.loads(RECORD.read_text()) if RECORD.exists() else {}
         record[platform.machine()] = new
         RECORD.write_text(json.dumps(record, indent=2) + "\n")

@@ -7,15 +7,16 @@ import pytest
 
 
 @pytest.mark.long
-def test_counts_are_those_on_record():
+@pytest.mark.parametrize("case", instructions.CASES, ids=" ".join)
+def test_counts_are_those_on_record(case):
     """After a change for the better or with good reason: `make instructions`, and commit it."""
-    old = instructions.recorded()
-    if old is None:
+    recorded = instructions.recorded()
+    if recorded is None:
         pytest.skip(f"no counts on record for {platform.machine()}")
-    new = instructions.measure()
-    for functions in new.values():
-        assert functions[instructions.WHOLE] >= functions["lp_jpeg_read"] > 1e6
-    changed = instructions.differences(old, new)
+    name = " ".join(case)
+    new = instructions.measure(*case)
+    assert new[instructions.WHOLE] >= new["lp_jpeg_read"] > 1e6
+    changed = instructions.differences({name: recorded[name]}, {name: new})
     assert not changed, [f"{what}: {a} -> {b} ({b / a - 1:+.1%})" for what, a, b in changed]
 
 

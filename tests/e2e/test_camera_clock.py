@@ -98,7 +98,9 @@ LIES = {
 
 
 @pytest.mark.parametrize("name", LIES)
-def test_a_clock_that_cannot_be_right_is_told_and_the_arrival_counts(name: str, honest: Story) -> None:
+def test_a_clock_that_cannot_be_right_is_told_and_the_arrival_counts(
+    name: str, honest: Story
+) -> None:
     faults, from_s, words = LIES[name]
     story = tell(faults)
     settled = [k for k, e in enumerate(story.estimates) if k / RATE_HZ > from_s + 0.5]

@@ -147,7 +147,7 @@ def test_a_compensation_or_no_time_is_no_exposure(tmp_path, properties):
     files = [tmp_path / f"{index}.jpg" for index in range(3)]
     for name, path in zip(APEX, files, strict=True):
         as_xmp(properties, Image.open(FILES / f"jpeg/b_{name}.jpg"), path, name)
-    with pytest.raises(LightprobeError, match="not all say .* how they were exposed"):
+    with pytest.raises(LightprobeError, match=r"not all say .* how they were exposed"):
         estimate(*files)
 
 

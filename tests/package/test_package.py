@@ -3,6 +3,7 @@
 `make test-long` runs this; it takes minutes and needs a package index.
 """
 
+import fcntl
 import json
 import os
 import re
@@ -14,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.long
 ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).resolve().parent
 #: The oldest versions that pyproject.toml names.
@@ -47,9 +49,11 @@ def newest_python():
 
 @pytest.fixture(scope="session")
 def built(tmp_path_factory):
-    """A folder with wheel and sdist, built as for a release."""
+    """A folder with wheel and sdist, built as for a release; by one process after the other."""
     folder = tmp_path_factory.mktemp("dist")
-    run(sys.executable, "-m", "build", "--outdir", folder, ROOT / "host_py")
+    with (ROOT / "build" / "cache" / "dist.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        run(sys.executable, "-m", "build", "--outdir", folder, ROOT / "host_py")
     return folder
 
 
