@@ -350,7 +350,22 @@ static struct lp_light_polarization polarization_of(const struct lp_remembered_l
 static void list_light(const struct lp_remembered_lamp *m, struct lp_light *light)
 {
 	const struct lp_lamp *lamp = &m->lamp;
+	const bool by_ring = m->recovered_sigma > 0.0F;
 
+	*light = (struct lp_light){ /* all of it: what is not named is zero */
+				   .id = m->id,
+				   .angular_radius_deg = radius_rad(lamp) * DEG,
+				   .direction_sigma_deg = lamp->direction_sigma_deg,
+				   .irradiance_sigma = strength_sigma(m),
+				   .colour_sigma = by_ring ? m->recovered_colour_sigma / strength(m)
+							   : 0.0F,
+				   .distance_m = NAN,
+				   .hidden = m->hidden,
+				   .flags = lamp->flags | (m->seen ? 0 : LP_LIGHT_HELD) |
+					    (m->wide ? LP_LIGHT_EXTENDED : 0) |
+					    (by_ring ? LP_LIGHT_RING : 0) |
+					    (m->reflection ? LP_LIGHT_REFLECTION : 0),
+				   .polarization = polarization_of(m)};
 	memcpy(light->direction, lamp->direction, sizeof(light->direction));
 	for (int c = 0; c < 3; c++)
 		light->irradiance[c] = lamp->irradiance[c] + m->recovered[c];
@@ -358,19 +373,6 @@ static void list_light(const struct lp_remembered_lamp *m, struct lp_light *ligh
 		memcpy(light->half_angle_deg, lamp->half_angle_deg, sizeof(light->half_angle_deg));
 		memcpy(light->axis, lamp->axis, sizeof(light->axis));
 	}
-	light->id = m->id;
-	light->angular_radius_deg = radius_rad(lamp) * DEG;
-	light->direction_sigma_deg = lamp->direction_sigma_deg;
-	light->irradiance_sigma = strength_sigma(m);
-	light->colour_sigma =
-		m->recovered_sigma > 0.0F ? m->recovered_colour_sigma / strength(m) : 0.0F;
-	light->distance_m = NAN;
-	light->hidden = m->hidden;
-	light->flags = lamp->flags | (m->seen ? 0 : LP_LIGHT_HELD) |
-		       (m->wide ? LP_LIGHT_EXTENDED : 0) |
-		       (m->recovered_sigma > 0.0F ? LP_LIGHT_RING : 0) |
-		       (m->reflection ? LP_LIGHT_REFLECTION : 0);
-	light->polarization = polarization_of(m);
 }
 
 int lp_lamp_stage_list(struct lp_lamp_stage *stage, const struct lp_grid *grid,

@@ -125,19 +125,17 @@ void lp_imager_expect_exposure(struct lp_imager *imager, int camera)
 void lp_imager_inherit(struct lp_imager *imager, const struct lp_imager *from)
 {
 	for (int k = 0; k < imager->eye_count; k++) {
-		const struct lp_gain *before = &from->eyes[k].gain;
-		struct lp_gain *gain = &imager->eyes[k].gain;
+		const struct lp_eye *before = &from->eyes[k];
+		struct lp_eye *eye = &imager->eyes[k];
+		const struct lp_overlap own = eye->overlap;
 
-		gain->scale = before->scale;
-		gain->first = before->first;
-		gain->variance = before->variance;
-		if (before->count)
-			gain->variance += FORGOTTEN_SIGMA * FORGOTTEN_SIGMA;
-		imager->eyes[k].lost = from->eyes[k].lost;
-		memcpy(imager->eyes[k].overlap.log_gain, from->eyes[k].overlap.log_gain,
-		       sizeof(from->eyes[k].overlap.log_gain));
-		memcpy(imager->eyes[k].overlap.variance, from->eyes[k].overlap.variance,
-		       sizeof(from->eyes[k].overlap.variance));
+		eye->lost = before->lost;
+		eye->gain = before->gain;
+		eye->gain.count = 0; /* its cells are of another panorama */
+		if (before->gain.count)
+			eye->gain.variance += FORGOTTEN_SIGMA * FORGOTTEN_SIGMA;
+		eye->overlap = before->overlap;
+		memcpy(eye->overlap.applied, own.applied, sizeof(own.applied));
 	}
 }
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from harness import STALE, Daemon, camera, jpeg
-from lightprobe import geometry
 from lightprobe.estimate import Estimate
 from lightprobe.imaging import camera as lenses
 from lightprobe.sim import scenes
@@ -21,9 +20,11 @@ from lightprobe.wire import Subscription
 
 WISH = Subscription(smoothing="RAW", max_lights=8, health_period_ms=100)
 SWING = Behaviour(act_s=0, swing_deg=40, swing_hz=0.5)
-RATE_HZ = 30.0
+RATE_HZ = 15.0
 TTL_S = 1.0
-#: By which the time of a frame is wrong where its arrival stands in: a frame's period.
+EXPOSURE_US = 4000
+FIRST_US = 33000  # automatic, before the command
+#: By which the time of a frame may be wrong where its arrival stands in.
 MOST_WRONG_S = 0.04
 
 
@@ -34,32 +35,39 @@ class Story:
     estimates: list[Estimate]
     ages_s: list[float]  # of their frames, when they came
     late_s: list[float]  # by how much the time of their frames is later than the truth
-    faults: list[tuple[float, dict[str, str]]]  # when a health message came, and their texts
+    faults: list[
+        tuple[float, dict[str, str]]
+    ]  # when a health message came, and their texts
     log: str
 
     def told(self, from_s: float, to_s: float = np.inf) -> set[str]:
         """Every fault that health told in that time."""
-        return {fault for t_s, ids in self.faults if from_s <= t_s < to_s for fault in ids}
+        return {
+            fault for t_s, ids in self.faults if from_s <= t_s < to_s for fault in ids
+        }
 
 
-def tell(faults: Faults, seconds: float = 12.0) -> Story:
+def tell(faults: Faults, seconds: float = 4.0) -> Story:
     world = World(scenes.load(["room"]), SWING, 4.0)
-    cam = SimulatedCamera(world, lenses.load("equirect"), (480, 240), rate_hz=RATE_HZ)
-    with LiveProbe(cam, faults=faults) as probe:
+    cam = SimulatedCamera(world, lenses.load("equirect"), (240, 120), rate_hz=RATE_HZ)
+    with LiveProbe(cam, [f"--exposure-us={EXPOSURE_US}"], faults=faults) as probe:
         client = probe.client(WISH)
         probe.run(seconds)
-        got = [(r.t_s, r.message) for r in client.received if isinstance(r.message, Estimate)]
+        got = [
+            (r.t_s, r.message)
+            for r in client.received
+            if isinstance(r.message, Estimate)
+        ]
         captured_s = [probe.captured_s(e) for _, e in got]
-        # the middle of an exposure, by the camera's own frames
-        middles_s = [
-            min((cam.read_s(k) - 5e-7 * e.exposure_us for k in range(int(seconds * RATE_HZ) + 2)),
-                key=lambda t_s, now_s=now_s: abs(now_s - t_s))
-            for now_s, e in got
-        ]  # fmt: skip
+        # An estimate comes as its frame has been read.
+        frames = range(int(seconds * RATE_HZ) + 2)
+        reads_s = [min(map(cam.read_s, frames), key=lambda r_s, t_s=t_s: abs(t_s - r_s))
+                   for t_s, _ in got]  # fmt: skip
         return Story(
             [e for _, e in got],
             [now_s - then_s for (now_s, _), then_s in zip(got, captured_s, strict=True)],
-            [then_s - true_s for then_s, true_s in zip(captured_s, middles_s, strict=True)],
+            [min((then_s - read_s + 5e-7 * us for us in (EXPOSURE_US, FIRST_US)), key=abs)
+             for then_s, read_s in zip(captured_s, reads_s, strict=True)],
             [(r.t_s, {f.id: f.text for f in r.message.faults})
              for r in client.received if type(r.message).__name__ == "Health"],
             probe.log,
@@ -72,7 +80,7 @@ def honest() -> Story:
 
 
 def test_an_honest_clock_is_believed_to_the_microsecond(honest: Story) -> None:
-    assert len(honest.estimates) > 250
+    assert len(honest.estimates) > 50
     assert max(map(abs, honest.late_s)) < 2e-6
     assert honest.told(0) == set()
 
@@ -86,25 +94,27 @@ def test_delays_of_the_way_leave_the_stamps_as_they_are() -> None:
 
 LIES = {
     "frozen": (Faults(clock_stop_s=0.001), 0.0, "stand still"),
-    "frozen later": (Faults(clock_stop_s=4), 4.0, "stand still"),
+    "frozen later": (Faults(clock_stop_s=2), 2.0, "stand still"),
     "past": (Faults(clock_ahead_ms=-5000), 0.0, "older"),
     "an hour past": (Faults(clock_ahead_ms=-3.6e6), 0.0, "older"),
     "future": (Faults(clock_ahead_ms=3.6e6), 0.0, "to come"),
     "Unix time": (Faults(clock_ahead_ms=1.7e12), 0.0, "to come"),
-    "steps back": (Faults(clock_ahead_ms=-3000, clock_step_s=4), 4.0, "stand still or go back"),
-    "steps forth": (Faults(clock_ahead_ms=3000, clock_step_s=4), 4.0, "to come"),
+    "steps back": (
+        Faults(clock_ahead_ms=-3000, clock_step_s=2),
+        2.0,
+        "stand still or go back",
+    ),
+    "steps forth": (Faults(clock_ahead_ms=3000, clock_step_s=2), 2.0, "to come"),
     "drifts": (Faults(clock_drift_ppm=-20000), 8.1, "faster or slower"),
 }
 
 
 @pytest.mark.parametrize("name", LIES)
-def test_a_clock_that_cannot_be_right_is_told_and_the_arrival_counts(
-    name: str, honest: Story
-) -> None:
+def test_a_clock_that_cannot_be_right_is_told_and_the_arrival_counts(name: str) -> None:
     faults, from_s, words = LIES[name]
-    story = tell(faults)
+    story = tell(faults, from_s + 4.0)
     settled = [k for k, e in enumerate(story.estimates) if k / RATE_HZ > from_s + 0.5]
-    assert len(story.estimates) > 0.95 * len(honest.estimates)
+    assert len(story.estimates) > 0.9 * RATE_HZ * (from_s + 4.0)
     assert max(story.ages_s) < TTL_S
     assert not any(e.flags & STALE for e in story.estimates)
     assert max(abs(story.late_s[k]) for k in settled) < MOST_WRONG_S
@@ -118,17 +128,17 @@ def sigmas_deg(story: Story) -> float:
     """Median of what lamps say of their directions while the camera turns fast."""
     return float(np.median([
         lamp.direction_sigma_deg for k, e in enumerate(story.estimates)
-        if k > 60 and abs(np.cos(np.pi * k / RATE_HZ)) > 0.7 for lamp in e.lights
+        if k > 20 and abs(np.cos(np.pi * k / RATE_HZ)) > 0.7 for lamp in e.lights
     ]))  # fmt: skip
 
 
 def test_directions_are_stated_less_certainly(honest: Story) -> None:
-    assert sigmas_deg(tell(LIES["past"][0])) > 2 * sigmas_deg(honest)
+    assert sigmas_deg(tell(LIES["past"][0])) > 1.4 * sigmas_deg(honest)
 
 
 def test_a_clock_that_is_right_again_is_believed_again() -> None:
     world = World(scenes.load(["room"]), SWING, 4.0)
-    cam = SimulatedCamera(world, lenses.load("equirect"), (480, 240), rate_hz=RATE_HZ)
+    cam = SimulatedCamera(world, lenses.load("equirect"), (240, 120), rate_hz=RATE_HZ)
     with LiveProbe(cam) as probe:
         client = probe.client(WISH)
         probe.run(3.0)
@@ -151,5 +161,5 @@ def test_an_estimate_of_an_old_frame_says_so() -> None:
         daemon.client() as client,
     ):
         cam.accept()
-        cam.send(jpeg(), t_start_ns=time.monotonic_ns() - 900_000_000)
+        cam.send(jpeg(), t_start_ns=time.monotonic_ns() - 400_000_000)
         assert client.until(lambda e: e.sequence == 1).flags & STALE

@@ -14,6 +14,7 @@
 static struct lp_loop *loop;
 static struct lp_link *carrier;
 static int faults;
+static bool is_faulty;
 
 static void on_received(void *context, const struct lp_link_message *message, int64_t t_ns)
 {
@@ -33,6 +34,7 @@ static void on_fault(void *context, const char *id, const char *text)
 	(void)context;
 	assert_string_equal(id, "i2c-nack");
 	faults += text != NULL;
+	is_faulty = text != NULL;
 }
 
 static int setup(void **state)
@@ -43,6 +45,7 @@ static int setup(void **state)
 	alarm(DEADLOCK_S);
 	fake_i2c_init();
 	faults = 0;
+	is_faulty = false;
 	if (lp_loop_create(&loop) < 0)
 		return -1;
 	const struct lp_link_host host = {.loop = loop,
@@ -145,6 +148,24 @@ static void test_a_chip_that_does_not_answer_is_a_fault_that_ends(void **state)
 	wait_for(&fake_i2c.writes, 1);
 }
 
+/* The connection is begun anew every few seconds: that ends no fault. */
+static void test_a_fault_outlives_the_connection(void **state)
+{
+	(void)state;
+	FAKE_I2C_SET(error, EREMOTEIO);
+	for (int i = 1; i < 4; i++) {
+		open_carrier();
+		wait_for(&faults, i);
+		carrier->ops->close(carrier);
+		assert_true(is_faulty);
+	}
+	open_carrier();
+	wait_for(&faults, 4);
+	FAKE_I2C_SET(error, 0);
+	while (is_faulty)
+		(void)loop_turn(loop, 1);
+}
+
 #define LINK_TEST(test) cmocka_unit_test_setup_teardown(test, setup, teardown)
 
 int main(void)
@@ -154,6 +175,7 @@ int main(void)
 		LINK_TEST(test_destroying_does_not_wait_for_ever_either),
 		LINK_TEST(test_what_was_sent_before_the_end_is_transferred),
 		LINK_TEST(test_a_chip_that_does_not_answer_is_a_fault_that_ends),
+		LINK_TEST(test_a_fault_outlives_the_connection),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -155,6 +155,25 @@ static void test_a_homing_that_succeeds_ends_the_trouble(void **state)
 	}
 }
 
+/* The connection is lost, or the microcontroller was reset: until it says otherwise its faults are
+ * as it said last, and nothing is told twice. */
+static void test_faults_outlive_the_connection(void **state)
+{
+	(void)state;
+	lp_mcu_set_faults(&mcu, BIT(PARAMS_LOST) | BIT(CAN_ABSENT), 0);
+	for (int i = 0; i < 3; i++) {
+		lp_mcu_forget_faults(&mcu);
+		lp_mcu_was_reset(&mcu, MCU_HELLO_RESET_CAUSE_WATCHDOG_CHOICE);
+		assert_int_equal(fault_count, 2);
+		lp_mcu_set_faults(&mcu, BIT(PARAMS_LOST) | BIT(CAN_ABSENT), 0);
+		assert_int_equal(fault_count, 2);
+	}
+	assert_int_equal(cleared_within(60 * LP_NS_PER_S), BIT(CAN_ABSENT));
+	lp_mcu_forget_faults(&mcu);
+	lp_mcu_set_faults(&mcu, 0, 0); /* another one was plugged in */
+	assert_int_equal(fault_count, 0);
+}
+
 static void test_a_reset_by_a_person_allows_more_tries(void **state)
 {
 	static const struct {
@@ -187,6 +206,7 @@ int main(void)
 		cmocka_unit_test_setup(test_only_faults_that_were_told_are_cleared, setup),
 		cmocka_unit_test_setup(test_a_jam_keeps_its_name_and_is_tried_three_times, setup),
 		cmocka_unit_test_setup(test_a_homing_that_succeeds_ends_the_trouble, setup),
+		cmocka_unit_test_setup(test_faults_outlive_the_connection, setup),
 		cmocka_unit_test_setup(test_a_reset_by_a_person_allows_more_tries, setup),
 	};
 

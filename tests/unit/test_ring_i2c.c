@@ -39,6 +39,7 @@ static struct {
 	float lux[LP_RING_SENSORS][3], old_lux[LP_RING_SENSORS][3];
 	int64_t changed_ns;  /* from old_lux to lux */
 	unsigned int absent; /* sensors */
+	unsigned int mute;   /* sensors that take what is written, and give nothing */
 	int collisions;	     /* transfers that reached more than one sensor */
 } bus;
 
@@ -88,6 +89,8 @@ static int sensor_message(const struct i2c_msg *message)
 
 	if (k < 0)
 		return -ENXIO;
+	if (message->flags & I2C_M_RD && bus.mute >> k & 1)
+		return -EREMOTEIO;
 	if (message->flags & I2C_M_RD) {
 		const int colour = bus.pointer[k] - 0x08;
 		const uint16_t value = colour >= 0 && colour < 3 ? counts_of(k, colour) : 0;
@@ -141,6 +144,7 @@ static struct {
 	struct lp_ring *ring;
 	struct lp_ring_sample sample;
 	int samples;
+	int ends; /* of faults */
 	char waiting[400], missing[200], saturated[200];
 } s;
 
@@ -158,6 +162,7 @@ static void on_fault(void *context, const char *id, const char *text)
 							 : s.saturated;
 
 	(void)context;
+	s.ends += *kept && !text;
 	(void)snprintf(kept, 200, "%s", text ? text : "");
 }
 
@@ -192,6 +197,7 @@ static int set_up(void **state)
 	fake_i2c_init();
 	fake_i2c.chips = transfer;
 	SET(absent, 0);
+	SET(mute, 0);
 	bus.collisions = 0;
 	memset(bus.conf, 0xFF, sizeof(bus.conf)); /* shut down, as after power */
 	light_all(300.0F, 200.0F, 100.0F);
@@ -315,6 +321,36 @@ static void test_a_missing_sensor_is_named_and_the_others_go_on(void **state)
 	assert_int_equal(conf_of(3) & 1, 0); /* set up again */
 }
 
+/* It is set up again and again, and that succeeds: only a reading ends the fault. */
+static void test_a_sensor_that_gives_nothing_stays_missing(void **state)
+{
+	(void)state;
+	SET(mute, 1U << 3);
+	begin();
+	UNTIL(*s.missing && isfinite(s.sample.illuminance_lux[7]));
+	for (const int now = s.samples; s.samples < now + 10;)
+		(void)loop_turn(s.loop, 20);
+	assert_int_equal(s.ends, 0);
+	assert_non_null(strstr(s.missing, "sensor 3: does not answer"));
+	SET(mute, 0);
+	UNTIL(!*s.missing && isfinite(s.sample.illuminance_lux[3]));
+}
+
+/* The bus is opened again and again, and that succeeds. */
+static void test_a_ring_that_gives_nothing_is_waited_for(void **state)
+{
+	(void)state;
+	SET(mute, ~0U);
+	begin();
+	UNTIL(*s.waiting);
+	for (const int now = fake_i2c_get(&fake_i2c.opened);
+	     fake_i2c_get(&fake_i2c.opened) < now + 2;)
+		(void)loop_turn(s.loop, 20);
+	assert_int_equal(s.ends, 0);
+	SET(mute, 0);
+	UNTIL(!*s.waiting && isfinite(s.sample.illuminance_lux[0]));
+}
+
 static void test_a_bus_that_fails_is_opened_again(void **state)
 {
 	(void)state;
@@ -384,6 +420,8 @@ int main(void)
 		TEST(test_readings_are_of_their_time),
 		TEST(test_too_much_light_is_told),
 		TEST(test_a_missing_sensor_is_named_and_the_others_go_on),
+		TEST(test_a_sensor_that_gives_nothing_stays_missing),
+		TEST(test_a_ring_that_gives_nothing_is_waited_for),
 		TEST(test_a_bus_that_fails_is_opened_again),
 		TEST(test_a_bus_that_hangs_is_told_and_survived),
 		TEST(test_no_bus_is_told_with_the_next_step),

@@ -180,6 +180,27 @@ static void test_stuck_on_its_way_and_slipping_at_rest(void **state)
 	assert_string_equal(world.timed.fault, "WHEEL_SLIP");
 }
 
+/* Before it was given up, a bus that comes back does not hide the fault while it is homed again. */
+static void test_a_fault_outlives_the_bus(void **state)
+{
+	(void)state;
+	move(45);
+	(void)run(7);
+	move(135);
+	while (world.timed.step != LP_TIMED_UP || world.wheel_deg < 60)
+		step();
+	world.stuck = true;
+	while (!world.timed.fault)
+		step();
+	lp_timed_forget(&world.timed, world.now_ns);
+	world.stuck = false;
+	while (world.timed.step != LP_TIMED_REST) {
+		assert_string_equal(world.timed.fault, "WHEEL_STUCK");
+		step();
+	}
+	assert_null(world.timed.fault);
+}
+
 /* Nobody mends it: the first name stays, and after three more tries the servo is left alone. */
 static void test_a_jam_keeps_its_name_and_is_tried_three_times(void **state)
 {
@@ -204,11 +225,11 @@ static void test_a_jam_keeps_its_name_and_is_tried_three_times(void **state)
 	assert_true(world.timed.stopped);
 	assert_int_equal(world.timed.step, LP_TIMED_FAULT);
 	assert_true(lp_timed_pulse_us(&world.timed, world.now_ns) == 0);
-	/* The power comes back, or the program starts anew. */
+	/* The bus is lost and comes back, as a stalled servo may make it: it is not turned again. */
 	world.stuck = false;
 	lp_timed_forget(&world.timed, world.now_ns);
-	assert_int_equal(run(8).phase, LP_WHEEL_SETTLED);
-	assert_null(world.timed.fault);
+	assert_int_equal(run(80).phase, LP_WHEEL_FAULT);
+	assert_string_equal(world.timed.fault, "WHEEL_STUCK");
 }
 
 /* Whatever the geometry: a servo driven beyond its stop burns. */
@@ -254,6 +275,7 @@ int main(void)
 		cmocka_unit_test_setup(test_targets_that_nothing_proves_are_refused, setup),
 		cmocka_unit_test_setup(test_faults_have_names_and_end, setup),
 		cmocka_unit_test_setup(test_stuck_on_its_way_and_slipping_at_rest, setup),
+		cmocka_unit_test_setup(test_a_fault_outlives_the_bus, setup),
 		cmocka_unit_test_setup(test_a_jam_keeps_its_name_and_is_tried_three_times, setup),
 		cmocka_unit_test_setup(test_no_pulse_is_outside_of_the_servos_limits, setup),
 		cmocka_unit_test_setup(test_targets_beyond_the_servos_pulses_are_refused, setup),

@@ -88,8 +88,12 @@ static void on_ready(struct lp_watch *watch, unsigned int events)
 		if (got == sizeof(frame)) {
 			take_frame(self, &frame, lp_clock_ns());
 		} else {
-			if (got < 0 && errno != EAGAIN && errno != EINTR)
-				host->lost(host->context, "receive", why(errno));
+			if (got < 0 && errno != EAGAIN && errno != EINTR) {
+				const char *const reason = why(errno);
+
+				set_bus_off(self, false); /* the interface starts anew */
+				host->lost(host->context, "receive", reason);
+			}
 			return;
 		}
 	}
@@ -103,8 +107,7 @@ static void can_close(struct lp_link *link)
 	if (fd < 0)
 		return;
 	lp_watch_stop(&self->watch);
-	close(fd);
-	set_bus_off(self, false);
+	close(fd); /* a bus that is off stays so, and does not say so again */
 }
 
 static int bind_to(const struct link_can *self, int fd)

@@ -51,6 +51,7 @@ struct link_i2c {
 	uint16_t address;
 	struct lp_watch watch;
 	struct lp_bus_thread *thread; /* NULL: none yet; watch.fd -1: it is to end */
+	bool has_fault; /* the host was told of one, which has not ended */
 };
 
 static struct link_i2c *self_of(const struct lp_link *link)
@@ -171,6 +172,16 @@ static const char *why(int error)
 				    : lp_strerror(error);
 }
 
+/* NULL: a transfer has succeeded. To close and to open the bus again proves nothing. */
+static void tell(struct link_i2c *self, const char *text)
+{
+	const struct lp_link_host *host = &self->base.host;
+
+	if (text || self->has_fault)
+		host->fault(host->context, FAULT_ID, text);
+	self->has_fault = text != NULL;
+}
+
 static void on_ready(struct lp_watch *watch, unsigned int events)
 {
 	struct link_i2c *self = LP_CONTAINER_OF(watch, struct link_i2c, watch);
@@ -180,14 +191,13 @@ static void on_ready(struct lp_watch *watch, unsigned int events)
 	(void)events;
 	while (watch->fd >= 0 &&
 	       recv(watch->fd, &packet, sizeof(packet), MSG_DONTWAIT) == sizeof(packet)) {
+		if (packet.error != ENODEV)
+			tell(self, packet.error > 0 ? why(packet.error) : NULL);
 		if (packet.error == 0)
 			host->received(host->context, &packet.message, packet.t_ns);
 		else if (packet.error == ENODEV)
 			host->lost(host->context, "transfer",
 				   "the bus is gone — is it plugged in?");
-		else
-			host->fault(host->context, FAULT_ID,
-				    packet.error > 0 ? why(packet.error) : NULL);
 	}
 }
 
@@ -199,7 +209,6 @@ static void i2c_close(struct lp_link *link)
 		return;
 	lp_watch_stop(&self->watch);
 	lp_bus_thread_end(self->thread);
-	link->host.fault(link->host.context, FAULT_ID, NULL);
 }
 
 /* A descriptor; or -errno, and *reason says what to do. */

@@ -144,11 +144,7 @@ void lp_mcu_forget_faults(struct lp_mcu *mcu)
 {
 	struct lp_mcu_recovery *self = &mcu->recovery;
 
-	for (unsigned i = MCU_FAULTS_WHEEL_END; i < 32; i++) {
-		if (self->faults >> i & 1)
-			tell_over(mcu, i);
-	}
-	self->faults = 0;
+	self->faults &= ~LP_MCU_WHEEL_FAULTS; /* the others stay told until it says that they end */
 	self->t_clear_ns = 0;
 }
 

@@ -181,6 +181,8 @@ static void version_fault(struct lp_mcu *mcu, const struct mcu_hello_t *hello, c
 
 static void refuse_version(struct lp_mcu *mcu, const struct mcu_hello_t *hello)
 {
+	connection_fault(mcu, "mcu-silent", "hello", NULL);
+	connection_fault(mcu, "mcu-waiting", "hello", NULL);
 	version_fault(mcu, hello, "mcu-version");
 	close_link(mcu, REFUSED_NS);
 }
@@ -193,6 +195,7 @@ static void accept_version(struct lp_mcu *mcu, const struct mcu_hello_t *hello)
 		connection_fault(mcu, "mcu-minor-version", "version", NULL);
 	connection_fault(mcu, "mcu-version", "version", NULL);
 	connection_fault(mcu, "mcu-silent", "hello", NULL);
+	connection_fault(mcu, "mcu-waiting", "hello", NULL);
 	lp_info(mcu->object, "hello", "firmware %d.%d.%d", hello->firmware_major,
 		hello->firmware_minor, hello->firmware_patch);
 	enter(mcu, LP_MCU_SETTING);
@@ -283,8 +286,7 @@ static void open_link(struct lp_mcu *mcu)
 		mcu->t_next_ns = lp_clock_ns() + lp_backoff_next_ns(&mcu->retry);
 		return;
 	}
-	connection_fault(mcu, "mcu-waiting", "open", NULL);
-	enter(mcu, LP_MCU_GREETING);
+	enter(mcu, LP_MCU_GREETING); /* what is open need not work: the fault stays until it does */
 }
 
 static void greet(struct lp_mcu *mcu, int64_t now_ns)
@@ -294,6 +296,7 @@ static void greet(struct lp_mcu *mcu, int64_t now_ns)
 		mcu->t_next_ns = now_ns + ASK_NS;
 		return;
 	}
+	connection_fault(mcu, "mcu-waiting", "hello", NULL);
 	connection_fault(
 		mcu, "mcu-silent", "hello",
 		"no answer in 5 s — check device and carrier strap; is the firmware flashed?");

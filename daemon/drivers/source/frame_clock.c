@@ -184,7 +184,9 @@ static void reconsider(struct lp_frame_clock *clock, int64_t delay_ns, int64_t n
 /* By the arrival. */
 static void stand_in(const struct lp_frame_clock *clock, struct lp_frame *frame)
 {
-	const int64_t delay_ns = clock->floor_count ? clock->floors_ns[0] : UNKNOWN_DELAY_NS;
+	const int64_t floor_ns = clock->floor_count ? clock->floors_ns[0] : UNKNOWN_DELAY_NS;
+	const int64_t delay_ns =
+		has_learned(clock) ? floor_ns : least(floor_ns, UNKNOWN_DELAY_NS);
 	const double sigma_ns = has_learned(clock) ? fmax(sqrt(clock->excess_ns2), LEAST_SIGMA_NS)
 						   : UNKNOWN_SIGMA_NS;
 

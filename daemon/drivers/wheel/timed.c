@@ -185,10 +185,7 @@ void lp_timed_forget(struct lp_timed *timed, int64_t now_ns)
 {
 	timed->homed = false;
 	timed->offset_deg = 0;
-	timed->fault = NULL;
-	timed->tries = 0;
-	timed->stopped = false;
-	enter(timed, LP_TIMED_IDLE, now_ns);
+	enter(timed, timed->fault ? LP_TIMED_FAULT : LP_TIMED_IDLE, now_ns);
 }
 
 void lp_timed_edge(struct lp_timed *timed, int64_t t_ns)

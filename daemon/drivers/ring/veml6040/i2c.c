@@ -198,25 +198,34 @@ static void take(struct ring_i2c *self, const struct lp_veml6040_scan *scan)
 					.colour_sigma = COLOUR_SIGMA,
 					.common_sigma = COMMON_SIGMA};
 	uint32_t missing = 0, saturated = 0;
+	bool any = false;
 
 	for (int k = 0; k < LP_RING_SENSORS; k++) {
 		const struct lp_veml6040 *sensor = &scan->sensors[k];
 
 		take_sensor(self, sensor, k, &sample);
-		missing |= (uint32_t)(sensor->error < 0) << k;
-		saturated |= (uint32_t)(sensor->has_counts && lp_veml6040_is_saturated(sensor))
-			     << k;
+		const uint32_t bit = UINT32_C(1) << k;
+
+		any |= sensor->has_counts;
+		if (sensor->error < 0)
+			missing |= bit;
+		else if (!sensor->has_counts) { /* set up, and not read yet: nothing is over */
+			missing |= self->missing & bit;
+			saturated |= self->saturated & bit;
+		} else if (lp_veml6040_is_saturated(sensor))
+			saturated |= bit;
 	}
 	tell(self, MISSING, missing, &self->missing,
 	     "does not answer — check its wires and its channel of the multiplexer");
 	tell(self, SATURATED, saturated, &self->saturated,
 	     "too bright — put a diffuser over the ring (cover=)");
-	if (self->waits) {
+	if (self->waits && any) {
 		self->waits = false;
 		lp_info(self->object, "read", "colour sensors found");
 		host->fault(host->context, WAITING, NULL);
 	}
-	lp_backoff_reset(&self->retry);
+	if (any)
+		lp_backoff_reset(&self->retry);
 	host->sample(host->context, &sample);
 }
 

@@ -236,7 +236,8 @@ static void report_battery(struct lp_osc_capture *capture, const struct lp_osc_h
 	const float limit = capture->has_battery_fault ? BATTERY_ENOUGH : BATTERY_LOW;
 	const bool is_low = health->battery < limit && !health->is_charging;
 
-	if (is_low == capture->has_battery_fault)
+	if (is_low == capture->has_battery_fault ||
+	    (isnan(health->battery) && !health->is_charging)) /* it does not tell now */
 		return;
 	capture->has_battery_fault = is_low;
 	if (is_low)
