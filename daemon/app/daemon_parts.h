@@ -38,12 +38,12 @@ struct lp_daemon_camera {
 	struct lp_source_caps caps;
 	enum lp_source_state state; /* 0: not known yet */
 	bool has_streamed;
-	bool has_frames;	/* the next one counts */
-	uint64_t next_sequence; /* of the source, if nothing is lost */
-	int64_t t_read_ns;	/* of the newest frame; 0: there is none */
-	float period_us;	/* of its frames; infinite: not known */
+	bool has_frames;	 /* the next one counts */
+	uint64_t next_sequence;	 /* of the source, if nothing is lost */
+	int64_t t_read_ns;	 /* of the newest frame; 0: there is none */
+	float period_us;	 /* of its frames; infinite: not known */
 	const char *clock_fault; /* of its newest frame, as told in health */
-	bool told;		/* --once: all that it has to say has been heard */
+	bool told;		 /* --once: all that it has to say has been heard */
 };
 
 struct lp_daemon {

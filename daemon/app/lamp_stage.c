@@ -352,13 +352,13 @@ static void list_light(const struct lp_remembered_lamp *m, struct lp_light *ligh
 	const struct lp_lamp *lamp = &m->lamp;
 	const bool by_ring = m->recovered_sigma > 0.0F;
 
-	*light = (struct lp_light){ /* all of it: what is not named is zero */
+	*light = (struct lp_light){/* all of it: what is not named is zero */
 				   .id = m->id,
 				   .angular_radius_deg = radius_rad(lamp) * DEG,
 				   .direction_sigma_deg = lamp->direction_sigma_deg,
 				   .irradiance_sigma = strength_sigma(m),
-				   .colour_sigma = by_ring ? m->recovered_colour_sigma / strength(m)
-							   : 0.0F,
+				   .colour_sigma =
+					   by_ring ? m->recovered_colour_sigma / strength(m) : 0.0F,
 				   .distance_m = NAN,
 				   .hidden = m->hidden,
 				   .flags = lamp->flags | (m->seen ? 0 : LP_LIGHT_HELD) |

@@ -48,9 +48,9 @@ struct lp_frame {
 	int64_t t_read_ns;
 	float stamp_sigma_us;	 /* 1 sigma of that, where the camera's clock is not believed */
 	const char *clock_fault; /* static: why it is not; NULL: it is */
-	int64_t t_arrival_ns;  /* CLOCK_MONOTONIC when the whole frame was in memory */
-	float exposure_us;     /* NAN: unknown */
-	float gain;	       /* linear factor, 1 = base sensitivity; NAN: unknown */
+	int64_t t_arrival_ns;	 /* CLOCK_MONOTONIC when the whole frame was in memory */
+	float exposure_us;	 /* NAN: unknown */
+	float gain;		 /* linear factor, 1 = base sensitivity; NAN: unknown */
 	float wheel_deg;       /* polarizer angle during the exposure; NAN: no wheel, or unknown */
 	float wheel_sigma_deg; /* 1 sigma; NAN: unknown */
 	/* What the source itself knows of its orientation: x y z w, turns the probe's frame into

@@ -9,6 +9,7 @@
 #include "scene.h"
 #include "vision/camera.h"
 #include "vision/imager.h"
+#include "vision/imager_internal.h"
 
 #define WIDTH 120
 #define FORWARD (30 * WIDTH + WIDTH / 2) /* cells of the panorama */
@@ -196,6 +197,36 @@ static void test_another_imager_goes_on(void **state)
 	lp_imager_destroy(after);
 }
 
+/* What is known of a camera's scale and colours goes on whole, but for what is of the former
+ * panorama and of the former response. */
+static void test_all_that_is_known_of_a_camera_goes_on(void **state)
+{
+	struct lp_imager *before = new_imager(), *after = new_imager();
+
+	(void)state;
+	for (int k = 0; k < 2; k++) {
+		memset(&before->eyes[k].gain, 0x3C + k, sizeof(before->eyes[k].gain));
+		memset(&before->eyes[k].overlap, 0x3C + k, sizeof(before->eyes[k].overlap));
+		before->eyes[k].gain.count = k ? 9 : 0;
+	}
+	lp_imager_inherit(after, before);
+	for (int k = 0; k < 2; k++) {
+		struct lp_gain *gain = &after->eyes[k].gain, *was = &before->eyes[k].gain;
+		struct lp_overlap *overlap = &after->eyes[k].overlap;
+
+		assert_true(k ? gain->variance > was->variance : gain->variance == was->variance);
+		gain->variance = was->variance;
+		assert_int_equal(gain->count, 0);
+		gain->count = was->count;
+		assert_memory_equal(gain, was, offsetof(struct lp_gain, cells));
+		assert_true(overlap->applied[1] == 0.0F);
+		memcpy(overlap->applied, before->eyes[k].overlap.applied, sizeof(overlap->applied));
+		assert_memory_equal(overlap, &before->eyes[k].overlap, sizeof(*overlap));
+	}
+	lp_imager_destroy(before);
+	lp_imager_destroy(after);
+}
+
 /* A long exposure may end after a short one that began later. */
 static void test_frames_in_another_order_than_exposed(void **state)
 {
@@ -253,6 +284,7 @@ int main(void)
 		cmocka_unit_test(test_a_camera_that_is_away),
 		cmocka_unit_test(test_a_camera_that_comes_back_exposes_otherwise),
 		cmocka_unit_test(test_another_imager_goes_on),
+		cmocka_unit_test(test_all_that_is_known_of_a_camera_goes_on),
 		cmocka_unit_test(test_frames_in_another_order_than_exposed),
 		cmocka_unit_test(test_the_overlap_aligns_them),
 		cmocka_unit_test(test_what_is_no_difference_between_cameras),

@@ -22,7 +22,7 @@ struct camera {
 	int64_t t_ns; /* of the reading of its newest frame */
 	int64_t more_delay_ns;
 	double wrong_ms; /* the most by which t_read_ns was wrong, of the frames last run */
-	double sigmas;   /* the same in what is stated, at 2 ms of the stamps themselves */
+	double sigmas;	 /* the same in what is stated, at 2 ms of the stamps themselves */
 	int believed, frames;
 	const char *first_fault; /* of those frames */
 };
@@ -48,15 +48,14 @@ static void take(struct camera *camera, int64_t arrival_ns)
 
 	frame->sequence++;
 	frame->t_arrival_ns = arrival_ns;
-	lp_frame_clock_stamp(&camera->clock, frame, camera->lie(t_s, camera->t_ns),
-			     camera->object);
+	lp_frame_clock_stamp(&camera->clock, frame, camera->lie(t_s, camera->t_ns), camera->object);
 	const double wrong_ms = (double)llabs(frame->t_read_ns - camera->t_ns) / 1e6;
 
 	assert_true(frame->t_read_ns > 0 && frame->t_read_ns <= arrival_ns);
 	assert_true((frame->clock_fault != NULL) == (frame->stamp_sigma_us > 0.0F));
 	camera->wrong_ms = fmax(camera->wrong_ms, wrong_ms);
-	camera->sigmas = fmax(camera->sigmas,
-			      wrong_ms / hypot(2.0, 1e-3 * (double)frame->stamp_sigma_us));
+	camera->sigmas =
+		fmax(camera->sigmas, wrong_ms / hypot(2.0, 1e-3 * (double)frame->stamp_sigma_us));
 	camera->believed += frame->clock_fault == NULL;
 	camera->frames++;
 	if (frame->clock_fault && !camera->first_fault)
@@ -236,9 +235,9 @@ static const struct {
 	int64_t (*lie)(double t_s, int64_t t_ns);
 	const char *fault;
 } lies[] = {
-	{frozen, "stand still"}, {past, "older"},	   {a_little_past, "older"},
-	{future, "to come"},	 {unix_time, "to come"},   {from_zero, "older"},
-	{negative, "older"},	 {highest, "to come"},	   {nothing, "carry no"},
+	{frozen, "stand still"}, {past, "older"},	    {a_little_past, "older"},
+	{future, "to come"},	 {unix_time, "to come"},    {from_zero, "older"},
+	{negative, "older"},	 {highest, "to come"},	    {nothing, "carry no"},
 	{wrapped, "older"},	 {jittered, "time stamps"}, {slow, "older"},
 };
 
@@ -270,7 +269,8 @@ static void test_the_sigma_is_as_large_as_the_error(void **state)
 	for (int k = 0; k < 1000; k++) {
 		run(&camera, 0.03);
 		squares += camera.wrong_ms * camera.wrong_ms;
-		stated += 1e-6 * (double)(camera.frame.stamp_sigma_us * camera.frame.stamp_sigma_us);
+		stated +=
+			1e-6 * (double)(camera.frame.stamp_sigma_us * camera.frame.stamp_sigma_us);
 	}
 	assert_true(squares < 4.0 * stated && squares > 0.1 * stated);
 }
@@ -300,7 +300,7 @@ static int64_t frozen_after_20_s(double t_s, int64_t t_ns)
 static void test_steps_are_not_believed(void **state)
 {
 	int64_t (*const steps[])(double, int64_t) = {back_after_20_s, a_little_back_after_20_s,
-						      forth_after_20_s, frozen_after_20_s};
+						     forth_after_20_s, frozen_after_20_s};
 
 	(void)state;
 	for (size_t i = 0; i < LP_COUNT(steps); i++) {
@@ -311,7 +311,7 @@ static void test_steps_are_not_believed(void **state)
 		run(&camera, 0.2);
 		run(&camera, 30);
 		assert_int_equal(camera.believed, 0);
-		assert_true(camera.wrong_ms < 40.0);	/* jitter alone */
+		assert_true(camera.wrong_ms < 40.0);		  /* jitter alone */
 		assert_true(camera.frame.stamp_sigma_us < 15e3F); /* it has been learned */
 	}
 }
@@ -334,7 +334,8 @@ static void test_drifts_are_not_believed(void **state)
 		rate = rates[i];
 		run(&camera, 8.5 + 0.06 / fabs(rate)); /* 60 ms apart, or the first look at it */
 		assert_non_null(camera.first_fault);
-		assert_true(camera.wrong_ms < 70.0 || (fabs(rate) >= 0.01 && camera.wrong_ms < 450.0));
+		assert_true(camera.wrong_ms < 70.0 ||
+			    (fabs(rate) >= 0.01 && camera.wrong_ms < 450.0));
 		run(&camera, 60 + 0.1 / fabs(rate));
 		assert_int_equal(camera.believed, 0);
 		assert_true(camera.wrong_ms < 60.0);

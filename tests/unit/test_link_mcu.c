@@ -15,6 +15,7 @@
 #include "dbc/mcu.h"
 #include "drivers/link/envelope.h"
 #include "drivers/link/mcu.h"
+#include "drivers/link/mcu_parts.h"
 #include "drivers/link/mcu_faults.h"
 #include "drivers/ring/ldr.h"
 #include "include/connections.h"
@@ -325,6 +326,19 @@ static void test_an_unasked_hello_is_a_reset(void **state)
 	assert_int_equal(session.wheel.state.reconnects, 1);
 }
 
+/* A port that can be opened may fail at once again: only an answer ends the fault. */
+static void test_what_is_open_is_not_yet_well(void **state)
+{
+	(void)state;
+	greet(1);
+	lp_mcu_lost(session.mcu, "receive", "as if unplugged");
+	assert_string_equal(session.fault, "mcu-waiting");
+	assert_true(until(NULL, 0, ID(HELLO_REQUEST))); /* it is open */
+	assert_string_equal(session.fault, "mcu-waiting");
+	greet(1);
+	assert_string_not_equal(session.fault, "mcu-waiting");
+}
+
 /* Wheel and ring name one device, each with keys of its own. */
 static void test_keys_of_every_uri_of_a_connection_count(void **state)
 {
@@ -430,6 +444,7 @@ int main(void)
 		cmocka_unit_test_setup_teardown(test_seen_is_when_the_answered_request_was_sent,
 						setup, teardown),
 		cmocka_unit_test_setup_teardown(test_an_unasked_hello_is_a_reset, setup, teardown),
+		cmocka_unit_test_setup_teardown(test_what_is_open_is_not_yet_well, setup, teardown),
 		cmocka_unit_test_setup_teardown(test_a_look_is_one_small_message_each_way, setup,
 						teardown),
 		cmocka_unit_test_setup_teardown(test_older_firmware_is_asked_as_it_understands,

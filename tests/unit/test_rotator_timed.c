@@ -225,7 +225,8 @@ static void test_a_jam_keeps_its_name_and_is_tried_three_times(void **state)
 	assert_true(world.timed.stopped);
 	assert_int_equal(world.timed.step, LP_TIMED_FAULT);
 	assert_true(lp_timed_pulse_us(&world.timed, world.now_ns) == 0);
-	/* The bus is lost and comes back, as a stalled servo may make it: it is not turned again. */
+	/* The bus is lost and comes back, as a stalled servo may make it: it is not turned again.
+	 */
 	world.stuck = false;
 	lp_timed_forget(&world.timed, world.now_ns);
 	assert_int_equal(run(80).phase, LP_WHEEL_FAULT);

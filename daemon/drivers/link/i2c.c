@@ -51,7 +51,7 @@ struct link_i2c {
 	uint16_t address;
 	struct lp_watch watch;
 	struct lp_bus_thread *thread; /* NULL: none yet; watch.fd -1: it is to end */
-	bool has_fault; /* the host was told of one, which has not ended */
+	bool has_fault;		      /* the host was told of one, which has not ended */
 };
 
 static struct link_i2c *self_of(const struct lp_link *link)

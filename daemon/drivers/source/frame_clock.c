@@ -16,7 +16,7 @@
 #define LATE_FOR_NS (2 * LP_NS_PER_S)
 #define GOOD_FOR_NS (2 * LP_NS_PER_S) /* so long stamps must be true to be believed again, */
 #define SAME_NS (12 * LP_NS_PER_MS)   /* with the same shortest delay as ever */
-#define MOST_OVERTAKEN 16 /* frames; more is a camera that counts anew */
+#define MOST_OVERTAKEN 16	      /* frames; more is a camera that counts anew */
 #define TICK_NS LP_NS_PER_S
 #define FIRST_SPAN_NS LP_NS_PER_S
 #define DRIFT_NS (3 * LP_NS_PER_MS) /* from each span to the next */
@@ -55,8 +55,7 @@ static bool close_spans(struct lp_frame_clock *clock)
 	const bool drift = rises_by_steps(clock, 1) || rises_by_steps(clock, -1);
 
 	for (int k = 0; k < LP_CLOCK_FLOORS / 2; k++)
-		clock->floors_ns[k] =
-			least(clock->floors_ns[2 * k], clock->floors_ns[2 * k + 1]);
+		clock->floors_ns[k] = least(clock->floors_ns[2 * k], clock->floors_ns[2 * k + 1]);
 	clock->floor_count = drift ? 1 : LP_CLOCK_FLOORS / 2;
 	clock->span_ns *= 2;
 	return drift;
@@ -100,8 +99,8 @@ static bool has_learned(const struct lp_frame_clock *clock)
 /* All frames have been late for too long. */
 static bool is_always_late(struct lp_frame_clock *clock, int64_t delay_ns, int64_t now_ns)
 {
-	const int64_t period_ns = least(clock->has_frames ? now_ns - clock->arrival_ns : 0,
-					LATE_FOR_NS);
+	const int64_t period_ns =
+		least(clock->has_frames ? now_ns - clock->arrival_ns : 0, LATE_FOR_NS);
 
 	if (delay_ns <= LATE_NS + period_ns)
 		clock->t_late_ns = 0;
@@ -125,7 +124,8 @@ static const char *contradiction(struct lp_frame_clock *clock, const struct lp_f
 		return future;
 	if (is_later && stamp_ns <= clock->stamp_ns)
 		return stands;
-	if (stamp_ns < 0 || stamp_ns < oldest_ns || is_always_late(clock, now_ns - stamp_ns, now_ns))
+	if (stamp_ns < 0 || stamp_ns < oldest_ns ||
+	    is_always_late(clock, now_ns - stamp_ns, now_ns))
 		return old;
 	return NULL;
 }
@@ -185,8 +185,7 @@ static void reconsider(struct lp_frame_clock *clock, int64_t delay_ns, int64_t n
 static void stand_in(const struct lp_frame_clock *clock, struct lp_frame *frame)
 {
 	const int64_t floor_ns = clock->floor_count ? clock->floors_ns[0] : UNKNOWN_DELAY_NS;
-	const int64_t delay_ns =
-		has_learned(clock) ? floor_ns : least(floor_ns, UNKNOWN_DELAY_NS);
+	const int64_t delay_ns = has_learned(clock) ? floor_ns : least(floor_ns, UNKNOWN_DELAY_NS);
 	const double sigma_ns = has_learned(clock) ? fmax(sqrt(clock->excess_ns2), LEAST_SIGMA_NS)
 						   : UNKNOWN_SIGMA_NS;
 

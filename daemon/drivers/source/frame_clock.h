@@ -17,7 +17,7 @@ struct lp_frame;
 #define LP_CLOCK_FLOORS 8
 
 struct lp_frame_clock {
-	bool has_frames; /* what follows counts */
+	bool has_frames;   /* what follows counts */
 	uint64_t sequence; /* the highest, and its stamp */
 	int64_t stamp_ns;
 	int64_t arrival_ns; /* of the newest frame */

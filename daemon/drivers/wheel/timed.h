@@ -86,8 +86,8 @@ void lp_timed_init(struct lp_timed *timed);
 /* -ERANGE, with *reason: the comb cannot prove this angle, or the servo cannot go there. */
 int lp_timed_move(struct lp_timed *timed, float target_deg, int64_t now_ns, const char **reason);
 
-/* The bus was lost, or is back: the angle is not known. A fault stays, and so does what was tried: a
- * stalled servo may be what disturbs the bus. */
+/* The bus was lost, or is back: the angle is not known. A fault stays, and so does what was tried:
+ * a stalled servo may be what disturbs the bus. */
 void lp_timed_forget(struct lp_timed *timed, int64_t now_ns);
 
 void lp_timed_edge(struct lp_timed *timed, int64_t t_ns);

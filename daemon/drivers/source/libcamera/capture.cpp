@@ -248,8 +248,8 @@ std::unique_ptr<Session> Capture::open()
 	const std::string model = model_of(*camera);
 	auto nodes = nodes_of(manager->get(), camera);
 	auto session = Session::open(
-		std::move(camera), std::move(nodes), settings, frames, next_sequence,
-		clock, [this] { notify(); }, fault);
+		std::move(camera), std::move(nodes), settings, frames, next_sequence, clock,
+		[this] { notify(); }, fault);
 
 	if (!session) {
 		report(fault.state, fault.stage, fault.reason);

@@ -91,9 +91,8 @@ Session::Session(std::shared_ptr<libcamera::Camera> opened, std::vector<Node> it
 		 const lp_libcamera_settings &how, lp_pool *pool, uint64_t sequence,
 		 lp_frame_clock &its_clock, std::function<void()> notify)
     : settings(how), nodes(std::move(its_nodes)), frames(pool), clock(its_clock),
-      wake(std::move(notify)),
-      camera(std::move(opened)), wanted(camera->controls()), first_sequence(sequence),
-      following_sequence(sequence)
+      wake(std::move(notify)), camera(std::move(opened)), wanted(camera->controls()),
+      first_sequence(sequence), following_sequence(sequence)
 {
 }
 

@@ -159,14 +159,13 @@ static int sim_set_exposure(struct lp_source *source, float exposure_us, float g
  * numbers anything. */
 static int64_t stamp_ns(const struct lp_sim_header *header)
 {
-	const int64_t exposure_ns =
-		isnan(header->exposure_us) /* then it is the end that is told */
-			? 0
-			: (int64_t)((double)header->exposure_us * LP_NS_PER_US);
+	const int64_t exposure_ns = isnan(header->exposure_us) /* then it is the end that is told */
+					    ? 0
+					    : (int64_t)((double)header->exposure_us * LP_NS_PER_US);
 	int64_t end_ns;
 
 	return __builtin_add_overflow(header->t_start_ns, exposure_ns, &end_ns) ? INT64_MAX
-										 : end_ns;
+										: end_ns;
 }
 
 static void fill_frame(struct source_sim *self, struct lp_frame *frame)
