@@ -4,7 +4,7 @@
  * gives it. In the address: ?probe=ws://… another probe, ?truth=ws://… the truth, ?fov=DEGREES the field of the device's camera.
  */
 import { Probe, irradiance, luminance } from "../src/index.js";
-import type { Estimate, ReflectionMapWish, Vec3 } from "../src/index.js";
+import type { Estimate, ProbeOptions, ReflectionMapWish, Vec3 } from "../src/index.js";
 import { dismiss, say } from "./messages.js";
 import { show } from "./panel.js";
 import { MOST_LAMPS, View, type Seen } from "./view.js";
@@ -21,9 +21,19 @@ const MAP: ReflectionMapWish = { size: 32, rateHz: 2, kind: "AMBIENT" };
 const FIELD_DEG = 65;
 
 const address = new URL(location.href);
-const probe = new Probe(address.searchParams.get("probe") ?? location.href, { shOrder: 2, maxLights: MOST_LAMPS });
+const probe = open(address.searchParams.get("probe") ?? location.href, { shOrder: 2, maxLights: MOST_LAMPS });
 const truthAddress = address.searchParams.get("truth");
-const truth = truthAddress ? new Probe(truthAddress, { shOrder: 2, maxLights: 8, healthPeriodMs: 0 }) : undefined;
+const truth = truthAddress ? open(truthAddress, { shOrder: 2, maxLights: 8, healthPeriodMs: 0 }) : undefined;
+
+/** The client of an address; where that is none, as one with a token and without TLS, the page says so and ends. */
+function open(where: string, options: ProbeOptions): Probe {
+  try {
+    return new Probe(where, options);
+  } catch (error) {
+    say((error as Error).message);
+    throw error;
+  }
+}
 
 /** What the switches leave of an estimate. */
 function switched(estimate: Estimate | undefined): Estimate | undefined {

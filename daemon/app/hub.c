@@ -311,31 +311,31 @@ struct lp_demand lp_hub_demand(const struct lp_hub *hub)
 
 /* Refused clients get their reason through an entry of this stack only. */
 static int refuse(struct lp_hub *hub, struct lp_publisher *publisher, struct lp_client *handle,
-		  const char *reason)
+		  int code, const char *reason)
 {
 	struct lp_hub_client passing = {.publisher = publisher, .handle = handle};
 	char text[200];
 
 	(void)snprintf(text, sizeof(text), "lightprobed: connect: %s", reason);
 	lp_warning("hub", "connect", "a client is refused: %s", reason);
-	lp_hub_send_error(hub, &passing, -EUSERS, text);
-	return -EUSERS;
+	lp_hub_send_error(hub, &passing, code, text);
+	return code;
 }
 
 static int on_connected(void *context, struct lp_publisher *publisher, struct lp_client *handle,
-			const char *refusal, void **user)
+			int code, const char *refusal, void **user)
 {
 	struct lp_hub *hub = context;
 	struct lp_hub_client *client;
 	char full[80];
 
 	if (refusal)
-		return refuse(hub, publisher, handle, refusal);
+		return refuse(hub, publisher, handle, code, refusal);
 	client = lp_pool_take(hub->client_pool);
 	if (!client) {
 		(void)snprintf(full, sizeof(full), "%d clients are connected — raise --max-clients",
 			       hub->client_count);
-		return refuse(hub, publisher, handle, full);
+		return refuse(hub, publisher, handle, -EUSERS, full);
 	}
 	*client = (struct lp_hub_client){.publisher = publisher,
 					 .handle = handle,

@@ -33,11 +33,11 @@ struct lp_publisher_host {
 	struct lp_places *places; /* likewise (drivers/publisher/places.h); outlives them */
 	bool insecure_lan;	  /* the user accepts the network without encryption */
 	/* May call send() at once. *user is the application's own pointer for this client.
-	 * `refusal`: why the publisher will not have it, next step included; NULL: it may stay. A
-	 * negative result refuses it: what was sent goes out, the connection closes, nothing more
-	 * is heard. */
+	 * `refusal`: why the publisher will not have it, next step included; NULL: it may stay.
+	 * `code` of it: -EACCES, its token is missing or wrong; else -EUSERS. A negative result
+	 * refuses it: what was sent goes out, the connection closes, nothing more is heard. */
 	int (*connected)(void *context, struct lp_publisher *publisher, struct lp_client *client,
-			 const char *refusal, void **user);
+			 int code, const char *refusal, void **user);
 	/* One whole request without its length prefix; valid during the call.
 	 * A negative result makes the publisher close the connection once its queue is sent. */
 	int (*request)(void *context, void *user, const uint8_t *data, size_t size_bytes);

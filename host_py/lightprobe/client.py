@@ -5,7 +5,8 @@
 ...         draw(estimate.lights, estimate.sh)
 
 A client connects, asks for what its :class:`Subscription` says, and stays: when the connection is
-lost or the probe sends nonsense it connects again, waiting longer after each failure. Only a probe
+lost or the probe sends nonsense it connects again, waiting longer after each failure, and more than
+a minute after a refused token. Only a probe
 of another major protocol version is a final error. The newest estimate wins: who reads slowly
 skips, and the number of skipped ones is counted. `latest()` is None once the estimate has outlived
 its ttl_ms, so that nobody is lit by light of an hour ago: then :func:`fallback_estimate` gives what
@@ -55,6 +56,7 @@ from lightprobe.wire import (
     MINOR_WITH_POLARIZATION,
     MINOR_WITH_STILLS,
     PROTOCOL_MAJOR,
+    TOKEN_REFUSED,
     Decoder,
     Message,
     Subscription,
@@ -72,6 +74,8 @@ DEFAULT_URI = "tcp:127.0.0.1:7700"
 CONNECT_TIMEOUT_S = 3.0
 HELLO_TIMEOUT_S = 3.0
 BACKOFF_FIRST_S, BACKOFF_LAST_S = 0.1, 5.0
+#: After a refused token. The daemon forgets a wrong one in a minute; several of an address bar all.
+TOKEN_BACKOFF_S = 80.0
 #: How often the probe's clock is compared with ours.
 PING_PERIOD_S = 1.0
 #: A wait that lasts longer than this says what it waits for.
@@ -162,6 +166,7 @@ class AsyncClient:
         self._final: Exception | None = None
         self._answer: PolarizationMap | SweepStarted | StillsAsked | None = None
         self._refusal: str | None = None  # of this connection
+        self._is_token_refused = False  # likewise
         self._writer: asyncio.StreamWriter | WebSocketStream | None = None
         self._news = asyncio.Condition()
         self._task: asyncio.Task[None] | None = None
@@ -429,12 +434,13 @@ class AsyncClient:
             self.statistics.failures += 1
             if self.statistics.connections > greeted:
                 wait_s = BACKOFF_FIRST_S
-            await asyncio.sleep(wait_s * random.uniform(0.8, 1.2))  # not all clients at once
+            pause_s = TOKEN_BACKOFF_S if self._is_token_refused else wait_s
+            await asyncio.sleep(pause_s * random.uniform(0.8, 1.2))  # not all clients at once
             wait_s = min(2 * wait_s, BACKOFF_LAST_S)
 
     async def _one_connection(self) -> Never:
         """Connect, subscribe, and read until the connection ends; always ends in an exception."""
-        self._refusal = None
+        self._refusal, self._is_token_refused = None, False
         async with asyncio.timeout(CONNECT_TIMEOUT_S):
             reader, writer = await self._address.connect()
         self._writer = writer
@@ -479,6 +485,7 @@ class AsyncClient:
         elif isinstance(message, Refusal):  # comes in place of a Hello when the probe is full
             self.statistics.refusals += 1
             self._refusal = self.last_error = f"{self.uri}: request: {message.text}"
+            self._is_token_refused = not self.connected and message.code == TOKEN_REFUSED
             await self._announce()
         elif not self.connected:
             raise WireError("the first message is not a Hello")

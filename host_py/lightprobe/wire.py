@@ -49,6 +49,8 @@ MINOR_WITH_PINGS = 3
 MINOR_WITH_POLARIZATION = 4
 #: From this one on, it answers requests for stills.
 MINOR_WITH_STILLS = 5
+#: Code of a Refusal in place of a Hello: the token is missing or wrong (EACCES).
+TOKEN_REFUSED = -13
 #: A reflection map of 64 texels has 96 KiB, a polarization map 57, all else less than 2; the rest
 #: is room to grow.
 MAX_MESSAGE_BYTES = 128 * 1024

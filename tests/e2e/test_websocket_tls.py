@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import datetime
 import json
 import os
@@ -16,6 +17,7 @@ import pytest
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
 from harness import LONG_S, Daemon, run, wait_for
+from lightprobe import AsyncClient, wire
 from lightprobe import Client as ProbeClient
 from lightprobe.errors import ProbeTimeout
 from lightprobe_proto import lightprobe_pb2 as pb
@@ -46,6 +48,22 @@ def refusal_of(url):
     return str(refused.value)
 
 
+def code_of(url):
+    """The code of what a probe says in place of a greeting."""
+    codes = []
+
+    def note(payload):
+        codes.append(wire.decode(payload).code)
+
+    async def ask():
+        async with AsyncClient(url, on_payload=note) as client:
+            while not client.statistics.refusals:
+                await asyncio.sleep(0.01)
+
+    asyncio.run(asyncio.wait_for(ask(), LONG_S))
+    return codes[0]
+
+
 def test_with_the_address_of_pair_the_light_comes_without_it_nothing(tmp_path):
     port, pair = free_port(), tmp_path / "pair"
     url = make_pair(pair, "--host", "127.0.0.1", "--port", str(port))["url"]
@@ -57,7 +75,9 @@ def test_with_the_address_of_pair_the_light_comes_without_it_nothing(tmp_path):
             assert "token" not in client.uri  # it stands in messages
         token = url.split("token=")[1].split("&")[0]
         assert "the token is missing or wrong" in refusal_of(url.replace(token, token[:-1] + "!"))
-        assert "the token is missing or wrong" in refusal_of(url.replace(f"token={token}&", ""))
+        without = url.replace(f"token={token}&", "")
+        assert "the token is missing or wrong" in refusal_of(without)
+        assert code_of(without) == wire.TOKEN_REFUSED  # clients wait for longer then
         assert token not in daemon.log()
         other = make_pair(tmp_path / "other", "--host", "127.0.0.1")["sha256"].replace(":", "")
         wrong = refusal_of(url.split("sha256=")[0] + "sha256=" + other)

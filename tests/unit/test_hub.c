@@ -147,7 +147,7 @@ static int teardown(void **state)
 
 static struct lp_client *join(int index)
 {
-	assert_int_equal(host.connected(host.context, &publisher, &clients[index], NULL,
+	assert_int_equal(host.connected(host.context, &publisher, &clients[index], 0, NULL,
 					&clients[index].user),
 			 0);
 	return &clients[index];
@@ -608,7 +608,7 @@ static void test_too_many_clients_are_refused_with_a_reason(void **state)
 	(void)state;
 	for (int i = 0; i < MAX_CLIENTS; i++)
 		join(i);
-	assert_int_equal(host.connected(host.context, &publisher, refused, NULL, &refused->user),
+	assert_int_equal(host.connected(host.context, &publisher, refused, 0, NULL, &refused->user),
 			 -EUSERS);
 	assert_int_equal(refused->count, 1);
 	message = decode_packet(refused->packets[0]);

@@ -78,7 +78,7 @@ static int setup_kind(enum lp_orientation_kind kind)
 	host = lp_hub_publisher_host(hub);
 	for (int i = 0; i < 2; i++) {
 		clients[i] = (struct lp_client){0};
-		assert_int_equal(host.connected(host.context, &publisher, &clients[i], NULL,
+		assert_int_equal(host.connected(host.context, &publisher, &clients[i], 0, NULL,
 						&clients[i].user),
 				 0);
 	}

@@ -58,9 +58,10 @@ static void send_text(struct lp_publisher *publisher, struct lp_client *client, 
 }
 
 static int on_connected(void *context, struct lp_publisher *publisher, struct lp_client *client,
-			const char *refusal, void **user)
+			int code, const char *refusal, void **user)
 {
 	(void)context;
+	(void)code;
 	heard.client = client;
 	heard.publisher = publisher;
 	*user = client;

@@ -613,7 +613,7 @@ namespace Lightprobe.Messages
 
     public sealed class Error
     {
-        /// <summary>negative errno</summary>
+        /// <summary>negative errno; -13 (EACCES) in place of a Hello: the token is missing or wrong</summary>
         public int Code;
         /// <summary>object, stage, next step</summary>
         public string Text = "";

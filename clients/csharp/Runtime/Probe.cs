@@ -33,6 +33,10 @@ namespace Lightprobe
     {
         private const uint ProtocolMajor = 1, MinorWithNumbers = 1;
         private const int FirstBackoffMs = 100, LastBackoffMs = 5000, ConnectMs = 5000, LeastPatienceMs = 5000;
+        /// <summary>Of an Error in place of a Hello: the token is missing or wrong (EACCES).</summary>
+        private const int TokenRefused = -13;
+        /// <summary>After that. The daemon forgets a wrong token in a minute; several of an address bar all.</summary>
+        private const int TokenBackoffMs = 80_000;
         /// <summary>Of how many estimates the fastest tells how far the probe's clock is off.</summary>
         private const int ClockMessages = 32;
         private static readonly Stopwatch Clock = Stopwatch.StartNew();
@@ -203,7 +207,7 @@ namespace Lightprobe
                         if (data == null) return refusal ?? _address + ": the probe closed the connection";
                         FromProbe message = Decode(data);
                         if (Ranges.Broken(message) is string refused) throw new WireException(refused);
-                        if (message.Error != null) refusal = _address + ": " + message.Error.Text;
+                        if (message.Error != null) refusal = Refusal(message.Error);
                         Take(message, refusal);
                         if (State == ProbeState.Closed) return null;
                     }
@@ -223,6 +227,12 @@ namespace Lightprobe
                 return Hello != null ? _address + ": receive: " + error.Message
                     : _address + ": connect: " + error.Message + ": is lightprobed running, and is this its address?";
             }
+        }
+
+        private string Refusal(Error error)
+        {
+            if (Hello == null && error.Code == TokenRefused) _backoffMs = TokenBackoffMs;
+            return _address + ": " + error.Text;
         }
 
         private Connection Open()

@@ -5,11 +5,13 @@ import { Drained } from "./drained.js";
 import type { Estimate, Health, Hello } from "./estimate.js";
 import type { ReflectionMap } from "./reflection.js";
 import { whyUnanswered } from "./unanswered.js";
-import { DEFAULT_SUBSCRIPTION, MINOR_WITH_NUMBERS, MINOR_WITH_PINGS, PROTOCOL_MAJOR, WireError, decode, encodePing, encodePose, encodeSubscription } from "./wire.js";
+import { DEFAULT_SUBSCRIPTION, MINOR_WITH_NUMBERS, MINOR_WITH_PINGS, PROTOCOL_MAJOR, TOKEN_REFUSED, WireError, decode, encodePing, encodePose, encodeSubscription } from "./wire.js";
 import type { Message, Subscription } from "./wire.js";
 
 const PROTOCOL = "lightprobe.v1";
 const BACKOFF_FIRST_MS = 100, BACKOFF_LAST_MS = 5000;
+/** After a refused token. The daemon forgets a wrong one in a minute; several of an address bar all. */
+const TOKEN_BACKOFF_MS = 80_000;
 /** A greeting comes at once, health periodically: longer silence is a fault. */
 const HELLO_TIMEOUT_MS = 5000, LEAST_PATIENCE_MS = 5000;
 /** Of how many messages the fastest tells how far the probe's clock is off. */
@@ -196,15 +198,17 @@ export class Probe {
     const socket = new this.#WebSocket(this.#url, protocols);
     socket.binaryType = "arraybuffer";
     this.#socket = socket;
-    let refusal: string | undefined;
+    let refusal: string | undefined, isTokenRefused = false;
     socket.onopen = () => socket.send(encodeSubscription(this.#wish, this.#number));
     socket.onmessage = ({ data }) => {
       if (socket !== this.#socket) return;
       try {
         if (typeof data === "string") throw new WireError("a text message");
         const message = decode(new Uint8Array(data as ArrayBuffer));
-        if (message?.kind === "error") refusal = this.lastError = `${this.#url}: ${message.error.text}`;
-        else if (message) this.#take(message);
+        if (message?.kind === "error") {
+          refusal = this.lastError = `${this.#url}: ${message.error.text}`;
+          isTokenRefused = this.state !== "open" && message.error.code === TOKEN_REFUSED;
+        } else if (message) this.#take(message);
       } catch (error) {
         if (!(error instanceof WireError)) throw error;
         refusal = `${this.#url}: receive: ${error.message}: is this a lightprobe?`;
@@ -214,6 +218,7 @@ export class Probe {
     socket.onclose = () => {
       if (socket !== this.#socket) return;
       this.lastError = refusal ?? this.lastError ?? this.#whyClosed();
+      if (isTokenRefused) this.#backoffMs = TOKEN_BACKOFF_MS;
       this.#lose();
     };
     this.#expectWithin(HELLO_TIMEOUT_MS);

@@ -13,6 +13,9 @@ export const MINOR_WITH_NUMBERS = 1;
 /** From this one on, the probe answers pings and takes poses. */
 export const MINOR_WITH_PINGS = 3;
 
+/** Code of a Refusal in place of a Hello: the token is missing or wrong (EACCES). */
+export const TOKEN_REFUSED = -13;
+
 /** Bytes that are no message of lightprobe.v1. */
 export class WireError extends Error {}
 

@@ -54,6 +54,23 @@ const until = async (condition: () => boolean): Promise<void> => {
   assert.ok(condition(), condition.toString());
 };
 
+test("after a refused token it waits more than a minute, after another refusal not", (context) => {
+  context.mock.timers.enable({ apis: ["setTimeout", "setInterval"] });
+  const { probe, socket } = open({}, "https://probe.local:7702/#token=abc");
+  for (const [code, soonest, latest] of [[-87, 0, 1000], [-13, 60_000, 120_000], [-87, 0, 10_000], [-13, 60_000, 120_000]] as const) {
+    const refused = socket(), before = Scripted.all.length;
+    refused.open();
+    refused.say({ case: "error", value: create(pb.ErrorSchema, { code, text: "it says why" }) });
+    refused.close();
+    assert.equal(probe.lastError, "wss://probe.local:7702/: it says why");
+    context.mock.timers.tick(soonest);
+    assert.equal(Scripted.all.length, before);
+    context.mock.timers.tick(latest - soonest);
+    assert.equal(Scripted.all.length, before + 1);
+  }
+  probe.close();
+});
+
 test("where TLS may be in the way, it is said how to see it", async () => {
   const { probe, socket } = open({}, "https://probe.local:7702/#token=abc");
   socket().close();

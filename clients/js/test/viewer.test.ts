@@ -65,6 +65,16 @@ for (const [name, width, height] of [["desktop", 1000, 640], ["phone", 390, 844]
     await page.close();
   });
 
+test("opened without TLS, but with a token, the page says that tokens go over https alone", { timeout: LONG_MS }, async () => {
+  const page = await session.browser.newPage(), sockets: string[] = [];
+  page.on("websocket", (socket) => sockets.push(socket.url()));
+  await page.goto(`http://127.0.0.1:${daemon.port}/#token=secret`, { timeout: LONG_MS });
+  await problem(page, /http: would send the token in clear: take the address that `lightprobe pair` prints, with https: or wss:/);
+  assert.ok(!(await page.locator("#problem").textContent())!.includes("secret"));
+  assert.deepEqual(sockets, []);
+  await page.close();
+});
+
 test("keys switch what is shown", { timeout: 2 * LONG_MS }, async () => {
   const { page, faults } = await viewer(500, 400);
   await lit(page);

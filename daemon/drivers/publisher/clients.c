@@ -278,7 +278,8 @@ int lp_clients_add(struct lp_clients *clients, int fd, const struct lp_peer *pee
 	clients->first = client;
 	refusal = lp_place_admit(&client->place, share, clients->publisher->ops->info.scheme, text,
 				 sizeof(text));
-	if (host->connected(host->context, clients->publisher, client, refusal, &client->user) < 0)
+	if (host->connected(host->context, clients->publisher, client, -EUSERS, refusal,
+			    &client->user) < 0)
 		begin_closing(client);
 	else
 		client->announced = true;

@@ -118,7 +118,7 @@ static int stdout_start(struct lp_publisher *publisher)
 	}
 	self->connected =
 		publisher->host.connected(publisher->host.context, publisher,
-					  (struct lp_client *)self, NULL, &self->user) == 0;
+					  (struct lp_client *)self, 0, NULL, &self->user) == 0;
 	return 0;
 }
 

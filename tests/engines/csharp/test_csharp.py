@@ -353,6 +353,37 @@ def test_what_is_no_probe_is_told(program, sent, told):
     assert any(told in (line["error"] or "") for line in lines)
 
 
+def connections_of(program, code, seconds):
+    """How often a client comes while it is refused with this code, at most three times."""
+    came = []
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve():
+            while True:
+                connection, _ = server.accept()
+                came.append(1)
+                with connection:
+                    connection.sendall(delimited(error=pb.Error(code=code, text="it says why")))
+                    connection.recv(100)
+
+        threading.Thread(target=serve, daemon=True).start()
+        address = f"tcp:127.0.0.1:{server.getsockname()[1]}"
+        with subprocess.Popen(
+            ["mono", program, "live", address, str(seconds)], stdout=subprocess.PIPE, text=True
+        ) as client:
+            for line in client.stdout:
+                if len(came) == 3:
+                    break
+            client.kill()
+    assert "it says why" in line
+    return len(came)
+
+
+def test_after_a_refused_token_it_does_not_come_again_soon(program):
+    assert connections_of(program, -13, 6) == 1
+    assert connections_of(program, -87, 120) == 3
+
+
 @pytest.mark.parametrize(
     "address", ["tcp:", "tcp:host", "tcp:host:0", "tcp:h:70000", "udp:h:1", ""]
 )

@@ -98,6 +98,7 @@ static void on_opened(void *context, struct lp_session *session)
 	struct lp_web_client *client = lp_session_user(session);
 	const struct lp_publisher_host *host = &self->base.host;
 	char text[96];
+	int code = -EACCES;
 	const char *refusal = "the token is missing or wrong — open the address that lightprobe "
 			      "pair prints";
 
@@ -107,10 +108,12 @@ static void on_opened(void *context, struct lp_session *session)
 	if (self->is_tls && lp_place_is_barred(&client->place))
 		refusal = "the token is missing or wrong, or others of this address were: wait "
 			  "ten seconds — open the address that lightprobe pair prints";
-	if (!self->is_tls || lp_place_token(&client->place, client->has_token))
+	if (!self->is_tls || lp_place_token(&client->place, client->has_token)) {
+		code = -EUSERS;
 		refusal = lp_place_admit(&client->place, &self->options.share,
 					 self->base.ops->info.scheme, text, sizeof(text));
-	if (host->connected(host->context, &self->base, (struct lp_client *)client, refusal,
+	}
+	if (host->connected(host->context, &self->base, (struct lp_client *)client, code, refusal,
 			    &client->user) < 0)
 		lp_web_client_close(client, "refused");
 	else
