@@ -180,7 +180,7 @@ def test_a_probe_that_knows_no_maps_and_one_that_does_not_answer():
 def test_maps_that_cannot_be_are_refused(fault):
     good = {"width": 2, "height": 1, "s0_unit": 1.0, "cells": bytes(16)}
     wire.decode(pb.FromProbe(polarization_map=good).SerializeToString())
-    with pytest.raises(wire.WireError, match="(?i)polarization ?map"):
+    with pytest.raises(wire.WireError, match=r"(?i)polarization ?map"):
         wire.decode(pb.FromProbe(polarization_map=good | fault).SerializeToString())
 
 

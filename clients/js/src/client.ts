@@ -103,7 +103,7 @@ export class Probe {
     this.#connect();
   }
 
-  /** Call `listener` with every event of a kind; gives what ends that. */
+  /** Call `listener` with every event of a kind; gives what ends that. What it throws stays uncaught, as of the browser's own events. */
   on<K extends keyof ProbeEvents>(kind: K, listener: (value: ProbeEvents[K]) => void): () => void {
     const set = this.#listeners.get(kind) ?? new Set();
     this.#listeners.set(kind, set);
@@ -161,8 +161,14 @@ export class Probe {
     }
   }
 
+  /** What a listener throws is the app's, not the network's: it is not caught (window.onerror), and nothing here ends for it. */
   #emit<K extends keyof ProbeEvents>(kind: K, value: ProbeEvents[K]): void {
-    for (const listener of this.#listeners.get(kind) ?? []) (listener as (value: ProbeEvents[K]) => void)(value);
+    for (const listener of [...(this.#listeners.get(kind) ?? [])])
+      try {
+        (listener as (value: ProbeEvents[K]) => void)(value);
+      } catch (error) {
+        queueMicrotask(() => { throw error; });
+      }
   }
 
   #become(state: State): void {

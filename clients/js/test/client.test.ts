@@ -2,7 +2,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { create, fromBinary, toBinary } from "@bufbuild/protobuf";
-import { Probe, parseAddress } from "../src/index.js";
+import { Probe, WireError, parseAddress } from "../src/index.js";
 import { whyUnanswered } from "../src/unanswered.js";
 import * as pb from "../src/gen/lightprobe_pb.js";
 
@@ -53,6 +53,32 @@ const until = async (condition: () => boolean): Promise<void> => {
   for (let k = 0; k < 3000 && !condition(); k++) await new Promise((done) => setTimeout(done, 10));
   assert.ok(condition(), condition.toString());
 };
+
+test("what a listener throws is the app's, and costs neither the connection nor other listeners", (context) => {
+  const thrown: unknown[] = [], mistakes = ["state", "hello", "estimate", "health", "reflectionMap"].map((kind) => new WireError(kind));
+  context.mock.method(globalThis, "queueMicrotask", (job: () => void) => { try { job(); } catch (error) { thrown.push(error); } });
+  context.mock.timers.enable({ apis: ["setTimeout", "setInterval"] });
+  const { probe, socket } = open({ healthPeriodMs: 1000, reflectionMap: { size: 16 } }), others: string[] = [];
+  for (const mistake of mistakes) {
+    const kind = mistake.message as "state";
+    probe.on(kind, () => { throw mistake; });
+    probe.on(kind, () => { others.push(kind); });
+  }
+  const first = socket();
+  first.open();
+  first.hello();
+  first.estimate(1);
+  first.say({ case: "health", value: create(pb.HealthSchema, {}) });
+  first.say({ case: "reflectionMap", value: create(pb.ReflectionMapSchema, { subscription: 1, kind: 2, size: 16, scale: 1, texels: new Uint8Array(24 * 256) }) });
+  assert.deepEqual(others, ["state", "hello", "estimate", "health", "reflectionMap"]);
+  assert.deepEqual(thrown, mistakes); // the very errors
+  assert.deepEqual([probe.state, probe.lastError, first.readyState, Scripted.all.length], ["open", undefined, 1, 1]);
+  first.close(); // lost: it connects again, whatever the listener of "state" throws
+  context.mock.timers.tick(1000);
+  assert.equal(Scripted.all.length, 2);
+  probe.close();
+  assert.equal(probe.state, "closed");
+});
 
 test("after a refused token it waits more than a minute, after another refusal not", (context) => {
   context.mock.timers.enable({ apis: ["setTimeout", "setInterval"] });
