@@ -19,7 +19,7 @@ def broken(message: Any) -> str | None:
     for descriptor, value in message.ListFields():
         if descriptor.type != FieldDescriptor.TYPE_MESSAGE:
             continue
-        for inner in value if descriptor.is_repeated else (value,):
+        for inner in (value,) if hasattr(value, "DESCRIPTOR") else value:
             if (sentence := broken(inner)) is not None:
                 return sentence
     return None
