@@ -8,11 +8,15 @@ VARIANT ?= release
 OUT := $(BUILD)/$(VARIANT)
 VERSION := 0.1.0
 
+# Another processor's libraries lie in a folder of their own; empty: this machine's.
+SYSROOT_arm64 := $(BUILD)/sysroot-arm64
+SYSROOT := $(SYSROOT_$(VARIANT))
 CROSS_arm64 := aarch64-linux-gnu-
-CC := $(if $(filter fuzz,$(VARIANT)),clang,$(CROSS_$(VARIANT))gcc)
-CXX := $(if $(filter fuzz,$(VARIANT)),clang++,$(CROSS_$(VARIANT))g++)
+CC := $(if $(filter fuzz,$(VARIANT)),clang,$(CROSS_$(VARIANT))gcc)$(SYSROOT:%= --sysroot=%)
+CXX := $(if $(filter fuzz,$(VARIANT)),clang++,$(CROSS_$(VARIANT))g++)$(SYSROOT:%= --sysroot=%)
 AR := $(CROSS_$(VARIANT))ar
-PKG_CONFIG_arm64 := PKG_CONFIG_LIBDIR=/usr/lib/aarch64-linux-gnu/pkgconfig:/usr/share/pkgconfig
+PKG_CONFIG_arm64 := PKG_CONFIG_SYSROOT_DIR=$(SYSROOT) \
+	PKG_CONFIG_LIBDIR=$(SYSROOT)/usr/lib/aarch64-linux-gnu/pkgconfig:$(SYSROOT)/usr/share/pkgconfig
 PKG_CONFIG_gpiod2 := PKG_CONFIG_PATH=$(BUILD)/libgpiod2
 PKG_CONFIG := $(PKG_CONFIG_$(VARIANT)) pkg-config
 
@@ -70,9 +74,9 @@ C_WARNINGS := $(WARNINGS) -Wstrict-prototypes -Wmissing-prototypes
 
 LP_CPPFLAGS = -D_GNU_SOURCE -DLP_VERSION='"$(VERSION)"' -DLP_VARIANT='"$(VARIANT)"' \
 	$(foreach o,$(WITH_OPTIONS),-DWITH_$o=$(WITH_$o)) \
-	-Idaemon -Idaemon/include -I$(GEN) -isystem /usr/include/opencv4 $(NANOPB_CPPFLAGS) -MMD -MP
+	-Idaemon -Idaemon/include -I$(GEN) -isystem $(SYSROOT)/usr/include/opencv4 $(NANOPB_CPPFLAGS) -MMD -MP
 # Debian 13 has nanopb's headers in a folder of their own.
-NANOPB_CPPFLAGS := $(if $(wildcard /usr/include/nanopb),-isystem /usr/include/nanopb)
+NANOPB_CPPFLAGS := $(addprefix -isystem ,$(wildcard $(SYSROOT)/usr/include/nanopb))
 LP_CFLAGS = -std=c17 -g $(ARCH_FLAGS) $(FLAGS_$(VARIANT)) $(C_WARNINGS) $(shell $(PKG_CONFIG) --cflags $(LP_PACKAGES))
 LP_CXXFLAGS = -std=c++17 -g $(ARCH_FLAGS) $(FLAGS_$(VARIANT)) $(WARNINGS) $(LIBCAMERA_CFLAGS)
 LP_LDFLAGS = $(FLAGS_$(VARIANT))
@@ -127,7 +131,7 @@ $(OUT)/dbc/%.c.o: $(GEN)/dbc/%.c
 
 # Optional libraries are asked for once per variant and choice.
 WITH_CHOICE := $(foreach o,$(WITH_OPTIONS),WITH_$o=$(WITH_$o))
-$(OUT)/packages.stamp: daemon/daemon.mk $(OUT)/with.choice
+$(OUT)/packages.stamp: daemon/daemon.mk $(OUT)/with.choice $(SYSROOT:$(BUILD)/%=$(STAMPS)/%)
 	@mkdir -p $(@D)
 	@$(foreach o,$(WITH_OPTIONS),if [ '$(WITH_$o)' = 1 ] && ! $(PKG_CONFIG) --exists libuv $(PACKAGE_$o); then \
 		echo 'build: $(PACKAGE_$o) is missing: apt-get install $(DEBIAN_$o), or build without: make daemon WITH_$o=0' >&2; \

@@ -2,7 +2,7 @@
 # The daemon as an ARM64 board runs it: cross-built, and run by an emulator of the processor.
 
 # Unit tests of VARIANT=arm64 run through it; empty where the processor is this machine's.
-EMULATOR_arm64 := $(if $(filter aarch64,$(shell uname -m)),,qemu-aarch64-static)
+EMULATOR_arm64 := $(if $(filter aarch64,$(shell uname -m)),,qemu-aarch64-static -L $(SYSROOT_arm64))
 
 $(OUT)/tests/numbers: $(OUT)/tests/arm64/numbers.c.o $(DAEMON_LIBS)
 	@mkdir -p $(@D)
@@ -11,19 +11,15 @@ $(OUT)/tests/numbers: $(OUT)/tests/arm64/numbers.c.o $(DAEMON_LIBS)
 .PHONY: test-arm64 arm64 numbers
 numbers: $(OUT)/tests/numbers
 
-# The libraries that the daemon is built with (build.txt), for ARM64.
-ARM64_LIBRARIES := $(BUILD)/gen/apt-arm64-libraries.txt
-$(ARM64_LIBRARIES): packaging/apt/build.txt
-	@mkdir -p $(@D)
-	@sed 's/#.*//' $< | tr -s ' ' '\n' | sed -n '/^libc6-dev$$/d; s/^lib.*-dev$$/&:arm64/p' >$@
-$(STAMPS)/apt-arm64-libraries: $(ARM64_LIBRARIES) packaging/apt-install
-	@packaging/apt-install $<
-	@mkdir -p $(@D) && touch $@
+# The libraries that the daemon is built with (build.txt).
+$(STAMPS)/sysroot-arm64: packaging/apt/build.txt packaging/sysroot $(call apt,arm64)
+	@packaging/sysroot arm64 $(SYSROOT_arm64) $<
+	@touch $@
 
-arm64: $(call apt,arm64) $(STAMPS)/apt-arm64-libraries build
+arm64: $(STAMPS)/sysroot-arm64 build
 	@$(MAKE) VARIANT=arm64 -j$(JOBS) daemon unit-tests numbers
 	@$(MAKE) VARIANT=release -j$(JOBS) numbers
 
 test-arm64: arm64 ## cross-build for ARM64; run unit tests, replay and comparisons on an emulated processor; check for NEON
-	@$(MAKE) VARIANT=arm64 EMULATOR=$(EMULATOR_arm64) run-unit-tests
-	@EMULATOR=$(EMULATOR_arm64) $(VENV)/bin/pytest -q tests/arm64
+	@$(MAKE) VARIANT=arm64 EMULATOR='$(EMULATOR_arm64)' run-unit-tests
+	@EMULATOR='$(EMULATOR_arm64)' $(VENV)/bin/pytest -q tests/arm64

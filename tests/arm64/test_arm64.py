@@ -21,11 +21,16 @@ from lightprobe.sim.sensor import Sensor, encode_jpeg
 EMULATOR = os.environ.get("EMULATOR", "").split()
 ARM64, HERE = BUILD / "arm64", BUILD / "release"
 TIMEOUT_S = 300
-#: Of the largest number of its row: float32 has 6e-8, and a cell is the sum of some hundred.
-TOLERANCE = 2e-6
-PACKET_TOLERANCE = 2e-5
+#: Of the largest number of its row: float32 has 6e-8, a cell is the sum of some hundred, and five
+#: pictures correct it. Measured: 5.0e-6.
+TOLERANCE = 1e-5
+#: The same for a packet, by the number of pictures: with several, each is judged by what those
+#: before it made. Measured: 2e-6 and 7.1e-4 (of the spherical harmonics, by the preset fast).
+PACKET_TOLERANCE = {1: 2e-5, 3: 1e-3}
 #: Random, or of the clock.
 UNLIKE = {"boot_id", "capture_time_unix_ns", "send_delay_us"}
+#: How integers end that are rounded: they may differ by one.
+ROUNDED = "_permille"
 
 
 def output(variant: Path, name: str, *arguments: str) -> bytes:
@@ -67,7 +72,7 @@ def test_numbers_of_every_stage():
     print(f"floats of the stages differ by at most {worst:.1e}")
 
 
-def compare(one, other, path="estimate"):
+def compare(one, other, tolerance, path="estimate"):
     """Fail where two messages differ; returns the largest difference of their floats."""
     worst = 0.0
     assert {f.name for f, _ in one.ListFields()} == {f.name for f, _ in other.ListFields()}, path
@@ -78,11 +83,13 @@ def compare(one, other, path="estimate"):
         if descriptor.message_type:
             repeated = descriptor.is_repeated
             pairs = zip(value, theirs, strict=True) if repeated else [(value, theirs)]
-            worst = max([worst, *(compare(a, b, here) for a, b in pairs)])
+            worst = max([worst, *(compare(a, b, tolerance, here) for a, b in pairs)])
         elif descriptor.type == FieldDescriptor.TYPE_FLOAT:
             difference = farthest(np.atleast_1d(value), np.atleast_1d(theirs))
-            assert difference <= PACKET_TOLERANCE, f"{here}: {value} {theirs}"
+            assert difference <= tolerance, f"{here}: {value} {theirs}"
             worst = max(worst, difference)
+        elif descriptor.name.endswith(ROUNDED):
+            assert abs(value - theirs) <= 1, here
         else:
             assert value == theirs, here
     return worst
@@ -90,13 +97,13 @@ def compare(one, other, path="estimate"):
 
 @pytest.fixture(scope="module")
 def pictures(tmp_path_factory):
-    """Folders of frames and the options to read them with."""
+    """Pairs of the number of pictures and the option to read them with."""
     folder = tmp_path_factory.mktemp("pictures")
     sensor, sets = Sensor(1920, 960, seed=5), []
     for number, room in enumerate([random_scene(2), random_scene(9)]):
         scene = room.render(1920, 960).compose(np.ones(len(room.lamps)))
         image.write_pfm(folder / f"{number}.pfm", scene)
-        sets.append([f"--source=file:{folder}/{number}.pfm"])
+        sets.append((1, f"--source=file:{folder}/{number}.pfm"))
         for how in ("1", "3"):
             shots = folder / f"{number}-{how}"
             shots.mkdir()
@@ -106,42 +113,43 @@ def pictures(tmp_path_factory):
                 chroma = "422" if number else "420"
                 (shots / f"{k}.jpg").write_bytes(encode_jpeg(codes, 85, chroma))
             listed = ",".join(f"{us:.9g}" for us in exposures_us)
-            sets.append([f"--source=file:{shots}?exposures_us={listed}"])
+            sets.append((len(exposures_us), f"--source=file:{shots}?exposures_us={listed}"))
     return sets
 
 
 @pytest.mark.parametrize("preset", ["fast", "balanced", "accurate"])
 def test_packets_of_the_same_files(pictures, preset):
     worst = 0.0
-    for source in pictures:
-        options = [*source, "--once", "--publish=stdout:", f"--preset={preset}"]
+    for count, source in pictures:
+        options = [source, "--once", "--publish=stdout:", f"--preset={preset}"]
         estimates = []
         for variant in (HERE, ARM64):
             messages, rest = split(output(variant, "bin/lightprobed", *options))
             assert rest == b""
             estimates.append(messages[1].estimate)
         assert len(estimates[0].sh.coefficients) > 0
-        worst = max(worst, compare(*estimates))
+        worst = max(worst, compare(*estimates, PACKET_TOLERANCE[count]))
     print(f"floats of the packets differ by at most {worst:.1e}")
 
 
-#: What must be NEON in the hot path: object, function, instruction on four or two lanes, how often
+#: What must be NEON in the hot path: source, function, instruction on four or two lanes, how often
 #: at least. Fused multiply-adds are the arithmetic; the others show how data moves.
 KERNELS = [
-    ("daemon/vision/cells_blocks.cpp.o", "lp::cells_from_blocks", r"fmla\s+v\d+\.4s", 3),
-    ("daemon/vision/cells_raw_blocks.cpp.o", "", r"smlal2?\s+v\d+\.", 4),
-    ("daemon/vision/cells_jpeg.cpp.o", "jpeg_picture::read", r"(mul|mla)\s+v\d+\.4s", 2),
-    ("daemon/vision/merge.cpp.o", "lp_merge", r"fmla\s+v\d+\.4s", 1),
-    ("daemon/vision/remap.cpp.o", "lp_remap_apply", r"fmla\s+v\d+\.4s", 1),
-    ("daemon/vision/sh_project.cpp.o", "lp_sh_project", r"fmla\s+v\d+\.4s", 4),
-    ("daemon/vision/exposure.cpp.o", "lp_exposure_rescale", r"fmul\s+v\d+\.4s", 1),
+    ("daemon/vision/cells_blocks.cpp", "lp::cells_from_blocks", r"fmla\s+v\d+\.4s", 3),
+    ("daemon/vision/cells_raw_blocks.cpp", "", r"smlal2?\s+v\d+\.", 4),
+    ("daemon/vision/cells_jpeg.cpp", "jpeg_picture::read", r"(mul|mla)\s+v\d+\.4s", 2),
+    ("daemon/vision/radiance_map.cpp", "lp_radiance_map_observe", r"fmla\s+v\d+\.4s", 4),
+    ("daemon/vision/remap.cpp", "lp_remap_apply", r"fmla\s+v\d+\.4s", 1),
+    ("daemon/vision/sh_project.cpp", "lp_sh_project", r"fmla\s+v\d+\.4s", 4),
+    ("daemon/vision/exposure.cpp", "lp_exposure_rescale", r"fmul\s+v\d+\.4s", 1),
 ]
 
 
 @pytest.mark.parametrize(("path", "function", "instruction", "least"), KERNELS)
 def test_hot_kernels_are_neon(path, function, instruction, least):
     """The object file itself: what the compiler made of the universal intrinsics."""
-    command = ["aarch64-linux-gnu-objdump", "-dC", "--no-show-raw-insn", ARM64 / path]
+    assert (BUILD.parent / path).is_file()  # what is left of a source that is gone is not ours
+    command = ["aarch64-linux-gnu-objdump", "-dC", "--no-show-raw-insn", ARM64 / f"{path}.o"]
     listing = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     bodies = [
         body
