@@ -3,10 +3,11 @@
  * The viewer: objects in the light of the probe that serves this page, and beside them in the true light when a simulator
  * gives it. In the address: ?probe=ws://… another probe, ?truth=ws://… the truth, ?fov=DEGREES the field of the device's camera.
  */
-import { Probe, irradiance, luminance } from "../src/index.js";
+import { Probe, fallbackEstimate, irradiance, luminance } from "../src/index.js";
 import type { Estimate, ProbeOptions, ReflectionMapWish, Vec3 } from "../src/index.js";
 import { dismiss, say } from "./messages.js";
 import { show } from "./panel.js";
+import { offer } from "./switches.js";
 import { MOST_LAMPS, View, type Seen } from "./view.js";
 import { isXrOffered } from "./xr.js";
 
@@ -35,9 +36,11 @@ function open(where: string, options: ProbeOptions): Probe {
   }
 }
 
+let last: Estimate | undefined, fallback: Estimate | undefined;
+probe.on("estimate", (estimate) => { [last, fallback] = [estimate, undefined]; });
+
 /** What the switches leave of an estimate. */
-function switched(estimate: Estimate | undefined): Estimate | undefined {
-  if (!estimate) return undefined;
+function switched(estimate: Estimate): Estimate {
   return {
     ...estimate,
     ...(checked("use-lamps") ? {} : { lights: [], key: undefined }),
@@ -48,10 +51,11 @@ function switched(estimate: Estimate | undefined): Estimate | undefined {
 const usesMap = (): boolean => view !== undefined && checked("use-map") && Boolean(probe.hello?.maxReflectionMapSize);
 
 function seen(): Seen {
-  const estimate = probe.latest(), whole = checked("use-ambient") && checked("use-lamps");
+  const known = probe.latest(), exact = checked("use-truth") ? truth?.latest() : undefined;
+  const estimate = known ?? (fallback ??= fallbackEstimate(last)), whole = checked("use-ambient") && checked("use-lamps");
   return {
-    estimate, shown: switched(estimate), truth: checked("use-truth") ? switched(truth?.latest()) : undefined,
-    map: whole && usesMap() ? probe.reflectionMap : undefined, turns: checked("turn"), mirrorsGround: checked("use-ground"),
+    estimate, isOfProbe: known !== undefined, shown: switched(estimate), truth: exact && switched(exact),
+    map: known && whole && usesMap() ? probe.reflectionMap : undefined, turns: checked("turn"), mirrorsGround: checked("use-ground"),
   };
 }
 
@@ -62,7 +66,6 @@ function makeView(): View | undefined {
     console.warn(`picture: ${String(error)}`);
     say("This browser has no WebGL 2, which the picture needs: try another browser, or switch on its hardware acceleration. The map, the lamps and the figures work without.");
     element<HTMLFieldSetElement>("picture").disabled = true;
-    element<HTMLInputElement>("use-map").disabled = true;
     element("labels").hidden = element("view").hidden = true;
     return undefined;
   }
@@ -85,7 +88,8 @@ function errorAgainst(estimate: Estimate | undefined, exact: Estimate | undefine
 
 function showFigures(): void {
   const estimate = probe.latest(), exact = truth?.latest();
-  show(probe, estimate, exact, errorAgainst(estimate, exact));
+  show(probe, estimate, exact, errorAgainst(estimate, exact), last !== undefined);
+  offer("use-ground", Boolean(view?.isOnMarker), "Needs a marker in the camera picture: choose it under Behind");
 }
 
 // ---------------------------------------------------------------- switches
@@ -151,9 +155,8 @@ function wireWishes(): void {
   for (const id of ["order", "lights", "tolerance", "use-key", "use-map"]) element(id).addEventListener("change", subscribe);
   let had = false;
   probe.on("hello", ({ maxReflectionMapSize }) => {
-    const has = view !== undefined && maxReflectionMapSize > 0, box = element<HTMLInputElement>("use-map");
-    box.disabled = !has;
-    box.labels![0]!.title = has ? "" : "This probe sends none: its owner can start lightprobed with --reflection-map=32";
+    const has = view !== undefined && maxReflectionMapSize > 0;
+    offer("use-map", has, "This probe sends none: its owner can start lightprobed with --reflection-map=32");
     if (has !== had) subscribe();
     had = has;
   });
@@ -171,6 +174,7 @@ function wireKeys(): void {
 }
 
 document.querySelector<HTMLElement>("#legend .truth")!.hidden = !truth;
+offer("use-truth", truth !== undefined, "Only a simulator knows it: ?truth=ws://… in the address, as make demo does");
 element("dismiss").addEventListener("click", dismiss);
 const view = makeView();
 if (view) wirePicture(view);

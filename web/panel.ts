@@ -2,6 +2,7 @@
 /** What stands beside the picture: a map of all directions, lamps, figures, spherical harmonics, faults. */
 import { LightFlag, besideSh, flagNames, luminance, meanIrradiance, sh } from "../src/index.js";
 import type { Estimate, Light, Probe, Vec3 } from "../src/index.js";
+import { statusOf } from "./waiting.js";
 
 const element = <T extends HTMLElement>(id: string): T => document.getElementById(id) as T;
 const DEG = 180 / Math.PI;
@@ -97,14 +98,18 @@ function showConnection(problem: string): void {
   if (connection.textContent !== problem) connection.textContent = problem;
 }
 
-const STATES = { connecting: "connecting", open: "", waiting: "no probe: trying again", closed: "ended" };
+/** Under the picture: whose light it is. `had`: light has come before. */
+function showStatus(probe: Probe, had: boolean): void {
+  const status = element("status"), left = element("left"), text = statusOf(probe, had);
+  const label = probe.latest() ? "lit by the probe" : `not the room's light: ${text}`;
+  if (status.textContent !== text) status.textContent = text;
+  if (left.textContent !== label) left.textContent = label;
+  status.classList.toggle("bad", probe.state === "waiting" || probe.state === "closed");
+}
 
 /** `errorOfTruth`: mean error of the light on a white sphere, as a share of its brightest point; undefined: no truth. */
-export function show(probe: Probe, estimate: Estimate | undefined, truth: Estimate | undefined, errorOfTruth: number | undefined): void {
-  const status = element("status");
-  const stale = probe.state === "open" && !estimate ? "no light yet" : "";
-  status.textContent = STATES[probe.state] || stale || probe.hello?.name || "connected";
-  status.classList.toggle("bad", probe.state === "waiting" || probe.state === "closed");
+export function show(probe: Probe, estimate: Estimate | undefined, truth: Estimate | undefined, errorOfTruth: number | undefined, had: boolean): void {
+  showStatus(probe, had);
   drawMap(estimate, truth);
   drawLamps(estimate);
   const { health, hello } = probe;

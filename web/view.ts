@@ -19,10 +19,12 @@ const LEVELS = [{ pixels: 0.7, shadowMap: 512, plain: false }, { pixels: 0.5, sh
 
 /** What a frame shows. */
 export interface Seen {
-  /** The newest: the picture is exposed for it. */
-  estimate: Estimate | undefined;
+  /** The newest, or the fallback: the picture is exposed for it. */
+  estimate: Estimate;
+  /** False: it is the fallback. */
+  isOfProbe: boolean;
   /** What the switches leave of it. */
-  shown: Estimate | undefined;
+  shown: Estimate;
   /** To be drawn beside it; undefined: nothing is. */
   truth: Estimate | undefined;
   map: ReflectionMap | undefined;
@@ -39,6 +41,7 @@ export class View {
   readonly #lights = { probe: new ProbeLight({ lamps: SLOTS }), truth: new ProbeLight({ lamps: SLOTS }) };
   readonly #read: () => Seen;
   #exposure = 0;
+  #hadLight = false;
   #frames = 0;
   #lastMs = 0;
   #gapMs = 16;
@@ -61,6 +64,11 @@ export class View {
     this.stage.scene.add(this.#lights.probe, this.#lights.truth);
     this.#ar = new ArView(this.#renderer, fieldDeg);
     this.#renderer.setAnimationLoop((nowMs: number) => { this.#frame(nowMs); });
+  }
+
+  /** The objects stand on a marker that the camera sees. */
+  get isOnMarker(): boolean {
+    return this.#ar.isOn && this.#ar.place !== undefined;
   }
 
   /** The objects on the floor of the real room, by WebXR. Rejects with what the browser says. */
@@ -97,9 +105,8 @@ export class View {
     if (size.x !== width || size.y !== height) this.#renderer.setSize(width, height, false);
     const seen = this.#read();
     if (seen.turns && !STILL) this.stage.azimuth += 0.004;
-    this.#lights.probe.update(seen.shown, nowMs / 1000);
+    this.#light(seen, nowMs);
     this.#lights.truth.update(seen.truth, nowMs / 1000);
-    this.#expose(seen.estimate);
     const half = seen.truth ? Math.floor(width / 2) : width;
     this.#updateCamera(nowMs, half / height, seen);
     this.stage.aim(half / height);
@@ -113,10 +120,9 @@ export class View {
   /** A frame of an XR session: the device's own view, and nothing beside it. */
   #frameInRoom(nowMs: number): void {
     const seen = this.#read(), light = this.#lights.probe;
-    light.update(seen.shown, nowMs / 1000);
+    this.#light(seen, nowMs);
     light.visible = true;
     this.#lights.truth.visible = false;
-    this.#expose(seen.estimate);
     this.#gapMs += 0.3 * (Math.min(nowMs - this.#lastMs, 1000) - this.#gapMs);
     this.#lastMs = nowMs;
     this.stage.environment(seen.shown, seen.map, "probe", nowMs, Math.max(400, 20 * this.#gapMs)); // costs more than a frame does
@@ -154,11 +160,17 @@ export class View {
     return true;
   }
 
-  /** Brightness follows the light slowly, as eyes do. */
-  #expose(estimate: Estimate | undefined): void {
-    if (!estimate) return;
-    const wanted = 1.05 / Math.max(1e-9, meanIrradiance(estimate));
-    this.#exposure += (this.#exposure === 0 ? 1 : 0.05) * (wanted - this.#exposure);
+  /**
+   * Light fades, and brightness follows it slowly, as eyes do; but the fallback of before the first light and that light are each
+   * shown at once, because nothing says how bright one is against the other.
+   */
+  #light(seen: Seen, nowMs: number): void {
+    const begins = this.#exposure === 0 || (seen.isOfProbe && !this.#hadLight);
+    this.#hadLight ||= seen.isOfProbe;
+    if (begins) this.#lights.probe.set(seen.shown);
+    else this.#lights.probe.update(seen.shown, nowMs / 1000);
+    const wanted = 1.05 / Math.max(1e-9, meanIrradiance(seen.estimate));
+    this.#exposure += (begins ? 1 : 0.05) * (wanted - this.#exposure);
     this.#renderer.toneMappingExposure = this.#exposure;
   }
 
@@ -174,8 +186,8 @@ export class View {
     document.getElementById("marker")!.hidden = place !== undefined;
   }
 
-  #count(estimate: Estimate | undefined): void {
+  #count(estimate: Estimate): void {
     document.body.dataset["frames"] = String(++this.#frames);
-    document.body.dataset["sequence"] = String(estimate?.sequence ?? 0);
+    document.body.dataset["sequence"] = String(estimate.sequence); // 0: the fallback
   }
 }

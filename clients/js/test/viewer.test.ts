@@ -5,7 +5,7 @@ import { readFileSync } from "node:fs";
 import { createServer } from "node:http";
 import { resolve } from "node:path";
 import { test } from "node:test";
-import { fromBinary } from "@bufbuild/protobuf";
+import { fromBinary, toBinary } from "@bufbuild/protobuf";
 import type { Page } from "playwright-core";
 import { decode } from "../src/index.js";
 import * as pb from "../src/gen/lightprobe_pb.js";
@@ -18,13 +18,14 @@ const session = live(), { daemon } = session;
 
 /** The viewer in a window of this size; it fails on errors of the page and on requests to elsewhere. `listen` gets the
  *  page before it connects. */
-async function viewer(width: number, height: number, listen: (page: Page) => void = () => {}): Promise<{ page: Page; faults: string[] }> {
+async function viewer(width: number, height: number, listen: (page: Page) => void = () => {}, route: (page: Page) => Promise<void> = async () => {}): Promise<{ page: Page; faults: string[] }> {
   const page = await session.browser.newPage({ viewport: { width, height }, reducedMotion: "reduce" });
   const faults: string[] = [];
   page.on("pageerror", (error) => faults.push(error.message));
   page.on("console", (message) => { if (message.type() === "error") faults.push(message.text()); });
   page.on("request", (request) => { if (!/^(data|blob):/.test(request.url()) && new URL(request.url()).host !== `127.0.0.1:${daemon.port}`) faults.push(`request to ${request.url()}`); });
   listen(page);
+  await route(page);
   await page.goto(`http://127.0.0.1:${daemon.port}/`, { timeout: LONG_MS });
   return { page, faults };
 }
@@ -165,9 +166,68 @@ test("a probe without reflection maps is not asked for one", { timeout: 2 * LONG
   await page.goto(`http://127.0.0.1:${other.port}/`);
   await lit(page);
   assert.ok(await page.locator("#use-map").isDisabled());
+  assert.equal(await page.locator("#use-map").isChecked(), false);
   assert.equal(await page.locator("#connection").isVisible(), false);
   await page.close();
   other.kill();
+});
+
+/** The switches that are on, of those that may have nothing to show. */
+const ticks = (page: Page): Promise<string[]> => page.evaluate(() => [...document.querySelectorAll<HTMLInputElement>("#use-truth, #use-ground, #use-map")].filter((box) => box.checked || !box.disabled).map((box) => `${box.id}${box.checked ? "" : " off"}`));
+
+test("what is not there is not ticked: a truth, a marker in sight", { timeout: 3 * LONG_MS }, async () => {
+  const { page, faults } = await viewer(500, 400);
+  await lit(page);
+  assert.deepEqual(await ticks(page), ["use-map"]);
+  for (const [id, missing] of [["use-truth", /\?truth=/], ["use-ground", /marker/]] as const)
+    assert.match(await page.locator(`label:has(#${id})`).getAttribute("title") ?? "", missing);
+  await page.goto(`http://127.0.0.1:${daemon.port}/?truth=ws://127.0.0.1:${daemon.port}/`);
+  await lit(page);
+  assert.deepEqual(await ticks(page), ["use-truth", "use-map"]);
+  await page.waitForFunction(() => !document.getElementById("right")!.hidden, null, { timeout: LONG_MS });
+  await page.keyboard.press("t");
+  await page.waitForFunction(() => document.getElementById("right")!.hidden, null, { timeout: LONG_MS });
+  assert.deepEqual(await ticks(page), ["use-truth off", "use-map"]);
+  assert.deepEqual(faults, []);
+  await page.close();
+});
+
+/** Waits until the label under the picture says so. */
+const labelled = (page: Page, text: RegExp): Promise<unknown> => page.waitForFunction((source) => new RegExp(source).test(document.getElementById("left")!.textContent!), text.source, { timeout: LONG_MS });
+
+/** Pixels that are black or not drawn. */
+const black = (pixels: number[]): number => pixels.filter((_, i) => i % 4 === 0 && (pixels[i + 3]! < 255 || pixels[i]! + pixels[i + 1]! + pixels[i + 2]! < 15)).length;
+
+test("without light the page says what it waits for, and shows a fallback", { timeout: 6 * LONG_MS }, async () => {
+  let passes: (kind: string) => boolean = () => false, lose = (): void => {};
+  const { page, faults } = await viewer(500, 400, () => {}, (unconnected) => unconnected.routeWebSocket(/./, (socket) => {
+    const probe = socket.connectToServer();
+    lose = () => { void socket.close(); };
+    probe.onMessage((data) => {
+      const whole = fromBinary(pb.FromProbeSchema, data as Buffer), { message } = whole;
+      if (message.case === "estimate") message.value.ttlMs = 3000;
+      if (passes(message.case!)) socket.send(Buffer.from(toBinary(pb.FromProbeSchema, whole)));
+    });
+  }));
+  const drawn = async (): Promise<void> => assert.ok(black(await picture(page, 3)) < 40, "the picture is dark");
+  await labelled(page, /^not the room's light: waiting for the connection$/);
+  await drawn();
+  passes = (kind) => kind !== "estimate";
+  await labelled(page, /^not the room's light: connected, waiting for the first light \(its camera: streaming\)$/);
+  await drawn();
+  passes = () => true;
+  await labelled(page, /^lit by the probe$/);
+  await lit(page);
+  passes = (kind) => kind !== "estimate";
+  await labelled(page, /^not the room's light: connected, waiting for newer light/);
+  await drawn();
+  assert.equal(await page.evaluate(() => document.body.dataset["sequence"]), "0");
+  passes = () => false;
+  lose();
+  await labelled(page, /^not the room's light: the probe is gone: connecting again$/);
+  await drawn();
+  assert.deepEqual(faults, []);
+  await page.close();
 });
 
 const red = (pixels: number[]): number => pixels.filter((value, i) => i % 4 === 0 && value > 60 && value > 3 * pixels[i + 1]! && value > 3 * pixels[i + 2]!).length;
