@@ -46,6 +46,7 @@ namespace Lightprobe
         private readonly Queue<double> _offsetsMs = new Queue<double>();
         private readonly Random _random = new Random();
         private readonly Thread _thread;
+        private readonly Drained _drained = new Drained(NowMs);
         private Subscription _wish;
         private Connection _connection;
         private Hello _hello;
@@ -69,6 +70,7 @@ namespace Lightprobe
             _wish = Numbered(wish ?? new Subscription { HealthPeriodMs = 1000 }, 1);
             _thread = new Thread(Run) { IsBackground = true, Name = "lightprobe " + _address };
             _thread.Start();
+            _drained.Start();
         }
 
         /// <summary>What it is doing.</summary>
@@ -83,17 +85,21 @@ namespace Lightprobe
         /// <summary>Why there is nothing, in a sentence; null while all is well.</summary>
         public string LastError { get { lock (_lock) return _lastError; } }
 
-        /// <summary>The newest estimate; null before the first, and when it has outlived its TtlMs.</summary>
+        /// <summary>
+        /// The newest estimate; null before the first, and when it has outlived its TtlMs: then <see cref="Fallback"/> has what to
+        /// show. After a pause of the app, what came meanwhile is read first: until then the one before the pause remains.
+        /// </summary>
         public Estimate Latest
         {
             get
             {
-                lock (_lock) return _newest == null || (_newest.TtlMs > 0 && AgeMsLocked() > _newest.TtlMs) ? null : _newest;
+                double untilMs = _drained.UntilMs;
+                lock (_lock) return _newest == null || (_newest.TtlMs > 0 && AgeMsLocked(untilMs) > _newest.TtlMs) ? null : _newest;
             }
         }
 
         /// <summary>Milliseconds since the capture of the newest estimate, aged out or not; null before the first.</summary>
-        public double? AgeMs { get { lock (_lock) return _newest == null ? (double?)null : AgeMsLocked(); } }
+        public double? AgeMs { get { lock (_lock) return _newest == null ? (double?)null : AgeMsLocked(NowMs()); } }
 
         /// <summary>
         /// The newest reflection map, however old; null before the first. The probe sends some only if the subscription asks for
@@ -135,6 +141,7 @@ namespace Lightprobe
         /// <summary>Ends for good.</summary>
         public void Dispose()
         {
+            _drained.Dispose();
             lock (_lock)
             {
                 _state = ProbeState.Closed;
@@ -145,7 +152,7 @@ namespace Lightprobe
 
         private static double NowMs() => Clock.Elapsed.TotalMilliseconds;
 
-        private double AgeMsLocked() => NowMs() - (_newest.CaptureTimeUnixNs / 1e6 + _offsetsMs.Min());
+        private double AgeMsLocked(double atMs) => atMs - (_newest.CaptureTimeUnixNs / 1e6 + _offsetsMs.Min());
 
         private static Subscription Numbered(Subscription wish, uint number)
         {
@@ -164,9 +171,11 @@ namespace Lightprobe
             try
             {
                 while (State != ProbeState.Closed) RunOnce();
+                _drained.Dispose();
             }
             catch (Exception error)
             {
+                _drained.Dispose();
                 lock (_lock)
                 {
                     if (_state == ProbeState.Closed) return; // what reads a connection that was closed under it

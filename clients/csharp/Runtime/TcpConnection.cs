@@ -50,11 +50,15 @@ namespace Lightprobe
             {
                 return Read(_read);
             }
-            catch (IOException error) when (error.InnerException is SocketException inner && inner.SocketErrorCode == SocketError.TimedOut)
+            catch (IOException error) when (IsSilence(error.InnerException as SocketException))
             {
                 throw new TimeoutException();
             }
         }
+
+        /// <summary>Mono calls the end of the time WouldBlock.</summary>
+        private static bool IsSilence(SocketException error) =>
+            error != null && (error.SocketErrorCode == SocketError.TimedOut || error.SocketErrorCode == SocketError.WouldBlock);
 
         public override void Dispose() => _client.Close();
 

@@ -138,14 +138,19 @@ namespace Lightprobe
 
         private static string Short(string line) => line.Length > 80 ? line.Substring(0, 80) : line;
 
+        private static bool IsOver(Task work, int timeoutMs) => ((IAsyncResult)work).AsyncWaitHandle.WaitOne(timeoutMs);
+
         /// <summary>Waits for what is begun; its own exception, not one around it.</summary>
         private static void Finish(Func<CancellationToken, Task> begin, int timeoutMs)
         {
-            using (var stop = new CancellationTokenSource(timeoutMs))
+            using (var stop = new CancellationTokenSource())
                 try
                 {
                     // On a thread of the pool: where Unity's main thread waits, nothing may need it.
-                    Task.Run(() => begin(stop.Token)).GetAwaiter().GetResult();
+                    Task work = Task.Run(() => begin(stop.Token));
+                    // After a pause of the app the time is over, and what came meanwhile is about to be read.
+                    if (!IsOver(work, timeoutMs) && !IsOver(work, Drained.Turns * Drained.PeriodMs)) stop.Cancel();
+                    work.GetAwaiter().GetResult();
                 }
                 catch (Exception) when (stop.IsCancellationRequested)
                 {

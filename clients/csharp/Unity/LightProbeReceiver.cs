@@ -28,18 +28,27 @@ namespace Lightprobe
         [Tooltip("Time constant of changes, in seconds")]
         [SerializeField] private float fadeS = 0.15f;
 
+        /// <summary>After a pause of the app a fade goes on from where it was: one step is never longer.</summary>
+        private const float MostStepS = 0.1f;
+
         private readonly Dictionary<uint, LampFade> _shown = new Dictionary<uint, LampFade>();
         private readonly List<uint> _gone = new List<uint>();
         private float[,] _ambient = new float[3, 9];
+        private bool _hasAmbient;
         private uint _bootId;
         private Probe _probe;
+        private Estimate _last, _fallback;
 
         /// <summary>The client; null while the component is off.</summary>
         public Probe Probe => _probe;
 
         /// <summary>How it is, in a sentence, for your interface.</summary>
         public string Status =>
-            _probe == null ? "off" : _probe.LastError ?? (_probe.Latest == null ? "no light yet" : "light is " + _probe.AgeMs.Value.ToString("0") + " ms old");
+            _probe == null ? "off" : _probe.LastError ?? (_probe.Latest == null ? Waiting : "light is " + _probe.AgeMs.Value.ToString("0") + " ms old");
+
+        private string Waiting =>
+            _probe.Hello == null ? "connecting to " + address : "connected, waiting for light; the probe's camera: "
+                + (_probe.Health == null ? "not known yet" : _probe.Health.SourceState.ToString());
 
         private void OnEnable()
         {
@@ -57,14 +66,20 @@ namespace Lightprobe
         private void Update()
         {
             Estimate estimate = _probe?.Latest;
-            float share = 1 - Mathf.Exp(-Time.deltaTime / Mathf.Max(fadeS, 1e-3f));
+            float share = 1 - Mathf.Exp(-Mathf.Min(Time.deltaTime, MostStepS) / Mathf.Max(fadeS, 1e-3f));
             if (estimate != null && estimate.BootId != _bootId) Restarted(estimate.BootId);
             foreach (LampFade lamp in _shown.Values) lamp.Goal = 0;
             if (estimate != null)
                 foreach (var lamp in estimate.Lights) Aim(lamp, estimate.CdM2PerUnit ?? 1);
             Fade(share);
-            if (pipeline == Pipeline.Universal) Ambient(estimate, share);
+            if (pipeline == Pipeline.Universal) Ambient(estimate ?? Without(), share);
+            if (estimate == null) return;
+            _last = estimate;
+            _fallback = null;
         }
+
+        /// <summary>What to show before the first and after the last estimate.</summary>
+        private Estimate Without() => _fallback = _fallback ?? Fallback.Estimate(_last);
 
         /// <summary>Numbers of lamps begin anew: the lamps of before fade out beside the new ones.</summary>
         private void Restarted(uint bootId)
@@ -92,7 +107,9 @@ namespace Lightprobe
 
         private void Ambient(Estimate estimate, float share)
         {
-            float[,] goal = estimate?.Sh == null ? new float[3, 9] : UnityLight.SphericalHarmonicsL2(estimate.Sh);
+            float[,] goal = estimate.Sh == null ? new float[3, 9] : UnityLight.SphericalHarmonicsL2(estimate.Sh);
+            if (!_hasAmbient) share = 1; // nothing was shown that it could fade from
+            _hasAmbient = true;
             var probe = new SphericalHarmonicsL2();
             for (int c = 0; c < 3; c++)
                 for (int i = 0; i < 9; i++)

@@ -6,6 +6,7 @@ using System.Globalization;
 using System.IO;
 using System.Linq;
 using System.Reflection;
+using System.Threading;
 using Lightprobe;
 using Lightprobe.Messages;
 
@@ -21,6 +22,8 @@ static class Checks
             case "reflection": foreach (string line in Lines()) Reflection(line); return 0;
             case "unity": foreach (string line in Lines()) Unity(line); return 0;
             case "live": return Live(arguments[1], int.Parse(arguments[2]));
+            case "pause": return Pause(arguments[1]);
+            case "fallback": foreach (string line in Lines()) Console.WriteLine(Json(Fallback.Estimate(line == "" ? null : Probe.Decode(TcpConnection.Read(new MemoryStream(Bytes(line)))).Estimate).Sh)); return 0;
             case "address": return Address(arguments[1]);
             default: return 2;
         }
@@ -100,6 +103,27 @@ static class Checks
                 Estimate estimate = probe.WaitForNext(200);
                 Console.WriteLine(estimate == null ? "{\"error\":" + Json(probe.LastError) + ",\"stale\":" + Json(probe.Latest == null) + "}" : Json(estimate));
             }
+        return 0;
+    }
+
+    /// <summary>Says when there is light; then, after it was stopped for a second or more, how often there was none since.</summary>
+    static int Pause(string address)
+    {
+        using (var probe = new Probe(address))
+        {
+            while (probe.Latest == null || probe.Health == null) Thread.Sleep(1);
+            int dark = 0;
+            var clock = System.Diagnostics.Stopwatch.StartNew();
+            Console.WriteLine("\"lit\""); // it may be stopped from here on
+            for (long before = 0, until = long.MaxValue; clock.ElapsedMilliseconds < until; Thread.Sleep(1))
+            {
+                if (probe.Latest == null) dark++;
+                long now = clock.ElapsedMilliseconds;
+                if (until == long.MaxValue && now - before > 3000) until = now + 1000;
+                before = now;
+            }
+            Console.WriteLine("{\"dark\":" + dark + ",\"error\":" + Json(probe.LastError) + "}");
+        }
         return 0;
     }
 

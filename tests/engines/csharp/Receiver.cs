@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The component for Unity among the stubs, in the pipeline that the first word names: what it sets and says in three frames.
+// The component for Unity among the stubs, in the pipeline that the first word names: what it sets and says in three frames. With
+// an address: the mean radiance of the ambient light in each frame, as many as there are lines on standard input, each the time
+// that has passed in seconds; then its status.
 using System;
+using System.Globalization;
 using System.Reflection;
 using Lightprobe;
 using UnityEngine;
@@ -12,11 +15,27 @@ static class Receiver
     {
         var receiver = new LightProbeReceiver();
         Field("pipeline").SetValue(receiver, Enum.Parse(typeof(Pipeline), arguments[0]));
+        if (arguments.Length > 1) Field("address").SetValue(receiver, arguments[1]);
         Call(receiver, "OnEnable");
-        for (int frame = 0; frame < 3; frame++) Call(receiver, "Update");
+        if (arguments.Length > 1) Frames(receiver);
+        else
+            for (int frame = 0; frame < 3; frame++) Call(receiver, "Update");
+        if (arguments.Length == 1)
+        {
+            Console.WriteLine(Debug.Warnings + " " + RenderSettings.Probes + " " + (RenderSettings.ambientMode == AmbientMode.Custom) + " " + GraphicsSettings.lightsUseLinearIntensity);
+            Console.WriteLine(Debug.Warning ?? "-");
+        }
         Call(receiver, "OnDisable");
-        Console.WriteLine(Debug.Warnings + " " + RenderSettings.Probes + " " + (RenderSettings.ambientMode == AmbientMode.Custom) + " " + GraphicsSettings.lightsUseLinearIntensity);
-        Console.WriteLine(Debug.Warning ?? "-");
+    }
+
+    static void Frames(LightProbeReceiver receiver)
+    {
+        for (string line; (line = Console.ReadLine()) != null;)
+        {
+            UnityEngine.Time.deltaTime = float.Parse(line, CultureInfo.InvariantCulture);
+            Call(receiver, "Update");
+            Console.WriteLine("[" + RenderSettings.ambientProbe[0, 0].ToString("R", CultureInfo.InvariantCulture) + ",\"" + receiver.Status + "\"]");
+        }
     }
 
     static FieldInfo Field(string name) => typeof(LightProbeReceiver).GetField(name, BindingFlags.NonPublic | BindingFlags.Instance);

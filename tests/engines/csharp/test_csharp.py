@@ -2,6 +2,7 @@
 
 import json
 import random
+import signal
 import socket
 import subprocess
 import sys
@@ -303,6 +304,38 @@ def test_a_live_daemon_that_is_started_again(program, tmp_path, scheme):
         client.wait()
 
 
+@pytest.mark.parametrize("scheme", ["tcp", "ws"])
+def test_a_pause_of_the_app_makes_nothing_old_and_is_no_silence(program, tmp_path, scheme):
+    """The app is stopped for longer than the time to live, and than silence of a probe lasts."""
+    port = free_port()
+    address = f"tcp:127.0.0.1:{port}" if scheme == "tcp" else f"ws://127.0.0.1:{port}/"
+    arguments = (f"--source=file:{room(tmp_path)}?rate=30", f"--publish={scheme}:127.0.0.1:{port}")
+    with (
+        Daemon(*arguments, "--ttl-ms=3000"),
+        subprocess.Popen(
+            ["mono", program, "pause", address], stdout=subprocess.PIPE, text=True
+        ) as app,
+    ):
+        try:
+            assert app.stdout.readline() == '"lit"\n'
+            app.send_signal(signal.SIGSTOP)
+            time.sleep(7)
+            app.send_signal(signal.SIGCONT)
+            assert json.loads(app.stdout.readline()) == {"dark": 0, "error": None}
+        finally:
+            app.kill()
+
+
+def test_the_fallback_is_the_same_in_every_client(program):
+    wanted = json.loads((ROOT / "proto/golden/fallback.json").read_text())
+    lines = [(ROOT / "proto/golden" / name).read_bytes().hex() if name else "" for name in wanted]
+    found = ask(program, "fallback", given="".join(f"{line}\n" for line in lines))
+    assert len(found) == len(wanted) > 3
+    for theirs, ours in zip(found, wanted.values(), strict=True):
+        assert (theirs["Kind"], theirs["Order"]) == (pb.SphericalHarmonics.AMBIENT, 1)
+        np.testing.assert_allclose(theirs["Coefficients"], ours, rtol=1e-5)
+
+
 def test_another_certificate_or_token_gets_nothing(program, tmp_path):
     port, pair = free_port(), tmp_path / "pair"
     url = make_pair(pair, "--host", "127.0.0.1", "--port", str(port))["url"]
@@ -426,3 +459,73 @@ def test_in_hdrp_it_says_once_that_lamps_alone_come(receiver):
     told, warning = ask(receiver, "HighDefinition")
     assert told == "1 0 False False"
     assert "only lamps come from the probe" in warning
+
+
+class Shown:
+    """The component in URP, frame after frame."""
+
+    def __init__(self, receiver, address):
+        self._app = subprocess.Popen(
+            ["mono", receiver, "Universal", address],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+        )  # fmt: skip
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self._app.kill()
+        self._app.communicate()
+
+    def frame(self, passed_s):
+        """Mean radiance of the ambient light after a frame, and the component's status."""
+        self._app.stdin.write(f"{passed_s}\n")
+        self._app.stdin.flush()
+        return json.loads(self._app.stdout.readline())
+
+    def until(self, condition, passed_s=0.02):
+        end = time.monotonic() + 60
+        while time.monotonic() < end:
+            radiance, status = self.frame(passed_s)
+            if condition(radiance, status):
+                return radiance
+            time.sleep(0.01)
+        raise AssertionError(f"{radiance}, {status}")
+
+
+def test_silence_is_told_as_such(program):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        lines = ask(program, "live", f"tcp:127.0.0.1:{server.getsockname()[1]}", "8")
+    assert any("silent for too long" in (line["error"] or "") for line in lines), lines
+
+
+def test_the_component_shows_a_fallback_before_the_first_and_after_the_last_light(receiver):
+    message = pb.Estimate(ttl_ms=5000, boot_id=7)
+    message.sh.kind = pb.SphericalHarmonics.AMBIENT
+    message.sh.coefficients.extend([20 / 0.2820948] * 3)  # radiance 20
+    message.lights.add(id=1, direction=[0, 1, 0], irradiance=[40 * np.pi] * 3)
+    go, over = threading.Event(), threading.Event()
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve():
+            connection, _ = server.accept()
+            with connection:
+                connection.sendall(delimited(hello=pb.Hello(protocol_major=1)))
+                go.wait(60)
+                message.capture_time_unix_ns = time.time_ns()
+                connection.sendall(delimited(estimate=message))
+                while not over.wait(0.5):
+                    connection.sendall(delimited(health=pb.Health(source_state=2)))
+
+        threading.Thread(target=serve, daemon=True).start()
+        with Shown(receiver, f"tcp:127.0.0.1:{server.getsockname()[1]}") as shown:
+            assert shown.frame(0.02)[0] == pytest.approx(0.5)  # from the first frame on
+            shown.until(lambda _, status: status.startswith("connected, waiting for light"))
+            go.set()
+            assert shown.until(lambda radiance, _: radiance > 19.9, 0.1) < 20.1
+            # Nothing comes any more: 20 of the ambient light and 10 of the lamp, without a jump.
+            shown.until(lambda _, status: status.startswith("connected, waiting for light"), 0)
+            before, after = shown.frame(0)[0], shown.frame(5.0)[0]
+            assert before < after < before + 0.6 * (30 - before)  # a step of 5 s counts as 0.1 s
+            assert shown.until(lambda radiance, _: radiance > 29.9, 0.1) < 30.1
+            over.set()
