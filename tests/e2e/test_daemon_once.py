@@ -101,7 +101,7 @@ def test_raw_pictures_need_their_size(tmp_path):
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("a.jpg", b"", "no picture in it — is it empty or damaged?"),
+        ("a.jpg", b"", "no picture in it — is it empty, damaged, or of another kind?"),
         ("a.jpg", b"this is no picture", "no picture in it"),
         ("a.jpg", jpeg()[:500], "a picture is cut off or damaged"),
         ("a.pfm", b"PF\n128 64\n-1\n" + bytes(500), "a picture is cut off or damaged"),

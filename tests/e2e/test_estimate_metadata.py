@@ -1,6 +1,7 @@
 """What pictures say of themselves: exposure, part of the sphere, transparency, bits a channel."""
 
 import functools
+import zlib
 from pathlib import Path
 
 import cv2
@@ -378,3 +379,19 @@ def test_transparency_within_a_part(tmp_path):
     seen, _ = estimate(file)
     assert sh0(seen) == pytest.approx(sh0_of_code(CODE), rel=0.005)
     assert "PARTIAL_VIEW" in flag_names(seen.flags)
+
+
+def test_codes_that_are_no_srgb_are_refused_unless_a_camera_file_says_what_they_are(tmp_path):
+    grey = np.full((128, 256, 3), CODE, np.uint8)
+    data = cv2.imencode(".png", grey)[1].tobytes()
+    gamma = b"gAMA" + (100000).to_bytes(4, "big")
+    chunk = (4).to_bytes(4, "big") + gamma + zlib.crc32(gamma).to_bytes(4, "big")
+    file = tmp_path / "x.png"
+    file.write_bytes(data[:33] + chunk + data[33:])
+    with pytest.raises(LightprobeError, match=r"x\.png: gAMA 1: expected sRGB: convert it"):
+        estimate(file)
+    np.savetxt(tmp_path / "linear.txt", np.repeat(np.arange(256)[:, None] / 255, 3, axis=1))
+    camera = tmp_path / "linear.camera"
+    camera.write_text("[camera]\nprojection = equirect\n[response]\ntable = linear.txt\n")
+    found, _ = estimate(file, camera=str(camera))
+    assert sh0(found) == pytest.approx(np.sqrt(4 * np.pi) * CODE / 255, rel=0.01)

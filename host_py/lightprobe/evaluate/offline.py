@@ -249,6 +249,21 @@ def common_crop(pictures: Sequence[Staged]) -> Crop | None:
     return first.says.crop
 
 
+def check_colours(pictures: Sequence[Staged], camera: Camera) -> list[str]:
+    """Codes are sRGB, unless the camera file has a response; notes, or raises ImageError."""
+    notes = []
+    for picture in pictures:
+        space = picture.says.space
+        if space.fault and picture.codes is not None and camera.response is None:
+            raise image.ImageError(
+                f"image: {picture.file}: {space.fault}: expected sRGB: convert it, or give "
+                "--camera FILE with a [response]"
+            )
+        if space.note and picture.codes is not None:
+            notes.append(f"{picture.file}: {space.note}")
+    return notes
+
+
 def common_unseen(pictures: Sequence[Staged]) -> NDArray[np.bool_] | None:
     """Where (height, width) any of them shows nothing; None: nowhere."""
     unseen = [picture.unseen for picture in pictures if picture.unseen is not None]
@@ -345,6 +360,7 @@ def estimate_pictures(
             camera = load_camera(settings.camera)
         check_shape(pictures[0], camera)
         notes = [f"{picture.file}: {note}" for picture in pictures for note in picture.notes]
+        notes += check_colours(pictures, camera)
         if exposures_us and not settings.wheel_deg:
             notes += check_bracket(pictures, exposures_us, camera.response_table())
         try:

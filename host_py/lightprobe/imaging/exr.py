@@ -7,8 +7,10 @@ was not seen. What cannot be taken for scene light is refused by name.
 
 from __future__ import annotations
 
+import io
 import tempfile
 from collections import defaultdict
+from contextlib import redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +24,7 @@ from lightprobe.errors import ImageError
 from lightprobe.geometry import Array
 from lightprobe.imaging import primaries, transparency
 from lightprobe.imaging.decoded import HALF_MOST, MOST_PIXELS, TOO_LARGE, Decoded, Radiance, convert
+from lightprobe.imaging.quiet import quiet
 
 #: Last words of the names of parts and layers that hold the picture, in lower case.
 _PICTURE_NAMES = frozenset(
@@ -116,11 +119,15 @@ def encode(pixels: Radiance) -> bytes:
 def _parts(path: Path) -> list[_Part]:
     """Read all parts; deep ones alone without their samples, which nothing here can use."""
     try:
-        parts = _open(path, header_only=True)
-        if not all(part.is_deep for part in parts):
-            parts = _open(path, header_only=False)
+        with quiet(), redirect_stdout(io.StringIO()):  # its warnings go to both
+            stated = parts = _open(path, header_only=True)
+            if not all(part.is_deep for part in stated):
+                parts = _open(path, header_only=False)
     except Exception as error:  # OpenEXR raises whatever its C++ core throws
         raise ImageError(f"image: {path}: decode: {error}: is the file complete?") from None
+    if len(parts) < len(stated) or not all(part.channels or part.is_deep for part in parts):
+        # of what it cannot read it only warns
+        raise ImageError(f"image: {path}: decode: samples are missing: is the file complete?")
     return parts
 
 

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lightprobe.colour import srgb_table, srgb_to_linear
 from lightprobe.errors import ImageError as ImageError
-from lightprobe.imaging import opencv, rgbe, transparency
+from lightprobe.imaging import opencv, rgbe, signature, transparency
 from lightprobe.imaging.decoded import Decoded, Radiance
 
 HDR_SUFFIXES = frozenset({".hdr", ".exr", ".pfm"})
@@ -50,6 +50,7 @@ def read(path: str | Path) -> Picture:
         raise ImageError(f"image: {path}: open: no such file")
     suffix = path.suffix.lower()
     bits = 32
+    _refuse_other_kinds(path)
     if suffix == ".exr":
         decoded = _read_exr(path)
     elif suffix == ".hdr":
@@ -74,6 +75,7 @@ def read_srgb8(path: str | Path) -> NDArray[np.uint8]:
 
     Those of 16 bits are rounded up or down at random, so that mean light stays what it is.
     """
+    _refuse_other_kinds(Path(path))
     decoded = _decode(Path(path))
     if decoded.dtype == np.uint16:
         dither = np.random.default_rng(0).random((*decoded.shape[:2], *[1] * (decoded.ndim - 2)))
@@ -84,9 +86,16 @@ def read_srgb8(path: str | Path) -> NDArray[np.uint8]:
     return np.ascontiguousarray(_three_channels(decoded, Path(path))[..., ::-1])
 
 
-def _bytes(path: Path) -> bytes:
+def _refuse_other_kinds(path: Path) -> None:
+    why = signature.other_kind(_bytes(path, signature.MOST_BYTES), path.suffix.lower())
+    if why:
+        raise ImageError(f"image: {path}: {why}")
+
+
+def _bytes(path: Path, most: int = -1) -> bytes:
     try:
-        return path.read_bytes()
+        with path.open("rb") as file:
+            return file.read(most)
     except OSError as error:
         raise ImageError(f"image: {path}: read: {error.strerror}") from None
 
@@ -101,7 +110,8 @@ def _decode(path: Path) -> NDArray[np.generic]:
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION if jpeg else cv2.IMREAD_UNCHANGED
     decoded = opencv.decode(file[start.start() if start else 0 :], flags)
     if decoded is None:
-        raise ImageError(f"image: {path}: decode: contains no such picture: is the file complete?")
+        why = signature.unread_jpeg(file) or "contains no such picture: is the file complete?"
+        raise ImageError(f"image: {path}: decode: {why}")
     return decoded
 
 
@@ -172,7 +182,9 @@ def encode(suffix: str, radiance: ArrayLike) -> bytes:
 
 # ---------------------------------------------------------------- PFM
 
-_PFM_HEADER = re.compile(rb"(PF|Pf)\s+(\d+)\s+(\d+)\s+(-?[\d.eE+-]+)\s")
+_PFM_HEADER = re.compile(
+    rb"(PF|Pf)\s+(\d{1,9})\s+(\d{1,9})\s+([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s"
+)
 
 
 def write_pfm(path: str | Path, radiance: ArrayLike) -> None:
@@ -201,11 +213,12 @@ def read_pfm(path: str | Path) -> Radiance:
         raise ImageError(
             f"image: {path}: {have} bytes of pixels, {needed} wanted: is the file complete?"
         )
-    if scale == 0:
-        raise ImageError(f"image: {path}: header: scale 0: expected one that is not")
+    if not 0 < abs(scale) <= np.finfo(np.float32).max:
+        raise ImageError(f"image: {path}: header: scale {scale:g}: expected a number but 0")
     kind = "<f4" if scale < 0 else ">f4"
     pixels = np.frombuffer(data, kind, width * height * channels, header.end())
-    pixels = pixels.reshape(height, width, channels)[::-1].astype(np.float32) * np.float32(
-        abs(scale)
-    )
+    with np.errstate(over="ignore", invalid="ignore"):  # infinity is saturated light
+        pixels = pixels.reshape(height, width, channels)[::-1].astype(np.float32) * np.float32(
+            abs(scale)
+        )
     return np.ascontiguousarray(np.repeat(pixels, 3, axis=2) if channels == 1 else pixels)

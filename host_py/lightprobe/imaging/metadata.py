@@ -15,6 +15,9 @@ from typing import Any
 
 from PIL import Image
 
+from lightprobe.imaging import colour_space
+from lightprobe.imaging.colour_space import Space
+
 _ORIENTATION, _EXIF_IFD = 0x0112, 0x8769
 _EXPOSURE_TIME, _F_NUMBER, _ISO = 0x829A, 0x829D, 0x8827
 #: APEX: exponents of 2.
@@ -49,6 +52,8 @@ class Metadata:
     orientation: int = 1  # 1: as it is stored
     crop: Crop | None = None
     fault: str = ""  # why the part of the sphere cannot be used
+    #: Of its colours; as it should be: sRGB.
+    space: Space = Space()  # noqa: RUF009 - frozen
 
 
 def read(path: Path) -> Metadata:
@@ -56,8 +61,8 @@ def read(path: Path) -> Metadata:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of damaged metadata
-            with Image.open(path) as picture:
-                return _read(picture)
+            with open(path, "rb") as file, Image.open(path) as picture:
+                return replace(_read(picture), space=colour_space.read(file, picture))
     except (OSError, SyntaxError, ValueError, TypeError, KeyError, Image.DecompressionBombError):
         return Metadata()
 

@@ -267,7 +267,8 @@ static int at_end_of_file(const struct lp_file_reader *reader)
 {
 	if (reader->picture_count > 0)
 		return 0;
-	lp_error(reader->object, "read", "no picture in it — is it empty or damaged?");
+	lp_error(reader->object, "read",
+		 "no picture in it — is it empty, damaged, or of another kind?");
 	return -EBADMSG;
 }
 
