@@ -55,7 +55,7 @@ class EstimateFlag(IntFlag):
 
 #: The flags in words, each with what to do about it where something can be done.
 FLAG_WORDS: dict[str, str] = {
-    "STALE": "its newest frame is older than the time to live: none has come since, or it came late",
+    "STALE": "its newest frame is older than the time to live: none came since, or it came late",
     "EXPOSURE_UNKNOWN": "no exposure is known; the light is on the scale of the first estimates",
     "CLIPPED": "some pixels are saturated in every exposure, so light is missing; use shorter "
     "exposures",

@@ -35,16 +35,12 @@ class Story:
     estimates: list[Estimate]
     ages_s: list[float]  # of their frames, when they came
     late_s: list[float]  # by how much the time of their frames is later than the truth
-    faults: list[
-        tuple[float, dict[str, str]]
-    ]  # when a health message came, and their texts
+    faults: list[tuple[float, dict[str, str]]]  # when a health message came, and their texts
     log: str
 
     def told(self, from_s: float, to_s: float = np.inf) -> set[str]:
         """Every fault that health told in that time."""
-        return {
-            fault for t_s, ids in self.faults if from_s <= t_s < to_s for fault in ids
-        }
+        return {fault for t_s, ids in self.faults if from_s <= t_s < to_s for fault in ids}
 
 
 def tell(faults: Faults, seconds: float = 4.0) -> Story:
@@ -53,11 +49,7 @@ def tell(faults: Faults, seconds: float = 4.0) -> Story:
     with LiveProbe(cam, [f"--exposure-us={EXPOSURE_US}"], faults=faults) as probe:
         client = probe.client(WISH)
         probe.run(seconds)
-        got = [
-            (r.t_s, r.message)
-            for r in client.received
-            if isinstance(r.message, Estimate)
-        ]
+        got = [(r.t_s, r.message) for r in client.received if isinstance(r.message, Estimate)]
         captured_s = [probe.captured_s(e) for _, e in got]
         # An estimate comes as its frame has been read.
         frames = range(int(seconds * RATE_HZ) + 2)

@@ -86,15 +86,8 @@ FAULTS = [
         homing_says="INDEX_PATTERN",
     ),
     Fault("noise", _set(index_glitches=40), {"INDEX_NOISE"}),
-    Fault(
-        "feedback open", _set(feedback_forced=0), {"FEEDBACK_OPEN"}, needs_feedback=True
-    ),
-    Fault(
-        "feedback shorted",
-        _set(feedback_forced=1),
-        {"FEEDBACK_OPEN"},
-        needs_feedback=True,
-    ),
+    Fault("feedback open", _set(feedback_forced=0), {"FEEDBACK_OPEN"}, needs_feedback=True),
+    Fault("feedback shorted", _set(feedback_forced=1), {"FEEDBACK_OPEN"}, needs_feedback=True),
     Fault("supply low", _set(supply_mv=3500), {"SUPPLY_LOW"}),
 ]
 HEALTHY = {
@@ -115,9 +108,7 @@ HEALTHY = {
 class Campaign:
     """A chip, moved about at random; raises AssertionError at the first lie or wrong name."""
 
-    def __init__(
-        self, seed: int, target: str, feedback: bool, fault_share: float
-    ) -> None:
+    def __init__(self, seed: int, target: str, feedback: bool, fault_share: float) -> None:
         self.rng = random.Random(seed)
         self.feedback = feedback
         self.fault_share = fault_share
@@ -142,9 +133,7 @@ class Campaign:
         if not isinstance(state, mcu.WheelState) or state.measured_deg is None:
             return
         if state.phase is mcu.Phase.SETTLED or not self.lying:
-            off = max(
-                seen.low_deg - state.measured_deg, state.measured_deg - seen.high_deg, 0
-            )
+            off = max(seen.low_deg - state.measured_deg, state.measured_deg - seen.high_deg, 0)
             sigmas = off / state.sigma_deg
             where = f"true {seen.low_deg:.2f}..{seen.high_deg:.2f}, {state}, t {seen.t_us} us"
             assert sigmas <= 3, f"{sigmas:.1f} sigma: {where}"
@@ -163,9 +152,7 @@ class Campaign:
 
     def _target(self) -> float:
         stations = (0, 45, 90, 135, 180, 60, 120)
-        return self.rng.choice(
-            (self.rng.choice(stations), round(self.rng.uniform(0, 180), 2))
-        )
+        return self.rng.choice((self.rng.choice(stations), round(self.rng.uniform(0, 180), 2)))
 
     def _healthy_move(self) -> None:
         target = self._target()
@@ -187,9 +174,7 @@ class Campaign:
         self.lying = True
         numbers = fault.inject(rig, self.rng)
         rig.set(**numbers)
-        rig.run_until(
-            lambda: bool(rig.faults) or rig.ended(), 8_000_000, step_us=20_000
-        )
+        rig.run_until(lambda: bool(rig.faults) or rig.ended(), 8_000_000, step_us=20_000)
         rig.run(30_000)
         while not rig.faults:  # not noticed yet: a long way must show it
             far = 0 if rig.get("wheel_deg") > 90 else 180
@@ -201,9 +186,7 @@ class Campaign:
                 assert rig.start_move(far) == "OK"
                 rig.run(20_000)
             rig.set(**numbers)
-            rig.run_until(
-                lambda: bool(rig.faults) or rig.ended(), 8_000_000, step_us=20_000
-            )
+            rig.run_until(lambda: bool(rig.faults) or rig.ended(), 8_000_000, step_us=20_000)
             self.counts["second look"] += 1
         self._judge(fault)
         self._repair(fault)
@@ -240,9 +223,7 @@ class Campaign:
         assert rig.phase() == "SETTLED", rig.faults
 
 
-def one(
-    seed: int, target: str, feedback: bool, moves: int, fault_share: float
-) -> Campaign:
+def one(seed: int, target: str, feedback: bool, moves: int, fault_share: float) -> Campaign:
     """Run one campaign and return it with its counts."""
     campaign = Campaign(seed, target, feedback, fault_share)
     with campaign.rig:
@@ -250,9 +231,7 @@ def one(
     return campaign
 
 
-def _summary(
-    arguments: tuple[int, str, bool, int, float],
-) -> tuple[Counter[str], float, int]:
+def _summary(arguments: tuple[int, str, bool, int, float]) -> tuple[Counter[str], float, int]:
     campaign = one(*arguments)
     return campaign.counts, campaign.worst_sigmas, campaign.settled_states
 
@@ -280,9 +259,7 @@ def main() -> int:
             print(f"{done}/{parts} campaigns", file=sys.stderr)
     for name, count in sorted(counts.items()):
         print(f"{count:7d}  {name}")
-    print(
-        f"{states} SETTLED reports, the worst {worst:.2f} sigma from the truth (limit 3)"
-    )
+    print(f"{states} SETTLED reports, the worst {worst:.2f} sigma from the truth (limit 3)")
     return 0
 
 

@@ -27,9 +27,7 @@ Taken = tuple[int, float, float, tuple[int, bytes] | None]
 @cache
 def symbols() -> dict[str, int]:
     """Map symbol to address; data symbols without avr-gcc's 0x800000."""
-    lines = subprocess.run(
-        ["avr-nm", ELF], check=True, capture_output=True, text=True
-    ).stdout
+    lines = subprocess.run(["avr-nm", ELF], check=True, capture_output=True, text=True).stdout
     rows = (line.split() for line in lines.splitlines())
     return {row[2]: int(row[0], 16) & 0x7FFFFF for row in rows if len(row) == 3}
 
@@ -93,9 +91,7 @@ class Rig:
         """Send one command to the runner; raise RuntimeError when it answers with an error."""
         self.process.stdin.write(line + "\n")
         answer = self.process.stdout.readline().rstrip("\n")
-        if answer.startswith("error") or (
-            not answer and self.process.poll() is not None
-        ):
+        if answer.startswith("error") or (not answer and self.process.poll() is not None):
             raise RuntimeError(f"runner: {line[:60]}: {answer}")
         return answer
 
@@ -155,9 +151,7 @@ class Rig:
     def _serial_frames(self) -> Iterator[Taken]:
         for t_us, low, high, text in self._lines("frames"):
             envelope = mcu_link.cobs_decode(bytes.fromhex(text)[:-1])
-            message = (
-                mcu_link.unpack_envelope(envelope) if envelope is not None else None
-            )
+            message = mcu_link.unpack_envelope(envelope) if envelope is not None else None
             yield t_us, low, high, message
 
     def _can_frames(self) -> Iterator[Taken]:
@@ -215,16 +209,12 @@ class Rig:
             self.send_bytes(mcu_link.serial_frame(message_id, payload))
         elif self.carrier == "can":
             identifier = mcu_link.CAN_BASE + message_id
-            assert (
-                self.command(f"can send {identifier:x} {payload.hex() or '-'}") == "ok"
-            )
+            assert self.command(f"can send {identifier:x} {payload.hex() or '-'}") == "ok"
         else:
             mail = mcu_link.i2c_mail(message_id, payload)
             assert self.write_mail(mail) == len(mail)
 
-    def ask(
-        self, name: str, wait_us: int = 20_000, **signals: int | str
-    ) -> mcu.Message:
+    def ask(self, name: str, wait_us: int = 20_000, **signals: int | str) -> mcu.Message:
         """Send a request and return its answer."""
         answers = {"HelloRequest": "Hello", "TimeRequest": "TimeReply"}
         answers |= {"WheelRequest": "WheelReply"}
@@ -244,26 +234,19 @@ class Rig:
 
     def param(self, name: str, value: int) -> None:
         """Set a parameter by its name."""
-        assert (
-            self.ask("ParamSet", param=param_number(name), value=value)["value"]
-            == value
-        )
+        assert self.ask("ParamSet", param=param_number(name), value=value)["value"] == value
 
     def param_value(self, name: str) -> int:
         """Read a parameter by its name."""
         return self.ask("ParamGet", param=param_number(name)).number("value")
 
-    def run_until(
-        self, done: Callable[[], bool], limit_us: int, step_us: int = 5000
-    ) -> None:
+    def run_until(self, done: Callable[[], bool], limit_us: int, step_us: int = 5000) -> None:
         """Let time pass until `done`; AssertionError after `limit_us`."""
         for _ in range(limit_us // step_us + 1):
             if done():
                 return
             self.run(step_us)
-        raise AssertionError(
-            f"nothing after {limit_us} us; wheel {self.wheel}, {self.faults}"
-        )
+        raise AssertionError(f"nothing after {limit_us} us; wheel {self.wheel}, {self.faults}")
 
     def phase(self) -> str:
         """Return the phase that the MCU reported last."""
@@ -277,9 +260,7 @@ class Rig:
     def home(self) -> None:
         """Find the marks; the wheel is SETTLED at 0 afterwards, or in FAULT."""
         self.token = (self.token + 1) & 0xFF
-        assert (
-            self.ask("WheelAction", token=self.token, action="HOME")["result"] == "OK"
-        )
+        assert self.ask("WheelAction", token=self.token, action="HOME")["result"] == "OK"
         self.run_until(self.ended, 8_000_000)
 
     def fit_feedback(self) -> None:
@@ -303,9 +284,7 @@ class Rig:
         events = [item.event for item in self.run(20_000)]
         return {e.name: e for e in events if isinstance(e, mcu.Message)}
 
-    def start_move(
-        self, target_deg: float, slew_deg_s: float = 0, hold_s: float = 0
-    ) -> str:
+    def start_move(self, target_deg: float, slew_deg_s: float = 0, hold_s: float = 0) -> str:
         """Begin a move; return the answer."""
         self.token = (self.token + 1) & 0xFF
         numbers = (round(target_deg * 100), round(slew_deg_s * 10), round(hold_s * 10))

@@ -10,9 +10,7 @@ from rig import start as start_rig
 
 def sections() -> dict[str, int]:
     """Return the ELF's sections with their sizes in bytes."""
-    text = subprocess.run(
-        ["avr-size", "-A", ELF], check=True, capture_output=True, text=True
-    )
+    text = subprocess.run(["avr-size", "-A", ELF], check=True, capture_output=True, text=True)
     rows = (line.split() for line in text.stdout.splitlines())
     return {row[0]: int(row[1]) for row in rows if len(row) == 3 and row[1].isdigit()}
 
@@ -46,19 +44,13 @@ def main() -> int:
     size = sections()
     flash = size[".text"] + size[".data"]
     static = size[".data"] + size[".bss"] + size.get(".noinit", 0)
-    stacks = {
-        carrier: deepest_stack_bytes(carrier) for carrier in ("serial", "i2c", "can")
-    }
+    stacks = {carrier: deepest_stack_bytes(carrier) for carrier in ("serial", "i2c", "can")}
     stack = max(stacks.values())
     print(f"flash {flash} of {budget.flash_bytes} bytes")
-    print(
-        f"RAM   {static + stack} of {budget.ram_bytes} bytes: static {static}, stack {stacks}"
-    )
+    print(f"RAM   {static + stack} of {budget.ram_bytes} bytes: static {static}, stack {stacks}")
     over = flash > budget.flash_bytes or static + stack > budget.ram_bytes
     if over:
-        print(
-            "firmware-size: over budget: what is in build/firmware/lightprobe-mcu.map?"
-        )
+        print("firmware-size: over budget: what is in build/firmware/lightprobe-mcu.map?")
     return over
 
 

@@ -39,9 +39,7 @@ def test_the_strap_chooses_the_carrier_and_everything_works_over_it(
     rig.param("lag_ms", 31)
     assert rig.ask("ParamAction", wait_us=1_000_000, action="SAVE")["result"] == "OK"
     rig.ask("Rates", ring_scans=8, wheel_ms=100, counters_ms=500)
-    rings = [
-        item.event for item in rig.run(1_000_000) if isinstance(item.event, mcu.Ring)
-    ]
+    rings = [item.event for item in rig.run(1_000_000) if isinstance(item.event, mcu.Ring)]
     assert len(rings) >= 99
     assert rings[-1].levels == (816, 900, 980, 1060, 1144, 1224, 1308, 1388, 1472)
     assert rig.bad_frames == 0
@@ -111,14 +109,10 @@ def test_serial_at_one_percent_byte_errors(rig: Rig) -> None:
     sent, echoed, answered = {30}, set(), 0
     got = 0
     lag = mcu_link.database().get_message_by_name("ParamValue")
-    number = {str(v): k for k, v in lag.get_signal_by_name("param").choices.items()}[
-        "lag_ms"
-    ]
+    number = {str(v): k for k, v in lag.get_signal_by_name("param").choices.items()}["lag_ms"]
     for _ in range(1000):
         value = rng.randrange(501)
-        frame = mcu_link.serial_frame(
-            *mcu.encode("ParamSet", param=number, value=value)
-        )
+        frame = mcu_link.serial_frame(*mcu.encode("ParamSet", param=number, value=value))
         sent.add(value)
         rig.send_bytes(damage(rng, frame, 0.01))
         rig.command("run 10000")
@@ -127,30 +121,14 @@ def test_serial_at_one_percent_byte_errors(rig: Rig) -> None:
                 event = events.decode(*message)
                 if isinstance(event, mcu.Ring):
                     got += 1
-                    assert event.levels == (
-                        816,
-                        900,
-                        980,
-                        1060,
-                        1144,
-                        1224,
-                        1308,
-                        1388,
-                        1472,
-                    )
+                    assert event.levels == (816, 900, 980, 1060, 1144, 1224, 1308, 1388, 1472)
                 elif isinstance(event, mcu.Message) and event.name == "ParamValue":
                     assert event["param"] == "lag_ms"
-                    assert (event["minimum"], event["maximum"], event["count"]) == (
-                        0,
-                        500,
-                        27,
-                    )
+                    assert (event["minimum"], event["maximum"], event["count"]) == (0, 500, 27)
                     echoed.add(event["value"])
                     answered += 1
                 elif isinstance(event, mcu.Message):
-                    assert event.name == "Result", (
-                        event
-                    )  # of a frame cut in two: BAD_LENGTH
+                    assert event.name == "Result", event  # of a frame cut in two: BAD_LENGTH
                 elif isinstance(event, mcu.WheelState):
                     assert event.phase is mcu.Phase.UNKNOWN
     assert echoed <= sent, "a value that nobody sent was taken"
@@ -196,9 +174,7 @@ def test_serial_flood_does_not_stop_ring_or_wheel(homed: Rig) -> None:
 
 
 def test_two_requests_at_once_are_not_stamped(rig: Rig) -> None:
-    frames = [
-        mcu_link.serial_frame(*mcu.encode("TimeRequest", count=k)) for k in range(3)
-    ]
+    frames = [mcu_link.serial_frame(*mcu.encode("TimeRequest", count=k)) for k in range(3)]
     rig.send_bytes(b"".join(frames))
     replies = messages(rig, 20_000, "TimeReply")
     assert [r["count"] for r in replies] == [0, 1, 2]
@@ -371,9 +347,7 @@ def time_requests(can: Rig, gaps_us: list[int]) -> list[tuple[int, int]]:
     return sent
 
 
-def test_can_frames_are_taken_in_their_order_and_stamped_right_or_not_at_all(
-    can: Rig,
-) -> None:
+def test_can_frames_are_taken_in_their_order_and_stamped_right_or_not_at_all(can: Rig) -> None:
     """Third frames come while the first of two is being read: into the buffer before the second's.
 
     A whole sweep of distances, for the moment in between is short.

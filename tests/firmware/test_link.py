@@ -10,13 +10,9 @@ from lightprobe.mcu import link as mcu_link
 from lightprobe.mcu import messages as mcu
 
 GOLDEN = Path(__file__).resolve().parents[2] / "proto" / "golden" / "mcu.txt"
-LINES = [
-    line.split() for line in GOLDEN.read_text().splitlines() if not line.startswith("#")
-]
+LINES = [line.split() for line in GOLDEN.read_text().splitlines() if not line.startswith("#")]
 MESSAGES = st.sampled_from(sorted(mcu_link.lengths().items())).flatmap(
-    lambda item: st.tuples(
-        st.just(item[0]), st.binary(min_size=item[1], max_size=item[1])
-    )
+    lambda item: st.tuples(st.just(item[0]), st.binary(min_size=item[1], max_size=item[1]))
 )
 
 
@@ -32,9 +28,7 @@ def test_golden_messages_encode_and_decode_for_ever(line: list[str]) -> None:
     assert encoded.hex() == payload
     assert mcu.decode(message_id, encoded).signals == signals_of(text)
     assert mcu_link.serial_frame(message_id, encoded).hex() == serial
-    assert mcu_link.SerialDecoder().feed(bytes.fromhex(serial)) == [
-        (message_id, encoded)
-    ]
+    assert mcu_link.SerialDecoder().feed(bytes.fromhex(serial)) == [(message_id, encoded)]
     assert mcu_link.i2c_mail(message_id, encoded).hex() == i2c
     assert mcu_link.unpack_envelope(bytes.fromhex(i2c)[1:]) == (message_id, encoded)
 
@@ -89,9 +83,7 @@ def test_after_any_noise_the_frame_after_next_is_received(
 
 
 @given(MESSAGES, st.integers(0, 200), st.integers(1, 255))
-def test_no_single_wrong_byte_is_taken(
-    message: tuple[int, bytes], at: int, error: int
-) -> None:
+def test_no_single_wrong_byte_is_taken(message: tuple[int, bytes], at: int, error: int) -> None:
     frame = bytearray(mcu_link.serial_frame(*message))
     frame[at % (len(frame) - 1)] ^= error
     assert mcu_link.SerialDecoder().feed(bytes(frame)) == []
@@ -114,10 +106,7 @@ def test_truncated_and_oversized_frames_are_dropped_and_counted(
 def test_a_wrong_length_of_a_known_id_is_no_message(payload: bytes) -> None:
     for message_id, length in mcu_link.lengths().items():
         if length != len(payload):
-            assert (
-                mcu_link.unpack_envelope(mcu_link.pack_envelope(message_id, payload))
-                is None
-            )
+            assert mcu_link.unpack_envelope(mcu_link.pack_envelope(message_id, payload)) is None
 
 
 def test_rings_are_joined_only_from_frames_of_one_counter() -> None:

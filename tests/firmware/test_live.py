@@ -45,16 +45,7 @@ def boot(tmp_path: Path) -> Iterator[Callable[..., Box]]:
         pty, control_path, bus = folder / "tty", folder / "control", folder / "can"
         options = ["--pty", pty, "--control", control_path]
         if target == "avr":
-            command = [
-                RUNNER,
-                ELF,
-                "--real-time",
-                "--carrier",
-                carrier,
-                "--can",
-                bus,
-                *options,
-            ]
+            command = [RUNNER, ELF, "--real-time", "--carrier", carrier, "--can", bus, *options]
         else:
             command = [HOST, *options]
         process = subprocess.Popen(command)
@@ -110,9 +101,7 @@ class BoxCanBus(can.BusABC):
         except TimeoutError:
             return None, False
         identifier, length, payload = FRAME.unpack(data)
-        frame = can.Message(
-            arbitration_id=identifier, data=payload[:length], is_extended_id=False
-        )
+        frame = can.Message(arbitration_id=identifier, data=payload[:length], is_extended_id=False)
         return frame, False
 
     def shutdown(self) -> None:
@@ -130,15 +119,12 @@ def connect(box: Box, carrier: str) -> mcu_link.Carrier:
 
 def settled(token: int) -> Callable[[mcu.Event], bool]:
     return lambda e: (
-        isinstance(e, mcu.WheelState)
-        and e.token == token
-        and e.phase is mcu.Phase.SETTLED
+        isinstance(e, mcu.WheelState) and e.token == token and e.phase is mcu.Phase.SETTLED
     )
 
 
 @pytest.mark.parametrize(
-    ("target", "carrier"),
-    [("avr", "serial"), ("avr", "i2c"), ("avr", "can"), ("host", "serial")],
+    ("target", "carrier"), [("avr", "serial"), ("avr", "i2c"), ("avr", "can"), ("host", "serial")]
 )
 def test_a_whole_session(boot: Callable[..., Box], target: str, carrier: str) -> None:
     box = boot(target, carrier)
@@ -149,14 +135,10 @@ def test_a_whole_session(boot: Callable[..., Box], target: str, carrier: str) ->
     until(link, settled(link.home()))
     state = until(link, settled(link.move(90)))
     assert isinstance(state, mcu.WheelState)
-    assert float(box.command("get wheel_deg")) == pytest.approx(
-        state.measured_deg, abs=1.8
-    )
+    assert float(box.command("get wheel_deg")) == pytest.approx(state.measured_deg, abs=1.8)
     for number in ("supply_mv 5000", "bandgap_mv 1100", "ldr4_mv 3210"):
         box.command(f"set {number}")
-    ring = until(
-        link, lambda e: isinstance(e, mcu.Ring) and abs(e.levels[4] - 2627) <= 12
-    )
+    ring = until(link, lambda e: isinstance(e, mcu.Ring) and abs(e.levels[4] - 2627) <= 12)
     assert isinstance(ring, mcu.Ring)
     assert ring.supply_v == pytest.approx(5, rel=0.03)
     params = link.params()

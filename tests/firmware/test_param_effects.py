@@ -1,5 +1,6 @@
 """What setting a parameter does to everything that it is not a parameter of."""
 
+import itertools
 from collections.abc import Callable
 
 import pytest
@@ -25,7 +26,7 @@ def other_value(rig: Rig, name: str) -> int:
 
 
 def busy_box(make_rig: MakeRig, target: str, carrier: str) -> Rig:
-    """A box with everything: a servo that tells its angle, homed and held, and a ring that reports."""
+    """A box with everything: a servo that tells its angle, homed and held; a ring that reports."""
     rig = make_rig(target=target, carrier=carrier)
     rig.exact_adc()
     rig.set(**{f"ldr{k}_mv": 1000 + 300 * k for k in range(9)})
@@ -39,11 +40,9 @@ def busy_box(make_rig: MakeRig, target: str, carrier: str) -> Rig:
 
 
 def change(rig: Rig, name: str, value: int) -> None:
-    """Set a parameter: the ring goes on with the same light, no report is lost, nothing is a fault."""
+    """Set a parameter: the ring goes on with the same light, no report is lost, no fault."""
     got: list[mcu.Ring] = []
-    rig.on_seen = lambda item: (
-        got.append(item.event) if isinstance(item.event, mcu.Ring) else None
-    )
+    rig.on_seen = lambda item: got.append(item.event) if isinstance(item.event, mcu.Ring) else None
     rig.run(30_000)
     before = got[-1]
     rig.param(name, value)
@@ -55,7 +54,7 @@ def change(rig: Rig, name: str, value: int) -> None:
         assert ring.supply_v == pytest.approx(before.supply_v, rel=0.02)
         assert not any(ring.dead)
     counters = [ring.counter for ring in got]
-    assert all((b - a) % 256 == 1 for a, b in zip(counters, counters[1:], strict=False))
+    assert all((b - a) % 256 == 1 for a, b in itertools.pairwise(counters))
     assert not rig.faults, name
 
 
@@ -78,9 +77,7 @@ def test_parameters_of_ring_and_carrier_leave_the_wheel_alone(
 
 
 @pytest.mark.parametrize("name", OF_WHEEL)
-def test_parameters_of_the_wheel_leave_the_ring_alone(
-    make_rig: MakeRig, name: str
-) -> None:
+def test_parameters_of_the_wheel_leave_the_ring_alone(make_rig: MakeRig, name: str) -> None:
     """The wheel is UNKNOWN then and let go, without a fault; it homes with the new value."""
     rig = busy_box(make_rig, "host", "serial")
     change(rig, name, other_value(rig, name))

@@ -14,11 +14,7 @@ MakeRig = Callable[..., Rig]
 
 
 def names() -> dict[str, int]:
-    signal = (
-        mcu_link.database()
-        .get_message_by_name("ParamValue")
-        .get_signal_by_name("param")
-    )
+    signal = mcu_link.database().get_message_by_name("ParamValue").get_signal_by_name("param")
     return {str(name): number for number, name in signal.choices.items()}
 
 
@@ -121,12 +117,9 @@ def stored_values(rig: Rig, copy: int) -> list[int]:
     content = eeprom(rig)[copy * COPY_STRIDE :]
     values = content[3 : 3 + 2 * content[2]]
     body = content[: 3 + len(values)]
-    assert content[len(body) : len(body) + 2] == mcu_link.crc16(bytes(body)).to_bytes(
-        2, "little"
-    )
+    assert content[len(body) : len(body) + 2] == mcu_link.crc16(bytes(body)).to_bytes(2, "little")
     return [
-        int.from_bytes(values[k : k + 2], "little", signed=True)
-        for k in range(0, len(values), 2)
+        int.from_bytes(values[k : k + 2], "little", signed=True) for k in range(0, len(values), 2)
     ]
 
 
@@ -271,9 +264,7 @@ def test_a_save_that_a_worn_cell_spoils_is_told_and_the_other_copy_stays(
     assert read(rig, "lag_ms") == 41
 
 
-def test_a_save_on_a_blank_chip_goes_on_to_the_copy_whose_cells_are_sound(
-    rig: Rig,
-) -> None:
+def test_a_save_on_a_blank_chip_goes_on_to_the_copy_whose_cells_are_sound(rig: Rig) -> None:
     rig.command("worn 21 1")
     rig.param("lag_ms", 40)
     rig.param("settle_ms", 140)
@@ -330,9 +321,4 @@ def test_wrong_parameters_never_give_a_wrong_angle(rig: Rig) -> None:
             off = abs(rig.get("wheel_deg") - rig.wheel.measured_deg)
             assert off <= 3 * rig.wheel.sigma_deg
     assert rig.phase() == "FAULT"
-    assert set(rig.faults) <= {
-        "WHEEL_SLOW",
-        "WHEEL_SLIP",
-        "WHEEL_STUCK",
-        "INDEX_PATTERN",
-    }
+    assert set(rig.faults) <= {"WHEEL_SLOW", "WHEEL_SLIP", "WHEEL_STUCK", "INDEX_PATTERN"}

@@ -79,9 +79,7 @@ def test_the_servo_is_released_long_before_the_watchdog_resets(homed: Rig) -> No
     assert homed.command("resets") == resets
 
 
-def test_a_hang_with_interrupts_off_ends_too_though_nobody_knows_why(
-    homed: Rig,
-) -> None:
+def test_a_hang_with_interrupts_off_ends_too_though_nobody_knows_why(homed: Rig) -> None:
     homed.start_move(180)
     homed.run(200_000)
     hang(homed, "board_time_us")  # interrupts call it
@@ -128,11 +126,7 @@ def test_no_boot_loader_makes_the_firmware_name_a_wrong_cause(
     make_rig: MakeRig, loader: int, external: str
 ) -> None:
     """What the loader leaves in MCUSR and r2, garbage included, is believed where it must be."""
-    allowed = {
-        "power": {"POWER_ON"},
-        "external": {external},
-        "brownout": {"BROWN_OUT", "UNKNOWN"},
-    }
+    allowed = {"power": {"POWER_ON"}, "external": {external}, "brownout": {"BROWN_OUT", "UNKNOWN"}}
     for seed in range(6):  # of the garbage
         rig = make_rig(hello=False, seed=seed)
         rig.set(boot_loader=loader)
@@ -204,7 +198,5 @@ def test_another_protocol_version_is_answered_with_ours(
     events = [item.event for item in rig.run(20_000)]
     (hello,) = [e for e in events if isinstance(e, mcu.Message) and e.name == "Hello"]
     assert hello["protocol_major"] == 1
-    results = [
-        e["result"] for e in events if isinstance(e, mcu.Message) and e.name == "Result"
-    ]
+    results = [e["result"] for e in events if isinstance(e, mcu.Message) and e.name == "Result"]
     assert results == (["BAD_VERSION"] if refused else [])

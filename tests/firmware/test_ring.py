@@ -16,9 +16,7 @@ LSB = 4  # one count of the 10-bit converter, in levels
 def rings(rig: Rig, us: int) -> list[tuple[int, mcu.Ring]]:
     """Run and return the rings with the time when their last byte left."""
     seen = rig.run(us)
-    return [
-        (item.t_us, item.event) for item in seen if isinstance(item.event, mcu.Ring)
-    ]
+    return [(item.t_us, item.event) for item in seen if isinstance(item.event, mcu.Ring)]
 
 
 def stream(rig: Rig, scans: int) -> None:
@@ -38,9 +36,7 @@ def test_nine_values_within_one_count(rig: Rig) -> None:
         rig.set(**{f"ldr{k}_mv": mv for k, mv in enumerate(millivolts)})
         *_, (_, ring) = rings(rig, 40_000)
         expected = levels_of(millivolts)
-        assert (
-            max(abs(a - b) for a, b in zip(ring.levels, expected, strict=True)) <= LSB
-        )
+        assert max(abs(a - b) for a, b in zip(ring.levels, expected, strict=True)) <= LSB
         assert not any(ring.dead)
 
 
@@ -84,9 +80,7 @@ def test_every_carrier_holds_the_rings_beside_everything_else(
     rig = make_rig(carrier=carrier)
     if kbit_s:
         rig.param("can_kbit_s", kbit_s)
-        assert (
-            rig.ask("ParamAction", wait_us=1_000_000, action="SAVE")["result"] == "OK"
-        )
+        assert rig.ask("ParamAction", wait_us=1_000_000, action="SAVE")["result"] == "OK"
         rig.reset()
     rig.ask("Rates", ring_scans=scans, wheel_ms=100, counters_ms=1000)
     rings(rig, 50_000)
@@ -118,14 +112,10 @@ def test_what_a_slow_line_does_not_take_is_dropped_whole_and_counted(
     assert len(got) == pytest.approx(2 * 200 / 3, abs=5)
     assert dropped > 20
     assert rig.decoder.rings_lost == dropped
-    assert (
-        rig.ask("TimeRequest", count=1)["stamped"] == 1
-    )  # requests are answered all the same
+    assert rig.ask("TimeRequest", count=1)["stamped"] == 1  # requests are answered all the same
 
 
-def test_rings_are_right_from_the_first_one_after_their_parameters_have_changed(
-    rig: Rig,
-) -> None:
+def test_rings_are_right_from_the_first_one_after_their_parameters_have_changed(rig: Rig) -> None:
     """No window is of two periods, and no conversion is taken for another sensor's."""
     rig.exact_adc()
     millivolts = [100, 4900] * 4 + [100]
@@ -164,9 +154,7 @@ def test_a_step_of_the_voltages_is_out_within_22_ms(rig: Rig, mains_hz: int) -> 
         arrived = [
             t_us
             for t_us, ring in rings(rig, 35_000)
-            if all(
-                abs(a - b) <= LSB for a, b in zip(ring.levels, expected, strict=True)
-            )
+            if all(abs(a - b) <= LSB for a, b in zip(ring.levels, expected, strict=True))
         ]
         worst_us = max(worst_us, arrived[0] - step_us)
     print(f"worst step response at {mains_hz} Hz mains: {worst_us / 1000:.2f} ms")
@@ -182,9 +170,7 @@ def ripple(rig: Rig, flicker_hz: float) -> int:
 
 
 @pytest.mark.parametrize(("mains_hz", "other_hz"), [(50, 60), (60, 50)])
-def test_lamps_on_the_mains_do_not_ripple(
-    rig: Rig, mains_hz: int, other_hz: int
-) -> None:
+def test_lamps_on_the_mains_do_not_ripple(rig: Rig, mains_hz: int, other_hz: int) -> None:
     rig.param("mains_hz", mains_hz)
     stream(rig, 1)
     assert ripple(rig, 2 * mains_hz) <= 2 * LSB
@@ -223,9 +209,7 @@ def test_an_open_or_shorted_sensor_is_named(
 
 
 @pytest.mark.parametrize("offset_lsb", [-2, 0, 1, 2])
-def test_an_open_sensor_is_named_whatever_the_adcs_offset(
-    rig: Rig, offset_lsb: float
-) -> None:
+def test_an_open_sensor_is_named_whatever_the_adcs_offset(rig: Rig, offset_lsb: float) -> None:
     rig.set(adc_offset_lsb=offset_lsb)
     light(rig, *[50] * 9)
     rig.set(ldr3_forced=0)
@@ -272,9 +256,7 @@ def test_a_dead_sensor_does_not_stop_the_wheel(homed: Rig) -> None:
 
 
 @pytest.mark.parametrize("supply_mv", [4500, 5000, 5250])
-def test_supply_is_measured_and_the_levels_are_shares_of_it(
-    rig: Rig, supply_mv: int
-) -> None:
+def test_supply_is_measured_and_the_levels_are_shares_of_it(rig: Rig, supply_mv: int) -> None:
     stream(rig, 8)
     rig.exact_adc()
     rig.set(supply_mv=supply_mv)
@@ -285,9 +267,7 @@ def test_supply_is_measured_and_the_levels_are_shares_of_it(
 
 
 @pytest.mark.parametrize("mains_hz", [50, 60])
-def test_supply_does_not_depend_on_what_was_converted_before(
-    rig: Rig, mains_hz: int
-) -> None:
+def test_supply_does_not_depend_on_what_was_converted_before(rig: Rig, mains_hz: int) -> None:
     """The reference comes slowly; the ADC held the ninth sensor's voltage before."""
     rig.param("mains_hz", mains_hz)
     stream(rig, 8)

@@ -25,9 +25,7 @@ def read(rig: Rig, lux: Array) -> Array:
     """Levels (9,) at illuminances (9,), when the LDRs have followed."""
     rig.set(**{f"ldr{k}_lux": value for k, value in enumerate(lux)})
     rig.run(400_000 if lux.min() > 8 else 4_000_000)  # they are slower in the dark
-    rings = [
-        item.event for item in rig.run(100_000) if isinstance(item.event, mcu.Ring)
-    ]
+    rings = [item.event for item in rig.run(100_000) if isinstance(item.event, mcu.Ring)]
     return np.mean([r.levels for r in rings], axis=0)
 
 
@@ -64,8 +62,7 @@ def test_the_calibrated_ring_is_right_within_its_stated_sigma(
         assert not rig.faults
         rig.close()
     errors, sigmas = (
-        np.array(column).reshape(boxes, len(SEEN_LUX), 9)
-        for column in zip(*off, strict=True)
+        np.array(column).reshape(boxes, len(SEEN_LUX), 9) for column in zip(*off, strict=True)
     )
     within = np.abs(errors) <= sigmas
     for k, lux in enumerate(SEEN_LUX):

@@ -29,9 +29,7 @@ def test_homing_finds_the_comb_and_stops_at_zero(homed: Rig) -> None:
 
 
 @pytest.mark.parametrize("offset_us", [-30, 30])
-def test_homing_finds_a_servo_horn_that_sits_some_degrees_off(
-    rig: Rig, offset_us: float
-) -> None:
+def test_homing_finds_a_servo_horn_that_sits_some_degrees_off(rig: Rig, offset_us: float) -> None:
     rig.set(servo_zero_us=800 + offset_us)
     rig.home()
     assert rig.phase() == "SETTLED"
@@ -108,9 +106,7 @@ def test_the_rings_parameters_do_not_disturb_a_wheel_with_feedback(
 
 
 @pytest.mark.parametrize("crooked_deg", [0, 2])
-def test_arrival_is_from_below_whatever_the_servo_and_gear(
-    rig: Rig, crooked_deg: float
-) -> None:
+def test_arrival_is_from_below_whatever_the_servo_and_gear(rig: Rig, crooked_deg: float) -> None:
     """With backlash, a wheel that comes from below rests on the lower flank: wheel = shaft."""
     rig.set(backlash_deg=2, servo_crooked_deg=crooked_deg)
     rig.home()
@@ -139,9 +135,7 @@ def test_time_of_settling_is_reported_on_the_mcus_clock(homed: Rig) -> None:
         times.append(item.event) if isinstance(item.event, mcu.WheelTime) else None
     )
     homed.move(45)
-    settled = next(
-        t for t in times if t.phase is mcu.Phase.SETTLED and t.token == homed.token
-    )
+    settled = next(t for t in times if t.phase is mcu.Phase.SETTLED and t.token == homed.token)
     now_us = int(homed.command("time"))
     assert 0 < now_us - settled.t_phase_us < 20_000
     homed.run(500_000)
@@ -196,9 +190,7 @@ def test_release_during_a_move_leaves_the_wheel_unknown(homed: Rig) -> None:
 
 
 @pytest.mark.parametrize("target", ["avr", "host"])
-def test_the_host_puts_the_servo_to_a_pulse_without_a_comb(
-    make_rig: MakeRig, target: str
-) -> None:
+def test_the_host_puts_the_servo_to_a_pulse_without_a_comb(make_rig: MakeRig, target: str) -> None:
     """To set the gear on its horn: the pulse is held for hold_max_ds, from the last time on."""
     rig = make_rig(target=target)
     rig.set(index_a_forced=0, index_b_forced=0)
@@ -256,9 +248,7 @@ def test_pulses_are_exact_without_runts_or_gaps(rig: Rig) -> None:
     assert float(period_us) == pytest.approx(20_000, abs=0.1)
     assert float(least) >= 500
     assert float(most) <= 2500
-    assert (int(last_us) - int(first_us)) / 20_000 == pytest.approx(
-        int(count) - 1, abs=0.2
-    )
+    assert (int(last_us) - int(first_us)) / 20_000 == pytest.approx(int(count) - 1, abs=0.2)
 
 
 def test_commands_out_of_range_are_refused_and_change_nothing(homed: Rig) -> None:
@@ -266,12 +256,8 @@ def test_commands_out_of_range_are_refused_and_change_nothing(homed: Rig) -> Non
         assert homed.start_move(target) == "OUT_OF_RANGE"
     assert homed.start_move(90, slew_deg_s=240.1) == "OUT_OF_RANGE"
     assert homed.start_move(90, hold_s=10.1) == "OUT_OF_RANGE"
-    homed.send_bytes(
-        mcu_link.serial_frame(0x03, bytes([1, 7]))
-    )  # WheelAction: no such action
-    answers = [
-        item.event for item in homed.run(20_000) if isinstance(item.event, mcu.Message)
-    ]
+    homed.send_bytes(mcu_link.serial_frame(0x03, bytes([1, 7])))  # WheelAction: no such action
+    answers = [item.event for item in homed.run(20_000) if isinstance(item.event, mcu.Message)]
     assert [a["result"] for a in answers if a.name == "Result"] == ["OUT_OF_RANGE"]
     homed.run(200_000)
     assert homed.phase() == "SETTLED"
@@ -323,9 +309,7 @@ def test_the_same_move_repeated_is_answered_and_starts_nothing(homed: Rig) -> No
     assert homed.ask("WheelMove", **signals)["result"] == "OK"
     homed.run(100_000)
     assert homed.ask("WheelMove", **signals)["result"] == "OK"
-    assert (
-        homed.ask("WheelMove", **(signals | {"target_cdeg": 4500}))["result"] == "BUSY"
-    )
+    assert homed.ask("WheelMove", **(signals | {"target_cdeg": 4500}))["result"] == "BUSY"
     assert homed.ask("WheelMove", **(signals | {"token": 201}))["result"] == "BUSY"
     homed.run_until(homed.ended, 5_000_000)
     homed.command("servo")
@@ -352,9 +336,7 @@ def test_one_small_message_says_where_the_wheel_is(homed: Rig) -> None:
     homed.move(90)
     homed.send("WheelRequest", count=41)
     seen = [item.event for item in homed.run(5_000)]
-    (reply,) = [
-        e for e in seen if isinstance(e, mcu.Message) and e.name == "WheelReply"
-    ]
+    (reply,) = [e for e in seen if isinstance(e, mcu.Message) and e.name == "WheelReply"]
     assert len([e for e in seen if isinstance(e, mcu.Message)]) == 1
     assert reply.signals == {
         "count": 41, "phase": "SETTLED", "servo_on": 1, "token": homed.token,
@@ -470,9 +452,7 @@ def test_feedback_open_or_shorted(rig: Rig, share: float, level: int) -> None:
     rig.set(feedback_forced=share)
     rig.run(50_000)
     assert set(rig.faults) == {"FEEDBACK_OPEN"}
-    assert rig.faults["FEEDBACK_OPEN"].detail == pytest.approx(
-        level, abs=12
-    )  # the ADC's offset
+    assert rig.faults["FEEDBACK_OPEN"].detail == pytest.approx(level, abs=12)  # the ADC's offset
 
 
 def test_single_disturbances_of_a_sensor_are_no_fault(homed: Rig) -> None:
@@ -544,9 +524,7 @@ def test_random_moves_with_random_faults(seed: int, feedback: bool) -> None:
 
 
 @pytest.mark.parametrize(("seed", "feedback"), [(3, False), (4, True)])
-def test_random_moves_of_the_same_sources_under_sanitizers(
-    seed: int, feedback: bool
-) -> None:
+def test_random_moves_of_the_same_sources_under_sanitizers(seed: int, feedback: bool) -> None:
     campaign = Campaign(seed, "host", feedback, fault_share=0.2)
     with campaign.rig:
         campaign.run(1000)

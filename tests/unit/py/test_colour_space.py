@@ -16,7 +16,9 @@ P3 = ((0.5151, 0.2412, -0.0011), (0.2920, 0.6922, 0.0419), (0.1571, 0.0666, 0.78
 D50 = (0.9642, 1.0, 0.8249)
 
 
-def profile(gamma: float, colours: tuple[tuple[float, float, float], ...], name: bytes = b"mine") -> bytes:
+def profile(
+    gamma: float, colours: tuple[tuple[float, float, float], ...], name: bytes = b"mine"
+) -> bytes:
     """An ICC profile of version 2: three primaries and one curve."""
 
     def fixed(*values: float) -> bytes:
@@ -25,13 +27,18 @@ def profile(gamma: float, colours: tuple[tuple[float, float, float], ...], name:
     curve = b"curv" + struct.pack(">IIH", 0, 1, round(256 * gamma))
     said = b"desc" + struct.pack(">II", 0, len(name) + 1) + name + bytes(1 + 78)
     tags = [(b"desc", said), (b"wtpt", b"XYZ \0\0\0\0" + fixed(*D50))]
-    tags += [(k, b"XYZ \0\0\0\0" + fixed(*c)) for k, c in zip((b"rXYZ", b"gXYZ", b"bXYZ"), colours, strict=True)]
+    tags += [
+        (k, b"XYZ \0\0\0\0" + fixed(*c))
+        for k, c in zip((b"rXYZ", b"gXYZ", b"bXYZ"), colours, strict=True)
+    ]
     tags += [(k, curve) for k in (b"rTRC", b"gTRC", b"bTRC")]
     table, body, begin = struct.pack(">I", len(tags)), b"", 132 + 12 * len(tags)
     for kind, data in tags:
         table += kind + struct.pack(">II", begin + len(body), len(data))
         body += data + bytes(-len(data) % 4)
-    head = struct.pack(">I4sI4s4s4s", begin + len(body), b"lcms", 0x02100000, b"mntr", b"RGB ", b"XYZ ")
+    head = struct.pack(
+        ">I4sI4s4s4s", begin + len(body), b"lcms", 0x02100000, b"mntr", b"RGB ", b"XYZ "
+    )
     head += struct.pack(">6H", 2020, 1, 1, 0, 0, 0) + b"acsp" + bytes(28) + fixed(*D50)
     return head.ljust(128, b"\0") + table + body
 
@@ -94,7 +101,10 @@ def test_chunks_of_png(tmp_path, bits, chunks, fault, note):
     factor, kind = (1, np.uint8) if bits == 8 else (257, np.uint16)
     data = cv2.imencode(".png", np.full((16, 32, 3), 100 * factor, kind))[1].tobytes()
     said = b"".join(
-        struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
+        struct.pack(">I", len(content))
+        + name
+        + content
+        + struct.pack(">I", zlib.crc32(name + content))
         for name, content in chunks
     )
     Path(tmp_path / "x.png").write_bytes(data[:33] + said + data[33:])

@@ -86,16 +86,20 @@ def test_damage_is_refused_or_read_and_says_nothing_by_itself(tmp_path, capfd, n
         data[at] = random.integers(256)
     path = tmp_path / Path(name).name
     path.write_bytes(data)
+    refusal = None
     try:
         assert image.read(path).radiance.ndim == 3
     except ImageError as error:
-        assert str(path) in str(error)
+        refusal = str(error)
+    assert refusal is None or str(path) in refusal
     assert capfd.readouterr() == ("", "")
 
 
 def png(width: int, height: int) -> bytes:
     def chunk(kind: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        return (
+            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        )
 
     head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
     pixels = chunk(b"IDAT", zlib.compress(bytes(1000)))

@@ -454,7 +454,8 @@ const struct lp_source_ops lp_source_sim_ops = {
 	.info = {.scheme = "sim",
 		 .form = "PATH",
 		 .help = "the simulator's socket (lightprobe simulate)\n"
-			 "The daemon waits for it, also when it goes away or has another daemon. The keys are those of "
+			 "The daemon waits for it, also when it goes away or has another daemon. "
+			 "The keys are those of "
 			 "the simulator: see\n"
 			 "lightprobe simulate --help."},
 	.create = sim_create,
