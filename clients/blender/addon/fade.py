@@ -13,6 +13,8 @@ from .suns import Sun
 
 #: From nothing to full strength, and back.
 FADE_S = 0.3
+#: After a pause of Blender a fade goes on from where it was: one step is never longer.
+MOST_STEP_S = 0.1
 
 #: Of which boot of the probe, and which id in it: ids start again when the probe does.
 LampKey = tuple[int, int]

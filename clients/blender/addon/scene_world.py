@@ -82,21 +82,33 @@ def strength_socket(found: bpy.types.World) -> bpy.types.NodeSocket:
 
 
 def show(
-    scene: bpy.types.Scene, gain: float, scale: float, orientation: ArrayLike | None = None
+    scene: bpy.types.Scene,
+    gain: float,
+    scale: float,
+    orientation: ArrayLike | None = None,
+    without: float | None = None,
 ) -> None:
-    """Set how much of the picture is seen, and how it is turned; see :func:`show_picture`."""
+    """Set how much of the picture is seen, and how it is turned; see :func:`show_picture`.
+
+    `without`: radiance, in the packet's units, of what is seen beside it; None: the scene's colour.
+    """
     found = world(scene)
     set_turn(scene, orientation)
     _set(gain_socket(found), gain)
     _set(strength_socket(found), scale)
-    set_default(scene, scale)
+    set_default(scene, scale, without)
 
 
-def set_default(scene: bpy.types.Scene, scale: float) -> None:
-    """Set the colour that is shown without light; it is in Blender's units, whatever the scale."""
+def set_default(scene: bpy.types.Scene, scale: float, without: float | None = None) -> None:
+    """Set what is shown without light: a grey in the packet's units, or the scene's colour.
+
+    The scene's colour is in Blender's units, whatever the scale.
+    """
     mix = world(scene).node_tree.nodes[_MIX]
     socket = next(one for one in mix.inputs if one.identifier == "A_Color")
     colour = [channel / scale if scale > 0 else 0.0 for channel in scene.lightprobe.default_colour]
+    if without is not None:
+        colour = [without] * 3
     if tuple(socket.default_value[:3]) != tuple(colour):
         socket.default_value = (*colour, 1.0)
 

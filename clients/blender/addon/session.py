@@ -5,14 +5,17 @@ There is one session at a time. It belongs to the scene that was open at Connect
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass, field
 
 import bpy
 from lightprobe.errors import LightprobeError
+from lightprobe.estimate import Estimate
+from lightprobe.fallback import mean_irradiance
 
 from . import scene_lamps, scene_world
-from .fade import Fader
+from .fade import MOST_STEP_S, Fader
 from .link import Link, Seen
 from .suns import suns, unit_scale
 from .words import Report, report
@@ -32,6 +35,9 @@ class Session:
     _ticked_s: float | None = None
     _shown: Seen | None = None
     _scale: float = 1.0
+    _last: Estimate | None = None  # that was shown
+    #: Grey that the world fades to and from; None: no light came yet, the scene's own colour.
+    _without: float | None = None
 
     def scene(self) -> bpy.types.Scene | None:
         """Give the scene of this session; None: it was deleted."""
@@ -43,7 +49,7 @@ class Session:
         if scene is None:
             return False
         now_s = time.monotonic()
-        elapsed_s = 0.0 if self._ticked_s is None else now_s - self._ticked_s
+        elapsed_s = 0.0 if self._ticked_s is None else min(MOST_STEP_S, now_s - self._ticked_s)
         self._ticked_s = now_s
         self.show(scene, self.link.seen, elapsed_s)
         return True
@@ -63,14 +69,18 @@ class Session:
         if estimate is not None and fresh:
             lamps = suns(estimate, settings.steady) if seen.mode == "LAMPS" else []
             self.fader.step(elapsed_s, estimate.boot_id, lamps)
+            self._last = estimate
         else:
             self.fader.step(elapsed_s, None, ())
+            if self._last is not None:  # as bright in the mean as its light, like every client
+                self._without = max(0.0, mean_irradiance(self._last) / math.pi)
         scene_lamps.show(scene, self.fader.lamps, self._scale)
         if seen.sky is not None and fresh and (self._shown is None or self._shown.sky != seen.sky):
             scene_world.show_picture(scene, seen.sky)
             self._shown = seen
         orientation = self._shown.sky.orientation if self._shown and self._shown.sky else None
-        scene_world.show(scene, self.fader.world_gain, self._scale, orientation)
+        gain = self.fader.world_gain
+        scene_world.show(scene, gain, self._scale, orientation, self._without)
 
 
 class _Current:

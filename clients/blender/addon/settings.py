@@ -76,7 +76,8 @@ class LightprobeSettings(bpy.types.PropertyGroup):
     )
     default_colour: bpy.props.FloatVectorProperty(
         name="Without light",
-        description="Radiance of the world that is shown when the probe sends nothing",
+        description="Radiance of the world before the probe's first light. After the last, it is a "
+        "grey as bright as that light",
         subtype="COLOR",
         size=3,
         default=(0.05, 0.05, 0.05),

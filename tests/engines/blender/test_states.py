@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 import pytest
 from bl_ext.user_default.lightprobe import scene_lamps, session, suns, words
-from bl_ext.user_default.lightprobe.fade import FADE_S, Fader, ShownLamp
+from bl_ext.user_default.lightprobe.fade import FADE_S, MOST_STEP_S, Fader, ShownLamp
 from lightprobe.errors import LightprobeError
 from lightprobe.estimate import FLAG_WORDS, EstimateFlag, Fault, LightFlag
 from lightprobe.wire import decode
@@ -117,6 +117,41 @@ def test_light_that_is_too_old_fades_out_and_comes_back(scene):
         assert running.fader.world_gain == 0
         probe.send(packet(lamps=[LAMP]))
         ticked_until(running, lambda: energies(scene) == [pytest.approx(2)], "no light again")
+
+
+def test_after_a_pause_of_blender_the_fade_goes_on_from_where_it_was(scene):
+    with Probe() as probe:
+        running = connected(scene, probe.uri)
+        probe.send(packet(lamps=[LAMP], ttl_ms=1000))
+        ticked_until(running, lambda: running.fader.world_gain == 1, "no light")
+        ticked_until(running, lambda: not running.link.seen.fresh, "stays fresh")
+        gain = running.fader.world_gain
+        time.sleep(1)  # no timer runs meanwhile
+        running.tick()
+        assert gain - MOST_STEP_S / FADE_S - 1e-6 <= running.fader.world_gain < gain
+
+
+def test_after_the_last_light_the_world_is_a_grey_as_bright_in_the_mean(scene):
+    def without():
+        (socket,) = [
+            one
+            for one in scene.lightprobe.world.node_tree.nodes["lightprobe fade"].inputs
+            if one.identifier == "A_Color"
+        ]
+        return np.array(socket.default_value[:3])
+
+    scene.lightprobe.scale = 2
+    with Probe() as probe:
+        running = connected(scene, probe.uri)
+        running.tick()
+        np.testing.assert_allclose(without(), scene.lightprobe.default_colour)
+        flat = np.zeros((9, 3))
+        flat[0] = 3 / 0.2820948
+        probe.send(packet(flat, lamps=[LAMP], ttl_ms=400))
+        ticked_until(running, lambda: running.fader.world_gain > 0, "no light")
+        ticked_until(running, lambda: energies(scene) == [], "lamp stays")
+        np.testing.assert_allclose(without(), 3 + 2 / 4 / np.pi, rtol=1e-5)
+        assert running.fader.world_gain == 0
 
 
 def test_a_restarted_probe_fades_over_to_new_objects(scene):
