@@ -71,8 +71,8 @@ from lightprobe.wire import (
 )
 
 DEFAULT_URI = "tcp:127.0.0.1:7700"
-CONNECT_TIMEOUT_S = 3.0
-HELLO_TIMEOUT_S = 3.0
+#: As in every client (docs/users/clients.md): a phone on Wi-Fi with TLS takes a while.
+CONNECT_TIMEOUT_S = HELLO_TIMEOUT_S = 5.0
 BACKOFF_FIRST_S, BACKOFF_LAST_S = 0.1, 5.0
 #: After a refused token. The daemon forgets a wrong one in a minute; several of an address bar all.
 TOKEN_BACKOFF_S = 80.0
