@@ -8,7 +8,7 @@ import socket
 from dataclasses import dataclass
 
 from lightprobe.errors import ProbeError
-from lightprobe.websocket import WebAddress, WebSocketStream
+from lightprobe.websocket import WebAddress, WebSocketStream, no_wildcard
 
 #: Python has none on Windows.
 HAS_UNIX_SOCKETS = hasattr(socket, "AF_UNIX") and hasattr(asyncio, "open_unix_connection")
@@ -19,7 +19,7 @@ _LONGEST_PATH_BYTES = 107  # of a Unix socket
 class Address:
     """Where a probe listens: `tcp:HOST:PORT` (IPv6 in brackets), `unix:PATH`, or a web address.
 
-    A web address is `ws://HOST:PORT/`, or `wss:` with token and fingerprint, or that of the page.
+    A web address is `ws://HOST:PORT/` (`ws:HOST:PORT`, as the daemon prints it, is the same), or `wss:` with token and fingerprint, or that of the page.
     """
 
     host: str | None
@@ -39,13 +39,15 @@ class Address:
             if not HAS_UNIX_SOCKETS:
                 raise ProbeError(f"{uri}: address: no Unix sockets on this system: tcp:HOST:PORT")
             return cls(None, 0, rest)
-        if scheme in ("ws", "wss", "http", "https") and rest.startswith("//"):
-            web = WebAddress.parse(uri)
+        if scheme in ("ws", "wss") or (scheme in ("http", "https") and rest.startswith("//")):
+            slashes = "" if rest.startswith("//") else "//"  # ws:HOST:PORT, as the daemon has it
+            web = WebAddress.parse(f"{scheme}:{slashes}{rest}")
             return cls(web.host, web.port, None, web)
         host, _, port = rest.rpartition(":")
         host = host.removeprefix("[").removesuffix("]")
         known = host and "/" not in host and port.isdecimal() and 0 < int(port) < 65536
         if scheme == "tcp" and known:
+            no_wildcard(uri, host)
             return cls(host, int(port), None)
         slashes = " (without //)" if rest.startswith("//") else ""
         raise ProbeError(

@@ -73,6 +73,7 @@ from lightprobe.wire import (
 DEFAULT_URI = "tcp:127.0.0.1:7700"
 #: As in every client (docs/users/clients.md): a phone on Wi-Fi with TLS takes a while.
 CONNECT_TIMEOUT_S = HELLO_TIMEOUT_S = 5.0
+LEAST_PATIENCE_S = 5.0
 BACKOFF_FIRST_S, BACKOFF_LAST_S = 0.1, 5.0
 #: After a refused token. The daemon forgets a wrong one in a minute; several of an address bar all.
 TOKEN_BACKOFF_S = 80.0
@@ -476,7 +477,7 @@ class AsyncClient:
         if not self.connected:
             return HELLO_TIMEOUT_S
         period_ms = self._subscription.health_period_ms
-        return max(5.0, 5e-3 * period_ms) if period_ms else None
+        return max(LEAST_PATIENCE_S, 5e-3 * period_ms) if period_ms else None
 
     async def _take(self, message: Message) -> None:
         if isinstance(message, Hello):

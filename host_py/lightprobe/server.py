@@ -100,11 +100,12 @@ class ProbeServer:
                 f"{uri}: listen: expected tcp:127.0.0.1:PORT or ws:127.0.0.1:PORT: recordings are "
                 "served to this machine only"
             )
+        shown = f"[{host}]" if ":" in host else host
         try:
             if scheme == "tcp":
                 server = await asyncio.start_server(self._serve_stream, host, port)
                 async with server:
-                    yield f"tcp:{host}:{server.sockets[0].getsockname()[1]}"
+                    yield f"tcp:{shown}:{server.sockets[0].getsockname()[1]}"
             else:
                 from websockets.asyncio.server import serve
 
@@ -112,7 +113,7 @@ class ProbeServer:
                     self._serve_web, host, port, subprotocols=[_PROTOCOL],  # type: ignore[list-item]
                     process_request=_own_page_only, max_size=256, compression=None,
                 ) as web:  # fmt: skip
-                    yield f"ws://{host}:{next(iter(web.sockets)).getsockname()[1]}/"
+                    yield f"ws://{shown}:{next(iter(web.sockets)).getsockname()[1]}/"
         except OSError as error:
             raise LightprobeError(
                 f"{uri}: listen: {error.strerror or error}: choose another port"

@@ -51,6 +51,7 @@ class WebAddress:
             raise ProbeError(f"{uri}: address: {error}") from None
         if not host:
             raise ProbeError(f"{uri}: address: expected {parts.scheme}://HOST:PORT/")
+        no_wildcard(uri, host)
         extra = parse_qs(parts.fragment)
         scheme = _SCHEMES[parts.scheme]
         token = extra.get("token", [None])[0]
@@ -117,6 +118,15 @@ class WebAddress:
         """Address without token and fingerprint: fit for messages and logs."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"{self.scheme}://{host}:{self.port}{self.path}"
+
+
+def no_wildcard(uri: str, host: str) -> None:
+    """Raise :class:`ProbeError` for what a daemon listens on, and nobody can call."""
+    if host in ("0.0.0.0", "::", "*"):  # noqa: S104 — refused, not bound
+        raise ProbeError(
+            f"{uri.partition('#')[0]}: address: {host} stands for all addresses of the probe's "
+            "machine: take one of them, or its name"
+        )
 
 
 def _fingerprint(uri: str, text: str) -> bytes | None:

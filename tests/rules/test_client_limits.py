@@ -1,4 +1,4 @@
-"""Numbers that every client has for itself are the same in all, and on the page that states them."""
+"""Numbers that every client has for itself are the same in all, and on the page that has them."""
 
 import re
 from pathlib import Path
@@ -18,7 +18,7 @@ NUMBERS = {
         (CSHARP, r"LeastPatienceMs = ", 1e-3), (PYTHON, r"HELLO_TIMEOUT_S = ", 1)]),
     "least silence, s": (5, [
         (PAGE, r"nothing came for ", 1), (JS, r"LEAST_PATIENCE_MS = ", 1e-3),
-        (CSHARP, r"LeastPatienceMs = ", 1e-3), (PYTHON, r"return max\(", 1)]),
+        (CSHARP, r"LeastPatienceMs = ", 1e-3), (PYTHON, r"LEAST_PATIENCE_S = ", 1)]),
     "first wait for the next try, s": (0.1, [
         (PAGE, r"connect again after ", 1), (JS, r"BACKOFF_FIRST_MS = ", 1e-3),
         (CSHARP, r"FirstBackoffMs = ", 1e-3), (PYTHON, r"BACKOFF_FIRST_S, BACKOFF_LAST_S = ", 1)]),

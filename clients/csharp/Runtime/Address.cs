@@ -22,6 +22,9 @@ namespace Lightprobe
 
         private Address(string scheme, string host, int port, string token = null, byte[] sha256 = null)
         {
+            if (host == "0.0.0.0" || host == "::")
+                throw new ArgumentException(scheme + ":" + host + ": address: it stands for all addresses of the probe's machine: "
+                    + "take one of them, or its name");
             Scheme = scheme;
             Host = host;
             Port = port;
@@ -42,6 +45,10 @@ namespace Lightprobe
         internal static Address Parse(string text)
         {
             if (text.StartsWith("tcp:", StringComparison.Ordinal)) return ParseTcp(text);
+            // ws:HOST:PORT, as the daemon prints it, is ws://HOST:PORT/.
+            foreach (string scheme in Ports.Keys)
+                if (text.StartsWith(scheme + ":", StringComparison.Ordinal) && !text.StartsWith(scheme + "://", StringComparison.Ordinal))
+                    text = scheme + "://" + text.Substring(scheme.Length + 1);
             if (Uri.TryCreate(text, UriKind.Absolute, out Uri uri) && uri.Host.Length > 0)
             {
                 string scheme = uri.Scheme.Replace("http", "ws");

@@ -47,6 +47,8 @@ export function parseAddress(address: string): { url: string; token: string | un
   }
   const schemes: Record<string, string> = { "http:": "ws:", "https:": "wss:", "ws:": "ws:", "wss:": "wss:" };
   const scheme = schemes[url.protocol];
+  if (["0.0.0.0", "[::]"].includes(url.hostname))
+    throw new TypeError(`${url.protocol}//${url.host}/: address: ${url.hostname} stands for all addresses of the probe's machine: take one of them, or its name`);
   if (!scheme) throw new TypeError(`${url.protocol}: address: expected ws:, wss:, http: or https:`);
   const token = new URLSearchParams(url.hash.slice(1)).get("token") ?? undefined;
   if (token && scheme !== "wss:")
