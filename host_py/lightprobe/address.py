@@ -19,7 +19,8 @@ _LONGEST_PATH_BYTES = 107  # of a Unix socket
 class Address:
     """Where a probe listens: `tcp:HOST:PORT` (IPv6 in brackets), `unix:PATH`, or a web address.
 
-    A web address is `ws://HOST:PORT/` (`ws:HOST:PORT`, as the daemon prints it, is the same), or `wss:` with token and fingerprint, or that of the page.
+    A web address is `ws://HOST:PORT/` (`ws:HOST:PORT`, as the daemon prints it, is the same), or
+    `wss:` with token and fingerprint, or that of the page.
     """
 
     host: str | None

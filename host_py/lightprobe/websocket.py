@@ -122,7 +122,7 @@ class WebAddress:
 
 def no_wildcard(uri: str, host: str) -> None:
     """Raise :class:`ProbeError` for what a daemon listens on, and nobody can call."""
-    if host in ("0.0.0.0", "::", "*"):  # noqa: S104 — refused, not bound
+    if host in ("0.0.0.0", "::", "*"):
         raise ProbeError(
             f"{uri.partition('#')[0]}: address: {host} stands for all addresses of the probe's "
             "machine: take one of them, or its name"

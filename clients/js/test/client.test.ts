@@ -124,6 +124,11 @@ test("addresses: of the messages, and of the page", () => {
   for (const wrong of ["", "probe", "ftp://x/", "tcp:127.0.0.1:7700"]) assert.throws(() => parseAddress(wrong), TypeError, wrong);
 });
 
+test("what the daemon prints is an address; what it listens on for all is none", () => {
+  assert.equal(parseAddress("ws:127.0.0.1:7701?clients=7").url, "ws://127.0.0.1:7701/");
+  for (const all of ["ws://0.0.0.0:7701/", "ws:0.0.0.0:7701", "ws://[::]:7701/"]) assert.throws(() => parseAddress(all), /stands for all addresses of the probe's machine/, all);
+});
+
 test("a token goes over TLS alone, whatever the host", () => {
   for (const clear of ["http://probe:7701/#token=secret", "ws://probe:7701/#token=secret", "ws://127.0.0.1/#sha256=1&token=secret"]) {
     assert.throws(() => parseAddress(clear), (error: Error) => /would send the token in clear.*https: or wss:/.test(error.message) && !error.message.includes("secret"), clear);

@@ -2,6 +2,7 @@
 
 import json
 import random
+import re
 import signal
 import socket
 import subprocess
@@ -14,8 +15,10 @@ import numpy as np
 import pytest
 from google.protobuf.descriptor import FieldDescriptor
 from harness import Daemon
-from lightprobe import reflection_map, wire
+from lightprobe import Client, reflection_map, wire
+from lightprobe.address import Address
 from lightprobe.convert import ADAPTERS
+from lightprobe.errors import ProbeError
 from lightprobe.estimate import LightFlag
 from lightprobe.imaging import image
 from lightprobe_proto import lightprobe_pb2 as pb
@@ -424,6 +427,25 @@ def test_after_a_refused_token_it_does_not_come_again_soon(program):
 def test_an_address_that_is_none(program, address):
     (line,) = ask(program, "address", address)
     assert "expected tcp:HOST:PORT" in line
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "[::]"])
+@pytest.mark.parametrize("scheme", ["tcp:", "ws:", "ws://"])
+def test_what_a_daemon_listens_on_is_no_address_of_it(program, scheme, host):
+    (line,) = ask(program, "address", f"{scheme}{host}:7701")
+    assert "stands for all addresses of the probe's machine" in line
+    with pytest.raises(ProbeError, match="stands for all addresses of the probe's machine"):
+        Address.parse(f"{scheme}{host}:7701")
+
+
+def test_clients_take_the_address_that_the_daemon_prints(program, tmp_path):
+    publish = f"--publish=ws:127.0.0.1:{free_port()}?clients=7"
+    with Daemon(f"--source=file:{room(tmp_path)}?rate=30", publish) as probe:
+        printed = re.search(r"(ws:\S+): listen: ", probe.log())[1]
+        with Client(printed) as client:
+            assert client.receive(60).lights
+        lines = ask(program, "live", printed, "5")
+        assert any(line.get("Lights") for line in lines), lines
 
 
 @pytest.mark.parametrize("scheme", ["http", "ws"])
