@@ -147,6 +147,21 @@ def test_an_unreadable_member_of_a_set_is_a_failure(tmp_path):
     assert [m.WhichOneof("message") for m in messages] == ["hello"]
 
 
+@pytest.mark.parametrize("numbers", ["exposures_us=1000,4000", "exposures_us=1000,2000,4000,8000",
+                                     "exposures_us=1000&wheel_deg=0,90"])  # fmt: skip
+def test_numbers_that_are_not_one_for_each_picture_are_refused(tmp_path, numbers):
+    """One of them would be another picture's: 54.8 became 0.86, and nothing said so."""
+    for index in range(3):
+        (tmp_path / f"{index}.jpg").write_bytes(jpeg())
+    status, messages, log = once(f"--source=file:{tmp_path}?{numbers}")
+    assert status == 1
+    assert [m.WhichOneof("message") for m in messages] == ["hello"]
+    count = numbers.rpartition("=")[2].count(",") + 1
+    assert f"3 pictures, but {count} numbers in" in log
+    status, _, _ = once(f"--source=file:{tmp_path}?exposures_us=1000")
+    assert status == 0
+
+
 def test_from_a_camera_the_first_estimate_counts():
     with camera() as cam, Daemon(f"--source=sim:{cam.path}", "--once") as daemon:
         cam.accept()

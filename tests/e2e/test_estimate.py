@@ -1,6 +1,7 @@
 """`lightprobe estimate` through the daemon's own pipeline: what goes in, what comes out."""
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -162,6 +163,28 @@ def test_exposures_that_the_pictures_contradict_are_noted(tmp_path):
     assert re.search(
         rf"note: {short} to {long}: the light grows 1[56].* times, the exposure 2 ti", done.stderr
     )
+
+
+def test_one_exposure_for_pictures_that_differ_is_noted(tmp_path):
+    """In whichever order they come; pictures of one exposure that agree are averaged."""
+    short, long = bracket(tmp_path)
+    for files in ((short, long), (long, short)):
+        done = run(*files, "--exposure-us", "100,100")
+        assert done.returncode == 0
+        assert re.search(r"the light grows .* times, the exposure 1 times", done.stderr)
+    assert run(short, short, "--exposure-us", "100,100").stderr == ""
+
+
+def test_what_is_no_file_is_not_waited_for(tmp_path):
+    pipe, folder = tmp_path / "pipe.jpg", tmp_path / "folder.jpg"
+    os.mkfifo(pipe)
+    folder.mkdir()
+    for path in (pipe, folder):
+        done = run(path)
+        assert done.returncode == 1
+        assert f"{path}: open: no such file" in done.stderr
+        done = run(path, path, "--exposure-us", "1,2")
+        assert f"{path}: open: no such file" in done.stderr
 
 
 @pytest.mark.parametrize("kind", ["corrupt", "cmyk"])

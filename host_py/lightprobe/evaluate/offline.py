@@ -286,9 +286,10 @@ def check_bracket(
     order = sorted(range(len(pictures)), key=lambda index: exposures_us[index])
     for i, j in itertools.pairwise(order):
         short, long = pictures[i], pictures[j]
-        if short.codes is None or long.codes is None or exposures_us[i] == exposures_us[j]:
+        if short.codes is None or long.codes is None:
             continue
-        if long.codes.mean() < short.codes.mean() - _DARKER_CODES:
+        darker = long.codes.mean() < short.codes.mean() - _DARKER_CODES
+        if darker and exposures_us[i] != exposures_us[j]:
             raise UsageError(
                 f"estimate: {long.file} ({exposures_us[j]:g} us) is darker than {short.file} "
                 f"({exposures_us[i]:g} us): are the exposures in the order of the files?"

@@ -57,7 +57,9 @@ class Metadata:
 
 
 def read(path: Path) -> Metadata:
-    """Read what the file says; nothing of a file that Pillow cannot read."""
+    """Read what the file says; nothing of a file that Pillow cannot read, or that is no file."""
+    if not path.is_file():  # a pipe would be waited for
+        return Metadata()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of damaged metadata

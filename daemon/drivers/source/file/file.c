@@ -125,7 +125,7 @@ static bool deliver(struct source_file *self, struct progress *progress)
 }
 
 /*
- * Ends the stream. A `once` set in which a file failed is no set: it has no last frame. A loop ends
+ * Ends the stream. A `once` set of which a part failed is no set: it has no last frame. A loop ends
  * only when nothing can be read any more.
  */
 static void finish(struct source_file *self, struct progress *progress, int failure)
@@ -139,13 +139,35 @@ static void finish(struct source_file *self, struct progress *progress, int fail
 		return;
 	if (failure < 0 && self->base.host.once)
 		lp_source_outbox_report(self->outbox, LP_SOURCE_DOWN, self->object, "read",
-					"a file of the set cannot be read (see above)");
+					"the set cannot be used (see above)");
 	else if (ended && lp_source_outbox_last_state(self->outbox) == LP_SOURCE_STREAMING)
 		lp_source_outbox_report(self->outbox, LP_SOURCE_ENDED, self->object, "read",
 					"the last picture has been delivered");
 	else
 		lp_source_outbox_report(self->outbox, LP_SOURCE_DOWN, self->object, "read",
 					"no usable picture (see above)");
+}
+
+/* Whoever numbers the files of a set numbers all of them. 0, or -EINVAL, logged. */
+static int check_numbers(const struct source_file *self, int pictures)
+{
+	const struct {
+		const char *name;
+		size_t count;
+	} given[] = {{"exposures_us", self->options.exposures_us.count},
+		     {"wheel_deg", self->options.wheel_deg.count}};
+
+	if (!self->base.host.once || lp_file_reader_files(self->reader) == 1)
+		return 0;
+	for (size_t i = 0; i < LP_COUNT(given); i++) {
+		if (given[i].count == 0 || (size_t)pictures % given[i].count == 0)
+			continue;
+		lp_error(self->object, "read",
+			 "%d pictures, but %zu numbers in %s: expected one for each", pictures,
+			 given[i].count, given[i].name);
+		return -EINVAL;
+	}
+	return 0;
 }
 
 static void begin_pass(struct source_file *self, struct progress *progress)
@@ -173,6 +195,8 @@ static void read_all(struct source_file *self, struct progress *progress)
 			continue;
 		}
 		if (ret == 0) {
+			if (failure == 0)
+				failure = check_numbers(self, progress->in_pass);
 			if (!self->options.loop || progress->in_pass == 0)
 				break;
 			begin_pass(self, progress);

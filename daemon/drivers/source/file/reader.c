@@ -263,6 +263,11 @@ static int fill_frame(struct lp_file_reader *reader, const struct lp_picture *pi
 	return 1;
 }
 
+int lp_file_reader_files(const struct lp_file_reader *reader)
+{
+	return (int)reader->path_count;
+}
+
 static int at_end_of_file(const struct lp_file_reader *reader)
 {
 	if (reader->picture_count > 0)

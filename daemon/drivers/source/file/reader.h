@@ -20,6 +20,9 @@ struct lp_owned_frame;
 int lp_file_reader_create(const char *path, enum lp_encoding encoding, uint32_t raw_width_px,
 			  uint32_t raw_height_px, struct lp_file_reader **reader);
 
+/* How many files there are: 1, or as many as the folder has. */
+int lp_file_reader_files(const struct lp_file_reader *reader);
+
 /*
  * Fill format, sizes, flags and data of `frame` with the next picture. 1, or 0 after the last one:
  * the next call begins again. Negative: this file could not be read (logged); the next call goes on
