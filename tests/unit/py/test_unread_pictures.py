@@ -1,5 +1,6 @@
 """Pictures that cannot be read: an error that says why, and not a line of a library's own."""
 
+import contextlib
 import io
 import struct
 import zlib
