@@ -1,6 +1,5 @@
 """Pictures that cannot be read: an error that says why, and not a line of a library's own."""
 
-import contextlib
 import io
 import struct
 import zlib
