@@ -120,6 +120,15 @@ class WebAddress:
         return f"{self.scheme}://{host}:{self.port}{self.path}"
 
 
+def _allowing(name: str) -> str:
+    """How the probe's owner lets clients in that call it as in the address `name`."""
+    parts = urlsplit(name)
+    return (
+        f"start lightprobed with ?origins={parts.scheme.replace('ws', 'http')}://{parts.netloc} "
+        f"at the end of its --publish={parts.scheme}:…, or call it by its address"
+    )
+
+
 def no_wildcard(uri: str, host: str) -> None:
     """Raise :class:`ProbeError` for what a daemon listens on, and nobody can call."""
     if host in ("0.0.0.0", "::", "*"):
@@ -166,6 +175,8 @@ class WebSocketStream:
             if error is not None:
                 body = getattr(getattr(error, "response", None), "body", None) or b""
                 reason = body.decode(errors="replace").strip() or str(error)
+                if getattr(getattr(error, "response", None), "status_code", None) == 403:
+                    reason += f": {_allowing(self._name)}"
                 raise ProbeError(f"{self._name}: connect: refused: {reason}")
 
     async def read(self, _limit: int = 0) -> bytes:

@@ -22,7 +22,7 @@ namespace Lightprobe
     {
         private const string Protocol = "lightprobe.v1";
         private const string AcceptKey = "258EAFA5-E914-47DA-95CA-C5AB0DC85B11";
-        private const int MostHeaderBytes = 8192;
+        private const int MostHeaderBytes = 8192, MostReasonBytes = 200;
 
         private readonly TcpClient _client;
         private readonly WebSocket _socket;
@@ -115,11 +115,27 @@ namespace Lightprobe
             stream.Write(request, 0, request.Length);
             stream.Flush();
             string[] lines = Header(stream).Split(new[] { "\r\n" }, StringSplitOptions.None);
-            if (!lines[0].StartsWith("HTTP/1.1 101", StringComparison.Ordinal)) throw new IOException("refused: " + Short(lines[0]));
+            if (!lines[0].StartsWith("HTTP/1.1 101", StringComparison.Ordinal)) throw new IOException("refused: " + Refusal(stream, lines, address));
             string accept;
             using (var sha1 = SHA1.Create()) accept = Convert.ToBase64String(sha1.ComputeHash(Encoding.ASCII.GetBytes(key + AcceptKey)));
             if (!Array.Exists(lines, line => line.Equals("Sec-WebSocket-Accept: " + accept, StringComparison.OrdinalIgnoreCase)))
                 throw new IOException("the answer is not that of a WebSocket");
+        }
+
+        /// <summary>The reason that the daemon gives, and how its owner lets clients in that call it so.</summary>
+        private static string Refusal(Stream stream, string[] lines, Address address)
+        {
+            const string lengthIs = "content-length:";
+            string length = Array.Find(lines, line => line.StartsWith(lengthIs, StringComparison.OrdinalIgnoreCase));
+            int.TryParse((length ?? lengthIs).Substring(lengthIs.Length), out int left);
+            var reason = new StringBuilder();
+            for (int part; reason.Length < Math.Min(left, MostReasonBytes) && (part = stream.ReadByte()) >= 0;)
+                reason.Append(part >= ' ' && part <= '~' ? (char)part : ' ');
+            string text = reason.Length > 0 ? reason.ToString().Trim() : Short(lines[0]);
+            if (!lines[0].StartsWith("HTTP/1.1 403", StringComparison.Ordinal)) return text;
+            string origin = (address.Scheme == "wss" ? "https://" : "http://") + new Uri(address.ToString()).Authority;
+            return text + ": start lightprobed with ?origins=" + origin + " at the end of its --publish=" + address.Scheme
+                + ":…, or call it by its address";
         }
 
         /// <summary>The answer up to its empty line, byte by byte: what follows is the WebSocket's.</summary>

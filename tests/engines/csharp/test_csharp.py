@@ -18,7 +18,7 @@ from harness import Daemon
 from lightprobe import Client, reflection_map, wire
 from lightprobe.address import Address
 from lightprobe.convert import ADAPTERS
-from lightprobe.errors import ProbeError
+from lightprobe.errors import ProbeError, ProbeTimeout
 from lightprobe.estimate import LightFlag
 from lightprobe.imaging import image
 from lightprobe_proto import lightprobe_pb2 as pb
@@ -446,6 +446,29 @@ def test_clients_take_the_address_that_the_daemon_prints(program, tmp_path):
             assert client.receive(60).lights
         lines = ask(program, "live", printed, "5")
         assert any(line.get("Lights") for line in lines), lines
+
+
+def test_who_is_refused_is_told_how_to_be_allowed(program):
+    """As a daemon refuses who calls it by a foreign name (403)."""
+    body = b"this probe answers to its address or its own name only\n"
+    answer = b"HTTP/1.1 403 Forbidden\r\ncontent-length: %d\r\n\r\n%s" % (len(body), body)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve():
+            while True:
+                connection, _ = server.accept()
+                with connection:
+                    connection.recv(4096)
+                    connection.sendall(answer)
+
+        threading.Thread(target=serve, daemon=True).start()
+        place = f"127.0.0.1:{server.getsockname()[1]}"
+        wanted = f"{body.decode().strip()}: start lightprobed with ?origins=http://{place} at"
+        lines = ask(program, "live", f"ws://{place}/", "5")
+        assert any(wanted in (line["error"] or "") for line in lines), lines
+        with Client(f"ws://{place}/") as client, pytest.raises(ProbeTimeout) as told:
+            client.receive(5)
+        assert wanted in str(told.value)
 
 
 @pytest.mark.parametrize("scheme", ["http", "ws"])
