@@ -20,7 +20,7 @@ from lightprobe.geometry import Array
 from lightprobe.imaging import primaries
 
 #: Codes that are compared, and how far off their light may be: a gamma of 2.2 is as good as sRGB.
-_CODES = np.arange(64, 256, 16)
+_CODES = np.arange(64.0, 256, 16)
 _SAME_LIGHT = 0.1
 #: Of 255; of a saturated colour.
 _SAME_CODES = 8
@@ -112,7 +112,8 @@ def _to_srgb(profile: ImageCms.ImageCmsProfile, codes: Array) -> Array:
         renderingIntent=ImageCms.Intent.RELATIVE_COLORIMETRIC, outputMode="RGB",
     )  # fmt: skip
     assert converted is not None
-    return np.asarray(converted, np.float64)[0]
+    pixels: Array = np.asarray(converted, np.float64)[0]
+    return pixels
 
 
 def _is_same_light(light: Array) -> bool:
