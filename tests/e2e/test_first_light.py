@@ -1,12 +1,16 @@
 """docs/users/first_light.md: its Python, as it is printed, with a live daemon."""
 
+import inspect
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 from harness import Daemon
+from lightprobe.cli import simulate
 from lightprobe.imaging import image
+from lightprobe.sim import scenes
+from lightprobe.sim.room import Room
 from matplotlib.image import imread
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs/users/first_light.md").read_text()
@@ -30,3 +34,11 @@ def test_the_sphere_is_lit_from_where_the_lamp_is(tmp_path, monkeypatch, capsys)
     assert sphere[row, column, 0] > 1.05 * sphere[row, column, 2]  # the lamp is warm
     assert sphere[200, 60].max() < 0.5 * sphere[row, column].min()  # what it does not reach
     assert not sphere[0, 0].any()
+
+
+def test_the_page_s_simulated_probe_stands_in_one_room():
+    """It was five made-up scenes in turn, some so even that the sphere was a flat disc."""
+    assert "lightprobe simulate\n" in PAGE
+    (scene,) = scenes.load(inspect.signature(simulate.command).parameters["scene"].default)
+    assert isinstance(scene, Room)
+    assert len(scene.lamps) == 4
