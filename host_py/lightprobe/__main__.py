@@ -7,6 +7,7 @@ import os
 import sys
 
 from lightprobe.errors import LightprobeError
+from lightprobe.installation import install_extras
 
 _INTERRUPTED = 130  # as shells count Ctrl-C
 
@@ -26,7 +27,7 @@ def _run() -> int:
         if error.name not in ("typer", "click", "rich"):
             raise
         return _fail(
-            f"the command needs {error.name}, which is not installed: pip install 'lightprobe[cli]'"
+            f"the command needs {error.name}, which is not installed: {install_extras('cli')}"
         )
     try:
         status = run()

@@ -1,4 +1,4 @@
-"""What belongs to this installation beside Python: viewer and firmware.
+"""What belongs to this installation: viewer and firmware beside Python; the package's extras.
 
 `make build` puts them into build/, beside build/venv; `make install` into PREFIX/lib/lightprobe,
 beside its venv. A package that pip or pipx installed elsewhere has none.
@@ -29,3 +29,9 @@ def firmware() -> Path:
 def share() -> Path:
     """Folder of drop-ins and camera files, if `make install` has installed this."""
     return folder().parents[1] / "share" / "lightprobe"
+
+
+def install_extras(*names: str) -> str:
+    """Say how extras of this package get into this Python. No package index has the package."""
+    extras = ",".join(names)
+    return f"in lightprobe's repository: {sys.executable} -m pip install './host_py[{extras}]'"

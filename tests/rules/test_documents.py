@@ -115,6 +115,29 @@ def test_pages_install_packages_where_debian_allows_it():
     assert len(found) > 2
 
 
+def test_pages_that_install_the_python_client_name_the_python_it_needs():
+    project = text_of("host_py/pyproject.toml")
+    wanted = "Python " + re.search(r'^requires-python = ">=([\d.]+)"', project, re.M)[1]
+    install = re.compile(r"pip install \S*host_py|host_py/README\.md#installing")
+    telling = [name for name in PAGES if install.search(text_of(name))]
+    telling += ["docs/users/clients.md", "docs/users/service.md"]
+    assert [name for name in telling if wanted not in text_of(name)] == []
+    assert len(telling) > 5
+
+
+def test_nothing_advises_a_package_that_no_index_has():
+    """Whoever claims the name there would run code on our users' machines."""
+    advised = re.compile(r"(?:pipx?3?|uv) (?:install|add|pip install) +[-'\"\w ]*?\blightprobe\b")
+    kinds = (".py", ".md", ".c", ".ts", ".mjs", ".cs")
+    names = [
+        name for name in TRACKED if name.endswith(kinds) and not name.startswith("tests/rules")
+    ]
+    found = [name for name in names if (ROOT / name).exists() and advised.search(text_of(name))]
+    assert found == []
+    assert advised.search("pip install 'lightprobe[ws]'")
+    assert not advised.search("pip install './host_py[ws]'")
+
+
 def commands_in(name, program):
     """What follows the name of a program where a page shows it as code, up to the next command."""
     page = text_of(name)

@@ -24,6 +24,7 @@ from lightprobe.cli import check, view
 from lightprobe.client import DEFAULT_URI, Client
 from lightprobe.errors import LightprobeError, ProbeError, ProbeTimeout
 from lightprobe.estimate import FLAG_WORDS, Estimate, EstimateFlag, flag_names
+from lightprobe.installation import install_extras
 from lightprobe.wire import Subscription
 
 _RATE_OVER_S = 2.0
@@ -130,7 +131,7 @@ def _extras() -> Finding:
         return Finding("extras", Verdict.OK, words)
     return Finding(
         "extras", Verdict.SKIP, f"{words}; not {', '.join(missing)}",
-        f"to use their commands: pip install 'lightprobe[{','.join(missing)}]'",
+        f"to use their commands, {install_extras(*missing)}",
     )  # fmt: skip
 
 

@@ -15,6 +15,7 @@ from typer.core import TyperGroup
 
 from lightprobe import __version__
 from lightprobe.errors import LightprobeError, UsageError
+from lightprobe.installation import install_extras
 
 
 @dataclass(frozen=True)
@@ -32,8 +33,7 @@ class Entry:
             target = getattr(import_module(f"lightprobe.cli.{module}"), attribute)
         except ModuleNotFoundError as error:
             raise LightprobeError(
-                f"{name}: needs {error.name}, which is not installed: "
-                f"pip install 'lightprobe[{self.extra}]'"
+                f"{name}: needs {error.name}, which is not installed: {install_extras(self.extra)}"
             ) from None
         if not isinstance(target, typer.Typer):
             target = _alone(target)

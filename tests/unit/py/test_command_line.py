@@ -43,7 +43,7 @@ def test_what_is_not_installed_is_named_with_its_extra(name, monkeypatch):
 
     monkeypatch.setattr(main, "import_module", missing)
     extra = ENTRIES[name].extra
-    with pytest.raises(main.LightprobeError, match=rf"what_it_needs.*lightprobe\[{extra}\]"):
+    with pytest.raises(main.LightprobeError, match=rf"what_it_needs.*\./host_py\[{extra}\]"):
         ENTRIES[name].load(name)
 
 
