@@ -201,12 +201,12 @@ class AsyncClient:
         """Give the newest estimate; None before the first, and when it has outlived its ttl_ms.
 
         That is judged by what has been read: after a pause of the program, the one before the pause
-        remains until what came meanwhile is read.
+        remains until what came meanwhile is read. What was too old when it was sent is so here.
         """
         newest = self._newest
         if newest is None:
             return None
-        age_ms = self._age_ms(newest, self._drained.until_ns)
+        age_ms = max(self._age_ms(newest, self._drained.until_ns), newest.send_delay_us / 1e3)
         return None if newest.ttl_ms and age_ms > newest.ttl_ms else newest
 
     @property

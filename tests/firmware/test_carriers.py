@@ -53,7 +53,7 @@ def test_unknown_ids_and_wrong_lengths_are_answered_and_change_nothing(
 ) -> None:
     rig = make_rig(carrier=carrier)
     rig.home()
-    for message_id in (0x00, 0x0D, 0x3F):
+    for message_id in (0x00, 0x0F, 0x3F):
         rig.send_raw(message_id, b"\1\2\3")
         (answer,) = messages(rig, 20_000, "Result")
         assert (answer["request"], answer["result"]) == (message_id, "UNKNOWN_ID")

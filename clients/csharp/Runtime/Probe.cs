@@ -88,13 +88,18 @@ namespace Lightprobe
         /// <summary>
         /// The newest estimate; null before the first, and when it has outlived its TtlMs: then <see cref="Fallback"/> has what to
         /// show. After a pause of the app, what came meanwhile is read first: until then the one before the pause remains.
+        /// What was too old when it was sent is so here.
         /// </summary>
         public Estimate Latest
         {
             get
             {
                 double untilMs = _drained.UntilMs;
-                lock (_lock) return _newest == null || (_newest.TtlMs > 0 && AgeMsLocked(untilMs) > _newest.TtlMs) ? null : _newest;
+                lock (_lock)
+                {
+                    if (_newest == null || _newest.TtlMs == 0) return _newest;
+                    return Math.Max(AgeMsLocked(untilMs), _newest.SendDelayUs / 1e3) > _newest.TtlMs ? null : _newest;
+                }
             }
         }
 

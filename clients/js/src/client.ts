@@ -115,12 +115,13 @@ export class Probe {
 
   /**
    * The newest estimate; undefined before the first, and when it has outlived its ttlMs. After a pause of the page, what came
-   * meanwhile is read first: until then the one before the pause remains.
+   * meanwhile is read first: until then the one before the pause remains. What was too old when it was sent is so here.
    */
   latest(): Estimate | undefined {
     const newest = this.#newest;
     if (!newest) return undefined;
-    return newest.ttlMs && this.#drained.untilMs - this.#capturedMs(newest) > newest.ttlMs ? undefined : newest;
+    const ageMs = Math.max(this.#drained.untilMs - this.#capturedMs(newest), newest.sendDelayMs);
+    return newest.ttlMs && ageMs > newest.ttlMs ? undefined : newest;
   }
 
   /** Milliseconds since the capture of the newest estimate, aged out or not. */

@@ -424,9 +424,11 @@ class _Session:
     def _attend(self) -> bool:
         """Do what has come; False when the daemon has left."""
         ready = [key.fileobj for key, _ in self._selector.select(0)]
+        if self.connection in ready:  # first: it may be that this daemon has left
+            return self._take_commands()
         if self._listener in ready:
             self._turn_away()
-        return self.connection not in ready or self._take_commands()
+        return True
 
     def _turn_away(self) -> None:
         """Tell another daemon that there is one already."""

@@ -113,7 +113,8 @@ def test_negative_samples_are_cleared_and_told(tmp_path):
 @pytest.mark.parametrize("content", [b"", b"no picture at all", b"PF\n4 4\n-1\nshort"])
 def test_garbage_is_named(tmp_path, name, content):
     (tmp_path / name).write_bytes(content)
-    with pytest.raises(image.ImageError, match=f"{name}.*is the file complete|{name}.*no PFM"):
+    why = "is the file complete|no PFM|it is PFM, whatever its name says"
+    with pytest.raises(image.ImageError, match=f"{name}.*({why})"):
         image.read(tmp_path / name)
 
 

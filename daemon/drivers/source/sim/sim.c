@@ -454,10 +454,8 @@ const struct lp_source_ops lp_source_sim_ops = {
 	.info = {.scheme = "sim",
 		 .form = "PATH",
 		 .help = "the simulator's socket (lightprobe simulate)\n"
-			 "The daemon waits for it, also when it goes away or has another daemon. "
-			 "The keys are those of "
-			 "the simulator: see\n"
-			 "lightprobe simulate --help."},
+			 "The daemon waits for it, also when it goes away or has another daemon.\n"
+			 "The keys are those of the simulator: see lightprobe simulate --help."},
 	.create = sim_create,
 	.start = sim_start,
 	.caps = sim_caps,
