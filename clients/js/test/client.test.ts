@@ -33,9 +33,9 @@ class Scripted {
   hello(bootId = 1, protocolMajor = 1, protocolMinor = 3): void {
     this.say({ case: "hello", value: create(pb.HelloSchema, { protocolMajor, protocolMinor, bootId, software: "test" }) });
   }
-  estimate(sequence: number, subscription = 1, ttlMs = 60000, ageMs = 0): void {
+  estimate(sequence: number, subscription = 1, ttlMs = 60000, ageMs = 0, sendDelayMs = ageMs): void {
     this.say({ case: "estimate", value: create(pb.EstimateSchema, {
-      sequence, subscription, ttlMs, bootId: 1, captureTimeUnixNs: BigInt(Math.round(Date.now() - ageMs)) * 1_000_000n, sendDelayUs: ageMs * 1000,
+      sequence, subscription, ttlMs, bootId: 1, captureTimeUnixNs: BigInt(Math.round(Date.now() - ageMs)) * 1_000_000n, sendDelayUs: sendDelayMs * 1000,
       sh: create(pb.SphericalHarmonicsSchema, { kind: 1, order: 0, coefficients: [1, 1, 1] }),
     }) });
   }
@@ -285,10 +285,21 @@ test("after a pause that is longer than the time to live, what came meanwhile is
   pause(700);
   assert.equal(probe.latest()?.sequence, 1, "the first frame after the pause is dark");
   assert.ok(probe.ageMs()! >= 700, "the age itself is told as it is");
-  setTimeout(() => socket().estimate(2, 1, 500, 600)); // it waited in the queue for 600 ms
+  setTimeout(() => socket().estimate(2, 1, 500, 600, 0)); // it waited in the queue for 600 ms
   await until(() => probe.latest()?.sequence === 2 || probe.latest() === undefined);
   assert.equal(probe.latest()?.sequence, 2);
   await until(() => probe.latest() === undefined); // nothing came: it is old all the same
+  probe.close();
+});
+
+test("what was too old when it was sent is old", () => {
+  const { probe, socket } = open();
+  socket().open();
+  socket().hello();
+  socket().estimate(1, 1, 500, 400);
+  assert.equal(probe.latest()?.sequence, 1);
+  socket().estimate(2, 1, 500, 600);
+  assert.equal(probe.latest(), undefined);
   probe.close();
 });
 
