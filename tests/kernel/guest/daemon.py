@@ -91,14 +91,18 @@ class Client:
         return self.wait_health(name, lambda health: health.source_state == wanted, timeout_s)
 
     def wait_estimate(self, captured_after_unix_ns: int = 0, timeout_s: float = 120) -> pb.Estimate:
-        """Wait for an estimate from a frame captured after that time."""
+        """Wait for an estimate from a frame captured after that time.
+
+        After a time, one that is STALE will do: its frame came late, but it is no repetition.
+        """
+        unfit = NO_FRAME & ~pb.ESTIMATE_FLAG_STALE if captured_after_unix_ns else NO_FRAME
         end = time.monotonic() + timeout_s
         while time.monotonic() < end:
             message = self.next_message(max(0.001, end - time.monotonic()))
             estimate = message.estimate
             if (
                 message.HasField("estimate")
-                and not estimate.flags & NO_FRAME
+                and not estimate.flags & unfit
                 and estimate.capture_time_unix_ns > captured_after_unix_ns
             ):
                 return estimate
