@@ -20,7 +20,8 @@ from machine import wait_for
 BUILD = Path(os.environ["LP_BUILD"])
 HEALTH_PERIOD_MS = 100
 #: An estimate without a new frame: an old one repeated, or the ring's alone.
-NO_FRAME = 1 | 512  # ESTIMATE_FLAG_STALE, ESTIMATE_FLAG_RING_ONLY
+STALE, RING_ONLY = 1, 512
+NO_FRAME = STALE | RING_ONLY
 
 
 def parse_delimited(data: bytes) -> tuple[bytes | None, bytes]:
@@ -95,7 +96,7 @@ class Client:
 
         After a time, one that is STALE will do: its frame came late, but it is no repetition.
         """
-        unfit = NO_FRAME & ~pb.ESTIMATE_FLAG_STALE if captured_after_unix_ns else NO_FRAME
+        unfit = RING_ONLY if captured_after_unix_ns else NO_FRAME
         end = time.monotonic() + timeout_s
         while time.monotonic() < end:
             message = self.next_message(max(0.001, end - time.monotonic()))
