@@ -47,7 +47,7 @@ def typescript() -> str:
     }
     table = json.dumps(rows, indent=1, ensure_ascii=False)
     return (
-        "// Generated from proto/ranges.toml by proto/ranges.py.\n"
+        "// Generated from proto/ranges.toml by proto/ranges_code.py.\n"
         'import type { Range } from "../ranges.js";\n\n'
         f"export const UNIT_TOLERANCE = {UNIT_TOLERANCE};\n"
         f"export const RANGES: Record<string, Range[]> = {table};\n"

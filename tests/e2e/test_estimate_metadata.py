@@ -175,7 +175,7 @@ def clear(picture, kind):
     kind, _, suffix = kind.partition(".")
     path = picture.path.with_suffix(f".{suffix}")
     grey = picture.pixels
-    rgb, alpha = (np.repeat(grey[..., None], 3, axis=2), np.where(grey == 0, 0, 255)[..., None])
+    rgb, alpha = np.repeat(grey[..., None], 3, axis=2), np.where(grey == 0, 0, 255)[..., None]
     rgba = np.concatenate([rgb, alpha], axis=2).astype(np.uint8)
     if kind == "rgba":
         Image.fromarray(rgba).save(path)

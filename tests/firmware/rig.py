@@ -51,11 +51,7 @@ class Rig:
     """One chip. Use as a context manager."""
 
     def __init__(
-        self,
-        carrier: str = "serial",
-        seed: int = 1,
-        target: str = "avr",
-        options: tuple = (),
+        self, carrier: str = "serial", seed: int = 1, target: str = "avr", options: tuple = ()
     ) -> None:
         command = [HOST, "--lock-step"]
         if target == "avr":
@@ -157,12 +153,7 @@ class Rig:
     def _can_frames(self) -> Iterator[Taken]:
         for t_us, low, high, text in self._lines("can frames"):
             identifier, data = text.split(":")
-            yield (
-                t_us,
-                low,
-                high,
-                (int(identifier, 16) - mcu_link.CAN_BASE, bytes.fromhex(data)),
-            )
+            yield t_us, low, high, (int(identifier, 16) - mcu_link.CAN_BASE, bytes.fromhex(data))
 
     def _mails(self) -> Iterator[Taken]:
         while (mail := self.read_mail())[0]:

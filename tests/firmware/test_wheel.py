@@ -467,9 +467,7 @@ def test_single_disturbances_of_a_sensor_are_no_fault(homed: Rig) -> None:
         assert homed.get("wheel_deg") == pytest.approx(target, abs=1.2)
 
 
-def test_a_fault_stays_until_it_is_cleared_and_recovery_needs_no_reset(
-    homed: Rig,
-) -> None:
+def test_a_fault_stays_until_it_is_cleared_and_recovery_needs_no_reset(homed: Rig) -> None:
     homed.set(stuck=1)
     homed.move(90)
     homed.set(stuck=0)

@@ -162,14 +162,14 @@ static void test_faults_outlive_the_connection(void **state)
 	(void)state;
 	lp_mcu_set_faults(&mcu, BIT(PARAMS_LOST) | BIT(CAN_ABSENT), 0);
 	for (int i = 0; i < 3; i++) {
-		lp_mcu_forget_faults(&mcu);
+		lp_mcu_forget_wheel_faults(&mcu);
 		lp_mcu_was_reset(&mcu, MCU_HELLO_RESET_CAUSE_WATCHDOG_CHOICE);
 		assert_int_equal(fault_count, 2);
 		lp_mcu_set_faults(&mcu, BIT(PARAMS_LOST) | BIT(CAN_ABSENT), 0);
 		assert_int_equal(fault_count, 2);
 	}
 	assert_int_equal(cleared_within(60 * LP_NS_PER_S), BIT(CAN_ABSENT));
-	lp_mcu_forget_faults(&mcu);
+	lp_mcu_forget_wheel_faults(&mcu);
 	lp_mcu_set_faults(&mcu, 0, 0); /* another one was plugged in */
 	assert_int_equal(fault_count, 0);
 }
@@ -192,7 +192,7 @@ static void test_a_reset_by_a_person_allows_more_tries(void **state)
 		fail_to_home(BIT(WHEEL_STUCK));
 	}
 	for (size_t i = 0; i < LP_COUNT(cases); i++) {
-		lp_mcu_forget_faults(&mcu);
+		lp_mcu_forget_wheel_faults(&mcu);
 		lp_mcu_was_reset(&mcu, cases[i].cause);
 		assert_int_equal(lp_mcu_wheel_stopped(&mcu), cases[i].stays);
 		assert_int_equal(fault_count, cases[i].stays);

@@ -180,16 +180,22 @@ static void test_stuck_on_its_way_and_slipping_at_rest(void **state)
 	assert_string_equal(world.timed.fault, "WHEEL_SLIP");
 }
 
-/* Before it was given up, a bus that comes back does not hide the fault while it is homed again. */
-static void test_a_fault_outlives_the_bus(void **state)
+/* It has settled at 45 degrees, and jams on its way to 135. */
+static void jam_on_the_way(void)
 {
-	(void)state;
 	move(45);
 	(void)run(7);
 	move(135);
 	while (world.timed.step != LP_TIMED_UP || world.wheel_deg < 60)
 		step();
 	world.stuck = true;
+}
+
+/* Before it was given up, a bus that comes back does not hide the fault while it is homed again. */
+static void test_a_fault_outlives_the_bus(void **state)
+{
+	(void)state;
+	jam_on_the_way();
 	while (!world.timed.fault)
 		step();
 	lp_timed_forget(&world.timed, world.now_ns);
@@ -208,12 +214,7 @@ static void test_a_jam_keeps_its_name_and_is_tried_three_times(void **state)
 	enum lp_timed_step before = LP_TIMED_UP;
 
 	(void)state;
-	move(45);
-	(void)run(7);
-	move(135);
-	while (world.timed.step != LP_TIMED_UP || world.wheel_deg < 60)
-		step();
-	world.stuck = true;
+	jam_on_the_way();
 	for (int i = 0; i < 300 * 1000; i++) {
 		step();
 		starts += world.timed.step == LP_TIMED_DOWN && before == LP_TIMED_FAULT;

@@ -125,7 +125,7 @@ void lp_mcu_report(struct lp_mcu *mcu, const struct lp_link_message *message, in
 void lp_mcu_set_faults(struct lp_mcu *mcu, uint32_t faults, int detail);
 void lp_mcu_clear_faults(struct lp_mcu *mcu, int64_t now_ns);
 void lp_mcu_wheel_settled(struct lp_mcu *mcu);
-void lp_mcu_forget_faults(struct lp_mcu *mcu);
+void lp_mcu_forget_wheel_faults(struct lp_mcu *mcu);
 void lp_mcu_was_reset(struct lp_mcu *mcu, uint8_t cause);
 
 #endif

@@ -140,7 +140,7 @@ void lp_mcu_wheel_settled(struct lp_mcu *mcu)
 	}
 }
 
-void lp_mcu_forget_faults(struct lp_mcu *mcu)
+void lp_mcu_forget_wheel_faults(struct lp_mcu *mcu)
 {
 	struct lp_mcu_recovery *self = &mcu->recovery;
 

@@ -110,7 +110,7 @@ static void forget(struct lp_mcu *mcu)
 				user->lost(user);
 		}
 	}
-	lp_mcu_forget_faults(mcu);
+	lp_mcu_forget_wheel_faults(mcu);
 	memset(&mcu->clock, 0, sizeof(mcu->clock));
 	memset(mcu->time_sent_ns, 0, sizeof(mcu->time_sent_ns));
 	mcu->wheel_waits = mcu->phase_known = mcu->ring_known = false;

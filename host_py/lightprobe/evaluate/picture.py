@@ -177,8 +177,8 @@ def _words(axis: Axes, truth: Scenery | None, marked: Marks) -> None:
     axis.set_xlim(0, 1)
     axis.set_ylim(0, 1)
     entries = [("+", _SEEN, "estimated, with its size")]
+    what = "bright area" if truth is not None and truth.lamps is None else "lamp"
     if truth is not None:
-        what = "bright area" if truth.lamps is None else "lamp"
         entries.insert(0, ("o", _TRUE, f"true {what}"))
     if any(map(marked.is_extra, range(len(marked.names)))):
         entries.append(("+", _EXTRA, f"extra: no true {what} there"))
