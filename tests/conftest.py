@@ -6,6 +6,7 @@ from pathlib import Path
 import hypothesis
 import progress
 import pytest
+import times
 from hypothesis.database import DirectoryBasedExampleDatabase
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -25,8 +26,10 @@ hypothesis.settings.load_profile("lightprobe")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Say now and then how far it is."""
+    """Say now and then how far it is, and at the end what each test cost, if $TIMES asks for it."""
     config.pluginmanager.register(progress.Progress(BUILD / "cache" / "test_seconds.json"))
+    if os.environ.get("TIMES"):
+        config.pluginmanager.register(times.Times())
 
 
 def daemon_path(variant: str) -> Path:

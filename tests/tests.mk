@@ -18,6 +18,7 @@ $(OUT)/tests/test_source_contract: WRAPPED := open close ioctl mmap lp_v4l2_node
 $(OUT)/tests/test_source_ptp: WRAPPED := lp_ptp_usb_open
 $(OUT)/tests/test_codec: WRAPPED := lp_clock_suspended_ns
 $(OUT)/tests/test_link_i2c $(OUT)/tests/test_ring_i2c: WRAPPED := open ioctl
+$(OUT)/tests/test_link_can: WRAPPED := socket bind setsockopt ioctl
 $(OUT)/tests/test_rotator_pca9685: WRAPPED := open ioctl lp_index_open lp_index_fd lp_index_read lp_index_is_on \
 	lp_index_close
 .PRECIOUS: $(OUT)/%.c.o $(OUT)/%.cpp.o

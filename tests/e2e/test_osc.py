@@ -2,6 +2,7 @@
 
 import contextlib
 import itertools
+import math
 import threading
 import time
 from http.server import BaseHTTPRequestHandler, HTTPServer
@@ -339,3 +340,18 @@ def test_battery_and_heat(world):
         camera.faults = OscFaults()
         client.until(lambda h: not h.faults, "health")
         assert np.isfinite(client.until(lambda e: e.sequence > 1).exposure_us)
+
+
+def test_a_low_battery_outlives_the_connection(world):
+    """Neither a new connection nor a report that says nothing of the battery ends it."""
+    faults, seen = "battery=0.1&network_after=60&network_s=2", []
+    with theta(world, faults) as (camera, port), probing(port) as (_, client):
+        fault(client, "camera-battery")
+        for state in (State.STALLED, State.STREAMING):
+            client.until(lambda h, s=state: seen.append(h) or h.source_state == s, "health")
+            camera.faults = OscFaults(battery=math.nan)
+        count = len(seen) + 30  # it is asked as the stream begins
+        client.until(lambda h: seen.append(h) or len(seen) >= count, "health")
+        assert all("camera-battery" in [f.id for f in h.faults] for h in seen)
+        camera.faults = OscFaults()
+        client.until(lambda h: not h.faults, "health")

@@ -23,6 +23,7 @@ static class Checks
             case "unity": foreach (string line in Lines()) Unity(line); return 0;
             case "live": return Live(arguments[1], int.Parse(arguments[2]));
             case "pause": return Pause(arguments[1]);
+            case "old": return Old(arguments[1]);
             case "fallback": foreach (string line in Lines()) Console.WriteLine(Json(Fallback.Estimate(line == "" ? null : Probe.Decode(TcpConnection.Read(new MemoryStream(Bytes(line)))).Estimate).Sh)); return 0;
             case "address": return Address(arguments[1]);
             default: return 2;
@@ -103,6 +104,17 @@ static class Checks
                 Estimate estimate = probe.WaitForNext(200);
                 Console.WriteLine(estimate == null ? "{\"error\":" + Json(probe.LastError) + ",\"stale\":" + Json(probe.Latest == null) + "}" : Json(estimate));
             }
+        return 0;
+    }
+
+    /// <summary>Whether the first estimate is there as soon as it has come.</summary>
+    static int Old(string address)
+    {
+        using (var probe = new Probe(address))
+        {
+            Estimate first = probe.WaitForNext(30000);
+            Console.WriteLine("{\"came\":" + Json(first != null) + ",\"old\":" + Json(probe.Latest == null) + "}");
+        }
         return 0;
     }
 

@@ -389,6 +389,28 @@ def test_what_is_no_probe_is_told(program, sent, told):
     assert any(told in (line["error"] or "") for line in lines)
 
 
+@pytest.mark.parametrize(("delay_s", "is_old"), [(59.98, False), (60.02, True)])
+def test_what_was_too_old_when_it_was_sent_is_old(program, delay_s, is_old):
+    """As soon as it has come, although it has not been drained yet."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve():
+            connection, _ = server.accept()
+            with connection:
+                one = pb.Estimate(sequence=1, capture_time_unix_ns=1, ttl_ms=60_000)
+                one.send_delay_us = int(1e6 * delay_s)
+                one.sh.kind = pb.SphericalHarmonics.TOTAL
+                one.sh.coefficients.extend([1, 1, 1])
+                time.sleep(0.5)  # the client waits for it
+                connection.sendall(delimited(hello=pb.Hello(protocol_major=1)))
+                connection.sendall(delimited(estimate=one))
+                time.sleep(1)
+
+        threading.Thread(target=serve, daemon=True).start()
+        address = f"tcp:127.0.0.1:{server.getsockname()[1]}"
+        assert ask(program, "old", address) == [{"came": True, "old": is_old}]
+
+
 def connections_of(program, code):
     """How often a client comes that is refused with this code, in ten seconds; 3: or more."""
     came = []

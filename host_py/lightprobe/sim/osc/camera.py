@@ -140,11 +140,13 @@ class OscCamera:
         """POST /osc/state."""
         f, busy = self.faults, bool(self._unfinished())
         state: Values = {
-            "batteryLevel": f.battery, "_batteryState": "charging" if f.charging else "disconnect",
+            "_batteryState": "charging" if f.charging else "disconnect",
             "_captureStatus": "shooting" if busy else "idle", "_apiVersion": 2,
             "_cameraError": ["HIGH_TEMPERATURE"] if f.hot else [],
             "_latestFileUrl": list(self.files)[-1] if self.files else "",
         }  # fmt: skip
+        if not math.isnan(f.battery):
+            state["batteryLevel"] = f.battery
         if self.model.reports_temperature:
             state |= {"_boardTemp": round(f.temperature_c), "_batteryTemp": 30}
         digest = hashlib.md5(json.dumps(state).encode()).hexdigest()

@@ -38,7 +38,7 @@ class OscFaults(PictureFaults):
     charging: int = 0  # 1: it charges, and refuses the live preview
     playback: int = 0  # 1: its screen shows the playback
     hot: int = 0  # 1: it is too hot to work
-    battery: float = 0.8  # level, 0…1
+    battery: float = 0.8  # level, 0…1; NaN: it does not tell
     temperature_c: float = 41.0  # of its board
     old_firmware: int = 0  # 1: the first one
     other_make: int = 0  # 1: a camera of another make, which knows OSC and no live preview
