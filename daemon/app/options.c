@@ -238,6 +238,18 @@ static int parse_ring_sigma(const char *text, void *field)
 	return count == 1 || count == LP_RING_SENSORS ? 0 : -EINVAL;
 }
 
+/* 0, or 1..2 */
+static int parse_index(const char *text, void *field)
+{
+	float *index = field;
+	char *end;
+
+	*index = strtof(text, &end);
+	return end == text || *end || (*index != 0.0F && !(*index >= 1.0F && *index <= 2.0F))
+		       ? -EINVAL
+		       : 0;
+}
+
 /* off, sweep, films, or fixed:DEG. */
 static int parse_polarizer(const char *text, void *field)
 {
@@ -364,6 +376,11 @@ static const struct lp_param config_list[] = {
 	{"polarizer-offset", LP_PARAM_FLOAT, offsetof(struct lp_options, polarizer_offset_deg),
 	 .initial = "0", .min = -180, .max = 180,
 	 .help = "degrees from the wheel's angle to the film's axis; 0: as the camera file says"},
+	{"polarizer-index", LP_PARAM_OWN, offsetof(struct lp_options, polarizer_index),
+	 .initial = "0", .parse = parse_index, .expects = "0, 1..2",
+	 .help = "refractive index of the film's surfaces, which take light off the axis, 1: "
+		 "none;\n"
+		 "0: as the camera file says, or 1.5"},
 	{"polarizer-rest", LP_PARAM_FLOAT, offsetof(struct lp_options, polarizer_rest_s),
 	 .initial = "0", .max = 86400,
 	 .help = "seconds that the wheel rests after each sweep, unless a new lamp appears; 0: it\n"

@@ -68,6 +68,7 @@ struct lp_options {
 	struct lp_polarizer polarizer;
 	float polarizer_transmission, polarizer_extinction; /* 0: as the camera file says */
 	float polarizer_offset_deg, polarizer_rest_s;
+	float polarizer_index; /* 0: as the camera file says */
 	float wheel_dwell_ms;
 	int max_clients;
 	char name[64]; /* of the probe; "": the host's */

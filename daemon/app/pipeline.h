@@ -40,6 +40,8 @@ enum lp_orientation_kind {
 struct lp_film_numbers {
 	float transmission; /* along its axis plus across it; 0: there is no film */
 	float extinction;
+	float index;	  /* refractive, of its surfaces */
+	bool is_stack;	  /* three at angles that are not the wheel's */
 	float offset_deg; /* of its axis on the wheel */
 	float rest_s;	  /* between sweeps */
 };

@@ -88,8 +88,10 @@ static void destroy_stages(const struct stages *stages)
 static struct lp_film film_of(const struct lp_pipeline *p)
 {
 	const struct lp_film_numbers *numbers = &p->options.film;
-	struct lp_film film = lp_film_of_one_sheet(numbers->transmission, numbers->extinction);
+	struct lp_film film =
+		lp_film_of_one_sheet(numbers->transmission, numbers->extinction, numbers->index);
 
+	film.is_stack = numbers->is_stack;
 	film.offset_deg = numbers->offset_deg;
 	film.rest_s = numbers->rest_s;
 	const struct lp_camera *camera = p->cameras[0].geometry; /* the only one that has a film */

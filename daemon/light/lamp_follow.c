@@ -135,18 +135,19 @@ static struct lp_lamp_sighting without_film(struct lp_remembered_lamp *m,
 					    .sigma = s->strength_sigma * light,
 					    .misfit = s->film_misfit,
 					    .rest_s = s->film_rest_s,
-					    .axis = {s->film_axis[0], s->film_axis[1]}};
+					    .axis = {s->film.axis[0], s->film.axis[1]}};
 	float factor = 1.0F, sigma = FILM_STRENGTH_SIGMA;
 
-	if (!s->through_film) { /* or at an angle that is not known */
-		result.strength_sigma = hypotf(s->strength_sigma, known_dolp(m));
+	if (!s->film.polarizes) { /* or there is none */
+		result.strength_sigma =
+			hypotf(hypotf(s->strength_sigma, known_dolp(m)), s->film.gain_sigma);
 		return result;
 	}
 	(void)lp_stokes_correct(&m->stokes, &reading, elapsed_s);
 	const struct lp_polarization p = lp_stokes_polarization(&m->stokes);
 
 	if (p.known)
-		lp_film_factor(&p, s->film_axis, &factor, &sigma);
+		lp_film_factor(&p, s->film.axis, &factor, &sigma);
 	factor = fmaxf(factor, LEAST_FILM_FACTOR);
 	for (int c = 0; c < 4; c++)
 		result.pixels.irradiance[c] /= factor;

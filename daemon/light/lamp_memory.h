@@ -70,12 +70,12 @@ struct lp_lamp_sighting {
 	float strength_sigma; /* of pixels.irradiance, relative */
 	float scale;	      /* of the frame: full scale to radiance */
 	float width_deg;
-	float film_misfit;  /* lp_stokes_reading.misfit */
-	float film_rest_s;  /* lp_stokes_reading.rest_s */
-	float film_axis[2]; /* only if `through_film`: of the film (light/polarization.h) */
+	float film_misfit; /* lp_stokes_reading.misfit */
+	float film_rest_s; /* lp_stokes_reading.rest_s */
+	/* What the pixels were seen through (light/sheet.h), by whose gains they are divided. */
+	struct lp_film_pass film;
 	bool refined;
 	bool enters; /* strong and clear enough to become a lamp; else it only goes on being one */
-	bool through_film; /* pixels were seen through a film, whose gain they are divided by */
 };
 
 struct lp_memory_times {

@@ -4,8 +4,6 @@
 #include <math.h>
 
 #define DEG (180.0F / (float)M_PI)
-/* Beyond 75 degrees off its normal a sheet is edge-on: cosine. */
-#define LEAST_COSINE 0.2588F
 /* Chosen by hand. */
 /* 1 sigma of S1/S0 and S2/S0 before anything is known. */
 #define PRIOR_SIGMA 0.5F
@@ -26,103 +24,10 @@
 /* Polarization with a larger sigma than this is not known. */
 #define MOST_SIGMA 0.12F
 
-struct lp_film lp_film_of_one_sheet(float transmission, float extinction_ratio)
-{
-	struct lp_film film = {.gain = transmission / 2.0F,
-			       .diattenuation =
-				       (extinction_ratio - 1.0F) / (extinction_ratio + 1.0F),
-			       .sheet_count = 1};
-
-	film.lens[0] = lp_rotation_identity();
-	return film;
-}
-
-/* A sheet passes k1 of light along its axis and k2 across it: a = k1 + k2, b = k1 - k2, c = 2
- * sqrt(k1 k2). Of S0 = 1 the first leaves S0 = a/2, S1 = -b/2 (it stands at 90 degrees); the one at
- * 45 degrees a/2 S0 and c/2 S1; of these the one at 0 degrees passes (a S0 + b S1) / 2. */
-float lp_film_stack_gain(float transmission, float extinction_ratio)
-{
-	const float a = transmission, k2 = transmission / (extinction_ratio + 1.0F);
-	const float b = a - 2.0F * k2, c = 2.0F * sqrtf(k2 * (a - k2));
-
-	return (a * a * a - b * b * c) / 8.0F;
-}
-
-struct lp_film_view lp_film_seen(const struct lp_film *film, float wheel_deg,
-				 const struct lp_rotation *to_frame)
-{
-	struct lp_film_view view = {.diattenuation = film->diattenuation,
-				    .rest_s = film->rest_s,
-				    .sheet_count = film->sheet_count};
-	const double angle = ((double)wheel_deg + film->offset_deg) * M_PI / 180.0;
-	/* n = -Z, p = (cos, sin, 0): n x p = (sin, -cos, 0) */
-	const double normal[3] = {0.0, 0.0, -1.0}, across[3] = {sin(angle), -cos(angle), 0.0};
-
-	for (int k = 0; k < film->sheet_count; k++) {
-		const struct lp_rotation turn = lp_rotation_product(to_frame, &film->lens[k]);
-		double n[3], a[3];
-
-		lp_rotate(&turn, normal, n);
-		lp_rotate(&turn, across, a);
-		for (int i = 0; i < 3; i++) {
-			view.normal[k][i] = (float)n[i];
-			view.across[k][i] = (float)a[i];
-		}
-	}
-	return view;
-}
-
-void lp_stokes_frame(const float direction[3], float right[3], float up[3])
-{
-	const float *d = direction;
-	const float horizontal = hypotf(d[0], d[2]);
-	const bool pole = horizontal < 1e-6F;
-
-	right[0] = pole ? 1.0F : -d[2] / horizontal;
-	right[1] = 0.0F;
-	right[2] = pole ? 0.0F : d[0] / horizontal;
-	up[0] = -right[2] * d[1];
-	up[1] = right[2] * d[0] - right[0] * d[2];
-	up[2] = right[0] * d[1];
-}
-
 static float dot(const float a[3], const float b[3])
 {
 	return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
-
-/* D (cos 2 psi, sin 2 psi) of e = x, y. */
-static void double_angle(float x, float y, float diattenuation, float axis[2])
-{
-	const float scale = diattenuation / fmaxf(x * x + y * y, 1e-12F);
-
-	axis[0] = (x * x - y * y) * scale;
-	axis[1] = 2.0F * x * y * scale;
-}
-
-bool lp_film_axis(const struct lp_film_view *view, const float direction[3], float axis[2])
-{
-	float right[3], up[3], cosine = dot(view->normal[0], direction);
-	int sheet = 0;
-
-	for (int k = 1; k < view->sheet_count; k++) {
-		const float other = dot(view->normal[k], direction);
-
-		if (other > cosine) {
-			cosine = other;
-			sheet = k;
-		}
-	}
-	if (fabsf(cosine) < LEAST_COSINE)
-		return false;
-	lp_stokes_frame(direction, right, up);
-	/* e = d x a: its parts along right and up */
-	double_angle(dot(view->across[sheet], up), -dot(view->across[sheet], right),
-		     view->diattenuation, axis);
-	return true;
-}
-
-/* ---------------------------------------------------------------- Stokes parameters */
 
 struct solution {
 	double s[3], covariance[6];

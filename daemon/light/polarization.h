@@ -1,15 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Polarized light through a flat polarizing sheet in front of the lens, and what several angles of
- * the sheet tell of it.
- *
- * The sheet has the normal n and the transmission axis p. Light from direction d that passes is
- * polarized along e = d x (n x p). With psi the angle of e in the direction's own frame (x = d x
- * up, y = x x d; +X at the poles), t the transmission and D the diattenuation:
- *
- *     I = t/2 (S0 + D (S1 cos 2 psi + S2 sin 2 psi))
- *
- * (first row of a diattenuator's Mueller matrix: Goldstein, Polarized Light, ch. 5). Pure
+ * What several angles of a polarizing sheet (light/sheet.h) tell of the light that passes it. Pure
  * functions and plain data; any thread.
  */
 #ifndef LP_LIGHT_POLARIZATION_H
@@ -17,54 +8,11 @@
 
 #include <stdbool.h>
 
-#include "light/rotation.h"
+#include "light/sheet.h"
 
 #ifdef __cplusplus
 extern "C" {
 #endif
-
-#define LP_MAX_SHEETS 4
-
-/* Equal sheets, one in front of each lens, turned together. */
-struct lp_film {
-	float gain;	     /* of unpolarized light: t/2; 0: there is no film */
-	float diattenuation; /* D = (r - 1) / (r + 1), r the extinction ratio */
-	float offset_deg;    /* from the wheel's angle to the transmission axis */
-	float rest_s;	     /* that it stays at one angle between sweeps */
-	int sheet_count;
-	struct lp_rotation lens[LP_MAX_SHEETS]; /* lens frame to probe frame */
-};
-
-/* A film at one angle of the wheel, in the frame in which directions are given. */
-struct lp_film_view {
-	float diattenuation;
-	float rest_s;
-	int sheet_count;
-	float normal[LP_MAX_SHEETS][3]; /* away from the camera */
-	float across[LP_MAX_SHEETS][3]; /* n x p */
-};
-
-/* The frame of Stokes parameters of light from a unit direction: right = d x up, horizontal (+X at
- * the poles), and up = right x d. */
-void lp_stokes_frame(const float direction[3], float right[3], float up[3]);
-
-/* One sheet across the probe's forward axis, also for the half behind (equirectangular cameras). */
-struct lp_film lp_film_of_one_sheet(float transmission, float extinction_ratio);
-
-/* How much of unpolarized light passes three such sheets at 90, 45 and 0 degrees: t/2 twice more,
- * and less what the first leaves of its own polarization (product of their Mueller matrices). */
-float lp_film_stack_gain(float transmission, float extinction_ratio);
-
-/* wheel_deg: angle of the wheel (docs/users/conventions.md); to_frame: from the probe's frame to
- * that of the directions. */
-struct lp_film_view lp_film_seen(const struct lp_film *film, float wheel_deg,
-				 const struct lp_rotation *to_frame);
-
-/* D (cos 2 psi, sin 2 psi) along a unit direction. False: the sheet is seen edge-on, more than 75
- * degrees off its normal, where real sheets fail; axis is then left as it is. */
-bool lp_film_axis(const struct lp_film_view *view, const float direction[3], float axis[2]);
-
-/* ---------------------------------------------------------------- Stokes parameters */
 
 /*
  * S0, S1, S2 of one lamp or cell by weighted least squares over all readings so far, which count
@@ -82,7 +30,7 @@ struct lp_stokes {
 struct lp_stokes_reading {
 	float intensity; /* behind the film, divided by its gain */
 	float sigma;	 /* of it */
-	float axis[2];	 /* lp_film_axis() */
+	float axis[2];	 /* lp_film_pass() */
 	/* How far the readings of a new series may be off, squared, in their variances, until they
 	 * have shown it: 1, and more where a turning camera may look beside what is measured. */
 	float misfit;

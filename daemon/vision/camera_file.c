@@ -68,6 +68,7 @@ static const struct lp_param polarizer_list[] = {
 	 .max = 1e9},
 	{"offset_deg", LP_PARAM_FLOAT, offsetof(struct lp_camera_file, film_offset_deg),
 	 .min = -180, .max = 180},
+	{"index", LP_PARAM_FLOAT, offsetof(struct lp_camera_file, film_index), .min = 1, .max = 2},
 };
 static const struct lp_params polarizer_params = LP_PARAMS(polarizer_list);
 

@@ -50,7 +50,7 @@ struct lp_camera_file {
 	float cd_m2_per_unit;	    /* luminance of radiance 1; 0: not known */
 	float cd_m2_per_unit_sigma; /* relative */
 	/* Of the film on the wheel (light/polarization.h); 0: the file does not say */
-	float film_transmission, film_extinction, film_offset_deg;
+	float film_transmission, film_extinction, film_offset_deg, film_index;
 	struct lp_crop_fields crop;
 	char mask[PATH_MAX]; /* of an equirectangular picture */
 	struct lp_lens_fields lens[LP_MAX_LENSES];

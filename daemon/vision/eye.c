@@ -125,6 +125,14 @@ int lp_eye_fit(struct lp_eye *eye, int width_px, int height_px, int cell_px)
 	return 1;
 }
 
+static void see_through_film(struct lp_eye *eye)
+{
+	for (int i = 0; i < eye->seen.width * eye->seen.height; i++)
+		for (int c = 0; c < 4; c++)
+			eye->mapped[i][c] = eye->seen.cells[i][c] * eye->over_film[i];
+	eye->seen.cells = eye->mapped;
+}
+
 void lp_eye_map(struct lp_eye *eye)
 {
 	const struct lp_cells *cells = &eye->incoming.cells;
@@ -133,6 +141,8 @@ void lp_eye_map(struct lp_eye *eye)
 	eye->seen.cells = identity ? cells->radiance : eye->mapped;
 	eye->seen.flags = identity ? cells->clipped : eye->mapped_flags;
 	lp_remap_apply(eye->remap, cells, &eye->seen);
+	if (eye->over_film)
+		see_through_film(eye);
 }
 
 bool lp_eye_sees(const struct lp_eye *eye, int cell)

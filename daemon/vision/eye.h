@@ -43,9 +43,10 @@ struct lp_eye {
 
 	struct lp_exposure incoming; /* the newest frame */
 	/* Its cells on the panorama's grid, camera frame: `mapped` and `mapped_flags`, or the
-	 * camera's own where the two grids are the same. */
+	 * camera's own where the two grids are the same and no film is before it. */
 	struct lp_panorama seen;
 	float (*mapped)[4];
+	const float *over_film; /* borrowed: by which those cells are multiplied; NULL: 1 */
 	uint8_t *mapped_flags;
 	int64_t t_seen_ns; /* of the newest frame accepted; 0: none since the camera came */
 	bool accepted;	   /* `seen` is of that frame */

@@ -210,8 +210,7 @@ static void follow_turn(struct lp_imager *imager, double elapsed_s)
 	if (imager->stokes && lp_rotation_is_identity(&imager->motion.rotation))
 		lp_stokes_map_see_through(imager->stokes, lp_imager_film(imager), &seen);
 	if (imager->stokes)
-		lp_stokes_map_leave_out(imager->stokes,
-					told ? &by_witness.rotation : &by_rate.rotation, &seen);
+		lp_imager_leave_out(imager, told ? &by_witness.rotation : &by_rate.rotation, &seen);
 	const bool differ = told || imager->motion.turning ||
 			    !lp_rotation_is_identity(&imager->motion.rotation) ||
 			    contradicts(imager, &seen);

@@ -46,8 +46,8 @@ int lp_imager_create(const struct lp_camera *camera, const struct lp_imager_opti
 		ret = lp_lookup_create(m->grid, &m->lookup);
 	if (ret == 0)
 		ret = lp_alignment_create(m->grid, &m->alignment);
-	if (ret == 0 && options->film.gain > 0.0F)
-		ret = lp_stokes_map_create(m->grid, &m->stokes);
+	if (ret == 0)
+		ret = lp_imager_create_film(m);
 	if (ret < 0)
 		goto err_destroy;
 	m->panorama.width = width;
@@ -83,6 +83,7 @@ void lp_imager_destroy(struct lp_imager *imager)
 	free(imager->pixels);
 	free(imager->taken);
 	free(imager->behind);
+	free(imager->over_film);
 	free(imager->step2);
 	free(imager->turned_flags);
 	free(imager->turned);
@@ -305,6 +306,7 @@ int lp_imager_load(struct lp_imager *imager, struct lp_frame *frame, float expec
 	incoming->exposure_us = expected_us;
 	incoming->scale = scale_of(imager, frame->format != LP_FORMAT_RGB_F32, expected_us);
 	imager->wheel_deg = frame->wheel_deg;
+	imager->eye->over_film = lp_imager_over_film(imager);
 	imager->eye->row_time_us = frame->row_time_us;
 	ret = lp_exposure_load(incoming, frame, &options, imager->eye->row_weight,
 			       imager->eye->remap->seen, &imager->eye->response);

@@ -159,8 +159,8 @@ const struct lp_rotation *lp_imager_rotation(const struct lp_imager *imager);
 /* The same at t_ns, after the newest frame, if it goes on turning as it does. */
 struct lp_rotation lp_imager_rotation_at(const struct lp_imager *imager, int64_t t_ns);
 
-/* The film in front of the newest frame, anchor frame. NULL: there is none, or its angle is not
- * known. Valid until the next load. */
+/* The film in front of the newest frame, anchor frame. NULL: there is none. Valid until the next
+ * load. */
 const struct lp_film_view *lp_imager_film(const struct lp_imager *imager);
 
 /* How the light of a lamp's cells is polarized, anchor frame; not known without a film. */

@@ -63,9 +63,13 @@ struct lp_imager {
 	float *step2;
 
 	struct lp_stokes_map *stokes; /* NULL: no film */
-	struct lp_film_view film; /* of the newest frame, anchor frame; sheet_count 0: unknown */
-	float wheel_deg;	  /* of the newest frame; NAN: unknown */
-	struct lp_stokes angles;  /* what unpolarized light would tell by the angles so far */
+	struct lp_film_view film;     /* of the newest frame, anchor frame; only if there is one */
+	/* 1 / G per cell in the camera's frame (light/sheet.h), with the wheel at over_film_deg;
+	 * NULL: the film lets pass the same everywhere. */
+	float *over_film;
+	float over_film_deg;	 /* INFINITY: not yet */
+	float wheel_deg;	 /* of the newest frame; NAN: unknown */
+	struct lp_stokes angles; /* what unpolarized light would tell by the angles so far */
 
 	struct lp_map_update update; /* of the newest observation */
 	float flicker;		     /* lp_imager_expect_flicker() */
@@ -103,8 +107,17 @@ double lp_imager_eye_elapsed_s(const struct lp_imager *imager);
 /* What the newest frame says, in the camera's frame. */
 struct lp_observation lp_imager_observation(const struct lp_imager *imager);
 
-/* film.c: the film as it stood in the newest frame, in the frame of the map. */
+/* film.c: what the options name, if they name one; -ENOMEM. */
+int lp_imager_create_film(struct lp_imager *imager);
+/* The film as it stood in the newest frame, in the frame of the map. */
 void lp_imager_place_film(struct lp_imager *imager);
+/* By what light of each cell is multiplied for what the film takes of it off the axis, camera
+ * frame; NULL: the same everywhere. And what the film lets pass in one direction of the picture. */
+const float *lp_imager_over_film(struct lp_imager *imager);
+float lp_imager_film_gain(const struct lp_imager *imager, const float direction[3]);
+/* Behind a film: mark what the film, which turns with the camera, would turn the picture by. */
+void lp_imager_leave_out(struct lp_imager *imager, const struct lp_rotation *to_map,
+			 struct lp_observation *seen);
 /* What the film's angle tells, and then the frame as it would be without the film. */
 void lp_imager_see_through(struct lp_imager *imager, struct lp_observation *seen);
 

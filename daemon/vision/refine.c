@@ -498,28 +498,43 @@ static bool covers(const struct lp_imager *imager, const float direction[3])
 		.near[lp_cover_block(imager->grid->width, lp_grid_cell(imager->grid, direction))];
 }
 
+/* As it is when only this share of all light is seen. */
+static void dim(struct lp_lamp *lamp, float share)
+{
+	for (int c = 0; c < 4; c++) {
+		lamp->irradiance[c] *= share;
+		lamp->background[c] *= share;
+	}
+	lamp->background_noise *= share;
+	lamp->peak *= share;
+}
+
 bool lp_imager_refine(struct lp_imager *imager, const struct lp_lamp_finder *finder,
 		      struct lp_lamp *lamp, int most_cells)
 {
 	const struct lp_exposure *exposure = &imager->eye->incoming;
 	struct lp_lamp seen = *lamp;
 	struct patch patch;
+	float gain;
 
 	if (most_cells > LP_REFINE_MAX_CELLS)
 		most_cells = LP_REFINE_MAX_CELLS;
 	place_lamp(imager, &seen);
+	gain = lp_imager_film_gain(imager, seen.direction);
+	dim(&seen, gain);
 	if (!imager->eye->remap || covers(imager, seen.direction) ||
-	    !collect(imager, finder, lamp, most_cells, &patch))
+	    !collect(imager, finder, &seen, most_cells, &patch))
 		return false;
-	const float peak = load_pixels(imager, exposure, &patch) - lamp->background[LP_LUMINANCE];
-	const float threshold = fmaxf(CORE_SHARE * peak, 3.0F * lamp->background_noise);
+	const float peak = load_pixels(imager, exposure, &patch) - seen.background[LP_LUMINANCE];
+	const float threshold = fmaxf(CORE_SHARE * peak, 3.0F * seen.background_noise);
 	const struct sums s = sum_patch(imager, exposure, &patch, &seen, threshold);
 
 	if (!(s.core > 0.0) || !(s.flux[LP_LUMINANCE] > 0.0))
 		return false;
 	apply(imager, exposure, &s, clips(exposure, &patch), &seen);
-	seen.rim = seen.flags & LP_LIGHT_CLIPPED ? rim_of(imager, exposure, &patch, lamp)
+	seen.rim = seen.flags & LP_LIGHT_CLIPPED ? rim_of(imager, exposure, &patch, &seen)
 						 : (struct lp_lamp_rim){0};
+	dim(&seen, 1.0F / gain);
 	turn_lamp(imager, &seen);
 	*lamp = seen;
 	return true;

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Floors and tables polarize what they mirror level. Where everything below the horizon is
- * polarized upright, it is the film that has been put in a quarter turn wrong. */
+ * polarized upright, it is the film that has been put in a quarter turn wrong. Then its surfaces,
+ * too, make light seem polarized; that is taken out first. */
 #include <math.h>
 
 #include "light/grid.h"
@@ -44,10 +45,14 @@ static void add(struct sector sectors[SECTORS], const struct lp_stokes_map *map,
 	const struct lp_polarization p =
 		lp_stokes_polarization(&map->cells[row * grid->width + column]);
 
+	float direction[3], seeming[2];
+
 	if (!p.known)
 		return;
-	half->q += p.q;
-	half->u += p.u;
+	lp_grid_direction(grid, row * grid->width + column, direction);
+	lp_film_turned(&map->view, direction, seeming);
+	half->q += p.q - seeming[0];
+	half->u += p.u - seeming[1];
 	half->count++;
 }
 

@@ -24,8 +24,9 @@
 /* A cell that the map knows to be brighter or darker than its S0 by this factor was read clipped,
  * or mixed with its neighbours: its S1 and S2 are of other light. Chosen by hand. */
 #define MOST_APART 1.5F
-/* Light that is more polarized than this is not compared with the map: what is not known of it
- * would turn the picture, as all of a floor errs alike. Looked at in blocks of so many cells along
+/* Light that is more polarized than this is not compared with the map, nor what the film makes
+ * brighter and darker by more, at an angle that is not known: what is not known of it would turn
+ * the picture, as all of a floor errs alike. Looked at in blocks of so many cells along
  * and across. Chosen by hand. */
 #define MOST_COMPARED 0.05F
 #define LOOK 2
@@ -48,10 +49,12 @@ int lp_stokes_map_create(const struct lp_grid *grid, struct lp_stokes_map **map)
 	m->cells = calloc(cells, sizeof(*m->cells));
 	m->turned = calloc(cells, sizeof(*m->turned));
 	m->axis = calloc(cells, sizeof(*m->axis));
+	m->gain_sigma = calloc(cells, sizeof(*m->gain_sigma));
 	m->radiance = calloc(cells, sizeof(*m->radiance));
 	m->variance = calloc(cells, sizeof(*m->variance));
 	m->flags = calloc(cells, sizeof(*m->flags));
-	if (!m->flags || !m->cells || !m->turned || !m->axis || !m->radiance || !m->variance) {
+	if (!m->flags || !m->cells || !m->turned || !m->axis || !m->gain_sigma || !m->radiance ||
+	    !m->variance) {
 		lp_stokes_map_destroy(m);
 		return -ENOMEM;
 	}
@@ -66,6 +69,7 @@ void lp_stokes_map_destroy(struct lp_stokes_map *map)
 	free(map->flags);
 	free(map->variance);
 	free(map->radiance);
+	free(map->gain_sigma);
 	free(map->axis);
 	free(map->turned);
 	free(map->cells);
@@ -79,16 +83,16 @@ void lp_stokes_map_forget(struct lp_stokes_map *map)
 
 static bool same_view(const struct lp_film_view *a, const struct lp_film_view *b)
 {
-	bool same = a->sheet_count == b->sheet_count && a->diattenuation == b->diattenuation;
+	bool same = a->film == b->film && a->angle_known == b->angle_known;
 
-	for (int k = 0; same && k < a->sheet_count; k++)
+	for (int k = 0; same && k < a->film->sheet_count; k++)
 		for (int i = 0; i < 3; i++)
 			same = same && a->normal[k][i] == b->normal[k][i] &&
 			       a->across[k][i] == b->across[k][i];
 	return same;
 }
 
-/* The film's axis in every cell; a film that has not moved costs one comparison. */
+/* What the film does to every cell; one that has not moved costs one comparison. */
 static void look(struct lp_stokes_map *map, const struct lp_film_view *view)
 {
 	if (same_view(&map->view, view))
@@ -98,8 +102,11 @@ static void look(struct lp_stokes_map *map, const struct lp_film_view *view)
 		float direction[3];
 
 		lp_grid_direction(map->grid, (int)i, direction);
-		if (!lp_film_axis(view, direction, map->axis[i]))
-			map->axis[i][0] = NAN;
+		const struct lp_film_pass pass = lp_film_pass(view, direction);
+
+		map->axis[i][0] = pass.polarizes ? pass.axis[0] : NAN;
+		map->axis[i][1] = pass.axis[1];
+		map->gain_sigma[i] = pass.gain_sigma;
 	}
 }
 
@@ -124,7 +131,7 @@ void lp_stokes_map_learn(struct lp_stokes_map *map, const struct lp_film_view *v
 		const float light = observation->radiance[i][LP_LUMINANCE];
 		const struct lp_stokes_reading reading = {.intensity = light,
 							  .misfit = 1.0F,
-							  .rest_s = view->rest_s,
+							  .rest_s = view->film->rest_s,
 							  .sigma = sigma_of(observation, light, i),
 							  .axis = {map->axis[i][0],
 								   map->axis[i][1]}};
@@ -143,13 +150,14 @@ static bool tells(const struct lp_polarization *p, float factor, float light)
 	return p->known && expected < MOST_APART * light && light < MOST_APART * expected;
 }
 
-/* By how much the radiance of a cell of the map is divided, and the sigma of that. axis: NULL: it
- * is not known, or seen edge-on. `light`: as it is seen through the film. Where a lamp's rim comes
+/* By how much the radiance of a cell of the map is divided, and the sigma of that. Axis NAN: it is
+ * not known, or seen edge-on. `light`: as it is seen through the film. Where a lamp's rim comes
  * and goes as the camera turns, cells seem polarized: dividing other light by that would draw lamps
  * that are not there. */
-static void factor_of(const struct lp_stokes_map *map, size_t cell, const float *axis, float light,
-		      float *factor, float *sigma)
+static void factor_of(const struct lp_stokes_map *map, size_t cell, float light, float *factor,
+		      float *sigma)
 {
+	const float *axis = map->axis[cell];
 	struct lp_polarization p = lp_stokes_polarization(&map->cells[cell]);
 	const float biased = hypotf(p.q, p.u), kept = biased > 0.0F ? p.dolp / biased : 0.0F;
 
@@ -157,7 +165,7 @@ static void factor_of(const struct lp_stokes_map *map, size_t cell, const float 
 	p.u *= kept;
 	*factor = 1.0F;
 	*sigma = p.known ? p.dolp : UNKNOWN_SIGMA;
-	if (!p.known || !axis)
+	if (!p.known || isnan(axis[0]))
 		return;
 	lp_film_factor(&p, axis, factor, sigma);
 	*factor = fmaxf(*factor, LEAST_FACTOR);
@@ -190,14 +198,12 @@ static void take(const struct lp_stokes_map *map, struct lp_observation *observa
 void lp_stokes_map_see_through(struct lp_stokes_map *map, const struct lp_film_view *view,
 			       struct lp_observation *observation)
 {
-	if (view)
-		look(map, view);
+	look(map, view);
 	for (size_t i = 0; i < cell_count(map->grid); i++) {
-		const float *axis = view && !isnan(map->axis[i][0]) ? map->axis[i] : NULL;
 		float factor, sigma;
 
-		factor_of(map, i, axis, observation->radiance[i][LP_LUMINANCE], &factor, &sigma);
-		divide(map, observation, i, factor, sigma);
+		factor_of(map, i, observation->radiance[i][LP_LUMINANCE], &factor, &sigma);
+		divide(map, observation, i, factor, hypotf(sigma, factor * map->gain_sigma[i]));
 	}
 	take(map, observation);
 }
@@ -217,8 +223,8 @@ static void middle(const struct lp_grid *grid, int first, float direction[3])
 		direction[a] /= sqrtf(length2);
 }
 
-void lp_stokes_map_leave_out(struct lp_stokes_map *map, const struct lp_rotation *to_map,
-			     struct lp_observation *observation)
+void lp_stokes_map_leave_out(struct lp_stokes_map *map, const struct lp_film_view *view,
+			     const struct lp_rotation *to_map, struct lp_observation *observation)
 {
 	const int width = map->grid->width;
 
@@ -228,11 +234,16 @@ void lp_stokes_map_leave_out(struct lp_stokes_map *map, const struct lp_rotation
 			float direction[3];
 
 			middle(map->grid, first, direction);
+			const float gain_sigma =
+				view->angle_known ? 0.0F : lp_film_pass(view, direction).gain_sigma;
+
 			lp_rotate_direction(to_map, direction);
 			const struct lp_polarization p = lp_stokes_polarization(
 				&map->cells[lp_grid_cell(map->grid, direction)]);
+			const bool told =
+				gain_sigma < MOST_COMPARED && !(p.known && p.dolp > MOST_COMPARED);
 
-			for (int k = 0; p.known && p.dolp > MOST_COMPARED && k < LOOK * LOOK; k++)
+			for (int k = 0; !told && k < LOOK * LOOK; k++)
 				map->flags[first + k / LOOK * width + k % LOOK] |= LP_CELL_UNSEEN;
 		}
 	observation->flags = map->flags;

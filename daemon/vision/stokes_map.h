@@ -25,7 +25,8 @@ struct lp_stokes_map {
 	struct lp_stokes *cells;    /* of luminance */
 	struct lp_stokes *turned;   /* workspace */
 	struct lp_film_view view;   /* that `axis` is of */
-	float (*axis)[2];	    /* lp_film_axis(); NAN: edge-on */
+	float (*axis)[2];	    /* lp_film_pass(); NAN: it does not polarize */
+	float *gain_sigma;	    /* of the same, relative */
 	float (*radiance)[4];	    /* workspace of lp_stokes_map_see_through() */
 	float *variance;
 	uint8_t *flags;
@@ -36,21 +37,23 @@ void lp_stokes_map_destroy(struct lp_stokes_map *map);				  /* accepts NULL */
 
 void lp_stokes_map_forget(struct lp_stokes_map *map);
 
-/* The observation was made through the film; its radiance is divided by the film's gain. */
+/* The observation was made through the film; its radiance is divided by the film's gains, on the
+ * axis and off it. */
 void lp_stokes_map_learn(struct lp_stokes_map *map, const struct lp_film_view *view,
 			 const struct lp_observation *observation);
 
 /* Make it an observation without the film, by what is known: what is not adds to its variance.
- * view NULL: the film's angle is not known, as while the wheel turns. Its
- * radiance and step2 are the map's until the next call. */
+ * The view's angle may be unknown, as while the wheel turns. Its radiance and step2 are the map's
+ * until the next call. */
 void lp_stokes_map_see_through(struct lp_stokes_map *map, const struct lp_film_view *view,
 			       struct lp_observation *observation);
 
-/* Mark as not seen what is known to be polarized, in an observation in a frame from which `to_map`
- * turns into that of the map: the film, which does not turn with the room, makes it brighter and
- * darker. Its flags are the map's until the next call. */
-void lp_stokes_map_leave_out(struct lp_stokes_map *map, const struct lp_rotation *to_map,
-			     struct lp_observation *observation);
+/* Mark as not seen what is known to be polarized, or seen through an unknown share of the film, in
+ * an observation in a frame from which `to_map` turns into that of the map, `view` being of that
+ * frame: the film, which does not turn with the room, makes it brighter and darker. Its flags are
+ * the map's until the next call. */
+void lp_stokes_map_leave_out(struct lp_stokes_map *map, const struct lp_film_view *view,
+			     const struct lp_rotation *to_map, struct lp_observation *observation);
 
 /* Of what the cells show together above a surround of radiance `background`; not known where cells
  * that hold more than a fifth of it are not. radiance: of all cells, as the map holds it. */

@@ -40,7 +40,7 @@ from page import ACCURACY, put
 
 SIZE_PX = (960, 480)
 STACK_DEG = (90.0, 45.0, 0.0)
-IDEAL = Sheet(1.0, 1e9)
+IDEAL = Sheet(1.0, 1e9, index=1.0)
 _TOP_CODE = 255
 _STATIC_CODE = 200
 #: Beyond its rim a lamp's light leaks by JPEG and interpolation.

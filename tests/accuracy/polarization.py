@@ -97,7 +97,7 @@ class Studio:
         lens = camera.load("equirect")
         self.sheet = Sheet()
         self._film = Polarizer(self.sheet, lens, size_px)
-        self._ideal = Polarizer(Sheet(1.0, 1e9), lens, size_px)
+        self._ideal = Polarizer(Sheet(1.0, 1e9, index=1.0), lens, size_px)
         layers, powers = scene.render(*size_px), np.ones(len(scene.lamps))
         self._radiance = layers.compose(powers)
         self._polarized = layers.compose_polarized(powers)

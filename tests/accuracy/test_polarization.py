@@ -6,10 +6,13 @@ import glossy
 import numpy as np
 import polarization
 import pytest
+from lightprobe import geometry
 from lightprobe.calibrate import camera_file, polarizer
+from lightprobe.colour import luminance
 from lightprobe.estimate import EstimateFlag
 from lightprobe.evaluate import offline
 from lightprobe.imaging import camera
+from lightprobe.imaging.film import Sheet
 from lightprobe.imaging.stokes import Picture
 from lightprobe.sim.glossy_rooms import glossy_room
 from lightprobe.sim.polarized import PolishedFloor
@@ -116,3 +119,37 @@ def test_a_film_put_in_wrong_is_found_and_calibrated(tmp_path: Path) -> None:
     counted = polarization.count(scene, right, right)
     assert (counted.lost, counted.false) == (0, 0)
     assert counted.reflections >= polarization.count(scene, wrong, wrong).reflections
+
+
+@pytest.mark.parametrize("seed", [3, 8])
+def test_a_room_without_polarization_seems_so_behind_a_turning_film(seed: int) -> None:
+    """Off the axis the film's surfaces take light, of one polarization more than of the other.
+
+    A daemon that is told of a film without surfaces (index 1) takes that for the room's.
+    """
+    scene = random_scene(seed)
+    studio = polarization.Studio(scene, "float")
+    views = studio.sheet_at(*polarization.ANGLES_DEG)
+    bare = studio.estimate(studio.bare(), offline.Settings())
+
+    def behind(index: float) -> tuple[float, float, float]:
+        """How polarized a lamp seems at most; how far lamps and the whole are off in strength."""
+        film = Sheet(index=index)
+        found = studio.estimate(
+            views, offline.Settings(wheel_deg=polarization.ANGLES_DEG, film=film)
+        )
+        pairs = geometry.match_directions(
+            [lamp.direction for lamp in scene.lamps], [light.direction for light in found.lights]
+        )
+        assert len(pairs) == len(scene.lamps)
+        strength = [luminance(found.lights[j].irradiance) / luminance(scene.lamps[i].irradiance)
+                    for i, j, _ in pairs]  # fmt: skip
+        whole = luminance(found.sh.coefficients)[0] / luminance(bare.sh.coefficients)[0]
+        dolp = max(light.dolp or 0.0 for light in found.lights)
+        return dolp, max(abs(one - 1) for one in strength), abs(whole - 1)
+
+    right, wrong = behind(1.5), behind(1.0)
+    assert right == pytest.approx((0, 0, 0), abs=0.01)
+    assert wrong[0] > 0.08
+    assert wrong[1] > 0.2
+    assert wrong[2] > 0.15

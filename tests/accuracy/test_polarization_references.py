@@ -27,7 +27,7 @@ from lightprobe.sim.sensor import Sensor, encode_jpeg
 
 ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
 LENS = camera.load("equirect")
-IDEAL = Sheet(1.0, 1e9)
+IDEAL = Sheet(1.0, 1e9, index=1.0)
 #: A rendered room with a varnished floor, where there is one beside this repository.
 ROOM = Path(__file__).resolve().parents[3] / "shared/data/stokes/room_mono_stokes.npz"
 

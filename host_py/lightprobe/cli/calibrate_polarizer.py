@@ -22,7 +22,7 @@ TARGETS = {
     "screen": Target(dolp=1.0),
     "floor": Target(aolp_deg=0.0),
     "window": Target(aolp_deg=90.0),
-    "lamp": Target(),
+    "lamp": Target(dolp=0.0),
 }
 
 
@@ -40,7 +40,8 @@ def command(
             metavar="|".join(TARGETS),
             help="screen: an LCD screen that shows white, tells the extinction; floor: something "
             "bright mirrored in what lies flat, tells the offset; window: the same in what stands "
-            "upright straight before the camera; lamp: light that is not polarized.",
+            "upright straight before the camera; lamp: light that is not polarized, tells the "
+            "index off the lens' axis.",
         ),
     ] = "screen",
     at: Annotated[
@@ -70,11 +71,19 @@ def command(
             help="Exposure of each file in microseconds, of --without last; default: all alike.",
         ),
     ] = None,
+    index: Annotated[
+        float | None,
+        typer.Option(
+            callback=check.number(1, 2, ""),
+            help="Refractive index of the film, where the target does not tell it; default: that "
+            "of the camera file, or 1.5.",
+        ),
+    ] = None,
     camera: CameraName = "equirect",
     output: calibrate.Output = None,
     as_json: calibrate.AsJson = False,
 ) -> None:
-    """Find the film's extinction ratio, transmission and how it has been put on the wheel.
+    """Find the film's extinction ratio, transmission, index and how it sits on the wheel.
 
     Turn the wheel (lightprobe mcu move) and take a picture at each of four angles or more, the
     first one once more at the end; exposure and white balance fixed, nothing moves. What was found
@@ -90,7 +99,7 @@ def command(
     pictures = stokes.read([*files, *filter(None, [without])], lens, parse_exposures(exposure_us))
     found = polarizer.fit(
         pictures[: len(files)], angles, lens, wanted, Region(azimuth, elevation, radius),
-        pictures[-1] if without else None,
+        pictures[-1] if without else None, index,
     )  # fmt: skip
     report(found, as_json)
     if output is not None and found.values():
@@ -138,6 +147,8 @@ def report(found: Found, as_json: bool) -> None:
         typer.echo(f"transmission      {found.transmission:.3f} ± {found.transmission_sigma:.3f}")
     if found.offset_deg is not None:
         typer.echo(f"offset            {found.offset_deg:+.2f} ± {found.offset_sigma_deg:.2f}°")
+    if found.index is not None:
+        typer.echo(f"index             {found.index:.2f} ± {found.index_sigma:.2f}")
     if found.is_turned:
         typer.echo(
             "the film has been put in about a quarter turn wrong: turn it, or go on with this "

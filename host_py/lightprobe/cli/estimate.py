@@ -26,9 +26,9 @@ CameraName = Annotated[
 Film = Annotated[
     str | None,
     typer.Option(
-        metavar="T,R[,O]",
-        help="Transmission, extinction ratio and offset in degrees of the polarizer; default: "
-        "what the camera file says, or 0.84,500.",
+        metavar="T,R[,O[,N]]",
+        help="Transmission, extinction ratio, offset in degrees and refractive index of the "
+        "polarizer; default: what the camera file says, or 0.84,500,0,1.5.",
     ),
 ]
 
@@ -194,17 +194,18 @@ def parse_angles(text: str | None) -> tuple[float, ...]:
 
 
 def parse_film(text: str | None) -> Sheet | None:
-    """Read `T,R` or `T,R,O`: transmission, extinction ratio and offset; raises UsageError."""
+    """Read `T,R[,O[,N]]`: transmission, extinction ratio, offset, index; raises UsageError."""
     if text is None:
         return None
     try:
         numbers = [float(word) for word in text.split(",")]
     except ValueError:
         numbers = []
-    if len(numbers) not in (2, 3) or not Sheet(*numbers).is_possible:
+    if len(numbers) not in (2, 3, 4) or not Sheet(*numbers).is_possible:
         raise UsageError(
             f"--film {text}: expected transmission (0.01…1), extinction ratio (1…1e9) and perhaps "
-            "the offset in degrees (-180…180), like 0.84,500 or 0.84,500,2.5"
+            "the offset in degrees (-180…180) and the refractive index (1…2), like 0.84,500 or "
+            "0.84,500,2.5,1.4"
         )
     return Sheet(*numbers)
 

@@ -111,6 +111,7 @@ class Settings:
             options["polarizer-transmission"] = self.film.transmission
             options["polarizer-extinction"] = self.film.extinction_ratio
             options["polarizer-offset"] = self.film.offset_deg
+            options["polarizer-index"] = self.film.index
         return [f"--{name}={value}" for name, value in options.items() if value is not None]
 
 

@@ -292,11 +292,12 @@ def _sheet(camera: _Section) -> Sheet:
         section.number("transmission", str(usual.transmission)),
         section.number("extinction", str(usual.extinction_ratio)),
         section.number("offset_deg", "0"),
+        section.number("index", str(usual.index)),
     )
     if not sheet.is_possible:
         raise CameraError(
             f"camera: {section.path}: [polarizer] expected transmission 0.01…1, extinction 1…1e9, "
-            "offset_deg -180…180"
+            "offset_deg -180…180, index 1…2"
         )
     return sheet
 

@@ -1,7 +1,8 @@
 """How every pixel of pictures through a polarizer is polarized: S0, S1, S2 by least squares.
 
 The geometry is that of :mod:`lightprobe.imaging.polarizer`: one flat sheet in front of each lens,
-so that a pixel has its own angle ψ of the sheet. I = ½ t (S0 + D (S1 cos 2ψ + S2 sin 2ψ)). Several
+so that a pixel has its own angle ψ and share G of it. I = ½ t G (S0 + D (S1 cos 2ψ + S2 sin 2ψ)).
+Several
 exposures of one angle count by their noise: the short ones tell of what clips in the long ones.
 What noise is left is lessened by the neighbours (:mod:`lightprobe.imaging.stokes_filter`).
 """
@@ -22,11 +23,9 @@ from lightprobe.geometry import Array
 from lightprobe.imaging import image, jpeg_noise
 from lightprobe.imaging.camera import Camera
 from lightprobe.imaging.film import Sheet
-from lightprobe.imaging.polarizer import Polarizer, lens_rotations
+from lightprobe.imaging.polarizer import EDGE_ON_DEG, Polarizer, lens_rotations
 from lightprobe.imaging.stokes_filter import smoothed
 
-#: Beyond this angle off its normal a real sheet does not polarize any more.
-EDGE_ON_DEG = 75.0
 #: Angles of the wheel that are closer than this, modulo 180°, are one.
 _LEAST_APART_DEG = 5.0
 _CLIPPED_CODE = 250
@@ -225,14 +224,16 @@ def _solve(
     sheet = polarizer.sheet
     light = np.stack([picture.light[rows] for picture in pictures], axis=-2)  # rows, W, N, RGB
     valid = np.asarray(np.isfinite(light).all(axis=-1), np.bool_)
-    seen: Array = np.where(valid[..., None], light.astype(np.float64) / sheet.unpolarized_gain, 0.0)
+    gains = [polarizer.gain(angle, rows) for angle in wheel_deg]
+    gain = sheet.unpolarized_gain * np.stack(gains, axis=-1).astype(np.float64)
+    seen: Array = np.where(valid[..., None], light.astype(np.float64) / gain[..., None], 0.0)
     axes = [np.stack(polarizer.axis(angle, rows), axis=-1) for angle in wheel_deg]
     design = np.concatenate(
         [np.ones((*valid.shape, 1)), sheet.diattenuation * np.stack(axes, axis=-2)], axis=-1
     )
     least = _normal(design, valid / np.maximum(valid.sum(axis=-1, keepdims=True), 1))
     known = np.asarray(np.linalg.det(least) > _LEAST_DETERMINANT)
-    weight = valid / _variance(pictures, rows, sheet.unpolarized_gain)
+    weight = valid / _variance(pictures, rows, gain)
     normal = np.where(known[..., None, None], _normal(design, weight), np.eye(3))
     right = np.swapaxes(design, -1, -2) @ (weight[..., None] * seen)
     solved = np.where(known[..., None, None], np.linalg.solve(normal, right), np.nan)
@@ -243,10 +244,11 @@ def _normal(design: Array, weight: Array) -> Array:
     return np.asarray(np.swapaxes(design, -1, -2) @ (weight[..., None] * design))
 
 
-def _variance(pictures: Sequence[Picture], rows: slice, gain: float) -> Array:
-    """Of luminance without the sheet (rows, W, N); 1 of exact pictures."""
+def _variance(pictures: Sequence[Picture], rows: slice, gain: Array) -> Array:
+    """Of luminance without the sheet (rows, W, N), gains alike; 1 of exact pictures."""
     ones = np.ones(pictures[0].light[rows].shape[:2])
-    sigmas = [ones if one.sigma is None else one.sigma[rows] / gain for one in pictures]
+    sigmas = [ones if one.sigma is None else one.sigma[rows] / gain[..., k]
+              for k, one in enumerate(pictures)]  # fmt: skip
     return np.asarray(np.stack(sigmas, axis=-1).astype(np.float64) ** 2)
 
 

@@ -118,7 +118,7 @@ class SimulatedCamera:
         polarized = not all(layers.unpolarized for layers in self._layers)
         if sheet and polarized and world.behaviour.nod_deg:
             raise UsageError("camera: polarized light cannot be simulated while the camera nods")
-        seen = polarized or len(stack_deg) > 0
+        seen = polarized or len(stack_deg) > 0 or (sheet is not None and sheet.index > 1)
         self._polarizer = Polarizer(sheet, lens, size_px) if sheet and seen else None
         self._stack_deg = tuple(stack_deg)
         self._medians: dict[int, float] = {}
@@ -242,17 +242,23 @@ class SimulatedCamera:
             self._walked = (key, state.scene.render(*self._map_px))
         return self._walked[1]
 
-    def _polarized(self, state: State) -> bool:
-        seen = self._stack_deg or not self._layers_of(state).unpolarized
-        return self._polarizer is not None and bool(seen)
+    def _through_film(self, state: State) -> bool:
+        """Tell whether a film does more to the picture than to dim it all alike."""
+        if self._polarizer is None:
+            return False
+        ideal = self._polarizer.sheet.index == 1 and not self._stack_deg
+        return not (ideal and self._layers_of(state).unpolarized)
 
     def sees_wheel(self, state: State) -> bool:
-        """Tell whether the wheel's angle shapes the picture: where nothing is polarized, no."""
-        return self._polarized(state) and not self._stack_deg
+        """Tell whether the wheel's angle shapes the picture.
+
+        Where an ideal film sees nothing that is polarized it does not.
+        """
+        return self._through_film(state) and not self._stack_deg
 
     def _turns_first(self, state: State) -> bool:
         """Tell whether :meth:`_radiance` is turned already: what the polarizer sees must be."""
-        return self._rays is not None or self._polarized(state)
+        return self._rays is not None or self._through_film(state)
 
     def _compose(self, state: State, rows: Rows | None) -> Composed:
         """Light of the whole sphere, unturned; the last one of equal rows is kept.
@@ -264,7 +270,7 @@ class SimulatedCamera:
         key = (state.act, state.place_m, powers.tobytes())
         if self._composed is None or self._composed[0] != key:
             layers, polarized = self._layers_of(state), None
-            if self._polarized(state):
+            if self._through_film(state) and not layers.unpolarized:
                 polarized = layers.compose_polarized(powers)
             self._composed = (key, (layers.compose(powers), polarized))
         return self._composed[1]
@@ -303,12 +309,13 @@ class SimulatedCamera:
             radiance, polarized = self._through_lens(radiance, polarized, state, rows)
         else:
             radiance = _smeared(radiance, smear_px)
-        if self._rays is None and polarized is not None:
+        if self._rays is None and self._through_film(state):
             turn_px = self._turn_px(state)
             shift_px = np.zeros(1, np.int64) if rows is None else self._shift_px(state, rows)
             radiance = _rolled(radiance, turn_px + shift_px)
-            parts = [_rolled(_smeared(part, smear_px), turn_px + shift_px) for part in polarized]
-            polarized = np.stack(parts)
+            parts = () if polarized is None else polarized
+            turned = [_rolled(_smeared(part, smear_px), turn_px + shift_px) for part in parts]
+            polarized = np.stack(turned) if turned else None
         if self._polarizer is not None and self._stack_deg:
             return self._polarizer.through_stack(radiance, polarized, self._stack_deg)
         if self._polarizer is not None:
@@ -360,7 +367,7 @@ class SimulatedCamera:
         return (
             state.act, state.place_m, state.powers.tobytes(), shot, yaw if turned else None,
             self._smear_px(state), state.nod_deg, state.nod_smear_deg,
-            wheel_deg if self._polarized(state) else None,
+            wheel_deg if self._through_film(state) else None,
             None if rows is None else rows.powers.tobytes(),
             rows.offset_deg.tobytes() if turned and rows is not None else None,
             rows.nod_offset_deg.tobytes() if rows is not None else None,

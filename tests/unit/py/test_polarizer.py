@@ -20,7 +20,8 @@ from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.world import Behaviour, World
 
 SIZE = (32, 16)
-SHEET = Sheet(transmission=0.8, extinction_ratio=100)
+#: Without surfaces: those of real ones are looked at below.
+SHEET = Sheet(transmission=0.8, extinction_ratio=100, index=1.0)
 FISHEYE = Camera(
     "two", 64, 32,
     lenses=tuple(
@@ -301,3 +302,92 @@ def test_three_real_sheets():
     assert behind[0] == pytest.approx(0.0675, abs=2e-4)
     assert behind[1] - behind[0] == pytest.approx(0.0672, abs=2e-4)
     assert behind[2] - behind[0] == pytest.approx(0.0066, abs=5e-4)
+
+
+# ---------------------------------------------------------------- surfaces
+
+
+class Ray:
+    """A lens of one pixel, which looks along a direction."""
+
+    lenses = ()
+
+    def __init__(self, off_deg: float, round_deg: float) -> None:
+        off, turn = np.radians([off_deg, round_deg])
+        self._direction = [np.sin(off) * np.cos(turn), np.sin(off) * np.sin(turn), -np.cos(off)]
+
+    def look(self, _width: int, _height: int) -> tuple[np.ndarray, np.ndarray]:
+        return np.array([[self._direction]]), np.ones((1, 1))
+
+    def owner(self, _width: int, _height: int) -> np.ndarray:
+        return np.zeros((1, 1), np.intp)
+
+
+def gain(index: float, wheel_deg: float, off_deg: float, round_deg: float = 0.0) -> float:
+    sheet = Sheet(1.0, 1e9, index=index)
+    return float(Polarizer(sheet, Ray(off_deg, round_deg), (1, 1)).gain(wheel_deg)[0, 0])
+
+
+@pytest.mark.parametrize(
+    ("off_deg", "dolp", "loss"),
+    [(20, 0.014, 0), (45, 0.086, 0.019), (60, 0.186, 0.091), (74, 0.355, 0.339)],
+)
+def test_what_two_surfaces_do_to_unpolarized_light(off_deg: float, dolp: float, loss: float):
+    """What a sweep would call its DoLP, and what is lost: two surfaces of acrylic, 1.49.
+
+    The figures are without what is mirrored inside, 1 / (1 - R²), which is taken out here.
+    """
+    across, along = fresnel([off_deg], 1.49)[0][0], fresnel([off_deg], 1.49)[1][0]
+    head_on = fresnel([0], 1.49)[0][0]
+    once = [gain(1.49, wheel, off_deg) * (1 - r**2) / (1 - head_on**2)
+            for wheel, r in ((0, along), (90, across))]  # fmt: skip
+    assert (once[0] - once[1]) / sum(once) == pytest.approx(dolp, abs=0.0006)
+    assert 1 - sum(once) / 2 == pytest.approx(loss, abs=0.001)
+
+
+@given(
+    off_deg=st.floats(0, 74.9), round_deg=st.floats(0, 360), wheel_deg=angles,
+    index=st.floats(1, 2),
+)  # fmt: skip
+def test_surfaces_take_light_and_make_none(
+    off_deg: float, round_deg: float, wheel_deg: float, index: float
+) -> None:
+    """Each ray once more, as a sum over all ways to and fro between the surfaces, in space."""
+    off, turn, wheel = np.radians([off_deg + 0.05, round_deg, wheel_deg])
+    d = np.array([np.sin(off) * np.cos(turn), np.sin(off) * np.sin(turn), -np.cos(off)])
+    n = np.array([0, 0, -1.0])
+    absorbed = np.cross(n, [np.cos(wheel), np.sin(wheel), 0])
+    s = np.cross(n, d) / np.sin(off)
+    inner = np.arcsin(np.sin(off) / index)
+    k = np.sin(inner) * np.cross(s, n) + np.cos(inner) * n
+    mirrored = k - 2 * (k @ n) * n
+    e, back = (np.cross(way, absorbed) for way in (k, mirrored))
+    e, back = e / np.linalg.norm(e), back / np.linalg.norm(back)
+    across, along = (float(part[0]) for part in fresnel([np.degrees(off)], index))
+    # Amplitudes inside, with their signs: along the plane it turns round at Brewster's angle.
+    sign = 1 if np.tan(off) < index else -1
+    r = np.sqrt(across) * (e @ s) * (back @ s)
+    r += sign * np.sqrt(along) * (e @ np.cross(s, k)) * (back @ np.cross(mirrored, s))
+    passes = (1 - across) * (e @ s) ** 2 + (1 - along) * (e @ np.cross(s, k)) ** 2
+    share = sum(passes**2 * r ** (4 * way) for way in range(200))
+    assert share <= 1 + 1e-9
+    head_on = ((index - 1) / (index + 1)) ** 2
+    ahead = (1 - head_on) ** 2 / (1 - head_on**2)
+    found = gain(index, wheel_deg, off_deg + 0.05, round_deg)
+    assert found == pytest.approx(share / ahead, rel=1e-3)
+    assert gain(index, wheel_deg, 0) == pytest.approx(1, abs=1e-4)
+
+
+def test_a_film_off_its_axis_dims_a_grey_world() -> None:
+    """Also pictures in which nothing is polarized; an ideal film does not."""
+    world = World([random_scene(1)])
+    shot, wheel = Shot(1000), (20.0,)
+    for index, same in ((1.0, True), (1.5, False)):
+        sheet = Sheet(0.8, 100, index=index)
+        taken = SimulatedCamera(world, camera.equirect(), SIZE, pixel_format="RGBF", sheet=sheet)
+        assert taken.sees_wheel(taken.state(0, shot)) != same
+        bare = SimulatedCamera(world, camera.equirect(), SIZE, pixel_format="RGBF")
+        share = floats(taken.frame(0, shot, wheel)) / floats(bare.frame(0, shot))
+        film = Polarizer(sheet, camera.equirect(), SIZE)
+        assert share[..., 1] == pytest.approx(0.4 * film.gain(wheel[0]), rel=1e-5)
+        assert (share.std() < 1e-6) == same

@@ -24,7 +24,7 @@ SIZE_PX = (360, 180)
 LENS = camera.load("equirect")
 LIGHTPROBE = Path(sys.executable).parent / "lightprobe"
 ANGLES = (0.0, 45.0, 90.0, 135.0, 0.0)
-SCREEN, FLOOR = Target(dolp=1.0), Target(aolp_deg=0.0)
+SCREEN, FLOOR, LAMP = Target(dolp=1.0), Target(aolp_deg=0.0), Target(dolp=0.0)
 
 
 def light(dolp: float, aolp_deg: float, radiance: float = 0.3) -> tuple[np.ndarray, np.ndarray]:
@@ -138,3 +138,35 @@ def test_the_command_writes_the_camera_file(tmp_path):
     done = calibrate(*floor, "--target", "sky")
     assert done.returncode == 2
     assert "expected one of screen, floor, window, lamp" in done.stderr
+
+
+def noisy(seen, seed: int = 0) -> list[Picture]:
+    rng = np.random.default_rng(seed)
+    return pictures([(one * rng.normal(1, 0.02, one.shape)).astype(np.float32) for one in seen])
+
+
+@pytest.mark.parametrize("index", [1.35, 1.5])
+@pytest.mark.parametrize("place", [(50, 10), (0, -60), (125, -20)])
+def test_light_that_is_not_polarized_tells_the_index_off_the_axis(index, place):
+    seen = noisy(behind(Sheet(0.8, 200, index=index), 0.0, 0.0))
+    found = polarizer.fit(seen, ANGLES, LENS, LAMP, Region(*place))
+    assert found.index is not None
+    assert found.index_sigma is not None
+    assert found.index_sigma < 0.06
+    assert abs(found.index - index) < 2 * found.index_sigma
+    assert set(found.values()) == {"index"}
+    assert found.modulation < 0.01
+
+
+def test_light_on_the_axis_tells_no_index():
+    seen = noisy(behind(Sheet(0.8, 200, index=1.35), 0.0, 0.0))
+    assert polarizer.fit(seen, ANGLES, LENS, LAMP, Region()).values() == {}
+
+
+def test_a_target_off_the_axis_is_seen_through_the_surfaces():
+    """A screen 50° aside."""
+    seen, region = pictures(behind(Sheet(0.8, 80, index=1.35), 1.0, 0.0)), Region(50, 0)
+    right = polarizer.fit(seen, ANGLES, LENS, SCREEN, region, index=1.35)
+    assert right.extinction_ratio == pytest.approx(80, rel=0.05)
+    with pytest.raises(CalibrationError, match="index right"):
+        polarizer.fit(seen, ANGLES, LENS, SCREEN, region, index=1.0)
