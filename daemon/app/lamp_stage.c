@@ -80,8 +80,8 @@ static void look_closer(const struct lp_lamp_memory *memory, struct lp_imager *i
 	lp_imager_status(imager, &status);
 	sighting->film_misfit = status.rotation_sigma_deg > 0.0F ? TURNING_MISFIT : 1.0F;
 	sighting->film_rest_s = film ? film->film->rest_s : 0.0F;
-	if (film)
-		sighting->film = lp_film_pass(film, pixels->direction);
+	sighting->film =
+		film ? lp_film_pass(film, pixels->direction) : (struct lp_film_pass){.gain = 1.0F};
 	const float cells =
 		sighting->refined ? 0.0F : lp_imager_cells_sigma(imager, finder, pixels);
 

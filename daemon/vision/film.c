@@ -32,7 +32,10 @@ int lp_imager_create_film(struct lp_imager *imager)
 		if (!imager->over_film)
 			return -ENOMEM;
 	}
-	return lp_stokes_map_create(imager->grid, &imager->stokes);
+	const int ret = lp_stokes_map_create(imager->grid, &imager->stokes);
+
+	lp_imager_place_film(imager);
+	return ret;
 }
 
 /* In the camera's frame, in which the film stays when the camera turns. */
