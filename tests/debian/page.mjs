@@ -17,17 +17,17 @@ async function refusal() {
 
 try {
   assert.match(await refusal(), /ERR_CERT_AUTHORITY_INVALID/, "a browser warns: no authority has signed the certificate");
-  const context = await browser.newContext({ ignoreHTTPSErrors: true }); // the user has accepted the warning
+  const context = await browser.newContext({ ignoreHTTPSErrors: true, viewport: { width: 300, height: 400 } }); // the user has accepted the warning
   const page = await context.newPage();
   const faults = [];
   page.on("pageerror", (error) => faults.push(error.message));
   await page.goto(address);
-  await page.waitForFunction(() => Number(document.body.dataset.frames) > 3 && document.querySelector("#lamps tbody tr"), null, { timeout: LONG_MS });
+  await page.waitForFunction(() => document.getElementById("left").textContent === "lit by the probe" && document.querySelector("#lamps tbody tr"), null, { timeout: LONG_MS });
   const lamps = await page.locator("#lamps tbody tr").count();
   const status = await page.locator("#status").textContent();
   assert.equal(await page.locator("#connection").isVisible(), false);
   assert.deepEqual(faults, []);
-  console.log(`Chromium ${browser.version()} shows the page of ${new URL(address).host}: “${status}”, lamps: ${lamps}`);
+  console.log(`the page of ${new URL(address).host} in Chromium ${browser.version()}: “${status}”, lamps: ${lamps}`);
 } finally {
   await browser.close();
 }

@@ -31,7 +31,7 @@ def paired() -> tuple[str, str]:
     """The address that `lightprobe pair` prints, and the command that serves it."""
     text = subprocess.run(["lightprobe", "pair"], check=True, stdout=subprocess.PIPE).stdout
     told = text.decode()
-    print(told)
+    print(told, flush=True)
     address = re.search(r"^address +(\S+)$", told, re.M)
     command = re.search(r"^next .*\n\n(.*)\n", told, re.M)
     if address is None or command is None:
@@ -54,7 +54,7 @@ def main() -> None:
         camera = folder / "camera"
         simulator = start(
             ["lightprobe", "simulate", "--socket", str(camera), "--scenes", "procedural:1",
-             "--act-s", "0", "--size", "960x480"]
+             "--act-s", "0", "--size", "960x480", "--rate", "10"]
         )  # fmt: skip
         wait_for(camera, simulator)
         served = command.replace("--source=v4l2:", f"--source=sim:{camera}")

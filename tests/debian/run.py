@@ -181,7 +181,8 @@ def check(release: str, out: Path) -> str:
     for number, (name, words, network) in enumerate(STEPS):
         command = root.command("sh", "-c", words, network=network)
         seen = run(f"Debian {release}: {name}", command, out / f"{number}.log")
-    told = f"{versions(root)}. {seen.splitlines()[-1]}"
+    shown = next(line for line in seen.splitlines() if line.startswith("the page"))
+    told = f"{versions(root)}; {shown}"
     remove(root.folder)
     return told
 
