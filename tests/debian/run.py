@@ -136,7 +136,8 @@ def make_root(release: str, out: Path) -> Root:
     run(
         f"Debian {release}: a clean root",
         ["mmdebstrap", "--mode=root", "--variant=minbase", f"--include={EXPECTED}",
-         f"--aptopt={options}", "--dpkgopt=force-unsafe-io", codename, str(folder), *sources(codename)],
+         f"--aptopt={options}", "--dpkgopt=force-unsafe-io", codename, str(folder),
+         *sources(codename)],
         out / "root.log",
     )  # fmt: skip
     add_user(folder)
