@@ -167,9 +167,9 @@ STEPS = (
 
 def versions(root: Root) -> str:
     """The release and its packages, as a sentence."""
-    command = root.command("dpkg-query", "-W", "-f", "${Package} ${source:Upstream-Version}\n",
-                           *PACKAGES)  # fmt: skip
+    command = root.command("dpkg-query", "-W", "-f", "${Package} ${Version}\n", *PACKAGES)
     text = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    text = re.sub(r" (?:\d+:)?(.*)-.*", r" \1", text)  # without epoch and Debian's revision
     debian = (root.folder / "etc/debian_version").read_text().strip()
     return f"Debian {debian}: {', '.join(text.splitlines())}"
 
