@@ -135,9 +135,9 @@ def make_root(release: str, out: Path) -> Root:
     codename = RELEASES[release]
     run(
         f"Debian {release}: a clean root",
-        ["mmdebstrap", "--mode=root", "--variant=minbase", f"--include={EXPECTED}",
-         f"--aptopt={options}", "--dpkgopt=force-unsafe-io", codename, str(folder),
-         *sources(codename)],
+        ["unshare", "--mount", "mmdebstrap", "--mode=root", "--variant=minbase",
+         f"--include={EXPECTED}", f"--aptopt={options}", "--dpkgopt=force-unsafe-io",
+         codename, str(folder), *sources(codename)],
         out / "root.log",
     )  # fmt: skip
     add_user(folder)
