@@ -33,6 +33,7 @@ include clients/clients.mk
 include tests/kernel/kernel.mk
 include tests/bench/bench.mk
 include tests/arm64/arm64.mk
+include tests/debian/debian.mk
 -include $(wildcard firmware/firmware.mk hw/hw.mk)
 
 .PHONY: setup build demo test check format clean

@@ -15,9 +15,9 @@
 #include "base/text.h"
 #include "include/ring_sample.h"
 
-#define INSECURE_LAN                                                                            \
-	"lightprobed: --insecure-lan: anyone on the network can read the light — publish on " \
-	"wss: instead (lightprobe pair)"
+#define INSECURE_LAN                                                             \
+	"lightprobed: --insecure-lan: anyone on the network can read the light " \
+	"— publish on wss: instead (lightprobe pair)"
 
 static void set_name(struct lp_daemon *daemon)
 {

@@ -23,9 +23,9 @@
 #define REFLECTION_BUDGET_NS (5 * LP_NS_PER_MS)
 #define REFLECTION_FAULT_NS (5 * LP_NS_PER_S)
 #define REFLECTION_FAULT "reflection-maps-late"
-#define REFLECTION_LATE                                                                     \
-	"clients ask for more than there is time for, and get them less often — ask for " \
-	"the same size and lights, or a lower rate"
+#define REFLECTION_LATE                                                         \
+	"clients ask for more than there is time for, and get them less often " \
+	"— ask for the same size and lights, or a lower rate"
 /* A new subscription is answered at once, but not more often than this: it costs an encoding. */
 #define ANSWER_PERIOD_NS (100 * LP_NS_PER_MS)
 

@@ -19,13 +19,12 @@
 #define MOST_NOT_UNIT 0.02
 #define CONTRADICTS "orientation-contradicts"
 #define LATE "orientation-late"
-#define NO_POSE                                                                                   \
-	"orientation: receive: no client has sent a pose for a second — does the app send its " \
-	"head pose?"
-#define NO_SAMPLE                                                                                  \
-	"orientation: receive: the sensor has told nothing for a second — is it connected? The " \
-	"log "                                                                                     \
-	"says what was tried"
+#define NO_POSE                                                         \
+	"orientation: receive: no client has sent a pose for a second " \
+	"— does the app send its head pose?"
+#define NO_SAMPLE                                                         \
+	"orientation: receive: the sensor has told nothing for a second " \
+	"— is it connected? The log says what was tried"
 
 /* ---------------------------------------------------------------- the mount */
 

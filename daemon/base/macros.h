@@ -10,6 +10,6 @@
 
 /* The structure that embeds a member, from the member's address. */
 #define LP_CONTAINER_OF(pointer, type, member) \
-	((type *)(void *)((char *)(pointer)-offsetof(type, member)))
+	((type *)(void *)(((char *)(pointer)) - offsetof(type, member)))
 
 #endif

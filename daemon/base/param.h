@@ -64,10 +64,10 @@ struct lp_params {
 };
 
 /* Initialises a table from its array. */
-#define LP_PARAMS(array)                                  \
-	{                                                 \
-		.list = (array), .count = LP_COUNT(array) \
-	}
+/* Versions of clang-format disagree about these lines. */
+/* clang-format off */
+#define LP_PARAMS(array) {.list = (array), .count = LP_COUNT(array)}
+/* clang-format on */
 
 /*
  * Set the parameter `name` in `*fields`. -EINVAL, logged under `object` (a command line, FILE:LINE,

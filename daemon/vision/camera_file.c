@@ -80,11 +80,11 @@ static const struct lp_param rig_list[] = {
 };
 static const struct lp_params rig_params = LP_PARAMS(rig_list);
 
-#define LENS_FLOAT(key, low, high)                                                        \
-	{                                                                                 \
-#key, LP_PARAM_FLOAT, offsetof(struct lp_lens_fields, key), .min = (low), \
-									    .max = (high) \
-	}
+/* Versions of clang-format disagree about these lines. */
+/* clang-format off */
+#define LENS_FLOAT(key, low, high) \
+	{#key, LP_PARAM_FLOAT, offsetof(struct lp_lens_fields, key), .min = (low), .max = (high)}
+/* clang-format on */
 
 static const struct lp_param lens_list[] = {
 	LENS_FLOAT(cx_px, -16384, 32768),

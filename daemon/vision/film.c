@@ -34,6 +34,7 @@ int lp_imager_create_film(struct lp_imager *imager)
 	}
 	const int ret = lp_stokes_map_create(imager->grid, &imager->stokes);
 
+	imager->wheel_deg = NAN;
 	lp_imager_place_film(imager);
 	return ret;
 }

@@ -2,9 +2,10 @@
 /** The frozen bytes that every language decodes. Tests run in build/js. */
 import { readFileSync, readdirSync } from "node:fs";
 import { resolve } from "node:path";
+import { fileURLToPath } from "node:url";
 
-/** Root of the repository, seen from build/js. */
-export const ROOT = resolve(import.meta.dirname ?? process.cwd(), process.env["LIGHTPROBE_ROOT"] ?? "../../../..");
+/** Root of the repository, seen from build/js/dist/test. */
+export const ROOT = resolve(fileURLToPath(new URL(".", import.meta.url)), process.env["LIGHTPROBE_ROOT"] ?? "../../../..");
 const FOLDER = resolve(ROOT, "proto/golden");
 
 export const expected = JSON.parse(readFileSync(resolve(FOLDER, "v1.json"), "utf8")) as Record<string, Record<string, unknown>>;

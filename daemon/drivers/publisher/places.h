@@ -33,9 +33,9 @@ struct lp_share;
 #define LP_NO_MORE_PLACES                                                              \
 	"all places are taken, and this address has most of them; another client got " \
 	"this one — close connections that are not needed"
-#define LP_ALLOWANCE_SPENT                                                                    \
-	"this address has connected, or sent, far more than an app does — send a pose per " \
-	"picture, and a subscription only when it changes"
+#define LP_ALLOWANCE_SPENT                                                \
+	"this address has connected, or sent, far more than an app does " \
+	"— send a pose per picture, and a subscription only when it changes"
 
 enum lp_place_phase { LP_PLACE_NEW, LP_PLACE_CLIENT, LP_PLACE_LEAVING, LP_PLACE_PHASES };
 

@@ -34,12 +34,13 @@ struct fields {
 	struct lp_floats seat_deg[2];
 };
 
-#define NINE(key, index, least, most)                                                        \
-	{                                                                                    \
-		key, LP_PARAM_FLOATS,                                                        \
-			offsetof(struct fields, nines) + (index) * sizeof(struct lp_floats), \
-			.min = (least), .max = (most)                                        \
-	}
+/* Versions of clang-format disagree about these lines. */
+/* clang-format off */
+#define NINE(key, index, least, most)                                                         \
+	{key, LP_PARAM_FLOATS,                                                                \
+	 offsetof(struct fields, nines) + (index) * sizeof(struct lp_floats), .min = (least), \
+	 .max = (most)}
+/* clang-format on */
 static const struct lp_param list[] = {
 	{"version", LP_PARAM_INT, offsetof(struct fields, version), .min = 1, .max = 1000},
 	{"divider_ohm", LP_PARAM_FLOAT, offsetof(struct fields, divider_ohm), .min = 10,

@@ -132,6 +132,17 @@ def test_groups_of_rules_and_drop_ins_are_made(root):
     assert named == made
 
 
+def test_groups_of_debian_have_the_numbers_that_debian_gives_them(root):
+    """Otherwise systemd says each time that they contradict its own list."""
+    folder = root / "usr/lib/sysusers.d"
+    folder.mkdir(parents=True)
+    shutil.copy("/usr/lib/sysusers.d/basic.conf", folder)
+    command = ["systemd-sysusers", f"--root={root}"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert "'gpio'" in done.stderr  # it has read ours
+    assert "Conflict" not in done.stderr
+
+
 def found(pattern: str, *paths: Path) -> set[str]:
     """What the pattern's group matches in the files' lines."""
     text = "\n".join(path.read_text() for path in paths)

@@ -118,8 +118,11 @@ __attribute__((unused)) static lws_fop_fd_t on_open_later(const struct lws_plat_
 	return on_open(own, filename, rest, flags);
 }
 
+/* Versions of clang-format disagree about these lines. */
+/* clang-format off */
 #define OPEN_OF(ops) \
 	_Generic((ops).LWS_FOP_OPEN, __typeof__(&on_open) : on_open, default : on_open_later)
+/* clang-format on */
 
 static int on_close(lws_fop_fd_t *file)
 {

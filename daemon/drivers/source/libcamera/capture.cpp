@@ -80,9 +80,9 @@ std::string forbidden_device()
 } // namespace
 
 Capture::Capture(const lp_libcamera_settings &how)
-    : settings(how), outbox(lp_source_outbox_create()),
-      frames(lp_owned_frames_create(FRAMES)), retry{RETRY_FIRST_NS, RETRY_LONGEST_NS, 0}
+    : settings(how), outbox(lp_source_outbox_create()), frames(lp_owned_frames_create(FRAMES))
 {
+	retry = {RETRY_FIRST_NS, RETRY_LONGEST_NS, 0};
 	present.exposure_min_us = present.exposure_max_us = NAN;
 	present.gain_min = present.gain_max = NAN;
 	present.exposure_delay_frames = -1;

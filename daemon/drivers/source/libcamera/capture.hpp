@@ -63,7 +63,7 @@ class Capture
 	/* The thread's own. */
 	std::optional<ManagerUse> manager; /* from open() to the end of the session */
 	std::string object;		   /* names the camera in messages */
-	lp_backoff retry;
+	lp_backoff retry{};
 	int64_t silent_ns = 0;	  /* since when there is no usable frame */
 	bool has_corrupt = false; /* frames since then */
 	bool has_frames = false;  /* usable ones, since it was opened */
