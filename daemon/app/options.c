@@ -151,8 +151,6 @@ static int parse_detector(const char *text, void *field)
 		enum lp_detector detector;
 	} plain[] = {
 		{"adaptive", LP_DETECTOR_ADAPTIVE},
-		{"median", LP_DETECTOR_MEDIAN},
-		{"otsu", LP_DETECTOR_OTSU},
 		{"research", LP_DETECTOR_RESEARCH},
 	};
 	struct lp_detector_options *choice = field;
@@ -168,10 +166,8 @@ static int parse_detector(const char *text, void *field)
 	if (!number || !number[1])
 		return -EINVAL;
 	*choice = (struct lp_detector_options){0};
-	const bool is_static = strncmp(text, "static:", 7) == 0;
-
-	if (is_static || strncmp(text, "research:", 9) == 0) {
-		choice->detector = is_static ? LP_DETECTOR_STATIC : LP_DETECTOR_RESEARCH;
+	if (strncmp(text, "research:", 9) == 0) {
+		choice->detector = LP_DETECTOR_RESEARCH;
 		choice->threshold = strtof(number + 1, &end);
 		return *end || !isfinite(choice->threshold) || choice->threshold <= 0 ? -EINVAL : 0;
 	}
@@ -315,8 +311,7 @@ static const struct lp_param config_list[] = {
 	 .initial = "0", .max = 6400,
 	 .help = "lower the preset while more of a core is used; 0: never"},
 	{"detector", LP_PARAM_OWN, offsetof(struct lp_options, detector), .initial = "adaptive",
-	 .parse = parse_detector,
-	 .expects = "adaptive|median|otsu|static:RADIANCE|research[:RADIANCE]|mediancut:1..8",
+	 .parse = parse_detector, .expects = "adaptive|research[:RADIANCE]|mediancut:1..8",
 	 .help = "how lamps are found"},
 	{"sh-order", LP_PARAM_INT, offsetof(struct lp_options, sh_order), .initial = "4",
 	 .max = LP_MAX_SH_ORDER, .help = "highest order of spherical harmonics offered"},

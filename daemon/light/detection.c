@@ -8,7 +8,6 @@
 #include "light/grid.h"
 #include "light/mediancut.h"
 #include "light/research.h"
-#include "light/threshold.h"
 
 /* A lamp is brighter than twice the mean, of the brightest tenth of the sphere and no larger,
  * LP_PEAK_STANDS_OUT times its own saddle to a brighter one, and reaches down to a tenth of its
@@ -74,14 +73,13 @@ static void find_lamps(struct lp_detection *detection, const struct lp_panorama 
 {
 	const struct lp_lamp_options options = to_stay();
 
+	lp_regions_from_peaks(detection->regions, panorama, mean, &peak_options);
 	lp_find_lamps(detection->finder, panorama, detection->regions, mean, &options);
 }
 
 bool lp_detection_finds_regions(const struct lp_detection *detection)
 {
-	const enum lp_detector detector = detection->options.detector;
-
-	return detector != LP_DETECTOR_RESEARCH && detector != LP_DETECTOR_MEDIANCUT;
+	return detection->options.detector == LP_DETECTOR_ADAPTIVE;
 }
 
 float lp_detection_width_deg(const struct lp_detection *detection, const struct lp_lamp *lamp)
@@ -90,7 +88,7 @@ float lp_detection_width_deg(const struct lp_detection *detection, const struct 
 	const float radius_rad =
 		2.0F * asinf(fminf(sqrtf(lamp->solid_angle_sr / (4.0F * (float)M_PI)), 1.0F));
 
-	if (detection->options.detector != LP_DETECTOR_ADAPTIVE)
+	if (!lp_detection_finds_regions(detection))
 		return 0.0F;
 	return fmaxf(radius_rad * 180.0F / (float)M_PI, lamp->half_angle_deg[0] / 2.0F);
 }
@@ -113,29 +111,11 @@ bool lp_detection_enters(const struct lp_detection *detection, const struct lp_l
 	       lamp->contrast_to_noise >= lamp_options.min_contrast_to_noise;
 }
 
-static void detect_above(struct lp_detection *detection, const struct lp_panorama *panorama,
-			 float level, float mean)
-{
-	lp_regions_from_threshold(detection->regions, panorama, level);
-	find_lamps(detection, panorama, mean);
-}
-
 void lp_detect(struct lp_detection *detection, const struct lp_panorama *panorama, float mean)
 {
 	switch (detection->options.detector) {
 	case LP_DETECTOR_ADAPTIVE:
-		lp_regions_from_peaks(detection->regions, panorama, mean, &peak_options);
 		find_lamps(detection, panorama, mean);
-		return;
-	case LP_DETECTOR_MEDIAN:
-		detect_above(detection, panorama, lp_threshold_median(panorama, detection->scratch),
-			     mean);
-		return;
-	case LP_DETECTOR_OTSU:
-		detect_above(detection, panorama, lp_threshold_otsu(panorama), mean);
-		return;
-	case LP_DETECTOR_STATIC:
-		detect_above(detection, panorama, detection->options.threshold, mean);
 		return;
 	case LP_DETECTOR_RESEARCH:
 		lp_research_detect(detection->finder, panorama, detection->options.threshold,

@@ -15,16 +15,13 @@
 
 enum lp_detector {
 	LP_DETECTOR_ADAPTIVE,  /* default: peaks with persistence, excess over the surround */
-	LP_DETECTOR_MEDIAN,    /* connected cells above the histogram's median */
-	LP_DETECTOR_OTSU,      /* above Otsu's threshold of the logarithm */
-	LP_DETECTOR_STATIC,    /* above a given radiance */
 	LP_DETECTOR_RESEARCH,  /* the published recipe, step by step */
 	LP_DETECTOR_MEDIANCUT, /* a constellation of N lights */
 };
 
 struct lp_detector_options {
 	enum lp_detector detector;
-	float threshold; /* radiance: of STATIC; of RESEARCH, where 0 is the median */
+	float threshold; /* radiance, of RESEARCH; 0: the median */
 	int lights;	 /* MEDIANCUT: how many */
 };
 

@@ -302,13 +302,3 @@ void lp_regions_from_peaks(struct lp_regions *regions, const struct lp_panorama 
 	find_cores(regions, options->core_ratio, options->clipped_core_ratio);
 	gather(regions, options->area_sr);
 }
-
-void lp_regions_from_threshold(struct lp_regions *regions, const struct lp_panorama *panorama,
-			       float level)
-{
-	collect(regions, panorama, fmaxf(level, 0.0F));
-	sort_candidates(regions);
-	flood(regions, INFINITY);
-	find_cores(regions, 0.0F, 0.0F);
-	gather(regions, INFINITY);
-}

@@ -68,8 +68,4 @@ void lp_regions_destroy(struct lp_regions *regions); /* accepts NULL; the grid s
 void lp_regions_from_peaks(struct lp_regions *regions, const struct lp_panorama *panorama,
 			   float mean, const struct lp_peak_options *options);
 
-/* Connected cells whose luminance is above `level`. */
-void lp_regions_from_threshold(struct lp_regions *regions, const struct lp_panorama *panorama,
-			       float level);
-
 #endif

@@ -8,7 +8,7 @@
 #include "include/panorama.h"
 #include "light/grid.h"
 #include "light/lamps.h"
-#include "light/threshold.h"
+#include "light/select.h"
 
 /* Kernels of the recipe in pixels of its 1920-pixel picture, scaled to the grid. */
 #define PICTURE_WIDTH_PX 1920.0F
@@ -136,13 +136,24 @@ static void insert_by_area(struct lp_lamp_finder *finder, const struct lp_lamp *
 	finder->lamps[at] = *lamp;
 }
 
+/* Median luminance of the cells that have light, by cell, as the recipe has it. */
+static float median_of(const struct lp_panorama *panorama, float *scratch)
+{
+	int count = 0;
+
+	for (int i = 0; i < panorama->width * panorama->height; i++)
+		if (panorama->cells[i][LP_LUMINANCE] > 0.0F)
+			scratch[count++] = panorama->cells[i][LP_LUMINANCE];
+	return count ? lp_select(scratch, count, count / 2) : 0.0F;
+}
+
 void lp_research_detect(struct lp_lamp_finder *finder, const struct lp_panorama *panorama,
 			float threshold, float *scratch)
 {
 	const int n = panorama->width * panorama->height;
 	struct planes p = {panorama->width, panorama->height, scratch, scratch + n};
 	const int erosion = half_width(&p, ERODE_PX), dilation = half_width(&p, 3.0F * ERODE_PX);
-	const float level = threshold > 0.0F ? threshold : lp_threshold_median(panorama, scratch);
+	const float level = threshold > 0.0F ? threshold : median_of(panorama, scratch);
 
 	for (int i = 0; i < n; i++)
 		p.a[i] = panorama->cells[i][LP_LUMINANCE] > level ? 1.0F : 0.0F;

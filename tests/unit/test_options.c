@@ -87,17 +87,19 @@ static void test_knobs_of_a_preset(void **state)
 
 static void test_detectors(void **state)
 {
-	static const char *const bad[] = {
-		"--detector=",		 "--detector=static",	   "--detector=static:",
-		"--detector=static:0",	 "--detector=static:nan",  "--detector=static:1x",
-		"--detector=mediancut:", "--detector=mediancut:9", "--detector=mediancut:0",
-		"--detector=median:3",	 "--detector=other",	   "--detector=research:",
-		"--detector=research:0", "--detector=mediancut:22"};
+	static const char *const bad[] = {"--detector=",
+					  "--detector=adaptive:1",
+					  "--detector=other",
+					  "--detector=mediancut:",
+					  "--detector=mediancut:9",
+					  "--detector=mediancut:0",
+					  "--detector=mediancut:22",
+					  "--detector=research:",
+					  "--detector=research:0",
+					  "--detector=research:nan",
+					  "--detector=research:1x"};
 
 	(void)state;
-	assert_int_equal(read_line("--detector=static:0.25", NULL, NULL), 0);
-	assert_int_equal(options.detector.detector, LP_DETECTOR_STATIC);
-	assert_true(options.detector.threshold == 0.25F);
 	assert_int_equal(read_line("--detector=mediancut:6", NULL, NULL), 0);
 	assert_int_equal(options.detector.detector, LP_DETECTOR_MEDIANCUT);
 	assert_int_equal(options.detector.lights, 6);

@@ -68,7 +68,7 @@ def command(
     ] = None,
     detector: Annotated[
         str | None,
-        typer.Option(help="adaptive, median, otsu, static:T, research[:T], mediancut:N."),
+        typer.Option(help="adaptive, research[:T], mediancut:N."),
     ] = None,
     ring_lux: Annotated[
         str | None,
