@@ -3,26 +3,18 @@
 
 import * as sh from "./sh.js";
 import type { Vec3 } from "./sh.js";
+import { EstimateFlag, LightFlag } from "./gen/lightprobe_pb.js";
 
 export type { Vec3 };
 
-export const LightFlag = { CLIPPED: 1, REFLECTION: 2, EXTENDED: 4, RING: 8, HELD: 16 } as const;
-
-/** Why an estimate is less than the probe at its best; 0 is a healthy one. */
-export const EstimateFlag = {
-  STALE: 1, EXPOSURE_UNKNOWN: 2, CLIPPED: 4, UNDEREXPOSED: 8, BRACKET_INCOMPLETE: 16, PARTIAL_VIEW: 32,
-  MORE_LIGHTS: 64, INVALID_INPUT: 128, DEGRADED: 256, RING_ONLY: 512, EXPOSURE_IGNORED: 1024,
-  RING_FAULT: 2048, WHEEL_FAULT: 4096, NO_LIGHT: 8192, MOTION: 16384,
-  FLICKER: 32768, COVERED: 65536, POLARIZATION_UNKNOWN: 131072, FILM_TURNED: 262144,
-} as const;
+/** Flags as the schema has them: of a lamp, and why an estimate is less than the probe at its best (0 is a healthy one). */
+export { EstimateFlag, LightFlag };
 
 /** Names of the bits that are set; BIT_n for one that this version does not know. */
-export function flagNames(flags: number, known: Record<string, number> = EstimateFlag): string[] {
+export function flagNames(flags: number): string[] {
   const names: string[] = [];
-  for (let bit = 0; bit < 31; bit++) {
-    if (!((flags >> bit) & 1)) continue;
-    names.push(Object.keys(known).find((name) => known[name] === 1 << bit) ?? `BIT_${bit}`);
-  }
+  for (let bit = 0; bit < 31; bit++)
+    if ((flags >> bit) & 1) names.push(EstimateFlag[1 << bit] ?? `BIT_${bit}`);
   return names;
 }
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from lightprobe import sh, wire
-from lightprobe.estimate import Estimate, EstimateFlag, Health, Hello, Refusal
+from lightprobe.estimate import Estimate, EstimateFlag, Health, Hello, LightFlag, Refusal
 from lightprobe_proto import lightprobe_pb2 as pb
 
 
@@ -98,6 +98,14 @@ def test_other_kinds():
     assert isinstance(health, Health)
     assert (health.source_state, health.faults[0].text) == ("STREAMING", "y")
     assert refusal == Refusal(-22, "no")
+
+
+@pytest.mark.parametrize(("ours", "prefix"), [(EstimateFlag, "ESTIMATE"), (LightFlag, "LIGHT")])
+def test_flags_are_those_of_the_schema(ours, prefix):
+    schema = pb.Estimate.DESCRIPTOR.file.enum_types_by_name[ours.__name__].values_by_name
+    known = {f"{prefix}_FLAG_{flag.name}": flag.value for flag in ours}
+    known[f"{prefix}_FLAG_NONE"] = 0
+    assert known == {name: value.number for name, value in schema.items()}
 
 
 def test_newer_kinds_and_flags_are_no_error():
