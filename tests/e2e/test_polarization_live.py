@@ -286,8 +286,8 @@ def test_a_turning_head_keeps_its_bearings_behind_the_film() -> None:
     assert len(ahead) > 100
     error_deg = geometry.angle_deg(np.array(ahead), geometry.normalize(np.mean(ahead, axis=0)))
     assert np.all(error_deg < 3 * np.array(sigma_deg))
-    # 10 where the picture is compared as the film shows it. While the wheel turns, less of it can
-    # be compared: what is more than about 40 degrees off the film's axis is dimmed by who knows what.
+    # 10 where the picture is compared as the film shows it. While the wheel turns, only what is
+    # less than about 40 degrees off the film's axis is compared: beyond, nobody knows what it dims.
     assert error_deg.max() < 2.5
 
 
@@ -405,6 +405,6 @@ def test_a_turn_is_followed_in_a_room_so_bare_that_nothing_contradicts_the_map()
     t_s, yaw = np.array(found).T
     turned_deg = np.degrees(np.unwrap(yaw)) - rate_deg_s * t_s
     assert t_s[-1] - t_s[0] > 2.0
-    # The wheel homes and turns in most of this time. 8 behind a film without surfaces: what they dim
-    # is not compared then, and near the film's axis this room shows hardly anything.
+    # The wheel homes and turns in most of this time. 8 behind a film without surfaces: what those
+    # dim is not compared then, and near the film's axis this room shows hardly anything.
     assert np.ptp(turned_deg) < 17.0
