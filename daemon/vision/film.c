@@ -98,9 +98,10 @@ struct lp_polarization lp_imager_polarization(const struct lp_imager *imager,
 				lamp->count);
 }
 
-bool lp_imager_floor_is_upright(const struct lp_imager *imager)
+bool lp_imager_film_seems_turned(const struct lp_imager *imager)
 {
-	return imager->stokes && lp_stokes_map_floor_is_upright(imager->stokes);
+	return imager->stokes && (lp_stokes_map_surfaces_seem_turned(imager->stokes) ||
+				  lp_stokes_map_floor_is_upright(imager->stokes));
 }
 
 bool lp_imager_polarization_grid(const struct lp_imager *imager, struct lp_polarization_grid *grid)

@@ -168,8 +168,8 @@ struct lp_polarization lp_imager_polarization(const struct lp_imager *imager,
 					      const struct lp_lamp_finder *finder,
 					      const struct lp_lamp *lamp);
 
-/* lp_stokes_map_floor_is_upright(); false without a film. */
-bool lp_imager_floor_is_upright(const struct lp_imager *imager);
+/* By the floor or by its own surfaces, a quarter turn (stokes_map.h); false without a film. */
+bool lp_imager_film_seems_turned(const struct lp_imager *imager);
 
 /* How light is polarized, camera frame, as of the newest frame. False: there is no film. */
 bool lp_imager_polarization_grid(const struct lp_imager *imager, struct lp_polarization_grid *grid);

@@ -65,6 +65,11 @@ struct lp_polarization lp_stokes_map_of(const struct lp_stokes_map *map, const f
  * is known or polarized. */
 bool lp_stokes_map_floor_is_upright(const struct lp_stokes_map *map);
 
+/* Whether all around the film's axis light seems polarized as behind a film that has been put in a
+ * quarter turn wrong: its surfaces then take other light than is put back. False for a film without
+ * surfaces, and where too little is known in a quarter around the axis. */
+bool lp_stokes_map_surfaces_seem_turned(const struct lp_stokes_map *map);
+
 /* All that is known as a coarse picture in the frame from which `to_map` turns into that of the
  * map. Fills all but t_capture_ns. */
 void lp_stokes_map_picture(const struct lp_stokes_map *map, const struct lp_rotation *to_map,

@@ -77,7 +77,7 @@ FLAG_WORDS: dict[str, str] = {
     "COVERED": "something covers part of the lens; what was known of the light there is kept",
     "POLARIZATION_UNKNOWN": "too few angles of the polarizer so far, so reflections are not told "
     "from lamps",
-    "FILM_TURNED": "floors mirror as if they were upright; turn the polarizing film by 90°",
+    "FILM_TURNED": "the polarizing film is a quarter turn off; turn it by 90°",
     "REFLECTION": "the mirror image of another lamp (glare)",
     "EXTENDED": "an area light, wider than a lamp",
     "RING": "strength or direction from the ring of light sensors",

@@ -133,7 +133,9 @@ static float on_the_left(const float d[3])
 }
 
 /* q: S1/S0 of the light from a direction; the film stands off_deg from where it is taken to be. */
-static bool floor_is_upright(float (*q)(const float direction[3]), float value, float off_deg)
+/* What tells that the film stands off_deg from where the wheel says. */
+static bool tells(bool (*judge)(const struct lp_stokes_map *), float (*q)(const float direction[3]),
+		  float value, float off_deg)
 {
 	struct room room;
 
@@ -162,10 +164,20 @@ static bool floor_is_upright(float (*q)(const float direction[3]), float value, 
 		}
 		lp_stokes_map_learn(room.map, &view, &seen);
 	}
-	const bool upright = lp_stokes_map_floor_is_upright(room.map);
+	const bool told = judge(room.map);
 
 	close_room(&room);
-	return upright;
+	return told;
+}
+
+static bool floor_is_upright(float (*q)(const float direction[3]), float value, float off_deg)
+{
+	return tells(lp_stokes_map_floor_is_upright, q, value, off_deg);
+}
+
+static bool surfaces_tell(float (*q)(const float direction[3]), float value, float off_deg)
+{
+	return tells(lp_stokes_map_surfaces_seem_turned, q, value, off_deg);
 }
 
 static void test_a_floor_that_seems_upright(void **state)
@@ -185,6 +197,18 @@ static void test_a_floor_that_seems_upright(void **state)
 	open_room(&room);
 	assert_false(lp_stokes_map_floor_is_upright(room.map));
 	close_room(&room);
+}
+
+static void test_surfaces_tell_of_a_film_put_in_wrong(void **state)
+{
+	(void)state;
+	assert_true(surfaces_tell(everywhere_below, 0.0F, 90.0F)); /* matt: the floor is silent */
+	assert_true(surfaces_tell(everywhere_below, 0.1F, 90.0F));
+	assert_true(surfaces_tell(all_around, 0.06F, 90.0F));
+	assert_false(surfaces_tell(everywhere_below, 0.0F, 0.0F));
+	assert_false(surfaces_tell(everywhere_below, 0.3F, 0.0F));
+	assert_false(surfaces_tell(all_around, 0.3F, 0.0F));
+	assert_false(surfaces_tell(on_the_left, -0.3F, 0.0F));
 }
 
 static void to_floats(const uint16_t half[4], float value[4])
@@ -425,6 +449,7 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_a_floor_that_seems_upright),
+		cmocka_unit_test(test_surfaces_tell_of_a_film_put_in_wrong),
 		cmocka_unit_test(test_a_picture_holds_what_is_known),
 		cmocka_unit_test(test_a_picture_is_in_the_cameras_frame),
 		cmocka_unit_test(test_a_lamp_is_polarized_as_its_cells),

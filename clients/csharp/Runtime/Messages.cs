@@ -63,7 +63,7 @@ namespace Lightprobe.Messages
         Covered = 65536,
         /// <summary>too few angles of the polarizer so far: reflections are not told from lamps</summary>
         PolarizationUnknown = 131072,
-        /// <summary>floors mirror as if upright: the polarizing film is a quarter turn off</summary>
+        /// <summary>the polarizing film is a quarter turn from where the wheel says</summary>
         FilmTurned = 262144,
     }
 
