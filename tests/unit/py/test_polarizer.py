@@ -345,6 +345,16 @@ def test_what_two_surfaces_do_to_unpolarized_light(off_deg: float, dolp: float, 
     assert 1 - sum(once) / 2 == pytest.approx(loss, abs=0.001)
 
 
+@pytest.mark.parametrize(
+    ("off_deg", "darkest", "brightest", "dolp"), [(60, 0.76, 1.08, 0.17), (74, 0.49, 0.91, 0.30)]
+)
+def test_a_white_wall_aside_is_as_the_page_has_it(off_deg, darkest, brightest, dolp):
+    """Figures of docs/users/polarization.md, for an index of 1.5."""
+    along, across = gain(1.5, 0, off_deg), gain(1.5, 90, off_deg)
+    assert (across, along) == pytest.approx((darkest, brightest), abs=0.006)
+    assert (along - across) / (along + across) == pytest.approx(dolp, abs=0.006)
+
+
 @given(
     off_deg=st.floats(0, 74.9), round_deg=st.floats(0, 360), wheel_deg=angles,
     index=st.floats(1, 2),
