@@ -177,7 +177,8 @@ static bool film_is_turned(const struct lp_suspect *suspects, int count,
 {
 	const double evidence = lp_film_turned_evidence(suspects, count);
 
-	return evidence > TURNED || (evidence > 1.0 / TURNED && lp_imager_film_seems_turned(imager));
+	return evidence > TURNED ||
+	       (evidence > 1.0 / TURNED && lp_imager_film_seems_turned(imager));
 }
 
 /* Which of the remembered lamps are mirror images of others. */
