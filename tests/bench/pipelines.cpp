@@ -216,7 +216,7 @@ void bench::add_pipelines(contestants &list, const lp_camera_file &camera)
 	}
 	struct lp_pipeline_options behind_film = defaults(camera);
 
-	behind_film.film = {0.84F, 500.0F, 0.0F, 0.0F};
+	behind_film.film = {0.84F, 500.0F, 1.5F, false, 0.0F, 0.0F};
 	list.push_back(std::make_unique<film_pipeline>(behind_film));
 	list.push_back(std::make_unique<pipeline>("turning", defaults(camera), LP_MAX_LIGHTS, 1));
 }
