@@ -131,10 +131,10 @@ def every(seconds: float, act: Callable[[], None], stop: threading.Event) -> thr
 def test_ring_against_the_camera(tmp_path: Path) -> None:
     """The probe's own estimates are the light meter; lamps are switched meanwhile."""
     options = ("--size", "960x480", "--rate", "20", "--scenes", "procedural:5", "--act-s", "4",
-               "--ring-spread", "1", "--median-radiance", "0",
+               "--ring-spread", "1", "--median-radiance", "0", "--film", "0.84,500,0,1",
                "--cd-m2-per-unit", "40")  # fmt: skip
     uri = f"unix:{tmp_path / 'probe'}"
-    polarizer = 0.42
+    polarizer = 0.42  # the film's surfaces would take other light than the ring's: it has none
     with simulator(tmp_path, *options) as running:
         arguments = [f"--source=sim:{tmp_path / 'camera'}", f"--publish={uri}"]
         with daemon.Daemon(arguments, tmp_path / "daemon.log") as probe:

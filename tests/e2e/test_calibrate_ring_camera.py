@@ -35,8 +35,9 @@ from test_calibrate_box import calibrate
 from test_simulated_box import simulator
 
 LUX_PER_UNIT = 60.0
-#: The simulated box has a wheel with a film, which takes this from the camera's light.
-FILM = 0.42
+#: What the film on the simulated box's wheel lets pass, and its options: without surfaces, which
+#: would take other light than the ring's. A user takes the film off.
+FILM, FILM_OPTIONS = 0.42, ("--film", "0.84,500,0,1")
 READING_S = 0.02
 TURNING = Behaviour(act_s=0, turn_deg_s=20, nod_deg=15, nod_hz=0.11)
 
@@ -176,7 +177,7 @@ def probe_before(folder: Path, *options: str, firmware: str) -> Iterator[str]:
     uri = f"unix:{folder / 'probe'}"
     room = ("--size", "240x120", "--rate", "15", "--scenes", "room", "--act-s", "0",
             "--ring-spread", "1", "--cd-m2-per-unit", str(LUX_PER_UNIT))  # fmt: skip
-    with simulator(folder, *room, *options, firmware=firmware):
+    with simulator(folder, *room, *FILM_OPTIONS, *options, firmware=firmware):
         arguments = [f"--source=sim:{folder / 'camera'}", f"--publish={uri}"]
         with daemon.Daemon(arguments, folder / "daemon.log") as probe:
             while not (folder / "probe").exists():

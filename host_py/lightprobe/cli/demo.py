@@ -150,7 +150,7 @@ def command(
                 arguments.append("--reflection-map=32")  # nobody lives in that room
                 box_uri = f"mcu:serial:{folder / 'mcu'}"
                 arguments += [f"--rotator={box_uri}", f"--ring={box_uri}"]
-                arguments.append(f"--wheel-angles={_WHEEL_DEG:g}")
+                arguments.append(f"--polarizer=fixed:{_WHEEL_DEG:g}")
             running = stack.enter_context(daemon.Daemon(arguments, folder / "daemon.log"))
             wait_for_socket(folder / "probe", running)
             wish = Subscription(smoothing="RAW", max_lights=8, health_period_ms=500)
@@ -350,8 +350,7 @@ def _paint(
         return str(path), picture.draw(path, estimate, None, footer)
     if "world" not in _world:
         _world["world"] = World(scenes.load(_world["names"]), None, MEDIAN_RADIANCE)
-    # The camera, and so the estimate, sees the world through the polarizer.
-    scene = _world["world"].scenes[frame["act"]].scaled(frame["polarizer_gain"])
+    scene = _world["world"].scenes[frame["act"]]
     radiance = scene.render(1024, 512).compose(frame["powers"])
     # By whole pixels of the map: the truth beside it is turned by just as much.
     turn_px = round(frame["yaw_deg"] / 360 * 1024)

@@ -6,7 +6,7 @@ import json
 import math
 import signal
 from contextlib import ExitStack
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, TextIO
 
@@ -387,9 +387,7 @@ def command(
     stack_deg = numbers("--polarizer", polarizer) if polarizer else ()
     if not all(map(math.isfinite, stack_deg)):
         raise UsageError(f"simulate: --polarizer {polarizer}: expected degrees, as 90 or 90,45,0")
-    # A daemon that is not told of a film cannot free its pictures of what the surfaces take.
-    bare = replace(optics.sheet, index=1.0)
-    sheet = parse_film(film) or bare if polarizer or firmware != "none" else None
+    sheet = parse_film(film) or optics.sheet if polarizer or firmware != "none" else None
     behaviour = Behaviour(
         act_s, turn_deg_s, swing_deg, swing_hz, switch_s, flicker,
         walk_m, walk_m_s, cover_from_s, cover_to_s, nod_deg, nod_hz,
