@@ -344,14 +344,21 @@ def test_battery_and_heat(world):
 
 def test_a_low_battery_outlives_the_connection(world):
     """Neither a new connection nor a report that says nothing of the battery ends it."""
-    faults, seen = "battery=0.1&network_after=60&network_s=2", []
-    with theta(world, faults) as (camera, port), probing(port) as (_, client):
-        fault(client, "camera-battery")
-        for state in (State.STALLED, State.STREAMING):
-            client.until(lambda h, s=state: seen.append(h) or h.source_state == s, "health")
-            camera.faults = OscFaults(battery=math.nan)
-        count = len(seen) + 30  # it is asked as the stream begins
-        client.until(lambda h: seen.append(h) or len(seen) >= count, "health")
-        assert all("camera-battery" in [f.id for f in h.faults] for h in seen)
-        camera.faults = OscFaults()
-        client.until(lambda h: not h.faults, "health")
+    seen, asked = [], []
+    with theta(world, "battery=0.1&network_after=60&network_s=2") as (camera, port):
+        report = camera.state
+        camera.state = lambda: asked.append(camera.faults.battery) or report()
+        with probing(port) as (_, client):
+
+            def until(condition):
+                client.until(lambda h: seen.append(h) or condition(h), "health")
+
+            fault(client, "camera-battery")
+            until(lambda h: h.source_state == State.STALLED)
+            camera.faults = OscFaults(battery=math.nan, network_s=2)
+            until(lambda h: h.source_state == State.STREAMING and math.isnan(asked[-1]))
+            answered = len(seen) + 5
+            until(lambda _: len(seen) >= answered)
+            assert all("camera-battery" in [f.id for f in h.faults] for h in seen)
+            camera.faults = OscFaults()
+            client.until(lambda h: not h.faults, "health")
