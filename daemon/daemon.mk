@@ -89,7 +89,7 @@ LIBCAMERA_CFLAGS = $(if $(filter 1,$(WITH_LIBCAMERA)),$(subst -I,-isystem ,$(she
 # Two of a walk's registers in one vector register would cost every step four more moves.
 $(OUT)/daemon/vision/jpeg/walk.c.o: LP_CFLAGS += -fno-tree-slp-vectorize
 
-DAEMON_ROOMS := app drivers vision light base
+DAEMON_ROOMS := app serve estimate drivers vision light base
 # Sources of one room, in all of its folders: $(call sources,ROOM,PATTERN...)
 sources = $(foreach p,$(2),$(wildcard daemon/$(1)/$(p) daemon/$(1)/*/$(p) daemon/$(1)/*/*/$(p)))
 # Objects of one room: $(call objects,ROOM)
@@ -104,7 +104,7 @@ $(OUT)/bin/lightprobed: $(OUT)/daemon/app/main.c.o $(DAEMON_LIBS)
 	@mkdir -p $(@D) && echo '  ld $@'
 	@$(CC) $(LP_LDFLAGS) -o $@ $^ $(LP_LDLIBS)
 
-$(OUT)/lib/liblp_app.a: $(OUT)/proto/lightprobe.pb.c.o
+$(OUT)/lib/liblp_serve.a: $(OUT)/proto/lightprobe.pb.c.o
 $(OUT)/lib/liblp_drivers.a: $(OUT)/dbc/mcu.c.o
 define lp_library
 $(OUT)/lib/liblp_$(1).a: $(filter-out %/main.c.o,$(call objects,$(1)))

@@ -3,7 +3,7 @@
 
 ranges_code.py --typescript OUT    the table, for clients/js/src/ranges.ts
 ranges_code.py --csharp OUT        clients/csharp/Runtime/Ranges.cs, which is committed
-ranges_code.py --header OUT        C, for the daemon (app/codec.c)
+ranges_code.py --header OUT        C, for the daemon (serve/codec/codec.c)
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "app/service.h"
+#include "app/run/service.h"
 #include "base/clock.h"
 #include "base/log.h"
 #include "include/frame.h"

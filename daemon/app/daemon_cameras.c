@@ -7,9 +7,9 @@
 
 #include "app/backends.h"
 #include "app/daemon_parts.h"
-#include "app/fixed_exposure.h"
+#include "app/options/fixed_exposure.h"
 #include "app/rig.h"
-#include "app/service.h"
+#include "app/run/service.h"
 #include "base/log.h"
 
 /* ---------------------------------------------------------------- what comes from them */

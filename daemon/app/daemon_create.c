@@ -8,7 +8,7 @@
 #include <string.h>
 
 #include "app/backends.h"
-#include "app/film_options.h"
+#include "app/options/film_options.h"
 #include "app/rig.h"
 #include "base/clock.h"
 #include "base/log.h"

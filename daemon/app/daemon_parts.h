@@ -7,21 +7,21 @@
 #include <stdint.h>
 
 #include "app/daemon.h"
-#include "app/governor.h"
-#include "app/health.h"
-#include "app/hub.h"
-#include "app/instruments.h"
-#include "app/options.h"
-#include "app/orientation.h"
-#include "app/ring_only.h"
-#include "app/ring_watch.h"
-#include "app/time_control.h"
-#include "app/worker.h"
+#include "app/run/governor.h"
+#include "serve/health.h"
+#include "serve/hub.h"
+#include "app/box/instruments.h"
+#include "app/options/options.h"
+#include "app/box/orientation.h"
+#include "estimate/ring/ring_only.h"
+#include "app/box/ring_watch.h"
+#include "app/run/time_control.h"
+#include "app/run/worker.h"
 #include "base/loop.h"
 #include "include/frame.h"
 #include "include/orientation.h"
 #include "include/source.h"
-#include "vision/camera_file.h"
+#include "vision/camera/camera_file.h"
 
 struct lp_daemon;
 

@@ -10,8 +10,8 @@
 
 #include "app/backends.h"
 #include "app/daemon.h"
-#include "app/options.h"
-#include "app/series.h"
+#include "app/options/options.h"
+#include "app/series/series.h"
 #include "base/log.h"
 
 #define LEAST_DESCRIPTORS 32

@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "base/log.h"
-#include "vision/camera_file.h"
+#include "vision/camera/camera_file.h"
 
 #define NEXT_STEP                                                                             \
 	"name the files of one rig, or run lightprobe calibrate rig with all of its cameras " \

@@ -11,7 +11,7 @@
 #define LP_SH_COUNT(order) (((order) + 1) * ((order) + 1))
 #define LP_MAX_SH_COUNT LP_SH_COUNT(LP_MAX_SH_ORDER)
 
-/* Same values as LightFlag of lightprobe.proto; app/codec.c asserts it. */
+/* Same values as LightFlag of lightprobe.proto; serve/codec/codec.c asserts it. */
 enum lp_light_flag {
 	LP_LIGHT_CLIPPED = 1 << 0,
 	LP_LIGHT_REFLECTION = 1 << 1,
@@ -20,7 +20,7 @@ enum lp_light_flag {
 	LP_LIGHT_HELD = 1 << 4,
 };
 
-/* Same values as EstimateFlag of lightprobe.proto; app/codec.c asserts it. */
+/* Same values as EstimateFlag of lightprobe.proto; serve/codec/codec.c asserts it. */
 enum lp_estimate_flag {
 	LP_ESTIMATE_STALE = 1 << 0,
 	LP_ESTIMATE_EXPOSURE_UNKNOWN = 1 << 1,
@@ -88,7 +88,7 @@ struct lp_estimate_orientation {
 
 /*
  * The whole estimate. `sh_total` holds the light of everything; what a packet calls AMBIENT is
- * sh_total minus the projection of the lights that the packet lists (light/model.h), so that
+ * sh_total minus the projection of the lights that the packet lists (light/send/model.h), so that
  * AMBIENT + lights = TOTAL holds exactly in every band, whatever a subscriber asked for.
  */
 struct lp_light_estimate {

@@ -5,7 +5,7 @@
  * `const struct lp_orientation_ops`, registered by one line in app/backends.c. Contract as in
  * source.h. What clients send (client:) and what frames carry (sim:) needs no device and is no back
  * end of this role; it goes the same way from lp_orientation_track_add() on
- * (light/orientation_track.h).
+ * (light/turn/orientation_track.h).
  *
  * A sensor has a body frame of its own. How the probe sits on it, the mount, is not its business:
  * the application knows it.

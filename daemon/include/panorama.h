@@ -18,7 +18,7 @@
 enum lp_cell_flag {
 	LP_CELL_CLIPPED = 1 << 0, /* saturated in every exposure: radiance is a lower bound */
 	LP_CELL_UNSEEN = 1 << 1,  /* no camera pixel looks here: 0 in the map; for the estimate the
-				   * mean of the rest (app/pipeline.c) */
+				   * mean of the rest (estimate/pipeline.c) */
 	LP_CELL_BESIDE = 1 << 2,  /* of a turned picture: next to a marked cell, whose light may lie
 				   * anywhere within it */
 	LP_CELL_COVERED = 1 << 3, /* of a picture: something before the lens hides it */

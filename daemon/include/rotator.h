@@ -22,7 +22,7 @@ struct lp_loop;
 struct lp_rotator;
 struct lp_uri;
 
-/* Same values as Wheel.Phase of lightprobe.proto; app/codec.c asserts it. */
+/* Same values as Wheel.Phase of lightprobe.proto; serve/codec/codec.c asserts it. */
 enum lp_wheel_phase {
 	LP_WHEEL_UNKNOWN, /* present, angle not known */
 	LP_WHEEL_HOMING,

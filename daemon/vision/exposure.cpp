@@ -10,12 +10,12 @@
 #include <turbojpeg.h>
 
 #include "include/frame.h"
-#include "vision/cells.h"
+#include "vision/picture/cells.h"
 #include "vision/jpeg/blocks.h"
-#include "vision/planes.hpp"
-#include "vision/response.h"
-#include "vision/simd.hpp"
-#include "vision/tile.hpp"
+#include "vision/picture/planes.hpp"
+#include "vision/camera/response.h"
+#include "vision/picture/simd.hpp"
+#include "vision/picture/tile.hpp"
 
 extern "C" {
 #include "base/jpeg_start.h"

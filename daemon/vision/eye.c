@@ -6,9 +6,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "vision/remap.h"
+#include "vision/camera/remap.h"
 
-/* Of a cell's mean, in codes, besides the rounding of its own (vision/code_noise.h). */
+/* Of a cell's mean, in codes, besides the rounding of its own (vision/camera/code_noise.h). */
 #define CODE_SIGMA 0.5F
 /* So many cells are compared between two cameras: enough for a mean. */
 #define COMPARED 800
@@ -22,7 +22,7 @@
  * bracket. Chosen by hand (docs/maintainers/constants.md). */
 #define SAME_EXPOSURE 1.4F
 /* A camera needs several frames for one change of exposure: a bracket of n takes up to 8 n frames:
- * more than MOST_DELAY_FRAMES of app/bracket.c each. */
+ * more than MOST_DELAY_FRAMES of estimate/exposures/bracket.c each. */
 #define BRACKETS_REMEMBERED 8
 
 int lp_eye_init(struct lp_eye *eye, const struct lp_camera *camera, int panorama_width, float scale)

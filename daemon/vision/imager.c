@@ -9,12 +9,12 @@
 #include "base/log.h"
 #include "include/frame.h"
 #include "include/luminance.h"
-#include "light/grid.h"
-#include "light/lamps.h"
-#include "vision/alignment.h"
-#include "vision/lookup.h"
-#include "vision/remap.h"
-#include "vision/stokes_map.h"
+#include "light/math/grid.h"
+#include "light/find/lamps.h"
+#include "vision/turn/alignment.h"
+#include "vision/map/lookup.h"
+#include "vision/camera/remap.h"
+#include "vision/film/stokes_map.h"
 
 /* When more than this share of the light is another, exposures from before count as missing. Chosen
  * by hand. */

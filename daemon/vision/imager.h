@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * The whole of vision: frames in, one panorama of linear radiance out. Every frame corrects what is
- * known (vision/radiance_map.h), turned into the frame of the map as the camera is turned. Several
- * cameras in one box are turned together; each frame tells of the part of the sphere that its
- * camera sees. One thread.
+ * known (vision/map/radiance_map.h), turned into the frame of the map as the camera is turned.
+ * Several cameras in one box are turned together; each frame tells of the part of the sphere that
+ * its camera sees. One thread.
  *
  * Two frames of reference: the camera's (the probe frame), and the anchor frame, in which the
  * panorama and the lamps found in it are. They are the same until the camera turns.
@@ -15,7 +15,7 @@
 #include <stdint.h>
 
 #include "include/frame.h"
-#include "light/polarization.h"
+#include "light/film/polarization.h"
 #include "vision/exposure.h"
 
 #ifdef __cplusplus
@@ -53,7 +53,7 @@ struct lp_imager_status {
 	float scale_sigma;
 	bool invalid_samples; /* NaN or negative ones were left out */
 	float mean_code;      /* of the longest exposure, 0..255; NAN: float frames */
-	/* 1 sigma of irradiance from the panorama's own uncertainty (vision/radiance_map.h) */
+	/* 1 sigma of irradiance from the panorama's own uncertainty (vision/map/radiance_map.h) */
 	float irradiance_sigma;
 	float clipped_share; /* of the light: what clipped cells hold at least */
 	/* Of the sphere, what clips in the shortest exposure of the newest frame's camera; of
@@ -174,7 +174,8 @@ bool lp_imager_film_seems_turned(const struct lp_imager *imager);
 /* How light is polarized, camera frame, as of the newest frame. False: there is no film. */
 bool lp_imager_polarization_grid(const struct lp_imager *imager, struct lp_polarization_grid *grid);
 
-/* Lamps say how the frame just loaded is turned (light/motion.h: lp_motion_correct_by_landmarks()).
+/* Lamps say how the frame just loaded is turned (light/turn/motion.h:
+ * lp_motion_correct_by_landmarks()).
  */
 void lp_imager_correct_rotation(struct lp_imager *imager, const double pull[3],
 				const double information[3][3]);
@@ -206,7 +207,8 @@ bool lp_imager_refine(struct lp_imager *imager, const struct lp_lamp_finder *fin
 
 /*
  * 1 sigma, relative, of a lamp's irradiance from how the newest frame recorded it: the camera's
- * response and white balance, and the rounding of codes (vision/code_noise.h). 0 for float frames.
+ * response and white balance, and the rounding of codes (vision/camera/code_noise.h). 0 for float
+ * frames.
  */
 float lp_imager_strength_sigma(const struct lp_imager *imager, const struct lp_lamp *lamp);
 

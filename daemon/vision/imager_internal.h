@@ -5,14 +5,14 @@
 
 #include "include/frame.h"
 #include "include/panorama.h"
-#include "light/motion.h"
-#include "light/shear.h"
-#include "light/unseen_turn.h"
-#include "light/witness.h"
+#include "light/turn/motion.h"
+#include "light/turn/shear.h"
+#include "light/turn/unseen_turn.h"
+#include "light/turn/witness.h"
 #include "vision/eye.h"
-#include "vision/frame_time.h"
+#include "vision/turn/frame_time.h"
 #include "vision/imager.h"
-#include "vision/radiance_map.h"
+#include "vision/map/radiance_map.h"
 
 struct lp_alignment;
 struct lp_lookup;
@@ -64,8 +64,8 @@ struct lp_imager {
 
 	struct lp_stokes_map *stokes; /* NULL: no film */
 	struct lp_film_view film;     /* of the newest frame, anchor frame; only if there is one */
-	/* 1 / G per cell in the camera's frame (light/sheet.h), with the wheel at over_film_deg;
-	 * NULL: the film lets pass the same everywhere. */
+	/* 1 / G per cell in the camera's frame (light/film/sheet.h), with the wheel at
+	 * over_film_deg; NULL: the film lets pass the same everywhere. */
 	float *over_film;
 	float over_film_deg;	 /* INFINITY: not yet */
 	float wheel_deg;	 /* of the newest frame; NAN: unknown */

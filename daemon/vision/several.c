@@ -4,7 +4,7 @@
 
 #include "base/log.h"
 #include "include/frame.h"
-#include "light/grid.h"
+#include "light/math/grid.h"
 #include "vision/imager_internal.h"
 
 /* A longest exposure and a transfer: so much later than another's may a camera's frame come that

@@ -71,78 +71,78 @@ class Constant:
 
 #: Measured on scenes.
 ACCURACY = (
-    Constant("light/detection.c", ".floor_ratio"),
-    Constant("light/detection.c", ".area_sr"),
-    Constant("light/detection.h", "LP_PEAK_STANDS_OUT", (1.2, 3.2)),
-    Constant("light/detection.c", ".core_ratio"),
-    Constant("light/detection.c", ".min_strength"),
-    Constant("light/detection.c", ".min_contrast", (1.2, 4.0)),
-    Constant("light/lamps.c", "RIM_FACTOR"),
-    Constant("light/lamps.c", "RING_CELLS"),
-    Constant("light/lamps.c", "MAX_RING_CELLS"),
-    Constant("vision/refine.c", "CAMERA_SIGMA"),
-    Constant("vision/refine.c", "CORE_SHARE"),
-    Constant("vision/refine.c", "DECODED_SHARE"),
-    Constant("vision/refine.c", "LEAST_SIGMA_PX"),
-    Constant("vision/refine.c", "MOST_SPACING"),
-    Constant("vision/refine.c", "MOST_THINNED"),
-    Constant("vision/response.c", "CURVATURE_CODES"),
-    Constant("vision/response.c", "FADE_FROM", (180.0, 235.0)),
-    Constant("vision/response.c", "FADE_TO", (230.0, 254.0)),
-    Constant("vision/tile.cpp", "kLeastVariance"),
+    Constant("light/find/detection.c", ".floor_ratio"),
+    Constant("light/find/detection.c", ".area_sr"),
+    Constant("light/find/detection.h", "LP_PEAK_STANDS_OUT", (1.2, 3.2)),
+    Constant("light/find/detection.c", ".core_ratio"),
+    Constant("light/find/detection.c", ".min_strength"),
+    Constant("light/find/detection.c", ".min_contrast", (1.2, 4.0)),
+    Constant("light/find/lamps.c", "RIM_FACTOR"),
+    Constant("light/find/lamps.c", "RING_CELLS"),
+    Constant("light/find/lamps.c", "MAX_RING_CELLS"),
+    Constant("vision/lamp/refine.c", "CAMERA_SIGMA"),
+    Constant("vision/lamp/refine.c", "CORE_SHARE"),
+    Constant("vision/lamp/refine.c", "DECODED_SHARE"),
+    Constant("vision/lamp/refine.c", "LEAST_SIGMA_PX"),
+    Constant("vision/lamp/refine.c", "MOST_SPACING"),
+    Constant("vision/lamp/refine.c", "MOST_THINNED"),
+    Constant("vision/camera/response.c", "CURVATURE_CODES"),
+    Constant("vision/camera/response.c", "FADE_FROM", (180.0, 235.0)),
+    Constant("vision/camera/response.c", "FADE_TO", (230.0, 254.0)),
+    Constant("vision/picture/tile.cpp", "kLeastVariance"),
 )
 
 
 #: Tested with sequences of frames, by these unit tests.
 SEQUENCES = {
     "bracket pipeline": [
-        Constant("app/bracket.c", name)
+        Constant("estimate/exposures/bracket.c", name)
         for name in (
             "MOST_DELAY_FRAMES", "MOST_MISSES", "RETRY_FRAMES",
             "TRUSTED_CHANGES", "MOST_STRANGE", "FIT_CODES", "CLEARLY", "LEAST_CODES",
             "REPLAN_STOPS", "FIRST_US",
         )
     ] + [
-        Constant("app/bracket_plan.c", name)
+        Constant("estimate/exposures/bracket_plan.c", name)
         for name in (
             "MEDIAN_AT", "PEAK_HIGH", "STOPS_ALONE", "STOPS_APART", "LEAST_US", "MOST_US",
         )
     ] + [
-        Constant("app/bracket_plan.h", "LP_BRACKET_PEAK_LOW"),
+        Constant("estimate/exposures/bracket_plan.h", "LP_BRACKET_PEAK_LOW"),
     ],
     "imager bracket pipeline": [
-        Constant("vision/match.c", "STEP"),
-        Constant("vision/match.c", "LEAST_LINEAR"),
+        Constant("vision/doubt/match.c", "STEP"),
+        Constant("vision/doubt/match.c", "LEAST_LINEAR"),
         Constant("vision/eye.c", "SAME_EXPOSURE", (1.1, 2.8)),
         Constant("vision/eye.c", "BRACKETS_REMEMBERED"),
     ],
     "tracker": [
-        Constant("light/tracker.c", "MEMORY_NS"),
-        Constant("light/tracker.c", "LEAST_SHARE"),
-        Constant("light/tracker.c", "BEFORE_MS"),
-        Constant("light/tracker.c", "COMES_NS"),
-        Constant("light/tracker.c", "LIT_SHARE"),
+        Constant("light/lamps/tracker.c", "MEMORY_NS"),
+        Constant("light/lamps/tracker.c", "LEAST_SHARE"),
+        Constant("light/lamps/tracker.c", "BEFORE_MS"),
+        Constant("light/lamps/tracker.c", "COMES_NS"),
+        Constant("light/lamps/tracker.c", "LIT_SHARE"),
     ],
-    "lamp_memory": [Constant("light/lamp_memory.c", "STAYS_APART", (0.6, 1.0))],
+    "lamp_memory": [Constant("light/lamps/lamp_memory.c", "STAYS_APART", (0.6, 1.0))],
     "listing": [
-        Constant("light/listing.c", name)
+        Constant("light/send/listing.c", name)
         for name in (
             "OUTSHINES", "QUICKER", "PATIENCE_S", "LEAST_PATIENCE_S", "UNREST_S", "JUST_LIT_S",
         )
     ],
-    "model": [Constant("light/model.h", "LP_SHADOW_SHARE")],
+    "model": [Constant("light/send/model.h", "LP_SHADOW_SHARE")],
     "pipeline": [
-        Constant("app/pipeline_estimate.c", "DARK_CODE"),
-        Constant("app/pipeline_state.h", "LP_LEAST_CLIPPED_FRACTION"),
+        Constant("estimate/pipeline_estimate.c", "DARK_CODE"),
+        Constant("estimate/pipeline_state.h", "LP_LEAST_CLIPPED_FRACTION"),
     ],
     "governor": [
-        Constant("app/governor.c", "MOST_LATE"),
-        Constant("app/governor.c", "SPARE"),
-        Constant("app/governor.c", "FIRST_PATIENCE"),
-        Constant("app/governor.c", "MOST_PATIENCE"),
-        Constant("app/governor.c", "SOON"),
+        Constant("app/run/governor.c", "MOST_LATE"),
+        Constant("app/run/governor.c", "SPARE"),
+        Constant("app/run/governor.c", "FIRST_PATIENCE"),
+        Constant("app/run/governor.c", "MOST_PATIENCE"),
+        Constant("app/run/governor.c", "SOON"),
     ],
-    "camera": [Constant("vision/camera.c", "SEAM_RAD")],
+    "camera": [Constant("vision/camera/camera.c", "SEAM_RAD")],
 }  # fmt: skip
 
 

@@ -29,7 +29,7 @@ from lightprobe.imaging.image import HDR_SUFFIXES
 from lightprobe.sim import scenes
 from recording import MORE_PANORAMAS, markdown
 
-#: Bytes on the wire: daemon/light/model.h; an ellipse is five more floats.
+#: Bytes on the wire: daemon/light/send/model.h; an ellipse is five more floats.
 COEFFICIENT, LIGHT, ELLIPSE = 12, 47, 24
 MOST_LIGHTS = 4
 #: Where the floor under a unit sphere is looked at.

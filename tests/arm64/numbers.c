@@ -10,14 +10,14 @@
 
 #include "../unit/jpeg_encode.h"
 #include "../unit/scene.h"
-#include "app/pipeline.h"
-#include "light/detection.h"
-#include "light/grid.h"
-#include "light/sh.h"
-#include "vision/camera.h"
+#include "estimate/pipeline.h"
+#include "light/find/detection.h"
+#include "light/math/grid.h"
+#include "light/math/sh.h"
+#include "vision/camera/camera.h"
 #include "vision/imager.h"
 #include "vision/jpeg/blocks.h"
-#include "vision/sh_project.h"
+#include "vision/map/sh_project.h"
 
 #define WIDTH 1920
 #define HEIGHT 960

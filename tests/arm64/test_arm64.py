@@ -135,12 +135,12 @@ def test_packets_of_the_same_files(pictures, preset):
 #: What must be NEON in the hot path: source, function, instruction on four or two lanes, how often
 #: at least. Fused multiply-adds are the arithmetic; the others show how data moves.
 KERNELS = [
-    ("daemon/vision/cells_blocks.cpp", "lp::cells_from_blocks", r"fmla\s+v\d+\.4s", 3),
-    ("daemon/vision/cells_raw_blocks.cpp", "", r"smlal2?\s+v\d+\.", 4),
-    ("daemon/vision/cells_jpeg.cpp", "jpeg_picture::read", r"(mul|mla)\s+v\d+\.4s", 2),
-    ("daemon/vision/radiance_map.cpp", "lp_radiance_map_observe", r"fmla\s+v\d+\.4s", 4),
-    ("daemon/vision/remap.cpp", "lp_remap_apply", r"fmla\s+v\d+\.4s", 1),
-    ("daemon/vision/sh_project.cpp", "lp_sh_project", r"fmla\s+v\d+\.4s", 4),
+    ("daemon/vision/picture/cells_blocks.cpp", "lp::cells_from_blocks", r"fmla\s+v\d+\.4s", 3),
+    ("daemon/vision/picture/cells_raw_blocks.cpp", "", r"smlal2?\s+v\d+\.", 4),
+    ("daemon/vision/picture/cells_jpeg.cpp", "jpeg_picture::read", r"(mul|mla)\s+v\d+\.4s", 2),
+    ("daemon/vision/map/radiance_map.cpp", "lp_radiance_map_observe", r"fmla\s+v\d+\.4s", 4),
+    ("daemon/vision/camera/remap.cpp", "lp_remap_apply", r"fmla\s+v\d+\.4s", 1),
+    ("daemon/vision/map/sh_project.cpp", "lp_sh_project", r"fmla\s+v\d+\.4s", 4),
     ("daemon/vision/exposure.cpp", "lp_exposure_rescale", r"fmul\s+v\d+\.4s", 1),
 ]
 

@@ -9,7 +9,7 @@
  *   result INDEX NAME      what the contestant makes of the picture
  */
 #include "contestant.hpp"
-#include "vision/camera_file.h"
+#include "vision/camera/camera_file.h"
 
 #include <cstdio>
 #include <cstdlib>

@@ -7,7 +7,7 @@
 #include "contestant.hpp"
 
 extern "C" {
-#include "app/pipeline.h"
+#include "estimate/pipeline.h"
 #include "include/frame.h"
 #include "include/polarization_grid.h"
 }

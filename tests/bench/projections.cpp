@@ -8,7 +8,7 @@
 #include "contestant.hpp"
 
 extern "C" {
-#include "light/sh.h"
+#include "light/math/sh.h"
 }
 
 namespace

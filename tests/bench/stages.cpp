@@ -1,37 +1,37 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Where the time of a preset goes: its stages by the same calls that app/pipeline.c makes. */
+/* Where the time of a preset goes: its stages by the same calls that estimate/pipeline.c makes. */
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
 
 #include "contestant.hpp"
-#include "vision/camera.h"
-#include "vision/camera_file.h"
-#include "vision/cells.h"
-#include "vision/cube_sample.h"
+#include "vision/camera/camera.h"
+#include "vision/camera/camera_file.h"
+#include "vision/picture/cells.h"
+#include "vision/map/cube_sample.h"
 #include "vision/imager.h"
 #include "vision/imager_internal.h"
 #include "vision/jpeg/blocks.h"
-#include "vision/remap.h"
-#include "vision/sh_project.h"
+#include "vision/camera/remap.h"
+#include "vision/map/sh_project.h"
 
 extern "C" {
 #include "include/frame.h"
 #include "include/luminance.h"
 #include "include/panorama.h"
-#include "light/cube.h"
-#include "light/detection.h"
-#include "light/grid.h"
-#include "light/model.h"
-#include "light/ring_fusion.h"
-#include "light/rotation.h"
-#include "light/tracker.h"
+#include "light/send/cube.h"
+#include "light/find/detection.h"
+#include "light/math/grid.h"
+#include "light/send/model.h"
+#include "light/clipped/ring_fusion.h"
+#include "light/math/rotation.h"
+#include "light/lamps/tracker.h"
 }
 
 namespace
 {
 
-constexpr int kExactBlocks = 16, kRefineCells = 49; /* `balanced`, app/pipeline.c */
+constexpr int kExactBlocks = 16, kRefineCells = 49; /* `balanced`, estimate/pipeline.c */
 constexpr int kReflectionSize = 32;
 constexpr float kScale = 100.0F; /* 10 ms */
 
@@ -173,7 +173,8 @@ void keep(struct lp_frame *)
 {
 }
 
-/* On request: the cube, its lamps and fit, as app/surroundings.c and app/reflection_maps.c make it.
+/* On request: the cube, its lamps and fit, as estimate/surroundings.c and serve/reflection_maps.c
+ * make it.
  */
 void stages::make_reflection_map(const struct lp_panorama &panorama, const double (*sh)[3])
 {

@@ -2,7 +2,7 @@
 /* A configuration file. */
 #include "fuzz.h"
 
-#include "app/options.h"
+#include "app/options/options.h"
 #include "base/log.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)

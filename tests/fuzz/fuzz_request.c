@@ -2,7 +2,7 @@
 /* What a client may send: framing, then the request, as the socket publisher takes them. */
 #include "fuzz.h"
 
-#include "app/codec.h"
+#include "serve/codec/codec.h"
 #include "drivers/publisher/framing.h"
 #include "include/publisher.h"
 

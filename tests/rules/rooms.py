@@ -69,8 +69,10 @@ def rooms(files: Iterator[tuple[str, str]]) -> dict[str, Room]:
     """Rooms by name, and the sum of those that estimate."""
     found: dict[str, Room] = {}
     for name, text in files:
-        room = name.split("/")[1]
-        found.setdefault(room, Room()).add(text)
+        folders = name.split("/")[1:-1]
+        room = folders[0]
+        for depth in range(len(folders)):
+            found.setdefault("/".join(folders[: depth + 1]), Room()).add(text)
         if room in ("light", "vision", "estimate"):
             found.setdefault("light + vision + estimate", Room()).add(text)
     return found
@@ -88,10 +90,10 @@ def main() -> None:
         tables = {"now": now, "before": before}
         print(json.dumps(tables, default=vars))
         return
-    print(f"{'room':26}{'files':>12}{'lines':>16}{'functions':>14}{'named numbers':>16}")
+    print(f"{'room':30}{'files':>12}{'lines':>16}{'functions':>14}{'named numbers':>16}")
     for name in sorted(now | before):
         cells = [_cell(now.get(name, Room()), before.get(name), field) for field in vars(Room())]
-        print(f"{name:26}{cells[0]:>12}{cells[1]:>16}{cells[2]:>14}{cells[3]:>16}")
+        print(f"{name:30}{cells[0]:>12}{cells[1]:>16}{cells[2]:>14}{cells[3]:>16}")
 
 
 def _cell(now: Room, before: Room | None, field: str) -> str:

@@ -165,7 +165,9 @@ def test_commands_of_lightprobe_exist():
 
 
 def test_options_of_lightprobed_exist():
-    options = set(re.findall(r'^\t\{"([a-z-]+)", LP_PARAM', text_of("daemon/app/options.c"), re.M))
+    options = set(
+        re.findall(r'^\t\{"([a-z-]+)", LP_PARAM', text_of("daemon/app/options/options.c"), re.M)
+    )
     named = {
         (name, option)
         for name in PAGES

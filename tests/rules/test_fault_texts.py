@@ -7,7 +7,9 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-MAX_BYTES = int(re.search(r"char text\[(\d+)\]", (ROOT / "daemon/app/health.h").read_text())[1]) - 1
+MAX_BYTES = (
+    int(re.search(r"char text\[(\d+)\]", (ROOT / "daemon/serve/health.h").read_text())[1]) - 1
+)
 MCU_FAULTS = tomllib.loads((ROOT / "proto/mcu_faults.toml").read_text())
 #: As the service's configuration names the microcontroller, with the longest detail.
 OBJECT, DETAIL = "mcu:serial:/dev/lightprobe-mcu", "-32768"

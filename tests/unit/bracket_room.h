@@ -8,7 +8,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "app/pipeline.h"
+#include "estimate/pipeline.h"
 #include "include/source.h"
 #include "lp_test.h"
 #include "scene.h"

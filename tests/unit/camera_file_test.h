@@ -7,7 +7,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "vision/camera_file.h"
+#include "vision/camera/camera_file.h"
 
 /* Write `text` into a file and read that; results as of lp_camera_file_read(). */
 static inline int read_camera_file(const char *text, struct lp_camera_file **file)

@@ -8,10 +8,10 @@
 
 #include "include/luminance.h"
 #include "include/panorama.h"
-#include "light/clipped_parts.h"
-#include "light/grid.h"
-#include "light/ring_fusion.h"
-#include "light/rotation.h"
+#include "light/clipped/clipped_parts.h"
+#include "light/math/grid.h"
+#include "light/clipped/ring_fusion.h"
+#include "light/math/rotation.h"
 #include "lp_test.h"
 
 #define WIDTH 120

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Bands of flicker across a rolling shutter's frame. */
-#include "vision/banding.h"
+#include "vision/doubt/banding.h"
 
 #include <math.h>
 #include <stdint.h>

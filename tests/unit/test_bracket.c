@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Brackets on simulated cameras that round commands, do not follow them, or see other light;
  * through the whole pipeline, so that what is merged is judged by the light that comes out. */
-#include "app/bracket.h"
+#include "estimate/exposures/bracket.h"
 
 #include <math.h>
 #include <string.h>
 
 #include "bracket_room.h"
 #include "include/ring_sample.h"
-#include "light/ring_fusion.h"
+#include "light/clipped/ring_fusion.h"
 
 static void test_reported_exposures_need_no_verifying(void **state)
 {

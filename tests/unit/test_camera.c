@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Camera files, projection, and the mapping of camera cells onto the panorama. */
-#include "vision/camera.h"
+#include "vision/camera/camera.h"
 
 #include <errno.h>
 #include <math.h>
@@ -8,12 +8,12 @@
 #include <stdlib.h>
 
 #include "include/panorama.h"
-#include "light/grid.h"
+#include "light/math/grid.h"
 #include "lp_test.h"
 #include "scene.h"
-#include "vision/camera_file.h"
-#include "vision/cells.h"
-#include "vision/remap.h"
+#include "vision/camera/camera_file.h"
+#include "vision/picture/cells.h"
+#include "vision/camera/remap.h"
 
 static const char dual_fisheye[] = "# two lenses back to back\n"
 				   "[camera]\n"

@@ -7,7 +7,7 @@
 #include "include/panorama.h"
 #include "lp_test.h"
 #include "scene.h"
-#include "vision/camera.h"
+#include "vision/camera/camera.h"
 #include "vision/imager.h"
 #include "vision/imager_internal.h"
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The offset between two clocks, from messages that take their time. */
-#include "app/client_clock.h"
+#include "serve/poses/client_clock.h"
 
 #include <stdlib.h>
 

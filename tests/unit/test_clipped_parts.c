@@ -9,9 +9,9 @@
 
 #include "include/light_estimate.h"
 #include "include/panorama.h"
-#include "light/clipped_parts.h"
-#include "light/grid.h"
-#include "light/lamp_memory.h"
+#include "light/clipped/clipped_parts.h"
+#include "light/math/grid.h"
+#include "light/lamps/lamp_memory.h"
 
 #define WIDTH 240
 #define HEIGHT 120

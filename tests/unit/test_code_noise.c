@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "vision/code_noise.h"
+#include "vision/camera/code_noise.h"
 
 #include <math.h>
 
 #include "jpeg_encode.h"
 #include "lp_test.h"
 #include "scene.h"
-#include "vision/camera.h"
-#include "vision/response.h"
+#include "vision/camera/camera.h"
+#include "vision/camera/response.h"
 
 static struct lp_code_noise noise_of_jpeg(const uint8_t *data, size_t size)
 {

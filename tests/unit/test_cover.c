@@ -1,17 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* A hand before the lens, and what only looks like one. */
-#include "vision/cover.h"
+#include "vision/doubt/cover.h"
 
 #include <math.h>
 #include <stdlib.h>
 
 #include "include/luminance.h"
 #include "include/panorama.h"
-#include "light/grid.h"
-#include "light/rotation.h"
+#include "light/math/grid.h"
+#include "light/math/rotation.h"
 #include "lp_test.h"
-#include "vision/lookup.h"
-#include "vision/radiance_map.h"
+#include "vision/map/lookup.h"
+#include "vision/map/radiance_map.h"
 
 #define WIDTH 240
 #define HEIGHT 120

@@ -1,18 +1,18 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "light/cube.h"
+#include "light/send/cube.h"
 
 #include <errno.h>
 #include <math.h>
 #include <stdlib.h>
 
 #include "include/light_estimate.h"
-#include "light/grid.h"
-#include "light/rotation.h"
-#include "light/sh.h"
+#include "light/math/grid.h"
+#include "light/math/rotation.h"
+#include "light/math/sh.h"
 #include "lp_test.h"
 #include "normals.h"
 #include "scene.h"
-#include "vision/cube_sample.h"
+#include "vision/map/cube_sample.h"
 
 /* Root mean square over the normals, relative to the largest irradiance on any surface. */
 #define FLUX_TOLERANCE 0.005

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Which film stands before the lens: command line, camera file, and what is usual. */
-#include "app/film_options.h"
+#include "app/options/film_options.h"
 
 #include <errno.h>
 #include <stdio.h>
 
-#include "app/options.h"
+#include "app/options/options.h"
 #include "lp_test.h"
 
 #include "camera_file_test.h"

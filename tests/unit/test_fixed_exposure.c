@@ -4,7 +4,7 @@
 #include <math.h>
 #include <stdbool.h>
 
-#include "app/fixed_exposure.h"
+#include "app/options/fixed_exposure.h"
 #include "include/source.h"
 
 static struct {

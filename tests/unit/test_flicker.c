@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Lamps that flicker, and lamps that only change. */
-#include "light/flicker.h"
+#include "light/lamps/flicker.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -2,10 +2,10 @@
 /* What frames carry of their orientation, and what they show: which of the two is believed. */
 #include <math.h>
 
-#include "light/rotation.h"
+#include "light/math/rotation.h"
 #include "lp_test.h"
 #include "scene.h"
-#include "vision/camera.h"
+#include "vision/camera/camera.h"
 #include "vision/imager.h"
 
 #define FRAME_NS INT64_C(33333333)

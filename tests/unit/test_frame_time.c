@@ -3,7 +3,7 @@
 
 #include "base/clock.h"
 #include "include/frame.h"
-#include "vision/frame_time.h"
+#include "vision/turn/frame_time.h"
 
 #define READ_NS (10 * LP_NS_PER_S)
 

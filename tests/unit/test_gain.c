@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The scale of frames that do not tell their exposure. */
-#include "vision/gain.h"
+#include "vision/doubt/gain.h"
 
 #include <math.h>
 #include <stdlib.h>

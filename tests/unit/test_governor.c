@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The governor, on a clock of the test's own. */
-#include "app/governor.h"
+#include "app/run/governor.h"
 
 #include <string.h>
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "light/grid.h"
+#include "light/math/grid.h"
 
 #include <errno.h>
 #include <math.h>

@@ -3,7 +3,7 @@
 
 #include <math.h>
 
-#include "app/health.h"
+#include "serve/health.h"
 #include "base/clock.h"
 
 static const struct lp_histogram none;

@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Remembered lamps keep their borders while detection draws others from panorama to panorama. */
-#include "light/holding.h"
+#include "light/lamps/holding.h"
 
 #include <math.h>
 #include <stdlib.h>
 
 #include "include/luminance.h"
-#include "light/detection.h"
-#include "light/grid.h"
-#include "light/lamp_memory.h"
+#include "light/find/detection.h"
+#include "light/math/grid.h"
+#include "light/lamps/lamp_memory.h"
 #include "lp_test.h"
 #include "scene.h"
 

@@ -5,9 +5,9 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "app/health.h"
-#include "app/hub.h"
-#include "app/surroundings.h"
+#include "serve/health.h"
+#include "serve/hub.h"
+#include "estimate/surroundings.h"
 #include "base/clock.h"
 #include "include/polarization_grid.h"
 

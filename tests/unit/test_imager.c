@@ -7,11 +7,11 @@
 
 #include "include/light_estimate.h"
 #include "jpeg_encode.h"
-#include "light/grid.h"
-#include "light/lamps.h"
+#include "light/math/grid.h"
+#include "light/find/lamps.h"
 #include "lp_test.h"
 #include "scene.h"
-#include "vision/camera.h"
+#include "vision/camera/camera.h"
 
 static struct lp_camera *camera;
 

@@ -10,8 +10,8 @@
 #include "include/frame.h"
 #include "jpeg_encode.h"
 #include "lp_test.h"
-#include "vision/camera.h"
-#include "vision/response.h"
+#include "vision/camera/camera.h"
+#include "vision/camera/response.h"
 
 #define WIDTH_PX 96
 #define HEIGHT_PX 64

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* KEY: one directional light out of smooth light, as a continuous function of it. */
-#include "light/key.h"
+#include "light/send/key.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "include/luminance.h"
-#include "light/sh.h"
+#include "light/math/sh.h"
 #include "lp_test.h"
 
 static float number(float least, float most)

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Lamps over time: ids, what was measured of them, and what clipping and absence leave. */
-#include "light/lamp_memory.h"
+#include "light/lamps/lamp_memory.h"
 
 #include <math.h>
 #include <stdlib.h>
 
 #include "include/light_estimate.h"
 #include "include/luminance.h"
-#include "light/rotation.h"
+#include "light/math/rotation.h"
 #include "lp_test.h"
 
 static const struct lp_memory_times frame = {.elapsed_s = 1.0F / 30.0F};

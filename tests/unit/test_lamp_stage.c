@@ -3,7 +3,7 @@
 
 #include <math.h>
 
-#include "app/lamp_stage.h"
+#include "estimate/lamp_stage.h"
 #include "include/light_estimate.h"
 
 /* All fields are below; who adds one adds it there. */

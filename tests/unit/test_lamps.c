@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Detection on the grid: regions, lamps and the detectors over them. */
-#include "light/detection.h"
+#include "light/find/detection.h"
 
 #include <math.h>
 #include <stdlib.h>
 
-#include "light/grid.h"
-#include "light/mediancut.h"
+#include "light/math/grid.h"
+#include "light/find/mediancut.h"
 #include "lp_test.h"
 #include "scene.h"
 

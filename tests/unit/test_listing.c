@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Lists of lamps with memory: nothing pops, and AMBIENT + lights = TOTAL. */
-#include "light/listing.h"
+#include "light/send/listing.h"
 
 #include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
 
-#include "light/model.h"
+#include "light/send/model.h"
 #include "lp_test.h"
 
 #define FRAME_NS 33333333LL

@@ -1,15 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* A panorama seen from a turned frame: where its cells lie, and which are marked. */
-#include "vision/lookup.h"
+#include "vision/map/lookup.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "include/panorama.h"
-#include "light/grid.h"
-#include "light/rotation.h"
-#include "light/shear.h"
+#include "light/math/grid.h"
+#include "light/math/rotation.h"
+#include "light/turn/shear.h"
 #include "lp_test.h"
 
 /* A small grid whose half turn is no multiple of four columns, and that of the daemon. */

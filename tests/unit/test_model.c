@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "light/model.h"
+#include "light/send/model.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The filter of the camera's rotation: exactly still, then following, then still again. */
-#include "light/motion.h"
+#include "light/turn/motion.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -5,7 +5,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "app/options.h"
+#include "app/options/options.h"
 
 static struct lp_options options;
 

@@ -8,9 +8,9 @@
 #include <stdlib.h>
 #include <unistd.h>
 
-#include "app/health.h"
-#include "app/hub.h"
-#include "app/orientation.h"
+#include "serve/health.h"
+#include "serve/hub.h"
+#include "app/box/orientation.h"
 #include "base/clock.h"
 #include "include/frame.h"
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* What samples of an orientation say of the instants between and beyond them. */
-#include "light/orientation_track.h"
+#include "light/turn/orientation_track.h"
 
 #include <errno.h>
 #include <math.h>

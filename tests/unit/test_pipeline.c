@@ -1,15 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* From frames to estimates: what the flags say, and that lights and SH belong together. */
-#include "app/pipeline.h"
+#include "estimate/pipeline.h"
 
 #include <errno.h>
 #include <math.h>
 
 #include "base/clock.h"
-#include "light/model.h"
+#include "light/send/model.h"
 #include "lp_test.h"
 #include "scene.h"
-#include "vision/camera_file.h"
+#include "vision/camera/camera_file.h"
 
 static const struct lp_demand everything = {.sh_order = LP_MAX_SH_ORDER,
 					    .max_lights = LP_MAX_LIGHTS};

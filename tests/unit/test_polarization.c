@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* A flat sheet before the lens, and Stokes parameters from its angles: against closed forms. */
-#include "light/polarization.h"
+#include "light/film/polarization.h"
 
 #include <math.h>
 #include <stdlib.h>

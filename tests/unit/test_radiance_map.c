@@ -1,20 +1,20 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* What observations make of a map; and how a turned picture is found on it. */
-#include "vision/radiance_map.h"
+#include "vision/map/radiance_map.h"
 
 #include <math.h>
 #include <stdlib.h>
 
 #include "include/luminance.h"
 #include "include/panorama.h"
-#include "light/grid.h"
-#include "light/rotation.h"
-#include "light/shear.h"
+#include "light/math/grid.h"
+#include "light/math/rotation.h"
+#include "light/turn/shear.h"
 #include "lp_test.h"
-#include "vision/alignment.h"
-#include "vision/camera.h"
-#include "vision/lookup.h"
-#include "vision/response.h"
+#include "vision/turn/alignment.h"
+#include "vision/camera/camera.h"
+#include "vision/map/lookup.h"
+#include "vision/camera/response.h"
 
 #define WIDTH 240
 #define HEIGHT 120

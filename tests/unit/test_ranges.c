@@ -7,12 +7,12 @@
 #include <float.h>
 #include <string.h>
 
-#include "app/codec.h"
-#include "app/health.h"
+#include "serve/codec/codec.h"
+#include "serve/health.h"
 #include "base/clock.h"
 #include "include/polarization_grid.h"
 #include "include/publisher.h"
-#include "light/cube.h"
+#include "light/send/cube.h"
 #include "proto/ranges.h"
 
 static uint8_t packet_bytes[LP_PACKET_LARGE_BYTES];

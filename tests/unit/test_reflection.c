@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Lamps, their mirror images, and light that is polarized by itself. */
-#include "light/reflection.h"
+#include "light/film/reflection.h"
 
 #include <math.h>
 

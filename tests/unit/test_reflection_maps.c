@@ -1,16 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* From pictures through the real pipeline to the bytes of a reflection map. */
-#include "app/reflection_maps.h"
+#include "serve/reflection_maps.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "app/pipeline.h"
-#include "app/surroundings.h"
+#include "estimate/pipeline.h"
+#include "estimate/surroundings.h"
 #include "base/clock.h"
-#include "light/cube.h"
-#include "light/model.h"
+#include "light/send/cube.h"
+#include "light/send/model.h"
 #include "normals.h"
 #include "scene.h"
 #include "wire.h"

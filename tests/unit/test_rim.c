@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The colour of a clipped lamp by its rim. */
-#include "vision/rim.h"
+#include "vision/lamp/rim.h"
 
 #include <math.h>
 

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* One lamp and an even surround, by nine light sensors. */
-#include "light/ring_alone.h"
+#include "light/ring/ring_alone.h"
 
 #include <math.h>
 #include <stdlib.h>
 
-#include "light/ring_fusion.h"
+#include "light/clipped/ring_fusion.h"
 #include "lp_test.h"
 
 #define RAD ((float)M_PI / 180.0F)

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The colour of hidden light by a ring that sees colours. */
-#include "light/ring_colour.h"
+#include "light/ring/ring_colour.h"
 
 #include <math.h>
 #include <stdlib.h>

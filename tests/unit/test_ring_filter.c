@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* What the filter makes of sensors that lag behind the light. */
-#include "light/ring_filter.h"
+#include "light/ring/ring_filter.h"
 
 #include <math.h>
 #include <stdlib.h>

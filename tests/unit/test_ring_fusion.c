@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* What the ring of light sensors finds of clipped light. */
-#include "light/ring_fusion.h"
+#include "light/clipped/ring_fusion.h"
 
 #include <math.h>
 
-#include "light/rotation.h"
+#include "light/math/rotation.h"
 #include "lp_test.h"
 #include "ring_room.h"
 

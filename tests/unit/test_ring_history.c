@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Which reading of the ring belongs to a frame. */
-#include "light/ring_history.h"
+#include "light/ring/ring_history.h"
 
 #include "lp_test.h"
 

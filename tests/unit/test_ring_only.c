@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* When the ring speaks for itself, and in which unit. */
-#include "app/ring_only.h"
+#include "estimate/ring/ring_only.h"
 
 #include <math.h>
 
 #include "base/clock.h"
-#include "light/model.h"
-#include "light/ring_fusion.h"
+#include "light/send/model.h"
+#include "light/clipped/ring_fusion.h"
 #include "lp_test.h"
 
 #define MS LP_NS_PER_MS

@@ -2,7 +2,7 @@
 /* Readings of other poses: which are kept, and what they tell. */
 #include <math.h>
 
-#include "light/ring_poses.h"
+#include "light/ring/ring_poses.h"
 #include "lp_test.h"
 #include "ring_room.h"
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The posterior of hidden light against integrals over a grid. */
-#include "light/ring_posterior.h"
+#include "light/clipped/ring_posterior.h"
 
 #include <math.h>
 

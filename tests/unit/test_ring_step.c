@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Which lamp has been switched, by what nine sensors read. */
-#include "light/ring_step.h"
+#include "light/ring/ring_step.h"
 
 #include <math.h>
 #include <stdlib.h>
 
-#include "light/ring_fusion.h"
+#include "light/clipped/ring_fusion.h"
 #include "lp_test.h"
 
 #define NOISE 0.01F

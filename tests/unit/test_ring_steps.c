@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "app/ring_steps.h"
+#include "estimate/ring/ring_steps.h"
 
 #include <math.h>
 
-#include "light/ring_fusion.h"
-#include "light/rotation.h"
-#include "light/sh.h"
+#include "light/clipped/ring_fusion.h"
+#include "light/math/rotation.h"
+#include "light/math/sh.h"
 #include "lp_test.h"
 
 #define SUN 1000.0F

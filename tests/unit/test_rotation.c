@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Rotations of directions and of spherical harmonics. */
-#include "light/rotation.h"
+#include "light/math/rotation.h"
 
 #include <math.h>
 #include <stdlib.h>
 
-#include "light/sh.h"
+#include "light/math/sh.h"
 #include "lp_test.h"
 
 static double uniform(void)

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "light/sh.h"
+#include "light/math/sh.h"
 
 #include <math.h>
 #include <stdlib.h>

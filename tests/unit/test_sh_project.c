@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "vision/sh_project.h"
+#include "vision/map/sh_project.h"
 
 #include <errno.h>
 #include <math.h>
 #include <stdlib.h>
 
-#include "light/sh.h"
+#include "light/math/sh.h"
 #include "lp_test.h"
 #include "scene.h"
 

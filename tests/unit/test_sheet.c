@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* What a flat sheet with two surfaces lets pass: against Fresnel's equations, ray by ray. */
-#include "light/sheet.h"
+#include "light/film/sheet.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Stills beside a live camera: what they tell of lamps that the live one clips, how it ages, and
  * what tells nothing any more when it comes. */
-#include "app/pipeline.h"
+#include "estimate/pipeline.h"
 
 #include <errno.h>
 #include <math.h>
@@ -176,7 +176,7 @@ static void test_a_still_shows_what_the_live_camera_clips(void **state)
 		assert_true(after.t_capture_ns >= before.t_capture_ns);
 		for (int step = 0; step < 3; step++)
 			after = age(20.0, &after);
-		/* 10 % per root second (vision/radiance_map.cpp, light/lamp_memory.c) */
+		/* 10 % per root second (vision/map/radiance_map.cpp, light/lamps/lamp_memory.c) */
 		assert_float_equal(find(&after).irradiance_sigma, 0.1 * sqrt(62.0), 0.1);
 		after = still(&lamp, 2.0, 0);
 		assert_true(find(&after).irradiance_sigma < 0.3);

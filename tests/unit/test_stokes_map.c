@@ -1,15 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* How the cells of a panorama are polarized. */
-#include "vision/stokes_map.h"
+#include "vision/film/stokes_map.h"
 
 #include <math.h>
 #include <stdlib.h>
 
 #include "include/luminance.h"
 #include "include/polarization_grid.h"
-#include "light/grid.h"
+#include "light/math/grid.h"
 #include "lp_test.h"
-#include "vision/radiance_map.h"
+#include "vision/map/radiance_map.h"
 
 #define WIDTH 96
 #define CELLS (WIDTH * WIDTH / 2)

@@ -3,7 +3,7 @@
 
 #include <math.h>
 
-#include "app/sweep.h"
+#include "app/box/sweep.h"
 #include "base/clock.h"
 #include "include/frame.h"
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Chroma that follows luma: the light of small saturated lamps, and what is left alone. */
-#include "vision/tile.hpp"
+#include "vision/picture/tile.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -8,7 +8,7 @@
 #include <cstring>
 #include <vector>
 
-#include "vision/planes.hpp"
+#include "vision/picture/planes.hpp"
 
 extern "C" {
 #include "lp_test.h"

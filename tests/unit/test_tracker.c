@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "light/tracker.h"
+#include "light/lamps/tracker.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "light/model.h"
-#include "light/rotation.h"
-#include "light/sh.h"
+#include "light/send/model.h"
+#include "light/math/rotation.h"
+#include "light/math/sh.h"
 #include "lp_test.h"
 
 #define FRAME_NS 33333333LL

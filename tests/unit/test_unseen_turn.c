@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* When a frame is looked at closely, and what it means when it would not show a turn. */
-#include "light/unseen_turn.h"
+#include "light/turn/unseen_turn.h"
 
 #include <math.h>
 

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* A witness of how the camera turns: believed while it agrees with the pictures, and no longer. */
-#include "light/witness.h"
+#include "light/turn/witness.h"
 
 #include <math.h>
 #include <stdlib.h>
 
-#include "light/motion.h"
+#include "light/turn/motion.h"
 #include "lp_test.h"
 
 #define DEG (M_PI / 180.0)

@@ -7,7 +7,7 @@
 #include <stdatomic.h>
 #include <stdlib.h>
 
-#include "app/worker.h"
+#include "app/run/worker.h"
 #include "base/clock.h"
 #include "include/frame.h"
 

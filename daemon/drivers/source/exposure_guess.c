@@ -5,7 +5,8 @@
 
 #include "include/frame.h"
 
-/* Where the delay is not known: longer than the 1 to 4 frames that cameras take (app/bracket.c). */
+/* Where the delay is not known: longer than the 1 to 4 frames that cameras take
+ * (estimate/exposures/bracket.c). */
 #define LONGEST_DELAY_FRAMES 5
 
 void lp_exposure_guess_init(struct lp_exposure_guess *guess, int delay_frames)

@@ -6,8 +6,8 @@
 #include <cstring>
 
 #include "vision/jpeg/blocks.h"
-#include "vision/simd.hpp"
-#include "vision/tile.hpp"
+#include "vision/picture/simd.hpp"
+#include "vision/picture/tile.hpp"
 
 using cv::v_float32x4;
 

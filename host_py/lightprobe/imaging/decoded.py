@@ -15,7 +15,7 @@ Radiance = NDArray[np.float32]
 MOST_PIXELS = 1 << 29
 TOO_LARGE = "expected at most 32768×16384 pixels"
 #: Samples of half floats from here on are saturated; so +Inf in any file stands for at least this
-#: (the daemon's rule, too: vision/cells.h).
+#: (the daemon's rule, too: vision/picture/cells.h).
 HALF_MOST = float(np.finfo(np.float16).max)
 
 

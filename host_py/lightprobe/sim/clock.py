@@ -12,7 +12,8 @@ from typing import Protocol
 
 from lightprobe.errors import LightprobeError
 
-#: Where simulated time begins (daemon/app/time_control.h), and Unix time less it (base/clock.h).
+#: Where simulated time begins (daemon/app/run/time_control.h), and Unix time less it
+#: (base/clock.h).
 START_NS = 1_000_000_000_000
 UNIX_NS = 1_700_000_000_000_000_000
 _ANSWER_S = 120.0  # the machine may be busy: never a measure of speed

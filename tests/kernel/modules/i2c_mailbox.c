@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0 OR GPL-2.0-only
 /*
  * An I2C bus with one slave on it whose mailbox (proto/mcu.md) is served by a program, through
- * /dev/i2c_mailbox: each read gives one write transaction of the master, each write is one mail that
- * the master's next read takes. Without a mail the master reads length 0.
+ * /dev/i2c_mailbox: each read gives one write transaction of the master, each write is one mail
+ *that the master's next read takes. Without a mail the master reads length 0.
  *
  *	insmod i2c_mailbox.ko address=0x2c
  *
@@ -48,7 +48,7 @@ static void read_mail(struct i2c_msg *message)
 
 static void write_mail(const struct i2c_msg *message)
 {
-	struct mail mail = { .length = min_t(u16, message->len, MAIL_BYTES) };
+	struct mail mail = {.length = min_t(u16, message->len, MAIL_BYTES)};
 
 	memcpy(mail.bytes, message->buf, mail.length);
 	kfifo_put(&from_master, mail);
@@ -101,7 +101,7 @@ static ssize_t slave_read(struct file *file, char __user *to, size_t size, loff_
 
 static ssize_t slave_write(struct file *file, const char __user *from, size_t size, loff_t *at)
 {
-	struct mail mail = { .length = size };
+	struct mail mail = {.length = size};
 
 	if (size > MAIL_BYTES)
 		return -EINVAL;

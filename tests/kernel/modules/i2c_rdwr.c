@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0 OR GPL-2.0-only
 /*
- * An I2C bus with register-file chips on it that takes raw transfers (I2C_RDWR), which i2c-stub does
- * not. Each chip has 256 registers and a pointer: the first byte of a write sets the pointer, further
- * bytes are stored, reads start at the pointer.
+ * An I2C bus with register-file chips on it that takes raw transfers (I2C_RDWR), which i2c-stub
+ *does not. Each chip has 256 registers and a pointer: the first byte of a write sets the pointer,
+ *further bytes are stored, reads start at the pointer.
  *
  *	insmod i2c_rdwr.ko chips=0x40,0x68
  *
  * Behind multiplexers (TCA9548A: the byte that is written is one bit per channel) there may be nine
- * sensors of one address, each with registers of two bytes, the lower one first: sensors 0 to 7 at the
- * channels of the first multiplexer, sensor 8 at channel 0 of the second. Two that are connected at the
- * same time answer together, as wires do: a bit is 0 if either pulls it down.
+ * sensors of one address, each with registers of two bytes, the lower one first: sensors 0 to 7 at
+ *the channels of the first multiplexer, sensor 8 at channel 0 of the second. Two that are connected
+ *at the same time answer together, as wires do: a bit is 0 if either pulls it down.
  *
  *	insmod i2c_rdwr.ko muxes=0x70,0x71 sensor=0x10
  *
@@ -39,7 +39,8 @@ module_param(lost, int, 0644);
 
 static struct chip files[MAX_CHIPS];
 
-/* What a sensor sees may be set: words=SENSOR,REGISTER,VALUE (module parameter, written at run time). */
+/* What a sensor sees may be set: words=SENSOR,REGISTER,VALUE (module parameter, written at run
+ * time). */
 static ushort muxes[2];
 static int mux_count;
 module_param_array(muxes, ushort, &mux_count, 0444);
@@ -52,7 +53,8 @@ static int set_word(const char *text, const struct kernel_param *param)
 {
 	unsigned int which, number, value;
 
-	if (sscanf(text, "%u,%i,%i", &which, &number, &value) != 3 || which >= SENSORS || number > 127)
+	if (sscanf(text, "%u,%i,%i", &which, &number, &value) != 3 || which >= SENSORS ||
+	    number > 127)
 		return -EINVAL;
 	sensors[which].registers[2 * number] = value & 0xff;
 	sensors[which].registers[2 * number + 1] = value >> 8;
@@ -64,12 +66,12 @@ static int get_words(char *text, const struct kernel_param *param)
 	int length = 0, i;
 
 	for (i = 0; i < SENSORS; i++)
-		length += sysfs_emit_at(text, length, "%u ", sensors[i].registers[0] |
-				       sensors[i].registers[1] << 8);
+		length += sysfs_emit_at(text, length, "%u ",
+					sensors[i].registers[0] | sensors[i].registers[1] << 8);
 	return length;
 }
 
-static const struct kernel_param_ops word_ops = { .set = set_word, .get = get_words };
+static const struct kernel_param_ops word_ops = {.set = set_word, .get = get_words};
 module_param_cb(words, &word_ops, NULL, 0644);
 MODULE_PARM_DESC(words, "write SENSOR,REGISTER,VALUE; read register 0 of all sensors");
 

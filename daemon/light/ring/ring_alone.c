@@ -1,0 +1,184 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "light/ring/ring_alone.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "light/math/nnls.h"
+#include "light/clipped/ring_fusion.h"
+
+/* Rows of the grid of directions that is searched: every 5 degrees. */
+#define ROWS 36
+#define STEPS 20 /* of Gauss and Newton: more than it needs */
+#define LEAST_USED 5
+#define LEAST_LUX 1e-3F
+#define PARAMETERS 4 /* pi ambient, and the lamp as a vector */
+/* No room has just one lamp: what a lamp and an even surround leave of a reading, relative. Chosen
+ * by hand on the scenes of docs/users/accuracy.md. */
+#define MODEL_SIGMA 0.05
+
+struct sensors {
+	int count;
+	double normal[LP_RING_SENSORS][3], lux[LP_RING_SENSORS], sigma[LP_RING_SENSORS];
+};
+
+static void take(const struct lp_ring_sample *sample, struct sensors *s)
+{
+	s->count = 0;
+	for (int k = 0; k < LP_RING_SENSORS; k++) {
+		const double lux = sample->illuminance_lux[k];
+		const double sigma =
+			hypot((double)sample->sigma_relative[k], (double)sample->noise_relative[k]);
+		float normal[3];
+
+		if (!isfinite(lux) || lux < 0.0 || !(sigma > 0.0))
+			continue;
+		lp_ring_looks_along(sample, k, normal);
+		for (int a = 0; a < 3; a++)
+			s->normal[s->count][a] = normal[a];
+		s->lux[s->count] = lux;
+		s->sigma[s->count++] = fmax(hypot(sigma, MODEL_SIGMA) * lux, LEAST_LUX / 10.0);
+	}
+}
+
+static double dot(const double a[3], const double b[3])
+{
+	return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+/* p: pi ambient, and the lamp's direction times its irradiance. */
+static double chi2(const struct sensors *s, const double p[PARAMETERS])
+{
+	double sum = 0.0;
+
+	for (int k = 0; k < s->count; k++) {
+		const double lux = p[0] + fmax(dot(s->normal[k], p + 1), 0.0);
+		const double off = (s->lux[k] - lux) / s->sigma[k];
+
+		sum += off * off;
+	}
+	return sum;
+}
+
+/* Ambient and lamp >= 0 for one direction. */
+static void fit_along(const struct sensors *s, const double direction[3], double p[PARAMETERS])
+{
+	struct lp_nnls normal = {.count = 2};
+	double x[LP_NNLS_MAX];
+
+	for (int k = 0; k < s->count; k++) {
+		const double row[2] = {1.0, fmax(dot(s->normal[k], direction), 0.0)};
+		const double weight = 1.0 / (s->sigma[k] * s->sigma[k]);
+
+		for (int i = 0; i < 2; i++) {
+			normal.right[i] += weight * row[i] * s->lux[k];
+			for (int j = 0; j < 2; j++)
+				normal.normal[i][j] += weight * row[i] * row[j];
+		}
+	}
+	lp_nnls_solve(&normal, x);
+	p[0] = x[0];
+	for (int a = 0; a < 3; a++)
+		p[1 + a] = x[1] * direction[a];
+}
+
+static void search(const struct sensors *s, double best[PARAMETERS])
+{
+	double least = INFINITY;
+
+	for (int r = 0; r < ROWS; r++) {
+		const double t = M_PI * (r + 0.5) / ROWS;
+
+		for (int c = 0; c < 2 * ROWS; c++) {
+			const double l = M_PI * (c + 0.5) / ROWS;
+			const double d[3] = {sin(t) * sin(l), cos(t), -sin(t) * cos(l)};
+			double p[PARAMETERS];
+
+			fit_along(s, d, p);
+			const double value = chi2(s, p);
+
+			if (value < least) {
+				least = value;
+				memcpy(best, p, sizeof(p));
+			}
+		}
+	}
+}
+
+/* Normal equations around p: of the sensors that the lamp lights. */
+static struct lp_nnls linearise(const struct sensors *s, const double p[PARAMETERS])
+{
+	struct lp_nnls normal = {.count = PARAMETERS};
+
+	for (int k = 0; k < s->count; k++) {
+		const double facing = dot(s->normal[k], p + 1);
+		const double weight = 1.0 / (s->sigma[k] * s->sigma[k]);
+		double row[PARAMETERS] = {1.0};
+
+		for (int a = 0; a < 3 && facing > 0.0; a++)
+			row[1 + a] = s->normal[k][a];
+		for (int i = 0; i < PARAMETERS; i++) {
+			normal.right[i] += weight * row[i] * (s->lux[k] - p[0] - fmax(facing, 0.0));
+			for (int j = 0; j < PARAMETERS; j++)
+				normal.normal[i][j] += weight * row[i] * row[j];
+		}
+	}
+	for (int i = 0; i < PARAMETERS; i++) /* a component that no lit sensor sees */
+		normal.normal[i][i] *= 1.0 + 1e-9;
+	return normal;
+}
+
+static void refine(const struct sensors *s, double p[PARAMETERS],
+		   double covariance[LP_NNLS_MAX][LP_NNLS_MAX])
+{
+	const double all[LP_NNLS_MAX] = {1.0, 1.0, 1.0, 1.0};
+
+	for (int step = 0; step < STEPS; step++) {
+		const struct lp_nnls normal = linearise(s, p);
+		double next[PARAMETERS];
+
+		lp_nnls_covariance(&normal, all, covariance);
+		memcpy(next, p, sizeof(next));
+		for (int i = 0; i < PARAMETERS; i++)
+			for (int j = 0; j < PARAMETERS; j++)
+				next[i] += covariance[i][j] * normal.right[j];
+		if (next[0] < 0.0 || !(chi2(s, next) < chi2(s, p)))
+			return;
+		memcpy(p, next, sizeof(next));
+	}
+}
+
+bool lp_ring_alone(const struct lp_ring_sample *sample, struct lp_ring_alone *light)
+{
+	double p[PARAMETERS] = {0.0}, covariance[LP_NNLS_MAX][LP_NNLS_MAX];
+	double brightest = 0.0, along = 0.0, across = 0.0, trace = 0.0;
+	struct sensors s;
+
+	take(sample, &s);
+	for (int k = 0; k < s.count; k++)
+		brightest = fmax(brightest, s.lux[k]);
+	if (s.count < LEAST_USED || brightest < LEAST_LUX)
+		return false;
+	search(&s, p);
+	memset(covariance, 0, sizeof(covariance));
+	refine(&s, p, covariance);
+	const double lamp = sqrt(dot(p + 1, p + 1));
+
+	*light = (struct lp_ring_alone){.ambient = (float)(p[0] / M_PI), .lamp = (float)lamp};
+	light->direction[1] = 1.0F; /* where no lamp is found */
+	for (int a = 0; a < 3 && lamp > 0.0; a++)
+		light->direction[a] = (float)(p[1 + a] / lamp);
+	for (int a = 0; a < 3; a++) {
+		trace += covariance[1 + a][1 + a];
+		for (int b = 0; b < 3; b++)
+			along += covariance[1 + a][1 + b] * light->direction[a] *
+				 light->direction[b];
+	}
+	across = fmax(trace - along, 0.0);
+	light->ambient_sigma = (float)(sqrt(covariance[0][0]) / M_PI);
+	light->lamp_sigma = (float)sqrt(fmax(along, 0.0));
+	light->direction_sigma_deg =
+		lamp > 0.0 ? (float)fmin(sqrt(across) / lamp * 180.0 / M_PI, 104.0) : 104.0F;
+	light->misfit = (float)(chi2(&s, p) / fmax(s.count - PARAMETERS, 1.0));
+	return true;
+}

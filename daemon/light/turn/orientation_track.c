@@ -1,0 +1,208 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "light/turn/orientation_track.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdbool.h>
+#include <string.h>
+
+#define DEG (M_PI / 180.0)
+/* By so much the square of a quaternion may differ from 1: it is scaled. */
+#define MOST_NOT_UNIT 0.02
+/* Longer gaps between samples are not filled. */
+#define LONGEST_GAP_NS (100 * INT64_C(1000000))
+/* A rate is taken over at least this, where samples are that dense: noise would spoil it. */
+#define RATE_SPAN_NS (30 * INT64_C(1000000))
+/* Angular acceleration of a head, 1 sigma: what lies between samples and beyond them. */
+#define ACCELERATION (600.0 * DEG)
+
+static bool all_finite(const double *values, int count)
+{
+	for (int i = 0; i < count; i++)
+		if (!isfinite(values[i]))
+			return false;
+	return true;
+}
+
+static bool sane(const struct lp_orientation_sample *sample)
+{
+	const double *q = sample->quaternion;
+
+	if (!isfinite(sample->sigma) || !(sample->sigma > 0.0) ||
+	    !(sample->time_sigma_s >= 0.0 && isfinite(sample->time_sigma_s)))
+		return false;
+	if (sample->kind == LP_TURN_RATE)
+		return all_finite(sample->rate_rad_s, 3);
+	return all_finite(q, 4) &&
+	       fabs(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1.0) < MOST_NOT_UNIT;
+}
+
+static const struct lp_track_point *point(const struct lp_orientation_track *track, uint64_t n)
+{
+	return &track->points[n % LP_TRACK_POINTS];
+}
+
+/* `from`, turned by a rotation vector in its own frame. */
+static struct lp_rotation turned_by(const struct lp_rotation *from, const double vector[3])
+{
+	const struct lp_rotation turn = lp_rotation_of_vector(vector);
+
+	return lp_rotation_product(from, &turn);
+}
+
+/* The rotation vector from a to b, in a's frame. */
+static void turn_between(const struct lp_rotation *a, const struct lp_rotation *b, double vector[3])
+{
+	const struct lp_rotation back = lp_rotation_inverse(a);
+	const struct lp_rotation turn = lp_rotation_product(&back, b);
+
+	lp_rotation_vector(&turn, vector);
+}
+
+/* Trapezoid: the mean of the rates before and now. */
+static void add_up(const struct lp_track_point *last, double sigma, struct lp_track_point *next)
+{
+	const double elapsed_s = (double)(next->t_ns - last->t_ns) / 1e9;
+	double vector[3];
+
+	for (int a = 0; a < 3; a++)
+		vector[a] = 0.5 * elapsed_s * (last->rate_rad_s[a] + next->rate_rad_s[a]);
+	next->rotation = turned_by(&last->rotation, vector);
+	next->walk = last->walk + sigma * sigma * elapsed_s * elapsed_s;
+}
+
+int lp_orientation_track_add(struct lp_orientation_track *track,
+			     const struct lp_orientation_sample *sample)
+{
+	const struct lp_track_point *last = track->count ? point(track, track->count - 1) : NULL;
+	struct lp_track_point next = {.t_ns = sample->t_ns,
+				      .rotation = lp_rotation_identity(),
+				      .time_sigma_s = sample->time_sigma_s};
+
+	if (!sane(sample))
+		return -EINVAL;
+	if (last && sample->t_ns <= last->t_ns)
+		return -ESTALE;
+	if (sample->kind == LP_ATTITUDE) {
+		next.rotation = lp_rotation_of_quaternion(sample->quaternion);
+		next.variance = sample->sigma * sample->sigma;
+	} else {
+		memcpy(next.rate_rad_s, sample->rate_rad_s, sizeof(next.rate_rad_s));
+		if (last)
+			add_up(last, sample->sigma, &next);
+	}
+	track->points[track->count++ % LP_TRACK_POINTS] = next;
+	return 0;
+}
+
+void lp_orientation_track_clear(struct lp_orientation_track *track)
+{
+	track->count = 0;
+}
+
+static double squared(double value)
+{
+	return value * value;
+}
+
+/* From the turn of a span of time: what a wrong time brings. */
+static double timing_variance(const struct lp_track_point *point, const double turn[3],
+			      double span_s)
+{
+	const double square = turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2];
+
+	return square * squared(point->time_sigma_s / span_s);
+}
+
+/* Between a and b, at the share `part` of the way. */
+static void interpolate(const struct lp_track_point *a, const struct lp_track_point *b, double part,
+			struct lp_track_reading *reading)
+{
+	const double gap_s = (double)(b->t_ns - a->t_ns) / 1e9;
+	double vector[3];
+
+	turn_between(&a->rotation, &b->rotation, vector);
+	reading->variance = fmax(a->variance, b->variance) + timing_variance(b, vector, gap_s) +
+			    squared(0.5 * ACCELERATION * part * (1.0 - part) * gap_s * gap_s);
+	for (int k = 0; k < 3; k++)
+		vector[k] *= part;
+	reading->rotation = turned_by(&a->rotation, vector);
+	reading->walk = a->walk + part * (b->walk - a->walk);
+}
+
+/* From which sample on the rate is taken; the newest itself: none is near enough. */
+static const struct lp_track_point *rate_base(const struct lp_orientation_track *track)
+{
+	const struct lp_track_point *newest = point(track, track->count - 1), *base = newest;
+
+	for (uint64_t back = 2; back <= track->count && back <= LP_TRACK_POINTS; back++) {
+		const struct lp_track_point *before = point(track, track->count - back);
+
+		if (newest->t_ns - before->t_ns > LONGEST_GAP_NS)
+			break;
+		base = before;
+		if (newest->t_ns - before->t_ns >= RATE_SPAN_NS)
+			break;
+	}
+	return base;
+}
+
+/* Beyond the newest, by the rate of the last samples. False: a single one tells no rate. */
+static bool predict(const struct lp_orientation_track *track, int64_t t_ns,
+		    struct lp_track_reading *reading)
+{
+	const struct lp_track_point *newest = point(track, track->count - 1);
+	const struct lp_track_point *base = rate_base(track);
+	const double ahead_s = (double)(t_ns - newest->t_ns) / 1e9;
+	const double span_s = (double)(newest->t_ns - base->t_ns) / 1e9;
+	double vector[3];
+
+	*reading = (struct lp_track_reading){.rotation = newest->rotation,
+					     .variance = newest->variance,
+					     .walk = newest->walk};
+	if (t_ns == newest->t_ns)
+		return true;
+	if (base == newest)
+		return false;
+	const double part = ahead_s / span_s;
+
+	turn_between(&base->rotation, &newest->rotation, vector);
+	reading->variance = squared(1.0 + part) * newest->variance +
+			    squared(part) * (base->variance + newest->walk - base->walk) +
+			    timing_variance(newest, vector, span_s) +
+			    squared(0.5 * ACCELERATION * ahead_s * (ahead_s + span_s));
+	for (int k = 0; k < 3; k++)
+		vector[k] *= part;
+	reading->rotation = turned_by(&newest->rotation, vector);
+	return true;
+}
+
+int lp_orientation_track_at(const struct lp_orientation_track *track, int64_t t_ns,
+			    struct lp_track_reading *reading)
+{
+	const uint64_t kept = track->count < LP_TRACK_POINTS ? track->count : LP_TRACK_POINTS;
+
+	if (!kept)
+		return -ENODATA;
+	const struct lp_track_point *later = point(track, track->count - 1);
+
+	if (t_ns > later->t_ns + LP_TRACK_MOST_PREDICTED_NS)
+		return -EAGAIN;
+	if (t_ns >= later->t_ns)
+		return predict(track, t_ns, reading) ? 0 : -EAGAIN;
+	for (uint64_t back = 2; back <= kept; back++) {
+		const struct lp_track_point *earlier = point(track, track->count - back);
+
+		if (earlier->t_ns <= t_ns) {
+			const int64_t gap_ns = later->t_ns - earlier->t_ns;
+
+			if (gap_ns > LONGEST_GAP_NS)
+				return -ENODATA;
+			interpolate(earlier, later, (double)(t_ns - earlier->t_ns) / (double)gap_ns,
+				    reading);
+			return 0;
+		}
+		later = earlier;
+	}
+	return -ENODATA;
+}

@@ -1,0 +1,195 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "vision/camera/camera.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+/* Where lenses overlap, the share of each fades to nothing over this angle before its rim. Chosen
+ * by hand (docs/maintainers/constants.md). */
+#define SEAM_RAD (6.0 * M_PI / 180.0)
+
+void lp_camera_destroy(struct lp_camera *camera)
+{
+	if (!camera)
+		return;
+	for (int k = 0; k < camera->lens_count; k++)
+		free(camera->lens[k].mask);
+	free(camera);
+}
+
+int lp_camera_circle_px(const struct lp_camera *camera, int width_px)
+{
+	if (camera->projection == LP_EQUIRECT)
+		return (int)((float)width_px / camera->crop.width);
+	return (int)(2.0 * M_PI * (double)camera->lens[0].fx_px * width_px / camera->width_px);
+}
+
+static double polynomial(const struct lp_lens *lens, double theta)
+{
+	const double t2 = theta * theta;
+
+	return theta *
+	       (1.0 + t2 * (lens->k[0] + t2 * (lens->k[1] + t2 * (lens->k[2] + t2 * lens->k[3]))));
+}
+
+static double slope(const struct lp_lens *lens, double theta)
+{
+	const double t2 = theta * theta;
+
+	return 1.0 +
+	       t2 * (3.0 * lens->k[0] +
+		     t2 * (5.0 * lens->k[1] + t2 * (7.0 * lens->k[2] + t2 * 9.0 * lens->k[3])));
+}
+
+/* Angle from the axis at normalised radius r, by Newton's method; negative when beyond the rim. */
+static double theta_of(const struct lp_lens *lens, double r)
+{
+	double theta = r;
+
+	if (r > polynomial(lens, lens->max_theta_rad))
+		return -1.0;
+	for (int i = 0; i < 20; i++) {
+		const double step = (polynomial(lens, theta) - r) / slope(lens, theta);
+
+		theta -= step;
+		if (fabs(step) < 1e-12)
+			break;
+	}
+	return theta >= 0.0 && theta <= lens->max_theta_rad ? theta : -1.0;
+}
+
+static double illumination_at(const struct lp_lens *lens, double theta)
+{
+	const double t2 = theta * theta;
+
+	return 1.0 + t2 * (lens->rolloff[0] + t2 * (lens->rolloff[1] + t2 * lens->rolloff[2]));
+}
+
+static bool masked(const struct lp_camera *camera, const struct lp_lens *lens, double x, double y)
+{
+	if (!lens->mask)
+		return false;
+
+	const int column = (int)floor(x), row = (int)floor(y);
+
+	return column < 0 || row < 0 || column >= camera->width_px || row >= camera->height_px ||
+	       !lens->mask[(size_t)row * camera->width_px + column];
+}
+
+/* False: not in the part that the picture shows. */
+static bool project_equirect(const struct lp_crop *crop, int width_px, int height_px,
+			     const double d[3], double pixel[2])
+{
+	const double column = atan2(d[0], -d[2]) / (2.0 * M_PI) + 0.5 - (double)crop->left;
+	const double row = acos(fmax(-1.0, fmin(1.0, d[1]))) / M_PI - (double)crop->top;
+	const bool whole = lp_crop_is_whole(crop);
+
+	pixel[0] = (whole ? column : column - floor(column)) / (double)crop->width * width_px;
+	pixel[1] = row / (double)crop->height * height_px;
+	return whole || (pixel[0] < width_px && pixel[1] >= 0.0 && pixel[1] < height_px);
+}
+
+bool lp_camera_project(const struct lp_camera *camera, int lens, int width_px, int height_px,
+		       const double direction[3], double pixel[2], double *share,
+		       double *illumination)
+{
+	const struct lp_lens *l = &camera->lens[lens];
+	double d[3], theta, radius, x, y;
+
+	*share = *illumination = 1.0;
+	if (camera->projection == LP_EQUIRECT)
+		return project_equirect(&camera->crop, width_px, height_px, direction, pixel) &&
+		       !masked(camera, l, pixel[0] * camera->width_px / width_px,
+			       pixel[1] * camera->height_px / height_px);
+	for (int a = 0; a < 3; a++)
+		d[a] = l->rotation[0][a] * direction[0] + l->rotation[1][a] * direction[1] +
+		       l->rotation[2][a] * direction[2];
+	const double across = hypot(d[0], d[1]);
+
+	theta = atan2(across, -d[2]);
+	if (theta > l->max_theta_rad)
+		return false;
+	radius = across > 0.0 ? polynomial(l, theta) / across : 0.0;
+	x = l->cx_px + l->fx_px * radius * d[0];
+	y = l->cy_px - l->fy_px * radius * d[1];
+	if (x < 0.0 || y < 0.0 || x >= camera->width_px || y >= camera->height_px ||
+	    masked(camera, l, x, y))
+		return false;
+	pixel[0] = x * width_px / camera->width_px;
+	pixel[1] = y * height_px / camera->height_px;
+	*share = fmin((l->max_theta_rad - theta) / SEAM_RAD, 1.0) + 1e-6;
+	*illumination = illumination_at(l, theta);
+	return *illumination > 0.0;
+}
+
+static void ray_equirect(const struct lp_camera *camera, int width_px, int height_px, double x,
+			 double y, double d[3])
+{
+	const double theta = lp_camera_row_rad(camera, height_px, y);
+	const double lambda = lp_camera_column_rad(camera, width_px, x) - M_PI;
+
+	d[0] = sin(theta) * sin(lambda);
+	d[1] = cos(theta);
+	d[2] = -sin(theta) * cos(lambda);
+}
+
+bool lp_camera_ray(const struct lp_camera *camera, int width_px, int height_px, double x, double y,
+		   double direction[3], int *lens)
+{
+	double best = INFINITY;
+
+	*lens = 0;
+	if (camera->projection == LP_EQUIRECT) {
+		ray_equirect(camera, width_px, height_px, x, y, direction);
+		return !masked(camera, &camera->lens[0], x * camera->width_px / width_px,
+			       y * camera->height_px / height_px);
+	}
+	x *= (double)camera->width_px / width_px;
+	y *= (double)camera->height_px / height_px;
+	for (int k = 0; k < camera->lens_count; k++) { /* circles of lenses do not overlap */
+		const struct lp_lens *l = &camera->lens[k];
+		const double r = hypot((x - l->cx_px) / l->fx_px, (y - l->cy_px) / l->fy_px);
+
+		if (r < best) {
+			best = r;
+			*lens = k;
+		}
+	}
+	const struct lp_lens *l = &camera->lens[*lens];
+	const double theta = theta_of(l, best);
+
+	if (theta < 0.0 || masked(camera, l, x, y))
+		return false;
+	const double scale = best > 0.0 ? sin(theta) / best : 0.0;
+	const double d[3] = {(x - l->cx_px) / l->fx_px * scale, -(y - l->cy_px) / l->fy_px * scale,
+			     -cos(theta)};
+	for (int a = 0; a < 3; a++)
+		direction[a] = l->rotation[a][0] * d[0] + l->rotation[a][1] * d[1] +
+			       l->rotation[a][2] * d[2];
+	return true;
+}
+
+double lp_camera_pixel_solid_angle_sr(const struct lp_camera *camera, int width_px, int height_px,
+				      double x, double y)
+{
+	if (camera->projection == LP_EQUIRECT)
+		return 2.0 * M_PI * (double)camera->crop.width / width_px *
+		       (cos(lp_camera_row_rad(camera, height_px, y - 0.5)) -
+			cos(lp_camera_row_rad(camera, height_px, y + 0.5)));
+
+	double d[3];
+	int lens;
+
+	if (!lp_camera_ray(camera, width_px, height_px, x, y, d, &lens))
+		return 0.0;
+	/* area element: sin(theta) dtheta dphi = sin(theta) / (r r') dx dy / (fx fy), r, r' of
+	 * theta */
+	const struct lp_lens *l = &camera->lens[lens];
+	const double sx = (double)camera->width_px / width_px;
+	const double sy = (double)camera->height_px / height_px;
+	const double r = hypot((x * sx - l->cx_px) / l->fx_px, (y * sy - l->cy_px) / l->fy_px);
+	const double theta = theta_of(l, r);
+	const double spread = theta > 1e-6 ? sin(theta) / (r * slope(l, theta)) : 1.0;
+
+	return spread * sx * sy / ((double)l->fx_px * l->fy_px);
+}

@@ -1,0 +1,306 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* How the camera turns: as predicted, corrected by what a frame shows. */
+#include <math.h>
+
+#include "light/math/grid.h"
+#include "vision/turn/alignment.h"
+#include "vision/imager_internal.h"
+#include "vision/map/lookup.h"
+#include "vision/camera/remap.h"
+#include "vision/film/stokes_map.h"
+
+/* Share of the cells that contradict what is known, from which on the camera may have turned. */
+#define LEAST_CONTRADICTING 0.002F
+/* The same of the light that the frame before showed changed: a lamp that moves before dark walls.
+ */
+#define LEAST_CHANGED 0.0005F
+/* Nor is one of less than this share of the sphere. */
+#define LEAST_COMPARED 0.0003F
+/* Longer pauses are no motion that could be followed. */
+#define MOST_ELAPSED_S 1.0
+/* Chosen by hand, on tests/accuracy/live.py --orientation=sim. */
+/* A camera that held still turns when a witness says so by so many sigmas, and so much... */
+#define CLEAR_SIGMAS 6.0
+#define CLEAR_TURN (0.3 * M_PI / 180.0)
+/* ...and of a camera that turns, both predictions are tried when they are so far apart. */
+#define FAR_APART (0.75 * M_PI / 180.0)
+/* A camera that seems to hold still is found to turn slowly when it has turned by so much against
+ * the map. */
+#define SLOW_TURN (3.0 * M_PI / 180.0)
+/* One prediction fits better than the other when so much more of the picture agrees. */
+#define CLEARLY_BETTER 0.03F
+
+/* Lamps flicker at this, or at 120 Hz. */
+#define MAINS_HZ 100.0F
+
+/* Share of a flicker's depth that an exposure shows; the rest averages out over whole periods. */
+static float flicker_share(float exposure_us)
+{
+	const float turns = (float)M_PI * MAINS_HZ * 1e-6F * exposure_us;
+
+	return turns > 1.0F ? 1.0F / turns : 1.0F; /* also of an unknown one */
+}
+
+struct lp_observation lp_imager_observation(const struct lp_imager *imager)
+{
+	const struct lp_exposure *e = &imager->eye->incoming;
+
+	return (struct lp_observation){.radiance = (const float(*)[4])imager->eye->seen.cells,
+				       .flags = imager->eye->seen.flags,
+				       .response = &imager->eye->response,
+				       .scale = e->scale,
+				       .coded = !isnan(e->cells.mean_code),
+				       .code_variance = lp_eye_code_variance(imager->eye),
+				       .flicker_sigma =
+					       imager->flicker * flicker_share(e->exposure_us)};
+}
+
+/* Where the camera may look, before and after it was compared with the map. */
+struct attempt {
+	struct lp_motion motion;
+	struct lp_alignment_result result;
+};
+
+static bool compares(const struct attempt *attempt)
+{
+	return attempt->result.compared >= LEAST_COMPARED; /* else too dark, or too bright, to tell
+							    */
+}
+
+/* The alignment is loaded with picture and map. */
+static void solve(struct lp_imager *imager, struct attempt *attempt)
+{
+	struct lp_motion *motion = &attempt->motion;
+	double prior[3][3];
+
+	lp_motion_prior(motion, prior);
+	attempt->result = lp_alignment_solve(imager->alignment, &motion->rotation,
+					     (const double(*)[3])prior, sqrt(1.0 / prior[0][0]));
+	if (compares(attempt) && attempt->result.agreement >= LP_LEAST_AGREEMENT)
+		lp_motion_correct(motion, attempt->result.turn,
+				  (const double(*)[3])attempt->result.information);
+}
+
+static void take(struct lp_imager *imager, const struct attempt *attempt)
+{
+	imager->motion = attempt->motion;
+	if (compares(attempt))
+		imager->agreement = attempt->result.agreement;
+}
+
+static double rate_of(const struct lp_motion *motion)
+{
+	const double *r = motion->rate;
+
+	return sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2]);
+}
+
+static double angle_between(const struct lp_rotation *a, const struct lp_rotation *b)
+{
+	const struct lp_rotation back = lp_rotation_inverse(a);
+	const struct lp_rotation apart = lp_rotation_product(&back, b);
+	double v[3];
+
+	lp_rotation_vector(&apart, v);
+	return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+}
+
+/* What the witness told as a prediction; false: nothing that counts. Noise does not move a camera
+ * that holds still. */
+static bool predict_by_witness(const struct lp_imager *imager, double elapsed_s,
+			       struct lp_motion *motion)
+{
+	double turn[3], sigma_rad;
+
+	if (!lp_witness_turn(&imager->witness, &imager->testimony, turn, &sigma_rad))
+		return false;
+	const double angle = sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]);
+
+	if (!imager->motion.turning && (angle < CLEAR_SIGMAS * sigma_rad || angle < CLEAR_TURN))
+		return false;
+	*motion = imager->motion;
+	lp_motion_predict_turn(motion, elapsed_s, turn, sigma_rad);
+	return true;
+}
+
+/* Two predictions: the pictures decide which fits. Where they cannot, a camera that held still goes
+ * on doing so if the frame agrees, and one that turns follows the witness. */
+static void choose(struct lp_imager *imager, const struct lp_motion *by_rate,
+		   const struct lp_motion *by_witness)
+{
+	const bool turned = imager->motion.turning;
+	struct attempt witness = {.motion = *by_witness}, rate = {.motion = *by_rate};
+
+	solve(imager, &witness);
+	if (turned && angle_between(&by_rate->rotation, &by_witness->rotation) < FAR_APART) {
+		take(imager, &witness);
+		return;
+	}
+	solve(imager, &rate);
+	const float more = turned ? CLEARLY_BETTER : -CLEARLY_BETTER;
+	const bool is_rate = compares(&rate) && rate.result.agreement >= LP_LEAST_AGREEMENT &&
+			     rate.result.agreement > witness.result.agreement + more;
+	const struct attempt *const best = is_rate ? &rate : &witness;
+
+	take(imager, best);
+	if (compares(best) && lp_witness_is_apart(&by_witness->rotation, &imager->motion.rotation,
+						  hypot(imager->testimony.sigma_rad,
+							lp_motion_sigma_rad(&imager->motion)),
+						  rate_of(&imager->motion)))
+		lp_witness_contradict(&imager->witness);
+}
+
+struct lp_shear lp_imager_shear(const struct lp_imager *imager)
+{
+	const struct lp_motion *motion = &imager->motion;
+	struct lp_shear shear = {.grid = imager->grid};
+
+	if (!motion->turning || !imager->eye->remap || !(imager->time.read_out_s > 0.0F))
+		return shear;
+	shear.row_share = imager->eye->remap->row_share;
+	for (int a = 0; a < 3; a++)
+		shear.turn[a] = motion->rate[a] * (double)imager->time.read_out_s;
+	return shear;
+}
+
+/* Find the map's cells in the frame of a turned camera. */
+static void place_map(struct lp_imager *imager)
+{
+	const struct lp_rotation back = lp_rotation_inverse(&imager->motion.rotation);
+	const struct lp_shear shear = lp_imager_shear(imager);
+
+	if (!lp_rotation_is_identity(&back))
+		lp_lookup_set_sheared(imager->lookup, &back, &shear);
+}
+
+static bool contradicts(const struct lp_imager *imager, const struct lp_observation *seen)
+{
+	return imager->update.changed > LEAST_CHANGED ||
+	       lp_radiance_map_contradicting(imager->map, seen) > LEAST_CONTRADICTING;
+}
+
+/* By the pictures alone. Where they hardly differ, noise must not move a camera that holds still.
+ */
+static void follow_by_pictures(struct lp_imager *imager, const struct lp_motion *by_rate,
+			       bool differ, double elapsed_s)
+{
+	const double nothing[3][3] = {{0.0}};
+	struct attempt attempt = {.motion = *by_rate};
+
+	solve(imager, &attempt);
+	lp_unseen_turn_looked(&imager->unseen_turn,
+			      compares(&attempt) ? (const double(*)[3])attempt.result.information
+						 : nothing,
+			      elapsed_s);
+	if (differ || angle_between(&by_rate->rotation, &attempt.motion.rotation) > SLOW_TURN)
+		take(imager, &attempt);
+	else
+		imager->motion = *by_rate;
+}
+
+/* A camera that holds still is only looked at closer when the frame contradicts what is known, or a
+ * witness says clearly that it turns; and now and then. */
+static void follow_turn(struct lp_imager *imager, double elapsed_s)
+{
+	struct lp_observation seen = lp_imager_observation(imager);
+	struct lp_motion by_rate = imager->motion, by_witness;
+	const bool told = predict_by_witness(imager, elapsed_s, &by_witness);
+
+	lp_motion_predict(&by_rate, elapsed_s);
+	if (imager->stokes && lp_rotation_is_identity(&imager->motion.rotation))
+		lp_stokes_map_see_through(imager->stokes, lp_imager_film(imager), &seen);
+	if (imager->stokes)
+		lp_imager_leave_out(imager, told ? &by_witness.rotation : &by_rate.rotation, &seen);
+	const bool differ = told || imager->motion.turning ||
+			    !lp_rotation_is_identity(&imager->motion.rotation) ||
+			    contradicts(imager, &seen);
+	const bool due =
+		lp_unseen_turn_is_due(&imager->unseen_turn, elapsed_s) && !imager->testimony.known;
+
+	if (differ || due) {
+		const struct lp_shear shear = lp_imager_shear(imager);
+
+		lp_alignment_load(imager->alignment, imager->map, &seen, &shear);
+		if (told)
+			choose(imager, &by_rate, &by_witness);
+		else
+			follow_by_pictures(imager, &by_rate, differ, elapsed_s);
+	} else {
+		imager->motion = by_rate;
+	}
+	if (imager->motion.turning || imager->testimony.known)
+		imager->unseen_turn = (struct lp_unseen_turn){0};
+	place_map(imager);
+}
+
+/* The newest frame against imager->before. */
+static void follow(struct lp_imager *imager)
+{
+	const double elapsed_s = (double)(imager->t_capture_ns - imager->t_motion_ns) / 1e9;
+	const bool first = !imager->t_motion_ns || !imager->t_map_ns;
+
+	imager->agreement = 1.0F;
+	imager->elapsed_s = 0.0;
+	imager->t_motion_ns = imager->t_capture_ns;
+	if (!first && imager->options.follow_turns &&
+	    (elapsed_s > 0.0 || lp_imager_is_late(imager, elapsed_s))) {
+		imager->elapsed_s = fmin(elapsed_s, MOST_ELAPSED_S);
+		follow_turn(imager, imager->elapsed_s);
+	}
+}
+
+void lp_imager_follow(struct lp_imager *imager)
+{
+	if (imager->late_s > 0.0F) { /* the box has not turned since */
+		imager->agreement = 1.0F;
+		imager->elapsed_s = 0.0;
+		return;
+	}
+	imager->before = imager->motion;
+	imager->t_before_ns = imager->t_motion_ns;
+	lp_witness_heed(&imager->witness, &imager->heeded, &imager->testimony);
+	imager->heeded = imager->testimony;
+	follow(imager);
+}
+
+void lp_imager_follow_again(struct lp_imager *imager)
+{
+	imager->motion = imager->before;
+	imager->t_motion_ns = imager->t_before_ns;
+	imager->heeded = imager->testimony;
+	follow(imager);
+}
+
+void lp_imager_followed(struct lp_imager *imager)
+{
+	if (imager->late_s > 0.0F)
+		return;
+	lp_witness_compare(&imager->witness, &imager->testimony, &imager->motion,
+			   fmax(imager->elapsed_s, 0.0));
+}
+
+void lp_imager_correct_rotation(struct lp_imager *imager, const double pull[3],
+				const double information[3][3])
+{
+	lp_motion_correct_by_landmarks(&imager->motion, pull, information);
+	place_map(imager);
+}
+
+bool lp_imager_rest(struct lp_imager *imager, struct lp_rotation *turn)
+{
+	if (!lp_motion_at_rest(&imager->motion))
+		return false;
+	float in_map[LP_MAX_CAMERAS];
+
+	for (int k = 0; k < imager->eye_count; k++)
+		in_map[k] = lp_imager_scale_in_map(imager, &imager->eyes[k].gain);
+	*turn = lp_rotation_inverse(&imager->motion.rotation);
+	lp_radiance_map_turn(imager->map, imager->lookup, &imager->motion.rotation);
+	for (int k = 0; k < imager->eye_count; k++)
+		lp_imager_turn_scale(imager, &imager->eyes[k].gain, in_map[k]);
+	if (imager->stokes)
+		lp_stokes_map_turn(imager->stokes, &imager->motion.rotation);
+	lp_witness_anchor(&imager->witness, &imager->motion.rotation);
+	lp_motion_anchor(&imager->motion);
+	return true;
+}
