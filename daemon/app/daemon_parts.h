@@ -6,21 +6,21 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "app/daemon.h"
-#include "app/run/governor.h"
-#include "serve/health.h"
-#include "serve/hub.h"
 #include "app/box/instruments.h"
-#include "app/options/options.h"
 #include "app/box/orientation.h"
-#include "estimate/ring/ring_only.h"
 #include "app/box/ring_watch.h"
+#include "app/daemon.h"
+#include "app/options/options.h"
+#include "app/run/governor.h"
 #include "app/run/time_control.h"
 #include "app/run/worker.h"
 #include "base/loop.h"
+#include "estimate/ring/ring_only.h"
 #include "include/frame.h"
 #include "include/orientation.h"
 #include "include/source.h"
+#include "serve/health.h"
+#include "serve/hub.h"
 #include "vision/camera/camera_file.h"
 
 struct lp_daemon;

@@ -6,10 +6,10 @@
 
 #include "include/luminance.h"
 #include "include/panorama.h"
-#include "light/find/detection.h"
-#include "light/math/grid.h"
-#include "light/lamps/holding.h"
 #include "light/film/reflection.h"
+#include "light/find/detection.h"
+#include "light/lamps/holding.h"
+#include "light/math/grid.h"
 #include "light/math/rotation.h"
 #include "vision/imager.h"
 

@@ -5,12 +5,12 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/select.h"
 #include "estimate/surroundings.h"
 #include "include/frame.h"
 #include "include/luminance.h"
 #include "light/math/grid.h"
 #include "light/send/model.h"
-#include "base/select.h"
 
 /* Most of the light has changed when this share has. */
 #define MOST_CHANGED 0.5F
@@ -314,7 +314,7 @@ int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
 	estimates->raw.wheel_deg = wheel_deg;
 	estimates->raw.wheel_sigma_deg = wheel_sigma_deg;
 	estimates->raw.orientation = lp_pipeline_orientation(pipeline, whole.t_capture_ns);
-	lp_pipeline_heed_ring(pipeline, (const double(*)[3])total, &estimates->raw);
+	lp_pipeline_use_ring(pipeline, (const double(*)[3])total, &estimates->raw);
 	look_around(pipeline, demand, &whole, &estimates->raw, estimates->surroundings);
 	lp_pipeline_finish(pipeline, estimates);
 	rest(pipeline);

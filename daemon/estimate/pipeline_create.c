@@ -117,8 +117,8 @@ static int create_stages(const struct lp_pipeline *p, const struct lp_preset_wor
 						 .film = film_of(p),
 						 .follow_turns = p->options.orientation !=
 								 LP_ORIENTATION_NONE,
-						 .heed_orientation = p->options.orientation >
-								     LP_ORIENTATION_VISUAL};
+						 .use_orientation = p->options.orientation >
+								    LP_ORIENTATION_VISUAL};
 	int ret;
 
 	*stages = (struct stages){0};

@@ -7,8 +7,8 @@
 
 #include "base/clock.h"
 #include "include/luminance.h"
-#include "light/send/model.h"
 #include "light/math/sh.h"
+#include "light/send/model.h"
 
 #define DEG (180.0F / (float)M_PI)
 /* What the grid, the blocks of a JPEG and its rounding bring at best: docs/users/accuracy.md. */

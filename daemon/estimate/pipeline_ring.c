@@ -19,8 +19,8 @@ void lp_pipeline_ring(struct lp_pipeline *pipeline, const struct lp_ring_sample 
 		pipeline->ring_now = *now;
 }
 
-void lp_pipeline_heed_ring(struct lp_pipeline *p, const double (*total)[3],
-			   struct lp_light_estimate *estimate)
+void lp_pipeline_use_ring(struct lp_pipeline *p, const double (*total)[3],
+			  struct lp_light_estimate *estimate)
 {
 	p->steps.part_count = lp_ring_stage_parts(&p->ring, p->steps.parts);
 	lp_ring_steps_frame(&p->steps, lp_imager_rotation(p->imager),

@@ -13,8 +13,8 @@
 #include "estimate/ring/ring_steps.h"
 #include "include/frame.h"
 #include "include/panorama.h"
-#include "light/math/rotation.h"
 #include "light/lamps/tracker.h"
+#include "light/math/rotation.h"
 #include "vision/imager.h"
 #include "vision/map/sh_project.h"
 
@@ -81,8 +81,8 @@ void lp_pipeline_finish(struct lp_pipeline *pipeline, struct lp_estimates *estim
 
 /* A frame's estimate, anchor frame, is corrected by steps of light that the ring has seen since
  * (estimate/ring/ring_steps.h); `total`: all orders of its light. */
-void lp_pipeline_heed_ring(struct lp_pipeline *pipeline, const double (*total)[3],
-			   struct lp_light_estimate *estimate);
+void lp_pipeline_use_ring(struct lp_pipeline *pipeline, const double (*total)[3],
+			  struct lp_light_estimate *estimate);
 
 /*
  * How the camera was turned in the newest frame, of t_ns: as it is told where that agrees with the

@@ -5,9 +5,9 @@
 #include <string.h>
 
 #include "include/panorama.h"
-#include "light/math/grid.h"
-#include "light/lamps/lamp_memory.h"
 #include "light/find/lamps.h"
+#include "light/lamps/lamp_memory.h"
+#include "light/math/grid.h"
 #include "vision/map/cube_sample.h"
 
 /* The lamp of this light as the newest panorama shows it; NULL: it does not. */

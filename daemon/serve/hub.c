@@ -5,14 +5,14 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "serve/health.h"
-#include "serve/hub_state.h"
-#include "estimate/estimates.h"
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/pool.h"
 #include "drivers/publisher/places.h"
+#include "estimate/estimates.h"
 #include "include/packet.h"
+#include "serve/health.h"
+#include "serve/hub_state.h"
 
 /* A client may hold one packet half sent, the newest estimate, and a queue of control messages. */
 #define PACKETS_PER_CLIENT 12

@@ -9,9 +9,9 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "serve/codec/codec.h"
 #include "estimate/estimates.h"
 #include "include/publisher.h"
+#include "serve/codec/codec.h"
 
 struct lp_health;
 struct lp_hub;

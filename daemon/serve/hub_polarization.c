@@ -2,11 +2,11 @@
 /* Requests that concern the polarizer: pictures of how light is polarized, and sweeps. */
 #include <errno.h>
 
+#include "base/clock.h"
+#include "include/packet.h"
 #include "serve/codec/codec.h"
 #include "serve/health.h"
 #include "serve/hub_state.h"
-#include "base/clock.h"
-#include "include/packet.h"
 
 /* All clients together get so many pictures: each costs the worker some milliseconds. */
 #define PICTURE_PERIOD_NS (LP_NS_PER_S / 2)

@@ -4,12 +4,12 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "serve/health.h"
-#include "serve/hub_state.h"
 #include "base/clock.h"
 #include "base/log.h"
 #include "include/orientation.h"
 #include "include/packet.h"
+#include "serve/health.h"
+#include "serve/hub_state.h"
 
 #define SHORTEST_HEALTH_PERIOD_MS 100
 /* A client that asks for more is thrown out: each request costs the loop a few microseconds, and

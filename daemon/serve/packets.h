@@ -6,9 +6,9 @@
 #ifndef LP_SERVE_PACKETS_H
 #define LP_SERVE_PACKETS_H
 
-#include "serve/codec/codec.h"
 #include "estimate/estimates.h"
 #include "light/send/listing.h"
+#include "serve/codec/codec.h"
 
 struct lp_packet;
 struct lp_packets;

@@ -4,9 +4,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "estimate/estimates.h"
 #include "base/log.h"
 #include "base/pool.h"
+#include "estimate/estimates.h"
 #include "include/packet.h"
 #include "light/send/cube.h"
 #include "light/send/model.h"

@@ -10,10 +10,10 @@
 #include <turbojpeg.h>
 
 #include "include/frame.h"
-#include "vision/picture/cells.h"
-#include "vision/jpeg/blocks.h"
-#include "vision/picture/planes.hpp"
 #include "vision/camera/response.h"
+#include "vision/jpeg/blocks.h"
+#include "vision/picture/cells.h"
+#include "vision/picture/planes.hpp"
 #include "vision/picture/simd.hpp"
 #include "vision/picture/tile.hpp"
 

@@ -10,8 +10,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "vision/picture/cells.h"
 #include "vision/camera/code_noise.h"
+#include "vision/picture/cells.h"
 
 #ifdef __cplusplus
 extern "C" {

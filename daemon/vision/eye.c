@@ -75,21 +75,21 @@ static int set_rows(struct lp_eye *eye, int width_px, int height_px)
 }
 
 /* What a camera file says counts. */
-static bool heeds_crop(const struct lp_eye *eye)
+static bool uses_crop(const struct lp_eye *eye)
 {
 	return eye->given->projection == LP_EQUIRECT && !eye->given->crop_given;
 }
 
 bool lp_eye_can_look(const struct lp_eye *eye, const struct lp_crop *stated)
 {
-	return !heeds_crop(eye) || !lp_crop_is_unusable(stated);
+	return !uses_crop(eye) || !lp_crop_is_unusable(stated);
 }
 
 void lp_eye_look(struct lp_eye *eye, const struct lp_crop *stated)
 {
 	const struct lp_camera *given = eye->given;
-	const bool heeded = heeds_crop(eye) && lp_crop_is_stated(stated);
-	const struct lp_crop crop = heeded ? *stated : given->crop;
+	const bool is_stated = uses_crop(eye) && lp_crop_is_stated(stated);
+	const struct lp_crop crop = is_stated ? *stated : given->crop;
 
 	if (lp_crop_same(&crop, &eye->camera->crop))
 		return;

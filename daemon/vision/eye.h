@@ -10,14 +10,14 @@
 #include <stdint.h>
 
 #include "include/panorama.h"
-#include "vision/doubt/banding.h"
 #include "vision/camera/camera.h"
-#include "vision/doubt/cover.h"
-#include "vision/exposure.h"
-#include "vision/doubt/gain.h"
-#include "vision/imager.h"
-#include "vision/doubt/overlap.h"
 #include "vision/camera/response.h"
+#include "vision/doubt/banding.h"
+#include "vision/doubt/cover.h"
+#include "vision/doubt/gain.h"
+#include "vision/doubt/overlap.h"
+#include "vision/exposure.h"
+#include "vision/imager.h"
 
 struct lp_remap;
 

@@ -9,19 +9,19 @@
 #include "base/log.h"
 #include "include/frame.h"
 #include "include/luminance.h"
-#include "light/math/grid.h"
 #include "light/find/lamps.h"
-#include "vision/turn/alignment.h"
-#include "vision/map/lookup.h"
+#include "light/math/grid.h"
 #include "vision/camera/remap.h"
 #include "vision/film/stokes_map.h"
+#include "vision/map/lookup.h"
+#include "vision/turn/alignment.h"
 
 /* When more than this share of the light is another, exposures from before count as missing. Chosen
  * by hand. */
 #define CHANGED 0.02F
 /* How much all cells may have changed then, 1 sigma: by so many times that share, and at most. */
-#define STIR 4.0F
-#define MOST_STIRRED 0.5F
+#define CHANGE_SIGMAS 4.0F
+#define MOST_CHANGE 0.5F
 /* Where a cell of a turned picture looks, in cells: what lies between samples. */
 #define PLACE_SIGMA 0.15
 
@@ -215,29 +215,29 @@ static struct lp_rotation turn_within(const struct lp_motion *motion, double ela
 }
 
 /* What the newest frame carries of its orientation, if that is wanted, at the frame's middle. */
-static struct lp_testimony testimony_of(const struct lp_imager *imager)
+static struct lp_imu_sample imu_sample_of(const struct lp_imager *imager)
 {
 	const struct lp_frame *frame = &imager->about;
-	struct lp_testimony testimony = {0};
+	struct lp_imu_sample sample = {0};
 	double quaternion[4];
 
-	if (!imager->options.heed_orientation || isnan(frame->orientation[0]) ||
+	if (!imager->options.use_orientation || isnan(frame->orientation[0]) ||
 	    isnan(frame->orientation_sigma_deg))
-		return testimony;
+		return sample;
 	for (int i = 0; i < 4; i++)
 		quaternion[i] = frame->orientation[i];
-	testimony.known = true;
-	testimony.by = frame->orientation_by;
-	testimony.rotation = lp_rotation_of_quaternion(quaternion);
+	sample.known = true;
+	sample.by = frame->orientation_by;
+	sample.rotation = lp_rotation_of_quaternion(quaternion);
 	if (frame->t_orientation_ns) {
 		const int64_t later_ns = imager->time.middle_ns - frame->t_orientation_ns;
 		const struct lp_rotation turn =
 			turn_within(&imager->motion, (double)later_ns / 1e9);
 
-		testimony.rotation = lp_rotation_product(&testimony.rotation, &turn);
+		sample.rotation = lp_rotation_product(&sample.rotation, &turn);
 	}
-	testimony.sigma_rad = frame->orientation_sigma_deg * M_PI / 180.0;
-	return testimony;
+	sample.sigma_rad = frame->orientation_sigma_deg * M_PI / 180.0;
+	return sample;
 }
 
 /* When the newest frame was taken, if it does not say itself that it was exposed for exposure_us.
@@ -247,7 +247,7 @@ static void place_in_time(struct lp_imager *imager, float exposure_us)
 	const float own_us = imager->about.exposure_us;
 
 	imager->time = lp_frame_time(&imager->about, isnan(own_us) ? exposure_us : own_us);
-	imager->testimony = testimony_of(imager);
+	imager->imu_sample = imu_sample_of(imager);
 }
 
 /* -EBADMSG, and a line in the log: nobody can tell what the frame shows. */
@@ -325,7 +325,7 @@ int lp_imager_load(struct lp_imager *imager, struct lp_frame *frame, float expec
 
 /* A map that began with unknown exposures has a scale of its own, and says nothing to frames of a
  * known one. The other way round it tells what is unknown. */
-static void heed_scale(struct lp_imager *imager, float exposure_us)
+static void follow_scale(struct lp_imager *imager, float exposure_us)
 {
 	const bool coded = !isnan(imager->eye->incoming.cells.mean_code);
 
@@ -370,7 +370,7 @@ static void observe(struct lp_imager *imager)
 		const float changed = imager->update.changed;
 
 		seen.elapsed_s = 0.0F;
-		seen.stirred = fminf(STIR * changed, MOST_STIRRED);
+		seen.change_sigma = fminf(CHANGE_SIGMAS * changed, MOST_CHANGE);
 		imager->update = lp_radiance_map_observe(imager->map, &seen);
 		imager->update.changed = changed;
 	}
@@ -432,7 +432,7 @@ int lp_imager_accept(struct lp_imager *imager, float exposure_us)
 		return -EINVAL;
 	imager->loaded = false;
 	lp_imager_settle(imager, exposure_us);
-	heed_scale(imager, exposure_us);
+	follow_scale(imager, exposure_us);
 	lp_imager_followed(imager);
 	lp_imager_look_for_cover(imager);
 	lp_imager_look_for_bands(imager);
@@ -527,10 +527,10 @@ void lp_imager_status(const struct lp_imager *imager, struct lp_imager_status *s
 				degrees),
 		.unseen_rate_deg_per_s = (float)(imager->unseen_turn.rate_rad_s * degrees),
 		.rotation_is_unknown = imager->agreement < LP_LEAST_AGREEMENT,
-		.orientation_told = imager->testimony.known,
-		.told_rotation = imager->testimony.rotation,
-		.told_sigma_deg = (float)(imager->testimony.sigma_rad * degrees),
-		.orientation_left_out = imager->witness.left_out,
+		.orientation_told = imager->imu_sample.known,
+		.told_rotation = imager->imu_sample.rotation,
+		.told_sigma_deg = (float)(imager->imu_sample.sigma_rad * degrees),
+		.orientation_left_out = imager->imu.left_out,
 		.lost_view = imager->lost_view,
 		.hidden_s = imager->lost_view
 				    ? (float)(imager->t_capture_ns - imager->t_lost_ns) / 1e9F
@@ -538,8 +538,8 @@ void lp_imager_status(const struct lp_imager *imager, struct lp_imager_status *s
 		.hidden_share = imager->lost_share,
 		.angles_missing = imager->stokes && !lp_stokes_polarization(&imager->angles).known};
 	status->orientation_late_deg =
-		(float)(degrees * lp_witness_delay_sigma_rad(&imager->witness,
-							     status->rate_deg_per_s / degrees));
+		(float)(degrees *
+			lp_imu_delay_sigma_rad(&imager->imu, status->rate_deg_per_s / degrees));
 	const struct lp_eye_exposures newest = lp_eye_exposures(imager->eye);
 
 	status->exposure_count = newest.count;

@@ -36,11 +36,11 @@ struct lp_rotation;
 struct lp_imager_options {
 	int panorama_width; /* multiple of 8, 16..LP_PANORAMA_MAX_WIDTH */
 	enum lp_decode decode;
-	int divisor;	       /* PIXELS: 1, 2, 4, 8 */
-	int exact_blocks;      /* BLOCKS: most blocks decoded after all */
-	bool follow_turns;     /* see by the frames how the camera turns; false: it never does */
-	bool heed_orientation; /* follow_turns: and by what they carry (frame.h) */
-	struct lp_film film;   /* in front of the lens; gain 0: none */
+	int divisor;	      /* PIXELS: 1, 2, 4, 8 */
+	int exact_blocks;     /* BLOCKS: most blocks decoded after all */
+	bool follow_turns;    /* see by the frames how the camera turns; false: it never does */
+	bool use_orientation; /* follow_turns: and by what they carry (frame.h) */
+	struct lp_film film;  /* in front of the lens; gain 0: none */
 };
 
 /* What went into the panorama. */

@@ -5,14 +5,14 @@
 
 #include "include/frame.h"
 #include "include/panorama.h"
+#include "light/turn/imu.h"
 #include "light/turn/motion.h"
 #include "light/turn/shear.h"
 #include "light/turn/unseen_turn.h"
-#include "light/turn/witness.h"
 #include "vision/eye.h"
-#include "vision/turn/frame_time.h"
 #include "vision/imager.h"
 #include "vision/map/radiance_map.h"
+#include "vision/turn/frame_time.h"
 
 struct lp_alignment;
 struct lp_lookup;
@@ -50,9 +50,9 @@ struct lp_imager {
 	int64_t t_map_ns; /* of the last frame that the map has observed */
 	float agreement;  /* of the last alignment */
 	double elapsed_s; /* between the newest frame and the one before; 0: not told */
-	struct lp_testimony testimony; /* what the newest frame carries of its orientation */
-	struct lp_testimony heeded;    /* of the newest frame that is no still */
-	struct lp_witness witness;
+	struct lp_imu_sample imu_sample; /* what the newest frame carries of its orientation */
+	struct lp_imu_sample imu_sample_before; /* of the newest frame that is no still */
+	struct lp_imu imu;
 	struct lp_unseen_turn unseen_turn;
 
 	/* Where the map's cells lie in the camera's frame, while the camera is turned. */
@@ -143,7 +143,7 @@ float lp_imager_scale_in_map(const struct lp_imager *imager, struct lp_gain *gai
 void lp_imager_turn_scale(const struct lp_imager *imager, struct lp_gain *gain, float in_map);
 
 /* Where the camera looks in the newest frame (follow.c); the same if the frame was taken at another
- * time than it seemed; and, once all that shows it has been heard, what that says of the witness.
+ * time than it seemed; and, once all that shows it has been heard, what that says of the IMU.
  */
 void lp_imager_follow(struct lp_imager *imager);
 void lp_imager_follow_again(struct lp_imager *imager);

@@ -7,25 +7,25 @@
 #include "contestant.hpp"
 #include "vision/camera/camera.h"
 #include "vision/camera/camera_file.h"
-#include "vision/picture/cells.h"
-#include "vision/map/cube_sample.h"
+#include "vision/camera/remap.h"
 #include "vision/imager.h"
 #include "vision/imager_internal.h"
 #include "vision/jpeg/blocks.h"
-#include "vision/camera/remap.h"
+#include "vision/map/cube_sample.h"
 #include "vision/map/sh_project.h"
+#include "vision/picture/cells.h"
 
 extern "C" {
 #include "include/frame.h"
 #include "include/luminance.h"
 #include "include/panorama.h"
-#include "light/send/cube.h"
-#include "light/find/detection.h"
-#include "light/math/grid.h"
-#include "light/send/model.h"
 #include "light/clipped/ring_fusion.h"
-#include "light/math/rotation.h"
+#include "light/find/detection.h"
 #include "light/lamps/tracker.h"
+#include "light/math/grid.h"
+#include "light/math/rotation.h"
+#include "light/send/cube.h"
+#include "light/send/model.h"
 }
 
 namespace

@@ -2,9 +2,9 @@
 /* What a client may send: framing, then the request, as the socket publisher takes them. */
 #include "fuzz.h"
 
-#include "serve/codec/codec.h"
 #include "drivers/publisher/framing.h"
 #include "include/publisher.h"
+#include "serve/codec/codec.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {

@@ -9,8 +9,8 @@
 #include "include/luminance.h"
 #include "include/panorama.h"
 #include "light/clipped/clipped_parts.h"
-#include "light/math/grid.h"
 #include "light/clipped/ring_fusion.h"
+#include "light/math/grid.h"
 #include "light/math/rotation.h"
 #include "lp_test.h"
 

@@ -12,8 +12,8 @@
 #include "lp_test.h"
 #include "scene.h"
 #include "vision/camera/camera_file.h"
-#include "vision/picture/cells.h"
 #include "vision/camera/remap.h"
+#include "vision/picture/cells.h"
 
 static const char dual_fisheye[] = "# two lenses back to back\n"
 				   "[camera]\n"

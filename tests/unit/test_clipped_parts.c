@@ -10,8 +10,8 @@
 #include "include/light_estimate.h"
 #include "include/panorama.h"
 #include "light/clipped/clipped_parts.h"
-#include "light/math/grid.h"
 #include "light/lamps/lamp_memory.h"
+#include "light/math/grid.h"
 
 #define WIDTH 240
 #define HEIGHT 120

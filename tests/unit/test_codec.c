@@ -6,12 +6,12 @@
 #include <stdlib.h>
 #include <sys/mman.h>
 
-#include "serve/codec/codec.h"
+#include "base/clock.h"
 #include "include/polarization_grid.h"
 #include "include/publisher.h"
-#include "serve/health.h"
-#include "base/clock.h"
 #include "light/send/model.h"
+#include "serve/codec/codec.h"
+#include "serve/health.h"
 
 static uint8_t packet_bytes[LP_PACKET_LARGE_BYTES];
 static struct lp_packet packet = {.data = packet_bytes, .capacity_bytes = LP_PACKET_MAX_BYTES};

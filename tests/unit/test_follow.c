@@ -21,7 +21,7 @@ static int setup(void **state)
 						  .decode = LP_DECODE_BLOCKS,
 						  .divisor = 1,
 						  .follow_turns = true,
-						  .heed_orientation = true};
+						  .use_orientation = true};
 
 	(void)state;
 	t_ns = 1000000000;

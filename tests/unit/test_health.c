@@ -3,8 +3,8 @@
 
 #include <math.h>
 
-#include "serve/health.h"
 #include "base/clock.h"
+#include "serve/health.h"
 
 static const struct lp_histogram none;
 

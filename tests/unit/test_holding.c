@@ -7,8 +7,8 @@
 
 #include "include/luminance.h"
 #include "light/find/detection.h"
-#include "light/math/grid.h"
 #include "light/lamps/lamp_memory.h"
+#include "light/math/grid.h"
 #include "lp_test.h"
 #include "scene.h"
 

@@ -5,11 +5,11 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "base/clock.h"
+#include "estimate/surroundings.h"
+#include "include/polarization_grid.h"
 #include "serve/health.h"
 #include "serve/hub.h"
-#include "estimate/surroundings.h"
-#include "base/clock.h"
-#include "include/polarization_grid.h"
 
 #define MAX_CLIENTS 8
 

@@ -7,8 +7,8 @@
 
 #include "include/light_estimate.h"
 #include "jpeg_encode.h"
-#include "light/math/grid.h"
 #include "light/find/lamps.h"
+#include "light/math/grid.h"
 #include "lp_test.h"
 #include "scene.h"
 #include "vision/camera/camera.h"

@@ -5,8 +5,8 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "light/math/grid.h"
 #include "light/find/mediancut.h"
+#include "light/math/grid.h"
 #include "lp_test.h"
 #include "scene.h"
 

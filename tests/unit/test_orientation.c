@@ -8,11 +8,11 @@
 #include <stdlib.h>
 #include <unistd.h>
 
-#include "serve/health.h"
-#include "serve/hub.h"
 #include "app/box/orientation.h"
 #include "base/clock.h"
 #include "include/frame.h"
+#include "serve/health.h"
+#include "serve/hub.h"
 
 #define DEG (M_PI / 180.0)
 

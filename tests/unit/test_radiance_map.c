@@ -11,10 +11,10 @@
 #include "light/math/rotation.h"
 #include "light/turn/shear.h"
 #include "lp_test.h"
-#include "vision/turn/alignment.h"
 #include "vision/camera/camera.h"
-#include "vision/map/lookup.h"
 #include "vision/camera/response.h"
+#include "vision/map/lookup.h"
+#include "vision/turn/alignment.h"
 
 #define WIDTH 240
 #define HEIGHT 120

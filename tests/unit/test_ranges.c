@@ -7,13 +7,13 @@
 #include <float.h>
 #include <string.h>
 
-#include "serve/codec/codec.h"
-#include "serve/health.h"
 #include "base/clock.h"
 #include "include/polarization_grid.h"
 #include "include/publisher.h"
 #include "light/send/cube.h"
 #include "proto/ranges.h"
+#include "serve/codec/codec.h"
+#include "serve/health.h"
 
 static uint8_t packet_bytes[LP_PACKET_LARGE_BYTES];
 static struct lp_packet packet = {.data = packet_bytes, .capacity_bytes = sizeof(packet_bytes)};

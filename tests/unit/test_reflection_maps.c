@@ -6,9 +6,9 @@
 #include <stdio.h>
 #include <stdlib.h>
 
+#include "base/clock.h"
 #include "estimate/pipeline.h"
 #include "estimate/surroundings.h"
-#include "base/clock.h"
 #include "light/send/cube.h"
 #include "light/send/model.h"
 #include "normals.h"

@@ -5,8 +5,8 @@
 #include <math.h>
 
 #include "base/clock.h"
-#include "light/send/model.h"
 #include "light/clipped/ring_fusion.h"
+#include "light/send/model.h"
 #include "lp_test.h"
 
 #define MS LP_NS_PER_MS

@@ -12,12 +12,12 @@
 #include "base/clock.h"
 #include "base/uri.h"
 #include "camera_file_test.h"
+#include "drivers/source/exposure_guess.h"
 #include "drivers/source/v4l2/controls.h"
 #include "drivers/source/v4l2/hotplug.h"
 #include "drivers/source/v4l2/nodes.h"
 #include "drivers/source/v4l2/offers.h"
 #include "drivers/source/v4l2/settings.h"
-#include "drivers/source/exposure_guess.h"
 #include "include/frame.h"
 
 /* ---------------------------------------------------------------- which device */

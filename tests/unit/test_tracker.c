@@ -5,9 +5,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "light/send/model.h"
 #include "light/math/rotation.h"
 #include "light/math/sh.h"
+#include "light/send/model.h"
 #include "lp_test.h"
 
 #define FRAME_NS 33333333LL

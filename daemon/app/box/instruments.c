@@ -9,9 +9,8 @@
 #include <string.h>
 
 #include "app/backends.h"
-#include "serve/health.h"
-#include "app/options/options.h"
 #include "app/box/sweep.h"
+#include "app/options/options.h"
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/loop.h"
@@ -20,6 +19,7 @@
 #include "include/light_estimate.h"
 #include "include/ring.h"
 #include "include/rotator.h"
+#include "serve/health.h"
 
 #define SILENCE_NS (1 * LP_NS_PER_S)
 #define RATE_WINDOW_NS (1 * LP_NS_PER_S)

@@ -5,12 +5,12 @@
 #include <math.h>
 #include <stdio.h>
 
-#include "serve/health.h"
 #include "base/clock.h"
 #include "base/ini.h"
 #include "base/log.h"
 #include "base/param.h"
 #include "include/frame.h"
+#include "serve/health.h"
 #include "vision/turn/frame_time.h"
 
 #define DEG (M_PI / 180.0)

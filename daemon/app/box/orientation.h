@@ -4,7 +4,7 @@
  * sensor. They are
  * kept for a moment, and each frame is stamped with how the probe was turned in the middle of its
  * exposure. What is told wrongly shows in the pictures, and is found out there
- * (light/turn/witness.h). Loop thread.
+ * (light/turn/imu.h). Loop thread.
  */
 #ifndef LP_APP_BOX_ORIENTATION_H
 #define LP_APP_BOX_ORIENTATION_H

@@ -3,11 +3,11 @@
 
 #include <stdio.h>
 
-#include "serve/health.h"
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/text.h"
 #include "include/light_estimate.h"
+#include "serve/health.h"
 
 /* A hand in front of a sensor, or one odd frame, is no fault of the ring. */
 #define LASTS_NS (1 * LP_NS_PER_S)

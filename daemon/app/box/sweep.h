@@ -15,8 +15,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "serve/health.h"
 #include "include/rotator.h"
+#include "serve/health.h"
 
 #define LP_SWEEP_ANGLES 16
 #define LP_SWEEP_EXPOSURES 8

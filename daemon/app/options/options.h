@@ -8,10 +8,10 @@
 #include <stdio.h>
 
 #include "app/run/governor.h"
-#include "estimate/pipeline.h"
 #include "base/log.h"
 #include "base/param.h"
 #include "base/uri.h"
+#include "estimate/pipeline.h"
 
 #define LP_MAX_PUBLISHERS 8
 

@@ -12,9 +12,9 @@
 #include "base/mailbox.h"
 #include "base/pool.h"
 #include "include/frame.h"
-#include "vision/turn/frame_time.h"
 #include "light/ring/ring_filter.h"
 #include "light/ring/ring_history.h"
+#include "vision/turn/frame_time.h"
 
 /* The farthest reading that still counts for a frame. */
 #define RING_MOST_NS (150 * LP_NS_PER_MS)

@@ -7,7 +7,6 @@
 #include <string.h>
 
 #include "app/backends.h"
-#include "estimate/exposures/bracket.h"
 #include "app/daemon.h"
 #include "app/options/fixed_exposure.h"
 #include "app/options/options.h"
@@ -15,6 +14,7 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/loop.h"
+#include "estimate/exposures/bracket.h"
 #include "include/frame.h"
 #include "include/source.h"
 #include "vision/camera/camera_file.h"

@@ -4,8 +4,8 @@
 #include <math.h>
 #include <string.h>
 
-#include "estimate/exposures/bracket_plan.h"
 #include "base/log.h"
+#include "estimate/exposures/bracket_plan.h"
 #include "include/source.h"
 
 /* Where no reason is named, chosen by hand; docs/maintainers/constants.md says which tests notice

@@ -5,9 +5,9 @@
 #include <string.h>
 
 #include "base/clock.h"
-#include "light/send/model.h"
-#include "light/ring/ring_alone.h"
 #include "light/math/rotation.h"
+#include "light/ring/ring_alone.h"
+#include "light/send/model.h"
 
 #define PERIOD_NS (LP_NS_PER_S / 30)
 /* The lamps of a camera count from 1 up. */

@@ -12,10 +12,10 @@
 #include "estimate/estimates.h"
 #include "include/light_estimate.h"
 #include "light/clipped/clipped_parts.h"
-#include "light/ring/ring_colour.h"
 #include "light/clipped/ring_fusion.h"
-#include "light/ring/ring_poses.h"
 #include "light/math/sh.h"
+#include "light/ring/ring_colour.h"
+#include "light/ring/ring_poses.h"
 
 struct lp_grid;
 struct lp_imager;

@@ -6,9 +6,9 @@
 
 #include "base/clock.h"
 #include "include/luminance.h"
-#include "light/send/model.h"
 #include "light/clipped/ring_fusion.h"
 #include "light/math/rotation.h"
+#include "light/send/model.h"
 
 /* Chosen by hand (docs/maintainers/constants.md). */
 

@@ -16,8 +16,8 @@
 #include "include/light_estimate.h"
 #include "include/ring_sample.h"
 #include "light/clipped/clipped_parts.h"
-#include "light/ring/ring_step.h"
 #include "light/math/sh.h"
+#include "light/ring/ring_step.h"
 
 struct lp_rotation;
 

@@ -10,8 +10,8 @@
 #include "include/light_estimate.h"
 #include "include/luminance.h"
 #include "include/panorama.h"
-#include "light/math/grid.h"
 #include "light/lamps/lamp_memory.h"
+#include "light/math/grid.h"
 #include "light/math/symmetric3.h"
 
 /* Chosen by hand (docs/maintainers/constants.md). */

@@ -5,8 +5,8 @@
 
 #include <stdint.h>
 
-#include "light/math/nnls.h"
 #include "light/clipped/ring_fusion.h"
+#include "light/math/nnls.h"
 
 struct lp_ring_problem {
 	const struct lp_ring_view *view;

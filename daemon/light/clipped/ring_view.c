@@ -4,8 +4,8 @@
 #include <stddef.h>
 
 #include "include/panorama.h"
-#include "light/math/grid.h"
 #include "light/clipped/ring_fusion.h"
+#include "light/math/grid.h"
 #include "light/math/rotation.h"
 
 /* Sums in vectors of four. */

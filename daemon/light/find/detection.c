@@ -5,9 +5,9 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "light/math/grid.h"
 #include "light/find/mediancut.h"
 #include "light/find/research.h"
+#include "light/math/grid.h"
 
 /* A lamp is brighter than twice the mean, of the brightest tenth of the sphere and no larger,
  * LP_PEAK_STANDS_OUT times its own saddle to a brighter one, and reaches down to a tenth of its

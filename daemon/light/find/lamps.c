@@ -9,12 +9,12 @@
 #include <string.h>
 
 #include "base/macros.h"
+#include "base/select.h"
 #include "include/light_estimate.h"
 #include "include/luminance.h"
 #include "include/panorama.h"
-#include "light/math/grid.h"
 #include "light/find/regions.h"
-#include "base/select.h"
+#include "light/math/grid.h"
 #include "light/math/symmetric3.h"
 
 /* Chosen by hand; docs/maintainers/constants.md says what half and double of each does. */

@@ -7,8 +7,8 @@
 #include "include/light_estimate.h"
 #include "include/luminance.h"
 #include "include/panorama.h"
-#include "light/math/grid.h"
 #include "light/find/lamps.h"
+#include "light/math/grid.h"
 
 /* Rectangle of the grid: rows [top, bottom), columns [left, right). */
 struct part {

@@ -4,11 +4,11 @@
 #include <math.h>
 #include <stdbool.h>
 
+#include "base/select.h"
 #include "include/luminance.h"
 #include "include/panorama.h"
-#include "light/math/grid.h"
 #include "light/find/lamps.h"
-#include "base/select.h"
+#include "light/math/grid.h"
 
 /* Kernels of the recipe in pixels of its 1920-pixel picture, scaled to the grid. */
 #define PICTURE_WIDTH_PX 1920.0F

@@ -7,8 +7,8 @@
 
 #include "include/panorama.h"
 #include "light/find/detection.h"
-#include "light/math/grid.h"
 #include "light/lamps/lamp_memory.h"
+#include "light/math/grid.h"
 
 /* Chosen by hand, on the scenes of docs/users/accuracy.md, "While the camera turns". */
 

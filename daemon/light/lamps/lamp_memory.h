@@ -11,9 +11,9 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "light/lamps/flicker.h"
-#include "light/find/lamps.h"
 #include "light/film/polarization.h"
+#include "light/find/lamps.h"
+#include "light/lamps/flicker.h"
 
 struct lp_rotation;
 

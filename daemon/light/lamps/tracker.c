@@ -6,10 +6,10 @@
 #include <string.h>
 
 #include "include/luminance.h"
-#include "light/send/model.h"
 #include "light/math/nnls.h"
 #include "light/math/rotation.h"
 #include "light/math/sh.h"
+#include "light/send/model.h"
 
 /* Chosen by hand; docs/maintainers/constants.md says which tests notice other values. */
 

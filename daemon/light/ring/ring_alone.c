@@ -4,8 +4,8 @@
 #include <math.h>
 #include <string.h>
 
-#include "light/math/nnls.h"
 #include "light/clipped/ring_fusion.h"
+#include "light/math/nnls.h"
 
 /* Rows of the grid of directions that is searched: every 5 degrees. */
 #define ROWS 36

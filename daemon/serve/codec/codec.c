@@ -7,7 +7,6 @@
 #include <pb_encode.h>
 #include <string.h>
 
-#include "serve/health.h"
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/text.h"
@@ -17,6 +16,7 @@
 #include "light/send/model.h"
 #include "proto/lightprobe.pb.h"
 #include "proto/ranges.h"
+#include "serve/health.h"
 
 #define PROTOCOL_MAJOR 1
 /* 1: estimates echo the number of their subscription. 2: Hello names the probe. 3: poses, pings,

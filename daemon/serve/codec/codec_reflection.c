@@ -5,12 +5,12 @@
 #include <math.h>
 #include <pb_encode.h>
 
-#include "serve/codec/codec.h"
 #include "base/clock.h"
 #include "include/packet.h"
 #include "light/send/cube.h"
 #include "proto/lightprobe.pb.h"
 #include "proto/ranges.h"
+#include "serve/codec/codec.h"
 
 #define FROM_PROBE_REFLECTION_MAP 6 /* FromProbe.reflection_map: left out by lightprobe.options */
 

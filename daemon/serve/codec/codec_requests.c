@@ -5,9 +5,9 @@
 #include <math.h>
 #include <pb_decode.h>
 
-#include "serve/codec/codec.h"
 #include "include/publisher.h"
 #include "proto/lightprobe.pb.h"
+#include "serve/codec/codec.h"
 
 #define REFLECTION_RATE_HZ 5.0F /* of a client that does not say */
 #define REFLECTION_MOST_HZ 30.0F

@@ -9,8 +9,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "serve/poses/client_clock.h"
 #include "serve/codec/codec.h"
+#include "serve/poses/client_clock.h"
 
 struct lp_orientation_sample;
 

@@ -4,8 +4,8 @@
 
 #include "include/luminance.h"
 #include "light/math/grid.h"
-#include "vision/imager_internal.h"
 #include "vision/camera/remap.h"
+#include "vision/imager_internal.h"
 
 /* Noisier cells tell nothing (relative); nor do those whose light has changed. */
 #define MOST_NOISE 0.15F

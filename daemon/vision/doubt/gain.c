@@ -121,7 +121,7 @@ static void learn(struct lp_gain *gain, float correction, float elapsed_s, bool 
 	}
 }
 
-/* The scale stays. Automatic exposure will soon heed what has changed. */
+/* The scale stays. Automatic exposure will soon follow what has changed. */
 static void hold(struct lp_gain *gain, float elapsed_s)
 {
 	gain->variance += HIDDEN_SIGMA * HIDDEN_SIGMA + gain->unrest * gain->unrest;

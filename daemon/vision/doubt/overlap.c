@@ -3,8 +3,8 @@
 
 #include <math.h>
 
-#include "vision/doubt/gain.h"
 #include "vision/camera/response.h"
+#include "vision/doubt/gain.h"
 
 /* Chosen by hand, on tests/accuracy/several.py. */
 

@@ -7,10 +7,10 @@
 
 #include "include/luminance.h"
 #include "include/polarization_grid.h"
-#include "light/math/grid.h"
 #include "light/find/lamps.h"
-#include "vision/imager_internal.h"
+#include "light/math/grid.h"
 #include "vision/film/stokes_map.h"
+#include "vision/imager_internal.h"
 
 void lp_imager_place_film(struct lp_imager *imager)
 {

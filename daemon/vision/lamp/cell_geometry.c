@@ -4,8 +4,8 @@
 #include <math.h>
 
 #include "vision/camera/camera.h"
-#include "vision/imager_internal.h"
 #include "vision/camera/remap.h"
+#include "vision/imager_internal.h"
 
 static struct lp_cell_geometry equirect_geometry(const struct lp_imager *imager, int column,
 						 int row)

@@ -7,15 +7,15 @@
 
 #include "include/light_estimate.h"
 #include "include/luminance.h"
-#include "light/math/grid.h"
 #include "light/find/lamps.h"
+#include "light/math/grid.h"
 #include "light/math/rotation.h"
-#include "vision/lamp/cell_geometry.h"
 #include "vision/camera/code_noise.h"
-#include "vision/imager_internal.h"
-#include "vision/map/lookup.h"
 #include "vision/camera/remap.h"
+#include "vision/imager_internal.h"
+#include "vision/lamp/cell_geometry.h"
 #include "vision/lamp/rim.h"
+#include "vision/map/lookup.h"
 
 /* Chosen by hand; docs/maintainers/constants.md says what half and double of each does. */
 

@@ -91,10 +91,11 @@ extern "C" struct lp_map_update lp_radiance_map_observe(struct lp_radiance_map *
 {
 	const struct lp_grid *grid = map->grid;
 	const noise_model noise(*observation);
-	const v_float32x4 walk = cv::v_setall_f32(kWalk * kWalk * observation->elapsed_s +
-						  observation->stirred * observation->stirred);
+	const v_float32x4 walk =
+		cv::v_setall_f32(kWalk * kWalk * observation->elapsed_s +
+				 observation->change_sigma * observation->change_sigma);
 	const double sphere_sr = 4.0 * M_PI;
-	const bool stirred = observation->stirred > 0.0F;
+	const bool all_change = observation->change_sigma > 0.0F;
 	sums total = {};
 
 	map->t_s += observation->elapsed_s;
@@ -104,7 +105,7 @@ extern "C" struct lp_map_update lp_radiance_map_observe(struct lp_radiance_map *
 		for (int c = 0; c < grid->width; c += 4) {
 			const size_t i = static_cast<size_t>(r) * grid->width + c;
 
-			if (stirred || !correct_plain(map, observation, noise, walk, i, row))
+			if (all_change || !correct_plain(map, observation, noise, walk, i, row))
 				correct(map, observation, noise, walk, i, row);
 		}
 		row.add_to(total, grid->row_solid_angle_sr[r]);

@@ -67,7 +67,7 @@ struct lp_observation {
 	bool coded;	     /* 8-bit codes; float frames are taken as exact */
 	float code_variance; /* of a cell's mean, in codes^2 */
 	float elapsed_s;     /* since the observation before */
-	float stirred;	     /* 1 sigma, relative, of a change of light everywhere since then; 0 */
+	float change_sigma;  /* 1 sigma, relative, of a change of light everywhere since then; 0 */
 	float flicker_sigma; /* relative 1 sigma of all light, from lamps that flicker */
 	bool longer;	     /* than another exposure that has come lately */
 	float late_s; /* so much older than the newest observation, which is right where they differ

@@ -10,8 +10,8 @@
 
 #include "include/luminance.h"
 #include "include/panorama.h"
-#include "vision/map/radiance_map.h"
 #include "vision/camera/response.h"
+#include "vision/map/radiance_map.h"
 #include "vision/picture/simd.hpp"
 
 using cv::v_float32x4;
@@ -326,7 +326,7 @@ bool correct_plain(struct lp_radiance_map *map, const struct lp_observation *see
 			     difference * difference >
 				     cv::v_setall_f32(kBoundGate * kBoundGate) * observed);
 	const v_float32x4 hidden = bounds.hides(light, held) & below & (seen_is_clipped == zero) &
-				   (cv::v_setall_f32(seen->stirred) == zero) & (fresh == zero);
+				   (cv::v_setall_f32(seen->change_sigma) == zero) & (fresh == zero);
 	const v_float32x4 changed = known & cv::v_select(clipped, refuted, learned.contradicts);
 	const v_float32x4 overruled = changed & (cv::v_setall_f32(seen->late_s) > zero);
 	const v_float32x4 missing =
@@ -344,7 +344,7 @@ bool correct_plain(struct lp_radiance_map *map, const struct lp_observation *see
 	gain = cv::v_select(missing, zero, gain);
 	variance = cv::v_select(missing, before, variance);
 
-	if (seen->stirred > 0.0F)
+	if (seen->change_sigma > 0.0F)
 		remember(map, i, known & (missing == zero));
 	else if (cv::v_check_any(changed & (missing == zero)))
 		remember(map, i, changed & (missing == zero));

@@ -8,8 +8,8 @@
 
 #include <cstdint>
 
-#include "vision/picture/cells.h"
 #include "vision/jpeg/blocks.h"
+#include "vision/picture/cells.h"
 
 namespace lp
 {

@@ -8,9 +8,9 @@
 #include <cstring>
 
 #include "include/frame.h"
+#include "vision/camera/response.h"
 #include "vision/picture/cells_store.hpp"
 #include "vision/picture/planes.hpp"
-#include "vision/camera/response.h"
 
 /* Cells of storage beyond the last: vector stores may touch them. */
 static constexpr size_t kMargin = 4;

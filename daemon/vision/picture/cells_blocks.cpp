@@ -5,9 +5,9 @@
 #include <cstdint>
 #include <cstring>
 
+#include "vision/camera/response.h"
 #include "vision/picture/block_row.hpp"
 #include "vision/picture/cells_store.hpp"
-#include "vision/camera/response.h"
 #include "vision/picture/simd.hpp"
 
 using cv::v_float32x4;

@@ -2,10 +2,10 @@
 /* Blocks of a JPEG, as vision/jpeg/blocks.h reads them. */
 #include <cstdint>
 
+#include "vision/camera/response.h"
+#include "vision/jpeg/blocks.h"
 #include "vision/picture/block_row.hpp"
 #include "vision/picture/cells.h"
-#include "vision/jpeg/blocks.h"
-#include "vision/camera/response.h"
 #include "vision/picture/simd.hpp"
 #include "vision/picture/tile.hpp"
 

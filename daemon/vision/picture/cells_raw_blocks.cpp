@@ -6,10 +6,10 @@
 #include <cstring>
 
 #include "include/frame.h"
+#include "vision/camera/response.h"
 #include "vision/picture/block_row.hpp"
 #include "vision/picture/cells.h"
 #include "vision/picture/planes.hpp"
-#include "vision/camera/response.h"
 #include "vision/picture/simd.hpp"
 
 using cv::v_int32x4;

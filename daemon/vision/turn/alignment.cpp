@@ -11,10 +11,10 @@
 #include <vector>
 
 #include "include/panorama.h"
-#include "vision/turn/alignment_level.hpp"
-#include "vision/map/radiance_map.h"
 #include "vision/camera/response.h"
+#include "vision/map/radiance_map.h"
 #include "vision/map/sphere.hpp"
+#include "vision/turn/alignment_level.hpp"
 
 extern "C" {
 #include "light/math/grid.h"

@@ -3,11 +3,11 @@
 #include <math.h>
 
 #include "light/math/grid.h"
-#include "vision/turn/alignment.h"
-#include "vision/imager_internal.h"
-#include "vision/map/lookup.h"
 #include "vision/camera/remap.h"
 #include "vision/film/stokes_map.h"
+#include "vision/imager_internal.h"
+#include "vision/map/lookup.h"
+#include "vision/turn/alignment.h"
 
 /* Share of the cells that contradict what is known, from which on the camera may have turned. */
 #define LEAST_CONTRADICTING 0.002F
@@ -19,7 +19,7 @@
 /* Longer pauses are no motion that could be followed. */
 #define MOST_ELAPSED_S 1.0
 /* Chosen by hand, on tests/accuracy/live.py --orientation=sim. */
-/* A camera that held still turns when a witness says so by so many sigmas, and so much... */
+/* A camera that held still turns when the IMU says so by so many sigmas, and so much... */
 #define CLEAR_SIGMAS 6.0
 #define CLEAR_TURN (0.3 * M_PI / 180.0)
 /* ...and of a camera that turns, both predictions are tried when they are so far apart. */
@@ -105,14 +105,14 @@ static double angle_between(const struct lp_rotation *a, const struct lp_rotatio
 	return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
 }
 
-/* What the witness told as a prediction; false: nothing that counts. Noise does not move a camera
+/* What the IMU told as a prediction; false: nothing that counts. Noise does not move a camera
  * that holds still. */
-static bool predict_by_witness(const struct lp_imager *imager, double elapsed_s,
-			       struct lp_motion *motion)
+static bool predict_by_imu(const struct lp_imager *imager, double elapsed_s,
+			   struct lp_motion *motion)
 {
 	double turn[3], sigma_rad;
 
-	if (!lp_witness_turn(&imager->witness, &imager->testimony, turn, &sigma_rad))
+	if (!lp_imu_turn(&imager->imu, &imager->imu_sample, turn, &sigma_rad))
 		return false;
 	const double angle = sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]);
 
@@ -124,30 +124,30 @@ static bool predict_by_witness(const struct lp_imager *imager, double elapsed_s,
 }
 
 /* Two predictions: the pictures decide which fits. Where they cannot, a camera that held still goes
- * on doing so if the frame agrees, and one that turns follows the witness. */
+ * on doing so if the frame agrees, and one that turns follows the IMU. */
 static void choose(struct lp_imager *imager, const struct lp_motion *by_rate,
-		   const struct lp_motion *by_witness)
+		   const struct lp_motion *by_imu)
 {
 	const bool turned = imager->motion.turning;
-	struct attempt witness = {.motion = *by_witness}, rate = {.motion = *by_rate};
+	struct attempt imu = {.motion = *by_imu}, rate = {.motion = *by_rate};
 
-	solve(imager, &witness);
-	if (turned && angle_between(&by_rate->rotation, &by_witness->rotation) < FAR_APART) {
-		take(imager, &witness);
+	solve(imager, &imu);
+	if (turned && angle_between(&by_rate->rotation, &by_imu->rotation) < FAR_APART) {
+		take(imager, &imu);
 		return;
 	}
 	solve(imager, &rate);
 	const float more = turned ? CLEARLY_BETTER : -CLEARLY_BETTER;
 	const bool is_rate = compares(&rate) && rate.result.agreement >= LP_LEAST_AGREEMENT &&
-			     rate.result.agreement > witness.result.agreement + more;
-	const struct attempt *const best = is_rate ? &rate : &witness;
+			     rate.result.agreement > imu.result.agreement + more;
+	const struct attempt *const best = is_rate ? &rate : &imu;
 
 	take(imager, best);
-	if (compares(best) && lp_witness_is_apart(&by_witness->rotation, &imager->motion.rotation,
-						  hypot(imager->testimony.sigma_rad,
-							lp_motion_sigma_rad(&imager->motion)),
-						  rate_of(&imager->motion)))
-		lp_witness_contradict(&imager->witness);
+	if (compares(best) && lp_imu_is_apart(&by_imu->rotation, &imager->motion.rotation,
+					      hypot(imager->imu_sample.sigma_rad,
+						    lp_motion_sigma_rad(&imager->motion)),
+					      rate_of(&imager->motion)))
+		lp_imu_contradict(&imager->imu);
 }
 
 struct lp_shear lp_imager_shear(const struct lp_imager *imager)
@@ -199,36 +199,36 @@ static void follow_by_pictures(struct lp_imager *imager, const struct lp_motion 
 }
 
 /* A camera that holds still is only looked at closer when the frame contradicts what is known, or a
- * witness says clearly that it turns; and now and then. */
+ * IMU says clearly that it turns; and now and then. */
 static void follow_turn(struct lp_imager *imager, double elapsed_s)
 {
 	struct lp_observation seen = lp_imager_observation(imager);
-	struct lp_motion by_rate = imager->motion, by_witness;
-	const bool told = predict_by_witness(imager, elapsed_s, &by_witness);
+	struct lp_motion by_rate = imager->motion, by_imu;
+	const bool told = predict_by_imu(imager, elapsed_s, &by_imu);
 
 	lp_motion_predict(&by_rate, elapsed_s);
 	if (imager->stokes && lp_rotation_is_identity(&imager->motion.rotation))
 		lp_stokes_map_see_through(imager->stokes, lp_imager_film(imager), &seen);
 	if (imager->stokes)
-		lp_imager_leave_out(imager, told ? &by_witness.rotation : &by_rate.rotation, &seen);
+		lp_imager_leave_out(imager, told ? &by_imu.rotation : &by_rate.rotation, &seen);
 	const bool differ = told || imager->motion.turning ||
 			    !lp_rotation_is_identity(&imager->motion.rotation) ||
 			    contradicts(imager, &seen);
 	const bool due =
-		lp_unseen_turn_is_due(&imager->unseen_turn, elapsed_s) && !imager->testimony.known;
+		lp_unseen_turn_is_due(&imager->unseen_turn, elapsed_s) && !imager->imu_sample.known;
 
 	if (differ || due) {
 		const struct lp_shear shear = lp_imager_shear(imager);
 
 		lp_alignment_load(imager->alignment, imager->map, &seen, &shear);
 		if (told)
-			choose(imager, &by_rate, &by_witness);
+			choose(imager, &by_rate, &by_imu);
 		else
 			follow_by_pictures(imager, &by_rate, differ, elapsed_s);
 	} else {
 		imager->motion = by_rate;
 	}
-	if (imager->motion.turning || imager->testimony.known)
+	if (imager->motion.turning || imager->imu_sample.known)
 		imager->unseen_turn = (struct lp_unseen_turn){0};
 	place_map(imager);
 }
@@ -258,8 +258,8 @@ void lp_imager_follow(struct lp_imager *imager)
 	}
 	imager->before = imager->motion;
 	imager->t_before_ns = imager->t_motion_ns;
-	lp_witness_heed(&imager->witness, &imager->heeded, &imager->testimony);
-	imager->heeded = imager->testimony;
+	lp_imu_take(&imager->imu, &imager->imu_sample_before, &imager->imu_sample);
+	imager->imu_sample_before = imager->imu_sample;
 	follow(imager);
 }
 
@@ -267,7 +267,7 @@ void lp_imager_follow_again(struct lp_imager *imager)
 {
 	imager->motion = imager->before;
 	imager->t_motion_ns = imager->t_before_ns;
-	imager->heeded = imager->testimony;
+	imager->imu_sample_before = imager->imu_sample;
 	follow(imager);
 }
 
@@ -275,8 +275,8 @@ void lp_imager_followed(struct lp_imager *imager)
 {
 	if (imager->late_s > 0.0F)
 		return;
-	lp_witness_compare(&imager->witness, &imager->testimony, &imager->motion,
-			   fmax(imager->elapsed_s, 0.0));
+	lp_imu_compare(&imager->imu, &imager->imu_sample, &imager->motion,
+		       fmax(imager->elapsed_s, 0.0));
 }
 
 void lp_imager_correct_rotation(struct lp_imager *imager, const double pull[3],
@@ -300,7 +300,7 @@ bool lp_imager_rest(struct lp_imager *imager, struct lp_rotation *turn)
 		lp_imager_turn_scale(imager, &imager->eyes[k].gain, in_map[k]);
 	if (imager->stokes)
 		lp_stokes_map_turn(imager->stokes, &imager->motion.rotation);
-	lp_witness_anchor(&imager->witness, &imager->motion.rotation);
+	lp_imu_anchor(&imager->imu, &imager->motion.rotation);
 	lp_motion_anchor(&imager->motion);
 	return true;
 }

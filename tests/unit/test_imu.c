@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A witness of how the camera turns: believed while it agrees with the pictures, and no longer. */
-#include "light/turn/witness.h"
+/* An IMU that tells how the camera turns: used while it agrees with the pictures, and no longer. */
+#include "light/turn/imu.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -11,7 +11,7 @@
 #define DEG (M_PI / 180.0)
 #define FRAME_S (1.0 / 30.0)
 
-static struct lp_witness witness;
+static struct lp_imu imu;
 static struct lp_motion motion; /* what the pictures show */
 static int frame;
 
@@ -19,7 +19,7 @@ static int setup(void **state)
 {
 	(void)state;
 	srand(1);
-	witness = (struct lp_witness){0};
+	imu = (struct lp_imu){0};
 	lp_motion_init(&motion);
 	frame = 0;
 	return 0;
@@ -35,25 +35,25 @@ static double noise(double sigma_deg)
 	return sigma_deg * sqrt(3.0) * (2.0 * rand() / RAND_MAX - 1.0) * DEG;
 }
 
-/* The frame of reference of the witness is turned about some axis against the anchor frame. */
+/* The frame of reference of the IMU is turned about some axis against the anchor frame. */
 static struct lp_rotation its_world(void)
 {
 	return lp_rotation_of_vector((const double[]){0.4, -1.1, 0.7});
 }
 
-/* One frame: the camera is at yaw_deg, and the witness says `told_deg` besides a fixed rotation. */
+/* One frame: the camera is at yaw_deg, and the IMU says `told_deg` besides a fixed rotation. */
 static void tell(double yaw_deg, double told_deg)
 {
 	const double off[3] = {noise(0.1), noise(0.1), noise(0.1)};
 	const struct lp_rotation world = its_world(), off_by = lp_rotation_of_vector(off);
 	const struct lp_rotation told = yaw(told_deg), noisy = lp_rotation_product(&told, &off_by);
-	struct lp_testimony now = {.known = true, .sigma_rad = 0.1 * DEG};
+	struct lp_imu_sample now = {.known = true, .sigma_rad = 0.1 * DEG};
 
 	now.rotation = lp_rotation_product(&world, &noisy);
 	motion.rotation = yaw(yaw_deg);
 	motion.turning = true;
-	lp_witness_compare(&witness, &now, &motion, FRAME_S);
-	witness.last = now;
+	lp_imu_compare(&imu, &now, &motion, FRAME_S);
+	imu.last = now;
 	frame++;
 }
 
@@ -69,31 +69,30 @@ static void test_one_that_agrees_is_believed(void **state)
 	for (int n = 0; n < 600; n++) {
 		motion.rate[1] = 40.0 * M_PI * cos(M_PI * frame * FRAME_S) * DEG;
 		tell(head_deg(frame * FRAME_S), head_deg(frame * FRAME_S));
-		assert_false(witness.left_out);
+		assert_false(imu.left_out);
 	}
 }
 
 /* Its turns are told in the camera's frame, whatever its own frame of reference is. */
 static void test_its_turns(void **state)
 {
-	struct lp_testimony now = {.known = true, .sigma_rad = 0.1 * DEG};
+	struct lp_imu_sample now = {.known = true, .sigma_rad = 0.1 * DEG};
 	const struct lp_rotation world = its_world(), there = yaw(5.0);
 	double turn[3], sigma;
 
 	(void)state;
-	assert_false(lp_witness_turn(&witness, &now, turn, &sigma));
-	witness.last =
-		(struct lp_testimony){.known = true, .rotation = world, .sigma_rad = 0.1 * DEG};
+	assert_false(lp_imu_turn(&imu, &now, turn, &sigma));
+	imu.last = (struct lp_imu_sample){.known = true, .rotation = world, .sigma_rad = 0.1 * DEG};
 	now.rotation = lp_rotation_product(&world, &there);
-	assert_true(lp_witness_turn(&witness, &now, turn, &sigma));
+	assert_true(lp_imu_turn(&imu, &now, turn, &sigma));
 	assert_float_equal(turn[1] / DEG, 5.0, 1e-9);
 	assert_float_equal(hypot(turn[0], turn[2]), 0.0, 1e-9);
 	assert_float_equal(sigma / DEG, 0.1 * sqrt(2.0), 1e-3);
 	now.known = false;
-	assert_false(lp_witness_turn(&witness, &now, turn, &sigma));
+	assert_false(lp_imu_turn(&imu, &now, turn, &sigma));
 	now.known = true;
-	lp_witness_contradict(&witness);
-	assert_false(lp_witness_turn(&witness, &now, turn, &sigma));
+	lp_imu_contradict(&imu);
+	assert_false(lp_imu_turn(&imu, &now, turn, &sigma));
 }
 
 /* A jump of its frame of reference: out at once, and in again when its frame is known anew. */
@@ -105,8 +104,8 @@ static void test_one_that_jumps_is_left_out_for_a_while(void **state)
 	for (int n = 0; n < 90; n++)
 		tell(20.0 * frame * FRAME_S, 20.0 * frame * FRAME_S);
 	tell(20.0 * frame * FRAME_S, 20.0 * frame * FRAME_S + 10.0);
-	assert_true(witness.left_out);
-	while (witness.left_out && out++ < 600)
+	assert_true(imu.left_out);
+	while (imu.left_out && out++ < 600)
 		tell(20.0 * frame * FRAME_S, 20.0 * frame * FRAME_S + 10.0);
 	assert_true(out > 45 && out < 300);
 }
@@ -116,7 +115,7 @@ static void check_it_is_found_out(double (*told_deg)(double t_s), double (*true_
 {
 	int frames = 0;
 
-	while (!witness.left_out && frames++ < 600)
+	while (!imu.left_out && frames++ < 600)
 		tell(true_deg(frame * FRAME_S), told_deg(frame * FRAME_S));
 	assert_true(frames * FRAME_S < most_s);
 }
@@ -156,7 +155,7 @@ static double constant_deg(double t_s)
 
 static double sigma_deg(double rate_deg_s)
 {
-	return lp_witness_delay_sigma_rad(&witness, rate_deg_s * DEG) / DEG;
+	return lp_imu_delay_sigma_rad(&imu, rate_deg_s * DEG) / DEG;
 }
 
 static void turn_like(double (*true_deg)(double t_s), double late_s, int frames)
@@ -177,16 +176,16 @@ static void test_how_late_it_is(void **state)
 	for (int n = 0; n < 2; n++) /* it turns already, and pictures do not show that at once */
 		tell(0.0, 100.0 * frame * FRAME_S);
 	turn_like(constant_deg, 0.1, 300);
-	assert_false(witness.left_out);
+	assert_false(imu.left_out);
 	assert_true(3.0 * sigma_deg(100.0) > 10.0);
 	setup(NULL);
 	turn_like(head_deg, 0.0, 300);
-	assert_false(witness.left_out);
+	assert_false(imu.left_out);
 	assert_true(sigma_deg(100.0) < 0.5);
 	assert_true(sigma_deg(0.0) == 0.0);
 	setup(NULL);
 	turn_like(head_deg, 0.005, 300);
-	assert_false(witness.left_out);
+	assert_false(imu.left_out);
 	assert_float_equal(sigma_deg(100.0), 0.5, 0.2);
 }
 
@@ -198,10 +197,10 @@ static void test_the_anchor_frame_changes(void **state)
 	(void)state;
 	for (int n = 0; n < 30; n++)
 		tell(60.0, 60.0);
-	lp_witness_anchor(&witness, &before);
+	lp_imu_anchor(&imu, &before);
 	for (int n = 0; n < 30; n++) {
 		tell(0.0, 60.0);
-		assert_false(witness.left_out);
+		assert_false(imu.left_out);
 	}
 }
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "light/turn/witness.h"
+#include "light/turn/imu.h"
 
 #include <math.h>
 #include <string.h>
@@ -51,29 +51,29 @@ static double limit_rad(double sigma_rad, double rate_rad_s)
 	return SIGMAS * sqrt(sigma_rad * sigma_rad + OWN_SIGMA * OWN_SIGMA + timing * timing);
 }
 
-void lp_witness_heed(struct lp_witness *witness, const struct lp_testimony *before,
-		     const struct lp_testimony *now)
+void lp_imu_take(struct lp_imu *imu, const struct lp_imu_sample *before,
+		 const struct lp_imu_sample *now)
 {
-	if (now->known && now->by != witness->by)
-		*witness = (struct lp_witness){.by = now->by};
+	if (now->known && now->by != imu->by)
+		*imu = (struct lp_imu){.by = now->by};
 	else
-		witness->last = *before;
+		imu->last = *before;
 }
 
-bool lp_witness_turn(const struct lp_witness *witness, const struct lp_testimony *now,
-		     double turn[3], double *sigma_rad)
+bool lp_imu_turn(const struct lp_imu *imu, const struct lp_imu_sample *now, double turn[3],
+		 double *sigma_rad)
 {
-	if (witness->left_out || !witness->last.known || !now->known)
+	if (imu->left_out || !imu->last.known || !now->known)
 		return false;
-	const struct lp_rotation turned = from_to(&witness->last.rotation, &now->rotation);
+	const struct lp_rotation turned = from_to(&imu->last.rotation, &now->rotation);
 
 	lp_rotation_vector(&turned, turn);
-	*sigma_rad = hypot(hypot(witness->last.sigma_rad, now->sigma_rad), 1e-4 * DEG);
+	*sigma_rad = hypot(hypot(imu->last.sigma_rad, now->sigma_rad), 1e-4 * DEG);
 	return true;
 }
 
-bool lp_witness_is_apart(const struct lp_rotation *told, const struct lp_rotation *found,
-			 double sigma_rad, double rate_rad_s)
+bool lp_imu_is_apart(const struct lp_rotation *told, const struct lp_rotation *found,
+		     double sigma_rad, double rate_rad_s)
 {
 	const struct lp_rotation apart = from_to(told, found);
 	double v[3];
@@ -82,30 +82,30 @@ bool lp_witness_is_apart(const struct lp_rotation *told, const struct lp_rotatio
 	return length(v) > limit_rad(sigma_rad, rate_rad_s);
 }
 
-void lp_witness_contradict(struct lp_witness *witness)
+void lp_imu_contradict(struct lp_imu *imu)
 {
-	witness->delay = (struct lp_witness_delay){0};
-	witness->left_out = true;
-	witness->agreed_s = 0.0;
+	imu->delay = (struct lp_imu_delay){0};
+	imu->left_out = true;
+	imu->agreed_s = 0.0;
 }
 
 /* Whether it is used from what it told, `off_rad` from where it was expected. */
-static void judge(struct lp_witness *witness, double off_rad, double limit, double elapsed_s)
+static void judge(struct lp_imu *imu, double off_rad, double limit, double elapsed_s)
 {
 	if (off_rad > limit)
-		lp_witness_contradict(witness);
+		lp_imu_contradict(imu);
 	else if (off_rad > 0.5 * limit)
-		witness->agreed_s = 0.0;
+		imu->agreed_s = 0.0;
 	else
-		witness->agreed_s += elapsed_s;
-	if (witness->agreed_s > LP_WITNESS_AGREED_S)
-		witness->left_out = false;
+		imu->agreed_s += elapsed_s;
+	if (imu->agreed_s > LP_IMU_AGREED_S)
+		imu->left_out = false;
 }
 
 /* Mean rate about the k-th point, as seen. */
-static void rate_at(const struct lp_witness_delay *delay, int k, double rate[3])
+static void rate_at(const struct lp_imu_delay *delay, int k, double rate[3])
 {
-	const struct lp_witness_point *p = &delay->points[k];
+	const struct lp_imu_point *p = &delay->points[k];
 	const struct lp_rotation turn = from_to(&p[-1].seen, &p[1].seen);
 
 	lp_rotation_vector(&turn, rate);
@@ -115,9 +115,9 @@ static void rate_at(const struct lp_witness_delay *delay, int k, double rate[3])
 
 /* What it told of the turn between the middle points, beyond what was seen, is the change of the
  * rate times how late it is. */
-static void compare_turns(struct lp_witness_delay *delay, double sigma_rad)
+static void compare_turns(struct lp_imu_delay *delay, double sigma_rad)
 {
-	const struct lp_witness_point *p = delay->points;
+	const struct lp_imu_point *p = delay->points;
 	const struct lp_rotation turn_told = from_to(&p[1].told, &p[2].told);
 	const struct lp_rotation turn_seen = from_to(&p[1].seen, &p[2].seen);
 	const struct lp_rotation beyond = from_to(&turn_seen, &turn_told);
@@ -135,7 +135,7 @@ static void compare_turns(struct lp_witness_delay *delay, double sigma_rad)
 	}
 }
 
-static void look_for_delay(struct lp_witness_delay *delay, const struct lp_testimony *now,
+static void look_for_delay(struct lp_imu_delay *delay, const struct lp_imu_sample *now,
 			   const struct lp_motion *motion)
 {
 	const double kept = exp(-delay->passed_s / DELAY_MEMORY_S);
@@ -144,69 +144,69 @@ static void look_for_delay(struct lp_witness_delay *delay, const struct lp_testi
 		return;
 	if (delay->passed_s > MOST_APART_S || delay->steady_s < UNSTEADY_S)
 		delay->count = 0;
-	if (delay->count == LP_WITNESS_POINTS) {
+	if (delay->count == LP_IMU_POINTS) {
 		memmove(delay->points, delay->points + 1,
-			(LP_WITNESS_POINTS - 1) * sizeof(*delay->points));
+			(LP_IMU_POINTS - 1) * sizeof(*delay->points));
 		delay->count--;
 	}
-	delay->points[delay->count++] = (struct lp_witness_point){.told = now->rotation,
-								  .seen = motion->rotation,
-								  .after_s = delay->passed_s};
+	delay->points[delay->count++] = (struct lp_imu_point){.told = now->rotation,
+							      .seen = motion->rotation,
+							      .after_s = delay->passed_s};
 	delay->passed_s = 0.0;
 	delay->sum_s *= kept;
 	delay->information *= kept;
-	if (delay->count == LP_WITNESS_POINTS)
+	if (delay->count == LP_IMU_POINTS)
 		compare_turns(delay,
 			      hypot(hypot(now->sigma_rad, OWN_SIGMA), lp_motion_sigma_rad(motion)));
 }
 
-static void pass(struct lp_witness_delay *delay, const struct lp_motion *motion, double elapsed_s)
+static void pass(struct lp_imu_delay *delay, const struct lp_motion *motion, double elapsed_s)
 {
 	delay->passed_s += elapsed_s;
 	delay->steady_s = motion->turning == delay->turned ? delay->steady_s + elapsed_s : 0.0;
 	delay->turned = motion->turning;
 }
 
-double lp_witness_delay_sigma_rad(const struct lp_witness *witness, double rate_rad_s)
+double lp_imu_delay_sigma_rad(const struct lp_imu *imu, double rate_rad_s)
 {
-	const struct lp_witness_delay *delay = &witness->delay;
+	const struct lp_imu_delay *delay = &imu->delay;
 	const double information = delay->information + 1.0 / (DELAY_SIGMA_S * DELAY_SIGMA_S);
 
 	return rate_rad_s * hypot(delay->sum_s / information, 1.0 / sqrt(information));
 }
 
-void lp_witness_compare(struct lp_witness *witness, const struct lp_testimony *now,
-			const struct lp_motion *motion, double elapsed_s)
+void lp_imu_compare(struct lp_imu *imu, const struct lp_imu_sample *now,
+		    const struct lp_motion *motion, double elapsed_s)
 {
 	const struct lp_rotation back = lp_rotation_inverse(&motion->rotation);
 
-	pass(&witness->delay, motion, elapsed_s);
+	pass(&imu->delay, motion, elapsed_s);
 	if (!now->known)
 		return;
-	look_for_delay(&witness->delay, now, motion);
+	look_for_delay(&imu->delay, now, motion);
 	const struct lp_rotation world = lp_rotation_product(&now->rotation, &back);
 
-	if (!witness->has_world) {
-		witness->has_world = true;
-		witness->world = world;
+	if (!imu->has_world) {
+		imu->has_world = true;
+		imu->world = world;
 		return;
 	}
-	const struct lp_rotation off = from_to(&witness->world, &world);
+	const struct lp_rotation off = from_to(&imu->world, &world);
 	const double sigma = hypot(now->sigma_rad, MAP_SIGMAS * lp_motion_sigma_rad(motion));
 	double v[3];
 
 	lp_rotation_vector(&off, v);
-	judge(witness, length(v), limit_rad(sigma, length(motion->rate)), elapsed_s);
+	judge(imu, length(v), limit_rad(sigma, length(motion->rate)), elapsed_s);
 	for (int a = 0; a < 3; a++)
 		v[a] *= elapsed_s / (elapsed_s + DRIFT_S);
 	const struct lp_rotation step = lp_rotation_of_vector(v);
 
-	witness->world = lp_rotation_product(&witness->world, &step);
+	imu->world = lp_rotation_product(&imu->world, &step);
 }
 
-void lp_witness_anchor(struct lp_witness *witness, const struct lp_rotation *rotation)
+void lp_imu_anchor(struct lp_imu *imu, const struct lp_rotation *rotation)
 {
-	witness->delay.count = 0;
-	if (witness->has_world)
-		witness->world = lp_rotation_product(&witness->world, rotation);
+	imu->delay.count = 0;
+	if (imu->has_world)
+		imu->world = lp_rotation_product(&imu->world, rotation);
 }
