@@ -58,12 +58,12 @@ test-parts: build $(BUILD)/scenes/blender.stamp $(BUILD)/osc_client/stamp
 	@$(MAKE) VARIANT=asan -j$(JOBS) daemon
 	@$(MAKE) -j$(JOBS) firmware firmware-avr test-firmware-parts bench-programs
 
-# Tests of programs in real time may fail where others leave them no processor. Those that failed (status 1) run
-# once more, alone; what then fails, fails. Both runs are printed.
+# Tests of programs in real time may fail where others leave them no processor. One or two that failed (status 1) are
+# named and run once more, alone; what then fails, fails, and so do three (tests/again.py). Both runs are printed.
 AGAIN = --last-failed --last-failed-no-failures none
 define run-and-again
 	@$(PYTEST) --durations=25 -m $(1) $(PYTEST_ROOMS:%=tests/%) || { [ $$? -eq 1 ] && \
-		echo 'tests: those that failed, once more and alone' && \
+		$(VENV)/bin/python tests/again.py $(BUILD)/cache/pytest && \
 		$(PYTEST_ALONE) -x -m $(1) $(AGAIN) $(PYTEST_ROOMS:%=tests/%); }
 endef
 test-python: test-parts
