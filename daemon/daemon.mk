@@ -113,11 +113,11 @@ $(OUT)/lib/liblp_$(1).a: $(filter-out %/main.c.o,$(call objects,$(1)))
 endef
 $(foreach r,$(DAEMON_ROOMS),$(eval $(call lp_library,$(r))))
 
-$(OUT)/%.c.o: %.c $(OUT)/packages.stamp | $(PROTO_H) $(RANGES_H) $(DBC_H) $(MCU_FAULTS_H)
+$(OUT)/%.c.o: %.c $(OUT)/packages.stamp | $(PROTO_H) $(RANGES_H) $(FLAGS_H) $(DBC_H) $(MCU_FAULTS_H)
 	@mkdir -p $(@D) && echo '  cc $@'
 	@$(CC) $(LP_CPPFLAGS) $(LP_CFLAGS) -c -o $@ $<
 
-$(OUT)/%.cpp.o: %.cpp $(OUT)/packages.stamp | $(PROTO_H)
+$(OUT)/%.cpp.o: %.cpp $(OUT)/packages.stamp | $(PROTO_H) $(FLAGS_H)
 	@mkdir -p $(@D) && echo '  c++ $@'
 	@$(CXX) $(LP_CPPFLAGS) $(LP_CXXFLAGS) -c -o $@ $<
 
@@ -150,7 +150,7 @@ TIDY_CHECKS := -clang-analyzer-*
 .PHONY: check-c-paths
 check-c-paths: ## as check-c, with clang's static analyzer (ten minutes)
 	@$(MAKE) check-c TIDY_CHECKS=clang-analyzer-*
-check-c: $(PROTO_H) $(RANGES_H) ## clang-format and clang-tidy over the C and C++ sources
+check-c: $(PROTO_H) $(RANGES_H) $(FLAGS_H) ## clang-format and clang-tidy over the C and C++ sources
 	@clang-format --dry-run -Werror $(C_SOURCES)
 	@printf '%s\n' $(filter-out $(LP_EXCLUDE),$(filter %.c,$(DAEMON_SOURCES))) | xargs -P$(JOBS) -I@ clang-tidy --quiet \
 		--checks='$(TIDY_CHECKS)' --warnings-as-errors='*' @ -- -std=c17 $(filter-out -MMD -MP,$(LP_CPPFLAGS)) 2>&1 \

@@ -33,3 +33,10 @@ RANGES_H := $(GEN)/proto/ranges.h
 $(RANGES_H): proto/lightprobe.proto proto/lightprobe.options proto/ranges.toml proto/ranges.py proto/ranges_code.py | $(STAMPS)/venv
 	@mkdir -p $(@D)
 	@$(VENV)/bin/python proto/ranges_code.py --header $@
+
+# Flags of estimates and lights, for the daemon. (Python's are committed: host_py/lightprobe/flags.py.)
+FLAGS_H := $(GEN)/proto/flags.h
+
+$(FLAGS_H): proto/lightprobe.proto proto/flags_code.py
+	@mkdir -p $(@D)
+	@$(PYTHON) proto/flags_code.py --header $@

@@ -6,42 +6,12 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "proto/flags.h"
+
 #define LP_MAX_LIGHTS 8
 #define LP_MAX_SH_ORDER 4 /* on the wire */
 #define LP_SH_COUNT(order) (((order) + 1) * ((order) + 1))
 #define LP_MAX_SH_COUNT LP_SH_COUNT(LP_MAX_SH_ORDER)
-
-/* Same values as LightFlag of lightprobe.proto; serve/codec/codec.c asserts it. */
-enum lp_light_flag {
-	LP_LIGHT_CLIPPED = 1 << 0,
-	LP_LIGHT_REFLECTION = 1 << 1,
-	LP_LIGHT_EXTENDED = 1 << 2, /* an area light */
-	LP_LIGHT_RING = 1 << 3,
-	LP_LIGHT_HELD = 1 << 4,
-};
-
-/* Same values as EstimateFlag of lightprobe.proto; serve/codec/codec.c asserts it. */
-enum lp_estimate_flag {
-	LP_ESTIMATE_STALE = 1 << 0,
-	LP_ESTIMATE_EXPOSURE_UNKNOWN = 1 << 1,
-	LP_ESTIMATE_CLIPPED = 1 << 2,
-	LP_ESTIMATE_UNDEREXPOSED = 1 << 3,
-	LP_ESTIMATE_BRACKET_INCOMPLETE = 1 << 4,
-	LP_ESTIMATE_PARTIAL_VIEW = 1 << 5,
-	LP_ESTIMATE_MORE_LIGHTS = 1 << 6,
-	LP_ESTIMATE_INVALID_INPUT = 1 << 7,
-	LP_ESTIMATE_DEGRADED = 1 << 8,
-	LP_ESTIMATE_RING_ONLY = 1 << 9,
-	LP_ESTIMATE_EXPOSURE_IGNORED = 1 << 10,
-	LP_ESTIMATE_RING_FAULT = 1 << 11,
-	LP_ESTIMATE_WHEEL_FAULT = 1 << 12,
-	LP_ESTIMATE_NO_LIGHT = 1 << 13,
-	LP_ESTIMATE_MOTION = 1 << 14,
-	LP_ESTIMATE_FLICKER = 1 << 15,
-	LP_ESTIMATE_COVERED = 1 << 16,
-	LP_ESTIMATE_POLARIZATION_UNKNOWN = 1 << 17,
-	LP_ESTIMATE_FILM_TURNED = 1 << 18,
-};
 
 /* How a lamp's light is polarized. Zeroed: nothing is known. */
 struct lp_light_polarization {

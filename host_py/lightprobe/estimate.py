@@ -10,48 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lightprobe import sh as harmonics
+from lightprobe.flags import EstimateFlag as EstimateFlag
+from lightprobe.flags import LightFlag as LightFlag
 from lightprobe.geometry import Array, angles_from_direction, cap_solid_angle_sr
 
 Kind = Literal["AMBIENT", "TOTAL"]
 Frame = Literal["PROBE", "WORLD"]
 
-
-class LightFlag(IntFlag):
-    """Bits of a light's flags; the same values as LightFlag of proto/lightprobe.proto."""
-
-    CLIPPED = 1
-    REFLECTION = 2
-    EXTENDED = 4
-    RING = 8
-    HELD = 16
-
-
 NO_LIGHT_FLAG = LightFlag(0)
-
-
-class EstimateFlag(IntFlag):
-    """Why an estimate is less than the probe at its best; 0 is a healthy one."""
-
-    STALE = 1
-    EXPOSURE_UNKNOWN = 2
-    CLIPPED = 4
-    UNDEREXPOSED = 8
-    BRACKET_INCOMPLETE = 16
-    PARTIAL_VIEW = 32
-    MORE_LIGHTS = 64
-    INVALID_INPUT = 128
-    DEGRADED = 256
-    RING_ONLY = 512
-    EXPOSURE_IGNORED = 1024
-    RING_FAULT = 2048
-    WHEEL_FAULT = 4096
-    NO_LIGHT = 8192
-    MOTION = 16384
-    FLICKER = 32768
-    COVERED = 65536
-    POLARIZATION_UNKNOWN = 131072
-    FILM_TURNED = 262144
-
 
 #: The flags in words, each with what to do about it where something can be done.
 FLAG_WORDS: dict[str, str] = {

@@ -23,3 +23,12 @@ def test_the_csharp_ranges_are_those_of_the_table(tmp_path):
     assert (tmp_path / "Ranges.cs").read_text() == committed.read_text(), (
         f"run build/venv/bin/python proto/ranges_code.py --csharp {committed.relative_to(ROOT)}"
     )
+
+
+def test_pythons_flags_are_those_of_the_schema(tmp_path):
+    command = [sys.executable, ROOT / "proto/flags_code.py", "--python", tmp_path / "flags.py"]
+    subprocess.run(command, check=True)
+    committed = ROOT / "host_py/lightprobe/flags.py"
+    assert (tmp_path / "flags.py").read_text() == committed.read_text(), (
+        f"run build/venv/bin/python proto/flags_code.py --python {committed.relative_to(ROOT)}"
+    )
