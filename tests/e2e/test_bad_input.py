@@ -4,7 +4,6 @@ Run in this process, so that a traceback of whatever kind is a failure of its ow
 should have been refused can take minutes.
 """
 
-import dataclasses
 import os
 import sys
 from pathlib import Path
@@ -14,8 +13,6 @@ import numpy as np
 import pytest
 from lightprobe import __main__ as program
 from lightprobe.imaging import image
-from lightprobe.sim import faults
-from lightprobe.sim.osc.faults import OscFaults
 
 TOO_MUCH_WORK = "work was begun before the input was checked"
 
@@ -259,9 +256,3 @@ def test_a_folder_without_permission(words, capsys, monkeypatch):
     status, out, err = command(capsys, *words.split())
     assert_one_sentence(status, out, err)
     assert "permission denied" in err or "a folder that can be written" in err
-
-
-def test_every_range_of_a_fault_is_of_a_fault_that_exists():
-    """A fault that was renamed would be taken at any value."""
-    for kind in (faults.Faults, OscFaults):
-        assert set(kind.RANGES) <= {field.name for field in dataclasses.fields(kind)}

@@ -13,7 +13,7 @@ from typing import Annotated, TextIO
 import cv2
 import typer
 
-from lightprobe.cli import check, simulate_osc
+from lightprobe.cli import check, simulate_faults, simulate_osc
 from lightprobe.cli.estimate import Film, parse_film
 from lightprobe.cli.simulate_control import Desk, illuminated
 from lightprobe.errors import UsageError
@@ -308,12 +308,18 @@ def command(
         str,
         typer.Option(
             metavar="K=V&…",
-            help=f"Faults: {misbehaviour.describe()}; with firmware also of wheel, ring and line: "
-            "stuck, slow, slip_deg, lie_deg, index_a_forced, ldr0_forced, line_noise, line_cut, "
-            "line_unplugged, reset, … (proto/sim.md). "
-            f"With --osc instead: {simulate_osc.FAULTS}.",
+            help="What goes wrong with camera, wheel, ring and line: see --help-faults.",
         ),
     ] = "",
+    help_faults: Annotated[
+        bool,
+        typer.Option(
+            "--help-faults",
+            is_eager=True,
+            callback=simulate_faults.show,
+            help="List all faults, with what each does and may be, and exit.",
+        ),
+    ] = False,
     control: Annotated[
         Path | None,
         typer.Option(

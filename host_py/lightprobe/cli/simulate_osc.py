@@ -12,7 +12,6 @@ from typing import Any
 import typer
 
 from lightprobe.errors import LightprobeError, UsageError
-from lightprobe.sim import faults as misbehaviour
 from lightprobe.sim.control import Control, Handler
 from lightprobe.sim.osc import models
 from lightprobe.sim.osc.announce import announced
@@ -22,7 +21,6 @@ from lightprobe.sim.osc.server import OscServer
 from lightprobe.sim.world import World
 
 MODELS = tuple(models.MODELS)
-FAULTS = misbehaviour.describe(OscFaults)
 
 
 def serve(

@@ -3,56 +3,57 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
-from dataclasses import dataclass, fields, replace
-from typing import ClassVar, Self
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Self, TypeVar, cast
 from urllib.parse import parse_qsl, urlencode
 
 import numpy as np
 
 from lightprobe.errors import UsageError
 
+Number = TypeVar("Number", int, float)
+
+
+def fault(healthy: Number, means: str, low: float = 0, high: float = math.inf) -> Number:
+    """Declare a fault: what a healthy camera has, what it does, and what it may be."""
+    return field(default=healthy, metadata={"means": means, "range": (low, high)})
+
 
 @dataclass(frozen=True)
 class PictureFaults:
     """What goes wrong with the pictures of every simulated camera."""
 
-    #: What the numbers may be; 0 or more where nothing else is said.
-    RANGES: ClassVar[dict[str, tuple[float, float]]] = {
-        **dict.fromkeys(("drop", "corrupt", "truncate", "garbage"), (0, 1)),
-        "ignore_exposure": (0, 1),
-        "delay_frames": (-1, 100),
-    }
-
-    late_ms: float = 0.0  # every frame arrives this late
-    jitter_ms: float = 0.0  # and up to this much later still
-    drop: float = 0.0  # share of frames lost before the link
-    corrupt: float = 0.0  # share of frames with some bytes changed
-    truncate: float = 0.0  # share of frames cut short
-    garbage: float = 0.0  # share of frames replaced by random bytes
-    stall_after: int = 0  # frames until the camera falls silent; 0: never
-    stall_s: float = 0.0  # how long it stays silent; 0: for ever
-    disconnect_after: int = 0  # frames until it is unplugged, each time; 0: never
-    ignore_exposure: int = 0  # 1: exposure commands have no effect
-    delay_frames: int = -1  # frames from exposure command to effect; -1: as the camera is
+    late_ms: float = fault(0.0, "every frame arrives this late")
+    jitter_ms: float = fault(0.0, "and up to this later still")
+    drop: float = fault(0.0, "share of frames lost before the link", 0, 1)
+    corrupt: float = fault(0.0, "share of frames with some bytes changed", 0, 1)
+    truncate: float = fault(0.0, "share of frames cut short", 0, 1)
+    garbage: float = fault(0.0, "share of frames replaced by random bytes", 0, 1)
+    stall_after: int = fault(0, "frames until the camera falls silent; 0: never")
+    stall_s: float = fault(0.0, "how long it stays silent; 0: for ever")
+    disconnect_after: int = fault(0, "frames until it is unplugged, each time; 0: never")
+    ignore_exposure: int = fault(0, "1: exposure commands have no effect", 0, 1)
+    delay_frames: int = fault(
+        -1, "frames from exposure command to effect; -1: as the camera is", -1, 100
+    )
 
     def merged(self, query: str) -> Self:
         """Give these faults with those of a query string put in; UsageError for an unknown one."""
-        known = {field.name: field for field in fields(self)}
+        known = {one.name: one for one in fields(self)}
         changes = {}
         for key, text in parse_qsl(query, keep_blank_values=True):
             if key not in known:
                 raise UsageError(f"faults: unknown option {key}: known are {', '.join(known)}")
             whole = known[key].type == "int"
-            low, high = self.RANGES.get(key, (0, math.inf))
+            low, high = known[key].metadata["range"]
             try:
                 value = int(text) if whole else float(text)
             except ValueError:
                 value = math.nan
             if not (low <= value <= high and math.isfinite(value)):
                 kind = "a whole number" if whole else "a number"
-                limits = f"{low}…{high}" if math.isfinite(high) else f"{low} or more"
-                raise UsageError(f"faults: {key}={text}: expected {kind}, {limits}")
+                raise UsageError(f"faults: {key}={text}: expected {kind}, {limits(low, high)}")
             changes[key] = value
         return replace(self, **changes)  # type: ignore[arg-type]
 
@@ -61,45 +62,35 @@ class PictureFaults:
 class Faults(PictureFaults):
     """Options of `simulate --faults` and of the daemon's `hello` (sim:PATH?KEY=VALUE&…)."""
 
-    RANGES: ClassVar[dict[str, tuple[float, float]]] = {
-        **PictureFaults.RANGES,
-        **dict.fromkeys(
-            (
-                "marked",
-                "wrong_size",
-                "hide_exposure",
-                "auto_exposure",
-                "hide_orientation",
-                "orientation_drop",
-            ),
-            (0, 1),
-        ),
-        "breathe_stops": (0, 10),
-        "breathe_s": (0.1, math.inf),
-        "orientation_late_ms": (-1000, 1000),
-        "clock_ahead_ms": (-1e12, 1e12),
-        "clock_drift_ppm": (-1e6, 1e6),
-    }
-
-    marked: float = 0.0  # share of frames that the driver itself marks corrupt
-    wrong_size: float = 0.0  # share of frames whose header tells half the size
-    cut_after: int = 0  # frames until it is unplugged in the middle of one; 0: never
-    hide_exposure: int = 0  # 1: frames do not report their exposure
-    #: 1: the camera exposes by itself (sim/auto_exposure.py) and says that it takes no commands;
-    #: with ignore_exposure it says that it takes them.
-    auto_exposure: int = 0
-    breathe_stops: float = 0.0  # its exposure swings by so much to each side besides
-    breathe_s: float = 2.0  # so long for each swing
-    hide_orientation: int = 0  # 1: frames do not report their orientation
-    orientation_noise_deg: float = 0.0  # about each axis; the sensor states it as its sigma
-    orientation_late_ms: float = 0.0  # it is that of so long before; below 0: of later
-    orientation_drop: float = 0.0  # share of frames without
-    orientation_jump_s: float = 0.0  # so often the sensor's idea of the world jumps; 0: never
-    orientation_jump_deg: float = 0.0  # by so much, about an axis drawn each time
-    clock_stop_s: float = 0.0  # after so long the time stamps stand still; 0: never
-    clock_ahead_ms: float = 0.0  # they are ahead by so much; below 0: behind
-    clock_step_s: float = 0.0  # they become so after so long
-    clock_drift_ppm: float = 0.0  # and the clock runs faster by so much
+    marked: float = fault(0.0, "share of frames that the driver itself marks corrupt", 0, 1)
+    wrong_size: float = fault(0.0, "share of frames whose header tells half the size", 0, 1)
+    cut_after: int = fault(0, "frames until it is unplugged in the middle of one; 0: never")
+    hide_exposure: int = fault(0, "1: frames do not report their exposure", 0, 1)
+    auto_exposure: int = fault(
+        0, "1: it exposes by itself, and takes commands only with ignore_exposure", 0, 1
+    )
+    breathe_stops: float = fault(
+        0.0, "automatic exposure swings by so many stops to each side", 0, 10
+    )
+    breathe_s: float = fault(2.0, "seconds of each swing", 0.1)
+    hide_orientation: int = fault(0, "1: frames do not report their orientation", 0, 1)
+    orientation_noise_deg: float = fault(
+        0.0, "noise about each axis, 1 sigma, as the sensor states it"
+    )
+    orientation_late_ms: float = fault(
+        0.0, "the orientation is that of so long before; below 0: after", -1000, 1000
+    )
+    orientation_drop: float = fault(0.0, "share of frames without an orientation", 0, 1)
+    orientation_jump_s: float = fault(
+        0.0, "seconds until the sensor's idea of the world jumps, each time; 0: never"
+    )
+    orientation_jump_deg: float = fault(0.0, "by this angle, about an axis drawn each time")
+    clock_stop_s: float = fault(0.0, "seconds until the time stamps stand still; 0: never")
+    clock_ahead_ms: float = fault(
+        0.0, "time stamps are ahead by this; below 0: behind", -1e12, 1e12
+    )
+    clock_step_s: float = fault(0.0, "seconds until they become so")
+    clock_drift_ppm: float = fault(0.0, "the camera's clock runs faster by this", -1e6, 1e6)
 
     def stamp_ns(self, t_ns: int, start_ns: int) -> int:
         """Give what the camera's clock makes of a time; the simulation began at `start_ns`."""
@@ -118,7 +109,7 @@ def split(query: str, box: Collection[str]) -> tuple[str, dict[str, float]]:
     `box`: names that the box knows. UsageError for one that neither knows, or for no number.
     """
     camera, numbers = [], {}
-    known = [field.name for field in fields(Faults)]
+    known = [one.name for one in fields(Faults)]
     for key, text in parse_qsl(query, keep_blank_values=True):
         if key in known:
             camera.append((key, text))
@@ -135,9 +126,40 @@ def split(query: str, box: Collection[str]) -> tuple[str, dict[str, float]]:
     return urlencode(camera), numbers
 
 
-def describe(kind: type[PictureFaults] = Faults) -> str:
-    """Names of all faults of a kind of camera, for --help."""
-    return ", ".join(field.name for field in fields(kind))
+#: Numbers of the box that are faults; firmware/board/host/world.h has all of its numbers.
+BOX = {
+    "stuck": (0, "1: the servo does not turn"),
+    "slow": (1, "factor on its speed"),
+    "slip_deg": (0, "the angle by which the wheel has slipped in total"),
+    "lie_deg": (0, "the sensors of the comb see the wheel ahead by this angle"),
+    "index_a_forced": (-1, "0: sensor A of the comb is never on a tooth; 1: always"),
+    "index_b_forced": (-1, "0: sensor B of the comb is never on a tooth; 1: always"),
+    "index_glitches": (0, "number of false changes of sensor A that still come"),
+    "feedback_forced": (-1, "the servo's feedback, as a share of the supply"),
+    "supply_mv": (4700, "the supply, in millivolts"),
+    **{
+        f"ldr{k}_forced": (
+            -1,
+            f"sensor {k} of the ring, as a share of the supply: 0 open, 1 shorted",
+        )
+        for k in range(9)
+    },
+    "line_noise": (0, "share of the serial line's bytes that are changed"),
+    "line_cut": (0, "1: no byte passes"),
+    "line_unplugged": (0, "1: the serial device is not there"),
+    "reset": (0, "any value: the microcontroller starts again"),
+}
+
+
+def limits(low: float, high: float) -> str:
+    """Give a range in words."""
+    return f"{low:g}…{high:g}" if math.isfinite(high) else f"{low:g} or more"
+
+
+def rows(kind: type[PictureFaults] = Faults) -> Iterator[tuple[str, str, str]]:
+    """Each fault of a kind of camera: healthy value, what it may be, what it does."""
+    for one in fields(cast(Any, kind)):
+        yield f"{one.name}={one.default:g}", limits(*one.metadata["range"]), one.metadata["means"]
 
 
 def spoil(payload: bytes, faults: PictureFaults, rng: np.random.Generator) -> bytes:
