@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from typing import Any
 
 import hypothesis
 import progress
@@ -30,6 +31,14 @@ def pytest_configure(config: pytest.Config) -> None:
     config.pluginmanager.register(progress.Progress(BUILD / "cache" / "test_seconds.json"))
     if os.environ.get("TIMES"):
         config.pluginmanager.register(times.Times())
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Give the tests to several processes."""
+    import schedule  # noqa: PLC0415: xdist may be missing where one process runs the tests
+
+    return schedule.ByFixtures(config, log)
 
 
 def daemon_path(variant: str) -> Path:

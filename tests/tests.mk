@@ -44,7 +44,7 @@ test-unit: ## run the C unit tests with the address and undefined-behaviour sani
 # own folder and port.
 PYTEST_JOBS ?= $(shell expr $(JOBS) + 1)
 PYTEST_ALONE = $(VENV)/bin/pytest -q -o cache_dir=$(abspath $(BUILD))/cache/pytest
-PYTEST = $(PYTEST_ALONE) -n $(PYTEST_JOBS) --dist=load --maxschedchunk=1
+PYTEST = $(PYTEST_ALONE) -n $(PYTEST_JOBS) --no-loadscope-reorder
 PYTEST_ROOMS := accuracy bench e2e extremes unit firmware package
 
 # A client for Open Spherical Cameras, from npm.
