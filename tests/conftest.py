@@ -36,7 +36,7 @@ def pytest_configure(config: pytest.Config) -> None:
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     """Give the tests to several processes."""
-    import schedule  # noqa: PLC0415: xdist may be missing where one process runs the tests
+    import schedule  # xdist may be missing where one process runs the tests
 
     return schedule.ByFixtures(config, log)
 
