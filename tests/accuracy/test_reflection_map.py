@@ -36,28 +36,36 @@ def _picture(scene):
     return layers.compose(np.ones(len(layers.lamps)))
 
 
+@pytest.fixture(scope="module")
+def rooms(tmp_path_factory):
+    """Name, picture and true irradiance of panoramas and procedural rooms."""
+    found, folder = [], tmp_path_factory.mktemp("rooms")
+    for scene in [*scenes.load(["blender"]), *(random_scene(seed) for seed in range(6))]:
+        path, picture = folder / f"{scene.name}.pfm", _picture(scene)
+        image.write_pfm(path, picture)
+        found.append((scene.name, path, irradiance_of(picture)))
+    return found
+
+
 @pytest.mark.parametrize("size", SIZES)
-def test_irradiance_of_panoramas(tmp_path, size):
+def test_irradiance_of_panoramas(rooms, size):
     """The map is the light itself at every normal, and the packet's within what SH leave out.
 
     The packet says its SH to order 4: at single normals these leave out more than the map does.
     """
-    everything = [*scenes.load(["blender"]), *(random_scene(seed) for seed in range(6))]
     settings = offline.Settings(preset="balanced", lights=8, sh_order=4, reflection_map=size)
-    for scene in everything:
-        path, picture = tmp_path / "scene.pfm", _picture(scene)
-        image.write_pfm(path, picture)
+    for name, path, true in rooms:
         once = offline.estimate_pictures([path], settings=settings)
-        true, of_map = irradiance_of(picture), once.reflection_map.irradiance(NORMALS)
+        of_map = once.reflection_map.irradiance(NORMALS)
         of_packet = once.estimate.irradiance(NORMALS)
         told = {
             "map": errors(of_map, true), "packet": errors(of_packet, true),
             "map against packet": errors(of_map, of_packet),
         }  # fmt: skip
         words = (
-            f"{name} {100 * rms:.2f} % ({100 * most:.2f} %)" for name, (rms, most) in told.items()
+            f"{what} {100 * rms:.2f} % ({100 * most:.2f} %)" for what, (rms, most) in told.items()
         )
-        print(f"{scene.name} {size}: {', '.join(words)}")
-        assert told["map"][1] < MOST[size], scene.name
-        assert told["map"][0] < 0.003, scene.name
-        assert told["map against packet"][0] < 0.005, scene.name
+        print(f"{name} {size}: {', '.join(words)}")
+        assert told["map"][1] < MOST[size], name
+        assert told["map"][0] < 0.003, name
+        assert told["map against packet"][0] < 0.005, name
