@@ -11,6 +11,10 @@ JOBS ?= $(shell nproc)
 SECONDS ?=
 CAMERA ?=
 
+# Compilers by way of ccache, where it is installed: what was compiled before, in any clone, is taken from there.
+export PATH := /usr/lib/ccache:$(PATH)
+export CCACHE_NOHASHDIR := 1
+
 MAKEFLAGS += --no-builtin-rules --no-print-directory
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
