@@ -63,7 +63,7 @@ FLAGS_arm64 := -O2 $(HARDENING)
 FLAGS_gpiod2 := -O2 $(HARDENING)
 # gcc does not count a float that no int can hold as `undefined`.
 SANITIZERS := address,undefined,float-cast-overflow
-FLAGS_asan := -O1 -fsanitize=$(SANITIZERS) -fno-sanitize-recover=all -fno-omit-frame-pointer
+FLAGS_asan := -O2 -fsanitize=$(SANITIZERS) -fno-sanitize-recover=all -fno-omit-frame-pointer
 FLAGS_fuzz := -O1 -fsanitize=fuzzer-no-link,$(SANITIZERS) -fno-sanitize-recover=all
 FLAGS_tsan := -O1 -fsanitize=thread
 FLAGS_cov := -O0 --coverage

@@ -175,7 +175,7 @@ def test_light_from_everywhere_is_refused(turning: tuple[Ldrs, Turning]) -> None
 def probe_before(folder: Path, *options: str, firmware: str) -> Iterator[str]:
     """A daemon before a simulated camera in a room, with a box beside it; its address."""
     uri = f"unix:{folder / 'probe'}"
-    room = ("--size", "240x120", "--rate", "15", "--scenes", "room", "--act-s", "0",
+    room = ("--size", "240x120", "--scenes", "room", "--act-s", "0",
             "--ring-spread", "1", "--cd-m2-per-unit", str(LUX_PER_UNIT))  # fmt: skip
     with simulator(folder, *room, *FILM_OPTIONS, *options, firmware=firmware):
         arguments = [f"--source=sim:{folder / 'camera'}", f"--publish={uri}"]
@@ -188,20 +188,21 @@ def probe_before(folder: Path, *options: str, firmware: str) -> Iterator[str]:
 
 #: What estimates say until the camera's exposures have settled.
 UNSETTLED = EstimateFlag.CLIPPED | EstimateFlag.UNDEREXPOSED | EstimateFlag.STALE
-#: Seconds of turning, and its rate: simavr leaves a busy machine few frames a second.
-HOST, AVR = ("15", "30"), ("75", "6")
+#: Seconds of turning, its rate, and frames a second: simavr leaves a busy machine few of them.
+HOST, AVR = ("15", "30", "15"), ("75", "6", "5")
 
 
 @pytest.mark.parametrize(
-    ("firmware", "seconds", "deg_s"),
+    ("firmware", "seconds", "deg_s", "rate_hz"),
     [("host", *HOST), pytest.param("avr", *AVR, marks=pytest.mark.long)],
 )
 def test_the_command_calibrates_a_box_that_is_turned(
-    tmp_path: Path, firmware: str, seconds: str, deg_s: str
+    tmp_path: Path, firmware: str, seconds: str, deg_s: str, rate_hz: str
 ) -> None:
     """Gamma and readings are those of the simulated parts; the daemon takes the file."""
     file, parts = tmp_path / "ring.ini", draw_ring(1.0, 0)[0]
-    turning = ("--turn-deg-s", deg_s, "--nod-deg", "15", "--nod-hz", f"{float(deg_s) / 150}")
+    turning = ("--turn-deg-s", deg_s, "--nod-deg", "15", "--nod-hz", f"{float(deg_s) / 150}",
+               "--rate", rate_hz)  # fmt: skip
     with probe_before(tmp_path, *turning, firmware=firmware) as uri:
         with Client(uri, Subscription(smoothing="RAW")) as client:
             assert client.wait_for(lambda c: c.latest() and not c.latest().flags & UNSETTLED, 60)
@@ -227,7 +228,7 @@ def test_the_command_calibrates_a_box_that_is_turned(
 def test_the_command_says_why_it_refuses(tmp_path: Path) -> None:
     """A probe without a scale, and a box that stands still, with the flashed firmware."""
     file = tmp_path / "ring.ini"
-    with probe_before(tmp_path, "--median-radiance", "0", firmware="avr") as uri:
+    with probe_before(tmp_path, "--median-radiance", "0", "--rate", "5", firmware="avr") as uri:
         words = ("ring", "--from-camera", uri, "--seconds", "6", "--output", str(file))
         assert "scale is relative" in calibrate(tmp_path, *words, status=1)
         said = calibrate(tmp_path, *words, "--cd-m2-per-unit", "60", status=1)
