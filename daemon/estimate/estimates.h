@@ -6,6 +6,7 @@
 #ifndef LP_ESTIMATE_ESTIMATES_H
 #define LP_ESTIMATE_ESTIMATES_H
 
+#include <stdalign.h>
 #include <stdbool.h>
 #include <stdint.h>
 
@@ -21,7 +22,7 @@ struct lp_surroundings {
 	 * panorama does not show as such. All others are not in it. */
 	int kept_count;
 	uint32_t kept[LP_MAX_LIGHTS];
-	_Alignas(16) float rgb[3][LP_CUBE_MOST_TEXELS]; /* LP_CUBE_TEXELS(size) of each */
+	alignas(16) float rgb[3][LP_CUBE_MOST_TEXELS]; /* LP_CUBE_TEXELS(size) of each */
 };
 
 /* What the ring said of the newest frame, for health messages. */

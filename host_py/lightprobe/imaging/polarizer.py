@@ -84,7 +84,8 @@ class Polarizer:
             one[0, rows] * across + one[1, rows] * along
             for one in (surfaces.entering, surfaces.leaving)
         )
-        share = enters * leaves / (np.float32(surfaces.head_on) * (1 - back**4))
+        back *= back
+        share = enters * leaves / (np.float32(surfaces.head_on) * (1 - back * back))
         return np.asarray(share, np.float32)
 
     def _turned(
