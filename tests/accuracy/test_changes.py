@@ -18,6 +18,7 @@ from lightprobe.sim.world import Behaviour, World
 
 pytestmark = pytest.mark.usefixtures("released_daemon")
 SCENE = random_scene(2)
+SMALL_PX = (960, 480)
 WHERE = ("a scene", "reported", "raw")
 BEHAVIOUR = Behaviour(act_s=0, switch_s=changes.SWITCH_S)
 FRAMES = np.arange(2 * 30, 8 * 30)
@@ -123,7 +124,8 @@ def test_bands_tell_flicker_whose_phase_stands_still(mains_hz: float, flagged: i
     """At 120.0 Hz and 30 frames per second no lamp changes from frame to frame."""
     flicker = Flicker(mains_hz, (changes.FLICKER_DEPTH,), changes.PHASES)
     behaviour = Behaviour(act_s=0, flicker=flicker)
-    run = recording.Run(Room(), behaviour, judged_s=2.0, row_time_us=changes.ROW_TIME_US)
+    run = recording.Run(Room(), behaviour, judged_s=2.0, size_px=SMALL_PX,
+                        row_time_us=2 * changes.ROW_TIME_US)  # fmt: skip
     for one in changes.judged(changes.Case(run, mains_hz)):
         assert isinstance(one, changes.Ripple)
         assert one.flagged == flagged

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +14,12 @@ from lightprobe.calibrate.camera_file import edited
 from lightprobe.daemon import estimate_once
 from lightprobe.estimate import Estimate, EstimateFlag
 from lightprobe.evaluate.metrics import relighting
+from lightprobe.geometry import Array
 from lightprobe.imaging import camera as lenses
 from lightprobe.sim import scenes
 from lightprobe.sim.camera import SimulatedCamera
 from lightprobe.sim.live import LiveProbe
+from lightprobe.sim.scene import Scene
 from lightprobe.sim.world import Behaviour, World
 from lightprobe.wire import Subscription
 
@@ -49,11 +52,16 @@ def room(**behaviour: Any) -> World:
     return World(scenes.load(["room"]), Behaviour(act_s=0, **behaviour), 4.0)
 
 
+@cache
+def true_irradiance(scene: Scene) -> Array:
+    """Of NORMALS, with all lamps on."""
+    return scene.truth(np.ones(len(scene.lamps))).irradiance(NORMALS)
+
+
 def error(world: World, estimate: Estimate) -> float:
     """Relighting error of a probe that has not been turned."""
     (scene,) = world.scenes
-    truth = scene.truth(np.ones(len(scene.lamps))).irradiance(NORMALS)
-    return relighting(truth, estimate.irradiance(NORMALS))[0]
+    return relighting(true_irradiance(scene), estimate.irradiance(NORMALS))[0]
 
 
 def test_two_fisheyes_make_a_sphere() -> None:
@@ -142,8 +150,8 @@ def test_while_they_turn(rate_hz: float) -> None:
         assert len(client.estimates) == pytest.approx(4 * (30 + rate_hz), abs=8)
         for e in client.estimates[-60:]:
             yaw_deg = world.at(running.captured_s(e)).yaw_deg
-            truth = scene.truth(np.ones(len(scene.lamps)), yaw_deg).irradiance(NORMALS)
-            assert relighting(truth, e.irradiance(NORMALS))[0] < 0.02
+            truth = scene.truth(np.ones(len(scene.lamps)), yaw_deg).irradiance(NORMALS[::4])
+            assert relighting(truth, e.irradiance(NORMALS[::4]))[0] < 0.02
 
 
 def of_rig(folder: Path, name: str, rig: str, number: int) -> str:

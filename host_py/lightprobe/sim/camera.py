@@ -13,7 +13,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lightprobe import geometry
 from lightprobe.errors import UsageError
 from lightprobe.geometry import Array
 from lightprobe.imaging.camera import Camera
@@ -431,24 +430,27 @@ class _Rays:
         directions, illumination = lens.look(*size_px)
         seen = illumination > 0
         directions = np.where(seen[..., None], directions, [0.0, 0, -1])
-        self._directions, self._map_px = directions, map_px
-        self._illumination = (illumination * seen).astype(np.float32)[..., None]
-        self._level = self._places(directions)
+        self._directions = np.moveaxis(directions, -1, 0).astype(np.float32)  # (3, H, W)
+        self._map_px = map_px
+        self._illumination = np.repeat((illumination * seen).astype(np.float32)[..., None], 3, -1)
+        self._level = self._places(self._directions)
 
-    def _places(self, directions: Array) -> _Places:
-        column, row = geometry.equirect_pixel(directions, *self._map_px)
-        return _Places(
-            column.astype(np.float32), row.astype(np.float32), self._illumination, self._map_px[0]
-        )
+    def _places(self, directions: NDArray[np.float32]) -> _Places:
+        """As :func:`lightprobe.geometry.equirect_pixel` has it, in single precision."""
+        (x, up, back), (width_px, height_px) = directions, self._map_px
+        longitude, theta = np.arctan2(x, -back), np.arctan2(np.hypot(x, back), up)
+        column = longitude * np.float32(width_px / (2 * np.pi)) + np.float32((width_px - 1) / 2)
+        row = theta * np.float32(height_px / np.pi) - np.float32(0.5)
+        return _Places(column, row, self._illumination, width_px)
 
     def turned(self, nod_deg: Array) -> _Places:
         """Where the rays end while the camera looks up; `nod_deg`: of each of H rows, or (1,)."""
         if not nod_deg.any():
             return self._level
-        x, y, z = np.moveaxis(self._directions, -1, 0)
+        x, y, z = self._directions
         nod = np.radians(nod_deg)[:, None]
-        up, back = y * np.cos(nod) - z * np.sin(nod), y * np.sin(nod) + z * np.cos(nod)
-        return self._places(np.stack([x, up, back], axis=-1))
+        cosine, sine = np.cos(nod).astype(np.float32), np.sin(nod).astype(np.float32)
+        return self._places(np.stack([x, y * cosine - z * sine, y * sine + z * cosine]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -457,7 +459,7 @@ class _Places:
 
     column: NDArray[np.float32]
     row: NDArray[np.float32]
-    illumination: NDArray[np.float32]  # (H, W, 1)
+    illumination: NDArray[np.float32]  # (H, W, 3)
     width_px: int  # of the map
 
     def sample(self, radiance: NDArray[np.float32], yaw_deg: Array) -> NDArray[np.float32]:
@@ -466,12 +468,13 @@ class _Places:
         `yaw_deg`: of each of the H rows, or (1,) of all.
         """
         padded = cv2.copyMakeBorder(radiance, 0, 0, 1, 1, cv2.BORDER_WRAP)
-        shift = (yaw_deg[:, None] / 360 * self.width_px).astype(np.float32)
-        column = (self.column - shift) % self.width_px + 1
+        shift = (yaw_deg[:, None] / 360 * self.width_px) % self.width_px - 1  # -1: padded
+        column = self.column - shift.astype(np.float32)
+        np.add(column, np.float32(self.width_px), out=column, where=column < 1)
         seen = cv2.remap(
             padded, column, self.row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
         )
-        return np.asarray(seen * self.illumination, dtype=np.float32)
+        return np.asarray(np.multiply(seen, self.illumination, out=seen), dtype=np.float32)
 
 
 def encode(codes: Codes, pixel_format: str, quality: int, chroma: str) -> bytes:

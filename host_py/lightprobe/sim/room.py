@@ -9,6 +9,7 @@ bounced more than once is one constant per lamp, from the walls' mean reflectanc
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -109,9 +110,14 @@ class Room:
 
     def truth(self, powers: ArrayLike, yaw_deg: float = 0.0, nod_deg: float = 0.0) -> MapTruth:
         """Sum over the map; lamps in closed form."""
-        radiance = self.render(*_TRUTH_PX).compose(powers)
+        radiance = _truth_layers(self).compose(powers)
         lamps = lit_lamps(self.lamps, powers, yaw_deg, nod_deg)
         return MapTruth(radiance, yaw_deg, lamps, nod_deg)
+
+
+@lru_cache(maxsize=4)
+def _truth_layers(room: Room) -> Layers:
+    return room.render(*_TRUTH_PX)
 
 
 def _walls(directions: Array, place_m: Array) -> tuple[Array, Array, Array]:

@@ -21,6 +21,8 @@ from lightprobe.geometry import Array
 from lightprobe.imaging import image
 from lightprobe.lamp import Lamp, disc_pixels
 
+#: Rows of a map that are computed at a time.
+_ROWS = 16
 #: Highest SH order of truth.
 ORDER = sh.MAX_ORDER
 
@@ -67,8 +69,22 @@ class Layers:
     def _add_lamps(self, flat: NDArray[np.float32], powers: ArrayLike) -> None:
         by_lamp = np.asarray(powers, dtype=np.float32).T
         for layer, power in zip(self.lamps, by_lamp, strict=True):
-            if power.any():
+            if not power.any():
+                continue
+            if power.ndim and isinstance(layer.index, slice):
+                self._add_rows(flat, power, layer.values)
+            else:
                 flat[layer.index] += self._spread(power, layer.index) * layer.values
+
+    def _add_rows(
+        self, flat: NDArray[np.float32], power: NDArray[np.float32], values: NDArray[np.float32]
+    ) -> None:
+        """Add a layer of all pixels, each row at its power; what is at work stays in the cache."""
+        height = len(power)
+        radiance, layer = flat.reshape(height, -1), values.reshape(height, -1)
+        for top in range(0, height, _ROWS):
+            rows = slice(top, top + _ROWS)
+            radiance[rows] += power[rows, None] * layer[rows]
 
     def _spread(
         self, power: NDArray[np.float32], index: NDArray[np.int64] | slice
