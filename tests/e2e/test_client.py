@@ -9,8 +9,7 @@ import time
 
 import numpy as np
 import pytest
-from lightprobe import client as client_module
-from lightprobe import drained, wire
+from lightprobe import async_client, drained, wire
 from lightprobe.address import Address
 from lightprobe.client import AsyncClient, Client
 from lightprobe.errors import IncompatibleProbe, ProbeError, ProbeTimeout
@@ -252,7 +251,7 @@ def test_after_a_pause_what_came_meanwhile_is_read_before_light_counts_as_old():
 
 
 def test_a_pause_is_no_silence_of_the_probe(monkeypatch):
-    monkeypatch.setattr(client_module, "HELLO_TIMEOUT_S", 1.0)
+    monkeypatch.setattr(async_client, "HELLO_TIMEOUT_S", 1.0)
     paused = threading.Event()
 
     def late(probe, connection):
@@ -543,7 +542,7 @@ async def test_asyncio_estimates_say_what_they_wait_for():
 
 def test_a_fault_of_the_client_ends_the_wait(monkeypatch):
     """Whatever ends the background task is told to who waits."""
-    monkeypatch.setattr("lightprobe.client.encode_subscription", lambda *_: 1 / 0)
+    monkeypatch.setattr("lightprobe.async_client.encode_subscription", lambda *_: 1 / 0)
     with Probe(serve(hello())) as probe, Client(probe.uri) as client:
         error = in_time(client.receive)
         assert isinstance(error, ProbeError)

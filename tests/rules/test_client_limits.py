@@ -9,7 +9,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGE = "docs/users/clients.md"
 JS = "clients/js/src/client.ts"
 CSHARP = "clients/csharp/Runtime/Probe.cs"
-PYTHON = "host_py/lightprobe/client.py"
+PYTHON = "host_py/lightprobe/async_client.py"
 
 #: What a number is, its value, and where it stands: a file, what stands before it, and its unit.
 NUMBERS = {

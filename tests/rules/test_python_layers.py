@@ -21,8 +21,8 @@ MAY = {
 }
 #: Modules at the top that a client loads, and all that they may import from outside.
 CLIENT = (
-    "__init__", "client", "clock_offset", "drained", "wire", "estimate", "flags", "fallback",
-    "colour", "sh", "geometry", "convert", "errors",
+    "__init__", "async_client", "client", "clock_offset", "drained", "wire", "estimate", "flags",
+    "fallback", "colour", "sh", "geometry", "convert", "errors",
 )  # fmt: skip
 CLIENT_MAY = {"numpy", "google", "lightprobe_proto"}
 #: Figures and pictures that judge a real probe as well as a simulated one.
