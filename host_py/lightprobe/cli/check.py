@@ -22,7 +22,12 @@ Check = Callable[[typer.Context, typer.CallbackParam, T], T]
 def refuse(context: typer.Context, option: typer.CallbackParam, value: object, want: str) -> None:
     """Raise :class:`UsageError` that names command, option, value, and what it may be."""
     command = context.command_path.removeprefix("lightprobe").strip()
-    raise UsageError(f"{command}: {option.opts[-1]} {value}: expected {want}")
+    named = f"{option.opts[-1]} {value}"
+    source = context.get_parameter_source(option.name or "")
+    if source is not None and source.name == "DEFAULT_MAP":  # of a file (cli/scenario.py)
+        key = option.opts[-1].lstrip("-").replace("-", "_")
+        named = f"{context.meta['scenario']}: {key} = {value}"
+    raise UsageError(f"{command}: {named}: expected {want}")
 
 
 def number(

@@ -14,6 +14,7 @@ import typer
 from typer.core import TyperGroup
 
 from lightprobe import __version__
+from lightprobe.cli import scenario
 from lightprobe.errors import LightprobeError, UsageError
 from lightprobe.installation import install_extras
 
@@ -25,6 +26,7 @@ class Entry:
     home: str  # MODULE:NAME in lightprobe.cli; NAME is a function, or a Typer with sub-commands
     help: str  # its first line in --help
     extra: str = "cli"  # of the package, that brings what it needs
+    shown: tuple[str, ...] = ()  # options in its --help, where a scenario file has all of them
 
     def load(self, name: str) -> Any:
         """Import the command (click's); LightprobeError when what it needs is not installed."""
@@ -39,6 +41,8 @@ class Entry:
             target = _alone(target)
         command = typer.main.get_command(target)
         command.name = name
+        if self.shown:
+            scenario.hide(command, self.shown)
         return command
 
 
@@ -153,6 +157,13 @@ def _calibrate() -> None:
     """Calibrate camera (exposure, response), polarizer wheel, ring of light sensors."""
 
 
+#: Options of `simulate` that are not in its scenario file alone.
+SIMULATE = (
+    "socket", "scenes", "turn_deg_s", "switch_s", "camera", "size", "rate", "seed", "firmware",
+    "pty", "osc", "faults", "control", "truth", "truth_publish", "seconds",
+)  # fmt: skip
+
+
 class Root(LazyGroup):
     """`lightprobe`."""
 
@@ -165,7 +176,9 @@ class Root(LazyGroup):
         "estimate": Entry("estimate:command", "Estimate the light in pictures.", "sim"),
         "polarization": Entry("polarization:command", "Show how pictures are polarized.", "sim"),
         "demo": Entry("demo:command", "Show the whole path: a simulated room or a camera.", "sim"),
-        "simulate": Entry("simulate:command", "Simulate camera, wheel, ring and firmware.", "sim"),
+        "simulate": Entry(
+            "simulate:command", "Simulate camera, wheel, ring and firmware.", "sim", SIMULATE
+        ),
         "control": Entry("control:app", "Steer a running simulator: faults, light, status."),
         "evaluate": Entry("evaluate:command", "Measure accuracy against the exact truth.", "sim"),
         "calibrate": Entry("main:calibrate", "Calibrate camera, polarizer wheel and ring."),

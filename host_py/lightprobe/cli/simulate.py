@@ -13,7 +13,7 @@ from typing import Annotated, TextIO
 import cv2
 import typer
 
-from lightprobe.cli import check, simulate_faults, simulate_osc
+from lightprobe.cli import check, scenario, simulate_faults, simulate_osc
 from lightprobe.cli.estimate import Film, parse_film
 from lightprobe.cli.simulate_control import Desk, illuminated
 from lightprobe.errors import UsageError
@@ -311,6 +311,25 @@ def command(
             help="What goes wrong with camera, wheel, ring and line: see --help-faults.",
         ),
     ] = "",
+    scenario_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--scenario",
+            metavar="FILE",
+            is_eager=True,
+            callback=scenario.read,
+            help="World, camera, wheel and ring from a file; options count before it.",
+        ),
+    ] = None,
+    help_scenario: Annotated[
+        bool,
+        typer.Option(
+            "--help-scenario",
+            is_eager=True,
+            callback=scenario.show,
+            help="Print such a file, with every key, its default and what it means, and exit.",
+        ),
+    ] = False,
     help_faults: Annotated[
         bool,
         typer.Option(
