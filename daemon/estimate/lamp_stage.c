@@ -14,6 +14,8 @@
 #include "vision/imager.h"
 
 #define DEG (180.0F / (float)M_PI)
+/* What the light was before is a mean with this time constant. */
+#define BEFORE_S 1.0F
 /* What the wire can say. */
 #define LEAST_IRRADIANCE_SIGMA 0.001F
 /* Lamps looked at closer beside those that are wanted: they may take their places. */
@@ -214,9 +216,35 @@ static void tell_reflections(struct lp_lamp_stage *stage, const struct lp_imager
 	}
 }
 
+/* Share of a lamp's light that has come to its own cells; 0 where nothing was known of them. */
+static float share_that_came(const struct lp_lamp_stage *stage, const struct lp_lamp_finder *finder,
+			     const struct lp_panorama *panorama, const struct lp_lamp *lamp)
+{
+	float came = 0.0F;
+
+	for (int i = 0; i < lamp->count && stage->has_before; i++) {
+		const int cell = finder->cells[lamp->first + i];
+
+		came += (panorama->cells[cell][LP_LUMINANCE] - stage->before[cell]) *
+			lp_grid_solid_angle_sr(finder->grid, cell);
+	}
+	return came / fmaxf(lamp->irradiance[LP_LUMINANCE], 1e-30F);
+}
+
+static void remember_light(struct lp_lamp_stage *stage, const struct lp_grid *grid,
+			   const struct lp_panorama *panorama, float elapsed_s)
+{
+	const float alpha = stage->has_before ? -expm1f(-elapsed_s / BEFORE_S) : 1.0F;
+
+	for (int cell = 0; cell < grid->width * grid->height; cell++)
+		stage->before[cell] +=
+			alpha * (panorama->cells[cell][LP_LUMINANCE] - stage->before[cell]);
+	stage->has_before = true;
+}
+
 void lp_lamp_stage_update(struct lp_lamp_stage *stage, struct lp_imager *imager,
 			  const struct lp_detection *detection,
-			  const struct lp_lamp_stage_work *work, int64_t t_capture_ns)
+			  const struct lp_lamp_stage_work *work, const struct lp_panorama *panorama)
 {
 	const struct lp_lamp_finder *finder = detection->finder;
 	struct lp_lamp_sighting sightings[LP_MAX_LAMPS];
@@ -227,16 +255,24 @@ void lp_lamp_stage_update(struct lp_lamp_stage *stage, struct lp_imager *imager,
 	for (int k = 0; k < finder->count; k++) {
 		look_closer(&stage->memory, imager, detection, work, k,
 			    small < work->wanted_lights + NEXT_LAMPS, &sightings[k]);
+		sightings[k].came = share_that_came(stage, finder, panorama, &sightings[k].on_grid);
 		small += sightings[k].width_deg < LP_COMPACT_DEG;
 	}
-	const struct lp_memory_times times = {.elapsed_s = elapsed_s(stage, t_capture_ns),
+	const struct lp_memory_times times = {.elapsed_s = elapsed_s(stage, panorama->t_capture_ns),
 					      .rotation_sigma_rad =
 						      status.rotation_sigma_deg / DEG};
 
 	lp_lamp_memory_update(&stage->memory, sightings, finder->count, &times);
-	stage->t_ns = t_capture_ns;
+	remember_light(stage, finder->grid, panorama, times.elapsed_s);
+	stage->t_ns = panorama->t_capture_ns;
 	if (work->has_film)
 		tell_reflections(stage, imager, finder);
+}
+
+void lp_lamp_stage_turn(struct lp_lamp_stage *stage, const struct lp_rotation *turn)
+{
+	lp_lamp_memory_turn(&stage->memory, turn);
+	stage->has_before = false; /* its cells lie elsewhere now */
 }
 
 static bool is_bright(const struct lp_grid *grid, const struct lp_panorama *panorama,
@@ -363,6 +399,8 @@ static void list_light(const struct lp_remembered_lamp *m, struct lp_light *ligh
 					   by_ring ? m->recovered_colour_sigma / strength(m) : 0.0F,
 				   .distance_m = NAN,
 				   .hidden = m->hidden,
+				   .found_s = m->known_s,
+				   .lit = m->lit,
 				   .flags = lamp->flags | (m->seen ? 0 : LP_LIGHT_HELD) |
 					    (m->wide ? LP_LIGHT_EXTENDED : 0) |
 					    (by_ring ? LP_LIGHT_RING : 0) |

@@ -17,11 +17,16 @@ struct lp_detection;
 struct lp_grid;
 struct lp_imager;
 struct lp_panorama;
+struct lp_rotation;
 
 /* Zeroed is a new one. */
 struct lp_lamp_stage {
 	struct lp_lamp_memory memory;
-	int64_t t_ns;	     /* of the last update; 0: none yet */
+	int64_t t_ns; /* of the last update; 0: none yet */
+	/* Luminance of each cell of the panorama, mean of the last second or so; the caller's
+	 * storage. */
+	float *before;
+	bool has_before;
 	bool film_is_turned; /* a quarter turn off */
 	/* So many bright regions, listed or not, have appeared whose polarization was not known. */
 	uint32_t unmeasured;
@@ -45,10 +50,14 @@ void lp_lamp_stage_steer(struct lp_lamp_stage *stage, struct lp_imager *imager,
 void lp_lamp_stage_hold(struct lp_lamp_stage *stage, struct lp_detection *detection,
 			const struct lp_panorama *panorama, float mean);
 
-/* The lamps in detection->finder, of the imager's newest frame. */
+/* The lamps in detection->finder, of the imager's newest frame, whose panorama this is. */
 void lp_lamp_stage_update(struct lp_lamp_stage *stage, struct lp_imager *imager,
 			  const struct lp_detection *detection,
-			  const struct lp_lamp_stage_work *work, int64_t t_capture_ns);
+			  const struct lp_lamp_stage_work *work,
+			  const struct lp_panorama *panorama);
+
+/* The anchor frame has been turned. */
+void lp_lamp_stage_turn(struct lp_lamp_stage *stage, const struct lp_rotation *turn);
 
 /* Fill the estimate's lights: lamps, then area lights, `most` in all; returns how many lamps there
  * are. Of too many those stay that have been listed before, unless others clearly outshine them. */

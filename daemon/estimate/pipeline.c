@@ -300,8 +300,7 @@ int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
 	const struct lp_panorama whole = filled(pipeline, seen);
 	const struct lp_lamp_stage_work work = lamp_work(pipeline);
 
-	lp_lamp_stage_update(&pipeline->lamps, pipeline->imager, pipeline->detection, &work,
-			     whole.t_capture_ns);
+	lp_lamp_stage_update(&pipeline->lamps, pipeline->imager, pipeline->detection, &work, seen);
 	lp_imager_expect_flicker(pipeline->imager, lp_lamp_memory_flicker(&pipeline->lamps.memory));
 	lp_imager_status(pipeline->imager, &status);
 	lp_ring_stage_update(&pipeline->ring, pipeline->imager, &whole,

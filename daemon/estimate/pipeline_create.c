@@ -68,6 +68,7 @@ struct stages {
 	struct lp_detection *detection;
 	struct lp_sh_projector *projector;
 	float *scratch;
+	float *before;
 	uint8_t *view;
 	float (*filled)[4];
 	float (*surround)[4];
@@ -79,6 +80,7 @@ static void destroy_stages(const struct stages *stages)
 	free(stages->filled);
 	free(stages->surround);
 	free(stages->scratch);
+	free(stages->before);
 	lp_sh_projector_destroy(stages->projector);
 	lp_detection_destroy(stages->detection);
 	lp_imager_destroy(stages->imager);
@@ -132,9 +134,11 @@ static int create_stages(const struct lp_pipeline *p, const struct lp_preset_wor
 		ret = lp_sh_projector_create(width, height, LP_SH_MAX_ORDER, &stages->projector);
 	if (ret == 0) {
 		stages->scratch = calloc((size_t)width * height, sizeof(*stages->scratch));
+		stages->before = calloc((size_t)width * height, sizeof(*stages->before));
 		stages->view = calloc((size_t)width * height, 1);
 		stages->filled = calloc((size_t)width * height, sizeof(*stages->filled));
-		ret = stages->scratch && stages->view && stages->filled ? 0 : -ENOMEM;
+		ret = stages->scratch && stages->before && stages->view && stages->filled ? 0
+											  : -ENOMEM;
 	}
 	if (ret == 0 && p->options.reflection_size) {
 		stages->surround = calloc((size_t)width * height, sizeof(*stages->surround));
@@ -149,7 +153,7 @@ void lp_pipeline_turn_anchor(struct lp_pipeline *p, const struct lp_rotation *tu
 {
 	const struct lp_rotation back = lp_rotation_inverse(turn);
 
-	lp_lamp_memory_turn(&p->lamps.memory, turn);
+	lp_lamp_stage_turn(&p->lamps, turn);
 	lp_tracker_turn(&p->tracker, turn);
 	lp_ring_steps_turn(&p->steps, turn);
 	lp_ring_poses_turn(&p->ring.poses, turn);
@@ -159,9 +163,9 @@ void lp_pipeline_turn_anchor(struct lp_pipeline *p, const struct lp_rotation *tu
 int lp_pipeline_set_preset(struct lp_pipeline *pipeline, enum lp_preset preset)
 {
 	const struct lp_preset_work effective = effective_preset(&pipeline->options, preset);
-	const struct stages old = {pipeline->imager,  pipeline->detection, pipeline->projector,
-				   pipeline->scratch, pipeline->view,	   pipeline->filled,
-				   pipeline->surround};
+	const struct stages old = {pipeline->imager,  pipeline->detection,    pipeline->projector,
+				   pipeline->scratch, pipeline->lamps.before, pipeline->view,
+				   pipeline->filled,  pipeline->surround};
 	struct stages stages;
 	int ret = create_stages(pipeline, &effective, &stages);
 
@@ -189,6 +193,8 @@ int lp_pipeline_set_preset(struct lp_pipeline *pipeline, enum lp_preset preset)
 	pipeline->detection = stages.detection;
 	pipeline->projector = stages.projector;
 	pipeline->scratch = stages.scratch;
+	pipeline->lamps.before = stages.before;
+	pipeline->lamps.has_before = false;
 	pipeline->view = stages.view;
 	pipeline->filled = stages.filled;
 	pipeline->surround = stages.surround;
@@ -234,8 +240,8 @@ void lp_pipeline_destroy(struct lp_pipeline *pipeline)
 	if (!pipeline)
 		return;
 	destroy_stages(&(struct stages){pipeline->imager, pipeline->detection, pipeline->projector,
-					pipeline->scratch, pipeline->view, pipeline->filled,
-					pipeline->surround});
+					pipeline->scratch, pipeline->lamps.before, pipeline->view,
+					pipeline->filled, pipeline->surround});
 	lp_ring_stage_finish(&pipeline->ring);
 	for (int k = 0; k < pipeline->camera_count; k++)
 		lp_camera_destroy(pipeline->cameras[k].geometry);

@@ -119,15 +119,15 @@ SEQUENCES = {
     "tracker": [
         Constant("light/lamps/tracker.c", "MEMORY_NS"),
         Constant("light/lamps/tracker.c", "LEAST_SHARE"),
-        Constant("light/lamps/tracker.c", "BEFORE_MS"),
-        Constant("light/lamps/tracker.c", "COMES_NS"),
-        Constant("light/lamps/tracker.c", "LIT_SHARE"),
+        Constant("estimate/lamp_stage.c", "BEFORE_S"),
+        Constant("light/lamps/lamp_memory.c", "LIT_SHARE"),
     ],
     "lamp_memory": [Constant("light/lamps/lamp_memory.c", "STAYS_APART", (0.6, 1.0))],
     "listing": [
         Constant("light/send/listing.c", name)
         for name in (
             "OUTSHINES", "QUICKER", "PATIENCE_S", "LEAST_PATIENCE_S", "UNREST_S", "JUST_LIT_S",
+            "STRONG_SHARE",
         )
     ],
     "model": [Constant("light/send/model.h", "LP_SHADOW_SHARE")],

@@ -1,6 +1,7 @@
 """The comparison of what packets may hold compares what its columns say."""
 
 import listing
+import missing
 import numpy as np
 import pytest
 from lightprobe.errors import LightprobeError
@@ -50,3 +51,12 @@ def test_a_panorama_of_the_project():
 def test_a_name_that_fits_nothing():
     with pytest.raises(LightprobeError, match="no panorama is named like nowhere"):
         listing.panoramas(["nowhere"])
+
+
+def test_a_strong_lamp_is_not_missing_while_a_place_is_free() -> None:
+    """Of a list of four, as one lamp after the other of five goes off for four seconds."""
+    (found,) = (one for name, one in missing.measured(14, 4.0, 960) if name == "default")
+    assert found.packets > 300
+    assert found.lacking <= 0.01 * found.packets
+    assert found.longest_s <= 0.3
+    assert found.births > 4  # lamps do go and come

@@ -569,6 +569,29 @@ static void test_lamps_are_landmarks(void **state)
 	assert_int_equal(lp_lamp_memory_landmarks(&memory, s, 4, 0.005F, pull, information), 0);
 }
 
+/* A lamp is lit when enough of its light has come at some time. */
+static void test_a_lamp_is_lit_by_light_that_came(void **state)
+{
+	static const struct {
+		float came;
+		int at; /* frames after it was found */
+		bool lit;
+	} cases[] = {{1.0F, 0, true}, {0.6F, 0, true}, {0.4F, 0, false}, {1.0F, 20, true}};
+
+	(void)state;
+	for (size_t i = 0; i < LP_COUNT(cases); i++) {
+		struct lp_lamp_memory memory = {0};
+
+		for (int n = 0; n < 40; n++) {
+			struct lp_lamp_sighting s = sighting(10.0F, 5.0F);
+
+			s.came = n == cases[i].at ? cases[i].came : 0.0F;
+			lp_lamp_memory_update(&memory, &s, 1, &frame);
+		}
+		assert_int_equal(only(&memory)->lit, cases[i].lit);
+	}
+}
+
 static void test_turning(void **state)
 {
 	const struct lp_rotation turn =
@@ -607,6 +630,7 @@ int main(void)
 		cmocka_unit_test(test_a_lamp_that_moves_is_followed),
 		cmocka_unit_test(test_crowds),
 		cmocka_unit_test(test_lamps_are_landmarks),
+		cmocka_unit_test(test_a_lamp_is_lit_by_light_that_came),
 		cmocka_unit_test(test_turning),
 	};
 

@@ -258,9 +258,9 @@ static void test_a_lost_lamp_keeps_its_place(void **state)
 
 		for (int n = 0; n < 400; n++) {
 			const bool lost = n >= 300 && n < 330;
-			const float strengths[] = {4.0F, 3.0F,
-						   2.0F, lost ? 0.0F : 1.0F,
-						   0.9F, lit && n >= 310 ? 0.8F : 0.0F};
+			const float strengths[] = {4.0F,  3.0F,
+						   2.0F,  lost ? 0.0F : 0.5F,
+						   0.45F, lit && n >= 310 ? 0.4F : 0.0F};
 			struct lp_light_estimate e = at(n, strengths, 6);
 			const int last = e.light_count - 1;
 
@@ -273,6 +273,26 @@ static void test_a_lost_lamp_keeps_its_place(void **state)
 			assert_int_equal(lists(&listed, 6), lit && n >= 310);
 		}
 		assert_int_equal(lists(&listed, 4), !lit);
+	}
+}
+
+/* A kept place goes at once to a lamp that has a twentieth of all lamps' light, and not to a
+ * fainter one. */
+static void test_a_strong_lamp_takes_a_kept_place(void **state)
+{
+	(void)state;
+	for (int strong = 0; strong < 2; strong++) {
+		struct lp_listing listing = {0};
+		struct lp_light_estimate listed;
+
+		for (int n = 0; n < 330; n++) {
+			const float strengths[] = {4.0F, 3.0F, 2.0F, n >= 300 ? 0.0F : 1.1F,
+						   strong ? 0.6F : 0.4F};
+			const struct lp_light_estimate e = at(n, strengths, 5);
+
+			lp_listing_update(&listing, &e, &four, &listed);
+			assert_int_equal(lists(&listed, 5), strong && n >= 300);
+		}
 	}
 }
 
@@ -322,8 +342,8 @@ static void test_the_just_lit_takes_a_kept_place(void **state)
 
 		for (int n = 0; n < 310; n++) {
 			const float age_s = lit_s + (float)(n - 300) / 30.0F;
-			const float strengths[] = {4.0F, 3.0F, 2.0F, n < 300 ? 1.0F : 0.0F,
-						   age_s >= 0.0F ? 0.9F : 0.0F};
+			const float strengths[] = {4.0F, 3.0F, 2.0F, n < 300 ? 0.5F : 0.0F,
+						   age_s >= 0.0F ? 0.45F : 0.0F};
 			struct lp_light_estimate e = at(n, strengths, 5);
 			struct lp_light *const last = &e.lights[e.light_count - 1];
 
@@ -473,6 +493,7 @@ int main(void)
 		cmocka_unit_test(test_a_lost_lamp_keeps_its_place),
 		cmocka_unit_test(test_unrest_is_forgotten),
 		cmocka_unit_test(test_the_just_lit_takes_a_kept_place),
+		cmocka_unit_test(test_a_strong_lamp_takes_a_kept_place),
 		cmocka_unit_test(test_a_restless_scene_does_not_pop),
 		cmocka_unit_test(test_shares_add_up),
 		cmocka_unit_test(test_models_do_not_flicker),

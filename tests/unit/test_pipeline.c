@@ -498,6 +498,70 @@ static void test_what_is_not_seen_does_not_grow(void **state)
 	}
 }
 
+/* Which discs shine, and when lamps are looked for; 30 frames a second. */
+struct story {
+	double apart_deg; /* of the second lamp from the first */
+	int off, on;	  /* frames at which the first one goes, and the second comes */
+	int looked_for;	  /* from this frame on */
+	bool lit;	  /* the second one, in the end */
+};
+
+static struct lp_light second_lamp(const struct story *story)
+{
+	const struct disc discs[] = {{0.0, 10.0, 2.0, 400.0}, {story->apart_deg, 10.0, 2.0, 100.0}};
+	struct lp_pipeline *pipeline = new_pipeline(LP_PRESET_BALANCED, 8);
+	struct lp_light found = {0};
+	struct lp_estimates estimates;
+	double d[3];
+
+	disc_direction(&discs[1], d);
+	for (int n = 0; n < 100; n++) {
+		const bool both = n < story->off && n >= story->on,
+			   none = n >= story->off && n < story->on;
+		struct lp_frame *frame = scene_frame(240, 120, discs + (n >= story->off),
+						     none   ? 0
+						     : both ? 2
+							    : 1,
+						     1.0);
+		const struct lp_demand demand = {.sh_order = 2,
+						 .max_lights = n >= story->looked_for ? 8 : 0};
+		float command_us;
+
+		frame->t_read_ns = 1000000000LL + n * 33333333LL;
+		assert_int_equal(lp_pipeline_process(pipeline, frame, &demand, &estimates,
+						     &command_us),
+				 0);
+	}
+	for (int k = 0; k < estimates.smoothed.light_count; k++)
+		if (angle_between_deg(d, estimates.smoothed.lights[k].direction) < 3.0)
+			found = estimates.smoothed.lights[k];
+	assert_true(found.id != 0);
+	lp_pipeline_destroy(pipeline);
+	return found;
+}
+
+/* A lamp's light is judged where the lamp is: it has come, whatever other lamps do meanwhile; and
+ * it has not where a lamp has only been told apart. */
+static void test_whether_light_came(void **state)
+{
+	static const struct story stories[] = {
+		{20.0, 60, 60, 0, true},   {45.0, 60, 60, 0, true},   {180.0, 60, 60, 0, true},
+		{45.0, 100, 60, 0, true},  {45.0, 40, 60, 0, true},   {45.0, 60, 0, 0, false},
+		{45.0, 100, 0, 60, false}, {45.0, 100, 45, 60, true}, {45.0, 100, 33, 60, false},
+		{45.0, 60, 0, 60, false},
+	};
+
+	(void)state;
+	for (size_t i = 0; i < LP_COUNT(stories); i++) {
+		const struct lp_light light = second_lamp(&stories[i]);
+		const int found = stories[i].on > stories[i].looked_for ? stories[i].on
+									: stories[i].looked_for;
+
+		assert_int_equal(light.lit, stories[i].lit);
+		assert_float_equal(light.found_s, (float)(99 - found) / 30.0F, 0.1F);
+	}
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -512,6 +576,7 @@ int main(void)
 		cmocka_unit_test(test_the_ring_finds_what_clips),
 		cmocka_unit_test(test_a_lamp_goes_off_between_frames),
 		cmocka_unit_test(test_what_is_not_seen_does_not_grow),
+		cmocka_unit_test(test_whether_light_came),
 		cmocka_unit_test(test_options_are_checked),
 	};
 

@@ -19,6 +19,8 @@
 #define STAYS_WIDE 1.4F
 /* Of the two limits that make a lamp a piece of a wider one, for a lamp that is known already. */
 #define STAYS_APART 0.77F
+/* A lamp is lit when this share of its light has come to where it is. */
+#define LIT_SHARE 0.5F
 /* A block of the picture of 1920 pixels: 1.5 degrees along and across. */
 #define BLOCK_SR (1.5F * RAD * 1.5F * RAD)
 
@@ -183,8 +185,12 @@ void lp_lamp_memory_update(struct lp_lamp_memory *memory, const struct lp_lamp_s
 				.image_probability = NAN,
 				.seen = true};
 		}
-		if (place[k] >= 0)
-			lp_lamp_follow(&memory->list[place[k]], &sightings[k], times);
+		if (place[k] < 0)
+			continue;
+		struct lp_remembered_lamp *m = &memory->list[place[k]];
+
+		m->lit = m->lit || sightings[k].came > LIT_SHARE;
+		lp_lamp_follow(m, &sightings[k], times);
 	}
 	drop_pieces(memory);
 	for (int p = 0; p < LP_MAX_LAMPS; p++)

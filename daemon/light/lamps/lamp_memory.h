@@ -42,6 +42,8 @@ struct lp_remembered_lamp {
 	struct lp_flicker flicker; /* of its strength as measured by pixels */
 	float clipped_scale;	   /* of the shortest exposure whose pixels clip it; 0: none does */
 	float known_s;		   /* since it was found first */
+	bool lit; /* its light has come; else it has only been told apart from its surround, and may
+		     be lost in it again */
 	float disputed_s; /* how long detection has drawn other borders (light/lamps/holding.h) */
 	bool wide;	  /* an area light */
 	bool listed;	  /* in the newest estimate */
@@ -75,6 +77,7 @@ struct lp_lamp_sighting {
 	/* What the pixels were seen through (light/film/sheet.h), by whose gains they are divided.
 	 */
 	struct lp_film_pass film;
+	float came; /* share of on_grid's light that was not there about a second ago */
 	bool refined;
 	bool enters; /* strong and clear enough to become a lamp; else it only goes on being one */
 };

@@ -1,12 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "light/lamps/tracker.h"
 
-#include <float.h>
 #include <math.h>
 #include <string.h>
 
 #include "include/luminance.h"
-#include "light/math/nnls.h"
 #include "light/math/rotation.h"
 #include "light/math/sh.h"
 #include "light/send/model.h"
@@ -17,14 +15,6 @@
 #define MEMORY_NS 2000000000LL
 /* Below this share of its full strength a fading lamp is no longer listed. */
 #define LEAST_SHARE 0.02F
-/* A lamp is lit when, within COMES_NS of being found, it has brought this share of its irradiance
- * to the light; what the light was before is a mean with the time constant BEFORE_MS. */
-#define BEFORE_MS 1000.0F
-#define COMES_NS 500000000LL
-#define LIT_SHARE 0.5
-/* Share of each lamp's own square that is added to the normal equations: lamps side by side are
- * nearly the same to them, and would get large shares of opposite sign from a little noise. */
-#define RIDGE 1e-3
 
 static float luminance(const struct lp_light *light)
 {
@@ -61,85 +51,11 @@ static struct lp_track *new_track(struct lp_tracker *tracker)
 }
 
 static void start_track(const struct lp_tracker *tracker, struct lp_track *track,
-			const struct lp_light *light, int64_t now_ns)
+			const struct lp_light *light)
 {
-	*track = (struct lp_track){.light = *light, .t_found_ns = now_ns, .seen = true};
+	*track = (struct lp_track){.light = *light, .seen = true};
 	if (tracker->started)
 		memset(track->light.irradiance, 0, sizeof(track->light.irradiance));
-}
-
-/* The SH of radiance, luminance only, that a lamp adds to the total. */
-static void lamp_sh(const struct lp_light *light, float strength, double sh[LP_MAX_SH_COUNT])
-{
-	const float grey[3] = {strength, strength, strength};
-	double rgb[LP_MAX_SH_COUNT][3] = {{0.0}};
-
-	lp_sh_add_lamp(LP_MAX_SH_ORDER, light->direction, grey,
-		       (double)light->angular_radius_deg * M_PI / 180.0, 1.0, rgb);
-	for (int i = 0; i < LP_MAX_SH_COUNT; i++)
-		sh[i] = rgb[i][0];
-}
-
-static bool is_new(const struct lp_track *track, int64_t now_ns)
-{
-	return track->seen && !track->light.lit && now_ns - track->t_found_ns < COMES_NS;
-}
-
-static double dot(const double a[LP_MAX_SH_COUNT], const double b[LP_MAX_SH_COUNT])
-{
-	double sum = 0.0;
-
-	for (int i = 0; i < LP_MAX_SH_COUNT; i++)
-		sum += a[i] * b[i];
-	return sum;
-}
-
-/* What lamps have done to the light, by least squares of the change of the total: a new one has
- * brought `share` of its own, any other one has taken `share` of its own away. */
-static void fit_changes(const struct lp_tracker *tracker, const struct lp_light_estimate *raw,
-			double share[LP_NNLS_MAX])
-{
-	double column[LP_MAX_TRACKS][LP_MAX_SH_COUNT] = {{0.0}}, change[LP_MAX_SH_COUNT];
-	struct lp_nnls fit = {.count = LP_MAX_TRACKS};
-
-	_Static_assert(LP_MAX_TRACKS <= LP_NNLS_MAX, "an unknown for each track");
-	for (int i = 0; i < LP_MAX_SH_COUNT; i++)
-		change[i] = (double)(lp_luminance(raw->sh_total[i]) -
-				     lp_luminance(tracker->sh_before[i]));
-	for (int t = 0; t < LP_MAX_TRACKS; t++) {
-		const struct lp_track *track = &tracker->track[t];
-		const bool comes = is_new(track, raw->t_capture_ns);
-
-		if (track->light.id)
-			lamp_sh(&track->light, comes ? track->full : -track->full, column[t]);
-		for (int u = 0; u <= t; u++)
-			fit.normal[t][u] = fit.normal[u][t] = dot(column[t], column[u]);
-		fit.normal[t][t] += RIDGE * fit.normal[t][t] + DBL_MIN; /* of a free track, too */
-		fit.right[t] = dot(column[t], change);
-	}
-	lp_nnls_solve(&fit, share);
-}
-
-/* Whether the light of new lamps has come to where they are. */
-static void judge_light_come(struct lp_tracker *tracker, const struct lp_light_estimate *raw)
-{
-	double share[LP_NNLS_MAX];
-	bool any = false;
-
-	for (int t = 0; t < LP_MAX_TRACKS; t++)
-		any |= is_new(&tracker->track[t], raw->t_capture_ns);
-	if (any)
-		fit_changes(tracker, raw, share);
-	for (int t = 0; t < LP_MAX_TRACKS; t++) {
-		struct lp_track *track = &tracker->track[t];
-
-		if (!track->seen)
-			continue;
-		if (is_new(track, raw->t_capture_ns))
-			track->light.lit = share[t] > LIT_SHARE;
-		track->light.found_s =
-			fmaxf((float)(raw->t_capture_ns - track->t_found_ns) / 1e9F, 0.0F);
-	}
 }
 
 static float follow(float from, float to, float alpha)
@@ -199,8 +115,6 @@ static void follow_light(struct lp_track *track, const struct lp_light *target, 
 	struct lp_light *l = &track->light;
 
 	*l = *target;
-	l->lit = before.lit;
-	l->found_s = before.found_s;
 	memcpy(l->direction, before.direction, sizeof(l->direction));
 	follow_direction(l->direction, target->direction, alpha);
 	memcpy(l->axis, before.axis, sizeof(l->axis));
@@ -297,7 +211,6 @@ void lp_tracker_update(struct lp_tracker *tracker, const struct lp_light_estimat
 	const float alpha = tracker->started && tracker->time_constant_ms > 0.0F
 				    ? (float)-expm1(-elapsed_ms / tracker->time_constant_ms)
 				    : 1.0F;
-	const float alpha_before = tracker->started ? (float)-expm1(-elapsed_ms / BEFORE_MS) : 1.0F;
 	struct lp_track *of_light[LP_MAX_LIGHTS] = {NULL};
 
 	for (int t = 0; t < LP_MAX_TRACKS; t++)
@@ -306,11 +219,10 @@ void lp_tracker_update(struct lp_tracker *tracker, const struct lp_light_estimat
 	for (int k = 0; k < raw->light_count; k++) {
 		if (!of_light[k]) {
 			of_light[k] = new_track(tracker);
-			start_track(tracker, of_light[k], &raw->lights[k], now_ns);
+			start_track(tracker, of_light[k], &raw->lights[k]);
 		}
 		of_light[k]->full = luminance(&raw->lights[k]);
 	}
-	judge_light_come(tracker, raw);
 	for (int k = 0; k < raw->light_count; k++) {
 		follow_light(of_light[k], &raw->lights[k], alpha);
 		of_light[k]->t_seen_ns = now_ns;
@@ -319,7 +231,6 @@ void lp_tracker_update(struct lp_tracker *tracker, const struct lp_light_estimat
 		if (tracker->track[t].light.id && !tracker->track[t].seen)
 			fade(&tracker->track[t], alpha, now_ns);
 	follow_sh(tracker->sh_total, raw->sh_total, alpha);
-	follow_sh(tracker->sh_before, raw->sh_total, alpha_before);
 	tracker->started = true;
 	tracker->t_last_ns = now_ns;
 
@@ -358,11 +269,10 @@ void lp_tracker_jump(struct lp_tracker *tracker, const struct lp_light_estimate 
 		if (!of_light[k]) {
 			struct lp_track *const track = new_track(tracker);
 
-			start_track(tracker, track, &after->lights[k], after->t_capture_ns);
+			start_track(tracker, track, &after->lights[k]);
 			track->full = luminance(&after->lights[k]);
 			track->t_seen_ns = after->t_capture_ns;
 		}
-	judge_light_come(tracker, after);
 	for (int t = 0; t < LP_MAX_TRACKS; t++) {
 		struct lp_track *const track = &tracker->track[t];
 
@@ -378,7 +288,6 @@ void lp_tracker_jump(struct lp_tracker *tracker, const struct lp_light_estimate 
 void lp_tracker_turn(struct lp_tracker *tracker, const struct lp_rotation *turn)
 {
 	lp_sh_rotate(turn, LP_MAX_SH_ORDER, tracker->sh_total);
-	lp_sh_rotate(turn, LP_MAX_SH_ORDER, tracker->sh_before);
 	for (int t = 0; t < LP_MAX_TRACKS; t++)
 		lp_model_turn_light(&tracker->track[t].light, turn);
 }

@@ -4,9 +4,6 @@
  * low-pass of declared time constant for every irradiance and coefficient, so lights and SH stay
  * consistent while they settle: a lamp that appears rises from nothing, one that vanishes fades,
  * and AMBIENT + lights = TOTAL throughout.
- *
- * A lamp that is found while no light comes to its place has only been told apart from its
- * surround, and may be lost in it again: lights say whether they are `lit` (light_estimate.h).
  */
 #ifndef LP_LIGHT_LAMPS_TRACKER_H
 #define LP_LIGHT_LAMPS_TRACKER_H
@@ -23,7 +20,7 @@ struct lp_rotation;
 struct lp_track {
 	struct lp_light light; /* smoothed; id 0: free */
 	float full;	       /* luminance of its irradiance when last seen */
-	int64_t t_found_ns, t_seen_ns;
+	int64_t t_seen_ns;
 	bool seen; /* in the newest estimate */
 };
 
@@ -33,7 +30,6 @@ struct lp_tracker {
 	bool started;
 	int64_t t_last_ns;
 	float sh_total[LP_MAX_SH_COUNT][3];
-	float sh_before[LP_MAX_SH_COUNT][3]; /* mean of the last second or so */
 	struct lp_track track[LP_MAX_TRACKS];
 };
 

@@ -20,8 +20,10 @@
 #define PATIENCE_S 4.0F
 #define LEAST_PATIENCE_S 0.5F
 #define UNREST_S 30.0F
-/* A lamp whose light came with it so short a time ago takes a place that is kept for another. */
+/* A lamp whose light came with it so short a time ago takes a place that is kept for another, and
+ * so does one with this share of all lamps' light. */
 #define JUST_LIT_S 2.0F
+#define STRONG_SHARE 0.05F
 /* A model stays while its error is below this much of the tolerance; another one takes its place
  * when it would have been better for so long. */
 #define STILL_FITS 1.15F
@@ -114,16 +116,27 @@ static bool is_just_lit(const struct lp_light *light)
 	return light->lit && light->found_s < JUST_LIT_S;
 }
 
+/* Of all lamps' light. */
+static float share_of(const struct lp_light *light, const struct lp_light_estimate *estimate)
+{
+	float all = 0.0F;
+
+	for (int k = 0; k < estimate->light_count; k++)
+		all += lp_light_rank(&estimate->lights[k]);
+	return lp_light_rank(light) / all;
+}
+
+/* all: also one that does not take a place that is kept. */
 static const struct lp_light *strongest_outside(struct lp_listing *listing,
-						const struct lp_light_estimate *estimate,
-						bool just_lit)
+						const struct lp_light_estimate *estimate, bool all)
 {
 	const struct lp_light *found = NULL;
 
 	for (int k = 0; k < estimate->light_count; k++) {
 		const struct lp_light *light = &estimate->lights[k];
 
-		if (!place_of(listing, light->id) && (!just_lit || is_just_lit(light)) &&
+		if (!place_of(listing, light->id) &&
+		    (all || is_just_lit(light) || share_of(light, estimate) > STRONG_SHARE) &&
 		    (!found || lp_light_rank(light) > lp_light_rank(found)))
 			found = light;
 	}
@@ -251,10 +264,10 @@ static void update_places(struct lp_listing *listing, const struct lp_light_esti
 	for (int extra = count_listed(listing, true) - listing->lights; extra > 0; extra--)
 		send_off(listing, estimate);
 	while (count_listed(listing, false) < listing->lights &&
-	       (next = strongest_outside(listing, candidates, false)) != NULL)
+	       (next = strongest_outside(listing, candidates, true)) != NULL)
 		enter(listing, next);
 	while ((kept = kept_place(listing)) != NULL &&
-	       (next = strongest_outside(listing, candidates, true)) != NULL) {
+	       (next = strongest_outside(listing, candidates, false)) != NULL) {
 		*kept = (struct lp_listed){0};
 		enter(listing, next);
 	}
