@@ -19,7 +19,7 @@ from lightprobe.calibrate import ring, ring_plot, ring_seats
 from lightprobe.calibrate.files import CalibrationError
 from lightprobe.calibrate.ring_turning import Samples, Turning
 from lightprobe.client import Client
-from lightprobe.estimate import EstimateFlag
+from lightprobe.estimate import Estimate, EstimateFlag, SphericalHarmonics
 from lightprobe.imaging import camera as lenses
 from lightprobe.sim import ldr, scenes
 from lightprobe.sim.box import Box
@@ -112,6 +112,21 @@ def test_turning_finds_what_each_sensor_reads(
     assert read_again.drift_common_sigma == pytest.approx(found.ring.drift_common_sigma, rel=1e-5)
     ring_plot.draw(taken, found, tmp_path / "ring.png")
     assert (tmp_path / "ring.png").stat().st_size > 10_000
+
+
+def test_what_a_slow_camera_says_again_does_not_count(
+    turning: tuple[Ldrs, Turning], samples: tuple[Ldrs, Samples]
+) -> None:
+    """A probe repeats the last estimate, as STALE, while it waits for the next frame."""
+    again = copy.deepcopy(turning[1])
+    count = len(again._lux)
+    last = Estimate(
+        1, 2, again._captured_unix_ns, 2_000_000, 500, EstimateFlag.STALE, (),
+        SphericalHarmonics("AMBIENT", 2, np.ones((9, 3))), None, None, 1, None,
+    )  # fmt: skip
+    for _ in range(2 * count):
+        assert not again.estimate(last, LUX_PER_UNIT, last.send_time_unix_ns)
+    np.testing.assert_array_equal(again.samples().lux, samples[1].lux)
 
 
 def starts(folder: Path, ring_uri: str) -> None:

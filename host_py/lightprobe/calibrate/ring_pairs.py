@@ -49,6 +49,7 @@ class Watch:
     _probe_clock: ClockOffset = field(default_factory=ClockOffset)
     _directions: Array = field(default_factory=ring.directions)  # (N, 3), that lux is of
     _mcu_us: int = 0  # of the newest reading, not wrapped
+    _captured_unix_ns: int = -1  # of the newest estimate
 
     def ring(self, t_us: int, levels: Array, now_ns: int) -> None:
         """Note a reading of `t_us` that arrived at `now_ns`; they come in the order of their times.
@@ -60,13 +61,21 @@ class Watch:
         self._level_times.append(1e-9 * self._mcu_clock.ours_ns(1000 * self._mcu_us))
         self._levels.append(levels)
 
-    def estimate(self, estimate: Estimate, cd_m2_per_unit: float, now_ns: int) -> None:
-        """Note an estimate that arrived at `now_ns`."""
+    def estimate(self, estimate: Estimate, cd_m2_per_unit: float, now_ns: int) -> bool:
+        """Note an estimate that arrived at `now_ns`.
+
+        False: it is of the same moment as the one before. A probe whose frames are late says the
+        last one again and again, as STALE.
+        """
         self._probe_clock.arrived(estimate.send_time_unix_ns, now_ns)
+        if estimate.capture_time_unix_ns == self._captured_unix_ns:
+            return False
+        self._captured_unix_ns = estimate.capture_time_unix_ns
         self._lux_times.append(1e-9 * self._probe_clock.ours_ns(estimate.capture_time_unix_ns))
         fit = not estimate.flags & self._unfit
         lux = cd_m2_per_unit * luminance(estimate.irradiance(self._directions))
         self._lux.append(lux if fit else np.full(len(self._directions), np.inf))
+        return True
 
     def pairs(self) -> tuple[Array, Array]:
         """Illuminances and levels (N, 9) of the moments at which the light was the same for both.

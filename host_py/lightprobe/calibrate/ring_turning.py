@@ -71,15 +71,17 @@ class Turning(Watch):
             ring.directions(np.tile(place, (ring.SENSORS, 1))) for place in _PLACES
         ])  # fmt: skip
 
-    def estimate(self, estimate: Estimate, cd_m2_per_unit: float, now_ns: int) -> None:
+    def estimate(self, estimate: Estimate, cd_m2_per_unit: float, now_ns: int) -> bool:
         """See :meth:`Watch.estimate`."""
-        super().estimate(estimate, cd_m2_per_unit, now_ns)
+        if not super().estimate(estimate, cd_m2_per_unit, now_ns):
+            return False
         self._flags.update(flag for flag in _REASONS if estimate.flags & flag)
         forward = np.full(3, np.nan)
         if estimate.orientation is not None:
             x, y, z, w = estimate.orientation
             forward = geometry.rotate([w, x, y, z], [0.0, 0.0, -1.0])
         self._forward.append(forward)
+        return True
 
     @property
     def sectors(self) -> int:
