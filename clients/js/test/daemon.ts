@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /** The daemon, and what it looks at, for tests with a live one. */
 import { spawn, type ChildProcess } from "node:child_process";
+import { once } from "node:events";
 import { mkdtempSync, writeFileSync } from "node:fs";
 import { createServer } from "node:http";
 import { connect } from "node:net";
@@ -41,6 +42,9 @@ export class LiveDaemon {
 
   /** `publish`: the option's value for a port. Resolves when it listens. */
   async start(publish = (port: number): string => `ws:127.0.0.1:${port}?root=${WEB}`, ...more: string[]): Promise<this> {
+    const before = this.#process;
+    // One that was killed listens until it is gone.
+    if (before && before.exitCode === null && before.signalCode === null) await once(before, "exit");
     writeFileSync(join(this.folder, "room.pfm"), panorama());
     this.port ||= await freePort();
     this.#process = spawn(this.program, [`--source=file:${join(this.folder, "room.pfm")}?rate=30`, `--publish=${publish(this.port)}`,
