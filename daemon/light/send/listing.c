@@ -126,7 +126,7 @@ static float share_of(const struct lp_light *light, const struct lp_light_estima
 	return lp_light_rank(light) / all;
 }
 
-/* all: also one that does not take a place that is kept. */
+/* all: for a place that is free; else only those that take a place which is kept for another. */
 static const struct lp_light *strongest_outside(struct lp_listing *listing,
 						const struct lp_light_estimate *estimate, bool all)
 {
