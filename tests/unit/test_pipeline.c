@@ -562,6 +562,27 @@ static void test_whether_light_came(void **state)
 	}
 }
 
+/* Lamps of a constellation have no cells, and do not wait. */
+static void test_a_constellation_is_lit(void **state)
+{
+	const struct disc discs[] = {{30, 20, 2, 400}, {-60, -30, 6, 40}};
+	const struct lp_pipeline_options options = {.max_lights = 4,
+						    .sh_order = 2,
+						    .ttl_ms = 1000.0F,
+						    .detector = {.detector = LP_DETECTOR_MEDIANCUT,
+								 .lights = 4}};
+	struct lp_pipeline *pipeline;
+
+	(void)state;
+	assert_int_equal(lp_pipeline_create(&options, &pipeline), 0);
+	const struct lp_light_estimate e = estimate(pipeline, scene_frame(240, 120, discs, 2, 1.0));
+
+	assert_int_equal(e.light_count, 4);
+	for (int k = 0; k < e.light_count; k++)
+		assert_true(e.lights[k].lit);
+	lp_pipeline_destroy(pipeline);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -577,6 +598,7 @@ int main(void)
 		cmocka_unit_test(test_a_lamp_goes_off_between_frames),
 		cmocka_unit_test(test_what_is_not_seen_does_not_grow),
 		cmocka_unit_test(test_whether_light_came),
+		cmocka_unit_test(test_a_constellation_is_lit),
 		cmocka_unit_test(test_options_are_checked),
 	};
 
