@@ -23,10 +23,10 @@ def text() -> str:
         [
             "Faults, as a healthy device has them. Several are joined by &: drop=0.1&late_ms=40",
             "",
-            "Of the camera: --faults, --source='sim:SOCKET?…', lightprobe control inject-fault PATH …",
+            "Of the camera: --faults, --source='sim:SOCKET?…', lightprobe control inject-fault",
             *_table(list(faults.rows())),
             "",
-            "Of the THETA on the network, with --osc: --faults, lightprobe control inject-fault PATH …",
+            "Of the THETA on the network, with --osc: --faults, lightprobe control inject-fault",
             *_table(list(faults.rows(OscFaults))),
             "",
             "Of wheel, ring and serial line, with --firmware: as those of the camera",
