@@ -78,7 +78,7 @@ def _of_png(chunks: dict[bytes, bytes]) -> Space:
     if value and not _is_same_light((_CODES / 255) ** (1 / value)):
         return Space(fault=f"gAMA {value:g}")
     stated = chunks.get(b"cHRM", b"")
-    if len(stated) == 32:
+    if len(stated) == 32 and any(stated):
         white, red, green, blue = np.array(struct.unpack(">8I", stated)).reshape(4, 2) / 1e5
         off = np.abs(np.concatenate([red, green, blue, white]) - primaries.REC709)
         if off.max() > _SAME_PRIMARIES:

@@ -266,7 +266,7 @@ def _primaries(path: Path, layer: _Layer) -> tuple[float, ...]:
 
 
 def _chromaticities(path: Path, header: dict[str, Any]) -> tuple[float, ...]:
-    stated = tuple(float(value) for value in header.get("chromaticities", primaries.REC709))
+    stated = primaries.or_rec709([float(one) for one in header.get("chromaticities", ())])
     try:
         primaries.rgb_to_xyz(stated)
     except ValueError as error:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -32,6 +34,11 @@ def to_rec709(primaries: ArrayLike) -> Array:
     cones = [_BRADFORD @ _white(white) for white in (c, np.asarray(REC709))]
     adapt = np.linalg.inv(_BRADFORD) @ np.diag(cones[1] / cones[0]) @ _BRADFORD
     return np.asarray(from_xyz @ adapt @ to_xyz)
+
+
+def or_rec709(stated: Sequence[float]) -> tuple[float, ...]:
+    """Give what a file states; zeros, as Photoshop writes them, state nothing: Rec. 709."""
+    return tuple(float(number) for number in stated) if any(stated) else REC709
 
 
 def is_rec709(matrix: Array) -> bool:

@@ -136,7 +136,7 @@ def _set_format(path: Path, header: _Header, value: str) -> None:
 
 
 def _set_light(path: Path, header: _Header, name: str, numbers: Array) -> None:
-    """Take one line over; exposures and corrections multiply."""
+    """Take one line over; exposures and corrections multiply; any other 0 states nothing."""
     if name in ("EXPOSURE", "COLORCORR"):
         if (numbers <= 0).any():
             raise ImageError(f"image: {path}: header: {name}: expected numbers above 0")
@@ -145,10 +145,10 @@ def _set_light(path: Path, header: _Header, name: str, numbers: Array) -> None:
         else:
             header.correction = header.correction * numbers
     elif name == "PRIMARIES":
-        header.primaries = tuple(float(number) for number in numbers)
-    elif name == "GAMMA" and numbers[0] != 1:
+        header.primaries = primaries.or_rec709([float(number) for number in numbers])
+    elif name == "GAMMA" and numbers[0] not in (0, 1):
         raise ImageError(f"image: {path}: header: GAMMA={numbers[0]:g}: no linear light")
-    elif name == "PIXASPECT" and numbers[0] != 1:
+    elif name == "PIXASPECT" and numbers[0] not in (0, 1):
         header.notes.append("PIXASPECT is not used: the projection tells where a pixel looks")
 
 

@@ -109,6 +109,13 @@ def test_other_chromaticities(tmp_path):
     assert any("Rec. 709" in note for note in seen.notes)
 
 
+def test_chromaticities_of_zeros_state_nothing(tmp_path):
+    path = write(tmp_path / "x.exr", planes(SCENE), chromaticities=(0.0,) * 8)
+    seen = image.read(path)
+    assert seen.radiance == pytest.approx(SCENE, rel=0.01)
+    assert not seen.notes
+
+
 def test_chromaticities_that_are_none_are_named(tmp_path):
     path = write(tmp_path / "x.exr", planes(SCENE), chromaticities=(0.3,) * 8)
     with pytest.raises(ImageError, match="chromaticities: red, green and blue lie on one line"):

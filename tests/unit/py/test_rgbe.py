@@ -106,6 +106,14 @@ def test_other_primaries_are_converted(tmp_path):
     assert any("Rec. 709" in note for note in seen.notes)
 
 
+def test_zeros_state_nothing(tmp_path):
+    """As Photoshop writes them."""
+    lines = ["GAMMA=1", "PRIMARIES=0 0 0 0 0 0 0 0", "PIXASPECT=0", "GAMMA=0"]
+    seen = image.read(write(tmp_path / "x.hdr", SCENE, *lines))
+    assert seen.radiance == pytest.approx(SCENE, rel=0.02)
+    assert not seen.notes
+
+
 @pytest.mark.parametrize(
     ("lines", "words"),
     [
