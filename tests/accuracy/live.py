@@ -31,6 +31,7 @@ from recording import (
     EXPOSURES,
     ORIENTATIONS,
     SETTLE_S,
+    SIZE_PX,
     SUBSCRIPTIONS,
     Run,
     add_options,
@@ -38,6 +39,7 @@ from recording import (
     listed,
     markdown,
     record,
+    size_px,
     to_json,
     use_daemon,
 )
@@ -415,6 +417,8 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=JUDGED_S,
         help=f"simulated seconds that are judged, after {SETTLE_S:g} (default {JUDGED_S:g})",
     )  # fmt: skip
+    parser.add_argument("--size", type=size_px, default=SIZE_PX, metavar="WxH",
+        help="of the camera's pictures, pixels (default {}x{})".format(*SIZE_PX))  # fmt: skip
     add_options(parser, SCENES)
     options = parser.parse_args()
     use_daemon(options.daemon)
@@ -428,6 +432,7 @@ def main() -> None:
             faults=options.faults,
             daemon_arguments=tuple(options.daemon_args),
             judged_s=options.seconds,
+            size_px=options.size,
             orientation=orientation,
             ring=options.ring,
         )

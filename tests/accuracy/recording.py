@@ -292,6 +292,15 @@ def query(text: str) -> str:
     return text
 
 
+def size_px(text: str) -> tuple[int, int]:
+    """Parse an option's picture size, as WxH."""
+    try:
+        width, height = map(int, text.split("x"))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text}: is to be as 960x480") from None
+    return width, height
+
+
 def add_options(parser: argparse.ArgumentParser, names: Sequence[str]) -> None:
     """What live.py and changes.py have in common; `names`: scenes unless told."""
     add = parser.add_argument
