@@ -350,7 +350,7 @@ static int choose(struct lp_lamp_stage *stage, const struct lp_grid *grid,
 	for (int k = 0; k < LP_MAX_LAMPS; k++) {
 		struct lp_remembered_lamp *m = &stage->memory.list[k];
 
-		if (!m->id || !shines(grid, panorama, m))
+		if (!m->id || !lp_exists(&m->existence) || !shines(grid, panorama, m))
 			continue;
 		insert(all, count++, m, keeps_its_place);
 		*lamps += !m->wide;
@@ -402,8 +402,6 @@ static void list_light(const struct lp_remembered_lamp *m, struct lp_light *ligh
 					   by_ring ? m->recovered_colour_sigma / strength(m) : 0.0F,
 				   .distance_m = NAN,
 				   .hidden = m->hidden,
-				   .found_s = m->known_s,
-				   .lit = m->lit,
 				   .flags = lamp->flags | (m->seen ? 0 : LP_LIGHT_HELD) |
 					    (m->wide ? LP_LIGHT_EXTENDED : 0) |
 					    (by_ring ? LP_LIGHT_RING : 0) |

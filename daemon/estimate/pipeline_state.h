@@ -13,7 +13,7 @@
 #include "estimate/ring/ring_steps.h"
 #include "include/frame.h"
 #include "include/panorama.h"
-#include "light/lamps/tracker.h"
+#include "light/send/tracker.h"
 #include "light/math/rotation.h"
 #include "vision/imager.h"
 #include "vision/map/sh_project.h"

@@ -41,8 +41,6 @@ struct lp_light {
 			       stated */
 	float distance_m;   /* always NAN yet */
 	float hidden;  /* relative to irradiance: what clipping may hide, where lights are ranked */
-	float found_s; /* since it was found first */
-	bool lit;      /* its light has come; else it has only been told apart from its surround */
 	uint32_t flags; /* enum lp_light_flag */
 	struct lp_light_polarization polarization;
 };

@@ -21,7 +21,7 @@ extern "C" {
 #include "include/panorama.h"
 #include "light/clipped/ring_fusion.h"
 #include "light/find/detection.h"
-#include "light/lamps/tracker.h"
+#include "light/send/tracker.h"
 #include "light/math/grid.h"
 #include "light/math/rotation.h"
 #include "light/send/cube.h"

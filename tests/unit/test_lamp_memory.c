@@ -426,16 +426,17 @@ static void test_entering_is_harder_than_staying(void **state)
 static void test_absence(void **state)
 {
 	struct lp_lamp_memory memory = {0};
-	const struct lp_lamp_sighting s = sighting(10.0F, 1.0F);
+	struct lp_lamp_sighting s = sighting(10.0F, 1.0F);
 
 	(void)state;
+	s.came = 1.0F;
 	lp_lamp_memory_update(&memory, &s, 1, &frame);
-	for (int n = 0; n < 30; n++) /* a second: the id stays */
+	for (int n = 0; n < 100; n++) /* seconds: the id stays */
 		lp_lamp_memory_update(&memory, NULL, 0, &frame);
 	assert_false(only(&memory)->seen);
 	lp_lamp_memory_update(&memory, &s, 1, &frame);
 	assert_int_equal(only(&memory)->id, 1);
-	for (int n = 0; n < 90; n++)
+	for (int n = 0; n < 150; n++)
 		lp_lamp_memory_update(&memory, NULL, 0, &frame);
 	lp_lamp_memory_update(&memory, &s, 1, &frame);
 	assert_int_equal(only(&memory)->id, 2);
@@ -569,26 +570,29 @@ static void test_lamps_are_landmarks(void **state)
 	assert_int_equal(lp_lamp_memory_landmarks(&memory, s, 4, 0.005F, pull, information), 0);
 }
 
-/* A lamp is lit when enough of its light has come at some time. */
-static void test_a_lamp_is_lit_by_light_that_came(void **state)
+/* A lamp whose light came with it, at once or later, is beyond doubt; another one, long after the
+ * first frame, is not yet. */
+static void test_light_that_came_proves_a_lamp(void **state)
 {
 	static const struct {
 		float came;
 		int at; /* frames after it was found */
-		bool lit;
-	} cases[] = {{1.0F, 0, true}, {0.6F, 0, true}, {0.4F, 0, false}, {1.0F, 20, true}};
+		bool is_certain;
+	} cases[] = {{1.0F, 0, true}, {0.6F, 0, true}, {0.4F, 0, false}, {1.0F, 5, true}};
 
 	(void)state;
 	for (size_t i = 0; i < LP_COUNT(cases); i++) {
-		struct lp_lamp_memory memory = {0};
+		struct lp_lamp_memory memory = {.clutter = {.age_s = 1000.0F}};
 
-		for (int n = 0; n < 40; n++) {
+		for (int n = 0; n < 6; n++) {
 			struct lp_lamp_sighting s = sighting(10.0F, 5.0F);
 
 			s.came = n == cases[i].at ? cases[i].came : 0.0F;
 			lp_lamp_memory_update(&memory, &s, 1, &frame);
+			assert_int_equal(lp_exists(&only(&memory)->existence),
+					 cases[i].is_certain && n >= cases[i].at);
 		}
-		assert_int_equal(only(&memory)->lit, cases[i].lit);
+		assert_int_equal(only(&memory)->existence.was_certain, cases[i].is_certain);
 	}
 }
 
@@ -630,7 +634,7 @@ int main(void)
 		cmocka_unit_test(test_a_lamp_that_moves_is_followed),
 		cmocka_unit_test(test_crowds),
 		cmocka_unit_test(test_lamps_are_landmarks),
-		cmocka_unit_test(test_a_lamp_is_lit_by_light_that_came),
+		cmocka_unit_test(test_light_that_came_proves_a_lamp),
 		cmocka_unit_test(test_turning),
 	};
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "light/lamps/tracker.h"
+#include "light/send/tracker.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -260,7 +260,6 @@ static struct lp_light_estimate all_fields(int64_t t_ns, int value, const float 
 
 	memset(light, value, sizeof(*light));
 	light->id = 1;
-	light->lit = false;
 	light->polarization.judged = light->polarization.known = value & 1;
 	memcpy(light->direction, axis, sizeof(light->direction));
 	memcpy(light->axis, axis, sizeof(light->axis));

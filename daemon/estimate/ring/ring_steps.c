@@ -208,8 +208,6 @@ static void list_again(const struct lp_light *gone, float strength, float varian
 	scale_light(&light, strength / lp_luminance(gone->irradiance));
 	light.irradiance_sigma = sqrtf(variance) / strength;
 	light.flags = LP_LIGHT_RING;
-	light.lit = true; /* the ring has seen its light come, just now */
-	light.found_s = 0.0F;
 	lp_sh_add_lamp(LP_SH_MAX_ORDER, light.direction, light.irradiance, 0.0, 1.0, total);
 	if (e->light_count == LP_MAX_LIGHTS)
 		return;

@@ -13,14 +13,12 @@
 #define RAD ((float)M_PI / 180.0F)
 /* Chosen by hand, on the scenes of docs/users/accuracy.md, "While the camera turns". */
 
-/* An id is kept this long for a lamp that is not seen (flicker, someone walking past). */
-#define ABSENT_S 2.0F
 /* A lamp becomes an area light, or an area light a lamp, beyond LP_COMPACT_DEG by this factor. */
 #define STAYS_WIDE 1.4F
 /* Of the two limits that make a lamp a piece of a wider one, for a lamp that is known already. */
 #define STAYS_APART 0.77F
-/* A lamp is lit when this share of its light has come to where it is. */
-#define LIT_SHARE 0.5F
+/* A lamp's light has come with it when this share of it was not there before. */
+#define CAME_SHARE 0.5F
 /* A block of the picture of 1920 pixels: 1.5 degrees along and across. */
 #define BLOCK_SR (1.5F * RAD * 1.5F * RAD)
 
@@ -78,24 +76,6 @@ static void associate(struct lp_lamp_memory *memory, const struct lp_lamp_sighti
 	}
 }
 
-/* A free place; else that of the faintest lamp that is not seen; -1: all are seen. */
-static int free_place(const struct lp_lamp_memory *memory)
-{
-	int faintest = -1;
-
-	for (int p = 0; p < LP_MAX_LAMPS; p++) {
-		const struct lp_remembered_lamp *m = &memory->list[p];
-
-		if (!m->id)
-			return p;
-		if (!m->seen &&
-		    (faintest < 0 || m->lamp.irradiance[LP_LUMINANCE] <
-					     memory->list[faintest].lamp.irradiance[LP_LUMINANCE]))
-			faintest = p;
-	}
-	return faintest;
-}
-
 /* Of its disc, luminance. */
 static float mean_radiance(const struct lp_lamp *lamp)
 {
@@ -140,6 +120,12 @@ static bool is_piece_of_any(const struct lp_lamp_memory *memory, const struct lp
 	return false;
 }
 
+static void give_up(struct lp_lamp_memory *memory, struct lp_remembered_lamp *m)
+{
+	lp_existence_end(&m->existence, &memory->clutter);
+	m->id = 0;
+}
+
 /* Of two pieces of the same size the newer one goes. */
 static void drop_pieces(struct lp_lamp_memory *memory)
 {
@@ -148,7 +134,7 @@ static void drop_pieces(struct lp_lamp_memory *memory)
 
 		if (m->id && m->seen &&
 		    is_piece_of_any(memory, &m->lamp, known_radiance(m), STAYS_APART))
-			m->id = 0;
+			give_up(memory, m);
 	}
 }
 
@@ -159,6 +145,52 @@ static bool enters(const struct lp_lamp_memory *memory, const struct lp_lamp_sig
 	return s->enters && !is_piece_of_any(memory, lamp, mean_radiance(lamp), 1.0F);
 }
 
+/* A free place; else that of the faintest lamp that is not seen; -1: all are seen. */
+static int free_place(const struct lp_lamp_memory *memory)
+{
+	int faintest = -1;
+
+	for (int p = 0; p < LP_MAX_LAMPS; p++) {
+		const struct lp_remembered_lamp *m = &memory->list[p];
+
+		if (!m->id)
+			return p;
+		if (!m->seen &&
+		    (faintest < 0 || m->lamp.irradiance[LP_LUMINANCE] <
+					     memory->list[faintest].lamp.irradiance[LP_LUMINANCE]))
+			faintest = p;
+	}
+	return faintest;
+}
+
+/* A lamp that is new; returns its place, -1: there is none. */
+static int begin(struct lp_lamp_memory *memory, const struct lp_lamp_sighting *s)
+{
+	const int place = free_place(memory);
+
+	if (place < 0)
+		return place;
+	if (memory->list[place].id)
+		give_up(memory, &memory->list[place]);
+	if (++memory->last_id == 0) /* 0 means none */
+		memory->last_id = 1;
+	memory->list[place] = (struct lp_remembered_lamp){
+		.id = memory->last_id,
+		.lamp = s->on_grid,
+		.hidden = lp_lamp_hidden(&s->on_grid),
+		.wide = s->width_deg >= LP_COMPACT_DEG,
+		.existence = lp_existence_found(&memory->clutter),
+		.image_probability = NAN,
+		.seen = true};
+	return place;
+}
+
+static void age(struct lp_lamp_memory *memory, struct lp_remembered_lamp *m, float elapsed_s)
+{
+	lp_lamp_age(m, elapsed_s);
+	lp_existence_update(&m->existence, &memory->clutter, m->seen, elapsed_s);
+}
+
 void lp_lamp_memory_update(struct lp_lamp_memory *memory, const struct lp_lamp_sighting *sightings,
 			   int count, const struct lp_memory_times *times)
 {
@@ -167,35 +199,25 @@ void lp_lamp_memory_update(struct lp_lamp_memory *memory, const struct lp_lamp_s
 	for (int p = 0; p < LP_MAX_LAMPS; p++)
 		memory->list[p].seen = false;
 	associate(memory, sightings, count, place);
+	lp_clutter_age(&memory->clutter, times->elapsed_s);
 	for (int p = 0; p < LP_MAX_LAMPS; p++)
 		if (memory->list[p].id)
-			lp_lamp_age(&memory->list[p], times->elapsed_s);
+			age(memory, &memory->list[p], times->elapsed_s);
 	for (int k = 0; k < count; k++) {
-		if (place[k] < 0 && enters(memory, &sightings[k])) {
-			place[k] = free_place(memory);
-			if (place[k] < 0)
-				continue;
-			if (++memory->last_id == 0) /* 0 means none */
-				memory->last_id = 1;
-			memory->list[place[k]] = (struct lp_remembered_lamp){
-				.id = memory->last_id,
-				.lamp = sightings[k].on_grid,
-				.hidden = lp_lamp_hidden(&sightings[k].on_grid),
-				.wide = sightings[k].width_deg >= LP_COMPACT_DEG,
-				.image_probability = NAN,
-				.seen = true};
-		}
+		if (place[k] < 0 && enters(memory, &sightings[k]))
+			place[k] = begin(memory, &sightings[k]);
 		if (place[k] < 0)
 			continue;
 		struct lp_remembered_lamp *m = &memory->list[place[k]];
 
-		m->lit = m->lit || sightings[k].came > LIT_SHARE;
+		if (sightings[k].came > CAME_SHARE)
+			lp_existence_prove(&m->existence);
 		lp_lamp_follow(m, &sightings[k], times);
 	}
 	drop_pieces(memory);
 	for (int p = 0; p < LP_MAX_LAMPS; p++)
-		if (memory->list[p].absent_s > ABSENT_S)
-			memory->list[p].id = 0;
+		if (memory->list[p].id && lp_existence_is_over(&memory->list[p].existence))
+			give_up(memory, &memory->list[p]);
 }
 
 float lp_lamp_memory_flicker(const struct lp_lamp_memory *memory)

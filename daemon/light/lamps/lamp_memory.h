@@ -13,6 +13,7 @@
 
 #include "light/film/polarization.h"
 #include "light/find/lamps.h"
+#include "light/lamps/existence.h"
 #include "light/lamps/flicker.h"
 
 struct lp_rotation;
@@ -42,9 +43,9 @@ struct lp_remembered_lamp {
 	struct lp_flicker flicker; /* of its strength as measured by pixels */
 	float clipped_scale;	   /* of the shortest exposure whose pixels clip it; 0: none does */
 	float known_s;		   /* since it was found first */
-	bool lit; /* its light has come; else it has only been told apart from its surround, and may
-		     be lost in it again */
-	float disputed_s; /* how long detection has drawn other borders (light/lamps/holding.h) */
+	struct lp_existence existence;
+	bool is_disputed; /* detection draws other borders (light/lamps/holding.h): ... */
+	struct lp_existence rival; /* ... what it finds instead */
 	bool wide;	  /* an area light */
 	bool listed;	  /* in the newest estimate */
 	/* What the ring of light sensors finds of it beyond `lamp`, which is a lower bound: R, G,
@@ -61,6 +62,7 @@ struct lp_remembered_lamp {
 
 struct lp_lamp_memory {
 	uint32_t last_id;
+	struct lp_clutter clutter;
 	struct lp_remembered_lamp list[LP_MAX_LAMPS];
 };
 

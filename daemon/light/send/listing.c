@@ -6,24 +6,9 @@
 
 #include "light/send/model.h"
 
-/* Chosen by hand, on the scenes of docs/users/accuracy.md, "While the camera turns". */
-
-/* How patient the list is, so that lamps which come and go for ever, as in a bright sky, stay in
- * AMBIENT. PATIENCE_S is how long a lamp lasts before it enters, if only its borders are new and
- * not its light; how long the place of a lamp is kept that the estimate has lost; and for how long
- * a lamp outside is OUTSHINES times as strong as one inside before it takes its place, or for an
- * eighth of that if it is twice as strong again (QUICKER is the exponent). A young list, of a map
- * that is still being filled, waits for half of its age only, but not less than LEAST_PATIENCE_S.
- * Each entry of the last UNREST_S or so makes it wait as long again. */
-#define OUTSHINES 1.5F
-#define QUICKER 3.0F
-#define PATIENCE_S 4.0F
-#define LEAST_PATIENCE_S 0.5F
-#define UNREST_S 30.0F
-/* A lamp whose light came with it so short a time ago takes a place that is kept for another, and
- * so does one with this share of all lamps' light. */
-#define JUST_LIT_S 2.0F
-#define STRONG_SHARE 0.05F
+/* A change of the list (one lamp that enters or leaves) costs as much as to leave out this much
+ * light: share of all light times seconds. */
+#define COST_OF_CHANGE_S 0.01F
 /* A model stays while its error is below this much of the tolerance; another one takes its place
  * when it would have been better for so long. */
 #define STILL_FITS 1.15F
@@ -90,12 +75,15 @@ static int count_listed(const struct lp_listing *listing, bool staying)
 	return count;
 }
 
-static bool is_staying(const struct lp_listed *l)
+/* 0: the estimate has lost it. */
+static float rank_of(const struct lp_listed *listed, const struct lp_light_estimate *estimate)
 {
-	return l->id && !l->leaves && !l->lost;
+	const struct lp_light *light = find(estimate, listed->id);
+
+	return light ? lp_light_rank(light) : 0.0F;
 }
 
-/* Of those that stay. */
+/* Of those that stay; NULL: there is none. */
 static struct lp_listed *weakest(struct lp_listing *listing,
 				 const struct lp_light_estimate *estimate)
 {
@@ -104,184 +92,122 @@ static struct lp_listed *weakest(struct lp_listing *listing,
 	for (int p = 0; p < LP_MAX_LIGHTS; p++) {
 		struct lp_listed *l = &listing->place[p];
 
-		if (is_staying(l) && (!found || lp_light_rank(find(estimate, l->id)) <
-							lp_light_rank(find(estimate, found->id))))
+		if (l->id && !l->leaves &&
+		    (!found || rank_of(l, estimate) < rank_of(found, estimate)))
 			found = l;
 	}
 	return found;
 }
 
-static bool is_just_lit(const struct lp_light *light)
+/* What is lost has faded already. */
+static void send_off(struct lp_listed *listed, const struct lp_light_estimate *estimate)
 {
-	return light->lit && light->found_s < JUST_LIT_S;
+	listed->leaves = true;
+	if (!find(estimate, listed->id))
+		*listed = (struct lp_listed){0};
 }
 
-/* Of all lamps' light. */
-static float share_of(const struct lp_light *light, const struct lp_light_estimate *estimate)
-{
-	float all = 0.0F;
-
-	for (int k = 0; k < estimate->light_count; k++)
-		all += lp_light_rank(&estimate->lights[k]);
-	return lp_light_rank(light) / all;
-}
-
-/* all: for a place that is free; else only those that take a place which is kept for another. */
-static const struct lp_light *strongest_outside(struct lp_listing *listing,
-						const struct lp_light_estimate *estimate, bool all)
-{
-	const struct lp_light *found = NULL;
-
-	for (int k = 0; k < estimate->light_count; k++) {
-		const struct lp_light *light = &estimate->lights[k];
-
-		if (!place_of(listing, light->id) &&
-		    (all || is_just_lit(light) || share_of(light, estimate) > STRONG_SHARE) &&
-		    (!found || lp_light_rank(light) > lp_light_rank(found)))
-			found = light;
-	}
-	return found;
-}
-
-static float patience_s(const struct lp_listing *listing)
-{
-	return fmaxf(fminf(PATIENCE_S, 0.5F * listing->age_s), LEAST_PATIENCE_S) *
-	       (1.0F + listing->unrest);
-}
-
-static void enter(struct lp_listing *listing, const struct lp_light *light)
+/* A new list begins with all that there is. */
+static void enter(struct lp_listing *listing, uint32_t id)
 {
 	struct lp_listed *free = place_of(listing, 0);
 
 	if (free)
-		*free = (struct lp_listed){.id = light->id,
-					   .share = listing->started ? 0.0F : 1.0F};
-	if (free && listing->started && !is_just_lit(light))
-		listing->unrest += 1.0F;
+		*free = (struct lp_listed){.id = id, .share = listing->started ? 0.0F : 1.0F};
 }
 
-/* Into a list of `count`, strongest first. */
-static void insert_by_rank(const struct lp_light *list[], int count, const struct lp_light *light)
-{
-	for (; count > 0 && lp_light_rank(list[count - 1]) < lp_light_rank(light); count--)
-		list[count] = list[count - 1];
-	list[count] = light;
-}
-
-/* For how long a lamp has outshone another. */
-static float challenged_s(const struct lp_listing *listing, uint32_t id)
+/* What it has cost so far that a lamp is outside. */
+static float cost_of(const struct lp_listing *listing, uint32_t id)
 {
 	for (int k = 0; k < LP_MAX_LIGHTS; k++)
-		if (listing->challengers[k].id == id)
-			return listing->challengers[k].seconds;
+		if (listing->outside[k].id == id)
+			return listing->outside[k].cost_s;
 	return 0.0F;
 }
 
-/* Lamps outside that have been stronger for long enough send others off: the strongest the weakest,
- * the next one the next weakest, all at the same time. For each place that becomes free, or is kept
- * for a lamp that has faded, one of the strongest outside waits without sending anyone off. */
-static void challenge(struct lp_listing *listing, const struct lp_light_estimate *estimate,
-		      const struct lp_light_estimate *candidates, float elapsed_s)
+/*
+ * A lamp outside that is stronger than what it would replace costs the difference, as a share of
+ * all light, for as long as that lasts. It replaces it once that is as much as the change costs:
+ * with what is to come unknown, the sum is never more than twice the least (the ski-rental problem;
+ * Karlin et al. 1988). A lamp that the estimate has lost keeps its place in the same way: it may
+ * come back. The strongest outside stands against the weakest inside, the next one against the next
+ * weakest, all at the same time.
+ */
+static void weigh(struct lp_listing *listing, const struct lp_light_estimate *estimate,
+		  const struct lp_outside *outside, int count, float elapsed_s)
 {
-	const struct lp_light *outside[LP_MAX_LIGHTS], *inside[LP_MAX_LIGHTS];
-	struct lp_challenger challengers[LP_MAX_LIGHTS] = {0};
-	int outside_count = 0, inside_count = 0;
+	const float all = 4.0F * (float)lp_model_mean_irradiance(estimate);
+	const int soon_free = listing->lights - count_listed(listing, true);
+	struct lp_outside costs[LP_MAX_LIGHTS] = {0};
+	struct lp_listing rest = *listing; /* of those, the weakest goes first */
 
-	for (int k = 0; k < candidates->light_count; k++)
-		if (!place_of(listing, candidates->lights[k].id))
-			insert_by_rank(outside, outside_count++, &candidates->lights[k]);
-	for (int p = 0; p < LP_MAX_LIGHTS; p++) {
-		const struct lp_light *light = find(estimate, listing->place[p].id);
+	for (int k = 0; k < count; k++) {
+		struct lp_listed *last = k < soon_free ? NULL : weakest(&rest, estimate);
+		const bool is_lost = last && !find(estimate, last->id);
 
-		if (is_staying(&listing->place[p]) && !(light->flags & LP_LIGHT_HELD))
-			insert_by_rank(inside, inside_count++, light);
-	}
-	for (int k = listing->lights - inside_count; k < outside_count && inside_count > 0; k++) {
-		const struct lp_light *last = inside[--inside_count];
-		const float stronger =
-			lp_light_rank(outside[k]) / (OUTSHINES * lp_light_rank(last));
-
-		if (!(stronger >= 1.0F))
+		if (k >= soon_free && !last)
 			break;
-		const float seconds =
-			challenged_s(listing, outside[k]->id) + elapsed_s * powf(stronger, QUICKER);
+		const float lost = outside[k].rank - (last ? rank_of(last, estimate) : 0.0F);
 
-		if (seconds > patience_s(listing))
-			place_of(listing, last->id)->leaves = true;
-		else
-			challengers[k] = (struct lp_challenger){outside[k]->id, seconds};
+		if (!(lost > 0.0F))
+			break;
+		costs[k] = outside[k];
+		costs[k].cost_s = cost_of(listing, outside[k].id) + lost / all * elapsed_s;
+		if (last && costs[k].cost_s >= (is_lost ? 1.0F : 2.0F) * COST_OF_CHANGE_S)
+			send_off(place_of(listing, last->id), estimate);
+		if (last)
+			last->leaves = true;
 	}
-	memcpy(listing->challengers, challengers, sizeof(challengers));
+	memcpy(listing->outside, costs, sizeof(costs));
 }
 
-/* A place that is kept for a lamp that the estimate has lost; NULL: none. */
-static struct lp_listed *kept_place(struct lp_listing *listing)
+/* Candidates that are not in the list, strongest first; returns how many. */
+static int find_outside(struct lp_listing *listing, const struct lp_light_estimate *candidates,
+			struct lp_outside outside[LP_MAX_LIGHTS])
 {
-	for (int p = 0; p < LP_MAX_LIGHTS; p++)
-		if (listing->place[p].lost)
-			return &listing->place[p];
-	return NULL;
-}
+	int count = 0;
 
-/* A lamp that the estimate has lost has faded already. */
-static void note_lost(struct lp_listing *listing, const struct lp_light_estimate *estimate,
-		      float elapsed_s)
-{
-	for (int p = 0; p < LP_MAX_LIGHTS; p++) {
-		struct lp_listed *l = &listing->place[p];
+	for (int k = 0; k < candidates->light_count; k++) {
+		const struct lp_light *light = &candidates->lights[k];
+		const float rank = lp_light_rank(light);
+		int at = count;
 
-		l->lost = l->id && !find(estimate, l->id);
-		if (!l->lost) {
-			l->lost_s = 0.0F;
+		if (place_of(listing, light->id))
 			continue;
-		}
-		l->share = 0.0F;
-		l->lost_s += elapsed_s;
-		if (l->leaves || l->lost_s > patience_s(listing))
-			*l = (struct lp_listed){0};
+		for (; at > 0 && outside[at - 1].rank < rank; at--)
+			outside[at] = outside[at - 1];
+		outside[at] = (struct lp_outside){.id = light->id, .rank = rank};
+		count++;
 	}
-}
-
-/* The place of a lost lamp first, then that of the weakest. */
-static void send_off(struct lp_listing *listing, const struct lp_light_estimate *estimate)
-{
-	struct lp_listed *kept = kept_place(listing);
-
-	if (kept)
-		*kept = (struct lp_listed){0};
-	else
-		weakest(listing, estimate)->leaves = true;
+	return count;
 }
 
 /* candidates: the lights of the estimate that may enter. */
 static void update_places(struct lp_listing *listing, const struct lp_light_estimate *estimate,
 			  const struct lp_light_estimate *candidates, float elapsed_s)
 {
-	const struct lp_light *next;
-	struct lp_listed *kept;
+	const float step = elapsed_s / LP_LISTING_FADE_S;
+	struct lp_outside outside[LP_MAX_LIGHTS];
+	const int count = find_outside(listing, candidates, outside);
 
-	note_lost(listing, estimate, elapsed_s);
-	for (int extra = count_listed(listing, true) - listing->lights; extra > 0; extra--)
-		send_off(listing, estimate);
-	while (count_listed(listing, false) < listing->lights &&
-	       (next = strongest_outside(listing, candidates, true)) != NULL)
-		enter(listing, next);
-	while ((kept = kept_place(listing)) != NULL &&
-	       (next = strongest_outside(listing, candidates, false)) != NULL) {
-		*kept = (struct lp_listed){0};
-		enter(listing, next);
-	}
-	if (count_listed(listing, false) == listing->lights)
-		challenge(listing, estimate, candidates, elapsed_s);
 	for (int p = 0; p < LP_MAX_LIGHTS; p++) {
 		struct lp_listed *l = &listing->place[p];
-		const float step = elapsed_s / LP_LISTING_FADE_S;
 
-		if (l->lost)
-			continue;
-		l->share = fminf(l->share + (l->leaves ? -step : step), 1.0F);
-		if (l->id && l->leaves && l->share <= 0.0F)
+		if (!find(estimate, l->id))
+			l->share = 0.0F;
+		if (l->leaves && l->share <= 0.0F)
 			*l = (struct lp_listed){0};
+	}
+	for (int extra = count_listed(listing, true) - listing->lights; extra > 0; extra--)
+		send_off(weakest(listing, estimate), estimate);
+	weigh(listing, estimate, outside, count, elapsed_s);
+	for (int k = 0; k < count && count_listed(listing, false) < listing->lights; k++)
+		enter(listing, outside[k].id);
+	for (int p = 0; p < LP_MAX_LIGHTS; p++) {
+		struct lp_listed *l = &listing->place[p];
+
+		if (find(estimate, l->id))
+			l->share = fmaxf(fminf(l->share + (l->leaves ? -step : step), 1.0F), 0.0F);
 	}
 }
 
@@ -317,23 +243,6 @@ void lp_leave_out_reflections(const struct lp_light_estimate *estimate,
 	leave_out(estimate, out, others);
 }
 
-/* The lights that may enter, or stay. A new list starts with all that there is. */
-static void find_candidates(struct lp_listing *listing, const struct lp_light_estimate *estimate,
-			    const struct lp_listing_limits *limits,
-			    struct lp_light_estimate *candidates)
-{
-	bool out[LP_MAX_LIGHTS];
-
-	for (int k = 0; k < estimate->light_count; k++) {
-		const struct lp_light *light = &estimate->lights[k];
-		const bool waits = listing->started && !place_of(listing, light->id) &&
-				   !light->lit && light->found_s < patience_s(listing);
-
-		out[k] = waits || (limits->leave_out_reflections && is_reflection(light));
-	}
-	leave_out(estimate, out, candidates);
-}
-
 /* Reflections fade from a list that is to be without them. */
 static void send_off_reflections(struct lp_listing *listing,
 				 const struct lp_light_estimate *estimate)
@@ -358,14 +267,14 @@ int lp_listing_update(struct lp_listing *listing, const struct lp_light_estimate
 
 	if (!limits->areas)
 		allowed.light_count -= all->area_count;
-	if (limits->leave_out_reflections)
+	candidates = allowed;
+	if (limits->leave_out_reflections) {
 		send_off_reflections(listing, estimate);
-	find_candidates(listing, estimate, limits, &candidates);
+		lp_leave_out_reflections(estimate, &candidates);
+	}
 	choose_model(listing, &candidates, limits, elapsed_s);
 	update_places(listing, estimate, &candidates, elapsed_s);
 	listing->started = true;
-	listing->age_s += elapsed_s;
-	listing->unrest *= expf(-elapsed_s / UNREST_S);
 	listing->t_ns = estimate->t_capture_ns;
 
 	*listed = *estimate;

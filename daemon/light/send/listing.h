@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Which lamps one kind of subscription is told of, with memory: lamps of nearly equal strength do
- * not change places from packet to packet, one of which only the borders are new waits before it
- * enters, the place of one that is lost is kept for a while, and a lamp that enters or leaves the
- * list moves its light between the list and AMBIENT over LP_LISTING_FADE_S. AMBIENT + lights =
- * TOTAL holds throughout. Plain data; zeroed is a new one. One thread.
+ * Which lamps one kind of subscription is told of. The list is the one that leaves out the least
+ * light, but a change of it has a cost, so that lamps of nearly equal strength do not change places
+ * from packet to packet. A lamp that enters or leaves the list moves its light between the list and
+ * AMBIENT over LP_LISTING_FADE_S. AMBIENT + lights = TOTAL holds throughout. Plain data; zeroed is
+ * a new one. One thread.
  */
 #ifndef LP_LIGHT_SEND_LISTING_H
 #define LP_LIGHT_SEND_LISTING_H
@@ -28,24 +28,21 @@ struct lp_listed {
 	uint32_t id; /* 0: this place is free */
 	float share; /* of its irradiance that is in the list, 0..1 */
 	bool leaves;
-	bool lost;    /* the estimate holds it no more: nothing is listed, its place is kept */
-	float lost_s; /* for so long */
 };
 
-/* A lamp outside that outshines one inside, and for how long; longer for one that is stronger. */
-struct lp_challenger {
-	uint32_t id; /* 0: none */
-	float seconds;
+/* A lamp that is not in the list, and what that has cost. */
+struct lp_outside {
+	uint32_t id;  /* 0: none */
+	float rank;   /* lp_light_rank() */
+	float cost_s; /* share of all light, times seconds */
 };
 
 struct lp_listing {
 	bool started;
 	int64_t t_ns; /* of the estimate listed last */
-	float age_s;
-	float unrest;	      /* how many lamps have entered of late, without those that were lit */
 	int sh_order, lights; /* the model in force */
 	float unfit_s;	      /* how long another model would have done better */
-	struct lp_challenger challengers[LP_MAX_LIGHTS];
+	struct lp_outside outside[LP_MAX_LIGHTS];
 	struct lp_listed place[LP_MAX_LIGHTS];
 };
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "light/lamps/tracker.h"
+#include "light/send/tracker.h"
 
 #include <math.h>
 #include <string.h>
@@ -11,9 +11,7 @@
 
 /* Chosen by hand; docs/maintainers/constants.md says which tests notice other values. */
 
-/* An id is kept this long for a lamp that is not seen (flicker, someone walking past). */
-#define MEMORY_NS 2000000000LL
-/* Below this share of its full strength a fading lamp is no longer listed. */
+/* Below this share of its full strength a lamp that fades is gone. */
 #define LEAST_SHARE 0.02F
 
 static float luminance(const struct lp_light *light)
@@ -134,12 +132,12 @@ static void follow_light(struct lp_track *track, const struct lp_light *target, 
 		hypotf(target->irradiance_sigma, luminance(target) / luminance(l) - 1.0F);
 }
 
-static void fade(struct lp_track *track, float alpha, int64_t now_ns)
+static void fade(struct lp_track *track, float alpha)
 {
 	for (int c = 0; c < 3; c++)
 		track->light.irradiance[c] *= 1.0F - alpha;
 	track->light.flags |= LP_LIGHT_HELD;
-	if (now_ns - track->t_seen_ns > MEMORY_NS)
+	if (!(luminance(&track->light) > LEAST_SHARE * track->full))
 		track->light.id = 0;
 }
 
@@ -170,10 +168,9 @@ static int choose_tracks(const struct lp_tracker *tracker,
 
 	for (int t = 0; t < LP_MAX_TRACKS; t++) {
 		const struct lp_track *track = &tracker->track[t];
-		const float strength = luminance(&track->light);
 		int at;
 
-		if (!track->light.id || strength < LEAST_SHARE * track->full || strength <= 0.0F)
+		if (!track->light.id || luminance(&track->light) <= 0.0F)
 			continue;
 		for (at = count; at > 0 && stays_before(track, chosen[at - 1]); at--)
 			if (at < LP_MAX_LIGHTS)
@@ -223,13 +220,11 @@ void lp_tracker_update(struct lp_tracker *tracker, const struct lp_light_estimat
 		}
 		of_light[k]->full = luminance(&raw->lights[k]);
 	}
-	for (int k = 0; k < raw->light_count; k++) {
+	for (int k = 0; k < raw->light_count; k++)
 		follow_light(of_light[k], &raw->lights[k], alpha);
-		of_light[k]->t_seen_ns = now_ns;
-	}
 	for (int t = 0; t < LP_MAX_TRACKS; t++)
 		if (tracker->track[t].light.id && !tracker->track[t].seen)
-			fade(&tracker->track[t], alpha, now_ns);
+			fade(&tracker->track[t], alpha);
 	follow_sh(tracker->sh_total, raw->sh_total, alpha);
 	tracker->started = true;
 	tracker->t_last_ns = now_ns;
@@ -271,7 +266,6 @@ void lp_tracker_jump(struct lp_tracker *tracker, const struct lp_light_estimate 
 
 			start_track(tracker, track, &after->lights[k]);
 			track->full = luminance(&after->lights[k]);
-			track->t_seen_ns = after->t_capture_ns;
 		}
 	for (int t = 0; t < LP_MAX_TRACKS; t++) {
 		struct lp_track *const track = &tracker->track[t];

@@ -5,8 +5,8 @@
  * consistent while they settle: a lamp that appears rises from nothing, one that vanishes fades,
  * and AMBIENT + lights = TOTAL throughout.
  */
-#ifndef LP_LIGHT_LAMPS_TRACKER_H
-#define LP_LIGHT_LAMPS_TRACKER_H
+#ifndef LP_LIGHT_SEND_TRACKER_H
+#define LP_LIGHT_SEND_TRACKER_H
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -20,7 +20,6 @@ struct lp_rotation;
 struct lp_track {
 	struct lp_light light; /* smoothed; id 0: free */
 	float full;	       /* luminance of its irradiance when last seen */
-	int64_t t_seen_ns;
 	bool seen; /* in the newest estimate */
 };
 
