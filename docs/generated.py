@@ -121,6 +121,11 @@ def replace(text: str, name: str, part: str) -> str:
     return text
 
 
+def written(page: Path, name: str) -> str:
+    """Give a part as it stands in the page."""
+    return dict(_MARK.findall(page.read_text()))[name].strip()
+
+
 def put(page: Path, parts: dict[str, str], root: Path = ROOT) -> None:
     """Replace marked parts of a page, and note of which sources they are."""
     text = page.read_text()

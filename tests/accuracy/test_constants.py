@@ -23,3 +23,10 @@ def test_the_page_says_what_each_does():
     page = constants.PAGE.read_text()
     for constant in ALL:
         assert page.count(f"| {constant.title} |") == 2, constant
+
+
+def test_rows_of_other_constants_stay_as_they_are():
+    rows = constants.written_rows("tests")
+    for constant in (one for group in constants.SEQUENCES.values() for one in group):
+        assert [row[0] for row in rows[constant.title]] == 2 * [constant.title]
+        assert all(len(row) == 4 for row in rows[constant.title])
