@@ -22,6 +22,7 @@ struct fixture {
 	struct lp_detection *detection;
 	struct lp_lamp_memory memory;
 	float noise; /* around the discs: uniform, up to so much more or less */
+	float clips; /* cells above it clip; 0: none */
 };
 
 static int set_up(void **state)
@@ -60,6 +61,9 @@ static void look(struct fixture *f, const struct disc *discs, int count, double 
 		for (int c = 0; c < 4 && f->panorama.cells[i][3] <= (float)background; c++)
 			f->panorama.cells[i][c] += f->noise * uniform;
 	}
+	for (int i = 0; i < WIDTH * WIDTH / 2; i++)
+		f->panorama.flags[i] =
+			f->clips > 0.0F && f->panorama.cells[i][3] > f->clips ? LP_CELL_CLIPPED : 0;
 	const float mean = lp_grid_mean_luminance(f->grid, &f->panorama);
 
 	lp_detect(f->detection, &f->panorama, mean);
@@ -148,6 +152,26 @@ static void test_other_borders_that_last_are_taken(void **state)
 	assert_in_range(n, 1.0F / FRAME_S, 4.0F / FRAME_S);
 }
 
+/* The cells at the rim of a lamp that clips are left out, as they may be a sun's glow. As soon as
+ * it does not clip any more all of it counts, however long it has been known. */
+static void test_a_lamp_that_clips_no_more_has_its_own_borders(void **state)
+{
+	const struct disc lamp[] = {{30, 20, 2, 30}, {30, 20, 5, 12}};
+	const double strength = disc_irradiance(&lamp[0]) + disc_irradiance(&lamp[1]);
+	struct fixture *f = *state;
+
+	f->clips = 20.0F;
+	for (int n = 0; n < 90; n++)
+		look(f, lamp, 2, 0.1);
+	assert_true(f->memory.list[0].on_grid.irradiance[LP_LUMINANCE] < 0.8 * strength);
+	f->clips = 0.0F;
+	look(f, lamp, 2, 0.1);
+	assert_int_equal(f->memory.last_id, 1);
+	assert_true(f->memory.list[0].seen);
+	assert_float_equal(f->memory.list[0].on_grid.irradiance[LP_LUMINANCE] / strength, 1.0,
+			   0.02);
+}
+
 /* Noise that would not let a lamp enter does not send off one that is known; more of it does. */
 static void test_noise_around_a_known_lamp(void **state)
 {
@@ -188,6 +212,7 @@ int main(void)
 		TEST(test_a_lamp_that_detection_misses_keeps_its_strength),
 		TEST(test_a_lamp_that_is_off_is_gone),
 		TEST(test_other_borders_that_last_are_taken),
+		TEST(test_a_lamp_that_clips_no_more_has_its_own_borders),
 		TEST(test_noise_around_a_known_lamp),
 		TEST(test_a_lamp_does_not_become_an_area_light_by_noise),
 	};

@@ -5,6 +5,7 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "include/light_estimate.h"
 #include "include/panorama.h"
 #include "light/find/detection.h"
 #include "light/lamps/lamp_memory.h"
@@ -50,6 +51,17 @@ static bool touches(const struct claim *claim, const struct lp_lamp_finder *find
 	       (float)claim->shared[k] > FEW_CELLS * (float)finder->lamps[k].count;
 }
 
+/* Whether a found lamp has the borders of a remembered one, or those of what was clipped of it:
+ * they leave out its rim, and were never those of the lamp. */
+static bool has_borders(const struct claim *claim, const struct lp_lamp *found, int shared)
+{
+	const struct lp_lamp *known = &claim->lamp->on_grid;
+	const bool showed = (known->flags & ~found->flags) & LP_LIGHT_CLIPPED;
+
+	return (float)shared > SAME_CELLS * (float)known->count &&
+	       (showed || (float)shared > SAME_CELLS * (float)found->count);
+}
+
 /* The found lamp with the same borders as a remembered one; -1: none. */
 static int same_borders(const struct claim *claim, const struct lp_detection *detection)
 {
@@ -57,10 +69,8 @@ static int same_borders(const struct claim *claim, const struct lp_detection *de
 
 	for (int k = 0; k < finder->count; k++) {
 		const struct lp_lamp *found = &finder->lamps[k];
-		const float shared = (float)claim->shared[k];
 
-		if (shared > SAME_CELLS * (float)found->count &&
-		    shared > SAME_CELLS * (float)claim->lamp->on_grid.count &&
+		if (has_borders(claim, found, claim->shared[k]) &&
 		    lp_lamp_stays_wide(claim->lamp, lp_detection_width_deg(detection, found)) ==
 			    claim->lamp->wide)
 			return k;
