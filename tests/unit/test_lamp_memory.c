@@ -381,6 +381,27 @@ static void test_old_measurements_fade(void **state)
 	assert_float_equal(only(&memory)->lamp.irradiance[LP_LUMINANCE], 45.0F, 0.0F);
 }
 
+/* Nobody knows how a film stands: what it takes off the axis is the same in every frame. The mean
+ * of many is as uncertain as each, and one at a known angle says more. */
+static void test_a_film_at_an_unknown_angle_errs_alike_in_all_frames(void **state)
+{
+	const struct lp_film film = lp_film_of_one_sheet(0.84F, 500.0F, 1.5F);
+	const struct lp_rotation none = lp_rotation_identity();
+	const struct lp_film_view unknown = lp_film_seen(&film, NAN, &none);
+	struct lp_lamp_sighting s = sighting(70.0F, 50.0F);
+	struct lp_lamp_memory memory = {0};
+
+	(void)state;
+	s.film = lp_film_pass(&unknown, s.pixels.direction);
+	assert_true(s.film.gain_sigma > 0.15F);
+	for (int n = 0; n < 100; n++)
+		lp_lamp_memory_update(&memory, &s, 1, &frame);
+	assert_true(sqrtf(only(&memory)->strength_variance) >= s.film.gain_sigma);
+	s.film = (struct lp_film_pass){.gain = 1.0F};
+	lp_lamp_memory_update(&memory, &s, 1, &frame);
+	assert_true(sqrtf(only(&memory)->strength_variance) < 0.03F);
+}
+
 /* A lamp that is dimmed is followed in the frame that shows it, and noise is averaged. */
 static void test_changes_and_noise(void **state)
 {
@@ -626,6 +647,7 @@ int main(void)
 		cmocka_unit_test(test_a_wide_plateau_is_no_place),
 		cmocka_unit_test(test_turning_is_no_flicker),
 		cmocka_unit_test(test_old_measurements_fade),
+		cmocka_unit_test(test_a_film_at_an_unknown_angle_errs_alike_in_all_frames),
 		cmocka_unit_test(test_changes_and_noise),
 		cmocka_unit_test(test_entering_is_harder_than_staying),
 		cmocka_unit_test(test_absence),

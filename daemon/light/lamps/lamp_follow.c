@@ -124,10 +124,18 @@ static float known_dolp(const struct lp_remembered_lamp *m)
 	return p.known ? p.dolp : 0.0F;
 }
 
+/* 1 sigma, relative, of what a film at an unknown angle, or none, passes of the lamp. */
+static float unknown_angle_sigma(const struct lp_remembered_lamp *m,
+				 const struct lp_film_pass *film)
+{
+	return hypotf(known_dolp(m), film->gain_sigma);
+}
+
 /* The sighting as it would be without a film: what the film's angle tells of the lamp's
- * polarization is learned first. */
+ * polarization is learned first. *film_sigma: the part of its sigma that is the film's. */
 static struct lp_lamp_sighting without_film(struct lp_remembered_lamp *m,
-					    const struct lp_lamp_sighting *s, float elapsed_s)
+					    const struct lp_lamp_sighting *s, float elapsed_s,
+					    float *film_sigma)
 {
 	struct lp_lamp_sighting result = *s;
 	const float light = s->pixels.irradiance[LP_LUMINANCE];
@@ -139,8 +147,8 @@ static struct lp_lamp_sighting without_film(struct lp_remembered_lamp *m,
 	float factor = 1.0F, sigma = FILM_STRENGTH_SIGMA;
 
 	if (!s->film.polarizes) { /* or there is none */
-		result.strength_sigma =
-			hypotf(hypotf(s->strength_sigma, known_dolp(m)), s->film.gain_sigma);
+		*film_sigma = unknown_angle_sigma(m, &s->film);
+		result.strength_sigma = hypotf(s->strength_sigma, *film_sigma);
 		return result;
 	}
 	(void)lp_stokes_correct(&m->stokes, &reading, elapsed_s);
@@ -151,7 +159,8 @@ static struct lp_lamp_sighting without_film(struct lp_remembered_lamp *m,
 	factor = fmaxf(factor, LEAST_FILM_FACTOR);
 	for (int c = 0; c < 4; c++)
 		result.pixels.irradiance[c] /= factor;
-	result.strength_sigma = hypotf(s->strength_sigma, sigma / factor);
+	*film_sigma = sigma / factor;
+	result.strength_sigma = hypotf(s->strength_sigma, *film_sigma);
 	return result;
 }
 
@@ -197,8 +206,16 @@ static void measure_direction(struct lp_remembered_lamp *m, const struct lp_lamp
 	m->direction_variance = gain * variance;
 }
 
+/* The film errs alike in all readings at one angle of it: their mean errs as much. */
+static void follow_strength_sigma(struct lp_remembered_lamp *m, float gain, float variance,
+				  float film_sigma)
+{
+	m->film_sigma += gain * (film_sigma - m->film_sigma);
+	m->strength_variance = fmaxf(gain * variance, square(m->film_sigma));
+}
+
 static void measure(struct lp_remembered_lamp *m, const struct lp_lamp_sighting *s,
-		    const struct lp_memory_times *times)
+		    const struct lp_memory_times *times, float film_sigma)
 {
 	const struct lp_lamp *seen = &s->pixels;
 	struct lp_lamp *lamp = &m->lamp;
@@ -219,7 +236,7 @@ static void measure(struct lp_remembered_lamp *m, const struct lp_lamp_sighting 
 	measure_direction(m, seen, times, m->measured);
 	blend(lamp->irradiance, seen->irradiance, 4, strength_gain);
 	blend(&lamp->solid_angle_sr, &seen->solid_angle_sr, 1, strength_gain);
-	m->strength_variance = strength_gain * strength_variance;
+	follow_strength_sigma(m, strength_gain, strength_variance, film_sigma);
 	m->measured = m->by_pixels = true;
 	m->then_on_grid = s->on_grid.irradiance[LP_LUMINANCE];
 }
@@ -347,8 +364,9 @@ void lp_lamp_follow(struct lp_remembered_lamp *m, const struct lp_lamp_sighting 
 
 	m->on_grid = s->on_grid;
 	m->clipped_scale = clipped_scale(m, s);
+	float film_sigma = 0.0F;
 	const struct lp_lamp_sighting bare =
-		is_bound || !s->refined ? *s : without_film(m, s, times->elapsed_s);
+		is_bound || !s->refined ? *s : without_film(m, s, times->elapsed_s, &film_sigma);
 
 	if (s->refined && s->pixels.irradiance[LP_LUMINANCE] > 0.0F)
 		lp_flicker_add(&m->flicker,
@@ -356,7 +374,7 @@ void lp_lamp_follow(struct lp_remembered_lamp *m, const struct lp_lamp_sighting 
 							  flicker_noise(&bare, times), s->scale,
 							  is_bound});
 	if (s->refined && !is_bound)
-		measure(m, &bare, times);
+		measure(m, &bare, times, film_sigma);
 	else
 		keep_or_take(m, s, times);
 	if (s->refined && m->flicker.flickers)

@@ -35,6 +35,7 @@ struct lp_remembered_lamp {
 	float walk2;	/* rad^2 per second that it has been seen to move */
 	float unplaced_s;	 /* since its direction was last measured */
 	float strength_variance; /* relative; of the irradiance */
+	float film_sigma;	 /* of its root, what is the film's in all readings alike */
 	float then_on_grid; /* luminance of on_grid.irradiance when `lamp` was last taken anew */
 	float hidden; /* of its irradiance, by clipping (light_estimate.h); not what the ring tells
 		       */
