@@ -188,11 +188,6 @@ int lp_daemon_create_parts(struct lp_daemon *daemon)
 {
 	int ret;
 
-	if (daemon->options->ring_lux.count && !daemon->options->once) {
-		lp_error("lightprobed", "--ring-lux",
-			 "belongs to pictures read with --once — a ring that is there is --ring");
-		return -EINVAL;
-	}
 	lp_health_init(&daemon->health, lp_clock_ns());
 	lp_governor_init(&daemon->governor, &daemon->options->goals, daemon->options->preset,
 			 lp_clock_ns(), lp_clock_cpu_ns());

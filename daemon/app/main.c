@@ -82,6 +82,10 @@ static int run(const struct lp_options *options)
 		print_help();
 		return LP_EXIT_OK;
 	}
+	if (options->help_once) {
+		lp_options_help_once(stdout);
+		return LP_EXIT_OK;
+	}
 	if (options->help_backends) {
 		lp_backends_help(stdout);
 		return LP_EXIT_OK;

@@ -256,6 +256,10 @@ static void test_command_line_wins_over_file(void **state)
 	unlink(path);
 }
 
+/* Those that a running daemon does not use. */
+static const char *const once_names[] = {"--area-lights", "--key-light",	 "--ring-lux",
+					 "--ring-rgb",	  "--ring-colour-sigma", "--ring-sigma"};
+
 static void test_help_names_every_option(void **state)
 {
 	static const char *const names[] = {
@@ -272,7 +276,40 @@ static void test_help_names_every_option(void **state)
 	fclose(out);
 	for (size_t i = 0; i < LP_COUNT(names); i++)
 		assert_contains(text, names[i]);
+	for (size_t i = 0; i < LP_COUNT(once_names); i++)
+		assert_null(strstr(text, once_names[i]));
 	free(text);
+}
+
+static void test_options_of_pictures_have_a_help_of_their_own(void **state)
+{
+	char *text = NULL;
+	size_t size;
+	FILE *out = open_memstream(&text, &size);
+
+	(void)state;
+	lp_options_help_once(out);
+	fclose(out);
+	for (size_t i = 0; i < LP_COUNT(once_names); i++)
+		assert_contains(text, once_names[i]);
+	free(text);
+}
+
+static void test_options_of_pictures_need_once(void **state)
+{
+	static const char lux[] = "--ring-lux=1,2,3,4,nan,6,7,8,9";
+	struct capture capture;
+
+	(void)state;
+	assert_int_equal(read_line("--once", "--area-lights", lux), 0);
+	assert_true(options.area_lights);
+	assert_int_equal(options.ring_lux.count, 9);
+	assert_int_equal(read_line("--key-light", "--once", NULL), 0);
+	assert_true(options.key_light);
+	capture_begin(&capture);
+	assert_int_equal(read_line("--source=file:a.jpg", lux, NULL), -EINVAL);
+	capture_end(&capture);
+	assert_contains(capture.text, "--ring-lux: belongs to pictures");
 }
 
 int main(void)
@@ -289,6 +326,8 @@ int main(void)
 		cmocka_unit_test(test_config_errors_name_file_and_line),
 		cmocka_unit_test(test_command_line_wins_over_file),
 		cmocka_unit_test(test_help_names_every_option),
+		cmocka_unit_test(test_options_of_pictures_have_a_help_of_their_own),
+		cmocka_unit_test(test_options_of_pictures_need_once),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

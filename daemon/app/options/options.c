@@ -6,14 +6,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "app/options/once_options.h"
 #include "base/ini.h"
 #include "base/param.h"
 #include "base/text.h"
-#include "include/ring_sample.h"
-
-#define MOST_LUX 1e6F
-#define LEAST_RING_SIGMA 0.001F
-#define MOST_RING_SIGMA 10.0F
 
 /* As enum lp_orientation_kind. */
 static const char *const orientations[] = {"none", "visual", "sim", "client", "sensor"};
@@ -178,60 +174,6 @@ static int parse_detector(const char *text, void *field)
 											 : 0;
 	}
 	return -EINVAL;
-}
-
-/* Numbers separated by commas, at most nine: how many there are, or -EINVAL. */
-static int parse_nine(const char *text, float least, float most, struct lp_floats *list)
-{
-	*list = (struct lp_floats){0};
-	for (; list->count < LP_RING_SENSORS; text++) {
-		char *end;
-		const float value = strtof(text, &end);
-
-		if (end == text || value < least || value > most)
-			return -EINVAL;
-		list->values[list->count++] = value;
-		text = end;
-		if (*text != ',')
-			break;
-	}
-	return *text ? -EINVAL : list->count;
-}
-
-static int parse_ring_lux(const char *text, void *field)
-{
-	return parse_nine(text, 0.0F, MOST_LUX, field) == LP_RING_SENSORS ? 0 : -EINVAL;
-}
-
-static int parse_ring_rgb(const char *text, void *field)
-{
-	struct lp_options *options =
-		LP_CONTAINER_OF((float(*)[9][3])field, struct lp_options, ring_rgb);
-	const char *next = text;
-
-	for (int i = 0; i < 3 * LP_RING_SENSORS; i++) {
-		char *end;
-		const float value = strtof(next, &end);
-		const bool last = i == 3 * LP_RING_SENSORS - 1;
-
-		if (end == next || value < 0.0F || value > MOST_LUX || *end != (last ? '\0' : ','))
-			return -EINVAL;
-		options->ring_rgb[i / 3][i % 3] = value;
-		next = end + 1;
-	}
-	options->has_ring_rgb = true;
-	return 0;
-}
-
-static int parse_ring_sigma(const char *text, void *field)
-{
-	struct lp_floats *sigma = field;
-	const int count = parse_nine(text, LEAST_RING_SIGMA, MOST_RING_SIGMA, sigma);
-
-	for (int k = 0; k < sigma->count; k++)
-		if (isnan(sigma->values[k]))
-			return -EINVAL;
-	return count == 1 || count == LP_RING_SENSORS ? 0 : -EINVAL;
 }
 
 /* 0, or 1..2 */
@@ -416,24 +358,8 @@ static const struct lp_param command_list[] = {
 	 .help = "read options from this file: NAME = VALUE lines, # comments"},
 	{"once", LP_PARAM_BOOL, offsetof(struct lp_options, once), .initial = "0",
 	 .help = "process the frames of a finite source as one bracket, publish one estimate, "
-		 "exit"},
-	{"area-lights", LP_PARAM_BOOL, offsetof(struct lp_options, area_lights), .initial = "0",
-	 .help = "with --once: windows, soft boxes and the like are lights, too, one ellipse each"},
-	{"key-light", LP_PARAM_BOOL, offsetof(struct lp_options, key_light), .initial = "0",
-	 .help = "with --once: one more directional light, KEY, for what the listed ones leave"},
-	{"ring-lux", LP_PARAM_OWN, offsetof(struct lp_options, ring_lux), .parse = parse_ring_lux,
-	 .expects = "nine numbers 0..1e6, or nan, separated by commas",
-	 .help = "with --once: what the nine light sensors read while the pictures were taken;\n"
-		 "nan: this one cannot be used"},
-	{"ring-rgb", LP_PARAM_OWN, offsetof(struct lp_options, ring_rgb), .parse = parse_ring_rgb,
-	 .expects = "27 numbers 0..1e6, or nan, separated by commas",
-	 .help = "with --ring-lux: red, green and blue of the first sensor, of the second, ...;\n"
-		 "each colour in a unit of its own"},
-	{"ring-colour-sigma", LP_PARAM_FLOAT, offsetof(struct lp_options, ring_colour_sigma),
-	 .initial = "0.03", .min = 0.001, .max = 10, .help = "relative 1 sigma of these"},
-	{"ring-sigma", LP_PARAM_OWN, offsetof(struct lp_options, ring_sigma), .initial = "0.03",
-	 .parse = parse_ring_sigma, .expects = "one number 0.001..10 for all, or nine",
-	 .help = "relative 1 sigma of these readings: one number for all, or nine"},
+		 "exit:\n"
+		 "lightprobe estimate does so. Its options: --help-once"},
 	{"simulated-time", LP_PARAM_TEXT, offsetof(struct lp_options, simulated_time),
 	 .initial = "", .max = 108,
 	 .help = "for tests: take the time from this Unix socket instead of the clock"},
@@ -451,11 +377,15 @@ static const struct lp_param command_list[] = {
 	 .help = "print version and build options, and exit"},
 	{"help", LP_PARAM_BOOL, offsetof(struct lp_options, help), .initial = "0",
 	 .help = "print this help, and exit"},
+	{"help-once", LP_PARAM_BOOL, offsetof(struct lp_options, help_once), .initial = "0",
+	 .help = "print the options that serve --once only, and exit"},
 	{"help-backends", LP_PARAM_BOOL, offsetof(struct lp_options, help_backends), .initial = "0",
 	 .help = "print the keys of the URIs of cameras, wheels, rings and publishers, and exit"},
 };
 static const struct lp_params command_params = LP_PARAMS(command_list);
-static const struct lp_params params = {config_list, LP_COUNT(config_list), &command_params};
+static const struct lp_params command_and_once = {command_list, LP_COUNT(command_list),
+						  &lp_once_params};
+static const struct lp_params params = {config_list, LP_COUNT(config_list), &command_and_once};
 
 void lp_options_defaults(struct lp_options *options)
 {
@@ -532,6 +462,26 @@ static int next_argument(int argc, char **argv, int *at, struct argument *argume
 	return 0;
 }
 
+/* What serves pictures only would be without effect. */
+static int check_once(const struct lp_options *options, int argc, char **argv)
+{
+	struct argument argument;
+
+	for (int at = 1; at < argc && !options->once;) {
+		char option[LP_COUNT(argument.name) + 2];
+
+		(void)next_argument(argc, argv, &at, &argument);
+		if (!lp_param_find(&lp_once_params, argument.name))
+			continue;
+		(void)snprintf(option, sizeof(option), "--%s", argument.name);
+		lp_error("lightprobed", option,
+			 "belongs to pictures that are read with --once, as lightprobe estimate "
+			 "does — see --help-once");
+		return -EINVAL;
+	}
+	return 0;
+}
+
 /* Apply the arguments named `only`, or all of them (NULL). */
 static int read_arguments(struct lp_options *options, int argc, char **argv, const char *only)
 {
@@ -585,6 +535,8 @@ int lp_options_read(struct lp_options *options, int argc, char **argv)
 			if (*counts[k] == 0)
 				*counts[k] = from_file[k];
 	}
+	if (ret == 0)
+		ret = check_once(options, argc, argv);
 	if (ret == 0 && options->publish.count == 0)
 		add_default_publishers(options);
 	return ret;
@@ -600,6 +552,12 @@ void lp_options_help(FILE *out)
 	lp_param_print(out, "  --", &config_params);
 	(void)fputs("\nOnly on the command line (a name alone means 1):\n", out);
 	lp_param_print(out, "  --", &command_params);
+}
+
+void lp_options_help_once(FILE *out)
+{
+	(void)fputs("Options of --once, on the command line (a name alone means 1):\n", out);
+	lp_param_print(out, "  --", &lp_once_params);
 }
 
 const char *lp_options_camera(const struct lp_options *options, int source)

@@ -80,7 +80,7 @@ struct lp_options {
 	struct lp_floats series_us;
 	int series_frames;
 	char simulated_time[108]; /* socket of a test; empty: the system's time */
-	bool once, version, help, help_backends, check_config;
+	bool once, version, help, help_once, help_backends, check_config;
 };
 
 /*
@@ -97,6 +97,9 @@ void lp_options_defaults(struct lp_options *options);
 
 /* The options' part of --help. */
 void lp_options_help(FILE *out);
+
+/* --help-once */
+void lp_options_help_once(FILE *out);
 
 /* The camera file of a source; "equirect" where none is named. */
 const char *lp_options_camera(const struct lp_options *options, int source);

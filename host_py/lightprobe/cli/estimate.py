@@ -6,7 +6,7 @@ import dataclasses
 import io
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -78,8 +78,22 @@ def command(
         ),
     ] = None,
     ring_sigma: Annotated[
-        float,
-        typer.Option(min=0.001, max=10, help="Relative 1 sigma of each of these readings."),
+        str,
+        typer.Option(
+            metavar="S|S0,…,S8",
+            help="Relative 1 sigma of these readings, 0.001…10: one for all, or nine.",
+        ),
+    ] = "0.03",
+    ring_rgb: Annotated[
+        str | None,
+        typer.Option(
+            metavar="R0,G0,B0,…,B8",
+            help="With --ring-lux: red, green and blue of each sensor, each colour in a unit of "
+            "its own.",
+        ),
+    ] = None,
+    ring_colour_sigma: Annotated[
+        float, typer.Option(min=0.001, max=10, help="Relative 1 sigma of these.")
     ] = 0.03,
     cd_m2_per_unit: Annotated[
         float | None,
@@ -125,8 +139,8 @@ def command(
     settings = offline.Settings(
         camera=camera, preset=preset, panorama_width=panorama_width, detector=detector,
         sh_order=order, lights=lights, area_lights=area_lights, key_light=key_light,
-        ring_lux=parse_ring(ring_lux),
-        ring_sigma=ring_sigma if ring_lux else None, cd_m2_per_unit=cd_m2_per_unit,
+        **ring_settings(ring_lux, ring_sigma, ring_rgb, ring_colour_sigma),
+        cd_m2_per_unit=cd_m2_per_unit,
         wheel_deg=parse_angles(wheel_deg), film=parse_film(film),
         reflection_map=reflection_size if reflection_map else None,
     )  # fmt: skip
@@ -166,20 +180,34 @@ def parse_exposures(text: str | None) -> list[float]:
         ) from None
 
 
-def parse_ring(text: str | None) -> str | None:
-    """Check `V0,…,V8`; raises UsageError."""
-    if text is None:
-        return None
+def ring_settings(
+    lux: str | None, sigma: str, rgb: str | None, colour_sigma: float
+) -> dict[str, Any]:
+    """Give the readings of the ring for :class:`offline.Settings`; raises UsageError."""
+    if lux is None and rgb is not None:
+        raise UsageError("estimate: --ring-rgb: needs --ring-lux, what the same sensors read")
+    if lux is None:
+        return {}
+    missing = "separated by commas; nan for a sensor that cannot be used"
+    check_numbers("ring-lux", lux, (ring.SENSORS,), 0, f"nine numbers in lux, {missing}")
+    check_numbers("ring-sigma", sigma, (1, ring.SENSORS), 0.001, "one number 0.001…10, or nine")
+    found: dict[str, Any] = {"ring_lux": lux, "ring_sigma": sigma}
+    if rgb is not None:
+        check_numbers("ring-rgb", rgb, (3 * ring.SENSORS,), 0, f"27 numbers, {missing}")
+        found |= {"ring_rgb": rgb, "ring_colour_sigma": colour_sigma}
+    return found
+
+
+def check_numbers(
+    option: str, text: str, counts: tuple[int, ...], least: float, expected: str
+) -> None:
+    """Check that `text` is so many numbers; raises UsageError."""
     try:
         values = [float(word) for word in text.split(",")]
     except ValueError:
         values = []
-    if len(values) != ring.SENSORS or any(value < 0 for value in values):
-        raise UsageError(
-            f"estimate: --ring-lux {text}: expected nine numbers in lux, separated by commas; "
-            "nan for a sensor that cannot be used"
-        )
-    return text
+    if len(values) not in counts or any(value < least for value in values):
+        raise UsageError(f"estimate: --{option} {text}: expected {expected}")
 
 
 def parse_angles(text: str | None) -> tuple[float, ...]:
