@@ -101,7 +101,7 @@ def test_documented_keys_of_cameras_are_those_of_the_help(scheme, heading):
         (["--lights=9"], "lightprobed: lights: '9' is not a whole number 0..8"),
         (
             ["--detector=other"],
-            "detector: 'other' is not adaptive|research[:RADIANCE]|mediancut:1..8",
+            "detector: 'other' is not adaptive|research[:RADIANCE]",
         ),
         (["--source=file:a", "--publish=http:x"], "known are tcp:, unix:, ws:, wss:, stdout:"),
         (

@@ -5,7 +5,6 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "light/find/mediancut.h"
 #include "light/math/grid.h"
 #include "lp_test.h"
 #include "scene.h"
@@ -271,21 +270,6 @@ static void test_results_scale_with_the_light(void **state)
 	}
 }
 
-static void test_mediancut_keeps_all_light(void **state)
-{
-	const struct disc discs[] = {{30, 20, 10, 50}, {-100, -30, 20, 5}};
-	struct fixture *f = *state;
-	double sum = 0.0;
-
-	fill_panorama(&f->panorama, discs, 2, 0.5);
-	lp_mediancut(f->detection->finder, &f->panorama, 8);
-	assert_int_equal(f->detection->finder->count, 8);
-	for (int k = 0; k < 8; k++)
-		sum += f->detection->finder->lamps[k].irradiance[3];
-	assert_float_equal(sum / (4.0 * M_PI * mean_of(f)), 1.0, 1e-4);
-}
-
-/* So does the published recipe. */
 static void test_the_published_recipe_finds_a_lamp(void **state)
 {
 	const struct disc disc = {30, 20, 4, 500};
@@ -347,7 +331,6 @@ int main(void)
 		TEST(test_a_window_is_one_ellipse),
 		TEST(test_irradiance_is_above_the_surround),
 		TEST(test_results_scale_with_the_light),
-		TEST(test_mediancut_keeps_all_light),
 		TEST(test_the_published_recipe_finds_a_lamp),
 		TEST(test_the_published_recipe_has_a_static_threshold),
 	};

@@ -555,28 +555,6 @@ static void test_whether_light_came(void **state)
 		assert_int_equal(second_lamp_is_listed(&stories[i]), stories[i].listed);
 }
 
-/* Lamps of a constellation have no cells, and do not wait. */
-static void test_a_constellation_is_beyond_doubt(void **state)
-{
-	const struct disc discs[] = {{30, 20, 2, 400}, {-60, -30, 6, 40}, {150, 50, 6, 400}};
-	const struct lp_pipeline_options options = {.max_lights = 4,
-						    .sh_order = 2,
-						    .ttl_ms = 1000.0F,
-						    .detector = {.detector = LP_DETECTOR_MEDIANCUT,
-								 .lights = 4}};
-	struct lp_pipeline *pipeline;
-
-	(void)state;
-	assert_int_equal(lp_pipeline_create(&options, &pipeline), 0);
-	for (int n = 0; n < 3; n++) { /* the lamps move, a thousand seconds later */
-		struct lp_frame *frame = scene_frame(240, 120, discs + (n > 0), 2, 1.0);
-
-		frame->t_read_ns = (n ? 1000 + n : 1) * 1000000000LL;
-		assert_int_equal(estimate(pipeline, frame).light_count, 4);
-	}
-	lp_pipeline_destroy(pipeline);
-}
-
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -592,7 +570,6 @@ int main(void)
 		cmocka_unit_test(test_a_lamp_goes_off_between_frames),
 		cmocka_unit_test(test_what_is_not_seen_does_not_grow),
 		cmocka_unit_test(test_whether_light_came),
-		cmocka_unit_test(test_a_constellation_is_beyond_doubt),
 		cmocka_unit_test(test_options_are_checked),
 	};
 

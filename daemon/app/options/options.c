@@ -108,7 +108,6 @@ static int parse_refine_cells(const char *text, void *field)
 	return parse_count(text, LP_MOST_REFINE_CELLS, field);
 }
 
-/* NAME, or NAME:NUMBER where the detector has one. */
 static int parse_reflection_size(const char *text, void *field)
 {
 	int *const size = field;
@@ -140,40 +139,22 @@ static int parse_orientation(const char *text, void *field)
 	return -EINVAL;
 }
 
+/* adaptive, research, or research:RADIANCE. */
 static int parse_detector(const char *text, void *field)
 {
-	static const struct {
-		const char *name;
-		enum lp_detector detector;
-	} plain[] = {
-		{"adaptive", LP_DETECTOR_ADAPTIVE},
-		{"research", LP_DETECTOR_RESEARCH},
-	};
 	struct lp_detector_options *choice = field;
-	const char *number = strchr(text, ':');
 	char *end;
 
-	for (size_t i = 0; i < LP_COUNT(plain); i++) {
-		if (strcmp(text, plain[i].name) == 0) {
-			*choice = (struct lp_detector_options){.detector = plain[i].detector};
-			return 0;
-		}
-	}
-	if (!number || !number[1])
+	*choice = (struct lp_detector_options){.detector = LP_DETECTOR_ADAPTIVE};
+	if (strcmp(text, "adaptive") == 0)
+		return 0;
+	choice->detector = LP_DETECTOR_RESEARCH;
+	if (strcmp(text, "research") == 0)
+		return 0;
+	if (strncmp(text, "research:", 9) != 0 || !text[9])
 		return -EINVAL;
-	*choice = (struct lp_detector_options){0};
-	if (strncmp(text, "research:", 9) == 0) {
-		choice->detector = LP_DETECTOR_RESEARCH;
-		choice->threshold = strtof(number + 1, &end);
-		return *end || !isfinite(choice->threshold) || choice->threshold <= 0 ? -EINVAL : 0;
-	}
-	if (strncmp(text, "mediancut:", 10) == 0) {
-		choice->detector = LP_DETECTOR_MEDIANCUT;
-		choice->lights = number[1] - '0';
-		return number[2] || choice->lights < 1 || choice->lights > LP_MAX_LIGHTS ? -EINVAL
-											 : 0;
-	}
-	return -EINVAL;
+	choice->threshold = strtof(text + 9, &end);
+	return *end || !isfinite(choice->threshold) || choice->threshold <= 0 ? -EINVAL : 0;
 }
 
 /* 0, or 1..2 */
@@ -253,8 +234,9 @@ static const struct lp_param config_list[] = {
 	 .initial = "0", .max = 6400,
 	 .help = "lower the preset while more of a core is used; 0: never"},
 	{"detector", LP_PARAM_OWN, offsetof(struct lp_options, detector), .initial = "adaptive",
-	 .parse = parse_detector, .expects = "adaptive|research[:RADIANCE]|mediancut:1..8",
-	 .help = "how lamps are found"},
+	 .parse = parse_detector, .expects = "adaptive|research[:RADIANCE]",
+	 .help = "how lamps are found; research: as published, to compare, at this radiance or\n"
+		 "at the median"},
 	{"sh-order", LP_PARAM_INT, offsetof(struct lp_options, sh_order), .initial = "4",
 	 .max = LP_MAX_SH_ORDER, .help = "highest order of spherical harmonics offered"},
 	{"lights", LP_PARAM_INT, offsetof(struct lp_options, lights), .initial = "8",

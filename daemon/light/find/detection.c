@@ -5,7 +5,6 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "light/find/mediancut.h"
 #include "light/find/research.h"
 #include "light/math/grid.h"
 
@@ -120,9 +119,6 @@ void lp_detect(struct lp_detection *detection, const struct lp_panorama *panoram
 	case LP_DETECTOR_RESEARCH:
 		lp_research_detect(detection->finder, panorama, detection->options.threshold,
 				   detection->scratch);
-		return;
-	case LP_DETECTOR_MEDIANCUT:
-		lp_mediancut(detection->finder, panorama, detection->options.lights);
 		return;
 	}
 }

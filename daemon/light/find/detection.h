@@ -14,15 +14,13 @@
 #define LP_PEAK_STANDS_OUT 1.6F
 
 enum lp_detector {
-	LP_DETECTOR_ADAPTIVE,  /* default: peaks with persistence, excess over the surround */
-	LP_DETECTOR_RESEARCH,  /* the published recipe, step by step */
-	LP_DETECTOR_MEDIANCUT, /* a constellation of N lights */
+	LP_DETECTOR_ADAPTIVE, /* default: peaks with persistence, excess over the surround */
+	LP_DETECTOR_RESEARCH, /* the published recipe, step by step */
 };
 
 struct lp_detector_options {
 	enum lp_detector detector;
 	float threshold; /* radiance, of RESEARCH; 0: the median */
-	int lights;	 /* MEDIANCUT: how many */
 };
 
 struct lp_detection {

@@ -68,7 +68,7 @@ def command(
     ] = None,
     detector: Annotated[
         str | None,
-        typer.Option(help="adaptive, research[:T], mediancut:N."),
+        typer.Option(help="adaptive, or research[:T]: the published recipe, to compare."),
     ] = None,
     ring_lux: Annotated[
         str | None,
