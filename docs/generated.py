@@ -18,6 +18,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -133,6 +134,13 @@ def put(page: Path, parts: dict[str, str], root: Path = ROOT) -> None:
         text = replace(text, name, part)
     page.write_text(text)
     Parts(root).write_notes(str(page.relative_to(root)), list(parts))
+
+
+def keep(page: str, name: str, change: Callable[[str], str], root: Path = ROOT) -> None:
+    """Change a part that is not measured again, and note that its scripts have changed."""
+    parts, file = Parts(root), root / page
+    file.write_text(replace(file.read_text(), name, change(parts.marked(page)[name])))
+    parts.write_notes(page, [name], (BY,))
 
 
 def old(parts: Parts) -> list[str]:

@@ -21,6 +21,9 @@ struct lp_loop;
 struct lp_orientation;
 struct lp_uri;
 
+/* By so much the square of a quaternion may differ from 1: it is scaled. */
+#define LP_MOST_NOT_UNIT 0.02
+
 enum lp_orientation_sample_kind {
 	LP_ATTITUDE, /* how the body is turned against a frame that does not move */
 	LP_TURN_RATE /* how fast it turns, about its own axes */

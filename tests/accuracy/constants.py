@@ -14,7 +14,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -140,9 +140,7 @@ SEQUENCES = {
         Constant("app/run/governor.c", "SPARE"),
         Constant("app/run/governor.c", "FIRST_PATIENCE"),
         Constant("app/run/governor.c", "MOST_PATIENCE"),
-        Constant("app/run/governor.c", "SOON"),
     ],
-    "camera": [Constant("vision/camera/camera.c", "SEAM_RAD")],
 }  # fmt: skip
 
 
@@ -301,6 +299,24 @@ def table(head: list[str], rows: Iterator[list[str]], total: int) -> str:
     return report.table(head, lines)
 
 
+def without_gone(text: str, constants: Iterable[Constant]) -> str:
+    """Rows of a table without those of constants that are not there any more."""
+    titles = {constant.title for constant in constants}
+    return "\n".join(
+        line
+        for line in text.splitlines()
+        if not line.startswith("| `") or line[2:].partition(" |")[0] in titles
+    )
+
+
+def drop_gone() -> None:
+    """Take out of the tables what is not in the sources, and leave the other rows as measured."""
+    sequences = [constant for constants in SEQUENCES.values() for constant in constants]
+    name = str(PAGE.relative_to(ROOT))
+    for part, constants in (("constants", ACCURACY), ("tests", sequences)):
+        page.keep(name, part, lambda text, own=constants: without_gone(text, own))
+
+
 def main() -> None:
     """Measure and write."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -310,7 +326,13 @@ def main() -> None:
         "--names", type=lambda text: text.split(","), default=[], metavar="NAME,…",
         help="only these constants of the tests' table; their rows are written anew",
     )  # fmt: skip
+    parser.add_argument(
+        "--drop-gone", action="store_true", help="measure nothing: rows of deleted constants go"
+    )
     arguments = parser.parse_args()
+    if arguments.drop_gone:
+        drop_gone()
+        return
     if arguments.names:
         arguments.only = "tests"
     if arguments.only != "tests":

@@ -7,7 +7,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "docs"))
-from generated import put, written  # noqa: E402
+from generated import keep, put, written  # noqa: E402
 
 ACCURACY = ROOT / "docs/users/accuracy.md"
-__all__ = ["ACCURACY", "put", "written"]
+__all__ = ["ACCURACY", "keep", "put", "written"]

@@ -10,13 +10,13 @@
 #include "base/log.h"
 #include "base/param.h"
 #include "include/frame.h"
+#include "include/orientation.h"
 #include "serve/health.h"
 #include "vision/turn/frame_time.h"
 
 #define DEG (M_PI / 180.0)
 /* Who tells nothing for so long makes room for another. */
 #define SILENCE_NS LP_NS_PER_S
-#define MOST_NOT_UNIT 0.02
 #define CONTRADICTS "orientation-contradicts"
 #define LATE "orientation-late"
 #define NO_POSE                                                         \
@@ -47,7 +47,7 @@ static int take_rotation(const char *path, const struct mount_fields *fields,
 	const float *q = fields->rotation_xyzw.values;
 	const double square = (double)q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3];
 
-	if (fields->rotation_xyzw.count != 4 || fabs(square - 1.0) > MOST_NOT_UNIT) {
+	if (fields->rotation_xyzw.count != 4 || fabs(square - 1.0) > LP_MOST_NOT_UNIT) {
 		lp_error(path, "rotation_xyzw",
 			 "must be a unit quaternion x, y, z, w — `lightprobe align` writes it");
 		return -EBADMSG;

@@ -13,11 +13,10 @@
  * times as much (docs/maintainers/speed.md): a raise may fail, and the wait for the next one
  * doubles then. */
 #define SPARE 0.5F
+/* Of windows with room to spare, before a preset is raised. One that is missed as soon after
+ * should not have been raised; one that lasts longer was right. */
 #define FIRST_PATIENCE 5
 #define MOST_PATIENCE 160
-/* A preset that is missed so soon after raising should not have been raised; one that lasts longer
- * was right. */
-#define SOON 10
 
 void lp_governor_init(struct lp_governor *governor, const struct lp_governor_goals *goals,
 		      int chosen, int64_t now_ns, int64_t cpu_ns)
@@ -29,7 +28,7 @@ void lp_governor_init(struct lp_governor *governor, const struct lp_governor_goa
 					 .window_cpu_ns = cpu_ns,
 					 .settling = true,
 					 .patience = FIRST_PATIENCE,
-					 .since_raise = SOON};
+					 .since_raise = FIRST_PATIENCE};
 }
 
 void lp_governor_estimate(struct lp_governor *governor, int64_t latency_ns)
@@ -80,9 +79,9 @@ static bool missed(const struct lp_governor *governor, float cpu_percent, char *
 static bool lower(struct lp_governor *governor)
 {
 	governor->spare = 0;
-	if (governor->since_raise < SOON && governor->patience < MOST_PATIENCE)
+	if (governor->since_raise < FIRST_PATIENCE && governor->patience < MOST_PATIENCE)
 		governor->patience *= 2;
-	governor->since_raise = SOON;
+	governor->since_raise = FIRST_PATIENCE;
 	if (governor->preset == 0)
 		return false;
 	change(governor, -1);
@@ -96,7 +95,7 @@ static bool raise(struct lp_governor *governor, float cpu_percent, char *reason,
 	const bool spare = governor->close * MOST_LATE <= governor->estimates &&
 			   (goals->cpu_percent <= 0.0F || cpu_percent < SPARE * goals->cpu_percent);
 
-	if (governor->since_raise < SOON && ++governor->since_raise == SOON)
+	if (governor->since_raise < FIRST_PATIENCE && ++governor->since_raise == FIRST_PATIENCE)
 		governor->patience = FIRST_PATIENCE;
 	governor->spare = spare ? governor->spare + 1 : 0;
 	if (governor->preset == governor->chosen || governor->spare < governor->patience)

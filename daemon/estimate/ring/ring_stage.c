@@ -18,8 +18,6 @@
 
 /* What a camera's response, vignetting and the panorama's grid do to what one sensor should see. */
 #define SEEN_SIGMA 0.01F
-/* A learned scale follows readings by this share, and grows older than the sun moves. */
-#define LEARNED_SHARE 0.05F
 /* A scale less certain is not told to clients. */
 #define MOST_SCALE_SIGMA 0.2F
 /* Below this mean code of the longest exposure a picture may be that of a covered lens: where it
@@ -229,8 +227,8 @@ static void learn_scale(struct lp_ring_stage *stage, const struct lp_ring_scale 
 		*held = *now;
 		return;
 	}
-	held->lux_per_unit += LEARNED_SHARE * (now->lux_per_unit - held->lux_per_unit);
-	held->sigma += LEARNED_SHARE * (now->sigma - held->sigma);
+	held->lux_per_unit += LP_RING_LEARNED_SHARE * (now->lux_per_unit - held->lux_per_unit);
+	held->sigma += LP_RING_LEARNED_SHARE * (now->sigma - held->sigma);
 }
 
 /* What is found has the colour that the ring sees, or else that of what was seen of it. */

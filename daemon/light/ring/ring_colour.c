@@ -21,8 +21,6 @@
 #define WHITE_SIGMA 0.2F
 /* Squared sigmas per reading beyond which the colours are not believed, as in ring_fusion.c. */
 #define MOST_MISFIT 4.0
-/* What was learned follows by this share. */
-#define LEARNED_SHARE 0.05F
 
 void lp_ring_colour_init(struct lp_ring_colour *colour)
 {
@@ -55,8 +53,8 @@ static void learn(struct lp_ring_scale *held, float white, float sigma)
 		*held = (struct lp_ring_scale){white, sigma};
 		return;
 	}
-	held->lux_per_unit += LEARNED_SHARE * (white - held->lux_per_unit);
-	held->sigma += LEARNED_SHARE * (sigma - held->sigma);
+	held->lux_per_unit += LP_RING_LEARNED_SHARE * (white - held->lux_per_unit);
+	held->sigma += LP_RING_LEARNED_SHARE * (sigma - held->sigma);
 }
 
 /* Returns the square of the value, in sigmas. */

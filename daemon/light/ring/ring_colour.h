@@ -9,6 +9,9 @@
 
 #include "light/clipped/ring_fusion.h"
 
+/* What was learned follows by this share. */
+#define LP_RING_LEARNED_SHARE 0.05F
+
 struct lp_ring_colour {
 	/* Scale of each colour over that of the luminance; sigma relative. */
 	struct lp_ring_scale white[3];

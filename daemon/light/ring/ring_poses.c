@@ -6,8 +6,8 @@
 
 /* Chosen by hand (docs/maintainers/constants.md). */
 
-/* Poses are so far apart; half of a sensor's distance from the next. */
-#define APART_RAD (22.5 * M_PI / 180.0)
+/* Poses are so far apart: half of a sensor's distance from the next one around. */
+#define APART_RAD (M_PI / (LP_RING_SENSORS - 1))
 #define KEPT_S 10.0F
 /* A reading of the same pose is renewed when it is so old. */
 #define RENEWED_S 1.0F

@@ -9,9 +9,6 @@
 #define DEG (M_PI / 180.0)
 /* Chosen by hand, on the scenes of docs/users/accuracy.md, "While the camera turns". */
 
-/* Angular acceleration of a head, 1 sigma; and how fast it may turn when that begins. */
-#define ACCELERATION (600.0 * DEG)
-#define FIRST_RATE (60.0 * DEG)
 /* A camera that holds still has turned when it is off by so much, and by so many sigmas. */
 #define LEAST_TURN (0.08 * DEG)
 #define TURN_SIGMAS 4.0
@@ -34,13 +31,13 @@ void lp_motion_anchor(struct lp_motion *motion)
 
 static void start_prior(struct lp_motion *motion, double elapsed_s)
 {
-	const double angle = FIRST_RATE * elapsed_s;
+	const double angle = LP_HEAD_RATE * elapsed_s;
 
 	memset(motion->covariance, 0, sizeof(motion->covariance));
 	for (int a = 0; a < 3; a++) {
 		motion->covariance[a][a] = angle * angle + LEAST_SIGMA * LEAST_SIGMA;
-		motion->covariance[a + 3][a + 3] = FIRST_RATE * FIRST_RATE;
-		motion->covariance[a][a + 3] = motion->covariance[a + 3][a] = angle * FIRST_RATE;
+		motion->covariance[a + 3][a + 3] = LP_HEAD_RATE * LP_HEAD_RATE;
+		motion->covariance[a][a + 3] = motion->covariance[a + 3][a] = angle * LP_HEAD_RATE;
 	}
 }
 
@@ -79,7 +76,7 @@ void lp_motion_predict(struct lp_motion *motion, double elapsed_s)
 	for (int b = 0; b < 3; b++)
 		for (int a = 0; a < 6; a++)
 			p[a][b] += elapsed_s * p[a][b + 3];
-	const double q = ACCELERATION * elapsed_s, half = 0.5 * elapsed_s;
+	const double q = LP_HEAD_ACCELERATION * elapsed_s, half = 0.5 * elapsed_s;
 
 	for (int a = 0; a < 3; a++) {
 		p[a][a] += q * q * half * half;
@@ -258,7 +255,7 @@ static void start_turning(struct lp_motion *motion)
 	for (int a = 0; a < 3; a++) {
 		motion->rate[a] = 0.0;
 		motion->covariance[a][a] = LEAST_SIGMA * LEAST_SIGMA;
-		motion->covariance[a + 3][a + 3] = FIRST_RATE * FIRST_RATE;
+		motion->covariance[a + 3][a + 3] = LP_HEAD_RATE * LP_HEAD_RATE;
 	}
 	motion->turning = true;
 }
@@ -267,7 +264,7 @@ static void start_turning(struct lp_motion *motion)
  * before. Its last three rows times elapsed_s, and the noise, are the variance of the turn. */
 static void covariance_with_turn(const double before[6][6], double elapsed_s, double with[6][3])
 {
-	const double q = ACCELERATION * elapsed_s, half = 0.5 * elapsed_s;
+	const double q = LP_HEAD_ACCELERATION * elapsed_s, half = 0.5 * elapsed_s;
 
 	for (int i = 0; i < 3; i++)
 		for (int a = 0; a < 3; a++) {

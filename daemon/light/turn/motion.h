@@ -8,6 +8,7 @@
 #ifndef LP_LIGHT_TURN_MOTION_H
 #define LP_LIGHT_TURN_MOTION_H
 
+#include <math.h>
 #include <stdbool.h>
 
 #include "light/math/rotation.h"
@@ -15,6 +16,10 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+
+/* Angular acceleration of a head, 1 sigma; and how fast it turns, 1 sigma. Radians and seconds. */
+#define LP_HEAD_ACCELERATION (600.0 * M_PI / 180.0)
+#define LP_HEAD_RATE (60.0 * M_PI / 180.0)
 
 struct lp_motion {
 	struct lp_rotation rotation; /* camera to anchor */

@@ -6,15 +6,12 @@
 #include <stdbool.h>
 #include <string.h>
 
-#define DEG (M_PI / 180.0)
-/* By so much the square of a quaternion may differ from 1: it is scaled. */
-#define MOST_NOT_UNIT 0.02
+#include "light/turn/motion.h"
+
 /* Longer gaps between samples are not filled. */
 #define LONGEST_GAP_NS (100 * INT64_C(1000000))
 /* A rate is taken over at least this, where samples are that dense: noise would spoil it. */
 #define RATE_SPAN_NS (30 * INT64_C(1000000))
-/* Angular acceleration of a head, 1 sigma: what lies between samples and beyond them. */
-#define ACCELERATION (600.0 * DEG)
 
 static bool all_finite(const double *values, int count)
 {
@@ -34,7 +31,7 @@ static bool sane(const struct lp_orientation_sample *sample)
 	if (sample->kind == LP_TURN_RATE)
 		return all_finite(sample->rate_rad_s, 3);
 	return all_finite(q, 4) &&
-	       fabs(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1.0) < MOST_NOT_UNIT;
+	       fabs(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1.0) < LP_MOST_NOT_UNIT;
 }
 
 static const struct lp_track_point *point(const struct lp_orientation_track *track, uint64_t n)
@@ -122,8 +119,9 @@ static void interpolate(const struct lp_track_point *a, const struct lp_track_po
 	double vector[3];
 
 	turn_between(&a->rotation, &b->rotation, vector);
-	reading->variance = fmax(a->variance, b->variance) + timing_variance(b, vector, gap_s) +
-			    squared(0.5 * ACCELERATION * part * (1.0 - part) * gap_s * gap_s);
+	reading->variance =
+		fmax(a->variance, b->variance) + timing_variance(b, vector, gap_s) +
+		squared(0.5 * LP_HEAD_ACCELERATION * part * (1.0 - part) * gap_s * gap_s);
 	for (int k = 0; k < 3; k++)
 		vector[k] *= part;
 	reading->rotation = turned_by(&a->rotation, vector);
@@ -170,7 +168,7 @@ static bool predict(const struct lp_orientation_track *track, int64_t t_ns,
 	reading->variance = squared(1.0 + part) * newest->variance +
 			    squared(part) * (base->variance + newest->walk - base->walk) +
 			    timing_variance(newest, vector, span_s) +
-			    squared(0.5 * ACCELERATION * ahead_s * (ahead_s + span_s));
+			    squared(0.5 * LP_HEAD_ACCELERATION * ahead_s * (ahead_s + span_s));
 	for (int k = 0; k < 3; k++)
 		vector[k] *= part;
 	reading->rotation = turned_by(&newest->rotation, vector);

@@ -4,10 +4,6 @@
 #include <math.h>
 #include <stdlib.h>
 
-/* Where lenses overlap, the share of each fades to nothing over this angle before its rim. Chosen
- * by hand (docs/maintainers/constants.md). */
-#define SEAM_RAD (6.0 * M_PI / 180.0)
-
 void lp_camera_destroy(struct lp_camera *camera)
 {
 	if (!camera)
@@ -117,7 +113,8 @@ bool lp_camera_project(const struct lp_camera *camera, int lens, int width_px, i
 		return false;
 	pixel[0] = x * width_px / camera->width_px;
 	pixel[1] = y * height_px / camera->height_px;
-	*share = fmin((l->max_theta_rad - theta) / SEAM_RAD, 1.0) + 1e-6;
+	/* where lenses overlap, each fades to nothing towards its rim */
+	*share = l->max_theta_rad - theta + 1e-6;
 	*illumination = illumination_at(l, theta);
 	return *illumination > 0.0;
 }

@@ -4,10 +4,10 @@
 #include <math.h>
 #include <string.h>
 
+#include "vision/doubt/gain.h"
+
 /* Chosen by hand, on the furnished room of tests/accuracy/changes.py. */
 
-/* Neighbours err alike: so many samples count as one. */
-#define CORRELATED 20.0
 #define LEAST_SAMPLES 200
 /* Bands are this strong, so many sigmas, and so many times what is found at CONTROL_HZ, where lamps
  * do not flicker: a scene's own rows fit any frequency a little. */
@@ -83,7 +83,7 @@ static double amplitude_of(const struct lp_banding_samples *s, double hz, double
 		return 0.0;
 	for (int i = 0; i < UNKNOWNS; i++)
 		squares -= b[i] * explained[i];
-	*sigma = sqrt(2.0 * CORRELATED * fmax(squares, 0.0) / weights * squared_weights /
+	*sigma = sqrt(2.0 * LP_CORRELATED_CELLS * fmax(squares, 0.0) / weights * squared_weights /
 		      (weights * weights));
 	return hypot(b[3], b[4]);
 }

@@ -10,9 +10,6 @@
 /* Noisier cells tell nothing (relative); nor do those whose light has changed. */
 #define MOST_NOISE 0.15F
 #define MOST_RATIO 1.0F
-/* Pixels within brighter cells, of full scale, may be saturated unseen. */
-#define BRIGHTEST 0.8F
-#define CELL_SIGMA 0.03F
 
 static void add(struct lp_imager *imager, const struct lp_observation *frame, int cell, int seen,
 		float row_s)
@@ -23,7 +20,7 @@ static void add(struct lp_imager *imager, const struct lp_observation *frame, in
 	const float linear = light / frame->scale;
 
 	if (imager->map->flags[cell] || frame->flags[seen] || !(light > 0.0F) || !(known > 0.0F) ||
-	    linear > BRIGHTEST)
+	    linear > LP_BRIGHTEST_COMPARED)
 		return;
 	const float ratio = logf(light / known);
 	const float noise2 = frame->code_variance / lp_response_weight(frame->response, linear) /
@@ -34,7 +31,7 @@ static void add(struct lp_imager *imager, const struct lp_observation *frame, in
 		return;
 	samples->t_s[samples->count] = (float)(seen / imager->grid->width) * row_s;
 	samples->log_ratio[samples->count] = ratio;
-	samples->weight[samples->count++] = 1.0F / (noise2 + CELL_SIGMA * CELL_SIGMA);
+	samples->weight[samples->count++] = 1.0F / (noise2 + LP_CELL_SIGMA * LP_CELL_SIGMA);
 }
 
 void lp_imager_look_for_bands(struct lp_imager *imager)

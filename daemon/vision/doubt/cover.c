@@ -14,7 +14,7 @@
 
 /* Every so many columns and rows of cells are compared; and to see whether that is worth while. */
 #define STEP 2
-#define FIRST_STEP 4
+#define FIRST_STEP (2 * STEP)
 /* Below this linear value a cell is too dark in the frame to tell whether it is covered. */
 #define LEAST_LINEAR 0.008F
 /* Covered: the frame shows less than this share of what is known. */

@@ -8,8 +8,6 @@
 
 /* Chosen by hand, on tests/accuracy/live.py --exposures=auto. */
 
-/* Neighbours err alike: so many cells count as one. */
-#define CORRELATED 20.0F
 /* Cells within so many sigmas have the factor in common. */
 #define NEAR_SIGMAS 3.0F
 #define ROUNDS 4
@@ -69,7 +67,7 @@ struct lp_gain_look lp_gain_look(struct lp_gain *gain)
 	int compared, near = 0;
 
 	look.log_gain = median(gain, &compared);
-	if ((float)compared < LEAST_COMPARED * (float)gain->count || compared < (int)CORRELATED)
+	if ((float)compared < LEAST_COMPARED * (float)gain->count || compared < LP_CORRELATED_CELLS)
 		return (struct lp_gain_look){0};
 	for (int round = 0; round < ROUNDS; round++) {
 		double sum = 0.0, weights = 0.0, squares = 0.0;
@@ -91,7 +89,7 @@ struct lp_gain_look lp_gain_look(struct lp_gain *gain)
 		if (!near)
 			return (struct lp_gain_look){0};
 		look.log_gain += (float)(sum / weights);
-		look.sigma = sqrtf((float)(squares / weights) * CORRELATED / (float)near);
+		look.sigma = sqrtf((float)(squares / weights) * LP_CORRELATED_CELLS / (float)near);
 	}
 	look.agreement = (float)near / (float)compared;
 	return look;

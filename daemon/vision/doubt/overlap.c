@@ -18,8 +18,6 @@
 #define FRAME_SIGMA 0.05F
 /* Drift by temperature, 1 sigma per root second: 1 % in five minutes. */
 #define DRIFT 0.0006F
-/* A response is made anew for so much: far below what can be seen. */
-#define STEP 0.001F
 
 void lp_overlap_init(struct lp_overlap *overlap, bool is_first)
 {
@@ -61,7 +59,7 @@ bool lp_overlap_apply(struct lp_overlap *overlap, struct lp_response *response)
 		most = fmaxf(most, fabsf(change));
 		factor[c] = expf(change);
 	}
-	if (most < STEP)
+	if (!(most > 0.0F))
 		return false;
 	lp_response_scale(response, factor);
 	for (int c = 0; c < 3; c++)

@@ -33,8 +33,7 @@ void lp_overlap_pass(struct lp_overlap *overlap, float elapsed_s);
 void lp_overlap_correct(struct lp_overlap *overlap, int channel, struct lp_gain *cells,
 			float other_variance);
 
-/* Hand the factors to the camera's response, when they have changed by enough. False: they have
- * not. */
+/* Hand the factors to the camera's response. False: they have not changed. */
 bool lp_overlap_apply(struct lp_overlap *overlap, struct lp_response *response);
 
 /* 1 sigma, relative, of the light of this camera against that of the first. */

@@ -10,12 +10,8 @@
 /* Which cells are watched: rows of the panorama, and columns of its equator. */
 #define ROWS 60
 #define COLUMNS 80
-/* Noisier cells tell nothing (relative); nor do those that are brighter, of full scale, where
- * pixels within them may be saturated unseen. */
+/* Noisier cells tell nothing (relative). */
 #define MOST_NOISE 0.1F
-#define BRIGHTEST 0.8F
-/* Of a cell, relative: what the response and the camera's grid do to it. */
-#define CELL_SIGMA 0.03F
 /* Variance of where a cell of a turned picture looks, in cells^2: the nearest one is taken. */
 #define PLACE_VARIANCE 0.15F
 /* 1 sigma of the scale of what the map, once turned, holds of the watched cells. */
@@ -71,7 +67,7 @@ static void see(struct lp_imager *imager, const struct lp_observation *frame, in
 	const float linear = light / frame->scale;
 
 	cell->seen = NAN;
-	if (frame->flags[seen] || !(light > 0.0F) || linear > BRIGHTEST)
+	if (frame->flags[seen] || !(light > 0.0F) || linear > LP_BRIGHTEST_COMPARED)
 		return;
 	const float codes2 = frame->code_variance / lp_response_weight(frame->response, linear);
 	const float noise2 = codes2 / (linear * linear);
@@ -84,7 +80,7 @@ static void see(struct lp_imager *imager, const struct lp_observation *frame, in
 			: PLACE_VARIANCE * step2(imager, imager->watched[k]) / (light * light);
 
 	cell->seen = logf(light / frame->scale * imager->eye->gain.scale);
-	cell->sigma = sqrtf(noise2 + place2 + CELL_SIGMA * CELL_SIGMA);
+	cell->sigma = sqrtf(noise2 + place2 + LP_CELL_SIGMA * LP_CELL_SIGMA);
 }
 
 static struct lp_gain_look look(struct lp_imager *imager)
@@ -107,7 +103,7 @@ static void see_map(const struct lp_imager *imager, struct lp_gain *gain)
 		const float light = map->radiance[i][LP_LUMINANCE];
 
 		gain->cells[k].seen = map->flags[i] || !(light > 0.0F) ? NAN : logf(light);
-		gain->cells[k].sigma = CELL_SIGMA;
+		gain->cells[k].sigma = LP_CELL_SIGMA;
 	}
 }
 

@@ -13,11 +13,6 @@
 #define LEAST_SINE 0.26F
 #define MOST_SINE 0.87F
 #define SECTORS 12
-/* A sample of so many cells along a row, and of so many rows. */
-#define COLUMN_STEP 4
-#define ROW_STEP 2
-/* Cells with known polarization that a sector needs, above and below. */
-#define LEAST_CELLS 8
 /* S1/S0 of a sector that tells: upright below the first, level above the second. */
 #define UPRIGHT (-0.02F)
 #define LEVEL 0.01F
@@ -73,17 +68,18 @@ bool lp_stokes_map_floor_is_upright(const struct lp_stokes_map *map)
 	struct sector sectors[SECTORS] = {0};
 	int known = 0, upright = 0, level = 0;
 
-	for (int row = 0; row < grid->height; row += ROW_STEP) {
+	for (int row = 0; row < grid->height; row += LP_STOKES_ROW_STEP) {
 		const float sine = fabsf(grid->row_cos[row]);
 
-		for (int column = 0; column < grid->width; column += COLUMN_STEP)
+		for (int column = 0; column < grid->width; column += LP_STOKES_COLUMN_STEP)
 			if (sine > LEAST_SINE && sine < MOST_SINE)
 				add(sectors, map, row, column);
 	}
 	for (int k = 0; k < SECTORS; k++) {
 		const struct sector *s = &sectors[k];
 
-		if (s->below.count < LEAST_CELLS || s->above.count < LEAST_CELLS)
+		if (s->below.count < LP_STOKES_LEAST_CELLS ||
+		    s->above.count < LP_STOKES_LEAST_CELLS)
 			continue;
 		known++;
 		upright += leaning(s) < 0;

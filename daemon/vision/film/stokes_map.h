@@ -16,6 +16,12 @@
 extern "C" {
 #endif
 
+/* All of the map is judged by a sample of so many cells along a row, and of so many rows; a part of
+ * the sphere by so many of these at least. */
+#define LP_STOKES_COLUMN_STEP 4
+#define LP_STOKES_ROW_STEP 2
+#define LP_STOKES_LEAST_CELLS 8
+
 struct lp_grid;
 struct lp_observation;
 struct lp_polarization_grid;

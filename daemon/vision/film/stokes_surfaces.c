@@ -6,12 +6,8 @@
 #include "vision/film/stokes_map.h"
 
 #define QUARTERS 4
-/* A sample of so many cells along a row, and of so many rows. */
-#define COLUMN_STEP 4
-#define ROW_STEP 2
-/* Chosen by hand (docs/maintainers/constants.md): cells that tell, in each quarter around the axis;
- * squared DoLP from which on one does, 0.05; and the share of what a turned film would show. */
-#define LEAST_CELLS 8
+/* Chosen by hand (docs/maintainers/constants.md): squared DoLP from which on a cell tells, 0.05;
+ * and the share of what a turned film would show. */
 #define LEAST_DOLP2 0.0025F
 #define LEAST_SHARE 0.5F
 #define MOST_SHARE 1.5F
@@ -61,14 +57,14 @@ bool lp_stokes_map_surfaces_seem_turned(const struct lp_stokes_map *map)
 	struct quarter quarters[QUARTERS] = {0};
 	bool turned = true;
 
-	for (int row = 0; row < grid->height; row += ROW_STEP)
-		for (int column = 0; column < grid->width; column += COLUMN_STEP)
+	for (int row = 0; row < grid->height; row += LP_STOKES_ROW_STEP)
+		for (int column = 0; column < grid->width; column += LP_STOKES_COLUMN_STEP)
 			add(quarters, map, row * grid->width + column);
 	for (int k = 0; k < QUARTERS; k++) {
 		const struct quarter *q = &quarters[k];
 
-		turned = turned && q->count >= LEAST_CELLS && q->seen > LEAST_SHARE * q->expected &&
-			 q->seen < MOST_SHARE * q->expected;
+		turned = turned && q->count >= LP_STOKES_LEAST_CELLS &&
+			 q->seen > LEAST_SHARE * q->expected && q->seen < MOST_SHARE * q->expected;
 	}
 	return turned;
 }
