@@ -216,15 +216,12 @@ static void tell_reflections(struct lp_lamp_stage *stage, const struct lp_imager
 	}
 }
 
-/* Share of a lamp's light that has come to its own cells; 0 where nothing was known of them. All of
- * it for detectors whose lamps have no cells: their user wants all that they find. */
+/* Share of a lamp's light that has come to its own cells; 0 where nothing was known of them. */
 static float share_that_came(const struct lp_lamp_stage *stage, const struct lp_lamp_finder *finder,
 			     const struct lp_panorama *panorama, const struct lp_lamp *lamp)
 {
 	float came = 0.0F;
 
-	if (!lamp->count)
-		return 1.0F;
 	for (int i = 0; i < lamp->count && stage->has_before; i++) {
 		const int cell = finder->cells[lamp->first + i];
 
