@@ -7,17 +7,12 @@
 #include <string.h>
 
 #include "vision/camera/remap.h"
+#include "vision/doubt/residual.h"
 
 /* Of a cell's mean, in codes, besides the rounding of its own (vision/camera/code_noise.h). */
 #define CODE_SIGMA 0.5F
 /* So many cells are compared between two cameras: enough for a mean. */
 #define COMPARED 800
-/* Noisier cells tell nothing (relative); nor do those that are brighter, of full scale, where
- * pixels within them may be saturated unseen. */
-#define MOST_NOISE 0.1F
-#define BRIGHTEST 0.8F
-/* Of a cell, relative: what the cameras' grids do to it. */
-#define CELL_SIGMA 0.03F
 /* Exposures within half a stop of each other are one setting: an automatic camera on its way, no
  * bracket. Chosen by hand (docs/maintainers/constants.md). */
 #define SAME_EXPOSURE 1.4F
@@ -227,22 +222,18 @@ struct lp_eye_exposures lp_eye_exposures(const struct lp_eye *eye)
 
 /* ---------------------------------------------------------------- overlap */
 
-float lp_eye_code_variance(const struct lp_eye *eye)
+struct lp_observation lp_eye_observation(const struct lp_eye *eye, float flicker_sigma)
 {
-	const float common = eye->incoming.noise.common;
+	const struct lp_exposure *e = &eye->incoming;
+	const float common = e->noise.common;
 
-	return CODE_SIGMA * CODE_SIGMA + common * common;
-}
-
-/* Relative variance of a channel of a cell; infinite where it tells nothing. */
-static float noise2_of(const struct lp_eye *eye, int cell, int channel)
-{
-	const float linear = eye->seen.cells[cell][channel] / eye->incoming.scale;
-
-	if (eye->seen.flags[cell] || !(linear > 0.0F) || linear > BRIGHTEST)
-		return INFINITY;
-	return lp_eye_code_variance(eye) / lp_response_weight(&eye->response, linear) /
-	       (linear * linear);
+	return (struct lp_observation){.radiance = (const float(*)[4])eye->seen.cells,
+				       .flags = eye->seen.flags,
+				       .response = &eye->response,
+				       .scale = e->scale,
+				       .coded = !isnan(e->cells.mean_code),
+				       .code_variance = CODE_SIGMA * CODE_SIGMA + common * common,
+				       .flicker_sigma = flicker_sigma};
 }
 
 static bool both_see(const struct lp_eye *a, const struct lp_eye *b, int cell)
@@ -263,21 +254,21 @@ static int stride_of(const struct lp_eye *a, const struct lp_eye *b)
 static void compare_channel(const struct lp_eye *eye, const struct lp_eye *other, int channel,
 			    int stride, struct lp_gain *cells)
 {
+	const struct lp_observation own = lp_eye_observation(eye, 0.0F);
+	const struct lp_observation others = lp_eye_observation(other, 0.0F);
 	int in_both = 0;
 
 	cells->count = 0;
 	for (int i = 0; i < eye->seen.width * eye->seen.height; i++) {
 		if (!both_see(eye, other, i) || in_both++ % stride)
 			continue;
-		struct lp_gain_cell *cell = &cells->cells[cells->count++];
-		const float noise2 = noise2_of(eye, i, channel) + noise2_of(other, i, channel);
+		const struct lp_log_light a = lp_log_light(&own, i, channel);
+		const struct lp_log_light b = lp_log_light(&others, i, channel);
 
-		cell->seen = NAN;
-		if (!(noise2 < MOST_NOISE * MOST_NOISE))
-			continue;
-		cell->seen = logf(eye->seen.cells[i][channel]);
-		cell->reference = logf(other->seen.cells[i][channel]);
-		cell->sigma = sqrtf(noise2 + CELL_SIGMA * CELL_SIGMA);
+		cells->cells[cells->count++] =
+			(struct lp_gain_cell){.seen = a.log,
+					      .reference = b.log,
+					      .sigma = sqrtf(a.variance + b.variance)};
 	}
 }
 

@@ -18,6 +18,7 @@
 #include "vision/doubt/overlap.h"
 #include "vision/exposure.h"
 #include "vision/imager.h"
+#include "vision/map/radiance_map.h"
 
 struct lp_remap;
 
@@ -107,8 +108,8 @@ struct lp_eye_exposures lp_eye_exposures(const struct lp_eye *eye);
  * this one's factors by it. `cells`: workspace. */
 void lp_eye_compare(struct lp_eye *eye, const struct lp_eye *other, struct lp_gain *cells);
 
-/* 1 sigma of the mean of a cell's codes, from rounding and noise, squared. */
-float lp_eye_code_variance(const struct lp_eye *eye);
+/* What its newest frame says, camera frame. flicker_sigma: as that of the observation. */
+struct lp_observation lp_eye_observation(const struct lp_eye *eye, float flicker_sigma);
 
 /* Forget what its frames have shown. */
 void lp_eye_forget(struct lp_eye *eye);

@@ -194,13 +194,12 @@ static bool sane(const struct lp_frame *frame)
 	       (isnan(frame->gain) || frame->gain > 0.0F);
 }
 
-/* Full scale to radiance; of an unknown exposure what the frame before had. Float frames are
- * radiance already: the exposure names the frame, it does not scale it. */
-static float scale_of(const struct lp_imager *imager, bool coded, float exposure_us)
+/* Float frames are radiance already: the exposure names the frame, it does not scale it. */
+float lp_imager_scale_of(const struct lp_imager *imager, float exposure_us)
 {
 	const float film = imager->options.film.gain > 0.0F ? imager->options.film.gain : 1.0F;
 
-	if (!coded)
+	if (imager->about.format == LP_FORMAT_RGB_F32)
 		return 1.0F / film;
 	return isnan(exposure_us) ? imager->eye->gain.scale : 1e6F / exposure_us / film;
 }
@@ -304,7 +303,7 @@ int lp_imager_load(struct lp_imager *imager, struct lp_frame *frame, float expec
 	if (ret > 0 && imager->eye->serial) /* exposures of the old size are forgotten */
 		lp_imager_forget(imager);
 	incoming->exposure_us = expected_us;
-	incoming->scale = scale_of(imager, frame->format != LP_FORMAT_RGB_F32, expected_us);
+	incoming->scale = lp_imager_scale_of(imager, expected_us);
 	imager->wheel_deg = frame->wheel_deg;
 	imager->eye->over_film = lp_imager_over_film(imager);
 	imager->eye->row_time_us = frame->row_time_us;
@@ -345,7 +344,7 @@ static void follow_scale(struct lp_imager *imager, float exposure_us)
 
 static void observe(struct lp_imager *imager)
 {
-	struct lp_observation seen = lp_imager_observation(imager);
+	struct lp_observation seen = lp_imager_residual(imager).seen;
 	const double elapsed_s = (double)(imager->t_capture_ns - imager->t_map_ns) / 1e9;
 
 	seen.late_s = imager->late_s;
@@ -410,10 +409,9 @@ void lp_imager_rescale(struct lp_imager *imager, float scale)
 void lp_imager_settle(struct lp_imager *imager, float exposure_us)
 {
 	struct lp_exposure *incoming = &imager->eye->incoming;
-	const float scale = scale_of(imager, !isnan(incoming->cells.mean_code), exposure_us);
 
 	incoming->exposure_us = exposure_us;
-	lp_imager_rescale(imager, scale);
+	lp_imager_rescale(imager, lp_imager_scale_of(imager, exposure_us));
 	place_in_time(imager, exposure_us);
 	const int64_t later_ns = imager->time.middle_ns - imager->t_capture_ns;
 

@@ -9,6 +9,7 @@
 #include "light/turn/motion.h"
 #include "light/turn/shear.h"
 #include "light/turn/unseen_turn.h"
+#include "vision/doubt/residual.h"
 #include "vision/eye.h"
 #include "vision/imager.h"
 #include "vision/map/radiance_map.h"
@@ -104,8 +105,12 @@ void lp_imager_compare_cameras(struct lp_imager *imager);
 /* Since the frame of the same camera before the newest one; 0: there is none. */
 double lp_imager_eye_elapsed_s(const struct lp_imager *imager);
 
-/* What the newest frame says, in the camera's frame. */
-struct lp_observation lp_imager_observation(const struct lp_imager *imager);
+/* The newest frame beside the map (residual.c). */
+struct lp_residual lp_imager_residual(const struct lp_imager *imager);
+
+/* Full scale to radiance of the newest frame, if it was exposed for exposure_us (times gain; NAN:
+ * as the frame before). */
+float lp_imager_scale_of(const struct lp_imager *imager, float exposure_us);
 
 /* film.c: what the options name, if they name one; -ENOMEM. */
 int lp_imager_create_film(struct lp_imager *imager);
@@ -148,9 +153,6 @@ void lp_imager_turn_scale(const struct lp_imager *imager, struct lp_gain *gain, 
 void lp_imager_follow(struct lp_imager *imager);
 void lp_imager_follow_again(struct lp_imager *imager);
 void lp_imager_followed(struct lp_imager *imager);
-
-/* The newest frame against the map, if it was exposed for exposure_us (times gain). */
-struct lp_cover_view lp_imager_cover_view(const struct lp_imager *imager, float exposure_us);
 
 /* hidden.c: is the lens covered in the newest frame? Where it is, the frame tells nothing of the
  * light. */

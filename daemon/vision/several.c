@@ -21,10 +21,10 @@ bool lp_imager_others_know(const struct lp_imager *imager, const struct lp_eye *
 
 void lp_imager_forget_view(struct lp_imager *imager)
 {
-	const struct lp_cover_view view = lp_imager_cover_view(imager, NAN);
+	const struct lp_residual residual = lp_imager_residual(imager);
 
 	for (int i = 0; i < imager->grid->width * imager->grid->height; i++)
-		if (lp_eye_sees(imager->eye, lp_cover_seen_cell(&view, i)))
+		if (lp_eye_sees(imager->eye, lp_residual_seen(&residual, i)))
 			lp_radiance_map_forget_cell(imager->map, i);
 }
 
@@ -53,10 +53,10 @@ int lp_imager_current_exposures(const struct lp_imager *imager, int camera)
 
 void lp_imager_view(const struct lp_imager *imager, uint8_t *cells)
 {
-	const struct lp_cover_view view = lp_imager_cover_view(imager, NAN);
+	const struct lp_residual residual = lp_imager_residual(imager);
 
 	for (int i = 0; i < imager->grid->width * imager->grid->height; i++)
-		cells[i] = lp_eye_sees(imager->eye, lp_cover_seen_cell(&view, i));
+		cells[i] = lp_eye_sees(imager->eye, lp_residual_seen(&residual, i));
 }
 
 bool lp_imager_place_still(struct lp_imager *imager, const struct lp_frame *frame)

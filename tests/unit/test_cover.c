@@ -10,6 +10,7 @@
 #include "light/math/grid.h"
 #include "light/math/rotation.h"
 #include "lp_test.h"
+#include "vision/doubt/residual.h"
 #include "vision/map/lookup.h"
 #include "vision/map/radiance_map.h"
 
@@ -74,8 +75,8 @@ static float noise(void)
 
 /* The camera, turned by `rotation`, sees the room times factor(d), d in its own frame; and `glow`
  * besides where that is 0. */
-static struct lp_cover_view take(float exposure_s, float (*factor)(const float d[3]), float glow,
-				 const struct lp_rotation *rotation)
+static struct lp_residual take(float exposure_s, float (*factor)(const float d[3]), float glow,
+			       const struct lp_rotation *rotation)
 {
 	const bool turned = !lp_rotation_is_identity(rotation);
 
@@ -95,13 +96,17 @@ static struct lp_cover_view take(float exposure_s, float (*factor)(const float d
 
 		lp_lookup_set(lookup, &back);
 	}
-	return (struct lp_cover_view){.grid = grid,
-				      .map = map,
-				      .lookup = turned ? lookup : NULL,
-				      .radiance = (const float(*)[4])radiance,
-				      .flags = flags,
-				      .frame_scale = 1.0F / exposure_s,
-				      .map_scale = 1.0F / exposure_s};
+	return (struct lp_residual){.map = map,
+				    .lookup = turned ? lookup : NULL,
+				    .seen = {.radiance = (const float(*)[4])radiance,
+					     .flags = flags,
+					     .scale = 1.0F / exposure_s}};
+}
+
+/* Its exposure is right. */
+static struct lp_cover look(const struct lp_cover *before, const struct lp_residual *view)
+{
+	return lp_cover_look(before, view, view->seen.scale);
 }
 
 static float nothing(const float d[3])
@@ -173,20 +178,20 @@ static const struct lp_rotation *still(void)
 
 static void test_a_hand_is_found_and_leaves(void **state)
 {
-	struct lp_cover_view view;
+	struct lp_residual view;
 	struct lp_cover cover = open_lens;
 
 	(void)state;
 	view = take(0.2F, nothing, 0.0F, still());
-	assert_false(lp_cover_look(&cover, &view).found);
+	assert_false(look(&cover, &view).found);
 	for (int glow = 0; glow < 2; glow++) { /* light passes through it, or none */
 		view = take(0.2F, right_half, 0.03F * (float)glow, still());
-		cover = lp_cover_look(&open_lens, &view);
+		cover = look(&open_lens, &view);
 		assert_true(cover.found);
 		expect_halves(&cover, 0.98, 0.25);
 	}
 	view = take(0.2F, nothing, 0.0F, still());
-	assert_false(lp_cover_look(&cover, &view).found);
+	assert_false(look(&cover, &view).found);
 }
 
 /* In a dark room few cells tell: a quarter of them is bright enough, here and there. */
@@ -196,25 +201,25 @@ static void test_a_hand_is_found_by_few_cells(void **state)
 	for (int i = 0; i < CELLS; i++)
 		if (rand() % 4)
 			memset(map->radiance[i], 0, sizeof(map->radiance[i]));
-	const struct lp_cover_view view = take(0.2F, right_tenth, 0.0F, still());
+	const struct lp_residual view = take(0.2F, right_tenth, 0.0F, still());
 
 	for (int i = 0; i < CELLS; i++)
 		if (!(map->radiance[i][LP_LUMINANCE] > 0.0F))
 			memset(radiance[i], 0, sizeof(radiance[i]));
-	assert_true(lp_cover_look(&open_lens, &view).found);
+	assert_true(look(&open_lens, &view).found);
 }
 
 /* An exposure so short that the room is noise anyway says nothing of the hand. */
 static void test_frames_that_do_not_tell_change_nothing(void **state)
 {
-	struct lp_cover_view view = take(0.2F, right_half, 0.0F, still());
-	struct lp_cover cover = lp_cover_look(&open_lens, &view);
+	struct lp_residual view = take(0.2F, right_half, 0.0F, still());
+	struct lp_cover cover = look(&open_lens, &view);
 
 	(void)state;
 	for (int n = 0; n < 100; n++) {
 		view = take(0.002F, right_half, 0.0F, still());
-		cover = lp_cover_look(&cover, &view);
-		assert_false(lp_cover_look(&open_lens, &view).found);
+		cover = look(&cover, &view);
+		assert_false(look(&open_lens, &view).found);
 	}
 	assert_true(cover.found);
 	expect_halves(&cover, 0.98, 0.25);
@@ -226,23 +231,23 @@ static void test_lights_that_go_off_are_no_hand(void **state)
 
 	(void)state;
 	for (int k = 0; k < 3; k++) {
-		const struct lp_cover_view view = take(0.2F, off[k], 0.0F, still());
+		const struct lp_residual view = take(0.2F, off[k], 0.0F, still());
 
-		assert_false(lp_cover_look(&open_lens, &view).found);
+		assert_false(look(&open_lens, &view).found);
 	}
 }
 
 /* A short exposure cannot tell them from a hand; the next long ones can. */
 static void test_a_mistake_is_corrected(void **state)
 {
-	struct lp_cover_view view = take(0.01F, right_dim, 0.0F, still());
-	struct lp_cover cover = lp_cover_look(&open_lens, &view);
+	struct lp_residual view = take(0.01F, right_dim, 0.0F, still());
+	struct lp_cover cover = look(&open_lens, &view);
 
 	(void)state;
 	assert_true(cover.found);
 	for (int n = 0; n < 3; n++) {
 		view = take(0.2F, right_dim, 0.0F, still());
-		cover = lp_cover_look(&cover, &view);
+		cover = look(&cover, &view);
 	}
 	assert_false(cover.found);
 }
@@ -250,24 +255,22 @@ static void test_a_mistake_is_corrected(void **state)
 /* Nor is a much longer exposure than the frame had: all of it is dark then. */
 static void test_a_wrong_exposure_is_no_hand(void **state)
 {
-	struct lp_cover_view view = take(0.02F, nothing, 0.0F, still());
+	struct lp_residual view = take(0.02F, nothing, 0.0F, still());
 
 	(void)state;
-	view.map_scale = 1.0F / 0.4F;
-	assert_false(lp_cover_look(&open_lens, &view).found);
-	view.map_scale = 1.0F / 0.001F;
-	assert_false(lp_cover_look(&open_lens, &view).found);
+	assert_false(lp_cover_look(&open_lens, &view, 1.0F / 0.4F).found);
+	assert_false(lp_cover_look(&open_lens, &view, 1.0F / 0.001F).found);
 }
 
 static void test_a_hand_stays_when_the_light_changes(void **state)
 {
-	struct lp_cover_view view = take(0.2F, right_half, 0.0F, still());
-	const struct lp_cover cover = lp_cover_look(&open_lens, &view);
+	struct lp_residual view = take(0.2F, right_half, 0.0F, still());
+	const struct lp_cover cover = look(&open_lens, &view);
 
 	(void)state;
 	view = take(0.2F, dim_left, 0.0F, still());
-	assert_false(lp_cover_look(&open_lens, &view).found);
-	assert_true(lp_cover_look(&cover, &view).found);
+	assert_false(look(&open_lens, &view).found);
+	assert_true(look(&cover, &view).found);
 }
 
 /* The hand is the camera's: it turns with it. */
@@ -279,9 +282,9 @@ static void test_a_covered_camera_turns(void **state)
 	for (int n = 0; n <= 6; n++) {
 		const struct lp_rotation turned =
 			lp_rotation_of_vector((const double[3]){0.0, 0.5 * n, 0.1 * n});
-		const struct lp_cover_view view = take(0.2F, right_half, 0.02F, &turned);
+		const struct lp_residual view = take(0.2F, right_half, 0.02F, &turned);
 
-		cover = lp_cover_look(&cover, &view);
+		cover = look(&cover, &view);
 		assert_true(cover.found);
 		expect_halves(&cover, 0.98, 0.25);
 	}
@@ -289,8 +292,8 @@ static void test_a_covered_camera_turns(void **state)
 
 static void test_marks_are_set_and_cleared(void **state)
 {
-	const struct lp_cover_view view = take(0.2F, right_half, 0.0F, still());
-	const struct lp_cover cover = lp_cover_look(&open_lens, &view);
+	const struct lp_residual view = take(0.2F, right_half, 0.0F, still());
+	const struct lp_cover cover = look(&open_lens, &view);
 	int marked = 0;
 
 	(void)state;

@@ -7,8 +7,7 @@
 #include "include/luminance.h"
 #include "include/panorama.h"
 #include "light/math/grid.h"
-#include "vision/map/lookup.h"
-#include "vision/map/radiance_map.h"
+#include "vision/doubt/residual.h"
 
 /* Chosen by hand, on the covered scenes of docs/users/accuracy.md, "When things go wrong". */
 
@@ -50,47 +49,52 @@ struct tally {
 	double map, frame, map_steps2, steps;
 };
 
-int lp_cover_seen_cell(const struct lp_cover_view *view, int i)
-{
-	const struct lp_lookup *l = view->lookup;
-
-	if (!l)
-		return i;
-	return (l->across[i] < 0.5F ? l->left[i] : l->right[i]) +
-	       (l->down[i] < 0.5F ? 0 : view->grid->width);
-}
+/* A frame and what is known, both per full scale of the frame. */
+struct view {
+	const struct lp_residual *residual;
+	const struct lp_grid *grid;
+	float map_scale; /* radiance of what is known, if the frame's exposure is right */
+};
 
 static float linear(const float *radiance, float scale)
 {
 	return fminf(radiance[LP_LUMINANCE] / scale, 1.0F);
 }
 
+static float shown_linear(const struct view *view, int seen)
+{
+	return linear(view->residual->seen.radiance[seen], view->residual->seen.scale);
+}
+
 /* What is known of a cell, or was before the light changed: by a hand that is only found now,
  * maybe.
  */
-static float known_linear(const struct lp_cover_view *view, int cell)
+static float known_linear(const struct view *view, int cell)
 {
-	return linear(lp_radiance_map_before(view->map, cell, LP_COVER_COMES_S), view->map_scale);
+	return linear(lp_radiance_map_before(view->residual->map, cell, LP_COVER_COMES_S),
+		      view->map_scale);
 }
 
-static bool is_dark(const struct lp_cover_view *view, int seen, float known, float shown)
+static bool is_dark(const struct view *view, int seen, float known, float shown)
 {
-	return !(view->flags[seen] & LP_CELL_CLIPPED) && shown < DARK * known;
+	return !(view->residual->seen.flags[seen] & LP_CELL_CLIPPED) && shown < DARK * known;
 }
 
 /* Whether enough of the sphere is dark that the lens may be covered: nearly never so. */
-static bool may_be_covered(const struct lp_cover_view *view)
+static bool may_be_covered(const struct view *view)
 {
 	const struct lp_grid *grid = view->grid;
 	double dark_sr = 0.0;
 
 	for (int r = 0; r < grid->height; r += FIRST_STEP)
 		for (int c = r / FIRST_STEP % FIRST_STEP; c < grid->width; c += FIRST_STEP) {
-			const int i = r * grid->width + c, seen = lp_cover_seen_cell(view, i);
-			const float shown = linear(view->radiance[seen], view->frame_scale);
+			const int i = r * grid->width + c,
+				  seen = lp_residual_seen(view->residual, i);
+			const float shown = shown_linear(view, seen);
 
 			if (shown >= DARK || /* of full scale, more than which is not known */
-			    ((view->map->flags[i] | view->flags[seen]) & LP_CELL_UNSEEN))
+			    ((view->residual->map->flags[i] | view->residual->seen.flags[seen]) &
+			     LP_CELL_UNSEEN))
 				continue;
 			const float known = known_linear(view, i);
 
@@ -101,12 +105,12 @@ static bool may_be_covered(const struct lp_cover_view *view)
 }
 
 /* Steps to the cell on the right, of map and frame. */
-static void add_detail(const struct lp_cover_view *view, int i, int seen, float known, float shown,
+static void add_detail(const struct view *view, int i, int seen, float known, float shown,
 		       struct tally *t)
 {
-	const int next = lp_cover_seen_cell(view, i + 1);
+	const int next = lp_residual_seen(view->residual, i + 1);
 	const double known_step = known_linear(view, i + 1) - known;
-	const double shown_step = linear(view->radiance[next], view->frame_scale) - shown;
+	const double shown_step = shown_linear(view, next) - shown;
 
 	t->map += known;
 	t->frame += shown;
@@ -116,23 +120,24 @@ static void add_detail(const struct lp_cover_view *view, int i, int seen, float 
 	t->steps += known_step * shown_step;
 }
 
-static void compare(const struct lp_cover_view *view, struct tally *t)
+static void compare(const struct view *view, struct tally *t)
 {
 	const struct lp_grid *grid = view->grid;
-	const struct lp_radiance_map *map = view->map;
+	const struct lp_radiance_map *map = view->residual->map;
 	const uint8_t unseen = LP_CELL_UNSEEN;
 
 	memset(t, 0, sizeof(*t));
 	for (int r = 0; r < grid->height; r += STEP)
 		for (int c = r / STEP % STEP; c + 1 < grid->width; c += STEP) {
-			const int i = r * grid->width + c, seen = lp_cover_seen_cell(view, i);
+			const int i = r * grid->width + c,
+				  seen = lp_residual_seen(view->residual, i);
 			const int block = lp_cover_block(grid->width, seen);
 			const float sr = grid->row_solid_angle_sr[r];
 
-			if ((map->flags[i] | view->flags[seen]) & unseen)
+			if ((map->flags[i] | view->residual->seen.flags[seen]) & unseen)
 				continue;
 			const float known = known_linear(view, i);
-			const float shown = linear(view->radiance[seen], view->frame_scale);
+			const float shown = shown_linear(view, seen);
 
 			if (known < LEAST_LINEAR)
 				continue;
@@ -254,14 +259,16 @@ static float keep_large(uint8_t covered[LP_COVER_BLOCKS])
 	return largest;
 }
 
-struct lp_cover lp_cover_look(const struct lp_cover *before, const struct lp_cover_view *view)
+struct lp_cover lp_cover_look(const struct lp_cover *before, const struct lp_residual *residual,
+			      float scale)
 {
+	const struct view view = {residual, residual->map->grid, scale};
 	struct lp_cover cover = {.found = false};
 	struct tally t;
 
-	if (!before->found && !may_be_covered(view))
+	if (!before->found && !may_be_covered(&view))
 		return cover;
-	compare(view, &t);
+	compare(&view, &t);
 	judge_blocks(before, &t, cover.covered);
 	const float largest = keep_large(cover.covered);
 	double telling_sr = 0.0;

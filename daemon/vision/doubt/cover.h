@@ -16,8 +16,7 @@ extern "C" {
 #endif
 
 struct lp_grid;
-struct lp_lookup;
-struct lp_radiance_map;
+struct lp_residual;
 
 /* A hand takes no longer than this to come, and to be found. */
 #define LP_COVER_COMES_S 0.7
@@ -33,23 +32,11 @@ struct lp_cover {
 	uint8_t near[LP_COVER_BLOCKS];	  /* 1 there and beside: rims are soft */
 };
 
-/* A frame and what is known, both per full scale of the frame. */
-struct lp_cover_view {
-	const struct lp_grid *grid;
-	const struct lp_radiance_map *map;
-	const struct lp_lookup *lookup; /* map to camera; NULL: the same frame of reference */
-	const float (*radiance)[4];	/* of the frame, camera frame */
-	const uint8_t *flags;		/* enum lp_cell_flag; LP_CELL_COVERED is not looked at */
-	float frame_scale;		/* times linear pixel value: `radiance` */
-	float map_scale;		/* the same of the map, if the frame's exposure is right */
-};
-
-/* What is covered in this frame, after `before` in the one before it. Blocks that a frame does not
- * tell of (too dark in any case) stay as they were. */
-struct lp_cover lp_cover_look(const struct lp_cover *before, const struct lp_cover_view *view);
-
-/* Cell of the frame that looks where cell `i` of the map lies. */
-int lp_cover_seen_cell(const struct lp_cover_view *view, int i);
+/* What is covered in this frame, after `before` in the one before it, if the frame's full scale is
+ * so much radiance. Blocks that a frame does not tell of (too dark in any case) stay as they were.
+ * LP_CELL_COVERED is not looked at. */
+struct lp_cover lp_cover_look(const struct lp_cover *before, const struct lp_residual *residual,
+			      float scale);
 
 /* Block of a cell of the grid. */
 static inline int lp_cover_block(int grid_width, int cell)

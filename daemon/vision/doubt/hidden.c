@@ -7,30 +7,14 @@
 #include "light/math/grid.h"
 #include "vision/imager_internal.h"
 
-struct lp_cover_view lp_imager_cover_view(const struct lp_imager *imager, float exposure_us)
-{
-	const bool turned = !lp_rotation_is_identity(&imager->motion.rotation);
-	const float scale = imager->eye->incoming.scale;
-
-	return (struct lp_cover_view){
-		.grid = imager->grid,
-		.map = imager->map,
-		.lookup = turned ? imager->lookup : NULL,
-		.radiance = (const float(*)[4])imager->eye->seen.cells,
-		.flags = imager->eye->seen.flags,
-		.frame_scale = scale,
-		.map_scale = isnan(exposure_us) ? scale : 1e6F / exposure_us,
-	};
-}
-
 /* What the map held before a hand came is true still. */
 static void restore_covered(struct lp_imager *imager)
 {
-	const struct lp_cover_view view = lp_imager_cover_view(imager, NAN);
+	const struct lp_residual residual = lp_imager_residual(imager);
 	const int width = imager->grid->width;
 
 	for (int i = 0; i < width * imager->grid->height; i++) {
-		const int seen = lp_cover_seen_cell(&view, i);
+		const int seen = lp_residual_seen(&residual, i);
 
 		if (imager->eye->cover.near[lp_cover_block(width, seen)])
 			lp_radiance_map_restore(imager->map, i, LP_COVER_COMES_S);
@@ -44,9 +28,9 @@ void lp_imager_look_for_cover(struct lp_imager *imager)
 
 	if (isnan(imager->eye->incoming.cells.mean_code) || !imager->t_map_ns)
 		return;
-	const struct lp_cover_view view = lp_imager_cover_view(imager, NAN);
+	const struct lp_residual residual = lp_imager_residual(imager);
 
-	imager->eye->cover = lp_cover_look(&before, &view);
+	imager->eye->cover = lp_cover_look(&before, &residual, residual.seen.scale);
 	imager->eye->covered_s = before.found && imager->eye->cover.found
 					 ? imager->eye->covered_s + (float)elapsed_s
 					 : 0.0F;
@@ -59,7 +43,7 @@ void lp_imager_look_for_cover(struct lp_imager *imager)
 /* Share of the light that is known where the lens is covered. */
 static float covered_light(const struct lp_imager *imager)
 {
-	const struct lp_cover_view view = lp_imager_cover_view(imager, NAN);
+	const struct lp_residual residual = lp_imager_residual(imager);
 	const struct lp_grid *grid = imager->grid;
 	double covered = 0.0, all = 0.0;
 
@@ -69,7 +53,7 @@ static float covered_light(const struct lp_imager *imager)
 
 		all += light;
 		if (imager->eye->cover
-			    .near[lp_cover_block(grid->width, lp_cover_seen_cell(&view, i))])
+			    .near[lp_cover_block(grid->width, lp_residual_seen(&residual, i))])
 			covered += light;
 	}
 	return all > 0.0 ? (float)(covered / all) : 0.0F;
@@ -78,7 +62,7 @@ static float covered_light(const struct lp_imager *imager)
 /* What only cameras see that are away: its share of the light that is known. */
 static void weigh_lost(struct lp_imager *imager)
 {
-	const struct lp_cover_view view = lp_imager_cover_view(imager, NAN);
+	const struct lp_residual residual = lp_imager_residual(imager);
 	const struct lp_grid *grid = imager->grid;
 	const struct lp_eye *live[LP_MAX_CAMERAS];
 	double hidden = 0.0, all = 0.0;
@@ -96,7 +80,7 @@ static void weigh_lost(struct lp_imager *imager)
 	for (int i = 0; i < grid->width * grid->height && count < imager->eye_count; i++) {
 		const double light = (double)imager->map->radiance[i][LP_LUMINANCE] *
 				     lp_grid_solid_angle_sr(grid, i);
-		const int seen = lp_cover_seen_cell(&view, i);
+		const int seen = lp_residual_seen(&residual, i);
 		bool is_seen = false;
 
 		if (imager->map->flags[i] & LP_CELL_UNSEEN)

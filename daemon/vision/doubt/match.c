@@ -31,8 +31,8 @@ static float code_of(float linear)
 /* Exposures, and what cells say of each pair of them. */
 struct comparison {
 	int count;
-	const float *exposures_us;
-	float codes[LP_MAX_CANDIDATES]; /* predicted for a cell; NAN: not known */
+	float scales[LP_MAX_CANDIDATES]; /* full scale to radiance, by each */
+	float codes[LP_MAX_CANDIDATES];	 /* predicted for a cell; NAN: not known */
 	double sum[LP_MAX_CANDIDATES][LP_MAX_CANDIDATES],
 		apart[LP_MAX_CANDIDATES][LP_MAX_CANDIDATES];
 	int cells[LP_MAX_CANDIDATES][LP_MAX_CANDIDATES];
@@ -43,17 +43,20 @@ static float least_known(const struct lp_imager *imager)
 {
 	float least = INFINITY;
 
-	for (int k = 0; k < LP_MAX_BRACKET; k++)
-		if (imager->eye->recent[k].serial)
+	for (int k = 0; k < LP_MAX_BRACKET; k++) {
+		const struct lp_recent_exposure *e = &imager->eye->recent[k];
+
+		if (e->serial)
 			least = fminf(least,
-				      LEAST_LINEAR * 1e6F / imager->eye->recent[k].exposure_us);
+				      LEAST_LINEAR * lp_imager_scale_of(imager, e->exposure_us));
+	}
 	return least;
 }
 
 static void predict(struct comparison *c, float known, bool is_bound, float least)
 {
 	for (int k = 0; k < c->count; k++) {
-		const float predicted = known * c->exposures_us[k] * 1e-6F;
+		const float predicted = known / c->scales[k];
 
 		/* a clipped cell is known to be bright, not how bright */
 		c->codes[k] = (is_bound && predicted < 1.0F) ||
@@ -79,7 +82,7 @@ static void add_cell(struct comparison *c, float observed)
 
 /* cover: what is left out; NULL: nothing. */
 static void compare(const struct lp_imager *imager, struct comparison *c,
-		    const struct lp_cover_view *view, const struct lp_cover *cover, int step)
+		    const struct lp_residual *residual, const struct lp_cover *cover, int step)
 {
 	const struct lp_radiance_map *map = imager->map;
 	const int count = imager->grid->width * imager->grid->height;
@@ -89,14 +92,14 @@ static void compare(const struct lp_imager *imager, struct comparison *c,
 	memset(c->apart, 0, sizeof(c->apart));
 	memset(c->cells, 0, sizeof(c->cells));
 	for (int i = 0; i < count; i += step) {
-		const int seen = lp_cover_seen_cell(view, i);
+		const int seen = lp_residual_seen(residual, i);
 
-		if (((map->flags[i] | imager->eye->seen.flags[seen]) & LP_CELL_UNSEEN) ||
+		if (((map->flags[i] | residual->seen.flags[seen]) & LP_CELL_UNSEEN) ||
 		    (cover && cover->near[lp_cover_block(imager->grid->width, seen)]))
 			continue;
 		predict(c, map->radiance[i][LP_LUMINANCE], map->flags[i] & LP_CELL_CLIPPED, least);
-		add_cell(c, 255.0F * code_of(imager->eye->seen.cells[seen][LP_LUMINANCE] /
-					     imager->eye->incoming.cells.scale));
+		add_cell(c, 255.0F * code_of(residual->seen.radiance[seen][LP_LUMINANCE] /
+					     residual->seen.scale));
 	}
 }
 
@@ -110,11 +113,11 @@ static bool tells_all(const struct comparison *c)
 }
 
 static void compare_enough(const struct lp_imager *imager, struct comparison *c,
-			   const struct lp_cover_view *view, const struct lp_cover *cover)
+			   const struct lp_residual *residual, const struct lp_cover *cover)
 {
-	compare(imager, c, view, cover, STEP);
+	compare(imager, c, residual, cover, STEP);
 	if (!tells_all(c)) /* maybe by a lamp of a few cells */
-		compare(imager, c, view, cover, 1);
+		compare(imager, c, residual, cover, 1);
 }
 
 static float difference(const struct comparison *c, int a, int b)
@@ -123,12 +126,10 @@ static float difference(const struct comparison *c, int a, int b)
 }
 
 /* A hand before the lens, which shows if the frame was exposed so, says nothing of the exposure. */
-static bool look_for_cover(const struct lp_imager *imager, float exposure_us,
-			   struct lp_cover *cover)
+static bool look_for_cover(const struct lp_imager *imager, const struct lp_residual *residual,
+			   float scale, struct lp_cover *cover)
 {
-	const struct lp_cover_view view = lp_imager_cover_view(imager, exposure_us);
-
-	*cover = lp_cover_look(&imager->eye->cover, &view);
+	*cover = lp_cover_look(&imager->eye->cover, residual, scale);
 	return cover->found;
 }
 
@@ -150,7 +151,7 @@ static bool is_doubtful(const struct lp_imager *imager, const float *codes, int 
 void lp_imager_match(const struct lp_imager *imager, const float *exposures_us, int count,
 		     struct lp_exposure_matches *matches)
 {
-	struct comparison c = {.count = count, .exposures_us = exposures_us}, uncovered = c;
+	struct comparison c = {.count = count}, uncovered;
 	struct lp_cover cover;
 
 	for (int i = 0; i < LP_MAX_CANDIDATES * LP_MAX_CANDIDATES; i++)
@@ -158,14 +159,17 @@ void lp_imager_match(const struct lp_imager *imager, const float *exposures_us, 
 	if (count < 2 || !imager->loaded || !imager->t_map_ns ||
 	    isnan(imager->eye->incoming.cells.mean_code))
 		return;
-	const struct lp_cover_view view = lp_imager_cover_view(imager, NAN);
+	const struct lp_residual residual = lp_imager_residual(imager);
 
-	compare_enough(imager, &c, &view, NULL);
+	for (int k = 0; k < count; k++)
+		c.scales[k] = lp_imager_scale_of(imager, exposures_us[k]);
+	uncovered = c;
+	compare_enough(imager, &c, &residual, NULL);
 	for (int a = 0; a < count; a++) {
 		take_row(&c, a, matches);
 		if (is_doubtful(imager, matches->codes[a], count) &&
-		    look_for_cover(imager, exposures_us[a], &cover)) {
-			compare_enough(imager, &uncovered, &view, &cover);
+		    look_for_cover(imager, &residual, c.scales[a], &cover)) {
+			compare_enough(imager, &uncovered, &residual, &cover);
 			take_row(&uncovered, a, matches);
 		}
 	}

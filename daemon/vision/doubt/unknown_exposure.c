@@ -10,8 +10,6 @@
 /* Which cells are watched: rows of the panorama, and columns of its equator. */
 #define ROWS 60
 #define COLUMNS 80
-/* Noisier cells tell nothing (relative). */
-#define MOST_NOISE 0.1F
 /* Variance of where a cell of a turned picture looks, in cells^2: the nearest one is taken. */
 #define PLACE_VARIANCE 0.15F
 /* 1 sigma of the scale of what the map, once turned, holds of the watched cells. */
@@ -60,36 +58,28 @@ static float step2(const struct lp_imager *imager, int cell)
 	return 0.25F * (across * across + along * along);
 }
 
-static void see(struct lp_imager *imager, const struct lp_observation *frame, int seen, int k)
+/* `held`: logarithm of the scale held so far, over the frame's. */
+static void see(struct lp_imager *imager, const struct lp_residual *residual, float held, int k)
 {
 	struct lp_gain_cell *cell = &imager->eye->gain.cells[k];
-	const float light = frame->radiance[seen][LP_LUMINANCE];
-	const float linear = light / frame->scale;
+	const int seen = lp_residual_seen(residual, imager->watched[k]);
+	const float light = residual->seen.radiance[seen][LP_LUMINANCE];
+	const struct lp_log_light told = lp_log_light(&residual->seen, seen, LP_LUMINANCE);
+	const float place2 = residual->lookup ? PLACE_VARIANCE * step2(imager, imager->watched[k]) /
+							(light * light)
+					      : 0.0F;
 
-	cell->seen = NAN;
-	if (frame->flags[seen] || !(light > 0.0F) || linear > LP_BRIGHTEST_COMPARED)
-		return;
-	const float codes2 = frame->code_variance / lp_response_weight(frame->response, linear);
-	const float noise2 = codes2 / (linear * linear);
-
-	if (noise2 > MOST_NOISE * MOST_NOISE)
-		return;
-	const float place2 =
-		lp_rotation_is_identity(&imager->motion.rotation)
-			? 0.0F
-			: PLACE_VARIANCE * step2(imager, imager->watched[k]) / (light * light);
-
-	cell->seen = logf(light / frame->scale * imager->eye->gain.scale);
-	cell->sigma = sqrtf(noise2 + place2 + LP_CELL_SIGMA * LP_CELL_SIGMA);
+	cell->seen = told.log + held;
+	cell->sigma = sqrtf(told.variance + place2);
 }
 
 static struct lp_gain_look look(struct lp_imager *imager)
 {
-	const struct lp_observation frame = lp_imager_observation(imager);
-	const struct lp_cover_view view = lp_imager_cover_view(imager, NAN);
+	const struct lp_residual residual = lp_imager_residual(imager);
+	const float held = logf(imager->eye->gain.scale / residual.seen.scale);
 
 	for (int k = 0; k < imager->eye->gain.count; k++)
-		see(imager, &frame, lp_cover_seen_cell(&view, imager->watched[k]), k);
+		see(imager, &residual, held, k);
 	return lp_gain_look(&imager->eye->gain);
 }
 

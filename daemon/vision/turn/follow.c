@@ -30,31 +30,6 @@
 /* One prediction fits better than the other when so much more of the picture agrees. */
 #define CLEARLY_BETTER 0.03F
 
-/* Lamps flicker at this, or at 120 Hz. */
-#define MAINS_HZ 100.0F
-
-/* Share of a flicker's depth that an exposure shows; the rest averages out over whole periods. */
-static float flicker_share(float exposure_us)
-{
-	const float turns = (float)M_PI * MAINS_HZ * 1e-6F * exposure_us;
-
-	return turns > 1.0F ? 1.0F / turns : 1.0F; /* also of an unknown one */
-}
-
-struct lp_observation lp_imager_observation(const struct lp_imager *imager)
-{
-	const struct lp_exposure *e = &imager->eye->incoming;
-
-	return (struct lp_observation){.radiance = (const float(*)[4])imager->eye->seen.cells,
-				       .flags = imager->eye->seen.flags,
-				       .response = &imager->eye->response,
-				       .scale = e->scale,
-				       .coded = !isnan(e->cells.mean_code),
-				       .code_variance = lp_eye_code_variance(imager->eye),
-				       .flicker_sigma =
-					       imager->flicker * flicker_share(e->exposure_us)};
-}
-
 /* Where the camera may look, before and after it was compared with the map. */
 struct attempt {
 	struct lp_motion motion;
@@ -202,7 +177,7 @@ static void follow_by_pictures(struct lp_imager *imager, const struct lp_motion 
  * IMU says clearly that it turns; and now and then. */
 static void follow_turn(struct lp_imager *imager, double elapsed_s)
 {
-	struct lp_observation seen = lp_imager_observation(imager);
+	struct lp_observation seen = lp_imager_residual(imager).seen;
 	struct lp_motion by_rate = imager->motion, by_imu;
 	const bool told = predict_by_imu(imager, elapsed_s, &by_imu);
 

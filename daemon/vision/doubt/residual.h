@@ -1,0 +1,43 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * A frame beside what is known: where in the frame each cell of the map lies, and how well the
+ * frame tells the light there. All that asks how a frame differs from the map asks it here. Pure
+ * computation; one thread; plain data.
+ */
+#ifndef LP_VISION_DOUBT_RESIDUAL_H
+#define LP_VISION_DOUBT_RESIDUAL_H
+
+#include "vision/map/radiance_map.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+struct lp_lookup;
+
+/* Of a cell's light, relative: what the response and the camera's grid do to it. */
+#define LP_CELL_SIGMA 0.03F
+
+struct lp_residual {
+	const struct lp_radiance_map *map; /* borrowed, as all it holds */
+	const struct lp_lookup *lookup;	   /* map to camera; NULL: the same frame of reference */
+	struct lp_observation seen;	   /* camera frame */
+};
+
+/* Cell of the frame that looks where a cell of the map lies. */
+int lp_residual_seen(const struct lp_residual *residual, int cell);
+
+/* Logarithm of light, and its variance. */
+struct lp_log_light {
+	float log, variance;
+};
+
+/* What a frame tells of a channel of one of its cells, with what the response and the grid do to
+ * it. Its logarithm is NAN where that is nothing: too dark, too bright, or marked. */
+struct lp_log_light lp_log_light(const struct lp_observation *seen, int cell, int channel);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
