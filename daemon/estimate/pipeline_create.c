@@ -98,8 +98,6 @@ static struct lp_film film_of(const struct lp_pipeline *p)
 	film.rest_s = numbers->rest_s;
 	const struct lp_camera *camera = p->cameras[0].geometry; /* the only one that has a film */
 
-	if (camera->projection == LP_EQUIRECT)
-		return film;
 	for (int k = 0; k < camera->lens_count && k < LP_MAX_SHEETS; k++) {
 		film.sheet_count = k + 1;
 		for (int i = 0; i < 9; i++)

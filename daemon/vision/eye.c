@@ -48,42 +48,29 @@ void lp_eye_release(struct lp_eye *eye)
 
 /* ---------------------------------------------------------------- geometry */
 
-static int set_rows(struct lp_eye *eye, int width_px, int height_px)
+static int set_rows(struct lp_eye *eye, int height_px)
 {
 	const int rows = (height_px + 7) / 8 * 8; /* the last block may reach beyond the picture */
-	float *weight = realloc(eye->row_weight, 2 * rows * sizeof(*weight));
+	float *weight = realloc(eye->row_weight, (size_t)rows * sizeof(*weight));
 
 	if (!weight)
 		return -ENOMEM;
 	eye->row_weight = weight;
-	eye->row_solid_angle_sr = weight + rows;
-	memset(weight, 0, 2 * rows * sizeof(*weight));
-	for (int y = 0; y < height_px; y++) {
-		weight[y] = eye->camera->projection == LP_EQUIRECT
-				    ? (float)sin(lp_camera_row_rad(eye->camera, height_px, y + 0.5))
-				    : 1.0F;
-		eye->row_solid_angle_sr[y] =
-			(float)lp_camera_pixel_solid_angle_sr(eye->camera, width_px, height_px, 0.5,
-							      y + 0.5);
-	}
+	memset(weight, 0, (size_t)rows * sizeof(*weight));
+	for (int y = 0; y < height_px; y++)
+		weight[y] = (float)lp_camera_row_sine(eye->camera, height_px, y + 0.5);
 	return 0;
-}
-
-/* What a camera file says counts. */
-static bool uses_crop(const struct lp_eye *eye)
-{
-	return eye->given->projection == LP_EQUIRECT && !eye->given->crop_given;
 }
 
 bool lp_eye_can_look(const struct lp_eye *eye, const struct lp_crop *stated)
 {
-	return !uses_crop(eye) || !lp_crop_is_unusable(stated);
+	return eye->given->crop_given || !lp_crop_is_unusable(stated);
 }
 
 void lp_eye_look(struct lp_eye *eye, const struct lp_crop *stated)
 {
 	const struct lp_camera *given = eye->given;
-	const bool is_stated = uses_crop(eye) && lp_crop_is_stated(stated);
+	const bool is_stated = !given->crop_given && lp_crop_is_stated(stated);
 	const struct lp_crop crop = is_stated ? *stated : given->crop;
 
 	if (lp_crop_same(&crop, &eye->camera->crop))
@@ -105,7 +92,7 @@ int lp_eye_fit(struct lp_eye *eye, int width_px, int height_px, int cell_px)
 	if (remap && remap->width_px == width_px && remap->height_px == height_px &&
 	    remap->cell_px == cell_px)
 		return 0;
-	ret = set_rows(eye, width_px, height_px);
+	ret = set_rows(eye, height_px);
 	if (ret < 0)
 		return ret;
 	free(eye->place);

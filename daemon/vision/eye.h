@@ -37,10 +37,9 @@ struct lp_eye {
 	const struct lp_camera *camera; /* that, or `cropped` */
 	struct lp_camera cropped;	/* the same of a part of the sphere; borrows from it */
 	struct lp_response response;
-	struct lp_remap *remap;	   /* of the current picture size; NULL: no frame has come */
-	float *row_weight;	   /* of the current picture size: solid angle up to a factor */
-	float *row_solid_angle_sr; /* of one pixel, equirectangular; same block as row_weight */
-	int *place;		   /* per camera cell: index into the patch that saw it last */
+	struct lp_remap *remap; /* of the current picture size; NULL: no frame has come */
+	float *row_weight;	/* of the current picture size: solid angle up to a factor */
+	int *place;		/* per camera cell: index into the patch that saw it last */
 
 	struct lp_exposure incoming; /* the newest frame */
 	/* Its cells on the panorama's grid, camera frame: `mapped` and `mapped_flags`, or the

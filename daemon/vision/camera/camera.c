@@ -20,6 +20,12 @@ int lp_camera_circle_px(const struct lp_camera *camera, int width_px)
 	return (int)(2.0 * M_PI * (double)camera->lens[0].fx_px * width_px / camera->width_px);
 }
 
+double lp_camera_row_sine(const struct lp_camera *camera, int height_px, double y)
+{
+	return camera->projection == LP_EQUIRECT ? sin(lp_camera_row_rad(camera, height_px, y))
+						 : 1.0;
+}
+
 static double polynomial(const struct lp_lens *lens, double theta)
 {
 	const double t2 = theta * theta;
@@ -61,15 +67,15 @@ static double illumination_at(const struct lp_lens *lens, double theta)
 	return 1.0 + t2 * (lens->rolloff[0] + t2 * (lens->rolloff[1] + t2 * lens->rolloff[2]));
 }
 
+/* Up to the picture's edges, which belong to it. */
 static bool masked(const struct lp_camera *camera, const struct lp_lens *lens, double x, double y)
 {
 	if (!lens->mask)
 		return false;
+	const int column = (int)fmax(0.0, fmin(x, camera->width_px - 1));
+	const int row = (int)fmax(0.0, fmin(y, camera->height_px - 1));
 
-	const int column = (int)floor(x), row = (int)floor(y);
-
-	return column < 0 || row < 0 || column >= camera->width_px || row >= camera->height_px ||
-	       !lens->mask[(size_t)row * camera->width_px + column];
+	return !lens->mask[(size_t)row * camera->width_px + column];
 }
 
 /* False: not in the part that the picture shows. */

@@ -39,7 +39,7 @@ struct lp_camera {
 	enum lp_projection projection;
 	int width_px, height_px; /* that the lens numbers refer to; 0: any (equirect) */
 	struct lp_crop crop;	 /* LP_EQUIRECT: what of the sphere the picture shows */
-	bool crop_given;	 /* by the camera file */
+	bool crop_given;	 /* by the camera file; of lenses, always */
 	int lens_count;
 	struct lp_lens lens[LP_MAX_LENSES];
 	bool response_given;
@@ -66,6 +66,9 @@ bool lp_camera_project(const struct lp_camera *camera, int lens, int width_px, i
 /* Direction that pixel (x, y) looks along, through the lens it belongs to; false: through none. */
 bool lp_camera_ray(const struct lp_camera *camera, int width_px, int height_px, double x, double y,
 		   double direction[3], int *lens);
+
+/* Sine of the angle from straight up of a row of a picture of which each row is level; else 1. */
+double lp_camera_row_sine(const struct lp_camera *camera, int height_px, double y);
 
 /* Equirectangular, and all of the sphere: rows go around, and every direction is seen. */
 static inline bool lp_camera_is_whole(const struct lp_camera *camera)

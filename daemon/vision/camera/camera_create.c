@@ -208,7 +208,10 @@ static int build(struct lp_camera *camera, const struct lp_camera_file *f)
 	camera->width_px = f->width_px;
 	camera->height_px = f->height_px;
 	camera->lens_count = camera->projection == LP_EQUIRECT;
+	for (int a = 0; a < 3; a++)
+		camera->lens[0].rotation[a][a] = 1.0F; /* of an equirectangular one */
 	camera->crop = LP_CROP_WHOLE;
+	camera->crop_given = camera->projection == LP_FISHEYE;
 	if (f->crop.present || f->mask[0]) {
 		const int ret = set_panorama(camera, f);
 

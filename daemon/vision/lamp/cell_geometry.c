@@ -7,42 +7,6 @@
 #include "vision/camera/remap.h"
 #include "vision/imager_internal.h"
 
-static struct lp_cell_geometry equirect_geometry(const struct lp_imager *imager, int column,
-						 int row)
-{
-	const struct lp_camera *camera = imager->eye->camera;
-	const struct lp_remap *remap = imager->eye->remap;
-	struct lp_cell_geometry g = {.seen = true};
-	double row_sin[2], row_cos[2], column_sin[2], column_cos[2];
-
-	for (int k = 0; k < 2; k++) {
-		const double theta = lp_camera_row_rad(camera, remap->height_px,
-						       (double)(row + k) * remap->cell_px);
-		const double lambda = lp_camera_column_rad(camera, remap->width_px,
-							   (double)(column + k) * remap->cell_px) -
-				      M_PI;
-
-		row_sin[k] = sin(theta);
-		row_cos[k] = cos(theta);
-		column_sin[k] = sin(lambda);
-		column_cos[k] = cos(lambda);
-	}
-	for (int k = 0; k < 4; k++) {
-		g.corner[k][0] = row_sin[k / 2] * column_sin[k % 2];
-		g.corner[k][1] = row_cos[k / 2];
-		g.corner[k][2] = -row_sin[k / 2] * column_cos[k % 2];
-	}
-	if (camera->lens[0].mask) {
-		double middle[3];
-		int lens;
-
-		g.seen = lp_camera_ray(camera, remap->width_px, remap->height_px,
-				       (column + 0.5) * remap->cell_px,
-				       (row + 0.5) * remap->cell_px, middle, &lens);
-	}
-	return g;
-}
-
 /* This lens's share of the light along `d`, over its illumination there. */
 static double lens_share(const struct lp_imager *imager, int own, const double d[3])
 {
@@ -63,40 +27,45 @@ static double lens_share(const struct lp_imager *imager, int own, const double d
 	return total > 0.0 ? share / total / illumination : 0.0;
 }
 
-static struct lp_cell_geometry lens_geometry(const struct lp_imager *imager, int column, int row)
+struct lp_cell_geometry lp_cell_geometry(const struct lp_imager *imager, int column, int row)
 {
+	const struct lp_camera *camera = imager->eye->camera;
 	const int side = imager->eye->remap->cell_px;
 	const int width = imager->eye->remap->width_px, height = imager->eye->remap->height_px;
-	const double x = (column + 0.5) * side, y = (row + 0.5) * side;
 	struct lp_cell_geometry g = {.seen = true};
-	double d[3];
+	double middle[3];
 	int lens;
 
 	for (int k = 0; k < 4; k++)
-		g.seen &= lp_camera_ray(imager->eye->camera, width, height, (column + k % 2) * side,
+		g.seen &= lp_camera_ray(camera, width, height, (column + k % 2) * side,
 					(row + k / 2) * side, g.corner[k], &lens);
-	g.seen &= lp_camera_ray(imager->eye->camera, width, height, x, y, d, &lens);
+	g.seen &= lp_camera_ray(camera, width, height, (column + 0.5) * side, (row + 0.5) * side,
+				middle, &lens);
 	if (g.seen)
-		g.pixel_solid_angle_sr =
-			lp_camera_pixel_solid_angle_sr(imager->eye->camera, width, height, x, y) *
-			lens_share(imager, lens, d);
+		g.share = lens_share(imager, lens, middle);
 	return g;
 }
 
-struct lp_cell_geometry lp_cell_geometry(const struct lp_imager *imager, int column, int row)
+static double determinant(const double a[3], const double b[3], const double c[3])
 {
-	return imager->eye->camera->projection == LP_EQUIRECT
-		       ? equirect_geometry(imager, column, row)
-		       : lens_geometry(imager, column, row);
+	return a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) +
+	       a[2] * (b[0] * c[1] - b[1] * c[0]);
 }
 
 struct lp_row_geometry lp_row_geometry(const struct lp_cell_geometry *g, double v)
 {
 	struct lp_row_geometry row;
+	double middle[3], down[3], length2 = 0.0;
 
 	for (int a = 0; a < 3; a++) {
 		row.first[a] = (1.0 - v) * g->corner[0][a] + v * g->corner[2][a];
 		row.along[a] = (1.0 - v) * g->corner[1][a] + v * g->corner[3][a] - row.first[a];
+		middle[a] = row.first[a] + 0.5 * row.along[a];
+		down[a] = 0.5 *
+			  (g->corner[2][a] + g->corner[3][a] - g->corner[0][a] - g->corner[1][a]);
+		length2 += middle[a] * middle[a];
 	}
+	row.solid_angle_sr =
+		g->share * fabs(determinant(middle, row.along, down)) / (length2 * sqrt(length2));
 	return row;
 }

@@ -10,8 +10,7 @@ struct lp_imager;
  * corners, which errs by less than a hundredth of a degree over a block. */
 struct lp_cell_geometry {
 	double corner[4][3];
-	double pixel_solid_angle_sr; /* lenses: times the share of this lens, over its illumination
-				      */
+	double share; /* of the light that this lens takes, over its illumination */
 	bool seen;
 };
 
@@ -22,6 +21,7 @@ struct lp_cell_geometry lp_cell_geometry(const struct lp_imager *imager, int col
  * by no more than 1e-4. */
 struct lp_row_geometry {
 	double first[3], along[3];
+	double solid_angle_sr; /* of the cell, if all of it were like this row; times `share` */
 };
 
 /* v: 0..1, down the cell. */

@@ -54,13 +54,9 @@ static int polar_stride(const struct lp_imager *imager, int row, int most)
 {
 	const struct lp_remap *remap = imager->eye->remap;
 	const int columns = remap->width_px / remap->cell_px;
-	const struct lp_camera *camera = imager->eye->camera;
+	const double sine = lp_camera_row_sine(imager->eye->camera, remap->height_px,
+					       (row + 0.5) * remap->cell_px);
 	int stride = 1;
-
-	if (camera->projection != LP_EQUIRECT)
-		return 1;
-	const double sine =
-		sin(lp_camera_row_rad(camera, remap->height_px, (row + 0.5) * remap->cell_px));
 
 	while (stride < most && columns % (2 * stride) == 0 && 2.0 * stride * sine < MOST_SPACING)
 		stride *= 2;
@@ -356,7 +352,6 @@ static float load_pixels(struct lp_imager *imager, const struct lp_exposure *exp
 static struct sums sum_patch(struct lp_imager *imager, const struct lp_exposure *exposure,
 			     const struct patch *patch, const struct lp_lamp *lamp, float threshold)
 {
-	const bool equirect = imager->eye->camera->projection == LP_EQUIRECT;
 	const int side = exposure->cells.cell_px;
 	const int width = imager->eye->remap->width_px, height = imager->eye->remap->height_px;
 	struct sums s = {0};
@@ -371,9 +366,6 @@ static struct sums sum_patch(struct lp_imager *imager, const struct lp_exposure 
 		const bool flat = patch->brightest[i] - lamp->background[LP_LUMINANCE] <= threshold;
 
 		for (int y = 0; g.seen && y < side && row * side + y < height; y++) {
-			const double omega =
-				equirect ? imager->eye->row_solid_angle_sr[row * side + y]
-					 : g.pixel_solid_angle_sr;
 			const float step = 1.0F / (float)side;
 			const struct row_sums sums =
 				flat ? flat_row(exposure->cells.radiance[patch->cells[i]], columns,
@@ -382,6 +374,8 @@ static struct sums sum_patch(struct lp_imager *imager, const struct lp_exposure 
 					       threshold);
 			const struct lp_row_geometry geometry =
 				lp_row_geometry(&g, (y + 0.5) / side);
+
+			const double omega = geometry.solid_angle_sr / (side * side);
 
 			add_row(&s, &sums, &geometry, lamp, omega * patch->share[i], threshold);
 		}
