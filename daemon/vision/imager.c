@@ -16,12 +16,6 @@
 #include "vision/map/lookup.h"
 #include "vision/turn/alignment.h"
 
-/* When more than this share of the light is another, exposures from before count as missing. Chosen
- * by hand. */
-#define CHANGED 0.02F
-/* How much all cells may have changed then, 1 sigma: by so many times that share, and at most. */
-#define CHANGE_SIGMAS 4.0F
-#define MOST_CHANGE 0.5F
 /* Where a cell of a turned picture looks, in cells: what lies between samples. */
 #define PLACE_SIGMA 0.15
 
@@ -364,15 +358,6 @@ static void observe(struct lp_imager *imager)
 	}
 	lp_imager_see_through(imager, &seen);
 	imager->update = lp_radiance_map_observe(imager->map, &seen);
-	if (imager->update.changed > CHANGED) {
-		/* a lamp that is switched lights all of the room, little of it beyond doubt */
-		const float changed = imager->update.changed;
-
-		seen.elapsed_s = 0.0F;
-		seen.change_sigma = fminf(CHANGE_SIGMAS * changed, MOST_CHANGE);
-		imager->update = lp_radiance_map_observe(imager->map, &seen);
-		imager->update.changed = changed;
-	}
 	if (!lp_imager_is_late(imager, elapsed_s))
 		imager->t_map_ns = imager->t_capture_ns;
 }
@@ -439,12 +424,12 @@ int lp_imager_accept(struct lp_imager *imager, float exposure_us)
 	lp_imager_compare_cameras(imager);
 	imager->eye->t_seen_ns = imager->t_capture_ns;
 	imager->eye->accepted = true;
-	for (int k = 0; k < imager->eye_count && imager->update.changed > CHANGED; k++) {
+	for (int k = 0; k < imager->eye_count && imager->update.unsettled; k++) {
 		imager->eyes[k].changed_serial = imager->eyes[k].serial;
 		lp_gain_disturb(&imager->eyes[k].gain, imager->update.changed);
 	}
 	if (imager->motion.turning || imager->agreement < LP_LEAST_AGREEMENT ||
-	    imager->update.changed > CHANGED)
+	    imager->update.unsettled)
 		imager->t_moved_ns = imager->t_capture_ns;
 	lp_imager_weigh_hidden(imager);
 	show(imager);

@@ -24,6 +24,36 @@ namespace
 constexpr float kSlightGate = 3.0F;
 constexpr int kSampledRows = 4;
 
+constexpr double kSphereSr = 4.0 * M_PI;
+
+float share_of(double part, const sums &total)
+{
+	return static_cast<float>(total.all > 0.0 ? part / total.all : 0.0);
+}
+
+/* Correct all cells, of whose light `walk` is the relative variance of a change since the
+ * observation before. */
+sums learn(struct lp_radiance_map *map, const struct lp_observation *seen, const noise_model &noise,
+	   float walk, bool unsettled)
+{
+	const struct lp_grid *grid = map->grid;
+	const v_float32x4 walks = cv::v_setall_f32(walk);
+	sums total = {};
+
+	for (int r = 0; r < grid->height; r++) {
+		row_sums row;
+
+		for (int c = 0; c < grid->width; c += 4) {
+			const size_t i = static_cast<size_t>(r) * grid->width + c;
+
+			if (unsettled || !correct_plain(map, seen, noise, walks, i, row))
+				correct(map, seen, noise, walks, unsettled, i, row);
+		}
+		row.add_to(total, grid->row_solid_angle_sr[r]);
+	}
+	return total;
+}
+
 template <typename T> bool allocate(T *&storage, size_t count)
 {
 	storage = static_cast<T *>(std::calloc(count, sizeof(T)));
@@ -89,36 +119,23 @@ extern "C" void lp_radiance_map_forget(struct lp_radiance_map *map)
 extern "C" struct lp_map_update lp_radiance_map_observe(struct lp_radiance_map *map,
 							const struct lp_observation *observation)
 {
-	const struct lp_grid *grid = map->grid;
-	const noise_model noise(*observation);
-	const v_float32x4 walk =
-		cv::v_setall_f32(kWalk * kWalk * observation->elapsed_s +
-				 observation->change_sigma * observation->change_sigma);
-	const double sphere_sr = 4.0 * M_PI;
-	const bool all_change = observation->change_sigma > 0.0F;
-	sums total = {};
-
 	map->t_s += observation->elapsed_s;
-	for (int r = 0; r < grid->height; r++) {
-		row_sums row;
+	const noise_model noise(*observation);
+	sums total = learn(map, observation, noise, kWalk * kWalk * observation->elapsed_s, false);
+	const float changed = share_of(total.changed, total);
+	const bool unsettled = changed > kUnsettled;
 
-		for (int c = 0; c < grid->width; c += 4) {
-			const size_t i = static_cast<size_t>(r) * grid->width + c;
-
-			if (all_change || !correct_plain(map, observation, noise, walk, i, row))
-				correct(map, observation, noise, walk, i, row);
-		}
-		row.add_to(total, grid->row_solid_angle_sr[r]);
-	}
-	const double all = total.all > 0.0 ? total.all : INFINITY;
-
+	if (unsettled)
+		total = learn(map, observation, noise, kElsewhere * kElsewhere * changed * changed,
+			      true);
 	/* The mean of max(0, cos)^2 over all normals is 1/6; mean irradiance is a quarter of the
 	 * flux. */
-	return {static_cast<float>(total.changed / all),
-		static_cast<float>(total.clipped / sphere_sr),
-		static_cast<float>(total.unseen / sphere_sr),
-		static_cast<float>(4.0 * std::sqrt(total.variance / 6.0) / all),
-		static_cast<float>(total.clipped_light / all)};
+	return {changed,
+		unsettled,
+		static_cast<float>(total.clipped / kSphereSr),
+		static_cast<float>(total.unseen / kSphereSr),
+		share_of(4.0 * std::sqrt(total.variance / 6.0), total),
+		share_of(total.clipped_light, total)};
 }
 
 extern "C" float lp_radiance_map_contradicting(const struct lp_radiance_map *map,

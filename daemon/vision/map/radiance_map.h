@@ -67,7 +67,6 @@ struct lp_observation {
 	bool coded;	     /* 8-bit codes; float frames are taken as exact */
 	float code_variance; /* of a cell's mean, in codes^2 */
 	float elapsed_s;     /* since the observation before */
-	float change_sigma;  /* 1 sigma, relative, of a change of light everywhere since then; 0 */
 	float flicker_sigma; /* relative 1 sigma of all light, from lamps that flicker */
 	bool longer;	     /* than another exposure that has come lately */
 	float late_s; /* so much older than the newest observation, which is right where they differ
@@ -81,6 +80,7 @@ struct lp_observation {
 /* Of one observation. */
 struct lp_map_update {
 	float changed;		/* luminous flux that changed at once, as a share of all */
+	bool unsettled;		/* that was so much that no cell counted as certain any more */
 	float clipped_fraction; /* of the sphere: cells that are only a lower bound */
 	float unseen_fraction;	/* of the sphere: never seen */
 	/* 1 sigma of the irradiance on a surface, root mean square over all normals, from the

@@ -27,6 +27,11 @@ constexpr float kWalk = 0.1F;
 constexpr float kCameraSigma = 0.03F;
 /* Sigmas beyond which an observation is a change of light. */
 constexpr float kGate = 5.0F;
+/* When more than this share of the light is another, all of it may be: a lamp that is switched
+ * lights all of the room, little of it beyond doubt. */
+constexpr float kUnsettled = 0.02F;
+/* How much that may be of each cell's light, 1 sigma: so many times that share. */
+constexpr float kElsewhere = 4.0F;
 /* Sigmas beyond which a lower bound contradicts a known radiance. */
 constexpr float kBoundGate = 3.0F;
 /* Relative 1 sigma of a known radiance that is old: any lower bound above it contradicts it,
@@ -277,8 +282,8 @@ bool correct_plain(struct lp_radiance_map *map, const struct lp_observation *see
 /* Correct four cells from `i` on, whatever is known and seen of them. Seldom called: inlined, it
  * would take the registers of those that are plain. */
 [[gnu::noinline]] void correct(struct lp_radiance_map *map, const struct lp_observation *seen,
-			       const noise_model &noise, const v_float32x4 &walk, size_t i,
-			       row_sums &sum)
+			       const noise_model &noise, const v_float32x4 &walk, bool unsettled,
+			       size_t i, row_sums &sum)
 {
 	const v_float32x4 zero = cv::v_setzero_f32(), one = cv::v_setall_f32(1.0F);
 	const v_float32x4 unknown = cv::v_setall_f32(LP_VARIANCE_UNKNOWN);
@@ -326,7 +331,8 @@ bool correct_plain(struct lp_radiance_map *map, const struct lp_observation *see
 			     difference * difference >
 				     cv::v_setall_f32(kBoundGate * kBoundGate) * observed);
 	const v_float32x4 hidden = bounds.hides(light, held) & below & (seen_is_clipped == zero) &
-				   (cv::v_setall_f32(seen->change_sigma) == zero) & (fresh == zero);
+				   (cv::v_setall_f32(unsettled ? 1.0F : 0.0F) == zero) &
+				   (fresh == zero);
 	const v_float32x4 changed = known & cv::v_select(clipped, refuted, learned.contradicts);
 	const v_float32x4 overruled = changed & (cv::v_setall_f32(seen->late_s) > zero);
 	const v_float32x4 missing =
@@ -344,7 +350,7 @@ bool correct_plain(struct lp_radiance_map *map, const struct lp_observation *see
 	gain = cv::v_select(missing, zero, gain);
 	variance = cv::v_select(missing, before, variance);
 
-	if (seen->change_sigma > 0.0F)
+	if (unsettled)
 		remember(map, i, known & (missing == zero));
 	else if (cv::v_check_any(changed & (missing == zero)))
 		remember(map, i, changed & (missing == zero));
