@@ -60,14 +60,11 @@ static struct lp_panorama filled(const struct lp_pipeline *p, const struct lp_pa
 static void turn_to_camera(const struct lp_imager *imager, struct lp_light_estimate *e)
 {
 	const struct lp_rotation back = lp_rotation_inverse(lp_imager_rotation(imager));
-	struct lp_imager_status status;
+	const struct lp_imager_turn turn = lp_imager_turn(imager);
 
-	if (lp_rotation_is_identity(&back))
-		return;
-	lp_imager_status(imager, &status);
-	const float late_deg = status.time_sigma_s * status.rate_deg_per_s;
-
-	lp_model_turn(e, &back, hypotf(status.rotation_sigma_deg, late_deg));
+	if (!lp_rotation_is_identity(&back))
+		lp_model_turn(e, &back,
+			      hypotf(turn.sigma_deg, turn.time_sigma_s * turn.rate_deg_per_s));
 }
 
 bool lp_pipeline_control(struct lp_pipeline *pipeline, const struct lp_camera_control *control,

@@ -230,12 +230,12 @@ void lp_pipeline_fill(struct lp_pipeline *p, const struct lp_panorama *panorama,
 
 /* While the camera turns, the anchor frame drifts by more than the sigma of each frame says; and
  * while it turns unseen, by all of that. */
-static void note_drift(struct lp_pipeline *p, const struct lp_imager_status *status, int64_t t_ns)
+static void note_drift(struct lp_pipeline *p, const struct lp_imager_turn *turn, int64_t t_ns)
 {
-	const double sigma_deg = DRIFT_SIGMAS * (double)status->rotation_sigma_deg;
+	const double sigma_deg = DRIFT_SIGMAS * (double)turn->sigma_deg;
 	const double elapsed_s =
 		p->t_drift_ns && t_ns > p->t_drift_ns ? (double)(t_ns - p->t_drift_ns) / 1e9 : 0.0;
-	const double unseen_deg = (double)status->unseen_rate_deg_per_s * elapsed_s;
+	const double unseen_deg = (double)turn->unseen_rate_deg_per_s * elapsed_s;
 	const double drift_deg = fmin(sqrt(p->drift_deg2) + unseen_deg, MOST_DRIFT_DEG);
 
 	p->drift_deg2 = drift_deg * drift_deg + sigma_deg * sigma_deg * elapsed_s;
@@ -255,24 +255,24 @@ static void set_xyzw(struct lp_estimate_orientation *o, const struct lp_rotation
 struct lp_estimate_orientation lp_pipeline_orientation(struct lp_pipeline *p, int64_t t_ns)
 {
 	struct lp_estimate_orientation o = {0};
-	struct lp_imager_status status;
+	const struct lp_imager_turn turn = lp_imager_turn(p->imager);
+	const struct lp_imager_told told = lp_imager_told(p->imager);
 
-	lp_imager_status(p->imager, &status);
-	note_drift(p, &status, t_ns);
-	o.left_out = status.orientation_left_out;
+	note_drift(p, &turn, t_ns);
+	o.left_out = told.left_out;
 	if (p->options.orientation == LP_ORIENTATION_SIM ||
 	    p->options.orientation == LP_ORIENTATION_CLIENT) {
-		o.known = o.world = status.orientation_told && !o.left_out;
-		if (status.orientation_told)
-			set_xyzw(&o, &status.told_rotation);
-		o.sigma_deg = hypotf(status.told_sigma_deg, status.orientation_late_deg);
+		o.known = o.world = told.known && !o.left_out;
+		if (told.known)
+			set_xyzw(&o, &told.rotation);
+		o.sigma_deg = told.sigma_deg;
 	} else if (p->options.orientation != LP_ORIENTATION_NONE) {
 		const struct lp_rotation turned =
 			lp_rotation_product(&p->origin, lp_imager_rotation(p->imager));
 
 		set_xyzw(&o, &turned);
 		o.known = true;
-		o.sigma_deg = hypotf(status.rotation_sigma_deg, sqrtf((float)p->drift_deg2));
+		o.sigma_deg = hypotf(turn.sigma_deg, sqrtf((float)p->drift_deg2));
 	}
 	return o;
 }

@@ -30,10 +30,7 @@ void lp_pipeline_use_ring(struct lp_pipeline *p, const double (*total)[3],
 
 float lp_pipeline_turn_rad_s(const struct lp_pipeline *pipeline)
 {
-	struct lp_imager_status status;
-
-	lp_imager_status(pipeline->imager, &status);
-	return status.rate_deg_per_s * (float)M_PI / 180.0F;
+	return lp_imager_turn(pipeline->imager).rate_deg_per_s * (float)M_PI / 180.0F;
 }
 
 /* How far the camera may have turned otherwise since the newest frame. */

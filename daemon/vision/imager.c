@@ -30,9 +30,9 @@ int lp_imager_create(const struct lp_camera *camera, const struct lp_imager_opti
 	if (!m)
 		return -ENOMEM;
 	m->options = *options;
-	m->agreement = 1.0F;
+	m->turn.agreement = 1.0F;
 	m->eye = m->eyes;
-	lp_motion_init(&m->motion);
+	lp_motion_init(&m->turn.motion);
 	ret = lp_grid_create(width, height, &m->grid);
 	if (ret == 0)
 		ret = lp_radiance_map_create(m->grid, &m->map);
@@ -53,10 +53,12 @@ int lp_imager_create(const struct lp_camera *camera, const struct lp_imager_opti
 	m->turned = calloc(cells, sizeof(*m->turned));
 	m->turned_flags = calloc(cells, 1);
 	m->step2 = calloc(cells, sizeof(*m->step2));
-	m->behind = calloc(cells, sizeof(*m->behind));
-	m->taken = calloc(cells, 1);
-	m->pixels = calloc((size_t)LP_REFINE_MAX_CELLS * LP_CELL_MAX_PX, sizeof(*m->pixels));
-	if (!m->turned || !m->turned_flags || !m->step2 || !m->behind || !m->taken || !m->pixels)
+	m->lamp.behind = calloc(cells, sizeof(*m->lamp.behind));
+	m->lamp.taken = calloc(cells, 1);
+	m->lamp.pixels =
+		calloc((size_t)LP_REFINE_MAX_CELLS * LP_CELL_MAX_PX, sizeof(*m->lamp.pixels));
+	if (!m->turned || !m->turned_flags || !m->step2 || !m->lamp.behind || !m->lamp.taken ||
+	    !m->lamp.pixels)
 		goto err_destroy;
 	lp_imager_watch(m);
 	*imager = m;
@@ -74,14 +76,14 @@ void lp_imager_destroy(struct lp_imager *imager)
 	for (int k = 0; k < imager->eye_count; k++)
 		lp_eye_release(&imager->eyes[k]);
 	free(imager->compared);
-	free(imager->pixels);
-	free(imager->taken);
-	free(imager->behind);
-	free(imager->over_film);
+	free(imager->lamp.pixels);
+	free(imager->lamp.taken);
+	free(imager->lamp.behind);
+	free(imager->film.over);
 	free(imager->step2);
 	free(imager->turned_flags);
 	free(imager->turned);
-	lp_stokes_map_destroy(imager->stokes);
+	lp_stokes_map_destroy(imager->film.stokes);
 	lp_alignment_destroy(imager->alignment);
 	lp_lookup_destroy(imager->lookup);
 	lp_radiance_map_destroy(imager->map);
@@ -119,14 +121,14 @@ const struct lp_panorama *lp_imager_panorama(const struct lp_imager *imager)
 
 const struct lp_rotation *lp_imager_rotation(const struct lp_imager *imager)
 {
-	return &imager->motion.rotation;
+	return &imager->turn.motion.rotation;
 }
 
 void lp_imager_forget_all(struct lp_imager *imager)
 {
 	lp_radiance_map_forget(imager->map);
-	if (imager->stokes)
-		lp_stokes_map_forget(imager->stokes);
+	if (imager->film.stokes)
+		lp_stokes_map_forget(imager->film.stokes);
 	imager->t_map_ns = 0;
 }
 
@@ -225,7 +227,7 @@ static struct lp_imu_sample imu_sample_of(const struct lp_imager *imager)
 	if (frame->t_orientation_ns) {
 		const int64_t later_ns = imager->time.middle_ns - frame->t_orientation_ns;
 		const struct lp_rotation turn =
-			turn_within(&imager->motion, (double)later_ns / 1e9);
+			turn_within(&imager->turn.motion, (double)later_ns / 1e9);
 
 		sample.rotation = lp_rotation_product(&sample.rotation, &turn);
 	}
@@ -240,7 +242,7 @@ static void place_in_time(struct lp_imager *imager, float exposure_us)
 	const float own_us = imager->about.exposure_us;
 
 	imager->time = lp_frame_time(&imager->about, isnan(own_us) ? exposure_us : own_us);
-	imager->imu_sample = imu_sample_of(imager);
+	imager->turn.told = imu_sample_of(imager);
 }
 
 /* -EBADMSG, and a line in the log: nobody can tell what the frame shows. */
@@ -298,7 +300,7 @@ int lp_imager_load(struct lp_imager *imager, struct lp_frame *frame, float expec
 		lp_imager_forget(imager);
 	incoming->exposure_us = expected_us;
 	incoming->scale = lp_imager_scale_of(imager, expected_us);
-	imager->wheel_deg = frame->wheel_deg;
+	imager->film.wheel_deg = frame->wheel_deg;
 	imager->eye->over_film = lp_imager_over_film(imager);
 	imager->eye->row_time_us = frame->row_time_us;
 	ret = lp_exposure_load(incoming, frame, &options, imager->eye->row_weight,
@@ -345,9 +347,9 @@ static void observe(struct lp_imager *imager)
 	seen.longer = imager->eye->incoming.exposure_us >
 		      LP_SAME_EXPOSURE * lp_eye_exposures(imager->eye).shortest_us;
 	seen.elapsed_s = imager->t_map_ns && elapsed_s > 0.0 ? (float)elapsed_s : 0.0F;
-	if (!lp_rotation_is_identity(&imager->motion.rotation)) {
+	if (!lp_rotation_is_identity(&imager->turn.motion.rotation)) {
 		const double sigma =
-			lp_motion_sigma_rad(&imager->motion) * imager->grid->height / M_PI;
+			lp_motion_sigma_rad(&imager->turn.motion) * imager->grid->height / M_PI;
 
 		lp_lookup_radiance(imager->lookup, seen.radiance, imager->turned, imager->step2);
 		lp_lookup_marks(imager->lookup, seen.flags, imager->turned_flags);
@@ -403,10 +405,10 @@ void lp_imager_settle(struct lp_imager *imager, float exposure_us)
 	if (imager->late_s > 0.0F || later_ns == 0)
 		return;
 	imager->t_capture_ns = imager->time.middle_ns;
-	if (imager->motion.turning)
+	if (imager->turn.motion.turning)
 		lp_imager_follow_again(imager);
 	else
-		imager->t_motion_ns = imager->t_capture_ns;
+		imager->turn.t_ns = imager->t_capture_ns;
 }
 
 int lp_imager_accept(struct lp_imager *imager, float exposure_us)
@@ -428,7 +430,7 @@ int lp_imager_accept(struct lp_imager *imager, float exposure_us)
 		imager->eyes[k].changed_serial = imager->eyes[k].serial;
 		lp_gain_disturb(&imager->eyes[k].gain, imager->update.changed);
 	}
-	if (imager->motion.turning || imager->agreement < LP_LEAST_AGREEMENT ||
+	if (imager->turn.motion.turning || imager->turn.agreement < LP_LEAST_AGREEMENT ||
 	    imager->update.unsettled)
 		imager->t_moved_ns = imager->t_capture_ns;
 	lp_imager_weigh_hidden(imager);
@@ -456,7 +458,7 @@ float lp_imager_cells_sigma(const struct lp_imager *imager, const struct lp_lamp
 
 struct lp_rotation lp_imager_rotation_at(const struct lp_imager *imager, int64_t t_ns)
 {
-	struct lp_motion motion = imager->motion;
+	struct lp_motion motion = imager->turn.motion;
 	const double later_s = (double)(t_ns - imager->t_capture_ns) / 1e9;
 
 	if (motion.turning && later_s > 0.0)
@@ -495,34 +497,20 @@ static void add_eye(const struct lp_eye *eye, struct lp_imager_status *status)
 
 void lp_imager_status(const struct lp_imager *imager, struct lp_imager_status *status)
 {
-	const double *rate = imager->motion.rate;
-	const double degrees = 180.0 / M_PI;
-
 	*status = (struct lp_imager_status){
 		.mean_code = NAN,
 		.irradiance_sigma = imager->update.irradiance_sigma,
 		.clipped_share = imager->update.clipped_share,
 		.changed = imager->update.changed,
-		.rotation_sigma_deg = (float)(lp_motion_sigma_rad(&imager->motion) * degrees),
-		.time_sigma_s = imager->time.sigma_s,
-		.rate_deg_per_s =
-			(float)(sqrt(rate[0] * rate[0] + rate[1] * rate[1] + rate[2] * rate[2]) *
-				degrees),
-		.unseen_rate_deg_per_s = (float)(imager->unseen_turn.rate_rad_s * degrees),
-		.rotation_is_unknown = imager->agreement < LP_LEAST_AGREEMENT,
-		.orientation_told = imager->imu_sample.known,
-		.told_rotation = imager->imu_sample.rotation,
-		.told_sigma_deg = (float)(imager->imu_sample.sigma_rad * degrees),
-		.orientation_left_out = imager->imu.left_out,
-		.lost_view = imager->lost_view,
-		.hidden_s = imager->lost_view
-				    ? (float)(imager->t_capture_ns - imager->t_lost_ns) / 1e9F
+		.rotation_sigma_deg = lp_imager_turn(imager).sigma_deg,
+		.rotation_is_unknown = imager->turn.agreement < LP_LEAST_AGREEMENT,
+		.lost_view = imager->lost.view,
+		.hidden_s = imager->lost.view
+				    ? (float)(imager->t_capture_ns - imager->lost.since_ns) / 1e9F
 				    : 0.0F,
-		.hidden_share = imager->lost_share,
-		.angles_missing = imager->stokes && !lp_stokes_polarization(&imager->angles).known};
-	status->orientation_late_deg =
-		(float)(degrees *
-			lp_imu_delay_sigma_rad(&imager->imu, status->rate_deg_per_s / degrees));
+		.hidden_share = imager->lost.share,
+		.angles_missing =
+			imager->film.stokes && !lp_stokes_polarization(&imager->film.angles).known};
 	const struct lp_eye_exposures newest = lp_eye_exposures(imager->eye);
 
 	status->exposure_count = newest.count;

@@ -16,6 +16,7 @@
 
 #include "include/frame.h"
 #include "light/film/polarization.h"
+#include "light/math/rotation.h"
 #include "vision/exposure.h"
 
 #ifdef __cplusplus
@@ -29,7 +30,6 @@ struct lp_lamp;
 struct lp_lamp_finder;
 struct lp_panorama;
 struct lp_polarization_grid;
-struct lp_rotation;
 
 #define LP_MAX_BRACKET 32 /* exposure settings that are told apart; people take 18 and more */
 
@@ -61,17 +61,8 @@ struct lp_imager_status {
 	float newest_clips;
 	float changed;		  /* share of the light that the newest frame showed changed */
 	float rotation_sigma_deg; /* of lp_imager_rotation(); 0: the camera holds still */
-	float rate_deg_per_s;	  /* how fast it turns */
-	/* 1 sigma of how fast it may turn while it seems to hold still; 0: that would be seen */
-	float unseen_rate_deg_per_s;
-	float time_sigma_s; /* 1 sigma of when the newest frame was exposed */
 	/* The newest frame contradicts what is known, and no turn of the camera explains it. */
 	bool rotation_is_unknown;
-	bool orientation_told;		  /* the newest frame carries its orientation: */
-	struct lp_rotation told_rotation; /* camera to what tells it, at the frame's middle */
-	float told_sigma_deg;		  /* 1 sigma about each axis */
-	float orientation_late_deg;	  /* 1 sigma of what they carry, from how late it may be */
-	bool orientation_left_out;	  /* what frames carry contradicts what they show */
 	float banding;	    /* amplitude of the bands that flicker draws; 0: none are seen */
 	bool covered;	    /* something hides part of the camera's view */
 	bool lost_view;	    /* a camera is away, and no other one sees what it saw */
@@ -80,6 +71,23 @@ struct lp_imager_status {
 	/* 1 sigma of all light, relative, from how well cameras are brought to one scale */
 	float cameras_sigma;
 	bool angles_missing; /* a film, but too few of its angles to tell how light is polarized */
+};
+
+/* How the camera turns. */
+struct lp_imager_turn {
+	float rate_deg_per_s;
+	/* 1 sigma of how fast it may turn while it seems to hold still; 0: that would be seen */
+	float unseen_rate_deg_per_s;
+	float sigma_deg;    /* of lp_imager_rotation(); 0: the camera holds still */
+	float time_sigma_s; /* 1 sigma of when the newest frame was exposed */
+};
+
+/* What the newest frame carries of its orientation. */
+struct lp_imager_told {
+	bool known;
+	struct lp_rotation rotation; /* camera to what tells it, at the frame's middle */
+	float sigma_deg;	     /* 1 sigma about each axis, also from how late it may be */
+	bool left_out;		     /* what frames carry contradicts what they show */
 };
 
 /* The camera is borrowed until destroy. */
@@ -194,6 +202,8 @@ float lp_imager_scale(const struct lp_imager *imager);
  * exposures shorter than the mains' period tell the less. */
 void lp_imager_expect_flicker(struct lp_imager *imager, float depth);
 
+struct lp_imager_turn lp_imager_turn(const struct lp_imager *imager);
+struct lp_imager_told lp_imager_told(const struct lp_imager *imager);
 void lp_imager_status(const struct lp_imager *imager, struct lp_imager_status *status);
 
 /*

@@ -24,6 +24,46 @@ struct lp_stokes_map;
 #define LP_REFINE_MAX_CELLS 1024 /* camera cells of one lamp */
 #define LP_CELL_MAX_PX 64	 /* pixels of one camera cell */
 
+/* What cameras that are away leave unseen (hidden.c). */
+struct lp_lost {
+	int64_t since_ns; /* when the first of them went away; 0: none is */
+	bool view;	  /* no camera that is there looks at a part of what is known */
+	float share;	  /* of the light that is known: that part's */
+};
+
+/* How the camera turns (follow.c). */
+struct lp_follow {
+	struct lp_motion motion;
+	int64_t t_ns;		 /* that motion.rotation is of; 0: nothing has been seen */
+	struct lp_motion before; /* motion before the newest frame, of t_before_ns */
+	int64_t t_before_ns;
+	float agreement;	   /* of the last alignment */
+	double elapsed_s;	   /* between the newest frame and the one before; 0: not told */
+	struct lp_imu_sample told; /* what the newest frame carries of its orientation */
+	struct lp_imu_sample told_before; /* of the newest frame that is no still */
+	struct lp_imu imu;
+	struct lp_unseen_turn unseen;
+};
+
+/* A polarizing film before the lens (film.c). */
+struct lp_imager_film {
+	struct lp_stokes_map *stokes; /* NULL: no film */
+	struct lp_film_view view;     /* of the newest frame, anchor frame; only if there is one */
+	/* 1 / G per cell in the camera's frame (light/film/sheet.h), with the wheel at over_deg;
+	 * NULL: the film lets pass the same everywhere. */
+	float *over;
+	float over_deg;		 /* INFINITY: not yet */
+	float wheel_deg;	 /* of the newest frame; NAN: unknown */
+	struct lp_stokes angles; /* what unpolarized light would tell by the angles so far */
+};
+
+/* Workspace for the pixels behind a lamp (refine.c). */
+struct lp_lamp_work {
+	float (*pixels)[3]; /* of LP_REFINE_MAX_CELLS camera cells */
+	int32_t *behind;    /* panorama cells behind a lamp, camera frame */
+	uint8_t *taken;	    /* per panorama cell: it is among them */
+};
+
 struct lp_imager {
 	struct lp_imager_options options;
 	struct lp_grid *grid;
@@ -38,23 +78,12 @@ struct lp_imager {
 	bool loaded;		   /* it has not been accepted yet */
 	float late_s;		   /* it was taken so long before t_capture_ns: a still; else 0 */
 	int64_t t_moved_ns; /* of the last frame in which the box turned, or much light changed */
-	int64_t t_lost_ns;  /* since when a camera is away; 0: none is */
-	bool lost_view;	    /* no camera that is there looks at a part of what is known */
-	float lost_share;   /* of the light that is known: that part's */
+	struct lp_lost lost;
 
 	struct lp_radiance_map *map;
 	struct lp_panorama panorama; /* the map, as the rest of the pipeline sees it */
-	struct lp_motion motion;
-	int64_t t_motion_ns;	 /* that motion.rotation is of; 0: nothing has been seen */
-	struct lp_motion before; /* motion before the newest frame, of t_before_ns */
-	int64_t t_before_ns;
-	int64_t t_map_ns; /* of the last frame that the map has observed */
-	float agreement;  /* of the last alignment */
-	double elapsed_s; /* between the newest frame and the one before; 0: not told */
-	struct lp_imu_sample imu_sample; /* what the newest frame carries of its orientation */
-	struct lp_imu_sample imu_sample_before; /* of the newest frame that is no still */
-	struct lp_imu imu;
-	struct lp_unseen_turn unseen_turn;
+	int64_t t_map_ns;	     /* of the last frame that the map has observed */
+	struct lp_follow turn;
 
 	/* Where the map's cells lie in the camera's frame, while the camera is turned. */
 	struct lp_lookup *lookup;
@@ -63,15 +92,7 @@ struct lp_imager {
 	uint8_t *turned_flags;
 	float *step2;
 
-	struct lp_stokes_map *stokes; /* NULL: no film */
-	struct lp_film_view film;     /* of the newest frame, anchor frame; only if there is one */
-	/* 1 / G per cell in the camera's frame (light/film/sheet.h), with the wheel at
-	 * over_film_deg; NULL: the film lets pass the same everywhere. */
-	float *over_film;
-	float over_film_deg;	 /* INFINITY: not yet */
-	float wheel_deg;	 /* of the newest frame; NAN: unknown */
-	struct lp_stokes angles; /* what unpolarized light would tell by the angles so far */
-
+	struct lp_imager_film film;
 	struct lp_map_update update; /* of the newest observation */
 	float flicker;		     /* lp_imager_expect_flicker() */
 	/* unknown_exposure.c */
@@ -81,10 +102,7 @@ struct lp_imager {
 
 	struct lp_banding_samples band_samples;
 
-	/* refine.c */
-	float (*pixels)[3]; /* of LP_REFINE_MAX_CELLS camera cells */
-	int32_t *behind;    /* panorama cells behind a lamp, camera frame */
-	uint8_t *taken;	    /* per panorama cell: it is among them */
+	struct lp_lamp_work lamp;
 };
 
 /* several.c: a still that is older than what the map knows (frame.h). False: since it was taken

@@ -42,8 +42,8 @@ void lp_imager_lose(struct lp_imager *imager, int camera)
 {
 	imager->eyes[camera].lost = true;
 	imager->eyes[camera].t_seen_ns = 0;
-	if (!imager->t_lost_ns)
-		imager->t_lost_ns = imager->t_capture_ns;
+	if (!imager->lost.since_ns)
+		imager->lost.since_ns = imager->t_capture_ns;
 }
 
 int lp_imager_current_exposures(const struct lp_imager *imager, int camera)
@@ -87,7 +87,7 @@ bool lp_imager_is_late(const struct lp_imager *imager, double elapsed_s)
 static bool same_time(const struct lp_imager *imager, const struct lp_eye *other)
 {
 	const double apart_s = fabs((double)(imager->t_capture_ns - other->t_seen_ns)) / 1e9;
-	const double *r = imager->motion.rate;
+	const double *r = imager->turn.motion.rate;
 	const double rate = sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2]);
 
 	return other->accepted && apart_s < MOST_LATE_S &&

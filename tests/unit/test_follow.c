@@ -87,10 +87,10 @@ static void test_a_jump_that_the_pictures_do_not_show(void **state)
 	(void)state;
 	for (int n = 0; n < 10; n++)
 		show(0.0, 33.0, 1.0F);
-	assert_true(status().orientation_told);
+	assert_true(lp_imager_told(imager).known);
 	show(0.0, 45.0, 1.0F);
 	assert_true(lp_rotation_is_identity(lp_imager_rotation(imager)));
-	assert_true(status().orientation_left_out);
+	assert_true(lp_imager_told(imager).left_out);
 	for (int n = 0; n < 10; n++) {
 		show(0.0, 45.0, 1.0F);
 		assert_true(lp_rotation_is_identity(lp_imager_rotation(imager)));
@@ -103,15 +103,15 @@ static void test_after_a_jump_the_next_one_is_believed(void **state)
 	(void)state;
 	for (int n = 0; n < 10; n++)
 		show(0.0, n < 5 ? 33.0 : 123.0, 1.0F);
-	assert_true(status().orientation_left_out);
+	assert_true(lp_imager_told(imager).left_out);
 	told_by = 2;
 	for (int n = 0; n < 10; n++) {
 		show(n, 70.0 + n, 1.0F);
-		assert_false(status().orientation_left_out);
+		assert_false(lp_imager_told(imager).left_out);
 		assert_float_equal(yaw_found_deg(), n, 0.3);
 	}
 	show(9.0, 99.0, 1.0F); /* and found out likewise */
-	assert_true(status().orientation_left_out);
+	assert_true(lp_imager_told(imager).left_out);
 }
 
 /* More than a camera turns between two frames, so that the pictures alone do not find it. */
@@ -122,12 +122,12 @@ static void test_a_turn_that_is_too_fast_for_the_pictures(void **state)
 		show(0.0, 33.0, 1.0F);
 	show(30.0, 63.0, 1.0F);
 	assert_float_equal(yaw_found_deg(), 30.0, 0.3);
-	assert_false(status().orientation_left_out);
+	assert_false(lp_imager_told(imager).left_out);
 	assert_false(status().rotation_is_unknown);
 	assert_true(status().changed < 0.02F);
 	show(62.0, 95.0, 1.0F);
 	assert_float_equal(yaw_found_deg(), 62.0, 0.3);
-	assert_false(status().orientation_left_out);
+	assert_false(lp_imager_told(imager).left_out);
 }
 
 /* In the dark the pictures tell nothing: what is told counts, and is less sure from frame to frame.
@@ -141,14 +141,14 @@ static void test_a_turn_in_the_dark(void **state)
 		show(0.0, 33.0, 1.0F);
 	for (int n = 1; n <= 3; n++)
 		show(n, 33.0 + n, 1.0F);
-	before = status().rotation_sigma_deg;
+	before = lp_imager_turn(imager).sigma_deg;
 	for (int n = 4; n <= 12; n++) {
 		show(n, 33.0 + n, 0.0F);
 		assert_float_equal(yaw_found_deg(), n, 0.3);
-		assert_true(status().rotation_sigma_deg > before);
-		before = status().rotation_sigma_deg;
+		assert_true(lp_imager_turn(imager).sigma_deg > before);
+		before = lp_imager_turn(imager).sigma_deg;
 	}
-	assert_false(status().orientation_left_out);
+	assert_false(lp_imager_told(imager).left_out);
 }
 
 /* What is missing for a while is no contradiction, and counts again when it is back. */
@@ -158,8 +158,8 @@ static void test_gaps(void **state)
 	for (int n = 0; n < 60; n++) {
 		show(n, n % 3 ? 33.0 + n : NAN, 1.0F);
 		assert_float_equal(yaw_found_deg(), n, 0.3);
-		assert_int_equal(status().orientation_told, n % 3 != 0);
-		assert_false(status().orientation_left_out);
+		assert_int_equal(lp_imager_told(imager).known, n % 3 != 0);
+		assert_false(lp_imager_told(imager).left_out);
 	}
 }
 
@@ -169,14 +169,14 @@ static void test_in_the_dark_nobody_knows_whether_the_camera_turns(void **state)
 	(void)state;
 	for (int n = 0; n < 60; n++) {
 		show(0.0, NAN, 1.0F);
-		assert_true(status().unseen_rate_deg_per_s == 0.0F);
+		assert_true(lp_imager_turn(imager).unseen_rate_deg_per_s == 0.0F);
 	}
 	for (int n = 0; n < 60; n++)
 		show(0.0, NAN, 0.0F);
-	assert_true(status().unseen_rate_deg_per_s > 30.0F);
+	assert_true(lp_imager_turn(imager).unseen_rate_deg_per_s > 30.0F);
 	for (int n = 0; n < 60; n++)
 		show(0.0, NAN, 1.0F);
-	assert_true(status().unseen_rate_deg_per_s == 0.0F);
+	assert_true(lp_imager_turn(imager).unseen_rate_deg_per_s == 0.0F);
 }
 
 #define TEST(f) cmocka_unit_test_setup_teardown(f, setup, teardown)

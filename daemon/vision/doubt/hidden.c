@@ -68,15 +68,15 @@ static void weigh_lost(struct lp_imager *imager)
 	double hidden = 0.0, all = 0.0;
 	int count = 0;
 
-	imager->lost_share = 0.0F;
-	imager->lost_view = false;
+	imager->lost.share = 0.0F;
+	imager->lost.view = false;
 	for (int k = 0; k < imager->eye_count; k++)
 		if (!imager->eyes[k].lost)
 			live[count++] = &imager->eyes[k];
 	if (count == imager->eye_count)
-		imager->t_lost_ns = 0;
-	else if (!imager->t_lost_ns) /* also of one that was away before this imager was made */
-		imager->t_lost_ns = imager->t_capture_ns;
+		imager->lost.since_ns = 0;
+	else if (!imager->lost.since_ns) /* also of one that was away before this imager was made */
+		imager->lost.since_ns = imager->t_capture_ns;
 	for (int i = 0; i < grid->width * grid->height && count < imager->eye_count; i++) {
 		const double light = (double)imager->map->radiance[i][LP_LUMINANCE] *
 				     lp_grid_solid_angle_sr(grid, i);
@@ -89,9 +89,9 @@ static void weigh_lost(struct lp_imager *imager)
 			is_seen |= lp_eye_sees(live[k], seen);
 		all += light;
 		hidden += is_seen ? 0.0 : light;
-		imager->lost_view |= !is_seen;
+		imager->lost.view |= !is_seen;
 	}
-	imager->lost_share = all > 0.0 ? (float)(hidden / all) : 0.0F;
+	imager->lost.share = all > 0.0 ? (float)(hidden / all) : 0.0F;
 }
 
 void lp_imager_weigh_hidden(struct lp_imager *imager)

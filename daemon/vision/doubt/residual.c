@@ -27,7 +27,7 @@ static float flicker_share(float exposure_us)
 struct lp_residual lp_imager_residual(const struct lp_imager *imager)
 {
 	const struct lp_eye *eye = imager->eye;
-	const bool turned = !lp_rotation_is_identity(&imager->motion.rotation);
+	const bool turned = !lp_rotation_is_identity(&imager->turn.motion.rotation);
 
 	return (struct lp_residual){
 		.map = imager->map,

@@ -14,9 +14,9 @@
 
 void lp_imager_place_film(struct lp_imager *imager)
 {
-	if (imager->stokes)
-		imager->film = lp_film_seen(&imager->options.film, imager->wheel_deg,
-					    &imager->motion.rotation);
+	if (imager->film.stokes)
+		imager->film.view = lp_film_seen(&imager->options.film, imager->film.wheel_deg,
+						 &imager->turn.motion.rotation);
 }
 
 int lp_imager_create_film(struct lp_imager *imager)
@@ -27,14 +27,14 @@ int lp_imager_create_film(struct lp_imager *imager)
 	if (!(film->gain > 0.0F))
 		return 0;
 	if (film->index > 1.0F || film->is_stack) {
-		imager->over_film = calloc(cells, sizeof(*imager->over_film));
-		imager->over_film_deg = INFINITY;
-		if (!imager->over_film)
+		imager->film.over = calloc(cells, sizeof(*imager->film.over));
+		imager->film.over_deg = INFINITY;
+		if (!imager->film.over)
 			return -ENOMEM;
 	}
-	const int ret = lp_stokes_map_create(imager->grid, &imager->stokes);
+	const int ret = lp_stokes_map_create(imager->grid, &imager->film.stokes);
 
-	imager->wheel_deg = NAN;
+	imager->film.wheel_deg = NAN;
 	lp_imager_place_film(imager);
 	return ret;
 }
@@ -44,7 +44,7 @@ static struct lp_film_view own_view(const struct lp_imager *imager)
 {
 	const struct lp_rotation none = lp_rotation_identity();
 
-	return lp_film_seen(&imager->options.film, imager->wheel_deg, &none);
+	return lp_film_seen(&imager->options.film, imager->film.wheel_deg, &none);
 }
 
 void lp_imager_leave_out(struct lp_imager *imager, const struct lp_rotation *to_map,
@@ -52,30 +52,30 @@ void lp_imager_leave_out(struct lp_imager *imager, const struct lp_rotation *to_
 {
 	const struct lp_film_view view = own_view(imager);
 
-	lp_stokes_map_leave_out(imager->stokes, &view, to_map, seen);
+	lp_stokes_map_leave_out(imager->film.stokes, &view, to_map, seen);
 }
 
 const float *lp_imager_over_film(struct lp_imager *imager)
 {
-	const float deg = imager->wheel_deg, done_deg = imager->over_film_deg;
+	const float deg = imager->film.wheel_deg, done_deg = imager->film.over_deg;
 
-	if (!imager->over_film || deg == done_deg || (isnan(deg) && isnan(done_deg)))
-		return imager->over_film;
+	if (!imager->film.over || deg == done_deg || (isnan(deg) && isnan(done_deg)))
+		return imager->film.over;
 	const struct lp_film_view view = own_view(imager);
 
 	for (int i = 0; i < imager->grid->width * imager->grid->height; i++) {
 		float direction[3];
 
 		lp_grid_direction(imager->grid, i, direction);
-		imager->over_film[i] = 1.0F / lp_film_pass(&view, direction).gain;
+		imager->film.over[i] = 1.0F / lp_film_pass(&view, direction).gain;
 	}
-	imager->over_film_deg = deg;
-	return imager->over_film;
+	imager->film.over_deg = deg;
+	return imager->film.over;
 }
 
 float lp_imager_film_gain(const struct lp_imager *imager, const float direction[3])
 {
-	if (!imager->over_film)
+	if (!imager->film.over)
 		return 1.0F;
 	const struct lp_film_view view = own_view(imager);
 
@@ -84,32 +84,32 @@ float lp_imager_film_gain(const struct lp_imager *imager, const float direction[
 
 const struct lp_film_view *lp_imager_film(const struct lp_imager *imager)
 {
-	return imager->stokes ? &imager->film : NULL;
+	return imager->film.stokes ? &imager->film.view : NULL;
 }
 
 struct lp_polarization lp_imager_polarization(const struct lp_imager *imager,
 					      const struct lp_lamp_finder *finder,
 					      const struct lp_lamp *lamp)
 {
-	if (!imager->stokes)
+	if (!imager->film.stokes)
 		return lp_stokes_polarization(&(struct lp_stokes){0});
-	return lp_stokes_map_of(imager->stokes, (const float(*)[4])imager->map->radiance,
+	return lp_stokes_map_of(imager->film.stokes, (const float(*)[4])imager->map->radiance,
 				lamp->background[LP_LUMINANCE], finder->cells + lamp->first,
 				lamp->count);
 }
 
 bool lp_imager_film_seems_turned(const struct lp_imager *imager)
 {
-	return imager->stokes && (lp_stokes_map_surfaces_seem_turned(imager->stokes) ||
-				  lp_stokes_map_floor_is_upright(imager->stokes));
+	return imager->film.stokes && (lp_stokes_map_surfaces_seem_turned(imager->film.stokes) ||
+				       lp_stokes_map_floor_is_upright(imager->film.stokes));
 }
 
 bool lp_imager_polarization_grid(const struct lp_imager *imager, struct lp_polarization_grid *grid)
 {
-	if (!imager->stokes)
+	if (!imager->film.stokes)
 		return false;
 	grid->t_capture_ns = imager->panorama.t_capture_ns;
-	lp_stokes_map_picture(imager->stokes, lp_imager_rotation(imager), grid);
+	lp_stokes_map_picture(imager->film.stokes, lp_imager_rotation(imager), grid);
 	return true;
 }
 
@@ -119,18 +119,18 @@ void lp_imager_see_through(struct lp_imager *imager, struct lp_observation *seen
 	struct lp_stokes_reading unpolarized = {.intensity = 1.0F, .sigma = 0.02F, .misfit = 1.0F};
 	float ahead[3];
 
-	if (!imager->stokes)
+	if (!imager->film.stokes)
 		return;
 	lp_imager_place_film(imager);
 	memcpy(ahead, forward, sizeof(ahead));
-	lp_rotate_direction(&imager->motion.rotation, ahead);
-	const struct lp_film_pass pass = lp_film_pass(&imager->film, ahead);
+	lp_rotate_direction(&imager->turn.motion.rotation, ahead);
+	const struct lp_film_pass pass = lp_film_pass(&imager->film.view, ahead);
 
 	unpolarized.rest_s = imager->options.film.rest_s;
 	memcpy(unpolarized.axis, pass.axis, sizeof(unpolarized.axis));
 	if (pass.polarizes)
-		(void)lp_stokes_correct(&imager->angles, &unpolarized, seen->elapsed_s);
-	if (imager->film.angle_known)
-		lp_stokes_map_learn(imager->stokes, &imager->film, seen);
-	lp_stokes_map_see_through(imager->stokes, &imager->film, seen);
+		(void)lp_stokes_correct(&imager->film.angles, &unpolarized, seen->elapsed_s);
+	if (imager->film.view.angle_known)
+		lp_stokes_map_learn(imager->film.stokes, &imager->film.view, seen);
+	lp_stokes_map_see_through(imager->film.stokes, &imager->film.view, seen);
 }

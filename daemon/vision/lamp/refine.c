@@ -94,10 +94,10 @@ static void take_behind(struct lp_imager *imager, int32_t left, int32_t right, i
 		for (int side = 0; side < 2; side++) {
 			const int32_t cell = row * width + pair[side];
 
-			if (imager->taken[cell])
+			if (imager->lamp.taken[cell])
 				continue;
-			imager->taken[cell] = 1;
-			imager->behind[(*count)++] = cell;
+			imager->lamp.taken[cell] = 1;
+			imager->lamp.behind[(*count)++] = cell;
 		}
 	}
 }
@@ -111,7 +111,7 @@ static struct behind cells_behind(struct lp_imager *imager, const struct lp_lamp
 	const int width = imager->grid->width;
 	int count = 0;
 
-	if (lp_rotation_is_identity(&imager->motion.rotation))
+	if (lp_rotation_is_identity(&imager->turn.motion.rotation))
 		return (struct behind){cells, lamp->count};
 	for (int i = 0; i < lamp->count; i++) {
 		const int32_t left = lookup->left[cells[i]], right = lookup->right[cells[i]];
@@ -120,8 +120,8 @@ static struct behind cells_behind(struct lp_imager *imager, const struct lp_lamp
 		take_behind(imager, left + width, right + width, &count);
 	}
 	for (int i = 0; i < count; i++)
-		imager->taken[imager->behind[i]] = 0;
-	return (struct behind){imager->behind, count};
+		imager->lamp.taken[imager->lamp.behind[i]] = 0;
+	return (struct behind){imager->lamp.behind, count};
 }
 
 /* Camera cells behind the lamp's panorama cells, thinned where polar_stride() allows it; the bright
@@ -330,7 +330,7 @@ static float load_pixels(struct lp_imager *imager, const struct lp_exposure *exp
 
 	patch->clipped = false;
 	for (int i = 0; i < patch->count; i++) {
-		float(*rgb)[3] = imager->pixels + (size_t)i * per_cell;
+		float(*rgb)[3] = imager->lamp.pixels + (size_t)i * per_cell;
 
 		if (patch->brightest[i] < 0.0F)
 			continue;
@@ -362,7 +362,7 @@ static struct sums sum_patch(struct lp_imager *imager, const struct lp_exposure 
 		const int columns = width - column * side < side ? width - column * side : side;
 		const struct lp_cell_geometry g = lp_cell_geometry(imager, column, row);
 		const float(*rgb)[3] =
-			(const float(*)[3])(imager->pixels + (size_t)i * side * side);
+			(const float(*)[3])(imager->lamp.pixels + (size_t)i * side * side);
 		const bool flat = patch->brightest[i] - lamp->background[LP_LUMINANCE] <= threshold;
 
 		for (int y = 0; g.seen && y < side && row * side + y < height; y++) {
@@ -398,7 +398,7 @@ static struct lp_lamp_rim rim_of(const struct lp_imager *imager, const struct lp
 	for (int i = 0; i < patch->count; i++)
 		if (patch->brightest[i] >= 0.0F)
 			lp_rim_add(&sums,
-				   (const float(*)[3])(imager->pixels + (size_t)i * per_cell),
+				   (const float(*)[3])(imager->lamp.pixels + (size_t)i * per_cell),
 				   per_cell, lamp->background, full);
 	return lp_rim_of(&sums);
 }
@@ -459,7 +459,7 @@ static void apply(const struct lp_imager *imager, const struct lp_exposure *expo
 /* From the anchor frame to where it is in the camera's picture. */
 static void place_lamp(const struct lp_imager *imager, struct lp_lamp *lamp)
 {
-	const struct lp_rotation back = lp_rotation_inverse(&imager->motion.rotation);
+	const struct lp_rotation back = lp_rotation_inverse(&imager->turn.motion.rotation);
 	const struct lp_shear shear = lp_imager_shear(imager);
 
 	for (int k = 0; k < 2; k++) {
@@ -479,7 +479,7 @@ static void turn_lamp(const struct lp_imager *imager, struct lp_lamp *lamp)
 		float *direction = k ? lamp->centroid : lamp->direction;
 
 		lp_shear_to_middle(&shear, direction);
-		lp_rotate_direction(&imager->motion.rotation, direction);
+		lp_rotate_direction(&imager->turn.motion.rotation, direction);
 	}
 }
 

@@ -58,9 +58,9 @@ static void solve(struct lp_imager *imager, struct attempt *attempt)
 
 static void take(struct lp_imager *imager, const struct attempt *attempt)
 {
-	imager->motion = attempt->motion;
+	imager->turn.motion = attempt->motion;
 	if (compares(attempt))
-		imager->agreement = attempt->result.agreement;
+		imager->turn.agreement = attempt->result.agreement;
 }
 
 static double rate_of(const struct lp_motion *motion)
@@ -87,13 +87,14 @@ static bool predict_by_imu(const struct lp_imager *imager, double elapsed_s,
 {
 	double turn[3], sigma_rad;
 
-	if (!lp_imu_turn(&imager->imu, &imager->imu_sample, turn, &sigma_rad))
+	if (!lp_imu_turn(&imager->turn.imu, &imager->turn.told, turn, &sigma_rad))
 		return false;
 	const double angle = sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]);
 
-	if (!imager->motion.turning && (angle < CLEAR_SIGMAS * sigma_rad || angle < CLEAR_TURN))
+	if (!imager->turn.motion.turning &&
+	    (angle < CLEAR_SIGMAS * sigma_rad || angle < CLEAR_TURN))
 		return false;
-	*motion = imager->motion;
+	*motion = imager->turn.motion;
 	lp_motion_predict_turn(motion, elapsed_s, turn, sigma_rad);
 	return true;
 }
@@ -103,7 +104,7 @@ static bool predict_by_imu(const struct lp_imager *imager, double elapsed_s,
 static void choose(struct lp_imager *imager, const struct lp_motion *by_rate,
 		   const struct lp_motion *by_imu)
 {
-	const bool turned = imager->motion.turning;
+	const bool turned = imager->turn.motion.turning;
 	struct attempt imu = {.motion = *by_imu}, rate = {.motion = *by_rate};
 
 	solve(imager, &imu);
@@ -118,16 +119,16 @@ static void choose(struct lp_imager *imager, const struct lp_motion *by_rate,
 	const struct attempt *const best = is_rate ? &rate : &imu;
 
 	take(imager, best);
-	if (compares(best) && lp_imu_is_apart(&by_imu->rotation, &imager->motion.rotation,
-					      hypot(imager->imu_sample.sigma_rad,
-						    lp_motion_sigma_rad(&imager->motion)),
-					      rate_of(&imager->motion)))
-		lp_imu_contradict(&imager->imu);
+	if (compares(best) && lp_imu_is_apart(&by_imu->rotation, &imager->turn.motion.rotation,
+					      hypot(imager->turn.told.sigma_rad,
+						    lp_motion_sigma_rad(&imager->turn.motion)),
+					      rate_of(&imager->turn.motion)))
+		lp_imu_contradict(&imager->turn.imu);
 }
 
 struct lp_shear lp_imager_shear(const struct lp_imager *imager)
 {
-	const struct lp_motion *motion = &imager->motion;
+	const struct lp_motion *motion = &imager->turn.motion;
 	struct lp_shear shear = {.grid = imager->grid};
 
 	if (!motion->turning || !imager->eye->remap || !(imager->time.read_out_s > 0.0F))
@@ -141,7 +142,7 @@ struct lp_shear lp_imager_shear(const struct lp_imager *imager)
 /* Find the map's cells in the frame of a turned camera. */
 static void place_map(struct lp_imager *imager)
 {
-	const struct lp_rotation back = lp_rotation_inverse(&imager->motion.rotation);
+	const struct lp_rotation back = lp_rotation_inverse(&imager->turn.motion.rotation);
 	const struct lp_shear shear = lp_imager_shear(imager);
 
 	if (!lp_rotation_is_identity(&back))
@@ -163,14 +164,14 @@ static void follow_by_pictures(struct lp_imager *imager, const struct lp_motion 
 	struct attempt attempt = {.motion = *by_rate};
 
 	solve(imager, &attempt);
-	lp_unseen_turn_looked(&imager->unseen_turn,
+	lp_unseen_turn_looked(&imager->turn.unseen,
 			      compares(&attempt) ? (const double(*)[3])attempt.result.information
 						 : nothing,
 			      elapsed_s);
 	if (differ || angle_between(&by_rate->rotation, &attempt.motion.rotation) > SLOW_TURN)
 		take(imager, &attempt);
 	else
-		imager->motion = *by_rate;
+		imager->turn.motion = *by_rate;
 }
 
 /* A camera that holds still is only looked at closer when the frame contradicts what is known, or a
@@ -178,19 +179,19 @@ static void follow_by_pictures(struct lp_imager *imager, const struct lp_motion 
 static void follow_turn(struct lp_imager *imager, double elapsed_s)
 {
 	struct lp_observation seen = lp_imager_residual(imager).seen;
-	struct lp_motion by_rate = imager->motion, by_imu;
+	struct lp_motion by_rate = imager->turn.motion, by_imu;
 	const bool told = predict_by_imu(imager, elapsed_s, &by_imu);
 
 	lp_motion_predict(&by_rate, elapsed_s);
-	if (imager->stokes && lp_rotation_is_identity(&imager->motion.rotation))
-		lp_stokes_map_see_through(imager->stokes, lp_imager_film(imager), &seen);
-	if (imager->stokes)
+	if (imager->film.stokes && lp_rotation_is_identity(&imager->turn.motion.rotation))
+		lp_stokes_map_see_through(imager->film.stokes, lp_imager_film(imager), &seen);
+	if (imager->film.stokes)
 		lp_imager_leave_out(imager, told ? &by_imu.rotation : &by_rate.rotation, &seen);
-	const bool differ = told || imager->motion.turning ||
-			    !lp_rotation_is_identity(&imager->motion.rotation) ||
+	const bool differ = told || imager->turn.motion.turning ||
+			    !lp_rotation_is_identity(&imager->turn.motion.rotation) ||
 			    contradicts(imager, &seen);
 	const bool due =
-		lp_unseen_turn_is_due(&imager->unseen_turn, elapsed_s) && !imager->imu_sample.known;
+		lp_unseen_turn_is_due(&imager->turn.unseen, elapsed_s) && !imager->turn.told.known;
 
 	if (differ || due) {
 		const struct lp_shear shear = lp_imager_shear(imager);
@@ -201,48 +202,48 @@ static void follow_turn(struct lp_imager *imager, double elapsed_s)
 		else
 			follow_by_pictures(imager, &by_rate, differ, elapsed_s);
 	} else {
-		imager->motion = by_rate;
+		imager->turn.motion = by_rate;
 	}
-	if (imager->motion.turning || imager->imu_sample.known)
-		imager->unseen_turn = (struct lp_unseen_turn){0};
+	if (imager->turn.motion.turning || imager->turn.told.known)
+		imager->turn.unseen = (struct lp_unseen_turn){0};
 	place_map(imager);
 }
 
-/* The newest frame against imager->before. */
+/* The newest frame against imager->turn.before. */
 static void follow(struct lp_imager *imager)
 {
-	const double elapsed_s = (double)(imager->t_capture_ns - imager->t_motion_ns) / 1e9;
-	const bool first = !imager->t_motion_ns || !imager->t_map_ns;
+	const double elapsed_s = (double)(imager->t_capture_ns - imager->turn.t_ns) / 1e9;
+	const bool first = !imager->turn.t_ns || !imager->t_map_ns;
 
-	imager->agreement = 1.0F;
-	imager->elapsed_s = 0.0;
-	imager->t_motion_ns = imager->t_capture_ns;
+	imager->turn.agreement = 1.0F;
+	imager->turn.elapsed_s = 0.0;
+	imager->turn.t_ns = imager->t_capture_ns;
 	if (!first && imager->options.follow_turns &&
 	    (elapsed_s > 0.0 || lp_imager_is_late(imager, elapsed_s))) {
-		imager->elapsed_s = fmin(elapsed_s, MOST_ELAPSED_S);
-		follow_turn(imager, imager->elapsed_s);
+		imager->turn.elapsed_s = fmin(elapsed_s, MOST_ELAPSED_S);
+		follow_turn(imager, imager->turn.elapsed_s);
 	}
 }
 
 void lp_imager_follow(struct lp_imager *imager)
 {
 	if (imager->late_s > 0.0F) { /* the box has not turned since */
-		imager->agreement = 1.0F;
-		imager->elapsed_s = 0.0;
+		imager->turn.agreement = 1.0F;
+		imager->turn.elapsed_s = 0.0;
 		return;
 	}
-	imager->before = imager->motion;
-	imager->t_before_ns = imager->t_motion_ns;
-	lp_imu_take(&imager->imu, &imager->imu_sample_before, &imager->imu_sample);
-	imager->imu_sample_before = imager->imu_sample;
+	imager->turn.before = imager->turn.motion;
+	imager->turn.t_before_ns = imager->turn.t_ns;
+	lp_imu_take(&imager->turn.imu, &imager->turn.told_before, &imager->turn.told);
+	imager->turn.told_before = imager->turn.told;
 	follow(imager);
 }
 
 void lp_imager_follow_again(struct lp_imager *imager)
 {
-	imager->motion = imager->before;
-	imager->t_motion_ns = imager->t_before_ns;
-	imager->imu_sample_before = imager->imu_sample;
+	imager->turn.motion = imager->turn.before;
+	imager->turn.t_ns = imager->turn.t_before_ns;
+	imager->turn.told_before = imager->turn.told;
 	follow(imager);
 }
 
@@ -250,32 +251,54 @@ void lp_imager_followed(struct lp_imager *imager)
 {
 	if (imager->late_s > 0.0F)
 		return;
-	lp_imu_compare(&imager->imu, &imager->imu_sample, &imager->motion,
-		       fmax(imager->elapsed_s, 0.0));
+	lp_imu_compare(&imager->turn.imu, &imager->turn.told, &imager->turn.motion,
+		       fmax(imager->turn.elapsed_s, 0.0));
 }
 
 void lp_imager_correct_rotation(struct lp_imager *imager, const double pull[3],
 				const double information[3][3])
 {
-	lp_motion_correct_by_landmarks(&imager->motion, pull, information);
+	lp_motion_correct_by_landmarks(&imager->turn.motion, pull, information);
 	place_map(imager);
+}
+
+struct lp_imager_turn lp_imager_turn(const struct lp_imager *imager)
+{
+	return (struct lp_imager_turn){
+		.rate_deg_per_s = (float)(rate_of(&imager->turn.motion) * 180.0 / M_PI),
+		.unseen_rate_deg_per_s = (float)(imager->turn.unseen.rate_rad_s * 180.0 / M_PI),
+		.sigma_deg = (float)(lp_motion_sigma_rad(&imager->turn.motion) * 180.0 / M_PI),
+		.time_sigma_s = imager->time.sigma_s};
+}
+
+struct lp_imager_told lp_imager_told(const struct lp_imager *imager)
+{
+	const struct lp_imu_sample *sample = &imager->turn.told;
+	const double late_rad =
+		lp_imu_delay_sigma_rad(&imager->turn.imu, rate_of(&imager->turn.motion));
+
+	return (struct lp_imager_told){.known = sample->known,
+				       .rotation = sample->rotation,
+				       .sigma_deg = (float)(hypot(sample->sigma_rad, late_rad) *
+							    180.0 / M_PI),
+				       .left_out = imager->turn.imu.left_out};
 }
 
 bool lp_imager_rest(struct lp_imager *imager, struct lp_rotation *turn)
 {
-	if (!lp_motion_at_rest(&imager->motion))
+	if (!lp_motion_at_rest(&imager->turn.motion))
 		return false;
 	float in_map[LP_MAX_CAMERAS];
 
 	for (int k = 0; k < imager->eye_count; k++)
 		in_map[k] = lp_imager_scale_in_map(imager, &imager->eyes[k].gain);
-	*turn = lp_rotation_inverse(&imager->motion.rotation);
-	lp_radiance_map_turn(imager->map, imager->lookup, &imager->motion.rotation);
+	*turn = lp_rotation_inverse(&imager->turn.motion.rotation);
+	lp_radiance_map_turn(imager->map, imager->lookup, &imager->turn.motion.rotation);
 	for (int k = 0; k < imager->eye_count; k++)
 		lp_imager_turn_scale(imager, &imager->eyes[k].gain, in_map[k]);
-	if (imager->stokes)
-		lp_stokes_map_turn(imager->stokes, &imager->motion.rotation);
-	lp_imu_anchor(&imager->imu, &imager->motion.rotation);
-	lp_motion_anchor(&imager->motion);
+	if (imager->film.stokes)
+		lp_stokes_map_turn(imager->film.stokes, &imager->turn.motion.rotation);
+	lp_imu_anchor(&imager->turn.imu, &imager->turn.motion.rotation);
+	lp_motion_anchor(&imager->turn.motion);
 	return true;
 }
