@@ -24,10 +24,6 @@ extern "C" {
 #define LP_GAIN_CELLS 4096
 /* Neighbours err alike: so many cells count as one. */
 #define LP_CORRELATED_CELLS 20
-/* 1 sigma of a cell, relative: what the response and the camera's grid do to it. */
-#define LP_CELL_SIGMA 0.03F
-/* Pixels within brighter cells, of full scale, may be saturated unseen. */
-#define LP_BRIGHTEST_COMPARED 0.8F
 
 /* A cell that is watched. */
 struct lp_gain_cell {
