@@ -9,6 +9,7 @@ offset, and everything after it (saturation, ADC, response) is one table look-up
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -26,6 +27,8 @@ _STEPS_PER_SIGMA = 64
 _MARGIN_PX = 256
 #: Headroom above full scale, in electrons' share, that is kept before saturation cuts it off.
 _HEADROOM = 1.2
+#: Rows of a picture that are computed at a time: what is at work stays in the cache.
+_ROWS = 32
 #: What a sensor may be: more electrons do not fit into the int16 domain.
 FULL_WELL_E, READ_NOISE_E = (100.0, 50000.0), (0.0, 50.0)
 CHROMA = ("420", "422", "444")
@@ -56,9 +59,7 @@ class Sensor:
         self.size_px = (width_px, height_px)
         self._response = np.repeat(srgb_table()[:, None], 3, 1) if response is None else response
         self.seed = seed
-        shape = (height_px + _MARGIN_PX, width_px + _MARGIN_PX, 3)
-        field = np.random.default_rng(seed).standard_normal(shape, dtype=np.float32)
-        self._noise = np.rint(field * _STEPS_PER_SIGMA).astype(np.int16)
+        self._noise = _noise_field(width_px, height_px, seed)
         self._tables: dict[float, NDArray[np.uint8]] = {}
 
     def expect(
@@ -67,25 +68,38 @@ class Sensor:
         """Give the noiseless signal (H, W, 3) in the stabilised domain; reuse it while it lasts."""
         model = self.model
         full_e = model.full_well_e / gain
-        electrons = np.multiply(radiance, np.float32(1e-6 * exposure_us * model.full_well_e))
-        np.minimum(electrons, np.float32(_HEADROOM * full_e), out=electrons)
-        electrons += np.float32(model.read_noise_e**2)
-        np.sqrt(electrons, out=electrons)
-        electrons *= np.float32(2 * _STEPS_PER_SIGMA)
-        return np.rint(electrons, out=electrons).astype(np.int16)
+        expected = np.empty(radiance.shape, np.int16)
+        for top in range(0, len(radiance), _ROWS):
+            rows = slice(top, top + _ROWS)
+            electrons = radiance[rows] * np.float32(1e-6 * exposure_us * model.full_well_e)
+            np.minimum(electrons, np.float32(_HEADROOM * full_e), out=electrons)
+            electrons += np.float32(model.read_noise_e**2)
+            np.sqrt(electrons, out=electrons)
+            electrons *= np.float32(2 * _STEPS_PER_SIGMA)
+            expected[rows] = np.rint(electrons, out=electrons)
+        return expected
 
     def develop(self, expected: Expected, frame: int, gain: float = 1.0, turn_px: int = 0) -> Codes:
         """One noisy 8-bit RGB frame (H, W, 3); `turn_px` rolls the picture to the right."""
         height, width, _ = expected.shape
         y, x = np.random.default_rng([self.seed, frame]).integers(0, _MARGIN_PX, 2)
         noise = self._noise[y : y + height, x : x + width]
-        noisy = np.empty_like(expected)
         turn_px %= width
         cut = width - turn_px  # columns up to here go to the right part
-        cv2.add(expected[:, :cut], noise[:, turn_px:], dst=noisy[:, turn_px:])
-        if turn_px:
-            cv2.add(expected[:, cut:], noise[:, :turn_px], dst=noisy[:, :turn_px])
-        return np.asarray(cv2.LUT(noisy.view(np.uint16), self._table(gain)))
+        table, codes = self._table(gain), np.empty(expected.shape, np.uint8)
+        channels = table.shape[-1]
+        for top in range(0, height, _ROWS):
+            signal, random = expected[top : top + _ROWS], noise[top : top + _ROWS]
+            noisy = np.empty_like(signal)
+            cv2.add(signal[:, :cut], random[:, turn_px:], dst=noisy[:, turn_px:])
+            if turn_px:
+                cv2.add(signal[:, cut:], random[:, :turn_px], dst=noisy[:, :turn_px])
+            flat = (len(signal), -1, channels)
+            cv2.LUT(
+                noisy.view(np.uint16).reshape(flat), table,
+                dst=codes[top : top + _ROWS].reshape(flat),
+            )  # fmt: skip
+        return codes
 
     def capture(
         self, radiance: NDArray[np.float32], exposure_us: float, frame: int = 0, gain: float = 1.0
@@ -94,7 +108,10 @@ class Sensor:
         return self.develop(self.expect(radiance, exposure_us, gain), frame, gain)
 
     def _table(self, gain: float) -> NDArray[np.uint8]:
-        """Codes (1, 65536, 3) of the stabilised domain: saturation, ADC, response."""
+        """Codes (1, 65536, 3) of the stabilised domain: saturation, ADC, response.
+
+        (1, 65536, 1) where all colours have the same response: a picture is looked up sooner.
+        """
         if gain not in self._tables:
             model = self.model
             v = np.arange(65536, dtype=np.uint16).view(np.int16) / _STEPS_PER_SIGMA
@@ -103,9 +120,22 @@ class Sensor:
             levels = 2**model.adc_bits - 1
             linear = np.clip(electrons * gain / model.full_well_e, 0, 1)
             linear = np.rint(linear * levels) / levels
-            codes = [np.interp(linear, self._response[:, c], np.arange(256)) for c in range(3)]
+            response = self._response
+            alike = np.all(response == response[:, :1])
+            kinds = range(1 if alike else 3)
+            codes = [np.interp(linear, response[:, c], np.arange(256)) for c in kinds]
             self._tables[gain] = np.rint(np.stack(codes, axis=-1)).astype(np.uint8)[None]
         return self._tables[gain]
+
+
+@lru_cache(maxsize=3)
+def _noise_field(width_px: int, height_px: int, seed: int) -> Expected:
+    """Noise of a sensor, larger than its frames; the last ones are kept, as they take long."""
+    shape = (height_px + _MARGIN_PX, width_px + _MARGIN_PX, 3)
+    field = np.random.default_rng(seed).standard_normal(shape, dtype=np.float32)
+    noise = np.rint(field * _STEPS_PER_SIGMA).astype(np.int16)
+    noise.setflags(write=False)
+    return noise
 
 
 def encode_jpeg(codes: Codes, quality: int = 85, chroma: str = "420") -> bytes:
