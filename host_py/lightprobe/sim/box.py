@@ -144,12 +144,8 @@ class Box:
             self.command(*lines)
 
     def run(self, us: int) -> None:
-        """Let time go on, in lock-step."""
-        self.command(f"run {us}")
-
-    def flush(self) -> None:
-        """Put on the line what the firmware has sent meanwhile, in lock-step."""
-        self.command("flush")
+        """Let time go on, in lock-step, and put on the line what the firmware has sent."""
+        self.command(f"run {us}", "flush")
 
     def get(self, name: str) -> float:
         """Read a number of the box."""

@@ -65,5 +65,4 @@ class LiveBox:
     def _advance(self, to_us: int) -> None:
         if to_us > self._now_us:
             self.box.run(to_us - self._now_us)
-            self.box.flush()
             self._now_us = to_us

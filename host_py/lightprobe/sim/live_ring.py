@@ -79,5 +79,4 @@ class LiveRing:
             self.box.set(**{f"ldr{k}_lux": float(value) for k, value in enumerate(lux)})
             self._said = lux
         self.box.run(PERIOD_US)
-        self.box.flush()
         self._due_ns += 1000 * PERIOD_US
