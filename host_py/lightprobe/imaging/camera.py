@@ -88,7 +88,7 @@ class Lens:
 
     def sees(self, directions: Array) -> NDArray[np.bool_]:
         """Tell of directions (…, 3) of the probe frame whether the lens reaches that far."""
-        ahead = -(directions @ rotation_matrix(self.rotation_wxyz))[..., 2]
+        ahead = -(directions @ rotation_matrix(self.rotation_wxyz)[:, 2])
         return np.asarray(ahead >= np.cos(np.radians(self.max_theta_deg)))
 
     def scaled(self, x: float, y: float) -> Lens:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,9 +39,16 @@ class RingLight:
         response = perfect if ldrs is None else ldr.response
         self._elevations = _elevations_deg(self._directions, world.behaviour.nod_deg)
         self._tables = [_table(scene, self._elevations, response) for scene in world.scenes]
+        self._last: tuple[Hashable, Array] | None = None
 
     def lux(self, state: State) -> Array:
-        """Nine illuminances."""
+        """Nine illuminances; the last ones are kept, as long as nothing changes."""
+        key = (state.act, state.powers.tobytes(), state.yaw_deg, state.nod_deg)
+        if self._last is None or self._last[0] != key:
+            self._last = (key, self._lux(state))
+        return self._last[1].copy()
+
+    def _lux(self, state: State) -> Array:
         powers = np.concatenate([[1.0], state.powers])
         table = np.tensordot(powers, self._tables[state.act], 1)
         to_scene = turn(state.yaw_deg, state.nod_deg) * [1, -1, -1, -1]
