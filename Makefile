@@ -14,6 +14,8 @@ CAMERA ?=
 # Compilers by way of ccache, where it is installed: what was compiled before, in any clone, is taken from there.
 export PATH := /usr/lib/ccache:$(PATH)
 export CCACHE_NOHASHDIR := 1
+# Python keeps what it has compiled, whatever the environment says: the tests start it a thousand times.
+export PYTHONDONTWRITEBYTECODE :=
 
 MAKEFLAGS += --no-builtin-rules --no-print-directory
 SHELL := /bin/bash
