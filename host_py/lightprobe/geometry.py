@@ -32,9 +32,9 @@ def equirect_direction(
     """Directions (…, 3) seen at continuous pixel coordinates; whole numbers are pixel centres."""
     theta = np.pi * (np.asarray(row_px, dtype=np.float64) + 0.5) / height_px
     longitude = 2 * np.pi * ((np.asarray(column_px, dtype=np.float64) + 0.5) / width_px - 0.5)
-    theta, longitude = np.broadcast_arrays(theta, longitude)
-    sine = np.sin(theta)
-    return np.stack([sine * np.sin(longitude), np.cos(theta), -sine * np.cos(longitude)], axis=-1)
+    sine, up = np.sin(theta), np.cos(theta)  # of rows and columns, before there are pixels
+    parts = np.broadcast_arrays(sine * np.sin(longitude), up, -sine * np.cos(longitude))
+    return np.stack(parts, axis=-1)
 
 
 def equirect_directions(width_px: int, height_px: int) -> Array:

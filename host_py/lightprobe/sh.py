@@ -8,6 +8,7 @@ Coefficients have shape ((order+1)², channels) or ((order+1)²,).
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import Literal
 
 import numpy as np
@@ -17,6 +18,8 @@ from lightprobe.geometry import Array, equirect_direction, equirect_solid_angles
 
 #: Highest order this module computes.
 MAX_ORDER = 8
+#: Directions that are computed at a time: what is at work stays in the cache.
+_BLOCK = 4096
 
 
 def count(order: int) -> int:
@@ -47,8 +50,18 @@ def evaluate(order: int, directions: ArrayLike) -> Array:
     if not 0 <= order <= MAX_ORDER:
         raise ValueError(f"sh: order {order}: expected 0…{MAX_ORDER}")
     d = np.asarray(directions, dtype=np.float64)
-    x, y, z = d[..., 0], d[..., 1], d[..., 2]
-    out = np.empty((*x.shape, count(order)))
+    flat = d.reshape(-1, d.shape[-1])
+    out = np.empty((len(flat), count(order)))
+    for first in range(0, len(flat), _BLOCK):
+        block = slice(first, first + _BLOCK)
+        out[block] = _basis(order, flat[block]).T
+    return out.reshape((*d.shape[:-1], count(order)))
+
+
+def _basis(order: int, directions: Array) -> Array:
+    """Y_i of directions (N, 3): shape ((order+1)², N)."""
+    x, y, z = np.ascontiguousarray(directions.T)
+    out = np.empty((count(order), len(x)))
     cosine, sine = np.ones_like(x), np.zeros_like(x)  # Re and Im of (x + iy)^m
     diagonal = 1.0  # Q_m^m = (2m − 1)!!
     for m in range(order + 1):
@@ -56,9 +69,9 @@ def evaluate(order: int, directions: ArrayLike) -> Array:
         for degree in range(m, order + 1):
             scale = _norm(degree, m)
             centre = degree * (degree + 1)
-            out[..., centre + m] = scale * here * cosine
+            out[centre + m] = scale * here * cosine
             if m:
-                out[..., centre - m] = scale * here * sine
+                out[centre - m] = scale * here * sine
             following = ((2 * degree + 1) * z * here - (degree + m) * before) / (degree - m + 1)
             before, here = here, following
         cosine, sine = x * cosine - y * sine, x * sine + y * cosine
@@ -66,6 +79,7 @@ def evaluate(order: int, directions: ArrayLike) -> Array:
     return out
 
 
+@cache
 def _norm(degree: int, m: int) -> float:
     """Orthonormal scale of Y_lm; √2 of the real form included for m > 0."""
     ratio = math.factorial(degree - m) / math.factorial(degree + m)
@@ -95,8 +109,13 @@ def irradiance(coefficients: ArrayLike, normals: ArrayLike) -> Array:
 
 def radiance(coefficients: ArrayLike, directions: ArrayLike) -> Array:
     """Band-limited radiance Σ L_i Y_i(d) at directions (…, 3); may ring below zero."""
-    c = np.asarray(coefficients, dtype=np.float64)
-    return np.asarray(evaluate(order_of(c), directions) @ c)
+    c, d = np.asarray(coefficients, dtype=np.float64), np.asarray(directions, dtype=np.float64)
+    order, flat = order_of(c), d.reshape(-1, d.shape[-1])
+    found = np.empty((len(flat), *c.shape[1:]))
+    for first in range(0, len(flat), _BLOCK):
+        block = slice(first, first + _BLOCK)
+        found[block] = _basis(order, flat[block]).T @ c
+    return found.reshape((*d.shape[:-1], *c.shape[1:]))
 
 
 def project(image: ArrayLike, order: int) -> Array:
