@@ -7,6 +7,7 @@
 
 #include <simavr/avr_adc.h>
 #include <simavr/avr_eeprom.h>
+#include <simavr/avr_extint.h>
 #include <simavr/avr_ioport.h>
 #include <simavr/avr_timer.h>
 #include <simavr/avr_twi.h>
@@ -447,10 +448,20 @@ static struct chip *the_chip; /* libsimavr's reset callback has no context */
 static void (*core_reset)(avr_t *avr);
 static avr_run_t core_run;
 
+/* After a reset both interrupts are of the low level, until the program asks for edges. simavr
+ * would look at a pin that is low then in every cycle until it is high, so that no sleep is passed
+ * over at once: nearly all of its work. Both are off while they are of the level. */
+static void ask_no_levels(avr_t *avr)
+{
+	for (uint8_t number = 0; number < 2; number++)
+		avr_extint_set_strict_lvl_trig(avr, number, 0);
+}
+
 static void on_reset(avr_t *avr)
 {
 	if (core_reset)
 		core_reset(avr);
+	ask_no_levels(avr);
 	the_chip->resets++;
 	the_chip->reset = true;
 	the_chip->bandgap = false;
