@@ -5,7 +5,9 @@
 C_SOURCES = $(DAEMON_SOURCES) $(wildcard tests/*/*.[ch] tests/*/*.cpp)
 
 UNIT_SOURCES := $(filter-out $(if $(filter 0,$(WITH_LIBCAMERA)),%_libcamera.cpp) $(if $(filter 0,$(WITH_OSC)),%_osc.c) $(if $(filter 0,$(WITH_LIBUSB)),%_ptp.c) $(if $(filter 0,$(WITH_WEBSOCKETS)),%_websocket_handshake.c) $(if $(filter 0,$(WITH_GPIOD)),%_pca9685.c),$(wildcard tests/unit/test_*.c tests/unit/test_*.cpp))
-UNIT_TESTS := $(patsubst tests/unit/%,$(OUT)/tests/%,$(basename $(UNIT_SOURCES)))
+# ONLY: some of them, by their sources.
+ONLY ?=
+UNIT_TESTS := $(patsubst tests/unit/%,$(OUT)/tests/%,$(basename $(if $(ONLY),$(filter $(ONLY),$(UNIT_SOURCES)),$(UNIT_SOURCES))))
 
 link_unit_test = mkdir -p $(@D) && $(CC) $(LP_LDFLAGS) $(WRAPPED:%=-Wl,--wrap=%) -o $@ $^ $(LP_LDLIBS) -lcmocka -ljpeg
 $(OUT)/tests/%: $(OUT)/tests/unit/%.c.o $(DAEMON_LIBS)
@@ -67,11 +69,26 @@ define run-and-again
 		$(PYTEST_ALONE) -x -m $(1) $(AGAIN) $(PYTEST_ROOMS:%=tests/%); }
 endef
 test-python: test-parts
-	$(call run-and-again,'not long')
+	$(call run-and-again,'not long and not nightly')
 
 .PHONY: test-parts test-long
 test-long: test-parts ## run the tests that take too long for `make test`: random faults, instruction counts, other Pythons
-	$(call run-and-again,long)
+	$(call run-and-again,'long and not nightly')
+
+# Local: tests that the files which differ from BASE can touch (tests/changed.py). BASE: origin/main, or HEAD~1 there.
+BASE ?=
+.PHONY: test-changed
+test-changed: test-parts ## run the tests that your changes can touch, and count those skipped; BASE=commit to compare with (origin/main)
+	@$(VENV)/bin/python tests/changed.py --base '$(BASE)' --out $(BUILD)/changed
+	@if [ -s $(BUILD)/changed/unit ]; then $(MAKE) VARIANT=asan -j$(JOBS) run-unit-tests \
+		ONLY="$$(xargs <$(BUILD)/changed/unit)"; fi
+	@if [ -s $(BUILD)/changed/python ]; then \
+		xargs $(PYTEST) -m 'not long and not nightly' <$(BUILD)/changed/python || [ $$? -eq 5 ]; fi
+	@if [ -s $(BUILD)/changed/targets ]; then xargs $(MAKE) <$(BUILD)/changed/targets; fi
+
+.PHONY: test-nightly-python
+test-nightly-python: test-parts ## run the tests that only `make test-nightly` runs: accuracy in more rooms, motions and sizes
+	$(call run-and-again,nightly)
 
 $(STAMPS)/venv-renderer: host_py/pyproject.toml host_py/constraints.txt | $(STAMPS)/venv
 	@echo 'setup: Mitsuba (host_py[renderer])'
@@ -100,7 +117,7 @@ test-engines: build $(BABYLON)/page.bundle.js ## read exported files in Babylon.
 test-all: test-unit test-python test-js test-csharp
 
 .PHONY: test-nightly
-test-nightly: check-c-paths test-firmware-long test-renderer check-hw test-arm64 test-debian fuzz ## run what takes too long for .ci/run (hours): before a release, as `make -k test-nightly`, which goes on after a failure
+test-nightly: test test-engines test-long test-kernel test-nightly-python check-c-paths test-firmware-long test-renderer check-hw test-arm64 test-debian fuzz ## run all tests, also what takes too long for .ci/run (hours): before a release, as `make -k test-nightly`, which goes on after a failure
 
 .PHONY: check-rules
 check-rules: build
