@@ -38,7 +38,7 @@ def run(loaded, hows, settings=None):
     return found
 
 
-@pytest.mark.parametrize("how", ["float", "unclipped"])
+@pytest.mark.parametrize("how", [pytest.param("float", marks=pytest.mark.nightly), "unclipped"])
 def test_lamps_of_procedural_scenes(how):
     """1–5 lamps, 0.5°–15° across, anywhere, one exposure that does not clip: floats and 8 bits."""
     (scores,) = run([random_scene(seed) for seed in range(25)], [how]).values()
@@ -78,6 +78,7 @@ def test_more_exposures_are_more_accurate(panoramas):
     assert medians[3] < 0.5 * medians[0]
 
 
+@pytest.mark.nightly
 def test_what_clips_is_stated(panoramas):
     """1 sigma holds in about two of three scenes, 3 sigma in nearly all, whatever clips."""
     found = run([*panoramas[::2], *map(random_scene, range(100, 112))], ["1", "3"])

@@ -14,7 +14,7 @@ def figures(condition: str) -> automatic.Automatic:
     return one
 
 
-@pytest.mark.parametrize("condition", ["head", "ignored"])
+@pytest.mark.parametrize("condition", ["head", pytest.param("ignored", marks=pytest.mark.nightly)])
 def test_turning_leaves_the_scale(condition):
     one = figures(condition)
     assert one.error_median < figures("still").error_median + 0.02
@@ -29,6 +29,7 @@ def test_light_is_steady_while_the_exposure_breathes():
     assert one.error_median < figures("still").error_median + 0.01
 
 
+@pytest.mark.nightly
 def test_the_ring_gives_a_scale_to_exposures_that_nobody_tells():
     """In cd/m², while the exposure breathes by two stops to each side."""
     one = figures("ring")

@@ -100,7 +100,9 @@ def test_a_daemon_follows_switches(exposures: str, most_frames: dict[str, int]) 
         assert one.error_settled < 0.02
 
 
-@pytest.mark.parametrize("exposures", ["reported", "unreported"])
+@pytest.mark.parametrize(
+    "exposures", ["reported", pytest.param("unreported", marks=pytest.mark.nightly)]
+)
 def test_a_lamp_that_flickers_is_its_mean(exposures: str) -> None:
     at_100_hz = next(case for case in changes.of_scene(Room(), exposures) if case.mains_hz == 100)
     recorded = recording.record(replace(at_100_hz.run, judged_s=6.0))

@@ -6,6 +6,7 @@ import pytest
 pytestmark = pytest.mark.usefixtures("released_daemon")
 
 
+@pytest.mark.nightly
 def test_fisheye_lenses_are_as_good_and_roll_off_must_be_known(tmp_path):
     stills = fisheye.judged((3, str(fisheye.calibrated(tmp_path))))
     error = {one.camera: one.relighting_mae for one in stills if one.input == "3"}

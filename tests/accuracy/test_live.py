@@ -259,6 +259,7 @@ def test_troubles_are_told_by_name() -> None:
     assert both == "ignore_exposure=1&drop=0.5"
 
 
+@pytest.mark.nightly
 def test_who_walks_is_judged_by_the_light_where_they_are() -> None:
     walk = live.case(Room(), "walk", "reported", judged_s=1.0)
     walk = replace(walk, run=replace(walk.run, size_px=SMALL_PX))

@@ -6,6 +6,7 @@ import several
 pytestmark = pytest.mark.usefixtures("released_daemon")
 
 
+@pytest.mark.nightly
 def test_two_modules_that_turn_are_as_good_as_one_camera():
     todo = several.cases(["room"], ["30"], ["reported"], ["one", "other"])
     one, two = (several.judged(case)[0].figures for case in todo)

@@ -94,7 +94,11 @@ def unlike_others(box: Box, rng: np.random.Generator) -> None:
 
 @pytest.mark.parametrize(
     ("document", "case"),
-    [("hw/guide.md", ""), ("hw/guide.md", "reversed"), ("docs/builders/bring_up.md", "")],
+    [
+        ("hw/guide.md", ""),
+        pytest.param("hw/guide.md", "reversed", marks=pytest.mark.nightly),
+        ("docs/builders/bring_up.md", ""),
+    ],
 )
 def test_the_commands_do_what_the_document_says(document: str, case: str, tmp_path: Path) -> None:
     environment = dict(os.environ)

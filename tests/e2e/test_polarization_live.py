@@ -81,7 +81,7 @@ def check(estimates: list[Estimate]) -> None:
     assert not any(called(one)[0] for one in estimates)
 
 
-@pytest.mark.parametrize("firmware", ["host", "avr"])
+@pytest.mark.parametrize("firmware", ["host", pytest.param("avr", marks=pytest.mark.nightly)])
 def test_a_wheel_that_slips_in_mid_sweep(firmware: str) -> None:
     with swept(Behaviour(act_s=0), firmware) as (box, probe, client):
         probe.run(SWEPT_S)
