@@ -220,12 +220,17 @@ def test_without_a_page_the_answer_says_how_to_have_one(tmp_path):
 
 
 @pytest.mark.parametrize("origin", ["http://evil.example", "null", "http://127.0.0.1:1"])
-def test_a_page_of_another_origin_gets_nothing(probe, origin):
-    with pytest.raises(InvalidStatus) as refused:
-        probe.open(origin=origin)
-    assert refused.value.response.status_code == 403
-    assert "?origins=" in refused.value.response.body.decode()
-    probe.wait_log(f"refused: a page of {origin}")
+def test_a_page_of_another_origin_gets_nothing(tmp_path, page, origin):
+    """Each by a daemon of its own: a log that has told this lately tells it again much later."""
+    query = f"?root={page}&origins=https://app.example"
+    with WebDaemon(folder=tmp_path, query=query) as probe:
+        with pytest.raises(InvalidStatus) as refused:
+            probe.open(origin=origin)
+        assert refused.value.response.status_code == 403
+        assert "?origins=" in refused.value.response.body.decode()
+        probe.wait_log(f"refused: a page of {origin}")
+        with probe.open() as web:
+            receive(web, "estimate")
 
 
 def test_own_and_allowed_origins(probe):
