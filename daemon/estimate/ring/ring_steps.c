@@ -31,7 +31,6 @@
 #define TURNED_SIGMA 0.1F
 /* A camera at rest may have begun to turn by this since its last frame. */
 #define TURN_SIGMA_RAD 0.01F
-#define SMALL_TURN_RAD 0.01
 /* What is told again must differ by this, of the mean irradiance. */
 #define WORTH_TELLING 0.01F
 /* A lamp that is where another went is that one. */
@@ -133,9 +132,9 @@ static void ask(const struct lp_ring_steps *steps, const struct lp_rotation *to_
 	look(to_anchor, normals);
 	expect(steps, (const float(*)[3])ambient, (const float(*)[3])normals, q->expected);
 	for (int a = 0; a < 3; a++) {
-		const double vector[3] = {a == 0 ? SMALL_TURN_RAD : 0.0,
-					  a == 1 ? SMALL_TURN_RAD : 0.0,
-					  a == 2 ? SMALL_TURN_RAD : 0.0};
+		const double vector[3] = {a == 0 ? (double)TURN_SIGMA_RAD : 0.0,
+					  a == 1 ? (double)TURN_SIGMA_RAD : 0.0,
+					  a == 2 ? (double)TURN_SIGMA_RAD : 0.0};
 		const struct lp_rotation turn = lp_rotation_of_vector(vector);
 
 		memcpy(turned, normals, sizeof(turned));
@@ -143,7 +142,7 @@ static void ask(const struct lp_ring_steps *steps, const struct lp_rotation *to_
 			lp_rotate_direction(&turn, turned[k]);
 		expect(steps, (const float(*)[3])ambient, (const float(*)[3])turned, q->turn[a]);
 		for (int k = 0; k < LP_RING_SENSORS; k++)
-			q->turn[a][k] = (q->turn[a][k] - q->expected[k]) / (float)SMALL_TURN_RAD;
+			q->turn[a][k] = (q->turn[a][k] - q->expected[k]) / TURN_SIGMA_RAD;
 	}
 	for (int k = 0; k < LP_RING_SENSORS; k++) {
 		const float read = now->illuminance_lux[k] / steps->ratio[k];

@@ -16,7 +16,6 @@
 
 /* Chosen by hand (docs/maintainers/constants.md). */
 
-#define MUCH_FAINTER 20.0F
 /* What is no farther from a lamp than this, and no wider, is beside it. */
 #define BESIDE_RAD (6.0F * (float)M_PI / 180.0F)
 /* Wider parts are split as long as there is room. */
@@ -254,12 +253,12 @@ static int widest_part(const struct lp_clipped_parts *parts)
 	return widest;
 }
 
-/* Make room by forgetting the faintest part that nobody has claimed, if it is much fainter than
- * `bound`. */
+/* Make room by forgetting the faintest part that nobody has claimed, if it is fainter than `bound`.
+ */
 static bool make_room(struct lp_clipped_parts *parts, float bound)
 {
 	int faintest = -1;
-	float least = bound / MUCH_FAINTER;
+	float least = bound;
 
 	if (parts->count < LP_MAX_CLIPPED_PARTS)
 		return true;

@@ -24,7 +24,6 @@
 /* Of readings that are explained better than this no sensor is left out. */
 #define EXPLAINED 9.0
 #define MOST_WRONG 3
-#define LEAST_USED 4
 
 static int bits(uint32_t mask)
 {
@@ -175,7 +174,7 @@ static int leave_neighbours_out(const struct lp_ring_problem *problem, uint32_t 
 		for (int first = 0; first < LP_RING_SENSORS - 1; first++) {
 			const uint32_t used = all & ~neighbours(first, count);
 
-			if (bits(used) == bits(all) - count && bits(used) >= LEAST_USED)
+			if (bits(used) == bits(all) - count && bits(used) >= LP_RING_LEAST_USED)
 				list[found++] = explanation_of(problem, all, used, 0, other_scale);
 		}
 	return found;
@@ -196,7 +195,7 @@ static int leave_out(const struct lp_ring_problem *problem, uint32_t all, bool o
 		const double before = best.cost;
 		const int from = count;
 
-		if (best.chi2 < EXPLAINED || bits(best.used) <= LEAST_USED)
+		if (best.chi2 < EXPLAINED || bits(best.used) <= LP_RING_LEAST_USED)
 			break;
 		count += leave_one_out(problem, all, best.used, other_scale, list + count);
 		best = list[from];

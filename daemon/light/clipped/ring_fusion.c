@@ -14,7 +14,6 @@
 /* Squared sigmas that a fit must gain to be worth any hidden light at all, and all of it. */
 #define WORTH_LITTLE 1.5
 #define WORTH_LIGHT 4.0
-#define LEAST_USED 4
 /* Squared sigmas per degree of freedom, and altogether, beyond which the ring is not believed. */
 #define MOST_MISFIT 4.0
 #define ALWAYS_ALLOWED 9.0
@@ -302,7 +301,7 @@ void lp_ring_fuse(const struct lp_ring_view *as_seen, const struct lp_ring_sampl
 	struct mixture mixture = {0};
 
 	*fusion = (struct lp_ring_fusion){.scale = *known};
-	if (bits(all) < LEAST_USED)
+	if (bits(all) < LP_RING_LEAST_USED)
 		return;
 	raise_bounds(&view);
 	struct lp_ring_problem problem = {.view = &view, .sample = sample, .scale = *known};

@@ -42,6 +42,11 @@ struct lp_ring_view {
 	struct lp_ring_part parts[LP_MAX_CLIPPED_PARTS];
 };
 
+/* No scale is less than this share of the one that is known, or of the best one. */
+#define LP_RING_LEAST_SCALE 0.02
+/* Sensors that a fit needs. */
+#define LP_RING_LEAST_USED 4
+
 /* Readings of the same light from elsewhere: the camera and the ring have turned since then. */
 #define LP_RING_POSES 12
 

@@ -4,6 +4,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "light/clipped/ring_fusion.h"
+
 /* Most often six sweeps are enough; where the posterior has several peaks, it may take more. */
 #define SWEEPS 20
 /* It ends when no mean has moved by more than this, in its sigmas. */
@@ -20,8 +22,6 @@
 /* A prior may make an unknown less certain than the readings do alone (there may be no light at
  * all), but takes no more than this share of their precision. */
 #define MOST_DOUBT 0.3
-/* A scale is not taken to be less than this share of the best one. */
-#define LEAST_SCALE 0.05
 
 /* In the place of the prior of unknown i: exp(-precision x^2 / 2 + shift x). */
 struct state {
@@ -166,7 +166,8 @@ void lp_ring_posterior(const struct lp_nnls *normal, const double *bound,
 	solve(&s);
 	propagate(&s);
 	solve(&s); /* what the changes have rounded off */
-	posterior->scale = fmax(s.mean[0], LEAST_SCALE * normal->right[0] / normal->normal[0][0]);
+	posterior->scale =
+		fmax(s.mean[0], LP_RING_LEAST_SCALE * normal->right[0] / normal->normal[0][0]);
 	posterior->scale_sigma = sqrt(s.covariance[0][0]);
 	divide(&s, posterior);
 }

@@ -14,8 +14,6 @@
 #define HIDDEN_RATIO 30.0
 /* A scale of which nothing is known, relative 1 sigma. */
 #define UNKNOWN_SIGMA 10.0
-/* No scale is less than this share of the one that is known. */
-#define LEAST_SCALE 0.02
 /* A lamp hides no more light than so many times the brightest reading, 1 sigma: more would be a
  * lamp that no sensor faces. */
 #define MOST_LIGHT 2.0
@@ -239,7 +237,7 @@ static struct weights prior_of(const struct lp_ring_problem *problem, uint32_t u
 	struct weights weights = {.scale = first, .scale_sigma = UNKNOWN_SIGMA * first};
 
 	if (!isnan(problem->scale.lux_per_unit)) {
-		const double scale = fmax(found, LEAST_SCALE * first);
+		const double scale = fmax(found, LP_RING_LEAST_SCALE * first);
 
 		weights.scale = scale * (1.0 - log(scale / first));
 		weights.scale_sigma = scale * (double)problem->scale.sigma;

@@ -16,11 +16,13 @@
 #define RESTS 2.0F
 /* Sigmas beyond which a reading contradicts what is known. */
 #define GATE 5.0F
-/* Share of the newest reading in the mean of how far readings are off. */
+/* Share of the newest reading in the mean of how far readings are off; none counts for more than
+ * one that contradicts. */
 #define MISFIT_GAIN 0.1F
-#define MOST_MISFIT 100.0F
 /* What more readings do not lessen, in S1/S0: the response of the camera. */
 #define LEAST_SIGMA 0.008F
+/* The smallest share that a film passes by which the light before it is told. */
+#define LEAST_FACTOR 0.1F
 /* Polarization with a larger sigma than this is not known. */
 #define MOST_SIGMA 0.12F
 
@@ -96,7 +98,7 @@ bool lp_stokes_correct(struct lp_stokes *stokes, const struct lp_stokes_reading 
 	if (changed || !(stokes->normal[0] > 0.0F))
 		stokes->misfit = reading->misfit;
 	else
-		stokes->misfit += MISFIT_GAIN * (fminf(off, MOST_MISFIT) - stokes->misfit);
+		stokes->misfit += MISFIT_GAIN * (fminf(off, GATE * GATE) - stokes->misfit);
 	stokes->doubted = contradicts && !changed;
 	if (stokes->doubted)
 		return false;
@@ -175,7 +177,7 @@ void lp_film_factor(const struct lp_polarization *polarization, const float axis
 	const struct lp_polarization *p = polarization;
 	const float x = axis[0], y = axis[1];
 
-	*factor = 1.0F + x * p->q + y * p->u;
+	*factor = fmaxf(1.0F + x * p->q + y * p->u, LEAST_FACTOR);
 	*sigma = sqrtf(fmaxf(x * x * p->qq + 2.0F * x * y * p->qu + y * y * p->uu, 0.0F));
 }
 

@@ -59,7 +59,8 @@ struct lp_polarization lp_stokes_polarization(const struct lp_stokes *stokes);
 /* Fill in dolp, aolp_deg, their sigmas and `known` from q, u and their covariance. */
 void lp_polarization_complete(struct lp_polarization *polarization);
 
-/* How much of S0 a film passes, by what is known: 1 + axis (q, u), and its sigma. */
+/* How much of S0 a film passes, by what is known: 1 + axis (q, u), but no less than what tells
+ * anything; and its sigma. */
 void lp_film_factor(const struct lp_polarization *polarization, const float axis[2], float *factor,
 		    float *sigma);
 

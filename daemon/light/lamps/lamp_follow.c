@@ -34,10 +34,8 @@
 /* Of the strength of a small lamp while the camera turns: it falls on the pixels in another place
  * each time. On the panorama `interior` at 100 degrees a second. */
 #define TURNING_NOISE 0.05F
-/* Of the strength of a lamp seen through a film, until it is known how the lamp is polarized; and
- * the smallest share that a film passes by which a strength is told. */
+/* Of the strength of a lamp seen through a film, until it is known how the lamp is polarized. */
 #define FILM_STRENGTH_SIGMA 0.1F
-#define LEAST_FILM_FACTOR 0.1F
 /* Of what the panorama shows of a lamp, then and now: beyond this ratio it is another light. */
 #define LEAST_RATIO 0.6F
 /* A lower bound of at least this share of the largest comes from as short an exposure: the glow
@@ -156,7 +154,6 @@ static struct lp_lamp_sighting without_film(struct lp_remembered_lamp *m,
 
 	if (p.known)
 		lp_film_factor(&p, s->film.axis, &factor, &sigma);
-	factor = fmaxf(factor, LEAST_FILM_FACTOR);
 	for (int c = 0; c < 4; c++)
 		result.pixels.irradiance[c] /= factor;
 	*film_sigma = sigma / factor;

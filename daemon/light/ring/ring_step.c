@@ -30,8 +30,6 @@
 #define MOST_MISFIT 3.0
 /* Where a lamp grazes a sensor, or hardly misses it, its pattern is the less certain. */
 #define GRAZING 0.2
-/* A shadow is believed unless a lamp explains the change better by this. */
-#define SHADOW_MARGIN 2.0
 /* Weights depend on the solution. */
 #define ROUNDS 3
 
@@ -330,7 +328,7 @@ void lp_ring_step(const struct lp_step_question *q, const float (*normals)[3], s
 		best = fmin(best, fits[i].cost);
 	const double shadow = cost_of_shadow(q, used);
 
-	if (shadow < best + SHADOW_MARGIN && shadow < MOST_MISFIT * LP_RING_SENSORS)
+	if (shadow < best && shadow < MOST_MISFIT * LP_RING_SENSORS)
 		step->verdict = LP_STEP_SHADOW;
 	else if (!(best < INFINITY))
 		step->verdict = LP_STEP_UNCLEAR;

@@ -25,10 +25,10 @@
 #define DELAY_SIGMA_S 0.05
 /* The rate is taken over twice this time; it has changed by more than pictures mistake it by. */
 #define POINTS_APART_S 0.15
-#define MOST_APART_S 0.5
+#define MOST_APART_S (3.0 * POINTS_APART_S)
 #define CLEAR_CHANGE (15.0 * DEG)
 /* When a camera is seen to turn, its rate is not known at once. */
-#define UNSTEADY_S 0.3
+#define UNSTEADY_S (2.0 * POINTS_APART_S)
 /* A delay may change: what was seen of it counts the less, with this time constant. */
 #define DELAY_MEMORY_S 30.0
 

@@ -19,8 +19,6 @@
 /* Of S1/S0 of light whose polarization is not known: most of it has less. With more the map would
  * not follow the lamps of a camera that turns. */
 #define UNKNOWN_SIGMA 0.15F
-/* Less than this of the light that comes from a cell tells nothing of it. */
-#define LEAST_FACTOR 0.05F
 /* A cell that the map knows to be brighter or darker than its S0 by this factor was read clipped,
  * or mixed with its neighbours: its S1 and S2 are of other light. Chosen by hand. */
 #define MOST_APART 1.5F
@@ -168,7 +166,6 @@ static void factor_of(const struct lp_stokes_map *map, size_t cell, float light,
 	if (!p.known || isnan(axis[0]))
 		return;
 	lp_film_factor(&p, axis, factor, sigma);
-	*factor = fmaxf(*factor, LEAST_FACTOR);
 	if (tells(&p, *factor, light))
 		return;
 	*factor = 1.0F;
