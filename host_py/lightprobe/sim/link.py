@@ -416,8 +416,7 @@ class _Session:
         clock = self.link.clock
         while True:
             is_due = clock.now_ns() >= t_ns
-            came = clock.wait_until(t_ns, self._selector)
-            if came and not self._attend():
+            if (came := clock.wait_until(t_ns, self._selector)) and not self._attend():
                 return False
             if is_due or (not came and clock.now_ns() >= t_ns):
                 return True
