@@ -7,7 +7,7 @@
 #include <string.h>
 
 #include "vision/camera/remap.h"
-#include "vision/doubt/residual.h"
+#include "vision/map/residual.h"
 
 /* Of a cell's mean, in codes, besides the rounding of its own (vision/camera/code_noise.h). */
 #define CODE_SIGMA 0.5F

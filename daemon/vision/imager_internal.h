@@ -9,7 +9,7 @@
 #include "light/turn/motion.h"
 #include "light/turn/shear.h"
 #include "light/turn/unseen_turn.h"
-#include "vision/doubt/residual.h"
+#include "vision/map/residual.h"
 #include "vision/eye.h"
 #include "vision/imager.h"
 #include "vision/map/radiance_map.h"

@@ -10,7 +10,7 @@
 #include "light/math/grid.h"
 #include "light/math/rotation.h"
 #include "lp_test.h"
-#include "vision/doubt/residual.h"
+#include "vision/map/residual.h"
 #include "vision/map/lookup.h"
 #include "vision/map/radiance_map.h"
 

@@ -7,7 +7,7 @@
 #include "include/luminance.h"
 #include "include/panorama.h"
 #include "light/math/grid.h"
-#include "vision/doubt/residual.h"
+#include "vision/map/residual.h"
 
 /* Chosen by hand, on the covered scenes of docs/users/accuracy.md, "When things go wrong". */
 

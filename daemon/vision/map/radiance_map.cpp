@@ -125,9 +125,10 @@ extern "C" struct lp_map_update lp_radiance_map_observe(struct lp_radiance_map *
 	const float changed = share_of(total.changed, total);
 	const bool unsettled = changed > kUnsettled;
 
+	const float sigma = std::min(kElsewhere * changed, kMostElsewhere);
+
 	if (unsettled)
-		total = learn(map, observation, noise, kElsewhere * kElsewhere * changed * changed,
-			      true);
+		total = learn(map, observation, noise, sigma * sigma, true);
 	/* The mean of max(0, cos)^2 over all normals is 1/6; mean irradiance is a quarter of the
 	 * flux. */
 	return {changed,

@@ -30,8 +30,8 @@ constexpr float kGate = 5.0F;
 /* When more than this share of the light is another, all of it may be: a lamp that is switched
  * lights all of the room, little of it beyond doubt. */
 constexpr float kUnsettled = 0.02F;
-/* How much that may be of each cell's light, 1 sigma: so many times that share. */
-constexpr float kElsewhere = 4.0F;
+/* How much that may be of each cell's light, 1 sigma: so many times that share, and at most. */
+constexpr float kElsewhere = 4.0F, kMostElsewhere = 0.5F;
 /* Sigmas beyond which a lower bound contradicts a known radiance. */
 constexpr float kBoundGate = 3.0F;
 /* Relative 1 sigma of a known radiance that is old: any lower bound above it contradicts it,

@@ -4,8 +4,8 @@
  * frame tells the light there. All that asks how a frame differs from the map asks it here. Pure
  * computation; one thread; plain data.
  */
-#ifndef LP_VISION_DOUBT_RESIDUAL_H
-#define LP_VISION_DOUBT_RESIDUAL_H
+#ifndef LP_VISION_MAP_RESIDUAL_H
+#define LP_VISION_MAP_RESIDUAL_H
 
 #include "vision/map/radiance_map.h"
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "vision/doubt/residual.h"
+#include "vision/map/residual.h"
 
 #include <math.h>
 
