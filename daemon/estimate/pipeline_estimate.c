@@ -90,7 +90,7 @@ static uint32_t bracket_flags(const struct lp_pipeline *p)
 			continue;
 		if (camera->bracket.state == LP_BRACKET_IGNORED)
 			flags |= LP_ESTIMATE_EXPOSURE_IGNORED;
-		else if (lp_imager_current_exposures(p->imager, k) < camera->bracket.planned)
+		else if (lp_imager_current_exposures(p->imager, k) < camera->bracket.plan.count)
 			flags |= LP_ESTIMATE_BRACKET_INCOMPLETE;
 	}
 	return flags;

@@ -236,8 +236,8 @@ static void test_what_a_frame_most_likely_has(void **state)
 	lp_bracket_frame(&b, 1);
 	b.frames_since_command = 0;
 	assert_float_equal(lp_bracket_expected_us(&b, 2), 250, 0);
-	b.changes = 1;
-	b.least_seen_frames = b.most_seen_frames = 3;
+	b.delay.changes = 1;
+	b.delay.least_frames = b.delay.most_frames = 3;
 	assert_float_equal(lp_bracket_expected_us(&b, 2), 16000, 0);
 	assert_float_equal(lp_bracket_expected_us(&b, 3), 16000, 0);
 	assert_float_equal(lp_bracket_expected_us(&b, 4), 250, 0);
@@ -271,16 +271,17 @@ static void test_number_of_exposures_by_the_scene(void **state)
 			const struct lp_bracket_scene scene = {
 				.median = scenes[k].median,
 				.peak = scenes[k].peak,
-				.clipped = scenes[k].peak * bracket.plan_us[bracket.planned - 1] >
-					   0.5e6F};
+				.clipped =
+					scenes[k].peak * bracket.plan.us[bracket.plan.count - 1] >
+					0.5e6F};
 
 			if (d.accept)
 				lp_bracket_next(&bracket, &scene, &command_us);
 		}
-		assert_int_equal(bracket.planned, scenes[k].count);
-		assert_true(scenes[k].peak * bracket.plan_us[bracket.planned - 1] < 0.5e6F);
-		if (bracket.planned > 1)
-			assert_float_equal(log2f(bracket.plan_us[0] * scenes[k].median / 0.25e6F),
+		assert_int_equal(bracket.plan.count, scenes[k].count);
+		assert_true(scenes[k].peak * bracket.plan.us[bracket.plan.count - 1] < 0.5e6F);
+		if (bracket.plan.count > 1)
+			assert_float_equal(log2f(bracket.plan.us[0] * scenes[k].median / 0.25e6F),
 					   0.0, 0.8);
 	}
 }
@@ -298,7 +299,7 @@ static void test_a_lamp_smaller_than_a_cell(void **state)
 	for (int n = 0; n < 600; n++) {
 		const bool on = n < 400;
 		const float peak = on ? 3e4F : 60.0F, pixel = on ? 20.0F * peak : 80.0F;
-		const float shortest_us = bracket.plan_us[bracket.planned - 1];
+		const float shortest_us = bracket.plan.us[bracket.plan.count - 1];
 		const struct lp_bracket_scene scene = {.median = 30.0F,
 						       .peak = peak,
 						       .clipped = pixel * shortest_us > 1e6F};
@@ -312,8 +313,8 @@ static void test_a_lamp_smaller_than_a_cell(void **state)
 			assert_float_equal(shortest_us, resting_us, 0.0);
 	}
 	assert_true(resting_us * 3e4F * 20.0F < 1e6F);
-	assert_int_equal(bracket.planned, 1);
-	assert_true(bracket.plan_us[0] > 500.0F);
+	assert_int_equal(bracket.plan.count, 1);
+	assert_true(bracket.plan.us[0] > 500.0F);
 }
 
 /* The governor changes the preset at any moment of a bracket: nothing is merged wrongly. */
@@ -354,19 +355,19 @@ static void test_light_that_changes_between_frames(void **state)
 	assert_false(lp_bracket_light_changed(&b, 10.0F, &command_us));
 	lp_bracket_frame(&b, 1);
 	(void)lp_bracket_reported(&b, lp_bracket_first_us(&b));
-	b.planned = 3;
-	b.at = 1;
-	memcpy(b.plan_us, (float[]){16000, 2000, 250}, 3 * sizeof(float));
-	b.shortest_us = 250;
+	b.plan.count = 3;
+	b.plan.at = 1;
+	memcpy(b.plan.us, (float[]){16000, 2000, 250}, 3 * sizeof(float));
+	b.plan.shortest_us = 250;
 	b.commanded_us = 2000;
 	assert_false(lp_bracket_light_changed(&b, 1.3F, &command_us)); /* not worth it */
 	assert_true(isnan(command_us));
 	assert_true(lp_bracket_light_changed(&b, 2.0F, &command_us));
 	assert_float_equal(command_us, 125.0F, 1.0F);
-	assert_float_equal(b.plan_us[0], 8000.0F, 1.0F);
+	assert_float_equal(b.plan.us[0], 8000.0F, 1.0F);
 	assert_true(lp_bracket_light_changed(&b, 0.25F, &command_us));
 	assert_float_equal(command_us, 32000.0F, 1.0F);
-	b.waits = true;
+	b.report.waits = true;
 	assert_false(lp_bracket_light_changed(&b, 4.0F, &command_us));
 }
 

@@ -61,7 +61,7 @@ static void forget_before(struct lp_bracket *b, int k)
 static void command(struct lp_bracket *b, float exposure_us)
 {
 	b->commanded_us = exposure_us;
-	b->frames_since_command = b->judged_since_command = b->early_frames = 0;
+	b->frames_since_command = b->judged_since_command = b->delay.early_frames = 0;
 	b->assumed = false;
 	if (b->could == LP_MAX_CANDIDATES)
 		forget_before(b, 1);
@@ -73,9 +73,9 @@ static void start(struct lp_bracket *b, float exposure_us)
 	b->state = LP_BRACKET_STARTING;
 	b->settled_us = NAN;
 	b->strange = b->proved = b->could = 0;
-	b->planned = 1;
-	b->at = 0;
-	b->plan_us[0] = exposure_us;
+	b->plan.count = 1;
+	b->plan.at = 0;
+	b->plan.us[0] = exposure_us;
 	command(b, exposure_us);
 }
 
@@ -92,7 +92,7 @@ void lp_bracket_init(struct lp_bracket *bracket, int most, const struct lp_brack
 	bracket->most = most < 1 ? 1 : most > LP_MAX_PLANNED ? LP_MAX_PLANNED : most;
 	bracket->limits = *limits;
 	start(bracket, allowed(bracket, FIRST_US));
-	bracket->shortest_us = bracket->commanded_us;
+	bracket->plan.shortest_us = bracket->commanded_us;
 	if (is_in_force(bracket)) {
 		bracket->state = LP_BRACKET_RUNNING;
 		bracket->settled_us = bracket->commanded_us;
@@ -198,7 +198,7 @@ static void miss(struct lp_bracket *b, struct lp_bracket_decision *decision)
 		"are off — is automatic exposure on, or does another program control the camera?",
 		MOST_MISSES);
 	b->state = LP_BRACKET_IGNORED;
-	b->frames_ignored = 0;
+	b->ignored.frames = 0;
 	*decision =
 		(struct lp_bracket_decision){.accept = true, .forget = true, .exposure_us = NAN};
 }
@@ -210,7 +210,7 @@ static struct lp_bracket_decision still_old(struct lp_bracket *b)
 
 	b->strange = 0;
 	b->assumed = false;
-	if (b->changes && b->frames_since_command > b->most_seen_frames + 1)
+	if (b->delay.changes && b->frames_since_command > b->delay.most_frames + 1)
 		decision = (struct lp_bracket_decision){.exposure_us = NAN};
 	if (b->judged_since_command > most_delay(b))
 		miss(b, &decision);
@@ -238,14 +238,14 @@ static void learn_delay(struct lp_bracket *b)
 {
 	const int delay = b->frames_since_command;
 
-	b->early_changes = b->early_frames ? b->early_changes + 1 : 0;
-	if (b->early_changes >= TRUSTED_CHANGES)
-		b->least_seen_frames = b->early_frames;
-	else if (!b->changes || delay < b->least_seen_frames)
-		b->least_seen_frames = delay;
-	if (!b->changes || delay > b->most_seen_frames)
-		b->most_seen_frames = delay;
-	b->changes++;
+	b->delay.early_changes = b->delay.early_frames ? b->delay.early_changes + 1 : 0;
+	if (b->delay.early_changes >= TRUSTED_CHANGES)
+		b->delay.least_frames = b->delay.early_frames;
+	else if (!b->delay.changes || delay < b->delay.least_frames)
+		b->delay.least_frames = delay;
+	if (!b->delay.changes || delay > b->delay.most_frames)
+		b->delay.most_frames = delay;
+	b->delay.changes++;
 }
 
 /* The k-th has taken effect. */
@@ -262,10 +262,10 @@ static struct lp_bracket_decision change_seen(struct lp_bracket *b, int k)
  * long: all light darker by a factor looks just like a shorter exposure. */
 static struct lp_bracket_decision by_time(struct lp_bracket *b)
 {
-	const bool is_old = b->frames_since_command < b->least_seen_frames;
+	const bool is_old = b->frames_since_command < b->delay.least_frames;
 
-	if (b->could != 2 || b->least_seen_frames != b->most_seen_frames ||
-	    ++b->untold > MOST_UNTOLD)
+	if (b->could != 2 || b->delay.least_frames != b->delay.most_frames ||
+	    ++b->delay.untold > MOST_UNTOLD)
 		return fits_nothing(b);
 	return is_old ? accept(b->settled_us) : take_effect(b, 1);
 }
@@ -273,22 +273,22 @@ static struct lp_bracket_decision by_time(struct lp_bracket *b)
 /* The frame fits the k-th exposure alone. */
 static struct lp_bracket_decision told(struct lp_bracket *b, int k, float codes)
 {
-	const bool is_trusted = b->changes >= TRUSTED_CHANGES;
-	const bool is_early = is_trusted && b->frames_since_command < b->least_seen_frames;
-	const bool is_due = is_trusted && b->frames_since_command >= b->most_seen_frames;
+	const bool is_trusted = b->delay.changes >= TRUSTED_CHANGES;
+	const bool is_early = is_trusted && b->frames_since_command < b->delay.least_frames;
+	const bool is_due = is_trusted && b->frames_since_command >= b->delay.most_frames;
 
 	if (k == 0 && is_due && codes > 2.0F * b->fit_codes + AS_WELL_CODES)
 		return by_time(b);
 	/* sooner than this camera has ever been: light that changed just so, or frames were lost
 	 * and nobody knows */
 	if (k > 0 && k == b->could - 1 && is_early) {
-		if (!b->early_frames)
-			b->early_frames = b->frames_since_command;
+		if (!b->delay.early_frames)
+			b->delay.early_frames = b->frames_since_command;
 		return fits_nothing(b);
 	}
 	if (k == 0)
-		b->early_frames = 0;
-	b->untold = 0;
+		b->delay.early_frames = 0;
+	b->delay.untold = 0;
 	b->fit_codes = codes;
 	return k == 0 ? still_old(b) : change_seen(b, k);
 }
@@ -296,8 +296,8 @@ static struct lp_bracket_decision told(struct lp_bracket *b, int k, float codes)
 static struct lp_bracket_decision judge_change(struct lp_bracket *b,
 					       const struct lp_exposure_matches *matches)
 {
-	const bool is_trusted = b->changes >= TRUSTED_CHANGES;
-	const bool is_early = is_trusted && b->frames_since_command < b->least_seen_frames;
+	const bool is_trusted = b->delay.changes >= TRUSTED_CHANGES;
+	const bool is_early = is_trusted && b->frames_since_command < b->delay.least_frames;
 	const struct verdict verdict = compare(b, matches);
 	const int k = verdict.oldest;
 
@@ -323,7 +323,7 @@ static struct lp_bracket_decision judge_change(struct lp_bracket *b,
 
 bool lp_bracket_is_proved(const struct lp_bracket *bracket)
 {
-	return bracket->reports || bracket->proved >= PROOFS;
+	return bracket->report.told || bracket->proved >= PROOFS;
 }
 
 /* Frames that the camera has taken since the last one that came, and this one. */
@@ -339,7 +339,7 @@ static int passed(const struct lp_bracket *b, uint64_t sequence)
 float lp_bracket_expected_us(const struct lp_bracket *bracket, uint64_t sequence)
 {
 	const int delay = bracket->frames_since_command + passed(bracket, sequence);
-	const bool is_old = bracket->changes && delay < bracket->least_seen_frames;
+	const bool is_old = bracket->delay.changes && delay < bracket->delay.least_frames;
 
 	return is_old && bracket->could > 1 ? bracket->settled_us : bracket->commanded_us;
 }
@@ -385,23 +385,23 @@ struct lp_bracket_decision lp_bracket_ignored(struct lp_bracket *bracket, float 
 	const int second_at = RETRY_FRAMES + most_delay(bracket) + 1;
 	struct lp_bracket_decision decision = accept(NAN);
 
-	bracket->frames_ignored++;
-	if (bracket->frames_ignored == RETRY_FRAMES || bracket->frames_ignored == second_at) {
+	bracket->ignored.frames++;
+	if (bracket->ignored.frames == RETRY_FRAMES || bracket->ignored.frames == second_at) {
 		const float first_us = allowed(bracket, FIRST_US);
 
-		bracket->scale_before = scale;
+		bracket->ignored.scale_before = scale;
 		bracket->settled_us = first_us;
-		command(bracket, bracket->frames_ignored < second_at
+		command(bracket, bracket->ignored.frames < second_at
 					 ? first_us
 					 : elsewhere_us(bracket, first_us));
 		decision.command = true;
 		decision.command_us = bracket->commanded_us;
 	}
-	if (bracket->frames_ignored <= second_at + most_delay(bracket))
+	if (bracket->ignored.frames <= second_at + most_delay(bracket))
 		return decision;
-	bracket->frames_ignored = 0;
-	if (lp_stops(bracket->scale_before * bracket->settled_us, scale * bracket->commanded_us) >
-	    REPLAN_STOPS)
+	bracket->ignored.frames = 0;
+	if (lp_stops(bracket->ignored.scale_before * bracket->settled_us,
+		     scale * bracket->commanded_us) > REPLAN_STOPS)
 		return decision;
 	lp_info("camera", "exposure", "follows commands again");
 	bracket->misses = 0;
@@ -416,23 +416,25 @@ struct lp_bracket_decision lp_bracket_ignored(struct lp_bracket *bracket, float 
  * command again before a command has taken effect. */
 static void watch_pace(struct lp_bracket *b, float exposure_us)
 {
-	const bool changed = lp_stops(exposure_us, b->reported_us) > REPLAN_STOPS;
+	const bool changed = lp_stops(exposure_us, b->report.us) > REPLAN_STOPS;
 
-	b->frames_unchanged = changed || b->planned == 1 ? 0 : b->frames_unchanged + 1;
-	b->reported_us = exposure_us;
-	if (b->frames_unchanged > 2 * most_delay(b))
-		b->waits = true;
+	b->report.frames_unchanged =
+		changed || b->plan.count == 1 ? 0 : b->report.frames_unchanged + 1;
+	b->report.us = exposure_us;
+	if (b->report.frames_unchanged > 2 * most_delay(b))
+		b->report.waits = true;
 }
 
 struct lp_bracket_decision lp_bracket_reported(struct lp_bracket *bracket, float exposure_us)
 {
-	bracket->frames_since_plan++;
+	bracket->plan.frames_since++;
 	if (bracket->state != LP_BRACKET_RUNNING)
-		bracket->reported_us = exposure_us;
+		bracket->report.us = exposure_us;
 	bracket->state = LP_BRACKET_RUNNING;
-	bracket->reports = true;
-	bracket->shortest_seen |=
-		lp_stops(exposure_us, bracket->plan_us[bracket->planned - 1]) < 0.5F * REPLAN_STOPS;
+	bracket->report.told = true;
+	bracket->plan.shortest_seen |=
+		lp_stops(exposure_us, bracket->plan.us[bracket->plan.count - 1]) <
+		0.5F * REPLAN_STOPS;
 	watch_pace(bracket, exposure_us);
 	/* the device may round: near enough is what was asked for; and it is not asked twice */
 	if (lp_stops(exposure_us, bracket->commanded_us) < REPLAN_STOPS ||
@@ -453,10 +455,10 @@ static void log_plan(const float plan_us[LP_MAX_PLANNED], int count)
 
 static bool differs(const struct lp_bracket *b, const float plan_us[LP_MAX_PLANNED], int count)
 {
-	if (count != b->planned)
+	if (count != b->plan.count)
 		return true;
 	for (int k = 0; k < count; k++)
-		if (lp_stops(plan_us[k], b->plan_us[k]) > REPLAN_STOPS)
+		if (lp_stops(plan_us[k], b->plan.us[k]) > REPLAN_STOPS)
 			return true;
 	return false;
 }
@@ -465,7 +467,7 @@ static bool differs(const struct lp_bracket *b, const float plan_us[LP_MAX_PLANN
  * been seen, or does not come. */
 static bool plan_is_seen(const struct lp_bracket *b)
 {
-	return b->shortest_seen || b->frames_since_plan > most_delay(b) + b->planned;
+	return b->plan.shortest_seen || b->plan.frames_since > most_delay(b) + b->plan.count;
 }
 
 /* Exposures of a round. Three frames at 30 per second are ten periods of 100 Hz: each exposure
@@ -473,15 +475,15 @@ static bool plan_is_seen(const struct lp_bracket *b)
  * flicker. */
 static int round_length(const struct lp_bracket *b, const struct lp_bracket_scene *scene)
 {
-	const bool at_once = b->reports && !b->waits;
+	const bool at_once = b->report.told && !b->report.waits;
 
-	return b->planned + (at_once && scene->restless && b->planned % 3 == 0);
+	return b->plan.count + (at_once && scene->restless && b->plan.count % 3 == 0);
 }
 
 /* Where exposures are reported, until it is; else until frames tell it. */
 static bool is_under_way(const struct lp_bracket *b)
 {
-	return b->reports ? b->commanded_us != b->settled_us : b->could > 1 && !b->assumed;
+	return b->report.told ? b->commanded_us != b->settled_us : b->could > 1 && !b->assumed;
 }
 
 bool lp_bracket_next(struct lp_bracket *bracket, const struct lp_bracket_scene *scene,
@@ -490,30 +492,30 @@ bool lp_bracket_next(struct lp_bracket *bracket, const struct lp_bracket_scene *
 	struct lp_bracket *b = bracket;
 	float plan_us[LP_MAX_PLANNED];
 
-	const bool at_once = b->reports && !b->waits;
+	const bool at_once = b->report.told && !b->report.waits;
 
 	/* much brighter: the rest of the round would clip, too */
-	b->outdated = !at_once && scene->clipped && (b->outdated || scene->changed);
+	b->plan.outdated = !at_once && scene->clipped && (b->plan.outdated || scene->changed);
 	if (b->state != LP_BRACKET_RUNNING || (!at_once && is_under_way(b)))
 		return false;
-	const bool is_complete = b->at >= b->planned - 1 && (!at_once || plan_is_seen(b));
+	const bool is_complete = b->plan.at >= b->plan.count - 1 && (!at_once || plan_is_seen(b));
 
-	if (is_complete || b->outdated) {
+	if (is_complete || b->plan.outdated) {
 		const int count = lp_bracket_plan(b, scene, plan_us);
 
-		b->shortest_seen = b->outdated = false;
-		b->frames_since_plan = 0;
+		b->plan.shortest_seen = b->plan.outdated = false;
+		b->plan.frames_since = 0;
 
 		if (differs(b, plan_us, count)) {
-			memcpy(b->plan_us, plan_us, (size_t)count * sizeof(*plan_us));
-			b->planned = count;
+			memcpy(b->plan.us, plan_us, (size_t)count * sizeof(*plan_us));
+			b->plan.count = count;
 			log_plan(plan_us, count);
 			/* what still clips is what is missing: the others can wait */
-			b->at = scene->clipped ? count - 2 : -1;
+			b->plan.at = scene->clipped ? count - 2 : -1;
 		}
 	}
-	b->at = (b->at + 1) % round_length(b, scene);
-	*command_us = b->plan_us[b->at < b->planned ? b->at : b->planned - 1];
+	b->plan.at = (b->plan.at + 1) % round_length(b, scene);
+	*command_us = b->plan.us[b->plan.at < b->plan.count ? b->plan.at : b->plan.count - 1];
 	/* in the dark no step could be seen */
 	if (!lp_bracket_is_proved(b) && scene->peak * b->settled_us * 1e-6F > LP_BRACKET_PEAK_LOW &&
 	    lp_stops(*command_us, b->settled_us) < 1.0F)
@@ -528,20 +530,20 @@ bool lp_bracket_light_changed(struct lp_bracket *bracket, float factor, float *c
 {
 	struct lp_bracket *b = bracket;
 
-	if (b->state != LP_BRACKET_RUNNING || !b->reports || b->waits || !(factor > 0.0F) ||
-	    lp_stops(factor, 1.0F) < REPLAN_STOPS)
+	if (b->state != LP_BRACKET_RUNNING || !b->report.told || b->report.waits ||
+	    !(factor > 0.0F) || lp_stops(factor, 1.0F) < REPLAN_STOPS)
 		return false;
-	for (int k = 0; k < b->planned; k++)
-		b->plan_us[k] = allowed(b, b->plan_us[k] / factor);
+	for (int k = 0; k < b->plan.count; k++)
+		b->plan.us[k] = allowed(b, b->plan.us[k] / factor);
 	/* a peak is not known to have changed alike: in darker light what clips may be the same */
 	if (factor > 1.0F)
-		b->shortest_us = allowed(b, b->shortest_us / factor);
-	b->at = factor > 1.0F ? b->planned - 1 : 0;
-	b->shortest_seen = false;
-	b->frames_since_plan = 0;
-	if (b->plan_us[b->at] == b->commanded_us)
+		b->plan.shortest_us = allowed(b, b->plan.shortest_us / factor);
+	b->plan.at = factor > 1.0F ? b->plan.count - 1 : 0;
+	b->plan.shortest_seen = false;
+	b->plan.frames_since = 0;
+	if (b->plan.us[b->plan.at] == b->commanded_us)
 		return false;
-	command(b, b->plan_us[b->at]);
+	command(b, b->plan.us[b->plan.at]);
 	*command_us = b->commanded_us;
 	return true;
 }

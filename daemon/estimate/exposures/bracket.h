@@ -60,16 +60,48 @@ enum lp_bracket_state {
 	LP_BRACKET_IGNORED, /* the camera does not follow: exposures are unknown */
 };
 
+/* Which exposures the scene needs (bracket_plan.c). */
+struct lp_bracket_plan {
+	float us[LP_MAX_PLANNED]; /* longest first */
+	int count, at;		  /* us[at] is commanded; the shortest also when at == count */
+	bool outdated;		  /* the light has become so bright that the plan does not serve */
+	float shortest_us;	  /* adapted to the scene's peak */
+	float clips_us, clips_peak; /* known to clip, while the peak is like this; 0: none */
+	int frames_since;	    /* it was made */
+	bool shortest_seen;	    /* us[count - 1], since then; where frames report theirs */
+};
+
+/* How long the camera takes from command to effect. */
+struct lp_bracket_delay {
+	int changes; /* seen to take effect */
+	int least_frames, most_frames;
+	int early_frames;  /* since when all frames fit the newest, though it is too soon; 0: not */
+	int early_changes; /* in a row that came so */
+	int untold;	   /* frames in a row whose exposure only the time tells */
+};
+
+/* Where frames report their exposure. */
+struct lp_bracket_report {
+	bool told, waits;     /* waits: each command for the one before it, all the same */
+	float us;	      /* by the last frame */
+	int frames_unchanged; /* in a row, that report the same */
+};
+
+/* Of a camera that does not follow. */
+struct lp_bracket_ignored {
+	int frames;	    /* since it was found not to follow, or tried again */
+	float scale_before; /* at the last command to see whether it does */
+};
+
 struct lp_bracket {
 	int most; /* exposures; 1..LP_MAX_PLANNED */
 	struct lp_bracket_limits limits;
 	enum lp_bracket_state state;
 
-	float plan_us[LP_MAX_PLANNED]; /* longest first */
-	int planned, at;   /* plan_us[at] is commanded; the shortest also when at == planned */
-	bool outdated;	   /* the light has become so bright that the plan does not serve */
-	float shortest_us; /* adapted to the scene's peak */
-	float clips_us, clips_peak; /* known to clip, while the peak is like this; 0: none */
+	struct lp_bracket_plan plan;
+	struct lp_bracket_delay delay;
+	struct lp_bracket_report report;
+	struct lp_bracket_ignored ignored;
 
 	float settled_us, commanded_us;
 	/* What the next frame may have: the exposure in effect, and those commanded since, in their
@@ -83,21 +115,7 @@ struct lp_bracket {
 	int judged_since_command; /* on a busy machine commands are late, and frames are lost */
 	int misses;		  /* commands in a row without effect */
 	int strange;		  /* frames in a row that fit neither exposure */
-	int changes;		  /* seen to take effect */
-	int untold;		  /* frames in a row whose exposure only the time tells */
 	float fit_codes; /* by how much the last frame differed from what its exposure predicts */
-	int least_seen_frames, most_seen_frames; /* from command to effect */
-	int early_frames;  /* since when all frames fit the newest, though it is too soon; 0: not */
-	int early_changes; /* in a row that came so */
-	int frames_ignored; /* since it was found not to follow, or tried again */
-	float scale_before; /* at the last command to see whether it does */
-
-	/* where frames report their exposure */
-	bool reports, waits;  /* waits: each command for the one before it, all the same */
-	float reported_us;    /* by the last frame */
-	int frames_unchanged; /* in a row, that report the same */
-	int frames_since_plan;
-	bool shortest_seen; /* plan_us[planned - 1], since the plan was made */
 };
 
 /* What to do with the frame just judged, and with the camera. */

@@ -67,20 +67,20 @@ float lp_bracket_allowed(const struct lp_bracket_limits *limits, float exposure_
 static void adapt_shortest(struct lp_bracket *b, const struct lp_bracket_scene *scene)
 {
 	if (scene->clipped) {
-		b->clips_us = b->shortest_us;
-		b->clips_peak = 0.0F;
-		b->shortest_us /= 4.0F;
+		b->plan.clips_us = b->plan.shortest_us;
+		b->plan.clips_peak = 0.0F;
+		b->plan.shortest_us /= 4.0F;
 		return;
 	}
-	b->clips_peak = fmaxf(b->clips_peak, scene->peak);
-	if (scene->peak < 0.5F * b->clips_peak)
-		b->clips_us = b->clips_peak = 0.0F;
-	if (scene->peak > 0.0F && scene->peak * b->shortest_us * 1e-6F < LP_BRACKET_PEAK_LOW) {
+	b->plan.clips_peak = fmaxf(b->plan.clips_peak, scene->peak);
+	if (scene->peak < 0.5F * b->plan.clips_peak)
+		b->plan.clips_us = b->plan.clips_peak = 0.0F;
+	if (scene->peak > 0.0F && scene->peak * b->plan.shortest_us * 1e-6F < LP_BRACKET_PEAK_LOW) {
 		const float longer_us =
-			fminf(b->shortest_us * 2.0F, PEAK_HIGH * 1e6F / scene->peak);
+			fminf(b->plan.shortest_us * 2.0F, PEAK_HIGH * 1e6F / scene->peak);
 
-		if (b->clips_us <= 0.0F || longer_us < 0.99F * b->clips_us)
-			b->shortest_us = longer_us;
+		if (b->plan.clips_us <= 0.0F || longer_us < 0.99F * b->plan.clips_us)
+			b->plan.shortest_us = longer_us;
 	}
 }
 
@@ -94,14 +94,14 @@ int lp_bracket_plan(struct lp_bracket *b, const struct lp_bracket_scene *scene,
 	int count;
 
 	adapt_shortest(b, scene);
-	b->shortest_us = fminf(lp_bracket_allowed(&b->limits, b->shortest_us), longest);
+	b->plan.shortest_us = fminf(lp_bracket_allowed(&b->limits, b->plan.shortest_us), longest);
 
-	const float range = log2f(longest / b->shortest_us);
+	const float range = log2f(longest / b->plan.shortest_us);
 
 	count = range <= STOPS_ALONE ? 1 : 1 + (int)ceilf(range / STOPS_APART - 0.25F);
 	count = count < 1 ? 1 : count > b->most ? b->most : count;
 	if (count == 1) {
-		plan_us[0] = b->shortest_us;
+		plan_us[0] = b->plan.shortest_us;
 		return 1;
 	}
 	for (int k = 0; k < count; k++)
