@@ -145,28 +145,33 @@ static bool enters(const struct lp_lamp_memory *memory, const struct lp_lamp_sig
 	return s->enters && !is_piece_of_any(memory, lamp, mean_radiance(lamp), 1.0F);
 }
 
-/* A free place; else that of the faintest lamp that is not seen; -1: all are seen. */
-static int free_place(const struct lp_lamp_memory *memory)
+/* A free place; else that of the least likely lamp that is not seen, if it is less likely than one
+ * of these log odds; -1: there is none. */
+static int free_place(const struct lp_lamp_memory *memory, float log_odds)
 {
-	int faintest = -1;
+	int found = -1;
 
 	for (int p = 0; p < LP_MAX_LAMPS; p++) {
 		const struct lp_remembered_lamp *m = &memory->list[p];
 
 		if (!m->id)
 			return p;
-		if (!m->seen &&
-		    (faintest < 0 || m->lamp.irradiance[LP_LUMINANCE] <
-					     memory->list[faintest].lamp.irradiance[LP_LUMINANCE]))
-			faintest = p;
+		if (!m->seen && m->existence.log_odds < log_odds) {
+			found = p;
+			log_odds = m->existence.log_odds;
+		}
 	}
-	return faintest;
+	return found;
 }
 
 /* A lamp that is new; returns its place, -1: there is none. */
 static int begin(struct lp_lamp_memory *memory, const struct lp_lamp_sighting *s)
 {
-	const int place = free_place(memory);
+	struct lp_existence existence = lp_existence_found(&memory->clutter);
+
+	if (s->came > CAME_SHARE)
+		lp_existence_prove(&existence);
+	const int place = free_place(memory, existence.log_odds);
 
 	if (place < 0)
 		return place;
@@ -174,14 +179,14 @@ static int begin(struct lp_lamp_memory *memory, const struct lp_lamp_sighting *s
 		give_up(memory, &memory->list[place]);
 	if (++memory->last_id == 0) /* 0 means none */
 		memory->last_id = 1;
-	memory->list[place] = (struct lp_remembered_lamp){
-		.id = memory->last_id,
-		.lamp = s->on_grid,
-		.hidden = lp_lamp_hidden(&s->on_grid),
-		.wide = s->width_deg >= LP_COMPACT_DEG,
-		.existence = lp_existence_found(&memory->clutter),
-		.image_probability = NAN,
-		.seen = true};
+	memory->list[place] =
+		(struct lp_remembered_lamp){.id = memory->last_id,
+					    .lamp = s->on_grid,
+					    .hidden = lp_lamp_hidden(&s->on_grid),
+					    .wide = s->width_deg >= LP_COMPACT_DEG,
+					    .existence = existence,
+					    .image_probability = NAN,
+					    .seen = true};
 	return place;
 }
 
