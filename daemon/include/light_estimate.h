@@ -40,7 +40,7 @@ struct lp_light {
 	float colour_sigma; /* 1 sigma of R, G and B, root mean square, over the luminance; 0: not
 			       stated */
 	float distance_m;   /* always NAN yet */
-	float hidden;  /* relative to irradiance: what clipping may hide, where lights are ranked */
+	float hidden; /* relative to irradiance: what clipping may hide, where lights are ranked */
 	uint32_t flags; /* enum lp_light_flag */
 	struct lp_light_polarization polarization;
 };

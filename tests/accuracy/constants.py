@@ -125,8 +125,8 @@ SEQUENCES = {
     "existence lamp_memory holding": [
         Constant("light/lamps/existence.c", name)
         for name in (
-            "CERTAIN", "LAMPS_PER_S", "FIRST_S", "REDRAWN", "MISSED_PER_S", "PRIOR_PER_S", "PRIOR_STAY_S",
-            "PRIOR_S", "CLUTTER_S",
+            "CERTAIN", "LAMPS_PER_S", "FIRST_S", "REDRAWN", "MISSED_PER_S", "PRIOR_PER_S",
+            "PRIOR_STAY_S", "PRIOR_S", "CLUTTER_S",
         )
     ],
     "listing": [Constant("light/send/listing.c", "COST_OF_CHANGE_S")],
@@ -346,7 +346,9 @@ def main() -> None:
         page.put(PAGE, {"constants": part})
     if arguments.only != "accuracy":
         total = 2 * sum(len(constants) for constants in SEQUENCES.values())
-        part = table(["constant", "is", "tried", "tests that fail"], test_rows(arguments.names), total)
+        part = table(
+            ["constant", "is", "tried", "tests that fail"], test_rows(arguments.names), total
+        )
         page.put(PAGE, {"tests": part})
 
 

@@ -83,8 +83,8 @@ static void test_light_that_came_is_beyond_doubt(void **state)
 	assert_float_equal(clutter.lost, 0.0F, 0.0F); /* a lamp, no clutter */
 }
 
-/* Where regions come and go for ever, as in a bright sky, hardly any is taken for a lamp, while what
- * stays there at last is; and it is forgotten. */
+/* Where regions come and go for ever, as in a bright sky, hardly any is taken for a lamp, while
+ * what stays there at last is; and it is forgotten. */
 static void test_what_comes_and_goes_is_clutter(void **state)
 {
 	static const struct {
@@ -100,7 +100,8 @@ static void test_what_comes_and_goes_is_clutter(void **state)
 			lp_clutter_age(&f[0].clutter, FRAME_S);
 			for (int k = 0; k < 4; k++) {
 				f[k].clutter = f[0].clutter;
-				births += comes_and_goes(&f[k], cases[i].stay_s * (1.0F + 0.1F * (float)k),
+				births += comes_and_goes(&f[k],
+							 cases[i].stay_s * (1.0F + 0.1F * (float)k),
 							 cases[i].away_s);
 				f[0].clutter = f[k].clutter;
 			}

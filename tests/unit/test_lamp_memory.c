@@ -535,18 +535,44 @@ static void test_a_lamp_that_moves_is_followed(void **state)
 	}
 }
 
+/* As many as there is room for jump to and fro: new ones do not drive out what is more likely. Once
+ * they stand still all are known. */
 static void test_crowds(void **state)
 {
 	struct lp_lamp_memory memory = {0};
 	struct lp_lamp_sighting s[LP_MAX_LAMPS];
 
 	(void)state;
-	for (int n = 0; n < 50; n++) {
+	for (int n = 0; n < 250; n++) {
+		const float aside_deg = n < 50 ? 5.0F * (float)(n % 2) : 0.0F;
+
 		for (int k = 0; k < LP_MAX_LAMPS; k++)
-			s[k] = sighting(11.25F * (float)k + 5.0F * (float)(n % 2), 1.0F + (float)k);
+			s[k] = sighting(11.25F * (float)k + aside_deg, 1.0F + (float)k);
 		lp_lamp_memory_update(&memory, s, LP_MAX_LAMPS, &frame);
 		for (int k = 0; k < LP_MAX_LAMPS; k++)
-			assert_true(memory.list[k].id && memory.list[k].seen);
+			assert_true(memory.list[k].id != 0);
+	}
+	for (int k = 0; k < LP_MAX_LAMPS; k++)
+		assert_true(memory.list[k].seen);
+}
+
+/* A lamp that is certain is missed for a moment, while there are more new things than places: it
+ * keeps its place. */
+static void test_what_is_certain_is_not_driven_out(void **state)
+{
+	struct lp_lamp_memory memory = {.clutter = {.age_s = 1000.0F}};
+	struct lp_lamp_sighting s[LP_MAX_LAMPS + 1];
+
+	(void)state;
+	for (int n = 0; n < 40; n++) {
+		const bool is_missed = n >= 20 && n < 30;
+
+		for (int k = 0; k <= LP_MAX_LAMPS; k++)
+			s[k] = sighting(10.5F * (float)k, 1.0F);
+		s[0].came = n == 0 ? 1.0F : 0.0F;
+		lp_lamp_memory_update(&memory, s + is_missed, LP_MAX_LAMPS, &frame);
+		assert_int_equal(memory.list[0].id, 1);
+		assert_int_equal(memory.list[0].seen, !is_missed);
 	}
 }
 
@@ -655,6 +681,7 @@ int main(void)
 		cmocka_unit_test(test_a_clipped_lamp_may_be_hidden_for_a_frame),
 		cmocka_unit_test(test_a_lamp_that_moves_is_followed),
 		cmocka_unit_test(test_crowds),
+		cmocka_unit_test(test_what_is_certain_is_not_driven_out),
 		cmocka_unit_test(test_lamps_are_landmarks),
 		cmocka_unit_test(test_light_that_came_proves_a_lamp),
 		cmocka_unit_test(test_turning),

@@ -238,7 +238,7 @@ static void test_a_free_place_is_taken_at_once(void **state)
 static void test_a_lost_lamp_keeps_its_place(void **state)
 {
 	static const struct {
-		float next; /* the fifth lamp's strength */
+		float next;	 /* the fifth lamp's strength */
 		int least, most; /* frames until it takes the place */
 	} cases[] = {{0.05F, 102, 110}, {0.45F, 10, 13}, {0.9F, 4, 7}};
 

@@ -37,8 +37,7 @@ static struct lp_existence begin(const struct lp_clutter *clutter, float share)
 {
 	const float clutter_per_s =
 		(PRIOR_PER_S * PRIOR_S + clutter->lost) / (PRIOR_S + clutter->watched_s);
-	const float lamps_per_s =
-		LAMPS_PER_S + share * expf(-clutter->age_s / FIRST_S) / FIRST_S;
+	const float lamps_per_s = LAMPS_PER_S + share * expf(-clutter->age_s / FIRST_S) / FIRST_S;
 
 	return (struct lp_existence){.log_odds = logf(lamps_per_s / clutter_per_s)};
 }

@@ -179,14 +179,13 @@ static int begin(struct lp_lamp_memory *memory, const struct lp_lamp_sighting *s
 		give_up(memory, &memory->list[place]);
 	if (++memory->last_id == 0) /* 0 means none */
 		memory->last_id = 1;
-	memory->list[place] =
-		(struct lp_remembered_lamp){.id = memory->last_id,
-					    .lamp = s->on_grid,
-					    .hidden = lp_lamp_hidden(&s->on_grid),
-					    .wide = s->width_deg >= LP_COMPACT_DEG,
-					    .existence = existence,
-					    .image_probability = NAN,
-					    .seen = true};
+	memory->list[place] = (struct lp_remembered_lamp){.id = memory->last_id,
+							  .lamp = s->on_grid,
+							  .hidden = lp_lamp_hidden(&s->on_grid),
+							  .wide = s->width_deg >= LP_COMPACT_DEG,
+							  .existence = existence,
+							  .image_probability = NAN,
+							  .seen = true};
 	return place;
 }
 

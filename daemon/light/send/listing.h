@@ -39,7 +39,7 @@ struct lp_outside {
 
 struct lp_listing {
 	bool started;
-	int64_t t_ns; /* of the estimate listed last */
+	int64_t t_ns;	      /* of the estimate listed last */
 	int sh_order, lights; /* the model in force */
 	float unfit_s;	      /* how long another model would have done better */
 	struct lp_outside outside[LP_MAX_LIGHTS];

@@ -20,7 +20,7 @@ struct lp_rotation;
 struct lp_track {
 	struct lp_light light; /* smoothed; id 0: free */
 	float full;	       /* luminance of its irradiance when last seen */
-	bool seen; /* in the newest estimate */
+	bool seen;	       /* in the newest estimate */
 };
 
 /* Plain data, no storage behind it; zeroed is a new one. One thread. */
