@@ -69,6 +69,36 @@ def test_paths_in_pages_exist(name):
     assert [path for path in paths_in(name) if not exists(name, path)] == []
 
 
+def sources():
+    """All C and C++ of the project, by name."""
+    kinds = (".c", ".h", ".cpp", ".hpp")
+    return {name: text_of(name) for name in TRACKED if name.endswith(kinds)}
+
+
+def test_functions_in_pages_exist():
+    known = set(re.findall(r"\blp_\w+(?=\()", "".join(sources().values())))
+    named = {(page, one) for page in PAGES for one in re.findall(r"`(lp_\w+)\(\)`", text_of(page))}
+    assert sorted(named - {(page, one) for page, one in named if one in known}) == []
+    assert len(named) > 20
+
+
+def test_constants_are_where_pages_say():
+    """As in: `THIS`, `THAT` (light/lamps/existence.c)."""
+    text_by_name = sources()
+    place = re.compile(r"((?:`[\w.]+`(?:,| and)?\s+)+)\(([\w/]+\.(?:c|h|cpp|hpp))\)")
+    wrong = []
+    named = 0
+    for page in PAGES:
+        for names, path in place.findall(text_of(page)):
+            text = text_by_name.get(f"daemon/{path}", "")
+            for one in re.findall(r"`([\w.]+)`", names):
+                named += 1
+                if not re.search(rf"\b{re.escape(one)}\b", text):
+                    wrong.append((page, one, path))
+    assert wrong == []
+    assert named > 50
+
+
 def test_pages_named_in_code_and_configuration_exist():
     missing = []
     for name in TRACKED:
