@@ -335,29 +335,33 @@ static void insert(struct lp_remembered_lamp *list[], int count, struct lp_remem
 	list[at] = m;
 }
 
-/* Those to be listed, in their order; returns how many. *lamps: how many lamps there are in all. */
+/* Those to be listed, in their order; returns how many. Of those that are as strong, but may be no
+ * lamps, is noted that they are listed, too: they are looked at closer, and their light tells how
+ * the camera turns. *lamps: how many lamps there are in all. */
 static int choose(struct lp_lamp_stage *stage, const struct lp_grid *grid,
 		  const struct lp_panorama *panorama, int most,
 		  struct lp_remembered_lamp *chosen[LP_MAX_LIGHTS], int *lamps)
 {
 	struct lp_remembered_lamp *all[LP_MAX_LAMPS];
-	int count = 0;
+	int places = 0, count = 0;
 
 	*lamps = 0;
 	for (int k = 0; k < LP_MAX_LAMPS; k++) {
 		struct lp_remembered_lamp *m = &stage->memory.list[k];
 
-		if (!m->id || !lp_exists(&m->existence) || !shines(grid, panorama, m))
+		if (!m->id || !shines(grid, panorama, m))
 			continue;
-		insert(all, count++, m, keeps_its_place);
-		*lamps += !m->wide;
+		insert(all, places++, m, keeps_its_place);
+		*lamps += lp_exists(&m->existence) && !m->wide;
 	}
 	for (int k = 0; k < LP_MAX_LAMPS; k++)
 		stage->memory.list[k].listed = false;
-	count = count < most ? count : most;
-	for (int k = 0; k < count; k++) {
-		all[k]->listed = true;
-		insert(chosen, k, all[k], precedes);
+	for (int k = 0; k < places && (k < most || count < most); k++) {
+		const bool is_chosen = count < most && lp_exists(&all[k]->existence);
+
+		all[k]->listed = k < most || is_chosen;
+		if (is_chosen)
+			insert(chosen, count++, all[k], precedes);
 	}
 	return count;
 }

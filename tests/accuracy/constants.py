@@ -125,7 +125,7 @@ SEQUENCES = {
     "existence lamp_memory holding": [
         Constant("light/lamps/existence.c", name)
         for name in (
-            "CERTAIN", "LAMPS_PER_S", "FIRST_S", "REDRAWN", "MISSED_PER_S", "PRIOR_PER_S",
+            "CERTAIN", "LAMPS_PER_S", "FIRST_S", "MISSED_PER_S", "PRIOR_PER_S",
             "PRIOR_STAY_S", "PRIOR_S", "CLUTTER_S",
         )
     ],

@@ -69,7 +69,7 @@ def measured(seed: int, period_s: float, width_px: int) -> Iterator[tuple[str, M
                 ids = {light.id for light in estimate.lights}
                 if t_s >= BEGIN_S:
                     found.packets += 1
-                    found.births += len(ids - known)
+                    found.births += len(ids - known)  # what the packet before did not list
                     truth = scene.truth(world.at(t_s).powers)
                     if lacks(truth, estimate, LISTS[name].max_lights):
                         found.lacking += 1
@@ -77,7 +77,7 @@ def measured(seed: int, period_s: float, width_px: int) -> Iterator[tuple[str, M
                         found.longest_s = max(found.longest_s, t_s - since_s)
                     else:
                         since_s = None
-                known |= ids
+                known = ids
             yield name, found
 
 

@@ -65,20 +65,14 @@ static void test_a_young_map_is_believed(void **state)
 	assert_in_range(30.0F * wait_s(&later), 30, 90);
 }
 
-/* It takes a second or two until all is found for the first time; and what is found in the place of
- * a lamp waits even then. */
+/* It takes a second or two until all is found for the first time. */
 static void test_how_long_a_map_is_young(void **state)
 {
-	struct lp_clutter young = after(1.7F), older = after(3.0F), half = after(0.5F);
-	struct lp_existence instead = lp_existence_instead(&half);
-	float waited_s = 0.0F;
+	struct lp_clutter young = after(1.7F), older = after(3.0F);
 
 	(void)state;
 	assert_float_equal(wait_s(&young), 0.0F, 0.0F);
 	assert_true(wait_s(&older) > 0.2F);
-	for (; !lp_exists(&instead); waited_s += FRAME_S)
-		lp_existence_update(&instead, &half, true, FRAME_S);
-	assert_true(waited_s > 0.2F && waited_s < 0.5F);
 }
 
 static void test_light_that_came_is_beyond_doubt(void **state)

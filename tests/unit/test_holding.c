@@ -137,19 +137,30 @@ static void test_a_lamp_that_is_off_is_gone(void **state)
 	assert_int_equal(seen(f), 1);
 }
 
-/* Two lamps that were taken for one must be seen for some seconds until both are found. */
-static void test_other_borders_that_last_are_taken(void **state)
+/* How long two lamps must be seen that were taken for one for `known_s`, until both are found. */
+static float seconds_until_two(struct fixture *f, float known_s)
 {
 	const struct disc one = {4, 0, 6, 20}, two[] = {{0, 0, 1.5, 120}, {8, 0, 1.5, 100}};
-	struct fixture *f = *state;
 	int n = 0;
 
-	for (int k = 0; k * FRAME_S < 12.0F; k++)
+	for (int k = 0; k * FRAME_S < known_s; k++)
 		look(f, &one, 1, 0.1);
 	assert_int_equal(seen(f), 1);
-	for (; n * FRAME_S < 10.0F && seen(f) < 2; n++)
+	for (; n < 3 * (int)(LP_BORDERS_S / FRAME_S) && seen(f) < 2; n++)
 		look(f, two, 2, 0.1);
-	assert_in_range(n, 1.0F / FRAME_S, 4.0F / FRAME_S);
+	assert_int_equal(seen(f), 2);
+	return (float)n * FRAME_S;
+}
+
+static void test_other_borders_that_last_are_taken(void **state)
+{
+	assert_float_equal(seconds_until_two(*state, 3.0F * LP_BORDERS_S), LP_BORDERS_S, 0.2);
+}
+
+/* In the first seconds the map is still being filled. */
+static void test_borders_that_are_new_change_sooner(void **state)
+{
+	assert_float_equal(seconds_until_two(*state, 0.5F), 0.5, 0.2);
 }
 
 /* The cells at the rim of a lamp that clips are left out, as they may be a sun's glow. As soon as
@@ -212,6 +223,7 @@ int main(void)
 		TEST(test_a_lamp_that_detection_misses_keeps_its_strength),
 		TEST(test_a_lamp_that_is_off_is_gone),
 		TEST(test_other_borders_that_last_are_taken),
+		TEST(test_borders_that_are_new_change_sooner),
 		TEST(test_a_lamp_that_clips_no_more_has_its_own_borders),
 		TEST(test_noise_around_a_known_lamp),
 		TEST(test_a_lamp_does_not_become_an_area_light_by_noise),

@@ -10,12 +10,10 @@
 #define LAMPS_PER_S 0.01F
 /* So long it takes until the lamps of a scene are found that is seen for the first time. */
 #define FIRST_S 1.0F
-/* Share of these whose first borders are wrong: the map is still being filled. Chosen by hand. */
-#define REDRAWN 0.1F
 /* Log odds that each second takes from what is missed: a lamp is seldom missed for long. */
 #define MISSED_PER_S 3.0F
-/* Clutter of a scene that is not known yet, as measured over the scenes of docs/users/accuracy.md:
- * so many come and go in a second and stay for so long; this counts as PRIOR_S of watching. */
+/* Clutter of a scene that is not known yet: so many come and go in a second and stay for so long;
+ * this counts as PRIOR_S of watching. Chosen by hand. */
 #define PRIOR_PER_S 0.1F
 #define PRIOR_STAY_S 1.0F
 #define PRIOR_S 10.0F
@@ -32,24 +30,13 @@ void lp_clutter_age(struct lp_clutter *clutter, float elapsed_s)
 	clutter->doubted_s *= keep;
 }
 
-/* share: of the lamps that are found in the first second or so. */
-static struct lp_existence begin(const struct lp_clutter *clutter, float share)
+struct lp_existence lp_existence_found(const struct lp_clutter *clutter)
 {
 	const float clutter_per_s =
 		(PRIOR_PER_S * PRIOR_S + clutter->lost) / (PRIOR_S + clutter->watched_s);
-	const float lamps_per_s = LAMPS_PER_S + share * expf(-clutter->age_s / FIRST_S) / FIRST_S;
+	const float lamps_per_s = LAMPS_PER_S + expf(-clutter->age_s / FIRST_S) / FIRST_S;
 
 	return (struct lp_existence){.log_odds = logf(lamps_per_s / clutter_per_s)};
-}
-
-struct lp_existence lp_existence_found(const struct lp_clutter *clutter)
-{
-	return begin(clutter, 1.0F);
-}
-
-struct lp_existence lp_existence_instead(const struct lp_clutter *clutter)
-{
-	return begin(clutter, REDRAWN);
 }
 
 void lp_existence_prove(struct lp_existence *existence)

@@ -30,9 +30,6 @@ void lp_clutter_age(struct lp_clutter *clutter, float elapsed_s);
 /* Of what is found for the first time. */
 struct lp_existence lp_existence_found(const struct lp_clutter *clutter);
 
-/* Of what is found in the place of a lamp that is known. */
-struct lp_existence lp_existence_instead(const struct lp_clutter *clutter);
-
 /* Its light has come with it: there is no doubt. */
 void lp_existence_prove(struct lp_existence *existence);
 

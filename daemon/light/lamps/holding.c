@@ -106,19 +106,10 @@ static void drop_rivals(const struct claim *claim, const struct lp_detection *de
 			dropped[k] = true;
 }
 
-/* Whether other borders have been found for so long that they are more likely than not: what is
- * found instead of a lamp has to last as long as what is found beside it. */
-static bool has_other_borders(struct lp_lamp_memory *memory, struct lp_remembered_lamp *m,
-			      bool is_disputed, float elapsed_s)
+/* In the first seconds the map is still being filled: the first borders are guesses. */
+static float patience_s(const struct lp_remembered_lamp *lamp)
 {
-	if (is_disputed && m->is_disputed)
-		lp_existence_update(&m->rival, &memory->clutter, true, elapsed_s);
-	else if (is_disputed)
-		m->rival = lp_existence_instead(&memory->clutter);
-	else if (m->is_disputed)
-		lp_existence_end(&m->rival, &memory->clutter);
-	m->is_disputed = is_disputed;
-	return is_disputed && lp_exists(&m->rival);
+	return fminf(LP_BORDERS_S, 0.5F * lamp->known_s);
 }
 
 static int make_claims(struct lp_lamp_memory *memory, const struct lp_lamp_finder *finder,
@@ -177,9 +168,11 @@ void lp_hold_lamps(struct lp_lamp_memory *memory, struct lp_detection *detection
 	for (int c = 0; c < count; c++) {
 		struct lp_remembered_lamp *m = claims[c].lamp;
 
-		const bool disputed = !m->seen && is_disputed(&claims[c], detection);
-
-		if (has_other_borders(memory, m, disputed, elapsed_s) || m->seen)
+		if (m->seen || !is_disputed(&claims[c], detection))
+			m->disputed_s = 0.0F;
+		else
+			m->disputed_s += elapsed_s;
+		if (m->seen || m->disputed_s > patience_s(m))
 			continue;
 		held[held_count] = m->on_grid;
 		if (!lp_detection_hold(detection, panorama, mean, &held[held_count]))

@@ -45,10 +45,9 @@ struct lp_remembered_lamp {
 	float clipped_scale;	   /* of the shortest exposure whose pixels clip it; 0: none does */
 	float known_s;		   /* since it was found first */
 	struct lp_existence existence;
-	bool is_disputed;	   /* detection draws other borders (light/lamps/holding.h): ... */
-	struct lp_existence rival; /* ... what it finds instead */
-	bool wide;		   /* an area light */
-	bool listed;		   /* in the newest estimate */
+	float disputed_s; /* how long detection has drawn other borders (light/lamps/holding.h) */
+	bool wide;	  /* an area light */
+	bool listed;	  /* in the newest estimate, or as strong as what is */
 	/* What the ring of light sensors finds of it beyond `lamp`, which is a lower bound: R, G,
 	 * B, luminance, and 1 sigma of the last; 0: nothing. Of the newest frame alone. */
 	float recovered[4], recovered_sigma;

@@ -46,26 +46,13 @@ struct lp_cell_geometry lp_cell_geometry(const struct lp_imager *imager, int col
 	return g;
 }
 
-static double determinant(const double a[3], const double b[3], const double c[3])
-{
-	return a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) +
-	       a[2] * (b[0] * c[1] - b[1] * c[0]);
-}
-
 struct lp_row_geometry lp_row_geometry(const struct lp_cell_geometry *g, double v)
 {
 	struct lp_row_geometry row;
-	double middle[3], down[3], length2 = 0.0;
 
 	for (int a = 0; a < 3; a++) {
 		row.first[a] = (1.0 - v) * g->corner[0][a] + v * g->corner[2][a];
 		row.along[a] = (1.0 - v) * g->corner[1][a] + v * g->corner[3][a] - row.first[a];
-		middle[a] = row.first[a] + 0.5 * row.along[a];
-		down[a] = 0.5 *
-			  (g->corner[2][a] + g->corner[3][a] - g->corner[0][a] - g->corner[1][a]);
-		length2 += middle[a] * middle[a];
 	}
-	row.solid_angle_sr =
-		g->share * fabs(determinant(middle, row.along, down)) / (length2 * sqrt(length2));
 	return row;
 }

@@ -21,7 +21,6 @@ struct lp_cell_geometry lp_cell_geometry(const struct lp_imager *imager, int col
  * by no more than 1e-4. */
 struct lp_row_geometry {
 	double first[3], along[3];
-	double solid_angle_sr; /* of the cell, if all of it were like this row; times `share` */
 };
 
 /* v: 0..1, down the cell. */

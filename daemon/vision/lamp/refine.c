@@ -375,7 +375,11 @@ static struct sums sum_patch(struct lp_imager *imager, const struct lp_exposure 
 			const struct lp_row_geometry geometry =
 				lp_row_geometry(&g, (y + 0.5) / side);
 
-			const double omega = geometry.solid_angle_sr / (side * side);
+			const double omega =
+				g.share * lp_camera_pixel_solid_angle_sr(imager->eye->camera, width,
+									 height,
+									 (column + 0.5) * side,
+									 row * side + y + 0.5);
 
 			add_row(&s, &sums, &geometry, lamp, omega * patch->share[i], threshold);
 		}
