@@ -60,7 +60,8 @@ void lp_lamp_stage_update(struct lp_lamp_stage *stage, struct lp_imager *imager,
 void lp_lamp_stage_turn(struct lp_lamp_stage *stage, const struct lp_rotation *turn);
 
 /* Fill the estimate's lights: lamps, then area lights, `most` in all; returns how many lamps there
- * are. Of too many those stay that have been listed before, unless others clearly outshine them. */
+ * are: those that exist more likely than not (light/lamps/existence.h). Of too many those stay
+ * that have been listed before, unless others clearly outshine them. */
 int lp_lamp_stage_list(struct lp_lamp_stage *stage, const struct lp_grid *grid,
 		       const struct lp_panorama *panorama, int most,
 		       struct lp_light_estimate *estimate);

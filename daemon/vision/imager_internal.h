@@ -123,7 +123,7 @@ void lp_imager_compare_cameras(struct lp_imager *imager);
 /* Since the frame of the same camera before the newest one; 0: there is none. */
 double lp_imager_eye_elapsed_s(const struct lp_imager *imager);
 
-/* The newest frame beside the map (residual.c). */
+/* The newest frame beside the map (imager_residual.c). */
 struct lp_residual lp_imager_residual(const struct lp_imager *imager);
 
 /* Full scale to radiance of the newest frame, if it was exposed for exposure_us (times gain; NAN:

@@ -16,12 +16,12 @@ struct lp_existence {
 	bool was_certain; /* at some time */
 };
 
-/* What has been seen of clutter, of late. */
+/* What has been seen of clutter. All but age_s are forgotten by and by. */
 struct lp_clutter {
 	float age_s;	 /* of the map */
-	float watched_s; /* so long, ... */
-	float lost;	 /* ... in which so many that were doubtful have gone; ... */
-	float doubted_s; /* ... all have been there for so long, in sum, each by its doubt */
+	float watched_s; /* how long the scene has been watched */
+	float lost;	 /* how many have gone that were never certain */
+	float doubted_s; /* how long all have been there, each weighed by its doubt, in sum */
 };
 
 /* Time passes. */

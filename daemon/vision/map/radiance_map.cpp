@@ -124,7 +124,6 @@ extern "C" struct lp_map_update lp_radiance_map_observe(struct lp_radiance_map *
 	sums total = learn(map, observation, noise, kWalk * kWalk * observation->elapsed_s, false);
 	const float changed = share_of(total.changed, total);
 	const bool unsettled = changed > kUnsettled;
-
 	const float sigma = std::min(kElsewhere * changed, kMostElsewhere);
 
 	if (unsettled)
