@@ -96,21 +96,30 @@ int judge(struct lp_exposure *exposure, const jpeg &jpeg, int result)
 	return refuse_turbo(exposure, "JPEG data");
 }
 
-int decode_planes(struct lp_exposure *exposure, const jpeg &jpeg, const turbo_header &header)
+/* The planes of the picture at the size of `header`, in exposure->yuv. */
+int read_planes(struct lp_exposure *exposure, const jpeg &jpeg, const turbo_header &header,
+		unsigned char *plane[3])
 {
-	unsigned char *plane[3];
-	size_t size[3];
+	const int count = header.subsampling == TJSAMP_GRAY ? 1 : 3;
+	size_t size[3] = {}, all = 0;
 
-	for (int c = 0; c < 3; c++)
-		size[c] = tjPlaneSizeYUV(c, header.width, 0, header.height, header.subsampling);
-	if (reserve(&exposure->yuv, &exposure->yuv_capacity, size[0] + size[1] + size[2]) < 0)
+	for (int c = 0; c < count; c++)
+		all += size[c] =
+			tjPlaneSizeYUV(c, header.width, 0, header.height, header.subsampling);
+	if (reserve(&exposure->yuv, &exposure->yuv_capacity, all) < 0)
 		return -ENOMEM;
 	plane[0] = exposure->yuv;
 	plane[1] = plane[0] + size[0];
 	plane[2] = plane[1] + size[1];
-	const int ret = judge(exposure, jpeg,
-			      tjDecompressToYUVPlanes(exposure->turbo, jpeg.data, jpeg.size, plane,
-						      header.width, nullptr, header.height, 0));
+	return judge(exposure, jpeg,
+		     tjDecompressToYUVPlanes(exposure->turbo, jpeg.data, jpeg.size, plane,
+					     header.width, nullptr, header.height, 0));
+}
+
+int decode_planes(struct lp_exposure *exposure, const jpeg &jpeg, const turbo_header &header)
+{
+	unsigned char *plane[3];
+	const int ret = read_planes(exposure, jpeg, header, plane);
 
 	if (ret < 0)
 		return ret;
@@ -131,12 +140,9 @@ int decode_planes(struct lp_exposure *exposure, const jpeg &jpeg, const turbo_he
 	return 0;
 }
 
-/* Whole picture by libjpeg-turbo at 1/divisor. */
-int decode_picture(struct lp_exposure *exposure, const struct lp_frame *frame, const jpeg &jpeg,
-		   int divisor)
+int read_header(struct lp_exposure *exposure, const struct lp_frame *frame, const jpeg &jpeg,
+		turbo_header &header)
 {
-	turbo_header header;
-
 	if (!exposure->turbo)
 		exposure->turbo = tjInitDecompress();
 	if (!exposure->turbo)
@@ -147,6 +153,39 @@ int decode_picture(struct lp_exposure *exposure, const struct lp_frame *frame, c
 	if (header.width != static_cast<int>(frame->width_px) ||
 	    header.height != static_cast<int>(frame->height_px))
 		return refuse("JPEG header", "the picture has another size than the stream");
+	return 0;
+}
+
+/* The quarters of a JPEG's blocks: at 1/4 libjpeg-turbo gives the mean of each. */
+int read_quarters(struct lp_exposure *exposure, const struct lp_frame *frame, const jpeg &jpeg,
+		  struct lp_quarters &quarters)
+{
+	const tjscalingfactor factor = {1, 4};
+	turbo_header header;
+	unsigned char *plane[3];
+	int ret = read_header(exposure, frame, jpeg, header);
+
+	if (ret < 0)
+		return ret;
+	header.width = TJSCALED(header.width, factor);
+	header.height = TJSCALED(header.height, factor);
+	ret = read_planes(exposure, jpeg, header, plane);
+	for (int c = 0; c < 3; c++) {
+		quarters.plane[c] = plane[c];
+		quarters.stride[c] = tjPlaneWidth(c, header.width, header.subsampling);
+	}
+	return ret;
+}
+
+/* Whole picture by libjpeg-turbo at 1/divisor. */
+int decode_picture(struct lp_exposure *exposure, const struct lp_frame *frame, const jpeg &jpeg,
+		   int divisor)
+{
+	turbo_header header;
+	const int ret = read_header(exposure, frame, jpeg, header);
+
+	if (ret < 0)
+		return ret;
 	const tjscalingfactor factor = {1, divisor};
 	const int w = TJSCALED(header.width, factor), h = TJSCALED(header.height, factor);
 
@@ -199,13 +238,20 @@ int load_jpeg(struct lp_exposure *exposure, const struct lp_frame *frame,
 		return load_picture(exposure, frame, jpeg, options->divisor, options->cell_px,
 				    row_weight, response);
 	if (!jpeg.is_whole) /* progressive and the like: still cells of blocks */
-		return load_picture(exposure, frame, jpeg, 1, 8, nullptr, response);
+		return load_picture(exposure, frame, jpeg, 1, options->cell_px, nullptr, response);
 	if (exposure->jpeg->width_px != static_cast<int>(frame->width_px) ||
 	    exposure->jpeg->height_px != static_cast<int>(frame->height_px))
 		return refuse("JPEG header", "the picture has another size than the stream");
+	struct lp_quarters quarters;
+	const bool whole_blocks = options->cell_px == 8;
+
+	ret = whole_blocks ? 0 : read_quarters(exposure, frame, jpeg, quarters);
+	if (ret < 0)
+		return ret;
 	exposure->jpeg_holds_frame = true;
-	return lp_cells_from_jpeg(&exposure->cells, exposure->jpeg, row_weight, seen, response,
-				  exposure->scale, options->exact_blocks);
+	return lp_cells_from_jpeg(&exposure->cells, exposure->jpeg,
+				  whole_blocks ? nullptr : &quarters, row_weight, seen, response,
+				  exposure->scale, options->exact_cells);
 }
 
 size_t raw_size(const struct lp_frame *frame)
@@ -240,8 +286,9 @@ int load_raw(struct lp_exposure *exposure, struct lp_frame *frame,
 	if (frame->stride_bytes < least_stride(frame) || frame->size_bytes < raw_size(frame))
 		return refuse("raw frame", "fewer bytes than its size needs");
 	ret = options->decode == LP_DECODE_BLOCKS
-		      ? lp_cells_from_raw_blocks(&exposure->cells, frame, row_weight, seen,
-						 response, exposure->scale, options->exact_blocks)
+		      ? lp_cells_from_raw_blocks(&exposure->cells, frame, options->cell_px,
+						 row_weight, seen, response, exposure->scale,
+						 options->exact_cells)
 		      : lp_cells_from_raw(&exposure->cells, frame, options->cell_px, row_weight,
 					  response, exposure->scale);
 	if (ret == 0)
@@ -284,18 +331,23 @@ extern "C" void lp_exposure_rescale(struct lp_exposure *exposure, float scale)
 namespace
 {
 
+/* Of a block, or of a quarter of one. */
 void block_pixels(const struct lp_exposure *exposure, int column, int row,
 		  const struct lp_response *response, float (*rgb)[3])
 {
+	const int side = exposure->cells.cell_px, x = column * side, y = row * side;
 	lp::tile tile;
 	uint8_t code[64][3];
 
-	lp::jpeg_tile(exposure->jpeg, column, row, tile);
+	lp::jpeg_tile(exposure->jpeg, x / 8, y / 8, tile);
 	lp::follow_luma(tile);
 	lp::tile_rgb(tile, code);
-	for (int p = 0; p < 64; p++)
+	for (int p = 0; p < side * side; p++) {
+		const int in_block = (y % 8 + p / side) * 8 + x % 8 + p % side;
+
 		for (int c = 0; c < 3; c++)
-			rgb[p][c] = exposure->scale * response->pixel[c][code[p][c]];
+			rgb[p][c] = exposure->scale * response->pixel[c][code[in_block][c]];
+	}
 }
 
 void picture_pixel(const struct lp_exposure *exposure, int x, int y,

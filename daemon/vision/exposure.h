@@ -28,9 +28,10 @@ enum lp_decode {
 
 struct lp_decode_options {
 	enum lp_decode decode;
-	int divisor;	  /* PIXELS: 1, 2, 4, 8 */
-	int cell_px;	  /* PIXELS: of the full-size picture; a multiple of divisor */
-	int exact_blocks; /* BLOCKS: most blocks decoded after all */
+	int divisor; /* PIXELS: 1, 2, 4, 8 */
+	/* of the full-size picture; PIXELS: a multiple of divisor; BLOCKS: 8 or 4 */
+	int cell_px;
+	int exact_cells; /* BLOCKS: most cells decoded after all */
 };
 
 struct lp_exposure {
@@ -45,7 +46,7 @@ struct lp_exposure {
 	uint8_t *rgb; /* PIXELS of a JPEG: decoded picture */
 	size_t rgb_capacity;
 	int rgb_width_px, rgb_height_px, rgb_divisor;
-	uint8_t *yuv; /* PIXELS of a JPEG with subsampled chroma: its planes */
+	uint8_t *yuv; /* planes of a JPEG: of PIXELS, or of the quarters of its blocks */
 	size_t yuv_capacity;
 	void *turbo; /* tjhandle */
 };

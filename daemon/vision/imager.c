@@ -142,29 +142,37 @@ void lp_imager_forget(struct lp_imager *imager)
 	lp_imager_forget_scale(imager);
 }
 
-/*
- * Cells as coarse as the panorama needs, a power of two up to a JPEG's block. Blocks are what
- * JPEG's block mode has; of a picture so small that its blocks are far coarser than the panorama,
- * every pixel is decoded instead.
- */
+/* Pixels across a cell, a power of two up to a JPEG's block. Cells coarser than the panorama's let
+ * a lamp's light wander between these while the camera turns. Where finer ones cost something,
+ * those are taken whose size is nearest to the panorama's. */
+static int cell_px_for(int circle_px, int panorama_width, bool finer_cost)
+{
+	const double enough = panorama_width / (finer_cost ? M_SQRT2 : 1.0);
+	int cell_px = 8;
+
+	while (cell_px > 1 && circle_px < enough * cell_px)
+		cell_px /= 2;
+	return cell_px;
+}
+
+/* Frames are read by blocks or their quarters; where these are too coarse, every pixel is decoded
+ * instead. */
 static struct lp_decode_options decode_options(const struct lp_imager *imager,
 					       const struct lp_frame *frame)
 {
 	const struct lp_imager_options *o = &imager->options;
-	struct lp_decode_options d = {.decode = o->decode,
-				      .divisor = o->divisor,
-				      .cell_px = 8,
-				      .exact_blocks = o->exact_blocks};
 	const int circle_px = lp_camera_circle_px(imager->eye->camera, (int)frame->width_px);
 	const bool blocks = frame->format != LP_FORMAT_RGB_F32 && o->decode == LP_DECODE_BLOCKS;
+	struct lp_decode_options d = {.decode = o->decode,
+				      .divisor = o->divisor,
+				      .cell_px = cell_px_for(circle_px, o->panorama_width, blocks),
+				      .exact_cells = o->exact_blocks};
 
-	if (blocks && circle_px / 8 >= o->panorama_width / 2)
+	if (blocks && d.cell_px >= 4)
 		return d;
 	d.decode = LP_DECODE_PIXELS;
 	if (blocks || d.divisor < 1)
 		d.divisor = 1;
-	while (d.cell_px > 1 && circle_px / d.cell_px < o->panorama_width)
-		d.cell_px /= 2;
 	if (frame->format == LP_FORMAT_MJPEG && d.cell_px < d.divisor)
 		d.cell_px = d.divisor;
 	return d;

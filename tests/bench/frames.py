@@ -56,6 +56,7 @@ def _kinds() -> Iterator[Kind]:
         yield Kind(f"dual_fisheye_1280x720_{chroma}", 1280, 720, str(FISHEYE), chroma, quality)
         yield Kind(f"equirect_1920x960_{chroma}", 1920, 960, "equirect", chroma, quality)
         yield Kind(f"equirect_3840x1920_{chroma}", 3840, 1920, "equirect", chroma, quality)
+    yield Kind("equirect_960x480_420", 960, 480, "equirect", "420", 85)
     yield Kind("dual_fisheye_2176x1088_420", 2176, 1088, str(LARGE_FISHEYE), "420", 85)
 
 

@@ -33,6 +33,7 @@ CASES = (
     ("equirect_1920x960_420", "balanced"),
     ("equirect_1920x960_420", "exposures_2"),
     ("equirect_1920x960_422", "fast"),
+    ("equirect_960x480_420", "balanced"),
     ("dual_fisheye_1280x720_420", "balanced"),
     ("equirect_1920x960_420", "turning"),
 )

@@ -430,15 +430,15 @@ static void test_few_clipped_pixels_are_seen(void **state)
 
 	(void)state;
 	for (int code = 240; code <= 255; code += 15) {
-		struct lp_frame *frame = new_frame(LP_FORMAT_GREY, 960, 480, 960, 960 * 480);
+		struct lp_frame *frame = new_frame(LP_FORMAT_GREY, 1920, 960, 1920, 1920 * 960);
 		uint8_t *luma = (uint8_t *)frame->data;
 		struct lp_lamp_finder finder = {0};
 		struct lp_lamp lamp = {.count = 1};
 		struct lp_imager *imager;
 
 		assert_int_equal(lp_imager_create(camera, &options, &imager), 0);
-		memset(luma, 137, 960 * 480);
-		memset(luma + 243 * 960 + 482, code, 3);
+		memset(luma, 137, 1920 * 960);
+		memset(luma + 486 * 1920 + 964, code, 3);
 		assert_int_equal(lp_imager_add(imager, frame), 0);
 		int32_t cell = lp_grid_cell(lp_imager_grid(imager), (float[]){0.02F, -0.02F, -1});
 

@@ -21,7 +21,9 @@
 static const struct lp_decode_options ways[] = {
 	{LP_DECODE_BLOCKS, 0, 8, 0}, {LP_DECODE_BLOCKS, 0, 8, 1000}, {LP_DECODE_PIXELS, 1, 8, 0},
 	{LP_DECODE_PIXELS, 2, 8, 0}, {LP_DECODE_PIXELS, 4, 8, 0},    {LP_DECODE_PIXELS, 8, 8, 0},
+	{LP_DECODE_BLOCKS, 0, 4, 0}, {LP_DECODE_BLOCKS, 0, 4, 1000}, {LP_DECODE_PIXELS, 1, 4, 0},
 };
+enum { QUARTERS = 6, EXACT_QUARTERS, PIXEL_QUARTERS };
 #define WAYS LP_COUNT(ways)
 
 /* By libjpeg with and without planes; with restart markers; and what only libjpeg reads. */
@@ -33,6 +35,7 @@ static const struct jpeg_kind kinds[] = {
 struct stream {
 	uint8_t bytes[MOST_BYTES];
 	size_t size;
+	unsigned int width_px, height_px;
 };
 
 static struct lp_exposure exposures[WAYS];
@@ -68,8 +71,8 @@ static double decode(const struct stream *stream, size_t way)
 	static uint8_t seen[WIDTH_PX * HEIGHT_PX];
 	uint8_t *exact = malloc(stream->size); /* the sanitizer sees a read beyond it */
 	struct lp_frame frame = {.format = LP_FORMAT_MJPEG,
-				 .width_px = WIDTH_PX,
-				 .height_px = HEIGHT_PX,
+				 .width_px = stream->width_px,
+				 .height_px = stream->height_px,
 				 .data = exact,
 				 .size_bytes = stream->size,
 				 .exposure_us = NAN,
@@ -79,7 +82,7 @@ static double decode(const struct stream *stream, size_t way)
 	double sum = 0.0;
 
 	memcpy(exact, stream->bytes, stream->size);
-	memset(seen, 1, sizeof(seen));
+	memset(seen, 0xff, sizeof(seen));
 	exposure->scale = 1.0F;
 	const int ret = lp_exposure_load(exposure, &frame, &ways[way], NULL, seen, &response);
 	const int cells = exposure->cells.width * exposure->cells.height;
@@ -112,15 +115,23 @@ static double verdict(const struct stream *stream, const char *what)
 	return first;
 }
 
-static void encode(const struct jpeg_kind *kind, struct stream *stream)
+static void encode_of(const struct jpeg_kind *kind, unsigned int width_px, unsigned int height_px,
+		      struct stream *stream)
 {
 	unsigned long size;
-	uint8_t *data = encode_jpeg(kind, WIDTH_PX, HEIGHT_PX, &size);
+	uint8_t *data = encode_jpeg(kind, (int)width_px, (int)height_px, &size);
 
 	assert_true(size + 4096 < MOST_BYTES);
 	memcpy(stream->bytes, data, size);
 	stream->size = size;
+	stream->width_px = width_px;
+	stream->height_px = height_px;
 	free(data);
+}
+
+static void encode(const struct jpeg_kind *kind, struct stream *stream)
+{
+	encode_of(kind, WIDTH_PX, HEIGHT_PX, stream);
 }
 
 static void insert(struct stream *stream, size_t at, const void *bytes, size_t size)
@@ -240,12 +251,49 @@ static void test_all_ways_agree_about_damage(void **state)
 	assert_true(whole > 100 && refused > 1000);
 }
 
+/* Light of a cell, green, by two ways. */
+static double difference(size_t way, size_t other, int cell)
+{
+	return fabs((double)exposures[way].cells.radiance[cell][1] -
+		    (double)exposures[other].cells.radiance[cell][1]);
+}
+
+/* The quarters of blocks are where the pixels say that they are, whatever the picture's sides; and
+ * without a look at pixels their light is that of the whole. */
+static void test_quarters_of_blocks_hold_the_light_of_their_pixels(void **state)
+{
+	static const unsigned int sizes[][2] = {{96, 64}, {90, 61}, {35, 33}, {5, 3}};
+	static struct stream stream;
+
+	(void)state;
+	for (size_t n = 0; n < LP_COUNT(sizes); n++)
+		for (size_t k = 0; k < LP_COUNT(kinds); k++) {
+			encode_of(&kinds[k], sizes[n][0], sizes[n][1], &stream);
+			const double mean = decode(&stream, PIXEL_QUARTERS);
+			const double quarters = decode(&stream, QUARTERS);
+			const struct lp_cells *cells = &exposures[PIXEL_QUARTERS].cells;
+			const int count = cells->width * cells->height;
+			double off = 0.0;
+
+			assert_true(decode(&stream, EXACT_QUARTERS) > 0);
+			for (size_t way = QUARTERS; way <= EXACT_QUARTERS; way++) {
+				assert_int_equal(exposures[way].cells.width, cells->width);
+				assert_int_equal(exposures[way].cells.height, cells->height);
+			}
+			for (int i = 0; i < count; i++)
+				off += difference(EXACT_QUARTERS, PIXEL_QUARTERS, i) / count;
+			assert_true(off < 0.02);
+			assert_float_equal(quarters, mean, 0.005);
+		}
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_what_cameras_add_is_no_damage),
 		cmocka_unit_test(test_much_too_much_is_damage),
 		cmocka_unit_test(test_all_ways_agree_about_damage),
+		cmocka_unit_test(test_quarters_of_blocks_hold_the_light_of_their_pixels),
 	};
 
 	return cmocka_run_group_tests(tests, setup, teardown);

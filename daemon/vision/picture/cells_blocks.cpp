@@ -16,26 +16,26 @@ using cv::v_int32x4;
 namespace
 {
 
-/* Blocks whose mean tells least about their light. */
+/* Cells whose mean tells least about their light. */
 struct suspects {
 	static constexpr int kMax = 2048;
 	struct suspect {
-		int block;
+		int cell;
 		float energy;
 	} list[kMax];
 	int count = 0, insisted = 0;
 
-	void add(int block, float energy)
+	void add(int cell, float energy)
 	{
 		if (count < kMax)
-			list[count++] = {block, energy};
+			list[count++] = {cell, energy};
 	}
 
 	/* One that must be among the strongest. */
-	void insist(int block)
+	void insist(int cell)
 	{
 		insisted += count < kMax;
-		add(block, FLT_MAX);
+		add(cell, FLT_MAX);
 	}
 
 	/* Those insisted on, and the `most` others with the most detail. */
@@ -112,16 +112,18 @@ struct filler {
 	void skip(size_t first);
 	void count_in(const int *four, int inside);
 	void row(const lp::block_row &row, int by, bool grey);
-	void exact(const lp::block_picture &picture, int block);
+	void exact(const lp::block_picture &picture, int cell);
 };
 
-/* At a pole of an equirectangular picture the rows of one block weigh so differently that its mean
+/* At a pole of an equirectangular picture the rows of one cell weigh so differently that its mean
  * says little of its light, wherever it has detail. */
 bool filler::uneven(int by) const
 {
-	const float *w = row_weight ? row_weight + 8 * static_cast<size_t>(by) : nullptr;
+	const int last = cells->cell_px - 1;
+	const float *w =
+		row_weight ? row_weight + cells->cell_px * static_cast<size_t>(by) : nullptr;
 
-	return w && (w[7] > 4.0F * w[0] || w[0] > 4.0F * w[7]);
+	return w && (w[last] > 4.0F * w[0] || w[0] > 4.0F * w[last]);
 }
 
 /* Those of the four blocks from bx on that are in the picture and seen, as bits. */
@@ -203,35 +205,40 @@ void filler::row(const lp::block_row &row, int by, bool grey)
 	}
 }
 
-/* The block's pixels after all. */
-void filler::exact(const lp::block_picture &picture, int block)
+/* The cell's pixels after all: its block is decoded. */
+void filler::exact(const lp::block_picture &picture, int cell)
 {
+	const int side = cells->cell_px, cells_across = 8 / side;
+	const int column = cell % cells->width, row = cell / cells->width;
+	const int left = column % cells_across * side, top_row = row % cells_across * side;
 	uint8_t rgb[64][3];
-	const int by = block / cells->width;
 	float linear[3] = {}, weight[8], total = 0.0F;
 	int top = 0;
 
-	for (int y = 0; y < 8; y++)
-		total += weight[y] = row_weight ? row_weight[8 * by + y] : 1.0F;
-	picture.pixels(block % cells->width, by, rgb);
-	for (int p = 0; p < 64; p++)
+	for (int y = 0; y < side; y++)
+		total += weight[y] = row_weight ? row_weight[side * row + y] : 1.0F;
+	picture.pixels(column / cells_across, row / cells_across, rgb);
+	for (int p = 0; p < side * side; p++) {
+		const uint8_t *pixel = rgb[(top_row + p / side) * 8 + left + p % side];
+
 		for (int c = 0; c < 3; c++) {
-			linear[c] += response->pixel[c][rgb[p][c]] * weight[p / 8];
-			top = std::max(top, static_cast<int>(rgb[p][c]));
+			linear[c] += response->pixel[c][pixel[c]] * weight[p / side];
+			top = std::max(top, static_cast<int>(pixel[c]));
 		}
+	}
 	for (float &l : linear)
-		l /= 8.0F * total;
-	cells->clipped_count -= cells->clipped[block];
-	lp::store_cell(cells, block, linear, top >= lp::kTopCode);
+		l /= static_cast<float>(side) * total;
+	cells->clipped_count -= cells->clipped[cell];
+	lp::store_cell(cells, cell, linear, top >= lp::kTopCode);
 }
 
 } /* namespace */
 
 int lp::cells_from_blocks(struct lp_cells *cells, const block_picture &picture,
 			  const float *row_weight, const uint8_t *seen,
-			  const struct lp_response *response, float scale, int exact_blocks)
+			  const struct lp_response *response, float scale, int exact_cells)
 {
-	const int ret = lp_cells_reserve(cells, picture.width, picture.height, 8);
+	const int ret = lp_cells_reserve(cells, picture.width, picture.height, picture.cell_px);
 	filler fill = {cells, response, row_weight, seen, {}, 0, 0};
 	block_row row;
 
@@ -242,8 +249,8 @@ int lp::cells_from_blocks(struct lp_cells *cells, const block_picture &picture,
 		picture.read(by, row);
 		fill.row(row, by, picture.grey);
 	}
-	for (int i = 0, n = fill.found.strongest(exact_blocks); i < n; i++)
-		fill.exact(picture, fill.found.list[i].block);
+	for (int i = 0, n = fill.found.strongest(exact_cells); i < n; i++)
+		fill.exact(picture, fill.found.list[i].cell);
 	cells->mean_code = static_cast<double>(fill.luma) / LP_CODE_STEPS / std::max(fill.count, 1);
 	return 0;
 }

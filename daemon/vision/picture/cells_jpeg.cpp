@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Blocks of a JPEG, as vision/jpeg/blocks.h reads them. */
+/* Blocks of a JPEG, as vision/jpeg/blocks.h reads them, and their quarters. */
+#include <algorithm>
 #include <cstdint>
 
 #include "vision/camera/response.h"
@@ -14,7 +15,7 @@ static_assert(LP_CODE_STEPS == 8, "dc * step / 8 is a mean code: dc * step count
 namespace
 {
 
-struct jpeg_picture final : lp::block_picture {
+struct jpeg_picture : lp::block_picture {
 	const struct lp_jpeg_reader *reader;
 	int shift_x, shift_y; /* luma blocks per chroma block, log2 */
 
@@ -29,7 +30,7 @@ struct jpeg_picture final : lp::block_picture {
 
 	void read(int row, lp::block_row &out) const override;
 
-	void pixels(int column, int row, uint8_t rgb[64][3]) const override
+	void pixels(int column, int row, uint8_t rgb[64][3]) const final
 	{
 		lp::tile tile;
 
@@ -79,12 +80,77 @@ void jpeg_picture::read(int row, lp::block_row &out) const
 	read_chroma(reader->component[2], row >> shift_y, shift_x, width, out.cr);
 }
 
+/* Four quarters to a block. */
+struct jpeg_quarters final : jpeg_picture {
+	const struct lp_quarters *quarters;
+
+	jpeg_quarters(const struct lp_jpeg_reader *r, const struct lp_quarters *q)
+	    : jpeg_picture(r), quarters(q)
+	{
+		cell_px = 4;
+		width = (r->width_px + 3) / 4;
+		height = (r->height_px + 3) / 4;
+	}
+
+	void read(int row, lp::block_row &out) const override;
+
+      private:
+	void detail(int row, lp::block_row &out) const;
+};
+
+/* What the block's detail holds beyond the differences of its quarters: each has as much of it. */
+void jpeg_quarters::detail(int row, lp::block_row &out) const
+{
+	const int32_t *energy =
+		reader->energy + static_cast<size_t>(row / 2) * reader->component[0].blocks_x;
+	const size_t stride = quarters->stride[0];
+	const uint8_t *upper = quarters->plane[0] + (row & ~1) * stride;
+	const uint8_t *lower = (row | 1) < height ? upper + stride : upper;
+
+	for (int left = 0; left < width; left += 2) {
+		const int right = std::min(left + 1, width - 1);
+		const int four[] = {upper[left], upper[right], lower[left], lower[right]};
+		int sum = 0, squares = 0;
+
+		for (const int mean : four) {
+			sum += mean;
+			squares += mean * mean;
+		}
+		const float all =
+			static_cast<float>(energy[left / 2]) * (1.0F / 64.0F / LP_ENERGY_STEPS);
+		const float between = static_cast<float>(4 * squares - sum * sum) / 16.0F;
+
+		out.variance[left] = out.variance[left + 1] = std::max(all - between, 0.0F);
+	}
+}
+
+void jpeg_quarters::read(int row, lp::block_row &out) const
+{
+	const uint8_t *luma = quarters->plane[0] + static_cast<size_t>(row) * quarters->stride[0];
+
+	for (int c = 0; c < width; c++)
+		out.luma[c] = luma[c] * LP_CODE_STEPS;
+	detail(row, out);
+	for (int k = 1; !grey && k < 3; k++) {
+		const uint8_t *chroma = quarters->plane[k] +
+					static_cast<size_t>(row >> shift_y) * quarters->stride[k];
+		int32_t *to = k == 1 ? out.cb : out.cr;
+
+		for (int c = 0; c < width; c++)
+			to[c] = (chroma[c >> shift_x] - 128) * LP_CODE_STEPS;
+	}
+}
+
 } /* namespace */
 
 extern "C" int lp_cells_from_jpeg(struct lp_cells *cells, const struct lp_jpeg_reader *reader,
-				  const float *row_weight, const uint8_t *seen,
-				  const struct lp_response *response, float scale, int exact_blocks)
+				  const struct lp_quarters *quarters, const float *row_weight,
+				  const uint8_t *seen, const struct lp_response *response,
+				  float scale, int exact_cells)
 {
+	if (quarters)
+		return lp::cells_from_blocks(cells, jpeg_quarters(reader, quarters), row_weight,
+					     seen, response, scale, exact_cells);
 	return lp::cells_from_blocks(cells, jpeg_picture(reader), row_weight, seen, response, scale,
-				     exact_blocks);
+				     exact_cells);
 }

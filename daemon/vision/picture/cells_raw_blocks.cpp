@@ -19,9 +19,9 @@ using cv::v_uint8x16;
 namespace
 {
 
-/* Sums over one block. */
+/* Sums over one block, or a quarter of one. */
 struct block_sums {
-	int luma, squares, cb, cr, chroma_count;
+	int count, luma, squares, cb, cr, chroma_count;
 };
 
 /* Running sums over two blocks side by side, row by row. */
@@ -74,9 +74,12 @@ void finish(const pair_sums &luma, const pair_chroma &chroma, int chroma_rows, b
 		uint16_t c[8];
 
 		cv::v_store(c, chroma.sum[k]);
-		out[k] = {static_cast<int>(cv::v_reduce_sum(luma.luma[k])),
-			  cv::v_reduce_sum(luma.squares[k]), c[0] + c[2] + c[4] + c[6],
-			  c[1] + c[3] + c[5] + c[7], 4 * chroma_rows};
+		out[k] = {64,
+			  static_cast<int>(cv::v_reduce_sum(luma.luma[k])),
+			  cv::v_reduce_sum(luma.squares[k]),
+			  c[0] + c[2] + c[4] + c[6],
+			  c[1] + c[3] + c[5] + c[7],
+			  4 * chroma_rows};
 	}
 }
 
@@ -84,10 +87,11 @@ struct raw_picture final : lp::block_picture {
 	const struct lp_frame *frame;
 	lp::planes planes;
 
-	explicit raw_picture(const struct lp_frame *f) : frame(f), planes(lp::planes_of(f))
+	raw_picture(const struct lp_frame *f, int side) : frame(f), planes(lp::planes_of(f))
 	{
-		width = (static_cast<int>(f->width_px) + 7) / 8;
-		height = (static_cast<int>(f->height_px) + 7) / 8;
+		cell_px = side;
+		width = (static_cast<int>(f->width_px) + side - 1) / side;
+		height = (static_cast<int>(f->height_px) + side - 1) / side;
 		grey = f->format == LP_FORMAT_GREY;
 	}
 
@@ -103,7 +107,7 @@ struct raw_picture final : lp::block_picture {
 	}
 
 	void pair(int bx, int by, block_sums out[2]) const;
-	block_sums single(int bx, int by) const;
+	block_sums single(int column, int row) const;
 };
 
 /* Two whole blocks. */
@@ -137,14 +141,15 @@ void raw_picture::pair(int bx, int by, block_sums out[2]) const
 	finish(luma, chroma, 4, out);
 }
 
-/* Any block, the picture's edge repeated. */
-block_sums raw_picture::single(int bx, int by) const
+/* Any cell, the picture's edge repeated. */
+block_sums raw_picture::single(int column, int row) const
 {
 	block_sums s = {};
 
-	for (int p = 0; p < 64; p++) {
-		const int x = std::min<int>(8 * bx + p % 8, frame->width_px - 1);
-		const int y = std::min<int>(8 * by + p / 8, frame->height_px - 1);
+	s.count = s.chroma_count = cell_px * cell_px;
+	for (int p = 0; p < s.count; p++) {
+		const int x = std::min<int>(cell_px * column + p % cell_px, frame->width_px - 1);
+		const int y = std::min<int>(cell_px * row + p / cell_px, frame->height_px - 1);
 		const lp::ycbcr code = planes.at(x, y);
 
 		s.luma += code.y;
@@ -152,23 +157,23 @@ block_sums raw_picture::single(int bx, int by) const
 		s.cb += code.cb;
 		s.cr += code.cr;
 	}
-	s.chroma_count = 64;
 	return s;
 }
 
 void store(const block_sums &s, int bx, lp::block_row &out)
 {
-	const float mean = static_cast<float>(s.luma) / 64.0F;
+	const auto count = static_cast<float>(s.count);
+	const float mean = static_cast<float>(s.luma) / count;
 
-	out.luma[bx] = s.luma * LP_CODE_STEPS / 64;
+	out.luma[bx] = s.luma * LP_CODE_STEPS / s.count;
 	out.cb[bx] = s.cb * LP_CODE_STEPS / s.chroma_count - 128 * LP_CODE_STEPS;
 	out.cr[bx] = s.cr * LP_CODE_STEPS / s.chroma_count - 128 * LP_CODE_STEPS;
-	out.variance[bx] = std::max(static_cast<float>(s.squares) / 64.0F - mean * mean, 0.0F);
+	out.variance[bx] = std::max(static_cast<float>(s.squares) / count - mean * mean, 0.0F);
 }
 
 void raw_picture::read(int row, lp::block_row &out) const
 {
-	const int whole_rows = static_cast<int>(frame->height_px) / 8;
+	const int whole_rows = cell_px == 8 ? static_cast<int>(frame->height_px) / 8 : 0;
 	const int whole_columns = static_cast<int>(frame->width_px) / 8;
 	int bx = 0;
 
@@ -186,10 +191,10 @@ void raw_picture::read(int row, lp::block_row &out) const
 } /* namespace */
 
 extern "C" int lp_cells_from_raw_blocks(struct lp_cells *cells, const struct lp_frame *frame,
-					const float *row_weight, const uint8_t *seen,
+					int cell_px, const float *row_weight, const uint8_t *seen,
 					const struct lp_response *response, float scale,
-					int exact_blocks)
+					int exact_cells)
 {
-	return lp::cells_from_blocks(cells, raw_picture(frame), row_weight, seen, response, scale,
-				     exact_blocks);
+	return lp::cells_from_blocks(cells, raw_picture(frame, cell_px), row_weight, seen, response,
+				     scale, exact_cells);
 }
