@@ -22,10 +22,11 @@ from lightprobe.sim import faults as misbehaviour
 from lightprobe.sim import response as responses
 from lightprobe.sim import scenes
 from lightprobe.sim.box import FIRMWARES, Box
-from lightprobe.sim.camera import FORMATS, Shot, SimulatedCamera, check_row_time
+from lightprobe.sim.camera import Shot, SimulatedCamera, check_row_time
 from lightprobe.sim.control import Control, require_unix_sockets
 from lightprobe.sim.exposure import ExposureLimits
 from lightprobe.sim.flicker import WAVES, Flicker
+from lightprobe.sim.formats import FORMATS
 from lightprobe.sim.headset import Headset, HeadsetLog
 from lightprobe.sim.illuminance import RingLight
 from lightprobe.sim.link import Exposure, Link, Surroundings
