@@ -7,6 +7,7 @@ that points *towards* what is seen. Angles at interfaces are degrees and carry `
 from __future__ import annotations
 
 import functools
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -131,6 +132,9 @@ def _midpoint(i: int, j: int, vertices: list[Array], known: dict[tuple[int, int]
 
 # ---------------------------------------------------------------- quaternions, (w, x, y, z)
 
+#: The quaternion that leaves everything where it is.
+UNTURNED: Final = (1.0, 0.0, 0.0, 0.0)
+
 
 def quaternion(axis: ArrayLike, angle_deg: float) -> Array:
     """Unit quaternion that turns by `angle_deg` about `axis` (right-handed)."""
@@ -139,27 +143,32 @@ def quaternion(axis: ArrayLike, angle_deg: float) -> Array:
 
 
 def turn_after(outer_wxyz: ArrayLike, inner_wxyz: ArrayLike) -> Array:
-    """Hamilton's product of two quaternions w, x, y, z: first turn by `inner`, then by `outer`."""
+    """Hamilton's product of quaternions (…, 4): first turn by `inner`, then by `outer`."""
     a, b = np.asarray(outer_wxyz, dtype=np.float64), np.asarray(inner_wxyz, dtype=np.float64)
-    w = a[0] * b[0] - a[1:] @ b[1:]
-    return np.concatenate([[w], a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:])])
+    u, v = a[..., 1:], b[..., 1:]
+    w = a[..., :1] * b[..., :1] - np.sum(u * v, axis=-1, keepdims=True)
+    return np.concatenate([w, a[..., :1] * v + b[..., :1] * u + np.cross(u, v)], axis=-1)
+
+
+def inverse(quaternion_wxyz: ArrayLike) -> Array:
+    """Turn back: the conjugates of unit quaternions (…, 4)."""
+    return np.asarray(quaternion_wxyz, dtype=np.float64) * [1, -1, -1, -1]
 
 
 def rotation_matrix(quaternion_wxyz: ArrayLike) -> Array:
-    """3×3 matrix R of a quaternion of any length but zero: turned = R @ vector."""
+    """Matrices R (…, 3, 3) of quaternions (…, 4), any length but zero: turned = R @ vector."""
     q = np.asarray(quaternion_wxyz, dtype=np.float64)
-    if q.shape != (4,) or not np.all(np.isfinite(q)) or not np.any(q):
+    if q.shape[-1:] != (4,) or not np.all(np.isfinite(q)) or not np.all(np.any(q, axis=-1)):
         raise ValueError(
             f"geometry: {quaternion_wxyz!r} is no rotation: expected (w, x, y, z), not all zero"
         )
-    w, x, y, z = q / np.linalg.norm(q)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    w, x, y, z = np.moveaxis(q / np.linalg.norm(q, axis=-1, keepdims=True), -1, 0)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def rotate(quaternion_wxyz: ArrayLike, vectors: ArrayLike) -> Array:

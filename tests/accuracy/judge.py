@@ -20,6 +20,7 @@ from lightprobe.evaluate.metrics import relighting, relighting_relative, stated_
 from lightprobe.geometry import Array
 from lightprobe.lamp import Lamp
 from lightprobe.sim.scene import MapTruth, Scene
+from numpy.typing import ArrayLike
 
 #: Wrong and healthy: off by more than the first, states less than the second, and no flag...
 WRONG, STATED = 0.10, 0.03
@@ -37,18 +38,18 @@ _COARSE = geometry.sphere_normals(2)
 
 @dataclass(frozen=True)
 class Packet:
-    """An estimate, and by how much the scene was turned to the right when it was captured."""
+    """An estimate, and how the camera was turned when it was captured."""
 
     estimate: Estimate
-    yaw_deg: float
+    rotation: ArrayLike  # quaternion w, x, y, z, camera to scene
     captured_s: float = 0.0  # in the simulated world's time
 
     @property
     def turn(self) -> Array:
-        """Matrix from the scene's frame to the packet's: to the right is clockwise from above."""
+        """Matrix from the scene's frame to the packet's."""
         if self.estimate.frame == "WORLD":  # the scene's, as what sends poses has it
             return np.eye(3)
-        return geometry.rotation_matrix(geometry.quaternion([0, 1, 0], -self.yaw_deg))
+        return geometry.rotation_matrix(self.rotation).T
 
 
 @dataclass(frozen=True, eq=False)

@@ -131,9 +131,7 @@ def _off_deg(packet: Packet, world: World) -> float:
     xyzw = packet.estimate.orientation
     assert xyzw is not None
     stated = geometry.rotation_matrix(np.roll(xyzw, 1))
-    true = geometry.rotation_matrix(
-        geometry.quaternion([0, 1, 0], world.at(packet.captured_s).yaw_deg)
-    )
+    true = geometry.rotation_matrix(world.rotation(packet.captured_s))
     return float(np.degrees(np.arccos(np.clip((np.trace(stated.T @ true) - 1) / 2, -1, 1))))
 
 

@@ -109,8 +109,7 @@ def seen(
 
 
 def _turn(camera: SimulatedCamera, world: World, t_s: float) -> geometry.Array:
-    yaw_deg = camera.true_yaw_deg(world.at(t_s))
-    return geometry.rotation_matrix(geometry.quaternion([0, 1, 0], yaw_deg))
+    return geometry.rotation_matrix(camera.true_rotation(world.at(t_s)))
 
 
 def judge(turn_deg_s: float, film: str, seed: int) -> Count:

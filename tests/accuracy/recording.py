@@ -222,7 +222,7 @@ def record(run: Run) -> Recording:
 
         def packet(estimate: Estimate) -> Packet:
             t_s = probe.captured_s(estimate)
-            return Packet(estimate, camera.true_yaw_deg(world.at(t_s)), t_s)
+            return Packet(estimate, camera.true_rotation(world.at(t_s)), t_s)
 
         return Recording(
             world,

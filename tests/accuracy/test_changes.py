@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import recording
 from judge import Packet
+from lightprobe import geometry
 from lightprobe.estimate import Estimate, EstimateFlag, Light, SphericalHarmonics
 from lightprobe.sim.flicker import Flicker
 from lightprobe.sim.procedural import random_scene
@@ -32,7 +33,9 @@ def packet(scene: Scene, t_s: float, powers: np.ndarray, flags: int = 0) -> Pack
     )
     black = SphericalHarmonics("AMBIENT", 0, np.zeros((1, 3)))
     return Packet(
-        Estimate(1, 2, 3, 4, 500, EstimateFlag(flags), lights, black, 0.01, None, 1, None), 0, t_s
+        Estimate(1, 2, 3, 4, 500, EstimateFlag(flags), lights, black, 0.01, None, 1, None),
+        geometry.UNTURNED,
+        t_s,
     )
 
 

@@ -17,10 +17,12 @@ from lightprobe.imaging import camera as lenses
 from lightprobe.sim import scenes
 from lightprobe.sim.camera import SimulatedCamera
 from lightprobe.sim.live import LiveProbe
+from lightprobe.sim.motion import turned
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.room import Room
 from lightprobe.sim.scene import PanoramaScene
 from lightprobe.sim.world import Behaviour, World
+from numpy.typing import ArrayLike
 from recording import EXPOSURES, INDOORS, SUBSCRIPTIONS
 
 pytestmark = pytest.mark.usefixtures("released_daemon")
@@ -30,9 +32,9 @@ LAMPS = LIGHT.lamps
 SMALL_PX = (480, 240)
 
 
-def estimate(yaw_deg: float, *, flags: int = 0, gain: float = 1.0) -> Estimate:
+def estimate(rotation: ArrayLike, *, flags: int = 0, gain: float = 1.0) -> Estimate:
     """A perfect one of the scene, turned; or too bright by a factor."""
-    truth = SCENE.truth(np.ones(len(SCENE.lamps)), yaw_deg)
+    truth = SCENE.truth(np.ones(len(SCENE.lamps)), rotation)
     ambient = gain * truth.total.copy()
     lights = []
     for k, lamp in enumerate(truth.lamps):
@@ -46,16 +48,17 @@ def estimate(yaw_deg: float, *, flags: int = 0, gain: float = 1.0) -> Estimate:
     return Estimate(1, 2, 3, 4, 500, EstimateFlag(flags), lit, harmonics, 0.01, None, 1, None)
 
 
-def packet(yaw_deg: float = 0, **changes) -> Packet:
-    return Packet(estimate(yaw_deg, **changes), yaw_deg)
+def packet(yaw_deg: float = 0, nod_deg: float = 0, roll_deg: float = 0, **changes) -> Packet:
+    rotation = turned(yaw_deg, nod_deg, roll_deg)
+    return Packet(estimate(rotation, **changes), rotation)
 
 
 def judged(packets, seconds=4, light=LIGHT) -> judge.Figures:
     return judge.judge(lambda _: light, packets, seconds)
 
 
-def test_perfect_estimates_are_judged_so_at_any_yaw() -> None:
-    good = [packet(yaw_deg) for yaw_deg in (0.0, 77.0, 200.0)]
+def test_perfect_estimates_are_judged_so_however_the_camera_is_turned() -> None:
+    good = [packet(0, 0, 0), packet(77, -50, 20), packet(200, 15, -130)]
     found = judged(good)
     assert found.error_median < 0.01
     assert found.wrong_and_healthy == found.births_per_s == 0
@@ -64,9 +67,9 @@ def test_perfect_estimates_are_judged_so_at_any_yaw() -> None:
     assert found.packets_per_s == 0.75
     assert found.direction == found.irradiance == Coverage(3 * len(LAMPS), 1, 1)
     assert found.relighting.within_3 == 1
-    late = [replace(one, yaw_deg=one.yaw_deg - 60) for one in good]
+    late = [replace(one, rotation=geometry.turn_after(turned(-60), one.rotation)) for one in good]
     assert judged(late).error_median > 0.05
-    assert judge.ambient_step([good[0], replace(good[0], yaw_deg=90)], 1) > 0
+    assert judge.ambient_step([good[0], replace(good[0], rotation=turned(90))], 1) > 0
 
 
 def test_wrong_is_told_from_wrong_and_flagged() -> None:
@@ -294,7 +297,9 @@ def test_a_room_that_goes_dark_is_not_covered(exposures: str) -> None:
         probe.run(7)
     assert all(EstimateFlag.COVERED not in one.flags for one in client.estimates)
     truth = Light.of(world.scenes[1])
-    dark = [Packet(one, 0) for one in client.estimates if probe.captured_s(one) > 4.2]
+    dark = [
+        Packet(one, geometry.UNTURNED) for one in client.estimates if probe.captured_s(one) > 4.2
+    ]
     found = judge.judge(lambda _: truth, dark, 1)
     assert found.wrong_and_healthy == 0
     if exposures == "reported":

@@ -9,8 +9,10 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from harness import BUILD, run
+from lightprobe.geometry import Array
 from lightprobe.imaging import camera as lenses
 from lightprobe.sim import scenes
 from lightprobe.sim.camera import SimulatedCamera
@@ -30,14 +32,8 @@ class Held(World):
 
     turned_from_s = float("inf")
 
-    def _since_s(self, t_s: ArrayLike) -> ArrayLike:
-        return max(t_s - self.turned_from_s, 0.0)
-
-    def _yaw_deg(self, t_s):
-        return super()._yaw_deg(self._since_s(t_s))
-
-    def _nod_deg(self, t_s):
-        return super()._nod_deg(self._since_s(t_s))
+    def rotation(self, t_s: ArrayLike) -> Array:
+        return super().rotation(np.maximum(np.asarray(t_s) - self.turned_from_s, 0.0))
 
 
 @pytest.fixture

@@ -26,6 +26,7 @@ from lightprobe.imaging.film import Sheet
 from lightprobe.sim.camera import SimulatedCamera
 from lightprobe.sim.live import LiveClient, LiveProbe
 from lightprobe.sim.live_box import LiveBox
+from lightprobe.sim.motion import angles_deg
 from lightprobe.sim.polarized import PolishedFloor
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.scene import ProceduralScene
@@ -247,7 +248,7 @@ def test_a_map_of_polarized_light_is_that_of_the_room(turn_deg_s: float) -> None
         assert isinstance(found, PolarizationMap)
         captured_s = (found.capture_time_unix_ns - client.estimates[-1].capture_time_unix_ns) / 1e9
         captured_s += probe.captured_s(client.estimates[-1])
-        yaw_deg = camera.true_yaw_deg(world.at(captured_s))
+        yaw_deg = angles_deg(camera.true_rotation(world.at(captured_s)))[0]
     assert found.sweeps >= 1
     truth, contrast = true_polarization(yaw_deg, found)
     # where something is known, and no lamp or its image begins within the cell
@@ -278,8 +279,8 @@ def test_a_turning_head_keeps_its_bearings_behind_the_film() -> None:
             t_s = probe.captured_s(one)
             if one.orientation is None or t_s < 3.0:  # it has seen for a while that it turns
                 continue
-            yaw = geometry.quaternion([0, 1, 0], camera.true_yaw_deg(world.at(t_s)))
-            seen = geometry.rotation_matrix(yaw).T @ [0.0, 0.0, -1.0]
+            turned_back = geometry.inverse(camera.true_rotation(world.at(t_s)))
+            seen = geometry.rotate(turned_back, [0.0, 0.0, -1.0])
             x, y, z, w = one.orientation
             ahead.append(geometry.rotate([w, x, y, z], seen))
             sigma_deg.append(one.orientation_sigma_deg)

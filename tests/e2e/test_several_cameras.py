@@ -149,8 +149,8 @@ def test_while_they_turn(rate_hz: float) -> None:
         (scene,) = world.scenes
         assert len(client.estimates) == pytest.approx(4 * (30 + rate_hz), abs=8)
         for e in client.estimates[-60:]:
-            yaw_deg = world.at(running.captured_s(e)).yaw_deg
-            truth = scene.truth(np.ones(len(scene.lamps)), yaw_deg).irradiance(NORMALS[::4])
+            rotation = world.rotation(running.captured_s(e))
+            truth = scene.truth(np.ones(len(scene.lamps)), rotation).irradiance(NORMALS[::4])
             assert relighting(truth, e.irradiance(NORMALS[::4]))[0] < 0.02
 
 

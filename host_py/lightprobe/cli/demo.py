@@ -341,6 +341,7 @@ def _paint(
     import numpy as np
 
     from lightprobe.evaluate import picture
+    from lightprobe.sim import motion
     from lightprobe.sim.scene import has_exact_lamps
     from lightprobe.sim.world import World
 
@@ -355,7 +356,8 @@ def _paint(
     # By whole pixels of the map: the truth beside it is turned by just as much.
     turn_px = round(frame["yaw_deg"] / 360 * 1024)
     off_deg = frame["yaw_deg"] - turn_px * 360 / 1024
-    lamps = scene.truth(frame["powers"], frame["yaw_deg"]).lamps if has_exact_lamps(scene) else None
+    rotation = motion.turned(frame["yaw_deg"])
+    lamps = scene.truth(frame["powers"], rotation).lamps if has_exact_lamps(scene) else None
     turned = np.roll(radiance, turn_px, axis=1)
     scenery = picture.Scenery(frame["scene"], turned, lamps, off_deg)
     path = output / f"{frame['scene']}.png"

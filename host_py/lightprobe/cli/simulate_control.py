@@ -79,7 +79,9 @@ class Desk:
         """Counters, faults of the camera, and what is true now, as JSON."""
         link, state = self.link, self.link.state_now()
         answer: dict[str, Any] = {"counters": asdict(link.counters), "faults": asdict(link.faults)}
-        answer["world"] = {"t_s": state.t_s, "scene": state.scene.name, "yaw_deg": state.yaw_deg,
+        yaw_deg, nod_deg, roll_deg = state.angles_deg
+        answer["world"] = {"t_s": state.t_s, "scene": state.scene.name, "yaw_deg": yaw_deg % 360,
+                           "nod_deg": nod_deg, "roll_deg": roll_deg,
                            "powers": state.powers.tolist()}  # fmt: skip
         if self.box is not None and self.light is not None and self.lit is not None:
             fixed = self.lit.fixed_lux

@@ -25,6 +25,7 @@ from lightprobe.evaluate.marks import Marks
 from lightprobe.geometry import Array
 from lightprobe.lamp import Lamp
 from lightprobe.sim.exposure import median_luminance
+from lightprobe.sim.motion import turned
 from lightprobe.sim.scene import MapTruth
 
 _OBJECT_PX = 256
@@ -151,7 +152,7 @@ def _objects(
     scale = _brightness(true)
     _object(figure.add_subplot(grid[0, 1]), true, scale, "lit by the truth")  # type: ignore[index]
     _object(figure.add_subplot(grid[0, 2]), packet, scale, "lit by the packet")  # type: ignore[index]
-    exact = MapTruth(truth.radiance, truth.yaw_deg)
+    exact = MapTruth(truth.radiance, turned(truth.yaw_deg))
     normals = geometry.sphere_normals()
     mae, rmse = metrics.relighting(exact.irradiance(normals), estimate.irradiance(normals))
     error = metrics.sh_error(exact.total, estimate.total().coefficients)

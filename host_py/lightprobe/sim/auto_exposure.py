@@ -16,7 +16,10 @@ from numpy.typing import NDArray
 from lightprobe import geometry
 from lightprobe.colour import linear_to_srgb, luminance
 from lightprobe.geometry import Array
+from lightprobe.imaging.camera import equirect
 from lightprobe.sim.camera import Shot, SimulatedCamera
+from lightprobe.sim.motion import is_level, level_yaw_deg
+from lightprobe.sim.rays import Rays, padded
 from lightprobe.sim.scene import Layers
 from lightprobe.sim.world import State
 
@@ -42,6 +45,7 @@ class AutoExposure:
     _shots: list[tuple[int, Shot]] = field(default_factory=list)  # the newest, with their numbers
     _layers: dict[int, Layers] = field(default_factory=dict)
     _weight: Array = field(init=False)
+    _rays: Rays = field(init=False)
 
     def __post_init__(self) -> None:
         """Weigh the meter's pixels by solid angle, and those ahead more."""
@@ -51,6 +55,7 @@ class AutoExposure:
         sphere = np.repeat(by_row[:, None], width, axis=1)
         off_deg = np.degrees(np.arccos(np.clip(-directions[..., 2], -1, 1)))
         ahead = sphere * np.exp(-0.5 * (off_deg / _AHEAD_DEG) ** 2)
+        self._rays = Rays(equirect(), _METERED_PX, _METERED_PX)
         self._weight = (1 - _AHEAD) * sphere / sphere.sum() + _AHEAD * ahead / ahead.sum()
 
     def shot(self, frame: int) -> Shot:
@@ -93,13 +98,18 @@ class AutoExposure:
     def _radiance(self, state: State) -> NDArray[np.float32]:
         """Map (H, W, 3) as the camera is turned; what a hand covers is black."""
         width, height = _METERED_PX
-        if self.camera.world.behaviour.walk_m:
+        if self.camera.world.behaviour.is_going:
             layers = state.scene.render(width, height)
         else:
             if state.act not in self._layers:
                 self._layers[state.act] = state.scene.render(width, height)
             layers = self._layers[state.act]
-        radiance = np.roll(layers.compose(state.powers), round(state.yaw_deg / 360 * width), axis=1)
+        radiance = layers.compose(state.powers)
+        if is_level(state.rotation):
+            turn_px = round(float(level_yaw_deg(state.rotation)) % 360 / 360 * width)
+            radiance = np.roll(radiance, turn_px, axis=1)
+        else:
+            radiance = self._rays.turned(state.rotation[None]).sample(padded(radiance))
         if state.is_covered:
             radiance[:, width // 2 :] = 0
         return radiance

@@ -127,8 +127,7 @@ class SimulatedCamera:
         if not self.row_time_us:
             return None
         rows = self.world.rows(state, self._rows_s, 1e-6 * shot.exposure_us)
-        turns = rows.offset_deg.any() or rows.nod_offset_deg.any()
-        same = not turns and np.all(rows.powers == state.powers)
+        same = not rows.turns and np.all(rows.powers == state.powers)
         return None if same else rows
 
     def automatic(self, frame: int, count: int = 1) -> list[Shot]:
@@ -161,8 +160,8 @@ class SimulatedCamera:
                 return radiance.tobytes()
             codes = self.sensor.capture(radiance, shot.exposure_us, number, shot.gain)
             return encode(codes, self.pixel_format, self.quality, self.chroma)
-        key = self._key(state, shot, wheel_deg, rows)
-        turn_px = 0 if self._view.turns_first(state) else self._view.turn_px(state)
+        key = (self._view.key(state, wheel_deg, rows), shot, self.white_balance)
+        turn_px = self._view.turn_px(state)
         which = (key, turn_px, number % self._kept) if self._kept and rows is None else None
         picture = self._pictures.get(which)
         if picture is None:
@@ -190,9 +189,9 @@ class SimulatedCamera:
         glow = np.float32(radiance.mean()) * _HAND_GLOW
         return np.asarray(radiance + self._hand * (glow - radiance), dtype=np.float32)
 
-    def true_yaw_deg(self, state: State) -> float:
-        """Yaw of the picture: equirectangular ones turn by whole pixels."""
-        return self._view.true_yaw_deg(state)
+    def true_rotation(self, state: State) -> Array:
+        """Rotation of the picture, camera to scene: what only turns does so by whole pixels."""
+        return self._view.true_rotation(state)
 
     def sees_wheel(self, state: State) -> bool:
         """Tell whether the wheel's angle shapes the picture.
@@ -200,22 +199,6 @@ class SimulatedCamera:
         Where an ideal film sees nothing that is polarized it does not.
         """
         return self._view.sees_wheel(state)
-
-    def _key(
-        self, state: State, shot: Shot, wheel_deg: tuple[float, ...], rows: Rows | None
-    ) -> Hashable:
-        """All that shapes :meth:`_signal`."""
-        turned = self._view.turns_first(state)
-        yaw = self._view.turn_px(state) if self._view.rolls else state.yaw_deg
-        return (
-            state.act, state.place_m, state.powers.tobytes(), shot, yaw if turned else None,
-            self._view.smear_px(state), state.nod_deg, state.nod_smear_deg,
-            wheel_deg if self._view.through_film(state) else None,
-            None if rows is None else rows.powers.tobytes(),
-            rows.offset_deg.tobytes() if turned and rows is not None else None,
-            rows.nod_offset_deg.tobytes() if rows is not None else None,
-            self.white_balance,
-        )  # fmt: skip
 
     def _signal(
         self,

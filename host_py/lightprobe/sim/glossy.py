@@ -185,9 +185,9 @@ class GlossyRoom:
             windows=tuple(replace(one, sky=one.sky.scaled(factor)) for one in self.windows),
         )
 
-    def truth(self, powers: ArrayLike, yaw_deg: float = 0.0, nod_deg: float = 0.0) -> MapTruth:
+    def truth(self, powers: ArrayLike, rotation: ArrayLike = geometry.UNTURNED) -> MapTruth:
         """Sum over the map; the lamps are the scene's own."""
-        return map_truth(self, powers, yaw_deg, nod_deg)
+        return map_truth(self, powers, rotation)
 
     @cached_property
     def images(self) -> tuple[Image, ...]:

@@ -21,7 +21,7 @@ Turned = Callable[[float], Array | None]
 
 def true_turn(camera: SimulatedCamera) -> Turned:
     """Give the truth of a camera: w, x, y, z, from its frame to the scene's."""
-    return lambda t_s: geometry.quaternion([0, 1, 0], camera.world.at(t_s).yaw_deg)
+    return camera.world.rotation
 
 
 @dataclass

@@ -14,7 +14,6 @@ import numpy as np
 
 from lightprobe import geometry
 from lightprobe.geometry import Array
-from lightprobe.sim.scene import turn
 from lightprobe.sim.world import World
 
 #: What noise is drawn for, beside the frames of a camera with the same seed.
@@ -40,14 +39,13 @@ class Headset:
         The rotation turns the head's frame into the headset's idea of the world.
         """
         t_s = number / self.rate_hz
-        state = world.at(t_s)
         rng = np.random.default_rng([self.seed, number, _PURPOSE])
         x, y, z, w = self.mount_xyzw
-        from_scene = geometry.turn_after([w, x, y, z], turn(state.yaw_deg, state.nod_deg))
+        to_scene = geometry.turn_after(world.rotation(t_s), geometry.inverse([w, x, y, z]))
         noise = geometry.quaternion(
             geometry.normalize(rng.standard_normal(3)), self._noise_angle_deg(rng)
         )
-        pose = geometry.turn_after(_inverse(from_scene), noise)
+        pose = geometry.turn_after(to_scene, noise)
         pose = geometry.turn_after(self._idea_of_the_world(t_s), pose)
         w, x, y, z = pose / np.linalg.norm(pose)
         return t_s + 1e-3 * self.late_ms + self.ahead_s, np.array([x, y, z, w])
@@ -62,10 +60,6 @@ class Headset:
             geometry.quaternion([0.0, 1, 0], jumps * self.jump_deg),
             geometry.quaternion([0.0, 1, 0], float(start.uniform(0, 360))),
         )
-
-
-def _inverse(quaternion_wxyz: Array) -> Array:
-    return quaternion_wxyz * [1, -1, -1, -1]
 
 
 def line(time_ns: int, pose_xyzw: Array) -> str:

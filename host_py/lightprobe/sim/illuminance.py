@@ -13,15 +13,15 @@ from lightprobe.colour import luminance
 from lightprobe.geometry import Array
 from lightprobe.sim import ldr
 from lightprobe.sim.ldr import Ldrs
-from lightprobe.sim.scene import Layer, Scene, turn
-from lightprobe.sim.world import State, World
+from lightprobe.sim.scene import Layer, Scene
+from lightprobe.sim.world import Behaviour, State, World
 
 #: Map that illuminance is summed over; lamps keep their flux in it.
 _MAP_PX = (512, 256)
 #: Turning scenes: sensors look up their place at this many azimuths. A lamp at a sensor's horizon
 #: is a kink there: the error is a quarter of a step, in radians, of its light.
 _AZIMUTHS = 240
-#: Nodding scenes: and between so many degrees of elevation.
+#: While the probe tilts: and between so many degrees of elevation.
 _ELEVATION_STEP_DEG = 2.0
 #: Of the map: pixels are taken together in squares of so many.
 _BLOCK_PX = 4
@@ -37,13 +37,13 @@ class RingLight:
         self._scale = cd_m2_per_unit
         self._directions = ring.directions() if ldrs is None else ldrs.directions()
         response = perfect if ldrs is None else ldr.response
-        self._elevations = _elevations_deg(self._directions, world.behaviour.nod_deg)
+        self._elevations = _elevations_deg(self._directions, _tilt_deg(world.behaviour))
         self._tables = [_table(scene, self._elevations, response) for scene in world.scenes]
         self._last: tuple[Hashable, Array] | None = None
 
     def lux(self, state: State) -> Array:
         """Nine illuminances; the last ones are kept, as long as nothing changes."""
-        key = (state.act, state.powers.tobytes(), state.yaw_deg, state.nod_deg)
+        key = (state.act, state.powers.tobytes(), state.rotation.tobytes())
         if self._last is None or self._last[0] != key:
             self._last = (key, self._lux(state))
         return self._last[1].copy()
@@ -51,8 +51,7 @@ class RingLight:
     def _lux(self, state: State) -> Array:
         powers = np.concatenate([[1.0], state.powers])
         table = np.tensordot(powers, self._tables[state.act], 1)
-        to_scene = turn(state.yaw_deg, state.nod_deg) * [1, -1, -1, -1]
-        azimuth, elevation = _angles_deg(geometry.rotate(to_scene, self._directions))
+        azimuth, elevation = _angles_deg(geometry.rotate(state.rotation, self._directions))
         around = np.array([
             np.interp(azimuth, 360 / _AZIMUTHS * np.arange(_AZIMUTHS), row, period=360)
             for row in table
@@ -83,13 +82,23 @@ def _angles_deg(directions: Array) -> tuple[Array, Array]:
     return np.degrees(np.arctan2(z, x)), np.degrees(np.arcsin(np.clip(y, -1, 1)))
 
 
-def _elevations_deg(directions: Array, nod_deg: float) -> Array:
-    """Elevations that the table needs: those of the sensors, or all that nodding takes them to."""
+def _tilt_deg(behaviour: Behaviour) -> float:
+    """Most by which the probe's up leaves the vertical."""
+    if behaviour.path is None:
+        return behaviour.nod_deg + behaviour.roll_deg
+    if behaviour.is_level:
+        return 0.0
+    ups = geometry.rotation_matrix(behaviour.path.rotations)[:, 1, 1]
+    return float(np.degrees(np.arccos(np.clip(ups.min(), -1, 1))))
+
+
+def _elevations_deg(directions: Array, tilt_deg: float) -> Array:
+    """Elevations that the table needs: those of the sensors, or all that tilting takes them to."""
     own = np.unique(np.round(_angles_deg(directions)[1], 6))
-    if not nod_deg:
+    if not tilt_deg:
         return own
     all_of_them = np.linspace(-90, 90, round(180 / _ELEVATION_STEP_DEG) + 1)
-    reach = nod_deg + _ELEVATION_STEP_DEG
+    reach = tilt_deg + _ELEVATION_STEP_DEG
     reached = np.abs(all_of_them[:, None] - own).min(axis=1) <= reach
     return np.asarray(all_of_them[reached])
 

@@ -25,6 +25,7 @@ from lightprobe.sim.auto_exposure import AutoExposure
 from lightprobe.sim.camera import Shot, SimulatedCamera
 from lightprobe.sim.clock import Clock, SystemClock
 from lightprobe.sim.faults import Faults, spoil
+from lightprobe.sim.motion import angles_deg
 from lightprobe.sim.world import State
 
 #: Orientation x y z w and its sigma, row time, and limits of exposure follow what was there first.
@@ -474,6 +475,8 @@ class _Session:
 def account(camera: SimulatedCamera, frame: int, shot: Shot, start_ns: int) -> dict[str, Any]:
     """Give what is true during a frame, as a line of `simulate --truth` has it."""
     state = camera.state(frame, shot)
+    w, x, y, z = rotation = camera.true_rotation(state).tolist()
+    yaw_deg, nod_deg, roll_deg = angles_deg(rotation)
     return {
         "sequence": frame,
         "t_start_ns": start_ns,
@@ -482,8 +485,10 @@ def account(camera: SimulatedCamera, frame: int, shot: Shot, start_ns: int) -> d
         "gain": shot.gain,
         "scene": state.scene.name,
         "act": state.act,
-        "yaw_deg": camera.true_yaw_deg(state),
-        "nod_deg": state.nod_deg,
+        "yaw_deg": yaw_deg % 360,
+        "nod_deg": nod_deg,
+        "roll_deg": roll_deg,
+        "rotation_xyzw": [x, y, z, w],
         "powers": state.powers.tolist(),
         "place_m": state.place_m,
         "is_covered": state.is_covered,

@@ -8,7 +8,6 @@ import numpy as np
 
 from lightprobe import geometry
 from lightprobe.geometry import Array
-from lightprobe.sim import scene as scenes
 from lightprobe.sim.camera import Shot, SimulatedCamera
 from lightprobe.sim.faults import Faults
 
@@ -31,12 +30,10 @@ def reading(
     if faults.hide_orientation or rng.random() < faults.orientation_drop:
         return _UNKNOWN
     state = camera.state(frame, shot)
-    yaw_deg, nod_deg = camera.true_yaw_deg(state), state.nod_deg
+    true = camera.true_rotation(state)
     if faults.orientation_late_ms:
         before_s = state.t_s - 1e-3 * faults.orientation_late_ms
-        before = camera.world.at(before_s, 1e-6 * shot.exposure_us)
-        yaw_deg, nod_deg = before.yaw_deg, before.nod_deg
-    true = scenes.turn(yaw_deg, nod_deg) * [1, -1, -1, -1]  # of the camera in the scene
+        true = camera.world.rotation(before_s + 0.5e-6 * shot.exposure_us)
     noise = _small_turn(faults.orientation_noise_deg * rng.standard_normal(3))
     jumps = _jumps(camera.sensor.seed, state.t_s, faults)
     w, x, y, z = geometry.turn_after(jumps, geometry.turn_after(true, noise))

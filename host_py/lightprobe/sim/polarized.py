@@ -126,9 +126,9 @@ class PolishedFloor:
         polarized[1, below] += both * s2
         return full, polarized
 
-    def truth(self, powers: ArrayLike, yaw_deg: float = 0.0, nod_deg: float = 0.0) -> MapTruth:
+    def truth(self, powers: ArrayLike, rotation: ArrayLike = geometry.UNTURNED) -> MapTruth:
         """Sum over the map; the lamps are the scene's own."""
-        return map_truth(self, powers, yaw_deg, nod_deg)
+        return map_truth(self, powers, rotation)
 
 
 # ---------------------------------------------------------------- a clear sky
@@ -201,9 +201,9 @@ class Sky:
         sun = disc_layer(self.lamps[0], width_px, height_px)
         return Layers(maps[0], (sun,), maps[1:])
 
-    def truth(self, powers: ArrayLike, yaw_deg: float = 0.0, nod_deg: float = 0.0) -> MapTruth:
+    def truth(self, powers: ArrayLike, rotation: ArrayLike = geometry.UNTURNED) -> MapTruth:
         """Sum over the map; the sun in closed form."""
-        return map_truth(self, powers, yaw_deg, nod_deg)
+        return map_truth(self, powers, rotation)
 
 
 # ---------------------------------------------------------------- files
@@ -255,13 +255,12 @@ class StokesPanorama:
         parts = [resize(part, width_px, height_px) for part in self.polarized]
         return Layers(layers.base, layers.lamps, np.stack(parts))
 
-    def truth(self, powers: ArrayLike, yaw_deg: float = 0.0, nod_deg: float = 0.0) -> MapTruth:
+    def truth(self, powers: ArrayLike, rotation: ArrayLike = geometry.UNTURNED) -> MapTruth:
         """See :class:`lightprobe.sim.scene.Scene`."""
-        return self.panorama.truth(powers, yaw_deg, nod_deg)
+        return self.panorama.truth(powers, rotation)
 
 
-def map_truth(scene: Scene, powers: ArrayLike, yaw_deg: float, nod_deg: float) -> MapTruth:
+def map_truth(scene: Scene, powers: ArrayLike, rotation: ArrayLike) -> MapTruth:
     """Sum over a scene's map; its lamps are its own."""
     radiance = scene.render(*_TRUTH_PX).compose(powers)
-    lamps = lit_lamps(scene.lamps, powers, yaw_deg, nod_deg)
-    return MapTruth(radiance, yaw_deg, lamps, nod_deg)
+    return MapTruth(radiance, rotation, lit_lamps(scene.lamps, powers, rotation))

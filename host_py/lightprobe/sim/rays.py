@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import TypeVar
 
@@ -10,10 +11,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lightprobe import geometry
 from lightprobe.geometry import Array
 from lightprobe.imaging.camera import Camera
+from lightprobe.sim.motion import is_level, level_yaw_deg
 
 Pixel = TypeVar("Pixel", np.float32, np.int16)
+#: Pixels that are less wider at the horizon are left as they are.
+_AS_WIDE = 1.02
 
 
 def rolled(picture: NDArray[Pixel], shift_px: NDArray[np.int64]) -> NDArray[Pixel]:
@@ -37,6 +42,39 @@ def smeared(radiance: NDArray[np.float32], smear_px: int) -> NDArray[np.float32]
     return np.asarray(mean[:, side : side + radiance.shape[1]], dtype=np.float32)
 
 
+def padded(radiance: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Give a map with a column more on each side, as :meth:`Places.sample` takes it."""
+    return np.asarray(cv2.copyMakeBorder(radiance, 0, 0, 1, 1, cv2.BORDER_WRAP), np.float32)
+
+
+def evened(radiance: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Give a map (H, W, 3) whose pixels are as wide everywhere as at its horizon.
+
+    Pixels near the poles are narrow. A camera of the same size that is tilted would step over some
+    of them, and miss a small lamp, or see it twice. So each is the mean of what is as wide.
+    """
+    height, width, _ = radiance.shape
+    found = radiance.copy()
+    for row in range(height):
+        wide = min(1 / np.sin(np.pi * (row + 0.5) / height), width - 2)
+        if wide < _AS_WIDE:
+            continue
+        side = math.ceil(wide / 2 + 0.5)
+        columns = np.arange(-side, width + side) % width
+        below = np.cumsum(radiance[row, columns], axis=0, dtype=np.float64)
+        below = np.concatenate([np.zeros((1, 3)), below])  # of the columns left of each edge
+        first = side + 0.5 - wide / 2  # edge at the left of column 0's mean
+        whole, part = divmod(first, 1)
+        left = _between(below, int(whole), part, width)
+        whole, part = divmod(first + wide, 1)
+        found[row] = (_between(below, int(whole), part, width) - left) / wide
+    return found
+
+
+def _between(sums: Array, first: int, part: float, count: int) -> Array:
+    return (1 - part) * sums[first : first + count] + part * sums[first + 1 : first + count + 1]
+
+
 class Rays:
     """Resamples an equirectangular map to what lenses see."""
 
@@ -45,27 +83,31 @@ class Rays:
         directions, illumination = lens.look(*size_px)
         seen = illumination > 0
         directions = np.where(seen[..., None], directions, [0.0, 0, -1])
-        self._directions = np.moveaxis(directions, -1, 0).astype(np.float32)  # (3, H, W)
+        # (H, 3, W): so each row has its own rotation in one product.
+        self._directions = np.ascontiguousarray(np.moveaxis(directions, -1, 1), np.float32)
         self._map_px = map_px
         self._illumination = np.repeat((illumination * seen).astype(np.float32)[..., None], 3, -1)
         self._level = self._places(self._directions)
 
+    def turned(self, rotations: Array) -> Places:
+        """Where the rays end in the map; `rotations`, camera to map: of each of H rows, or (1, 4).
+
+        What turns about the vertical alone shifts columns, and is exact however far it turns.
+        """
+        if is_level(rotations):
+            return replace(self._level, yaw_deg=level_yaw_deg(rotations))
+        matrices = geometry.rotation_matrix(rotations).astype(np.float32)
+        directions = matrices @ self._directions
+        return replace(self._places(directions), tilted=(directions, matrices[..., 1]))
+
     def _places(self, directions: NDArray[np.float32]) -> Places:
         """As :func:`lightprobe.geometry.equirect_pixel` has it, in single precision."""
-        (x, up, back), (width_px, height_px) = directions, self._map_px
+        x, up, back = np.moveaxis(directions, 1, 0)
+        width_px, height_px = self._map_px
         longitude, theta = np.arctan2(x, -back), np.arctan2(np.hypot(x, back), up)
         column = longitude * np.float32(width_px / (2 * np.pi)) + np.float32((width_px - 1) / 2)
         row = theta * np.float32(height_px / np.pi) - np.float32(0.5)
         return Places(column, row, self._illumination, width_px)
-
-    def turned(self, nod_deg: Array) -> Places:
-        """Where the rays end while the camera looks up; `nod_deg`: of each of H rows, or (1,)."""
-        if not nod_deg.any():
-            return self._level
-        x, y, z = self._directions
-        nod = np.radians(nod_deg)[:, None]
-        cosine, sine = np.cos(nod).astype(np.float32), np.sin(nod).astype(np.float32)
-        return self._places(np.stack([x, y * cosine - z * sine, y * sine + z * cosine]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,17 +118,34 @@ class Places:
     row: NDArray[np.float32]
     illumination: NDArray[np.float32]  # (H, W, 3)
     width_px: int  # of the map
+    yaw_deg: Array = field(default_factory=lambda: np.zeros(1))  # besides: of the H rows, or (1,)
+    # Rays (H, 3, W) and the camera's up (H or 1, 3), in the map's frame; None: up is up.
+    tilted: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None
 
-    def sample(self, radiance: NDArray[np.float32], yaw_deg: Array) -> NDArray[np.float32]:
-        """Radiance (H, W, 3) behind the lenses, roll-off included, of a map turned to the right.
-
-        `yaw_deg`: of each of the H rows, or (1,) of all.
-        """
-        padded = cv2.copyMakeBorder(radiance, 0, 0, 1, 1, cv2.BORDER_WRAP)
-        shift = (yaw_deg[:, None] / 360 * self.width_px) % self.width_px - 1  # -1: padded
+    def sample(self, radiance: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Radiance (H, W, 3) behind the lenses, roll-off included, of a map that is `padded`."""
+        shift = (self.yaw_deg[:, None] / 360 * self.width_px) % self.width_px - 1  # -1: padded
         column = self.column - shift.astype(np.float32)
         np.add(column, np.float32(self.width_px), out=column, where=column < 1)
         seen = cv2.remap(
-            padded, column, self.row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+            radiance, column, self.row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
         )
         return np.asarray(np.multiply(seen, self.illumination, out=seen), dtype=np.float32)
+
+    def sample_polarized(self, parts: NDArray[np.float32]) -> NDArray[np.float32]:
+        """S1 and S2 (2, H, W, 3) in the frames of the camera's pixels, of maps of both.
+
+        The frames are as of :class:`lightprobe.sim.scene.Layers`: x = d × up. Of a camera that is
+        tilted another up counts than of the map.
+        """
+        s1, s2 = (self.sample(part) for part in parts)
+        if self.tilted is None:
+            return np.stack([s1, s2])
+        (x, y, z), up = np.moveaxis(self.tilted[0], 1, 0), self.tilted[1].T[..., None]
+        # x of the camera's pixel along x and y of the map's, times the sines of d's angles to ups.
+        along = up[1] - (x * up[0] + y * up[1] + z * up[2]) * y
+        across = z * up[0] - x * up[2]
+        over = 1 / np.maximum(along * along + across * across, np.float32(1e-12))
+        cosine = ((along * along - across * across) * over)[..., None]
+        sine = (2 * along * across * over)[..., None]
+        return np.stack([s1 * cosine + s2 * sine, s2 * cosine - s1 * sine])

@@ -81,9 +81,13 @@ class Room:
         """See :class:`lightprobe.sim.scene.Scene`."""
         return replace(self, brightness=factor * self.brightness)
 
+    def contains(self, places_m: Array) -> NDArray[np.bool_]:
+        """Tell which places (…, 3) are inside the walls."""
+        return np.asarray(np.all((places_m > _LOW) & (places_m < _HIGH), axis=-1))
+
     def seen_from(self, place_m: tuple[float, float, float]) -> Room:
         """Give the same room with the probe elsewhere; UsageError outside its walls."""
-        if np.any(place_m <= _LOW) or np.any(place_m >= _HIGH):
+        if not self.contains(np.array(place_m)):
             raise UsageError(f"room: {place_m}: the probe would be outside its walls")
         return replace(self, place_m=place_m)
 
@@ -108,11 +112,10 @@ class Room:
             layers.append(Layer(slice(None), flat))
         return Layers(base, tuple(layers))
 
-    def truth(self, powers: ArrayLike, yaw_deg: float = 0.0, nod_deg: float = 0.0) -> MapTruth:
+    def truth(self, powers: ArrayLike, rotation: ArrayLike = geometry.UNTURNED) -> MapTruth:
         """Sum over the map; lamps in closed form."""
         radiance = _truth_layers(self).compose(powers)
-        lamps = lit_lamps(self.lamps, powers, yaw_deg, nod_deg)
-        return MapTruth(radiance, yaw_deg, lamps, nod_deg)
+        return MapTruth(radiance, rotation, lit_lamps(self.lamps, powers, rotation))
 
 
 @lru_cache(maxsize=4)

@@ -137,8 +137,8 @@ class Scene(Protocol):
     def render(self, width_px: int, height_px: int) -> Layers:
         """Equirectangular map of radiance."""
 
-    def truth(self, powers: ArrayLike, yaw_deg: float = 0.0, nod_deg: float = 0.0) -> Truth:
-        """Truth with lamps at their powers and the scene turned to the right about the vertical."""
+    def truth(self, powers: ArrayLike, rotation: ArrayLike = geometry.UNTURNED) -> Truth:
+        """Truth in the camera's frame with lamps at their powers; `rotation`: camera to scene."""
 
     def scaled(self, factor: float) -> Scene:
         """Give the same scene, brighter by a factor."""
@@ -166,14 +166,10 @@ class ProceduralScene:
         lamps = tuple(lamp.scaled(factor) for lamp in self.lamps)
         return ProceduralScene(self.name, factor * self.background, lamps)
 
-    def truth(
-        self, powers: ArrayLike, yaw_deg: float = 0.0, nod_deg: float = 0.0
-    ) -> ProceduralTruth:
+    def truth(self, powers: ArrayLike, rotation: ArrayLike = geometry.UNTURNED) -> ProceduralTruth:
         """Give closed forms."""
-        turned = turn(yaw_deg, nod_deg)
-        return ProceduralTruth(
-            sh.rotate(self.background, turned), lit_lamps(self.lamps, powers, yaw_deg, nod_deg)
-        )
+        background = sh.rotate(self.background, geometry.inverse(rotation))
+        return ProceduralTruth(background, lit_lamps(self.lamps, powers, rotation))
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,21 +204,9 @@ def disc_layer(lamp: Lamp, width_px: int, height_px: int) -> Layer:
     return Layer(*disc_pixels(lamp, width_px, height_px))
 
 
-def turn(yaw_deg: float, nod_deg: float = 0.0) -> Array:
-    """Turn of the scene before the probe, as a quaternion w, x, y, z.
-
-    To the right by `yaw_deg`: what was forward (−Z) comes to +X, as columns grow. Then down by
-    `nod_deg`: the probe looks up.
-    """
-    right, down = geometry.quaternion([0, 1, 0], -yaw_deg), geometry.quaternion([1, 0, 0], -nod_deg)
-    return geometry.turn_after(down, right)
-
-
-def lit_lamps(
-    lamps: tuple[Lamp, ...], powers: ArrayLike, yaw_deg: float, nod_deg: float = 0.0
-) -> tuple[Lamp, ...]:
-    """Lamps that are on, as bright as they are, turned with the scene."""
-    turned = turn(yaw_deg, nod_deg)
+def lit_lamps(lamps: tuple[Lamp, ...], powers: ArrayLike, rotation: ArrayLike) -> tuple[Lamp, ...]:
+    """Lamps that are on, as bright as they are, in the frame of a camera that is turned."""
+    turned = geometry.inverse(rotation)
     return tuple(
         Lamp(geometry.rotate(turned, lamp.direction), lamp.radius_deg, power * lamp.irradiance)
         for lamp, power in zip(lamps, np.asarray(powers, dtype=np.float64), strict=True)
@@ -295,31 +279,28 @@ class PanoramaScene:
             tuple(Layer(layer.index, gain * layer.values) for layer in self.layers),
         )
 
-    def truth(self, powers: ArrayLike, yaw_deg: float = 0.0, nod_deg: float = 0.0) -> MapTruth:
+    def truth(self, powers: ArrayLike, rotation: ArrayLike = geometry.UNTURNED) -> MapTruth:
         """Sum over the map."""
         radiance = Layers(self.base, self.layers).compose(powers)
-        lamps = lit_lamps(self.lamps, powers, yaw_deg, nod_deg)
-        return MapTruth(radiance, yaw_deg, lamps, nod_deg)
+        return MapTruth(radiance, rotation, lit_lamps(self.lamps, powers, rotation))
 
 
 @dataclass(frozen=True, eq=False)
 class MapTruth:
-    """Sums in float64 over all pixels of a map that is turned as :func:`turn` has it."""
+    """Sums in float64 over all pixels of a map, for a camera that is turned in it."""
 
     radiance: NDArray[np.float32]
-    yaw_deg: float = 0.0
+    rotation: ArrayLike = geometry.UNTURNED  # camera to map
     lamps: tuple[Lamp, ...] = field(default=())
-    nod_deg: float = 0.0
 
     @property
     def total(self) -> Array:
         """See :class:`Truth`."""
-        return sh.rotate(sh.project(self.radiance, ORDER), turn(self.yaw_deg, self.nod_deg))
+        return sh.rotate(sh.project(self.radiance, ORDER), geometry.inverse(self.rotation))
 
     def irradiance(self, normals: ArrayLike) -> Array:
         """See :class:`Truth`."""
-        turned = geometry.rotation_matrix(turn(self.yaw_deg, self.nod_deg))
-        n = np.asarray(normals, dtype=np.float64) @ turned
+        n = geometry.rotate(self.rotation, normals)
         height, width, _ = self.radiance.shape
         solid_angle = geometry.equirect_solid_angles(width, height)
         columns = np.arange(width)

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from typing import Any
 
 import numpy as np
 from lightprobe_proto import lightprobe_pb2 as pb
 
-from lightprobe import sh
+from lightprobe import geometry, sh
 from lightprobe.errors import LightprobeError
 from lightprobe.server import ProbeServer, stamp_now
-from lightprobe.sim.scene import lit_lamps, turn
+from lightprobe.sim.scene import lit_lamps
 from lightprobe.sim.world import State
 
 _ORDER = 4
@@ -23,12 +23,12 @@ _TTL_MS = 5000
 class Exact:
     """Estimates that a perfect probe would give of a world's states.
 
-    The sum over a panorama is taken once for each scene and state of its lamps, then turned.
+    The sum over a panorama is taken once for each scene, place and state of its lamps, then turned.
     """
 
     def __init__(self) -> None:
         """Know nothing yet."""
-        self._key: tuple[int, tuple[float, ...]] | None = None
+        self._key: Hashable = None
         self._total = np.zeros((sh.count(_ORDER), 3))
 
     def estimate(self, state: State, gain: float) -> Any:
@@ -36,12 +36,12 @@ class Exact:
 
         `gain`: share of the light that reaches the camera (a polarizer takes some).
         """
-        key = (state.act, tuple(state.powers.tolist()))
+        key = (state.act, state.place_m, state.powers.tobytes())
         if key != self._key:
             self._total = state.scene.truth(state.powers).total[: sh.count(_ORDER)]
             self._key = key
-        coefficients = sh.rotate(self._total, turn(state.yaw_deg, state.nod_deg))
-        lamps = lit_lamps(state.scene.lamps, state.powers, state.yaw_deg, state.nod_deg)
+        coefficients = sh.rotate(self._total, geometry.inverse(state.rotation))
+        lamps = lit_lamps(state.scene.lamps, state.powers, state.rotation)
         message = pb.Estimate(ttl_ms=_TTL_MS, exposure_count=1)
         for lamp in sorted(lamps, key=lambda lamp: -float(np.sum(lamp.irradiance)))[:8]:
             coefficients -= sh.lamp(lamp.direction, _ORDER)[:, None] * lamp.irradiance

@@ -12,10 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lightprobe import geometry
 from lightprobe.errors import UsageError
 from lightprobe.geometry import Array
 from lightprobe.sim.exposure import median_luminance
 from lightprobe.sim.flicker import Flicker
+from lightprobe.sim.motion import Track, angles_deg, turned, way_deg
 from lightprobe.sim.room import Room
 from lightprobe.sim.scene import Scene, Truth
 
@@ -23,6 +25,9 @@ from lightprobe.sim.scene import Scene, Truth
 _PREVIEW_PX = (256, 128)
 #: Direction of a walk.
 _WALK = (0.6, 0.0, -0.8)
+_HERE = (0.0, 0.0, 0.0)
+#: An exposure in which the probe turns to and fro is followed in so many parts.
+_WAY_PARTS = 8
 
 
 @dataclass(frozen=True)
@@ -41,6 +46,19 @@ class Behaviour:
     cover_to_s: float = 0.0  # until then
     nod_deg: float = 0.0  # the probe nods, by so much up and down, about its own X
     nod_hz: float = 0.17  # so often
+    roll_deg: float = 0.0  # the probe rolls about where it looks, by so much to each side
+    roll_hz: float = 0.23  # so often
+    path: Track | None = None  # how the probe is turned and, in a room, goes; instead of all that
+
+    @property
+    def is_level(self) -> bool:
+        """Tell whether the probe turns about the vertical alone."""
+        return self.path.is_level if self.path else not (self.nod_deg or self.roll_deg)
+
+    @property
+    def is_going(self) -> bool:
+        """Tell whether the probe leaves its place, where the scene lets it."""
+        return bool(self.walk_m) or (self.path is not None and self.path.moves)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,26 +68,34 @@ class State:
     t_s: float  # start of the exposure
     act: int  # index of the scene
     scene: Scene
-    yaw_deg: float  # in the middle of the exposure
+    rotation: Array  # (4,) camera to scene, in the middle of the exposure
     powers: Array  # one per lamp of the scene
-    smear_deg: float = 0.0  # by which the scene turns during the exposure, 0 or more
-    nod_deg: float = 0.0  # by which the probe looks up in the middle of the exposure
-    nod_smear_deg: float = 0.0  # by which it nods during it, while the scene turns by smear_deg
+    exposure_s: float = 0.0
+    smear_deg: float = 0.0  # through which the probe turns during the exposure, to and fro added
     place_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # where the probe is in the scene
     is_covered: bool = False
 
     def truth(self) -> Truth:
         """Light that the probe should report."""
-        return self.scene.truth(self.powers, self.yaw_deg, self.nod_deg)
+        return self.scene.truth(self.powers, self.rotation)
+
+    @property
+    def angles_deg(self) -> tuple[float, float, float]:
+        """Yaw, nod and roll of :attr:`rotation`."""
+        return angles_deg(self.rotation)
 
 
 @dataclass(frozen=True, eq=False)
 class Rows:
     """What rows of one picture saw that were exposed one after the other."""
 
-    offset_deg: Array  # (H,) yaw in the middle of each row's exposure, less that of the middle row
+    turned: Array  # (H, 4) rotation of each row, in the scene, after that of the middle row
     powers: Array  # (H, lamps)
-    nod_offset_deg: Array  # (H,) as offset_deg, of the nod
+
+    @property
+    def turns(self) -> bool:
+        """Tell whether any row saw the scene from another side."""
+        return bool(self.turned[:, 1:].any())
 
 
 class World:
@@ -86,6 +112,7 @@ class World:
             raise ValueError("world: no scene")
         self.behaviour = behaviour or Behaviour()
         self.kept: int | None = None  # the scene that stays, by index; None: as behaviour has it
+        self._check_path(scenes)
         flat = [scene.name for scene in scenes if not isinstance(scene, Room)]
         if self.behaviour.walk_m and flat:
             raise UsageError(f"world: {flat[0]}: nobody can walk in it: take the scene room")
@@ -93,6 +120,26 @@ class World:
             scene if median_radiance is None else _brought_to(scene, median_radiance)
             for scene in scenes
         ]
+
+    def _check_path(self, scenes: Sequence[Scene]) -> None:
+        """UsageError for a path that is not the only motion, or leaves a room."""
+        b = self.behaviour
+        if b.path is None:
+            return
+        if any((b.turn_deg_s, b.swing_deg, b.nod_deg, b.roll_deg, b.walk_m)):
+            raise UsageError(
+                f"world: {b.path.name}: the path is all of the motion: leave out what turns, "
+                "swings, nods, rolls or walks"
+            )
+        for room in (scene for scene in scenes if isinstance(scene, Room)):
+            outside = np.flatnonzero(~room.contains(b.path.places_m))
+            if len(outside):
+                t_s, place_m = b.path.t_s[outside[0]], b.path.places_m[outside[0]].tolist()
+                raise UsageError(
+                    f"world: {b.path.name}: {t_s:.6g} s after its start the probe would be outside "
+                    f"the walls of {room.name}, at {', '.join(f'{x:.3g}' for x in place_m)} m: "
+                    "scale the path, or take a panorama, in which nobody leaves their place"
+                )
 
     def at(self, t_s: float, exposure_s: float = 0.0) -> State:
         """State during the exposure that starts `t_s` seconds after the start.
@@ -103,23 +150,36 @@ class World:
         act = int(t_s // b.act_s) % len(self.scenes) if b.act_s > 0 else 0
         act = act if self.kept is None else self.kept
         scene = self.scenes[act]
-        yaw_deg = float(self._yaw_deg(t_s + exposure_s / 2)) % 360
-        turned_deg = float(self._yaw_deg(t_s + exposure_s) - self._yaw_deg(t_s))
-        nodded_deg = float(self._nod_deg(t_s + exposure_s) - self._nod_deg(t_s))
-        place_m = self._place_m(t_s + exposure_s / 2)
-        if isinstance(scene, Room) and b.walk_m:
+        place_m = self._place_m(t_s + exposure_s / 2) if isinstance(scene, Room) else _HERE
+        if isinstance(scene, Room) and b.is_going:
             scene = scene.seen_from(place_m)
+        smear_deg = 0.0
+        if exposure_s:
+            smear_deg = way_deg(self.rotation(t_s + exposure_s * np.linspace(0, 1, _WAY_PARTS + 1)))
         return State(
-            t_s, act, scene, yaw_deg, self._powers(scene, t_s, exposure_s), abs(turned_deg),
-            float(self._nod_deg(t_s + exposure_s / 2)),
-            -nodded_deg if turned_deg < 0 else nodded_deg,
+            t_s, act, scene, self.rotation(t_s + exposure_s / 2),
+            self._powers(scene, t_s, exposure_s), exposure_s, smear_deg,
             place_m, b.cover_from_s <= t_s < b.cover_to_s,
         )  # fmt: skip
 
+    def rotation(self, t_s: ArrayLike) -> Array:
+        """How the probe is turned (…, 4) at times (…), camera to scene; see :mod:`motion`."""
+        b, t = self.behaviour, np.asarray(t_s, dtype=np.float64)
+        if b.path:
+            return b.path.rotation(t)
+        return turned(
+            b.turn_deg_s * t + b.swing_deg * np.sin(2 * np.pi * b.swing_hz * t),
+            b.nod_deg * np.sin(2 * np.pi * b.nod_hz * t),
+            b.roll_deg * np.sin(2 * np.pi * b.roll_hz * t),
+        )
+
     def _place_m(self, t_s: float) -> tuple[float, float, float]:
         b = self.behaviour
+        if b.path:
+            x, y, z = b.path.place_m(t_s).tolist()
+            return (x, y, z)
         if not b.walk_m:
-            return (0.0, 0.0, 0.0)
+            return _HERE
         way_m = b.walk_m * float(np.sin(b.walk_m_s / b.walk_m * t_s))
         return (_WALK[0] * way_m, _WALK[1] * way_m, _WALK[2] * way_m)
 
@@ -129,17 +189,12 @@ class World:
         `starts_s` (H,): seconds from the start of the middle row's exposure to that of each row's.
         """
         t_s = state.t_s + starts_s
-        offset_deg = self._yaw_deg(t_s + exposure_s / 2) - self._yaw_deg(state.t_s + exposure_s / 2)
-        nod_deg = self._nod_deg(t_s + exposure_s / 2) - self._nod_deg(state.t_s + exposure_s / 2)
-        return Rows(offset_deg, self._powers(state.scene, t_s, exposure_s), nod_deg)
-
-    def _yaw_deg(self, t_s: ArrayLike) -> Array:
-        b, t = self.behaviour, np.asarray(t_s, dtype=np.float64)
-        return np.asarray(b.turn_deg_s * t + b.swing_deg * np.sin(2 * np.pi * b.swing_hz * t))
-
-    def _nod_deg(self, t_s: ArrayLike) -> Array:
-        b, t = self.behaviour, np.asarray(t_s, dtype=np.float64)
-        return np.asarray(b.nod_deg * np.sin(2 * np.pi * b.nod_hz * t))
+        of_rows = self.rotation(t_s + exposure_s / 2)
+        middle = self.rotation(state.t_s + exposure_s / 2)
+        return Rows(
+            geometry.turn_after(of_rows, geometry.inverse(middle)),
+            self._powers(state.scene, t_s, exposure_s),
+        )
 
     def _powers(self, scene: Scene, t_s: ArrayLike, exposure_s: float) -> Array:
         """Powers (…, lamps) during exposures that start at `t_s` (…)."""

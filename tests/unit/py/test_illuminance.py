@@ -10,6 +10,7 @@ from lightprobe.errors import UsageError
 from lightprobe.sim import faults, scenes
 from lightprobe.sim.box import thinned
 from lightprobe.sim.illuminance import RingLight
+from lightprobe.sim.motion import turned
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.world import Behaviour, State, World
 
@@ -20,8 +21,8 @@ def test_it_is_the_truths_illuminance(seed: int, yaw: float, drawn: int) -> None
     scene = random_scene(seed)
     world = World([scene])
     powers = np.random.default_rng(drawn).uniform(0, 1, len(scene.lamps))
-    lux = RingLight(world, 2.5).lux(State(0, 0, scene, yaw, powers))
-    truth = 2.5 * luminance(scene.truth(powers, yaw).irradiance(ring.directions()))
+    lux = RingLight(world, 2.5).lux(State(0, 0, scene, turned(yaw), powers))
+    truth = 2.5 * luminance(scene.truth(powers, turned(yaw)).irradiance(ring.directions()))
     assert lux == pytest.approx(truth, rel=0.01, abs=0.003 * truth.max())
 
 

@@ -11,6 +11,7 @@ from lightprobe.evaluate.ring_model import CALIBRATED, UNCALIBRATED, RingModel
 from lightprobe.sim import illuminance, ldr
 from lightprobe.sim.illuminance import RingLight
 from lightprobe.sim.ldr import Ldrs
+from lightprobe.sim.motion import turned
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.world import Behaviour, State, World
 
@@ -64,8 +65,8 @@ def test_seats_and_nods_turn_what_a_sensor_sees(nod_deg: float) -> None:
     world = World([scene], Behaviour(nod_deg=nod_deg))
     powers = np.ones(len(scene.lamps))
     light = RingLight(world, 1.0)
-    state = State(0, 0, scene, 70.0, powers, nod_deg=nod_deg)
-    truth = luminance(scene.truth(powers, 70.0, nod_deg).irradiance(ring.directions()))
+    state = State(0, 0, scene, turned(70, nod_deg), powers)
+    truth = luminance(scene.truth(powers, turned(70, nod_deg)).irradiance(ring.directions()))
     assert light.lux(state) == pytest.approx(truth, rel=0.01, abs=0.005 * truth.max())
     parts = drawn(5)
     still = State(0, 0, scene, 0.0, powers)

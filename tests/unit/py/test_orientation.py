@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from lightprobe import geometry
 from lightprobe.imaging import camera as lenses
-from lightprobe.sim import orientation, scene
+from lightprobe.sim import orientation
 from lightprobe.sim.camera import Shot, SimulatedCamera
 from lightprobe.sim.faults import Faults
+from lightprobe.sim.motion import way_deg
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.world import Behaviour, World
 
@@ -34,7 +35,7 @@ def test_it_turns_what_the_camera_sees_to_where_it_is(row_time_us, nod_deg):
     simulated = camera(row_time_us=row_time_us, nod_deg=nod_deg)
     for frame in range(5):
         state = simulated.state(frame, SHOT)
-        seen = SCENE.truth([1, 1], simulated.true_yaw_deg(state), state.nod_deg).lamps
+        seen = SCENE.truth([1, 1], simulated.true_rotation(state)).lamps
         for lamp, there in zip(seen, SCENE.truth([1, 1]).lamps, strict=True):
             turned = matrix(simulated, frame) @ lamp.direction
             assert turned == pytest.approx(there.direction, abs=1e-9)
@@ -45,7 +46,8 @@ def test_a_nodding_camera_sees_lamps_where_the_truth_has_them():
     simulated = camera(nod_deg=30.0, pixel_format="RGBF")
     for frame in (2, 6, 9):
         state = simulated.state(frame, SHOT)
-        assert abs(state.nod_deg) > 5
+        nod_deg = state.angles_deg[1]
+        assert abs(nod_deg) > 5
         picture = np.frombuffer(simulated.frame(frame, SHOT), "<f4").reshape(128, 256, 3)
         directions = geometry.equirect_directions(256, 128)
         weight = picture.sum(axis=-1) * geometry.equirect_solid_angles(256, 128)[:, None]
@@ -55,8 +57,8 @@ def test_a_nodding_camera_sees_lamps_where_the_truth_has_them():
             assert weight[inside].mean() > 5 * np.median(weight)
             seen = geometry.normalize(np.sum((near * weight)[..., None] * directions, axis=(0, 1)))
             assert geometry.angle_deg(seen, lamp.direction) < 0.7
-        up = geometry.rotate(scene.turn(0.0, state.nod_deg), [0.0, 0, -1])
-        assert up[1] == pytest.approx(-np.sin(np.radians(state.nod_deg)))
+        ahead = geometry.rotate(state.rotation, [0.0, 0, -1])
+        assert ahead[1] == pytest.approx(np.sin(np.radians(nod_deg)))
 
 
 def test_nodding_smears_a_long_exposure():
@@ -79,10 +81,10 @@ def test_each_row_of_a_nodding_camera_is_of_its_own_time():
     shot = Shot(10.0)
     state = rolling.state(1, shot)
     rows = rolling.world.rows(state, rolling._rows_s, 1e-5)
-    assert np.ptp(rows.nod_offset_deg) > 1
-    assert state.nod_deg + rows.nod_offset_deg[0] == pytest.approx(
-        rolling.world.at(rolling.start_s(1, shot), 1e-5).nod_deg
-    )
+    of_rows = geometry.turn_after(rows.turned, state.rotation)
+    assert way_deg(of_rows) > 1
+    first = rolling.world.at(rolling.start_s(1, shot), 1e-5).rotation
+    assert of_rows[0] == pytest.approx(first, abs=1e-12)
     whole = camera(0.0, nod_deg=30.0, pixel_format="RGBF")
     whole.state = lambda frame, shot: rolling.world.at(
         rolling.start_s(1, shot), 1e-5

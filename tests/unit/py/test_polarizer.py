@@ -15,6 +15,7 @@ from lightprobe.imaging.polarizer import Polarizer
 from lightprobe.sim import scenes
 from lightprobe.sim.camera import Shot, SimulatedCamera
 from lightprobe.sim.exposure import ExposureLimits
+from lightprobe.sim.motion import turned
 from lightprobe.sim.polarized import PolishedFloor, Sky, StokesPanorama, fresnel, pixel_frame
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.world import Behaviour, World
@@ -149,7 +150,7 @@ def test_a_polished_floor_mirrors_lamps_and_adds_none(seed: int, yaw: float) -> 
     assert s1[16:] == pytest.approx((across - along)[:, None, None] / 2 * sky, rel=1e-3, abs=tall)
     assert not s2.any()
     assert np.all(np.hypot(s1, s2) <= s0 + tall)
-    assert len(scene.truth(powers, yaw).lamps) == len(plain.lamps)
+    assert len(scene.truth(powers, turned(yaw)).lamps) == len(plain.lamps)
 
 
 def test_a_polished_polished_floor_switches_lamps_with_their_reflections() -> None:
@@ -232,7 +233,7 @@ def test_the_camera_sees_a_turning_polarized_world_through_a_wheel_that_does_not
     lens = camera.equirect()
     taken = simulated(Sky(), Behaviour(turn_deg_s=30), lens, "RGBF")
     frame = floats(taken.frame(number, Shot(1000), (wheel_deg,)))
-    turn_px = round(taken.state(number, Shot(1000)).yaw_deg / 360 * SIZE[0])
+    turn_px = round(taken.state(number, Shot(1000)).angles_deg[0] / 360 * SIZE[0])
     layers = Sky().render(*SIZE)
     s0 = np.roll(layers.compose([1]), turn_px, axis=1)
     linear = np.roll(layers.compose_polarized([1]), turn_px, axis=2)

@@ -13,6 +13,7 @@ from lightprobe.sim.exposure import ExposureLimits, median_luminance
 from lightprobe.sim.faults import Faults
 from lightprobe.sim.flicker import WAVES, Flicker
 from lightprobe.sim.link import Exposure
+from lightprobe.sim.motion import turned
 from lightprobe.sim.polarized import PolishedFloor
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.room import Room
@@ -72,14 +73,14 @@ def test_flicker_is_averaged_by_the_exposure():
 def test_a_turning_scene_is_as_in_the_middle_of_the_exposure_and_smears():
     world = World([random_scene(0)], Behaviour(act_s=0, turn_deg_s=-100))
     state = world.at(2.0, 0.03)
-    assert state.yaw_deg == pytest.approx(-201.5 % 360)
+    assert state.angles_deg[0] % 360 == pytest.approx(-201.5 % 360)
     assert state.smear_deg == pytest.approx(3.0)
     assert World([random_scene(0)]).at(2.0, 0.03).smear_deg == 0
 
 
 def test_a_head_swings_about_where_it_looks():
     world = World([random_scene(0)], Behaviour(act_s=0, swing_deg=40, swing_hz=0.5))
-    yaw = [(world.at(t).yaw_deg + 180) % 360 - 180 for t in (0, 0.5, 1, 1.5)]
+    yaw = [world.at(t).angles_deg[0] for t in (0, 0.5, 1, 1.5)]
     assert yaw == pytest.approx([0, 40, 0, -40], abs=1e-9)
     assert world.at(0, 0.01).smear_deg == pytest.approx(40 * np.pi * 0.01, rel=1e-3)
 
@@ -110,8 +111,8 @@ def test_scenes_are_brought_to_one_brightness():
 
 def test_room_truth_is_its_picture_and_its_lamps_are_in_it():
     room, powers = Room(), [0, 1, 0.7, 0.5]
-    truth = room.truth(powers, 30)
-    shown = MapTruth(room.render(1920, 960).compose(powers), 30)
+    truth = room.truth(powers, turned(30))
+    shown = MapTruth(room.render(1920, 960).compose(powers), turned(30))
     assert truth.total[:9] == pytest.approx(shown.total[:9], abs=5e-3 * np.abs(shown.total).max())
     assert len(truth.lamps) == np.count_nonzero(powers)
     dark = MapTruth(room.render(*SIZE).compose([0, 0, 0, 0]), 30).total
@@ -151,8 +152,8 @@ def test_fisheye_sees_the_scene_through_its_lenses(tmp_path):
     frame = np.frombuffer(simulated.frame(1, Shot(1000)), "<f4").reshape(128, 256, 3)
     directions, illumination = lens.look(*SIZE)
     seen = illumination > 0
-    yaw_deg = simulated.state(1, Shot(1000)).yaw_deg
-    turned_back = geometry.rotate(geometry.quaternion([0, 1, 0], yaw_deg), directions[seen])
+    rotation = simulated.state(1, Shot(1000)).rotation
+    turned_back = geometry.rotate(rotation, directions[seen])
     background = sh.radiance(scene.background, turned_back) * illumination[seen][:, None]
     lit = np.zeros(len(turned_back), bool)
     for lamp in scene.lamps:
@@ -312,7 +313,7 @@ def test_codes_roll_as_floats_do():
 def test_the_middle_row_tells_a_frames_state():
     camera = rolling(random_scene(3), Behaviour(act_s=0, turn_deg_s=100))
     state = camera.state(4, Shot(1000))
-    assert state.yaw_deg == pytest.approx(100 * (0.5 + SHUTTER_S - 0.0005))
+    assert state.angles_deg[0] == pytest.approx(100 * (0.5 + SHUTTER_S - 0.0005))
 
 
 def test_a_still_scene_looks_the_same_through_any_shutter():
