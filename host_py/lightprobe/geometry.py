@@ -152,7 +152,10 @@ def turn_after(outer_wxyz: ArrayLike, inner_wxyz: ArrayLike) -> Array:
 
 def inverse(quaternion_wxyz: ArrayLike) -> Array:
     """Turn back: the conjugates of unit quaternions (…, 4)."""
-    return np.asarray(quaternion_wxyz, dtype=np.float64) * [1, -1, -1, -1]
+    q = np.asarray(quaternion_wxyz, dtype=np.float64)
+    if q.shape[-1:] != (4,):
+        raise ValueError(f"geometry: {quaternion_wxyz!r} is no rotation: expected (w, x, y, z)")
+    return q * [1, -1, -1, -1]
 
 
 def rotation_matrix(quaternion_wxyz: ArrayLike) -> Array:

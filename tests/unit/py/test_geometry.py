@@ -56,12 +56,18 @@ def test_tiny_angles_are_not_lost():
     assert geometry.angle_deg(a, b) == pytest.approx(1e-7, rel=1e-6)
 
 
+@given(st.lists(quaternions, min_size=2, max_size=4), quaternions, vectors)
+def test_many_rotations_at_once_are_as_one_by_one(many, q, v):
+    matrices = geometry.rotation_matrix(geometry.turn_after(np.array(many), q))
+    for matrix, one in zip(matrices, many, strict=True):
+        assert matrix @ v == pytest.approx(geometry.rotate(one, geometry.rotate(q, v)), abs=1e-12)
+
+
 @given(quaternions, vectors)
 def test_rotation_keeps_lengths_and_undoes(q, v):
     turned = geometry.rotate(q, v)
     assert np.linalg.norm(turned) == pytest.approx(np.linalg.norm(v), rel=1e-12)
-    inverse = q * [1, -1, -1, -1]
-    assert geometry.rotate(inverse, turned) == pytest.approx(v, abs=1e-12)
+    assert geometry.rotate(geometry.inverse(q), turned) == pytest.approx(v, abs=1e-12)
 
 
 def test_quaternion_turns_right_handed():
@@ -73,6 +79,11 @@ def test_quaternion_turns_right_handed():
 def test_no_rotation(bad):
     with pytest.raises(ValueError, match="no rotation"):
         geometry.rotation_matrix(bad)
+
+
+def test_a_number_is_no_rotation():
+    with pytest.raises(ValueError, match="no rotation"):
+        geometry.inverse(45)
 
 
 def test_sphere_normals_are_even():

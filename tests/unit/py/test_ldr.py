@@ -11,7 +11,7 @@ from lightprobe.evaluate.ring_model import CALIBRATED, UNCALIBRATED, RingModel
 from lightprobe.sim import illuminance, ldr
 from lightprobe.sim.illuminance import RingLight
 from lightprobe.sim.ldr import Ldrs
-from lightprobe.sim.motion import turned
+from lightprobe.sim.motion import Track, turned
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.world import Behaviour, State, World
 
@@ -59,17 +59,24 @@ def test_warmth_and_a_bright_past_change_the_resistance() -> None:
     assert ldr.drift(100.0, 25.0, 1e9) == pytest.approx(np.exp(-0.12))
 
 
-@pytest.mark.parametrize("nod_deg", [0.0, 20.0])
-def test_seats_and_nods_turn_what_a_sensor_sees(nod_deg: float) -> None:
+@pytest.mark.parametrize(("nod_deg", "roll_deg"), [(0.0, 0.0), (20.0, 0.0), (15.0, -12.0)])
+@pytest.mark.parametrize("as_path", [False, True])
+def test_seats_and_tilts_turn_what_a_sensor_sees(
+    nod_deg: float, roll_deg: float, as_path: bool
+) -> None:
     scene = random_scene(3)
-    world = World([scene], Behaviour(nod_deg=nod_deg))
+    rotation = turned(70, nod_deg, roll_deg)
+    behaviour = Behaviour(nod_deg=nod_deg, roll_deg=abs(roll_deg))
+    if as_path:
+        behaviour = Behaviour(path=Track(np.zeros(1), rotation[None], np.zeros((1, 3))))
+    world = World([scene], behaviour)
     powers = np.ones(len(scene.lamps))
     light = RingLight(world, 1.0)
-    state = State(0, 0, scene, turned(70, nod_deg), powers)
-    truth = luminance(scene.truth(powers, turned(70, nod_deg)).irradiance(ring.directions()))
+    state = State(0, 0, scene, rotation, powers)
+    truth = luminance(scene.truth(powers, rotation).irradiance(ring.directions()))
     assert light.lux(state) == pytest.approx(truth, rel=0.01, abs=0.005 * truth.max())
     parts = drawn(5)
-    still = State(0, 0, scene, 0.0, powers)
+    still = State(0, 0, scene, turned(), powers)
     assert RingLight(World([scene]), 1.0, parts).lux(still) == pytest.approx(
         illuminance.on_ldrs(scene, parts), rel=0.01
     )

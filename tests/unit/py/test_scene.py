@@ -8,6 +8,7 @@ from lightprobe import geometry, sh
 from lightprobe.colour import luminance
 from lightprobe.lamp import Lamp
 from lightprobe.sim import procedural, scene
+from lightprobe.sim.motion import turned
 
 SIZE = (1920, 960)
 NORMALS = geometry.sphere_normals(1)
@@ -49,9 +50,9 @@ def test_turned_scene_is_the_map_rolled_to_the_right():
     powers = np.ones(len(room.lamps))
     radiance = room.render(640, 320).compose(powers)
     rolled = scene.MapTruth(np.roll(radiance, 80, axis=1))
-    for turned in (room.truth(powers, 45), scene.MapTruth(radiance, 45)):
-        assert turned.irradiance(NORMALS) == pytest.approx(rolled.irradiance(NORMALS), rel=5e-3)
-        assert turned.total[:9] == pytest.approx(
+    for seen in (room.truth(powers, turned(45)), scene.MapTruth(radiance, turned(45))):
+        assert seen.irradiance(NORMALS) == pytest.approx(rolled.irradiance(NORMALS), rel=5e-3)
+        assert seen.total[:9] == pytest.approx(
             rolled.total[:9], abs=2e-3 * np.abs(rolled.total).max()
         )
 
