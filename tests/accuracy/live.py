@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib.pyplot as plt
+import motions
 import numpy as np
 import recording
 from judge import Coverage, Figures, Light, Packet, judge
@@ -26,6 +27,7 @@ from lightprobe.sim.flicker import Flicker
 from lightprobe.sim.room import Room
 from lightprobe.sim.scene import Scene
 from lightprobe.sim.world import Behaviour, World
+from motions import MOTIONS
 from recording import (
     COMMANDED,
     EXPOSURES,
@@ -50,20 +52,14 @@ SCENES = ("blender", "procedural:4", "room")
 #: Where things go wrong.
 TROUBLED_SCENES = ("room",)
 #: Where something tells the orientation besides the frames.
-TOLD_SCENES, TOLD_RATES = ("room",), ("100", "head")
+TOLD_SCENES, TOLD_RATES = ("room",), ("100", "swing", "head")
 #: Where lamps and suns clip: with the ring of light sensors.
 RING_SCENES, RING_RATES = ("blender",), ("0", "30", "100")
 #: Simulated seconds that are judged.
 JUDGED_S = 4.0
 
-MOTIONS = {
-    "0": Behaviour(act_s=0),
-    **{f"{rate}": Behaviour(act_s=0, turn_deg_s=rate) for rate in (2, 10, 30, 100, 300)},
-    "head": Behaviour(act_s=0, swing_deg=40, swing_hz=0.5),
-}
-
 #: What goes wrong in use: words, how the world behaves, and what of the Run is different.
-_HEAD = MOTIONS["head"]
+_SWING = MOTIONS["swing"]
 TROUBLES: dict[str, tuple[str, Behaviour, dict[str, Any]]] = {
     "covered": (
         "half of the lens is covered for 2 s",
@@ -78,14 +74,14 @@ TROUBLES: dict[str, tuple[str, Behaviour, dict[str, Any]]] = {
     ),
     "rolling": (
         "rolling shutter, 100 Hz, ± 40° at 0.5 Hz",
-        replace(_HEAD, flicker=Flicker(100, (0.5,), (0, 1 / 3, 2 / 3))), {"row_time_us": 30.0},
+        replace(_SWING, flicker=Flicker(100, (0.5,), (0, 1 / 3, 2 / 3))), {"row_time_us": 30.0},
     ),
     "1fps": (
         "1 frame per second, 10 °/s", MOTIONS["10"], {"rate_hz": 1.0, "judged_s": 20.0},
     ),
     "120fps": (
         "120 frames per second, ± 40° at 0.5 Hz",
-        _HEAD, {"rate_hz": 120.0, "judged_s": 2.0, "size_px": (960, 480)},
+        _SWING, {"rate_hz": 120.0, "judged_s": 2.0, "size_px": (960, 480)},
     ),
 }  # fmt: skip
 
@@ -254,8 +250,8 @@ COVERAGE_HEAD = [
 def _groups(found: Sequence[Live]) -> list[tuple[list[str], list[Figures]]]:
     """First cells of a row, and the figures of all scenes for it."""
     groups = []
-    motions = list(product((*MOTIONS, *TROUBLES), ORIENTATIONS, (False, True)))
-    for exposures, name, (motion, teller, ring) in product(EXPOSURES, SUBSCRIPTIONS, motions):
+    kinds = list(product((*MOTIONS, *TROUBLES), ORIENTATIONS, (False, True)))
+    for exposures, name, (motion, teller, ring) in product(EXPOSURES, SUBSCRIPTIONS, kinds):
         key = (exposures, name, motion, teller, ring)
         some = [
             one.figures
@@ -268,8 +264,7 @@ def _groups(found: Sequence[Live]) -> list[tuple[list[str], list[Figures]]]:
 
 
 def _words(motion: str, orientation: str = "visual", ring: bool = False) -> str:
-    turns = f"{motion} °/s" if motion != "head" else "± 40° at 0.5 Hz"
-    words = TROUBLES[motion][0] if motion in TROUBLES else turns
+    words = TROUBLES[motion][0] if motion in TROUBLES else motions.words(motion)
     besides = [ORIENTATIONS[orientation].words, "with the ring" if ring else ""]
     return "; ".join(filter(None, [words, *besides]))
 
@@ -369,7 +364,7 @@ def told_rows(found: Sequence[Live]) -> list[list[str]]:
 def draw(found: Sequence[Live], path: Path) -> None:
     """Error and share of wrong and healthy packets by turning rate, a line for each scene."""
     plt.switch_backend("Agg")
-    rates = [motion for motion in MOTIONS if motion != "head"]
+    rates = [motion for motion in MOTIONS if motion not in motions.WORDS]
     fig, axes = plt.subplots(2, len(COMMANDED), sharex=True, sharey="row", figsize=(10, 7))
     for column, exposures in enumerate(COMMANDED):
         some = {
@@ -400,7 +395,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--rates", type=listed(list(MOTIONS), "rates"), default=list(MOTIONS),
-        metavar="RATE,…", help=f"of {','.join(MOTIONS)}: °/s, or as heads do")  # fmt: skip
+        metavar="RATE,…", help=f"of {','.join(MOTIONS)}: °/s, or see motions.py")  # fmt: skip
     parser.add_argument("--troubles", type=listed(list(TROUBLES), "troubles"), default=[],
         metavar="TROUBLE,…",
         help=f"instead of rates, of {','.join(TROUBLES)}")  # fmt: skip

@@ -17,7 +17,7 @@ from lightprobe.imaging import camera as lenses
 from lightprobe.sim import scenes
 from lightprobe.sim.camera import SimulatedCamera
 from lightprobe.sim.live import LiveProbe
-from lightprobe.sim.motion import turned
+from lightprobe.sim.motion import turned, way_deg
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.room import Room
 from lightprobe.sim.scene import PanoramaScene
@@ -141,7 +141,7 @@ def test_lamps_of_panoramas_are_no_truth() -> None:
 
 
 @pytest.mark.parametrize("exposures", ["reported", "unreported"])
-@pytest.mark.parametrize("motion", ["100", "head"])
+@pytest.mark.parametrize("motion", ["100", "swing", "head", "look", "tilted"])
 def test_a_turning_camera_is_nearly_as_right_as_a_still_one(motion: str, exposures: str) -> None:
     still = live.judged(live.case(SCENE, "0", exposures, size_px=SMALL_PX))
     turning = live.judged(live.case(SCENE, motion, exposures, size_px=SMALL_PX))
@@ -223,6 +223,23 @@ def test_a_still_room_is_right_all_the_time() -> None:
         assert one.figures.error_p90 < 0.1
         assert one.figures.wrong_and_healthy == one.figures.births_per_s == 0
         assert set(one.figures.flags) <= {"CLIPPED", "MORE_LIGHTS"}
+
+
+def test_motions_are_as_their_words_say() -> None:
+    def angles(motion: str, times_s: list[float]) -> list[tuple[float, float, float]]:
+        world = World([SCENE], live.MOTIONS[motion])
+        return [world.at(t_s).angles_deg for t_s in times_s]
+
+    yaw, nod, roll = np.array(angles("head", list(np.arange(0, 100, 0.01)))).T
+    assert [np.abs(one).max() for one in (yaw, nod, roll)] == pytest.approx([40, 15, 8], rel=1e-3)
+    looks = angles("look", [0, 1, 1.5, 2, 4, 4.5, 5, 7])
+    assert [one[0] for one in looks] == pytest.approx([0, 0, 45, 90, 90, 45, 0, 0], abs=1e-6)
+    tilted = World([SCENE], live.MOTIONS["tilted"])
+    turns = [tilted.rotation(t_s + np.array([0, 0.1])) for t_s in (0.0, 0.97, 70.35)]
+    axes = [geometry.turn_after(b, geometry.inverse(a))[1:] for a, b in turns]
+    assert [way_deg(turn) for turn in turns] == pytest.approx([6, 6, 6])
+    assert np.abs(geometry.normalize(axes) @ [0.36, 0.8, 0.48]) == pytest.approx([1, 1, 1])
+    assert geometry.angle_deg([0.36, 0.8, 0.48], [0, 1, 0]) > 30
 
 
 def test_errors_are_compared_with_those_of_the_same_scene_still() -> None:

@@ -19,6 +19,8 @@ from lightprobe.sim.motion import is_level, level_yaw_deg
 Pixel = TypeVar("Pixel", np.float32, np.int16)
 #: Pixels that are less wider at the horizon are left as they are.
 _AS_WIDE = 1.02
+#: Rows of a picture that are computed at a time.
+_ROWS = 16
 
 
 def rolled(picture: NDArray[Pixel], shift_px: NDArray[np.int64]) -> NDArray[Pixel]:
@@ -86,8 +88,11 @@ class Rays:
         # (H, 3, W): so each row has its own rotation in one product.
         self._directions = np.ascontiguousarray(np.moveaxis(directions, -1, 1), np.float32)
         self._map_px = map_px
-        self._illumination = np.repeat((illumination * seen).astype(np.float32)[..., None], 3, -1)
-        self._level = self._places(self._directions)
+        self._illumination: NDArray[np.float32] | None = None
+        if not np.all(illumination * seen == 1):
+            shares = (illumination * seen).astype(np.float32)
+            self._illumination = np.repeat(shares[..., None], 3, -1)
+        self._level = replace(self._places(np.eye(3, dtype=np.float32)[None]), tilt=None)
 
     def turned(self, rotations: Array) -> Places:
         """Where the rays end in the map; `rotations`, camera to map: of each of H rows, or (1, 4).
@@ -96,18 +101,27 @@ class Rays:
         """
         if is_level(rotations):
             return replace(self._level, yaw_deg=level_yaw_deg(rotations))
-        matrices = geometry.rotation_matrix(rotations).astype(np.float32)
-        directions = matrices @ self._directions
-        return replace(self._places(directions), tilted=(directions, matrices[..., 1]))
+        return self._places(geometry.rotation_matrix(rotations).astype(np.float32))
 
-    def _places(self, directions: NDArray[np.float32]) -> Places:
-        """As :func:`lightprobe.geometry.equirect_pixel` has it, in single precision."""
-        x, up, back = np.moveaxis(directions, 1, 0)
+    def _places(self, matrices: NDArray[np.float32]) -> Places:
+        """As :func:`lightprobe.geometry.equirect_pixel` has it, in single precision.
+
+        `matrices`: (1, 3, 3), or (H, 3, 3) of each row.
+        """
+        height, _, width = self._directions.shape
+        column, row = np.empty((2, height, width), np.float32)
         width_px, height_px = self._map_px
-        longitude, theta = np.arctan2(x, -back), np.arctan2(np.hypot(x, back), up)
-        column = longitude * np.float32(width_px / (2 * np.pi)) + np.float32((width_px - 1) / 2)
-        row = theta * np.float32(height_px / np.pi) - np.float32(0.5)
-        return Places(column, row, self._illumination, width_px)
+        for top in range(0, height, _ROWS):  # what is at work stays in the cache
+            rows = slice(top, top + _ROWS)
+            turn = matrices if len(matrices) == 1 else matrices[rows]
+            x, up, back = np.moveaxis(turn @ self._directions[rows], 1, 0)
+            np.arctan2(x, -back, out=column[rows])
+            np.arctan2(np.sqrt(x * x + back * back), up, out=row[rows])
+            column[rows] *= np.float32(width_px / (2 * np.pi))
+            column[rows] += np.float32((width_px - 1) / 2)
+            row[rows] *= np.float32(height_px / np.pi)
+            row[rows] -= np.float32(0.5)
+        return Places(column, row, self._illumination, width_px, tilt=(matrices, self._directions))
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,11 +130,11 @@ class Places:
 
     column: NDArray[np.float32]
     row: NDArray[np.float32]
-    illumination: NDArray[np.float32]  # (H, W, 3)
+    illumination: NDArray[np.float32] | None  # (H, W, 3); None: 1
     width_px: int  # of the map
     yaw_deg: Array = field(default_factory=lambda: np.zeros(1))  # besides: of the H rows, or (1,)
-    # Rays (H, 3, W) and the camera's up (H or 1, 3), in the map's frame; None: up is up.
-    tilted: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None
+    # Matrices (H or 1, 3, 3) camera to map, and the camera's rays (H, 3, W); None: up is up.
+    tilt: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None
 
     def sample(self, radiance: NDArray[np.float32]) -> NDArray[np.float32]:
         """Radiance (H, W, 3) behind the lenses, roll-off included, of a map that is `padded`."""
@@ -130,7 +144,9 @@ class Places:
         seen = cv2.remap(
             radiance, column, self.row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
         )
-        return np.asarray(np.multiply(seen, self.illumination, out=seen), dtype=np.float32)
+        if self.illumination is not None:
+            np.multiply(seen, self.illumination, out=seen)
+        return np.asarray(seen, dtype=np.float32)
 
     def sample_polarized(self, parts: NDArray[np.float32]) -> NDArray[np.float32]:
         """S1 and S2 (2, H, W, 3) in the frames of the camera's pixels, of maps of both.
@@ -139,9 +155,11 @@ class Places:
         tilted another up counts than of the map.
         """
         s1, s2 = (self.sample(part) for part in parts)
-        if self.tilted is None:
+        if self.tilt is None:
             return np.stack([s1, s2])
-        (x, y, z), up = np.moveaxis(self.tilted[0], 1, 0), self.tilted[1].T[..., None]
+        matrices, directions = self.tilt
+        x, y, z = np.moveaxis(matrices @ directions, 1, 0)
+        up = matrices[..., 1].T[..., None]  # the camera's, in the map
         # x of the camera's pixel along x and y of the map's, times the sines of d's angles to ups.
         along = up[1] - (x * up[0] + y * up[1] + z * up[2]) * y
         across = z * up[0] - x * up[2]

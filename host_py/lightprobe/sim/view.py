@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Hashable, Sequence
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,7 +29,6 @@ Composed = tuple[NDArray[np.float32], NDArray[np.float32] | None]
 
 #: Pictures that are looked up, not rolled, are the mean of moments so many pixels apart.
 _SMEAR_STEP_PX, _MOST_SMEAR_STEPS = 2, 16
-_EVERYWHERE = np.ones((1, 1, 1), np.float32)
 
 
 class View:
@@ -202,21 +202,24 @@ class View:
         assert self._rays is not None
         if self._looked_into is None or self._looked_into[0] is not composed:
             self._looked_into = (composed, self._framed(*composed))
-        lights = [(_EVERYWHERE, *self._looked_into[1])]
-        if rows is not None:
-            lights += self._by_row(composed[1] is not None, state, rows)
+        whole, polarized = self._looked_into[1]
+        lights = [] if rows is None else self._by_row(polarized is not None, state, rows)
         seen = np.zeros((self._size_px[1], self._size_px[0], 3), np.float32)
-        parts = None if composed[1] is None else np.zeros((2, *seen.shape), np.float32)
+        parts = None if polarized is None else np.zeros((2, *seen.shape), np.float32)
         moments = self._moments(state)
         for moment in moments:
             rotations = moment[None] if rows is None else geometry.turn_after(rows.turned, moment)
             places = self._rays.turned(rotations)
+            cv2.accumulate(places.sample(whole), seen)
+            if parts is not None and polarized is not None:
+                parts += places.sample_polarized(polarized)
             for share, s0, s12 in lights:
                 seen += share * places.sample(s0)
                 if parts is not None and s12 is not None:
                     parts += share * places.sample_polarized(s12)
-        of = np.float32(1 / len(moments))
-        return of * seen, None if parts is None else of * parts
+        for total in () if parts is None else parts:
+            total /= np.float32(len(moments))
+        return np.divide(seen, np.float32(len(moments)), out=seen), parts
 
     def _framed(
         self, radiance: NDArray[np.float32], polarized: NDArray[np.float32] | None

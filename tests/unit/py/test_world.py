@@ -115,7 +115,7 @@ def test_room_truth_is_its_picture_and_its_lamps_are_in_it():
     shown = MapTruth(room.render(1920, 960).compose(powers), turned(30))
     assert truth.total[:9] == pytest.approx(shown.total[:9], abs=5e-3 * np.abs(shown.total).max())
     assert len(truth.lamps) == np.count_nonzero(powers)
-    dark = MapTruth(room.render(*SIZE).compose([0, 0, 0, 0]), 30).total
+    dark = MapTruth(room.render(*SIZE).compose([0, 0, 0, 0]), turned(30)).total
     for lamp in truth.lamps:
         share = np.outer(sh.lamp(lamp.direction, 2), lamp.irradiance)
         assert np.all(truth.total[0] > dark[0] + share[0])
