@@ -21,9 +21,9 @@ LIGHTPROBE = Path(sys.executable).parent / "lightprobe"
 
 
 @contextlib.contextmanager
-def simulator(tmp_path, *options):
+def simulator(tmp_path, *options, small=SMALL):
     path = tmp_path / "sim.sock"
-    command = [LIGHTPROBE, "simulate", "--socket", path, *SMALL, *options]
+    command = [LIGHTPROBE, "simulate", "--socket", path, *small, *options]
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
@@ -193,6 +193,59 @@ def test_truth_is_written_for_every_frame(tmp_path):
         half = np.radians(line["yaw_deg"]) / 2
         assert (header["y"], header["w"]) == pytest.approx((np.sin(half), np.cos(half)), abs=1e-6)
         assert header["x"] == header["z"] == 0
+
+
+def test_a_recorded_path_is_replayed(tmp_path):
+    """By frames, their truth and their orientation; in the room the camera goes along, too."""
+    path, truth = tmp_path / "head.txt", tmp_path / "truth.jsonl"
+    # A quarter of a turn about a tilted axis in 2 s, half a metre to the right in all.
+    half = np.pi / 4
+    x, y, z = 0.6 * np.sin(half), 0.8 * np.sin(half), 0.0
+    path.write_text(
+        f"# as recorded\n1305031100.5 7 1.5 2 0 0 0 1\n1305031102.5 7.5 1.5 2 {x} {y} {z} "
+        f"{np.cos(half)}\n"
+    )
+    with simulator(
+        tmp_path, "--scenes", "room", "--act-s", "0", "--path", path, "--truth", str(truth),
+        "--row-time-us", "20", small=["--size", "256x128"],
+    ) as (socket_path, _), Camera(socket_path) as camera:  # fmt: skip
+        frames = camera.frames(4)
+        lines = {line["sequence"]: line for line in map(json.loads, truth.read_text().splitlines())}
+    for header, _ in frames:
+        line = lines[header["sequence"]]
+        told = [header[name] for name in "xyzw"]
+        assert told == pytest.approx(line["rotation_xyzw"], abs=1e-6)
+        middle_s = line["t_s"] + 0.5e-6 * line["exposure_us"]
+        share = 1 - abs(1 - middle_s / 2 % 2)  # there and back
+        assert line["place_m"] == pytest.approx([0.5 * share, 0, 0], abs=1e-6)
+        turned = [0.6 * np.sin(share * half), 0.8 * np.sin(share * half), 0, np.cos(share * half)]
+        assert line["rotation_xyzw"] == pytest.approx(turned, abs=1e-6)
+
+
+def test_paths_that_cannot_be_replayed(tmp_path):
+    def said(text, *options):
+        path = tmp_path / "path.csv"
+        path.write_text(text)
+        (tmp_path / "scenario.toml").write_text(f'path = "{path}"\n')
+        command = [LIGHTPROBE, "simulate", "--socket", tmp_path / "sock", *SMALL, *options]
+        command += ["--scenario", tmp_path / "scenario.toml", "--seconds", "0.1"]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+        return done.returncode, done.stderr.replace(str(tmp_path), "DIR")
+
+    still, off = "5,0,0,0,1,0,0,0\n", "5,0,0,0,1,0,0,0\n1000000005,9,0,0,1,0,0,0\n"
+    assert said(still)[0] == 0
+    bad = said("5,0,0,0,1,0,0,0\n6,0,0,0,1,0,0\n")
+    assert bad[0] != 0
+    assert "path: DIR/path.csv:2: 7 numbers: expected t, x, y, z, qw, qx, qy, qz" in bad[1]
+    assert "leave out what turns" in said(still, "--turn-deg-s", "3")[1]
+    assert "1 s after its start the probe would be outside" in said(off, "--scenes", "room")[1]
+    assert (
+        "the ring of --firmware cannot walk"
+        in said(off, "--scenes", "room", "--firmware", "host")[1]
+    )
+    far = said(off)
+    assert far[0] == 0
+    assert "all that procedural-0 shows is far away: there the camera turns" in far[1]
 
 
 def test_misbehaviour_on_request(tmp_path):

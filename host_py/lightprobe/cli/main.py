@@ -159,8 +159,8 @@ def _calibrate() -> None:
 
 #: Options of `simulate` that are not in its scenario file alone.
 SIMULATE = (
-    "socket", "scenes", "turn_deg_s", "switch_s", "camera", "size", "rate", "seed", "firmware",
-    "pty", "osc", "faults", "control", "truth", "truth_publish", "seconds",
+    "socket", "scenes", "turn_deg_s", "path", "switch_s", "camera", "size", "rate", "seed",
+    "firmware", "pty", "osc", "faults", "control", "truth", "truth_publish", "seconds",
 )  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from typing import Annotated, TextIO
 import cv2
 import typer
 
-from lightprobe.cli import check, scenario, simulate_faults, simulate_osc
+from lightprobe.cli import check, scenario, simulate_faults, simulate_osc, simulate_path
 from lightprobe.cli.estimate import Film, parse_film
 from lightprobe.cli.simulate_control import Desk, illuminated
 from lightprobe.errors import UsageError
@@ -76,6 +76,24 @@ def command(
     nod_hz: Annotated[
         float, typer.Option(callback=check.number(0, 5, "Hz"), help="So often.")
     ] = Behaviour.nod_hz,
+    roll_deg: Annotated[
+        float,
+        typer.Option(
+            callback=check.number(0, 180), help="And it rolls about where it looks, by so much."
+        ),
+    ] = 0.0,
+    roll_hz: Annotated[
+        float, typer.Option(callback=check.number(0, 5, "Hz"), help="So often.")
+    ] = Behaviour.roll_hz,
+    motion: Annotated[
+        Path | None,
+        typer.Option(
+            "--path",
+            metavar="FILE",
+            help="The camera is turned and, in the room, goes as recorded: a file of TUM's or "
+            "EuRoC's form. Instead of all other motion.",
+        ),
+    ] = None,
     switch_s: Annotated[
         float,
         typer.Option(
@@ -414,11 +432,13 @@ def command(
     if not all(map(math.isfinite, stack_deg)):
         raise UsageError(f"simulate: --polarizer {polarizer}: expected degrees, as 90 or 90,45,0")
     sheet = parse_film(film) or optics.sheet if polarizer or firmware != "none" else None
+    chosen = scenes.load(scene)
     behaviour = Behaviour(
         act_s, turn_deg_s, swing_deg, swing_hz, switch_s, flicker,
-        walk_m, walk_m_s, cover_from_s, cover_to_s, nod_deg, nod_hz,
+        walk_m, walk_m_s, cover_from_s, cover_to_s, nod_deg, nod_hz, roll_deg, roll_hz,
+        simulate_path.read(motion, chosen, firmware != "none"),
     )  # fmt: skip
-    world = World(scenes.load(scene), behaviour, median_radiance or None)
+    world = World(chosen, behaviour, median_radiance or None)
     if osc is not None:
         cv2.setNumThreads(1)
         simulate_osc.serve(
