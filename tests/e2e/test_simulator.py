@@ -235,7 +235,7 @@ def test_paths_that_cannot_be_replayed(tmp_path):
     still, off = "5,0,0,0,1,0,0,0\n", "5,0,0,0,1,0,0,0\n1000000005,9,0,0,1,0,0,0\n"
     assert said(still)[0] == 0
     bad = said("5,0,0,0,1,0,0,0\n6,0,0,0,1,0,0\n")
-    assert bad[0] != 0
+    assert bad[0] == 2
     assert "path: DIR/path.csv:2: 7 numbers: expected t, x, y, z, qw, qx, qy, qz" in bad[1]
     assert "leave out what turns" in said(still, "--turn-deg-s", "3")[1]
     assert "1 s after its start the probe would be outside" in said(off, "--scenes", "room")[1]

@@ -158,6 +158,7 @@ class SimulatedCamera:
                 radiance = self._behind_a_hand(radiance)
             if self.pixel_format == "RGBF":
                 return radiance.tobytes()
+            radiance = self._balanced(radiance)
             codes = self.sensor.capture(radiance, shot.exposure_us, number, shot.gain)
             return encode(codes, self.pixel_format, self.quality, self.chroma)
         key = (self._view.key(state, wheel_deg, rows), shot, self.white_balance)
@@ -184,7 +185,7 @@ class SimulatedCamera:
         So near the lens its rim is soft, and it glows red by the light that passes through it.
         """
         if self._hand is None:
-            right = self.lens.look(*self.size_px)[0][..., :1]
+            right = np.nan_to_num(self.lens.look(*self.size_px)[0][..., :1])  # NaN: sees nothing
             self._hand = np.clip(0.5 + right / _HAND_RIM, 0, 1).astype(np.float32)
         glow = np.float32(radiance.mean()) * _HAND_GLOW
         return np.asarray(radiance + self._hand * (glow - radiance), dtype=np.float32)
@@ -200,6 +201,11 @@ class SimulatedCamera:
         """
         return self._view.sees_wheel(state)
 
+    def _balanced(self, radiance: NDArray[np.float32]) -> NDArray[np.float32]:
+        if self.white_balance == (1.0, 1.0, 1.0):
+            return radiance
+        return radiance * np.asarray(self.white_balance, np.float32)
+
     def _signal(
         self,
         key: Hashable,
@@ -214,9 +220,7 @@ class SimulatedCamera:
         """
         signal = self._signals.get(key)
         if signal is None:
-            radiance = self._view.radiance(state, wheel_deg, rows)
-            if self.white_balance != (1.0, 1.0, 1.0):
-                radiance = radiance * np.asarray(self.white_balance, np.float32)
+            radiance = self._balanced(self._view.radiance(state, wheel_deg, rows))
             signal = self.sensor.expect(radiance, shot.exposure_us, shot.gain)
             self._signals[key] = signal
             if len(self._signals) > _CACHED:

@@ -1,5 +1,7 @@
 """A camera that is carried across a room, and one that somebody covers."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from lightprobe import geometry
@@ -11,6 +13,8 @@ from lightprobe.sim.room import Room
 from lightprobe.sim.world import Behaviour, World
 
 SIZE, SHOT = (256, 128), Shot(1000)
+SQUARE = (260, 260)
+CAMERAS = Path(__file__).resolve().parents[3] / "packaging/cameras"
 WALK = Behaviour(act_s=0, walk_m=1.5, walk_m_s=1.0)
 
 
@@ -71,6 +75,27 @@ def test_only_rooms_can_be_walked_in():
         World([Room(), random_scene(1)], WALK)
     with pytest.raises(UsageError, match="outside its walls"):
         Room().seen_from((3.0, 0.0, 0.0))
+
+
+def test_a_hand_before_lenses_that_do_not_see_all_around():
+    """Corners of the picture that no lens fills stay dark, and colours as they are balanced."""
+    behaviour = Behaviour(act_s=0, cover_to_s=1)
+    lens = lenses.load(str(CAMERAS / "module_ahead.camera"))
+    shown = {}
+    for pixel_format in ("RGBF", "YUYV"):
+        simulated = SimulatedCamera(
+            World([Room()], behaviour, 30.0), lens, SQUARE, pixel_format=pixel_format,
+            white_balance=(1.0, 1.0, 0.3),
+        )  # fmt: skip
+        shown[pixel_format] = simulated.frame(0, Shot(3000))
+    radiance = np.frombuffer(shown["RGBF"], "<f4").reshape(*SQUARE, 3)
+    directions, illumination = lens.look(*SQUARE)
+    right = np.nan_to_num(directions[..., 0])
+    assert np.isfinite(radiance).all()
+    assert radiance[right > 0.11].max() < 0.04 * radiance[right < -0.11].mean()
+    assert np.all(radiance[illumination == 0] < 0.04 * radiance.mean())
+    blue = np.frombuffer(shown["YUYV"], np.uint8).reshape(*SQUARE, 2)[:, ::2, 1]
+    assert blue[(right < -0.11)[:, ::2]].mean() < 122  # of 128: as much as of the others
 
 
 @pytest.mark.parametrize("turn_deg_s", [0, 50])
