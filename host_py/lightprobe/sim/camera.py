@@ -18,16 +18,18 @@ from lightprobe.geometry import Array
 from lightprobe.imaging.camera import Camera
 from lightprobe.imaging.film import Sheet
 from lightprobe.imaging.polarizer import Polarizer
+from lightprobe.sim.encoding import encode
 from lightprobe.sim.exposure import ExposureLimits, bracket_us, median_luminance
+from lightprobe.sim.lens_defects import DefectiveLens, LensDefects
+from lightprobe.sim.processing import Developer, Processing
 from lightprobe.sim.scene import Layers
-from lightprobe.sim.sensor import Codes, Expected, Sensor, SensorModel, encode_jpeg
+from lightprobe.sim.sensor import Expected, Sensor, SensorModel
 from lightprobe.sim.world import Rows, State, World
 
 Pixel = TypeVar("Pixel", np.float32, np.int16)
 #: Radiance (H, W, 3), and S1, S2 (2, H, W, 3) or None for unpolarized light.
 Composed = tuple[NDArray[np.float32], NDArray[np.float32] | None]
 
-FORMATS = ("MJPG", "YUYV", "NV12", "GREY", "RGBF")
 #: Noiseless signals kept: a bracket of the scene before and after a lamp is switched.
 _CACHED = 12
 #: Pictures kept, where any are: of so many exposures and states of the world.
@@ -80,6 +82,8 @@ class SimulatedCamera:
         phase_s: float = 0.0,
         white_balance: tuple[float, float, float] = (1.0, 1.0, 1.0),
         kept: int = 0,
+        processing: Processing | None = None,
+        lens_defects: LensDefects | None = None,
     ) -> None:
         """`size_px` (width, height), both even for YUYV and NV12; `sheet`: of a polarizer;
         `stack_deg`: several of them one behind the other, the outermost first, instead of a wheel.
@@ -91,6 +95,8 @@ class SimulatedCamera:
         `white_balance`: factors of R, G, B; 1: as D65 lights a white wall.
         `kept`: while nothing changes, so many pictures come again and again, noise and all, and are
         drawn and encoded only once: for rates that this machine is too slow for; 0: all are new.
+        `processing`: what the camera does to its pictures; then none are kept.
+        `lens_defects`: what its lens does.
         """
         self.world, self.lens, self.size_px = world, lens, size_px
         self.rate_hz, self.pixel_format = rate_hz, pixel_format
@@ -118,6 +124,14 @@ class SimulatedCamera:
         if sheet and polarized and world.behaviour.nod_deg:
             raise UsageError("camera: polarized light cannot be simulated while the camera nods")
         seen = polarized or len(stack_deg) > 0 or (sheet is not None and sheet.index > 1)
+        self._developer: Developer | None = None
+        if processing is not None and not processing.is_none:
+            self._developer = Developer(
+                processing, self.sensor, lens, pixel_format, quality, chroma
+            )
+        self._lens_defects: DefectiveLens | None = None
+        if lens_defects is not None and not lens_defects.is_perfect:
+            self._lens_defects = DefectiveLens(lens_defects, lens, size_px, seed)
         self._polarizer = Polarizer(sheet, lens, size_px) if sheet and seen else None
         self._stack_deg = tuple(stack_deg)
         self._medians: dict[int, float] = {}
@@ -185,21 +199,42 @@ class SimulatedCamera:
             radiance = self._turned(self._radiance(state, wheel_deg, rows), state, rows)
             if state.is_covered:
                 radiance = self._behind_a_hand(radiance)
+            radiance = self._through_defects(radiance, state)
             if self.pixel_format == "RGBF":
                 return radiance.tobytes()
-            codes = self.sensor.capture(radiance, shot.exposure_us, number, shot.gain)
-            return encode(codes, self.pixel_format, self.quality, self.chroma)
+            signal = self.sensor.expect(radiance, shot.exposure_us, shot.gain)
+            return self._developed(signal, number, shot, 0, state)
         key = self._key(state, shot, wheel_deg, rows)
         turn_px = 0 if self._turns_first(state) else self._turn_px(state)
-        which = (key, turn_px, number % self._kept) if self._kept and rows is None else None
+        keeps = self._kept and rows is None and self._developer is None
+        which = (key, turn_px, number % self._kept) if keeps else None
         picture = self._pictures.get(which)
         if picture is None:
             signal = self._signal(key, state, shot, wheel_deg, rows)
-            codes = self.sensor.develop(signal, number, shot.gain, turn_px)
-            picture = encode(codes, self.pixel_format, self.quality, self.chroma)
+            torn = self._developer.torn_from(shot, state.t_s) if self._developer else None
+            if torn is not None:
+                first, count = torn
+                first_key = self._key(state, first, wheel_deg, rows)
+                above = self._signal(first_key, state, first, wheel_deg, rows)
+                signal = np.concatenate([above[:count], signal[count:]])
+            picture = self._developed(signal, number, shot, turn_px, state)
         if which is not None:
             self._keep(which, picture)
         return picture
+
+    def _developed(
+        self, signal: Expected, number: int, shot: Shot, turn_px: int, state: State
+    ) -> bytes:
+        if self._developer is not None:
+            return self._developer.picture(signal, number, shot, turn_px, state.t_s)
+        codes = self.sensor.develop(signal, number, shot.gain, turn_px)
+        return encode(codes, self.pixel_format, self.quality, self.chroma)
+
+    def _through_defects(self, radiance: NDArray[np.float32], state: State) -> NDArray[np.float32]:
+        """What reaches the sensor of a turned picture (H, W, 3)."""
+        if self._lens_defects is None or not self._lens_defects.defects.is_on(state.t_s):
+            return radiance
+        return self._lens_defects.through(radiance)
 
     def _keep(self, which: Hashable, picture: bytes) -> None:
         self._pictures[which] = picture
@@ -256,8 +291,12 @@ class SimulatedCamera:
         return self._through_film(state) and not self._stack_deg
 
     def _turns_first(self, state: State) -> bool:
-        """Tell whether :meth:`_radiance` is turned already: what the polarizer sees must be."""
-        return self._rays is not None or self._through_film(state)
+        """Tell whether :meth:`_radiance` is turned already.
+
+        What a film or a lens with defects sees must be.
+        """
+        turns = self._rays is not None or self._lens_defects is not None
+        return turns or self._through_film(state)
 
     def _compose(self, state: State, rows: Rows | None) -> Composed:
         """Light of the whole sphere, unturned; the last one of equal rows is kept.
@@ -308,7 +347,7 @@ class SimulatedCamera:
             radiance, polarized = self._through_lens(radiance, polarized, state, rows)
         else:
             radiance = _smeared(radiance, smear_px)
-        if self._rays is None and self._through_film(state):
+        if self._rays is None and self._turns_first(state):
             turn_px = self._turn_px(state)
             shift_px = np.zeros(1, np.int64) if rows is None else self._shift_px(state, rows)
             radiance = _rolled(radiance, turn_px + shift_px)
@@ -371,6 +410,7 @@ class SimulatedCamera:
             rows.offset_deg.tobytes() if turned and rows is not None else None,
             rows.nod_offset_deg.tobytes() if rows is not None else None,
             self.white_balance,
+            self._lens_defects is not None and self._lens_defects.defects.is_on(state.t_s),
         )  # fmt: skip
 
     def _signal(
@@ -388,6 +428,7 @@ class SimulatedCamera:
         signal = self._signals.get(key)
         if signal is None:
             radiance = self._radiance(state, wheel_deg, rows)
+            radiance = self._through_defects(radiance, state)
             if self.white_balance != (1.0, 1.0, 1.0):
                 radiance = radiance * np.asarray(self.white_balance, np.float32)
             signal = self.sensor.expect(radiance, shot.exposure_us, shot.gain)
@@ -475,25 +516,3 @@ class _Places:
             padded, column, self.row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
         )
         return np.asarray(np.multiply(seen, self.illumination, out=seen), dtype=np.float32)
-
-
-def encode(codes: Codes, pixel_format: str, quality: int, chroma: str) -> bytes:
-    """8-bit RGB (H, W, 3) as the bytes of a camera's format; BT.601, full range."""
-    if pixel_format == "MJPG":
-        return encode_jpeg(codes, quality, chroma)
-    planes = cv2.cvtColor(codes, cv2.COLOR_RGB2YCrCb)
-    luma, cr, cb = planes[..., 0], planes[..., 1], planes[..., 2]
-    if pixel_format == "GREY":
-        return luma.tobytes()
-    height, width = luma.shape
-    if pixel_format == "YUYV":
-        packed = np.empty((height, width, 2), np.uint8)
-        packed[..., 0] = luma
-        for offset, plane in enumerate((cb, cr)):
-            packed[:, offset::2, 1] = cv2.resize(
-                plane, (width // 2, height), interpolation=cv2.INTER_AREA
-            )
-        return packed.tobytes()
-    half = (width // 2, height // 2)
-    mixed = [cv2.resize(plane, half, interpolation=cv2.INTER_AREA) for plane in (cb, cr)]
-    return luma.tobytes() + np.stack(mixed, axis=-1).tobytes()

@@ -6,7 +6,7 @@ import pytest
 from lightprobe.calibrate.exposure_series import SeriesError, decode
 from lightprobe.calibrate.flat_patches import collect, step_of
 from lightprobe.calibrate.response_curve import ResponseError, fit
-from lightprobe.sim.camera import encode
+from lightprobe.sim.encoding import encode
 
 
 def gradient(height=64, width=128):
