@@ -23,7 +23,8 @@ Radiance = NDArray[np.float32]
 
 #: Cells across the picture in which wide spreading is calculated: 5.6 degrees of a panorama.
 _CELLS = 64
-_BALANCING = 40  # steps until a kernel of so many cells gives to each cell what it takes
+#: Steps, at most, until each cell gives what it takes, relative.
+_BALANCING, _BALANCED = 40, 1e-4
 #: Shares of red, green and blue light in a fringe, against blue: what is out of focus most.
 _FRINGE = (0.5, 0.0, 1.0)
 _PURPOSE_DIRT, _PURPOSE_DROPS = 101, 102  # of random numbers
@@ -214,7 +215,10 @@ def _balanced(kernel: Array, weight: Array) -> Array:
     """
     scale = np.ones(len(weight))
     for _ in range(_BALANCING):
-        scale = np.sqrt(scale / np.maximum(kernel @ (weight * scale), 1e-30))
+        taken = scale * (kernel @ (weight * scale))
+        scale = scale / np.sqrt(np.maximum(taken, 1e-30))
+        if np.ptp(taken[weight > 0]) < _BALANCED:
+            break
     return np.asarray(scale[:, None] * kernel * scale)
 
 
@@ -236,7 +240,10 @@ def _blurred_on_sphere(radiance: Radiance, sigma_deg: float) -> Radiance:
     size = (1, 2 * side + 1)
     blurred = cv2.GaussianBlur(padded, size, 1e-3, sigmaY=sigma_px)
     even = cv2.GaussianBlur(weights, size, 1e-3, sigmaY=sigma_px)
-    return np.asarray((blurred / even.reshape(-1, 1, 1))[side : side + height], dtype=np.float32)
+    found = (blurred / even.reshape(-1, 1, 1))[side : side + height]
+    # Close to a pole this is no convolution of the sphere: what is missing is even.
+    before, after = ((one * weight[:, None, None]).sum(axis=(0, 1)) for one in (radiance, found))
+    return np.asarray(found * (before / np.maximum(after, 1e-30)), dtype=np.float32)
 
 
 def _directions(seed: int, purpose: int, count: int) -> Sequence[Array]:

@@ -29,14 +29,14 @@ Factors = tuple[float, float, float]
 #: Luminance of linear light, and luma of codes (BT.709, BT.601).
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 _LUMA = np.array([0.299, 0.587, 0.114], np.float32)
-#: Tone mapping brings regions towards this share of full scale; the picture in which it looks at
-#: regions is no wider than this; and it sees nothing darker.
-_MIDDLE, _TONE_PX, _TONE_FLOOR = 0.18, 240, 1e-3
+#: The picture in which tone mapping looks at regions is no wider, and it sees nothing darker.
+_TONE_PX, _TONE_FLOOR = 240, 1e-3
 #: Stops off the middle at which tone mapping does three quarters of what it does at most.
 _TONE_STOPS = 2.0
 #: Temporal noise reduction takes a larger difference than so many sigmas of noise for motion.
 _MOTION_SIGMAS = 3.0
-#: Two lenses are blended within so many degrees of the seam, to each side.
+#: Two lenses are blended within so many degrees of the seam, to each side; what is doubled there
+#: is bent back over twice as many more.
 _SEAM_DEG = 4.0
 _LEAST_QUALITY, _QUALITY_DOWN, _QUALITY_UP = 5, 5, 1
 #: Automatic white balance leaves out what is nearly clipped or nearly black.
@@ -77,6 +77,9 @@ class Processing(Knobs):
         0.0, "local tone mapping: dark regions are so many stops brighter, bright ones darker", 0, 4
     )
     tone_deg: float = fault(15.0, "size of such regions, 1 sigma", 1, 90)
+    tone_aim: float = fault(
+        0.0, "share of full scale that regions come nearer to; 0: the picture's own mean", 0, 1
+    )
     saturation: float = fault(1.0, "factor on how colourful codes are; 0: grey", 0, 3)
     sharpen: float = fault(0.0, "unsharp mask: share of the difference to a blur", 0, 5)
     sharpen_px: float = fault(1.3, "blur of it, 1 sigma", 0.3, 20)
@@ -178,7 +181,7 @@ class Developer:
         if p.stitch_gain or p.stitch_deg:
             linear = stitched(linear, p.stitch_gain, p.stitch_deg)
         if p.tone_ev:
-            linear = tone_mapped(linear, p.tone_ev, p.tone_deg)
+            linear = tone_mapped(linear, p.tone_ev, p.tone_deg, p.tone_aim)
         return linear
 
     def _on_codes(self, codes: Codes) -> Codes:
@@ -232,10 +235,12 @@ def stitched(linear: Linear, gain: float, doubled_deg: float) -> Linear:
     seen = linear
     if doubled_deg:
         # The lens ahead sees what is near farther back, and the one behind farther ahead.
-        outward_px = doubled_deg / 360 * width * np.sign(longitude_deg)
+        off_deg = np.abs(np.abs(longitude_deg) - 90)
+        bent = np.clip((3 * _SEAM_DEG - off_deg) / (2 * _SEAM_DEG), 0, 1)
+        outward_px = doubled_deg / 2 / 360 * width * bent * np.sign(longitude_deg)
         share = ahead.astype(np.float32)[:, None]
-        seen = share * _columns(linear, -(1 - ahead) * outward_px)
-        seen += (1 - share) * _columns(linear, ahead * outward_px)
+        seen = share * _columns(linear, -outward_px)
+        seen += (1 - share) * _columns(linear, outward_px)
     return np.asarray(np.where(seen < 1, seen * factor, 1), dtype=np.float32)
 
 
@@ -249,10 +254,11 @@ def _columns(picture: Linear, shift_px: NDArray[np.float64]) -> Linear:
     return np.asarray(found, dtype=np.float32)
 
 
-def tone_mapped(linear: Linear, most_ev: float, region_deg: float) -> Linear:
-    """Change the exposure of regions (H, W, 3) towards the middle; black and white stay.
+def tone_mapped(linear: Linear, most_ev: float, region_deg: float, aim: float = 0.0) -> Linear:
+    """Change the exposure of regions (H, W, 3) towards an aim; black and white stay.
 
-    Dark parts of a region that is `_TONE_STOPS` darker than the middle get 0.76 of `most_ev`.
+    `aim`: share of full scale; 0: the mean of the picture's logarithms. Dark parts of a region that
+    is `_TONE_STOPS` darker get 0.76 of `most_ev`.
     """
     height, width, _ = linear.shape
     scale = min(1.0, _TONE_PX / width)
@@ -264,7 +270,8 @@ def tone_mapped(linear: Linear, most_ev: float, region_deg: float) -> Linear:
     padded = cv2.copyMakeBorder(base, 0, 0, side, side, cv2.BORDER_WRAP)
     blurred = cv2.GaussianBlur(padded, (0, 0), sigma_px, borderType=cv2.BORDER_REPLICATE)
     wide = cv2.resize(blurred[:, side : side + small[0]], (width, height))
-    stops = most_ev * np.tanh((np.log2(_MIDDLE) - wide) / _TONE_STOPS)
+    middle = np.log2(aim) if aim else base.mean()
+    stops = most_ev * np.tanh((middle - wide) / _TONE_STOPS)
     factor = np.exp2(stops).astype(np.float32)[..., None]
     return np.asarray(factor * linear / (1 + (factor - 1) * linear), dtype=np.float32)
 
