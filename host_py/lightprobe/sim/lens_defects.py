@@ -25,6 +25,8 @@ Radiance = NDArray[np.float32]
 _CELLS = 64
 #: Steps, at most, until each cell gives what it takes, relative.
 _BALANCING, _BALANCED = 40, 1e-4
+#: Each of two lenses sees so far beyond its half of the sphere.
+_OVERLAP_DEG = 5.0
 #: Shares of red, green and blue light in a fringe, against blue: what is out of focus most.
 _FRINGE = (0.5, 0.0, 1.0)
 _PURPOSE_DIRT, _PURPOSE_DROPS = 101, 102  # of random numbers
@@ -107,10 +109,8 @@ class DefectiveLens:
             self._drops = covered.astype(np.float32)[..., None]
         self._veil: _Veil | None = None
         if defects.glare or defects.drops:
-            owner = lens.owner(*size_px)
-            if lens.is_equirect:  # two lenses, one ahead and one behind, made such pictures
-                owner = (directions[..., 2] > 0).astype(np.intp)
-            self._veil = _Veil(directions, weight, owner, lens.is_whole, defects.glare_deg)
+            shares = _shares(lens, directions)
+            self._veil = _Veil(directions, weight, shares, lens.is_whole, defects.glare_deg)
 
     def through(self, radiance: Radiance) -> Radiance:
         """What (H, W, 3) reaches the sensor of what would through a perfect lens."""
@@ -165,21 +165,21 @@ class _Veil:
         self,
         directions: Array,
         weight: Radiance,
-        owner: NDArray[np.intp],
+        shares: Radiance,
         wraps: bool,
         width_deg: float,
     ) -> None:
-        """`weight` (H, W, 1): of each pixel's light in the sum; `owner` (H, W): lens of each."""
-        height, width = owner.shape
+        """`weight` (H, W, 1): of each pixel's light in the sum; `shares` (H, W, lenses)."""
+        height, width, lenses = shares.shape
         self._size_px, self._weight, self._wraps = (width, height), weight, wraps
         self._cells = _CELLS, max(round(_CELLS * height / width), 1)
         self._cell_weight = self._in_cells(weight)
         n = self._cells[0] * self._cells[1]
         mean = self._in_cells(directions.astype(np.float32) * weight).reshape(n, 3)
         mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-9)
-        of = (self._in_cells(owner.astype(np.float32)) > 0.5).ravel()
+        of = self._in_cells(shares).reshape(n, lenses).astype(np.float64)
         w = self._cell_weight.reshape(n).astype(np.float64)
-        same = (of[:, None] == of[None, :]).astype(np.float64)
+        same = of @ of.T
         angle_deg = np.degrees(np.arccos(np.clip(mean @ mean.T, -1, 1)))
         around = same * (1 + (angle_deg / width_deg) ** 2) ** -1.5
         kernel = 0.5 * _balanced(same, w) + 0.5 * _balanced(around, w)
@@ -206,6 +206,17 @@ class _Veil:
         width, height = self._size_px
         whole = cv2.resize(padded, (2 * width, height), interpolation=cv2.INTER_LINEAR)
         return np.asarray(whole[:, width // 2 : width // 2 + width])
+
+
+def _shares(lens: Camera, directions: Array) -> Radiance:
+    """Shares (H, W, lenses) of each lens in the pixels."""
+    if not lens.is_equirect:
+        owner = lens.owner(directions.shape[1], directions.shape[0])
+        return np.eye(len(lens.lenses), dtype=np.float32)[owner]
+    # Two lenses, one ahead and one behind, made such pictures; both see what is between them.
+    behind_deg = np.degrees(np.arcsin(np.clip(directions[..., 2], -1, 1)))
+    behind = np.clip(0.5 + behind_deg / (2 * _OVERLAP_DEG), 0, 1)
+    return np.stack([1 - behind, behind], axis=-1).astype(np.float32)
 
 
 def _balanced(kernel: Array, weight: Array) -> Array:
