@@ -7,7 +7,7 @@ a figure. While you work on the daemon, one scene at two rates takes half a minu
 
 --defects gives the camera and its lens what cheap ones have (defects.py), and prints one table:
 
-    build/venv/bin/python tests/accuracy/live.py --scene room procedural:4 --rates 0,30 \
+    build/venv/bin/python tests/accuracy/live.py --scene room procedural:1 --rates 0,30 \
         --size 960x480 --exposures reported --defects all
 """
 
