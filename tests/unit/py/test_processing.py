@@ -12,6 +12,8 @@ from lightprobe.errors import UsageError
 from lightprobe.imaging import camera as lenses
 from lightprobe.sim import response as responses
 from lightprobe.sim.camera import Shot, SimulatedCamera
+from lightprobe.sim.lens_defects import LensDefects
+from lightprobe.sim.osc.camera import OscCamera
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.processing import (
     Developer,
@@ -269,6 +271,19 @@ def test_none_of_it_changes_no_byte() -> None:
         plain = SimulatedCamera(made.world, lenses.equirect(), SIZE, rate_hz=10, **more)
         for n, shot in enumerate(shots(3)):
             assert made.frame(n, shot) == plain.frame(n, shot)
+
+
+def test_a_theta_on_the_network_does_it_too() -> None:
+    world = World([random_scene(3).scaled(20.0)], Behaviour(act_s=0))
+    found = [
+        OscCamera(world, processing=processing, lens_defects=defects)._optics(SIZE, 10.0)
+        for processing, defects in (
+            (None, None),
+            (Processing(sharpen=0.7), None),
+            (None, LensDefects(glare=0.1)),
+        )
+    ]
+    assert len({made.frame(0, Shot(10000)) for made in found}) == 3
 
 
 def test_it_comes_and_goes_and_no_picture_is_kept_that_it_changes() -> None:
