@@ -4,6 +4,11 @@ A daemon before a simulated camera in simulated time (lightprobe.sim.live), so t
 a figure. While you work on the daemon, one scene at two rates takes half a minute:
 
     build/venv/bin/python tests/accuracy/live.py --scene lobby --rates 0,100 --json
+
+--defects gives the camera and its lens what cheap ones have (defects.py), and prints one table:
+
+    build/venv/bin/python tests/accuracy/live.py --scene room procedural:1 --rates 0,30 \
+        --size 960x480 --exposures reported --defects all
 """
 
 from __future__ import annotations
@@ -20,6 +25,8 @@ import matplotlib.pyplot as plt
 import motions
 import numpy as np
 import recording
+from defects import DEFECTS, defect_rows
+from defects import HEAD as DEFECTS_HEAD
 from judge import Coverage, Figures, Light, Packet, judge
 from lightprobe import geometry
 from lightprobe.errors import LightprobeError
@@ -105,6 +112,7 @@ class Live:
     figures: Figures
     orientation: str = "visual"
     ring: bool = False
+    defects: str = "none"
     in_world: float | None = None  # share of the packets; None: nobody asked for it
     off_deg: float | None = None  # of what they state as their orientation, 95 % of them
     sigma_deg: float | None = None  # that they state, median
@@ -157,6 +165,7 @@ def judged(case: Case) -> list[Live]:
                 judge(light_at, some, run.judged_s, bounds_count=not run.ring),
                 run.orientation,
                 run.ring,
+                run.defects,
                 **(told(some, recorded.world) if asked else {}),
                 scale=scale,
             )
@@ -412,12 +421,16 @@ def main() -> None:
     )  # fmt: skip
     parser.add_argument("--size", type=size_px, default=SIZE_PX, metavar="WxH",
         help="of the camera's pictures, pixels (default {}x{})".format(*SIZE_PX))  # fmt: skip
+    parser.add_argument("--defects", type=listed([*DEFECTS, "all"], "defects"), default=["none"],
+        metavar="DEFECT,…",
+        help=f"of the camera and its lens: all, or of {','.join(DEFECTS)}")  # fmt: skip
     add_options(parser, SCENES)
     options = parser.parse_args()
     use_daemon(options.daemon)
     todo = [
         one
         for orientation in options.orientation
+        for name in (DEFECTS if "all" in options.defects else options.defects)
         for one in cases(
             options.scene,
             options.troubles or options.rates,
@@ -428,11 +441,15 @@ def main() -> None:
             size_px=options.size,
             orientation=orientation,
             ring=options.ring,
+            defects=name,
         )
     ]
     found = all_figures(todo, options.processes)
     if options.json:
         print(to_json(found))
+        return
+    if options.defects != ["none"]:
+        print(markdown(DEFECTS_HEAD, defect_rows(found)))
         return
     print(markdown(HEAD, rows(found)), markdown(COVERAGE_HEAD, coverage_rows(found)), sep="\n\n")
     if options.orientation != ["visual"]:

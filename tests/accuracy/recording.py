@@ -17,20 +17,24 @@ from typing import Any, TypeVar
 
 import cv2
 import numpy as np
+from defects import DEFECTS
 from judge import Packet
 from lightprobe.errors import LightprobeError, UsageError
 from lightprobe.estimate import Estimate, Frame
 from lightprobe.geometry import Array
 from lightprobe.imaging import camera as lenses
 from lightprobe.imaging.image import HDR_SUFFIXES
+from lightprobe.sim import response as responses
 from lightprobe.sim import scenes
 from lightprobe.sim.camera import SimulatedCamera
 from lightprobe.sim.clock import START_NS
 from lightprobe.sim.faults import Faults
 from lightprobe.sim.head import Habits, Head, true_turn
 from lightprobe.sim.illuminance import RingLight
+from lightprobe.sim.lens_defects import LensDefects
 from lightprobe.sim.live import LiveProbe
 from lightprobe.sim.live_ring import LiveRing
+from lightprobe.sim.processing import Processing
 from lightprobe.sim.scene import PanoramaScene, Scene
 from lightprobe.sim.world import Behaviour, World
 from lightprobe.wire import Subscription
@@ -138,6 +142,7 @@ class Run:
     orientation: str = "visual"
     ring: bool = False  # with a ring of light sensors, calibrated to 3 %, beside the camera
     pair: Pair | None = None  # two modules, of the size that their files state
+    defects: str = "none"  # of DEFECTS; of one camera, not of a pair
     levels: tuple[float, ...] = (1.0,)  # of all light, in turns, behaviour.act_s each
 
     @property
@@ -168,12 +173,16 @@ class Recording:
 def cameras(run: Run, world: World) -> list[SimulatedCamera]:
     """Give the camera of a run, or its two modules."""
     if run.pair is None:
-        lens = lenses.load("equirect")
+        lens, defects = lenses.load("equirect"), DEFECTS[run.defects]
         return [
             SimulatedCamera(
-                world, lens, run.size_px, rate_hz=run.rate_hz, row_time_us=run.row_time_us
+                world, lens, run.size_px, rate_hz=run.rate_hz, row_time_us=run.row_time_us,
+                quality=defects.quality,
+                response=None if defects.response is None else responses.parse(defects.response),
+                processing=Processing().merged(defects.processing),
+                lens_defects=LensDefects().merged(defects.lens_defects),
             )
-        ]
+        ]  # fmt: skip
     found = []
     for number, path in enumerate(MODULES):
         lens = lenses.load(str(path))

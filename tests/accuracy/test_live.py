@@ -7,6 +7,8 @@ import live
 import numpy as np
 import pytest
 import recording
+from defects import DEFECTS, defect_rows
+from defects import HEAD as DEFECTS_HEAD
 from judge import Coverage, Light, Packet
 from lightprobe import geometry, sh
 from lightprobe.colour import luminance
@@ -15,7 +17,7 @@ from lightprobe.estimate import Light as Listed
 from lightprobe.evaluate.metrics import stated_error
 from lightprobe.imaging import camera as lenses
 from lightprobe.sim import scenes
-from lightprobe.sim.camera import SimulatedCamera
+from lightprobe.sim.camera import Shot, SimulatedCamera
 from lightprobe.sim.live import LiveProbe
 from lightprobe.sim.motion import turned, way_deg
 from lightprobe.sim.procedural import random_scene
@@ -277,6 +279,41 @@ def test_troubles_are_told_by_name() -> None:
     assert live.cases(["procedural:1"], ["walk"]) == []
     both = live.case(Room(), "ignored", "reported", faults="drop=0.5").run.faults
     assert both == "ignore_exposure=1&drop=0.5"
+
+
+@pytest.fixture(scope="module")
+def plain_pictures() -> list[bytes]:
+    return pictures("none")
+
+
+def pictures(defects: str) -> list[bytes]:
+    """Of a run's camera, exposed in turns."""
+    scene = World([Room()], median_radiance=INDOORS).scenes[0]
+    run = recording.Run(scene, size_px=(960, 480), defects=defects)
+    (camera,) = recording.cameras(run, World([scene], run.behaviour))
+    return [camera.frame(n, Shot(33000.0 if n % 2 else 8000.0)) for n in range(3)]
+
+
+@pytest.mark.parametrize("name", [name for name in DEFECTS if name != "none"])
+def test_each_defect_shows_in_the_pictures_of_its_run(
+    name: str, plain_pictures: list[bytes]
+) -> None:
+    assert pictures(name)[1:] != plain_pictures[1:]
+
+
+def test_defects_are_told_in_one_table() -> None:
+    more = {"size_px": SMALL_PX, "judged_s": 1.0}
+    found = [
+        figures
+        for name in ("tone-curve", "none")
+        for case in live.cases(["room"], ["0"], ["reported"], defects=name, **more)
+        for figures in live.judged(case)
+    ]
+    plain, toned = defect_rows(found)
+    assert plain[:3] == ["no defect", "room", "0"]
+    assert toned[0] == DEFECTS["tone-curve"].words
+    assert float(toned[3]) > float(plain[3]) + 0.1
+    assert len(plain) == len(toned) == len(DEFECTS_HEAD)
 
 
 @pytest.mark.nightly

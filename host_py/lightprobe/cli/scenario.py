@@ -1,15 +1,18 @@
 """A file with options of a command that has many: `lightprobe simulate --scenario FILE`.
 
-TOML; each key is an option (`turn_deg_s` is `--turn-deg-s`), in tables or not. What stands on the
-command line counts before what the file says.
+TOML; each key is an option (`turn_deg_s` is `--turn-deg-s`), in tables or not. An option that has
+names of its own (`--processing sharpen=0.7`) may be a table of them. What stands on the command
+line counts before what the file says.
 """
 
 from __future__ import annotations
 
 import tomllib
 from collections.abc import Collection
+from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
+from urllib.parse import urlencode
 
 import typer
 
@@ -17,6 +20,8 @@ from lightprobe.errors import UsageError
 
 #: Options that are about this run, and not about what is simulated.
 _NOT_IN_FILES = {"scenario", "help", "json"}
+#: How --help writes the value of an option that has names of its own.
+NAMED = "K=V&…"
 
 
 def keys(command: Any) -> dict[str, Any]:
@@ -45,7 +50,7 @@ def read(context: typer.Context, path: Path | None) -> Path | None:
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise _refusal(context, f"{path}: {reason}") from None
-    values = dict(_flat(table))
+    values = dict(_flat(table, known))
     for key in values:
         if key not in known:
             raise _refusal(context, f"{path}: {key}: no such key: see --help-scenario")
@@ -66,12 +71,19 @@ def show(context: typer.Context, wanted: bool) -> None:
 
 def template(command: Any, path: str) -> str:
     """Give a file with every key, commented out, as it is by default."""
+    tables = _tables()
     lines = [
         f"# A scenario: save it, change it, {path} --scenario FILE.",
         "# A key is an option, too: act_s is --act-s, which counts before the file.",
     ]
-    for key, option in keys(command).items():
-        lines += ["", f"# {option.help}", f"#{key} = {_toml(option.default)}"]
+    known = keys(command)
+    for key, option in known.items():
+        if key not in tables:
+            lines += ["", f"# {option.help}", f"#{key} = {_toml(option.default)}"]
+    for key in sorted(known.keys() & tables.keys()):
+        lines += ["", f"# {known[key].help}", f"#[{key}]"]
+        for name, (default, means) in tables[key].items():
+            lines += [f"# {means}", f"#{name} = {_toml(default)}"]
     return "\n".join(lines)
 
 
@@ -80,12 +92,28 @@ def _refusal(context: typer.Context, reason: str) -> UsageError:
     return UsageError(f"{name}: --scenario {reason}")
 
 
-def _flat(table: dict[str, Any]) -> Any:
-    for key, value in table.items():
-        if isinstance(value, dict):
-            yield from _flat(value)
+def _tables() -> dict[str, dict[str, tuple[float, str]]]:
+    """Options that are printed as tables: each name in them, its default and what it means."""
+    from lightprobe.sim.lens_defects import LensDefects
+    from lightprobe.sim.processing import Processing
+
+    kinds: dict[str, Any] = {"processing": Processing, "lens_defects": LensDefects}
+    return {
+        key: {one.name: (cast(float, one.default), one.metadata["means"]) for one in fields(kind)}
+        for key, kind in kinds.items()
+    }
+
+
+def _flat(table: dict[str, Any], known: dict[str, Any]) -> Any:
+    """Give keys and values, of tables too; a table of an option's own names becomes its value."""
+    for name, value in table.items():
+        key = name.replace("-", "_")
+        if not isinstance(value, dict):
+            yield key, value
+        elif key in known and known[key].metavar == NAMED:
+            yield key, urlencode({one.replace("-", "_"): value[one] for one in value})
         else:
-            yield key.replace("-", "_"), value
+            yield from _flat(value, known)
 
 
 def _text(value: Any, option: Any) -> Any:

@@ -29,7 +29,9 @@ from lightprobe.sim.flicker import WAVES, Flicker
 from lightprobe.sim.formats import FORMATS
 from lightprobe.sim.headset import Headset, HeadsetLog
 from lightprobe.sim.illuminance import RingLight
+from lightprobe.sim.lens_defects import LensDefects
 from lightprobe.sim.link import Exposure, Link, Surroundings
+from lightprobe.sim.processing import Processing
 from lightprobe.sim.sensor import CHROMA, FULL_WELL_E, READ_NOISE_E, SensorModel
 from lightprobe.sim.surroundings import FixedPolarizer, WheelAndRing, draw_ring
 from lightprobe.sim.truth import TruthServer
@@ -326,8 +328,23 @@ def command(
     faults: Annotated[
         str,
         typer.Option(
-            metavar="K=V&…",
+            metavar=scenario.NAMED,
             help="What goes wrong with camera, wheel, ring and line: see --help-faults.",
+        ),
+    ] = "",
+    processing: Annotated[
+        str,
+        typer.Option(
+            metavar=scenario.NAMED,
+            help="What the camera does to its pictures, as sharpen=0.7&tone_ev=1: see "
+            "--help-scenario.",
+        ),
+    ] = "",
+    lens_defects: Annotated[
+        str,
+        typer.Option(
+            metavar=scenario.NAMED,
+            help="What its lens does to light, as glare=0.02&drops=3: see --help-scenario.",
         ),
     ] = "",
     scenario_file: Annotated[
@@ -439,13 +456,16 @@ def command(
         simulate_path.read(motion, chosen, firmware != "none"),
     )  # fmt: skip
     world = World(chosen, behaviour, median_radiance or None)
+    after = Processing().merged(processing)
+    before = LensDefects().merged(lens_defects)
     if osc is not None:
         cv2.setNumThreads(1)
         simulate_osc.serve(
             world, osc_model, (osc_host, osc), osc_password_file, faults=faults, seconds=seconds,
             delay_frames=delay_frames, seed=seed, quality=quality, chroma=chroma,
             sensor=SensorModel(full_well_e, read_noise_e), response=curve, truth=truth,
-            control=control, as_json=as_json, kept=keep_pictures,
+            control=control, as_json=as_json, kept=keep_pictures, processing=after,
+            lens_defects=before,
         )  # fmt: skip
         return
     simulated = SimulatedCamera(
@@ -454,6 +474,7 @@ def command(
         model=SensorModel(full_well_e, read_noise_e), sheet=sheet,
         stack_deg=stack_deg if len(stack_deg) > 1 else (),
         response=curve, limits=limits, row_time_us=row_time_us, kept=keep_pictures,
+        processing=after, lens_defects=before,
     )  # fmt: skip
     fixed = None if exposure_us is None else Shot(exposure_us)
     exposure = Exposure(simulated, bracket, fixed, delay_frames)

@@ -15,6 +15,8 @@ from lightprobe.imaging.camera import Camera
 from lightprobe.imaging.film import Sheet
 from lightprobe.sim.exposure import ExposureLimits, bracket_us, median_luminance
 from lightprobe.sim.formats import encode
+from lightprobe.sim.lens_defects import DefectiveLens, LensDefects
+from lightprobe.sim.processing import Developer, Processing
 from lightprobe.sim.rays import rolled
 from lightprobe.sim.sensor import Expected, Sensor, SensorModel
 from lightprobe.sim.view import View
@@ -70,6 +72,8 @@ class SimulatedCamera:
         phase_s: float = 0.0,
         white_balance: tuple[float, float, float] = (1.0, 1.0, 1.0),
         kept: int = 0,
+        processing: Processing | None = None,
+        lens_defects: LensDefects | None = None,
     ) -> None:
         """`size_px` (width, height), both even for YUYV and NV12; `sheet`: of a polarizer;
         `stack_deg`: several of them one behind the other, the outermost first, instead of a wheel.
@@ -81,6 +85,8 @@ class SimulatedCamera:
         `white_balance`: factors of R, G, B; 1: as D65 lights a white wall.
         `kept`: while nothing changes, so many pictures come again and again, noise and all, and are
         drawn and encoded only once: for rates that this machine is too slow for; 0: all are new.
+        `processing`: what the camera does to its pictures; then none are kept.
+        `lens_defects`: what its lens does.
         """
         self.world, self.lens, self.size_px = world, lens, size_px
         self.rate_hz, self.pixel_format = rate_hz, pixel_format
@@ -97,7 +103,17 @@ class SimulatedCamera:
         self.sheet = sheet
         self._hand: NDArray[np.float32] | None = None  # (H, W, 1): share of each pixel covered
         self.white_balance = white_balance
-        self._view = View(world, lens, size_px, sheet, stack_deg)
+        self._developer: Developer | None = None
+        if processing is not None and not processing.is_none:
+            self._developer = Developer(
+                processing, self.sensor, lens, pixel_format, quality, chroma
+            )
+        self._lens_defects: DefectiveLens | None = None
+        if lens_defects is not None and not lens_defects.is_perfect:
+            self._lens_defects = DefectiveLens(lens_defects, lens, size_px, seed)
+        self._view = View(
+            world, lens, size_px, sheet, stack_deg, seen_turned=self._lens_defects is not None
+        )
         self._medians: dict[int, float] = {}
         self._signals: OrderedDict[Hashable, Expected] = OrderedDict()
         self._kept, self._pictures = kept, OrderedDict[Hashable, bytes]()
@@ -156,22 +172,42 @@ class SimulatedCamera:
             radiance = self._view.turned(self._view.radiance(state, wheel_deg, rows), state, rows)
             if state.is_covered:
                 radiance = self._behind_a_hand(radiance)
+            radiance = self._through_defects(radiance, state)
             if self.pixel_format == "RGBF":
                 return radiance.tobytes()
-            radiance = self._balanced(radiance)
-            codes = self.sensor.capture(radiance, shot.exposure_us, number, shot.gain)
-            return encode(codes, self.pixel_format, self.quality, self.chroma)
-        key = (self._view.key(state, wheel_deg, rows), shot, self.white_balance)
+            signal = self.sensor.expect(self._balanced(radiance), shot.exposure_us, shot.gain)
+            return self._developed(signal, number, shot, 0, state)
+        key = self._key(state, shot, wheel_deg, rows)
         turn_px = self._view.turn_px(state)
-        which = (key, turn_px, number % self._kept) if self._kept and rows is None else None
+        keeps = self._kept and rows is None and self._developer is None
+        which = (key, turn_px, number % self._kept) if keeps else None
         picture = self._pictures.get(which)
         if picture is None:
             signal = self._signal(key, state, shot, wheel_deg, rows)
-            codes = self.sensor.develop(signal, number, shot.gain, turn_px)
-            picture = encode(codes, self.pixel_format, self.quality, self.chroma)
+            torn = self._developer.torn_from(shot, state.t_s) if self._developer else None
+            if torn is not None:
+                first, count = torn
+                first_key = self._key(state, first, wheel_deg, rows)
+                above = self._signal(first_key, state, first, wheel_deg, rows)
+                signal = np.concatenate([above[:count], signal[count:]])
+            picture = self._developed(signal, number, shot, turn_px, state)
         if which is not None:
             self._keep(which, picture)
         return picture
+
+    def _developed(
+        self, signal: Expected, number: int, shot: Shot, turn_px: int, state: State
+    ) -> bytes:
+        if self._developer is not None:
+            return self._developer.picture(signal, number, shot, turn_px, state.t_s)
+        codes = self.sensor.develop(signal, number, shot.gain, turn_px)
+        return encode(codes, self.pixel_format, self.quality, self.chroma)
+
+    def _through_defects(self, radiance: NDArray[np.float32], state: State) -> NDArray[np.float32]:
+        """What reaches the sensor of a turned picture (H, W, 3)."""
+        if self._lens_defects is None or not self._lens_defects.defects.is_on(state.t_s):
+            return radiance
+        return self._lens_defects.through(radiance)
 
     def _keep(self, which: Hashable, picture: bytes) -> None:
         self._pictures[which] = picture
@@ -206,6 +242,14 @@ class SimulatedCamera:
             return radiance
         return radiance * np.asarray(self.white_balance, np.float32)
 
+    def _key(
+        self, state: State, shot: Shot, wheel_deg: tuple[float, ...], rows: Rows | None
+    ) -> Hashable:
+        """All that shapes :meth:`_signal`."""
+        defects = self._lens_defects
+        is_on = defects is not None and defects.defects.is_on(state.t_s)
+        return (self._view.key(state, wheel_deg, rows), shot, self.white_balance, is_on)
+
     def _signal(
         self,
         key: Hashable,
@@ -220,7 +264,8 @@ class SimulatedCamera:
         """
         signal = self._signals.get(key)
         if signal is None:
-            radiance = self._balanced(self._view.radiance(state, wheel_deg, rows))
+            radiance = self._through_defects(self._view.radiance(state, wheel_deg, rows), state)
+            radiance = self._balanced(radiance)
             signal = self.sensor.expect(radiance, shot.exposure_us, shot.gain)
             self._signals[key] = signal
             if len(self._signals) > _CACHED:

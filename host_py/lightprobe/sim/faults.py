@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Self, TypeVar, cast
+from typing import Any, ClassVar, Self, TypeVar, cast
 from urllib.parse import parse_qsl, urlencode
 
 import numpy as np
@@ -20,8 +20,37 @@ def fault(healthy: Number, means: str, low: float = 0, high: float = math.inf) -
     return field(default=healthy, metadata={"means": means, "range": (low, high)})
 
 
+class Knobs:
+    """Numbers by name (:func:`fault`), as a query string gives them."""
+
+    _what: ClassVar[str] = "faults"  # that errors speak of
+
+    def merged(self, query: str) -> Self:
+        """Give these with those of a query string put in; UsageError for an unknown one."""
+        known = {one.name: one for one in fields(cast(Any, self))}
+        changes = {}
+        for key, text in parse_qsl(query, keep_blank_values=True):
+            if key not in known:
+                raise UsageError(
+                    f"{self._what}: unknown option {key}: known are {', '.join(known)}"
+                )
+            whole = known[key].type == "int"
+            low, high = known[key].metadata["range"]
+            try:
+                value = int(text) if whole else float(text)
+            except ValueError:
+                value = math.nan
+            if not (low <= value <= high and math.isfinite(value)):
+                kind = "a whole number" if whole else "a number"
+                raise UsageError(
+                    f"{self._what}: {key}={text}: expected {kind}, {limits(low, high)}"
+                )
+            changes[key] = value
+        return cast(Self, replace(cast(Any, self), **changes))
+
+
 @dataclass(frozen=True)
-class PictureFaults:
+class PictureFaults(Knobs):
     """What goes wrong with the pictures of every simulated camera."""
 
     late_ms: float = fault(0.0, "every frame arrives this late")
@@ -37,25 +66,6 @@ class PictureFaults:
     delay_frames: int = fault(
         -1, "frames from exposure command to effect; -1: as the camera is", -1, 100
     )
-
-    def merged(self, query: str) -> Self:
-        """Give these faults with those of a query string put in; UsageError for an unknown one."""
-        known = {one.name: one for one in fields(self)}
-        changes = {}
-        for key, text in parse_qsl(query, keep_blank_values=True):
-            if key not in known:
-                raise UsageError(f"faults: unknown option {key}: known are {', '.join(known)}")
-            whole = known[key].type == "int"
-            low, high = known[key].metadata["range"]
-            try:
-                value = int(text) if whole else float(text)
-            except ValueError:
-                value = math.nan
-            if not (low <= value <= high and math.isfinite(value)):
-                kind = "a whole number" if whole else "a number"
-                raise UsageError(f"faults: {key}={text}: expected {kind}, {limits(low, high)}")
-            changes[key] = value
-        return replace(self, **changes)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
@@ -156,7 +166,7 @@ def limits(low: float, high: float) -> str:
     return f"{low:g}…{high:g}" if math.isfinite(high) else f"{low:g} or more"
 
 
-def rows(kind: type[PictureFaults] = Faults) -> Iterator[tuple[str, str, str]]:
+def rows(kind: type[Knobs] = Faults) -> Iterator[tuple[str, str, str]]:
     """Each fault of a kind of camera: healthy value, what it may be, what it does."""
     for one in fields(cast(Any, kind)):
         yield f"{one.name}={one.default:g}", limits(*one.metadata["range"]), one.metadata["means"]

@@ -11,19 +11,24 @@ from lightprobe.errors import UsageError
 from lightprobe.geometry import Array
 from lightprobe.imaging.camera import read_table
 
-HELP = "srgb, gamma:G[,G,G], log:STOPS, film, or a FILE of 256 rows r g b"
+HELP = "srgb, srgb:POWER, gamma:G[,G,G], log:STOPS, film, or a FILE of 256 rows r g b"
 _CODES = np.arange(256) / 255
 
 
 def parse(text: str) -> Array:
     """Read a response by name; raises UsageError, or CameraError for a bad file.
 
-    gamma: light = code^G. log: equal steps of code for equal ratios of light, over so many stops.
-    film: toe and shoulder, another gamma for each channel.
+    srgb:POWER: the light that sRGB says, to this power. gamma: light = code^G. log: equal steps
+    of code for equal ratios of light, over so many stops. film: toe and shoulder, another
+    gamma for each channel.
     """
     name, _, rest = text.partition(":")
     if text == "srgb":
         return np.repeat(srgb_table()[:, None], 3, 1)
+    if name == "srgb":
+        powers = _numbers(text, rest, 0.5, 2.0)
+        if len(powers) == 1:
+            return np.repeat(srgb_table()[:, None] ** powers[0], 3, 1)
     if text == "film":
         return np.stack([_film(gamma) for gamma in (0.55, 0.5, 0.45)], axis=1)
     if name == "gamma":
@@ -35,7 +40,7 @@ def parse(text: str) -> Array:
         if len(stops) == 1:
             curve = (2 ** (stops[0] * _CODES) - 1) / (2 ** stops[0] - 1)
             return np.repeat(curve[:, None], 3, 1)
-    if name in ("gamma", "log") or not Path(text).exists():
+    if name in ("srgb", "gamma", "log") or not Path(text).exists():
         raise UsageError(f"simulate: --response {text}: expected {HELP}")
     return read_table(Path(text))
 

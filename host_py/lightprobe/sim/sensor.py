@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from lightprobe.colour import srgb_table
 from lightprobe.geometry import Array
 
+Value = TypeVar("Value", np.uint8, np.float32)
 Codes = NDArray[np.uint8]
 Expected = NDArray[np.int16]
 
@@ -61,6 +63,7 @@ class Sensor:
         self.seed = seed
         self._noise = _noise_field(width_px, height_px, seed)
         self._tables: dict[float, NDArray[np.uint8]] = {}
+        self._response_codes: NDArray[np.uint8] | None = None
 
     def expect(
         self, radiance: NDArray[np.float32], exposure_us: float, gain: float = 1.0
@@ -81,12 +84,41 @@ class Sensor:
 
     def develop(self, expected: Expected, frame: int, gain: float = 1.0, turn_px: int = 0) -> Codes:
         """One noisy 8-bit RGB frame (H, W, 3); `turn_px` rolls the picture to the right."""
+        return self._look_up(expected, frame, turn_px, self._table(gain))
+
+    def linear(
+        self,
+        expected: Expected,
+        frame: int,
+        gain: float = 1.0,
+        turn_px: int = 0,
+        balance: tuple[float, float, float] = (1.0, 1.0, 1.0),
+    ) -> NDArray[np.float32]:
+        """Give the same frame before the response: linear light (H, W, 3), full scale = 1.
+
+        `balance`: factors of R, G, B, before full scale cuts off. :meth:`respond` goes on.
+        """
+        table = np.stack([self._linear_table(gain, factor) for factor in balance], axis=-1)
+        return self._look_up(expected, frame, turn_px, table.astype(np.float32)[None])
+
+    def respond(self, linear: NDArray[np.float32]) -> Codes:
+        """Codes (H, W, 3) of linear light, full scale = 1."""
+        if self._response_codes is None:
+            steps = np.linspace(0, 1, 65536)
+            self._response_codes = self._codes(steps)[None]
+        levels = np.rint(np.clip(linear, 0, 1) * np.float32(65535)).astype(np.uint16)
+        return np.asarray(cv2.LUT(levels, self._response_codes), dtype=np.uint8)
+
+    def _look_up(
+        self, expected: Expected, frame: int, turn_px: int, table: NDArray[Value]
+    ) -> NDArray[Value]:
+        """Add a frame's noise and look the sum up in a table (1, 65536, 1 or 3)."""
         height, width, _ = expected.shape
         y, x = np.random.default_rng([self.seed, frame]).integers(0, _MARGIN_PX, 2)
         noise = self._noise[y : y + height, x : x + width]
         turn_px %= width
         cut = width - turn_px  # columns up to here go to the right part
-        table, codes = self._table(gain), np.empty(expected.shape, np.uint8)
+        codes = np.empty(expected.shape, table.dtype)
         channels = table.shape[-1]
         for top in range(0, height, _ROWS):
             signal, random = expected[top : top + _ROWS], noise[top : top + _ROWS]
@@ -113,19 +145,25 @@ class Sensor:
         (1, 65536, 1) where all colours have the same response: a picture is looked up sooner.
         """
         if gain not in self._tables:
-            model = self.model
-            v = np.arange(65536, dtype=np.uint16).view(np.int16) / _STEPS_PER_SIGMA
-            # E[(v + n)²]/4 = S + σ² + ¼ for noise of sigma 1; below v = 0 there is no signal.
-            electrons = np.maximum(v, 0) ** 2 / 4 - model.read_noise_e**2 - 0.25
-            levels = 2**model.adc_bits - 1
-            linear = np.clip(electrons * gain / model.full_well_e, 0, 1)
-            linear = np.rint(linear * levels) / levels
-            response = self._response
-            alike = np.all(response == response[:, :1])
-            kinds = range(1 if alike else 3)
-            codes = [np.interp(linear, response[:, c], np.arange(256)) for c in kinds]
-            self._tables[gain] = np.rint(np.stack(codes, axis=-1)).astype(np.uint8)[None]
+            self._tables[gain] = self._codes(self._linear_table(gain))[None]
         return self._tables[gain]
+
+    def _linear_table(self, gain: float, factor: float = 1.0) -> Array:
+        """Linear light (65536,) of the stabilised domain: white balance, saturation, ADC."""
+        model = self.model
+        v = np.arange(65536, dtype=np.uint16).view(np.int16) / _STEPS_PER_SIGMA
+        # E[(v + n)²]/4 = S + σ² + ¼ for noise of sigma 1; below v = 0 there is no signal.
+        electrons = np.maximum(v, 0) ** 2 / 4 - model.read_noise_e**2 - 0.25
+        levels = 2**model.adc_bits - 1
+        linear = np.clip(electrons * gain * factor / model.full_well_e, 0, 1)
+        return np.asarray(np.rint(linear * levels) / levels)
+
+    def _codes(self, linear: Array) -> Codes:
+        """Codes (N, 3) of linear light (N,); (N, 1) where all colours respond alike."""
+        response = self._response
+        kinds = range(1 if np.all(response == response[:, :1]) else 3)
+        codes = [np.interp(linear, response[:, c], np.arange(256)) for c in kinds]
+        return np.rint(np.stack(codes, axis=-1)).astype(np.uint8)
 
 
 @lru_cache(maxsize=3)

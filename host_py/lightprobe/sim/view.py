@@ -41,9 +41,14 @@ class View:
         size_px: tuple[int, int],
         sheet: Sheet | None = None,
         stack_deg: Sequence[float] = (),
+        seen_turned: bool = False,
     ) -> None:
-        """`size_px` (width, height); `sheet`, `stack_deg`: as of :class:`SimulatedCamera`."""
+        """`size_px` (width, height); `sheet`, `stack_deg`: as of :class:`SimulatedCamera`.
+
+        `seen_turned`: what comes after it wants pictures turned.
+        """
         self._world, self._size_px, self._sheet = world, size_px, sheet
+        self._seen_turned = seen_turned
         # Equirectangular pictures that turn about the vertical alone turn by whole pixels. When
         # they tilt, too, they are looked up in a map like them: a point of light is then seen by as
         # many pixels wherever it comes to lie. Lenses look into a map finer than the picture.
@@ -141,8 +146,11 @@ class View:
         return self._rays is None
 
     def turns_first(self, state: State) -> bool:
-        """Tell whether :meth:`radiance` is turned already: what the polarizer sees must be."""
-        return not self.rolls or self.through_film(state)
+        """Tell whether :meth:`radiance` is turned already.
+
+        What a film or a lens with defects sees must be.
+        """
+        return not self.rolls or self._seen_turned or self.through_film(state)
 
     def turn_px(self, state: State) -> int:
         """Columns by which what :meth:`radiance` gave is to be rolled to the right."""
@@ -181,7 +189,7 @@ class View:
         """
         smear_px, (whole, polarized) = self.smear_px(state), composed
         radiance = smeared(whole, smear_px)
-        if not self.through_film(state):
+        if not self.turns_first(state):
             return radiance, None
         columns = self._columns(state, rows)
         parts = None

@@ -1,12 +1,18 @@
 """A file of options: `lightprobe simulate --scenario FILE`."""
 
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import pytest
 from lightprobe.cli import scenario
+from lightprobe.cli import simulate as commands
 from lightprobe.cli.main import SIMULATE, Root
+from lightprobe.colour import srgb_table
 from lightprobe.errors import UsageError
+from lightprobe.sim.faults import Faults
+from lightprobe.sim.lens_defects import LensDefects
+from lightprobe.sim.processing import Processing
 
 
 def simulate() -> Any:
@@ -48,7 +54,76 @@ def test_the_printed_file_says_what_no_file_says(tmp_path: Path) -> None:
     file.write_text("\n".join(line.removeprefix("#") for line in text.splitlines()
                               if not line.startswith("# ") and '""' not in line))  # fmt: skip
     assert file.read_text().count("=") > 40
-    assert values("--scenario", file) | {"scenario_file": None} == values()
+    found, plain = values("--scenario", file), values()
+    for key, kind in (("processing", Processing), ("lens_defects", LensDefects)):
+        assert found[key].count("=") == len(fields(kind))
+        assert kind().merged(found.pop(key)) == kind().merged(plain.pop(key)) == kind()
+    assert found | {"scenario_file": None} == plain
+
+
+def test_an_option_with_names_of_its_own_may_be_a_table(tmp_path: Path) -> None:
+    file = tmp_path / "cheap.toml"
+    file.write_text(
+        "[world]\nseed = 7\n[processing]\nsharpen = 0.7\ntone-ev = 1\n"
+        "[lens-defects]\nglare = 0.02\n[faults]\ndrop = 0.1\n"
+    )
+    found = values("--scenario", file)
+    assert found["seed"] == 7
+    assert Processing().merged(found["processing"]) == Processing(sharpen=0.7, tone_ev=1)
+    assert LensDefects().merged(found["lens_defects"]) == LensDefects(glare=0.02)
+    assert Faults().merged(found["faults"]) == Faults(drop=0.1)
+    by_option = values("--scenario", file, "--processing", "sharpen=0.2")
+    assert by_option["processing"] == "sharpen=0.2"
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--processing", "sharp=1"], "processing: unknown option sharp: known are exposure_tear"),
+        (["--lens-defects", "glare=3"], "lens defects: glare=3: expected a number"),
+        (["--processing", "tone_ev=1", "--format", "RGBF"], "processing: RGBF has no sensor"),
+    ],
+)
+def test_what_no_camera_does_is_refused(tmp_path: Path, words: list[str], says: str) -> None:
+    with pytest.raises(UsageError, match=says):
+        simulate().main(
+            ["--socket", str(tmp_path / "s"), "--size", "64x32", "--seconds", "0.1", *words],
+            standalone_mode=False,
+        )
+
+
+def test_the_command_makes_the_pictures_that_it_is_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[dict[str, Any]] = []
+    real = commands.SimulatedCamera
+
+    def camera(*positional: Any, **named: Any) -> Any:
+        made.append(named)
+        return real(*positional, **named)
+
+    monkeypatch.setattr(commands, "SimulatedCamera", camera)
+    words = [
+        "--processing",
+        "sharpen=0.7",
+        "--lens-defects",
+        "glare=0.1",
+        "--response",
+        "srgb:1.04",
+    ]
+    simulate().main(
+        ["--socket", str(tmp_path / "s"), "--size", "64x32", "--seconds", "0.05", *words],
+        standalone_mode=False,
+    )
+    assert made[0]["processing"] == Processing(sharpen=0.7)
+    assert made[0]["lens_defects"] == LensDefects(glare=0.1)
+    assert made[0]["response"][128] == pytest.approx(srgb_table()[128] ** 1.04)
+
+
+def test_the_page_names_each_of_them() -> None:
+    page = (Path(__file__).resolve().parents[3] / "docs/users/simulator.md").read_text()
+    for kind in (Processing, LensDefects):
+        assert [one.name for one in fields(kind) if f"`{one.name}`" not in page] == []
 
 
 @pytest.mark.parametrize(

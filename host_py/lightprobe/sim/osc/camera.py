@@ -21,11 +21,13 @@ from lightprobe.imaging import camera as lenses
 from lightprobe.sim.camera import Shot, SimulatedCamera
 from lightprobe.sim.exposure import ExposureLimits
 from lightprobe.sim.faults import spoil
+from lightprobe.sim.lens_defects import LensDefects
 from lightprobe.sim.link import Exposure, account
 from lightprobe.sim.osc import models
 from lightprobe.sim.osc.faults import OscFaults
 from lightprobe.sim.osc.options import MANUAL, NEVER, Options, RefusedError, Values
 from lightprobe.sim.osc.white_balance import Factors, automatic, factors_of
+from lightprobe.sim.processing import Processing
 from lightprobe.sim.sensor import SensorModel
 from lightprobe.sim.world import World
 
@@ -59,9 +61,12 @@ class OscCamera:
         response: Array | None = None,
         truth: TextIO | None = None,
         kept: int = 0,
+        processing: Processing | None = None,
+        lens_defects: LensDefects | None = None,
     ) -> None:
         """`model`: a key of models.MODELS. `truth` gets one JSON line per frame. `kept`: pictures
-        that are repeated while nothing changes, as :class:`SimulatedCamera` has it."""
+        that are repeated while nothing changes, as :class:`SimulatedCamera` has it; `processing`
+        and `lens_defects` too."""
         self.world, self.faults = world, faults or OscFaults()
         self.model = models.MODELS[model]
         if self.faults.old_firmware:
@@ -74,7 +79,8 @@ class OscCamera:
         self.commands = 0
         self._optics: Optics = functools.cache(self._make)
         self._about = {"quality": quality, "chroma": chroma, "seed": seed, "model": sensor,
-                       "response": response, "kept": kept}  # fmt: skip
+                       "response": response, "kept": kept, "processing": processing,
+                       "lens_defects": lens_defects}  # fmt: skip
         self._delay_frames, self._truth = delay_frames, truth
         self._chance = random.Random(seed)
         self._lock = threading.RLock()
