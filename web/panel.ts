@@ -128,7 +128,6 @@ export function show(probe: Probe, estimate: Estimate | undefined, truth: Estima
     figures["processor"] = `${number(health.cpuPercent)} %`;
   }
   if (hello) figures["source, preset"] = `${hello.source}, ${health?.preset ?? hello.preset}`;
-  if (hello?.processing.length) figures["camera alters the light"] = hello.processing.join(", ");
   drawFigures(figures);
   element("sh").textContent = (estimate?.sh.coefficients ?? []).reduce((text, value, i) => `${text}${value.toFixed(4).padStart(9)}${i % 3 === 2 ? "\n" : ""}`, "");
   const faults = (health?.faults ?? []).map(({ id, text }) => `${id}: ${text}`);

@@ -9,8 +9,11 @@ from http.server import BaseHTTPRequestHandler, HTTPServer
 
 import numpy as np
 import pytest
-from harness import Daemon
+from harness import Daemon, run
 from lightprobe import wire
+from lightprobe.calibrate import camera_file, exposure_series
+from lightprobe.cli import doctor, view
+from lightprobe.client import Client
 from lightprobe.estimate import EstimateFlag
 from lightprobe.evaluate.evaluation import reference
 from lightprobe.sim import scenes
@@ -324,6 +327,19 @@ def test_processing_is_switched_off_and_put_back(world):
         assert options(camera, *before) == before
 
 
+def assert_people_are_told(uri, words):
+    """By `lightprobe doctor`, with the next step, and by `lightprobe watch`."""
+    found = {finding.check: finding for finding in doctor.probe(uri, 60)}["processing"]
+    assert (found.verdict, found.detail) == ("warn", f"the camera alters the light: {words}")
+    assert "the log of lightprobed says why" in found.next_step
+    with Client(uri) as client:
+        client.receive(60)
+        console = view.console()
+        with console.capture() as capture:
+            console.print(view.dashboard(client, 1.0))
+        assert f"alters the light: {words}" in " ".join(capture.get().split())
+
+
 @pytest.mark.parametrize(
     ("faults", "words"),
     [("refuse_processing=1", "refused: the camera does not take this value"),
@@ -338,6 +354,7 @@ def test_processing_that_stays_on_is_told(world, faults, words):
             assert estimate.flags & EstimateFlag.EXPOSURE_UNKNOWN
             assert processing_of(daemon) == ["noise-reduction", "stabilization"]
             assert f"_filter Noise Reduction ({words}" in daemon.log()
+            assert_people_are_told(f"unix:{daemon.socket}", "noise-reduction, stabilization")
             assert "switch _filter off" in daemon.log()
         assert options(camera, "_filter") == {"_filter": "Noise Reduction"}
 
@@ -358,6 +375,33 @@ def test_processing_is_kept_on_request(world):
             assert "kept, as processing=keep says: _topBottomCorrection Apply" in daemon.log()
             assert camera.options.get("_topBottomCorrection") == "Apply"
         assert options(camera) == FACTORY
+
+
+def test_a_camera_file_that_was_measured_otherwise_is_told(world, tmp_path):
+    """From the series of a calibration into the camera file, and back to the daemon."""
+    file, folder = tmp_path / "theta.camera", tmp_path / "series"
+    linear = np.repeat(np.linspace(0, 1, 256)[:, None], 3, 1)
+    with theta(world) as (_, port):
+        source = f"--source=osc:127.0.0.1:{port}?size=1024x512"
+        assert run(source + "&processing=keep", f"--series={folder}", "--series-frames=2")[0] == 0
+        processing = exposure_series.load(folder).processing
+        assert processing == ("stabilization",)
+        camera_file.save_response(file, (1024, 512), linear, "", processing)
+        with (
+            Daemon(source, f"--camera={file}") as daemon,
+            daemon.client(health_period_ms=100) as client,
+        ):
+            text = fault(client, "camera-processing")
+            assert text.endswith("lightprobe calibrate response")
+            words = "was measured with stabilization on, now it is nothing — set processing=keep"
+            assert words in daemon.log()
+        file.write_text(file.read_text() + "\n[osc]\nprocessing = keep\n")
+        with (
+            Daemon(source, f"--camera={file}") as daemon,
+            daemon.client(health_period_ms=100) as client,
+        ):
+            client.until(lambda h: h.estimates > 3, "health")
+            assert not client.until(lambda _: True, "health").faults
 
 
 def test_what_is_not_offered(world):
