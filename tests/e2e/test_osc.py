@@ -361,7 +361,7 @@ def test_processing_that_stays_on_is_told(world, faults, words):
 
 def test_processing_that_the_mode_does_not_know(world):
     """A Z1 turns no movies upright, and says so when asked."""
-    with theta(world, model="z1") as (camera, port), probing(port) as (daemon, client):
+    with theta(world, model="z1") as (_, port), probing(port) as (daemon, client):
         client.until(lambda e: e.exposure_count >= 2)
         assert processing_of(daemon) == ["stabilization"]
         assert "_topBottomCorrection Apply (refused" in daemon.log()

@@ -259,10 +259,12 @@ int lp_encode_estimate(const struct lp_light_estimate *estimate, const struct lp
 static void fill_processing(lightprobe_v1_Hello *wire, uint32_t processing_on)
 {
 	_Static_assert(LP_PROCESSING_KINDS <= LP_COUNT(wire->processing), "a place for each");
-	for (int kind = 0; kind < LP_PROCESSING_KINDS; kind++)
-		if (processing_on & LP_PROCESSING_BIT(kind))
-			COPY_TEXT(wire->processing[wire->processing_count++],
-				  lp_processing_name(kind));
+	for (int kind = 0; kind < LP_PROCESSING_KINDS; kind++) {
+		if (!(processing_on & LP_PROCESSING_BIT(kind)))
+			continue;
+		COPY_TEXT(wire->processing[wire->processing_count], lp_processing_name(kind));
+		wire->processing_count++;
+	}
 }
 
 void lp_encode_hello(const struct lp_hello *hello, struct lp_packet *packet)

@@ -152,7 +152,9 @@ def test_camera_without_settable_exposure(start, make_camera, kind, words):
     if kind == "read-only":
         assert not estimate.HasField("exposure_us")
         assert estimate.flags & 2  # ESTIMATE_FLAG_EXPOSURE_UNKNOWN
-        assert "stays on, and alters the light: backlight compensation 1 (read-only)" in daemon.log()
+        assert (
+            "stays on, and alters the light: backlight compensation 1 (read-only)" in daemon.log()
+        )
 
 
 def test_camera_file_decides(start, make_camera, tmp_path):
