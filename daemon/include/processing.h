@@ -32,20 +32,9 @@ enum lp_processing {
 static inline const char *lp_processing_name(int kind)
 {
 	static const char *const names[LP_PROCESSING_KINDS] = {
-		[LP_PROCESSING_SHARPNESS] = "sharpness",
-		[LP_PROCESSING_NOISE_REDUCTION] = "noise-reduction",
-		[LP_PROCESSING_DYNAMIC_RANGE] = "dynamic-range",
-		[LP_PROCESSING_BACKLIGHT] = "backlight",
-		[LP_PROCESSING_GAMMA] = "gamma",
-		[LP_PROCESSING_BRIGHTNESS] = "brightness",
-		[LP_PROCESSING_CONTRAST] = "contrast",
-		[LP_PROCESSING_SATURATION] = "saturation",
-		[LP_PROCESSING_HUE] = "hue",
-		[LP_PROCESSING_EFFECT] = "effect",
-		[LP_PROCESSING_WHITE_BALANCE] = "white-balance",
-		[LP_PROCESSING_STABILIZATION] = "stabilization",
-		[LP_PROCESSING_SCENE] = "scene",
-	};
+		"sharpness",	 "noise-reduction", "dynamic-range", "backlight", "gamma",
+		"brightness",	 "contrast",	    "saturation",    "hue",	  "effect",
+		"white-balance", "stabilization",   "scene"}; /* in their order above */
 
 	return kind >= 0 && kind < LP_PROCESSING_KINDS ? names[kind] : (const char *)0;
 }

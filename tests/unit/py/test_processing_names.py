@@ -6,10 +6,19 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[3]
 
 
+HEADER = (ROOT / "daemon/include/processing.h").read_text()
+
+
 def names() -> list[str]:
     """As C has them (daemon/include/processing.h)."""
-    text = (ROOT / "daemon/include/processing.h").read_text()
-    return re.findall(r'\[LP_PROCESSING_\w+\] = "([^"]+)"', text)
+    table = re.search(r"names\[LP_PROCESSING_KINDS\] = {([^}]*)}", HEADER)
+    assert table
+    return re.findall(r'"([^"]+)"', table[1])
+
+
+def test_names_are_in_the_order_of_the_kinds():
+    kinds = re.findall(r"^\tLP_PROCESSING_(\w+),", HEADER, re.MULTILINE)
+    assert [kind.lower().replace("_", "-") for kind in kinds] == names()
 
 
 def test_the_schema_has_the_same_names():
