@@ -93,7 +93,7 @@ Session::Session(std::shared_ptr<libcamera::Camera> opened, std::vector<Node> it
 		 lp_frame_clock &its_clock, std::function<void()> notify)
     : settings(how), nodes(std::move(its_nodes)), frames(pool), clock(its_clock),
       wake(std::move(notify)), camera(std::move(opened)), wanted(camera->controls()),
-      first_sequence(sequence), following_sequence(sequence)
+      neutral(camera->controls()), first_sequence(sequence), following_sequence(sequence)
 {
 }
 
@@ -227,7 +227,7 @@ void Session::hold_still()
 	if (has.find(controls::AwbEnable.id()) != has.end())
 		wanted.set(controls::AwbEnable, false);
 	if (settings.processing != LP_PROCESSING_KEEP)
-		neutralize(has, wanted, processing_done);
+		neutralize(has, neutral, processing_done);
 	if (settings.colour_gains.count && has.find(controls::ColourGains.id()) != has.end())
 		wanted.set(controls::ColourGains,
 			   libcamera::Span<const float, 2>(settings.colour_gains.values, 2));
@@ -293,8 +293,11 @@ bool Session::start(Fault &fault)
 	ret = camera->start();
 	if (ret < 0)
 		return fail_call(fault, ret, "start");
-	for (const Slot &slot : slots)
+	for (const Slot &slot : slots) {
 		queue(*slot.request);
+		wanted.merge(neutral); /* by the second: so a refusal says of what */
+		neutral.clear();
+	}
 	return true;
 }
 
@@ -429,7 +432,7 @@ void Session::give_up(libcamera::Request &request)
 	libcamera::ControlList asked(camera->controls());
 
 	asked.merge(request.controls());
-	if (give_up_neutral(asked, processing_done)) { /* at first the less important part */
+	if (give_up_neutral(asked, processing_done)) {
 		wanted.merge(asked);
 		queue(request);
 		return;

@@ -129,8 +129,9 @@ class Session
 
 	lp_processing_report processing_done{};
 	bool settable = false;
-	bool reports_exposure = false; /* as the caps say; known after the first frame */
-	libcamera::ControlList wanted; /* for the next request */
+	bool reports_exposure = false;	/* as the caps say; known after the first frame */
+	libcamera::ControlList wanted;	/* for the next request */
+	libcamera::ControlList neutral; /* for the second one */
 	float wanted_us = NAN, wanted_gain = NAN;
 	lp_exposure_guess guess{};		   /* where frames do not report it */
 	std::vector<libcamera::Request *> resting; /* not queued before t_rest_end_ns */
