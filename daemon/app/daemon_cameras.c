@@ -11,6 +11,7 @@
 #include "app/rig.h"
 #include "app/run/service.h"
 #include "base/log.h"
+#include "include/processing.h"
 
 /* ---------------------------------------------------------------- what comes from them */
 
@@ -125,6 +126,53 @@ static void lose(struct lp_daemon_camera *camera)
 		lp_worker_control(camera->daemon->worker, &lost);
 }
 
+/* Names of what is in the set, for messages; "nothing" for none. */
+static const char *names_of(uint32_t processing, char *text, size_t size_bytes)
+{
+	(void)snprintf(text, size_bytes, processing ? "" : "nothing");
+	for (int kind = 0; kind < LP_PROCESSING_KINDS; kind++) {
+		const size_t length = strlen(text);
+
+		if (processing & LP_PROCESSING_BIT(kind))
+			(void)snprintf(text + length, size_bytes - length, "%s%s",
+				       length ? ", " : "", lp_processing_name(kind));
+	}
+	return text;
+}
+
+/* The camera file was measured with other processing than the camera does now. */
+static void compare_processing(struct lp_daemon_camera *camera)
+{
+	const struct lp_camera_file *file = camera->file;
+	const uint32_t on = camera->caps.processing_on;
+	char then[160], now[160], reason[440], text[sizeof(reason) + 300];
+	const bool differs =
+		file->tells_processing && camera->caps.tells_processing && file->processing != on;
+
+	if (differs) {
+		(void)snprintf(reason, sizeof(reason),
+			       "the camera file's response was measured with %s on, now it is %s "
+			       "— set processing=keep, or lightprobe calibrate response",
+			       names_of(file->processing, then, sizeof(then)),
+			       names_of(on, now, sizeof(now)));
+		(void)snprintf(text, sizeof(text), "%s: processing: %s", camera->uri, reason);
+		lp_warning(camera->uri, "processing", "%s", reason);
+	}
+	on_fault(camera, "camera-processing", differs ? text : NULL);
+}
+
+/* What any camera does to its pictures; of one that is away, what it did. */
+static void tell_processing(struct lp_daemon_camera *camera)
+{
+	struct lp_daemon *daemon = camera->daemon;
+	uint32_t on = 0;
+
+	compare_processing(camera);
+	for (int k = 0; k < daemon->camera_count; k++)
+		on |= daemon->cameras[k].caps.processing_on;
+	lp_hub_processing(daemon->hub, on);
+}
+
 static void on_state(void *context, enum lp_source_state state, const char *reason)
 {
 	static const char *const names[] = {"unknown",	 "down",    "waiting",
@@ -144,6 +192,7 @@ static void on_state(void *context, enum lp_source_state state, const char *reas
 	lp_service_status(status);
 	if (state == LP_SOURCE_STREAMING) {
 		camera->source->ops->caps(camera->source, &camera->caps);
+		tell_processing(camera);
 		begin_exposures(camera);
 	} else {
 		lose(camera);

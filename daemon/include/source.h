@@ -82,7 +82,11 @@ struct lp_source_caps {
 	int exposure_delay_frames;	      /* frames from command to effect; -1: unknown */
 	float in_force_us; /* exposure times gain that the first frame has for certain; 0: unknown
 			    */
-	bool finite;	   /* ends by itself, with LP_FRAME_LAST and ENDED */
+	/* What the camera does to its pictures that changes the light in them (processing.h), as
+	 * far as it tells: LP_PROCESSING_BIT() of what is on. */
+	bool tells_processing;
+	uint32_t processing_on;
+	bool finite; /* ends by itself, with LP_FRAME_LAST and ENDED */
 };
 
 struct lp_source_ops {

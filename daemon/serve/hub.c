@@ -62,11 +62,24 @@ static void send_hello(struct lp_hub *hub, struct lp_hub_client *client)
 	lp_hub_send_last(hub, client, packet);
 }
 
+static void greet_again(struct lp_hub *hub)
+{
+	for (int i = 0; i < hub->client_count; i++)
+		send_hello(hub, hub->clients[i]);
+}
+
 void lp_hub_preset(struct lp_hub *hub, const char *name)
 {
 	hub->options.hello.preset = name;
-	for (int i = 0; i < hub->client_count; i++)
-		send_hello(hub, hub->clients[i]);
+	greet_again(hub);
+}
+
+void lp_hub_processing(struct lp_hub *hub, uint32_t on)
+{
+	if (on == hub->options.hello.processing_on)
+		return;
+	hub->options.hello.processing_on = on;
+	greet_again(hub);
 }
 
 void lp_hub_set_insecure(struct lp_hub *hub)

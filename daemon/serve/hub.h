@@ -63,6 +63,10 @@ void lp_hub_tick(struct lp_hub *hub);
 /* The preset in force has changed: tell all clients. `name`: static storage. */
 void lp_hub_preset(struct lp_hub *hub, const char *name);
 
+/* What cameras do to their pictures has changed: tell all clients. `on`: LP_PROCESSING_BIT() of
+ * each. */
+void lp_hub_processing(struct lp_hub *hub, uint32_t on);
+
 /* A publisher is open to the network without encryption: clients are told from now on. */
 void lp_hub_set_insecure(struct lp_hub *hub);
 

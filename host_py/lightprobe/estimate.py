@@ -262,6 +262,9 @@ class Hello:
     orientation: str = ""  # what tells it: none, visual, sim, client, sensor; "": older than 1.3
     max_reflection_map_size: int = 0  # 0: it sends no reflection maps
     polarization_map: bool = False  # any client may ask for one, which is a coarse picture
+    #: What its cameras do to their pictures that changes the light in them, as far as they tell:
+    #: "sharpness", "gamma", … (docs/users/cameras.md).
+    processing: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -304,7 +304,8 @@ def decode(payload: bytes) -> Message | None:
 
 
 def _hello(m: pb.Hello) -> Hello:
-    return Hello(**{name: getattr(m, name) for name in Hello.__dataclass_fields__})
+    fields = {name: getattr(m, name) for name in Hello.__dataclass_fields__}
+    return Hello(**fields | {"processing": tuple(m.processing)})
 
 
 def _health(m: pb.Health) -> Health:

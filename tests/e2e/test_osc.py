@@ -9,8 +9,12 @@ from http.server import BaseHTTPRequestHandler, HTTPServer
 
 import numpy as np
 import pytest
-from harness import Daemon
+from harness import Daemon, run
 from lightprobe import wire
+from lightprobe.calibrate import camera_file, exposure_series
+from lightprobe.cli import doctor, view
+from lightprobe.client import Client
+from lightprobe.estimate import EstimateFlag
 from lightprobe.evaluate.evaluation import reference
 from lightprobe.sim import scenes
 from lightprobe.sim.osc.camera import OscCamera
@@ -28,7 +32,8 @@ MODE_S, BUSY_PAUSE_S, AFTER_OPTIONS_S = 1.5, 0.1, 1.0
 #: What a camera is when nobody has touched it.
 FACTORY = {"captureMode": "image", "exposureProgram": 2, "shutterSpeed": 0, "iso": 0,
            "whiteBalance": "auto", "_colorTemperature": 5000, "sleepDelay": 180, "offDelay": 600,
-           "previewFormat": {"width": 512, "height": 512, "framerate": 30}}  # fmt: skip
+           "previewFormat": {"width": 512, "height": 512, "framerate": 30},
+           "_topBottomCorrection": "Apply"}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -126,7 +131,7 @@ def test_no_time_is_lost_before_the_first_estimate(world):
         refused = [at_s for at_s, _, code in camera.asked[:begun] if code != "done"]
         assert 2 <= len(refused) <= MODE_S / BUSY_PAUSE_S + 1
         assert min(b - a for a, b in itertools.pairwise(refused)) < 1.5 * BUSY_PAUSE_S
-        assert begun - len(refused) <= 8
+        assert begun - len(refused) <= 11
         for _ in range(4):
             health = client.until(lambda h: h.source_state == State.STREAMING, "health")
             camera.end_preview()
@@ -295,6 +300,108 @@ def test_a_model_without_movies(world):
             assert "has no mode 'video' — try mode=image" in fault(client, "source-down")
         with probing(port, "&mode=image", size="640x320") as (_, client):
             client.until(lambda e: e.sequence > 3)
+
+
+def processing_of(daemon):
+    """What the daemon says that the camera does to its pictures, once it knows."""
+    with daemon.client() as client:
+        return list(client.next("hello").processing)
+
+
+def test_processing_is_switched_off_and_put_back(world):
+    """Above all an image filter, with which a THETA knows no manual exposure."""
+    with theta(world, model="z1") as (camera, port):
+        before = {"_filter": "hdr", "_topBottomCorrection": "ApplyAuto", "exposureProgram": 2}
+        camera.options.set(before)
+        with probing(port, "&mode=image") as (daemon, client):
+            client.until(lambda e: e.exposure_count >= 2)
+            assert options(camera, *before) == {
+                "_filter": "off", "_topBottomCorrection": "Disapply", "exposureProgram": 1,
+            }  # fmt: skip
+            assert processing_of(daemon) == []
+            assert "switched off: _filter hdr → off, _topBottomCorrection" in daemon.log()
+            camera.end_preview()  # and connected again: its own values are not taken for ours
+            client.until(lambda h: h.source_state == State.STALLED, "health")
+            client.until(lambda h: h.source_state == State.STREAMING, "health")
+            assert daemon.log().count("switched off") == 1
+        assert options(camera, *before) == before
+
+
+def assert_people_are_told(uri, words):
+    """By `lightprobe doctor`, with the next step, and by `lightprobe watch`."""
+    found = {finding.check: finding for finding in doctor.probe(uri, 60)}["processing"]
+    assert (found.verdict, found.detail) == ("warn", f"the camera alters the light: {words}")
+    assert "the log of lightprobed says why" in found.next_step
+    with Client(uri) as client:
+        client.receive(60)
+        console = view.console()
+        with console.capture() as capture:
+            console.print(view.dashboard(client, 1.0))
+        assert f"alters the light: {words}" in " ".join(capture.get().split())
+
+
+@pytest.mark.parametrize(
+    ("faults", "words"),
+    [("refuse_processing=1", "refused: the camera does not take this value"),
+     ("keep_processing=1", "off was written")],
+)  # fmt: skip
+def test_processing_that_stays_on_is_told(world, faults, words):
+    """The light goes on, with what such a picture is worth."""
+    with theta(world, faults) as (camera, port):
+        camera.options.set({"_filter": "Noise Reduction"})
+        with probing(port, "&mode=image") as (daemon, client):
+            estimate = client.until(lambda e: e.sequence > 3)
+            assert estimate.flags & EstimateFlag.EXPOSURE_UNKNOWN
+            assert processing_of(daemon) == ["noise-reduction", "stabilization"]
+            assert f"_filter Noise Reduction ({words}" in daemon.log()
+            assert_people_are_told(f"unix:{daemon.socket}", "noise-reduction, stabilization")
+            assert "switch _filter off" in daemon.log()
+        assert options(camera, "_filter") == {"_filter": "Noise Reduction"}
+
+
+def test_processing_that_the_mode_does_not_know(world):
+    """A Z1 turns no movies upright, and says so when asked."""
+    with theta(world, model="z1") as (_, port), probing(port) as (daemon, client):
+        client.until(lambda e: e.exposure_count >= 2)
+        assert processing_of(daemon) == ["stabilization"]
+        assert "_topBottomCorrection Apply (refused" in daemon.log()
+
+
+def test_processing_is_kept_on_request(world):
+    with theta(world) as (camera, port):
+        with probing(port, "&processing=keep&white_balance_k=0") as (daemon, client):
+            client.until(lambda e: e.exposure_count >= 2)
+            assert processing_of(daemon) == ["white-balance", "stabilization"]
+            assert "kept, as processing=keep says: _topBottomCorrection Apply" in daemon.log()
+            assert camera.options.get("_topBottomCorrection") == "Apply"
+        assert options(camera) == FACTORY
+
+
+def test_a_camera_file_that_was_measured_otherwise_is_told(world, tmp_path):
+    """From the series of a calibration into the camera file, and back to the daemon."""
+    file, folder = tmp_path / "theta.camera", tmp_path / "series"
+    linear = np.repeat(np.linspace(0, 1, 256)[:, None], 3, 1)
+    with theta(world) as (_, port):
+        source = f"--source=osc:127.0.0.1:{port}?size=1024x512"
+        assert run(source + "&processing=keep", f"--series={folder}", "--series-frames=2")[0] == 0
+        processing = exposure_series.load(folder).processing
+        assert processing == ("stabilization",)
+        camera_file.save_response(file, (1024, 512), linear, "", processing)
+        with (
+            Daemon(source, f"--camera={file}") as daemon,
+            daemon.client(health_period_ms=100) as client,
+        ):
+            text = fault(client, "camera-processing")
+            assert text.endswith("lightprobe calibrate response")
+            words = "was measured with stabilization on, now it is nothing — set processing=keep"
+            assert words in daemon.log()
+        file.write_text(file.read_text() + "\n[osc]\nprocessing = keep\n")
+        with (
+            Daemon(source, f"--camera={file}") as daemon,
+            daemon.client(health_period_ms=100) as client,
+        ):
+            client.until(lambda h: h.estimates > 3, "health")
+            assert not client.until(lambda _: True, "health").faults
 
 
 def test_what_is_not_offered(world):

@@ -250,6 +250,26 @@ def test_what_it_refuses(world):
             camera.camera.press("x")
 
 
+def test_the_image_processing_of_each_model(world):
+    """As RICOH publishes it: options/_filter.md, options/_top_bottom_correction.md."""
+    with theta(world, model="z1") as camera:
+        assert camera.set(_filter="hdr") == "done"
+        assert camera.set(exposureProgram=1) == "done"
+        assert camera.camera.options.get("exposureProgram") == 2  # the filter has priority
+        assert camera.set(_filter="off") == camera.set(exposureProgram=1) == "done"
+        assert camera.camera.options.get("exposureProgram") == 1
+        assert camera.set(_topBottomCorrection="Disapply") == "done"
+        camera.camera.options.force("captureMode", "video")
+        assert camera.set(_filter="off") == "disabledCommand"
+        assert camera.set(_topBottomCorrection="Apply") == "disabledCommand"
+    with theta(world, model="x") as camera:
+        assert camera.set(_filter="DR Comp") == "invalidParameterValue"
+        camera.camera.options.force("captureMode", "video")
+        assert camera.set(_topBottomCorrection="Disapply") == "done"
+    with theta(world, model="sc") as camera:
+        assert camera.set(_topBottomCorrection="Apply") == "invalidParameterName"
+
+
 def test_a_lost_network_says_nothing_and_comes_back(world):
     with theta(world, "network_after=3&network_s=1.5") as camera:
         with camera.live() as stream, pytest.raises(http.client.IncompleteRead):

@@ -27,12 +27,16 @@
 #define FAKE_WIDTH_PX 64
 #define FAKE_HEIGHT_PX 32
 #define FAKE_BYTES (FAKE_WIDTH_PX * FAKE_HEIGHT_PX)
-#define FAKE_CONTROLS 9
+#define FAKE_CONTROLS 18
 #define FAKE_DESCRIPTORS 1024
 
 struct fake_control {
-	uint32_t id;
+	uint32_t id; /* 0: this camera lacks it */
 	int32_t value;
+	int32_t minimum, maximum, usual; /* maximum 0: 10000 */
+	uint32_t flags;			 /* V4L2_CTRL_FLAG_... */
+	int error;			 /* errno of writing it */
+	bool is_stubborn;		 /* takes what is written, and keeps its own */
 };
 
 struct fake_camera {
@@ -68,15 +72,24 @@ static struct {
 static inline void fake_v4l2_init(void)
 {
 	static const struct fake_control controls[FAKE_CONTROLS] = {
-		{V4L2_CID_EXPOSURE_AUTO, V4L2_EXPOSURE_APERTURE_PRIORITY},
-		{V4L2_CID_EXPOSURE_AUTO_PRIORITY, 1},
-		{V4L2_CID_EXPOSURE_ABSOLUTE, 80},
-		{V4L2_CID_AUTOGAIN, 1},
-		{V4L2_CID_GAIN, 16},
-		{V4L2_CID_AUTO_WHITE_BALANCE, 1},
-		{V4L2_CID_WHITE_BALANCE_TEMPERATURE, 5000},
-		{V4L2_CID_BACKLIGHT_COMPENSATION, 1},
-		{V4L2_CID_POWER_LINE_FREQUENCY, 1},
+		{.id = V4L2_CID_EXPOSURE_AUTO, .value = V4L2_EXPOSURE_APERTURE_PRIORITY},
+		{.id = V4L2_CID_EXPOSURE_AUTO_PRIORITY, .value = 1},
+		{.id = V4L2_CID_EXPOSURE_ABSOLUTE, .value = 80},
+		{.id = V4L2_CID_AUTOGAIN, .value = 1},
+		{.id = V4L2_CID_GAIN, .value = 16},
+		{.id = V4L2_CID_AUTO_WHITE_BALANCE, .value = 1},
+		{.id = V4L2_CID_WHITE_BALANCE_TEMPERATURE, .value = 5000},
+		{.id = V4L2_CID_BACKLIGHT_COMPENSATION, .value = 1},
+		{.id = V4L2_CID_POWER_LINE_FREQUENCY, .value = 1},
+		{.id = V4L2_CID_SHARPNESS, .value = 3, .minimum = 1, .maximum = 7, .usual = 3},
+		{.id = V4L2_CID_GAMMA, .value = 300, .minimum = 100, .maximum = 500, .usual = 220},
+		{.id = V4L2_CID_CONTRAST, .value = 40, .maximum = 64, .usual = 32},
+		{.id = V4L2_CID_SATURATION, .value = 64, .maximum = 128, .usual = 64},
+		{.id = V4L2_CID_HUE, .value = -4, .minimum = -40, .maximum = 40},
+		{.id = V4L2_CID_WIDE_DYNAMIC_RANGE, .value = 1, .maximum = 1, .usual = 1},
+		{.id = V4L2_CID_IMAGE_STABILIZATION, .value = 1, .maximum = 1},
+		{.id = V4L2_CID_COLORFX, .value = 2, .maximum = 15},
+		{.id = V4L2_CID_SCENE_MODE, .value = 0, .maximum = 13},
 	};
 
 	memset(fake_v4l2.cameras, 0, sizeof(fake_v4l2.cameras));
@@ -86,6 +99,19 @@ static inline void fake_v4l2_init(void)
 		fake_v4l2.cameras[i].product = (uint16_t)(0x0102 + i);
 		memcpy(fake_v4l2.cameras[i].controls, controls, sizeof(controls));
 	}
+}
+
+/* A control of a camera; fails where it has none. */
+static inline struct fake_control *fake_v4l2_find(int number, uint32_t id)
+{
+	struct fake_camera *camera = &fake_v4l2.cameras[number];
+
+	for (int i = 0; i < FAKE_CONTROLS; i++) {
+		if (camera->controls[i].id == id)
+			return &camera->controls[i];
+	}
+	fail_msg("the camera has no control %#x", id);
+	return NULL;
 }
 
 /* The kernel and udevd announce a node. */
@@ -228,14 +254,23 @@ static int fake_v4l2_control(struct fake_camera *camera, unsigned long request, 
 	if (camera->control_error)
 		return -camera->control_error;
 	for (int i = 0; i < FAKE_CONTROLS; i++) {
-		if (camera->controls[i].id != id)
+		struct fake_control *const found = &camera->controls[i];
+
+		if (found->id != id)
 			continue;
 		if (request == VIDIOC_QUERYCTRL)
-			*range = (struct v4l2_queryctrl){.id = id, .maximum = 10000, .step = 1};
+			*range = (struct v4l2_queryctrl){.id = id,
+							 .minimum = found->minimum,
+							 .maximum = found->maximum ?: 10000,
+							 .step = 1,
+							 .default_value = found->usual,
+							 .flags = found->flags};
 		else if (request == VIDIOC_G_CTRL)
-			control->value = camera->controls[i].value;
-		else
-			camera->controls[i].value = control->value;
+			control->value = found->value;
+		else if (found->error)
+			return -found->error;
+		else if (!found->is_stubborn)
+			found->value = control->value;
 		return 0;
 	}
 	return -EINVAL;

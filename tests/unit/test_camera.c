@@ -8,8 +8,10 @@
 #include <stdlib.h>
 
 #include "include/panorama.h"
+#include "include/processing.h"
 #include "light/math/grid.h"
 #include "lp_test.h"
+#include "camera_file_test.h"
 #include "scene.h"
 #include "vision/camera/camera_file.h"
 #include "vision/camera/remap.h"
@@ -420,6 +422,32 @@ static void test_broken_files(void **state)
 }
 
 /* Each line is one line, however long: its tail is no setting of its own. */
+static void test_processing_of_a_file(void **state)
+{
+	static const char *const wrong[] = {"", "sharp", "sharpness; gamma", "none, gamma",
+					    "sharpness-"};
+	struct lp_camera_file *file;
+	char text[100];
+
+	(void)state;
+	assert_int_equal(read_camera_file("[response]\nprocessing = gamma, sharpness\n", &file), 0);
+	assert_true(file->tells_processing);
+	assert_int_equal(file->processing, LP_PROCESSING_BIT(LP_PROCESSING_GAMMA) |
+						   LP_PROCESSING_BIT(LP_PROCESSING_SHARPNESS));
+	lp_camera_file_destroy(file);
+	assert_int_equal(read_camera_file("[response]\nprocessing = none\n", &file), 0);
+	assert_true(file->tells_processing);
+	assert_int_equal(file->processing, 0);
+	lp_camera_file_destroy(file);
+	assert_int_equal(read_camera_file("[response]\n", &file), 0);
+	assert_false(file->tells_processing);
+	lp_camera_file_destroy(file);
+	for (size_t i = 0; i < LP_COUNT(wrong); i++) {
+		(void)snprintf(text, sizeof(text), "[response]\nprocessing = %s\n", wrong[i]);
+		assert_int_equal(read_camera_file(text, &file), -EBADMSG);
+	}
+}
+
 static void test_long_lines(void **state)
 {
 	char text[512];
@@ -450,6 +478,7 @@ int main(void)
 		cmocka_unit_test(test_light_is_kept),
 		cmocka_unit_test(test_one_lens_sees_a_part),
 		cmocka_unit_test(test_broken_files),
+		cmocka_unit_test(test_processing_of_a_file),
 		cmocka_unit_test(test_long_lines),
 	};
 	const int fd = mkstemp(path);

@@ -8,6 +8,7 @@
 
 #include "base/clock.h"
 #include "include/polarization_grid.h"
+#include "include/processing.h"
 #include "include/publisher.h"
 #include "light/send/model.h"
 #include "serve/codec/codec.h"
@@ -391,7 +392,8 @@ static void test_hello_error_health(void **state)
 				       .smoothing_ms = 250,
 				       .name = "a name",
 				       .insecure_lan = true,
-				       .max_reflection_size = 32};
+				       .max_reflection_size = 32,
+				       .processing_on = LP_PROCESSING_BIT(LP_PROCESSING_KINDS) - 1};
 	static struct lp_health_report report = {.fault_count = LP_MAX_FAULTS, .preset = "fast"};
 	lightprobe_v1_FromProbe message;
 	char text[400];
@@ -408,6 +410,10 @@ static void test_hello_error_health(void **state)
 	assert_string_equal(message.message.hello.name, "a name");
 	assert_true(message.message.hello.insecure_lan);
 	assert_int_equal(message.message.hello.max_reflection_map_size, 32);
+	assert_int_equal(message.message.hello.processing_count, LP_PROCESSING_KINDS);
+	for (int kind = 0; kind < LP_PROCESSING_KINDS; kind++) /* none is cut */
+		assert_string_equal(message.message.hello.processing[kind],
+				    lp_processing_name(kind));
 
 	/* Too long for the field of 239 bytes: cut between characters, in the middle. */
 	memset(text, 'x', 238);

@@ -8,6 +8,7 @@
 #include "base/clock.h"
 #include "estimate/surroundings.h"
 #include "include/polarization_grid.h"
+#include "include/processing.h"
 #include "serve/health.h"
 #include "serve/hub.h"
 
@@ -238,6 +239,26 @@ static void test_a_new_preset_is_told_to_all(void **state)
 	late = join(1);
 	message = decode_packet(late->packets[0]);
 	assert_string_equal(message.message.hello.preset, "fast");
+}
+
+static void test_new_processing_is_told_to_all(void **state)
+{
+	struct lp_client *client = join(0), *late;
+	lightprobe_v1_Hello hello;
+
+	(void)state;
+	lp_hub_processing(hub, 0);
+	assert_int_equal(client->count, 1);
+	for (int i = 0; i < 2; i++) /* as a camera that is connected again */
+		lp_hub_processing(hub, LP_PROCESSING_BIT(LP_PROCESSING_GAMMA) |
+					       LP_PROCESSING_BIT(LP_PROCESSING_SCENE));
+	assert_int_equal(client->count, 2);
+	hello = decode_packet(client->packets[1]).message.hello;
+	assert_int_equal(hello.processing_count, 2);
+	assert_string_equal(hello.processing[0], "gamma");
+	assert_string_equal(hello.processing[1], "scene");
+	late = join(1);
+	assert_int_equal(decode_packet(late->packets[0]).message.hello.processing_count, 2);
 }
 
 static void test_same_wishes_share_one_packet(void **state)
@@ -739,6 +760,7 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		HUB_TEST(test_a_new_preset_is_told_to_all),
+		HUB_TEST(test_new_processing_is_told_to_all),
 		cmocka_unit_test_setup_teardown(test_pictures_of_polarized_light_for_who_asks,
 						setup_with_pictures, teardown),
 		HUB_TEST(test_pictures_are_refused_unless_the_owner_allows_them),

@@ -23,6 +23,7 @@
 #include "fake_theta.h"
 #include "fake_v4l2.h"
 #include "include/frame.h"
+#include "include/processing.h"
 #include "include/source.h"
 #include "loop_test.h"
 
@@ -723,6 +724,134 @@ static void test_controls_are_put_back(void **state)
 	end(&devices[3]);
 }
 
+static int value_of(uint32_t id)
+{
+	return fake_v4l2_get(&fake_v4l2_find(0, id)->value);
+}
+
+/* A frame has come from the camera with these keys of its URI. */
+static void stream_v4l2(const char *uri)
+{
+	create(uri);
+	UNTIL(fake_v4l2_send(0, false));
+	UNTIL(count('f') > 0);
+}
+
+/* Off, or the least there is, or the maker's value; nothing is left to tell. */
+static void test_processing_is_switched_off(void **state)
+{
+	(void)state;
+	fake_v4l2_plug(0);
+	stream_v4l2("v4l2:");
+	assert_int_equal(value_of(V4L2_CID_SHARPNESS), 1);
+	assert_int_equal(value_of(V4L2_CID_GAMMA), 220);
+	assert_int_equal(value_of(V4L2_CID_CONTRAST), 32);
+	assert_int_equal(value_of(V4L2_CID_SATURATION), 64);
+	assert_int_equal(value_of(V4L2_CID_HUE), 0);
+	assert_int_equal(value_of(V4L2_CID_WIDE_DYNAMIC_RANGE), 0);
+	assert_int_equal(value_of(V4L2_CID_BACKLIGHT_COMPENSATION), 0);
+	assert_int_equal(value_of(V4L2_CID_IMAGE_STABILIZATION), 0);
+	assert_int_equal(value_of(V4L2_CID_COLORFX), V4L2_COLORFX_NONE);
+	assert_int_equal(value_of(V4L2_CID_AUTO_WHITE_BALANCE), 0);
+	assert_true(heard.caps.tells_processing);
+	assert_int_equal(heard.caps.processing_on, 0);
+	end(&devices[3]);
+}
+
+/* A camera that is plugged in again has forgotten everything. */
+static void test_processing_is_switched_off_again(void **state)
+{
+	(void)state;
+	fake_v4l2_plug(0);
+	stream_v4l2("v4l2:");
+	fake_v4l2_unplug(0);
+	UNTIL(heard.state == LP_SOURCE_WAITING);
+	fake_v4l2_find(0, V4L2_CID_SHARPNESS)->value = 3;
+	fake_v4l2_plug(0);
+	UNTIL(fake_v4l2_send(0, false));
+	UNTIL(count('f') == 2);
+	assert_int_equal(value_of(V4L2_CID_SHARPNESS), 1);
+	destroy();
+	assert_int_equal(value_of(V4L2_CID_SHARPNESS), 3);
+	end(&devices[3]);
+}
+
+static void test_processing_that_stays_on_is_told(void **state)
+{
+	struct fake_control *const gamma = fake_v4l2_find(0, V4L2_CID_GAMMA);
+
+	(void)state;
+	gamma->flags = V4L2_CTRL_FLAG_READ_ONLY;
+	fake_v4l2_find(0, V4L2_CID_CONTRAST)->flags = V4L2_CTRL_FLAG_GRABBED;
+	fake_v4l2_find(0, V4L2_CID_SHARPNESS)->is_stubborn = true;
+	fake_v4l2_find(0, V4L2_CID_WIDE_DYNAMIC_RANGE)->error = EACCES;
+	fake_v4l2_find(0, V4L2_CID_SATURATION)->flags = V4L2_CTRL_FLAG_READ_ONLY; /* neutral */
+	fake_v4l2_find(0, V4L2_CID_HUE)->id = 0;				  /* absent */
+	fake_v4l2_plug(0);
+	stream_v4l2("v4l2:");
+	assert_int_equal(heard.caps.processing_on,
+			 LP_PROCESSING_BIT(LP_PROCESSING_GAMMA) |
+				 LP_PROCESSING_BIT(LP_PROCESSING_CONTRAST) |
+				 LP_PROCESSING_BIT(LP_PROCESSING_SHARPNESS) |
+				 LP_PROCESSING_BIT(LP_PROCESSING_DYNAMIC_RANGE));
+	assert_int_equal(gamma->value, 300);
+	end(&devices[3]);
+}
+
+/* For a camera file that was measured so. White balance is held all the same. */
+static void test_processing_is_kept_on_request(void **state)
+{
+	(void)state;
+	fake_v4l2_plug(0);
+	stream_v4l2("v4l2:?processing=keep");
+	assert_int_equal(value_of(V4L2_CID_SHARPNESS), 3);
+	assert_int_equal(value_of(V4L2_CID_BACKLIGHT_COMPENSATION), 1);
+	assert_int_equal(value_of(V4L2_CID_AUTO_WHITE_BALANCE), 0);
+	assert_int_equal(heard.caps.processing_on,
+			 LP_PROCESSING_BIT(LP_PROCESSING_GAMMA) |
+				 LP_PROCESSING_BIT(LP_PROCESSING_CONTRAST) |
+				 LP_PROCESSING_BIT(LP_PROCESSING_SHARPNESS) |
+				 LP_PROCESSING_BIT(LP_PROCESSING_HUE) |
+				 LP_PROCESSING_BIT(LP_PROCESSING_EFFECT) |
+				 LP_PROCESSING_BIT(LP_PROCESSING_BACKLIGHT) |
+				 LP_PROCESSING_BIT(LP_PROCESSING_STABILIZATION) |
+				 LP_PROCESSING_BIT(LP_PROCESSING_DYNAMIC_RANGE));
+	end(&devices[3]);
+}
+
+/* Its automatic mode cannot be left, but its result be kept. */
+static void test_a_white_balance_is_locked(void **state)
+{
+	struct fake_control *const lock = fake_v4l2_find(0, V4L2_CID_HUE);
+
+	(void)state;
+	fake_v4l2_find(0, V4L2_CID_AUTO_WHITE_BALANCE)->error = EBUSY;
+	fake_v4l2_plug(0);
+	stream_v4l2("v4l2:");
+	assert_int_equal(heard.caps.processing_on, LP_PROCESSING_BIT(LP_PROCESSING_WHITE_BALANCE));
+	destroy();
+	*lock = (struct fake_control){.id = V4L2_CID_3A_LOCK,
+				      .value = V4L2_LOCK_FOCUS,
+				      .maximum = 7};
+	stream_v4l2("v4l2:");
+	assert_int_equal(lock->value, V4L2_LOCK_FOCUS | V4L2_LOCK_WHITE_BALANCE);
+	assert_int_equal(heard.caps.processing_on, 0);
+	destroy();
+	assert_int_equal(lock->value, V4L2_LOCK_FOCUS);
+	end(&devices[3]);
+}
+
+static void test_a_loop_back_device_is_not_looked_at(void **state)
+{
+	(void)state;
+	fake_v4l2_plug(0);
+	FAKE_V4L2_SET(0, control_calls, 0);
+	stream_v4l2("v4l2:?exposure=unknown");
+	assert_int_equal(fake_v4l2_get(&fake_v4l2.cameras[0].control_calls), 0);
+	assert_false(heard.caps.tells_processing);
+	end(&devices[3]);
+}
+
 static int setup(void **state)
 {
 	(void)state;
@@ -768,6 +897,12 @@ int main(void)
 		SOURCE_TEST(test_a_rate_within_a_range_is_offered),
 		SOURCE_TEST(test_a_camera_that_hangs_is_asked_once),
 		SOURCE_TEST(test_controls_are_put_back),
+		SOURCE_TEST(test_processing_is_switched_off),
+		SOURCE_TEST(test_processing_is_switched_off_again),
+		SOURCE_TEST(test_processing_that_stays_on_is_told),
+		SOURCE_TEST(test_processing_is_kept_on_request),
+		SOURCE_TEST(test_a_white_balance_is_locked),
+		SOURCE_TEST(test_a_loop_back_device_is_not_looked_at),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

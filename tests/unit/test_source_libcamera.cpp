@@ -20,6 +20,7 @@
 #include "drivers/source/libcamera/log.hpp"
 #include "drivers/source/libcamera/manager.hpp"
 #include "drivers/source/libcamera/metadata.hpp"
+#include "drivers/source/libcamera/neutral.hpp"
 #include "drivers/source/libcamera/offers.hpp"
 
 extern "C" {
@@ -203,6 +204,57 @@ void test_the_camera_that_is_meant(void **)
 	assert_false(lp_libcamera_is_meant(&settings, csi, "imx477"));
 }
 
+/* A camera with some processing, of which all but the saturation can be neutral. */
+libcamera::ControlInfoMap camera_that_processes()
+{
+	libcamera::ControlInfoMap::Map map{
+		{&controls::AeEnable, libcamera::ControlInfo(false, true)},
+		{&controls::Sharpness, libcamera::ControlInfo(0.0F, 16.0F, 1.0F)},
+		{&controls::Contrast, libcamera::ControlInfo(0.0F, 32.0F, 1.0F)},
+		{&controls::Saturation, libcamera::ControlInfo(1.5F, 2.0F, 1.5F)},
+		{&controls::draft::NoiseReductionMode,
+		 libcamera::ControlInfo(controls::draft::NoiseReductionModeValues)},
+	};
+
+	return {std::move(map), controls::controls};
+}
+
+void test_processing_that_is_listed_is_neutral(void **)
+{
+	const libcamera::ControlInfoMap has = camera_that_processes();
+	libcamera::ControlList wanted(has);
+	lp_processing_report report{};
+
+	lp::neutralize(has, wanted, report);
+	assert_int_equal(wanted.size(), 3);
+	assert_float_equal(*wanted.get(controls::Sharpness), 0, 0);
+	assert_float_equal(*wanted.get(controls::Contrast), 1, 0);
+	assert_int_equal(*wanted.get(controls::draft::NoiseReductionMode),
+			 controls::draft::NoiseReductionModeOff);
+	assert_int_equal(report.on, LP_PROCESSING_BIT(LP_PROCESSING_SATURATION));
+	assert_contains(report.on_text, "Saturation ([1.5");
+}
+
+/* Exposure, which the same request asked for, is not lost with it. */
+void test_processing_that_is_refused_is_on(void **)
+{
+	const libcamera::ControlInfoMap has = camera_that_processes();
+	libcamera::ControlList wanted(has);
+	lp_processing_report report{};
+
+	lp::neutralize(has, wanted, report);
+	wanted.set(controls::AeEnable, false);
+	assert_true(lp::give_up_neutral(wanted, report));
+	assert_int_equal(wanted.size(), 1);
+	assert_true(wanted.contains(controls::AeEnable.id()));
+	assert_int_equal(report.on, LP_PROCESSING_BIT(LP_PROCESSING_SATURATION) |
+					    LP_PROCESSING_BIT(LP_PROCESSING_SHARPNESS) |
+					    LP_PROCESSING_BIT(LP_PROCESSING_CONTRAST) |
+					    LP_PROCESSING_BIT(LP_PROCESSING_NOISE_REDUCTION));
+	assert_string_equal(report.off_text, "");
+	assert_false(lp::give_up_neutral(wanted, report));
+}
+
 /* libcamera ends a program that has two managers at a time, as two sources would. */
 void test_sources_share_the_manager(void **)
 {
@@ -275,6 +327,8 @@ int main()
 		cmocka_unit_test(test_settings),
 		cmocka_unit_test(test_faults_in_settings_are_told),
 		cmocka_unit_test(test_the_camera_that_is_meant),
+		cmocka_unit_test(test_processing_that_is_listed_is_neutral),
+		cmocka_unit_test(test_processing_that_is_refused_is_on),
 		cmocka_unit_test(test_sources_share_the_manager),
 		cmocka_unit_test(test_the_manager_is_used_from_many_threads),
 		cmocka_unit_test(test_create_without_descriptors),

@@ -405,6 +405,8 @@ namespace Lightprobe.Messages
         public uint MaxReflectionMapSize;
         /// <summary>any client may ask for a PolarizationMap, a coarse picture (--publish-polarization)</summary>
         public bool PolarizationMap;
+        /// <summary>What the cameras do to their pictures that changes the light in them, as far as they tell: sharpness, noise-reduction, dynamic-range, backlight, gamma, brightness, contrast, saturation, hue, effect, white-balance, stabilization, scene. The daemon switches off what it can (docs/users/cameras.md); this is what is on. Empty: nothing that they tell of.</summary>
+        public readonly List<string> Processing = new List<string>();
 
         internal static Hello Read(WireReader r)
         {
@@ -429,6 +431,7 @@ namespace Lightprobe.Messages
                     case 15: m.Orientation = r.String("Hello.orientation"); break;
                     case 16: m.MaxReflectionMapSize = r.UInt32("Hello.max_reflection_map_size"); break;
                     case 17: m.PolarizationMap = r.Bool("Hello.polarization_map"); break;
+                    case 18: r.Strings("Hello.processing", m.Processing); break;
                     default: r.Skip(); break;
                 }
             return m;

@@ -134,6 +134,12 @@ namespace Lightprobe
             return Message(name);
         }
 
+        internal void Strings(string name, List<string> strings)
+        {
+            if (strings.Count >= MostRepeated) throw new WireException(name + ": more than " + MostRepeated);
+            strings.Add(String(name));
+        }
+
         private void Expect(int type, string name)
         {
             if (_type != type) throw new WireException(name + ": wire type " + _type + ", expected " + type);

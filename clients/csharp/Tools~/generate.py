@@ -129,6 +129,8 @@ def reading(message: str, field: FieldDescriptorProto) -> str:
         # Of a oneof, the last one on the wire is valid: a new message forgets those before it.
         is_choice = field.HasField("oneof_index") and not field.proto3_optional
         return f"m = new {message} {{ {name} = {read} }};" if is_choice else f"m.{name} = {read};"
+    if repeated and field.type == FieldDescriptorProto.TYPE_STRING:
+        return f"r.Strings({text}, m.{name});"
     if repeated:
         return f"r.Floats({text}, m.{name});"
     if field.type == FieldDescriptorProto.TYPE_ENUM:

@@ -117,6 +117,8 @@ export interface Hello {
   orientation: string;
   /** Texels along an edge; 0: it sends no reflection maps. */
   maxReflectionMapSize: number;
+  /** What its cameras do to their pictures that changes the light in them, as far as they tell: "sharpness", "gamma", … */
+  processing: string[];
 }
 
 /** The answer to a ping: times of our clock, and of the probe's. */

@@ -18,6 +18,7 @@
 #include "base/mailbox.h"
 #include "base/pool.h"
 #include "include/frame.h"
+#include "include/processing.h"
 
 #define WAITING_FRAMES 64 /* more than any source has: none is displaced */
 
@@ -51,6 +52,22 @@ static void put_number(FILE *out, const char *name, float value)
 		(void)fprintf(out, ", \"%s\": null", name);
 }
 
+/* null: the camera does not tell. */
+static void put_processing(FILE *out, const struct lp_source_caps *caps)
+{
+	const char *between = "";
+
+	(void)fprintf(out, ", \"processing\": %s", caps->tells_processing ? "[" : "null");
+	if (!caps->tells_processing)
+		return;
+	for (int kind = 0; kind < LP_PROCESSING_KINDS; kind++)
+		if (caps->processing_on & LP_PROCESSING_BIT(kind)) {
+			(void)fprintf(out, "%s\"%s\"", between, lp_processing_name(kind));
+			between = ", ";
+		}
+	(void)fprintf(out, "]");
+}
+
 static void write_camera(const struct lp_series_writer *writer)
 {
 	const struct lp_source_caps *caps = &writer->caps;
@@ -64,6 +81,7 @@ static void write_camera(const struct lp_series_writer *writer)
 	put_number(writer->index, "exposure_min_us", caps->exposure_min_us);
 	put_number(writer->index, "exposure_max_us", caps->exposure_max_us);
 	put_number(writer->index, "exposure_step_us", caps->exposure_step_us);
+	put_processing(writer->index, caps);
 	(void)fprintf(writer->index, "}\n");
 }
 

@@ -9,9 +9,11 @@
 
 #include "base/clock.h"
 #include "base/log.h"
+#include "base/macros.h"
 #include "base/text.h"
 #include "include/packet.h"
 #include "include/polarization_grid.h"
+#include "include/processing.h"
 #include "light/send/key.h"
 #include "light/send/model.h"
 #include "proto/lightprobe.pb.h"
@@ -254,6 +256,17 @@ int lp_encode_estimate(const struct lp_light_estimate *estimate, const struct lp
 /* All text enters the wire here: a strict client refuses a whole message for one bad byte. */
 #define COPY_TEXT(field, text) lp_text_copy(field, sizeof(field), text)
 
+static void fill_processing(lightprobe_v1_Hello *wire, uint32_t processing_on)
+{
+	_Static_assert(LP_PROCESSING_KINDS <= LP_COUNT(wire->processing), "a place for each");
+	for (int kind = 0; kind < LP_PROCESSING_KINDS; kind++) {
+		if (!(processing_on & LP_PROCESSING_BIT(kind)))
+			continue;
+		COPY_TEXT(wire->processing[wire->processing_count], lp_processing_name(kind));
+		wire->processing_count++;
+	}
+}
+
 void lp_encode_hello(const struct lp_hello *hello, struct lp_packet *packet)
 {
 	lightprobe_v1_FromProbe message = {.which_message = lightprobe_v1_FromProbe_hello_tag};
@@ -276,6 +289,7 @@ void lp_encode_hello(const struct lp_hello *hello, struct lp_packet *packet)
 	COPY_TEXT(wire->orientation, hello->orientation ? hello->orientation : "");
 	wire->max_reflection_map_size = (uint32_t)hello->max_reflection_size;
 	wire->polarization_map = hello->polarization_map;
+	fill_processing(wire, hello->processing_on);
 	encode(&message, LP_PACKET_CONTROL, packet);
 }
 

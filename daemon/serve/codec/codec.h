@@ -104,6 +104,7 @@ struct lp_hello {
 	const char *orientation; /* what tells it */
 	int max_reflection_size; /* 0: reflection maps are off */
 	bool polarization_map;	 /* clients may ask for it */
+	uint32_t processing_on;	 /* by the cameras: LP_PROCESSING_BIT() of each (processing.h) */
 };
 
 /* Of a reflection map, what the estimate and the stamp do not know. */

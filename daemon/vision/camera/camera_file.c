@@ -8,6 +8,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "include/processing.h"
+
 /* Of a scale whose file does not say how well it is known. */
 #define USUAL_SCALE_SIGMA 0.05F
 
@@ -48,8 +50,42 @@ static const struct lp_param crop_list[] = {
 };
 static const struct lp_params crop_params = LP_PARAMS(crop_list);
 
+/* A bit of a name of `length` characters; 0: there is no such name. */
+static uint32_t processing_bit(const char *name, size_t length)
+{
+	for (int kind = 0; kind < LP_PROCESSING_KINDS; kind++)
+		if (strlen(lp_processing_name(kind)) == length &&
+		    strncmp(lp_processing_name(kind), name, length) == 0)
+			return LP_PROCESSING_BIT(kind);
+	return 0;
+}
+
+/* "none", or names that commas separate. `field`: the whole file. */
+static int parse_processing(const char *text, void *field)
+{
+	static const char between[] = ", \t";
+	struct lp_camera_file *file = field;
+
+	file->tells_processing = true;
+	file->processing = 0;
+	if (strcmp(text, "none") == 0)
+		return 0;
+	for (text += strspn(text, between); *text; text += strspn(text, between)) {
+		const size_t length = strcspn(text, between);
+		const uint32_t bit = processing_bit(text, length);
+
+		if (!bit)
+			return -EINVAL;
+		file->processing |= bit;
+		text += length;
+	}
+	return file->processing ? 0 : -EINVAL;
+}
+
 static const struct lp_param response_list[] = {
 	{"table", LP_PARAM_TEXT, offsetof(struct lp_camera_file, response), .max = PATH_MAX},
+	{"processing", LP_PARAM_OWN, 0, .parse = parse_processing,
+	 .expects = "none, or names as in docs/users/cameras.md: sharpness, gamma"},
 };
 static const struct lp_params response_params = LP_PARAMS(response_list);
 

@@ -6,6 +6,9 @@
 
 #include <limits.h>
 
+#include <stdbool.h>
+#include <stdint.h>
+
 #include "base/ini.h"
 #include "base/param.h"
 #include "base/usb_id.h"
@@ -47,6 +50,9 @@ struct lp_camera_file {
 	float read_out_ms; /* from the reading of the first row to that of the last; NAN: not said
 			    */
 	char response[PATH_MAX];
+	/* What the camera did to its pictures when the response was measured (processing.h). */
+	bool tells_processing;
+	uint32_t processing;	    /* LP_PROCESSING_BIT() of each */
 	float cd_m2_per_unit;	    /* luminance of radiance 1; 0: not known */
 	float cd_m2_per_unit_sigma; /* relative */
 	/* Of the film on the wheel (light/film/polarization.h); 0: the file does not say */

@@ -22,8 +22,11 @@ from lightprobe.imaging.camera import CameraError
 _SECTION = re.compile(r"\s*\[([^]]+)\]")
 
 
-def edited(text: str, section: str, values: Mapping[str, str]) -> str:
-    """Give INI text with values set in a section; comments and order of the rest are kept."""
+def edited(text: str, section: str, values: Mapping[str, str | None]) -> str:
+    """Give INI text with values set in a section, or left out (None).
+
+    Comments and order of the rest are kept.
+    """
     lines = text.splitlines()
     start, end = _extent(lines, section)
     if start is None:
@@ -32,7 +35,11 @@ def edited(text: str, section: str, values: Mapping[str, str]) -> str:
     for key, value in values.items():
         pattern = re.compile(rf"\s*{re.escape(key)}\s*[=:]")
         at = next((i for i in range(start, end) if pattern.match(lines[i])), None)
-        if at is None:
+        if value is None:
+            if at is not None:
+                del lines[at]
+                end -= 1
+        elif at is None:
             lines.insert(end, f"{key} = {value}")
             end += 1
         else:
@@ -72,7 +79,9 @@ def read_or_new(path: Path, size_px: tuple[int, int]) -> str:
         raise CameraError(f"camera: {path}: read: {error}") from None
 
 
-def save(path: Path, size_px: tuple[int, int], section: str, values: Mapping[str, str]) -> None:
+def save(
+    path: Path, size_px: tuple[int, int], section: str, values: Mapping[str, str | None]
+) -> None:
     """Set values in a camera file, which is made when there is none; it must be valid after."""
     if path.exists():
         camera.load(str(path))  # a broken file is the user's to mend first
@@ -93,14 +102,24 @@ def save_lens(path: Path, size_px: tuple[int, int], values: Mapping[str, str]) -
     calibration.save(path, edited(text, "lens.0", values))
 
 
-def save_response(path: Path, size_px: tuple[int, int], table: Array, remark: str) -> Path:
-    """Write a response table (256, 3) beside a camera file and name it there; returns its path."""
+def save_response(
+    path: Path,
+    size_px: tuple[int, int],
+    table: Array,
+    remark: str,
+    processing: Sequence[str] | None = None,
+) -> Path:
+    """Write a response table (256, 3) beside a camera file and name it there; returns its path.
+
+    `processing`: what the camera did to its pictures meanwhile; None: it did not tell.
+    """
     number = 1
     while (target := path.with_name(f"{path.stem}.response-{number}.txt")).exists():
         number += 1
     rows = "".join(f"{r:.8f} {g:.8f} {b:.8f}\n" for r, g, b in table)
     calibration.save(target, rows + f"# {remark}\n")
-    save(path, size_px, "response", {"table": target.name})
+    on = None if processing is None else ", ".join(processing) or "none"
+    save(path, size_px, "response", {"table": target.name, "processing": on})
     return target
 
 

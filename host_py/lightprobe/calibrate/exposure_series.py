@@ -6,6 +6,7 @@ Format: docs/users/camera_calibration.md.
 from __future__ import annotations
 
 import json
+import re
 import signal
 import subprocess
 import time
@@ -26,6 +27,7 @@ Codes = NDArray[np.uint8]
 INDEX = "index.jsonl"
 VERSION = 1
 _POLL_S = 0.1
+_NAME = re.compile("[a-z-]{1,19}")
 
 
 class SeriesError(LightprobeError):
@@ -81,6 +83,8 @@ class ExposureSeries:
     min_us: float | None
     max_us: float | None
     step_us: float | None
+    #: What the camera did to its pictures (docs/users/cameras.md); None: it did not tell.
+    processing: tuple[str, ...] | None
     frames: tuple[Frame, ...]
 
     def steps(self) -> list[list[Frame]]:
@@ -171,6 +175,7 @@ def load(folder: Path) -> ExposureSeries:
         min_us=camera.take("exposure_min_us", float),
         max_us=camera.take("exposure_max_us", float),
         step_us=camera.take("exposure_step_us", float),
+        processing=_processing(camera),
         frames=tuple(
             _frame(folder, _Row(row, f"{where}: line {number}"))
             for number, row in enumerate(rows[1:-1], 2)
@@ -204,6 +209,20 @@ class _Row:
                 f"{self.where}: {name!r} makes no sense ({value!r:.40}): record the series again"
             )
         return value
+
+
+def _processing(camera: _Row) -> tuple[str, ...] | None:
+    """Names; None also for a series that is older than them."""
+    names = camera.fields.get("processing")
+    if names is None:
+        return None
+    if not isinstance(names, list) or not all(
+        isinstance(name, str) and _NAME.fullmatch(name) for name in names
+    ):
+        raise SeriesError(
+            f"{camera.where}: 'processing' makes no sense ({names!r:.40}): record the series again"
+        )
+    return tuple(names)
 
 
 def _frame(folder: Path, row: _Row) -> Frame:

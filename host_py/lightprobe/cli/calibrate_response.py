@@ -64,9 +64,9 @@ def command(
             what[0], SCHEDULE_US, frames=frames, camera=camera, output=output, keep=keep,
             patience_s=patience_s,
         ) as series:  # fmt: skip
-            steps = of_series(series)
+            steps, processing = of_series(series), series.processing
     else:
-        steps = of_files([Path(name) for name in what], exposures)
+        steps, processing = of_files([Path(name) for name in what], exposures), None
     chosen, notes = flat_patches.collect(steps)
     result = response.fit(chosen)
     for note in notes + left_out(chosen, result):
@@ -85,8 +85,14 @@ def command(
         size_px = columns * flat_patches.BLOCK_PX, rows * flat_patches.BLOCK_PX
         residual = 100 * result.residual_full_scale.max()
         note = calibrate.remark(f"response, residual {residual:.2f} % of full scale")
-        table = camera_file.save_response(output, size_px, result.table, note)
+        table = camera_file.save_response(output, size_px, result.table, note, processing)
         typer.echo(f"written: {output}: [response] table = {table.name}", err=True)
+        if processing:
+            typer.echo(
+                f"note: the camera alters the light: {', '.join(processing)}: this response holds "
+                "only as long as it does so",
+                err=True,
+            )
 
 
 def of_series(series: ExposureSeries) -> list[Step]:

@@ -261,6 +261,11 @@ def _socket(path: Path) -> Finding:
     return Finding("socket", Verdict.OK, f"{path}: may be opened")
 
 
+_PROCESSING_STEP = (
+    "the log of lightprobed says why it is not off; choose another camera (docs/users/cameras.md)"
+)
+
+
 def _greeting(client: Client) -> Iterator[Finding]:
     hello = client.hello
     if hello is None:  # lost again already
@@ -272,6 +277,9 @@ def _greeting(client: Client) -> Iterator[Finding]:
     parts += [f"smoothing {hello.smoothing_time_constant_ms} ms"]
     parts += ["wheel" if hello.has_wheel else "no wheel", "ring" if hello.has_ring else "no ring"]
     yield Finding("probe", Verdict.OK, ", ".join(parts))
+    if hello.processing:
+        words = f"the camera alters the light: {', '.join(hello.processing)}"
+        yield Finding("processing", Verdict.WARN, words, _PROCESSING_STEP)
 
 
 def _light(client: Client, wait_s: float) -> Iterator[Finding]:
@@ -325,7 +333,7 @@ def _flags(estimate: Estimate) -> Iterator[Finding]:
 
 
 #: Faults with which everything that both sides know works.
-_WARNINGS = {"mcu-minor-version"}
+_WARNINGS = {"mcu-minor-version", "camera-processing"}
 
 
 def _health(client: Client, wait_s: float) -> Iterator[Finding]:

@@ -196,6 +196,8 @@ def _status(client: Client, rate_hz: float) -> Text:
         if estimate.predicted_error is not None:
             model += f", leaves out {100 * estimate.predicted_error:.1f}%"
         words.append(model)
+    if hello.processing:
+        words.append(f"camera alters the light: {', '.join(hello.processing)}")
     return Text("  ·  ".join(words), style="bold")
 
 

@@ -17,6 +17,7 @@ The file is INI; its numbers refer to the size it states, and any other frame si
     [crop]     full_width_px, full_height_px, left_px, top_px: equirect, the part of the sphere
     [response] table              file of 256 rows r g b: linear light of each code, scaled so
                                   that the last row of green is 1; default sRGB
+               processing         what the camera did to its pictures meanwhile; for the daemon
 """
 
 from __future__ import annotations

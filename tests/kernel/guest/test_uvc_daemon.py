@@ -125,6 +125,8 @@ def test_controls_are_held_and_put_back(start, camera):
     assert held["white_balance_auto"] == 0
     assert held["white_balance"] == 5000
     assert held["power_line"] == 1
+    assert (held["sharpness"], held["backlight"]) == (0, 0)
+    assert "switched off: backlight compensation 1 → 0, sharpness 3 → 0" in daemon.log()
     daemon.wait_health("exposure", lambda health: True)
     wait_for("known exposure", lambda: daemon.wait_estimate().exposure_us == 2000)
     daemon.stop()
@@ -150,6 +152,9 @@ def test_camera_without_settable_exposure(start, make_camera, kind, words):
     if kind == "read-only":
         assert not estimate.HasField("exposure_us")
         assert estimate.flags & 2  # ESTIMATE_FLAG_EXPOSURE_UNKNOWN
+        assert (
+            "stays on, and alters the light: backlight compensation 1 (read-only)" in daemon.log()
+        )
 
 
 def test_camera_file_decides(start, make_camera, tmp_path):

@@ -44,7 +44,8 @@ static const char *const fault_names[FAULT_COUNT] = {
 static void report_state(struct camera *camera, char *reply)
 {
 	static const char *const names[] = {"ae_mode",	     "exposure",	   "gain",
-					    "white_balance", "white_balance_auto", "power_line"};
+					    "white_balance", "white_balance_auto", "power_line",
+					    "sharpness",     "backlight"};
 	const struct streaming_counts *counts = camera_counts(camera);
 	int n = snprintf(reply, REPLY_BYTES, "ok sent=%u overrun=%u spoiled=%u broken=%u",
 			 atomic_load(&counts->sent), atomic_load(&counts->overrun),

@@ -17,7 +17,18 @@ enum {
 	ERROR_INVALID_REQUEST = 7
 };
 
-enum control_index { AE_MODE, EXPOSURE, BRIGHTNESS, GAIN, POWER_LINE, WHITE, WHITE_AUTO, CONTROLS };
+enum control_index {
+	AE_MODE,
+	EXPOSURE,
+	BRIGHTNESS,
+	GAIN,
+	POWER_LINE,
+	WHITE,
+	WHITE_AUTO,
+	SHARPNESS,
+	BACKLIGHT,
+	CONTROLS
+};
 
 struct control {
 	const char *name;
@@ -44,6 +55,10 @@ static const struct control table[CONTROLS] = {
 		   UVC_PU_WHITE_BALANCE_TEMPERATURE_CONTROL, 2, 2800, 6500, 10, 4600},
 	[WHITE_AUTO] = {"white_balance_auto", CAMERA_PROCESSING_UNIT,
 			UVC_PU_WHITE_BALANCE_TEMPERATURE_AUTO_CONTROL, 1, 0, 1, 1, 1},
+	[SHARPNESS] = {"sharpness", CAMERA_PROCESSING_UNIT, UVC_PU_SHARPNESS_CONTROL, 2, 0, 7, 1,
+		       3},
+	[BACKLIGHT] = {"backlight", CAMERA_PROCESSING_UNIT, UVC_PU_BACKLIGHT_COMPENSATION_CONTROL,
+		       2, 0, 2, 1, 1},
 };
 
 enum { HISTORY = CAMERA_MAX_DELAY + 1 };
@@ -125,6 +140,8 @@ static bool settable(const struct controls *controls, int index)
 {
 	bool exposure = index == AE_MODE || index == EXPOSURE;
 
+	if (index == BACKLIGHT)
+		return controls->options->exposure != CAMERA_EXPOSURE_READ_ONLY;
 	return !exposure || controls->options->exposure == CAMERA_EXPOSURE_SETTABLE;
 }
 

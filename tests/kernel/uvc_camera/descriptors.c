@@ -57,8 +57,9 @@ static uint8_t *put_camera_terminal(uint8_t *at, const struct camera_options *op
 
 static uint8_t *put_processing_unit(uint8_t *at)
 {
-	/* D0 brightness, D6 white balance, D9 gain, D10 power line, D12 automatic white balance */
-	uint16_t controls = 1 << 0 | 1 << 6 | 1 << 9 | 1 << 10 | 1 << 12;
+	/* D0 brightness, D4 sharpness, D6 white balance, D8 backlight, D9 gain, D10 power line,
+	 * D12 automatic white balance */
+	uint16_t controls = 1 << 0 | 1 << 4 | 1 << 6 | 1 << 8 | 1 << 9 | 1 << 10 | 1 << 12;
 	uint8_t *start = at;
 
 	at = open_descriptor(at, USB_DT_CS_INTERFACE, UVC_VC_PROCESSING_UNIT);

@@ -17,7 +17,7 @@ static const char usage[] =
 	"  --usb=VENDOR:PRODUCT  identity, hexadecimal (1d6b:0102)\n"
 	"  --name=TEXT           product (lightprobe test camera)\n"
 	"  --serial=TEXT         serial number (0001); empty: none\n"
-	"  --exposure=KIND       settable (default), read-only or missing\n"
+	"  --exposure=KIND       settable (default), read-only (backlight, too) or missing\n"
 	"  --delay=N             frames from a control's change to its effect, 0..4 (0)\n"
 	"  --unplugged           do not plug in before the command `plug`\n"
 	"  --verbose             print every control request\n"

@@ -34,6 +34,24 @@ def test_values_are_replaced_or_added_and_the_rest_stays():
     assert camera_file.edited(text, "v4l2", {"exposure_delay_frames": "3", "fps": "30"}) == text
 
 
+def test_a_value_is_left_out():
+    assert camera_file.edited("[a]\nb = 1\nc = 2\n", "a", {"b": None, "d": None}) == (
+        "[a]\nc = 2\n"
+    )
+
+
+def test_a_response_says_what_the_camera_did(tmp_path):
+    """And a later one, of which nothing is known, does not go on saying it."""
+    path = tmp_path / "probe.camera"
+    for processing, line in (
+        (["sharpness", "gamma"], "processing = sharpness, gamma\n"),
+        ([], "processing = none\n"),
+        (None, ""),
+    ):
+        table = camera_file.save_response(path, (64, 32), LINEAR, "", processing)
+        assert path.read_text().endswith(f"[response]\ntable = {table.name}\n{line}")
+
+
 def test_a_section_is_added_at_the_end():
     assert camera_file.edited("[camera]\na = 1\n", "new", {"b": "2"}) == (
         "[camera]\na = 1\n\n[new]\nb = 2\n"

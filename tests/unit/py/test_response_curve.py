@@ -1,5 +1,8 @@
 """Fitting a response to codes of known light."""
 
+from contextlib import contextmanager
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,6 +15,7 @@ from lightprobe.calibrate.response_curve import (
     residuals,
     step_errors,
 )
+from lightprobe.cli import calibrate_response
 
 CODES = np.arange(256) / 255
 EXPOSURES_US = 8 * np.cumprod([1.0] + [1.5, 2.2] * 7)
@@ -111,3 +115,22 @@ def test_monotone_never_falls_and_is_the_nearest_such(values):
     assert np.mean(result) == pytest.approx(np.mean(values), abs=1e-6)
     sorted_values = np.maximum.accumulate(values)
     assert np.sum((result - values) ** 2) <= np.sum((sorted_values - values) ** 2) + 1e-6
+
+
+def test_the_command_notes_what_the_camera_did(tmp_path, monkeypatch, capsys):
+    """With the response, into the camera file: it holds only as long as the camera does so."""
+
+    @contextmanager
+    def series(*_, **__):
+        yield SimpleNamespace(processing=("sharpness", "gamma"))
+
+    step = SimpleNamespace(mean=np.zeros((20, 40, 3)))
+    monkeypatch.setattr(calibrate_response.calibrate, "series", series)
+    monkeypatch.setattr(calibrate_response, "of_series", lambda _: [step])
+    monkeypatch.setattr(
+        calibrate_response.flat_patches, "collect", lambda _: (seen(gammas(2, 2, 2)), [])
+    )
+    path = tmp_path / "my.camera"
+    calibrate_response.command(["v4l2:/dev/video0"], output=path)
+    assert "\nprocessing = sharpness, gamma\n" in path.read_text()
+    assert "note: the camera alters the light: sharpness, gamma" in capsys.readouterr().err

@@ -19,6 +19,7 @@ extern "C" {
 #include "drivers/source/libcamera/settings.h"
 #include "drivers/source/offers.h"
 #include "drivers/source/outbox.h"
+#include "drivers/source/processing.h"
 #include "drivers/source/report.h"
 #include "include/frame.h"
 #include "include/source.h"

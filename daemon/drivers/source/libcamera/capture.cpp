@@ -278,6 +278,8 @@ void Capture::deliver(Session &session)
 			has_corrupt = true;
 		} else {
 			if (!has_frames) { /* what the camera can do is known with the first one */
+				lp_processing_tell(&session.processing(), false, &processing_told,
+						   object.c_str());
 				const std::lock_guard<std::mutex> guard(lock);
 
 				present = session.caps();

@@ -69,6 +69,7 @@ class Capture
 	bool has_frames = false;  /* usable ones, since it was opened */
 	uint64_t next_sequence = 0;
 	lp_frame_clock clock{};
+	lp_processing_report processing_told{}; /* logged last */
 };
 
 } // namespace lp

@@ -14,6 +14,7 @@
 #include <unistd.h>
 
 #include "drivers/source/libcamera/metadata.hpp"
+#include "drivers/source/libcamera/neutral.hpp"
 #include "drivers/source/libcamera/offers.hpp"
 
 namespace controls = libcamera::controls;
@@ -92,7 +93,7 @@ Session::Session(std::shared_ptr<libcamera::Camera> opened, std::vector<Node> it
 		 lp_frame_clock &its_clock, std::function<void()> notify)
     : settings(how), nodes(std::move(its_nodes)), frames(pool), clock(its_clock),
       wake(std::move(notify)), camera(std::move(opened)), wanted(camera->controls()),
-      first_sequence(sequence), following_sequence(sequence)
+      neutral(camera->controls()), first_sequence(sequence), following_sequence(sequence)
 {
 }
 
@@ -225,6 +226,8 @@ void Session::hold_still()
 
 	if (has.find(controls::AwbEnable.id()) != has.end())
 		wanted.set(controls::AwbEnable, false);
+	if (settings.processing != LP_PROCESSING_KEEP)
+		neutralize(has, neutral, processing_done);
 	if (settings.colour_gains.count && has.find(controls::ColourGains.id()) != has.end())
 		wanted.set(controls::ColourGains,
 			   libcamera::Span<const float, 2>(settings.colour_gains.values, 2));
@@ -290,8 +293,11 @@ bool Session::start(Fault &fault)
 	ret = camera->start();
 	if (ret < 0)
 		return fail_call(fault, ret, "start");
-	for (const Slot &slot : slots)
+	for (const Slot &slot : slots) {
 		queue(*slot.request);
+		wanted.merge(neutral); /* by the second: so a refusal says of what */
+		neutral.clear();
+	}
 	return true;
 }
 
@@ -423,6 +429,14 @@ void Session::give_up(libcamera::Request &request)
 {
 	if (request.controls().empty() || !present())
 		return; /* it does not even take a plain one: silence follows, and is noticed */
+	libcamera::ControlList asked(camera->controls());
+
+	asked.merge(request.controls());
+	if (give_up_neutral(asked, processing_done)) {
+		wanted.merge(asked);
+		queue(request);
+		return;
+	}
 	if (settable)
 		lp_warning("libcamera", "exposure",
 			   "it refuses to be set: no brackets, and light levels are relative to "
@@ -517,6 +531,8 @@ lp_source_caps Session::caps() const
 	caps.exposure_min_us = caps.exposure_max_us = caps.gain_min = caps.gain_max = NAN;
 	caps.exposure_delay_frames = settings.exposure_delay_frames;
 	caps.reports_exposure = reports_exposure;
+	caps.tells_processing = settings.processing != LP_PROCESSING_KEEP;
+	caps.processing_on = processing_done.on;
 	caps.exposure_settable = settable && limits(has, controls::ExposureTime,
 						    caps.exposure_min_us, caps.exposure_max_us);
 	if (!caps.exposure_settable)
@@ -525,6 +541,11 @@ lp_source_caps Session::caps() const
 	if (!reports_exposure || !limits(has, controls::AnalogueGain, caps.gain_min, caps.gain_max))
 		caps.gain_min = caps.gain_max = 1;
 	return caps;
+}
+
+const lp_processing_report &Session::processing() const
+{
+	return processing_done;
 }
 
 int64_t Session::rest_end_ns() const

@@ -67,6 +67,8 @@ class Session
 	int64_t rest_end_ns() const;
 	/* What it can do; all of it is known after the first frame. */
 	lp_source_caps caps() const;
+	/* What was done about its processing; known after the first frame, too. */
+	const lp_processing_report &processing() const;
 	uint64_t next_sequence() const;
 	/* "MJPEG 1920x960" */
 	std::string description() const;
@@ -125,9 +127,11 @@ class Session
 	std::vector<Slot> slots;  /* by the request's cookie */
 	std::vector<Mapping> mappings;
 
+	lp_processing_report processing_done{};
 	bool settable = false;
-	bool reports_exposure = false; /* as the caps say; known after the first frame */
-	libcamera::ControlList wanted; /* for the next request */
+	bool reports_exposure = false;	/* as the caps say; known after the first frame */
+	libcamera::ControlList wanted;	/* for the next request */
+	libcamera::ControlList neutral; /* for the second one */
 	float wanted_us = NAN, wanted_gain = NAN;
 	lp_exposure_guess guess{};		   /* where frames do not report it */
 	std::vector<libcamera::Request *> resting; /* not queued before t_rest_end_ns */

@@ -8,6 +8,7 @@
 
 #include "base/log.h"
 #include "base/uri.h"
+#include "drivers/source/processing.h"
 #include "drivers/source/profile.h"
 #include "include/camera_profile.h"
 
@@ -40,6 +41,8 @@ static const struct lp_param list[] = {
 	 .min = 0.01, .max = 100,
 	 .help = "RED,BLUE: white balance; none: the values at which automatic white balance "
 		 "stops"},
+	{"processing", LP_PARAM_CHOICE, offsetof(struct lp_libcamera_settings, processing),
+	 .initial = "neutral", .choices = lp_processing_wishes, .help = LP_PROCESSING_HELP},
 	{"stall_ms", LP_PARAM_FLOAT, offsetof(struct lp_libcamera_settings, stall_ms),
 	 .initial = "1000", .min = 100, .max = 60000,
 	 .help = "time without a frame after which the camera is opened again"},

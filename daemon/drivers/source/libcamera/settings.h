@@ -19,6 +19,7 @@ struct lp_libcamera_settings {
 	int exposure_delay_frames; /* where frames do not tell theirs; -1: not known */
 	struct lp_floats
 		colour_gains; /* red, blue; none: automatic white balance is just stopped */
+	int processing;	      /* enum lp_processing_wish */
 	float stall_ms;	      /* silence that counts as a stall */
 };
 

@@ -10,6 +10,7 @@
 
 #include "base/clock.h"
 #include "base/log.h"
+#include "drivers/source/osc/camera_parts.h"
 #include "drivers/source/osc/reply.h"
 
 #define MANUAL 1
@@ -96,8 +97,7 @@ static int execute(struct lp_osc_camera *camera, const char *name, json_t *param
 	return ret;
 }
 
-/* Takes over `options`. */
-static int set_options(struct lp_osc_camera *camera, json_t *options, struct lp_osc_fault *fault)
+int lp_osc_set_options(struct lp_osc_camera *camera, json_t *options, struct lp_osc_fault *fault)
 {
 	const int ret = execute(camera, "camera.setOptions", json_pack("{s:o}", "options", options),
 				NULL, fault);
@@ -106,8 +106,7 @@ static int set_options(struct lp_osc_camera *camera, json_t *options, struct lp_
 	return ret;
 }
 
-/* The options of these names (the last one NULL) into `*options`, to be released. */
-static int get_options(struct lp_osc_camera *camera, const char *const *names, json_t **options,
+int lp_osc_get_options(struct lp_osc_camera *camera, const char *const *names, json_t **options,
 		       struct lp_osc_fault *fault)
 {
 	json_t *list = json_array(), *results = NULL;
@@ -259,7 +258,7 @@ static int enter_mode(struct lp_osc_camera *camera, const json_t *options,
 
 	if (present && strcmp(present, wanted) == 0)
 		return 0;
-	ret = set_options(camera, json_pack("{s:s}", "captureMode", wanted), fault);
+	ret = lp_osc_set_options(camera, json_pack("{s:s}", "captureMode", wanted), fault);
 	if (ret == -EINVAL)
 		ret = lp_osc_fail(fault, ret, LP_SOURCE_DOWN, "captureMode",
 				  "%s (firmware %s) has no mode '%s' — try mode=%s", camera->model,
@@ -268,8 +267,7 @@ static int enter_mode(struct lp_osc_camera *camera, const json_t *options,
 	return ret;
 }
 
-/* Keep what is not kept yet: after a reconnection the present values are ours. */
-static void remember(struct lp_osc_camera *camera, const json_t *options)
+void lp_osc_remember(struct lp_osc_camera *camera, const json_t *options)
 {
 	if (!camera->saved) {
 		camera->saved = json_object();
@@ -292,7 +290,7 @@ static int prepare_mode(struct lp_osc_camera *camera, struct lp_osc_fault *fault
 					     "offDelay", NULL};
 	static const char *const formats[] = {"previewFormatSupport", NULL};
 	json_t *options = NULL, *support = NULL;
-	int ret = get_options(camera, formats, &support, fault);
+	int ret = lp_osc_get_options(camera, formats, &support, fault);
 
 	if (ret == -ENOENT || ret == -ENOSYS)
 		return no_preview(camera, fault);
@@ -302,9 +300,9 @@ static int prepare_mode(struct lp_osc_camera *camera, struct lp_osc_fault *fault
 	json_decref(support);
 	if (ret < 0)
 		return ret;
-	ret = get_options(camera, common, &options, fault);
+	ret = lp_osc_get_options(camera, common, &options, fault);
 	if (ret == 0) {
-		remember(camera, options);
+		lp_osc_remember(camera, options);
 		ret = enter_mode(camera, options, fault);
 	}
 	json_decref(options);
@@ -333,10 +331,10 @@ static int make_manual(struct lp_osc_camera *camera, struct lp_osc_fault *fault)
 	struct lp_osc_exposures *range = &camera->range;
 	const int iso = camera->settings->iso;
 	json_t *options = NULL;
-	int ret = set_options(camera, json_pack("{s:i}", "exposureProgram", MANUAL), fault);
+	int ret = lp_osc_set_options(camera, json_pack("{s:i}", "exposureProgram", MANUAL), fault);
 
 	if (ret == 0)
-		ret = get_options(camera, names, &options, fault);
+		ret = lp_osc_get_options(camera, names, &options, fault);
 	if (ret < 0)
 		return ret;
 	ret = lp_osc_exposures_read(range, options, camera->choice.rate_hz, iso);
@@ -382,10 +380,10 @@ static void add_white_balance(const struct lp_osc_camera *camera, json_t *option
 static void keep_awake(struct lp_osc_camera *camera)
 {
 	struct lp_osc_fault fault;
-	const int ret =
-		set_options(camera,
-			    json_pack("{s:i, s:i}", "sleepDelay", NEVER_S, "offDelay", NEVER_S),
-			    &fault);
+	const int ret = lp_osc_set_options(camera,
+					   json_pack("{s:i, s:i}", "sleepDelay", NEVER_S,
+						     "offDelay", NEVER_S),
+					   &fault);
 
 	if (ret < 0 && ret != -ECANCELED)
 		lp_warning(camera->object, "sleepDelay",
@@ -409,7 +407,7 @@ static int hold(struct lp_osc_camera *camera, struct lp_osc_fault *fault)
 	}
 	add_white_balance(camera, options);
 	(void)json_object_set_new(options, "previewFormat", preview_option(camera));
-	return set_options(camera, options, fault);
+	return lp_osc_set_options(camera, options, fault);
 }
 
 static int prepare_exposure(struct lp_osc_camera *camera, struct lp_osc_fault *fault)
@@ -422,19 +420,26 @@ static int prepare_exposure(struct lp_osc_camera *camera, struct lp_osc_fault *f
 					    "_colorTemperature",
 					    NULL};
 	json_t *options = NULL;
-	int ret = get_options(camera, names, &options, fault);
+	int ret = lp_osc_get_options(camera, names, &options, fault);
 
 	if (ret < 0)
 		return ret;
-	camera->exposure_settable = camera->settings->exposure_settable && has_manual(options);
-	if (camera->settings->exposure_settable && !camera->exposure_settable)
+	camera->exposure_settable = camera->settings->exposure_settable && has_manual(options) &&
+				    !lp_osc_has_filter(camera);
+	if (camera->settings->exposure_settable && lp_osc_has_filter(camera))
+		lp_warning(
+			camera->object, "exposure",
+			"an image filter of the camera is on, which makes its exposure automatic: "
+			"exposures are unknown and brackets are off — switch _filter off");
+	else if (camera->settings->exposure_settable && !camera->exposure_settable)
 		lp_warning(camera->object, "exposure",
 			   "%s (firmware %s) has no manual exposure in the mode '%s': exposures "
 			   "are unknown and brackets are off — update its firmware, or try mode=%s",
 			   camera->model, camera->firmware, mode_name(camera),
 			   camera->settings->mode == LP_OSC_VIDEO ? "image" : "video");
 	(void)json_object_del(options, "exposureProgramSupport");
-	remember(camera, options);
+	lp_osc_remember(camera, options);
+	lp_osc_look_at_white_balance(camera, options);
 	json_decref(options);
 	return camera->exposure_settable ? make_manual(camera, fault) : 0;
 }
@@ -459,6 +464,8 @@ int lp_osc_camera_open(struct lp_osc_camera *camera, struct lp_osc_fault *fault)
 	if (ret == 0)
 		ret = prepare_mode(camera, fault);
 	if (ret == 0)
+		ret = lp_osc_neutralize(camera, fault);
+	if (ret == 0)
 		ret = prepare_exposure(camera, fault);
 	if (ret == 0)
 		ret = hold(camera, fault);
@@ -466,12 +473,15 @@ int lp_osc_camera_open(struct lp_osc_camera *camera, struct lp_osc_fault *fault)
 		return ret;
 	keep_awake(camera);
 	announce(camera);
+	lp_processing_tell(&camera->processing, camera->settings->processing == LP_PROCESSING_KEEP,
+			   &camera->processing_told, camera->object);
 	return pause_until(camera, camera->changed_ns + AFTER_OPTIONS_NS) ? 0 : -ECANCELED;
 }
 
 int lp_osc_camera_show_capture(struct lp_osc_camera *camera, struct lp_osc_fault *fault)
 {
-	const int ret = set_options(camera, json_pack("{s:s}", "_cameraMode", "capture"), fault);
+	const int ret =
+		lp_osc_set_options(camera, json_pack("{s:s}", "_cameraMode", "capture"), fault);
 
 	if (ret == 0 && !pause_until(camera, camera->changed_ns + AFTER_OPTIONS_NS))
 		return -ECANCELED;
@@ -491,6 +501,7 @@ static json_t *options_before(const struct lp_osc_camera *camera)
 	if (program != MANUAL && program != ISO_PRIORITY)
 		(void)json_object_del(options, "iso");
 	(void)json_object_del(options, "captureMode");
+	lp_osc_leave_out_processing(options);
 	return options;
 }
 
@@ -498,13 +509,16 @@ static int restore(struct lp_osc_camera *camera, struct lp_osc_fault *fault)
 {
 	const json_t *mode = json_object_get(camera->saved, "captureMode");
 	/* Exposure is kept for each mode: first go where it was changed. */
-	int ret = set_options(camera, json_pack("{s:s}", "captureMode", mode_name(camera)), fault);
+	int ret = lp_osc_set_options(camera, json_pack("{s:s}", "captureMode", mode_name(camera)),
+				     fault);
 
 	if (ret == 0)
-		ret = set_options(camera, options_before(camera), fault);
+		ret = lp_osc_set_options(camera, options_before(camera), fault);
+	if (ret == 0)
+		ret = lp_osc_restore_processing(camera, fault);
 	if (ret == 0 && json_is_string(mode) &&
 	    strcmp(json_string_value(mode), mode_name(camera)) != 0)
-		ret = set_options(camera, json_pack("{s:O}", "captureMode", mode), fault);
+		ret = lp_osc_set_options(camera, json_pack("{s:O}", "captureMode", mode), fault);
 	return ret;
 }
 

@@ -14,6 +14,7 @@
 #include "drivers/source/osc/exposures.h"
 #include "drivers/source/osc/reply.h"
 #include "drivers/source/osc/settings.h"
+#include "drivers/source/processing.h"
 #include "include/source.h"
 
 struct lp_osc_camera {
@@ -25,6 +26,7 @@ struct lp_osc_camera {
 	struct lp_offer_choice choice;
 	bool exposure_settable;
 	struct lp_osc_exposures range;
+	struct lp_processing_report processing, processing_told; /* now; and as logged last */
 	float exposure_us, gain; /* that were set last; NAN: unknown */
 	int64_t changed_ns;	 /* when options were set last */
 

@@ -43,6 +43,10 @@ static void set_caps(struct lp_osc_capture *self, const struct lp_osc_camera *ca
 		.exposure_delay_frames = delay >= 0 ? delay : LP_OSC_LONGEST_DELAY_FRAMES,
 	};
 
+	if (camera) {
+		caps.tells_processing = true;
+		caps.processing_on = camera->processing.on;
+	}
 	if (camera && camera->exposure_settable) {
 		const struct lp_osc_exposures *range = &camera->range;
 		const float base_iso = (float)range->base_iso;

@@ -13,6 +13,7 @@
 
 #include "base/log.h"
 #include "base/uri.h"
+#include "drivers/source/processing.h"
 #include "drivers/source/profile.h"
 #include "include/camera_profile.h"
 
@@ -43,6 +44,8 @@ static const struct lp_param list[] = {
 	{"white_balance_k", LP_PARAM_INT, offsetof(struct lp_osc_settings, white_balance_k),
 	 .initial = "6500", .max = 20000,
 	 .help = "colour temperature to set, in kelvins, in steps of 100; 0: keep the present one"},
+	{"processing", LP_PARAM_CHOICE, offsetof(struct lp_osc_settings, processing),
+	 .initial = "neutral", .choices = lp_processing_wishes, .help = LP_PROCESSING_HELP},
 	{"stall_ms", LP_PARAM_FLOAT, offsetof(struct lp_osc_settings, stall_ms), .initial = "2000",
 	 .min = 100, .max = 60000,
 	 .help = "time without a frame after which the live preview is started again"},

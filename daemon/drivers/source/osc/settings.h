@@ -25,6 +25,7 @@ struct lp_osc_settings {
 	int exposure_delay_frames; /* -1: not known */
 	int iso;		   /* 0: the lowest */
 	int white_balance_k;	   /* 0: keep the present one */
+	int processing;		   /* enum lp_processing_wish */
 	float stall_ms;
 };
 

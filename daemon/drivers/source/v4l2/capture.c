@@ -64,6 +64,10 @@ static void set_caps(struct lp_v4l2_capture *self, const struct lp_v4l2_session 
 		caps.exposure_step_us = (float)controls->exposure.step * 100.0F;
 		caps.gain_min = caps.gain_max = 1;
 	}
+	if (controls) {
+		caps.tells_processing = controls->tells_processing;
+		caps.processing_on = controls->processing.on;
+	}
 	if (controls && controls->gain_settable && controls->gain_unity > 0) {
 		caps.gain_min = (float)controls->gain.minimum / controls->gain_unity;
 		caps.gain_max = (float)controls->gain.maximum / controls->gain_unity;
@@ -175,6 +179,9 @@ static void use_camera(struct lp_v4l2_capture *self, struct lp_v4l2_session *ses
 
 	self->known = session->node;
 	self->is_known = true;
+	lp_processing_tell(&session->controls.processing,
+			   self->settings.processing == LP_PROCESSING_KEEP, &self->processing_told,
+			   session->object);
 	set_caps(self, session);
 	outcome = lp_v4l2_run(self, session);
 	set_caps(self, NULL);

@@ -39,6 +39,7 @@ struct lp_v4l2_capture {
 	struct lp_backoff retry, reset;
 	int64_t next_reset_ns;
 	struct lp_frame_clock clock;
+	struct lp_processing_report processing_told; /* logged last */
 };
 
 /* Has the loop asked the thread to end? */

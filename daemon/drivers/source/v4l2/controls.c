@@ -8,37 +8,37 @@
 #include <sys/ioctl.h>
 
 #include "base/log.h"
+#include "drivers/source/v4l2/controls_parts.h"
 
 #define EXPOSURE_UNIT_US 100.0
-
-/*
- * In the order of holding: an automatic mode is switched off before the value that it governs is
- * written. They are put back in the reverse order: values first, while they may still be written.
- */
-enum control {
-	AUTO_EXPOSURE,
-	AUTO_EXPOSURE_PRIORITY,
-	EXPOSURE,
-	AUTO_GAIN,
-	GAIN,
-	AUTO_WHITE_BALANCE,
-	WHITE_BALANCE,
-	BACKLIGHT,
-	POWER_LINE,
-};
 
 static const struct {
 	uint32_t id;
 	const char *name;
 } table[LP_V4L2_CONTROLS] = {
+	[SCENE_MODE] = {V4L2_CID_SCENE_MODE, "scene mode"},
+	[WIDE_DYNAMIC_RANGE] = {V4L2_CID_WIDE_DYNAMIC_RANGE, "wide dynamic range"},
+	[HDR_SENSOR_MODE] = {LP_V4L2_CID_HDR_SENSOR_MODE, "HDR sensor mode"},
+	[COLOUR_EFFECT] = {V4L2_CID_COLORFX, "colour effect"},
+	[STABILIZATION] = {V4L2_CID_IMAGE_STABILIZATION, "image stabilization"},
+	[BACKLIGHT] = {V4L2_CID_BACKLIGHT_COMPENSATION, "backlight compensation"},
+	[AUTO_BRIGHTNESS] = {V4L2_CID_AUTOBRIGHTNESS, "auto brightness"},
+	[BRIGHTNESS] = {V4L2_CID_BRIGHTNESS, "brightness"},
+	[AUTO_HUE] = {V4L2_CID_HUE_AUTO, "auto hue"},
+	[HUE] = {V4L2_CID_HUE, "hue"},
+	[CONTRAST] = {V4L2_CID_CONTRAST, "contrast"},
+	[SATURATION] = {V4L2_CID_SATURATION, "saturation"},
+	[GAMMA] = {V4L2_CID_GAMMA, "gamma"},
+	[SHARPNESS] = {V4L2_CID_SHARPNESS, "sharpness"},
 	[AUTO_EXPOSURE] = {V4L2_CID_EXPOSURE_AUTO, "auto exposure"},
 	[AUTO_EXPOSURE_PRIORITY] = {V4L2_CID_EXPOSURE_AUTO_PRIORITY, "exposure priority"},
 	[EXPOSURE] = {V4L2_CID_EXPOSURE_ABSOLUTE, "exposure"},
 	[AUTO_GAIN] = {V4L2_CID_AUTOGAIN, "auto gain"},
 	[GAIN] = {V4L2_CID_GAIN, "gain"},
 	[AUTO_WHITE_BALANCE] = {V4L2_CID_AUTO_WHITE_BALANCE, "auto white balance"},
+	[PRESET_WHITE_BALANCE] = {V4L2_CID_AUTO_N_PRESET_WHITE_BALANCE, "white balance preset"},
 	[WHITE_BALANCE] = {V4L2_CID_WHITE_BALANCE_TEMPERATURE, "white balance"},
-	[BACKLIGHT] = {V4L2_CID_BACKLIGHT_COMPENSATION, "backlight compensation"},
+	[LOCK] = {V4L2_CID_3A_LOCK, "lock of automatic functions"},
 	[POWER_LINE] = {V4L2_CID_POWER_LINE_FREQUENCY, "power-line frequency"},
 };
 
@@ -78,21 +78,33 @@ static int call(struct lp_v4l2_controls *controls, unsigned long request, void *
 	return ret;
 }
 
-/* 0, or -ENOENT: the camera has none; -EACCES: it cannot be written. */
-static int query(struct lp_v4l2_controls *controls, enum control which, struct lp_v4l2_range *range)
+int lp_v4l2_control_query(struct lp_v4l2_controls *controls, enum lp_v4l2_control which,
+			  struct v4l2_queryctrl *found)
 {
-	struct v4l2_queryctrl found = {.id = table[which].id};
-	const int ret = call(controls, VIDIOC_QUERYCTRL, &found);
+	int ret;
 
+	*found = (struct v4l2_queryctrl){.id = table[which].id};
+	ret = call(controls, VIDIOC_QUERYCTRL, found);
 	if (ret < 0)
 		return ret == -EINVAL || ret == -ENOTTY ? -ENOENT : ret;
-	if (found.flags & V4L2_CTRL_FLAG_DISABLED)
-		return -ENOENT;
+	return found->flags & V4L2_CTRL_FLAG_DISABLED ? -ENOENT : 0;
+}
+
+/* 0, or -ENOENT: the camera has none; -EACCES: it cannot be written. */
+static int query(struct lp_v4l2_controls *controls, enum lp_v4l2_control which,
+		 struct lp_v4l2_range *range)
+{
+	struct v4l2_queryctrl found;
+	const int ret = lp_v4l2_control_query(controls, which, &found);
+
+	if (ret < 0)
+		return ret;
 	*range = (struct lp_v4l2_range){found.minimum, found.maximum, found.step};
 	return found.flags & V4L2_CTRL_FLAG_READ_ONLY ? -EACCES : 0;
 }
 
-static int get(struct lp_v4l2_controls *controls, enum control which, int64_t *value)
+int lp_v4l2_control_get(struct lp_v4l2_controls *controls, enum lp_v4l2_control which,
+			int64_t *value)
 {
 	struct v4l2_control control = {.id = table[which].id};
 	const int ret = call(controls, VIDIOC_G_CTRL, &control);
@@ -102,26 +114,45 @@ static int get(struct lp_v4l2_controls *controls, enum control which, int64_t *v
 	return ret;
 }
 
-static int set(struct lp_v4l2_controls *controls, enum control which, int64_t value)
+static int set(struct lp_v4l2_controls *controls, enum lp_v4l2_control which, int64_t value)
 {
 	struct v4l2_control control = {.id = table[which].id, .value = (int32_t)value};
 
 	return call(controls, VIDIOC_S_CTRL, &control);
 }
 
-static int save(struct lp_v4l2_controls *controls, enum control which)
+static int save(struct lp_v4l2_controls *controls, enum lp_v4l2_control which)
 {
 	int ret;
 
 	if (controls->list[which].held)
 		return 0;
-	ret = get(controls, which, &controls->list[which].before);
+	ret = lp_v4l2_control_get(controls, which, &controls->list[which].before);
 	controls->list[which].held = ret == 0;
 	return ret;
 }
 
+int lp_v4l2_control_change(struct lp_v4l2_controls *controls, enum lp_v4l2_control which,
+			   int64_t value)
+{
+	const bool was_held = controls->list[which].held;
+	int ret = save(controls, which);
+
+	if (ret < 0)
+		return ret;
+	ret = set(controls, which, value);
+	if (ret < 0 && !was_held) /* it is as it was */
+		controls->list[which].held = false;
+	return ret;
+}
+
+const char *lp_v4l2_control_name(enum lp_v4l2_control which)
+{
+	return table[which].name;
+}
+
 /* Save a control and write it. 0; -ENOENT: there is none; else logged. */
-static int hold(struct lp_v4l2_controls *controls, enum control which, int64_t value)
+static int hold(struct lp_v4l2_controls *controls, enum lp_v4l2_control which, int64_t value)
 {
 	struct lp_v4l2_range range;
 	int ret = controls->gone;
@@ -130,9 +161,7 @@ static int hold(struct lp_v4l2_controls *controls, enum control which, int64_t v
 		return ret; /* has been logged with the first control */
 	ret = query(controls, which, &range);
 	if (ret == 0)
-		ret = save(controls, which);
-	if (ret == 0)
-		ret = set(controls, which, value);
+		ret = lp_v4l2_control_change(controls, which, value);
 	if (ret < 0 && ret != -ENOENT)
 		lp_warning(controls->object, table[which].name, "cannot be set to %lld: %s",
 			   (long long)value, lp_strerror(ret));
@@ -140,10 +169,10 @@ static int hold(struct lp_v4l2_controls *controls, enum control which, int64_t v
 }
 
 /* Hold the value that a control has now: its automatic mode has just been switched off. */
-static int hold_present(struct lp_v4l2_controls *controls, enum control which)
+static int hold_present(struct lp_v4l2_controls *controls, enum lp_v4l2_control which)
 {
 	int64_t value = 0;
-	const int ret = get(controls, which, &value);
+	const int ret = lp_v4l2_control_get(controls, which, &value);
 
 	return ret < 0 ? ret : hold(controls, which, value);
 }
@@ -155,8 +184,8 @@ static bool is_automatic(struct lp_v4l2_controls *controls)
 {
 	int64_t mode = V4L2_EXPOSURE_MANUAL;
 
-	return get(controls, AUTO_EXPOSURE, &mode) == 0 && mode != V4L2_EXPOSURE_MANUAL &&
-	       mode != V4L2_EXPOSURE_SHUTTER_PRIORITY;
+	return lp_v4l2_control_get(controls, AUTO_EXPOSURE, &mode) == 0 &&
+	       mode != V4L2_EXPOSURE_MANUAL && mode != V4L2_EXPOSURE_SHUTTER_PRIORITY;
 }
 
 static void read_back(struct lp_v4l2_controls *controls)
@@ -165,11 +194,11 @@ static void read_back(struct lp_v4l2_controls *controls)
 
 	controls->exposure_us = NAN;
 	controls->linear_gain = NAN;
-	if (!is_automatic(controls) && get(controls, EXPOSURE, &value) == 0)
+	if (!is_automatic(controls) && lp_v4l2_control_get(controls, EXPOSURE, &value) == 0)
 		controls->exposure_us = (float)((double)value * EXPOSURE_UNIT_US);
 	if (!controls->gain_settable)
 		controls->linear_gain = 1; /* whatever it is, it does not change */
-	else if (get(controls, GAIN, &value) == 0)
+	else if (lp_v4l2_control_get(controls, GAIN, &value) == 0)
 		controls->linear_gain = controls->gain_unity > 0
 						? (float)value / controls->gain_unity
 						: 1; /* held at its minimum */
@@ -222,10 +251,10 @@ static void hold_gain(struct lp_v4l2_controls *controls)
 static void hold_white_balance(struct lp_v4l2_controls *controls, float white_balance_k)
 {
 	struct lp_v4l2_range range;
-	const int ret = hold(controls, AUTO_WHITE_BALANCE, 0);
 
-	if ((ret < 0 && ret != -ENOENT) || query(controls, WHITE_BALANCE, &range) < 0)
-		return;
+	if (controls->processing.on & LP_PROCESSING_BIT(LP_PROCESSING_WHITE_BALANCE) ||
+	    query(controls, WHITE_BALANCE, &range) < 0)
+		return; /* it still adapts, or there is none */
 	if (white_balance_k > 0)
 		(void)hold(controls, WHITE_BALANCE,
 			   lp_v4l2_to_control((double)white_balance_k, &range));
@@ -255,6 +284,7 @@ int lp_v4l2_controls_hold(struct lp_v4l2_controls *controls, int fd, const char 
 	snprintf(controls->object, sizeof(controls->object), "%s", object);
 	if (settings->exposure == LP_V4L2_EXPOSURE_UNKNOWN)
 		return 0;
+	lp_v4l2_neutralize(controls, settings->processing == LP_PROCESSING_KEEP);
 	if (settings->exposure == LP_V4L2_EXPOSURE_SETTABLE) {
 		hold_exposure(controls);
 		hold_gain(controls);
@@ -262,7 +292,6 @@ int lp_v4l2_controls_hold(struct lp_v4l2_controls *controls, int fd, const char 
 	}
 	hold_white_balance(controls, settings->white_balance_k);
 	hold_power_line(controls, settings->power_line);
-	(void)hold(controls, BACKLIGHT, 0);
 	return controls->gone;
 }
 

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Exposure, gain, white balance and power-line filter of a camera: held still while we measure, put
- * back as they were afterwards. All calls on the capture thread; they take as long as the camera
- * does.
+ * Exposure, gain, white balance and power-line filter of a camera are held still while we measure,
+ * its processing is off; all is put back as it was afterwards. All calls on the capture thread;
+ * they take as long as the camera does.
  */
 #ifndef LP_SOURCE_V4L2_CONTROLS_H
 #define LP_SOURCE_V4L2_CONTROLS_H
@@ -10,6 +10,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "drivers/source/processing.h"
 #include "drivers/source/v4l2/settings.h"
 
 /* A control's range, as the driver tells it. Exposure is in 100 us. */
@@ -20,7 +21,7 @@ struct lp_v4l2_range {
 /* Nearest value that the control can have. NAN: its minimum. */
 int64_t lp_v4l2_to_control(double value, const struct lp_v4l2_range *range);
 
-#define LP_V4L2_CONTROLS 9
+#define LP_V4L2_CONTROLS 24
 
 struct lp_v4l2_controls {
 	char object[96]; /* names the camera in messages */
@@ -30,6 +31,8 @@ struct lp_v4l2_controls {
 		bool held; /* `before` is to be put back */
 		int64_t before;
 	} list[LP_V4L2_CONTROLS];
+	bool tells_processing; /* `processing` says what there is; false: nothing was looked at */
+	struct lp_processing_report processing;
 	bool exposure_settable;
 	struct lp_v4l2_range exposure, gain;
 	bool gain_settable;

@@ -9,6 +9,7 @@
 
 #include "base/log.h"
 #include "base/uri.h"
+#include "drivers/source/processing.h"
 #include "drivers/source/profile.h"
 #include "include/camera_profile.h"
 
@@ -40,6 +41,8 @@ static const struct lp_param list[] = {
 	{"power_line", LP_PARAM_CHOICE, offsetof(struct lp_v4l2_settings, power_line),
 	 .initial = "off", .choices = power_lines,
 	 .help = "mains frequency in Hz for the camera's flicker filter; keep: do not change it"},
+	{"processing", LP_PARAM_CHOICE, offsetof(struct lp_v4l2_settings, processing),
+	 .initial = "neutral", .choices = lp_processing_wishes, .help = LP_PROCESSING_HELP},
 	{"stall_ms", LP_PARAM_FLOAT, offsetof(struct lp_v4l2_settings, stall_ms), .initial = "1000",
 	 .min = 100, .max = 60000,
 	 .help = "time without a frame after which the stream is restarted; at least four frame "

@@ -40,6 +40,7 @@ struct lp_v4l2_settings {
 	float gain_unity;	   /* control value of linear gain 1; 0: gain is not used */
 	float white_balance_k;	   /* 0: as the camera stands when it is opened */
 	int power_line;		   /* enum lp_v4l2_power_line */
+	int processing;		   /* enum lp_processing_wish */
 	float stall_ms;		   /* silence that counts as a stall */
 	bool reset;		   /* a camera that hangs may be reset through its USB port */
 };

@@ -25,7 +25,14 @@ from lightprobe.sim.lens_defects import LensDefects
 from lightprobe.sim.link import Exposure, account
 from lightprobe.sim.osc import models
 from lightprobe.sim.osc.faults import OscFaults
-from lightprobe.sim.osc.options import MANUAL, NEVER, Options, RefusedError, Values
+from lightprobe.sim.osc.options import (
+    MANUAL,
+    NEVER,
+    PROCESSING,
+    Options,
+    RefusedError,
+    Values,
+)
 from lightprobe.sim.osc.white_balance import Factors, automatic, factors_of
 from lightprobe.sim.processing import Processing
 from lightprobe.sim.sensor import SensorModel
@@ -263,6 +270,11 @@ class OscCamera:
 
     def _set_options(self, changes: Values) -> None:
         with self._lock:
+            f = self.faults
+            if f.refuse_processing and PROCESSING.keys() & changes.keys():
+                raise RefusedError("invalidParameterValue", "image processing: cannot be changed")
+            if f.keep_processing:
+                changes = {k: v for k, v in changes.items() if k not in PROCESSING}
             mode, form = self.options.mode, changes.get("previewFormat")
             self.options.set({k: v for k, v in changes.items() if k != "captureMode"})
             if changes.get("captureMode", mode) != mode:

@@ -33,6 +33,10 @@ class OscFaults(PictureFaults):
     battery: float = fault(0.8, "level of its battery", 0, 1)
     temperature_c: float = fault(41.0, "of its board", -10, 100)
     old_firmware: int = fault(0, "1: the first one", 0, 1)
+    refuse_processing: int = fault(
+        0, "1: options that switch its image processing off are refused", 0, 1
+    )
+    keep_processing: int = fault(0, "1: they are accepted, and nothing changes", 0, 1)
     other_make: int = fault(
         0, "1: a camera of another make, which knows OSC and no live preview", 0, 1
     )

@@ -34,6 +34,9 @@ class Model:
     has_video: bool = True  # manual exposure, and live preview, in the movie mode
     has_camera_mode: bool = False
     reports_temperature: bool = True
+    filters: tuple[str, ...] = ()  # options/_filter.md; beside "off", in the mode for stills
+    #: options/_top_bottom_correction.md: in which modes it can be set; none: it has no such option.
+    corrects_in: tuple[str, ...] = ()
 
     def shutter_speeds_s(self, mode: str) -> list[float]:
         """Give those for manual exposure in the mode "image" or "video", shortest first."""
@@ -50,20 +53,24 @@ MODELS = {
         "RICOH THETA X", "2.71.1",
         ((3840, 1920, 30), (1920, 960, 30), (1024, 512, 30), (512, 512, 30)),
         1 / 16000, _iso(50, 3200), not_s=(0.00008,), has_camera_mode=True,
+        filters=("Noise Reduction", "hdr", "Hh hdr"), corrects_in=("image", "video"),
     ),
     "z1": Model(
         "RICOH THETA Z1", "3.20.1",
         ((1920, 960, 8), (1024, 512, 30), (1024, 512, 8), (640, 320, 30), (640, 320, 8)),
         1 / 25000, _iso(80, 6400), not_s=(0.00007812,),
+        filters=("DR Comp", "Noise Reduction", "hdr", "Hh hdr"), corrects_in=("image",),
     ),
     "v": Model(
         "RICOH THETA V", "3.82.1",
         ((1920, 960, 8), (1024, 512, 30), (1024, 512, 8), (640, 320, 30), (640, 320, 8)),
         1 / 25000, _iso(64, 3200), not_s=(0.00007812,), reports_temperature=False,
+        filters=("DR Comp", "Noise Reduction", "hdr", "Hh hdr"), corrects_in=("image",),
     ),
     "sc": Model(
         "RICOH THETA SC", "1.20", ((640, 320, 10),), 1 / 8000, _iso(100, 1600),
         not_s=(0.00007812, 0.00008, 40, 50), has_video=False, reports_temperature=False,
+        filters=("DR Comp", "Noise Reduction", "hdr"),
     ),
 }  # fmt: skip
 

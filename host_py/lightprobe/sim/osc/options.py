@@ -21,6 +21,11 @@ _WHITE_BALANCES = (
 )  # fmt: skip
 
 
+#: What the camera does to its pictures, and the values of it that do nothing.
+PROCESSING = {"_filter": "off", "_topBottomCorrection": "Disapply"}
+_CORRECTIONS = ("Apply", "ApplyAuto", "ApplySave", "ApplyLoad", "Disapply")
+
+
 class RefusedError(Exception):
     """A command is refused, with one of the published codes (protocols/errors.md)."""
 
@@ -56,6 +61,10 @@ class Options:
             self._common["previewFormat"] = _preview(self.model.formats[-1])
         if self.model.has_camera_mode:
             self._common["_cameraMode"] = "capture"
+        if self.model.filters:
+            self._common["_filter"] = "off"
+        if self.model.corrects_in:
+            self._common["_topBottomCorrection"] = "Apply"
 
     @property
     def mode(self) -> str:
@@ -64,6 +73,7 @@ class Options:
 
     def get(self, name: str) -> Any:
         """Value of an option, or of NAMESupport; raises :class:`RefusedError`."""
+        self._check_mode(name)
         values = self._common | self._by_mode[self.mode]
         if name in values:
             return values[name]
@@ -77,7 +87,7 @@ class Options:
         before = dict(self._common), {mode: dict(v) for mode, v in self._by_mode.items()}
         try:
             # What decides about the others comes first.
-            for name in sorted(changes, key=lambda n: n not in ("captureMode", "exposureProgram")):
+            for name in sorted(changes, key=_order):
                 self._set(name, changes[name])
         except RefusedError:
             self._common, self._by_mode = before
@@ -87,12 +97,29 @@ class Options:
         mine = self._by_mode[self.mode] if name in _PER_MODE else self._common
         if name not in mine:
             raise RefusedError("invalidParameterName", f"{name}: no such option")
+        self._check_mode(name)
+        if name == "_topBottomCorrection" and self.mode not in self.model.corrects_in:
+            raise RefusedError("disabledCommand", f"{name}: cannot be set in the mode {self.mode}")
         if not self._allows(name, value):
             raise RefusedError("invalidParameterValue", f"{name}: {value!r} is not supported")
+        if name == "exposureProgram" and self.has_filter:
+            value = NORMAL  # "it takes priority over the exposure program"
         if name == "exposureProgram" and value != mine[name]:
             mine["shutterSpeed"] = 0.008 if value in (MANUAL, SHUTTER_PRIORITY) else 0
             mine["iso"] = self.model.iso[0] if value in (MANUAL, ISO_PRIORITY) else 0
         mine[name] = value
+        if name == "_filter" and self.has_filter:
+            self._set("exposureProgram", NORMAL)
+
+    @property
+    def has_filter(self) -> bool:
+        """True while an image filter is on, which works for stills alone."""
+        return self.mode == "image" and self._common.get("_filter", "off") != "off"
+
+    def _check_mode(self, name: str) -> None:
+        """Refuse what is known in the mode for stills alone ("Access during video capture")."""
+        if name.removesuffix("Support") == "_filter" and self.mode == "video":
+            raise RefusedError("disabledCommand", f"{name}: not in the movie mode")
 
     def _allows(self, name: str, value: Any) -> bool:
         if isinstance(value, bool):
@@ -138,11 +165,21 @@ class Options:
             known["previewFormat"] = [_preview(f) for f in model.formats]
         if model.has_camera_mode:
             known["_cameraMode"] = ["capture"]
+        if model.filters:
+            known["_filter"] = ["off", *model.filters]
+        if model.corrects_in:
+            known["_topBottomCorrection"] = list(_CORRECTIONS)
         return known
 
     def force(self, name: str, value: Any) -> None:
         """Set what only the camera's own buttons can."""
         self._common[name] = value
+
+
+def _order(name: str) -> int:
+    """What decides about the others comes first; a filter decides last."""
+    first = ("captureMode", "exposureProgram")
+    return 0 if name in first else 2 if name == "_filter" else 1
 
 
 def _preview(form: tuple[int, int, int]) -> dict[str, int]:
