@@ -17,6 +17,7 @@ from lightprobe import geometry
 from lightprobe.colour import linear_to_srgb, luminance
 from lightprobe.geometry import Array
 from lightprobe.sim.camera import Shot, SimulatedCamera
+from lightprobe.sim.moved import patches
 from lightprobe.sim.scene import Layers
 from lightprobe.sim.world import State
 
@@ -99,7 +100,10 @@ class AutoExposure:
             if state.act not in self._layers:
                 self._layers[state.act] = state.scene.render(width, height)
             layers = self._layers[state.act]
-        radiance = np.roll(layers.compose(state.powers), round(state.yaw_deg / 360 * width), axis=1)
+        radiance = layers.compose(state.powers)
+        for patch in patches(state.movers, _METERED_PX, state.scene, state.powers):
+            patch.lay(radiance)
+        radiance = np.roll(radiance, round(state.yaw_deg / 360 * width), axis=1)
         if state.is_covered:
             radiance[:, width // 2 :] = 0
         return radiance

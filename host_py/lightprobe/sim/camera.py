@@ -19,6 +19,7 @@ from lightprobe.imaging.camera import Camera
 from lightprobe.imaging.film import Sheet
 from lightprobe.imaging.polarizer import Polarizer
 from lightprobe.sim.exposure import ExposureLimits, bracket_us, median_luminance
+from lightprobe.sim.moved import Canvas
 from lightprobe.sim.scene import Layers
 from lightprobe.sim.sensor import Codes, Expected, Sensor, SensorModel, encode_jpeg
 from lightprobe.sim.world import Rows, State, World
@@ -122,6 +123,7 @@ class SimulatedCamera:
         self._stack_deg = tuple(stack_deg)
         self._medians: dict[int, float] = {}
         self._composed: tuple[Hashable, Composed] | None = None
+        self._canvas = Canvas()  # what moves before the map
         self._walked: tuple[Hashable, Layers] | None = None
         self._signals: OrderedDict[Hashable, Expected] = OrderedDict()
         self._kept, self._pictures = kept, OrderedDict[Hashable, bytes]()
@@ -272,7 +274,7 @@ class SimulatedCamera:
             if self._through_film(state) and not layers.unpolarized:
                 polarized = layers.compose_polarized(powers)
             self._composed = (key, (layers.compose(powers), polarized))
-        return self._composed[1]
+        return self._canvas.show(*self._composed[1], state)
 
     def _smear_px(self, state: State) -> int:
         """Columns of an equirectangular picture over which a point wanders; 1: it does not."""
@@ -343,10 +345,11 @@ class SimulatedCamera:
         for k, more in enumerate((rows.powers - state.powers).T):
             alone = (np.arange(len(state.powers)) == k).astype(np.float32)
             by_row = more.astype(np.float32)[:, None, None]
-            seen += by_row * places.sample(layers.compose_lamps(alone), yaw_deg)
+            seen += by_row * places.sample(self._canvas.hide(layers.compose_lamps(alone)), yaw_deg)
             if parts is not None and layers.lamps[k].polarized is not None:
                 lamp = layers.compose_polarized(alone) - layers.compose_polarized(0 * alone)
-                parts += by_row * np.stack([places.sample(part, yaw_deg) for part in lamp])
+                hidden = [self._canvas.hide(part) for part in lamp]
+                parts += by_row * np.stack([places.sample(part, yaw_deg) for part in hidden])
         return seen, parts
 
     def _turned(
@@ -365,6 +368,7 @@ class SimulatedCamera:
         yaw = self._turn_px(state) if self._rays is None else state.yaw_deg
         return (
             state.act, state.place_m, state.powers.tobytes(), shot, yaw if turned else None,
+            state.movers,
             self._smear_px(state), state.nod_deg, state.nod_smear_deg,
             wheel_deg if self._through_film(state) else None,
             None if rows is None else rows.powers.tobytes(),

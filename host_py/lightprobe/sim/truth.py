@@ -13,6 +13,7 @@ from lightprobe_proto import lightprobe_pb2 as pb
 from lightprobe import sh
 from lightprobe.errors import LightprobeError
 from lightprobe.server import ProbeServer, stamp_now
+from lightprobe.sim.moved import change
 from lightprobe.sim.scene import lit_lamps, turn
 from lightprobe.sim.world import State
 
@@ -42,6 +43,11 @@ class Exact:
             self._key = key
         coefficients = sh.rotate(self._total, turn(state.yaw_deg, state.nod_deg))
         lamps = lit_lamps(state.scene.lamps, state.powers, state.yaw_deg, state.nod_deg)
+        if state.movers:
+            more = change(state.movers, state.scene, state.powers)
+            total = more.total[: sh.count(_ORDER)]
+            coefficients += sh.rotate(total, turn(state.yaw_deg, state.nod_deg))
+            lamps = more.dimmed(lamps, state.powers)
         message = pb.Estimate(ttl_ms=_TTL_MS, exposure_count=1)
         for lamp in sorted(lamps, key=lambda lamp: -float(np.sum(lamp.irradiance)))[:8]:
             coefficients -= sh.lamp(lamp.direction, _ORDER)[:, None] * lamp.irradiance

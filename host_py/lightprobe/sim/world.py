@@ -16,8 +16,10 @@ from lightprobe.errors import UsageError
 from lightprobe.geometry import Array
 from lightprobe.sim.exposure import median_luminance
 from lightprobe.sim.flicker import Flicker
+from lightprobe.sim.moved import MovedTruth, change
+from lightprobe.sim.movers import Mover, Movers
 from lightprobe.sim.room import Room
-from lightprobe.sim.scene import Scene, Truth
+from lightprobe.sim.scene import Scene, Truth, turn
 
 #: Size at which a scene's median is taken; it decides brightness, not truth.
 _PREVIEW_PX = (256, 128)
@@ -41,6 +43,7 @@ class Behaviour:
     cover_to_s: float = 0.0  # until then
     nod_deg: float = 0.0  # the probe nods, by so much up and down, about its own X
     nod_hz: float = 0.17  # so often
+    movers: Movers = Movers()  # noqa: RUF009 - frozen
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,10 +60,15 @@ class State:
     nod_smear_deg: float = 0.0  # by which it nods during it, while the scene turns by smear_deg
     place_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # where the probe is in the scene
     is_covered: bool = False
+    movers: tuple[Mover, ...] = ()  # in the middle of the exposure, the farthest first
 
     def truth(self) -> Truth:
         """Light that the probe should report."""
-        return self.scene.truth(self.powers, self.yaw_deg, self.nod_deg)
+        still = self.scene.truth(self.powers, self.yaw_deg, self.nod_deg)
+        if not self.movers:
+            return still
+        more = change(self.movers, self.scene, self.powers)
+        return MovedTruth(still, more, turn(self.yaw_deg, self.nod_deg), self.powers)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +121,7 @@ class World:
             t_s, act, scene, yaw_deg, self._powers(scene, t_s, exposure_s), abs(turned_deg),
             float(self._nod_deg(t_s + exposure_s / 2)),
             -nodded_deg if turned_deg < 0 else nodded_deg,
-            place_m, b.cover_from_s <= t_s < b.cover_to_s,
+            place_m, b.cover_from_s <= t_s < b.cover_to_s, b.movers.at(t_s + exposure_s / 2),
         )  # fmt: skip
 
     def _place_m(self, t_s: float) -> tuple[float, float, float]:
