@@ -117,6 +117,11 @@ class Truth:
             found = found + (1 - share) * cosine[:, None] * lamp.irradiance
         return luminance(found)
 
+    def whole_lamps(self, t_s: float) -> list[Array]:
+        """Directions of the lamps that nobody hides, where they are known exactly."""
+        lamps, shares = self._still.lamps or (), self.change(t_s).shares
+        return [lamp.direction for lamp, share in zip(lamps, shares, strict=False) if share > 0.99]
+
     def step(self, packets: Sequence[Packet]) -> float:
         """See :attr:`Moving.true_step`."""
         seen = [self.ambient(one.captured_s) for one in packets]
@@ -145,12 +150,12 @@ def judged(case: Case) -> list[Moving]:
 
 
 def lamps_off_deg(truth: Truth, packets: Sequence[Packet]) -> float | None:
-    """By how much lamps lie beside where they are, 95 % of them."""
+    """By how much lamps that nobody hides lie beside where they are, 95 % of them."""
     angles = [
         angle_deg
         for one in packets
         for _, _, angle_deg in geometry.match_directions(
-            [one.turn @ lamp.direction for lamp in truth.light(one.captured_s).lamps or ()],
+            [one.turn @ direction for direction in truth.whole_lamps(one.captured_s)],
             [light.direction for light in one.estimate.lights],
         )
     ]
