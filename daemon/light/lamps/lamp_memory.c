@@ -62,7 +62,8 @@ static void associate(struct lp_lamp_memory *memory, const struct lp_lamp_sighti
 					continue;
 				const float apart =
 					lp_lamp_apart_rad(m->on_grid.direction, lamp->direction);
-				if (apart < best && apart < lp_lamp_gate_rad(lamp)) {
+				if (apart < best &&
+				    apart < fmaxf(lp_lamp_gate_rad(lamp), m->width_rad)) {
 					best = apart;
 					best_sighting = k;
 					best_place = p;
