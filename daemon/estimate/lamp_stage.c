@@ -8,7 +8,6 @@
 #include "include/panorama.h"
 #include "light/film/reflection.h"
 #include "light/find/detection.h"
-#include "light/lamps/existence.h"
 #include "light/lamps/holding.h"
 #include "light/math/grid.h"
 #include "light/math/rotation.h"
@@ -235,17 +234,11 @@ static float share_that_came(const struct lp_lamp_stage *stage, const struct lp_
 static void remember_light(struct lp_lamp_stage *stage, const struct lp_grid *grid,
 			   const struct lp_panorama *panorama, float elapsed_s)
 {
-	/* What is darker now may be hidden, by who walks by: then it has not come when it shows
-	 * again. Half of it counts as long as a lamp stays that is missed. */
-	const float hidden_s = lp_existence_missed_s() / (float)M_LN2;
-	const float rise = stage->has_before ? -expm1f(-elapsed_s / BEFORE_S) : 1.0F;
-	const float fall = stage->has_before ? -expm1f(-elapsed_s / hidden_s) : 1.0F;
+	const float alpha = stage->has_before ? -expm1f(-elapsed_s / BEFORE_S) : 1.0F;
 
-	for (int cell = 0; cell < grid->width * grid->height; cell++) {
-		const float more = panorama->cells[cell][LP_LUMINANCE] - stage->before[cell];
-
-		stage->before[cell] += (more > 0.0F ? rise : fall) * more;
-	}
+	for (int cell = 0; cell < grid->width * grid->height; cell++)
+		stage->before[cell] +=
+			alpha * (panorama->cells[cell][LP_LUMINANCE] - stage->before[cell]);
 	stage->has_before = true;
 }
 

@@ -80,7 +80,7 @@ struct lp_lamp_sighting {
 	/* What the pixels were seen through (light/film/sheet.h), by whose gains they are divided.
 	 */
 	struct lp_film_pass film;
-	float came; /* share of on_grid's light that was not there in the seconds before */
+	float came; /* share of on_grid's light that was not there about a second ago */
 	bool refined;
 	bool enters; /* strong and clear enough to become a lamp; else it only goes on being one */
 };
