@@ -114,7 +114,7 @@ static void test_a_lamp_that_comes_out_on_the_other_side_is_the_same(void **stat
 	assert_true(only(&memory)->seen);
 	for (int n = 0; n < 12; n++)
 		lp_lamp_memory_update(&memory, NULL, 0, &frame);
-	rim = sighting(6.0F, 0.5F); /* farther away than it is wide */
+	rim = sighting(7.0F, 0.5F); /* beside it */
 	lp_lamp_memory_update(&memory, &rim, 1, &frame);
 	assert_int_equal(memory.last_id, 2);
 }
