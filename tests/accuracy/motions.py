@@ -7,7 +7,7 @@ from lightprobe import geometry
 from lightprobe.sim.motion import Track, turned
 from lightprobe.sim.world import Behaviour
 
-#: A head that looks around: design 9's, three axes whose periods share no beat.
+#: A head that looks around: three axes whose periods share no beat.
 _HEAD = Behaviour(
     act_s=0, swing_deg=40, swing_hz=0.5, nod_deg=15, nod_hz=0.31, roll_deg=8, roll_hz=0.23
 )

@@ -126,6 +126,23 @@ static void test_a_lamp_that_detection_misses_keeps_its_strength(void **state)
 			   0.05);
 }
 
+/* What came as clutter does, as the pieces that who walks by cuts off a window: as soon as detection
+ * does not tell it apart any more it is not held. */
+static void test_what_is_doubted_is_not_held(void **state)
+{
+	const struct disc lamps[] = {{-60, 0, 3, 40}, {30, 20, 3, 30}};
+	const struct disc with_sky[] = {{-60, 0, 3, 40}, {30, 20, 3, 30}, {180, 0, 45, 40}};
+	struct fixture *f = *state;
+
+	for (int n = 0; n < 150; n++)
+		look(f, lamps, 1, 0.1);
+	look(f, lamps, 2, 0.1);
+	assert_int_equal(seen(f), 2);
+	look(f, with_sky, 3, 0.1);
+	assert_true(f->memory.list[0].seen);
+	assert_false(f->memory.list[1].seen);
+}
+
 static void test_a_lamp_that_is_off_is_gone(void **state)
 {
 	const struct disc discs[] = {{0, 0, 2, 50}, {90, 30, 3, 40}};
@@ -221,6 +238,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		TEST(test_lamps_that_melt_into_one_stay_two),
 		TEST(test_a_lamp_that_detection_misses_keeps_its_strength),
+		TEST(test_what_is_doubted_is_not_held),
 		TEST(test_a_lamp_that_is_off_is_gone),
 		TEST(test_other_borders_that_last_are_taken),
 		TEST(test_borders_that_are_new_change_sooner),

@@ -94,6 +94,31 @@ static void test_ids_follow_the_lamps(void **state)
 	}
 }
 
+/* Who walks before a lamp hides it from one side to the other: of what was seen last and what is
+ * seen first each is a rim. */
+static void test_a_lamp_that_comes_out_on_the_other_side_is_the_same(void **state)
+{
+	struct lp_lamp_memory memory = {0};
+	struct lp_lamp_sighting whole = sighting(0.0F, 5.0F), rim = sighting(2.6F, 0.5F);
+
+	(void)state;
+	whole.on_grid.solid_angle_sr = whole.pixels.solid_angle_sr = 0.012F; /* 7 degrees */
+	for (int n = 0; n < 90; n++)
+		lp_lamp_memory_update(&memory, &whole, 1, &frame);
+	lp_lamp_memory_update(&memory, &rim, 1, &frame);
+	for (int n = 0; n < 12; n++)
+		lp_lamp_memory_update(&memory, NULL, 0, &frame);
+	rim = sighting(-2.6F, 0.5F);
+	lp_lamp_memory_update(&memory, &rim, 1, &frame);
+	assert_int_equal(only(&memory)->id, 1);
+	assert_true(only(&memory)->seen);
+	for (int n = 0; n < 12; n++)
+		lp_lamp_memory_update(&memory, NULL, 0, &frame);
+	rim = sighting(7.0F, 0.5F); /* beside it */
+	lp_lamp_memory_update(&memory, &rim, 1, &frame);
+	assert_int_equal(memory.last_id, 2);
+}
+
 /* A lamp that is measured in one exposure and clipped in the next two keeps what was measured. */
 static void test_clipping_takes_nothing_away(void **state)
 {
@@ -661,6 +686,7 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_ids_follow_the_lamps),
+		cmocka_unit_test(test_a_lamp_that_comes_out_on_the_other_side_is_the_same),
 		cmocka_unit_test(test_clipping_takes_nothing_away),
 		cmocka_unit_test(test_the_largest_bound_counts),
 		cmocka_unit_test(test_a_bound_that_is_said_again_stays),

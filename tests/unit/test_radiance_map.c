@@ -146,6 +146,58 @@ static void test_a_change_is_taken_at_once(void **state)
 	assert_float_equal(update.changed, 0.1F / 0.3F, 0.01F);
 }
 
+/* Frames of a room of light 0.2, until it is well known; then one in which a twentieth of the sphere
+ * is `changed`, and all else `elsewhere`. */
+static struct lp_map_update change(float changed, float elsewhere)
+{
+	const struct lp_observation seen = picture(1.0F);
+
+	fill(0.2F);
+	for (int n = 0; n < 30; n++)
+		lp_radiance_map_observe(map, &seen);
+	fill(elsewhere);
+	for (int r = 0; r < HEIGHT; r++)
+		for (int c = 0; c < WIDTH / 20; c++)
+			for (int k = 0; k < 4; k++)
+				radiance[r * WIDTH + c][k] = changed;
+	return lp_radiance_map_observe(map, &seen);
+}
+
+/* Who walks by changes the cells that they hide, and none beside; another exposure's error, as of
+ * any frame, counts no more than before. */
+static void test_who_walks_by_leaves_the_other_cells_as_they_are(void **state)
+{
+	const int other = CELLS / 2 + WIDTH / 2;
+
+	(void)state;
+	for (int dark = 0; dark < 2; dark++) {
+		const struct lp_map_update update = change(dark ? 0.01F : 0.6F, 0.204F);
+
+		assert_true(update.changed > 0.04F);
+		assert_false(update.unsettled);
+		assert_float_equal(map->radiance[other - WIDTH / 2][LP_LUMINANCE],
+				   dark ? 0.01F : 0.6F, 1e-6F);
+		assert_true(map->radiance[other][LP_LUMINANCE] < 0.2025F);
+		lp_radiance_map_forget(map);
+	}
+}
+
+/* A lamp that is switched lights all of the room, by less than any cell tells alone. */
+static void test_a_lamp_that_is_switched_lights_the_other_cells(void **state)
+{
+	const int other = CELLS / 2 + WIDTH / 2;
+
+	(void)state;
+	for (int off = 0; off < 2; off++) {
+		const float elsewhere = off ? 0.18F : 0.22F;
+		const struct lp_map_update update = change(off ? 0.01F : 0.6F, elsewhere);
+
+		assert_true(update.unsettled);
+		assert_float_equal(map->radiance[other][LP_LUMINANCE], elsewhere, 0.005F);
+		lp_radiance_map_forget(map);
+	}
+}
+
 /* A clipped cell is a lower bound. */
 static void test_clipped_cells_bound_from_below(void **state)
 {
@@ -560,6 +612,8 @@ int main(void)
 		cmocka_unit_test_setup(test_nothing_is_known_at_first, begin),
 		cmocka_unit_test_setup(test_noise_is_averaged, begin),
 		cmocka_unit_test_setup(test_a_change_is_taken_at_once, begin),
+		cmocka_unit_test_setup(test_who_walks_by_leaves_the_other_cells_as_they_are, begin),
+		cmocka_unit_test_setup(test_a_lamp_that_is_switched_lights_the_other_cells, begin),
 		cmocka_unit_test_setup(test_clipped_cells_bound_from_below, begin),
 		cmocka_unit_test_setup(test_misplaced_bounds_do_not_add_up, begin),
 		cmocka_unit_test_setup(test_a_bound_of_twice_what_is_known_counts, begin),

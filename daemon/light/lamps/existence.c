@@ -70,6 +70,11 @@ bool lp_exists(const struct lp_existence *existence)
 	return existence->log_odds > 0.0F;
 }
 
+float lp_existence_missed_s(void)
+{
+	return CERTAIN / MISSED_PER_S;
+}
+
 bool lp_existence_is_over(const struct lp_existence *existence)
 {
 	return existence->log_odds < -CERTAIN;

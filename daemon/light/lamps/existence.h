@@ -40,6 +40,9 @@ void lp_existence_update(struct lp_existence *existence, struct lp_clutter *clut
 /* More likely than not. */
 bool lp_exists(const struct lp_existence *existence);
 
+/* So long a lamp that is beyond doubt stays more likely than not while it is missed, seconds. */
+float lp_existence_missed_s(void);
+
 /* Beyond doubt it is gone. */
 bool lp_existence_is_over(const struct lp_existence *existence);
 

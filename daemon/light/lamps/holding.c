@@ -172,7 +172,8 @@ void lp_hold_lamps(struct lp_lamp_memory *memory, struct lp_detection *detection
 			m->disputed_s = 0.0F;
 		else
 			m->disputed_s += elapsed_s;
-		if (m->seen || m->disputed_s > patience_s(m))
+		/* what may be clutter keeps none: who walks before a window cuts pieces off it */
+		if (m->seen || m->disputed_s > patience_s(m) || !lp_exists(&m->existence))
 			continue;
 		held[held_count] = m->on_grid;
 		if (!lp_detection_hold(detection, panorama, mean, &held[held_count]))

@@ -71,6 +71,7 @@ void lp_lamp_age(struct lp_remembered_lamp *m, float elapsed_s)
 {
 	m->direction_variance += (square(DIRECTION_WALK_RAD) + m->walk2) * elapsed_s;
 	m->unplaced_s += elapsed_s;
+	m->whole_sr *= expf(-elapsed_s / lp_existence_missed_s());
 	m->known_s += elapsed_s;
 	m->strength_variance += square(STRENGTH_WALK) * elapsed_s;
 	m->missed = !m->seen && m->absent_s == 0.0F;
@@ -360,6 +361,10 @@ void lp_lamp_follow(struct lp_remembered_lamp *m, const struct lp_lamp_sighting 
 	const bool is_bound = s->pixels.flags & LP_LIGHT_CLIPPED;
 
 	m->on_grid = s->on_grid;
+	if (s->on_grid.solid_angle_sr >= m->whole_sr) {
+		m->whole_sr = s->on_grid.solid_angle_sr;
+		memcpy(m->whole, s->on_grid.direction, sizeof(m->whole));
+	}
 	m->clipped_scale = clipped_scale(m, s);
 	float film_sigma = 0.0F;
 	const struct lp_lamp_sighting bare =

@@ -60,8 +60,9 @@ static void associate(struct lp_lamp_memory *memory, const struct lp_lamp_sighti
 				if (!m->id || m->seen ||
 				    lp_lamp_stays_wide(m, sightings[k].width_deg) != m->wide)
 					continue;
-				const float apart =
-					lp_lamp_apart_rad(m->on_grid.direction, lamp->direction);
+				const float apart = fminf(
+					lp_lamp_apart_rad(m->on_grid.direction, lamp->direction),
+					lp_lamp_apart_rad(m->whole, lamp->direction));
 				if (apart < best && apart < lp_lamp_gate_rad(lamp)) {
 					best = apart;
 					best_sighting = k;
@@ -290,6 +291,7 @@ void lp_lamp_memory_turn(struct lp_lamp_memory *memory, const struct lp_rotation
 		lp_stokes_turn(&m->stokes, turn_rad);
 		lp_polarization_turn(&m->polarization, turn_rad);
 		lp_rotate_direction(turn, m->aside);
+		lp_rotate_direction(turn, m->whole);
 		turn_lamp(&m->lamp, turn);
 		turn_lamp(&m->on_grid, turn);
 	}

@@ -54,6 +54,53 @@ sums learn(struct lp_radiance_map *map, const struct lp_observation *seen, const
 	return total;
 }
 
+/*
+ * Relative variance of a change of all light, by the cells that the observation has not
+ * contradicted: a lamp that is switched lights those, too; who walks by leaves them as they are.
+ * Each counts by what it tells: the maximum of likelihood, of Gaussian differences. Negative: they
+ * differ by less than they may; NAN: there are none.
+ * The map has learned from the observation already, so a difference is what is left of it.
+ */
+double change_elsewhere(const struct lp_radiance_map *map, const struct lp_observation *seen,
+			const noise_model &noise)
+{
+	constexpr float kLeft = 0.01F; /* less of a difference is left where it was contradicted */
+	const struct lp_grid *grid = map->grid;
+	const v_float32x4 zero = cv::v_setzero_f32(), one = cv::v_setall_f32(1.0F);
+	double excess = 0.0, told = 0.0;
+
+	for (int r = 0; r < grid->height; r++) {
+		v_float32x4 row_excess = zero, row_told = zero;
+
+		for (int c = 0; c < grid->width; c += 4) {
+			const size_t i = static_cast<size_t>(r) * grid->width + c;
+			const v_float32x4 light = luminance_of(seen->radiance + i);
+			const v_float32x4 held = luminance_of(map->radiance + i);
+			const v_float32x4 observed = cv::v_max(noise.of(light, i),
+							       cv::v_setall_f32(1e-36F));
+			const v_float32x4 left = one - cv::v_load(map->variance + i) / observed;
+			const v_float32x4 counts =
+				(left > cv::v_setall_f32(kLeft)) &
+				cv::v_reinterpret_as_f32((load_flags(seen->flags + i) |
+							  load_flags(map->flags + i)) ==
+							 cv::v_setzero_s32());
+			const v_float32x4 share = cv::v_select(counts, left, one);
+			const v_float32x4 both = observed / share;
+			const v_float32x4 difference = (light - held) / share;
+			const v_float32x4 ratio = held * held / both;
+
+			row_excess =
+				row_excess +
+				cv::v_select(counts, ratio * (difference * difference / both - one),
+					     zero);
+			row_told = row_told + cv::v_select(counts, ratio * ratio, zero);
+		}
+		excess += cv::v_reduce_sum(row_excess) * grid->row_solid_angle_sr[r];
+		told += cv::v_reduce_sum(row_told) * grid->row_solid_angle_sr[r];
+	}
+	return told > 0.0 ? excess / told : NAN;
+}
+
 template <typename T> bool allocate(T *&storage, size_t count)
 {
 	storage = static_cast<T *>(std::calloc(count, sizeof(T)));
@@ -123,11 +170,13 @@ extern "C" struct lp_map_update lp_radiance_map_observe(struct lp_radiance_map *
 	const noise_model noise(*observation);
 	sums total = learn(map, observation, noise, kWalk * kWalk * observation->elapsed_s, false);
 	const float changed = share_of(total.changed, total);
-	const bool unsettled = changed > kUnsettled;
-	const float sigma = std::min(kElsewhere * changed, kMostElsewhere);
+	const double elsewhere =
+		changed > kUnsettled ? change_elsewhere(map, observation, noise) : -1.0;
+	const bool unsettled = !(elsewhere <= 0.0);
+	const float walk = elsewhere > 0.0 ? static_cast<float>(elsewhere) : 0.0F;
 
 	if (unsettled)
-		total = learn(map, observation, noise, sigma * sigma, true);
+		total = learn(map, observation, noise, walk, true);
 	/* The mean of max(0, cos)^2 over all normals is 1/6; mean irradiance is a quarter of the
 	 * flux. */
 	return {changed,

@@ -13,7 +13,14 @@ from typing import Annotated, TextIO
 import cv2
 import typer
 
-from lightprobe.cli import check, scenario, simulate_faults, simulate_osc, simulate_path
+from lightprobe.cli import (
+    check,
+    scenario,
+    simulate_faults,
+    simulate_movers,
+    simulate_osc,
+    simulate_path,
+)
 from lightprobe.cli.estimate import Film, parse_film
 from lightprobe.cli.simulate_control import Desk, illuminated
 from lightprobe.errors import UsageError
@@ -31,6 +38,7 @@ from lightprobe.sim.headset import Headset, HeadsetLog
 from lightprobe.sim.illuminance import RingLight
 from lightprobe.sim.lens_defects import LensDefects
 from lightprobe.sim.link import Exposure, Link, Surroundings
+from lightprobe.sim.movers import Movers
 from lightprobe.sim.processing import Processing
 from lightprobe.sim.sensor import CHROMA, FULL_WELL_E, READ_NOISE_E, SensorModel
 from lightprobe.sim.surroundings import FixedPolarizer, WheelAndRing, draw_ring
@@ -139,6 +147,18 @@ def command(
     cover_to_s: Annotated[
         float, typer.Option(callback=check.number(0, unit="seconds"), help="Until then.")
     ] = 0.0,
+    walkers: simulate_movers.Walkers = simulate_movers.DEFAULT.walkers,
+    walker_m: simulate_movers.Distance = simulate_movers.DEFAULT.walker_m,
+    walker_m_s: simulate_movers.Speed = simulate_movers.DEFAULT.walker_m_s,
+    walker_deg: simulate_movers.Bearing = simulate_movers.DEFAULT.walker_deg,
+    walker_height_m: simulate_movers.Height = simulate_movers.DEFAULT.walker_height_m,
+    walker_albedo: simulate_movers.Albedo = simulate_movers.ALBEDO,
+    walker_stand_s: simulate_movers.Stand = simulate_movers.DEFAULT.walker_stand_s,
+    door_s: simulate_movers.DoorPeriod = simulate_movers.DEFAULT.door_s,
+    door_gain: simulate_movers.DoorGain = simulate_movers.DEFAULT.door_gain,
+    leaves_deg: simulate_movers.LeavesSize = simulate_movers.DEFAULT.leaves_deg,
+    leaves_hz: simulate_movers.LeavesRate = simulate_movers.DEFAULT.leaves_hz,
+    screen_deg: simulate_movers.ScreenWidth = simulate_movers.DEFAULT.screen_deg,
     median_radiance: Annotated[
         float,
         typer.Option(
@@ -449,11 +469,16 @@ def command(
     if not all(map(math.isfinite, stack_deg)):
         raise UsageError(f"simulate: --polarizer {polarizer}: expected degrees, as 90 or 90,45,0")
     sheet = parse_film(film) or optics.sheet if polarizer or firmware != "none" else None
+    movers = Movers(
+        walkers, walker_m, walker_m_s, walker_deg, walker_height_m,
+        simulate_movers.albedos(walker_albedo), walker_stand_s, door_s, door_gain, leaves_deg,
+        leaves_hz, screen_deg,
+    )  # fmt: skip
     chosen = scenes.load(scene)
     behaviour = Behaviour(
         act_s, turn_deg_s, swing_deg, swing_hz, switch_s, flicker,
         walk_m, walk_m_s, cover_from_s, cover_to_s, nod_deg, nod_hz, roll_deg, roll_hz,
-        simulate_path.read(motion, chosen, firmware != "none"),
+        simulate_path.read(motion, chosen, firmware != "none"), movers,
     )  # fmt: skip
     world = World(chosen, behaviour, median_radiance or None)
     after = Processing().merged(processing)

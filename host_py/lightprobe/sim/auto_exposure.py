@@ -19,6 +19,7 @@ from lightprobe.geometry import Array
 from lightprobe.imaging.camera import equirect
 from lightprobe.sim.camera import Shot, SimulatedCamera
 from lightprobe.sim.motion import is_level, level_yaw_deg
+from lightprobe.sim.moved import patches
 from lightprobe.sim.rays import Rays, padded
 from lightprobe.sim.scene import Layers
 from lightprobe.sim.world import State
@@ -105,6 +106,8 @@ class AutoExposure:
                 self._layers[state.act] = state.scene.render(width, height)
             layers = self._layers[state.act]
         radiance = layers.compose(state.powers)
+        for patch in patches(state.movers, _METERED_PX, state.scene, state.powers):
+            patch.lay(radiance)
         if is_level(state.rotation):
             turn_px = round(float(level_yaw_deg(state.rotation)) % 360 / 360 * width)
             radiance = np.roll(radiance, turn_px, axis=1)

@@ -13,6 +13,7 @@ from lightprobe.colour import luminance
 from lightprobe.geometry import Array
 from lightprobe.sim import ldr
 from lightprobe.sim.ldr import Ldrs
+from lightprobe.sim.moved import change
 from lightprobe.sim.scene import Layer, Scene
 from lightprobe.sim.world import Behaviour, State, World
 
@@ -36,14 +37,14 @@ class RingLight:
         """`cd_m2_per_unit`: luminance of radiance 1. `ldrs`: as they are built; None: perfectly."""
         self._scale = cd_m2_per_unit
         self._directions = ring.directions() if ldrs is None else ldrs.directions()
-        response = perfect if ldrs is None else ldr.response
+        response = self._response = perfect if ldrs is None else ldr.response
         self._elevations = _elevations_deg(self._directions, _tilt_deg(world.behaviour))
         self._tables = [_table(scene, self._elevations, response) for scene in world.scenes]
         self._last: tuple[Hashable, Array] | None = None
 
     def lux(self, state: State) -> Array:
         """Nine illuminances; the last ones are kept, as long as nothing changes."""
-        key = (state.act, state.powers.tobytes(), state.rotation.tobytes())
+        key = (state.act, state.powers.tobytes(), state.rotation.tobytes(), state.movers)
         if self._last is None or self._last[0] != key:
             self._last = (key, self._lux(state))
         return self._last[1].copy()
@@ -57,7 +58,15 @@ class RingLight:
             for row in table
         ])  # fmt: skip
         nine = [np.interp(elevation[k], self._elevations, around[:, k]) for k in range(9)]
-        return self._scale * np.array(nine)
+        return self._scale * (np.array(nine) + self._moved(state, state.rotation))
+
+    def _moved(self, state: State, to_scene: Array) -> Array:
+        """What people and things that move add to each sensor, in the tables' unit."""
+        if not state.movers:
+            return np.zeros(len(self._directions))
+        more = change(state.movers, state.scene, state.powers)
+        cosine = geometry.rotate(to_scene, self._directions) @ more.directions.T
+        return np.asarray(self._response(cosine) @ luminance(more.light))
 
 
 def on_ring(scene: Scene) -> Array:

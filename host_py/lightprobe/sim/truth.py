@@ -13,6 +13,7 @@ from lightprobe_proto import lightprobe_pb2 as pb
 from lightprobe import geometry, sh
 from lightprobe.errors import LightprobeError
 from lightprobe.server import ProbeServer, stamp_now
+from lightprobe.sim.moved import change
 from lightprobe.sim.scene import lit_lamps
 from lightprobe.sim.world import State
 
@@ -40,8 +41,13 @@ class Exact:
         if key != self._key:
             self._total = state.scene.truth(state.powers).total[: sh.count(_ORDER)]
             self._key = key
-        coefficients = sh.rotate(self._total, geometry.inverse(state.rotation))
+        to_probe = geometry.inverse(state.rotation)
+        coefficients = sh.rotate(self._total, to_probe)
         lamps = lit_lamps(state.scene.lamps, state.powers, state.rotation)
+        if state.movers:
+            more = change(state.movers, state.scene, state.powers)
+            coefficients += sh.rotate(more.total[: sh.count(_ORDER)], to_probe)
+            lamps = more.dimmed(lamps, state.powers)
         message = pb.Estimate(ttl_ms=_TTL_MS, exposure_count=1)
         for lamp in sorted(lamps, key=lambda lamp: -float(np.sum(lamp.irradiance)))[:8]:
             coefficients -= sh.lamp(lamp.direction, _ORDER)[:, None] * lamp.irradiance

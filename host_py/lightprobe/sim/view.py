@@ -20,6 +20,7 @@ from lightprobe.imaging.camera import Camera
 from lightprobe.imaging.film import Sheet
 from lightprobe.imaging.polarizer import Polarizer
 from lightprobe.sim.motion import level_yaw_deg, turned
+from lightprobe.sim.moved import Canvas
 from lightprobe.sim.rays import Rays, evened, padded, rolled, smeared
 from lightprobe.sim.scene import Layers
 from lightprobe.sim.world import Rows, State, World
@@ -62,6 +63,7 @@ class View:
         self._polarizer = Polarizer(sheet, lens, size_px) if sheet and seen else None
         self._stack_deg = tuple(stack_deg)
         self._composed: tuple[Hashable, Composed] | None = None
+        self._canvas = Canvas()  # what moves before the map
         self._looked_into: tuple[Composed, Composed] | None = None  # composed, and framed
         self._walked: tuple[Hashable, Layers] | None = None
 
@@ -93,7 +95,7 @@ class View:
             way = (self.smear_px(state), turn_px)
         by_row = None if rows is None else rows.turned.tobytes()
         return (
-            state.act, state.place_m, state.powers.tobytes(), way,
+            state.act, state.place_m, state.powers.tobytes(), state.movers, way,
             None if rows is None else rows.powers.tobytes(),
             by_row if self.turns_first(state) else None,
             wheel_deg if self.through_film(state) else None,
@@ -136,7 +138,8 @@ class View:
             if self.through_film(state) and not layers.unpolarized:
                 polarized = layers.compose_polarized(powers)
             self._composed = (key, (layers.compose(powers), polarized))
-        return self._composed[1]
+        clean = self._composed[1]
+        return self._canvas.show(*clean, state) if state.movers else clean
 
     # ------------------------------------------------------------ turned, by whole columns
 
@@ -255,7 +258,12 @@ class View:
             if with_polarized and layers.lamps[k].polarized is not None:
                 polarized = layers.compose_polarized(alone) - layers.compose_polarized(0 * alone)
             share = more.astype(np.float32)[:, None, None]
-            found.append((share, *self._framed(layers.compose_lamps(alone), polarized)))
+            lamp = layers.compose_lamps(alone)
+            if state.movers:
+                lamp = self._canvas.hide(lamp)
+                if polarized is not None:
+                    polarized = np.stack([self._canvas.hide(part) for part in polarized])
+            found.append((share, *self._framed(lamp, polarized)))
         return found
 
     # ------------------------------------------------------------ the film

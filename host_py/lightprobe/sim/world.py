@@ -18,6 +18,8 @@ from lightprobe.geometry import Array
 from lightprobe.sim.exposure import median_luminance
 from lightprobe.sim.flicker import Flicker
 from lightprobe.sim.motion import Track, angles_deg, turned, way_deg
+from lightprobe.sim.moved import MovedTruth, change
+from lightprobe.sim.movers import Mover, Movers
 from lightprobe.sim.room import Room
 from lightprobe.sim.scene import Scene, Truth
 
@@ -49,6 +51,7 @@ class Behaviour:
     roll_deg: float = 0.0  # the probe rolls about where it looks, by so much to each side
     roll_hz: float = 0.23  # so often
     path: Track | None = None  # how the probe is turned and, in a room, goes; instead of all that
+    movers: Movers = Movers()  # noqa: RUF009 - frozen
 
     @property
     def is_level(self) -> bool:
@@ -74,10 +77,15 @@ class State:
     smear_deg: float = 0.0  # through which the probe turns during the exposure, to and fro added
     place_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # where the probe is in the scene
     is_covered: bool = False
+    movers: tuple[Mover, ...] = ()  # in the middle of the exposure, the farthest first
 
     def truth(self) -> Truth:
         """Light that the probe should report."""
-        return self.scene.truth(self.powers, self.rotation)
+        still = self.scene.truth(self.powers, self.rotation)
+        if not self.movers:
+            return still
+        more = change(self.movers, self.scene, self.powers)
+        return MovedTruth(still, more, geometry.inverse(self.rotation), self.powers)
 
     @property
     def angles_deg(self) -> tuple[float, float, float]:
@@ -159,7 +167,7 @@ class World:
         return State(
             t_s, act, scene, self.rotation(t_s + exposure_s / 2),
             self._powers(scene, t_s, exposure_s), exposure_s, smear_deg,
-            place_m, b.cover_from_s <= t_s < b.cover_to_s,
+            place_m, b.cover_from_s <= t_s < b.cover_to_s, b.movers.at(t_s + exposure_s / 2),
         )  # fmt: skip
 
     def rotation(self, t_s: ArrayLike) -> Array:
