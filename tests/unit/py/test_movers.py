@@ -22,7 +22,7 @@ from lightprobe.sim.world import Behaviour, World
 
 SIZE, SHOT = (960, 480), Shot(1000)
 NORMALS = geometry.sphere_normals(2)
-#: Each kind alone, and all of them; walkers pass before the room's standing lamp (34° to the right).
+#: Each kind alone, and all of them; walkers pass before a lamp of the room, 34° to the right.
 KINDS = {
     "far": Movers(walkers=2, walker_deg=34),
     "near": Movers(walkers=1, walker_m=0.7, walker_deg=34),
