@@ -126,8 +126,8 @@ static void test_a_lamp_that_detection_misses_keeps_its_strength(void **state)
 			   0.05);
 }
 
-/* What came as clutter does, as the pieces that who walks by cuts off a window: as soon as detection
- * does not tell it apart any more it is not held. */
+/* What came as clutter does, as the pieces that who walks by cuts off a window: as soon as
+ * detection does not tell it apart any more it is not held. */
 static void test_what_is_doubted_is_not_held(void **state)
 {
 	const struct disc lamps[] = {{-60, 0, 3, 40}, {30, 20, 3, 30}};

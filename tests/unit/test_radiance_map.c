@@ -146,8 +146,8 @@ static void test_a_change_is_taken_at_once(void **state)
 	assert_float_equal(update.changed, 0.1F / 0.3F, 0.01F);
 }
 
-/* Frames of a room of light 0.2, until it is well known; then one in which a twentieth of the sphere
- * is `changed`, and all else `elsewhere`. */
+/* Frames of a room of light 0.2, until it is well known; then one in which a twentieth of the
+ * sphere is `changed`, and all else `elsewhere`. */
 static struct lp_map_update change(float changed, float elsewhere)
 {
 	const struct lp_observation seen = picture(1.0F);

@@ -60,9 +60,10 @@ static void associate(struct lp_lamp_memory *memory, const struct lp_lamp_sighti
 				if (!m->id || m->seen ||
 				    lp_lamp_stays_wide(m, sightings[k].width_deg) != m->wide)
 					continue;
-				const float apart = fminf(
-					lp_lamp_apart_rad(m->on_grid.direction, lamp->direction),
-					lp_lamp_apart_rad(m->whole, lamp->direction));
+				const float apart =
+					fminf(lp_lamp_apart_rad(m->on_grid.direction,
+								lamp->direction),
+					      lp_lamp_apart_rad(m->whole, lamp->direction));
 				if (apart < best && apart < lp_lamp_gate_rad(lamp)) {
 					best = apart;
 					best_sighting = k;

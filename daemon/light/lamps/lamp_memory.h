@@ -42,7 +42,7 @@ struct lp_remembered_lamp {
 	/* Where it was when it was largest lately, and how large, which fades: what is seen of it
 	 * after that may be a rim. */
 	float whole[3], whole_sr;
-	float absent_s;	 /* how long it has not been seen */
+	float absent_s; /* how long it has not been seen */
 	bool missed;	/* in the newest panorama, but not in the one before; its light is gone */
 	struct lp_flicker flicker; /* of its strength as measured by pixels */
 	float clipped_scale;	   /* of the shortest exposure whose pixels clip it; 0: none does */

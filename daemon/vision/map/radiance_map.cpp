@@ -76,8 +76,8 @@ double change_elsewhere(const struct lp_radiance_map *map, const struct lp_obser
 			const size_t i = static_cast<size_t>(r) * grid->width + c;
 			const v_float32x4 light = luminance_of(seen->radiance + i);
 			const v_float32x4 held = luminance_of(map->radiance + i);
-			const v_float32x4 observed = cv::v_max(noise.of(light, i),
-							       cv::v_setall_f32(1e-36F));
+			const v_float32x4 observed =
+				cv::v_max(noise.of(light, i), cv::v_setall_f32(1e-36F));
 			const v_float32x4 left = one - cv::v_load(map->variance + i) / observed;
 			const v_float32x4 counts =
 				(left > cv::v_setall_f32(kLeft)) &

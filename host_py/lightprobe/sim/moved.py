@@ -158,7 +158,7 @@ def _blocks(index: NDArray[np.intp], light: Array) -> tuple[Array, Array]:
     directions = geometry.equirect_direction(columns, rows, *_TRUTH_PX)
     middle = np.stack([np.bincount(block, weight * axis) for axis in directions.T], axis=-1)
     summed = np.stack([np.bincount(block, channel) for channel in light.T], axis=-1)
-    return geometry.normalize(middle) if len(middle) else middle, summed
+    return geometry.normalize(middle), np.asarray(summed, dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)

@@ -58,7 +58,7 @@ class Window:
         columns = np.arange(int(np.ceil(middle - half)), int(np.floor(middle + half)) + 1)
         top = max(int(np.radians(90 - high_deg) / pixel) - 1, 0)
         rows = np.arange(top, min(int(np.radians(90 - low_deg) / pixel) + 2, height))
-        elevation = np.pi / 2 - (rows + 0.5) * pixel
+        elevation = np.asarray(np.pi / 2 - (rows + 0.5) * pixel, dtype=np.float64)
         return cls(
             top, columns % width, elevation[:, None], ((columns - middle) * pixel)[None], pixel
         )

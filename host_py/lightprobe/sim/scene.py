@@ -126,6 +126,9 @@ class Truth(Protocol):
 class Scene(Protocol):
     """Anything with a name, lamps, a picture, and the truth about its light."""
 
+    def __hash__(self) -> int:
+        """Each is itself alone."""
+
     @property
     def name(self) -> str:
         """For tables."""
