@@ -251,7 +251,7 @@ int load_jpeg(struct lp_exposure *exposure, const struct lp_frame *frame,
 	exposure->jpeg_holds_frame = true;
 	return lp_cells_from_jpeg(&exposure->cells, exposure->jpeg,
 				  whole_blocks ? nullptr : &quarters, row_weight, seen, response,
-				  exposure->scale, options->exact_cells);
+				  exposure->scale, options->exact_blocks);
 }
 
 size_t raw_size(const struct lp_frame *frame)
@@ -288,7 +288,7 @@ int load_raw(struct lp_exposure *exposure, struct lp_frame *frame,
 	ret = options->decode == LP_DECODE_BLOCKS
 		      ? lp_cells_from_raw_blocks(&exposure->cells, frame, options->cell_px,
 						 row_weight, seen, response, exposure->scale,
-						 options->exact_cells)
+						 options->exact_blocks)
 		      : lp_cells_from_raw(&exposure->cells, frame, options->cell_px, row_weight,
 					  response, exposure->scale);
 	if (ret == 0)

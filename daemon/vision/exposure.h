@@ -31,7 +31,7 @@ struct lp_decode_options {
 	int divisor; /* PIXELS: 1, 2, 4, 8 */
 	/* of the full-size picture; PIXELS: a multiple of divisor; BLOCKS: 8 or 4 */
 	int cell_px;
-	int exact_cells; /* BLOCKS: most cells decoded after all */
+	int exact_blocks; /* BLOCKS: most blocks decoded after all */
 };
 
 struct lp_exposure {

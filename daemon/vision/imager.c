@@ -166,7 +166,7 @@ static struct lp_decode_options decode_options(const struct lp_imager *imager,
 	struct lp_decode_options d = {.decode = o->decode,
 				      .divisor = o->divisor,
 				      .cell_px = cell_px_for(circle_px, o->panorama_width, blocks),
-				      .exact_cells = o->exact_blocks};
+				      .exact_blocks = o->exact_blocks};
 
 	if (blocks && d.cell_px >= 4)
 		return d;

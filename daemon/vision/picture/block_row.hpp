@@ -38,12 +38,12 @@ struct block_picture {
 	~block_picture() = default;
 };
 
-/* Cells of linear radiance from means and detail; the `exact_cells` whose mean tells least are
+/* Cells of linear radiance from means and detail; the `exact_blocks` whose mean tells least are
  * looked at pixel by pixel. row_weight, of all rows of whole blocks, and seen: as in
  * vision/picture/cells.h. */
 int cells_from_blocks(struct lp_cells *cells, const block_picture &picture, const float *row_weight,
 		      const uint8_t *seen, const struct lp_response *response, float scale,
-		      int exact_cells);
+		      int exact_blocks);
 
 } /* namespace lp */
 

@@ -56,13 +56,13 @@ struct lp_quarters {
 /*
  * From block means and detail of a JPEG (vision/jpeg/blocks.h), without its pixels; cells of 8 px,
  * with `quarters` (NULL: none) of 4 px.
- * At most `exact_cells` of the cells whose mean tells least are decoded, and those with detail
+ * At most `exact_blocks` of the blocks whose mean tells least are decoded, and those with detail
  * where row_weight is uneven across a cell. row_weight holds whole blocks.
  */
 int lp_cells_from_jpeg(struct lp_cells *cells, const struct lp_jpeg_reader *reader,
 		       const struct lp_quarters *quarters, const float *row_weight,
 		       const uint8_t *seen, const struct lp_response *response, float scale,
-		       int exact_cells);
+		       int exact_blocks);
 
 /* From decoded pixels: RGB, 8 bit, each linearised on its own. */
 int lp_cells_from_rgb8(struct lp_cells *cells, const uint8_t *rgb, int width_px, int height_px,
@@ -72,7 +72,7 @@ int lp_cells_from_rgb8(struct lp_cells *cells, const uint8_t *rgb, int width_px,
 /* From block means and detail of a raw 8-bit frame, cell_px 8 or 4; otherwise as from a JPEG. */
 int lp_cells_from_raw_blocks(struct lp_cells *cells, const struct lp_frame *frame, int cell_px,
 			     const float *row_weight, const uint8_t *seen,
-			     const struct lp_response *response, float scale, int exact_cells);
+			     const struct lp_response *response, float scale, int exact_blocks);
 
 /* From a raw frame pixel by pixel: YUYV, NV12, GREY, RGB_F32. */
 int lp_cells_from_raw(struct lp_cells *cells, const struct lp_frame *frame, int cell_px,

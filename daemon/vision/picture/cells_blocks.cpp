@@ -16,26 +16,26 @@ using cv::v_int32x4;
 namespace
 {
 
-/* Cells whose mean tells least about their light. */
+/* Blocks whose mean tells least about their light. */
 struct suspects {
 	static constexpr int kMax = 2048;
 	struct suspect {
-		int cell;
+		int block;
 		float energy;
 	} list[kMax];
 	int count = 0, insisted = 0;
 
-	void add(int cell, float energy)
+	void add(int block, float energy)
 	{
 		if (count < kMax)
-			list[count++] = {cell, energy};
+			list[count++] = {block, energy};
 	}
 
 	/* One that must be among the strongest. */
-	void insist(int cell)
+	void insist(int block)
 	{
 		insisted += count < kMax;
-		add(cell, FLT_MAX);
+		add(block, FLT_MAX);
 	}
 
 	/* Those insisted on, and the `most` others with the most detail. */
@@ -105,14 +105,18 @@ struct filler {
 	const uint8_t *seen;
 	suspects found;
 	int64_t luma;
-	int count; /* of the blocks that are seen */
+	int count;			     /* of the cells that are seen */
+	int per_block;			     /* cells across a block */
+	uint8_t listed[lp::block_row::kMax]; /* blocks of this row of them: they are suspects */
 
 	bool uneven(int by) const;
 	int seen_of(int bx, int by) const;
 	void skip(size_t first);
 	void count_in(const int *four, int inside);
 	void row(const lp::block_row &row, int by, bool grey);
-	void exact(const lp::block_picture &picture, int cell);
+	void list(int bits, int bx, int by, bool insist, const float *variance);
+	void exact(const lp::block_picture &picture, int block);
+	void exact_cell(const uint8_t rgb[64][3], int column, int row);
 };
 
 /* At a pole of an equirectangular picture the rows of one cell weigh so differently that its mean
@@ -193,33 +197,48 @@ void filler::row(const lp::block_row &row, int by, bool grey)
 				       lp::luminance(red, green, blue));
 		std::memcpy(cells->clipped + first + bx, &clipped_bytes, 4);
 		cells->clipped_count += __builtin_popcount(clipped_bits);
-		for (int bits = cv::v_signmask(suspect) & inside; bits; bits &= bits - 1) {
-			const int k = bx + __builtin_ctz(bits);
+		/* a quarter may seem clipped because another one has the detail */
+		const v_float32x4 doubtful =
+			per_block > 1 ? suspect | (clipped & (head > zero)) : suspect;
 
-			if (insist)
-				found.insist(static_cast<int>(first) + k);
-			else
-				found.add(static_cast<int>(first) + k, row.variance[k]);
-		}
+		if (const int bits = cv::v_signmask(doubtful) & inside)
+			list(bits, bx, by, insist, row.variance);
 		count_in(row.luma + bx, inside);
 	}
 }
 
-/* The cell's pixels after all: its block is decoded. */
-void filler::exact(const lp::block_picture &picture, int cell)
+/* The blocks of four cells from bx on, of those in `bits`, each once. */
+void filler::list(int bits, int bx, int by, bool insist, const float *variance)
 {
-	const int side = cells->cell_px, cells_across = 8 / side;
-	const int column = cell % cells->width, row = cell / cells->width;
-	const int left = column % cells_across * side, top_row = row % cells_across * side;
-	uint8_t rgb[64][3];
+	const int blocks = (cells->width + per_block - 1) / per_block;
+
+	for (; bits; bits &= bits - 1) {
+		const int k = bx + __builtin_ctz(bits), column = k / per_block;
+		const int block = by / per_block * blocks + column;
+
+		if (listed[column])
+			continue;
+		listed[column] = 1;
+		if (insist)
+			found.insist(block);
+		else
+			found.add(block, variance[k]);
+	}
+}
+
+/* A cell from the pixels of its block. */
+void filler::exact_cell(const uint8_t rgb[64][3], int column, int row)
+{
+	const int side = cells->cell_px;
+	const int left = column % per_block * side, above = row % per_block * side;
+	const size_t cell = static_cast<size_t>(row) * cells->width + column;
 	float linear[3] = {}, weight[8], total = 0.0F;
 	int top = 0;
 
 	for (int y = 0; y < side; y++)
 		total += weight[y] = row_weight ? row_weight[side * row + y] : 1.0F;
-	picture.pixels(column / cells_across, row / cells_across, rgb);
 	for (int p = 0; p < side * side; p++) {
-		const uint8_t *pixel = rgb[(top_row + p / side) * 8 + left + p % side];
+		const uint8_t *pixel = rgb[(above + p / side) * 8 + left + p % side];
 
 		for (int c = 0; c < 3; c++) {
 			linear[c] += response->pixel[c][pixel[c]] * weight[p / side];
@@ -232,25 +251,44 @@ void filler::exact(const lp::block_picture &picture, int cell)
 	lp::store_cell(cells, cell, linear, top >= lp::kTopCode);
 }
 
+/* The block's pixels after all. */
+void filler::exact(const lp::block_picture &picture, int block)
+{
+	const int blocks = (cells->width + per_block - 1) / per_block;
+	const int column = block % blocks, row = block / blocks;
+	uint8_t rgb[64][3];
+
+	picture.pixels(column, row, rgb);
+	for (int k = 0; k < per_block * per_block; k++) {
+		const int x = column * per_block + k % per_block;
+		const int y = row * per_block + k / per_block;
+
+		if (x < cells->width && y < cells->height)
+			exact_cell(rgb, x, y);
+	}
+}
+
 } /* namespace */
 
 int lp::cells_from_blocks(struct lp_cells *cells, const block_picture &picture,
 			  const float *row_weight, const uint8_t *seen,
-			  const struct lp_response *response, float scale, int exact_cells)
+			  const struct lp_response *response, float scale, int exact_blocks)
 {
 	const int ret = lp_cells_reserve(cells, picture.width, picture.height, picture.cell_px);
-	filler fill = {cells, response, row_weight, seen, {}, 0, 0};
+	filler fill = {cells, response, row_weight, seen, {}, 0, 0, 8 / picture.cell_px, {}};
 	block_row row;
 
 	if (ret < 0)
 		return ret;
 	cells->scale = scale;
 	for (int by = 0; by < picture.height; by++) {
+		if (by % fill.per_block == 0)
+			std::memset(fill.listed, 0, sizeof(fill.listed));
 		picture.read(by, row);
 		fill.row(row, by, picture.grey);
 	}
-	for (int i = 0, n = fill.found.strongest(exact_cells); i < n; i++)
-		fill.exact(picture, fill.found.list[i].cell);
+	for (int i = 0, n = fill.found.strongest(exact_blocks); i < n; i++)
+		fill.exact(picture, fill.found.list[i].block);
 	cells->mean_code = static_cast<double>(fill.luma) / LP_CODE_STEPS / std::max(fill.count, 1);
 	return 0;
 }

@@ -146,11 +146,11 @@ void jpeg_quarters::read(int row, lp::block_row &out) const
 extern "C" int lp_cells_from_jpeg(struct lp_cells *cells, const struct lp_jpeg_reader *reader,
 				  const struct lp_quarters *quarters, const float *row_weight,
 				  const uint8_t *seen, const struct lp_response *response,
-				  float scale, int exact_cells)
+				  float scale, int exact_blocks)
 {
 	if (quarters)
 		return lp::cells_from_blocks(cells, jpeg_quarters(reader, quarters), row_weight,
-					     seen, response, scale, exact_cells);
+					     seen, response, scale, exact_blocks);
 	return lp::cells_from_blocks(cells, jpeg_picture(reader), row_weight, seen, response, scale,
-				     exact_cells);
+				     exact_blocks);
 }

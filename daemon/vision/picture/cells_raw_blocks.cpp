@@ -193,8 +193,8 @@ void raw_picture::read(int row, lp::block_row &out) const
 extern "C" int lp_cells_from_raw_blocks(struct lp_cells *cells, const struct lp_frame *frame,
 					int cell_px, const float *row_weight, const uint8_t *seen,
 					const struct lp_response *response, float scale,
-					int exact_cells)
+					int exact_blocks)
 {
 	return lp::cells_from_blocks(cells, raw_picture(frame, cell_px), row_weight, seen, response,
-				     scale, exact_cells);
+				     scale, exact_blocks);
 }
