@@ -172,7 +172,9 @@ extern "C" struct lp_map_update lp_radiance_map_observe(struct lp_radiance_map *
 	const float changed = share_of(total.changed, total);
 	const double elsewhere =
 		changed > kUnsettled ? change_elsewhere(map, observation, noise) : -1.0;
-	const bool unsettled = !(elsewhere <= 0.0);
+	/* while the camera turns, where a cell looks is uncertain, and hides what the others tell
+	 */
+	const bool unsettled = observation->step2 ? changed > kUnsettled : !(elsewhere <= 0.0);
 	const float walk = elsewhere > 0.0 ? static_cast<float>(elsewhere) : 0.0F;
 
 	if (unsettled)
