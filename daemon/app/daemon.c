@@ -169,6 +169,7 @@ static void publish(struct lp_daemon *daemon, struct lp_result *result)
 
 	result->estimates.raw.flags |= flags;
 	result->estimates.smoothed.flags |= flags;
+	daemon->health.report.places_left_out = (uint32_t)result->estimates.places_left_out;
 	lp_instruments_see(daemon->instruments, &result->estimates.raw);
 	lp_orientation_judged(&daemon->orientation, &result->estimates.raw.orientation);
 	result->estimates.smoothed.orientation = result->estimates.raw.orientation;

@@ -49,6 +49,7 @@ struct lp_estimates {
 	struct lp_light_estimate raw;	   /* what is known with this frame */
 	struct lp_light_estimate smoothed; /* tracked in time; same ids */
 	struct lp_ring_status ring;
+	int places_left_out; /* of the pictures: they shine by themselves */
 	/* The caller's, of a frame: filled if they are wanted, else of size 0. NULL: never. */
 	struct lp_surroundings *surroundings;
 };

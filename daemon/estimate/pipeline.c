@@ -304,6 +304,7 @@ int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
 			     pipeline->detection->finder->cells, &pipeline->lamps.memory,
 			     status.exposure_unknown);
 	estimates->ring = lp_ring_stage_status(&pipeline->ring);
+	estimates->places_left_out = pipeline->places_left_out = status.places_left_out;
 	memset(&estimates->raw, 0, sizeof(estimates->raw));
 	lp_pipeline_fill(pipeline, &whole, mean, total, &estimates->raw);
 	estimates->raw.t_arrival_ns = t_arrival_ns;

@@ -54,6 +54,7 @@ int lp_pipeline_step(struct lp_pipeline *p, const struct lp_ring_sample *now,
 		return -EAGAIN;
 	lp_ring_poses_forget(&p->ring.poses); /* of other light */
 	estimates->ring = lp_ring_stage_status(&p->ring);
+	estimates->places_left_out = p->places_left_out;
 	estimates->raw = p->steps.told;
 	estimates->raw.t_arrival_ns = lp_clock_ns();
 	lp_tracker_jump(&p->tracker, &before, &p->steps.told);

@@ -52,6 +52,7 @@ struct lp_pipeline {
 	bool has_ring_now;
 	struct lp_ring_steps steps;
 	struct lp_tracker tracker;
+	int places_left_out;  /* of the pictures, as of the newest frame */
 	float restless;	      /* share of the last frames that showed changed light */
 	float *scratch;	      /* cells of the panorama, for its median */
 	uint8_t *view;	      /* of several cameras: the cells that the newest frame's looks at */

@@ -23,6 +23,8 @@ enum lp_cell_flag {
 				   * anywhere within it */
 	LP_CELL_COVERED = 1 << 3, /* of a picture: something before the lens hides it */
 	LP_CELL_BESIDE_DARK = 1 << 4, /* BESIDE one that is not seen, or covered: may be brighter */
+	LP_CELL_FILLED = 1 << 5, /* of a picture: its pixels shine by themselves, and it shows what
+				  * its neighbours do */
 };
 
 /*

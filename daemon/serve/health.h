@@ -44,7 +44,8 @@ struct lp_health_report {
 	uint32_t clients;
 	uint64_t packets_sent, packets_superseded, requests_rejected;
 	uint64_t polarization_maps_sent;
-	float cpu_percent; /* of one core */
+	uint32_t places_left_out; /* of the pictures: they shine by themselves */
+	float cpu_percent;	  /* of one core */
 	uint32_t rss_kib;
 	const char *preset;
 	bool has_wheel, has_ring;

@@ -39,6 +39,7 @@ int lp_eye_init(struct lp_eye *eye, const struct lp_camera *camera, int panorama
 void lp_eye_release(struct lp_eye *eye)
 {
 	lp_exposure_release(&eye->incoming);
+	lp_stuck_release(&eye->stuck);
 	lp_remap_destroy(eye->remap);
 	free(eye->row_weight);
 	free(eye->place);
@@ -104,7 +105,8 @@ int lp_eye_fit(struct lp_eye *eye, int width_px, int height_px, int cell_px)
 		return ret;
 	lp_remap_destroy(eye->remap);
 	eye->remap = remap;
-	return 1;
+	ret = lp_stuck_fit(&eye->stuck, eye->camera, width_px, height_px, cell_px);
+	return ret < 0 ? ret : 1;
 }
 
 static void see_through_film(struct lp_eye *eye)
@@ -115,6 +117,19 @@ static void see_through_film(struct lp_eye *eye)
 	eye->seen.cells = eye->mapped;
 }
 
+/* All that takes from a cell that is left out. */
+static void mark_filled(struct lp_eye *eye)
+{
+	const struct lp_remap *remap = eye->remap;
+
+	for (int n = 0; n < eye->stuck.count; n++) {
+		const int source = eye->stuck.list[n];
+
+		for (int k = remap->target_first[source]; k < remap->target_first[source + 1]; k++)
+			eye->seen.flags[remap->target[k]] |= LP_CELL_FILLED;
+	}
+}
+
 void lp_eye_map(struct lp_eye *eye)
 {
 	const struct lp_cells *cells = &eye->incoming.cells;
@@ -123,6 +138,7 @@ void lp_eye_map(struct lp_eye *eye)
 	eye->seen.cells = identity ? cells->radiance : eye->mapped;
 	eye->seen.flags = identity ? cells->clipped : eye->mapped_flags;
 	lp_remap_apply(eye->remap, cells, &eye->seen);
+	mark_filled(eye);
 	if (eye->over_film)
 		see_through_film(eye);
 }

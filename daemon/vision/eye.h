@@ -19,6 +19,7 @@
 #include "vision/exposure.h"
 #include "vision/imager.h"
 #include "vision/map/radiance_map.h"
+#include "vision/stuck/stuck.h"
 
 struct lp_remap;
 
@@ -55,6 +56,7 @@ struct lp_eye {
 	uint64_t serial;	 /* of the newest frame accepted; 0: none */
 	uint64_t changed_serial; /* of the last frame that showed other light than before it */
 	struct lp_recent_exposure recent[LP_MAX_BRACKET];
+	struct lp_stuck stuck;	   /* places of the picture that shine by themselves */
 	struct lp_cover cover;	   /* of the camera's view */
 	float covered_s;	   /* for how long by now */
 	float covered_share;	   /* of the light that is known */

@@ -271,6 +271,13 @@ static int check(const struct lp_imager *imager, const struct lp_frame *frame)
 	return 0;
 }
 
+void lp_imager_map(struct lp_imager *imager)
+{
+	lp_eye_map(imager->eye);
+	if (imager->eye->cover.found) /* most likely still */
+		lp_cover_mark(&imager->eye->cover, imager->grid, imager->eye->seen.flags);
+}
+
 int lp_imager_load(struct lp_imager *imager, struct lp_frame *frame, float expected_us)
 {
 	struct lp_exposure *incoming;
@@ -315,9 +322,8 @@ int lp_imager_load(struct lp_imager *imager, struct lp_frame *frame, float expec
 			       imager->eye->remap->seen, &imager->eye->response);
 	if (ret < 0)
 		return ret;
-	lp_eye_map(imager->eye);
-	if (imager->eye->cover.found) /* most likely still */
-		lp_cover_mark(&imager->eye->cover, imager->grid, imager->eye->seen.flags);
+	lp_stuck_fill(&imager->eye->stuck, &incoming->cells);
+	lp_imager_map(imager);
 	lp_imager_place_film(imager);
 	lp_imager_expect_scale(imager);
 	lp_imager_follow(imager);
@@ -396,9 +402,7 @@ void lp_imager_rescale(struct lp_imager *imager, float scale)
 	if (imager->eye->incoming.scale == scale)
 		return;
 	lp_exposure_rescale(&imager->eye->incoming, scale);
-	lp_eye_map(imager->eye);
-	if (imager->eye->cover.found)
-		lp_cover_mark(&imager->eye->cover, imager->grid, imager->eye->seen.flags);
+	lp_imager_map(imager);
 }
 
 void lp_imager_settle(struct lp_imager *imager, float exposure_us)
@@ -429,6 +433,7 @@ int lp_imager_accept(struct lp_imager *imager, float exposure_us)
 	lp_imager_followed(imager);
 	lp_imager_look_for_cover(imager);
 	lp_imager_look_for_bands(imager);
+	lp_imager_learn_stuck(imager);
 	observe(imager);
 	lp_eye_note_exposure(imager->eye, exposure_us);
 	lp_imager_compare_cameras(imager);
@@ -524,7 +529,9 @@ void lp_imager_status(const struct lp_imager *imager, struct lp_imager_status *s
 	status->exposure_count = newest.count;
 	status->longest_exposure_us = newest.longest_us;
 	status->newest_clips = newest.clipped_fraction;
-	for (int k = 0; k < imager->eye_count; k++)
+	for (int k = 0; k < imager->eye_count; k++) {
+		status->places_left_out += imager->eyes[k].stuck.count;
 		if (!imager->eyes[k].lost)
 			add_eye(&imager->eyes[k], status);
+	}
 }

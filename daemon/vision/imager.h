@@ -70,6 +70,7 @@ struct lp_imager_status {
 	float hidden_share; /* of the light: what was known there */
 	/* 1 sigma of all light, relative, from how well cameras are brought to one scale */
 	float cameras_sigma;
+	int places_left_out; /* cells of all cameras' pictures that shine by themselves */
 	bool angles_missing; /* a film, but too few of its angles to tell how light is polarized */
 };
 
@@ -132,8 +133,8 @@ void lp_imager_lose(struct lp_imager *imager, int camera);
  * all that its frames show is most likely that. */
 void lp_imager_expect_exposure(struct lp_imager *imager, int camera);
 
-/* Go on with the scale of another imager that saw the same camera until now; for exposures that are
- * not told. */
+/* Go on with the scale of another imager that saw the same camera until now, for exposures that are
+ * not told; and with what it has found to shine by itself. */
 void lp_imager_inherit(struct lp_imager *imager, const struct lp_imager *from);
 
 #define LP_MAX_CANDIDATES 6

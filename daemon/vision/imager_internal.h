@@ -147,6 +147,9 @@ void lp_imager_see_through(struct lp_imager *imager, struct lp_observation *seen
 /* How the newest frame's rows look elsewhere, by how fast the camera turns. */
 struct lp_shear lp_imager_shear(const struct lp_imager *imager);
 
+/* The newest frame's cells on the panorama's grid, with their marks. */
+void lp_imager_map(struct lp_imager *imager);
+
 /* The newest frame's scale is another. */
 void lp_imager_rescale(struct lp_imager *imager, float scale);
 
@@ -175,6 +178,8 @@ void lp_imager_followed(struct lp_imager *imager);
 /* hidden.c: is the lens covered in the newest frame? Where it is, the frame tells nothing of the
  * light. */
 void lp_imager_look_for_cover(struct lp_imager *imager);
+/* stuck/left_out.c: which places of the picture shine by themselves, by the newest frame. */
+void lp_imager_learn_stuck(struct lp_imager *imager);
 /* How much of the known light is covered, or seen only by a camera that is away. */
 void lp_imager_weigh_hidden(struct lp_imager *imager);
 

@@ -327,6 +327,7 @@ class Health:
     wheel: Wheel | None = None  # None: no wheel
     ring: Ring | None = None  # None: no ring
     polarization_maps_sent: int = 0  # pictures that have left the probe
+    places_left_out: int = 0  # of the pictures, that shine by themselves: stuck pixels
 
 
 @dataclass(frozen=True)

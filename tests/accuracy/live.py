@@ -47,6 +47,7 @@ from recording import (
     find,
     listed,
     markdown,
+    pixels,
     record,
     size_px,
     to_json,
@@ -424,6 +425,8 @@ def main() -> None:
     parser.add_argument("--defects", type=listed([*DEFECTS, "all"], "defects"), default=["none"],
         metavar="DEFECT,…",
         help=f"of the camera and its lens: all, or of {','.join(DEFECTS)}")  # fmt: skip
+    parser.add_argument("--pixels", type=pixels, default=pixels(""), metavar="K=V&…",
+        help="of the sensor, as simulate --pixel-defects has them: stuck=12")  # fmt: skip
     add_options(parser, SCENES)
     options = parser.parse_args()
     use_daemon(options.daemon)
@@ -442,6 +445,7 @@ def main() -> None:
             orientation=orientation,
             ring=options.ring,
             defects=name,
+            pixels=options.pixels,
         )
     ]
     found = all_figures(todo, options.processes)

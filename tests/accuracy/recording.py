@@ -34,6 +34,7 @@ from lightprobe.sim.illuminance import RingLight
 from lightprobe.sim.lens_defects import LensDefects
 from lightprobe.sim.live import LiveProbe
 from lightprobe.sim.live_ring import LiveRing
+from lightprobe.sim.pixel_defects import PixelDefects
 from lightprobe.sim.processing import Processing
 from lightprobe.sim.scene import PanoramaScene, Scene
 from lightprobe.sim.world import Behaviour, World
@@ -142,6 +143,7 @@ class Run:
     orientation: str = "visual"
     ring: bool = False  # with a ring of light sensors, calibrated to 3 %, beside the camera
     pair: Pair | None = None  # two modules, of the size that their files state
+    pixels: PixelDefects = field(default_factory=PixelDefects)  # of the sensor
     defects: str = "none"  # of DEFECTS; of one camera, not of a pair
     levels: tuple[float, ...] = (1.0,)  # of all light, in turns, behaviour.act_s each
 
@@ -181,6 +183,7 @@ def cameras(run: Run, world: World) -> list[SimulatedCamera]:
                 response=None if defects.response is None else responses.parse(defects.response),
                 processing=Processing().merged(defects.processing),
                 lens_defects=LensDefects().merged(defects.lens_defects),
+                pixels=run.pixels,
             )
         ]  # fmt: skip
     found = []
@@ -299,6 +302,14 @@ def query(text: str) -> str:
     except UsageError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
     return text
+
+
+def pixels(text: str) -> PixelDefects:
+    """Parse an option's pixel defects."""
+    try:
+        return PixelDefects.parse(text)
+    except UsageError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def size_px(text: str) -> tuple[int, int]:

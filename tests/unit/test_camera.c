@@ -466,11 +466,52 @@ static void test_long_lines(void **state)
 	assert_contains(capture_end(&capture), ":3: parse: a line has at most 198 bytes");
 }
 
+/* Rows of pixels beside the camera file; what is no such row, or beyond the picture, is refused. */
+static void test_stuck_pixels_are_read(void **state)
+{
+	static const struct {
+		const char *rows;
+		int count; /* -1: refused */
+	} files[] = {{"", 0},	     {"3 1\n0 0\n", 2}, {"3 1\n4 0\n", -1}, {"3 1\n2", -1},
+		     {"3 1\nx", -1}, {"-1 0", -1},	{"nan 0", -1}};
+
+	(void)state;
+	for (size_t k = 0; k < sizeof(files) / sizeof(*files); k++) {
+		char rows[] = "/tmp/lp_rows_XXXXXX", text[160];
+		struct capture capture;
+		struct lp_camera *camera;
+		FILE *file = fdopen(mkstemp(rows), "w");
+
+		assert_non_null(file);
+		fputs(files[k].rows, file);
+		fclose(file);
+		snprintf(text, sizeof(text),
+			 "[camera]\nprojection = equirect\nwidth_px = 4\nheight_px = 2\n"
+			 "stuck_pixels = %s\n",
+			 rows);
+		write_file(text);
+		capture_begin(&capture);
+		const int ret = load_file(path, &camera);
+		const char *log = capture_end(&capture);
+
+		assert_int_equal(ret, files[k].count < 0 ? -EBADMSG : 0);
+		if (ret < 0)
+			assert_non_null(strstr(log, "stuck_pixels"));
+		if (ret == 0) {
+			assert_int_equal(camera->stuck_count, files[k].count);
+			assert_true(!files[k].count || camera->stuck_px[0][0] == 3.0F);
+			lp_camera_destroy(camera);
+		}
+		unlink(rows);
+	}
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_part_of_a_sphere),
 		cmocka_unit_test(test_mask_of_a_panorama),
+		cmocka_unit_test(test_stuck_pixels_are_read),
 		cmocka_unit_test(test_pixels_and_rays_are_inverse),
 		cmocka_unit_test(test_axes),
 		cmocka_unit_test(test_pixel_solid_angles),

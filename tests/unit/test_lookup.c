@@ -185,6 +185,8 @@ static void test_marks(void **state)
 		for (int k = 0; k < n / 2; k++) /* none at first; some at the poles */
 			from[k % 3 ? rand() % cells : rand() % width] = LP_CELL_CLIPPED;
 		from[cells - 1] = n > 10 ? LP_CELL_UNSEEN : 0;
+		for (int k = 0; k < n / 5; k++) /* as bright as what is beside it */
+			from[rand() % cells] |= LP_CELL_FILLED;
 		lp_lookup_marks(t.lookup, from, to);
 		for (int i = 0; i < cells; i++) {
 			const int l = t.lookup->left[i], r = t.lookup->right[i];
@@ -195,7 +197,7 @@ static void test_marks(void **state)
 				own |= from[around[k]];
 				near |= marks_near(t.grid, from, around[k]);
 			}
-			if (near)
+			if (near & ~LP_CELL_FILLED)
 				beside = LP_CELL_BESIDE;
 			if (near & LP_CELL_UNSEEN)
 				beside |= LP_CELL_BESIDE_DARK;

@@ -414,6 +414,47 @@ static void test_any_unit_will_do(void **state)
 	}
 }
 
+/* What neighbours say of a cell is taken where nothing is known. It adds nothing to what is known
+ * better, it is no change of light, and said again it is no more certain. */
+static void test_what_is_filled_gives_way(void **state)
+{
+	struct lp_observation seen = picture(1.0F);
+
+	(void)state;
+	fill(0.3F);
+	flags[100] = LP_CELL_FILLED;
+	for (int n = 0; n < 30; n++)
+		lp_radiance_map_observe(map, &seen);
+	assert_int_equal(map->flags[100], 0);
+	assert_float_equal(map->radiance[100][1], 0.3F, 1e-6F);
+	assert_true(map->variance[100] > 0.2F * 0.2F * 0.3F * 0.3F);
+	assert_true(map->variance[99] < 0.04F * 0.04F * 0.3F * 0.3F);
+	radiance[100][LP_LUMINANCE] = radiance[100][1] = 0.4F; /* follows its neighbours */
+	lp_radiance_map_observe(map, &seen);
+	assert_float_equal(map->radiance[100][1], 0.4F, 1e-6F);
+
+	flags[100] = 0; /* another place of the picture sees it */
+	radiance[100][LP_LUMINANCE] = radiance[100][1] = 0.9F;
+	lp_radiance_map_observe(map, &seen);
+	assert_float_equal(map->radiance[100][1], 0.9F, 0.05F);
+	flags[100] = LP_CELL_FILLED;
+	radiance[100][LP_LUMINANCE] = radiance[100][1] = 0.3F;
+	for (int n = 0; n < 30; n++)
+		assert_float_equal(lp_radiance_map_observe(map, &seen).changed, 0.0F, 0.0F);
+	assert_float_equal(map->radiance[100][1], 0.9F, 0.05F);
+	for (int n = 0; n < 30 * 20; n++) /* until it is old */
+		lp_radiance_map_observe(map, &seen);
+	assert_float_equal(map->radiance[100][1], 0.3F, 1e-6F);
+
+	flags[100] = LP_CELL_CLIPPED;
+	radiance[100][LP_LUMINANCE] = radiance[100][1] = 1.0F;
+	lp_radiance_map_observe(map, &seen);
+	flags[100] = LP_CELL_FILLED;
+	radiance[100][LP_LUMINANCE] = radiance[100][1] = 0.3F;
+	lp_radiance_map_observe(map, &seen);
+	assert_float_equal(map->radiance[100][1], 1.0F, 1e-6F); /* at least so much is there */
+}
+
 /* A smooth room with a window and lamps, seen from a turned camera. */
 static float room(const double d[3])
 {
@@ -621,6 +662,7 @@ int main(void)
 		cmocka_unit_test_setup(test_a_clipped_pixel_hides_in_a_longer_exposure, begin),
 		cmocka_unit_test_setup(test_what_is_darker_beside_a_clipped_cell_is_learned, begin),
 		cmocka_unit_test_setup(test_any_unit_will_do, begin),
+		cmocka_unit_test_setup(test_what_is_filled_gives_way, begin),
 		cmocka_unit_test_setup(test_lookup_of_a_turned_picture, begin),
 		cmocka_unit_test_setup(test_marks_are_not_lost, begin),
 		cmocka_unit_test_setup(test_a_turned_picture_is_aligned, begin),

@@ -580,6 +580,8 @@ namespace Lightprobe.Messages
         public Ring Ring;
         /// <summary>pictures that have left the probe</summary>
         public ulong PolarizationMapsSent;
+        /// <summary>Places of the pictures, of all cameras, that shine by themselves: stuck pixels, or a light of the box before a lens. They are left out.</summary>
+        public uint PlacesLeftOut;
 
         internal static Health Read(WireReader r)
         {
@@ -608,6 +610,7 @@ namespace Lightprobe.Messages
                     case 19: m.Wheel = Wheel.Read(r.Message("Health.wheel")); break;
                     case 20: m.Ring = Ring.Read(r.Message("Health.ring")); break;
                     case 21: m.PolarizationMapsSent = r.UInt64("Health.polarization_maps_sent"); break;
+                    case 22: m.PlacesLeftOut = r.UInt32("Health.places_left_out"); break;
                     default: r.Skip(); break;
                 }
             return m;

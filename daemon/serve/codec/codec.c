@@ -346,6 +346,7 @@ int lp_encode_health(const struct lp_health_report *report, struct lp_packet *pa
 	wire->has_ring = report->has_ring;
 	fill_ring(&wire->ring, &report->ring);
 	wire->polarization_maps_sent = report->polarization_maps_sent;
+	wire->places_left_out = report->places_left_out;
 	wire->faults_count = (pb_size_t)report->fault_count;
 	for (int i = 0; i < report->fault_count; i++) {
 		COPY_TEXT(wire->faults[i].id, report->faults[i].id);

@@ -10,6 +10,7 @@ void lp_camera_destroy(struct lp_camera *camera)
 		return;
 	for (int k = 0; k < camera->lens_count; k++)
 		free(camera->lens[k].mask);
+	free(camera->stuck_px);
 	free(camera);
 }
 

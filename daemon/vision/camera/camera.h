@@ -20,6 +20,7 @@ extern "C" {
 #endif
 
 #define LP_MAX_LENSES 4
+#define LP_MAX_STUCK_PIXELS 4096
 
 struct lp_lens {
 	float cx_px, cy_px; /* where the optical axis meets the picture */
@@ -42,6 +43,8 @@ struct lp_camera {
 	bool crop_given;	 /* by the camera file; of lenses, always */
 	int lens_count;
 	struct lp_lens lens[LP_MAX_LENSES];
+	float (*stuck_px)[2]; /* pixels that shine by themselves: the left upper corner of each */
+	int stuck_count;
 	bool response_given;
 	float response[3][256]; /* linear value 0..1 of each 8-bit code */
 };

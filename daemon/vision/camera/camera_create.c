@@ -83,6 +83,40 @@ close_file:
 	return ret;
 }
 
+/* Rows "x y" of a picture of the camera's size. */
+static int load_stuck_pixels(struct lp_camera *camera, const char *camera_path, const char *name)
+{
+	FILE *file = open_beside(camera_path, name);
+	float x, y;
+	int ret = 0, read = 0;
+
+	if (!file)
+		return -ENOENT;
+	camera->stuck_px = calloc(LP_MAX_STUCK_PIXELS, sizeof(*camera->stuck_px));
+	if (!camera->stuck_px)
+		ret = -ENOMEM;
+	while (ret == 0 && (read = fscanf(file, "%f %f", &x, &y)) == 2) {
+		const bool inside = x >= 0.0F && y >= 0.0F && x < (float)camera->width_px &&
+				    y < (float)camera->height_px;
+
+		if (!inside || camera->stuck_count == LP_MAX_STUCK_PIXELS) {
+			ret = -EBADMSG;
+			break;
+		}
+		camera->stuck_px[camera->stuck_count][0] = x;
+		camera->stuck_px[camera->stuck_count++][1] = y;
+	}
+	if (ret == 0 && (read != EOF || ferror(file)))
+		ret = -EBADMSG;
+	fclose(file);
+	if (ret == -EBADMSG)
+		lp_error(name, "camera file",
+			 "stuck_pixels has rows of two numbers, x y of at most %d pixels within "
+			 "width_px x height_px of [camera]",
+			 LP_MAX_STUCK_PIXELS);
+	return ret;
+}
+
 /* Rotation matrix of a quaternion, which is normalised first; the identity when none is given. */
 static int set_rotation(struct lp_lens *lens, const struct lp_floats *wxyz)
 {
@@ -235,6 +269,12 @@ static int build(struct lp_camera *camera, const struct lp_camera_file *f)
 	if (!camera->lens_count) {
 		lp_error(path, "camera file", "a fisheye camera needs a [lens.0]");
 		return -EBADMSG;
+	}
+	if (f->stuck_pixels[0]) {
+		const int ret = load_stuck_pixels(camera, path, f->stuck_pixels);
+
+		if (ret < 0)
+			return ret;
 	}
 	return f->response[0] ? load_response(camera, path, f->response) : 0;
 }

@@ -37,6 +37,8 @@ static const struct lp_param camera_list[] = {
 	{"read_out_ms", LP_PARAM_FLOAT, offsetof(struct lp_camera_file, read_out_ms), .min = 0,
 	 .max = 1000},
 	{"mask", LP_PARAM_TEXT, offsetof(struct lp_camera_file, mask), .max = PATH_MAX},
+	{"stuck_pixels", LP_PARAM_TEXT, offsetof(struct lp_camera_file, stuck_pixels),
+	 .max = PATH_MAX},
 };
 static const struct lp_params camera_params = LP_PARAMS(camera_list);
 

@@ -59,6 +59,7 @@ struct lp_camera_file {
 	float film_transmission, film_extinction, film_offset_deg, film_index;
 	struct lp_crop_fields crop;
 	char mask[PATH_MAX]; /* of an equirectangular picture */
+	char stuck_pixels[PATH_MAX];
 	struct lp_lens_fields lens[LP_MAX_LENSES];
 	struct lp_rig_fields rig;
 };

@@ -122,6 +122,7 @@ void lp_imager_inherit(struct lp_imager *imager, const struct lp_imager *from)
 			eye->gain.variance += FORGOTTEN_SIGMA * FORGOTTEN_SIGMA;
 		eye->overlap = before->overlap;
 		memcpy(eye->overlap.applied, own.applied, sizeof(own.applied));
+		(void)lp_stuck_inherit(&eye->stuck, &before->stuck); /* else it learns anew */
 	}
 }
 

@@ -193,6 +193,15 @@ static int choose_decoded(const struct lp_imager *imager, const struct lp_lamp *
 	return count;
 }
 
+/* Some of it shows what its neighbours do, and not the lamp. */
+static bool is_filled(const struct lp_eye *eye, const struct patch *patch)
+{
+	for (int i = 0; i < patch->count && eye->stuck.count; i++)
+		if (lp_stuck_leaves_out(&eye->stuck, patch->cells[i]))
+			return true;
+	return false;
+}
+
 static bool sees_all(const struct lp_eye *eye, const struct behind *behind)
 {
 	for (int i = 0; i < behind->count; i++)
@@ -521,7 +530,7 @@ bool lp_imager_refine(struct lp_imager *imager, const struct lp_lamp_finder *fin
 	gain = lp_imager_film_gain(imager, seen.direction);
 	dim(&seen, gain);
 	if (!imager->eye->remap || covers(imager, seen.direction) ||
-	    !collect(imager, finder, &seen, most_cells, &patch))
+	    !collect(imager, finder, &seen, most_cells, &patch) || is_filled(imager->eye, &patch))
 		return false;
 	const float peak = load_pixels(imager, exposure, &patch) - seen.background[LP_LUMINANCE];
 	const float threshold = fmaxf(CORE_SHARE * peak, 3.0F * seen.background_noise);

@@ -366,10 +366,12 @@ extern "C" void lp_lookup_marks(struct lp_lookup *lookup, const uint8_t *from, u
 		if (lookup->wide[l]) { /* few are */
 			const uint8_t own = from[l] | from[r] | from[l + width] | from[r + width];
 
-			const bool dark = lookup->wide[l] & ~LP_CELL_CLIPPED;
+			/* what is filled is as bright as its neighbours: those are what they are */
+			const int near = lookup->wide[l] & ~LP_CELL_FILLED;
+			const bool dark = near & ~LP_CELL_CLIPPED;
 			const int beside = LP_CELL_BESIDE | (dark ? LP_CELL_BESIDE_DARK : 0);
 
-			to[i] = own ? own : static_cast<uint8_t>(beside);
+			to[i] = own ? own : static_cast<uint8_t>(near ? beside : 0);
 		}
 	}
 }

@@ -44,6 +44,8 @@ constexpr float kDark = 12.0F;
 constexpr float kDarkCodes = 2.0F;
 /* A cell that is darker than this share of full scale holds no clipped pixel, of 64. */
 constexpr float kNoneClipped = 0.01F;
+/* What neighbours say of a cell's light: relative 1 sigma. */
+constexpr float kFilledSigma = 0.3F;
 /* Beside a clipped cell, light below this share of what is known is a change: where the lamp falls
  * within its own cell makes less of a difference. */
 constexpr float kFarDarker = 0.25F;
@@ -298,8 +300,17 @@ bool correct_plain(struct lp_radiance_map *map, const struct lp_observation *see
 	const v_float32x4 before =
 		cv::v_min(cv::v_fma(walk, held * held, cv::v_load(map->variance + i)), unknown);
 	const v_float32x4 known = before < cv::v_setall_f32(kKnown);
-	const v_float32x4 observed = noise.of(light, i);
+	const v_float32x4 filled = mask_of(seen_flags, LP_CELL_FILLED);
+	const v_float32x4 observed =
+		cv::v_select(filled, cv::v_setall_f32(kFilledSigma * kFilledSigma) * light * light,
+			     noise.of(light, i));
 	const lesson learned(light, held, before, observed);
+	/* what neighbours say replaces what is less certain, and adds nothing to what is more: the
+	 * next frame would say the same again */
+	const v_float32x4 replaced =
+		filled & (seen_is_clipped == zero) &
+		(fresh |
+		 (known & (before > cv::v_setall_f32(kFilledSigma * kFilledSigma) * held * held)));
 	const v_float32x4 difference = learned.difference;
 	/* ...and that a cell is far darker than was known: a neighbour's light only adds to it.
 	 * Else what a misplaced frame has left beside a lamp would stay */
@@ -331,11 +342,14 @@ bool correct_plain(struct lp_radiance_map *map, const struct lp_observation *see
 	const v_float32x4 hidden = bounds.hides(light, held) & below & (seen_is_clipped == zero) &
 				   (cv::v_setall_f32(unsettled ? 1.0F : 0.0F) == zero) &
 				   (fresh == zero);
-	const v_float32x4 changed = known & cv::v_select(clipped, refuted, learned.contradicts);
+	const v_float32x4 changed =
+		cv::v_select(filled, zero,
+			     known & cv::v_select(clipped, refuted, learned.contradicts));
 	const v_float32x4 overruled = changed & (cv::v_setall_f32(seen->late_s) > zero);
-	const v_float32x4 missing =
-		mask_of(seen_flags, LP_CELL_UNSEEN) | mask_of(seen_flags, LP_CELL_COVERED) |
-		(beside & (fresh == zero) & (darker == zero)) | overruled | hidden;
+	const v_float32x4 missing = mask_of(seen_flags, LP_CELL_UNSEEN) |
+				    mask_of(seen_flags, LP_CELL_COVERED) |
+				    (beside & (fresh == zero) & (darker == zero)) | overruled |
+				    hidden | (filled & (replaced == zero) & (fresh == zero));
 	const v_float32x4 mean = bound & (refuted == zero) & (bounds.longer == zero);
 	/* a bound that misplaced frames may explain moves a known cell as any observation does */
 	const v_float32x4 bound_gain =
@@ -345,8 +359,8 @@ bool correct_plain(struct lp_radiance_map *map, const struct lp_observation *see
 
 	gain = cv::v_select(clipped, bound_gain, gain);
 	variance = cv::v_select(clipped, cv::v_select(refuted, unknown, before), variance);
-	gain = cv::v_select(missing, zero, gain);
-	variance = cv::v_select(missing, before, variance);
+	gain = cv::v_select(missing, zero, cv::v_select(replaced, one, gain));
+	variance = cv::v_select(missing, before, cv::v_select(replaced, observed, variance));
 
 	if (unsettled)
 		remember(map, i, known & (missing == zero));

@@ -294,8 +294,10 @@ bool lp_imager_rest(struct lp_imager *imager, struct lp_rotation *turn)
 		in_map[k] = lp_imager_scale_in_map(imager, &imager->eyes[k].gain);
 	*turn = lp_rotation_inverse(&imager->turn.motion.rotation);
 	lp_radiance_map_turn(imager->map, imager->lookup, &imager->turn.motion.rotation);
-	for (int k = 0; k < imager->eye_count; k++)
+	for (int k = 0; k < imager->eye_count; k++) {
 		lp_imager_turn_scale(imager, &imager->eyes[k].gain, in_map[k]);
+		lp_stuck_turn(&imager->eyes[k].stuck, turn);
+	}
 	if (imager->film.stokes)
 		lp_stokes_map_turn(imager->film.stokes, &imager->turn.motion.rotation);
 	lp_imu_anchor(&imager->turn.imu, &imager->turn.motion.rotation);

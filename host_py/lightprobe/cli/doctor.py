@@ -367,6 +367,13 @@ def _health(client: Client, wait_s: float) -> Iterator[Finding]:
         f"{health.rss_kib / 1024:.0f} MiB, {health.clients} clients"
     )
     yield Finding("load", Verdict.OK, load)
+    if health.places_left_out:
+        yield Finding(
+            "pixels", Verdict.WARN,
+            f"{health.places_left_out} places of the pictures shine by themselves and are left out",
+            "stuck pixels, or a light of the box before a lens: the log of lightprobed names them; "
+            "so can stuck_pixels in the camera file",
+        )  # fmt: skip
     for fault in health.faults:
         verdict = Verdict.WARN if fault.id in _WARNINGS else Verdict.FAIL
         yield Finding(f"fault {fault.id}", verdict, fault.text)

@@ -6,7 +6,7 @@ import json
 import math
 import signal
 from contextlib import ExitStack
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Annotated, TextIO
 
@@ -39,6 +39,7 @@ from lightprobe.sim.illuminance import RingLight
 from lightprobe.sim.lens_defects import LensDefects
 from lightprobe.sim.link import Exposure, Link, Surroundings
 from lightprobe.sim.movers import Movers
+from lightprobe.sim.pixel_defects import PixelDefects
 from lightprobe.sim.processing import Processing
 from lightprobe.sim.sensor import CHROMA, FULL_WELL_E, READ_NOISE_E, SensorModel
 from lightprobe.sim.surroundings import FixedPolarizer, WheelAndRing, draw_ring
@@ -183,6 +184,14 @@ def command(
             help="Rolling shutter: each row is exposed so much later than the row above.",
         ),
     ] = 0.0,
+    pixel_defects: Annotated[
+        str,
+        typer.Option(
+            metavar="K=V&…",
+            help="Pixels that are not as the others, as stuck=12&warm=20&bayer=1: "
+            + ", ".join(f"{one.name} ({one.metadata['means']})" for one in fields(PixelDefects)),
+        ),
+    ] = "",
     pixel_format: Annotated[
         str, typer.Option("--format", help=", ".join(FORMATS) + " (float, no noise).")
     ] = "MJPG",
@@ -458,6 +467,7 @@ def command(
         misbehaviour.Faults().merged(faults)
     size_px, kind = parse_size(size), parse_format(pixel_format)
     check_row_time(row_time_us, size_px, rate_hz)
+    pixels = PixelDefects.parse(pixel_defects)
     flicker = Flicker(
         flicker_hz, numbers("--flicker-depth", flicker_depth),
         numbers("--flicker-phase", flicker_phase), tuple(flicker_wave.split(",")),
@@ -490,7 +500,7 @@ def command(
             delay_frames=delay_frames, seed=seed, quality=quality, chroma=chroma,
             sensor=SensorModel(full_well_e, read_noise_e), response=curve, truth=truth,
             control=control, as_json=as_json, kept=keep_pictures, processing=after,
-            lens_defects=before,
+            lens_defects=before, pixels=pixels,
         )  # fmt: skip
         return
     simulated = SimulatedCamera(
@@ -499,7 +509,7 @@ def command(
         model=SensorModel(full_well_e, read_noise_e), sheet=sheet,
         stack_deg=stack_deg if len(stack_deg) > 1 else (),
         response=curve, limits=limits, row_time_us=row_time_us, kept=keep_pictures,
-        processing=after, lens_defects=before,
+        processing=after, lens_defects=before, pixels=pixels,
     )  # fmt: skip
     fixed = None if exposure_us is None else Shot(exposure_us)
     exposure = Exposure(simulated, bracket, fixed, delay_frames)

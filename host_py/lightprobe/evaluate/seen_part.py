@@ -43,7 +43,7 @@ def write(name: str, camera: Camera, part: Part, folder: Path) -> str:
 
 def _name_from_everywhere(config: configparser.ConfigParser, folder: Path) -> None:
     for section in config.sections():
-        for key in ("mask", "table"):
+        for key in ("mask", "stuck_pixels", "table"):
             if config.has_option(section, key):
                 config[section][key] = str(folder / config[section][key])
 

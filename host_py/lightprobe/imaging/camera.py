@@ -4,6 +4,7 @@ The file is INI; its numbers refer to the size it states, and any other frame si
 
     [camera]   version = 1, name, projection = equirect | fisheye, width_px, height_px
                mask               of an equirectangular picture, as a lens'
+               stuck_pixels       file of rows x y beside it: pixels that shine by themselves
     [lens.0]   cx_px, cy_px       image centre; the first pixel's centre is at (0.5, 0.5)
                fx_px, fy_px       focal lengths; r = f·(θ + k1·θ³ + k2·θ⁵ + k3·θ⁷ + k4·θ⁹)
                k1 … k4            (Kannala and Brandt 2006); default 0
@@ -124,6 +125,7 @@ class Camera:
     #: Of an equirectangular picture; None: the file does not say.
     crop: Crop | None = None
     mask: NDArray[np.uint8] | None = None  # of an equirectangular picture; 0: not seen
+    stuck_px: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 2)))  # x, y of each
 
     @property
     def is_equirect(self) -> bool:
@@ -269,6 +271,7 @@ def _camera(section: _Section) -> Camera:
         sheet=_sheet(section) if config.has_section("polarizer") else Sheet(),
         crop=_crop(section) if config.has_section("crop") else None,
         mask=_mask(section) if projection == "equirect" else None,
+        stuck_px=_stuck_pixels(section),
     )
 
 
@@ -335,6 +338,23 @@ def _mask(section: _Section) -> NDArray[np.uint8] | None:
             f"camera: {section.path}: [{section.name}] mask {path}: not a readable PGM"
         )
     return np.asarray(mask, dtype=np.uint8)
+
+
+def _stuck_pixels(section: _Section) -> Array:
+    name = section.text("stuck_pixels", "")
+    if not name:
+        return np.empty((0, 2))
+    path, size = (
+        section.path.parent / name,
+        (section.number("width_px"), section.number("height_px")),
+    )
+    try:
+        rows = np.loadtxt(path, dtype=np.float64, ndmin=2).reshape(-1, 2)
+    except (OSError, ValueError) as error:
+        raise CameraError(f"camera: {path}: stuck pixels: {error}") from None
+    if np.any(rows < 0) or np.any(rows >= size):
+        raise CameraError(f"camera: {path}: expected rows x y within width_px × height_px")
+    return rows
 
 
 def _response(section: _Section) -> Array:

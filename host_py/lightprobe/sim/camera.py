@@ -16,6 +16,7 @@ from lightprobe.imaging.film import Sheet
 from lightprobe.sim.exposure import ExposureLimits, bracket_us, median_luminance
 from lightprobe.sim.formats import encode
 from lightprobe.sim.lens_defects import DefectiveLens, LensDefects
+from lightprobe.sim.pixel_defects import PixelDefects
 from lightprobe.sim.processing import Developer, Processing
 from lightprobe.sim.rays import rolled
 from lightprobe.sim.sensor import Expected, Sensor, SensorModel
@@ -74,6 +75,7 @@ class SimulatedCamera:
         kept: int = 0,
         processing: Processing | None = None,
         lens_defects: LensDefects | None = None,
+        pixels: PixelDefects | None = None,
     ) -> None:
         """`size_px` (width, height), both even for YUYV and NV12; `sheet`: of a polarizer;
         `stack_deg`: several of them one behind the other, the outermost first, instead of a wheel.
@@ -87,6 +89,7 @@ class SimulatedCamera:
         drawn and encoded only once: for rates that this machine is too slow for; 0: all are new.
         `processing`: what the camera does to its pictures; then none are kept.
         `lens_defects`: what its lens does.
+        `pixels`: of its sensor, that are not as the others; not of RGBF, nor with `processing`.
         """
         self.world, self.lens, self.size_px = world, lens, size_px
         self.rate_hz, self.pixel_format = rate_hz, pixel_format
@@ -117,6 +120,11 @@ class SimulatedCamera:
         self._medians: dict[int, float] = {}
         self._signals: OrderedDict[Hashable, Expected] = OrderedDict()
         self._kept, self._pictures = kept, OrderedDict[Hashable, bytes]()
+        if pixels and self._developer is not None:
+            raise UsageError("camera: pixel defects are not simulated together with processing")
+        well_e = self.sensor.model.full_well_e
+        table = lens.response_table() if response is None else response
+        self._pixels = pixels.at(size_px, well_e, table) if pixels else None
 
     def state(self, frame: int, shot: Shot) -> State:
         """State of the world while the middle row of frame `frame` is exposed."""
@@ -179,7 +187,7 @@ class SimulatedCamera:
             return self._developed(signal, number, shot, 0, state)
         key = self._key(state, shot, wheel_deg, rows)
         turn_px = self._view.turn_px(state)
-        keeps = self._kept and rows is None and self._developer is None
+        keeps = self._kept and rows is None and self._developer is None and not self._pixels
         which = (key, turn_px, number % self._kept) if keeps else None
         picture = self._pictures.get(which)
         if picture is None:
@@ -201,6 +209,9 @@ class SimulatedCamera:
         if self._developer is not None:
             return self._developer.picture(signal, number, shot, turn_px, state.t_s)
         codes = self.sensor.develop(signal, number, shot.gain, turn_px)
+        if self._pixels is not None:
+            seen_us = shot.exposure_us * shot.gain
+            codes = self._pixels.spoil(codes, seen_us, self.start_s(number, shot))
         return encode(codes, self.pixel_format, self.quality, self.chroma)
 
     def _through_defects(self, radiance: NDArray[np.float32], state: State) -> NDArray[np.float32]:

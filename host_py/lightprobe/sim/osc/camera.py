@@ -34,6 +34,7 @@ from lightprobe.sim.osc.options import (
     Values,
 )
 from lightprobe.sim.osc.white_balance import Factors, automatic, factors_of
+from lightprobe.sim.pixel_defects import PixelDefects
 from lightprobe.sim.processing import Processing
 from lightprobe.sim.sensor import SensorModel
 from lightprobe.sim.world import World
@@ -70,10 +71,11 @@ class OscCamera:
         kept: int = 0,
         processing: Processing | None = None,
         lens_defects: LensDefects | None = None,
+        pixels: PixelDefects | None = None,
     ) -> None:
         """`model`: a key of models.MODELS. `truth` gets one JSON line per frame. `kept`: pictures
         that are repeated while nothing changes, as :class:`SimulatedCamera` has it; `processing`
-        and `lens_defects` too."""
+        `lens_defects` and `pixels` too."""
         self.world, self.faults = world, faults or OscFaults()
         self.model = models.MODELS[model]
         if self.faults.old_firmware:
@@ -87,7 +89,7 @@ class OscCamera:
         self._optics: Optics = functools.cache(self._make)
         self._about = {"quality": quality, "chroma": chroma, "seed": seed, "model": sensor,
                        "response": response, "kept": kept, "processing": processing,
-                       "lens_defects": lens_defects}  # fmt: skip
+                       "lens_defects": lens_defects, "pixels": pixels}  # fmt: skip
         self._delay_frames, self._truth = delay_frames, truth
         self._chance = random.Random(seed)
         self._lock = threading.RLock()
