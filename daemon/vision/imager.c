@@ -143,14 +143,14 @@ void lp_imager_forget(struct lp_imager *imager)
 }
 
 /* Pixels across a cell, a power of two up to a JPEG's block. Cells coarser than the panorama's let
- * a lamp's light wander between these while the camera turns. Where finer ones cost something,
- * those are taken whose size is nearest to the panorama's. */
-static int cell_px_for(int circle_px, int panorama_width, bool finer_cost)
+ * a lamp's light wander between these while the camera turns, so `coarser`, the most that they may
+ * be, is 1 where finer ones cost nothing, and else that of the nearest size. Where no block is
+ * looked at closer (preset fast) a quarter would often seem clipped: then it is 2. */
+static int cell_px_for(int circle_px, int panorama_width, double coarser)
 {
-	const double enough = panorama_width / (finer_cost ? M_SQRT2 : 1.0);
 	int cell_px = 8;
 
-	while (cell_px > 1 && circle_px < enough * cell_px)
+	while (cell_px > 1 && circle_px * coarser < panorama_width * cell_px)
 		cell_px /= 2;
 	return cell_px;
 }
@@ -163,9 +163,10 @@ static struct lp_decode_options decode_options(const struct lp_imager *imager,
 	const struct lp_imager_options *o = &imager->options;
 	const int circle_px = lp_camera_circle_px(imager->eye->camera, (int)frame->width_px);
 	const bool blocks = frame->format != LP_FORMAT_RGB_F32 && o->decode == LP_DECODE_BLOCKS;
+	const double coarser = !blocks ? 1.0 : o->exact_blocks > 0 ? M_SQRT2 : 2.0;
 	struct lp_decode_options d = {.decode = o->decode,
 				      .divisor = o->divisor,
-				      .cell_px = cell_px_for(circle_px, o->panorama_width, blocks),
+				      .cell_px = cell_px_for(circle_px, o->panorama_width, coarser),
 				      .exact_blocks = o->exact_blocks};
 
 	if (blocks && d.cell_px >= 4)
@@ -444,7 +445,7 @@ int lp_imager_accept(struct lp_imager *imager, float exposure_us)
 		lp_gain_disturb(&imager->eyes[k].gain, imager->update.changed);
 	}
 	if (imager->turn.motion.turning || imager->turn.agreement < LP_LEAST_AGREEMENT ||
-	    imager->update.unsettled)
+	    imager->update.changed > LP_MUCH_CHANGED)
 		imager->t_moved_ns = imager->t_capture_ns;
 	lp_imager_weigh_hidden(imager);
 	show(imager);

@@ -171,10 +171,10 @@ extern "C" struct lp_map_update lp_radiance_map_observe(struct lp_radiance_map *
 	sums total = learn(map, observation, noise, kWalk * kWalk * observation->elapsed_s, false);
 	const float changed = share_of(total.changed, total);
 	const double elsewhere =
-		changed > kUnsettled ? change_elsewhere(map, observation, noise) : -1.0;
+		changed > LP_MUCH_CHANGED ? change_elsewhere(map, observation, noise) : -1.0;
 	/* while the camera turns, where a cell looks is uncertain, and hides what the others tell
 	 */
-	const bool unsettled = observation->step2 ? changed > kUnsettled : !(elsewhere <= 0.0);
+	const bool unsettled = observation->step2 ? changed > LP_MUCH_CHANGED : !(elsewhere <= 0.0);
 	const float walk = elsewhere > 0.0 ? static_cast<float>(elsewhere) : 0.0F;
 
 	if (unsettled)

@@ -35,6 +35,10 @@ struct lp_rotation;
 /* Exposures within this ratio are one setting. */
 #define LP_SAME_EXPOSURE 1.2F
 
+/* When more than this share of the light is another, all of it may be: a lamp that is switched
+ * lights all of the room, little of it beyond doubt. Whether it does, the other cells tell. */
+#define LP_MUCH_CHANGED 0.02F
+
 /* A cell before a change of light, as it was when the change began. */
 struct lp_cell_before {
 	float radiance[4];

@@ -27,9 +27,6 @@ constexpr float kWalk = 0.1F;
 constexpr float kCameraSigma = 0.03F;
 /* Sigmas beyond which an observation is a change of light. */
 constexpr float kGate = 5.0F;
-/* When more than this share of the light is another, all of it may be: a lamp that is switched
- * lights all of the room, little of it beyond doubt. Whether it does, the other cells tell. */
-constexpr float kUnsettled = 0.02F;
 /* Sigmas beyond which a lower bound contradicts a known radiance. */
 constexpr float kBoundGate = 3.0F;
 /* Relative 1 sigma of a known radiance that is old: any lower bound above it contradicts it,
