@@ -225,6 +225,17 @@ static void uncover(struct lp_stuck *stuck)
 	stuck->any_covered = false;
 }
 
+/* Whether any cell looks elsewhere than in the last look, as far as that matters. */
+static bool has_turned(const struct lp_stuck *stuck, const struct lp_rotation *to_anchor)
+{
+	double trace = 0.0;
+
+	for (int a = 0; a < 3; a++)
+		for (int b = 0; b < 3; b++)
+			trace += to_anchor->m[a][b] * stuck->looked_from.m[a][b];
+	return (trace - 1.0) / 2.0 < (double)stuck->least_cosine;
+}
+
 void lp_stuck_learn(struct lp_stuck *stuck, const struct lp_stuck_look *look)
 {
 	const int cells = stuck->columns * stuck->rows;
@@ -232,8 +243,9 @@ void lp_stuck_learn(struct lp_stuck *stuck, const struct lp_stuck_look *look)
 
 	if (!look->covered)
 		uncover(stuck);
-	if (!look->turns && !look->covered)
+	if (!look->covered && (!look->turns || !has_turned(stuck, look->to_anchor)))
 		return;
+	stuck->looked_from = *look->to_anchor;
 	measure(stuck, look->cells);
 	const float others = fmaxf((float)find(stuck) / (float)cells, LEAST_OTHERS);
 

@@ -186,6 +186,7 @@ static void turn_direction(const struct lp_rotation *turn, int16_t packed[3])
 
 void lp_stuck_turn(struct lp_stuck *stuck, const struct lp_rotation *turn)
 {
+	stuck->looked_from = lp_rotation_product(turn, &stuck->looked_from);
 	for (int i = 0; i < stuck->columns * stuck->rows; i++) {
 		struct lp_stuck_cell *cell = &stuck->cell[i];
 

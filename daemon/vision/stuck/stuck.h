@@ -20,13 +20,14 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "light/math/rotation.h"
+
 #ifdef __cplusplus
 extern "C" {
 #endif
 
 struct lp_camera;
 struct lp_cells;
-struct lp_rotation;
 
 /* So many directions are remembered: more than it takes to be certain. */
 #define LP_STUCK_SHOWN 6
@@ -57,8 +58,9 @@ struct lp_stuck {
 	bool wraps;			  /* the last column is beside the first */
 	float least_cosine; /* of the angle between two looks that have nothing to do with each
 			     * other */
-	float (*ray)[3];    /* per cell, camera frame; NAN: nothing is seen */
-	float *log_odds;    /* per cell, that it shines by itself */
+	struct lp_rotation looked_from; /* camera to anchor, in the last look */
+	float (*ray)[3];		/* per cell, camera frame; NAN: nothing is seen */
+	float *log_odds;		/* per cell, that it shines by itself */
 	struct lp_stuck_cell *cell;
 	float *light;	  /* workspace: what each cell shows, of full scale */
 	uint8_t *stands;  /* workspace: it stands out */
