@@ -142,6 +142,18 @@ def test_lamps_of_panoramas_are_no_truth() -> None:
     assert Light.of(PanoramaScene.of("drawn", drawn)).lamps is None
 
 
+def test_the_map_of_a_small_camera_holds_while_a_head_moves() -> None:
+    """Its blocks are coarser than the map's cells: their quarters are not."""
+    _, scene = scenes.load(["procedural:2"])
+    run = live.case(scene, "head", "reported", size_px=(960, 480))
+    found = {one.subscription: one.figures for one in live.judged(run)}
+    for figures in found.values():
+        assert figures.ambient_step < 0.005
+        assert figures.births_per_s == 0
+        assert figures.error_median < 0.012
+        assert figures.flags.get("BRACKET_INCOMPLETE", 0) < 0.3
+
+
 @pytest.mark.parametrize("exposures", ["reported", "unreported"])
 @pytest.mark.parametrize("motion", ["100", "swing", "head", "look", "tilted"])
 def test_a_turning_camera_is_nearly_as_right_as_a_still_one(motion: str, exposures: str) -> None:
