@@ -96,30 +96,21 @@ int judge(struct lp_exposure *exposure, const jpeg &jpeg, int result)
 	return refuse_turbo(exposure, "JPEG data");
 }
 
-/* The planes of the picture at the size of `header`, in exposure->yuv. */
-int read_planes(struct lp_exposure *exposure, const jpeg &jpeg, const turbo_header &header,
-		unsigned char *plane[3])
+int decode_planes(struct lp_exposure *exposure, const jpeg &jpeg, const turbo_header &header)
 {
-	const int count = header.subsampling == TJSAMP_GRAY ? 1 : 3;
-	size_t size[3] = {}, all = 0;
+	unsigned char *plane[3];
+	size_t size[3];
 
-	for (int c = 0; c < count; c++)
-		all += size[c] =
-			tjPlaneSizeYUV(c, header.width, 0, header.height, header.subsampling);
-	if (reserve(&exposure->yuv, &exposure->yuv_capacity, all) < 0)
+	for (int c = 0; c < 3; c++)
+		size[c] = tjPlaneSizeYUV(c, header.width, 0, header.height, header.subsampling);
+	if (reserve(&exposure->yuv, &exposure->yuv_capacity, size[0] + size[1] + size[2]) < 0)
 		return -ENOMEM;
 	plane[0] = exposure->yuv;
 	plane[1] = plane[0] + size[0];
 	plane[2] = plane[1] + size[1];
-	return judge(exposure, jpeg,
-		     tjDecompressToYUVPlanes(exposure->turbo, jpeg.data, jpeg.size, plane,
-					     header.width, nullptr, header.height, 0));
-}
-
-int decode_planes(struct lp_exposure *exposure, const jpeg &jpeg, const turbo_header &header)
-{
-	unsigned char *plane[3];
-	const int ret = read_planes(exposure, jpeg, header, plane);
+	const int ret = judge(exposure, jpeg,
+			      tjDecompressToYUVPlanes(exposure->turbo, jpeg.data, jpeg.size, plane,
+						      header.width, nullptr, header.height, 0));
 
 	if (ret < 0)
 		return ret;
@@ -140,9 +131,12 @@ int decode_planes(struct lp_exposure *exposure, const jpeg &jpeg, const turbo_he
 	return 0;
 }
 
-int read_header(struct lp_exposure *exposure, const struct lp_frame *frame, const jpeg &jpeg,
-		turbo_header &header)
+/* Whole picture by libjpeg-turbo at 1/divisor. */
+int decode_picture(struct lp_exposure *exposure, const struct lp_frame *frame, const jpeg &jpeg,
+		   int divisor)
 {
+	turbo_header header;
+
 	if (!exposure->turbo)
 		exposure->turbo = tjInitDecompress();
 	if (!exposure->turbo)
@@ -153,39 +147,6 @@ int read_header(struct lp_exposure *exposure, const struct lp_frame *frame, cons
 	if (header.width != static_cast<int>(frame->width_px) ||
 	    header.height != static_cast<int>(frame->height_px))
 		return refuse("JPEG header", "the picture has another size than the stream");
-	return 0;
-}
-
-/* The quarters of a JPEG's blocks: at 1/4 libjpeg-turbo gives the mean of each. */
-int read_quarters(struct lp_exposure *exposure, const struct lp_frame *frame, const jpeg &jpeg,
-		  struct lp_quarters &quarters)
-{
-	const tjscalingfactor factor = {1, 4};
-	turbo_header header;
-	unsigned char *plane[3];
-	int ret = read_header(exposure, frame, jpeg, header);
-
-	if (ret < 0)
-		return ret;
-	header.width = TJSCALED(header.width, factor);
-	header.height = TJSCALED(header.height, factor);
-	ret = read_planes(exposure, jpeg, header, plane);
-	for (int c = 0; c < 3; c++) {
-		quarters.plane[c] = plane[c];
-		quarters.stride[c] = tjPlaneWidth(c, header.width, header.subsampling);
-	}
-	return ret;
-}
-
-/* Whole picture by libjpeg-turbo at 1/divisor. */
-int decode_picture(struct lp_exposure *exposure, const struct lp_frame *frame, const jpeg &jpeg,
-		   int divisor)
-{
-	turbo_header header;
-	const int ret = read_header(exposure, frame, jpeg, header);
-
-	if (ret < 0)
-		return ret;
 	const tjscalingfactor factor = {1, divisor};
 	const int w = TJSCALED(header.width, factor), h = TJSCALED(header.height, factor);
 
@@ -242,16 +203,12 @@ int load_jpeg(struct lp_exposure *exposure, const struct lp_frame *frame,
 	if (exposure->jpeg->width_px != static_cast<int>(frame->width_px) ||
 	    exposure->jpeg->height_px != static_cast<int>(frame->height_px))
 		return refuse("JPEG header", "the picture has another size than the stream");
-	struct lp_quarters quarters;
-	const bool whole_blocks = options->cell_px == 8;
-
-	ret = whole_blocks ? 0 : read_quarters(exposure, frame, jpeg, quarters);
+	ret = options->cell_px == 8 ? 0 : lp_jpeg_read_quarters(exposure->jpeg);
 	if (ret < 0)
 		return ret;
 	exposure->jpeg_holds_frame = true;
-	return lp_cells_from_jpeg(&exposure->cells, exposure->jpeg,
-				  whole_blocks ? nullptr : &quarters, row_weight, seen, response,
-				  exposure->scale, options->exact_blocks);
+	return lp_cells_from_jpeg(&exposure->cells, exposure->jpeg, options->cell_px, row_weight,
+				  seen, response, exposure->scale, options->exact_blocks);
 }
 
 size_t raw_size(const struct lp_frame *frame)

@@ -46,7 +46,7 @@ struct lp_exposure {
 	uint8_t *rgb; /* PIXELS of a JPEG: decoded picture */
 	size_t rgb_capacity;
 	int rgb_width_px, rgb_height_px, rgb_divisor;
-	uint8_t *yuv; /* planes of a JPEG: of PIXELS, or of the quarters of its blocks */
+	uint8_t *yuv; /* PIXELS of a JPEG with subsampled chroma: its planes */
 	size_t yuv_capacity;
 	void *turbo; /* tjhandle */
 };

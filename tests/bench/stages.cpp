@@ -216,11 +216,11 @@ void stages::run(const bench::picture &p)
 	if (lp_jpeg_read(reader, p.jpeg.data(), p.jpeg.size()) < 0)
 		bench::die("stages", "reader");
 	lap("reader");
-	lp_cells_from_jpeg(&cells, reader, nullptr, imager->eye->row_weight,
-			   imager->eye->remap->seen, &response, kScale, 0);
+	lp_cells_from_jpeg(&cells, reader, 8, imager->eye->row_weight, imager->eye->remap->seen,
+			   &response, kScale, 0);
 	lap("cells");
-	lp_cells_from_jpeg(&cells, reader, nullptr, imager->eye->row_weight,
-			   imager->eye->remap->seen, &response, kScale, kExactBlocks);
+	lp_cells_from_jpeg(&cells, reader, 8, imager->eye->row_weight, imager->eye->remap->seen,
+			   &response, kScale, kExactBlocks);
 	const int64_t with_exact_ns = bench::now_ns() - last_ns;
 	times.push_back({"stage_exact_blocks", with_exact_ns - times.back().ns});
 	last_ns = bench::now_ns();

@@ -30,8 +30,10 @@ void lp_jpeg_reader_destroy(struct lp_jpeg_reader *reader)
 {
 	if (!reader)
 		return;
-	for (int c = 0; c < 3; c++)
+	for (int c = 0; c < 3; c++) {
 		free(reader->component[c].dc);
+		free(reader->component[c].quarters);
+	}
 	free(reader->energy);
 	free(reader->stream);
 	free(reader->segment_start);
@@ -40,8 +42,7 @@ void lp_jpeg_reader_destroy(struct lp_jpeg_reader *reader)
 	free(reader);
 }
 
-/* Room for `count` elements; contents are not kept. */
-static int reserve(void *storage, size_t *capacity, size_t count, size_t element_bytes)
+int lp_jpeg_reserve(void *storage, size_t *capacity, size_t count, size_t element_bytes)
 {
 	void **p = storage;
 
@@ -72,8 +73,8 @@ static int reserve_blocks(struct lp_jpeg_reader *reader)
 		c->blocks_x = reader->mcus_x * c->h;
 		c->blocks_y = reader->mcus_y * c->v;
 		c->dc_step = reader->quant[c->quant_table][0];
-		ret = reserve(&c->dc, &reader->block_capacity[k],
-			      mcus * c->h * c->v + LP_JPEG_BLOCK_MARGIN, sizeof(*c->dc));
+		ret = lp_jpeg_reserve(&c->dc, &reader->block_capacity[k],
+				      mcus * c->h * c->v + LP_JPEG_BLOCK_MARGIN, sizeof(*c->dc));
 		if (ret < 0)
 			return ret;
 	}
@@ -85,7 +86,8 @@ static int reserve_blocks(struct lp_jpeg_reader *reader)
 			return -ENOMEM;
 		}
 	}
-	return reserve(&reader->mcu_bit, &reader->mcu_capacity, mcus, sizeof(*reader->mcu_bit));
+	return lp_jpeg_reserve(&reader->mcu_bit, &reader->mcu_capacity, mcus,
+			       sizeof(*reader->mcu_bit));
 }
 
 static int add_segment(struct lp_jpeg_reader *reader, size_t at)
@@ -111,10 +113,10 @@ static int unstuff(struct lp_jpeg_reader *reader, const uint8_t *data, size_t si
 	int ret;
 
 	/* each restart marker (2 bytes) becomes a gap: at most four times the room */
-	ret = reserve(&reader->stream, &reader->stream_capacity,
-		      (reader->restart_interval ? SEGMENT_GAP_BYTES / 2 : 1) * size +
-			      LP_JPEG_WALK_PADDING,
-		      1);
+	ret = lp_jpeg_reserve(&reader->stream, &reader->stream_capacity,
+			      (reader->restart_interval ? SEGMENT_GAP_BYTES / 2 : 1) * size +
+				      LP_JPEG_WALK_PADDING,
+			      1);
 	if (ret < 0)
 		return ret;
 	to = reader->stream;
@@ -457,7 +459,8 @@ static int read_scan(struct lp_jpeg_reader *reader)
 
 	if (reader->segment_count < segments)
 		return -EBADMSG;
-	ret = reserve(&reader->marks, &reader->mark_capacity, 2 * room, sizeof(*reader->marks));
+	ret = lp_jpeg_reserve(&reader->marks, &reader->mark_capacity, 2 * room,
+			      sizeof(*reader->marks));
 	for (int s = 0; ret == 0 && s < segments; s += 2) {
 		const int count = s + 1 < segments ? 2 : 1;
 		struct stretch stretch[2];

@@ -36,6 +36,10 @@ struct lp_jpeg_component {
 	int blocks_x, blocks_y; /* stored, padded to whole MCUs */
 	int dc_step;		/* quantiser of DC */
 	int16_t *dc;		/* quantised, row-major */
+	/* lp_jpeg_read_quarters(): mean sample of each quarter of a block (4 x 4 samples), in
+	 * eighths, less 128; 2 blocks_x to a row */
+	int16_t *quarters;
+	size_t quarter_capacity;
 	int quant_table, dc_table, ac_table;
 };
 
@@ -83,6 +87,10 @@ void lp_jpeg_reader_destroy(struct lp_jpeg_reader *reader); /* accepts NULL */
  * frame (width_px = 0) and may be used again. -EBADMSG, -ENOTSUP, -ENOMEM. */
 int lp_jpeg_read(struct lp_jpeg_reader *reader, const uint8_t *data, size_t size_bytes);
 
+/* Fill the quarters of every component of the frame last read: its coefficients are decoded, but
+ * not transformed. -ENOMEM. */
+int lp_jpeg_read_quarters(struct lp_jpeg_reader *reader);
+
 /* Blocks of component `c` that lie inside the picture (the others are padding to whole MCUs). */
 int lp_jpeg_visible_blocks_x(const struct lp_jpeg_reader *reader, int c);
 int lp_jpeg_visible_blocks_y(const struct lp_jpeg_reader *reader, int c);
@@ -95,6 +103,9 @@ struct lp_jpeg_mcu_block {
 /* Decode luma block (bx, by) of the frame last read; chroma is left alone in grey pictures. */
 void lp_jpeg_block_coefficients(const struct lp_jpeg_reader *reader, int bx, int by,
 				struct lp_jpeg_mcu_block *block);
+
+/* internal to the reader: room for `count` elements; contents are not kept. -ENOMEM. */
+int lp_jpeg_reserve(void *storage, size_t *capacity, size_t count, size_t element_bytes);
 
 /* internal to the reader: headers up to and including SOS. Returns the offset of the entropy data.
  */

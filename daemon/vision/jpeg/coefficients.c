@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Single blocks, decoded after all. The stream has been found sound by lp_jpeg_read(). */
+/* Blocks, decoded after all: single ones, and the quarters of all. The stream has been found sound
+ * by lp_jpeg_read(). */
+#include <math.h>
 #include <string.h>
 
 #include "vision/jpeg/blocks.h"
@@ -100,4 +102,101 @@ void lp_jpeg_block_coefficients(const struct lp_jpeg_reader *reader, int bx, int
 	for (int k = 1; k < reader->component_count && k <= 2; k++)
 		decode_block(reader, &bit, &reader->component[k], reader->component[k].dc[mcu],
 			     chroma[k - 1]);
+}
+
+/*
+ * Quarters of blocks. The mean of half a cosine's period is 0 for even frequencies but the lowest,
+ * and changes its sign from one half to the other for odd ones. So three sums of coefficients tell
+ * how the halves differ: across, down, and crosswise.
+ */
+
+/* What coefficient k (zigzag order) adds to each sum, in eighths of a sample. */
+struct quarter_weights {
+	float across[64], down[64], crosswise[64];
+};
+
+/* Mean of C(u) / 2 cos((2 x + 1) u pi / 16) over the first half of a block (T.81, A.3.3). */
+static float half_mean(int u)
+{
+	double sum = 0.0;
+
+	for (int x = 0; x < 4; x++)
+		sum += cos((2 * x + 1) * u * M_PI / 16.0) / 4.0;
+	return (float)(u ? sum / 2.0 : M_SQRT1_2 / 2.0);
+}
+
+static void weigh(const uint16_t *quant, struct quarter_weights *weights)
+{
+	memset(weights, 0, sizeof(*weights));
+	for (int k = 1; k < 64; k++) {
+		const int u = natural_order[k] % 8, v = natural_order[k] / 8;
+		const float share = 8.0F * (float)quant[k] * half_mean(u) * half_mean(v);
+
+		if (u % 2 && !v)
+			weights->across[k] = share;
+		else if (v % 2 && !u)
+			weights->down[k] = share;
+		else if (u % 2 && v % 2)
+			weights->crosswise[k] = share;
+	}
+}
+
+/* The quarters of the block at `*bit`, whose DC is known; passes it. */
+static void read_quarters(const struct lp_jpeg_reader *reader, uint32_t *bit,
+			  const struct lp_jpeg_component *c, int bx, int by,
+			  const struct quarter_weights *weights)
+{
+	const struct lp_huffman *code = &reader->ac_table[c->ac_table].code;
+	const float mean = (float)(c->dc[(size_t)by * c->blocks_x + bx] * c->dc_step);
+	int16_t *upper = c->quarters + ((size_t)by * 2 * c->blocks_x + bx) * 2;
+	int16_t *lower = upper + (size_t)2 * c->blocks_x;
+	float across = 0.0F, down = 0.0F, crosswise = 0.0F;
+	int value;
+
+	read_symbol(reader, bit, &reader->dc_table[c->dc_table].code, &value);
+	for (int k = 1; k < 64; k++) {
+		const int symbol = read_symbol(reader, bit, code, &value);
+
+		if (symbol < 0 || lp_jpeg_ends_block(symbol))
+			break;
+		k += symbol >> 4;
+		if (k > 63)
+			break;
+		across += (float)value * weights->across[k];
+		down += (float)value * weights->down[k];
+		crosswise += (float)value * weights->crosswise[k];
+	}
+	upper[0] = (int16_t)lrintf(mean + across + down + crosswise);
+	upper[1] = (int16_t)lrintf(mean - across + down - crosswise);
+	lower[0] = (int16_t)lrintf(mean + across - down - crosswise);
+	lower[1] = (int16_t)lrintf(mean - across - down + crosswise);
+}
+
+int lp_jpeg_read_quarters(struct lp_jpeg_reader *reader)
+{
+	struct quarter_weights weights[3];
+
+	for (int k = 0; k < reader->component_count; k++) {
+		struct lp_jpeg_component *c = &reader->component[k];
+		const size_t count = (size_t)4 * c->blocks_x * c->blocks_y;
+		const int ret = lp_jpeg_reserve(&c->quarters, &c->quarter_capacity, count,
+						sizeof(*c->quarters));
+
+		if (ret < 0)
+			return ret;
+		weigh(reader->quant[c->quant_table], &weights[k]);
+	}
+	for (int mcu = 0; mcu < reader->mcus_x * reader->mcus_y; mcu++) {
+		const int x = mcu % reader->mcus_x, y = mcu / reader->mcus_x;
+		uint32_t bit = reader->mcu_bit[mcu];
+
+		for (int k = 0; k < reader->component_count; k++) {
+			const struct lp_jpeg_component *c = &reader->component[k];
+
+			for (int b = 0; b < c->h * c->v; b++)
+				read_quarters(reader, &bit, c, x * c->h + b % c->h,
+					      y * c->v + b / c->h, &weights[k]);
+		}
+	}
+	return 0;
 }

@@ -47,22 +47,15 @@ void lp_cells_release(struct lp_cells *cells);
  * all. The others become 0 and count nowhere. */
 #define LP_QUADS(cells) (((cells) + 3) / 4)
 
-/* The mean code of each quarter (4 x 4 px) of a JPEG's blocks: the planes of the picture at 1/4. */
-struct lp_quarters {
-	const uint8_t *plane[3]; /* Y, Cb, Cr; of a grey picture Y */
-	int stride[3];
-};
-
 /*
- * From block means and detail of a JPEG (vision/jpeg/blocks.h), without its pixels; cells of 8 px,
- * with `quarters` (NULL: none) of 4 px.
+ * From block means and detail of a JPEG (vision/jpeg/blocks.h), without its pixels; cells of
+ * cell_px 8, or 4 once lp_jpeg_read_quarters() has been called.
  * At most `exact_blocks` of the blocks whose mean tells least are decoded, and those with detail
  * where row_weight is uneven across a cell. row_weight holds whole blocks.
  */
-int lp_cells_from_jpeg(struct lp_cells *cells, const struct lp_jpeg_reader *reader,
-		       const struct lp_quarters *quarters, const float *row_weight,
-		       const uint8_t *seen, const struct lp_response *response, float scale,
-		       int exact_blocks);
+int lp_cells_from_jpeg(struct lp_cells *cells, const struct lp_jpeg_reader *reader, int cell_px,
+		       const float *row_weight, const uint8_t *seen,
+		       const struct lp_response *response, float scale, int exact_blocks);
 
 /* From decoded pixels: RGB, 8 bit, each linearised on its own. */
 int lp_cells_from_rgb8(struct lp_cells *cells, const uint8_t *rgb, int width_px, int height_px,

@@ -82,10 +82,7 @@ void jpeg_picture::read(int row, lp::block_row &out) const
 
 /* Four quarters to a block. */
 struct jpeg_quarters final : jpeg_picture {
-	const struct lp_quarters *quarters;
-
-	jpeg_quarters(const struct lp_jpeg_reader *r, const struct lp_quarters *q)
-	    : jpeg_picture(r), quarters(q)
+	explicit jpeg_quarters(const struct lp_jpeg_reader *r) : jpeg_picture(r)
 	{
 		cell_px = 4;
 		width = (r->width_px + 3) / 4;
@@ -96,29 +93,36 @@ struct jpeg_quarters final : jpeg_picture {
 
       private:
 	void detail(int row, lp::block_row &out) const;
+
+	const int16_t *quarters(int component, int row) const
+	{
+		const struct lp_jpeg_component &c = reader->component[component];
+
+		return c.quarters + static_cast<size_t>(row) * 2 * c.blocks_x;
+	}
 };
 
 /* What the block's detail holds beyond the differences of its quarters: each has as much of it. */
 void jpeg_quarters::detail(int row, lp::block_row &out) const
 {
+	constexpr float kSquaredCode = 1.0F / LP_CODE_STEPS / LP_CODE_STEPS;
 	const int32_t *energy =
 		reader->energy + static_cast<size_t>(row / 2) * reader->component[0].blocks_x;
-	const size_t stride = quarters->stride[0];
-	const uint8_t *upper = quarters->plane[0] + (row & ~1) * stride;
-	const uint8_t *lower = (row | 1) < height ? upper + stride : upper;
+	const int16_t *upper = quarters(0, row & ~1), *lower = quarters(0, row | 1);
 
 	for (int left = 0; left < width; left += 2) {
-		const int right = std::min(left + 1, width - 1);
-		const int four[] = {upper[left], upper[right], lower[left], lower[right]};
-		int sum = 0, squares = 0;
+		const int four[] = {upper[left], upper[left + 1], lower[left], lower[left + 1]};
+		float sum = 0.0F, squares = 0.0F;
 
-		for (const int mean : four) {
+		for (const int code : four) {
+			const auto mean = static_cast<float>(code);
+
 			sum += mean;
 			squares += mean * mean;
 		}
 		const float all =
 			static_cast<float>(energy[left / 2]) * (1.0F / 64.0F / LP_ENERGY_STEPS);
-		const float between = static_cast<float>(4 * squares - sum * sum) / 16.0F;
+		const float between = (squares - sum * sum / 4.0F) / 4.0F * kSquaredCode;
 
 		out.variance[left] = out.variance[left + 1] = std::max(all - between, 0.0F);
 	}
@@ -126,31 +130,29 @@ void jpeg_quarters::detail(int row, lp::block_row &out) const
 
 void jpeg_quarters::read(int row, lp::block_row &out) const
 {
-	const uint8_t *luma = quarters->plane[0] + static_cast<size_t>(row) * quarters->stride[0];
+	const int16_t *luma = quarters(0, row);
 
 	for (int c = 0; c < width; c++)
-		out.luma[c] = luma[c] * LP_CODE_STEPS;
+		out.luma[c] = luma[c] + 128 * LP_CODE_STEPS;
 	detail(row, out);
 	for (int k = 1; !grey && k < 3; k++) {
-		const uint8_t *chroma = quarters->plane[k] +
-					static_cast<size_t>(row >> shift_y) * quarters->stride[k];
+		const int16_t *chroma = quarters(k, row >> shift_y);
 		int32_t *to = k == 1 ? out.cb : out.cr;
 
 		for (int c = 0; c < width; c++)
-			to[c] = (chroma[c >> shift_x] - 128) * LP_CODE_STEPS;
+			to[c] = chroma[c >> shift_x];
 	}
 }
 
 } /* namespace */
 
 extern "C" int lp_cells_from_jpeg(struct lp_cells *cells, const struct lp_jpeg_reader *reader,
-				  const struct lp_quarters *quarters, const float *row_weight,
-				  const uint8_t *seen, const struct lp_response *response,
-				  float scale, int exact_blocks)
+				  int cell_px, const float *row_weight, const uint8_t *seen,
+				  const struct lp_response *response, float scale, int exact_blocks)
 {
-	if (quarters)
-		return lp::cells_from_blocks(cells, jpeg_quarters(reader, quarters), row_weight,
-					     seen, response, scale, exact_blocks);
+	if (cell_px == 4)
+		return lp::cells_from_blocks(cells, jpeg_quarters(reader), row_weight, seen,
+					     response, scale, exact_blocks);
 	return lp::cells_from_blocks(cells, jpeg_picture(reader), row_weight, seen, response, scale,
 				     exact_blocks);
 }
