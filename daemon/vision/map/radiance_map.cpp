@@ -170,13 +170,17 @@ extern "C" struct lp_map_update lp_radiance_map_observe(struct lp_radiance_map *
 	const noise_model noise(*observation);
 	sums total = learn(map, observation, noise, kWalk * kWalk * observation->elapsed_s, false);
 	const float changed = share_of(total.changed, total);
-	const double elsewhere =
-		changed > LP_MUCH_CHANGED ? change_elsewhere(map, observation, noise) : -1.0;
+	bool unsettled = changed > LP_MUCH_CHANGED;
+	float walk = std::pow(std::min(kElsewhere * changed, kMostElsewhere), 2.0F);
+
 	/* while the camera turns, where a cell looks is uncertain, and hides what the others tell
 	 */
-	const bool unsettled = observation->step2 ? changed > LP_MUCH_CHANGED : !(elsewhere <= 0.0);
-	const float walk = elsewhere > 0.0 ? static_cast<float>(elsewhere) : 0.0F;
+	if (unsettled && !observation->step2) {
+		const double elsewhere = change_elsewhere(map, observation, noise);
 
+		unsettled = !(elsewhere <= 0.0);
+		walk = elsewhere > 0.0 ? static_cast<float>(elsewhere) : 0.0F;
+	}
 	if (unsettled)
 		total = learn(map, observation, noise, walk, true);
 	/* The mean of max(0, cos)^2 over all normals is 1/6; mean irradiance is a quarter of the

@@ -27,6 +27,9 @@ constexpr float kWalk = 0.1F;
 constexpr float kCameraSigma = 0.03F;
 /* Sigmas beyond which an observation is a change of light. */
 constexpr float kGate = 5.0F;
+/* While the camera turns: how much the rest of the light may have changed, 1 sigma of each cell's:
+ * so many times the share that has, and at most. */
+constexpr float kElsewhere = 4.0F, kMostElsewhere = 0.5F;
 /* Sigmas beyond which a lower bound contradicts a known radiance. */
 constexpr float kBoundGate = 3.0F;
 /* Relative 1 sigma of a known radiance that is old: any lower bound above it contradicts it,
