@@ -142,10 +142,8 @@ void lp_imager_forget(struct lp_imager *imager)
 	lp_imager_forget_scale(imager);
 }
 
-/* Pixels across a cell, a power of two up to a JPEG's block. Cells coarser than the panorama's let
- * a lamp's light wander between these while the camera turns, so `coarser`, the most that they may
- * be, is 1 where finer ones cost nothing, and else that of the nearest size. Where no block is
- * looked at closer (preset fast) a quarter would often seem clipped: then it is 2. */
+/* Pixels across a cell, a power of two up to a JPEG's block: so many that it is at most so many
+ * times coarser than the panorama's cells. */
 static int cell_px_for(int circle_px, int panorama_width, double coarser)
 {
 	int cell_px = 8;
@@ -155,23 +153,30 @@ static int cell_px_for(int circle_px, int panorama_width, double coarser)
 	return cell_px;
 }
 
-/* Frames are read by blocks or their quarters; where these are too coarse, every pixel is decoded
- * instead. */
+/*
+ * Cells coarser than the panorama's let a lamp's light wander between these while the camera turns.
+ * So a picture whose blocks are much coarser is read by their quarters, whichever size is nearest;
+ * a lens's picture, whose cells lie across the panorama's anyway, by blocks of up to twice the
+ * size, and so is any where no block is looked at closer (preset fast): there a quarter would often
+ * seem clipped. Where these are too coarse, every pixel is decoded instead.
+ */
 static struct lp_decode_options decode_options(const struct lp_imager *imager,
 					       const struct lp_frame *frame)
 {
 	const struct lp_imager_options *o = &imager->options;
 	const int circle_px = lp_camera_circle_px(imager->eye->camera, (int)frame->width_px);
 	const bool blocks = frame->format != LP_FORMAT_RGB_F32 && o->decode == LP_DECODE_BLOCKS;
-	const double coarser = !blocks ? 1.0 : o->exact_blocks > 0 ? M_SQRT2 : 2.0;
+	const bool quarters = o->exact_blocks > 0 && lp_camera_is_whole(imager->eye->camera);
 	struct lp_decode_options d = {.decode = o->decode,
 				      .divisor = o->divisor,
-				      .cell_px = cell_px_for(circle_px, o->panorama_width, coarser),
+				      .cell_px = cell_px_for(circle_px, o->panorama_width,
+							     quarters ? M_SQRT2 : 2.0),
 				      .exact_blocks = o->exact_blocks};
 
-	if (blocks && d.cell_px >= 4)
+	if (blocks && d.cell_px >= (quarters ? 4 : 8))
 		return d;
 	d.decode = LP_DECODE_PIXELS;
+	d.cell_px = cell_px_for(circle_px, o->panorama_width, 1.0);
 	if (blocks || d.divisor < 1)
 		d.divisor = 1;
 	if (frame->format == LP_FORMAT_MJPEG && d.cell_px < d.divisor)
