@@ -102,29 +102,38 @@ struct jpeg_quarters final : jpeg_picture {
 	}
 };
 
-/* What the block's detail holds beyond the differences of its quarters: each has as much of it. */
+/* The largest variance of codes whose mean is so much (Bhatia & Davis 2000). */
+float most_variance(float mean)
+{
+	return std::max(mean * (255.0F - mean), 1.0F);
+}
+
+/* What the block's detail holds beyond the differences of its quarters, shared among these by how
+ * much of it each can have: in one that is black or white there is none. */
 void jpeg_quarters::detail(int row, lp::block_row &out) const
 {
-	constexpr float kSquaredCode = 1.0F / LP_CODE_STEPS / LP_CODE_STEPS;
 	const int32_t *energy =
 		reader->energy + static_cast<size_t>(row / 2) * reader->component[0].blocks_x;
-	const int16_t *upper = quarters(0, row & ~1), *lower = quarters(0, row | 1);
+	const int16_t *own = quarters(0, row), *other = quarters(0, row ^ 1);
 
 	for (int left = 0; left < width; left += 2) {
-		const int four[] = {upper[left], upper[left + 1], lower[left], lower[left + 1]};
-		float sum = 0.0F, squares = 0.0F;
+		const int four[] = {own[left], own[left + 1], other[left], other[left + 1]};
+		float most[4], sum = 0.0F, squares = 0.0F, all_most = 0.0F;
 
-		for (const int code : four) {
-			const auto mean = static_cast<float>(code);
+		for (int k = 0; k < 4; k++) {
+			const float mean =
+				static_cast<float>(four[k] + 128 * LP_CODE_STEPS) / LP_CODE_STEPS;
 
 			sum += mean;
 			squares += mean * mean;
+			all_most += most[k] = most_variance(mean);
 		}
 		const float all =
 			static_cast<float>(energy[left / 2]) * (1.0F / 64.0F / LP_ENERGY_STEPS);
-		const float between = (squares - sum * sum / 4.0F) / 4.0F * kSquaredCode;
+		const float within = std::max(4.0F * all - (squares - sum * sum / 4.0F), 0.0F);
 
-		out.variance[left] = out.variance[left + 1] = std::max(all - between, 0.0F);
+		for (int k = 0; k < 2; k++)
+			out.variance[left + k] = within * most[k] / all_most;
 	}
 }
 
