@@ -23,6 +23,8 @@ struct block_row {
 	int32_t luma[kMax];	    /* mean code * LP_CODE_STEPS */
 	int32_t cb[kMax], cr[kMax]; /* (mean code - 128) * LP_CODE_STEPS */
 	float variance[kMax];	    /* of the luma, squared codes */
+	/* the same, as the mean over the block's quarters: which block is looked at closer */
+	float doubt[kMax];
 };
 
 /* A picture as rows of cells, and its pixels, block by block, where they are asked for. */

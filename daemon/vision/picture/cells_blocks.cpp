@@ -114,7 +114,7 @@ struct filler {
 	void skip(size_t first);
 	void count_in(const int *four, int inside);
 	void row(const lp::block_row &row, int by, bool grey);
-	void list(int bits, int bx, int by, bool insist, const float *variance);
+	void list(int bits, int bx, int by, bool insist, const float *doubt);
 	void exact(const lp::block_picture &picture, int block);
 	void exact_cell(const uint8_t rgb[64][3], int column, int row);
 };
@@ -188,8 +188,9 @@ void filler::row(const lp::block_row &row, int by, bool grey)
 		const v_float32x4 head = cv::v_max(cv::v_setall_f32(lp::kTopCode) - top, zero);
 		const v_float32x4 clipped =
 			(head * head < cv::v_setall_f32(9.0F) * variance) | (head == zero);
-		const v_float32x4 suspect = (variance > cv::v_setall_f32(64.0F)) &
-					    (cv::v_setall_f32(4.0F) * variance > mean * mean);
+		const v_float32x4 doubt = cv::v_load(row.doubt + bx);
+		const v_float32x4 suspect = (doubt > cv::v_setall_f32(64.0F)) &
+					    (cv::v_setall_f32(4.0F) * doubt > mean * mean);
 		const int clipped_bits = cv::v_signmask(clipped) & inside;
 		const uint32_t clipped_bytes = spread_bits(clipped_bits);
 
@@ -202,13 +203,13 @@ void filler::row(const lp::block_row &row, int by, bool grey)
 			per_block > 1 ? suspect | (clipped & (head > zero)) : suspect;
 
 		if (const int bits = cv::v_signmask(doubtful) & inside)
-			list(bits, bx, by, insist, row.variance);
+			list(bits, bx, by, insist, row.doubt);
 		count_in(row.luma + bx, inside);
 	}
 }
 
 /* The blocks of four cells from bx on, of those in `bits`, each once. */
-void filler::list(int bits, int bx, int by, bool insist, const float *variance)
+void filler::list(int bits, int bx, int by, bool insist, const float *doubt)
 {
 	const int blocks = (cells->width + per_block - 1) / per_block;
 
@@ -222,7 +223,7 @@ void filler::list(int bits, int bx, int by, bool insist, const float *variance)
 		if (insist)
 			found.insist(block);
 		else
-			found.add(block, variance[k]);
+			found.add(block, doubt[k]);
 	}
 }
 

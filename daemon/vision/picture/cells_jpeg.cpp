@@ -71,8 +71,11 @@ void jpeg_picture::read(int row, lp::block_row &out) const
 
 	for (int bx = 0; bx < width; bx += 4) {
 		cv::v_store(out.luma + bx, cv::v_load_expand(y.dc + first + bx) * step + middle);
-		cv::v_store(out.variance + bx,
-			    cv::v_cvt_f32(cv::v_load(reader->energy + first + bx)) * samples);
+		const cv::v_float32x4 variance =
+			cv::v_cvt_f32(cv::v_load(reader->energy + first + bx)) * samples;
+
+		cv::v_store(out.variance + bx, variance);
+		cv::v_store(out.doubt + bx, variance);
 	}
 	if (grey)
 		return;
@@ -134,6 +137,7 @@ void jpeg_quarters::detail(int row, lp::block_row &out) const
 
 		for (int k = 0; k < 2; k++)
 			out.variance[left + k] = within * most[k] / all_most;
+		out.doubt[left] = out.doubt[left + 1] = within / 4.0F;
 	}
 }
 

@@ -168,7 +168,8 @@ void store(const block_sums &s, int bx, lp::block_row &out)
 	out.luma[bx] = s.luma * LP_CODE_STEPS / s.count;
 	out.cb[bx] = s.cb * LP_CODE_STEPS / s.chroma_count - 128 * LP_CODE_STEPS;
 	out.cr[bx] = s.cr * LP_CODE_STEPS / s.chroma_count - 128 * LP_CODE_STEPS;
-	out.variance[bx] = std::max(static_cast<float>(s.squares) / count - mean * mean, 0.0F);
+	out.variance[bx] = out.doubt[bx] =
+		std::max(static_cast<float>(s.squares) / count - mean * mean, 0.0F);
 }
 
 void raw_picture::read(int row, lp::block_row &out) const
