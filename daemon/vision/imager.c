@@ -156,9 +156,10 @@ static int cell_px_for(int circle_px, int panorama_width, double coarser)
 /*
  * Cells coarser than the panorama's let a lamp's light wander between these while the camera turns.
  * So a picture whose blocks are much coarser is read by their quarters, whichever size is nearest;
- * a lens's picture, whose cells lie across the panorama's anyway, by blocks of up to twice the
- * size, and so is any where no block is looked at closer (preset fast): there a quarter would often
- * seem clipped. Where these are too coarse, every pixel is decoded instead.
+ * a lens's picture, whose cells lie across the panorama's anyway, and one behind a polarizing film,
+ * whose rests finer cells were seen to end, by blocks of up to twice the size, and so is any where
+ * no block is looked at closer (preset fast): there a quarter would often seem clipped. Where these
+ * are too coarse, every pixel is decoded instead.
  */
 static struct lp_decode_options decode_options(const struct lp_imager *imager,
 					       const struct lp_frame *frame)
@@ -166,7 +167,8 @@ static struct lp_decode_options decode_options(const struct lp_imager *imager,
 	const struct lp_imager_options *o = &imager->options;
 	const int circle_px = lp_camera_circle_px(imager->eye->camera, (int)frame->width_px);
 	const bool blocks = frame->format != LP_FORMAT_RGB_F32 && o->decode == LP_DECODE_BLOCKS;
-	const bool quarters = o->exact_blocks > 0 && lp_camera_is_whole(imager->eye->camera);
+	const bool quarters = o->exact_blocks > 0 && lp_camera_is_whole(imager->eye->camera) &&
+			      !imager->film.stokes;
 	struct lp_decode_options d = {.decode = o->decode,
 				      .divisor = o->divisor,
 				      .cell_px = cell_px_for(circle_px, o->panorama_width,

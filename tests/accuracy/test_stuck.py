@@ -177,4 +177,5 @@ def test_a_hand_shows_a_camera_that_holds_still_what_shines() -> None:
         camera = SimulatedCamera(world, lenses.load("equirect"), SMALL_PX, pixels=some)
         _, counts, _ = watched(camera, (2.9, 11.0))
         assert counts[0] == 0
-        assert expected <= counts[1] <= bool(expected) * 14
+        # the rim of a hand glows, and hides some
+        assert expected - 2 * bool(expected) <= counts[1] <= bool(expected) * 14
