@@ -142,50 +142,6 @@ void lp_imager_forget(struct lp_imager *imager)
 	lp_imager_forget_scale(imager);
 }
 
-/* Pixels across a cell, a power of two up to a JPEG's block: so many that it is at most so many
- * times coarser than the panorama's cells. */
-static int cell_px_for(int circle_px, int panorama_width, double coarser)
-{
-	int cell_px = 8;
-
-	while (cell_px > 1 && circle_px * coarser < panorama_width * cell_px)
-		cell_px /= 2;
-	return cell_px;
-}
-
-/*
- * Cells coarser than the panorama's let a lamp's light wander between these while the camera turns.
- * So a picture whose blocks are much coarser is read by their quarters, whichever size is nearest;
- * a lens's picture, whose cells lie across the panorama's anyway, and one behind a polarizing film,
- * whose rests finer cells were seen to end, by blocks of up to twice the size, and so is any where
- * no block is looked at closer (preset fast): there a quarter would often seem clipped. Where these
- * are too coarse, every pixel is decoded instead.
- */
-static struct lp_decode_options decode_options(const struct lp_imager *imager,
-					       const struct lp_frame *frame)
-{
-	const struct lp_imager_options *o = &imager->options;
-	const int circle_px = lp_camera_circle_px(imager->eye->camera, (int)frame->width_px);
-	const bool blocks = frame->format != LP_FORMAT_RGB_F32 && o->decode == LP_DECODE_BLOCKS;
-	const bool quarters = o->exact_blocks > 0 && lp_camera_is_whole(imager->eye->camera) &&
-			      !imager->film.stokes;
-	struct lp_decode_options d = {.decode = o->decode,
-				      .divisor = o->divisor,
-				      .cell_px = cell_px_for(circle_px, o->panorama_width,
-							     quarters ? M_SQRT2 : 2.0),
-				      .exact_blocks = o->exact_blocks};
-
-	if (blocks && d.cell_px >= (quarters ? 4 : 8))
-		return d;
-	d.decode = LP_DECODE_PIXELS;
-	d.cell_px = cell_px_for(circle_px, o->panorama_width, 1.0);
-	if (blocks || d.divisor < 1)
-		d.divisor = 1;
-	if (frame->format == LP_FORMAT_MJPEG && d.cell_px < d.divisor)
-		d.cell_px = d.divisor;
-	return d;
-}
-
 float lp_imager_scale(const struct lp_imager *imager)
 {
 	return imager->eye->incoming.scale;
@@ -313,7 +269,7 @@ int lp_imager_load(struct lp_imager *imager, struct lp_frame *frame, float expec
 	(void)lp_overlap_apply(&imager->eye->overlap, &imager->eye->response);
 	incoming = &imager->eye->incoming;
 	lp_eye_look(imager->eye, &frame->crop);
-	const struct lp_decode_options options = decode_options(imager, frame);
+	const struct lp_decode_options options = lp_imager_decode_options(imager, frame);
 	ret = lp_eye_fit(imager->eye, (int)frame->width_px, (int)frame->height_px, options.cell_px);
 	if (ret < 0) {
 		lp_frame_release(frame);

@@ -123,6 +123,10 @@ void lp_imager_compare_cameras(struct lp_imager *imager);
 /* Since the frame of the same camera before the newest one; 0: there is none. */
 double lp_imager_eye_elapsed_s(const struct lp_imager *imager);
 
+/* imager_decode.c: how closely a frame of the camera at hand is read. */
+struct lp_decode_options lp_imager_decode_options(const struct lp_imager *imager,
+						  const struct lp_frame *frame);
+
 /* The newest frame beside the map (imager_residual.c). */
 struct lp_residual lp_imager_residual(const struct lp_imager *imager);
 

@@ -307,7 +307,7 @@ def query(text: str) -> str:
 def pixels(text: str) -> PixelDefects:
     """Parse an option's pixel defects."""
     try:
-        return PixelDefects.parse(text)
+        return PixelDefects().merged(text)
     except UsageError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
 

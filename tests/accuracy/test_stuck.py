@@ -30,7 +30,7 @@ def judged(
 ) -> Figures:
     """Figures of the raw packets while a head looks around."""
     run = live.case(
-        Room(), "head", exposures, size_px=size_px, pixels=PixelDefects.parse(defects)
+        Room(), "head", exposures, size_px=size_px, pixels=PixelDefects().merged(defects)
     )  # fmt: skip
     return next(one.figures for one in live.judged(run) if one.subscription == "raw")
 

@@ -25,17 +25,20 @@ struct suspects {
 	} list[kMax];
 	int count = 0, insisted = 0;
 
-	void add(int block, float energy)
+	/* Its place in the list; -1: there is no room. */
+	int add(int block, float energy)
 	{
-		if (count < kMax)
-			list[count++] = {block, energy};
+		if (count == kMax)
+			return -1;
+		list[count] = {block, energy};
+		return count++;
 	}
 
 	/* One that must be among the strongest. */
-	void insist(int block)
+	int insist(int block)
 	{
 		insisted += count < kMax;
-		add(block, FLT_MAX);
+		return add(block, FLT_MAX);
 	}
 
 	/* Those insisted on, and the `most` others with the most detail. */
@@ -63,7 +66,7 @@ inline v_int32x4 clamp_index(const v_int32x4 &index)
 			 cv::v_setall_s32(LP_CODE_INDEX_MAX));
 }
 
-/* YCbCr to RGB of JFIF on the means of four blocks, in 16-bit fixed point. */
+/* YCbCr to RGB of JFIF on the means of four cells, in 16-bit fixed point. */
 inline rgb_means means_at(const lp::block_row &row, int bx, bool grey)
 {
 	const v_int32x4 luma = cv::v_load(row.luma + bx), half = cv::v_setall_s32(32768);
@@ -82,7 +85,7 @@ inline rgb_means means_at(const lp::block_row &row, int bx, bool grey)
 	return {clamp_index(luma + red), clamp_index(luma - green), clamp_index(luma + blue)};
 }
 
-/* Mean linear light of four blocks in one channel, times scale. */
+/* Mean linear light of four cells in one channel, times scale. */
 inline v_float32x4 linear_light(const struct lp_block_response *table, const v_int32x4 &index,
 				const v_float32x4 &variance, const v_float32x4 &scale)
 {
@@ -105,9 +108,10 @@ struct filler {
 	const uint8_t *seen;
 	suspects found;
 	int64_t luma;
-	int count;			     /* of the cells that are seen */
-	int per_block;			     /* cells across a block */
-	uint8_t listed[lp::block_row::kMax]; /* blocks of this row of them: they are suspects */
+	int count;     /* of the cells that are seen */
+	int per_block; /* cells across a block */
+	/* of the blocks of this row of them: their places in found.list, + 1; 0: in none */
+	uint16_t listed[lp::block_row::kMax];
 
 	bool uneven(int by) const;
 	int seen_of(int bx, int by) const;
@@ -130,7 +134,7 @@ bool filler::uneven(int by) const
 	return w && (w[last] > 4.0F * w[0] || w[0] > 4.0F * w[last]);
 }
 
-/* Those of the four blocks from bx on that are in the picture and seen, as bits. */
+/* Those of the four cells from bx on that are in the picture and seen, as bits. */
 int filler::seen_of(int bx, int by) const
 {
 	const int inside = bx + 4 <= cells->width ? 15 : (1 << (cells->width - bx)) - 1;
@@ -138,7 +142,7 @@ int filler::seen_of(int bx, int by) const
 	return seen ? inside & seen[by * LP_QUADS(cells->width) + bx / 4] : inside;
 }
 
-/* Four blocks that no lens sees. */
+/* Four cells that no lens sees. */
 void filler::skip(size_t first)
 {
 	for (int k = 0; k < 4; k++)
@@ -146,7 +150,7 @@ void filler::skip(size_t first)
 	std::memset(cells->clipped + first, 0, 4);
 }
 
-/* The luma of four blocks, of those that are `inside`. Mostly all of them are. */
+/* The luma of four cells, of those that are `inside`. Mostly all of them are. */
 void filler::count_in(const int *four, int inside)
 {
 	if (inside == 15) {
@@ -208,7 +212,8 @@ void filler::row(const lp::block_row &row, int by, bool grey)
 	}
 }
 
-/* The blocks of four cells from bx on, of those in `bits`, each once. */
+/* The blocks of four cells from bx on, of those in `bits`, each once, by the most that any of its
+ * cells shows. */
 void filler::list(int bits, int bx, int by, bool insist, const float *doubt)
 {
 	const int blocks = (cells->width + per_block - 1) / per_block;
@@ -217,13 +222,14 @@ void filler::list(int bits, int bx, int by, bool insist, const float *doubt)
 		const int k = bx + __builtin_ctz(bits), column = k / per_block;
 		const int block = by / per_block * blocks + column;
 
-		if (listed[column])
+		if (listed[column]) {
+			float &energy = found.list[listed[column] - 1].energy;
+
+			energy = std::max(energy, doubt[k]);
 			continue;
-		listed[column] = 1;
-		if (insist)
-			found.insist(block);
-		else
-			found.add(block, doubt[k]);
+		}
+		listed[column] = static_cast<uint16_t>(
+			1 + (insist ? found.insist(block) : found.add(block, doubt[k])));
 	}
 }
 

@@ -16,8 +16,8 @@
 #define GONE 0.05F
 /* Whether it shows tells something where it would stand out by so many times the least. */
 #define CLEARLY 1.5F
-/* Of eight neighbours two cells away so many may be as bright: those of a row that shines. And so
- * many of them are seen at least. */
+/* Of eight neighbours two cells away AS_BRIGHT may be as bright, as those of a row that shines;
+ * LEAST_BESIDE of them must be seen. */
 #define AS_BRIGHT 2
 #define LEAST_BESIDE 5
 /* A cell that shines by itself does so in a look with this probability: a lamp may be beside it. */
@@ -125,7 +125,7 @@ static enum evidence judge(const struct lp_stuck *stuck, int i, float light, flo
 	return weakest > CLEARLY * least && excess < GONE * weakest ? AGAINST : NOTHING;
 }
 
-/* Of no direction, too. */
+/* Whether a direction has nothing to do with one that was kept; nothing kept (0, 0, 0) has none. */
 static bool is_apart(const struct lp_stuck *stuck, const int16_t then[3], const float now[3])
 {
 	const float cosine =

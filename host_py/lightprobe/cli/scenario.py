@@ -95,9 +95,12 @@ def _refusal(context: typer.Context, reason: str) -> UsageError:
 def _tables() -> dict[str, dict[str, tuple[float, str]]]:
     """Options that are printed as tables: each name in them, its default and what it means."""
     from lightprobe.sim.lens_defects import LensDefects
+    from lightprobe.sim.pixel_defects import PixelDefects
     from lightprobe.sim.processing import Processing
 
-    kinds: dict[str, Any] = {"processing": Processing, "lens_defects": LensDefects}
+    kinds: dict[str, Any] = {
+        "processing": Processing, "lens_defects": LensDefects, "pixel_defects": PixelDefects,
+    }  # fmt: skip
     return {
         key: {one.name: (cast(float, one.default), one.metadata["means"]) for one in fields(kind)}
         for key, kind in kinds.items()

@@ -6,7 +6,7 @@ import json
 import math
 import signal
 from contextlib import ExitStack
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, TextIO
 
@@ -184,14 +184,6 @@ def command(
             help="Rolling shutter: each row is exposed so much later than the row above.",
         ),
     ] = 0.0,
-    pixel_defects: Annotated[
-        str,
-        typer.Option(
-            metavar="K=V&…",
-            help="Pixels that are not as the others, as stuck=12&warm=20&bayer=1: "
-            + ", ".join(f"{one.name} ({one.metadata['means']})" for one in fields(PixelDefects)),
-        ),
-    ] = "",
     pixel_format: Annotated[
         str, typer.Option("--format", help=", ".join(FORMATS) + " (float, no noise).")
     ] = "MJPG",
@@ -376,6 +368,14 @@ def command(
             help="What its lens does to light, as glare=0.02&drops=3: see --help-scenario.",
         ),
     ] = "",
+    pixel_defects: Annotated[
+        str,
+        typer.Option(
+            metavar=scenario.NAMED,
+            help="Pixels that are not as the others, as stuck=12&warm=20&bayer=1: see "
+            "--help-scenario.",
+        ),
+    ] = "",
     scenario_file: Annotated[
         Path | None,
         typer.Option(
@@ -467,7 +467,6 @@ def command(
         misbehaviour.Faults().merged(faults)
     size_px, kind = parse_size(size), parse_format(pixel_format)
     check_row_time(row_time_us, size_px, rate_hz)
-    pixels = PixelDefects.parse(pixel_defects)
     flicker = Flicker(
         flicker_hz, numbers("--flicker-depth", flicker_depth),
         numbers("--flicker-phase", flicker_phase), tuple(flicker_wave.split(",")),
@@ -493,6 +492,7 @@ def command(
     world = World(chosen, behaviour, median_radiance or None)
     after = Processing().merged(processing)
     before = LensDefects().merged(lens_defects)
+    pixels = PixelDefects().merged(pixel_defects)
     if osc is not None:
         cv2.setNumThreads(1)
         simulate_osc.serve(

@@ -49,6 +49,17 @@ class Knobs:
         return cast(Self, replace(cast(Any, self), **changes))
 
 
+class Spell(Knobs):
+    """Knobs that hold from `from_s` to `to_s` of the world's time; to 0: for ever."""
+
+    from_s: float
+    to_s: float
+
+    def is_on(self, t_s: float) -> bool:
+        """Tell whether they hold at a time of the world."""
+        return t_s >= self.from_s and not 0 < self.to_s <= t_s
+
+
 @dataclass(frozen=True)
 class PictureFaults(Knobs):
     """What goes wrong with the pictures of every simulated camera."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from lightprobe.geometry import Array, equirect_solid_angles
 from lightprobe.imaging.camera import Camera
-from lightprobe.sim.faults import Knobs, fault
+from lightprobe.sim.faults import Spell, fault
 
 Radiance = NDArray[np.float32]
 
@@ -35,7 +35,7 @@ _DROP_RIM = 0.2
 
 
 @dataclass(frozen=True)
-class LensDefects(Knobs):
+class LensDefects(Spell):
     """Options of `simulate --lens-defects`; by default the lens is perfect."""
 
     _what: ClassVar[str] = "lens defects"
@@ -63,10 +63,6 @@ class LensDefects(Knobs):
     drops_deg: float = fault(5.0, "radius of each", 0.1, 60)
     from_s: float = fault(0.0, "seconds until all this begins")
     to_s: float = fault(0.0, "seconds until it ends; 0: never")
-
-    def is_on(self, t_s: float) -> bool:
-        """Tell whether the lens has these defects at a time of the world."""
-        return t_s >= self.from_s and not 0 < self.to_s <= t_s
 
     @property
     def is_perfect(self) -> bool:

@@ -7,18 +7,15 @@ some electrons per second at 25 °C, twice as many every 6 K or so. A dead one i
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
-from urllib.parse import parse_qsl
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lightprobe.errors import UsageError
 from lightprobe.geometry import Array
-from lightprobe.sim.faults import fault, limits
+from lightprobe.sim.faults import Spell, fault
 from lightprobe.sim.sensor import Codes
 
 #: Warm pixels' dark current is told at this temperature, and doubles every so many degrees.
@@ -29,8 +26,10 @@ _SPREAD_GREEN = np.array([[0, 0.25, 0], [0.25, 1, 0.25], [0, 0.25, 0]])
 
 
 @dataclass(frozen=True)
-class PixelDefects:
+class PixelDefects(Spell):
     """How many there are; places and colours follow from the seed."""
+
+    _what: ClassVar[str] = "pixel defects"
 
     stuck: int = fault(0, "pixels at full scale in every exposure", 0, 10**6)
     warm: int = fault(0, "pixels with a dark current", 0, 10**6)
@@ -42,28 +41,8 @@ class PixelDefects:
         0, "1: each has one colour of the Bayer pattern, which demosaicing spreads", 0, 1
     )
     from_s: float = fault(0.0, "seconds until they come")
-    to_s: float = fault(math.inf, "and until they are gone")
+    to_s: float = fault(0.0, "seconds until they are gone; 0: never")
     seed: int = fault(0, "draws their places and colours")
-
-    @classmethod
-    def parse(cls, text: str) -> PixelDefects:
-        """Give those of KEY=VALUE&…; UsageError for what is none."""
-        known = {one.name: one for one in fields(cls)}
-        values: dict[str, Any] = {}
-        for key, word in parse_qsl(text, keep_blank_values=True):
-            if key not in known:
-                raise UsageError(f"pixel defects: unknown {key}: known are {', '.join(known)}")
-            low, high = known[key].metadata["range"]
-            try:
-                value = int(word) if known[key].type == "int" else float(word)
-            except ValueError:
-                value = math.nan
-            if not low <= value <= high:
-                raise UsageError(
-                    f"pixel defects: {key}={word}: expected a number, {limits(low, high)}"
-                )
-            values[key] = value
-        return cls(**values)
 
     def __bool__(self) -> bool:
         """Tell whether there are any, ever."""
@@ -134,7 +113,7 @@ class PlacedDefects:
 
         `exposure_us`: times gain.
         """
-        if not self.model.from_s <= t_s < self.model.to_s:
+        if not self.model.is_on(t_s):
             return codes
         stuck, warm, dead = self._weights
         current = 1e-6 * exposure_us * self.model.warm_now_e_per_s / self.full_well_e

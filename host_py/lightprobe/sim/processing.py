@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from lightprobe.errors import UsageError
 from lightprobe.imaging.camera import Camera
-from lightprobe.sim.faults import Knobs, fault
+from lightprobe.sim.faults import Spell, fault
 from lightprobe.sim.formats import encode
 from lightprobe.sim.sensor import Codes, Expected, Sensor
 
@@ -44,7 +44,7 @@ _BALANCE_LOW, _BALANCE_HIGH = 0.02, 0.9
 
 
 @dataclass(frozen=True)
-class Processing(Knobs):
+class Processing(Spell):
     """Options of `simulate --processing`; by default the camera leaves its pictures alone."""
 
     _what: ClassVar[str] = "processing"
@@ -88,10 +88,6 @@ class Processing(Knobs):
     )
     from_s: float = fault(0.0, "seconds until all this begins")
     to_s: float = fault(0.0, "seconds until it ends; 0: never")
-
-    def is_on(self, t_s: float) -> bool:
-        """Tell whether the camera does so at a time of the world."""
-        return t_s >= self.from_s and not 0 < self.to_s <= t_s
 
     @property
     def is_none(self) -> bool:

@@ -108,11 +108,11 @@ def test_a_picture_that_is_repeated_is_not_one_without_them():
 )
 def test_what_is_no_defect_is_refused(text):
     with pytest.raises(UsageError, match="pixel defects"):
-        PixelDefects.parse(text)
+        PixelDefects().merged(text)
 
 
 def test_words_are_understood():
-    assert PixelDefects.parse("stuck=12&warm_e_per_s=2e4&bayer=1") == PixelDefects(
+    assert PixelDefects().merged("stuck=12&warm_e_per_s=2e4&bayer=1") == PixelDefects(
         stuck=12, warm_e_per_s=2e4, bayer=1
     )
-    assert not PixelDefects.parse("")
+    assert not PixelDefects().merged("")

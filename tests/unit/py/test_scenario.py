@@ -12,6 +12,7 @@ from lightprobe.colour import srgb_table
 from lightprobe.errors import UsageError
 from lightprobe.sim.faults import Faults
 from lightprobe.sim.lens_defects import LensDefects
+from lightprobe.sim.pixel_defects import PixelDefects
 from lightprobe.sim.processing import Processing
 
 
@@ -55,7 +56,8 @@ def test_the_printed_file_says_what_no_file_says(tmp_path: Path) -> None:
                               if not line.startswith("# ") and '""' not in line))  # fmt: skip
     assert file.read_text().count("=") > 40
     found, plain = values("--scenario", file), values()
-    for key, kind in (("processing", Processing), ("lens_defects", LensDefects)):
+    kinds = {"processing": Processing, "lens_defects": LensDefects, "pixel_defects": PixelDefects}
+    for key, kind in kinds.items():
         assert found[key].count("=") == len(fields(kind))
         assert kind().merged(found.pop(key)) == kind().merged(plain.pop(key)) == kind()
     assert found | {"scenario_file": None} == plain
@@ -65,12 +67,13 @@ def test_an_option_with_names_of_its_own_may_be_a_table(tmp_path: Path) -> None:
     file = tmp_path / "cheap.toml"
     file.write_text(
         "[world]\nseed = 7\n[processing]\nsharpen = 0.7\ntone-ev = 1\n"
-        "[lens-defects]\nglare = 0.02\n[faults]\ndrop = 0.1\n"
+        "[lens-defects]\nglare = 0.02\n[pixel_defects]\nstuck = 12\n[faults]\ndrop = 0.1\n"
     )
     found = values("--scenario", file)
     assert found["seed"] == 7
     assert Processing().merged(found["processing"]) == Processing(sharpen=0.7, tone_ev=1)
     assert LensDefects().merged(found["lens_defects"]) == LensDefects(glare=0.02)
+    assert PixelDefects().merged(found["pixel_defects"]) == PixelDefects(stuck=12)
     assert Faults().merged(found["faults"]) == Faults(drop=0.1)
     by_option = values("--scenario", file, "--processing", "sharpen=0.2")
     assert by_option["processing"] == "sharpen=0.2"
