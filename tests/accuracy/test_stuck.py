@@ -80,10 +80,10 @@ def test_exposures_need_not_be_reported() -> None:
     assert found.error_median < without.error_median + 0.002
 
 
-def test_a_row_that_shines_and_a_thousand_pixels_leave_the_light_right_or_say_so() -> None:
-    """The pieces of a row are listed as lamps that come and go: it is more than it can learn."""
-    for defects, error in (("row=240", 0.02), ("stuck=1000", 0.15)):
+def test_a_row_that_shines_does_no_harm_and_a_thousand_pixels_less() -> None:
+    for defects, error, births_per_s in (("row=240", 0.02, 0.5), ("stuck=1000", 0.15, 8.0)):
         found = judged(defects)
+        assert found.births_per_s <= births_per_s
         assert found.error_median < error
         assert found.wrong_and_healthy == 0
 
@@ -175,7 +175,6 @@ def test_a_hand_shows_a_camera_that_holds_still_what_shines() -> None:
     for some, expected in ((defects, len(well_behind)), (PixelDefects(), 0)):
         world = Hands([Room()], STILL, median_radiance=INDOORS)
         camera = SimulatedCamera(world, lenses.load("equirect"), SMALL_PX, pixels=some)
-        _, counts, _ = watched(camera, (2.9, 11.0))
+        _, counts, _ = watched(camera, (2.9, 14.0))
         assert counts[0] == 0
-        # the rim of a hand glows, and hides some
-        assert expected - 2 * bool(expected) <= counts[1] <= bool(expected) * 14
+        assert expected <= counts[1] <= bool(expected) * 14
