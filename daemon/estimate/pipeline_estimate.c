@@ -109,7 +109,7 @@ static uint32_t flags_of(const struct lp_pipeline *p, const struct lp_panorama *
 		flags |= LP_ESTIMATE_CLIPPED;
 	if (status->mean_code < DARK_CODE) /* false for NAN: float frames have no codes */
 		flags |= LP_ESTIMATE_UNDEREXPOSED;
-	if (panorama->seen_fraction < 1.0F || status->lost_view)
+	if (panorama->seen_fraction < 1.0F || status->lost_view || status->fills_view)
 		flags |= LP_ESTIMATE_PARTIAL_VIEW;
 	if (status->invalid_samples)
 		flags |= LP_ESTIMATE_INVALID_INPUT;

@@ -493,6 +493,7 @@ void lp_imager_status(const struct lp_imager *imager, struct lp_imager_status *s
 	status->exposure_count = newest.count;
 	status->longest_exposure_us = newest.longest_us;
 	status->newest_clips = newest.clipped_fraction;
+	status->fills_view = imager->update.filled_fraction > 0.0F;
 	for (int k = 0; k < imager->eye_count; k++) {
 		status->places_left_out += imager->eyes[k].stuck.count;
 		if (!imager->eyes[k].lost)

@@ -71,6 +71,7 @@ struct lp_imager_status {
 	/* 1 sigma of all light, relative, from how well cameras are brought to one scale */
 	float cameras_sigma;
 	int places_left_out; /* cells of all cameras' pictures that shine by themselves */
+	bool fills_view;     /* of some of those nothing is known but what is beside them */
 	bool angles_missing; /* a film, but too few of its angles to tell how light is polarized */
 };
 

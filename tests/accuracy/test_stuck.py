@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import live
+import numpy as np
 import pytest
 from judge import Figures
+from lightprobe import geometry
+from lightprobe.estimate import EstimateFlag
 from lightprobe.imaging import camera as lenses
 from lightprobe.sim.camera import SimulatedCamera
 from lightprobe.sim.live import LiveClient, LiveProbe
 from lightprobe.sim.pixel_defects import PixelDefects
+from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.room import Room
 from lightprobe.sim.world import Behaviour, State, World
 from lightprobe.wire import Subscription
@@ -122,16 +126,22 @@ def test_a_camera_that_holds_still_takes_a_stuck_pixel_for_what_it_may_be() -> N
     assert counts == [0]
 
 
-def test_a_camera_file_names_them_to_a_camera_that_holds_still(tmp_path: Path) -> None:
-    defects = PixelDefects(stuck=12)
-    camera = room(STILL, defects)
-    places = defects.at(SMALL_PX, 1.0, lenses.load("equirect").response_table()).places
-    (tmp_path / "stuck.txt").write_text("".join(f"{x} {y}\n" for x, y in places))
-    file = tmp_path / "probe.camera"
+def naming(places: Iterable[Sequence[int]], folder: Path) -> Path:
+    """Camera file that names pixels."""
+    (folder / "stuck.txt").write_text("".join(f"{x} {y}\n" for x, y in places))
+    file = folder / "probe.camera"
     file.write_text(
         "[camera]\nprojection = equirect\nwidth_px = 960\nheight_px = 480\n"
         "stuck_pixels = stuck.txt\n"
     )
+    return file
+
+
+def test_a_camera_file_names_them_to_a_camera_that_holds_still(tmp_path: Path) -> None:
+    defects = PixelDefects(stuck=12)
+    camera = room(STILL, defects)
+    places = defects.at(SMALL_PX, 1.0, lenses.load("equirect").response_table()).places
+    file = naming(places, tmp_path)
     assert (lenses.load(str(file)).stuck_px == places).all()
     spoilt, _, _ = watched(camera, (4.0,))
     told, counts, _ = watched(room(STILL, defects), (4.0,), [f"--camera={file}"])
@@ -139,6 +149,20 @@ def test_a_camera_file_names_them_to_a_camera_that_holds_still(tmp_path: Path) -
     lamps = [len(one.estimates[-1].lights) for one in (without, spoilt, told)]
     assert counts[0] >= 12
     assert lamps[0] == lamps[2] < lamps[1]
+
+
+def test_a_lamp_behind_a_place_that_is_left_out_is_not_missing_unsaid(tmp_path: Path) -> None:
+    """To a camera that holds still nothing shows what is there: it is filled, and PARTIAL_VIEW."""
+    scene = random_scene(1)
+    lamp = min(scene.lamps, key=lambda one: one.radius_deg)
+    column, row = np.floor(geometry.equirect_pixel(lamp.direction, *SMALL_PX)).astype(int)
+    file = naming([(column, row)], tmp_path)
+    for behaviour, flagged in ((STILL, True), (HEAD, False)):
+        world = World([scene], behaviour, median_radiance=INDOORS)
+        camera = SimulatedCamera(world, lenses.load("equirect"), SMALL_PX)
+        client, _, _ = watched(camera, (4.0,), [f"--camera={file}"])
+        flags = [bool(one.flags & EstimateFlag.PARTIAL_VIEW) for one in client.estimates[-60:]]
+        assert all(flags) if flagged else not any(flags)
 
 
 class Stops(World):

@@ -426,6 +426,7 @@ static void test_what_is_filled_gives_way(void **state)
 	for (int n = 0; n < 30; n++)
 		lp_radiance_map_observe(map, &seen);
 	assert_int_equal(map->flags[100], 0);
+	assert_true(lp_radiance_map_observe(map, &seen).filled_fraction > 0.0F); /* and says so */
 	assert_float_equal(map->radiance[100][1], 0.3F, 1e-6F);
 	assert_true(map->variance[100] > 0.2F * 0.2F * 0.3F * 0.3F);
 	assert_true(map->variance[99] < 0.04F * 0.04F * 0.3F * 0.3F);
@@ -442,6 +443,7 @@ static void test_what_is_filled_gives_way(void **state)
 	for (int n = 0; n < 30; n++)
 		assert_float_equal(lp_radiance_map_observe(map, &seen).changed, 0.0F, 0.0F);
 	assert_float_equal(map->radiance[100][1], 0.9F, 0.05F);
+	assert_float_equal(lp_radiance_map_observe(map, &seen).filled_fraction, 0.0F, 0.0F);
 	for (int n = 0; n < 30 * 20; n++) /* until it is old */
 		lp_radiance_map_observe(map, &seen);
 	assert_float_equal(map->radiance[100][1], 0.3F, 1e-6F);

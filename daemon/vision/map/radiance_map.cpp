@@ -189,6 +189,7 @@ extern "C" struct lp_map_update lp_radiance_map_observe(struct lp_radiance_map *
 		unsettled,
 		static_cast<float>(total.clipped / kSphereSr),
 		static_cast<float>(total.unseen / kSphereSr),
+		static_cast<float>(total.filled / kSphereSr),
 		share_of(4.0 * std::sqrt(total.variance / 6.0), total),
 		share_of(total.clipped_light, total)};
 }

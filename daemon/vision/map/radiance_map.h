@@ -87,6 +87,7 @@ struct lp_map_update {
 	bool unsettled;		/* that was so much that no cell counted as certain any more */
 	float clipped_fraction; /* of the sphere: cells that are only a lower bound */
 	float unseen_fraction;	/* of the sphere: never seen */
+	float filled_fraction;	/* of the sphere: nothing is known but what neighbours show */
 	/* 1 sigma of the irradiance on a surface, root mean square over all normals, from the
 	 * cells' variances; relative to the mean irradiance. Clipped and unseen cells are not in
 	 * it. */

@@ -133,13 +133,14 @@ class noise_model
 
 /* Sums over the sphere, each cell by its solid angle. */
 struct sums {
-	double changed, all, clipped, clipped_light, unseen, variance;
+	double changed, all, clipped, clipped_light, unseen, filled, variance;
 };
 
 struct row_sums {
 	v_float32x4 changed = cv::v_setzero_f32(), all = cv::v_setzero_f32(),
 		    variance = cv::v_setzero_f32(), clipped = cv::v_setzero_f32(),
-		    clipped_light = cv::v_setzero_f32(), unseen = cv::v_setzero_f32();
+		    clipped_light = cv::v_setzero_f32(), unseen = cv::v_setzero_f32(),
+		    filled = cv::v_setzero_f32();
 
 	void add_to(sums &total, double solid_angle_sr) const
 	{
@@ -148,6 +149,7 @@ struct row_sums {
 		total.clipped += cv::v_reduce_sum(clipped) * solid_angle_sr;
 		total.clipped_light += cv::v_reduce_sum(clipped_light) * solid_angle_sr;
 		total.unseen += cv::v_reduce_sum(unseen) * solid_angle_sr;
+		total.filled += cv::v_reduce_sum(filled) * solid_angle_sr;
 		total.variance += cv::v_reduce_sum(variance) * solid_angle_sr * solid_angle_sr;
 	}
 };
@@ -392,6 +394,7 @@ bool correct_plain(struct lp_radiance_map *map, const struct lp_observation *see
 	sum.clipped_light = sum.clipped_light + cv::v_select(mask_of(flags, LP_CELL_CLIPPED),
 							     cell.channel[LP_LUMINANCE], zero);
 	sum.unseen = sum.unseen + cv::v_select(mask_of(flags, LP_CELL_UNSEEN), one, zero);
+	sum.filled = sum.filled + cv::v_select(replaced & (missing == zero), one, zero);
 }
 
 } /* namespace */
