@@ -19,6 +19,7 @@
 #include "vision/exposure.h"
 #include "vision/imager.h"
 #include "vision/map/radiance_map.h"
+#include "vision/response/linearity.h"
 #include "vision/stuck/stuck.h"
 
 struct lp_remap;
@@ -62,6 +63,8 @@ struct lp_eye {
 	float covered_share;	   /* of the light that is known */
 	struct lp_gain gain;	   /* scale of the newest frame; count 0: it was told */
 	struct lp_overlap overlap; /* with the other cameras */
+	struct lp_linearity linearity; /* of its response */
+	float told_power;	       /* what the log has told of it */
 	float row_time_us;	   /* of the newest frame; NAN: unknown */
 	struct lp_banding banding;
 };

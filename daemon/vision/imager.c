@@ -266,6 +266,7 @@ int lp_imager_load(struct lp_imager *imager, struct lp_frame *frame, float expec
 	}
 	imager->eye = &imager->eyes[frame->camera];
 	imager->eye->accepted = false;
+	lp_imager_bend_response(imager->eye);
 	(void)lp_overlap_apply(&imager->eye->overlap, &imager->eye->response);
 	incoming = &imager->eye->incoming;
 	lp_eye_look(imager->eye, &frame->crop);
@@ -397,6 +398,7 @@ int lp_imager_accept(struct lp_imager *imager, float exposure_us)
 	lp_imager_followed(imager);
 	lp_imager_look_for_cover(imager);
 	lp_imager_look_for_bands(imager);
+	lp_imager_learn_response(imager);
 	lp_imager_learn_stuck(imager);
 	observe(imager);
 	lp_eye_note_exposure(imager->eye, exposure_us);
@@ -463,6 +465,8 @@ static void add_eye(const struct lp_eye *eye, struct lp_imager_status *status)
 		status->scale_sigma = fmaxf(status->scale_sigma, lp_gain_sigma(&eye->gain));
 	if (eye->banding.found)
 		status->banding = fmaxf(status->banding, eye->banding.amplitude);
+	status->response_sigma = fmaxf(status->response_sigma, lp_linearity_sigma(&eye->linearity));
+	status->response_fails |= eye->linearity.disagrees;
 	status->covered |= eye->cover.found;
 	status->hidden_s = fmaxf(status->hidden_s, eye->covered_s);
 	status->hidden_share += eye->covered_share;

@@ -159,6 +159,10 @@ void lp_imager_rescale(struct lp_imager *imager, float scale);
 
 /* unknown_exposure.c: choose the cells of the panorama that are watched. */
 void lp_imager_watch(struct lp_imager *imager);
+/* response/exposures_agree.c: what the newest frame says of its camera's response; and the response
+ * as it is known by now. */
+void lp_imager_learn_response(struct lp_imager *imager);
+void lp_imager_bend_response(struct lp_eye *eye);
 /* bands.c: does the newest frame, before the map learns from it, show bands? */
 void lp_imager_look_for_bands(struct lp_imager *imager);
 
@@ -166,6 +170,10 @@ void lp_imager_look_for_bands(struct lp_imager *imager);
  * roughly, before it is known where the camera looks; and in earnest. */
 void lp_imager_expect_scale(struct lp_imager *imager);
 void lp_imager_find_scale(struct lp_imager *imager);
+/* Variance of the logarithm of a watched cell's light in a frame, from where the nearest cell of a
+ * turned picture looks. */
+float lp_imager_place_variance(const struct lp_imager *imager, const struct lp_residual *residual,
+			       int cell);
 /* Nothing is left to compare the next frame with. */
 void lp_imager_forget_scale(struct lp_imager *imager);
 /* When the map is turned: how it lies to what is known of the scale, before and afterwards. */
