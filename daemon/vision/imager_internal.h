@@ -170,10 +170,8 @@ void lp_imager_look_for_bands(struct lp_imager *imager);
  * roughly, before it is known where the camera looks; and in earnest. */
 void lp_imager_expect_scale(struct lp_imager *imager);
 void lp_imager_find_scale(struct lp_imager *imager);
-/* Variance of the logarithm of a watched cell's light in a frame, from where the nearest cell of a
- * turned picture looks. */
-float lp_imager_place_variance(const struct lp_imager *imager, const struct lp_residual *residual,
-			       int cell);
+/* Squared change of the map's luminance from a cell to its neighbours. */
+float lp_imager_step2(const struct lp_imager *imager, int cell);
 /* Nothing is left to compare the next frame with. */
 void lp_imager_forget_scale(struct lp_imager *imager);
 /* When the map is turned: how it lies to what is known of the scale, before and afterwards. */

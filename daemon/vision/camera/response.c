@@ -120,10 +120,11 @@ static struct lp_block_response bent(const struct lp_block_response *block, doub
 	const double value = pow(linear, power), first = power * value / linear;
 	const double second = (power - 1.0) * first / linear;
 
-	return (struct lp_block_response){
-		.linear = block->linear > 0.0F ? (float)value : block->linear,
-		.half_curvature = (float)(0.5 * second * slope * slope +
-					  first * (double)block->half_curvature)};
+	return (struct lp_block_response){.linear = block->linear > 0.0F ? (float)value
+									 : block->linear,
+					  .half_curvature =
+						  (float)(0.5 * second * slope * slope +
+							  first * (double)block->half_curvature)};
 }
 
 void lp_response_bend(struct lp_response *response, float power)
@@ -138,7 +139,8 @@ void lp_response_bend(struct lp_response *response, float power)
 			response->pixel[c][v] = powf(fmaxf(response->pixel[c][v], 0.0F), power);
 		for (int i = 0; i <= LP_CODE_INDEX_MAX; i++) {
 			const double own = (double)block[i].linear;
-			const double next = i < LP_CODE_INDEX_MAX ? (double)block[i + 1].linear : own;
+			const double next =
+				i < LP_CODE_INDEX_MAX ? (double)block[i + 1].linear : own;
 			const int steps = i == 0 || i == LP_CODE_INDEX_MAX ? 1 : 2;
 
 			block[i] = bent(&block[i], (next - before) * LP_CODE_STEPS / steps, power);

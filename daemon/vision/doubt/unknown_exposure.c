@@ -44,8 +44,7 @@ void lp_imager_watch(struct lp_imager *imager)
 	imager->watched_count = count;
 }
 
-/* Squared change of luminance from cell to cell. */
-static float step2(const struct lp_imager *imager, int cell)
+float lp_imager_step2(const struct lp_imager *imager, int cell)
 {
 	const float(*radiance)[4] = (const float(*)[4])imager->map->radiance;
 	const int width = imager->grid->width, last = width * imager->grid->height - 1;
@@ -58,25 +57,20 @@ static float step2(const struct lp_imager *imager, int cell)
 	return 0.25F * (across * across + along * along);
 }
 
-float lp_imager_place_variance(const struct lp_imager *imager, const struct lp_residual *residual,
-			       int cell)
-{
-	const float light =
-		residual->seen.radiance[lp_residual_seen(residual, cell)][LP_LUMINANCE];
-
-	return residual->lookup ? PLACE_VARIANCE * step2(imager, cell) / (light * light) : 0.0F;
-}
-
 /* `held`: logarithm of the scale held so far, over the frame's. */
 static void see(struct lp_imager *imager, const struct lp_residual *residual, float held, int k)
 {
 	struct lp_gain_cell *cell = &imager->eye->gain.cells[k];
 	const int seen = lp_residual_seen(residual, imager->watched[k]);
+	const float light = residual->seen.radiance[seen][LP_LUMINANCE];
 	const struct lp_log_light told = lp_log_light(&residual->seen, seen, LP_LUMINANCE);
+	const float place2 =
+		residual->lookup ? PLACE_VARIANCE * lp_imager_step2(imager, imager->watched[k]) /
+					   (light * light)
+				 : 0.0F;
 
 	cell->seen = told.log + held;
-	cell->sigma = sqrtf(told.variance +
-			    lp_imager_place_variance(imager, residual, imager->watched[k]));
+	cell->sigma = sqrtf(told.variance + place2);
 }
 
 static struct lp_gain_look look(struct lp_imager *imager)

@@ -4,24 +4,61 @@
 
 #include "base/log.h"
 #include "include/luminance.h"
+#include "light/math/grid.h"
 #include "vision/imager_internal.h"
 
 /* Every so many of the watched cells are enough for a mean. */
 #define STEP (LP_GAIN_CELLS / LP_LINEARITY_CELLS)
+#define ROWS 6
+#define COLUMNS 8
+/* Light that differs more from cell to cell, relative, tells of the lens and of where the camera
+ * looks, too. */
+#define MOST_STEP 0.05F
+/* Of full scale: what tells nothing above it is bright, and below it dark. */
+#define MIDDLE 0.1F
 /* Light to a power that is farther from 1 is worth a line in the log, and so is another such
  * change. */
 #define WORTH_A_LINE 0.01F
+
+/* By rows of 30 degrees and columns of 45. */
+static int region_of(const struct lp_grid *grid, int cell)
+{
+	const int row = cell / grid->width, column = cell % grid->width;
+
+	return row * ROWS / grid->height * COLUMNS + column * COLUMNS / grid->width;
+}
+
+static bool is_even(const struct lp_imager *imager, int cell)
+{
+	const float light = imager->map->radiance[cell][LP_LUMINANCE];
+
+	return lp_imager_step2(imager, cell) < MOST_STEP * MOST_STEP * light * light;
+}
+
+static enum lp_linearity_told told_of(const struct lp_observation *seen, int cell)
+{
+	const float linear = seen->radiance[cell][LP_LUMINANCE] / seen->scale;
+
+	if (seen->flags[cell])
+		return seen->flags[cell] == LP_CELL_CLIPPED ? LP_TELLS_BRIGHT : LP_TELLS_NOTHING;
+	return linear > MIDDLE ? LP_TELLS_NOTHING : LP_TELLS_DARK;
+}
 
 static struct lp_linearity_look look_at(const struct lp_imager *imager,
 					const struct lp_residual *residual, int cell)
 {
 	const int seen = lp_residual_seen(residual, cell);
-	const struct lp_log_light told = lp_log_light(&residual->seen, seen, LP_LUMINANCE);
+	const struct lp_log_light light = lp_log_light(&residual->seen, seen, LP_LUMINANCE);
 
-	return (struct lp_linearity_look){
-		.log_light = told.log,
-		.log_linear = told.log - logf(residual->seen.scale),
-		.variance = told.variance + lp_imager_place_variance(imager, residual, cell)};
+	if (isnan(light.log))
+		return (struct lp_linearity_look){.told = told_of(&residual->seen, seen)};
+	if (!is_even(imager, cell))
+		return (struct lp_linearity_look){.told = LP_TELLS_NOTHING};
+	return (struct lp_linearity_look){.region = region_of(imager->grid, cell),
+					  .told = LP_TELLS_LIGHT,
+					  .log_light = light.log,
+					  .log_linear = light.log - logf(residual->seen.scale),
+					  .variance = light.variance};
 }
 
 static void tell(struct lp_eye *eye, int camera, bool disagreed)
@@ -57,7 +94,8 @@ void lp_imager_learn_response(struct lp_imager *imager)
 	const int count = imager->watched_count / STEP;
 	const bool disagreed = eye->linearity.disagrees;
 
-	if (imager->late_s > 0.0F || isnan(eye->incoming.cells.mean_code) || isnan(exposure_us))
+	if (!imager->t_map_ns || imager->late_s > 0.0F || isnan(eye->incoming.cells.mean_code) ||
+	    isnan(exposure_us))
 		return;
 	const struct lp_residual residual = lp_imager_residual(imager);
 

@@ -8,12 +8,17 @@
 
 /* A cell whose linear value differs by less (logarithm) between two frames tells nothing... */
 #define LEAST_APART 0.5F
-/* ...nor does one that was seen longer ago... */
-#define MOST_AGO_S 0.5F
+/* ...nor does one that was seen more frames ago: than a bracket of five has... */
+#define MOST_AGO 5
 /* ...nor one that differs by more sigmas than noise and this power explain: its light is another.
  */
 #define GATE 3.0F
 #define MOST_POWER 0.5F
+/* Light that differs by more (logarithm) from what another exposure has shown is quite another; of
+ * full scale, what is clipped or dark at least or at most. */
+#define STRANGE 1.5F
+#define BRIGHT (-0.2F)
+#define DARK (-6.0F)
 /* Fewer cells may be one lamp. */
 #define LEAST_CELLS 40
 /* All light of a frame errs alike, by how honest exposures are: 1 sigma. */
@@ -23,9 +28,17 @@
 /* A cell's mean is over so many pairs at most; fewer than the least say nothing of it. */
 #define MOST_PAIRS 60
 #define LEAST_PAIRS 6
+/* Regions with fewer cells do not count, and fewer regions tell nothing. */
+#define LEAST_IN_REGION 4
+#define LEAST_REGIONS 4
+/* After so many frames without a pair nothing is known of a cell. */
+#define MOST_FRAMES 300
 /* Exposures disagree from this spread on, and as long as it is above the other one. */
-#define BEGINS 0.008F
-#define GOES_ON 0.005F
+#define BEGINS 0.004F
+#define GOES_ON 0.003F
+/* So large a share of the picture has another exposure; time constant. */
+#define TORN 0.08F
+#define TORN_S 0.7F
 /* "Lately", a time constant. */
 #define LATELY_S 5.0F
 /* A power nearer to 1 than this many of its sigmas is not worth another response. */
@@ -35,7 +48,7 @@ void lp_linearity_init(struct lp_linearity *linearity, float sigma)
 {
 	*linearity = (struct lp_linearity){.variance = sigma * sigma, .log_exposure = NAN};
 	for (int k = 0; k < LP_LINEARITY_CELLS; k++)
-		linearity->cells[k].last.log_light = NAN;
+		linearity->cells[k] = (struct lp_linearity_cell){0};
 }
 
 void lp_linearity_inherit(struct lp_linearity *linearity, const struct lp_linearity *from)
@@ -43,46 +56,117 @@ void lp_linearity_inherit(struct lp_linearity *linearity, const struct lp_linear
 	*linearity = *from;
 	linearity->applied = 0.0F;
 	for (int k = 0; k < LP_LINEARITY_CELLS; k++) /* they are of another panorama */
-		linearity->cells[k] = (struct lp_linearity_cell){.last.log_light = NAN};
+		linearity->cells[k] = (struct lp_linearity_cell){0};
 }
 
-/* What a frame's cells ask for. */
+/* What cells ask for that a frame shows, and that one of those before it has shown last. */
 struct sums {
 	double weight, power, apart;
 	int count;
+	int strange; /* pairs that no response explains; of those, [0] alone */
 };
 
-/* One more pair of exposures of a cell. */
-static void add(struct lp_linearity_cell *cell, float power, float weight)
-{
-	const float before = power - cell->power;
+/* A cell in two frames. */
+struct pair {
+	float apart, power, weight;
+	int ago; /* 0: it tells nothing */
+	bool strange;
+};
 
-	cell->count += cell->count < MOST_PAIRS;
-	cell->power += before / (float)cell->count;
-	cell->variance +=
-		(before * (power - cell->power) - cell->variance) / (float)cell->count;
-	cell->weight += (weight - cell->weight) / (float)cell->count;
+/* Whether the frame shows quite another light than the cell's last one: by what it tells of it, or
+ * by being clipped or dark against that. */
+static bool is_strange(const struct lp_linearity *l, const struct lp_linearity_cell *cell,
+		       const struct lp_linearity_look *look)
+{
+	const float expected = cell->last.log_linear + l->log_exposure - cell->log_exposure;
+
+	switch (look->told) {
+	case LP_TELLS_BRIGHT:
+		return expected < BRIGHT - STRANGE;
+	case LP_TELLS_DARK:
+		return expected > DARK + STRANGE && expected < BRIGHT;
+	case LP_TELLS_LIGHT:
+		return fabsf(look->log_linear - expected) > STRANGE;
+	default:
+		return false;
+	}
 }
 
-static void compare(const struct lp_linearity *l, struct lp_linearity_cell *cell,
-		    const struct lp_linearity_look *look, struct sums *sums)
+static struct pair pair_of(const struct lp_linearity *l, const struct lp_linearity_cell *cell,
+			   const struct lp_linearity_look *look)
 {
 	const float apart = look->log_linear - cell->last.log_linear;
 	const float difference = look->log_light - cell->last.log_light;
 	const float variance = look->variance + cell->last.variance;
-	const float most = GATE * sqrtf(variance) + MOST_POWER * fabsf(apart);
+	const uint64_t ago = l->serial - cell->serial;
 
-	/* also of NAN */
-	if (!(fabsf(apart) > LEAST_APART) || !(fabsf(difference) < most) ||
-	    l->t_s - cell->t_s > MOST_AGO_S)
+	if (!cell->serial || ago > MOST_AGO)
+		return (struct pair){0};
+	if (is_strange(l, cell, look))
+		return (struct pair){.strange = true};
+	if (look->told != LP_TELLS_LIGHT || !(fabsf(apart) > LEAST_APART) ||
+	    !(fabsf(difference) < GATE * sqrtf(variance) + MOST_POWER * fabsf(apart)))
+		return (struct pair){0};
+	return (struct pair){.apart = fabsf(apart),
+			     .power = -difference / apart,
+			     .weight = apart * apart / variance,
+			     .ago = (int)ago};
+}
+
+/* One more pair of exposures of a cell. */
+static void add(struct lp_linearity_cell *cell, float power, float weight, uint64_t serial)
+{
+	if (serial - cell->told > MOST_FRAMES) {
+		cell->power = cell->weight = 0.0F;
+		cell->count = 0;
+	}
+
+	cell->told = serial;
+	cell->count += cell->count < MOST_PAIRS;
+	cell->power += (power - cell->power) / (float)cell->count;
+	cell->weight += (weight - cell->weight) / (float)cell->count;
+}
+
+/* By frames ago; [0]: of all. */
+static void sum_up(const struct lp_linearity *l, const struct lp_linearity_look *looks,
+		   struct sums sums[MOST_AGO + 1])
+{
+	for (int k = 0; k < l->count; k++) {
+		const struct pair pair = pair_of(l, &l->cells[k], &looks[k]);
+
+		sums[0].strange += pair.strange;
+		for (int n = 0; pair.ago && n <= pair.ago; n += pair.ago) {
+			sums[n].weight += (double)pair.weight;
+			sums[n].power += (double)pair.weight * (double)pair.power;
+			sums[n].apart += (double)pair.weight * (double)pair.apart;
+			sums[n].count++;
+		}
+	}
+}
+
+/* Only where the exposure has just changed: else it is the light that has. */
+static void weigh_torn(struct lp_linearity *l, const struct sums *all, float step, float elapsed_s)
+{
+	const int count = all->count + all->strange;
+
+	if (count < LEAST_CELLS || !(step > LEAST_APART))
 		return;
-	const float power = -difference / apart, weight = apart * apart / variance;
+	l->torn += fminf(elapsed_s / TORN_S, 1.0F) * ((float)all->strange / (float)count - l->torn);
+}
 
-	sums->weight += (double)weight;
-	sums->power += (double)weight * (double)power;
-	sums->apart += (double)weight * (double)fabsf(apart);
-	sums->count++;
-	add(cell, power, weight);
+/* Each cell beside its fellows, of the same two frames: how honest exposures are, and light that
+ * has changed as a whole, is no matter. */
+static void compare(struct lp_linearity *l, const struct lp_linearity_look *looks,
+		    const struct sums sums[MOST_AGO + 1])
+{
+	for (int k = 0; k < l->count; k++) {
+		const struct pair pair = pair_of(l, &l->cells[k], &looks[k]);
+		const struct sums *fellows = &sums[pair.ago];
+
+		if (pair.ago && fellows->count >= LEAST_CELLS)
+			add(&l->cells[k], pair.power - (float)(fellows->power / fellows->weight),
+			    pair.weight, l->serial);
+	}
 }
 
 static void correct(struct lp_linearity *l, const struct sums *sums)
@@ -96,72 +180,114 @@ static void correct(struct lp_linearity *l, const struct sums *sums)
 	l->variance *= 1.0F - gain;
 }
 
-/* The variance of the cells' means, less what their own noise makes of it. */
+/* Of a region, or of all: sums over cells. */
+struct region {
+	double weight, power, square;
+	int count;
+};
+
+static void add_cell(struct region *region, const struct lp_linearity_cell *cell)
+{
+	const double weight = (double)cell->weight, power = (double)cell->power;
+
+	region->weight += weight;
+	region->power += weight * power;
+	region->square += weight * power * power;
+	region->count++;
+}
+
+/* Sum of squares about the mean. */
+static double deviation(const struct region *region)
+{
+	return fmax(region->square - region->power * region->power / region->weight, 0.0);
+}
+
+/* Variance of the regions' own powers, by the method of moments (DerSimonian and Laird 1986). */
 static void weigh_spread(struct lp_linearity *l)
 {
-	double weights = 0.0, sum = 0.0, squares = 0.0, noise = 0.0;
-	int cells = 0;
+	struct region regions[LP_LINEARITY_REGIONS] = {0}, all = {0};
+	double within = 0.0, squared_weights = 0.0;
+	int count = 0;
 
 	for (int k = 0; k < l->count; k++) {
 		const struct lp_linearity_cell *cell = &l->cells[k];
-		const double weight = (double)cell->weight, power = (double)cell->power;
 
-		if (cell->count < LEAST_PAIRS)
-			continue;
-		weights += weight;
-		sum += weight * power;
-		squares += weight * power * power;
-		noise += weight * (double)cell->variance / (double)(cell->count - 1);
-		cells++;
+		if (cell->count >= LEAST_PAIRS && l->serial - cell->told <= MOST_FRAMES)
+			add_cell(&regions[cell->last.region], cell);
 	}
-	if (cells < LEAST_CELLS)
-		return;
-	const double mean = sum / weights;
+	for (int r = 0; r < LP_LINEARITY_REGIONS; r++) {
+		const struct region *region = &regions[r];
 
-	l->spread = (float)sqrt(fmax((squares - noise) / weights - mean * mean, 0.0));
-	l->disagrees = l->spread > (l->disagrees ? GOES_ON : BEGINS);
+		if (region->count < LEAST_IN_REGION)
+			continue;
+		all.weight += region->weight;
+		all.power += region->power;
+		all.square += region->square;
+		all.count += region->count;
+		within += deviation(region);
+		squared_weights += region->weight * region->weight;
+		count++;
+	}
+	if (count < LEAST_REGIONS)
+		return;
+	const double noise = within / (all.count - count);
+	const double between = deviation(&all) - within - noise * (count - 1);
+
+	l->spread = (float)sqrt(fmax(between, 0.0) / (all.weight - squared_weights / all.weight));
 }
 
-/* A bracket goes from its longest exposure to its shortest, or back, in one step. */
-static void note_exposure(struct lp_linearity *l, float log_exposure, float elapsed_s)
+/* A bracket goes from its longest exposure to its shortest, or back, in one step. Returns the
+ * step. */
+static float note_exposure(struct lp_linearity *l, float log_exposure, float elapsed_s)
 {
 	const float step = fabsf(log_exposure - l->log_exposure); /* NAN: nothing */
 
 	l->log_range = fmaxf(l->log_range * expf(-elapsed_s / LATELY_S), step);
 	l->log_exposure = log_exposure;
+	return step;
+}
+
+/* What the frame shows, for those that follow. */
+static void keep(struct lp_linearity *l, const struct lp_linearity_look *looks, float elapsed_s)
+{
+	double depth = 0.0;
+	int told = 0;
+
+	for (int k = 0; k < l->count; k++) {
+		if (looks[k].told != LP_TELLS_LIGHT)
+			continue;
+		depth -= (double)looks[k].log_linear;
+		told++;
+		l->cells[k].last = looks[k];
+		l->cells[k].log_exposure = l->log_exposure;
+		l->cells[k].serial = l->serial;
+	}
+	if (told < LEAST_CELLS)
+		return;
+	const float share = l->depth > 0.0F ? fminf(elapsed_s / LATELY_S, 1.0F) : 1.0F;
+
+	l->depth += share * ((float)(depth / told) - l->depth);
 }
 
 void lp_linearity_learn(struct lp_linearity *l, const struct lp_linearity_look *looks, int count,
 			float log_exposure, float elapsed_s)
 {
-	struct sums sums = {0};
-	double depth = 0.0;
-	int told = 0;
+	struct sums sums[MOST_AGO + 1] = {0};
 
-	l->t_s += elapsed_s;
+	l->serial++;
 	l->count = count;
 	l->variance += DRIFT * DRIFT * elapsed_s;
-	note_exposure(l, log_exposure, elapsed_s);
-	for (int k = 0; k < count; k++) {
-		struct lp_linearity_cell *cell = &l->cells[k];
+	const float step = note_exposure(l, log_exposure, elapsed_s);
 
-		if (isnan(looks[k].log_light))
-			continue;
-		depth -= (double)looks[k].log_linear;
-		told++;
-		compare(l, cell, &looks[k], &sums);
-		cell->last = looks[k];
-		cell->t_s = l->t_s;
+	sum_up(l, looks, sums);
+	weigh_torn(l, &sums[0], step, elapsed_s);
+	if (sums[0].count >= LEAST_CELLS) {
+		correct(l, &sums[0]);
+		compare(l, looks, sums);
+		weigh_spread(l);
 	}
-	if (told >= LEAST_CELLS) {
-		const float share = l->depth > 0.0F ? fminf(elapsed_s / LATELY_S, 1.0F) : 1.0F;
-
-		l->depth += share * ((float)(depth / told) - l->depth);
-	}
-	if (sums.count < LEAST_CELLS)
-		return;
-	correct(l, &sums);
-	weigh_spread(l);
+	keep(l, looks, elapsed_s);
+	l->disagrees = l->spread > (l->disagrees ? GOES_ON : BEGINS) || l->torn > TORN;
 }
 
 float lp_linearity_apply(struct lp_linearity *l)
@@ -176,7 +302,6 @@ float lp_linearity_apply(struct lp_linearity *l)
 
 		last->log_light += (power - 1.0F) * last->log_linear;
 		last->log_linear *= power;
-		l->cells[k].power = (1.0F + l->cells[k].power) / power - 1.0F;
 	}
 	l->applied = l->log_power;
 	return power;
@@ -184,9 +309,9 @@ float lp_linearity_apply(struct lp_linearity *l)
 
 float lp_linearity_sigma(const struct lp_linearity *l)
 {
-	const float beyond = fmaxf(l->spread * l->spread - GOES_ON * GOES_ON, 0.0F);
+	/* a power raises light by how far it is below full scale; and where cells differ, the
+	 * longest exposure and the shortest contradict each other by that over all between them */
+	const float apart = l->disagrees ? hypotf(l->spread, l->torn) * l->log_range : 0.0F;
 
-	/* a power raises light by how far it is below full scale; and where cells differ, those of
-	 * the longest exposure and those of the shortest differ by that over all between */
-	return sqrtf(l->variance * l->depth * l->depth + beyond * l->log_range * l->log_range);
+	return sqrtf(l->variance * l->depth * l->depth + apart * apart);
 }
