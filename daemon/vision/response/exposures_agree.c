@@ -14,8 +14,6 @@
 /* Light that differs more from cell to cell, relative, tells of the lens and of where the camera
  * looks, too. */
 #define MOST_STEP 0.05F
-/* Of full scale: what tells nothing above it is bright, and below it dark. */
-#define MIDDLE 0.1F
 /* Light to a power that is farther from 1 is worth a line in the log, and so is another such
  * change. */
 #define WORTH_A_LINE 0.01F
@@ -35,27 +33,16 @@ static bool is_even(const struct lp_imager *imager, int cell)
 	return lp_imager_step2(imager, cell) < MOST_STEP * MOST_STEP * light * light;
 }
 
-static enum lp_linearity_told told_of(const struct lp_observation *seen, int cell)
-{
-	const float linear = seen->radiance[cell][LP_LUMINANCE] / seen->scale;
-
-	if (seen->flags[cell])
-		return seen->flags[cell] == LP_CELL_CLIPPED ? LP_TELLS_BRIGHT : LP_TELLS_NOTHING;
-	return linear > MIDDLE ? LP_TELLS_NOTHING : LP_TELLS_DARK;
-}
-
 static struct lp_linearity_look look_at(const struct lp_imager *imager,
 					const struct lp_residual *residual, int cell)
 {
 	const int seen = lp_residual_seen(residual, cell);
+
+	if (!is_even(imager, cell))
+		return (struct lp_linearity_look){.log_light = NAN};
 	const struct lp_log_light light = lp_log_light(&residual->seen, seen, LP_LUMINANCE);
 
-	if (isnan(light.log))
-		return (struct lp_linearity_look){.told = told_of(&residual->seen, seen)};
-	if (!is_even(imager, cell))
-		return (struct lp_linearity_look){.told = LP_TELLS_NOTHING};
 	return (struct lp_linearity_look){.region = region_of(imager->grid, cell),
-					  .told = LP_TELLS_LIGHT,
 					  .log_light = light.log,
 					  .log_linear = light.log - logf(residual->seen.scale),
 					  .variance = light.variance};

@@ -2,6 +2,7 @@
 #include "vision/response/linearity.h"
 
 #include <math.h>
+#include <string.h>
 
 /* Chosen by hand, on tests/accuracy/live.py --defects; docs/maintainers/constants.md says what
  * other values do. */
@@ -14,11 +15,6 @@
  */
 #define GATE 3.0F
 #define MOST_POWER 0.5F
-/* Light that differs by more (logarithm) from what another exposure has shown is quite another; of
- * full scale, what is clipped or dark at least or at most. */
-#define STRANGE 1.5F
-#define BRIGHT (-0.2F)
-#define DARK (-6.0F)
 /* Fewer cells may be one lamp. */
 #define LEAST_CELLS 40
 /* All light of a frame errs alike, by how honest exposures are: 1 sigma. */
@@ -36,9 +32,9 @@
 /* Exposures disagree from this spread on, and as long as it is above the other one. */
 #define BEGINS 0.004F
 #define GOES_ON 0.003F
-/* So large a share of the picture has another exposure; time constant. */
-#define TORN 0.08F
-#define TORN_S 0.7F
+/* What the camera does in all exposures alike does not show: light errs by so many times what
+ * exposures contradict each other. */
+#define UNSEEN 2.0F
 /* "Lately", a time constant. */
 #define LATELY_S 5.0F
 /* A power nearer to 1 than this many of its sigmas is not worth another response. */
@@ -47,50 +43,26 @@
 void lp_linearity_init(struct lp_linearity *linearity, float sigma)
 {
 	*linearity = (struct lp_linearity){.variance = sigma * sigma, .log_exposure = NAN};
-	for (int k = 0; k < LP_LINEARITY_CELLS; k++)
-		linearity->cells[k] = (struct lp_linearity_cell){0};
 }
 
 void lp_linearity_inherit(struct lp_linearity *linearity, const struct lp_linearity *from)
 {
 	*linearity = *from;
 	linearity->applied = 0.0F;
-	for (int k = 0; k < LP_LINEARITY_CELLS; k++) /* they are of another panorama */
-		linearity->cells[k] = (struct lp_linearity_cell){0};
+	memset(linearity->cells, 0, sizeof(linearity->cells)); /* they are of another panorama */
 }
 
 /* What cells ask for that a frame shows, and that one of those before it has shown last. */
 struct sums {
 	double weight, power, apart;
 	int count;
-	int strange; /* pairs that no response explains; of those, [0] alone */
 };
 
 /* A cell in two frames. */
 struct pair {
 	float apart, power, weight;
 	int ago; /* 0: it tells nothing */
-	bool strange;
 };
-
-/* Whether the frame shows quite another light than the cell's last one: by what it tells of it, or
- * by being clipped or dark against that. */
-static bool is_strange(const struct lp_linearity *l, const struct lp_linearity_cell *cell,
-		       const struct lp_linearity_look *look)
-{
-	const float expected = cell->last.log_linear + l->log_exposure - cell->log_exposure;
-
-	switch (look->told) {
-	case LP_TELLS_BRIGHT:
-		return expected < BRIGHT - STRANGE;
-	case LP_TELLS_DARK:
-		return expected > DARK + STRANGE && expected < BRIGHT;
-	case LP_TELLS_LIGHT:
-		return fabsf(look->log_linear - expected) > STRANGE;
-	default:
-		return false;
-	}
-}
 
 static struct pair pair_of(const struct lp_linearity *l, const struct lp_linearity_cell *cell,
 			   const struct lp_linearity_look *look)
@@ -98,14 +70,12 @@ static struct pair pair_of(const struct lp_linearity *l, const struct lp_lineari
 	const float apart = look->log_linear - cell->last.log_linear;
 	const float difference = look->log_light - cell->last.log_light;
 	const float variance = look->variance + cell->last.variance;
+	const float most = GATE * sqrtf(variance) + MOST_POWER * fabsf(apart);
 	const uint64_t ago = l->serial - cell->serial;
 
-	if (!cell->serial || ago > MOST_AGO)
-		return (struct pair){0};
-	if (is_strange(l, cell, look))
-		return (struct pair){.strange = true};
-	if (look->told != LP_TELLS_LIGHT || !(fabsf(apart) > LEAST_APART) ||
-	    !(fabsf(difference) < GATE * sqrtf(variance) + MOST_POWER * fabsf(apart)))
+	/* also of NAN */
+	if (!cell->serial || ago > MOST_AGO || !(fabsf(apart) > LEAST_APART) ||
+	    !(fabsf(difference) < most))
 		return (struct pair){0};
 	return (struct pair){.apart = fabsf(apart),
 			     .power = -difference / apart,
@@ -134,7 +104,6 @@ static void sum_up(const struct lp_linearity *l, const struct lp_linearity_look 
 	for (int k = 0; k < l->count; k++) {
 		const struct pair pair = pair_of(l, &l->cells[k], &looks[k]);
 
-		sums[0].strange += pair.strange;
 		for (int n = 0; pair.ago && n <= pair.ago; n += pair.ago) {
 			sums[n].weight += (double)pair.weight;
 			sums[n].power += (double)pair.weight * (double)pair.power;
@@ -142,16 +111,6 @@ static void sum_up(const struct lp_linearity *l, const struct lp_linearity_look 
 			sums[n].count++;
 		}
 	}
-}
-
-/* Only where the exposure has just changed: else it is the light that has. */
-static void weigh_torn(struct lp_linearity *l, const struct sums *all, float step, float elapsed_s)
-{
-	const int count = all->count + all->strange;
-
-	if (count < LEAST_CELLS || !(step > LEAST_APART))
-		return;
-	l->torn += fminf(elapsed_s / TORN_S, 1.0F) * ((float)all->strange / (float)count - l->torn);
 }
 
 /* Each cell beside its fellows, of the same two frames: how honest exposures are, and light that
@@ -234,17 +193,16 @@ static void weigh_spread(struct lp_linearity *l)
 	const double between = deviation(&all) - within - noise * (count - 1);
 
 	l->spread = (float)sqrt(fmax(between, 0.0) / (all.weight - squared_weights / all.weight));
+	l->disagrees = l->spread > (l->disagrees ? GOES_ON : BEGINS);
 }
 
-/* A bracket goes from its longest exposure to its shortest, or back, in one step. Returns the
- * step. */
-static float note_exposure(struct lp_linearity *l, float log_exposure, float elapsed_s)
+/* A bracket goes from its longest exposure to its shortest, or back, in one step. */
+static void note_exposure(struct lp_linearity *l, float log_exposure, float elapsed_s)
 {
 	const float step = fabsf(log_exposure - l->log_exposure); /* NAN: nothing */
 
 	l->log_range = fmaxf(l->log_range * expf(-elapsed_s / LATELY_S), step);
 	l->log_exposure = log_exposure;
-	return step;
 }
 
 /* What the frame shows, for those that follow. */
@@ -254,12 +212,11 @@ static void keep(struct lp_linearity *l, const struct lp_linearity_look *looks, 
 	int told = 0;
 
 	for (int k = 0; k < l->count; k++) {
-		if (looks[k].told != LP_TELLS_LIGHT)
+		if (isnan(looks[k].log_light))
 			continue;
 		depth -= (double)looks[k].log_linear;
 		told++;
 		l->cells[k].last = looks[k];
-		l->cells[k].log_exposure = l->log_exposure;
 		l->cells[k].serial = l->serial;
 	}
 	if (told < LEAST_CELLS)
@@ -277,17 +234,14 @@ void lp_linearity_learn(struct lp_linearity *l, const struct lp_linearity_look *
 	l->serial++;
 	l->count = count;
 	l->variance += DRIFT * DRIFT * elapsed_s;
-	const float step = note_exposure(l, log_exposure, elapsed_s);
-
+	note_exposure(l, log_exposure, elapsed_s);
 	sum_up(l, looks, sums);
-	weigh_torn(l, &sums[0], step, elapsed_s);
 	if (sums[0].count >= LEAST_CELLS) {
 		correct(l, &sums[0]);
 		compare(l, looks, sums);
 		weigh_spread(l);
 	}
 	keep(l, looks, elapsed_s);
-	l->disagrees = l->spread > (l->disagrees ? GOES_ON : BEGINS) || l->torn > TORN;
 }
 
 float lp_linearity_apply(struct lp_linearity *l)
@@ -311,7 +265,7 @@ float lp_linearity_sigma(const struct lp_linearity *l)
 {
 	/* a power raises light by how far it is below full scale; and where cells differ, the
 	 * longest exposure and the shortest contradict each other by that over all between them */
-	const float apart = l->disagrees ? hypotf(l->spread, l->torn) * l->log_range : 0.0F;
+	const float apart = l->disagrees ? UNSEEN * l->spread * l->log_range : 0.0F;
 
 	return sqrtf(l->variance * l->depth * l->depth + apart * apart);
 }

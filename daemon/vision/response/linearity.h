@@ -10,9 +10,7 @@
  *  - if regions that the same two exposures show ask for different powers, no power explains them:
  *    the camera brightens or darkens parts of its picture by what is around them (local tone
  *    mapping), or its response is of quite another form. How much regions differ, beyond what cells
- *    within each differ, is told by an analysis of variance (Fisher 1925);
- *  - if a part of the cells shows quite other light with each change of exposure, that part has the
- *    exposure of another frame.
+ *    within each differ, is told by an analysis of variance (Fisher 1925).
  *
  * Light that changes contradicts, too, but as often one way as the other.
  * Pure computation; one thread; no allocation.
@@ -30,27 +28,17 @@ extern "C" {
 #define LP_LINEARITY_CELLS 1024
 #define LP_LINEARITY_REGIONS 64
 
-/* What a frame tells of a cell. */
-enum lp_linearity_told {
-	LP_TELLS_NOTHING,
-	LP_TELLS_LIGHT,
-	LP_TELLS_BRIGHT, /* brighter than full scale, nearly or quite */
-	LP_TELLS_DARK,	 /* darker than its noise */
-};
-
 /* A cell in a frame. */
 struct lp_linearity_look {
 	int region; /* that it lies in, always the same one: below LP_LINEARITY_REGIONS */
-	enum lp_linearity_told told;
-	/* logarithms of its radiance, and of the same of full scale (below 0); variance of either:
-	 * LIGHT alone */
+	/* logarithms of its radiance (NAN: the frame does not tell), and of the same of full scale
+	 * (below 0); variance of either */
 	float log_light, log_linear, variance;
 };
 
 /* A cell that is watched. */
 struct lp_linearity_cell {
 	struct lp_linearity_look last; /* of the last frame that has shown it */
-	float log_exposure;	       /* of that frame */
 	uint64_t serial;	       /* of that frame; 0: none has */
 	/* by which power more than its fellows the pairs of exposures ask its light to be raised:
 	 * mean of so many, and the information that a pair has */
@@ -61,13 +49,10 @@ struct lp_linearity_cell {
 
 /* Plain data; lp_linearity_init() starts it. */
 struct lp_linearity {
-	float log_power; /* logarithm of the power by which light is to be raised */
-	float variance;	 /* of it */
-	float applied;	 /* what of log_power is in the response in use */
-	float spread;	 /* 1 sigma of the powers that regions ask for, beyond noise */
-	/* share of the cells, lately, whose light is quite another than a frame of another exposure
-	 * has just shown: parts of the picture have the exposure of another frame */
-	float torn;
+	float log_power;    /* logarithm of the power by which light is to be raised */
+	float variance;	    /* of it */
+	float applied;	    /* what of log_power is in the response in use */
+	float spread;	    /* 1 sigma of the powers that regions ask for, beyond noise */
 	float log_exposure; /* of the newest frame; NAN: none */
 	float log_range;    /* longest over shortest exposure lately */
 	float depth;	    /* mean of -log_linear lately; 0: nothing has been seen */
