@@ -70,8 +70,8 @@ struct lp_imager_status {
 	float hidden_share; /* of the light: what was known there */
 	/* 1 sigma of all light, relative, from how well cameras are brought to one scale */
 	float cameras_sigma;
-	/* 1 sigma of all light, relative, from responses; and exposures contradict each other as none
-	 * explains (vision/response/linearity.h) */
+	/* 1 sigma of all light, relative, from responses; and exposures contradict each other as
+	 * none explains (vision/response/linearity.h) */
 	float response_sigma;
 	bool response_fails;
 	int places_left_out; /* cells of all cameras' pictures that shine by themselves */
