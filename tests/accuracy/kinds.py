@@ -41,11 +41,11 @@ KINDS = {
     ),
     "two-modules": Kind(
         "two fisheye modules, 1920×1080",
-        tuple(ROOT / f"tests/accuracy/cameras/hd_module_{name}.camera" for name in ("ahead", "back")),
+        tuple(ROOT / f"tests/accuracy/cameras/hd_module_{way}.camera" for way in ("ahead", "back")),
     ),
     # As many pixels to a degree as a panorama of 1920×960.
     "square-modules": Kind(
         "two fisheye modules, 1040×1040",
-        tuple(ROOT / f"packaging/cameras/module_{name}.camera" for name in ("ahead", "back")),
+        tuple(ROOT / f"packaging/cameras/module_{way}.camera" for way in ("ahead", "back")),
     ),
 }  # fmt: skip

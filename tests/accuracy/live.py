@@ -285,9 +285,7 @@ def _groups(found: Sequence[Live]) -> list[tuple[list[str], list[Figures]]]:
     ):
         key = (exposures, name, motion, teller, ring, cameras)
         some = [
-            one.figures
-            for one in found
-            if (one.exposures, one.subscription, *_what(one)) == key
+            one.figures for one in found if (one.exposures, one.subscription, *_what(one)) == key
         ]
         if some:
             groups.append(([exposures, name, _words(*key[2:])], some))

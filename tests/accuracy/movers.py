@@ -131,8 +131,8 @@ def judged(case: Case) -> list[Moving]:
         figures = judge.judge(lambda packet: truth.light(packet.captured_s), some, run.judged_s)
         found.append(
             Moving(
-                case.what, case.motion, run.kind.words or f"{run.size_px[0]}", run.scene.name, name, figures,
-                truth.step(some), lamps_off_deg(truth, some),
+                case.what, case.motion, run.kind.words or f"{run.size_px[0]}", run.scene.name,
+                name, figures, truth.step(some), lamps_off_deg(truth, some),
             )
         )  # fmt: skip
     return found

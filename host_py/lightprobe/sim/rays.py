@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import TypeVar
@@ -80,8 +81,15 @@ def _between(sums: Array, first: int, part: float, count: int) -> Array:
 class Rays:
     """Resamples an equirectangular map to what lenses see."""
 
-    def __init__(self, lens: Camera, size_px: tuple[int, int], map_px: tuple[int, int]) -> None:
-        """Sizes are (width, height)."""
+    def __init__(
+        self,
+        lens: Camera,
+        size_px: tuple[int, int],
+        map_px: tuple[int, int],
+        lookups_px: Sequence[float] = (0.0,),
+    ) -> None:
+        """Sizes are (width, height); `lookups_px`: see :attr:`Places.lookups_px`."""
+        self._lookups_px = tuple(lookups_px)
         directions, illumination = lens.look(*size_px)
         seen = illumination > 0
         directions = np.where(seen[..., None], directions, [0.0, 0, -1])
@@ -121,7 +129,8 @@ class Rays:
             column[rows] += np.float32((width_px - 1) / 2)
             row[rows] *= np.float32(height_px / np.pi)
             row[rows] -= np.float32(0.5)
-        return Places(column, row, self._illumination, width_px, tilt=(matrices, self._directions))
+        tilt = (matrices, self._directions)
+        return Places(column, row, self._illumination, width_px, self._lookups_px, tilt=tilt)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,20 +141,28 @@ class Places:
     row: NDArray[np.float32]
     illumination: NDArray[np.float32] | None  # (H, W, 3); None: 1
     width_px: int  # of the map
+    lookups_px: tuple[float, ...]  # what is seen is the mean of so far beside, along both axes
     yaw_deg: Array = field(default_factory=lambda: np.zeros(1))  # besides: of the H rows, or (1,)
     # Matrices (H or 1, 3, 3) camera to map, and the camera's rays (H, 3, W); None: up is up.
     tilt: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None
 
     def sample(self, radiance: NDArray[np.float32]) -> NDArray[np.float32]:
         """Radiance (H, W, 3) behind the lenses, roll-off included, of a map that is `padded`."""
-        shift = (self.yaw_deg[:, None] / 360 * self.width_px) % self.width_px - 1  # -1: padded
-        column = self.column - shift.astype(np.float32)
-        np.add(column, np.float32(self.width_px), out=column, where=column < 1)
-        seen = cv2.remap(
-            radiance, column, self.row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-        )
+        seen = self._look_up(radiance, self.lookups_px[0])
+        for beside_px in self.lookups_px[1:]:
+            cv2.accumulate(self._look_up(radiance, beside_px), seen)
+        if len(self.lookups_px) > 1:
+            seen /= np.float32(len(self.lookups_px))
         if self.illumination is not None:
             np.multiply(seen, self.illumination, out=seen)
+        return seen
+
+    def _look_up(self, radiance: NDArray[np.float32], beside_px: float) -> NDArray[np.float32]:
+        shift = (self.yaw_deg[:, None] / 360 * self.width_px) % self.width_px - 1  # -1: padded
+        column = self.column - (shift - beside_px).astype(np.float32)
+        np.add(column, np.float32(self.width_px), out=column, where=column < 1)
+        row = self.row + np.float32(beside_px) if beside_px else self.row
+        seen = cv2.remap(radiance, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return np.asarray(seen, dtype=np.float32)
 
     def sample_polarized(self, parts: NDArray[np.float32]) -> NDArray[np.float32]:
