@@ -298,15 +298,12 @@ def test_each_kind_of_camera_is_what_its_words_say(name: str) -> None:
 
 
 def test_cameras_with_lenses_have_rows_of_their_own() -> None:
-    (case,) = live.cases(
-        ["procedural:1"], ["head"], ["reported"], cameras="dual-fisheye", judged_s=1.0
-    )
-    found = live.judged(case)
-    for one in found:
-        assert one.figures.packets > 25
-        assert one.figures.error_median < 0.02
-        assert one.figures.wrong_and_healthy == 0
-    still = [replace(one, motion="0", cameras=name) for one in found for name in KINDS]
+    still = [
+        live.Live("room", "0", "reported", name, judged([packet()]), cameras=cameras)
+        for cameras in KINDS
+        for name in SUBSCRIPTIONS
+    ]
+    found = [replace(one, motion="head") for one in still if one.cameras == "dual-fisheye"]
     rows = [row for row in live.rows([*found, *still]) if row[1] == "raw"]
     words = KINDS["dual-fisheye"].words
     assert [row[2].endswith(f"; {words}") for row in rows] == [False, True, True, False, False]
@@ -315,6 +312,16 @@ def test_cameras_with_lenses_have_rows_of_their_own() -> None:
     assert len(live.readme_rows([*found, *still])) == 1
     todo = {(one.run.cameras, one.motion) for one in live.lens_cases()}
     assert todo == set(itertools.product(live.LENS_KINDS, live.LENS_RATES))
+
+
+@pytest.mark.nightly
+def test_a_dual_fisheye_holds_while_a_head_moves() -> None:
+    for one in live.judged(live.case(Room(), "head", "reported", cameras="dual-fisheye")):
+        figures = one.figures
+        assert figures.error_median < 0.01
+        assert figures.ambient_step < 0.01
+        assert figures.births_per_s == figures.wrong_and_healthy == 0
+        assert figures.relighting.within_3 == 1
 
 
 def test_troubles_are_told_by_name() -> None:
