@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from kinds import KINDS
 
 if TYPE_CHECKING:
     from judge import Coverage
@@ -64,18 +65,22 @@ def defect_rows(found: Sequence[Live]) -> list[list[str]]:
     """Table of what clients get that ask for nothing: a row for each defect, scene and motion."""
     some = [one for one in found if one.subscription == "default"]
     order = {name: number for number, name in enumerate(DEFECTS)}
-    some.sort(key=lambda one: (order[one.defects], one.scene, one.motion))
+    some.sort(key=lambda one: (one.cameras, order[one.defects], one.scene, one.motion))
     table = []
     for one in some:
         figures = one.figures
         flags = (f"`{name}` {100 * share:.0f} %" for name, share in figures.flags.items())
         table.append([
-            DEFECTS[one.defects].words, one.scene, one.motion, f"{figures.error_median:.3f}",
+            _words(one), one.scene, one.motion, f"{figures.error_median:.3f}",
             f"{figures.error_p90:.3f}", _percent(figures.wrong_and_healthy),
             f"{figures.births_per_s:.1f}", f"{100 * figures.ambient_step:.1f} %",
             _covered(figures.relighting), ", ".join(flags) or "–",
         ])  # fmt: skip
     return table
+
+
+def _words(one: Live) -> str:
+    return "; ".join(filter(None, [KINDS[one.cameras].words, DEFECTS[one.defects].words]))
 
 
 def _percent(share: float) -> str:

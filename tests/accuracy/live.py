@@ -9,6 +9,8 @@ a figure. While you work on the daemon, one scene at two rates takes half a minu
 
     build/venv/bin/python tests/accuracy/live.py --scene room procedural:1 --rates 0,30 \
         --size 960x480 --exposures reported --defects all
+
+--cameras takes other cameras than one that gives panoramas: --cameras dual-fisheye,two-modules.
 """
 
 from __future__ import annotations
@@ -28,6 +30,7 @@ import recording
 from defects import DEFECTS, defect_rows
 from defects import HEAD as DEFECTS_HEAD
 from judge import Coverage, Figures, Light, Packet, judge
+from kinds import KINDS
 from lightprobe import geometry
 from lightprobe.errors import LightprobeError
 from lightprobe.sim.flicker import Flicker
@@ -43,6 +46,7 @@ from recording import (
     SIZE_PX,
     SUBSCRIPTIONS,
     Run,
+    add_cameras,
     add_options,
     find,
     listed,
@@ -63,6 +67,9 @@ TROUBLED_SCENES = ("room",)
 TOLD_SCENES, TOLD_RATES = ("room",), ("100", "swing", "head")
 #: Where lamps and suns clip: with the ring of light sensors.
 RING_SCENES, RING_RATES = ("blender",), ("0", "30", "100")
+#: Cameras with lenses, in the table of SCENES.
+LENS_SCENES, LENS_RATES = ("room",), ("0", "head")
+LENS_KINDS = ("dual-fisheye", "two-modules")
 #: Simulated seconds that are judged.
 JUDGED_S = 4.0
 
@@ -114,6 +121,7 @@ class Live:
     orientation: str = "visual"
     ring: bool = False
     defects: str = "none"
+    cameras: str = "equirect"  # of KINDS
     in_world: float | None = None  # share of the packets; None: nobody asked for it
     off_deg: float | None = None  # of what they state as their orientation, 95 % of them
     sigma_deg: float | None = None  # that they state, median
@@ -167,6 +175,7 @@ def judged(case: Case) -> list[Live]:
                 run.orientation,
                 run.ring,
                 run.defects,
+                run.cameras,
                 **(told(some, recorded.world) if asked else {}),
                 scale=scale,
             )
@@ -214,6 +223,15 @@ def ring_cases(judged_s: float = JUDGED_S) -> list[Case]:
     return cases(RING_SCENES, RING_RATES, ["reported"], ring=True, judged_s=judged_s)
 
 
+def lens_cases(judged_s: float = JUDGED_S) -> list[Case]:
+    """Cameras with lenses."""
+    return [
+        one
+        for kind in LENS_KINDS
+        for one in cases(LENS_SCENES, LENS_RATES, ["reported"], cameras=kind, judged_s=judged_s)
+    ]
+
+
 def ring_rows(moving: Sequence[Live], ringed: Sequence[Live]) -> list[list[str]]:
     """Rows of `ringed`, and beside them those of the same scenes and rates without the ring."""
     same = {(one.scene, one.motion, one.exposures) for one in ringed}
@@ -223,7 +241,8 @@ def ring_rows(moving: Sequence[Live], ringed: Sequence[Live]) -> list[list[str]]
 
 def readme_rows(found: Sequence[Live]) -> list[list[str]]:
     """Table over scenes of what a client gets that asks for nothing, exposures reported."""
-    some = [one for one in found if (one.exposures, one.subscription) == ("reported", "default")]
+    shown = ("reported", "default", "equirect")
+    some = [one for one in found if (one.exposures, one.subscription, one.cameras) == shown]
     columns = [HEAD.index(name) for name in README_HEAD]
     return [[row[column] for column in columns] for row in rows(some)]
 
@@ -260,36 +279,43 @@ COVERAGE_HEAD = [
 def _groups(found: Sequence[Live]) -> list[tuple[list[str], list[Figures]]]:
     """First cells of a row, and the figures of all scenes for it."""
     groups = []
-    kinds = list(product((*MOTIONS, *TROUBLES), ORIENTATIONS, (False, True)))
-    for exposures, name, (motion, teller, ring) in product(EXPOSURES, SUBSCRIPTIONS, kinds):
-        key = (exposures, name, motion, teller, ring)
+    kinds = list(product(KINDS, (*MOTIONS, *TROUBLES), ORIENTATIONS, (False, True)))
+    for exposures, name, (cameras, motion, teller, ring) in product(
+        EXPOSURES, SUBSCRIPTIONS, kinds
+    ):
+        key = (exposures, name, motion, teller, ring, cameras)
         some = [
-            one.figures
-            for one in found
-            if (one.exposures, one.subscription, one.motion, one.orientation, one.ring) == key
+            one.figures for one in found if (one.exposures, one.subscription, *_what(one)) == key
         ]
         if some:
-            groups.append(([exposures, name, _words(motion, teller, ring)], some))
+            groups.append(([exposures, name, _words(*key[2:])], some))
     return groups
 
 
-def _words(motion: str, orientation: str = "visual", ring: bool = False) -> str:
+def _what(one: Live) -> tuple[str, str, bool, str]:
+    """Arguments of :func:`_words`."""
+    return one.motion, one.orientation, one.ring, one.cameras
+
+
+def _words(
+    motion: str, orientation: str = "visual", ring: bool = False, cameras: str = "equirect"
+) -> str:
     words = TROUBLES[motion][0] if motion in TROUBLES else motions.words(motion)
     besides = [ORIENTATIONS[orientation].words, "with the ring" if ring else ""]
-    return "; ".join(filter(None, [words, *besides]))
+    return "; ".join(filter(None, [words, *besides, KINDS[cameras].words]))
 
 
 def _more_than_still(found: Sequence[Live], first: Sequence[str]) -> str:
     """Largest difference of the median errors to those of the same scene while nothing moves."""
-    errors: dict[str, dict[str, float]] = {}
-    for one in found:
-        if [one.exposures, one.subscription] == list(first[:2]):
-            words = _words(one.motion, one.orientation, one.ring)
-            errors.setdefault(one.scene, {})[words] = one.figures.error_median
-    words = first[2]
-    still = _words("0", ring=words.endswith("with the ring"))
-    more = [of[words] - of[still] for of in errors.values() if {words, still} <= of.keys()]
-    return f"{np.nanmax(more):.3f}" if np.isfinite(more).any() and words != still else "–"
+    some = [one for one in found if [one.exposures, one.subscription] == list(first[:2])]
+    errors = {(one.scene, *_what(one)): one.figures.error_median for one in some}
+    more = [
+        one.figures.error_median - errors[still]
+        for one in some
+        if _words(*_what(one)) == first[2] and one.motion != "0"
+        if (still := (one.scene, "0", "visual", one.ring, one.cameras)) in errors
+    ]
+    return f"{np.nanmax(more):.3f}" if np.isfinite(more).any() else "–"
 
 
 def rows(found: Sequence[Live]) -> list[list[str]]:
@@ -380,7 +406,7 @@ def draw(found: Sequence[Live], path: Path) -> None:
         some = {
             (one.scene, one.motion): one.figures
             for one in found
-            if (one.exposures, one.subscription) == (exposures, "raw")
+            if (one.exposures, one.subscription, one.cameras) == (exposures, "raw", "equirect")
         }
         for index, scene in enumerate(sorted({one.scene for one in found})):
             look = {"color": COLOURS[index % len(COLOURS)], "marker": "o", "markersize": 3}
@@ -427,12 +453,14 @@ def main() -> None:
         help=f"of the camera and its lens: all, or of {','.join(DEFECTS)}")  # fmt: skip
     parser.add_argument("--pixels", type=pixels, default=pixels(""), metavar="K=V&…",
         help="of the sensor, as simulate --pixel-defects has them: stuck=12")  # fmt: skip
+    add_cameras(parser)
     add_options(parser, SCENES)
     options = parser.parse_args()
     use_daemon(options.daemon)
     todo = [
         one
         for orientation in options.orientation
+        for cameras in options.cameras
         for name in (DEFECTS if "all" in options.defects else options.defects)
         for one in cases(
             options.scene,
@@ -445,6 +473,7 @@ def main() -> None:
             orientation=orientation,
             ring=options.ring,
             defects=name,
+            cameras=cameras,
             pixels=options.pixels,
         )
     ]

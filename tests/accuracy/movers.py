@@ -27,7 +27,17 @@ from lightprobe.geometry import Array
 from lightprobe.sim.moved import Change, change
 from lightprobe.sim.movers import Movers
 from lightprobe.sim.scene import Scene
-from recording import Run, add_options, find, listed, markdown, record, to_json, use_daemon
+from recording import (
+    Run,
+    add_cameras,
+    add_options,
+    find,
+    listed,
+    markdown,
+    record,
+    to_json,
+    use_daemon,
+)
 
 WHAT = {
     "nobody": Movers(),
@@ -63,7 +73,7 @@ class Moving:
 
     what: str
     motion: str
-    width_px: int
+    picture: str
     scene: str
     subscription: str
     figures: Figures
@@ -121,8 +131,8 @@ def judged(case: Case) -> list[Moving]:
         figures = judge.judge(lambda packet: truth.light(packet.captured_s), some, run.judged_s)
         found.append(
             Moving(
-                case.what, case.motion, run.size_px[0], run.scene.name, name, figures,
-                truth.step(some), lamps_off_deg(truth, some),
+                case.what, case.motion, run.kind.words or f"{run.size_px[0]}", run.scene.name,
+                name, figures, truth.step(some), lamps_off_deg(truth, some),
             )
         )  # fmt: skip
     return found
@@ -157,7 +167,7 @@ def rows(found: Sequence[Moving], subscription: str = "default") -> list[list[st
         within = (f.relighting.within_1, f.relighting.within_3)
         flags = ", ".join(f"`{name}` {100 * share:.0f} %" for name, share in f.flags.items())
         table.append([
-            one.what, one.motion, f"{one.width_px}", one.scene, f"{f.error_median:.3f}",
+            one.what, one.motion, one.picture, one.scene, f"{f.error_median:.3f}",
             f"{f.error_p90:.3f}", f"{f.births_per_s:.2f}", f"{100 * f.ambient_step:.1f} %",
             f"{100 * one.true_step:.1f} %",
             ", ".join("–" if share is None else f"{100 * share:.0f} %" for share in within),
@@ -177,6 +187,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=6.0,
         help="simulated seconds that are judged (default 6)")  # fmt: skip
     parser.add_argument("--raw", action="store_true", help="of raw packets, not smoothed ones")
+    add_cameras(parser)
     add_options(parser, ["room", "procedural:1"])
     options = parser.parse_args()
     use_daemon(options.daemon)
@@ -184,10 +195,11 @@ def main() -> None:
         case(
             scene, what, motion, size_px=SIZES[size], exposures=options.exposures[0],
             judged_s=options.seconds, faults=options.faults,
-            daemon_arguments=tuple(options.daemon_args),
+            daemon_arguments=tuple(options.daemon_args), cameras=cameras,
         )
         for scene in find(options.scene)
-        for size in options.size
+        for cameras in options.cameras
+        for size in (options.size if cameras == "equirect" else options.size[:1])
         for motion in options.motion
         for what in options.what
     ]  # fmt: skip

@@ -19,10 +19,10 @@ import cv2
 import numpy as np
 from defects import DEFECTS
 from judge import Packet
+from kinds import KINDS, Kind
 from lightprobe.errors import LightprobeError, UsageError
 from lightprobe.estimate import Estimate, Frame
 from lightprobe.geometry import Array
-from lightprobe.imaging import camera as lenses
 from lightprobe.imaging.image import HDR_SUFFIXES
 from lightprobe.sim import response as responses
 from lightprobe.sim import scenes
@@ -102,12 +102,9 @@ ORIENTATIONS = {
 
 
 #: Two fisheye modules back to back, as many pixels to a degree as SIZE_PX.
-MODULES = [
-    Path(__file__).resolve().parents[2] / f"packaging/cameras/module_{name}.camera"
-    for name in ("ahead", "back")
-]
-
-
+MODULES = KINDS["square-modules"].files
+#: The second of two cameras exposes so much later.
+LATER_S = 0.008
 #: Where highlights begin to bend, of full scale.
 KNEE_AT = 0.7
 
@@ -116,7 +113,7 @@ KNEE_AT = 0.7
 class Pair:
     """Two modules instead of one camera: how the second differs."""
 
-    later_s: float = 0.008
+    later_s: float = LATER_S
     sensitivity: tuple[float, float, float] = (1.0, 1.0, 1.0)  # R, G, B, against the first
     gamma: float = 1.0  # of its response, against the first: light to this power
     knee: float = 0.0  # full scale is so much more light, relative: highlights are compressed
@@ -142,10 +139,16 @@ class Run:
     row_time_us: float = 0.0
     orientation: str = "visual"
     ring: bool = False  # with a ring of light sensors, calibrated to 3 %, beside the camera
-    pair: Pair | None = None  # two modules, of the size that their files state
-    pixels: PixelDefects = field(default_factory=PixelDefects)  # of the sensor
-    defects: str = "none"  # of DEFECTS; of one camera, not of a pair
+    cameras: str = "equirect"  # of KINDS; lenses have pictures of the size that their files state
+    pair: Pair | None = None  # two modules that differ, instead of `cameras`
+    pixels: PixelDefects = field(default_factory=PixelDefects)  # of the sensors
+    defects: str = "none"  # of DEFECTS; of all cameras, not of a pair
     levels: tuple[float, ...] = (1.0,)  # of all light, in turns, behaviour.act_s each
+
+    @property
+    def kind(self) -> Kind:
+        """Give the kind of the cameras."""
+        return KINDS["square-modules" if self.pair else self.cameras]
 
     @property
     def settle_s(self) -> float:
@@ -173,28 +176,20 @@ class Recording:
 
 
 def cameras(run: Run, world: World) -> list[SimulatedCamera]:
-    """Give the camera of a run, or its two modules."""
-    if run.pair is None:
-        lens, defects = lenses.load("equirect"), DEFECTS[run.defects]
-        return [
-            SimulatedCamera(
-                world, lens, run.size_px, rate_hz=run.rate_hz, row_time_us=run.row_time_us,
-                quality=defects.quality,
-                response=None if defects.response is None else responses.parse(defects.response),
-                processing=Processing().merged(defects.processing),
-                lens_defects=LensDefects().merged(defects.lens_defects),
-                pixels=run.pixels,
-            )
-        ]  # fmt: skip
-    found = []
-    for number, path in enumerate(MODULES):
-        lens = lenses.load(str(path))
+    """Give the cameras of a run: one, or several in one box."""
+    defects, pair, found = DEFECTS[run.defects], run.pair, []
+    known = None if defects.response is None else responses.parse(defects.response)
+    for number, (lens, size_px) in enumerate(run.kind.seen(run.size_px)):
+        differs = pair if number else None
         found.append(
             SimulatedCamera(
-                world, lens, (lens.width_px, lens.height_px), rate_hz=run.rate_hz,
-                row_time_us=run.row_time_us, seed=number, phase_s=number * run.pair.later_s,
-                white_balance=run.pair.sensitivity if number else (1.0, 1.0, 1.0),
-                response=run.pair.response(lens.response_table()) if number else None,
+                world, lens, size_px, rate_hz=run.rate_hz, row_time_us=run.row_time_us,
+                seed=number, phase_s=number * (pair.later_s if pair else LATER_S),
+                white_balance=differs.sensitivity if differs else (1.0, 1.0, 1.0),
+                response=differs.response(lens.response_table()) if differs else known,
+                quality=defects.quality, processing=Processing().merged(defects.processing),
+                lens_defects=LensDefects().merged(defects.lens_defects),
+                pixels=replace(run.pixels, seed=run.pixels.seed + number),
             )
         )  # fmt: skip
     return found
@@ -208,9 +203,7 @@ def record(run: Run) -> Recording:
     camera, *others = cameras(run, world)
     teller = ORIENTATIONS[run.orientation]
     faults = EXPOSURES[run.exposures].merged(run.faults).merged(teller.faults)
-    arguments = (f"--orientation={teller.kind}", *run.daemon_arguments)
-    if run.pair:
-        arguments += tuple(f"--camera={path}" for path in MODULES)
+    arguments = (f"--orientation={teller.kind}", *run.daemon_arguments, *run.kind.daemon_arguments)
     frame: Frame = "WORLD" if teller.wants_world else "PROBE"
     with contextlib.ExitStack() as stack:
         ring = stack.enter_context(LiveRing()) if run.ring else None
@@ -335,6 +328,14 @@ def add_options(parser: argparse.ArgumentParser, names: Sequence[str]) -> None:
         help="more options of the daemon: --daemon-args='--preset=fast'")  # fmt: skip
     add("--processes", type=int, default=2, help="runs at a time (default 2)")
     add("--json", action="store_true", help="print all figures instead of tables")
+
+
+def add_cameras(parser: argparse.ArgumentParser) -> None:
+    """What live.py and movers.py have in common."""
+    lenses = "; ".join(f"{name}: {kind.words}" for name, kind in KINDS.items() if kind.words)
+    parser.add_argument("--cameras", type=listed(list(KINDS), "cameras"), default=["equirect"],
+        metavar="KIND,…", help="equirect, of --size (default), or lenses, whose pictures are as "
+        f"large as their camera files state: {lenses}")  # fmt: skip
 
 
 def use_daemon(path: Path | None) -> None:

@@ -158,7 +158,9 @@ MOVING_S = 60.0
 
 def live_figures(out: Path, page: Path) -> dict[str, str]:
     """Measure turning cameras, troubles and changing lamps; the parts of the page."""
-    moving = live.all_figures(live.cases(live.SCENES, judged_s=MOVING_S))
+    moving = live.all_figures(
+        [*live.cases(live.SCENES, judged_s=MOVING_S), *live.lens_cases(judged_s=MOVING_S)]
+    )
     troubled = live.all_figures(live.cases(live.TROUBLED_SCENES, tuple(live.TROUBLES)))
     told = live.all_figures(live.told_cases())
     ringed = live.all_figures(live.ring_cases(judged_s=MOVING_S))

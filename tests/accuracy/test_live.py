@@ -1,5 +1,6 @@
 """The figures of `make accuracy` about turning cameras are what their names say."""
 
+import itertools
 from dataclasses import replace
 
 import judge
@@ -10,6 +11,7 @@ import recording
 from defects import DEFECTS, defect_rows
 from defects import HEAD as DEFECTS_HEAD
 from judge import Coverage, Light, Packet
+from kinds import KINDS
 from lightprobe import geometry, sh
 from lightprobe.colour import luminance
 from lightprobe.estimate import Estimate, EstimateFlag, LightFlag, SphericalHarmonics
@@ -20,6 +22,7 @@ from lightprobe.sim import scenes
 from lightprobe.sim.camera import Shot, SimulatedCamera
 from lightprobe.sim.live import LiveProbe
 from lightprobe.sim.motion import turned, way_deg
+from lightprobe.sim.pixel_defects import PixelDefects
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.room import Room
 from lightprobe.sim.scene import PanoramaScene
@@ -278,6 +281,47 @@ def test_a_scene_without_packets_shows_in_the_table() -> None:
     assert len(live.coverage_rows(lives)) == 1
     (alone,) = live.rows(lives[1:])
     assert alone[3] == "0"
+
+
+@pytest.mark.parametrize("name", list(KINDS))
+def test_each_kind_of_camera_is_what_its_words_say(name: str) -> None:
+    run = recording.Run(SCENE, size_px=SMALL_PX, cameras=name, pixels=PixelDefects(stuck=3))
+    found = recording.cameras(run, World([SCENE], run.behaviour))
+    sizes = {"{}×{}".format(*camera.size_px) for camera in found}
+    assert sizes == {KINDS[name].words.rpartition(" ")[2] or "480×240"}
+    assert len(found) == max(len(run.kind.daemon_arguments), 1)
+    assert len(found) == (2 if "modules" in name else 1)
+    assert len({(camera.phase_s, camera.sensor.seed) for camera in found}) == len(found)
+    looks = [camera.lens.look(*camera.size_px)[0].reshape(-1, 3) for camera in found]
+    seen = np.concatenate([look[np.isfinite(look[:, 0])] for look in looks])
+    assert all((seen @ axis).max() > 0.99 for axis in np.vstack([np.eye(3), -np.eye(3)]))
+
+
+def test_cameras_with_lenses_have_rows_of_their_own() -> None:
+    still = [
+        live.Live("room", "0", "reported", name, judged([packet()]), cameras=cameras)
+        for cameras in KINDS
+        for name in SUBSCRIPTIONS
+    ]
+    found = [replace(one, motion="head") for one in still if one.cameras == "dual-fisheye"]
+    rows = [row for row in live.rows([*found, *still]) if row[1] == "raw"]
+    words = KINDS["dual-fisheye"].words
+    assert [row[2].endswith(f"; {words}") for row in rows] == [False, True, True, False, False]
+    assert [row[5] for row in rows] == ["–", "–", "0.000", "–", "–"]
+    assert defect_rows(found)[0][0] == f"{words}; no defect"
+    assert len(live.readme_rows([*found, *still])) == 1
+    todo = {(one.run.cameras, one.motion) for one in live.lens_cases()}
+    assert todo == set(itertools.product(live.LENS_KINDS, live.LENS_RATES))
+
+
+@pytest.mark.nightly
+def test_a_dual_fisheye_holds_while_a_head_moves() -> None:
+    for one in live.judged(live.case(Room(), "head", "reported", cameras="dual-fisheye")):
+        figures = one.figures
+        assert figures.error_median < 0.01
+        assert figures.ambient_step < 0.01
+        assert figures.births_per_s == figures.wrong_and_healthy == 0
+        assert figures.relighting.within_3 == 1
 
 
 def test_troubles_are_told_by_name() -> None:

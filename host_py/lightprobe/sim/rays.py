@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import TypeVar
@@ -80,9 +81,21 @@ def _between(sums: Array, first: int, part: float, count: int) -> Array:
 class Rays:
     """Resamples an equirectangular map to what lenses see."""
 
-    def __init__(self, lens: Camera, size_px: tuple[int, int], map_px: tuple[int, int]) -> None:
-        """Sizes are (width, height)."""
+    def __init__(
+        self,
+        lens: Camera,
+        size_px: tuple[int, int],
+        map_px: tuple[int, int],
+        lookups_px: Sequence[float] = (0.0,),
+    ) -> None:
+        """Sizes are (width, height); `lookups_px`: see :attr:`Places.lookups_px`."""
+        self._lookups_px = tuple(lookups_px)
         directions, illumination = lens.look(*size_px)
+        # Beside a circle in a wide picture nothing is seen: these columns are left out.
+        within = np.flatnonzero((illumination > 0).any(axis=0))
+        first, last = (within[0], within[-1]) if len(within) else (0, size_px[0] - 1)
+        self._beside_px = (int(first), int(size_px[0] - 1 - last))
+        directions, illumination = (one[:, first : last + 1] for one in (directions, illumination))
         seen = illumination > 0
         directions = np.where(seen[..., None], directions, [0.0, 0, -1])
         # (H, 3, W): so each row has its own rotation in one product.
@@ -121,31 +134,52 @@ class Rays:
             column[rows] += np.float32((width_px - 1) / 2)
             row[rows] *= np.float32(height_px / np.pi)
             row[rows] -= np.float32(0.5)
-        return Places(column, row, self._illumination, width_px, tilt=(matrices, self._directions))
+        tilt = (matrices, self._directions)
+        return Places(
+            column, row, self._illumination, width_px, self._lookups_px, self._beside_px, tilt=tilt
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Where rays (H, W) end in an equirectangular map."""
+    """Where rays end in an equirectangular map."""
 
-    column: NDArray[np.float32]
+    column: NDArray[np.float32]  # (H, W), of the columns that see anything
     row: NDArray[np.float32]
     illumination: NDArray[np.float32] | None  # (H, W, 3); None: 1
     width_px: int  # of the map
+    lookups_px: tuple[float, ...]  # what is seen is the mean of so far beside, along both axes
+    beside_px: tuple[int, int] = (0, 0)  # columns of the picture at the left and right of those
     yaw_deg: Array = field(default_factory=lambda: np.zeros(1))  # besides: of the H rows, or (1,)
     # Matrices (H or 1, 3, 3) camera to map, and the camera's rays (H, 3, W); None: up is up.
     tilt: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None
 
     def sample(self, radiance: NDArray[np.float32]) -> NDArray[np.float32]:
         """Radiance (H, W, 3) behind the lenses, roll-off included, of a map that is `padded`."""
-        shift = (self.yaw_deg[:, None] / 360 * self.width_px) % self.width_px - 1  # -1: padded
-        column = self.column - shift.astype(np.float32)
-        np.add(column, np.float32(self.width_px), out=column, where=column < 1)
-        seen = cv2.remap(
-            radiance, column, self.row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-        )
+        return self._whole(self._sample(radiance))
+
+    def _whole(self, seen: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Add the columns that see nothing."""
+        if self.beside_px == (0, 0):
+            return seen
+        return np.pad(seen, ((0, 0), self.beside_px, (0, 0)))
+
+    def _sample(self, radiance: NDArray[np.float32]) -> NDArray[np.float32]:
+        seen = self._look_up(radiance, self.lookups_px[0])
+        for beside_px in self.lookups_px[1:]:
+            cv2.accumulate(self._look_up(radiance, beside_px), seen)
+        if len(self.lookups_px) > 1:
+            seen /= np.float32(len(self.lookups_px))
         if self.illumination is not None:
             np.multiply(seen, self.illumination, out=seen)
+        return seen
+
+    def _look_up(self, radiance: NDArray[np.float32], beside_px: float) -> NDArray[np.float32]:
+        shift = (self.yaw_deg[:, None] / 360 * self.width_px) % self.width_px - 1  # -1: padded
+        column = self.column - (shift - beside_px).astype(np.float32)
+        np.add(column, np.float32(self.width_px), out=column, where=column < 1)
+        row = self.row + np.float32(beside_px) if beside_px else self.row
+        seen = cv2.remap(radiance, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return np.asarray(seen, dtype=np.float32)
 
     def sample_polarized(self, parts: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -154,9 +188,9 @@ class Places:
         The frames are as of :class:`lightprobe.sim.scene.Layers`: x = d × up. Of a camera that is
         tilted another up counts than of the map.
         """
-        s1, s2 = (self.sample(part) for part in parts)
+        s1, s2 = (self._sample(part) for part in parts)
         if self.tilt is None:
-            return np.stack([s1, s2])
+            return np.stack([self._whole(s1), self._whole(s2)])
         matrices, directions = self.tilt
         x, y, z = np.moveaxis(matrices @ directions, 1, 0)
         up = matrices[..., 1].T[..., None]  # the camera's, in the map
@@ -166,4 +200,5 @@ class Places:
         over = 1 / np.maximum(along * along + across * across, np.float32(1e-12))
         cosine = ((along * along - across * across) * over)[..., None]
         sine = (2 * along * across * over)[..., None]
-        return np.stack([s1 * cosine + s2 * sine, s2 * cosine - s1 * sine])
+        turned = (s1 * cosine + s2 * sine, s2 * cosine - s1 * sine)
+        return np.stack([self._whole(part) for part in turned])

@@ -19,6 +19,7 @@ from lightprobe.geometry import Array
 from lightprobe.imaging.camera import Camera
 from lightprobe.imaging.film import Sheet
 from lightprobe.imaging.polarizer import Polarizer
+from lightprobe.sim import spread
 from lightprobe.sim.motion import level_yaw_deg, turned
 from lightprobe.sim.moved import Canvas
 from lightprobe.sim.rays import Rays, evened, padded, rolled, smeared
@@ -52,10 +53,13 @@ class View:
         self._seen_turned = seen_turned
         # Equirectangular pictures that turn about the vertical alone turn by whole pixels. When
         # they tilt, too, they are looked up in a map like them: a point of light is then seen by as
-        # many pixels wherever it comes to lie. Lenses look into a map finer than the picture.
+        # many pixels wherever it comes to lie. Lenses look into a map finer than the picture, which
+        # is blurred as they and their pixels do.
         simple = lens.is_whole and world.behaviour.is_level
-        self._map_px = size_px if lens.is_whole else (2 * size_px[0], size_px[0])
-        self._rays = None if simple else Rays(lens, size_px, self._map_px)
+        self._pitch_rad = 0.0 if lens.is_whole else spread.pitch_rad(lens, size_px)
+        self._map_px = size_px if lens.is_whole else spread.map_px(lens, size_px)
+        lookups_px = (0.0,) if lens.is_whole else spread.LOOKUPS_PX
+        self._rays = None if simple else Rays(lens, size_px, self._map_px, lookups_px)
         # All of it now: a camera does not pause when the scene changes.
         self._layers = [scene.render(*self._map_px) for scene in world.scenes]
         polarized = not all(layers.unpolarized for layers in self._layers)
@@ -136,10 +140,17 @@ class View:
         if self._composed is None or self._composed[0] != key:
             layers, polarized = self.layers_of(state), None
             if self.through_film(state) and not layers.unpolarized:
-                polarized = layers.compose_polarized(powers)
-            self._composed = (key, (layers.compose(powers), polarized))
+                polarized = self._softened(layers.compose_polarized(powers))
+            (radiance,) = self._softened(layers.compose(powers)[None])
+            self._composed = (key, (radiance, polarized))
         clean = self._composed[1]
         return self._canvas.show(*clean, state) if state.movers else clean
+
+    def _softened(self, maps: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Blur maps (N, H, W, 3) that lenses look into as these do; before anything moves there."""
+        if not self._pitch_rad:
+            return maps
+        return np.stack([spread.spread(one, self._pitch_rad) for one in maps])
 
     # ------------------------------------------------------------ turned, by whole columns
 
@@ -257,8 +268,9 @@ class View:
             polarized = None
             if with_polarized and layers.lamps[k].polarized is not None:
                 polarized = layers.compose_polarized(alone) - layers.compose_polarized(0 * alone)
+                polarized = self._softened(polarized)
             share = more.astype(np.float32)[:, None, None]
-            lamp = layers.compose_lamps(alone)
+            (lamp,) = self._softened(layers.compose_lamps(alone)[None])
             if state.movers:
                 lamp = self._canvas.hide(lamp)
                 if polarized is not None:
