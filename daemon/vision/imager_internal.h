@@ -159,6 +159,10 @@ void lp_imager_rescale(struct lp_imager *imager, float scale);
 
 /* unknown_exposure.c: choose the cells of the panorama that are watched. */
 void lp_imager_watch(struct lp_imager *imager);
+/* glare/look.c: what the newest frame says of the lens' glare, which is then taken off anew; and
+ * how certain that leaves the frame. */
+void lp_imager_look_through_veil(struct lp_imager *imager);
+void lp_imager_weigh_veil(struct lp_imager *imager, struct lp_observation *seen);
 /* bands.c: does the newest frame, before the map learns from it, show bands? */
 void lp_imager_look_for_bands(struct lp_imager *imager);
 
