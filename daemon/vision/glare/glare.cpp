@@ -141,14 +141,15 @@ struct contradictions {
 
 extern "C" float lp_glare_kept(const struct lp_glare *glare)
 {
-	return 1.0F - glare->believed * (glare->shares.even + glare->shares.around);
+	return glare->known ? 1.0F - glare->believed * (glare->shares.even + glare->shares.around)
+			    : 1.0F;
 }
 
 extern "C" void lp_glare_spread(struct lp_glare *glare)
 {
 	glare->believed = glare->allowed < 1.0F ? glare->believed * glare->allowed
 						: std::min(glare->believed + kRegained, 1.0F);
-	glare->looked = true;
+	glare->looked = glare->known = true;
 	set_even(glare);
 	for (int k = 0; k < glare->lens_count; k++)
 		if (glare->lens[k].spreads)

@@ -48,6 +48,7 @@ struct lp_glare {
 	float believed;		       /* of them, 0 .. 1 */
 	float allowed; /* of that, by the newest picture; looked at once after each look */
 	bool looked;
+	bool known;  /* a frame has been looked at: until then no veil is taken off */
 	float sigma; /* of all light, relative, from how well the veil is known; 0: none yet */
 	bool told;   /* the log has told that less is believed */
 	/* Of a panorama: the whole sphere, and two halves. */
@@ -73,7 +74,7 @@ struct lp_glare {
 int lp_glare_create(const struct lp_camera *camera, int panorama_width, struct lp_glare **glare);
 void lp_glare_destroy(struct lp_glare *glare); /* accepts NULL */
 
-/* What of the light passes without being spread. */
+/* What of the light passes without being spread; 1 until a frame has been looked at. */
 float lp_glare_kept(const struct lp_glare *glare);
 
 /* Look at the newest frame, from which the veil as known so far has been taken, and at the map:

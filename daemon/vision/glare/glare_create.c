@@ -3,6 +3,7 @@
 #include <errno.h>
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "vision/glare/glare.h"
 
@@ -52,11 +53,33 @@ static void set_panorama(struct lp_glare *g)
 	}
 }
 
+/* A node of which no lens sees the middle has the shares of a neighbour: cells beside it are seen.
+ */
+static void fill_shares(struct lp_glare *g, const bool *was_seen, bool *is_seen)
+{
+	for (int n = 0; n < LP_VEIL_NODES; n++) {
+		const int row = n / LP_VEIL_WIDTH * LP_VEIL_WIDTH, column = n - row;
+		const int beside[4] = {row + (column + 1) % LP_VEIL_WIDTH,
+				       row + (column + LP_VEIL_WIDTH - 1) % LP_VEIL_WIDTH,
+				       n >= LP_VEIL_WIDTH ? n - LP_VEIL_WIDTH : n,
+				       n + LP_VEIL_WIDTH < LP_VEIL_NODES ? n + LP_VEIL_WIDTH : n};
+
+		for (int b = 0; b < 4 && !is_seen[n]; b++) {
+			is_seen[n] = was_seen[beside[b]];
+			for (int k = 0; k < g->lens_count && is_seen[n]; k++)
+				g->lens[k].even[n] = g->lens[k].out_of[n] =
+					g->lens[k].even[beside[b]];
+		}
+	}
+}
+
 /* Lenses as the camera file has them; also one picture of a part of the sphere. */
 static void set_lenses(struct lp_glare *g, const struct lp_camera *camera)
 {
 	const int width = camera->width_px ? camera->width_px : LP_VEIL_WIDTH;
 	const int height = camera->height_px ? camera->height_px : LP_VEIL_HEIGHT;
+
+	bool seen[LP_VEIL_NODES] = {false}, filled[LP_VEIL_NODES];
 
 	g->lens_count = camera->lens_count;
 	for (int n = 0; n < LP_VEIL_NODES; n++) {
@@ -73,7 +96,10 @@ static void set_lenses(struct lp_glare *g, const struct lp_camera *camera)
 		}
 		for (int k = 0; k < g->lens_count && sum > 0.0; k++)
 			g->lens[k].even[n] = g->lens[k].out_of[n] = (float)(share[k] / sum);
+		seen[n] = sum > 0.0;
 	}
+	memcpy(filled, seen, sizeof(filled));
+	fill_shares(g, seen, filled);
 	for (int k = 0; k < g->lens_count; k++)
 		g->lens[k].spreads = true;
 }
@@ -98,9 +124,13 @@ static void balance(struct lp_glare *g, struct lp_glare_lens *lens)
 				b[n] = sqrtf(b[n] / g->work[n][0]);
 	}
 	for (int n = 0; n < LP_VEIL_NODES; n++) {
-		lens->into[n] = lens->source[n] * b[n];
-		lens->out_of[n] *= b[n];
+		lens->into[n] = b[n];
+		for (int c = 0; c < 4; c++)
+			g->work[n][c] = b[n] * node_sr(n);
 	}
+	lp_spread_apply(g->spread, (const float(*)[4])g->work, g->work);
+	for (int n = 0; n < LP_VEIL_NODES; n++) /* b where the lens sees, once it is balanced */
+		lens->out_of[n] /= g->work[n][0];
 }
 
 static int allocate(struct lp_glare *g, int width)

@@ -9,6 +9,8 @@
 
 /* Less than this share of what the camera file states is told, once. */
 #define TOLD_BELOW 0.7F
+/* The first frame shows its veil as light; and one that contradicts the veil says by how much. */
+#define MOST_ROUNDS 4
 
 static void tell(struct lp_glare *glare, const char *camera)
 {
@@ -28,11 +30,16 @@ void lp_imager_look_through_veil(struct lp_imager *imager)
 
 	if (!eye->glare)
 		return;
-	const struct lp_residual residual = lp_imager_residual(imager);
+	for (int round = 0; round < MOST_ROUNDS; round++) {
+		const struct lp_residual residual = lp_imager_residual(imager);
+		const bool is_first = !eye->glare->known;
 
-	lp_glare_look(eye->glare, &residual, eye->over_film);
+		lp_glare_look(eye->glare, &residual, eye->over_film);
+		lp_imager_map(imager);
+		if (!is_first && eye->glare->allowed == 1.0F)
+			break;
+	}
 	tell(eye->glare, eye->camera->name);
-	lp_imager_map(imager);
 }
 
 void lp_imager_weigh_veil(struct lp_imager *imager, struct lp_observation *seen)
