@@ -26,41 +26,28 @@ static const float *light_of(const struct lp_residual *frame, int cell, int seen
 	return !o->coded || shown[LP_LUMINANCE] > SHOWN * o->scale ? shown : known;
 }
 
-static void add(float sum[4], const float light[4], float share)
-{
-	for (int c = 0; c < 4; c++)
-		sum[c] += share * light[c];
-}
-
-/* To the four nodes around a cell. */
-static void collect(struct lp_glare *g, int seen, const float light[4], float sr)
-{
-	const int row = seen / g->width, column = seen - row * g->width;
-	const int left = g->column_node[column];
-	const int right = left + 1 < LP_VEIL_WIDTH ? left + 1 : 0;
-	const float below = sr * g->row_share[row], above = sr - below;
-	const float x = g->column_share[column];
-	float(*nodes)[4] = g->flux + (size_t)g->row_node[row] * LP_VEIL_WIDTH;
-
-	add(nodes[left], light, above * (1.0F - x));
-	add(nodes[right], light, above * x);
-	nodes += LP_VEIL_WIDTH;
-	add(nodes[left], light, below * (1.0F - x));
-	add(nodes[right], light, below * x);
-}
-
 void lp_glare_look(struct lp_glare *glare, const struct lp_residual *frame, const float *over_film)
 {
+	struct lp_glare_cell cells[LP_PANORAMA_MAX_WIDTH];
+
 	memset(glare->flux, 0, sizeof(glare->flux));
-	for (int r = 0, i = 0; r < glare->height; r++)
+	for (int r = 0, i = 0; r < glare->height; r++) {
+		int count = 0;
+
 		for (int c = 0; c < glare->width; c++, i++) {
 			const int seen = lp_residual_seen(frame, i);
-			const float over = over_film ? over_film[seen] : 1.0F;
 
-			if (!(frame->seen.flags[seen] & LP_CELL_UNSEEN))
-				collect(glare, seen, light_of(frame, i, seen),
-					glare->row_sr[r] / over);
+			if (frame->seen.flags[seen] & LP_CELL_UNSEEN)
+				continue;
+			cells[count++] =
+				(struct lp_glare_cell){.light = light_of(frame, i, seen),
+						       .cell = seen,
+						       .sr = over_film ? glare->row_sr[r] /
+										 over_film[seen]
+								       : glare->row_sr[r]};
 		}
+		lp_glare_add(glare, cells, count);
+	}
 	lp_glare_spread(glare);
 }
 

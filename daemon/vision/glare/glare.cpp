@@ -145,6 +145,31 @@ extern "C" float lp_glare_kept(const struct lp_glare *glare)
 			    : 1.0F;
 }
 
+/* To the four nodes around each cell. */
+extern "C" void lp_glare_add(struct lp_glare *glare, const struct lp_glare_cell *cells, int count)
+{
+	for (const struct lp_glare_cell *one = cells; one < cells + count; one++) {
+		const int row = one->cell / glare->width, column = one->cell - row * glare->width;
+		const int left = glare->column_node[column];
+		const int right = left + 1 < kWidth ? left + 1 : 0;
+		const v_float32x4 flux = cv::v_load(one->light) * cv::v_setall_f32(one->sr);
+		const v_float32x4 below = flux * cv::v_setall_f32(glare->row_share[row]);
+		const v_float32x4 above = flux - below;
+		const v_float32x4 share = cv::v_setall_f32(glare->column_share[column]);
+		const v_float32x4 above_right = above * share, below_right = below * share;
+		float(*nodes)[4] = glare->flux + glare->row_node[row] * kWidth;
+
+		const auto add = [&](int node, const v_float32x4 &light) {
+			cv::v_store(nodes[node], cv::v_load(nodes[node]) + light);
+		};
+
+		add(left, above - above_right);
+		add(right, above_right);
+		add(kWidth + left, below - below_right);
+		add(kWidth + right, below_right);
+	}
+}
+
 extern "C" void lp_glare_spread(struct lp_glare *glare)
 {
 	glare->believed = glare->allowed < 1.0F ? glare->believed * glare->allowed

@@ -81,7 +81,14 @@ float lp_glare_kept(const struct lp_glare *glare);
  * the veil becomes that of their light. over_film: by which a film has made light more, per cell;
  * NULL: by nothing. */
 void lp_glare_look(struct lp_glare *glare, const struct lp_residual *frame, const float *over_film);
-/* The veil of `flux`; the second half of lp_glare_look(). */
+/* Add light to `flux`: radiance and solid angle of a cell of the camera. */
+struct lp_glare_cell {
+	const float *light; /* R, G, B, luminance */
+	int cell;
+	float sr;
+};
+void lp_glare_add(struct lp_glare *glare, const struct lp_glare_cell *cells, int count);
+/* The veil of `flux`; the last part of lp_glare_look(). */
 void lp_glare_spread(struct lp_glare *glare);
 
 /*

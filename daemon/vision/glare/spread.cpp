@@ -59,18 +59,35 @@ void set_gain(struct lp_spread *s, int a, int b, double width_rad)
 	}
 }
 
-void transform(const struct lp_spread *s, const float (*row)[4], int m, wave &to)
+/* Cosines are even and sines odd: columns c and kWidth - c are taken together. */
+constexpr int kHalf = kWidth / 2;
+
+/* All orders of a row. */
+void transform(struct lp_spread *s, const float (*row)[4], int r)
 {
-	cv::v_float32x4 cosine = cv::v_setzero_f32(), sine = cv::v_setzero_f32();
+	float even[kHalf + 1][4], odd[kHalf + 1][4];
 
-	for (int c = 0, k = 0; c < kWidth; c++, k = (k + m) % kWidth) {
-		const cv::v_float32x4 light = cv::v_load(row[c]);
+	for (int c = 0; c <= kHalf; c++) {
+		const bool alone = c == 0 || c == kHalf;
+		const cv::v_float32x4 one = cv::v_load(row[c]);
+		const cv::v_float32x4 other =
+			alone ? cv::v_setzero_f32() : cv::v_load(row[kWidth - c]);
 
-		cosine = cv::v_fma(light, cv::v_setall_f32(s->cosine[k]), cosine);
-		sine = cv::v_fma(light, cv::v_setall_f32(s->sine[k]), sine);
+		cv::v_store(even[c], one + other);
+		cv::v_store(odd[c], one - other);
 	}
-	cv::v_store(to.cosine, cosine);
-	cv::v_store(to.sine, sine);
+	for (int m = 0; m < kOrders; m++) {
+		cv::v_float32x4 cosine = cv::v_setzero_f32(), sine = cv::v_setzero_f32();
+
+		for (int c = 0, k = 0; c <= kHalf; c++) {
+			cosine = cv::v_fma(cv::v_load(even[c]), cv::v_setall_f32(s->cosine[k]),
+					   cosine);
+			sine = cv::v_fma(cv::v_load(odd[c]), cv::v_setall_f32(s->sine[k]), sine);
+			k += k + m < kWidth ? m : m - kWidth;
+		}
+		cv::v_store(s->from[m][r].cosine, cosine);
+		cv::v_store(s->from[m][r].sine, sine);
+	}
 }
 
 void mix(const struct lp_spread *s, int m, int row, wave &to)
@@ -87,17 +104,23 @@ void mix(const struct lp_spread *s, int m, int row, wave &to)
 	cv::v_store(to.sine, sine);
 }
 
-cv::v_float32x4 back(const struct lp_spread *s, int row, int column)
+/* A row of all its orders. */
+void back(const struct lp_spread *s, int r, float (*row)[4])
 {
-	cv::v_float32x4 light = cv::v_setzero_f32();
+	for (int c = 0; c <= kHalf; c++) {
+		cv::v_float32x4 even = cv::v_setzero_f32(), odd = cv::v_setzero_f32();
 
-	for (int m = 0, k = 0; m < kOrders; m++, k = (k + column) % kWidth) {
-		const wave &one = s->to[m][row];
+		for (int m = 0, k = 0; m < kOrders; m++) {
+			const wave &one = s->to[m][r];
 
-		light = cv::v_fma(cv::v_load(one.cosine), cv::v_setall_f32(s->cosine[k]), light);
-		light = cv::v_fma(cv::v_load(one.sine), cv::v_setall_f32(s->sine[k]), light);
+			even = cv::v_fma(cv::v_load(one.cosine), cv::v_setall_f32(s->cosine[k]),
+					 even);
+			odd = cv::v_fma(cv::v_load(one.sine), cv::v_setall_f32(s->sine[k]), odd);
+			k += k + c < kWidth ? c : c - kWidth;
+		}
+		cv::v_store(row[(kWidth - c) % kWidth], even - odd);
+		cv::v_store(row[c], even + odd);
 	}
-	return light;
 }
 
 } /* namespace */
@@ -126,13 +149,11 @@ extern "C" void lp_spread_destroy(struct lp_spread *spread)
 
 extern "C" void lp_spread_apply(struct lp_spread *spread, const float (*from)[4], float (*to)[4])
 {
-	for (int m = 0; m < kOrders; m++)
-		for (int r = 0; r < kHeight; r++)
-			transform(spread, from + r * kWidth, m, spread->from[m][r]);
+	for (int r = 0; r < kHeight; r++)
+		transform(spread, from + r * kWidth, r);
 	for (int m = 0; m < kOrders; m++)
 		for (int r = 0; r < kHeight; r++)
 			mix(spread, m, r, spread->to[m][r]);
 	for (int r = 0; r < kHeight; r++)
-		for (int c = 0; c < kWidth; c++)
-			cv::v_store(to[r * kWidth + c], back(spread, r, c));
+		back(spread, r, to + r * kWidth);
 }
