@@ -117,7 +117,10 @@ static uint32_t flags_of(const struct lp_pipeline *p, const struct lp_panorama *
 		flags |= LP_ESTIMATE_MORE_LIGHTS;
 	if (status->rotation_is_unknown)
 		flags |= LP_ESTIMATE_MOTION;
-	if (lp_lamp_memory_flicker(&p->lamps.memory) > 0.0F || status->banding > 0.0F)
+	/* lamps whose exposures contradict each other seem to flicker */
+	if (status->response_fails)
+		flags |= LP_ESTIMATE_RESPONSE;
+	else if (lp_lamp_memory_flicker(&p->lamps.memory) > 0.0F || status->banding > 0.0F)
 		flags |= LP_ESTIMATE_FLICKER;
 	if (status->covered)
 		flags |= LP_ESTIMATE_COVERED;
@@ -183,6 +186,7 @@ static float relighting_sigma(const struct lp_pipeline *p, const struct lp_image
 			   (double)status->irradiance_sigma * status->irradiance_sigma +
 			   (double)status->cameras_sigma * status->cameras_sigma +
 			   (double)status->veil_sigma * status->veil_sigma +
+			   (double)status->response_sigma * status->response_sigma +
 			   (double)status->changed * status->changed +
 			   (double)status->banding * status->banding);
 }

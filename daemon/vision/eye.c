@@ -14,6 +14,10 @@
 #define CODE_SIGMA 0.5F
 /* What a cell of this code tells of its light may be rounding alone. */
 #define DARK_CODE 2
+/* A response that nobody has measured is light to another power than sRGB's: 1 sigma; and what is
+ * left of that once it is measured. */
+#define UNMEASURED_SIGMA 0.05F
+#define MEASURED_SIGMA 0.01F
 /* So many cells are compared between two cameras: enough for a mean. */
 #define COMPARED 800
 /* Exposures within half a stop of each other are one setting: an automatic camera on its way, no
@@ -32,6 +36,8 @@ int lp_eye_init(struct lp_eye *eye, const struct lp_camera *camera, int panorama
 	*eye = (struct lp_eye){.camera = camera, .given = camera};
 	lp_gain_init(&eye->gain, scale);
 	lp_response_init(&eye->response, camera);
+	lp_linearity_init(&eye->linearity,
+			  camera->response_given ? MEASURED_SIGMA : UNMEASURED_SIGMA);
 	eye->seen.width = panorama_width;
 	eye->seen.height = height;
 	eye->mapped = calloc(cells, sizeof(*eye->mapped));

@@ -19,6 +19,7 @@
 #include "vision/exposure.h"
 #include "vision/imager.h"
 #include "vision/map/radiance_map.h"
+#include "vision/response/linearity.h"
 #include "vision/stuck/stuck.h"
 
 struct lp_glare;
@@ -58,13 +59,15 @@ struct lp_eye {
 	uint64_t serial;	 /* of the newest frame accepted; 0: none */
 	uint64_t changed_serial; /* of the last frame that showed other light than before it */
 	struct lp_recent_exposure recent[LP_MAX_BRACKET];
-	struct lp_stuck stuck;	   /* places of the picture that shine by themselves */
-	struct lp_cover cover;	   /* of the camera's view */
-	float covered_s;	   /* for how long by now */
-	float covered_share;	   /* of the light that is known */
-	struct lp_gain gain;	   /* scale of the newest frame; count 0: it was told */
-	struct lp_overlap overlap; /* with the other cameras */
-	float row_time_us;	   /* of the newest frame; NAN: unknown */
+	struct lp_stuck stuck;	       /* places of the picture that shine by themselves */
+	struct lp_cover cover;	       /* of the camera's view */
+	float covered_s;	       /* for how long by now */
+	float covered_share;	       /* of the light that is known */
+	struct lp_gain gain;	       /* scale of the newest frame; count 0: it was told */
+	struct lp_overlap overlap;     /* with the other cameras */
+	struct lp_linearity linearity; /* of its response */
+	float told_power;	       /* what the log has told of it */
+	float row_time_us;	       /* of the newest frame; NAN: unknown */
 	struct lp_banding banding;
 };
 

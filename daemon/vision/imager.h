@@ -70,7 +70,11 @@ struct lp_imager_status {
 	float hidden_share; /* of the light: what was known there */
 	/* 1 sigma of all light, relative, from how well cameras are brought to one scale */
 	float cameras_sigma;
-	float veil_sigma;    /* the same, from how well the lens' glare is known */
+	float veil_sigma; /* the same, from how well the lens' glare is known */
+	/* 1 sigma of all light, relative, from responses; and exposures contradict each other as
+	 * none explains (vision/response/linearity.h) */
+	float response_sigma;
+	bool response_fails;
 	int places_left_out; /* cells of all cameras' pictures that shine by themselves */
 	bool fills_view;     /* of some of those nothing is known but what is beside them */
 	bool angles_missing; /* a film, but too few of its angles to tell how light is polarized */

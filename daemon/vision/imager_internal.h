@@ -163,6 +163,10 @@ void lp_imager_watch(struct lp_imager *imager);
  * how certain that leaves the frame. */
 void lp_imager_look_through_veil(struct lp_imager *imager);
 void lp_imager_weigh_veil(struct lp_imager *imager, struct lp_observation *seen);
+/* response/exposures_agree.c: what the newest frame says of its camera's response; and the response
+ * as it is known by now. */
+void lp_imager_learn_response(struct lp_imager *imager);
+void lp_imager_bend_response(struct lp_eye *eye);
 /* bands.c: does the newest frame, before the map learns from it, show bands? */
 void lp_imager_look_for_bands(struct lp_imager *imager);
 
@@ -170,6 +174,8 @@ void lp_imager_look_for_bands(struct lp_imager *imager);
  * roughly, before it is known where the camera looks; and in earnest. */
 void lp_imager_expect_scale(struct lp_imager *imager);
 void lp_imager_find_scale(struct lp_imager *imager);
+/* Squared change of the map's luminance from a cell to its neighbours. */
+float lp_imager_step2(const struct lp_imager *imager, int cell);
 /* Nothing is left to compare the next frame with. */
 void lp_imager_forget_scale(struct lp_imager *imager);
 /* When the map is turned: how it lies to what is known of the scale, before and afterwards. */

@@ -65,6 +65,8 @@ namespace Lightprobe.Messages
         PolarizationUnknown = 131072,
         /// <summary>the polarizing film is a quarter turn from where the wheel says</summary>
         FilmTurned = 262144,
+        /// <summary>exposures contradict each other as no response explains: the camera alters parts of its pictures</summary>
+        Response = 524288,
     }
 
     /// <summary>One lamp: a disc of the given angular radius far away.</summary>

@@ -46,6 +46,9 @@ static inline float lp_response_weight(const struct lp_response *response, float
 /* Multiply all light of R, G and B by a factor each. */
 void lp_response_scale(struct lp_response *response, const float factor[3]);
 
+/* Raise all light to a power, as a fraction of full scale. 1: nothing happens. */
+void lp_response_bend(struct lp_response *response, float power);
+
 /* The camera's table, or sRGB (IEC 61966-2-1) when it has none. */
 void lp_response_init(struct lp_response *response, const struct lp_camera *camera);
 

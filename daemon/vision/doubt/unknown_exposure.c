@@ -44,8 +44,7 @@ void lp_imager_watch(struct lp_imager *imager)
 	imager->watched_count = count;
 }
 
-/* Squared change of luminance from cell to cell. */
-static float step2(const struct lp_imager *imager, int cell)
+float lp_imager_step2(const struct lp_imager *imager, int cell)
 {
 	const float(*radiance)[4] = (const float(*)[4])imager->map->radiance;
 	const int width = imager->grid->width, last = width * imager->grid->height - 1;
@@ -65,9 +64,10 @@ static void see(struct lp_imager *imager, const struct lp_residual *residual, fl
 	const int seen = lp_residual_seen(residual, imager->watched[k]);
 	const float light = residual->seen.radiance[seen][LP_LUMINANCE];
 	const struct lp_log_light told = lp_log_light(&residual->seen, seen, LP_LUMINANCE);
-	const float place2 = residual->lookup ? PLACE_VARIANCE * step2(imager, imager->watched[k]) /
-							(light * light)
-					      : 0.0F;
+	const float place2 =
+		residual->lookup ? PLACE_VARIANCE * lp_imager_step2(imager, imager->watched[k]) /
+					   (light * light)
+				 : 0.0F;
 
 	cell->seen = told.log + held;
 	cell->sigma = sqrtf(told.variance + place2);
@@ -117,6 +117,7 @@ void lp_imager_inherit(struct lp_imager *imager, const struct lp_imager *from)
 
 		eye->lost = before->lost;
 		eye->gain = before->gain;
+		lp_linearity_inherit(&eye->linearity, &before->linearity);
 		eye->gain.count = 0; /* its cells are of another panorama */
 		if (before->gain.count)
 			eye->gain.variance += FORGOTTEN_SIGMA * FORGOTTEN_SIGMA;

@@ -1,0 +1,94 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What the exposures of a camera say of its response (vision/response/linearity.h). */
+#include <math.h>
+
+#include "base/log.h"
+#include "include/luminance.h"
+#include "light/math/grid.h"
+#include "vision/imager_internal.h"
+
+/* Every so many of the watched cells are enough for a mean. */
+#define STEP (LP_GAIN_CELLS / LP_LINEARITY_CELLS)
+#define ROWS 6
+#define COLUMNS 8
+/* Light that differs more from cell to cell, relative, tells of the lens and of where the camera
+ * looks, too. */
+#define MOST_STEP 0.05F
+/* Light to a power that is farther from 1 is worth a line in the log, and so is another such
+ * change. */
+#define WORTH_A_LINE 0.01F
+
+/* By rows of 30 degrees and columns of 45. */
+static int region_of(const struct lp_grid *grid, int cell)
+{
+	const int row = cell / grid->width, column = cell % grid->width;
+
+	return row * ROWS / grid->height * COLUMNS + column * COLUMNS / grid->width;
+}
+
+static bool is_even(const struct lp_imager *imager, int cell)
+{
+	const float light = imager->map->radiance[cell][LP_LUMINANCE];
+
+	return lp_imager_step2(imager, cell) < MOST_STEP * MOST_STEP * light * light;
+}
+
+static struct lp_linearity_look look_at(const struct lp_imager *imager,
+					const struct lp_residual *residual, int cell)
+{
+	const int seen = lp_residual_seen(residual, cell);
+
+	if (!is_even(imager, cell))
+		return (struct lp_linearity_look){.log_light = NAN};
+	const struct lp_log_light light = lp_log_light(&residual->seen, seen, LP_LUMINANCE);
+
+	return (struct lp_linearity_look){.region = region_of(imager->grid, cell),
+					  .log_light = light.log,
+					  .log_linear = light.log - logf(residual->seen.scale),
+					  .variance = light.variance};
+}
+
+static void tell(struct lp_eye *eye, int camera, bool disagreed)
+{
+	struct lp_linearity *l = &eye->linearity;
+
+	if (l->disagrees && !disagreed)
+		lp_warning("camera", "response",
+			   "camera %d: its exposures contradict each other, and no response "
+			   "explains it: the camera alters parts of its pictures (local tone "
+			   "mapping); light is uncertain by %.0f %%: switch that off, or see "
+			   "`lightprobe check-camera`",
+			   camera, 100.0 * (double)lp_linearity_sigma(l));
+	if (fabsf(l->applied - eye->told_power) <= WORTH_A_LINE)
+		return;
+	eye->told_power = l->applied;
+	lp_info("camera", "response",
+		"camera %d: by its exposures, light is what its response says to the power %.3f; "
+		"that is corrected: `lightprobe calibrate response` measures it",
+		camera, exp((double)l->applied));
+}
+
+void lp_imager_bend_response(struct lp_eye *eye)
+{
+	lp_response_bend(&eye->response, lp_linearity_apply(&eye->linearity));
+}
+
+void lp_imager_learn_response(struct lp_imager *imager)
+{
+	struct lp_eye *eye = imager->eye;
+	struct lp_linearity_look looks[LP_LINEARITY_CELLS];
+	const float exposure_us = eye->incoming.exposure_us;
+	const int count = imager->watched_count / STEP;
+	const bool disagreed = eye->linearity.disagrees;
+
+	if (!imager->t_map_ns || imager->late_s > 0.0F || isnan(eye->incoming.cells.mean_code) ||
+	    isnan(exposure_us))
+		return;
+	const struct lp_residual residual = lp_imager_residual(imager);
+
+	for (int k = 0; k < count; k++)
+		looks[k] = look_at(imager, &residual, imager->watched[STEP * k]);
+	lp_linearity_learn(&eye->linearity, looks, count, logf(exposure_us),
+			   (float)lp_imager_eye_elapsed_s(imager));
+	tell(eye, (int)(eye - imager->eyes) + 1, disagreed);
+}

@@ -1,0 +1,98 @@
+"""A camera whose response is not what the daemon takes it for, in simulated time; with bounds."""
+
+from __future__ import annotations
+
+import live
+import pytest
+from defects import DEFECTS, Defects
+from judge import Figures
+from lightprobe.estimate import EstimateFlag
+from lightprobe.sim.room import Room
+from recording import Pair, record
+
+SMALL_PX = (960, 480)
+#: With a response as it should be, measured by these tests: still, and while a head turns.
+RIGHT_ERROR = 0.005
+
+
+def case(
+    monkeypatch: pytest.MonkeyPatch, defects: Defects, motion: str = "0", judged_s: float = 2.0
+) -> live.Case:
+    """A camera in a room."""
+    monkeypatch.setitem(DEFECTS, "tested", defects)
+    return live.case(
+        Room(), motion, "reported", size_px=SMALL_PX, defects="tested", judged_s=judged_s
+    )
+
+
+def figures(monkeypatch: pytest.MonkeyPatch, defects: Defects, motion: str = "0") -> Figures:
+    """What a client gets that asks for nothing."""
+    found = live.judged(case(monkeypatch, defects, motion))
+    return next(one.figures for one in found if one.subscription == "default")
+
+
+@pytest.mark.parametrize("motion", ["0", "head"])
+@pytest.mark.parametrize("power", [0.9, 1.04, 1.15])
+def test_light_to_another_power_is_learned(
+    monkeypatch: pytest.MonkeyPatch, power: float, motion: str
+) -> None:
+    """Its error was .07 at 1.04, none within 3 sigma."""
+    found = figures(monkeypatch, Defects("", response=f"srgb:{power}"), motion)
+    assert found.error_median < RIGHT_ERROR + 0.01
+    assert found.relighting.within_3 == 1
+    assert "RESPONSE" not in found.flags
+    assert found.wrong_and_healthy == 0
+
+
+@pytest.mark.parametrize("processing", ["tone_ev=0.5", "tone_ev=1", "tone_ev=2",
+    "tone_ev=1&tone_aim=0.18",  "tone_ev=1&sharpen=0.7&sharpen_px=1.3"])  # fmt: skip
+@pytest.mark.parametrize("motion", ["0", "head"])
+def test_what_no_response_explains_is_named_and_in_the_sigma(
+    monkeypatch: pytest.MonkeyPatch, processing: str, motion: str
+) -> None:
+    """Local tone mapping was wrong by up to .5, and stated as 2 to 5 %."""
+    found = figures(monkeypatch, Defects("", processing), motion)
+    assert found.flags.get("RESPONSE", 0) > 0.99
+    assert "FLICKER" not in found.flags
+    assert found.relighting.within_3 is not None
+    assert found.relighting.within_3 > 0.98
+    assert found.wrong_and_healthy == 0
+
+
+@pytest.mark.parametrize(
+    "processing",
+    ["", "sharpen=0.7&sharpen_px=1.3", "denoise=6&denoise_px=2&denoise_time=0.7",
+     "white_drift=0.06&white_drift_s=20", "saturation=1.3", "stitch_gain=0.03&stitch_deg=0.7"],
+)  # fmt: skip
+def test_what_is_the_same_in_all_exposures_is_not_named(
+    monkeypatch: pytest.MonkeyPatch, processing: str
+) -> None:
+    """The flag names what exposures contradict, and nothing else."""
+    found = figures(monkeypatch, Defects("", processing), "head")
+    assert "RESPONSE" not in found.flags
+
+
+def test_tone_mapping_that_comes_and_goes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The flag comes within a second, and goes within some."""
+    defects = Defects("", "tone_ev=1&from_s=4&to_s=7")
+    some = record(case(monkeypatch, defects, judged_s=16).run).packets["default"]
+    begin_s = some[0].captured_s
+
+    def share(from_s: float, to_s: float) -> float:
+        within = [one for one in some if from_s <= one.captured_s < to_s]
+        return sum(bool(one.estimate.flags & EstimateFlag.RESPONSE) for one in within) / len(within)
+
+    assert begin_s < 4
+    assert share(begin_s, 4) == 0
+    assert share(5, 7) == 1
+    assert share(16, some[-1].captured_s) == 0
+
+
+def test_each_of_two_cameras_has_a_response_of_its_own() -> None:
+    """Both are brought to what sRGB says."""
+    bent = Pair(gamma=1.06)
+    run = live.case(Room(), "0", "reported", pair=bent, judged_s=2).run
+    found = live.judged(live.Case("0", run))
+    default = next(one.figures for one in found if one.subscription == "default")
+    assert default.error_median < 0.02
+    assert "RESPONSE" not in default.flags
