@@ -185,6 +185,7 @@ static float relighting_sigma(const struct lp_pipeline *p, const struct lp_image
 			   clipped * clipped + hidden * hidden +
 			   (double)status->irradiance_sigma * status->irradiance_sigma +
 			   (double)status->cameras_sigma * status->cameras_sigma +
+			   (double)status->veil_sigma * status->veil_sigma +
 			   (double)status->response_sigma * status->response_sigma +
 			   (double)status->changed * status->changed +
 			   (double)status->banding * status->banding);

@@ -7,10 +7,13 @@
 #include <string.h>
 
 #include "vision/camera/remap.h"
+#include "vision/glare/glare.h"
 #include "vision/map/residual.h"
 
 /* Of a cell's mean, in codes, besides the rounding of its own (vision/camera/code_noise.h). */
 #define CODE_SIGMA 0.5F
+/* What a cell of this code tells of its light may be rounding alone. */
+#define DARK_CODE 2
 /* A response that nobody has measured is light to another power than sRGB's: 1 sigma; and what is
  * left of that once it is measured. */
 #define UNMEASURED_SIGMA 0.05F
@@ -47,6 +50,7 @@ void lp_eye_release(struct lp_eye *eye)
 	lp_exposure_release(&eye->incoming);
 	lp_stuck_release(&eye->stuck);
 	lp_remap_destroy(eye->remap);
+	lp_glare_destroy(eye->glare);
 	free(eye->row_weight);
 	free(eye->place);
 	free(eye->mapped_flags);
@@ -87,6 +91,18 @@ void lp_eye_look(struct lp_eye *eye, const struct lp_crop *stated)
 	eye->camera = &eye->cropped;
 	lp_remap_destroy(eye->remap);
 	eye->remap = NULL;
+	lp_glare_destroy(eye->glare);
+	eye->glare = NULL;
+}
+
+/* If the camera file states glare. */
+static int set_glare(struct lp_eye *eye)
+{
+	const struct lp_glare_shares *shares = &eye->camera->glare;
+
+	if (eye->glare || !(shares->even + shares->around > 0.0F))
+		return 0;
+	return lp_glare_create(eye->camera, eye->seen.width, &eye->glare);
 }
 
 int lp_eye_fit(struct lp_eye *eye, int width_px, int height_px, int cell_px)
@@ -111,6 +127,9 @@ int lp_eye_fit(struct lp_eye *eye, int width_px, int height_px, int cell_px)
 		return ret;
 	lp_remap_destroy(eye->remap);
 	eye->remap = remap;
+	ret = set_glare(eye);
+	if (ret < 0)
+		return ret;
 	ret = lp_stuck_fit(&eye->stuck, eye->camera, width_px, height_px, cell_px);
 	return ret < 0 ? ret : 1;
 }
@@ -120,6 +139,16 @@ static void see_through_film(struct lp_eye *eye)
 	for (int i = 0; i < eye->seen.width * eye->seen.height; i++)
 		for (int c = 0; c < 4; c++)
 			eye->mapped[i][c] = eye->seen.cells[i][c] * eye->over_film[i];
+	eye->seen.cells = eye->mapped;
+}
+
+static void see_through_veil(struct lp_eye *eye)
+{
+	const struct lp_exposure *e = &eye->incoming;
+	const bool coded = !isnan(e->cells.mean_code);
+
+	lp_glare_take_off(eye->glare, (const float(*)[4])eye->seen.cells, eye->seen.flags,
+			  coded ? e->scale * eye->response.pixel[1][DARK_CODE] : 0.0F, eye->mapped);
 	eye->seen.cells = eye->mapped;
 }
 
@@ -145,6 +174,8 @@ void lp_eye_map(struct lp_eye *eye)
 	eye->seen.flags = identity ? cells->clipped : eye->mapped_flags;
 	lp_remap_apply(eye->remap, cells, &eye->seen);
 	mark_filled(eye);
+	if (eye->glare)
+		see_through_veil(eye);
 	if (eye->over_film)
 		see_through_film(eye);
 }
@@ -235,6 +266,7 @@ struct lp_observation lp_eye_observation(const struct lp_eye *eye, float flicker
 {
 	const struct lp_exposure *e = &eye->incoming;
 	const float common = e->noise.common;
+	const struct lp_glare *glare = eye->glare;
 
 	return (struct lp_observation){.radiance = (const float(*)[4])eye->seen.cells,
 				       .flags = eye->seen.flags,
@@ -242,7 +274,9 @@ struct lp_observation lp_eye_observation(const struct lp_eye *eye, float flicker
 				       .scale = e->scale,
 				       .coded = !isnan(e->cells.mean_code),
 				       .code_variance = CODE_SIGMA * CODE_SIGMA + common * common,
-				       .flicker_sigma = flicker_sigma};
+				       .flicker_sigma = flicker_sigma,
+				       .veil = glare ? glare->cells : NULL,
+				       .veil_variance = NULL};
 }
 
 static bool both_see(const struct lp_eye *a, const struct lp_eye *b, int cell)

@@ -22,6 +22,7 @@
 #include "vision/response/linearity.h"
 #include "vision/stuck/stuck.h"
 
+struct lp_glare;
 struct lp_remap;
 
 /* An exposure setting of the last frames. */
@@ -41,6 +42,7 @@ struct lp_eye {
 	struct lp_response response;
 	struct lp_remap *remap; /* of the current picture size; NULL: no frame has come */
 	float *row_weight;	/* of the current picture size: solid angle up to a factor */
+	struct lp_glare *glare; /* NULL: the camera file states none, or no frame has come */
 	int *place;		/* per camera cell: index into the patch that saw it last */
 
 	struct lp_exposure incoming; /* the newest frame */
@@ -114,6 +116,9 @@ void lp_eye_compare(struct lp_eye *eye, const struct lp_eye *other, struct lp_ga
 
 /* What its newest frame says, camera frame. flicker_sigma: as that of the observation. */
 struct lp_observation lp_eye_observation(const struct lp_eye *eye, float flicker_sigma);
+
+/* glare/look.c: 1 sigma of all light, relative, from how well its lens' glare is known. */
+float lp_eye_veil_sigma(const struct lp_eye *eye);
 
 /* Forget what its frames have shown. */
 void lp_eye_forget(struct lp_eye *eye);

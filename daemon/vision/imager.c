@@ -337,6 +337,7 @@ static void observe(struct lp_imager *imager)
 		seen.step2 = imager->step2;
 		seen.place_variance = (float)(PLACE_SIGMA * PLACE_SIGMA + sigma * sigma);
 	}
+	lp_imager_weigh_veil(imager, &seen);
 	lp_imager_see_through(imager, &seen);
 	imager->update = lp_radiance_map_observe(imager->map, &seen);
 	if (!lp_imager_is_late(imager, elapsed_s))
@@ -396,6 +397,7 @@ int lp_imager_accept(struct lp_imager *imager, float exposure_us)
 	lp_imager_settle(imager, exposure_us);
 	follow_scale(imager, exposure_us);
 	lp_imager_followed(imager);
+	lp_imager_look_through_veil(imager);
 	lp_imager_look_for_cover(imager);
 	lp_imager_look_for_bands(imager);
 	lp_imager_learn_response(imager);

@@ -70,6 +70,7 @@ struct lp_imager_status {
 	float hidden_share; /* of the light: what was known there */
 	/* 1 sigma of all light, relative, from how well cameras are brought to one scale */
 	float cameras_sigma;
+	float veil_sigma; /* the same, from how well the lens' glare is known */
 	/* 1 sigma of all light, relative, from responses; and exposures contradict each other as
 	 * none explains (vision/response/linearity.h) */
 	float response_sigma;

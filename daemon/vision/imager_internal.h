@@ -159,6 +159,10 @@ void lp_imager_rescale(struct lp_imager *imager, float scale);
 
 /* unknown_exposure.c: choose the cells of the panorama that are watched. */
 void lp_imager_watch(struct lp_imager *imager);
+/* glare/look.c: what the newest frame says of the lens' glare, which is then taken off anew; and
+ * how certain that leaves the frame. */
+void lp_imager_look_through_veil(struct lp_imager *imager);
+void lp_imager_weigh_veil(struct lp_imager *imager, struct lp_observation *seen);
 /* response/exposures_agree.c: what the newest frame says of its camera's response; and the response
  * as it is known by now. */
 void lp_imager_learn_response(struct lp_imager *imager);

@@ -22,6 +22,7 @@ class Defects:
     processing: str = ""
     lens_defects: str = ""
     quality: int = 85
+    stated: str = ""  # sections of the camera file, beside [camera]
     response: str | None = None  # that the daemon does not know of; None: as it takes it for
 
 
@@ -47,6 +48,15 @@ DEFECTS = {
     "stitching": Defects("stitching, 3 %, doubled by 0.7°", "stitch_gain=0.03&stitch_deg=0.7"),
     "tearing": Defects("exposure tears, a third of the rows", "exposure_tear=0.33"),
     "glare": Defects("veiling glare, 2 %", lens_defects="glare=0.02"),
+    "glare-known": Defects(
+        "veiling glare, 2 %, stated", lens_defects="glare=0.02",
+        stated="[glare]\neven = 0.01\naround = 0.01\nwidth_deg = 10\n",
+    ),
+    "glare-strong": Defects("veiling glare, 20 %", lens_defects="glare=0.2"),
+    "glare-strong-known": Defects(
+        "veiling glare, 20 %, stated", lens_defects="glare=0.2",
+        stated="[glare]\neven = 0.1\naround = 0.1\nwidth_deg = 10\n",
+    ),
     "ghosts": Defects("ghosts, 1 %", lens_defects="ghost=0.01"),
     "fringes": Defects("purple fringes, 3 %", lens_defects="fringe=0.03"),
     "blur": Defects("point spread of 0.5°", lens_defects="point_spread_deg=0.5"),

@@ -10,6 +10,7 @@ import multiprocessing
 import os
 import shlex
 import sys
+import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -143,6 +144,7 @@ class Run:
     pair: Pair | None = None  # two modules that differ, instead of `cameras`
     pixels: PixelDefects = field(default_factory=PixelDefects)  # of the sensors
     defects: str = "none"  # of DEFECTS; of all cameras, not of a pair
+    stated: str | None = None  # instead of what `defects` states in the camera file
     levels: tuple[float, ...] = (1.0,)  # of all light, in turns, behaviour.act_s each
 
     @property
@@ -206,6 +208,14 @@ def record(run: Run) -> Recording:
     arguments = (f"--orientation={teller.kind}", *run.daemon_arguments, *run.kind.daemon_arguments)
     frame: Frame = "WORLD" if teller.wants_world else "PROBE"
     with contextlib.ExitStack() as stack:
+        stated = DEFECTS[run.defects].stated if run.stated is None else run.stated
+        if stated and run.kind is not KINDS["equirect"]:
+            raise UsageError(f"{run.defects}: what a camera file states is of equirect alone")
+        if stated:
+            file = stack.enter_context(tempfile.NamedTemporaryFile("w", suffix=".camera"))
+            file.write(f"[camera]\nprojection = equirect\n{stated}")
+            file.flush()
+            arguments += (f"--camera={file.name}",)
         ring = stack.enter_context(LiveRing()) if run.ring else None
         if ring:
             known = None if run.is_relative else RING_CD_M2_PER_UNIT

@@ -506,6 +506,51 @@ static void test_stuck_pixels_are_read(void **state)
 	}
 }
 
+/* Shares of glare, within their bounds; what is left out is as usual. */
+static void test_glare_of_a_file(void **state)
+{
+	static const struct {
+		const char *text, *key; /* key: of what is wrong; NULL: nothing is */
+		float even, around, width_deg;
+	} files[] = {
+		{"", NULL, 0.0F, 0.0F, 10.0F},
+		{"[glare]\n", NULL, 0.0F, 0.0F, 10.0F},
+		{"[glare]\neven = 0.01\naround = 0.02\nwidth_deg = 7\n", NULL, 0.01F, 0.02F, 7.0F},
+		{"[glare]\neven = 0.4\n", NULL, 0.4F, 0.0F, 10.0F},
+		{.text = "[glare]\neven = 0.41\n", .key = "even"},
+		{.text = "[glare]\neven = -0.01\n", .key = "even"},
+		{.text = "[glare]\naround = nan\n", .key = "around"},
+		{.text = "[glare]\naround = much\n", .key = "around"},
+		{.text = "[glare]\nwidth_deg = 0.5\n", .key = "width_deg"},
+		{.text = "[glare]\nwidth_deg = 91\n", .key = "width_deg"},
+		{.text = "[glare]\nshare = 0.1\n", .key = "share"},
+	};
+
+	(void)state;
+	for (size_t k = 0; k < LP_COUNT(files); k++) {
+		struct lp_camera_file *file;
+		struct capture capture;
+
+		capture_begin(&capture);
+		const int ret = read_camera_file(files[k].text, &file);
+		const char *log = capture_end(&capture);
+
+		assert_int_equal(ret, files[k].key ? -EBADMSG : 0);
+		if (files[k].key) {
+			assert_contains(log, files[k].key);
+			continue;
+		}
+		assert_true(file->glare.even == files[k].even);
+		assert_true(file->glare.around == files[k].around);
+		assert_true(file->glare.width_deg == files[k].width_deg);
+		lp_camera_file_destroy(file);
+	}
+	struct lp_camera *camera = load("[camera]\nprojection = equirect\n[glare]\neven = 0.03\n");
+
+	assert_true(camera->glare.even == 0.03F);
+	lp_camera_destroy(camera);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -520,6 +565,7 @@ int main(void)
 		cmocka_unit_test(test_one_lens_sees_a_part),
 		cmocka_unit_test(test_broken_files),
 		cmocka_unit_test(test_processing_of_a_file),
+		cmocka_unit_test(test_glare_of_a_file),
 		cmocka_unit_test(test_long_lines),
 	};
 	const int fd = mkstemp(path);

@@ -35,6 +35,13 @@ struct lp_lens {
 
 enum lp_projection { LP_EQUIRECT, LP_FISHEYE };
 
+/* Veiling glare: shares of all light of a lens' picture. */
+struct lp_glare_shares {
+	float even;	 /* spread over its picture evenly */
+	float around;	 /* spread around where it comes from: (1 + (angle / width)^2)^-1.5 */
+	float width_deg; /* of that; > 0 where `around` is */
+};
+
 struct lp_camera {
 	char name[64];
 	enum lp_projection projection;
@@ -45,6 +52,7 @@ struct lp_camera {
 	struct lp_lens lens[LP_MAX_LENSES];
 	float (*stuck_px)[2]; /* pixels that shine by themselves: the left upper corner of each */
 	int stuck_count;
+	struct lp_glare_shares glare;
 	bool response_given;
 	float response[3][256]; /* linear value 0..1 of each 8-bit code */
 };

@@ -244,6 +244,7 @@ static int build(struct lp_camera *camera, const struct lp_camera_file *f)
 	camera->lens_count = camera->projection == LP_EQUIRECT;
 	for (int a = 0; a < 3; a++)
 		camera->lens[0].rotation[a][a] = 1.0F; /* of an equirectangular one */
+	camera->glare = f->glare;
 	camera->crop = LP_CROP_WHOLE;
 	camera->crop_given = camera->projection == LP_FISHEYE;
 	if (f->crop.present || f->mask[0]) {

@@ -12,6 +12,8 @@
 
 /* Of a scale whose file does not say how well it is known. */
 #define USUAL_SCALE_SIGMA 0.05F
+/* Of [glare], where the file does not say it. */
+#define USUAL_GLARE_WIDTH_DEG 10.0F
 
 /* In the order of enum lp_projection. */
 static const char *const projections[] = {"equirect", "fisheye", NULL};
@@ -110,6 +112,14 @@ static const struct lp_param polarizer_list[] = {
 };
 static const struct lp_params polarizer_params = LP_PARAMS(polarizer_list);
 
+static const struct lp_param glare_list[] = {
+	{"even", LP_PARAM_FLOAT, offsetof(struct lp_camera_file, glare.even), .max = 0.4},
+	{"around", LP_PARAM_FLOAT, offsetof(struct lp_camera_file, glare.around), .max = 0.4},
+	{"width_deg", LP_PARAM_FLOAT, offsetof(struct lp_camera_file, glare.width_deg), .min = 1,
+	 .max = 90},
+};
+static const struct lp_params glare_params = LP_PARAMS(glare_list);
+
 static const struct lp_param rig_list[] = {
 	{"id", LP_PARAM_TEXT, offsetof(struct lp_camera_file, rig.id),
 	 .max = sizeof(((struct lp_rig_fields *)0)->id)},
@@ -147,7 +157,7 @@ static int set_fields(struct lp_camera_file *file)
 	static const char *const sections[] = {"camera", "response",   "lens.0",    "lens.1",
 					       "lens.2", "lens.3",     "v4l2",	    "libcamera",
 					       "osc",	 "photometry", "polarizer", "rig",
-					       "crop",	 NULL};
+					       "crop",	 "glare",      NULL};
 	int ret = lp_ini_check_sections(&file->ini, sections);
 
 	_Static_assert(LP_MAX_LENSES == 4, "a section for each lens");
@@ -159,6 +169,8 @@ static int set_fields(struct lp_camera_file *file)
 		ret = lp_ini_set(&file->ini, "photometry", &photometry_params, file);
 	if (ret == 0)
 		ret = lp_ini_set(&file->ini, "polarizer", &polarizer_params, file);
+	if (ret == 0)
+		ret = lp_ini_set(&file->ini, "glare", &glare_params, file);
 	if (ret == 0)
 		ret = lp_ini_set(&file->ini, "rig", &rig_params, file);
 	file->crop.present = lp_ini_has(&file->ini, "crop");
@@ -188,6 +200,7 @@ int lp_camera_file_read(const char *name_or_path, struct lp_camera_file **file)
 	} else {
 		self->projection = -1;
 		self->cd_m2_per_unit_sigma = USUAL_SCALE_SIGMA;
+		self->glare.width_deg = USUAL_GLARE_WIDTH_DEG;
 		ret = lp_ini_read(&self->ini, name_or_path,
 				  "give --camera=equirect or a camera file");
 		if (ret == 0)

@@ -57,6 +57,7 @@ struct lp_camera_file {
 	float cd_m2_per_unit_sigma; /* relative */
 	/* Of the film on the wheel (light/film/polarization.h); 0: the file does not say */
 	float film_transmission, film_extinction, film_offset_deg, film_index;
+	struct lp_glare_shares glare; /* width_deg: of the usual lens, where the file says none */
 	struct lp_crop_fields crop;
 	char mask[PATH_MAX]; /* of an equirectangular picture */
 	char stuck_pixels[PATH_MAX];

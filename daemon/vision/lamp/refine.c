@@ -12,6 +12,7 @@
 #include "light/math/rotation.h"
 #include "vision/camera/code_noise.h"
 #include "vision/camera/remap.h"
+#include "vision/glare/glare.h"
 #include "vision/imager_internal.h"
 #include "vision/lamp/cell_geometry.h"
 #include "vision/lamp/rim.h"
@@ -516,6 +517,32 @@ static void dim(struct lp_lamp *lamp, float share)
 	lamp->peak *= share;
 }
 
+/* As the newest frame shows it behind the lens' veil. */
+static void veil(const struct lp_imager *imager, struct lp_lamp *lamp)
+{
+	float added[4];
+
+	if (!imager->eye->glare)
+		return;
+	dim(lamp, lp_glare_kept(imager->eye->glare));
+	lp_glare_at(imager->eye->glare, lamp->direction, added);
+	for (int c = 0; c < 4; c++)
+		lamp->background[c] += added[c];
+	lamp->peak += added[LP_LUMINANCE];
+}
+
+/* And back. */
+static void unveil(const struct lp_imager *imager, const struct lp_lamp *before,
+		   struct lp_lamp *lamp)
+{
+	if (!imager->eye->glare)
+		return;
+	dim(lamp, 1.0F / lp_glare_kept(imager->eye->glare));
+	memcpy(lamp->background, before->background, sizeof(lamp->background));
+	lamp->background_noise = before->background_noise;
+	lamp->peak = before->peak;
+}
+
 bool lp_imager_refine(struct lp_imager *imager, const struct lp_lamp_finder *finder,
 		      struct lp_lamp *lamp, int most_cells)
 {
@@ -529,6 +556,7 @@ bool lp_imager_refine(struct lp_imager *imager, const struct lp_lamp_finder *fin
 	place_lamp(imager, &seen);
 	gain = lp_imager_film_gain(imager, seen.direction);
 	dim(&seen, gain);
+	veil(imager, &seen);
 	if (!imager->eye->remap || covers(imager, seen.direction) ||
 	    !collect(imager, finder, &seen, most_cells, &patch) || is_filled(imager->eye, &patch))
 		return false;
@@ -542,6 +570,7 @@ bool lp_imager_refine(struct lp_imager *imager, const struct lp_lamp_finder *fin
 	seen.rim = seen.flags & LP_LIGHT_CLIPPED ? rim_of(imager, exposure, &patch, &seen)
 						 : (struct lp_lamp_rim){0};
 	dim(&seen, 1.0F / gain);
+	unveil(imager, lamp, &seen);
 	turn_lamp(imager, &seen);
 	*lamp = seen;
 	return true;

@@ -79,6 +79,9 @@ struct lp_observation {
 	 * cell looks; NULL: nothing turned, and each cell is one of the camera's. */
 	const float *step2;
 	float place_variance;
+	/* Luminance per cell that the lens' glare had added and that has been taken off, and its
+	 * variance; NULL: none has, or nobody asks for its variance. */
+	const float *veil, *veil_variance;
 };
 
 /* Of one observation. */

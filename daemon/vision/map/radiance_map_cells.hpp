@@ -92,12 +92,13 @@ class noise_model
 {
 	bool coded;
 	float of_code[256]; /* of rounding and noise, by the root of the linear value */
-	const float *step2;
+	const float *step2, *veil, *veil_variance;
 	v_float32x4 full, relative2, place_variance;
 
       public:
 	explicit noise_model(const struct lp_observation &seen)
-	    : coded(seen.coded), step2(seen.step2), full(cv::v_setall_f32(1.0F / seen.scale)),
+	    : coded(seen.coded), step2(seen.step2), veil(seen.veil),
+	      veil_variance(seen.veil_variance), full(cv::v_setall_f32(1.0F / seen.scale)),
 	      relative2(cv::v_setall_f32(kCameraSigma * kCameraSigma +
 					 seen.flicker_sigma * seen.flicker_sigma +
 					 kWalk * kWalk * seen.late_s)),
@@ -119,7 +120,11 @@ class noise_model
 
 		if (coded) {
 			const v_float32x4 linear =
-				cv::v_min(cv::v_max(luminance * full, zero), one);
+				cv::v_min(cv::v_max((veil ? luminance + cv::v_load(veil + i)
+							  : luminance) *
+							    full,
+						    zero),
+					  one);
 			const v_float32x4 root = cv::v_sqrt(linear) * cv::v_setall_f32(255.0F);
 
 			variance = cv::v_fma(relative2, luminance * luminance,
@@ -127,6 +132,8 @@ class noise_model
 		}
 		if (step2)
 			variance = cv::v_fma(cv::v_load(step2 + i), place_variance, variance);
+		if (veil_variance)
+			variance = variance + cv::v_load(veil_variance + i);
 		return variance;
 	}
 };

@@ -28,8 +28,10 @@ struct lp_log_light lp_log_light(const struct lp_observation *seen, int cell, in
 
 	if (seen->flags[cell] || !(linear > 0.0F) || linear > BRIGHTEST)
 		return (struct lp_log_light){.log = NAN};
-	const float noise2 = seen->code_variance / lp_response_weight(seen->response, linear) /
-			     (linear * linear);
+	/* rounding is that of what the picture showed */
+	const float shown = seen->veil ? linear + seen->veil[cell] / seen->scale : linear;
+	const float noise2 =
+		seen->code_variance / lp_response_weight(seen->response, shown) / (linear * linear);
 
 	if (noise2 > MOST_NOISE * MOST_NOISE)
 		return (struct lp_log_light){.log = NAN};

@@ -15,6 +15,7 @@ The file is INI; its numbers refer to the size it states, and any other frame si
                mask               PGM beside the file; 0 where the lens sees nothing useful
     [lens.1]   …
     [polarizer] transmission, extinction, offset_deg: the film on the wheel (imaging/film.py)
+    [glare]    even, around, width_deg: light that the lens spreads over its picture
     [crop]     full_width_px, full_height_px, left_px, top_px: equirect, the part of the sphere
     [response] table              file of 256 rows r g b: linear light of each code, scaled so
                                   that the last row of green is 1; default sRGB
@@ -112,6 +113,24 @@ class Lens:
         return direction @ rotation_matrix(self.rotation_wxyz).T, theta
 
 
+@dataclass(frozen=True)
+class Glare:
+    """Veiling glare: shares of all light of a lens' picture.
+
+    `even` is spread evenly over the picture, `around` around where it comes from, by
+    (1 + (angle / `width_deg`)²)^-1.5.
+    """
+
+    even: float = 0.0
+    around: float = 0.0
+    width_deg: float = 10.0
+
+    @property
+    def is_possible(self) -> bool:
+        """Tell whether a camera file may state it."""
+        return 0 <= self.even <= 0.4 and 0 <= self.around <= 0.4 and 1 <= self.width_deg <= 90
+
+
 @dataclass(frozen=True, eq=False)
 class Camera:
     """A camera: a projection and a response."""
@@ -122,6 +141,7 @@ class Camera:
     lenses: tuple[Lens, ...] = ()  # none: equirectangular
     response: Array | None = None  # (256, 3) linear light of each code; None: sRGB
     sheet: Sheet = field(default_factory=Sheet)  # of the polarizer on the wheel
+    glare: Glare = field(default_factory=Glare)
     #: Of an equirectangular picture; None: the file does not say.
     crop: Crop | None = None
     mask: NDArray[np.uint8] | None = None  # of an equirectangular picture; 0: not seen
@@ -269,6 +289,7 @@ def _camera(section: _Section) -> Camera:
         lenses=tuple(_lens(_Section(section.path, config, name)) for name in names),
         response=_response(section) if config.has_option("response", "table") else None,
         sheet=_sheet(section) if config.has_section("polarizer") else Sheet(),
+        glare=_glare(section) if config.has_section("glare") else Glare(),
         crop=_crop(section) if config.has_section("crop") else None,
         mask=_mask(section) if projection == "equirect" else None,
         stuck_px=_stuck_pixels(section),
@@ -304,6 +325,20 @@ def _sheet(camera: _Section) -> Sheet:
             "offset_deg -180…180, index 1…2"
         )
     return sheet
+
+
+def _glare(camera: _Section) -> Glare:
+    section, usual = _Section(camera.path, camera.config, "glare"), Glare()
+    glare = Glare(
+        section.number("even", "0"),
+        section.number("around", "0"),
+        section.number("width_deg", str(usual.width_deg)),
+    )
+    if not glare.is_possible:
+        raise CameraError(
+            f"camera: {section.path}: [glare] expected even 0…0.4, around 0…0.4, width_deg 1…90"
+        )
+    return glare
 
 
 def _lens(section: _Section) -> Lens:

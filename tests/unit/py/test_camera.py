@@ -112,6 +112,10 @@ def test_mask_and_response(tmp_path):
         ("rolloff = -0.05, 0.0, 0.0", "rolloff = 1, 2", "expected 3 numbers"),
         ("rolloff", "mask = none.pgm\nrolloff", "not a readable PGM"),
         ("[camera]", "[camera\n", "parse"),
+        ("[camera]", "[glare]\neven = 0.5\n[camera]", r"\[glare\] expected even 0…0.4"),
+        ("[camera]", "[glare]\naround = -0.1\n[camera]", r"\[glare\] expected"),
+        ("[camera]", "[glare]\nwidth_deg = 0\n[camera]", "width_deg 1…90"),
+        ("[camera]", "[glare]\neven = some\n[camera]", r"\[glare\] even = some"),
     ],
 )
 def test_bad_files_are_named(tmp_path, old, new, message):
@@ -120,6 +124,16 @@ def test_bad_files_are_named(tmp_path, old, new, message):
     with pytest.raises(camera.CameraError, match=message) as error:
         camera.load(str(path))
     assert "bad.camera" in str(error.value)
+
+
+def test_glare_is_read(tmp_path):
+    path = tmp_path / "x.camera"
+    path.write_text(DUAL)
+    assert camera.load(str(path)).glare == camera.Glare(0, 0, 10)
+    path.write_text(DUAL + "[glare]\neven = 0.01\naround = 0.02\nwidth_deg = 7\n")
+    assert camera.load(str(path)).glare == camera.Glare(0.01, 0.02, 7)
+    path.write_text(DUAL + "[glare]\neven = 0.01\n")
+    assert camera.load(str(path)).glare == camera.Glare(0.01, 0, 10)
 
 
 def test_missing_file():
