@@ -1,11 +1,15 @@
-"""Answers to the questions of `lightprobe check-camera`, and the verdict that they make together."""
+"""Answers to the questions of `lightprobe check-camera`, and the verdict of them all."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from typing import Any
+
+
+#: Questions without whose answers nobody knows whether a camera is fit.
+ESSENTIAL = ("exposure", "tone mapping", "response")
 
 
 class Outcome(StrEnum):
@@ -20,7 +24,10 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True)
 class Answer:
-    """One question, what was found, and what to do about it."""
+    """One question, what was found, and what to do about it.
+
+    `words`: of a defect, what it is, as a noun; else a part of a sentence.
+    """
 
     question: str
     outcome: Outcome
@@ -57,9 +64,10 @@ class Verdict:
         unknown = self.of(Outcome.UNKNOWN)
         asked = len(self.answers) - len(self.of(Outcome.SKIPPED))
         if unfit:
-            return f"unfit because {_joined(one.words for one in unfit)}"
-        if not asked or len(unknown) == asked:
-            return "cannot tell"
+            return f"unfit because of {_joined(one.words for one in unfit)}"
+        if not asked or any(one.question in ESSENTIAL for one in unknown):
+            also = f"; it has {_joined(one.words for one in defects)}" if defects else ""
+            return f"cannot tell whether it is fit{also}"
         told = f"fit with {_joined(one.words for one in defects)}" if defects else "fit"
         if unknown:
             told += f"; cannot tell: {', '.join(one.question for one in unknown)}"
@@ -83,7 +91,7 @@ class Verdict:
         }
 
 
-def _joined(parts: Any) -> str:
+def _joined(parts: Iterable[str]) -> str:
     return ", and ".join(parts)
 
 

@@ -77,7 +77,7 @@ def profile(lumas: Sequence[NDArray[np.float32]]) -> EdgeProfile | None:
         steps = np.random.default_rng(0).permutation(steps)[:_MOST_EDGES]
     at, level = _laid_over(steps)
     reach = round((_REACH_PX - 1) / _STEP_PX)
-    places = _STEP_PX * np.arange(-reach, reach + 1)
+    places = np.asarray(_STEP_PX * np.arange(-reach, reach + 1), dtype=np.float64)
     median = np.array([np.median(level[np.abs(at - place) <= _HALF_PX]) for place in places])
     near = np.abs(places) <= _EVEN_PX
     above = np.max(median[near & (places > 0)], initial=1.0) - 1
@@ -105,7 +105,7 @@ def _steps(picture: NDArray[np.float32]) -> Array:
     rows = rows[good]
     falls = step[good] < 0
     rows[falls] = rows[falls, ::-1]
-    return rows
+    return np.asarray(rows)
 
 
 def _steepness(steps: Array) -> Array:
@@ -143,7 +143,7 @@ def judge(found: EdgeProfile | None) -> Answer:
     numbers = {"overshoot": found.overshoot, "edges": float(found.edges)}
     if found.overshoot < NOTICED:
         return Answer(QUESTION, Outcome.FINE, "edges do not overshoot", numbers=numbers)
-    words = f"it sharpens: edges overshoot by {100 * found.overshoot:.0f} % of their height"
+    words = f"sharpening (edges overshoot by {100 * found.overshoot:.0f} % of their height)"
     step = (
         "switch it off (v4l2-ctl -d DEVICE -c sharpness=0; processing=neutral in the camera file); "
         "small lamps count as brighter than they are"

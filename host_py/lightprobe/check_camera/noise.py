@@ -75,7 +75,7 @@ def judge(found: NoiseKinship | None) -> Answer:
     if found.in_time <= NOTICED:
         return Answer(QUESTION, Outcome.FINE, "each picture has noise of its own", numbers=numbers)
     return Answer(
-        QUESTION, Outcome.DEFECT, "it reduces noise by what it saw before",
+        QUESTION, Outcome.DEFECT, "noise reduction in time",
         "switch it off if the camera has a control for it (v4l2-ctl --list-ctrls); small changes "
         "of light come late with it",
         numbers,

@@ -17,7 +17,7 @@ QUESTION = "pixels"
 #: Exposures before the covered lens; those that a camera has not are left out.
 SCHEDULE_US = (512.0, 32768.0)
 #: Codes over their surroundings from which on pixels shine; a JPEG rings around them by a share.
-NOTICED_CODES, _RING, _RING_PX = 12.0, 0.3, 17
+NOTICED_CODES, _RING, _RING_PX = 12.0, 0.45, 17
 #: A cover lets less light through than this; so much of what shines is gone in a short exposure.
 _MOST_LEAK_CODES, _LEAST_STUCK = 32.0, 0.5
 #: More the daemon does not leave out.

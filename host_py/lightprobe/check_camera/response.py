@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from lightprobe.calibrate import flat_patches
 from lightprobe.calibrate import response_curve as curves
@@ -61,8 +62,9 @@ def regions(scene: SceneSeries) -> Regions:
     codes, exposures = scene.codes[..., GREEN], scene.exposures_us
     rows, columns = codes.shape[1:]
     sigma = columns * _REGION_DEG / 360
-    maps: list[tuple[int, int, Array, Array]] = []
-    for i in np.argsort(exposures, kind="stable").tolist():
+    maps: list[tuple[int, int, Array, NDArray[np.bool_]]] = []
+    order: list[int] = np.argsort(exposures, kind="stable").tolist()
+    for i in order:
         for j in range(len(exposures)):
             ratio = exposures[j] / exposures[i]
             if not _LEAST_RATIO < ratio < _MOST_RATIO:
@@ -144,8 +146,8 @@ def judge_regions(found: Regions) -> Answer:
         )  # fmt: skip
     if found.codes >= NOTICED_CODES:
         return Answer(
-            TONE, Outcome.UNFIT, "it maps tones locally: what a place looks like depends on its "
-            f"surroundings ({found.codes:.2f} codes for each factor e of exposure)",
+            TONE, Outcome.UNFIT, "local tone mapping (what a place looks like depends on its "
+            f"surroundings, by {found.codes:.2f} codes for each factor e of exposure)",
             "switch wide dynamic range, HDR and backlight compensation off (v4l2-ctl -c "
             "wide_dynamic_range=0, backlight_compensation=0; processing=neutral does); if it "
             "stays, take another camera",
@@ -171,7 +173,7 @@ def judge_regions(found: Regions) -> Answer:
 def power(scene: SceneSeries, stated: Array, *, with_fit: bool = True) -> Power | None:
     """Compare with the response (256, 3) of the camera file; None: too little is seen."""
     fitted = _fitted(scene) if with_fit else None
-    rate_and_steps = _against(scene, stated)
+    rate_and_steps = against(scene, stated)
     if rate_and_steps is None:
         return None
     rate, steps = rate_and_steps
@@ -179,18 +181,20 @@ def power(scene: SceneSeries, stated: Array, *, with_fit: bool = True) -> Power 
     if fitted is not None:
         some = slice(int(LOWEST_CODE), 236)
         difference = float(np.sqrt(np.mean((fitted.table - stated)[some, GREEN] ** 2)))
-        by_fit = _against(scene, fitted.table)
+        by_fit = against(scene, fitted.table)
         steps = steps if by_fit is None else by_fit[1]
     return Power(1 / rate, fitted, difference, steps)
 
 
-def _against(scene: SceneSeries, table: Array) -> tuple[float, Array] | None:
+def against(
+    scene: SceneSeries, table: Array, least_places: int = _LEAST_PLACES
+) -> tuple[float, Array] | None:
     """Power of exposure by which light grows by a response, and what is left of each exposure."""
     codes, exposures = scene.codes[..., GREEN], scene.exposures_us
     log_t = np.log(exposures)[:, None, None]
     good = np.isfinite(codes) & (codes > LOWEST_CODE)
     good &= good.sum(axis=0) >= 2
-    if good.sum() < _LEAST_PLACES:
+    if good.sum() < least_places:
         return None
     curve = np.maximum(table[:, GREEN], 1e-7)
     filled = np.where(good, codes, 128)
@@ -204,7 +208,7 @@ def _against(scene: SceneSeries, table: Array) -> tuple[float, Array] | None:
     steps = np.full(len(exposures), np.nan)
     for k in range(len(exposures)):
         mine = good[k]
-        if mine.sum() >= _LEAST_PLACES:
+        if mine.sum() >= least_places:
             steps[k] = np.expm1(np.median((from_light / rate - from_t)[k][mine]))
     return rate, steps
 
@@ -235,9 +239,9 @@ def judge_power(found: Power | None, regional: Answer, of_file: bool) -> Answer:
     if not off and not found.difference > NOTICED_SHARE:
         words = f"is {name} (power {found.power:.3f})"
         return Answer(RESPONSE, Outcome.FINE, words, numbers=numbers)
-    words = f"a response other than {name}: light goes by its power {found.power:.3f}"
+    words = f"a response other than {name} (light is its power {found.power:.3f})"
     if not off:
-        words = f"a response other than {name}: {100 * found.difference:.1f} % of full scale off"
+        words = f"a response other than {name} ({100 * found.difference:.1f} % of full scale off)"
     if found.fitted is None:
         step = "lightprobe calibrate response SOURCE --output FILE.camera, with more shades in view"
         return Answer(RESPONSE, Outcome.UNFIT, words, step, numbers)

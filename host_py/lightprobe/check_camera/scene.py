@@ -124,8 +124,6 @@ def _flicker(pictures: Sequence[Codes], curve: Array) -> float:
     return float(np.sqrt(np.mean(bend**2)))
 
 
-
-
 def _green_blocks(picture: Codes) -> Array:
     """Mean green codes (rows, columns) of whole blocks."""
     height, width, _ = picture.shape

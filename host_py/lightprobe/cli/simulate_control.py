@@ -89,7 +89,9 @@ class Desk:
         if not told and words == "none":
             self.link.camera.world.card = None
             return "ok"
-        azimuth, elevation, radius, *rgb = [*told, math.nan, math.nan, math.nan][: max(len(told), 3)]
+        azimuth, elevation, radius, *rgb = [*told, math.nan, math.nan, math.nan][
+            : max(len(told), 3)
+        ]
         right = abs(azimuth) <= 360 and abs(elevation) <= 90 and 0 < radius <= 180
         if not right or len(rgb) not in (0, 3) or not all(0 <= one <= 1 for one in rgb):
             raise UsageError(
