@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from typing import Any
 
-
 #: Questions without whose answers nobody knows whether a camera is fit.
 ESSENTIAL = ("exposure", "tone mapping", "response")
 

@@ -21,6 +21,8 @@ from lightprobe.geometry import Array
 QUESTION = "sharpening"
 #: A profile reaches so far to each side; its ends, from here on, are the even areas.
 _REACH_PX, _EVEN_PX = 10, 6
+#: Sharpening overshoots so near; local tone mapping bends what is farther.
+_NEAR_PX = 4
 #: Steps count from so many codes on, between areas that vary by no more than a share of it.
 _LEAST_STEP_CODES, _MOST_UNEVEN = 24.0, 0.06
 #: Codes that an even area may have: sharpening needs room beyond.
@@ -32,7 +34,7 @@ _MOST_EDGES = 20000
 #: The mean step is known at these distances, each from samples so near.
 _STEP_PX, _HALF_PX = 0.5, 0.55
 #: Shares of a step by which it overshoots: noticed, and too much to measure light with.
-NOTICED, TOO_MUCH = 0.02, 0.25
+NOTICED, TOO_MUCH = 0.03, 0.25
 #: Rows near the poles of a panorama are stretched; this share of the picture is left out at each.
 _POLE = 1 / 6
 
@@ -79,7 +81,7 @@ def profile(lumas: Sequence[NDArray[np.float32]]) -> EdgeProfile | None:
     reach = round((_REACH_PX - 1) / _STEP_PX)
     places = np.asarray(_STEP_PX * np.arange(-reach, reach + 1), dtype=np.float64)
     median = np.array([np.median(level[np.abs(at - place) <= _HALF_PX]) for place in places])
-    near = np.abs(places) <= _EVEN_PX
+    near = np.abs(places) <= _NEAR_PX
     above = np.max(median[near & (places > 0)], initial=1.0) - 1
     below = -np.min(median[near & (places < 0)], initial=0.0)
     return EdgeProfile(places, median, float(above), float(below), len(steps))

@@ -1,4 +1,4 @@
-"""Lamps that flicker in step with the pictures: each picture looks like the last, and all are wrong.
+"""Lamps that flicker in step with the pictures: each looks like the last, and all are wrong.
 
 At 30 pictures a second, lamps on mains of 60 Hz flicker four times from one to the next, and the
 same part of their flicker meets every row. Exposures end as the row is read, so an exposure t has
@@ -12,6 +12,7 @@ be told from them.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,7 +28,7 @@ _MAINS_HZ = (100.0, 120.0)
 _IN_STEP = 0.02
 _BANDS, _LEAST_STEPS, _LEAST_PLACES = 12, 9, 40
 #: Contradictions below this are no flicker; and so much of them must be explained.
-_LEAST, _EXPLAINED = 0.008, 0.75
+_LEAST, _EXPLAINED = 0.008, 0.82
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ def rate_hz(series: ExposureSeries) -> float:
     frames = series.frames
     gaps = [
         (late.t_read_ns - early.t_read_ns) / (late.sequence - early.sequence)
-        for early, late in zip(frames, frames[1:], strict=False)
+        for early, late in itertools.pairwise(frames)
         if late.sequence > early.sequence
     ]
     middle = float(np.median(gaps)) if gaps else 0.0
@@ -99,4 +100,4 @@ def _explain(scene: SceneSeries, table: Array, hz: float) -> InStep | None:
 def _left(values: Array, model: Array) -> tuple[Array, Array]:
     """Coefficients of a linear model, and what it leaves."""
     fitted = np.linalg.lstsq(model, values, rcond=None)[0]
-    return fitted, np.asarray(values - model @ fitted)
+    return np.asarray(fitted, dtype=np.float64), np.asarray(values - model @ fitted)

@@ -107,7 +107,8 @@ def test_stuck_pixels_are_written_beside_the_camera_file(tmp_path):
     first = camera_file.save_stuck(path, (640, 320), places)
     assert np.array_equal(cameras.load(str(path)).stuck_px, places)
     second = camera_file.save_stuck(path, (640, 320), places[:1])
-    assert first.exists() and second != first
+    assert first.exists()
+    assert second != first
     with pytest.raises(CameraError, match="640x320"):
         camera_file.save_stuck(path, (1280, 640), places)
 
