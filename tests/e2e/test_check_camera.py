@@ -1,15 +1,12 @@
-"""`lightprobe check-camera` with the real daemon, a simulated camera, and somebody who helps."""
+"""`lightprobe check-camera` with the real daemon and a simulated camera."""
 
 import contextlib
 import json
 import subprocess
 import sys
-import threading
 from pathlib import Path
 
 import pytest
-from lightprobe.imaging import camera
-from lightprobe.sim import control
 
 LIGHTPROBE = Path(sys.executable).parent / "lightprobe"
 LONG_S = 300  # the machine may be busy
@@ -30,50 +27,6 @@ def simulated(folder, *options):
     finally:
         process.terminate()
         process.wait(30)
-
-
-def checked(desk, *arguments):
-    """Do what it asks for; gives its exit status and its report."""
-    process = subprocess.Popen(
-        [LIGHTPROBE, "check-camera", *map(str, arguments), "--json", "--rest-s", "12"],
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    watch = threading.Timer(LONG_S, process.kill)
-    watch.start()
-    said = ""
-    while "press Enter" not in said.replace("\n", " ") or "leave" not in said:
-        said += process.stderr.read(1)
-    answers = {"Point": None, "Hold": "-40,0,50,0.7,0.08,0.05", "Cover": "0,0,180"}
-    while True:
-        for word, card in list(answers.items()):
-            if word in said and "leave it out)" in " ".join(said[said.index(word) :].split()):
-                if card is not None:
-                    control.send(desk, f"card {card}")
-                process.stdin.write("\n")
-                process.stdin.flush()
-                del answers[word]
-        more = process.stderr.read(1)
-        if not more:
-            break
-        said += more
-    report = process.stdout.read()
-    status = process.wait(LONG_S)
-    watch.cancel()
-    return status, json.loads(report), said
-
-
-def test_stuck_pixels_are_found_and_written(tmp_path):
-    out, plot = tmp_path / "my.camera", tmp_path / "checked.png"
-    with simulated(tmp_path, "--pixel-defects", "stuck=6&warm=6") as (link, desk):
-        status, report, said = checked(
-            desk, f"sim:{link}?hide_exposure=1", "--output", out, "--plot", plot
-        )
-    assert status == 0, said + json.dumps(report)
-    assert report["defects"] == ["pixels"]
-    assert report["verdict"] == "fit with 6 stuck and 6 warm pixels"
-    assert len(camera.load(str(out)).stuck_px) == 12
-    assert "exposure_delay_frames" in out.read_text()
-    assert plot.stat().st_size > 10000
 
 
 def test_tone_mapping_is_unfit_in_a_script(tmp_path):

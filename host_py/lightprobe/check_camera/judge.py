@@ -25,6 +25,8 @@ QUESTIONS = (
     noise.QUESTION,
 )  # fmt: skip
 BALANCE = (balance.DRIFTS, balance.ADAPTS)
+#: Share of a step by which local tone mapping alone makes edges overshoot.
+_BENT = 0.12
 _DARK_STEP = "switch lamps on, or choose a brighter room"
 _FLICKER_STEP = "daylight, or lamps on direct current; many LED lamps flicker when dimmed"
 
@@ -83,6 +85,11 @@ def judge(series: ExposureSeries, table: Array, of_file: bool) -> SceneFindings:
         return SceneFindings((obeys, *unknown, *of_one_picture), scene, profile=profile)
     regions = response.regions(scene)
     regional = response.judge_regions(regions)
+    if regional.is_found and of_one_picture[0].is_found:
+        overshoot = of_one_picture[0].numbers["overshoot"]
+        if overshoot < _BENT:
+            why = "local tone mapping makes edges overshoot, too"
+            of_one_picture[0] = cannot_tell((edges.QUESTION,), why)[0]
     power = response.power(scene, table, with_fit=not regional.is_found)
     exact = exposure.judge_steps(power, scene.exposures_us.tolist(), regional)
     answers = (
