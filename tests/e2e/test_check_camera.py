@@ -35,6 +35,7 @@ def test_tone_mapping_is_unfit_in_a_script(tmp_path):
             [LIGHTPROBE, "check-camera", f"sim:{link}", "--json", "--skip", "rest,colour,cover"],
             input="\n", capture_output=True, text=True, timeout=LONG_S,
         )  # fmt: skip
+    assert done.stdout, done.stderr
     assert done.returncode == 1, done.stderr
     assert json.loads(done.stdout)["defects"] == ["tone mapping"]
 
