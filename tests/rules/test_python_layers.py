@@ -13,11 +13,12 @@ MAY = {
     "": {""},
     "imaging": {"", "imaging"},
     "calibrate": {"", "imaging", "calibrate"},
+    "check_camera": {"", "imaging", "calibrate", "check_camera"},
     "align": {"", "calibrate", "align"},
     "mcu": {"", "mcu"},
     "sim": {"", "imaging", "calibrate", "sim"},
     "evaluate": {"", "imaging", "calibrate", "sim", "evaluate"},
-    "cli": {"", "imaging", "calibrate", "align", "mcu", "sim", "evaluate", "cli"},
+    "cli": {"", "imaging", "calibrate", "check_camera", "align", "mcu", "sim", "evaluate", "cli"},
 }
 #: Modules at the top that a client loads, and all that they may import from outside.
 CLIENT = (

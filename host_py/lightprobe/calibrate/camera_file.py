@@ -12,6 +12,8 @@ import secrets
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lightprobe.calibrate import files as calibration
@@ -120,6 +122,33 @@ def save_response(
     calibration.save(target, rows + f"# {remark}\n")
     on = None if processing is None else ", ".join(processing) or "none"
     save(path, size_px, "response", {"table": target.name, "processing": on})
+    return target
+
+
+def save_stuck(path: Path, size_px: tuple[int, int], places_px: NDArray[np.intp]) -> Path:
+    """Write places (n, 2) of stuck pixels beside a camera file and name them there.
+
+    They are in pixels of `size_px` (width, height), and so must the camera file be. Returns their
+    path.
+    """
+    if path.exists():
+        known = camera.load(str(path))
+        sized = re.search(r"(?m)^\s*width_px\s*[=:]", path.read_text()) is not None
+        if sized and (known.width_px, known.height_px) != size_px:
+            raise CameraError(
+                f"camera: {path}: its numbers refer to {known.width_px}x{known.height_px}, the "
+                f"pictures are {size_px[0]}x{size_px[1]}: take pictures of that size, or name "
+                "another file"
+            )
+        if not sized:
+            size = {"width_px": str(size_px[0]), "height_px": str(size_px[1])}
+            save(path, size_px, "camera", size)
+    number = 1
+    while (target := path.with_name(f"{path.stem}.stuck-{number}.txt")).exists():
+        number += 1
+    rows = "".join(f"{x} {y}\n" for x, y in places_px.tolist())
+    calibration.save(target, rows)
+    save(path, size_px, "camera", {"stuck_pixels": target.name})
     return target
 
 

@@ -10,7 +10,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from lightprobe.calibrate.exposure_series import Codes, ExposureSeries, Frame
 from lightprobe.calibrate.response_curve import PatchCodes, ResponseError
@@ -60,11 +62,15 @@ def step_of(exposure_us: float, pictures: Iterable[Codes]) -> Step | None:
     means, deviations, lows, highs = [], [], [], []
     brightest, pile = 0, 0.0
     for codes in pictures:
-        tiles = blocks(codes)
-        means.append(tiles.mean(axis=2, dtype=np.float64))
-        deviations.append(tiles.std(axis=2, dtype=np.float32))
-        lows.append(tiles.min(axis=2))
-        highs.append(tiles.max(axis=2))
+        height, width, _ = codes.shape
+        rows, columns = height // BLOCK_PX, width // BLOCK_PX
+        cut = codes[: rows * BLOCK_PX, : columns * BLOCK_PX]
+        light = cut.astype(np.float32)
+        mean, square = _means(light), _means(light * light)
+        means.append(mean.astype(np.float64))
+        deviations.append(np.sqrt(np.maximum(square - mean * mean, 0)))
+        lows.append(_folded(np.minimum, cut))
+        highs.append(_folded(np.maximum, cut))
         brightest = max(brightest, int(codes.max()))
         pile = float(np.mean(codes.max(axis=2) >= brightest - 2))
     if not means:
@@ -79,6 +85,21 @@ def step_of(exposure_us: float, pictures: Iterable[Codes]) -> Step | None:
         brightest=brightest,
         pile=pile,
     )
+
+
+def _means(light: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Means of whole blocks (rows, columns, 3)."""
+    height, width, _ = light.shape
+    size = (width // BLOCK_PX, height // BLOCK_PX)
+    return np.asarray(cv2.resize(light, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+
+
+def _folded(take: np.ufunc, codes: Codes) -> Codes:
+    """Smallest or largest codes of whole blocks (rows, columns, 3)."""
+    for _ in range(BLOCK_PX.bit_length() - 1):
+        codes = take(codes[::2], codes[1::2])
+        codes = take(codes[:, ::2], codes[:, 1::2])
+    return codes
 
 
 def steady_frames(frames: Sequence[Frame]) -> list[Codes]:
@@ -120,10 +141,10 @@ def collect(steps: Sequence[Step], seed: int = 0) -> tuple[PatchCodes, list[str]
             f"response: {len(good)} usable exposures, but three are needed and ten are "
             f"better{reason}"
         )
-    top = _top(good)
+    top = top_code(good)
     if top < 255:
         notes.append(f"the picture saturates at code {top}, which is taken as full scale")
-    codes = np.stack([_usable(step, top) for step in good], axis=2)
+    codes = np.stack([usable(step, top) for step in good], axis=2)
     codes = codes.reshape(-1, len(good), 3)
     exposures = np.array([step.exposure_us for step in good])
     order = np.argsort(exposures, kind="stable")
@@ -133,7 +154,7 @@ def collect(steps: Sequence[Step], seed: int = 0) -> tuple[PatchCodes, list[str]
     return PatchCodes(codes[chosen][:, order], exposures[order], top), notes
 
 
-def _top(steps: Sequence[Step]) -> int:
+def top_code(steps: Sequence[Step]) -> int:
     """Code of full scale: lower than 255 only where the picture plainly saturates below."""
     brightest = max(step.brightest for step in steps)
     longest = max(steps, key=lambda step: step.exposure_us)
@@ -142,7 +163,7 @@ def _top(steps: Sequence[Step]) -> int:
     return brightest
 
 
-def _usable(step: Step, top: int) -> Array:
+def usable(step: Step, top: int) -> Array:
     """Mean codes (rows, columns, 3), NaN where a block does not count."""
     flat = np.all(step.deviation <= _MOST_DEVIATION_CODES, axis=2, keepdims=True)
     inside = (step.lowest >= 1) & (step.mean >= _MARGIN_CODES)

@@ -60,6 +60,21 @@ def scene(
     typer.echo(control.send(path, f"scene {which}"))
 
 
+@app.command("card")
+def card(
+    path: SocketPath,
+    where: Annotated[
+        str,
+        typer.Argument(
+            metavar="AZ,EL,RADIUS[,R,G,B]|none",
+            help="Direction and size in degrees; its albedo, else black. 0,0,180: a lens cap.",
+        ),
+    ],
+) -> None:
+    """Hold a round card before the lens from now on: a shade, a coloured thing, or a cap."""
+    typer.echo(control.send(path, f"card {where}"))
+
+
 @app.command("get")
 def get(
     path: SocketPath,

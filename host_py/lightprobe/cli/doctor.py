@@ -262,7 +262,8 @@ def _socket(path: Path) -> Finding:
 
 
 _PROCESSING_STEP = (
-    "the log of lightprobed says why it is not off; choose another camera (docs/users/cameras.md)"
+    "the log of lightprobed says why it is not off; stop it and `lightprobe check-camera SOURCE` "
+    "says what that does to the light (docs/users/camera_calibration.md)"
 )
 
 
@@ -321,7 +322,8 @@ _NEXT_STEPS = {
     "PARTIAL_VIEW": "check the lenses and masks in the camera file",
     "MORE_LIGHTS": "subscribe to more lights, up to 8",
     "NO_LIGHT": "is the lens cap on?",
-    "EXPOSURE_IGNORED": "does another program hold the controls of the camera?",
+    "EXPOSURE_IGNORED": "does another program hold the controls of the camera? "
+    "lightprobe check-camera SOURCE",
 }
 
 
@@ -372,7 +374,7 @@ def _health(client: Client, wait_s: float) -> Iterator[Finding]:
             "pixels", Verdict.WARN,
             f"{health.places_left_out} places of the pictures shine by themselves and are left out",
             "stuck pixels, or a light of the box before a lens: the log of lightprobed names them; "
-            "so can stuck_pixels in the camera file",
+            "so can stuck_pixels in the camera file, which lightprobe check-camera SOURCE writes",
         )  # fmt: skip
     for fault in health.faults:
         verdict = Verdict.WARN if fault.id in _WARNINGS else Verdict.FAIL

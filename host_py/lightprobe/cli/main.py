@@ -182,6 +182,10 @@ class Root(LazyGroup):
         "control": Entry("control:app", "Steer a running simulator: faults, light, status."),
         "evaluate": Entry("evaluate:command", "Measure accuracy against the exact truth.", "sim"),
         "calibrate": Entry("main:calibrate", "Calibrate camera, polarizer wheel and ring."),
+        "check-camera": Entry(
+            "check_camera:command", "Check what a camera does to its pictures: fit or not.",
+            "calibrate",
+        ),
         "align": Entry("main:align", "Find how the probe sits on a head."),
         "record": Entry("record:record", "Record a probe's messages (MCAP).", "record"),
         "replay": Entry("record:replay", "Serve a recording as a probe.", "record"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -13,6 +14,7 @@ from lightprobe.sim.box import Box, Illumination
 from lightprobe.sim.control import Handler
 from lightprobe.sim.illuminance import RingLight
 from lightprobe.sim.link import Link
+from lightprobe.sim.movers import Card
 from lightprobe.sim.surroundings import flicker_share
 
 
@@ -42,7 +44,7 @@ class Desk:
     def handlers(self) -> dict[str, Handler]:
         """Commands by their first words."""
         return {"faults": self.faults, "status": self.status, "light": self.set_light,
-                "get": self.get, "scene": self.keep_scene}  # fmt: skip
+                "get": self.get, "scene": self.keep_scene, "card": self.hold_card}  # fmt: skip
 
     def faults(self, query: str) -> str:
         """Misbehave from now on."""
@@ -73,6 +75,31 @@ class Desk:
         if words != "all" and not 1 <= number <= len(world.scenes):
             raise UsageError(f"simulate: scene {words}: expected 1…{len(world.scenes)}, or all")
         world.kept = None if words == "all" else number - 1
+        return "ok"
+
+    def hold_card(self, words: str) -> str:
+        """Hold a round card before the lens from now on, or none: AZIMUTH,ELEVATION,RADIUS[,R,G,B].
+
+        In degrees, as the scene stands; the colour is its albedo, black unless told.
+        """
+        try:
+            told = [float(word) for word in words.split(",")] if words != "none" else []
+        except ValueError:
+            told = [math.nan]
+        if not told and words == "none":
+            self.link.camera.world.card = None
+            return "ok"
+        azimuth, elevation, radius, *rgb = [*told, math.nan, math.nan, math.nan][
+            : max(len(told), 3)
+        ]
+        right = abs(azimuth) <= 360 and abs(elevation) <= 90 and 0 < radius <= 180
+        if not right or len(rgb) not in (0, 3) or not all(0 <= one <= 1 for one in rgb):
+            raise UsageError(
+                f"simulate: card {words}: expected none, or AZIMUTH,ELEVATION,RADIUS in degrees, "
+                "and R,G,B of 0…1 after them or not, as 30,20,3"
+            )
+        red, green, blue = rgb or (0.0, 0.0, 0.0)
+        self.link.camera.world.card = Card(azimuth, elevation, radius, (red, green, blue))
         return "ok"
 
     def status(self, _: str) -> str:

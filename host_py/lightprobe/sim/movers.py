@@ -204,6 +204,31 @@ class Screen:
         return Patch(window, *_single(1 - seen, seen[..., None] * colour * white / np.pi))
 
 
+@dataclass(frozen=True)
+class Card:
+    """A round card held before the lens: a shade, a coloured thing, or, at 180°, a lens cap."""
+
+    azimuth_deg: float
+    elevation_deg: float
+    radius_deg: float
+    colour: tuple[float, float, float] = (0.0, 0.0, 0.0)  # albedo of its side to the lens
+
+    def patch(self, size_px: tuple[int, int], scene_sh: Array) -> Patch:
+        """See :class:`Mover`."""
+        window = Window.of(size_px, 0, 180, -90, 90)
+        azimuth, elevation = np.radians([self.azimuth_deg, self.elevation_deg])
+        cosine = np.sin(window.elevation) * np.sin(elevation)
+        beside = window.beside - azimuth
+        cosine = cosine + np.cos(window.elevation) * np.cos(elevation) * np.cos(beside)
+        off = np.arccos(np.clip(cosine, -1, 1))
+        whole = self.radius_deg >= 180
+        seen = np.ones_like(off) if whole else window.inside(np.radians(self.radius_deg) - off)
+        level = np.cos(elevation)
+        normal = [-np.sin(azimuth) * level, -np.sin(elevation), np.cos(azimuth) * level]
+        white = np.maximum(sh.irradiance(scene_sh, [normal])[0], 0) / np.pi
+        return Patch(window, *_single(1 - seen, seen[..., None] * np.array(self.colour) * white))
+
+
 def _single(keep: Array, light: Array) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     return keep[..., None].astype(np.float32), light.astype(np.float32)
 

@@ -1,7 +1,8 @@
 """The world over time: which scene, how it is turned, and how bright each lamp is.
 
 Everything is a function of the time since the start, so that a run repeats exactly and anyone who
-knows the world's description knows the truth of every frame, until somebody keeps a scene.
+knows the world's description knows the truth of every frame, until somebody keeps a scene or holds
+a card before the lens.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from lightprobe.sim.exposure import median_luminance
 from lightprobe.sim.flicker import Flicker
 from lightprobe.sim.motion import Track, angles_deg, turned, way_deg
 from lightprobe.sim.moved import MovedTruth, change
-from lightprobe.sim.movers import Mover, Movers
+from lightprobe.sim.movers import Card, Mover, Movers
 from lightprobe.sim.room import Room
 from lightprobe.sim.scene import Scene, Truth
 
@@ -120,6 +121,7 @@ class World:
             raise ValueError("world: no scene")
         self.behaviour = behaviour or Behaviour()
         self.kept: int | None = None  # the scene that stays, by index; None: as behaviour has it
+        self.card: Card | None = None  # that somebody holds before the lens now
         self._check_path(scenes)
         flat = [scene.name for scene in scenes if not isinstance(scene, Room)]
         if self.behaviour.walk_m and flat:
@@ -161,13 +163,16 @@ class World:
         place_m = self._place_m(t_s + exposure_s / 2) if isinstance(scene, Room) else _HERE
         if isinstance(scene, Room) and b.is_going:
             scene = scene.seen_from(place_m)
+        movers = b.movers.at(t_s + exposure_s / 2)
+        if self.card is not None:
+            movers = (*movers, self.card)
         smear_deg = 0.0
         if exposure_s:
             smear_deg = way_deg(self.rotation(t_s + exposure_s * np.linspace(0, 1, _WAY_PARTS + 1)))
         return State(
             t_s, act, scene, self.rotation(t_s + exposure_s / 2),
             self._powers(scene, t_s, exposure_s), exposure_s, smear_deg,
-            place_m, b.cover_from_s <= t_s < b.cover_to_s, b.movers.at(t_s + exposure_s / 2),
+            place_m, b.cover_from_s <= t_s < b.cover_to_s, movers,
         )  # fmt: skip
 
     def rotation(self, t_s: ArrayLike) -> Array:

@@ -1,0 +1,73 @@
+"""`lightprobe check-camera` with the real daemon and a simulated camera."""
+
+import contextlib
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+LIGHTPROBE = Path(sys.executable).parent / "lightprobe"
+LONG_S = 300  # the machine may be busy
+
+
+@contextlib.contextmanager
+def simulated(folder, *options):
+    """A simulated camera; yields its socket and that of its control."""
+    link, desk = folder / "sim", folder / "control"
+    process = subprocess.Popen(
+        [LIGHTPROBE, "simulate", "--socket", link, "--size", "640x320", "--scenes", "room",
+         "--act-s", "0", "--exposure-min-us", "8", "--exposure-step-us", "0", "--control", desk,
+         *options],
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
+    )  # fmt: skip
+    try:
+        yield link, desk
+    finally:
+        process.terminate()
+        process.wait(30)
+
+
+def test_tone_mapping_is_unfit_in_a_script(tmp_path):
+    with simulated(tmp_path, "--processing", "tone_ev=1") as (link, _):
+        done = subprocess.run(
+            [LIGHTPROBE, "check-camera", f"sim:{link}", "--json", "--skip", "rest,colour,cover"],
+            input="\n", capture_output=True, text=True, timeout=LONG_S,
+        )  # fmt: skip
+    assert done.stdout, done.stderr
+    assert done.returncode == 1, done.stderr
+    assert json.loads(done.stdout)["defects"] == ["tone mapping"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("file:x",), "live camera"),
+        (("my.jpg",), "live camera"),
+        (("sim:/x", "--skip", "turn"), "--skip turn"),
+    ],
+)
+def test_bad_options_are_named(arguments, words):
+    done = subprocess.run([LIGHTPROBE, "check-camera", *arguments], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert words in done.stderr
+
+
+def test_nobody_at_the_keyboard_is_told(tmp_path):
+    with simulated(tmp_path) as (link, _):
+        done = subprocess.run(
+            [LIGHTPROBE, "check-camera", f"sim:{link}", "--json"],
+            stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=LONG_S,
+        )  # fmt: skip
+    assert done.returncode == 3, done.stderr
+    assert "nobody pressed Enter" in done.stdout
+
+
+def test_a_camera_that_is_not_there_is_told(tmp_path):
+    done = subprocess.run(
+        [LIGHTPROBE, "check-camera", f"sim:{tmp_path}/x", "--patience-s", "1"],
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert "lightprobe simulate" in done.stderr
