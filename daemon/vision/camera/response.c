@@ -111,41 +111,16 @@ void lp_response_scale(struct lp_response *response, const float factor[3])
 	init_weight(response);
 }
 
-/* Of a block, by the chain rule: with g(l) = l^power, g'' of the codes is g''(l) l'^2 + g'(l) l''.
- * `slope`: of l, per code. */
-static struct lp_block_response bent(const struct lp_block_response *block, double slope,
-				     double power)
-{
-	const double linear = fmax((double)block->linear, 1e-6);
-	const double value = pow(linear, power), first = power * value / linear;
-	const double second = (power - 1.0) * first / linear;
-
-	return (struct lp_block_response){.linear = block->linear > 0.0F ? (float)value
-									 : block->linear,
-					  .half_curvature =
-						  (float)(0.5 * second * slope * slope +
-							  first * (double)block->half_curvature)};
-}
-
 void lp_response_bend(struct lp_response *response, float power)
 {
 	if (power == 1.0F)
 		return;
 	for (int c = 0; c < 3; c++) {
-		struct lp_block_response *block = response->block[c];
-		double before = (double)block[0].linear;
+		float table[256];
 
 		for (int v = 0; v < 256; v++)
-			response->pixel[c][v] = powf(fmaxf(response->pixel[c][v], 0.0F), power);
-		for (int i = 0; i <= LP_CODE_INDEX_MAX; i++) {
-			const double own = (double)block[i].linear;
-			const double next =
-				i < LP_CODE_INDEX_MAX ? (double)block[i + 1].linear : own;
-			const int steps = i == 0 || i == LP_CODE_INDEX_MAX ? 1 : 2;
-
-			block[i] = bent(&block[i], (next - before) * LP_CODE_STEPS / steps, power);
-			before = own;
-		}
+			table[v] = powf(fmaxf(response->pixel[c][v], 0.0F), power);
+		init_table(response, c, table);
 	}
 	init_weight(response);
 }

@@ -29,12 +29,12 @@
 #define LEAST_REGIONS 4
 /* After so many frames without a pair nothing is known of a cell. */
 #define MOST_FRAMES 300
-/* Exposures disagree from this spread on, and as long as it is above the other one. */
-#define BEGINS 0.004F
+/* Exposures disagree from this spread on, and as long as it is above the other. */
+#define BEGINS 0.0045F
 #define GOES_ON 0.003F
-/* What the camera does in all exposures alike does not show: light errs by so many times what
- * exposures contradict each other. */
-#define UNSEEN 2.0F
+/* What the camera does in all exposures alike does not show. Cameras whose exposures disagree are
+ * off by this besides: 1 sigma of light, relative. */
+#define UNSEEN_SIGMA 0.1F
 /* "Lately", a time constant. */
 #define LATELY_S 5.0F
 /* A power nearer to 1 than this many of its sigmas is not worth another response. */
@@ -83,18 +83,18 @@ static struct pair pair_of(const struct lp_linearity *l, const struct lp_lineari
 			     .ago = (int)ago};
 }
 
-/* One more pair of exposures of a cell. */
-static void add(struct lp_linearity_cell *cell, float power, float weight, uint64_t serial)
+/* One more pair of exposures of a cell, less what its fellows ask for. */
+static void add(struct lp_linearity_cell *cell, const struct pair *pair, float fellows,
+		uint64_t serial)
 {
 	if (serial - cell->told > MOST_FRAMES) {
 		cell->power = cell->weight = 0.0F;
 		cell->count = 0;
 	}
-
 	cell->told = serial;
 	cell->count += cell->count < MOST_PAIRS;
-	cell->power += (power - cell->power) / (float)cell->count;
-	cell->weight += (weight - cell->weight) / (float)cell->count;
+	cell->power += (pair->power - fellows - cell->power) / (float)cell->count;
+	cell->weight += (pair->weight - cell->weight) / (float)cell->count;
 }
 
 /* By frames ago; [0]: of all. */
@@ -123,8 +123,8 @@ static void compare(struct lp_linearity *l, const struct lp_linearity_look *look
 		const struct sums *fellows = &sums[pair.ago];
 
 		if (pair.ago && fellows->count >= LEAST_CELLS)
-			add(&l->cells[k], pair.power - (float)(fellows->power / fellows->weight),
-			    pair.weight, l->serial);
+			add(&l->cells[k], &pair, (float)(fellows->power / fellows->weight),
+			    l->serial);
 	}
 }
 
@@ -263,9 +263,10 @@ float lp_linearity_apply(struct lp_linearity *l)
 
 float lp_linearity_sigma(const struct lp_linearity *l)
 {
-	/* a power raises light by how far it is below full scale; and where cells differ, the
+	/* a power raises light by how far it is below full scale; and where regions differ, the
 	 * longest exposure and the shortest contradict each other by that over all between them */
-	const float apart = l->disagrees ? UNSEEN * l->spread * l->log_range : 0.0F;
+	const float seen = l->disagrees ? l->spread * l->log_range : 0.0F;
+	const float unseen = l->disagrees ? UNSEEN_SIGMA : 0.0F;
 
-	return sqrtf(l->variance * l->depth * l->depth + apart * apart);
+	return sqrtf(l->variance * l->depth * l->depth + seen * seen + unseen * unseen);
 }
