@@ -34,7 +34,7 @@
 #define GOES_ON 0.003F
 /* What the camera does in all exposures alike does not show. Cameras whose exposures disagree are
  * off by this besides: 1 sigma of light, relative. */
-#define UNSEEN_SIGMA 0.1F
+#define UNSEEN_SIGMA 0.15F
 /* "Lately", a time constant. */
 #define LATELY_S 5.0F
 /* A power nearer to 1 than this many of its sigmas is not worth another response. */
