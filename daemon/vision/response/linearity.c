@@ -4,8 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-/* Chosen by hand, on tests/accuracy/live.py --defects; docs/maintainers/constants.md says what
- * other values do. */
+/* Chosen by hand, on tests/accuracy/live.py --defects. */
 
 /* A cell whose linear value differs by less (logarithm) between two frames tells nothing... */
 #define LEAST_APART 0.5F
