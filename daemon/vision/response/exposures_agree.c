@@ -77,13 +77,21 @@ void lp_imager_learn_response(struct lp_imager *imager)
 {
 	struct lp_eye *eye = imager->eye;
 	struct lp_linearity_look looks[LP_LINEARITY_CELLS];
-	const float exposure_us = eye->incoming.exposure_us;
+	const float exposure_us = lp_frame_exposure_us(&imager->about);
 	const int count = imager->watched_count / STEP;
 	const bool disagreed = eye->linearity.disagrees;
 
+	/* only what the frame itself tells: an exposure that is found by what the frame shows has
+	 * taken the response for granted */
 	if (!imager->t_map_ns || imager->late_s > 0.0F || isnan(eye->incoming.cells.mean_code) ||
 	    isnan(exposure_us))
 		return;
+	/* exposures shorter than the mains' period contradict longer ones then, whatever the
+	 * response */
+	if (imager->flicker > 0.0F || eye->banding.found) {
+		eye->linearity.disagrees = false;
+		return;
+	}
 	const struct lp_residual residual = lp_imager_residual(imager);
 
 	for (int k = 0; k < count; k++)
