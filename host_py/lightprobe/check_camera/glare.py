@@ -244,12 +244,16 @@ class _Spreads:
         self._cells = cells
         self._angle_deg = _angles_deg(cells.directions, cells.directions).astype(np.float32)
         self._weight = np.where(cells.seen, cells.solid_angle_sr, 0)
+        self._kernels: dict[float, NDArray[np.float32]] = {}
         self._scales: dict[tuple[float, int], list[Array]] = {}
 
     def of(self, flux: Array, width_deg: float, way: int) -> tuple[Array, Array]:
         """Radiance (n,) of flux (n,), all of it spread evenly, and all of it around."""
         shares = self._cells.lenses[way]
-        kernel = (1 + (self._angle_deg / np.float32(width_deg)) ** 2) ** np.float32(-1.5)
+        if width_deg not in self._kernels:
+            square = (self._angle_deg / np.float32(width_deg)) ** 2
+            self._kernels[width_deg] = (1 + square) ** np.float32(-1.5)
+        kernel = self._kernels[width_deg]
         if (width_deg, way) not in self._scales:
             self._scales[width_deg, way] = [
                 _balance(kernel, np.asarray(self._weight * share)) for share in shares.T
