@@ -124,9 +124,11 @@ def measure(pair: Shaded | None) -> Veil | str:
     total = float((np.where(usable, pair.before, 0) * pair.cells.solid_angle_sr).sum())
     covered = usable & (pair.after < 0.7 * pair.before)
     lamp = int(np.argmax(np.where(covered, lost, -np.inf)))
-    if pair.clipped.any():
-        return "a lamp clips in the shortest exposure"
     off_deg = _angles_deg(pair.cells.directions, pair.cells.directions[lamp : lamp + 1])[:, 0]
+    # What clips as before, and elsewhere, is left out: another lamp, or a stuck pixel.
+    near = off_deg < _LAMP_DEG
+    if (pair.clipped != pair.still).any() or (pair.clipped & near).any():
+        return "a lamp clips in the shortest exposure"
     hidden = float(lost[off_deg < _LAMP_DEG].sum()) / total
     if not covered.any() or hidden < _LEAST_HIDDEN:
         return "no lamp was hidden"

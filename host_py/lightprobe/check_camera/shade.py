@@ -49,7 +49,8 @@ class Shaded:
     before: Array
     after: Array
     sigma: Array
-    clipped: NDArray[np.bool_]  # in the shortest exposure, before or after
+    clipped: NDArray[np.bool_]  # before, in all exposures: a lamp, or a stuck pixel
+    still: NDArray[np.bool_]  # after
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +114,8 @@ def shaded(
         np.where(usable, one[at], np.nan) for one in (first.light, second.light, first.sigma)
     )
     sigma = np.hypot(sigma, _LIGHT_SIGMA * light)
-    return Shaded(cells, light, left, sigma, ~good.any(axis=0) & cells.seen)
+    clipped, still = (one.clipped.all(axis=0) & cells.seen for one in (first, second))
+    return Shaded(cells, light, left, sigma, clipped, still)
 
 
 def _bracket(
