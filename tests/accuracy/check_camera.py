@@ -14,13 +14,16 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from lightprobe.check_camera import balance, judge, pixels
+import numpy as np
+from lightprobe.check_camera import balance, glare, judge, pixels, shade
 from lightprobe.check_camera.answers import Answer, Verdict, cannot_tell
+from lightprobe.geometry import Array
 from lightprobe.imaging.camera import equirect
 from lightprobe.sim import response, scenes
 from lightprobe.sim.camera import SimulatedCamera
 from lightprobe.sim.exposure import ExposureLimits
 from lightprobe.sim.flicker import Flicker
+from lightprobe.sim.lens_defects import LensDefects
 from lightprobe.sim.movers import Card
 from lightprobe.sim.pixel_defects import PixelDefects
 from lightprobe.sim.processing import Processing
@@ -28,8 +31,8 @@ from lightprobe.sim.series import Photographer
 from lightprobe.sim.world import Behaviour, World
 
 SIZE_PX = (640, 320)
-#: A red cloth before the lens, and a cap.
-CLOTH, CAP = Card(-40, 0, 50, (0.7, 0.08, 0.05)), Card(0, 0, 180)
+#: A red cloth before the lens, and a cap; and how large the card is that hides the lamp.
+CLOTH, CAP, SHADE_DEG = Card(-40, 0, 50, (0.7, 0.08, 0.05)), Card(0, 0, 180), 6.0
 MEDIAN_RADIANCE = 30.0
 
 
@@ -41,6 +44,7 @@ class Case:
     unknown: tuple[str, ...] = ()  # of what must not be told
     processing: str = ""
     curve: str | None = None
+    lens: str = ""
     pixels: str = ""
     quality: int = 85
     pixel_format: str = "MJPG"
@@ -55,7 +59,7 @@ class Case:
 
 TONE, RESPONSE, SHARP = ("tone mapping",), ("response",), ("sharpening",)
 NOISE, PIXELS, DRIFT = ("noise reduction",), ("pixels",), ("white balance at rest",)
-ADAPT = ("white balance and colours",)
+ADAPT, GLARE = ("white balance and colours",), ("glare",)
 LINEAR = ("exposure steps", "tone mapping", "response")
 COLOURS = judge.BALANCE
 
@@ -87,6 +91,11 @@ CASES = {
         f"white balance adapts {a}": Case(ADAPT, processing=f"white_adapt={a}")
         for a in (0.3, 0.6, 1)
     },
+    **{f"glare {share:g}": Case(GLARE, lens=f"glare={share:g}") for share in (0.01, 0.03, 0.1)},
+    "glare 0.03 and stuck pixels": Case(GLARE + PIXELS, lens="glare=0.03", pixels="stuck=12"),
+    "glare 0.03 and response srgb:1.04": Case(
+        GLARE + RESPONSE, lens="glare=0.03", curve="srgb:1.04"
+    ),
     **{f"{n} stuck pixels": Case(PIXELS, pixels=f"stuck={n}") for n in (1, 12, 200)},
     **{
         f"20 warm pixels of {e} e/s": Case(PIXELS, pixels=f"warm=20&warm_e_per_s={e}")
@@ -130,7 +139,7 @@ def verdict(case: Case, folder: Path) -> Verdict:
         world, equirect(), SIZE_PX, quality=case.quality, pixel_format=case.pixel_format,
         response=curve, row_time_us=case.row_time_us, limits=ExposureLimits(8, 33000, 0),
         processing=Processing().merged(case.processing),
-        pixels=PixelDefects().merged(case.pixels),
+        pixels=PixelDefects().merged(case.pixels), lens_defects=LensDefects().merged(case.lens),
     )  # fmt: skip
     taker = Photographer(camera, folder, case.delay_frames, case.ignores)
     stated = equirect().response_table()
@@ -147,10 +156,27 @@ def verdict(case: Case, folder: Path) -> Verdict:
         after = balance.colours(taker.shoot([best_us], 300, every=30), stated)
         size = drift.size if drift else 0.0
         answers.append(balance.judge_adaption(balance.adaption(rest, after), size))
+    answers.append(veil(found, taker, world, stated))
     world.card = CAP
     covered = taker.shoot(pixels.SCHEDULE_US, max(case.frames, 6))
     answers.append(pixels.judge(pixels.find(covered)))
     return Verdict("simulated", tuple(answers))
+
+
+def veil(found: judge.SceneFindings, taker: Photographer, world: World, stated: Array) -> Answer:
+    """Hide the brightest lamp."""
+    trouble = found.trouble or glare.hindrance(found.answers)
+    if trouble:
+        return cannot_tell((glare.QUESTION,), trouble)[0]
+    world.card = None
+    before = taker.shoot(shade.SHADE_US, taker.delay_frames + 4)
+    lamp = max(world.scenes[0].lamps, key=lambda one: float(np.sum(one.irradiance)))
+    x, y, z = lamp.direction
+    azimuth, elevation = np.degrees([np.arctan2(x, -z), np.arcsin(y)])
+    world.card = Card(float(azimuth), float(elevation), SHADE_DEG)
+    after = taker.shoot(shade.SHADE_US, taker.delay_frames + 4)
+    table = glare.table_of(found.answers, found.power, stated)
+    return glare.answer(equirect(*SIZE_PX), before, after, table)
 
 
 def wrong(case: Case, found: Verdict) -> list[str]:
@@ -162,7 +188,11 @@ def wrong(case: Case, found: Verdict) -> list[str]:
         if told and one.question in case.unknown:
             faults.append(f"{one.question} is told")
         bent = "tone mapping" in case.defects and one.question == "sharpening"
-        if not told and one.question not in case.unknown and not bent:
+        hindered = one.question == glare.QUESTION and set(case.unknown) & {
+            "tone mapping",
+            "response",
+        }
+        if not told and one.question not in case.unknown and not bent and not hindered:
             faults.append(f"{one.question} is not told")
     return faults
 

@@ -2,11 +2,14 @@
 
 import contextlib
 import json
+import math
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from lightprobe.imaging import camera as cameras
+from lightprobe.sim.scenes import load
 
 LIGHTPROBE = Path(sys.executable).parent / "lightprobe"
 LONG_S = 300  # the machine may be busy
@@ -32,12 +35,38 @@ def simulated(folder, *options):
 def test_tone_mapping_is_unfit_in_a_script(tmp_path):
     with simulated(tmp_path, "--processing", "tone_ev=1") as (link, _):
         done = subprocess.run(
-            [LIGHTPROBE, "check-camera", f"sim:{link}", "--json", "--skip", "rest,colour,cover"],
+            [LIGHTPROBE, "check-camera", f"sim:{link}", "--json",
+             "--skip", "rest,colour,shade,cover"],
             input="\n", capture_output=True, text=True, timeout=LONG_S,
         )  # fmt: skip
     assert done.stdout, done.stderr
     assert done.returncode == 1, done.stderr
     assert json.loads(done.stdout)["defects"] == ["tone mapping"]
+
+
+def test_a_veil_is_measured_and_written(tmp_path):
+    path = tmp_path / "my.camera"
+    x, y, z = max(load(["room"])[0].lamps, key=lambda one: sum(one.irradiance)).direction
+    card = f"{math.degrees(math.atan2(x, -z))},{math.degrees(math.asin(y))},6"
+    with simulated(tmp_path, "--lens-defects", "glare=0.04") as (link, desk):
+        process = subprocess.Popen(
+            [LIGHTPROBE, "check-camera", f"sim:{link}", "--json", "--output", path,
+             "--skip", "rest,colour,cover"],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        process.stdin.write("\n\n")
+        process.stdin.flush()
+        told = ""
+        while "Hide that lamp" not in told:
+            line = process.stderr.readline()
+            assert line, told
+            told += line
+        subprocess.run([LIGHTPROBE, "control", "card", desk, "--", card], check=True)
+        out, err = process.communicate("\n", timeout=LONG_S)
+    assert process.returncode == 0, out + err
+    assert json.loads(out)["defects"] == ["glare"], out
+    glare = cameras.load(str(path)).glare
+    assert glare.even + glare.around == pytest.approx(0.04, rel=0.25)
 
 
 @pytest.mark.parametrize(

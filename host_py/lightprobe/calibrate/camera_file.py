@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from lightprobe.calibrate import files as calibration
 from lightprobe.geometry import Array
 from lightprobe.imaging import camera
-from lightprobe.imaging.camera import CameraError
+from lightprobe.imaging.camera import CameraError, Glare
 
 _SECTION = re.compile(r"\s*\[([^]]+)\]")
 
@@ -150,6 +150,15 @@ def save_stuck(path: Path, size_px: tuple[int, int], places_px: NDArray[np.intp]
     calibration.save(target, rows)
     save(path, size_px, "camera", {"stuck_pixels": target.name})
     return target
+
+
+def save_glare(path: Path, size_px: tuple[int, int], glare: Glare) -> None:
+    """State veiling glare in a camera file."""
+    values = {
+        "even": f"{glare.even:.4f}", "around": f"{glare.around:.4f}",
+        "width_deg": f"{glare.width_deg:g}",
+    }  # fmt: skip
+    save(path, size_px, "glare", values)
 
 
 def save_rig(paths: Sequence[Path], turns: Sequence[Rotation], sigmas_deg: Sequence[float]) -> str:

@@ -13,7 +13,7 @@ from lightprobe.calibrate.exposure_response import (
 )
 from lightprobe.calibrate.exposure_series import Frame
 from lightprobe.check_camera.answers import Answer, Outcome
-from lightprobe.check_camera.response import NOTICED_STEP, Power
+from lightprobe.check_camera.response import NOTICED_STEP, Power, untold
 
 OBEYS, EXACT = "exposure", "exposure steps"
 #: Share of commands that may come at another time: the machine was busy.
@@ -75,12 +75,8 @@ def judge(found: ExposureResponse | str, trouble: str = "", next_step: str = "")
 def judge_steps(found: Power | None, exposures_us: Sequence[float], regional: Answer) -> Answer:
     """Say whether each exposure gives the light that was commanded, against the others'."""
     if found is None or regional.outcome is not Outcome.FINE:
-        why = "too few even places are seen at several exposures"
-        if regional.outcome is Outcome.UNFIT:
-            why = "local tone mapping changes the light of every exposure"
-        elif found is not None:
-            why = "nobody knows whether there is local tone mapping"
-        return Answer(EXACT, Outcome.UNKNOWN, f"because {why}", regional.next_step)
+        why = "local tone mapping changes the light of every exposure"
+        return untold(EXACT, found, regional, why)
     seen = np.isfinite(found.steps)
     worst = float(np.abs(found.steps[seen]).max(initial=0.0))
     numbers = {"largest_error": worst, "seen": float(seen.sum())}

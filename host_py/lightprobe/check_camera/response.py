@@ -223,15 +223,21 @@ def _fitted(scene: SceneSeries) -> Response | None:
     return fitted if fitted.residual_codes.max() < _MOST_RESIDUAL_CODES else None
 
 
+def untold(question: str, found: Power | None, regional: Answer, mapped: str) -> Answer:
+    """Say why exposures cannot be compared; `mapped`: reason where there is local tone mapping."""
+    why = "too few even places are seen at several exposures"
+    if regional.outcome is Outcome.UNFIT:
+        why = mapped
+    elif found is not None:
+        why = "nobody knows whether there is local tone mapping"
+    return Answer(question, Outcome.UNKNOWN, f"because {why}", regional.next_step)
+
+
 def judge_power(found: Power | None, regional: Answer, of_file: bool) -> Answer:
     """Say whether the response is that of the camera file, or sRGB without one."""
     if found is None or regional.outcome is not Outcome.FINE:
-        why = "too few even places are seen at several exposures"
-        if regional.outcome is Outcome.UNFIT:
-            why = "there is no single one with local tone mapping"
-        elif found is not None:
-            why = "nobody knows whether there is local tone mapping"
-        return Answer(RESPONSE, Outcome.UNKNOWN, f"because {why}", regional.next_step)
+        why = "there is no single one with local tone mapping"
+        return untold(RESPONSE, found, regional, why)
     name = "that of the camera file" if of_file else "sRGB"
     numbers = {"power": found.power, "difference": found.difference}
     numbers = {key: value for key, value in numbers.items() if np.isfinite(value)}

@@ -18,7 +18,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from lightprobe.calibrate import camera_file
 from lightprobe.calibrate.exposure_series import INDEX, ExposureSeries, shoot
-from lightprobe.check_camera import balance, exposure, judge, pixels
+from lightprobe.check_camera import balance, exposure, glare, judge, pixels, shade
 from lightprobe.check_camera.answers import Answer, Outcome, Verdict, cannot_tell
 from lightprobe.check_camera.balance import Colours, Drift
 from lightprobe.check_camera.judge import SceneFindings
@@ -29,7 +29,7 @@ from lightprobe.geometry import Array
 from lightprobe.imaging import camera as cameras
 
 #: Steps that the user does something for, and which may be left out.
-STEPS = ("scene", "rest", "colour", "cover")
+STEPS = ("scene", "rest", "colour", "shade", "cover")
 _COLOURS = {
     Outcome.FINE: "green", Outcome.DEFECT: "yellow", Outcome.UNFIT: "red",
     Outcome.UNKNOWN: "magenta", Outcome.SKIPPED: "dim",
@@ -40,6 +40,10 @@ _ASK = {
     "rest": "Leave everything as it is, for a minute",
     "colour": "Hold a large, bright red or blue cloth or paper before a third of the view, and "
     "keep it there",
+    "shade": "Take that away again, and have the brightest lamp in view (not the sun), and dark "
+    "places beside it",
+    "hide": "Hide that lamp with a thumb or a small card at arm's length from you, close before "
+    "the lens, with the rest of the hand below. Nothing else may move",
     "cover": "Cover the lens with something opaque, such as a cap or black cloth",
 }
 #: Kept of a long series: pictures a second.
@@ -73,11 +77,11 @@ def command(
     """Check what a camera does to its pictures by itself, and whether it is fit to measure light.
 
     Guides through some steps, each begun with Enter: a lit room, a minute of rest, something
-    coloured before the lens, the lens covered. Looks for exposures that are not obeyed, local tone
-    mapping, another response, sharpening, noise reduction, a white balance that moves, and pixels
-    that shine by themselves. --output writes what can be corrected into a camera file. Takes three
-    minutes. The daemon must not be running on the same camera. The exit code is 1 for a camera
-    that is unfit, 3 when something could not be told.
+    coloured before the lens, the brightest lamp hidden, the lens covered. Looks for exposures that
+    are not obeyed, local tone mapping, another response, sharpening, noise reduction, a white
+    balance that moves, veiling glare, and pixels that shine by themselves. --output writes what
+    can be corrected into a camera file. Takes four minutes. The daemon must not be running on the
+    same camera. The exit code is 1 for a camera that is unfit, 3 when something could not be told.
     Example: lightprobe check-camera v4l2:/dev/video0 --output my.camera --plot checked.png
     """
     if not calibrate.is_source(source) or source.startswith(("file:", "ptp:")):
@@ -134,7 +138,7 @@ class _Session:
     console: Console = field(default_factory=lambda: Console(stderr=True))
 
     def __post_init__(self) -> None:
-        known = cameras.load(self.camera)
+        known = self.known = cameras.load(self.camera)
         self.of_file = known.response is not None
         self.table: Array = known.response_table()
 
@@ -143,6 +147,7 @@ class _Session:
         settable = self._look()
         self._scene(settable)
         self._balance(settable)
+        self._shade(settable)
         self._cover(settable)
         self.answers.append(_processing(self.processing))
         return Verdict(self.source, tuple(self.answers))
@@ -204,6 +209,24 @@ class _Session:
         drifts = self.drift.size if self.drift else 0.0
         self.answers.append(balance.judge_adaption(found, drifts))
 
+    def _shade(self, settable: bool) -> None:
+        scene, questions = self.scene, (glare.QUESTION,)
+        if "shade" not in self.steps or not settable or scene is None:
+            self.answers.append(_skipped(glare.QUESTION))
+            return
+        trouble = scene.trouble or glare.hindrance(scene.answers)
+        if trouble:
+            self.answers += cannot_tell(questions, trouble, scene.next_step)
+            return
+        if not self._ready("shade", questions):
+            return
+        with self._series(shade.SHADE_US, self.frames, "lamp in view") as before:
+            if not self._asked("shade", _ASK["hide"], questions):
+                return
+            with self._series(shade.SHADE_US, self.frames, "lamp hidden") as after:
+                table = glare.table_of(scene.answers, scene.power, self.table)
+                self.answers.append(glare.answer(self.known, before, after, table))
+
     def _cover(self, settable: bool) -> None:
         if not self._ready("cover", (pixels.QUESTION,)):
             return
@@ -220,7 +243,10 @@ class _Session:
         if step not in self.steps:
             self.answers += [_skipped(question) for question in questions]
             return False
-        self.console.print(f"[bold]{_ASK[step]}[/], then press Enter (s and Enter: leave it out).")
+        return self._asked(step, _ASK[step], questions)
+
+    def _asked(self, step: str, words: str, questions: tuple[str, ...]) -> bool:
+        self.console.print(f"[bold]{words}[/], then press Enter (s and Enter: leave it out).")
         line = sys.stdin.readline()
         if not line:
             why = "nobody pressed Enter: input has ended"
@@ -276,6 +302,13 @@ class _Session:
                 path, self.size_px, power.fitted.table, note, self.processing
             )
             yield f"written: {path}: [response] table = {table.name}"
+        veil = next((one.numbers for one in verdict.answers if one.question == glare.QUESTION), {})
+        stated = self.known.glare.even + self.known.glare.around > 0
+        found = outcomes.get(glare.QUESTION)
+        if found is Outcome.DEFECT or (found is Outcome.FINE and stated):
+            measured = cameras.Glare(veil["even"], veil["around"], veil["width_deg"])
+            camera_file.save_glare(path, self.size_px, measured)
+            yield f"written: {path}: [glare] even = {measured.even:.4f}, …"
         if self.shining is not None and outcomes.get(pixels.QUESTION) is Outcome.DEFECT:
             listed = camera_file.save_stuck(path, self.size_px, self.shining.places_px)
             yield f"written: {path}: [camera] stuck_pixels = {listed.name}"

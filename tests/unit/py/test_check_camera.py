@@ -30,7 +30,7 @@ import check_camera as table
         "no defect", "tone mapping 1 EV", "tone mapping 0.5 EV to middle grey",
         "response srgb:1.04", "sharpening 0.3", "noise reduction in time 0.4",
         "white balance drifts 0.06", "white balance adapts 0.6", "12 stuck pixels",
-        "commands without effect", "a dark room",
+        "commands without effect", "a dark room", "glare 0.03 and stuck pixels",
         "lamps flicker at 100 Hz by 0.3, rows 0 µs apart",
         "sharpening 0.7 and white balance drifts 0.06",
     ],
