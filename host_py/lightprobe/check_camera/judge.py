@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from lightprobe.calibrate.exposure_response import ExposureResponse
 from lightprobe.calibrate.exposure_series import ExposureSeries, Frame
 from lightprobe.check_camera import balance, edges, exposure, in_step, noise, response
 from lightprobe.check_camera.answers import Answer, cannot_tell
@@ -68,6 +69,10 @@ def judge(series: ExposureSeries, table: Array, of_file: bool) -> SceneFindings:
     profile = edges.profile(scene.lumas) if scene.lumas else None
     of_one_picture = [edges.judge(profile), noise.judge(scene.noise)]
     measured = (exposure.EXACT, response.TONE, response.RESPONSE)
+    if isinstance(obedience, ExposureResponse) and obedience.ignores:
+        unknown = cannot_tell(measured, "the camera does not obey exposure commands")
+        answers = (exposure.judge(obedience), *unknown, *of_one_picture)
+        return SceneFindings(answers, scene, profile=profile)
     same = in_step.find(scene, table, in_step.rate_hz(series))
     if scene.flickers > MOST_FLICKER or same is not None:
         trouble = f"the light flickers (by {100 * scene.flickers:.1f} % from picture to picture)"
@@ -80,9 +85,6 @@ def judge(series: ExposureSeries, table: Array, of_file: bool) -> SceneFindings:
             next_step=_FLICKER_STEP,
         )  # fmt: skip
     obeys = exposure.judge(obedience)
-    if obeys.numbers.get("changes_seen") == 0:
-        unknown = cannot_tell(measured, "the camera does not obey exposure commands")
-        return SceneFindings((obeys, *unknown, *of_one_picture), scene, profile=profile)
     regions = response.regions(scene)
     regional = response.judge_regions(regions)
     if regional.is_found and of_one_picture[0].is_found:
