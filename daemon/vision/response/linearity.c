@@ -262,6 +262,8 @@ float lp_linearity_apply(struct lp_linearity *l)
 
 float lp_linearity_sigma(const struct lp_linearity *l)
 {
+	if (!(l->log_range > 0.0F))
+		return 0.0F;
 	/* a power raises light by how far it is below full scale; and where regions differ, the
 	 * longest exposure and the shortest contradict each other by that over all between them */
 	const float seen = l->disagrees ? l->spread * l->log_range : 0.0F;

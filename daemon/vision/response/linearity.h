@@ -77,7 +77,8 @@ void lp_linearity_learn(struct lp_linearity *linearity, const struct lp_linearit
  * that would matter. */
 float lp_linearity_apply(struct lp_linearity *linearity);
 
-/* 1 sigma of light, relative, from the response. */
+/* 1 sigma of light, relative, from the response; 0 until exposures have differed: nothing tells
+ * then. */
 float lp_linearity_sigma(const struct lp_linearity *linearity);
 
 #ifdef __cplusplus
