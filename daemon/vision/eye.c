@@ -275,8 +275,7 @@ struct lp_observation lp_eye_observation(const struct lp_eye *eye, float flicker
 				       .coded = !isnan(e->cells.mean_code),
 				       .code_variance = CODE_SIGMA * CODE_SIGMA + common * common,
 				       .flicker_sigma = flicker_sigma,
-				       .veil = glare ? glare->cells : NULL,
-				       .veil_variance = NULL};
+				       .veil = glare ? glare->cells : NULL};
 }
 
 static bool both_see(const struct lp_eye *a, const struct lp_eye *b, int cell)

@@ -120,6 +120,9 @@ struct lp_observation lp_eye_observation(const struct lp_eye *eye, float flicker
 /* glare/look.c: 1 sigma of all light, relative, from how well its lens' glare is known. */
 float lp_eye_veil_sigma(const struct lp_eye *eye);
 
+/* response/exposures_agree.c: its response becomes that which its frames have told by now. */
+void lp_eye_bend_response(struct lp_eye *eye);
+
 /* Forget what its frames have shown. */
 void lp_eye_forget(struct lp_eye *eye);
 

@@ -266,7 +266,7 @@ int lp_imager_load(struct lp_imager *imager, struct lp_frame *frame, float expec
 	}
 	imager->eye = &imager->eyes[frame->camera];
 	imager->eye->accepted = false;
-	lp_imager_bend_response(imager->eye);
+	lp_eye_bend_response(imager->eye);
 	(void)lp_overlap_apply(&imager->eye->overlap, &imager->eye->response);
 	incoming = &imager->eye->incoming;
 	lp_eye_look(imager->eye, &frame->crop);

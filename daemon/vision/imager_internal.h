@@ -163,10 +163,8 @@ void lp_imager_watch(struct lp_imager *imager);
  * how certain that leaves the frame. */
 void lp_imager_look_through_veil(struct lp_imager *imager);
 void lp_imager_weigh_veil(struct lp_imager *imager, struct lp_observation *seen);
-/* response/exposures_agree.c: what the newest frame says of its camera's response; and the response
- * as it is known by now. */
+/* response/exposures_agree.c: what the newest frame says of its camera's response. */
 void lp_imager_learn_response(struct lp_imager *imager);
-void lp_imager_bend_response(struct lp_eye *eye);
 /* bands.c: does the newest frame, before the map learns from it, show bands? */
 void lp_imager_look_for_bands(struct lp_imager *imager);
 

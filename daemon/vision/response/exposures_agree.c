@@ -9,6 +9,7 @@
 
 /* Every so many of the watched cells are enough for a mean. */
 #define STEP (LP_GAIN_CELLS / LP_LINEARITY_CELLS)
+/* Of regions: 30 degrees high, 45 wide. */
 #define ROWS 6
 #define COLUMNS 8
 /* Light that differs more from cell to cell, relative, tells of the lens and of where the camera
@@ -18,7 +19,6 @@
  * change. */
 #define WORTH_A_LINE 0.01F
 
-/* By rows of 30 degrees and columns of 45. */
 static int region_of(const struct lp_grid *grid, int cell)
 {
 	const int row = cell / grid->width, column = cell % grid->width;
@@ -68,7 +68,7 @@ static void tell(struct lp_eye *eye, int camera, bool disagreed)
 		camera, exp((double)l->applied));
 }
 
-void lp_imager_bend_response(struct lp_eye *eye)
+void lp_eye_bend_response(struct lp_eye *eye)
 {
 	lp_response_bend(&eye->response, lp_linearity_apply(&eye->linearity));
 }

@@ -4,9 +4,8 @@
  * response must make the same light of them again:
  *
  *  - if all cells agree that it makes another one, by so much a stop, the response is another:
- *    light is to be raised to a power. This power is a slow state of the camera (a Kalman filter;
- *    Kalman 1960). Exposures tell no more of a response that is known roughly; at full scale it is
- *    right by definition;
+ *    light is to be raised to a power, which leaves full scale as it is. The power is a slow state
+ *    of the camera (a Kalman filter; Kalman 1960);
  *  - if regions that the same two exposures show ask for different powers, no power explains them:
  *    the camera brightens or darkens parts of its picture by what is around them (local tone
  *    mapping), or its response is of quite another form. How much regions differ, beyond what cells

@@ -36,14 +36,7 @@ def command(
     ] = None,
     output: calibrate.Output = None,
     camera: calibrate.SourceCamera = None,
-    plot: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            callback=check.new_file(".png", ".svg", ".pdf"),
-            help="Draw curve and residuals (png, svg, pdf).",
-        ),
-    ] = None,
+    plot: Annotated[Path | None, check.plot("Draw curve and residuals (png, svg, pdf).")] = None,
     frames: Annotated[int, typer.Option(min=8, max=200, help="Frames after each command.")] = 12,
     keep: calibrate.Keep = None,
     patience_s: calibrate.Patience = 15.0,

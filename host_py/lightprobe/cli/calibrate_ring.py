@@ -81,14 +81,7 @@ def command(
             callback=check.number(0, 10), help="Relative 1 sigma of the light; 0.03, camera 0.1."
         ),
     ] = None,
-    plot: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            callback=check.new_file(".png", ".svg", ".pdf"),
-            help="With --from-camera: draw what was found.",
-        ),
-    ] = None,
+    plot: Annotated[Path | None, check.plot("With --from-camera: draw what was found.")] = None,
     as_json: calibrate.AsJson = False,
 ) -> None:
     """Find R10, gamma and series resistance of each sensor, from known light or from the camera.

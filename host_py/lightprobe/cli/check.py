@@ -9,7 +9,7 @@ import math
 import os
 from collections.abc import Callable, Collection
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import typer
 
@@ -87,6 +87,11 @@ def new_file(*suffixes: str, makes_folders: bool = False) -> Check[Path | None]:
         return value
 
     return check
+
+
+def plot(means: str) -> Any:
+    """Give the option of a command that draws a plot; `means`: its help."""
+    return typer.Option(metavar="FILE", callback=new_file(".png", ".svg", ".pdf"), help=means)
 
 
 def new_folder(

@@ -56,12 +56,7 @@ def command(
     output: calibrate.Output = None,
     camera: calibrate.SourceCamera = None,
     plot: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            callback=check.new_file(".png", ".svg", ".pdf"),
-            help="Draw what the verdict rests on (png, svg, pdf).",
-        ),
+        Path | None, check.plot("Draw what the verdict rests on (png, svg, pdf).")
     ] = None,
     skip: Annotated[
         str, typer.Option(metavar="STEP,…", help=f"Leave out steps: of {', '.join(STEPS)}.")

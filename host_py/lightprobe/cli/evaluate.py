@@ -93,14 +93,7 @@ def command(
             metavar="FILE", callback=check.new_file(), help="Also write all figures as JSON."
         ),
     ] = None,
-    plot: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            callback=check.new_file(".png", ".svg", ".pdf"),
-            help="Draw a plot (png, svg, pdf).",
-        ),
-    ] = None,
+    plot: Annotated[Path | None, check.plot("Draw a plot (png, svg, pdf).")] = None,
 ) -> None:
     """Measure accuracy: direction, missed and false lamps, relighting and SH error.
 
