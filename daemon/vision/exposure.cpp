@@ -264,7 +264,7 @@ extern "C" int lp_exposure_load(struct lp_exposure *exposure, struct lp_frame *f
 	lp_frame_release(exposure->frame);
 	exposure->frame = nullptr;
 	exposure->jpeg_holds_frame = false;
-	exposure->noise = lp_code_noise_of(frame);
+	exposure->noise = lp_code_noise_of(frame, options->decode == LP_DECODE_PIXELS);
 	ret = frame->format == LP_FORMAT_MJPEG
 		      ? load_jpeg(exposure, frame, options, row_weight, seen, response)
 		      : load_raw(exposure, frame, options, row_weight, seen, response);

@@ -7,7 +7,9 @@ import pytest
 from defects import DEFECTS, Defects
 from judge import Figures
 from lightprobe.estimate import EstimateFlag
+from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.room import Room
+from lightprobe.sim.scene import Scene
 from recording import Pair, record
 
 pytestmark = pytest.mark.usefixtures("released_daemon")
@@ -18,12 +20,17 @@ RIGHT_ERROR = 0.005
 
 
 def case(
-    monkeypatch: pytest.MonkeyPatch, defects: Defects, motion: str = "0", judged_s: float = 2.0
+    monkeypatch: pytest.MonkeyPatch,
+    defects: Defects,
+    motion: str = "0",
+    judged_s: float = 2.0,
+    scene: Scene | None = None,
+    size_px: tuple[int, int] = SMALL_PX,
 ) -> live.Case:
     """A camera in a room."""
     monkeypatch.setitem(DEFECTS, "tested", defects)
     return live.case(
-        Room(), motion, "reported", size_px=SMALL_PX, defects="tested", judged_s=judged_s
+        scene or Room(), motion, "reported", size_px=size_px, defects="tested", judged_s=judged_s
     )
 
 
@@ -53,6 +60,8 @@ def test_light_to_another_power_is_learned(
         ("tone_ev=2", "0"),
         ("tone_ev=1&tone_aim=0.18", "0"),
         ("tone_ev=1&sharpen=0.7&sharpen_px=1.3", "head"),
+        ("tone_ev=0.5", "0"),
+        ("tone_ev=0.5", "head"),
     ],
 )
 def test_what_no_response_explains_is_named_and_in_the_sigma(
@@ -81,6 +90,20 @@ def test_what_is_the_same_in_all_exposures_is_not_named(
     """The flag names what exposures contradict, and nothing else."""
     found = figures(monkeypatch, Defects("", processing), "head")
     assert "RESPONSE" not in found.flags
+
+
+@pytest.mark.parametrize("size_px", [(480, 240), (640, 320), SMALL_PX])
+@pytest.mark.parametrize("quality", [60, 85])
+@pytest.mark.parametrize("scene", [Room(), random_scene(2)], ids=str)
+def test_what_rounding_does_to_dark_walls_is_not_named(
+    monkeypatch: pytest.MonkeyPatch, size_px: tuple[int, int], quality: int, scene: Scene
+) -> None:
+    """A camera as it should be was said to alter its pictures where these have few pixels."""
+    some = record(
+        case(monkeypatch, Defects("", quality=quality), scene=scene, size_px=size_px).run
+    ).packets["default"]
+    assert some
+    assert not any(one.estimate.flags & EstimateFlag.RESPONSE for one in some)
 
 
 def test_tone_mapping_that_comes_and_goes(monkeypatch: pytest.MonkeyPatch) -> None:

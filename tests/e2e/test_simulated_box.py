@@ -340,7 +340,7 @@ def test_control_names_what_is_wrong(tmp_path: Path) -> None:
             assert done.returncode == 2
             assert message in done.stderr
         with pytest.raises(
-            UsageError, match="unknown command: known are faults, get, light, scene"
+            UsageError, match="unknown command: known are card, faults, get, light, scene, status"
         ):
             running.control("dance")
         assert control_command("scene", socket, "1").stdout == "ok\n"

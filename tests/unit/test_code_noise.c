@@ -13,7 +13,7 @@ static struct lp_code_noise noise_of_jpeg(const uint8_t *data, size_t size)
 {
 	const struct lp_frame frame = {.format = LP_FORMAT_MJPEG, .data = data, .size_bytes = size};
 
-	return lp_code_noise_of(&frame);
+	return lp_code_noise_of(&frame, false);
 }
 
 /* Quality 100 has steps of 1 throughout; 50 the standard's own table: 16 for DC. */
@@ -31,6 +31,11 @@ static void test_steps_of_a_jpeg(void **state)
 	data = encode_jpeg(&standard, 64, 32, &size);
 	noise = noise_of_jpeg(data, size);
 	assert_float_equal(noise.common, sqrt((1.0 + 4.0) / 12.0), 1e-6);
+	/* where light is even, rounding by the camera goes with its noise */
+	assert_float_equal(noise.even, sqrt(4.0 / 12.0), 1e-6);
+	const struct lp_frame frame = {.format = LP_FORMAT_MJPEG, .data = data, .size_bytes = size};
+
+	assert_true(lp_code_noise_of(&frame, true).even > 1.2F * noise.even);
 	assert_true(noise.pixel > 15.0F && noise.pixel < 25.0F);
 	free(data);
 }
@@ -61,9 +66,9 @@ static void test_raw_and_float_frames(void **state)
 			      floats = {.format = LP_FORMAT_RGB_F32};
 
 	(void)state;
-	assert_float_equal(lp_code_noise_of(&grey).common, 1.0 / sqrt(12.0), 1e-6);
-	assert_float_equal(lp_code_noise_of(&grey).pixel, 0.0, 0.0);
-	assert_float_equal(lp_code_noise_of(&floats).common, 0.0, 0.0);
+	assert_float_equal(lp_code_noise_of(&grey, false).common, 1.0 / sqrt(12.0), 1e-6);
+	assert_float_equal(lp_code_noise_of(&grey, false).pixel, 0.0, 0.0);
+	assert_float_equal(lp_code_noise_of(&floats, true).common, 0.0, 0.0);
 }
 
 /* Of sRGB: 2.4 / (code + 0.055 * 255) above its linear part; 1 / code within it. */

@@ -10,6 +10,9 @@
 
 #define DQT 0xdb
 #define SOS 0xda
+/* Decoded luma, chroma and green are each rounded to whole codes: squares of what of these errors
+ * reaches green, which stands for luminance (1, then .344 and .714 of the two chromas, then 1). */
+#define DECODED 2.63F
 
 /* Quantisers of table 0 within one DQT segment. */
 static bool table_0(const uint8_t *data, size_t size, float steps[64])
@@ -47,7 +50,7 @@ static bool quantisers(const uint8_t *data, size_t size, float steps[64])
 	return false;
 }
 
-struct lp_code_noise lp_code_noise_of(const struct lp_frame *frame)
+struct lp_code_noise lp_code_noise_of(const struct lp_frame *frame, bool decoded)
 {
 	struct lp_code_noise noise = {.common = sqrtf(1.0F / 12.0F)};
 	float steps[64] = {0.0F}, squares = 0.0F;
@@ -60,6 +63,7 @@ struct lp_code_noise lp_code_noise_of(const struct lp_frame *frame)
 		squares += steps[k] * steps[k];
 	noise.pixel = sqrtf(squares / 64.0F / 12.0F);
 	noise.common = sqrtf((1.0F + steps[0] * steps[0] / 64.0F) / 12.0F);
+	noise.even = sqrtf(((decoded ? DECODED : 0.0F) + steps[0] * steps[0] / 64.0F) / 12.0F);
 	return noise;
 }
 

@@ -27,14 +27,21 @@ struct lp_residual {
 /* Cell of the frame that looks where a cell of the map lies. */
 int lp_residual_seen(const struct lp_residual *residual, int cell);
 
-/* Logarithm of light, and its variance. */
+/* Logarithm of light. */
 struct lp_log_light {
 	float log, variance;
+	float code2; /* square of its change per code */
 };
 
 /* What a frame tells of a channel of one of its cells, with what the response and the grid do to
  * it. Its logarithm is NAN where that is nothing: too dark, too bright, or marked. */
 struct lp_log_light lp_log_light(const struct lp_observation *seen, int cell, int channel);
+
+/* The same, where another light is expected: it decides whether the cell tells, and how well.
+ * Judged by what they show, of cells near the darkest that tell those count that noise has raised,
+ * and their mean is too high. */
+struct lp_log_light lp_log_light_expected(const struct lp_observation *seen, int cell, int channel,
+					  float expected);
 
 #ifdef __cplusplus
 }

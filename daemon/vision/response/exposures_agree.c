@@ -37,15 +37,19 @@ static struct lp_linearity_look look_at(const struct lp_imager *imager,
 					const struct lp_residual *residual, int cell)
 {
 	const int seen = lp_residual_seen(residual, cell);
+	const float even = imager->eye->incoming.noise.even;
 
 	if (!is_even(imager, cell))
 		return (struct lp_linearity_look){.log_light = NAN};
-	const struct lp_log_light light = lp_log_light(&residual->seen, seen, LP_LUMINANCE);
+	const struct lp_log_light light =
+		lp_log_light_expected(&residual->seen, seen, LP_LUMINANCE,
+				      imager->map->radiance[cell][LP_LUMINANCE]);
 
 	return (struct lp_linearity_look){.region = region_of(imager->grid, cell),
 					  .log_light = light.log,
 					  .log_linear = light.log - logf(residual->seen.scale),
-					  .variance = light.variance};
+					  .variance = light.variance,
+					  .rounding = even * even * light.code2};
 }
 
 static void tell(struct lp_eye *eye, int camera, bool disagreed)

@@ -28,9 +28,13 @@
 #define LEAST_REGIONS 4
 /* After so many frames without a pair nothing is known of a cell. */
 #define MOST_FRAMES 300
-/* Exposures disagree from this spread on, and as long as it is above the other. */
-#define BEGINS 0.0045F
-#define GOES_ON 0.003F
+/* Exposures disagree from this spread on, besides a share of what rounding does to a cell, which is
+ * much the same for cells next to each other; and as long as it is above so much of that. */
+#define LEAST_SPREAD 0.0015F
+#define ROUNDING_SHARE 0.45F
+#define GOES_ON 0.85F
+/* A response that is another power is not quite one: regions may differ by this share of it. */
+#define FORM_SHARE 0.025F
 /* What the camera does in all exposures alike does not show. Cameras whose exposures disagree are
  * off by this besides: 1 sigma of light, relative. */
 #define UNSEEN_SIGMA 0.15F
@@ -59,7 +63,7 @@ struct sums {
 
 /* A cell in two frames. */
 struct pair {
-	float apart, power, weight;
+	float apart, power, weight, rounding;
 	int ago; /* 0: it tells nothing */
 };
 
@@ -79,6 +83,7 @@ static struct pair pair_of(const struct lp_linearity *l, const struct lp_lineari
 	return (struct pair){.apart = fabsf(apart),
 			     .power = -difference / apart,
 			     .weight = apart * apart / variance,
+			     .rounding = (look->rounding + cell->last.rounding) / (apart * apart),
 			     .ago = (int)ago};
 }
 
@@ -87,13 +92,14 @@ static void add(struct lp_linearity_cell *cell, const struct pair *pair, float f
 		uint64_t serial)
 {
 	if (serial - cell->told > MOST_FRAMES) {
-		cell->power = cell->weight = 0.0F;
+		cell->power = cell->weight = cell->rounding = 0.0F;
 		cell->count = 0;
 	}
 	cell->told = serial;
 	cell->count += cell->count < MOST_PAIRS;
 	cell->power += (pair->power - fellows - cell->power) / (float)cell->count;
 	cell->weight += (pair->weight - cell->weight) / (float)cell->count;
+	cell->rounding += (pair->rounding - cell->rounding) / (float)cell->count;
 }
 
 /* By frames ago; [0]: of all. */
@@ -140,7 +146,7 @@ static void correct(struct lp_linearity *l, const struct sums *sums)
 
 /* Of a region, or of all: sums over cells. */
 struct region {
-	double weight, power, square;
+	double weight, power, square, rounding;
 	int count;
 };
 
@@ -151,6 +157,7 @@ static void add_cell(struct region *region, const struct lp_linearity_cell *cell
 	region->weight += weight;
 	region->power += weight * power;
 	region->square += weight * power * power;
+	region->rounding += weight * (double)cell->rounding;
 	region->count++;
 }
 
@@ -181,6 +188,7 @@ static void weigh_spread(struct lp_linearity *l)
 		all.weight += region->weight;
 		all.power += region->power;
 		all.square += region->square;
+		all.rounding += region->rounding;
 		all.count += region->count;
 		within += deviation(region);
 		squared_weights += region->weight * region->weight;
@@ -192,7 +200,11 @@ static void weigh_spread(struct lp_linearity *l)
 	const double between = deviation(&all) - within - noise * (count - 1);
 
 	l->spread = (float)sqrt(fmax(between, 0.0) / (all.weight - squared_weights / all.weight));
-	l->disagrees = l->spread > (l->disagrees ? GOES_ON : BEGINS);
+	l->rounding = (float)sqrt(all.rounding / all.weight);
+	const float least = hypotf(hypotf(LEAST_SPREAD, ROUNDING_SHARE * l->rounding),
+				   FORM_SHARE * l->log_power);
+
+	l->disagrees = l->spread > (l->disagrees ? GOES_ON * least : least);
 }
 
 /* A bracket goes from its longest exposure to its shortest, or back, in one step. */

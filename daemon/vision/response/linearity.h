@@ -31,8 +31,8 @@ extern "C" {
 struct lp_linearity_look {
 	int region; /* that it lies in, always the same one: below LP_LINEARITY_REGIONS */
 	/* logarithms of its radiance (NAN: the frame does not tell), and of the same of full scale
-	 * (below 0); variance of either */
-	float log_light, log_linear, variance;
+	 * (below 0); variance of either, and what of it cells alike have in common (rounding) */
+	float log_light, log_linear, variance, rounding;
 };
 
 /* A cell that is watched. */
@@ -40,8 +40,8 @@ struct lp_linearity_cell {
 	struct lp_linearity_look last; /* of the last frame that has shown it */
 	uint64_t serial;	       /* of that frame; 0: none has */
 	/* by which power more than its fellows the pairs of exposures ask its light to be raised:
-	 * mean of so many, and the information that a pair has */
-	float power, weight;
+	 * mean of so many; the information that a pair has, and its variance from rounding */
+	float power, weight, rounding;
 	int count;
 	uint64_t told; /* frame of the newest pair */
 };
@@ -52,6 +52,7 @@ struct lp_linearity {
 	float variance;	    /* of it */
 	float applied;	    /* what of log_power is in the response in use */
 	float spread;	    /* 1 sigma of the powers that regions ask for, beyond noise */
+	float rounding;	    /* the same of a cell's, by rounding */
 	float log_exposure; /* of the newest frame; NAN: none */
 	float log_range;    /* longest over shortest exposure lately */
 	float depth;	    /* mean of -log_linear lately; 0: nothing has been seen */
