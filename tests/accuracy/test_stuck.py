@@ -19,11 +19,13 @@ from lightprobe.sim.live import LiveClient, LiveProbe
 from lightprobe.sim.pixel_defects import PixelDefects
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.room import Room
+from lightprobe.sim.scene import PanoramaScene
 from lightprobe.sim.world import Behaviour, State, World
 from lightprobe.wire import Subscription
 from recording import INDOORS, SIZE_PX
 
 SMALL_PX = (960, 480)
+SCENES = Path(__file__).parents[2] / "build" / "scenes"
 STILL = Behaviour(act_s=0)
 HEAD = live.MOTIONS["head"]
 SUBSCRIPTION = Subscription(smoothing="RAW", max_lights=8, sh_order=4, health_period_ms=100)
@@ -85,7 +87,7 @@ def test_exposures_need_not_be_reported() -> None:
 
 
 def test_a_row_that_shines_does_no_harm_and_a_thousand_pixels_less() -> None:
-    for defects, error, births_per_s in (("row=240", 0.02, 0.5), ("stuck=1000", 0.15, 8.0)):
+    for defects, error, births_per_s in (("row=240", 0.02, 1.5), ("stuck=1000", 0.15, 8.0)):
         found = judged(defects)
         assert found.births_per_s <= births_per_s
         assert found.error_median < error
@@ -119,6 +121,24 @@ def test_lamps_of_a_room_are_none_whether_the_camera_holds_still_or_turns() -> N
         client, counts, _ = watched(room(behaviour), (2.0, 4.0, 6.0, 8.0))
         assert counts == [0, 0, 0, 0]
         assert len(client.estimates[-1].lights) >= 3
+
+
+@pytest.mark.parametrize(
+    ("scene", "size_px", "behaviour"),
+    [
+        ("studio", SMALL_PX, Behaviour(act_s=0, turn_deg_s=30)),
+        ("night", (480, 240), HEAD),
+        ("interior", (480, 240), HEAD),
+    ],
+)
+def test_lamps_in_rows_are_none(scene: str, size_px: tuple[int, int], behaviour: Behaviour) -> None:
+    """Up to 18 places were left out, and up to 95 % of the packets had PARTIAL_VIEW."""
+    panorama = PanoramaScene.load(str(SCENES / f"{scene}.exr"))
+    world = World([panorama], behaviour, median_radiance=INDOORS)
+    camera = SimulatedCamera(world, lenses.load("equirect"), size_px)
+    client, counts, _ = watched(camera, (2.0, 4.0, 6.0))
+    assert counts == [0, 0, 0]
+    assert not any(one.flags & EstimateFlag.PARTIAL_VIEW for one in client.estimates[30:])
 
 
 def test_a_camera_that_holds_still_takes_a_stuck_pixel_for_what_it_may_be() -> None:

@@ -28,6 +28,8 @@ static float dark[CELLS]; /* radiance: what grows with the exposure */
 static double yaw_rad, nod_rad;
 static int frames;
 static bool hand; /* before the left half */
+/* How much light lies in a direction; NULL: that is not known. */
+static float (*know)(const void *context, const float direction[3]);
 
 static int set_up(void **state)
 {
@@ -53,6 +55,7 @@ static int begin(void **state)
 	yaw_rad = nod_rad = 0.0;
 	frames = 0;
 	hand = false;
+	know = NULL;
 	return lp_stuck_fit(&stuck, camera, COLUMNS * CELL_PX, ROWS * CELL_PX, CELL_PX);
 }
 
@@ -97,6 +100,36 @@ static bool is_covered(const void *context, const float direction[3])
 	return direction[0] < 0.0F;
 }
 
+/* As the imager's map tells it: most of what lies within a cell of a direction. */
+static float known(const void *context, const float direction[3])
+{
+	const float cell = 2.0F * (float)M_PI / COLUMNS;
+	float most = 0.0F;
+
+	(void)context;
+	for (int k = 0; k < 49; k++) {
+		const double turn[3] = {(double)((float)(k % 7 - 3) * cell / 2.0F),
+					(double)((float)(k / 7 - 3) * cell / 2.0F), 0.0};
+		const struct lp_rotation aside = lp_rotation_of_vector(turn);
+		float d[3] = {direction[0], direction[1], direction[2]};
+
+		lp_rotate_direction(&aside, d);
+		const float length = sqrtf(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+
+		for (int a = 0; a < 3; a++)
+			d[a] /= length;
+		most = fmaxf(most, world(d));
+	}
+	return most;
+}
+
+static float everything_bright(const void *context, const float direction[3])
+{
+	(void)context;
+	(void)direction;
+	return 1e9F;
+}
+
 /* One frame, as the imager goes about it. `turns`: it is known that the camera does. */
 static void frame(bool turns)
 {
@@ -121,7 +154,8 @@ static void frame(bool turns)
 	const struct lp_stuck_look look = {.cells = &cells,
 					   .to_anchor = &rotation,
 					   .turns = turns,
-					   .covered = hand ? is_covered : NULL};
+					   .covered = hand ? is_covered : NULL,
+					   .known = know};
 
 	lp_stuck_fill(&stuck, &cells);
 	lp_stuck_learn(&stuck, &look);
@@ -176,6 +210,20 @@ static void test_lamps_are_none(void **state)
 		look_around(30);
 		assert_int_equal(stuck.count, 0);
 	}
+}
+
+/* A spot that stays where it was seen is a lamp, and only one that is gone there counts. */
+static void test_what_is_still_where_it_was_is_a_lamp(void **state)
+{
+	(void)state;
+	shine(12, PIXEL);
+	know = everything_bright;
+	look_around(300);
+	assert_int_equal(stuck.count, 0);
+	know = known;
+	look_around(150);
+	assert_int_equal(found(), 12);
+	assert_int_equal(others(), 0);
 }
 
 static void test_a_camera_that_holds_still_tells_nothing(void **state)
@@ -377,6 +425,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		TEST(test_a_stuck_pixel_is_found_while_the_camera_turns),
 		TEST(test_lamps_are_none),
+		TEST(test_what_is_still_where_it_was_is_a_lamp),
 		TEST(test_a_camera_that_holds_still_tells_nothing),
 		TEST(test_a_little_turn_tells_nothing),
 		TEST(test_a_warm_pixel_is_found),

@@ -16,6 +16,9 @@
 #define GONE 0.05F
 /* Whether it shows tells something where it would stand out by so many times the least. */
 #define CLEARLY 1.5F
+/* It is a lamp where others have seen at least this share of it before: a lamp lies between cells,
+ * and may clip. */
+#define KNOWN 0.3F
 /* Of eight neighbours two cells away AS_BRIGHT may be as bright, as those of a row that shines;
  * LEAST_BESIDE of them must be seen. */
 #define AS_BRIGHT 2
@@ -140,6 +143,28 @@ static void keep(int16_t then[3], const float now[3])
 		then[a] = (int16_t)(now[a] * LP_STUCK_UNIT);
 }
 
+/* Whether light is at most of the places where the cell has shown itself, now that others look
+ * there: those were lamps. In a row that shines some cells look at what others of it have looked
+ * at. A first look nothing tells of. */
+static bool saw_lamps(const struct lp_stuck *stuck, int i, float light,
+		      const struct lp_stuck_look *look)
+{
+	const struct lp_stuck_cell *cell = &stuck->cell[i];
+	const float around = surround(stuck, i);
+	int lamps = 0;
+
+	if (!look->known)
+		return false;
+	for (int k = 0; k < cell->shown_count; k++) {
+		const int16_t *shown = cell->shown[k];
+		const float there[3] = {shown[0], shown[1], shown[2]};
+		const float known = look->known(look->context, there) / look->cells->scale;
+
+		lamps += known > around + KNOWN * (light - around); /* not NAN */
+	}
+	return 2 * lamps > cell->shown_count;
+}
+
 /* Whether this is a look of its own; then it is noted. */
 static bool looks_anew(const struct lp_stuck *stuck, int i, const struct lp_stuck_look *look,
 		       bool shows, bool *behind)
@@ -199,6 +224,7 @@ static bool weigh(struct lp_stuck *stuck, int i, float light, const struct lp_st
 	struct lp_stuck_cell *cell = &stuck->cell[i];
 	const enum evidence evidence = judge(stuck, i, light, look->cells->scale);
 	const bool before = stuck->log_odds[i] > 0.0F;
+	const bool told = evidence == FOR && !saw_lamps(stuck, i, light, look);
 	bool behind;
 
 	if (evidence == NOTHING || !looks_anew(stuck, i, look, evidence == FOR, &behind))
@@ -208,11 +234,14 @@ static bool weigh(struct lp_stuck *stuck, int i, float light, const struct lp_st
 		others = LEAST_BEHIND;
 	if (evidence == FOR)
 		note(stuck, i, light - surround(stuck, i), look->cells->scale);
-	stuck->log_odds[i] +=
-		evidence == FOR ? logf(SHINES / others) : logf((1.0F - SHINES) / (1.0F - others));
+	if (evidence == AGAINST)
+		stuck->log_odds[i] += logf((1.0F - SHINES) / (1.0F - others));
+	else if (told || behind)
+		stuck->log_odds[i] += logf(SHINES / others);
 	if (stuck->log_odds[i] > LP_STUCK_CERTAIN)
 		stuck->log_odds[i] = LP_STUCK_CERTAIN;
-	if (stuck->log_odds[i] <= (cell->is_light ? LIGHT_PRIOR : PIXEL_PRIOR))
+	if (evidence == AGAINST &&
+	    stuck->log_odds[i] <= (cell->is_light ? LIGHT_PRIOR : PIXEL_PRIOR))
 		lp_stuck_forget_cell(stuck, i);
 	return before != (stuck->log_odds[i] > 0.0F);
 }

@@ -5,6 +5,7 @@
 
 #include "base/clock.h"
 #include "base/log.h"
+#include "include/luminance.h"
 #include "light/math/grid.h"
 #include "vision/imager_internal.h"
 #include "vision/map/lookup.h"
@@ -20,6 +21,27 @@ static bool is_covered(const void *context, const float direction[3])
 	const int cell = lp_grid_cell(imager->grid, direction);
 
 	return imager->eye->cover.covered[lp_cover_block(imager->grid->width, cell)];
+}
+
+/* Of the cells about one, as a camera's cells lie across the panorama's. */
+static float known(const void *context, const float direction[3])
+{
+	const struct lp_imager *imager = context;
+	const int width = imager->grid->width, height = imager->grid->height;
+	const int cell = lp_grid_cell(imager->grid, direction);
+	float most = 0.0F;
+
+	for (int down = -1; down <= 1; down++)
+		for (int across = -1; across <= 1; across++) {
+			const int row = cell / width + down;
+			const int column = (cell % width + across + width) % width;
+
+			if (row >= 0 && row < height)
+				most = fmaxf(
+					most,
+					imager->map->radiance[row * width + column][LP_LUMINANCE]);
+		}
+	return most;
 }
 
 /* When no more have come for a while: at first, and once they are twice as many. */
@@ -72,6 +94,7 @@ void lp_imager_learn_stuck(struct lp_imager *imager)
 		.turns =
 			imager->turn.motion.turning && imager->turn.agreement >= LP_LEAST_AGREEMENT,
 		.covered = eye->cover.found ? is_covered : NULL,
+		.known = imager->t_map_ns ? known : NULL,
 		.context = imager,
 	};
 

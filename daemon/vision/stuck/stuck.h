@@ -7,8 +7,9 @@
  * Per camera cell the logarithm of the odds that it is one (a sequential probability ratio test;
  * Wald 1945), of looks that have nothing to do with each other: the cell looks at what is several
  * cells away from all it has shone at before, or a hand is before the lens. A camera that holds
- * still tells nothing: what it sees may be a lamp. How often any cell of a frame is such a
- * spot is measured in that frame. What is found is forgotten in the same way.
+ * still tells nothing: what it sees may be a lamp. Nor does a spot that stays where it was
+ * seen, for other cells, when the cell looks elsewhere: a lamp. How often any cell of a frame is
+ * such a spot is measured in that frame. What is found is forgotten in the same way.
  *
  * A cell that is left out is filled with what its neighbours show, and marked (LP_CELL_FILLED).
  *
@@ -99,6 +100,9 @@ struct lp_stuck_look {
 	bool turns; /* else only what is covered tells anything */
 	/* Whether a hand hides what is seen along a direction, camera frame; NULL: nothing does */
 	bool (*covered)(const void *context, const float direction[3]);
+	/* Most light about a direction, anchor frame, by all that the camera has seen, in the unit
+	 * of cells->radiance; NULL: that is not known */
+	float (*known)(const void *context, const float direction[3]);
 	const void *context;
 };
 
