@@ -114,7 +114,7 @@ def test_the_mounting_is_found(tracks, views, tmp_path, record_property):
     for one, most_deg in ((by_turning, 0.8), (found, 0.25)):
         assert off_deg(one.turned.rotation) < most_deg
         assert off_deg(one.turned.rotation) < 3 * one.turned.sigma_deg
-    assert found.turned.sigma_deg < 0.15
+    assert found.turned.sigma_deg < 0.17
     assert abs(found.time_offset_s) < 0.01
     # and the camera files say it
     paths = [tmp_path / name for name in NAMES]
