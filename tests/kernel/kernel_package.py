@@ -84,8 +84,22 @@ def _candidate() -> tuple[str, str] | None:
     return (found[1], found[2]) if found else None
 
 
+def _fitting(package: str, version: str) -> str:
+    """Version of a package that apt has: this one, or the newest of the same sources.
+
+    While Debian publishes an update, some packages are newer than others.
+    """
+    listed = subprocess.run(
+        ["apt-cache", "madison", package], capture_output=True, text=True, check=False
+    ).stdout
+    versions = [line.split("|")[1].strip() for line in listed.splitlines() if "|" in line]
+    upstream = version.rsplit("-", 1)[0]
+    alike = [one for one in versions if one.rsplit("-", 1)[0] == upstream]
+    return version if version in versions or not alike else alike[0]
+
+
 def _download(release: str, version: str, folder: Path) -> dict[str, Path]:
-    """Fetch the five packages of one version, checked by apt against its signed lists."""
+    """Fetch the five packages of one kernel, checked by apt against its signed lists."""
     series = ".".join(release.split(".")[:2])
     flavour = release.rsplit("-", 1)[1]
     names = {
@@ -99,7 +113,7 @@ def _download(release: str, version: str, folder: Path) -> dict[str, Path]:
     _run(
         "apt-get",
         "download",
-        *(f"{n}={version}" for n in names.values()),
+        *(f"{n}={_fitting(n, version)}" for n in names.values()),
         cwd=folder,
         timeout_s=420,
     )
