@@ -16,7 +16,7 @@
 #define GONE 0.05F
 /* Whether it shows tells something where it would stand out by so many times the least. */
 #define CLEARLY 1.5F
-/* It is a lamp where others have seen at least this share of it before: a lamp lies between cells,
+/* It was a lamp if at least this share of it is still seen where it was: a lamp lies between cells,
  * and may clip. */
 #define KNOWN 0.3F
 /* Of eight neighbours two cells away AS_BRIGHT may be as bright, as those of a row that shines;
@@ -145,7 +145,7 @@ static void keep(int16_t then[3], const float now[3])
 
 /* Whether light is at most of the places where the cell has shown itself, now that others look
  * there: those were lamps. In a row that shines some cells look at what others of it have looked
- * at. A first look nothing tells of. */
+ * at. False of a first look: it counts, and one look is not enough. */
 static bool saw_lamps(const struct lp_stuck *stuck, int i, float light,
 		      const struct lp_stuck_look *look)
 {

@@ -29,7 +29,6 @@ from scipy.spatial.transform import Rotation, Slerp
 SIZE = (256, 128)
 DIRECTIONS = geometry.equirect_directions(*SIZE)
 SOLID_ANGLES = np.repeat(geometry.equirect_solid_angles(*SIZE)[:, None], SIZE[0], axis=1)
-
 SHOT = Shot(1000.0)
 
 #: Pictures take long, and no rotation is simpler than another.
