@@ -43,7 +43,8 @@ test-unit: ## run the C unit tests with the address and undefined-behaviour sani
 	@$(MAKE) VARIANT=asan run-unit-tests run-replays
 
 # Several processes, because many tests wait: for daemons to start, for frames to come. A test has its
-# own folder and port.
+# own folder and port. They share the processors: threads of BLAS in each would only wait for each other.
+export OPENBLAS_NUM_THREADS := 1
 PYTEST_JOBS ?= $(shell expr $(JOBS) + 1)
 PYTEST_ALONE = $(VENV)/bin/pytest -q -o cache_dir=$(abspath $(BUILD))/cache/pytest
 PYTEST = $(PYTEST_ALONE) -n $(PYTEST_JOBS) --no-loadscope-reorder

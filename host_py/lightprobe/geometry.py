@@ -77,8 +77,15 @@ def angles_from_direction(directions: ArrayLike) -> tuple[Array, Array]:
 def angle_deg(a: ArrayLike, b: ArrayLike) -> Array:
     """Angle between vectors (…, 3), accurate for tiny and for straight angles alike."""
     u, v = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
-    cross = np.linalg.norm(np.cross(u, v), axis=-1)
-    return np.asarray(np.degrees(np.arctan2(cross, np.sum(u * v, axis=-1))))
+    sine = np.linalg.norm(cross(u, v), axis=-1)
+    return np.asarray(np.degrees(np.arctan2(sine, np.sum(u * v, axis=-1))))
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Like np.cross for vectors (…, 3), several times as fast."""
+    x, y, z = a[..., 0], a[..., 1], a[..., 2]
+    u, v, w = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
 
 
 def cap_solid_angle_sr(radius_deg: ArrayLike) -> Array:
@@ -145,9 +152,15 @@ def quaternion(axis: ArrayLike, angle_deg: float) -> Array:
 def turn_after(outer_wxyz: ArrayLike, inner_wxyz: ArrayLike) -> Array:
     """Hamilton's product of quaternions (…, 4): first turn by `inner`, then by `outer`."""
     a, b = np.asarray(outer_wxyz, dtype=np.float64), np.asarray(inner_wxyz, dtype=np.float64)
-    u, v = a[..., 1:], b[..., 1:]
-    w = a[..., :1] * b[..., :1] - np.sum(u * v, axis=-1, keepdims=True)
-    return np.concatenate([w, a[..., :1] * v + b[..., :1] * u + np.cross(u, v)], axis=-1)
+    w, x, y, z = a[..., 0], a[..., 1], a[..., 2], a[..., 3]
+    s, t, u, v = b[..., 0], b[..., 1], b[..., 2], b[..., 3]
+    product = (
+        w * s - x * t - y * u - z * v,
+        w * t + x * s + y * v - z * u,
+        w * u - x * v + y * s + z * t,
+        w * v + x * u - y * t + z * s,
+    )
+    return np.stack(product, axis=-1)
 
 
 def inverse(quaternion_wxyz: ArrayLike) -> Array:
@@ -166,12 +179,12 @@ def rotation_matrix(quaternion_wxyz: ArrayLike) -> Array:
             f"geometry: {quaternion_wxyz!r} is no rotation: expected (w, x, y, z), not all zero"
         )
     w, x, y, z = np.moveaxis(q / np.linalg.norm(q, axis=-1, keepdims=True), -1, 0)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    rows = (
+        1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
+        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+        2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
+    )  # fmt: skip
+    return np.stack(rows, axis=-1).reshape(*q.shape[:-1], 3, 3)
 
 
 def rotate(quaternion_wxyz: ArrayLike, vectors: ArrayLike) -> Array:

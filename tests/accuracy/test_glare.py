@@ -133,7 +133,7 @@ def judged(defects: str, stated: str | None = None, motion: str = "0") -> Figure
     return next(one.figures for one in live.judged(case) if one.subscription == "default")
 
 
-@pytest.mark.parametrize("motion", ["0", "head"])
+@pytest.mark.parametrize("motion", ["0", pytest.param("head", marks=pytest.mark.nightly)])
 def test_a_lens_of_the_simulator_counts_as_a_good_one(motion: str) -> None:
     found, veiled = judged("glare-strong-known", motion=motion), judged("glare-strong", "", motion)
     assert found.error_median < 0.01 < 2 * found.error_median + 0.005 < veiled.error_median

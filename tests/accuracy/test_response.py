@@ -40,7 +40,10 @@ def figures(monkeypatch: pytest.MonkeyPatch, defects: Defects, motion: str = "0"
     return next(one.figures for one in found if one.subscription == "default")
 
 
-@pytest.mark.parametrize(("power", "motion"), [(0.9, "0"), (1.04, "head"), (1.15, "0")])
+@pytest.mark.parametrize(
+    ("power", "motion"),
+    [(0.9, "0"), (1.04, "head"), pytest.param(1.15, "0", marks=pytest.mark.nightly)],
+)
 def test_light_to_another_power_is_learned(
     monkeypatch: pytest.MonkeyPatch, power: float, motion: str
 ) -> None:
@@ -57,10 +60,10 @@ def test_light_to_another_power_is_learned(
     [
         ("tone_ev=1", "0"),
         ("tone_ev=1", "head"),
-        ("tone_ev=2", "0"),
+        pytest.param("tone_ev=2", "0", marks=pytest.mark.nightly),
         ("tone_ev=1&tone_aim=0.18", "0"),
-        ("tone_ev=1&sharpen=0.7&sharpen_px=1.3", "head"),
-        ("tone_ev=0.5", "0"),
+        pytest.param("tone_ev=1&sharpen=0.7&sharpen_px=1.3", "head", marks=pytest.mark.nightly),
+        pytest.param("tone_ev=0.5", "0", marks=pytest.mark.nightly),
         ("tone_ev=0.5", "head"),
     ],
 )
@@ -80,8 +83,8 @@ def test_what_no_response_explains_is_named_and_in_the_sigma(
     "processing",
     [
         "sharpen=0.7&sharpen_px=1.3",
-        "denoise=6&denoise_px=2&denoise_time=0.7",
-        "stitch_gain=0.03&stitch_deg=0.7",
+        pytest.param("denoise=6&denoise_px=2&denoise_time=0.7", marks=pytest.mark.nightly),
+        pytest.param("stitch_gain=0.03&stitch_deg=0.7", marks=pytest.mark.nightly),
     ],
 )
 def test_what_is_the_same_in_all_exposures_is_not_named(
@@ -93,7 +96,7 @@ def test_what_is_the_same_in_all_exposures_is_not_named(
 
 
 @pytest.mark.parametrize("size_px", [(480, 240), (640, 320), SMALL_PX])
-@pytest.mark.parametrize("quality", [60, 85])
+@pytest.mark.parametrize("quality", [60, pytest.param(85, marks=pytest.mark.nightly)])
 @pytest.mark.parametrize("scene", [Room(), random_scene(2)], ids=str)
 def test_what_rounding_does_to_dark_walls_is_not_named(
     monkeypatch: pytest.MonkeyPatch, size_px: tuple[int, int], quality: int, scene: Scene

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import live
@@ -24,6 +25,8 @@ from lightprobe.sim.world import Behaviour, State, World
 from lightprobe.wire import Subscription
 from recording import INDOORS, SIZE_PX
 
+pytestmark = pytest.mark.usefixtures("released_daemon")
+
 SMALL_PX = (960, 480)
 SCENES = Path(__file__).parents[2] / "build" / "scenes"
 STILL = Behaviour(act_s=0)
@@ -31,10 +34,11 @@ HEAD = live.MOTIONS["head"]
 SUBSCRIPTION = Subscription(smoothing="RAW", max_lights=8, sh_order=4, health_period_ms=100)
 
 
+@cache
 def judged(
     defects: str, size_px: tuple[int, int] = SMALL_PX, exposures: str = "reported"
 ) -> Figures:
-    """Figures of the raw packets while a head looks around."""
+    """Figures of the raw packets while a head looks around; once in each process that asks."""
     run = live.case(
         Room(), "head", exposures, size_px=size_px, pixels=PixelDefects().merged(defects)
     )  # fmt: skip
@@ -66,9 +70,9 @@ def room(behaviour: Behaviour, defects: PixelDefects | None = None) -> Simulated
     ("defects", "size_px"),
     [
         ("stuck=12", SMALL_PX),
-        ("stuck=12&bayer=1", SMALL_PX),
+        pytest.param("stuck=12&bayer=1", SMALL_PX, marks=pytest.mark.nightly),
         ("stuck=60", SMALL_PX),
-        ("stuck=12", SIZE_PX),
+        pytest.param("stuck=12", SIZE_PX, marks=pytest.mark.nightly),
     ],
 )
 def test_stuck_pixels_cost_a_head_that_moves_nothing(
@@ -118,8 +122,8 @@ def test_they_may_come_while_the_camera_runs() -> None:
 
 def test_lamps_of_a_room_are_none_whether_the_camera_holds_still_or_turns() -> None:
     for behaviour in (STILL, HEAD, Behaviour(act_s=0, turn_deg_s=30)):
-        client, counts, _ = watched(room(behaviour), (2.0, 4.0, 6.0, 8.0))
-        assert counts == [0, 0, 0, 0]
+        client, counts, _ = watched(room(behaviour), (2.0, 4.0, 6.0))
+        assert counts == [0, 0, 0]
         assert len(client.estimates[-1].lights) >= 3
 
 
@@ -142,7 +146,7 @@ def test_lamps_in_rows_are_none(scene: str, size_px: tuple[int, int], behaviour:
 
 
 def test_a_camera_that_holds_still_takes_a_stuck_pixel_for_what_it_may_be() -> None:
-    _, counts, _ = watched(room(STILL, PixelDefects(stuck=12)), (8.0,))
+    _, counts, _ = watched(room(STILL, PixelDefects(stuck=12)), (6.0,))
     assert counts == [0]
 
 

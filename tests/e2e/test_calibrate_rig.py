@@ -128,6 +128,7 @@ def test_the_mounting_is_found(tracks, views, tmp_path, record_property):
     assert "# " in paths[1].read_text()  # comments stay
 
 
+@pytest.mark.nightly
 def test_few_pixels_and_plain_walls_are_less_certain(tracks):
     distances, side_px = [], 260
     for number in range(3):

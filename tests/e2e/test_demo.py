@@ -29,6 +29,7 @@ def run(*arguments, **environment):
     )  # fmt: skip
 
 
+@pytest.mark.usefixtures("released_daemon")
 def test_lamps_are_where_they_are_and_the_last_picture_is_of_the_first_scene(tmp_path):
     """Lamps switch, the camera looks around; the picture agrees, and is the last one, too.
 
@@ -58,6 +59,7 @@ def test_lamps_are_where_they_are_and_the_last_picture_is_of_the_first_scene(tmp
     assert (tmp_path / "latest.png").read_bytes() == (tmp_path / "room.png").read_bytes()
 
 
+@pytest.mark.usefixtures("released_daemon")
 def test_ctrl_c_ends_it_well(tmp_path):
     command = [
         LIGHTPROBE,

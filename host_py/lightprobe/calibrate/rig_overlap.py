@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 
 import cv2
@@ -47,6 +48,29 @@ LEAST_POINTS, _LEAST_PARTS = 500, 4
 
 
 @dataclass(frozen=True, eq=False)
+class Edges:
+    """Log radiance of a lens between two blurs (H, W), and where it is known."""
+
+    values: Plane
+    known: NDArray[np.bool_]
+    own: Plane  # values (N,) where they are known
+    directions: Array  # (N, 3) in the camera's frame
+
+    @classmethod
+    def of(cls, view: View, blur_deg: float) -> Edges:
+        """Blur what a lens sees; what is smoother than `_SMOOTH` times the blur is left out."""
+        blur_px = blur_deg * np.radians(view.lens.focal_px[0])
+        known = view.known.astype(np.float32)
+        fine, _ = _blurred(view.log_radiance, known, blur_px)
+        smooth, seen = _blurred(view.log_radiance, known, _SMOOTH * blur_px)
+        values, sure = fine - smooth, view.known & (seen > _KNOWN)
+        y, x = np.nonzero(sure)
+        at_x, at_y = (place.astype(np.float64) + 0.5 for place in (x, y))
+        directions, _ = view.lens.look(at_x, at_y)
+        return cls(values, sure, values[y, x], directions)
+
+
+@dataclass(frozen=True, eq=False)
 class View:
     """What one lens of a camera sees: log radiance (H, W), and where it is known."""
 
@@ -55,13 +79,10 @@ class View:
     log_radiance: Plane
     known: NDArray[np.bool_]
 
-    def edges(self, blur_deg: float) -> tuple[Plane, NDArray[np.bool_]]:
-        """Log radiance between two blurs (H, W), and where it is known."""
-        blur_px = blur_deg * np.radians(self.lens.focal_px[0])
-        known = self.known.astype(np.float32)
-        fine, _ = _blurred(self.log_radiance, known, blur_px)
-        smooth, seen = _blurred(self.log_radiance, known, _SMOOTH * blur_px)
-        return fine - smooth, self.known & (seen > _KNOWN)
+    @cached_property
+    def edges(self) -> dict[float, Edges]:
+        """Edges at each of the blurs, in degrees."""
+        return {blur_deg: Edges.of(self, blur_deg) for blur_deg in _BLURS_DEG}
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,9 +122,8 @@ def align(seen: Sequence[View], start: Sequence[Rotation]) -> Overlap:
     pairs = [(a, b) for a, b in combinations(seen, 2) if a.camera != b.camera]
     by_blur = []
     for blur_deg in _BLURS_DEG:
-        planes = {id(view): view.edges(blur_deg) for view in seen}
         for _ in range(_MOST_STEPS):
-            system = _System.of(pairs, planes, rotations, blur_deg)
+            system = _System.of(pairs, rotations, blur_deg)
             step = system.step()
             longest = np.abs(step).max(initial=0.0)
             step *= min(1.0, _LONGEST_STEP * blur_deg / max(longest, 1e-9))
@@ -134,36 +154,23 @@ class _System:
     def of(
         cls,
         pairs: Sequence[tuple[View, View]],
-        planes: dict[int, tuple[Plane, NDArray[np.bool_]]],
         rotations: Sequence[Rotation],
         blur_deg: float,
     ) -> _System:
         system = cls(len(rotations))
         for one, other in pairs:
-            system.add(one, other, planes[id(one)], planes[id(other)], rotations, blur_deg)
+            system.add(one, other, rotations, blur_deg)
         return system
 
-    def add(
-        self,
-        one: View,
-        other: View,
-        reference: tuple[Plane, NDArray[np.bool_]],
-        plane: tuple[Plane, NDArray[np.bool_]],
-        rotations: Sequence[Rotation],
-        blur_deg: float,
-    ) -> None:
+    def add(self, one: View, other: View, rotations: Sequence[Rotation], blur_deg: float) -> None:
         """Compare what `other` sees with `one` in the same directions."""
-        own, known = plane
-        y, x = np.nonzero(known)
-        at_x, at_y = x.astype(np.float64) + 0.5, y.astype(np.float64) + 0.5
-        directions, _ = other.lens.look(at_x, at_y)
-        in_box = rotations[other.camera].apply(directions)
+        reference, edges = one.edges[blur_deg], other.edges[blur_deg]
         back = rotations[one.camera].inv()
-        common = one.lens.sees(back.apply(in_box))
-        y, x, in_box = y[common], x[common], in_box[common]
-        if len(in_box) > _MOST_POINTS:
-            some = np.linspace(0, len(in_box) - 1, _MOST_POINTS).astype(int)
-            y, x, in_box = y[some], x[some], in_box[some]
+        turn = (back * rotations[other.camera]).as_matrix()
+        common = np.flatnonzero(one.lens.sees(edges.directions @ turn.T))
+        if len(common) > _MOST_POINTS:
+            common = common[np.linspace(0, len(common) - 1, _MOST_POINTS).astype(int)]
+        in_box = rotations[other.camera].apply(edges.directions[common])
         pair = one.camera, other.camera
         if len(in_box) < LEAST_POINTS:
             return
@@ -179,12 +186,12 @@ class _System:
         self.points[pair] = self.points.get(pair, 0) + len(in_box)
         if len(in_box) < LEAST_POINTS:
             return
-        residuals = values[0] - own[y[usable], x[usable]]
+        residuals = values[0] - edges.own[common[usable]]
         residuals -= np.median(residuals)
         slopes = (values[1::2] - values[2::2]).T / (2 * step_deg)
         steepness = np.linalg.norm(slopes, axis=1)
-        edges = steepness >= np.quantile(steepness, 1 - _EDGES)
-        scale = max(_CAUCHY * float(np.median(np.abs(residuals[edges]))), 1e-4)
+        steep = steepness >= np.quantile(steepness, 1 - _EDGES)
+        scale = max(_CAUCHY * float(np.median(np.abs(residuals[steep]))), 1e-4)
         weights = 1 / (1 + (residuals / scale) ** 2)
         self._sum(pair, in_box, residuals, slopes, weights)
 
@@ -235,10 +242,9 @@ def _blurred(values: Plane, known: Plane, blur_px: float) -> tuple[Plane, Plane]
     return np.asarray(total / np.maximum(seen, 1e-3), np.float32), np.asarray(seen, np.float32)
 
 
-def _sample(lens: Lens, plane: tuple[Plane, NDArray[np.bool_]], directions: Array) -> Array:
-    """Values (N,) of a plane at directions (N, 3); NaN where they are not known."""
-    values, known = plane
+def _sample(lens: Lens, edges: Edges, directions: Array) -> Array:
+    """Values (N,) of a lens' edges at directions (N, 3); NaN where they are not known."""
     x, y = (place.astype(np.float32) - np.float32(0.5) for place in lens.place(directions))
-    seen = cv2.remap(known.astype(np.float32), x[None], y[None], cv2.INTER_LINEAR)[0]
-    found = cv2.remap(values, x[None], y[None], cv2.INTER_LINEAR)[0]
+    seen = cv2.remap(edges.known.astype(np.float32), x[None], y[None], cv2.INTER_LINEAR)[0]
+    found = cv2.remap(edges.values, x[None], y[None], cv2.INTER_LINEAR)[0]
     return np.where((seen > 0.99) & lens.sees(directions), found, np.nan)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightprobe.errors import LightprobeError
-from lightprobe.geometry import Array
+from lightprobe.geometry import Array, cross
 from lightprobe.imaging.camera import Camera
 
 Codes = NDArray[np.uint8]
@@ -152,9 +152,9 @@ def _agree(turn: Array, after: Array, first: Array) -> NDArray[np.bool_]:
 
 def _frame(one: Array, other: Array) -> Array:
     """An orthogonal frame (3, 3) by two directions."""
-    across = np.cross(one, other)
+    across = cross(one, other)
     across /= max(float(np.linalg.norm(across)), 1e-9)
-    return np.column_stack([one, across, np.cross(one, across)])
+    return np.column_stack([one, across, cross(one, across)])
 
 
 def _turn(after: Array, first: Array) -> Array:

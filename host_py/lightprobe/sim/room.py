@@ -63,9 +63,9 @@ _BULBS = (
 )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Room:
-    """The room, with some of its bulbs, at some brightness."""
+    """The room, with some of its bulbs, at some brightness; equal ones are rendered once."""
 
     name: str = "room"
     bulbs: tuple[Bulb, ...] = _BULBS
@@ -97,30 +97,30 @@ class Room:
 
     def render(self, width_px: int, height_px: int) -> Layers:
         """See :class:`lightprobe.sim.scene.Scene`."""
-        point, normal, reflectance = _walls(
-            geometry.equirect_directions(width_px, height_px), np.array(self.place_m)
-        )
-        base = (self.brightness * _DAYLIGHT * reflectance / 0.5).astype(np.float32)
-        layers = []
-        for bulb, lamp in zip(self._seen(), self.lamps, strict=True):
-            glow = self.brightness * reflectance / np.pi * _irradiance(bulb, point, normal)
-            disc = disc_layer(lamp, width_px, height_px)
-            flat = glow.reshape(-1, 3).astype(np.float32)
-            # The disc hides the wall behind it; at its rim, by the share that it covers.
-            cover = disc.values[:, 1] / np.float32(lamp.radiance[1])
-            flat[disc.index] += disc.values - cover[:, None] * flat[disc.index]
-            layers.append(Layer(slice(None), flat))
-        return Layers(base, tuple(layers))
+        return _rendered(self, width_px, height_px)
 
     def truth(self, powers: ArrayLike, rotation: ArrayLike = geometry.UNTURNED) -> MapTruth:
         """Sum over the map; lamps in closed form."""
-        radiance = _truth_layers(self).compose(powers)
+        radiance = self.render(*_TRUTH_PX).compose(powers)
         return MapTruth(radiance, rotation, lit_lamps(self.lamps, powers, rotation))
 
 
 @lru_cache(maxsize=4)
-def _truth_layers(room: Room) -> Layers:
-    return room.render(*_TRUTH_PX)
+def _rendered(room: Room, width_px: int, height_px: int) -> Layers:
+    point, normal, reflectance = _walls(
+        geometry.equirect_directions(width_px, height_px), np.array(room.place_m)
+    )
+    base = (room.brightness * _DAYLIGHT * reflectance / 0.5).astype(np.float32)
+    layers = []
+    for bulb, lamp in zip(room._seen(), room.lamps, strict=True):
+        glow = room.brightness * reflectance / np.pi * _irradiance(bulb, point, normal)
+        disc = disc_layer(lamp, width_px, height_px)
+        flat = glow.reshape(-1, 3).astype(np.float32)
+        # The disc hides the wall behind it; at its rim, by the share that it covers.
+        cover = disc.values[:, 1] / np.float32(lamp.radiance[1])
+        flat[disc.index] += disc.values - cover[:, None] * flat[disc.index]
+        layers.append(Layer(slice(None), flat))
+    return Layers(base, tuple(layers))
 
 
 def _walls(directions: Array, place_m: Array) -> tuple[Array, Array, Array]:

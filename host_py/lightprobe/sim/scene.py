@@ -127,7 +127,7 @@ class Scene(Protocol):
     """Anything with a name, lamps, a picture, and the truth about its light."""
 
     def __hash__(self) -> int:
-        """Each is itself alone."""
+        """Scenes that are equal shine alike; most are equal to themselves alone."""
 
     @property
     def name(self) -> str:

@@ -27,12 +27,17 @@ import check_camera as table
 @pytest.mark.parametrize(
     "name",
     [
-        "no defect", "tone mapping 1 EV", "tone mapping 0.5 EV to middle grey",
-        "response srgb:1.04", "sharpening 0.3", "noise reduction in time 0.4",
-        "white balance drifts 0.06", "white balance adapts 0.6", "12 stuck pixels",
-        "commands without effect", "a dark room", "glare 0.03 and stuck pixels",
+        "no defect", "tone mapping 1 EV", "response srgb:1.04", "sharpening 0.3",
+        "noise reduction in time 0.4", "white balance drifts 0.06", "white balance adapts 0.6",
+        "12 stuck pixels", "commands without effect", "a dark room",
         "lamps flicker at 100 Hz by 0.3, rows 0 µs apart",
-        "sharpening 0.7 and white balance drifts 0.06",
+        *(
+            pytest.param(name, marks=pytest.mark.nightly)
+            for name in (
+                "tone mapping 0.5 EV to middle grey", "glare 0.03 and stuck pixels",
+                "sharpening 0.7 and white balance drifts 0.06",
+            )
+        ),
     ],
 )  # fmt: skip
 def test_a_defect_is_named_and_no_other(name, tmp_path):
