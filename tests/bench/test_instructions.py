@@ -6,8 +6,14 @@ import instructions
 import pytest
 
 
+def in_time(case):
+    """Let some wait for the night."""
+    night = [pytest.mark.nightly] if case[1] in ("exposures_2", "fast") else []
+    return pytest.param(case, marks=night, id=" ".join(case))
+
+
 @pytest.mark.long
-@pytest.mark.parametrize("case", instructions.CASES, ids=" ".join)
+@pytest.mark.parametrize("case", [in_time(case) for case in instructions.CASES])
 def test_counts_are_those_on_record(case):
     """After a change for the better or with good reason: `make instructions`, and commit it."""
     recorded = instructions.recorded()

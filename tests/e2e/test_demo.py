@@ -59,18 +59,20 @@ def test_lamps_are_where_they_are_and_the_last_picture_is_of_the_first_scene(tmp
     assert (tmp_path / "latest.png").read_bytes() == (tmp_path / "room.png").read_bytes()
 
 
-@pytest.mark.usefixtures("released_daemon")
+def frames_in(folder):
+    """Source of frames of the room, again and again."""
+    folder.mkdir()
+    radiance = Room().render(640, 320).compose([1, 1, 1, 1])
+    sensor = Sensor(640, 320)
+    for k in range(3):
+        codes = sensor.capture(radiance, 5e5, frame=k)
+        (folder / f"{k}.jpg").write_bytes(encode_jpeg(codes))
+    return f"file:{folder}?rate=20&loop=1"
+
+
 def test_ctrl_c_ends_it_well(tmp_path):
-    command = [
-        LIGHTPROBE,
-        "demo",
-        "--scenes",
-        "procedural:2",
-        "--output",
-        tmp_path,
-        "--every-s",
-        "1",
-    ]
+    source = frames_in(tmp_path / "frames")
+    command = [LIGHTPROBE, "demo", "--source", source, "--output", tmp_path, "--every-s", "1"]
     process = subprocess.Popen(
         command,
         stdout=subprocess.PIPE,
@@ -122,14 +124,8 @@ def test_a_painter_that_dies_is_told_and_not_waited_for(tmp_path):
 
 
 def test_another_source_has_no_truth(tmp_path):
-    frames = tmp_path / "frames"
-    frames.mkdir()
-    radiance = Room().render(640, 320).compose([1, 1, 1, 1])
-    sensor = Sensor(640, 320)
-    for k in range(3):
-        codes = sensor.capture(radiance, 5e5, frame=k)
-        (frames / f"{k}.jpg").write_bytes(encode_jpeg(codes))
-    done = run("--source", f"file:{frames}?rate=20&loop=1", "--seconds", 3, "--output", tmp_path)
+    source = frames_in(tmp_path / "frames")
+    done = run("--source", source, "--seconds", 3, "--output", tmp_path)
     assert done.returncode == 0, done.stderr
     assert "camera.png" in done.stdout
     assert np.ptp(cv2.imread(str(tmp_path / "camera.png"))) > 100

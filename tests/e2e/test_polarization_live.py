@@ -225,7 +225,7 @@ def true_polarization(yaw_deg: float, like: PolarizationMap) -> tuple[np.ndarray
     return mean[1:] / mean[0], cells[0].max(axis=(1, 3)) / cells[0].min(axis=(1, 3))
 
 
-@pytest.mark.parametrize("turn_deg_s", [0.0, 30.0])
+@pytest.mark.parametrize("turn_deg_s", [pytest.param(0.0, marks=pytest.mark.nightly), 30.0])
 def test_a_map_of_polarized_light_is_that_of_the_room(turn_deg_s: float) -> None:
     """Coarse picture on request, as the camera sees it while it turns."""
     behaviour = Behaviour(act_s=0, turn_deg_s=turn_deg_s)
@@ -326,7 +326,7 @@ def test_a_sweep_on_request_ends_the_rest() -> None:
         assert "--publish-polarization" in str(refusals[0])
 
 
-@pytest.mark.parametrize("max_lights", [8, 1])
+@pytest.mark.parametrize("max_lights", [pytest.param(8, marks=pytest.mark.nightly), 1])
 def test_a_new_lamp_ends_the_rest(max_lights: int) -> None:
     """Also one that the daemon does not list; what is known, and goes on, does not."""
     scene = random_scene(8)

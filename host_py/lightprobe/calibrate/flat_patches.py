@@ -71,8 +71,9 @@ def step_of(exposure_us: float, pictures: Iterable[Codes]) -> Step | None:
         deviations.append(np.sqrt(np.maximum(square - mean * mean, 0)))
         lows.append(_folded(np.minimum, cut))
         highs.append(_folded(np.maximum, cut))
-        brightest = max(brightest, int(codes.max()))
-        pile = float(np.mean(codes.max(axis=2) >= brightest - 2))
+        strongest = np.maximum(np.maximum(codes[..., 0], codes[..., 1]), codes[..., 2])
+        brightest = max(brightest, int(strongest.max()))
+        pile = float(np.mean(strongest >= brightest - 2))
     if not means:
         return None
     return Step(

@@ -306,15 +306,18 @@ class MapTruth:
         n = geometry.rotate(self.rotation, normals)
         height, width, _ = self.radiance.shape
         solid_angle = geometry.equirect_solid_angles(width, height)
-        columns = np.arange(width)
+        # A direction is a share of the one below it at the horizon, and a share of what is up.
+        horizon = geometry.equirect_direction(np.arange(width), (height - 1) / 2, width, height).T
+        up = geometry.equirect_direction(0, np.arange(height), width, height)[:, 1]
         total = np.zeros((len(n), 3))
-        for row in range(height):
-            directions = geometry.equirect_direction(columns, row, width, height).T
-            weighted = self.radiance[row].astype(np.float64) * solid_angle[row]
-            # In blocks that the BLAS does not spread over threads, which would fight for the cores.
-            for block in range(0, len(n), 128):
-                cosine = np.maximum(n[block : block + 128] @ directions, 0)
-                total[block : block + 128] += cosine @ weighted
+        # In blocks that the BLAS does not spread over threads, which would fight for the cores.
+        for block in (slice(first, first + 128) for first in range(0, len(n), 128)):
+            along, upwards = n[block] @ horizon, n[block, 1:2]
+            for row in range(height):
+                cosine = along * np.sqrt(1 - up[row] ** 2)
+                cosine += upwards * up[row]
+                np.maximum(cosine, 0, out=cosine)
+                total[block] += cosine @ (self.radiance[row].astype(np.float64) * solid_angle[row])
         return total
 
 

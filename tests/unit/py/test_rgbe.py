@@ -34,13 +34,13 @@ def write(path, pixels, *lines, size=None, kind=RGBE, encode=lambda codes: codes
 def by_runs(codes):
     """Radiance's old way: 1, 1, 1, n for n more of the pixel before."""
     out = bytearray()
-    for row in codes:
+    for row in ([bytes(pixel) for pixel in row] for row in codes):
         i = 0
         while i < len(row):
             same = 1
-            while i + same < len(row) and (row[i + same] == row[i]).all():
+            while i + same < len(row) and row[i + same] == row[i]:
                 same += 1
-            out += bytes(row[i])
+            out += row[i]
             left = same - 1
             while left:  # the lowest byte first
                 out += bytes([1, 1, 1, left & 255])
