@@ -448,6 +448,23 @@ static void test_processing_of_a_file(void **state)
 	}
 }
 
+/* Every driver that reads settings from a camera file (docs/users/cameras.md) has its section
+ * there. */
+static void test_settings_of_every_driver(void **state)
+{
+	static const char *const schemes[] = {"v4l2", "libcamera", "osc", "ptp"};
+	struct lp_camera_file *file;
+	char text[100];
+
+	(void)state;
+	for (size_t i = 0; i < LP_COUNT(schemes); i++) {
+		(void)snprintf(text, sizeof(text), "[%s]\nsomething = 1\n", schemes[i]);
+		assert_int_equal(read_camera_file(text, &file), 0);
+		assert_true(lp_ini_has(&file->ini, schemes[i]));
+		lp_camera_file_destroy(file);
+	}
+}
+
 static void test_long_lines(void **state)
 {
 	char text[512];
@@ -566,6 +583,7 @@ int main(void)
 		cmocka_unit_test(test_broken_files),
 		cmocka_unit_test(test_processing_of_a_file),
 		cmocka_unit_test(test_glare_of_a_file),
+		cmocka_unit_test(test_settings_of_every_driver),
 		cmocka_unit_test(test_long_lines),
 	};
 	const int fd = mkstemp(path);

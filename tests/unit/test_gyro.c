@@ -6,23 +6,10 @@
 #include <math.h>
 
 #include "lp_test.h"
+#include "random_normal.h"
 
 #define DEG (M_PI / 180.0)
 #define RATE_HZ 100
-
-static uint32_t state = 1;
-
-/* About Gaussian: the sum of twelve evenly spread numbers. */
-static double noise(void)
-{
-	double sum = -6.0;
-
-	for (int i = 0; i < 12; i++) {
-		state = state * 1664525U + 1013904223U;
-		sum += (double)state / 4294967296.0;
-	}
-	return sum;
-}
 
 /* Feed `seconds` of rates from `t_s` on, in degrees per second; gives the last one, less offset. */
 static double feed(struct lp_gyro *gyro, double t_s, double seconds, double swing, double offset,
@@ -34,8 +21,8 @@ static double feed(struct lp_gyro *gyro, double t_s, double seconds, double swin
 		const double now_s = t_s + (double)k / RATE_HZ;
 
 		for (int a = 0; a < 3; a++)
-			rate[a] = DEG *
-				  (offset * (a + 1) + sigma * noise() + swing * sin(2.0 * now_s));
+			rate[a] = DEG * (offset * (a + 1) + sigma * random_normal() +
+					 swing * sin(2.0 * now_s));
 		assert_true(lp_gyro_rate(gyro, (int64_t)(now_s * 1e9), rate));
 	}
 	return rate[0];

@@ -7,6 +7,7 @@
 #include <stdlib.h>
 
 #include "lp_test.h"
+#include "random_normal.h"
 #include "vision/camera/camera.h"
 #include "vision/camera/response.h"
 
@@ -15,19 +16,6 @@
 #define NOISE 0.03F
 
 static struct lp_linearity linearity;
-
-/* Standard normal, nearly (the sum of twelve that are uniform). */
-static float normal(void)
-{
-	static uint32_t chance;
-	float sum = -6.0F;
-
-	for (int k = 0; k < 12; k++) {
-		chance = 1664525U * chance + 1013904223U;
-		sum += (float)chance / 4294967296.0F;
-	}
-	return sum;
-}
 
 /* A room before a camera. */
 struct camera {
@@ -51,8 +39,8 @@ static void furnish(const struct camera *camera)
 
 	for (int k = 0; k < CELLS; k++) {
 		if (k % (CELLS / 50) == 0)
-			region = camera->local * normal();
-		own_power[k] = camera->power * (1.0F + region + camera->rough * normal());
+			region = camera->local * random_normal();
+		own_power[k] = camera->power * (1.0F + region + camera->rough * random_normal());
 		light[k] = -9.0F * (float)(k * 37 % CELLS) / CELLS;
 	}
 }
@@ -62,13 +50,13 @@ static void see(const struct camera *camera, int frame)
 	struct lp_linearity_look looks[CELLS];
 	const float exposure = camera->exposures[frame % 3];
 	const float lie = frame % 3 == 1 ? camera->dishonest : 0.0F;
-	const float all = camera->unrest * normal() + lie;
+	const float all = camera->unrest * random_normal() + lie;
 
 	for (int k = 0; k < CELLS; k++) {
 		/* what the response in use makes of it */
 		const float linear =
 			(light[k] + logf(exposure) + all) / own_power[k] * expf(linearity.applied);
-		const float noisy = linear + NOISE * normal();
+		const float noisy = linear + NOISE * random_normal();
 
 		looks[k] = (struct lp_linearity_look){.region = k * 50 / CELLS,
 						      .log_light = linear > -0.2F || linear < -5.0F

@@ -7,6 +7,7 @@
 
 #include "include/luminance.h"
 #include "lp_test.h"
+#include "random_normal.h"
 #include "vision/camera/camera.h"
 #include "vision/camera/response.h"
 
@@ -15,19 +16,6 @@
 
 static float radiance[CELLS][4];
 static uint8_t flags[CELLS];
-
-/* Standard normal, nearly (the sum of twelve that are uniform). */
-static float normal(void)
-{
-	static uint32_t chance;
-	float sum = -6.0F;
-
-	for (int k = 0; k < 12; k++) {
-		chance = 1664525U * chance + 1013904223U;
-		sum += (float)chance / 4294967296.0F;
-	}
-	return sum;
-}
 
 /* Cells of the same light, which differ by noise: all of them tell, or none. */
 static void test_expected_light_chooses_without_a_preference(void **state)
@@ -52,7 +40,7 @@ static void test_expected_light_chooses_without_a_preference(void **state)
 		int count = 0, own_count = 0;
 
 		for (int k = 0; k < CELLS; k++) {
-			radiance[k][LP_LUMINANCE] = light * expf(NOISE * normal());
+			radiance[k][LP_LUMINANCE] = light * expf(NOISE * random_normal());
 			const struct lp_log_light a =
 				lp_log_light_expected(&seen, k, LP_LUMINANCE, light);
 			const struct lp_log_light b = lp_log_light(&seen, k, LP_LUMINANCE);

@@ -154,10 +154,10 @@ static const struct lp_params lens_params = LP_PARAMS(lens_list);
 
 static int set_fields(struct lp_camera_file *file)
 {
-	static const char *const sections[] = {"camera", "response",   "lens.0",    "lens.1",
-					       "lens.2", "lens.3",     "v4l2",	    "libcamera",
-					       "osc",	 "photometry", "polarizer", "rig",
-					       "crop",	 "glare",      NULL};
+	static const char *const sections[] = {"camera", "response", "lens.0",	   "lens.1",
+					       "lens.2", "lens.3",   "v4l2",	   "libcamera",
+					       "osc",	 "ptp",	     "photometry", "polarizer",
+					       "rig",	 "crop",     "glare",	   NULL};
 	int ret = lp_ini_check_sections(&file->ini, sections);
 
 	_Static_assert(LP_MAX_LENSES == 4, "a section for each lens");
