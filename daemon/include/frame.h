@@ -32,6 +32,9 @@ enum lp_frame_flag {
  * that are not written yet. A source has some more to fill. */
 #define LP_FRAMES_HELD 9
 
+/* How well somebody knows a polarizer angle that they state (wheel_sigma_deg). */
+#define LP_STATED_ANGLE_SIGMA_DEG 0.5F
+
 /*
  * Borrowed from the source's pool: whoever holds it calls lp_frame_release() once, from any thread.
  * The source must outlive its frames. Everything but `data` may be read from any thread.

@@ -379,6 +379,25 @@ def test_a_sweep_is_refused_where_the_polarizer_stays() -> None:
         assert "start lightprobed with --polarizer=sweep" in str(refusals[0])
 
 
+def test_a_film_fixed_by_hand_is_where_it_is_said_to_be() -> None:
+    """Without a wheel; off its axis it lets through more at one angle than at another."""
+    world = World([random_scene(8)], Behaviour(act_s=0), 30.0)
+    camera = SimulatedCamera(  # its film is at 0°
+        world, lenses.load("equirect"), SIZE_PX, rate_hz=RATE_HZ, sheet=Sheet()
+    )
+    normals = geometry.sphere_normals(1)
+    true, errors = world.at(0.0).truth().irradiance(normals), []
+    for stated_deg in (0, 90):
+        with LiveProbe(camera, [f"--polarizer=fixed:{stated_deg}"]) as probe:
+            client = probe.client(Subscription(max_lights=8, smoothing="RAW"))
+            probe.run(2.0)
+        found = client.estimates[-1]
+        assert (found.wheel_deg, found.wheel_sigma_deg) == (stated_deg, 0.5)
+        errors.append(np.abs(found.irradiance(normals) - true).mean() / true.max())
+    assert errors[0] < 0.03, errors
+    assert errors[1] > 2 * errors[0], errors
+
+
 def test_pictures_need_a_film_that_is_swept() -> None:
     status, _, log = run(
         "--source=file:nothing.pfm", "--publish-polarization", "--polarizer=films"

@@ -32,6 +32,7 @@ struct lp_instruments {
 	struct lp_ring *ring;	    /* NULL: none */
 	struct lp_sweep sweep;
 	bool sweeps;	     /* --polarizer=sweep */
+	float stated_deg;    /* of a film without a wheel, by --polarizer=fixed:DEG; NAN: none */
 	uint32_t unmeasured; /* of the newest estimate */
 
 	bool ring_heard; /* the next two count */
@@ -81,10 +82,15 @@ static void look(void *context)
 
 void lp_instruments_frame(struct lp_instruments *instruments, struct lp_frame *frame)
 {
-	if (instruments->rotator)
+	if (instruments->rotator) {
 		lp_sweep_frame(&instruments->sweep, frame, lp_clock_ns());
-	else
-		emit(instruments, frame);
+		return;
+	}
+	if (!isnan(instruments->stated_deg) && isnan(frame->wheel_deg)) {
+		frame->wheel_deg = instruments->stated_deg;
+		frame->wheel_sigma_deg = LP_STATED_ANGLE_SIGMA_DEG;
+	}
+	emit(instruments, frame);
 }
 
 /* ---------------------------------------------------------------- ring */
@@ -287,6 +293,8 @@ int lp_instruments_create(const struct lp_options *options, struct lp_health *he
 		return -ENOMEM;
 	self->host = *host;
 	self->health = health;
+	self->stated_deg =
+		options->polarizer.mode == LP_POLARIZER_FIXED ? options->polarizer.fixed_deg : NAN;
 	if (options->once && (*options->rotator || *options->ring)) {
 		lp_error("lightprobed", "--once",
 			 "--once uses neither wheel nor ring — leave out --rotator and --ring");

@@ -23,8 +23,6 @@
 
 /* One being read, one read ahead, one waiting for the worker, and those it holds. */
 #define FRAMES (LP_FRAMES_HELD + 3)
-/* How well somebody knows an angle that he states. */
-#define STATED_ANGLE_SIGMA_DEG 0.5F
 
 /* The query of the URI. `format` counts as enum lp_encoding. */
 struct options {
@@ -98,7 +96,7 @@ static void stamp(struct source_file *self, struct progress *progress, struct lp
 		frame->gain = self->options.gain;
 	if (angles->count > 0) {
 		frame->wheel_deg = angles->values[progress->in_pass % angles->count];
-		frame->wheel_sigma_deg = STATED_ANGLE_SIGMA_DEG;
+		frame->wheel_sigma_deg = LP_STATED_ANGLE_SIGMA_DEG;
 	}
 	progress->in_pass++;
 	progress->usable_in_pass += !(frame->flags & LP_FRAME_CORRUPT);
