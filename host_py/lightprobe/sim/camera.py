@@ -89,7 +89,7 @@ class SimulatedCamera:
         drawn and encoded only once: for rates that this machine is too slow for; 0: all are new.
         `processing`: what the camera does to its pictures; then none are kept.
         `lens_defects`: what its lens does.
-        `pixels`: of its sensor, that are not as the others; not of RGBF, nor with `processing`.
+        `pixels`: of its sensor, that are not as the others; not of RGBF.
         """
         self.world, self.lens, self.size_px = world, lens, size_px
         self.rate_hz, self.pixel_format = rate_hz, pixel_format
@@ -106,10 +106,13 @@ class SimulatedCamera:
         self.sheet = sheet
         self._hand: NDArray[np.float32] | None = None  # (H, W, 1): share of each pixel covered
         self.white_balance = white_balance
+        well_e = self.sensor.model.full_well_e
+        table = lens.response_table() if response is None else response
+        self._pixels = pixels.at(size_px, well_e, table) if pixels else None
         self._developer: Developer | None = None
         if processing is not None and not processing.is_none:
             self._developer = Developer(
-                processing, self.sensor, lens, pixel_format, quality, chroma
+                processing, self.sensor, lens, pixel_format, quality, chroma, self._pixels
             )
         self._lens_defects: DefectiveLens | None = None
         if lens_defects is not None and not lens_defects.is_perfect:
@@ -120,11 +123,6 @@ class SimulatedCamera:
         self._medians: dict[int, float] = {}
         self._signals: OrderedDict[Hashable, Expected] = OrderedDict()
         self._kept, self._pictures = kept, OrderedDict[Hashable, bytes]()
-        if pixels and self._developer is not None:
-            raise UsageError("camera: pixel defects are not simulated together with processing")
-        well_e = self.sensor.model.full_well_e
-        table = lens.response_table() if response is None else response
-        self._pixels = pixels.at(size_px, well_e, table) if pixels else None
 
     def state(self, frame: int, shot: Shot) -> State:
         """State of the world while the middle row of frame `frame` is exposed."""

@@ -115,14 +115,29 @@ class PlacedDefects:
         """
         if not self.model.is_on(t_s):
             return codes
+        spoilt = codes.copy()
+        for kind, kept, light in self._kinds(exposure_us):
+            own = self._linear(spoilt[kind.y, kind.x])
+            spoilt[kind.y, kind.x] = self._codes(kind.mixed(own, kept, light))
+        return spoilt
+
+    def spoil_linear(
+        self, linear: NDArray[np.float32], exposure_us: float, t_s: float
+    ) -> NDArray[np.float32]:
+        """Do as :meth:`spoil` to linear light (H, W, 3), full scale = 1, before it is processed."""
+        if not self.model.is_on(t_s):
+            return linear
+        spoilt = linear.copy()
+        for kind, kept, light in self._kinds(exposure_us):
+            own = spoilt[kind.y, kind.x].astype(np.float64)
+            spoilt[kind.y, kind.x] = np.minimum(kind.mixed(own, kept, light), 1)
+        return spoilt
+
+    def _kinds(self, exposure_us: float) -> tuple[tuple[_Weights, float, float], ...]:
+        """Defects, the share of a pixel's own light that they leave, and light that they add."""
         stuck, warm, dead = self._weights
         current = 1e-6 * exposure_us * self.model.warm_now_e_per_s / self.full_well_e
-        spoilt = codes.copy()
-        # kept: share of the pixel's own light; light: what is added, of full scale
-        for kind, kept, light in ((warm, 1.0, current), (dead, 0.0, 0.0), (stuck, 0.0, 1.0)):
-            own = self._linear(spoilt[kind.y, kind.x]) * (1 - kind.weights * (1 - kept))
-            spoilt[kind.y, kind.x] = self._codes(own + kind.weights * light)
-        return spoilt
+        return (warm, 1.0, current), (dead, 0.0, 0.0), (stuck, 0.0, 1.0)
 
     def _linear(self, codes: Codes) -> Array:
         """Linear light (n, 3) of codes (n, 3)."""
@@ -140,3 +155,7 @@ class _Weights:
     x: NDArray[np.intp]
     y: NDArray[np.intp]
     weights: Array
+
+    def mixed(self, own: Array, kept: float, light: float) -> Array:
+        """Light (n, 3) of the pixels, of what they see, `own`."""
+        return np.asarray(own * (1 - self.weights * (1 - kept)) + self.weights * light)

@@ -18,6 +18,7 @@ from lightprobe.errors import UsageError
 from lightprobe.imaging.camera import Camera
 from lightprobe.sim.faults import Spell, fault
 from lightprobe.sim.formats import encode
+from lightprobe.sim.pixel_defects import PlacedDefects
 from lightprobe.sim.sensor import Codes, Expected, Sensor
 
 if TYPE_CHECKING:
@@ -110,8 +111,9 @@ class Developer:
         pixel_format: str,
         quality: int,
         chroma: str,
+        pixels: PlacedDefects | None = None,
     ) -> None:
-        """Raise UsageError for what such a camera has not."""
+        """Raise UsageError for what such a camera has not; `pixels`: its sensor's defects."""
         p = processing
         if pixel_format == "RGBF" and not p.is_none:
             raise UsageError("processing: RGBF has no sensor: take another --format")
@@ -119,7 +121,7 @@ class Developer:
             raise UsageError(f"processing: jpeg_kb: {pixel_format} has no quality: take MJPG")
         if not lens.is_whole and (p.stitch_gain or p.stitch_deg):
             raise UsageError(f"processing: {lens.name} is not stitched: take --camera equirect")
-        self.processing, self.sensor = processing, sensor
+        self.processing, self.sensor, self._pixels = processing, sensor, pixels
         self._format, self._quality, self._chroma = pixel_format, quality, chroma
         self._shot: Shot | None = None
         self._last: Linear | None = None  # picture, in sigmas of noise
@@ -138,12 +140,17 @@ class Developer:
 
     def picture(self, signal: Expected, frame: int, shot: Shot, turn_px: int, t_s: float) -> bytes:
         """Payload of a frame; arguments as of :meth:`Sensor.develop`, `t_s`: the world's time."""
+        pixels, seen_us = self._pixels, shot.exposure_us * shot.gain
         if not self.processing.is_on(t_s):
             self._last, self._now_quality = None, self._quality
             codes = self.sensor.develop(signal, frame, shot.gain, turn_px)
+            if pixels is not None:
+                codes = pixels.spoil(codes, seen_us, t_s)
             return encode(codes, self._format, self._quality, self._chroma)
         balance = self.balance(t_s)
         linear = self.sensor.linear(signal, frame, shot.gain, turn_px, balance)
+        if pixels is not None:
+            linear = pixels.spoil_linear(linear, seen_us, t_s)
         self._adapt(linear, balance, t_s)
         codes = self.sensor.respond(self._on_linear(linear, shot.gain))
         return self._encoded(self._on_codes(codes))

@@ -9,6 +9,7 @@ from lightprobe.errors import UsageError
 from lightprobe.imaging import camera as lenses
 from lightprobe.sim.camera import Shot, SimulatedCamera
 from lightprobe.sim.pixel_defects import PixelDefects
+from lightprobe.sim.processing import Processing
 from lightprobe.sim.room import Room
 from lightprobe.sim.sensor import SensorModel
 from lightprobe.sim.world import Behaviour, World
@@ -101,6 +102,29 @@ def test_a_picture_that_is_repeated_is_not_one_without_them():
     simulated = camera(PixelDefects(stuck=4, from_s=0.2), kept=2)
     first, later = (codes(simulated, number, 100.0) for number in (0, 10))
     assert (later.astype(int) - first > 100).any()
+
+
+@pytest.mark.parametrize(
+    ("processing", "least", "beside"),
+    [("sharpen=0.7", 250, -10), ("tone_ev=1", 250, 0), ("saturation=0.6", 250, 0)],
+)
+def test_a_camera_that_processes_processes_them_too(processing, least, beside):
+    """Sharpening darkens what is beside a white pixel; they come and go as without it."""
+    more = {"quality": 100, "chroma": "444", "processing": Processing().merged(processing)}
+    defects = PixelDefects(stuck=4, seed=3, from_s=0.2)
+    places = defects.at(SIZE, 1.0, np.zeros((256, 3))).places
+    with_them, without = (camera(one, **more) for one in (defects, None))
+    assert with_them.frame(0, Shot(3000.0)) == without.frame(0, Shot(3000.0))
+    frame, clean = (codes(one, 20, 3000.0).astype(int) for one in (with_them, without))
+    x, y = places.T
+    assert frame[y, x].min() >= least
+    assert (frame[y, x + 1] - clean[y, x + 1]).min() <= beside
+
+
+def test_processing_that_is_not_on_yet_leaves_them_as_they_are():
+    later = Processing().merged("sharpen=0.7&from_s=9")
+    some = [camera(PixelDefects(stuck=4), processing=one) for one in (later, None)]
+    assert some[0].frame(3, Shot(300.0)) == some[1].frame(3, Shot(300.0))
 
 
 @pytest.mark.parametrize(
