@@ -23,6 +23,7 @@ def test_turning_leaves_the_scale(condition):
     assert one.flags["EXPOSURE_UNKNOWN"] == 1
 
 
+@pytest.mark.nightly
 def test_light_is_steady_while_the_exposure_breathes():
     one = figures("breathes")
     assert one.unsteady < 0.03

@@ -37,7 +37,7 @@ def check(one: movers.Moving, seconds: float) -> None:
     ("what", "motion"),
     [
         ("walkers", "head"),
-        ("near", "still"),
+        pytest.param("near", "still", marks=pytest.mark.nightly),
         pytest.param("walkers", "still", marks=pytest.mark.nightly),
         pytest.param("near", "head", marks=pytest.mark.nightly),
         pytest.param("door", "still", marks=pytest.mark.nightly),

@@ -125,6 +125,7 @@ def test_tone_mapping_that_comes_and_goes(monkeypatch: pytest.MonkeyPatch) -> No
     assert share(17, some[-1].captured_s) == 0
 
 
+@pytest.mark.nightly
 def test_each_of_two_cameras_has_a_response_of_its_own() -> None:
     """Both are brought to what sRGB says."""
     bent = Pair(gamma=1.06)

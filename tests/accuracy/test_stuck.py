@@ -71,7 +71,7 @@ def room(behaviour: Behaviour, defects: PixelDefects | None = None) -> Simulated
     [
         ("stuck=12", SMALL_PX),
         pytest.param("stuck=12&bayer=1", SMALL_PX, marks=pytest.mark.nightly),
-        ("stuck=60", SMALL_PX),
+        pytest.param("stuck=60", SMALL_PX, marks=pytest.mark.nightly),
         pytest.param("stuck=12", SIZE_PX, marks=pytest.mark.nightly),
     ],
 )
@@ -84,6 +84,7 @@ def test_stuck_pixels_cost_a_head_that_moves_nothing(
     assert found.wrong_and_healthy == 0
 
 
+@pytest.mark.nightly
 def test_exposures_need_not_be_reported() -> None:
     without, found = (judged(one, exposures="unreported") for one in ("", "stuck=12"))
     assert found.births_per_s <= without.births_per_s + 1.0

@@ -59,6 +59,7 @@ def test_the_mount_of_a_simulated_headset_is_found_within_half_a_degree(tmp_path
     assert found["time_offset_s"] == pytest.approx(0.030, abs=0.005)
 
 
+@pytest.mark.nightly
 def test_a_head_that_only_turns_left_and_right_does_not_tell(tmp_path):
     done = align("poses", *looked_around(tmp_path, nod_deg=0.0), "--output", tmp_path / "no.ini")
     assert done.returncode == 1

@@ -195,6 +195,7 @@ max_theta_deg = 97
 """
 
 
+@pytest.mark.nightly
 def test_the_roll_off_of_a_camera_that_turns_is_found(tmp_path, released_daemon):
     """By the daemon's own frames, at an exposure that the command chooses."""
     true = (-0.4935, 0.0961, -0.0076)  # about the fourth power of the cosine of half the angle

@@ -128,6 +128,7 @@ def every(seconds: float, act: Callable[[], None], stop: threading.Event) -> thr
     return thread
 
 
+@pytest.mark.nightly
 def test_ring_against_the_camera(tmp_path: Path) -> None:
     """The probe's own estimates are the light meter; lamps are switched meanwhile."""
     options = ("--size", "960x480", "--rate", "20", "--scenes", "procedural:5", "--act-s", "4",

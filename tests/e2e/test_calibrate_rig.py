@@ -21,6 +21,8 @@ from lightprobe.sim.world import Behaviour, World
 from lightprobe.wire import Subscription
 from scipy.spatial.transform import Rotation
 
+pytestmark = pytest.mark.nightly  # test_calibrate_rig_live.py runs the command each time
+
 CAMERAS = Path(__file__).parents[2] / "packaging" / "cameras"
 FILES = [CAMERAS / f"module_{name}.camera" for name in ("ahead", "back")]
 NAMES = [path.name for path in FILES]
@@ -128,7 +130,6 @@ def test_the_mounting_is_found(tracks, views, tmp_path, record_property):
     assert "# " in paths[1].read_text()  # comments stay
 
 
-@pytest.mark.nightly
 def test_few_pixels_and_plain_walls_are_less_certain(tracks):
     distances, side_px = [], 260
     for number in range(3):

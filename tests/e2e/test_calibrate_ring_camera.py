@@ -209,7 +209,7 @@ HOST, AVR = ("15", "30", "15"), ("75", "6", "5")
 
 @pytest.mark.parametrize(
     ("firmware", "seconds", "deg_s", "rate_hz"),
-    [("host", *HOST), pytest.param("avr", *AVR, marks=pytest.mark.long)],
+    [("host", *HOST), pytest.param("avr", *AVR, marks=pytest.mark.nightly)],
 )
 def test_the_command_calibrates_a_box_that_is_turned(
     tmp_path: Path, firmware: str, seconds: str, deg_s: str, rate_hz: str

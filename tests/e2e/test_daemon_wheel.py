@@ -542,7 +542,7 @@ def test_what_the_command_line_says_of_wheel_and_ring(tmp_path):
     assert "leave out --rotator and --ring" in log
 
 
-@pytest.mark.parametrize("target", ["host", "avr"])
+@pytest.mark.parametrize("target", ["host", pytest.param("avr", marks=pytest.mark.nightly)])
 def test_random_faults_never_stamp_a_frame_wrongly(target):
     """Random moves and random faults; every estimate's angle is held against the true one.
 

@@ -97,7 +97,7 @@ def unlike_others(box: Box, rng: np.random.Generator) -> None:
     [
         ("hw/guide.md", ""),
         pytest.param("hw/guide.md", "reversed", marks=pytest.mark.nightly),
-        ("docs/builders/bring_up.md", ""),
+        pytest.param("docs/builders/bring_up.md", "", marks=pytest.mark.nightly),
     ],
 )
 def test_the_commands_do_what_the_document_says(document: str, case: str, tmp_path: Path) -> None:

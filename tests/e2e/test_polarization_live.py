@@ -112,6 +112,7 @@ def test_lamps_that_are_switched_in_mid_sweep() -> None:
         assert max(later) >= 2
 
 
+@pytest.mark.nightly
 def test_exposures_that_change_in_mid_sweep() -> None:
     """All light is eight times as bright in the midst of the second sweep: exposures follow it."""
     change_s = SWEPT_S + 2.0

@@ -110,6 +110,7 @@ def test_one_is_unplugged_and_comes_back() -> None:
         assert client.health.source_reconnects == 1
 
 
+@pytest.mark.nightly
 def test_the_first_one_may_be_away_too() -> None:
     world = room()
     with probe(world) as running:

@@ -137,6 +137,7 @@ def still_open(connections):
     return count
 
 
+@pytest.mark.nightly
 def test_a_client_that_reads_nothing_for_seconds_gets_the_newest_and_disturbs_nobody():
     with camera() as cam:
         port = free_port()

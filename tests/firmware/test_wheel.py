@@ -511,7 +511,9 @@ def test_reset_in_the_middle_of_a_move(homed: Rig, why: str) -> None:
 # --- random ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("seed", "feedback"), [(1, False), (2, True)])
+@pytest.mark.parametrize(
+    ("seed", "feedback"), [pytest.param(1, False, marks=pytest.mark.nightly), (2, True)]
+)
 def test_random_moves_with_random_faults(seed: int, feedback: bool) -> None:
     """The flashed binary; `make test-firmware-long` makes 10 000 moves."""
     campaign = Campaign(seed, "avr", feedback, fault_share=0.2)

@@ -48,7 +48,11 @@ def panorama():
     return PanoramaScene.of("drawn", drawn)
 
 
-@pytest.mark.parametrize("scene", [Room(), random_scene(3), panorama()], ids=lambda one: one.name)
+@pytest.mark.parametrize(
+    "scene",
+    [Room(), panorama(), pytest.param(random_scene(3), marks=pytest.mark.nightly)],
+    ids=lambda one: one.name,
+)
 @pytest.mark.parametrize("kind", KINDS)
 def test_pictures_and_truth_agree(kind, scene):
     simulated, differs = camera(scene, KINDS[kind]), []

@@ -155,6 +155,7 @@ def test_what_is_wrong_is_said(tmp_path, camera):
         assert words in err
 
 
+@pytest.mark.nightly
 def test_pictures_after_a_plain_wall_are_placed_by_what_was_seen_before_it(tmp_path):
     """Turned twice around; of the first turn, half shows a plain wall only."""
     paths = shoot(tmp_path, walls(posters=400), count=48, nod_deg=0)
