@@ -31,6 +31,10 @@ web: $(BUILD)/web/index.html ## build the viewer in build/web: lightprobed --pub
 test-js: build $(call apt,web) ## run the tests of the JavaScript package and the viewer, also in Chromium
 	@cd $(JS) && npm test --silent
 
+.PHONY: test-nightly-js
+test-nightly-js: build $(call apt,web) ## run the tests of the JavaScript package and the viewer, also those that take long
+	@cd $(JS) && NIGHTLY=1 npm test --silent
+
 .PHONY: soak-page
 soak-page: build $(call apt,web) $(BUILD)/scenes/blender.stamp ## show the live viewer of the demo in Chromium for an hour: its memory must not grow; MINUTES=n
 	@cd $(JS) && node dist/test/soak.js

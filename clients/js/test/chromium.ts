@@ -5,6 +5,9 @@ import { chromium, type Browser, type Page } from "playwright-core";
 
 export const LONG_MS = 120_000; // the machine may be busy: never a measure of speed
 
+/** Options of a test that takes long, and is run by `make test-nightly` alone. */
+export const NIGHTLY = process.env["NIGHTLY"] ? {} : { skip: "it takes long: make test-nightly-js" };
+
 export const launch = (...more: string[]): Promise<Browser> => chromium.launch({
   executablePath: process.env["CHROMIUM"] ?? "/usr/bin/chromium",
   ignoreDefaultArgs: ["--hide-scrollbars"], // as users see it

@@ -6,7 +6,7 @@ import { rmSync, symlinkSync } from "node:fs";
 import { join } from "node:path";
 import { after, before, test } from "node:test";
 import type { Browser, Page } from "playwright-core";
-import { LONG_MS, launch } from "./chromium.js";
+import { LONG_MS, NIGHTLY, launch } from "./chromium.js";
 import { LiveDaemon, freePort } from "./daemon.js";
 import { ROOT } from "./golden.js";
 
@@ -68,7 +68,7 @@ for (const [name, spoil] of [["without the token", /#.*/], ["with another token"
     await page.context().close();
   });
 
-test("a tab that is frozen for ten seconds shows the newest light when it goes on", { timeout: 3 * LONG_MS }, async () => {
+test("a tab that is frozen for ten seconds shows the newest light when it goes on", { timeout: 3 * LONG_MS, ...NIGHTLY }, async () => {
   const page = await accepted(url);
   await connected(page);
   const sequence = (): Promise<number> => page.evaluate(() => Number(document.body.dataset["sequence"]));

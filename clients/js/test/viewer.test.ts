@@ -9,7 +9,7 @@ import { fromBinary, toBinary } from "@bufbuild/protobuf";
 import type { Page } from "playwright-core";
 import { decode } from "../src/index.js";
 import * as pb from "../src/gen/lightprobe_pb.js";
-import { LONG_MS, launch } from "./chromium.js";
+import { LONG_MS, NIGHTLY, launch } from "./chromium.js";
 import { LiveDaemon, WEB } from "./daemon.js";
 import { redCube } from "./gltf.js";
 import { live } from "./live.js";
@@ -48,7 +48,7 @@ const figures = (page: Page, times: number): Promise<void> => page.evaluate((cou
 const lit = (page: Page): Promise<unknown> => page.waitForFunction(() => Number(document.body.dataset["frames"]) > 3 && document.querySelector("#lamps tbody tr"), null, { timeout: LONG_MS });
 
 for (const [name, width, height] of [["desktop", 1000, 640], ["phone", 390, 844]] as const)
-  test(`the viewer shows the live light: ${name}`, { timeout: 3 * LONG_MS }, async () => {
+  test(`the viewer shows the live light: ${name}`, { timeout: 3 * LONG_MS, ...(name === "desktop" ? NIGHTLY : {}) }, async () => {
     const { page, faults } = await viewer(width, height);
     await lit(page);
     assert.equal(await page.locator("#status").textContent(), "test room");
@@ -112,7 +112,7 @@ async function settled(page: Page): Promise<number[]> {
   return still;
 }
 
-test("classic formulas change the picture", { timeout: 3 * LONG_MS }, async () => {
+test("classic formulas change the picture", { timeout: 3 * LONG_MS, ...NIGHTLY }, async () => {
   const { page, faults } = await viewer(500, 400);
   await lit(page);
   const before = await settled(page);
