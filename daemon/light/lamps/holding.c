@@ -106,6 +106,26 @@ static void drop_rivals(const struct claim *claim, const struct lp_detection *de
 			dropped[k] = true;
 }
 
+/* A small lamp before a wide one has its own cells: what is held of the wide one is the rest. */
+static void leave_out_lamps_before(const struct claim *claim, const struct lp_detection *detection,
+				   struct lp_lamp *held)
+{
+	const struct lp_lamp_finder *finder = detection->finder;
+	int32_t *cells = finder->cells_before + held->first;
+	int count = 0, core_count = 0;
+
+	for (int i = 0; i < held->count; i++) {
+		const int owner = finder->owner[cells[i]];
+
+		if (owner && !rivals(claim, detection, owner - 1))
+			continue;
+		core_count += i < held->core_count;
+		cells[count++] = cells[i];
+	}
+	held->count = count;
+	held->core_count = core_count;
+}
+
 /* In the first seconds the map is still being filled: the first borders are guesses. */
 static float patience_s(const struct lp_remembered_lamp *lamp)
 {
@@ -176,7 +196,10 @@ void lp_hold_lamps(struct lp_lamp_memory *memory, struct lp_detection *detection
 		if (m->seen || m->disputed_s > patience_s(m) || !lp_exists(&m->existence))
 			continue;
 		held[held_count] = m->on_grid;
-		if (!lp_detection_hold(detection, panorama, mean, &held[held_count]))
+		if (m->wide)
+			leave_out_lamps_before(&claims[c], detection, &held[held_count]);
+		if (!held[held_count].core_count ||
+		    !lp_detection_hold(detection, panorama, mean, &held[held_count]))
 			continue;
 		held[held_count++].known_id = m->id;
 		drop_rivals(&claims[c], detection, dropped);
