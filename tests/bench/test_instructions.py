@@ -6,14 +6,14 @@ import instructions
 import pytest
 
 
-def in_time(case):
-    """Let some wait for the night."""
-    night = [pytest.mark.nightly] if case[1] in ("exposures_2", "fast") else []
-    return pytest.param(case, marks=night, id=" ".join(case))
+def marked(case):
+    """Give a case of instructions.CASES; two run in `make test-nightly` alone."""
+    marks = [pytest.mark.nightly] if case[1] in ("exposures_2", "fast") else []
+    return pytest.param(case, marks=marks, id=" ".join(case))
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("case", [in_time(case) for case in instructions.CASES])
+@pytest.mark.parametrize("case", [marked(case) for case in instructions.CASES])
 def test_counts_are_those_on_record(case):
     """After a change for the better or with good reason: `make instructions`, and commit it."""
     recorded = instructions.recorded()

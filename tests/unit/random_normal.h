@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Noise that is the same in every run. */
+/* Random numbers for tests, the same in every run. */
 #ifndef RANDOM_NORMAL_H
 #define RANDOM_NORMAL_H
 

@@ -106,7 +106,8 @@ static void drop_rivals(const struct claim *claim, const struct lp_detection *de
 			dropped[k] = true;
 }
 
-/* A small lamp before a wide one has its own cells: what is held of the wide one is the rest. */
+/* A small lamp before a wide one has its own cells: what is held of the wide one is the rest.
+ * Changes the cells of the frame before in place. */
 static void leave_out_lamps_before(const struct claim *claim, const struct lp_detection *detection,
 				   struct lp_lamp *held)
 {

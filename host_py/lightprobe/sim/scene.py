@@ -306,7 +306,7 @@ class MapTruth:
         n = geometry.rotate(self.rotation, normals)
         height, width, _ = self.radiance.shape
         solid_angle = geometry.equirect_solid_angles(width, height)
-        # A direction is a share of the one below it at the horizon, and a share of what is up.
+        # Directions of a row: those of the horizon times a cosine, plus up times a sine.
         horizon = geometry.equirect_direction(np.arange(width), (height - 1) / 2, width, height).T
         up = geometry.equirect_direction(0, np.arange(height), width, height)[:, 1]
         total = np.zeros((len(n), 3))
