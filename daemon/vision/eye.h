@@ -67,6 +67,7 @@ struct lp_eye {
 	struct lp_overlap overlap;     /* with the other cameras */
 	struct lp_linearity linearity; /* of its response */
 	float told_power;	       /* what the log has told of it */
+	float learned_film_deg;	       /* angle of the film as it was learned last; NAN: unknown */
 	float row_time_us;	       /* of the newest frame; NAN: unknown */
 	struct lp_banding banding;
 };

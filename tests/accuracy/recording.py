@@ -145,6 +145,8 @@ class Run:
     pixels: PixelDefects = field(default_factory=PixelDefects)  # of the sensors
     defects: str = "none"  # of DEFECTS; of all cameras, not of a pair
     stated: str | None = None  # instead of what `defects` states in the camera file
+    film_deg: float | None = None  # angle of a polarizer that is fixed before the lens
+    then: tuple[Scene, ...] = ()  # after `scene`, and so on in turns, behaviour.act_s each
     levels: tuple[float, ...] = (1.0,)  # of all light, in turns, behaviour.act_s each
 
     @property
@@ -186,7 +188,8 @@ def cameras(run: Run, world: World) -> list[SimulatedCamera]:
         found.append(
             SimulatedCamera(
                 world, lens, size_px, rate_hz=run.rate_hz, row_time_us=run.row_time_us,
-                seed=number, phase_s=number * (pair.later_s if pair else LATER_S),
+                seed=number, sheet=None if run.film_deg is None else lens.sheet,
+                phase_s=number * (pair.later_s if pair else LATER_S),
                 white_balance=differs.sensitivity if differs else (1.0, 1.0, 1.0),
                 response=differs.response(lens.response_table()) if differs else known,
                 quality=defects.quality, processing=Processing().merged(defects.processing),
@@ -200,8 +203,9 @@ def cameras(run: Run, world: World) -> list[SimulatedCamera]:
 def record(run: Run) -> Recording:
     """Run a daemon before a scene."""
     cv2.setNumThreads(1)
-    (scene,) = World([run.scene], median_radiance=run.median_radiance).scenes
-    world = World([scene.scaled(level) for level in run.levels], run.behaviour)
+    scenes = World([run.scene, *run.then], median_radiance=run.median_radiance).scenes
+    acts = [scene.scaled(level) for scene in scenes for level in run.levels]
+    world = World(acts, run.behaviour)
     camera, *others = cameras(run, world)
     teller = ORIENTATIONS[run.orientation]
     faults = EXPOSURES[run.exposures].merged(run.faults).merged(teller.faults)
@@ -220,7 +224,9 @@ def record(run: Run) -> Recording:
         if ring:
             known = None if run.is_relative else RING_CD_M2_PER_UNIT
             arguments += tuple(ring.daemon_arguments(known))
-        probe = stack.enter_context(LiveProbe(camera, arguments, faults=faults, others=others))
+        probe = stack.enter_context(
+            LiveProbe(camera, arguments, faults=faults, film_deg=run.film_deg, others=others)
+        )
         if ring:
             light = RingLight(world, RING_CD_M2_PER_UNIT)
             ring.shine(lambda: light.lux(probe.link.state_now()))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import live
 import pytest
 from defects import DEFECTS, Defects
@@ -14,6 +16,7 @@ from recording import Pair, record
 
 pytestmark = pytest.mark.usefixtures("released_daemon")
 
+NIGHTLY = pytest.mark.nightly
 SMALL_PX = (960, 480)
 #: With a response as it should be, measured by these tests: still, and while a head turns.
 RIGHT_ERROR = 0.005
@@ -42,7 +45,7 @@ def figures(monkeypatch: pytest.MonkeyPatch, defects: Defects, motion: str = "0"
 
 @pytest.mark.parametrize(
     ("power", "motion"),
-    [(0.9, "0"), (1.04, "head"), pytest.param(1.15, "0", marks=pytest.mark.nightly)],
+    [(0.9, "0"), (1.04, "head"), pytest.param(1.15, "0", marks=NIGHTLY)],
 )
 def test_light_to_another_power_is_learned(
     monkeypatch: pytest.MonkeyPatch, power: float, motion: str
@@ -60,10 +63,10 @@ def test_light_to_another_power_is_learned(
     [
         ("tone_ev=1", "0"),
         ("tone_ev=1", "head"),
-        pytest.param("tone_ev=2", "0", marks=pytest.mark.nightly),
+        pytest.param("tone_ev=2", "0", marks=NIGHTLY),
         ("tone_ev=1&tone_aim=0.18", "0"),
-        pytest.param("tone_ev=1&sharpen=0.7&sharpen_px=1.3", "head", marks=pytest.mark.nightly),
-        pytest.param("tone_ev=0.5", "0", marks=pytest.mark.nightly),
+        pytest.param("tone_ev=1&sharpen=0.7&sharpen_px=1.3", "head", marks=NIGHTLY),
+        pytest.param("tone_ev=0.5", "0", marks=NIGHTLY),
         ("tone_ev=0.5", "head"),
     ],
 )
@@ -83,8 +86,8 @@ def test_what_no_response_explains_is_named_and_in_the_sigma(
     "processing",
     [
         "sharpen=0.7&sharpen_px=1.3",
-        pytest.param("denoise=6&denoise_px=2&denoise_time=0.7", marks=pytest.mark.nightly),
-        pytest.param("stitch_gain=0.03&stitch_deg=0.7", marks=pytest.mark.nightly),
+        pytest.param("denoise=6&denoise_px=2&denoise_time=0.7", marks=NIGHTLY),
+        pytest.param("stitch_gain=0.03&stitch_deg=0.7", marks=NIGHTLY),
     ],
 )
 def test_what_is_the_same_in_all_exposures_is_not_named(
@@ -95,8 +98,28 @@ def test_what_is_the_same_in_all_exposures_is_not_named(
     assert "RESPONSE" not in found.flags
 
 
+@pytest.mark.parametrize(
+    ("motion", "rate_hz", "film_deg"),
+    [("0", 30.0, None), ("swing", 8.0, 45.0), pytest.param("swing", 8.0, None, marks=NIGHTLY)],
+)
+def test_another_room_is_not_named(
+    monkeypatch: pytest.MonkeyPatch, motion: str, rate_hz: float, film_deg: float | None
+) -> None:
+    """A camera as it should be had the flag for up to six seconds after each change of scene."""
+    one = case(monkeypatch, Defects(""), motion, judged_s=11).run
+    some = record(
+        replace(
+            one, then=(random_scene(1), random_scene(2)), rate_hz=rate_hz, film_deg=film_deg,
+            behaviour=replace(one.behaviour, act_s=4.0), defects="none",
+            daemon_arguments=() if film_deg is None else (f"--polarizer=fixed:{film_deg:g}",),
+        )
+    ).packets["default"]  # fmt: skip
+    assert some
+    assert not any(one.estimate.flags & EstimateFlag.RESPONSE for one in some)
+
+
 @pytest.mark.parametrize("size_px", [(480, 240), (640, 320), SMALL_PX])
-@pytest.mark.parametrize("quality", [60, pytest.param(85, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("quality", [60, pytest.param(85, marks=NIGHTLY)])
 @pytest.mark.parametrize("scene", [Room(), random_scene(2)], ids=str)
 def test_what_rounding_does_to_dark_walls_is_not_named(
     monkeypatch: pytest.MonkeyPatch, size_px: tuple[int, int], quality: int, scene: Scene
@@ -125,7 +148,7 @@ def test_tone_mapping_that_comes_and_goes(monkeypatch: pytest.MonkeyPatch) -> No
     assert share(17, some[-1].captured_s) == 0
 
 
-@pytest.mark.nightly
+@NIGHTLY
 def test_each_of_two_cameras_has_a_response_of_its_own() -> None:
     """Both are brought to what sRGB says."""
     bent = Pair(gamma=1.06)

@@ -77,8 +77,9 @@ def called(estimate: Estimate) -> tuple[int, int]:
 
 
 def check(estimates: list[Estimate]) -> None:
-    """No lamp is called a reflection."""
+    """No lamp is called a reflection; nor is it said that the camera alters its pictures."""
     assert estimates
+    assert not any(one.flags & EstimateFlag.RESPONSE for one in estimates)
     assert not any(called(one)[0] for one in estimates)
 
 

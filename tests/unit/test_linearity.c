@@ -134,6 +134,43 @@ static void test_lamps_that_are_switched(void **state)
 	assert_false(linearity.disagrees);
 }
 
+/* Each region's light is another, by up to twice as much: no exposures contradict each other. */
+static void test_another_room(void **state)
+{
+	(void)state;
+	for (int seed = 0; seed < 20; seed++) {
+		begin(&plain);
+		watch(&plain, 100 + seed);
+		for (int k = 0; k < CELLS; k++) {
+			static float step;
+
+			step = k % (CELLS / 50) ? step : 0.3F * random_normal();
+			light[k] += step;
+		}
+		for (int n = 0; n < 200; n++) {
+			see(&plain, 100 + seed + n);
+			assert_false(linearity.disagrees);
+		}
+		assert_float_equal(linearity.log_power, 0.0, 0.01);
+	}
+}
+
+/* A film passes more of some regions, always when the exposure is the shortest. */
+static void test_what_cannot_be_compared(void **state)
+{
+	(void)state;
+	begin(&plain);
+	for (int n = 0; n < 300; n++) {
+		for (int k = 0; n % 3 < 2 && k < CELLS; k++)
+			light[k] += (n % 3 ? -0.1F : 0.1F) * (float)(k * 50 / CELLS % 3);
+		if (n % 3 < 2)
+			lp_linearity_part(&linearity);
+		see(&plain, n);
+		assert_false(linearity.disagrees);
+	}
+	assert_float_equal(linearity.log_power, 0.0, 0.01);
+}
+
 /* At three strengths; and it ends when that does. */
 static void test_regions_that_ask_for_different_powers(void **state)
 {
@@ -244,6 +281,8 @@ int main(void)
 		cmocka_unit_test(test_a_power_is_learned),
 		cmocka_unit_test(test_what_else_differs),
 		cmocka_unit_test(test_lamps_that_are_switched),
+		cmocka_unit_test(test_another_room),
+		cmocka_unit_test(test_what_cannot_be_compared),
 		cmocka_unit_test(test_regions_that_ask_for_different_powers),
 		cmocka_unit_test(test_one_exposure_tells_nothing),
 		cmocka_unit_test(test_extremes),

@@ -15,6 +15,8 @@
 /* Light that differs more from cell to cell, relative, tells of the lens and of where the camera
  * looks, too. */
 #define MOST_STEP 0.05F
+/* An angle of the film that differs by no more is the same: as well as a wheel's is read. */
+#define SAME_FILM_DEG 2.0F
 /* Light to a power that is farther from 1 is worth a line in the log, and so is another such
  * change. */
 #define WORTH_A_LINE 0.01F
@@ -77,6 +79,20 @@ void lp_eye_bend_response(struct lp_eye *eye)
 	lp_response_bend(&eye->response, lp_linearity_apply(&eye->linearity));
 }
 
+/* A film that turns passes more of some regions' light and less of others'. No frame that is
+ * exposed meanwhile tells of the response, and frames at one angle none with those at another. */
+static bool is_film_turning(struct lp_imager *imager)
+{
+	const float film_deg = imager->film.wheel_deg, before_deg = imager->eye->learned_film_deg;
+
+	if (!imager->film.stokes)
+		return false;
+	imager->eye->learned_film_deg = film_deg;
+	if (!(fabsf(film_deg - before_deg) < SAME_FILM_DEG))
+		lp_linearity_part(&imager->eye->linearity);
+	return isnan(film_deg);
+}
+
 void lp_imager_learn_response(struct lp_imager *imager)
 {
 	struct lp_eye *eye = imager->eye;
@@ -88,7 +104,7 @@ void lp_imager_learn_response(struct lp_imager *imager)
 	/* only what the frame itself tells: an exposure that is found by what the frame shows has
 	 * taken the response for granted */
 	if (!imager->t_map_ns || imager->late_s > 0.0F || isnan(eye->incoming.cells.mean_code) ||
-	    isnan(exposure_us))
+	    isnan(exposure_us) || is_film_turning(imager))
 		return;
 	/* exposures shorter than the mains' period contradict longer ones then, whatever the
 	 * response */

@@ -52,7 +52,14 @@ void lp_linearity_inherit(struct lp_linearity *linearity, const struct lp_linear
 {
 	*linearity = *from;
 	linearity->applied = 0.0F;
-	memset(linearity->cells, 0, sizeof(linearity->cells)); /* they are of another panorama */
+	/* they are of another panorama */
+	memset(linearity->cells, 0, sizeof(linearity->cells));
+	memset(linearity->regions, 0, sizeof(linearity->regions));
+}
+
+void lp_linearity_part(struct lp_linearity *linearity)
+{
+	linearity->serial += MOST_AGO + 1;
 }
 
 /* What cells ask for that a frame shows, and that one of those before it has shown last. */
@@ -118,19 +125,46 @@ static void sum_up(const struct lp_linearity *l, const struct lp_linearity_look 
 	}
 }
 
+/* One more frame of a region: what it asks for, beyond all. */
+static void add_frame(struct lp_linearity_region *region, float power)
+{
+	region->count += region->count < MOST_PAIRS;
+	region->power += (power - region->power) / (float)region->count;
+	region->square += (power * power - region->square) / (float)region->count;
+}
+
 /* Each cell beside its fellows, of the same two frames: how honest exposures are, and light that
  * has changed as a whole, is no matter. */
 static void compare(struct lp_linearity *l, const struct lp_linearity_look *looks,
 		    const struct sums sums[MOST_AGO + 1])
 {
+	struct sums own[LP_LINEARITY_REGIONS] = {0};
+
 	for (int k = 0; k < l->count; k++) {
 		const struct pair pair = pair_of(l, &l->cells[k], &looks[k]);
 		const struct sums *fellows = &sums[pair.ago];
+		struct sums *region = &own[looks[k].region];
 
-		if (pair.ago && fellows->count >= LEAST_CELLS)
-			add(&l->cells[k], &pair, (float)(fellows->power / fellows->weight),
-			    l->serial);
+		if (!pair.ago || fellows->count < LEAST_CELLS)
+			continue;
+		const float power = (float)(fellows->power / fellows->weight);
+
+		add(&l->cells[k], &pair, power, l->serial);
+		region->weight += (double)pair.weight;
+		region->power += (double)pair.weight * (double)(pair.power - power);
 	}
+	for (int r = 0; r < LP_LINEARITY_REGIONS; r++)
+		if (own[r].weight > 0.0)
+			add_frame(&l->regions[r], (float)(own[r].power / own[r].weight));
+}
+
+/* Variance of what a region asks for, by how that differs from frame to frame: a change of its
+ * light asks for much, but only as often as one of the two frames is older. */
+static double by_time(const struct lp_linearity_region *region)
+{
+	const double power = (double)region->power;
+
+	return MOST_AGO * fmax((double)region->square - power * power, 0.0) / region->count;
 }
 
 static void correct(struct lp_linearity *l, const struct sums *sums)
@@ -171,7 +205,7 @@ static double deviation(const struct region *region)
 static void weigh_spread(struct lp_linearity *l)
 {
 	struct region regions[LP_LINEARITY_REGIONS] = {0}, all = {0};
-	double within = 0.0, squared_weights = 0.0;
+	double within = 0.0, squared_weights = 0.0, changes = 0.0, squared_changes = 0.0;
 	int count = 0;
 
 	for (int k = 0; k < l->count; k++) {
@@ -192,12 +226,15 @@ static void weigh_spread(struct lp_linearity *l)
 		all.count += region->count;
 		within += deviation(region);
 		squared_weights += region->weight * region->weight;
+		changes += region->weight * by_time(&l->regions[r]);
+		squared_changes += region->weight * region->weight * by_time(&l->regions[r]);
 		count++;
 	}
 	if (count < LEAST_REGIONS)
 		return;
 	const double noise = within / (all.count - count);
-	const double between = deviation(&all) - within - noise * (count - 1);
+	const double between = deviation(&all) - within - noise * (count - 1) -
+			       (changes - squared_changes / all.weight);
 
 	l->spread = (float)sqrt(fmax(between, 0.0) / (all.weight - squared_weights / all.weight));
 	l->rounding = (float)sqrt(all.rounding / all.weight);

@@ -46,6 +46,13 @@ struct lp_linearity_cell {
 	uint64_t told; /* frame of the newest pair */
 };
 
+/* By which power more than all a region asks its light to be raised: mean and mean square of so
+ * many frames. */
+struct lp_linearity_region {
+	float power, square;
+	int count;
+};
+
 /* Plain data; lp_linearity_init() starts it. */
 struct lp_linearity {
 	float log_power;    /* logarithm of the power by which light is to be raised */
@@ -60,6 +67,7 @@ struct lp_linearity {
 	uint64_t serial;    /* of the newest frame */
 	int count;	    /* of cells that are watched */
 	struct lp_linearity_cell cells[LP_LINEARITY_CELLS];
+	struct lp_linearity_region regions[LP_LINEARITY_REGIONS];
 };
 
 /* `sigma`: 1 sigma of the power beforehand. */
@@ -67,6 +75,9 @@ void lp_linearity_init(struct lp_linearity *linearity, float sigma);
 
 /* Go on with what another one has learned, of the same camera with a response as in its file. */
 void lp_linearity_inherit(struct lp_linearity *linearity, const struct lp_linearity *from);
+
+/* Frames that follow cannot be compared with those before: what is before the lens has changed. */
+void lp_linearity_part(struct lp_linearity *linearity);
 
 /* The newest frame, elapsed_s after the one before: looks of at most LP_LINEARITY_CELLS cells,
  * always the same ones. log_exposure: logarithm of the exposure, in any unit. */

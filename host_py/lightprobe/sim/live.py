@@ -16,6 +16,7 @@ from lightprobe.sim.clock import START_NS, UNIX_NS, SimulatedClock
 from lightprobe.sim.faults import Faults
 from lightprobe.sim.link import Exposure, Link
 from lightprobe.sim.live_box import LiveBox
+from lightprobe.sim.surroundings import FixedPolarizer
 from lightprobe.wire import Decoder, Message, Subscription, encode_subscription
 
 
@@ -102,10 +103,12 @@ class LiveProbe:
         delay_frames: int = 2,
         faults: Faults | None = None,
         box: LiveBox | None = None,
+        film_deg: float | None = None,
         others: Sequence[SimulatedCamera] = (),
     ) -> None:
         """`arguments`: more of lightprobed's; `delay_frames`: from exposure command to effect;
-        `box`: its wheel turns the camera's polarizer; `others`: more cameras in the same world,
+        `box`: its wheel turns the camera's polarizer; `film_deg`: the polarizer is fixed by hand at
+        that angle instead; `others`: more cameras in the same world,
         each of which wants a --camera= of its own, after that of the first."""
         self._folder = tempfile.TemporaryDirectory(prefix="lp-")  # socket paths are short
         folder = Path(self._folder.name)
@@ -113,9 +116,10 @@ class LiveProbe:
         self.clients: list[LiveClient] = []
         self.apps: list[App] = [box] if box else []
         self.clock = SimulatedClock(folder / "time", self._read, lambda: self._daemon.check())
+        fixed = None if film_deg is None else FixedPolarizer(film_deg)
         self.link = Link(
             folder / "camera", camera, Exposure(camera, delay_frames=delay_frames), faults,
-            surroundings=box, say=lambda text: None, clock=self.clock,
+            surroundings=fixed or box, say=lambda text: None, clock=self.clock,
         )  # fmt: skip
         self.other_links = [
             Link(
