@@ -117,9 +117,9 @@ static uint32_t flags_of(const struct lp_pipeline *p, const struct lp_panorama *
 		flags |= LP_ESTIMATE_MORE_LIGHTS;
 	if (status->rotation_is_unknown)
 		flags |= LP_ESTIMATE_MOTION;
-	if (status->response_fails)
+	if (status->response_fails) /* then light seems to change with each exposure */
 		flags |= LP_ESTIMATE_RESPONSE;
-	if (lp_lamp_memory_flicker(&p->lamps.memory) > 0.0F || status->banding > 0.0F)
+	else if (lp_lamp_memory_flicker(&p->lamps.memory) > 0.0F || status->banding > 0.0F)
 		flags |= LP_ESTIMATE_FLICKER;
 	if (status->covered)
 		flags |= LP_ESTIMATE_COVERED;

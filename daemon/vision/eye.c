@@ -36,6 +36,7 @@ int lp_eye_init(struct lp_eye *eye, const struct lp_camera *camera, int panorama
 	*eye = (struct lp_eye){.camera = camera, .given = camera};
 	lp_gain_init(&eye->gain, scale);
 	lp_response_init(&eye->response, camera);
+	lp_tear_init(&eye->tear);
 	lp_linearity_init(&eye->linearity,
 			  camera->response_given ? MEASURED_SIGMA : UNMEASURED_SIGMA);
 	eye->seen.width = panorama_width;

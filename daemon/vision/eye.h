@@ -20,6 +20,7 @@
 #include "vision/imager.h"
 #include "vision/map/radiance_map.h"
 #include "vision/response/linearity.h"
+#include "vision/response/tear.h"
 #include "vision/stuck/stuck.h"
 
 struct lp_glare;
@@ -66,6 +67,7 @@ struct lp_eye {
 	struct lp_gain gain;	       /* scale of the newest frame; count 0: it was told */
 	struct lp_overlap overlap;     /* with the other cameras */
 	struct lp_linearity linearity; /* of its response */
+	struct lp_tear tear;	       /* of its pictures by a change of exposure */
 	float told_power;	       /* what the log has told of it */
 	float learned_film_deg;	       /* angle of the film as it was learned last; NAN: unknown */
 	float row_time_us;	       /* of the newest frame; NAN: unknown */

@@ -19,7 +19,8 @@ static void add_eye(const struct lp_eye *eye, struct lp_imager_status *status)
 	if (eye->banding.found)
 		status->banding = fmaxf(status->banding, eye->banding.amplitude);
 	status->response_sigma = fmaxf(status->response_sigma, lp_linearity_sigma(&eye->linearity));
-	status->response_fails |= eye->linearity.disagrees;
+	status->response_sigma = fmaxf(status->response_sigma, lp_tear_sigma(&eye->tear));
+	status->response_fails |= eye->linearity.disagrees || eye->tear.found;
 	status->veil_sigma = fmaxf(status->veil_sigma, lp_eye_veil_sigma(eye));
 	status->covered |= eye->cover.found;
 	status->hidden_s = fmaxf(status->hidden_s, eye->covered_s);

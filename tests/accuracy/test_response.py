@@ -68,12 +68,14 @@ def test_light_to_another_power_is_learned(
         pytest.param("tone_ev=1&sharpen=0.7&sharpen_px=1.3", "head", marks=NIGHTLY),
         pytest.param("tone_ev=0.5", "0", marks=NIGHTLY),
         ("tone_ev=0.5", "head"),
+        ("exposure_tear=0.33", "head"),
+        pytest.param("exposure_tear=0.7", "0", marks=NIGHTLY),
     ],
 )
 def test_what_no_response_explains_is_named_and_in_the_sigma(
     monkeypatch: pytest.MonkeyPatch, processing: str, motion: str
 ) -> None:
-    """Local tone mapping was wrong by up to .5, and stated as 2 to 5 %."""
+    """Local tone mapping was wrong by up to .5, and stated as 2 to 5 %; torn pictures by 1 to 5."""
     found = figures(monkeypatch, Defects("", processing), motion)
     assert found.flags.get("RESPONSE", 0) > 0.99
     assert "FLICKER" not in found.flags

@@ -74,6 +74,18 @@ static void tell(struct lp_eye *eye, int camera, bool disagreed)
 		camera, exp((double)l->applied));
 }
 
+static void tell_tear(const struct lp_tear *tear, int camera, bool found)
+{
+	if (tear->found && !found)
+		lp_warning("camera", "response",
+			   "camera %d: the first %.0f %% of its rows have the exposure of the "
+			   "frame before: "
+			   "light is uncertain by %.0f %%: let it take one exposure only "
+			   "(--exposure-us)",
+			   camera, 100.0 * (double)tear->share,
+			   100.0 * (double)lp_tear_sigma(tear));
+}
+
 void lp_eye_bend_response(struct lp_eye *eye)
 {
 	lp_response_bend(&eye->response, lp_linearity_apply(&eye->linearity));
@@ -106,6 +118,12 @@ void lp_imager_learn_response(struct lp_imager *imager)
 	if (!imager->t_map_ns || imager->late_s > 0.0F || isnan(eye->incoming.cells.mean_code) ||
 	    isnan(exposure_us) || is_film_turning(imager))
 		return;
+	const bool was_torn = eye->tear.found;
+
+	lp_tear_learn(&eye->tear, &eye->incoming.cells, logf(exposure_us));
+	tell_tear(&eye->tear, (int)(eye - imager->eyes) + 1, was_torn);
+	if (eye->tear.found)
+		return; /* what exposures contradict is that */
 	/* exposures shorter than the mains' period contradict longer ones then, whatever the
 	 * response */
 	if (imager->flicker > 0.0F || eye->banding.found) {
