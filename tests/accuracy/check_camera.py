@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from lightprobe.check_camera import balance, glare, judge, pixels, shade
+from lightprobe.check_camera import balance, glare, judge, pixels, shade, tearing
 from lightprobe.check_camera.answers import Answer, Verdict, cannot_tell
 from lightprobe.geometry import Array
 from lightprobe.imaging.camera import equirect
@@ -61,7 +61,7 @@ TONE, RESPONSE, SHARP = ("tone mapping",), ("response",), ("sharpening",)
 NOISE, PIXELS, DRIFT = ("noise reduction",), ("pixels",), ("white balance at rest",)
 ADAPT, GLARE = ("white balance and colours",), ("glare",)
 LINEAR = ("exposure steps", "tone mapping", "response")
-COLOURS = judge.BALANCE
+COLOURS, TORN, VEIL = judge.BALANCE, (tearing.QUESTION,), (glare.QUESTION,)
 
 CASES = {
     "no defect": Case(),
@@ -91,6 +91,13 @@ CASES = {
         f"white balance adapts {a}": Case(ADAPT, processing=f"white_adapt={a}")
         for a in (0.3, 0.6, 1)
     },
+    **{
+        f"exposure tears at {share:g}": Case(TORN, VEIL, f"exposure_tear={share:g}")
+        for share in (0.1, 0.33, 0.8)
+    },
+    "exposure tears at 0.33, commands come 3 frames late, sharpening 0.7": Case(
+        TORN + SHARP, VEIL, "exposure_tear=0.33&sharpen=0.7", delay_frames=3, frames=9
+    ),
     **{f"glare {share:g}": Case(GLARE, lens=f"glare={share:g}") for share in (0.01, 0.03, 0.1)},
     "glare 0.03 and stuck pixels": Case(GLARE + PIXELS, lens="glare=0.03", pixels="stuck=12"),
     "glare 0.03 and response srgb:1.04": Case(
@@ -105,7 +112,7 @@ CASES = {
     },
     "stuck and warm pixels of a Bayer sensor": Case(PIXELS, pixels="stuck=12&warm=20&bayer=1"),
     "a stuck row": Case(PIXELS, ("glare",), pixels="row=100"),
-    "commands without effect": Case(("exposure",), LINEAR, ignores=True),
+    "commands without effect": Case(("exposure",), LINEAR + TORN, ignores=True),
     "sharpening 0.7 and tone mapping 1 EV": Case(
         SHARP + TONE, LINEAR[::2], "sharpen=0.7&tone_ev=1"
     ),

@@ -66,7 +66,7 @@ def step_of(exposure_us: float, pictures: Iterable[Codes]) -> Step | None:
         rows, columns = height // BLOCK_PX, width // BLOCK_PX
         cut = codes[: rows * BLOCK_PX, : columns * BLOCK_PX]
         light = cut.astype(np.float32)
-        mean, square = _means(light), _means(light * light)
+        mean, square = block_means(light), block_means(light * light)
         means.append(mean.astype(np.float64))
         deviations.append(np.sqrt(np.maximum(square - mean * mean, 0)))
         lows.append(_folded(np.minimum, cut))
@@ -88,9 +88,9 @@ def step_of(exposure_us: float, pictures: Iterable[Codes]) -> Step | None:
     )
 
 
-def _means(light: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Means of whole blocks (rows, columns, 3)."""
-    height, width, _ = light.shape
+def block_means(light: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Means of the whole blocks of a picture, as it has channels: (rows, columns[, 3])."""
+    height, width = light.shape[:2]
     size = (width // BLOCK_PX, height // BLOCK_PX)
     return np.asarray(cv2.resize(light, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
 

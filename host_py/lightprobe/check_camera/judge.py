@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from lightprobe.calibrate.exposure_response import ExposureResponse
 from lightprobe.calibrate.exposure_series import ExposureSeries, Frame
-from lightprobe.check_camera import balance, edges, exposure, in_step, noise, response
+from lightprobe.check_camera import balance, edges, exposure, in_step, noise, response, tearing
 from lightprobe.check_camera.answers import Answer, cannot_tell
 from lightprobe.check_camera.edges import EdgeProfile
 from lightprobe.check_camera.response import Power, Regions
@@ -22,8 +22,8 @@ RESPONSE_US = (8.0, 12.0, 26.4, 39.6, 87.12, 130.68, 287.5, 431.2, 948.7, 1423.1
 SCENE_US = COMMANDS_US + RESPONSE_US
 #: Questions that a lit scene at rest answers, in their order.
 QUESTIONS = (
-    exposure.OBEYS, exposure.EXACT, response.TONE, response.RESPONSE, edges.QUESTION,
-    noise.QUESTION,
+    exposure.OBEYS, tearing.QUESTION, exposure.EXACT, response.TONE, response.RESPONSE,
+    edges.QUESTION, noise.QUESTION,
 )  # fmt: skip
 BALANCE = (balance.DRIFTS, balance.ADAPTS)
 #: Share of a step by which local tone mapping alone makes edges overshoot.
@@ -70,9 +70,11 @@ def judge(series: ExposureSeries, table: Array, of_file: bool) -> SceneFindings:
     of_one_picture = [edges.judge(profile), noise.judge(scene.noise)]
     measured = (exposure.EXACT, response.TONE, response.RESPONSE)
     if isinstance(obedience, ExposureResponse) and obedience.ignores:
-        unknown = cannot_tell(measured, "the camera does not obey exposure commands")
+        why = "the camera does not obey exposure commands"
+        unknown = cannot_tell((tearing.QUESTION, *measured), why)
         answers = (exposure.judge(obedience), *unknown, *of_one_picture)
         return SceneFindings(answers, scene, profile=profile)
+    torn = tearing.judge(commands_of(series))
     same = in_step.find(scene, table, in_step.rate_hz(series))
     if scene.flickers > MOST_FLICKER or same is not None:
         trouble = f"the light flickers (by {100 * scene.flickers:.1f} % from picture to picture)"
@@ -81,7 +83,7 @@ def judge(series: ExposureSeries, table: Array, of_file: bool) -> SceneFindings:
         obeys = exposure.judge(obedience, trouble, _FLICKER_STEP)
         unknown = cannot_tell(measured, trouble, _FLICKER_STEP)
         return SceneFindings(
-            (obeys, *unknown, *of_one_picture), scene, profile=profile, trouble=trouble,
+            (obeys, torn, *unknown, *of_one_picture), scene, profile=profile, trouble=trouble,
             next_step=_FLICKER_STEP,
         )  # fmt: skip
     obeys = exposure.judge(obedience)
@@ -96,6 +98,7 @@ def judge(series: ExposureSeries, table: Array, of_file: bool) -> SceneFindings:
     exact = exposure.judge_steps(power, scene.exposures_us.tolist(), regional)
     answers = (
         obeys,
+        torn,
         exact,
         regional,
         response.judge_power(power, regional, of_file),

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from lightprobe.calibrate import camera_file
-from lightprobe.check_camera import balance, edges, noise, pixels
+from lightprobe.check_camera import balance, edges, noise, pixels, tearing
 from lightprobe.check_camera.answers import Answer, Outcome, Verdict
 from lightprobe.cli import check_camera as cli
 from lightprobe.errors import UsageError
@@ -29,7 +29,7 @@ import check_camera as table
     [
         "no defect", "tone mapping 1 EV", "response srgb:1.04", "sharpening 0.3",
         "noise reduction in time 0.4", "white balance adapts 0.6", "12 stuck pixels",
-        "commands without effect", "a dark room",
+        "commands without effect", "a dark room", "exposure tears at 0.33",
         "lamps flicker at 100 Hz by 0.3, rows 0 µs apart",
         *(
             pytest.param(name, marks=pytest.mark.nightly)
@@ -44,6 +44,32 @@ def test_a_defect_is_named_and_no_other(name, tmp_path):
     case = table.CASES[name]
     found = table.verdict(case, tmp_path)
     assert table.wrong(case, found) == [], found.words
+
+
+@pytest.mark.parametrize("rows", [3, 10, 37])
+def test_where_a_picture_is_torn(rows):
+    """The row in which it is torn may be of either, or between the two."""
+    before, after = np.full((40, 80), 30.0, np.float32), np.full((40, 80), 90.0, np.float32)
+    before[20, :], after[:, :30] = 90, 31  # a row and places that tell nothing
+    for middle in (30, 60, 90):
+        seen = after.copy()
+        seen[:rows] = before[:rows]
+        seen[rows] = np.where(after[rows] > 40, middle, 31)
+        found = tearing.torn_share(before, after, seen)
+        assert found == pytest.approx(rows / 40, abs=1.01 / 40)
+
+
+def test_what_is_no_torn_picture():
+    before, after = np.full((40, 80), 30.0, np.float32), np.full((40, 80), 90.0, np.float32)
+    assert tearing.torn_share(before, after, before) is None  # it comes later
+    assert tearing.torn_share(before, after, after) == 0
+    assert tearing.torn_share(before, before + 5, before) is None  # nobody can tell
+    assert tearing.torn_share(before, after, before + 45) == 0  # on its way, everywhere
+    patches = np.where(np.arange(80) % 20 < 10, before, after)
+    assert not tearing.torn_share(before, after, patches)
+    below = after.copy()
+    below[20:] = before[20:]
+    assert not tearing.torn_share(before, after, below)
 
 
 def answer(outcome, question="tone mapping"):
