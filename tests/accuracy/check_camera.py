@@ -186,7 +186,7 @@ def veil(found: judge.SceneFindings, taker: Photographer, world: World, stated: 
     world.card = Card(float(azimuth), float(elevation), SHADE_DEG)
     after = taker.shoot(shade.SHADE_US, taker.delay_frames + 4)
     table = glare.table_of(found.answers, found.power, stated)
-    return glare.answer(equirect(*SIZE_PX), before, after, table)
+    return glare.judge(glare.look(equirect(*SIZE_PX), before, after, table))
 
 
 def wrong(case: Case, found: Verdict) -> list[str]:

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import cv2
 import pytest
 from lightprobe.imaging import camera as cameras
 from lightprobe.sim.scenes import load
@@ -45,13 +46,13 @@ def test_tone_mapping_is_unfit_in_a_script(tmp_path):
 
 
 def test_a_veil_is_measured_and_written(tmp_path):
-    path = tmp_path / "my.camera"
+    path, plot = tmp_path / "my.camera", tmp_path / "checked.png"
     x, y, z = max(load(["room"])[0].lamps, key=lambda one: sum(one.irradiance)).direction
     card = f"{math.degrees(math.atan2(x, -z))},{math.degrees(math.asin(y))},6"
     with simulated(tmp_path, "--lens-defects", "glare=0.04") as (link, desk):
         process = subprocess.Popen(
             [LIGHTPROBE, "check-camera", f"sim:{link}", "--json", "--output", path,
-             "--skip", "rest,colour,cover"],
+             "--plot", plot, "--skip", "rest,colour,cover"],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
         process.stdin.write("\n\n")
@@ -65,6 +66,7 @@ def test_a_veil_is_measured_and_written(tmp_path):
         out, err = process.communicate("\n", timeout=LONG_S)
     assert process.returncode == 0, out + err
     assert json.loads(out)["defects"] == ["glare"], out
+    assert cv2.imread(str(plot)).std() > 10
     glare = cameras.load(str(path)).glare
     assert glare.even + glare.around == pytest.approx(0.04, rel=0.25)
 

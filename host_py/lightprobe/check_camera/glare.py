@@ -41,6 +41,7 @@ _MOST_RESIDUAL = 2.5
 #: What of a share is never known better, 1 sigma.
 _MODEL_SIGMA = 0.08
 _BALANCING, _BALANCED = 40, 1e-3
+_BIN_DEG = 5.0
 _STEADY = "daylight, or lamps on direct current; many LED lamps flicker when dimmed"
 _AGAIN = "hide the lamp again while nothing else moves or changes"
 
@@ -55,6 +56,8 @@ class Veil:
     change: float  # of all other light, relative
     left_out: float  # share of cells that changed otherwise
     residual: float  # of the others, RMS, in sigmas
+    by_angle: Array  # (k, 3) degrees from the lamp; light that went there; what the fit says. NaN:
+    # no such cell was used. Of the mean light before.
 
     @property
     def share(self) -> float:
@@ -96,19 +99,19 @@ def table_of(answers: Sequence[Answer], power: Power | None, stated: Array) -> A
     return stated if fitted is None else fitted.table
 
 
-def answer(camera: Camera, before: ExposureSeries, after: ExposureSeries, table: Array) -> Answer:
+def look(camera: Camera, before: ExposureSeries, after: ExposureSeries, table: Array) -> Veil | str:
     """Compare brackets (:data:`~lightprobe.check_camera.shade.SHADE_US`) before and after.
 
     `table` (256, 3): linear light of each code. Flicker in step with the pictures is the same in
-    both.
+    both. Gives the veil; or why it cannot be told.
     """
     for series in (before, after):
         scene = gather(series, table)
         if not scene.steps or scene.is_dark:
-            return judge("the room is dark")
+            return "the room is dark"
         if scene.flickers > MOST_FLICKER:
-            return judge("the light flickers")
-    return judge(measure(shaded(camera, before, after, table)))
+            return "the light flickers"
+    return measure(shaded(camera, before, after, table))
 
 
 def measure(pair: Shaded | None) -> Veil | str:
@@ -164,7 +167,22 @@ def _fitted(pair: Shaded, usable: NDArray[np.bool_], off_deg: Array, total: floa
     others = [one for one in tried if one.scale < best.scale / np.sqrt(_AS_GOOD)]
     spread = float(np.std([_share(one) for one in (*others, best)]))
     sigma = float(np.sqrt(best.sigma**2 + spread**2 + (_MODEL_SIGMA * _share(best)) ** 2))
-    return Veil(glare, sigma, hidden, best.change, left_out, best.scale)
+    by_angle = _by_angle(pair, best, ~out & usable, off_deg)
+    return Veil(glare, sigma, hidden, best.change, left_out, best.scale, by_angle)
+
+
+def _by_angle(pair: Shaded, fit: _Fit, used: NDArray[np.bool_], off_deg: Array) -> Array:
+    weight = np.where(used, pair.cells.solid_angle_sr, 0)
+    before = np.where(used, pair.before, 0)
+    went = np.where(used, pair.before - pair.after, 0) - fit.change * before
+    which = (off_deg / _BIN_DEG).astype(int)
+    sums = [
+        np.bincount(which, weight * of, round(180 / _BIN_DEG))
+        for of in (used, off_deg, went, fit.veil)
+    ]
+    mean = max(float((weight * before).sum() / max(weight.sum(), 1e-12)), 1e-30)
+    with np.errstate(invalid="ignore"):
+        return np.stack(sums[1:], axis=1) / sums[0][:, None] / [1, mean, mean]
 
 
 def _share(fit: _Fit) -> float:

@@ -95,7 +95,10 @@ def command(
     if plot is not None and session.scene is not None:
         from lightprobe.check_camera import plot as pictures  # matplotlib is slow to load
 
-        pictures.draw(verdict, session.scene, session.table, session.drift, session.shining, plot)
+        pictures.draw(
+            verdict, session.scene, session.table, session.drift, session.veil, session.shining,
+            plot,
+        )  # fmt: skip
         typer.echo(f"plot: {plot}", err=True)
     if output is not None:
         for line in session.write(output, verdict):
@@ -125,6 +128,7 @@ class _Session:
     answers: list[Answer] = field(default_factory=list)
     scene: SceneFindings | None = None
     drift: Drift | None = None
+    veil: glare.Veil | None = None
     shining: ShiningPixels | None = None
     before: Colours | None = None  # anything coloured is held before the lens
     size_px: tuple[int, int] = (0, 0)
@@ -220,7 +224,9 @@ class _Session:
                 return
             with self._series(shade.SHADE_US, self.frames, "lamp hidden") as after:
                 table = glare.table_of(scene.answers, scene.power, self.table)
-                self.answers.append(glare.answer(self.known, before, after, table))
+                veil = glare.look(self.known, before, after, table)
+                self.veil = None if isinstance(veil, str) else veil
+                self.answers.append(glare.judge(veil))
 
     def _cover(self, settable: bool) -> None:
         if not self._ready("cover", (pixels.QUESTION,)):

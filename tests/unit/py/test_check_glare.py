@@ -66,7 +66,7 @@ class Room:
 
 def answered(before, after, lens=None):
     lens = lens or equirect(*SIZE_PX)
-    return glare.answer(lens, before, after, equirect().response_table())
+    return glare.judge(glare.look(lens, before, after, equirect().response_table()))
 
 
 def share(found):
@@ -80,6 +80,17 @@ def test_a_veil_of_the_simulator_is_measured(strength, tmp_path):
     assert found.outcome is Outcome.DEFECT, found.words
     assert share(found) == pytest.approx(strength, rel=0.25)
     assert abs(share(found) - strength) < 3 * found.numbers["sigma"]
+
+
+def test_the_picture_shows_how_the_veil_falls_off(tmp_path):
+    room = Room(tmp_path, "glare=0.05")
+    before = room.shoot()
+    room.world.card = room.card()
+    veil = glare.look(equirect(*SIZE_PX), before, room.shoot(), equirect().response_table())
+    off_deg, went, fitted = veil.by_angle[np.isfinite(veil.by_angle).all(axis=1)].T
+    assert off_deg[0] < 20 < 120 < off_deg[-1]
+    assert fitted[0] > 5 * fitted[off_deg > 60].max()
+    np.testing.assert_allclose(went, fitted, atol=0.15 * fitted[0])
 
 
 def test_a_veil_at_the_limit_is_told_with_its_sigma(tmp_path):
