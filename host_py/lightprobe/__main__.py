@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import errno
 import os
+import signal
 import sys
+from types import FrameType
 
 from lightprobe.errors import LightprobeError
 from lightprobe.installation import install_extras
@@ -14,10 +16,18 @@ _INTERRUPTED = 130  # as shells count Ctrl-C
 
 def main() -> None:
     """Run; an error is one message on stderr and an exit code: 1 failed, 2 makes no sense."""
+    for number in (signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)):
+        if signal.getsignal(number) is signal.SIG_DFL:  # nohup has its own
+            signal.signal(number, _end)
     try:
         sys.exit(_run())
     except KeyboardInterrupt:
         sys.exit(_INTERRUPTED)
+
+
+def _end(number: int, _: FrameType | None) -> None:
+    """End as Ctrl-C does: what a command has started (simulator, daemon) ends with it."""
+    sys.exit(128 + number)
 
 
 def _run() -> int:
