@@ -120,6 +120,22 @@ static void test_what_is_no_tear(void **state)
 	}
 }
 
+/* One exposure is left: no picture is torn. */
+static void test_a_tear_is_gone_with_the_bracket(void **state)
+{
+	struct camera camera = plain;
+
+	(void)state;
+	camera.torn = 0.4F;
+	lp_tear_init(&tear);
+	furnish(&camera);
+	watch(&camera, 120);
+	assert_true(tear.found);
+	camera.exposures[0] = camera.exposures[2] = camera.exposures[1];
+	watch(&camera, 200);
+	assert_false(tear.found);
+}
+
 /* All dark, all bright, pictures of hardly any cells, exposures that are far apart. */
 static void test_extremes(void **state)
 {
@@ -148,6 +164,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_a_tear_is_found_where_it_is),
 		cmocka_unit_test(test_what_is_no_tear),
+		cmocka_unit_test(test_a_tear_is_gone_with_the_bracket),
 		cmocka_unit_test(test_extremes),
 	};
 

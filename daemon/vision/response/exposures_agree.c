@@ -79,9 +79,8 @@ static void tell_tear(const struct lp_tear *tear, int camera, bool found)
 	if (tear->found && !found)
 		lp_warning("camera", "response",
 			   "camera %d: the first %.0f %% of its rows have the exposure of the "
-			   "frame before: "
-			   "light is uncertain by %.0f %%: let it take one exposure only "
-			   "(--exposure-us)",
+			   "frame before: light is uncertain by %.0f %%: let it take one exposure "
+			   "only (--exposure-us)",
 			   camera, 100.0 * (double)tear->share,
 			   100.0 * (double)lp_tear_sigma(tear));
 }

@@ -56,7 +56,6 @@ static void learn_row(struct lp_tear *tear, const struct lp_cells *cells, int at
 {
 	struct lp_tear_row *row = &tear->rows[at];
 
-	forget(row);
 	for (int k = 0; k < COLUMNS; k++) {
 		const float step = look(cells, at + 1, k) - look(cells, at - 1, k);
 
@@ -106,15 +105,18 @@ static void find(struct lp_tear *tear)
 void lp_tear_learn(struct lp_tear *tear, const struct lp_cells *cells, float log_exposure)
 {
 	const float apart = log_exposure - tear->log_exposure; /* NAN: there was no frame */
+	const bool tells = fabsf(apart) > LEAST_APART;
 
 	tear->log_exposure = log_exposure;
-	if (!(fabsf(apart) > LEAST_APART))
-		return;
-	if (tear->frames < LATELY)
-		tear->frames++;
-	tear->apart += (fabsf(apart) - tear->apart) / tear->frames;
-	for (int r = 1; r < LP_TEAR_ROWS - 1; r++)
-		learn_row(tear, cells, r, apart);
+	if (tells) {
+		tear->frames = fminf(tear->frames + 1.0F, LATELY);
+		tear->apart += (fabsf(apart) - tear->apart) / tear->frames;
+	}
+	for (int r = 1; r < LP_TEAR_ROWS - 1; r++) {
+		forget(&tear->rows[r]); /* with one exposure nothing is torn any more */
+		if (tells)
+			learn_row(tear, cells, r, apart);
+	}
 	find(tear);
 }
 

@@ -27,7 +27,7 @@ struct lp_tear {
 	struct lp_tear_row {
 		float places, step, change, together, step2, change2;
 	} rows[LP_TEAR_ROWS];
-	float frames; /* with another exposure than the one before; up to "lately" */
+	float frames; /* with another exposure than the one before: so many, up to "lately" */
 	float apart;  /* by which it changed: mean logarithm */
 	float share;  /* of the rows that have the exposure of the frame before */
 	bool found;
