@@ -71,6 +71,7 @@ def test_what_a_command_has_started_ends_with_it(name, number):
             lambda: len(found := descendants(process.pid)) >= most and found,
             lambda: process.poll() is None, f"{name} starts processes",
         )  # fmt: skip
+        time.sleep(0.5)  # a child that is there may not be known to its parent yet
         process.send_signal(number)
         _, err = process.communicate(timeout=LONG_S)
         assert process.returncode == 128 + number, err
