@@ -44,7 +44,7 @@ FLAG_WORDS: dict[str, str] = {
     "POLARIZATION_UNKNOWN": "too few angles of the polarizer so far, so reflections are not told "
     "from lamps",
     "FILM_TURNED": "the polarizing film is a quarter turn off; turn it by 90°",
-    "RESPONSE": "the camera alters parts of its pictures; switch that off",
+    "RESPONSE": "exposures contradict each other; the log names the cause and the remedy",
     "REFLECTION": "the mirror image of another lamp (glare)",
     "EXTENDED": "an area light, wider than a lamp",
     "RING": "strength or direction from the ring of light sensors",

@@ -100,7 +100,7 @@ static bool is_film_turning(struct lp_imager *imager)
 		return false;
 	imager->eye->learned_film_deg = film_deg;
 	if (!(fabsf(film_deg - before_deg) < SAME_FILM_DEG))
-		lp_linearity_part(&imager->eye->linearity);
+		lp_linearity_forget_looks(&imager->eye->linearity);
 	return isnan(film_deg);
 }
 

@@ -57,7 +57,7 @@ void lp_linearity_inherit(struct lp_linearity *linearity, const struct lp_linear
 	memset(linearity->regions, 0, sizeof(linearity->regions));
 }
 
-void lp_linearity_part(struct lp_linearity *linearity)
+void lp_linearity_forget_looks(struct lp_linearity *linearity)
 {
 	linearity->serial += MOST_AGO + 1;
 }
@@ -158,9 +158,9 @@ static void compare(struct lp_linearity *l, const struct lp_linearity_look *look
 			add_frame(&l->regions[r], (float)(own[r].power / own[r].weight));
 }
 
-/* Variance of what a region asks for, by how that differs from frame to frame: a change of its
- * light asks for much, but only as often as one of the two frames is older. */
-static double by_time(const struct lp_linearity_region *region)
+/* Variance of a region's mean, from how what it asks for differs from frame to frame. Each frame is
+ * compared with up to MOST_AGO others: so many in a row count as one. */
+static double variance_of_mean(const struct lp_linearity_region *region)
 {
 	const double power = (double)region->power;
 
@@ -226,8 +226,10 @@ static void weigh_spread(struct lp_linearity *l)
 		all.count += region->count;
 		within += deviation(region);
 		squared_weights += region->weight * region->weight;
-		changes += region->weight * by_time(&l->regions[r]);
-		squared_changes += region->weight * region->weight * by_time(&l->regions[r]);
+		const double variance = variance_of_mean(&l->regions[r]);
+
+		changes += region->weight * variance;
+		squared_changes += region->weight * region->weight * variance;
 		count++;
 	}
 	if (count < LEAST_REGIONS)

@@ -77,7 +77,7 @@ void lp_linearity_init(struct lp_linearity *linearity, float sigma);
 void lp_linearity_inherit(struct lp_linearity *linearity, const struct lp_linearity *from);
 
 /* Frames that follow cannot be compared with those before: what is before the lens has changed. */
-void lp_linearity_part(struct lp_linearity *linearity);
+void lp_linearity_forget_looks(struct lp_linearity *linearity);
 
 /* The newest frame, elapsed_s after the one before: looks of at most LP_LINEARITY_CELLS cells,
  * always the same ones. log_exposure: logarithm of the exposure, in any unit. */

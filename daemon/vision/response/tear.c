@@ -17,7 +17,7 @@
  * by the same. */
 #define LEAST_FRAMES 6
 #define LEAST_VARIANCE 0.25F
-/* The slope is at least so many of its errors less than what it seems. */
+/* So many errors of a slope are taken off it. */
 #define SIGMAS 3.0F
 /* The slope from which on it is found, and below which it is gone. */
 #define FOUND 0.4F
@@ -46,7 +46,7 @@ static void forget(struct lp_tear_row *row)
 	row->places *= kept;
 	row->step *= kept;
 	row->change *= kept;
-	row->together *= kept;
+	row->product *= kept;
 	row->step2 *= kept;
 	row->change2 *= kept;
 }
@@ -64,7 +64,7 @@ static void learn_row(struct lp_tear *tear, const struct lp_cells *cells, int at
 		row->places += 1.0F;
 		row->step += step;
 		row->change += change;
-		row->together += step * change;
+		row->product += step * change;
 		row->step2 += step * step;
 		row->change2 += change * change;
 	}
@@ -81,7 +81,7 @@ static float slope_of(const struct lp_tear_row *row)
 	if (change2 < LEAST_VARIANCE * row->places)
 		return 0.0F;
 	const float step2 = row->step2 - row->step * row->step / row->places;
-	const float slope = (row->together - row->step * row->change / row->places) / change2;
+	const float slope = (row->product - row->step * row->change / row->places) / change2;
 	const float variance = fmaxf(step2 / change2 - slope * slope, 0.0F);
 
 	return slope - SIGMAS * sqrtf(variance * COLUMNS / row->places);

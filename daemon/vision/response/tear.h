@@ -25,7 +25,7 @@ struct lp_tear {
 	float log_exposure; /* of the frame before; NAN: there was none */
 	/* Sums, lately, of what each row's light steps by as the exposure changes. */
 	struct lp_tear_row {
-		float places, step, change, together, step2, change2;
+		float places, step, change, product, step2, change2;
 	} rows[LP_TEAR_ROWS];
 	float frames; /* with another exposure than the one before: so many, up to "lately" */
 	float apart;  /* by which it changed: mean logarithm */

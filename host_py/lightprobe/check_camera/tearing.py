@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from lightprobe.calibrate.exposure_series import Frame
 from lightprobe.calibrate.flat_patches import block_means
 from lightprobe.check_camera.answers import Answer, Outcome
+from lightprobe.check_camera.scene import GREEN
 
 QUESTION = "torn pictures"
-GREEN = 1
 #: Codes by which a place differs between two exposures, at least, to tell them apart.
 _APART_CODES = 20.0
 #: Places of a row of blocks that tell, at least; rows on either side of a tear, at least.
@@ -35,23 +35,22 @@ def torn_share(
 ) -> float | None:
     """Share of the rows of `seen` that are as in `before`, above others that are as in `after`.
 
-    0: all are as in either; None: it cannot be told, or all are as `before`: nothing has changed.
+    0: it has one exposure, or comes from one to the other everywhere. None: it cannot be told, or
+    nothing is as in `after` yet.
     """
     tells = np.abs(after - before) > _APART_CODES
     old = tells & (np.abs(seen - before) < np.abs(seen - after))
     count = tells.sum(axis=1)
     rows = np.flatnonzero(count >= _PLACES)
     share = old.sum(axis=1)[rows] / count[rows]
-    first_new = int(np.argmax(share < 1 - _MOST)) if np.any(share < 1 - _MOST) else None
-    if first_new is None or len(rows) < 2 * _ROWS:
+    new = share < 1 - _MOST
+    if len(rows) < 2 * _ROWS or not new.any():
         return None
-    above, below = share[:first_new], share[first_new:]
-    # the row in which the picture is torn belongs to neither
-    if above.size < _ROWS or below.size < _ROWS or not np.all(below < 1 - _MOST):
+    first = int(np.argmax(new))
+    if min(first, len(rows) - first) < _ROWS or not new[first:].all():
         return 0.0
-    if not np.all(above[:-1] > _MOST):
-        return 0.0
-    return float(rows[first_new]) / len(seen)
+    # The row in which the picture is torn belongs to neither.
+    return float(rows[first]) / len(seen) if np.all(share[: first - 1] > _MOST) else 0.0
 
 
 def _changes(groups: Sequence[Sequence[Frame]]) -> Iterator[float]:
