@@ -1,6 +1,7 @@
 """Shared by all Python tests."""
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -48,16 +49,22 @@ def daemon_path(variant: str) -> Path:
     return path
 
 
-@pytest.fixture(autouse=True)
-def _sanitized_daemon(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every test runs the daemon that has the sanitizers in it, unless it asks for another."""
-    monkeypatch.setenv("LIGHTPROBED", str(BUILD / "asan" / "bin" / "lightprobed"))
-    monkeypatch.setenv("LIGHTPROBE_SCENES", str(BUILD / "scenes"))
+@pytest.fixture(autouse=True, scope="module")
+def _daemon_of_the_file(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Run the daemon with the sanitizers, or as it ships where the file has the mark many_frames.
+
+    With the sanitizers it is five times as slow. $SANITIZED takes them for all files.
+    """
+    many_frames = request.node.get_closest_marker("many_frames") and "SANITIZED" not in os.environ
+    with pytest.MonkeyPatch.context() as environment:
+        environment.setenv("LIGHTPROBED", str(daemon_path("release" if many_frames else "asan")))
+        environment.setenv("LIGHTPROBE_SCENES", str(BUILD / "scenes"))
+        yield
 
 
 @pytest.fixture
 def released_daemon(monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Run the daemon as it ships: where it is the speed or the numbers that count."""
+    """Run the daemon as it ships: where its speed counts."""
     path = daemon_path("release")
     monkeypatch.setenv("LIGHTPROBED", str(path))
     return path

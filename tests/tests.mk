@@ -91,6 +91,10 @@ test-changed: test-parts ## run the tests that your changes can touch, and count
 test-nightly-python: test-parts ## run the tests that only `make test-nightly` runs: accuracy in more rooms, motions and sizes
 	$(call run-and-again,nightly)
 
+.PHONY: test-sanitized
+test-sanitized: test-parts ## run the tests in which a daemon sees many frames with the sanitized daemon, as test-nightly does
+	@SANITIZED=1 $(PYTEST) -m 'many_frames and not long and not nightly' $(PYTEST_ROOMS:%=tests/%)
+
 $(STAMPS)/venv-renderer: host_py/pyproject.toml host_py/constraints.txt | $(STAMPS)/venv
 	@echo 'setup: Mitsuba (host_py[renderer])'
 	@PIP_CONSTRAINT=host_py/constraints.txt $(VENV)/bin/pip install --quiet --disable-pip-version-check -e 'host_py[renderer]'
@@ -118,7 +122,7 @@ test-engines: build $(BABYLON)/page.bundle.js ## read exported files in Babylon.
 test-all: test-unit test-python test-js test-csharp
 
 .PHONY: test-nightly
-test-nightly: test test-engines test-long test-kernel test-nightly-python test-nightly-js check-c-paths test-firmware-long test-renderer check-hw test-arm64 test-debian fuzz ## run all tests, also what takes too long for .ci/run (hours): before a release, as `make -k test-nightly`, which goes on after a failure
+test-nightly: test test-engines test-long test-kernel test-nightly-python test-sanitized test-nightly-js check-c-paths test-firmware-long test-renderer check-hw test-arm64 test-debian fuzz ## run all tests, also what takes too long for .ci/run (hours): before a release, as `make -k test-nightly`, which goes on after a failure
 
 .PHONY: check-rules
 check-rules: build

@@ -18,7 +18,7 @@ from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.sensor import Sensor, encode_jpeg
 
 LIGHTPROBE = Path(sys.executable).parent / "lightprobe"
-pytestmark = pytest.mark.usefixtures("released_daemon")
+pytestmark = pytest.mark.many_frames
 
 
 @pytest.fixture(scope="module")

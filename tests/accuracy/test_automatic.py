@@ -5,6 +5,8 @@ from functools import cache
 import automatic
 import pytest
 
+pytestmark = pytest.mark.many_frames
+
 
 @cache
 def figures(condition: str) -> automatic.Automatic:

@@ -17,7 +17,7 @@ from lightprobe.sim.room import Room
 from lightprobe.sim.scene import Scene
 from lightprobe.sim.world import Behaviour, World
 
-pytestmark = pytest.mark.usefixtures("released_daemon")
+pytestmark = pytest.mark.many_frames
 SCENE = random_scene(2)
 SMALL_PX = (960, 480)
 WHERE = ("a scene", "reported", "raw")

@@ -3,7 +3,7 @@
 import fisheye
 import pytest
 
-pytestmark = pytest.mark.usefixtures("released_daemon")
+pytestmark = pytest.mark.many_frames
 
 
 @pytest.mark.nightly

@@ -16,6 +16,8 @@ from lightprobe.geometry import Array
 from lightprobe.imaging.image import write_pfm
 from lightprobe.sim.room import Room
 
+pytestmark = pytest.mark.many_frames
+
 #: Small enough for a sum over all pairs of pixels.
 SIZE_PX = (120, 60)
 WIDTH_DEG = 10.0

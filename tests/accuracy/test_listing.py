@@ -8,7 +8,7 @@ from lightprobe.errors import LightprobeError
 from lightprobe.estimate import Estimate, EstimateFlag, Light, SphericalHarmonics
 from lightprobe.evaluate.relight import Lighting
 
-pytestmark = pytest.mark.usefixtures("released_daemon")
+pytestmark = pytest.mark.many_frames
 DIRECTION = np.array([0.6, 0.8, 0.0])
 LAMP = Light(1, DIRECTION, np.array([3.0, 2.0, 1.0]), 2.0)
 BLACK = SphericalHarmonics("AMBIENT", 2, np.zeros((9, 3)))

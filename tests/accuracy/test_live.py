@@ -30,7 +30,7 @@ from lightprobe.sim.world import Behaviour, World
 from numpy.typing import ArrayLike
 from recording import EXPOSURES, INDOORS, SUBSCRIPTIONS
 
-pytestmark = pytest.mark.usefixtures("released_daemon")
+pytestmark = pytest.mark.many_frames
 SCENE = random_scene(3)
 LIGHT = Light.of(SCENE)
 LAMPS = LIGHT.lamps

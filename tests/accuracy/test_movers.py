@@ -11,7 +11,7 @@ from lightprobe.estimate import EstimateFlag
 from lightprobe.evaluate.metrics import relighting
 from lightprobe.sim.room import Room
 
-pytestmark = pytest.mark.usefixtures("released_daemon")
+pytestmark = pytest.mark.many_frames
 SMALL_PX = (960, 480)
 #: Of AMBIENT, more than it truly steps.
 STEP = 0.01

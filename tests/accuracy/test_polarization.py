@@ -18,7 +18,7 @@ from lightprobe.sim.glossy_rooms import glossy_room
 from lightprobe.sim.polarized import PolishedFloor
 from lightprobe.sim.procedural import random_scene
 
-pytestmark = pytest.mark.usefixtures("released_daemon")
+pytestmark = pytest.mark.many_frames
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ NORMALS = geometry.sphere_normals(2)
 #: Largest error at any normal. A lamp lies between four texels: a surface that it just grazes gets
 #: light from half of them.
 MOST = {16: 0.0135, 32: 0.0068, 64: 0.005}
-pytestmark = pytest.mark.usefixtures("released_daemon")
+pytestmark = pytest.mark.many_frames
 
 
 def irradiance_of(picture):

@@ -14,7 +14,7 @@ from lightprobe.sim.room import Room
 from lightprobe.sim.scene import Scene
 from recording import Pair, record
 
-pytestmark = pytest.mark.usefixtures("released_daemon")
+pytestmark = pytest.mark.many_frames
 
 NIGHTLY = pytest.mark.nightly
 SMALL_PX = (960, 480)

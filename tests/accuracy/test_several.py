@@ -3,7 +3,7 @@
 import pytest
 import several
 
-pytestmark = pytest.mark.usefixtures("released_daemon")
+pytestmark = pytest.mark.many_frames
 
 
 @pytest.mark.nightly

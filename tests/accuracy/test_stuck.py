@@ -25,7 +25,7 @@ from lightprobe.sim.world import Behaviour, State, World
 from lightprobe.wire import Subscription
 from recording import INDOORS, SIZE_PX
 
-pytestmark = pytest.mark.usefixtures("released_daemon")
+pytestmark = pytest.mark.many_frames
 
 SMALL_PX = (960, 480)
 SCENES = Path(__file__).parents[2] / "build" / "scenes"

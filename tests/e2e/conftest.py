@@ -9,7 +9,6 @@ import pytest
 from lightprobe import daemon
 
 LIGHTPROBE = Path(sys.executable).parent / "lightprobe"
-SANITIZED = Path(__file__).parents[2] / "build" / "asan" / "bin" / "lightprobed"
 
 
 #: The scenes' smallest lamps clip at 100 µs: these tests want all of the light.
@@ -25,8 +24,6 @@ def running_probe(folder, *simulate, faults="", daemon_options=()):
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     simulator = subprocess.Popen(command, start_new_session=True, **quiet)
     source = f"--source=sim:{camera}{'?' + faults if faults else ''}"
-    environment = pytest.MonkeyPatch()
-    environment.setenv("LIGHTPROBED", str(SANITIZED))
     try:
         with daemon.Daemon(
             [source, f"--publish={uri}", *daemon_options], folder / "log"
@@ -35,7 +32,6 @@ def running_probe(folder, *simulate, faults="", daemon_options=()):
             running.check()
         assert "Sanitizer" not in (folder / "log").read_text()
     finally:
-        environment.undo()
         simulator.terminate()
         simulator.wait(30)
 

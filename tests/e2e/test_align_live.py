@@ -17,6 +17,8 @@ from lightprobe.wire import Subscription
 from scipy.spatial.transform import Rotation
 from test_align import align, off_deg
 
+pytestmark = pytest.mark.many_frames
+
 MOUNT = Rotation.from_euler("YXZ", [12, -35, 5], degrees=True)
 SECONDS = 20.0
 

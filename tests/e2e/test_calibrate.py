@@ -15,6 +15,8 @@ from lightprobe.sim import response as responses
 from lightprobe.sim import scenes
 from lightprobe.sim.sensor import Sensor
 
+pytestmark = pytest.mark.many_frames
+
 LIGHTPROBE = Path(sys.executable).parent / "lightprobe"
 LONG_S = 300  # the machine may be busy
 

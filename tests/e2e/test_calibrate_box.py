@@ -17,6 +17,8 @@ from lightprobe.sim import ldr
 from lightprobe.sim.box import Box
 from test_simulated_box import simulator
 
+pytestmark = pytest.mark.many_frames
+
 LIGHTPROBE = Path(sys.executable).parent / "lightprobe"
 
 

@@ -22,6 +22,8 @@ from lightprobe.sim.world import Behaviour, World
 from numpy.typing import ArrayLike
 from test_calibrate_rig import FILES, NAMES, WRONG, Rotation, mounted
 
+pytestmark = pytest.mark.many_frames
+
 PROGRAM = BUILD / "venv" / "bin" / "lightprobe"
 #: Slow, for a machine that is busy: 2° from frame to frame.
 TURNING = Behaviour(act_s=0, swing_deg=40, swing_hz=0.1, nod_deg=20, nod_hz=0.13)

@@ -34,6 +34,8 @@ from lightprobe.wire import Subscription
 from test_calibrate_box import calibrate
 from test_simulated_box import simulator
 
+pytestmark = pytest.mark.many_frames
+
 LUX_PER_UNIT = 60.0
 #: What the film on the simulated box's wheel lets pass, and its options: without surfaces, which
 #: would take other light than the ring's. A user takes the film off.

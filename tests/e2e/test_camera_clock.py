@@ -18,6 +18,8 @@ from lightprobe.sim.live import LiveProbe
 from lightprobe.sim.world import Behaviour, World
 from lightprobe.wire import Subscription
 
+pytestmark = pytest.mark.many_frames
+
 WISH = Subscription(smoothing="RAW", max_lights=8, health_period_ms=100)
 SWING = Behaviour(act_s=0, swing_deg=40, swing_hz=0.5)
 RATE_HZ = 15.0

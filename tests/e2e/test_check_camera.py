@@ -12,6 +12,8 @@ import pytest
 from lightprobe.imaging import camera as cameras
 from lightprobe.sim.scenes import load
 
+pytestmark = pytest.mark.many_frames
+
 LIGHTPROBE = Path(sys.executable).parent / "lightprobe"
 LONG_S = 300  # the machine may be busy
 

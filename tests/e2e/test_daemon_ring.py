@@ -19,6 +19,8 @@ from lightprobe.sim import illuminance
 from lightprobe.sim.procedural import random_scene
 from lightprobe.sim.sensor import encode_jpeg
 
+pytestmark = pytest.mark.many_frames
+
 LIGHTPROBE = Path(sys.executable).parent / "lightprobe"
 UNDEREXPOSED, RING_ONLY, RING_FAULT, COVERED = 8, 512, 2048, 65536
 DIRECTION = np.array([0.6, 0.8, 0.0])

@@ -26,6 +26,8 @@ from lightprobe.mcu import messages as mcu
 from lightprobe.sim.clock import START_NS, UNIX_NS, SimulatedClock
 from lightprobe_proto import lightprobe_pb2 as pb
 
+pytestmark = pytest.mark.many_frames
+
 RING_FAULT, WHEEL_FAULT = 2048, 4096
 EXPOSURE_US = 10_000.0
 RATE_HZ = 30

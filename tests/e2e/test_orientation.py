@@ -21,6 +21,8 @@ from lightprobe.sim.live import LiveProbe
 from lightprobe.sim.world import Behaviour, World
 from lightprobe.wire import Subscription
 
+pytestmark = pytest.mark.many_frames
+
 WISH = Subscription(smoothing="RAW", max_lights=8, sh_order=4, frame="WORLD", health_period_ms=100)
 LIKE_A_HEAD = Behaviour(act_s=0, swing_deg=40, swing_hz=0.5)
 STILL = Behaviour(act_s=0)

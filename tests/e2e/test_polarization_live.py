@@ -33,6 +33,8 @@ from lightprobe.sim.scene import ProceduralScene
 from lightprobe.sim.world import Behaviour, World
 from lightprobe.wire import Subscription, encode_get_polarization_map, encode_start_sweep
 
+pytestmark = pytest.mark.many_frames
+
 SIZE_PX, RATE_HZ = (960, 480), 10.0
 #: The wheel has homed and gone round its angles.
 SWEPT_S = 14.0

@@ -26,6 +26,8 @@ from lightprobe.sim.scene import ProceduralScene
 from lightprobe.sim.world import Behaviour, World
 from lightprobe.wire import Subscription
 
+pytestmark = pytest.mark.many_frames
+
 CD_M2_PER_UNIT = 10.0
 SWITCH_S = 4.03  # between two frames
 #: From a step at the sensor to its sample in the daemon (test_daemon_ring_latency.py), and the

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from harness import BUILD, run
+from harness import run
 from lightprobe import geometry
 from lightprobe.calibrate.camera_file import edited
 from lightprobe.daemon import estimate_once
@@ -23,17 +23,14 @@ from lightprobe.sim.scene import Scene
 from lightprobe.sim.world import Behaviour, World
 from lightprobe.wire import Subscription
 
+pytestmark = pytest.mark.many_frames
+
 CAMERAS = Path(__file__).parents[2] / "packaging" / "cameras"
 AHEAD, BACK = CAMERAS / "module_ahead.camera", CAMERAS / "module_back.camera"
 FILES = (f"--camera={AHEAD}", f"--camera={BACK}")
 ALL = Subscription(smoothing="RAW", max_lights=8, sh_order=4, health_period_ms=1000)
 LATER_S = 0.008
 NORMALS = geometry.sphere_normals()
-
-
-@pytest.fixture(autouse=True)
-def sanitized(monkeypatch):
-    monkeypatch.setenv("LIGHTPROBED", str(BUILD / "asan" / "bin" / "lightprobed"))
 
 
 def probe(world: World, arguments: tuple[str, ...] = (), **later: Any) -> LiveProbe:

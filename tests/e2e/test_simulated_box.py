@@ -29,6 +29,8 @@ from lightprobe.sim.world import World
 from lightprobe.wire import Subscription
 from test_simulator import Camera
 
+pytestmark = pytest.mark.many_frames
+
 LIGHTPROBE = Path(sys.executable).parent / "lightprobe"
 ADC_OFFSET = 0.05  # what two counts make of the illuminance, from 10 to 1000 lx
 PATIENCE_S = 60.0

@@ -14,6 +14,8 @@ from lightprobe.sim.live import LiveProbe
 from lightprobe.sim.world import Behaviour, World
 from lightprobe.wire import Subscription
 
+pytestmark = pytest.mark.many_frames
+
 ALL = Subscription(max_lights=8, sh_order=4, health_period_ms=1000)
 
 

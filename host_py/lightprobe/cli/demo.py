@@ -49,6 +49,8 @@ _WHEEL_S = 30.0
 _LAST_S = 10.0
 #: A picture is taken of a world that has been the same for so long.
 _SETTLED_S = 1.5
+#: The last picture waits until the packet states a smaller error of the irradiance, of its mean.
+_KNOWN = 0.05
 
 
 class DemoError(LightprobeError):
@@ -397,6 +399,13 @@ def is_whole(estimate: Estimate) -> bool:
     return EstimateFlag.BRACKET_INCOMPLETE not in estimate.flags
 
 
+def is_known(estimate: Estimate) -> bool:
+    """Whether the light is known so well that a picture of it shows the probe, not a change."""
+    from lightprobe.evaluate.metrics import stated_error
+
+    return is_whole(estimate) and (stated_error(estimate) or 0) < _KNOWN
+
+
 @dataclass
 class Show:
     """What goes on while the view is shown."""
@@ -469,18 +478,20 @@ class Show:
             time.sleep(0.05)
 
     def take_picture(self, last: bool = False) -> bool:
-        """Begin a picture if one can be had now; `last`: wait for a good moment to have one."""
+        """Begin a picture if one can be had now; `last`: wait until the light is known well."""
         if last:
             self.painter.collect(wait=True)
         deadline = time.monotonic() + (_LAST_S if last else 0)
         while True:
             estimate = self.client.latest()
-            if estimate is not None and is_whole(estimate) and self.painter.collect():
+            late = time.monotonic() > deadline
+            is_good = is_whole if late or not last else is_known
+            if estimate is not None and is_good(estimate) and self.painter.collect():
                 frame = self.truth.at(estimate) if self.truth else None
                 if frame is not None or self.truth is None:
                     self.painter.start(estimate, frame, self._footer(estimate))
                     return True
-            if time.monotonic() > deadline:
+            if late:
                 return False
             time.sleep(0.02)
 

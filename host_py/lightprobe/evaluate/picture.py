@@ -156,7 +156,9 @@ def _objects(
     normals = geometry.sphere_normals()
     mae, rmse = metrics.relighting(exact.irradiance(normals), estimate.irradiance(normals))
     error = metrics.sh_error(exact.total, estimate.total().coefficients)
-    return {"relighting_mae": mae, "relighting_rmse": rmse, "sh_error": error}
+    found = {"relighting_mae": mae, "relighting_rmse": rmse, "sh_error": error}
+    stated = metrics.stated_error(estimate)
+    return found if stated is None else found | {"stated_error": stated}
 
 
 def _brightness(picture: Array) -> float:
@@ -206,10 +208,10 @@ def _summary(axis: Axes, estimate: Estimate, figures: dict[str, float], marked: 
                      f"{100 * figures['sh_error']:.2f} %")  # fmt: skip
     if marked.summary:
         words.append(marked.summary)
-    left_out = estimate.predicted_error
+    stated = metrics.stated_error(estimate)
     number = len(estimate.lights)
     model = f"packet: order {estimate.sh.order}, {number} lamp{'s' if number != 1 else ''}"
-    words.append(model + (f", predicted error {100 * left_out:.1f} %" if left_out else ""))
+    words.append(model + (f", states an error of {100 * stated:.1f} % (RMS)" if stated else ""))
     flags = flag_names(estimate.flags)
     if flags:
         words.append("flags: " + ", ".join(flags).lower())
