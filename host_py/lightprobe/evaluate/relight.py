@@ -6,6 +6,7 @@ directions with powers (K, 3), so truth and packet are drawn by the same few lin
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,10 @@ _POINTS_PER_LAMP = 32
 _ALBEDO, _FLOOR_ALBEDO = 0.8, 0.45
 _EYE_M = np.array([0.0, 1.5, 5.2])  # the sphere has radius 1 and rests on y = −1
 _FIELD_DEG = 31.0
+#: Places at once: what they get of all directions stays in the processor's cache.
+_BLOCK = 256
+
+Single = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,20 +83,31 @@ class Lighting:
 
     def sphere(self, normals: Array) -> Array:
         """Radiance (N, 3) of the sphere, which nothing shades."""
-        return _ALBEDO / np.pi * np.maximum(normals @ self.directions.T, 0) @ self.powers
+        return _ALBEDO / np.pi * self._sum(normals, lambda n, d: np.maximum(n @ d.T, 0))
 
     def floor(self, points: Array) -> Array:
         """Radiance (N, 3) of the floor at points (N, 3), in the sphere's shadow."""
         above = self.directions[:, 1] > 0
-        directions, powers = self.directions[above], self.powers[above]
-        total = np.empty((len(points), 3))
-        for block in range(0, len(points), 4096):
-            p = points[block : block + 4096]
-            along = p @ directions.T  # of the ray p + t·d, where it is nearest to the centre
-            away = (p * p).sum(axis=1)[:, None] - along**2
-            lit = (away > 1) | (along > 0)
-            total[block : block + 4096] = (lit * directions[:, 1]) @ powers
-        return _FLOOR_ALBEDO / np.pi * total
+        return _FLOOR_ALBEDO / np.pi * Lighting(
+            self.directions[above], self.powers[above] * self.directions[above, 1:2]
+        )._sum(points, _unshaded)  # fmt: skip
+
+    def _sum(self, places: Array, share: Callable[[Single, Single], Single]) -> Array:
+        """Sum of the powers (N, 3) by the `share` (B, K) that places (B, 3) get of directions."""
+        directions, powers = self.directions.astype(np.float32), self.powers.astype(np.float32)
+        blocks = (
+            share(places[k : k + _BLOCK].astype(np.float32), directions) @ powers
+            for k in range(0, len(places), _BLOCK)
+        )
+        return np.concatenate([np.zeros((0, 3)), *blocks])
+
+
+def _unshaded(points: Single, directions: Single) -> Single:
+    """Whether the sphere leaves points (B, 3) the light of directions (K, 3)."""
+    along = points @ directions.T  # of the ray p + t·d, where it is nearest to the centre
+    away = (points * points).sum(axis=1)[:, None] - along**2
+    lit: Single = np.asarray((away > 1) | (along > 0), np.float32)
+    return lit
 
 
 # Cells of a map are rows of (top, bottom, left, right) in pixels, the ends not included.
