@@ -38,9 +38,15 @@ run-unit-tests: unit-tests
 	@printf '%s\n' $(UNIT_TESTS) | xargs -P$(JOBS) -I@ sh -c \
 		'out=$$($(EMULATOR) @ 2>&1); status=$$?; printf "== %s\n%s\n" @ "$$out"; exit $$status'
 
-test-unit: ## run the C unit tests with the address and undefined-behaviour sanitizers
-	@$(MAKE) VARIANT=asan -j$(JOBS) unit-tests replays
-	@$(MAKE) VARIANT=asan run-unit-tests run-replays
+# These send thousands of frames through the pipeline: five times as slow with the sanitizers (make test-sanitized).
+MANY_FRAMES := tests/unit/test_bracket.c tests/unit/test_bracket_delays.c
+SANITIZED_BY_DAY := $(filter-out $(MANY_FRAMES),$(UNIT_SOURCES))
+
+test-unit: ## run the C unit tests, nearly all with the address and undefined-behaviour sanitizers
+	@$(MAKE) VARIANT=asan -j$(JOBS) unit-tests replays ONLY='$(SANITIZED_BY_DAY)'
+	@$(MAKE) VARIANT=release -j$(JOBS) unit-tests ONLY='$(MANY_FRAMES)'
+	@$(MAKE) VARIANT=release run-unit-tests ONLY='$(MANY_FRAMES)'
+	@$(MAKE) VARIANT=asan run-unit-tests run-replays ONLY='$(SANITIZED_BY_DAY)'
 
 # Several processes, because many tests wait: for daemons to start, for frames to come. A test has its
 # own folder and port. They share the processors: threads of BLAS in each would only wait for each other.
@@ -92,7 +98,8 @@ test-nightly-python: test-parts ## run the tests that only `make test-nightly` r
 	$(call run-and-again,nightly)
 
 .PHONY: test-sanitized
-test-sanitized: test-parts ## run the tests in which a daemon sees many frames with the sanitized daemon, as test-nightly does
+test-sanitized: test-parts ## run the tests with many frames once more, with the sanitizers, as test-nightly does
+	@$(MAKE) VARIANT=asan -j$(JOBS) run-unit-tests ONLY='$(MANY_FRAMES)'
 	@SANITIZED=1 $(PYTEST) -m 'many_frames and not long and not nightly' $(PYTEST_ROOMS:%=tests/%)
 
 $(STAMPS)/venv-renderer: host_py/pyproject.toml host_py/constraints.txt | $(STAMPS)/venv
