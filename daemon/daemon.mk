@@ -97,8 +97,13 @@ $(OUT)/daemon/vision/jpeg/walk.c.o: LP_CFLAGS += -fno-tree-slp-vectorize
 DAEMON_ROOMS := app serve estimate drivers vision light base
 # Sources of one room, in all of its folders: $(call sources,ROOM,PATTERN...)
 sources = $(foreach p,$(2),$(wildcard daemon/$(1)/$(p) daemon/$(1)/*/$(p) daemon/$(1)/*/*/$(p)))
+# Sources that a variant compiles itself; of all others it has the objects of the release. Empty: all.
+OWN_gpiod2 := daemon/drivers/wheel/pca9685/% %/main.c
+OWN := $(or $(OWN_$(VARIANT)),%)
 # Objects of one room: $(call objects,ROOM)
-objects = $(patsubst %,$(OUT)/%.o,$(filter-out $(LP_EXCLUDE),$(call sources,$(1),*.c *.cpp)))
+built = $(filter-out $(LP_EXCLUDE),$(call sources,$(1),*.c *.cpp))
+objects = $(patsubst %,$(OUT)/%.o,$(filter $(OWN),$(call built,$(1)))) \
+	$(patsubst %,$(BUILD)/release/%.o,$(filter-out $(OWN),$(call built,$(1))))
 # Everything but main() is in libraries, so that tests link what the daemon links.
 DAEMON_LIBS := $(foreach r,$(DAEMON_ROOMS),$(OUT)/lib/liblp_$(r).a)
 

@@ -30,6 +30,7 @@ kernel-setup: $(call apt,kernel) build $(UVC_CAMERA) $(GYRO_SAMPLES) $(KERNEL_PI
 # The daemon on libgpiod 2 (build/gpiod2/bin), as on Debian 13; the system's may be version 1.
 .PHONY: gpiod2
 gpiod2: $(BUILD)/libgpiod2/libgpiod.pc
+	@$(MAKE) VARIANT=release -j$(JOBS) daemon
 	@$(MAKE) VARIANT=gpiod2 -j$(JOBS) daemon
 
 $(BUILD)/libgpiod2/libgpiod.pc: tests/kernel/build-libgpiod2 | setup

@@ -160,7 +160,7 @@ test("what is asked of the probe, it is asked, and shows", { timeout: 4 * LONG_M
   await page.close();
 });
 
-test("a probe without reflection maps is not asked for one", { timeout: 2 * LONG_MS }, async () => {
+test("a probe without reflection maps is not asked for one", { timeout: 2 * LONG_MS, ...NIGHTLY }, async () => {
   const other = await new LiveDaemon().start(undefined, "--reflection-map=off");
   const page = await session.browser.newPage({ viewport: { width: 500, height: 400 } });
   await page.goto(`http://127.0.0.1:${other.port}/`);
@@ -175,7 +175,7 @@ test("a probe without reflection maps is not asked for one", { timeout: 2 * LONG
 /** The switches that are on, of those that may have nothing to show. */
 const ticks = (page: Page): Promise<string[]> => page.evaluate(() => [...document.querySelectorAll<HTMLInputElement>("#use-truth, #use-ground, #use-map")].filter((box) => box.checked || !box.disabled).map((box) => `${box.id}${box.checked ? "" : " off"}`));
 
-test("what is not there is not ticked: a truth, a marker in sight", { timeout: 3 * LONG_MS }, async () => {
+test("what is not there is not ticked: a truth, a marker in sight", { timeout: 3 * LONG_MS, ...NIGHTLY }, async () => {
   const { page, faults } = await viewer(500, 400);
   await lit(page);
   assert.deepEqual(await ticks(page), ["use-map"]);
