@@ -43,10 +43,8 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
 
 def daemon_path(variant: str) -> Path:
-    """Path of the daemon as built in a variant; fails when `make` has not built it."""
-    path = BUILD / variant / "bin" / "lightprobed"
-    assert path.is_file(), f"{path} is missing: make VARIANT={variant} daemon"
-    return path
+    """Path of the daemon as built in a variant: `make VARIANT=variant daemon`."""
+    return BUILD / variant / "bin" / "lightprobed"
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -57,6 +55,7 @@ def _daemon_of_the_file(request: pytest.FixtureRequest) -> Iterator[None]:
     """
     many_frames = request.node.get_closest_marker("many_frames") and "SANITIZED" not in os.environ
     with pytest.MonkeyPatch.context() as environment:
+        # It need not be there: rules run before anything is built.
         environment.setenv("LIGHTPROBED", str(daemon_path("release" if many_frames else "asan")))
         environment.setenv("LIGHTPROBE_SCENES", str(BUILD / "scenes"))
         yield
@@ -66,5 +65,6 @@ def _daemon_of_the_file(request: pytest.FixtureRequest) -> Iterator[None]:
 def released_daemon(monkeypatch: pytest.MonkeyPatch) -> Path:
     """Run the daemon as it ships: where its speed counts."""
     path = daemon_path("release")
+    assert path.is_file(), f"{path} is missing: make daemon"
     monkeypatch.setenv("LIGHTPROBED", str(path))
     return path
