@@ -69,6 +69,7 @@ def test_unclipped_panoramas(panoramas):
     assert not limits
 
 
+@pytest.mark.nightly
 def test_more_exposures_are_more_accurate(panoramas):
     """What brackets buy."""
     found = run(panoramas[::2], "1234")

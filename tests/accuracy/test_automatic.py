@@ -41,12 +41,14 @@ def test_the_ring_gives_a_scale_to_exposures_that_nobody_tells():
     assert one.unsteady < 0.03
 
 
+@pytest.mark.nightly
 def test_a_lamp_is_not_taken_for_an_exposure():
     one = figures("lamps")
     assert one.error_median < 0.1  # lamps clip
     assert 0 < one.scale.sigma < 0.2
 
 
+@pytest.mark.nightly
 def test_all_light_at_once_is_doubtful():
     one = figures("dark")
     assert one.error_median < figures("still").error_median + 0.02

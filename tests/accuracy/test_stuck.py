@@ -115,12 +115,14 @@ def test_they_are_learned_counted_and_named_and_forgotten_when_they_are_cured() 
     assert {(int(x) // 8, int(y) // 8) for x, y in named} <= places
 
 
+@pytest.mark.nightly
 def test_they_may_come_while_the_camera_runs() -> None:
     _, counts, _ = watched(room(HEAD, PixelDefects(stuck=12, from_s=3.0)), (2.9, 6.0))
     assert counts[0] == 0
     assert counts[1] >= 8
 
 
+@pytest.mark.nightly
 def test_lamps_of_a_room_are_none_whether_the_camera_holds_still_or_turns() -> None:
     for behaviour in (STILL, HEAD, Behaviour(act_s=0, turn_deg_s=30)):
         client, counts, _ = watched(room(behaviour), (2.0, 4.0, 6.0))
@@ -198,6 +200,7 @@ class Stops(World):
         return super().at(min(t_s, 5.0), exposure_s if t_s < 5 else 0.0)
 
 
+@pytest.mark.nightly
 def test_what_was_learned_is_known_when_the_camera_holds_still_again() -> None:
     found = []
     for defects in (PixelDefects(), PixelDefects(stuck=12)):
@@ -217,6 +220,7 @@ class Hands(World):
         return replace(super().at(t_s, exposure_s), is_covered=t_s % 3 > 1.5)
 
 
+@pytest.mark.nightly
 def test_a_hand_shows_a_camera_that_holds_still_what_shines() -> None:
     defects = PixelDefects(stuck=24)
     places = defects.at(SMALL_PX, 1.0, lenses.load("equirect").response_table()).places
