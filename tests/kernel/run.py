@@ -42,7 +42,7 @@ class Group:
     systemd: bool = False  # it is the guest's first process, and starts udev, journal and the tests
 
 
-# The longest first: three run at a time.
+# The longest first: two run at a time.
 GROUPS = {
     "uvc": Group("UVC camera in user space, the kernel's uvcvideo, the daemon"),
     "service": Group("the installed service: systemd, udev, camera, wheel, ring", systemd=True),
@@ -266,7 +266,7 @@ def main() -> int:
     parser.add_argument("--shell", action="store_true", help="a shell in the guest")
     parser.add_argument("--variant", default="release", help="build of the daemon to run")
     parser.add_argument("--select", default="", help="only tests whose name contains this")
-    parser.add_argument("--jobs", type=int, default=3, help="guests at a time (3)")
+    parser.add_argument("--jobs", type=int, default=2, help="guests at a time (2)")
     parser.add_argument("--verbose", action="store_true", help="show the guest's console")
     options = parser.parse_args()
     if options.list:
