@@ -49,8 +49,9 @@ _WHEEL_S = 30.0
 _LAST_S = 10.0
 #: A picture is taken of a world that has been the same for so long.
 _SETTLED_S = 1.5
-#: The last picture waits until the packet states a smaller error of the irradiance, of its mean.
-_KNOWN = 0.05
+#: Of a simulated room, whose light changes at once, it waits so long for a packet that states a
+#: smaller error of the irradiance, of its mean.
+_KNOWN_S, _KNOWN_ERROR = 5.0, 0.05
 
 
 class DemoError(LightprobeError):
@@ -403,7 +404,7 @@ def is_known(estimate: Estimate) -> bool:
     """Whether the light is known so well that a picture of it shows the probe, not a change."""
     from lightprobe.evaluate.metrics import stated_error
 
-    return is_whole(estimate) and (stated_error(estimate) or 0) < _KNOWN
+    return is_whole(estimate) and (stated_error(estimate) or 0) < _KNOWN_ERROR
 
 
 @dataclass
@@ -481,17 +482,18 @@ class Show:
         """Begin a picture if one can be had now; `last`: wait until the light is known well."""
         if last:
             self.painter.collect(wait=True)
-        deadline = time.monotonic() + (_LAST_S if last else 0)
+        begun_s = time.monotonic()
+        deadline = begun_s + (_LAST_S if last else 0)
+        known_by = begun_s + (_KNOWN_S if last and self.truth else 0)
         while True:
             estimate = self.client.latest()
-            late = time.monotonic() > deadline
-            is_good = is_whole if late or not last else is_known
+            is_good = is_known if time.monotonic() < known_by else is_whole
             if estimate is not None and is_good(estimate) and self.painter.collect():
                 frame = self.truth.at(estimate) if self.truth else None
                 if frame is not None or self.truth is None:
                     self.painter.start(estimate, frame, self._footer(estimate))
                     return True
-            if late:
+            if time.monotonic() > deadline:
                 return False
             time.sleep(0.02)
 

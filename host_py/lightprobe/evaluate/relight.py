@@ -26,9 +26,10 @@ _POINTS_PER_LAMP = 32
 _ALBEDO, _FLOOR_ALBEDO = 0.8, 0.45
 _EYE_M = np.array([0.0, 1.5, 5.2])  # the sphere has radius 1 and rests on y = −1
 _FIELD_DEG = 31.0
-#: Places at once: what they get of all directions stays in the processor's cache.
+#: So many places at once: what they get of all directions stays in the processor's cache.
 _BLOCK = 256
 
+#: Single precision: enough for a picture, and half of the memory.
 Single = NDArray[np.float32]
 
 
