@@ -34,6 +34,18 @@ def pytest_configure(config: pytest.Config) -> None:
         config.pluginmanager.register(times.Times())
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Give rows after the first one the mark nightly, where the test has the mark nightly_rows."""
+    seen = set()
+    for item in items:
+        if item.get_closest_marker("nightly_rows") and not item.get_closest_marker("nightly"):
+            test = item.nodeid.split("[")[0]
+            if test in seen:
+                item.add_marker(pytest.mark.nightly)
+            seen.add(test)
+
+
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     """Give the tests to several processes."""

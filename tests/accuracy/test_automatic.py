@@ -16,7 +16,8 @@ def figures(condition: str) -> automatic.Automatic:
     return one
 
 
-@pytest.mark.parametrize("condition", ["head", pytest.param("ignored", marks=pytest.mark.nightly)])
+@pytest.mark.nightly_rows
+@pytest.mark.parametrize("condition", ["head", "ignored"])
 def test_turning_leaves_the_scale(condition):
     one = figures(condition)
     assert one.error_median < figures("still").error_median + 0.02

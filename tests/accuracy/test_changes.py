@@ -87,6 +87,7 @@ def test_ripple_is_of_the_strongest_lamp() -> None:
     assert none.bias == -1
 
 
+@pytest.mark.nightly_rows
 #: Frames are 1/30 s: on UVC 0.4 s. Smoothed packets follow with a time constant of 0.2 s.
 @pytest.mark.parametrize(
     ("exposures", "most_frames"),
@@ -103,9 +104,8 @@ def test_a_daemon_follows_switches(exposures: str, most_frames: dict[str, int]) 
         assert one.error_settled < 0.02
 
 
-@pytest.mark.parametrize(
-    "exposures", ["reported", pytest.param("unreported", marks=pytest.mark.nightly)]
-)
+@pytest.mark.nightly_rows
+@pytest.mark.parametrize("exposures", ["reported", "unreported"])
 def test_a_lamp_that_flickers_is_its_mean(exposures: str) -> None:
     at_100_hz = next(case for case in changes.of_scene(Room(), exposures) if case.mains_hz == 100)
     recorded = recording.record(replace(at_100_hz.run, judged_s=6.0))

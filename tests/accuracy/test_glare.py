@@ -94,6 +94,7 @@ def error(estimate: Estimate, light: Array) -> float:
     return float(np.average(np.abs(found - true).mean(1), weights=weight) / true.max())
 
 
+@pytest.mark.nightly_rows
 @pytest.mark.parametrize(
     ("seed", "shares", "halves"),
     [(1, (0.1, 0.0), True), (2, (0.0, 0.1), False), (2, (0.1, 0.1), True), (1, (0.1, 0.1), False),
@@ -135,7 +136,8 @@ def judged(defects: str, stated: str | None = None, motion: str = "0") -> Figure
     return next(one.figures for one in live.judged(case) if one.subscription == "default")
 
 
-@pytest.mark.parametrize("motion", ["0", pytest.param("head", marks=pytest.mark.nightly)])
+@pytest.mark.nightly_rows
+@pytest.mark.parametrize("motion", ["0", "head"])
 def test_a_lens_of_the_simulator_counts_as_a_good_one(motion: str) -> None:
     found, veiled = judged("glare-strong-known", motion=motion), judged("glare-strong", "", motion)
     assert found.error_median < 0.01 < 2 * found.error_median + 0.005 < veiled.error_median

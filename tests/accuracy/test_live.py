@@ -157,8 +157,9 @@ def test_the_map_of_a_small_camera_holds_while_a_head_moves() -> None:
         assert figures.flags.get("BRACKET_INCOMPLETE", 0) < 0.3
 
 
+@pytest.mark.nightly_rows
 @pytest.mark.parametrize("exposures", ["reported", "unreported"])
-@pytest.mark.parametrize("motion", ["100", "swing", "head", "look", "tilted"])
+@pytest.mark.parametrize("motion", ["head", "100", "swing", "look", "tilted"])
 def test_a_turning_camera_is_nearly_as_right_as_a_still_one(motion: str, exposures: str) -> None:
     still = live.judged(live.case(SCENE, "0", exposures, size_px=SMALL_PX))
     turning = live.judged(live.case(SCENE, motion, exposures, size_px=SMALL_PX))
@@ -188,6 +189,7 @@ def test_lamps_are_where_they_are_while_the_camera_turns() -> None:
     assert np.percentile(errors, 90) < 0.3
 
 
+@pytest.mark.nightly_rows
 @pytest.mark.parametrize("exposures", ["reported", "unreported"])
 @pytest.mark.parametrize("row_time_us", [0.0, 30.0])
 def test_directions_are_of_the_time_that_packets_state(row_time_us: float, exposures: str) -> None:
@@ -202,6 +204,7 @@ def test_directions_are_of_the_time_that_packets_state(row_time_us: float, expos
     assert raw.figures.error_median < 0.01
 
 
+@pytest.mark.nightly_rows
 @pytest.mark.parametrize("motion", ["30", "100"])
 def test_a_lamp_overhead_keeps_its_strength_while_the_camera_turns(motion: str) -> None:
     """Near the picture's poles a lamp is behind many narrow cells, and none of them is missed."""
@@ -381,6 +384,7 @@ def test_who_walks_is_judged_by_the_light_where_they_are() -> None:
         assert one.figures.error_median < 0.03  # 0.08 by the light at the start
 
 
+@pytest.mark.nightly_rows
 @pytest.mark.parametrize("turn_deg_s", [0, 30])
 @pytest.mark.parametrize("exposures", ["reported", "unreported"])
 def test_a_hand_before_the_lens_is_told_and_takes_no_light_away(

@@ -33,17 +33,18 @@ def check(one: movers.Moving, seconds: float) -> None:
     assert one.lamps_off_deg < 0.3
 
 
+@pytest.mark.nightly_rows
 @pytest.mark.parametrize(
     ("what", "motion"),
     [
         ("walkers", "head"),
-        pytest.param("near", "still", marks=pytest.mark.nightly),
-        pytest.param("walkers", "still", marks=pytest.mark.nightly),
-        pytest.param("near", "head", marks=pytest.mark.nightly),
-        pytest.param("door", "still", marks=pytest.mark.nightly),
-        pytest.param("leaves", "still", marks=pytest.mark.nightly),
-        pytest.param("screen", "still", marks=pytest.mark.nightly),
-        pytest.param("screen", "head", marks=pytest.mark.nightly),
+        ("near", "still"),
+        ("walkers", "still"),
+        ("near", "head"),
+        ("door", "still"),
+        ("leaves", "still"),
+        ("screen", "still"),
+        ("screen", "head"),
     ],
 )
 def test_what_moves_is_a_change_of_what_it_hides_alone(what: str, motion: str) -> None:
@@ -60,6 +61,7 @@ def test_who_stands_before_a_lamp_and_goes_on_leaves_it_as_it_was() -> None:
         check(one, 8.0)
 
 
+@pytest.mark.nightly_rows
 @pytest.mark.parametrize("albedo", [0.05, 0.7])
 def test_a_person_before_a_quarter_of_the_sphere_is_flagged_or_seen(albedo: float) -> None:
     """Dark clothes are taken for a hand, and then the map holds what is behind; never both."""

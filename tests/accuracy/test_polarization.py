@@ -64,6 +64,7 @@ def test_panes_screens_and_the_sky(seed: int, images: int) -> None:
     assert not estimate.flags & EstimateFlag.FILM_TURNED
 
 
+@pytest.mark.nightly_rows
 @pytest.mark.parametrize("kind", ["float", "8-bit"])
 @pytest.mark.parametrize("seed", [0, 3])  # images of lamps do not tell it in 8-bit frames
 def test_a_film_put_in_wrong_shows_in_any_room(seed: int, kind: str) -> None:

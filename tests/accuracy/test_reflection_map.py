@@ -47,6 +47,7 @@ def rooms(tmp_path_factory):
     return found
 
 
+@pytest.mark.nightly_rows
 @pytest.mark.parametrize("size", SIZES)
 def test_irradiance_of_panoramas(rooms, size):
     """The map is the light itself at every normal, and the packet's within what SH leave out.

@@ -16,7 +16,6 @@ from recording import Pair, record
 
 pytestmark = pytest.mark.many_frames
 
-NIGHTLY = pytest.mark.nightly
 SMALL_PX = (960, 480)
 #: With a response as it should be, measured by these tests: still, and while a head turns.
 RIGHT_ERROR = 0.005
@@ -43,9 +42,10 @@ def figures(monkeypatch: pytest.MonkeyPatch, defects: Defects, motion: str = "0"
     return next(one.figures for one in found if one.subscription == "default")
 
 
+@pytest.mark.nightly_rows
 @pytest.mark.parametrize(
     ("power", "motion"),
-    [(0.9, "0"), (1.04, "head"), pytest.param(1.15, "0", marks=NIGHTLY)],
+    [(1.04, "head"), (0.9, "0"), (1.15, "0")],
 )
 def test_light_to_another_power_is_learned(
     monkeypatch: pytest.MonkeyPatch, power: float, motion: str
@@ -58,18 +58,19 @@ def test_light_to_another_power_is_learned(
     assert found.wrong_and_healthy == 0
 
 
+@pytest.mark.nightly_rows
 @pytest.mark.parametrize(
     ("processing", "motion"),
     [
         ("tone_ev=1", "0"),
         ("tone_ev=1", "head"),
-        pytest.param("tone_ev=2", "0", marks=NIGHTLY),
+        ("tone_ev=2", "0"),
         ("tone_ev=1&tone_aim=0.18", "0"),
-        pytest.param("tone_ev=1&sharpen=0.7&sharpen_px=1.3", "head", marks=NIGHTLY),
-        pytest.param("tone_ev=0.5", "0", marks=NIGHTLY),
-        pytest.param("tone_ev=0.5", "head", marks=NIGHTLY),
+        ("tone_ev=1&sharpen=0.7&sharpen_px=1.3", "head"),
+        ("tone_ev=0.5", "0"),
+        ("tone_ev=0.5", "head"),
         ("exposure_tear=0.33", "head"),
-        pytest.param("exposure_tear=0.7", "0", marks=NIGHTLY),
+        ("exposure_tear=0.7", "0"),
     ],
 )
 def test_what_no_response_explains_is_named_and_in_the_sigma(
@@ -84,12 +85,13 @@ def test_what_no_response_explains_is_named_and_in_the_sigma(
     assert found.wrong_and_healthy == 0
 
 
+@pytest.mark.nightly_rows
 @pytest.mark.parametrize(
     "processing",
     [
         "sharpen=0.7&sharpen_px=1.3",
-        pytest.param("denoise=6&denoise_px=2&denoise_time=0.7", marks=NIGHTLY),
-        pytest.param("stitch_gain=0.03&stitch_deg=0.7", marks=NIGHTLY),
+        "denoise=6&denoise_px=2&denoise_time=0.7",
+        "stitch_gain=0.03&stitch_deg=0.7",
     ],
 )
 def test_what_is_the_same_in_all_exposures_is_not_named(
@@ -100,9 +102,10 @@ def test_what_is_the_same_in_all_exposures_is_not_named(
     assert "RESPONSE" not in found.flags
 
 
+@pytest.mark.nightly_rows
 @pytest.mark.parametrize(
     ("motion", "rate_hz", "film_deg"),
-    [("0", 30.0, None), ("swing", 8.0, 45.0), pytest.param("swing", 8.0, None, marks=NIGHTLY)],
+    [("0", 30.0, None), ("swing", 8.0, 45.0), ("swing", 8.0, None)],
 )
 def test_another_room_is_not_named(
     monkeypatch: pytest.MonkeyPatch, motion: str, rate_hz: float, film_deg: float | None
@@ -120,8 +123,9 @@ def test_another_room_is_not_named(
     assert not any(one.estimate.flags & EstimateFlag.RESPONSE for one in some)
 
 
+@pytest.mark.nightly_rows
 @pytest.mark.parametrize("size_px", [(480, 240), (640, 320), SMALL_PX])
-@pytest.mark.parametrize("quality", [60, pytest.param(85, marks=NIGHTLY)])
+@pytest.mark.parametrize("quality", [60, 85])
 @pytest.mark.parametrize("scene", [Room(), random_scene(2)], ids=str)
 def test_what_rounding_does_to_dark_walls_is_not_named(
     monkeypatch: pytest.MonkeyPatch, size_px: tuple[int, int], quality: int, scene: Scene
@@ -150,7 +154,7 @@ def test_tone_mapping_that_comes_and_goes(monkeypatch: pytest.MonkeyPatch) -> No
     assert share(17, some[-1].captured_s) == 0
 
 
-@NIGHTLY
+@pytest.mark.nightly
 def test_each_of_two_cameras_has_a_response_of_its_own() -> None:
     """Both are brought to what sRGB says."""
     bent = Pair(gamma=1.06)

@@ -66,13 +66,14 @@ def room(behaviour: Behaviour, defects: PixelDefects | None = None) -> Simulated
     return SimulatedCamera(world, lenses.load("equirect"), SMALL_PX, pixels=defects)
 
 
+@pytest.mark.nightly_rows
 @pytest.mark.parametrize(
     ("defects", "size_px"),
     [
         ("stuck=12", SMALL_PX),
-        pytest.param("stuck=12&bayer=1", SMALL_PX, marks=pytest.mark.nightly),
-        pytest.param("stuck=60", SMALL_PX, marks=pytest.mark.nightly),
-        pytest.param("stuck=12", SIZE_PX, marks=pytest.mark.nightly),
+        ("stuck=12&bayer=1", SMALL_PX),
+        ("stuck=60", SMALL_PX),
+        ("stuck=12", SIZE_PX),
     ],
 )
 def test_stuck_pixels_cost_a_head_that_moves_nothing(
@@ -91,6 +92,7 @@ def test_exposures_need_not_be_reported() -> None:
     assert found.error_median < without.error_median + 0.002
 
 
+@pytest.mark.nightly
 def test_a_row_that_shines_does_no_harm_and_a_thousand_pixels_less() -> None:
     for defects, error, births_per_s in (("row=240", 0.02, 1.5), ("stuck=1000", 0.15, 8.0)):
         found = judged(defects)
@@ -130,6 +132,7 @@ def test_lamps_of_a_room_are_none_whether_the_camera_holds_still_or_turns() -> N
         assert len(client.estimates[-1].lights) >= 3
 
 
+@pytest.mark.nightly_rows
 @pytest.mark.parametrize(
     ("scene", "size_px", "behaviour"),
     [
@@ -178,6 +181,7 @@ def test_a_camera_file_names_them_to_a_camera_that_holds_still(tmp_path: Path) -
     assert lamps[0] == lamps[2] < lamps[1]
 
 
+@pytest.mark.nightly
 def test_a_lamp_behind_a_place_that_is_left_out_is_not_missing_unsaid(tmp_path: Path) -> None:
     """To a camera that holds still nothing shows what is there: it is filled, and PARTIAL_VIEW."""
     scene = random_scene(1)

@@ -49,6 +49,7 @@ def looked_around(folder, **behaviour):
     return folder / "head.jsonl", folder / "probe.jsonl"
 
 
+@pytest.mark.nightly
 def test_the_mount_of_a_simulated_headset_is_found_within_half_a_degree(tmp_path, record_property):
     done = align("poses", *looked_around(tmp_path), "--json", "--output", tmp_path / "mount.ini")
     assert done.returncode == 0, done.stderr

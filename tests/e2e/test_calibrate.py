@@ -45,6 +45,7 @@ def simulated(folder, *options):
         process.wait(30)
 
 
+@pytest.mark.nightly_rows
 @pytest.mark.parametrize("delay", [0, 3])
 def test_the_delay_of_a_camera_is_found_and_written(tmp_path, delay):
     out = tmp_path / "probe.camera"
@@ -105,6 +106,7 @@ def test_a_camera_that_is_not_there_is_told(tmp_path):
     assert "known" in done.stderr
 
 
+@pytest.mark.nightly_rows
 @pytest.mark.parametrize(
     ("curve", "format"),
     [("film", "MJPG"), ("gamma:1.8,2.2,2.6", "YUYV"), ("log:6", "NV12")],

@@ -66,6 +66,7 @@ def test_a_wheel_that_does_not_turn_is_named(tmp_path: Path) -> None:
     assert "mcu clear" in words
 
 
+@pytest.mark.nightly_rows
 @pytest.mark.parametrize("bandgap_mv", [1010, 1190])
 def test_supply(tmp_path: Path, bandgap_mv: float) -> None:
     """The multimeter's reading makes the reported supply right, also after a reset."""

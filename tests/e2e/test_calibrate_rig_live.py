@@ -95,6 +95,7 @@ def calibrated(box, folder: Path) -> tuple[int, str, str]:
     return process.returncode, out, said + rest
 
 
+@pytest.mark.nightly
 def test_two_live_cameras_are_calibrated_and_their_files_written(box, tmp_path):
     for _ in range(3):
         status, out, said = calibrated(box, tmp_path)

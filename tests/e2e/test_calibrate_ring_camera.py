@@ -209,9 +209,10 @@ UNSETTLED = EstimateFlag.CLIPPED | EstimateFlag.UNDEREXPOSED | EstimateFlag.STAL
 HOST, AVR = ("15", "30", "15"), ("75", "6", "5")
 
 
+@pytest.mark.nightly_rows
 @pytest.mark.parametrize(
     ("firmware", "seconds", "deg_s", "rate_hz"),
-    [("host", *HOST), pytest.param("avr", *AVR, marks=pytest.mark.nightly)],
+    [("host", *HOST), ("avr", *AVR)],
 )
 def test_the_command_calibrates_a_box_that_is_turned(
     tmp_path: Path, firmware: str, seconds: str, deg_s: str, rate_hz: str

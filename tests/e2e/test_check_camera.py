@@ -47,6 +47,7 @@ def test_tone_mapping_is_unfit_in_a_script(tmp_path):
     assert json.loads(done.stdout)["defects"] == ["tone mapping"]
 
 
+@pytest.mark.nightly
 def test_a_veil_is_measured_and_written(tmp_path):
     path, plot = tmp_path / "my.camera", tmp_path / "checked.png"
     x, y, z = max(load(["room"])[0].lamps, key=lambda one: sum(one.irradiance)).direction

@@ -171,6 +171,7 @@ def probe_in_real_time(target: str = "host", *options: str, ring: bool = True) -
                 yield Probe(box, cam, daemon, client)
 
 
+@pytest.mark.nightly_rows
 @pytest.mark.parametrize("target", ["host", "avr"])
 def test_frames_carry_the_wheels_true_angle(target):
     with probe(target, "--wheel-angles=0,45,90", "--wheel-dwell-ms=300") as p:
@@ -305,6 +306,7 @@ FAULTS = {
 }
 
 
+@pytest.mark.nightly_rows
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_wheel_that_lies_is_caught_and_comes_back(name):
     make, mend, names = FAULTS[name]
@@ -322,6 +324,7 @@ def test_a_wheel_that_lies_is_caught_and_comes_back(name):
         p.until(lambda e: not e.flags & WHEEL_FAULT)
 
 
+@pytest.mark.nightly_rows
 @pytest.mark.parametrize(("sensor", "level"), [("a", 0), ("b", 1), ("ab", 0), ("ab", 1)])
 def test_index_never_or_always_seen(sensor, level):
     with probe("host", "--wheel-angles=0,120", "--wheel-dwell-ms=200") as p:
@@ -447,6 +450,7 @@ def test_firmware_of_another_protocol_is_named(major, says):
             client.until(lambda e: e.flags & WHEEL_FAULT)
 
 
+@pytest.mark.nightly_rows
 @pytest.mark.parametrize(
     ("minor", "says"),
     [
@@ -483,6 +487,7 @@ def test_firmware_of_another_minor_version_works_and_is_named(minor, says):
     assert findings["fault mcu-minor-version"]["detail"].endswith(says)
 
 
+@pytest.mark.nightly_rows
 @pytest.mark.parametrize(
     ("fault", "name"),
     [
@@ -544,7 +549,8 @@ def test_what_the_command_line_says_of_wheel_and_ring(tmp_path):
     assert "leave out --rotator and --ring" in log
 
 
-@pytest.mark.parametrize("target", ["host", pytest.param("avr", marks=pytest.mark.nightly)])
+@pytest.mark.nightly
+@pytest.mark.parametrize("target", ["host", "avr"])
 def test_random_faults_never_stamp_a_frame_wrongly(target):
     """Random moves and random faults; every estimate's angle is held against the true one.
 

@@ -92,12 +92,13 @@ def unlike_others(box: Box, rng: np.random.Generator) -> None:
     box.set(**{f"ldr{k}_lux": 300.0 for k in range(9)})
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("document", "case"),
     [
         ("hw/guide.md", ""),
-        pytest.param("hw/guide.md", "reversed", marks=pytest.mark.nightly),
-        pytest.param("docs/builders/bring_up.md", "", marks=pytest.mark.nightly),
+        ("hw/guide.md", "reversed"),
+        ("docs/builders/bring_up.md", ""),
     ],
 )
 def test_the_commands_do_what_the_document_says(document: str, case: str, tmp_path: Path) -> None:

@@ -52,6 +52,7 @@ def test_every_figure_in_every_form(tmp_path):
     assert np.ptp(cv2.imread(str(plot))) > 200
 
 
+@pytest.mark.nightly
 def test_the_same_seed_gives_the_same_figures():
     runs = [run("--scenes", "procedural:1", "--brackets", "1", "--seed", 4, "--json") for _ in "ab"]
     assert runs[0].returncode == 0, runs[0].stderr

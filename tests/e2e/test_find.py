@@ -151,6 +151,7 @@ def test_a_camera_with_a_password_is_found(tmp_path):
             client.until(lambda h: h.source_state == pb.Health.SourceState.STREAMING, "health")
 
 
+@pytest.mark.nightly
 def test_two_cameras_of_one_number_have_two_names():
     with simulated_theta() as first, simulated_theta() as second:
         assert {first, second} <= set(cameras())

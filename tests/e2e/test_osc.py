@@ -146,6 +146,7 @@ def test_no_time_is_lost_before_the_first_estimate(world):
     assert AFTER_OPTIONS_S <= min(pauses) < AFTER_OPTIONS_S + 0.05
 
 
+@pytest.mark.nightly_rows
 @pytest.mark.parametrize(
     "faults",
     ["pieces=1", "wrong_length=1", "no_length=1&pieces=1", "bare_boundary=1", "busy=0.3",
@@ -267,6 +268,7 @@ REFUSALS = {
 }
 
 
+@pytest.mark.nightly_rows
 @pytest.mark.parametrize("faults", REFUSALS)
 def test_cameras_that_give_no_live_preview(world, faults):
     fault_id, text = REFUSALS[faults]

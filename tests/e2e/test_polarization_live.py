@@ -85,7 +85,8 @@ def check(estimates: list[Estimate]) -> None:
     assert not any(called(one)[0] for one in estimates)
 
 
-@pytest.mark.parametrize("firmware", ["host", pytest.param("avr", marks=pytest.mark.nightly)])
+@pytest.mark.nightly_rows
+@pytest.mark.parametrize("firmware", ["host", "avr"])
 def test_a_wheel_that_slips_in_mid_sweep(firmware: str) -> None:
     with swept(Behaviour(act_s=0), firmware) as (box, probe, client):
         probe.run(SWEPT_S)
@@ -103,6 +104,7 @@ def test_a_wheel_that_slips_in_mid_sweep(firmware: str) -> None:
         assert called(client.estimates[-1])[1] >= 2
 
 
+@pytest.mark.nightly
 def test_lamps_that_are_switched_in_mid_sweep() -> None:
     """One lamp after the other is off for a while, at other angles each time."""
     with swept(Behaviour(act_s=0, switch_s=2.3)) as (_, probe, client):
@@ -131,6 +133,7 @@ def test_exposures_that_change_in_mid_sweep() -> None:
         assert after.sh.coefficients[0] == pytest.approx(8 * before.sh.coefficients[0], rel=0.1)
 
 
+@pytest.mark.nightly
 def test_a_wheel_that_sticks_leaves_light_and_says_so() -> None:
     with swept(Behaviour(act_s=0)) as (box, probe, client):
         probe.run(SWEPT_S)
@@ -229,7 +232,8 @@ def true_polarization(yaw_deg: float, like: PolarizationMap) -> tuple[np.ndarray
     return mean[1:] / mean[0], cells[0].max(axis=(1, 3)) / cells[0].min(axis=(1, 3))
 
 
-@pytest.mark.parametrize("turn_deg_s", [pytest.param(0.0, marks=pytest.mark.nightly), 30.0])
+@pytest.mark.nightly_rows
+@pytest.mark.parametrize("turn_deg_s", [30.0, 0.0])
 def test_a_map_of_polarized_light_is_that_of_the_room(turn_deg_s: float) -> None:
     """Coarse picture on request, as the camera sees it while it turns."""
     behaviour = Behaviour(act_s=0, turn_deg_s=turn_deg_s)
@@ -330,7 +334,8 @@ def test_a_sweep_on_request_ends_the_rest() -> None:
         assert "--publish-polarization" in str(refusals[0])
 
 
-@pytest.mark.parametrize("max_lights", [pytest.param(8, marks=pytest.mark.nightly), 1])
+@pytest.mark.nightly
+@pytest.mark.parametrize("max_lights", [1, 8])
 def test_a_new_lamp_ends_the_rest(max_lights: int) -> None:
     """Also one that the daemon does not list; what is known, and goes on, does not."""
     scene = random_scene(8)

@@ -191,6 +191,7 @@ NO_STEPS = {
 }
 
 
+@pytest.mark.nightly_rows
 @pytest.mark.parametrize("name", NO_STEPS)
 def test_what_is_no_step_is_not_told(name):
     behaviour, rate_hz, spoil, numbers = NO_STEPS[name]

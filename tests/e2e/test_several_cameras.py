@@ -138,7 +138,8 @@ def test_cameras_of_different_rates() -> None:
         assert len(times_ns) == pytest.approx(seconds * (30 + 12), abs=3)
 
 
-@pytest.mark.parametrize("rate_hz", [pytest.param(30.0, marks=pytest.mark.nightly), 15.0])
+@pytest.mark.nightly
+@pytest.mark.parametrize("rate_hz", [30.0, 15.0])
 def test_while_they_turn(rate_hz: float) -> None:
     world = room(turn_deg_s=30.0)
     with probe(world, rate_hz=rate_hz) as running:

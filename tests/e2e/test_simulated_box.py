@@ -102,6 +102,7 @@ def settled_frame(running: Running, eye: Camera) -> tuple[float, np.ndarray]:
     return line["wheel_deg"], np.frombuffer(payload, "<f4").reshape(SIZE[1], SIZE[0], 3)
 
 
+@pytest.mark.nightly_rows
 @pytest.mark.parametrize("firmware", ["host", "avr"])
 def test_the_wheel_shapes_the_frames(tmp_path: Path, firmware: str) -> None:
     """Firmware's word, the box's truth and the picture's Malus law agree at every angle."""
@@ -366,6 +367,7 @@ def sigmas_off(estimate: Estimate, true_ratio: float) -> float | None:
     return abs(float(np.log(ratio / true_ratio))) / float(np.hypot(*sigmas))
 
 
+@pytest.mark.nightly_rows
 @pytest.mark.parametrize("turn_deg_s", ["0", "30"])
 def test_a_sweep_tells_reflections_from_lamps(tmp_path: Path, turn_deg_s: str) -> None:
     """Firmware, wheel, film and brackets; what a varnished floor mirrors is called so."""

@@ -152,7 +152,8 @@ def test_spoiled_frames_are_counted_and_the_light_goes_on(tmp_path, probe):
     assert [len(estimate.lights) for estimate in estimates] == [1] * len(estimates)
 
 
-@pytest.mark.parametrize("delay_frames", [1, 4])
+@pytest.mark.nightly_rows
+@pytest.mark.parametrize("delay_frames", [4, 1])
 def test_no_wrong_merge_of_a_late_camera_that_tells_no_exposure(tmp_path, probe, delay_frames):
     """Ten stops between room and a lamp smaller than a hundredth of the picture; lost frames. A
     busy machine makes commands come late: then packets are flagged, or right all the same."""
@@ -171,6 +172,7 @@ def test_no_wrong_merge_of_a_late_camera_that_tells_no_exposure(tmp_path, probe,
         assert estimate.total().coefficients[0] == pytest.approx(truth, rel=0.05)
 
 
+@pytest.mark.nightly_rows
 @pytest.mark.parametrize("pixel_format", ["YUYV", "NV12", "RGBF"])
 def test_every_frame_format_shows_the_lamp(tmp_path, probe, pixel_format):
     """Raw frames of the simulated camera are what the daemon takes them for."""

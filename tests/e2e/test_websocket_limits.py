@@ -59,6 +59,7 @@ def frame(opcode, data=b"", final=True):
     return bytes([opcode | final << 7, 0x80 | len(data), 0, 0, 0, 0]) + data
 
 
+@pytest.mark.nightly_rows
 @pytest.mark.parametrize(
     ("first", "flood"),
     [

@@ -136,6 +136,7 @@ SPOILT = {
 }
 
 
+@pytest.mark.nightly_rows
 @pytest.mark.parametrize("how", SPOILT)
 def test_a_spoilt_pair_is_told_at_the_start(tmp_path, how):
     spoil, text = SPOILT[how]
@@ -151,6 +152,7 @@ def has_fault(client, id):
     return client.health and any(fault.id == id for fault in client.health.faults)
 
 
+@pytest.mark.nightly_rows
 @pytest.mark.parametrize("when", ["not yet", "expired"])
 def test_a_certificate_that_is_not_valid_now_keeps_one_publisher_waiting(tmp_path, when):
     """As on a machine without a clock of its own. The others serve, and it begins by itself."""

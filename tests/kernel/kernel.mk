@@ -8,9 +8,12 @@ KERNEL_PICTURES := $(BUILD)/kernel/pictures
 GROUP ?=
 C_SOURCES += $(wildcard tests/kernel/*.c tests/kernel/uvc_camera/*.[ch])
 
-.PHONY: test-kernel kernel-coverage kernel-shell kernel-list kernel-setup
+.PHONY: test-kernel test-nightly-kernel kernel-coverage kernel-shell kernel-list kernel-setup
 test-kernel: kernel-setup ## run the tests on Debian's kernel in QEMU; GROUP=uvc for one group, make kernel-list lists them
 	@$(PYTHON) tests/kernel/run.py $(GROUP)
+
+test-nightly-kernel: kernel-setup ## run them all, also those that only test-nightly runs; GROUP=uvc for one group
+	@$(PYTHON) tests/kernel/run.py --nightly $(GROUP)
 
 kernel-coverage: kernel-setup ## run the kernel tests with line coverage of the daemon
 	@$(MAKE) VARIANT=cov -j$(JOBS) daemon

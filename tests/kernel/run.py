@@ -115,14 +115,14 @@ def make_initrd(kernel: Kernel) -> None:
 
 
 def qemu_command(
-    kernel: Kernel, name: str, variant: str, select: str, run_folder: str
+    kernel: Kernel, name: str, options: argparse.Namespace, run_folder: str
 ) -> list[str]:
     """Command that boots the guest for one group (or the shell)."""
     append = (
         # On a busy machine the kernel would find its timer dead: it must not try it.
         "console=ttyS0 quiet panic=-1 oops=panic nokaslr mitigations=off no_timer_check"
-        f" lp.repo={REPO} lp.modules={kernel.modules} lp.group={name} lp.variant={variant}"
-        f" lp.select={select.replace(' ', '+')}"
+        f" lp.repo={REPO} lp.modules={kernel.modules} lp.group={name} lp.variant={options.variant}"
+        f" lp.select={options.select.replace(' ', '+')}{' lp.nightly' if options.nightly else ''}"
     )
     if name != "shell" and GROUPS[name].systemd:
         append += " systemd.unit=lightprobe-tests.service systemd.show_status=false"
@@ -189,7 +189,7 @@ def boot(kernel: Kernel, name: str, options: argparse.Namespace) -> str | None:
         console.open("wb") as log,
     ):
         qemu = subprocess.Popen(
-            qemu_command(kernel, name, options.variant, options.select, folder),
+            qemu_command(kernel, name, options, folder),
             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
         )  # fmt: skip
         try:
@@ -252,10 +252,10 @@ def run_groups(run: Callable[[str], bool], names: Sequence[str], jobs: int) -> l
     return [name for name, well in zip(names, passed, strict=True) if not well]
 
 
-def shell(kernel: Kernel, variant: str) -> int:
+def shell(kernel: Kernel, options: argparse.Namespace) -> int:
     """Boot to an interactive shell with the devices of all groups."""
     with tempfile.TemporaryDirectory(prefix="lp-kernel-") as folder:
-        return subprocess.call(qemu_command(kernel, "shell", variant, "", folder)) >> 1
+        return subprocess.call(qemu_command(kernel, "shell", options, folder)) >> 1
 
 
 def main() -> int:
@@ -266,6 +266,7 @@ def main() -> int:
     parser.add_argument("--shell", action="store_true", help="a shell in the guest")
     parser.add_argument("--variant", default="release", help="build of the daemon to run")
     parser.add_argument("--select", default="", help="only tests whose name contains this")
+    parser.add_argument("--nightly", action="store_true", help="those with the mark nightly, too")
     parser.add_argument("--jobs", type=int, default=2, help="guests at a time (2)")
     parser.add_argument("--verbose", action="store_true", help="show the guest's console")
     options = parser.parse_args()
@@ -284,7 +285,7 @@ def main() -> int:
     OUT.mkdir(parents=True, exist_ok=True)
     shutil.rmtree(OUT / "gcov", ignore_errors=True)
     if options.shell:
-        return shell(kernel, options.variant)
+        return shell(kernel, options)
     names = options.groups or list(GROUPS)
     # A guest waits most of the time: for frames, for time limits, for its own slow disk.
     # They would add to the same counts of coverage at once, though.

@@ -110,3 +110,4 @@ def pytest_runtest_logreport(report):
 def pytest_configure(config):
     """Declare the markers used here."""
     config.addinivalue_line("markers", "limit_s(seconds): a time limit other than the usual")
+    config.addinivalue_line("markers", "nightly: only `make test-nightly-kernel` runs it")

@@ -45,7 +45,9 @@ def test_the_live_simulator_behind_usb(start, make_camera, simulator):
     assert_room(estimate_at(start(SOURCE, "--exposure-us=100"), 100))
 
 
-@pytest.mark.parametrize("delay_frames", [1, 2, 3, 4])
+@pytest.mark.parametrize(
+    "delay_frames", [1, *(pytest.param(n, marks=pytest.mark.nightly) for n in (2, 3, 4))]
+)
 def test_bracket_merges_at_any_delay(start, make_camera, simulator, delay_frames):
     """Exposures that land late are told from each other by what they show, and merged rightly."""
     make_camera(pictures=f"sim:{simulator}?delay_frames={delay_frames}").plug()
@@ -62,6 +64,7 @@ def test_bracket_is_refused_when_the_camera_ignores_commands(start, make_camera,
     assert "ignores exposure commands" in daemon.log()
 
 
+@pytest.mark.nightly
 def test_the_delay_is_calibrated_through_usb(make_camera, simulator, tmp_path):
     """`lightprobe calibrate exposure` on the kernel's driver, written into a camera file."""
     make_camera(pictures=f"sim:{simulator}?delay_frames=2").plug()

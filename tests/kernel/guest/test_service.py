@@ -224,7 +224,7 @@ def network():
     return can_connect
 
 
-@pytest.mark.parametrize("is_open", [False, True])
+@pytest.mark.parametrize("is_open", [pytest.param(False, marks=pytest.mark.nightly), True])
 def test_the_network_is_let_in_on_request_only(service, network, is_open):
     if is_open:
         add_drop_in("override.conf", "[Service]\nIPAddressAllow=192.0.2.0/24\n")
@@ -241,6 +241,7 @@ def wait_fault(running: Service, fault: str, text: str) -> None:
     running.wait_health(fault, lambda h: any(f.id == fault and text in f.text for f in h.faults))
 
 
+@pytest.mark.nightly
 def test_can_needs_its_drop_in(service, vcan):
     firmware = Firmware("can-box")
     bridge = CanBridge(firmware.line, vcan)
@@ -283,6 +284,7 @@ def test_i2c_and_gpio_need_their_drop_in(service):
 # ---------------------------------------------------------------- what systemd says
 
 
+@pytest.mark.nightly
 def test_systemd_finds_no_mistake(record_property):
     for name in ("", *(path.name for path in DROP_INS.iterdir())):
         if name:

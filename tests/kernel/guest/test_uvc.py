@@ -151,6 +151,7 @@ def test_hang_is_cured_by_a_reset_of_the_port(camera):
     assert stream(wait_for("video node", camera.node), 2)
 
 
+@pytest.mark.nightly
 @pytest.mark.limit_s(240)
 def test_large_jpeg_at_full_rate(camera):
     """1920x960 MJPEG at 30 frames a second: what arrives are whole pictures."""

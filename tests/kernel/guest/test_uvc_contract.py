@@ -22,6 +22,7 @@ def test_corrupt_frames_first_are_counted(start, camera):
     check_corrupt_frames_first(start, camera, f"{USB}?{SMALL}")
 
 
+@pytest.mark.nightly
 @pytest.mark.usefixtures("_flagged")
 def test_only_corrupt_frames_are_a_stall(start, camera):
     check_only_corrupt_frames(start, camera, f"{USB}?{SMALL}&reset=0")

@@ -38,6 +38,7 @@ def decoy(make_camera):
     return make_camera(port=1, serial="0002")
 
 
+@pytest.mark.nightly
 @pytest.mark.limit_s(600)
 def test_twenty_replugs(camera, decoy, record_property):
     """Each time the next estimate is there within two seconds of the node's return.
@@ -109,6 +110,7 @@ def test_end_while_it_is_away(camera):
     daemon.stop()
 
 
+@pytest.mark.nightly
 @pytest.mark.limit_s(600)
 def test_full_rate_without_uncounted_loss(camera, record_property):
     """1920x960 MJPEG at 30 frames a second: each frame sent is an estimate, or counted as lost."""

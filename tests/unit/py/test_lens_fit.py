@@ -88,6 +88,7 @@ def directions_off_deg(lens, to_deg, from_deg=0):
     return np.degrees(np.arccos(np.clip(cosine, -1, 1)))
 
 
+@pytest.mark.nightly_rows
 @pytest.mark.parametrize(("model", "bound_deg"), [("fisheye", 0.11), ("omnidir", 0.15)])
 def test_the_lens_is_found_again_beyond_90_degrees(found, model, bound_deg):
     fit = lens_fit.fit(found, SIZE_PX, model)
