@@ -80,7 +80,11 @@ class Light:
     #: how dark its shadow on a table is. None: no light reaches it, or an older probe.
     shadow_strength: float | None = None
     flags: LightFlag = NO_LIGHT_FLAG
+    #: From the probe, triangulated (`lightprobe field`); None: not known.
     distance_m: float | None = None
+    distance_sigma: float | None = None  # 1 sigma of it, relative
+    #: It is at least so far away, at 3 sigma; None: `distance_m` is known, or nothing is.
+    nearest_m: float | None = None
     #: Area lights (EXTENDED): the ellipse with the same extent, from its centre along the longer
     #: and the shorter axis, and a unit vector along the longer one, across `direction`.
     half_angle_deg: tuple[float, float] | None = None
@@ -122,6 +126,8 @@ class Light:
             "colour_sigma": _number(self.colour_sigma),
             "shadow_strength": _number(self.shadow_strength),
             "distance_m": _number(self.distance_m),
+            "distance_sigma": _number(self.distance_sigma),
+            "nearest_m": _number(self.nearest_m),
             "half_angle_deg": _numbers(self.half_angle_deg),
             "axis": _numbers(self.axis),
             "dolp": _number(self.dolp),
@@ -199,6 +205,12 @@ class Estimate:
         for light in self.beside_sh:
             total += np.maximum(n @ light.direction, 0)[..., None] * light.irradiance
         return total
+
+    def at(self, position_m: ArrayLike) -> Estimate:
+        """Give the light at a place beside the probe; see :func:`lightprobe.place.estimate_at`."""
+        from lightprobe.place import estimate_at
+
+        return estimate_at(self, position_m)
 
     def to_json(self) -> dict[str, Any]:
         """Give the one JSON shape of an estimate; unknown values are null."""

@@ -429,6 +429,10 @@ def _light(m: pb.Light) -> Light:
         ),
         flags=LightFlag(m.flags),
         distance_m=m.distance_m if m.HasField("distance_m") else None,
+        distance_sigma=(
+            m.distance_sigma_permille / 1000 if m.HasField("distance_sigma_permille") else None
+        ),
+        nearest_m=m.nearest_m if m.HasField("nearest_m") else None,
         half_angle_deg=(m.half_angle_deg[0], m.half_angle_deg[1]) if m.half_angle_deg else None,
         axis=_unit(m.axis) if m.axis else None,
         dolp=m.dolp_percent / 100 if m.HasField("dolp_percent") else None,

@@ -87,7 +87,7 @@ namespace Lightprobe.Messages
         public uint? ConfidencePercent;
         /// <summary>LightFlag bits</summary>
         public uint Flags;
-        /// <summary>reserved, not sent yet: known when triangulated</summary>
+        /// <summary>From the probe, triangulated (lightprobe field); a probe alone does not know it yet. Absent: not known.</summary>
         public float? DistanceM;
         /// <summary>Area lights only (LIGHT_FLAG_EXTENDED): the ellipse with the same extent. from its centre along the longer and the shorter axis</summary>
         public readonly List<float> HalfAngleDeg = new List<float>();
@@ -106,6 +106,10 @@ namespace Lightprobe.Messages
         public float? AolpSigmaDeg;
         /// <summary>Its share of the irradiance (luminance) on a surface that faces up, +Y of Estimate.frame: how dark its shadow on a table is, 0..1000. Absent: no light reaches that surface, or the probe is older than this field.</summary>
         public uint? ShadowStrengthPermille;
+        /// <summary>1 sigma of distance_m, relative</summary>
+        public uint? DistanceSigmaPermille;
+        /// <summary>It is at least so far away, at 3 sigma: too far for a distance. Absent: distance_m is there, or nothing is known.</summary>
+        public float? NearestM;
 
         internal static Light Read(WireReader r)
         {
@@ -131,6 +135,8 @@ namespace Lightprobe.Messages
                     case 18: m.DolpSigmaPermille = r.UInt32("Light.dolp_sigma_permille"); break;
                     case 19: m.AolpSigmaDeg = r.Float("Light.aolp_sigma_deg"); break;
                     case 20: m.ShadowStrengthPermille = r.UInt32("Light.shadow_strength_permille"); break;
+                    case 21: m.DistanceSigmaPermille = r.UInt32("Light.distance_sigma_permille"); break;
+                    case 22: m.NearestM = r.Float("Light.nearest_m"); break;
                     default: r.Skip(); break;
                 }
             return m;

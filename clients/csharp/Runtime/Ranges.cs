@@ -26,6 +26,10 @@ namespace Lightprobe
                 return "Light.confidence_percent: expected a number, 0 to 100";
             if (!(RangeCheck.IsInside(m.DistanceM, double.MinValue, double.MaxValue, 0)))
                 return "Light.distance_m: expected a finite number above 0";
+            if (!(RangeCheck.IsInside(m.DistanceSigmaPermille, double.MinValue, 1000000, double.NegativeInfinity)))
+                return "Light.distance_sigma_permille: expected a number, 0 to 1000000";
+            if (!(RangeCheck.IsInside(m.NearestM, double.MinValue, double.MaxValue, 0)))
+                return "Light.nearest_m: expected a finite number above 0";
             if (!(RangeCheck.Keeps(m.HalfAngleDeg, 2, 0, 180, double.NegativeInfinity, false, true, false)))
                 return "Light.half_angle_deg: expected 2 numbers, 0 to 180";
             if (!(RangeCheck.Keeps(m.Axis, 3, double.MinValue, double.MaxValue, double.NegativeInfinity, true, true, false)))

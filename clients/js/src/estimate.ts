@@ -38,7 +38,12 @@ export interface Light {
    */
   shadowStrength: number | undefined;
   flags: number;
+  /** From the probe, triangulated (`lightprobe field`); undefined: not known. */
   distanceM: number | undefined;
+  /** 1 sigma of it, relative. */
+  distanceSigma: number | undefined;
+  /** It is at least so far away, at 3 sigma; undefined: `distanceM` is known, or nothing is. */
+  nearestM: number | undefined;
   /** Area lights (EXTENDED): the ellipse with the same extent, from its centre along the longer and the shorter axis. */
   halfAngleDeg: [number, number] | undefined;
   /** Area lights: unit vector along the longer axis, across `direction`. */

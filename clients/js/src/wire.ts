@@ -162,6 +162,8 @@ function lightOf(m: pb.Light): Light {
     shadowStrength: m.shadowStrengthPermille === undefined ? undefined : m.shadowStrengthPermille / 1000,
     flags: m.flags,
     distanceM: m.distanceM,
+    distanceSigma: m.distanceSigmaPermille === undefined ? undefined : m.distanceSigmaPermille / 1000,
+    nearestM: m.nearestM,
     halfAngleDeg: m.halfAngleDeg.length ? (m.halfAngleDeg as [number, number]) : undefined,
     axis: m.axis.length ? unit<Vec3>(m.axis) : undefined,
     dolp: m.dolpPercent === undefined ? undefined : m.dolpPercent / 100,

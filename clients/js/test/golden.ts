@@ -10,6 +10,15 @@ const FOLDER = resolve(ROOT, "proto/golden");
 
 export const expected = JSON.parse(readFileSync(resolve(FOLDER, "v1.json"), "utf8")) as Record<string, Record<string, unknown>>;
 /** SH coefficients of the fallback light after an estimate; "": before the first. */
+/** Lamps as seen from places (tests/unit/place_vectors.py); what is not known is null. */
+export const places = JSON.parse(readFileSync(resolve(FOLDER, "place.json"), "utf8")) as {
+  light: PlaceVector; position_m: [number, number, number]; there: PlaceVector;
+}[];
+export interface PlaceVector {
+  direction: [number, number, number]; irradiance: [number, number, number]; axis: [number, number, number] | null;
+  half_angle_deg: [number, number] | null; angular_radius_deg: number; direction_sigma_deg: number | null; irradiance_sigma: number | null;
+  distance_m: number | null; distance_sigma: number | null; nearest_m: number | null;
+}
 export const fallbacks = JSON.parse(readFileSync(resolve(FOLDER, "fallback.json"), "utf8")) as Record<string, number[]>;
 export const names = readdirSync(FOLDER).filter((name) => name.endsWith(".bin"));
 

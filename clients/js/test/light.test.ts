@@ -2,23 +2,12 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { Quaternion, Vector3 } from "three";
-import { fallbackEstimate, irradiance, LightFlag, meanIrradiance, sh, type Estimate, type Light, type Vec3 } from "../src/index.js";
+import { fallbackEstimate, irradiance, LightFlag, meanIrradiance, sh, type Light, type Vec3 } from "../src/index.js";
 import { ProbeLight } from "../src/three.js";
 import { lightEstimate } from "../src/webxr.js";
 import { decode } from "../src/wire.js";
 import { bytes, fallbacks } from "./golden.js";
-
-export const lamp = (id: number, direction: Vec3, light: Vec3 = [1, 1, 1]): Light => ({
-  id, direction, irradiance: light, angularRadiusDeg: 2, directionSigmaDeg: undefined, irradianceSigma: undefined, colourSigma: undefined, shadowStrength: undefined, flags: 0, distanceM: undefined,
-  halfAngleDeg: undefined, axis: undefined,
-  dolp: undefined, dolpSigma: undefined, aolpDeg: undefined, aolpSigmaDeg: undefined, reflection: undefined,
-});
-
-export const estimate = (lights: Light[], coefficients: number[] = Array(27).fill(0), bootId = 1): Estimate => ({
-  sequence: 1, bootId, captureTimeUnixMs: 0, sendDelayMs: 0, ttlMs: 0, flags: 0, lights, key: undefined, subscription: 0, exposureCount: 1,
-  sh: { kind: "AMBIENT", order: 2, coefficients }, predictedError: undefined, exposureUs: undefined, cdM2PerUnit: undefined, cdM2PerUnitSigma: undefined, scaleSigma: undefined, wheelDeg: undefined,
-  frame: "PROBE", orientation: undefined, orientationSigmaDeg: undefined,
-});
+import { estimate, lamp } from "./lights.js";
 
 const NORMALS: Vec3[] = Array.from({ length: 60 }, (_, i) => {
   const y = 1 - (2 * (i + 0.5)) / 60, radius = Math.sqrt(1 - y * y), turn = i * 2.399963;

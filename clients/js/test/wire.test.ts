@@ -108,6 +108,14 @@ test("how dark a lamp's shadow on a table is; an older probe does not say", () =
   }
 });
 
+test("how far away a lamp is, and how sure that is", () => {
+  const message = decode(bytes("estimate_distance.bin"));
+  assert.equal(message?.kind, "estimate");
+  if (message?.kind !== "estimate") return;
+  const { distanceM, distanceSigma, nearestM } = message.estimate.lights[0]!;
+  assert.deepEqual([distanceM, distanceSigma, nearestM], [2.75, 0.012, undefined]);
+});
+
 test("garbage is a WireError, and a message of the future is skipped", () => {
   assert.throws(() => decode(Uint8Array.of(0xff, 0xff, 0xff)), WireError);
   assert.equal(decode(Uint8Array.of(0x7a, 2, 104, 105)), undefined);

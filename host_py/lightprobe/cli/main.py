@@ -187,6 +187,7 @@ class Root(LazyGroup):
             "calibrate",
         ),
         "align": Entry("main:align", "Find how the probe sits on a head."),
+        "field": Entry("field:command", "Join probes at known places: how far lamps are.", "sim"),
         "record": Entry("record:record", "Record a probe's messages (MCAP).", "record"),
         "replay": Entry("record:replay", "Serve a recording as a probe.", "record"),
         "pair": Entry("pair:command", "Make key, certificate and token for wss:.", "pair"),

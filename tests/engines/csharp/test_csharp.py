@@ -339,6 +339,44 @@ def test_the_fallback_is_the_same_in_every_client(program):
         np.testing.assert_allclose(theirs["Coefficients"], ours, rtol=1e-5)
 
 
+def test_light_at_a_place_is_the_same_in_every_client(program):
+    vectors = json.loads((ROOT / "proto/golden/place.json").read_text())
+    lines = []
+    for vector in vectors:
+        message, light = pb.FromProbe(), vector["light"]
+        message.estimate.sh.kind = pb.SphericalHarmonics.AMBIENT
+        lamp = message.estimate.lights.add(id=1)
+        for name in ("direction", "irradiance", "half_angle_deg", "axis"):
+            getattr(lamp, name).extend(light[name] or [])
+        for name in ("angular_radius_deg", "direction_sigma_deg", "distance_m", "nearest_m"):
+            if light[name] is not None:
+                setattr(lamp, name, light[name])
+        for name in ("distance_sigma", "irradiance_sigma"):
+            if light[name] is not None:
+                setattr(lamp, f"{name}_permille", round(1000 * light[name]))
+        place = " ".join(str(x) for x in vector["position_m"])
+        lines.append(f"{place} {wire.delimit(message.SerializeToString()).hex()}\n")
+    found = ask(program, "place", given="".join(lines))
+    assert len(found) == len(vectors) > 20
+    for theirs, vector in zip(found, vectors, strict=True):
+        there = vector["there"]
+        for name, field in (("Direction", "direction"), ("Irradiance", "irradiance"),
+                            ("HalfAngleDeg", "half_angle_deg"), ("Axis", "axis"),
+                            ("AngularRadiusDeg", "angular_radius_deg"),
+                            ("DirectionSigmaDeg", "direction_sigma_deg"),
+                            ("DistanceM", "distance_m"), ("NearestM", "nearest_m")):  # fmt: skip
+            if there[field] is None:
+                assert not theirs[name]
+            else:
+                np.testing.assert_allclose(theirs[name], there[field], rtol=1e-5, atol=1e-6)
+        for name, field in (("DistanceSigmaPermille", "distance_sigma"),
+                            ("IrradianceSigmaPermille", "irradiance_sigma")):  # fmt: skip
+            expected = there[field]
+            assert theirs[name] == (
+                None if expected is None else pytest.approx(1000 * expected, abs=0.51)
+            )
+
+
 def test_another_certificate_or_token_gets_nothing(program, tmp_path):
     port, pair = free_port(), tmp_path / "pair"
     url = make_pair(pair, "--host", "127.0.0.1", "--port", str(port))["url"]

@@ -39,6 +39,7 @@ def test_every_value_arrives():
     assert light.colour_sigma == 0.187
     assert light.shadow_strength == 0.625
     assert (light.direction_sigma_deg, light.distance_m) == (None, None)
+    assert (light.distance_sigma, light.nearest_m) == (None, None)
     shape = got.to_json()
     assert shape["flags"] == ["CLIPPED", "MORE_LIGHTS"]
     assert shape["lights"][0]["flags"] == ["CLIPPED"]

@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { estimateAt, irradiance, lightAt, luminance, type Light } from "../src/index.js";
+import { places, type PlaceVector } from "./golden.js";
+import { estimate, lamp } from "./lights.js";
+
+const known = <T>(value: T | null): T | undefined => value ?? undefined;
+const lightOf = (v: PlaceVector): Light => ({
+  ...lamp(1, v.direction, v.irradiance), angularRadiusDeg: v.angular_radius_deg, directionSigmaDeg: known(v.direction_sigma_deg),
+  irradianceSigma: known(v.irradiance_sigma), distanceM: known(v.distance_m), distanceSigma: known(v.distance_sigma),
+  nearestM: known(v.nearest_m), halfAngleDeg: known(v.half_angle_deg), axis: known(v.axis),
+});
+
+test("light at a place is the same in every client", () => {
+  assert.ok(places.length > 20);
+  for (const { light, position_m, there } of places) {
+    const got = lightAt(lightOf(light), position_m), want = lightOf(there);
+    for (const name of ["direction", "irradiance", "angularRadiusDeg", "directionSigmaDeg", "irradianceSigma", "distanceM", "distanceSigma", "nearestM", "halfAngleDeg", "axis"] as const) {
+      const a = [got[name]].flat(), b = [want[name]].flat();
+      a.forEach((x, i) => assert.ok(x === b[i] || Math.abs(x! - b[i]!) < 1e-6 * Math.max(1, Math.abs(b[i]!)), `${name}: ${String(a)}, expected ${String(b)}`));
+    }
+  }
+});
+
+test("an estimate at a place: strongest first, shadows by all the light there, the SH as they are", () => {
+  const near = { ...lamp(1, [0, 1, 0], [1, 1, 1]), distanceM: 1, shadowStrength: 0.3 };
+  const far = { ...lamp(2, [0.6, 0.8, 0], [2, 2, 2]), distanceM: 3, shadowStrength: 0.5 };
+  const here = estimate([far, near]), there = estimateAt(here, [0, 0.6, 0]);
+  assert.deepEqual(there.lights.map((light) => light.id), [1, 2]);
+  assert.ok(Math.abs(there.lights[0]!.irradiance[0] - 6.25) < 1e-9);
+  const up = luminance(irradiance(there, [0, 1, 0]));
+  assert.ok(Math.abs(there.lights[0]!.shadowStrength! - luminance(there.lights[0]!.irradiance) / up) < 1e-9);
+  assert.equal(there.sh, here.sh);
+  assert.equal(estimateAt(here, [0, 0, 0]), here);
+  assert.throws(() => estimateAt({ ...here, sh: { ...here.sh, kind: "TOTAL" } }, [1, 0, 0]), /subscribe to AMBIENT/);
+  assert.throws(() => estimateAt(here, [NaN, 0, 0]), /in metres/);
+});

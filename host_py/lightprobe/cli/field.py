@@ -1,0 +1,212 @@
+"""`lightprobe field`: several probes with known places, joined: how far away each lamp is."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import math
+import time
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, suppress
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from lightprobe_proto import lightprobe_pb2 as pb
+
+from lightprobe import __version__, geometry
+from lightprobe.async_client import AsyncClient
+from lightprobe.cli import check
+from lightprobe.errors import ProbeTimeout, UsageError
+from lightprobe.estimate import Estimate, Light
+from lightprobe.field import Station, with_distances
+from lightprobe.server import ProbeServer, stamp_now
+from lightprobe.wire import Subscription
+
+_PATIENCE_S = 10.0
+_WANTED = "ADDRESS@X,Y,Z or ADDRESS@X,Y,Z,YAW, in metres and degrees"
+
+
+def command(
+    probes: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="PROBE...",
+            help="ADDRESS@X,Y,Z[,YAW] of two probes or more: metres in a room, +Y up; how far its "
+            "-Z is turned to the left, in degrees. The light of the first one is given.",
+        ),
+    ],
+    publish: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="URI",
+            help="Serve the light with distances as a probe: tcp:127.0.0.1:PORT or "
+            "ws:127.0.0.1:PORT; repeat it.",
+        ),
+    ] = None,
+    place_sigma: Annotated[
+        float,
+        typer.Option(
+            callback=check.number(0, 10, "metres"), help="1 sigma of the places, metres, each axis."
+        ),
+    ] = 0.01,
+    turn_sigma: Annotated[
+        float,
+        typer.Option(
+            callback=check.number(0, 45, "degrees"), help="1 sigma of how each is turned, degrees."
+        ),
+    ] = 0.3,
+    rate_hz: Annotated[
+        float,
+        typer.Option(
+            "--rate", callback=check.number(0, 100, above=True), help="Most estimates a second."
+        ),
+    ] = 5.0,
+    seconds: Annotated[
+        float | None,
+        typer.Option(
+            callback=check.number(0, unit="seconds", above=True), help="Seconds after which to end."
+        ),
+    ] = None,
+    count: Annotated[
+        int | None, typer.Option(min=1, help="Number of estimates after which to end.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON line per estimate.")] = False,
+) -> None:
+    """Join probes that stand at known places, level: give the first one's lamps their distances.
+
+    A lamp that two probes see has a place: `Estimate.at` of the clients gives its light anywhere
+    near (docs/users/places.md). Ends on Ctrl-C. The exit code is 1 when no estimate came.
+    Example: lightprobe field tcp:10.0.0.7:7700@0,1.2,0 tcp:10.0.0.8:7700@1,1.2,0,90
+    """
+    stations = [_station(text, place_sigma, turn_sigma) for text in probes]
+    if len(stations) < 2:
+        raise UsageError(f"field: {probes[0]}: one probe: expected two or more, {_WANTED}")
+    for i, station in enumerate(stations):
+        for other in stations[i + 1 :]:
+            if np.linalg.norm(station.place_m - other.place_m) <= 3 * place_sigma:
+                raise UsageError(
+                    f"field: {station.uri} and {other.uri} stand at the same place: put them apart"
+                )
+    with suppress(KeyboardInterrupt):
+        asyncio.run(_run(stations, publish or [], rate_hz, seconds, count, as_json))
+
+
+def _station(text: str, place_sigma_m: float, turn_sigma_deg: float) -> Station:
+    uri, at, numbers = text.rpartition("@")
+    try:
+        values = [float(number) for number in numbers.split(",")]
+    except ValueError:
+        values = []
+    if not at or not uri or len(values) not in (3, 4) or not all(map(math.isfinite, values)):
+        raise UsageError(f"field: {text}: expected {_WANTED}")
+    yaw_deg = values[3] if len(values) == 4 else 0.0
+    return Station(uri, np.array(values[:3]), yaw_deg, place_sigma_m, turn_sigma_deg)
+
+
+class _Messages:
+    """Estimates as they came, so that what is published differs in distances alone."""
+
+    _KEPT = 16
+
+    def __init__(self) -> None:
+        self._estimates: dict[int, Any] = {}
+
+    def take(self, payload: bytes) -> None:
+        message = pb.FromProbe.FromString(payload)
+        if message.HasField("estimate"):
+            self._estimates[message.estimate.sequence] = message.estimate
+            while len(self._estimates) > self._KEPT:
+                del self._estimates[next(iter(self._estimates))]
+
+    def of(self, estimate: Estimate) -> Any:
+        """Give a copy of a pb.Estimate, with the distances of this estimate."""
+        message = pb.Estimate()
+        message.CopyFrom(self._estimates[estimate.sequence])
+        for wire, light in zip(message.lights, estimate.lights, strict=True):
+            if light.distance_m is not None and light.distance_sigma is not None:
+                wire.distance_m = light.distance_m
+                wire.distance_sigma_permille = math.ceil(1000 * light.distance_sigma)
+            elif light.nearest_m is not None:
+                wire.nearest_m = light.nearest_m
+        return message
+
+
+async def _run(
+    stations: list[Station], publish: list[str], rate_hz: float, seconds: float | None,
+    count: int | None, as_json: bool,
+) -> None:  # fmt: skip
+    # All that a client of ours may want is in it: it is cut for each (server.py).
+    wish = Subscription(rate_hz=rate_hz, sh_order=4, max_lights=8, area_lights=True)
+    messages = _Messages()
+    server = ProbeServer("field", f"lightprobe field {__version__}")
+    async with AsyncExitStack() as stack:
+        clients = [
+            await stack.enter_async_context(
+                AsyncClient(station.uri, wish, None if i else messages.take)
+            )
+            for i, station in enumerate(stations)
+        ]
+        for uri in publish:
+            address = await stack.enter_async_context(server.listening(uri))
+            typer.echo(f"field: {len(stations)} probes on {address}", err=True)
+        said_s, given = 0.0, 0
+        async for estimate in _estimates(clients[0], seconds):
+            others = [client.latest() for client in clients[1:]]
+            placed = with_distances(stations, estimate, others)
+            message = messages.of(placed)
+            stamp_now(message, round(1000 * max(0.0, clients[0].age_ms() or 0.0)))
+            server.publish(message)
+            given += 1
+            if as_json:
+                print(json.dumps(_json(stations[0], placed)), flush=True)
+            elif time.monotonic() >= said_s + 1:
+                said_s = time.monotonic()
+                print(_words(stations, placed, clients), flush=True)
+            if given == count:
+                return
+        if not given:
+            raise ProbeTimeout(clients[0].last_error or f"{stations[0].uri}: no estimate came")
+
+
+async def _estimates(client: AsyncClient, seconds: float | None) -> AsyncIterator[Estimate]:
+    """Give the estimates of a time; ProbeTimeout where the first one does not come."""
+    ends_s = math.inf if seconds is None else time.monotonic() + seconds
+    yield await client.receive(min(_PATIENCE_S, ends_s - time.monotonic()))
+    while (left_s := ends_s - time.monotonic()) > 0:
+        with suppress(ProbeTimeout):
+            yield await client.receive(min(1.0, left_s))
+
+
+def _place_m(station: Station, light: Light) -> list[float] | None:
+    if light.distance_m is None:
+        return None
+    towards = geometry.rotate(station.turn_wxyz, light.direction)
+    place: list[float] = (station.place_m + light.distance_m * towards).tolist()
+    return place
+
+
+def _json(first: Station, estimate: Estimate) -> dict[str, Any]:
+    """As every command's estimates, each lamp with its place in the room beside."""
+    shape = estimate.to_json()
+    for light, values in zip(estimate.lights, shape["lights"], strict=True):
+        place_m = _place_m(first, light)
+        values["place_m"] = place_m and [round(value, 4) for value in place_m]
+    return shape
+
+
+def _words(stations: list[Station], estimate: Estimate, clients: list[AsyncClient]) -> str:
+    lamps = []
+    for light in estimate.lights:
+        place_m = _place_m(stations[0], light)
+        if place_m is not None:
+            sigma_m = (light.distance_sigma or 0.0) * (light.distance_m or 0.0)
+            numbers = ", ".join(f"{value:.2f}" for value in place_m)
+            lamps.append(f"{light.id}: ({numbers}) ± {sigma_m:.2g} m")
+        elif light.nearest_m is not None:
+            lamps.append(f"{light.id}: beyond {light.nearest_m:.1f} m")
+        else:
+            lamps.append(f"{light.id}: ?")
+    silent = [client.uri for client in clients[1:] if client.latest() is None]
+    words = "; ".join(lamps) or "no lamps"
+    return f"{words}  (no light from {', '.join(silent)})" if silent else words

@@ -1,0 +1,82 @@
+"""Golden vectors of light at a place, for all clients: proto/golden/place.json.
+
+`python tests/unit/place_vectors.py` writes them anew.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from lightprobe.estimate import Light
+from lightprobe.place import light_at
+
+EXPECTED = Path(__file__).resolve().parents[2] / "proto" / "golden" / "place.json"
+_FIELDS = ("angular_radius_deg", "direction_sigma_deg", "distance_m", "distance_sigma", "nearest_m")
+_LAMPS: tuple[dict[str, Any], ...] = (
+    {"direction": [0.6, 0.8, 0.0], "distance_m": 2.0, "distance_sigma": 0.02,
+     "direction_sigma_deg": 0.05, "irradiance_sigma": 0.03, "angular_radius_deg": 2.0},
+    {"direction": [0.0, 0.6, -0.8], "distance_m": 0.75, "distance_sigma": 0.1,
+     "direction_sigma_deg": 0.3, "irradiance_sigma": 0.05, "angular_radius_deg": 12.0},
+    {"direction": [0.0, 1.0, 0.0], "distance_m": 1.5, "angular_radius_deg": 0.5},
+    {"direction": [-1.0, 0.0, 0.0], "nearest_m": 12.0, "direction_sigma_deg": 0.05,
+     "irradiance_sigma": 0.01, "angular_radius_deg": 0.27},
+    {"direction": [0.0, 0.28, 0.96], "direction_sigma_deg": 0.05, "irradiance_sigma": 0.01,
+     "angular_radius_deg": 1.0},
+    {"direction": [0.0, 0.8, -0.6], "distance_m": 3.0, "angular_radius_deg": 15.0,
+     "half_angle_deg": [20.0, 10.0], "axis": [1.0, 0.0, 0.0]},
+)  # fmt: skip
+_PLACES = ([0.5, 0.0, 0.0], [0.0, 0.4, -0.5], [-0.2, -0.4, 0.3], [0.0, 0.0, 0.0])
+
+
+def light_of(values: dict[str, Any]) -> Light:
+    """Give the lamp of a vector; its irradiance sigma is a share there."""
+    irradiance = np.array(values["irradiance"])
+    share = values["irradiance_sigma"]
+    return Light(
+        1, np.array(values["direction"]), irradiance,
+        irradiance_sigma=None if share is None else share * irradiance,
+        half_angle_deg=values["half_angle_deg"] and tuple(values["half_angle_deg"]),
+        axis=None if values["axis"] is None else np.array(values["axis"]),
+        **{name: values[name] for name in _FIELDS},
+    )  # fmt: skip
+
+
+def _values(light: Light) -> dict[str, Any]:
+    sigma = light.irradiance_sigma
+    return {
+        "direction": _rounded(light.direction),
+        "irradiance": _rounded(light.irradiance),
+        "irradiance_sigma": None if sigma is None else _rounded(sigma[0] / light.irradiance[0]),
+        "half_angle_deg": _rounded(light.half_angle_deg),
+        "axis": _rounded(light.axis),
+        **{name: _rounded(getattr(light, name)) for name in _FIELDS},
+    }
+
+
+def _rounded(values: Any) -> Any:
+    """Keep seven digits: what every client's arithmetic gives."""
+    if values is None:
+        return None
+    if np.ndim(values) == 0:
+        return float(f"{float(values):.7g}") + 0.0
+    return [_rounded(value) for value in values]
+
+
+def vectors() -> list[dict[str, Any]]:
+    """Give every lamp as seen from every place."""
+    absent = dict.fromkeys((*_FIELDS, "irradiance_sigma", "half_angle_deg", "axis"))
+    found = []
+    for lamp in _LAMPS:
+        values = absent | {"irradiance": [3.0, 2.0, 1.0]} | lamp
+        for place in _PLACES:
+            moved = light_at(light_of(values), place)
+            found.append({"light": values, "position_m": place, "there": _values(moved)})
+    return found
+
+
+if __name__ == "__main__":
+    lines = ",\n".join(json.dumps(vector) for vector in vectors())
+    EXPECTED.write_text(f"[\n{lines}\n]\n")

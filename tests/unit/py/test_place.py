@@ -1,0 +1,141 @@
+"""Light beside the probe: as the same bulbs are from there, and golden for all clients."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from lightprobe import geometry
+from lightprobe.colour import luminance
+from lightprobe.estimate import Estimate, EstimateFlag, Light, LightFlag, SphericalHarmonics
+from lightprobe.place import light_at
+from lightprobe.sim.room import Bulb
+from place_vectors import EXPECTED, light_of, vectors
+
+offsets = st.tuples(*[st.floats(-1, 1)] * 3)
+
+
+def seen(bulb, **changes):
+    """Give a bulb as a packet lists it, its distance known."""
+    lamp = bulb.lamp()
+    distance_m = float(np.linalg.norm(bulb.position_m))
+    light = Light(1, lamp.direction, lamp.irradiance, lamp.radius_deg, distance_m=distance_m)
+    return replace(light, **changes)
+
+
+def estimate(*lights, sigma=0.01, kind="AMBIENT"):
+    sh = SphericalHarmonics(kind, 1, np.array([[1.0] * 3] + [[0.0] * 3] * 3))
+    return Estimate(1, 1, 0, 0, 1000, EstimateFlag(0), lights, sh, None, None, 1, None,
+                    relighting_sigma=sigma)  # fmt: skip
+
+
+@given(offsets)
+def test_a_bulb_is_as_seen_from_there(offset_m):
+    bulb = Bulb((1.1, 0.9, -2.4), 0.08, (30.0, 20.0, 10.0))
+    there = seen(bulb.seen_from(offset_m))
+    moved = light_at(seen(bulb), offset_m)
+    assert geometry.angle_deg(moved.direction, there.direction) < 1e-6
+    assert moved.distance_m == pytest.approx(there.distance_m)
+    assert moved.angular_radius_deg == pytest.approx(there.angular_radius_deg)
+    assert moved.irradiance == pytest.approx(there.irradiance, rel=0.01)
+
+
+@given(offsets, offsets)
+def test_two_steps_are_one(first_m, second_m):
+    light = seen(Bulb((1.1, 1.9, -2.4), 0.08, (30.0, 20.0, 10.0)))
+    twice = light_at(light_at(light, first_m), second_m)
+    once = light_at(light, np.add(first_m, second_m))
+    assert twice.direction == pytest.approx(once.direction, abs=1e-9)
+    assert twice.irradiance == pytest.approx(once.irradiance)
+
+
+@pytest.mark.parametrize("offset_m", [(0.3, 0, 0), (0.5, -0.3, 0.2), (-1.0, 0.2, 0.0)])
+def test_sigmas_hold_what_an_uncertain_distance_moves(offset_m):
+    rng = np.random.default_rng(3)
+    bulb = Bulb((0.6, 0.9, -1.4), 0.05, (30.0, 20.0, 10.0))
+    true = light_at(seen(bulb), offset_m)
+    stated = light_at(
+        seen(bulb, distance_sigma=0.1, direction_sigma_deg=0.0, irradiance_sigma=np.zeros(3)),
+        offset_m,
+    )
+    tried = [
+        light_at(seen(bulb, distance_m=seen(bulb).distance_m * f), offset_m)
+        for f in 1 + 0.1 * rng.normal(size=4000)
+    ]
+    turned = np.array([geometry.angle_deg(one.direction, true.direction) for one in tried])
+    lit = np.array([one.irradiance[0] / true.irradiance[0] for one in tried])
+    assert np.median(turned) * 1.48 / np.sqrt(2) == pytest.approx(
+        stated.direction_sigma_deg, rel=0.25
+    )
+    spread = (np.percentile(lit, 84) - np.percentile(lit, 16)) / 2
+    assert spread == pytest.approx(stated.irradiance_sigma[0] / true.irradiance[0], rel=0.25)
+
+
+def test_what_is_not_known_says_so():
+    light = seen(Bulb((0, 3, 0), 0.1, (9.0, 9, 9)), distance_m=None,
+                 direction_sigma_deg=0.1, irradiance_sigma=np.full(3, 0.01))  # fmt: skip
+    moved = light_at(light, (0.5, 0, 0))
+    assert (moved.direction_sigma_deg, moved.irradiance_sigma) == (None, None)
+    assert moved.direction == pytest.approx(light.direction)
+    assert estimate(light).at((0.5, 0, 0)).relighting_sigma is None
+    far = light_at(replace(light, nearest_m=30.0), (0.5, 0, 0))
+    assert far.direction_sigma_deg == pytest.approx(np.hypot(0.1, np.degrees(0.5 / 90)))
+    assert estimate(replace(light, nearest_m=30.0)).at((0.5, 0, 0)).relighting_sigma > 0.05
+
+
+def test_within_a_lamp_the_light_is_that_of_its_surface():
+    light = seen(Bulb((0, 0.3, 0), 0.1, (9.0, 9, 9)))
+    for offset_m in ((0, 0.3, 0), (0, 0.25, 0), (0.0, 0.3, 1e-9)):
+        moved = light_at(light, offset_m)
+        assert np.isfinite(moved.direction).all()
+        assert moved.angular_radius_deg == pytest.approx(90)
+        assert moved.irradiance == pytest.approx(9 * light.irradiance, rel=1e-6)
+
+
+def test_lights_are_sorted_anew_and_their_shadows_too():
+    near = seen(Bulb((0.5, 0.5, 0), 0.02, (50.0, 50, 50)), id=1, shadow_strength=0.1)
+    bright = seen(Bulb((0, 3, 0), 0.3, (40.0, 40, 40)), id=2, shadow_strength=0.5)
+    here = estimate(bright, near)
+    there = here.at((0.45, 0.4, 0))
+    assert [light.id for light in there.lights] == [1, 2]
+    up = luminance(there.irradiance([0, 1, 0]))
+    for light in there.lights:
+        share = light.direction[1] * luminance(light.irradiance) / up
+        assert light.shadow_strength == pytest.approx(share)
+
+
+def test_an_area_light_keeps_its_shape():
+    light = replace(
+        seen(Bulb((0, 2, 0), 0.5, (4.0, 4, 4))), flags=LightFlag.EXTENDED,
+        half_angle_deg=(20.0, 10.0), axis=np.array([1.0, 0, 0]),
+    )  # fmt: skip
+    moved = light_at(light, (0.5, 1.0, 0))
+    assert abs(float(moved.axis @ moved.direction)) < 1e-9
+    assert moved.half_angle_deg[0] > 30 > 20 > moved.half_angle_deg[1] > 10
+
+
+@pytest.mark.parametrize("place", [(1, 2), (np.nan, 0, 0), (0, np.inf, 0)])
+def test_what_is_no_place_is_refused(place):
+    with pytest.raises(ValueError, match="x, y, z in metres"):
+        estimate().at(place)
+
+
+def test_a_total_cannot_be_moved():
+    with pytest.raises(ValueError, match="subscribe to AMBIENT"):
+        estimate(kind="TOTAL").at((1, 0, 0))
+
+
+def test_at_the_probe_nothing_changes():
+    here = estimate(seen(Bulb((0, 2, 0), 0.5, (4.0, 4, 4))))
+    assert here.at((0, 0, 0)) is here
+
+
+def test_the_golden_vectors_are_as_ever():
+    assert json.loads(EXPECTED.read_text()) == json.loads(json.dumps(vectors()))
+
+
+def test_golden_lamps_are_read_as_written():
+    for vector in json.loads(EXPECTED.read_text()):
+        assert light_of(vector["light"]).distance_m == vector["light"]["distance_m"]
