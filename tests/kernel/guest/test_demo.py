@@ -36,6 +36,7 @@ def test_watch_prints_estimates(start):
     assert z < 0
 
 
+@pytest.mark.nightly
 def test_demo_with_a_camera(monkeypatch, tmp_path, record_property):
     """The very command of `make demo CAMERA=...`; panoramas are not needed for it."""
     monkeypatch.setenv("LIGHTPROBED", str(BUILD / "bin" / "lightprobed"))

@@ -80,6 +80,7 @@ def test_camera_without_settable_exposure(start, make_camera, kind, words):
     assert not estimate.HasField("exposure_us")
 
 
+@pytest.mark.nightly
 def test_bracket_is_merged(start, make_camera, simulator):
     make_camera(pictures=f"sim:{simulator}?delay_frames=2").plug()
     settle()

@@ -151,7 +151,10 @@ def settled_at(angle_deg: float):
     )
 
 
-@pytest.mark.parametrize("build", BUILDS, ids=lambda build: build.name)
+@pytest.mark.parametrize(
+    "build", [pytest.param(BUILDS[0], marks=pytest.mark.nightly), BUILDS[1]],
+    ids=lambda build: build.name,
+)  # fmt: skip
 def test_moves_slips_and_a_hat_that_goes(bus, chip, build):
     nack = Path("/sys/module/i2c_rdwr/parameters/nack")
     wheel = Wheel(bus, chip)
