@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lightprobe.colour import luminance
+from lightprobe.fallback import mean_irradiance
 from lightprobe.geometry import Array, normalize
 
 if TYPE_CHECKING:
@@ -143,7 +144,7 @@ def _sigma(estimate: Estimate, lights: tuple[Light, ...], away_m: float) -> floa
         return None
     here = [_sigma_of(light) for light in estimate.lights]
     there = [_sigma_of(light) for light in lights]
-    whole = float(luminance(estimate.irradiance(np.concatenate([np.eye(3), -np.eye(3)]))).mean())
+    whole = mean_irradiance(estimate)
     if whole <= 0:
         return None
     # A lamp's mean over all normals is a quarter of its irradiance (docs/users/conventions.md).

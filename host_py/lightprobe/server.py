@@ -97,8 +97,8 @@ class ProbeServer:
             host, port = "", None
         if scheme not in ("tcp", "ws") or port is None or host not in _LOOPBACK:
             raise LightprobeError(
-                f"{uri}: listen: expected tcp:127.0.0.1:PORT or ws:127.0.0.1:PORT: recordings are "
-                "served to this machine only"
+                f"{uri}: listen: expected tcp:127.0.0.1:PORT or ws:127.0.0.1:PORT: this is for "
+                "this machine only"
             )
         shown = f"[{host}]" if ":" in host else host
         try:

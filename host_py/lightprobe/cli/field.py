@@ -104,6 +104,30 @@ def _station(text: str, place_sigma_m: float, turn_sigma_deg: float) -> Station:
     return Station(uri, np.array(values[:3]), yaw_deg, place_sigma_m, turn_sigma_deg)
 
 
+class Still:
+    """Tells whether a probe still stands as it did: one that was turned was moved."""
+
+    _LEAST_DEG = 1.0  # a map of bare walls tells the turn within this
+
+    def __init__(self, station: Station) -> None:
+        """`station`: how well it is known how the probe is turned."""
+        self._most_deg = max(3 * station.turn_sigma_deg, self._LEAST_DEG)
+        self._start: tuple[int, Any] | None = None
+        self.is_turned = False
+
+    def look(self, estimate: Estimate | None) -> Estimate | None:
+        """Give the estimate; None where the probe is turned otherwise than at first."""
+        if estimate is None or estimate.orientation is None:
+            return estimate
+        x, y, z, w = estimate.orientation
+        if self._start is None or self._start[0] != estimate.boot_id:
+            self._start = estimate.boot_id, (w, x, y, z)
+        way = geometry.turn_after(geometry.inverse(self._start[1]), (w, x, y, z))
+        turned_deg = 2 * math.degrees(math.atan2(float(np.linalg.norm(way[1:])), abs(way[0])))
+        self.is_turned = turned_deg > self._most_deg
+        return None if self.is_turned else estimate
+
+
 class _Messages:
     """Estimates as they came, so that what is published differs in distances alone."""
 
@@ -113,6 +137,7 @@ class _Messages:
         self._estimates: dict[int, Any] = {}
 
     def take(self, payload: bytes) -> None:
+        """Keep a message as it came, if it is an estimate."""
         message = pb.FromProbe.FromString(payload)
         if message.HasField("estimate"):
             self._estimates[message.estimate.sequence] = message.estimate
@@ -150,9 +175,15 @@ async def _run(
         for uri in publish:
             address = await stack.enter_async_context(server.listening(uri))
             typer.echo(f"field: {len(stations)} probes on {address}", err=True)
+        stills = [Still(station) for station in stations]
         said_s, given = 0.0, 0
         async for estimate in _estimates(clients[0], seconds):
-            others = [client.latest() for client in clients[1:]]
+            others = [
+                still.look(client.latest())
+                for still, client in zip(stills[1:], clients[1:], strict=True)
+            ]
+            if stills[0].look(estimate) is None:
+                others = [None] * len(others)
             placed = with_distances(stations, estimate, others)
             message = messages.of(placed)
             stamp_now(message, round(1000 * max(0.0, clients[0].age_ms() or 0.0)))
@@ -162,7 +193,7 @@ async def _run(
                 print(json.dumps(_json(stations[0], placed)), flush=True)
             elif time.monotonic() >= said_s + 1:
                 said_s = time.monotonic()
-                print(_words(stations, placed, clients), flush=True)
+                print(_words(stations[0], placed) + _troubles(clients, stills), flush=True)
             if given == count:
                 return
         if not given:
@@ -195,10 +226,10 @@ def _json(first: Station, estimate: Estimate) -> dict[str, Any]:
     return shape
 
 
-def _words(stations: list[Station], estimate: Estimate, clients: list[AsyncClient]) -> str:
+def _words(first: Station, estimate: Estimate) -> str:
     lamps = []
     for light in estimate.lights:
-        place_m = _place_m(stations[0], light)
+        place_m = _place_m(first, light)
         if place_m is not None:
             sigma_m = (light.distance_sigma or 0.0) * (light.distance_m or 0.0)
             numbers = ", ".join(f"{value:.2f}" for value in place_m)
@@ -207,6 +238,13 @@ def _words(stations: list[Station], estimate: Estimate, clients: list[AsyncClien
             lamps.append(f"{light.id}: beyond {light.nearest_m:.1f} m")
         else:
             lamps.append(f"{light.id}: ?")
+    return "; ".join(lamps) or "no lamps"
+
+
+def _troubles(clients: list[AsyncClient], stills: list[Still]) -> str:
     silent = [client.uri for client in clients[1:] if client.latest() is None]
-    words = "; ".join(lamps) or "no lamps"
-    return f"{words}  (no light from {', '.join(silent)})" if silent else words
+    turned = [client.uri for client, still in zip(clients, stills, strict=True) if still.is_turned]
+    words = f"  (no light from {', '.join(silent)})" if silent else ""
+    if turned:
+        words += f"  (turned since the start: {', '.join(turned)}: measure its place again)"
+    return words

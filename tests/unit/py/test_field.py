@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from lightprobe import geometry
+from lightprobe.cli.field import Still
 from lightprobe.estimate import Estimate, EstimateFlag, Light, LightFlag, SphericalHarmonics
 from lightprobe.field import Station, with_distances
 from lightprobe.sim.room import Bulb, Room
@@ -82,6 +83,54 @@ def test_two_lamps_that_may_be_exchanged_have_no_distance():
         assert not known or abs(light.distance_m - 2.13) < 0.2
 
 
+def row(*metres):
+    """Give equal lamps in a row that is parallel to the line between two probes."""
+    return tuple(Bulb((x, 1.5, -1.5), 0.1, (9.0, 9, 9)) for x in metres)
+
+
+@pytest.mark.parametrize(
+    ("first", "second"), [((0.2, 1.4), (-1.0,)), ((0.2,), (1.4, -1.0)), ((-1.0, 0.2), (1.4,))]
+)
+def test_of_a_row_of_equal_lamps_none_is_taken_for_its_neighbour(first, second):
+    """Each probe sees others of them: directions agree on places where nothing hangs."""
+    probes = [Station("a", np.zeros(3)), Station("b", np.array([1.2, 0, 0]))]
+    base, other = seen_by(probes[0], row(*first)), seen_by(probes[1], row(*second))
+    lights = with_distances(probes, base, [other]).lights
+    assert [light.distance_m for light in lights] == [None] * len(first)
+
+
+@pytest.mark.parametrize(("cd_m2_per_unit", "placed"), [(25.0, 3), (1.0, 0)])
+def test_units_of_light_may_differ_where_both_are_calibrated(cd_m2_per_unit, placed):
+    """Four times as bright numbers are the same lamps where a number is a quarter of the light."""
+    probes, bulbs = stations(2), Room().bulbs
+    base, other = (seen_by(probe, bulbs) for probe in probes)
+    other = replace(other, cd_m2_per_unit=cd_m2_per_unit, lights=tuple(
+        replace(light, irradiance=4 * light.irradiance) for light in other.lights
+    ))  # fmt: skip
+    lights = with_distances(probes, replace(base, cd_m2_per_unit=100.0), [other]).lights
+    assert sum(light.distance_m is not None for light in lights) == placed
+
+
+def test_units_of_light_may_differ_where_none_is_calibrated():
+    probes, bulbs = stations(2), Room().bulbs
+    base, other = (seen_by(probe, bulbs) for probe in probes)
+    brighter = replace(other.sh, coefficients=40 * other.sh.coefficients)
+    other = replace(other, sh=brighter, lights=tuple(
+        replace(light, irradiance=40 * light.irradiance, irradiance_sigma=None)
+        for light in other.lights
+    ))  # fmt: skip
+    lights = with_distances(probes, base, [other]).lights
+    assert sum(light.distance_m is not None for light in lights) >= 2
+
+
+def test_lamps_without_light_are_no_error():
+    probes, bulbs = stations(2), Room().bulbs
+    base, other = (seen_by(probe, bulbs) for probe in probes)
+    black = replace(base.lights[0], irradiance=np.zeros(3), irradiance_sigma=None)
+    lights = with_distances(probes, replace(base, lights=(black,)), [other]).lights
+    assert lights[0].distance_m is None
+
+
 def test_what_is_far_away_is_told_by_the_least_distance():
     probes, sun = stations(2), (Bulb((0.0, 8e4, -6e4), 500.0, (9.0, 9, 9)),)
     base, other = (seen_by(probe, sun) for probe in probes)
@@ -114,3 +163,20 @@ def test_a_probe_that_is_turned_wrong_places_nothing():
     for light, bulb in zip(lights, bulbs, strict=True):
         off = light.distance_m and abs(light.distance_m / np.linalg.norm(bulb.position_m) - 1)
         assert off is None or off < 3 * light.distance_sigma
+
+
+def test_a_probe_that_is_turned_after_the_start_counts_no_more():
+    still, turned = Still(stations(1)[0]), geometry.quaternion([0.2, 1, 0], 2.0)
+    start = replace(estimate(), orientation=np.array([0, 0, 0, 1.0]))
+    w, x, y, z = turned
+    later = replace(start, orientation=np.array([x, y, z, w]))
+    assert still.look(None) is None
+    assert still.look(start) is start
+    assert still.look(later) is None
+    assert still.is_turned
+    assert still.look(start) is start
+    assert not still.is_turned
+    restarted = replace(later, boot_id=2)
+    assert still.look(restarted) is restarted
+    unknown = replace(start, orientation=None)
+    assert still.look(unknown) is unknown
