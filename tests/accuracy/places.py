@@ -14,15 +14,16 @@ import numpy as np
 from lightprobe import geometry, sh
 from lightprobe.colour import luminance
 from lightprobe.estimate import Estimate, EstimateFlag, Light, SphericalHarmonics
-from lightprobe.field import Station, with_distances
+from lightprobe.field import Station, join
 from lightprobe.geometry import Array
 from lightprobe.sim.room import Room
 from page import ROOT, put
 
 PAGE = ROOT / "docs/users/places.md"
 DISTANCES_M = (0.3, 0.5, 1.0)
-#: Errors of the second place, and of both directions, 1 sigma.
-NOISES = ((0.1, 0.005), (0.3, 0.01), (1.0, 0.02))
+#: Errors, 1 sigma, of both yaws, of how upright both are (degrees), of the second place (metres).
+NOISES = ((0.3, 0.1, 0.005), (3.0, 0.5, 0.01), (10.0, 1.0, 0.02))
+_DIRECTION_DEG = 0.05  # of a lamp, as a live probe states it
 _NORMALS = geometry.sphere_normals(2)
 _SIZE = (256, 128)
 
@@ -39,8 +40,8 @@ def ambient(room: Room) -> SphericalHarmonics:
 def lamps(room: Room) -> tuple[Light, ...]:
     """Give the lamps of a room as a probe lists them."""
     return tuple(
-        Light(i + 1, lamp.direction, lamp.irradiance, lamp.radius_deg, direction_sigma_deg=0.05,
-              irradiance_sigma=0.01 * lamp.irradiance)
+        Light(i + 1, lamp.direction, lamp.irradiance, lamp.radius_deg, _DIRECTION_DEG,
+              0.01 * lamp.irradiance)
         for i, lamp in enumerate(room.lamps)
     )  # fmt: skip
 
@@ -54,30 +55,35 @@ def estimate(room: Room) -> Estimate:
 
 
 def placed(
-    room: Room, baseline_m: float, noise: tuple[float, float], rng: np.random.Generator
+    room: Room, baseline_m: float, noise: tuple[float, float, float], rng: np.random.Generator
 ) -> Estimate:
     """Give the light at the origin, its lamps triangulated from there and from a second probe."""
-    turn_deg, place_m = noise
+    yaw_deg, level_deg, place_m = noise
     second_m = _within(room, baseline_m, rng)
-    stations = [Station("a", np.zeros(3), 0.0, 0.0, turn_deg / np.sqrt(2)),
-                Station("b", second_m, 0.0, place_m, turn_deg / np.sqrt(2))]  # fmt: skip
+    stations = [Station("a", np.zeros(3), 0.0, 0.0, yaw_deg, level_deg),
+                Station("b", second_m, 0.0, place_m, yaw_deg, level_deg)]  # fmt: skip
     seen = []
     for k, station in enumerate(stations):
         true_m = station.place_m + k * place_m * rng.normal(size=3)
-        axis = rng.normal(size=3)
-        turn = geometry.quaternion(axis, station.turn_sigma_deg * float(np.linalg.norm(axis)))
-        lights = lamps(room.seen_from(tuple(true_m.tolist())))
+        turned_rad = station.turn_sigma_rad * rng.normal(size=3)
+        turn = geometry.quaternion(turned_rad, np.degrees(np.linalg.norm(turned_rad)))
         seen.append(tuple(
-            replace(light, direction=geometry.rotate(turn, light.direction)) for light in lights
+            replace(light, direction=_off(geometry.rotate(turn, light.direction), rng))
+            for light in lamps(room.seen_from(tuple(true_m.tolist())))
         ))  # fmt: skip
     exact = estimate(room)
     base, other = (replace(exact, lights=lights) for lights in seen)
-    found = with_distances(stations, base, [other]).lights
+    found = join(stations, base, [other]).estimate.lights
     names = ("distance_m", "distance_sigma", "nearest_m")
     return replace(exact, lights=tuple(
         replace(light, **{name: getattr(one, name) for name in names})
         for light, one in zip(exact.lights, found, strict=True)
     ))  # fmt: skip
+
+
+def _off(direction: Array, rng: np.random.Generator) -> Array:
+    """Give a direction with the error that lamps state."""
+    return geometry.normalize(direction + np.radians(_DIRECTION_DEG) * rng.normal(size=3))
 
 
 def _within(room: Room, distance_m: float, rng: np.random.Generator) -> Array:
@@ -154,9 +160,9 @@ def table(places: int, trials: int) -> str:
         "| within 3 | light: error within 3 sigma |",
         "|---|---|---|---|---|---|",
     ]
-    for turn_deg, place_m in NOISES:
-        words = f"{turn_deg}° and {1000 * place_m:.0f} mm"
-        found = [placed(room, 1.0, (turn_deg, place_m), rng) for _ in range(trials)]
+    for noise in NOISES:
+        words = f"yaw {noise[0]:g}°, level {noise[1]:g}°, {1000 * noise[2]:.0f} mm"
+        found = [placed(room, 1.0, noise, rng) for _ in range(trials)]
         moved = [[(one.at(p), true) for one in found for p, true in at] for at in there]
         lines += [
             _row(f"two probes, {words}: error",
@@ -177,7 +183,7 @@ def main() -> None:
     """Print the tables, or write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--places", type=int, default=12, help="places at each distance (12)")
-    parser.add_argument("--trials", type=int, default=10, help="second probes of each noise (10)")
+    parser.add_argument("--trials", type=int, default=40, help="second probes of each noise (40)")
     parser.add_argument("--page", action="store_true", help="write docs/users/places.md")
     options = parser.parse_args()
     measured = table(options.places, options.trials)

@@ -19,7 +19,8 @@ from lightprobe.async_client import AsyncClient
 from lightprobe.cli import check
 from lightprobe.errors import ProbeTimeout, UsageError
 from lightprobe.estimate import Estimate, Light
-from lightprobe.field import Station, with_distances
+from lightprobe.field import Joined, Station, join
+from lightprobe.geometry import Array
 from lightprobe.server import ProbeServer, stamp_now
 from lightprobe.wire import Subscription
 
@@ -50,18 +51,25 @@ def command(
             callback=check.number(0, 10, "metres"), help="1 sigma of the places, metres, each axis."
         ),
     ] = 0.01,
-    turn_sigma: Annotated[
+    yaw_sigma: Annotated[
         float,
         typer.Option(
-            callback=check.number(0, 45, "degrees"), help="1 sigma of how each is turned, degrees."
+            callback=check.number(0, 45, "degrees"),
+            help="1 sigma of each YAW, degrees; lamps that both see tell it better.",
         ),
-    ] = 0.3,
+    ] = 3.0,
+    level_sigma: Annotated[
+        float,
+        typer.Option(
+            callback=check.number(0, 45, "degrees"), help="1 sigma of how upright each is, degrees."
+        ),
+    ] = 0.5,
     rate_hz: Annotated[
         float,
         typer.Option(
             "--rate", callback=check.number(0, 100, above=True), help="Most estimates a second."
         ),
-    ] = 5.0,
+    ] = 2.0,
     seconds: Annotated[
         float | None,
         typer.Option(
@@ -79,7 +87,7 @@ def command(
     near (docs/users/places.md). Ends on Ctrl-C. The exit code is 1 when no estimate came.
     Example: lightprobe field tcp:10.0.0.7:7700@0,1.2,0 tcp:10.0.0.8:7700@1,1.2,0,90
     """
-    stations = [_station(text, place_sigma, turn_sigma) for text in probes]
+    stations = [_station(text, place_sigma, yaw_sigma, level_sigma) for text in probes]
     if len(stations) < 2:
         raise UsageError(f"field: {probes[0]}: one probe: expected two or more, {_WANTED}")
     for i, station in enumerate(stations):
@@ -92,7 +100,9 @@ def command(
         asyncio.run(_run(stations, publish or [], rate_hz, seconds, count, as_json))
 
 
-def _station(text: str, place_sigma_m: float, turn_sigma_deg: float) -> Station:
+def _station(
+    text: str, place_sigma_m: float, yaw_sigma_deg: float, level_sigma_deg: float
+) -> Station:
     uri, at, numbers = text.rpartition("@")
     try:
         values = [float(number) for number in numbers.split(",")]
@@ -101,17 +111,17 @@ def _station(text: str, place_sigma_m: float, turn_sigma_deg: float) -> Station:
     if not at or not uri or len(values) not in (3, 4) or not all(map(math.isfinite, values)):
         raise UsageError(f"field: {text}: expected {_WANTED}")
     yaw_deg = values[3] if len(values) == 4 else 0.0
-    return Station(uri, np.array(values[:3]), yaw_deg, place_sigma_m, turn_sigma_deg)
+    place_m = np.array(values[:3])
+    return Station(uri, place_m, yaw_deg, place_sigma_m, yaw_sigma_deg, level_sigma_deg)
 
 
 class Still:
     """Tells whether a probe still stands as it did: one that was turned was moved."""
 
-    _LEAST_DEG = 1.0  # a map of bare walls tells the turn within this
+    _MOST_DEG = 1.0  # a map of bare walls tells the turn within this
 
-    def __init__(self, station: Station) -> None:
-        """`station`: how well it is known how the probe is turned."""
-        self._most_deg = max(3 * station.turn_sigma_deg, self._LEAST_DEG)
+    def __init__(self) -> None:
+        """Begin with the first estimate that tells how the probe is turned."""
         self._start: tuple[int, Any] | None = None
         self.is_turned = False
 
@@ -124,7 +134,7 @@ class Still:
             self._start = estimate.boot_id, (w, x, y, z)
         way = geometry.turn_after(geometry.inverse(self._start[1]), (w, x, y, z))
         turned_deg = 2 * math.degrees(math.atan2(float(np.linalg.norm(way[1:])), abs(way[0])))
-        self.is_turned = turned_deg > self._most_deg
+        self.is_turned = turned_deg > self._MOST_DEG
         return None if self.is_turned else estimate
 
 
@@ -175,7 +185,7 @@ async def _run(
         for uri in publish:
             address = await stack.enter_async_context(server.listening(uri))
             typer.echo(f"field: {len(stations)} probes on {address}", err=True)
-        stills = [Still(station) for station in stations]
+        stills = [Still() for _ in stations]
         said_s, given = 0.0, 0
         async for estimate in _estimates(clients[0], seconds):
             others = [
@@ -184,16 +194,16 @@ async def _run(
             ]
             if stills[0].look(estimate) is None:
                 others = [None] * len(others)
-            placed = with_distances(stations, estimate, others)
-            message = messages.of(placed)
+            joined = join(stations, estimate, others)
+            message = messages.of(joined.estimate)
             stamp_now(message, round(1000 * max(0.0, clients[0].age_ms() or 0.0)))
             server.publish(message)
             given += 1
             if as_json:
-                print(json.dumps(_json(stations[0], placed)), flush=True)
+                print(json.dumps(_json(stations, joined)), flush=True)
             elif time.monotonic() >= said_s + 1:
                 said_s = time.monotonic()
-                print(_words(stations[0], placed) + _troubles(clients, stills), flush=True)
+                print(_words(stations, joined) + _troubles(clients, stills, joined), flush=True)
             if given == count:
                 return
         if not given:
@@ -209,27 +219,41 @@ async def _estimates(client: AsyncClient, seconds: float | None) -> AsyncIterato
             yield await client.receive(min(1.0, left_s))
 
 
-def _place_m(station: Station, light: Light) -> list[float] | None:
+def _place_m(first: Station, joined: Joined, light: Light) -> list[float] | None:
+    """Where a lamp is in the room; None: not known."""
     if light.distance_m is None:
         return None
-    towards = geometry.rotate(station.turn_wxyz, light.direction)
-    place: list[float] = (station.place_m + light.distance_m * towards).tolist()
+    towards = geometry.rotate(joined.turns_wxyz[0], light.direction)
+    place: list[float] = (first.place_m + light.distance_m * towards).tolist()
     return place
 
 
-def _json(first: Station, estimate: Estimate) -> dict[str, Any]:
-    """As every command's estimates, each lamp with its place in the room beside."""
-    shape = estimate.to_json()
-    for light, values in zip(estimate.lights, shape["lights"], strict=True):
-        place_m = _place_m(first, light)
+def _yaw_deg(turn_wxyz: Array) -> float:
+    """How far a turned −Z is to the left of the room's."""
+    ahead = geometry.rotate(turn_wxyz, [0, 0, -1])
+    return math.degrees(math.atan2(-float(ahead[0]), -float(ahead[2])))
+
+
+def _json(stations: list[Station], joined: Joined) -> dict[str, Any]:
+    """As every command's estimates, each lamp with its place in the room; and the probes."""
+    shape = joined.estimate.to_json()
+    for light, values in zip(joined.estimate.lights, shape["lights"], strict=True):
+        place_m = _place_m(stations[0], joined, light)
         values["place_m"] = place_m and [round(value, 4) for value in place_m]
+    shape["probes"] = [
+        {"uri": station.uri, "yaw_deg": round(_yaw_deg(turn), 3), "yaw_sigma_deg": round(sigma, 3)}
+        for station, turn, sigma in zip(
+            stations, joined.turns_wxyz, joined.yaw_sigma_deg, strict=True
+        )
+    ]
+    shape["contradicts"] = joined.contradicts
     return shape
 
 
-def _words(first: Station, estimate: Estimate) -> str:
+def _words(stations: list[Station], joined: Joined) -> str:
     lamps = []
-    for light in estimate.lights:
-        place_m = _place_m(first, light)
+    for light in joined.estimate.lights:
+        place_m = _place_m(stations[0], joined, light)
         if place_m is not None:
             sigma_m = (light.distance_sigma or 0.0) * (light.distance_m or 0.0)
             numbers = ", ".join(f"{value:.2f}" for value in place_m)
@@ -238,13 +262,19 @@ def _words(first: Station, estimate: Estimate) -> str:
             lamps.append(f"{light.id}: beyond {light.nearest_m:.1f} m")
         else:
             lamps.append(f"{light.id}: ?")
-    return "; ".join(lamps) or "no lamps"
+    yaws = ", ".join(
+        f"{_yaw_deg(turn):.1f} ± {sigma:.2g}°"
+        for turn, sigma in zip(joined.turns_wxyz, joined.yaw_sigma_deg, strict=True)
+    )
+    return f"{'; '.join(lamps) or 'no lamps'}  (yaw {yaws})"
 
 
-def _troubles(clients: list[AsyncClient], stills: list[Still]) -> str:
+def _troubles(clients: list[AsyncClient], stills: list[Still], joined: Joined) -> str:
     silent = [client.uri for client in clients[1:] if client.latest() is None]
     turned = [client.uri for client, still in zip(clients, stills, strict=True) if still.is_turned]
     words = f"  (no light from {', '.join(silent)})" if silent else ""
     if turned:
         words += f"  (turned since the start: {', '.join(turned)}: measure its place again)"
+    if joined.contradicts:
+        words += "  (lamps contradict the places: measure them again, or widen the sigmas)"
     return words

@@ -7,7 +7,7 @@ import pytest
 from lightprobe import geometry
 from lightprobe.cli.field import Still
 from lightprobe.estimate import Estimate, EstimateFlag, Light, LightFlag, SphericalHarmonics
-from lightprobe.field import Station, with_distances
+from lightprobe.field import Station, join
 from lightprobe.sim.room import Bulb, Room
 
 FLAT = SphericalHarmonics("AMBIENT", 1, np.array([[1.0] * 3] + [[0.0] * 3] * 3))
@@ -15,11 +15,15 @@ PLACES = ((0.0, 0.0, 0.0), (0.8, 0.1, -0.5), (-1.2, 0.0, 0.6))
 YAWS = (0.0, 70.0, -160.0)
 
 
-def stations(number, turn_sigma_deg=0.3):
+def stations(number, yaw_sigma_deg=3.0):
     return [
-        Station(f"tcp:probe:{i}", np.array(PLACES[i]), YAWS[i], 0.01, turn_sigma_deg)
+        Station(f"tcp:probe:{i}", np.array(PLACES[i]), YAWS[i], 0.01, yaw_sigma_deg, 0.3)
         for i in range(number)
     ]
+
+
+def with_distances(probes, base, others):
+    return join(probes, base, others).estimate
 
 
 def estimate(*lights):
@@ -31,7 +35,9 @@ def seen_by(station, bulbs, rng=None):
     place_m, turn = station.place_m, geometry.inverse(station.turn_wxyz)
     if rng is not None:
         place_m = place_m + 0.01 * rng.normal(size=3)
-        turn = geometry.turn_after(geometry.quaternion(rng.normal(size=3), 0.3), turn)
+        error_rad = station.turn_sigma_rad * rng.normal(size=3)
+        error_deg = np.degrees(np.linalg.norm(error_rad))
+        turn = geometry.turn_after(turn, geometry.quaternion(error_rad, error_deg))
     lights = []
     for i, bulb in enumerate(bulbs):
         lamp = bulb.seen_from(tuple(place_m)).lamp()
@@ -69,7 +75,7 @@ def test_a_lamp_that_the_other_does_not_see_has_no_distance():
     assert lights[0].nearest_m is None
     # One lies nearly on the line between the probes.
     assert [light.distance_m is None for light in lights[1:]] == [False, False, True]
-    assert 0.5 < lights[3].nearest_m < np.linalg.norm(bulbs[3].position_m)
+    assert 0.2 < lights[3].nearest_m < np.linalg.norm(bulbs[3].position_m)
 
 
 def test_two_lamps_that_may_be_exchanged_have_no_distance():
@@ -147,6 +153,20 @@ def test_mirror_images_and_areas_are_left_alone():
         assert with_distances(probes, base, [other]).lights == base.lights
 
 
+def test_a_yaw_that_is_five_degrees_off_is_found():
+    probes, bulbs = stations(2), Room().bulbs
+    base, other = (seen_by(probe, bulbs) for probe in probes)
+    probes[1] = replace(probes[1], yaw_deg=YAWS[1] - 5)
+    joined = join(probes, base, [other])
+    found = geometry.turn_after(geometry.inverse(probes[1].turn_wxyz), joined.turns_wxyz[1])
+    off_deg = np.degrees(2 * np.arcsin(abs(found[2]))) - 5
+    assert abs(off_deg) < 3 * joined.yaw_sigma_deg[1] < 5
+    for light, bulb in zip(joined.estimate.lights, bulbs, strict=True):
+        if light.distance_m is not None:
+            off = light.distance_m / np.linalg.norm(bulb.position_m) - 1
+            assert abs(off) < 3 * light.distance_sigma
+
+
 def test_without_the_others_nothing_changes():
     probes, bulbs = stations(3), Room().bulbs
     base = seen_by(probes[0], bulbs)
@@ -166,7 +186,7 @@ def test_a_probe_that_is_turned_wrong_places_nothing():
 
 
 def test_a_probe_that_is_turned_after_the_start_counts_no_more():
-    still, turned = Still(stations(1)[0]), geometry.quaternion([0.2, 1, 0], 2.0)
+    still, turned = Still(), geometry.quaternion([0.2, 1, 0], 2.0)
     start = replace(estimate(), orientation=np.array([0, 0, 0, 1.0]))
     w, x, y, z = turned
     later = replace(start, orientation=np.array([x, y, z, w]))
