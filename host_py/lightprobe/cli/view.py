@@ -58,9 +58,18 @@ def polarization_words(light: Light) -> tuple[str, str]:
     return degree, "–" if light.reflection is None else f"{100 * light.reflection:.0f}%"
 
 
+def distance_words(light: Light) -> str:
+    """How far away a light is, or at least is; a dash when unknown."""
+    if light.distance_m is not None:
+        sigma = light.distance_sigma
+        return f"{light.distance_m:.2f} m" + ("" if sigma is None else f" ±{100 * sigma:.2g}%")
+    return "–" if light.nearest_m is None else f"> {light.nearest_m:.1f} m"
+
+
 def lights_table(estimate: Estimate) -> Table:
-    """One row per lamp, strongest first; how they are polarized, where the probe tells it."""
+    """One row per lamp, strongest first; distance and polarization where the probe tells them."""
     lights = (*estimate.lights, *filter(None, [estimate.key]))
+    has_distance = any(light.distance_m or light.nearest_m for light in lights)
     has_film = any(light.reflection is not None for light in lights)
     table = Table(expand=True, box=None, header_style="bold", pad_edge=False)
     for name in (
@@ -75,7 +84,7 @@ def lights_table(estimate: Estimate) -> Table:
         "shadow",
     ):
         table.add_column(name, justify="left" if name in ("lamp", "") else "right", no_wrap=True)
-    for name in ("polarized", "mirrored") if has_film else ():
+    for name in [*(["distance"] * has_distance), *(["polarized", "mirrored"] * has_film)]:
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("flags", overflow="fold")
     for light in lights:
@@ -90,6 +99,7 @@ def lights_table(estimate: Estimate) -> Table:
             swatch(light.irradiance),
             f"{2 * light.angular_radius_deg:.2f}°",
             "–" if light.shadow_strength is None else f"{100 * light.shadow_strength:.0f}%",
+            *([distance_words(light)] * has_distance),
             *(polarization_words(light) if has_film else ()),
             " ".join(flag_names(light.flags)).lower(),
         )

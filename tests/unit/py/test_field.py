@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from lightprobe import geometry
+from lightprobe.cli import view
 from lightprobe.cli.field import Still
 from lightprobe.estimate import Estimate, EstimateFlag, Light, LightFlag, SphericalHarmonics
 from lightprobe.field import Station, join
@@ -200,3 +201,17 @@ def test_a_probe_that_is_turned_after_the_start_counts_no_more():
     assert still.look(restarted) is restarted
     unknown = replace(start, orientation=None)
     assert still.look(unknown) is unknown
+
+
+def test_watch_shows_distances_where_they_are_known():
+    near = Light(1, np.array([0, 1.0, 0]), np.ones(3), 1.0, distance_m=2.314, distance_sigma=0.012)
+    far = Light(2, np.array([1.0, 0, 0]), np.ones(3), 1.0, nearest_m=31.26)
+    unknown = Light(3, np.array([0, 0, 1.0]), np.ones(3), 1.0)
+    assert [view.distance_words(one) for one in (near, far, unknown)] == [
+        "2.31 m ±1.2%", "> 31.3 m", "–",
+    ]  # fmt: skip
+    headers = [
+        [str(column.header) for column in view.lights_table(estimate(*lights)).columns]
+        for lights in ((near, unknown), (unknown,))
+    ]
+    assert ["distance" in one for one in headers] == [True, False]
