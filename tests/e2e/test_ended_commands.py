@@ -64,6 +64,8 @@ def test_what_a_command_has_started_ends_with_it(name, number):
             [LIGHTPROBE, *(one.format(folder=folder) for one in arguments)],
             stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
             env=os.environ | {"TMPDIR": folder}, start_new_session=True,
+            # Where `nohup` has started the tests, it would be ignored.
+            preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL),
         )  # fmt: skip
         process.stdin.write("\n")  # go on
         process.stdin.flush()
