@@ -8,6 +8,7 @@ from typing import Any
 import hypothesis
 import progress
 import pytest
+import rows
 import times
 from hypothesis.database import DirectoryBasedExampleDatabase
 
@@ -36,14 +37,8 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Give rows after the first one the mark nightly, where the test has the mark nightly_rows."""
-    seen = set()
-    for item in items:
-        if item.get_closest_marker("nightly_rows") and not item.get_closest_marker("nightly"):
-            test = item.nodeid.split("[")[0]
-            if test in seen:
-                item.add_marker(pytest.mark.nightly)
-            seen.add(test)
+    """Before `-m` chooses: which rows of long tables wait for the night."""
+    rows.mark(items)
 
 
 @pytest.hookimpl(optionalhook=True)

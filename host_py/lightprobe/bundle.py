@@ -45,8 +45,10 @@ class Fit:
 
     @property
     def agrees(self) -> bool:
-        """False: what is left is too much, by 3 sigma: a lamp is not the same one, or the fit
-        has not found its place."""
+        """False: what is left is too much, by 3 sigma.
+
+        Then a lamp is not the same one, or the fit has not found the right places.
+        """
         return self.chi2 <= self.degrees_of_freedom + 3 * math.sqrt(2 * self.degrees_of_freedom) + 9
 
 
@@ -77,11 +79,13 @@ def fit(
             if tried @ tried <= residual @ residual + 1e-9:
                 break
             step = step / 2
+        else:
+            break  # no step is better than none
         values, residual = values + step, tried
         if np.abs(step).max() < 1e-7:
             break
-    covariance = np.linalg.inv(problem.slope(values, residual).T @ problem.slope(values, residual))
-    sigma = np.sqrt(np.diag(covariance))
+    slope = problem.slope(values, residual)
+    sigma = np.sqrt(np.diag(np.linalg.inv(slope.T @ slope)))
     turns, _, _, inverse = problem.parts(values)
     turn_sigma, _, _, inverse_sigma = problem.parts(sigma)
     return Fit(
@@ -91,8 +95,11 @@ def fit(
 
 
 class _Problem:
-    """Parameters: turns of all probes, places of all but the first, direction and inverse
-    distance of all lamps; turns and places in sigmas, inverse distances from `start`."""
+    """Residuals as a function of what is fitted.
+
+    Parameters: turns of all probes and places of all but the first, in sigmas; directions of all
+    lamps, and their inverse distances from `start`.
+    """
 
     def __init__(
         self, places_m: Array, place_sigma_m: Array, turn_sigma_rad: Array, sightings: Sightings,

@@ -72,15 +72,13 @@ def join(stations: Sequence[Station], base: Estimate, others: Sequence[Estimate 
     seen, yaws_rad = _matched(views)
     if seen:
         roughly = _fit(stations, estimates, seen, yaws_rad)
+        sigmas_deg = np.degrees(roughly.turn_sigma_rad.max(axis=1)).tolist()
         views = [
-            view and replace(
-                view, turn_wxyz=geometry.turn_after(_rotation(turn), station.turn_wxyz),
-                yaw_sigma_deg=0.0, level_sigma_deg=float(np.degrees(sigma.max())),
+            view and replace(view, turn_wxyz=turn, yaw_sigma_deg=0.0, level_sigma_deg=sigma_deg)
+            for view, turn, sigma_deg in zip(
+                views, _turns(stations, roughly), sigmas_deg, strict=True
             )
-            for view, station, turn, sigma in zip(
-                views, stations, roughly.turns_rad, roughly.turn_sigma_rad, strict=True
-            )
-        ]  # fmt: skip
+        ]
         seen, _ = _matched(views)
     if not seen:
         return Joined(base, tuple(one.turn_wxyz for one in stations),
@@ -91,17 +89,21 @@ def join(stations: Sequence[Station], base: Estimate, others: Sequence[Estimate 
         lights[one[0][1]] = _placed(
             lights[one[0][1]], float(found.inverse_per_m[k]), float(found.inverse_sigma_per_m[k])
         )
-    turns = tuple(
-        geometry.turn_after(_rotation(turn), station.turn_wxyz)
-        for turn, station in zip(found.turns_rad, stations, strict=True)
-    )
     yaw_sigma_deg = tuple(np.degrees(found.turn_sigma_rad[:, 1]).tolist())
-    return Joined(replace(base, lights=tuple(lights)), turns, yaw_sigma_deg, not found.agrees)
+    return Joined(
+        replace(base, lights=tuple(lights)), _turns(stations, found), yaw_sigma_deg,
+        not found.agrees,
+    )  # fmt: skip
 
 
-def _rotation(vector_rad: Array) -> Array:
-    angle = float(np.linalg.norm(vector_rad))
-    return geometry.quaternion(vector_rad if angle else [0, 1, 0], math.degrees(angle))
+def _turns(stations: Sequence[Station], fit: bundle.Fit) -> tuple[Array, ...]:
+    """How the stations are turned, by a fit."""
+    found = []
+    for station, turn_rad in zip(stations, fit.turns_rad, strict=True):
+        angle_rad = float(np.linalg.norm(turn_rad))
+        turn = geometry.quaternion(turn_rad if angle_rad else [0, 1, 0], math.degrees(angle_rad))
+        found.append(geometry.turn_after(turn, station.turn_wxyz))
+    return tuple(found)
 
 
 def _matched(views: Sequence[View | None]) -> tuple[list[_Seen], Array]:

@@ -40,7 +40,7 @@ _SAME_PLANE_DEG = 0.5
 #: a lens, whatever a packet states.
 _UNKNOWN_SIGMA_DEG = 1.0
 _LEAST_SIGMA_DEG = 0.02
-#: Yaws are tried as far as this, in steps of the other's sigma.
+#: Yaws are tried as far as this, in steps of the sigma of the level, but no more of them.
 _YAW_SIGMAS = 3.0
 _MOST_YAWS = 41  # of each probe
 _LEAST_SINE = 1e-3  # of the angle between a lamp and the line between the probes

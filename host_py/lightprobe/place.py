@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from lightprobe.estimate import Estimate, Light
 
 #: Relative change of the ambient light with every metre from the probe, 1 sigma
-#: (docs/users/places.md, "What the ambient light does").
+#: (docs/users/places.md, second row of the table).
 AMBIENT_CHANGE_PER_M = 0.1
 _UP = np.array([0.0, 1.0, 0.0])
 

@@ -54,6 +54,18 @@ def estimate(room: Room) -> Estimate:
     )  # fmt: skip
 
 
+def seen_by(station: Station, room: Room, rng: np.random.Generator) -> tuple[Light, ...]:
+    """Give what a probe lists that stands, and is turned, otherwise than said, by its sigmas."""
+    true_m = station.place_m + station.place_sigma_m * rng.normal(size=3)
+    turned_rad = station.turn_sigma_rad * rng.normal(size=3)
+    turn = geometry.quaternion(turned_rad, np.degrees(np.linalg.norm(turned_rad)))
+    own = geometry.turn_after(geometry.inverse(station.turn_wxyz), turn)
+    return tuple(
+        replace(light, direction=_off(geometry.rotate(own, light.direction), rng))
+        for light in lamps(room.seen_from(tuple(true_m.tolist())))
+    )
+
+
 def placed(
     room: Room, baseline_m: float, noise: tuple[float, float, float], rng: np.random.Generator
 ) -> Estimate:
@@ -62,17 +74,8 @@ def placed(
     second_m = _within(room, baseline_m, rng)
     stations = [Station("a", np.zeros(3), 0.0, 0.0, yaw_deg, level_deg),
                 Station("b", second_m, 0.0, place_m, yaw_deg, level_deg)]  # fmt: skip
-    seen = []
-    for k, station in enumerate(stations):
-        true_m = station.place_m + k * place_m * rng.normal(size=3)
-        turned_rad = station.turn_sigma_rad * rng.normal(size=3)
-        turn = geometry.quaternion(turned_rad, np.degrees(np.linalg.norm(turned_rad)))
-        seen.append(tuple(
-            replace(light, direction=_off(geometry.rotate(turn, light.direction), rng))
-            for light in lamps(room.seen_from(tuple(true_m.tolist())))
-        ))  # fmt: skip
     exact = estimate(room)
-    base, other = (replace(exact, lights=lights) for lights in seen)
+    base, other = (replace(exact, lights=seen_by(station, room, rng)) for station in stations)
     found = join(stations, base, [other]).estimate.lights
     names = ("distance_m", "distance_sigma", "nearest_m")
     return replace(exact, lights=tuple(
@@ -157,7 +160,7 @@ def table(places: int, trials: int) -> str:
     placings = [
         "",
         "| second probe 1 m away, errors | lamps placed | distance off by | within 1 sigma "
-        "| within 3 | light: error within 3 sigma |",
+        "| within 3 | light: error within 3 sigma, where one is stated |",
         "|---|---|---|---|---|---|",
     ]
     for noise in NOISES:

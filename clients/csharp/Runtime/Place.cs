@@ -23,6 +23,7 @@ namespace Lightprobe
             Light there = Copy(lamp);
             double awayM = Math.Sqrt(x * x + y * y + z * z);
             if (awayM == 0) return there;
+            there.ShadowStrengthPermille = null; // a share of all the light there, which a lamp alone does not tell
             if (lamp.DistanceM == null) return Far(lamp, there, awayM);
             double distanceM = lamp.DistanceM.Value;
             List<float> d = lamp.Direction;
@@ -50,7 +51,7 @@ namespace Lightprobe
 
         /// <summary>
         /// The lamps of an estimate as they are seen from a place, strongest first. Add them to its SH, which are the same there as
-        /// far as a probe knows. How dark their shadows are there (ShadowStrengthPermille) is null.
+        /// far as a probe knows. How dark their shadows are there (ShadowStrengthPermille) is null, but at the probe itself.
         /// </summary>
         /// <exception cref="ArgumentException">Its SH are TOTAL, which have the lamps in them; or the place is no number.</exception>
         public static List<Light> Lights(Estimate estimate, double x, double y, double z)
@@ -99,6 +100,7 @@ namespace Lightprobe
                 DistanceSigmaPermille = lamp.DistanceSigmaPermille, NearestM = lamp.NearestM, DolpPercent = lamp.DolpPercent,
                 DolpSigmaPermille = lamp.DolpSigmaPermille, AolpDeg = lamp.AolpDeg, AolpSigmaDeg = lamp.AolpSigmaDeg,
                 ReflectionPercent = lamp.ReflectionPercent, ColourSigmaPermille = lamp.ColourSigmaPermille,
+                ShadowStrengthPermille = lamp.ShadowStrengthPermille,
             };
             copy.Direction.AddRange(lamp.Direction);
             copy.Irradiance.AddRange(lamp.Irradiance);

@@ -9,7 +9,7 @@ import math
 import os
 from collections.abc import Callable, Collection
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import typer
 
@@ -136,3 +136,13 @@ def why_not_writable(path: Path, makes_folders: bool = False) -> str:
 def _nearest(path: Path) -> Path:
     """The path itself, or the nearest part of it that exists."""
     return next(place for place in (path, *path.absolute().parents) if place.exists())
+
+
+#: Options of commands that go on until Ctrl-C; None: for ever.
+Seconds = Annotated[
+    float | None,
+    typer.Option(
+        callback=number(0, unit="seconds", above=True), help="Seconds after which to end."
+    ),
+]
+Count = Annotated[int | None, typer.Option(min=1, help="Number of estimates after which to end.")]

@@ -70,22 +70,15 @@ def command(
             "--rate", callback=check.number(0, 100, above=True), help="Most estimates a second."
         ),
     ] = 2.0,
-    seconds: Annotated[
-        float | None,
-        typer.Option(
-            callback=check.number(0, unit="seconds", above=True), help="Seconds after which to end."
-        ),
-    ] = None,
-    count: Annotated[
-        int | None, typer.Option(min=1, help="Number of estimates after which to end.")
-    ] = None,
+    seconds: check.Seconds = None,
+    count: check.Count = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON line per estimate.")] = False,
 ) -> None:
     """Join probes that stand at known places, level: give the first one's lamps their distances.
 
     A lamp that two probes see has a place: `Estimate.at` of the clients gives its light anywhere
     near (docs/users/places.md). Ends on Ctrl-C. The exit code is 1 when no estimate came.
-    Example: lightprobe field tcp:10.0.0.7:7700@0,1.2,0 tcp:10.0.0.8:7700@1,1.2,0,90
+    Example: lightprobe field tcp:10.0.0.7:7700@0,1.2,0 tcp:10.0.0.8:7700@1,1.2,0,-90
     """
     stations = [_station(text, place_sigma, yaw_sigma, level_sigma) for text in probes]
     if len(stations) < 2:

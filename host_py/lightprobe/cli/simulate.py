@@ -425,13 +425,7 @@ def command(
             help="Write the truth, one JSON line per frame.",
         ),
     ] = None,
-    seconds: Annotated[
-        float | None,
-        typer.Option(
-            callback=check.number(0, unit="seconds", above=True),
-            help="Seconds after which to end.",
-        ),
-    ] = None,
+    seconds: check.Seconds = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print counters as JSON at the end.")] = (
         False
     ),

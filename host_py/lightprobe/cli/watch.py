@@ -50,15 +50,8 @@ def command(
     raw: Annotated[
         bool, typer.Option("--raw", help="Show estimates that are not smoothed in time.")
     ] = False,
-    seconds: Annotated[
-        float | None,
-        typer.Option(
-            callback=check.number(0, unit="seconds", above=True), help="Seconds after which to end."
-        ),
-    ] = None,
-    count: Annotated[
-        int | None, typer.Option(min=1, help="Number of estimates after which to end.")
-    ] = None,
+    seconds: check.Seconds = None,
+    count: check.Count = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON line per estimate.")] = False,
 ) -> None:
     """Watch a probe: lamps, SH, rate, latency, health, and what is wrong in words.
