@@ -82,7 +82,6 @@ class Session:
         gain = self.fader.world_gain
         scene_world.show(scene, gain, self._scale, orientation, self._without)
 
-
     def _lamps(self, scene: bpy.types.Scene, estimate: Estimate) -> list[Sun]:
         """Give the lamps for the named object, or at their places; the report says what lacks."""
         settings = scene.lightprobe
