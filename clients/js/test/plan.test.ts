@@ -105,10 +105,11 @@ async function shadowDeg(page: Page): Promise<number> {
 /** The same by geometry: the shadow lies away from the lamp. */
 const expectedDeg = (place: Vec3): number => (Math.atan2(place[2] - LAMP[2], place[0] - LAMP[0]) * 180) / Math.PI;
 
+/** Within 10°: the cube is no thin pole, and hides a part of its shadow. Light as at the probe is 107° off. */
 function isAlong(found: number, wanted: number): void {
   const off = ((found - wanted + 540) % 360) - 180;
   console.log(`shadow along ${found.toFixed(1)}°, expected ${wanted.toFixed(1)}°`);
-  assert.ok(Math.abs(off) < 8, `the shadow is ${off.toFixed(1)}° off`);
+  assert.ok(Math.abs(off) < 10, `the shadow is ${off.toFixed(1)}° off`);
 }
 
 /** Pulls the object with the mouse, by shares of the plan's width. */
