@@ -4,6 +4,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "estimate/pipeline.h"
 #include "include/luminance.h"
 #include "include/panorama.h"
 #include "light/film/reflection.h"
@@ -54,12 +55,15 @@ static bool enters_by_pixels(const struct lp_detection *detection,
 }
 
 /* Lamps are looked at in full resolution, the small ones that the grid misplaces above all. */
-static void look_closer(const struct lp_lamp_memory *memory, struct lp_imager *imager,
+static void look_closer(const struct lp_lamp_stage *stage, struct lp_imager *imager,
 			const struct lp_detection *detection, const struct lp_lamp_stage_work *work,
 			int index, bool closer, struct lp_lamp_sighting *sighting)
 {
+	const struct lp_lamp_memory *memory = &stage->memory;
 	const struct lp_lamp_finder *finder = detection->finder;
 	struct lp_lamp *pixels = &sighting->pixels;
+	/* Near lamps are large, and the map lags behind a probe that goes. */
+	const int most_cells = stage->is_placed ? LP_MOST_REFINE_CELLS : work->refine_cells;
 
 	sighting->on_grid = *pixels = finder->lamps[index];
 	sighting->enters = lp_detection_enters(detection, pixels);
@@ -68,8 +72,8 @@ static void look_closer(const struct lp_lamp_memory *memory, struct lp_imager *i
 	const bool worth = known ? !known->wide && (known->listed || closer)
 				 : closer && sighting->width_deg < LP_COMPACT_DEG;
 
-	sighting->refined = worth && work->refine_cells &&
-			    lp_imager_refine(imager, finder, pixels, work->refine_cells);
+	sighting->refined =
+		worth && work->refine_cells && lp_imager_refine(imager, finder, pixels, most_cells);
 	sighting->enters =
 		sighting->enters || (sighting->refined && enters_by_pixels(detection, sighting));
 	const float noise = pixels->background_noise * pixels->solid_angle_sr /
@@ -88,8 +92,10 @@ static void look_closer(const struct lp_lamp_memory *memory, struct lp_imager *i
 	const float cells =
 		sighting->refined ? 0.0F : lp_imager_cells_sigma(imager, finder, pixels);
 
+	const float own = hypotf(lp_imager_strength_sigma(imager, pixels), noise);
+
 	sighting->strength_sigma =
-		fmaxf(hypotf(hypotf(lp_imager_strength_sigma(imager, pixels), noise), cells),
+		fmaxf(hypotf(hypotf(own, cells), sighting->refined ? pixels->cut : 0.0F),
 		      LEAST_IRRADIANCE_SIGMA);
 }
 
@@ -171,7 +177,9 @@ void lp_lamp_stage_go(struct lp_lamp_stage *stage, const struct lp_imager *image
 		return;
 	}
 	find_way(&before, now, way_m);
-	lp_lamp_memory_go(&stage->memory, way_m);
+	/* poses err alike for some seconds: of two that follow each other most is the same */
+	lp_lamp_memory_go(&stage->memory, way_m,
+			  now->sigma_m * sqrt(fmin(2.0 * elapsed_s / LP_POSE_MEMORY_S, 2.0)));
 }
 
 static float elapsed_s(const struct lp_lamp_stage *stage, int64_t t_capture_ns)
@@ -307,7 +315,7 @@ void lp_lamp_stage_update(struct lp_lamp_stage *stage, struct lp_imager *imager,
 
 	lp_imager_status(imager, &status);
 	for (int k = 0; k < finder->count; k++) {
-		look_closer(&stage->memory, imager, detection, work, k,
+		look_closer(stage, imager, detection, work, k,
 			    small < work->wanted_lights + NEXT_LAMPS, &sightings[k]);
 		sightings[k].came = share_that_came(stage, finder, panorama, &sightings[k].on_grid);
 		small += sightings[k].width_deg < LP_COMPACT_DEG;

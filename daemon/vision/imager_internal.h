@@ -43,6 +43,11 @@ struct lp_follow {
 	struct lp_imu_sample told_before; /* of the newest frame that is no still */
 	struct lp_imu imu;
 	struct lp_unseen_turn unseen;
+	/* Where the probe was, as it is told, mean of the last second or so; and by how much the
+	 * way from there turns pictures against the map: 1 sigma, 0 while nobody tells. */
+	double from_m[3];
+	bool has_from;
+	double parallax_rad;
 };
 
 /* A polarizing film before the lens (film.c). */

@@ -4,6 +4,7 @@ The simulated camera walks through the room of the tests; truth is where its lam
 """
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,13 +12,12 @@ from lightprobe import geometry
 from lightprobe.estimate import Estimate
 from lightprobe.geometry import Array
 from lightprobe.imaging import camera as lenses
-from lightprobe.sim import scenes
 from lightprobe.sim.camera import SimulatedCamera
 from lightprobe.sim.clock import START_NS
 from lightprobe.sim.head import Habits, Head, Placed, true_place, true_turn
 from lightprobe.sim.live import LiveProbe
 from lightprobe.sim.motion import Track, turned
-from lightprobe.sim.room import Room
+from lightprobe.sim.room import Bulb, Room
 from lightprobe.sim.world import Behaviour, World
 from lightprobe.wire import Subscription
 
@@ -32,9 +32,20 @@ PLACES_M = 0.25 * np.stack(
 LOOKS = turned(25 * np.sin(1.5 * T_S), 8 * np.sin(1.1 * T_S), 0.0)
 
 
-def camera_on(places_m: Array) -> SimulatedCamera:
+#: Lamps at arm's length, on one side: what is near turns otherwise than the room.
+NEAR = (
+    Bulb((-0.15, 1.13, -2.25), 0.085, (37.0, 39.0, 44.0)),
+    Bulb((-0.59, 0.08, -1.64), 0.118, (33.0, 36.0, 42.0)),
+    Bulb((0.70, 0.56, -1.56), 0.097, (28.0, 24.0, 20.0)),
+    Bulb((0.91, 0.66, 1.77), 0.098, (21.0, 21.0, 18.0)),
+    Bulb((1.16, 0.51, -0.34), 0.107, (31.0, 40.0, 38.0)),
+)
+
+
+def camera_on(places_m: Array, bulbs: tuple[Bulb, ...] = ()) -> SimulatedCamera:
     path = Track(T_S, LOOKS, places_m)
-    world = World(scenes.load(["room"]), Behaviour(act_s=0, path=path), 4.0)
+    room = replace(Room(), bulbs=bulbs) if bulbs else Room()
+    world = World([room], Behaviour(act_s=0, path=path), 4.0)
     return SimulatedCamera(world, lenses.load("equirect"), (640, 320), rate_hz=12)
 
 
@@ -80,6 +91,25 @@ def test_lamps_get_their_distances() -> None:
     t_s, newest = some[-1]
     assert newest.frame == "WORLD"
     assert newest.position_m == pytest.approx(np.array(camera.world.at(t_s).place_m), abs=0.03)
+
+
+def test_what_is_near_does_not_turn_the_world() -> None:
+    """All packets are in the app's world, and lamps in their directions."""
+    camera = camera_on(PLACES_M, NEAR)
+    some = packets(camera, true_place(camera), Habits(memory_s=2))
+    late = [one for one in some if one[0] > SECONDS / 3]
+    assert np.mean([one.frame == "WORLD" for _, one in late]) == 1
+    off_deg = []
+    for t_s, one in late:
+        here = np.array(camera.world.at(t_s).place_m)
+        for bulb in NEAR:
+            towards = np.array(bulb.position_m) - here
+            offs = [geometry.angle_deg(towards, light.direction) for light in one.lights]
+            off_deg.append(min(offs))
+    assert np.median(off_deg) < 0.4
+    assert np.quantile(off_deg, 0.9) < 1.0
+    found = np.array(list(distances(camera, late)))
+    assert np.mean(np.abs(found[:, 0] - found[:, 1]) < 3 * found[:, 2]) > 0.97
 
 
 def test_without_places_there_are_no_distances() -> None:

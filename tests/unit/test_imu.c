@@ -13,6 +13,7 @@
 
 static struct lp_imu imu;
 static struct lp_motion motion; /* what the pictures show */
+static double parallax_rad;	/* of the camera's way, 1 sigma */
 static int frame;
 
 static int setup(void **state)
@@ -21,6 +22,7 @@ static int setup(void **state)
 	srand(1);
 	imu = (struct lp_imu){0};
 	lp_motion_init(&motion);
+	parallax_rad = 0.0;
 	frame = 0;
 	return 0;
 }
@@ -52,7 +54,7 @@ static void tell(double yaw_deg, double told_deg)
 	now.rotation = lp_rotation_product(&world, &noisy);
 	motion.rotation = yaw(yaw_deg);
 	motion.turning = true;
-	lp_imu_compare(&imu, &now, &motion, FRAME_S);
+	lp_imu_compare(&imu, &now, &motion, parallax_rad, FRAME_S);
 	imu.last = now;
 	frame++;
 }
@@ -108,6 +110,21 @@ static void test_one_that_jumps_is_left_out_for_a_while(void **state)
 	while (imu.left_out && out++ < 600)
 		tell(20.0 * frame * FRAME_S, 20.0 * frame * FRAME_S + 10.0);
 	assert_true(out > 45 && out < 300);
+}
+
+/* A head that goes to and fro sees the room turn, by some degrees within a second: that is no
+ * contradiction where its way is told. */
+static void test_the_way_of_a_head(void **state)
+{
+	(void)state;
+	for (int known = 1; known >= 0; known--) {
+		(void)setup(state);
+		parallax_rad = known ? 2.0 * DEG : 0.0;
+		for (int n = 0; n < 300; n++)
+			tell(head_deg(frame * FRAME_S) + 4.0 * sin(2.0 * M_PI * frame * FRAME_S),
+			     head_deg(frame * FRAME_S));
+		assert_true(imu.left_out == !known);
+	}
 }
 
 static void check_it_is_found_out(double (*told_deg)(double t_s), double (*true_deg)(double t_s),
@@ -210,6 +227,7 @@ int main(void)
 		cmocka_unit_test_setup(test_one_that_agrees_is_believed, setup),
 		cmocka_unit_test_setup(test_its_turns, setup),
 		cmocka_unit_test_setup(test_one_that_jumps_is_left_out_for_a_while, setup),
+		cmocka_unit_test_setup(test_the_way_of_a_head, setup),
 		cmocka_unit_test_setup(test_one_that_is_late_is_found_out, setup),
 		cmocka_unit_test_setup(test_one_that_drifts_is_found_out, setup),
 		cmocka_unit_test_setup(test_how_late_it_is, setup),

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* How far away a lamp is, by sightings from a head that goes to and fro: truth is a lamp's place.
  */
-#include "light/lamps/parallax.h"
+#include "light/place/parallax.h"
 
 #include <math.h>
 #include <stdbool.h>
@@ -290,12 +290,12 @@ static void test_the_direction_follows_the_way(void **state)
 	float direction[3] = {0.0F, 0.0F, -1.0F};
 
 	(void)state;
-	lp_parallax_go(&p, (const double[]){1.0, 0.0, 0.0}, direction);
+	(void)lp_parallax_go(&p, (const double[]){1.0, 0.0, 0.0}, 0.0, direction);
 	assert_float_equal(direction[0], -1.0 / sqrt(5.0), 1e-6);
 	assert_float_equal(direction[2], -2.0 / sqrt(5.0), 1e-6);
 	assert_float_equal(1.0 / p.inverse_per_m, sqrt(5.0), 1e-6);
 	p.sigma_per_m = 0.4; /* not known well enough */
-	lp_parallax_go(&p, (const double[]){1.0, 0.0, 0.0}, direction);
+	(void)lp_parallax_go(&p, (const double[]){1.0, 0.0, 0.0}, 0.0, direction);
 	assert_float_equal(direction[0], -1.0 / sqrt(5.0), 1e-6);
 }
 

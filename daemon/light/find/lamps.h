@@ -26,6 +26,8 @@ struct lp_lamp {
 	float background[4]; /* median radiance of the ring around it: R, G, B, luminance */
 	float background_noise; /* 1 sigma of the ring's luminance, from its median deviation */
 	float solid_angle_sr;	/* (sum L Omega)^2 / sum L^2 Omega: exact for a uniform disc */
+	float cut; /* 1 sigma of the share that is not seen, where it has left its place in the map
+		    */
 	float direction_sigma_deg;
 	float axis[3]; /* unit vector across centroid, along the longer axis of its ellipse */
 	float half_angle_deg[2]; /* of the uniform ellipse with the same moments: longer, shorter */

@@ -273,15 +273,18 @@ bool lp_lamp_may_be_hidden(const struct lp_remembered_lamp *lamp)
 	       lamp->lamp.solid_angle_sr < BLOCK_SR;
 }
 
-void lp_lamp_memory_go(struct lp_lamp_memory *memory, const double way_m[3])
+void lp_lamp_memory_go(struct lp_lamp_memory *memory, const double way_m[3], double sigma_m)
 {
 	for (int p = 0; p < LP_MAX_LAMPS; p++) {
 		struct lp_remembered_lamp *m = &memory->list[p];
 		float before[3];
 
+		if (!m->id)
+			continue;
 		memcpy(before, m->lamp.direction, sizeof(before));
-		if (m->id && !m->wide)
-			lp_parallax_go(&m->parallax, way_m, m->lamp.direction);
+		m->is_adrift = isnan(lp_parallax_distance(&m->parallax).distance_m);
+		m->direction_variance +=
+			lp_parallax_go(&m->parallax, way_m, sigma_m, m->lamp.direction);
 		for (int a = 0; a < 3; a++) {
 			const float moved = m->lamp.direction[a] - before[a];
 

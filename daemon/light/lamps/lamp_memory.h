@@ -15,7 +15,7 @@
 #include "light/find/lamps.h"
 #include "light/lamps/existence.h"
 #include "light/lamps/flicker.h"
-#include "light/lamps/parallax.h"
+#include "light/place/parallax.h"
 
 struct lp_rotation;
 
@@ -62,8 +62,9 @@ struct lp_remembered_lamp {
 	float image_probability; /* that it is the mirror image of another lamp; NAN: not judged */
 	bool reflection;	 /* it is listed as the mirror image of another lamp */
 	bool counted;		 /* among those of unknown polarization (estimate/lamp_stage.h) */
-	struct lp_parallax
-		parallax; /* how far away it is; empty while nobody tells where the probe is */
+	/* How far away it is; empty while nobody tells where the probe is. */
+	struct lp_parallax parallax;
+	bool is_adrift; /* the probe has gone, and nobody knows how far away the lamp is */
 };
 
 struct lp_lamp_memory {
@@ -132,9 +133,9 @@ const struct lp_remembered_lamp *lp_lamp_memory_find(const struct lp_lamp_memory
  */
 bool lp_lamp_may_be_hidden(const struct lp_remembered_lamp *lamp);
 
-/* The probe has gone by so much since the last call, anchor frame: lamps whose distances are known
- * are elsewhere now. */
-void lp_lamp_memory_go(struct lp_lamp_memory *memory, const double way_m[3]);
+/* The probe has gone by so much since the last call, anchor frame, 1 sigma along each axis: lamps
+ * whose distances are known are elsewhere now. */
+void lp_lamp_memory_go(struct lp_lamp_memory *memory, const double way_m[3], double sigma_m);
 
 /* Whether what is told of where the probe is contradicts what is seen of most lamps: another frame,
  * another unit. */

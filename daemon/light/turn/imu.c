@@ -176,7 +176,7 @@ double lp_imu_delay_sigma_rad(const struct lp_imu *imu, double rate_rad_s)
 }
 
 void lp_imu_compare(struct lp_imu *imu, const struct lp_imu_sample *now,
-		    const struct lp_motion *motion, double elapsed_s)
+		    const struct lp_motion *motion, double parallax_rad, double elapsed_s)
 {
 	const struct lp_rotation back = lp_rotation_inverse(&motion->rotation);
 
@@ -192,7 +192,8 @@ void lp_imu_compare(struct lp_imu *imu, const struct lp_imu_sample *now,
 		return;
 	}
 	const struct lp_rotation off = from_to(&imu->world, &world);
-	const double sigma = hypot(now->sigma_rad, MAP_SIGMAS * lp_motion_sigma_rad(motion));
+	const double sigma = hypot(hypot(now->sigma_rad, parallax_rad),
+				   MAP_SIGMAS * lp_motion_sigma_rad(motion));
 	double v[3];
 
 	lp_rotation_vector(&off, v);

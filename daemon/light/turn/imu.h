@@ -68,9 +68,10 @@ bool lp_imu_is_apart(const struct lp_rotation *told, const struct lp_rotation *f
 /* The pictures show something else than it told of this frame. */
 void lp_imu_contradict(struct lp_imu *imu);
 
-/* The frame is done, `elapsed_s` after the one before: `motion` is what all together know. */
+/* The frame is done, `elapsed_s` after the one before: `motion` is what all together know. Pictures
+ * may be turned by the camera's way: parallax_rad, 1 sigma. */
 void lp_imu_compare(struct lp_imu *imu, const struct lp_imu_sample *now,
-		    const struct lp_motion *motion, double elapsed_s);
+		    const struct lp_motion *motion, double parallax_rad, double elapsed_s);
 
 /* 1 sigma of what it tells at this rate of the turn, from how late it may be: always as late looks
  * like another frame of reference, until the rate changes. */

@@ -32,6 +32,11 @@
 #define FLICKER_SHARE 0.05F /* the same while lamps flicker */
 /* A direction is never better known than this part of a pixel: registration of lens and sensor. */
 #define LEAST_SIGMA_PX 0.05
+/* A lamp that has left the cells where the map has it is cut off: its core is in cells of which the
+ * map's hold less than this share. What is cut off moves its middle: a cut through the middle, by
+ * half of the radius, leaves a fifth of the core at the border. */
+#define WHOLE_SHARE 0.95F
+#define CUT_SHARE 2.5
 /* Of camera cells near a pole, in cells at the horizon; and how many one may stand for. */
 #define MOST_SPACING 0.5
 #define MOST_THINNED 16
@@ -235,6 +240,7 @@ struct sums {
 	double squared;	 /* of the core: sum excess^2 Omega */
 	double first[3]; /* of the core: sum excess Omega d */
 	double noise;	 /* of the core: sum (Omega * distance)^2, for the centroid's sigma */
+	double border;	 /* of the core: what lies in cells at the border of the lamp's place */
 };
 
 /* One row of a cell's pixels, u = 0..1 across the cell. */
@@ -392,6 +398,8 @@ static struct sums sum_patch(struct lp_imager *imager, const struct lp_exposure 
 									 row * side + y + 0.5);
 
 			add_row(&s, &sums, &geometry, lamp, omega * patch->share[i], threshold);
+			if (patch->share[i] < WHOLE_SHARE)
+				s.border += (double)sums.core * omega * patch->share[i];
 		}
 	}
 	return s;
@@ -463,7 +471,11 @@ static void apply(const struct lp_imager *imager, const struct lp_exposure *expo
 	const double noise = hypot(lamp->background_noise, pixel_noise(imager, exposure, lamp));
 	const double radius_px = sqrt(lamp->solid_angle_sr / M_PI) / pixel_rad;
 	const double sigma_px = hypot(LEAST_SIGMA_PX, clipped ? plateau_sigma_px(radius_px) : 0.0);
-	const double sigma_rad = hypot(sigma_px * pixel_rad, noise * sqrt(s->noise) / s->core);
+
+	lamp->cut = (float)fmin(CUT_SHARE * s->border / s->core, 1.0);
+	const double cut_rad = (double)lamp->cut * radius_px * pixel_rad;
+	const double sigma_rad =
+		hypot(hypot(sigma_px * pixel_rad, cut_rad), noise * sqrt(s->noise) / s->core);
 
 	lamp->direction_sigma_deg = (float)(sigma_rad * 180.0 / M_PI);
 	lamp->flags =

@@ -31,6 +31,11 @@
 /* One prediction fits better than the other when so much more of the picture agrees. */
 #define CLEARLY_BETTER 0.03F
 
+/* What the map shows was seen on the way of the last second. Seen from elsewhere it seems turned,
+ * in a room where one side is nearer than the other: 1 sigma is the way over so much. */
+#define MAP_LAG_S 1.0
+#define PARALLAX_M 4.0
+
 /* Where the camera may look, before and after it was compared with the map. */
 struct attempt {
 	struct lp_motion motion;
@@ -43,6 +48,17 @@ static bool compares(const struct attempt *attempt)
 							    */
 }
 
+/* The picture's own errors, and those of its way, as if alike about all axes. */
+static void doubt_parallax(double sigma_rad, double information[3][3])
+{
+	const double mean = (information[0][0] + information[1][1] + information[2][2]) / 3.0;
+	const double share = 1.0 / (1.0 + mean * sigma_rad * sigma_rad);
+
+	for (int a = 0; a < 3; a++)
+		for (int b = 0; b < 3; b++)
+			information[a][b] *= share;
+}
+
 /* The alignment is loaded with picture and map. */
 static void solve(struct lp_imager *imager, struct attempt *attempt)
 {
@@ -52,6 +68,7 @@ static void solve(struct lp_imager *imager, struct attempt *attempt)
 	lp_motion_prior(motion, prior);
 	attempt->result = lp_alignment_solve(imager->alignment, &motion->rotation,
 					     (const double(*)[3])prior, sqrt(1.0 / prior[0][0]));
+	doubt_parallax(imager->turn.parallax_rad, attempt->result.information);
 	if (compares(attempt) && attempt->result.agreement >= LP_LEAST_AGREEMENT)
 		lp_motion_correct(motion, attempt->result.turn,
 				  (const double(*)[3])attempt->result.information);
@@ -120,10 +137,11 @@ static void choose(struct lp_imager *imager, const struct lp_motion *by_rate,
 	const struct attempt *const best = is_rate ? &rate : &imu;
 
 	take(imager, best);
-	if (compares(best) && lp_imu_is_apart(&by_imu->rotation, &imager->turn.motion.rotation,
-					      hypot(imager->turn.told.sigma_rad,
-						    lp_motion_sigma_rad(&imager->turn.motion)),
-					      rate_of(&imager->turn.motion)))
+	if (compares(best) &&
+	    lp_imu_is_apart(&by_imu->rotation, &imager->turn.motion.rotation,
+			    hypot(hypot(imager->turn.told.sigma_rad, imager->turn.parallax_rad),
+				  lp_motion_sigma_rad(&imager->turn.motion)),
+			    rate_of(&imager->turn.motion)))
 		lp_imu_contradict(&imager->turn.imu);
 }
 
@@ -226,8 +244,32 @@ static void follow(struct lp_imager *imager)
 	}
 }
 
+static void find_parallax(struct lp_imager *imager)
+{
+	const struct lp_frame *frame = &imager->about;
+	struct lp_follow *turn = &imager->turn;
+	const double elapsed_s = (double)(imager->t_capture_ns - turn->t_ns) / 1e9;
+	double way2 = 0.0;
+
+	if (!(frame->position_sigma_m > 0.0F)) {
+		turn->has_from = false;
+		turn->parallax_rad = 0.0;
+		return;
+	}
+	const double share = turn->has_from ? -expm1(-fmax(elapsed_s, 0.0) / MAP_LAG_S) : 1.0;
+
+	for (int a = 0; a < 3; a++) {
+		turn->from_m[a] += share * (frame->position_m[a] - turn->from_m[a]);
+		way2 += (frame->position_m[a] - turn->from_m[a]) *
+			(frame->position_m[a] - turn->from_m[a]);
+	}
+	turn->has_from = true;
+	turn->parallax_rad = sqrt(way2) / PARALLAX_M;
+}
+
 void lp_imager_follow(struct lp_imager *imager)
 {
+	find_parallax(imager);
 	if (imager->late_s > 0.0F) { /* the box has not turned since */
 		imager->turn.agreement = 1.0F;
 		imager->turn.elapsed_s = 0.0;
@@ -253,7 +295,7 @@ void lp_imager_followed(struct lp_imager *imager)
 	if (imager->late_s > 0.0F)
 		return;
 	lp_imu_compare(&imager->turn.imu, &imager->turn.told, &imager->turn.motion,
-		       fmax(imager->turn.elapsed_s, 0.0));
+		       imager->turn.parallax_rad, fmax(imager->turn.elapsed_s, 0.0));
 }
 
 void lp_imager_correct_rotation(struct lp_imager *imager, const double pull[3],

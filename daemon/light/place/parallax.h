@@ -6,14 +6,16 @@
  * Civera, Davison & Montiel 2008). Poses err alike for some seconds, which the sigma counts. Plain
  * data; zeroed is a new one. One thread.
  */
-#ifndef LP_LIGHT_LAMPS_PARALLAX_H
-#define LP_LIGHT_LAMPS_PARALLAX_H
+#ifndef LP_LIGHT_PLACE_PARALLAX_H
+#define LP_LIGHT_PLACE_PARALLAX_H
 
 #include <stdint.h>
 
 #include "light/math/rotation.h"
 
 #define LP_PARALLAX_NODES 16
+/* Poses err alike for so long: of trackers by camera and gyroscope. */
+#define LP_POSE_MEMORY_S 2.0
 
 /* How the probe was turned and where it was when a frame was captured, in the world of who tells
  * it. */
@@ -60,9 +62,11 @@ struct lp_parallax {
 void lp_parallax_see(struct lp_parallax *parallax, const struct lp_probe_pose *pose,
 		     const float direction[3], float sigma_rad);
 
-/* The probe has gone by `way_m`, anchor frame: the lamp's direction (likewise) follows, and its
- * distance. Nothing changes while the distance is not known. */
-void lp_parallax_go(struct lp_parallax *parallax, const double way_m[3], float direction[3]);
+/* The probe has gone by `way_m`, anchor frame, 1 sigma along each axis: the lamp's direction
+ * (likewise) follows, and its distance. Returns the variance of that step, rad^2, about each axis.
+ * Nothing changes while the distance is not known. */
+float lp_parallax_go(struct lp_parallax *parallax, const double way_m[3], double sigma_m,
+		     float direction[3]);
 
 /* So much doubt, of one lamp or as the mean of all, is too much: the lamp moves, or what is told of
  * where the probe is is wrong. */

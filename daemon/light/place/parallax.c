@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "light/lamps/parallax.h"
+#include "light/place/parallax.h"
 
 #include <math.h>
 #include <stdbool.h>
@@ -12,8 +12,6 @@ enum { ALONG, ACROSS, INVERSE, LATE, SIZE };
 /* A new place is so many sigmas of the pose from the one before, and so far at least. */
 #define PLACE_SIGMAS 8.0
 #define LEAST_STEP_M 0.02
-/* Poses err alike for so long: of trackers by camera and gyroscope. */
-#define POSE_MEMORY_S 2.0
 /* Fewer places than this cannot disagree. */
 #define LEAST_NODES 8
 /* What contradicted itself is doubted for so long. */
@@ -25,9 +23,10 @@ enum { ALONG, ACROSS, INVERSE, LATE, SIZE };
 #define LEAST_NEAREST_M 0.3
 /* A node, or a sighting, so many sigmas off is an outlier: now and then pixels show another lamp,
  * or half of one. More of the nodes than this share, or so many sightings in a row, are none. */
-#define OUTLIER_SIGMAS 4.0
+#define OUTLIER_SIGMAS 3.0
 #define MOST_OUTLIERS 0.25
 #define MOST_MISSES 8
+#define MISS_SIGMAS 5.0
 /* From so many in a row on nothing is said. */
 #define SEVERAL_MISSES 3
 #define BEYOND_SIGMAS 4.0
@@ -146,6 +145,7 @@ struct fit {
 	double prior[SIZE]; /* inverse variance of each parameter about 0 */
 	double normal[SIZE][SIZE], right[SIZE];
 	int outliers;
+	double misfit; /* sum of squares, in sigmas; of outliers no more than at their limit */
 };
 
 /* From where the node says that it was, the lamp of the fit; how deep it lies along what was seen.
@@ -211,6 +211,7 @@ static void add_equation(struct fit *fit, const struct equation *e)
 	const double weight = e->weight * fmin(1.0, OUTLIER_SIGMAS / fmax(off(e), 1e-9));
 
 	fit->outliers += off(e) > OUTLIER_SIGMAS;
+	fit->misfit += fmin(off(e) * off(e), OUTLIER_SIGMAS * OUTLIER_SIGMAS);
 	for (int i = 0; i < 2; i++) {
 		for (int a = 0; a < SIZE; a++) {
 			fit->right[a] -= weight * e->slope[i][a] * e->residual[i];
@@ -227,6 +228,7 @@ static bool sum_up(struct fit *fit, const struct lp_parallax *p)
 	memset(fit->normal, 0, sizeof(fit->normal));
 	memset(fit->right, 0, sizeof(fit->right));
 	fit->outliers = 0;
+	fit->misfit = 0.0;
 	for (int a = 0; a < SIZE; a++)
 		fit->normal[a][a] = fit->prior[a];
 	fit->right[INVERSE] = -fit->prior[INVERSE] * fit->found.inverse_per_m;
@@ -300,7 +302,7 @@ static double variance_of(const struct fit *fit, const struct lp_parallax *p, co
 	for (int k = 0; k < p->count; k++) {
 		const struct lp_parallax_node *node = &p->nodes[k];
 		const double since_s = k ? fabs(node->t_s - p->nodes[k - 1].t_s) : 0.0;
-		const double kept = exp(-since_s / POSE_MEMORY_S);
+		const double kept = exp(-since_s / LP_POSE_MEMORY_S);
 		double now[ERRORS] = {0};
 
 		if (!equation_of(fit, node, &e))
@@ -342,8 +344,10 @@ static bool solve(struct lp_parallax *p, const struct lp_probe_pose *pose,
 	const double inverse2 = fit.found.inverse_per_m * fit.found.inverse_per_m;
 	const double nearer = inverse2 * dot(pose->velocity_m_s, fit.found.direction);
 	const double of[SIZE] = {[INVERSE] = 1.0, [LATE] = nearer};
-	const double variance =
-		variance_of(&fit, p, of) + inverse2 * inverse2 * pose->sigma_m * pose->sigma_m;
+	/* more scatter than is stated counts */
+	const double scatter = fmax(fit.misfit / fmax(2.0 * p->count - SIZE, 1.0), 1.0);
+	const double variance = scatter * variance_of(&fit, p, of) +
+				inverse2 * inverse2 * pose->sigma_m * pose->sigma_m;
 
 	/* beyond infinity lies no lamp */
 	if (!(variance >= 0.0) || fit.found.inverse_per_m < -BEYOND_SIGMAS * sqrt(variance))
@@ -362,7 +366,7 @@ static bool explains(const struct lp_parallax *p, const struct lp_parallax_node 
 
 	if (p->count < LEAST_NODES || !(p->sigma_per_m > 0.0))
 		return true;
-	return equation_of(&fit, seen, &e) && off(&e) < OUTLIER_SIGMAS;
+	return equation_of(&fit, seen, &e) && off(&e) < MISS_SIGMAS;
 }
 
 /* Nothing is left but what is seen now. */
@@ -405,17 +409,22 @@ void lp_parallax_see(struct lp_parallax *p, const struct lp_probe_pose *pose,
 		begin_again(p, &seen);
 }
 
-void lp_parallax_go(struct lp_parallax *p, const double way_m[3], float direction[3])
+float lp_parallax_go(struct lp_parallax *p, const double way_m[3], double sigma_m,
+		     float direction[3])
 {
 	double toward[3];
 
 	if (isnan(lp_parallax_distance(p).distance_m))
-		return;
+		return 0.0F;
 	for (int a = 0; a < 3; a++)
 		toward[a] = (double)direction[a] - p->inverse_per_m * way_m[a];
+	const double variance = p->sigma_per_m * p->sigma_per_m * dot(way_m, way_m) +
+				p->inverse_per_m * p->inverse_per_m * sigma_m * sigma_m;
+
 	p->inverse_per_m /= normalise(toward);
 	for (int a = 0; a < 3; a++)
 		direction[a] = (float)toward[a];
+	return (float)variance;
 }
 
 struct lp_lamp_distance lp_parallax_distance(const struct lp_parallax *p)
