@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import logging
 import signal
+import subprocess
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -19,6 +22,7 @@ from lightprobe.wire import Subscription
 from lightprobe_proto import lightprobe_pb2 as pb
 
 TOPIC = "rooms/kitchen"
+BENCH = Path(__file__).resolve().parents[1] / "bench" / "fleet.py"
 
 
 @pytest.fixture
@@ -150,13 +154,14 @@ def test_a_wrong_password_is_named_and_mended_without_a_restart(folder):
     right, wrong = folder / "right", folder / "wrong"
     right.write_text("probe\nsecret\n")
     wrong.write_text("probe\nsecrets\n")
-    wrong.chmod(0o600)
+    wrong.chmod(0o644)
     with (
         Broker(folder, password="secret") as broker,
         MqttDaemon(folder, broker.port, f"?login={wrong}") as daemon,
     ):
         daemon.wait_log("user name or password is wrong")
         assert "correct the file of login=" in daemon.faults()["publisher-waits"]
+        assert f"{wrong}: every user of this machine can read it — chmod 600" in daemon.log()
         assert "secret" not in daemon.log()
         for login, words in (("", "use #login=FILE"), (f"#login={wrong}", "is the file of #login")):
             with ProbeClient(address(broker, login)) as client, pytest.raises(ProbeTimeout) as told:
@@ -166,6 +171,15 @@ def test_a_wrong_password_is_named_and_mended_without_a_restart(folder):
         with ProbeClient(address(broker, f"#login={right}")) as client:
             client.receive(LONG_S)
             assert "login" not in client.uri
+
+
+def test_a_fleet_is_measured():
+    command = (sys.executable, BENCH, "--probes=2", "--subscribers=6", "--seconds=1", "--json")
+    done = subprocess.run(command, capture_output=True, text=True, timeout=LONG_S, check=True)
+    figures = json.loads(done.stdout)
+    assert figures["received"] >= 0.8 * figures["expected"] >= 40
+    assert 0 < figures["p50_ms"] <= figures["p99_ms"]
+    assert figures["broker_rss_end_mib"] > 1
 
 
 def test_tls_with_the_authority_that_is_named(folder):
