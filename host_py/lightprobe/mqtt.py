@@ -136,8 +136,7 @@ class MqttStream:
             from paho.mqtt.enums import CallbackAPIVersion
         except ModuleNotFoundError:
             raise MissingPackage(
-                f"{self._address}: connect: needs the package paho-mqtt: "
-                "pip install 'lightprobe[mqtt]'"
+                f"{self._address}: connect: needs the package paho-mqtt: pip install paho-mqtt"
             ) from None
         until_s = time.monotonic() + _ANSWER_S
         client = self._client = Client(
