@@ -41,8 +41,8 @@ const struct lp_params lp_mqtt_params = LP_PARAMS(list);
 
 static const struct lp_param tls_list[] = {
 	{"ca", LP_PARAM_TEXT, FIELD(ca), .initial = "", .max = 1024,
-	 .help = "file with the certificate of the authority that vouches for the broker; default: "
-		 "those that this system trusts"},
+	 .help = "file with the certificate of the authority that vouches for the broker;\n"
+		 "default: those that this system trusts"},
 };
 const struct lp_params lp_mqtts_params = {tls_list, LP_COUNT(tls_list), &lp_mqtt_params};
 
