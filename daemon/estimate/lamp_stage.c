@@ -120,6 +120,52 @@ void lp_lamp_stage_steer(struct lp_lamp_stage *stage, struct lp_imager *imager,
 		lp_imager_correct_rotation(imager, pull, (const double(*)[3])information);
 }
 
+/* Anchor frame to that in which the probe's place is told. */
+static struct lp_rotation to_world(const struct lp_imager *imager, const struct lp_rotation *told)
+{
+	const struct lp_rotation back = lp_rotation_inverse(lp_imager_rotation(imager));
+
+	return lp_rotation_product(told, &back);
+}
+
+/* Where the probe is, `before` and now, tells how fast it goes. Returns the way, anchor frame. */
+static void find_way(const struct lp_probe_pose *before, struct lp_probe_pose *now, double way_m[3])
+{
+	const struct lp_rotation to_anchor = lp_rotation_inverse(&now->rotation);
+	const double elapsed_s = (double)(now->t_ns - before->t_ns) / 1e9;
+	double in_world[3];
+
+	for (int a = 0; a < 3; a++) {
+		in_world[a] = now->position_m[a] - before->position_m[a];
+		now->velocity_m_s[a] = elapsed_s > 0.0 ? in_world[a] / elapsed_s : 0.0;
+	}
+	lp_rotate(&to_anchor, in_world, way_m);
+}
+
+void lp_lamp_stage_go(struct lp_lamp_stage *stage, const struct lp_imager *imager)
+{
+	const struct lp_imager_told told = lp_imager_told(imager);
+	const struct lp_probe_pose before = stage->pose;
+	struct lp_probe_pose *now = &stage->pose;
+	double way_m[3];
+
+	stage->is_placed = told.known && !told.left_out && told.position_sigma_m > 0.0;
+	if (!stage->is_placed)
+		return;
+	*now = (struct lp_probe_pose){.t_ns = told.t_ns,
+				      .by = told.by,
+				      .rotation = to_world(imager, &told.rotation),
+				      .sigma_rad = told.own_sigma_rad,
+				      .sigma_m = told.position_sigma_m,
+				      .late_sigma_s = told.late_sigma_s};
+	memcpy(now->position_m, told.position_m, sizeof(now->position_m));
+	memcpy(now->rate_rad_s, told.rate_rad_s, sizeof(now->rate_rad_s));
+	if (!(before.sigma_m > 0.0) || before.by != now->by)
+		return;
+	find_way(&before, now, way_m);
+	lp_lamp_memory_go(&stage->memory, way_m);
+}
+
 static float elapsed_s(const struct lp_lamp_stage *stage, int64_t t_capture_ns)
 {
 	const int64_t elapsed_ns = stage->t_ns ? t_capture_ns - stage->t_ns : 0;
@@ -258,9 +304,12 @@ void lp_lamp_stage_update(struct lp_lamp_stage *stage, struct lp_imager *imager,
 		sightings[k].came = share_that_came(stage, finder, panorama, &sightings[k].on_grid);
 		small += sightings[k].width_deg < LP_COMPACT_DEG;
 	}
+	const struct lp_imager_told told = lp_imager_told(imager);
+
+	stage->pose.rotation = to_world(imager, &told.rotation); /* by what the frame showed, too */
 	const struct lp_memory_times times = {.elapsed_s = elapsed_s(stage, panorama->t_capture_ns),
-					      .rotation_sigma_rad =
-						      status.rotation_sigma_deg / DEG};
+					      .rotation_sigma_rad = status.rotation_sigma_deg / DEG,
+					      .pose = stage->is_placed ? &stage->pose : NULL};
 
 	lp_lamp_memory_update(&stage->memory, sightings, finder->count, &times);
 	remember_light(stage, finder->grid, panorama, times.elapsed_s);
@@ -389,10 +438,13 @@ static struct lp_light_polarization polarization_of(const struct lp_remembered_l
 					      .aolp_sigma_deg = p.aolp_sigma_deg};
 }
 
-static void list_light(const struct lp_remembered_lamp *m, struct lp_light *light)
+static void list_light(const struct lp_remembered_lamp *m, bool is_placed, struct lp_light *light)
 {
 	const struct lp_lamp *lamp = &m->lamp;
 	const bool by_ring = m->recovered_sigma > 0.0F;
+	const struct lp_lamp_distance distance =
+		is_placed ? lp_parallax_distance(&m->parallax)
+			  : (struct lp_lamp_distance){NAN, NAN, 0.0F};
 
 	*light = (struct lp_light){/* all of it: what is not named is zero */
 				   .id = m->id,
@@ -401,7 +453,9 @@ static void list_light(const struct lp_remembered_lamp *m, struct lp_light *ligh
 				   .irradiance_sigma = strength_sigma(m),
 				   .colour_sigma =
 					   by_ring ? m->recovered_colour_sigma / strength(m) : 0.0F,
-				   .distance_m = NAN,
+				   .distance_m = distance.distance_m,
+				   .distance_sigma = distance.sigma,
+				   .nearest_m = distance.nearest_m,
 				   .hidden = m->hidden,
 				   .flags = lamp->flags | (m->seen ? 0 : LP_LIGHT_HELD) |
 					    (m->wide ? LP_LIGHT_EXTENDED : 0) |
@@ -421,6 +475,7 @@ int lp_lamp_stage_list(struct lp_lamp_stage *stage, const struct lp_grid *grid,
 		       const struct lp_panorama *panorama, int most,
 		       struct lp_light_estimate *estimate)
 {
+	const bool is_placed = stage->is_placed && !lp_lamp_memory_doubts_places(&stage->memory);
 	struct lp_remembered_lamp *chosen[LP_MAX_LIGHTS];
 	int lamps;
 
@@ -429,6 +484,6 @@ int lp_lamp_stage_list(struct lp_lamp_stage *stage, const struct lp_grid *grid,
 	estimate->light_count = choose(stage, grid, panorama, most, chosen, &lamps);
 	estimate->area_count = lamps < estimate->light_count ? estimate->light_count - lamps : 0;
 	for (int k = 0; k < estimate->light_count; k++)
-		list_light(chosen[k], &estimate->lights[k]);
+		list_light(chosen[k], is_placed, &estimate->lights[k]);
 	return lamps;
 }

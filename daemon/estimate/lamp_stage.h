@@ -27,6 +27,9 @@ struct lp_lamp_stage {
 	 * storage. */
 	float *before;
 	bool has_before;
+	/* Of the newest frame that told where the probe was; sigma_m 0: none has. */
+	struct lp_probe_pose pose;
+	bool is_placed;	     /* the newest one does */
 	bool film_is_turned; /* a quarter turn off */
 	/* So many bright regions, listed or not, have appeared whose polarization was not known. */
 	uint32_t unmeasured;
@@ -37,6 +40,10 @@ struct lp_lamp_stage_work {
 	int refine_cells; /* largest lamp looked at closer, in cells that hold its light; 0: none */
 	bool has_film;
 };
+
+/* The frame just loaded tells where the probe is now: lamps that are near are elsewhere. Before
+ * lp_lamp_stage_steer(). */
+void lp_lamp_stage_go(struct lp_lamp_stage *stage, const struct lp_imager *imager);
 
 /* The frame just loaded shows how the camera is turned by the lamps that are remembered: they tell
  * better than all else. Before it is accepted; its radiance must be scaled rightly. A camera that

@@ -179,6 +179,7 @@ static int accept(struct lp_pipeline *p, float exposure_us)
 	const struct lp_lamp_stage_work work = lamp_work(p);
 
 	lp_imager_settle(p->imager, exposure_us);
+	lp_lamp_stage_go(&p->lamps, p->imager);
 	lp_lamp_stage_steer(&p->lamps, p->imager, p->detection, &work);
 	return lp_imager_accept(p->imager, exposure_us);
 }

@@ -267,6 +267,10 @@ struct lp_estimate_orientation lp_pipeline_orientation(struct lp_pipeline *p, in
 	if (p->options.orientation == LP_ORIENTATION_SIM ||
 	    p->options.orientation == LP_ORIENTATION_CLIENT) {
 		o.known = o.world = told.known && !o.left_out;
+		o.places_left_out = lp_lamp_memory_doubts_places(&p->lamps.memory);
+		o.has_position = o.world && told.position_sigma_m > 0.0 && !o.places_left_out;
+		for (int a = 0; a < 3; a++)
+			o.position_m[a] = (float)told.position_m[a];
 		if (told.known)
 			set_xyzw(&o, &told.rotation);
 		o.sigma_deg = told.sigma_deg;

@@ -61,6 +61,9 @@ struct lp_frame {
 	float orientation[4];
 	float orientation_sigma_deg; /* 1 sigma; NAN: unknown */
 	int64_t t_orientation_ns;    /* that it is of; 0: of the middle, whenever that was */
+	/* Where it was then, in that frame; 1 sigma along each axis, 0: unknown. */
+	double position_m[3];
+	float position_sigma_m;
 	/* Who has told it, as a number: another one has another frame that does not move. */
 	uint32_t orientation_by;
 	float row_time_us;   /* the exposure of each row begins so much later than that of the row

@@ -39,7 +39,8 @@ struct lp_light {
 	float irradiance_sigma; /* relative, 1 sigma */
 	float colour_sigma; /* 1 sigma of R, G and B, root mean square, over the luminance; 0: not
 			       stated */
-	float distance_m;   /* always NAN yet */
+	float distance_m, distance_sigma; /* from the probe; 1 sigma, relative */
+	float nearest_m; /* else: it is at least so far away, at 3 sigma; 0: nothing is known */
 	float hidden; /* relative to irradiance: what clipping may hide, where lights are ranked */
 	uint32_t flags; /* enum lp_light_flag */
 	struct lp_light_polarization polarization;
@@ -48,10 +49,13 @@ struct lp_light {
 /* How the probe was turned when a frame was captured. Zeroed: not known. */
 struct lp_estimate_orientation {
 	bool known;
-	bool world;	 /* into the app's world; else into a frame that does not move */
-	bool left_out;	 /* what was told of it contradicts the pictures */
-	float xyzw[4];	 /* quaternion: turns the probe frame into the other */
-	float sigma_deg; /* 1 sigma about each axis */
+	bool world;	      /* into the app's world; else into a frame that does not move */
+	bool left_out;	      /* what was told of it contradicts the pictures */
+	float xyzw[4];	      /* quaternion: turns the probe frame into the other */
+	float sigma_deg;      /* 1 sigma about each axis */
+	bool places_left_out; /* what is told of the position contradicts the pictures */
+	bool has_position;
+	float position_m[3]; /* of the probe, in the app's world; if has_position */
 };
 
 /*

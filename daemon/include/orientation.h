@@ -41,6 +41,8 @@ struct lp_orientation_sample {
 	 * the rate in rad/s. > 0. */
 	double sigma;
 	double time_sigma_s; /* 1 sigma of t_ns, the same error for all of them; 0: exact */
+	/* ATTITUDE: where the body is in that frame. 1 sigma along each axis; 0: nobody tells. */
+	double position_m[3], position_sigma_m;
 };
 
 /* Callbacks into the application, all on the loop thread. */

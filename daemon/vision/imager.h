@@ -94,7 +94,13 @@ struct lp_imager_told {
 	bool known;
 	struct lp_rotation rotation; /* camera to what tells it, at the frame's middle */
 	float sigma_deg;	     /* 1 sigma about each axis, also from how late it may be */
-	bool left_out;		     /* what frames carry contradicts what they show */
+	double own_sigma_rad, late_sigma_s; /* the two apart */
+	double rate_rad_s[3];		    /* of the turn, in that frame */
+	bool left_out;			    /* what frames carry contradicts what they show */
+	/* Where the camera was, in that frame; 1 sigma along each axis, 0: not known. */
+	double position_m[3], position_sigma_m;
+	uint32_t by;  /* who tells it, as a number */
+	int64_t t_ns; /* the frame's middle */
 };
 
 /* The camera is borrowed until destroy. */

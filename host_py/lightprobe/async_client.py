@@ -277,18 +277,26 @@ class AsyncClient:
                 await self._writer.drain()
 
     def send_pose(
-        self, orientation: ArrayLike, time_ns: int | None = None, sigma_deg: float | None = None
+        self,
+        orientation: ArrayLike,
+        time_ns: int | None = None,
+        sigma_deg: float | None = None,
+        position_m: ArrayLike | None = None,
+        position_sigma_m: float | None = None,
     ) -> bool:
         """Say how the head is turned that the probe is mounted on; False: not connected.
 
         `orientation`: unit quaternion x, y, z, w; turns the head's frame (+X right, +Y up, −Z
         forward) into the app's world. `time_ns`: when it was so, of time.monotonic_ns(); None: now.
-        `sigma_deg`: 1 sigma about each axis; None: 0.2. The daemon needs --orientation=client, else
-        it refuses (`last_error`). Raises :class:`PoseError` for what is no rotation.
+        `sigma_deg`: 1 sigma about each axis; None: 0.2. `position_m` (3,): where the head is in
+        that world, `position_sigma_m`: 1 sigma along each axis, None: 0.005; with it lamps get
+        distances as the head moves. The daemon needs --orientation=client, else it refuses
+        (`last_error`). Raises :class:`PoseError` for what is no rotation or no place.
         """
         self._must_be_heard("pose")
         now_ns = time.monotonic_ns()
-        request = encode_pose(orientation, now_ns if time_ns is None else time_ns, sigma_deg)
+        when_ns = now_ns if time_ns is None else time_ns
+        request = encode_pose(orientation, when_ns, sigma_deg, position_m, position_sigma_m)
         if self._writer is None or not self.connected:
             return False
         if not self._knows_pings():

@@ -179,13 +179,20 @@ class Client:
         return self._call(self._async.take_stills(timeout_s))
 
     def send_pose(
-        self, orientation: ArrayLike, time_ns: int | None = None, sigma_deg: float | None = None
+        self,
+        orientation: ArrayLike,
+        time_ns: int | None = None,
+        sigma_deg: float | None = None,
+        position_m: ArrayLike | None = None,
+        position_sigma_m: float | None = None,
     ) -> bool:
         """Say how the head is turned; see :meth:`AsyncClient.send_pose`."""
         when_ns = time.monotonic_ns() if time_ns is None else time_ns
 
         async def send() -> bool:
-            return self._async.send_pose(orientation, when_ns, sigma_deg)
+            return self._async.send_pose(
+                orientation, when_ns, sigma_deg, position_m, position_sigma_m
+            )
 
         return self._call(send())
 

@@ -172,6 +172,7 @@ class Estimate:
     frame: Frame = "PROBE"  # WORLD: directions and SH are in the world of the app that sends poses
     orientation: Array | None = None  # (4,) x, y, z, w: turns the probe frame into one that stays
     orientation_sigma_deg: float | None = None
+    position_m: Array | None = None  # (3,) where the probe was, in the app's world
     #: One directional light for what the listed lights leave; None: it was not asked for.
     key: Light | None = None
     #: 1 sigma of the scale of light against that of the first estimates, relative; None: exposures
@@ -249,6 +250,7 @@ class Estimate:
             "orientation": {
                 "xyzw": _numbers(self.orientation),
                 "sigma_deg": _number(self.orientation_sigma_deg),
+                "position_m": _numbers(self.position_m),
             },
             "flags": flag_names(self.flags),
         }

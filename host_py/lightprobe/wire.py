@@ -181,11 +181,17 @@ class PoseError(UsageError, ValueError):
     """A head pose that is none; says what it may be."""
 
 
-def encode_pose(orientation: ArrayLike, time_ns: int, sigma_deg: float | None = None) -> bytes:
+def encode_pose(
+    orientation: ArrayLike,
+    time_ns: int,
+    sigma_deg: float | None = None,
+    position_m: ArrayLike | None = None,
+    position_sigma_m: float | None = None,
+) -> bytes:
     """Delimited FromClient message: how the head is turned at a time of the client's clock.
 
     `orientation`: unit quaternion x, y, z, w that turns the head's frame into the app's world.
-    Raises :class:`PoseError` for what is no rotation.
+    `position_m` (3,): where the head is in that world. Raises :class:`PoseError` for what is none.
     """
     message = pb.FromClient()
     quaternion = np.asarray(orientation, dtype=np.float64)
@@ -199,7 +205,22 @@ def encode_pose(orientation: ArrayLike, time_ns: int, sigma_deg: float | None = 
     message.pose.orientation.extend(quaternion.tolist())
     if sigma_deg is not None:
         message.pose.sigma_deg = sigma_deg
+    if position_m is not None:
+        message.pose.position.extend(_position_m(position_m))
+    if position_sigma_m is not None:
+        if not 0 < position_sigma_m < np.inf:
+            raise PoseError(
+                f"pose: position_sigma_m = {position_sigma_m!r}: expected metres above 0, or None"
+            )
+        message.pose.position_sigma_m = position_sigma_m
     return delimit(message.SerializeToString())
+
+
+def _position_m(position_m: ArrayLike) -> list[float]:
+    position = np.asarray(position_m, dtype=np.float64)
+    if position.shape != (3,) or not np.isfinite(position).all():
+        raise PoseError(f"pose: position_m = {position_m!r}: expected x, y, z in metres, or None")
+    return [float(x) for x in position]
 
 
 def encode_ping(time_ns: int, pong_time_ns: int | None = None) -> bytes:
@@ -385,6 +406,7 @@ def _estimate(m: pb.Estimate) -> Estimate:
         subscription=m.subscription,
         frame=_FRAMES[m.frame],
         orientation=_unit(m.orientation) if m.orientation else None,
+        position_m=np.array(m.position) if m.position else None,
         orientation_sigma_deg=(
             m.orientation_sigma_deg if m.HasField("orientation_sigma_deg") else None
         ),

@@ -157,7 +157,7 @@ def judged(case: Case) -> list[Live]:
         return Light.of(recorded.world.at(t_s).scene)
 
     def light_at(packet: Packet) -> Light:
-        return light(packet.captured_s if run.behaviour.walk_m else 0.0)
+        return light(packet.captured_s if run.behaviour.is_going else 0.0)
 
     asked = ORIENTATIONS[run.orientation].wants_world
     found = []
@@ -213,7 +213,8 @@ def told_cases() -> list[Case]:
     """Everything that can tell the orientation, well or badly."""
     return [
         one
-        for orientation in ORIENTATIONS
+        for orientation, teller in ORIENTATIONS.items()
+        if not teller.places  # moving.py
         for one in cases(TOLD_SCENES, TOLD_RATES, ["reported"], orientation=orientation)
     ]
 

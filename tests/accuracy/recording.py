@@ -30,7 +30,7 @@ from lightprobe.sim import scenes
 from lightprobe.sim.camera import SimulatedCamera
 from lightprobe.sim.clock import START_NS
 from lightprobe.sim.faults import Faults
-from lightprobe.sim.head import Habits, Head, true_turn
+from lightprobe.sim.head import Habits, Head, true_place, true_turn
 from lightprobe.sim.illuminance import RingLight
 from lightprobe.sim.lens_defects import LensDefects
 from lightprobe.sim.live import LiveProbe
@@ -76,6 +76,7 @@ class Teller:
     faults: str = ""  # of the simulated sensor on the camera
     habits: Habits | None = None  # of the simulated app
     jumps: bool = False  # its world does: there is no truth to compare with
+    places: bool = False  # the app says where the head is, too
 
     @property
     def wants_world(self) -> bool:
@@ -87,6 +88,13 @@ ORIENTATIONS = {
     "visual": Teller("", "visual"),
     "sim": Teller("a sensor, 0.1°", "sim", "orientation_noise_deg=0.1"),
     "client": Teller("an app's poses, 0.1°", "client", habits=Habits()),
+    "place": Teller(
+        "an app's poses and places, 0.1°, 5 mm", "client", habits=Habits(memory_s=2), places=True
+    ),
+    "place-bad": Teller(
+        "an app's poses and places, 0.3°, 10 mm", "client",
+        habits=Habits(noise_deg=0.3, noise_m=0.01, memory_s=2), places=True,
+    ),
     "spoiled": Teller(
         "an app's poses, 0.5°, 40 ms late, 40 % missing", "client",
         habits=Habits(noise_deg=0.5, transfer_ms=40, drop=0.4),
@@ -235,7 +243,8 @@ def record(run: Run) -> Recording:
             name: probe.client(replace(wish, frame=frame)) for name, wish in SUBSCRIPTIONS.items()
         }
         if teller.habits:
-            head = Head(clients["raw"], true_turn(camera), START_NS, teller.habits)
+            placed = true_place(camera) if teller.places else None
+            head = Head(clients["raw"], true_turn(camera), START_NS, teller.habits, placed)
             probe.apps.append(head)
         probe.run(run.settle_s)
         before = {name: len(client.estimates) for name, client in clients.items()}

@@ -615,6 +615,7 @@ static void test_poses_and_pings(void **state)
 	assert_int_equal(request.pose.time_ns, -5);
 	assert_true(request.pose.quaternion[3] == 1.0);
 	assert_float_equal(request.pose.sigma_rad, 0.2 * M_PI / 180.0, 1e-9);
+	assert_true(isnan(request.pose.position_m[0]));
 
 	const lightprobe_v1_Pose
 		good = *pose,
@@ -624,6 +625,13 @@ static void test_poses_and_pings(void **state)
 			{.orientation_count = 3},
 			{.orientation_count = 4, .has_sigma_deg = true, .sigma_deg = 0},
 			{.orientation_count = 4, .has_sigma_deg = true, .sigma_deg = NAN},
+			{.orientation_count = 4, .position_count = 2},
+			{.orientation_count = 4, .position_count = 3, .position = {0, 0, NAN}},
+			{.orientation_count = 4, .position_count = 3, .position = {2e6F, 0, 0}},
+			{.orientation_count = 4,
+			 .position_count = 3,
+			 .has_position_sigma_m = true,
+			 .position_sigma_m = 0},
 		};
 	for (size_t i = 0; i < LP_COUNT(bad); i++) {
 		*pose = bad[i];
@@ -633,6 +641,13 @@ static void test_poses_and_pings(void **state)
 		assert_int_equal(request.kind, LP_REQUEST_POSE);
 	}
 	*pose = good;
+	pose->position_count = 3;
+	pose->position[1] = 1.5F;
+	assert_int_equal(lp_decode_request(data, encode_client(&wire, data, sizeof(data)), &request,
+					   &reason),
+			 0);
+	assert_true(request.pose.position_m[1] == 1.5);
+	assert_float_equal(request.pose.position_sigma_m, 0.005, 1e-9);
 	wire = (lightprobe_v1_FromClient){.which_message = lightprobe_v1_FromClient_ping_tag,
 					  .message.ping = {.time_ns = 7,
 							   .has_pong_time_ns = true,

@@ -127,16 +127,22 @@ static int request(struct lp_client *client, const lightprobe_v1_FromClient *mes
 	return ret;
 }
 
+/* Where poses say that the head is; NULL: nowhere. */
+static const float *head_m;
+
 /* A pose of age_ms ago that has just arrived. */
 static int send_pose(struct lp_client *client, double yaw_deg, int age_ms)
 {
-	const lightprobe_v1_FromClient message = {
+	lightprobe_v1_FromClient message = {
 		.which_message = lightprobe_v1_FromClient_pose_tag,
 		.message.pose = {.time_ns = lp_clock_ns() + clock_ns - age_ms * LP_NS_PER_MS,
 				 .orientation_count = 4,
 				 .orientation = {0, (float)sin(yaw_deg * DEG / 2), 0,
 						 (float)cos(yaw_deg * DEG / 2)}}};
 
+	message.message.pose.position_count = head_m ? 3 : 0;
+	for (int a = 0; head_m && a < 3; a++)
+		message.message.pose.position[a] = head_m[a];
 	return request(client, &message);
 }
 
@@ -453,6 +459,32 @@ static void test_frames_that_carry_nothing(void **state)
 	assert_false(has_fault("orientation-silent"));
 }
 
+/* The probe sits beside the head's origin, and goes around it as the head turns. */
+static void test_where_the_probe_is(void **state)
+{
+	const float place_m[3] = {1.0F, 1.5F, -2.0F};
+	struct lp_frame frame = {.t_read_ns = 0, .exposure_us = 8000.0F};
+
+	(void)state;
+	teller.mount.offset_m[2] = -0.1; /* before the forehead */
+	head_m = place_m;
+	assert_int_equal(send_pose(&clients[0], 90.0, 0), 0);
+	pass_ms(10);
+	assert_int_equal(send_pose(&clients[0], 90.0, 0), 0);
+	head_m = NULL;
+	frame.t_read_ns = lp_clock_ns() - LP_NS_PER_MS; /* exposed for 8 ms until then */
+	lp_orientation_frame(&teller, &frame);
+	assert_float_equal(frame.position_m[0], 1.0 - 0.1, 1e-6); /* to its left */
+	assert_float_equal(frame.position_m[1], 1.5, 1e-6);
+	assert_float_equal(frame.position_m[2], -2.0, 1e-6);
+	assert_true(frame.position_sigma_m > 0.004F && frame.position_sigma_m < 0.02F);
+	pass_ms(10);
+	assert_int_equal(send_pose(&clients[0], 90.0, 0), 0);
+	frame.t_read_ns = lp_clock_ns();
+	lp_orientation_frame(&teller, &frame);
+	assert_true(frame.position_sigma_m == 0.0F);
+}
+
 static void test_a_contradiction_is_told(void **state)
 {
 	struct lp_estimate_orientation orientation = {.left_out = true};
@@ -606,6 +638,13 @@ static void test_mount_files(void **state)
 	turn_for_ms(&clients[0], 500, 0);
 	assert_float_equal(stamped_yaw_deg(20), true_yaw_deg(20) + 2.0 * asin(0.6) / DEG, 0.01);
 	assert_float_equal(mount.sigma_rad, 0.5 * DEG, 1e-9);
+	assert_int_equal(read_mount("[mount]\nrotation_xyzw = 0, 0.6, 0, 0.8\n"
+				    "offset_m = 0, 0.05, -0.1\n",
+				    &mount),
+			 0);
+	assert_float_equal(mount.offset_m[2], -0.1, 1e-6);
+	assert_int_equal(read_mount("[mount]\nrotation_xyzw = 0, 0, 0, 1\noffset_m = 1\n", &mount),
+			 -EBADMSG);
 	assert_int_equal(read_mount("[mount]\nrotation_xyzw = 0, 0.6, 0\n", &mount), -EBADMSG);
 	assert_int_equal(read_mount("[mount]\nrotation_xyzw = 0, 0, 0, 0\n", &mount), -EBADMSG);
 	assert_int_equal(read_mount("[mount]\nsigma_deg = 1\n", &mount), -EBADMSG);
@@ -629,6 +668,7 @@ int main(void)
 		TEST(test_one_client_at_a_time),
 		TEST(test_poses_that_nobody_wants),
 		TEST(test_frames_that_carry_nothing),
+		TEST(test_where_the_probe_is),
 		TEST(test_a_contradiction_is_told),
 		TEST(test_the_faults_of_a_client_go_with_it),
 		TEST(test_mount_files),

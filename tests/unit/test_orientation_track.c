@@ -54,6 +54,49 @@ static void test_between_two_samples(void **state)
 	assert_int_equal(lp_orientation_track_at(&track, 99 * MS, &reading), -ENODATA);
 }
 
+/* The position goes with it, straight; none where one of the two does not tell it, or where no head
+ * could have gone so fast: another unit, or a world that jumps. */
+static void test_positions(void **state)
+{
+	struct lp_orientation_sample sample = yaw(100 * MS, 10.0);
+	struct lp_track_reading reading;
+
+	(void)state;
+	for (int k = 0; k < 4; k++) {
+		sample.t_ns = (100 + 10 * k) * MS;
+		sample.position_m[1] = k < 3 ? 1.0 + 0.01 * k : 1000.0;
+		sample.position_sigma_m = 0.005;
+		assert_int_equal(lp_orientation_track_add(&track, &sample), 0);
+	}
+	assert_int_equal(lp_orientation_track_at(&track, 105 * MS, &reading), 0);
+	assert_float_equal(reading.position_m[1], 1.005, 1e-9);
+	assert_float_equal(reading.position_sigma_m, 0.005, 1e-3);
+	assert_int_equal(lp_orientation_track_at(&track, 125 * MS, &reading), 0);
+	assert_true(reading.position_sigma_m == 0.0);
+	add_yaw(140 * MS, 10.0);
+	assert_int_equal(lp_orientation_track_at(&track, 135 * MS, &reading), 0);
+	assert_true(reading.position_sigma_m == 0.0);
+}
+
+/* Beyond the newest by its speed, the less certain the later its time may be. */
+static void test_position_beyond_the_newest(void **state)
+{
+	struct lp_orientation_sample sample = yaw(100 * MS, 10.0);
+	struct lp_track_reading reading;
+
+	(void)state;
+	for (int k = 0; k < 5; k++) {
+		sample.t_ns = (100 + 10 * k) * MS;
+		sample.position_m[0] = 0.01 * k;
+		sample.position_sigma_m = 0.005;
+		sample.time_sigma_s = 0.02;
+		assert_int_equal(lp_orientation_track_add(&track, &sample), 0);
+	}
+	assert_int_equal(lp_orientation_track_at(&track, 150 * MS, &reading), 0);
+	assert_float_equal(reading.position_m[0], 0.05, 1e-9);
+	assert_true(reading.position_sigma_m > 0.02);
+}
+
 /* A quaternion and its negative are the same rotation: the shorter way is taken. */
 static void test_the_shorter_way(void **state)
 {
@@ -195,6 +238,8 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test_setup(test_between_two_samples, setup),
+		cmocka_unit_test_setup(test_positions, setup),
+		cmocka_unit_test_setup(test_position_beyond_the_newest, setup),
 		cmocka_unit_test_setup(test_the_shorter_way, setup),
 		cmocka_unit_test_setup(test_a_little_is_predicted, setup),
 		cmocka_unit_test_setup(test_gaps_are_not_filled, setup),

@@ -87,7 +87,7 @@ namespace Lightprobe.Messages
         public uint? ConfidencePercent;
         /// <summary>LightFlag bits</summary>
         public uint Flags;
-        /// <summary>From the probe, triangulated (lightprobe field); a probe alone does not know it yet. Absent: not known.</summary>
+        /// <summary>From the probe, triangulated: from several places of a head that tells where it is (Pose.position), or by several probes (lightprobe field). Absent: not known.</summary>
         public float? DistanceM;
         /// <summary>Area lights only (LIGHT_FLAG_EXTENDED): the ellipse with the same extent. from its centre along the longer and the shorter axis</summary>
         public readonly List<float> HalfAngleDeg = new List<float>();
@@ -238,6 +238,8 @@ namespace Lightprobe.Messages
         public readonly List<float> Orientation = new List<float>();
         /// <summary>about each axis</summary>
         public float? OrientationSigmaDeg;
+        /// <summary>x, y, z: where the probe was at capture time, metres, in the app's world; a lamp with distance_m, turned into that world, is so far from here. Absent: not known.</summary>
+        public readonly List<float> Position = new List<float>();
         /// <summary>On request: one directional light for what the listed lights leave (docs/users/conventions.md). Its id is 0. AMBIENT does not contain it: add lights, KEY and AMBIENT. TOTAL does: add none of them.</summary>
         public Light Key;
 
@@ -268,6 +270,7 @@ namespace Lightprobe.Messages
                     case 16: m.Subscription = r.UInt32("Estimate.subscription"); break;
                     case 18: r.Floats("Estimate.orientation", m.Orientation); break;
                     case 19: m.OrientationSigmaDeg = r.Float("Estimate.orientation_sigma_deg"); break;
+                    case 25: r.Floats("Estimate.position", m.Position); break;
                     case 21: m.Key = Light.Read(r.Message("Estimate.key")); break;
                     default: r.Skip(); break;
                 }
@@ -775,7 +778,7 @@ namespace Lightprobe.Messages
         }
     }
 
-    /// <summary>How the app's head is turned, for a probe that is mounted on it (--orientation=client).</summary>
+    /// <summary>How the app's head is turned and where it is, for a probe that is mounted on it (--orientation=client).</summary>
     public sealed class Pose
     {
         /// <summary>of the client's own steady clock; what it counts from does not matter</summary>
@@ -784,12 +787,18 @@ namespace Lightprobe.Messages
         public readonly List<float> Orientation = new List<float>();
         /// <summary>1 sigma about each axis; default 0.2</summary>
         public float? SigmaDeg;
+        /// <summary>x, y, z: where the head's origin is in the app's world, metres. Absent: not known; lamps get no distances then.</summary>
+        public readonly List<float> Position = new List<float>();
+        /// <summary>1 sigma along each axis; default 0.005</summary>
+        public float? PositionSigmaM;
 
         internal WireWriter Write(WireWriter w)
         {
             w.FixedInt64(1, TimeNs);
             w.Floats(2, Orientation);
             if (SigmaDeg.HasValue) w.Float(3, SigmaDeg.Value, true);
+            w.Floats(4, Position);
+            if (PositionSigmaM.HasValue) w.Float(5, PositionSigmaM.Value, true);
             return w;
         }
     }

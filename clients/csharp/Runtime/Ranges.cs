@@ -90,6 +90,8 @@ namespace Lightprobe
                 return "Estimate.orientation: expected a unit vector of 4 numbers";
             if (!(RangeCheck.IsInside(m.OrientationSigmaDeg, 0, 180, double.NegativeInfinity)))
                 return "Estimate.orientation_sigma_deg: expected a number, 0 to 180";
+            if (!(RangeCheck.Keeps(m.Position, 3, double.MinValue, double.MaxValue, double.NegativeInfinity, false, true, false)))
+                return "Estimate.position: expected 3 finite numbers";
             foreach (var one in m.Lights)
                 if (Broken(one) is string told) return told;
             if (m.Sh != null && Broken(m.Sh) is string ofSh)

@@ -5,7 +5,7 @@ import { Drained } from "./drained.js";
 import type { Estimate, Health, Hello } from "./estimate.js";
 import type { ReflectionMap } from "./reflection.js";
 import { whyUnanswered } from "./unanswered.js";
-import { DEFAULT_SUBSCRIPTION, MINOR_WITH_NUMBERS, MINOR_WITH_PINGS, PROTOCOL_MAJOR, TOKEN_REFUSED, WireError, decode, encodePing, encodePose, encodeSubscription } from "./wire.js";
+import { type HeadPlace, DEFAULT_SUBSCRIPTION, MINOR_WITH_NUMBERS, MINOR_WITH_PINGS, PROTOCOL_MAJOR, TOKEN_REFUSED, WireError, decode, encodePing, encodePose, encodeSubscription } from "./wire.js";
 import type { Message, Subscription } from "./wire.js";
 
 const PROTOCOL = "lightprobe.v1";
@@ -145,10 +145,11 @@ export class Probe {
 
   /**
    * Say how the head is turned that the probe sits on: x, y, z, w from the head's frame to your world, at a time of
-   * performance.now(). The daemon needs --orientation=client. False: not connected, or an older probe.
+   * performance.now(). `place`: where it is, too, with which lamps get distances as it moves. The daemon needs
+   * --orientation=client. False: not connected, or an older probe.
    */
-  sendPose(xyzw: readonly number[], timeMs: number = now(), sigmaDeg?: number): boolean {
-    const pose = encodePose(xyzw, timeMs, sigmaDeg);
+  sendPose(xyzw: readonly number[], timeMs: number = now(), sigmaDeg?: number, place?: HeadPlace): boolean {
+    const pose = encodePose(xyzw, timeMs, sigmaDeg, place);
     if (this.#socket?.readyState !== 1 || !this.#takesPoses()) return false;
     this.#startPings();
     this.#socket.send(pose);

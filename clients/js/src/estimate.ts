@@ -102,6 +102,8 @@ export interface Estimate {
   /** x, y, z, w: turns the probe frame at capture time into one that does not move. */
   orientation: [number, number, number, number] | undefined;
   orientationSigmaDeg: number | undefined;
+  /** x, y, z, metres: where the probe was at capture time, in the world of the app that sends poses. */
+  positionM: [number, number, number] | undefined;
 }
 
 export interface Hello {
@@ -199,6 +201,6 @@ export function fallbackEstimate(last?: Estimate): Estimate {
     sequence: 0, bootId: 0, captureTimeUnixMs: 0, sendDelayMs: 0, ttlMs: 0, flags: EstimateFlag.STALE, lights: [], key: undefined,
     sh: { kind: "AMBIENT", order: 1, coefficients: [flat, flat, flat, up, up, up, 0, 0, 0, 0, 0, 0] },
     predictedError: undefined, exposureUs: undefined, exposureCount: 0, cdM2PerUnit: last?.cdM2PerUnit, cdM2PerUnitSigma: undefined,
-    scaleSigma: undefined, wheelDeg: undefined, subscription: 0, frame: "PROBE", orientation: undefined, orientationSigmaDeg: undefined,
+    scaleSigma: undefined, wheelDeg: undefined, subscription: 0, frame: "PROBE", orientation: undefined, orientationSigmaDeg: undefined, positionM: undefined,
   };
 }

@@ -9,4 +9,5 @@ export { largest, reflected } from "./reflection.js";
 export type { ReflectionMap } from "./reflection.js";
 export * as sh from "./sh.js";
 export { WireError, decode, encodePing, encodePose, encodeSubscription } from "./wire.js";
+export type { HeadPlace } from "./wire.js";
 export type { Message, ReflectionMapWish, Subscription } from "./wire.js";

@@ -108,12 +108,30 @@ export function encodeSubscription(wish: Subscription, number: number): Uint8Arr
 
 const nanoseconds = (ms: number): bigint => BigInt(Math.round(ms * 1e6));
 
-/** How the head is turned at a time of performance.now(); RangeError for what is no unit quaternion. */
-export function encodePose(xyzw: readonly number[], timeMs: number, sigmaDeg?: number): Uint8Array<ArrayBuffer> {
+/** Where a head is: x, y, z in metres, and 1 sigma along each axis (by default 0.005). */
+export interface HeadPlace {
+  positionM: readonly number[];
+  sigmaM?: number;
+}
+
+function checkPlace({ positionM, sigmaM }: HeadPlace): void {
+  if (positionM.length !== 3 || !positionM.every(Number.isFinite)) throw new RangeError(`pose: ${String(positionM)}: expected x, y, z in metres`);
+  if (sigmaM !== undefined && !(sigmaM > 0 && sigmaM < Infinity)) throw new RangeError(`pose: sigmaM ${sigmaM}: expected metres above 0`);
+}
+
+/** How the head is turned at a time of performance.now(), and where it is; RangeError for what is no unit quaternion, or no place. */
+export function encodePose(xyzw: readonly number[], timeMs: number, sigmaDeg?: number, place?: HeadPlace): Uint8Array<ArrayBuffer> {
   const square = xyzw.reduce((sum, value) => sum + value * value, 0);
   if (xyzw.length !== 4 || !(Math.abs(square - 1) < 0.02)) throw new RangeError(`pose: ${String(xyzw)}: expected a unit quaternion x, y, z, w`);
   if (sigmaDeg !== undefined && !(sigmaDeg > 0 && sigmaDeg < Infinity)) throw new RangeError(`pose: sigmaDeg ${sigmaDeg}: expected degrees above 0`);
-  const value = { timeNs: nanoseconds(timeMs), orientation: [...xyzw], ...(sigmaDeg === undefined ? {} : { sigmaDeg }) };
+  if (place) checkPlace(place);
+  const value = {
+    timeNs: nanoseconds(timeMs),
+    orientation: [...xyzw],
+    ...(sigmaDeg === undefined ? {} : { sigmaDeg }),
+    ...(place ? { position: [...place.positionM] } : {}),
+    ...(place?.sigmaM === undefined ? {} : { positionSigmaM: place.sigmaM }),
+  };
   return new Uint8Array(toBinary(pb.FromClientSchema, create(pb.FromClientSchema, { message: { case: "pose", value } })));
 }
 
@@ -200,6 +218,7 @@ function estimateOf(m: pb.Estimate): Estimate {
     frame: m.frame === pb.Estimate_Frame.WORLD ? "WORLD" : "PROBE",
     orientation: m.orientation.length ? unit<[number, number, number, number]>(m.orientation) : undefined,
     orientationSigmaDeg: m.orientationSigmaDeg,
+    positionM: m.position.length ? (m.position as [number, number, number]) : undefined,
   };
 }
 

@@ -297,6 +297,11 @@ test("poses go out with pings of the same clock, which say when their answers ca
   const [first, second] = socket().pings as [pb.Ping, pb.Ping];
   assert.ok(second.pongTimeNs! >= first.timeNs && second.pongTimeNs! <= second.timeNs);
   for (const wrong of [[0, 0, 0], [0, 0, 0, 2], [0, 0, 0, NaN]]) assert.throws(() => probe.sendPose(wrong), RangeError);
+  assert.equal(socket().poses[0]!.position.length, 0, "nobody says where it is");
+  assert.equal(probe.sendPose([0, 0, 0, 1], 5001, undefined, { positionM: [0.25, 1.5, -2], sigmaM: 0.0078125 }), true);
+  assert.deepEqual([socket().poses[1]!.position, socket().poses[1]!.positionSigmaM], [[0.25, 1.5, -2], 0.0078125]);
+  for (const positionM of [[0, 0], [0, 0, NaN]]) assert.throws(() => probe.sendPose([0, 0, 0, 1], 5002, 1, { positionM }), RangeError);
+  assert.throws(() => probe.sendPose([0, 0, 0, 1], 5002, 1, { positionM: [0, 0, 0], sigmaM: 0 }), RangeError);
   probe.close();
 });
 

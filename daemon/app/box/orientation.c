@@ -19,6 +19,7 @@
 #define SILENCE_NS LP_NS_PER_S
 #define CONTRADICTS "orientation-contradicts"
 #define LATE "orientation-late"
+#define MISPLACED "orientation-place"
 #define NO_POSE                                                         \
 	"orientation: receive: no client has sent a pose for a second " \
 	"— does the app send its head pose?"
@@ -29,13 +30,15 @@
 /* ---------------------------------------------------------------- the mount */
 
 struct mount_fields {
-	struct lp_floats rotation_xyzw;
+	struct lp_floats rotation_xyzw, offset_m;
 	float sigma_deg;
 };
 
 static const struct lp_param mount_list[] = {
 	{"rotation_xyzw", LP_PARAM_FLOATS, offsetof(struct mount_fields, rotation_xyzw), .min = -1,
 	 .max = 1},
+	{"offset_m", LP_PARAM_FLOATS, offsetof(struct mount_fields, offset_m), .min = -10,
+	 .max = 10},
 	{"sigma_deg", LP_PARAM_FLOAT, offsetof(struct mount_fields, sigma_deg), .min = 0,
 	 .max = 180},
 };
@@ -54,6 +57,14 @@ static int take_rotation(const char *path, const struct mount_fields *fields,
 	}
 	mount->rotation = lp_rotation_of_quaternion((const double[]){q[0], q[1], q[2], q[3]});
 	mount->sigma_rad = fields->sigma_deg * DEG;
+	if (fields->offset_m.count != 0 && fields->offset_m.count != 3) {
+		lp_error(path, "offset_m",
+			 "must be x, y, z: where the probe is from the head, in "
+			 "metres, in the head's axes");
+		return -EBADMSG;
+	}
+	for (int a = 0; a < fields->offset_m.count; a++)
+		mount->offset_m[a] = (double)fields->offset_m.values[a];
 	return 0;
 }
 
@@ -152,6 +163,7 @@ void lp_orientation_client_left(struct lp_orientation_teller *teller, const void
 		/* what was wrong with its poses goes with it */
 		set_fault(teller, &teller->contradicted, CONTRADICTS, NULL);
 		set_fault(teller, &teller->late, LATE, NULL);
+		set_fault(teller, &teller->misplaced, MISPLACED, NULL);
 	}
 }
 
@@ -172,6 +184,18 @@ static void stamp(struct lp_frame *frame, const struct lp_rotation *rotation, do
 	frame->orientation_sigma_deg = (float)(sigma_rad / DEG);
 }
 
+/* Where the probe is: the head's place, and the probe's from there. */
+static void stamp_position(struct lp_frame *frame, const struct lp_track_reading *reading,
+			   const struct lp_mount *mount)
+{
+	double offset_m[3];
+
+	lp_rotate(&reading->rotation, mount->offset_m, offset_m);
+	for (int a = 0; a < 3; a++)
+		frame->position_m[a] = reading->position_m[a] + offset_m[a];
+	frame->position_sigma_m = (float)reading->position_sigma_m;
+}
+
 void lp_orientation_frame(struct lp_orientation_teller *teller, struct lp_frame *frame)
 {
 	const int64_t t_ns = lp_frame_time(frame, frame->exposure_us).middle_ns;
@@ -184,6 +208,7 @@ void lp_orientation_frame(struct lp_orientation_teller *teller, struct lp_frame 
 	for (int i = 0; i < 4; i++)
 		frame->orientation[i] = NAN;
 	frame->orientation_sigma_deg = NAN;
+	frame->position_sigma_m = 0.0F;
 	frame->t_orientation_ns = t_ns;
 	frame->orientation_by = teller->tellers;
 	if (lp_orientation_track_at(&teller->track, t_ns, &reading) == 0) {
@@ -194,6 +219,7 @@ void lp_orientation_frame(struct lp_orientation_teller *teller, struct lp_frame 
 		const double variance = reading.variance + fmax(reading.walk - teller->walk, 0.0);
 
 		stamp(frame, &rotation, sqrt(variance));
+		stamp_position(frame, &reading, &teller->mount);
 		teller->walk = reading.walk;
 		teller->t_stamped_ns = lp_clock_ns();
 	} else if (teller->track.count) {
@@ -220,6 +246,12 @@ void lp_orientation_judged(struct lp_orientation_teller *teller,
 			  ? "orientation: compare: what is told contradicts the pictures and is "
 			    "left out — is the mount right (--mount), are times right?"
 			  : NULL);
+	set_fault(
+		teller, &teller->misplaced, MISPLACED,
+		orientation->places_left_out && anybody
+			? "orientation: place: positions contradict the pictures and are left out "
+			  "— are they metres, in the axes of the orientation?"
+			: NULL);
 }
 
 /* What is missing, by what was to tell. */

@@ -22,6 +22,7 @@ struct lp_health;
 struct lp_mount {
 	struct lp_rotation rotation; /* probe frame to that of the head, or of the sensor */
 	double sigma_rad;
+	double offset_m[3]; /* where the probe is in the frame of the head */
 };
 
 /* From an INI file with a section [mount]; "": identity, nothing is off. -ENOENT, -EBADMSG, logged
@@ -41,7 +42,7 @@ struct lp_orientation_teller {
 	double behind_ms;	/* by so much, then */
 	double walk; /* of the last frame that was stamped (light/turn/orientation_track.h) */
 	int64_t t_start_ns;
-	bool silent, late, contradicted; /* faults that are told */
+	bool silent, late, contradicted, misplaced; /* faults that are told */
 };
 
 /* `health` is told of faults; borrowed. */

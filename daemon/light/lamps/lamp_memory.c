@@ -219,6 +219,9 @@ void lp_lamp_memory_update(struct lp_lamp_memory *memory, const struct lp_lamp_s
 		if (sightings[k].came > CAME_SHARE)
 			lp_existence_prove(&m->existence);
 		lp_lamp_follow(m, &sightings[k], times);
+		if (times->pose && sightings[k].refined)
+			lp_parallax_see(&m->parallax, times->pose, sightings[k].pixels.direction,
+					sightings[k].pixels.direction_sigma_deg * RAD);
 	}
 	drop_pieces(memory);
 	for (int p = 0; p < LP_MAX_LAMPS; p++)
@@ -268,6 +271,41 @@ bool lp_lamp_may_be_hidden(const struct lp_remembered_lamp *lamp)
 {
 	return lamp->id && lamp->missed && (lamp->lamp.flags & LP_LIGHT_CLIPPED) &&
 	       lamp->lamp.solid_angle_sr < BLOCK_SR;
+}
+
+void lp_lamp_memory_go(struct lp_lamp_memory *memory, const double way_m[3])
+{
+	for (int p = 0; p < LP_MAX_LAMPS; p++) {
+		struct lp_remembered_lamp *m = &memory->list[p];
+		float before[3];
+
+		memcpy(before, m->lamp.direction, sizeof(before));
+		if (m->id && !m->wide)
+			lp_parallax_go(&m->parallax, way_m, m->lamp.direction);
+		for (int a = 0; a < 3; a++) {
+			const float moved = m->lamp.direction[a] - before[a];
+
+			m->lamp.centroid[a] += moved;
+			m->on_grid.direction[a] += moved;
+			m->on_grid.centroid[a] += moved;
+			m->whole[a] += moved;
+		}
+	}
+}
+
+bool lp_lamp_memory_doubts_places(const struct lp_lamp_memory *memory)
+{
+	double doubt = 0.0, most = 0.0;
+
+	for (int p = 0; p < LP_MAX_LAMPS; p++) {
+		const struct lp_remembered_lamp *m = &memory->list[p];
+
+		if (!m->id || !m->parallax.count)
+			continue;
+		doubt += m->parallax.doubt;
+		most += LP_PARALLAX_MOST_DOUBT;
+	}
+	return doubt > most;
 }
 
 void lp_lamp_memory_lose_cells(struct lp_lamp_memory *memory)

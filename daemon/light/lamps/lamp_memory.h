@@ -15,6 +15,7 @@
 #include "light/find/lamps.h"
 #include "light/lamps/existence.h"
 #include "light/lamps/flicker.h"
+#include "light/lamps/parallax.h"
 
 struct lp_rotation;
 
@@ -61,6 +62,8 @@ struct lp_remembered_lamp {
 	float image_probability; /* that it is the mirror image of another lamp; NAN: not judged */
 	bool reflection;	 /* it is listed as the mirror image of another lamp */
 	bool counted;		 /* among those of unknown polarization (estimate/lamp_stage.h) */
+	struct lp_parallax
+		parallax; /* how far away it is; empty while nobody tells where the probe is */
 };
 
 struct lp_lamp_memory {
@@ -88,8 +91,9 @@ struct lp_lamp_sighting {
 };
 
 struct lp_memory_times {
-	float elapsed_s;	  /* since the last update */
-	float rotation_sigma_rad; /* of the camera's rotation in the newest frame */
+	float elapsed_s;		  /* since the last update */
+	float rotation_sigma_rad;	  /* of the camera's rotation in the newest frame */
+	const struct lp_probe_pose *pose; /* NULL: nobody tells where the probe is */
 };
 
 /* Each lamp and each sighting at most once, nearest pairs first. */
@@ -127,6 +131,14 @@ const struct lp_remembered_lamp *lp_lamp_memory_find(const struct lp_lamp_memory
  * which is seen to clip. Such a lamp shines on for one frame.
  */
 bool lp_lamp_may_be_hidden(const struct lp_remembered_lamp *lamp);
+
+/* The probe has gone by so much since the last call, anchor frame: lamps whose distances are known
+ * are elsewhere now. */
+void lp_lamp_memory_go(struct lp_lamp_memory *memory, const double way_m[3]);
+
+/* Whether what is told of where the probe is contradicts what is seen of most lamps: another frame,
+ * another unit. */
+bool lp_lamp_memory_doubts_places(const struct lp_lamp_memory *memory);
 
 /* The finder that the lamps' cells are of is gone. */
 void lp_lamp_memory_lose_cells(struct lp_lamp_memory *memory);

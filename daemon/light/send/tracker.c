@@ -128,6 +128,8 @@ static void follow_light(struct lp_track *track, const struct lp_light *target, 
 	/* What is smoothed lags behind, and says by how much. */
 	l->direction_sigma_deg =
 		hypotf(target->direction_sigma_deg, chord_deg(l->direction, target->direction));
+	l->distance_sigma =
+		hypotf(target->distance_sigma, l->distance_m / target->distance_m - 1.0F);
 	l->irradiance_sigma =
 		hypotf(target->irradiance_sigma, luminance(target) / luminance(l) - 1.0F);
 }

@@ -12,6 +12,11 @@
 #define LONGEST_GAP_NS (100 * INT64_C(1000000))
 /* A rate is taken over at least this, where samples are that dense: noise would spoil it. */
 #define RATE_SPAN_NS (30 * INT64_C(1000000))
+/* Faster than this goes no head, and no tripod: another unit, or a world that jumps. */
+#define FASTEST_M_S 20.0
+#define SIGMAS 4.0
+/* How hard a head is set in motion; 1 sigma. */
+#define HEAD_ACCELERATION_M_S2 3.0
 
 static bool all_finite(const double *values, int count)
 {
@@ -68,6 +73,21 @@ static void add_up(const struct lp_track_point *last, double sigma, struct lp_tr
 	next->walk = last->walk + sigma * sigma * elapsed_s * elapsed_s;
 }
 
+static double distance(const double a[3], const double b[3])
+{
+	return sqrt((a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) +
+		    (a[2] - b[2]) * (a[2] - b[2]));
+}
+
+static void take_position(const struct lp_orientation_sample *sample, struct lp_track_point *next)
+{
+	if (!(sample->position_sigma_m > 0.0) || !isfinite(sample->position_sigma_m) ||
+	    !all_finite(sample->position_m, 3))
+		return;
+	memcpy(next->position_m, sample->position_m, sizeof(next->position_m));
+	next->position_sigma_m = sample->position_sigma_m;
+}
+
 int lp_orientation_track_add(struct lp_orientation_track *track,
 			     const struct lp_orientation_sample *sample)
 {
@@ -83,6 +103,7 @@ int lp_orientation_track_add(struct lp_orientation_track *track,
 	if (sample->kind == LP_ATTITUDE) {
 		next.rotation = lp_rotation_of_quaternion(sample->quaternion);
 		next.variance = sample->sigma * sample->sigma;
+		take_position(sample, &next);
 	} else {
 		memcpy(next.rate_rad_s, sample->rate_rad_s, sizeof(next.rate_rad_s));
 		if (last)
@@ -111,6 +132,32 @@ static double timing_variance(const struct lp_track_point *point, const double t
 	return square * squared(point->time_sigma_s / span_s);
 }
 
+/* The position at the share `part` of the way from a to b, or beyond; unknown across a jump. A time
+ * that is wrong errs along the way. */
+static void between(const struct lp_track_point *a, const struct lp_track_point *b, double part,
+		    struct lp_track_reading *reading)
+{
+	const double span_s = (double)(b->t_ns - a->t_ns) / 1e9;
+
+	reading->position_sigma_m = 0.0;
+	if (!(a->position_sigma_m > 0.0 && b->position_sigma_m > 0.0))
+		return;
+	const double gone_m = distance(a->position_m, b->position_m);
+	const double noise_m = SIGMAS * (a->position_sigma_m + b->position_sigma_m);
+	const double late_m = gone_m / span_s * b->time_sigma_s;
+
+	const double bend_m =
+		0.5 * HEAD_ACCELERATION_M_S2 * fabs(part * (1.0 - part)) * span_s * span_s;
+
+	if (gone_m > FASTEST_M_S * span_s + noise_m)
+		return;
+	for (int k = 0; k < 3; k++)
+		reading->position_m[k] =
+			a->position_m[k] + part * (b->position_m[k] - a->position_m[k]);
+	reading->position_sigma_m = sqrt(squared(fmax(a->position_sigma_m, b->position_sigma_m)) +
+					 squared(late_m) + squared(bend_m));
+}
+
 /* Between a and b, at the share `part` of the way. */
 static void interpolate(const struct lp_track_point *a, const struct lp_track_point *b, double part,
 			struct lp_track_reading *reading)
@@ -126,6 +173,7 @@ static void interpolate(const struct lp_track_point *a, const struct lp_track_po
 		vector[k] *= part;
 	reading->rotation = turned_by(&a->rotation, vector);
 	reading->walk = a->walk + part * (b->walk - a->walk);
+	between(a, b, part, reading);
 }
 
 /* From which sample on the rate is taken; the newest itself: none is near enough. */
@@ -158,6 +206,8 @@ static bool predict(const struct lp_orientation_track *track, int64_t t_ns,
 	*reading = (struct lp_track_reading){.rotation = newest->rotation,
 					     .variance = newest->variance,
 					     .walk = newest->walk};
+	memcpy(reading->position_m, newest->position_m, sizeof(reading->position_m));
+	reading->position_sigma_m = newest->position_sigma_m;
 	if (t_ns == newest->t_ns)
 		return true;
 	if (base == newest)
@@ -172,6 +222,7 @@ static bool predict(const struct lp_orientation_track *track, int64_t t_ns,
 	for (int k = 0; k < 3; k++)
 		vector[k] *= part;
 	reading->rotation = turned_by(&newest->rotation, vector);
+	between(base, newest, 1.0 + part, reading);
 	return true;
 }
 

@@ -24,6 +24,7 @@ struct lp_track_point {
 	double variance;	     /* rad^2, about each axis, of its own */
 	double time_sigma_s;
 	double walk; /* rad^2: what has been added up; two points differ by its difference */
+	double position_m[3], position_sigma_m; /* sigma 0: not told */
 };
 
 struct lp_orientation_track {
@@ -36,6 +37,8 @@ struct lp_track_reading {
 	struct lp_rotation rotation;
 	/* Between two readings: sqrt(variance a + variance b + difference of walk). */
 	double variance, walk;
+	/* Of the body, in the frame that does not move; sigma 0: not known. */
+	double position_m[3], position_sigma_m;
 };
 
 /*

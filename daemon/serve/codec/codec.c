@@ -144,6 +144,10 @@ static void fill_light(lightprobe_v1_Light *wire, const struct lp_light *light, 
 	wire->has_shadow_strength_permille =
 		scaled(lp_shadow_strength(light, upward), 1000, &wire->shadow_strength_permille);
 	wire->has_distance_m = known(light->distance_m, &wire->distance_m);
+	wire->has_distance_sigma_permille =
+		wire->has_distance_m &&
+		scaled(light->distance_sigma, 1000, &wire->distance_sigma_permille);
+	wire->has_nearest_m = light->nearest_m > 0.0F && known(light->nearest_m, &wire->nearest_m);
 	if (light->flags & LP_LIGHT_EXTENDED) {
 		wire->half_angle_deg_count = 2;
 		wire->axis_count = 3;
@@ -196,6 +200,10 @@ static void fill_orientation(lightprobe_v1_Estimate *wire,
 	wire->has_orientation_sigma_deg =
 		known(orientation->sigma_deg, &wire->orientation_sigma_deg);
 	memcpy(wire->orientation, orientation->xyzw, sizeof(orientation->xyzw));
+	if (!orientation->has_position)
+		return;
+	wire->position_count = 3;
+	memcpy(wire->position, orientation->position_m, sizeof(orientation->position_m));
 }
 
 /* How long the machine was suspended since the estimate was made. */

@@ -52,6 +52,8 @@ struct lp_client_pose {
 	int64_t time_ns;
 	double quaternion[4]; /* x y z w, head to world, as sent */
 	double sigma_rad;
+	double position_m[3]; /* in the world; all NAN: not sent */
+	double position_sigma_m;
 };
 
 struct lp_client_ping {

@@ -12,6 +12,9 @@
 #define REFLECTION_RATE_HZ 5.0F /* of a client that does not say */
 #define REFLECTION_MOST_HZ 30.0F
 #define POSE_SIGMA_DEG 0.2F /* likewise */
+#define POSITION_SIGMA_M 0.005
+/* Positions are float: beyond this they tell no centimetres. */
+#define FARTHEST_M 1e6
 
 static_assert(lightprobe_v1_FromClient_size <= LP_REQUEST_MAX_BYTES,
 	      "a request may be as long as the largest message");
@@ -83,6 +86,25 @@ static bool sane_time(int64_t time_ns)
 	return time_ns >= -LP_MOST_CLIENT_TIME_NS && time_ns <= LP_MOST_CLIENT_TIME_NS;
 }
 
+static int read_position(const lightprobe_v1_Pose *wire, struct lp_client_pose *pose,
+			 const char **reason)
+{
+	const bool is_sent = wire->position_count > 0;
+
+	*reason = "position: must be three numbers within 1e6, x y z in metres, or absent";
+	if (is_sent && wire->position_count != 3)
+		return -ERANGE;
+	for (int a = 0; a < 3; a++) {
+		pose->position_m[a] = is_sent ? (double)wire->position[a] : NAN;
+		if (is_sent && !(fabs(pose->position_m[a]) <= FARTHEST_M))
+			return -ERANGE;
+	}
+	pose->position_sigma_m =
+		wire->has_position_sigma_m ? (double)wire->position_sigma_m : POSITION_SIGMA_M;
+	*reason = "position_sigma_m: must be a positive number";
+	return isfinite(pose->position_sigma_m) && pose->position_sigma_m > 0.0 ? 0 : -ERANGE;
+}
+
 static int read_pose(const lightprobe_v1_Pose *wire, struct lp_client_pose *pose,
 		     const char **reason)
 {
@@ -101,7 +123,7 @@ static int read_pose(const lightprobe_v1_Pose *wire, struct lp_client_pose *pose
 	for (int i = 0; i < 4; i++)
 		pose->quaternion[i] = wire->orientation[i];
 	pose->sigma_rad = sigma_deg * M_PI / 180.0;
-	return 0;
+	return read_position(wire, pose, reason);
 }
 
 static int read_ping(const lightprobe_v1_Ping *wire, struct lp_client_ping *ping,

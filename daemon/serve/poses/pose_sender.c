@@ -21,6 +21,8 @@ int lp_pose_sender_sample(struct lp_pose_sender *sender, const struct lp_client_
 	lp_client_clock_heard(&sender->clock, pose->time_ns, now_ns, false);
 	*sample = (struct lp_orientation_sample){.kind = LP_ATTITUDE, .sigma = pose->sigma_rad};
 	memcpy(sample->quaternion, pose->quaternion, sizeof(sample->quaternion));
+	memcpy(sample->position_m, pose->position_m, sizeof(sample->position_m));
+	sample->position_sigma_m = pose->position_sigma_m;
 	sample->t_ns = lp_client_clock_ours_ns(&sender->clock, pose->time_ns, &sigma_ns);
 	sample->time_sigma_s = (double)sigma_ns / 1e9;
 	const int64_t age_ns = now_ns - sample->t_ns;

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* How the camera turns: as predicted, corrected by what a frame shows. */
 #include <math.h>
+#include <string.h>
 
 #include "light/math/grid.h"
 #include "vision/camera/remap.h"
@@ -274,14 +275,24 @@ struct lp_imager_turn lp_imager_turn(const struct lp_imager *imager)
 struct lp_imager_told lp_imager_told(const struct lp_imager *imager)
 {
 	const struct lp_imu_sample *sample = &imager->turn.told;
+	const struct lp_frame *frame = &imager->about;
 	const double late_rad =
 		lp_imu_delay_sigma_rad(&imager->turn.imu, rate_of(&imager->turn.motion));
+	struct lp_imager_told told = {.known = sample->known,
+				      .rotation = sample->rotation,
+				      .sigma_deg = (float)(hypot(sample->sigma_rad, late_rad) *
+							   180.0 / M_PI),
+				      .own_sigma_rad = sample->sigma_rad,
+				      .late_sigma_s =
+					      lp_imu_delay_sigma_rad(&imager->turn.imu, 1.0),
+				      .left_out = imager->turn.imu.left_out,
+				      .position_sigma_m = (double)frame->position_sigma_m,
+				      .by = sample->by,
+				      .t_ns = imager->time.middle_ns};
 
-	return (struct lp_imager_told){.known = sample->known,
-				       .rotation = sample->rotation,
-				       .sigma_deg = (float)(hypot(sample->sigma_rad, late_rad) *
-							    180.0 / M_PI),
-				       .left_out = imager->turn.imu.left_out};
+	lp_rotate(&sample->rotation, imager->turn.motion.rate, told.rate_rad_s);
+	memcpy(told.position_m, frame->position_m, sizeof(told.position_m));
+	return told;
 }
 
 bool lp_imager_rest(struct lp_imager *imager, struct lp_rotation *turn)

@@ -1,0 +1,409 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "light/lamps/parallax.h"
+
+#include <math.h>
+#include <stdbool.h>
+#include <string.h>
+
+/* Parameters: two of the direction, the inverse distance, and how late poses are. */
+enum { ALONG, ACROSS, INVERSE, LATE, SIZE };
+#define ERRORS 6 /* of a pose: about and along three axes */
+#define STEPS 4
+/* A new place is so many sigmas of the pose from the one before, and so far at least. */
+#define PLACE_SIGMAS 8.0
+#define LEAST_STEP_M 0.02
+/* Poses err alike for so long: of trackers by camera and gyroscope. */
+#define POSE_MEMORY_S 2.0
+/* Fewer places than this cannot disagree. */
+#define LEAST_NODES 5
+/* What contradicted itself is doubted for so long. */
+#define DOUBT_S 10.0
+/* What is known of a lamp before anything is seen: hardly one is nearer than 10 cm. */
+#define INVERSE_SIGMA_PER_M 10.0
+#define LEAST_LATE_SIGMA_S 1e-4
+/* A nearest distance below this tells nobody anything. */
+#define LEAST_NEAREST_M 0.3
+/* 3 sigma of a sum of squares, and some for what a few of them do. */
+#define MISFIT_SIGMAS 3.0
+#define MISFIT_MORE 9.0
+#define BEYOND_SIGMAS 4.0
+
+static double dot(const double a[3], const double b[3])
+{
+	return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+static void cross(const double a[3], const double b[3], double c[3])
+{
+	c[0] = a[1] * b[2] - a[2] * b[1];
+	c[1] = a[2] * b[0] - a[0] * b[2];
+	c[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+static double normalise(double v[3])
+{
+	const double length = sqrt(dot(v, v));
+
+	for (int a = 0; length > 0.0 && a < 3; a++)
+		v[a] /= length;
+	return length;
+}
+
+static double apart_m(const double a[3], const double b[3])
+{
+	const double d[3] = {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
+
+	return sqrt(dot(d, d));
+}
+
+/* Two unit vectors across `along`. */
+static void across(const double along[3], double basis[2][3])
+{
+	const double aside[3] = {fabs(along[0]) < 0.7, fabs(along[0]) >= 0.7, 0.0};
+
+	cross(along, aside, basis[0]);
+	(void)normalise(basis[0]);
+	cross(along, basis[0], basis[1]);
+}
+
+/* ---------------------------------------------------------------- nodes */
+
+static void join(struct lp_parallax_node *node, const struct lp_parallax_node *other)
+{
+	const double count = node->count + other->count, share = other->count / count;
+
+#define MEAN(field) (node->field += share * (other->field - node->field))
+	for (int a = 0; a < 3; a++) {
+		MEAN(direction[a]);
+		MEAN(position_m[a]);
+		MEAN(rate_rad_s[a]);
+		MEAN(velocity_m_s[a]);
+	}
+	MEAN(t_s);
+	MEAN(variance);
+	MEAN(pose_variance_rad2);
+	MEAN(pose_variance_m2);
+#undef MEAN
+	(void)normalise(node->direction);
+	node->count = count;
+}
+
+static void drop(struct lp_parallax *p, int at)
+{
+	p->count--;
+	memmove(p->nodes + at, p->nodes + at + 1, (size_t)(p->count - at) * sizeof(*p->nodes));
+}
+
+/* Room for one more: of those that follow each other the two nearest become one. */
+static void make_room(struct lp_parallax *p)
+{
+	double best = INFINITY;
+	int at = 0;
+
+	if (p->count < LP_PARALLAX_NODES)
+		return;
+	for (int k = 0; k + 1 < p->count; k++) {
+		const double gone = apart_m(p->nodes[k].position_m, p->nodes[k + 1].position_m);
+
+		if (gone < best) {
+			best = gone;
+			at = k;
+		}
+	}
+	join(&p->nodes[at], &p->nodes[at + 1]);
+	drop(p, at + 1);
+}
+
+static void add(struct lp_parallax *p, const struct lp_parallax_node *seen)
+{
+	struct lp_parallax_node *newest = p->count ? &p->nodes[p->count - 1] : NULL;
+	const double step_m = fmax(PLACE_SIGMAS * sqrt(seen->pose_variance_m2), LEAST_STEP_M);
+
+	if (newest && apart_m(newest->position_m, seen->position_m) < step_m) {
+		join(newest, seen);
+		return;
+	}
+	make_room(p);
+	p->nodes[p->count++] = *seen;
+}
+
+/* ---------------------------------------------------------------- the fit */
+
+/* What one node says of the parameters. */
+struct equation {
+	double residual[2];
+	double slope[2][SIZE];
+	double pose[2][ERRORS]; /* by 1 sigma of each error of its pose */
+	double weight;		/* inverse variance of each residual */
+};
+
+struct fit {
+	double direction[3], inverse_per_m, late_s; /* from `here` */
+	double here[3];
+	double prior[SIZE]; /* inverse variance of each parameter about 0 */
+	double normal[SIZE][SIZE], right[SIZE];
+	double misfit; /* sum of squares */
+};
+
+/* From where the node says that it was, the lamp of the fit; how deep it lies along what was seen.
+ * False: the fit has gone astray. */
+static bool look(const struct fit *fit, const struct lp_parallax_node *node, double toward[3],
+		 double *depth)
+{
+	for (int a = 0; a < 3; a++)
+		toward[a] = fit->direction[a] -
+			    fit->inverse_per_m * (node->position_m[a] - fit->here[a]);
+	*depth = dot(node->direction, toward);
+	return *depth > 0.1;
+}
+
+static bool equation_of(const struct fit *fit, const struct lp_parallax_node *node,
+			struct equation *e)
+{
+	double toward[3], depth, basis[2][3], along[2][3], late[3];
+
+	if (!look(fit, node, toward, &depth))
+		return false;
+	const double nearness = fit->inverse_per_m / depth;
+	const double sigma_rad = sqrt(node->pose_variance_rad2);
+	const double sigma_m = sqrt(node->pose_variance_m2);
+
+	across(node->direction, basis);
+	across(fit->direction, along);
+	cross(node->rate_rad_s, node->direction, late);
+	for (int a = 0; a < 3; a++)
+		late[a] += nearness * node->velocity_m_s[a];
+	for (int i = 0; i < 2; i++) {
+		double lever[3];
+
+		e->residual[i] = dot(basis[i], toward) / depth - fit->late_s * dot(basis[i], late);
+		e->slope[i][ALONG] = dot(basis[i], along[0]) / depth;
+		e->slope[i][ACROSS] = dot(basis[i], along[1]) / depth;
+		e->slope[i][INVERSE] =
+			-(dot(basis[i], node->position_m) - dot(basis[i], fit->here)) / depth;
+		e->slope[i][LATE] = -dot(basis[i], late);
+		cross(node->direction, basis[i], lever);
+		for (int a = 0; a < 3; a++) {
+			e->pose[i][a] = sigma_rad * lever[a];
+			e->pose[i][3 + a] = sigma_m * nearness * basis[i][a];
+		}
+	}
+	e->weight = 1.0 / (node->variance + node->pose_variance_rad2 +
+			   nearness * nearness * node->pose_variance_m2);
+	return true;
+}
+
+static void add_equation(struct fit *fit, const struct equation *e)
+{
+	for (int i = 0; i < 2; i++) {
+		fit->misfit += e->weight * e->residual[i] * e->residual[i];
+		for (int a = 0; a < SIZE; a++) {
+			fit->right[a] -= e->weight * e->slope[i][a] * e->residual[i];
+			for (int b = 0; b < SIZE; b++)
+				fit->normal[a][b] += e->weight * e->slope[i][a] * e->slope[i][b];
+		}
+	}
+}
+
+static bool sum_up(struct fit *fit, const struct lp_parallax *p)
+{
+	struct equation e;
+
+	memset(fit->normal, 0, sizeof(fit->normal));
+	memset(fit->right, 0, sizeof(fit->right));
+	fit->misfit = 0.0;
+	for (int a = 0; a < SIZE; a++)
+		fit->normal[a][a] = fit->prior[a];
+	fit->right[INVERSE] = -fit->prior[INVERSE] * fit->inverse_per_m;
+	fit->right[LATE] = -fit->prior[LATE] * fit->late_s;
+	for (int k = 0; k < p->count; k++) {
+		if (!equation_of(fit, &p->nodes[k], &e))
+			return false;
+		add_equation(fit, &e);
+	}
+	return true;
+}
+
+/* x = normal^-1 right, by Cholesky's decomposition; false: it has none. */
+static bool solve_normal(const struct fit *fit, const double right[SIZE], double x[SIZE])
+{
+	double root[SIZE][SIZE] = {{0.0}};
+
+	for (int i = 0; i < SIZE; i++)
+		for (int j = 0; j <= i; j++) {
+			double sum = fit->normal[i][j];
+
+			for (int k = 0; k < j; k++)
+				sum -= root[i][k] * root[j][k];
+			if (i == j && !(sum > 0.0))
+				return false;
+			root[i][j] = i == j ? sqrt(sum) : sum / root[j][j];
+		}
+	for (int i = 0; i < SIZE; i++) {
+		x[i] = right[i];
+		for (int k = 0; k < i; k++)
+			x[i] -= root[i][k] * x[k];
+		x[i] /= root[i][i];
+	}
+	for (int i = SIZE - 1; i >= 0; i--) {
+		for (int k = i + 1; k < SIZE; k++)
+			x[i] -= root[k][i] * x[k];
+		x[i] /= root[i][i];
+	}
+	return isfinite(x[INVERSE]);
+}
+
+static bool step(struct fit *fit)
+{
+	double by[SIZE], along[2][3];
+
+	if (!solve_normal(fit, fit->right, by))
+		return false;
+	across(fit->direction, along);
+	for (int a = 0; a < 3; a++)
+		fit->direction[a] += by[ALONG] * along[0][a] + by[ACROSS] * along[1][a];
+	fit->inverse_per_m = (fit->inverse_per_m + by[INVERSE]) / normalise(fit->direction);
+	fit->late_s += by[LATE];
+	return true;
+}
+
+/*
+ * Variance of the inverse distance, whose change by each parameter is `of`. The pictures' errors
+ * are independent; the poses' fade into each other (Ornstein-Uhlenbeck), so that what they bring is
+ * summed up along the way: `past` is what the errors of all nodes before still do at this one.
+ */
+static double variance_of(const struct fit *fit, const struct lp_parallax *p, const double of[SIZE])
+{
+	double gain[SIZE], past[ERRORS] = {0}, variance = 0.0;
+	struct equation e;
+
+	if (!solve_normal(fit, of, gain))
+		return NAN;
+	for (int a = 0; a < SIZE; a++)
+		variance += gain[a] * gain[a] * fit->prior[a];
+	for (int k = 0; k < p->count; k++) {
+		const struct lp_parallax_node *node = &p->nodes[k];
+		const double since_s = k ? fabs(node->t_s - p->nodes[k - 1].t_s) : 0.0;
+		const double kept = exp(-since_s / POSE_MEMORY_S);
+		double now[ERRORS] = {0};
+
+		if (!equation_of(fit, node, &e))
+			return NAN;
+		for (int i = 0; i < 2; i++) {
+			double by = 0.0;
+
+			for (int a = 0; a < SIZE; a++)
+				by += gain[a] * e.weight * e.slope[i][a];
+			variance += by * by * node->variance;
+			for (int a = 0; a < ERRORS; a++)
+				now[a] += by * e.pose[i][a];
+		}
+		for (int a = 0; a < ERRORS; a++) {
+			past[a] *= kept;
+			variance += now[a] * (now[a] + 2.0 * past[a]);
+			past[a] += now[a];
+		}
+	}
+	return variance;
+}
+
+/* Whether one place explains all that was seen. */
+static bool agrees(const struct fit *fit, const struct lp_parallax *p)
+{
+	const double freedom = fmax(2.0 * p->count - SIZE, 1.0);
+
+	return fit->misfit < freedom + MISFIT_SIGMAS * sqrt(2.0 * freedom) + MISFIT_MORE;
+}
+
+static bool solve(struct lp_parallax *p, const struct lp_probe_pose *pose,
+		  const double direction[3])
+{
+	const double late = fmax(pose->late_sigma_s, LEAST_LATE_SIGMA_S);
+	struct fit fit = {.inverse_per_m = p->inverse_per_m,
+			  .prior = {[INVERSE] = 1.0 / (INVERSE_SIGMA_PER_M * INVERSE_SIGMA_PER_M),
+				    [LATE] = 1.0 / (late * late)}};
+
+	memcpy(fit.here, pose->position_m, sizeof(fit.here));
+	memcpy(fit.direction, direction, sizeof(fit.direction));
+	for (int k = 0; k < STEPS; k++)
+		if (!sum_up(&fit, p) || !step(&fit))
+			return false;
+	if (!sum_up(&fit, p) || !agrees(&fit, p))
+		return false;
+	/* Where the probe is now is late, too, and no better known than any place. */
+	const double inverse2 = fit.inverse_per_m * fit.inverse_per_m;
+	const double nearer = inverse2 * dot(pose->velocity_m_s, fit.direction);
+	const double of[SIZE] = {[INVERSE] = 1.0, [LATE] = nearer};
+	const double variance =
+		variance_of(&fit, p, of) + inverse2 * inverse2 * pose->sigma_m * pose->sigma_m;
+
+	/* beyond infinity lies no lamp */
+	if (!(variance >= 0.0) || fit.inverse_per_m < -BEYOND_SIGMAS * sqrt(variance))
+		return false;
+	p->inverse_per_m = fit.inverse_per_m + nearer * fit.late_s;
+	p->sigma_per_m = sqrt(variance);
+	return true;
+}
+
+/* Of several nodes nothing is left but what is seen now. */
+static void begin_again(struct lp_parallax *p)
+{
+	p->nodes[0] = p->nodes[p->count - 1];
+	p->count = 1;
+	p->inverse_per_m = p->sigma_per_m = 0.0;
+	p->doubt += 1.0;
+}
+
+void lp_parallax_see(struct lp_parallax *p, const struct lp_probe_pose *pose,
+		     const float direction[3], float sigma_rad)
+{
+	const double in_anchor[3] = {direction[0], direction[1], direction[2]};
+	struct lp_parallax_node seen = {.t_s = (double)pose->t_ns / 1e9,
+					.count = 1.0,
+					.variance = (double)sigma_rad * sigma_rad,
+					.pose_variance_rad2 = pose->sigma_rad * pose->sigma_rad,
+					.pose_variance_m2 = pose->sigma_m * pose->sigma_m};
+
+	lp_rotate(&pose->rotation, in_anchor, seen.direction);
+	memcpy(seen.position_m, pose->position_m, sizeof(seen.position_m));
+	memcpy(seen.rate_rad_s, pose->rate_rad_s, sizeof(seen.rate_rad_s));
+	memcpy(seen.velocity_m_s, pose->velocity_m_s, sizeof(seen.velocity_m_s));
+	if (p->by != pose->by)
+		*p = (struct lp_parallax){.by = pose->by};
+	p->doubt *= exp(-fmax(seen.t_s - p->t_doubt_s, 0.0) / DOUBT_S);
+	p->t_doubt_s = seen.t_s;
+	add(p, &seen);
+	if (p->count < 2)
+		return;
+	if (!solve(p, pose, seen.direction))
+		begin_again(p);
+}
+
+void lp_parallax_go(struct lp_parallax *p, const double way_m[3], float direction[3])
+{
+	double toward[3];
+
+	if (isnan(lp_parallax_distance(p).distance_m))
+		return;
+	for (int a = 0; a < 3; a++)
+		toward[a] = (double)direction[a] - p->inverse_per_m * way_m[a];
+	p->inverse_per_m /= normalise(toward);
+	for (int a = 0; a < 3; a++)
+		direction[a] = (float)toward[a];
+}
+
+struct lp_lamp_distance lp_parallax_distance(const struct lp_parallax *p)
+{
+	struct lp_lamp_distance d = {NAN, NAN, 0.0F};
+	const double most_per_m = fmax(p->inverse_per_m, 0.0) + LP_PARALLAX_SIGMAS * p->sigma_per_m;
+
+	if (!(p->sigma_per_m > 0.0) || p->count < LEAST_NODES || p->doubt > LP_PARALLAX_MOST_DOUBT)
+		return d;
+	if (p->inverse_per_m > LP_PARALLAX_SIGMAS * p->sigma_per_m) {
+		d.distance_m = (float)(1.0 / p->inverse_per_m);
+		d.sigma = (float)(p->sigma_per_m / p->inverse_per_m);
+	} else if (1.0 / most_per_m > LEAST_NEAREST_M) {
+		d.nearest_m = (float)(1.0 / most_per_m);
+	}
+	return d;
+}

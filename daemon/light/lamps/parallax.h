@@ -1,0 +1,74 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * How far away a lamp is, by how its direction changes as the probe goes from place to place. The
+ * sightings of one lamp are kept as a few nodes along the way. To all of them are fitted the lamp's
+ * direction and inverse distance, and by how much poses are late (Gauss-Newton; inverse depth:
+ * Civera, Davison & Montiel 2008). Poses err alike for some seconds, which the sigma counts. Plain
+ * data; zeroed is a new one. One thread.
+ */
+#ifndef LP_LIGHT_LAMPS_PARALLAX_H
+#define LP_LIGHT_LAMPS_PARALLAX_H
+
+#include <stdint.h>
+
+#include "light/math/rotation.h"
+
+#define LP_PARALLAX_NODES 16
+
+/* How the probe was turned and where it was when a frame was captured, in the world of who tells
+ * it. */
+struct lp_probe_pose {
+	int64_t t_ns;
+	uint32_t by;		     /* who tells it, as a number: another one has another world */
+	struct lp_rotation rotation; /* anchor frame to the world */
+	double position_m[3];
+	double sigma_rad, sigma_m;	       /* 1 sigma about, and along, each axis */
+	double late_sigma_s;		       /* of how late all poses are, alike */
+	double rate_rad_s[3], velocity_m_s[3]; /* how fast it turns and goes, in the world */
+};
+
+/* What was seen of the lamp from one place: means. */
+struct lp_parallax_node {
+	double t_s, count;
+	double direction[3], position_m[3]; /* world; a unit vector */
+	double variance;		    /* rad^2, of the direction in the picture */
+	double pose_variance_rad2, pose_variance_m2;
+	double rate_rad_s[3], velocity_m_s[3];
+};
+
+struct lp_parallax {
+	int count; /* nodes */
+	uint32_t by;
+	struct lp_parallax_node nodes[LP_PARALLAX_NODES]; /* oldest first */
+	/* Inverse distance from where the probe is now, and 1 sigma; sigma 0: nothing is known. May
+	 * be below 0, as noise has it. */
+	double inverse_per_m, sigma_per_m;
+	/* How often no single place explained what was seen, lately: fades within some seconds. */
+	double doubt, t_doubt_s;
+};
+
+/* The lamp is seen by `pose` in this direction (anchor frame; 1 sigma in the picture). A lamp that
+ * no single place explains has moved: what was known of it is forgotten. */
+void lp_parallax_see(struct lp_parallax *parallax, const struct lp_probe_pose *pose,
+		     const float direction[3], float sigma_rad);
+
+/* The probe has gone by `way_m`, anchor frame: the lamp's direction (likewise) follows, and its
+ * distance. Nothing changes while the distance is not known. */
+void lp_parallax_go(struct lp_parallax *parallax, const double way_m[3], float direction[3]);
+
+/* So much doubt, of one lamp or as the mean of all, is too much: the lamp moves, or what is told of
+ * where the probe is is wrong. */
+#define LP_PARALLAX_MOST_DOUBT 0.5
+
+/* Metres, and 1 sigma of it, relative: where the inverse is LP_PARALLAX_SIGMAS sigmas from 0 and
+ * several places agree on it; NAN: not known. `nearest_m`: else, that it is at least so far away,
+ * at 3 sigma; 0: nothing is known. */
+struct lp_lamp_distance {
+	float distance_m, sigma, nearest_m;
+};
+
+#define LP_PARALLAX_SIGMAS 3.0
+
+struct lp_lamp_distance lp_parallax_distance(const struct lp_parallax *parallax);
+
+#endif

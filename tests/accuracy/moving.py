@@ -1,0 +1,230 @@
+"""How far away lamps are, by one probe on a head that goes to and fro: the daemon, end to end.
+
+`python tests/accuracy/moving.py` prints the tables of docs/users/places.md: rooms with lamps at
+random places, a head that goes half a metre and looks around, an app that sends its poses with
+errors that last. Truth is where the simulated lamps hang. Simulated time: no load changes a figure.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+import recording
+from judge import Packet
+from lightprobe import geometry
+from lightprobe.estimate import Estimate, Light
+from lightprobe.geometry import Array
+from lightprobe.sim.motion import Track, turned
+from lightprobe.sim.room import Bulb, Room
+from lightprobe.sim.world import Behaviour
+from page import ROOT, put
+from places import DISTANCES_M, offsets, shadow_deg
+from recording import ORIENTATIONS, Run, record
+
+PAGE = ROOT / "docs/users/places.md"
+TELLERS = ("place", "place-bad")
+#: A lamp of the truth is the one that a packet lists so near.
+_NEAR_DEG = 5.0
+_KEYS_HZ = 60.0
+#: A small camera: what it renders is most of the time that this takes.
+_SIZE_PX, _RATE_HZ = (960, 480), 15.0
+
+
+def head_path(seed: int, reach_m: float = 0.25, seconds: float = 40.0) -> Track:
+    """Give a head that goes `reach_m` to each side, and looks around."""
+    rng = np.random.default_rng(seed)
+    t_s = np.arange(0, seconds, 1 / _KEYS_HZ)
+
+    def sway(amplitude: float, fastest_hz: float) -> Array:
+        rates = rng.uniform(0.3, 1.0, 3) * fastest_hz
+        waves = np.sin(2 * np.pi * (rates[:, None] * t_s + rng.uniform(size=(3, 1))))
+        return np.asarray(amplitude * waves.mean(axis=0) * 1.4)
+
+    places = np.stack([sway(reach_m, 0.3), sway(0.4 * reach_m, 0.3), sway(reach_m, 0.3)], axis=-1)
+    return Track(t_s, turned(sway(50, 0.3), sway(15, 0.3), sway(6, 0.3)), places, f"head {seed}")
+
+
+def room(seed: int) -> Room:
+    """Give a room whose five lamps hang at random places, well apart; 0: the room as it is."""
+    rng, found = np.random.default_rng(seed), Room()
+    bulbs: list[Bulb] = []
+    while seed and len(bulbs) < 5:
+        place = rng.uniform([-2.2, -0.2, -3.0], [1.8, 1.2, 2.2])
+        towards = geometry.normalize(place)
+        apart = [geometry.angle_deg(towards, np.array(b.position_m)) for b in bulbs]
+        if np.linalg.norm(place) < 1.2 or min(apart, default=90) < 25:
+            continue
+        colour = 40 * rng.uniform(0.6, 1.2) * rng.uniform(0.7, 1.0, 3)
+        bulbs.append(Bulb(tuple(place.tolist()), rng.uniform(0.06, 0.12), tuple(colour.tolist())))
+    return replace(found, bulbs=tuple(bulbs)) if bulbs else found
+
+
+@dataclass(frozen=True)
+class Placed:
+    """One lamp in one packet."""
+
+    t_s: float
+    true_m: float
+    stated_m: float | None
+    sigma_m: float | None
+    nearest_m: float | None
+    off_deg: float  # of its direction
+    sigma_deg: float
+
+
+@dataclass(frozen=True)
+class Case:
+    """A room, a head's path and an app."""
+
+    room: int
+    path: int
+    teller: str
+    reach_m: float = 0.25
+    seconds: float = 10.0
+
+
+@dataclass(frozen=True)
+class Moving:
+    """What came of a case."""
+
+    case: Case
+    lamps: list[Placed]
+    shadows_deg: list[list[float]]  # by DISTANCES_M, root mean square over lamps; newest packets
+
+
+def _true_place(lamp_m: Array, light: Light, packet: Packet) -> float:
+    towards = packet.turn @ lamp_m
+    return float(geometry.angle_deg(light.direction, towards))
+
+
+def judge(case: Case) -> list[Moving]:
+    """Run the daemon, and compare each lamp of its packets with where it hangs."""
+    scene = room(case.room)
+    behaviour = Behaviour(act_s=0, path=head_path(case.path, case.reach_m))
+    got = record(Run(
+        scene, behaviour, judged_s=case.seconds, orientation=case.teller, size_px=_SIZE_PX,
+        rate_hz=_RATE_HZ,
+    ))  # fmt: skip
+    found: list[Placed] = []
+    shadows: list[list[float]] = [[] for _ in DISTANCES_M]
+    rng = np.random.default_rng(case.path)
+    packets = got.packets["raw"]
+    for number, packet in enumerate(packets):
+        here = np.array(got.world.at(packet.captured_s).place_m)
+        seen: list[tuple[Light, Array]] = []
+        for bulb in scene.bulbs:
+            lamp_m = np.array(bulb.position_m) - here
+            near = [one for one in packet.estimate.lights
+                    if _true_place(lamp_m, one, packet) < _NEAR_DEG]  # fmt: skip
+            for one in near[:1]:
+                seen.append((one, lamp_m))
+                distance = one.distance_m
+                found.append(Placed(
+                    packet.captured_s, float(np.linalg.norm(lamp_m)), distance,
+                    None if distance is None or one.distance_sigma is None
+                    else distance * one.distance_sigma,
+                    one.nearest_m, _true_place(lamp_m, one, packet), one.direction_sigma_deg or 0,
+                ))  # fmt: skip
+        if number >= len(packets) - 15 and number % 5 == 0:
+            for k, distance_m in enumerate(DISTANCES_M):
+                for place in offsets(scene, distance_m, 4, rng):
+                    shadows[k].append(_shadow_deg(packet, seen, place))
+    return [Moving(case, found, shadows)]
+
+
+def _shadow_deg(packet: Packet, seen: Sequence[tuple[Light, Array]], place_m: Array) -> float:
+    """Root mean square of how far shadows are turned at a place, of the lamps that are listed."""
+    own = packet.turn @ place_m
+    stated: Estimate = replace(packet.estimate, lights=tuple(one for one, _ in seen)).at(own)
+    true = replace(stated, lights=tuple(
+        replace(one, direction=geometry.normalize(packet.turn @ lamp_m - own))
+        for one, lamp_m in seen
+    ))  # fmt: skip
+    return shadow_deg(stated, true)
+
+
+def summary(some: Sequence[Moving]) -> dict[str, float]:
+    """Figures over the last third of each case: metres, degrees and shares."""
+    late = [
+        one for moving in some for one in moving.lamps
+        if one.t_s > max(lamp.t_s for lamp in moving.lamps) - moving.case.seconds / 3
+    ]  # fmt: skip
+    known = [one for one in late if one.stated_m is not None and one.sigma_m is not None]
+    off = np.array([abs((one.stated_m or 0) - one.true_m) for one in known])
+    sigma = np.array([one.sigma_m for one in known], dtype=float)
+    scaled = off * np.array([(3 / one.true_m) ** 2 for one in known])
+    bounds = [one.true_m >= one.nearest_m for one in late if one.nearest_m is not None]
+    turned_ = np.array([one.off_deg for one in late])
+    figures = {
+        "lamps": len(late),
+        "placed": len(known) / max(len(late), 1),
+        "off_m": float(np.median(off)),
+        "off_90_m": float(np.quantile(off, 0.9)),
+        "off_at_3_m": float(np.median(scaled)),
+        "within_1": float(np.mean(off <= sigma)),
+        "within_3": float(np.mean(off <= 3 * sigma)),
+        "bounds_hold": float(np.mean(bounds)) if bounds else 1.0,
+        "direction_deg": float(np.median(turned_)),
+        "direction_90_deg": float(np.quantile(turned_, 0.9)),
+        "direction_within_3": float(np.mean(turned_ <= 3 * np.array([p.sigma_deg for p in late]))),
+    }
+    for k, distance_m in enumerate(DISTANCES_M):
+        every = np.concatenate([one.shadows_deg[k] for one in some])
+        figures[f"shadow_{distance_m:g}_m_deg"] = float(np.sqrt(np.mean(every**2)))
+    return figures
+
+
+def table(some: Sequence[Moving]) -> str:
+    """Markdown: a row for each teller."""
+    lines = [
+        "| the app sends | lamps placed | distance off by, median (90 %) | at 3 m, median "
+        "| within 1 sigma | within 3 | "
+        + " | ".join(f"shadows {d:g} m away turned by" for d in DISTANCES_M) + " |",
+        "|---|---|---|---|---|---|" + "---|" * len(DISTANCES_M),
+    ]  # fmt: skip
+    for teller in dict.fromkeys(one.case.teller for one in some):
+        f = summary([one for one in some if one.case.teller == teller])
+        cells = [
+            ORIENTATIONS[teller].words, f"{f['placed']:.0%}",
+            f"{100 * f['off_m']:.1f} ({100 * f['off_90_m']:.1f}) cm",
+            f"{100 * f['off_at_3_m']:.1f} cm", f"{f['within_1']:.0%}", f"{f['within_3']:.1%}",
+            *(f"{f[f'shadow_{d:g}_m_deg']:.2f}°" for d in DISTANCES_M),
+        ]  # fmt: skip
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Print the table, or write the page."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rooms", type=int, default=6, help="rooms and paths (6)")
+    parser.add_argument("--tellers", type=recording.listed(tuple(ORIENTATIONS), "teller"),
+                        default=TELLERS, help="what apps send, by comma")  # fmt: skip
+    parser.add_argument("--reach", type=float, default=0.25, help="metres to each side (0.25)")
+    parser.add_argument("--seconds", type=float, default=10.0, help="that are judged (10)")
+    parser.add_argument("--json", action="store_true", help="figures of each case instead")
+    parser.add_argument("--page", action="store_true", help="write docs/users/places.md")
+    options = parser.parse_args()
+    cases = [
+        Case(k, k, teller, options.reach, options.seconds)
+        for teller in options.tellers for k in range(options.rooms)
+    ]  # fmt: skip
+    some = recording.all_figures(
+        "moving", judge, cases, lambda one: f"room {one.case.room}, {one.case.teller}", 2
+    )
+    some.sort(key=lambda one: (cases.index(one.case)))
+    if options.json:
+        print(json.dumps([asdict(one.case) | summary([one]) for one in some], indent=1))
+        return
+    measured = table(some)
+    print(measured)
+    if options.page:
+        put(PAGE, {"moving": measured + "\n"})
+
+
+if __name__ == "__main__":
+    main()

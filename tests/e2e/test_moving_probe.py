@@ -1,0 +1,122 @@
+"""A head that goes to and fro tells where it is: lamps get distances, or say that none is known.
+
+The simulated camera walks through the room of the tests; truth is where its lamps hang.
+"""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+from lightprobe import geometry
+from lightprobe.estimate import Estimate
+from lightprobe.geometry import Array
+from lightprobe.imaging import camera as lenses
+from lightprobe.sim import scenes
+from lightprobe.sim.camera import SimulatedCamera
+from lightprobe.sim.clock import START_NS
+from lightprobe.sim.head import Habits, Head, Placed, true_place, true_turn
+from lightprobe.sim.live import LiveProbe
+from lightprobe.sim.motion import Track, turned
+from lightprobe.sim.room import Room
+from lightprobe.sim.world import Behaviour, World
+from lightprobe.wire import Subscription
+
+pytestmark = pytest.mark.many_frames
+
+SECONDS = 6.0
+WISH = Subscription(smoothing="RAW", max_lights=8, frame="WORLD")
+T_S = np.arange(0, 20, 1 / 60)
+PLACES_M = 0.25 * np.stack(
+    [np.sin(1.9 * T_S), 0.4 * np.sin(1.3 * T_S), np.sin(2.7 * T_S + 1)], axis=-1
+)
+LOOKS = turned(25 * np.sin(1.5 * T_S), 8 * np.sin(1.1 * T_S), 0.0)
+
+
+def camera_on(places_m: Array) -> SimulatedCamera:
+    path = Track(T_S, LOOKS, places_m)
+    world = World(scenes.load(["room"]), Behaviour(act_s=0, path=path), 4.0)
+    return SimulatedCamera(world, lenses.load("equirect"), (640, 320), rate_hz=12)
+
+
+def packets(
+    camera: SimulatedCamera, placed: Placed | None, habits: Habits
+) -> list[tuple[float, Estimate]]:
+    """Run a daemon; its packets, and when they were captured."""
+    with LiveProbe(camera, ("--orientation=client",)) as probe:
+        client = probe.client(WISH)
+        probe.apps.append(Head(client, true_turn(camera), START_NS, habits, placed))
+        probe.run(SECONDS)
+        return [(probe.captured_s(one), one) for one in client.estimates]
+
+
+def distances(
+    camera: SimulatedCamera, some: list[tuple[float, Estimate]]
+) -> Iterator[tuple[float, float, float]]:
+    """True, stated and sigma, in metres, of each light that has a distance and is a lamp."""
+    room = camera.world.scenes[0]
+    assert isinstance(room, Room)
+    for t_s, one in some:
+        here = np.array(camera.world.at(t_s).place_m)
+        for light in one.lights:
+            if light.distance_m is None or light.distance_sigma is None:
+                continue
+            for bulb in room.bulbs:
+                towards = np.array(bulb.position_m) - here
+                if geometry.angle_deg(towards, light.direction) < 3:
+                    true_m = float(np.linalg.norm(towards))
+                    yield true_m, light.distance_m, light.distance_m * light.distance_sigma
+
+
+def test_lamps_get_their_distances() -> None:
+    """In the world of the app: lamps at their places, the probe at its own."""
+    camera = camera_on(PLACES_M)
+    some = packets(camera, true_place(camera), Habits(memory_s=2))
+    found = np.array(list(distances(camera, [one for one in some if one[0] > SECONDS / 2])))
+    assert len(found) > 60
+    off_m = np.abs(found[:, 0] - found[:, 1])
+    assert np.median(off_m) < 0.08
+    assert np.mean(off_m < 3 * found[:, 2]) > 0.97
+    assert np.median(found[:, 2]) < 0.15
+    t_s, newest = some[-1]
+    assert newest.frame == "WORLD"
+    assert newest.position_m == pytest.approx(np.array(camera.world.at(t_s).place_m), abs=0.03)
+
+
+def test_without_places_there_are_no_distances() -> None:
+    camera = camera_on(PLACES_M)
+    some = packets(camera, None, Habits())
+    lights = [light for _, one in some for light in one.lights]
+    assert lights
+    assert all(light.distance_m is None and light.nearest_m is None for light in lights)
+    assert all(one.position_m is None for _, one in some)
+
+
+def _scaled(place: Placed, factor: float) -> Placed:
+    return lambda t_s: factor * place(t_s)
+
+
+def _jumping(place: Placed) -> Placed:
+    """The app's idea of where it is jumps by two metres, every two seconds."""
+    return lambda t_s: place(t_s) + np.array([2.0, 0, 0]) * (t_s // 2 % 2)
+
+
+#: What an app may get wrong, and whether nothing may be stated then.
+WRONG: dict[str, tuple[Callable[[Placed], Placed], bool]] = {
+    "millimetres": (lambda place: _scaled(place, 1000), True),
+    "stands still": (lambda _: lambda _: np.zeros(3), True),
+    "jumps": (_jumping, False),
+    "mirrored": (lambda place: lambda t_s: place(t_s) * np.array([-1, 1, 1]), False),
+}
+
+
+@pytest.mark.nightly_rows
+@pytest.mark.parametrize("wrong", WRONG)
+def test_wrong_places_make_no_wrong_distances(wrong: str) -> None:
+    spoil, is_silent = WRONG[wrong]
+    camera = camera_on(PLACES_M)
+    some = packets(camera, spoil(true_place(camera)), Habits(memory_s=2))
+    found = np.array(list(distances(camera, some))).reshape(-1, 3)
+    if is_silent or not len(found):
+        assert len(found) == 0
+        return
+    assert np.mean(np.abs(found[:, 0] - found[:, 1]) < 3 * found[:, 2]) > 0.97
