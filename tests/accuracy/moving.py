@@ -216,7 +216,7 @@ def main() -> None:
     some = recording.all_figures(
         "moving", judge, cases, lambda one: f"room {one.case.room}, {one.case.teller}", 2
     )
-    some.sort(key=lambda one: (cases.index(one.case)))
+    some.sort(key=lambda one: cases.index(one.case))
     if options.json:
         print(json.dumps([asdict(one.case) | summary([one]) for one in some], indent=1))
         return
