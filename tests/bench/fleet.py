@@ -9,6 +9,7 @@ of a library would measure the library. They share the processors with the broke
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import multiprocessing
 import os
@@ -32,7 +33,7 @@ sys.path.insert(0, str(ROOT / "tests" / "e2e"))
 from broker import Broker  # noqa: E402
 from harness import split  # noqa: E402
 
-CONNECT, CONNACK, PUBLISH, SUBSCRIBE, SUBACK = 0x10, 0x20, 0x30, 0x82, 0x90
+CONNECT, CONNACK, PUBLISH, SUBSCRIBE = 0x10, 0x20, 0x30, 0x82
 RETAIN = 1
 RECORDED = ROOT / "proto" / "golden" / "estimate_full.bin"
 SETTLE_S = 1.0  # not judged: connections, and first turns
@@ -59,11 +60,21 @@ def text(words: str) -> bytes:
 
 
 def connect(port: int, name: str) -> socket.socket:
-    """Open a connection that needs no pings."""
-    connection = socket.create_connection(("127.0.0.1", port), LONGEST_S)
+    """Open a connection that needs no pings; wait for the broker."""
+    until_s = time.monotonic() + LONGEST_S
+    while True:
+        with contextlib.suppress(ConnectionError):
+            return shake_hands(socket.create_connection(("127.0.0.1", port), LONGEST_S), name)
+        assert time.monotonic() < until_s, "no broker"
+        time.sleep(0.05)
+
+
+def shake_hands(connection: socket.socket, name: str) -> socket.socket:
+    """Say who it is; ConnectionError when the broker goes meanwhile."""
     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     connection.sendall(packet(CONNECT, text("MQTT") + b"\x04\x02\x00\x00" + text(name)))
-    assert connection.recv(4)[0] == CONNACK
+    if connection.recv(4)[:1] != bytes([CONNACK]):
+        raise ConnectionResetError
     return connection
 
 
@@ -93,24 +104,39 @@ class Listeners:
     """In a process of their own: each follows one probe."""
 
     def __init__(self, port: int, count: int, probes: int) -> None:
+        self._port, self._probes = port, probes
         self._selector = selectors.DefaultSelector()
         self._delays_ns: list[int] = []
         for number in range(count):
-            connection = connect(port, f"listener-{number}")
-            topic = text(f"fleet/{number % probes}/estimate") + b"\x00"
-            connection.sendall(packet(SUBSCRIBE, b"\x00\x01" + topic))
-            connection.setblocking(False)
-            self._selector.register(connection, selectors.EVENT_READ, bytearray())
+            self._join(number)
+
+    def _join(self, number: int) -> None:
+        connection = connect(self._port, f"listener-{number}")
+        topic = text(f"fleet/{number % self._probes}/estimate") + b"\x00"
+        connection.sendall(packet(SUBSCRIBE, b"\x00\x01" + topic))
+        connection.setblocking(False)
+        self._selector.register(connection, selectors.EVENT_READ, (number, bytearray()))
 
     def listen(self, end: Connection, begin_ns: int) -> None:
         """Until the other process says that it is over; then tell it what came since `begin_ns`."""
         while not end.poll():
             for key, _ in self._selector.select(0.1):
-                key.data.extend(key.fileobj.recv(1 << 16))  # type: ignore[union-attr]
-                for kind, body in packets(key.data):
-                    if kind & 0xF0 == PUBLISH:
-                        self._take(kind, body, begin_ns)
+                self._read(key, begin_ns)
         end.send(self._delays_ns)
+
+    def _read(self, key: selectors.SelectorKey, begin_ns: int) -> None:
+        number, buffer = key.data
+        data = b""
+        with contextlib.suppress(ConnectionError):
+            data = key.fileobj.recv(1 << 16)  # type: ignore[union-attr]
+        if not data:  # the broker has gone
+            self._selector.unregister(key.fileobj)
+            key.fileobj.close()  # type: ignore[union-attr]
+            self._join(number)
+        buffer.extend(data)
+        for kind, body in packets(buffer):
+            if kind & 0xF0 == PUBLISH:
+                self._take(kind, body, begin_ns)
 
     def _take(self, kind: int, body: bytes, begin_ns: int) -> None:
         payload = body[2 + int.from_bytes(body[:2], "big") :]
@@ -135,6 +161,7 @@ class Probes:
     def __init__(self, port: int, count: int) -> None:
         (self._message,), _ = split(RECORDED.read_bytes())
         self.bytes = len(self._message.SerializeToString())
+        self._port = port
         self._connections = [connect(port, f"probe-{number}") for number in range(count)]
         self.sent = 0  # judged
 
@@ -153,7 +180,10 @@ class Probes:
         self._message.estimate.sequence = sequence
         self._message.estimate.capture_time_unix_ns = now_ns
         body = text(f"fleet/{number}/estimate") + self._message.SerializeToString()
-        self._connections[number].sendall(packet(PUBLISH | RETAIN, body))
+        try:
+            self._connections[number].sendall(packet(PUBLISH | RETAIN, body))
+        except ConnectionError:  # the next one is newer
+            self._connections[number] = connect(self._port, f"probe-{number}")
         self.sent += now_ns >= begin_ns
 
 
@@ -182,9 +212,14 @@ def measure(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
         begin_ns = time.time_ns() + round(1e9 * SETTLE_S)
         ours.send(begin_ns)
         probes.publish(options.rate, SETTLE_S, begin_ns)
-        rss_kib, before_s = broker.rss_kib(), cpu_s(broker.process.pid)
-        probes.publish(options.rate, options.seconds, begin_ns)
-        load = (cpu_s(broker.process.pid) - before_s) / options.seconds
+        rss_kib, parts = broker.rss_kib(), 1 + options.restart
+        for part in range(parts):
+            if part:
+                broker.kill()
+                broker.start()
+            before_s = cpu_s(broker.process.pid)
+            probes.publish(options.rate, options.seconds / parts, begin_ns)
+        load = (cpu_s(broker.process.pid) - before_s) * parts / options.seconds
         rss_end_kib = broker.rss_kib()
         time.sleep(0.5)  # what is on its way
         ours.send("over")
@@ -218,6 +253,7 @@ def main() -> None:
     parser.add_argument("--subscribers", type=int, default=1000, help="listeners (1000)")
     parser.add_argument("--rate", type=float, default=10.0, help="estimates a second of each (10)")
     parser.add_argument("--seconds", type=float, default=60.0, help="how long it is judged (60)")
+    parser.add_argument("--restart", action="store_true", help="the broker is killed half way")
     parser.add_argument("--json", action="store_true", help="the figures as JSON")
     options = parser.parse_args()
     most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]

@@ -13,6 +13,7 @@
 #include <sys/socket.h>
 
 #include "base/backoff.h"
+#include "base/clock.h"
 #include "base/macros.h"
 #include "base/text.h"
 #include "drivers/link/bus_thread.h"
@@ -23,8 +24,10 @@
 #define TURN_MS 500
 #define CONNACK_TURNS 20 /* an answer of the broker takes no longer */
 #define LEAVE_MS 500	 /* how long the farewell may take */
-#define RETRY_FIRST_NS (250 * INT64_C(1000000))
-#define RETRY_LONGEST_NS (10 * INT64_C(1000000000))
+#define RETRY_FIRST_NS (250 * LP_NS_PER_MS)
+#define RETRY_LONGEST_NS (10 * LP_NS_PER_S)
+/* A connection that lasts longer was a good one: the next attempt comes soon. */
+#define GOOD_NS RETRY_LONGEST_NS
 #define ONLINE "online"
 #define OFFLINE "offline"
 
@@ -279,7 +282,7 @@ static void wait_for(struct session *self, int64_t wait_ns)
 {
 	struct pollfd hung_up = {.fd = self->fd, .events = POLLRDHUP};
 
-	(void)poll(&hung_up, 1, (int)(wait_ns / 1000000));
+	(void)poll(&hung_up, 1, (int)(wait_ns / LP_NS_PER_MS));
 	while (!self->is_ending && take_message(self) >= 0) {
 	}
 }
@@ -291,10 +294,12 @@ static void run(void *context, int fd)
 
 	self->fd = fd;
 	while (!self->is_ending) {
+		const int64_t start_ns = lp_clock_ns();
+
 		connect_once(self);
 		mosquitto_destroy(self->broker);
 		self->broker = NULL;
-		if (self->failure.was_connected)
+		if (self->failure.was_connected && lp_clock_ns() - start_ns > GOOD_NS)
 			lp_backoff_reset(&backoff);
 		if (!self->is_ending)
 			wait_for(self, lp_backoff_next_ns(&backoff));
