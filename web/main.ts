@@ -7,6 +7,8 @@ import { Probe, fallbackEstimate, irradiance, luminance } from "../src/index.js"
 import type { Estimate, ProbeOptions, ReflectionMapWish, Vec3 } from "../src/index.js";
 import { dismiss, say } from "./messages.js";
 import { show } from "./panel.js";
+import { isPlaced, lightThere } from "./places.js";
+import { Plan } from "./plan.js";
 import { offer } from "./switches.js";
 import { MOST_LAMPS, View, type Seen } from "./view.js";
 import { isXrOffered } from "./xr.js";
@@ -39,6 +41,14 @@ function open(where: string, options: ProbeOptions): Probe {
 let last: Estimate | undefined, fallback: Estimate | undefined;
 probe.on("estimate", (estimate) => { [last, fallback] = [estimate, undefined]; });
 
+const plan = new Plan();
+
+/** The newest light of a probe where the object stands. */
+function there(of: Probe): Estimate | undefined {
+  const estimate = of.latest();
+  return estimate && lightThere(estimate, plan.positionM);
+}
+
 /** What the switches leave of an estimate. */
 function switched(estimate: Estimate): Estimate {
   return {
@@ -51,7 +61,7 @@ function switched(estimate: Estimate): Estimate {
 const usesMap = (): boolean => view !== undefined && checked("use-map") && Boolean(probe.hello?.maxReflectionMapSize);
 
 function seen(): Seen {
-  const known = probe.latest(), exact = checked("use-truth") ? truth?.latest() : undefined;
+  const known = there(probe), exact = checked("use-truth") && truth ? there(truth) : undefined;
   const estimate = known ?? (fallback ??= fallbackEstimate(last)), whole = checked("use-ambient") && checked("use-lamps");
   return {
     estimate, isOfProbe: known !== undefined, shown: switched(estimate), truth: exact && switched(exact),
@@ -88,7 +98,10 @@ function errorAgainst(estimate: Estimate | undefined, exact: Estimate | undefine
 
 function showFigures(): void {
   const estimate = probe.latest(), exact = truth?.latest();
-  show(probe, estimate, exact, errorAgainst(estimate, exact), last !== undefined);
+  show(probe, estimate, there(probe), exact, errorAgainst(estimate, exact), last !== undefined);
+  plan.show(estimate);
+  const isElsewhere = isPlaced(estimate) && !isPlaced(exact) && plan.positionM.some((value) => value !== 0);
+  element("right").textContent = isElsewhere ? "lit by the truth at the probe" : "lit by the truth";
   offer("use-ground", Boolean(view?.isOnMarker), "Needs a marker in the camera picture: choose it under Behind");
 }
 

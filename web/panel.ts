@@ -16,6 +16,9 @@ function encode(rgb: ArrayLike<number>, scale: number): number[] {
   return Array.from(rgb).map((value) => Math.round(255 * Math.min(1, Math.max(0, value * scale)) ** (1 / 2.2)));
 }
 
+/** The same as CSS has it. */
+export const screenColour = (rgb: ArrayLike<number>, scale: number): string => `rgb(${encode(rgb, scale).join(" ")})`;
+
 export function drawMap(estimate: Estimate | undefined, truth: Estimate | undefined): void {
   const canvas = element<HTMLCanvasElement>("map"), context = canvas.getContext("2d")!;
   const { width, height } = canvas;
@@ -68,10 +71,10 @@ function drawLamps(estimate: Estimate | undefined): void {
     const row = document.createElement("tr");
     const swatch = document.createElement("span");
     swatch.className = "swatch";
-    swatch.style.background = `rgb(${encode(light.irradiance, 1 / Math.max(...light.irradiance, 1e-9)).join(" ")})`;
+    swatch.style.background = screenColour(light.irradiance, 1 / Math.max(...light.irradiance, 1e-9));
     const sigma = light.directionSigmaDeg === undefined ? "" : ` ± ${number(light.directionSigmaDeg, 2)}`;
     const cells = ["", `${number(azimuthDeg(light.direction))}°`, `${number(elevationDeg(light.direction))}°${sigma}`, `${number(light.angularRadiusDeg, 1)}°`,
-      `${luminance(light.irradiance).toPrecision(3)}${light.flags & LightFlag.CLIPPED ? " ≥" : ""}`];
+      light.distanceM === undefined ? "–" : `${number(light.distanceM, 2)} m`, `${luminance(light.irradiance).toPrecision(3)}${light.flags & LightFlag.CLIPPED ? " ≥" : ""}`];
     for (const [i, text] of cells.entries()) {
       const cell = row.insertCell();
       if (i === 0) cell.append(swatch, ` ${light.id || "KEY"}`);
@@ -107,8 +110,11 @@ function showStatus(probe: Probe, had: boolean): void {
   status.classList.toggle("bad", probe.state === "waiting" || probe.state === "closed");
 }
 
-/** `errorOfTruth`: mean error of the light on a white sphere, as a share of its brightest point; undefined: no truth. */
-export function show(probe: Probe, estimate: Estimate | undefined, truth: Estimate | undefined, errorOfTruth: number | undefined, had: boolean): void {
+/**
+ * `there`: the light where the object stands. `errorOfTruth`: mean error of the light on a white sphere, as a share of its brightest
+ * point; undefined: no truth.
+ */
+export function show(probe: Probe, estimate: Estimate | undefined, there: Estimate | undefined, truth: Estimate | undefined, errorOfTruth: number | undefined, had: boolean): void {
   showStatus(probe, had);
   drawMap(estimate, truth);
   drawLamps(estimate);
@@ -119,6 +125,7 @@ export function show(probe: Probe, estimate: Estimate | undefined, truth: Estima
     figures["in the probe"] = `${number(estimate.sendDelayMs)} ms`;
     if (estimate.predictedError !== undefined) figures["model leaves out"] = `${number(100 * estimate.predictedError, 1)} %`;
     figures["exposures"] = String(estimate.exposureCount);
+    if (there && there !== estimate) figures["light at the object"] = `${number(meanIrradiance(there) / Math.max(1e-9, meanIrradiance(estimate)), 2)} × at the probe`;
     if (estimate.wheelDeg !== undefined) figures["polarizer"] = `${number(estimate.wheelDeg)}°`;
   }
   if (errorOfTruth !== undefined) figures["error on a white sphere"] = `${number(100 * errorOfTruth, 1)} %`;

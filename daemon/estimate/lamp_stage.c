@@ -11,6 +11,7 @@
 #include "light/lamps/holding.h"
 #include "light/math/grid.h"
 #include "light/math/rotation.h"
+#include "light/turn/orientation_track.h"
 #include "vision/imager.h"
 
 #define DEG (180.0F / (float)M_PI)
@@ -153,15 +154,22 @@ void lp_lamp_stage_go(struct lp_lamp_stage *stage, const struct lp_imager *image
 	if (!stage->is_placed)
 		return;
 	*now = (struct lp_probe_pose){.t_ns = told.t_ns,
-				      .by = told.by,
+				      .world = before.world,
 				      .rotation = to_world(imager, &told.rotation),
 				      .sigma_rad = told.own_sigma_rad,
 				      .sigma_m = told.position_sigma_m,
 				      .late_sigma_s = told.late_sigma_s};
 	memcpy(now->position_m, told.position_m, sizeof(now->position_m));
 	memcpy(now->rate_rad_s, told.rate_rad_s, sizeof(now->rate_rad_s));
-	if (!(before.sigma_m > 0.0) || before.by != now->by)
+	const double elapsed_s = (double)(now->t_ns - before.t_ns) / 1e9;
+
+	if (!(before.sigma_m > 0.0) || stage->told_by != told.by ||
+	    lp_track_jumps(before.position_m, now->position_m, before.sigma_m + now->sigma_m,
+			   elapsed_s)) {
+		stage->told_by = told.by;
+		now->world++;
 		return;
+	}
 	find_way(&before, now, way_m);
 	lp_lamp_memory_go(&stage->memory, way_m);
 }

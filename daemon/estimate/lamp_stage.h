@@ -30,6 +30,7 @@ struct lp_lamp_stage {
 	/* Of the newest frame that told where the probe was; sigma_m 0: none has. */
 	struct lp_probe_pose pose;
 	bool is_placed;	     /* the newest one does */
+	uint32_t told_by;    /* who told it */
 	bool film_is_turned; /* a quarter turn off */
 	/* So many bright regions, listed or not, have appeared whose polarization was not known. */
 	uint32_t unmeasured;

@@ -95,16 +95,17 @@ def _scaled(place: Placed, factor: float) -> Placed:
     return lambda t_s: factor * place(t_s)
 
 
-def _jumping(place: Placed) -> Placed:
-    """The app's idea of where it is jumps by two metres, every two seconds."""
-    return lambda t_s: place(t_s) + np.array([2.0, 0, 0]) * (t_s // 2 % 2)
+def _jumping(place: Placed, by_m: float) -> Placed:
+    """The app's idea of where it is jumps, every two seconds."""
+    return lambda t_s: place(t_s) + np.array([by_m, 0, 0]) * (t_s // 2 % 2)
 
 
 #: What an app may get wrong, and whether nothing may be stated then.
 WRONG: dict[str, tuple[Callable[[Placed], Placed], bool]] = {
     "millimetres": (lambda place: _scaled(place, 1000), True),
     "stands still": (lambda _: lambda _: np.zeros(3), True),
-    "jumps": (_jumping, False),
+    "jumps": (lambda place: _jumping(place, 2.0), False),
+    "jumps a little": (lambda place: _jumping(place, 0.2), False),
     "mirrored": (lambda place: lambda t_s: place(t_s) * np.array([-1, 1, 1]), False),
 }
 

@@ -69,7 +69,7 @@ static void see(struct lp_parallax *p, const struct story *story, double t_s,
 static struct lp_probe_pose told_of(const struct story *story, double t_s, const double error[6])
 {
 	struct lp_probe_pose told = {.t_ns = (int64_t)(1e9 * t_s),
-				     .by = 1,
+				     .world = 1,
 				     .sigma_rad = story->sigma_rad,
 				     .sigma_m = story->sigma_m,
 				     .late_sigma_s = fmax(story->late_s, 0.0)};
@@ -248,7 +248,7 @@ static void test_nonsense_is_survived(void **state)
 	(void)state;
 	for (int k = 0; k < 2000; k++) {
 		struct lp_probe_pose pose = {.t_ns = k,
-					     .by = 1,
+					     .world = 1,
 					     .rotation = lp_rotation_identity(),
 					     .sigma_rad = 1e-3,
 					     .sigma_m = 1e-3};
@@ -278,7 +278,7 @@ static void test_another_world_begins_anew(void **state)
 	(void)live(&head, &p);
 	struct lp_probe_pose told = told_of(&head, 11.0, error);
 
-	told.by = 2;
+	told.world = 2;
 	see(&p, &head, 11.0, &told, 0.02 * DEG);
 	assert_int_equal(p.count, 1);
 	assert_true(isnan(lp_parallax_distance(&p).distance_m));

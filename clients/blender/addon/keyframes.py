@@ -13,7 +13,7 @@ from lightprobe.errors import LightprobeError
 from lightprobe.estimate import Estimate
 from mathutils import Quaternion, Vector
 
-from . import scene_lamps, scene_world, sky, timeline
+from . import place, scene_lamps, scene_world, sky, timeline
 from .fade import LampKey, ShownLamp
 from .suns import unit_scale
 from .timeline import FrameLight
@@ -49,7 +49,8 @@ def keyframe(
     packets, notes = timeline.read(path)
     settings = scene.lightprobe
     fps = scene.render.fps / scene.render.fps_base
-    lights = list(timeline.frames(packets, start, fps, settings.steady))
+    standing_m = place.position(scene, None)  # the empty is made anew below, at the origin
+    lights = list(timeline.frames(packets, start, fps, settings.steady, standing_m))
     scales = [unit_scale(one.estimate, settings.units, settings.scale) for one in lights]
     first_file = write_skies(lights, folder, on_progress)
     scene_lamps.remove_all(scene)

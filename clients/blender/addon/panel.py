@@ -43,7 +43,8 @@ class LightprobePanel(bpy.types.Panel):
         column = layout.column()
         column.prop(settings, "mode")
         if settings.mode == "LAMPS":
-            column.prop(settings, "max_lamps")
+            for name in ("max_lamps", "lit_object", "point_lights"):
+                column.prop(settings, name)
         for name in ("map_size", "rate_hz", "steady"):
             column.prop(settings, name)
         column.separator()

@@ -1,6 +1,8 @@
-"""The lamps in a scene: suns parented to the empty "lightprobe". Main thread only."""
+"""The lamps in a scene, parented to the empty "lightprobe". Main thread only."""
 
 from __future__ import annotations
+
+import math
 
 import bpy
 from mathutils import Vector
@@ -11,6 +13,8 @@ from .suns import Sun
 NAME = "lightprobe"
 #: Custom property of a lamp's object: boot of the probe and id of the lamp, `BOOT:ID`.
 KEY_PROPERTY = "lightprobe_lamp"
+#: Power of a point light, in Blender's watts, that gives an irradiance of 1 W/m² in 1 m.
+_POINT_WATTS = 4 * math.pi
 
 
 def root(scene: bpy.types.Scene) -> bpy.types.Object:
@@ -61,14 +65,22 @@ def show(scene: bpy.types.Scene, shown: list[ShownLamp], scale: float) -> None:
 
 
 def put(lamp: bpy.types.Object, sun: Sun, scale: float) -> None:
-    """Set direction, strength, colour and size. A sun shines along its local −Z."""
+    """Set place, direction, strength, colour and size. A sun shines along its local −Z."""
     towards = Vector(sun.direction)
-    # Where a sun stands does not matter for its light; this shows where it comes from.
-    lamp.location = towards
     lamp.rotation_quaternion = towards.to_track_quat("Z", "Y")
-    lamp.data.energy = sun.strength * scale
+    kind = "SUN" if sun.distance_m is None else "POINT"
+    if lamp.data.type != kind:
+        lamp.data.type = kind
+    if sun.distance_m is None:
+        # Where a sun stands does not matter for its light; this shows where it comes from.
+        lamp.location = towards
+        lamp.data.energy = sun.strength * scale
+        lamp.data.angle = sun.angle_rad
+    else:
+        lamp.location = sun.distance_m * towards
+        lamp.data.energy = _POINT_WATTS * sun.strength * scale * sun.distance_m**2
+        lamp.data.shadow_soft_size = sun.distance_m * math.sin(min(sun.angle_rad, math.pi) / 2)
     lamp.data.color = sun.colour
-    lamp.data.angle = sun.angle_rad
     lamp.data.use_shadow = sun.casts_shadow
 
 

@@ -7,17 +7,17 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import bpy
 from lightprobe.errors import LightprobeError
 from lightprobe.estimate import Estimate
 from lightprobe.fallback import mean_irradiance
 
-from . import scene_lamps, scene_world
+from . import place, scene_lamps, scene_world
 from .fade import MOST_STEP_S, Fader
 from .link import Link, Seen
-from .suns import suns, unit_scale
+from .suns import Sun, suns, unit_scale
 from .words import Report, report
 
 #: Between two steps; a fade has six of them.
@@ -67,7 +67,7 @@ class Session:
         else:
             fresh = False
         if estimate is not None and fresh:
-            lamps = suns(estimate, settings.steady) if seen.mode == "LAMPS" else []
+            lamps = self._lamps(scene, estimate) if seen.mode == "LAMPS" else []
             self.fader.step(elapsed_s, estimate.boot_id, lamps)
             self._last = estimate
         else:
@@ -81,6 +81,14 @@ class Session:
         orientation = self._shown.sky.orientation if self._shown and self._shown.sky else None
         gain = self.fader.world_gain
         scene_world.show(scene, gain, self._scale, orientation, self._without)
+
+    def _lamps(self, scene: bpy.types.Scene, estimate: Estimate) -> list[Sun]:
+        """Give the lamps for the named object, or at their places; the report says what lacks."""
+        settings = scene.lightprobe
+        details = (*self.report.details, *place.note(scene, estimate))
+        self.report = replace(self.report, details=details)
+        standing_m = place.position(scene, scene_lamps.root(scene))
+        return suns(estimate, settings.steady, standing_m, settings.point_lights)
 
 
 class _Current:
@@ -171,6 +179,8 @@ def light_once(scene: bpy.types.Scene, timeout_s: float) -> Report:
 
 def _wait_and_show(scene: bpy.types.Scene, link: Link, deadline_s: float) -> Report:
     session = Session(link, scene.session_uid)
+    for layer in scene.view_layers:
+        layer.update()  # a script may just have moved the named object
     while True:
         seen = link.seen
         if seen.estimate is not None and seen.fresh:

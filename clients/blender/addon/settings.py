@@ -51,6 +51,18 @@ class LightprobeSettings(bpy.types.PropertyGroup):
         items=_MAP_SIZES,
         default="32",
     )
+    lit_object: bpy.props.PointerProperty(
+        name="Lit object",
+        type=bpy.types.Object,
+        description="Sun lamps light the scene as they light the place of this object, where their "
+        "distances are known. Empty: as at the probe",
+    )
+    point_lights: bpy.props.BoolProperty(
+        name="Point lights",
+        description="Lamps whose distances are known stand at their places as point lights, and "
+        "light every place of the scene as they light that place",
+        default=False,
+    )
     rate_hz: bpy.props.FloatProperty(
         name="Updates a second",
         description="Each update makes a viewport render again. " + _ASK,

@@ -1,4 +1,4 @@
-"""Lamps of a packet as Blender's sun lamps want them, and the scale of all light. No bpy here."""
+"""Lamps of a packet as Blender's lamps want them, and the scale of all light. No bpy here."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _FITTED = 0.8
 
 @dataclass(frozen=True, eq=False)
 class Sun:
-    """A lamp as a sun of Blender, before the scale."""
+    """A lamp as a sun of Blender, or as a point light where it has a distance; before the scale."""
 
     id: int  # of the packet
     direction: Array  # (3,) unit vector towards the lamp, Blender's axes, in the empty's frame
@@ -31,18 +31,27 @@ class Sun:
     strength: float  # irradiance of that channel on a surface that faces the lamp
     angle_rad: float  # of the disc, from rim to rim, as Blender's `angle`
     casts_shadow: bool = True  # False: a mirror image, which shines through floor or pane
+    distance_m: float | None = None  # of a point light from the empty; None: a sun
 
 
-def suns(estimate: Estimate, steady: bool) -> list[Sun]:
+def suns(
+    estimate: Estimate, steady: bool, position_m: Array | None = None, points: bool = False
+) -> list[Sun]:
     """All that is to be added to the SH of an estimate; of TOTAL nothing.
 
-    `steady`: turned by the estimate's orientation, where it is known.
+    `steady`: turned by the estimate's orientation, where it is known. `position_m` (3,): the place
+    that they are aimed at, Blender's axes, in the empty's frame; None: the probe's. `points`: lamps
+    with a distance are point lights, which are right for every place, and only the others suns.
     """
     turn = axes.turn(estimate.orientation if steady else None)
+    if points:
+        return [_sun(light, turn, light.distance_m) for light in estimate.beside_sh]
+    if position_m is not None and estimate.sh.kind == "AMBIENT":
+        estimate = estimate.at(axes.to_probe(position_m) @ turn)
     return [_sun(light, turn) for light in estimate.beside_sh]
 
 
-def _sun(light: Light, turn: Array) -> Sun:
+def _sun(light: Light, turn: Array, distance_m: float | None = None) -> Sun:
     strength = float(np.max(light.irradiance))
     colour = light.irradiance / strength if strength > 0 else np.ones(3)
     red, green, blue = (float(channel) for channel in colour)
@@ -53,6 +62,7 @@ def _sun(light: Light, turn: Array) -> Sun:
         max(strength, 0.0),
         float(np.radians(2 * light.angular_radius_deg)),
         not light.flags & LightFlag.REFLECTION,
+        distance_m,
     )
 
 

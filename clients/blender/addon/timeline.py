@@ -9,6 +9,7 @@ from pathlib import Path
 from lightprobe import recording
 from lightprobe.errors import LightprobeError
 from lightprobe.estimate import Estimate
+from lightprobe.geometry import Array
 from lightprobe.wire import WireError, decode
 
 from .fade import Fader, ShownLamp
@@ -67,9 +68,15 @@ def read(path: Path) -> tuple[list[TimedEstimate], list[str]]:
 
 
 def frames(
-    packets: list[TimedEstimate], start: int, frames_per_s: float, steady: bool
+    packets: list[TimedEstimate],
+    start: int,
+    frames_per_s: float,
+    steady: bool,
+    position_m: Array | None = None,
 ) -> Iterator[FrameLight]:
     """Give the frames from `start` to the end of the recording, at least one.
+
+    `position_m`: the place that lamps are aimed at; see :func:`.suns.suns`.
 
     Each shows the newest packet that had come by then. After its time to live without another
     one, everything fades out. The first frame is at full strength: the light had been there.
@@ -89,5 +96,5 @@ def frames(
         fresh = 1000 * (now_s - packet.time_s) <= (packet.estimate.ttl_ms or float("inf"))
         boot_id = packet.estimate.boot_id if fresh else None
         elapsed_s = 1 / frames_per_s if index else float("inf")
-        fader.step(elapsed_s, boot_id, suns(packet.estimate, steady))
+        fader.step(elapsed_s, boot_id, suns(packet.estimate, steady, position_m))
         yield FrameLight(start + index, fader.lamps, fader.world_gain, packet.estimate)

@@ -15,7 +15,7 @@ enum { ALONG, ACROSS, INVERSE, LATE, SIZE };
 /* Poses err alike for so long: of trackers by camera and gyroscope. */
 #define POSE_MEMORY_S 2.0
 /* Fewer places than this cannot disagree. */
-#define LEAST_NODES 5
+#define LEAST_NODES 8
 /* What contradicted itself is doubted for so long. */
 #define DOUBT_S 10.0
 /* What is known of a lamp before anything is seen: hardly one is nearer than 10 cm. */
@@ -23,9 +23,13 @@ enum { ALONG, ACROSS, INVERSE, LATE, SIZE };
 #define LEAST_LATE_SIGMA_S 1e-4
 /* A nearest distance below this tells nobody anything. */
 #define LEAST_NEAREST_M 0.3
-/* 3 sigma of a sum of squares, and some for what a few of them do. */
-#define MISFIT_SIGMAS 3.0
-#define MISFIT_MORE 9.0
+/* A node, or a sighting, so many sigmas off is an outlier: now and then pixels show another lamp,
+ * or half of one. More of the nodes than this share, or so many sightings in a row, are none. */
+#define OUTLIER_SIGMAS 4.0
+#define MOST_OUTLIERS 0.25
+#define MOST_MISSES 8
+/* From so many in a row on nothing is said. */
+#define SEVERAL_MISSES 3
 #define BEYOND_SIGMAS 4.0
 
 static double dot(const double a[3], const double b[3])
@@ -138,11 +142,10 @@ struct equation {
 };
 
 struct fit {
-	double direction[3], inverse_per_m, late_s; /* from `here` */
-	double here[3];
+	struct lp_parallax_fit found;
 	double prior[SIZE]; /* inverse variance of each parameter about 0 */
 	double normal[SIZE][SIZE], right[SIZE];
-	double misfit; /* sum of squares */
+	int outliers;
 };
 
 /* From where the node says that it was, the lamp of the fit; how deep it lies along what was seen.
@@ -151,8 +154,8 @@ static bool look(const struct fit *fit, const struct lp_parallax_node *node, dou
 		 double *depth)
 {
 	for (int a = 0; a < 3; a++)
-		toward[a] = fit->direction[a] -
-			    fit->inverse_per_m * (node->position_m[a] - fit->here[a]);
+		toward[a] = fit->found.direction[a] -
+			    fit->found.inverse_per_m * (node->position_m[a] - fit->found.here_m[a]);
 	*depth = dot(node->direction, toward);
 	return *depth > 0.1;
 }
@@ -164,23 +167,25 @@ static bool equation_of(const struct fit *fit, const struct lp_parallax_node *no
 
 	if (!look(fit, node, toward, &depth))
 		return false;
-	const double nearness = fit->inverse_per_m / depth;
+	const double nearness = fit->found.inverse_per_m / depth;
 	const double sigma_rad = sqrt(node->pose_variance_rad2);
 	const double sigma_m = sqrt(node->pose_variance_m2);
 
 	across(node->direction, basis);
-	across(fit->direction, along);
+	across(fit->found.direction, along);
 	cross(node->rate_rad_s, node->direction, late);
 	for (int a = 0; a < 3; a++)
 		late[a] += nearness * node->velocity_m_s[a];
 	for (int i = 0; i < 2; i++) {
 		double lever[3];
 
-		e->residual[i] = dot(basis[i], toward) / depth - fit->late_s * dot(basis[i], late);
+		e->residual[i] =
+			dot(basis[i], toward) / depth - fit->found.late_s * dot(basis[i], late);
 		e->slope[i][ALONG] = dot(basis[i], along[0]) / depth;
 		e->slope[i][ACROSS] = dot(basis[i], along[1]) / depth;
 		e->slope[i][INVERSE] =
-			-(dot(basis[i], node->position_m) - dot(basis[i], fit->here)) / depth;
+			-(dot(basis[i], node->position_m) - dot(basis[i], fit->found.here_m)) /
+			depth;
 		e->slope[i][LATE] = -dot(basis[i], late);
 		cross(node->direction, basis[i], lever);
 		for (int a = 0; a < 3; a++) {
@@ -193,14 +198,24 @@ static bool equation_of(const struct fit *fit, const struct lp_parallax_node *no
 	return true;
 }
 
+/* In sigmas. */
+static double off(const struct equation *e)
+{
+	return sqrt(e->weight *
+		    (e->residual[0] * e->residual[0] + e->residual[1] * e->residual[1]));
+}
+
+/* An outlier pulls no harder than at its limit (Huber 1964). */
 static void add_equation(struct fit *fit, const struct equation *e)
 {
+	const double weight = e->weight * fmin(1.0, OUTLIER_SIGMAS / fmax(off(e), 1e-9));
+
+	fit->outliers += off(e) > OUTLIER_SIGMAS;
 	for (int i = 0; i < 2; i++) {
-		fit->misfit += e->weight * e->residual[i] * e->residual[i];
 		for (int a = 0; a < SIZE; a++) {
-			fit->right[a] -= e->weight * e->slope[i][a] * e->residual[i];
+			fit->right[a] -= weight * e->slope[i][a] * e->residual[i];
 			for (int b = 0; b < SIZE; b++)
-				fit->normal[a][b] += e->weight * e->slope[i][a] * e->slope[i][b];
+				fit->normal[a][b] += weight * e->slope[i][a] * e->slope[i][b];
 		}
 	}
 }
@@ -211,11 +226,11 @@ static bool sum_up(struct fit *fit, const struct lp_parallax *p)
 
 	memset(fit->normal, 0, sizeof(fit->normal));
 	memset(fit->right, 0, sizeof(fit->right));
-	fit->misfit = 0.0;
+	fit->outliers = 0;
 	for (int a = 0; a < SIZE; a++)
 		fit->normal[a][a] = fit->prior[a];
-	fit->right[INVERSE] = -fit->prior[INVERSE] * fit->inverse_per_m;
-	fit->right[LATE] = -fit->prior[LATE] * fit->late_s;
+	fit->right[INVERSE] = -fit->prior[INVERSE] * fit->found.inverse_per_m;
+	fit->right[LATE] = -fit->prior[LATE] * fit->found.late_s;
 	for (int k = 0; k < p->count; k++) {
 		if (!equation_of(fit, &p->nodes[k], &e))
 			return false;
@@ -259,11 +274,12 @@ static bool step(struct fit *fit)
 
 	if (!solve_normal(fit, fit->right, by))
 		return false;
-	across(fit->direction, along);
+	across(fit->found.direction, along);
 	for (int a = 0; a < 3; a++)
-		fit->direction[a] += by[ALONG] * along[0][a] + by[ACROSS] * along[1][a];
-	fit->inverse_per_m = (fit->inverse_per_m + by[INVERSE]) / normalise(fit->direction);
-	fit->late_s += by[LATE];
+		fit->found.direction[a] += by[ALONG] * along[0][a] + by[ACROSS] * along[1][a];
+	fit->found.inverse_per_m =
+		(fit->found.inverse_per_m + by[INVERSE]) / normalise(fit->found.direction);
+	fit->found.late_s += by[LATE];
 	return true;
 }
 
@@ -307,49 +323,54 @@ static double variance_of(const struct fit *fit, const struct lp_parallax *p, co
 	return variance;
 }
 
-/* Whether one place explains all that was seen. */
-static bool agrees(const struct fit *fit, const struct lp_parallax *p)
-{
-	const double freedom = fmax(2.0 * p->count - SIZE, 1.0);
-
-	return fit->misfit < freedom + MISFIT_SIGMAS * sqrt(2.0 * freedom) + MISFIT_MORE;
-}
-
 static bool solve(struct lp_parallax *p, const struct lp_probe_pose *pose,
 		  const double direction[3])
 {
 	const double late = fmax(pose->late_sigma_s, LEAST_LATE_SIGMA_S);
-	struct fit fit = {.inverse_per_m = p->inverse_per_m,
+	struct fit fit = {.found = {.inverse_per_m = p->inverse_per_m},
 			  .prior = {[INVERSE] = 1.0 / (INVERSE_SIGMA_PER_M * INVERSE_SIGMA_PER_M),
 				    [LATE] = 1.0 / (late * late)}};
 
-	memcpy(fit.here, pose->position_m, sizeof(fit.here));
-	memcpy(fit.direction, direction, sizeof(fit.direction));
+	memcpy(fit.found.here_m, pose->position_m, sizeof(fit.found.here_m));
+	memcpy(fit.found.direction, direction, sizeof(fit.found.direction));
 	for (int k = 0; k < STEPS; k++)
 		if (!sum_up(&fit, p) || !step(&fit))
 			return false;
-	if (!sum_up(&fit, p) || !agrees(&fit, p))
+	if (!sum_up(&fit, p) || fit.outliers > fmax(MOST_OUTLIERS * p->count, 1.0))
 		return false;
 	/* Where the probe is now is late, too, and no better known than any place. */
-	const double inverse2 = fit.inverse_per_m * fit.inverse_per_m;
-	const double nearer = inverse2 * dot(pose->velocity_m_s, fit.direction);
+	const double inverse2 = fit.found.inverse_per_m * fit.found.inverse_per_m;
+	const double nearer = inverse2 * dot(pose->velocity_m_s, fit.found.direction);
 	const double of[SIZE] = {[INVERSE] = 1.0, [LATE] = nearer};
 	const double variance =
 		variance_of(&fit, p, of) + inverse2 * inverse2 * pose->sigma_m * pose->sigma_m;
 
 	/* beyond infinity lies no lamp */
-	if (!(variance >= 0.0) || fit.inverse_per_m < -BEYOND_SIGMAS * sqrt(variance))
+	if (!(variance >= 0.0) || fit.found.inverse_per_m < -BEYOND_SIGMAS * sqrt(variance))
 		return false;
-	p->inverse_per_m = fit.inverse_per_m + nearer * fit.late_s;
+	p->fit = fit.found;
+	p->inverse_per_m = fit.found.inverse_per_m + nearer * fit.found.late_s;
 	p->sigma_per_m = sqrt(variance);
 	return true;
 }
 
-/* Of several nodes nothing is left but what is seen now. */
-static void begin_again(struct lp_parallax *p)
+/* Whether what is known explains a sighting; unknown explains everything. */
+static bool explains(const struct lp_parallax *p, const struct lp_parallax_node *seen)
 {
-	p->nodes[0] = p->nodes[p->count - 1];
+	const struct fit fit = {.found = p->fit};
+	struct equation e;
+
+	if (p->count < LEAST_NODES || !(p->sigma_per_m > 0.0))
+		return true;
+	return equation_of(&fit, seen, &e) && off(&e) < OUTLIER_SIGMAS;
+}
+
+/* Nothing is left but what is seen now. */
+static void begin_again(struct lp_parallax *p, const struct lp_parallax_node *seen)
+{
+	p->nodes[0] = *seen;
 	p->count = 1;
+	p->misses = 0;
 	p->inverse_per_m = p->sigma_per_m = 0.0;
 	p->doubt += 1.0;
 }
@@ -368,15 +389,20 @@ void lp_parallax_see(struct lp_parallax *p, const struct lp_probe_pose *pose,
 	memcpy(seen.position_m, pose->position_m, sizeof(seen.position_m));
 	memcpy(seen.rate_rad_s, pose->rate_rad_s, sizeof(seen.rate_rad_s));
 	memcpy(seen.velocity_m_s, pose->velocity_m_s, sizeof(seen.velocity_m_s));
-	if (p->by != pose->by)
-		*p = (struct lp_parallax){.by = pose->by};
+	if (p->world != pose->world)
+		*p = (struct lp_parallax){.world = pose->world};
 	p->doubt *= exp(-fmax(seen.t_s - p->t_doubt_s, 0.0) / DOUBT_S);
 	p->t_doubt_s = seen.t_s;
-	add(p, &seen);
-	if (p->count < 2)
+	p->misses = explains(p, &seen) ? 0 : p->misses + 1;
+	if (p->misses > MOST_MISSES) {
+		begin_again(p, &seen);
 		return;
-	if (!solve(p, pose, seen.direction))
-		begin_again(p);
+	}
+	if (p->misses)
+		return;
+	add(p, &seen);
+	if (p->count >= 2 && !solve(p, pose, seen.direction))
+		begin_again(p, &seen);
 }
 
 void lp_parallax_go(struct lp_parallax *p, const double way_m[3], float direction[3])
@@ -397,7 +423,8 @@ struct lp_lamp_distance lp_parallax_distance(const struct lp_parallax *p)
 	struct lp_lamp_distance d = {NAN, NAN, 0.0F};
 	const double most_per_m = fmax(p->inverse_per_m, 0.0) + LP_PARALLAX_SIGMAS * p->sigma_per_m;
 
-	if (!(p->sigma_per_m > 0.0) || p->count < LEAST_NODES || p->doubt > LP_PARALLAX_MOST_DOUBT)
+	if (!(p->sigma_per_m > 0.0) || p->count < LEAST_NODES || p->misses >= SEVERAL_MISSES ||
+	    p->doubt > LP_PARALLAX_MOST_DOUBT)
 		return d;
 	if (p->inverse_per_m > LP_PARALLAX_SIGMAS * p->sigma_per_m) {
 		d.distance_m = (float)(1.0 / p->inverse_per_m);

@@ -19,7 +19,7 @@
  * it. */
 struct lp_probe_pose {
 	int64_t t_ns;
-	uint32_t by;		     /* who tells it, as a number: another one has another world */
+	uint32_t world;		     /* a number: who else tells it, or jumps, has another one */
 	struct lp_rotation rotation; /* anchor frame to the world */
 	double position_m[3];
 	double sigma_rad, sigma_m;	       /* 1 sigma about, and along, each axis */
@@ -36,9 +36,17 @@ struct lp_parallax_node {
 	double rate_rad_s[3], velocity_m_s[3];
 };
 
+/* What the nodes say: from `here_m` the lamp is in this direction (world). */
+struct lp_parallax_fit {
+	double here_m[3], direction[3];
+	double inverse_per_m, late_s; /* of the distance; how late poses are */
+};
+
 struct lp_parallax {
 	int count; /* nodes */
-	uint32_t by;
+	uint32_t world;
+	int misses;		    /* sightings in a row that the fit does not explain */
+	struct lp_parallax_fit fit; /* if sigma_per_m > 0 */
 	struct lp_parallax_node nodes[LP_PARALLAX_NODES]; /* oldest first */
 	/* Inverse distance from where the probe is now, and 1 sigma; sigma 0: nothing is known. May
 	 * be below 0, as noise has it. */

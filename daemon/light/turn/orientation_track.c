@@ -12,9 +12,9 @@
 #define LONGEST_GAP_NS (100 * INT64_C(1000000))
 /* A rate is taken over at least this, where samples are that dense: noise would spoil it. */
 #define RATE_SPAN_NS (30 * INT64_C(1000000))
-/* Faster than this goes no head, and no tripod: another unit, or a world that jumps. */
-#define FASTEST_M_S 20.0
-#define SIGMAS 4.0
+/* Faster goes no head, and no tripod. */
+#define FASTEST_M_S 5.0
+#define JUMP_SIGMAS 4.0
 /* How hard a head is set in motion; 1 sigma. */
 #define HEAD_ACCELERATION_M_S2 3.0
 
@@ -77,6 +77,11 @@ static double distance(const double a[3], const double b[3])
 {
 	return sqrt((a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) +
 		    (a[2] - b[2]) * (a[2] - b[2]));
+}
+
+bool lp_track_jumps(const double a_m[3], const double b_m[3], double sigma_m, double span_s)
+{
+	return distance(a_m, b_m) > FASTEST_M_S * span_s + JUMP_SIGMAS * sigma_m;
 }
 
 static void take_position(const struct lp_orientation_sample *sample, struct lp_track_point *next)
@@ -143,13 +148,13 @@ static void between(const struct lp_track_point *a, const struct lp_track_point 
 	if (!(a->position_sigma_m > 0.0 && b->position_sigma_m > 0.0))
 		return;
 	const double gone_m = distance(a->position_m, b->position_m);
-	const double noise_m = SIGMAS * (a->position_sigma_m + b->position_sigma_m);
+	const double noise_m = a->position_sigma_m + b->position_sigma_m;
 	const double late_m = gone_m / span_s * b->time_sigma_s;
 
 	const double bend_m =
 		0.5 * HEAD_ACCELERATION_M_S2 * fabs(part * (1.0 - part)) * span_s * span_s;
 
-	if (gone_m > FASTEST_M_S * span_s + noise_m)
+	if (lp_track_jumps(a->position_m, b->position_m, noise_m, span_s))
 		return;
 	for (int k = 0; k < 3; k++)
 		reading->position_m[k] =

@@ -8,6 +8,7 @@
 #ifndef LP_LIGHT_TURN_ORIENTATION_TRACK_H
 #define LP_LIGHT_TURN_ORIENTATION_TRACK_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "include/orientation.h"
@@ -50,6 +51,10 @@ int lp_orientation_track_add(struct lp_orientation_track *track,
 
 /* Forget everything: another sensor or app tells from now on. */
 void lp_orientation_track_clear(struct lp_orientation_track *track);
+
+/* Whether nothing goes from a to b in that time, whose places are known so well: another unit, or a
+ * world that jumps. */
+bool lp_track_jumps(const double a_m[3], const double b_m[3], double sigma_m, double span_s);
 
 /*
  * 0: `reading` is filled. -ENODATA: nothing was told of that time: it is before all that is kept,
