@@ -29,7 +29,8 @@ WITH_LIBCAMERA ?= 1
 WITH_OSC ?= 1
 WITH_WEBSOCKETS ?= 1
 WITH_IIO ?= 1
-WITH_OPTIONS := SYSTEMD SIM LIBUSB GPIOD LIBCAMERA OSC WEBSOCKETS IIO
+WITH_MQTT ?= 1
+WITH_OPTIONS := SYSTEMD SIM LIBUSB GPIOD LIBCAMERA OSC WEBSOCKETS IIO MQTT
 PACKAGE_SYSTEMD := libsystemd
 DEBIAN_SYSTEMD := libsystemd-dev
 PACKAGE_LIBUSB := libusb-1.0
@@ -44,6 +45,8 @@ PACKAGE_WEBSOCKETS := libwebsockets openssl
 PACKAGE_IIO := libiio
 DEBIAN_IIO := libiio-dev
 DEBIAN_WEBSOCKETS := libwebsockets-dev libwebsockets-evlib-uv libssl-dev
+PACKAGE_MQTT := libmosquitto openssl
+DEBIAN_MQTT := libmosquitto-dev libssl-dev
 # Of libgpiod there are two, which have nothing in common: version 1 (Debian 12) and 2 (Debian 13).
 GPIOD_MAJOR := $(if $(filter 1,$(WITH_GPIOD)),$(firstword $(subst ., ,$(shell $(PKG_CONFIG) --modversion libgpiod 2>/dev/null))))
 LP_EXCLUDE := $(if $(filter 0,$(WITH_GPIOD)),daemon/drivers/wheel/pca9685/%, \
@@ -52,7 +55,8 @@ LP_EXCLUDE := $(if $(filter 0,$(WITH_GPIOD)),daemon/drivers/wheel/pca9685/%, \
 	$(if $(filter 0,$(WITH_OSC)),daemon/drivers/source/osc/%) \
 	$(if $(filter 0,$(WITH_LIBUSB)),daemon/drivers/source/ptp/%) \
 	$(if $(filter 0,$(WITH_WEBSOCKETS)),daemon/drivers/publisher/websocket/%) \
-	$(if $(filter 0,$(WITH_IIO)),daemon/drivers/orientation/iio.c)
+	$(if $(filter 0,$(WITH_IIO)),daemon/drivers/orientation/iio.c) \
+	$(if $(filter 0,$(WITH_MQTT)),daemon/drivers/publisher/mqtt/%)
 LP_PACKAGES := libuv libturbojpeg inih $(foreach o,$(WITH_OPTIONS),$(if $(filter 1,$(WITH_$o)),$(PACKAGE_$o)))
 
 # What ships: a write beyond an array or a stack ends the program at once.

@@ -4,7 +4,7 @@
 
 C_SOURCES = $(DAEMON_SOURCES) $(wildcard tests/*/*.[ch] tests/*/*.cpp)
 
-UNIT_SOURCES := $(filter-out $(if $(filter 0,$(WITH_LIBCAMERA)),%_libcamera.cpp) $(if $(filter 0,$(WITH_OSC)),%_osc.c) $(if $(filter 0,$(WITH_LIBUSB)),%_ptp.c) $(if $(filter 0,$(WITH_WEBSOCKETS)),%_websocket_handshake.c) $(if $(filter 0,$(WITH_GPIOD)),%_pca9685.c),$(wildcard tests/unit/test_*.c tests/unit/test_*.cpp))
+UNIT_SOURCES := $(filter-out $(if $(filter 0,$(WITH_LIBCAMERA)),%_libcamera.cpp) $(if $(filter 0,$(WITH_OSC)),%_osc.c) $(if $(filter 0,$(WITH_LIBUSB)),%_ptp.c) $(if $(filter 0,$(WITH_WEBSOCKETS)),%_websocket_handshake.c) $(if $(filter 0,$(WITH_GPIOD)),%_pca9685.c) $(if $(filter 0,$(WITH_MQTT)),%_mqtt.c),$(wildcard tests/unit/test_*.c tests/unit/test_*.cpp))
 # ONLY: some of them, by their sources.
 ONLY ?=
 UNIT_TESTS := $(patsubst tests/unit/%,$(OUT)/tests/%,$(basename $(if $(ONLY),$(filter $(ONLY),$(UNIT_SOURCES)),$(UNIT_SOURCES))))

@@ -33,6 +33,8 @@ extern const struct lp_publisher_ops lp_publisher_tcp_ops;
 extern const struct lp_publisher_ops lp_publisher_unix_ops;
 extern const struct lp_publisher_ops lp_publisher_ws_ops;
 extern const struct lp_publisher_ops lp_publisher_wss_ops;
+extern const struct lp_publisher_ops lp_publisher_mqtt_ops;
+extern const struct lp_publisher_ops lp_publisher_mqtts_ops;
 extern const struct lp_publisher_ops lp_publisher_stdout_ops;
 
 /* What stands for a back end that this build has not. */
@@ -70,6 +72,8 @@ static const struct lp_publisher_ops *const publishers[] = {
 	&lp_publisher_unix_ops,
 	WITH_WEBSOCKETS ? &lp_publisher_ws_ops : LEFT_OUT(publisher, "ws", "WITH_WEBSOCKETS"),
 	WITH_WEBSOCKETS ? &lp_publisher_wss_ops : LEFT_OUT(publisher, "wss", "WITH_WEBSOCKETS"),
+	WITH_MQTT ? &lp_publisher_mqtt_ops : LEFT_OUT(publisher, "mqtt", "WITH_MQTT"),
+	WITH_MQTT ? &lp_publisher_mqtts_ops : LEFT_OUT(publisher, "mqtts", "WITH_MQTT"),
 	&lp_publisher_stdout_ops,
 };
 
@@ -186,5 +190,6 @@ void lp_backends_version(FILE *out)
 		      WITH_LIBUSB);
 	(void)fprintf(out, "WITH_GPIOD=%d\nWITH_LIBCAMERA=%d\nWITH_OSC=%d\n", WITH_GPIOD,
 		      WITH_LIBCAMERA, WITH_OSC);
-	(void)fprintf(out, "WITH_WEBSOCKETS=%d\nWITH_IIO=%d\n", WITH_WEBSOCKETS, WITH_IIO);
+	(void)fprintf(out, "WITH_WEBSOCKETS=%d\nWITH_IIO=%d\nWITH_MQTT=%d\n", WITH_WEBSOCKETS,
+		      WITH_IIO, WITH_MQTT);
 }

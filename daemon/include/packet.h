@@ -22,6 +22,7 @@ enum lp_packet_kind {
 struct lp_packet {
 	uint32_t references;
 	enum lp_packet_kind kind;
+	const char *name; /* of its message, as in the schema: "estimate" (static) */
 	uint32_t size_bytes;
 	void (*release)(struct lp_packet *packet);
 	uint8_t *data;		 /* length prefix included: goes to the stream as it is */

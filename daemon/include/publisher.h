@@ -20,6 +20,7 @@ struct lp_packet;
 struct lp_places;
 struct lp_publisher;
 struct lp_uri;
+struct lp_wish;
 struct lp_client; /* owned by the publisher */
 
 /* Longest request a client may send; a Subscription needs about 30 bytes. */
@@ -75,8 +76,13 @@ struct lp_publisher {
 	 * its certificate, by Unix time (0: it has none). */
 	bool is_insecure;
 	int64_t t_expires_unix_ns;
-	/* Why it serves nobody yet, next step included (static); NULL: it does. May change. */
+	/* Why it serves nobody, next step included; NULL: it does. May change, and then is another
+	 * pointer. The text stays until the publisher is destroyed, or the pointer has changed
+	 * twice.
+	 */
 	const char *waits_for;
+	/* Set by create(): what its clients get, who cannot ask. NULL: they may ask. */
+	const struct lp_wish *wish;
 	struct lp_publisher_host host;
 };
 

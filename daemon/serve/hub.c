@@ -11,6 +11,7 @@
 #include "drivers/publisher/places.h"
 #include "estimate/estimates.h"
 #include "include/packet.h"
+#include "include/wish.h"
 #include "serve/health.h"
 #include "serve/hub_state.h"
 
@@ -335,6 +336,18 @@ static int refuse(struct lp_hub *hub, struct lp_publisher *publisher, struct lp_
 	return code;
 }
 
+/* Of a client that cannot ask. */
+static void apply_wish(struct lp_subscription *subscription, const struct lp_wish *wish)
+{
+	subscription->rate_hz = wish->rate_hz;
+	subscription->sh_order = wish->sh_order;
+	subscription->max_lights = wish->max_lights;
+	subscription->health_period_ms = (uint32_t)wish->health_period_ms;
+	subscription->total = wish->total;
+	subscription->key_light = wish->key_light;
+	subscription->area_lights = wish->area_lights;
+}
+
 static int on_connected(void *context, struct lp_publisher *publisher, struct lp_client *handle,
 			int code, const char *refusal, void **user)
 {
@@ -354,6 +367,8 @@ static int on_connected(void *context, struct lp_publisher *publisher, struct lp
 					 .handle = handle,
 					 .subscription = hub->options.initial,
 					 .index = hub->client_count};
+	if (publisher->wish)
+		apply_wish(&client->subscription, publisher->wish);
 	hub->clients[hub->client_count++] = client;
 	hub->options.health->report.clients = (uint32_t)hub->client_count;
 	*user = client;

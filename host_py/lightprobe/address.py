@@ -8,16 +8,22 @@ import socket
 from dataclasses import dataclass
 
 from lightprobe.errors import ProbeError
+from lightprobe.mqtt import BrokerAddress, MqttStream
 from lightprobe.websocket import WebAddress, WebSocketStream, no_wildcard
 
 #: Python has none on Windows.
 HAS_UNIX_SOCKETS = hasattr(socket, "AF_UNIX") and hasattr(asyncio, "open_unix_connection")
 _LONGEST_PATH_BYTES = 107  # of a Unix socket
 
+Reader = asyncio.StreamReader | WebSocketStream | MqttStream
+Writer = asyncio.StreamWriter | WebSocketStream | MqttStream
+
 
 @dataclass(frozen=True)
 class Address:
     """Where a probe listens: `tcp:HOST:PORT` (IPv6 in brackets), `unix:PATH`, or a web address.
+
+    Or where it publishes: `mqtt://HOST/TOPIC`, `mqtts://HOST/TOPIC`.
 
     A web address is `ws://HOST:PORT/` (`ws:HOST:PORT`, as the daemon prints it, is the same), or
     `wss:` with token and fingerprint, or that of the page.
@@ -27,6 +33,7 @@ class Address:
     port: int
     path: str | None
     web: WebAddress | None = None
+    broker: BrokerAddress | None = None
 
     @classmethod
     def parse(cls, uri: str) -> Address:
@@ -44,6 +51,10 @@ class Address:
             slashes = "" if rest.startswith("//") else "//"  # ws:HOST:PORT, as the daemon has it
             web = WebAddress.parse(f"{scheme}:{slashes}{rest}")
             return cls(web.host, web.port, None, web)
+        if scheme in ("mqtt", "mqtts") and rest:
+            slashes = "" if rest.startswith("//") else "//"  # mqtt:HOST/TOPIC, as the daemon has it
+            broker = BrokerAddress.parse(f"{scheme}:{slashes}{rest}")
+            return cls(broker.host, broker.port, None, None, broker)
         host, _, port = rest.rpartition(":")
         host = host.removeprefix("[").removesuffix("]")
         known = host and "/" not in host and port.isdecimal() and 0 < int(port) < 65536
@@ -53,17 +64,24 @@ class Address:
         slashes = " (without //)" if rest.startswith("//") else ""
         raise ProbeError(
             f"{uri}: address: expected tcp:HOST:PORT{slashes}, unix:PATH, "
-            "or ws://HOST:PORT/, wss://HOST:PORT/#token=…"
+            "ws://HOST:PORT/, wss://HOST:PORT/#token=…, or mqtt://HOST/TOPIC"
         )
 
     def without_secrets(self, uri: str) -> str:
         """Give `uri`, which this address was read from, as it may stand in messages and logs."""
-        return uri if self.web is None else str(self.web)
+        shown = self.web or self.broker
+        return uri if shown is None else str(shown)
 
-    async def connect(
-        self,
-    ) -> tuple[asyncio.StreamReader | WebSocketStream, asyncio.StreamWriter | WebSocketStream]:
+    @property
+    def is_read_only(self) -> bool:
+        """The probe does not hear who reads there."""
+        return self.broker is not None
+
+    async def connect(self) -> tuple[Reader, Writer]:
         """Open a stream of delimited messages."""
+        if self.broker is not None:
+            published = await self.broker.connect()
+            return published, published
         if self.web is not None:
             stream = await self.web.connect()
             return stream, stream

@@ -16,7 +16,7 @@ from typing import Never, Self, TypeVar
 
 from numpy.typing import ArrayLike
 
-from lightprobe.address import Address
+from lightprobe.address import Address, Writer
 from lightprobe.clock_offset import ClockOffset
 from lightprobe.drained import Drained
 from lightprobe.errors import IncompatibleProbe, MissingPackage, ProbeError, ProbeTimeout
@@ -30,8 +30,8 @@ from lightprobe.estimate import (
     StillsAsked,
     SweepStarted,
 )
+from lightprobe.mqtt import MqttStream
 from lightprobe.reflection_map import ReflectionMap
-from lightprobe.websocket import WebSocketStream
 from lightprobe.wire import (
     MINOR_WITH_NUMBERS,
     MINOR_WITH_PINGS,
@@ -63,6 +63,10 @@ TOKEN_BACKOFF_S = 80.0
 PING_PERIOD_S = 1.0
 #: A wait that lasts longer than this says what it waits for.
 SAY_AFTER_S = 2.0
+
+_UNHEARD = (
+    "a probe hears nothing over MQTT: what comes is what the keys of lightprobed's --publish say"
+)
 
 T = TypeVar("T")
 #: Gets one line on what a client waits for.
@@ -139,8 +143,10 @@ class AsyncClient:
         self._address = Address.parse(uri)
         self.uri = self._address.without_secrets(uri)
         self._on_payload = on_payload
+        if subscription is not None and self._address.is_read_only:
+            _log.warning("%s: subscription: not sent: %s", self.uri, _UNHEARD)
         self._subscription = subscription or Subscription()
-        self._subscription_number = 1
+        self._subscription_number = 0 if self._address.is_read_only else 1
         self._newest: Estimate | None = None
         self._reflection_map: ReflectionMap | None = None
         self._received = self._taken = 0  # counted since the start
@@ -151,7 +157,8 @@ class AsyncClient:
         self._answer: PolarizationMap | SweepStarted | StillsAsked | None = None
         self._refusal: str | None = None  # of this connection
         self._is_token_refused = False  # likewise
-        self._writer: asyncio.StreamWriter | WebSocketStream | None = None
+        self._is_retained = False  # what is read now: a broker has kept it
+        self._writer: Writer | None = None
         self._news = asyncio.Condition()
         self._task: asyncio.Task[None] | None = None
 
@@ -260,6 +267,7 @@ class AsyncClient:
         :meth:`receive` gives no estimate of the former subscription from now on; :meth:`latest`
         gives the last of them until the first new one comes.
         """
+        self._must_be_heard("subscribe")
         self._subscription = subscription
         self._subscription_number += 1
         self._taken = self._received
@@ -285,6 +293,7 @@ class AsyncClient:
         distances as the head moves. The daemon needs --orientation=client, else it refuses
         (`last_error`). Raises :class:`PoseError` for what is no rotation or no place.
         """
+        self._must_be_heard("pose")
         now_ns = time.monotonic_ns()
         when_ns = now_ns if time_ns is None else time_ns
         request = encode_pose(orientation, when_ns, sigma_deg, position_m, position_sigma_m)
@@ -355,6 +364,7 @@ class AsyncClient:
         least_minor: int = MINOR_WITH_POLARIZATION,
     ) -> T:
         """Send a request and wait for its answer; probes of an older protocol have none."""
+        self._must_be_heard("request")
         deadline_s = time.monotonic() + timeout_s
         if not await self._until(lambda: self.connected, deadline_s) or self._writer is None:
             raise ProbeTimeout(f"{self._why_nothing()} (waited {timeout_s:g} s)")
@@ -374,6 +384,12 @@ class AsyncClient:
             raise ProbeTimeout(f"{self._why_nothing()} (waited {timeout_s:g} s for an answer)")
         return self._answer
 
+    def _must_be_heard(self, what: str) -> None:
+        if self._address.is_read_only:
+            raise ProbeError(
+                f"{self.uri}: {what}: {_UNHEARD}; or connect to the probe itself (tcp:, wss:)"
+            )
+
     @property
     def clock_sigma_s(self) -> float:
         """1 sigma of how far the probe's clock is off ours; infinite before the first ping."""
@@ -382,7 +398,7 @@ class AsyncClient:
     def _knows_pings(self) -> bool:
         return self.hello is not None and self.hello.protocol_minor >= MINOR_WITH_PINGS
 
-    async def _keep_pinging(self, writer: asyncio.StreamWriter | WebSocketStream) -> None:
+    async def _keep_pinging(self, writer: Writer) -> None:
         """Ping for as long as the connection lasts, from the Hello on."""
         while True:
             if self._knows_pings():
@@ -445,6 +461,7 @@ class AsyncClient:
                 data = await self._drained.within(self._patience_s(), lambda: reader.read(65536))
                 if not data:
                     raise ProbeError(f"{self.uri}: receive: the probe closed the connection")
+                self._is_retained = isinstance(reader, MqttStream) and reader.retained
                 for payload in decoder.payloads(data):
                     message = decode(payload)
                     self._hand_out(payload)
@@ -468,6 +485,8 @@ class AsyncClient:
         """Longest silence that is no fault: a greeting comes at once, health periodically."""
         if not self.connected:
             return HELLO_TIMEOUT_S
+        if self._address.is_read_only:  # the broker tells its loss
+            return None
         period_ms = self._subscription.health_period_ms
         return max(LEAST_PATIENCE_S, 5e-3 * period_ms) if period_ms else None
 
@@ -504,7 +523,8 @@ class AsyncClient:
         if numbered and estimate.subscription != self._subscription_number:
             self.statistics.not_ours += 1
             return
-        self._probe_clock.arrived(estimate.send_time_unix_ns, time.monotonic_ns())
+        if not self._is_retained:
+            self._probe_clock.arrived(estimate.send_time_unix_ns, time.monotonic_ns())
         self._newest = estimate
         self._received += 1
         self.statistics.estimates += 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections import deque
 from dataclasses import dataclass, field
 
@@ -36,8 +37,12 @@ class ClockOffset:
         self._back_ns.append(theirs_ns - sent_ns)
 
     def ours_ns(self, theirs_ns: int) -> int:
-        """Time of our clock at `theirs_ns` of the other; only after a message has arrived."""
-        offset_ns = min(tuple(self._offsets_ns))
+        """Time of our clock at `theirs_ns` of the other.
+
+        Before a message has arrived: as if the other clock, too, showed Unix time.
+        """
+        offsets_ns = tuple(self._offsets_ns)
+        offset_ns = min(offsets_ns) if offsets_ns else time.monotonic_ns() - time.time_ns()
         back_ns = tuple(self._back_ns)
         return theirs_ns + ((offset_ns - min(back_ns)) // 2 if back_ns else offset_ns)
 

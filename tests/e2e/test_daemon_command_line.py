@@ -103,7 +103,10 @@ def test_documented_keys_of_cameras_are_those_of_the_help(scheme, heading):
             ["--detector=other"],
             "detector: 'other' is not adaptive|research[:RADIANCE]",
         ),
-        (["--source=file:a", "--publish=http:x"], "known are tcp:, unix:, ws:, wss:, stdout:"),
+        (
+            ["--source=file:a", "--publish=http:x"],
+            "known are tcp:, unix:, ws:, wss:, mqtt:, mqtts:, stdout:",
+        ),
         (
             ["--source=file:a", "--exposure-us=5"],
             "the exposure of this source cannot be set",

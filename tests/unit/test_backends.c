@@ -249,6 +249,7 @@ static const char *example_of(const char *form)
 		{"[NAME]", "gyro_3d"},
 		{"HOST[:PORT]", "192.0.2.1:8080"},
 		{"[SERIAL]", "00000042"},
+		{"HOST[:PORT]/TOPIC", "127.0.0.1/a"},
 	};
 
 	for (size_t i = 0; i < LP_COUNT(examples); i++) {
@@ -338,7 +339,7 @@ static void test_the_help_is_what_create_reads(void **state)
 				check_unknown_key(k, info, uri);
 		}
 	}
-	assert_int_equal(count, 19);
+	assert_int_equal(count, 21);
 	assert_null(connections.first);
 }
 
@@ -376,9 +377,12 @@ static void test_wrong_keys_are_errors_of_create(void **state)
 {
 	static const char *const bad_sources[] = {"file:", "file:a?speed=1",  "file:a?rate=-1",
 						  "sim:",  "file:a?size=640", "example:?rate=0"};
-	static const char *const bad_publishers[] = {"tcp:127.0.0.1:1?mode=1", "unix:/a?mode=9",
-						     "unix:/a?mode=1777", "stdout:x",
-						     "stdout:?a=b"};
+	static const char *const bad_publishers[] = {"tcp:127.0.0.1:1?mode=1",
+						     "unix:/a?mode=9",
+						     "unix:/a?mode=1777",
+						     "stdout:x",
+						     "stdout:?a=b",
+						     "mqtt:a?qos=1"};
 	const struct lp_source_host source_host = {.loop = loop};
 	const struct lp_publisher_host publisher_host = {.loop = loop};
 	struct lp_source *source;

@@ -9,6 +9,7 @@
 #include "estimate/surroundings.h"
 #include "include/polarization_grid.h"
 #include "include/processing.h"
+#include "include/wish.h"
 #include "serve/health.h"
 #include "serve/hub.h"
 
@@ -361,6 +362,28 @@ static void test_demand_is_the_most_any_client_asks(void **state)
 	assert_int_equal(lp_hub_demand(hub).max_lights, 6);
 	leave(&clients[1]);
 	assert_int_equal(lp_hub_demand(hub).sh_order, 2);
+}
+
+static void test_who_cannot_ask_gets_what_its_publisher_wishes(void **state)
+{
+	static const char *const names[] = {"hello", "estimate", "health"};
+	const struct lp_wish wish = {.sh_order = 3, .max_lights = 1, .health_period_ms = 1};
+	struct lp_client *client;
+	lightprobe_v1_FromProbe message;
+
+	(void)state;
+	publisher.wish = &wish;
+	client = join(0);
+	publisher.wish = NULL;
+	assert_int_equal(lp_hub_demand(hub).sh_order, 3);
+	publish(1);
+	lp_hub_tick(hub);
+	assert_int_equal(client->count, 3);
+	for (int i = 0; i < client->count; i++)
+		assert_string_equal(client->packets[i]->name, names[i]);
+	message = decode_packet(client->packets[1]);
+	assert_int_equal(message.message.estimate.subscription, 0);
+	assert_int_equal(message.message.estimate.sh.order, 3);
 }
 
 static void test_rate_limit(void **state)
@@ -772,6 +795,7 @@ int main(void)
 		HUB_TEST(test_wishes_are_kept_within_what_was_computed),
 		HUB_TEST(test_tolerance_chooses_a_smaller_model),
 		HUB_TEST(test_demand_is_the_most_any_client_asks),
+		HUB_TEST(test_who_cannot_ask_gets_what_its_publisher_wishes),
 		HUB_TEST(test_rate_limit),
 		HUB_TEST(test_a_subscription_is_answered_at_once_but_not_over_and_over),
 		HUB_TEST(test_of_subscriptions_that_come_together_the_newest_is_answered),

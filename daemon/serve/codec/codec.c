@@ -62,6 +62,22 @@ static_assert(LP_MAX_FAULTS * sizeof(lightprobe_v1_Fault) ==
 		      sizeof(((lightprobe_v1_Health *)NULL)->faults),
 	      "as many faults as the wire holds");
 
+static const char *name_of(const lightprobe_v1_FromProbe *message)
+{
+	static const char *const names[] = {
+		[lightprobe_v1_FromProbe_hello_tag] = "hello",
+		[lightprobe_v1_FromProbe_estimate_tag] = "estimate",
+		[lightprobe_v1_FromProbe_health_tag] = "health",
+		[lightprobe_v1_FromProbe_error_tag] = "error",
+		[lightprobe_v1_FromProbe_pong_tag] = "pong",
+		[lightprobe_v1_FromProbe_polarization_map_tag] = "polarization_map",
+		[lightprobe_v1_FromProbe_sweep_started_tag] = "sweep_started",
+		[lightprobe_v1_FromProbe_stills_asked_tag] = "stills_asked",
+	};
+
+	return names[message->which_message];
+}
+
 static void encode(const lightprobe_v1_FromProbe *message, enum lp_packet_kind kind,
 		   struct lp_packet *packet)
 {
@@ -71,6 +87,7 @@ static void encode(const lightprobe_v1_FromProbe *message, enum lp_packet_kind k
 	assert(done); /* every field is bounded, and the buffer holds them all */
 	(void)done;
 	packet->kind = kind;
+	packet->name = name_of(message);
 	packet->size_bytes = (uint32_t)stream.bytes_written;
 }
 

@@ -69,6 +69,7 @@ int lp_encode_reflection_map(const struct lp_light_estimate *estimate,
 	assert(done); /* every field is bounded, and the buffer holds them all */
 	(void)done;
 	packet->kind = LP_PACKET_PICTURE;
+	packet->name = "reflection_map";
 	packet->size_bytes = (uint32_t)stream.bytes_written;
 	return 0;
 }
