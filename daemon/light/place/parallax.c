@@ -28,7 +28,7 @@ enum { ALONG, ACROSS, INVERSE, LATE, SIZE };
 #define MOST_MISSES 8
 #define MISS_SIGMAS 5.0
 /* From so many in a row on nothing is said. */
-#define SEVERAL_MISSES 3
+#define SEVERAL_MISSES 2
 #define BEYOND_SIGMAS 4.0
 
 static double dot(const double a[3], const double b[3])
