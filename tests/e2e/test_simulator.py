@@ -73,9 +73,10 @@ class Camera:
         names = ["magic", "header", "size", "format", "width", "height", "stride", "sequence",
                  "t_start_ns", "exposure_us", "gain", "flags", "reserved", "x", "y", "z", "w",
                  "orientation_sigma_deg", "row_time_us", "exposure_min_us", "exposure_max_us",
-                 "exposure_step_us"]  # fmt: skip
-        header = dict(zip(names, HEADER.unpack(self.bytes(100)), strict=True))
-        assert (header["magic"], header["header"]) == (MAGIC, 100)
+                 "exposure_step_us", "place_x", "place_y", "place_z",
+                 "position_sigma_m"]  # fmt: skip
+        header = dict(zip(names, HEADER.unpack(self.bytes(116)), strict=True))
+        assert (header["magic"], header["header"]) == (MAGIC, 116)
         return header, self.bytes(header["size"])
 
     def frames(self, number):
@@ -98,8 +99,8 @@ def test_frames_are_pictures_with_their_time_and_exposure(tmp_path):
 
 
 def test_header_is_the_one_in_the_contract():
-    assert HEADER.size == 100
-    offsets = [0, 4, 8, 16, 20, 24, 28, 32, 40, 48, 52, 56, 60, 64, 80, 84, 88]
+    assert HEADER.size == 116
+    offsets = [0, 4, 8, 16, 20, 24, 28, 32, 40, 48, 52, 56, 60, 64, 80, 84, 88, 100]
     parts = [
         "4s",
         "I",
@@ -118,11 +119,12 @@ def test_header_is_the_one_in_the_contract():
         "f",
         "f",
         "3f",
+        "4f",
     ]
     assert HEADER.format == "<" + "".join(parts)
     import struct
 
-    assert [struct.calcsize("<" + "".join(parts[:k])) for k in range(17)] == offsets
+    assert [struct.calcsize("<" + "".join(parts[:k])) for k in range(18)] == offsets
 
 
 def test_the_same_seed_repeats_every_byte(tmp_path):

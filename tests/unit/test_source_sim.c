@@ -114,14 +114,14 @@ static void test_bad_headers(void **state)
 
 /* A header with everything that was added: orientation, sigma, row time, limits of exposure. */
 static void make_long_header(uint8_t data[LP_SIM_HEADER_KNOWN_BYTES], uint32_t header_bytes,
-			     const float more[9])
+			     const float more[13])
 {
 	make_header(data, "GREY", 6, 4, 24);
 	memcpy(data + 4, &header_bytes, 4);
-	memcpy(data + LP_SIM_HEADER_BYTES, more, 9 * sizeof(float));
+	memcpy(data + LP_SIM_HEADER_BYTES, more, 13 * sizeof(float));
 }
 
-static struct lp_sim_header parsed(uint32_t header_bytes, const float more[9])
+static struct lp_sim_header parsed(uint32_t header_bytes, const float more[13])
 {
 	uint8_t data[LP_SIM_HEADER_KNOWN_BYTES];
 	struct lp_sim_header header;
@@ -133,11 +133,12 @@ static struct lp_sim_header parsed(uint32_t header_bytes, const float more[9])
 }
 
 #define ORIENTATION 0.5F, -0.5F, 0.5F, 0.5F
-static const float all_more[9] = {ORIENTATION, 0.25F, 12.5F, 100, 33000, 50};
+static const float all_more[13] = {ORIENTATION, 0.25F, 12.5F, 100,   33000,
+				   50,		1.0F,  0.5F,  -2.0F, 0.01F};
 
 static void test_what_was_added_to_headers(void **state)
 {
-	static const float fixed[9] = {ORIENTATION, 0.25F, 12.5F, 0, 0, 0};
+	static const float fixed[13] = {ORIENTATION, 0.25F, 12.5F, 0, 0, 0};
 	struct lp_sim_header header = parsed(LP_SIM_HEADER_KNOWN_BYTES, all_more);
 
 	(void)state;
@@ -147,7 +148,11 @@ static void test_what_was_added_to_headers(void **state)
 	assert_true(header.orientation_sigma_deg == 0.25F && header.row_time_us == 12.5F);
 	assert_true(header.exposure_min_us == 100 && header.exposure_max_us == 33000 &&
 		    header.exposure_step_us == 50);
+	assert_true(header.position_m[0] == 1.0F && header.position_m[2] == -2.0F &&
+		    header.position_sigma_m == 0.01F);
 	/* each of them only when all of it is there */
+	header = parsed(115, all_more);
+	assert_true(header.exposure_min_us == 100 && header.position_sigma_m == 0.0F);
 	header = parsed(99, all_more);
 	assert_true(header.row_time_us == 12.5F && isnan(header.exposure_min_us) &&
 		    isnan(header.exposure_max_us) && isnan(header.exposure_step_us));
@@ -161,11 +166,11 @@ static void test_what_was_added_to_headers(void **state)
 
 static void test_added_numbers_that_make_no_sense_are_not_said(void **state)
 {
-	static const float cases[][9] = {
-		{NAN, -0.5F, 0.5F, 0.5F, 1, -1, 33000, 100, 50},
-		{ORIENTATION, -1, INFINITY, 100, NAN, 50},
-		{0, 0, 0, 0, 1, NAN, 0, 33000, 50},
-		{2, 0, 0, 0, 1, 1e12F, 100, 1e12F, 50},
+	static const float cases[][13] = {
+		{NAN, -0.5F, 0.5F, 0.5F, 1, -1, 33000, 100, 50, 0, NAN, 0, 0.1F},
+		{ORIENTATION, -1, INFINITY, 100, NAN, 50, 0, 0, 0, -1},
+		{0, 0, 0, 0, 1, NAN, 0, 33000, 50, 0, 0, 1e12F, 0.1F},
+		{2, 0, 0, 0, 1, 1e12F, 100, 1e12F, 50, 0, 0, 0, INFINITY},
 	};
 
 	(void)state;
@@ -175,6 +180,7 @@ static void test_added_numbers_that_make_no_sense_are_not_said(void **state)
 		for (size_t k = 0; k < 4; k++)
 			assert_true(i == 1 ? header.orientation[k] == cases[i][k]
 					   : isnan(header.orientation[k]));
+		assert_true(header.position_sigma_m == 0.0F);
 		assert_true(isnan(header.orientation_sigma_deg) && isnan(header.row_time_us));
 		assert_true(isnan(header.exposure_min_us) && isnan(header.exposure_max_us) &&
 			    isnan(header.exposure_step_us));

@@ -98,8 +98,14 @@ static double angle_between(const struct lp_rotation *a, const struct lp_rotatio
 	return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
 }
 
+/* Whether the probe has gone so far that pictures alone do not tell whether it turns. */
+static bool goes(const struct lp_imager *imager)
+{
+	return imager->turn.parallax_rad > CLEAR_TURN;
+}
+
 /* What the IMU told as a prediction; false: nothing that counts. Noise does not move a camera
- * that holds still. */
+ * that holds still; of one that goes, pictures do not tell whether it turns. */
 static bool predict_by_imu(const struct lp_imager *imager, double elapsed_s,
 			   struct lp_motion *motion)
 {
@@ -109,7 +115,7 @@ static bool predict_by_imu(const struct lp_imager *imager, double elapsed_s,
 		return false;
 	const double angle = sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]);
 
-	if (!imager->turn.motion.turning &&
+	if (!imager->turn.motion.turning && !goes(imager) &&
 	    (angle < CLEAR_SIGMAS * sigma_rad || angle < CLEAR_TURN))
 		return false;
 	*motion = imager->turn.motion;
@@ -122,7 +128,7 @@ static bool predict_by_imu(const struct lp_imager *imager, double elapsed_s,
 static void choose(struct lp_imager *imager, const struct lp_motion *by_rate,
 		   const struct lp_motion *by_imu)
 {
-	const bool turned = imager->turn.motion.turning;
+	const bool turned = imager->turn.motion.turning || goes(imager);
 	struct attempt imu = {.motion = *by_imu}, rate = {.motion = *by_rate};
 
 	solve(imager, &imu);
@@ -251,7 +257,7 @@ static void find_parallax(struct lp_imager *imager)
 	const double elapsed_s = (double)(imager->t_capture_ns - turn->t_ns) / 1e9;
 	double way2 = 0.0;
 
-	if (!(frame->position_sigma_m > 0.0F)) {
+	if (!imager->options.use_orientation || !(frame->position_sigma_m > 0.0F)) {
 		turn->has_from = false;
 		turn->parallax_rad = 0.0;
 		return;

@@ -98,6 +98,9 @@ class Faults(PictureFaults):
     orientation_noise_deg: float = fault(
         0.0, "noise about each axis, 1 sigma, as the sensor states it"
     )
+    place_noise_m: float = fault(
+        0.0, "noise along each axis, 1 sigma, of where a camera that goes says it is"
+    )
     orientation_late_ms: float = fault(
         0.0, "the orientation is that of so long before; below 0: after", -1000, 1000
     )

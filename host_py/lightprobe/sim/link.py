@@ -29,7 +29,7 @@ from lightprobe.sim.motion import angles_deg
 from lightprobe.sim.world import State
 
 #: Orientation x y z w and its sigma, row time, and limits of exposure follow what was there first.
-HEADER = struct.Struct("<4sIQ4sIIIQqffII4fff3f")
+HEADER = struct.Struct("<4sIQ4sIIIQqffII4fff3f4f")
 MAGIC = b"LPF1"
 #: Instead of a header, to a daemon that comes while another one is served.
 BUSY = b"BUSY".ljust(64, b"\0")
@@ -395,6 +395,7 @@ class _Session:
             *orientation.reading(camera, ready.number, ready.shot, f),
             camera.row_time_us,
             *self._limits_us(),
+            *orientation.place(camera, ready.number, ready.shot, f),
         )  # fmt: skip
         self.frames += 1
         if f.cut_after and self.frames >= f.cut_after:

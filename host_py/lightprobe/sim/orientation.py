@@ -13,9 +13,11 @@ from lightprobe.sim.faults import Faults
 
 #: A sensor without noise states this, not 0.
 _LEAST_SIGMA_DEG = 0.01
+_LEAST_SIGMA_M = 0.0005
 _UNKNOWN = (math.nan,) * 5
+_NOWHERE = (math.nan,) * 4
 #: What the chance is for, beside those of a frame's life in link.py.
-_PURPOSE, _JUMPS = 2, 3
+_PURPOSE, _JUMPS, _PLACE = 2, 3, 4
 
 
 def reading(
@@ -38,6 +40,21 @@ def reading(
     jumps = _jumps(camera.sensor.seed, state.t_s, faults)
     w, x, y, z = geometry.turn_after(jumps, geometry.turn_after(true, noise))
     return x, y, z, w, max(faults.orientation_noise_deg, _LEAST_SIGMA_DEG)
+
+
+def place(
+    camera: SimulatedCamera, frame: int, shot: Shot, faults: Faults
+) -> tuple[float, float, float, float]:
+    """Where the camera is in the scene, in metres, at the same instant; 1 sigma along each axis.
+
+    All NaN: it stays where it is, or nothing was measured.
+    """
+    if not camera.world.behaviour.is_going or math.isnan(reading(camera, frame, shot, faults)[0]):
+        return _NOWHERE
+    rng = np.random.default_rng([camera.sensor.seed, frame, _PLACE])
+    noise_m = faults.place_noise_m * rng.standard_normal(3)
+    x, y, z = (np.array(camera.state(frame, shot).place_m) + noise_m).tolist()
+    return x, y, z, max(faults.place_noise_m, _LEAST_SIGMA_M)
 
 
 def _jumps(seed: int, t_s: float, faults: Faults) -> Array:

@@ -108,6 +108,20 @@ static void read_orientation(const uint8_t *data, float orientation[4])
 		orientation[i] = is_rotation ? orientation[i] / sqrtf(square) : NAN;
 }
 
+#define FARTHEST_M 1e6F
+
+static void read_position(const uint8_t *data, struct lp_sim_header *header)
+{
+	const float sigma_m = read_positive(data + 12);
+	bool is_place = sigma_m > 0.0F;
+
+	for (int a = 0; a < 3; a++) {
+		header->position_m[a] = read_float(data + 4 * (size_t)a);
+		is_place = is_place && fabsf(header->position_m[a]) < FARTHEST_M;
+	}
+	header->position_sigma_m = is_place ? sigma_m : 0.0F;
+}
+
 static bool has(const struct lp_sim_header *header, uint32_t end)
 {
 	return header->header_bytes >= end;
@@ -127,7 +141,9 @@ void lp_sim_header_parse_more(const uint8_t data[LP_SIM_HEADER_KNOWN_BYTES],
 		if (row_time_us >= 0 && row_time_us <= LONGEST_EXPOSURE_US)
 			header->row_time_us = row_time_us;
 	}
-	if (has(header, LP_SIM_HEADER_KNOWN_BYTES)) {
+	if (has(header, 116))
+		read_position(data + 100, header);
+	if (has(header, 100)) {
 		const float least_us = read_positive(data + 88), most_us = read_positive(data + 92);
 
 		header->exposure_fixed = read_float(data + 92) == 0.0F;

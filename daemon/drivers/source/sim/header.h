@@ -9,7 +9,7 @@
 #include "include/frame.h"
 
 #define LP_SIM_HEADER_BYTES 64
-#define LP_SIM_HEADER_KNOWN_BYTES 100 /* with what was added; a header may end before */
+#define LP_SIM_HEADER_KNOWN_BYTES 116 /* with what was added; a header may end before */
 #define LP_SIM_HEADER_MAX_BYTES 4096
 #define LP_SIM_PAYLOAD_MAX_BYTES ((uint64_t)128 << 20)
 
@@ -30,6 +30,7 @@ struct lp_sim_header {
 	float row_time_us;
 	float exposure_min_us, exposure_max_us, exposure_step_us; /* as source.h has them */
 	bool exposure_fixed;					  /* it cannot be commanded */
+	float position_m[3], position_sigma_m; /* as frame.h has them; sigma 0: not said */
 };
 
 /* In the place of a header: another daemon is served, and the link ends here. */

@@ -183,6 +183,9 @@ static void fill_frame(struct source_sim *self, struct lp_frame *frame)
 	frame->gain = header->gain;
 	memcpy(frame->orientation, header->orientation, sizeof(frame->orientation));
 	frame->orientation_sigma_deg = header->orientation_sigma_deg;
+	for (int a = 0; a < 3; a++)
+		frame->position_m[a] = (double)header->position_m[a];
+	frame->position_sigma_m = header->position_sigma_m;
 	frame->row_time_us = header->row_time_us;
 	frame->flags = header->flags;
 	lp_frame_clock_stamp(&self->clock, frame, stamp_ns(header), self->object);
