@@ -149,16 +149,15 @@ static void find_way(const struct lp_probe_pose *before, struct lp_probe_pose *n
 	lp_rotate(&to_anchor, in_world, way_m);
 }
 
-void lp_lamp_stage_go(struct lp_lamp_stage *stage, const struct lp_imager *imager)
+bool lp_lamp_stage_go(struct lp_lamp_stage *stage, const struct lp_imager *imager, double way_m[3])
 {
 	const struct lp_imager_told told = lp_imager_told(imager);
 	const struct lp_probe_pose before = stage->pose;
 	struct lp_probe_pose *now = &stage->pose;
-	double way_m[3];
 
 	stage->is_placed = told.known && !told.left_out && told.position_sigma_m > 0.0;
 	if (!stage->is_placed)
-		return;
+		return false;
 	*now = (struct lp_probe_pose){.t_ns = told.t_ns,
 				      .world = before.world,
 				      .rotation = to_world(imager, &told.rotation),
@@ -174,12 +173,13 @@ void lp_lamp_stage_go(struct lp_lamp_stage *stage, const struct lp_imager *image
 			   elapsed_s)) {
 		stage->told_by = told.by;
 		now->world++;
-		return;
+		return false;
 	}
 	find_way(&before, now, way_m);
 	/* poses err alike for some seconds: of two that follow each other most is the same */
 	lp_lamp_memory_go(&stage->memory, way_m,
 			  now->sigma_m * sqrt(fmin(2.0 * elapsed_s / LP_POSE_MEMORY_S, 2.0)));
+	return true;
 }
 
 static float elapsed_s(const struct lp_lamp_stage *stage, int64_t t_capture_ns)

@@ -43,8 +43,8 @@ struct lp_lamp_stage_work {
 };
 
 /* The frame just loaded tells where the probe is now: lamps that are near are elsewhere. Before
- * lp_lamp_stage_steer(). */
-void lp_lamp_stage_go(struct lp_lamp_stage *stage, const struct lp_imager *imager);
+ * lp_lamp_stage_steer(). True: it has gone by `way_m`, anchor frame, since such a frame before. */
+bool lp_lamp_stage_go(struct lp_lamp_stage *stage, const struct lp_imager *imager, double way_m[3]);
 
 /* The frame just loaded shows how the camera is turned by the lamps that are remembered: they tell
  * better than all else. Before it is accepted; its radiance must be scaled rightly. A camera that

@@ -177,9 +177,11 @@ static struct lp_lamp_stage_work lamp_work(const struct lp_pipeline *p)
 static int accept(struct lp_pipeline *p, float exposure_us)
 {
 	const struct lp_lamp_stage_work work = lamp_work(p);
+	double way_m[3];
 
 	lp_imager_settle(p->imager, exposure_us);
-	lp_lamp_stage_go(&p->lamps, p->imager);
+	if (lp_lamp_stage_go(&p->lamps, p->imager, way_m))
+		lp_tracker_go(&p->tracker, way_m);
 	lp_lamp_stage_steer(&p->lamps, p->imager, p->detection, &work);
 	return lp_imager_accept(p->imager, exposure_us);
 }

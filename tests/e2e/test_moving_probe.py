@@ -121,13 +121,16 @@ def test_without_places_there_are_no_distances() -> None:
     assert all(one.position_m is None for _, one in some)
 
 
+JUMPS_S = 2.0
+
+
 def _scaled(place: Placed, factor: float) -> Placed:
     return lambda t_s: factor * place(t_s)
 
 
 def _jumping(place: Placed, by_m: float) -> Placed:
-    """The app's idea of where it is jumps, every two seconds."""
-    return lambda t_s: place(t_s) + np.array([by_m, 0, 0]) * (t_s // 2 % 2)
+    """The app's idea of where it is jumps, again and again."""
+    return lambda t_s: place(t_s) + np.array([by_m, 0, 0]) * (t_s // JUMPS_S % 2)
 
 
 #: What an app may get wrong, and whether nothing may be stated then.
@@ -146,9 +149,10 @@ def test_wrong_places_make_no_wrong_distances(wrong: str) -> None:
     spoil, is_silent = WRONG[wrong]
     camera = camera_on(PLACES_M)
     some = packets(camera, spoil(true_place(camera)), Habits(memory_s=2))
+    # two frames after a jump of 20 cm are not known from two that show another lamp
+    some = [one for one in some if one[0] % JUMPS_S > 0.25]
     found = np.array(list(distances(camera, some))).reshape(-1, 3)
     if is_silent or not len(found):
         assert len(found) == 0
         return
-    # the frame after a jump of 20 cm is not known from one that shows another lamp
-    assert np.mean(np.abs(found[:, 0] - found[:, 1]) < 3 * found[:, 2]) > 0.92
+    assert np.mean(np.abs(found[:, 0] - found[:, 1]) < 3 * found[:, 2]) > 0.97

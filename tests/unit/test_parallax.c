@@ -290,12 +290,16 @@ static void test_the_direction_follows_the_way(void **state)
 	float direction[3] = {0.0F, 0.0F, -1.0F};
 
 	(void)state;
-	(void)lp_parallax_go(&p, (const double[]){1.0, 0.0, 0.0}, 0.0, direction);
+	float nearer;
+
+	(void)lp_parallax_go(&p, (const double[]){1.0, 0.0, 0.0}, 0.0, direction, &nearer);
+	assert_float_equal(nearer, 2.0 / sqrt(5.0), 1e-6);
 	assert_float_equal(direction[0], -1.0 / sqrt(5.0), 1e-6);
 	assert_float_equal(direction[2], -2.0 / sqrt(5.0), 1e-6);
 	assert_float_equal(1.0 / p.inverse_per_m, sqrt(5.0), 1e-6);
 	p.sigma_per_m = 0.4; /* not known well enough */
-	(void)lp_parallax_go(&p, (const double[]){1.0, 0.0, 0.0}, 0.0, direction);
+	(void)lp_parallax_go(&p, (const double[]){1.0, 0.0, 0.0}, 0.0, direction, &nearer);
+	assert_true(nearer == 1.0F);
 	assert_float_equal(direction[0], -1.0 / sqrt(5.0), 1e-6);
 }
 

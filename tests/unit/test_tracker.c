@@ -177,6 +177,36 @@ static void test_turning_turns_lights_and_sh(void **state)
 	assert_float_equal(tracker.sh_total[3][0], 2.0F, 1e-6F); /* z becomes x */
 }
 
+/* A lamp two metres ahead, seen from a metre beside: by geometry. One whose distance is not known
+ * stays. */
+static void test_what_is_near_goes_with_the_probe(void **state)
+{
+	const struct lp_light far_away = lamp(0.0F, 8.0F), *first;
+	struct lp_tracker tracker = {.time_constant_ms = 100.0F};
+	struct lp_light near = far_away;
+	struct lp_light_estimate raw, smoothed;
+
+	(void)state;
+	near.distance_m = 2.0F;
+	memcpy(near.direction, (const float[]){0.0F, 0.0F, -1.0F}, sizeof(near.direction));
+	raw = at(0, 1, &near);
+	lp_tracker_update(&tracker, &raw, &smoothed);
+	lp_tracker_go(&tracker, (const double[]){1.0, 0.0, 0.0});
+	first = &tracker.track[0].light;
+	assert_float_equal(first->direction[0], -1.0 / sqrt(5.0), 1e-6);
+	assert_float_equal(first->direction[2], -2.0 / sqrt(5.0), 1e-6);
+	assert_float_equal(first->distance_m, sqrt(5.0), 1e-6);
+	assert_float_equal(first->irradiance[0], 8.0 * 4.0 / 5.0, 1e-5);
+	tracker = (struct lp_tracker){.time_constant_ms = 100.0F};
+	raw = at(0, 1, &far_away);
+	raw.lights[0].distance_m = NAN;
+	lp_tracker_update(&tracker, &raw, &smoothed);
+	const struct lp_light before = *first;
+
+	lp_tracker_go(&tracker, (const double[]){1.0, 0.0, 0.0});
+	assert_memory_equal(first, &before, sizeof(before));
+}
+
 static void test_time_may_stand_still_or_go_back(void **state)
 {
 	struct lp_tracker tracker = {.time_constant_ms = 100.0F};
@@ -309,6 +339,7 @@ int main(void)
 		cmocka_unit_test(test_an_absent_lamp_is_held_while_it_fades),
 		cmocka_unit_test(test_a_lamp_that_fades_keeps_its_place),
 		cmocka_unit_test(test_turning_turns_lights_and_sh),
+		cmocka_unit_test(test_what_is_near_goes_with_the_probe),
 		cmocka_unit_test(test_time_may_stand_still_or_go_back),
 		cmocka_unit_test(test_a_million_frames),
 		cmocka_unit_test(test_a_jump_has_no_delay),

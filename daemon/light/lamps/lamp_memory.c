@@ -283,8 +283,13 @@ void lp_lamp_memory_go(struct lp_lamp_memory *memory, const double way_m[3], dou
 			continue;
 		memcpy(before, m->lamp.direction, sizeof(before));
 		m->is_adrift = isnan(lp_parallax_distance(&m->parallax).distance_m);
+		float nearer;
+
 		m->direction_variance +=
-			lp_parallax_go(&m->parallax, way_m, sigma_m, m->lamp.direction);
+			lp_parallax_go(&m->parallax, way_m, sigma_m, m->lamp.direction, &nearer);
+		for (int c = 0; c < 4; c++)
+			m->lamp.irradiance[c] *= nearer * nearer;
+		m->lamp.solid_angle_sr *= nearer * nearer;
 		for (int a = 0; a < 3; a++) {
 			const float moved = m->lamp.direction[a] - before[a];
 

@@ -19,6 +19,8 @@ enum { ALONG, ACROSS, INVERSE, LATE, SIZE };
 /* What is known of a lamp before anything is seen: hardly one is nearer than 10 cm. */
 #define INVERSE_SIGMA_PER_M 10.0
 #define LEAST_LATE_SIGMA_S 1e-4
+/* Of the way to a lamp nobody goes more than this share at once. */
+#define LEAST_LENGTH 0.1
 /* A nearest distance below this tells nobody anything. */
 #define LEAST_NEAREST_M 0.3
 /* A node, or a sighting, so many sigmas off is an outlier: now and then pixels show another lamp,
@@ -409,21 +411,32 @@ void lp_parallax_see(struct lp_parallax *p, const struct lp_probe_pose *pose,
 		begin_again(p, &seen);
 }
 
-float lp_parallax_go(struct lp_parallax *p, const double way_m[3], double sigma_m,
-		     float direction[3])
+double lp_nearer(const double way_m[3], double inverse_per_m, float direction[3])
 {
 	double toward[3];
 
+	for (int a = 0; a < 3; a++)
+		toward[a] = (double)direction[a] - inverse_per_m * way_m[a];
+	const double length = normalise(toward);
+
+	if (!(length > LEAST_LENGTH)) /* the probe has gone through it */
+		return 1.0;
+	for (int a = 0; a < 3; a++)
+		direction[a] = (float)toward[a];
+	return 1.0 / length;
+}
+
+float lp_parallax_go(struct lp_parallax *p, const double way_m[3], double sigma_m,
+		     float direction[3], float *nearer)
+{
+	*nearer = 1.0F;
 	if (isnan(lp_parallax_distance(p).distance_m))
 		return 0.0F;
-	for (int a = 0; a < 3; a++)
-		toward[a] = (double)direction[a] - p->inverse_per_m * way_m[a];
 	const double variance = p->sigma_per_m * p->sigma_per_m * dot(way_m, way_m) +
 				p->inverse_per_m * p->inverse_per_m * sigma_m * sigma_m;
 
-	p->inverse_per_m /= normalise(toward);
-	for (int a = 0; a < 3; a++)
-		direction[a] = (float)toward[a];
+	*nearer = (float)lp_nearer(way_m, p->inverse_per_m, direction);
+	p->inverse_per_m *= (double)*nearer;
 	return (float)variance;
 }
 

@@ -62,11 +62,15 @@ struct lp_parallax {
 void lp_parallax_see(struct lp_parallax *parallax, const struct lp_probe_pose *pose,
 		     const float direction[3], float sigma_rad);
 
+/* A lamp in this direction (a unit vector), 1 / inverse_per_m away, seen after a way in the same
+ * frame: its direction then. Returns how many times as near it is. */
+double lp_nearer(const double way_m[3], double inverse_per_m, float direction[3]);
+
 /* The probe has gone by `way_m`, anchor frame, 1 sigma along each axis: the lamp's direction
- * (likewise) follows, and its distance. Returns the variance of that step, rad^2, about each axis.
- * Nothing changes while the distance is not known. */
+ * (likewise) follows, and its distance; *nearer: how many times as near it is. Returns the variance
+ * of that step, rad^2, about each axis. Nothing changes while the distance is not known. */
 float lp_parallax_go(struct lp_parallax *parallax, const double way_m[3], double sigma_m,
-		     float direction[3]);
+		     float direction[3], float *nearer);
 
 /* So much doubt, of one lamp or as the mean of all, is too much: the lamp moves, or what is told of
  * where the probe is is wrong. */

@@ -7,6 +7,7 @@
 #include "include/luminance.h"
 #include "light/math/rotation.h"
 #include "light/math/sh.h"
+#include "light/place/parallax.h"
 #include "light/send/model.h"
 
 /* Chosen by hand; docs/maintainers/constants.md says which tests notice other values. */
@@ -279,6 +280,24 @@ void lp_tracker_jump(struct lp_tracker *tracker, const struct lp_light_estimate 
 	for (int i = 0; i < LP_MAX_SH_COUNT; i++)
 		for (int c = 0; c < 3; c++)
 			tracker->sh_total[i][c] += after->sh_total[i][c] - before->sh_total[i][c];
+}
+
+void lp_tracker_go(struct lp_tracker *tracker, const double way_m[3])
+{
+	for (int t = 0; t < LP_MAX_TRACKS; t++) {
+		struct lp_light *light = &tracker->track[t].light;
+
+		if (!light->id || !(light->distance_m > 0.0F))
+			continue;
+		const float nearer =
+			(float)lp_nearer(way_m, 1.0 / (double)light->distance_m, light->direction);
+
+		light->distance_m /= nearer;
+		light->angular_radius_deg *= nearer;
+		tracker->track[t].full *= nearer * nearer;
+		for (int c = 0; c < 3; c++)
+			light->irradiance[c] *= nearer * nearer;
+	}
 }
 
 void lp_tracker_turn(struct lp_tracker *tracker, const struct lp_rotation *turn)

@@ -42,6 +42,10 @@ void lp_tracker_update(struct lp_tracker *tracker, const struct lp_light_estimat
 void lp_tracker_jump(struct lp_tracker *tracker, const struct lp_light_estimate *before,
 		     const struct lp_light_estimate *after);
 
+/* The probe has gone by so much, in the lights' frame: those whose distance is known are seen from
+ * there, without delay. */
+void lp_tracker_go(struct lp_tracker *tracker, const double way_m[3]);
+
 /* The frame of reference has been turned. */
 void lp_tracker_turn(struct lp_tracker *tracker, const struct lp_rotation *turn);
 
