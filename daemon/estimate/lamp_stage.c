@@ -108,6 +108,8 @@ void lp_lamp_stage_steer(struct lp_lamp_stage *stage, struct lp_imager *imager,
 	double pull[3], information[3][3];
 	int count = 0;
 
+	const bool goes = lp_imager_turn(imager).goes;
+
 	lp_imager_status(imager, &status);
 	if (!(status.rotation_sigma_deg > 0.0F) || !work->refine_cells)
 		return;
@@ -116,6 +118,9 @@ void lp_lamp_stage_steer(struct lp_lamp_stage *stage, struct lp_imager *imager,
 		struct lp_lamp_sighting *s = &sightings[count];
 
 		if (!m->id || !m->seen || !m->by_pixels)
+			continue;
+		/* seen from elsewhere it is elsewhere, and nobody knows where */
+		if (goes && isnan(lp_parallax_distance(&m->parallax).distance_m))
 			continue;
 		s->pixels = m->on_grid;
 		s->refined =

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
@@ -20,13 +21,13 @@ from lightprobe.estimate import Estimate, Light
 from lightprobe.geometry import Array
 from lightprobe.sim.motion import Track, turned
 from lightprobe.sim.room import Bulb, Room
-from lightprobe.sim.world import Behaviour
+from lightprobe.sim.world import Behaviour, World
 from page import ROOT, put
 from places import DISTANCES_M, offsets, shadow_deg
 from recording import ORIENTATIONS, Run, record
 
 PAGE = ROOT / "docs/users/places.md"
-TELLERS = ("place", "place-bad")
+TELLERS = ("client", "place", "place-bad")
 #: A lamp of the truth is the one that a packet lists so near.
 _NEAR_DEG = 5.0
 _KEYS_HZ = 60.0
@@ -94,11 +95,11 @@ class Moving:
     case: Case
     lamps: list[Placed]
     shadows_deg: list[list[float]]  # by DISTANCES_M, root mean square over lamps; newest packets
+    smoothed_off_deg: list[float]  # of lamps' directions, in packets of those who ask for nothing
 
 
-def _true_place(lamp_m: Array, light: Light, packet: Packet) -> float:
-    towards = packet.turn @ lamp_m
-    return float(geometry.angle_deg(light.direction, towards))
+def _off_deg(lamp_m: Array, light: Light, packet: Packet) -> float:
+    return float(geometry.angle_deg(light.direction, packet.turn @ lamp_m))
 
 
 def judge(case: Case) -> list[Moving]:
@@ -114,26 +115,39 @@ def judge(case: Case) -> list[Moving]:
     rng = np.random.default_rng(case.path)
     packets = got.packets["raw"]
     for number, packet in enumerate(packets):
-        here = np.array(got.world.at(packet.captured_s).place_m)
-        seen: list[tuple[Light, Array]] = []
-        for bulb in scene.bulbs:
-            lamp_m = np.array(bulb.position_m) - here
-            near = [one for one in packet.estimate.lights
-                    if _true_place(lamp_m, one, packet) < _NEAR_DEG]  # fmt: skip
-            for one in near[:1]:
-                seen.append((one, lamp_m))
-                distance = one.distance_m
-                found.append(Placed(
-                    packet.captured_s, float(np.linalg.norm(lamp_m)), distance,
-                    None if distance is None or one.distance_sigma is None
-                    else distance * one.distance_sigma,
-                    one.nearest_m, _true_place(lamp_m, one, packet), one.direction_sigma_deg or 0,
-                ))  # fmt: skip
+        seen = _seen(packet, scene, got.world)
+        found += [_placed(packet, light, lamp_m) for light, lamp_m in seen]
         if number >= len(packets) - 15 and number % 5 == 0:
             for k, distance_m in enumerate(DISTANCES_M):
                 for place in offsets(scene, distance_m, 4, rng):
                     shadows[k].append(_shadow_deg(packet, seen, place))
-    return [Moving(case, found, shadows)]
+    smoothed = [
+        _off_deg(lamp_m, light, packet)
+        for packet in got.packets["default"] for light, lamp_m in _seen(packet, scene, got.world)
+    ]  # fmt: skip
+    return [Moving(case, found, shadows, smoothed)]
+
+
+def _seen(packet: Packet, scene: Room, world: World) -> list[tuple[Light, Array]]:
+    """Lights that are lamps of the room, and where these are from the probe, in the scene."""
+    here = np.array(world.at(packet.captured_s).place_m)
+    found = []
+    for bulb in scene.bulbs:
+        lamp_m = np.array(bulb.position_m) - here
+        lights = packet.estimate.lights
+        near = min(lights, key=lambda one: _off_deg(lamp_m, one, packet), default=None)
+        if near is not None and _off_deg(lamp_m, near, packet) < _NEAR_DEG:
+            found.append((near, lamp_m))
+    return found
+
+
+def _placed(packet: Packet, light: Light, lamp_m: Array) -> Placed:
+    known = light.distance_m is not None and light.distance_sigma is not None
+    return Placed(
+        packet.captured_s, float(np.linalg.norm(lamp_m)), light.distance_m,
+        light.distance_m * light.distance_sigma if known else None,  # type: ignore[operator]
+        light.nearest_m, _off_deg(lamp_m, light, packet), light.direction_sigma_deg or 0,
+    )  # fmt: skip
 
 
 def _shadow_deg(packet: Packet, seen: Sequence[tuple[Light, Array]], place_m: Array) -> float:
@@ -145,6 +159,10 @@ def _shadow_deg(packet: Packet, seen: Sequence[tuple[Light, Array]], place_m: Ar
         for one, lamp_m in seen
     ))  # fmt: skip
     return shadow_deg(stated, true)
+
+
+def _quantile(values: Array, share: float) -> float:
+    return float(np.quantile(values, share)) if len(values) else math.nan
 
 
 def summary(some: Sequence[Moving]) -> dict[str, float]:
@@ -159,18 +177,21 @@ def summary(some: Sequence[Moving]) -> dict[str, float]:
     scaled = off * np.array([(3 / one.true_m) ** 2 for one in known])
     bounds = [one.true_m >= one.nearest_m for one in late if one.nearest_m is not None]
     turned_ = np.array([one.off_deg for one in late])
+    smoothed = np.concatenate([one.smoothed_off_deg for one in some])
     figures = {
         "lamps": len(late),
         "placed": len(known) / max(len(late), 1),
-        "off_m": float(np.median(off)),
-        "off_90_m": float(np.quantile(off, 0.9)),
-        "off_at_3_m": float(np.median(scaled)),
-        "within_1": float(np.mean(off <= sigma)),
-        "within_3": float(np.mean(off <= 3 * sigma)),
-        "bounds_hold": float(np.mean(bounds)) if bounds else 1.0,
-        "direction_deg": float(np.median(turned_)),
-        "direction_90_deg": float(np.quantile(turned_, 0.9)),
+        "off_m": _quantile(off, 0.5),
+        "off_90_m": _quantile(off, 0.9),
+        "off_at_3_m": _quantile(scaled, 0.5),
+        "within_1": float(np.mean(off <= sigma)) if len(off) else math.nan,
+        "within_3": float(np.mean(off <= 3 * sigma)) if len(off) else math.nan,
+        "bounds_hold": float(np.mean(bounds)) if bounds else math.nan,
+        "direction_deg": _quantile(turned_, 0.5),
+        "direction_90_deg": _quantile(turned_, 0.9),
         "direction_within_3": float(np.mean(turned_ <= 3 * np.array([p.sigma_deg for p in late]))),
+        "smoothed_deg": _quantile(smoothed, 0.5),
+        "smoothed_90_deg": _quantile(smoothed, 0.9),
     }
     for k, distance_m in enumerate(DISTANCES_M):
         every = np.concatenate([one.shadows_deg[k] for one in some])
@@ -180,21 +201,22 @@ def summary(some: Sequence[Moving]) -> dict[str, float]:
 
 def table(some: Sequence[Moving]) -> str:
     """Markdown: a row for each teller."""
-    lines = [
-        "| the app sends | lamps placed | distance off by, median (90 %) | at 3 m, median "
-        "| within 1 sigma | within 3 | "
-        + " | ".join(f"shadows {d:g} m away turned by" for d in DISTANCES_M) + " |",
-        "|---|---|---|---|---|---|" + "---|" * len(DISTANCES_M),
+    head = [
+        "the app sends", "lamps placed", "distance off by, median (90 %)", "at 3 m, median",
+        "within 1 sigma", "within 3", *(f"shadows {d:g} m away turned by" for d in DISTANCES_M),
+        "directions off by, default packets, median (90 %)",
     ]  # fmt: skip
+    lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
     for teller in dict.fromkeys(one.case.teller for one in some):
         f = summary([one for one in some if one.case.teller == teller])
         cells = [
-            ORIENTATIONS[teller].words, f"{f['placed']:.0%}",
-            f"{100 * f['off_m']:.1f} ({100 * f['off_90_m']:.1f}) cm",
+            f"{f['placed']:.0%}", f"{100 * f['off_m']:.1f} ({100 * f['off_90_m']:.1f}) cm",
             f"{100 * f['off_at_3_m']:.1f} cm", f"{f['within_1']:.0%}", f"{f['within_3']:.1%}",
             *(f"{f[f'shadow_{d:g}_m_deg']:.2f}°" for d in DISTANCES_M),
+            f"{f['smoothed_deg']:.2f} ({f['smoothed_90_deg']:.2f})°",
         ]  # fmt: skip
-        lines.append("| " + " | ".join(cells) + " |")
+        known = ["–" if "nan" in cell else cell for cell in cells]
+        lines.append("| " + " | ".join([ORIENTATIONS[teller].words, *known]) + " |")
     return "\n".join(lines)
 
 

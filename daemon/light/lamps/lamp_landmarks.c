@@ -49,7 +49,7 @@ int lp_lamp_memory_landmarks(const struct lp_lamp_memory *memory,
 			sightings[k].refined ? nearest_by_pixels(memory, seen) : NULL;
 		const float glow = seen->flags & LP_LIGHT_CLIPPED ? GLOW_RAD : 0.0F;
 
-		if (!m || m->is_adrift)
+		if (!m)
 			continue;
 		const float *d = seen->direction, *r = m->lamp.direction;
 		const double variance = square(seen->direction_sigma_deg * RAD) + square(glow) +

@@ -282,7 +282,6 @@ void lp_lamp_memory_go(struct lp_lamp_memory *memory, const double way_m[3], dou
 		if (!m->id)
 			continue;
 		memcpy(before, m->lamp.direction, sizeof(before));
-		m->is_adrift = isnan(lp_parallax_distance(&m->parallax).distance_m);
 		float nearer;
 
 		m->direction_variance +=

@@ -64,7 +64,6 @@ struct lp_remembered_lamp {
 	bool counted;		 /* among those of unknown polarization (estimate/lamp_stage.h) */
 	/* How far away it is; empty while nobody tells where the probe is. */
 	struct lp_parallax parallax;
-	bool is_adrift; /* the probe has gone, and nobody knows how far away the lamp is */
 };
 
 struct lp_lamp_memory {

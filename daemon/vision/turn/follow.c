@@ -317,7 +317,8 @@ struct lp_imager_turn lp_imager_turn(const struct lp_imager *imager)
 		.rate_deg_per_s = (float)(rate_of(&imager->turn.motion) * 180.0 / M_PI),
 		.unseen_rate_deg_per_s = (float)(imager->turn.unseen.rate_rad_s * 180.0 / M_PI),
 		.sigma_deg = (float)(lp_motion_sigma_rad(&imager->turn.motion) * 180.0 / M_PI),
-		.time_sigma_s = imager->time.sigma_s};
+		.time_sigma_s = imager->time.sigma_s,
+		.goes = goes(imager)};
 }
 
 struct lp_imager_told lp_imager_told(const struct lp_imager *imager)
