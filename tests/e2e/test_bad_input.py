@@ -89,7 +89,7 @@ REFUSED = [
     ("watch --count 0", "--count"),
     ("watch --kind both", "--kind both: expected AMBIENT or TOTAL"),
     ("watch tcp://127.0.0.1:7700", "expected tcp:HOST:PORT (without //)"),
-    ("watch 127.0.0.1:7700", "expected tcp:HOST:PORT, unix:PATH, or ws://HOST:PORT/"),
+    ("watch 127.0.0.1:7700", "expected tcp:HOST:PORT, unix:PATH, ws://HOST:PORT/"),
     ("doctor --wait nan", "--wait nan: expected 0.1…3600 seconds"),
     ("doctor --wait 0", "--wait 0"),
     ("demo --output words.txt", "--output words.txt: expected a folder"),

@@ -54,6 +54,7 @@ def good(kind):
                 lights=[pb.Light(**lamp)],
                 key=pb.Light(**lamp),
                 orientation=[0, 0, 0.6, 0.8],
+                position=[1, 1.5, -2],
                 cd_m2_per_unit=100,
             )
         )

@@ -10,8 +10,8 @@ enum { ALONG, ACROSS, INVERSE, LATE, SIZE };
 #define ERRORS 6 /* of a pose: about and along three axes */
 #define STEPS 4
 /* A new place is so many sigmas of the pose from the one before, and so far at least. */
-#define PLACE_SIGMAS 8.0
-#define LEAST_STEP_M 0.02
+#define PLACE_SIGMAS 4.0
+#define LEAST_STEP_M 0.04
 /* Fewer places than this cannot disagree. */
 #define LEAST_NODES 8
 /* What contradicted itself is doubted for so long. */

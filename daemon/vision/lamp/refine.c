@@ -32,9 +32,9 @@
 #define FLICKER_SHARE 0.05F /* the same while lamps flicker */
 /* A direction is never better known than this part of a pixel: registration of lens and sensor. */
 #define LEAST_SIGMA_PX 0.05
-/* A lamp that has left the cells where the map has it is cut off: its core is in cells of which the
- * map's hold less than this share. What is cut off moves its middle: a cut through the middle, by
- * half of the radius, leaves a fifth of the core at the border. */
+/* A lamp that has left the cells where the map has it, as the probe goes, is cut off: its core is
+ * in cells of which the map's hold less than this share. What is cut off moves its middle: a cut
+ * through the middle, by half of the radius, leaves a fifth of the core at the border. */
 #define WHOLE_SHARE 0.95F
 #define CUT_SHARE 2.5
 /* Of camera cells near a pole, in cells at the horizon; and how many one may stand for. */
@@ -472,7 +472,10 @@ static void apply(const struct lp_imager *imager, const struct lp_exposure *expo
 	const double radius_px = sqrt(lamp->solid_angle_sr / M_PI) / pixel_rad;
 	const double sigma_px = hypot(LEAST_SIGMA_PX, clipped ? plateau_sigma_px(radius_px) : 0.0);
 
-	lamp->cut = (float)fmin(CUT_SHARE * s->border / s->core, 1.0);
+	const bool goes =
+		imager->turn.parallax_rad > 0.0; /* else lamps stay where the map has them */
+
+	lamp->cut = goes ? (float)fmin(CUT_SHARE * s->border / s->core, 1.0) : 0.0F;
 	const double cut_rad = (double)lamp->cut * radius_px * pixel_rad;
 	const double sigma_rad =
 		hypot(hypot(sigma_px * pixel_rad, cut_rad), noise * sqrt(s->noise) / s->core);
