@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "estimate/lamp_stage.h"
 
+#include <limits.h>
 #include <math.h>
 #include <string.h>
 
-#include "estimate/pipeline.h"
 #include "include/luminance.h"
 #include "include/panorama.h"
 #include "light/film/reflection.h"
@@ -62,8 +62,8 @@ static void look_closer(const struct lp_lamp_stage *stage, struct lp_imager *ima
 	const struct lp_lamp_memory *memory = &stage->memory;
 	const struct lp_lamp_finder *finder = detection->finder;
 	struct lp_lamp *pixels = &sighting->pixels;
-	/* Near lamps are large, and the map lags behind a probe that goes. */
-	const int most_cells = stage->is_placed ? LP_MOST_REFINE_CELLS : work->refine_cells;
+	/* Near lamps are large, and the map lags behind a probe that goes: as large as can be. */
+	const int most_cells = stage->is_placed ? INT_MAX : work->refine_cells;
 
 	sighting->on_grid = *pixels = finder->lamps[index];
 	sighting->enters = lp_detection_enters(detection, pixels);
@@ -107,7 +107,6 @@ void lp_lamp_stage_steer(struct lp_lamp_stage *stage, struct lp_imager *imager,
 	struct lp_imager_status status;
 	double pull[3], information[3][3];
 	int count = 0;
-
 	const bool goes = lp_imager_turn(imager).goes;
 
 	lp_imager_status(imager, &status);
@@ -119,7 +118,7 @@ void lp_lamp_stage_steer(struct lp_lamp_stage *stage, struct lp_imager *imager,
 
 		if (!m->id || !m->seen || !m->by_pixels)
 			continue;
-		/* seen from elsewhere it is elsewhere, and nobody knows where */
+		/* the way has changed its direction, by how much only its distance tells */
 		if (goes && isnan(lp_parallax_distance(&m->parallax).distance_m))
 			continue;
 		s->pixels = m->on_grid;

@@ -46,7 +46,7 @@ struct lp_light {
 	struct lp_light_polarization polarization;
 };
 
-/* How the probe was turned when a frame was captured. Zeroed: not known. */
+/* How the probe was turned, and where it was, when a frame was captured. Zeroed: not known. */
 struct lp_estimate_orientation {
 	bool known;
 	bool world;	      /* into the app's world; else into a frame that does not move */

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * How the probe is turned, told by something else than its own frames: an inertial sensor, or the
- * head pose of an app. One back end = one file drivers/orientation/<scheme>.c with one
- * `const struct lp_orientation_ops`, registered by one line in app/backends.c. Contract as in
+ * How the probe is turned, and where it is, told by something else than its own frames: an inertial
+ * sensor, or the head pose of an app. One back end = one file drivers/orientation/<scheme>.c with
+ * one `const struct lp_orientation_ops`, registered by one line in app/backends.c. Contract as in
  * source.h. What clients send (client:) and what frames carry (sim:) needs no device and is no back
  * end of this role; it goes the same way from lp_orientation_track_add() on
  * (light/turn/orientation_track.h).

@@ -87,7 +87,7 @@ struct lp_imager_turn {
 	float unseen_rate_deg_per_s;
 	float sigma_deg;    /* of lp_imager_rotation(); 0: the camera holds still */
 	float time_sigma_s; /* 1 sigma of when the newest frame was exposed */
-	bool goes;	    /* the probe has gone within the last second, as it is told */
+	bool goes; /* in the last second the probe has gone so far that pictures may seem turned */
 };
 
 /* What the newest frame carries of its orientation. */

@@ -1,6 +1,6 @@
 """How far away lamps are, by one probe on a head that goes to and fro: the daemon, end to end.
 
-`python tests/accuracy/moving.py` prints the tables of docs/users/places.md: rooms with lamps at
+`python tests/accuracy/moving.py` prints a table of docs/users/places.md: rooms with lamps at
 random places, a head that goes half a metre and looks around, an app that sends its poses with
 errors that last. Truth is where the simulated lamps hang. Simulated time: no load changes a figure.
 """

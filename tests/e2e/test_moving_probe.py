@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from lightprobe import geometry
-from lightprobe.estimate import Estimate
+from lightprobe.estimate import Estimate, Health
 from lightprobe.geometry import Array
 from lightprobe.imaging import camera as lenses
 from lightprobe.sim.camera import SimulatedCamera
@@ -24,7 +24,7 @@ from lightprobe.wire import Subscription
 pytestmark = pytest.mark.many_frames
 
 SECONDS = 6.0
-WISH = Subscription(smoothing="RAW", max_lights=8, frame="WORLD")
+WISH = Subscription(smoothing="RAW", max_lights=8, frame="WORLD", health_period_ms=200)
 T_S = np.arange(0, 20, 1 / 60)
 PLACES_M = 0.25 * np.stack(
     [np.sin(1.9 * T_S), 0.4 * np.sin(1.3 * T_S), np.sin(2.7 * T_S + 1)], axis=-1
@@ -50,13 +50,17 @@ def camera_on(places_m: Array, bulbs: tuple[Bulb, ...] = ()) -> SimulatedCamera:
 
 
 def packets(
-    camera: SimulatedCamera, placed: Placed | None, habits: Habits
+    camera: SimulatedCamera, placed: Placed | None, habits: Habits, faults: set[str] | None = None
 ) -> list[tuple[float, Estimate]]:
-    """Run a daemon; its packets, and when they were captured."""
+    """Run a daemon; its packets, and when they were captured. `faults`: what health told."""
     with LiveProbe(camera, ("--orientation=client",)) as probe:
         client = probe.client(WISH)
         probe.apps.append(Head(client, true_turn(camera), START_NS, habits, placed))
         probe.run(SECONDS)
+        heard = [one.message for one in client.received]
+        ids = {fault.id for one in heard if isinstance(one, Health) for fault in one.faults}
+        if faults is not None:
+            faults |= ids
         return [(probe.captured_s(one), one) for one in client.estimates]
 
 
@@ -81,7 +85,9 @@ def distances(
 def test_lamps_get_their_distances() -> None:
     """In the world of the app: lamps at their places, the probe at its own."""
     camera = camera_on(PLACES_M)
-    some = packets(camera, true_place(camera), Habits(memory_s=2))
+    faults: set[str] = set()
+    some = packets(camera, true_place(camera), Habits(memory_s=2), faults)
+    assert "orientation-place" not in faults
     found = np.array(list(distances(camera, [one for one in some if one[0] > SECONDS / 2])))
     assert len(found) > 60
     off_m = np.abs(found[:, 0] - found[:, 1])
@@ -148,7 +154,9 @@ WRONG: dict[str, tuple[Callable[[Placed], Placed], bool]] = {
 def test_wrong_places_make_no_wrong_distances(wrong: str) -> None:
     spoil, is_silent = WRONG[wrong]
     camera = camera_on(PLACES_M)
-    some = packets(camera, spoil(true_place(camera)), Habits(memory_s=2))
+    faults: set[str] = set()
+    some = packets(camera, spoil(true_place(camera)), Habits(memory_s=2), faults)
+    assert ("orientation-place" in faults) >= (wrong == "mirrored")
     # two frames after a jump of 20 cm are not known from two that show another lamp
     some = [one for one in some if one[0] % JUMPS_S > 0.25]
     found = np.array(list(distances(camera, some))).reshape(-1, 3)

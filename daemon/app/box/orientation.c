@@ -44,8 +44,7 @@ static const struct lp_param mount_list[] = {
 };
 static const struct lp_params mount_params = LP_PARAMS(mount_list);
 
-static int take_rotation(const char *path, const struct mount_fields *fields,
-			 struct lp_mount *mount)
+static int take_fields(const char *path, const struct mount_fields *fields, struct lp_mount *mount)
 {
 	const float *q = fields->rotation_xyzw.values;
 	const double square = (double)q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3];
@@ -84,7 +83,7 @@ int lp_mount_read(const char *path, struct lp_mount *mount)
 	if (ret == 0)
 		ret = lp_ini_set(&ini, "mount", &mount_params, &fields);
 	if (ret == 0)
-		ret = take_rotation(path, &fields, mount);
+		ret = take_fields(path, &fields, mount);
 	lp_ini_finish(&ini);
 	return ret;
 }

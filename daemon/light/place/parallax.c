@@ -19,9 +19,9 @@ enum { ALONG, ACROSS, INVERSE, LATE, SIZE };
 /* What is known of a lamp before anything is seen: hardly one is nearer than 10 cm. */
 #define INVERSE_SIGMA_PER_M 10.0
 #define LEAST_LATE_SIGMA_S 1e-4
-/* Of the way to a lamp nobody goes more than this share at once. */
-#define LEAST_LENGTH 0.1
-/* A nearest distance below this tells nobody anything. */
+/* After one step at least this share of the distance to a lamp is left: else the step is wrong. */
+#define LEAST_LEFT 0.1
+/* A smaller nearest distance is not sent: any lamp is as far away. */
 #define LEAST_NEAREST_M 0.3
 /* A node, or a sighting, so many sigmas off is an outlier: now and then pixels show another lamp,
  * or half of one. More of the nodes than this share, or so many sightings in a row, are none. */
@@ -29,8 +29,9 @@ enum { ALONG, ACROSS, INVERSE, LATE, SIZE };
 #define MOST_OUTLIERS 0.25
 #define MOST_MISSES 8
 #define MISS_SIGMAS 5.0
-/* From so many in a row on nothing is said. */
+/* After so many in a row no distance is stated. */
 #define SEVERAL_MISSES 2
+/* An inverse distance so many sigmas below 0: no lamp is there. */
 #define BEYOND_SIGMAS 4.0
 
 static double dot(const double a[3], const double b[3])
@@ -200,7 +201,7 @@ static bool equation_of(const struct fit *fit, const struct lp_parallax_node *no
 	return true;
 }
 
-/* In sigmas. */
+/* How far what was seen is from the fit, in sigmas. */
 static double off(const struct equation *e)
 {
 	return sqrt(e->weight *
@@ -342,16 +343,15 @@ static bool solve(struct lp_parallax *p, const struct lp_probe_pose *pose,
 			return false;
 	if (!sum_up(&fit, p) || fit.outliers > fmax(MOST_OUTLIERS * p->count, 1.0))
 		return false;
-	/* Where the probe is now is late, too, and no better known than any place. */
+	/* The present place is late, too, and has the error of any place. */
 	const double inverse2 = fit.found.inverse_per_m * fit.found.inverse_per_m;
 	const double nearer = inverse2 * dot(pose->velocity_m_s, fit.found.direction);
 	const double of[SIZE] = {[INVERSE] = 1.0, [LATE] = nearer};
-	/* more scatter than is stated counts */
+	/* where nodes scatter more than their sigmas say, the sigma grows by as much */
 	const double scatter = fmax(fit.misfit / fmax(2.0 * p->count - SIZE, 1.0), 1.0);
 	const double variance = scatter * variance_of(&fit, p, of) +
 				inverse2 * inverse2 * pose->sigma_m * pose->sigma_m;
 
-	/* beyond infinity lies no lamp */
 	if (!(variance >= 0.0) || fit.found.inverse_per_m < -BEYOND_SIGMAS * sqrt(variance))
 		return false;
 	p->fit = fit.found;
@@ -417,13 +417,13 @@ double lp_nearer(const double way_m[3], double inverse_per_m, float direction[3]
 
 	for (int a = 0; a < 3; a++)
 		toward[a] = (double)direction[a] - inverse_per_m * way_m[a];
-	const double length = normalise(toward);
+	const double left = normalise(toward);
 
-	if (!(length > LEAST_LENGTH)) /* the probe has gone through it */
+	if (!(left > LEAST_LEFT))
 		return 1.0;
 	for (int a = 0; a < 3; a++)
 		direction[a] = (float)toward[a];
-	return 1.0 / length;
+	return 1.0 / left;
 }
 
 float lp_parallax_go(struct lp_parallax *p, const double way_m[3], double sigma_m,

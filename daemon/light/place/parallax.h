@@ -41,7 +41,7 @@ struct lp_parallax_node {
 /* What the nodes say: from `here_m` the lamp is in this direction (world). */
 struct lp_parallax_fit {
 	double here_m[3], direction[3];
-	double inverse_per_m, late_s; /* of the distance; how late poses are */
+	double inverse_per_m, late_s; /* one over the distance; by how much poses are late */
 };
 
 struct lp_parallax {
@@ -62,18 +62,19 @@ struct lp_parallax {
 void lp_parallax_see(struct lp_parallax *parallax, const struct lp_probe_pose *pose,
 		     const float direction[3], float sigma_rad);
 
-/* A lamp in this direction (a unit vector), 1 / inverse_per_m away, seen after a way in the same
- * frame: its direction then. Returns how many times as near it is. */
+/* Turns the direction (a unit vector) of a lamp that is 1 / inverse_per_m away into that after the
+ * probe has gone by `way_m`, same frame. Returns the old distance over the new one. */
 double lp_nearer(const double way_m[3], double inverse_per_m, float direction[3]);
 
 /* The probe has gone by `way_m`, anchor frame, 1 sigma along each axis: the lamp's direction
- * (likewise) follows, and its distance; *nearer: how many times as near it is. Returns the variance
- * of that step, rad^2, about each axis. Nothing changes while the distance is not known. */
+ * (likewise) follows, and its distance; *nearer: the old distance over the new one. Returns the
+ * variance of that step, rad^2, about each axis. Nothing changes while the distance is not known.
+ */
 float lp_parallax_go(struct lp_parallax *parallax, const double way_m[3], double sigma_m,
 		     float direction[3], float *nearer);
 
-/* So much doubt, of one lamp or as the mean of all, is too much: the lamp moves, or what is told of
- * where the probe is is wrong. */
+/* From this doubt on, of one lamp or the mean of all, no distance is stated: the lamp moves, or the
+ * probe's place is told wrongly. */
 #define LP_PARALLAX_MOST_DOUBT 0.5
 
 /* Metres, and 1 sigma of it, relative: where the inverse is LP_PARALLAX_SIGMAS sigmas from 0 and

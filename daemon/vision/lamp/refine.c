@@ -472,10 +472,10 @@ static void apply(const struct lp_imager *imager, const struct lp_exposure *expo
 	const double radius_px = sqrt(lamp->solid_angle_sr / M_PI) / pixel_rad;
 	const double sigma_px = hypot(LEAST_SIGMA_PX, clipped ? plateau_sigma_px(radius_px) : 0.0);
 
-	const bool goes =
-		imager->turn.parallax_rad > 0.0; /* else lamps stay where the map has them */
+	/* while nobody says that the probe goes, lamps are where the map has them */
+	const bool may_have_left = imager->turn.parallax_rad > 0.0;
 
-	lamp->cut = goes ? (float)fmin(CUT_SHARE * s->border / s->core, 1.0) : 0.0F;
+	lamp->cut = may_have_left ? (float)fmin(CUT_SHARE * s->border / s->core, 1.0) : 0.0F;
 	const double cut_rad = (double)lamp->cut * radius_px * pixel_rad;
 	const double sigma_rad =
 		hypot(hypot(sigma_px * pixel_rad, cut_rad), noise * sqrt(s->noise) / s->core);

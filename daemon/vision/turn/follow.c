@@ -250,6 +250,7 @@ static void follow(struct lp_imager *imager)
 	}
 }
 
+/* By the newest frame's place: the mean of the last second, and how far the probe is from it. */
 static void find_parallax(struct lp_imager *imager)
 {
 	const struct lp_frame *frame = &imager->about;

@@ -40,7 +40,7 @@ class Habits:
     transfer_ms: float = 4.0  # of a pose, and of a ping
     noise_deg: float = 0.1  # 1 sigma about each axis; it is stated
     noise_m: float = 0.005  # 1 sigma along each axis, where places are sent; it is stated
-    memory_s: float = 0.0  # errors of poses fade into each other within this time; 0: at once
+    memory_s: float = 0.0  # errors of poses are correlated: exp(-t / memory_s); 0: independent
     drop: float = 0.0  # share of poses that are not sent
     clock_ns: int = -123_456_789_000  # the app's clock less the probe's
     stamp_ns: int = 0  # what poses are stamped with besides: of another clock than pings
@@ -103,7 +103,7 @@ class Head:
         habits, t_ns = self.habits, self._pose_ns(self._poses)
         self._poses += 1
         turned = self.turned((t_ns - self._start_ns) / 1e9)
-        self._err()
+        self._draw_error()
         noise_deg = habits.noise_deg * self._error[:3]
         if turned is None or self._rng.random() < habits.drop:
             return
@@ -119,8 +119,8 @@ class Head:
         sigma_deg = max(habits.noise_deg, 0.01)
         self.client.send(encode_pose([x, y, z, w], stamp_ns, sigma_deg, *place))
 
-    def _err(self) -> None:
-        """Draw the next pose's error: Gaussian, as like that before as its memory has it."""
+    def _draw_error(self) -> None:
+        """Draw the next pose's error: Gaussian, correlated with the one before over memory_s."""
         memory_s = self.habits.memory_s
         kept = math.exp(-1 / (self.habits.rate_hz * memory_s)) if memory_s else 0.0
         fresh = self._rng.standard_normal(6)
