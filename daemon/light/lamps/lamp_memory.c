@@ -309,7 +309,7 @@ bool lp_lamp_memory_doubts_places(const struct lp_lamp_memory *memory)
 
 		if (!m->id || !m->parallax.count)
 			continue;
-		doubt += m->parallax.doubt;
+		doubt += lp_parallax_doubt(&m->parallax);
 		most += LP_PARALLAX_MOST_DOUBT;
 	}
 	return doubt > most;

@@ -440,13 +440,18 @@ float lp_parallax_go(struct lp_parallax *p, const double way_m[3], double sigma_
 	return (float)variance;
 }
 
+double lp_parallax_doubt(const struct lp_parallax *p)
+{
+	return p->doubt + (p->misses >= SEVERAL_MISSES ? 1.0 : 0.0);
+}
+
 struct lp_lamp_distance lp_parallax_distance(const struct lp_parallax *p)
 {
 	struct lp_lamp_distance d = {NAN, NAN, 0.0F};
 	const double most_per_m = fmax(p->inverse_per_m, 0.0) + LP_PARALLAX_SIGMAS * p->sigma_per_m;
 
-	if (!(p->sigma_per_m > 0.0) || p->count < LEAST_NODES || p->misses >= SEVERAL_MISSES ||
-	    p->doubt > LP_PARALLAX_MOST_DOUBT)
+	if (!(p->sigma_per_m > 0.0) || p->count < LEAST_NODES ||
+	    lp_parallax_doubt(p) > LP_PARALLAX_MOST_DOUBT)
 		return d;
 	if (p->inverse_per_m > LP_PARALLAX_SIGMAS * p->sigma_per_m) {
 		d.distance_m = (float)(1.0 / p->inverse_per_m);

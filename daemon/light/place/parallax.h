@@ -73,6 +73,10 @@ double lp_nearer(const double way_m[3], double inverse_per_m, float direction[3]
 float lp_parallax_go(struct lp_parallax *parallax, const double way_m[3], double sigma_m,
 		     float direction[3], float *nearer);
 
+/* How often, lately, no single place has explained what was seen; and 1 while sighting after
+ * sighting contradicts what is known. */
+double lp_parallax_doubt(const struct lp_parallax *parallax);
+
 /* From this doubt on, of one lamp or the mean of all, no distance is stated: the lamp moves, or the
  * probe's place is told wrongly. */
 #define LP_PARALLAX_MOST_DOUBT 0.5
