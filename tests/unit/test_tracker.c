@@ -197,6 +197,12 @@ static void test_what_is_near_goes_with_the_probe(void **state)
 	assert_float_equal(first->direction[2], -2.0 / sqrt(5.0), 1e-6);
 	assert_float_equal(first->distance_m, sqrt(5.0), 1e-6);
 	assert_float_equal(first->irradiance[0], 8.0 * 4.0 / 5.0, 1e-5);
+	double change[LP_MAX_SH_COUNT][3] = {{0.0}};
+
+	lp_sh_add_lamp(1, near.direction, near.irradiance, 0.0, -1.0, change);
+	lp_sh_add_lamp(1, first->direction, first->irradiance, 0.0, 1.0, change);
+	for (int i = 0; i < 4; i++)
+		assert_float_equal(tracker.sh_total[i][0], raw.sh_total[i][0] + change[i][0], 1e-5);
 	tracker = (struct lp_tracker){.time_constant_ms = 100.0F};
 	raw = at(0, 1, &far_away);
 	raw.lights[0].distance_m = NAN;

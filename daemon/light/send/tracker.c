@@ -282,8 +282,26 @@ void lp_tracker_jump(struct lp_tracker *tracker, const struct lp_light_estimate 
 			tracker->sh_total[i][c] += after->sh_total[i][c] - before->sh_total[i][c];
 }
 
+/* Adds the lights whose distance is known to the whole, or with -1 takes them out of it. */
+static void add_near_lights(struct lp_tracker *tracker, double sign)
+{
+	double sh[LP_MAX_SH_COUNT][3] = {{0.0}};
+
+	for (int t = 0; t < LP_MAX_TRACKS; t++) {
+		const struct lp_light *light = &tracker->track[t].light;
+
+		if (light->id && light->distance_m > 0.0F)
+			lp_sh_add_lamp(LP_MAX_SH_ORDER, light->direction, light->irradiance, 0.0,
+				       sign, sh);
+	}
+	for (int i = 0; i < LP_MAX_SH_COUNT; i++)
+		for (int c = 0; c < 3; c++)
+			tracker->sh_total[i][c] += (float)sh[i][c];
+}
+
 void lp_tracker_go(struct lp_tracker *tracker, const double way_m[3])
 {
+	add_near_lights(tracker, -1.0);
 	for (int t = 0; t < LP_MAX_TRACKS; t++) {
 		struct lp_light *light = &tracker->track[t].light;
 
@@ -298,6 +316,7 @@ void lp_tracker_go(struct lp_tracker *tracker, const double way_m[3])
 		for (int c = 0; c < 3; c++)
 			light->irradiance[c] *= nearer * nearer;
 	}
+	add_near_lights(tracker, 1.0);
 }
 
 void lp_tracker_turn(struct lp_tracker *tracker, const struct lp_rotation *turn)

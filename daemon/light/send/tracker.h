@@ -43,7 +43,7 @@ void lp_tracker_jump(struct lp_tracker *tracker, const struct lp_light_estimate 
 		     const struct lp_light_estimate *after);
 
 /* The probe has gone by so much, in the lights' frame: those whose distance is known are seen from
- * there, without delay. */
+ * there, without delay, also in the SH. */
 void lp_tracker_go(struct lp_tracker *tracker, const double way_m[3]);
 
 /* The frame of reference has been turned. */
