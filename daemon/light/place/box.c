@@ -1,0 +1,109 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "light/place/box.h"
+
+#include <math.h>
+
+#include "light/math/sh.h"
+
+#define MOST_ORDER 4
+#define MOST_COUNT ((MOST_ORDER + 1) * (MOST_ORDER + 1))
+/* Directions over which light is summed up, and the share of the way to a wall that no place goes
+ * beyond: as the clients have them (docs/users/conventions.md). */
+#define DIRECTIONS 128
+#define FARTHEST 0.95
+#define LEAST_COSINE 1e-9
+
+/* The axes of the box, in the world. */
+static void axes_of(const struct lp_box *box, double axes[3][3])
+{
+	const double c = cos(box->yaw_rad), s = sin(box->yaw_rad);
+
+	axes[0][0] = c, axes[0][1] = 0.0, axes[0][2] = -s;
+	axes[1][0] = 0.0, axes[1][1] = 1.0, axes[1][2] = 0.0;
+	axes[2][0] = s, axes[2][1] = 0.0, axes[2][2] = c;
+}
+
+static double dot(const double a[3], const double b[3])
+{
+	return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+struct lp_box_view lp_box_look(const struct lp_box *box, const double from_m[3])
+{
+	struct lp_box_view view = {.box = *box};
+
+	axes_of(box, view.axes);
+	for (int i = 0; i < 3; i++)
+		view.from_m[i] = fmin(fmax(dot(view.axes[i], from_m), -FARTHEST * box->wall_m[2 * i]),
+				      FARTHEST * box->wall_m[2 * i + 1]);
+	return view;
+}
+
+struct lp_box_hit lp_box_hit(const struct lp_box_view *view, const double along[3])
+{
+	struct lp_box_hit hit = {0};
+	double towards[3], way_m = INFINITY;
+
+	for (int i = 0; i < 3; i++) {
+		towards[i] = dot(view->axes[i], along);
+		const int wall = 2 * i + (towards[i] > 0.0);
+		const double cosine = fmax(fabs(towards[i]), LEAST_COSINE);
+		const double gone_m = wall & 1 ? view->from_m[i] : -view->from_m[i];
+		const double left_m = (view->box.wall_m[wall] - gone_m) / cosine;
+
+		if (left_m < way_m) {
+			way_m = left_m;
+			hit.wall = wall;
+			hit.cosine = cosine;
+		}
+	}
+	for (int a = 0; a < 3; a++) {
+		const double normal = view->axes[hit.wall / 2][a];
+
+		hit.normal[a] = hit.wall & 1 ? normal : -normal;
+		for (int i = 0; i < 3; i++)
+			hit.at_m[a] += view->axes[i][a] * (view->from_m[i] + way_m * towards[i]);
+	}
+	return hit;
+}
+
+void lp_box_walls_from(const struct lp_box *box, const double place_m[3], double wall_m[6])
+{
+	double axes[3][3], from[3];
+
+	axes_of(box, axes);
+	for (int a = 0; a < 3; a++)
+		from[a] = place_m[a] - box->origin_m[a];
+	for (int wall = 0; wall < 6; wall++)
+		wall_m[wall] = box->wall_m[wall] +
+			       (wall & 1 ? -1.0 : 1.0) * dot(axes[wall / 2], from);
+}
+
+void lp_box_move_sh(const struct lp_box *box, const double from_m[3], int order, const double *sh,
+		    double *moved)
+{
+	const int count = (order + 1) * (order + 1);
+	const struct lp_box_view view = lp_box_look(box, from_m);
+	double here[MOST_COUNT], there[MOST_COUNT];
+
+	for (int i = 0; i < count; i++)
+		moved[i] = sh[i];
+	for (int k = 0; k < DIRECTIONS; k++) {
+		const double y = 1.0 - 2.0 * (k + 0.5) / DIRECTIONS;
+		const double turn = M_PI * (1.0 + sqrt(5.0)) * (k + 0.5);
+		const double level = sqrt(1.0 - y * y);
+		const double along[3] = {level * cos(turn), y, level * sin(turn)};
+		const struct lp_box_hit hit = lp_box_hit(&view, along);
+		const double far_m = sqrt(dot(hit.at_m, hit.at_m));
+		double seen[3], change = 0.0;
+
+		for (int a = 0; a < 3; a++)
+			seen[a] = hit.at_m[a] / far_m;
+		lp_sh_basis(order, along, here);
+		lp_sh_basis(order, seen, there);
+		for (int i = 0; i < count; i++)
+			change += sh[i] * (there[i] - here[i]);
+		for (int i = 0; i < count; i++)
+			moved[i] += 4.0 * M_PI / DIRECTIONS * change * here[i];
+	}
+}
