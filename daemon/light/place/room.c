@@ -42,6 +42,7 @@ enum { YAW = 6, LATE = 7, SIZE = 8, SLOPES = 3 };
 #define STARTS 6
 #define STEPS_OF_START 4
 #define STEPS_OF_FIT 10
+#define CONVERGED 1e-3 /* relative change of the cost */
 #define MOST_STEP 0.5 /* of a parameter */
 #define NEAREST_WALL_M 0.1
 /* Of a fit to few pictures what is left over tells too little. */
@@ -71,6 +72,7 @@ struct lp_room {
 	double damping;
 	struct guess guess, best; /* of this start; of all starts */
 	bool is_due;		  /* a step of the fit */
+	bool has_converged;
 	bool known;
 	struct lp_room_found found;
 };
@@ -345,6 +347,7 @@ static void step(struct lp_room *r)
 		next.at[a] += fmin(fmax(by[a], -MOST_STEP), MOST_STEP);
 	weigh(r, &next);
 	if (next.cost <= r->guess.cost) {
+		r->has_converged = r->guess.cost - next.cost < CONVERGED * next.cost;
 		r->guess = next;
 		r->damping *= 0.3;
 	} else {
@@ -455,15 +458,16 @@ void lp_room_work(struct lp_room *room)
 		begin(room);
 	else if (isinf(room->guess.cost))
 		weigh(room, &room->guess);
+	room->has_converged = false;
 	step(room);
 	room->steps++;
 	if (room->start < STARTS && room->steps == STEPS_OF_START)
 		next_start(room);
-	else if (room->start == STARTS && room->steps == STEPS_OF_FIT) {
+	else if (room->start == STARTS && (room->has_converged || room->steps >= STEPS_OF_FIT)) {
 		conclude(room);
 		room->is_due = false;
 		if (!room->known)
-			room->start = 0; /* from the beginning, with the next picture */
+			room->start = room->steps = 0; /* again, with the next picture */
 	}
 }
 
