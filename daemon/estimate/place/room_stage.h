@@ -12,7 +12,8 @@ struct lp_panorama;
 struct lp_probe_pose;
 struct lp_room;
 
-/* The newest panorama, anchor frame, seen from `pose`; lamps in it are those that detection found. */
+/* The newest panorama, anchor frame, seen from `pose`; lamps in it are those that detection found.
+ */
 void lp_room_stage_look(struct lp_room *room, const struct lp_panorama *panorama,
 			const struct lp_detection *detection, const struct lp_probe_pose *pose);
 

@@ -2,11 +2,11 @@
 #include "light/place/box.h"
 
 #include <math.h>
+#include <string.h>
 
 #include "light/math/sh.h"
 
-#define MOST_ORDER 4
-#define MOST_COUNT ((MOST_ORDER + 1) * (MOST_ORDER + 1))
+#define MOST_ORDER (LP_BOX_ORDERS - 1)
 /* Directions over which light is summed up, and the share of the way to a wall that no place goes
  * beyond: as the clients have them (docs/users/conventions.md). */
 #define DIRECTIONS 128
@@ -34,8 +34,9 @@ struct lp_box_view lp_box_look(const struct lp_box *box, const double from_m[3])
 
 	axes_of(box, view.axes);
 	for (int i = 0; i < 3; i++)
-		view.from_m[i] = fmin(fmax(dot(view.axes[i], from_m), -FARTHEST * box->wall_m[2 * i]),
-				      FARTHEST * box->wall_m[2 * i + 1]);
+		view.from_m[i] =
+			fmin(fmax(dot(view.axes[i], from_m), -FARTHEST * box->wall_m[2 * i]),
+			     FARTHEST * box->wall_m[2 * i + 1]);
 	return view;
 }
 
@@ -75,19 +76,35 @@ void lp_box_walls_from(const struct lp_box *box, const double place_m[3], double
 	for (int a = 0; a < 3; a++)
 		from[a] = place_m[a] - box->origin_m[a];
 	for (int wall = 0; wall < 6; wall++)
-		wall_m[wall] = box->wall_m[wall] +
-			       (wall & 1 ? -1.0 : 1.0) * dot(axes[wall / 2], from);
+		wall_m[wall] =
+			box->wall_m[wall] + (wall & 1 ? -1.0 : 1.0) * dot(axes[wall / 2], from);
 }
 
-void lp_box_move_sh(const struct lp_box *box, const double from_m[3], int order, const double *sh,
-		    double *moved)
+/* What is seen along a direction, against what is seen along it from the box's origin. */
+static void add_change(const double here[LP_BOX_SH_COUNT], const double there[LP_BOX_SH_COUNT],
+		       const double sh[LP_BOX_SH_COUNT],
+		       double moved[LP_BOX_ORDERS][LP_BOX_SH_COUNT])
 {
-	const int count = (order + 1) * (order + 1);
-	const struct lp_box_view view = lp_box_look(box, from_m);
-	double here[MOST_COUNT], there[MOST_COUNT];
+	double change = 0.0;
 
-	for (int i = 0; i < count; i++)
-		moved[i] = sh[i];
+	for (int order = 0; order < LP_BOX_ORDERS; order++) {
+		const int count = (order + 1) * (order + 1);
+
+		for (int i = order * order; i < count; i++)
+			change += sh[i] * (there[i] - here[i]);
+		for (int i = 0; i < count; i++)
+			moved[order][i] += 4.0 * M_PI / DIRECTIONS * change * here[i];
+	}
+}
+
+void lp_box_move_sh(const struct lp_box *box, const double from_m[3],
+		    const double sh[LP_BOX_SH_COUNT], double moved[LP_BOX_ORDERS][LP_BOX_SH_COUNT])
+{
+	const struct lp_box_view view = lp_box_look(box, from_m);
+	double here[LP_BOX_SH_COUNT], there[LP_BOX_SH_COUNT], towards[3];
+
+	for (int order = 0; order < LP_BOX_ORDERS; order++)
+		memcpy(moved[order], sh, LP_BOX_SH_COUNT * sizeof(*sh));
 	for (int k = 0; k < DIRECTIONS; k++) {
 		const double y = 1.0 - 2.0 * (k + 0.5) / DIRECTIONS;
 		const double turn = M_PI * (1.0 + sqrt(5.0)) * (k + 0.5);
@@ -95,15 +112,11 @@ void lp_box_move_sh(const struct lp_box *box, const double from_m[3], int order,
 		const double along[3] = {level * cos(turn), y, level * sin(turn)};
 		const struct lp_box_hit hit = lp_box_hit(&view, along);
 		const double far_m = sqrt(dot(hit.at_m, hit.at_m));
-		double seen[3], change = 0.0;
 
 		for (int a = 0; a < 3; a++)
-			seen[a] = hit.at_m[a] / far_m;
-		lp_sh_basis(order, along, here);
-		lp_sh_basis(order, seen, there);
-		for (int i = 0; i < count; i++)
-			change += sh[i] * (there[i] - here[i]);
-		for (int i = 0; i < count; i++)
-			moved[i] += 4.0 * M_PI / DIRECTIONS * change * here[i];
+			towards[a] = hit.at_m[a] / far_m;
+		lp_sh_basis(MOST_ORDER, along, here);
+		lp_sh_basis(MOST_ORDER, towards, there);
+		add_change(here, there, sh, moved);
 	}
 }

@@ -94,8 +94,8 @@ double lp_coarse_project(const struct lp_grid *grid, const float *cells, double 
 
 	memset(sh, 0, COUNT * sizeof(*sh));
 	for (int i = 0; i < LP_COARSE_CELLS; i++) {
-		const double light = (isnan(cells[i]) ? mean : cells[i]) *
-				     lp_grid_solid_angle_sr(grid, i);
+		const double light =
+			(isnan(cells[i]) ? mean : cells[i]) * lp_grid_solid_angle_sr(grid, i);
 		float towards[3];
 
 		lp_grid_direction(grid, i, towards);

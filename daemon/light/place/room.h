@@ -18,23 +18,18 @@ struct lp_grid;
 struct lp_probe_pose;
 struct lp_room;
 
-#define LP_ROOM_ORDERS 5 /* of the spherical harmonics that are moved: 0 .. 4 */
-
 /* What is known of the room. */
 struct lp_room_found {
 	struct lp_box box;
 	double wall_sigma_m[6];
-	/* 1 sigma of the light at a place that is moved there as spherical harmonics of an order,
-	 * root mean square of the irradiance over all normals, relative to its mean, for each
-	 * metre. */
-	double error_per_m[LP_ROOM_ORDERS];
+	/* 1 sigma of the light that is moved to a place as spherical harmonics of an order: root
+	 * mean square of the irradiance over all normals, relative to its mean, for each metre.
+	 * INFINITY: such harmonics are better left as they are. */
+	double error_per_m[LP_BOX_ORDERS];
 };
 
-int lp_room_create(struct lp_room **room); /* -ENOMEM */
+int lp_room_create(struct lp_room **room);  /* -ENOMEM */
 void lp_room_destroy(struct lp_room *room); /* accepts NULL */
-
-/* Nothing is known any more. */
-void lp_room_forget(struct lp_room *room);
 
 /* The grid of the pictures, in the axes of the world. */
 const struct lp_grid *lp_room_grid(const struct lp_room *room);
