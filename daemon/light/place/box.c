@@ -33,37 +33,42 @@ struct lp_box_view lp_box_look(const struct lp_box *box, const double from_m[3])
 	struct lp_box_view view = {.box = *box};
 
 	axes_of(box, view.axes);
-	for (int i = 0; i < 3; i++)
-		view.from_m[i] =
+	for (int i = 0; i < 3; i++) {
+		const double own_m =
 			fmin(fmax(dot(view.axes[i], from_m), -FARTHEST * box->wall_m[2 * i]),
 			     FARTHEST * box->wall_m[2 * i + 1]);
+
+		view.left_m[2 * i] = box->wall_m[2 * i] + own_m;
+		view.left_m[2 * i + 1] = box->wall_m[2 * i + 1] - own_m;
+		for (int a = 0; a < 3; a++)
+			view.from_m[a] += own_m * view.axes[i][a];
+	}
 	return view;
 }
 
 struct lp_box_hit lp_box_hit(const struct lp_box_view *view, const double along[3])
 {
+	const double c = view->axes[0][0], s = view->axes[2][0]; /* upright: along its axes */
+	const double towards[3] = {c * along[0] - s * along[2], along[1],
+				   s * along[0] + c * along[2]};
 	struct lp_box_hit hit = {0};
-	double towards[3], way_m = INFINITY;
+	double way_m = INFINITY;
 
 	for (int i = 0; i < 3; i++) {
-		towards[i] = dot(view->axes[i], along);
 		const int wall = 2 * i + (towards[i] > 0.0);
 		const double cosine = fmax(fabs(towards[i]), LEAST_COSINE);
-		const double gone_m = wall & 1 ? view->from_m[i] : -view->from_m[i];
-		const double left_m = (view->box.wall_m[wall] - gone_m) / cosine;
 
-		if (left_m < way_m) {
-			way_m = left_m;
+		if (view->left_m[wall] < way_m * cosine) {
+			way_m = view->left_m[wall] / cosine;
 			hit.wall = wall;
 			hit.cosine = cosine;
 		}
 	}
 	for (int a = 0; a < 3; a++) {
-		const double normal = view->axes[hit.wall / 2][a];
+		const double axis = view->axes[hit.wall / 2][a];
 
-		hit.normal[a] = hit.wall & 1 ? normal : -normal;
-		for (int i = 0; i < 3; i++)
-			hit.at_m[a] += view->axes[i][a] * (view->from_m[i] + way_m * towards[i]);
+		hit.normal[a] = hit.wall & 1 ? axis : -axis;
+		hit.at_m[a] = view->from_m[a] + way_m * along[a];
 	}
 	return hit;
 }

@@ -20,7 +20,8 @@ struct lp_box {
 struct lp_box_view {
 	struct lp_box box;
 	double axes[3][3]; /* the box's, in the world */
-	double from_m[3];  /* along them, from the box's origin */
+	double from_m[3];  /* world, from the box's origin; just inside */
+	double left_m[6];  /* from there to each wall */
 };
 
 /* Where a ray ends. */

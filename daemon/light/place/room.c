@@ -25,19 +25,29 @@
 #define LEAST_REACH_M 0.12
 /* Yaws from which the search starts: a box looks the same after a quarter turn. */
 #define STARTS 6
-#define STEPS_OF_START 4
-#define STEPS_OF_FIT 10
+#define STEPS_OF_START 6
+/* Once there is a guess, other starts get every so many steps. */
+#define CHALLENGE_EVERY 4
 #define CONVERGED 1e-3 /* relative change of the cost */
 #define NEAREST_WALL_M 0.1
+
+/* One way to a guess. */
+struct search {
+	struct lp_room_guess guess;
+	int steps;	 /* taken; 0: it has not begun */
+	bool is_weighed; /* against these views */
+	bool is_over;	 /* on these views */
+};
 
 struct lp_room {
 	struct lp_grid *grid; /* of the views */
 	uint32_t world;
 	struct lp_room_views views;
-	int start, steps;		  /* of the search; start STARTS: all have been tried */
-	struct lp_room_guess guess, best; /* of this start; of all before */
-	bool is_due;			  /* a step of the fit */
-	bool is_weighed;		  /* the guess, against these views */
+	struct search best;	  /* the guess that counts */
+	struct search challenger; /* from another start */
+	int start;		  /* of the challenger */
+	int starts_left;	  /* until all have been tried on these views */
+	unsigned calls;		  /* of lp_room_work() */
 	bool known;
 	struct lp_room_found found;
 };
@@ -86,8 +96,9 @@ const struct lp_grid *lp_room_grid(const struct lp_room *room)
 
 static void forget(struct lp_room *room)
 {
-	room->views.count = room->start = room->steps = 0;
-	room->known = room->is_due = false;
+	room->views.count = 0;
+	room->best = room->challenger = (struct search){0};
+	room->known = false;
 }
 
 /* ---------------------------------------------------------------- pictures */
@@ -158,8 +169,8 @@ static void find_middle(struct lp_room *r, const double before_m[3])
 	r->views.middle = nearest(&r->views, mean_m);
 	for (int a = 0; a < 3; a++)
 		way_m[a] = r->views.list[r->views.middle].position_m[a] - before_m[a];
-	move_guess(&r->guess, way_m);
-	move_guess(&r->best, way_m);
+	move_guess(&r->best.guess, way_m);
+	move_guess(&r->challenger.guess, way_m);
 }
 
 static bool has_changed(const struct lp_room_view *before, const struct lp_room_view *now)
@@ -193,10 +204,8 @@ void lp_room_see(struct lp_room *room, const struct lp_probe_pose *pose, const f
 		room->views.count = 0; /* the box is as it was: its light is another */
 	*place_for(&room->views, pose->position_m) = seen;
 	find_middle(room, before_m);
-	room->is_due = true;
-	room->is_weighed = false;
-	if (room->start == STARTS)
-		room->steps = 0;
+	room->best.is_weighed = room->best.is_over = room->challenger.is_weighed = false;
+	room->starts_left = STARTS;
 }
 
 /* ---------------------------------------------------------------- what the box is worth */
@@ -227,7 +236,7 @@ static void add_errors(const struct lp_room *r, const struct lp_room_view *view,
 
 	for (int a = 0; a < 3; a++)
 		from_m[a] = view->position_m[a] - middle->position_m[a] -
-			    r->guess.at[LP_ROOM_LATE] *
+			    r->best.guess.at[LP_ROOM_LATE] *
 				    (view->velocity_m_s[a] - middle->velocity_m_s[a]);
 	lp_box_move_sh(&r->found.box, from_m, middle->sh, moved);
 	for (int i = 0; i < LP_BOX_SH_COUNT; i++)
@@ -261,7 +270,7 @@ static void find_errors(struct lp_room *r)
 
 static void conclude(struct lp_room *r)
 {
-	const struct lp_room_guess *g = &r->guess;
+	const struct lp_room_guess *g = &r->best.guess;
 	const double scatter = fmax(g->cost / (LP_ROOM_WORTH * (r->views.count - 1)), 1.0);
 	double by[LP_ROOM_SIZE];
 
@@ -293,48 +302,68 @@ static bool reaches(const struct lp_room_views *views)
 	return false;
 }
 
-static void begin(struct lp_room *r)
+static void begin(struct search *search, int start)
 {
-	memset(&r->guess, 0, sizeof(r->guess));
+	*search = (struct search){0};
 	for (int w = 0; w < 6; w++)
-		r->guess.at[w] = log(LP_ROOM_USUAL_WALL_M);
-	r->guess.at[LP_ROOM_YAW] = M_PI / 2.0 / STARTS * (r->start - STARTS / 2);
-	r->is_weighed = false;
+		search->guess.at[w] = log(LP_ROOM_USUAL_WALL_M);
+	search->guess.at[LP_ROOM_YAW] = M_PI / 2.0 / STARTS * (start - STARTS / 2);
 }
 
-static void next_start(struct lp_room *r)
+static void weigh(struct search *search, const struct lp_room_views *views)
 {
-	if (r->start == 0 || r->guess.cost < r->best.cost)
-		r->best = r->guess;
-	r->start++;
-	if (r->start == STARTS) {
-		r->guess = r->best;
-		r->is_weighed = false;
-	}
-	r->steps = 0;
+	if (!search->is_weighed)
+		lp_room_weigh(views, &search->guess);
+	search->is_weighed = true;
+}
+
+/* Returns by which share its cost has fallen. */
+static double step(struct search *search, const struct lp_room_views *views)
+{
+	weigh(search, views);
+	search->steps++;
+	return lp_room_step(views, &search->guess);
+}
+
+/* The guess that counts, until it no longer changes. */
+static void refine(struct lp_room *r)
+{
+	if (step(&r->best, &r->views) >= CONVERGED)
+		return;
+	r->best.is_over = true;
+	conclude(r);
+}
+
+/* Another start, for some steps: whether it leads to a better guess. */
+static void challenge(struct lp_room *r)
+{
+	struct search *c = &r->challenger;
+
+	if (c->steps == 0)
+		begin(c, r->start);
+	(void)step(c, &r->views);
+	if (c->steps < STEPS_OF_START)
+		return;
+	if (r->best.steps > 0)
+		weigh(&r->best, &r->views);
+	if (r->best.steps == 0 || c->guess.cost < r->best.guess.cost)
+		r->best = *c;
+	c->steps = 0;
+	r->start = (r->start + 1) % STARTS;
+	r->starts_left--;
 }
 
 void lp_room_work(struct lp_room *room)
 {
-	if (!room->is_due || !reaches(&room->views))
-		return;
-	if (room->steps == 0 && room->start < STARTS)
-		begin(room);
-	if (!room->is_weighed)
-		lp_room_weigh(&room->views, &room->guess);
-	room->is_weighed = true;
-	const double gained = lp_room_step(&room->views, &room->guess);
+	const bool has_guess = room->best.steps > 0;
 
-	room->steps++;
-	if (room->start < STARTS) {
-		if (room->steps == STEPS_OF_START)
-			next_start(room);
-	} else if (gained < CONVERGED || room->steps >= STEPS_OF_FIT) {
-		conclude(room);
-		room->is_due = false;
-		if (!room->known)
-			room->start = room->steps = 0; /* again, with the next picture */
-	}
+	if (!reaches(&room->views))
+		return;
+	room->calls++;
+	if (room->starts_left > 0 && (!has_guess || room->calls % CHALLENGE_EVERY == 0))
+		challenge(room);
+	else if (has_guess && !room->best.is_over)
+		refine(room);
 }
 
 bool lp_room_found(const struct lp_room *room, const struct lp_probe_pose *pose,
