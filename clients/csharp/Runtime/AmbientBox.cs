@@ -15,11 +15,24 @@ namespace Lightprobe
         private const int MaxOrder = 4;
 
         private static readonly double[] Sphere = Fibonacci();
-        /// <summary>Scale of Y_lm, at l * (MaxOrder + 1) + m.</summary>
-        private static readonly double[] Norms = AllNorms();
         private static readonly Table[] Tables = new Table[MaxOrder + 1];
 
-        /// <summary>Of an order: Y_i of the directions times 4π/n, and which SH the light in these directions has, by the SH of the light.</summary>
+        // SH as polynomials: m by m, (x + iy)^m times a polynomial in z, of its real part, then of its imaginary part, lowest power first.
+        private const int Slots = 25;
+        private static readonly int[] Starts = { 0, 5, 13, 19, 23 };
+        private static readonly List<Term> Terms = AllTerms();
+
+        /// <summary>What a coefficient of the SH adds to a coefficient of the polynomials.</summary>
+        private struct Term
+        {
+            internal int Coefficient, Slot;
+            internal double Factor;
+        }
+
+        /// <summary>
+        /// Of an order: Y_i of the directions times 4π/n, coefficient by coefficient, and which SH the light in these directions has, by
+        /// the SH of the light.
+        /// </summary>
         private sealed class Table
         {
             internal readonly double[] Basis, Seen;
@@ -28,18 +41,38 @@ namespace Lightprobe
             {
                 int count = (order + 1) * (order + 1);
                 double weight = 4 * Math.PI / Directions;
-                var one = new double[count];
-                Basis = new double[count * Directions];
+                Basis = new double[(count + count % 2) * Directions]; // one more, of zeros, where their number is odd
                 Seen = new double[count * count];
-                for (int k = 0; k < Directions; k++)
+                for (int i = 0; i < count; i++)
                 {
-                    FillBasis(order, Sphere[3 * k], Sphere[3 * k + 1], Sphere[3 * k + 2], one);
-                    for (int i = 0; i < count; i++)
-                    {
-                        Basis[k * count + i] = weight * one[i];
-                        for (int j = 0; j < count; j++) Seen[i * count + j] += weight * one[i] * one[j];
-                    }
+                    var polynomials = new double[Slots];
+                    foreach (Term term in Terms)
+                        if (term.Coefficient == i) polynomials[term.Slot] += term.Factor;
+                    for (int k = 0; k < Directions; k++)
+                        Basis[i * Directions + k] = weight * Value(polynomials, 0, new Powers(Sphere[3 * k], Sphere[3 * k + 1], Sphere[3 * k + 2]));
                 }
+                for (int i = 0; i < count; i++)
+                    for (int j = 0; j < count; j++)
+                        for (int k = 0; k < Directions; k++) Seen[i * count + j] += Basis[i * Directions + k] * Basis[j * Directions + k] / weight;
+            }
+        }
+
+        /// <summary>Of a unit vector: its coordinates, and (x + iy)^m.</summary>
+        private struct Powers
+        {
+            internal readonly double X, Y, Z, C2, S2, C3, S3, C4, S4;
+
+            internal Powers(double x, double y, double z)
+            {
+                X = x;
+                Y = y;
+                Z = z;
+                C2 = x * x - y * y;
+                S2 = 2 * x * y;
+                C3 = x * C2 - y * S2;
+                S3 = x * S2 + y * C2;
+                C4 = C2 * C2 - S2 * S2;
+                S4 = 2 * C2 * S2;
             }
         }
 
@@ -48,48 +81,91 @@ namespace Lightprobe
         {
             int order = (int)Math.Round(Math.Sqrt(coefficients.Count / 3)) - 1, count = (order + 1) * (order + 1);
             Table table = Tables[order] ?? (Tables[order] = new Table(order));
-            double[] turn = Turn(room.Orientation), from = new double[3 * count], sum = new double[3 * count], one = new double[count];
+            double[] turn = Turn(room.Orientation), from = new double[3 * count];
             for (int i = 0; i < from.Length; i++) from[i] = coefficients[i];
-            double lowX = -room.WallsM[0], highX = room.WallsM[1], lowY = -room.WallsM[2], highY = room.WallsM[3], lowZ = -room.WallsM[4], highZ = room.WallsM[5];
-            double px = Inside(turn[0] * x + turn[3] * y + turn[6] * z, lowX, highX);
-            double py = Inside(turn[1] * x + turn[4] * y + turn[7] * z, lowY, highY);
-            double pz = Inside(turn[2] * x + turn[5] * y + turn[8] * z, lowZ, highZ);
-            for (int k = 0; k < Directions; k++)
+            double[] seen = Look(Polynomials(from), room, turn, x, y, z), basis = table.Basis;
+            for (int i = 0; i < count; i += 2)
             {
-                double dx = Sphere[3 * k], dy = Sphere[3 * k + 1], dz = Sphere[3 * k + 2];
-                double bx = turn[0] * dx + turn[3] * dy + turn[6] * dz, by = turn[1] * dx + turn[4] * dy + turn[7] * dz, bz = turn[2] * dx + turn[5] * dy + turn[8] * dz;
+                double r = 0, g = 0, b = 0, nextR = 0, nextG = 0, nextB = 0; // two coefficients at a time: what is seen is read once
+                for (int c = 0, at = i * Directions; c < seen.Length; c += 3, at++)
+                {
+                    double w = basis[at], next = basis[at + Directions], red = seen[c], green = seen[c + 1], blue = seen[c + 2];
+                    r += w * red;
+                    g += w * green;
+                    b += w * blue;
+                    nextR += next * red;
+                    nextG += next * green;
+                    nextB += next * blue;
+                }
+                Add(there, table, from, i, r, g, b);
+                if (i + 1 < count) Add(there, table, from, i + 1, nextR, nextG, nextB);
+            }
+        }
+
+        /// <summary>Coefficient i with its change: what the SH see there less what they see here.</summary>
+        private static void Add(List<float> there, Table table, double[] from, int i, double r, double g, double b)
+        {
+            for (int c = 0, at = i * from.Length / 3; c < from.Length; c += 3, at++)
+            {
+                double w = table.Seen[at];
+                r -= w * from[c];
+                g -= w * from[c + 1];
+                b -= w * from[c + 2];
+            }
+            there.Add((float)(from[3 * i] + r));
+            there.Add((float)(from[3 * i + 1] + g));
+            there.Add((float)(from[3 * i + 2] + b));
+        }
+
+        /// <summary>r, g, b of the light that comes to a place from each direction.</summary>
+        private static double[] Look(double[] light, Room room, double[] turn, double x, double y, double z)
+        {
+            var seen = new double[3 * Directions];
+            double xx = turn[0], xy = turn[1], xz = turn[2], yx = turn[3], yy = turn[4], yz = turn[5], zx = turn[6], zy = turn[7], zz = turn[8];
+            double lowX = -room.WallsM[0], highX = room.WallsM[1], lowY = -room.WallsM[2], highY = room.WallsM[3], lowZ = -room.WallsM[4], highZ = room.WallsM[5];
+            double px = Inside(xx * x + yx * y + zx * z, lowX, highX);
+            double py = Inside(xy * x + yy * y + zy * z, lowY, highY);
+            double pz = Inside(xz * x + yz * y + zz * z, lowZ, highZ);
+            for (int c = 0; c < seen.Length; c += 3)
+            {
+                double dx = Sphere[c], dy = Sphere[c + 1], dz = Sphere[c + 2];
+                double bx = xx * dx + yx * dy + zx * dz, by = xy * dx + yy * dy + zy * dz, bz = xz * dx + yz * dy + zz * dz;
                 double t = Math.Min(WayM(bx, px, lowX, highX), Math.Min(WayM(by, py, lowY, highY), WayM(bz, pz, lowZ, highZ)));
                 double hx = px + t * bx, hy = py + t * by, hz = pz + t * bz, share = 1 / Math.Sqrt(hx * hx + hy * hy + hz * hz);
                 hx *= share;
                 hy *= share;
                 hz *= share;
-                FillBasis(order, turn[0] * hx + turn[1] * hy + turn[2] * hz, turn[3] * hx + turn[4] * hy + turn[5] * hz, turn[6] * hx + turn[7] * hy + turn[8] * hz, one);
-                double r = 0, g = 0, b = 0;
-                for (int j = 0, c = 0; j < one.Length; j++, c += 3)
-                {
-                    double w = one[j];
-                    r += w * from[c];
-                    g += w * from[c + 1];
-                    b += w * from[c + 2];
-                }
-                for (int i = 0, c = 0, at = k * count; i < count; i++, c += 3, at++)
-                {
-                    double w = table.Basis[at];
-                    sum[c] += w * r;
-                    sum[c + 1] += w * g;
-                    sum[c + 2] += w * b;
-                }
+                var powers = new Powers(xx * hx + xy * hy + xz * hz, yx * hx + yy * hy + yz * hz, zx * hx + zy * hy + zz * hz);
+                seen[c] = Value(light, 0, powers);
+                seen[c + 1] = Value(light, Slots, powers);
+                seen[c + 2] = Value(light, 2 * Slots, powers);
             }
-            for (int i = 0; i < count; i++)
-                for (int j = 0; j < count; j++)
-                    for (int c = 0; c < 3; c++) sum[3 * i + c] -= table.Seen[i * count + j] * from[3 * j + c];
-            for (int i = 0; i < from.Length; i++) there.Add((float)(from[i] + sum[i]));
+            return seen;
+        }
+
+        /// <summary>The polynomials of red, then of green, then of blue.</summary>
+        private static double[] Polynomials(double[] coefficients)
+        {
+            var light = new double[3 * Slots];
+            foreach (Term term in Terms)
+                for (int c = 0; c < 3 && 3 * term.Coefficient < coefficients.Length; c++)
+                    light[c * Slots + term.Slot] += term.Factor * coefficients[3 * term.Coefficient + c];
+            return light;
+        }
+
+        private static double Value(double[] p, int o, in Powers d)
+        {
+            double z = d.Z;
+            return p[o] + z * (p[o + 1] + z * (p[o + 2] + z * (p[o + 3] + z * p[o + 4])))
+                + d.X * (p[o + 5] + z * (p[o + 6] + z * (p[o + 7] + z * p[o + 8]))) + d.Y * (p[o + 9] + z * (p[o + 10] + z * (p[o + 11] + z * p[o + 12])))
+                + d.C2 * (p[o + 13] + z * (p[o + 14] + z * p[o + 15])) + d.S2 * (p[o + 16] + z * (p[o + 17] + z * p[o + 18]))
+                + d.C3 * (p[o + 19] + z * p[o + 20]) + d.S3 * (p[o + 21] + z * p[o + 22]) + d.C4 * p[o + 23] + d.S4 * p[o + 24];
         }
 
         /// <summary>A coordinate of the place in the box's axes, within the walls.</summary>
         private static double Inside(double value, double low, double high) => Math.Max(Within * low, Math.Min(Within * high, value));
 
-        /// <summary>How far it is along a ray from a place to the walls across one axis.</summary>
+        /// <summary>How far it is along a ray to the walls across one axis.</summary>
         private static double WayM(double ray, double place, double low, double high) =>
             ray == 0 ? double.PositiveInfinity : ((ray > 0 ? high : low) - place) / ray;
 
@@ -104,41 +180,39 @@ namespace Lightprobe
             };
         }
 
-        /// <summary>Y_i of a unit vector (Sloan, JCGT 2013).</summary>
-        private static void FillBasis(int order, double x, double y, double z, double[] values)
+        /// <summary>The recurrence of the associated Legendre functions without their sin^m (Sloan, JCGT 2013), for polynomials.</summary>
+        private static List<Term> AllTerms()
         {
-            double cosine = 1, sine = 0, diagonal = 1;
-            for (int m = 0; m <= order; m++)
+            var terms = new List<Term>();
+            double diagonal = 1;
+            for (int m = 0; m <= MaxOrder; m++, diagonal *= 2 * m - 1)
             {
-                double before = 0, here = diagonal;
-                for (int l = m; l <= order; l++)
+                double[] before = new double[MaxOrder + 1], here = new double[MaxOrder + 1];
+                here[0] = diagonal;
+                for (int l = m; l <= MaxOrder; l++)
                 {
-                    double scale = Norms[l * (MaxOrder + 1) + m] * here;
-                    int centre = l * (l + 1);
-                    values[centre + m] = scale * cosine;
-                    if (m > 0) values[centre - m] = scale * sine;
-                    double next = ((2 * l + 1) * z * here - (l + m) * before) / (l - m + 1);
+                    var next = new double[MaxOrder + 1];
+                    for (int power = 0; power <= l - m; power++)
+                    {
+                        double factor = Norm(l, m) * here[power];
+                        int slot = Starts[m] + power, centre = l * (l + 1);
+                        if (factor != 0) terms.Add(new Term { Coefficient = centre + m, Slot = slot, Factor = factor });
+                        if (factor != 0 && m > 0) terms.Add(new Term { Coefficient = centre - m, Slot = slot + MaxOrder + 1 - m, Factor = factor });
+                        if (power < MaxOrder) next[power + 1] += (2 * l + 1.0) / (l - m + 1) * here[power];
+                        next[power] -= (l + m) / (l - m + 1.0) * before[power];
+                    }
                     before = here;
                     here = next;
                 }
-                double turned = x * cosine - y * sine;
-                sine = x * sine + y * cosine;
-                cosine = turned;
-                diagonal *= 2 * m + 1;
             }
+            return terms;
         }
 
-        private static double[] AllNorms()
+        private static double Norm(int l, int m)
         {
-            var norms = new double[(MaxOrder + 1) * (MaxOrder + 1)];
-            for (int l = 0; l <= MaxOrder; l++)
-                for (int m = 0; m <= l; m++)
-                {
-                    double ratio = 1;
-                    for (int k = l - m + 1; k <= l + m; k++) ratio /= k;
-                    norms[l * (MaxOrder + 1) + m] = Math.Sqrt((2 * l + 1) / (4 * Math.PI) * ratio * (m > 0 ? 2 : 1));
-                }
-            return norms;
+            double ratio = 1;
+            for (int k = l - m + 1; k <= l + m; k++) ratio /= k;
+            return Math.Sqrt((2 * l + 1) / (4 * Math.PI) * ratio * (m > 0 ? 2 : 1));
         }
 
         /// <summary>x, y, z of directions that are spread evenly.</summary>
