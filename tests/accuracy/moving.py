@@ -1,8 +1,9 @@
-"""How far away lamps are, by one probe on a head that goes to and fro: the daemon, end to end.
+"""Lamps and ambient light at a place, by one probe on a head that goes to and fro: end to end.
 
-`python tests/accuracy/moving.py` prints a table of docs/users/places.md: rooms with lamps at
-random places, a head that goes half a metre and looks around, an app that sends its poses with
-errors that last. Truth is where the simulated lamps hang. Simulated time: no load changes a figure.
+`python tests/accuracy/moving.py` prints tables of docs/users/places.md: rooms with pictures on
+their walls and lamps at random places, some behind cupboards at times, a head that goes half a
+metre and looks around, an app that sends its poses with errors that last. Truth is where the
+simulated lamps hang, and the room seen from there. Simulated time: no load changes a figure.
 """
 
 from __future__ import annotations
@@ -13,14 +14,16 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
+import ambient
 import numpy as np
 import recording
+from ambient import Ambient, Ambients, Lit
 from judge import Packet
 from lightprobe import geometry
 from lightprobe.estimate import Estimate, Light
 from lightprobe.geometry import Array
 from lightprobe.sim.motion import Track, turned
-from lightprobe.sim.room import Bulb, Room
+from lightprobe.sim.room import Bulb, Cupboard, Room
 from lightprobe.sim.world import Behaviour, World
 from page import ROOT, put
 from places import DISTANCES_M, offsets, shadow_deg
@@ -31,6 +34,12 @@ TELLERS = ("client", "place", "place-bad")
 #: A lamp of the truth is the one that a packet lists so near.
 _NEAR_DEG = 5.0
 _KEYS_HZ = 60.0
+#: Half the sides of a cupboard (m); and how far it is on the way to the lamp that it hides.
+_CUPBOARD_M, _CUPBOARD_SHARE = (0.15, 0.3, 0.15), 0.6
+#: Map of the room over which ambient light is summed.
+_TRUTH_PX = (256, 128)
+#: Places at each distance where light is compared.
+_PLACES = 4
 #: A small camera: what it renders is most of the time that this takes.
 _SIZE_PX, _RATE_HZ = (960, 480), 15.0
 
@@ -49,8 +58,11 @@ def head_path(seed: int, reach_m: float = 0.25, seconds: float = 40.0) -> Track:
     return Track(t_s, turned(sway(50, 0.3), sway(15, 0.3), sway(6, 0.3)), places, f"head {seed}")
 
 
-def room(seed: int) -> Room:
-    """Give a room whose five lamps hang at random places, well apart; 0: the room as it is."""
+def room(seed: int, hides: bool = False) -> Room:
+    """Give a room whose five lamps hang at random places, well apart; 0: the room as it is.
+
+    Pictures hang on its walls. `hides`: cupboards hide two lamps for a while.
+    """
     rng, found = np.random.default_rng(seed), Room()
     bulbs: list[Bulb] = []
     while seed and len(bulbs) < 5:
@@ -61,7 +73,34 @@ def room(seed: int) -> Room:
             continue
         colour = 40 * rng.uniform(0.6, 1.2) * rng.uniform(0.7, 1.0, 3)
         bulbs.append(Bulb(tuple(place.tolist()), rng.uniform(0.06, 0.12), tuple(colour.tolist())))
-    return replace(found, bulbs=tuple(bulbs)) if bulbs else found
+    if bulbs:
+        found = replace(found, bulbs=tuple(bulbs), pictures=seed)
+    cupboards = tuple(_before(bulb) for bulb in found.bulbs[:2]) if hides else ()
+    return replace(found, cupboards=cupboards)
+
+
+def _before(bulb: Bulb) -> Cupboard:
+    """Give a cupboard whose side is in line with a lamp: it hides it from half of the places."""
+    towards_m, half_m = np.array(bulb.position_m), np.array(_CUPBOARD_M)
+    aside = geometry.normalize(np.cross(towards_m, [0.0, 1.0, 0.0]))
+    middle_m = _CUPBOARD_SHARE * towards_m + aside * float(np.abs(aside) @ half_m)
+    low, high = (tuple(corner.tolist()) for corner in (middle_m - half_m, middle_m + half_m))
+    return Cupboard(low, high)
+
+
+def lit(scene: Room, place_m: Array) -> Lit:
+    """Give the light at a place (3,) of a room; lamps as if no cupboard hid them from there."""
+    there = scene.seen_from(tuple(place_m.tolist()))
+    unseen = replace(there, shows_bulbs=False).render(*_TRUTH_PX)
+    lamps = [
+        np.maximum(ambient.NORMALS @ lamp.direction, 0)[:, None] * lamp.irradiance
+        for lamp in there.lamps
+    ]
+    return Lit(
+        place_m, ambient.irradiance(unseen.compose(np.ones(len(lamps)))), np.array(lamps),
+        np.array([bulb.position_m for bulb in scene.bulbs]),
+        np.array([bulb.radius_m for bulb in scene.bulbs]),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -86,6 +125,13 @@ class Case:
     teller: str
     reach_m: float = 0.25
     seconds: float = 10.0
+    hides: bool = False  # cupboards hide lamps for a while
+
+    @property
+    def words(self) -> str:
+        """For tables."""
+        more = "; cupboards hide two lamps for a while" if self.hides else ""
+        return ORIENTATIONS[self.teller].words + more
 
 
 @dataclass(frozen=True)
@@ -96,6 +142,7 @@ class Moving:
     lamps: list[Placed]
     shadows_deg: list[list[float]]  # by DISTANCES_M, root mean square over lamps; newest packets
     smoothed_off_deg: list[float]  # of lamps' directions, in packets of those who ask for nothing
+    ambient: list[Ambient]  # of the newest packets, at DISTANCES_M
 
 
 def _off_deg(lamp_m: Array, light: Light, packet: Packet) -> float:
@@ -104,7 +151,7 @@ def _off_deg(lamp_m: Array, light: Light, packet: Packet) -> float:
 
 def judge(case: Case) -> list[Moving]:
     """Run the daemon, and compare each lamp of its packets with where it hangs."""
-    scene = room(case.room)
+    scene = room(case.room, case.hides)
     behaviour = Behaviour(act_s=0, path=head_path(case.path, case.reach_m))
     got = record(Run(
         scene, behaviour, judged_s=case.seconds, orientation=case.teller, size_px=_SIZE_PX,
@@ -112,20 +159,27 @@ def judge(case: Case) -> list[Moving]:
     ))  # fmt: skip
     found: list[Placed] = []
     shadows: list[list[float]] = [[] for _ in DISTANCES_M]
+    found_light: list[Ambient] = []
+    shown = got.world.scenes[0]
+    assert isinstance(shown, Room)
     rng = np.random.default_rng(case.path)
     packets = got.packets["raw"]
     for number, packet in enumerate(packets):
         seen = _seen(packet, scene, got.world)
         found += [_placed(packet, light, lamp_m) for light, lamp_m in seen]
         if number >= len(packets) - 15 and number % 5 == 0:
+            here_m = np.array(got.world.at(packet.captured_s).place_m)
             for k, distance_m in enumerate(DISTANCES_M):
-                for place in offsets(scene, distance_m, 4, rng):
+                for place in offsets(scene, distance_m, _PLACES, rng):
                     shadows[k].append(_shadow_deg(packet, seen, place))
+                    if scene.contains(here_m + place):
+                        there = lit(shown, here_m + place)
+                        found_light.append(ambient.judge(packet, here_m, there, distance_m))
     smoothed = [
         _off_deg(lamp_m, light, packet)
         for packet in got.packets["default"] for light, lamp_m in _seen(packet, scene, got.world)
     ]  # fmt: skip
-    return [Moving(case, found, shadows, smoothed)]
+    return [Moving(case, found, shadows, smoothed, found_light)]
 
 
 def _seen(packet: Packet, scene: Room, world: World) -> list[tuple[Light, Array]]:
@@ -196,19 +250,23 @@ def summary(some: Sequence[Moving]) -> dict[str, float]:
     for k, distance_m in enumerate(DISTANCES_M):
         every = np.concatenate([one.shadows_deg[k] for one in some])
         figures[f"shadow_{distance_m:g}_m_deg"] = float(np.sqrt(np.mean(every**2)))
+        at = Ambients.of([a for one in some for a in one.ambient if a.distance_m == distance_m])
+        figures |= {
+            f"ambient_{distance_m:g}_m_{name}": value for name, value in asdict(at).items()
+        }  # fmt: skip
     return figures
 
 
 def table(some: Sequence[Moving]) -> str:
-    """Markdown: a row for each teller."""
+    """Markdown: a row for each teller, and for rooms where lamps are hidden at times."""
     head = [
         "the app sends", "lamps placed", "distance off by, median (90 %)", "at 3 m, median",
         "within 1 sigma", "within 3", *(f"shadows {d:g} m away turned by" for d in DISTANCES_M),
         "directions off by, default packets, median (90 %)",
     ]  # fmt: skip
     lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
-    for teller in dict.fromkeys(one.case.teller for one in some):
-        f = summary([one for one in some if one.case.teller == teller])
+    for words in dict.fromkeys(one.case.words for one in some):
+        f = summary([one for one in some if one.case.words == words])
         cells = [
             f"{f['placed']:.0%}", f"{100 * f['off_m']:.1f} ({100 * f['off_90_m']:.1f}) cm",
             f"{100 * f['off_at_3_m']:.1f} cm", f"{f['within_1']:.0%}", f"{f['within_3']:.1%}",
@@ -216,18 +274,40 @@ def table(some: Sequence[Moving]) -> str:
             f"{f['smoothed_deg']:.2f} ({f['smoothed_90_deg']:.2f})°",
         ]  # fmt: skip
         known = ["–" if "nan" in cell else cell for cell in cells]
-        lines.append("| " + " | ".join([ORIENTATIONS[teller].words, *known]) + " |")
+        lines.append("| " + " | ".join([words, *known]) + " |")
     return "\n".join(lines)
 
 
+def ambient_table(some: Sequence[Moving]) -> str:
+    """Markdown: two rows for each of table(): the SH as the probe has them, and moved."""
+    head = [
+        "the app sends", "packets with a box",
+        *(f"ambient light {d:g} m away" for d in DISTANCES_M),
+        *(f"light {d:g} m away within 1, 3 sigma" for d in DISTANCES_M),
+    ]  # fmt: skip
+    rows = []
+    for words in dict.fromkeys(one.case.words for one in some):
+        light = [a for one in some if one.case.words == words for a in one.ambient]
+        at = [Ambients.of([a for a in light if a.distance_m == d]) for d in DISTANCES_M]
+        unchanged = [f"{a.unchanged:.3f} ({a.unchanged_worst:.3f})" for a in at]
+        moved = [f"{a.moved:.3f} ({a.moved_worst:.3f})" for a in at]
+        shares = [f"{a.within_1:.0%}, {a.within_3:.1%}" if a.stated else "–" for a in at]
+        rows += [
+            [f"{words}; unchanged", "", *unchanged, *[""] * len(at)],
+            [f"{words}; at the place", f"{at[0].has_room:.0%}", *moved, *shares],
+        ]
+    return recording.markdown(head, rows)
+
+
 def main() -> None:
-    """Print the table, or write the page."""
+    """Print the tables, or write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rooms", type=int, default=6, help="rooms and paths (6)")
     parser.add_argument("--tellers", type=recording.listed(tuple(ORIENTATIONS), "teller"),
                         default=TELLERS, help="what apps send, by comma")  # fmt: skip
     parser.add_argument("--reach", type=float, default=0.25, help="metres to each side (0.25)")
     parser.add_argument("--seconds", type=float, default=10.0, help="that are judged (10)")
+    parser.add_argument("--plain", action="store_true", help="without cupboards before lamps")
     parser.add_argument("--json", action="store_true", help="figures of each case instead")
     parser.add_argument("--page", action="store_true", help="write docs/users/places.md")
     options = parser.parse_args()
@@ -235,6 +315,8 @@ def main() -> None:
         Case(k, k, teller, options.reach, options.seconds)
         for teller in options.tellers for k in range(options.rooms)
     ]  # fmt: skip
+    if "place" in options.tellers and not options.plain:
+        cases += [replace(one, hides=True) for one in cases if one.teller == "place"]
     some = recording.all_figures(
         "moving", judge, cases, lambda one: f"room {one.case.room}, {one.case.teller}", 2
     )
@@ -242,7 +324,7 @@ def main() -> None:
     if options.json:
         print(json.dumps([asdict(one.case) | summary([one]) for one in some], indent=1))
         return
-    measured = table(some)
+    measured = f"{table(some)}\n\n{ambient_table(some)}"
     print(measured)
     if options.page:
         put(PAGE, {"moving": measured + "\n"})

@@ -4,6 +4,9 @@ Lamps are glowing spheres, so each is a disc from the probe and lights the walls
 square of its distance. A lamp's layer holds both: the disc, which is the lamp of the truth, and
 what it makes of the walls, which is ambient light and goes when the lamp goes. Light that has
 bounced more than once is one constant per lamp, from the walls' mean reflectance.
+
+More pictures may hang on the walls, and cupboards may stand or hang anywhere: they hide lamps and
+walls, are lit, and cast no shadows.
 """
 
 from __future__ import annotations
@@ -32,6 +35,17 @@ _WALLS = np.array(
 )  # fmt: skip
 #: A window's worth of daylight, as radiance of every wall: what is left when all lamps are off.
 _DAYLIGHT = np.array([0.010, 0.012, 0.016])
+#: Cells along each side of a wall, whole numbers of which its pictures cover.
+_CELLS = 48
+
+
+@dataclass(frozen=True)
+class Cupboard:
+    """A box along the walls: two opposite corners (m from the room's middle), and its colour."""
+
+    low_m: tuple[float, float, float]
+    high_m: tuple[float, float, float]
+    reflectance: tuple[float, float, float] = (0.25, 0.2, 0.15)
 
 
 @dataclass(frozen=True)
@@ -71,10 +85,13 @@ class Room:
     bulbs: tuple[Bulb, ...] = _BULBS
     brightness: float = 1.0
     place_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # where the probe is
+    pictures: int = 0  # which coloured pictures hang on walls and lie on the floor; 0: none
+    cupboards: tuple[Cupboard, ...] = ()
+    shows_bulbs: bool = True  # False: they light the room, and are not seen
 
     @property
     def lamps(self) -> tuple[Lamp, ...]:
-        """See :class:`lightprobe.sim.scene.Scene`."""
+        """See :class:`lightprobe.sim.scene.Scene`; also those that a cupboard hides."""
         return tuple(bulb.lamp().scaled(self.brightness) for bulb in self._seen())
 
     def scaled(self, factor: float) -> Room:
@@ -82,8 +99,11 @@ class Room:
         return replace(self, brightness=factor * self.brightness)
 
     def contains(self, places_m: Array) -> NDArray[np.bool_]:
-        """Tell which places (…, 3) are inside the walls."""
-        return np.asarray(np.all((places_m > _LOW) & (places_m < _HIGH), axis=-1))
+        """Tell which places (…, 3) are inside the walls, and in no cupboard."""
+        free = np.all((places_m > _LOW) & (places_m < _HIGH), axis=-1)
+        for one in self.cupboards:
+            free &= ~np.all((places_m > one.low_m) & (places_m < one.high_m), axis=-1)
+        return np.asarray(free)
 
     def seen_from(self, place_m: tuple[float, float, float]) -> Room:
         """Give the same room with the probe elsewhere; UsageError outside its walls."""
@@ -107,23 +127,50 @@ class Room:
 
 @lru_cache(maxsize=4)
 def _rendered(room: Room, width_px: int, height_px: int) -> Layers:
-    point, normal, reflectance = _walls(
-        geometry.equirect_directions(width_px, height_px), np.array(room.place_m)
-    )
+    directions = geometry.equirect_directions(width_px, height_px)
+    point, normal, reflectance = _surfaces(room, directions)
     base = (room.brightness * _DAYLIGHT * reflectance / 0.5).astype(np.float32)
+    far_m = np.linalg.norm(point, axis=-1).ravel() if room.cupboards else None
     layers = []
     for bulb, lamp in zip(room._seen(), room.lamps, strict=True):
         glow = room.brightness * reflectance / np.pi * _irradiance(bulb, point, normal)
-        disc = disc_layer(lamp, width_px, height_px)
         flat = glow.reshape(-1, 3).astype(np.float32)
-        # The disc hides the wall behind it; at its rim, by the share that it covers.
-        cover = disc.values[:, 1] / np.float32(lamp.radiance[1])
-        flat[disc.index] += disc.values - cover[:, None] * flat[disc.index]
+        if room.shows_bulbs:
+            disc = disc_layer(lamp, width_px, height_px)
+            index, values = disc.index, disc.values
+            if far_m is not None:
+                before = far_m[index] > np.linalg.norm(bulb.position_m)
+                index, values = np.asarray(index)[before], values[before]
+            # The disc hides the wall behind it; at its rim, by the share that it covers.
+            cover = values[:, 1] / np.float32(lamp.radiance[1])
+            flat[index] += values - cover[:, None] * flat[index]
         layers.append(Layer(slice(None), flat))
     return Layers(base, tuple(layers))
 
 
-def _walls(directions: Array, place_m: Array) -> tuple[Array, Array, Array]:
+def _surfaces(room: Room, directions: Array) -> tuple[Array, Array, Array]:
+    """What rays from the probe meet: point, normal towards them, reflectance; (H, W, 3).
+
+    Points are seen from the probe.
+    """
+    place_m = np.array(room.place_m)
+    point, normal, reflectance = _walls(directions, place_m, room.pictures)
+    for one in room.cupboards:
+        safe = np.where(np.abs(directions) < 1e-12, 1e-12, directions)
+        low, high = (np.array(corner) - place_m for corner in (one.low_m, one.high_m))
+        enters = np.where(safe > 0, low, high) / safe
+        reach = enters.max(axis=-1, keepdims=True)
+        leaves = np.min(np.where(safe > 0, high, low) / safe, axis=-1, keepdims=True)
+        nearer = reach < np.linalg.norm(point, axis=-1, keepdims=True)
+        meets = nearer & (reach > 0) & (reach < leaves)
+        face = np.where(enters == reach, -np.sign(safe), 0.0)
+        point = np.where(meets, reach * safe, point)
+        normal = np.where(meets, face, normal)
+        reflectance = np.where(meets, np.array(one.reflectance), reflectance)
+    return point, normal, reflectance
+
+
+def _walls(directions: Array, place_m: Array, pictures: int = 0) -> tuple[Array, Array, Array]:
     """Where rays from the probe meet the walls: point, inward normal, reflectance; (H, W, 3).
 
     Points are seen from the probe, which is at `place_m`.
@@ -136,7 +183,30 @@ def _walls(directions: Array, place_m: Array) -> tuple[Array, Array, Array]:
     normal = np.zeros_like(safe)
     np.put_along_axis(normal, axis[..., None], np.where(positive, -1.0, 1.0)[..., None], -1)
     face = 2 * axis + positive
-    return point, normal, _WALLS[face] * _pattern(point + place_m, face)[..., None]
+    reflectance = _WALLS[face] * _pattern(point + place_m, face)[..., None]
+    if pictures:
+        cell = ((point + place_m - _LOW) / (_HIGH - _LOW) * _CELLS).astype(np.intp)
+        cell = np.clip(cell, 0, _CELLS - 1)
+        along, up = np.array([2, 0, 0])[axis], np.array([1, 2, 1])[axis]
+        u = np.take_along_axis(cell, along[..., None], -1)[..., 0]
+        v = np.take_along_axis(cell, up[..., None], -1)[..., 0]
+        colour = _pictures(pictures)[face, v, u]
+        reflectance = np.where(colour > 0, colour, reflectance)
+    return point, normal, reflectance
+
+
+@lru_cache(maxsize=4)
+def _pictures(seed: int) -> Array:
+    """Reflectance (6, _CELLS, _CELLS, 3) of the pictures on each face; 0: the wall itself."""
+    rng = np.random.default_rng(seed)
+    found = np.zeros((6, _CELLS, _CELLS, 3))
+    for face in (0, 1, 2, 4, 5):
+        for _ in range(rng.integers(3, 8)):
+            high, wide = rng.integers(4, _CELLS // 3, 2)
+            top, left = rng.integers(2, _CELLS - high - 1), rng.integers(2, _CELLS - wide - 1)
+            colour = rng.uniform(0.05, 0.85) * rng.uniform(0.4, 1, 3)
+            found[face, top : top + high, left : left + wide] = colour
+    return found
 
 
 def _pattern(point: Array, face: NDArray[np.intp]) -> Array:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import cv2
 import numpy as np
@@ -145,6 +145,17 @@ class Scene(Protocol):
 
     def scaled(self, factor: float) -> Scene:
         """Give the same scene, brighter by a factor."""
+
+
+@runtime_checkable
+class Walkable(Scene, Protocol):
+    """A scene in which a probe can leave its place."""
+
+    def contains(self, places_m: Array) -> NDArray[np.bool_]:
+        """Tell which places (…, 3), metres, it can be seen from."""
+
+    def seen_from(self, place_m: tuple[float, float, float]) -> Scene:
+        """Give the same scene with the probe elsewhere; UsageError where it cannot be."""
 
 
 # ---------------------------------------------------------------- procedural scenes

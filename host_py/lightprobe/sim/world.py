@@ -21,8 +21,7 @@ from lightprobe.sim.flicker import Flicker
 from lightprobe.sim.motion import Track, angles_deg, turned, way_deg
 from lightprobe.sim.moved import MovedTruth, change
 from lightprobe.sim.movers import Card, Mover, Movers
-from lightprobe.sim.room import Room
-from lightprobe.sim.scene import Scene, Truth
+from lightprobe.sim.scene import Scene, Truth, Walkable
 
 #: Size at which a scene's median is taken; it decides brightness, not truth.
 _PREVIEW_PX = (256, 128)
@@ -123,7 +122,7 @@ class World:
         self.kept: int | None = None  # the scene that stays, by index; None: as behaviour has it
         self.card: Card | None = None  # that somebody holds before the lens now
         self._check_path(scenes)
-        flat = [scene.name for scene in scenes if not isinstance(scene, Room)]
+        flat = [scene.name for scene in scenes if not isinstance(scene, Walkable)]
         if self.behaviour.walk_m and flat:
             raise UsageError(f"world: {flat[0]}: nobody can walk in it: take the scene room")
         self.scenes = [
@@ -141,7 +140,7 @@ class World:
                 f"world: {b.path.name}: the path is all of the motion: leave out what turns, "
                 "swings, nods, rolls or walks"
             )
-        for room in (scene for scene in scenes if isinstance(scene, Room)):
+        for room in (scene for scene in scenes if isinstance(scene, Walkable)):
             outside = np.flatnonzero(~room.contains(b.path.places_m))
             if len(outside):
                 t_s, place_m = b.path.t_s[outside[0]], b.path.places_m[outside[0]].tolist()
@@ -160,8 +159,8 @@ class World:
         act = int(t_s // b.act_s) % len(self.scenes) if b.act_s > 0 else 0
         act = act if self.kept is None else self.kept
         scene = self.scenes[act]
-        place_m = self._place_m(t_s + exposure_s / 2) if isinstance(scene, Room) else _HERE
-        if isinstance(scene, Room) and b.is_going:
+        place_m = self._place_m(t_s + exposure_s / 2) if isinstance(scene, Walkable) else _HERE
+        if isinstance(scene, Walkable) and b.is_going:
             scene = scene.seen_from(place_m)
         movers = b.movers.at(t_s + exposure_s / 2)
         if self.card is not None:
