@@ -131,9 +131,9 @@ static const struct lp_probe_pose origin = {.t_ns = 1, .world = 1, .sigma_m = 0.
 static void assert_same_box(const struct lp_room_found *found)
 {
 	static const int turned[4][6] = {{0, 1, 2, 3, 4, 5},
-					 {4, 5, 2, 3, 1, 0},
+					 {5, 4, 2, 3, 0, 1},
 					 {1, 0, 2, 3, 5, 4},
-					 {5, 4, 2, 3, 0, 1}};
+					 {4, 5, 2, 3, 1, 0}};
 	const double quarters = (found->box.yaw_rad - true_box.yaw_rad) / (M_PI / 2.0);
 	const int quarter = ((int)lround(quarters) % 4 + 4) % 4;
 
