@@ -1,12 +1,15 @@
 """Lamps with distances light the place of an object, or stand where they are."""
 
 import math
+import time
 
 import bpy
 import numpy as np
 import pytest
-from bl_ext.user_default.lightprobe import scene_lamps, session
+from bl_ext.user_default.lightprobe import scene_lamps, session, sky, timeline
+from bl_ext.user_default.lightprobe.link import Link, Wish
 from lightprobe import recording
+from lightprobe.wire import decode
 from lightprobe_proto import lightprobe_pb2 as pb
 from mathutils import Matrix, Vector
 from probes import LONG_S, Probe, packet, ticked_until
@@ -141,6 +144,39 @@ def test_without_a_distance_the_report_says_so_and_light_is_as_at_the_probe(scen
     found = lit(scene, light_of(None), lit_object=cup(scene, (1, 0, 0)))
     assert "Place: no lamp has a distance, so all light is as at the probe." in found.details
     assert math.degrees(towards(the_lamp(scene)).angle(LAMP_IN_BLENDER_M)) < 0.01
+
+
+def in_a_room():
+    """A packet without lamps in a room that is known."""
+    coefficients = np.random.default_rng(2).normal(size=(25, 3)) / 4
+    coefficients[0] = 4
+    made = packet(coefficients)
+    made.room.walls_m.extend([2, 2.5, 1.2, 1.5, 3, 1])
+    made.room.walls_sigma_m.extend(6 * [0.1])
+    made.room.orientation.extend([0, 0.6, 0, 0.8])
+    return made
+
+
+def test_the_world_is_that_of_the_objects_place(scene):
+    made = in_a_room()
+    here = decode(pb.FromProbe(estimate=made).SerializeToString())
+    there = here.at((0.6, -0.2, -0.5))
+    standing_m = np.array([0.6, 0.5, -0.2])  # the same in Blender's axes
+    (frame,) = timeline.frames([timeline.TimedEstimate(0.0, here)], 1, 24, True, standing_m)
+    assert frame.estimate.sh.coefficients == pytest.approx(there.sh.coefficients)
+    with Probe() as probe:
+        probe.send(made)
+        link = Link(probe.uri, Wish(map_size=0), standing_m)
+        end = time.monotonic() + LONG_S
+        while link.seen.sky is None and time.monotonic() < end:
+            time.sleep(0.01)
+        link.close()
+        assert link.wait_closed(LONG_S)
+    wanted = sky.from_harmonics(there.sh).radiance
+    assert np.abs(wanted - sky.from_harmonics(here.sh).radiance).max() > 0.1
+    assert np.abs(link.seen.sky.radiance - wanted).max() < 1e-4
+    found = lit(scene, made, lit_object=cup(scene, (1, 0, 0)))
+    assert "Place: no lamp has a distance, so lamps are as at the probe." in found.details
 
 
 def test_a_recording_is_keyframed_for_the_named_object(scene, tmp_path):
