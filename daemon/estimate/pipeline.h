@@ -22,7 +22,6 @@ struct lp_polarization_grid;
 #define LP_DECODE_BY_BLOCKS (-1)
 #define LP_NONE (-1)
 #define LP_MOST_EXACT_BLOCKS 65536
-#define LP_MOST_REFINE_CELLS 1024
 
 /* From the fastest to the most accurate. */
 enum lp_preset { LP_PRESET_FAST, LP_PRESET_BALANCED, LP_PRESET_ACCURATE, LP_PRESET_REFERENCE };

@@ -56,7 +56,7 @@ int lp_imager_create(const struct lp_camera *camera, const struct lp_imager_opti
 	m->lamp.behind = calloc(cells, sizeof(*m->lamp.behind));
 	m->lamp.taken = calloc(cells, 1);
 	m->lamp.pixels =
-		calloc((size_t)LP_REFINE_MAX_CELLS * LP_CELL_MAX_PX, sizeof(*m->lamp.pixels));
+		calloc((size_t)LP_MOST_REFINE_CELLS * LP_CELL_MAX_PX, sizeof(*m->lamp.pixels));
 	if (!m->turned || !m->turned_flags || !m->step2 || !m->lamp.behind || !m->lamp.taken ||
 	    !m->lamp.pixels)
 		goto err_destroy;

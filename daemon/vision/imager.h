@@ -31,6 +31,7 @@ struct lp_lamp_finder;
 struct lp_panorama;
 struct lp_polarization_grid;
 
+#define LP_MOST_REFINE_CELLS 1024 /* camera cells of one lamp */
 #define LP_MAX_BRACKET 32 /* exposure settings that are told apart; people take 18 and more */
 
 struct lp_imager_options {

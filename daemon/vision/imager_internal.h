@@ -21,8 +21,7 @@ struct lp_stokes_map;
 
 /* An alignment that fewer of the compared pixels agree with is none. */
 #define LP_LEAST_AGREEMENT 0.4F
-#define LP_REFINE_MAX_CELLS 1024 /* camera cells of one lamp */
-#define LP_CELL_MAX_PX 64	 /* pixels of one camera cell */
+#define LP_CELL_MAX_PX 64 /* pixels of one camera cell */
 
 /* What cameras that are away leave unseen (hidden.c). */
 struct lp_lost {
@@ -64,7 +63,7 @@ struct lp_imager_film {
 
 /* Workspace for the pixels behind a lamp (refine.c). */
 struct lp_lamp_work {
-	float (*pixels)[3]; /* of LP_REFINE_MAX_CELLS camera cells */
+	float (*pixels)[3]; /* of LP_MOST_REFINE_CELLS camera cells */
 	int32_t *behind;    /* panorama cells behind a lamp, camera frame */
 	uint8_t *taken;	    /* per panorama cell: it is among them */
 };

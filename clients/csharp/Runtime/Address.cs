@@ -54,6 +54,9 @@ namespace Lightprobe
                 string scheme = uri.Scheme.Replace("http", "ws");
                 if (Ports.ContainsKey(scheme)) return ParseWeb(uri, scheme);
             }
+            if (text.StartsWith("mqtt:", StringComparison.Ordinal) || text.StartsWith("mqtts:", StringComparison.Ordinal))
+                throw new ArgumentException(text.Split(':')[0] + ": address: this client speaks to the probe and to no MQTT broker: take the "
+                    + "probe's own address, tcp:HOST:PORT or ws://HOST:PORT/ (lightprobed --publish), or Python's client");
             throw new ArgumentException(Shown(text) + ": address: expected tcp:HOST:PORT, ws://HOST:PORT/, or what `lightprobe pair` prints");
         }
 

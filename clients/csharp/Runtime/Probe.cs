@@ -31,7 +31,7 @@ namespace Lightprobe
     /// </summary>
     public sealed class Probe : IDisposable
     {
-        private const uint ProtocolMajor = 1, MinorWithNumbers = 1;
+        private const uint ProtocolMajor = 1, MinorWithNumbers = 1, MinorWithPings = 3;
         private const int FirstBackoffMs = 100, LastBackoffMs = 5000, ConnectMs = 5000, LeastPatienceMs = 5000;
         /// <summary>Of an Error in place of a Hello: the token is missing or wrong (EACCES).</summary>
         private const int TokenRefused = -13;
@@ -39,6 +39,7 @@ namespace Lightprobe
         private const int TokenBackoffMs = 80_000;
         /// <summary>Of how many estimates the fastest tells how far the probe's clock is off.</summary>
         private const int ClockMessages = 32;
+        private const int PingPeriodMs = 1000;
         private static readonly Stopwatch Clock = Stopwatch.StartNew();
 
         private readonly object _lock = new object();
@@ -47,6 +48,9 @@ namespace Lightprobe
         private readonly Random _random = new Random();
         private readonly Thread _thread;
         private readonly Drained _drained = new Drained(NowMs);
+        private readonly Timer _pings;
+        private bool _isPinging;
+        private long? _pongNs; // when the answer to the last ping came
         private Subscription _wish;
         private Connection _connection;
         private Hello _hello;
@@ -68,6 +72,7 @@ namespace Lightprobe
         {
             _address = Address.Parse(address);
             _wish = Numbered(wish ?? new Subscription { HealthPeriodMs = 1000 }, 1);
+            _pings = new Timer(_ => Ping());
             _thread = new Thread(Run) { IsBackground = true, Name = "lightprobe " + _address };
             _thread.Start();
             _drained.Start();
@@ -131,15 +136,67 @@ namespace Lightprobe
             lock (_lock)
             {
                 _wish = Numbered(wish, _wish.Number + 1);
-                if (_connection == null) return;
-                try
-                {
-                    _connection.Send(Encoded(_wish));
-                }
-                catch (Exception error) when (IsOfConnection(error))
-                {
-                    // The thread notices, too, and asks for it on the next connection.
-                }
+                TrySend(Encoded(_wish)); // if it fails, the thread asks for it on the next connection
+            }
+        }
+
+        /// <summary>Nanoseconds of this client's own steady clock, now: poses have its times.</summary>
+        public static long NowNs => (long)(Clock.ElapsedTicks * (1e9 / Stopwatch.Frequency));
+
+        /// <summary>
+        /// Says how the head is turned that the probe sits on, and perhaps where it is; false: not connected, or an older probe.
+        /// The daemon needs --orientation=client, else it refuses (<see cref="LastError"/>). Subscription.Frame = World then gives
+        /// the light in your world. All is right-handed, with +X right, +Y up, −Z forward: from Unity's poses take (−x, −y, z, w)
+        /// and (x, y, −z).
+        /// </summary>
+        /// <param name="xyzw">Unit quaternion that turns the head's frame into your world.</param>
+        /// <param name="timeNs">When it was so, of <see cref="NowNs"/>; null: now.</param>
+        /// <param name="sigmaDeg">1 sigma about each axis; null: 0.2.</param>
+        /// <param name="positionM">x, y, z of the head in that world, in metres: lamps get distances as it moves. Null: not known.</param>
+        /// <param name="positionSigmaM">1 sigma along each axis; null: 0.005.</param>
+        /// <exception cref="ArgumentException">It is no unit quaternion, no place, or no sigma.</exception>
+        public bool SendPose(IReadOnlyList<float> xyzw, long? timeNs = null, float? sigmaDeg = null,
+            IReadOnlyList<float> positionM = null, float? positionSigmaM = null)
+        {
+            byte[] pose = Poses.Pose(xyzw, timeNs ?? NowNs, sigmaDeg, positionM, positionSigmaM);
+            lock (_lock)
+            {
+                if (_hello == null || _hello.ProtocolMinor < MinorWithPings || !TrySend(pose)) return false;
+                // From the first pose of a connection on: without poses nobody needs our clock.
+                if (!_isPinging) _pings.Change(0, PingPeriodMs);
+                _isPinging = true;
+                return true;
+            }
+        }
+
+        private void Ping()
+        {
+            lock (_lock)
+            {
+                if (!_isPinging) return;
+                TrySend(Poses.Ping(NowNs, _pongNs));
+                _pongNs = null;
+            }
+        }
+
+        private void StopPingsLocked()
+        {
+            if (_isPinging) _pings.Change(Timeout.Infinite, Timeout.Infinite);
+            _isPinging = false;
+            _pongNs = null;
+        }
+
+        /// <summary>False: there is no connection, or it is broken. The thread notices that, too.</summary>
+        private bool TrySend(byte[] message)
+        {
+            try
+            {
+                _connection?.Send(message);
+                return _connection != null;
+            }
+            catch (Exception error) when (IsOfConnection(error) || error is TimeoutException)
+            {
+                return false;
             }
         }
 
@@ -149,6 +206,8 @@ namespace Lightprobe
             _drained.Dispose();
             lock (_lock)
             {
+                StopPingsLocked();
+                _pings.Dispose();
                 _state = ProbeState.Closed;
                 _connection?.Dispose();
                 Monitor.PulseAll(_lock);
@@ -198,6 +257,7 @@ namespace Lightprobe
             {
                 _hello = null;
                 _connection = null;
+                if (_state != ProbeState.Closed) StopPingsLocked();
                 if (_state == ProbeState.Closed) return;
                 _lastError = why;
                 _state = ProbeState.Waiting;
@@ -294,6 +354,7 @@ namespace Lightprobe
                 if (_state == ProbeState.Closed) return;
                 if (message.Hello != null) Greet(message.Hello);
                 else if (message.Error == null && _hello == null) throw new WireException("the first message is not a Hello");
+                if (message.Pong != null) _pongNs = NowNs;
                 if (message.Health != null) _health = message.Health;
                 if (message.Estimate != null) TakeEstimate(message.Estimate);
                 if (message.ReflectionMap != null && message.ReflectionMap.Subscription == _wish.Number) _reflectionMap = message.ReflectionMap;

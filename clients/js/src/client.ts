@@ -49,6 +49,8 @@ export function parseAddress(address: string): { url: string; token: string | un
   const scheme = schemes[url.protocol];
   if (["0.0.0.0", "[::]"].includes(url.hostname))
     throw new TypeError(`${url.protocol}//${url.host}/: address: ${url.hostname} stands for all addresses of the probe's machine: take one of them, or its name`);
+  if (["mqtt:", "mqtts:"].includes(url.protocol))
+    throw new TypeError(`${url.protocol}//${url.host}${url.pathname}: address: this client speaks to the probe and to no MQTT broker: take the probe's own address, ws://HOST:PORT/ (lightprobed --publish=ws:), or Python's client`);
   if (!scheme) throw new TypeError(`${url.protocol}: address: expected ws:, wss:, http: or https:`);
   const token = new URLSearchParams(url.hash.slice(1)).get("token") ?? undefined;
   if (token && scheme !== "wss:")

@@ -156,6 +156,8 @@ test("a page of another origin is told how to be allowed", () => {
 test("addresses: of the messages, and of the page", () => {
   assert.deepEqual(parseAddress("ws://127.0.0.1:7701/"), { url: "ws://127.0.0.1:7701/", token: undefined });
   assert.deepEqual(parseAddress("https://probe.local:7702/?x=1#token=abc&sha256=12"), { url: "wss://probe.local:7702/", token: "abc" });
+  for (const broker of ["mqtt://broker/room", "mqtts://me:secret@broker:8883/room"])
+    assert.throws(() => parseAddress(broker), (error: Error) => /no MQTT broker: take the probe's own address/.test(error.message) && !error.message.includes("secret"), broker);
   for (const wrong of ["", "probe", "ftp://x/", "tcp:127.0.0.1:7700"]) assert.throws(() => parseAddress(wrong), TypeError, wrong);
 });
 

@@ -45,10 +45,10 @@
  * also serves panorama cells outside of it. */
 struct patch {
 	int count;
-	int cells[LP_REFINE_MAX_CELLS];
-	float share[LP_REFINE_MAX_CELLS];
-	float brightest[LP_REFINE_MAX_CELLS]; /* luminance of a pixel; -FLT_MAX: not decoded */
-	bool clipped;			      /* a decoded pixel is at the top of the scale */
+	int cells[LP_MOST_REFINE_CELLS];
+	float share[LP_MOST_REFINE_CELLS];
+	float brightest[LP_MOST_REFINE_CELLS]; /* luminance of a pixel; -FLT_MAX: not decoded */
+	bool clipped;			       /* a decoded pixel is at the top of the scale */
 };
 
 /*
@@ -156,7 +156,7 @@ static bool collect_thinned(struct lp_imager *imager, const struct behind *behin
 				continue;
 			/* place: where the patch holds this cell; only valid if it really does */
 			if (*place >= patch->count || patch->cells[*place] != source) {
-				if (patch->count == LP_REFINE_MAX_CELLS)
+				if (patch->count == LP_MOST_REFINE_CELLS)
 					return false;
 				*place = patch->count;
 				patch->cells[patch->count] = source;
@@ -566,8 +566,8 @@ bool lp_imager_refine(struct lp_imager *imager, const struct lp_lamp_finder *fin
 	struct patch patch;
 	float gain;
 
-	if (most_cells > LP_REFINE_MAX_CELLS)
-		most_cells = LP_REFINE_MAX_CELLS;
+	if (most_cells > LP_MOST_REFINE_CELLS)
+		most_cells = LP_MOST_REFINE_CELLS;
 	place_lamp(imager, &seen);
 	gain = lp_imager_film_gain(imager, seen.direction);
 	dim(&seen, gain);

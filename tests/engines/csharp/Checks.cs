@@ -24,6 +24,8 @@ static class Checks
             case "place": foreach (string line in Lines()) PlaceOf(line); return 0;
             case "ambient": foreach (string line in Lines()) AmbientOf(line); return 0;
             case "live": return Live(arguments[1], int.Parse(arguments[2]));
+            case "pose": return PoseOf(arguments.Skip(1).ToArray());
+            case "poses": return HeadPoses(arguments[1], int.Parse(arguments[2]));
             case "pause": return Pause(arguments[1]);
             case "old": return Old(arguments[1]);
             case "fallback": foreach (string line in Lines()) Console.WriteLine(Json(Fallback.Estimate(line == "" ? null : Probe.Decode(TcpConnection.Read(new MemoryStream(Bytes(line)))).Estimate).Sh)); return 0;
@@ -124,6 +126,44 @@ static class Checks
                 Estimate estimate = probe.WaitForNext(200);
                 Console.WriteLine(estimate == null ? "{\"error\":" + Json(probe.LastError) + ",\"stale\":" + Json(probe.Latest == null) + "}" : Json(estimate));
             }
+        return 0;
+    }
+
+    /// <summary>The message of a pose: x y z w, sigma in degrees, x y z in metres, its sigma; "-": none. Then that of a ping.</summary>
+    static int PoseOf(string[] words)
+    {
+        float[] numbers = words.Where(word => word != "-").Select(word => float.Parse(word, CultureInfo.InvariantCulture)).ToArray();
+        bool isPlain = words.Length == 5 && words[4] == "-";
+        try
+        {
+            float[] xyzw = numbers.Take(4).ToArray();
+            Console.WriteLine(Hex(isPlain ? Poses.Pose(xyzw, 1234567890123, null, null, null)
+                : Poses.Pose(xyzw, 1234567890123, numbers[4], numbers.Skip(5).Take(numbers.Length - 6).ToArray(), numbers.Last())));
+        }
+        catch (ArgumentException error)
+        {
+            Console.WriteLine(Json(error.Message));
+        }
+        Console.WriteLine(Hex(Poses.Ping(17, null)));
+        Console.WriteLine(Hex(Poses.Ping(-17, 16)));
+        return 0;
+    }
+
+    /// <summary>Sends the pose of a head at rest 100 times a second, and prints every estimate in its world and every error.</summary>
+    static int HeadPoses(string address, int seconds)
+    {
+        var until = DateTime.UtcNow.AddSeconds(seconds);
+        using (var probe = new Probe(address, new Subscription { Frame = EstimateFrame.World, HealthPeriodMs = 200 }))
+        {
+            Console.WriteLine(Json(probe.SendPose(new[] { 0f, 0, 0, 1 })));
+            for (Estimate shown = null; DateTime.UtcNow < until; Thread.Sleep(10))
+            {
+                probe.SendPose(new[] { 0f, 0.6f, 0, 0.8f }, null, 0.1f, new[] { 1f, 1.5f, -2 }, 0.004f);
+                Estimate now = probe.Latest;
+                if (now == null || now == shown) continue;
+                Console.WriteLine(Json(shown = now));
+            }
+        }
         return 0;
     }
 

@@ -20,39 +20,13 @@ from lightprobe.address import Address
 from lightprobe.convert import ADAPTERS
 from lightprobe.errors import ProbeError, ProbeTimeout
 from lightprobe.estimate import LightFlag
-from lightprobe.imaging import image
 from lightprobe_proto import lightprobe_pb2 as pb
+from mono import PACKAGE, ROOT, ask, compiled, free_port, room, said
 from range_cases import cases
 
-ROOT = Path(__file__).resolve().parents[3]
-PACKAGE = ROOT / "clients/csharp"
 GOLDEN = sorted(
     file for file in (ROOT / "proto/golden").glob("*.bin") if not file.name.startswith("from_")
 )
-COMPILER = ("mcs", "-langversion:7.2", "-codepage:utf8", "-warnaserror")
-
-
-def compiled(out, *sources, options=()):
-    files = [str(file) for source in sources for file in sorted(source.parent.glob(source.name))]
-    subprocess.run([*COMPILER, *options, f"-out:{out}", *files], check=True, timeout=300)
-    return out
-
-
-@pytest.fixture(scope="session")
-def program(tmp_path_factory):
-    out = tmp_path_factory.mktemp("csharp") / "checks.exe"
-    return compiled(out, PACKAGE / "Runtime/*.cs", Path(__file__).with_name("Checks.cs"))
-
-
-def ask(program, *words, given=""):
-    done = subprocess.run(
-        ["mono", program, *words], input=given, capture_output=True, text=True, timeout=300
-    )
-    assert not done.stderr, done.stderr
-    return [
-        json.loads(line, strict=False) if line[0] in '{["' else line
-        for line in done.stdout.split("\n")[:-1]
-    ]
 
 
 def pascal(name):
@@ -225,8 +199,8 @@ def test_each_number_is_taken_or_refused_by_name(program):
     """At and beyond the ends of every line of proto/ranges.toml: the cases of all clients."""
     all_cases = cases()
     lines = [wire.delimit(case.data).hex() for case in all_cases]
-    for said, case in zip(ask(program, "check", given="\n".join(lines)), all_cases, strict=True):
-        assert said == ("taken" if case.refusal is None else f"refused: {case.refusal}"), case.name
+    for heard, case in zip(ask(program, "check", given="\n".join(lines)), all_cases, strict=True):
+        assert heard == ("taken" if case.refusal is None else f"refused: {case.refusal}"), case.name
 
 
 def test_lists_that_would_fill_the_memory_are_refused(program):
@@ -258,18 +232,6 @@ def test_a_reflection_map_in_unitys_axes(program):
     np.testing.assert_allclose(
         faces.reshape(6, size, size, 3), theirs.sample(towards), rtol=1e-6, atol=0
     )
-
-
-def room(folder):
-    picture = np.full((64, 128, 3), 0.2, np.float32)
-    picture[15:18, 94:98] = [400, 300, 200]  # 45° up, 90° to the right
-    image.write_pfm(str(folder / "room.pfm"), picture)
-    return folder / "room.pfm"
-
-
-def free_port():
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return server.getsockname()[1]
 
 
 def make_pair(folder, *arguments):
@@ -416,15 +378,6 @@ def test_another_certificate_or_token_gets_nothing(program, tmp_path):
         assert token.removeprefix("token=") not in probe.log()
 
 
-def said(client, condition, within_s=60):
-    end = time.monotonic() + within_s
-    while time.monotonic() < end:
-        one = json.loads(client.stdout.readline())
-        if condition(one):
-            return one
-    raise AssertionError(f"not said within {within_s} s")
-
-
 @pytest.mark.parametrize(
     ("sent", "told"),
     [(b"HTTP/1.1 400 Bad Request\r\nServer: " + 80 * b"x", "is this a lightprobe?"),
@@ -508,6 +461,15 @@ def test_after_a_refused_token_it_does_not_come_again_soon(program):
 def test_an_address_that_is_none(program, address):
     (line,) = ask(program, "address", address)
     assert "expected tcp:HOST:PORT" in line
+
+
+@pytest.mark.parametrize(
+    "address", ["mqtt://broker/room", "mqtts://me:secret@broker/room", "mqtt:broker"]
+)
+def test_a_broker_is_told_from_a_probe(program, address):
+    (line,) = ask(program, "address", address)
+    assert "no MQTT broker: take the probe's own address" in line
+    assert "secret" not in line
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "[::]"])
