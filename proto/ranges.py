@@ -57,7 +57,7 @@ class Range:
 
     def _bounds(self) -> str:
         if self.above is not None:
-            return f" above {self.above}"
+            return f" above {self.above}" + ("" if self.most is None else f", {self.most} at most")
         if self.most is not None:
             return f", {self.least or 0} to {self.most}"
         return "" if self.least is None else f", {self.least} or more{' or NaN' * self.nan}"

@@ -3,7 +3,7 @@
 import { besideSh } from "../src/index.js";
 import type { Estimate, Light, Vec3 } from "../src/index.js";
 import { screenColour } from "./panel.js";
-import { MOST_M, halfWidthM, isPlaced, missingInWords, placeInWords, spotOf, type Spot } from "./places.js";
+import { MOST_M, cornersOf, halfWidthM, isPlaced, missingInWords, placeInWords, spotOf, type Spot } from "./places.js";
 
 const element = <T extends HTMLElement>(id: string): T => document.getElementById(id) as T;
 
@@ -48,11 +48,11 @@ export class Plan {
     return this.#positionM;
   }
 
-  /** Draws the lamps of an estimate; undefined: there is none. The plan appears with the first distance, and stays. */
+  /** Draws the lamps of an estimate; undefined: there is none. The plan appears with the first distance or room, and stays. */
   show(estimate: Estimate | undefined): void {
     this.#estimate = estimate;
     if (estimate) write("plan-missing", missingInWords(estimate));
-    if (isPlaced(estimate)) element("plan-room").hidden = false;
+    if (isPlaced(estimate) || estimate?.room) element("plan-room").hidden = false;
     if (!element("plan-room").hidden) this.#draw();
   }
 
@@ -108,11 +108,13 @@ export class Plan {
   #draw(): void {
     const { width, height } = this.#canvas, lights = besideSh(this.#estimate);
     const spots = lights.map(spotOf).filter((spot) => spot !== undefined);
-    if (!this.#isHeld) this.#halfM = halfWidthM(spots, this.#positionM, this.#halfM); // no other scale under the finger
+    const room = this.#estimate?.room, corners = room ? cornersOf(room) : [];
+    if (!this.#isHeld) this.#halfM = halfWidthM(spots, this.#positionM, this.#halfM, corners); // no other scale under the finger
     const isInside = (spot: Spot): boolean => Math.hypot(spot.xM, spot.zM) <= this.#halfM;
     this.#context.clearRect(0, 0, width, height);
     this.#context.font = "24px system-ui, sans-serif";
     this.#drawGrid();
+    if (room) this.#drawRoom(corners);
     this.#drawProbe();
     for (const light of lights) {
       const spot = spotOf(light);
@@ -141,6 +143,12 @@ export class Plan {
     context.strokeStyle = context.fillStyle = DIM;
     this.#line([left, low - 8], [left, low], [right, low], [right, low - 8]);
     context.fillText(`${gapM} m`, left + 8, low - 8);
+  }
+
+  /** The walls, as the box that the probe takes the room for. */
+  #drawRoom(corners: [xM: number, zM: number][]): void {
+    [this.#context.strokeStyle, this.#context.lineWidth] = [DIM, 3];
+    this.#line(...[...corners, corners[0]!].map(([xM, zM]) => this.#at(xM, zM)));
   }
 
   /** A wedge that points forward. */

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "base/select.h"
+#include "estimate/place/room_stage.h"
 #include "estimate/surroundings.h"
 #include "include/frame.h"
 #include "include/luminance.h"
@@ -268,6 +269,16 @@ static void look_around(struct lp_pipeline *p, const struct lp_demand *demand,
 	lp_surroundings_look(surroundings, &view, raw, p->surround);
 }
 
+/* A probe that goes learns the room around it. */
+static void find_room(struct lp_pipeline *p, const struct lp_panorama *panorama,
+		      struct lp_light_estimate *raw)
+{
+	if (!p->room || !p->lamps.is_placed || lp_lamp_memory_doubts_places(&p->lamps.memory))
+		return;
+	lp_room_stage_look(p->room, panorama, p->detection, &p->lamps.pose);
+	lp_room_stage_tell(p->room, &p->lamps.pose, &raw->room);
+}
+
 int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
 			const struct lp_demand *demand, struct lp_estimates *estimates,
 			float *command_us)
@@ -314,6 +325,7 @@ int lp_pipeline_process(struct lp_pipeline *pipeline, struct lp_frame *frame,
 	estimates->raw.wheel_deg = wheel_deg;
 	estimates->raw.wheel_sigma_deg = wheel_sigma_deg;
 	estimates->raw.orientation = lp_pipeline_orientation(pipeline, whole.t_capture_ns);
+	find_room(pipeline, seen, &estimates->raw);
 	lp_pipeline_use_ring(pipeline, (const double(*)[3])total, &estimates->raw);
 	look_around(pipeline, demand, &whole, &estimates->raw, estimates->surroundings);
 	lp_pipeline_finish(pipeline, estimates);

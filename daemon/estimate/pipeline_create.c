@@ -223,6 +223,9 @@ int lp_pipeline_create(const struct lp_pipeline_options *options, struct lp_pipe
 	lp_ring_stage_init(&p->ring, &options->scale);
 	for (int k = 0; k < p->camera_count && ret == 0; k++)
 		ret = lp_camera_create(options->cameras[k], &p->cameras[k].geometry);
+	if (ret == 0 && (options->orientation == LP_ORIENTATION_SIM ||
+			 options->orientation == LP_ORIENTATION_CLIENT))
+		ret = lp_room_create(&p->room);
 	if (ret == 0)
 		ret = lp_pipeline_set_preset(p, options->preset);
 	if (ret < 0) {
@@ -240,6 +243,7 @@ void lp_pipeline_destroy(struct lp_pipeline *pipeline)
 	destroy_stages(&(struct stages){pipeline->imager, pipeline->detection, pipeline->projector,
 					pipeline->scratch, pipeline->lamps.before, pipeline->view,
 					pipeline->filled, pipeline->surround});
+	lp_room_destroy(pipeline->room);
 	lp_ring_stage_finish(&pipeline->ring);
 	for (int k = 0; k < pipeline->camera_count; k++)
 		lp_camera_destroy(pipeline->cameras[k].geometry);

@@ -15,6 +15,7 @@
 #include "include/panorama.h"
 #include "light/send/tracker.h"
 #include "light/math/rotation.h"
+#include "light/place/room.h"
 #include "vision/imager.h"
 #include "vision/map/sh_project.h"
 
@@ -47,6 +48,7 @@ struct lp_pipeline {
 	struct lp_detection *detection;
 	struct lp_sh_projector *projector;
 	struct lp_lamp_stage lamps;
+	struct lp_room *room; /* NULL: nothing tells where the probe is */
 	struct lp_ring_stage ring;
 	struct lp_ring_sample ring_now; /* the newest; the frame's is the ring stage's */
 	bool has_ring_now;

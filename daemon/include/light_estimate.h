@@ -58,6 +58,17 @@ struct lp_estimate_orientation {
 	float position_m[3]; /* of the probe, in the app's world; if has_position */
 };
 
+/* The room as a box (light/place/room.h): distances from the probe to its walls at -x +x -y +y -z
+ * +z of its axes. Zeroed: not known. */
+struct lp_estimate_room {
+	bool known;
+	float walls_m[6], walls_sigma_m[6];
+	float xyzw[4]; /* turns the box's axes into the estimate's frame */
+	/* By the order of the SH that are moved: 1 sigma per metre, relative to the mean irradiance
+	 */
+	float error_per_m[LP_MAX_SH_ORDER + 1];
+};
+
 /*
  * The whole estimate. `sh_total` holds the light of everything; what a packet calls AMBIENT is
  * sh_total minus the projection of the lights that the packet lists (light/send/model.h), so that
@@ -89,6 +100,7 @@ struct lp_light_estimate {
 	float wheel_deg, wheel_sigma_deg; /* of the newest frame used (frame.h) */
 	uint32_t unmeasured; /* grows with bright regions whose polarization is to be measured */
 	struct lp_estimate_orientation orientation; /* at t_capture_ns */
+	struct lp_estimate_room room;
 };
 
 #endif

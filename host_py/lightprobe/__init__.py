@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from lightprobe.client import AsyncClient, Client
     from lightprobe.errors import IncompatibleProbe, LightprobeError, ProbeError, ProbeTimeout
-    from lightprobe.estimate import Estimate, EstimateFlag, Light, LightFlag
+    from lightprobe.estimate import Estimate, EstimateFlag, Light, LightFlag, Room
     from lightprobe.fallback import fallback_estimate
     from lightprobe.reflection_map import ReflectionMap
     from lightprobe.wire import Subscription, SubscriptionError
@@ -20,14 +20,14 @@ __version__ = "0.1.0"
 
 __all__ = [
     "AsyncClient", "Client", "Estimate", "EstimateFlag", "IncompatibleProbe", "Light", "LightFlag",
-    "LightprobeError", "ProbeError", "ProbeTimeout", "ReflectionMap", "Subscription",
-    "SubscriptionError", "fallback_estimate",
+    "LightprobeError", "ProbeError", "ProbeTimeout", "ReflectionMap", "Room",
+    "Subscription", "SubscriptionError", "fallback_estimate",
 ]  # fmt: skip
 
 _HOMES = {
     "client": ("AsyncClient", "Client"),
     "errors": ("IncompatibleProbe", "LightprobeError", "ProbeError", "ProbeTimeout"),
-    "estimate": ("Estimate", "EstimateFlag", "Light", "LightFlag"),
+    "estimate": ("Estimate", "EstimateFlag", "Light", "LightFlag", "Room"),
     "fallback": ("fallback_estimate",),
     "reflection_map": ("ReflectionMap",),
     "wire": ("Subscription", "SubscriptionError"),

@@ -149,6 +149,32 @@ class SphericalHarmonics:
 
 
 @dataclass(frozen=True, eq=False)
+class Room:
+    """The room around the probe as a box: what the ambient light is like beside the probe."""
+
+    walls_m: Array  # (6,) from the probe to the walls at −x +x −y +y −z +z of the box's own axes
+    walls_sigma_m: Array  # (6,)
+    orientation: Array  # (4,) x, y, z, w: turns the box's axes into `Estimate.frame`
+    #: 1 sigma of the ambient light moved by it, for each metre from the probe; relative to the mean
+    #: irradiance.
+    error_per_m: float
+
+    @property
+    def size_m(self) -> Array:
+        """(3,) along its own axes."""
+        return np.asarray(self.walls_m[::2] + self.walls_m[1::2])
+
+    def to_json(self) -> dict[str, Any]:
+        """Give the JSON shape of an estimate's room."""
+        return {
+            "walls_m": _numbers(self.walls_m),
+            "walls_sigma_m": _numbers(self.walls_sigma_m),
+            "orientation": _numbers(self.orientation),
+            "error_per_m": _number(self.error_per_m),
+        }
+
+
+@dataclass(frozen=True, eq=False)
 class Estimate:
     """One packet: the light at the probe."""
 
@@ -178,6 +204,7 @@ class Estimate:
     #: 1 sigma of the scale of light against that of the first estimates, relative; None: exposures
     #: are known, and the scale is full scale at one second.
     scale_sigma: float | None = None
+    room: Room | None = None  # None: nothing is known of the ambient light beside the probe
 
     @property
     def send_time_unix_ns(self) -> int:
@@ -252,6 +279,7 @@ class Estimate:
                 "sigma_deg": _number(self.orientation_sigma_deg),
                 "position_m": _numbers(self.position_m),
             },
+            "room": None if self.room is None else self.room.to_json(),
             "flags": flag_names(self.flags),
         }
 

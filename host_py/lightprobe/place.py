@@ -1,8 +1,8 @@
-"""Light beside the probe: lamps re-aimed and re-scaled.
+"""Light beside the probe: lamps re-aimed and re-scaled, ambient light moved through the room.
 
 The formula is in docs/users/conventions.md, "Light at a place". Lamps whose distance is known shine
-from where they are. What is not known stays as the probe sees it, and says so: sigmas are None
-where nothing bounds the change.
+from where they are, and the SH change with the place where the room is known. What is not known
+stays as the probe sees it, and says so: sigmas are None where nothing bounds the change.
 """
 
 from __future__ import annotations
@@ -17,12 +17,14 @@ from numpy.typing import ArrayLike
 from lightprobe.colour import luminance
 from lightprobe.fallback import mean_irradiance
 from lightprobe.geometry import Array, normalize
+from lightprobe.room import moved as moved_sh
+from lightprobe.room import room_at
 
 if TYPE_CHECKING:
     from lightprobe.estimate import Estimate, Light
 
-#: Relative change of the ambient light with every metre from the probe, 1 sigma
-#: (docs/users/places.md, second row of the table).
+#: Relative change of the ambient light with every metre from the probe where the room is not known,
+#: 1 sigma (docs/users/places.md, second row of the table).
 AMBIENT_CHANGE_PER_M = 0.1
 _UP = np.array([0.0, 1.0, 0.0])
 
@@ -75,8 +77,8 @@ def estimate_at(estimate: Estimate, position_m: ArrayLike) -> Estimate:
     """Give the light at `position_m` (3,): metres from the probe, axes of `estimate.frame`.
 
     Only an estimate whose SH are AMBIENT can be moved: a TOTAL has its lamps in the SH. Raises
-    ValueError. The SH stay as they are, with a wider `relighting_sigma`; it is None where a lamp's
-    distance is not known.
+    ValueError. Where the room is known, the SH change with the place (best with order 4), else they
+    stay as they are. `relighting_sigma` is wider; it is None where a lamp's distance is not known.
     """
     offset_m = np.asarray(position_m, dtype=np.float64)
     if offset_m.shape != (3,) or not np.isfinite(offset_m).all():
@@ -88,6 +90,9 @@ def estimate_at(estimate: Estimate, position_m: ArrayLike) -> Estimate:
         raise ValueError("estimate: at: lamps are in the SH: subscribe to AMBIENT")
     lights = tuple(light_at(light, offset_m) for light in estimate.lights)
     moved = replace(estimate, lights=lights, relighting_sigma=_sigma(estimate, lights, away_m))
+    if (room := estimate.room) is not None:
+        sh = replace(estimate.sh, coefficients=moved_sh(estimate.sh.coefficients, room, offset_m))
+        moved = replace(moved, sh=sh, room=room_at(room, offset_m))
     up = float(luminance(moved.irradiance(_UP)))
     shared = tuple(_with_shadow(light, up) for light in lights)
     return replace(moved, lights=tuple(sorted(shared, key=_strength, reverse=True)))
@@ -149,7 +154,8 @@ def _sigma(estimate: Estimate, lights: tuple[Light, ...], away_m: float) -> floa
         return None
     # A lamp's mean over all normals is a quarter of its irradiance (docs/users/conventions.md).
     grown = sum(max(0.0, b * b - a * a) for a, b in zip(here, there, strict=True)) / 16 / whole**2
-    ambient = AMBIENT_CHANGE_PER_M * away_m
+    per_m = AMBIENT_CHANGE_PER_M if estimate.room is None else estimate.room.error_per_m
+    ambient = per_m * away_m
     return math.sqrt(estimate.relighting_sigma**2 + grown + ambient**2)
 
 

@@ -29,6 +29,10 @@ _PROTOCOL = "lightprobe.v1"
 _LOOPBACK = ("127.0.0.1", "::1", "localhost")
 _MINOR = 2
 _MAP_RATE_HZ = 5.0  # where a subscription names none
+#: By the order that SH are cut to, what moving ambient light through the room is off at least, 1
+#: sigma (docs/users/conventions.md, "Ambient light at a place"): below order 2 it is no better than
+#: leaving it.
+AMBIENT_MOVED_PERMILLE_PER_M = (100, 100, 33, 33)
 #: What ends a connection without a word: what is no request, and this program's end.
 _ENDS = (WireError, DecodeError, asyncio.CancelledError)
 
@@ -252,6 +256,9 @@ def cut(estimate: Any, wish: Any) -> Any:
     if not wish.key_light:
         part.ClearField("key")
     del part.sh.coefficients[3 * (order + 1) ** 2 :]
+    if part.HasField("room"):
+        least = AMBIENT_MOVED_PERMILLE_PER_M[order] if order < part.sh.order else 0
+        part.room.error_permille_per_m = max(part.room.error_permille_per_m, least)
     part.sh.order = order
     part.ClearField("predicted_error_permille")  # it was another model's
     return part

@@ -31,6 +31,7 @@ from lightprobe.estimate import (
     Pong,
     Refusal,
     Ring,
+    Room,
     SphericalHarmonics,
     StillsAsked,
     SweepStarted,
@@ -412,6 +413,16 @@ def _estimate(m: pb.Estimate) -> Estimate:
         ),
         key=_light(m.key) if m.HasField("key") else None,
         scale_sigma=(m.scale_sigma_permille / 1000 if m.HasField("scale_sigma_permille") else None),
+        room=_room(m.room) if m.HasField("room") else None,
+    )
+
+
+def _room(m: pb.Room) -> Room:
+    return Room(
+        walls_m=np.array(m.walls_m, dtype=np.float64),
+        walls_sigma_m=np.array(m.walls_sigma_m, dtype=np.float64),
+        orientation=_unit(m.orientation),
+        error_per_m=m.error_permille_per_m / 1000,
     )
 
 

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 from harness import LONG_S, Daemon, jpeg
+from lightprobe import recording
 from lightprobe.align import mount
 from lightprobe.server import ProbeServer
 from lightprobe.sim.headset import Headset, line
@@ -21,6 +22,7 @@ from scipy.spatial.transform import Rotation
 
 LIGHTPROBE = Path(sys.executable).parent / "lightprobe"
 MOUNT = Rotation.from_euler("YXZ", [12, -35, 5], degrees=True)
+OFFSET_M = np.array([0.02, 0.07, -0.09])
 LOOKING_AROUND = Behaviour(act_s=0, swing_deg=35, swing_hz=0.27, nod_deg=18, nod_hz=0.19)
 
 
@@ -85,6 +87,7 @@ def test_words_for_people_csv_and_stdin(files, tmp_path):
     [
         ('{"time_ns": 1, "rotation_xyzw": [0, 0, 1]}', "line 1: not understood"),
         ('{"time_ns": 1}', "line 1: not understood"),
+        ('{"time_ns": 1, "rotation_xyzw": [0, 0, 0, 1], "position_m": [0, 1]}', "line 1: not und"),
         ("nonsense", "line 1: not understood"),
         ("7", "line 1: not understood"),
         ('{"time_ns": 1, "rotation_xyzw": [0, 0, 0, 1]}', "1 poses: record some seconds"),
@@ -125,6 +128,74 @@ def estimates(world):
         estimate.sh.kind, estimate.sh.order = pb.SphericalHarmonics.AMBIENT, 0
         estimate.sh.coefficients[:] = [1, 1, 1]
         yield estimate
+
+
+def walked(folder):
+    """Poses with positions of a head that goes to and fro, and a recording of its probe.
+
+    The probe sits at OFFSET_M, sees three lamps (0.1°), and is off by 0.1° and 5 mm as it is told.
+    """
+    rng = np.random.default_rng(3)
+    lamps_m = np.array([[1.2, 1.3, -1.5], [-2.0, 1.1, -0.8], [0.4, 1.4, 2.1]])
+
+    def turn(t_s):
+        angles = [40 * np.sin(1.5 * t_s), 18 * np.sin(1.1 * t_s + 2), 0.0]
+        return Rotation.from_euler("YXZ", angles, degrees=True)
+
+    def noise():
+        return Rotation.from_rotvec(0.1 * rng.standard_normal(3), degrees=True)
+
+    def place_m(t_s):
+        return 0.25 * np.array([np.sin(1.9 * t_s), 0.4 * np.sin(1.3 * t_s), np.sin(2.7 * t_s)])
+
+    with open(folder / "head.jsonl", "w") as file:
+        for t_s in np.arange(0, 15, 1 / 60):
+            told_m = place_m(t_s) + 0.005 * rng.standard_normal(3)
+            pose = {"time_ns": round(1e9 * t_s), "position_m": told_m.tolist(),
+                    "rotation_xyzw": (turn(t_s) * noise()).as_quat().tolist()}  # fmt: skip
+            file.write(json.dumps(pose) + "\n")
+    with recording.Recorder(folder / "room.mcap") as recorder:
+        for number, t_s in enumerate(np.arange(0.3, 14.5, 1 / 15)):
+            probe = turn(t_s) * MOUNT
+            estimate = pb.Estimate(ttl_ms=5000, exposure_count=1, sequence=number + 1)
+            estimate.orientation[:] = (probe * noise()).as_quat()
+            estimate.capture_time_unix_ns = 1_700_000_000_000_000_000 + round(1e9 * t_s)
+            estimate.sh.kind, estimate.sh.order = pb.SphericalHarmonics.AMBIENT, 0
+            estimate.sh.coefficients[:] = [1, 1, 1]
+            for lamp, lamp_m in enumerate(lamps_m, 1):
+                towards = probe.inv().apply(lamp_m - place_m(t_s) - turn(t_s).apply(OFFSET_M))
+                towards = noise().apply(towards / np.linalg.norm(towards))
+                estimate.lights.add(id=lamp, direction=towards, irradiance=[1, 1, 1],
+                                    angular_radius_deg=2, direction_sigma_deg=0.1)  # fmt: skip
+            payload = pb.FromProbe(estimate=estimate).SerializeToString()
+            recorder.write(payload, estimate.capture_time_unix_ns)
+    return folder / "head.jsonl", folder / "room.mcap"
+
+
+def test_poses_with_positions_tell_where_the_probe_is(tmp_path):
+    output = tmp_path / "mount.ini"
+    head, probe = walked(tmp_path)
+    done = align("poses", head, probe, "--output", output, "--json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    off_m = np.abs(np.array(found["offset_m"]) - OFFSET_M)
+    assert off_m.max() < 0.01
+    assert (off_m < 3 * np.array(found["offset_sigma_m"])).all()
+    written = mount.load(output)
+    assert written.offset_m == pytest.approx(found["offset_m"], abs=1e-4)
+    assert off_deg(written.rotation) < 0.2
+    # In CSV, too. A run that does not tell it says why, and leaves that of the file as it was.
+    poses = [json.loads(text) for text in head.read_text().splitlines()]
+    rows = [[p["time_ns"], *p["rotation_xyzw"], *p["position_m"]] for p in poses]
+    for columns, said in ((8, "its lens is at x, y, z ="), (5, "offset_m stays as it was")):
+        names = ["time_ns", *"xyzw", "x_m", "y_m", "z_m"][:columns]
+        lines = [",".join(map(str, row[:columns])) for row in [names, *rows]]
+        (tmp_path / "head.csv").write_text("\n".join(lines))
+        done = align("poses", tmp_path / "head.csv", probe, "--output", output)
+        assert done.returncode == 0, done.stderr
+        assert said in done.stdout + done.stderr
+    assert "offset_m left out: the poses have no positions" in done.stderr
+    assert (mount.load(output).offset_m == written.offset_m).all()
 
 
 def test_live_poses_from_an_app_and_orientations_from_a_probe(files, tmp_path):

@@ -13,7 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from lightprobe.cli.demo import Painter
+from lightprobe.cli.demo_painter import Painter
 from lightprobe.estimate import Estimate, EstimateFlag, SphericalHarmonics
 from lightprobe.sim.room import Room
 from lightprobe.sim.sensor import Sensor, encode_jpeg

@@ -145,6 +145,21 @@ def test_what_is_cut_keeps_the_light():
         np.testing.assert_allclose(again, total, atol=1e-5)
 
 
+def test_a_room_is_worth_less_to_sh_of_a_lower_order():
+    whole = pb.Estimate(sh=pb.SphericalHarmonics(kind=1, order=4, coefficients=75 * [1]))
+    room = pb.Room(walls_m=6 * [2], walls_sigma_m=6 * [0], orientation=[0, 0, 0, 1],
+                   error_permille_per_m=10)  # fmt: skip
+    whole.room.CopyFrom(room)
+    for order, permille in ((4, 10), (2, 33), (0, 100)):
+        part = cut(whole, pb.Subscription(sh_order=order))
+        assert part.room.error_permille_per_m == permille
+        assert part.room.walls_m == room.walls_m
+    whole.room.error_permille_per_m = 200
+    assert cut(whole, pb.Subscription(sh_order=1)).room.error_permille_per_m == 200
+    whole.ClearField("room")
+    assert not cut(whole, pb.Subscription(sh_order=1)).HasField("room")
+
+
 def test_a_recording_cut_in_the_middle_is_used_as_far_as_it_goes(recorded, tmp_path):
     file, _ = recorded
     data = file.read_bytes()

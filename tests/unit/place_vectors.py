@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from lightprobe.estimate import Light
+from lightprobe.estimate import Estimate, EstimateFlag, Light, Room, SphericalHarmonics
 from lightprobe.place import light_at
 
 EXPECTED = Path(__file__).resolve().parents[2] / "proto" / "golden" / "place.json"
@@ -29,6 +29,27 @@ _LAMPS: tuple[dict[str, Any], ...] = (
      "half_angle_deg": [20.0, 10.0], "axis": [1.0, 0.0, 0.0]},
 )  # fmt: skip
 _PLACES = ([0.5, 0.0, 0.0], [0.0, 0.4, -0.5], [-0.2, -0.4, 0.3], [0.0, 0.0, 0.0])
+_LEVEL = {"walls_m": [2.0, 2.5, 1.25, 1.5, 3.5, 1.75], "orientation": [0.0, 0.0, 0.0, 1.0]}
+_TILTED = {"walls_m": [1.5, 3.0, 1.0, 2.0, 0.75, 6.0], "orientation": [0.48, 0.0, 0.64, 0.6]}
+_ROOMS: tuple[tuple[dict[str, Any], int, list[float]], ...] = (
+    (_LEVEL, 2, [0.5, 0.25, -1.0]), (_LEVEL, 4, [0.5, 0.25, -1.0]), (_LEVEL, 0, [0.5, 0.0, 0.0]),
+    (_TILTED, 2, [-0.5, 0.25, 0.375]), (_TILTED, 4, [-0.5, 0.25, 0.375]),
+    (_TILTED, 4, [4.0, -3.0, 7.0]), (_TILTED, 2, [0.0, 12.0, 0.0]), (_TILTED, 3, [0.0, 0.0, 0.0]),
+    (_TILTED, 4, [1e-3, 0.0, 0.0]), (_TILTED, 1, [0.25, -0.5, 0.0]),
+)  # fmt: skip
+
+
+def room_of(values: dict[str, Any]) -> Room:
+    """Give the room of a vector."""
+    return Room(np.array(values["walls_m"]), np.zeros(6), np.array(values["orientation"]), 0.01)
+
+
+def ambient(vector: dict[str, Any]) -> Estimate:
+    """Give an estimate without lamps in the room of a vector."""
+    coefficients = np.array(vector["coefficients"]).reshape(-1, 3)
+    sh = SphericalHarmonics("AMBIENT", vector["order"], coefficients)
+    return Estimate(1, 1, 0, 0, 1000, EstimateFlag(0), (), sh, None, None, 1, None,
+                    relighting_sigma=0.01, room=room_of(vector["room"]))  # fmt: skip
 
 
 def light_of(values: dict[str, Any]) -> Light:
@@ -65,7 +86,28 @@ def _rounded(values: Any) -> Any:
     return [_rounded(value) for value in values]
 
 
-def vectors() -> list[dict[str, Any]]:
+def vectors() -> dict[str, list[dict[str, Any]]]:
+    """Give all vectors, by what they are of."""
+    return {"lamps": lamps(), "rooms": rooms()}
+
+
+def rooms() -> list[dict[str, Any]]:
+    """Give ambient light moved through rooms, and the rooms as they are from there."""
+    rng = np.random.default_rng(4)
+    found = []
+    for room, order, place in _ROOMS:
+        light = np.round(rng.normal(size=((order + 1) ** 2, 3)), 3)
+        light[0] += 3
+        vector = {"room": room, "order": order, "coefficients": light.reshape(-1).tolist(),
+                  "position_m": place}  # fmt: skip
+        moved = ambient(vector).at(place)
+        there = {"coefficients": _rounded(moved.sh.coefficients.reshape(-1)),
+                 "walls_m": _rounded(moved.room.walls_m)}  # fmt: skip
+        found.append(vector | {"there": there})
+    return found
+
+
+def lamps() -> list[dict[str, Any]]:
     """Give every lamp as seen from every place."""
     absent = dict.fromkeys((*_FIELDS, "irradiance_sigma", "half_angle_deg", "axis"))
     found = []
@@ -78,5 +120,8 @@ def vectors() -> list[dict[str, Any]]:
 
 
 if __name__ == "__main__":
-    lines = ",\n".join(json.dumps(vector) for vector in vectors())
-    EXPECTED.write_text(f"[\n{lines}\n]\n")
+    parts = (
+        f'"{name}": [\n' + ",\n".join(json.dumps(vector) for vector in found) + "\n]"
+        for name, found in vectors().items()
+    )
+    EXPECTED.write_text("{" + ",\n".join(parts) + "}\n")

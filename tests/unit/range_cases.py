@@ -22,6 +22,7 @@ PLACES = {
     "Light": ("estimate.lights", "estimate.key"),
     "SphericalHarmonics": ("estimate.sh",),
     "Estimate": ("estimate",),
+    "Room": ("estimate.room",),
     "ReflectionMap": ("reflection_map",),
     "PolarizationMap": ("polarization_map",),
     "Wheel": ("health.wheel",),
@@ -47,6 +48,8 @@ def good(kind):
                 "angular_radius_deg": 5, "half_angle_deg": [7, 5], "axis": [0, 1, 0],
                 "aolp_deg": 30, "dolp_percent": 20, "distance_m": 3}  # fmt: skip
         sh = pb.SphericalHarmonics(kind=1, order=1, coefficients=[1, 1, 1] + 9 * [-0.25])
+        room = {"walls_m": [2, 2.5, 1.2, 1.4, 3, 1], "walls_sigma_m": 6 * [0.1],
+                "orientation": [0, 0.6, 0, 0.8], "error_permille_per_m": 9}  # fmt: skip
         message.estimate.MergeFrom(
             pb.Estimate(
                 ttl_ms=500,
@@ -55,6 +58,7 @@ def good(kind):
                 key=pb.Light(**lamp),
                 orientation=[0, 0, 0.6, 0.8],
                 position=[1, 1.5, -2],
+                room=pb.Room(**room),
                 cd_m2_per_unit=100,
             )
         )

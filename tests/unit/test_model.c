@@ -205,6 +205,39 @@ static void test_distance(void **state)
 	assert_float_equal(lp_model_distance(&black, &even), 0.0, 0.0);
 }
 
+/* A wall keeps its place against a lamp that is turned with it; turned back, all is as before. */
+static void test_the_room_turns_with_the_light(void **state)
+{
+	const struct lp_rotation turn = lp_rotation_of_vector((const double[]){0.3, -0.7, 0.2});
+	const struct lp_rotation back = lp_rotation_inverse(&turn), still = lp_rotation_identity();
+	struct lp_light_estimate e = {.light_count = 1,
+				      .room = {.known = true,
+					       .walls_m = {1, 2, 3, 4, 5, 6},
+					       .xyzw = {0, 0.6F, 0, 0.8F}}};
+	const struct lp_estimate_room before = e.room;
+	const struct lp_rotation box = lp_rotation_of_quaternion((const double[]){0, 0.6, 0, 0.8});
+
+	(void)state;
+	for (int a = 0; a < 3; a++) /* a lamp at the middle of the wall at +x */
+		e.lights[0].direction[a] = (float)box.m[a][0];
+	lp_model_turn(&e, &still, 0.0F);
+	assert_memory_equal(&e.room, &before, sizeof(before));
+	lp_model_turn(&e, &turn, 0.0F);
+	const struct lp_rotation there = lp_rotation_of_quaternion(
+		(const double[]){e.room.xyzw[0], e.room.xyzw[1], e.room.xyzw[2], e.room.xyzw[3]});
+
+	assert_true(fabsf(e.room.xyzw[0]) > 0.01F);
+	for (int a = 0; a < 3; a++)
+		assert_float_equal(there.m[a][0], e.lights[0].direction[a], 1e-6);
+	assert_memory_equal(e.room.walls_m, before.walls_m, sizeof(before.walls_m));
+	lp_model_turn(&e, &back, 0.0F);
+	for (int i = 0; i < 4; i++)
+		assert_float_equal(e.room.xyzw[i], before.xyzw[i], 1e-6);
+	e.room = (struct lp_estimate_room){0}; /* nothing is made of nothing */
+	lp_model_turn(&e, &turn, 0.0F);
+	assert_true(e.room.xyzw[3] == 0.0F);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -215,6 +248,7 @@ int main(void)
 		cmocka_unit_test(test_shadow_strengths_add_up_to_1_at_most),
 		cmocka_unit_test(test_overcast),
 		cmocka_unit_test(test_distance),
+		cmocka_unit_test(test_the_room_turns_with_the_light),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

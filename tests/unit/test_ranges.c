@@ -32,7 +32,10 @@ static struct lp_light_estimate good_estimate(void)
 					     .cd_m2_per_unit_sigma = 0.1F,
 					     .wheel_deg = 30,
 					     .wheel_sigma_deg = 1,
-					     .orientation = {.known = true, .xyzw = {0, 0, 0, 1}}};
+					     .orientation = {.known = true, .xyzw = {0, 0, 0, 1}},
+					     .room = {.known = true,
+						      .walls_m = {1, 2, 3, 4, 5, 6},
+						      .xyzw = {0, 0, 0, 1}}};
 
 	for (int i = 0; i < 2; i++)
 		estimate.lights[i] =
@@ -140,6 +143,10 @@ static void test_an_estimate_holds_what_is_allowed(void **state)
 	assert_int_equal(SPOIL(estimate.wheel_sigma_deg), 0);
 	assert_true(SPOIL(estimate.orientation.xyzw) > 0);
 	assert_int_equal(SPOIL(estimate.orientation.sigma_deg), 0);
+	assert_int_equal(SPOIL(estimate.room.walls_m), 0); /* it is left out */
+	assert_int_equal(SPOIL(estimate.room.walls_sigma_m), 0);
+	assert_int_equal(SPOIL(estimate.room.xyzw), 0);
+	assert_int_equal(SPOIL(estimate.room.error_per_m), 0);
 }
 
 static int encode_health(void *report)

@@ -14,9 +14,11 @@ from typing import Literal
 from lightprobe import Client, Subscription
 from lightprobe.errors import ProbeError, ProbeTimeout
 from lightprobe.estimate import Estimate, Fault
+from lightprobe.geometry import Array
 from lightprobe.reflection_map import ReflectionMap
 
 from . import sky
+from .suns import there
 
 #: LAMPS: the listed lamps as lamps, the rest (AMBIENT) as the world. MAP: the reflection map with
 #: the lamps in it (TOTAL) as the world, and no lamps. Neither counts light twice.
@@ -77,8 +79,10 @@ class Seen:
 class Link:
     """A client that runs until :meth:`close`."""
 
-    def __init__(self, uri: str, wish: Wish) -> None:
+    def __init__(self, uri: str, wish: Wish, standing_m: Array | None = None) -> None:
         """Start connecting; raises :class:`lightprobe.LightprobeError` for what is no address."""
+        #: Where the object stands whose ambient light is wanted; see :func:`.suns.there`.
+        self.standing_m = standing_m
         self._wish = wish
         self._client = Client(uri, wish.subscription())
         self._seen = Seen(self._client.uri, wish.mode, wants_maps=wish.map_size > 0)
@@ -140,7 +144,8 @@ class Link:
 
     def _sky_of(self, estimate: Estimate) -> sky.Sky:
         orientation = estimate.orientation if self._wish.steady else None
-        return sky.from_harmonics(estimate.sh, orientation)
+        moved = there(estimate, self._wish.steady, self.standing_m)
+        return sky.from_harmonics(moved.sh, orientation)
 
     def _with_map(self, seen: Seen, probe: Client, estimate: Estimate | None) -> Seen:
         """Take the newest map, with the estimate of the same frame: their light adds up."""

@@ -1,4 +1,4 @@
-"""Where the object stands that the lamps are aimed at. Main thread only."""
+"""Where the object stands whose light is wanted. Main thread only."""
 
 from __future__ import annotations
 
@@ -31,4 +31,5 @@ def note(scene: bpy.types.Scene, estimate: Estimate) -> tuple[str, ...]:
         return ()
     if any(light.distance_m is not None for light in estimate.lights):
         return ()
-    return ("Place: no lamp has a distance, so all light is as at the probe.",)
+    what = "all light is" if estimate.room is None else "lamps are"
+    return (f"Place: no lamp has a distance, so {what} as at the probe.",)

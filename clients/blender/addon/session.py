@@ -51,6 +51,7 @@ class Session:
         now_s = time.monotonic()
         elapsed_s = 0.0 if self._ticked_s is None else min(MOST_STEP_S, now_s - self._ticked_s)
         self._ticked_s = now_s
+        self.link.standing_m = place.position(scene, scene_lamps.root(scene))
         self.show(scene, self.link.seen, elapsed_s)
         return True
 
@@ -128,7 +129,8 @@ def _open(scene: bpy.types.Scene) -> Link:
         raise LightprobeError(
             "connect: this scene shows a keyframed recording: press 'Remove lamps and world' first"
         )
-    return Link(scene.lightprobe.uri, scene.lightprobe.wish())
+    standing_m = place.position(scene, scene.lightprobe.root)
+    return Link(scene.lightprobe.uri, scene.lightprobe.wish(), standing_m)
 
 
 def disconnect(why: str = "not connected; the light stays as it was last") -> None:
@@ -170,6 +172,8 @@ def light_once(scene: bpy.types.Scene, timeout_s: float) -> Report:
     Raises :class:`lightprobe.LightprobeError` with the reason when no light came in time.
     """
     disconnect("not connected")
+    for layer in scene.view_layers:
+        layer.update()  # a script may just have moved the named object
     link = _open(scene)
     try:
         return _wait_and_show(scene, link, time.monotonic() + timeout_s)
@@ -179,8 +183,6 @@ def light_once(scene: bpy.types.Scene, timeout_s: float) -> Report:
 
 def _wait_and_show(scene: bpy.types.Scene, link: Link, deadline_s: float) -> Report:
     session = Session(link, scene.session_uid)
-    for layer in scene.view_layers:
-        layer.update()  # a script may just have moved the named object
     while True:
         seen = link.seen
         if seen.estimate is not None and seen.fresh:

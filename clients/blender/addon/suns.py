@@ -34,6 +34,17 @@ class Sun:
     distance_m: float | None = None  # of a point light from the empty; None: a sun
 
 
+def there(estimate: Estimate, steady: bool, position_m: Array | None) -> Estimate:
+    """Give the light at a place (3,): Blender's axes, in the empty's frame; None: at the probe.
+
+    A TOTAL stays as it is: it cannot be moved. `steady`: see :func:`suns`.
+    """
+    if position_m is None or estimate.sh.kind != "AMBIENT":
+        return estimate
+    turn = axes.turn(estimate.orientation if steady else None)
+    return estimate.at(axes.to_probe(position_m) @ turn)
+
+
 def suns(
     estimate: Estimate, steady: bool, position_m: Array | None = None, points: bool = False
 ) -> list[Sun]:
@@ -46,9 +57,7 @@ def suns(
     turn = axes.turn(estimate.orientation if steady else None)
     if points:
         return [_sun(light, turn, light.distance_m) for light in estimate.beside_sh]
-    if position_m is not None and estimate.sh.kind == "AMBIENT":
-        estimate = estimate.at(axes.to_probe(position_m) @ turn)
-    return [_sun(light, turn) for light in estimate.beside_sh]
+    return [_sun(light, turn) for light in there(estimate, steady, position_m).beside_sh]
 
 
 def _sun(light: Light, turn: Array, distance_m: float | None = None) -> Sun:

@@ -13,7 +13,7 @@ from lightprobe.geometry import Array
 from lightprobe.wire import WireError, decode
 
 from .fade import Fader, ShownLamp
-from .suns import suns
+from .suns import suns, there
 
 #: A recording longer than this many frames is refused: it would take hours and gigabytes.
 MOST_FRAMES = 20_000
@@ -76,7 +76,7 @@ def frames(
 ) -> Iterator[FrameLight]:
     """Give the frames from `start` to the end of the recording, at least one.
 
-    `position_m`: the place that lamps are aimed at; see :func:`.suns.suns`.
+    `position_m`: the place whose light it is; see :func:`.suns.there`.
 
     Each shows the newest packet that had come by then. After its time to live without another
     one, everything fades out. The first frame is at full strength: the light had been there.
@@ -88,6 +88,7 @@ def frames(
             "shorter one (lightprobe record --seconds)"
         )
     fader, newest = Fader(), 0
+    shown, light = packets[0], there(packets[0].estimate, steady, position_m)
     for index in range(count):
         now_s = index / frames_per_s + 1e-9
         while newest + 1 < len(packets) and packets[newest + 1].time_s <= now_s:
@@ -96,5 +97,7 @@ def frames(
         fresh = 1000 * (now_s - packet.time_s) <= (packet.estimate.ttl_ms or float("inf"))
         boot_id = packet.estimate.boot_id if fresh else None
         elapsed_s = 1 / frames_per_s if index else float("inf")
-        fader.step(elapsed_s, boot_id, suns(packet.estimate, steady, position_m))
-        yield FrameLight(start + index, fader.lamps, fader.world_gain, packet.estimate)
+        if packet is not shown:
+            shown, light = packet, there(packet.estimate, steady, position_m)
+        fader.step(elapsed_s, boot_id, suns(light, steady))
+        yield FrameLight(start + index, fader.lamps, fader.world_gain, light)

@@ -242,6 +242,8 @@ namespace Lightprobe.Messages
         public readonly List<float> Position = new List<float>();
         /// <summary>On request: one directional light for what the listed lights leave (docs/users/conventions.md). Its id is 0. AMBIENT does not contain it: add lights, KEY and AMBIENT. TOTAL does: add none of them.</summary>
         public Light Key;
+        /// <summary>absent: nothing is known, and the ambient light beside the probe is taken to be as here</summary>
+        public Room Room;
 
         internal static Estimate Read(WireReader r)
         {
@@ -272,6 +274,35 @@ namespace Lightprobe.Messages
                     case 19: m.OrientationSigmaDeg = r.Float("Estimate.orientation_sigma_deg"); break;
                     case 25: r.Floats("Estimate.position", m.Position); break;
                     case 21: m.Key = Light.Read(r.Message("Estimate.key")); break;
+                    case 26: m.Room = Room.Read(r.Message("Estimate.room")); break;
+                    default: r.Skip(); break;
+                }
+            return m;
+        }
+    }
+
+    /// <summary>The room around the probe as a box: what the ambient light is like beside the probe (docs/users/conventions.md, "Light at a place"). Absent: the probe does not move, does not know where it is, is outdoors, or no box explains what it saw.</summary>
+    public sealed class Room
+    {
+        /// <summary>from the probe to the walls at -x +x -y +y -z +z of the box's own axes, each above 0</summary>
+        public readonly List<float> WallsM = new List<float>();
+        /// <summary>1 sigma of each</summary>
+        public readonly List<float> WallsSigmaM = new List<float>();
+        /// <summary>x, y, z, w: turns the box's axes into Estimate.frame</summary>
+        public readonly List<float> Orientation = new List<float>();
+        /// <summary>1 sigma of the ambient light moved by it, SH of this packet's order, for each metre from the probe: permille of the mean irradiance.</summary>
+        public uint ErrorPermillePerM;
+
+        internal static Room Read(WireReader r)
+        {
+            var m = new Room();
+            while (r.Next(out int field))
+                switch (field)
+                {
+                    case 1: r.Floats("Room.walls_m", m.WallsM); break;
+                    case 2: r.Floats("Room.walls_sigma_m", m.WallsSigmaM); break;
+                    case 3: r.Floats("Room.orientation", m.Orientation); break;
+                    case 4: m.ErrorPermillePerM = r.UInt32("Room.error_permille_per_m"); break;
                     default: r.Skip(); break;
                 }
             return m;

@@ -6,8 +6,8 @@ using Lightprobe.Messages;
 namespace Lightprobe
 {
     /// <summary>
-    /// Light beside the probe: lamps re-aimed and re-scaled (docs/users/conventions.md, "Light at a place"; lightprobe.place is the
-    /// same in Python). What is not known stays as the probe sees it, and says so: sigmas are null where nothing bounds the change.
+    /// Light beside the probe: lamps re-aimed and re-scaled, ambient light moved through the room (docs/users/conventions.md, "Light at
+    /// a place"; lightprobe.place is the same in Python). What is not known stays as the probe sees it, and says so: sigmas are null where nothing bounds the change.
     /// </summary>
     public static class Place
     {
@@ -50,20 +50,41 @@ namespace Lightprobe
         }
 
         /// <summary>
-        /// The lamps of an estimate as they are seen from a place, strongest first. Add them to its SH, which are the same there as
-        /// far as a probe knows. How dark their shadows are there (ShadowStrengthPermille) is null, but at the probe itself.
+        /// The lamps of an estimate as they are seen from a place, strongest first. Add them to the SH there
+        /// (<see cref="Ambient"/>). How dark their shadows are there (ShadowStrengthPermille) is null, but at the probe itself.
         /// </summary>
         /// <exception cref="ArgumentException">Its SH are TOTAL, which have the lamps in them; or the place is no number.</exception>
         public static List<Light> Lights(Estimate estimate, double x, double y, double z)
+        {
+            Check(estimate, x, y, z);
+            var there = new List<Light>();
+            foreach (Light lamp in estimate.Lights) there.Add(At(lamp, x, y, z));
+            there.Sort((a, b) => Luminance(b.Irradiance).CompareTo(Luminance(a.Irradiance)));
+            return there;
+        }
+
+        /// <summary>
+        /// The SH of an estimate as they are at a place: moved through the room where it is known (Estimate.Room; best with
+        /// Subscription.ShOrder 4), else as at the probe. They are of your own: change them as you like.
+        /// </summary>
+        /// <exception cref="ArgumentException">Its SH are TOTAL, which have the lamps in them; or the place is no number.</exception>
+        public static SphericalHarmonics Ambient(Estimate estimate, double x, double y, double z)
+        {
+            Check(estimate, x, y, z);
+            if (estimate.Sh == null) return null;
+            SphericalHarmonics here = estimate.Sh;
+            var there = new SphericalHarmonics { Kind = here.Kind, Order = here.Order, Basis = here.Basis, Quantity = here.Quantity };
+            if (estimate.Room == null || (x == 0 && y == 0 && z == 0)) there.Coefficients.AddRange(here.Coefficients);
+            else AmbientBox.Move(here.Coefficients, estimate.Room, x, y, z, there.Coefficients);
+            return there;
+        }
+
+        private static void Check(Estimate estimate, double x, double y, double z)
         {
             if (double.IsNaN(x + y + z) || double.IsInfinity(x + y + z))
                 throw new ArgumentException("estimate: at: expected x, y, z in metres");
             if (estimate.Sh != null && estimate.Sh.Kind == SphericalHarmonicsKind.Total)
                 throw new ArgumentException("estimate: at: lamps are in the SH: subscribe to AMBIENT");
-            var there = new List<Light>();
-            foreach (Light lamp in estimate.Lights) there.Add(At(lamp, x, y, z));
-            there.Sort((a, b) => Luminance(b.Irradiance).CompareTo(Luminance(a.Irradiance)));
-            return there;
         }
 
         /// <summary>A lamp without distance: its sigmas hold what the nearest distance, at 3 sigma, allows, or are null.</summary>

@@ -66,6 +66,19 @@ namespace Lightprobe
             return null;
         }
 
+        internal static string Broken(Room m)
+        {
+            if (!(RangeCheck.Keeps(m.WallsM, 6, double.MinValue, 10000, 0, false, false, false)))
+                return "Room.walls_m: expected 6 numbers above 0, 10000 at most";
+            if (!(RangeCheck.Keeps(m.WallsSigmaM, 6, 0, double.MaxValue, double.NegativeInfinity, false, false, false)))
+                return "Room.walls_sigma_m: expected 6 finite numbers, 0 or more";
+            if (!(RangeCheck.Keeps(m.Orientation, 4, double.MinValue, double.MaxValue, double.NegativeInfinity, true, false, false)))
+                return "Room.orientation: expected a unit vector of 4 numbers";
+            if (!(RangeCheck.IsInside(m.ErrorPermillePerM, double.MinValue, 1000000, double.NegativeInfinity)))
+                return "Room.error_permille_per_m: expected a number, 0 to 1000000";
+            return null;
+        }
+
         internal static string Broken(Estimate m)
         {
             if (!((uint)m.Frame == 0 || (uint)m.Frame == 1))
@@ -98,6 +111,8 @@ namespace Lightprobe
                 return ofSh;
             if (m.Key != null && Broken(m.Key) is string ofKey)
                 return ofKey;
+            if (m.Room != null && Broken(m.Room) is string ofRoom)
+                return ofRoom;
             return null;
         }
 

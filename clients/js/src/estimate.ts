@@ -71,6 +71,18 @@ export interface SphericalHarmonics {
   coefficients: number[];
 }
 
+/** The room around the probe as a box: what the ambient light is like beside the probe. */
+export interface Room {
+  /** From the probe to the walls at −x +x −y +y −z +z of the box's own axes. */
+  wallsM: number[];
+  /** 1 sigma of each. */
+  wallsSigmaM: number[];
+  /** x, y, z, w: turns the box's axes into `Estimate.frame`. */
+  orientation: [number, number, number, number];
+  /** 1 sigma of the ambient light moved by it, for each metre from the probe; relative to the mean irradiance. */
+  errorPerM: number;
+}
+
 export interface Estimate {
   sequence: number;
   bootId: number;
@@ -104,6 +116,8 @@ export interface Estimate {
   orientationSigmaDeg: number | undefined;
   /** x, y, z, metres: where the probe was at capture time, in the world of the app that sends poses. */
   positionM: [number, number, number] | undefined;
+  /** undefined: nothing is known of the ambient light beside the probe. */
+  room: Room | undefined;
 }
 
 export interface Hello {
@@ -202,5 +216,6 @@ export function fallbackEstimate(last?: Estimate): Estimate {
     sh: { kind: "AMBIENT", order: 1, coefficients: [flat, flat, flat, up, up, up, 0, 0, 0, 0, 0, 0] },
     predictedError: undefined, exposureUs: undefined, exposureCount: 0, cdM2PerUnit: last?.cdM2PerUnit, cdM2PerUnitSigma: undefined,
     scaleSigma: undefined, wheelDeg: undefined, subscription: 0, frame: "PROBE", orientation: undefined, orientationSigmaDeg: undefined, positionM: undefined,
+    room: undefined,
   };
 }

@@ -2,7 +2,7 @@
 export { Probe, parseAddress } from "./client.js";
 export type { ProbeEvents, ProbeOptions, State } from "./client.js";
 export { EstimateFlag, LightFlag, besideSh, fallbackEstimate, flagNames, irradiance, luminance, meanIrradiance } from "./estimate.js";
-export type { Estimate, Health, Hello, Light, Pong, Refusal, SphericalHarmonics, Vec3 } from "./estimate.js";
+export type { Estimate, Health, Hello, Light, Pong, Refusal, Room, SphericalHarmonics, Vec3 } from "./estimate.js";
 export { ggxLevels } from "./ggx.js";
 export { estimateAt, lightAt } from "./place.js";
 export { largest, reflected } from "./reflection.js";

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 /**
- * Light beside the probe: lamps re-aimed and re-scaled (docs/users/conventions.md, "Light at a place"; lightprobe.place is the same in
- * Python). What is not known stays as the probe sees it, and says so: sigmas are undefined where nothing bounds the change.
+ * Light beside the probe: lamps re-aimed and re-scaled, ambient light moved through the room (docs/users/conventions.md, "Light at a
+ * place"; lightprobe.place is the same in Python). What is not known stays as the probe sees it, and says so: sigmas are undefined where nothing bounds the change.
  */
 import { irradiance, luminance, type Estimate, type Light, type Vec3 } from "./estimate.js";
+import { movedSh, roomAt } from "./room.js";
 
 const DEG = Math.PI / 180;
 
@@ -44,7 +45,8 @@ export function lightAt(light: Light, positionM: Vec3): Light {
 
 /**
  * The light at a place: x, y, z in metres from the probe, axes of `estimate.frame`. Only an estimate whose SH are AMBIENT can be moved:
- * a TOTAL has its lamps in the SH (RangeError). The SH stay as they are.
+ * a TOTAL has its lamps in the SH (RangeError). Where the room is known, the SH change with the place (best with `shOrder` 4), else
+ * they stay as they are.
  */
 export function estimateAt(estimate: Estimate, positionM: Vec3): Estimate {
   if (!positionM.every(Number.isFinite)) throw new RangeError(`estimate: at ${positionM}: expected x, y, z in metres`);
@@ -52,7 +54,11 @@ export function estimateAt(estimate: Estimate, positionM: Vec3): Estimate {
   if (awayM === 0) return estimate;
   if (estimate.sh.kind === "TOTAL") throw new RangeError("estimate: at: lamps are in the SH: subscribe to AMBIENT");
   const lights = estimate.lights.map((light) => lightAt(light, positionM));
-  const moved = { ...estimate, lights };
+  const moved = { ...estimate, lights }, { room, sh } = estimate;
+  if (room) {
+    moved.sh = { ...sh, coefficients: movedSh(sh.coefficients, room, positionM) };
+    moved.room = roomAt(room, positionM);
+  }
   const up = luminance(irradiance(moved, [0, 1, 0]));
   moved.lights = lights
     .map((light) => ({ ...light, shadowStrength: shadowStrength(light, up) }))

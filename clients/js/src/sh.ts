@@ -11,20 +11,25 @@ export const MAX_ORDER = 4;
 
 /** Y_i(d) up to an order of at most 4; `d` is a unit vector. Recurrences of Sloan, JCGT 2013. */
 export function basis(order: number, d: Vec3): Float64Array {
-  const [x, y, z] = d;
-  const out = new Float64Array((order + 1) ** 2);
+  return basisInto(order, d[0], d[1], d[2], new Float64Array((order + 1) ** 2));
+}
+
+/** The same, written into `out`. */
+export function basisInto(order: number, x: number, y: number, z: number, out: Float64Array): Float64Array {
   let cosine = 1, sine = 0, diagonal = 1;
   for (let m = 0; m <= order; m++) {
     let before = 0, here = diagonal;
     for (let l = m; l <= order; l++) {
-      const scale = norm(l, m), centre = l * (l + 1);
-      out[centre + m] = scale * here * cosine;
-      if (m > 0) out[centre - m] = scale * here * sine;
-      const next = ((2 * l + 1) * z * here - (l + m) * before) / (l - m + 1);
+      const at = l * (MAX_ORDER + 1) + m, centre = l * (l + 1), scale = NORMS[at]! * here;
+      out[centre + m] = scale * cosine;
+      if (m > 0) out[centre - m] = scale * sine;
+      const next = AHEAD[at]! * z * here - BACK[at]! * before;
       before = here;
       here = next;
     }
-    [cosine, sine] = [x * cosine - y * sine, x * sine + y * cosine];
+    const turned = x * cosine - y * sine;
+    sine = x * sine + y * cosine;
+    cosine = turned;
     diagonal *= 2 * m + 1;
   }
   return out;
@@ -35,6 +40,11 @@ function norm(l: number, m: number): number {
   for (let k = l - m + 1; k <= l + m; k++) ratio /= k;
   return Math.sqrt(((2 * l + 1) / (4 * Math.PI)) * ratio * (m > 0 ? 2 : 1));
 }
+
+/** Of l and m, at l (MAX_ORDER + 1) + m. */
+const tableOf = (value: (l: number, m: number) => number): Float64Array =>
+  Float64Array.from({ length: (MAX_ORDER + 1) ** 2 }, (_, i) => value(Math.floor(i / (MAX_ORDER + 1)), i % (MAX_ORDER + 1)));
+const NORMS = tableOf(norm), AHEAD = tableOf((l, m) => (2 * l + 1) / (l - m + 1)), BACK = tableOf((l, m) => (l + m) / (l - m + 1));
 
 /** A_l of Ramamoorthi and Hanrahan 2001: from radiance to irradiance. */
 const COSINE_LOBE = [Math.PI, (2 * Math.PI) / 3, Math.PI / 4, 0, -Math.PI / 24];

@@ -5,7 +5,7 @@ import { create, fromBinary, toBinary } from "@bufbuild/protobuf";
 import * as pb from "./gen/lightprobe_pb.js";
 import { broken } from "./ranges.js";
 import { decodeRgb9e5, type ReflectionMap } from "./reflection.js";
-import type { Estimate, Health, Hello, Light, Pong, Refusal, SphericalHarmonics, Vec3 } from "./estimate.js";
+import type { Estimate, Health, Hello, Light, Pong, Refusal, Room, SphericalHarmonics, Vec3 } from "./estimate.js";
 
 export const PROTOCOL_MAJOR = 1;
 /** From this minor version on, estimates carry the number of the subscription that they answer. */
@@ -219,6 +219,13 @@ function estimateOf(m: pb.Estimate): Estimate {
     orientation: m.orientation.length ? unit<[number, number, number, number]>(m.orientation) : undefined,
     orientationSigmaDeg: m.orientationSigmaDeg,
     positionM: m.position.length ? (m.position as [number, number, number]) : undefined,
+    room: m.room && roomOf(m.room),
+  };
+}
+
+function roomOf(m: pb.Room): Room {
+  return {
+    wallsM: m.wallsM, wallsSigmaM: m.wallsSigmaM, orientation: unit<[number, number, number, number]>(m.orientation), errorPerM: m.errorPermillePerM / 1000,
   };
 }
 

@@ -9,16 +9,22 @@ export const ROOT = resolve(fileURLToPath(new URL(".", import.meta.url)), proces
 const FOLDER = resolve(ROOT, "proto/golden");
 
 export const expected = JSON.parse(readFileSync(resolve(FOLDER, "v1.json"), "utf8")) as Record<string, Record<string, unknown>>;
-/** SH coefficients of the fallback light after an estimate; "": before the first. */
+const atPlaces = JSON.parse(readFileSync(resolve(FOLDER, "place.json"), "utf8")) as { lamps: LampVector[]; rooms: RoomVector[] };
 /** Lamps as seen from places (tests/unit/place_vectors.py); what is not known is null. */
-export const places = JSON.parse(readFileSync(resolve(FOLDER, "place.json"), "utf8")) as {
-  light: PlaceVector; position_m: [number, number, number]; there: PlaceVector;
-}[];
+export const places = atPlaces.lamps;
+/** Ambient light at places of rooms. */
+export const rooms = atPlaces.rooms;
+interface LampVector { light: PlaceVector; position_m: [number, number, number]; there: PlaceVector }
+interface RoomVector {
+  room: { walls_m: number[]; orientation: [number, number, number, number] }; order: number; coefficients: number[];
+  position_m: [number, number, number]; there: { coefficients: number[]; walls_m: number[] };
+}
 export interface PlaceVector {
   direction: [number, number, number]; irradiance: [number, number, number]; axis: [number, number, number] | null;
   half_angle_deg: [number, number] | null; angular_radius_deg: number; direction_sigma_deg: number | null; irradiance_sigma: number | null;
   distance_m: number | null; distance_sigma: number | null; nearest_m: number | null;
 }
+/** SH coefficients of the fallback light after an estimate; "": before the first. */
 export const fallbacks = JSON.parse(readFileSync(resolve(FOLDER, "fallback.json"), "utf8")) as Record<string, number[]>;
 export const names = readdirSync(FOLDER).filter((name) => name.endsWith(".bin"));
 

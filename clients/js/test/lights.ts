@@ -11,5 +11,5 @@ export const lamp = (id: number, direction: Vec3, light: Vec3 = [1, 1, 1]): Ligh
 export const estimate = (lights: Light[], coefficients: number[] = Array(27).fill(0), bootId = 1): Estimate => ({
   sequence: 1, bootId, captureTimeUnixMs: 0, sendDelayMs: 0, ttlMs: 0, flags: 0, lights, key: undefined, subscription: 0, exposureCount: 1,
   sh: { kind: "AMBIENT", order: 2, coefficients }, predictedError: undefined, exposureUs: undefined, cdM2PerUnit: undefined, cdM2PerUnitSigma: undefined, scaleSigma: undefined, wheelDeg: undefined,
-  frame: "PROBE", orientation: undefined, orientationSigmaDeg: undefined, positionM: undefined,
+  frame: "PROBE", orientation: undefined, orientationSigmaDeg: undefined, positionM: undefined, room: undefined,
 });

@@ -2,7 +2,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { estimateAt, irradiance, lightAt, luminance, type Light } from "../src/index.js";
-import { places, type PlaceVector } from "./golden.js";
+import { places, rooms, type PlaceVector } from "./golden.js";
 import { estimate, lamp } from "./lights.js";
 
 const known = <T>(value: T | null): T | undefined => value ?? undefined;
@@ -19,6 +19,21 @@ test("light at a place is the same in every client", () => {
     for (const name of ["direction", "irradiance", "angularRadiusDeg", "directionSigmaDeg", "irradianceSigma", "distanceM", "distanceSigma", "nearestM", "halfAngleDeg", "axis"] as const) {
       const a = [got[name]].flat(), b = [want[name]].flat();
       a.forEach((x, i) => assert.ok(x === b[i] || Math.abs(x! - b[i]!) < 1e-6 * Math.max(1, Math.abs(b[i]!)), `${name}: ${String(a)}, expected ${String(b)}`));
+    }
+  }
+});
+
+test("ambient light at a place is the same in every client", () => {
+  assert.ok(rooms.length > 8);
+  for (const { room, order, coefficients, position_m, there } of rooms) {
+    const here = {
+      ...estimate([], coefficients), sh: { kind: "AMBIENT" as const, order, coefficients },
+      room: { wallsM: room.walls_m, wallsSigmaM: Array<number>(6).fill(0), orientation: room.orientation, errorPerM: 0.01 },
+    };
+    const got = estimateAt(here, position_m);
+    for (const [found, wanted] of [[got.sh.coefficients, there.coefficients], [got.room!.wallsM, there.walls_m]] as const) {
+      assert.equal(found.length, wanted.length);
+      found.forEach((x, i) => assert.ok(Math.abs(x - wanted[i]!) < 2e-6, `${position_m}: ${i}: ${x}, expected ${wanted[i]}`));
     }
   }
 });

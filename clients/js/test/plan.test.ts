@@ -6,7 +6,7 @@ import { fromBinary, toBinary } from "@bufbuild/protobuf";
 import type { Page } from "playwright-core";
 import * as pb from "../src/gen/lightprobe_pb.js";
 import type { Vec3 } from "../src/index.js";
-import { halfWidthM, missingInWords, placeInWords, spotOf } from "../web/places.js";
+import { cornersOf, halfWidthM, missingInWords, placeInWords, spotOf } from "../web/places.js";
 import { LONG_MS } from "./chromium.js";
 import { redCube } from "./gltf.js";
 import { estimate, lamp } from "./lights.js";
@@ -30,6 +30,19 @@ test("the plan keeps its scale while lamps move a little, and shows the object",
   assert.equal(halfWidthM(at(0.5), [0, 0, 0], 3), 1);
   assert.equal(halfWidthM(at(0.5), [0, 0, -4], 3), 5);
   assert.equal(halfWidthM(at(50), [0, 0, 0], 2), 2);
+});
+
+test("the plan shows the walls of the room, whichever of its axes is upright", () => {
+  const room = { wallsM: [1, 2, 1.2, 1.5, 3, 4], wallsSigmaM: Array<number>(6).fill(0), orientation: [0, 0, 0, 1] as [number, number, number, number], errorPerM: 0.01 };
+  const near = (found: [number, number][], wanted: [number, number][]): void => {
+    const sorted = (list: [number, number][]): number[] => [...list].sort(([a, b], [c, d]) => Math.round(100 * (a - c)) || b - d).flat();
+    sorted(found).forEach((x, i) => assert.ok(Math.abs(x - sorted(wanted)[i]!) < 1e-9, `${String(found)}, expected ${String(wanted)}`));
+  };
+  near(cornersOf(room), [[-1, -3], [2, -3], [2, 4], [-1, 4]]);
+  near(cornersOf({ ...room, orientation: [0, Math.SQRT1_2, 0, Math.SQRT1_2] }), [[-3, 1], [-3, -2], [4, -2], [4, 1]]);
+  near(cornersOf({ ...room, orientation: [Math.SQRT1_2, 0, 0, Math.SQRT1_2] }), [[-1, -1.2], [2, -1.2], [2, 1.5], [-1, 1.5]]);
+  assert.equal(halfWidthM([], [0, 0, 0], 1, cornersOf(room)), 5);
+  assert.match(missingInWords({ ...estimate([]), room }), /so ambient light changes with the place, lamps light the object as at the probe\.$/);
 });
 
 test("the plan says where the object stands, and what is not known", () => {

@@ -5,6 +5,8 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "light/math/cholesky.h"
+
 /* Parameters: two of the direction, the inverse distance, and how late poses are. */
 enum { ALONG, ACROSS, INVERSE, LATE, SIZE };
 #define ERRORS 6 /* of a pose: about and along three axes */
@@ -244,40 +246,11 @@ static bool sum_up(struct fit *fit, const struct lp_parallax *p)
 	return true;
 }
 
-/* x = normal^-1 right, by Cholesky's decomposition; false: it has none. */
-static bool solve_normal(const struct fit *fit, const double right[SIZE], double x[SIZE])
-{
-	double root[SIZE][SIZE] = {{0.0}};
-
-	for (int i = 0; i < SIZE; i++)
-		for (int j = 0; j <= i; j++) {
-			double sum = fit->normal[i][j];
-
-			for (int k = 0; k < j; k++)
-				sum -= root[i][k] * root[j][k];
-			if (i == j && !(sum > 0.0))
-				return false;
-			root[i][j] = i == j ? sqrt(sum) : sum / root[j][j];
-		}
-	for (int i = 0; i < SIZE; i++) {
-		x[i] = right[i];
-		for (int k = 0; k < i; k++)
-			x[i] -= root[i][k] * x[k];
-		x[i] /= root[i][i];
-	}
-	for (int i = SIZE - 1; i >= 0; i--) {
-		for (int k = i + 1; k < SIZE; k++)
-			x[i] -= root[k][i] * x[k];
-		x[i] /= root[i][i];
-	}
-	return isfinite(x[INVERSE]);
-}
-
 static bool step(struct fit *fit)
 {
 	double by[SIZE], along[2][3];
 
-	if (!solve_normal(fit, fit->right, by))
+	if (!lp_cholesky_solve(SIZE, fit->normal[0], fit->right, by))
 		return false;
 	across(fit->found.direction, along);
 	for (int a = 0; a < 3; a++)
@@ -298,7 +271,7 @@ static double variance_of(const struct fit *fit, const struct lp_parallax *p, co
 	double gain[SIZE], past[ERRORS] = {0}, variance = 0.0;
 	struct equation e;
 
-	if (!solve_normal(fit, of, gain))
+	if (!lp_cholesky_solve(SIZE, fit->normal[0], of, gain))
 		return NAN;
 	for (int a = 0; a < SIZE; a++)
 		variance += gain[a] * gain[a] * fit->prior[a];

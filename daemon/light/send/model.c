@@ -172,6 +172,17 @@ void lp_model_turn_light(struct lp_light *light, const struct lp_rotation *rotat
 	lp_rotate_direction(rotation, light->axis);
 }
 
+static void turn_room(struct lp_estimate_room *room, const struct lp_rotation *rotation)
+{
+	double xyzw[4] = {room->xyzw[0], room->xyzw[1], room->xyzw[2], room->xyzw[3]};
+	const struct lp_rotation box = lp_rotation_of_quaternion(xyzw);
+	const struct lp_rotation turned = lp_rotation_product(rotation, &box);
+
+	lp_rotation_quaternion(&turned, xyzw);
+	for (int i = 0; i < 4; i++)
+		room->xyzw[i] = (float)xyzw[i];
+}
+
 void lp_model_turn(struct lp_light_estimate *estimate, const struct lp_rotation *rotation,
 		   float sigma_deg)
 {
@@ -182,4 +193,6 @@ void lp_model_turn(struct lp_light_estimate *estimate, const struct lp_rotation 
 		lp_model_turn_light(light, rotation);
 		light->direction_sigma_deg = hypotf(light->direction_sigma_deg, sigma_deg);
 	}
+	if (estimate->room.known && !lp_rotation_is_identity(rotation))
+		turn_room(&estimate->room, rotation);
 }

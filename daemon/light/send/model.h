@@ -50,8 +50,8 @@ void lp_model_ambient(const struct lp_light_estimate *estimate, int order, int l
 /* Describe one light in another frame: its direction, its axis and its angle of polarization. */
 void lp_model_turn_light(struct lp_light *light, const struct lp_rotation *rotation);
 
-/* Turn all directions and coefficients into another frame; `sigma_deg` of the rotation adds to that
- * of each direction. Exactly as it was when the rotation is the identity. */
+/* Turn all directions, coefficients and the room into another frame; `sigma_deg` of the rotation
+ * adds to that of each direction. Exactly as it was when the rotation is the identity. */
 void lp_model_turn(struct lp_light_estimate *estimate, const struct lp_rotation *rotation,
 		   float sigma_deg);
 

@@ -108,6 +108,12 @@ static bool scaled(float ratio, float parts, uint32_t *value)
 	return true;
 }
 
+/* A sigma as whole permille, never less than it is; false when it is not known. */
+static bool scaled_up(float sigma, uint32_t *permille)
+{
+	return scaled(ceilf(sigma * 1000.0F), 1, permille);
+}
+
 static bool known(float value, float *field)
 {
 	if (!isfinite(value))
@@ -206,6 +212,23 @@ static void fill_orientation(lightprobe_v1_Estimate *wire,
 	memcpy(wire->position, orientation->position_m, sizeof(orientation->position_m));
 }
 
+/* A room that may not be sent is left out: the light is worth more than it. */
+static void fill_room(lightprobe_v1_Estimate *wire, const struct lp_estimate_room *room,
+		      int sh_order)
+{
+	lightprobe_v1_Room *const to = &wire->room;
+
+	if (!room->known || !scaled_up(room->error_per_m[sh_order], &to->error_permille_per_m))
+		return;
+	to->walls_m_count = 6;
+	to->walls_sigma_m_count = 6;
+	to->orientation_count = 4;
+	memcpy(to->walls_m, room->walls_m, sizeof(room->walls_m));
+	memcpy(to->walls_sigma_m, room->walls_sigma_m, sizeof(room->walls_sigma_m));
+	memcpy(to->orientation, room->xyzw, sizeof(room->xyzw));
+	wire->has_room = !lp_keep_Room(to);
+}
+
 /* How long the machine was suspended since the estimate was made. */
 static int64_t slept_since(const struct lp_light_estimate *estimate)
 {
@@ -260,6 +283,7 @@ int lp_encode_estimate(const struct lp_light_estimate *estimate, const struct lp
 	wire->has_wheel_deg =
 		wire->has_wheel_sigma_deg && known(estimate->wheel_deg, &wire->wheel_deg);
 	fill_orientation(wire, &estimate->orientation);
+	fill_room(wire, &estimate->room, variant->sh_order);
 	wire->frame = variant->world ? lightprobe_v1_Estimate_Frame_WORLD
 				     : lightprobe_v1_Estimate_Frame_PROBE;
 	wire->has_sh = true;

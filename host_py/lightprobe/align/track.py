@@ -1,4 +1,4 @@
-"""Orientations over time of one thing: a head, or a probe."""
+"""Orientations, and perhaps places, over time of one thing: a head, or a probe."""
 
 from __future__ import annotations
 
@@ -32,6 +32,7 @@ class Track:
     start_ns: int  # when the first was taken, by the thing's own clock
     time_s: Array  # (N,) since then
     rotation: Rotation  # N of them, thing → world
+    position_m: Array | None = None  # (N, 3) in that world; NaN: not known then. None: never
 
     @property
     def duration_s(self) -> float:
@@ -40,7 +41,7 @@ class Track:
 
     def changed(self, change: Callable[[Rotation], Rotation]) -> Track:
         """Give the same times with other rotations."""
-        return Track(self.name, self.start_ns, self.time_s, change(self.rotation))
+        return Track(self.name, self.start_ns, self.time_s, change(self.rotation), self.position_m)
 
     def turns_deg(self, start_s: Array, length_s: float) -> Array:
         """Rotation vectors (N, 3), in the thing's own frame, of the turns from `start_s` (N,) on.
@@ -54,6 +55,17 @@ class Track:
             turn = at(start_s).inv() * at(start_s + length_s)
             turns[known] = np.degrees(turn.as_rotvec())
         return turns
+
+    def rotations(self, at_s: Array) -> Rotation:
+        """Give the rotations at these times (N,), all inside the track."""
+        return self._interpolated(at_s)
+
+    def positions_m(self, at_s: Array) -> Array:
+        """Give the positions (N, 3) at these times (N,), all inside the track; NaN: not known."""
+        if self.position_m is None:
+            return np.full((len(at_s), 3), np.nan)
+        axes = [np.interp(at_s, self.time_s, along) for along in self.position_m.T]
+        return np.stack(axes, axis=-1)
 
     @cached_property
     def _interpolated(self) -> Slerp:
@@ -70,10 +82,13 @@ class Track:
         return np.asarray(inside & (gaps[np.clip(first, 0, top)] == gaps[np.clip(last, 0, top)]))
 
 
-def make(name: str, time_ns: Sequence[int], rotation_xyzw: ArrayLike) -> Track:
+def make(
+    name: str, time_ns: Sequence[int], rotation_xyzw: ArrayLike, position_m: Array | None = None
+) -> Track:
     """Check samples and make a track of them; samples of the same moment count once.
 
-    N times of one clock, quaternions (N, 4) of unit length; raises :class:`AlignError`.
+    N times of one clock, quaternions (N, 4) of unit length, and positions (N, 3) or None; raises
+    :class:`AlignError`.
     """
     if len(time_ns) < 2:
         raise AlignError(f"align: {name}: {len(time_ns)} poses: record some seconds of them")
@@ -100,4 +115,6 @@ def make(name: str, time_ns: Sequence[int], rotation_xyzw: ArrayLike) -> Track:
             "give the poses of one session, stamped by a clock that is never set"
         )
     new = np.concatenate([[True], since[1:] > np.maximum.accumulate(since)[:-1] + _SAME_S])
-    return Track(name, int(time_ns[0]), since[new], Rotation.from_quat(quaternions[new]))
+    places_m = None if position_m is None else position_m[new]
+    turned = Rotation.from_quat(quaternions[new])
+    return Track(name, int(time_ns[0]), since[new], turned, places_m)

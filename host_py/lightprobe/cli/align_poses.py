@@ -1,4 +1,4 @@
-"""`lightprobe align poses`: the mount by how head and probe turn together."""
+"""`lightprobe align poses`: the mount by how head and probe turn together, and see lamps."""
 
 from __future__ import annotations
 
@@ -16,14 +16,15 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from lightprobe import recording
-from lightprobe.align import hand_eye, poses
+from lightprobe.align import hand_eye, lever, poses
+from lightprobe.align.lever import Sightings
 from lightprobe.align.mount import Mount
 from lightprobe.align.poses import Sample
 from lightprobe.align.track import AlignError, Track
 from lightprobe.cli import align, check
 from lightprobe.client import DEFAULT_URI, Client
 from lightprobe.errors import UsageError
-from lightprobe.estimate import Estimate, EstimateFlag
+from lightprobe.estimate import Estimate, EstimateFlag, LightFlag
 from lightprobe.wire import Subscription, decode
 
 _FILES = (".mcap", ".jsonl", ".csv")
@@ -62,6 +63,8 @@ def command(
     or CSV (time_ns,x,y,z,w): head to world, right-handed, by any clock. Live, an app writes them to
     this command's stdin; or record both for 20 seconds and give two files (lightprobe record,
     docs/users/mounting.md). The probe's orientation must be its own: --orientation=visual.
+    With "position_m": [x, y, z] (CSV: x_m,y_m,z_m), metres in that world, it also finds where the
+    probe is on the head (offset_m): with lamps on, go to and fro while you look around.
     Example: my_app | lightprobe align poses - --output mount.ini
     """
     by_file = Path(probe).suffix.lower() in _FILES
@@ -70,14 +73,26 @@ def command(
             f"align: poses: {head} and {probe}: poses in a file need the probe's orientation of "
             "the same time: record it (lightprobe record room.mcap), or write poses to stdin (-)"
         )
-    tracks = (head_track(head), probe_track(Path(probe))) if by_file else live(probe, seconds)
-    found = hand_eye.solve(*tracks)
+    if by_file:
+        poses_of_head = head_track(head)
+        poses_of_probe, seen = probe_track(Path(probe))
+    else:
+        poses_of_head, poses_of_probe, seen = live(probe, seconds)
+    found = hand_eye.solve(poses_of_head, poses_of_probe)
     remark = (
         f"{found.turns} turns, {100 * found.agreeing:.0f} % agree within {found.residual_deg:.2f}° "
         f"(RMS); the head's clock shows {found.time_offset_s:+.4f} s (± "
         f"{1000 * found.time_offset_sigma_s:.1f} ms)"
     )
-    align.finish(Mount(found.rotation, found.sigma_deg), found.to_json(), remark, output, as_json)
+    result, how = found.to_json(), Mount(found.rotation, found.sigma_deg)
+    arm = lever.solve(poses_of_head, seen, found.rotation, found.time_offset_s)
+    if isinstance(arm, str):
+        typer.echo(f"note: offset_m left out: {arm}", err=True)
+    else:
+        how = Mount(arm.rotation, arm.rotation_sigma_deg, arm.offset_m, arm.sigma_m)
+        result |= arm.to_json()
+        remark += f"; directions of {arm.lamps} lamps agree within {arm.residual_deg:.2f}° (RMS)"
+    align.finish(how, result, remark, output, as_json)
 
 
 def head_track(head: str) -> Track:
@@ -87,40 +102,52 @@ def head_track(head: str) -> Track:
     return poses.read(Path(head))
 
 
-def probe_track(path: Path) -> Track:
-    """Orientations of a probe in a file."""
+def probe_track(path: Path) -> tuple[Track, Sightings]:
+    """Orientations of a probe in a file, and the lamps in it."""
     if path.suffix.lower() != ".mcap":
-        return poses.read(path)
+        return poses.read(path), Sightings.of([])
     notes: list[str] = []
     try:
         messages = (decode(one.message.SerializeToString()) for one in recording.read(path, notes))
-        samples = samples_of(one for one in messages if isinstance(one, Estimate))
+        estimates = [one for one in messages if isinstance(one, Estimate)]
     except OSError as error:
         raise AlignError(f"align: {path}: read: {error.strerror}: name a recording") from None
     for note in notes:
         typer.echo(f"note: {note}", err=True)
+    samples = samples_of(estimates)
     if not samples:
         raise AlignError(f"align: {path}: {_NO_ORIENTATION}, while you record")
-    return poses.track(str(path), samples)
+    return poses.track(str(path), samples), sightings_of(estimates)
 
 
 def samples_of(estimates: Iterable[Estimate]) -> list[Sample]:
     """Orientations that are known, without those that are repeated or the frames did not tell."""
     return [
-        (one.capture_time_unix_ns, one.orientation.tolist())
+        Sample(one.capture_time_unix_ns, one.orientation.tolist())
         for one in estimates
         if one.orientation is not None and not one.flags & _NOT_TOLD
     ]
 
 
-def live(uri: str, seconds: float) -> tuple[Track, Track]:
-    """Take poses from stdin and orientations from a probe for some time, or to the end of stdin."""
+def sightings_of(estimates: Iterable[Estimate]) -> Sightings:
+    """Directions of lamps in the probe's frame; area lights have no place."""
+    return Sightings.of(
+        (one.capture_time_unix_ns, light.id, light.direction, light.direction_sigma_deg)
+        for one in estimates
+        if one.frame == "PROBE" and not one.flags & _NOT_TOLD
+        for light in one.lights
+        if LightFlag.EXTENDED not in light.flags
+    )
+
+
+def live(uri: str, seconds: float) -> tuple[Track, Track, Sightings]:
+    """Take poses from stdin and estimates from a probe for some time, or to the end of stdin."""
     reader = _Reader()
     reader.start()
     estimates: list[Estimate] = []
     columns = TextColumn("look around"), BarColumn(), TextColumn("{task.description}")
     with (
-        Client(uri, Subscription(sh_order=0, max_lights=0)) as probe,
+        Client(uri, Subscription(smoothing="RAW", sh_order=0, max_lights=8)) as probe,
         Progress(
             *columns, TimeElapsedColumn(), console=Console(stderr=True), transient=True
         ) as bar,
@@ -138,7 +165,8 @@ def live(uri: str, seconds: float) -> tuple[Track, Track]:
     orientations = samples_of(estimates)
     if not orientations:
         raise AlignError(f"align: {uri}: {_NO_ORIENTATION}")
-    return poses.track("stdin", list(reader.samples)), poses.track(uri, orientations)
+    own = poses.track(uri, orientations)
+    return poses.track("stdin", list(reader.samples)), own, sightings_of(estimates)
 
 
 def _lines(descriptor: int) -> Iterator[str]:

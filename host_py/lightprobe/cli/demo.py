@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import json
-import multiprocessing
-import os
-import shutil
-import signal
 import socket
 import subprocess
 import sys
@@ -16,23 +12,19 @@ from collections import deque
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, field
-from multiprocessing import resource_tracker
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from typing import Annotated, Any
 
 import typer
 
 from lightprobe import daemon, installation
 from lightprobe.cli import check, watch
-from lightprobe.cli.simulate import MEDIAN_RADIANCE
+from lightprobe.cli.demo_painter import Painter
 from lightprobe.client import Client
 from lightprobe.errors import LightprobeError, UsageError
 from lightprobe.estimate import Estimate, EstimateFlag
 from lightprobe.sim import control, scenes
 from lightprobe.wire import Subscription
-
-if TYPE_CHECKING:
-    from multiprocessing.connection import Connection
 
 PANORAMAS = ("sunset", "forest", "courtyard")
 _ACT_S, _SWITCH_S = 8.0, 4.0
@@ -49,9 +41,9 @@ _WHEEL_S = 30.0
 _LAST_S = 10.0
 #: A picture is taken of a world that has been the same for so long.
 _SETTLED_S = 1.5
-#: Of a simulated room, whose light changes at once, it waits so long for a packet that states a
-#: smaller error of the irradiance, of its mean.
-_KNOWN_S, _KNOWN_ERROR = 5.0, 0.05
+#: Of a simulated room, whose light changes at once, it waits so long (the last one: so long) for a
+#: packet that states a smaller error of the irradiance, of its mean.
+_KNOWN_S, _LAST_KNOWN_S, _KNOWN_ERROR = 3.0, 5.0, 0.05
 
 
 class DemoError(LightprobeError):
@@ -253,138 +245,6 @@ class TruthLog:
                 self._lines.append(json.loads(line))
 
 
-class Painter:
-    """Draws pictures in a process of its own, at low priority, one at a time."""
-
-    def __init__(self, output: Path, chosen: list[str]) -> None:
-        """`chosen`: scenes as the simulator has them."""
-        self.output = output
-        self.pictures: dict[str, dict[str, float]] = {}  # path: error figures; the newest last
-        self.problem: str | None = None  # of a picture that could not be drawn or written
-        self._chosen = chosen
-        self._busy = False
-
-    def __enter__(self) -> Self:
-        """Start its process."""
-        resource_tracker.ensure_running()  # now: it would unblock Ctrl-C below
-        with ExitStack() as stack:
-            with _ctrl_c_held():
-                spawn = multiprocessing.get_context("spawn")
-                self._pipe, theirs = spawn.Pipe()
-                self._process = spawn.Process(target=_draw_all, args=(theirs, self._chosen))
-                self._process.start()
-                stack.callback(self._process.kill)
-                theirs.close()  # so that its death is seen as the end of the pipe
-            stack.pop_all()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Do not wait for a picture that nobody wants any more."""
-        self._process.kill()
-
-    def collect(self, wait: bool = False) -> bool:
-        """Take over a picture that is done; True when none is under way.
-
-        `wait`: until it is done, however long that takes.
-        """
-        if not self._busy:
-            return True
-        if not wait and not self._pipe.poll():
-            return False
-        self._busy = False
-        try:
-            done = self._pipe.recv()
-        except (EOFError, ConnectionError):
-            self._process.join()
-            self.problem = f"demo: the process that draws has ended: {self._process.exitcode}"
-            return True
-        if isinstance(done, OSError):
-            self.problem = f"demo: {done.filename or self.output}: write: {done.strerror}"
-        elif isinstance(done, Exception):
-            raise done
-        else:
-            path, figures = done
-            self.pictures.pop(path, None)
-            self.pictures[path] = figures
-        return True
-
-    def start(self, estimate: Estimate, frame: dict[str, Any] | None, footer: str) -> None:
-        """Begin a picture; `frame` is the truth log's line, None for a real camera."""
-        with suppress(BrokenPipeError):  # collect() says why
-            self._pipe.send((self.output, estimate, frame, footer))
-        self._busy = True
-
-
-# In the painter's process.
-
-_world: dict[str, Any] = {}
-
-
-def _draw_all(orders: Connection, chosen: list[str]) -> None:
-    """Draw what is ordered until nobody orders any more: nice, and leaving Ctrl-C to the parent."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.nice(4)
-    _world["names"] = chosen
-    with suppress(EOFError, BrokenPipeError):
-        while True:
-            output, estimate, frame, footer = orders.recv()
-            try:
-                path, figures = _paint(output, estimate, frame, footer)
-                shutil.copyfile(path, output / "latest.png")
-                orders.send((path, figures))
-            except Exception as error:  # the parent raises it
-                orders.send(error)
-
-
-def _paint(
-    output: Path, estimate: Estimate, frame: dict[str, Any] | None, footer: str
-) -> tuple[str, dict[str, float]]:
-    """Draw one picture; gives its path and the error figures in it."""
-    import cv2
-    import numpy as np
-
-    from lightprobe.evaluate import picture
-    from lightprobe.sim import motion
-    from lightprobe.sim.scene import has_exact_lamps
-    from lightprobe.sim.world import World
-
-    cv2.setNumThreads(1)
-    if frame is None:
-        path = output / "camera.png"
-        return str(path), picture.draw(path, estimate, None, footer)
-    if "world" not in _world:
-        _world["world"] = World(scenes.load(_world["names"]), None, MEDIAN_RADIANCE)
-    scene = _world["world"].scenes[frame["act"]]
-    radiance = scene.render(1024, 512).compose(frame["powers"])
-    # By whole pixels of the map: the truth beside it is turned by just as much.
-    turn_px = round(frame["yaw_deg"] / 360 * 1024)
-    off_deg = frame["yaw_deg"] - turn_px * 360 / 1024
-    rotation = motion.turned(frame["yaw_deg"])
-    lamps = scene.truth(frame["powers"], rotation).lamps if has_exact_lamps(scene) else None
-    turned = np.roll(radiance, turn_px, axis=1)
-    scenery = picture.Scenery(frame["scene"], turned, lamps, off_deg)
-    path = output / f"{frame['scene']}.png"
-    return str(path), picture.draw(path, estimate, scenery, footer)
-
-
-@contextmanager
-def _ctrl_c_held() -> Iterator[None]:
-    """Hold Ctrl-C back as long as the block lasts; a process that starts in it never gets one.
-
-    Blocked in this thread, it may still come by another one, such as numpy's.
-    """
-    came: list[int] = []
-    handler = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
-    former = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, former)
-        signal.signal(signal.SIGINT, handler)
-        if came:
-            signal.raise_signal(signal.SIGINT)
-
-
 def make_folder(path: Path) -> None:
     """Make the folder of the pictures before there are any; raises UsageError."""
     try:
@@ -402,9 +262,41 @@ def is_whole(estimate: Estimate) -> bool:
 
 def is_known(estimate: Estimate) -> bool:
     """Whether the light is known so well that a picture of it shows the probe, not a change."""
+    return is_whole(estimate) and _stated(estimate) < _KNOWN_ERROR
+
+
+def _stated(estimate: Estimate) -> float:
+    """1 sigma of the irradiance that the packet states, of its mean; 0: it states none."""
     from lightprobe.evaluate.metrics import stated_error
 
-    return is_whole(estimate) and (stated_error(estimate) or 0) < _KNOWN_ERROR
+    return stated_error(estimate) or 0.0
+
+
+#: What a picture is taken of: the estimate, and the truth log's line of its frame.
+Moment = tuple[Estimate, dict[str, Any]]
+
+
+@dataclass
+class Choice:
+    """The moment of a picture: the first whose light is known; after a while, the best there was.
+
+    `patience_s`: so long after the first moment offered.
+    """
+
+    patience_s: float
+    best: Moment | None = None
+    begun_s: float = 0.0
+
+    def offer(self, now_s: float, moment: Moment | None) -> Moment | None:
+        """Give the chosen moment, or None: wait. `moment`: None while none can be had."""
+        if moment is not None:
+            if is_known(moment[0]):
+                return moment
+            if self.best is None:
+                self.begun_s = now_s
+            if self.best is None or _stated(moment[0]) <= _stated(self.best[0]):
+                self.best = moment
+        return self.best if now_s - self.begun_s >= self.patience_s else None
 
 
 @dataclass
@@ -423,6 +315,7 @@ class Show:
     first_s: float | None = None  # the wheel stands: from now on it counts
     before: int = 0  # estimates until then
     picture_due_s: float = 0.0
+    choice: Choice = field(default_factory=lambda: Choice(_KNOWN_S))
 
     def step(self) -> str | None:
         """One turn of the loop: a footnote, or None to end."""
@@ -479,27 +372,44 @@ class Show:
             time.sleep(0.05)
 
     def take_picture(self, last: bool = False) -> bool:
-        """Begin a picture if one can be had now; `last`: wait until the light is known well."""
+        """Begin a picture if one can be had now; `last`: wait for one of the first scene."""
         if last:
             self.painter.collect(wait=True)
-        begun_s = time.monotonic()
-        deadline = begun_s + (_LAST_S if last else 0)
-        known_by = begun_s + (_KNOWN_S if last and self.truth else 0)
+            self.choice = Choice(_LAST_KNOWN_S)
+        deadline = time.monotonic() + _LAST_S
         while True:
             estimate = self.client.latest()
-            is_good = is_known if time.monotonic() < known_by else is_whole
-            if estimate is not None and is_good(estimate) and self.painter.collect():
-                frame = self.truth.at(estimate) if self.truth else None
-                if frame is not None or self.truth is None:
-                    self.painter.start(estimate, frame, self._footer(estimate))
-                    return True
-            if time.monotonic() > deadline:
+            if estimate is not None and not is_whole(estimate):
+                estimate = None
+            if self.painter.collect() and self._paint(estimate, last):
+                self.choice = Choice(_KNOWN_S)
+                return True
+            is_over = time.monotonic() > deadline and self.choice.best is None
+            if not last or is_over:
                 return False
             time.sleep(0.02)
 
+    def _paint(self, estimate: Estimate | None, last: bool) -> bool:
+        """Begin a picture if its moment has come; of a real camera, that is any."""
+        if self.truth is None:
+            if estimate is not None:
+                self.painter.start(estimate, None, self._footer(estimate))
+            return estimate is not None
+        frame = self.truth.at(estimate) if estimate is not None else None
+        if frame is not None and last and frame["act"] != 0:
+            frame = None
+        offered = (estimate, frame) if estimate is not None and frame is not None else None
+        chosen = self.choice.offer(time.monotonic(), offered)
+        if chosen is not None:
+            self.painter.start(*chosen, self._footer(chosen[0]))
+        return chosen is not None
+
     def _footer(self, estimate: Estimate) -> str:
         count = estimate.exposure_count
-        return f"{count} exposure{'s' if count != 1 else ''} per estimate · {self.rate_hz():.0f}/s"
+        words = f"{count} exposure{'s' if count != 1 else ''} per estimate · {self.rate_hz():.0f}/s"
+        if self.truth is not None and not is_known(estimate):
+            words = f"{unknown(_stated(estimate))} · {words}"
+        return words
 
     def rate_hz(self) -> float:
         """Estimates per second that reached the client since the first."""
@@ -525,6 +435,11 @@ class Show:
         }
 
 
+def unknown(stated: float) -> str:
+    """Words for a picture whose packet states this 1 sigma of the irradiance, of its mean."""
+    return f"light not known well yet: the packet states ± {100 * stated:.0f} %"
+
+
 def report(summary: dict[str, Any], as_json: bool) -> None:
     """Print the closing words."""
     if as_json:
@@ -546,6 +461,8 @@ def report(summary: dict[str, Any], as_json: bool) -> None:
             words += f", {figures['extra']:.0f} extra"
         if "direction_rmse_deg" in figures:
             words += f", {figures['direction_rmse_deg']:.2f}° off"
+        if figures.get("stated_error", 0) >= _KNOWN_ERROR:
+            words += f"; {unknown(figures['stated_error'])}"
         print(f"demo: picture: {path}  {words}")
     if not summary["estimates"]:
         raise DemoError("demo: no estimate came")

@@ -139,6 +139,14 @@ def box_words(estimate: Estimate | None, health: Health | None) -> str:
     return "  ".join(words)
 
 
+def room_words(estimate: Estimate) -> str:
+    """How large the room is, along its own axes, and what that is worth; empty: not known."""
+    if (room := estimate.room) is None:
+        return ""
+    size = " × ".join(f"{one:.1f}" for one in room.size_m)
+    return f"room {size} m, ambient within {number(100 * room.error_per_m, 2)} % per metre"
+
+
 def plain(estimate: Estimate) -> str:
     """One line for logs and pipes."""
     lamps = "; ".join(
@@ -149,7 +157,8 @@ def plain(estimate: Estimate) -> str:
     )
     flags = ",".join(flag_names(estimate.flags)) or "-"
     mean = " ".join(number(float(v)) for v in estimate.sh.coefficients[0])
-    return f"{estimate.sequence} lamps {len(estimate.lights)} [{lamps}] sh0 {mean} flags {flags}"
+    line = f"{estimate.sequence} lamps {len(estimate.lights)} [{lamps}] sh0 {mean} flags {flags}"
+    return f"{line} {room_words(estimate)}".rstrip()
 
 
 class RateMeter:
@@ -181,6 +190,8 @@ def dashboard(client: Client, rate_hz: float, note: str = "") -> RenderableType:
         parts.append(Panel(_lamps(estimate), title="lamps", title_align="left"))
         kind = f"SH of radiance, order {estimate.sh.order}, {estimate.sh.kind}, luminance"
         parts.append(Panel(sh_table(estimate), title=kind, title_align="left"))
+        if words := room_words(estimate):
+            parts.append(Text(words))
         if flags:
             parts.append(Text("\n".join(flags), style="yellow"))
     parts.append(_health(client))

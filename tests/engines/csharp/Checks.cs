@@ -22,6 +22,7 @@ static class Checks
             case "reflection": foreach (string line in Lines()) Reflection(line); return 0;
             case "unity": foreach (string line in Lines()) Unity(line); return 0;
             case "place": foreach (string line in Lines()) PlaceOf(line); return 0;
+            case "ambient": foreach (string line in Lines()) AmbientOf(line); return 0;
             case "live": return Live(arguments[1], int.Parse(arguments[2]));
             case "pause": return Pause(arguments[1]);
             case "old": return Old(arguments[1]);
@@ -83,6 +84,15 @@ static class Checks
         double[] at = words.Take(3).Select(word => double.Parse(word, CultureInfo.InvariantCulture)).ToArray();
         Estimate estimate = Probe.Decode(TcpConnection.Read(new MemoryStream(Bytes(words[3])))).Estimate;
         Console.WriteLine(Json(Place.Lights(estimate, at[0], at[1], at[2])[0]));
+    }
+
+    /// <summary>The SH of an estimate from a place: three numbers, then the message.</summary>
+    static void AmbientOf(string line)
+    {
+        string[] words = line.Split(' ');
+        double[] at = words.Take(3).Select(word => double.Parse(word, CultureInfo.InvariantCulture)).ToArray();
+        Estimate estimate = Probe.Decode(TcpConnection.Read(new MemoryStream(Bytes(words[3])))).Estimate;
+        Console.WriteLine(Json(Place.Ambient(estimate, at[0], at[1], at[2]).Coefficients));
     }
 
     static Subscription Wish() => new Subscription

@@ -340,7 +340,7 @@ def test_the_fallback_is_the_same_in_every_client(program):
 
 
 def test_light_at_a_place_is_the_same_in_every_client(program):
-    vectors = json.loads((ROOT / "proto/golden/place.json").read_text())
+    vectors = json.loads((ROOT / "proto/golden/place.json").read_text())["lamps"]
     lines = []
     for vector in vectors:
         message, light = pb.FromProbe(), vector["light"]
@@ -375,6 +375,27 @@ def test_light_at_a_place_is_the_same_in_every_client(program):
             assert theirs[name] == (
                 None if expected is None else pytest.approx(1000 * expected, abs=0.51)
             )
+
+
+def test_ambient_light_at_a_place_is_the_same_in_every_client(program):
+    vectors = json.loads((ROOT / "proto/golden/place.json").read_text())["rooms"]
+    lines = []
+    for vector in [*vectors, vectors[0]]:
+        message, room = pb.FromProbe(), vector["room"]
+        sh = pb.SphericalHarmonics(
+            kind=1, order=vector["order"], coefficients=vector["coefficients"]
+        )
+        message.estimate.sh.CopyFrom(sh)
+        if len(lines) < len(vectors):  # the last one has none: its SH stay
+            message.estimate.room.walls_m.extend(room["walls_m"])
+            message.estimate.room.orientation.extend(room["orientation"])
+        place = " ".join(str(x) for x in vector["position_m"])
+        lines.append(f"{place} {wire.delimit(message.SerializeToString()).hex()}\n")
+    *found, still = ask(program, "ambient", given="".join(lines))
+    assert len(found) == len(vectors) > 8
+    for theirs, vector in zip(found, vectors, strict=True):
+        np.testing.assert_allclose(theirs, vector["there"]["coefficients"], rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(still, vectors[0]["coefficients"], rtol=1e-6)
 
 
 def test_another_certificate_or_token_gets_nothing(program, tmp_path):

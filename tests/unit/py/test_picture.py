@@ -8,7 +8,14 @@ import pytest
 from lightprobe import geometry
 from lightprobe.cli import view
 from lightprobe.colour import luminance
-from lightprobe.estimate import Estimate, EstimateFlag, Light, LightFlag, SphericalHarmonics
+from lightprobe.estimate import (
+    Estimate,
+    EstimateFlag,
+    Light,
+    LightFlag,
+    Room,
+    SphericalHarmonics,
+)
 from lightprobe.evaluate import marks, picture, relight
 from lightprobe.sim import scene
 from lightprobe.sim.procedural import random_scene
@@ -173,6 +180,14 @@ def test_tables_and_lines_tell_everything():
     words = view.flag_lines(["CLIPPED", "BIT_31"])
     assert "light is missing" in words[0]
     assert "unknown to this version" in words[1]
+
+
+def test_the_room_is_one_line_where_it_is_known():
+    walls_m = np.array([1.8, 3.0, 1.2, 1.5, 2.0, 4.0])
+    room = Room(walls_m, np.zeros(6), np.array([0, 0, 0, 1.0]), 0.0125)
+    line = view.plain(dataclasses.replace(perfect(), room=room))
+    assert line.endswith("room 4.8 × 2.7 × 6.0 m, ambient within 1.2 % per metre")
+    assert "room" not in view.plain(perfect())
 
 
 def test_how_dark_a_lamps_shadow_is_is_shown():

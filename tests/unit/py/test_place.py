@@ -7,9 +7,16 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from lightprobe import geometry
+from lightprobe import geometry, sh
 from lightprobe.colour import luminance
-from lightprobe.estimate import Estimate, EstimateFlag, Light, LightFlag, SphericalHarmonics
+from lightprobe.estimate import (
+    Estimate,
+    EstimateFlag,
+    Light,
+    LightFlag,
+    Room,
+    SphericalHarmonics,
+)
 from lightprobe.place import light_at
 from lightprobe.sim.room import Bulb
 from place_vectors import EXPECTED, light_of, vectors
@@ -132,10 +139,65 @@ def test_at_the_probe_nothing_changes():
     assert here.at((0, 0, 0)) is here
 
 
+WALLS_M = np.array([2.0, 2.5, 1.2, 1.5, 3.0, 1.0])
+TILT = (0.48, 0.0, 0.64, 0.6)
+
+
+def painted(offset_m, order=4, size=64):
+    """Give the light within a box of painted walls, tilted, as a probe at a place sees it."""
+    w = TILT[3], *TILT[:3]
+    columns, rows = np.arange(2 * size)[None, :], np.arange(size)[:, None]
+    rays = geometry.equirect_direction(columns, rows, 2 * size, size)
+    box = geometry.inverse(w)
+    there = geometry.rotate(box, offset_m)
+    rays = geometry.rotate(box, rays)
+    walls_m = np.where(rays > 0, WALLS_M[1::2], -WALLS_M[::2])
+    hit = there + np.min((walls_m - there) / rays, axis=-1, keepdims=True) * rays
+    paint = np.stack([1 + 0.5 * np.sin(hit @ k) for k in ((1, 0, 1), (0, 1.5, 0.5), (0.5, 1, 0))])
+    image = np.moveaxis(paint, 0, -1) + 2 * (hit[..., 1:2] > WALLS_M[3] - 1e-9)  # a bright ceiling
+    light = SphericalHarmonics("AMBIENT", order, sh.project(image, order))
+    room = Room(WALLS_M, np.full(6, 0.1), np.array(TILT), 0.02)
+    return replace(estimate(), sh=light, room=room)
+
+
+@pytest.mark.parametrize(("order", "share"), [(4, 0.25), (2, 0.5)])
+@pytest.mark.parametrize("offset_m", [(0.5, 0, 0), (0.2, -0.4, 0.3), (-0.6, 0.1, 0.6)])
+def test_ambient_light_is_as_seen_from_there(offset_m, order, share):
+    normals = np.random.default_rng(1).normal(size=(200, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    here = painted((0, 0, 0), order)
+    true = luminance(painted(offset_m).irradiance(normals))
+
+    def error(light):
+        return np.median(np.abs(luminance(light.irradiance(normals)) - true))
+
+    assert error(here.at(offset_m)) < share * error(here)
+
+
+def test_the_room_goes_with_the_place():
+    here = painted((0, 0, 0))
+    assert here.at((0, 0, 0)) is here
+    near = here.at((0.2, -0.4, 0.3))
+    assert near.room.size_m == pytest.approx(here.room.size_m)
+    back = near.room.walls_m[::2] - here.room.walls_m[::2]
+    assert geometry.rotate((TILT[3], *TILT[:3]), back) == pytest.approx([0.2, -0.4, 0.3])
+    outside = here.at((40.0, 9.0, -3.0))
+    assert np.isfinite(outside.sh.coefficients).all()
+    assert (outside.room.walls_m > 0.049).all()
+    assert replace(here, room=None).at((0.2, 0, 0)).sh is here.sh
+
+
+def test_a_known_room_says_how_well_the_ambient_light_is_known():
+    here = painted((0, 0, 0))
+    assert here.at((0, 0, 2)).relighting_sigma == pytest.approx(np.hypot(0.01, 0.04))
+    unknown = replace(here, room=None).at((0, 0, 2))
+    assert unknown.relighting_sigma == pytest.approx(np.hypot(0.01, 0.2))
+
+
 def test_the_golden_vectors_are_as_ever():
     assert json.loads(EXPECTED.read_text()) == json.loads(json.dumps(vectors()))
 
 
 def test_golden_lamps_are_read_as_written():
-    for vector in json.loads(EXPECTED.read_text()):
+    for vector in json.loads(EXPECTED.read_text())["lamps"]:
         assert light_of(vector["light"]).distance_m == vector["light"]["distance_m"]

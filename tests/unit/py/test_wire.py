@@ -58,6 +58,21 @@ def test_every_value_arrives():
     }
 
 
+def test_the_room_is_known_or_not():
+    room = pb.Room(walls_m=[1, 2, 3, 4, 5, 6], walls_sigma_m=6 * [0.25], error_permille_per_m=12,
+                   orientation=[0, 0.6, 0, 0.8])  # fmt: skip
+    (got,) = wire.Decoder().feed(message(estimate=estimate(room=room)))
+    assert got.room.size_m.tolist() == [3, 7, 11]
+    assert got.room.orientation == pytest.approx([0, 0.6, 0, 0.8])
+    assert got.to_json()["room"] == {
+        "walls_m": [1, 2, 3, 4, 5, 6], "walls_sigma_m": 6 * [0.25], "error_per_m": 0.012,
+        "orientation": pytest.approx([0, 0.6, 0, 0.8]),
+    }  # fmt: skip
+    (unknown,) = wire.Decoder().feed(message(estimate=estimate()))
+    assert unknown.room is None
+    assert unknown.to_json()["room"] is None
+
+
 def test_key_is_light_of_its_own():
     key = pb.Light(direction=[0, 1, 0], irradiance=[1, 1, 1], angular_radius_deg=30)
     (plain,) = wire.Decoder().feed(message(estimate=estimate()))

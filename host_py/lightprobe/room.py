@@ -1,0 +1,69 @@
+"""The room as a box: what it makes of the ambient light beside the probe.
+
+The formula is in docs/users/conventions.md, "Light at a place".
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+
+from lightprobe import sh as harmonics
+from lightprobe.estimate import Room
+from lightprobe.geometry import Array, rotation_matrix
+
+#: Directions in which the light is looked up.
+DIRECTIONS = 128
+#: A place beyond a wall, or closer to it, is taken to be at this share of the way to it.
+WITHIN = 0.95
+
+
+@cache
+def _directions() -> Array:
+    """Give a Fibonacci sphere: (DIRECTIONS, 3)."""
+    k = np.arange(DIRECTIONS) + 0.5
+    y = 1 - 2 * k / DIRECTIONS
+    phi, ring = math.pi * (1 + math.sqrt(5)) * k, np.sqrt(1 - y * y)
+    return np.stack([ring * np.cos(phi), y, ring * np.sin(phi)], axis=-1)
+
+
+@cache
+def _basis(order: int) -> Array:
+    """Y_i of the directions: (DIRECTIONS, (order+1)²)."""
+    return harmonics.evaluate(order, _directions())
+
+
+def _turn(room: Room) -> Array:
+    """Give the matrix that turns the box's axes into the packet's frame."""
+    x, y, z, w = room.orientation
+    return rotation_matrix((w, x, y, z))
+
+
+def _inside(room: Room, offset_m: Array) -> Array:
+    """Give the place in the box's axes, within the walls."""
+    walls_m = room.walls_m.reshape(3, 2)
+    return np.clip(offset_m @ _turn(room), -WITHIN * walls_m[:, 0], WITHIN * walls_m[:, 1])
+
+
+def moved(coefficients: Array, room: Room, offset_m: Array) -> Array:
+    """Give the SH ((order+1)², 3) at `offset_m` (3,): metres from the probe, the packet's frame."""
+    place_m, turn = _inside(room, offset_m), _turn(room)
+    order = harmonics.order_of(coefficients)
+    rays = _directions() @ turn  # in the box's axes
+    walls_m = np.where(rays > 0, room.walls_m[1::2], -room.walls_m[::2])
+    with np.errstate(divide="ignore"):
+        ways_m = np.where(rays == 0, np.inf, (walls_m - place_m) / rays).min(axis=1)
+    hits_m = place_m + ways_m[:, None] * rays
+    seen = hits_m / np.linalg.norm(hits_m, axis=1, keepdims=True) @ turn.T
+    here = _basis(order)
+    change = (harmonics.evaluate(order, seen) - here) @ coefficients
+    return np.asarray(coefficients + 4 * math.pi / DIRECTIONS * here.T @ change)
+
+
+def room_at(room: Room, offset_m: Array) -> Room:
+    """Give the room as it is from `offset_m` (3,)."""
+    place_m = _inside(room, offset_m)
+    walls_m = room.walls_m + np.stack([place_m, -place_m], axis=-1).reshape(6)
+    return Room(walls_m, room.walls_sigma_m, room.orientation, room.error_per_m)
