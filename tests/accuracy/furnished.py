@@ -21,6 +21,7 @@ import numpy as np
 import recording
 from ambient import Ambient, Ambients, Lit
 from furnished_rooms import KINDS, TRUTH_M, Renders, node_shares, way_m
+from judge import Packet
 from lightprobe import geometry
 from lightprobe.errors import UsageError
 from lightprobe.geometry import Array
@@ -30,7 +31,7 @@ from lightprobe.sim.scene import Layers, MapTruth, resize
 from lightprobe.sim.world import Behaviour
 from numpy.typing import ArrayLike, NDArray
 from page import ROOT, put
-from recording import ORIENTATIONS, SETTLE_S, SUBSCRIPTIONS, Run, record
+from recording import ORIENTATIONS, SETTLE_S, SUBSCRIPTIONS, Recording, Run, record
 
 PAGE = ROOT / "docs/users/places.md"
 TELLERS = ("place", "place-bad")
@@ -45,6 +46,7 @@ _WORDS = {"box": "a box", "L": "an L", "window": "with a window", "table": "abov
 #: Whether large lamps and windows are listed, or stay in the SH.
 _WISHES = {
     "raw": replace(SUBSCRIPTIONS["raw"], area_lights=True), "within": SUBSCRIPTIONS["raw"],
+    "smoothed": replace(SUBSCRIPTIONS["raw"], area_lights=True, smoothing="SMOOTHED"),
 }  # fmt: skip
 #: A ray that passes a lamp's centre so near meets it; else the window, where there is one.
 _LAMP_M = 0.3
@@ -166,19 +168,24 @@ def judge(case: Case) -> list[Furnished]:
     assert isinstance(shown, FurnishedRoom)
     there = lights(case.kind, rendered, shown.brightness)
     distances_m = np.repeat(list(TRUTH_M), list(TRUTH_M.values()))
+    exact = ambient.Exact.of(np.zeros(3), shown.brightness * rendered.unlit[0])
     newest = {
         name: [p for p in packets if abs(p.captured_s - _JUDGED_AT_S) < _JUDGED_S / 2]
         for name, packets in got.packets.items()
     }
     found = {
         name: [
-            ambient.judge(packet, np.array(got.world.at(packet.captured_s).place_m), lit, float(d))
+            ambient.judge(packet, _place_m(got, packet), lit, float(d), exact)
             for packet in packets for lit, d in zip(there, distances_m, strict=True)
         ]
         for name, packets in newest.items()
     }  # fmt: skip
     listed = float(np.mean([len(one.estimate.lights) for one in newest["raw"]]))
     return [Furnished(case, len(newest["raw"]), found, listed)]
+
+
+def _place_m(got: Recording, packet: Packet) -> Array:
+    return np.array(got.world.at(packet.captured_s).place_m)
 
 
 def summary(some: Sequence[Furnished], wish: str = "raw") -> dict[str, Ambients]:
@@ -193,6 +200,7 @@ def table(some: Sequence[Furnished]) -> str:
     head = [
         "room", "the app sends", "packets with a box", "at the probe",
         *(f"{d:g} m away: {what}" for d in beside for what in ("unchanged", "at the place")),
+        *(f"{d:g} m away: exact light, moved by the box" for d in beside),
         *(f"{d:g} m away, large lamps in the SH" for d in beside),
         *(f"of these all light {d:g} m away within 1, 3 sigma" for d in beside),
     ]  # fmt: skip
@@ -205,6 +213,7 @@ def table(some: Sequence[Furnished]) -> str:
         cells = [_error(here.unchanged, here.unchanged_worst)]
         for a in at:
             cells += [_error(a.unchanged, a.unchanged_worst), _error(a.moved, a.moved_worst)]
+        cells += [_error(a.by_box, a.by_box_worst) if here.has_room else "–" for a in at]
         cells += [_error(a.moved, a.moved_worst) for a in within]
         cells += [f"{a.within_1:.0%}, {a.within_3:.1%}" if a.stated else "–" for a in within]
         boxes = f"{here.has_room:.0%} of {sum(one.packets for one in group)}"
