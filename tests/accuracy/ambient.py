@@ -16,6 +16,7 @@ from lightprobe import geometry, sh
 from lightprobe.estimate import Estimate, Light
 from lightprobe.evaluate.metrics import relighting, relighting_relative, stated_error
 from lightprobe.geometry import Array
+from lightprobe.room import moved, room_at
 
 NORMALS = geometry.sphere_normals(2)
 #: A light whose direction is so near to the rim of a lamp is that lamp.
@@ -56,6 +57,7 @@ class Ambient:
     moved: float
     ratio: float | None  # of the whole light's error there, to the stated sigma; None: none stated
     has_room: bool  # the packet brings a box
+    by_box: float | None = None  # error of exact SH, moved by the packet's box
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,8 @@ class Ambients:
     unchanged_worst: float
     moved: float
     moved_worst: float
+    by_box: float
+    by_box_worst: float
     stated: float  # share with a sigma
     within_1: float  # of these
     within_3: float
@@ -81,16 +85,42 @@ class Ambients:
             np.array([getattr(one, name) for one in some] or [np.nan])
             for name in ("unchanged", "moved")
         )
+        by_box = np.array([one.by_box for one in some if one.by_box is not None] or [np.nan])
         return cls(
             len(some), float(np.median(unchanged)), float(unchanged.max()),
-            float(np.median(moved)), float(moved.max()), len(ratios) / max(len(some), 1),
+            float(np.median(moved)), float(moved.max()),
+            float(np.median(by_box)), float(by_box.max()), len(ratios) / max(len(some), 1),
             *(float(np.mean(ratios <= k)) if len(ratios) else float("nan") for k in (1, 3)),
             float(np.mean([one.has_room for one in some])) if some else float("nan"),
             [float(q) for q in np.quantile(moved, [0.5, 0.9])],
         )  # fmt: skip
 
 
-def judge(packet: Packet, here_m: Array, lit: Lit, distance_m: float) -> Ambient:
+@dataclass(frozen=True, eq=False)
+class Exact:
+    """The ambient light of a place as exact SH, in the room's frame; lamps are not in it."""
+
+    place_m: Array  # (3,)
+    coefficients: Array  # (25, 3)
+
+    @classmethod
+    def of(cls, place_m: Array, radiance: Array) -> Exact:
+        """Take them of a map (H, W, 3)."""
+        return cls(place_m, sh.project(radiance.astype(np.float64), sh.MAX_ORDER))
+
+    def error(self, packet: Packet, here_m: Array, lit: Lit) -> float | None:
+        """Error at a place, moved by the packet's box; None: it has none, or not in this frame."""
+        room = packet.estimate.room
+        if room is None or packet.estimate.frame != "WORLD":
+            return None
+        around = room_at(room, self.place_m - here_m)
+        there = moved(self.coefficients, around, lit.place_m - self.place_m)
+        return relighting(lit.ambient, sh.irradiance(there, NORMALS))[0]
+
+
+def judge(
+    packet: Packet, here_m: Array, lit: Lit, distance_m: float, exact: Exact | None = None
+) -> Ambient:
     """Compare what a packet of a probe at `here_m` gives at a place with the truth there."""
     estimate = packet.estimate
     others, listed = _lamps(packet, here_m, lit)
@@ -103,7 +133,13 @@ def judge(packet: Packet, here_m: Array, lit: Lit, distance_m: float) -> Ambient
     whole = relighting_relative(lit.ambient + lit.lamps.sum(axis=0), there.irradiance(normals))
     sigma = None if there.relighting_sigma is None else stated_error(there)
     ratio = None if sigma is None else whole / max(sigma, 1e-6)
-    return Ambient(distance_m, *errors, ratio, getattr(estimate, "room", None) is not None)
+    return Ambient(
+        distance_m,
+        *errors,
+        ratio,
+        estimate.room is not None,
+        exact and exact.error(packet, here_m, lit),
+    )
 
 
 def _lamps(packet: Packet, here_m: Array, lit: Lit) -> tuple[set[int], Array]:

@@ -28,7 +28,8 @@ KEPT = Path(__file__).resolve().parents[2] / "build/furnished"
 _LLVM = Path("/usr/lib/x86_64-linux-gnu/libLLVM.so.19.1")
 SIZE_PX, NODES, SAMPLES = (480, 240), 60, 32
 TRUTH_PX, TRUTH_SAMPLES = (128, 64), 256
-TRUTH_M, TRUTH_PLACES = (0.5, 1.0), 4
+#: Distances from the middle of the way, and how many places are at each.
+TRUTH_M = {0.0: 1, 0.5: 4, 1.0: 4}
 _FLOOR_M = -1.2
 #: Furniture keeps away from the head's way, so that no place is in it.
 _FREE_M = 1.35
@@ -53,7 +54,7 @@ class Renders:
     """What is rendered of one room, of a radiance that is the room's own."""
 
     nodes: NDArray[np.float16]  # (NODES, H, W, 3), at the places of `node_shares`
-    places_m: Array  # (P, 3), TRUTH_PLACES at each of TRUTH_M from the origin
+    places_m: Array  # (P, 3), one after the other as TRUTH_M has them
     unlit: Array  # (P, H, W, 3) from there: emitters light the room, and are not seen
     lit: Array  # (P, H, W, 3): the same, they are seen
     emitters_m: Array  # (E, 3) their centres
@@ -262,17 +263,16 @@ def panorama(
 
 
 def truth_places_m(seed: int) -> Array:
-    """Places (P, 3) around the origin, TRUTH_PLACES at each of TRUTH_M."""
+    """Places (P, 3) around the origin, as many at each distance as TRUTH_M says."""
     rng = np.random.default_rng([seed, 7])
     found = []
-    for distance_m in TRUTH_M:
-        azimuths = rng.uniform(0, 2 * np.pi) + np.arange(TRUTH_PLACES) * 2 * np.pi / TRUTH_PLACES
+    for distance_m, number in TRUTH_M.items():
+        azimuths = rng.uniform(0, 2 * np.pi) + np.arange(number) * 2 * np.pi / number
         for azimuth in azimuths:
             up = rng.uniform(-0.2, 0.3)
             level = np.sqrt(1 - up**2)
-            found.append(
-                distance_m * np.array([level * np.cos(azimuth), up, level * np.sin(azimuth)])
-            )
+            towards = np.array([level * np.cos(azimuth), up, level * np.sin(azimuth)])
+            found.append(distance_m * towards)
     return np.array(found)
 
 

@@ -156,6 +156,7 @@ class Run:
     film_deg: float | None = None  # angle of a polarizer that is fixed before the lens
     then: tuple[Scene, ...] = ()  # after `scene`, and so on in turns, behaviour.act_s each
     levels: tuple[float, ...] = (1.0,)  # of all light, in turns, behaviour.act_s each
+    wishes: dict[str, Subscription] = field(default_factory=lambda: SUBSCRIPTIONS)  # "raw", …
 
     @property
     def kind(self) -> Kind:
@@ -240,7 +241,7 @@ def record(run: Run) -> Recording:
             ring.shine(lambda: light.lux(probe.link.state_now()))
             probe.apps.append(ring)
         clients = {
-            name: probe.client(replace(wish, frame=frame)) for name, wish in SUBSCRIPTIONS.items()
+            name: probe.client(replace(wish, frame=frame)) for name, wish in run.wishes.items()
         }
         if teller.habits:
             placed = true_place(camera) if teller.places else None
