@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from lightprobe import geometry
+from lightprobe import geometry, sh
 from lightprobe.estimate import Estimate, Health
 from lightprobe.geometry import Array
 from lightprobe.imaging import camera as lenses
@@ -24,7 +24,7 @@ from lightprobe.wire import Subscription
 pytestmark = pytest.mark.many_frames
 
 SECONDS = 6.0
-WISH = Subscription(smoothing="RAW", max_lights=8, frame="WORLD", health_period_ms=200)
+WISH = Subscription(smoothing="RAW", max_lights=8, sh_order=4, frame="WORLD", health_period_ms=200)
 T_S = np.arange(0, 20, 1 / 60)
 PLACES_M = 0.25 * np.stack(
     [np.sin(1.9 * T_S), 0.4 * np.sin(1.3 * T_S), np.sin(2.7 * T_S + 1)], axis=-1
@@ -80,6 +80,54 @@ def distances(
                 if geometry.angle_deg(towards, light.direction) < 3:
                     true_m = float(np.linalg.norm(towards))
                     yield true_m, light.distance_m, light.distance_m * light.distance_sigma
+
+
+NORMALS = geometry.sphere_normals(2)
+#: Half a metre beside the probe, to all sides.
+BESIDE_M = 0.5 * np.array([[1, 0, 0], [-0.8, 0.2, 0.56], [0, -0.3, -0.95], [0.1, 0.5, 0.86]])
+
+
+def ambient(room: Room, place_m: Array) -> Array:
+    """Irradiance (N, 3) on NORMALS of all but the lamps, which light the room."""
+    here = room.seen_from((float(place_m[0]), float(place_m[1]), float(place_m[2])))
+    whole = here.truth(np.ones(len(here.lamps))).irradiance(NORMALS)
+    for lamp in here.lamps:
+        whole -= np.maximum(NORMALS @ lamp.direction, 0)[:, None] * lamp.irradiance
+    return np.asarray(whole)
+
+
+def off_beside(
+    camera: SimulatedCamera, some: list[tuple[float, Estimate]]
+) -> Iterator[tuple[float, float, float]]:
+    """How far ambient light is off half a metre away: unchanged, moved; relative, and 3 sigma."""
+    room = camera.world.scenes[0]
+    assert isinstance(room, Room)
+    for t_s, one in some:
+        if one.room is None or len(one.lights) < len(room.lamps):
+            continue
+        here = np.array(camera.world.at(t_s).place_m)
+        for beside_m in BESIDE_M:
+            true = ambient(room, here + beside_m)
+            there = one.at(beside_m)
+            off = [
+                float(np.sqrt(np.mean((sh.irradiance(c, NORMALS) - true) ** 2)) / true.mean())
+                for c in (one.sh.coefficients, there.sh.coefficients)
+            ]
+            whole = true.mean() / one.irradiance(NORMALS).mean()
+            measured = (one.relighting_sigma or 0) / whole
+            yield off[0], off[1], 3 * float(np.hypot(measured, 0.5 * one.room.error_per_m))
+
+
+def test_ambient_light_moves_with_place() -> None:
+    """The room becomes known by its walls; a head of 25 cm tells the light half a metre away."""
+    camera = camera_on(PLACES_M)
+    some = packets(camera, true_place(camera), Habits(memory_s=2))
+    late = [one for one in some if one[0] > SECONDS / 2]
+    assert np.mean([one.room is not None for _, one in late]) > 0.9
+    off = np.array(list(off_beside(camera, late[::4])))
+    assert len(off) > 20
+    assert np.median(off[:, 1]) < np.median(off[:, 0]) / 2
+    assert np.mean(off[:, 1] < off[:, 2]) > 0.97
 
 
 def test_lamps_get_their_distances() -> None:
@@ -157,6 +205,9 @@ def test_wrong_places_make_no_wrong_distances(wrong: str) -> None:
     faults: set[str] = set()
     some = packets(camera, spoil(true_place(camera)), Habits(memory_s=2), faults)
     assert ("orientation-place" in faults) >= (wrong == "mirrored")
+    off = np.array(list(off_beside(camera, some[::6]))).reshape(-1, 3)
+    assert not (is_silent and len(off))
+    assert not len(off) or np.mean(off[:, 1] < off[:, 2]) > 0.95
     # two frames after a jump of 20 cm are not known from two that show another lamp
     some = [one for one in some if one[0] % JUMPS_S > 0.25]
     found = np.array(list(distances(camera, some))).reshape(-1, 3)
