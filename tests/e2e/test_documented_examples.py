@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from lightprobe import wire
 from lightprobe_proto import lightprobe_pb2 as pb
-from test_client import Probe, estimate, hello, polarized, serve
+from scripted_probe import Probe, estimate, hello, polarized, serve
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCUMENTS = (
