@@ -101,6 +101,4 @@ def test_what_shines_in_a_render_is_told_apart():
     size = geometry.cap_solid_angle_sr(6)
     strengths = found.lamps[:, :, 0].max(axis=-1)
     assert strengths == pytest.approx([2 * 49 * size, 2 * 19 * size], rel=0.1)
-    assert found.radii_m == pytest.approx(
-        np.linalg.norm(centres, axis=-1) * np.tan(0.105), rel=0.1
-    )
+    assert found.radii_m == pytest.approx(np.linalg.norm(centres, axis=-1) * np.tan(0.105), rel=0.1)
