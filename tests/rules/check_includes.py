@@ -27,7 +27,7 @@ MAY = {
     "app": {"app", "serve", "estimate", "drivers", "vision", "light", "include", "base"},
 }
 SERVED = ("estimate/estimates.h", "drivers/publisher/places.h")
-LAYERS = ("math", "find", "turn", "place", "film", "send", "lamps", "clipped", "ring")
+LAYERS = ("linear", "math", "find", "turn", "place", "film", "send", "lamps", "clipped", "ring")
 MOST_FILES = 12
 SMALL_ROOMS = ("light", "vision", "estimate", "serve", "app")
 LINKS = ROOT / "daemon" / "drivers" / "link"

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Non-negative least squares: the conditions of optimality hold for random problems. */
-#include "light/math/nnls.h"
+#include "light/linear/nnls.h"
 
 #include <math.h>
 #include <stdlib.h>

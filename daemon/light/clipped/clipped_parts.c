@@ -12,7 +12,7 @@
 #include "include/panorama.h"
 #include "light/lamps/lamp_memory.h"
 #include "light/math/grid.h"
-#include "light/math/symmetric3.h"
+#include "light/linear/symmetric3.h"
 
 /* Chosen by hand (docs/maintainers/constants.md). */
 

@@ -7,7 +7,7 @@
 #include "light/clipped/ring_explain.h"
 #include "light/clipped/ring_posterior.h"
 #include "light/clipped/ring_residuals.h"
-#include "light/math/nnls.h"
+#include "light/linear/nnls.h"
 
 /* Chosen by hand, on the scenes of docs/users/accuracy.md, "With the ring of light sensors". */
 

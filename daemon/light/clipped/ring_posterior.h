@@ -7,7 +7,7 @@
 #ifndef LP_LIGHT_CLIPPED_RING_POSTERIOR_H
 #define LP_LIGHT_CLIPPED_RING_POSTERIOR_H
 
-#include "light/math/nnls.h"
+#include "light/linear/nnls.h"
 
 /* Unknowns as in struct lp_ring_fit: 0 is the scale, 1 + j the light of part j, in lux. */
 struct lp_ring_posterior {

@@ -6,7 +6,7 @@
 #include <stdint.h>
 
 #include "light/clipped/ring_fusion.h"
-#include "light/math/nnls.h"
+#include "light/linear/nnls.h"
 
 struct lp_ring_problem {
 	const struct lp_ring_view *view;

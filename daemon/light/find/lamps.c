@@ -15,7 +15,7 @@
 #include "include/panorama.h"
 #include "light/find/regions.h"
 #include "light/math/grid.h"
-#include "light/math/symmetric3.h"
+#include "light/linear/symmetric3.h"
 
 /* Chosen by hand; docs/maintainers/constants.md says what half and double of each does. */
 #define RIM_FACTOR 4.0	     /* most flux of a lamp over that of its core alone */

@@ -5,7 +5,7 @@
 #include <stdbool.h>
 #include <string.h>
 
-#include "light/math/cholesky.h"
+#include "light/linear/cholesky.h"
 
 /* Parameters: two of the direction, the inverse distance, and how late poses are. */
 enum { ALONG, ACROSS, INVERSE, LATE, SIZE };

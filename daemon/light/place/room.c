@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "light/math/cholesky.h"
+#include "light/linear/cholesky.h"
 #include "light/math/grid.h"
 #include "light/math/sh.h"
 #include "light/place/parallax.h"

@@ -5,7 +5,7 @@
 #include <stdbool.h>
 #include <string.h>
 
-#include "light/math/cholesky.h"
+#include "light/linear/cholesky.h"
 #include "light/math/grid.h"
 
 enum { YAW = LP_ROOM_YAW, LATE = LP_ROOM_LATE, SIZE = LP_ROOM_SIZE, SLOPES = 3 };

@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "light/clipped/ring_fusion.h"
-#include "light/math/nnls.h"
+#include "light/linear/nnls.h"
 
 /* Rows of the grid of directions that is searched: every 5 degrees. */
 #define ROWS 36

@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "include/luminance.h"
-#include "light/math/nnls.h"
+#include "light/linear/nnls.h"
 
 /* Chosen by hand, on the scenes of docs/users/accuracy.md, "With the ring of light sensors". */
 

@@ -5,7 +5,7 @@
 #include <stdbool.h>
 #include <string.h>
 
-#include "light/math/nnls.h"
+#include "light/linear/nnls.h"
 
 /* Chosen by hand (docs/maintainers/constants.md). */
 

@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "light/math/symmetric3.h"
+#include "light/linear/symmetric3.h"
 
 #define DEG (M_PI / 180.0)
 /* Chosen by hand, on the scenes of docs/users/accuracy.md, "While the camera turns". */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "light/math/symmetric3.h"
+#include "light/linear/symmetric3.h"
 
 #include <math.h>
 

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Non-negative least squares of a few unknowns, by an active set (Lawson & Hanson 1974, chapter
  * 23). Pure. */
-#ifndef LP_LIGHT_MATH_NNLS_H
-#define LP_LIGHT_MATH_NNLS_H
+#ifndef LP_LIGHT_LINEAR_NNLS_H
+#define LP_LIGHT_LINEAR_NNLS_H
 
 #define LP_NNLS_MAX 17
 

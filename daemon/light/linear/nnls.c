@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "light/math/nnls.h"
+#include "light/linear/nnls.h"
 
 #include <float.h>
 #include <math.h>

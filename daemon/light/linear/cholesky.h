@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#ifndef LP_LIGHT_MATH_CHOLESKY_H
-#define LP_LIGHT_MATH_CHOLESKY_H
+#ifndef LP_LIGHT_LINEAR_CHOLESKY_H
+#define LP_LIGHT_LINEAR_CHOLESKY_H
 
 #include <stdbool.h>
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "light/math/cholesky.h"
+#include "light/linear/cholesky.h"
 
 #include <math.h>
 
