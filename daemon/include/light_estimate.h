@@ -67,6 +67,7 @@ struct lp_estimate_room {
 	/* By the order of the SH that are moved: 1 sigma per metre, relative to the mean irradiance
 	 */
 	float error_per_m[LP_MAX_SH_ORDER + 1];
+	float bare_error_per_m[LP_MAX_SH_ORDER + 1]; /* where area lights are listed */
 };
 
 /*

@@ -69,6 +69,19 @@ static void test_the_room_arrives(void **state)
 	assert_false(encode(&e, 2).has_room);
 }
 
+/* Area lights are in the SH, or listed: each has an error of its own. */
+static void test_the_error_is_that_of_what_is_in_the_sh(void **state)
+{
+	struct lp_light_estimate e = in_a_room();
+
+	(void)state;
+	e.room.bare_error_per_m[2] = 0.011F;
+	e.area_count = 1;
+	assert_int_equal(encode(&e, 2).room.error_permille_per_m, 11);
+	e.light_count++; /* one is not in the packet */
+	assert_int_equal(encode(&e, 2).room.error_permille_per_m, 31);
+}
+
 /* The rest of the estimate arrives without it. */
 static void test_a_room_that_is_none_is_left_out(void **state)
 {
@@ -126,6 +139,7 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_the_room_arrives),
+		cmocka_unit_test(test_the_error_is_that_of_what_is_in_the_sh),
 		cmocka_unit_test(test_a_room_that_is_none_is_left_out),
 		cmocka_unit_test(test_the_room_is_in_the_frame_of_the_packet),
 	};

@@ -110,7 +110,7 @@ static void go(struct lp_room *room, const struct story *story, int from, int to
 		place_of(story, place, at_m);
 		picture(room, story, place, at_m, cells);
 		if (lp_room_wants(room, &pose))
-			lp_room_see(room, &pose, cells);
+			lp_room_see(room, &pose, cells, cells);
 		for (int k = 0; k < FRAMES_BETWEEN; k++)
 			lp_room_work(room);
 	}
@@ -331,7 +331,7 @@ static void test_extremes(void **state)
 		for (int place = 0; place < PLACES; place++) {
 			const struct lp_probe_pose pose = pose_of(&usual, place);
 
-			lp_room_see(room, &pose, cells);
+			lp_room_see(room, &pose, cells, cells);
 			for (int i = 0; i < 3 * FRAMES_BETWEEN; i++)
 				lp_room_work(room);
 		}
@@ -359,7 +359,7 @@ static void test_a_part_is_not_seen(void **state)
 		picture(room, &usual, place, at_m, cells);
 		for (int i = LP_COARSE_CELLS / 2 + 2 * LP_COARSE_COLUMNS; i < LP_COARSE_CELLS; i++)
 			cells[i] = NAN;
-		lp_room_see(room, &pose, cells);
+		lp_room_see(room, &pose, cells, cells);
 		for (int k = 0; k < FRAMES_BETWEEN; k++)
 			lp_room_work(room);
 	}

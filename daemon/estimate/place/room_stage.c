@@ -2,6 +2,7 @@
 #include "estimate/place/room_stage.h"
 
 #include <math.h>
+#include <string.h>
 
 #include "include/light_estimate.h"
 #include "include/luminance.h"
@@ -50,7 +51,7 @@ static float look_at(const struct lp_panorama *panorama, const struct lp_grid *g
 	return count > 0.0F ? sum / count : NAN;
 }
 
-/* Lamps do not hang on the walls. */
+/* What is listed has a place of its own. */
 static void take_out(const struct lp_lamp_finder *finder, const struct lp_lamp *lamp,
 		     const struct lp_rotation *to_world, const struct lp_grid *coarse, float *cells)
 {
@@ -68,18 +69,22 @@ void lp_room_stage_look(struct lp_room *room, const struct lp_panorama *panorama
 {
 	const struct lp_lamp_finder *finder = detection->finder;
 	const struct lp_rotation to_anchor = lp_rotation_inverse(&pose->rotation);
-	float cells[LP_COARSE_CELLS];
+	float cells[LP_COARSE_CELLS], bare[LP_COARSE_CELLS];
 
 	lp_room_work(room);
 	if (!lp_room_wants(room, pose))
 		return;
 	for (int k = 0; k < LP_COARSE_CELLS; k++)
 		cells[k] = look_at(panorama, finder->grid, &to_anchor, k);
-	for (int k = 0; k < finder->count; k++)
-		if (lp_detection_width_deg(detection, &finder->lamps[k]) < LP_COMPACT_DEG)
-			take_out(finder, &finder->lamps[k], &pose->rotation, lp_room_grid(room),
-				 cells);
-	lp_room_see(room, pose, cells);
+	memcpy(bare, cells, sizeof(bare));
+	for (int k = 0; k < finder->count; k++) {
+		const struct lp_lamp *lamp = &finder->lamps[k];
+
+		take_out(finder, lamp, &pose->rotation, lp_room_grid(room), bare);
+		if (lp_detection_width_deg(detection, lamp) < LP_COMPACT_DEG)
+			take_out(finder, lamp, &pose->rotation, lp_room_grid(room), cells);
+	}
+	lp_room_see(room, pose, cells, bare);
 }
 
 void lp_room_stage_tell(const struct lp_room *room, const struct lp_probe_pose *pose,
@@ -104,6 +109,8 @@ void lp_room_stage_tell(const struct lp_room *room, const struct lp_probe_pose *
 		told->walls_m[w] = (float)found.box.wall_m[w];
 		told->walls_sigma_m[w] = (float)found.wall_sigma_m[w];
 	}
-	for (int order = 0; order <= LP_MAX_SH_ORDER; order++)
+	for (int order = 0; order <= LP_MAX_SH_ORDER; order++) {
 		told->error_per_m[order] = (float)found.error_per_m[order];
+		told->bare_error_per_m[order] = (float)found.bare_error_per_m[order];
+	}
 }

@@ -4,6 +4,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/select.h"
 #include "light/math/grid.h"
 #include "light/math/sh.h"
 
@@ -52,6 +53,27 @@ void lp_coarse_blur(float *cells)
 				   cell_of(row + 1, column), cell_of(row + 2, column)};
 
 		cells[i] = smoothed(across, at);
+	}
+}
+
+float lp_coarse_median(const float *cells)
+{
+	float known[LP_COARSE_CELLS];
+	int count = 0;
+
+	for (int i = 0; i < LP_COARSE_CELLS; i++)
+		if (!isnan(cells[i]))
+			known[count++] = cells[i];
+	return count ? lp_select(known, count, count / 2) : 0.0F;
+}
+
+void lp_coarse_compress(float *cells, float level)
+{
+	for (int i = 0; i < LP_COARSE_CELLS; i++) {
+		const float light = cells[i];
+
+		if (!isnan(light))
+			cells[i] = light > 0.0F ? 1.0F / (1.0F + level / light) : 0.0F;
 	}
 }
 

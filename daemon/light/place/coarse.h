@@ -18,6 +18,13 @@ struct lp_grid;
  * left out; it stays so where nothing near is known. In place. */
 void lp_coarse_blur(float *cells);
 
+/* Median of what is known; 0: nothing is. */
+float lp_coarse_median(const float *cells);
+
+/* Luminance L becomes L / (L + level), so that lamps and windows count no more than pictures on a
+ * wall; below 0 it is 0. In place. */
+void lp_coarse_compress(float *cells, float level);
+
 /* Bilinear value along `towards` (any length > 0), and how it changes as `towards` does. False:
  * it is not known there. */
 bool lp_coarse_look(const float *cells, const double towards[3], double *value, double slope[3]);

@@ -43,6 +43,7 @@ struct lp_room {
 	struct lp_grid *grid; /* of the views */
 	uint32_t world;
 	struct lp_room_views views;
+	float level;		  /* luminance that is half of full scale in the views */
 	struct search best;	  /* the guess that counts */
 	struct search challenger; /* from another start */
 	int start;		  /* of the challenger */
@@ -175,21 +176,32 @@ static void find_middle(struct lp_room *r, const double before_m[3])
 
 static bool has_changed(const struct lp_room_view *before, const struct lp_room_view *now)
 {
-	return fabs(log(now->mean / before->mean)) >
+	return fabs(log(now->light.mean / before->light.mean)) >
 	       MOST_CHANGE + MOST_CHANGE_PER_M * apart_m(before->position_m, now->position_m);
 }
 
-void lp_room_see(struct lp_room *room, const struct lp_probe_pose *pose, const float *cells)
+/* Spherical harmonics of a picture and its mean; false: it shows nothing. */
+static bool project(const struct lp_grid *grid, const float *cells, struct lp_room_light *light)
+{
+	light->mean = lp_coarse_project(grid, cells, light->sh);
+	return light->mean > 0.0 && isfinite(light->mean);
+}
+
+void lp_room_see(struct lp_room *room, const struct lp_probe_pose *pose, const float *cells,
+		 const float *bare_cells)
 {
 	struct lp_room_view seen = {.t_s = (double)pose->t_ns / 1e9};
 	double before_m[3];
 
 	memcpy(seen.position_m, pose->position_m, sizeof(seen.position_m));
 	memcpy(seen.velocity_m_s, pose->velocity_m_s, sizeof(seen.velocity_m_s));
+	memcpy(seen.cells, bare_cells, sizeof(seen.cells));
+	lp_coarse_blur(seen.cells);
+	if (!project(room->grid, seen.cells, &seen.bare))
+		return;
 	memcpy(seen.cells, cells, sizeof(seen.cells));
 	lp_coarse_blur(seen.cells);
-	seen.mean = lp_coarse_project(room->grid, seen.cells, seen.sh);
-	if (!(seen.mean > 0.0) || !isfinite(seen.mean))
+	if (!project(room->grid, seen.cells, &seen.light))
 		return;
 	if (room->world != pose->world)
 		forget(room);
@@ -202,6 +214,9 @@ void lp_room_see(struct lp_room *room, const struct lp_probe_pose *pose, const f
 	       sizeof(before_m));
 	if (near >= 0 && has_changed(&room->views.list[near], &seen))
 		room->views.count = 0; /* the box is as it was: its light is another */
+	if (room->views.count == 0)
+		room->level = lp_coarse_median(seen.cells);
+	lp_coarse_compress(seen.cells, room->level);
 	*place_for(&room->views, pose->position_m) = seen;
 	find_middle(room, before_m);
 	room->best.is_weighed = room->best.is_over = room->challenger.is_weighed = false;
@@ -228,26 +243,33 @@ struct errors {
 	double unmoved2[LP_BOX_ORDERS]; /* of light that is not */
 };
 
-static void add_errors(const struct lp_room *r, const struct lp_room_view *view,
+static void add_errors(const struct lp_box *box, const double from_m[3],
+		       const struct lp_room_light *here, const struct lp_room_light *there,
 		       struct errors *errors)
 {
-	const struct lp_room_view *middle = &r->views.list[r->views.middle];
-	double from_m[3], moved[LP_BOX_ORDERS][LP_BOX_SH_COUNT], change[LP_BOX_SH_COUNT];
+	double moved[LP_BOX_ORDERS][LP_BOX_SH_COUNT], change[LP_BOX_SH_COUNT];
 
-	for (int a = 0; a < 3; a++)
-		from_m[a] = view->position_m[a] - middle->position_m[a] -
-			    r->best.guess.at[LP_ROOM_LATE] *
-				    (view->velocity_m_s[a] - middle->velocity_m_s[a]);
-	lp_box_move_sh(&r->found.box, from_m, middle->sh, moved);
+	lp_box_move_sh(box, from_m, here->sh, moved);
 	for (int i = 0; i < LP_BOX_SH_COUNT; i++)
-		change[i] = middle->sh[i] - view->sh[i];
+		change[i] = here->sh[i] - there->sh[i];
 	errors->way2 += dot(from_m, from_m);
 	for (int order = 0; order < LP_BOX_ORDERS; order++) {
 		for (int i = 0; i < LP_BOX_SH_COUNT; i++)
-			moved[order][i] -= view->sh[i];
+			moved[order][i] -= there->sh[i];
 		errors->moved2[order] += square_of(moved[order], order);
 		errors->unmoved2[order] += square_of(change, order);
 	}
+}
+
+static void fill_errors(const struct errors *errors, const struct lp_room_light *here,
+			double error_per_m[LP_BOX_ORDERS])
+{
+	const double mean = lp_sh_cosine(0) * here->sh[0] / sqrt(4.0 * M_PI);
+
+	for (int order = 0; order < LP_BOX_ORDERS; order++)
+		error_per_m[order] = errors->moved2[order] < errors->unmoved2[order]
+					     ? sqrt(errors->moved2[order] / errors->way2) / mean
+					     : INFINITY;
 }
 
 /* How wrong the light at the places of the views is, if the middle one's is moved there as
@@ -255,17 +277,23 @@ static void add_errors(const struct lp_room *r, const struct lp_room_view *view,
 static void find_errors(struct lp_room *r)
 {
 	const struct lp_room_view *middle = &r->views.list[r->views.middle];
-	const double mean = lp_sh_cosine(0) * middle->sh[0] / sqrt(4.0 * M_PI);
-	struct errors errors = {0};
+	struct errors light = {0}, bare = {0};
+	double from_m[3];
 
-	for (int k = 0; k < r->views.count; k++)
-		if (k != r->views.middle)
-			add_errors(r, &r->views.list[k], &errors);
-	for (int order = 0; order < LP_BOX_ORDERS; order++)
-		r->found.error_per_m[order] =
-			errors.moved2[order] < errors.unmoved2[order]
-				? sqrt(errors.moved2[order] / errors.way2) / mean
-				: INFINITY;
+	for (int k = 0; k < r->views.count; k++) {
+		const struct lp_room_view *view = &r->views.list[k];
+
+		if (k == r->views.middle)
+			continue;
+		for (int a = 0; a < 3; a++)
+			from_m[a] = view->position_m[a] - middle->position_m[a] -
+				    r->best.guess.at[LP_ROOM_LATE] *
+					    (view->velocity_m_s[a] - middle->velocity_m_s[a]);
+		add_errors(&r->found.box, from_m, &middle->light, &view->light, &light);
+		add_errors(&r->found.box, from_m, &middle->bare, &view->bare, &bare);
+	}
+	fill_errors(&light, &middle->light, r->found.error_per_m);
+	fill_errors(&bare, &middle->bare, r->found.bare_error_per_m);
 }
 
 static void conclude(struct lp_room *r)
@@ -287,7 +315,8 @@ static void conclude(struct lp_room *r)
 		r->found.wall_sigma_m[w] = r->found.box.wall_m[w] * sqrt(scatter * by[w]);
 	}
 	find_errors(r);
-	r->known = isfinite(r->found.error_per_m[LP_BOX_ORDERS - 1]);
+	r->known = isfinite(r->found.error_per_m[LP_BOX_ORDERS - 1]) ||
+		   isfinite(r->found.bare_error_per_m[LP_BOX_ORDERS - 1]);
 }
 
 /* ---------------------------------------------------------------- the search */

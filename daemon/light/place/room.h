@@ -26,6 +26,7 @@ struct lp_room_found {
 	 * mean square of the irradiance over all normals, relative to its mean, for each metre.
 	 * INFINITY: such harmonics are better left as they are. */
 	double error_per_m[LP_BOX_ORDERS];
+	double bare_error_per_m[LP_BOX_ORDERS]; /* of light without area lights */
 };
 
 int lp_room_create(struct lp_room **room);  /* -ENOMEM */
@@ -37,9 +38,10 @@ const struct lp_grid *lp_room_grid(const struct lp_room *room);
 /* Whether a picture from here is of use: none from so near is kept, or an old one. */
 bool lp_room_wants(const struct lp_room *room, const struct lp_probe_pose *pose);
 
-/* A picture from here: LP_COARSE_CELLS cells, not blurred; lamps, which are not on walls, are
- * unknown in it. Copied. */
-void lp_room_see(struct lp_room *room, const struct lp_probe_pose *pose, const float *cells);
+/* A picture from here: LP_COARSE_CELLS cells, not blurred; lamps, which have places of their own,
+ * are unknown in it, and in `bare_cells` area lights, too. Copied. */
+void lp_room_see(struct lp_room *room, const struct lp_probe_pose *pose, const float *cells,
+		 const float *bare_cells);
 
 /* One step of the fit, if one is due; once a frame. */
 void lp_room_work(struct lp_room *room);

@@ -13,9 +13,8 @@ enum { YAW = LP_ROOM_YAW, LATE = LP_ROOM_LATE, SIZE = LP_ROOM_SIZE, SLOPES = 3 }
 #define WALL_SIGMA 1.0 /* of the logarithm */
 #define LATE_SIGMA_S 0.3
 #define YAW_SIGMA_RAD 10.0
-/* Pictures differ by this share of their mean luminance even where the box is right: furniture,
- * noise. */
-#define MISFIT 0.03
+/* Pictures differ by so much of full scale even where the box is right: furniture, noise. */
+#define MISFIT 0.008
 /* A cell so many times MISFIT off is an outlier (Huber 1964). */
 #define OUTLIER 3.0
 #define MOST_STEP 0.5 /* of a parameter */
@@ -59,13 +58,13 @@ static bool compare(const struct lp_room_view *middle, const struct lp_box_view 
 	const double by_way = dot(by, along) / hit.cosine;
 	const double aside = hit.normal[0] * hit.at_m[2] - hit.normal[2] * hit.at_m[0];
 
-	*off = value / middle->mean - (double)cell / middle->mean;
+	*off = value - (double)cell;
 	slope->of[0] = hit.wall;
 	slope->of[1] = YAW;
 	slope->of[2] = LATE;
-	slope->by[0] = by_way * box->box.wall_m[hit.wall] / middle->mean;
-	slope->by[1] = by_way * aside / middle->mean;
-	slope->by[2] = (by_way * dot(hit.normal, velocity) - dot(by, velocity)) / middle->mean;
+	slope->by[0] = by_way * box->box.wall_m[hit.wall];
+	slope->by[1] = by_way * aside;
+	slope->by[2] = (by_way * dot(hit.normal, velocity) - dot(by, velocity));
 	return true;
 }
 

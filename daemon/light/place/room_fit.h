@@ -16,13 +16,17 @@ enum { LP_ROOM_YAW = 6, LP_ROOM_LATE = 7, LP_ROOM_SIZE = 8 };
 /* Neighbouring cells differ alike: a picture is worth so many cells. */
 #define LP_ROOM_WORTH 64.0
 
+/* All light of a picture: mean luminance, and its spherical harmonics, in the world. */
+struct lp_room_light {
+	double mean, sh[LP_BOX_SH_COUNT];
+};
+
 /* A picture from a place. */
 struct lp_room_view {
 	double t_s;
 	double position_m[3], velocity_m_s[3];
-	double mean;		    /* luminance */
-	double sh[LP_BOX_SH_COUNT]; /* of luminance, world */
-	float cells[LP_COARSE_CELLS];
+	struct lp_room_light light, bare; /* with, and without, what may be listed as area lights */
+	float cells[LP_COARSE_CELLS];	  /* compressed */
 };
 
 struct lp_room_views {

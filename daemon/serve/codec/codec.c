@@ -213,12 +213,16 @@ static void fill_orientation(lightprobe_v1_Estimate *wire,
 }
 
 /* A room that may not be sent is left out: the light is worth more than it. */
-static void fill_room(lightprobe_v1_Estimate *wire, const struct lp_estimate_room *room,
-		      int sh_order)
+static void fill_room(lightprobe_v1_Estimate *wire, const struct lp_light_estimate *estimate,
+		      const struct lp_variant *variant)
 {
+	const struct lp_estimate_room *const room = &estimate->room;
+	/* The SH are without area lights where these are listed: they come last. */
+	const bool is_bare = estimate->area_count && variant->lights == estimate->light_count;
+	const float *const error_per_m = is_bare ? room->bare_error_per_m : room->error_per_m;
 	lightprobe_v1_Room *const to = &wire->room;
 
-	if (!room->known || !scaled_up(room->error_per_m[sh_order], &to->error_permille_per_m))
+	if (!room->known || !scaled_up(error_per_m[variant->sh_order], &to->error_permille_per_m))
 		return;
 	to->walls_m_count = 6;
 	to->walls_sigma_m_count = 6;
@@ -283,7 +287,7 @@ int lp_encode_estimate(const struct lp_light_estimate *estimate, const struct lp
 	wire->has_wheel_deg =
 		wire->has_wheel_sigma_deg && known(estimate->wheel_deg, &wire->wheel_deg);
 	fill_orientation(wire, &estimate->orientation);
-	fill_room(wire, &estimate->room, variant->sh_order);
+	fill_room(wire, estimate, variant);
 	wire->frame = variant->world ? lightprobe_v1_Estimate_Frame_WORLD
 				     : lightprobe_v1_Estimate_Frame_PROBE;
 	wire->has_sh = true;
