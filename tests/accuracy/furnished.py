@@ -139,15 +139,17 @@ def lights(kind: str, rendered: Renders, brightness: float) -> list[Lit]:
             beside[..., 0] = _LAMP_M
         whose = beside.argmin(axis=-1)
         solid_angle = geometry.equirect_solid_angles(width, height)[:, None]
-        lamps, radii_m = [], []
+        lamps, points, radii_m = [], [], []
         for k, centre_m in enumerate(centres_m):
             alone = np.where((whose == k)[..., None], lit - unlit, 0)
             lamps.append(brightness * ambient.irradiance(alone))
+            points.append(brightness * ambient.as_point(alone))
             size = float((solid_angle * (alone.mean(axis=-1) > lit.mean())).sum())
             radius_deg = float(geometry.cap_radius_deg(size))
             radii_m.append(np.linalg.norm(centre_m) * np.tan(np.radians(min(radius_deg, 60.0))))
         found.append(
             Lit(place_m, brightness * ambient.irradiance(unlit), np.array(lamps),
+                np.array(points),
                 rendered.emitters_m, np.array(radii_m))
         )  # fmt: skip
     return found
