@@ -39,7 +39,10 @@ def irradiance(radiance: Array) -> Array:
 
 
 def as_point(radiance: Array) -> Array:
-    """Irradiance (N, 3) on NORMALS of a lamp's map (H, W, 3), if all came from its middle."""
+    """Irradiance (N, 3) on NORMALS of a lamp's map (H, W, 3), if all came from its middle.
+
+    As strong as its radiance times its solid angle, which is what packets take out of their SH.
+    """
     height, width, _ = radiance.shape
     directions = geometry.equirect_directions(width, height)
     weight = radiance * geometry.equirect_solid_angles(width, height)[:, None, None]
@@ -47,7 +50,7 @@ def as_point(radiance: Array) -> Array:
     if not along.any():
         return np.zeros((len(NORMALS), 3))
     middle = geometry.normalize(along.sum(axis=0))
-    return np.asarray(np.maximum(NORMALS @ middle, 0)[:, None] * (along @ middle))
+    return np.asarray(np.maximum(NORMALS @ middle, 0)[:, None] * weight.sum(axis=(0, 1)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -203,7 +203,7 @@ def table(some: Sequence[Furnished]) -> str:
         "room", "the app sends", "packets with a box", "at the probe",
         *(f"{d:g} m away: {what}" for d in beside for what in ("unchanged", "at the place")),
         *(f"{d:g} m away: exact light, moved by the box" for d in beside),
-        *(f"{d:g} m away, large lamps in the SH" for d in beside),
+        *(f"{d:g} m away, large lamps and windows in the SH: unchanged → at the place" for d in beside),
         *(f"of these all light {d:g} m away within 1, 3 sigma" for d in beside),
     ]  # fmt: skip
     rows = []
@@ -216,7 +216,7 @@ def table(some: Sequence[Furnished]) -> str:
         for a in at:
             cells += [_error(a.unchanged, a.unchanged_worst), _error(a.moved, a.moved_worst)]
         cells += [_error(a.by_box, a.by_box_worst) if here.has_room else "–" for a in at]
-        cells += [_error(a.moved, a.moved_worst) for a in within]
+        cells += [f"{a.unchanged:.4f} → {_error(a.moved, a.moved_worst)}" for a in within]
         cells += [f"{a.within_1:.0%}, {a.within_3:.1%}" if a.stated else "–" for a in within]
         boxes = f"{here.has_room:.0%} of {sum(one.packets for one in group)}"
         rows.append([_WORDS[kind], ORIENTATIONS[teller].words, boxes, *cells])
