@@ -203,7 +203,7 @@ def table(some: Sequence[Furnished]) -> str:
         "room", "the app sends", "packets with a box", "at the probe",
         *(f"{d:g} m away: {what}" for d in beside for what in ("unchanged", "at the place")),
         *(f"{d:g} m away: exact light, moved by the box" for d in beside),
-        *(f"{d:g} m away, large lamps, windows in the SH: unchanged → at the place" for d in beside),
+        *(f"{d:g} m away, large lamps in the SH: unchanged → at the place" for d in beside),
         *(f"of these all light {d:g} m away within 1, 3 sigma" for d in beside),
     ]  # fmt: skip
     rows = []

@@ -10,6 +10,7 @@ import pytest
 
 pytestmark = [
     pytest.mark.long,
+    pytest.mark.many_frames,
     pytest.mark.skipif(
         importlib.util.find_spec("mitsuba") is None, reason="make test-renderer installs Mitsuba"
     ),
