@@ -1,7 +1,8 @@
 """How wrong ambient light is that a packet gives at a place beside the probe, and unchanged.
 
-Ambient is all light but that of the lamps that the packet lists. A lamp that it does not list is in
-its SH, and in the truth; what it lists besides lamps (a bright spot of a wall) counts as ambient.
+Ambient is all light but that of the lamps that the packet lists, each as a point, as it takes them
+out of its SH. A lamp that it does not list is in them, and in the truth; what it lists besides
+lamps (a bright spot of a wall) counts as ambient.
 """
 
 from __future__ import annotations
@@ -37,6 +38,21 @@ def irradiance(radiance: Array) -> Array:
     return np.asarray(_cosines(width, height) @ radiance.reshape(-1, 3).astype(np.float64))
 
 
+def as_point(radiance: Array) -> Array:
+    """Irradiance (N, 3) on NORMALS of a lamp's map (H, W, 3), if all came from its middle.
+
+    As strong as its radiance times its solid angle, which is what packets take out of their SH.
+    """
+    height, width, _ = radiance.shape
+    directions = geometry.equirect_directions(width, height)
+    weight = radiance * geometry.equirect_solid_angles(width, height)[:, None, None]
+    along = np.einsum("hwc,hwd->cd", weight, directions)
+    if not along.any():
+        return np.zeros((len(NORMALS), 3))
+    middle = geometry.normalize(along.sum(axis=0))
+    return np.asarray(np.maximum(NORMALS @ middle, 0)[:, None] * weight.sum(axis=(0, 1)))
+
+
 @dataclass(frozen=True, eq=False)
 class Lit:
     """The light at one place of a room; irradiance on NORMALS, in the room's frame."""
@@ -44,6 +60,7 @@ class Lit:
     place_m: Array  # (3,)
     ambient: Array  # (N, 3): lamps light the room, and are not seen
     lamps: Array  # (L, N, 3): what each adds that is seen
+    points: Array  # (L, N, 3): the same, if it came from one direction, as what is listed does
     centres_m: Array  # (L, 3)
     radii_m: Array  # (L,)
 
@@ -126,7 +143,7 @@ def judge(
     others, listed = _lamps(packet, here_m, lit)
     there = estimate.at(packet.turn @ (lit.place_m - here_m))
     normals = NORMALS @ packet.turn.T
-    true = lit.ambient + lit.lamps[~listed].sum(axis=0)
+    true = lit.ambient + lit.lamps.sum(axis=0) - lit.points[listed].sum(axis=0)
     errors = [
         relighting(true, _ambient(one, others, normals))[0] for one in (estimate, there)
     ]  # fmt: skip

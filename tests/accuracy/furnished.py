@@ -139,15 +139,17 @@ def lights(kind: str, rendered: Renders, brightness: float) -> list[Lit]:
             beside[..., 0] = _LAMP_M
         whose = beside.argmin(axis=-1)
         solid_angle = geometry.equirect_solid_angles(width, height)[:, None]
-        lamps, radii_m = [], []
+        lamps, points, radii_m = [], [], []
         for k, centre_m in enumerate(centres_m):
             alone = np.where((whose == k)[..., None], lit - unlit, 0)
             lamps.append(brightness * ambient.irradiance(alone))
+            points.append(brightness * ambient.as_point(alone))
             size = float((solid_angle * (alone.mean(axis=-1) > lit.mean())).sum())
             radius_deg = float(geometry.cap_radius_deg(size))
             radii_m.append(np.linalg.norm(centre_m) * np.tan(np.radians(min(radius_deg, 60.0))))
         found.append(
             Lit(place_m, brightness * ambient.irradiance(unlit), np.array(lamps),
+                np.array(points),
                 rendered.emitters_m, np.array(radii_m))
         )  # fmt: skip
     return found
@@ -201,7 +203,7 @@ def table(some: Sequence[Furnished]) -> str:
         "room", "the app sends", "packets with a box", "at the probe",
         *(f"{d:g} m away: {what}" for d in beside for what in ("unchanged", "at the place")),
         *(f"{d:g} m away: exact light, moved by the box" for d in beside),
-        *(f"{d:g} m away, large lamps in the SH" for d in beside),
+        *(f"{d:g} m away, large lamps in the SH: unchanged → at the place" for d in beside),
         *(f"of these all light {d:g} m away within 1, 3 sigma" for d in beside),
     ]  # fmt: skip
     rows = []
@@ -214,7 +216,7 @@ def table(some: Sequence[Furnished]) -> str:
         for a in at:
             cells += [_error(a.unchanged, a.unchanged_worst), _error(a.moved, a.moved_worst)]
         cells += [_error(a.by_box, a.by_box_worst) if here.has_room else "–" for a in at]
-        cells += [_error(a.moved, a.moved_worst) for a in within]
+        cells += [f"{a.unchanged:.4f} → {_error(a.moved, a.moved_worst)}" for a in within]
         cells += [f"{a.within_1:.0%}, {a.within_3:.1%}" if a.stated else "–" for a in within]
         boxes = f"{here.has_room:.0%} of {sum(one.packets for one in group)}"
         rows.append([_WORDS[kind], ORIENTATIONS[teller].words, boxes, *cells])

@@ -98,6 +98,7 @@ def lit(scene: Room, place_m: Array) -> Lit:
     ]
     return Lit(
         place_m, ambient.irradiance(unseen.compose(np.ones(len(lamps)))), np.array(lamps),
+        np.array(lamps),
         np.array([bulb.position_m for bulb in scene.bulbs]),
         np.array([bulb.radius_m for bulb in scene.bulbs]),
     )  # fmt: skip

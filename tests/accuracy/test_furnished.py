@@ -10,6 +10,7 @@ import pytest
 
 pytestmark = [
     pytest.mark.long,
+    pytest.mark.many_frames,
     pytest.mark.skipif(
         importlib.util.find_spec("mitsuba") is None, reason="make test-renderer installs Mitsuba"
     ),
@@ -29,10 +30,21 @@ def case(request):
 
 def test_ambient_light_is_right_at_the_probe(case):
     """Otherwise nothing is right beside it."""
-    assert furnished.summary([case])["0"].unchanged < 0.03
+    assert furnished.summary([case])["0"].unchanged < 0.06
 
 
-@pytest.mark.xfail(strict=True, reason="at() leaves ambient light as it is")
+def test_a_box_makes_it_better_than_unchanged(case):
+    """Of what subscribers get that ask for nothing: large lamps stay in the SH."""
+    for distance, figures in furnished.summary([case], "within").items():
+        assert figures.has_room > 0.9
+        if distance != "0":
+            assert figures.moved < 0.7 * figures.unchanged
+
+
+@pytest.mark.xfail(
+    strict=True,
+    reason="the light at the probe is off by as much; boxes are, by desks and large lamps",
+)
 def test_ambient_light_is_right_at_a_place(case):
     for distance, figures in furnished.summary([case]).items():
         if distance == "0":
