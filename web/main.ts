@@ -7,7 +7,7 @@ import { Probe, fallbackEstimate, irradiance, luminance } from "../src/index.js"
 import type { Estimate, ProbeOptions, ReflectionMapWish, Vec3 } from "../src/index.js";
 import { dismiss, say } from "./messages.js";
 import { show } from "./panel.js";
-import { isPlaced, lightThere } from "./places.js";
+import { Mirrored, isPlaced, lightThere } from "./places.js";
 import { Plan } from "./plan.js";
 import { offer } from "./switches.js";
 import { MOST_LAMPS, View, type Seen } from "./view.js";
@@ -24,9 +24,11 @@ const MAP: ReflectionMapWish = { size: 32, rateHz: 2, kind: "AMBIENT" };
 const FIELD_DEG = 65;
 
 const address = new URL(location.href);
-const probe = open(address.searchParams.get("probe") ?? location.href, { shOrder: 2, maxLights: MOST_LAMPS });
+/** The highest: moved to where the object stands, ambient light of order 2 keeps a third of its error, of order 4 a tenth. */
+const ORDER = 4;
+const probe = open(address.searchParams.get("probe") ?? location.href, { shOrder: ORDER, maxLights: MOST_LAMPS });
 const truthAddress = address.searchParams.get("truth");
-const truth = truthAddress ? open(truthAddress, { shOrder: 2, maxLights: 8, healthPeriodMs: 0 }) : undefined;
+const truth = truthAddress ? open(truthAddress, { shOrder: ORDER, maxLights: 8, healthPeriodMs: 0 }) : undefined;
 
 /** The client of an address; where that is none, as one with a token and without TLS, the page says so and ends. */
 function open(where: string, options: ProbeOptions): Probe {
@@ -41,7 +43,7 @@ function open(where: string, options: ProbeOptions): Probe {
 let last: Estimate | undefined, fallback: Estimate | undefined;
 probe.on("estimate", (estimate) => { [last, fallback] = [estimate, undefined]; });
 
-const plan = new Plan();
+const plan = new Plan(), mirrored = new Mirrored();
 
 /** The newest light of a probe where the object stands. */
 function there(of: Probe): Estimate | undefined {
@@ -63,9 +65,10 @@ const usesMap = (): boolean => view !== undefined && checked("use-map") && Boole
 function seen(): Seen {
   const known = there(probe), exact = checked("use-truth") && truth ? there(truth) : undefined;
   const estimate = known ?? (fallback ??= fallbackEstimate(last)), whole = checked("use-ambient") && checked("use-lamps");
+  const here = probe.latest(), map = here && whole && usesMap() ? probe.reflectionMap : undefined;
   return {
     estimate, isOfProbe: known !== undefined, shown: switched(estimate), truth: exact && switched(exact),
-    map: known && whole && usesMap() ? probe.reflectionMap : undefined, turns: checked("turn"), mirrorsGround: checked("use-ground"),
+    map: here && map && mirrored.at(map, here, plan.positionM), mapOfProbe: map, turns: checked("turn"), mirrorsGround: checked("use-ground"),
   };
 }
 

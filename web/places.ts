@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /** Where lamps and the object are in a plan of the room: metres in the probe's axes, seen from above. No DOM in this file. */
-import { estimateAt } from "../src/index.js";
-import type { Estimate, Light, Room, Vec3 } from "../src/index.js";
+import { estimateAt, reflectionMapAt } from "../src/index.js";
+import type { Estimate, Light, ReflectionMap, Room, Vec3 } from "../src/index.js";
 
 const DEG = Math.PI / 180;
 /** What the plan shows from its middle to its border; a lamp further away is an arrow at the border. */
@@ -49,6 +49,24 @@ export function cornersOf({ wallsM, orientation: [x, y, z, w] }: Room): [xM: num
 /** The light where the object stands. A TOTAL cannot be moved, because its lamps are in the SH: it stays as at the probe. */
 export const lightThere = (estimate: Estimate, positionM: Vec3): Estimate => (estimate.sh.kind === "TOTAL" ? estimate : estimateAt(estimate, positionM));
 
+/** What objects mirror where they stand. */
+export class Mirrored {
+  #of: ReflectionMap | undefined;
+  #positionM: Vec3 | undefined;
+  #hadRoom = false;
+  #there: ReflectionMap | undefined;
+
+  /** Of the light at the probe, where it knows the room; else the map itself. It is made anew for a new map or place: the room changes little between. */
+  at(map: ReflectionMap, { room, frame }: Estimate, positionM: Vec3): ReflectionMap {
+    const hasRoom = room !== undefined;
+    if (!this.#there || map !== this.#of || positionM !== this.#positionM || hasRoom !== this.#hadRoom) {
+      [this.#of, this.#positionM, this.#hadRoom] = [map, positionM, hasRoom];
+      this.#there = room ? reflectionMapAt(map, room, positionM, frame) : map;
+    }
+    return this.#there;
+  }
+}
+
 export const isPlaced = (estimate: Estimate | undefined): boolean => estimate?.lights.some((light) => light.distanceM !== undefined) ?? false;
 
 /** The half width that shows all lamps and corners within {@link MOST_M}, and the object. It shrinks late: sizes of lamps' noise do not change it. */
@@ -71,7 +89,7 @@ export function placeInWords([x, y, z]: Vec3): string {
 /** What the light there lacks; "": all lamps have distances. */
 export function missingInWords(estimate: Estimate): string {
   const without = estimate.lights.filter((light) => light.distanceM === undefined).length;
-  const known = estimate.room ? "ambient light changes with the place, lamps light the object" : "the object is lit";
+  const known = estimate.room ? "ambient light and what is mirrored change with the place, lamps light the object" : "the object is lit";
   if (!isPlaced(estimate)) return `No distance of a lamp is known, so ${known} as at the probe.`;
   return without === 0 ? "" : `Lamps without a known distance light the object as at the probe: ${without} of ${estimate.lights.length}.`;
 }

@@ -27,7 +27,10 @@ export interface Seen {
   shown: Estimate;
   /** To be drawn beside it; undefined: nothing is. */
   truth: Estimate | undefined;
+  /** What objects mirror where they stand. */
   map: ReflectionMap | undefined;
+  /** The same as the probe sent it. */
+  mapOfProbe: ReflectionMap | undefined;
   turns: boolean;
   /** Objects on the marker mirror the ground that the camera sees. */
   mirrorsGround: boolean;
@@ -175,9 +178,9 @@ export class View {
   }
 
   /** The camera's newest picture; the view from the marker, if there is one. */
-  #updateCamera(nowMs: number, aspect: number, { estimate, map, mirrorsGround }: Seen): void {
+  #updateCamera(nowMs: number, aspect: number, { estimate, mapOfProbe, mirrorsGround }: Seen): void {
     if (!this.#ar.isOn) return;
-    this.#ar.update(nowMs, estimate, map);
+    this.#ar.update(nowMs, estimate, mapOfProbe);
     const { place } = this.#ar, ground = mirrorsGround ? this.#ar.ground : undefined;
     this.stage.lookFrom(place, this.#ar.cover(aspect));
     this.stage.setGround(ground);

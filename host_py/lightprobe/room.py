@@ -1,4 +1,4 @@
-"""The room as a box: what it makes of the ambient light beside the probe.
+"""The room as a box: what it makes of the ambient light and of reflections beside the probe.
 
 The formula is in docs/users/conventions.md, "Light at a place".
 """
@@ -47,18 +47,27 @@ def _inside(room: Room, offset_m: Array) -> Array:
     return np.clip(offset_m @ _turn(room), -WITHIN * walls_m[:, 0], WITHIN * walls_m[:, 1])
 
 
-def moved(coefficients: Array, room: Room, offset_m: Array) -> Array:
-    """Give the SH ((order+1)², 3) at `offset_m` (3,): metres from the probe, the packet's frame."""
+def seen(room: Room, offset_m: Array, towards: Array) -> Array:
+    """Give where the probe sees the points of the walls that a place sees: unit vectors (n, 3).
+
+    `offset_m` (3,) is the place, in metres from the probe; `towards` (n, 3) are where it looks. All
+    are in the packet's frame.
+    """
     place_m, turn = _inside(room, offset_m), _turn(room)
-    order = harmonics.order_of(coefficients)
-    rays = _directions() @ turn  # in the box's axes
+    rays = towards @ turn  # in the box's axes
     walls_m = np.where(rays > 0, room.walls_m[1::2], -room.walls_m[::2])
     with np.errstate(divide="ignore"):
         ways_m = np.where(rays == 0, np.inf, (walls_m - place_m) / rays).min(axis=1)
     hits_m = place_m + ways_m[:, None] * rays
-    seen = hits_m / np.linalg.norm(hits_m, axis=1, keepdims=True) @ turn.T
+    return np.asarray(hits_m / np.linalg.norm(hits_m, axis=1, keepdims=True) @ turn.T)
+
+
+def moved(coefficients: Array, room: Room, offset_m: Array) -> Array:
+    """Give the SH ((order+1)², 3) at `offset_m` (3,): metres from the probe, the packet's frame."""
+    order = harmonics.order_of(coefficients)
     here = _basis(order)
-    change = (harmonics.evaluate(order, seen) - here) @ coefficients
+    there = harmonics.evaluate(order, seen(room, offset_m, _directions()))
+    change = (there - here) @ coefficients
     return np.asarray(coefficients + 4 * math.pi / DIRECTIONS * here.T @ change)
 
 

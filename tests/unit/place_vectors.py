@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from lightprobe.estimate import Estimate, EstimateFlag, Light, Room, SphericalHarmonics
 from lightprobe.place import light_at
+from lightprobe.reflection_map import ReflectionMap
 
 EXPECTED = Path(__file__).resolve().parents[2] / "proto" / "golden" / "place.json"
 _FIELDS = ("angular_radius_deg", "direction_sigma_deg", "distance_m", "distance_sigma", "nearest_m")
@@ -37,6 +38,14 @@ _ROOMS: tuple[tuple[dict[str, Any], int, list[float]], ...] = (
     (_TILTED, 4, [4.0, -3.0, 7.0]), (_TILTED, 2, [0.0, 12.0, 0.0]), (_TILTED, 3, [0.0, 0.0, 0.0]),
     (_TILTED, 4, [1e-3, 0.0, 0.0]), (_TILTED, 1, [0.25, -0.5, 0.0]),
 )  # fmt: skip
+#: Rooms, frames and places of reflection maps of 16 texels, by a probe that is turned.
+_MAPS: tuple[tuple[dict[str, Any], str, list[float]], ...] = (
+    (_LEVEL, "PROBE", [0.5, 0.25, -1.0]), (_TILTED, "PROBE", [-0.5, 0.25, 0.375]),
+    (_TILTED, "WORLD", [-0.5, 0.25, 0.375]), (_TILTED, "WORLD", [4.0, -3.0, 7.0]),
+)  # fmt: skip
+_SIZE = 16
+#: Every so many numbers of a moved map are in a vector.
+_STEP = 67
 
 
 def room_of(values: dict[str, Any]) -> Room:
@@ -88,7 +97,7 @@ def _rounded(values: Any) -> Any:
 
 def vectors() -> dict[str, list[dict[str, Any]]]:
     """Give all vectors, by what they are of."""
-    return {"lamps": lamps(), "rooms": rooms()}
+    return {"lamps": lamps(), "rooms": rooms(), "maps": maps()}
 
 
 def rooms() -> list[dict[str, Any]]:
@@ -104,6 +113,23 @@ def rooms() -> list[dict[str, Any]]:
         there = {"coefficients": _rounded(moved.sh.coefficients.reshape(-1)),
                  "walls_m": _rounded(moved.room.walls_m)}  # fmt: skip
         found.append(vector | {"there": there})
+    return found
+
+
+def speckled() -> ReflectionMap:
+    """Give a map where no texel is like the next: number i of its radiance is 7919 i % 1009."""
+    radiance = np.float32(7919 * np.arange(6 * _SIZE * _SIZE * 3) % 1009)
+    faces = radiance.reshape(6, _SIZE, _SIZE, 3)
+    return ReflectionMap(1, 1, 0, 1, "AMBIENT", faces, np.array([0.1, -0.7, 0.1, 0.7]))
+
+
+def maps() -> list[dict[str, Any]]:
+    """Give that map moved through rooms, every _STEP-th number of it."""
+    found = []
+    for room, frame, place in _MAPS:
+        moved = speckled().at(room_of(room), place, frame)  # type: ignore[arg-type]
+        there = _rounded(moved.radiance.reshape(-1)[::_STEP])
+        found.append({"room": room, "frame": frame, "position_m": place, "there": there})
     return found
 
 

@@ -7,6 +7,7 @@ export { ggxLevels } from "./ggx.js";
 export { estimateAt, lightAt } from "./place.js";
 export { largest, reflected } from "./reflection.js";
 export type { ReflectionMap } from "./reflection.js";
+export { reflectionMapAt } from "./reflection_place.js";
 export * as sh from "./sh.js";
 export { WireError, decode, encodePing, encodePose, encodeSubscription } from "./wire.js";
 export type { HeadPlace } from "./wire.js";

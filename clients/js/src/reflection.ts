@@ -22,7 +22,7 @@ export interface ReflectionMap {
 }
 
 /** Of each face: where its middle, its columns and its rows lead (OpenGL 4.6, table 8.19). */
-const AXES: [Vec3, Vec3, Vec3][] = [
+export const FACE_AXES: readonly [Vec3, Vec3, Vec3][] = [
   [[1, 0, 0], [0, 0, -1], [0, -1, 0]], [[-1, 0, 0], [0, 0, 1], [0, -1, 0]],
   [[0, 1, 0], [1, 0, 0], [0, 0, 1]], [[0, -1, 0], [1, 0, 0], [0, 0, -1]],
   [[0, 0, 1], [1, 0, 0], [0, -1, 0]], [[0, 0, -1], [-1, 0, 0], [0, -1, 0]],
@@ -31,7 +31,7 @@ const AXES: [Vec3, Vec3, Vec3][] = [
 /** Unit vectors through the middles of the texels: face by face, row by row. */
 export function texelDirections(size: number): Float32Array {
   const directions = new Float32Array(18 * size * size);
-  AXES.forEach(([main, across, down], face) => {
+  FACE_AXES.forEach(([main, across, down], face) => {
     for (let i = 0; i < size * size; i++) {
       const s = (2 * (i % size) + 1) / size - 1, t = (2 * Math.floor(i / size) + 1) / size - 1, length = Math.hypot(1, s, t);
       for (let a = 0; a < 3; a++) directions[3 * (face * size * size + i) + a] = (main[a]! + s * across[a]! + t * down[a]!) / length;
@@ -55,7 +55,7 @@ export function texelSolidAngles(size: number): Float32Array {
 /** Six faces of RGB floats from RGB9E5 texels, little-endian (OpenGL 4.6, 8.5.2), times `scale`. */
 export function decodeRgb9e5(texels: Uint8Array, size: number, scale: number): Float32Array<ArrayBuffer>[] {
   const view = new DataView(texels.buffer, texels.byteOffset, texels.byteLength);
-  return AXES.map((_, face) => {
+  return FACE_AXES.map((_, face) => {
     const rgb = new Float32Array(3 * size * size);
     for (let i = 0; i < size * size; i++) {
       const bits = view.getUint32(4 * (face * size * size + i), true), unit = scale * 2 ** ((bits >>> 27) - 24);
@@ -65,14 +65,19 @@ export function decodeRgb9e5(texels: Uint8Array, size: number, scale: number): F
   });
 }
 
+/** Which texel lies along a direction of the probe's axes, of any length above 0: counted face by face, row by row. */
+export function texelIndex(size: number, direction: Vec3): number {
+  const dot = (a: Vec3, b: Vec3): number => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+  const along = FACE_AXES.map(([main]) => dot(main, direction)), face = along.indexOf(Math.max(...along));
+  const [, across, down] = FACE_AXES[face]!;
+  const index = (axis: Vec3): number => Math.min(size - 1, Math.max(0, Math.floor(((dot(axis, direction) / along[face]! + 1) / 2) * size)));
+  return (face * size + index(down)) * size + index(across);
+}
+
 /** Radiance of the texel along a direction of the probe's axes, of any length above 0. */
 export function reflected(map: ReflectionMap, direction: Vec3): [number, number, number] {
-  const dot = (a: Vec3, b: Vec3): number => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-  const along = AXES.map(([main]) => dot(main, direction)), face = along.indexOf(Math.max(...along));
-  const [, across, down] = AXES[face]!;
-  const index = (axis: Vec3): number => Math.min(map.size - 1, Math.max(0, Math.floor(((dot(axis, direction) / along[face]! + 1) / 2) * map.size)));
-  const at = 3 * (index(down) * map.size + index(across));
-  return [map.faces[face]![at]!, map.faces[face]![at + 1]!, map.faces[face]![at + 2]!];
+  const texel = texelIndex(map.size, direction), ofFace = map.size * map.size, face = map.faces[Math.floor(texel / ofFace)]!, at = 3 * (texel % ofFace);
+  return [face[at]!, face[at + 1]!, face[at + 2]!];
 }
 
 /** The largest value of any texel and channel. */

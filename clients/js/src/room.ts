@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/** The room as a box: what it makes of the ambient light beside the probe (docs/users/conventions.md, "Ambient light at a place"). */
+/** The room as a box: what it makes of the ambient light and of reflections beside the probe (docs/users/conventions.md, "Ambient light at a place"). */
 import type { Room, Vec3 } from "./estimate.js";
 import { MAX_ORDER, basisInto, orderOf } from "./sh.js";
 
@@ -15,7 +15,8 @@ for (let k = 0; k < DIRECTIONS; k++) {
   SPHERE.set([ring * Math.cos(phi), y, ring * Math.sin(phi)], 3 * k);
 }
 
-/** What is seen in each direction: workspace of {@link movedSh}. */
+/** Where the probe sees what is seen in each direction, and what that is: workspace of {@link movedSh}. */
+const SEEN = new Float64Array(3 * DIRECTIONS);
 const RED = new Float64Array(DIRECTIONS), GREEN = new Float64Array(DIRECTIONS), BLUE = new Float64Array(DIRECTIONS);
 
 /** Of an order: Y_i of the directions, times 4π/n, coefficient by coefficient; and what the SH of the light in these directions are, by the SH of the light. */
@@ -63,19 +64,32 @@ function wayM(ray: number, placeM: number, lowM: number, highM: number): number 
   return ray === 0 ? Infinity : ((ray > 0 ? highM : -lowM) - placeM) / ray;
 }
 
-/** SH, r0 g0 b0 r1 …, of the ambient light at a place: metres from the probe, axes of the estimate's frame. */
-export function movedSh(coefficients: readonly number[], room: Room, positionM: Vec3): number[] {
-  const order = orderOf(coefficients), count = (order + 1) ** 2, { basis, seen } = tableOf(order), { wallsM } = room;
+/**
+ * Where the probe sees the points of the walls that a place sees: into `seen`, unit vectors, x, y, z of each. `towards`: where the place looks, of any
+ * length above 0. The place is in metres from the probe; all axes are those of the room's frame.
+ */
+export function seenInto(room: Room, positionM: Vec3, towards: Float64Array, seen: Float64Array): void {
   const turn = turnOf(room.orientation), [px, py, pz] = inside(room, turn, positionM);
   const [xx, xy, xz, yx, yy, yz, zx, zy, zz] = turn as [number, number, number, number, number, number, number, number, number];
-  const [lowX, highX, lowY, highY, lowZ, highZ] = wallsM as [number, number, number, number, number, number];
-  const from = Float64Array.from(coefficients), one = new Float64Array(count), there = new Array<number>(3 * count);
-  for (let k = 0; k < DIRECTIONS; k++) {
-    const dx = SPHERE[3 * k]!, dy = SPHERE[3 * k + 1]!, dz = SPHERE[3 * k + 2]!;
+  const [lowX, highX, lowY, highY, lowZ, highZ] = room.wallsM as [number, number, number, number, number, number];
+  for (let at = 0; at < towards.length; at += 3) {
+    const dx = towards[at]!, dy = towards[at + 1]!, dz = towards[at + 2]!;
     const bx = xx * dx + yx * dy + zx * dz, by = xy * dx + yy * dy + zy * dz, bz = xz * dx + yz * dy + zz * dz;
     const t = Math.min(wayM(bx, px, lowX, highX), wayM(by, py, lowY, highY), wayM(bz, pz, lowZ, highZ));
     const hx = px + t * bx, hy = py + t * by, hz = pz + t * bz, length = Math.sqrt(hx * hx + hy * hy + hz * hz);
-    basisInto(order, (xx * hx + xy * hy + xz * hz) / length, (yx * hx + yy * hy + yz * hz) / length, (zx * hx + zy * hy + zz * hz) / length, one);
+    seen[at] = (xx * hx + xy * hy + xz * hz) / length;
+    seen[at + 1] = (yx * hx + yy * hy + yz * hz) / length;
+    seen[at + 2] = (zx * hx + zy * hy + zz * hz) / length;
+  }
+}
+
+/** SH, r0 g0 b0 r1 …, of the ambient light at a place: metres from the probe, axes of the estimate's frame. */
+export function movedSh(coefficients: readonly number[], room: Room, positionM: Vec3): number[] {
+  const order = orderOf(coefficients), count = (order + 1) ** 2, { basis, seen } = tableOf(order);
+  const from = Float64Array.from(coefficients), one = new Float64Array(count), there = new Array<number>(3 * count);
+  seenInto(room, positionM, SPHERE, SEEN);
+  for (let k = 0; k < DIRECTIONS; k++) {
+    basisInto(order, SEEN[3 * k]!, SEEN[3 * k + 1]!, SEEN[3 * k + 2]!, one);
     let r = 0, g = 0, b = 0;
     for (let j = 0; j < count; j++) {
       const y = one[j]!;

@@ -9,15 +9,20 @@ export const ROOT = resolve(fileURLToPath(new URL(".", import.meta.url)), proces
 const FOLDER = resolve(ROOT, "proto/golden");
 
 export const expected = JSON.parse(readFileSync(resolve(FOLDER, "v1.json"), "utf8")) as Record<string, Record<string, unknown>>;
-const atPlaces = JSON.parse(readFileSync(resolve(FOLDER, "place.json"), "utf8")) as { lamps: LampVector[]; rooms: RoomVector[] };
+const atPlaces = JSON.parse(readFileSync(resolve(FOLDER, "place.json"), "utf8")) as { lamps: LampVector[]; rooms: RoomVector[]; maps: MapVector[] };
 /** Lamps as seen from places (tests/unit/place_vectors.py); what is not known is null. */
 export const places = atPlaces.lamps;
 /** Ambient light at places of rooms. */
 export const rooms = atPlaces.rooms;
+/** Reflection maps at places of rooms: every 67th number of the moved map. */
+export const maps = atPlaces.maps;
 interface LampVector { light: PlaceVector; position_m: [number, number, number]; there: PlaceVector }
 interface RoomVector {
   room: { walls_m: number[]; orientation: [number, number, number, number] }; order: number; coefficients: number[];
   position_m: [number, number, number]; there: { coefficients: number[]; walls_m: number[] };
+}
+interface MapVector {
+  room: RoomVector["room"]; frame: "PROBE" | "WORLD"; position_m: [number, number, number]; there: number[];
 }
 export interface PlaceVector {
   direction: [number, number, number]; irradiance: [number, number, number]; axis: [number, number, number] | null;

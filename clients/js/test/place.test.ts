@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { estimateAt, irradiance, lightAt, luminance, type Light } from "../src/index.js";
-import { places, rooms, type PlaceVector } from "./golden.js";
+import { estimateAt, irradiance, lightAt, luminance, reflectionMapAt, type Light, type ReflectionMap, type Room } from "../src/index.js";
+import { maps, places, rooms, type PlaceVector } from "./golden.js";
 import { estimate, lamp } from "./lights.js";
 
 const known = <T>(value: T | null): T | undefined => value ?? undefined;
@@ -36,6 +36,37 @@ test("ambient light at a place is the same in every client", () => {
       found.forEach((x, i) => assert.ok(Math.abs(x - wanted[i]!) < 2e-6, `${position_m}: ${i}: ${x}, expected ${wanted[i]}`));
     }
   }
+});
+
+/** As `speckled` of tests/unit/place_vectors.py. */
+const speckled = (size: number): ReflectionMap => ({
+  sequence: 1, bootId: 1, captureTimeUnixMs: 0, subscription: 1, kind: "AMBIENT", size, orientation: [0.1, -0.7, 0.1, 0.7],
+  faces: Array.from({ length: 6 }, (_, face) => Float32Array.from({ length: 3 * size * size }, (_, i) => (7919 * (3 * face * size * size + i)) % 1009)),
+});
+const roomOf = (room: { walls_m: number[]; orientation: Room["orientation"] }): Room =>
+  ({ wallsM: room.walls_m, wallsSigmaM: Array<number>(6).fill(0), orientation: room.orientation, errorPerM: 0.01 });
+
+test("a reflection map at a place is the same in every client", () => {
+  assert.ok(maps.length > 3);
+  for (const { room, frame, position_m, there } of maps) {
+    const moved = reflectionMapAt(speckled(16), roomOf(room), position_m, frame);
+    const got = moved.faces.flatMap((face) => [...face]);
+    assert.equal(there.length, Math.ceil(got.length / 67));
+    there.forEach((wanted, i) => assert.ok(Math.abs(got[67 * i]! - wanted) < 0.05, `${frame} ${position_m}: ${i}: ${got[67 * i]}, expected ${wanted}`));
+  }
+});
+
+test("a reflection map stays where there is no place, and at the probe", (t) => {
+  const map = speckled(64), room = roomOf(maps[1]!.room);
+  assert.equal(reflectionMapAt(map, room, [0, 0, 0], "WORLD"), map);
+  assert.throws(() => reflectionMapAt(map, room, [NaN, 0, 0], "PROBE"), /in metres/);
+  assert.throws(() => reflectionMapAt({ ...map, orientation: undefined }, room, [1, 0, 0], "WORLD"), /orientation in the WORLD/);
+  const tookMs = Array.from({ length: 30 }, (_, i) => {
+    const startMs = performance.now();
+    reflectionMapAt(map, room, [0.5, 0.01 * i, 0], "PROBE");
+    return performance.now() - startMs;
+  }).sort((a, b) => a - b);
+  t.diagnostic(`a map of 64 texels at a place: ${tookMs[15]!.toFixed(2)} ms (median of 30)`);
 });
 
 test("an estimate at a place: strongest first, shadows by all the light there, the SH as they are", () => {

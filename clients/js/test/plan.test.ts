@@ -5,14 +5,15 @@ import { test } from "node:test";
 import { fromBinary, toBinary } from "@bufbuild/protobuf";
 import type { Page } from "playwright-core";
 import * as pb from "../src/gen/lightprobe_pb.js";
-import type { Vec3 } from "../src/index.js";
-import { cornersOf, halfWidthM, missingInWords, placeInWords, spotOf } from "../web/places.js";
+import { reflectionMapAt, type ReflectionMap, type Vec3 } from "../src/index.js";
+import { Mirrored, cornersOf, halfWidthM, missingInWords, placeInWords, spotOf } from "../web/places.js";
 import { LONG_MS } from "./chromium.js";
 import { redCube } from "./gltf.js";
 import { estimate, lamp } from "./lights.js";
 import { live } from "./live.js";
 
 const session = live();
+const room = { wallsM: [1, 2, 1.2, 1.5, 3, 4], wallsSigmaM: Array<number>(6).fill(0), orientation: [0, 0, 0, 1] as [number, number, number, number], errorPerM: 0.01 };
 
 test("a lamp's sigmas in the plan are those of its place, seen from above", () => {
   const known = (direction: Vec3) => spotOf({ ...lamp(1, direction), distanceM: 2, distanceSigma: 0.1, directionSigmaDeg: 1 })!;
@@ -33,7 +34,6 @@ test("the plan keeps its scale while lamps move a little, and shows the object",
 });
 
 test("the plan shows the walls of the room, whichever of its axes is upright", () => {
-  const room = { wallsM: [1, 2, 1.2, 1.5, 3, 4], wallsSigmaM: Array<number>(6).fill(0), orientation: [0, 0, 0, 1] as [number, number, number, number], errorPerM: 0.01 };
   const near = (found: [number, number][], wanted: [number, number][]): void => {
     const sorted = (list: [number, number][]): number[] => [...list].sort(([a, b], [c, d]) => Math.round(100 * (a - c)) || b - d).flat();
     sorted(found).forEach((x, i) => assert.ok(Math.abs(x - sorted(wanted)[i]!) < 1e-9, `${String(found)}, expected ${String(wanted)}`));
@@ -42,7 +42,21 @@ test("the plan shows the walls of the room, whichever of its axes is upright", (
   near(cornersOf({ ...room, orientation: [0, Math.SQRT1_2, 0, Math.SQRT1_2] }), [[-3, 1], [-3, -2], [4, -2], [4, 1]]);
   near(cornersOf({ ...room, orientation: [Math.SQRT1_2, 0, 0, Math.SQRT1_2] }), [[-1, -1.2], [2, -1.2], [2, 1.5], [-1, 1.5]]);
   assert.equal(halfWidthM([], [0, 0, 0], 1, cornersOf(room)), 5);
-  assert.match(missingInWords({ ...estimate([]), room }), /so ambient light changes with the place, lamps light the object as at the probe\.$/);
+  assert.match(missingInWords({ ...estimate([]), room }), /so ambient light and what is mirrored change with the place, lamps light the object as at the probe\.$/);
+});
+
+test("objects mirror the room from where they stand: made anew for a new map or place, and only where the room is known", () => {
+  const faces = Array.from({ length: 6 }, (_, face) => Float32Array.from({ length: 3 * 16 * 16 }, (_, i) => face + i / 1000));
+  const map: ReflectionMap = { sequence: 1, bootId: 1, captureTimeUnixMs: 0, subscription: 1, kind: "AMBIENT", size: 16, faces, orientation: undefined };
+  const mirrored = new Mirrored(), placeM: Vec3 = [0.5, 0, -1], here = estimate([]), known = { ...here, room };
+  assert.equal(mirrored.at(map, here, placeM), map);
+  const there = mirrored.at(map, known, placeM);
+  assert.deepEqual(there, reflectionMapAt(map, room, placeM, "PROBE"));
+  assert.notDeepEqual(there.faces, map.faces);
+  assert.equal(mirrored.at(map, { ...known, room: { ...room } }, placeM), there);
+  assert.notEqual(mirrored.at({ ...map }, known, placeM), there);
+  assert.deepEqual(mirrored.at(map, known, [0, 0, 0]), map);
+  assert.equal(mirrored.at(map, here, placeM), map);
 });
 
 test("the plan says where the object stands, and what is not known", () => {

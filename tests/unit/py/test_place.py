@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from lightprobe.estimate import (
     SphericalHarmonics,
 )
 from lightprobe.place import light_at
+from lightprobe.reflection_map import ReflectionMap, _between, directions
 from lightprobe.sim.room import Bulb
 from place_vectors import EXPECTED, light_of, vectors
 
@@ -143,21 +145,28 @@ WALLS_M = np.array([2.0, 2.5, 1.2, 1.5, 3.0, 1.0])
 TILT = (0.48, 0.0, 0.64, 0.6)
 
 
-def painted(offset_m, order=4, size=64):
-    """Give the light within a box of painted walls, tilted, as a probe at a place sees it."""
-    w = TILT[3], *TILT[:3]
-    columns, rows = np.arange(2 * size)[None, :], np.arange(size)[:, None]
-    rays = geometry.equirect_direction(columns, rows, 2 * size, size)
-    box = geometry.inverse(w)
+def paint(offset_m, rays):
+    """Give the radiance (…, 3) that a place within a tilted box of painted walls sees."""
+    box = geometry.inverse((TILT[3], *TILT[:3]))
     there = geometry.rotate(box, offset_m)
     rays = geometry.rotate(box, rays)
     walls_m = np.where(rays > 0, WALLS_M[1::2], -WALLS_M[::2])
     hit = there + np.min((walls_m - there) / rays, axis=-1, keepdims=True) * rays
-    paint = np.stack([1 + 0.5 * np.sin(hit @ k) for k in ((1, 0, 1), (0, 1.5, 0.5), (0.5, 1, 0))])
-    image = np.moveaxis(paint, 0, -1) + 2 * (hit[..., 1:2] > WALLS_M[3] - 1e-9)  # a bright ceiling
+    shades = np.stack(
+        [1 + 0.5 * np.sin(hit @ k) for k in ((1, 0, 1), (0, 1.5, 0.5), (0.5, 1, 0))], axis=-1
+    )
+    return shades + 2 * (hit[..., 1:2] > WALLS_M[3] - 1e-9)  # a bright ceiling
+
+
+BOX = Room(WALLS_M, np.full(6, 0.1), np.array(TILT), 0.02)
+
+
+def painted(offset_m, order=4, size=64):
+    """Give the light within that box, as a probe at a place sees it."""
+    columns, rows = np.arange(2 * size)[None, :], np.arange(size)[:, None]
+    image = paint(offset_m, geometry.equirect_direction(columns, rows, 2 * size, size))
     light = SphericalHarmonics("AMBIENT", order, sh.project(image, order))
-    room = Room(WALLS_M, np.full(6, 0.1), np.array(TILT), 0.02)
-    return replace(estimate(), sh=light, room=room)
+    return replace(estimate(), sh=light, room=BOX)
 
 
 @pytest.mark.parametrize(("order", "share"), [(4, 0.25), (2, 0.5)])
@@ -192,6 +201,67 @@ def test_a_known_room_says_how_well_the_ambient_light_is_known():
     assert here.at((0, 0, 2)).relighting_sigma == pytest.approx(np.hypot(0.01, 0.04))
     unknown = replace(here, room=None).at((0, 0, 2))
     assert unknown.relighting_sigma == pytest.approx(np.hypot(0.01, 0.2))
+
+
+def mirrored(offset_m, size=32, turn=(1.0, 0.0, 0.0, 0.0)):
+    """Give the reflection map at a place of that box, of a probe turned by w, x, y, z."""
+    looks = geometry.rotate(turn, directions(size))
+    orientation = np.array([*turn[1:], turn[0]])
+    radiance = np.float32(paint(offset_m, looks))
+    return ReflectionMap(1, 1, 0, 1, "AMBIENT", radiance, orientation)
+
+
+def off(found, wanted):
+    """Give the mean difference of two maps over the mean radiance."""
+    return np.abs(found.radiance - wanted.radiance).mean() / wanted.radiance.mean()
+
+
+@pytest.mark.parametrize("size", [16, 32, 64])
+@pytest.mark.parametrize(
+    "offset_m", [(0.5, 0, 0), (0.2, -0.4, 0.3), (-0.6, 0.1, 0.6), (0.3, -0.8, 0.5)]
+)
+def test_a_mirror_shows_the_room_from_where_it_stands(offset_m, size):
+    here, true = mirrored((0, 0, 0), size), mirrored(offset_m, size)
+    there = here.at(BOX, offset_m, "PROBE")
+    share = off(there, true) / off(here, true)
+    print(f"{np.linalg.norm(offset_m):.1f} m, {size}: {off(here, true):.3f}, {share:.3f} of it")
+    assert share < 0.2
+    assert (there.sequence, there.kind, there.radiance.dtype) == (1, "AMBIENT", np.float32)
+
+
+def test_a_map_of_a_turned_probe_is_moved_in_the_world():
+    turn = geometry.normalize(np.array([0.5, 0.4, -0.7, 0.3]))
+    offset_m = (0.2, -0.4, 0.3)
+    here, true = mirrored((0, 0, 0), turn=turn), mirrored(offset_m, turn=turn)
+    assert off(here.at(BOX, offset_m, "WORLD"), true) < 0.2 * off(here, true)
+    # The same room and place in the axes of the probe give the same map.
+    back = geometry.inverse(turn)
+    axes = geometry.turn_after(back, (TILT[3], *TILT[:3]))
+    room = replace(BOX, orientation=np.array([*axes[1:], axes[0]]))
+    inside = here.at(room, geometry.rotate(back, offset_m), "PROBE")
+    assert inside.radiance == pytest.approx(here.at(BOX, offset_m, "WORLD").radiance, abs=1e-5)
+
+
+def test_where_a_map_cannot_be_moved():
+    here = mirrored((0, 0, 0), 16)
+    assert here.at(BOX, (0, 0, 0), "PROBE") is here
+    assert np.isfinite(here.at(BOX, (40.0, 9.0, -3.0), "PROBE").radiance).all()
+    with pytest.raises(ValueError, match="x, y, z in metres"):
+        here.at(BOX, (np.nan, 0, 0), "PROBE")
+    with pytest.raises(ValueError, match="orientation in the WORLD"):
+        replace(here, orientation=None).at(BOX, (0.5, 0, 0), "WORLD")
+
+
+def test_a_map_has_no_seams():
+    """Where nothing moves, each texel is found again; between texels nothing jumps."""
+    here, far = mirrored((0, 0, 0), 16), replace(BOX, walls_m=np.full(6, 1e6))
+    still = here.at(far, (0.5, 0, 0), "PROBE")
+    assert still.radiance == pytest.approx(here.radiance, rel=1e-3)
+    edge = np.array([[1, 1, k] for k in np.linspace(-1, 1, 401)])
+    for axis, signs in product(range(3), product((1, -1), repeat=3)):
+        line, beside = signs * np.roll(edge, axis + 1, axis=1), 1e-9 * np.eye(3)[(axis + 1) % 3]
+        one, other = (_between(here.radiance, line + way * beside) for way in (1, -1))
+        assert one == pytest.approx(other, abs=1e-6)
 
 
 def test_the_golden_vectors_are_as_ever():
