@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 #: Relative change of the ambient light with every metre from the probe where the room is not known,
 #: 1 sigma (docs/users/places.md, second row of the table).
 AMBIENT_CHANGE_PER_M = 0.1
+#: Relative change of a lamp's light with the angle at which it leaves the lamp, 1 sigma for each
+#: radian: that of a flat panel (Lambert's cosine, tan 27 degrees); a globe's is 0.
+EMISSION_CHANGE_PER_RAD = 0.5
 _UP = np.array([0.0, 1.0, 0.0])
 
 
@@ -54,8 +57,16 @@ def light_at(light: Light, position_m: ArrayLike) -> Light:
     relative = light.distance_sigma
     distance_sigma_m = None if relative is None else relative * light.distance_m
     turned = None if distance_sigma_m is None else distance_sigma_m * across / from_there_m
-    # irradiance goes with (D / |D d - p|)^2: its relative derivative by D
-    scaled = None if relative is None else 2 * relative * abs(1 - nearer * along)
+    # irradiance goes with (D / |D d - p|)^2: its relative derivative by D; and a lamp shines there
+    # with another side
+    scaled = (
+        None
+        if relative is None
+        else math.hypot(
+            2 * relative * abs(1 - nearer * along),
+            EMISSION_CHANGE_PER_RAD * math.acos(min(1.0, max(-1.0, along))),
+        )
+    )
     return replace(
         light,
         direction=direction,

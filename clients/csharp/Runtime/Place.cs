@@ -13,6 +13,9 @@ namespace Lightprobe
     {
         private const double Deg = Math.PI / 180;
 
+        /// <summary>Relative change of a lamp's light with the angle at which it leaves the lamp, 1 sigma for each radian.</summary>
+        private const double EmissionChangePerRad = 0.5;
+
         /// <summary>A lamp as it is seen from a place. The lamp itself stays as it is.</summary>
         /// <param name="lamp">A lamp of an estimate.</param>
         /// <param name="x">Metres from the probe, axes of the estimate's frame (right-handed, as on the wire).</param>
@@ -42,7 +45,9 @@ namespace Lightprobe
             there.DistanceM = (float)fromThereM;
             there.DistanceSigmaPermille = Permille(relative * nearer * Math.Abs(along));
             there.DirectionSigmaDeg = (float?)Both(lamp.DirectionSigmaDeg * nearer, relative * nearer * across / Math.Sqrt(2) / Deg);
-            there.IrradianceSigmaPermille = Permille(Both(lamp.IrradianceSigmaPermille / 1000.0, 2 * relative * Math.Abs(1 - nearer * along)));
+            there.IrradianceSigmaPermille = Permille(Both(
+                lamp.IrradianceSigmaPermille / 1000.0,
+                Both(2 * relative * Math.Abs(1 - nearer * along), EmissionChangePerRad * Math.Acos(Math.Max(-1, Math.Min(1, along))))));
             for (int i = 0; i < there.HalfAngleDeg.Count; i++)
                 there.HalfAngleDeg[i] = (float)(Math.Atan(nearer * Math.Tan(Math.Min(lamp.HalfAngleDeg[i], 89) * Deg)) / Deg);
             if (there.Axis.Count == 3) TurnAcross(there.Axis, there.Direction);

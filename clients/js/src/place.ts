@@ -7,6 +7,8 @@ import { irradiance, luminance, type Estimate, type Light, type Vec3 } from "./e
 import { movedSh, roomAt } from "./room.js";
 
 const DEG = Math.PI / 180;
+/** Relative change of a lamp's light with the angle at which it leaves the lamp, 1 sigma for each radian. */
+const EMISSION_CHANGE_PER_RAD = 0.5;
 
 const dot = (a: Vec3, b: Vec3): number => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const scaled = (a: Vec3, by: number): Vec3 => [a[0] * by, a[1] * by, a[2] * by];
@@ -37,7 +39,12 @@ export function lightAt(light: Light, positionM: Vec3): Light {
       light.directionSigmaDeg === undefined ? undefined : light.directionSigmaDeg * nearer,
       relative === undefined ? undefined : (relative * nearer * across) / Math.SQRT2 / DEG,
     ),
-    irradianceSigma: both(light.irradianceSigma, relative === undefined ? undefined : 2 * relative * Math.abs(1 - nearer * along)),
+    irradianceSigma: both(
+      light.irradianceSigma,
+      relative === undefined
+        ? undefined
+        : Math.hypot(2 * relative * Math.abs(1 - nearer * along), EMISSION_CHANGE_PER_RAD * Math.acos(Math.max(-1, Math.min(1, along)))),
+    ),
     halfAngleDeg: light.halfAngleDeg && [halfAngle(light.halfAngleDeg[0], nearer), halfAngle(light.halfAngleDeg[1], nearer)],
     axis: light.axis && acrossOf(light.axis, direction),
   };
