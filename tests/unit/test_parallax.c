@@ -24,6 +24,8 @@ struct story {
 	double seconds;
 	double moved_s; /* then the lamp is elsewhere; 0: never */
 	bool mirrored;	/* what the app tells of x */
+	/* The edge of a board that hides what is to the left of it; z 0: there is none. */
+	double board_m[3];
 };
 
 static const struct story head = {.lamp_m = {0.8, 1.0, -2.0},
@@ -43,26 +45,74 @@ static void true_pose(const struct story *story, double t_s, struct lp_probe_pos
 	pose->position_m[2] = story->reach_m * sin(1.7 * t_s + 2.0);
 }
 
+#define LAMP_RADIUS_RAD 0.05
+#define STRIPS 200
+
+/* What a board with an upright edge leaves of the lamp, a disc: its share, and how far (radii) its
+ * middle lies to the right. `edge`: where the board ends, in radii to the right of the middle. */
+static double left_of_lamp(double edge, double *middle)
+{
+	double share = 0.0, moment = 0.0;
+
+	for (int k = 0; k < STRIPS; k++) {
+		const double x = 2.0 * (k + 0.5) / STRIPS - 1.0;
+		const double area = x > edge ? 4.0 / M_PI / STRIPS * sqrt(1.0 - x * x) : 0.0;
+
+		share += area;
+		moment += area * x;
+	}
+	*middle = share > 0.0 ? moment / share : 0.0;
+	return share;
+}
+
+/* The lamp as it is seen past the board; false: it is hidden. In the world: `here_m` to the lamp.
+ */
+static bool see_past(const struct story *story, const double here_m[3], double toward[3],
+		     struct lp_parallax_sighting *sighting)
+{
+	const double far_m = sqrt(toward[0] * toward[0] + toward[2] * toward[2]);
+	double middle = 0.0, share = 1.0;
+
+	if (story->board_m[2] < 0.0) {
+		const double edge =
+			atan2(story->board_m[0] - here_m[0], here_m[2] - story->board_m[2]);
+		const double lamp = atan2(toward[0], -toward[2]);
+
+		share = left_of_lamp((edge - lamp) / LAMP_RADIUS_RAD, &middle);
+	}
+	const double right[2] = {-toward[2], toward[0]}; /* level, as long as the way */
+
+	toward[0] += middle * LAMP_RADIUS_RAD * right[0];
+	toward[2] += middle * LAMP_RADIUS_RAD * right[1];
+	sighting->irradiance = (float)(share / (far_m * far_m));
+	sighting->radius_rad = LAMP_RADIUS_RAD;
+	return share > 0.02;
+}
+
 static void see(struct lp_parallax *p, const struct story *story, double t_s,
 		const struct lp_probe_pose *told, double sigma_rad)
 {
 	struct lp_probe_pose here;
 	double toward[3], own[3], length = 0.0;
-	float direction[3];
+	struct lp_parallax_sighting sighting = {.sigma_rad = (float)sigma_rad};
 
 	true_pose(story, t_s, &here);
 	const bool moved = story->moved_s > 0.0 && t_s > story->moved_s;
 
 	for (int a = 0; a < 3; a++) {
 		toward[a] = story->lamp_m[a] * (moved ? 0.7 : 1.0) - here.position_m[a];
-		length += toward[a] * toward[a];
 	}
+	if (!see_past(story, here.position_m, toward, &sighting))
+		return;
+	for (int a = 0; a < 3; a++)
+		length += toward[a] * toward[a];
 	const struct lp_rotation back = lp_rotation_inverse(&here.rotation);
 
 	lp_rotate(&back, toward, own); /* the camera's frame is the anchor frame */
 	for (int a = 0; a < 3; a++)
-		direction[a] = (float)(own[a] / sqrt(length) + sigma_rad * random_normal());
-	lp_parallax_see(p, told, direction, (float)sigma_rad);
+		sighting.direction[a] =
+			(float)(own[a] / sqrt(length) + sigma_rad * random_normal());
+	lp_parallax_see(p, told, &sighting);
 }
 
 /* The app's pose of that time: late, and off by errors that last. */
@@ -172,6 +222,33 @@ static void test_its_sigma_is_true(void **state)
 	covers(&late, 0.10);
 }
 
+/* A board before the lamp: the middle of what is left of it moves as a nearer lamp would, or one
+ * further away. */
+static void test_a_lamp_that_is_hidden_in_part(void **state)
+{
+	struct story hidden = head;
+
+	(void)state;
+	hidden.board_m[2] = -1.0;
+	for (int k = 0; k < 10; k++) { /* hides more and more of the way */
+		int within_3 = 0, count = 0;
+
+		hidden.board_m[0] = 0.30 + 0.02 * k;
+		for (int trial = 0; trial < 40; trial++) {
+			struct lp_parallax p = {0};
+			const double true_m = live(&hidden, &p);
+			const struct lp_lamp_distance found = lp_parallax_distance(&p);
+
+			if (isnan(found.distance_m))
+				continue;
+			within_3 += fabs(found.distance_m - true_m) <
+				    3.0 * found.sigma * found.distance_m;
+			count++;
+		}
+		assert_true(within_3 >= 0.95 * count);
+	}
+}
+
 static void test_a_head_that_only_turns_knows_nothing(void **state)
 {
 	struct lp_parallax p = {0};
@@ -252,7 +329,8 @@ static void test_nonsense_is_survived(void **state)
 					     .rotation = lp_rotation_identity(),
 					     .sigma_rad = 1e-3,
 					     .sigma_m = 1e-3};
-		float direction[3], square = 0.0F;
+		struct lp_parallax_sighting sighting = {.sigma_rad = 1e-4F};
+		float *direction = sighting.direction, square = 0.0F;
 
 		for (int a = 0; a < 3; a++) {
 			pose.position_m[a] = 1e6 * random_normal();
@@ -261,7 +339,9 @@ static void test_nonsense_is_survived(void **state)
 		}
 		for (int a = 0; a < 3; a++)
 			direction[a] /= sqrtf(square);
-		lp_parallax_see(&p, &pose, direction, 1e-4F);
+		sighting.irradiance = (float)exp(20.0 * random_normal());
+		sighting.radius_rad = 0.1F;
+		lp_parallax_see(&p, &pose, &sighting);
 		const struct lp_lamp_distance found = lp_parallax_distance(&p);
 
 		assert_true(isnan(found.distance_m) || found.sigma > 0.0F);
@@ -308,6 +388,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_a_head_that_moves_tells_the_distance),
 		cmocka_unit_test(test_its_sigma_is_true),
+		cmocka_unit_test(test_a_lamp_that_is_hidden_in_part),
 		cmocka_unit_test(test_a_head_that_only_turns_knows_nothing),
 		cmocka_unit_test(test_a_far_lamp_has_a_least_distance),
 		cmocka_unit_test(test_a_lamp_that_is_carried_away),

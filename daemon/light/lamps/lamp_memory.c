@@ -197,6 +197,20 @@ static void age(struct lp_lamp_memory *memory, struct lp_remembered_lamp *m, flo
 	lp_existence_update(&m->existence, &memory->clutter, m->seen, elapsed_s);
 }
 
+/* By its pixels. How strong a lamp is that clips they do not tell. */
+static void see_from(struct lp_parallax *parallax, const struct lp_probe_pose *pose,
+		     const struct lp_lamp *pixels)
+{
+	const bool clips = pixels->flags & LP_LIGHT_CLIPPED;
+	struct lp_parallax_sighting sighting = {
+		.sigma_rad = pixels->direction_sigma_deg * RAD,
+		.irradiance = clips ? 0.0F : pixels->irradiance[LP_LUMINANCE],
+		.radius_rad = sqrtf(pixels->solid_angle_sr / (float)M_PI)};
+
+	memcpy(sighting.direction, pixels->direction, sizeof(sighting.direction));
+	lp_parallax_see(parallax, pose, &sighting);
+}
+
 void lp_lamp_memory_update(struct lp_lamp_memory *memory, const struct lp_lamp_sighting *sightings,
 			   int count, const struct lp_memory_times *times)
 {
@@ -220,8 +234,7 @@ void lp_lamp_memory_update(struct lp_lamp_memory *memory, const struct lp_lamp_s
 			lp_existence_prove(&m->existence);
 		lp_lamp_follow(m, &sightings[k], times);
 		if (times->pose && sightings[k].refined)
-			lp_parallax_see(&m->parallax, times->pose, sightings[k].pixels.direction,
-					sightings[k].pixels.direction_sigma_deg * RAD);
+			see_from(&m->parallax, times->pose, &sightings[k].pixels);
 	}
 	drop_pieces(memory);
 	for (int p = 0; p < LP_MAX_LAMPS; p++)

@@ -33,6 +33,9 @@ enum { ALONG, ACROSS, INVERSE, LATE, SIZE };
 #define MISS_SIGMAS 5.0
 /* After so many in a row no distance is stated. */
 #define SEVERAL_MISSES 2
+/* A lamp that seems weaker by so much, relative, may be so by noise; by more, it is hidden in part.
+ */
+#define STRENGTH_NOISE 0.03
 /* An inverse distance so many sigmas below 0: no lamp is there. */
 #define BEYOND_SIGMAS 4.0
 
@@ -89,6 +92,8 @@ static void join(struct lp_parallax_node *node, const struct lp_parallax_node *o
 	}
 	MEAN(t_s);
 	MEAN(variance);
+	MEAN(irradiance);
+	MEAN(radius_rad);
 	MEAN(pose_variance_rad2);
 	MEAN(pose_variance_m2);
 #undef MEAN
@@ -142,6 +147,7 @@ struct equation {
 	double residual[2];
 	double slope[2][SIZE];
 	double pose[2][ERRORS]; /* by 1 sigma of each error of its pose */
+	double variance;	/* rad^2, of what was seen, apart from the pose */
 	double weight;		/* inverse variance of each residual */
 };
 
@@ -149,6 +155,8 @@ struct fit {
 	struct lp_parallax_fit found;
 	double prior[SIZE]; /* inverse variance of each parameter about 0 */
 	double normal[SIZE][SIZE], right[SIZE];
+	double strongest; /* irradiance at the distance of here_m, of all nodes */
+	double hidden;	  /* share of the lamp, root mean square of all nodes */
 	int outliers;
 	double misfit; /* sum of squares, in sigmas; of outliers no more than at their limit */
 };
@@ -163,6 +171,44 @@ static bool look(const struct fit *fit, const struct lp_parallax_node *node, dou
 			    fit->found.inverse_per_m * (node->position_m[a] - fit->found.here_m[a]);
 	*depth = dot(node->direction, toward);
 	return *depth > 0.1;
+}
+
+/* As strong as it would be at the distance of here_m. */
+static double strength(const struct lp_parallax_node *node, const double toward[3])
+{
+	return node->irradiance * dot(toward, toward);
+}
+
+/* Share of the lamp that is hidden, against where it is seen best. */
+static double hidden_share(const struct fit *fit, double strength)
+{
+	const bool known = fit->strongest > 0.0 && strength > 0.0;
+
+	return known ? fmax(1.0 - strength / fit->strongest - STRENGTH_NOISE, 0.0) : 0.0;
+}
+
+static void find_hidden(struct fit *fit, const struct lp_parallax *p)
+{
+	double strengths[LP_PARALLAX_NODES] = {0.0}, toward[3], depth;
+	double square = 0.0;
+
+	fit->strongest = fit->hidden = 0.0;
+	for (int k = 0; k < p->count; k++) {
+		if (look(fit, &p->nodes[k], toward, &depth))
+			strengths[k] = strength(&p->nodes[k], toward);
+		fit->strongest = fmax(fit->strongest, strengths[k]);
+	}
+	for (int k = 0; k < p->count; k++)
+		square += hidden_share(fit, strengths[k]) * hidden_share(fit, strengths[k]);
+	fit->hidden = sqrt(square / fmax(p->count, 1.0));
+}
+
+/* How far the middle of what is seen may lie from the lamp's. Where a part is hidden from some
+ * places, one may be hidden from those, too, from which it is seen best. */
+static double hidden_rad(const struct fit *fit, const struct lp_parallax_node *node,
+			 const double toward[3])
+{
+	return node->radius_rad * fmax(hidden_share(fit, strength(node, toward)), fit->hidden);
 }
 
 static bool equation_of(const struct fit *fit, const struct lp_parallax_node *node,
@@ -198,7 +244,10 @@ static bool equation_of(const struct fit *fit, const struct lp_parallax_node *no
 			e->pose[i][3 + a] = sigma_m * nearness * basis[i][a];
 		}
 	}
-	e->weight = 1.0 / (node->variance + node->pose_variance_rad2 +
+	const double aside_rad = hidden_rad(fit, node, toward);
+
+	e->variance = node->variance + aside_rad * aside_rad;
+	e->weight = 1.0 / (e->variance + node->pose_variance_rad2 +
 			   nearness * nearness * node->pose_variance_m2);
 	return true;
 }
@@ -234,6 +283,7 @@ static bool sum_up(struct fit *fit, const struct lp_parallax *p)
 	memset(fit->right, 0, sizeof(fit->right));
 	fit->outliers = 0;
 	fit->misfit = 0.0;
+	find_hidden(fit, p);
 	for (int a = 0; a < SIZE; a++)
 		fit->normal[a][a] = fit->prior[a];
 	fit->right[INVERSE] = -fit->prior[INVERSE] * fit->found.inverse_per_m;
@@ -288,7 +338,7 @@ static double variance_of(const struct fit *fit, const struct lp_parallax *p, co
 
 			for (int a = 0; a < SIZE; a++)
 				by += gain[a] * e.weight * e.slope[i][a];
-			variance += by * by * node->variance;
+			variance += by * by * e.variance;
 			for (int a = 0; a < ERRORS; a++)
 				now[a] += by * e.pose[i][a];
 		}
@@ -336,11 +386,12 @@ static bool solve(struct lp_parallax *p, const struct lp_probe_pose *pose,
 /* Whether what is known explains a sighting; unknown explains everything. */
 static bool explains(const struct lp_parallax *p, const struct lp_parallax_node *seen)
 {
-	const struct fit fit = {.found = p->fit};
+	struct fit fit = {.found = p->fit};
 	struct equation e;
 
 	if (p->count < LEAST_NODES || !(p->sigma_per_m > 0.0))
 		return true;
+	find_hidden(&fit, p);
 	return equation_of(&fit, seen, &e) && off(&e) < MISS_SIGMAS;
 }
 
@@ -355,12 +406,16 @@ static void begin_again(struct lp_parallax *p, const struct lp_parallax_node *se
 }
 
 void lp_parallax_see(struct lp_parallax *p, const struct lp_probe_pose *pose,
-		     const float direction[3], float sigma_rad)
+		     const struct lp_parallax_sighting *sighting)
 {
-	const double in_anchor[3] = {direction[0], direction[1], direction[2]};
+	const double in_anchor[3] = {sighting->direction[0], sighting->direction[1],
+				     sighting->direction[2]};
 	struct lp_parallax_node seen = {.t_s = (double)pose->t_ns / 1e9,
 					.count = 1.0,
-					.variance = (double)sigma_rad * sigma_rad,
+					.variance =
+						(double)sighting->sigma_rad * sighting->sigma_rad,
+					.irradiance = sighting->irradiance,
+					.radius_rad = sighting->radius_rad,
 					.pose_variance_rad2 = pose->sigma_rad * pose->sigma_rad,
 					.pose_variance_m2 = pose->sigma_m * pose->sigma_m};
 

@@ -34,6 +34,7 @@ struct lp_parallax_node {
 	double t_s, count;
 	double direction[3], position_m[3]; /* world; a unit vector */
 	double variance;		    /* rad^2, of the direction in the picture */
+	double irradiance, radius_rad;	    /* of what is seen of the lamp; 0: not known */
 	double pose_variance_rad2, pose_variance_m2;
 	double rate_rad_s[3], velocity_m_s[3];
 };
@@ -57,10 +58,19 @@ struct lp_parallax {
 	double doubt, t_doubt_s;
 };
 
-/* The lamp is seen by `pose` in this direction (anchor frame; 1 sigma in the picture). A lamp that
- * no single place explains has moved: what was known of it is forgotten. */
+/* A lamp in a picture. */
+struct lp_parallax_sighting {
+	float direction[3]; /* anchor frame */
+	float sigma_rad;    /* 1 sigma of it */
+	/* Luminance, at normal incidence; angular radius. 0: not known, as of one that clips. Of a
+	 * lamp that is weaker than from elsewhere a part is hidden: its middle lies aside. */
+	float irradiance, radius_rad;
+};
+
+/* The lamp is seen by `pose`. A lamp that no single place explains has moved: what was known of it
+ * is forgotten. */
 void lp_parallax_see(struct lp_parallax *parallax, const struct lp_probe_pose *pose,
-		     const float direction[3], float sigma_rad);
+		     const struct lp_parallax_sighting *sighting);
 
 /* Turns the direction (a unit vector) of a lamp that is 1 / inverse_per_m away into that after the
  * probe has gone by `way_m`, same frame. Returns the old distance over the new one. */

@@ -18,7 +18,7 @@ from lightprobe.estimate import (
     Room,
     SphericalHarmonics,
 )
-from lightprobe.place import light_at
+from lightprobe.place import EMISSION_CHANGE_PER_RAD, light_at
 from lightprobe.reflection_map import ReflectionMap, _between, directions
 from lightprobe.sim.room import Bulb
 from place_vectors import EXPECTED, light_of, vectors
@@ -79,7 +79,26 @@ def test_sigmas_hold_what_an_uncertain_distance_moves(offset_m):
         stated.direction_sigma_deg, rel=0.25
     )
     spread = (np.percentile(lit, 84) - np.percentile(lit, 16)) / 2
-    assert spread == pytest.approx(stated.irradiance_sigma[0] / true.irradiance[0], rel=0.25)
+    aside = np.radians(geometry.angle_deg(true.direction, seen(bulb).direction))
+    both = np.hypot(spread, EMISSION_CHANGE_PER_RAD * aside)
+    assert both == pytest.approx(stated.irradiance_sigma[0] / true.irradiance[0], rel=0.1)
+
+
+@pytest.mark.parametrize("beside_m", [0.3, 0.5, 1.0])
+def test_a_flat_panel_shines_within_the_sigma(beside_m):
+    """Under a ceiling: as strong to each side as the cosine of its angle (Lambert)."""
+    off = []
+    for turn in np.arange(8) * np.pi / 4:
+        panel_m = np.array([0.9, 1.2, 0.0])
+        place_m = beside_m * np.array([np.cos(turn), 0.1, np.sin(turn)])
+        light = seen(Bulb(tuple(panel_m), 0.05, (30.0, 20.0, 10.0)), distance_sigma=0.01,
+                     irradiance_sigma=np.full(3, 1e-3))  # fmt: skip
+        stated = light_at(light, place_m)
+        down = [v[1] / np.linalg.norm(v) for v in (panel_m, panel_m - place_m)]
+        true = stated.irradiance[0] * down[1] / down[0]
+        off.append(abs(stated.irradiance[0] - true) / stated.irradiance_sigma[0])
+    assert max(off) < 3
+    assert 0.2 < np.sqrt(np.mean(np.square(off))) < 1.5
 
 
 def test_what_is_not_known_says_so():
