@@ -9,9 +9,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from lightprobe import bundle, geometry
+from lightprobe import sh as harmonics
+from lightprobe.box_fit import BoxFit, Seen
 from lightprobe.estimate import Estimate, Light
 from lightprobe.geometry import Array
-from lightprobe.matching import View, match, own_sigma_deg
+from lightprobe.matching import View, match, own_sigma_deg, scale_of
 
 _SIGMAS = 3.0  # a distance is known when its inverse is so many sigmas from 0
 
@@ -46,6 +48,7 @@ class Joined:
     turns_wxyz: tuple[Array, ...]  # of each station, its frame to the room's
     yaw_sigma_deg: tuple[float, ...]
     contradicts: bool  # lamps that seem the same do not fit any places and turns
+    shared: tuple[frozenset[int], ...]  # of each station: ids of its lamps that have places
 
 
 #: Of a lamp that several stations see: index of the station, and of the lamp in its estimate.
@@ -82,7 +85,8 @@ def join(stations: Sequence[Station], base: Estimate, others: Sequence[Estimate 
         seen, _ = _matched(views)
     if not seen:
         return Joined(base, tuple(one.turn_wxyz for one in stations),
-                      tuple(one.yaw_sigma_deg for one in stations), False)  # fmt: skip
+                      tuple(one.yaw_sigma_deg for one in stations), False,
+                      tuple(frozenset[int]() for _ in stations))  # fmt: skip
     found = _fit(stations, estimates, seen, roughly.turns_rad[:, 1])
     lights = list(base.lights)
     for k, one in enumerate(seen if found.agrees else []):
@@ -90,10 +94,55 @@ def join(stations: Sequence[Station], base: Estimate, others: Sequence[Estimate 
             lights[one[0][1]], float(found.inverse_per_m[k]), float(found.inverse_sigma_per_m[k])
         )
     yaw_sigma_deg = tuple(np.degrees(found.turn_sigma_rad[:, 1]).tolist())
+    pairs = [pair for one in seen for pair in one] if found.agrees else []
+    shared = tuple(
+        frozenset(estimates[k].lights[i].id for k, i in pairs if k == station)  # type: ignore[union-attr]
+        for station in range(len(stations))
+    )
     return Joined(
         replace(base, lights=tuple(lights)), _turns(stations, found), yaw_sigma_deg,
-        not found.agrees,
+        not found.agrees, shared,
     )  # fmt: skip
+
+
+def with_room(
+    stations: Sequence[Station], joined: Joined, others: Sequence[Estimate | None], search: BoxFit
+) -> Joined:
+    """Give the same with the room around the first station, as far as their ambient light tells.
+
+    Lamps that have no places count as ambient light: they are in the SH of all stations then. A
+    station whose lamps contradict, or whose SH are not AMBIENT of order 4, does not count.
+    """
+    base = joined.estimate
+    views = [
+        _ambient(base, estimate, turn, ids, station)
+        for estimate, turn, ids, station in zip(
+            (base, *others), joined.turns_wxyz, joined.shared, stations, strict=True
+        )
+        if estimate is not None and estimate.sh.kind == "AMBIENT" and estimate.sh.order == 4
+    ]
+    if joined.contradicts or base.room is not None or not any(joined.shared):
+        return joined
+    room = search.look(views)
+    if room is None:
+        return joined
+    x, y, z, w = room.orientation
+    w, x, y, z = geometry.turn_after(geometry.inverse(joined.turns_wxyz[0]), (w, x, y, z))
+    turned = replace(room, orientation=np.array([x, y, z, w]))
+    return replace(joined, estimate=replace(base, room=turned))
+
+
+def _ambient(
+    base: Estimate, estimate: Estimate, turn_wxyz: Array, shared: frozenset[int], station: Station
+) -> Seen:
+    """Give what a station sees beside the lamps that have places: frame of the room, base's unit."""
+    coefficients = estimate.sh.coefficients.copy()
+    for light in estimate.beside_sh:
+        if light.id not in shared:
+            coefficients += harmonics.lamp(light.direction, 4)[:, None] * light.irradiance
+    turned = harmonics.rotate(coefficients, turn_wxyz)
+    ratio_ln, variance = scale_of(base, estimate)
+    return Seen(math.exp(-ratio_ln) * turned, station.place_m, math.sqrt(variance))
 
 
 def _turns(stations: Sequence[Station], fit: bundle.Fit) -> tuple[Array, ...]:

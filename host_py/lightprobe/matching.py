@@ -165,7 +165,7 @@ def _disagreements(first: View, second: View, yaws_rad: Array) -> Array:
         sigma_b**2 + (sigma_a * sine_b / sine_a) ** 2 + (place_sigma_m * inverse_b_per_m) ** 2
     )
     behind = np.minimum(apart, 0) ** 2 / (sigma_a**2 + sigma_b**2)
-    scale_ln, scale_variance = _scale(first.estimate, second.estimate)
+    scale_ln, scale_variance = scale_of(first.estimate, second.estimate)
     ratio_ln, hue, variance = _strengths(first.estimate.lights, second.estimate.lights)
     expected_ln = scale_ln + 2 * np.log(sine_b / sine_a)
     variance = variance + scale_variance
@@ -206,7 +206,7 @@ def _without_partner(view: View, across_m: Array, paired: set[int]) -> set[int]:
     return found
 
 
-def _scale(base: Estimate, other: Estimate) -> tuple[float, float]:
+def scale_of(base: Estimate, other: Estimate) -> tuple[float, float]:
     """Logarithm of the other's unit of light over the first's, and its variance.
 
     Where one is not calibrated, both are taken to be in equally bright places, within a factor.

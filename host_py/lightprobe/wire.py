@@ -6,6 +6,7 @@ no sense raises :class:`WireError`, and the connection it came from is not worth
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from numbers import Integral, Real
@@ -415,6 +416,14 @@ def _estimate(m: pb.Estimate) -> Estimate:
         scale_sigma=(m.scale_sigma_permille / 1000 if m.HasField("scale_sigma_permille") else None),
         room=_room(m.room) if m.HasField("room") else None,
     )
+
+
+def fill_room(m: pb.Room, room: Room) -> None:
+    """Write a room into a message."""
+    m.walls_m.extend(room.walls_m.tolist())
+    m.walls_sigma_m.extend(room.walls_sigma_m.tolist())
+    m.orientation.extend(room.orientation.tolist())
+    m.error_permille_per_m = math.ceil(1000 * room.error_per_m)
 
 
 def _room(m: pb.Room) -> Room:

@@ -303,7 +303,7 @@ def ambient_table(some: Sequence[Moving]) -> str:
 def main() -> None:
     """Print the tables, or write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rooms", type=int, default=6, help="rooms and paths (6)")
+    parser.add_argument("--rooms", type=int, default=3, help="rooms and paths (3)")
     parser.add_argument("--tellers", type=recording.listed(tuple(ORIENTATIONS), "teller"),
                         default=TELLERS, help="what apps send, by comma")  # fmt: skip
     parser.add_argument("--reach", type=float, default=0.25, help="metres to each side (0.25)")

@@ -12,9 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 from lightprobe import geometry, sh
+from lightprobe.box_fit import BoxFit
 from lightprobe.colour import luminance
 from lightprobe.estimate import Estimate, EstimateFlag, Light, SphericalHarmonics
-from lightprobe.field import Station, join
+from lightprobe.field import Station, join, with_room
 from lightprobe.geometry import Array
 from lightprobe.sim.room import Room
 from page import ROOT, put
@@ -25,16 +26,16 @@ DISTANCES_M = (0.3, 0.5, 1.0)
 NOISES = ((0.3, 0.1, 0.005), (3.0, 0.5, 0.01), (10.0, 1.0, 0.02))
 _DIRECTION_DEG = 0.05  # of a lamp, as a live probe states it
 _NORMALS = geometry.sphere_normals(2)
-_SIZE = (256, 128)
+_SIZE, _ORDER = (256, 128), 4
 
 
 def ambient(room: Room) -> SphericalHarmonics:
     """Give the room's SH without the discs of its lamps."""
     whole = room.render(*_SIZE).compose(np.ones(len(room.bulbs))).astype(np.float64)
-    total = sh.project(whole, 2)
+    total = sh.project(whole, _ORDER)
     for lamp in room.lamps:
-        total -= sh.lamp(lamp.direction, 2)[:, None] * lamp.irradiance
-    return SphericalHarmonics("AMBIENT", 2, total)
+        total -= sh.lamp(lamp.direction, _ORDER)[:, None] * lamp.irradiance
+    return SphericalHarmonics("AMBIENT", _ORDER, total)
 
 
 def lamps(room: Room) -> tuple[Light, ...]:
@@ -54,16 +55,34 @@ def estimate(room: Room) -> Estimate:
     )  # fmt: skip
 
 
-def seen_by(station: Station, room: Room, rng: np.random.Generator) -> tuple[Light, ...]:
-    """Give what a probe lists that stands, and is turned, otherwise than said, by its sigmas."""
+def _stands(station: Station, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Where a probe is (m), and how it turns the room's frame: otherwise than said, by its sigmas."""
     true_m = station.place_m + station.place_sigma_m * rng.normal(size=3)
     turned_rad = station.turn_sigma_rad * rng.normal(size=3)
     turn = geometry.quaternion(turned_rad, np.degrees(np.linalg.norm(turned_rad)))
-    own = geometry.turn_after(geometry.inverse(station.turn_wxyz), turn)
+    return true_m, geometry.turn_after(geometry.inverse(station.turn_wxyz), turn)
+
+
+def _listed(room: Room, own: Array, rng: np.random.Generator) -> tuple[Light, ...]:
     return tuple(
         replace(light, direction=_off(geometry.rotate(own, light.direction), rng))
-        for light in lamps(room.seen_from(tuple(true_m.tolist())))
+        for light in lamps(room)
     )
+
+
+def seen_by(station: Station, room: Room, rng: np.random.Generator) -> tuple[Light, ...]:
+    """Give what a probe lists that stands, and is turned, otherwise than said, by its sigmas."""
+    true_m, own = _stands(station, rng)
+    return _listed(room.seen_from(tuple(true_m.tolist())), own, rng)
+
+
+def sight_of(station: Station, room: Room, rng: np.random.Generator) -> Estimate:
+    """Give all light that such a probe sees."""
+    true_m, own = _stands(station, rng)
+    there = room.seen_from(tuple(true_m.tolist()))
+    exact = estimate(there)
+    turned = replace(exact.sh, coefficients=sh.rotate(exact.sh.coefficients, own))
+    return replace(exact, sh=turned, lights=_listed(there, own, rng))
 
 
 def placed(
@@ -75,12 +94,12 @@ def placed(
     stations = [Station("a", np.zeros(3), 0.0, 0.0, yaw_deg, level_deg),
                 Station("b", second_m, 0.0, place_m, yaw_deg, level_deg)]  # fmt: skip
     exact = estimate(room)
-    base, other = (replace(exact, lights=seen_by(station, room, rng)) for station in stations)
-    found = join(stations, base, [other]).estimate.lights
+    base, other = (sight_of(station, room, rng) for station in stations)
+    found = with_room(stations, join(stations, base, [other]), [other], BoxFit()).estimate
     names = ("distance_m", "distance_sigma", "nearest_m")
-    return replace(exact, lights=tuple(
+    return replace(exact, room=found.room, lights=tuple(
         replace(light, **{name: getattr(one, name) for name in names})
-        for light, one in zip(exact.lights, found, strict=True)
+        for light, one in zip(exact.lights, found.lights, strict=True)
     ))  # fmt: skip
 
 
@@ -139,7 +158,7 @@ def _placing(room: Room, trials: list[Estimate]) -> tuple[str, str, str, str]:
 
 def table(places: int, trials: int) -> str:
     """Measure: Markdown, of the light and of the places themselves."""
-    room, rng = Room(), np.random.default_rng(1)
+    room, rng = Room(pictures=1), np.random.default_rng(1)
     here = estimate(room)
     there = [
         [(p, estimate(room.seen_from(tuple(p.tolist())))) for p in offsets(room, d, places, rng)]
@@ -167,9 +186,12 @@ def table(places: int, trials: int) -> str:
         words = f"yaw {noise[0]:g}°, level {noise[1]:g}°, {1000 * noise[2]:.0f} mm"
         found = [placed(room, 1.0, noise, rng) for _ in range(trials)]
         moved = [[(one.at(p), true) for one in found for p, true in at] for at in there]
+        ambients = [[(replace(e, lights=t.lights), t) for e, t in at] for at in moved]
         lines += [
             _row(f"two probes, {words}: error",
                  [[relighting_error(*m) for m in at] for at in moved], ".3f"),
+            _row(f"two probes, {words}: ambient light alone: error",
+                 [[relighting_error(*m) for m in at] for at in ambients], ".3f"),
             _row(f"two probes, {words}: shadows turned by, degrees",
                  [[shadow_deg(*m) for m in at] for at in moved], ".2f"),
         ]  # fmt: skip

@@ -16,13 +16,14 @@ from lightprobe_proto import lightprobe_pb2 as pb
 
 from lightprobe import __version__, geometry
 from lightprobe.async_client import AsyncClient
+from lightprobe.box_fit import BoxFit
 from lightprobe.cli import check
 from lightprobe.errors import ProbeTimeout, UsageError
 from lightprobe.estimate import Estimate, Light
-from lightprobe.field import Joined, Station, join
+from lightprobe.field import Joined, Station, join, with_room
 from lightprobe.geometry import Array
 from lightprobe.server import ProbeServer, stamp_now
-from lightprobe.wire import Subscription
+from lightprobe.wire import Subscription, fill_room
 
 _PATIENCE_S = 10.0
 _WANTED = "ADDRESS@X,Y,Z or ADDRESS@X,Y,Z,YAW, in metres and degrees"
@@ -157,6 +158,8 @@ class _Messages:
                 wire.distance_sigma_permille = math.ceil(1000 * light.distance_sigma)
             elif light.nearest_m is not None:
                 wire.nearest_m = light.nearest_m
+        if estimate.room is not None and not message.HasField("room"):
+            fill_room(message.room, estimate.room)
         return message
 
 
@@ -179,6 +182,7 @@ async def _run(
             address = await stack.enter_async_context(server.listening(uri))
             typer.echo(f"field: {len(stations)} probes on {address}", err=True)
         stills = [Still() for _ in stations]
+        search = BoxFit()
         said_s, given = 0.0, 0
         async for estimate in _estimates(clients[0], seconds):
             others = [
@@ -187,7 +191,7 @@ async def _run(
             ]
             if stills[0].look(estimate) is None:
                 others = [None] * len(others)
-            joined = join(stations, estimate, others)
+            joined = await asyncio.to_thread(_joined, stations, estimate, others, search)
             message = messages.of(joined.estimate)
             stamp_now(message, round(1000 * max(0.0, clients[0].age_ms() or 0.0)))
             server.publish(message)
@@ -201,6 +205,12 @@ async def _run(
                 return
         if not given:
             raise ProbeTimeout(clients[0].last_error or f"{stations[0].uri}: no estimate came")
+
+
+def _joined(
+    stations: list[Station], estimate: Estimate, others: list[Estimate | None], search: BoxFit
+) -> Joined:
+    return with_room(stations, join(stations, estimate, others), others, search)
 
 
 async def _estimates(client: AsyncClient, seconds: float | None) -> AsyncIterator[Estimate]:

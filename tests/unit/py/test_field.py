@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from lightprobe import geometry
+from lightprobe import geometry, sh
+from lightprobe.box_fit import BoxFit
 from lightprobe.cli import view
 from lightprobe.cli.field import Still
 from lightprobe.estimate import Estimate, EstimateFlag, Light, LightFlag, SphericalHarmonics
-from lightprobe.field import Station, join
+from lightprobe.field import Station, join, with_room
 from lightprobe.sim.room import Bulb, Room
 
 FLAT = SphericalHarmonics("AMBIENT", 1, np.array([[1.0] * 3] + [[0.0] * 3] * 3))
@@ -215,3 +216,78 @@ def test_watch_shows_distances_where_they_are_known():
         for lights in ((near, unknown), (unknown,))
     ]
     assert ["distance" in one for one in headers] == [True, False]
+
+
+def lit_room(station, scale=1.0, unlisted=()):
+    """Give what a probe sees of a room with pictures; its unit of light is 1 / scale."""
+    room = Room(pictures=3).seen_from(tuple(station.place_m.tolist()))
+    whole = room.render(256, 128).compose(np.ones(len(room.bulbs))).astype(np.float64)
+    turn = geometry.inverse(station.turn_wxyz)
+    coefficients, lights = sh.project(whole, 4), []
+    for i, lamp in enumerate(room.lamps):
+        if i not in unlisted:
+            coefficients -= sh.lamp(lamp.direction, 4)[:, None] * lamp.irradiance
+            lights.append(Light(
+                100 * len(station.uri) + i, geometry.rotate(turn, lamp.direction),
+                scale * lamp.irradiance, lamp.radius_deg, direction_sigma_deg=0.05,
+                irradiance_sigma=0.02 * scale * lamp.irradiance,
+            ))  # fmt: skip
+    turned = SphericalHarmonics("AMBIENT", 4, scale * sh.rotate(coefficients, turn))
+    return replace(estimate(*lights), sh=turned, relighting_sigma=0.01)
+
+
+def roomed(probes, base, others, search=None):
+    return with_room(probes, join(probes, base, others), others, search or BoxFit()).estimate
+
+
+@pytest.mark.parametrize("scale", [1.0, 2.5])
+def test_two_probes_tell_the_room(scale):
+    probes = stations(2)
+    probes[1] = replace(probes[1], place_m=np.array([0.6, 0.2, -0.7]))
+    base = lit_room(probes[0])
+    found = roomed(probes, base, [lit_room(probes[1], scale)])
+    assert found.room is not None
+    normals = geometry.sphere_normals(2)
+    offs = []
+    for place in ([0.5, 0, 0], [-0.4, 0.1, 0.3], [0, -0.4, 0.8], [0.2, 0.3, -0.9]):
+        there = lit_room(replace(probes[0], place_m=np.array(place)))
+        true, *tried = (
+            sh.irradiance(one.sh.coefficients, normals) for one in (there, found.at(place), base)
+        )
+        off, unchanged = (np.sqrt(np.mean((one - true) ** 2)) / true.mean() for one in tried)
+        assert off < 3 * np.linalg.norm(place) * found.room.error_per_m
+        offs.append((off, unchanged))
+    moved, unmoved = np.mean(offs, axis=0)
+    assert moved < 0.6 * unmoved
+
+
+def test_a_lamp_that_has_no_place_is_ambient_light_of_both():
+    """One of the probes does not list it: else its light would seem to come and go."""
+    probes = stations(2)
+    base, other = lit_room(probes[0]), lit_room(probes[1], unlisted=(2,))
+    found = roomed(probes, base, [other])
+    assert found.room is not None
+    assert found.room.error_per_m < 0.5
+
+
+def test_where_nothing_is_known_of_the_room():
+    probes = stations(2)
+    base, other = lit_room(probes[0]), lit_room(probes[1])
+    low = replace(other, sh=FLAT)
+    far = replace(base, sh=SphericalHarmonics("AMBIENT", 4, base.sh.coefficients))
+    assert roomed(probes, base, [None]).room is None
+    assert roomed(probes, base, [low]).room is None  # too coarse
+    assert roomed(probes, replace(base, lights=()), [other]).room is None  # no lamp tells the yaw
+    dark = replace(other, sh=SphericalHarmonics("AMBIENT", 4, 0 * other.sh.coefficients))
+    assert roomed(probes, base, [dark]).room is None
+    same = roomed(probes, base, [replace(far, lights=other.lights)])
+    assert same.room is None or same.room.walls_m.min() > 1.0
+
+
+def test_the_room_stays_as_it_was_found():
+    """Each look begins where the one before has ended, and tries another start."""
+    probes, search = stations(2), BoxFit()
+    base, other = lit_room(probes[0]), lit_room(probes[1])
+    first, *later = (roomed(probes, base, [other], search).room for _ in range(4))
+    for one in later:
+        assert one.error_per_m <= first.error_per_m * 1.01
