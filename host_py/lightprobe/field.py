@@ -135,7 +135,7 @@ def with_room(
 def _ambient(
     base: Estimate, estimate: Estimate, turn_wxyz: Array, shared: frozenset[int], station: Station
 ) -> Seen:
-    """Give what a station sees beside the lamps that have places: frame of the room, base's unit."""
+    """Give what a station sees beside lamps that have places: frame of the room, unit of base."""
     coefficients = estimate.sh.coefficients.copy()
     for light in estimate.beside_sh:
         if light.id not in shared:

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 #: 1 sigma (docs/users/places.md, second row of the table).
 AMBIENT_CHANGE_PER_M = 0.1
 #: Relative change of a lamp's light with the angle at which it leaves the lamp, 1 sigma for each
-#: radian: that of a flat panel (Lambert's cosine, tan 27 degrees); a globe's is 0.
-EMISSION_CHANGE_PER_RAD = 0.5
+#: radian: that of a flat panel (Lambert's cosine, tan 31 degrees); a globe's is 0.
+EMISSION_CHANGE_PER_RAD = 0.6
 _UP = np.array([0.0, 1.0, 0.0])
 
 
@@ -62,10 +62,7 @@ def light_at(light: Light, position_m: ArrayLike) -> Light:
     scaled = (
         None
         if relative is None
-        else math.hypot(
-            2 * relative * abs(1 - nearer * along),
-            EMISSION_CHANGE_PER_RAD * math.acos(min(1.0, max(-1.0, along))),
-        )
+        else math.hypot(2 * relative * abs(1 - nearer * along), _emission(light, direction))
     )
     return replace(
         light,
@@ -126,6 +123,12 @@ def _far(light: Light, away_m: float) -> Light:
     )
 
 
+def _emission(light: Light, direction: Array) -> float:
+    """Relative sigma of a lamp's light that reaches a place from this direction: another side's."""
+    along = min(1.0, max(-1.0, float(direction @ light.direction)))
+    return EMISSION_CHANGE_PER_RAD * math.acos(along)
+
+
 def _both(a: float | None, b: float | None) -> float | None:
     """Join two independent sigmas; one that is not known hides the other."""
     return None if a is None or b is None else math.hypot(a, b)
@@ -163,8 +166,16 @@ def _sigma(estimate: Estimate, lights: tuple[Light, ...], away_m: float) -> floa
     whole = mean_irradiance(estimate)
     if whole <= 0:
         return None
+    # Panels under one ceiling shine alike: what their sides bring adds up, all else is independent.
+    sides = [
+        _emission(before, after.direction) * _strength(after)
+        for before, after in zip(estimate.lights, lights, strict=True)
+        if before.distance_m is not None
+    ]
+    alike = sum(sides) ** 2 - sum(side**2 for side in sides)
     # A lamp's mean over all normals is a quarter of its irradiance (docs/users/conventions.md).
-    grown = sum(max(0.0, b * b - a * a) for a, b in zip(here, there, strict=True)) / 16 / whole**2
+    apart = sum(max(0.0, b * b - a * a) for a, b in zip(here, there, strict=True))
+    grown = (apart + alike) / 16 / whole**2
     per_m = AMBIENT_CHANGE_PER_M if estimate.room is None else estimate.room.error_per_m
     ambient = per_m * away_m
     return math.sqrt(estimate.relighting_sigma**2 + grown + ambient**2)

@@ -14,7 +14,7 @@ namespace Lightprobe
         private const double Deg = Math.PI / 180;
 
         /// <summary>Relative change of a lamp's light with the angle at which it leaves the lamp, 1 sigma for each radian.</summary>
-        private const double EmissionChangePerRad = 0.5;
+        private const double EmissionChangePerRad = 0.6;
 
         /// <summary>A lamp as it is seen from a place. The lamp itself stays as it is.</summary>
         /// <param name="lamp">A lamp of an estimate.</param>

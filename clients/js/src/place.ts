@@ -8,7 +8,7 @@ import { movedSh, roomAt } from "./room.js";
 
 const DEG = Math.PI / 180;
 /** Relative change of a lamp's light with the angle at which it leaves the lamp, 1 sigma for each radian. */
-const EMISSION_CHANGE_PER_RAD = 0.5;
+const EMISSION_CHANGE_PER_RAD = 0.6;
 
 const dot = (a: Vec3, b: Vec3): number => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const scaled = (a: Vec3, by: number): Vec3 => [a[0] * by, a[1] * by, a[2] * by];
