@@ -101,6 +101,21 @@ static void test_a_room_that_is_none_is_left_out(void **state)
 	assert_false(encode(&e, 2).has_room);
 }
 
+/* Of the order that they are sent in, with and without area lights. */
+static void test_light_that_is_better_not_moved_has_no_room(void **state)
+{
+	struct lp_light_estimate e = in_a_room();
+
+	(void)state;
+	e.room.error_per_m[2] = INFINITY;
+	assert_false(encode(&e, 2).has_room);
+	assert_true(encode(&e, 4).has_room);
+	e.area_count = 1; /* it is listed: the SH are without it */
+	e.room.bare_error_per_m[4] = INFINITY;
+	assert_true(encode(&e, 2).has_room);
+	assert_false(encode(&e, 4).has_room);
+}
+
 /* In either frame, momentary or smoothed, the lamp is at the middle of the wall at +x. */
 static void test_the_room_is_in_the_frame_of_the_packet(void **state)
 {
@@ -141,6 +156,7 @@ int main(void)
 		cmocka_unit_test(test_the_room_arrives),
 		cmocka_unit_test(test_the_error_is_that_of_what_is_in_the_sh),
 		cmocka_unit_test(test_a_room_that_is_none_is_left_out),
+		cmocka_unit_test(test_light_that_is_better_not_moved_has_no_room),
 		cmocka_unit_test(test_the_room_is_in_the_frame_of_the_packet),
 	};
 

@@ -17,6 +17,7 @@
 
 /* A head, and what its app errs by. */
 struct story {
+	bool clips; /* now and then: how strong it is is not known */
 	double lamp_m[3];
 	double reach_m;	 /* of the way, to each side */
 	double turn_rad; /* likewise; about the vertical */
@@ -104,6 +105,8 @@ static void see(struct lp_parallax *p, const struct story *story, double t_s,
 	}
 	if (!see_past(story, here.position_m, toward, &sighting))
 		return;
+	if (story->clips && fmod(t_s, 1.0) < 0.5)
+		sighting.irradiance = 0.0F;
 	for (int a = 0; a < 3; a++)
 		length += toward[a] * toward[a];
 	const struct lp_rotation back = lp_rotation_inverse(&here.rotation);
@@ -249,6 +252,19 @@ static void test_a_lamp_that_is_hidden_in_part(void **state)
 	}
 }
 
+/* A strength that is not known is not a part that is hidden. */
+static void test_a_lamp_that_clips_now_and_then(void **state)
+{
+	struct story clipping = head;
+	struct lp_parallax p = {0}, q = {0};
+
+	(void)state;
+	clipping.clips = true;
+	(void)live(&head, &p);
+	(void)live(&clipping, &q);
+	assert_true(lp_parallax_distance(&q).sigma < 1.3F * lp_parallax_distance(&p).sigma);
+}
+
 static void test_a_head_that_only_turns_knows_nothing(void **state)
 {
 	struct lp_parallax p = {0};
@@ -389,6 +405,7 @@ int main(void)
 		cmocka_unit_test(test_a_head_that_moves_tells_the_distance),
 		cmocka_unit_test(test_its_sigma_is_true),
 		cmocka_unit_test(test_a_lamp_that_is_hidden_in_part),
+		cmocka_unit_test(test_a_lamp_that_clips_now_and_then),
 		cmocka_unit_test(test_a_head_that_only_turns_knows_nothing),
 		cmocka_unit_test(test_a_far_lamp_has_a_least_distance),
 		cmocka_unit_test(test_a_lamp_that_is_carried_away),

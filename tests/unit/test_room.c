@@ -10,6 +10,7 @@
 #include "light/math/grid.h"
 #include "light/math/sh.h"
 #include "light/place/parallax.h"
+#include "light/place/room_fit.h"
 #include "lp_test.h"
 #include "random_normal.h"
 
@@ -369,6 +370,27 @@ static void test_a_part_is_not_seen(void **state)
 	lp_room_destroy(room);
 }
 
+/* What is left over is compared with what was seen of it: else walls seen by a camera that looks
+ * ahead seem more certain than they are. */
+static void test_a_picture_is_worth_what_is_known_of_it(void **state)
+{
+	static struct lp_room_views views = {.count = 2, .middle = 0};
+	struct lp_room_guess guess = {0};
+	struct lp_room *room;
+
+	(void)state;
+	assert_int_equal(lp_room_create(&room), 0);
+	views.grid = lp_room_grid(room);
+	views.list[1].position_m[0] = 0.2;
+	lp_room_weigh(&views, &guess);
+	assert_float_equal(guess.worth, LP_ROOM_WORTH, 0.02 * LP_ROOM_WORTH);
+	for (int i = LP_COARSE_CELLS / 2; i < LP_COARSE_CELLS; i++)
+		views.list[1].cells[i] = NAN;
+	lp_room_weigh(&views, &guess);
+	assert_float_equal(guess.worth, LP_ROOM_WORTH / 2.0, 0.02 * LP_ROOM_WORTH);
+	lp_room_destroy(room);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -383,6 +405,7 @@ int main(void)
 		cmocka_unit_test(test_another_world_begins_anew),
 		cmocka_unit_test(test_extremes),
 		cmocka_unit_test(test_a_part_is_not_seen),
+		cmocka_unit_test(test_a_picture_is_worth_what_is_known_of_it),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

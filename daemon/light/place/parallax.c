@@ -83,6 +83,9 @@ static void join(struct lp_parallax_node *node, const struct lp_parallax_node *o
 {
 	const double count = node->count + other->count, share = other->count / count;
 
+	if (!(node->irradiance > 0.0)) /* not known: as in the other */
+		node->irradiance = other->irradiance;
+
 #define MEAN(field) (node->field += share * (other->field - node->field))
 	for (int a = 0; a < 3; a++) {
 		MEAN(direction[a]);
@@ -92,7 +95,8 @@ static void join(struct lp_parallax_node *node, const struct lp_parallax_node *o
 	}
 	MEAN(t_s);
 	MEAN(variance);
-	MEAN(irradiance);
+	if (other->irradiance > 0.0)
+		MEAN(irradiance);
 	MEAN(radius_rad);
 	MEAN(pose_variance_rad2);
 	MEAN(pose_variance_m2);

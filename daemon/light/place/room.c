@@ -299,7 +299,7 @@ static void find_errors(struct lp_room *r)
 static void conclude(struct lp_room *r)
 {
 	const struct lp_room_guess *g = &r->best.guess;
-	const double scatter = fmax(g->cost / (LP_ROOM_WORTH * (r->views.count - 1)), 1.0);
+	const double scatter = fmax(g->cost / fmax(g->worth, 1.0), 1.0);
 	double by[LP_ROOM_SIZE];
 
 	r->known = false;

@@ -73,6 +73,7 @@ static void add_cell(struct lp_room_guess *g, double off, const struct slope *sl
 	const double size = fabs(off) / (OUTLIER * MISFIT);
 	const double pull = weight / fmax(size, 1.0);
 
+	g->worth += weight * MISFIT * MISFIT;
 	g->cost += weight * OUTLIER * OUTLIER * MISFIT * MISFIT *
 		   (size > 1.0 ? 2.0 * size - 1.0 : size * size);
 	for (int i = 0; i < SLOPES; i++) {
@@ -126,7 +127,7 @@ void lp_room_weigh(const struct lp_room_views *r, struct lp_room_guess *g)
 
 	memset(g->normal, 0, sizeof(g->normal));
 	memset(g->right, 0, sizeof(g->right));
-	g->cost = 0.0;
+	g->cost = g->worth = 0.0;
 	for (int a = 0; a < SIZE; a++) {
 		const double off = g->at[a] - (a < YAW ? log(LP_ROOM_USUAL_WALL_M) : 0.0);
 		const double information = 1.0 / (sigma[a] * sigma[a]);

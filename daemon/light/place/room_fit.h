@@ -39,7 +39,8 @@ struct lp_room_views {
 struct lp_room_guess {
 	double at[LP_ROOM_SIZE];
 	double normal[LP_ROOM_SIZE][LP_ROOM_SIZE], right[LP_ROOM_SIZE];
-	double cost; /* in squared sigmas, with the prior */
+	double cost;  /* in squared sigmas, with the prior */
+	double worth; /* of the cells that were compared; LP_ROOM_WORTH for each whole picture */
 	double damping;
 };
 

@@ -212,17 +212,20 @@ static void fill_orientation(lightprobe_v1_Estimate *wire,
 	memcpy(wire->position, orientation->position_m, sizeof(orientation->position_m));
 }
 
-/* A room that may not be sent is left out: the light is worth more than it. */
+/* A room that may not be sent is left out: the light is worth more than it. So is one through which
+ * these SH are better not moved: their error is INFINITY. */
 static void fill_room(lightprobe_v1_Estimate *wire, const struct lp_light_estimate *estimate,
 		      const struct lp_variant *variant)
 {
 	const struct lp_estimate_room *const room = &estimate->room;
 	/* The SH are without area lights where these are listed: they come last. */
 	const bool is_bare = estimate->area_count && variant->lights == estimate->light_count;
-	const float *const error_per_m = is_bare ? room->bare_error_per_m : room->error_per_m;
+	const float error_per_m =
+		(is_bare ? room->bare_error_per_m : room->error_per_m)[variant->sh_order];
 	lightprobe_v1_Room *const to = &wire->room;
 
-	if (!room->known || !scaled_up(error_per_m[variant->sh_order], &to->error_permille_per_m))
+	if (!room->known || !isfinite(error_per_m) ||
+	    !scaled_up(error_per_m, &to->error_permille_per_m))
 		return;
 	to->walls_m_count = 6;
 	to->walls_sigma_m_count = 6;
