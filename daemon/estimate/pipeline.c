@@ -275,7 +275,7 @@ static void find_room(struct lp_pipeline *p, const struct lp_panorama *panorama,
 {
 	if (!p->room || !p->lamps.is_placed || lp_lamp_memory_doubts_places(&p->lamps.memory))
 		return;
-	lp_room_stage_look(p->room, panorama, p->detection, &p->lamps.pose);
+	lp_room_stage_look(p->room, panorama, p->detection, &p->lamps.memory, &p->lamps.pose);
 	lp_room_stage_tell(p->room, &p->lamps.pose, &raw->room);
 }
 

@@ -64,8 +64,28 @@ static void take_out(const struct lp_lamp_finder *finder, const struct lp_lamp *
 	}
 }
 
+/* A lamp that detection misses in this frame still shines there. */
+static void take_out_remembered(const struct lp_remembered_lamp *m,
+				const struct lp_rotation *to_world, const struct lp_grid *coarse,
+				float *cells)
+{
+	const float radius_rad =
+		sqrtf(m->lamp.solid_angle_sr / (float)M_PI) + (float)M_PI / LP_COARSE_ROWS;
+	float lamp[3], towards[3];
+
+	memcpy(lamp, m->lamp.direction, sizeof(lamp));
+	lp_rotate_direction(to_world, lamp);
+	for (int k = 0; k < LP_COARSE_CELLS; k++) {
+		lp_grid_direction(coarse, k, towards);
+		if (towards[0] * lamp[0] + towards[1] * lamp[1] + towards[2] * lamp[2] >
+		    cosf(fminf(radius_rad, (float)M_PI)))
+			cells[k] = NAN;
+	}
+}
+
 void lp_room_stage_look(struct lp_room *room, const struct lp_panorama *panorama,
-			const struct lp_detection *detection, const struct lp_probe_pose *pose)
+			const struct lp_detection *detection, const struct lp_lamp_memory *memory,
+			const struct lp_probe_pose *pose)
 {
 	const struct lp_lamp_finder *finder = detection->finder;
 	const struct lp_rotation to_anchor = lp_rotation_inverse(&pose->rotation);
@@ -83,6 +103,15 @@ void lp_room_stage_look(struct lp_room *room, const struct lp_panorama *panorama
 		take_out(finder, lamp, &pose->rotation, lp_room_grid(room), bare);
 		if (lp_detection_width_deg(detection, lamp) < LP_COMPACT_DEG)
 			take_out(finder, lamp, &pose->rotation, lp_room_grid(room), cells);
+	}
+	for (int k = 0; k < LP_MAX_LAMPS; k++) {
+		const struct lp_remembered_lamp *m = &memory->list[k];
+
+		if (!m->id || m->seen)
+			continue;
+		take_out_remembered(m, &pose->rotation, lp_room_grid(room), bare);
+		if (!m->wide)
+			take_out_remembered(m, &pose->rotation, lp_room_grid(room), cells);
 	}
 	lp_room_see(room, pose, cells, bare);
 }

@@ -7,9 +7,7 @@
 #include "light/math/sh.h"
 
 #define MOST_ORDER (LP_BOX_ORDERS - 1)
-/* Directions over which light is summed up, and the share of the way to a wall that no place goes
- * beyond: as the clients have them (docs/users/conventions.md). */
-#define DIRECTIONS 128
+/* No place counts that is nearer to a wall: as in the clients (docs/users/conventions.md). */
 #define FARTHEST 0.95
 #define LEAST_COSINE 1e-9
 
@@ -98,30 +96,40 @@ static void add_change(const double here[LP_BOX_SH_COUNT], const double there[LP
 		for (int i = order * order; i < count; i++)
 			change += sh[i] * (there[i] - here[i]);
 		for (int i = 0; i < count; i++)
-			moved[order][i] += 4.0 * M_PI / DIRECTIONS * change * here[i];
+			moved[order][i] += 4.0 * M_PI / LP_BOX_RAYS * change * here[i];
 	}
 }
 
-void lp_box_move_sh(const struct lp_box *box, const double from_m[3],
-		    const double sh[LP_BOX_SH_COUNT], double moved[LP_BOX_ORDERS][LP_BOX_SH_COUNT])
+void lp_box_fill_rays(struct lp_box_rays *rays)
+{
+	for (int k = 0; k < LP_BOX_RAYS; k++) {
+		const double y = 1.0 - 2.0 * (k + 0.5) / LP_BOX_RAYS;
+		const double turn = M_PI * (1.0 + sqrt(5.0)) * (k + 0.5);
+		const double level = sqrt(1.0 - y * y);
+
+		rays->along[k][0] = level * cos(turn);
+		rays->along[k][1] = y;
+		rays->along[k][2] = level * sin(turn);
+		lp_sh_basis(MOST_ORDER, rays->along[k], rays->basis[k]);
+	}
+}
+
+void lp_box_move_sh(const struct lp_box_rays *rays, const struct lp_box *box,
+		    const double from_m[3], const double sh[LP_BOX_SH_COUNT],
+		    double moved[LP_BOX_ORDERS][LP_BOX_SH_COUNT])
 {
 	const struct lp_box_view view = lp_box_look(box, from_m);
-	double here[LP_BOX_SH_COUNT], there[LP_BOX_SH_COUNT], towards[3];
+	double there[LP_BOX_SH_COUNT], towards[3];
 
 	for (int order = 0; order < LP_BOX_ORDERS; order++)
 		memcpy(moved[order], sh, LP_BOX_SH_COUNT * sizeof(*sh));
-	for (int k = 0; k < DIRECTIONS; k++) {
-		const double y = 1.0 - 2.0 * (k + 0.5) / DIRECTIONS;
-		const double turn = M_PI * (1.0 + sqrt(5.0)) * (k + 0.5);
-		const double level = sqrt(1.0 - y * y);
-		const double along[3] = {level * cos(turn), y, level * sin(turn)};
-		const struct lp_box_hit hit = lp_box_hit(&view, along);
+	for (int k = 0; k < LP_BOX_RAYS; k++) {
+		const struct lp_box_hit hit = lp_box_hit(&view, rays->along[k]);
 		const double far_m = sqrt(dot(hit.at_m, hit.at_m));
 
 		for (int a = 0; a < 3; a++)
 			towards[a] = hit.at_m[a] / far_m;
-		lp_sh_basis(MOST_ORDER, along, here);
 		lp_sh_basis(MOST_ORDER, towards, there);
-		add_change(here, there, sh, moved);
+		add_change(rays->basis[k], there, sh, moved);
 	}
 }

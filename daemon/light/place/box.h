@@ -8,6 +8,9 @@
 
 #define LP_BOX_ORDERS 5 /* 0 .. 4 */
 #define LP_BOX_SH_COUNT (LP_BOX_ORDERS * LP_BOX_ORDERS)
+/* Directions over which light is summed up: as the clients have them (docs/users/conventions.md).
+ */
+#define LP_BOX_RAYS 128
 
 /* In a world whose +Y is up. Walls come in the order -x +x -y +y -z +z of the box's axes. */
 struct lp_box {
@@ -43,12 +46,20 @@ struct lp_box_hit lp_box_hit(const struct lp_box_view *view, const double along[
  * wall. */
 void lp_box_walls_from(const struct lp_box *box, const double place_m[3], double wall_m[6]);
 
+/* Directions all around, and the basis of spherical harmonics along each. */
+struct lp_box_rays {
+	double along[LP_BOX_RAYS][3], basis[LP_BOX_RAYS][LP_BOX_SH_COUNT];
+};
+
+void lp_box_fill_rays(struct lp_box_rays *rays);
+
 /*
  * Spherical harmonics (radiance, world) of what is seen from `from_m`, by those of what is seen
- * from the box's origin: docs/users/conventions.md, "Light at a place". moved[l]: by those up to
- * order l alone; the others stay.
+ * from the box's origin: docs/users/conventions.md, "Ambient light at a place". moved[l]: by those
+ * up to order l alone; the others stay.
  */
-void lp_box_move_sh(const struct lp_box *box, const double from_m[3],
-		    const double sh[LP_BOX_SH_COUNT], double moved[LP_BOX_ORDERS][LP_BOX_SH_COUNT]);
+void lp_box_move_sh(const struct lp_box_rays *rays, const struct lp_box *box,
+		    const double from_m[3], const double sh[LP_BOX_SH_COUNT],
+		    double moved[LP_BOX_ORDERS][LP_BOX_SH_COUNT]);
 
 #endif

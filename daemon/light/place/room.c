@@ -8,16 +8,16 @@
 
 #include "light/linear/cholesky.h"
 #include "light/math/grid.h"
-#include "light/math/sh.h"
 #include "light/place/parallax.h"
 #include "light/place/room_fit.h"
+#include "light/place/room_worth.h"
 
 /* Chosen by hand (docs/maintainers/constants.md): pictures are taken so far from each other; one
  * that is older is replaced by a new one from the same place. */
 #define APART_M 0.08
 #define OLD_S 5.0
-/* Light that differs by more from that of the nearest picture has changed; and so much more for
- * each metre between them. */
+/* Light that differs by more from that of another picture has changed; and so much more for each
+ * metre between them. */
 #define MOST_CHANGE 0.1
 #define MOST_CHANGE_PER_M 1.0
 /* A fit begins with so many pictures, the farthest so far from the middle. */
@@ -40,6 +40,7 @@ struct search {
 };
 
 struct lp_room {
+	struct lp_box_rays rays;
 	struct lp_grid *grid; /* of the views */
 	uint32_t world;
 	struct lp_room_views views;
@@ -78,6 +79,7 @@ int lp_room_create(struct lp_room **room)
 		return ret;
 	}
 	r->views.grid = r->grid;
+	lp_box_fill_rays(&r->rays);
 	*room = r;
 	return 0;
 }
@@ -180,6 +182,17 @@ static bool has_changed(const struct lp_room_view *before, const struct lp_room_
 	       MOST_CHANGE + MOST_CHANGE_PER_M * apart_m(before->position_m, now->position_m);
 }
 
+/* The box is as it was where light changes: only pictures of the same light are compared. */
+static void drop_changed(struct lp_room_views *views, const struct lp_room_view *now)
+{
+	int kept = 0;
+
+	for (int k = 0; k < views->count; k++)
+		if (!has_changed(&views->list[k], now))
+			views->list[kept++] = views->list[k];
+	views->count = kept;
+}
+
 /* Spherical harmonics of a picture and its mean; false: it shows nothing. */
 static bool project(const struct lp_grid *grid, const float *cells, struct lp_room_light *light)
 {
@@ -206,14 +219,11 @@ void lp_room_see(struct lp_room *room, const struct lp_probe_pose *pose, const f
 	if (room->world != pose->world)
 		forget(room);
 	room->world = pose->world;
-	const int near = nearest(&room->views, seen.position_m);
-
 	memcpy(before_m,
 	       room->views.count ? room->views.list[room->views.middle].position_m
 				 : seen.position_m,
 	       sizeof(before_m));
-	if (near >= 0 && has_changed(&room->views.list[near], &seen))
-		room->views.count = 0; /* the box is as it was: its light is another */
+	drop_changed(&room->views, &seen);
 	if (room->views.count == 0)
 		room->level = lp_coarse_median(seen.cells);
 	lp_coarse_compress(seen.cells, room->level);
@@ -221,79 +231,6 @@ void lp_room_see(struct lp_room *room, const struct lp_probe_pose *pose, const f
 	find_middle(room, before_m);
 	room->best.is_weighed = room->best.is_over = room->challenger.is_weighed = false;
 	room->starts_left = STARTS;
-}
-
-/* ---------------------------------------------------------------- what the box is worth */
-
-/* Squared, of the irradiance, mean over all normals (Parseval). */
-static double square_of(const double *sh, int order)
-{
-	double sum = 0.0;
-
-	for (int l = 0; l <= order; l++)
-		for (int i = l * l; i < (l + 1) * (l + 1); i++)
-			sum += lp_sh_cosine(l) * lp_sh_cosine(l) * sh[i] * sh[i];
-	return sum / (4.0 * M_PI);
-}
-
-/* Sums over the places of the views. */
-struct errors {
-	double way2;			/* m^2 */
-	double moved2[LP_BOX_ORDERS];	/* of light that is moved there, by its order */
-	double unmoved2[LP_BOX_ORDERS]; /* of light that is not */
-};
-
-static void add_errors(const struct lp_box *box, const double from_m[3],
-		       const struct lp_room_light *here, const struct lp_room_light *there,
-		       struct errors *errors)
-{
-	double moved[LP_BOX_ORDERS][LP_BOX_SH_COUNT], change[LP_BOX_SH_COUNT];
-
-	lp_box_move_sh(box, from_m, here->sh, moved);
-	for (int i = 0; i < LP_BOX_SH_COUNT; i++)
-		change[i] = here->sh[i] - there->sh[i];
-	errors->way2 += dot(from_m, from_m);
-	for (int order = 0; order < LP_BOX_ORDERS; order++) {
-		for (int i = 0; i < LP_BOX_SH_COUNT; i++)
-			moved[order][i] -= there->sh[i];
-		errors->moved2[order] += square_of(moved[order], order);
-		errors->unmoved2[order] += square_of(change, order);
-	}
-}
-
-static void fill_errors(const struct errors *errors, const struct lp_room_light *here,
-			double error_per_m[LP_BOX_ORDERS])
-{
-	const double mean = lp_sh_cosine(0) * here->sh[0] / sqrt(4.0 * M_PI);
-
-	for (int order = 0; order < LP_BOX_ORDERS; order++)
-		error_per_m[order] = errors->moved2[order] < errors->unmoved2[order]
-					     ? sqrt(errors->moved2[order] / errors->way2) / mean
-					     : INFINITY;
-}
-
-/* How wrong the light at the places of the views is, if the middle one's is moved there as
- * spherical harmonics; INFINITY for an order where it is no less wrong than if it is not moved. */
-static void find_errors(struct lp_room *r)
-{
-	const struct lp_room_view *middle = &r->views.list[r->views.middle];
-	struct errors light = {0}, bare = {0};
-	double from_m[3];
-
-	for (int k = 0; k < r->views.count; k++) {
-		const struct lp_room_view *view = &r->views.list[k];
-
-		if (k == r->views.middle)
-			continue;
-		for (int a = 0; a < 3; a++)
-			from_m[a] = view->position_m[a] - middle->position_m[a] -
-				    r->best.guess.at[LP_ROOM_LATE] *
-					    (view->velocity_m_s[a] - middle->velocity_m_s[a]);
-		add_errors(&r->found.box, from_m, &middle->light, &view->light, &light);
-		add_errors(&r->found.box, from_m, &middle->bare, &view->bare, &bare);
-	}
-	fill_errors(&light, &middle->light, r->found.error_per_m);
-	fill_errors(&bare, &middle->bare, r->found.bare_error_per_m);
 }
 
 static void conclude(struct lp_room *r)
@@ -314,7 +251,8 @@ static void conclude(struct lp_room *r)
 			return;
 		r->found.wall_sigma_m[w] = r->found.box.wall_m[w] * sqrt(scatter * by[w]);
 	}
-	find_errors(r);
+	lp_room_find_errors(&r->rays, &r->views, &r->found.box, g->at[LP_ROOM_LATE],
+			    r->found.error_per_m, r->found.bare_error_per_m);
 	r->known = isfinite(r->found.error_per_m[LP_BOX_ORDERS - 1]) ||
 		   isfinite(r->found.bare_error_per_m[LP_BOX_ORDERS - 1]);
 }
