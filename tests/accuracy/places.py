@@ -56,7 +56,7 @@ def estimate(room: Room) -> Estimate:
 
 
 def _stands(station: Station, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Where a probe is (m), and how it turns the room's frame: otherwise than said, by its sigmas."""
+    """Where a probe is (m), and its turn from the room: otherwise than said, by its sigmas."""
     true_m = station.place_m + station.place_sigma_m * rng.normal(size=3)
     turned_rad = station.turn_sigma_rad * rng.normal(size=3)
     turn = geometry.quaternion(turned_rad, np.degrees(np.linalg.norm(turned_rad)))
