@@ -199,11 +199,12 @@ static void age(struct lp_lamp_memory *memory, struct lp_remembered_lamp *m, flo
 
 /* By its pixels. How strong a lamp is that clips they do not tell. */
 static void see_from(struct lp_parallax *parallax, const struct lp_probe_pose *pose,
-		     const struct lp_lamp *pixels)
+		     const struct lp_lamp *pixels, float strength_sigma)
 {
 	const bool clips = pixels->flags & LP_LIGHT_CLIPPED;
 	struct lp_parallax_sighting sighting = {
 		.sigma_rad = pixels->direction_sigma_deg * RAD,
+		.strength_sigma = strength_sigma,
 		.irradiance = clips ? 0.0F : pixels->irradiance[LP_LUMINANCE],
 		.radius_rad = sqrtf(pixels->solid_angle_sr / (float)M_PI)};
 
@@ -234,7 +235,8 @@ void lp_lamp_memory_update(struct lp_lamp_memory *memory, const struct lp_lamp_s
 			lp_existence_prove(&m->existence);
 		lp_lamp_follow(m, &sightings[k], times);
 		if (times->pose && sightings[k].refined)
-			see_from(&m->parallax, times->pose, &sightings[k].pixels);
+			see_from(&m->parallax, times->pose, &sightings[k].pixels,
+				 sightings[k].strength_sigma);
 	}
 	drop_pieces(memory);
 	for (int p = 0; p < LP_MAX_LAMPS; p++)

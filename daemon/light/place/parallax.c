@@ -33,9 +33,10 @@ enum { ALONG, ACROSS, INVERSE, LATE, SIZE };
 #define MISS_SIGMAS 5.0
 /* After so many in a row no distance is stated. */
 #define SEVERAL_MISSES 2
-/* A lamp that seems weaker by so much, relative, may be so by noise; by more, it is hidden in part.
- */
+/* A lamp that seems weaker by so much, relative, or by so many sigmas, may be so by noise; by more,
+ * it is hidden in part. */
 #define STRENGTH_NOISE 0.03
+#define STRENGTH_SIGMAS 3.0
 /* An inverse distance so many sigmas below 0: no lamp is there. */
 #define BEYOND_SIGMAS 4.0
 
@@ -98,6 +99,7 @@ static void join(struct lp_parallax_node *node, const struct lp_parallax_node *o
 	if (other->irradiance > 0.0)
 		MEAN(irradiance);
 	MEAN(radius_rad);
+	MEAN(strength_sigma);
 	MEAN(pose_variance_rad2);
 	MEAN(pose_variance_m2);
 #undef MEAN
@@ -184,11 +186,13 @@ static double strength(const struct lp_parallax_node *node, const double toward[
 }
 
 /* Share of the lamp that is hidden, against where it is seen best. */
-static double hidden_share(const struct fit *fit, double strength)
+static double hidden_share(const struct fit *fit, double strength, double strength_sigma)
 {
 	const bool known = fit->strongest > 0.0 && strength > 0.0;
 
-	return known ? fmax(1.0 - strength / fit->strongest - STRENGTH_NOISE, 0.0) : 0.0;
+	const double noise = fmax(STRENGTH_SIGMAS * strength_sigma, STRENGTH_NOISE);
+
+	return known ? fmax(1.0 - strength / fit->strongest - noise, 0.0) : 0.0;
 }
 
 static void find_hidden(struct fit *fit, const struct lp_parallax *p)
@@ -203,7 +207,7 @@ static void find_hidden(struct fit *fit, const struct lp_parallax *p)
 		fit->strongest = fmax(fit->strongest, strengths[k]);
 	}
 	for (int k = 0; k < p->count; k++)
-		square += hidden_share(fit, strengths[k]) * hidden_share(fit, strengths[k]);
+		square += pow(hidden_share(fit, strengths[k], p->nodes[k].strength_sigma), 2.0);
 	fit->hidden = sqrt(square / fmax(p->count, 1.0));
 }
 
@@ -212,7 +216,8 @@ static void find_hidden(struct fit *fit, const struct lp_parallax *p)
 static double hidden_rad(const struct fit *fit, const struct lp_parallax_node *node,
 			 const double toward[3])
 {
-	return node->radius_rad * fmax(hidden_share(fit, strength(node, toward)), fit->hidden);
+	return node->radius_rad *
+	       fmax(hidden_share(fit, strength(node, toward), node->strength_sigma), fit->hidden);
 }
 
 static bool equation_of(const struct fit *fit, const struct lp_parallax_node *node,
@@ -420,6 +425,7 @@ void lp_parallax_see(struct lp_parallax *p, const struct lp_probe_pose *pose,
 						(double)sighting->sigma_rad * sighting->sigma_rad,
 					.irradiance = sighting->irradiance,
 					.radius_rad = sighting->radius_rad,
+					.strength_sigma = sighting->strength_sigma,
 					.pose_variance_rad2 = pose->sigma_rad * pose->sigma_rad,
 					.pose_variance_m2 = pose->sigma_m * pose->sigma_m};
 

@@ -35,6 +35,7 @@ struct lp_parallax_node {
 	double direction[3], position_m[3]; /* world; a unit vector */
 	double variance;		    /* rad^2, of the direction in the picture */
 	double irradiance, radius_rad;	    /* of what is seen of the lamp; 0: not known */
+	double strength_sigma;		    /* of the irradiance, relative */
 	double pose_variance_rad2, pose_variance_m2;
 	double rate_rad_s[3], velocity_m_s[3];
 };
@@ -65,6 +66,7 @@ struct lp_parallax_sighting {
 	/* Luminance, at normal incidence; angular radius. 0: not known, as of one that clips. Of a
 	 * lamp that is weaker than from elsewhere a part is hidden: its middle lies aside. */
 	float irradiance, radius_rad;
+	float strength_sigma; /* 1 sigma of the irradiance, relative */
 };
 
 /* The lamp is seen by `pose`. A lamp that no single place explains has moved: what was known of it
