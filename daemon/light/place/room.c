@@ -26,7 +26,7 @@
 /* Yaws from which the search starts: a box looks the same after a quarter turn. */
 #define STARTS 6
 #define STEPS_OF_START 6
-/* Once there is a guess, other starts get every so many steps. */
+/* Once there is a guess, one step of so many is another start's. */
 #define CHALLENGE_EVERY 4
 #define CONVERGED 1e-3 /* relative change of the cost */
 #define NEAREST_WALL_M 0.1
@@ -44,7 +44,7 @@ struct lp_room {
 	struct lp_grid *grid; /* of the views */
 	uint32_t world;
 	struct lp_room_views views;
-	float level;		  /* luminance that is half of full scale in the views */
+	float level;		  /* luminance that lp_coarse_compress() makes 0.5 */
 	struct search best;	  /* the guess that counts */
 	struct search challenger; /* from another start */
 	int start;		  /* of the challenger */

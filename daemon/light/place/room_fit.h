@@ -13,7 +13,7 @@ struct lp_grid;
  * picture is (the map of radiance lags behind a probe that goes). */
 enum { LP_ROOM_YAW = 6, LP_ROOM_LATE = 7, LP_ROOM_SIZE = 8 };
 #define LP_ROOM_USUAL_WALL_M 2.0
-/* Neighbouring cells differ alike: a picture is worth so many cells. */
+/* Neighbouring cells differ alike: a whole picture counts as so many independent ones. */
 #define LP_ROOM_WORTH 64.0
 
 /* All light of a picture: mean luminance, and its spherical harmonics, in the world. */
@@ -31,7 +31,7 @@ struct lp_room_view {
 
 struct lp_room_views {
 	const struct lp_grid *grid; /* of their cells; borrowed */
-	int count, middle;	    /* the one in the middle is that on which the box is hung up */
+	int count, middle;	    /* the middle one shows what is on the box's walls */
 	struct lp_room_view list[LP_ROOM_MOST_VIEWS];
 };
 

@@ -16,7 +16,7 @@
 #define BARE_SHARE 0.7
 
 /* Of pairs of pictures, by the order of the harmonics: errors of light that is moved from one's
- * place to the other's, and of light that is not; for each metre. */
+ * place to the other's, and of light that stays as it is; for each metre. */
 struct errors {
 	int count;
 	float moved[LP_BOX_ORDERS][MOST_PAIRS], unmoved[LP_BOX_ORDERS][MOST_PAIRS];

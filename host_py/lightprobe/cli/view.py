@@ -144,7 +144,7 @@ def room_words(estimate: Estimate) -> str:
     if (room := estimate.room) is None:
         return ""
     size = " × ".join(f"{one:.1f}" for one in room.size_m)
-    return f"room {size} m, ambient within {number(100 * room.error_per_m, 2)} % per metre"
+    return f"room {size} m, ambient light off by {number(100 * room.error_per_m, 2)} % a metre away"
 
 
 def plain(estimate: Estimate) -> str:

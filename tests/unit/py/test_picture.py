@@ -186,7 +186,7 @@ def test_the_room_is_one_line_where_it_is_known():
     walls_m = np.array([1.8, 3.0, 1.2, 1.5, 2.0, 4.0])
     room = Room(walls_m, np.zeros(6), np.array([0, 0, 0, 1.0]), 0.0125)
     line = view.plain(dataclasses.replace(perfect(), room=room))
-    assert line.endswith("room 4.8 × 2.7 × 6.0 m, ambient within 1.2 % per metre")
+    assert line.endswith("room 4.8 × 2.7 × 6.0 m, ambient light off by 1.2 % a metre away")
     assert "room" not in view.plain(perfect())
 
 
