@@ -126,7 +126,17 @@ static struct lp_room *room_after(const struct story *story)
 	return room;
 }
 
-static struct lp_box_rays rays;
+static void move(const struct lp_box *box, const double from_m[3], const double sh[LP_BOX_SH_COUNT],
+		 double moved[LP_BOX_ORDERS][LP_BOX_SH_COUNT])
+{
+	static double seen[LP_BOX_RAYS][LP_BOX_SH_COUNT];
+	static struct lp_box_rays rays;
+
+	lp_box_fill_rays(&rays);
+	lp_box_look_around(&rays, box, from_m, seen);
+	lp_box_move_sh(&rays, (const double(*)[LP_BOX_SH_COUNT])seen, sh, moved);
+}
+
 static const struct lp_probe_pose origin = {.t_ns = 1, .world = 1, .sigma_m = 0.005};
 
 /* The walls that belong together, whatever quarter turn the fit has found. */
@@ -201,8 +211,7 @@ static void test_light_is_moved_to_where_nobody_was(void **state)
 	assert_true(lp_room_found(room, &origin, &found));
 	true_sh(room, here_m, here);
 	true_sh(room, there_m, there);
-	lp_box_fill_rays(&rays);
-	lp_box_move_sh(&rays, &found.box, there_m, here, moved);
+	move(&found.box, there_m, here, moved);
 	for (int i = 0; i < 9; i++) {
 		const double a = lp_sh_cosine(i > 3 ? 2 : i > 0);
 
@@ -221,8 +230,7 @@ static void test_nothing_moves_at_the_probe_itself(void **state)
 	(void)state;
 	for (int i = 0; i < LP_BOX_SH_COUNT; i++)
 		sh[i] = sin(i + 1.0);
-	lp_box_fill_rays(&rays);
-	lp_box_move_sh(&rays, &true_box, here_m, sh, moved);
+	move(&true_box, here_m, sh, moved);
 	for (int order = 0; order < LP_BOX_ORDERS; order++)
 		for (int i = 0; i < LP_BOX_SH_COUNT; i++)
 			assert_float_equal(moved[order][i], sh[i], 1e-9);

@@ -114,22 +114,27 @@ void lp_box_fill_rays(struct lp_box_rays *rays)
 	}
 }
 
-void lp_box_move_sh(const struct lp_box_rays *rays, const struct lp_box *box,
-		    const double from_m[3], const double sh[LP_BOX_SH_COUNT],
-		    double moved[LP_BOX_ORDERS][LP_BOX_SH_COUNT])
+void lp_box_look_around(const struct lp_box_rays *rays, const struct lp_box *box,
+			const double from_m[3], double seen[LP_BOX_RAYS][LP_BOX_SH_COUNT])
 {
 	const struct lp_box_view view = lp_box_look(box, from_m);
-	double there[LP_BOX_SH_COUNT], towards[3];
+	double towards[3];
 
-	for (int order = 0; order < LP_BOX_ORDERS; order++)
-		memcpy(moved[order], sh, LP_BOX_SH_COUNT * sizeof(*sh));
 	for (int k = 0; k < LP_BOX_RAYS; k++) {
 		const struct lp_box_hit hit = lp_box_hit(&view, rays->along[k]);
 		const double far_m = sqrt(dot(hit.at_m, hit.at_m));
 
 		for (int a = 0; a < 3; a++)
 			towards[a] = hit.at_m[a] / far_m;
-		lp_sh_basis(MOST_ORDER, towards, there);
-		add_change(rays->basis[k], there, sh, moved);
+		lp_sh_basis(MOST_ORDER, towards, seen[k]);
 	}
+}
+
+void lp_box_move_sh(const struct lp_box_rays *rays, const double seen[LP_BOX_RAYS][LP_BOX_SH_COUNT],
+		    const double sh[LP_BOX_SH_COUNT], double moved[LP_BOX_ORDERS][LP_BOX_SH_COUNT])
+{
+	for (int order = 0; order < LP_BOX_ORDERS; order++)
+		memcpy(moved[order], sh, LP_BOX_SH_COUNT * sizeof(*sh));
+	for (int k = 0; k < LP_BOX_RAYS; k++)
+		add_change(rays->basis[k], seen[k], sh, moved);
 }

@@ -53,13 +53,17 @@ struct lp_box_rays {
 
 void lp_box_fill_rays(struct lp_box_rays *rays);
 
-/*
- * Spherical harmonics (radiance, world) of what is seen from `from_m`, by those of what is seen
- * from the box's origin: docs/users/conventions.md, "Ambient light at a place". moved[l]: by those
- * up to order l alone; the others stay.
+/* The basis along the directions in which the box's origin sees what `from_m` sees along each ray.
  */
-void lp_box_move_sh(const struct lp_box_rays *rays, const struct lp_box *box,
-		    const double from_m[3], const double sh[LP_BOX_SH_COUNT],
-		    double moved[LP_BOX_ORDERS][LP_BOX_SH_COUNT]);
+void lp_box_look_around(const struct lp_box_rays *rays, const struct lp_box *box,
+			const double from_m[3], double seen[LP_BOX_RAYS][LP_BOX_SH_COUNT]);
+
+/*
+ * Spherical harmonics (radiance, world) at the place for which `seen` is, by those at the box's
+ * origin: docs/users/conventions.md, "Ambient light at a place". moved[l]: by those up to order l
+ * alone; the others stay.
+ */
+void lp_box_move_sh(const struct lp_box_rays *rays, const double seen[LP_BOX_RAYS][LP_BOX_SH_COUNT],
+		    const double sh[LP_BOX_SH_COUNT], double moved[LP_BOX_ORDERS][LP_BOX_SH_COUNT]);
 
 #endif

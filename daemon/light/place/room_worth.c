@@ -33,14 +33,15 @@ static double square_of(const double *sh, int order)
 	return sum / (4.0 * M_PI);
 }
 
-static void add_pair(const struct lp_box_rays *rays, const struct lp_box *box,
-		     const double way_m[3], double length_m, const struct lp_room_light *here,
-		     const struct lp_room_light *there, struct errors *errors)
+static void add_pair(const struct lp_box_rays *rays,
+		     const double seen[LP_BOX_RAYS][LP_BOX_SH_COUNT], double length_m,
+		     const struct lp_room_light *here, const struct lp_room_light *there,
+		     struct errors *errors)
 {
 	const double mean = lp_sh_cosine(0) * there->sh[0] / sqrt(4.0 * M_PI);
 	double moved[LP_BOX_ORDERS][LP_BOX_SH_COUNT], change[LP_BOX_SH_COUNT];
 
-	lp_box_move_sh(rays, box, way_m, here->sh, moved);
+	lp_box_move_sh(rays, seen, here->sh, moved);
 	for (int i = 0; i < LP_BOX_SH_COUNT; i++)
 		change[i] = here->sh[i] - there->sh[i];
 	for (int order = 0; order < LP_BOX_ORDERS; order++) {
@@ -74,6 +75,7 @@ void lp_room_find_errors(const struct lp_box_rays *rays, const struct lp_room_vi
 			 double bare_error_per_m[LP_BOX_ORDERS])
 {
 	struct errors light = {0}, bare = {0};
+	double seen[LP_BOX_RAYS][LP_BOX_SH_COUNT];
 
 	for (int i = 0; i < views->count; i++) {
 		const struct lp_room_view *here = &views->list[i];
@@ -92,10 +94,11 @@ void lp_room_find_errors(const struct lp_box_rays *rays, const struct lp_room_vi
 			}
 			if (!(length2 > LEAST_WAY_M * LEAST_WAY_M))
 				continue;
-			add_pair(rays, &around, way_m, sqrt(length2), &here->light, &there->light,
-				 &light);
-			add_pair(rays, &around, way_m, sqrt(length2), &here->bare, &there->bare,
-				 &bare);
+			lp_box_look_around(rays, &around, way_m, seen);
+			add_pair(rays, (const double(*)[LP_BOX_SH_COUNT])seen, sqrt(length2),
+				 &here->light, &there->light, &light);
+			add_pair(rays, (const double(*)[LP_BOX_SH_COUNT])seen, sqrt(length2),
+				 &here->bare, &there->bare, &bare);
 		}
 	}
 	conclude(&light, SHARE, error_per_m);
