@@ -63,6 +63,9 @@ class BoxFit:
         if len(views) < 2 or not all(one.coefficients[0].mean() > 0 for one in views):
             return None
         problem = _Problem(views)
+        if self._best is not None and len(self._best) != _YAW + len(views):
+            # a probe has come or gone: the walls are as they were
+            self._best = np.concatenate([self._best[: _YAW + 1], np.zeros(len(views) - 1)])
         for _ in range(1 if self._best is not None else _STARTS):
             start = problem.start(math.pi / 2 / _STARTS * (self._start - _STARTS // 2))
             self._start = (self._start + 1) % _STARTS
@@ -159,5 +162,5 @@ class _Problem:
         residual = self._residual(values)
         slope = self._slope(values, residual)
         scatter = max(1.0, float(residual @ residual) / max(len(residual) - len(values), 1))
-        variance = np.diag(np.linalg.inv(slope.T @ slope)) * scatter
+        variance = np.diag(np.linalg.pinv(slope.T @ slope)) * scatter
         return np.asarray(np.exp(values[:6]) * np.sqrt(variance[:6]))

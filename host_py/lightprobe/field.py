@@ -111,18 +111,19 @@ def with_room(
     """Give the same with the room around the first station, as far as their ambient light tells.
 
     Lamps that have no places count as ambient light: they are in the SH of all stations then. A
-    station whose lamps contradict, or whose SH are not AMBIENT of order 4, does not count.
+    station that shares no lamp with the first one, or whose SH are not AMBIENT of order 4, does not
+    count; if the first one's are not, or lamps contradict, nothing is known of the room.
     """
     base = joined.estimate
+    if joined.contradicts or base.room is not None or not _is_fine(base):
+        return joined
     views = [
         _ambient(base, estimate, turn, ids, station)
         for estimate, turn, ids, station in zip(
             (base, *others), joined.turns_wxyz, joined.shared, stations, strict=True
         )
-        if estimate is not None and estimate.sh.kind == "AMBIENT" and estimate.sh.order == 4
+        if ids and estimate is not None and _is_fine(estimate)
     ]
-    if joined.contradicts or base.room is not None or not any(joined.shared):
-        return joined
     room = search.look(views)
     if room is None:
         return joined
@@ -130,6 +131,11 @@ def with_room(
     w, x, y, z = geometry.turn_after(geometry.inverse(joined.turns_wxyz[0]), (w, x, y, z))
     turned = replace(room, orientation=np.array([x, y, z, w]))
     return replace(joined, estimate=replace(base, room=turned))
+
+
+def _is_fine(estimate: Estimate) -> bool:
+    """Tell whether its SH are such as a room can be fitted to."""
+    return estimate.sh.kind == "AMBIENT" and estimate.sh.order == 4
 
 
 def _ambient(

@@ -291,3 +291,19 @@ def test_the_room_stays_as_it_was_found():
     first, *later = (roomed(probes, base, [other], search).room for _ in range(4))
     for one in later:
         assert one.error_per_m <= first.error_per_m * 1.01
+
+
+def test_a_probe_that_comes_and_goes_is_no_error():
+    probes, search = stations(3), BoxFit()
+    base, *others = (lit_room(probe) for probe in probes)
+    for heard in ([others[0], None], others, [None, others[1]], others):
+        found = roomed(probes, base, heard, search)
+        assert found.room is not None
+        assert np.isfinite(found.room.walls_sigma_m).all()
+
+
+def test_a_first_probe_with_coarse_light_gets_no_room_of_another():
+    probes = stations(3)
+    base, *others = (lit_room(probe) for probe in probes)
+    coarse = SphericalHarmonics("AMBIENT", 2, base.sh.coefficients[:9])
+    assert roomed(probes, replace(base, sh=coarse), others).room is None
