@@ -4,6 +4,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "light/linear/vector.h"
 #include "light/math/sh.h"
 
 #define MOST_ORDER (LP_BOX_ORDERS - 1)
@@ -21,11 +22,6 @@ static void axes_of(const struct lp_box *box, double axes[3][3])
 	axes[2][0] = s, axes[2][1] = 0.0, axes[2][2] = c;
 }
 
-static double dot(const double a[3], const double b[3])
-{
-	return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
 struct lp_box_view lp_box_look(const struct lp_box *box, const double from_m[3])
 {
 	struct lp_box_view view = {.box = *box};
@@ -33,7 +29,7 @@ struct lp_box_view lp_box_look(const struct lp_box *box, const double from_m[3])
 	axes_of(box, view.axes);
 	for (int i = 0; i < 3; i++) {
 		const double own_m =
-			fmin(fmax(dot(view.axes[i], from_m), -FARTHEST * box->wall_m[2 * i]),
+			fmin(fmax(lp_dot(view.axes[i], from_m), -FARTHEST * box->wall_m[2 * i]),
 			     FARTHEST * box->wall_m[2 * i + 1]);
 
 		view.left_m[2 * i] = box->wall_m[2 * i] + own_m;
@@ -80,7 +76,7 @@ void lp_box_walls_from(const struct lp_box *box, const double place_m[3], double
 		from[a] = place_m[a] - box->origin_m[a];
 	for (int wall = 0; wall < 6; wall++)
 		wall_m[wall] =
-			box->wall_m[wall] + (wall & 1 ? -1.0 : 1.0) * dot(axes[wall / 2], from);
+			box->wall_m[wall] + (wall & 1 ? -1.0 : 1.0) * lp_dot(axes[wall / 2], from);
 }
 
 /* What is seen along a direction, against what is seen along it from the box's origin. */
@@ -122,7 +118,7 @@ void lp_box_look_around(const struct lp_box_rays *rays, const struct lp_box *box
 
 	for (int k = 0; k < LP_BOX_RAYS; k++) {
 		const struct lp_box_hit hit = lp_box_hit(&view, rays->along[k]);
-		const double far_m = sqrt(dot(hit.at_m, hit.at_m));
+		const double far_m = sqrt(lp_dot(hit.at_m, hit.at_m));
 
 		for (int a = 0; a < 3; a++)
 			towards[a] = hit.at_m[a] / far_m;

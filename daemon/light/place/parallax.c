@@ -5,6 +5,8 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "light/linear/vector.h"
+
 #include "light/linear/cholesky.h"
 
 /* Parameters: two of the direction, the inverse distance, and how late poses are. */
@@ -40,11 +42,6 @@ enum { ALONG, ACROSS, INVERSE, LATE, SIZE };
 /* An inverse distance so many sigmas below 0: no lamp is there. */
 #define BEYOND_SIGMAS 4.0
 
-static double dot(const double a[3], const double b[3])
-{
-	return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
 static void cross(const double a[3], const double b[3], double c[3])
 {
 	c[0] = a[1] * b[2] - a[2] * b[1];
@@ -54,7 +51,7 @@ static void cross(const double a[3], const double b[3], double c[3])
 
 static double normalise(double v[3])
 {
-	const double length = sqrt(dot(v, v));
+	const double length = sqrt(lp_dot(v, v));
 
 	for (int a = 0; length > 0.0 && a < 3; a++)
 		v[a] /= length;
@@ -65,7 +62,7 @@ static double apart_m(const double a[3], const double b[3])
 {
 	const double d[3] = {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
 
-	return sqrt(dot(d, d));
+	return sqrt(lp_dot(d, d));
 }
 
 /* Two unit vectors across `along`. */
@@ -86,7 +83,6 @@ static void join(struct lp_parallax_node *node, const struct lp_parallax_node *o
 
 	if (!(node->irradiance > 0.0)) /* not known: as in the other */
 		node->irradiance = other->irradiance;
-
 #define MEAN(field) (node->field += share * (other->field - node->field))
 	for (int a = 0; a < 3; a++) {
 		MEAN(direction[a]);
@@ -175,14 +171,14 @@ static bool look(const struct fit *fit, const struct lp_parallax_node *node, dou
 	for (int a = 0; a < 3; a++)
 		toward[a] = fit->found.direction[a] -
 			    fit->found.inverse_per_m * (node->position_m[a] - fit->found.here_m[a]);
-	*depth = dot(node->direction, toward);
+	*depth = lp_dot(node->direction, toward);
 	return *depth > 0.1;
 }
 
 /* As strong as it would be at the distance of here_m. */
 static double strength(const struct lp_parallax_node *node, const double toward[3])
 {
-	return node->irradiance * dot(toward, toward);
+	return node->irradiance * lp_dot(toward, toward);
 }
 
 /* Share of the lamp that is hidden, against where it is seen best. */
@@ -239,14 +235,14 @@ static bool equation_of(const struct fit *fit, const struct lp_parallax_node *no
 	for (int i = 0; i < 2; i++) {
 		double lever[3];
 
-		e->residual[i] =
-			dot(basis[i], toward) / depth - fit->found.late_s * dot(basis[i], late);
-		e->slope[i][ALONG] = dot(basis[i], along[0]) / depth;
-		e->slope[i][ACROSS] = dot(basis[i], along[1]) / depth;
-		e->slope[i][INVERSE] =
-			-(dot(basis[i], node->position_m) - dot(basis[i], fit->found.here_m)) /
-			depth;
-		e->slope[i][LATE] = -dot(basis[i], late);
+		e->residual[i] = lp_dot(basis[i], toward) / depth -
+				 fit->found.late_s * lp_dot(basis[i], late);
+		e->slope[i][ALONG] = lp_dot(basis[i], along[0]) / depth;
+		e->slope[i][ACROSS] = lp_dot(basis[i], along[1]) / depth;
+		e->slope[i][INVERSE] = -(lp_dot(basis[i], node->position_m) -
+					 lp_dot(basis[i], fit->found.here_m)) /
+				       depth;
+		e->slope[i][LATE] = -lp_dot(basis[i], late);
 		cross(node->direction, basis[i], lever);
 		for (int a = 0; a < 3; a++) {
 			e->pose[i][a] = sigma_rad * lever[a];
@@ -377,7 +373,7 @@ static bool solve(struct lp_parallax *p, const struct lp_probe_pose *pose,
 		return false;
 	/* The present place is late, too, and has the error of any place. */
 	const double inverse2 = fit.found.inverse_per_m * fit.found.inverse_per_m;
-	const double nearer = inverse2 * dot(pose->velocity_m_s, fit.found.direction);
+	const double nearer = inverse2 * lp_dot(pose->velocity_m_s, fit.found.direction);
 	const double of[SIZE] = {[INVERSE] = 1.0, [LATE] = nearer};
 	/* where nodes scatter more than their sigmas say, the sigma grows by as much */
 	const double scatter = fmax(fit.misfit / fmax(2.0 * p->count - SIZE, 1.0), 1.0);
@@ -470,7 +466,7 @@ float lp_parallax_go(struct lp_parallax *p, const double way_m[3], double sigma_
 	*nearer = 1.0F;
 	if (isnan(lp_parallax_distance(p).distance_m))
 		return 0.0F;
-	const double variance = p->sigma_per_m * p->sigma_per_m * dot(way_m, way_m) +
+	const double variance = p->sigma_per_m * p->sigma_per_m * lp_dot(way_m, way_m) +
 				p->inverse_per_m * p->inverse_per_m * sigma_m * sigma_m;
 
 	*nearer = (float)lp_nearer(way_m, p->inverse_per_m, direction);

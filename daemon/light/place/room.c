@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "light/linear/cholesky.h"
+#include "light/linear/vector.h"
 #include "light/math/grid.h"
 #include "light/place/parallax.h"
 #include "light/place/room_fit.h"
@@ -54,16 +55,11 @@ struct lp_room {
 	struct lp_room_found found;
 };
 
-static double dot(const double a[3], const double b[3])
-{
-	return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
 static double apart_m(const double a[3], const double b[3])
 {
 	const double d[3] = {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
 
-	return sqrt(dot(d, d));
+	return sqrt(lp_dot(d, d));
 }
 
 int lp_room_create(struct lp_room **room)

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "light/linear/cholesky.h"
+#include "light/linear/vector.h"
 #include "light/math/grid.h"
 
 enum { YAW = LP_ROOM_YAW, LATE = LP_ROOM_LATE, SIZE = LP_ROOM_SIZE, SLOPES = 3 };
@@ -22,11 +23,6 @@ enum { YAW = LP_ROOM_YAW, LATE = LP_ROOM_LATE, SIZE = LP_ROOM_SIZE, SLOPES = 3 }
 #define LEAST_DAMPING 1e-3
 #define LESS_DAMPING 0.3
 #define MORE_DAMPING 10.0
-
-static double dot(const double a[3], const double b[3])
-{
-	return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
 
 struct lp_box lp_room_box(const double at[SIZE])
 {
@@ -55,7 +51,7 @@ static bool compare(const struct lp_room_view *middle, const struct lp_box_view 
 	if (isnan(cell) || !lp_coarse_look(middle->cells, hit.at_m, &value, by))
 		return false;
 	/* the hit moves along the ray; each slope is how far */
-	const double by_way = dot(by, along) / hit.cosine;
+	const double by_way = lp_dot(by, along) / hit.cosine;
 	const double aside = hit.normal[0] * hit.at_m[2] - hit.normal[2] * hit.at_m[0];
 
 	*off = value - (double)cell;
@@ -64,7 +60,7 @@ static bool compare(const struct lp_room_view *middle, const struct lp_box_view 
 	slope->of[2] = LATE;
 	slope->by[0] = by_way * box->box.wall_m[hit.wall];
 	slope->by[1] = by_way * aside;
-	slope->by[2] = (by_way * dot(hit.normal, velocity) - dot(by, velocity));
+	slope->by[2] = (by_way * lp_dot(hit.normal, velocity) - lp_dot(by, velocity));
 	return true;
 }
 

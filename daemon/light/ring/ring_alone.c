@@ -4,6 +4,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "light/linear/vector.h"
+
 #include "light/clipped/ring_fusion.h"
 #include "light/linear/nnls.h"
 
@@ -41,18 +43,13 @@ static void take(const struct lp_ring_sample *sample, struct sensors *s)
 	}
 }
 
-static double dot(const double a[3], const double b[3])
-{
-	return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
 /* p: pi ambient, and the lamp's direction times its irradiance. */
 static double chi2(const struct sensors *s, const double p[PARAMETERS])
 {
 	double sum = 0.0;
 
 	for (int k = 0; k < s->count; k++) {
-		const double lux = p[0] + fmax(dot(s->normal[k], p + 1), 0.0);
+		const double lux = p[0] + fmax(lp_dot(s->normal[k], p + 1), 0.0);
 		const double off = (s->lux[k] - lux) / s->sigma[k];
 
 		sum += off * off;
@@ -67,7 +64,7 @@ static void fit_along(const struct sensors *s, const double direction[3], double
 	double x[LP_NNLS_MAX];
 
 	for (int k = 0; k < s->count; k++) {
-		const double row[2] = {1.0, fmax(dot(s->normal[k], direction), 0.0)};
+		const double row[2] = {1.0, fmax(lp_dot(s->normal[k], direction), 0.0)};
 		const double weight = 1.0 / (s->sigma[k] * s->sigma[k]);
 
 		for (int i = 0; i < 2; i++) {
@@ -111,7 +108,7 @@ static struct lp_nnls linearise(const struct sensors *s, const double p[PARAMETE
 	struct lp_nnls normal = {.count = PARAMETERS};
 
 	for (int k = 0; k < s->count; k++) {
-		const double facing = dot(s->normal[k], p + 1);
+		const double facing = lp_dot(s->normal[k], p + 1);
 		const double weight = 1.0 / (s->sigma[k] * s->sigma[k]);
 		double row[PARAMETERS] = {1.0};
 
@@ -162,7 +159,7 @@ bool lp_ring_alone(const struct lp_ring_sample *sample, struct lp_ring_alone *li
 	search(&s, p);
 	memset(covariance, 0, sizeof(covariance));
 	refine(&s, p, covariance);
-	const double lamp = sqrt(dot(p + 1, p + 1));
+	const double lamp = sqrt(lp_dot(p + 1, p + 1));
 
 	*light = (struct lp_ring_alone){.ambient = (float)(p[0] / M_PI), .lamp = (float)lamp};
 	light->direction[1] = 1.0F; /* where no lamp is found */
