@@ -5,9 +5,8 @@
 #include <stdbool.h>
 #include <string.h>
 
-#include "light/linear/vector.h"
-
 #include "light/linear/cholesky.h"
+#include "light/linear/vector.h"
 
 /* Parameters: two of the direction, the inverse distance, and how late poses are. */
 enum { ALONG, ACROSS, INVERSE, LATE, SIZE };
