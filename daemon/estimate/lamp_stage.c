@@ -80,12 +80,10 @@ static void look_closer(const struct lp_lamp_stage *stage, struct lp_imager *ima
 			    fmaxf(pixels->irradiance[LP_LUMINANCE], 1e-30F);
 
 	sighting->scale = lp_imager_scale(imager);
+	sighting->rotation_sigma_rad = lp_imager_direction_sigma_rad(imager, pixels->direction);
 	const struct lp_film_view *film = lp_imager_film(imager);
 
-	struct lp_imager_status status;
-
-	lp_imager_status(imager, &status);
-	sighting->film_misfit = status.rotation_sigma_deg > 0.0F ? TURNING_MISFIT : 1.0F;
+	sighting->film_misfit = sighting->rotation_sigma_rad > 0.0F ? TURNING_MISFIT : 1.0F;
 	sighting->film_rest_s = film ? film->film->rest_s : 0.0F;
 	sighting->film =
 		film ? lp_film_pass(film, pixels->direction) : (struct lp_film_pass){.gain = 1.0F};
@@ -124,10 +122,11 @@ void lp_lamp_stage_steer(struct lp_lamp_stage *stage, struct lp_imager *imager,
 		s->pixels = m->on_grid;
 		s->refined =
 			lp_imager_refine(imager, detection->finder, &s->pixels, work->refine_cells);
+		s->rotation_sigma_rad =
+			lp_imager_direction_sigma_rad(imager, s->pixels.direction);
 		count += s->refined;
 	}
-	if (lp_lamp_memory_landmarks(&stage->memory, sightings, count,
-				     status.rotation_sigma_deg / DEG, pull, information))
+	if (lp_lamp_memory_landmarks(&stage->memory, sightings, count, pull, information))
 		lp_imager_correct_rotation(imager, pull, (const double(*)[3])information);
 }
 
@@ -328,7 +327,6 @@ void lp_lamp_stage_update(struct lp_lamp_stage *stage, struct lp_imager *imager,
 
 	stage->pose.rotation = to_world(imager, &told.rotation); /* by what the frame showed, too */
 	const struct lp_memory_times times = {.elapsed_s = elapsed_s(stage, panorama->t_capture_ns),
-					      .rotation_sigma_rad = status.rotation_sigma_deg / DEG,
 					      .pose = stage->is_placed ? &stage->pose : NULL};
 
 	lp_lamp_memory_update(&stage->memory, sightings, finder->count, &times);

@@ -313,11 +313,9 @@ static void test_a_lamp_near_another_does_not_come_and_go(void **state)
 static void test_a_clipped_lamp_is_followed(void **state)
 {
 	static const float longer[] = {1.0F, 0.1F, 0.01F};
-	struct lp_memory_times turning = frame;
 	struct lp_lamp_memory memory = {0};
 
 	(void)state;
-	turning.rotation_sigma_rad = 0.05F * (float)M_PI / 180.0F;
 	for (int n = 0; n < 300; n++) {
 		struct lp_lamp_sighting s = sighting(0.005F * (float)n, 5.0F);
 		const struct lp_lamp_sighting glowing = sighting(0.005F * (float)n + 1.0F, 1.0F);
@@ -328,7 +326,8 @@ static void test_a_clipped_lamp_is_followed(void **state)
 		for (int c = 0; c < 4; c++)
 			s.pixels.irradiance[c] *= longer[n % 3] * (1.0F - 5e-4F * (float)n);
 		s.pixels.flags = LP_LIGHT_CLIPPED;
-		lp_lamp_memory_update(&memory, &s, 1, &turning);
+		s.rotation_sigma_rad = 0.05F * (float)M_PI / 180.0F;
+		lp_lamp_memory_update(&memory, &s, 1, &frame);
 		const struct lp_lamp *known = &only(&memory)->lamp;
 		const struct lp_lamp_sighting true_one = sighting(0.005F * (float)n, 5.0F);
 		const float off_deg = 180.0F / (float)M_PI *
@@ -347,15 +346,14 @@ static void test_turning_is_no_flicker(void **state)
 
 	(void)state;
 	for (int turns = 0; turns < 2; turns++) {
-		struct lp_memory_times times = frame;
 		struct lp_lamp_memory memory = {0};
 
-		times.rotation_sigma_rad = rotation_sigma_rad[turns];
 		for (int n = 0; n < 60; n++) {
 			struct lp_lamp_sighting s = sighting(10.0F, n % 2 ? 5.3F : 4.7F);
 
 			s.scale = 10000.0F;
-			lp_lamp_memory_update(&memory, &s, 1, &times);
+			s.rotation_sigma_rad = rotation_sigma_rad[turns];
+			lp_lamp_memory_update(&memory, &s, 1, &frame);
 		}
 		assert_true((lp_lamp_memory_flicker(&memory) > 0.0F) == (turns == 0));
 	}
@@ -623,7 +621,9 @@ static void test_lamps_are_landmarks(void **state)
 	for (int k = 0; k < 4; k++)
 		lp_rotate_direction(&turn, s[k].pixels.direction);
 	s[3] = sighting(243.0F, 5.0F); /* three degrees from its place */
-	assert_int_equal(lp_lamp_memory_landmarks(&memory, s, 4, 0.005F, pull, information), 3);
+	for (int k = 0; k < 4; k++)
+		s[k].rotation_sigma_rad = 0.005F;
+	assert_int_equal(lp_lamp_memory_landmarks(&memory, s, 4, pull, information), 3);
 	for (int a = 0; a < 3; a++) { /* the turn back solves the equations */
 		double sum = 0.0;
 
@@ -635,11 +635,11 @@ static void test_lamps_are_landmarks(void **state)
 
 	for (int k = 0; k < 4; k++) /* clipped lamps tell less: they glow */
 		s[k].pixels.flags = LP_LIGHT_CLIPPED;
-	assert_int_equal(lp_lamp_memory_landmarks(&memory, s, 4, 0.005F, pull, information), 3);
+	assert_int_equal(lp_lamp_memory_landmarks(&memory, s, 4, pull, information), 3);
 	assert_true(information[1][1] < 0.5 * before && information[1][1] > 0.05 * before);
 	for (int k = 0; k < 4; k++) /* and those that are not looked at closer nothing */
 		s[k].refined = false;
-	assert_int_equal(lp_lamp_memory_landmarks(&memory, s, 4, 0.005F, pull, information), 0);
+	assert_int_equal(lp_lamp_memory_landmarks(&memory, s, 4, pull, information), 0);
 }
 
 /* A lamp whose light came with it, at once or later, is beyond doubt; another one, long after the

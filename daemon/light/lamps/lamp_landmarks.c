@@ -36,7 +36,7 @@ static const struct lp_remembered_lamp *nearest_by_pixels(const struct lp_lamp_m
 }
 
 int lp_lamp_memory_landmarks(const struct lp_lamp_memory *memory,
-			     const struct lp_lamp_sighting *sightings, int count, float sigma_rad,
+			     const struct lp_lamp_sighting *sightings, int count,
 			     double pull[3], double information[3][3])
 {
 	int used = 0;
@@ -56,7 +56,8 @@ int lp_lamp_memory_landmarks(const struct lp_lamp_memory *memory,
 					m->direction_variance;
 		const float apart = lp_lamp_apart_rad(d, r);
 
-		if (square(apart) > square(LP_LAMP_CHANGE_SIGMAS) * (variance + square(sigma_rad)))
+		if (square(apart) > square(LP_LAMP_CHANGE_SIGMAS) *
+					    (variance + square(sightings[k].rotation_sigma_rad)))
 			continue;
 		used++;
 		for (int a = 0; a < 3; a++) {

@@ -86,13 +86,13 @@ struct lp_lamp_sighting {
 	 */
 	struct lp_film_pass film;
 	float came; /* share of on_grid's light that was not there about a second ago */
+	float rotation_sigma_rad; /* how far off the camera's rotation puts it; 0: it holds still */
 	bool refined;
 	bool enters; /* strong and clear enough to become a lamp; else it only goes on being one */
 };
 
 struct lp_memory_times {
 	float elapsed_s;		  /* since the last update */
-	float rotation_sigma_rad;	  /* of the camera's rotation in the newest frame */
 	const struct lp_probe_pose *pose; /* NULL: nobody tells where the probe is */
 };
 
@@ -104,11 +104,11 @@ void lp_lamp_memory_update(struct lp_lamp_memory *memory, const struct lp_lamp_s
  * How the lamps that these sightings measure are turned against where they are known to be: the
  * rotation vector (anchor frame) that brings the sightings to the lamps is information^-1 times
  * `pull`; information per rad^2, singular where fewer than two lamps say something. A lamp that is
- * further off than sigma_rad explains is left out. Returns how many lamps count. Memory and
+ * further off than its sigmas explain is left out. Returns how many lamps count. Memory and
  * sightings stay as they are.
  */
 int lp_lamp_memory_landmarks(const struct lp_lamp_memory *memory,
-			     const struct lp_lamp_sighting *sightings, int count, float sigma_rad,
+			     const struct lp_lamp_sighting *sightings, int count,
 			     double pull[3], double information[3][3]);
 
 /* Deepest flicker of the lamps that are seen (root mean square, relative); 0: none flickers. */
