@@ -17,7 +17,7 @@
 #include "vision/turn/alignment.h"
 
 /* Where a cell of a turned picture looks, in cells: what lies between samples. */
-#define PLACE_SIGMA 0.15
+#define PLACE_SIGMA 0.15F
 
 int lp_imager_create(const struct lp_camera *camera, const struct lp_imager_options *options,
 		     struct lp_imager **imager)
@@ -33,6 +33,7 @@ int lp_imager_create(const struct lp_camera *camera, const struct lp_imager_opti
 	m->turn.agreement = 1.0F;
 	m->eye = m->eyes;
 	lp_motion_init(&m->turn.motion);
+	m->turn.doubt = 1.0;
 	ret = lp_grid_create(width, height, &m->grid);
 	if (ret == 0)
 		ret = lp_radiance_map_create(m->grid, &m->map);
@@ -53,12 +54,13 @@ int lp_imager_create(const struct lp_camera *camera, const struct lp_imager_opti
 	m->turned = calloc(cells, sizeof(*m->turned));
 	m->turned_flags = calloc(cells, 1);
 	m->step2 = calloc(cells, sizeof(*m->step2));
+	m->place_variance = calloc(cells, sizeof(*m->place_variance));
 	m->lamp.behind = calloc(cells, sizeof(*m->lamp.behind));
 	m->lamp.taken = calloc(cells, 1);
 	m->lamp.pixels =
 		calloc((size_t)LP_MOST_REFINE_CELLS * LP_CELL_MAX_PX, sizeof(*m->lamp.pixels));
-	if (!m->turned || !m->turned_flags || !m->step2 || !m->lamp.behind || !m->lamp.taken ||
-	    !m->lamp.pixels)
+	if (!m->turned || !m->turned_flags || !m->step2 || !m->place_variance || !m->lamp.behind ||
+	    !m->lamp.taken || !m->lamp.pixels)
 		goto err_destroy;
 	lp_imager_watch(m);
 	*imager = m;
@@ -80,6 +82,7 @@ void lp_imager_destroy(struct lp_imager *imager)
 	free(imager->lamp.taken);
 	free(imager->lamp.behind);
 	free(imager->film.over);
+	free(imager->place_variance);
 	free(imager->step2);
 	free(imager->turned_flags);
 	free(imager->turned);
@@ -317,6 +320,26 @@ static void follow_scale(struct lp_imager *imager, float exposure_us)
 	lp_gain_init(&imager->eye->gain, imager->eye->incoming.scale);
 }
 
+/* What each cell's luminance is off by, as the camera may be turned otherwise than it seems. */
+static void weigh_place(struct lp_imager *imager)
+{
+	const double cells_per_rad = imager->grid->height / M_PI;
+	double covariance[3][3], across[3][3]; /* d' across d: variance of where d lies, per axis */
+
+	lp_motion_covariance(&imager->turn.motion, covariance);
+	const double all = covariance[0][0] + covariance[1][1] + covariance[2][2];
+
+	for (int a = 0; a < 3; a++)
+		for (int b = 0; b < 3; b++)
+			across[a][b] = ((a == b ? all : 0.0) - covariance[a][b]) / 2.0 *
+				       cells_per_rad * cells_per_rad;
+	lp_grid_quadratic(imager->grid, (const double(*)[3])across, imager->place_variance);
+	for (int i = 0; i < imager->grid->width * imager->grid->height; i++)
+		imager->place_variance[i] =
+			imager->step2[i] *
+			(PLACE_SIGMA * PLACE_SIGMA + fmaxf(imager->place_variance[i], 0.0F));
+}
+
 static void observe(struct lp_imager *imager)
 {
 	struct lp_observation seen = lp_imager_residual(imager).seen;
@@ -327,15 +350,13 @@ static void observe(struct lp_imager *imager)
 		      LP_SAME_EXPOSURE * lp_eye_exposures(imager->eye).shortest_us;
 	seen.elapsed_s = imager->t_map_ns && elapsed_s > 0.0 ? (float)elapsed_s : 0.0F;
 	if (!lp_rotation_is_identity(&imager->turn.motion.rotation)) {
-		const double sigma =
-			lp_motion_sigma_rad(&imager->turn.motion) * imager->grid->height / M_PI;
-
 		lp_lookup_radiance(imager->lookup, seen.radiance, imager->turned, imager->step2);
 		lp_lookup_marks(imager->lookup, seen.flags, imager->turned_flags);
 		seen.radiance = (const float(*)[4])imager->turned;
 		seen.flags = imager->turned_flags;
 		seen.step2 = imager->step2;
-		seen.place_variance = (float)(PLACE_SIGMA * PLACE_SIGMA + sigma * sigma);
+		weigh_place(imager);
+		seen.place_variance = imager->place_variance;
 	}
 	lp_imager_weigh_veil(imager, &seen);
 	lp_imager_see_through(imager, &seen);

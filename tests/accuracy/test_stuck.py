@@ -11,10 +11,12 @@ from pathlib import Path
 import live
 import numpy as np
 import pytest
-from judge import Figures
+from judge import Figures, Light, Packet
 from lightprobe import geometry
 from lightprobe.estimate import EstimateFlag
+from lightprobe.evaluate.metrics import relighting_relative
 from lightprobe.imaging import camera as lenses
+from lightprobe.imaging.film import Sheet
 from lightprobe.sim.camera import SimulatedCamera
 from lightprobe.sim.live import LiveClient, LiveProbe
 from lightprobe.sim.pixel_defects import PixelDefects
@@ -149,6 +151,39 @@ def test_lamps_in_rows_are_none(scene: str, size_px: tuple[int, int], behaviour:
     client, counts, _ = watched(camera, (2.0, 4.0, 6.0))
     assert counts == [0, 0, 0]
     assert not any(one.flags & EstimateFlag.PARTIAL_VIEW for one in client.estimates[30:])
+
+
+@pytest.mark.nightly_rows
+@pytest.mark.parametrize(
+    ("size_px", "rate_hz", "film"),
+    [(SMALL_PX, 10.0, False), ((1920, 960), 30.0, True), ((1920, 960), 15.0, True)],
+)
+def test_a_lamp_about_which_the_camera_turns_is_none(
+    size_px: tuple[int, int], rate_hz: float, film: bool
+) -> None:
+    """One lamp at the zenith of a room without texture: all else tells little of the turn.
+
+    It was left out as a light of the box: a quarter of the light was missing, flags were 0.
+    """
+    behaviour = Behaviour(act_s=0, swing_deg=40, swing_hz=0.2)
+    world = World([random_scene(0)], behaviour, None if film else 0.2)
+    camera = SimulatedCamera(
+        world, lenses.load("equirect"), size_px, rate_hz=rate_hz, sheet=Sheet() if film else None
+    )
+    light = Light.of(world.scenes[0])
+    with LiveProbe(
+        camera, ["--polarizer=fixed:45"] if film else [], film_deg=45.0 if film else None
+    ) as probe:
+        client = probe.client(SUBSCRIPTION)
+        probe.run(6.0)
+        assert client.health is not None
+        assert client.health.places_left_out == 0
+        for one in client.estimates[len(client.estimates) // 2 :]:
+            t_s = probe.captured_s(one)
+            turn = Packet(one, camera.true_rotation(world.at(t_s))).turn
+            got = one.irradiance(light.normals @ turn.T)
+            assert relighting_relative(light.irradiance, got) < 0.05
+            assert one.lights
 
 
 def test_a_camera_that_holds_still_takes_a_stuck_pixel_for_what_it_may_be() -> None:

@@ -92,6 +92,10 @@ static void test_a_turn_about_a_direction_does_not_move_it(void **state)
 	assert_true(lp_motion_direction_sigma_rad(&motion, up) < 0.2 * DEG);
 	assert_true(lp_motion_direction_sigma_rad(&motion, ahead) > 1.0 * DEG);
 	assert_true(lp_motion_sigma_rad(&motion) > 1.0 * DEG);
+	double covariance[3][3]; /* in the anchor frame the vertical is the same */
+
+	lp_motion_covariance(&motion, covariance);
+	assert_true(covariance[1][1] > 3.0 * DEG * DEG && covariance[0][0] < 0.04 * DEG * DEG);
 }
 
 /* A head that begins to turn at once is followed from the first frames on, and its sigma is true.

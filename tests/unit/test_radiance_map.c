@@ -239,9 +239,8 @@ static struct lp_observation misplaced(float scale, float sigma)
 	struct lp_observation seen = picture(scale);
 
 	for (int i = 0; i < CELLS; i++)
-		step2[i] = 1.0F;
-	seen.step2 = step2;
-	seen.place_variance = sigma * sigma;
+		step2[i] = sigma * sigma;
+	seen.place_variance = step2;
 	return seen;
 }
 

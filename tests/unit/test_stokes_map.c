@@ -321,7 +321,7 @@ static float seen_through(struct room *room, float wheel_deg, float light, float
 	lp_stokes_map_see_through(room->map, &view, &seen);
 	const float radiance = seen.radiance[room->ahead][LP_LUMINANCE];
 
-	*sigma = sqrtf(seen.step2[room->ahead] * seen.place_variance) / radiance;
+	*sigma = sqrtf(seen.place_variance[room->ahead]) / radiance;
 	return radiance;
 }
 

@@ -289,6 +289,17 @@ static void test_a_row_is_found(void **state)
 	assert_int_equal(others(), 0);
 }
 
+/* A lamp at the zenith shines in all cells of the first row, however the camera turns about it; and
+ * where it is thought to be turned otherwise, in other directions than before. */
+static void test_a_lamp_at_a_pole_is_none(void **state)
+{
+	(void)state;
+	for (int c = 0; c < COLUMNS; c++)
+		own[c] = 0.8F;
+	look_around(300);
+	assert_int_equal(stuck.count, 0);
+}
+
 static void test_a_thousand_are_found(void **state)
 {
 	(void)state;
@@ -432,6 +443,7 @@ int main(void)
 		TEST(test_what_is_cured_is_forgotten),
 		TEST(test_a_light_of_the_box_is_found),
 		TEST(test_a_row_is_found),
+		TEST(test_a_lamp_at_a_pole_is_none),
 		TEST(test_a_thousand_are_found),
 		TEST(test_every_cell_shines),
 		TEST(test_a_hand_shows_what_shines_and_lamps_are_behind_it),

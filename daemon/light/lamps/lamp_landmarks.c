@@ -36,10 +36,12 @@ static const struct lp_remembered_lamp *nearest_by_pixels(const struct lp_lamp_m
 }
 
 int lp_lamp_memory_landmarks(const struct lp_lamp_memory *memory,
-			     const struct lp_lamp_sighting *sightings, int count,
-			     double pull[3], double information[3][3])
+			     const struct lp_lamp_sighting *sightings, int count, double pull[3],
+			     double information[3][3], double *misfit)
 {
-	int used = 0;
+	const double most = square(LP_LAMP_CHANGE_SIGMAS);
+	double squares = 0.0;
+	int used = 0, known = 0;
 
 	memset(pull, 0, 3 * sizeof(*pull));
 	memset(information, 0, 3 * sizeof(*information));
@@ -54,10 +56,12 @@ int lp_lamp_memory_landmarks(const struct lp_lamp_memory *memory,
 		const float *d = seen->direction, *r = m->lamp.direction;
 		const double variance = square(seen->direction_sigma_deg * RAD) + square(glow) +
 					m->direction_variance;
-		const float apart = lp_lamp_apart_rad(d, r);
+		const double sigmas2 = square(lp_lamp_apart_rad(d, r)) /
+				       (variance + square(sightings[k].rotation_sigma_rad));
 
-		if (square(apart) > square(LP_LAMP_CHANGE_SIGMAS) *
-					    (variance + square(sightings[k].rotation_sigma_rad)))
+		known++;
+		squares += fmin(sigmas2, most);
+		if (sigmas2 > most)
 			continue;
 		used++;
 		for (int a = 0; a < 3; a++) {
@@ -68,5 +72,6 @@ int lp_lamp_memory_landmarks(const struct lp_lamp_memory *memory,
 				information[a][e] += ((a == e) - (double)d[a] * d[e]) / variance;
 		}
 	}
+	*misfit = known ? squares / (2.0 * known) : NAN; /* across a direction there are two axes */
 	return used;
 }

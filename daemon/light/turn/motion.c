@@ -144,6 +144,19 @@ double lp_motion_direction_sigma_rad(const struct lp_motion *motion, const float
 	return sqrt(fmax(across, 0.0) / 2.0);
 }
 
+void lp_motion_covariance(const struct lp_motion *motion, double covariance[3][3])
+{
+	const double(*m)[3] = motion->rotation.m;
+
+	memset(covariance, 0, 9 * sizeof(**covariance));
+	for (int i = 0; i < 3 && motion->turning; i++) /* R P R' */
+		for (int j = 0; j < 3; j++)
+			for (int a = 0; a < 3; a++)
+				for (int b = 0; b < 3; b++)
+					covariance[i][j] +=
+						m[i][a] * motion->covariance[a][b] * m[j][b];
+}
+
 /* P -= P_r (1 + H P_rr)^-1 H P_r': the filter's update for information H, which may be singular. */
 static void shrink(struct lp_motion *motion, const double information[3][3])
 {

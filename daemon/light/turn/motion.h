@@ -46,6 +46,8 @@ void lp_motion_predict_turn(struct lp_motion *motion, double elapsed_s, const do
 /* Inverse covariance of the rotation, and the root mean square of its sigma over the axes. */
 void lp_motion_prior(const struct lp_motion *motion, double information[3][3]);
 double lp_motion_sigma_rad(const struct lp_motion *motion);
+/* The rotation's covariance in the anchor frame, rad^2; 0 of a camera that holds still. */
+void lp_motion_covariance(const struct lp_motion *motion, double covariance[3][3]);
 /* The same of where a unit direction (camera frame) lies, the mean across it: a turn about the
  * direction itself, which few pictures may tell, does not move it. */
 double lp_motion_direction_sigma_rad(const struct lp_motion *motion, const float direction[3]);

@@ -116,8 +116,10 @@ static float sigma_of(const struct lp_observation *seen, float light, size_t i)
 		variance += 4.0F * seen->code_variance / (255.0F * 255.0F) * fabsf(light) *
 				    seen->scale +
 			    powf(seen->scale / 65025.0F, 2.0F);
+	if (seen->place_variance)
+		variance += seen->place_variance[i];
 	if (seen->step2)
-		variance += seen->step2[i] * (seen->place_variance + BETWEEN_CELLS2);
+		variance += seen->step2[i] * BETWEEN_CELLS2;
 	return sqrtf(variance);
 }
 
@@ -181,15 +183,14 @@ static void divide(struct lp_stokes_map *map, const struct lp_observation *obser
 	const float light = map->radiance[i][LP_LUMINANCE] * sigma / factor;
 
 	map->variance[i] = light * light;
-	if (observation->step2)
-		map->variance[i] += observation->step2[i] * observation->place_variance;
+	if (observation->place_variance)
+		map->variance[i] += observation->place_variance[i];
 }
 
 static void take(const struct lp_stokes_map *map, struct lp_observation *observation)
 {
 	observation->radiance = (const float(*)[4])map->radiance;
-	observation->step2 = map->variance;
-	observation->place_variance = 1.0F;
+	observation->place_variance = map->variance;
 }
 
 void lp_stokes_map_see_through(struct lp_stokes_map *map, const struct lp_film_view *view,

@@ -175,7 +175,7 @@ extern "C" struct lp_map_update lp_radiance_map_observe(struct lp_radiance_map *
 
 	/* while the camera turns, where a cell looks is uncertain, and hides what the others tell
 	 */
-	if (unsettled && !observation->step2) {
+	if (unsettled && !observation->place_variance) {
 		const double elsewhere = change_elsewhere(map, observation, noise);
 
 		unsettled = !(elsewhere <= 0.0);

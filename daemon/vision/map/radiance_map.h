@@ -75,10 +75,9 @@ struct lp_observation {
 	bool longer;	     /* than another exposure that has come lately */
 	float late_s; /* so much older than the newest observation, which is right where they differ
 		       */
-	/* Squared change of luminance from cell to cell, and the variance in cells^2 of where a
-	 * cell looks; NULL: nothing turned, and each cell is one of the camera's. */
-	const float *step2;
-	float place_variance;
+	/* Squared change of luminance from cell to cell, and the variance of luminance that comes
+	 * of where a cell looks; NULL: nothing turned, and each cell is one of the camera's. */
+	const float *step2, *place_variance;
 	/* Luminance per cell that the lens' glare had added and that has been taken off, and its
 	 * variance; NULL: none has, or nobody asks for its variance. */
 	const float *veil, *veil_variance;

@@ -92,17 +92,16 @@ class noise_model
 {
 	bool coded;
 	float of_code[256]; /* of rounding and noise, by the root of the linear value */
-	const float *step2, *veil, *veil_variance;
-	v_float32x4 full, relative2, place_variance;
+	const float *place_variance, *veil, *veil_variance;
+	v_float32x4 full, relative2;
 
       public:
 	explicit noise_model(const struct lp_observation &seen)
-	    : coded(seen.coded), step2(seen.step2), veil(seen.veil),
+	    : coded(seen.coded), place_variance(seen.place_variance), veil(seen.veil),
 	      veil_variance(seen.veil_variance), full(cv::v_setall_f32(1.0F / seen.scale)),
 	      relative2(cv::v_setall_f32(kCameraSigma * kCameraSigma +
 					 seen.flicker_sigma * seen.flicker_sigma +
-					 kWalk * kWalk * seen.late_s)),
-	      place_variance(cv::v_setall_f32(seen.place_variance))
+					 kWalk * kWalk * seen.late_s))
 	{
 		for (auto code = 0; coded && code < 256; code++) {
 			const float dark = kDarkCodes *
@@ -130,8 +129,8 @@ class noise_model
 			variance = cv::v_fma(relative2, luminance * luminance,
 					     cv::v_lut(of_code, cv::v_trunc(root)));
 		}
-		if (step2)
-			variance = cv::v_fma(cv::v_load(step2 + i), place_variance, variance);
+		if (place_variance)
+			variance = variance + cv::v_load(place_variance + i);
 		if (veil_variance)
 			variance = variance + cv::v_load(veil_variance + i);
 		return variance;

@@ -89,7 +89,8 @@ static int find(struct lp_stuck *stuck)
 		const int c = i % columns, r = i / columns;
 		const bool inner = c >= 2 && c < columns - 2 && r >= 2 && r < stuck->rows - 2;
 
-		if ((inner && !may_stand_out(stuck, i)) || lp_stuck_leaves_out(stuck, i))
+		if ((inner && !may_stand_out(stuck, i)) || stuck->is_sliver[i] ||
+		    lp_stuck_leaves_out(stuck, i))
 			continue;
 		const float around = surround(stuck, i);
 

@@ -18,6 +18,9 @@
 /* Two looks have nothing to do with each other when what a cell sees has moved by so many cells: a
  * lamp lights those beside its own, too. */
 #define APART_CELLS 2.0
+/* Of what a cell sees across the horizon. At the poles of a panorama cells are slivers of one and
+ * the same place: a lamp there shines in each of them wherever the camera turns. */
+#define SLIVER_SHARE 0.1
 
 void lp_stuck_release(struct lp_stuck *stuck)
 {
@@ -28,6 +31,7 @@ void lp_stuck_release(struct lp_stuck *stuck)
 	free(stuck->light);
 	free(stuck->cell);
 	free(stuck->log_odds);
+	free(stuck->is_sliver);
 	free(stuck->ray);
 	*stuck = (struct lp_stuck){0};
 }
@@ -37,13 +41,15 @@ static int allocate(struct lp_stuck *s)
 	const size_t cells = (size_t)s->columns * s->rows;
 
 	s->ray = calloc(cells, sizeof(*s->ray));
+	s->is_sliver = calloc(cells, sizeof(*s->is_sliver));
 	s->log_odds = calloc(cells, sizeof(*s->log_odds));
 	s->cell = calloc(cells, sizeof(*s->cell));
 	s->light = calloc(cells, sizeof(*s->light));
 	s->stands = calloc(cells, sizeof(*s->stands));
 	s->list = calloc(cells, sizeof(*s->list));
 	s->own = calloc(cells, sizeof(*s->own));
-	return s->ray && s->log_odds && s->cell && s->light && s->stands && s->list && s->own
+	return s->ray && s->is_sliver && s->log_odds && s->cell && s->light && s->stands &&
+			       s->list && s->own
 		       ? 0
 		       : -ENOMEM;
 }
@@ -51,6 +57,8 @@ static int allocate(struct lp_stuck *s)
 /* Where the cells look. */
 static void aim(struct lp_stuck *s, const struct lp_camera *camera)
 {
+	const double cell_rad = 2.0 * M_PI * s->cell_px / lp_camera_circle_px(camera, s->width_px);
+
 	for (int i = 0; i < s->columns * s->rows; i++) {
 		const double x = (i % s->columns + 0.5) * s->cell_px;
 		const double y = (i / s->columns + 0.5) * s->cell_px; /* cells may reach beyond */
@@ -62,9 +70,11 @@ static void aim(struct lp_stuck *s, const struct lp_camera *camera)
 
 		for (int a = 0; a < 3; a++)
 			s->ray[i][a] = seen ? (float)direction[a] : NAN;
+		s->is_sliver[i] = seen && lp_camera_pixel_solid_angle_sr(camera, s->width_px,
+									 s->height_px, x, y) *
+							  s->cell_px * s->cell_px <
+						  SLIVER_SHARE * cell_rad * cell_rad;
 	}
-	const double cell_rad = 2.0 * M_PI * s->cell_px / lp_camera_circle_px(camera, s->width_px);
-
 	s->wraps = lp_camera_is_whole(camera) && s->width_px % s->cell_px == 0 &&
 		   s->height_px % s->cell_px == 0;
 	s->least_cosine = (float)cos(fmin(APART_CELLS * cell_rad, M_PI / 2.0));

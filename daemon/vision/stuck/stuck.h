@@ -61,7 +61,8 @@ struct lp_stuck {
 			     * other */
 	struct lp_rotation looked_from; /* camera to anchor, in the last look */
 	float (*ray)[3];		/* per cell, camera frame; NAN: nothing is seen */
-	float *log_odds;		/* per cell, that it shines by itself */
+	uint8_t *is_sliver; /* per cell: it sees so little that it neither harms nor tells */
+	float *log_odds;    /* per cell, that it shines by itself */
 	struct lp_stuck_cell *cell;
 	float *light;	  /* workspace: what each cell shows, of full scale */
 	uint8_t *stands;  /* workspace: it stands out */
