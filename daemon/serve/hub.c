@@ -93,7 +93,7 @@ void lp_hub_set_insecure(struct lp_hub *hub)
 static struct lp_stamp stamp_of(const struct lp_hub *hub, const struct lp_hub_client *client)
 {
 	return (struct lp_stamp){.boot_id = hub->options.hello.boot_id,
-				 .ttl_ms = hub->options.ttl_ms,
+				 .ttl_ms = hub->options.ttl_ms + client->subscription.quiet_ms,
 				 .lasts = hub->options.lasts,
 				 .subscription = client->subscription.number,
 				 .t_send_ns = lp_clock_ns()};
@@ -116,6 +116,7 @@ static void send_estimate(struct lp_hub *hub, struct lp_hub_client *client)
 
 	if (packet)
 		send_packet(hub, client, packet);
+	lp_hub_note_sent(hub, client, &wanted);
 }
 
 /* Least time between messages; 0: none. */
@@ -209,14 +210,18 @@ void lp_hub_answer_subscription(struct lp_hub *hub, struct lp_hub_client *client
 		send_estimate(hub, client);
 }
 
-/* `surroundings`: of this estimate; NULL: there are none. */
-static void send_to_all(struct lp_hub *hub, const struct lp_surroundings *surroundings)
+/* `surroundings`: of this estimate; NULL: there are none. `again`: it has been sent before, and is
+ * stale now. */
+static void send_to_all(struct lp_hub *hub, const struct lp_surroundings *surroundings, bool again)
 {
 	const int64_t now_ns = lp_clock_ns();
 
 	for (int i = 0; i < hub->client_count; i++) {
 		struct lp_hub_client *client = hub->clients[i];
+		const struct lp_subscription wanted = wanted_by(client);
 
+		if (!again && lp_hub_has_no_news(hub, client, &wanted, now_ns))
+			continue;
 		if (take_turn(&client->due_ns, client->subscription.rate_hz, now_ns))
 			send_estimate(hub, client);
 	}
@@ -240,7 +245,8 @@ void lp_hub_publish(struct lp_hub *hub, const struct lp_estimates *estimates,
 	hub->last.surroundings = NULL;
 	health->report.estimates++;
 	send_to_all(hub,
-		    hub->reflections && surroundings && surroundings->size ? surroundings : NULL);
+		    hub->reflections && surroundings && surroundings->size ? surroundings : NULL,
+		    false);
 	lp_health_add_latency(health, lp_clock_ns() - estimates->raw.t_arrival_ns);
 }
 
@@ -251,7 +257,7 @@ static void repeat_when_stale(struct lp_hub *hub, int64_t now_ns)
 	if (hub->stale_ns && now_ns - hub->stale_ns < STALE_PERIOD_NS)
 		return;
 	hub->stale_ns = now_ns;
-	send_to_all(hub, NULL);
+	send_to_all(hub, NULL, true);
 }
 
 static void send_health(struct lp_hub *hub, int64_t now_ns)
@@ -343,6 +349,7 @@ static void apply_wish(struct lp_subscription *subscription, const struct lp_wis
 	subscription->sh_order = wish->sh_order;
 	subscription->max_lights = wish->max_lights;
 	subscription->health_period_ms = (uint32_t)wish->health_period_ms;
+	subscription->quiet_ms = (uint32_t)wish->quiet_ms;
 	subscription->total = wish->total;
 	subscription->key_light = wish->key_light;
 	subscription->area_lights = wish->area_lights;

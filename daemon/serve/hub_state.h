@@ -8,11 +8,20 @@
 #include "serve/poses/pose_sender.h"
 #include "serve/reflection_maps.h"
 
+/* The estimate that a client was sent last. */
+struct lp_hub_sent {
+	int64_t t_ns; /* when; 0: none has been, by this subscription */
+	uint32_t number;
+	struct lp_variant variant;
+	struct lp_light_estimate estimate;
+};
+
 struct lp_hub_client {
 	struct lp_publisher *publisher;
 	struct lp_client *handle;
 	struct lp_subscription subscription;
 	int64_t due_ns;		   /* earliest next estimate */
+	struct lp_hub_sent sent;   /* only of a client that wants nothing but news */
 	int64_t reflection_due_ns; /* likewise, of reflection maps */
 	int64_t health_due_ns;
 	int64_t second_ns;    /* begin of the second in which requests are counted */
@@ -58,6 +67,13 @@ void lp_hub_send_error(struct lp_hub *hub, struct lp_hub_client *client, int cod
 /* Send the last estimate to a client that has subscribed anew; too soon after such an answer it
  * waits for the next tick. Its schedule begins here. */
 void lp_hub_answer_subscription(struct lp_hub *hub, struct lp_hub_client *client, int64_t now_ns);
+
+/* hub_news.c: whether the last estimate says to a client nothing that the one before did not, and
+ * none is due all the same; `wanted`: its subscription. And: it is sent. */
+bool lp_hub_has_no_news(struct lp_hub *hub, const struct lp_hub_client *client,
+			const struct lp_subscription *wanted, int64_t now_ns);
+void lp_hub_note_sent(struct lp_hub *hub, struct lp_hub_client *client,
+		      const struct lp_subscription *wanted);
 
 /* hub_requests.c: what a publisher calls (include/publisher.h); `context`: the hub, `user`: the
  * client. Of several subscriptions that came together the newest is answered. */

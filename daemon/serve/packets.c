@@ -20,7 +20,7 @@
 struct packet {
 	struct lp_packet base;
 	struct lp_pool *pool;
-	uint32_t subscription; /* of an estimate: the number in it */
+	uint32_t subscription, ttl_ms; /* of an estimate: those in it */
 	uint8_t data[LP_PACKET_MAX_BYTES];
 };
 
@@ -247,6 +247,7 @@ static struct packet *encode(struct lp_packets *packets, const struct lp_light_e
 	if (!packet)
 		return NULL;
 	packet->subscription = stamp->subscription;
+	packet->ttl_ms = stamp->ttl_ms;
 	struct lp_light_estimate turned;
 
 	if (variant->world) {
@@ -304,7 +305,8 @@ struct lp_packet *lp_packets_estimate(struct lp_packets *packets,
 			    : &kind_of(packets, &choice.limits)
 				       ->encoded[variant->world][variant->total][variant->key];
 
-	if (!*slot || (*slot)->subscription != stamp->subscription) {
+	if (!*slot || (*slot)->subscription != stamp->subscription ||
+	    (*slot)->ttl_ms != stamp->ttl_ms) {
 		forget(slot);
 		*slot = encode(packets, choice.listed, variant, stamp);
 	}

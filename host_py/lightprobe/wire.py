@@ -96,6 +96,9 @@ class Subscription:
     tolerance: float = 0.0  # smallest model with a predicted error below this share; 0: the largest
     smoothing: Literal["SMOOTHED", "RAW"] = "SMOOTHED"
     health_period_ms: int = 1000  # 0: no health messages
+    #: While nothing changes by more than the tolerance (at least 0.004), estimates come this far
+    #: apart, and last so much longer; what is new comes at once. Up to 60000; 0: all come.
+    quiet_ms: int = 0
     frame: Frame = "PROBE"  # WORLD: of the app that sends poses, where known; see Estimate.frame
     key_light: bool = False  # one more directional light, KEY, for what the listed lights leave
     area_lights: bool = False  # windows, soft boxes and the like are listed, too, one ellipse each
@@ -113,6 +116,7 @@ class Subscription:
         self._check_whole("sh_order", 4)
         self._check_whole("max_lights", 8)
         self._check_whole("health_period_ms", 2**32 - 1)
+        self._check_whole("quiet_ms", 60000)
         self._check_word("kind", get_args(Kind))
         self._check_word("smoothing", ("SMOOTHED", "RAW"))
         self._check_word("frame", get_args(Frame))
@@ -165,6 +169,7 @@ def encode_subscription(subscription: Subscription, number: int = 0) -> bytes:
     wish.tolerance_permille = round(1000 * subscription.tolerance)
     wish.smoothing = pb.Subscription.Smoothing.Value(subscription.smoothing)
     wish.health_period_ms = int(subscription.health_period_ms)
+    wish.quiet_ms = int(subscription.quiet_ms)
     wish.key_light = subscription.key_light
     wish.area_lights = subscription.area_lights
     wish.number = number

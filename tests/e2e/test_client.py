@@ -308,6 +308,7 @@ def test_a_refusal_stays_the_reason_when_the_probe_closes():
         ("tolerance", float("nan"), "0.05 is 5 %"),
         ("smoothing", "smoothed", "expected SMOOTHED or RAW"),
         ("health_period_ms", 2**32, "whole number"),
+        ("quiet_ms", 60001, "whole number"),
     ],
 )
 def test_a_subscription_is_checked_when_it_is_made(field, value, message):

@@ -513,6 +513,7 @@ static void test_subscription_defaults_and_values(void **state)
 		.leave_out_reflections = true,
 		.smoothing = lightprobe_v1_Subscription_Smoothing_RAW,
 		.health_period_ms = 1000,
+		.quiet_ms = 100000,
 		.key_light = true,
 		.area_lights = true,
 	};
@@ -525,6 +526,7 @@ static void test_subscription_defaults_and_values(void **state)
 	assert_int_equal(subscription.number, 7);
 	assert_true(subscription.leave_out_reflections);
 	assert_int_equal(subscription.health_period_ms, 1000);
+	assert_int_equal(subscription.quiet_ms, LP_MOST_QUIET_MS);
 }
 
 static void test_reflection_map_wishes(void **state)

@@ -771,6 +771,8 @@ namespace Lightprobe.Messages
         public bool LeaveOutReflections;
         /// <summary>absent: none is sent</summary>
         public ReflectionMapWish ReflectionMap;
+        /// <summary>While an estimate says nothing that the one sent last does not, it is left out: then they come this far apart, and last so much longer (Estimate.ttl_ms). What is new is sent as soon as ever: light that has changed by more than tolerance_permille (of the mean irradiance; at least by 4, a step of an 8-bit picture), other lights, other flags, a larger error. 0: nothing is left out.</summary>
+        public uint QuietMs;
 
         internal WireWriter Write(WireWriter w)
         {
@@ -787,6 +789,7 @@ namespace Lightprobe.Messages
             w.Bool(11, AreaLights);
             w.Bool(13, LeaveOutReflections);
             if (ReflectionMap != null) w.Message(14, ReflectionMap.Write(new WireWriter()));
+            w.UInt32(15, QuietMs);
             return w;
         }
     }

@@ -41,6 +41,9 @@ export interface Subscription {
   smoothing: "SMOOTHED" | "RAW";
   /** 0: no health messages. */
   healthPeriodMs: number;
+  /** While nothing changes by more than the tolerance (at least 0.004), estimates come this far apart, and last so much longer; what is new
+   * comes at once. Up to 60000; 0: all come. */
+  quietMs: number;
   /** WORLD: of the app that sends poses, where it is known; see Estimate.frame. */
   frame: "PROBE" | "WORLD";
   /** One more directional light, KEY, for what the listed lights leave. */
@@ -63,7 +66,7 @@ export interface ReflectionMapWish {
 }
 
 export const DEFAULT_SUBSCRIPTION: Subscription = {
-  rateHz: 0, shOrder: 2, maxLights: 4, kind: "AMBIENT", tolerance: 0, smoothing: "SMOOTHED", healthPeriodMs: 1000,
+  rateHz: 0, shOrder: 2, maxLights: 4, kind: "AMBIENT", tolerance: 0, smoothing: "SMOOTHED", healthPeriodMs: 1000, quietMs: 0,
   frame: "PROBE", keyLight: false, areaLights: false,
   leaveOutReflections: false, reflectionMap: undefined,
 };
@@ -81,6 +84,7 @@ export function encodeSubscription(wish: Subscription, number: number): Uint8Arr
   need(Number.isInteger(wish.maxLights) && wish.maxLights >= 0 && wish.maxLights <= 8, `maxLights ${wish.maxLights}: expected 0…8`);
   need(wish.tolerance >= 0 && wish.tolerance <= 1, `tolerance ${wish.tolerance}: expected 0…1`);
   need(Number.isInteger(wish.healthPeriodMs) && wish.healthPeriodMs >= 0, `healthPeriodMs ${wish.healthPeriodMs}: expected 0 or more`);
+  need(Number.isInteger(wish.quietMs) && wish.quietMs >= 0 && wish.quietMs <= 60000, `quietMs ${wish.quietMs}: expected 0…60000`);
   const map = wish.reflectionMap;
   need(!map || [16, 32, 64].includes(map.size), `reflectionMap.size ${map?.size}: expected 16, 32 or 64`);
   need(!map?.rateHz || (map.rateHz > 0 && map.rateHz <= 30), `reflectionMap.rateHz ${map?.rateHz}: expected 0…30`);
@@ -95,6 +99,7 @@ export function encodeSubscription(wish: Subscription, number: number): Uint8Arr
         tolerancePermille: Math.round(1000 * wish.tolerance),
         smoothing: wish.smoothing === "RAW" ? pb.Subscription_Smoothing.RAW : pb.Subscription_Smoothing.SMOOTHED,
         healthPeriodMs: wish.healthPeriodMs,
+        quietMs: wish.quietMs,
         keyLight: wish.keyLight,
         areaLights: wish.areaLights,
         leaveOutReflections: wish.leaveOutReflections,

@@ -141,7 +141,7 @@ test("numbers that make no sense are refused", () => {
 });
 
 test("a subscription is checked before anything is sent", () => {
-  for (const wrong of [{ rateHz: -1 }, { rateHz: NaN }, { shOrder: 5 }, { shOrder: 1.5 }, { maxLights: 9 }, { tolerance: 2 }, { healthPeriodMs: -1 }])
+  for (const wrong of [{ rateHz: -1 }, { rateHz: NaN }, { shOrder: 5 }, { shOrder: 1.5 }, { maxLights: 9 }, { tolerance: 2 }, { healthPeriodMs: -1 }, { quietMs: -1 }, { quietMs: 60001 }])
     assert.throws(() => encodeSubscription({ ...DEFAULT_SUBSCRIPTION, ...wrong }, 1), RangeError, JSON.stringify(wrong));
   const sent = fromBinary(pb.FromClientSchema, encodeSubscription({ ...DEFAULT_SUBSCRIPTION, shOrder: 0, maxLights: 0 }, 7)).message;
   assert.equal(sent.case, "subscribe");

@@ -23,6 +23,9 @@ struct lp_reflection_wish {
 	bool total;
 };
 
+/* Who hears nothing for longer takes a probe for dead. */
+#define LP_MOST_QUIET_MS 60000
+
 struct lp_subscription {
 	bool world;    /* in the app's world, where it is known */
 	float rate_hz; /* 0: every estimate */
@@ -33,6 +36,7 @@ struct lp_subscription {
 	bool key_light;		   /* light/send/key.h */
 	float tolerance;	   /* relative; 0: the largest model allowed */
 	uint32_t health_period_ms; /* 0: none */
+	uint32_t quiet_ms;	   /* between estimates that say nothing new; 0: all are sent */
 	bool leave_out_reflections;
 	struct lp_reflection_wish reflection;
 	uint32_t number; /* the client's own, echoed in its estimates; 0: the defaults */

@@ -74,6 +74,8 @@ static int read_subscription(const lightprobe_v1_Subscription *wire,
 	subscription->raw = wire->smoothing == lightprobe_v1_Subscription_Smoothing_RAW;
 	subscription->tolerance = (float)wire->tolerance_permille / 1000.0F;
 	subscription->health_period_ms = wire->health_period_ms;
+	subscription->quiet_ms =
+		wire->quiet_ms > LP_MOST_QUIET_MS ? LP_MOST_QUIET_MS : wire->quiet_ms;
 	subscription->number = wire->number;
 	subscription->key_light = wire->key_light;
 	subscription->area_lights = wire->area_lights;

@@ -24,6 +24,8 @@ static const struct lp_param list[] = {
 	 .help = "file with the user name in its first line and the password in its second one"},
 	{"rate", LP_PARAM_FLOAT, FIELD(wish.rate_hz), .initial = "10", .max = 1000,
 	 .help = "estimates a second; 0: every one"},
+	{"quiet_ms", LP_PARAM_INT, FIELD(wish.quiet_ms), .initial = "0", .max = 60000,
+	 .help = "time between estimates while nothing changes; 0: they come as often as ever"},
 	{"sh_order", LP_PARAM_INT, FIELD(wish.sh_order), .initial = "2", .max = 4,
 	 .help = "order of the spherical harmonics"},
 	{"max_lights", LP_PARAM_INT, FIELD(wish.max_lights), .initial = "4", .max = 8,
