@@ -6,14 +6,25 @@
 
 #include <float.h>
 #include <math.h>
+#include <stdio.h>
 
 #include "lp_test.h"
+
+/* With two digits, or as a whole number. */
+static inline const char *figure_text(double value, char text[32])
+{
+	(void)snprintf(text, 32, value >= 100.0 && value < 1e6 ? "%.0f" : "%.2g", value);
+	return text;
+}
 
 /* What was found, and what it must not exceed; NAN exceeds everything. */
 static inline void figure(const char *part, const char *input, const char *error, double found,
 			  double bound)
 {
-	print_message("figure|%s|%s|%s|%.2g|%g\n", part, input, error, found, bound);
+	char texts[2][32];
+
+	print_message("figure|%s|%s|%s|%s|%s\n", part, input, error, figure_text(found, texts[0]),
+		      figure_text(bound, texts[1]));
 	if (!(found <= bound))
 		fail_msg("%s, %s: %s is %g, more than %g", part, input, error, found, bound);
 }
