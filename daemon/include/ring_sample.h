@@ -4,6 +4,8 @@
 #ifndef LP_RING_SAMPLE_H
 #define LP_RING_SAMPLE_H
 
+#include <math.h>
+#include <stdbool.h>
 #include <stdint.h>
 
 #define LP_RING_SENSORS 9
@@ -26,5 +28,15 @@ struct lp_ring_sample {
 	float colour_sigma; /* relative, of each of these numbers; 0: no colours */
 	float common_sigma; /* relative, by which all nine may be off together */
 };
+
+/* Whether sensor k tells anything: a number of lux, and sigmas by which to weigh it. */
+static inline bool lp_ring_tells(const struct lp_ring_sample *sample, int k)
+{
+	const float lux = sample->illuminance_lux[k], sigma = sample->sigma_relative[k];
+	const float noise = sample->noise_relative[k];
+
+	return lux >= 0.0F && isfinite(lux) && sigma > 0.0F && isfinite(sigma) && noise >= 0.0F &&
+	       isfinite(noise);
+}
 
 #endif

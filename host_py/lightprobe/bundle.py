@@ -85,13 +85,20 @@ def fit(
         if np.abs(step).max() < 1e-7:
             break
     slope = problem.slope(values, residual)
-    sigma = np.sqrt(np.diag(np.linalg.inv(slope.T @ slope)))
+    sigma = _sigmas(slope)
     turns, _, _, inverse = problem.parts(values)
     turn_sigma, _, _, inverse_sigma = problem.parts(sigma)
     return Fit(
         turns * turn_sigma_rad, turn_sigma * turn_sigma_rad, problem.start + inverse, inverse_sigma,
         float(residual @ residual), 2 * len(sightings.lamp) - 3 * problem.lamps,
     )  # fmt: skip
+
+
+def _sigmas(slope: Array) -> Array:
+    """Of each parameter, by the singular values: of what nothing tells it is large, never small."""
+    _, values, turned = np.linalg.svd(slope, full_matrices=False)
+    least = np.finfo(np.float64).eps * values[0]
+    return np.asarray(np.linalg.norm(turned / np.maximum(values, least)[:, None], axis=0))
 
 
 class _Problem:
@@ -141,7 +148,10 @@ class _Problem:
         offsets_m = self._offsets_m.copy()
         offsets_m[1:] += places * self._place_sigma_m[:, None]
         inverse_per_m = self.start + inverse
-        expected = normalize(towards[s.lamp] - inverse_per_m[s.lamp, None] * offsets_m[s.probe])
+        expected = towards[s.lamp] - inverse_per_m[s.lamp, None] * offsets_m[s.probe]
+        here = ~expected.any(axis=1)  # a lamp at the probe itself: any direction is as good
+        expected[here] = towards[s.lamp][here]
+        expected = normalize(expected)
         seen = _turned(turns[s.probe] * self._turn_sigma[s.probe], s.directions)
         chords = (expected - seen) / s.sigma_rad[:, None]
         priors = (turns, places, inverse_per_m / _INVERSE_SIGMA_PER_M)

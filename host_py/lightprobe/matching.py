@@ -93,9 +93,12 @@ NOTHING = Matched([], (0.0, 0.0))
 
 
 def match(first: View, second: View) -> Matched:
-    """Find the lamps that clearly are the same; none where two answers are about as likely."""
+    """Find the lamps that clearly are the same; none where two answers are about as likely.
+
+    Probes in one place have no line between them, by which lamps could be told apart.
+    """
     sizes = [sum(map(_is_lamp, view.estimate.lights)) for view in (first, second)]
-    if not all(sizes):
+    if not all(sizes) or np.array_equal(first.place_m, second.place_m):
         return NOTHING
     yaws = np.stack(np.meshgrid(first.yaws_rad(), second.yaws_rad()), axis=-1).reshape(-1, 2)
     chi2 = _disagreements(first, second, yaws)
@@ -220,13 +223,21 @@ def scale_of(base: Estimate, other: Estimate) -> tuple[float, float]:
 
 def _strengths(lights: Sequence[Light], others: Sequence[Light]) -> tuple[Array, Array, Array]:
     """Logarithms of ratios (n, m); how unlike colours are; variances of the ratios."""
-    a, b = (np.array([one.irradiance for one in both]) for both in (lights, others))
-    dimmest = 1e-30 + 1e-3 * np.maximum(a.max(), b.max())
-    ratio_ln = np.log(np.maximum(b, dimmest))[None] - np.log(np.maximum(a, dimmest))[:, None]
+    a_ln, b_ln = (_logarithms(both) for both in (lights, others))
+    ratio_ln = b_ln[None] - a_ln[:, None]
     mean_ln = ratio_ln.mean(axis=-1)
     hue = np.sum((ratio_ln - mean_ln[..., None]) ** 2, axis=-1) / _COLOUR_LN**2
     variances = [np.array([_relative_variance(one) for one in both]) for both in (lights, others)]
     return mean_ln, hue, _UNEVEN_LN**2 + variances[0][:, None] + variances[1][None, :]
+
+
+def _logarithms(lights: Sequence[Light]) -> Array:
+    """Logarithms of irradiances (n, 3); what is dim beside the brightest of the same probe is so.
+
+    Each probe may have a unit of its own.
+    """
+    irradiances = np.array([one.irradiance for one in lights])
+    return np.asarray(np.log(np.maximum(irradiances, 1e-30 + 1e-3 * irradiances.max())))
 
 
 def _relative_variance(light: Light) -> float:

@@ -29,6 +29,8 @@ AMBIENT_CHANGE_PER_M = 0.1
 #: Relative change of a lamp's light with the angle at which it leaves the lamp, 1 sigma for each
 #: radian: that of a flat panel (Lambert's cosine, tan 31 degrees); a globe's is 0.
 EMISSION_CHANGE_PER_RAD = 0.6
+#: No place is farther from the probe.
+_FARTHEST_M = 1e12
 _UP = np.array([0.0, 1.0, 0.0])
 
 
@@ -38,9 +40,9 @@ def light_at(light: Light, position_m: ArrayLike) -> Light:
     The lamp is a ball at `distance_m`: its direction follows from geometry, its irradiance from the
     square of the distances, its angular radius from that of the ball. A place within the ball is
     taken to be on it. A lamp without distance stays where it is; its sigmas are None unless
-    `nearest_m` bounds how much it can move.
+    `nearest_m` bounds how much it can move. Raises ValueError where the position is none.
     """
-    offset_m = np.asarray(position_m, dtype=np.float64)
+    offset_m = _place(position_m)
     away_m = float(np.linalg.norm(offset_m))
     if away_m == 0:
         return light
@@ -88,9 +90,7 @@ def estimate_at(estimate: Estimate, position_m: ArrayLike) -> Estimate:
     ValueError. Where the room is known, the SH change with the place (best with order 4), else they
     stay as they are. `relighting_sigma` is wider; it is None where a lamp's distance is not known.
     """
-    offset_m = np.asarray(position_m, dtype=np.float64)
-    if offset_m.shape != (3,) or not np.isfinite(offset_m).all():
-        raise ValueError(f"estimate: at {position_m!r}: expected x, y, z in metres")
+    offset_m = _place(position_m)
     away_m = float(np.linalg.norm(offset_m))
     if away_m == 0:
         return estimate
@@ -104,6 +104,14 @@ def estimate_at(estimate: Estimate, position_m: ArrayLike) -> Estimate:
     up = float(luminance(moved.irradiance(_UP)))
     shared = tuple(_with_shadow(light, up) for light in lights)
     return replace(moved, lights=tuple(sorted(shared, key=_strength, reverse=True)))
+
+
+def _place(position_m: ArrayLike) -> Array:
+    """Give a place as an array (3,); ValueError where it is none, or beyond all rooms."""
+    offset_m = np.asarray(position_m, dtype=np.float64)
+    if offset_m.shape != (3,) or not (np.abs(offset_m) <= _FARTHEST_M).all():  # NaN, too
+        raise ValueError(f"estimate: at {position_m!r}: expected x, y, z in metres")
+    return offset_m
 
 
 def _strength(light: Light) -> float:

@@ -17,6 +17,38 @@ def test_within_its_bound(case, tmp_path):
     assert result.error <= case.bound
 
 
+@pytest.mark.parametrize("preset", ["balanced", "accurate"])
+def test_many_suns_in_one_cell_are_one_lamp(tmp_path, preset):
+    """64 pixels of the sun's strength in eight by eight, more than are remembered: their sum."""
+    width, height = SIZE_PX
+    omega = geometry.equirect_solid_angles(width, height)
+    radiance = constant(1.0)
+    radiance[200:208, 400:408] += 1e5
+    estimate = estimate_floats(tmp_path, radiance, preset=preset)
+    (light,) = estimate.lights
+    true = 8 * 1e5 * omega[200:208].sum()
+    assert np.allclose(light.irradiance, true, rtol=1e-3)
+    middle = geometry.equirect_direction(403.5, 203.5, width, height)
+    assert geometry.angle_deg(light.direction, middle) < 0.01
+
+
+@pytest.mark.parametrize("preset", ["balanced", "accurate"])
+def test_more_suns_than_are_remembered(tmp_path, preset):
+    """64 suns all around: eight are listed; the others are in the SH, by their cells."""
+    width, height = SIZE_PX
+    omega = geometry.equirect_solid_angles(width, height)
+    radiance = constant(1.0)
+    for k in range(64):
+        row, column = 60 + 50 * (k // 8), 30 + 120 * (k % 8) + 7 * (k // 8)
+        radiance[row, column] += 1e5 * omega[height // 2] / omega[row]
+    estimate = estimate_floats(tmp_path, radiance, preset=preset)
+    assert 0 < len(estimate.lights) <= 8
+    assert "MORE_LIGHTS" in estimate.to_json()["flags"]
+    true, total = sh.project(radiance, 4), estimate.total().coefficients
+    found = total[: len(true)]
+    assert np.linalg.norm(found - true[: len(found)]) < 0.02 * np.linalg.norm(true)
+
+
 def quaternion(axis, angle_rad):
     axis = geometry.normalize(np.array(axis) + 1e-9)
     return np.concatenate([[np.cos(angle_rad / 2)], np.sin(angle_rad / 2) * axis])

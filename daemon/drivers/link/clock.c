@@ -2,10 +2,13 @@
 #include "drivers/link/clock.h"
 
 #include <math.h>
+#include <stdlib.h>
 
 #define SLOWEST_NS INT64_C(20000000)
 #define SKEW_PRIOR 0.005 /* 1 sigma: ceramic resonators are within 0.5 % */
 #define UNIFORM 0.57735	 /* standard deviation of a uniform distribution over +-1 */
+/* An exchange that leaves no more than so many sigmas for what was known contradicts it. */
+#define STEP_SIGMAS 4
 
 static int64_t unwrap(const struct lp_link_clock *clock, uint32_t device_us)
 {
@@ -52,6 +55,17 @@ static void fit(struct lp_link_clock *clock)
 	clock->skew_sigma = sqrt(w0 / determinant);
 }
 
+/* Whether one of the clocks has been set, or stood still, since the exchanges before: the truth
+ * lies within this one for certain. */
+static bool has_stepped(const struct lp_link_clock *clock, uint32_t device_us, int64_t middle_ns,
+			int64_t half_ns)
+{
+	int64_t expected_ns, sigma_ns;
+
+	return lp_link_clock_at(clock, device_us, &expected_ns, &sigma_ns) &&
+	       llabs(expected_ns - middle_ns) > half_ns + STEP_SIGMAS * sigma_ns;
+}
+
 bool lp_link_clock_add(struct lp_link_clock *clock, int64_t sent_ns, int64_t received_ns,
 		       uint32_t device_us, uint32_t turnaround_us)
 {
@@ -59,6 +73,8 @@ bool lp_link_clock_add(struct lp_link_clock *clock, int64_t sent_ns, int64_t rec
 
 	if (width_ns < 0 || width_ns > 2 * SLOWEST_NS)
 		return false;
+	if (has_stepped(clock, device_us, sent_ns + width_ns / 2, width_ns / 2))
+		*clock = (struct lp_link_clock){0};
 	const int64_t unwrapped_us = unwrap(clock, device_us);
 
 	clock->exchanges[clock->at].device_us = unwrapped_us;

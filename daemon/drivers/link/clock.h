@@ -30,7 +30,8 @@ struct lp_link_clock {
 };
 
 /* Zeroed at the start, and whenever the microcontroller was reset. False: an exchange that cannot
- * be, or is too slow to be of use; it is left out. */
+ * be, or is too slow to be of use; it is left out. One that contradicts those before begins anew:
+ * this machine slept, or the microcontroller was reset unseen. */
 bool lp_link_clock_add(struct lp_link_clock *clock, int64_t sent_ns, int64_t received_ns,
 		       uint32_t device_us, uint32_t turnaround_us);
 

@@ -42,8 +42,7 @@ static uint32_t usable(const struct lp_ring_sample *sample)
 	uint32_t mask = 0;
 
 	for (int k = 0; k < LP_RING_SENSORS; k++)
-		if (isfinite(sample->illuminance_lux[k]) && sample->illuminance_lux[k] >= 0.0F &&
-		    isfinite(sample->sigma_relative[k]) && sample->sigma_relative[k] > 0.0F)
+		if (lp_ring_tells(sample, k))
 			mask |= 1U << k;
 	return mask;
 }
@@ -357,5 +356,6 @@ float lp_ring_variance(const struct lp_ring_fusion *fusion, const struct lp_clip
 			sum += fusion->covariance[i][j] * (sin(angle) + (M_PI - angle) * cosine) /
 			       (6.0 * M_PI);
 		}
-	return (float)fmax(sum, 0.0);
+	/* infinite sigmas times 0 */
+	return isnan(sum) ? INFINITY : (float)fmax(sum, 0.0);
 }

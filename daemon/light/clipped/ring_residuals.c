@@ -63,7 +63,7 @@ static const struct lp_ring_sample *sample_of(const struct lp_ring_problem *prob
 
 static bool counts(const struct lp_ring_sample *sample, int sensor, uint32_t used)
 {
-	return used >> sensor & 1 && isfinite(sample->illuminance_lux[sensor]);
+	return used >> sensor & 1 && lp_ring_tells(sample, sensor);
 }
 
 /* Variance of a reading around what x predicts: of what stays of the sensor's error, of its noise,

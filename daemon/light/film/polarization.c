@@ -19,6 +19,9 @@
 /* Share of the newest reading in the mean of how far readings are off; none counts for more than
  * one that contradicts. */
 #define MISFIT_GAIN 0.1F
+/* Of readings beyond these variances no sum fits into a float. */
+#define LEAST_VARIANCE 1e-34F
+#define MOST_VARIANCE 1e34F
 /* What more readings do not lessen, in S1/S0: the response of the camera. */
 #define LEAST_SIGMA 0.008F
 /* The smallest share that a film passes by which the light before it is told. */
@@ -90,6 +93,9 @@ bool lp_stokes_correct(struct lp_stokes *stokes, const struct lp_stokes_reading 
 	const float scale = fmaxf(stokes->scale, reading->intensity);
 	const float film = FILM_SIGMA * scale;
 	const float variance = reading->sigma * reading->sigma + film * film;
+
+	if (!(variance > LEAST_VARIANCE && variance < MOST_VARIANCE))
+		return false;
 	const float off = deviation(stokes, reading, scale, variance);
 	const bool contradicts = off > GATE * GATE, changed = contradicts && stokes->doubted;
 	const float half_life_s = HALF_LIFE_S + RESTS * reading->rest_s;

@@ -48,8 +48,8 @@ struct lp_polarization {
 };
 
 /* A reading, elapsed_s after the one before. One that contradicts what is known is left out; if the
- * next one does so, too, all before it is forgotten and true is returned. Readings <= 0 or not
- * finite are left out. */
+ * next one does so, too, all before it is forgotten and true is returned. Readings <= 0, not
+ * finite, or of light beyond 1e-15 .. 1e18 are left out. */
 bool lp_stokes_correct(struct lp_stokes *stokes, const struct lp_stokes_reading *reading,
 		       float elapsed_s);
 

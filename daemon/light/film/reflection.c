@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "light/film/reflection.h"
 
+#include <float.h>
 #include <math.h>
 #include <string.h>
 
@@ -71,6 +72,12 @@ static float angle(const float a[3], const float b[3])
 
 	cross(a, b, c);
 	return atan2f(sqrtf(dot(c, c)), dot(a, b));
+}
+
+/* Above the horizon. A unit vector may be rounded to more than 1. */
+static float elevation(const float direction[3])
+{
+	return atan2f(direction[1], hypotf(direction[0], direction[2]));
 }
 
 /* An image in a mirror of normal m (towards the probe's side). */
@@ -206,11 +213,16 @@ static float bound_probability(float excess, const struct lp_suspect *image,
 	return 1.0F - less(excess);
 }
 
+static float log_strength(const struct lp_suspect *suspect)
+{
+	return logf(fmaxf(suspect->irradiance, FLT_MIN));
+}
+
 static float strength_ratio(const struct lp_suspect *image, const struct lp_suspect *lamp,
 			    const struct lp_fresnel *fresnel, const struct near_lamp *near)
 {
 	const float any = 1.0F / logf(CONTRAST), dolp = fresnel->dolp;
-	const float excess = logf(image->irradiance / (lamp->irradiance * fresnel->reflectance));
+	const float excess = log_strength(image) - log_strength(lamp) - logf(fresnel->reflectance);
 	/* What the film makes of light whose polarization is not known. */
 	const float passed[] = {1.0F, 1.0F + dolp, 1.0F - 0.9F * dolp};
 	const int ways = image->polarization.known ? 1 : 3;
@@ -248,7 +260,7 @@ static float floor_ratio(const struct lp_suspect *image, const struct lp_suspect
 static float upright_ratio(const struct lp_suspect *image, const struct lp_suspect *lamp,
 			   const struct mirror *mirror)
 {
-	const float off = asinf(lamp->direction[1]) - asinf(image->direction[1]);
+	const float off = elevation(lamp->direction) - elevation(image->direction);
 	const float far = 2.0F * gauss(off, PLACE_SIGMA_RAD);
 	struct near_lamp near;
 

@@ -78,10 +78,12 @@ void lp_lamp_age(struct lp_remembered_lamp *m, float elapsed_s)
 	m->absent_s = m->seen ? 0.0F : m->absent_s + elapsed_s;
 }
 
+/* A gain of 1 takes what was measured as it is: of a difference from a much stronger light nothing
+ * would be left. */
 static void blend(float *value, const float *measured, int count, float gain)
 {
 	for (int i = 0; i < count; i++)
-		value[i] += gain * (measured[i] - value[i]);
+		value[i] = gain < 1.0F ? value[i] + gain * (measured[i] - value[i]) : measured[i];
 }
 
 static void normalise(float v[3])
@@ -105,7 +107,8 @@ static float gain_of(float known_variance, float variance, float difference2)
 /* A lamp that flickers is its mean, with the colour that it has now. */
 static void take_mean(struct lp_remembered_lamp *m)
 {
-	const float share = m->flicker.mean / m->lamp.irradiance[LP_LUMINANCE];
+	const float now = m->lamp.irradiance[LP_LUMINANCE];
+	const float share = now > 0.0F ? m->flicker.mean / now : 1.0F;
 
 	for (int c = 0; c < 4; c++)
 		m->lamp.irradiance[c] *= share;

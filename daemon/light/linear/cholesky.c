@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "light/linear/cholesky.h"
 
+#include <float.h>
 #include <math.h>
 
-/* Lower triangle, row-major. */
+/* Lower triangle, row-major. An infinite row would say that its unknown is 0 for certain. */
 static bool decompose(int size, const double *a, double *root)
 {
 	for (int i = 0; i < size; i++)
@@ -12,7 +13,7 @@ static bool decompose(int size, const double *a, double *root)
 
 			for (int k = 0; k < j; k++)
 				sum -= root[i * size + k] * root[j * size + k];
-			if (i == j && !(sum > 0.0))
+			if (i == j && !(sum > 0.0 && sum <= DBL_MAX))
 				return false;
 			root[i * size + j] = i == j ? sqrt(sum) : sum / root[j * size + j];
 		}

@@ -25,7 +25,7 @@ static bool factorise(const struct lp_nnls *problem, const bool *is_free, struct
 
 			for (int k = 0; k < j; k++)
 				sum -= f->lower[i][k] * f->lower[j][k];
-			if (i == j && !(sum > 0.0))
+			if (i == j && !(sum > 0.0 && sum <= DBL_MAX))
 				return false;
 			f->lower[i][j] = i == j ? sqrt(sum) : sum / f->lower[j][j];
 		}
@@ -72,7 +72,7 @@ static int steepest(const struct lp_nnls *problem, const bool *is_free, const do
 }
 
 /* Go from x towards `wanted` as far as nothing becomes negative; what becomes 0 is bound. True: all
- * the way. */
+ * the way. Ratios of numbers far apart round to 1. */
 static bool step(const struct factor *f, const double *wanted, bool *is_free, double *x)
 {
 	double share = 1.0;
@@ -80,14 +80,18 @@ static bool step(const struct factor *f, const double *wanted, bool *is_free, do
 
 	for (int i = 0; i < f->count; i++) {
 		const double from = x[f->index[i]];
+		const double part = from / (from - wanted[i]);
 
-		if (wanted[i] <= 0.0 && from / (from - wanted[i]) < share) {
-			share = fmax(from / (from - wanted[i]), 0.0);
+		if (wanted[i] <= 0.0 && (part < share || (first < 0 && wanted[i] < 0.0))) {
+			share = fmax(part, 0.0);
 			first = f->index[i];
 		}
 	}
 	for (int i = 0; i < f->count; i++)
-		x[f->index[i]] += share * (wanted[i] - x[f->index[i]]);
+		x[f->index[i]] =
+			first < 0
+				? wanted[i]
+				: fmax(x[f->index[i]] + share * (wanted[i] - x[f->index[i]]), 0.0);
 	if (first < 0)
 		return true;
 	x[first] = 0.0;
@@ -95,8 +99,16 @@ static bool step(const struct factor *f, const double *wanted, bool *is_free, do
 	return false;
 }
 
+static bool are_finite(const double *values, int count)
+{
+	for (int i = 0; i < count; i++)
+		if (!isfinite(values[i]))
+			return false;
+	return true;
+}
+
 /* The least value over the unknowns that are free, as far as none becomes negative. False: the
- * matrix is not positive definite. */
+ * matrix is not positive definite, or there is none that is finite. */
 static bool descend(const struct lp_nnls *problem, bool *is_free, double *x)
 {
 	for (bool there = false; !there;) {
@@ -108,6 +120,8 @@ static bool descend(const struct lp_nnls *problem, bool *is_free, double *x)
 		for (int i = 0; i < f.count; i++)
 			wanted[i] = problem->right[f.index[i]];
 		substitute(&f, wanted);
+		if (!are_finite(wanted, f.count))
+			return false;
 		there = step(&f, wanted, is_free, x);
 	}
 	return true;
@@ -143,7 +157,7 @@ void lp_nnls_solve(const struct lp_nnls *problem, double x[LP_NNLS_MAX])
 	lp_nnls_improve(problem, x);
 }
 
-void lp_nnls_covariance(const struct lp_nnls *problem, const double x[LP_NNLS_MAX],
+bool lp_nnls_covariance(const struct lp_nnls *problem, const double x[LP_NNLS_MAX],
 			double covariance[LP_NNLS_MAX][LP_NNLS_MAX])
 {
 	bool is_free[LP_NNLS_MAX] = {false};
@@ -153,7 +167,7 @@ void lp_nnls_covariance(const struct lp_nnls *problem, const double x[LP_NNLS_MA
 	for (int i = 0; i < problem->count; i++)
 		is_free[i] = x[i] > 0.0;
 	if (!factorise(problem, is_free, &f))
-		return;
+		return false;
 	for (int j = 0; j < f.count; j++) {
 		double column[LP_NNLS_MAX] = {0.0};
 
@@ -162,6 +176,7 @@ void lp_nnls_covariance(const struct lp_nnls *problem, const double x[LP_NNLS_MA
 		for (int i = 0; i < f.count; i++)
 			covariance[f.index[i]][f.index[j]] = column[i];
 	}
+	return true;
 }
 
 double lp_nnls_variance(const struct lp_nnls *problem, const double x[LP_NNLS_MAX], int unknown)
@@ -173,8 +188,10 @@ double lp_nnls_variance(const struct lp_nnls *problem, const double x[LP_NNLS_MA
 
 	for (int i = 0; i < problem->count; i++)
 		is_free[i] = x[i] > 0.0;
-	if (!is_free[unknown] || !factorise(problem, is_free, &f))
+	if (!is_free[unknown])
 		return 0.0;
+	if (!factorise(problem, is_free, &f))
+		return INFINITY;
 	for (int i = 0; i < f.count; i++)
 		if (f.index[i] == unknown)
 			at = i;

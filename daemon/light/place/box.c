@@ -28,12 +28,14 @@ struct lp_box_view lp_box_look(const struct lp_box *box, const double from_m[3])
 
 	axes_of(box, view.axes);
 	for (int i = 0; i < 3; i++) {
-		const double own_m =
-			fmin(fmax(lp_dot(view.axes[i], from_m), -FARTHEST * box->wall_m[2 * i]),
-			     FARTHEST * box->wall_m[2 * i + 1]);
+		/* an origin that is behind a wall counts as in it */
+		const double below_m = fmax(box->wall_m[2 * i], 0.0);
+		const double above_m = fmax(box->wall_m[2 * i + 1], 0.0);
+		const double own_m = fmin(fmax(lp_dot(view.axes[i], from_m), -FARTHEST * below_m),
+					  FARTHEST * above_m);
 
-		view.left_m[2 * i] = box->wall_m[2 * i] + own_m;
-		view.left_m[2 * i + 1] = box->wall_m[2 * i + 1] - own_m;
+		view.left_m[2 * i] = below_m + own_m;
+		view.left_m[2 * i + 1] = above_m - own_m;
 		for (int a = 0; a < 3; a++)
 			view.from_m[a] += own_m * view.axes[i][a];
 	}
@@ -121,7 +123,8 @@ void lp_box_look_around(const struct lp_box_rays *rays, const struct lp_box *box
 		const double far_m = sqrt(lp_dot(hit.at_m, hit.at_m));
 
 		for (int a = 0; a < 3; a++)
-			towards[a] = hit.at_m[a] / far_m;
+			/* of a place where the origin is, too, the light comes from ahead */
+			towards[a] = far_m > 0.0 ? hit.at_m[a] / far_m : rays->along[k][a];
 		lp_sh_basis(MOST_ORDER, towards, seen[k]);
 	}
 }

@@ -38,23 +38,40 @@ enum { ALONG, ACROSS, INVERSE, LATE, SIZE };
  * it is hidden in part. */
 #define STRENGTH_NOISE 0.03
 #define STRENGTH_SIGMAS 3.0
+/* No place, time or sigma of a pose is larger (m, m/s, rad, rad/s, s), and no sigma is less. */
+#define MOST_OF_A_POSE 1e9
+#define LEAST_SIGMA_RAD 1e-7
+#define MOST_NOT_UNIT 0.01 /* of a direction's squared length */
 /* An inverse distance so many sigmas below 0: no lamp is there. */
 #define BEYOND_SIGMAS 4.0
 
-static void cross(const double a[3], const double b[3], double c[3])
+/* Of numbers, each at least `least`. */
+static bool are_sane(const double *values, int count, double least)
 {
-	c[0] = a[1] * b[2] - a[2] * b[1];
-	c[1] = a[2] * b[0] - a[0] * b[2];
-	c[2] = a[0] * b[1] - a[1] * b[0];
+	for (int k = 0; k < count; k++)
+		if (!(values[k] >= least && values[k] <= MOST_OF_A_POSE))
+			return false;
+	return true;
 }
 
-static double normalise(double v[3])
+bool lp_probe_pose_is_sane(const struct lp_probe_pose *pose)
 {
-	const double length = sqrt(lp_dot(v, v));
+	const double sigmas[3] = {pose->sigma_rad, pose->sigma_m, pose->late_sigma_s};
 
-	for (int a = 0; length > 0.0 && a < 3; a++)
-		v[a] /= length;
-	return length;
+	return are_sane(sigmas, 3, 0.0) && are_sane(pose->position_m, 3, -MOST_OF_A_POSE) &&
+	       are_sane(pose->rate_rad_s, 3, -MOST_OF_A_POSE) &&
+	       are_sane(pose->velocity_m_s, 3, -MOST_OF_A_POSE);
+}
+
+static bool is_sane(const struct lp_parallax_sighting *sighting)
+{
+	const double of_it[4] = {sighting->sigma_rad, sighting->irradiance, sighting->radius_rad,
+				 sighting->strength_sigma};
+	const double length2 = (double)sighting->direction[0] * sighting->direction[0] +
+			       (double)sighting->direction[1] * sighting->direction[1] +
+			       (double)sighting->direction[2] * sighting->direction[2];
+
+	return are_sane(of_it, 4, 0.0) && fabs(length2 - 1.0) < MOST_NOT_UNIT;
 }
 
 static double apart_m(const double a[3], const double b[3])
@@ -62,16 +79,6 @@ static double apart_m(const double a[3], const double b[3])
 	const double d[3] = {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
 
 	return sqrt(lp_dot(d, d));
-}
-
-/* Two unit vectors across `along`. */
-static void across(const double along[3], double basis[2][3])
-{
-	const double aside[3] = {fabs(along[0]) < 0.7, fabs(along[0]) >= 0.7, 0.0};
-
-	cross(along, aside, basis[0]);
-	(void)normalise(basis[0]);
-	cross(along, basis[0], basis[1]);
 }
 
 /* ---------------------------------------------------------------- nodes */
@@ -98,7 +105,7 @@ static void join(struct lp_parallax_node *node, const struct lp_parallax_node *o
 	MEAN(pose_variance_rad2);
 	MEAN(pose_variance_m2);
 #undef MEAN
-	(void)normalise(node->direction);
+	(void)lp_normalise(node->direction);
 	node->count = count;
 }
 
@@ -226,9 +233,9 @@ static bool equation_of(const struct fit *fit, const struct lp_parallax_node *no
 	const double sigma_rad = sqrt(node->pose_variance_rad2);
 	const double sigma_m = sqrt(node->pose_variance_m2);
 
-	across(node->direction, basis);
-	across(fit->found.direction, along);
-	cross(node->rate_rad_s, node->direction, late);
+	lp_across(node->direction, basis);
+	lp_across(fit->found.direction, along);
+	lp_cross(node->rate_rad_s, node->direction, late);
 	for (int a = 0; a < 3; a++)
 		late[a] += nearness * node->velocity_m_s[a];
 	for (int i = 0; i < 2; i++) {
@@ -242,7 +249,7 @@ static bool equation_of(const struct fit *fit, const struct lp_parallax_node *no
 					 lp_dot(basis[i], fit->found.here_m)) /
 				       depth;
 		e->slope[i][LATE] = -lp_dot(basis[i], late);
-		cross(node->direction, basis[i], lever);
+		lp_cross(node->direction, basis[i], lever);
 		for (int a = 0; a < 3; a++) {
 			e->pose[i][a] = sigma_rad * lever[a];
 			e->pose[i][3 + a] = sigma_m * nearness * basis[i][a];
@@ -306,11 +313,11 @@ static bool step(struct fit *fit)
 
 	if (!lp_cholesky_solve(SIZE, fit->normal[0], fit->right, by))
 		return false;
-	across(fit->found.direction, along);
+	lp_across(fit->found.direction, along);
 	for (int a = 0; a < 3; a++)
 		fit->found.direction[a] += by[ALONG] * along[0][a] + by[ACROSS] * along[1][a];
 	fit->found.inverse_per_m =
-		(fit->found.inverse_per_m + by[INVERSE]) / normalise(fit->found.direction);
+		(fit->found.inverse_per_m + by[INVERSE]) / lp_normalise(fit->found.direction);
 	fit->found.late_s += by[LATE];
 	return true;
 }
@@ -414,16 +421,18 @@ void lp_parallax_see(struct lp_parallax *p, const struct lp_probe_pose *pose,
 {
 	const double in_anchor[3] = {sighting->direction[0], sighting->direction[1],
 				     sighting->direction[2]};
+	const double sigma_rad = fmax((double)sighting->sigma_rad, LEAST_SIGMA_RAD);
 	struct lp_parallax_node seen = {.t_s = (double)pose->t_ns / 1e9,
 					.count = 1.0,
-					.variance =
-						(double)sighting->sigma_rad * sighting->sigma_rad,
+					.variance = sigma_rad * sigma_rad,
 					.irradiance = sighting->irradiance,
 					.radius_rad = sighting->radius_rad,
 					.strength_sigma = sighting->strength_sigma,
 					.pose_variance_rad2 = pose->sigma_rad * pose->sigma_rad,
 					.pose_variance_m2 = pose->sigma_m * pose->sigma_m};
 
+	if (!lp_probe_pose_is_sane(pose) || !is_sane(sighting))
+		return;
 	lp_rotate(&pose->rotation, in_anchor, seen.direction);
 	memcpy(seen.position_m, pose->position_m, sizeof(seen.position_m));
 	memcpy(seen.rate_rad_s, pose->rate_rad_s, sizeof(seen.rate_rad_s));
@@ -450,9 +459,9 @@ double lp_nearer(const double way_m[3], double inverse_per_m, float direction[3]
 
 	for (int a = 0; a < 3; a++)
 		toward[a] = (double)direction[a] - inverse_per_m * way_m[a];
-	const double left = normalise(toward);
+	const double left = lp_normalise(toward);
 
-	if (!(left > LEAST_LEFT))
+	if (!(left > LEAST_LEFT && isfinite(left)))
 		return 1.0;
 	for (int a = 0; a < 3; a++)
 		direction[a] = (float)toward[a];

@@ -9,6 +9,7 @@
 #ifndef LP_LIGHT_PLACE_PARALLAX_H
 #define LP_LIGHT_PLACE_PARALLAX_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "light/math/rotation.h"
@@ -28,6 +29,9 @@ struct lp_probe_pose {
 	double late_sigma_s;		       /* of how late all poses are, alike */
 	double rate_rad_s[3], velocity_m_s[3]; /* how fast it turns and goes, in the world */
 };
+
+/* Whether all of it is numbers of places and times that can be. Others are left out. */
+bool lp_probe_pose_is_sane(const struct lp_probe_pose *pose);
 
 /* What was seen of the lamp from one place: means. */
 struct lp_parallax_node {
@@ -75,7 +79,8 @@ void lp_parallax_see(struct lp_parallax *parallax, const struct lp_probe_pose *p
 		     const struct lp_parallax_sighting *sighting);
 
 /* Turns the direction (a unit vector) of a lamp that is 1 / inverse_per_m away into that after the
- * probe has gone by `way_m`, same frame. Returns the old distance over the new one. */
+ * probe has gone by `way_m`, same frame. Returns the old distance over the new one. A way that
+ * leads to the lamp, or is no number, changes nothing. */
 double lp_nearer(const double way_m[3], double inverse_per_m, float direction[3]);
 
 /* The probe has gone by `way_m`, anchor frame, 1 sigma along each axis: the lamp's direction

@@ -123,6 +123,8 @@ bool lp_room_wants(const struct lp_room *room, const struct lp_probe_pose *pose)
 {
 	const int at = nearest(&room->views, pose->position_m);
 
+	if (!lp_probe_pose_is_sane(pose))
+		return false;
 	if (at < 0 || room->world != pose->world)
 		return true;
 	const struct lp_room_view *near = &room->views.list[at];
@@ -202,6 +204,8 @@ void lp_room_see(struct lp_room *room, const struct lp_probe_pose *pose, const f
 	struct lp_room_view seen = {.t_s = (double)pose->t_ns / 1e9};
 	double before_m[3];
 
+	if (!lp_probe_pose_is_sane(pose))
+		return;
 	memcpy(seen.position_m, pose->position_m, sizeof(seen.position_m));
 	memcpy(seen.velocity_m_s, pose->velocity_m_s, sizeof(seen.velocity_m_s));
 	memcpy(seen.cells, bare_cells, sizeof(seen.cells));
@@ -332,7 +336,7 @@ void lp_room_work(struct lp_room *room)
 bool lp_room_found(const struct lp_room *room, const struct lp_probe_pose *pose,
 		   struct lp_room_found *found)
 {
-	if (!room->known || room->world != pose->world)
+	if (!room->known || room->world != pose->world || !lp_probe_pose_is_sane(pose))
 		return false;
 	*found = room->found;
 	memcpy(found->box.origin_m, pose->position_m, sizeof(found->box.origin_m));

@@ -142,8 +142,8 @@ static bool solve(const struct question *q, double x[LP_NNLS_MAX],
 		readings++;
 	}
 	lp_nnls_solve(&normal, x);
-	lp_nnls_covariance(&normal, x, covariance);
-	return x[0] > 0.0 && misfit(&normal, x, none) <= MOST_MISFIT * (readings + 1);
+	return lp_nnls_covariance(&normal, x, covariance) && x[0] > 0.0 &&
+	       misfit(&normal, x, none) <= MOST_MISFIT * (readings + 1);
 }
 
 /* A solution becomes one colour of a part's tint; its variance is added. */

@@ -113,8 +113,9 @@ uint32_t lp_ring_filter_update(struct lp_ring_filter *filter, const struct lp_ri
 		return 0;
 	for (int k = 0; k < LP_RING_SENSORS; k++) {
 		struct lp_sensor_filter *s = &filter->sensors[k];
+		const float lux = reading->illuminance_lux[k], noise = reading->noise_relative[k];
 
-		if (!isfinite(reading->illuminance_lux[k]) || reading->illuminance_lux[k] < 0.0F)
+		if (!(lux >= 0.0F && isfinite(lux) && noise >= 0.0F && isfinite(noise)))
 			continue;
 		if (follow(s, reading, k, wander_per_s))
 			jumped |= 1U << k;

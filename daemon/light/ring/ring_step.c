@@ -60,7 +60,8 @@ static double square(double x)
 	return x * x;
 }
 
-/* x minimises the squared residuals, the priors' included; returns them. */
+/* x minimises the squared residuals, the priors' included; returns them. INFINITY: there is none;
+ * x is 0. */
 static double solve(const struct lp_step_question *q, uint32_t used, const double *variance,
 		    const struct column *columns, int count, struct fit *fit)
 {
@@ -83,7 +84,8 @@ static double solve(const struct lp_step_question *q, uint32_t used, const doubl
 			normal.normal[i][i] += 1.0 / square(columns[i].prior_sigma);
 		normal.normal[i][i] += 1e-9 * normal.normal[i][i] + 1e-30;
 	}
-	lp_nnls_covariance(&normal, all, covariance);
+	const bool is_proper = lp_nnls_covariance(&normal, all, covariance);
+
 	for (int i = 0; i < count; i++) {
 		fit->x[i] = 0.0;
 		for (int j = 0; j < count; j++)
@@ -100,7 +102,7 @@ static double solve(const struct lp_step_question *q, uint32_t used, const doubl
 		if (used >> k & 1)
 			chi2 += square(left) / variance[k];
 	}
-	return chi2;
+	return is_proper ? chi2 : INFINITY;
 }
 
 static void add_turn(const struct lp_step_question *q, struct column *columns)

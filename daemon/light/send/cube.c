@@ -321,7 +321,7 @@ static float largest_of(const struct lp_cube *cube)
 
 	for (int c = 0; c < 3; c++)
 		for (int i = 0; i < cube->grid->texels; i++) {
-			if (!(cube->rgb[c][i] <= INFINITY / 2.0F)) /* NAN, too */
+			if (!(fabsf(cube->rgb[c][i]) <= FLT_MAX)) /* NAN, too */
 				return INFINITY;
 			largest = larger(largest, cube->rgb[c][i]);
 		}

@@ -89,13 +89,16 @@ static void derivatives(const struct lp_cube_grid *grid, const float *plane, dou
 	}
 }
 
-/* Cholesky's factor in the lower triangle, in place. */
-static void factorize(double m[N][N])
+/* Cholesky's factor in the lower triangle, in place. False: there is no light, or products of it
+ * are no floats. */
+static bool factorize(double m[N][N])
 {
 	double ridge = 0.0;
 
 	for (int i = 0; i < N; i++)
 		ridge += RIDGE * m[i][i] / N;
+	if (!(ridge > 0.0 && isfinite(ridge)))
+		return false;
 	for (int i = 0; i < N; i++) {
 		m[i][i] += ridge;
 		for (int j = 0; j <= i; j++) {
@@ -106,6 +109,7 @@ static void factorize(double m[N][N])
 			m[i][j] = i == j ? sqrt(fmax(sum, ridge)) : sum / m[j][j];
 		}
 	}
+	return true;
 }
 
 static void solve(const double m[N][N], double x[N])
@@ -180,9 +184,10 @@ static void fit_plane(const struct lp_cube_grid *grid, float *plane, const doubl
 			return;
 		if (!have_m) {
 			derivatives(grid, plane, m);
-			factorize(m);
-			have_m = true;
+			have_m = factorize(m);
 		}
+		if (!have_m)
+			return;
 		solve((const double(*)[N])m, c);
 		multiply(grid, c, plane);
 	}

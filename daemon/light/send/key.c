@@ -4,32 +4,29 @@
 #include <math.h>
 
 #include "include/luminance.h"
+#include "light/linear/vector.h"
 #include "light/math/sh.h"
 
 /* Y_1 of a direction is so many times its components. */
-#define Y1 0.48860251F
+#define Y1 0.48860251
 /* KEY's strength grows with the square of the first band below this share of the mean, linearly
  * above: where the light comes from nowhere, its direction does not matter. */
-#define FAINT 0.1F
+#define FAINT 0.1
 
 /* The first band of one channel as a vector. */
-static void first_band(const float (*sh)[3], int channel, float v[3])
+static void first_band(const float (*sh)[3], int channel, double v[3])
 {
 	v[0] = sh[3][channel];
 	v[1] = sh[1][channel];
 	v[2] = sh[2][channel];
 }
 
-static float dot(const float a[3], const float b[3])
-{
-	return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
 struct lp_light lp_key_light(const float (*sh)[3])
 {
-	const float mean = fmaxf(lp_luminance(sh[0]), 0.0F);
-	const float v[3] = {lp_luminance(sh[3]), lp_luminance(sh[1]), lp_luminance(sh[2])};
-	const float length = sqrtf(dot(v, v));
+	const double mean = fmaxf(lp_luminance(sh[0]), 0.0F);
+	/* squares of very dim or bright light are no floats */
+	const double v[3] = {lp_luminance(sh[3]), lp_luminance(sh[1]), lp_luminance(sh[2])};
+	const double length = sqrt(lp_dot(v, v));
 	struct lp_light key = {
 		.direction = {0.0F, 1.0F, 0.0F},
 		.angular_radius_deg = LP_KEY_RADIUS_DEG,
@@ -38,15 +35,15 @@ struct lp_light lp_key_light(const float (*sh)[3])
 		.distance_m = NAN,
 	};
 
-	if (!(length > 0.0F))
+	if (!(length > 0.0))
 		return key;
 	for (int c = 0; c < 3; c++) {
-		float own[3];
+		double own[3];
 
 		first_band(sh, c, own);
-		key.direction[c] = v[c] / length;
-		key.irradiance[c] =
-			LP_KEY_SHARE / Y1 * fmaxf(dot(own, v) / (length + FAINT * mean), 0.0F);
+		key.direction[c] = (float)(v[c] / length);
+		key.irradiance[c] = (float)(LP_KEY_SHARE / Y1 *
+					    fmax(lp_dot(own, v) / (length + FAINT * mean), 0.0));
 	}
 	return key;
 }

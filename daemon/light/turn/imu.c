@@ -180,6 +180,7 @@ void lp_imu_compare(struct lp_imu *imu, const struct lp_imu_sample *now,
 {
 	const struct lp_rotation back = lp_rotation_inverse(&motion->rotation);
 
+	elapsed_s = fmax(elapsed_s, 0.0); /* a clock that has been set back */
 	pass(&imu->delay, motion, elapsed_s);
 	if (!now->known)
 		return;

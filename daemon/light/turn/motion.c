@@ -16,6 +16,9 @@
 #define QUIET_S 0.5
 #define QUIET_ANGLE (0.25 * DEG)
 #define LEAST_SIGMA (0.02 * DEG)
+#define LEAST_RATE_SIGMA (0.01 * DEG) /* per second */
+/* After so long without a frame the camera may be turned anyhow: longer adds nothing. */
+#define LONGEST_S 10.0
 
 void lp_motion_init(struct lp_motion *motion)
 {
@@ -60,6 +63,7 @@ void lp_motion_predict(struct lp_motion *motion, double elapsed_s)
 	double(*p)[6] = motion->covariance;
 	double step[3];
 
+	elapsed_s = fmin(elapsed_s, LONGEST_S);
 	if (!motion->turning) {
 		start_prior(motion, elapsed_s);
 		return;
@@ -157,6 +161,23 @@ void lp_motion_covariance(const struct lp_motion *motion, double covariance[3][3
 						m[i][a] * motion->covariance[a][b] * m[j][b];
 }
 
+/* What subtraction leaves stays a covariance: a difference of large numbers may be anything. */
+static void keep_proper(struct lp_motion *motion)
+{
+	double(*p)[6] = motion->covariance;
+
+	for (int a = 0; a < 3; a++) {
+		p[a][a] = fmax(p[a][a], LEAST_SIGMA * LEAST_SIGMA);
+		p[a + 3][a + 3] = fmax(p[a + 3][a + 3], LEAST_RATE_SIGMA * LEAST_RATE_SIGMA);
+	}
+	for (int i = 0; i < 6; i++)
+		for (int j = 0; j < i; j++) {
+			const double most = sqrt(p[i][i] * p[j][j]);
+
+			p[i][j] = p[j][i] = fmin(fmax(p[j][i], -most), most);
+		}
+}
+
 /* P -= P_r (1 + H P_rr)^-1 H P_r': the filter's update for information H, which may be singular. */
 static void shrink(struct lp_motion *motion, const double information[3][3])
 {
@@ -183,9 +204,7 @@ static void shrink(struct lp_motion *motion, const double information[3][3])
 	for (int i = 0; i < 6; i++)
 		for (int j = 0; j < 6; j++)
 			motion->covariance[i][j] -= 0.5 * (change[i][j] + change[j][i]);
-	for (int a = 0; a < 3; a++)
-		motion->covariance[a][a] =
-			fmax(motion->covariance[a][a], LEAST_SIGMA * LEAST_SIGMA);
+	keep_proper(motion);
 }
 
 /* Whether a camera that held still has turned. */
@@ -323,6 +342,7 @@ static void weigh_turn(struct lp_motion *motion, const double with[6][3],
 			for (int a = 0; a < 3; a++)
 				motion->covariance[i][j] -=
 					0.5 * (gain[i][a] * with[j][a] + gain[j][a] * with[i][a]);
+	keep_proper(motion);
 	const struct lp_rotation turned = lp_rotation_of_vector(step);
 
 	motion->rotation = lp_rotation_product(&motion->rotation, &turned);
@@ -334,6 +354,7 @@ void lp_motion_predict_turn(struct lp_motion *motion, double elapsed_s, const do
 	const struct lp_rotation turned = lp_rotation_of_vector(turn);
 	double before[6][6], with[6][3], variance[3][3], off[3];
 
+	elapsed_s = fmin(elapsed_s, LONGEST_S);
 	if (!motion->turning)
 		start_turning(motion);
 	memcpy(before, motion->covariance, sizeof(before));

@@ -12,16 +12,18 @@
 #define LONGEST_GAP_NS (100 * INT64_C(1000000))
 /* A rate is taken over at least this, where samples are that dense: noise would spoil it. */
 #define RATE_SPAN_NS (30 * INT64_C(1000000))
+/* No number that is told is larger (m, rad/s, rad, s): its square would not count. */
+#define MOST_TOLD 1e9
 /* Faster goes no head, and no tripod. */
 #define FASTEST_M_S 5.0
 #define JUMP_SIGMAS 4.0
 /* How hard a head is set in motion; 1 sigma. */
 #define HEAD_ACCELERATION_M_S2 3.0
 
-static bool all_finite(const double *values, int count)
+static bool all_sane(const double *values, int count)
 {
 	for (int i = 0; i < count; i++)
-		if (!isfinite(values[i]))
+		if (!(fabs(values[i]) <= MOST_TOLD))
 			return false;
 	return true;
 }
@@ -30,12 +32,12 @@ static bool sane(const struct lp_orientation_sample *sample)
 {
 	const double *q = sample->quaternion;
 
-	if (!isfinite(sample->sigma) || !(sample->sigma > 0.0) ||
-	    !(sample->time_sigma_s >= 0.0 && isfinite(sample->time_sigma_s)))
+	if (!(sample->sigma > 0.0 && sample->sigma <= MOST_TOLD) ||
+	    !(sample->time_sigma_s >= 0.0 && sample->time_sigma_s <= MOST_TOLD))
 		return false;
 	if (sample->kind == LP_TURN_RATE)
-		return all_finite(sample->rate_rad_s, 3);
-	return all_finite(q, 4) &&
+		return all_sane(sample->rate_rad_s, 3);
+	return all_sane(q, 4) &&
 	       fabs(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1.0) < LP_MOST_NOT_UNIT;
 }
 
@@ -86,8 +88,8 @@ bool lp_track_jumps(const double a_m[3], const double b_m[3], double sigma_m, do
 
 static void take_position(const struct lp_orientation_sample *sample, struct lp_track_point *next)
 {
-	if (!(sample->position_sigma_m > 0.0) || !isfinite(sample->position_sigma_m) ||
-	    !all_finite(sample->position_m, 3))
+	if (!(sample->position_sigma_m > 0.0 && sample->position_sigma_m <= MOST_TOLD) ||
+	    !all_sane(sample->position_m, 3))
 		return;
 	memcpy(next->position_m, sample->position_m, sizeof(next->position_m));
 	next->position_sigma_m = sample->position_sigma_m;

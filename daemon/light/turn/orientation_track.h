@@ -43,8 +43,8 @@ struct lp_track_reading {
 };
 
 /*
- * 0: it is kept. -EINVAL: a number is not finite, a sigma is not above 0, or the quaternion is no
- * rotation. -ESTALE: it is not newer than the last one. Neither changes anything.
+ * 0: it is kept. -EINVAL: a number is not finite or above 1e9, a sigma is not above 0, or the
+ * quaternion is no rotation. -ESTALE: it is not newer than the last one. Neither changes anything.
  */
 int lp_orientation_track_add(struct lp_orientation_track *track,
 			     const struct lp_orientation_sample *sample);
