@@ -3,7 +3,7 @@
 # generated stay out of the sources.
 
 JS := $(BUILD)/js
-JS_SOURCES := $(wildcard clients/js/src/*.ts clients/js/test/*.ts clients/js/test/page/*.ts clients/js/*.json web/*)
+JS_SOURCES := $(wildcard clients/js/src/*.ts clients/js/src/*/*.ts clients/js/test/*.ts clients/js/test/page/*.ts clients/js/*.json web/*)
 
 .PHONY: web js test-js
 $(JS)/installed: clients/js/package.json clients/js/package-lock.json clients/js/.npmrc | $(call apt,build) $(if $(shell command -v npm),,$(call apt,npm))
@@ -17,12 +17,12 @@ $(JS)/built: $(JS)/installed $(JS_SOURCES) proto/lightprobe.proto proto/ranges.t
 	@cp -r clients/js/src clients/js/test clients/js/tsconfig.json $(JS)
 	@mkdir -p $(JS)/src/gen $(JS)/proto && cp -r web $(JS)/web && cp proto/lightprobe.proto $(JS)/proto
 	@$(PYTHON) proto/ranges_code.py --typescript $(JS)/src/gen/ranges.ts
-	@cd $(JS) && npm run --silent generate && npm run --silent build
+	@cd $(JS) && npm run --silent generate && npm run --silent build && npm run --silent bundle
 	@touch $@
 js: $(JS)/built ## build the JavaScript package in build/js
 
 $(BUILD)/web/index.html: $(JS)/built
-	@mkdir -p $(@D) && cp web/index.html web/style.css $(@D)
+	@mkdir -p $(@D) && cp web/index.html web/style.css $(JS)/dist/lightprobe-webxr.js $(@D)
 	@cd $(JS) && node_modules/.bin/esbuild web/main.ts --bundle --format=esm --minify --legal-comments=linked \
 		--target=es2022 --outfile=../web/main.js --log-level=warning
 	@touch $@
