@@ -56,6 +56,8 @@ export class LiveDaemon {
   program = DAEMON;
   /** What it looks at. */
   picture = panorama();
+  /** Instead of the picture: the daemon's --source. */
+  source: string | undefined;
   #process: ChildProcess | undefined;
 
   /** `publish`: the option's value for a port. Resolves when it listens. */
@@ -65,7 +67,7 @@ export class LiveDaemon {
     if (before && before.exitCode === null && before.signalCode === null) await once(before, "exit");
     writeFileSync(join(this.folder, "room.pfm"), this.picture);
     this.port ||= await freePort();
-    this.#process = spawn(this.program, [`--source=file:${join(this.folder, "room.pfm")}?rate=30`, `--publish=${publish(this.port)}`,
+    this.#process = spawn(this.program, [`--source=${this.source ?? `file:${join(this.folder, "room.pfm")}?rate=30`}`, `--publish=${publish(this.port)}`,
       "--name=test room", "--reflection-map=32", "--ttl-ms=600000", ...more], { stdio: ["ignore", "ignore", "inherit"] });
     for (let left = 600; !(await this.#isListening()); left--) {
       if (left === 0 || this.#process.exitCode !== null) throw new Error("the daemon does not listen");

@@ -124,6 +124,7 @@ async function wrongs(): Promise<Record<string, string>> {
   await first.end();
   told["a session that has ended"] = await errorOf(() => first.requestLightProbe());
   const second = (await navigator.xr!.requestSession("immersive-ar", { requiredFeatures: ["light-estimation"] })) as Lit;
+  await second.updateRenderState({ baseLayer: new XRWebGLLayer(second, gl) });
   const mine = new (window as unknown as { XRWebGLBinding: BindingClass }).XRWebGLBinding(second, gl);
   told["a map of another session"] = await errorOf(() => mine.getReflectionCubeMap(ofFirst));
   told["an estimate of another session"] = await new Promise((done) => {
