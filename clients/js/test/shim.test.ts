@@ -19,13 +19,13 @@ type Looked = { estimate: Estimate | null; state: string | undefined; frames: (N
 type Mirrored = { colours: Vec3[]; kept: boolean; error: number };
 
 let browser: Browser, plain = "", three = "";
-const pages = new Pages(), lamp = new LiveDaemon(), axes = new LiveDaemon(), flaky = new LiveDaemon();
+const pages = new Pages(), lamp = new LiveDaemon(), axes = new LiveDaemon(), flaky = new LiveDaemon(), worn = new LiveDaemon();
 const publish = (port: number): string => `ws:127.0.0.1:${port}?origins=${pages.origin}`;
 const tag = (daemon: LiveDaemon, more = 'data-exposure="0.3"'): string => `data-probe="ws://127.0.0.1:${daemon.port}/" ${more}`;
 
 before(async () => {
   await pages.start();
-  axes.picture = axesPanorama();
+  axes.picture = worn.picture = axesPanorama();
   await Promise.all([lamp.start(publish), axes.start(publish), flaky.start(publish)]);
   flaky.kill();
   [plain, three] = await Promise.all([bundled("xr_plain.ts"), bundled("xr_three.ts")]);
@@ -34,7 +34,7 @@ before(async () => {
 
 after(async () => {
   await browser?.close();
-  for (const daemon of [lamp, axes, flaky]) daemon.kill();
+  for (const daemon of [lamp, axes, flaky, worn]) daemon.kill();
   pages.stop();
 });
 
@@ -157,6 +157,23 @@ for (const [format, more, toProbe, most] of [["rgba16f", "", (d: Vec3) => d, 0.0
     assert.equal(found.error, 0);
     assert.deepEqual(opened.faults, []);
     });
+
+test("a probe on a head that is turned to the left: poses are sent, and light comes in the session's axes", { timeout: 2 * LONG_MS }, async () => {
+  await worn.start(publish, "--orientation=client");
+  const opened = await pages.open(browser, { tag: tag(worn, 'data-exposure="0.9" data-mount="head"'), script: plain });
+  await opened.page.evaluate(() => { (window as unknown as { headset: { quaternion: { set(...xyzw: number[]): void } } }).headset.quaternion.set(0, Math.SQRT1_2, 0, Math.SQRT1_2); });
+  await call(opened, "start", ASKS, "rgba16f");
+  const before = (await lookUntil(opened, ({ estimate }) => estimate?.frame === "WORLD")).changes;
+  await lookUntil(opened, ({ frames, changes }) => changes > before || frames.length > 60);
+  const { frames, estimate } = await lookUntil(opened, (looked) => looked.frames.length > 30), found = await call<Mirrored>(opened, "mirrored", AXES);
+  AXES.forEach((axis, i) => {
+    const inProbe = toLeft(axis), colour = AXIS_COLOURS[AXES.findIndex((one) => one.every((value, a) => value === inProbe[a]! + 0))]!;
+    found.colours[i]!.forEach((value, c) => assert.ok(Math.abs(value - 0.9 * colour[c]!) < 0.02, `along ${String(axis)}: ${String(found.colours[i])}, expected 0.9 × ${String(colour)}`));
+  });
+  const wanted = NORMALS.flatMap((n) => irradiance(estimate!, n).map((value) => 0.9 * value));
+  assert.ok(change(shownAt(frames.at(-1)!), wanted) < 0.01 * Math.max(...wanted));
+  assert.deepEqual(opened.faults, []);
+});
 
 // ---------------------------------------------------------------- what goes wrong
 

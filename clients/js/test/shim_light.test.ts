@@ -8,7 +8,7 @@ import { fallbackEstimate, irradiance, meanIrradiance, reflected, type Estimate,
 import { reflectionMapTurned } from "../src/reflection_place.js";
 import { adapted, adaptedMap } from "../src/shim/engine.js";
 import { Exposure } from "../src/shim/exposure.js";
-import { Fading, type SceneLight, type Shown } from "../src/shim/fading.js";
+import { Fading, type Shown } from "../src/shim/fading.js";
 import { readOptions } from "../src/shim/options.js";
 import { sceneLight } from "../src/shim/source.js";
 import { fromYaw, inverse, turned, type Quaternion } from "../src/shim/turn.js";
@@ -16,7 +16,7 @@ import { estimate, lamp } from "./lights.js";
 
 const NORMALS: Vec3[] = Array.from({ length: 80 }, (_, i) => {
   const y = 1 - (2 * (i + 0.5)) / 80, radius = Math.sqrt(1 - y * y);
-  return [radius * Math.cos(i * 2.399963), y, radius * Math.sin(i * 2.399963)];
+  return [radius * Math.cos(0.1 + i * 2.399963), y, radius * Math.sin(0.1 + i * 2.399963)]; // none on the edge of a texel
 });
 const SAME: Quaternion = [0, 0, 0, 1];
 
@@ -41,24 +41,22 @@ const PACKETS: Record<string, Estimate> = {
 for (const rateHz of [1, 30, 60, 120])
   test(`at ${rateHz} Hz no frame leaps by more than the packet, and each packet's light is reached`, () => {
     const fading = new Fading();
-    let nowMs = 1000, before: number[] | undefined, last: SceneLight | undefined;
+    let nowMs = 1000, before: number[] | undefined;
     for (const [name, one] of Object.entries(PACKETS)) {
-      const target = sceneLight(one, SAME, 1), wanted = ofEstimate(one), whole = before && apart(before, wanted), start = before;
+      const target = sceneLight(one, SAME, 1), wanted = ofEstimate(one), whole = before ? apart(before, wanted) : 0;
       const frames = Math.max(3, Math.ceil(2.5 * rateHz));
       for (let i = 0; i < frames; i++) {
         fading.step(target, nowMs);
         const shown = lightOf(fading.shown());
         if (before) {
           const leap = apart(shown, before);
-          assert.ok(leap <= whole! + 1e-9, `${name}: ${leap} in a frame, the packet changes by ${whole}`);
-          if (rateHz >= 30) assert.ok(leap <= 0.5 * whole! + 1e-9, `${name}: ${leap} in a frame of ${whole}`);
+          assert.ok(leap <= whole + 1e-9, `${name}: ${leap} in a frame, the packet changes by ${whole}`);
+          if (rateHz >= 30) assert.ok(leap <= 0.5 * whole + 1e-9, `${name}: ${leap} in a frame of ${whole}`);
         }
         before = shown;
         nowMs += 1000 / rateHz;
       }
       assert.ok(apart(before!, wanted) < 1e-3 + 2e-3 * Math.max(...wanted), `${name}: ${apart(before!, wanted)} off`);
-      assert.ok(start === undefined || last !== target);
-      last = target;
     }
   });
 

@@ -56,6 +56,7 @@ export class Pages {
     this.#server = createServer((request, answer) => {
       const path = request.url!.split("?")[0]!, found = this.#files.get(path);
       answer.setHeader("content-type", path.endsWith(".js") ? "text/javascript" : "text/html; charset=utf-8");
+      answer.setHeader("cross-origin-opener-policy", "same-origin").setHeader("cross-origin-embedder-policy", "require-corp"); // so that clocks are fine
       answer.writeHead(found === undefined ? 404 : 200).end(found);
     });
     await new Promise<void>((done) => { this.#server!.listen(0, "127.0.0.1", done); });

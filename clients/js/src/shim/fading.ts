@@ -36,10 +36,11 @@ const MOST_STEP_MS = 100;
 /** Lamps below this share of the strongest have gone. */
 const GONE = 1e-4;
 /** A lamp is the main light, with all that it has, when it is so much stronger than the next; with less of it when they are nearly equal. */
-const CLEARLY = 0.25;
+const CLEARLY = 1;
+/** Cosine of the angle within which a lamp with another key is the same lamp: after a new boot of the probe, all have other keys. */
+const SAME_PLACE = Math.cos((8 * Math.PI) / 180);
 
 interface Moving {
-  key: string;
   direction: [number, number, number];
   irradiance: [number, number, number];
 }
@@ -56,10 +57,19 @@ export class Fading {
     if (share === 0) return;
     for (let i = 0; i < 27; i++) this.#coefficients[i]! += share * ((target.coefficients[i] ?? 0) - this.#coefficients[i]!);
     const wanted = new Map(target.lamps.map((lamp) => [lamp.key, lamp]));
-    for (const key of wanted.keys())
-      if (!this.#lamps.has(key)) this.#lamps.set(key, { key, direction: [...wanted.get(key)!.direction], irradiance: [0, 0, 0] });
-    for (const lamp of this.#lamps.values()) move(lamp, wanted.get(lamp.key), share);
+    for (const lamp of target.lamps) if (!this.#lamps.has(lamp.key)) this.#lamps.set(lamp.key, this.#takenOver(lamp, wanted) ?? { direction: [...lamp.direction], irradiance: [0, 0, 0] });
+    for (const [key, lamp] of this.#lamps) move(lamp, wanted.get(key), share);
     this.#forget(wanted);
+  }
+
+  /** A lamp at this place that is no longer wanted by its old key. */
+  #takenOver({ direction }: Lamp, wanted: ReadonlyMap<string, unknown>): Moving | undefined {
+    for (const [key, lamp] of this.#lamps) {
+      if (wanted.has(key) || lamp.direction.reduce((sum, value, a) => sum + value * direction[a]!, 0) < SAME_PLACE) continue;
+      this.#lamps.delete(key);
+      return lamp;
+    }
+    return undefined;
   }
 
   #share(nowMs: number): number {

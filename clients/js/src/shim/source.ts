@@ -37,6 +37,7 @@ export class LightSource {
   readonly #fading = new Fading();
   readonly #yaw: Quaternion;
   #head: Quaternion = SAME;
+  #poseMs = -Infinity;
   #seen: Estimate | undefined;
   #isFallback = false;
   #target: SceneLight | undefined;
@@ -69,7 +70,8 @@ export class LightSource {
   /** Tells a probe on the head where the head is now. */
   lookFrom({ orientation, positionM }: HeadPose): void {
     this.#head = orientation;
-    this.probe.sendPose(orientation, undefined, undefined, { positionM });
+    const nowMs = performance.now();
+    if (nowMs > this.#poseMs && this.probe.sendPose(orientation, nowMs, undefined, { positionM })) this.#poseMs = nowMs; // the daemon wants them in order
   }
 
   /** The light at a time of performance.now(); undefined before the first estimate. */
@@ -126,13 +128,15 @@ export class LightSource {
 /** No texel has changed by more than this share of the brightest: engines filter each new map, which takes them long. */
 const UNCHANGED = 0.002;
 
-function isAsBefore(before: SceneMap, map: ReflectionMap, gain: number): boolean {
+/** It is the same light, within {@link UNCHANGED}. */
+export function isAsBefore(before: SceneMap, map: ReflectionMap, gain: number): boolean {
   if (before.map.size !== map.size) return false;
   const most = UNCHANGED * gain * largest(map);
-  return map.faces.every((rgb, face) => {
-    const old = before.map.faces[face]!;
-    return rgb.every((value, i) => Math.abs(gain * value - before.gain * old[i]!) <= most);
-  });
+  for (let face = 0; face < 6; face++) {
+    const now = map.faces[face]!, old = before.map.faces[face]!;
+    for (let i = 0; i < now.length; i++) if (Math.abs(gain * now[i]! - before.gain * old[i]!) > most) return false;
+  }
+  return true;
 }
 
 /** An estimate in axes into which `turn` turns its own, times `gain`. */
