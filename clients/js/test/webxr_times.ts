@@ -12,7 +12,7 @@ import { SHIM, Pages, bundled, until } from "./xr_pages.js";
 const ROUNDS = Number(process.env["ROUNDS"] ?? 20);
 type Times = { estimateMs: number[]; newMapMs: number[]; sameMapMs: number[] };
 
-const pages = await new Pages().start(), daemon = new LiveDaemon(), browser = await launch();
+const pages = await new Pages(true).start(), daemon = new LiveDaemon(), browser = await launch();
 /** A room that turns, so that maps are new. */
 const socket = join(daemon.folder, "sim.sock");
 const room = spawn(resolve(ROOT, "build/venv/bin/lightprobe"), ["simulate", "--socket", socket, "--turn-deg-s", "40", "--size", "640x320", "--rate", "10"], { stdio: "ignore" });
