@@ -3,7 +3,7 @@
 # generated stay out of the sources.
 
 JS := $(BUILD)/js
-JS_SOURCES := $(wildcard clients/js/src/*.ts clients/js/test/*.ts clients/js/test/page/*.ts clients/js/*.json web/*)
+JS_SOURCES := $(wildcard clients/js/src/*.ts clients/js/src/*/*.ts clients/js/test/*.ts clients/js/test/page/*.ts clients/js/test/page/*.js clients/js/*.json web/*)
 
 .PHONY: web js test-js
 $(JS)/installed: clients/js/package.json clients/js/package-lock.json clients/js/.npmrc | $(call apt,build) $(if $(shell command -v npm),,$(call apt,npm))
@@ -17,12 +17,12 @@ $(JS)/built: $(JS)/installed $(JS_SOURCES) proto/lightprobe.proto proto/ranges.t
 	@cp -r clients/js/src clients/js/test clients/js/tsconfig.json $(JS)
 	@mkdir -p $(JS)/src/gen $(JS)/proto && cp -r web $(JS)/web && cp proto/lightprobe.proto $(JS)/proto
 	@$(PYTHON) proto/ranges_code.py --typescript $(JS)/src/gen/ranges.ts
-	@cd $(JS) && npm run --silent generate && npm run --silent build
+	@cd $(JS) && npm run --silent generate && npm run --silent build && npm run --silent bundle
 	@touch $@
 js: $(JS)/built ## build the JavaScript package in build/js
 
 $(BUILD)/web/index.html: $(JS)/built
-	@mkdir -p $(@D) && cp web/index.html web/style.css $(@D)
+	@mkdir -p $(@D) && cp web/index.html web/style.css $(JS)/dist/lightprobe-webxr.js $(@D)
 	@cd $(JS) && node_modules/.bin/esbuild web/main.ts --bundle --format=esm --minify --legal-comments=linked \
 		--target=es2022 --outfile=../web/main.js --log-level=warning
 	@touch $@
@@ -42,6 +42,21 @@ soak-page: build $(call apt,web) $(BUILD)/scenes/blender.stamp ## show the live 
 .PHONY: web-pictures
 web-pictures: build $(call apt,web) $(BUILD)/scenes/blender.stamp ## take pictures of the viewer in Chromium, on a desktop and on a phone: docs/users/web_*.jpg, or in PICTURES=folder
 	@cd $(JS) && node dist/test/pictures.js
+
+# Babylon.js, A-Frame and <model-viewer>, to read lightprobe-webxr.js.
+WEBXR := $(BUILD)/webxr
+$(WEBXR)/installed: tests/engines/webxr/package.json tests/engines/webxr/package-lock.json tests/engines/webxr/.npmrc | $(call apt,web)
+	@echo 'npm: tests/engines/webxr'
+	@mkdir -p $(@D) && cp $^ $(@D)
+	@cd $(@D) && npm ci --silent
+	@touch $@
+
+.PHONY: test-webxr bench-webxr
+test-webxr: build $(WEBXR)/installed ## test lightprobe-webxr.js in pages of Babylon.js, A-Frame and <model-viewer> (250 MB from npm)
+	@cd $(JS) && node --test dist/test/webxr_engines.js
+
+bench-webxr: build $(call apt,web) ## print the size of lightprobe-webxr.js and what it takes of a frame, in Chromium with graphics in software
+	@cd $(JS) && node dist/test/webxr_times.js
 
 # The Blender extension, and the real Blender to test it: bpy from PyPI, in a Python of its own.
 BLENDER := $(BUILD)/blender

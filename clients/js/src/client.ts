@@ -92,19 +92,19 @@ export class Probe {
   #pongMs: number | undefined;
   readonly #wake = (): void => { if (this.state === "waiting" && !document.hidden) this.#connect(); };
 
-  /** Connects at once, in the background; TypeError for an address that is none. */
+  /** Connects at once, in the background; TypeError for an address that is none, a SecurityError for ws: in a page of https:. */
   constructor(address: string, options: ProbeOptions = {}) {
     const { WebSocket: implementation, ...wish } = options;
     ({ url: this.#url, token: this.#token } = parseAddress(address));
     this.#WebSocket = implementation ?? WebSocket;
     this.#wish = { ...DEFAULT_SUBSCRIPTION, ...wish };
     encodeSubscription(this.#wish, this.#number); // what no probe could serve shows here
+    this.#connect(); // it throws where a page may not open the address at all (https: and ws:): then nothing is left behind
     if (typeof document !== "undefined") {
       document.addEventListener("visibilitychange", this.#wake);
       window.addEventListener("online", this.#wake);
     }
     this.#drained.start();
-    this.#connect();
   }
 
   /** Call `listener` with every event of a kind; gives what ends that. What it throws stays uncaught, as of the browser's own events. */

@@ -83,6 +83,19 @@ const product = ([ax, ay, az, aw]: Quaternion, [bx, by, bz, bw]: Quaternion): Qu
   aw * bx + ax * bw + ay * bz - az * by, aw * by - ax * bz + ay * bw + az * bx, aw * bz + ax * by - ay * bx + az * bw, aw * bw - ax * bx - ay * by - az * bz,
 ];
 
+/** A map in axes that are turned: `toMap` (x, y, z, w) turns the new axes into those of `map`. */
+export function reflectionMapTurned(map: ReflectionMap, [qx, qy, qz, qw]: readonly [number, number, number, number]): ReflectionMap {
+  const { towards } = tableOf(map.size), there = new Float64Array(towards.length);
+  for (let i = 0; i < towards.length; i += 3) {
+    const x = towards[i]!, y = towards[i + 1]!, z = towards[i + 2]!; // v + 2 q × (q × v + w v)
+    const tx = 2 * (qy * z - qz * y), ty = 2 * (qz * x - qx * z), tz = 2 * (qx * y - qy * x);
+    there[i] = x + qw * tx + qy * tz - qz * ty;
+    there[i + 1] = y + qw * ty + qz * tx - qx * tz;
+    there[i + 2] = z + qw * tz + qx * ty - qy * tx;
+  }
+  return { ...map, faces: between(map, there) };
+}
+
 /** The room and a place in the axes of the probe that `orientation` turns into theirs. */
 function inProbe(room: Room, [px, py, pz]: Vec3, [x, y, z, w]: Quaternion): [Room, Vec3] {
   const back: Quaternion = [-x, -y, -z, w];

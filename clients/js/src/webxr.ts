@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /** The light of a probe in the shape of WebXR's XRLightEstimate, so that code written for phones works. */
 
+import { cubeTexels, fillCube } from "./cube.js";
 import { besideSh, fallbackEstimate, luminance } from "./estimate.js";
 import type { Estimate, Vec3 } from "./estimate.js";
 import type { ReflectionMap } from "./reflection.js";
@@ -8,18 +9,12 @@ import * as sh from "./sh.js";
 
 /**
  * A cube texture as XRWebGLBinding.getReflectionCubeMap() gives one: linear RGBA in half floats, filtered linearly, in
- * WebXR's orientation. Values are radiance in the units of the SH, at most 65504. It is yours: delete it.
+ * WebXR's orientation. Values are radiance in the units of the SH, at most 65504. It is yours: delete it. The context's own state
+ * (textures that are bound, how data is unpacked) stays as it is.
  */
 export function reflectionCubeMap(gl: WebGL2RenderingContext, map: ReflectionMap): WebGLTexture {
   const texture = gl.createTexture();
-  gl.bindTexture(gl.TEXTURE_CUBE_MAP, texture);
-  map.faces.forEach((rgb, face) => {
-    const rgba = new Float32Array(4 * map.size * map.size);
-    for (let i = 0; i < map.size * map.size; i++) rgba.set([rgb[3 * i]!, rgb[3 * i + 1]!, rgb[3 * i + 2]!, 1].map((value) => Math.min(value, 65504)), 4 * i);
-    gl.texImage2D(gl.TEXTURE_CUBE_MAP_POSITIVE_X + face, 0, gl.RGBA16F, map.size, map.size, 0, gl.RGBA, gl.FLOAT, rgba);
-  });
-  for (const filter of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_CUBE_MAP, filter, gl.LINEAR);
-  gl.bindTexture(gl.TEXTURE_CUBE_MAP, null);
+  fillCube(gl, texture, cubeTexels(map, "rgba16f"));
   return texture;
 }
 

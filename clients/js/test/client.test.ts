@@ -367,3 +367,9 @@ test("a pause is no silence of the probe", async () => {
   assert.equal(Scripted.all.length, 1);
   probe.close();
 });
+
+test("an address that the browser does not let a page open: an error, and nothing that goes on", () => {
+  class Refusing { constructor() { throw new DOMException("an insecure WebSocket in a page of https:", "SecurityError"); } }
+  assert.throws(() => new Probe("ws://probe:1/", { WebSocket: Refusing as unknown as typeof WebSocket }), { name: "SecurityError" });
+  assert.deepEqual((process as unknown as { getActiveResourcesInfo(): string[] }).getActiveResourcesInfo().filter((kind) => kind === "Timeout"), []);
+});

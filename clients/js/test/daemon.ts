@@ -31,6 +31,22 @@ export function panorama(lampColumn = 64): Buffer {
   return Buffer.concat([Buffer.from(`PF\n${width} ${height}\n-1.0\n`), Buffer.from(data.buffer)]);
 }
 
+/** The colour of the room around each axis, +X −X +Y −Y +Z −Z, in {@link axesPanorama}. */
+export const AXIS_COLOURS: readonly [number, number, number][] = [[1, 0.1, 0.1], [0.1, 1, 0.1], [0.1, 0.1, 1], [1, 1, 0.1], [0.1, 1, 1], [1, 0.1, 1]];
+
+/** A 32-bit float panorama whose direction is unmistakable: a disc of 28° of its own colour around each axis, in a grey room. */
+export function axesPanorama(): Buffer {
+  const width = 256, height = 128, data = new Float32Array(3 * width * height);
+  for (let row = 0; row < height; row++)
+    for (let column = 0; column < width; column++) {
+      const polar = (Math.PI * (row + 0.5)) / height, around = 2 * Math.PI * ((column + 0.5) / width - 0.5);
+      const direction = [Math.sin(polar) * Math.sin(around), Math.cos(polar), -Math.sin(polar) * Math.cos(around)];
+      const along = direction.flatMap((value) => [value, -value]), axis = along.indexOf(Math.max(...along));
+      data.set(along[axis]! > Math.cos((28 * Math.PI) / 180) ? AXIS_COLOURS[axis]! : [0.3, 0.3, 0.3], 3 * ((height - 1 - row) * width + column));
+    }
+  return Buffer.concat([Buffer.from(`PF\n${width} ${height}\n-1.0\n`), Buffer.from(data.buffer)]);
+}
+
 export const WEB = resolve(ROOT, "build/web");
 
 /** A daemon that looks at panorama() and serves the viewer; it may be stopped, and started again on the same port. */
@@ -38,6 +54,10 @@ export class LiveDaemon {
   readonly folder = mkdtempSync(join(tmpdir(), "lp-web-"));
   port = 0;
   program = DAEMON;
+  /** What it looks at. */
+  picture = panorama();
+  /** Instead of the picture: the daemon's --source. */
+  source: string | undefined;
   #process: ChildProcess | undefined;
 
   /** `publish`: the option's value for a port. Resolves when it listens. */
@@ -45,9 +65,9 @@ export class LiveDaemon {
     const before = this.#process;
     // One that was killed listens until it is gone.
     if (before && before.exitCode === null && before.signalCode === null) await once(before, "exit");
-    writeFileSync(join(this.folder, "room.pfm"), panorama());
+    writeFileSync(join(this.folder, "room.pfm"), this.picture);
     this.port ||= await freePort();
-    this.#process = spawn(this.program, [`--source=file:${join(this.folder, "room.pfm")}?rate=30`, `--publish=${publish(this.port)}`,
+    this.#process = spawn(this.program, [`--source=${this.source ?? `file:${join(this.folder, "room.pfm")}?rate=30`}`, `--publish=${publish(this.port)}`,
       "--name=test room", "--reflection-map=32", "--ttl-ms=600000", ...more], { stdio: ["ignore", "ignore", "inherit"] });
     for (let left = 600; !(await this.#isListening()); left--) {
       if (left === 0 || this.#process.exitCode !== null) throw new Error("the daemon does not listen");
