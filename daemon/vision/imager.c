@@ -333,11 +333,8 @@ static void weigh_place(struct lp_imager *imager)
 		for (int b = 0; b < 3; b++)
 			across[a][b] = ((a == b ? all : 0.0) - covariance[a][b]) / 2.0 *
 				       cells_per_rad * cells_per_rad;
-	lp_grid_quadratic(imager->grid, (const double(*)[3])across, imager->place_variance);
-	for (int i = 0; i < imager->grid->width * imager->grid->height; i++)
-		imager->place_variance[i] =
-			imager->step2[i] *
-			(PLACE_SIGMA * PLACE_SIGMA + fmaxf(imager->place_variance[i], 0.0F));
+	lp_lookup_place_variance(imager->lookup, imager->step2, PLACE_SIGMA * PLACE_SIGMA,
+				 (const double(*)[3])across, imager->place_variance);
 }
 
 static void observe(struct lp_imager *imager)

@@ -75,28 +75,6 @@ static void test_neighbours_are_mutual_and_near(void **state)
 	lp_grid_destroy(grid);
 }
 
-static void test_a_quadratic_form_is_that_of_each_direction(void **state)
-{
-	const double m[3][3] = {{1.0, 0.3, -0.7}, {0.3, 2.0, 0.5}, {-0.7, 0.5, -1.5}};
-	static float values[48 * 24];
-	struct lp_grid *grid;
-
-	(void)state;
-	assert_int_equal(lp_grid_create(48, 24, &grid), 0);
-	lp_grid_quadratic(grid, m, values);
-	for (int i = 0; i < 48 * 24; i++) {
-		double expected = 0.0;
-		float d[3];
-
-		lp_grid_direction(grid, i, d);
-		for (int a = 0; a < 3; a++)
-			for (int b = 0; b < 3; b++)
-				expected += d[a] * m[a][b] * d[b];
-		assert_float_equal(values[i], expected, 1e-5);
-	}
-	lp_grid_destroy(grid);
-}
-
 static void test_odd_sizes_are_refused(void **state)
 {
 	struct lp_grid *grid;
@@ -115,7 +93,6 @@ int main(void)
 		cmocka_unit_test(test_solid_angles_cover_the_sphere),
 		cmocka_unit_test(test_a_cell_contains_its_own_direction),
 		cmocka_unit_test(test_neighbours_are_mutual_and_near),
-		cmocka_unit_test(test_a_quadratic_form_is_that_of_each_direction),
 		cmocka_unit_test(test_odd_sizes_are_refused),
 	};
 

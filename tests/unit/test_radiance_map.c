@@ -515,6 +515,28 @@ static void test_lookup_of_a_turned_picture(void **state)
 	}
 }
 
+/* A turn about the vertical moves what lies ahead, and not what is at the zenith. */
+static void test_variance_of_a_place_is_that_of_its_direction(void **state)
+{
+	const double across[3][3] = {{1.0, 0.3, -0.7}, {0.3, 2.0, 0.5}, {-0.7, 0.5, 1.5}};
+	static float variance[CELLS + 16];
+
+	(void)state;
+	for (int i = 0; i < CELLS; i++)
+		step2[i] = 1.0F + (float)(i % 5);
+	lp_lookup_place_variance(lookup, step2, 0.25F, across, variance);
+	for (int i = 0; i < CELLS; i++) {
+		double expected = 0.25;
+		float d[3];
+
+		lp_grid_direction(grid, i, d);
+		for (int a = 0; a < 3; a++)
+			for (int b = 0; b < 3; b++)
+				expected += d[a] * across[a][b] * d[b];
+		assert_float_equal(variance[i], step2[i] * expected, 2e-5);
+	}
+}
+
 /* No mark is lost, and a mark spreads to what lies next to it. */
 static void test_marks_are_not_lost(void **state)
 {
@@ -665,6 +687,7 @@ int main(void)
 		cmocka_unit_test_setup(test_any_unit_will_do, begin),
 		cmocka_unit_test_setup(test_what_is_filled_gives_way, begin),
 		cmocka_unit_test_setup(test_lookup_of_a_turned_picture, begin),
+		cmocka_unit_test_setup(test_variance_of_a_place_is_that_of_its_direction, begin),
 		cmocka_unit_test_setup(test_marks_are_not_lost, begin),
 		cmocka_unit_test_setup(test_a_turned_picture_is_aligned, begin),
 		cmocka_unit_test_setup(test_what_cannot_be_aligned_is_told, begin),

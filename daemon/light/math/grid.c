@@ -72,26 +72,6 @@ void lp_grid_direction(const struct lp_grid *grid, int index, float direction[3]
 	direction[2] = -grid->row_sin[row] * grid->column_cos[column];
 }
 
-void lp_grid_quadratic(const struct lp_grid *grid, const double matrix[3][3], float *values)
-{
-	const double(*m)[3] = matrix;
-
-	for (int row = 0; row < grid->height; row++) {
-		const float s = grid->row_sin[row], c = grid->row_cos[row];
-		const float yy = c * c * (float)m[1][1];
-		const float xy = 2.0F * s * c * (float)m[0][1], yz = -2.0F * s * c * (float)m[1][2];
-		const float xx = s * s * (float)m[0][0], zz = s * s * (float)m[2][2];
-		const float xz = -2.0F * s * s * (float)m[0][2];
-
-		for (int column = 0; column < grid->width; column++) {
-			const float x = grid->column_sin[column], z = grid->column_cos[column];
-
-			values[row * grid->width + column] =
-				yy + x * (xx * x + xy + xz * z) + z * (zz * z + yz);
-		}
-	}
-}
-
 /* Beyond a pole the grid goes on in the same row, half a turn away. */
 static int cell_at(const struct lp_grid *grid, int row, int column)
 {

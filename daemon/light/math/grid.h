@@ -27,9 +27,6 @@ void lp_grid_destroy(struct lp_grid *grid); /* accepts NULL */
 /* Unit vector from the probe through the centre of cell `index` = row * width + column. */
 void lp_grid_direction(const struct lp_grid *grid, int index, float direction[3]);
 
-/* d' M d of each cell's direction d, M symmetric. */
-void lp_grid_quadratic(const struct lp_grid *grid, const double matrix[3][3], float *values);
-
 /* The eight cells around `index`; the grid wraps at the seam and closes over the poles. */
 static inline void lp_grid_neighbours(const struct lp_grid *grid, int index,
 				      int neighbours[LP_NEIGHBOURS]);

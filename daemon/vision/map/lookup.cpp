@@ -294,6 +294,33 @@ extern "C" void lp_lookup_radiance(struct lp_lookup *lookup, const float (*from)
 	}
 }
 
+extern "C" void lp_lookup_place_variance(const struct lp_lookup *lookup, const float *step2,
+					 float least, const double across[3][3], float *variance)
+{
+	const struct lp_grid *grid = lookup->grid;
+	const double(*m)[3] = across;
+	const auto all = [](double value) { return cv::v_setall_f32(static_cast<float>(value)); };
+
+	for (int row = 0; row < grid->height; row++) {
+		const size_t first = static_cast<size_t>(row) * grid->width;
+		const double s = grid->row_sin[row], c = grid->row_cos[row]; /* d: grid.c */
+		const v_float32x4 yy = all(least + c * c * m[1][1]);
+		const v_float32x4 xy = all(2.0 * s * c * m[0][1]), yz = all(-2.0 * s * c * m[1][2]);
+		const v_float32x4 xx = all(s * s * m[0][0]), zz = all(s * s * m[2][2]);
+		const v_float32x4 xz = all(-2.0 * s * s * m[0][2]);
+
+		for (int k = 0; k < grid->width; k += 4) {
+			const v_float32x4 x = cv::v_load(grid->column_sin + k);
+			const v_float32x4 z = cv::v_load(grid->column_cos + k);
+			const v_float32x4 of_x = cv::v_fma(xz, z, cv::v_fma(xx, x, xy));
+			const v_float32x4 of_z = cv::v_fma(zz, z, yz);
+			const v_float32x4 place = cv::v_fma(x, of_x, cv::v_fma(z, of_z, yy));
+
+			cv::v_store(variance + first + k, place * cv::v_load(step2 + first + k));
+		}
+	}
+}
+
 namespace
 {
 

@@ -46,6 +46,11 @@ void lp_lookup_set_sheared(struct lp_lookup *lookup, const struct lp_rotation *r
 void lp_lookup_radiance(struct lp_lookup *lookup, const float (*from)[4], float (*to)[4],
 			float *step2);
 
+/* Variance of each cell's luminance, as what it shows lies elsewhere: step2 times the variance in
+ * cells^2 of where its direction d lies, least + d' across d. */
+void lp_lookup_place_variance(const struct lp_lookup *lookup, const float *step2, float least,
+			      const double across[3][3], float *variance);
+
 /* Marks (enum lp_cell_flag) of all four cells, so that none is lost; next to those LP_CELL_BESIDE
  * (_DARK).
  */
