@@ -84,7 +84,8 @@ def _minimum(target: Array, cost: float) -> tuple[Array, float]:
         lit = radiance > 0
         curvature = (basis[lit] * solid_angles_sr[lit, None]).T @ basis[lit]
         curvature += max(1e-9, cost) * np.eye(len(c))
-        c = _downhill(c, np.linalg.solve(curvature, gradient), target, cost)
+        step = np.asarray(np.linalg.solve(curvature, gradient), np.float64)
+        c = _downhill(c, step, target, cost)
     return c, float(np.abs(gradient).max())
 
 
