@@ -114,6 +114,7 @@ seen: build web $(STAMPS)/venv-renderer ## compare AR pictures with renders of t
 	@$(VENV)/bin/python tests/seen/seen.py
 seen-beside: build $(STAMPS)/venv-renderer ## compare AR pictures, mirror balls and shadows beside a probe that moves with renders again, and write docs/users/seen.md (an hour)
 	@$(VENV)/bin/python tests/seen/shadow_beside.py --page
+	@$(VENV)/bin/python tests/seen/mirror_ball.py --page
 	@$(VENV)/bin/python tests/seen/beside.py
 furnished: build $(STAMPS)/venv-renderer ## measure ambient light beside a probe in rendered rooms again, and write docs/users/places.md (an hour)
 	@$(VENV)/bin/python tests/accuracy/furnished.py --page
