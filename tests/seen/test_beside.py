@@ -8,13 +8,12 @@ import importlib.util
 import numpy as np
 import pytest
 
+pytestmark = [pytest.mark.long, pytest.mark.many_frames]
 needs_mitsuba = pytest.mark.skipif(
     importlib.util.find_spec("mitsuba") is None, reason="make test-renderer installs Mitsuba"
 )
 
 
-@pytest.mark.long
-@pytest.mark.many_frames
 def test_shadows_beside_a_moving_probe_are_as_steep_as_the_lamp_there():
     import shadow_beside
 
@@ -24,10 +23,10 @@ def test_shadows_beside_a_moving_probe_are_as_steep_as_the_lamp_there():
         for rows in (found.unchanged_deg, found.at_place_deg)
     )
     assert (unchanged[1:] > 5).all()
-    assert (at_place[1:] < 0.1 * unchanged[1:]).all()
+    assert (at_place[1:] < 0.2 * unchanged[1:]).all()
+    assert (at_place[1:] < at_place[0] + 0.3).all()
 
 
-@pytest.mark.long
 @needs_mitsuba
 def test_a_ball_mirrors_what_is_before_it_and_beside_it():
     """Blue is above, red to the right, green behind, where the first view is from."""
