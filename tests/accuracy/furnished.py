@@ -42,7 +42,7 @@ _ROUND_S = 40.0
 _JUDGED_AT_S, _JUDGED_S = 30.0, 0.6
 _KEYS_HZ = 60.0
 _SIZE_PX, _RATE_HZ = (480, 240), 15.0
-_WORDS = {"box": "a box", "L": "an L", "window": "with a window", "table": "above a desk"}
+WORDS = {"box": "a box", "L": "an L", "window": "with a window", "table": "above a desk"}
 #: Whether large lamps and windows are listed, or stay in the SH.
 _WISHES = {
     "raw": replace(SUBSCRIPTIONS["raw"], area_lights=True), "within": SUBSCRIPTIONS["raw"],
@@ -219,7 +219,7 @@ def table(some: Sequence[Furnished]) -> str:
         cells += [f"{a.unchanged:.4f} → {_error(a.moved, a.moved_worst)}" for a in within]
         cells += [f"{a.within_1:.0%}, {a.within_3:.1%}" if a.stated else "–" for a in within]
         boxes = f"{here.has_room:.0%} of {sum(one.packets for one in group)}"
-        rows.append([_WORDS[kind], ORIENTATIONS[teller].words, boxes, *cells])
+        rows.append([WORDS[kind], ORIENTATIONS[teller].words, boxes, *cells])
     return recording.markdown(head, rows)
 
 

@@ -276,33 +276,47 @@ def truth_places_m(seed: int) -> Array:
     return np.array(found)
 
 
-def folder(kind: str, seed: int) -> Path:
+@dataclass(frozen=True)
+class Quality:
+    """Samples per pixel."""
+
+    name: str
+    nodes: int
+    truth: int
+
+
+FINE = Quality("", SAMPLES, TRUTH_SAMPLES)
+#: A third of the time.
+COARSE = Quality("-coarse", 8, 128)
+
+
+def folder(kind: str, seed: int, quality: Quality = FINE) -> Path:
     """Say where a room is kept."""
-    return KEPT / f"{VERSION}-{kind}-{seed}"
+    return KEPT / f"{VERSION}-{kind}-{seed}{quality.name}"
 
 
-def renders(kind: str, seed: int) -> Renders:
+def renders(kind: str, seed: int, quality: Quality = FINE) -> Renders:
     """Render a room, or read what is kept of it."""
-    kept = folder(kind, seed)
+    kept = folder(kind, seed, quality)
     if not kept.is_dir():
-        _render(kind, seed, kept)
+        _render(kind, seed, kept, quality)
     names = ("nodes", "places_m", "unlit", "lit", "emitters_m")
     return Renders(*(np.load(kept / f"{name}.npy") for name in names))
 
 
-def _render(kind: str, seed: int, kept: Path) -> None:
+def _render(kind: str, seed: int, kept: Path, quality: Quality) -> None:
     mi = mitsuba()
     scene, emitters_m = made(mi, kind, seed)
     places_m = truth_places_m(seed)
 
     def seen(hidden: bool) -> Array:
         return np.array([
-            panorama(mi, scene, at, TRUTH_PX, TRUTH_SAMPLES, 1000 + k, hidden=hidden)
+            panorama(mi, scene, at, TRUTH_PX, quality.truth, 1000 + k, hidden=hidden)
             for k, at in enumerate(places_m)
         ])  # fmt: skip
 
     nodes = [
-        panorama(mi, scene, at, SIZE_PX, SAMPLES, k, hidden=False)
+        panorama(mi, scene, at, SIZE_PX, quality.nodes, k, hidden=False)
         for k, at in enumerate(way_m(node_shares()))
     ]
     partly = kept.with_name(f"{kept.name}.{os.getpid()}")

@@ -25,6 +25,7 @@ from lightprobe.errors import LightprobeError, UsageError
 from lightprobe.estimate import Estimate, Frame
 from lightprobe.geometry import Array
 from lightprobe.imaging.image import HDR_SUFFIXES
+from lightprobe.reflection_map import ReflectionMap
 from lightprobe.sim import response as responses
 from lightprobe.sim import scenes
 from lightprobe.sim.camera import SimulatedCamera
@@ -33,7 +34,7 @@ from lightprobe.sim.faults import Faults
 from lightprobe.sim.head import Habits, Head, true_place, true_turn
 from lightprobe.sim.illuminance import RingLight
 from lightprobe.sim.lens_defects import LensDefects
-from lightprobe.sim.live import LiveProbe
+from lightprobe.sim.live import LiveClient, LiveProbe
 from lightprobe.sim.live_ring import LiveRing
 from lightprobe.sim.pixel_defects import PixelDefects
 from lightprobe.sim.processing import Processing
@@ -186,6 +187,8 @@ class Recording:
 
     world: World
     packets: dict[str, list[Packet]]
+    #: Reflection maps of subscribers that ask for some, each with the packet of the same light.
+    maps: dict[str, list[tuple[Packet, ReflectionMap]]] = field(default_factory=dict)
 
 
 def cameras(run: Run, world: World) -> list[SimulatedCamera]:
@@ -255,13 +258,19 @@ def record(run: Run) -> Recording:
             t_s = probe.captured_s(estimate)
             return Packet(estimate, camera.true_rotation(world.at(t_s)), t_s)
 
-        return Recording(
-            world,
-            {
-                name: [packet(one) for one in client.estimates[before[name] :]]
-                for name, client in clients.items()
-            },
-        )
+        packets = {
+            name: [packet(one) for one in client.estimates[before[name] :]]
+            for name, client in clients.items()
+        }
+        maps = {name: _with_maps(packets[name], client) for name, client in clients.items()}
+        return Recording(world, packets, maps)
+
+
+def _with_maps(packets: Sequence[Packet], client: LiveClient) -> list[tuple[Packet, ReflectionMap]]:
+    """Pair each map of a subscriber with its packet of the same light."""
+    of = {one.estimate.sequence: one for one in packets}
+    maps = [one.message for one in client.received if isinstance(one.message, ReflectionMap)]
+    return [(of[one.sequence], one) for one in maps if one.sequence in of]
 
 
 def all_figures(

@@ -61,8 +61,8 @@ def measure(panorama: Array) -> Packet:
         ambient, total = (live.client(_wish(kind)) for kind in ("AMBIENT", "TOTAL"))
         areas = live.client(Subscription(sh_order=4, max_lights=8, area_lights=True))
         live.run(_SETTLE_S)
-    estimates = (_scaled(_newest(client), 1 / factor) for client in (ambient, areas))
-    maps = (_scaled_map(_newest_map(client), 1 / factor) for client in (ambient, total))
+    estimates = (scaled(_newest(client), 1 / factor) for client in (ambient, areas))
+    maps = (scaled_map(_newest_map(client), 1 / factor) for client in (ambient, total))
     return Packet(*estimates, *maps)
 
 
@@ -82,11 +82,13 @@ def _newest_map(client: LiveClient) -> ReflectionMap:
     return [r.message for r in client.received if isinstance(r.message, ReflectionMap)][-1]
 
 
-def _scaled(estimate: Estimate, factor: float) -> Estimate:
+def scaled(estimate: Estimate, factor: float) -> Estimate:
+    """The same light in other units."""
     lights = tuple(replace(one, irradiance=factor * one.irradiance) for one in estimate.lights)
     ambient = replace(estimate.sh, coefficients=factor * estimate.sh.coefficients)
     return replace(estimate, lights=lights, sh=ambient)
 
 
-def _scaled_map(found: ReflectionMap, factor: float) -> ReflectionMap:
+def scaled_map(found: ReflectionMap, factor: float) -> ReflectionMap:
+    """The same map in other units."""
     return replace(found, radiance=found.radiance * np.float32(factor))

@@ -21,8 +21,8 @@ ELEVATIONS_DEG = (12.96, 50.19, 27.47, 52.44, 23.42, 58.39)
 PUBLISHED_RMS_DEG = 1.39
 #: Distances of the rod from the probe; of the lamp from the probe.
 RODS_M, LAMP_M = (0.0, 0.3, 0.5, 1.0), 2.5
-_AZIMUTHS_DEG = (20.0, 80.0, 140.0, 200.0, 260.0, 320.0)
-_RADIUS_DEG, _WIDTH_PX = 1.0, 1920
+AZIMUTHS_DEG = (20.0, 80.0, 140.0, 200.0, 260.0, 320.0)
+RADIUS_DEG, _WIDTH_PX = 1.0, 1920
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Shadow:
 
 def _panorama(towards: Array) -> Array:
     radiance = np.full((_WIDTH_PX // 2, _WIDTH_PX, 3), 0.5, np.float32)
-    lamp = Lamp(towards, _RADIUS_DEG, np.array([3.0, 2.8, 2.4]))
+    lamp = Lamp(towards, RADIUS_DEG, np.array([3.0, 2.8, 2.4]))
     index, values = disc_pixels(lamp, _WIDTH_PX, _WIDTH_PX // 2)
     radiance.reshape(-1, 3)[index] += values
     return radiance
@@ -44,7 +44,7 @@ def _panorama(towards: Array) -> Array:
 def measured() -> list[Shadow]:
     """All six scenes. Rods stand where the error is largest: towards the lamp, or away from it."""
     shadows = []
-    for elevation, azimuth in zip(ELEVATIONS_DEG, _AZIMUTHS_DEG, strict=True):
+    for elevation, azimuth in zip(ELEVATIONS_DEG, AZIMUTHS_DEG, strict=True):
         towards = geometry.direction_from_angles(azimuth, elevation)
         told = probe.measure(_panorama(towards)).estimate.lights[0].elevation_deg
         level = LAMP_M * np.cos(np.radians(elevation))

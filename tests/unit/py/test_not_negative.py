@@ -23,3 +23,20 @@ def test_light_that_is_somewhere_below_zero_is_mended_without_a_change_of_irradi
     )
     assert worst_before > 0.02
     assert worst < 0.001
+
+
+def test_sh_that_no_light_has_give_light_that_is_close_and_not_without_end():
+    """Brighter to one side than all light together: as noise has it, or a move to a place."""
+    for share in (0.7, 1.0, 2.0, 10.0):
+        coefficients = np.zeros((25, 3))
+        coefficients[0] = 1.0
+        coefficients[3] = share * np.sqrt(3)
+        coefficients[6] = -share
+        fitted = not_negative.fit(coefficients)
+        basis, solid_angles_sr = not_negative._nodes(4)
+        radiance = np.maximum(basis @ fitted, 0)
+        mean = radiance.T @ solid_angles_sr / (4 * np.pi) * np.sqrt(4 * np.pi)
+        print(f"{share}: mean radiance {mean[0]:.2f} of 1, largest {radiance.max():.1f}")
+        assert (mean < 1.6 * max(1, share)).all()
+        error = not_negative.irradiance_error(coefficients, fitted)
+        assert error < 0.7
