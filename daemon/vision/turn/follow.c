@@ -39,6 +39,8 @@
 /* Of how much the lamps say that an alignment is off, more than it states, this share of a frame
  * counts: one in ten frames. */
 #define DOUBT_SHARE 0.1
+/* Lamps are off by so much more than stated where nothing is wrong: they glow, and flicker. */
+#define USUAL_MISFIT 2.0
 
 /* Where the camera may look, before and after it was compared with the map. */
 struct attempt {
@@ -332,7 +334,9 @@ void lp_imager_doubt_alignment(struct lp_imager *imager, double misfit)
 	struct lp_follow *turn = &imager->turn;
 
 	if (turn->aligned && !isnan(misfit))
-		turn->doubt = fmax(turn->doubt * (1.0 + DOUBT_SHARE * (misfit - 1.0)), 1.0);
+		turn->doubt =
+			fmax(turn->doubt * (1.0 + DOUBT_SHARE * (misfit / USUAL_MISFIT - 1.0)),
+			     1.0);
 }
 
 float lp_imager_direction_sigma_rad(const struct lp_imager *imager, const float direction[3])
