@@ -75,7 +75,13 @@ static int use_pose(struct lp_hub *hub, struct lp_hub_client *client,
 	ret = lp_pose_sender_sample(&client->sender, pose, lp_clock_ns(), &sample, fault,
 				    sizeof(fault));
 	lp_hub_clock_fault(hub, client, ret < 0 ? fault : NULL);
-	return ret < 0 ? ret : hub->options.pose(hub->options.context, client, &sample);
+	if (ret == 0)
+		ret = hub->options.pose(hub->options.context, client, &sample);
+	if (ret == -ESTALE && lp_pose_sender_is_in_order(&client->sender, pose))
+		return 0; /* it is left out, and nobody's fault */
+	if (ret >= 0)
+		lp_pose_sender_counted(&client->sender, pose);
+	return ret;
 }
 
 static void take_pose(struct lp_hub *hub, struct lp_hub_client *client,

@@ -36,6 +36,18 @@ int lp_pose_sender_sample(struct lp_pose_sender *sender, const struct lp_client_
 	return -ETIME;
 }
 
+bool lp_pose_sender_is_in_order(const struct lp_pose_sender *sender,
+				const struct lp_client_pose *pose)
+{
+	return sender->has_pose && pose->time_ns > sender->newest_ns;
+}
+
+void lp_pose_sender_counted(struct lp_pose_sender *sender, const struct lp_client_pose *pose)
+{
+	sender->has_pose = true;
+	sender->newest_ns = pose->time_ns;
+}
+
 struct lp_pong lp_pose_sender_ping(struct lp_pose_sender *sender, const struct lp_client_ping *ping,
 				   int64_t now_ns)
 {

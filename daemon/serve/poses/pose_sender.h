@@ -6,6 +6,7 @@
 #ifndef LP_SERVE_POSES_POSE_SENDER_H
 #define LP_SERVE_POSES_POSE_SENDER_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -17,6 +18,8 @@ struct lp_orientation_sample;
 struct lp_pose_sender {
 	struct lp_client_clock clock;
 	int64_t ponged_ns; /* when its newest ping was answered; 0: none yet */
+	bool has_pose;
+	int64_t newest_ns; /* time of its newest pose that counted, on its own clock */
 };
 
 /* A pose that has just come. 0: `sample` is filled. -ETIME: its time cannot be, by the client's own
@@ -24,6 +27,12 @@ struct lp_pose_sender {
 int lp_pose_sender_sample(struct lp_pose_sender *sender, const struct lp_client_pose *pose,
 			  int64_t now_ns, struct lp_orientation_sample *sample, char *fault,
 			  size_t fault_bytes);
+
+/* Whether a pose that comes out of order on our clock does not on the client's own: its pings have
+ * just shown that its clock lies a little otherwise. And: a pose has counted. */
+bool lp_pose_sender_is_in_order(const struct lp_pose_sender *sender,
+				const struct lp_client_pose *pose);
+void lp_pose_sender_counted(struct lp_pose_sender *sender, const struct lp_client_pose *pose);
 
 /* A ping that has just come; what to answer. */
 struct lp_pong lp_pose_sender_ping(struct lp_pose_sender *sender, const struct lp_client_ping *ping,
