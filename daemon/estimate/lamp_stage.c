@@ -80,7 +80,7 @@ static void look_closer(const struct lp_lamp_stage *stage, struct lp_imager *ima
 			    fmaxf(pixels->irradiance[LP_LUMINANCE], 1e-30F);
 
 	sighting->scale = lp_imager_scale(imager);
-	sighting->rotation_sigma_rad = lp_imager_direction_sigma_rad(imager, pixels->direction);
+	sighting->rotation_sigma_rad = lp_imager_turn(imager).sigma_deg / DEG;
 	const struct lp_film_view *film = lp_imager_film(imager);
 
 	sighting->film_misfit = sighting->rotation_sigma_rad > 0.0F ? TURNING_MISFIT : 1.0F;
@@ -122,7 +122,7 @@ void lp_lamp_stage_steer(struct lp_lamp_stage *stage, struct lp_imager *imager,
 		s->pixels = m->on_grid;
 		s->refined =
 			lp_imager_refine(imager, detection->finder, &s->pixels, work->refine_cells);
-		s->rotation_sigma_rad = lp_imager_direction_sigma_rad(imager, s->pixels.direction);
+		s->rotation_sigma_rad = status.rotation_sigma_deg / DEG;
 		count += s->refined;
 	}
 	if (lp_lamp_memory_landmarks(&stage->memory, sightings, count, pull, information, &misfit))

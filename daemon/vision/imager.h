@@ -221,9 +221,6 @@ float lp_imager_scale(const struct lp_imager *imager);
  * exposures shorter than the mains' period tell the less. */
 void lp_imager_expect_flicker(struct lp_imager *imager, float depth);
 
-/* 1 sigma, across it, of where a unit direction of the newest frame (anchor frame) lies, as far as
- * it is not certain how the camera is turned; 0: it holds still. */
-float lp_imager_direction_sigma_rad(const struct lp_imager *imager, const float direction[3]);
 struct lp_imager_turn lp_imager_turn(const struct lp_imager *imager);
 struct lp_imager_told lp_imager_told(const struct lp_imager *imager);
 void lp_imager_status(const struct lp_imager *imager, struct lp_imager_status *status);

@@ -27,7 +27,7 @@ LIGHTS = st.sampled_from(SIZES)
 #: Metres, as an app may have them.
 METRES = st.one_of(
     st.floats(-10, 10),
-    st.sampled_from([0.0, 5e-324, 1e-300, -1e-9, 1e-3, -1e3, 1e6, -1e12]),
+    st.sampled_from([0.0, 5e-324, 1e-300, -1e-9, 1e-3, -1e3, 1e6, -1e11]),
 )
 PLACES = st.tuples(METRES, METRES, METRES)
 DIRECTIONS = st.one_of(

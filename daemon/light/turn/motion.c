@@ -135,19 +135,6 @@ double lp_motion_sigma_rad(const struct lp_motion *motion)
 	return sqrt(sum / 3.0);
 }
 
-double lp_motion_direction_sigma_rad(const struct lp_motion *motion, const float direction[3])
-{
-	double across = 0.0; /* trace P - d' P d */
-
-	if (!motion->turning)
-		return 0.0;
-	for (int a = 0; a < 3; a++)
-		for (int b = 0; b < 3; b++)
-			across += ((a == b) - (double)direction[a] * direction[b]) *
-				  motion->covariance[a][b];
-	return sqrt(fmax(across, 0.0) / 2.0);
-}
-
 void lp_motion_covariance(const struct lp_motion *motion, double covariance[3][3])
 {
 	const double(*m)[3] = motion->rotation.m;

@@ -48,9 +48,6 @@ void lp_motion_prior(const struct lp_motion *motion, double information[3][3]);
 double lp_motion_sigma_rad(const struct lp_motion *motion);
 /* The rotation's covariance in the anchor frame, rad^2; 0 of a camera that holds still. */
 void lp_motion_covariance(const struct lp_motion *motion, double covariance[3][3]);
-/* The same of where a unit direction (camera frame) lies, the mean across it: a turn about the
- * direction itself, which few pictures may tell, does not move it. */
-double lp_motion_direction_sigma_rad(const struct lp_motion *motion, const float direction[3]);
 
 /*
  * It has been seen that the camera is at rotation * exp(turn), which already weighs what was

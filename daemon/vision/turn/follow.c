@@ -339,16 +339,6 @@ void lp_imager_doubt_alignment(struct lp_imager *imager, double misfit)
 			     1.0);
 }
 
-float lp_imager_direction_sigma_rad(const struct lp_imager *imager, const float direction[3])
-{
-	const struct lp_motion *motion = &imager->turn.motion;
-	const struct lp_rotation back = lp_rotation_inverse(&motion->rotation);
-	float seen[3] = {direction[0], direction[1], direction[2]};
-
-	lp_rotate_direction(&back, seen);
-	return (float)lp_motion_direction_sigma_rad(motion, seen);
-}
-
 struct lp_imager_turn lp_imager_turn(const struct lp_imager *imager)
 {
 	return (struct lp_imager_turn){
