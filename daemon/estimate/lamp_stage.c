@@ -103,7 +103,7 @@ void lp_lamp_stage_steer(struct lp_lamp_stage *stage, struct lp_imager *imager,
 {
 	struct lp_lamp_sighting sightings[LP_MAX_LIGHTS];
 	struct lp_imager_status status;
-	double pull[3], information[3][3], misfit;
+	double pull[3], information[3][3];
 	int count = 0;
 	const bool goes = lp_imager_turn(imager).goes;
 
@@ -122,12 +122,11 @@ void lp_lamp_stage_steer(struct lp_lamp_stage *stage, struct lp_imager *imager,
 		s->pixels = m->on_grid;
 		s->refined =
 			lp_imager_refine(imager, detection->finder, &s->pixels, work->refine_cells);
-		s->rotation_sigma_rad = status.rotation_sigma_deg / DEG;
 		count += s->refined;
 	}
-	if (lp_lamp_memory_landmarks(&stage->memory, sightings, count, pull, information, &misfit))
+	if (lp_lamp_memory_landmarks(&stage->memory, sightings, count,
+				     status.rotation_sigma_deg / DEG, pull, information))
 		lp_imager_correct_rotation(imager, pull, (const double(*)[3])information);
-	lp_imager_doubt_alignment(imager, misfit);
 }
 
 /* Anchor frame to that in which the probe's place is told. */

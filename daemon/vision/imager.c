@@ -33,7 +33,6 @@ int lp_imager_create(const struct lp_camera *camera, const struct lp_imager_opti
 	m->turn.agreement = 1.0F;
 	m->eye = m->eyes;
 	lp_motion_init(&m->turn.motion);
-	m->turn.doubt = 1.0;
 	ret = lp_grid_create(width, height, &m->grid);
 	if (ret == 0)
 		ret = lp_radiance_map_create(m->grid, &m->map);

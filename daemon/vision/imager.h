@@ -203,10 +203,6 @@ bool lp_imager_polarization_grid(const struct lp_imager *imager, struct lp_polar
 void lp_imager_correct_rotation(struct lp_imager *imager, const double pull[3],
 				const double information[3][3]);
 
-/* Lamps were so much further from where they are known to be than the rotation's sigma explains
- * (lp_lamp_memory_landmarks()): the next comparisons with the map tell the less. */
-void lp_imager_doubt_alignment(struct lp_imager *imager, double misfit);
-
 /*
  * When the camera has come to rest: make its frame the anchor frame. True: that was done, and
  * `turn` is the rotation from the old anchor frame to the new one, by which the caller turns what

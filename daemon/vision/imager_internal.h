@@ -36,9 +36,7 @@ struct lp_follow {
 	int64_t t_ns;		 /* that motion.rotation is of; 0: nothing has been seen */
 	struct lp_motion before; /* motion before the newest frame, of t_before_ns */
 	int64_t t_before_ns;
-	float agreement; /* of the last alignment */
-	bool aligned;	 /* the newest frame, with the map */
-	double doubt;	 /* by so much the variance of alignments is more than they state; from 1 */
+	float agreement;	   /* of the last alignment */
 	double elapsed_s;	   /* between the newest frame and the one before; 0: not told */
 	struct lp_imu_sample told; /* what the newest frame carries of its orientation */
 	struct lp_imu_sample told_before; /* of the newest frame that is no still */

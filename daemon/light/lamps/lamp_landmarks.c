@@ -36,12 +36,10 @@ static const struct lp_remembered_lamp *nearest_by_pixels(const struct lp_lamp_m
 }
 
 int lp_lamp_memory_landmarks(const struct lp_lamp_memory *memory,
-			     const struct lp_lamp_sighting *sightings, int count, double pull[3],
-			     double information[3][3], double *misfit)
+			     const struct lp_lamp_sighting *sightings, int count, float sigma_rad,
+			     double pull[3], double information[3][3])
 {
-	const double most = square(LP_LAMP_CHANGE_SIGMAS);
-	double squares = 0.0;
-	int used = 0, known = 0;
+	int used = 0;
 
 	memset(pull, 0, 3 * sizeof(*pull));
 	memset(information, 0, 3 * sizeof(*information));
@@ -56,12 +54,9 @@ int lp_lamp_memory_landmarks(const struct lp_lamp_memory *memory,
 		const float *d = seen->direction, *r = m->lamp.direction;
 		const double variance = square(seen->direction_sigma_deg * RAD) + square(glow) +
 					m->direction_variance;
-		const double sigmas2 = square(lp_lamp_apart_rad(d, r)) /
-				       (variance + square(sightings[k].rotation_sigma_rad));
+		const float apart = lp_lamp_apart_rad(d, r);
 
-		known++;
-		squares += fmin(sigmas2, most);
-		if (sigmas2 > most)
+		if (square(apart) > square(LP_LAMP_CHANGE_SIGMAS) * (variance + square(sigma_rad)))
 			continue;
 		used++;
 		for (int a = 0; a < 3; a++) {
@@ -72,6 +67,5 @@ int lp_lamp_memory_landmarks(const struct lp_lamp_memory *memory,
 				information[a][e] += ((a == e) - (double)d[a] * d[e]) / variance;
 		}
 	}
-	*misfit = known ? squares / (2.0 * known) : NAN; /* across a direction there are two axes */
 	return used;
 }

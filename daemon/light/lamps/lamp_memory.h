@@ -104,14 +104,12 @@ void lp_lamp_memory_update(struct lp_lamp_memory *memory, const struct lp_lamp_s
  * How the lamps that these sightings measure are turned against where they are known to be: the
  * rotation vector (anchor frame) that brings the sightings to the lamps is information^-1 times
  * `pull`; information per rad^2, singular where fewer than two lamps say something. A lamp that is
- * further off than its sigmas explain is left out. Returns how many lamps count. *misfit: by how
- * much the squares of their distances are more than those sigmas explain, the mean of all, with
- * those left out; 1: as they should be; NAN: there is no lamp. Memory and sightings stay as they
- * are.
+ * further off than sigma_rad explains is left out. Returns how many lamps count. Memory and
+ * sightings stay as they are.
  */
 int lp_lamp_memory_landmarks(const struct lp_lamp_memory *memory,
-			     const struct lp_lamp_sighting *sightings, int count, double pull[3],
-			     double information[3][3], double *misfit);
+			     const struct lp_lamp_sighting *sightings, int count, float sigma_rad,
+			     double pull[3], double information[3][3]);
 
 /* Deepest flicker of the lamps that are seen (root mean square, relative); 0: none flickers. */
 float lp_lamp_memory_flicker(const struct lp_lamp_memory *memory);

@@ -36,12 +36,6 @@
 #define MAP_LAG_S 1.0
 #define PARALLAX_M 4.0
 
-/* Of how much the lamps say that an alignment is off, more than it states, this share of a frame
- * counts: one in ten frames. */
-#define DOUBT_SHARE 0.1
-/* Lamps are off by so much more than stated where nothing is wrong: they glow, and flicker. */
-#define USUAL_MISFIT 2.0
-
 /* Where the camera may look, before and after it was compared with the map. */
 struct attempt {
 	struct lp_motion motion;
@@ -54,35 +48,26 @@ static bool compares(const struct attempt *attempt)
 							    */
 }
 
-static void scale(double matrix[3][3], double factor)
-{
-	for (int a = 0; a < 3; a++)
-		for (int b = 0; b < 3; b++)
-			matrix[a][b] *= factor;
-}
-
 /* The picture's own errors, and those of its way, as if alike about all axes. */
 static void doubt_parallax(double sigma_rad, double information[3][3])
 {
 	const double mean = (information[0][0] + information[1][1] + information[2][2]) / 3.0;
+	const double share = 1.0 / (1.0 + mean * sigma_rad * sigma_rad);
 
-	scale(information, 1.0 / (1.0 + mean * sigma_rad * sigma_rad));
+	for (int a = 0; a < 3; a++)
+		for (int b = 0; b < 3; b++)
+			information[a][b] *= share;
 }
 
 /* The alignment is loaded with picture and map. */
 static void solve(struct lp_imager *imager, struct attempt *attempt)
 {
 	struct lp_motion *motion = &attempt->motion;
-	const double doubt = imager->turn.doubt;
 	double prior[3][3];
 
 	lp_motion_prior(motion, prior);
-	const double sigma_rad = sqrt(1.0 / prior[0][0]);
-
-	scale(prior, doubt); /* against the picture's information, which is that much less */
 	attempt->result = lp_alignment_solve(imager->alignment, &motion->rotation,
-					     (const double(*)[3])prior, sigma_rad);
-	scale(attempt->result.information, 1.0 / doubt);
+					     (const double(*)[3])prior, sqrt(1.0 / prior[0][0]));
 	doubt_parallax(imager->turn.parallax_rad, attempt->result.information);
 	if (compares(attempt) && attempt->result.agreement >= LP_LEAST_AGREEMENT)
 		lp_motion_correct(motion, attempt->result.turn,
@@ -92,8 +77,7 @@ static void solve(struct lp_imager *imager, struct attempt *attempt)
 static void take(struct lp_imager *imager, const struct attempt *attempt)
 {
 	imager->turn.motion = attempt->motion;
-	imager->turn.aligned = compares(attempt);
-	if (imager->turn.aligned)
+	if (compares(attempt))
 		imager->turn.agreement = attempt->result.agreement;
 }
 
@@ -257,7 +241,6 @@ static void follow(struct lp_imager *imager)
 	const bool first = !imager->turn.t_ns || !imager->t_map_ns;
 
 	imager->turn.agreement = 1.0F;
-	imager->turn.aligned = false;
 	imager->turn.elapsed_s = 0.0;
 	imager->turn.t_ns = imager->t_capture_ns;
 	if (!first && imager->options.follow_turns &&
@@ -329,16 +312,6 @@ void lp_imager_correct_rotation(struct lp_imager *imager, const double pull[3],
 	place_map(imager);
 }
 
-void lp_imager_doubt_alignment(struct lp_imager *imager, double misfit)
-{
-	struct lp_follow *turn = &imager->turn;
-
-	if (turn->aligned && !isnan(misfit))
-		turn->doubt =
-			fmax(turn->doubt * (1.0 + DOUBT_SHARE * (misfit / USUAL_MISFIT - 1.0)),
-			     1.0);
-}
-
 struct lp_imager_turn lp_imager_turn(const struct lp_imager *imager)
 {
 	return (struct lp_imager_turn){
@@ -390,6 +363,5 @@ bool lp_imager_rest(struct lp_imager *imager, struct lp_rotation *turn)
 		lp_stokes_map_turn(imager->film.stokes, &imager->turn.motion.rotation);
 	lp_imu_anchor(&imager->turn.imu, &imager->turn.motion.rotation);
 	lp_motion_anchor(&imager->turn.motion);
-	imager->turn.doubt = 1.0;
 	return true;
 }
