@@ -80,10 +80,12 @@ static void look_closer(const struct lp_lamp_stage *stage, struct lp_imager *ima
 			    fmaxf(pixels->irradiance[LP_LUMINANCE], 1e-30F);
 
 	sighting->scale = lp_imager_scale(imager);
-	sighting->rotation_sigma_rad = lp_imager_turn(imager).sigma_deg / DEG;
 	const struct lp_film_view *film = lp_imager_film(imager);
 
-	sighting->film_misfit = sighting->rotation_sigma_rad > 0.0F ? TURNING_MISFIT : 1.0F;
+	struct lp_imager_status status;
+
+	lp_imager_status(imager, &status);
+	sighting->film_misfit = status.rotation_sigma_deg > 0.0F ? TURNING_MISFIT : 1.0F;
 	sighting->film_rest_s = film ? film->film->rest_s : 0.0F;
 	sighting->film =
 		film ? lp_film_pass(film, pixels->direction) : (struct lp_film_pass){.gain = 1.0F};
@@ -326,6 +328,7 @@ void lp_lamp_stage_update(struct lp_lamp_stage *stage, struct lp_imager *imager,
 
 	stage->pose.rotation = to_world(imager, &told.rotation); /* by what the frame showed, too */
 	const struct lp_memory_times times = {.elapsed_s = elapsed_s(stage, panorama->t_capture_ns),
+					      .rotation_sigma_rad = status.rotation_sigma_deg / DEG,
 					      .pose = stage->is_placed ? &stage->pose : NULL};
 
 	lp_lamp_memory_update(&stage->memory, sightings, finder->count, &times);

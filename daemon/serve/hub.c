@@ -93,7 +93,8 @@ void lp_hub_set_insecure(struct lp_hub *hub)
 static struct lp_stamp stamp_of(const struct lp_hub *hub, const struct lp_hub_client *client)
 {
 	return (struct lp_stamp){.boot_id = hub->options.hello.boot_id,
-				 .ttl_ms = hub->options.ttl_ms + client->subscription.quiet_ms,
+				 .ttl_ms = hub->options.ttl_ms,
+				 .quiet_ms = client->subscription.quiet_ms,
 				 .lasts = hub->options.lasts,
 				 .subscription = client->subscription.number,
 				 .t_send_ns = lp_clock_ns()};
@@ -114,8 +115,9 @@ static void send_estimate(struct lp_hub *hub, struct lp_hub_client *client)
 	struct lp_packet *packet =
 		lp_packets_estimate(hub->packets, &hub->last, &hub->last_computed, &wanted, &stamp);
 
-	if (packet)
-		send_packet(hub, client, packet);
+	if (!packet)
+		return;
+	send_packet(hub, client, packet);
 	lp_hub_note_sent(hub, client, &wanted);
 }
 

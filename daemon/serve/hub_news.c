@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Whether an estimate says anything that the one which a client was sent last does not. */
+#include <float.h>
 #include <math.h>
 
 #include "base/clock.h"
@@ -7,9 +8,10 @@
 #include "light/send/model.h"
 #include "serve/hub_state.h"
 
+#define DEG (180.0F / (float)M_PI)
 /* What nobody sees: a step of an 8-bit picture, of the mean irradiance. */
 #define LEAST_TOLERANCE 0.004F
-/* The probe has gone. */
+/* A probe that has gone so far is elsewhere. */
 #define MOST_WAY_M 0.005F
 /* What is stated of an error may grow by so much, and by the tolerance, before it is news; that it
  * shrinks is none. */
@@ -28,11 +30,19 @@ static float stated_error(const struct lp_hub_sent *sent)
 		      sent->estimate.predicted_error[sent->variant.sh_order][sent->variant.lights]);
 }
 
+/* A sigma that is not known any more, or that has grown. */
+static bool has_grown(float before, float now, float most)
+{
+	return isnan(before) != isnan(now) || (now > MORE_ERROR * before && now - before > most);
+}
+
 /* Where a lamp's light falls has changed by a share of the mean irradiance: in strength, colour or
  * direction. */
 static bool light_differs(const struct lp_light *a, const struct lp_light *b, float most,
 			  float most_error)
 {
+	const float share = most_error / fmaxf(lp_luminance(b->irradiance), FLT_MIN);
+
 	if (a->id != b->id || a->flags != b->flags)
 		return true;
 	for (int c = 0; c < 3; c++) {
@@ -49,10 +59,8 @@ static bool light_differs(const struct lp_light *a, const struct lp_light *b, fl
 	}
 	return is_apart(a->distance_m, b->distance_m,
 			a->distance_m * fmaxf(a->distance_sigma, LEAST_TOLERANCE)) ||
-	       isnan(a->irradiance_sigma) != isnan(b->irradiance_sigma) ||
-	       (b->irradiance_sigma > MORE_ERROR * a->irradiance_sigma &&
-		(b->irradiance_sigma - a->irradiance_sigma) * lp_luminance(b->irradiance) >
-			most_error);
+	       has_grown(a->irradiance_sigma, b->irradiance_sigma, share) ||
+	       has_grown(a->direction_sigma_deg, b->direction_sigma_deg, share * DEG);
 }
 
 static bool same_variants(const struct lp_variant *a, const struct lp_variant *b)
@@ -66,7 +74,6 @@ static bool poses_differ(const struct lp_hub_sent *a, const struct lp_hub_sent *
 {
 	const struct lp_estimate_orientation *o = &a->estimate.orientation,
 					     *p = &b->estimate.orientation;
-
 	float cosine = 0.0F; /* of half the turn from one to the other */
 
 	if (o->known != p->known || o->world != p->world || o->left_out != p->left_out ||
@@ -91,8 +98,7 @@ static bool says_the_same(const struct lp_hub_sent *then, const struct lp_hub_se
 	if (then->number != now->number || !same_variants(&then->variant, &now->variant) ||
 	    a->flags != b->flags || poses_differ(then, now))
 		return false;
-	if (!(lp_model_distance(b, a) <= tolerance) ||
-	    (error > MORE_ERROR * before && error - before > tolerance) ||
+	if (!(lp_model_distance(b, a) <= tolerance) || has_grown(before, error, tolerance) ||
 	    is_apart(a->cd_m2_per_unit, b->cd_m2_per_unit, tolerance * a->cd_m2_per_unit))
 		return false;
 	for (int c = 0; c < 3; c++) /* a colour that changes, and not the luminance */

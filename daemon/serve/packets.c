@@ -20,7 +20,7 @@
 struct packet {
 	struct lp_packet base;
 	struct lp_pool *pool;
-	uint32_t subscription, ttl_ms; /* of an estimate: those in it */
+	uint32_t subscription, quiet_ms; /* of an estimate: whom it is for */
 	uint8_t data[LP_PACKET_MAX_BYTES];
 };
 
@@ -247,7 +247,7 @@ static struct packet *encode(struct lp_packets *packets, const struct lp_light_e
 	if (!packet)
 		return NULL;
 	packet->subscription = stamp->subscription;
-	packet->ttl_ms = stamp->ttl_ms;
+	packet->quiet_ms = stamp->quiet_ms;
 	struct lp_light_estimate turned;
 
 	if (variant->world) {
@@ -306,7 +306,7 @@ struct lp_packet *lp_packets_estimate(struct lp_packets *packets,
 				       ->encoded[variant->world][variant->total][variant->key];
 
 	if (!*slot || (*slot)->subscription != stamp->subscription ||
-	    (*slot)->ttl_ms != stamp->ttl_ms) {
+	    (*slot)->quiet_ms != stamp->quiet_ms) {
 		forget(slot);
 		*slot = encode(packets, choice.listed, variant, stamp);
 	}

@@ -313,9 +313,11 @@ static void test_a_lamp_near_another_does_not_come_and_go(void **state)
 static void test_a_clipped_lamp_is_followed(void **state)
 {
 	static const float longer[] = {1.0F, 0.1F, 0.01F};
+	struct lp_memory_times turning = frame;
 	struct lp_lamp_memory memory = {0};
 
 	(void)state;
+	turning.rotation_sigma_rad = 0.05F * (float)M_PI / 180.0F;
 	for (int n = 0; n < 300; n++) {
 		struct lp_lamp_sighting s = sighting(0.005F * (float)n, 5.0F);
 		const struct lp_lamp_sighting glowing = sighting(0.005F * (float)n + 1.0F, 1.0F);
@@ -326,8 +328,7 @@ static void test_a_clipped_lamp_is_followed(void **state)
 		for (int c = 0; c < 4; c++)
 			s.pixels.irradiance[c] *= longer[n % 3] * (1.0F - 5e-4F * (float)n);
 		s.pixels.flags = LP_LIGHT_CLIPPED;
-		s.rotation_sigma_rad = 0.05F * (float)M_PI / 180.0F;
-		lp_lamp_memory_update(&memory, &s, 1, &frame);
+		lp_lamp_memory_update(&memory, &s, 1, &turning);
 		const struct lp_lamp *known = &only(&memory)->lamp;
 		const struct lp_lamp_sighting true_one = sighting(0.005F * (float)n, 5.0F);
 		const float off_deg = 180.0F / (float)M_PI *
@@ -346,14 +347,15 @@ static void test_turning_is_no_flicker(void **state)
 
 	(void)state;
 	for (int turns = 0; turns < 2; turns++) {
+		struct lp_memory_times times = frame;
 		struct lp_lamp_memory memory = {0};
 
+		times.rotation_sigma_rad = rotation_sigma_rad[turns];
 		for (int n = 0; n < 60; n++) {
 			struct lp_lamp_sighting s = sighting(10.0F, n % 2 ? 5.3F : 4.7F);
 
 			s.scale = 10000.0F;
-			s.rotation_sigma_rad = rotation_sigma_rad[turns];
-			lp_lamp_memory_update(&memory, &s, 1, &frame);
+			lp_lamp_memory_update(&memory, &s, 1, &times);
 		}
 		assert_true((lp_lamp_memory_flicker(&memory) > 0.0F) == (turns == 0));
 	}

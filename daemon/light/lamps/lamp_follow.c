@@ -185,13 +185,12 @@ static bool moves_aside(struct lp_remembered_lamp *m, const float seen[3], float
 }
 
 /* `known`: the lamp's direction is, by pixels like these. */
-static void measure_direction(struct lp_remembered_lamp *m, const struct lp_lamp_sighting *s,
-			      bool known)
+static void measure_direction(struct lp_remembered_lamp *m, const struct lp_lamp *seen,
+			      const struct lp_memory_times *times, bool known)
 {
-	const struct lp_lamp *seen = &s->pixels;
 	struct lp_lamp *lamp = &m->lamp;
 	const float variance =
-		square(seen->direction_sigma_deg * RAD) + square(s->rotation_sigma_rad);
+		square(seen->direction_sigma_deg * RAD) + square(times->rotation_sigma_rad);
 	const float difference2 = square(lp_lamp_apart_rad(lamp->direction, seen->direction));
 	const bool moves =
 		moves_aside(m, seen->direction, m->direction_variance + variance) || !known;
@@ -217,7 +216,7 @@ static void follow_strength_sigma(struct lp_remembered_lamp *m, float gain, floa
 }
 
 static void measure(struct lp_remembered_lamp *m, const struct lp_lamp_sighting *s,
-		    float film_sigma)
+		    const struct lp_memory_times *times, float film_sigma)
 {
 	const struct lp_lamp *seen = &s->pixels;
 	struct lp_lamp *lamp = &m->lamp;
@@ -235,7 +234,7 @@ static void measure(struct lp_remembered_lamp *m, const struct lp_lamp_sighting 
 	memcpy(lamp->centroid, before.centroid, sizeof(lamp->centroid));
 	memcpy(lamp->irradiance, before.irradiance, sizeof(lamp->irradiance));
 	lamp->solid_angle_sr = before.solid_angle_sr;
-	measure_direction(m, s, m->measured);
+	measure_direction(m, seen, times, m->measured);
 	blend(lamp->irradiance, seen->irradiance, 4, strength_gain);
 	blend(&lamp->solid_angle_sr, &seen->solid_angle_sr, 1, strength_gain);
 	follow_strength_sigma(m, strength_gain, strength_variance, film_sigma);
@@ -285,14 +284,16 @@ static bool stays(const struct lp_remembered_lamp *m, const struct lp_lamp_sight
 
 /* Where a lamp is that clips in every exposure is told by the shortest. While nothing moves its rim
  * errs alike in each, so that many say no more than one. */
-static void follow_plateau(struct lp_remembered_lamp *m, const struct lp_lamp_sighting *s)
+static void follow_plateau(struct lp_remembered_lamp *m, const struct lp_lamp *seen,
+			   const struct lp_memory_times *times)
 {
-	measure_direction(m, s, true);
+	measure_direction(m, seen, times, true);
 	m->direction_variance =
-		fmaxf(m->direction_variance, square(s->pixels.direction_sigma_deg * RAD));
+		fmaxf(m->direction_variance, square(seen->direction_sigma_deg * RAD));
 }
 
-static void keep_or_take(struct lp_remembered_lamp *m, const struct lp_lamp_sighting *s)
+static void keep_or_take(struct lp_remembered_lamp *m, const struct lp_lamp_sighting *s,
+			 const struct lp_memory_times *times)
 {
 	const struct lp_lamp *seen = s->refined ? &s->pixels : &s->on_grid;
 
@@ -300,7 +301,7 @@ static void keep_or_take(struct lp_remembered_lamp *m, const struct lp_lamp_sigh
 		if (s->refined && !m->measured &&
 		    seen->irradiance[LP_LUMINANCE] >
 			    LIKE_THE_LARGEST * m->lamp.irradiance[LP_LUMINANCE]) {
-			follow_plateau(m, s);
+			follow_plateau(m, seen, times);
 			m->strength_variance = square(s->strength_sigma); /* said once more */
 		}
 		m->lamp.first = s->on_grid.first;
@@ -352,9 +353,9 @@ static float off_centre(const struct lp_remembered_lamp *m)
 }
 
 /* 1 sigma, relative, of what frame after frame may find of a lamp that does not flicker. */
-static float flicker_noise(const struct lp_lamp_sighting *s)
+static float flicker_noise(const struct lp_lamp_sighting *s, const struct lp_memory_times *times)
 {
-	return hypotf(s->strength_sigma, s->rotation_sigma_rad > 0.0F ? TURNING_NOISE : 0.0F);
+	return hypotf(s->strength_sigma, times->rotation_sigma_rad > 0.0F ? TURNING_NOISE : 0.0F);
 }
 
 void lp_lamp_follow(struct lp_remembered_lamp *m, const struct lp_lamp_sighting *s,
@@ -375,12 +376,12 @@ void lp_lamp_follow(struct lp_remembered_lamp *m, const struct lp_lamp_sighting 
 	if (s->refined && s->pixels.irradiance[LP_LUMINANCE] > 0.0F)
 		lp_flicker_add(&m->flicker,
 			       &(struct lp_lamp_strength){bare.pixels.irradiance[LP_LUMINANCE],
-							  flicker_noise(&bare), s->scale,
+							  flicker_noise(&bare, times), s->scale,
 							  is_bound});
 	if (s->refined && !is_bound)
-		measure(m, &bare, film_sigma);
+		measure(m, &bare, times, film_sigma);
 	else
-		keep_or_take(m, s);
+		keep_or_take(m, s, times);
 	if (s->refined && m->flicker.flickers)
 		take_mean(m);
 	follow_hidden(m, times->elapsed_s);

@@ -86,13 +86,13 @@ struct lp_lamp_sighting {
 	 */
 	struct lp_film_pass film;
 	float came; /* share of on_grid's light that was not there about a second ago */
-	float rotation_sigma_rad; /* how far off the camera's rotation puts it; 0: it holds still */
 	bool refined;
 	bool enters; /* strong and clear enough to become a lamp; else it only goes on being one */
 };
 
 struct lp_memory_times {
 	float elapsed_s;		  /* since the last update */
+	float rotation_sigma_rad;	  /* of the camera's rotation in the newest frame */
 	const struct lp_probe_pose *pose; /* NULL: nobody tells where the probe is */
 };
 

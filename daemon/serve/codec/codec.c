@@ -263,7 +263,7 @@ int lp_encode_estimate(const struct lp_light_estimate *estimate, const struct lp
 	wire->send_delay_us = delay_us < 0	      ? 0
 			      : delay_us > UINT32_MAX ? UINT32_MAX
 						      : (uint32_t)delay_us;
-	wire->ttl_ms = stamp->ttl_ms;
+	wire->ttl_ms = stamp->ttl_ms + stamp->quiet_ms;
 	wire->subscription = stamp->subscription;
 	wire->flags = estimate->flags;
 	if (!stamp->lasts && delay_us * LP_NS_PER_US > stamp->ttl_ms * LP_NS_PER_MS)

@@ -93,7 +93,8 @@ struct lp_pong {
 struct lp_stamp {
 	uint32_t boot_id;
 	uint32_t ttl_ms;
-	bool lasts;	       /* what is older than that is not STALE: the estimate of a set */
+	uint32_t quiet_ms;     /* the client may be sent nothing for so long; it is STALE as ever */
+	bool lasts;	       /* what is older than ttl_ms is not STALE: the estimate of a set */
 	uint32_t subscription; /* number that the client gave to what it wants */
 	int64_t t_send_ns;     /* CLOCK_MONOTONIC */
 };
