@@ -7,6 +7,7 @@
 
 #include <math.h>
 #include <stdio.h>
+#include <unistd.h>
 
 #include "base/clock.h"
 #include "base/uri.h"
@@ -17,6 +18,7 @@
 
 #define DEADLOCK_S 120 /* the test program ends then */
 #define PATIENCE_NS (60 * LP_NS_PER_S)
+#define SLOW_MS 150 /* three scans of the bus */
 #define MUX 0x70
 #define MUX_UP 0x71
 #define SENSOR 0x10
@@ -144,15 +146,22 @@ static struct {
 	struct lp_ring *ring;
 	struct lp_ring_sample sample;
 	int samples;
-	int ends; /* of faults */
+	int ends;    /* of faults */
+	int slow_ms; /* what a sample keeps the loop busy */
+	int late;    /* samples that waited for the loop behind others */
+	int64_t free_ns;
 	char waiting[400], missing[200], saturated[200];
 } s;
 
 static void on_sample(void *context, const struct lp_ring_sample *sample)
 {
 	(void)context;
+	s.late += s.samples && sample->t_ns < s.free_ns - SLOW_MS * LP_NS_PER_MS;
 	s.sample = *sample;
 	s.samples++;
+	if (s.slow_ms)
+		(void)usleep((useconds_t)s.slow_ms * 1000);
+	s.free_ns = lp_clock_ns();
 }
 
 static void on_fault(void *context, const char *id, const char *text)
@@ -378,6 +387,20 @@ static void test_a_bus_that_hangs_is_told_and_survived(void **state)
 	UNTIL(!*s.waiting && s.samples > before + 2);
 }
 
+/* All else in the loop has its turn, and what is told is the newest. */
+static void test_a_loop_slower_than_the_bus_falls_no_further_behind(void **state)
+{
+	int turns = 0;
+
+	(void)state;
+	s.slow_ms = SLOW_MS;
+	begin();
+	for (; s.samples < 8; turns++)
+		UNTIL(loop_turn(s.loop, 20));
+	assert_in_range(turns, 7, 100);
+	assert_int_equal(s.late, 0);
+}
+
 static void test_no_bus_is_told_with_the_next_step(void **state)
 {
 	(void)state;
@@ -424,6 +447,7 @@ int main(void)
 		TEST(test_a_ring_that_gives_nothing_is_waited_for),
 		TEST(test_a_bus_that_fails_is_opened_again),
 		TEST(test_a_bus_that_hangs_is_told_and_survived),
+		TEST(test_a_loop_slower_than_the_bus_falls_no_further_behind),
 		TEST(test_no_bus_is_told_with_the_next_step),
 		TEST(test_uris_that_make_no_sense),
 		TEST(test_a_cover_and_gains_count),

@@ -189,16 +189,15 @@ static void on_ready(struct lp_watch *watch, unsigned int events)
 	struct packet packet;
 
 	(void)events;
-	while (watch->fd >= 0 &&
-	       recv(watch->fd, &packet, sizeof(packet), MSG_DONTWAIT) == sizeof(packet)) {
-		if (packet.error != ENODEV)
-			tell(self, packet.error > 0 ? why(packet.error) : NULL);
-		if (packet.error == 0)
-			host->received(host->context, &packet.message, packet.t_ns);
-		else if (packet.error == ENODEV)
-			host->lost(host->context, "transfer",
-				   "the bus is gone — is it plugged in?");
-	}
+	/* one a turn of the loop, so that all others have theirs */
+	if (recv(watch->fd, &packet, sizeof(packet), MSG_DONTWAIT) != sizeof(packet))
+		return;
+	if (packet.error != ENODEV)
+		tell(self, packet.error > 0 ? why(packet.error) : NULL);
+	if (packet.error == 0)
+		host->received(host->context, &packet.message, packet.t_ns);
+	else if (packet.error == ENODEV)
+		host->lost(host->context, "transfer", "the bus is gone — is it plugged in?");
 }
 
 static void i2c_close(struct lp_link *link)

@@ -75,7 +75,9 @@ static double misfit(const struct sensors *s, const double p[PARAMETERS])
 /* Inverse variance of each component of the lamp, beforehand. */
 static double prior(const struct sensors *s)
 {
-	return pow(MOST_LAMP * s->brightest_lux, -2.0);
+	const double most = MOST_LAMP * s->brightest_lux;
+
+	return 1.0 / (most * most);
 }
 
 static double cost(const struct sensors *s, const double p[PARAMETERS])
@@ -83,39 +85,54 @@ static double cost(const struct sensors *s, const double p[PARAMETERS])
 	return misfit(s, p) + prior(s) * lp_dot(p + 1, p + 1);
 }
 
-/* Ambient and lamp >= 0 for one direction. */
+/* Ambient and lamp >= 0 for one direction: the minimum of a quadratic form in two unknowns. Where
+ * one of them would be negative, it is 0. Hundreds of directions are tried for every reading. */
 static void fit_along(const struct sensors *s, const double direction[3], double p[PARAMETERS])
 {
-	struct lp_nnls normal = {.count = 2};
-	double x[LP_NNLS_MAX];
+	double one = 0.0, facing = 0.0, facing2 = prior(s), lux = 0.0, facing_lux = 0.0;
 
 	for (int k = 0; k < s->count; k++) {
-		const double row[2] = {1.0, fmax(lp_dot(s->normal[k], direction), 0.0)};
 		const double weight = 1.0 / (s->sigma[k] * s->sigma[k]);
+		const double cosine = fmax(lp_dot(s->normal[k], direction), 0.0);
 
-		for (int i = 0; i < 2; i++) {
-			normal.right[i] += weight * row[i] * s->lux[k];
-			for (int j = 0; j < 2; j++)
-				normal.normal[i][j] += weight * row[i] * row[j];
-		}
+		one += weight;
+		facing += weight * cosine;
+		facing2 += weight * cosine * cosine;
+		lux += weight * s->lux[k];
+		facing_lux += weight * cosine * s->lux[k];
 	}
-	normal.normal[1][1] += prior(s);
-	lp_nnls_solve(&normal, x);
-	p[0] = x[0];
+	const double ambient = facing2 * lux - facing * facing_lux;
+	const double lamp = one * facing_lux - facing * lux;
+	const double determinant = one * facing2 - facing * facing;
+	double x = 0.0;
+
+	if (!(lamp > 0.0)) {
+		p[0] = lux / one;
+	} else if (!(ambient > 0.0 && determinant > 0.0)) {
+		p[0] = 0.0;
+		x = facing_lux / facing2;
+	} else {
+		p[0] = ambient / determinant;
+		x = lamp / determinant;
+	}
 	for (int a = 0; a < 3; a++)
-		p[1 + a] = x[1] * direction[a];
+		p[1 + a] = x * direction[a];
 }
 
 static void search(const struct sensors *s, double best[PARAMETERS])
 {
-	double least = INFINITY;
+	double sine[2 * ROWS], cosine[2 * ROWS], least = INFINITY;
 
+	for (int c = 0; c < 2 * ROWS; c++) {
+		sine[c] = sin(M_PI * (c + 0.5) / ROWS);
+		cosine[c] = cos(M_PI * (c + 0.5) / ROWS);
+	}
 	for (int r = 0; r < ROWS; r++) {
-		const double t = M_PI * (r + 0.5) / ROWS;
+		const double up = cos(M_PI * (r + 0.5) / ROWS),
+			     level = sin(M_PI * (r + 0.5) / ROWS);
 
 		for (int c = 0; c < 2 * ROWS; c++) {
-			const double l = M_PI * (c + 0.5) / ROWS;
-			const double d[3] = {sin(t) * sin(l), cos(t), -sin(t) * cos(l)};
+			const double d[3] = {level * sine[c], up, -level * cosine[c]};
 			double p[PARAMETERS];
 
 			fit_along(s, d, p);

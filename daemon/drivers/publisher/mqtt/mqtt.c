@@ -167,7 +167,7 @@ static void on_ready(struct lp_watch *watch, unsigned int events)
 	struct lp_mqtt_report told;
 
 	(void)events;
-	while (watch->fd >= 0 && recv(watch->fd, &told, sizeof(told), MSG_DONTWAIT) == sizeof(told))
+	if (recv(watch->fd, &told, sizeof(told), MSG_DONTWAIT) == sizeof(told))
 		on_report(self, &told);
 }
 

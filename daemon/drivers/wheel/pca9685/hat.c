@@ -188,14 +188,13 @@ static void on_ready(struct lp_watch *watch, unsigned int events)
 	struct answer message;
 
 	(void)events;
-	while (watch->fd >= 0 &&
-	       recv(watch->fd, &message, sizeof(message), MSG_DONTWAIT) == sizeof(message)) {
-		hat->answered_ns = lp_clock_ns();
-		if (message.error < 0)
-			fail(hat, message.stage, message.error);
-		else if (message.stage == SET_UP)
-			hat->host.ready(hat->host.context);
-	}
+	if (recv(watch->fd, &message, sizeof(message), MSG_DONTWAIT) != sizeof(message))
+		return;
+	hat->answered_ns = lp_clock_ns();
+	if (message.error < 0)
+		fail(hat, message.stage, message.error);
+	else if (message.stage == SET_UP)
+		hat->host.ready(hat->host.context);
 }
 
 struct lp_servo_hat *lp_servo_hat_create(const struct lp_servo_hat_settings *settings,
