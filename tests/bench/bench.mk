@@ -23,3 +23,8 @@ bench: build $(BUILD)/scenes/blender.stamp ## measure the speed of presets, stag
 instructions: build ## record the instruction counts of the hot path (tests/bench/instructions.json); a test compares with them
 	@$(MAKE) -j$(JOBS) bench-programs
 	@$(VENV)/bin/python tests/bench/instructions.py --write
+
+.PHONY: trade
+trade: build $(BUILD)/scenes/blender.stamp ## measure what each choice costs and brings again: host_py/lightprobe/trade.json, docs/users/trade.md (half an hour)
+	@$(MAKE) -j$(JOBS) bench-programs
+	@$(VENV)/bin/python tests/bench/trade.py $(if $(ROUNDS),--rounds $(ROUNDS))

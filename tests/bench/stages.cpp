@@ -32,8 +32,34 @@ namespace
 {
 
 constexpr int kExactBlocks = 16, kRefineCells = 49; /* `balanced`, estimate/pipeline.c */
-constexpr int kReflectionSize = 32;
-constexpr float kScale = 100.0F; /* 10 ms */
+constexpr float kScale = 100.0F;		    /* 10 ms */
+
+/* A reflection map of one size, and what it is sent as. */
+struct reflection {
+	struct lp_cube_grid *grid = nullptr;
+	struct lp_cube cube = {};
+	std::vector<uint8_t> texels;
+
+	explicit reflection(int size)
+	{
+		if (lp_cube_grid_create(size, &grid) < 0)
+			bench::die("stages", "reflection map");
+		cube.grid = grid;
+		for (float *&plane : cube.rgb)
+			plane = static_cast<float *>(
+				std::aligned_alloc(16, static_cast<size_t>(grid->texels) *
+							       sizeof(float)));
+		texels.resize(4 * static_cast<size_t>(grid->texels));
+	}
+	~reflection()
+	{
+		for (float *plane : cube.rgb)
+			std::free(plane);
+		lp_cube_grid_destroy(grid);
+	}
+	reflection(const reflection &) = delete;
+	reflection &operator=(const reflection &) = delete;
+};
 
 /* Stages of `balanced`, one after the other. */
 struct stages final : bench::contestant {
@@ -45,10 +71,8 @@ struct stages final : bench::contestant {
 	struct lp_response response = {};
 	struct lp_cells cells = {};
 	struct lp_tracker tracker = {};
-	struct lp_cube_grid *cube_grid = nullptr;
-	struct lp_cube cube = {};
+	struct reflection reflections[3] = {reflection(16), reflection(32), reflection(64)};
 	struct lp_clipped_parts no_parts = {};
-	std::vector<uint8_t> texels;
 	std::vector<bench::timing> times;
 	int64_t last_ns = 0;
 
@@ -63,7 +87,8 @@ struct stages final : bench::contestant {
 		last_ns = bench::now_ns();
 	}
 	void fuse_ring(const struct lp_panorama &panorama);
-	void make_reflection_map(const struct lp_panorama &panorama, const double (*sh)[3]);
+	void make_reflection_map(struct reflection &map, const struct lp_panorama &panorama,
+				 const double (*sh)[3]);
 	void run(const bench::picture &p) override;
 	std::vector<bench::timing> measure(const bench::picture &p) override
 	{
@@ -86,24 +111,14 @@ stages::stages(const lp_camera_file &file) : contestant("stages")
 	    lp_detection_create(lp_imager_grid(imager), &detector, &detection) < 0 ||
 	    lp_sh_projector_create(LP_PANORAMA_WIDTH, LP_PANORAMA_WIDTH / 2, LP_SH_MAX_ORDER,
 				   &projector) < 0 ||
-	    lp_jpeg_reader_create(&reader) < 0 ||
-	    lp_cube_grid_create(kReflectionSize, &cube_grid) < 0)
+	    lp_jpeg_reader_create(&reader) < 0)
 		bench::die("stages", "create");
 	lp_response_init(&response, camera);
 	tracker.time_constant_ms = 200.0F;
-	cube.grid = cube_grid;
-	for (float *&plane : cube.rgb)
-		plane = static_cast<float *>(
-			std::aligned_alloc(16,
-					   static_cast<size_t>(cube_grid->texels) * sizeof(float)));
-	texels.resize(4 * static_cast<size_t>(cube_grid->texels));
 }
 
 stages::~stages()
 {
-	for (float *plane : cube.rgb)
-		std::free(plane);
-	lp_cube_grid_destroy(cube_grid);
 	lp_cells_release(&cells);
 	lp_jpeg_reader_destroy(reader);
 	lp_sh_projector_destroy(projector);
@@ -176,22 +191,23 @@ void keep(struct lp_frame *)
 /* On request: the cube, its lamps and fit, as estimate/surroundings.c and serve/reflection_maps.c
  * make it.
  */
-void stages::make_reflection_map(const struct lp_panorama &panorama, const double (*sh)[3])
+void stages::make_reflection_map(struct reflection &map, const struct lp_panorama &panorama,
+				 const double (*sh)[3])
 {
 	const struct lp_rotation straight = lp_rotation_identity();
 
-	lp_cube_sample(lp_imager_grid(imager), panorama.cells, &straight, kReflectionSize,
-		       cube.rgb);
-	lp_cube_fit(&cube, sh);
+	lp_cube_sample(lp_imager_grid(imager), panorama.cells, &straight, map.grid->size,
+		       map.cube.rgb);
+	lp_cube_fit(&map.cube, sh);
 	for (int k = 0; k < detection->finder->count && k < LP_MAX_LIGHTS; k++) {
 		const struct lp_lamp &lamp = detection->finder->lamps[k];
 		struct lp_light light = {};
 
 		std::copy_n(lamp.direction, 3, light.direction);
 		light.angular_radius_deg = lamp.half_angle_deg[1];
-		lp_cube_add_light(&cube, &light, lamp.irradiance);
+		lp_cube_add_light(&map.cube, &light, lamp.irradiance);
 	}
-	lp_cube_encode(&cube, texels.data());
+	lp_cube_encode(&map.cube, map.texels.data());
 }
 
 void stages::run(const bench::picture &p)
@@ -256,8 +272,10 @@ void stages::run(const bench::picture &p)
 	lap("model_and_tracker");
 	fuse_ring(*panorama);
 	last_ns = bench::now_ns();
-	make_reflection_map(*panorama, total);
-	lap("reflection_map_32");
+	for (struct reflection &map : reflections) {
+		make_reflection_map(map, *panorama, total);
+		lap("reflection_map_" + std::to_string(map.grid->size));
+	}
 }
 
 } /* namespace */

@@ -61,6 +61,21 @@ def test_without_a_camera_for_stills_there_are_none(uri):
     assert "--source=ptp:" in done.stderr
 
 
+def test_all_the_light_of_a_probe_as_lights(uri, tmp_path):
+    path = tmp_path / "x.glb"
+    done = export(path, "--from", uri, "--constellation", 20, "--wait", LONG_S)
+    assert done.returncode == 0, done.stderr
+    assert f"written: {path}: 20 lamps" in done.stderr
+    data = path.read_bytes()
+    document = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])
+    assert len(document["extensions"]["KHR_lights_punctual"]["lights"]) == 20
+    (light,) = document["extensions"]["EXT_lights_image_based"]["lights"]
+    assert not np.any(light["irradianceCoefficients"])
+    done = export(tmp_path / "x.hdr", "--from", uri, "--constellation", 20)
+    assert done.returncode == 2
+    assert "lights go into a .glb file" in done.stderr
+
+
 @pytest.mark.parametrize("name", ["x.hdr", "x.exr", "x.pfm", "x.glb"])
 def test_the_light_of_a_probe_as_a_file(uri, tmp_path, name):
     path = tmp_path / name

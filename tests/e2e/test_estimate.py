@@ -235,6 +235,29 @@ def test_options_reach_the_daemon(radiance, tmp_path):
     assert run_json(path, "--detector", "research:1e9")["lights"] == []
 
 
+@pytest.mark.parametrize("cut", ["variance", "median"])
+def test_all_of_the_light_is_given_as_lights(radiance, tmp_path, cut):
+    path = tmp_path / "room.pfm"
+    image.write_pfm(path, radiance)
+    packet = run_json(path, "--order", 4)
+    result = run_json(path, "--order", 4, "--constellation", 16, "--cut", cut)
+    assert len(result["lights"]) == 16
+    lamp = max(packet["lights"], key=lambda light: luminance(light["irradiance"]))
+    assert lamp in result["lights"]
+    assert not np.any(result["sh"]["coefficients"])
+    strongest = sum(luminance(light["irradiance"]) for light in result["lights"])
+    assert strongest > sum(luminance(light["irradiance"]) for light in packet["lights"])
+
+
+def test_a_constellation_that_makes_no_sense_is_refused(radiance, tmp_path):
+    path = tmp_path / "room.pfm"
+    image.write_pfm(path, radiance)
+    assert run(path, "--constellation", 65).returncode == 2
+    done = run(path, "--constellation", 8, "--cut", "thin")
+    assert done.returncode == 2
+    assert "--cut thin: expected variance or median" in done.stderr
+
+
 def test_a_fisheye_camera_is_read_by_its_file(tmp_path):
     """A dual fisheye picture of the scene gives the same lamps as its panorama."""
     from lightprobe.imaging import camera as lenses

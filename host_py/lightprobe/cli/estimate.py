@@ -13,9 +13,11 @@ import typer
 
 from lightprobe.calibrate import ring
 from lightprobe.cli import check, view, whole_file
+from lightprobe.cli.cuts import Constellation, ConstellationCut, cut_of
 from lightprobe.errors import UsageError
 from lightprobe.estimate import Estimate, flag_names
 from lightprobe.evaluate import offline
+from lightprobe.imaging import constellation as constellations
 from lightprobe.imaging import image
 from lightprobe.imaging.film import Sheet
 from lightprobe.reflection_map import SIZES, ReflectionMap
@@ -120,6 +122,8 @@ def command(
     reflection_size: Annotated[
         int, typer.Option(metavar="16|32|64", help="Texels along an edge of the reflection map.")
     ] = 32,
+    constellation: Constellation = None,
+    cut: ConstellationCut = "variance",
     as_json: Annotated[bool, typer.Option("--json", help="Print the estimate as JSON.")] = False,
 ) -> None:
     """Estimate the light in pictures with the daemon's own pipeline.
@@ -148,9 +152,13 @@ def command(
     result = once.estimate
     if reflection_map and once.reflection_map:
         write_reflection_map(once.reflection_map, reflection_map)
+    notes = list(once.log)
+    if constellation:
+        result, more = constellations.constellation(result, constellation, cut_of(cut))
+        notes += more
     if kind.upper() == "TOTAL":
         result = dataclasses.replace(result, sh=result.total())
-    for note in once.log:
+    for note in notes:
         typer.echo(f"note: {note}", err=True)
     if as_json:
         typer.echo(json.dumps(result.to_json(), indent=2))

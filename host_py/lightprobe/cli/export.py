@@ -12,9 +12,11 @@ import typer
 from numpy.typing import NDArray
 
 from lightprobe.cli import check, whole_file
+from lightprobe.cli.cuts import Constellation, ConstellationCut, cut_of
 from lightprobe.client import DEFAULT_URI, Client
 from lightprobe.errors import ProbeTimeout, UsageError
 from lightprobe.estimate import Estimate, EstimateFlag, flag_names
+from lightprobe.imaging import constellation as constellations
 from lightprobe.imaging import cube, environment, gltf, image
 from lightprobe.reflection_map import SIZES, ReflectionMap
 from lightprobe.wire import Subscription
@@ -70,6 +72,8 @@ def command(
         bool,
         typer.Option("--key-light", help="Add KEY, one light for what the listed ones leave."),
     ] = False,
+    constellation: Constellation = None,
+    cut: ConstellationCut = "variance",
     wait_s: Annotated[
         float,
         typer.Option(
@@ -85,7 +89,8 @@ def command(
     .hdr, .exr and .pfm: an environment map or the faces of a cube, scene-linear, the SH with each
     lamp as a disc of its size; the centre of the picture is forward (−Z). .glb: the lamps as
     directional lights (KHR_lights_punctual, in lux when the probe is calibrated), and the rest as
-    an environment (EXT_lights_image_based). A former file is replaced.
+    an environment (EXT_lights_image_based), or all of it as lights (--constellation 32). A former
+    file is replaced.
     Example: lightprobe export room.hdr --from tcp:192.168.1.20:7700 --width 2048
     """
     if width_px % 2:
@@ -100,13 +105,22 @@ def command(
             "export: --key-light and --reflection-map: the map shows the key light, too, so that "
             "reflections would count it twice: leave one of them out"
         )
+    if constellation and not is_glb:
+        raise UsageError(
+            f"export: --constellation: {file} is a picture: lights go into a .glb file"
+        )
     wish = Subscription(
         sh_order=order, max_lights=lights, area_lights=area_lights, key_light=key_light,
         reflection_map_size=max(SIZES) if reflection_map else 0,
         reflection_map_kind="AMBIENT" if is_glb else "TOTAL",
     )  # fmt: skip
     estimate, mirrored = receive(uri, wish, wait_s)
-    if is_glb:
+    if constellation:
+        estimate, notes = constellations.constellation(
+            estimate, constellation, cut_of(cut), mirrored
+        )
+        data = gltf.glb(estimate, cube.cube_map(estimate, _FACE_SIZE, lamps=False)[0])
+    elif is_glb:
         data, notes = _glb(estimate, mirrored)
     else:
         radiance, notes = _picture(estimate, mirrored, width_px, layout)

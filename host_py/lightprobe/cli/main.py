@@ -181,6 +181,9 @@ class Root(LazyGroup):
         ),
         "control": Entry("control:app", "Steer a running simulator: faults, light, status."),
         "evaluate": Entry("evaluate:command", "Measure accuracy against the exact truth.", "sim"),
+        "trade": Entry(
+            "trade:command", "Choose settings: how exact, for how much time and bytes.", "sim"
+        ),
         "calibrate": Entry("main:calibrate", "Calibrate camera, polarizer wheel and ring."),
         "check-camera": Entry(
             "check_camera:command", "Check what a camera does to its pictures: fit or not.",

@@ -38,6 +38,7 @@ class LiveClient:
         self._socket.setblocking(False)
         self._decoder = Decoder()
         self.received: list[Received] = []
+        self.bytes_received = 0
         if subscription is not None:
             self.subscribe(subscription)
 
@@ -58,6 +59,7 @@ class LiveClient:
                 return
             if not data:
                 return
+            self.bytes_received += len(data)
             self.received += [Received(t_s, message) for message in self._decoder.feed(data)]
 
     @property
