@@ -1,0 +1,3 @@
+"""The fixtures `probe`, `room`, `camera` and `box`."""
+
+pytest_plugins = ["lightprobe.testing.plugin"]

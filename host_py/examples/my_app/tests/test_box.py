@@ -1,0 +1,19 @@
+"""The box with wheel and ring; `--lightprobe-port=/dev/ttyUSB0` takes a real one."""
+
+from lightprobe.testing import Box, Probe
+
+
+def test_the_box_is_healthy(probe: Probe) -> None:
+    probe.wait_settled(within_s=10)
+    health = probe.wait_health(lambda one: one.ring is not None and one.ring.samples > 100)
+    assert health.wheel is not None
+    assert not [fault for fault in health.faults if fault.id.isupper()]
+
+
+def test_a_stuck_wheel_is_told(probe: Probe, box: Box) -> None:
+    probe.wait_settled(within_s=10)
+    box.fault("wheel-stuck")
+    fault = probe.wait_fault("WHEEL_STUCK")
+    assert "free it" in fault.text
+    box.heal()
+    probe.wait_no_fault("WHEEL_STUCK")
