@@ -53,16 +53,22 @@ def test_lamps_move_dim_and_go(probe: Probe) -> None:
     probe.wait_estimate(lambda one: not one.lights)
 
 
-def test_a_dark_room_and_a_covered_lens_are_told(probe: Probe) -> None:
-    probe.wait_estimate()
+def test_a_dark_room_is_told(probe: Probe) -> None:
+    probe.wait_no_flag(EstimateFlag.UNDEREXPOSED)
     probe.room.darken()
-    probe.wait_flag(EstimateFlag.NO_LIGHT)
+    probe.wait_flag(EstimateFlag.UNDEREXPOSED)
     probe.room.ambient(30)
-    probe.wait_no_flag(EstimateFlag.NO_LIGHT)
-    probe.room.cover_lens()
-    probe.wait_flag(EstimateFlag.NO_LIGHT)
-    probe.room.cover_lens(False)
-    probe.wait_no_flag(EstimateFlag.NO_LIGHT)
+    probe.wait_no_flag(EstimateFlag.UNDEREXPOSED)
+
+
+def test_a_cap_on_the_lens_is_told_because_the_ring_sees_light() -> None:
+    with running(SMALL) as probe:
+        probe.wait_settled()
+        probe.room.cover_lens()
+        probe.wait_fault("lens-covered")
+        assert probe.wait_estimate().flags & EstimateFlag.RING_ONLY
+        probe.room.cover_lens(False)
+        probe.wait_no_fault("lens-covered")
 
 
 def test_a_camera_is_unplugged_and_comes_back(probe: Probe) -> None:

@@ -32,7 +32,13 @@ class Box(Protocol):
         """
 
     def heal(self) -> None:
-        """Repair everything. With a real box the test is skipped."""
+        """Repair everything. With a real box the test is skipped.
+
+        LDR_OPEN and LDR_SHORTED are reported until :meth:`restart`.
+        """
+
+    def restart(self) -> None:
+        """Let the microcontroller start again: it forgets faults. A real one: skip the test."""
 
     def wheel_deg(self) -> float:
         """Say where the wheel truly is. With a real box the test is skipped."""
@@ -75,6 +81,10 @@ class SimulatedBox:
         """See :class:`Box`."""
         self.live.box.set(**healthy_box())
 
+    def restart(self) -> None:
+        """See :class:`Box`."""
+        self.live.box.set(reset=1)
+
     @contextmanager
     def faulty(self, name: str = "", /, **numbers: float) -> Iterator[None]:
         """Break something as :meth:`fault` does as long as the `with` block lasts."""
@@ -106,6 +116,10 @@ class RealBox:
     def heal(self) -> None:
         """See :class:`Box`."""
         self._skip("repair")
+
+    def restart(self) -> None:
+        """See :class:`Box`."""
+        self._skip("restart")
 
     @contextmanager
     def faulty(self, name: str = "", /, **numbers: float) -> Iterator[None]:

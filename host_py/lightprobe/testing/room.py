@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -37,9 +37,8 @@ class RoomLamp:
     is_on: bool = True
 
     def move(self, azimuth_deg: float, elevation_deg: float) -> None:
-        """Put it elsewhere, in degrees."""
-        self.azimuth_deg, self.elevation_deg = azimuth_deg, elevation_deg
-        self.room.show()
+        """Put it elsewhere, in degrees. UsageError for an impossible place; it stays then."""
+        self._become(azimuth_deg=azimuth_deg, elevation_deg=elevation_deg)
 
     def switch(self, on: bool) -> None:
         """Switch it on or off."""
@@ -47,8 +46,13 @@ class RoomLamp:
         self.room.show()
 
     def dim(self, irradiance: float) -> None:
-        """Make it as bright as this; see :meth:`Room.lamp`."""
-        self.irradiance = irradiance
+        """Make it as bright as this; see :meth:`Room.lamp`. UsageError below 0."""
+        self._become(irradiance=irradiance)
+
+    def _become(self, **numbers: float) -> None:
+        replace(self, **numbers).true()
+        for name, value in numbers.items():
+            setattr(self, name, value)
         self.room.show()
 
     def remove(self) -> None:
@@ -150,10 +154,10 @@ class Room:
 
 
 def _rgb(colour: Colour) -> tuple[float, float, float]:
-    red, green, blue = colour
-    if not (min(colour) >= 0 and max(colour) > 0 and np.isfinite(list(colour)).all()):
+    rgb = [float(one) for one in colour]
+    if not (len(rgb) == 3 and np.isfinite(rgb).all() and min(rgb) >= 0 and max(rgb) > 0):
         raise UsageError(f"room: colour {tuple(colour)}: expected red, green, blue of 0 or more")
-    return float(red), float(green), float(blue)
+    return rgb[0], rgb[1], rgb[2]
 
 
 def _tint(colour: Colour) -> Array:
