@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass, replace
+from copy import copy
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,7 +25,7 @@ WHITE = (1.0, 1.0, 1.0)
 _LENS_CAP = Card(0.0, 0.0, 180.0)
 
 
-@dataclass
+@dataclass(eq=False)
 class RoomLamp:
     """A lamp of the room, as :meth:`Room.lamp` made it. Set it by its methods."""
 
@@ -50,7 +51,10 @@ class RoomLamp:
         self._become(irradiance=irradiance)
 
     def _become(self, **numbers: float) -> None:
-        replace(self, **numbers).true()
+        changed = copy(self)
+        for name, value in numbers.items():
+            setattr(changed, name, value)
+        changed.true()  # refuses what cannot be
         for name, value in numbers.items():
             setattr(self, name, value)
         self.room.show()
