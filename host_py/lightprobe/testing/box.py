@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from typing import Protocol, Self
 
 import pytest
@@ -39,6 +39,9 @@ class Box(Protocol):
 
     def restart(self) -> None:
         """Let the microcontroller start again: it forgets faults. A real one: skip the test."""
+
+    def faulty(self, name: str = "", /, **numbers: float) -> AbstractContextManager[None]:
+        """Break something as :meth:`fault` does as long as the `with` block lasts."""
 
     def wheel_deg(self) -> float:
         """Say where the wheel truly is. With a real box the test is skipped."""
