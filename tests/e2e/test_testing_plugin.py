@@ -95,8 +95,9 @@ def test_the_example_passes_and_notices_what_breaks() -> None:
     assert status == 1
     assert "INDEX_ALWAYS" in out
     assert "does the wheel turn?" in out
-    status, out = pytest_of(EXAMPLE, "--lightprobe-fault=camera-late", "-k", "late_camera")
+    status, out = pytest_of(EXAMPLE, "--lightprobe-fault=camera-late", "-k", "on_time")
     assert status == 1
+    assert "camera-clock" in out
 
 
 def test_the_first_example_of_the_page_runs_as_printed(tmp_path: Path) -> None:

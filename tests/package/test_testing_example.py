@@ -54,7 +54,7 @@ def test_only_the_wheel_is_used(project):
 def test_it_passes_with_a_stuck_wheel_and_a_late_camera_in_a_minute(project):
     done, seconds = outcome_of(project)
     assert done.returncode == 0
-    assert "5 passed" in done.stdout
+    assert "6 passed" in done.stdout
     assert seconds < MOST_S
 
 
@@ -62,7 +62,7 @@ def test_it_passes_with_a_stuck_wheel_and_a_late_camera_in_a_minute(project):
     ("fault", "noticed", "told"),
     [
         ("wheel-stuck", "test_the_box_is_healthy", "INDEX_ALWAYS"),
-        ("camera-late", "test_a_late_camera_casts_no_shadow", "flags: "),
+        ("camera-late", "test_the_camera_is_on_time", "camera-clock"),
     ],
 )
 def test_it_notices_what_is_broken_in_a_minute(project, fault, noticed, told):

@@ -1,4 +1,4 @@
-"""The box with wheel and ring; `--lightprobe-port=/dev/ttyUSB0` takes a real one."""
+"""Camera and box; `--lightprobe-port=/dev/ttyUSB0` takes a real one."""
 
 from lightprobe.testing import Box, Probe
 
@@ -8,6 +8,11 @@ def test_the_box_is_healthy(probe: Probe) -> None:
     health = probe.wait_health(lambda one: one.ring is not None and one.ring.samples > 100)
     assert health.wheel is not None
     assert not [fault for fault in health.faults if fault.id.isupper()]
+
+
+def test_the_camera_is_on_time(probe: Probe) -> None:
+    probe.run(6)
+    assert not [one for one in probe.faults if one.id.startswith(("camera", "source"))]
 
 
 def test_a_stuck_wheel_is_told(probe: Probe, box: Box) -> None:
