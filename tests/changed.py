@@ -25,7 +25,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 ROOMS = ("accuracy", "bench", "e2e", "extremes", "unit", "firmware", "package")
 #: Folders that `import` finds test helpers in (pythonpath of pytest.ini), beside the test's own.
-HELPERS = ("", "accuracy", "unit", "e2e", "extremes", "hw", "bench", "seen")
+HELPERS = ("", "accuracy", "unit", "e2e", "extremes", "hw", "bench", "seen", "package")
 #: Words of a test, or of what it imports from tests/, that say which folders it uses as a whole.
 PROGRAMS = {
     r"[Dd]aemon|LiveProbe|lightprobed": ("daemon", "proto"),

@@ -3,7 +3,6 @@
 `make test-long` runs this; it takes minutes and needs a package index.
 """
 
-import fcntl
 import json
 import os
 import re
@@ -14,21 +13,13 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from built_package import run, wheel
 
 pytestmark = pytest.mark.long
 ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).resolve().parent
 #: The oldest versions that pyproject.toml names.
 OLDEST = ("numpy==1.24.*", "protobuf==4.25.0")
-LONG_S = 900
-
-
-def run(*command, **popen):
-    done = subprocess.run(
-        [str(word) for word in command], capture_output=True, text=True, timeout=LONG_S, **popen
-    )
-    assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
-    return done.stdout
 
 
 @cache
@@ -47,16 +38,6 @@ def newest_python():
     return found[max(found)]
 
 
-@pytest.fixture(scope="session")
-def built(tmp_path_factory):
-    """A folder with wheel and sdist, built as for a release; by one process after the other."""
-    folder = tmp_path_factory.mktemp("dist")
-    with (ROOT / "build" / "cache" / "dist.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        run(sys.executable, "-m", "build", "--outdir", folder, ROOT / "host_py")
-    return folder
-
-
 def environment(folder, python, *requirements):
     """Python of a new virtual environment."""
     run(python, "-m", "venv", folder)
@@ -64,11 +45,6 @@ def environment(folder, python, *requirements):
     if requirements:
         run(inside, "-m", "pip", "install", "-q", *requirements)
     return inside
-
-
-def wheel(built):
-    (path,) = built.glob("*.whl")
-    return path
 
 
 def packages(python):

@@ -18,6 +18,7 @@ MAY = {
     "mcu": {"", "mcu"},
     "sim": {"", "imaging", "calibrate", "sim"},
     "evaluate": {"", "imaging", "calibrate", "sim", "evaluate"},
+    "testing": {"", "imaging", "calibrate", "sim", "testing"},
     "cli": {"", "imaging", "calibrate", "check_camera", "align", "mcu", "sim", "evaluate", "cli"},
 }
 #: Modules at the top that a client loads, and all that they may import from outside.

@@ -84,6 +84,7 @@ class Box:
         `lock_step`: its time goes on in :meth:`run` only.
         """
         self._lock = threading.Lock()
+        self._lux = np.full(9, -1.0)
         command = [*find(firmware, lock_step), "--pty", str(pty), "--seed", str(seed + 1)]
         if eeprom is not None:
             command += ["--eeprom", str(eeprom)]
@@ -142,6 +143,12 @@ class Box:
         ]
         if lines:
             self.command(*lines)
+
+    def shine(self, lux: Array) -> None:
+        """Let illuminances (9,) fall on the ring; those that it has already are not sent again."""
+        if not np.array_equal(lux, self._lux):
+            self.set(**{f"ldr{k}_lux": float(value) for k, value in enumerate(lux)})
+            self._lux = np.array(lux, dtype=np.float64)
 
     def run(self, us: int) -> None:
         """Let time go on, in lock-step, and put on the line what the firmware has sent."""

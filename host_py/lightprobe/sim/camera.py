@@ -159,7 +159,7 @@ class SimulatedCamera:
         """
         state = self.world.at(self.begin_s(frame))
         if state.act not in self._medians:
-            median = self.gain * median_luminance(self._view.lit(state.act))
+            median = self.gain * median_luminance(self._view.lit(state))
             self._medians[state.act] = max(median, 1e-9)
         exposures_us = bracket_us(self._medians[state.act], count)
         scale = min(1.0, self.limits.most_us / exposures_us[0])

@@ -46,6 +46,36 @@ class SystemClock:
         return bool(selector.select(max(left_s, 0)))
 
 
+class WatchedClock(SystemClock):
+    """The time of this machine, for who wants to be called now and then while it goes on."""
+
+    _STEP_S = 0.02
+
+    def __init__(
+        self, on_advance: Callable[[], None], check: Callable[[], None] = lambda: None
+    ) -> None:
+        """`on_advance` is called about every 20 ms; `check` raises when a wait is of no use."""
+        self._on_advance, self._check = on_advance, check
+
+    def advance(self, t_ns: int) -> None:
+        """Wait until a time, at least for one call."""
+        with selectors.DefaultSelector() as nothing:
+            self.wait_until(t_ns, nothing)
+
+    def wait_until(self, t_ns: int, selector: selectors.BaseSelector) -> bool:
+        """See :class:`SystemClock`."""
+        while True:
+            left_s = max((t_ns - self.now_ns()) / 1e9, 0.0)
+            has_some = bool(selector.select(min(left_s, self._STEP_S)))
+            self._check()
+            self._on_advance()
+            if has_some or left_s <= self._STEP_S:
+                return has_some
+
+    def close(self) -> None:
+        """There is nothing to close."""
+
+
 class SimulatedClock:
     """The time of one daemon (`lightprobed --simulated-time=PATH`), which goes on when told to.
 

@@ -1,4 +1,4 @@
-"""A daemon before a simulated camera, in simulated time: no load changes what it does."""
+"""A daemon before a simulated camera. In simulated time no load changes what it does."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Protocol, Self
 from lightprobe.daemon import Daemon
 from lightprobe.estimate import Estimate, Health
 from lightprobe.sim.camera import SimulatedCamera
-from lightprobe.sim.clock import START_NS, UNIX_NS, SimulatedClock
+from lightprobe.sim.clock import START_NS, UNIX_NS, SimulatedClock, WatchedClock
 from lightprobe.sim.faults import Faults
 from lightprobe.sim.link import Exposure, Link
 from lightprobe.sim.live_box import LiveBox
@@ -107,17 +107,24 @@ class LiveProbe:
         box: LiveBox | None = None,
         film_deg: float | None = None,
         others: Sequence[SimulatedCamera] = (),
+        real_time: bool = False,
     ) -> None:
         """`arguments`: more of lightprobed's; `delay_frames`: from exposure command to effect;
         `box`: its wheel turns the camera's polarizer; `film_deg`: the polarizer is fixed by hand at
         that angle instead; `others`: more cameras in the same world,
-        each of which wants a --camera= of its own, after that of the first."""
+        each of which wants a --camera= of its own, after that of the first;
+        `real_time`: the daemon's time is this machine's, for what cannot be simulated."""
         self._folder = tempfile.TemporaryDirectory(prefix="lp-")  # socket paths are short
         folder = Path(self._folder.name)
         self.socket, self.log_path = folder / "probe", folder / "log"
         self.clients: list[LiveClient] = []
         self.apps: list[App] = [box] if box else []
-        self.clock = SimulatedClock(folder / "time", self._read, lambda: self._daemon.check())
+        self.clock: SimulatedClock | WatchedClock = (
+            WatchedClock(self._read, lambda: self._daemon.check())
+            if real_time
+            else SimulatedClock(folder / "time", self._read, lambda: self._daemon.check())
+        )
+        self._start_ns = self.clock.now_ns()
         fixed = None if film_deg is None else FixedPolarizer(film_deg)
         self.link = Link(
             folder / "camera", camera, Exposure(camera, delay_frames=delay_frames), faults,
@@ -135,7 +142,7 @@ class LiveProbe:
             [
                 *(f"--source=sim:{link.path}" for link in (self.link, *self.other_links)),
                 f"--publish=unix:{self.socket}",
-                f"--simulated-time={folder / 'time'}", *arguments,
+                *([] if real_time else [f"--simulated-time={folder / 'time'}"]), *arguments,
             ],
             self.log_path,
         )  # fmt: skip
@@ -146,7 +153,7 @@ class LiveProbe:
             link.listen()
         self._daemon.__enter__()
         try:
-            self.clock.advance(START_NS)
+            self.clock.advance(self._start_ns)
         except BaseException:
             self.__exit__()
             raise
@@ -164,8 +171,8 @@ class LiveProbe:
 
     @property
     def t_s(self) -> float:
-        """Simulated seconds since the start: the simulated world's time."""
-        return (self.clock.now_ns() - START_NS) / 1e9
+        """Seconds since the start: the simulated world's time."""
+        return (self.clock.now_ns() - self._start_ns) / 1e9
 
     @property
     def log(self) -> str:
@@ -174,9 +181,19 @@ class LiveProbe:
 
     def client(self, subscription: Subscription | None = None) -> LiveClient:
         """Connect one more client; it hears from the daemon as time goes on."""
-        client = LiveClient(self.socket, subscription)
+        client = self._connected(subscription)
         self.clients.append(client)
         return client
+
+    def _connected(self, subscription: Subscription | None) -> LiveClient:
+        while True:
+            try:
+                return LiveClient(self.socket, subscription)
+            except (FileNotFoundError, ConnectionRefusedError):
+                if not isinstance(self.clock, WatchedClock):
+                    raise
+                # It has started, and does not listen yet.
+                self.clock.advance(self.clock.now_ns() + 10_000_000)
 
     def run(self, seconds: float) -> None:
         """Let time go on."""
@@ -191,7 +208,7 @@ class LiveProbe:
         self.link.run_until(end_ns)
 
     def captured_s(self, estimate: Estimate) -> float:
-        """Say when an estimate's newest frame was captured, in the simulated world's time."""
+        """Say when an estimate's newest frame was captured, in simulated time since the start."""
         return (estimate.capture_time_unix_ns - UNIX_NS - START_NS) / 1e9
 
     def _read(self) -> None:

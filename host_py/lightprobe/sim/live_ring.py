@@ -45,7 +45,6 @@ class LiveRing:
             **{f"ldr{k}_mux_ohm": known.series_ohm[k] for k in range(9)})  # fmt: skip
         self._lux_now: Callable[[], Array] = lambda: np.zeros(ring.SENSORS)
         self._due_ns = START_NS
-        self._said = np.full(ring.SENSORS, -1.0)
 
     def __enter__(self) -> Self:
         """Give itself."""
@@ -74,9 +73,6 @@ class LiveRing:
 
     def work(self) -> None:
         """See :class:`lightprobe.sim.live.App`."""
-        lux = np.asarray(self._lux_now(), dtype=np.float64)
-        if np.any(lux != self._said):
-            self.box.set(**{f"ldr{k}_lux": float(value) for k, value in enumerate(lux)})
-            self._said = lux
+        self.box.shine(np.asarray(self._lux_now(), dtype=np.float64))
         self.box.run(PERIOD_US)
         self._due_ns += 1000 * PERIOD_US

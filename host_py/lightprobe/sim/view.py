@@ -80,9 +80,10 @@ class View:
             return float(behind[self._size_px[1] // 2, self._size_px[0] // 2, 0])
         return self._sheet.unpolarized_gain if self._sheet else 1.0
 
-    def lit(self, act: int) -> NDArray[np.float32]:
+    def lit(self, state: State) -> NDArray[np.float32]:
         """Radiance of a scene in its own frame, all lamps at full power, as the world starts."""
-        layers = self._layers[act]
+        new = self._world.has_new_scenes
+        layers = self.layers_of(state) if new else self._layers[state.act]
         return layers.compose(np.ones(len(layers.lamps)))
 
     def true_rotation(self, state: State) -> Array:
@@ -122,7 +123,7 @@ class View:
 
     def layers_of(self, state: State) -> Layers:
         """Maps of the scene from where the probe is; while it goes only the last are kept."""
-        if not self._world.behaviour.is_going:
+        if not (self._world.behaviour.is_going or self._world.has_new_scenes):
             return self._layers[state.act]
         key = (state.act, state.place_m)
         if self._walked is None or self._walked[0] != key:

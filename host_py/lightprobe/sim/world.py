@@ -109,6 +109,9 @@ class Rows:
 class World:
     """Scenes one after the other, lamps that switch and flicker, all of it turning."""
 
+    #: True: any act may bring a scene that is not among :attr:`scenes`.
+    has_new_scenes = False
+
     def __init__(
         self,
         scenes: Sequence[Scene],
@@ -156,9 +159,7 @@ class World:
         Flicker is averaged over the exposure; scenes and lamps are as at its start.
         """
         b = self.behaviour
-        act = int(t_s // b.act_s) % len(self.scenes) if b.act_s > 0 else 0
-        act = act if self.kept is None else self.kept
-        scene = self.scenes[act]
+        act, scene = self._act(t_s)
         place_m = self._place_m(t_s + exposure_s / 2) if isinstance(scene, Walkable) else _HERE
         if isinstance(scene, Walkable) and b.is_going:
             scene = scene.seen_from(place_m)
@@ -173,6 +174,13 @@ class World:
             self._powers(scene, t_s, exposure_s), exposure_s, smear_deg,
             place_m, b.cover_from_s <= t_s < b.cover_to_s, movers,
         )  # fmt: skip
+
+    def _act(self, t_s: float) -> tuple[int, Scene]:
+        """Number of the scene at a time, and the scene."""
+        act_s = self.behaviour.act_s
+        act = int(t_s // act_s) % len(self.scenes) if act_s > 0 else 0
+        act = act if self.kept is None else self.kept
+        return act, self.scenes[act]
 
     def rotation(self, t_s: ArrayLike) -> Array:
         """How the probe is turned (…, 4) at times (…), camera to scene; see :mod:`motion`."""
@@ -217,6 +225,30 @@ class World:
             slot = (np.asarray(t_s) // b.switch_s).astype(int) % (count + 1)
             powers = np.where(slot[..., None] == np.arange(1, count + 1), 0.0, powers)
         return powers
+
+
+class ChangingWorld(World):
+    """One scene that a test exchanges while time goes on; each exchange begins a new act."""
+
+    has_new_scenes = True
+
+    def __init__(self, scene: Scene, behaviour: Behaviour | None = None) -> None:
+        """`behaviour`: its acts do not count."""
+        super().__init__([scene], behaviour)
+        self._now = (0, scene)
+
+    @property
+    def scene(self) -> Scene:
+        """What is shown now."""
+        return self._now[1]
+
+    @scene.setter
+    def scene(self, scene: Scene) -> None:
+        """Show another scene from the next exposure on; from any thread."""
+        self._now = (self._now[0] + 1, scene)
+
+    def _act(self, t_s: float) -> tuple[int, Scene]:
+        return self._now
 
 
 def _brought_to(scene: Scene, median_radiance: float) -> Scene:
