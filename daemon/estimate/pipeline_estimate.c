@@ -9,6 +9,7 @@
 #include "include/luminance.h"
 #include "light/math/sh.h"
 #include "light/send/model.h"
+#include "vision/camera/camera.h"
 
 #define DEG (180.0F / (float)M_PI)
 /* What the grid, the blocks of a JPEG and its rounding bring at best: docs/users/accuracy.md. */
@@ -226,6 +227,11 @@ void lp_pipeline_fill(struct lp_pipeline *p, const struct lp_panorama *panorama,
 		light->irradiance_sigma = hypotf(light->irradiance_sigma, status.banding);
 		light->direction_sigma_deg =
 			hypotf(light->direction_sigma_deg, p->options.rig_sigma_deg);
+		if (p->camera_count == 1)
+			light->direction_sigma_deg =
+				hypotf(light->direction_sigma_deg,
+				       (float)lp_camera_pointing_sigma_deg(p->cameras[0].geometry,
+									   light->direction));
 	}
 	e->relighting_sigma = relighting_sigma(p, &status, e);
 	lp_model_predict((const double(*)[3])total, e);
