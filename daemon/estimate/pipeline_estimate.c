@@ -9,10 +9,13 @@
 #include "include/luminance.h"
 #include "light/math/sh.h"
 #include "light/send/model.h"
+#include "vision/camera/camera.h"
 
 #define DEG (180.0F / (float)M_PI)
 /* What the grid, the blocks of a JPEG and its rounding bring at best: docs/users/accuracy.md. */
 #define LEAST_RELIGHTING_SIGMA 0.004
+/* How much the radiance in the cone that a ball does not show differs from the mean, 1 sigma. */
+#define UNSEEN_CONTRAST 0.5
 /* Thresholds of flags: chosen by hand (docs/maintainers/constants.md). */
 /* Below this mean code of the longest exposure most of an 8-bit picture is noise. */
 #define DARK_CODE 4.0F
@@ -159,6 +162,19 @@ static double clipped_sigma(float share)
 	return sqrt(sqrt((double)share));
 }
 
+/*
+ * What a mirror ball does not show lies in one cone, which is filled with the mean of the rest.
+ * Root mean square over all normals of the irradiance of a cone that holds UNSEEN_CONTRAST more or
+ * less, relative to the mean irradiance: the mean of max(0, cos)^2 is 1/6.
+ */
+static double unseen_sigma(const struct lp_pipeline *p)
+{
+	const double unseen = 1.0 - (double)lp_imager_panorama(p->imager)->seen_fraction;
+	const bool is_ball = p->camera_count == 1 && p->cameras[0].geometry->projection == LP_BALL;
+
+	return is_ball ? 4.0 * unseen * UNSEEN_CONTRAST / sqrt(6.0) : 0.0;
+}
+
 /* e->lights and e->sh_total are set. */
 static float relighting_sigma(const struct lp_pipeline *p, const struct lp_imager_status *status,
 			      const struct lp_light_estimate *e)
@@ -171,6 +187,7 @@ static float relighting_sigma(const struct lp_pipeline *p, const struct lp_image
 	 * alike */
 	const double hidden = 4.0 * status->hidden_share * COVERED_WALK *
 			      sqrt(1.0 + status->hidden_s) / sqrt(6.0);
+	const double unseen = unseen_sigma(p);
 	double lamps = 0.0;
 	float variance;
 
@@ -181,7 +198,7 @@ static float relighting_sigma(const struct lp_pipeline *p, const struct lp_image
 	for (int k = 0; k < e->light_count; k++)
 		lamps += lamp_variance(&e->lights[k]) / (mean * mean);
 	return (float)sqrt(LEAST_RELIGHTING_SIGMA * LEAST_RELIGHTING_SIGMA + lamps +
-			   clipped * clipped + hidden * hidden +
+			   clipped * clipped + hidden * hidden + unseen * unseen +
 			   (double)status->irradiance_sigma * status->irradiance_sigma +
 			   (double)status->cameras_sigma * status->cameras_sigma +
 			   (double)status->veil_sigma * status->veil_sigma +
@@ -226,6 +243,11 @@ void lp_pipeline_fill(struct lp_pipeline *p, const struct lp_panorama *panorama,
 		light->irradiance_sigma = hypotf(light->irradiance_sigma, status.banding);
 		light->direction_sigma_deg =
 			hypotf(light->direction_sigma_deg, p->options.rig_sigma_deg);
+		if (p->camera_count == 1)
+			light->direction_sigma_deg =
+				hypotf(light->direction_sigma_deg,
+				       (float)lp_camera_pointing_sigma_deg(p->cameras[0].geometry,
+									   light->direction));
 	}
 	e->relighting_sigma = relighting_sigma(p, &status, e);
 	lp_model_predict((const double(*)[3])total, e);

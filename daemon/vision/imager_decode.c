@@ -30,6 +30,7 @@ struct lp_decode_options lp_imager_decode_options(const struct lp_imager *imager
 {
 	const struct lp_imager_options *o = &imager->options;
 	const int circle_px = lp_camera_circle_px(imager->eye->camera, (int)frame->width_px);
+	const bool is_ball = imager->eye->camera->projection == LP_BALL;
 	const bool blocks = frame->format != LP_FORMAT_RGB_F32 && o->decode == LP_DECODE_BLOCKS;
 	const bool quarters = o->exact_blocks > 0 && lp_camera_is_whole(imager->eye->camera) &&
 			      !imager->film.stokes;
@@ -39,11 +40,12 @@ struct lp_decode_options lp_imager_decode_options(const struct lp_imager *imager
 							     quarters ? M_SQRT2 : 2.0),
 				      .exact_blocks = o->exact_blocks};
 
-	if (blocks && d.cell_px >= (quarters ? 4 : 8))
+	if (blocks && !is_ball && d.cell_px >= (quarters ? 4 : 8))
 		return d;
 	d.decode = LP_DECODE_PIXELS;
-	d.cell_px = cell_px_for(circle_px, o->panorama_width, 1.0);
-	if (blocks || d.divisor < 1)
+	/* A cell across the outline of a ball would take in what stands behind it. */
+	d.cell_px = is_ball ? 1 : cell_px_for(circle_px, o->panorama_width, 1.0);
+	if (blocks || is_ball || d.divisor < 1)
 		d.divisor = 1;
 	if (frame->format == LP_FORMAT_MJPEG && d.cell_px < d.divisor)
 		d.cell_px = d.divisor;

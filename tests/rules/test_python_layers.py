@@ -15,11 +15,23 @@ MAY = {
     "calibrate": {"", "imaging", "calibrate"},
     "check_camera": {"", "imaging", "calibrate", "check_camera"},
     "align": {"", "calibrate", "align"},
+    "probe": {"", "imaging", "calibrate", "probe"},
     "mcu": {"", "mcu"},
     "sim": {"", "imaging", "calibrate", "sim"},
     "evaluate": {"", "imaging", "calibrate", "sim", "evaluate"},
     "testing": {"", "imaging", "calibrate", "sim", "testing"},
-    "cli": {"", "imaging", "calibrate", "check_camera", "align", "mcu", "sim", "evaluate", "cli"},
+    "cli": {
+        "",
+        "imaging",
+        "calibrate",
+        "check_camera",
+        "align",
+        "probe",
+        "mcu",
+        "sim",
+        "evaluate",
+        "cli",
+    },
 }
 #: Modules at the top that a client loads, and all that they may import from outside.
 CLIENT = (

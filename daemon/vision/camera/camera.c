@@ -18,7 +18,43 @@ int lp_camera_circle_px(const struct lp_camera *camera, int width_px)
 {
 	if (camera->projection == LP_EQUIRECT)
 		return (int)((float)width_px / camera->crop.width);
+	if (camera->projection == LP_BALL) /* in its middle, a pixel is 2 / radius across */
+		return (int)(M_PI * camera->ball.radius_px * width_px / camera->width_px);
 	return (int)(2.0 * M_PI * (double)camera->lens[0].fx_px * width_px / camera->width_px);
+}
+
+double lp_camera_pixel_rad(const struct lp_camera *camera, int width_px, int height_px)
+{
+	if (camera->projection == LP_BALL)
+		return 2.0 * camera->width_px / (camera->ball.radius_px * width_px);
+	return sqrt(4.0 * M_PI / ((double)width_px * height_px));
+}
+
+/* From the probe frame to that of the lens. */
+static void to_lens(const struct lp_lens *lens, const double direction[3], double d[3])
+{
+	for (int a = 0; a < 3; a++)
+		d[a] = lens->rotation[0][a] * direction[0] + lens->rotation[1][a] * direction[1] +
+		       lens->rotation[2][a] * direction[2];
+}
+
+/* And back. */
+static void to_probe(const struct lp_lens *lens, const double d[3], double direction[3])
+{
+	for (int a = 0; a < 3; a++)
+		direction[a] = lens->rotation[a][0] * d[0] + lens->rotation[a][1] * d[1] +
+			       lens->rotation[a][2] * d[2];
+}
+
+double lp_camera_pointing_sigma_deg(const struct lp_camera *camera, const float direction[3])
+{
+	const double given[3] = {direction[0], direction[1], direction[2]};
+	double d[3];
+
+	if (camera->projection != LP_BALL)
+		return 0.0;
+	to_lens(&camera->lens[0], given, d);
+	return lp_ball_sigma_deg(&camera->ball, d);
 }
 
 double lp_camera_row_sine(const struct lp_camera *camera, int height_px, double y)
@@ -92,6 +128,22 @@ static bool project_equirect(const struct lp_crop *crop, int width_px, int heigh
 	return whole || (pixel[0] < width_px && pixel[1] >= 0.0 && pixel[1] < height_px);
 }
 
+static bool project_ball(const struct lp_camera *camera, int width_px, int height_px,
+			 const double direction[3], double pixel[2], double *reflectance)
+{
+	const struct lp_lens *lens = &camera->lens[0];
+	double d[3];
+
+	to_lens(lens, direction, d);
+	if (!lp_ball_project(&camera->ball, &camera->pinhole, d, pixel, reflectance) ||
+	    pixel[0] < 0.0 || pixel[1] < 0.0 || pixel[0] >= camera->width_px ||
+	    pixel[1] >= camera->height_px || masked(camera, lens, pixel[0], pixel[1]))
+		return false;
+	pixel[0] *= (double)width_px / camera->width_px;
+	pixel[1] *= (double)height_px / camera->height_px;
+	return true;
+}
+
 bool lp_camera_project(const struct lp_camera *camera, int lens, int width_px, int height_px,
 		       const double direction[3], double pixel[2], double *share,
 		       double *illumination)
@@ -104,9 +156,9 @@ bool lp_camera_project(const struct lp_camera *camera, int lens, int width_px, i
 		return project_equirect(&camera->crop, width_px, height_px, direction, pixel) &&
 		       !masked(camera, l, pixel[0] * camera->width_px / width_px,
 			       pixel[1] * camera->height_px / height_px);
-	for (int a = 0; a < 3; a++)
-		d[a] = l->rotation[0][a] * direction[0] + l->rotation[1][a] * direction[1] +
-		       l->rotation[2][a] * direction[2];
+	if (camera->projection == LP_BALL)
+		return project_ball(camera, width_px, height_px, direction, pixel, illumination);
+	to_lens(l, direction, d);
 	const double across = hypot(d[0], d[1]);
 
 	theta = atan2(across, -d[2]);
@@ -137,6 +189,17 @@ static void ray_equirect(const struct lp_camera *camera, int width_px, int heigh
 	d[2] = -sin(theta) * cos(lambda);
 }
 
+static bool ray_ball(const struct lp_camera *camera, double x, double y, double direction[3])
+{
+	const struct lp_lens *lens = &camera->lens[0];
+	double d[3];
+
+	if (!lp_ball_ray(&camera->ball, &camera->pinhole, x, y, d) || masked(camera, lens, x, y))
+		return false;
+	to_probe(lens, d, direction);
+	return true;
+}
+
 bool lp_camera_ray(const struct lp_camera *camera, int width_px, int height_px, double x, double y,
 		   double direction[3], int *lens)
 {
@@ -150,6 +213,8 @@ bool lp_camera_ray(const struct lp_camera *camera, int width_px, int height_px, 
 	}
 	x *= (double)camera->width_px / width_px;
 	y *= (double)camera->height_px / height_px;
+	if (camera->projection == LP_BALL)
+		return ray_ball(camera, x, y, direction);
 	for (int k = 0; k < camera->lens_count; k++) { /* circles of lenses do not overlap */
 		const struct lp_lens *l = &camera->lens[k];
 		const double r = hypot((x - l->cx_px) / l->fx_px, (y - l->cy_px) / l->fy_px);
@@ -167,9 +232,7 @@ bool lp_camera_ray(const struct lp_camera *camera, int width_px, int height_px, 
 	const double scale = best > 0.0 ? sin(theta) / best : 0.0;
 	const double d[3] = {(x - l->cx_px) / l->fx_px * scale, -(y - l->cy_px) / l->fy_px * scale,
 			     -cos(theta)};
-	for (int a = 0; a < 3; a++)
-		direction[a] = l->rotation[a][0] * d[0] + l->rotation[a][1] * d[1] +
-			       l->rotation[a][2] * d[2];
+	to_probe(l, d, direction);
 	return true;
 }
 
@@ -186,6 +249,11 @@ double lp_camera_pixel_solid_angle_sr(const struct lp_camera *camera, int width_
 
 	if (!lp_camera_ray(camera, width_px, height_px, x, y, d, &lens))
 		return 0.0;
+	if (camera->projection == LP_BALL)
+		return lp_ball_pixel_sr(&camera->ball, &camera->pinhole,
+					x * camera->width_px / width_px,
+					y * camera->height_px / height_px) *
+		       camera->width_px / width_px * camera->height_px / height_px;
 	/* area element: sin(theta) dtheta dphi = sin(theta) / (r r') dx dy / (fx fy), r, r' of
 	 * theta */
 	const struct lp_lens *l = &camera->lens[lens];

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Where a pixel looks, and what its value means: projection, orientation, roll-off and response of
- * a camera. Equirectangular pictures, or one or more fisheye lenses on one picture (Kannala &
- * Brandt 2006).
+ * a camera. Equirectangular pictures, one or more fisheye lenses on one picture (Kannala & Brandt
+ * 2006), or a mirror ball that an ordinary camera sees (vision/ball/ball.h).
  *
  * Pixel coordinates: x to the right, y down, (0, 0) the upper left corner of the picture, so the
  * centre of the first pixel is (0.5, 0.5). Lens frame: +X right, +Y up, -Z along the optical axis.
@@ -14,6 +14,7 @@
 #include <stdint.h>
 
 #include "include/crop.h"
+#include "vision/ball/ball.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -33,7 +34,7 @@ struct lp_lens {
 	uint8_t *mask;	      /* picture-sized, 0 = not usable; NULL: none */
 };
 
-enum lp_projection { LP_EQUIRECT, LP_FISHEYE };
+enum lp_projection { LP_EQUIRECT, LP_FISHEYE, LP_BALL };
 
 /* Veiling glare: shares of all light of a lens' picture. */
 struct lp_glare_shares {
@@ -49,7 +50,9 @@ struct lp_camera {
 	struct lp_crop crop;	 /* LP_EQUIRECT: what of the sphere the picture shows */
 	bool crop_given;	 /* by the camera file; of lenses, always */
 	int lens_count;
-	struct lp_lens lens[LP_MAX_LENSES];
+	struct lp_lens lens[LP_MAX_LENSES]; /* LP_BALL: of the first, rotation and mask count */
+	struct lp_pinhole pinhole;	    /* LP_BALL: the camera that sees the ball */
+	struct lp_ball ball;
 	float (*stuck_px)[2]; /* pixels that shine by themselves: the left upper corner of each */
 	int stuck_count;
 	struct lp_glare_shares glare;
@@ -78,6 +81,10 @@ bool lp_camera_project(const struct lp_camera *camera, int lens, int width_px, i
 bool lp_camera_ray(const struct lp_camera *camera, int width_px, int height_px, double x, double y,
 		   double direction[3], int *lens);
 
+/* 1 sigma of `direction` (unit, probe frame) by what the camera file says of pose and outline of a
+ * ball, in degrees; 0 of other cameras. */
+double lp_camera_pointing_sigma_deg(const struct lp_camera *camera, const float direction[3]);
+
 /* Sine of the angle from straight up of a row of a picture of which each row is level; else 1. */
 double lp_camera_row_sine(const struct lp_camera *camera, int height_px, double y);
 
@@ -105,6 +112,9 @@ static inline double lp_camera_column_rad(const struct lp_camera *camera, int wi
 /* Width of the panorama whose pixels at the horizon are as small as those of a picture of width_px
  * on the axis of the first lens. */
 int lp_camera_circle_px(const struct lp_camera *camera, int width_px);
+
+/* Angle across a typical pixel of a picture of that size, in rad. */
+double lp_camera_pixel_rad(const struct lp_camera *camera, int width_px, int height_px);
 
 /* Solid angle of the pixel whose centre is (x, y), in sr; 0 where nothing is seen. */
 double lp_camera_pixel_solid_angle_sr(const struct lp_camera *camera, int width_px, int height_px,

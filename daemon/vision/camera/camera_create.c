@@ -229,13 +229,58 @@ static int set_panorama(struct lp_camera *camera, const struct lp_camera_file *f
 	return f->crop.present ? set_crop(camera, path, &f->crop) : 0;
 }
 
+/* A row of numbers with zeros for those that are not given. */
+static void copy_numbers(const struct lp_floats *given, double *to, int count)
+{
+	for (int k = 0; k < count; k++)
+		to[k] = k < given->count ? (double)given->values[k] : 0.0;
+}
+
+/* The camera that sees a mirror ball, and the ball. */
+static int set_ball(struct lp_camera *camera, const struct lp_camera_file *f)
+{
+	const struct lp_lens_fields *l = &f->lens[0];
+	const struct lp_ball_fields *b = &f->ball;
+	struct lp_lens *lens = &camera->lens[0];
+	const char *path = f->ini.path;
+	double centre[3];
+
+	if (!l->present || !(l->fx_px > 0.0F) || !(l->fy_px > 0.0F) || l->k1 != 0.0F ||
+	    l->k2 != 0.0F || l->k3 != 0.0F || l->k4 != 0.0F || f->lens[1].present) {
+		lp_error(path, "camera file",
+			 "projection = ball needs one [lens.0] with cx_px, cy_px, fx_px and fy_px "
+			 "of the camera; its distortion, if any, stands in [ball]");
+		return -EBADMSG;
+	}
+	camera->pinhole = (struct lp_pinhole){l->cx_px, l->cy_px, l->fx_px, l->fy_px, {0.0}};
+	copy_numbers(&b->distortion, camera->pinhole.distortion, LP_BALL_DISTORTION);
+	copy_numbers(&b->centre, centre, 3);
+	if (b->centre.count != 3 || b->distortion.count > LP_BALL_DISTORTION ||
+	    set_rotation(lens, &l->rotation_wxyz) < 0 ||
+	    !lp_ball_init(&camera->ball, &camera->pinhole, centre, b->radius, b->rim_px)) {
+		lp_error(
+			path, "camera file",
+			"[ball] needs centre = X, Y, Z before the lens (+X right, +Y up, -Z ahead) "
+			"and radius, in one unit, outside of the lens and larger than rim_px; "
+			"distortion takes k1, k2, p1, p2, k3");
+		return -EBADMSG;
+	}
+	camera->ball.index = b->index;
+	camera->ball.extinction = b->extinction;
+	camera->ball.outline_px = b->outline_sigma_px;
+	camera->ball.rotation_deg = b->rotation_sigma_deg;
+	camera->lens_count = 1;
+	return l->mask[0] ? load_mask(camera, lens, path, l->mask) : 0;
+}
+
 static int build(struct lp_camera *camera, const struct lp_camera_file *f)
 {
 	const char *path = f->ini.path;
 
 	snprintf(camera->name, sizeof(camera->name), "%s", f->name[0] ? f->name : path);
 	if (f->projection < 0) {
-		lp_error(path, "camera file", "[camera] needs projection = equirect or fisheye");
+		lp_error(path, "camera file",
+			 "[camera] needs projection = equirect, fisheye or ball");
 		return -EBADMSG;
 	}
 	camera->projection = (enum lp_projection)f->projection;
@@ -246,14 +291,14 @@ static int build(struct lp_camera *camera, const struct lp_camera_file *f)
 		camera->lens[0].rotation[a][a] = 1.0F; /* of an equirectangular one */
 	camera->glare = f->glare;
 	camera->crop = LP_CROP_WHOLE;
-	camera->crop_given = camera->projection == LP_FISHEYE;
+	camera->crop_given = camera->projection != LP_EQUIRECT;
 	if (f->crop.present || f->mask[0]) {
 		const int ret = set_panorama(camera, f);
 
 		if (ret < 0)
 			return ret;
 	}
-	if (camera->projection == LP_FISHEYE && (!f->width_px || !f->height_px)) {
+	if (camera->projection != LP_EQUIRECT && (!f->width_px || !f->height_px)) {
 		lp_error(path, "camera file",
 			 "[camera] needs width_px and height_px, the picture "
 			 "that the lens numbers refer to");
@@ -264,6 +309,12 @@ static int build(struct lp_camera *camera, const struct lp_camera_file *f)
 			break;
 		camera->lens_count++;
 		int ret = set_lens(camera, &camera->lens[k], path, &f->lens[k], k);
+		if (ret < 0)
+			return ret;
+	}
+	if (camera->projection == LP_BALL) {
+		const int ret = set_ball(camera, f);
+
 		if (ret < 0)
 			return ret;
 	}

@@ -14,9 +14,15 @@
 #define USUAL_SCALE_SIGMA 0.05F
 /* Of [glare], where the file does not say it. */
 #define USUAL_GLARE_WIDTH_DEG 10.0F
+/* Of [ball]: pixels within this of the outline hold what stands behind it, too. */
+#define USUAL_RIM_PX 1.5F
+#define USUAL_OUTLINE_SIGMA_PX 0.5F
+/* Chromium in green light (Johnson & Christy 1974). */
+#define CHROME_INDEX 3.18F
+#define CHROME_EXTINCTION 3.31F
 
 /* In the order of enum lp_projection. */
-static const char *const projections[] = {"equirect", "fisheye", NULL};
+static const char *const projections[] = {"equirect", "fisheye", "ball", NULL};
 
 static int parse_match(const char *text, void *field)
 {
@@ -120,6 +126,24 @@ static const struct lp_param glare_list[] = {
 };
 static const struct lp_params glare_params = LP_PARAMS(glare_list);
 
+static const struct lp_param ball_list[] = {
+	{"centre", LP_PARAM_FLOATS, offsetof(struct lp_camera_file, ball.centre), .min = -1e6,
+	 .max = 1e6},
+	{"radius", LP_PARAM_FLOAT, offsetof(struct lp_camera_file, ball.radius), .min = 1e-6,
+	 .max = 1e6},
+	{"distortion", LP_PARAM_FLOATS, offsetof(struct lp_camera_file, ball.distortion),
+	 .min = -100, .max = 100},
+	{"rim_px", LP_PARAM_FLOAT, offsetof(struct lp_camera_file, ball.rim_px), .max = 1000},
+	{"index", LP_PARAM_FLOAT, offsetof(struct lp_camera_file, ball.index), .min = 0.01,
+	 .max = 10},
+	{"extinction", LP_PARAM_FLOAT, offsetof(struct lp_camera_file, ball.extinction), .max = 20},
+	{"outline_sigma_px", LP_PARAM_FLOAT, offsetof(struct lp_camera_file, ball.outline_sigma_px),
+	 .max = 1000},
+	{"rotation_sigma_deg", LP_PARAM_FLOAT,
+	 offsetof(struct lp_camera_file, ball.rotation_sigma_deg), .max = 180},
+};
+static const struct lp_params ball_params = LP_PARAMS(ball_list);
+
 static const struct lp_param rig_list[] = {
 	{"id", LP_PARAM_TEXT, offsetof(struct lp_camera_file, rig.id),
 	 .max = sizeof(((struct lp_rig_fields *)0)->id)},
@@ -157,7 +181,8 @@ static int set_fields(struct lp_camera_file *file)
 	static const char *const sections[] = {"camera", "response", "lens.0",	   "lens.1",
 					       "lens.2", "lens.3",   "v4l2",	   "libcamera",
 					       "osc",	 "ptp",	     "photometry", "polarizer",
-					       "rig",	 "crop",     "glare",	   NULL};
+					       "rig",	 "crop",     "glare",	   "ball",
+					       NULL};
 	int ret = lp_ini_check_sections(&file->ini, sections);
 
 	_Static_assert(LP_MAX_LENSES == 4, "a section for each lens");
@@ -171,6 +196,8 @@ static int set_fields(struct lp_camera_file *file)
 		ret = lp_ini_set(&file->ini, "polarizer", &polarizer_params, file);
 	if (ret == 0)
 		ret = lp_ini_set(&file->ini, "glare", &glare_params, file);
+	if (ret == 0)
+		ret = lp_ini_set(&file->ini, "ball", &ball_params, file);
 	if (ret == 0)
 		ret = lp_ini_set(&file->ini, "rig", &rig_params, file);
 	file->crop.present = lp_ini_has(&file->ini, "crop");
@@ -201,6 +228,10 @@ int lp_camera_file_read(const char *name_or_path, struct lp_camera_file **file)
 		self->projection = -1;
 		self->cd_m2_per_unit_sigma = USUAL_SCALE_SIGMA;
 		self->glare.width_deg = USUAL_GLARE_WIDTH_DEG;
+		self->ball.rim_px = USUAL_RIM_PX;
+		self->ball.index = CHROME_INDEX;
+		self->ball.extinction = CHROME_EXTINCTION;
+		self->ball.outline_sigma_px = USUAL_OUTLINE_SIGMA_PX;
 		ret = lp_ini_read(&self->ini, name_or_path,
 				  "give --camera=equirect or a camera file");
 		if (ret == 0)

@@ -19,6 +19,13 @@
 extern "C" {
 #endif
 
+/* A mirror ball before an ordinary camera, which [lens.0] describes. */
+struct lp_ball_fields {
+	struct lp_floats centre, distortion;
+	float radius, rim_px, index, extinction;
+	float outline_sigma_px, rotation_sigma_deg;
+};
+
 struct lp_lens_fields {
 	bool present;
 	float cx_px, cy_px, fx_px, fy_px, k1, k2, k3, k4, max_theta_deg;
@@ -62,6 +69,7 @@ struct lp_camera_file {
 	char mask[PATH_MAX]; /* of an equirectangular picture */
 	char stuck_pixels[PATH_MAX];
 	struct lp_lens_fields lens[LP_MAX_LENSES];
+	struct lp_ball_fields ball;
 	struct lp_rig_fields rig;
 };
 

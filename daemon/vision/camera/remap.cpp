@@ -129,11 +129,15 @@ void balance(const struct lp_camera &camera, int width_px, int height_px, int ce
 	const int count = across * cells_across(height_px, cell_px);
 	std::vector<double> holds(count, 0.0), given(count), covered(rows.size(), 0.0);
 
+	std::vector<bool> used(count, false);
+	for (const auto &row : rows)
+		for (const entry &e : row)
+			used[e.source] = true;
 	for (int k = 0; k < count;
 	     k++) { /* 2 x 2 samples of the solid angle per pixel are plenty */
 		const double x0 = k % across * cell_px, y0 = k / across * cell_px;
 
-		for (int s = 0; s < 16; s++)
+		for (int s = 0; s < 16 && used[k]; s++)
 			holds[k] +=
 				lp_camera_pixel_solid_angle_sr(&camera, width_px, height_px,
 							       x0 + cell_px * (s % 4 + 0.5) / 4.0,

@@ -10,6 +10,7 @@
 #include "light/find/lamps.h"
 #include "light/math/grid.h"
 #include "light/math/rotation.h"
+#include "vision/camera/camera.h"
 #include "vision/camera/code_noise.h"
 #include "vision/camera/remap.h"
 #include "vision/glare/glare.h"
@@ -459,8 +460,8 @@ static void apply(const struct lp_imager *imager, const struct lp_exposure *expo
 {
 	/* pixels across the horizon: the scale of one pixel */
 	const double pixel_rad =
-		sqrt(4.0 * M_PI /
-		     ((double)imager->eye->remap->width_px * imager->eye->remap->height_px));
+		lp_camera_pixel_rad(imager->eye->camera, imager->eye->remap->width_px,
+				    imager->eye->remap->height_px);
 
 	normalise(s->first, lamp->direction);
 	normalise(s->all, lamp->centroid);

@@ -14,12 +14,13 @@ import typer
 from lightprobe.calibrate import ring
 from lightprobe.cli import check, view, whole_file
 from lightprobe.cli.cuts import Constellation, ConstellationCut, cut_of
-from lightprobe.errors import UsageError
+from lightprobe.errors import LightprobeError, UsageError
 from lightprobe.estimate import Estimate, flag_names
 from lightprobe.evaluate import offline
 from lightprobe.imaging import constellation as constellations
 from lightprobe.imaging import image
 from lightprobe.imaging.film import Sheet
+from lightprobe.installation import install_extras
 from lightprobe.reflection_map import SIZES, ReflectionMap
 
 CameraName = Annotated[
@@ -124,6 +125,51 @@ def command(
     ] = 32,
     constellation: Constellation = None,
     cut: ConstellationCut = "variance",
+    probe: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ball:MM|diffuse-ball:MM",
+            help="The pictures show a ball: ball:60mm (also ball:60mm,black or ,silver) mirrors, "
+            "diffuse-ball:40mm is white and matt.",
+        ),
+    ] = None,
+    intrinsics: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FX,FY,CX,CY[,K1,K2,P1,P2[,K3]]",
+            help="With --probe: of the camera, in pixels of these pictures, and its distortion as "
+            "OpenCV has it; default: the Exif's focal length.",
+        ),
+    ] = None,
+    board: Annotated[
+        str,
+        typer.Option(
+            metavar="COLUMNSxROWS|none",
+            help="With --probe: squares of the printed board beside the ball, which is the frame "
+            "of the estimate; none: the camera is.",
+        ),
+    ] = "11x8",
+    square_mm: Annotated[
+        float | None,
+        typer.Option(
+            callback=check.number(1, 1000, "mm"),
+            help="With --probe: side of the board's squares, to check the ball's diameter.",
+        ),
+    ] = None,
+    ball_at: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,RADIUS", help="With --probe: about where the ball is, in pixels."
+        ),
+    ] = None,
+    save_camera: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.camera",
+            callback=check.new_file(".camera"),
+            help="With --probe ball: write the camera file for lightprobed, while nothing moves.",
+        ),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the estimate as JSON.")] = False,
 ) -> None:
     """Estimate the light in pictures with the daemon's own pipeline.
@@ -134,6 +180,8 @@ def command(
     --ring-lux recovers lamps that clip in every picture; with the scale of the camera
     (lightprobe calibrate scale) it does so best.
     Example: lightprobe estimate room-1.jpg room-2.jpg --exposure-us 8000,500 --json
+    A ball on a printed board instead of a 360° camera (docs/users/probes.md): lightprobe estimate
+    photo.jpg --probe ball:60mm
     Through a polarizer: lightprobe estimate a.jpg b.jpg c.jpg d.jpg --wheel-deg 0,45,90,135
     """
     if reflection_size not in SIZES:
@@ -148,7 +196,18 @@ def command(
         wheel_deg=parse_angles(wheel_deg), film=parse_film(film),
         reflection_map=reflection_size if reflection_map else None,
     )  # fmt: skip
-    once = offline.estimate_pictures(files, parse_exposures(exposure_us), settings)
+    if probe is None:
+        once = offline.estimate_pictures(files, parse_exposures(exposure_us), settings)
+    else:
+        try:
+            from lightprobe.cli import estimate_probe  # needs scipy, which panoramas do not
+        except ModuleNotFoundError as error:
+            raise LightprobeError(
+                f"estimate: --probe: needs {error.name}, which is not installed: "
+                f"{install_extras('sim', 'calibrate')}"
+            ) from None
+        options = estimate_probe.Options(probe, intrinsics, board, square_mm, ball_at, save_camera)
+        once = estimate_probe.estimate(files, parse_exposures(exposure_us), settings, options)
     result = once.estimate
     if reflection_map and once.reflection_map:
         write_reflection_map(once.reflection_map, reflection_map)

@@ -1,8 +1,9 @@
-"""Cameras: where a pixel looks. Equirectangular, or fisheye lenses by a camera file.
+"""Cameras: where a pixel looks. Equirectangular, or lenses or a mirror ball by a camera file.
 
 The file is INI; its numbers refer to the size it states, and any other frame size is scaled:
 
-    [camera]   version = 1, name, projection = equirect | fisheye, width_px, height_px
+    [camera]   version = 1, name, projection = equirect | fisheye | ball, width_px,
+               height_px
                mask               of an equirectangular picture, as a lens'
                stuck_pixels       file of rows x y beside it: pixels that shine by themselves
     [lens.0]   cx_px, cy_px       image centre; the first pixel's centre is at (0.5, 0.5)
@@ -14,6 +15,7 @@ The file is INI; its numbers refer to the size it states, and any other frame si
                rolloff            a1, a2, a3: relative illumination 1 + a1·θ² + a2·θ⁴ + a3·θ⁶
                mask               PGM beside the file; 0 where the lens sees nothing useful
     [lens.1]   …
+    [ball]     centre, radius, …  of projection = ball (imaging/ball.py)
     [polarizer] transmission, extinction, offset_deg: the film on the wheel (imaging/film.py)
     [glare]    even, around, width_deg: light that the lens spreads over its picture
     [crop]     full_width_px, full_height_px, left_px, top_px: equirect, the part of the sphere
@@ -35,6 +37,7 @@ from numpy.typing import ArrayLike, NDArray
 from lightprobe.colour import srgb_table
 from lightprobe.errors import LightprobeError
 from lightprobe.geometry import Array, equirect_direction, rotation_matrix
+from lightprobe.imaging.ball import Ball, Pinhole
 from lightprobe.imaging.film import Sheet
 from lightprobe.imaging.metadata import WHOLE, Crop, crop_of
 
@@ -145,6 +148,7 @@ class Camera:
     #: Of an equirectangular picture; None: the file does not say.
     crop: Crop | None = None
     mask: NDArray[np.uint8] | None = None  # of an equirectangular picture; 0: not seen
+    ball: Ball | None = None  # whose mirror images the pixels are; lenses[0] has rotation and mask
     stuck_px: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 2)))  # x, y of each
 
     @property
@@ -177,6 +181,8 @@ class Camera:
                 illumination[_of_size(self.mask, width_px, height_px) == 0] = 0
                 directions[illumination == 0] = np.nan
             return directions, illumination
+        if self.ball:
+            return self._look_at_ball(self.ball, width_px, height_px)
         x, y = self._stated_px(width_px, height_px)
         owner = self.owner(width_px, height_px)
         directions = np.full((height_px, width_px, 3), np.nan)
@@ -189,6 +195,16 @@ class Camera:
             directions[seen] = direction[seen]
             illumination[seen] = lens.illumination(theta[seen])
         return directions, illumination
+
+    def _look_at_ball(self, ball: Ball, width_px: int, height_px: int) -> tuple[Array, Array]:
+        x, y = self._stated_px(width_px, height_px)
+        directions, illumination = ball.look(np.stack([x, y], axis=-1).reshape(-1, 2))
+        lens = self.lenses[0]
+        if lens.mask is not None:
+            illumination[_of_size(lens.mask, width_px, height_px).ravel() == 0] = 0
+        directions[illumination == 0] = np.nan
+        turned = directions @ rotation_matrix(lens.rotation_wxyz).T
+        return turned.reshape(height_px, width_px, 3), illumination.reshape(height_px, width_px)
 
     def owner(self, width_px: int, height_px: int) -> NDArray[np.intp]:
         """Index (H, W) of the lens that a frame's pixels belong to: the nearest; 0 without any."""
@@ -269,24 +285,26 @@ def _camera(section: _Section) -> Camera:
             f"camera: {section.path}: [camera] version = {version}: this lightprobe reads {VERSION}"
         )
     projection = section.text("projection")
-    if projection not in ("equirect", "fisheye"):
+    if projection not in ("equirect", "fisheye", "ball"):
         raise CameraError(
             f"camera: {section.path}: [camera] projection = {projection}: "
-            "expected equirect or fisheye"
+            "expected equirect, fisheye or ball"
         )
     config = section.config
     names = sorted(n for n in config.sections() if n.startswith("lens."))
-    if (projection == "fisheye") != bool(names):
+    if (projection != "equirect") != bool(names) or (projection == "ball" and len(names) != 1):
         raise CameraError(
             f"camera: {section.path}: {projection} with {len(names)} [lens.N] sections"
         )
     # Panoramas of any size are seen alike.
     width_px, height_px = ("1920", "960") if projection == "equirect" else (None, None)
+    ball = _ball(section) if projection == "ball" else None
     return Camera(
         name=section.text("name", section.path.stem),
         width_px=int(section.number("width_px", width_px)),
         height_px=int(section.number("height_px", height_px)),
-        lenses=tuple(_lens(_Section(section.path, config, name)) for name in names),
+        lenses=tuple(_lens(_Section(section.path, config, name), bool(ball)) for name in names),
+        ball=ball,
         response=_response(section) if config.has_option("response", "table") else None,
         sheet=_sheet(section) if config.has_section("polarizer") else Sheet(),
         glare=_glare(section) if config.has_section("glare") else Glare(),
@@ -309,6 +327,32 @@ def _crop(camera: _Section) -> Crop:
             "which width_px × height_px of [camera] lie at left_px, top_px"
         )
     return crop
+
+
+def _ball(camera: _Section) -> Ball:
+    lens, section = (_Section(camera.path, camera.config, name) for name in ("lens.0", "ball"))
+    words = section.text("distortion", "").replace(",", " ").split()
+    usual = Ball(Pinhole(1, 1, 0, 0), np.array([0.0, 0, -2]), 1)
+    ball = Ball(
+        Pinhole(
+            lens.number("fx_px"), lens.number("fy_px"), lens.number("cx_px"), lens.number("cy_px"),
+            section.numbers("distortion", len(words)) + (0.0,) * (5 - len(words)) if words else (),
+        ),
+        np.array(section.numbers("centre", 3)),
+        section.number("radius"),
+        section.number("index", str(usual.index)),
+        section.number("extinction", str(usual.extinction)),
+        section.number("rim_px", str(usual.rim_px)),
+        section.number("outline_sigma_px", str(usual.outline_sigma_px)),
+        section.number("rotation_sigma_deg", "0"),
+    )  # fmt: skip
+    if not ball.is_possible or len(words) > 5:
+        raise CameraError(
+            f"camera: {section.path}: [ball] expected centre = X, Y, Z before the lens (+X right, "
+            "+Y up, -Z ahead) and radius, outside of the lens and larger than rim_px, and "
+            "distortion = k1, k2, p1, p2, k3"
+        )
+    return ball
 
 
 def _sheet(camera: _Section) -> Sheet:
@@ -341,14 +385,14 @@ def _glare(camera: _Section) -> Glare:
     return glare
 
 
-def _lens(section: _Section) -> Lens:
+def _lens(section: _Section, sees_ball: bool) -> Lens:
     k = tuple(section.number(f"k{i}", "0") for i in (1, 2, 3, 4))
     rolloff = section.numbers("rolloff", 3, "0, 0, 0")
     lens = Lens(
         centre_px=(section.number("cx_px"), section.number("cy_px")),
         focal_px=(section.number("fx_px"), section.number("fy_px")),
         k=(k[0], k[1], k[2], k[3]),
-        max_theta_deg=section.number("max_theta_deg"),
+        max_theta_deg=section.number("max_theta_deg", "180" if sees_ball else None),
         rotation_wxyz=section.numbers("rotation_wxyz", 4, "1, 0, 0, 0"),
         rolloff=(rolloff[0], rolloff[1], rolloff[2]),
         mask=_mask(section),

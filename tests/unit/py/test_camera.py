@@ -104,7 +104,11 @@ def test_mask_and_response(tmp_path):
     ("old", "new", "message"),
     [
         ("[camera]", "[lens.9]", "section .camera. is missing"),
-        ("projection = fisheye", "projection = pinhole", "pinhole: expected equirect or fisheye"),
+        (
+            "projection = fisheye",
+            "projection = pinhole",
+            "pinhole: expected equirect, fisheye or ball",
+        ),
         ("cx_px = 400", "cx_px = left", r"\[lens.0\] cx_px = left: expected a number"),
         ("fx_px = 230\n", "", r"\[lens.0\] fx_px is missing"),
         ("max_theta_deg = 97", "max_theta_deg = 0", "max_theta_deg"),

@@ -1,0 +1,193 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "vision/ball/ball.h"
+
+#include <complex.h>
+#include <math.h>
+#include <string.h>
+
+/* Steps of Newton's method and of the inverse of the distortion; both converge in about five. */
+#define MOST_STEPS 30
+#define CLOSE_ENOUGH 1e-13
+
+static double dot(const double a[3], const double b[3])
+{
+	return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+/* `along` x a + `across` x the unit vector of b's part that is square to a. */
+static void combine(const double a[3], double along, const double b[3], double across,
+		    double out[3])
+{
+	const double on = dot(a, b);
+	double rest[3], length;
+
+	for (int k = 0; k < 3; k++)
+		rest[k] = b[k] - on * a[k];
+	length = sqrt(dot(rest, rest));
+	for (int k = 0; k < 3; k++)
+		out[k] = along * a[k] + (length > 1e-15 ? across * rest[k] / length : 0.0);
+}
+
+/* Where a point at (x, y) of the plane one unit ahead is seen by a lens that distorts. */
+static void distort(const double d[LP_BALL_DISTORTION], double x, double y, double out[2])
+{
+	const double r2 = x * x + y * y;
+	const double radial = 1.0 + r2 * (d[0] + r2 * (d[1] + r2 * d[4]));
+
+	out[0] = x * radial + 2.0 * d[2] * x * y + d[3] * (r2 + 2.0 * x * x);
+	out[1] = y * radial + d[2] * (r2 + 2.0 * y * y) + 2.0 * d[3] * x * y;
+}
+
+/* The pixel of a ray (camera frame); false: it does not point ahead. */
+static bool pixel_of(const struct lp_pinhole *p, const double ray[3], double pixel[2])
+{
+	double at[2];
+
+	if (!(ray[2] < -1e-6))
+		return false;
+	distort(p->distortion, -ray[0] / ray[2], ray[1] / ray[2], at); /* y down */
+	pixel[0] = p->cx_px + p->fx_px * at[0];
+	pixel[1] = p->cy_px + p->fy_px * at[1];
+	return true;
+}
+
+/* The ray (unit, camera frame) of a pixel. */
+static void ray_of(const struct lp_pinhole *p, double x_px, double y_px, double ray[3])
+{
+	const double seen[2] = {(x_px - p->cx_px) / p->fx_px, (y_px - p->cy_px) / p->fy_px};
+	double x = seen[0], y = seen[1], length;
+
+	for (int i = 0; i < MOST_STEPS; i++) {
+		double at[2];
+
+		distort(p->distortion, x, y, at);
+		x += seen[0] - at[0];
+		y += seen[1] - at[1];
+		if (fabs(seen[0] - at[0]) + fabs(seen[1] - at[1]) < CLOSE_ENOUGH)
+			break;
+	}
+	length = sqrt(x * x + y * y + 1.0);
+	ray[0] = x / length;
+	ray[1] = -y / length;
+	ray[2] = -1.0 / length;
+}
+
+bool lp_ball_init(struct lp_ball *ball, const struct lp_pinhole *pinhole, const double centre[3],
+		  double radius, double rim_px)
+{
+	const double distance = sqrt(dot(centre, centre));
+	const double focal_px = sqrt(pinhole->fx_px * pinhole->fy_px);
+	double outline, rim;
+
+	memset(ball, 0, sizeof(*ball));
+	if (!(radius > 0.0) || !(distance > radius) || !(centre[2] < 0.0))
+		return false;
+	for (int a = 0; a < 3; a++)
+		ball->axis[a] = centre[a] / distance;
+	ball->ratio = radius / distance;
+	/* A pixel off the optical axis is smaller, by the cosine, along the outline's short axis.
+	 */
+	outline = asin(ball->ratio);
+	ball->radius_px = focal_px * outline / -ball->axis[2];
+	rim = outline - rim_px * -ball->axis[2] / focal_px;
+	if (!(rim > 0.0))
+		return false;
+	ball->rim_sine = sin(rim) / ball->ratio;
+	return true;
+}
+
+/* Incidence of the light that comes at the angle theta from the reverse of the axis: the root of
+ * 2 i - asin(ratio sin i) = theta by Newton's method; the left side grows by 1 or more. */
+static double incidence_of(double ratio, double theta)
+{
+	double i = 0.5 * theta;
+
+	for (int n = 0; n < MOST_STEPS; n++) {
+		const double s = ratio * sin(i);
+		const double slope = 2.0 - ratio * cos(i) / sqrt(1.0 - s * s);
+		const double step = (2.0 * i - asin(s) - theta) / slope;
+
+		i -= step;
+		if (fabs(step) < CLOSE_ENOUGH)
+			break;
+	}
+	return i;
+}
+
+double lp_ball_reflectance(double index, double extinction, double cosine)
+{
+	/* Fresnel's equations with a complex index (Born & Wolf, Principles of Optics, 14.2) */
+	const double complex n = index - extinction * I;
+	const double complex inside = csqrt(n * n - (1.0 - cosine * cosine));
+	const double s = cabs((cosine - inside) / (cosine + inside));
+	const double p = cabs((n * n * cosine - inside) / (n * n * cosine + inside));
+
+	return 0.5 * (s * s + p * p);
+}
+
+bool lp_ball_project(const struct lp_ball *ball, const struct lp_pinhole *pinhole,
+		     const double direction[3], double pixel[2], double *reflectance)
+{
+	const double theta = acos(fmax(-1.0, fmin(1.0, -dot(direction, ball->axis))));
+	const double i = incidence_of(ball->ratio, theta);
+	double ray[3];
+
+	/* A root beyond a right angle is behind the rim. */
+	if (!(i <= 0.5 * M_PI) || sin(i) > ball->rim_sine)
+		return false;
+	const double alpha_sine = ball->ratio * sin(i);
+
+	combine(ball->axis, sqrt(1.0 - alpha_sine * alpha_sine), direction, alpha_sine, ray);
+	*reflectance = lp_ball_reflectance(ball->index, ball->extinction, cos(i));
+	return pixel_of(pinhole, ray, pixel);
+}
+
+bool lp_ball_ray(const struct lp_ball *ball, const struct lp_pinhole *pinhole, double x, double y,
+		 double direction[3])
+{
+	double ray[3];
+
+	ray_of(pinhole, x, y, ray);
+	const double cosine = dot(ray, ball->axis);
+	const double alpha = acos(fmax(-1.0, fmin(1.0, cosine)));
+	const double sine = sin(alpha) / ball->ratio;
+
+	if (cosine <= 0.0 || sine > ball->rim_sine)
+		return false;
+	const double theta = 2.0 * asin(sine) - alpha;
+
+	combine(ball->axis, -cos(theta), ray, sin(theta), direction);
+	return true;
+}
+
+double lp_ball_pixel_sr(const struct lp_ball *ball, const struct lp_pinhole *pinhole, double x,
+			double y)
+{
+	double ray[3];
+
+	ray_of(pinhole, x, y, ray);
+	const double cosine = dot(ray, ball->axis);
+	const double alpha = acos(fmax(-1.0, fmin(1.0, cosine)));
+	const double sine = sin(alpha) / ball->ratio;
+
+	if (cosine <= 0.0 || sine > ball->rim_sine)
+		return 0.0;
+	const double i = asin(sine), slope = 2.0 * cosine / (ball->ratio * cos(i)) - 1.0;
+	const double around = alpha > 1e-6 ? sin(2.0 * i - alpha) / sin(alpha) : slope;
+	const double pixel_sr = pow(-ray[2], 3.0) / (pinhole->fx_px * pinhole->fy_px);
+
+	return pixel_sr * slope * around;
+}
+
+double lp_ball_sigma_deg(const struct lp_ball *ball, const double direction[3])
+{
+	const double theta = acos(fmax(-1.0, fmin(1.0, -dot(direction, ball->axis))));
+	const double i = incidence_of(ball->ratio, theta);
+	const double sine = fmin(sin(i), ball->rim_sine), cosine = sqrt(1.0 - sine * sine);
+	const double shift = 2.0 * ball->outline_px / ball->radius_px;
+	/* outwards by the centre and by the radius; around by the centre alone */
+	const double outwards = shift * sqrt(1.0 + sine * sine) / cosine;
+	const double around = shift * cosine;
+
+	return hypot(hypot(outwards, around) * 180.0 / M_PI, ball->rotation_deg);
+}

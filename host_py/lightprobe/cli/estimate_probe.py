@@ -1,0 +1,211 @@
+"""`lightprobe estimate --probe`: a ball in the pictures of an ordinary camera."""
+
+from __future__ import annotations
+
+import configparser
+import dataclasses
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from PIL import ExifTags, Image
+
+from lightprobe import daemon
+from lightprobe.calibrate import lens_board
+from lightprobe.cli import whole_file
+from lightprobe.errors import LightprobeError, UsageError
+from lightprobe.estimate import EstimateFlag
+from lightprobe.evaluate import offline
+from lightprobe.imaging import image, metadata
+from lightprobe.imaging.ball import Pinhole
+from lightprobe.probe import diffuse, find, kinds, mirror
+from lightprobe.probe.find import Request, Sight
+from lightprobe.probe.kinds import ProbeError
+
+#: Diagonal of 35 mm film.
+_FILM_MM = float(np.hypot(36, 24))
+#: Of the panorama of what a diffuse ball shows, which is nowhere finer than 8°.
+_DIFFUSE_WIDTH = 480
+#: Sections of a camera file that are about codes, whatever is in the picture.
+_OF_CODES = ("response", "photometry")
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the command line says of the probe."""
+
+    probe: str
+    intrinsics: str | None = None
+    board: str = "11x8"
+    square_mm: float | None = None
+    at: str | None = None
+    save_camera: Path | None = None
+
+
+def estimate(
+    files: Sequence[Path],
+    exposures_us: Sequence[float],
+    settings: offline.Settings,
+    options: Options,
+) -> daemon.Once:
+    """Estimate with a ball as the probe; raises UsageError, ProbeError, and what estimating does.
+
+    The frame of the estimate is the board's, or without one the camera's.
+    """
+    kind = kinds.parse(options.probe)
+    exposures_us = exposures_us or metadata.exposures_us([metadata.read(file) for file in files])
+    size_px = mirror.size_of(files)
+    pinhole = pinhole_of(options.intrinsics, files[0], size_px)
+    board = None if options.board == "none" else lens_board.parse(options.board)
+    request = Request(kind, pinhole, board, options.square_mm, parse_place(options.at))
+    sight = find.find(files, request)
+    if not kind.is_mirror:
+        if options.save_camera:
+            raise UsageError("estimate: --save-camera: is for mirror balls")
+        once = _with_diffuse(files, exposures_us, settings, sight, pinhole)
+    else:
+        once = _with_mirror(files, exposures_us, settings, options, request, sight)
+    return dataclasses.replace(once, log=[*sight.notes, *once.log])
+
+
+def _with_mirror(
+    files: Sequence[Path],
+    exposures_us: Sequence[float],
+    settings: offline.Settings,
+    options: Options,
+    request: Request,
+    sight: Sight,
+) -> daemon.Once:
+    ball = mirror.ball_of(sight, request.kind, request.pinhole)
+    size_px = mirror.size_of(files)
+    box = mirror.box_around(sight, request.pinhole, size_px)
+    part = dataclasses.replace(ball, pinhole=mirror.moved(request.pinhole, box))
+    if not part.is_possible:
+        raise ProbeError("the ball is too small in the picture: go nearer")
+    tail = _of_codes(settings.camera)
+    if options.save_camera:
+        text = mirror.camera_text(ball, sight, options.save_camera.stem, size_px) + tail
+        whole_file.write("estimate", options.save_camera, text.encode())
+    with tempfile.TemporaryDirectory(prefix="lightprobe-ball-") as name:
+        folder = Path(name)
+        cuts = [mirror.cut(file, box, folder, number) for number, file in enumerate(files)]
+        notes = mirror.check_exposure(cuts, part)
+        camera = folder / "ball.camera"
+        cut_px = box.right - box.left, box.bottom - box.top
+        camera.write_text(mirror.camera_text(part, sight, "ball", cut_px) + tail)
+        settings = dataclasses.replace(settings, camera=str(camera))
+        try:
+            once = offline.estimate_pictures(cuts, exposures_us, settings)
+        except LightprobeError as error:
+            raise type(error)(_in_words(str(error), cuts, files)) from None
+    return dataclasses.replace(once, log=notes + [_in_words(row, cuts, files) for row in once.log])
+
+
+def _with_diffuse(
+    files: Sequence[Path],
+    exposures_us: Sequence[float],
+    settings: offline.Settings,
+    sight: Sight,
+    pinhole: Pinhole,
+) -> daemon.Once:
+    """Solve for the light, let the pipeline list its lamps, and put in what is not known."""
+    offline.check_exposures(files, exposures_us)
+    light = diffuse.solve(diffuse.shading(files, exposures_us, sight, pinhole))
+    with tempfile.TemporaryDirectory(prefix="lightprobe-ball-") as name:
+        file = Path(name) / "light.pfm"
+        image.write_pfm(file, light.panorama(_DIFFUSE_WIDTH))
+        settings = dataclasses.replace(settings, camera="equirect")
+        once = offline.estimate_pictures([file], (), settings)
+    found = once.estimate
+    lamps = tuple(
+        dataclasses.replace(
+            lamp,
+            direction_sigma_deg=float(np.hypot(
+                light.direction_sigma_deg(lamp.direction), sight.rotation_sigma_deg
+            )),
+            irradiance_sigma=np.hypot(
+                0 if lamp.irradiance_sigma is None else lamp.irradiance_sigma,
+                diffuse.ALBEDO_SIGMA * lamp.irradiance,
+            ),
+        )
+        for lamp in found.lights
+    )  # fmt: skip
+    sigma = float(np.hypot(found.relighting_sigma or 0.0, light.relighting_sigma))
+    found = dataclasses.replace(
+        found, lights=lamps, flags=found.flags | EstimateFlag.PARTIAL_VIEW, relighting_sigma=sigma
+    )
+    return dataclasses.replace(once, estimate=found)
+
+
+def _in_words(text: str, cuts: Sequence[Path], files: Sequence[Path]) -> str:
+    """Name the user's files in the place of their parts."""
+    for cut, file in zip(cuts, files, strict=True):
+        text = text.replace(str(cut), str(file))
+    return text
+
+
+def _of_codes(camera: str) -> str:
+    """The sections of a camera file that tell what codes mean, as text."""
+    if camera == "equirect":
+        return ""
+    offline.load_camera(camera)  # says what is wrong with it
+    config = configparser.ConfigParser(inline_comment_prefixes=(";", "#"), interpolation=None)
+    config.read(camera)
+    rows = []
+    for section in (name for name in _OF_CODES if config.has_section(name)):
+        rows.append(f"[{section}]")
+        for key, value in config.items(section):
+            beside = key == "table"
+            rows.append(f"{key} = {Path(camera).resolve().parent / value if beside else value}")
+    return "\n".join(["", *rows]) + "\n"
+
+
+def pinhole_of(text: str | None, file: Path, size_px: tuple[int, int]) -> Pinhole:
+    """The camera by `FX,FY,CX,CY[,K1,K2,P1,P2[,K3]]`, or by the Exif's focal length; UsageError."""
+    if text is None:
+        focal_px = _focal_px(file, size_px)
+        if focal_px is None:
+            raise UsageError(
+                f"estimate: {file}: no focal length in its Exif: give --intrinsics FX,FY,CX,CY of "
+                "the camera, in pixels of these pictures"
+            )
+        return Pinhole(focal_px, focal_px, size_px[0] / 2, size_px[1] / 2)
+    values = _numbers(text)
+    if len(values) not in (4, 8, 9) or min(values[:2]) <= 0:
+        raise UsageError(
+            f"estimate: --intrinsics {text}: expected FX,FY,CX,CY in pixels, or also "
+            "K1,K2,P1,P2[,K3]"
+        )
+    fx_px, fy_px, cx_px, cy_px, *distortion = values
+    return Pinhole(fx_px, fy_px, cx_px + 0.5, cy_px + 0.5, tuple(distortion))  # OpenCV's pixels
+
+
+def _focal_px(file: Path, size_px: tuple[int, int]) -> float | None:
+    """Focal length by the equivalent for 35 mm film, which is about the diagonal."""
+    try:
+        with Image.open(file) as picture:
+            exif = picture.getexif().get_ifd(ExifTags.IFD.Exif)
+            focal_mm = float(exif.get(ExifTags.Base.FocalLengthIn35mmFilm, 0))
+    except (OSError, SyntaxError, ValueError, TypeError, ZeroDivisionError):
+        return None
+    return focal_mm / _FILM_MM * float(np.hypot(*size_px)) if focal_mm > 0 else None
+
+
+def parse_place(text: str | None) -> tuple[float, float, float] | None:
+    """Read `X,Y,RADIUS` in pixels; raises UsageError."""
+    if text is None:
+        return None
+    values = _numbers(text)
+    if len(values) != 3 or values[2] < 1:
+        raise UsageError(f"estimate: --ball-at {text}: expected X,Y,RADIUS in pixels")
+    return values[0], values[1], values[2]
+
+
+def _numbers(text: str) -> list[float]:
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        return []
+    return values if np.all(np.isfinite(values)) else []
