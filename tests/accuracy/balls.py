@@ -70,7 +70,7 @@ class Case:
     refused: str = ""
 
 
-def scenes(count: int, folder: Path | None):
+def scenes(count: int, folder: Path | None, first: int):
     """Name, panorama and true lamps (None: not known) of each scene."""
     if folder is not None:
         for file in sorted([*folder.glob("*.hdr"), *folder.glob("*.exr")])[:count]:
@@ -81,7 +81,7 @@ def scenes(count: int, folder: Path | None):
             small = small.reshape(rows // step, step, -1, step, 3).mean(axis=(1, 3))
             yield file.stem, small, None
         return
-    for seed in range(100, 100 + count):
+    for seed in range(first, first + count):
         panorama, lamps = ball_scene.room(seed)
         yield f"room {seed}", panorama, lamps
 
@@ -169,10 +169,10 @@ def judge(kind: Kind, name: str, rendered: Set, picture, lamps, seed: int) -> Ca
     return case
 
 
-def run(count: int, names, folder: Path | None = None) -> list[Case]:
+def run(count: int, names, folder: Path | None, first: int) -> list[Case]:
     """All cases."""
     cases = []
-    for number, (name, panorama, lamps) in enumerate(scenes(count, folder)):
+    for number, (name, panorama, lamps) in enumerate(scenes(count, folder, first)):
         pictures: dict[tuple[str, int], tuple] = {}
         for key in names:
             kind = KINDS[key]
@@ -217,11 +217,12 @@ def main() -> None:
     """Print the table, and the cases as JSON with --json."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--scenes", type=int, default=12)
+    parser.add_argument("--first", type=int, default=500, help="seed of the first room (500)")
     parser.add_argument("--kinds", default=",".join(KINDS))
     parser.add_argument("--panoramas", type=Path)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    cases = run(options.scenes, options.kinds.split(","), options.panoramas)
+    cases = run(options.scenes, options.kinds.split(","), options.panoramas, options.first)
     print(json.dumps([asdict(case) for case in cases]) if options.json else table(cases))
 
 
