@@ -14,8 +14,6 @@
 #define DEG (180.0F / (float)M_PI)
 /* What the grid, the blocks of a JPEG and its rounding bring at best: docs/users/accuracy.md. */
 #define LEAST_RELIGHTING_SIGMA 0.004
-/* How much the radiance in the cone that a ball does not show differs from the mean, 1 sigma. */
-#define UNSEEN_CONTRAST 0.5
 /* Thresholds of flags: chosen by hand (docs/maintainers/constants.md). */
 /* Below this mean code of the longest exposure most of an 8-bit picture is noise. */
 #define DARK_CODE 4.0F
@@ -162,17 +160,30 @@ static double clipped_sigma(float share)
 	return sqrt(sqrt((double)share));
 }
 
+/* Root mean square of how much the radiance of a part of the sphere differs from the mean, relative
+ * to it, as smooth as SH show it (Parseval). */
+static double contrast(const struct lp_light_estimate *e)
+{
+	const double mean = lp_luminance(e->sh_total[0]);
+	double sum = 0.0;
+
+	for (int i = 1; i < LP_MAX_SH_COUNT; i++)
+		sum += pow(lp_luminance(e->sh_total[i]), 2.0);
+	return mean > 0.0 ? sqrt(sum) / mean : 0.0;
+}
+
 /*
- * What a mirror ball does not show lies in one cone, which is filled with the mean of the rest.
- * Root mean square over all normals of the irradiance of a cone that holds UNSEEN_CONTRAST more or
- * less, relative to the mean irradiance: the mean of max(0, cos)^2 is 1/6.
+ * What a mirror ball does not show lies in one cone, which is filled with the mean of the rest, and
+ * may differ from it as much as other parts of the sphere do. Root mean square over all normals of
+ * the irradiance of a cone that holds so much more or less, relative to the mean irradiance: the
+ * mean of max(0, cos)^2 is 1/6.
  */
-static double unseen_sigma(const struct lp_pipeline *p)
+static double unseen_sigma(const struct lp_pipeline *p, const struct lp_light_estimate *e)
 {
 	const double unseen = 1.0 - (double)lp_imager_panorama(p->imager)->seen_fraction;
 	const bool is_ball = p->camera_count == 1 && p->cameras[0].geometry->projection == LP_BALL;
 
-	return is_ball ? 4.0 * unseen * UNSEEN_CONTRAST / sqrt(6.0) : 0.0;
+	return is_ball ? 4.0 * unseen * contrast(e) / sqrt(6.0) : 0.0;
 }
 
 /* e->lights and e->sh_total are set. */
@@ -187,7 +198,7 @@ static float relighting_sigma(const struct lp_pipeline *p, const struct lp_image
 	 * alike */
 	const double hidden = 4.0 * status->hidden_share * COVERED_WALK *
 			      sqrt(1.0 + status->hidden_s) / sqrt(6.0);
-	const double unseen = unseen_sigma(p);
+	const double unseen = unseen_sigma(p, e);
 	double lamps = 0.0;
 	float variance;
 
