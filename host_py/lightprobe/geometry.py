@@ -128,6 +128,14 @@ def sphere_normals(subdivisions: int = 3) -> Array:
     return normals
 
 
+def fibonacci_sphere(number: int) -> Array:
+    """Directions (number, 3), evenly over the sphere."""
+    k = np.arange(number) + 0.5
+    y, phi = 1 - 2 * k / number, np.pi * (1 + np.sqrt(5)) * k
+    ring = np.sqrt(1 - y * y)
+    return np.stack([ring * np.cos(phi), y, ring * np.sin(phi)], axis=-1)
+
+
 def _midpoint(i: int, j: int, vertices: list[Array], known: dict[tuple[int, int], int]) -> int:
     """Index of the vertex halfway between two others; made once per edge."""
     key = (min(i, j), max(i, j))

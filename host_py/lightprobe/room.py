@@ -12,7 +12,7 @@ import numpy as np
 
 from lightprobe import sh as harmonics
 from lightprobe.estimate import Room
-from lightprobe.geometry import Array, rotation_matrix
+from lightprobe.geometry import Array, fibonacci_sphere, rotation_matrix
 
 #: Directions in which the light is looked up.
 DIRECTIONS = 128
@@ -23,10 +23,7 @@ WITHIN = 0.95
 @cache
 def _directions() -> Array:
     """Give a Fibonacci sphere: (DIRECTIONS, 3)."""
-    k = np.arange(DIRECTIONS) + 0.5
-    y = 1 - 2 * k / DIRECTIONS
-    phi, ring = math.pi * (1 + math.sqrt(5)) * k, np.sqrt(1 - y * y)
-    return np.stack([ring * np.cos(phi), y, ring * np.sin(phi)], axis=-1)
+    return fibonacci_sphere(DIRECTIONS)
 
 
 @cache

@@ -27,12 +27,14 @@ from typing import Any
 from lightprobe.wire import Subscription
 
 TABLE = Path(__file__).parent / "trade.json"
+#: Blur of what a surface shows, degrees, 1 sigma of each axis.
+GLOSSY_DEG, MIRROR_DEG = 15.0, 1.5
 #: What an app may draw, and what its error is.
 DRAWS = {
     "diffuse": "light on matt surfaces, of its mean",
     "shadows": "light in the shadow of a ball, of the open light",
-    "glossy": "what a surface of 15° blur shows, of white on a screen",
-    "mirrors": "what a surface of 1.5° blur shows, of white on a screen",
+    "glossy": f"what a surface of {GLOSSY_DEG:g}° blur shows, of white on a screen",
+    "mirrors": f"what a surface of {MIRROR_DEG:g}° blur shows, of white on a screen",
 }
 SIGHTS = ("any exposure", "webcam", "webcam and ring")
 #: Estimates and maps a second that are tried, and at most what was asked for.

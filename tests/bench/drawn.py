@@ -23,15 +23,14 @@ from lightprobe.estimate import Estimate, Light
 from lightprobe.evaluate.metrics import relighting_relative
 from lightprobe.geometry import Array
 from lightprobe.reflection_map import ReflectionMap, directions, solid_angles
+from lightprobe.trade import GLOSSY_DEG, MIRROR_DEG
 from numpy.typing import NDArray
 
 NORMALS = geometry.sphere_normals(2)
-#: Blur of what a surface shows, degrees, 1 sigma of each axis.
-GLOSSY_DEG, MIRROR_DEG = 15.0, 1.5
 #: Map over which true light is summed; of lights and SH, too.
 WIDTH_PX = 512
 #: Directions in which surfaces are looked at; points on the table.
-_VIEWS, _POINTS = 400, 10
+_VIEWS, _POINTS = geometry.fibonacci_sphere(400), 10
 _BALL_M, _HEIGHT_M, _REACH_M = 1.0, 1.2, 3.0
 #: Directions over a lamp's disc.
 _RAYS = 19
@@ -50,15 +49,6 @@ def _sphere() -> tuple[Array, Array]:
     """Give directions (N, 3) and solid angles (N,) of a map's pixels."""
     towards = geometry.equirect_directions(WIDTH_PX, WIDTH_PX // 2).reshape(-1, 3)
     return towards, np.repeat(geometry.equirect_solid_angles(WIDTH_PX, WIDTH_PX // 2), WIDTH_PX)
-
-
-@cache
-def _views() -> Array:
-    """Give a Fibonacci sphere (_VIEWS, 3)."""
-    k = np.arange(_VIEWS) + 0.5
-    y, phi = 1 - 2 * k / _VIEWS, math.pi * (1 + math.sqrt(5)) * k
-    ring = np.sqrt(1 - y * y)
-    return np.stack([ring * np.cos(phi), y, ring * np.sin(phi)], axis=-1)
 
 
 def of_picture(radiance: NDArray[np.float32]) -> Sources:
@@ -134,11 +124,11 @@ def table(light: Sources) -> tuple[Array, float]:
 
 
 def shown(light: Sources, blur_deg: float) -> Array:
-    """Give radiance (_VIEWS,) as a surface shows it: within a lobe around each direction."""
+    """Give radiance (N,) as a surface shows it: within a lobe around each of _VIEWS."""
     kappa = np.radians(blur_deg) ** -2.0
     norm = kappa / (2 * math.pi * (1 - math.exp(-2 * kappa)))
-    radiance = np.empty(_VIEWS)
-    for k, view in enumerate(_views()):
+    radiance = np.empty(len(_VIEWS))
+    for k, view in enumerate(_VIEWS):
         cosine = light.directions @ view
         near = cosine > 1 - 12 / kappa
         lobe = norm * np.exp(kappa * (cosine[near] - 1))

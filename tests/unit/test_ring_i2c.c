@@ -18,7 +18,8 @@
 
 #define DEADLOCK_S 120 /* the test program ends then */
 #define PATIENCE_NS (60 * LP_NS_PER_S)
-#define SLOW_MS 150 /* three scans of the bus */
+#define SLOW_MS 150  /* three scans of the bus */
+#define LATE_MS 1000 /* 16 samples in turn would fall 1500 ms behind */
 #define MUX 0x70
 #define MUX_UP 0x71
 #define SENSOR 0x10
@@ -156,7 +157,7 @@ static struct {
 static void on_sample(void *context, const struct lp_ring_sample *sample)
 {
 	(void)context;
-	s.late += s.samples && sample->t_ns < s.free_ns - SLOW_MS * LP_NS_PER_MS;
+	s.late += s.samples && sample->t_ns < s.free_ns - LATE_MS * LP_NS_PER_MS;
 	s.sample = *sample;
 	s.samples++;
 	if (s.slow_ms)
@@ -395,9 +396,9 @@ static void test_a_loop_slower_than_the_bus_falls_no_further_behind(void **state
 	(void)state;
 	s.slow_ms = SLOW_MS;
 	begin();
-	for (; s.samples < 8; turns++)
+	for (; s.samples < 16; turns++)
 		UNTIL(loop_turn(s.loop, 20));
-	assert_in_range(turns, 7, 100);
+	assert_in_range(turns, 15, 200);
 	assert_int_equal(s.late, 0);
 }
 

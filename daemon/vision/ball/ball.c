@@ -5,25 +5,22 @@
 #include <math.h>
 #include <string.h>
 
+#include "light/linear/vector.h"
+
 /* Steps of Newton's method and of the inverse of the distortion; both converge in about five. */
 #define MOST_STEPS 30
 #define CLOSE_ENOUGH 1e-13
-
-static double dot(const double a[3], const double b[3])
-{
-	return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
 
 /* `along` x a + `across` x the unit vector of b's part that is square to a. */
 static void combine(const double a[3], double along, const double b[3], double across,
 		    double out[3])
 {
-	const double on = dot(a, b);
+	const double on = lp_dot(a, b);
 	double rest[3], length;
 
 	for (int k = 0; k < 3; k++)
 		rest[k] = b[k] - on * a[k];
-	length = sqrt(dot(rest, rest));
+	length = sqrt(lp_dot(rest, rest));
 	for (int k = 0; k < 3; k++)
 		out[k] = along * a[k] + (length > 1e-15 ? across * rest[k] / length : 0.0);
 }
@@ -75,7 +72,7 @@ static void ray_of(const struct lp_pinhole *p, double x_px, double y_px, double 
 bool lp_ball_init(struct lp_ball *ball, const struct lp_pinhole *pinhole, const double centre[3],
 		  double radius, double rim_px)
 {
-	const double distance = sqrt(dot(centre, centre));
+	const double distance = sqrt(lp_dot(centre, centre));
 	const double focal_px = sqrt(pinhole->fx_px * pinhole->fy_px);
 	double outline, rim;
 
@@ -128,7 +125,7 @@ double lp_ball_reflectance(double index, double extinction, double cosine)
 bool lp_ball_project(const struct lp_ball *ball, const struct lp_pinhole *pinhole,
 		     const double direction[3], double pixel[2], double *reflectance)
 {
-	const double theta = acos(fmax(-1.0, fmin(1.0, -dot(direction, ball->axis))));
+	const double theta = acos(fmax(-1.0, fmin(1.0, -lp_dot(direction, ball->axis))));
 	const double i = incidence_of(ball->ratio, theta);
 	double ray[3];
 
@@ -142,17 +139,25 @@ bool lp_ball_project(const struct lp_ball *ball, const struct lp_pinhole *pinhol
 	return pixel_of(pinhole, ray, pixel);
 }
 
+/* The ray (unit, camera frame) of a pixel, its angle alpha from the axis and the sine of the
+ * incidence; false: it misses the ball, or meets its rim. */
+static bool meets(const struct lp_ball *ball, const struct lp_pinhole *pinhole, double x, double y,
+		  double ray[3], double *alpha, double *sine)
+{
+	ray_of(pinhole, x, y, ray);
+	const double cosine = lp_dot(ray, ball->axis);
+
+	*alpha = acos(fmax(-1.0, fmin(1.0, cosine)));
+	*sine = sin(*alpha) / ball->ratio;
+	return cosine > 0.0 && !(*sine > ball->rim_sine);
+}
+
 bool lp_ball_ray(const struct lp_ball *ball, const struct lp_pinhole *pinhole, double x, double y,
 		 double direction[3])
 {
-	double ray[3];
+	double ray[3], alpha, sine;
 
-	ray_of(pinhole, x, y, ray);
-	const double cosine = dot(ray, ball->axis);
-	const double alpha = acos(fmax(-1.0, fmin(1.0, cosine)));
-	const double sine = sin(alpha) / ball->ratio;
-
-	if (cosine <= 0.0 || sine > ball->rim_sine)
+	if (!meets(ball, pinhole, x, y, ray, &alpha, &sine))
 		return false;
 	const double theta = 2.0 * asin(sine) - alpha;
 
@@ -163,16 +168,12 @@ bool lp_ball_ray(const struct lp_ball *ball, const struct lp_pinhole *pinhole, d
 double lp_ball_pixel_sr(const struct lp_ball *ball, const struct lp_pinhole *pinhole, double x,
 			double y)
 {
-	double ray[3];
+	double ray[3], alpha, sine;
 
-	ray_of(pinhole, x, y, ray);
-	const double cosine = dot(ray, ball->axis);
-	const double alpha = acos(fmax(-1.0, fmin(1.0, cosine)));
-	const double sine = sin(alpha) / ball->ratio;
-
-	if (cosine <= 0.0 || sine > ball->rim_sine)
+	if (!meets(ball, pinhole, x, y, ray, &alpha, &sine))
 		return 0.0;
-	const double i = asin(sine), slope = 2.0 * cosine / (ball->ratio * cos(i)) - 1.0;
+	const double i = asin(sine),
+		     slope = 2.0 * lp_dot(ray, ball->axis) / (ball->ratio * cos(i)) - 1.0;
 	const double around = alpha > 1e-6 ? sin(2.0 * i - alpha) / sin(alpha) : slope;
 	const double pixel_sr = pow(-ray[2], 3.0) / (pinhole->fx_px * pinhole->fy_px);
 
@@ -181,7 +182,7 @@ double lp_ball_pixel_sr(const struct lp_ball *ball, const struct lp_pinhole *pin
 
 double lp_ball_sigma_deg(const struct lp_ball *ball, const double direction[3])
 {
-	const double theta = acos(fmax(-1.0, fmin(1.0, -dot(direction, ball->axis))));
+	const double theta = acos(fmax(-1.0, fmin(1.0, -lp_dot(direction, ball->axis))));
 	const double i = incidence_of(ball->ratio, theta);
 	const double sine = fmin(sin(i), ball->rim_sine), cosine = sqrt(1.0 - sine * sine);
 	const double shift = 2.0 * ball->outline_px / ball->radius_px;

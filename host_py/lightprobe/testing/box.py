@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager
 from typing import Protocol, Self
 
 import pytest
 
 from lightprobe.errors import UsageError
 from lightprobe.sim.live_box import LiveBox
+from lightprobe.testing.breakable import Breakable
 from lightprobe.testing.faults import BOX_FAULTS, healthy_box, numbers_of
 
 
@@ -47,7 +47,7 @@ class Box(Protocol):
         """Say where the wheel truly is. With a real box the test is skipped."""
 
 
-class SimulatedBox:
+class SimulatedBox(Breakable):
     """The firmware in a simulated box."""
 
     is_real = False
@@ -88,22 +88,13 @@ class SimulatedBox:
         """See :class:`Box`."""
         self.live.box.set(reset=1)
 
-    @contextmanager
-    def faulty(self, name: str = "", /, **numbers: float) -> Iterator[None]:
-        """Break something as :meth:`fault` does as long as the `with` block lasts."""
-        self.fault(name, **numbers)
-        try:
-            yield
-        finally:
-            self.heal()
-
     def wheel_deg(self) -> float:
         """See :class:`Box`."""
         return self.live.box.get("wheel_deg")
 
 
-class RealBox:
-    """A real box on a serial port; who wants to break it has to use their hands."""
+class RealBox(Breakable):
+    """A real box on a serial port. A test cannot break it, and is skipped."""
 
     is_real = True
     live = None
@@ -123,12 +114,6 @@ class RealBox:
     def restart(self) -> None:
         """See :class:`Box`."""
         self._skip("restart")
-
-    @contextmanager
-    def faulty(self, name: str = "", /, **numbers: float) -> Iterator[None]:
-        """Skip the test."""
-        self._skip(name or ", ".join(numbers))
-        yield
 
     def wheel_deg(self) -> float:
         """See :class:`Box`."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from urllib.parse import urlencode
 
 from lightprobe.errors import UsageError
@@ -12,12 +10,13 @@ from lightprobe.imaging.film import Sheet
 from lightprobe.sim.camera import SimulatedCamera
 from lightprobe.sim.faults import Faults
 from lightprobe.sim.link import Counters, Link
+from lightprobe.testing.breakable import Breakable
 from lightprobe.testing.faults import CAMERA_FAULTS, healthy_camera, numbers_of
 from lightprobe.testing.options import Options
 from lightprobe.testing.room import Room
 
 
-class Camera:
+class Camera(Breakable):
     """A camera in the room; it films once the fixture `probe` runs."""
 
     def __init__(self, room: Room, options: Options) -> None:
@@ -45,15 +44,6 @@ class Camera:
         self._take(healthy_camera())
         if self._is_unplugged:
             self.plug()
-
-    @contextmanager
-    def faulty(self, name: str = "", /, **numbers: float) -> Iterator[None]:
-        """Misbehave as :meth:`fault` says as long as the `with` block lasts."""
-        self.fault(name, **numbers)
-        try:
-            yield
-        finally:
-            self.heal()
 
     def unplug(self) -> None:
         """Take the camera away, until :meth:`plug`. UsageError before the probe runs."""
