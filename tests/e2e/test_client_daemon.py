@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from harness import LONG_S, Daemon, jpeg
 from lightprobe import geometry
 from lightprobe.client import Client
@@ -97,6 +98,44 @@ def test_the_light_of_a_probe_as_a_file(uri, tmp_path, name):
     ambient = np.array(told["sh"]["coefficients"][0]) * np.pi * 0.282095
     lamps = sum(np.array(light["irradiance"]) for light in told["lights"]) / 4
     assert mean == pytest.approx(ambient + lamps, rel=0.1)
+
+
+def bake(*words):
+    command = [Path(sys.executable).parent / "lightprobe", "bake", *map(str, words)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=2 * LONG_S)
+
+
+def test_a_mesh_is_lit_by_a_probe(uri, tmp_path):
+    """Baked once and lit, or both at once: the same; a convex mesh has no shadows."""
+    shape = trimesh.creation.icosphere(2)
+    shape.export(tmp_path / "ball.obj")
+    few = ("--directions", 512)
+    done = bake(tmp_path / "ball.obj", tmp_path / "ball.npz", *few)
+    assert done.returncode == 0, done.stderr
+    lit = []
+    for source, more in ((tmp_path / "ball.npz", ()), (tmp_path / "ball.obj", few)):
+        out = tmp_path / f"{source.suffix[1:]}.ply"
+        done = bake(source, out, "--from", uri, "--wait", LONG_S, "--json", *more)
+        assert done.returncode == 0, done.stderr
+        assert "a vertex colour of 1 is a radiance of" in done.stderr
+        told = json.loads(done.stdout)
+        assert told["vertices"] == 162
+        raw = trimesh.load(out, process=False).metadata["_ply_raw"]["vertex"]["data"]
+        lit.append(np.stack([raw[f"irradiance_{c}"] for c in "rgb"], axis=-1))
+        assert told["mean_irradiance"] == pytest.approx(list(lit[-1].mean(axis=0)), rel=1e-4)
+    assert lit[0] == pytest.approx(lit[1], rel=0.01)
+    with Client(uri, Subscription(max_lights=8, area_lights=True)) as client:
+        true = client.receive(LONG_S).irradiance(shape.vertex_normals)
+    assert np.abs(lit[0] - true).max() < 0.03 * true.max()
+    done = bake(tmp_path / "ball.npz", tmp_path / "ball.glb", "--from", uri, "--wait", LONG_S)
+    assert done.returncode == 0, done.stderr
+    assert len(trimesh.load(tmp_path / "ball.glb", force="mesh").faces) == len(shape.faces)
+    shape.invert()
+    shape.export(tmp_path / "inside.obj")
+    done = bake(tmp_path / "inside.obj", tmp_path / "inside.npz", *few)
+    assert done.returncode == 2
+    assert "face inward: try --flip" in done.stderr
+    assert not (tmp_path / "inside.npz").exists()
 
 
 def test_export_without_a_probe_says_so(tmp_path):

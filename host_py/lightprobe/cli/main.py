@@ -173,6 +173,7 @@ class Root(LazyGroup):
         "doctor": Entry("doctor:command", "Check installation, devices and a running probe."),
         "find": Entry("find:command", "List the probes or cameras in the network.", "find"),
         "export": Entry("export:command", "Write a probe's light as .hdr, .exr or .glb.", "sim"),
+        "bake": Entry("bake:command", "Light a mesh that shades itself by a probe.", "bake"),
         "estimate": Entry("estimate:command", "Estimate the light in pictures.", "sim"),
         "polarization": Entry("polarization:command", "Show how pictures are polarized.", "sim"),
         "demo": Entry("demo:command", "Show the whole path: a simulated room or a camera.", "sim"),
