@@ -4,5 +4,5 @@
 DEBIAN ?= 12 13
 
 .PHONY: test-debian
-test-debian: $(call apt,debian) ## build, install, pair and open the page on a clean Debian, in build/debian; DEBIAN=12 or 13, otherwise both
+test-debian: $(call apt,clean) ## build, install, pair and open the page on a clean Debian, in build/debian; DEBIAN=12 or 13, otherwise both
 	@$(PYTHON) tests/debian/run.py --out $(BUILD)/debian $(DEBIAN)
