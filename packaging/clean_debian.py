@@ -139,7 +139,7 @@ def make_root(release: str, out: Path, *, variant: str, include: str = "") -> Ro
 
 def own(folder: Path) -> None:
     """Give the user what lies in the user's home."""
-    subprocess.run(["chroot", folder, "chown", "-R", f"{USER}:", HOME], check=True)
+    subprocess.run(["chroot", str(folder), "chown", "-R", f"{USER}:", HOME], check=True)
 
 
 def unpack_commit(target: Path) -> None:
