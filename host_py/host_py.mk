@@ -20,14 +20,15 @@ python: $(STAMPS)/venv daemon firmware-host
 RUFF := RUFF_CACHE_DIR=$(BUILD)/cache/ruff $(VENV)/bin/ruff --config host_py/pyproject.toml
 
 check-python:
-	@$(RUFF) format --check -q host_py tests docs proto clients
-	@$(RUFF) check -q host_py tests docs proto clients
+	@$(RUFF) format --check -q host_py tests docs proto clients packaging packaging
+	@$(RUFF) check -q host_py tests docs proto clients packaging
 	@$(VENV)/bin/mypy --config-file host_py/pyproject.toml host_py/lightprobe
 	@$(VENV)/bin/mypy --config-file host_py/pyproject.toml clients/blender/addon clients/blender/tools
+	@$(VENV)/bin/mypy --config-file host_py/pyproject.toml packaging
 
 format-python:
-	@$(RUFF) format -q host_py tests docs proto clients
-	@$(RUFF) check -q --fix host_py tests docs proto clients
+	@$(RUFF) format -q host_py tests docs proto clients packaging
+	@$(RUFF) check -q --fix host_py tests docs proto clients packaging
 
 .PHONY: package
 package: setup-python ## build wheel and source distribution in build/dist

@@ -144,14 +144,14 @@ def own(folder: Path) -> None:
 
 def unpack_commit(target: Path) -> None:
     """What is committed here."""
-    command = ["git", "-C", REPO, "archive", "HEAD"]
+    command = ["git", "-C", str(REPO), "archive", "HEAD"]
     archive = subprocess.run(command, check=True, capture_output=True)
     subprocess.run(["tar", "-x", "-C", target], input=archive.stdout, check=True)
 
 
 def is_committed() -> bool:
     """Whether the working tree is what is committed."""
-    return subprocess.run(["git", "-C", REPO, "diff", "--quiet", "HEAD"]).returncode == 0
+    return subprocess.run(["git", "-C", str(REPO), "diff", "--quiet", "HEAD"]).returncode == 0
 
 
 def remove(folder: Path) -> None:
