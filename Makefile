@@ -30,6 +30,7 @@ help: ## list the targets
 	@grep -hE '^[a-z0-9-]+:.*?## ' $(MAKEFILE_LIST) | sort | awk -F':.*## ' '{printf "  %-18s %s\n", $$1, $$2}'
 
 include packaging/packaging.mk
+include packaging/deb/deb.mk
 include proto/proto.mk
 include docs/docs.mk
 include daemon/daemon.mk

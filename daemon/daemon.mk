@@ -81,10 +81,12 @@ LP_CPPFLAGS = -D_GNU_SOURCE -DLP_VERSION='"$(VERSION)"' \
 	-Idaemon -Idaemon/include -I$(GEN) -isystem $(SYSROOT)/usr/include/opencv4 $(NANOPB_CPPFLAGS) -MMD -MP
 # Debian 13 has nanopb's headers in a folder of their own.
 NANOPB_CPPFLAGS := $(addprefix -isystem ,$(wildcard $(SYSROOT)/usr/include/nanopb))
-LP_CFLAGS = -std=c17 -g $(ARCH_FLAGS) $(FLAGS_$(VARIANT)) $(C_WARNINGS) $(LP_PACKAGE_CFLAGS)
+# PREFIX_MAP: how a package hides the folder in which it is built, so that its bytes do not depend on it.
+PREFIX_MAP ?=
+LP_CFLAGS = -std=c17 -g $(PREFIX_MAP) $(ARCH_FLAGS) $(FLAGS_$(VARIANT)) $(C_WARNINGS) $(LP_PACKAGE_CFLAGS)
 # Asked for when first needed, and once.
 LP_PACKAGE_CFLAGS = $(eval LP_PACKAGE_CFLAGS := $(shell $(PKG_CONFIG) --cflags $(LP_PACKAGES)))$(LP_PACKAGE_CFLAGS)
-LP_CXXFLAGS = -std=c++17 -g $(ARCH_FLAGS) $(FLAGS_$(VARIANT)) $(WARNINGS) $(LIBCAMERA_CFLAGS)
+LP_CXXFLAGS = -std=c++17 -g $(PREFIX_MAP) $(ARCH_FLAGS) $(FLAGS_$(VARIANT)) $(WARNINGS) $(LIBCAMERA_CFLAGS)
 LP_LDFLAGS = $(FLAGS_$(VARIANT))
 LP_LDLIBS = $(shell $(PKG_CONFIG) --libs $(LP_PACKAGES)) -lopencv_imgproc -lopencv_core \
 	-lprotobuf-nanopb -lstdc++ -lpthread -lm

@@ -35,7 +35,7 @@ $(FW_HEX): $(FW_ELF)
 	@avr-objcopy -j .text -j .data -O ihex $< $@
 
 # The portable core and the host board, once per variant; the process, and what tests/ links.
-FW_HOST_CFLAGS = -std=gnu17 -g -D_GNU_SOURCE $(FLAGS_$(1)) $(C_WARNINGS) $(FW_CPPFLAGS)
+FW_HOST_CFLAGS = -std=gnu17 -g $(PREFIX_MAP) -D_GNU_SOURCE $(FLAGS_$(1)) $(C_WARNINGS) $(FW_CPPFLAGS)
 FW_BOX := world boot stk500 console line frame_log
 FW_HOST_PARTS := $(FW)/board/host/board.c $(FW_BOX:%=$(FW)/board/host/%.c)
 define fw_host

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-# The Python package, installed in editable form into build/venv with everything it and its tests need.
+# The Python package, installed in editable form into build/venv with everything it and its tests need; EXTRAS=all:
+# with what the command needs alone.
+EXTRAS ?= dev
 
 .PHONY: setup-python python check-python format-python
 setup-python: $(STAMPS)/venv
@@ -7,7 +9,7 @@ setup-python: $(STAMPS)/venv
 $(STAMPS)/venv: host_py/pyproject.toml host_py/hatch_build.py host_py/lightprobe_pb2.py host_py/constraints.txt $(wildcard proto/*.proto proto/*.dbc proto/*.toml) proto/ranges.py | $(call apt,build)
 	@echo 'setup: Python packages into $(VENV) (host_py/constraints.txt)'
 	@[ -x $(VENV)/bin/python ] || $(PYTHON) -m venv $(VENV)
-	@PIP_CONSTRAINT=host_py/constraints.txt $(VENV)/bin/pip install --quiet --disable-pip-version-check -e 'host_py[dev]'
+	@PIP_CONSTRAINT=host_py/constraints.txt $(VENV)/bin/pip install --quiet --disable-pip-version-check -e 'host_py[$(EXTRAS)]'
 	@mkdir -p $(@D) && touch $@
 
 # Tools find other programs beside their interpreter. The last one is there after `make firmware-avr`.
@@ -18,14 +20,15 @@ python: $(STAMPS)/venv daemon firmware-host
 RUFF := RUFF_CACHE_DIR=$(BUILD)/cache/ruff $(VENV)/bin/ruff --config host_py/pyproject.toml
 
 check-python:
-	@$(RUFF) format --check -q host_py tests docs proto clients
-	@$(RUFF) check -q host_py tests docs proto clients
+	@$(RUFF) format --check -q host_py tests docs proto clients packaging packaging
+	@$(RUFF) check -q host_py tests docs proto clients packaging
 	@$(VENV)/bin/mypy --config-file host_py/pyproject.toml host_py/lightprobe
 	@$(VENV)/bin/mypy --config-file host_py/pyproject.toml clients/blender/addon clients/blender/tools
+	@$(VENV)/bin/mypy --config-file host_py/pyproject.toml packaging
 
 format-python:
-	@$(RUFF) format -q host_py tests docs proto clients
-	@$(RUFF) check -q --fix host_py tests docs proto clients
+	@$(RUFF) format -q host_py tests docs proto clients packaging
+	@$(RUFF) check -q --fix host_py tests docs proto clients packaging
 
 .PHONY: package
 package: setup-python ## build wheel and source distribution in build/dist

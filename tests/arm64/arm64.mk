@@ -11,9 +11,10 @@ $(OUT)/tests/numbers: $(OUT)/tests/arm64/numbers.c.o $(DAEMON_LIBS)
 .PHONY: test-arm64 arm64 numbers
 numbers: $(OUT)/tests/numbers
 
-# The libraries that the daemon is built with (build.txt).
-$(STAMPS)/sysroot-arm64: packaging/apt/build.txt packaging/sysroot $(call apt,arm64)
-	@packaging/sysroot arm64 $(SYSROOT_arm64) $<
+# The libraries that the daemon and its unit tests are built with.
+SYSROOT_LISTS := packaging/apt/build.txt packaging/apt/checks.txt
+$(STAMPS)/sysroot-arm64: $(SYSROOT_LISTS) packaging/sysroot $(call apt,arm64)
+	@packaging/sysroot arm64 $(SYSROOT_arm64) $(SYSROOT_LISTS)
 	@touch $@
 
 arm64: $(STAMPS)/sysroot-arm64 build
