@@ -161,6 +161,16 @@ def plain(estimate: Estimate) -> str:
     return f"{line} {room_words(estimate)}".rstrip()
 
 
+def drawn_words(client: Client) -> str:
+    """What to expect of what is drawn, and what of it is more than was asked; "": nothing is."""
+    estimate, draws = client.latest(), client.subscription.draws
+    if estimate is None or estimate.drawn is None or draws is None:
+        return ""
+    map_ = client.reflection_map
+    size = f", map of {map_.size}" if map_ is not None else ""
+    return f"draws {drawn.words(draws, estimate.drawn)}; order {estimate.sh.order}{size}"
+
+
 class RateMeter:
     """Estimates per second over the last two seconds."""
 
@@ -190,8 +200,9 @@ def dashboard(client: Client, rate_hz: float, note: str = "") -> RenderableType:
         parts.append(Panel(_lamps(estimate), title="lamps", title_align="left"))
         kind = f"SH of radiance, order {estimate.sh.order}, {estimate.sh.kind}, luminance"
         parts.append(Panel(sh_table(estimate), title=kind, title_align="left"))
-        if words := room_words(estimate):
-            parts.append(Text(words))
+        for words in (room_words(estimate), drawn_words(client)):
+            if words:
+                parts.append(Text(words))
         if flags:
             parts.append(Text("\n".join(flags), style="yellow"))
     parts.append(_health(client))
