@@ -177,25 +177,42 @@ static const struct lp_light *listed_of(const struct lp_choice *choice, uint32_t
 	return NULL;
 }
 
+static float luminance_at(const float *r, const float *g, const float *b, int texel)
+{
+	return LP_LUMINANCE_R * r[texel] + LP_LUMINANCE_G * g[texel] + LP_LUMINANCE_B * b[texel];
+}
+
+/* Luminance of the lamps that the surroundings are without, as a map of that size has them. */
+static void show_lamps(struct lp_reflection_maps *maps, const struct lp_surroundings *surroundings,
+		       const struct lp_light_estimate *estimate, int size, float *luminance)
+{
+	struct lp_cube *const lamps = &maps->lamps;
+
+	lamps->grid = grid_of(maps, size);
+	for (int c = 0; c < 3; c++)
+		memset(lamps->rgb[c], 0, (size_t)lamps->grid->texels * sizeof(float));
+	for (int k = 0; k < estimate->light_count; k++)
+		if (!is_kept(surroundings, estimate->lights[k].id))
+			lp_cube_add_light(lamps, &estimate->lights[k],
+					  estimate->lights[k].irradiance);
+	for (int i = 0; i < lamps->grid->texels; i++)
+		luminance[i] = luminance_at(lamps->rgb[0], lamps->rgb[1], lamps->rgb[2], i);
+}
+
 const struct lp_drawn_maps *lp_reflection_maps_measure(struct lp_reflection_maps *maps,
 						       const struct lp_surroundings *surroundings,
 						       const struct lp_light_estimate *estimate)
 {
-	struct lp_cube_grid *const grid = grid_of(maps, surroundings->size);
 	float *const luminance = lp_drawn_mirrors_luminance(maps->mirrors, surroundings->size);
 
-	maps->lamps.grid = grid;
-	for (int c = 0; c < 3; c++)
-		memset(maps->lamps.rgb[c], 0, (size_t)grid->texels * sizeof(float));
-	for (int k = 0; k < estimate->light_count; k++)
-		if (!is_kept(surroundings, estimate->lights[k].id))
-			lp_cube_add_light(&maps->lamps, &estimate->lights[k],
-					  estimate->lights[k].irradiance);
-	for (int i = 0; i < grid->texels; i++)
-		luminance[i] = LP_LUMINANCE_R * (surroundings->rgb[0][i] + maps->lamps.rgb[0][i]) +
-			       LP_LUMINANCE_G * (surroundings->rgb[1][i] + maps->lamps.rgb[1][i]) +
-			       LP_LUMINANCE_B * (surroundings->rgb[2][i] + maps->lamps.rgb[2][i]);
+	for (int i = 0; i < LP_CUBE_TEXELS(surroundings->size); i++)
+		luminance[i] = luminance_at(surroundings->rgb[0], surroundings->rgb[1],
+					    surroundings->rgb[2], i);
+	for (int size = LP_CUBE_LEAST; size <= surroundings->size; size *= 2)
+		show_lamps(maps, surroundings, estimate, size,
+			   lp_drawn_mirrors_lamps(maps->mirrors, size));
 	lp_drawn_measure(maps->mirrors, surroundings->size, &maps->measured);
+	maps->measured.t_ns = estimate->t_capture_ns;
 	return &maps->measured;
 }
 

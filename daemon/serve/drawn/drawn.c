@@ -10,6 +10,9 @@
  * tolerance for so long. */
 #define CERTAINLY_FITS 0.85F
 #define PATIENCE_NS (2 * LP_NS_PER_S)
+/* Where the light is not known as exactly as was asked, no model suffices. Then it is enough that
+ * what is left out makes the error larger by a tenth: sqrt(1.1^2 - 1) of what the light has. */
+#define AS_GOOD 0.458F
 /* Nothing is known of what a mirror shows without a map. */
 #define UNKNOWN 1.0F
 
@@ -44,6 +47,14 @@ static float measured_of(enum lp_drawn_thing thing, float measured, float screen
 	return thing >= LP_DRAWN_GLOSSY ? screen_slope * known(measured) : known(measured);
 }
 
+/* What may be left out of a thing. */
+static float budget(float tolerance, float measured)
+{
+	const float rest2 = tolerance * tolerance - measured * measured;
+
+	return fmaxf(sqrtf(fmaxf(rest2, 0.0F)), fminf(tolerance, AS_GOOD * measured));
+}
+
 void lp_drawn_shares(const struct lp_drawn_models *models, const struct lp_drawn *tolerance,
 		     float measured, bool by_map,
 		     float share[LP_MAX_SH_ORDER + 1][LP_MAX_LIGHTS + 1])
@@ -54,11 +65,11 @@ void lp_drawn_shares(const struct lp_drawn_models *models, const struct lp_drawn
 			for (int t = 0; t < LP_DRAWN_BY_MODEL; t++) {
 				if (!(tolerance->of[t] > 0.0F) || (t == LP_DRAWN_GLOSSY && by_map))
 					continue;
-				const float error =
-					hypotf(models->left_out[t][l][k],
+				const float most =
+					budget(tolerance->of[t],
 					       measured_of(t, measured, models->screen_slope));
 
-				share[l][k] = fmaxf(share[l][k], error / tolerance->of[t]);
+				share[l][k] = fmaxf(share[l][k], models->left_out[t][l][k] / most);
 			}
 		}
 }
@@ -75,16 +86,19 @@ struct lp_drawn lp_drawn_of_map(const struct lp_drawn_maps *maps, int map_size, 
 		{NAN, NAN, hypotf(maps->glossy[k], more), hypotf(maps->mirrors[k], more)}};
 }
 
-/* The largest error of what a map of a known size shows, as a share of the tolerance. */
+/* What a map of a known size leaves out, as a share of what it may. */
 static float share_of_map(const struct lp_drawn_maps *maps, int size,
 			  const struct lp_drawn *tolerance, float measured)
 {
-	const struct lp_drawn error = lp_drawn_of_map(maps, size, measured);
+	const int k = lp_drawn_size_index(size);
+	const float by_light = maps->screen_slope * known(measured);
+	const float left_out[] = {maps->glossy[k], maps->mirrors[k]};
 	float share = 0.0F;
 
 	for (int t = LP_DRAWN_GLOSSY; t <= LP_DRAWN_MIRRORS; t++)
 		if (tolerance->of[t] > 0.0F)
-			share = fmaxf(share, error.of[t] / tolerance->of[t]);
+			share = fmaxf(share, left_out[t - LP_DRAWN_GLOSSY] /
+						     budget(tolerance->of[t], by_light));
 	return share;
 }
 
@@ -100,13 +114,13 @@ static int least_size(const struct lp_drawn_maps *maps, const struct lp_drawn *t
 }
 
 int lp_drawn_choose_map(struct lp_drawn_map_choice *choice, const struct lp_drawn_maps *maps,
-			const struct lp_drawn *tolerance, float measured, float model_glossy,
+			const struct lp_drawn *tolerance, float measured, float model_share,
 			int most, int64_t t_ns)
 {
 	const float glossy = tolerance->of[LP_DRAWN_GLOSSY];
 	const bool mirrored = tolerance->of[LP_DRAWN_MIRRORS] > 0.0F;
-	const bool fits = !mirrored && !(model_glossy > glossy);
-	const bool certainly = !mirrored && !(model_glossy > CERTAINLY_FITS * glossy);
+	const bool fits = !mirrored && !(model_share > 1.0F);
+	const bool certainly = !mirrored && !(model_share > CERTAINLY_FITS);
 	int least, certain;
 
 	if (!most || !(mirrored || glossy > 0.0F)) {

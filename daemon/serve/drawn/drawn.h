@@ -42,6 +42,7 @@ struct lp_drawn_maps {
 	float glossy[LP_DRAWN_SIZES];  /* up to `size` */
 	float mirrors[LP_DRAWN_SIZES]; /* likewise */
 	float screen_slope;	       /* of what a mirror shows */
+	int64_t t_ns;		       /* of the estimate that this was measured with */
 };
 
 /* The map that one kind of subscription is sent. Zeroed: not decided yet. */
@@ -60,20 +61,21 @@ bool lp_drawn_is_nothing(const struct lp_drawn *tolerance);
 /* The smallest tolerance of what is drawn; 0: nothing is. */
 float lp_drawn_least(const struct lp_drawn *tolerance);
 
-/* Errors of models as shares of the tolerance: the largest of what is drawn. Up to 1 a model
- * suffices. `measured`: 1 sigma of the light as known; `by_map`: a map shows glossy things. */
+/* What models leave out as a share of what they may: the largest of what is drawn. Up to 1 a model
+ * suffices. They may leave out what the tolerance leaves beside `measured`, 1 sigma of the light as
+ * known. `by_map`: a map shows glossy things. */
 void lp_drawn_shares(const struct lp_drawn_models *models, const struct lp_drawn *tolerance,
 		     float measured, bool by_map,
 		     float share[LP_MAX_SH_ORDER + 1][LP_MAX_LIGHTS + 1]);
 
 /*
  * Texels of the map to send from now on, up to `most` (0: maps are off). None where nothing is
- * mirrored, or where `model_glossy`, what the best model allowed leaves out of glossy things,
- * suffices. The largest while no size is known. A larger one is taken at once, a smaller one when
- * it would have done for a while.
+ * mirrored, or where the best model allowed suffices for glossy things (`model_share`, as above).
+ * The largest while no size is known. A larger one is taken at once, a smaller one when it would
+ * have done for a while.
  */
 int lp_drawn_choose_map(struct lp_drawn_map_choice *choice, const struct lp_drawn_maps *maps,
-			const struct lp_drawn *tolerance, float measured, float model_glossy,
+			const struct lp_drawn *tolerance, float measured, float model_share,
 			int most, int64_t t_ns);
 
 /* Errors to state of what is drawn; NAN: not drawn. `left_out`: what the model leaves out;

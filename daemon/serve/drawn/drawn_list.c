@@ -11,6 +11,11 @@
 
 /* KEY comes or goes when that would have been better for so long. */
 #define KEY_PATIENCE_NS LP_NS_PER_S
+/* The light is known as well as the best of so many estimates say, those of a round of exposures:
+ * one without the shortest exposure says less, and the choice is not to follow it. */
+#define ROUND 8
+/* What was measured on a finer map holds for so long. */
+#define FINER_HOLDS_NS (2 * LP_NS_PER_S)
 /* A light whose list holds so much of it is wholly there. */
 #define WHOLE 0.999F
 
@@ -26,6 +31,9 @@ struct lp_drawn_room {
 	struct lp_drawn_maps maps;
 	struct ranked ranked[2][2]; /* smoothed or raw, with reflections or without */
 	struct lp_light_estimate work;
+	float measured[ROUND]; /* of the last estimates */
+	uint64_t estimates;    /* how many there have been */
+	int64_t t_ns;	       /* of the newest */
 };
 
 struct lp_drawn_room *lp_drawn_room_create(void)
@@ -60,6 +68,8 @@ void lp_drawn_room_forget(struct lp_drawn_room *room)
 
 void lp_drawn_room_set_maps(struct lp_drawn_room *room, const struct lp_drawn_maps *maps)
 {
+	if (maps->size < room->maps.size && maps->t_ns - room->maps.t_ns < FINER_HOLDS_NS)
+		return;
 	room->maps = *maps;
 }
 
@@ -138,6 +148,19 @@ static const struct lp_drawn_models *models_of(struct lp_drawn_room *room, struc
 
 /* ---------------------------------------------------------------- decisions */
 
+/* 1 sigma of the light, to decide by. */
+static float note_measured(struct lp_drawn_room *room, const struct lp_light_estimate *estimate)
+{
+	float least = INFINITY;
+
+	if (!room->estimates || room->t_ns != estimate->t_capture_ns)
+		room->measured[room->estimates++ % ROUND] = estimate->relighting_sigma;
+	room->t_ns = estimate->t_capture_ns;
+	for (uint64_t k = 0; k < ROUND && k < room->estimates; k++)
+		least = fminf(least, room->measured[k]); /* that number, where one is NAN */
+	return isfinite(least) ? fmaxf(least, 0.0F) : 0.0F;
+}
+
 static int most_lights(const struct lp_light_estimate *estimate,
 		       const struct lp_listing_limits *limits)
 {
@@ -158,7 +181,7 @@ static int bytes_of(const struct lp_light_estimate *estimate,
 /* Whether KEY had better be sent. */
 static bool choose_key(struct lp_drawn_room *room, struct ranked *ranked,
 		       const struct lp_drawn_wish *wish, const struct lp_listing_limits *limits,
-		       bool by_map, struct lp_drawn_state *state)
+		       bool by_map, float measured, struct lp_drawn_state *state)
 {
 	struct lp_light_estimate *work = &room->work;
 	bool fits[2], better;
@@ -168,8 +191,8 @@ static bool choose_key(struct lp_drawn_room *room, struct ranked *ranked,
 		return false;
 	*work = ranked->estimate;
 	for (int key = 0; key < 2; key++) {
-		lp_drawn_shares(models_of(room, ranked, key), &wish->tolerance,
-				work->relighting_sigma, by_map, work->predicted_error);
+		lp_drawn_shares(models_of(room, ranked, key), &wish->tolerance, measured, by_map,
+				work->predicted_error);
 		bytes[key] = bytes_of(work, limits, key, &fits[key]);
 	}
 	better = fits[1] && (!fits[0] || bytes[1] < bytes[0]);
@@ -219,16 +242,19 @@ void lp_drawn_list(struct lp_drawn_room *room, const struct lp_light_estimate *e
 		   struct lp_drawn_packet *packet)
 {
 	struct ranked *ranked = rank(room, estimate, wish->raw, limits->leave_out_reflections);
-	const float measured = estimate->relighting_sigma;
+	const float measured = note_measured(room, estimate);
+	const struct lp_drawn only_glossy = {.of[LP_DRAWN_GLOSSY] =
+						     wish->tolerance.of[LP_DRAWN_GLOSSY]};
 	const struct lp_drawn_models *models = &ranked->models[0];
 	const int most = most_lights(&ranked->estimate, limits);
 	float left_out[LP_DRAWN_BY_MODEL];
-	const float glossy = hypotf(models->left_out[LP_DRAWN_GLOSSY][limits->sh_order][most],
-				    models->screen_slope * (isfinite(measured) ? measured : 0.0F));
 
+	room->work = ranked->estimate;
+	lp_drawn_shares(models, &only_glossy, measured, false, room->work.predicted_error);
 	packet->map_size = lp_drawn_choose_map(&state->map, &room->maps, &wish->tolerance, measured,
-					       glossy, wish->most_map, estimate->t_capture_ns);
-	packet->key = choose_key(room, ranked, wish, limits, packet->map_size > 0, state);
+					       room->work.predicted_error[limits->sh_order][most],
+					       wish->most_map, estimate->t_capture_ns);
+	packet->key = choose_key(room, ranked, wish, limits, packet->map_size > 0, measured, state);
 	state->key = packet->key;
 	state->started = true;
 	models = models_of(room, ranked, packet->key);
@@ -247,6 +273,7 @@ void lp_drawn_list(struct lp_drawn_room *room, const struct lp_light_estimate *e
 		ranked->estimate.predicted_error[packet->sh_order][whole];
 	for (int t = 0; t < LP_DRAWN_BY_MODEL; t++)
 		left_out[t] = models->left_out[t][packet->sh_order][whole];
-	packet->stated = lp_drawn_stated(left_out, models->screen_slope, &room->maps,
-					 &wish->tolerance, measured, packet->map_size);
+	packet->stated =
+		lp_drawn_stated(left_out, models->screen_slope, &room->maps, &wish->tolerance,
+				estimate->relighting_sigma, packet->map_size);
 }

@@ -26,7 +26,7 @@ struct lp_drawn_mirrors {
 	struct lp_cube_grid *grids[LP_DRAWN_SIZES];
 	struct lobes mirrors[LP_DRAWN_SIZES];
 	struct lobes glossy; /* on the coarsest map: it is fine enough for so much blur */
-	float *luminance[LP_DRAWN_SIZES];
+	float *luminance[LP_DRAWN_SIZES], *lamps[LP_DRAWN_SIZES];
 };
 
 /* What a surface shows in every view. */
@@ -41,7 +41,7 @@ static int cover(struct lobes *lobes, const struct lp_cube_grid *grid, double bl
 		 int at)
 {
 	const double width2 = 4.0 * M_PI / grid->texels;
-	const double more_rad = sqrt(blur_rad * blur_rad + width2 / 12.0);
+	const double more_rad = sqrt(blur_rad * blur_rad + width2 / 6.0);
 	const double least = 1.0 - END * more_rad * more_rad;
 	const int first = at;
 	double towards[3], sum = 0.0;
@@ -106,7 +106,8 @@ struct lp_drawn_mirrors *lp_drawn_mirrors_create(int size,
 	for (int k = 0; complete && k <= lp_drawn_size_index(size); k++) {
 		self->grids[k] = grids[k];
 		self->luminance[k] = aligned_alloc(16, (size_t)grids[k]->texels * sizeof(float));
-		complete = self->luminance[k] &&
+		self->lamps[k] = aligned_alloc(16, (size_t)grids[k]->texels * sizeof(float));
+		complete = self->luminance[k] && self->lamps[k] &&
 			   create_lobes(&self->mirrors[k], grids[k], LP_MIRROR_DEG * RAD);
 	}
 	if (!complete) {
@@ -124,6 +125,7 @@ void lp_drawn_mirrors_destroy(struct lp_drawn_mirrors *mirrors)
 	for (int k = 0; k < LP_DRAWN_SIZES; k++) {
 		free_lobes(&mirrors->mirrors[k]);
 		free(mirrors->luminance[k]);
+		free(mirrors->lamps[k]);
 	}
 	free(mirrors);
 }
@@ -133,6 +135,11 @@ void lp_drawn_mirrors_destroy(struct lp_drawn_mirrors *mirrors)
 float *lp_drawn_mirrors_luminance(struct lp_drawn_mirrors *mirrors, int size)
 {
 	return mirrors->luminance[lp_drawn_size_index(size)];
+}
+
+float *lp_drawn_mirrors_lamps(struct lp_drawn_mirrors *mirrors, int size)
+{
+	return mirrors->lamps[lp_drawn_size_index(size)];
 }
 
 /* The mean of every four texels, by solid angle. */
@@ -207,6 +214,12 @@ void lp_drawn_measure(struct lp_drawn_mirrors *mirrors, int size, struct lp_draw
 	struct shown sharpest, glossy, coarse;
 	double sum = 0.0;
 
+	for (int k = finest; k > 0; k--)
+		halve(mirrors->grids[k], mirrors->luminance[k], mirrors->grids[k - 1],
+		      mirrors->luminance[k - 1]);
+	for (int k = 0; k <= finest; k++)
+		for (int i = 0; i < mirrors->grids[k]->texels; i++)
+			mirrors->luminance[k][i] += mirrors->lamps[k][i];
 	for (int i = 0; i < mirrors->grids[finest]->texels; i++)
 		sum += (double)(mirrors->luminance[finest][i] *
 				mirrors->grids[finest]->solid_angle_sr[i]);
@@ -215,9 +228,6 @@ void lp_drawn_measure(struct lp_drawn_mirrors *mirrors, int size, struct lp_draw
 	*maps = (struct lp_drawn_maps){.size = mean > 0.0F ? size : 0};
 	if (!maps->size)
 		return;
-	for (int k = finest; k > 0; k--)
-		halve(mirrors->grids[k], mirrors->luminance[k], mirrors->grids[k - 1],
-		      mirrors->luminance[k - 1]);
 	look(&mirrors->mirrors[finest], mirrors->luminance[finest], &sharpest);
 	look(&mirrors->glossy, mirrors->luminance[0], &glossy);
 	const float own = difference(sharpest.sharp, sharpest.blurred, mean);
