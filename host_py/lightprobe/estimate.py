@@ -270,8 +270,8 @@ class Estimate:
                 "lights": len(self.lights),
                 "predicted_error": _number(self.predicted_error),
                 "relighting_sigma": _number(self.relighting_sigma),
-                "drawn": self.drawn,
-            },
+            }
+            | ({} if self.drawn is None else {"drawn": self.drawn}),
             "wheel": {
                 "angle_deg": _number(self.wheel_deg),
                 "sigma_deg": _number(self.wheel_sigma_deg),

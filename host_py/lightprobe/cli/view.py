@@ -12,6 +12,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from lightprobe import drawn
 from lightprobe.client import Client
 from lightprobe.colour import linear_to_srgb, luminance
 from lightprobe.estimate import FLAG_WORDS, Estimate, Health, Light, flag_names
@@ -163,9 +164,10 @@ def plain(estimate: Estimate) -> str:
 
 def drawn_words(client: Client) -> str:
     """What to expect of what is drawn, and what of it is more than was asked; "": nothing is."""
-    estimate, draws = client.latest(), client.subscription.draws
-    if estimate is None or estimate.drawn is None or draws is None:
+    estimate = client.latest()
+    if estimate is None or estimate.drawn is None:
         return ""
+    draws = client.subscription.draws or {}
     map_ = client.reflection_map
     size = f", map of {map_.size}" if map_ is not None else ""
     return f"draws {drawn.words(draws, estimate.drawn)}; order {estimate.sh.order}{size}"
