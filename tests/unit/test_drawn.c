@@ -133,7 +133,7 @@ static void test_the_light_uses_up_part_of_the_tolerance(void **state)
 	models.left_out[GLOSSY][1][2] = 0.1F;
 	lp_drawn_shares(&models, &asked, 0.0F, true, share);
 	assert_float_equal(share[1][2], 0.8F, 1e-5);
-	lp_drawn_shares(&models, &asked, 0.03F, true, share);
+	lp_drawn_shares(&models, &asked, 0.015F, true, share);
 	assert_float_equal(share[1][2], 1.0F, 1e-4); /* 3, 4, 5 */
 	lp_drawn_shares(&models, &asked, 0.0F, false, share);
 	assert_float_equal(share[1][2], 2.0F, 1e-5);
@@ -147,7 +147,8 @@ static void test_the_light_uses_up_part_of_the_tolerance(void **state)
 static const struct lp_drawn_maps maps = {.size = 64,
 					  .glossy = {0.008F, 0.002F, 0.0005F},
 					  .mirrors = {0.1F, 0.02F, 0.005F},
-					  .screen_slope = 0.2F};
+					  .glossy_slope = 0.2F,
+					  .mirror_slope = 0.2F};
 
 static int choose(struct lp_drawn_map_choice *choice, const struct lp_drawn_maps *known,
 		  struct lp_drawn asked, float model_share, int most, double t_s)
@@ -193,7 +194,7 @@ static void test_what_is_stated(void **state)
 {
 	const float left_out[] = {0.03F, 0.0F, 0.02F};
 	const struct lp_drawn asked = draws(0.01F, 0, 0.1F, 0.1F);
-	struct lp_drawn stated = lp_drawn_stated(left_out, 0.25F, &maps, &asked, 0.04F, 32);
+	struct lp_drawn stated = lp_drawn_stated(left_out, 0.25F, &maps, &asked, 0.02F, 32);
 
 	(void)state;
 	assert_float_equal(stated.of[DIFFUSE], 0.05F, 1e-6);
@@ -201,7 +202,7 @@ static void test_what_is_stated(void **state)
 	assert_float_equal(stated.of[GLOSSY], hypotf(0.002F, 0.008F), 1e-6);
 	assert_float_equal(stated.of[MIRRORS], hypotf(0.02F, 0.008F), 1e-6);
 	/* without a map: by the model, and of mirrors nothing is known */
-	stated = lp_drawn_stated(left_out, 0.25F, &maps, &asked, 0.04F, 0);
+	stated = lp_drawn_stated(left_out, 0.25F, &maps, &asked, 0.02F, 0);
 	assert_float_equal(stated.of[GLOSSY], hypotf(0.02F, 0.01F), 1e-6);
 	assert_float_equal(stated.of[MIRRORS], 1.0F, 1e-6);
 	/* nobody knows how well the light is known */

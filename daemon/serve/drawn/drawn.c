@@ -10,6 +10,8 @@
  * tolerance for so long. */
 #define CERTAINLY_FITS 0.85F
 #define PATIENCE_NS (2 * LP_NS_PER_S)
+/* Errors that are stated hold in 19 of 20 rooms: 2 sigma of the light. */
+#define SIGMAS 2.0F
 /* Where the light is not known as exactly as was asked, no model suffices. Then it is enough that
  * what is left out makes the error larger by a tenth: sqrt(1.1^2 - 1) of what the light has. */
 #define AS_GOOD 0.458F
@@ -36,9 +38,10 @@ float lp_drawn_least(const struct lp_drawn *tolerance)
 	return least;
 }
 
+/* What the light as known adds to an error, before it is weighed. */
 static float known(float sigma)
 {
-	return isfinite(sigma) ? fmaxf(sigma, 0.0F) : 0.0F;
+	return isfinite(sigma) ? SIGMAS * fmaxf(sigma, 0.0F) : 0.0F;
 }
 
 /* What the light as measured adds to a thing's error. */
@@ -78,12 +81,13 @@ struct lp_drawn lp_drawn_of_map(const struct lp_drawn_maps *maps, int map_size, 
 {
 	const int size = map_size < maps->size ? map_size : maps->size;
 	const int k = lp_drawn_size_index(size);
-	const float more = maps->screen_slope * known(measured);
+	const float glossy = maps->glossy_slope * known(measured);
+	const float mirrors = maps->mirror_slope * known(measured);
 
 	if (!size)
 		return (struct lp_drawn){{NAN, NAN, NAN, NAN}};
 	return (struct lp_drawn){
-		{NAN, NAN, hypotf(maps->glossy[k], more), hypotf(maps->mirrors[k], more)}};
+		{NAN, NAN, hypotf(maps->glossy[k], glossy), hypotf(maps->mirrors[k], mirrors)}};
 }
 
 /* What a map of a known size leaves out, as a share of what it may. */
@@ -91,14 +95,16 @@ static float share_of_map(const struct lp_drawn_maps *maps, int size,
 			  const struct lp_drawn *tolerance, float measured)
 {
 	const int k = lp_drawn_size_index(size);
-	const float by_light = maps->screen_slope * known(measured);
+	const float by_light[] = {maps->glossy_slope * known(measured),
+				  maps->mirror_slope * known(measured)};
 	const float left_out[] = {maps->glossy[k], maps->mirrors[k]};
 	float share = 0.0F;
 
 	for (int t = LP_DRAWN_GLOSSY; t <= LP_DRAWN_MIRRORS; t++)
 		if (tolerance->of[t] > 0.0F)
 			share = fmaxf(share, left_out[t - LP_DRAWN_GLOSSY] /
-						     budget(tolerance->of[t], by_light));
+						     budget(tolerance->of[t],
+							    by_light[t - LP_DRAWN_GLOSSY]));
 	return share;
 }
 

@@ -31,18 +31,19 @@ struct lp_drawn {
  * all). */
 struct lp_drawn_models {
 	float left_out[LP_DRAWN_BY_MODEL][LP_MAX_SH_ORDER + 1][LP_MAX_LIGHTS + 1];
-	float screen_slope; /* change on a screen by a change of all light, both relative */
+	float screen_slope; /* change of what a glossy surface shows, of white on a screen, by a
+			       change of the irradiance, of its mean */
 };
 
 #define LP_DRAWN_SIZES 3 /* of reflection maps: 16, 32, 64 texels */
 
 /* What each size of reflection maps leaves out. */
 struct lp_drawn_maps {
-	int size;		       /* the finest of which this is known; 0: nothing is */
-	float glossy[LP_DRAWN_SIZES];  /* up to `size` */
-	float mirrors[LP_DRAWN_SIZES]; /* likewise */
-	float screen_slope;	       /* of what a mirror shows */
-	int64_t t_ns;		       /* of the estimate that this was measured with */
+	int size;			  /* the finest of which this is known; 0: nothing is */
+	float glossy[LP_DRAWN_SIZES];	  /* up to `size` */
+	float mirrors[LP_DRAWN_SIZES];	  /* likewise */
+	float glossy_slope, mirror_slope; /* as of models */
+	int64_t t_ns;			  /* of the estimate that this was measured with */
 };
 
 /* The map that one kind of subscription is sent. Zeroed: not decided yet. */

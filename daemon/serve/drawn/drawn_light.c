@@ -370,7 +370,8 @@ static void predict_orders(const struct lp_drawn_tables *tables, const struct ro
 	}
 }
 
-static float slope_of(const struct room *room)
+/* All light is off by the same share. */
+static float even_slope(const struct room *room)
 {
 	float sum = 0.0F;
 
@@ -381,6 +382,34 @@ static float slope_of(const struct room *room)
 		sum += slope * slope;
 	}
 	return sqrtf(sum / VIEWS);
+}
+
+/* One lamp is off, by so much that its irradiance on all normals is by that share of the mean: of a
+ * lamp of irradiance E the root mean square over normals is E / sqrt(6). */
+static float lamp_slope(const struct room *room, const struct shown *lamp, double strength)
+{
+	const float more = (float)(sqrt(6.0) * M_PI / strength);
+	float sum = 0.0F;
+
+	for (int v = 0; v < VIEWS; v++) {
+		const float rest = 1.0F - on_screen(room->shown.glossy[v], room->mean);
+		const float slope = more * lamp->glossy[v] * rest * rest;
+
+		sum += slope * slope;
+	}
+	return sqrtf(sum / VIEWS);
+}
+
+/* The larger of the two: nobody knows which light is off. */
+static float slope_of(const struct room *room, const struct lights *lights)
+{
+	float most = even_slope(room);
+
+	for (int k = 0; k < lights->count; k++)
+		if (lights->strength[k] > 0.0)
+			most = fmaxf(most,
+				     lamp_slope(room, &lights->shown[k], lights->strength[k]));
+	return most;
 }
 
 void lp_drawn_predict(const struct lp_drawn_tables *tables,
@@ -400,7 +429,7 @@ void lp_drawn_predict(const struct lp_drawn_tables *tables,
 		return;
 	read_lights(tables, estimate, &lights);
 	look_at_room(tables, estimate, &lights, total, &room);
-	models->screen_slope = slope_of(&room);
+	models->screen_slope = slope_of(&room, &lights);
 	memcpy(left, total, sizeof(left));
 	for (int k = 0; k <= LP_MAX_LIGHTS; k++) {
 		struct shown with_key = listed;

@@ -208,6 +208,28 @@ static float slope_of(const float radiance[VIEWS], float mean)
 	return sqrtf(sum / VIEWS);
 }
 
+/* The lamps are off, by so much that the irradiance of one is by that share of the mean
+ * (drawn_light.c). */
+static float lamp_slope(const struct lp_drawn_mirrors *mirrors, const struct shown *all, float mean)
+{
+	struct shown lamps;
+	float strength = 0.0F, sum = 0.0F;
+
+	look(&mirrors->glossy, mirrors->lamps[0], &lamps);
+	for (int i = 0; i < mirrors->grids[0]->texels; i++)
+		strength += mirrors->lamps[0][i] * mirrors->grids[0]->solid_angle_sr[i];
+	if (!(strength > 0.0F))
+		return 0.0F;
+	for (int v = 0; v < VIEWS; v++) {
+		const float rest = 1.0F - on_screen(all->sharp[v], mean);
+		const float slope =
+			sqrtf(6.0F) * (float)M_PI * lamps.sharp[v] / strength * rest * rest;
+
+		sum += slope * slope;
+	}
+	return sqrtf(sum / VIEWS);
+}
+
 void lp_drawn_measure(struct lp_drawn_mirrors *mirrors, int size, struct lp_drawn_maps *maps)
 {
 	const int finest = lp_drawn_size_index(size);
@@ -235,9 +257,12 @@ void lp_drawn_measure(struct lp_drawn_mirrors *mirrors, int size, struct lp_draw
 
 	for (int k = 0; k <= finest; k++) {
 		look(&mirrors->mirrors[k], mirrors->luminance[k], &coarse);
-		maps->mirrors[k] = hypotf(own, difference(coarse.sharp, sharpest.sharp, mean));
+		/* both blur the same edges: that adds up, not as variances */
+		maps->mirrors[k] = own + difference(coarse.sharp, sharpest.sharp, mean);
 		/* as the texel's variance: a quarter for each step */
 		maps->glossy[k] = by_coarsest / (float)(1 << (2 * k));
 	}
-	maps->screen_slope = slope_of(sharpest.sharp, mean);
+	maps->mirror_slope = slope_of(sharpest.sharp, mean);
+	maps->glossy_slope =
+		fmaxf(slope_of(glossy.sharp, mean), lamp_slope(mirrors, &glossy, mean));
 }
