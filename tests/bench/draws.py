@@ -5,14 +5,16 @@ the packets of the last second the one is judged that states the least; seen err
 what an app draws by it (drawn.py). A need is met where what is seen is no more than was asked; it
 is told where the packet states more than was asked; else it is missed.
 
-    OPENBLAS_NUM_THREADS=1 build/venv/bin/python tests/bench/draws.py --rooms 20
+`make draws` writes the table of docs/users/clients.md.
 """
 
 from __future__ import annotations
 
 import argparse
 import multiprocessing
+import sys
 from dataclasses import dataclass
+from pathlib import Path
 
 import drawn
 import numpy as np
@@ -27,6 +29,7 @@ from lightprobe.sim.scene import Scene
 from lightprobe.sim.world import Behaviour, World
 from lightprobe.wire import Subscription
 
+ROOT = Path(__file__).resolve().parents[2]
 #: What six apps draw, and the most error of each.
 NEEDS = {
     "a colour": {"diffuse": 0.1},
@@ -148,13 +151,10 @@ def row(name: str, some: list[Got]) -> str:
         sorted({getattr(one, field) for one in some})
         for field in ("sh_order", "lights", "map_size")
     )
+    asked = some[0].asked
     medians = [
-        {
-            thing: float(np.median([getattr(one, part)[thing] for one in some]))
-            for thing in one_asked
-        }
+        {thing: float(np.median([getattr(one, part)[thing] for one in some])) for thing in asked}
         for part in ("stated", "seen")
-        for one_asked in [some[0].asked]
     ]
     counts = (
         sum(one.claimed for one in some),
@@ -169,31 +169,47 @@ def row(name: str, some: list[Got]) -> str:
     )
 
 
+def table(sight: str, found: list[dict[str, Got]]) -> str:
+    """Put what all rooms got into a table."""
+    lines = [
+        f"{sight.capitalize()}, {len(found)} rooms:",
+        "",
+        "| draws | asked, % | SH order | lights | map, texels | kB/s | stated, % | seen, % | "
+        "stated as met | met | missed |",
+        "|" + " --- |" * 11,
+        *(row(name, [one[name] for one in found]) for name in NEEDS),
+    ]
+    every = [got for one in found for got in one.values()]
+    share = sum(got.told for got in every) / len(every)
+    lines += ["", f"Met, or told that it is not: {100 * share:.1f} %."]
+    return "\n".join(lines)
+
+
 def main() -> None:
     """Print a table for each sight."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--rooms", type=int, default=20, help="procedural rooms (20)")
+    parser.add_argument("--rooms", type=int, default=20, help="the room and procedural ones (20)")
     parser.add_argument("--processes", type=int, default=2, help="daemons at a time (2)")
+    parser.add_argument("--page", action="store_true", help="write docs/users/clients.md")
     options = parser.parse_args()
     rooms = scenes.load(("room", f"procedural:{options.rooms - 1}"))
-    for sight in SIGHTS:
-        with multiprocessing.get_context("spawn").Pool(options.processes) as pool:
+    tables = []
+    with multiprocessing.get_context("spawn").Pool(options.processes) as pool:
+        for sight in SIGHTS:
             found = pool.map(_case, [(scene, sight) for scene in rooms], chunksize=1)
-        print(f"\n{sight}, {len(rooms)} rooms\n")
-        print(
-            "| draws | asked, % | SH order | lights | map, texels | kB/s | stated, % | seen, % | "
-            "stated as met | met | missed |"
-        )
-        print("|" + " --- |" * 11)
-        for name in NEEDS:
-            print(row(name, [one[name] for one in found]))
-        every = [got for one in found for got in one.values()]
-        missed = [
-            f"{name}: {_percent(got.seen)} seen, {_percent(got.stated)} stated"
-            for one in found for name, got in one.items() if not got.told
-        ]  # fmt: skip
-        share = 1 - len(missed) / len(every)
-        print(f"\nmet, or told that it is not: {100 * share:.1f} %", *missed, sep="\n")
+            tables.append(table(sight, found))
+            print(f"{tables[-1]}\n")
+            for room, one in enumerate(found):
+                for name, got in one.items():
+                    if not got.told:
+                        print(f"room {room}, {name}: {_percent(got.seen)} seen, "
+                              f"{_percent(got.stated)} stated")  # fmt: skip
+            print(flush=True)
+    if options.page:
+        sys.path.insert(0, str(ROOT / "docs"))
+        from generated import put
+
+        put(ROOT / "docs" / "users" / "clients.md", {"draws": "\n\n".join(tables)})
 
 
 if __name__ == "__main__":
