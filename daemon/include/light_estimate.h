@@ -12,6 +12,7 @@
 #define LP_MAX_SH_ORDER 4 /* on the wire */
 #define LP_SH_COUNT(order) (((order) + 1) * ((order) + 1))
 #define LP_MAX_SH_COUNT LP_SH_COUNT(LP_MAX_SH_ORDER)
+#define LP_FINE_SH_COUNT LP_SH_COUNT(8) /* inside; light/math/sh.h */
 
 /* How a lamp's light is polarized. Zeroed: nothing is known. */
 struct lp_light_polarization {
@@ -85,6 +86,9 @@ struct lp_light_estimate {
 	int light_count, area_count;	       /* the last area_count of them are area lights */
 	struct lp_light lights[LP_MAX_LIGHTS]; /* of each, highest lp_light_rank() first */
 	float sh_total[LP_MAX_SH_COUNT][3];
+	/* Luminance of all light to a higher order, probe frame: it is not turned with the rest,
+	 * and only says what a smaller model leaves out. */
+	float fine_sh[LP_FINE_SH_COUNT];
 	/* Predicted relighting error of order l with the first k lights; relative to mean
 	 * irradiance. */
 	float predicted_error[LP_MAX_SH_ORDER + 1][LP_MAX_LIGHTS + 1];

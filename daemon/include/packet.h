@@ -5,7 +5,7 @@
 
 #include <stdint.h>
 
-#define LP_PACKET_MAX_BYTES 2048
+#define LP_PACKET_MAX_BYTES 2112
 #define LP_PACKET_LARGE_BYTES                                               \
 	100000 /* of the kind that is larger: a reflection map of 64 texels \
 		*/

@@ -145,23 +145,37 @@ static bool take_turn(int64_t *due_ns, float rate_hz, int64_t now_ns)
 	return true;
 }
 
+/* By its rate; and of a client that says what it draws, when it needs one. */
+static bool reflection_is_due(const struct lp_hub *hub, const struct lp_hub_client *client,
+			      int64_t now_ns)
+{
+	const struct lp_subscription *wanted = &client->subscription;
+
+	return is_due(client->reflection_due_ns, wanted->reflection.rate_hz, now_ns) &&
+	       (!wanted->has_draws ||
+		lp_drawn_pace_is_due(&client->reflection_pace, &hub->last.smoothed, &wanted->draws,
+				     now_ns));
+}
+
 /* A map goes only with the frame that it was made of. */
 static void send_reflection(struct lp_hub *hub, struct lp_hub_client *client,
 			    const struct lp_surroundings *surroundings, int64_t now_ns)
 {
 	const struct lp_subscription wanted = wanted_by(client);
+	struct lp_reflection_wish wish = wanted.reflection;
 	struct lp_packet *packet;
-
-	if (!take_turn(&client->reflection_due_ns, wanted.reflection.rate_hz, now_ns))
-		return;
 	const struct lp_stamp stamp = stamp_of(hub, client);
 	const struct lp_choice choice =
 		lp_packets_choose(hub->packets, &hub->last, &hub->last_computed, &wanted);
 
-	packet = lp_reflection_maps_packet(hub->reflections, surroundings, &choice,
-					   &wanted.reflection, &stamp);
-	if (packet)
-		send_packet(hub, client, packet);
+	wish.size = choice.map_size;
+	if (!wish.size || !take_turn(&client->reflection_due_ns, wish.rate_hz, now_ns))
+		return;
+	packet = lp_reflection_maps_packet(hub->reflections, surroundings, &choice, &wish, &stamp);
+	if (!packet)
+		return;
+	lp_drawn_pace_note(&client->reflection_pace, &hub->last.smoothed, now_ns);
+	send_packet(hub, client, packet);
 }
 
 static void tell_late_reflections(struct lp_hub *hub, int64_t now_ns)
@@ -184,9 +198,9 @@ static void send_reflections(struct lp_hub *hub, const struct lp_surroundings *s
 	for (int k = 0; k < hub->client_count; k++) {
 		const int i = (first + k) % hub->client_count;
 		struct lp_hub_client *client = hub->clients[i];
-		const struct lp_reflection_wish *wish = &client->subscription.reflection;
 
-		if (!wish->size || !is_due(client->reflection_due_ns, wish->rate_hz, now_ns))
+		if (!client->subscription.reflection.size ||
+		    !reflection_is_due(hub, client, now_ns))
 			continue;
 		if (lp_clock_ns() - begin_ns > REFLECTION_BUDGET_NS) {
 			hub->reflection_first = i;
@@ -207,6 +221,7 @@ void lp_hub_answer_subscription(struct lp_hub *hub, struct lp_hub_client *client
 	client->answered_ns = now_ns;
 	client->due_ns = now_ns + period_of(client->subscription.rate_hz);
 	client->reflection_due_ns = 0;
+	client->reflection_pace.t_ns = 0;
 	client->health_due_ns = 0;
 	if (hub->has_last)
 		send_estimate(hub, client);
@@ -218,6 +233,10 @@ static void send_to_all(struct lp_hub *hub, const struct lp_surroundings *surrou
 {
 	const int64_t now_ns = lp_clock_ns();
 
+	if (surroundings)
+		lp_packets_set_maps(hub->packets,
+				    lp_reflection_maps_measure(hub->reflections, surroundings,
+							       &hub->last.smoothed));
 	for (int i = 0; i < hub->client_count; i++) {
 		struct lp_hub_client *client = hub->clients[i];
 		const struct lp_subscription wanted = wanted_by(client);
@@ -318,8 +337,13 @@ struct lp_demand lp_hub_demand(const struct lp_hub *hub)
 		if (wanted->max_lights > demand.max_lights)
 			demand.max_lights = wanted->max_lights;
 		if (wanted->reflection.size > demand.reflection_size &&
-		    is_due(hub->clients[i]->reflection_due_ns, wanted->reflection.rate_hz, now_ns))
-			demand.reflection_size = wanted->reflection.size;
+		    reflection_is_due(hub, hub->clients[i], now_ns)) {
+			const int size =
+				lp_packets_map_size(hub->packets, &hub->last_computed, wanted);
+
+			demand.reflection_size =
+				size > demand.reflection_size ? size : demand.reflection_size;
+		}
 	}
 	if (demand.sh_order > hub->options.hello.max_sh_order)
 		demand.sh_order = hub->options.hello.max_sh_order;

@@ -143,7 +143,8 @@ static void limit_reflection(struct lp_hub *hub, struct lp_hub_client *client)
 	struct lp_reflection_wish *wish = &client->subscription.reflection;
 	const int most = hub->options.hello.max_reflection_size;
 
-	if (wish->size && !most && !client->no_reflection_told) {
+	/* who says what it draws is told the error without a map */
+	if (wish->size && !most && !client->no_reflection_told && !client->subscription.has_draws) {
 		hub->options.health->report.requests_rejected++;
 		lp_hub_refuse_request(
 			hub, client, -EACCES, "reflection_map",

@@ -3,6 +3,7 @@
 #ifndef LP_SERVE_HUB_STATE_H
 #define LP_SERVE_HUB_STATE_H
 
+#include "serve/drawn/pace.h"
 #include "serve/hub.h"
 #include "serve/packets.h"
 #include "serve/poses/pose_sender.h"
@@ -20,9 +21,10 @@ struct lp_hub_client {
 	struct lp_publisher *publisher;
 	struct lp_client *handle;
 	struct lp_subscription subscription;
-	int64_t due_ns;		   /* earliest next estimate */
-	struct lp_hub_sent sent;   /* only of a client that wants nothing but news */
-	int64_t reflection_due_ns; /* likewise, of reflection maps */
+	int64_t due_ns;			      /* earliest next estimate */
+	struct lp_hub_sent sent;	      /* only of a client that wants nothing but news */
+	int64_t reflection_due_ns;	      /* likewise, of reflection maps */
+	struct lp_drawn_pace reflection_pace; /* of a client that says what it draws */
 	int64_t health_due_ns;
 	int64_t second_ns;    /* begin of the second in which requests are counted */
 	int requests, poses;  /* in that second */

@@ -9,6 +9,7 @@
 #include "include/packet.h"
 #include "light/send/listing.h"
 #include "light/send/model.h"
+#include "serve/drawn/drawn_list.h"
 
 /* Momentary estimates: AMBIENT or TOTAL, in the probe's or the app's frame, with KEY or without, by
  * order and lights. */
@@ -34,8 +35,11 @@ struct picture {
 struct kind {
 	bool used;
 	struct lp_listing_limits limits;
-	uint64_t asked; /* when, as a count */
+	uint64_t asked;		    /* when, as a count */
+	struct lp_drawn_wish drawn; /* likewise */
 	struct lp_listing listing;
+	struct lp_drawn_state drawn_state; /* in place of the listing, where drawn.on */
+	struct lp_drawn_packet drawn_packet;
 	bool listed; /* of the present estimate */
 	struct lp_light_estimate estimate;
 	struct lp_variant variant;
@@ -51,6 +55,7 @@ struct lp_packets {
 	struct lp_light_estimate others; /* workspace: the raw estimate without reflections */
 	struct kind kinds[KINDS];
 	uint64_t asked;
+	struct lp_drawn_room *room;
 };
 
 struct lp_packets *lp_packets_create(int most_held, int most_pictures)
@@ -62,7 +67,8 @@ struct lp_packets *lp_packets_create(int most_held, int most_pictures)
 	self->pool = lp_pool_create(sizeof(struct packet), most_held + 2 * RAW_VARIANTS + 8 * KINDS,
 				    NULL);
 	self->pictures = lp_pool_create(sizeof(struct picture), most_pictures, NULL);
-	if (!self->pool || !self->pictures) {
+	self->room = lp_drawn_room_create();
+	if (!self->pool || !self->pictures || !self->room) {
 		lp_packets_destroy(self);
 		return NULL;
 	}
@@ -73,10 +79,11 @@ void lp_packets_destroy(struct lp_packets *packets)
 {
 	if (!packets)
 		return;
-	if (packets->pool)
+	if (packets->pool && packets->room)
 		lp_packets_forget(packets);
 	lp_pool_destroy(packets->pool);
 	lp_pool_destroy(packets->pictures);
+	lp_drawn_room_destroy(packets->room);
 	free(packets);
 }
 
@@ -148,8 +155,19 @@ static struct lp_listing_limits limits_of(const struct lp_demand *computed,
 					  .lights =
 						  min_int(wanted->max_lights, computed->max_lights),
 					  .areas = wanted->area_lights,
-					  .tolerance = fmaxf(wanted->tolerance, 0.0F),
+					  .tolerance = wanted->has_draws
+							       ? 1.0F /* a share of it */
+							       : fmaxf(wanted->tolerance, 0.0F),
 					  .leave_out_reflections = wanted->leave_out_reflections};
+}
+
+static struct lp_drawn_wish drawn_of(const struct lp_subscription *wanted)
+{
+	return (struct lp_drawn_wish){.on = wanted->has_draws,
+				      .raw = wanted->raw,
+				      .key_allowed = wanted->key_light,
+				      .most_map = wanted->reflection.size,
+				      .tolerance = wanted->draws};
 }
 
 /* The momentary model for one client: the smallest under its tolerance, or the largest it allows.
@@ -196,23 +214,39 @@ static void forget_kind(struct kind *kind)
 		forget(&kind->encoded[k / 4][k / 2 % 2][k % 2]);
 }
 
-static struct kind *kind_of(struct lp_packets *packets, const struct lp_listing_limits *limits)
+/* NULL: there is none yet. */
+static struct kind *find_kind(struct lp_packets *packets, const struct lp_listing_limits *limits,
+			      const struct lp_drawn_wish *drawn)
 {
-	struct kind *oldest = &packets->kinds[0];
-
-	packets->asked++;
 	for (int k = 0; k < KINDS; k++) {
 		struct kind *kind = &packets->kinds[k];
 
-		if (kind->used && same_limits(&kind->limits, limits)) {
-			kind->asked = packets->asked;
+		if (kind->used && same_limits(&kind->limits, limits) &&
+		    lp_drawn_wishes_are_same(&kind->drawn, drawn))
 			return kind;
-		}
-		if (kind->asked < oldest->asked)
-			oldest = kind;
 	}
+	return NULL;
+}
+
+static struct kind *kind_of(struct lp_packets *packets, const struct lp_listing_limits *limits,
+			    const struct lp_drawn_wish *drawn)
+{
+	struct kind *kind = find_kind(packets, limits, drawn);
+	struct kind *oldest = &packets->kinds[0];
+
+	packets->asked++;
+	if (kind) {
+		kind->asked = packets->asked;
+		return kind;
+	}
+	for (int k = 0; k < KINDS; k++)
+		if (packets->kinds[k].asked < oldest->asked)
+			oldest = &packets->kinds[k];
 	forget_kind(oldest);
-	*oldest = (struct kind){.used = true, .limits = *limits, .asked = packets->asked};
+	*oldest = (struct kind){.used = true,
+				.limits = *limits,
+				.drawn = *drawn,
+				.asked = packets->asked};
 	return oldest;
 }
 
@@ -227,6 +261,23 @@ static void list(struct kind *kind, const struct lp_light_estimate *smoothed,
 	kind->variant.lights = kind->estimate.light_count;
 	kind->variant.total = wanted->total;
 	kind->variant.key = wanted->key_light;
+}
+
+/* Likewise, of what is drawn; `estimate`: smoothed or raw. */
+static void list_drawn(struct lp_packets *packets, struct kind *kind,
+		       const struct lp_light_estimate *estimate,
+		       const struct lp_subscription *wanted)
+{
+	if (!kind->listed)
+		lp_drawn_list(packets->room, estimate, &kind->drawn, &kind->limits,
+			      &kind->drawn_state, &kind->estimate, &kind->drawn_packet);
+	kind->listed = true;
+	kind->variant = (struct lp_variant){.sh_order = kind->drawn_packet.sh_order,
+					    .lights = kind->estimate.light_count,
+					    .total = wanted->total,
+					    .key = kind->drawn_packet.key,
+					    .has_drawn = true,
+					    .drawn = kind->drawn_packet.stated};
 }
 
 /* Of an estimate whose orientation is known to the app's world. */
@@ -266,10 +317,19 @@ struct lp_choice lp_packets_choose(struct lp_packets *packets, const struct lp_e
 				   const struct lp_subscription *wanted)
 {
 	struct lp_choice choice = {.all = wanted->raw ? &estimates->raw : &estimates->smoothed,
-				   .limits = limits_of(computed, wanted)};
+				   .limits = limits_of(computed, wanted),
+				   .map_size = wanted->reflection.size};
+	const struct lp_drawn_wish drawn = drawn_of(wanted);
 
-	if (!wanted->raw) {
-		struct kind *kind = kind_of(packets, &choice.limits);
+	if (wanted->has_draws) {
+		struct kind *kind = kind_of(packets, &choice.limits, &drawn);
+
+		list_drawn(packets, kind, choice.all, wanted);
+		choice.listed = &kind->estimate;
+		choice.variant = kind->variant;
+		choice.map_size = kind->drawn_packet.map_size;
+	} else if (!wanted->raw) {
+		struct kind *kind = kind_of(packets, &choice.limits, &drawn);
 
 		list(kind, &estimates->smoothed, wanted);
 		choice.listed = &kind->estimate;
@@ -300,10 +360,12 @@ struct lp_packet *lp_packets_estimate(struct lp_packets *packets,
 {
 	const struct lp_choice choice = lp_packets_choose(packets, estimates, computed, wanted);
 	const struct lp_variant *variant = &choice.variant;
+	const struct lp_drawn_wish drawn = drawn_of(wanted);
 	struct packet **slot =
-		wanted->raw ? &packets->raw[wanted->leave_out_reflections][raw_index(variant)]
-			    : &kind_of(packets, &choice.limits)
-				       ->encoded[variant->world][variant->total][variant->key];
+		wanted->raw && !wanted->has_draws
+			? &packets->raw[wanted->leave_out_reflections][raw_index(variant)]
+			: &kind_of(packets, &choice.limits, &drawn)
+				   ->encoded[variant->world][variant->total][variant->key];
 
 	if (!*slot || (*slot)->subscription != stamp->subscription ||
 	    (*slot)->quiet_ms != stamp->quiet_ms) {
@@ -320,4 +382,26 @@ void lp_packets_forget(struct lp_packets *packets)
 			forget(&packets->raw[left_out][i]);
 	for (int k = 0; k < KINDS; k++)
 		forget_kind(&packets->kinds[k]);
+	lp_drawn_room_forget(packets->room);
+}
+
+int lp_packets_map_size(struct lp_packets *packets, const struct lp_demand *computed,
+			const struct lp_subscription *wanted)
+{
+	const struct lp_listing_limits limits = limits_of(computed, wanted);
+	const struct lp_drawn_wish drawn = drawn_of(wanted);
+	const struct kind *kind = wanted->has_draws ? find_kind(packets, &limits, &drawn) : NULL;
+
+	return kind && kind->drawn_state.map.decided ? kind->drawn_state.map.size
+						     : wanted->reflection.size;
+}
+
+void lp_packets_set_maps(struct lp_packets *packets, const struct lp_drawn_maps *maps)
+{
+	lp_drawn_room_set_maps(packets->room, maps);
+}
+
+const struct lp_drawn_maps *lp_packets_maps(const struct lp_packets *packets)
+{
+	return lp_drawn_room_maps(packets->room);
 }

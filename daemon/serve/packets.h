@@ -42,11 +42,21 @@ struct lp_choice {
 		*listed; /* the first variant.lights of its lights are sent */
 	struct lp_variant variant;
 	struct lp_listing_limits limits; /* that it was chosen by */
+	int map_size; /* texels of the reflection map that goes with it, as wished or as decided;
+			 0: none */
 };
 
 struct lp_choice lp_packets_choose(struct lp_packets *packets, const struct lp_estimates *estimates,
 				   const struct lp_demand *computed,
 				   const struct lp_subscription *wanted);
+
+/* The size of that map before an estimate is there. */
+int lp_packets_map_size(struct lp_packets *packets, const struct lp_demand *computed,
+			const struct lp_subscription *wanted);
+
+/* What reflection maps leave out, measured on the newest; of size 0: nothing is known. */
+void lp_packets_set_maps(struct lp_packets *packets, const struct lp_drawn_maps *maps);
+const struct lp_drawn_maps *lp_packets_maps(const struct lp_packets *packets);
 
 /* Whether they list the same lights. */
 bool lp_choices_are_same(const struct lp_choice *a, const struct lp_choice *b);

@@ -7,9 +7,11 @@
 #include "base/log.h"
 #include "base/pool.h"
 #include "estimate/estimates.h"
+#include "include/luminance.h"
 #include "include/packet.h"
 #include "light/send/cube.h"
 #include "light/send/model.h"
+#include "serve/drawn/drawn_map.h"
 
 #define SIZES 3 /* 16, 32, 64 */
 /* Different pictures of one estimate that are remembered, and encoded for each number of a
@@ -41,6 +43,8 @@ struct lp_reflection_maps {
 	struct lp_cube surround, lamps; /* workspace, of the largest size */
 	struct variant variants[VARIANTS];
 	struct variant single; /* the last one that found no place */
+	struct lp_drawn_mirrors *mirrors;
+	struct lp_drawn_maps measured; /* the newest surroundings */
 };
 
 /* ---------------------------------------------------------------- life */
@@ -81,7 +85,9 @@ struct lp_reflection_maps *lp_reflection_maps_create(int most_size, int clients)
 	for (int k = 0; k < SIZES && LP_CUBE_LEAST << k <= most_size; k++)
 		complete =
 			lp_cube_grid_create(LP_CUBE_LEAST << k, &self->grids[k]) == 0 && complete;
-	if (!complete) {
+	if (complete)
+		self->mirrors = lp_drawn_mirrors_create(most_size, self->grids);
+	if (!self->mirrors) {
 		lp_reflection_maps_destroy(self);
 		return NULL;
 	}
@@ -93,6 +99,7 @@ void lp_reflection_maps_destroy(struct lp_reflection_maps *maps)
 	if (!maps)
 		return;
 	lp_reflection_maps_forget(maps);
+	lp_drawn_mirrors_destroy(maps->mirrors);
 	for (int k = 0; k < SIZES; k++)
 		lp_cube_grid_destroy(maps->grids[k]);
 	for (int c = 0; c < 3; c++) {
@@ -168,6 +175,45 @@ static const struct lp_light *listed_of(const struct lp_choice *choice, uint32_t
 		if (choice->listed->lights[k].id == id)
 			return &choice->listed->lights[k];
 	return NULL;
+}
+
+static float luminance_at(const float *r, const float *g, const float *b, int texel)
+{
+	return LP_LUMINANCE_R * r[texel] + LP_LUMINANCE_G * g[texel] + LP_LUMINANCE_B * b[texel];
+}
+
+/* Luminance of the lamps that the surroundings are without, as a map of that size has them. */
+static void show_lamps(struct lp_reflection_maps *maps, const struct lp_surroundings *surroundings,
+		       const struct lp_light_estimate *estimate, int size, float *luminance)
+{
+	struct lp_cube *const lamps = &maps->lamps;
+
+	lamps->grid = grid_of(maps, size);
+	for (int c = 0; c < 3; c++)
+		memset(lamps->rgb[c], 0, (size_t)lamps->grid->texels * sizeof(float));
+	for (int k = 0; k < estimate->light_count; k++)
+		if (!is_kept(surroundings, estimate->lights[k].id))
+			lp_cube_add_light(lamps, &estimate->lights[k],
+					  estimate->lights[k].irradiance);
+	for (int i = 0; i < lamps->grid->texels; i++)
+		luminance[i] = luminance_at(lamps->rgb[0], lamps->rgb[1], lamps->rgb[2], i);
+}
+
+const struct lp_drawn_maps *lp_reflection_maps_measure(struct lp_reflection_maps *maps,
+						       const struct lp_surroundings *surroundings,
+						       const struct lp_light_estimate *estimate)
+{
+	float *const luminance = lp_drawn_mirrors_luminance(maps->mirrors, surroundings->size);
+
+	for (int i = 0; i < LP_CUBE_TEXELS(surroundings->size); i++)
+		luminance[i] = luminance_at(surroundings->rgb[0], surroundings->rgb[1],
+					    surroundings->rgb[2], i);
+	for (int size = LP_CUBE_LEAST; size <= surroundings->size; size *= 2)
+		show_lamps(maps, surroundings, estimate, size,
+			   lp_drawn_mirrors_lamps(maps->mirrors, size));
+	lp_drawn_measure(maps->mirrors, surroundings->size, &maps->measured);
+	maps->measured.t_ns = estimate->t_capture_ns;
+	return &maps->measured;
 }
 
 /* Each light goes where its light belongs: all of it into TOTAL, into AMBIENT what is not listed.
@@ -297,6 +343,8 @@ struct lp_packet *lp_reflection_maps_packet(struct lp_reflection_maps *maps,
 		variant->used = true;
 		variant->choice = *choice;
 		variant->header = (struct lp_reflection_header){.size = size, .total = wish->total};
+		variant->header.drawn =
+			lp_drawn_of_map(&maps->measured, size, choice->all->relighting_sigma);
 		variant->header.scale = lp_cube_encode(&maps->surround, variant->texels);
 		if (!(variant->header.scale > 0.0F))
 			lp_error("hub", "encode", "a reflection map is not finite; it is not sent");

@@ -18,6 +18,11 @@ struct lp_surroundings;
 /* Up to `most_size` texels along an edge (16, 32, 64), for so many clients. NULL: out of memory. */
 struct lp_reflection_maps *lp_reflection_maps_create(int most_size, int clients);
 
+/* Find out what each size of maps of these surroundings leaves out; the maps say it. */
+const struct lp_drawn_maps *lp_reflection_maps_measure(struct lp_reflection_maps *maps,
+						       const struct lp_surroundings *surroundings,
+						       const struct lp_light_estimate *estimate);
+
 /*
  * The map that goes with an estimate, made now or before; it stays ours: hold it to keep it. The
  * surroundings must be the same until the next lp_reflection_maps_forget(). NULL: cannot be sent,

@@ -200,6 +200,11 @@ class AsyncClient:
         return None if newest.ttl_ms and age_ms > newest.ttl_ms else newest
 
     @property
+    def subscription(self) -> Subscription:
+        """What was asked for last."""
+        return self._subscription
+
+    @property
     def reflection_map(self) -> ReflectionMap | None:
         """Give the newest reflection map, however old; None before the first."""
         return self._reflection_map

@@ -122,6 +122,11 @@ class Client:
         return self._async.statistics
 
     @property
+    def subscription(self) -> Subscription:
+        """What was asked for last."""
+        return self._async.subscription
+
+    @property
     def reflection_map(self) -> ReflectionMap | None:
         """Give the newest reflection map, however old; None before the first."""
         return self._async.reflection_map

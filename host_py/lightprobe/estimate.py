@@ -205,6 +205,8 @@ class Estimate:
     #: are known, and the scale is full scale at one second.
     scale_sigma: float | None = None
     room: Room | None = None  # None: nothing is known of the ambient light beside the probe
+    #: Error to expect of what the subscription draws (drawn.THINGS), 1 sigma; None: it did not say.
+    drawn: dict[str, float] | None = None
 
     @property
     def send_time_unix_ns(self) -> int:
@@ -268,7 +270,8 @@ class Estimate:
                 "lights": len(self.lights),
                 "predicted_error": _number(self.predicted_error),
                 "relighting_sigma": _number(self.relighting_sigma),
-            },
+            }
+            | ({} if self.drawn is None else {"drawn": self.drawn}),
             "wheel": {
                 "angle_deg": _number(self.wheel_deg),
                 "sigma_deg": _number(self.wheel_sigma_deg),

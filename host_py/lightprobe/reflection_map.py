@@ -39,6 +39,7 @@ class ReflectionMap:
     kind: Kind  # AMBIENT: without the lights that the estimate lists; TOTAL: with them
     radiance: NDArray[np.float32]  # (6, size, size, 3): face, row, column, RGB; units of the SH
     orientation: Array | None = None  # (4,) x, y, z, w: as Estimate.orientation
+    drawn: dict[str, float] | None = None  # error to expect of glossy and mirrors, 1 sigma
 
     @property
     def size(self) -> int:

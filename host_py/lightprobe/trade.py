@@ -9,6 +9,8 @@ All figures are those that `make trade` measured on simulated scenes, and are ke
 * models: what a packet holds (SH order, lamps, area lights); bytes of a packet.
 * maps: texels along an edge of a reflection map; bytes and processor time of a map.
 
+An app may leave the choice of models and maps to the probe: Subscription.draws (lightprobe.drawn).
+
 Errors are of what an app draws (DRAWS), median and worst over the scenes; those of models and maps
 are what these leave out of the light as measured. Errors add up as variances.
 """

@@ -7,8 +7,8 @@ no sense raises :class:`WireError`, and the connection it came from is not worth
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from numbers import Integral, Real
 from typing import Any, Literal, get_args
 
@@ -17,6 +17,7 @@ from google.protobuf.message import DecodeError
 from lightprobe_proto import lightprobe_pb2 as pb
 from numpy.typing import ArrayLike
 
+from lightprobe import drawn
 from lightprobe.errors import UsageError
 from lightprobe.estimate import (
     Estimate,
@@ -82,6 +83,10 @@ class SubscriptionError(UsageError, ValueError):
     """A subscription that no probe could serve; names the field and what it may be."""
 
 
+class _Default(int):
+    """A number that the user has not said: another one where `draws` is said."""
+
+
 @dataclass(frozen=True)
 class Subscription:
     """What a client wants; the newest subscription holds.
@@ -90,8 +95,8 @@ class Subscription:
     """
 
     rate_hz: float = 0.0  # most estimates a second, up to 1000; 0: every one
-    sh_order: int = 2  # highest order wanted, 0…4
-    max_lights: int = 4  # 0…8
+    sh_order: int = _Default(2)  # highest order wanted, 0…4
+    max_lights: int = _Default(4)  # 0…8
     kind: Kind = "AMBIENT"
     tolerance: float = 0.0  # smallest model with a predicted error below this share; 0: the largest
     smoothing: Literal["SMOOTHED", "RAW"] = "SMOOTHED"
@@ -105,12 +110,18 @@ class Subscription:
     leave_out_reflections: bool = False  # do not list mirror images; their light stays in the SH
     #: Texels along an edge of reflection maps: 16, 32 or 64, or what the probe has, if that is
     #: less; 0: none. A probe sends them only if it was started with --reflection-map.
-    reflection_map_size: int = 0
+    reflection_map_size: int = _Default(0)
     reflection_map_rate_hz: float = 5.0  # most maps a second, up to 30
     reflection_map_kind: Kind = "TOTAL"  # a mirror shows the lamps
+    #: What the app draws, of drawn.THINGS, and the most error of each (0.02: 2 %). Then the probe
+    #: chooses the least that suffices; `sh_order` (4 then), `max_lights` (8) and the reflection map
+    #: (64, if it may be needed) are upper bounds, and Estimate.drawn is the error to expect.
+    draws: Mapping[str, float] | None = field(default=None, hash=False)
 
     def __post_init__(self) -> None:
         """Check every field."""
+        if self.draws is not None:
+            self._by_what_is_drawn(self.draws)
         self._check_number("rate_hz", 1000, "estimates a second (0: every one)")
         self._check_number("tolerance", 1, "as a share of the mean irradiance: 0.05 is 5 %")
         self._check_whole("sh_order", 4)
@@ -127,6 +138,18 @@ class Subscription:
                 f"subscription: reflection_map_size = {self.reflection_map_size!r}: expected 16, "
                 "32 or 64, or 0 for none"
             )
+
+    def _by_what_is_drawn(self, draws: Mapping[str, float]) -> None:
+        if (wrong := drawn.check(draws)) is not None:
+            raise SubscriptionError(f"subscription: {wrong}")
+        map_ = drawn.MOST_MAP if drawn.is_mirrored(draws) else 0
+        for name, most in (
+            ("sh_order", drawn.MOST_ORDER),
+            ("max_lights", drawn.MOST_LIGHTS),
+            ("reflection_map_size", map_),
+        ):
+            if isinstance(getattr(self, name), _Default):
+                object.__setattr__(self, name, most)
 
     def _check_number(self, name: str, most: float, unit: str) -> None:
         value = getattr(self, name)
@@ -175,7 +198,9 @@ def encode_subscription(subscription: Subscription, number: int = 0) -> bytes:
     wish.number = number
     wish.leave_out_reflections = bool(subscription.leave_out_reflections)
     wish.frame = pb.Estimate.Frame.Value(subscription.frame)
-    if subscription.reflection_map_size:
+    if subscription.draws is not None:
+        drawn.write(subscription.draws, wish.draws)
+    if subscription.reflection_map_size or subscription.draws is not None:
         wish.reflection_map.size = int(subscription.reflection_map_size)
         wish.reflection_map.rate_hz = float(subscription.reflection_map_rate_hz)
         wish.reflection_map.kind = pb.SphericalHarmonics.Kind.Value(
@@ -417,6 +442,7 @@ def _estimate(m: pb.Estimate) -> Estimate:
         orientation_sigma_deg=(
             m.orientation_sigma_deg if m.HasField("orientation_sigma_deg") else None
         ),
+        drawn=drawn.read(m.drawn) if m.HasField("drawn") else None,
         key=_light(m.key) if m.HasField("key") else None,
         scale_sigma=(m.scale_sigma_permille / 1000 if m.HasField("scale_sigma_permille") else None),
         room=_room(m.room) if m.HasField("room") else None,
@@ -449,6 +475,7 @@ def _reflection_map(m: pb.ReflectionMap) -> ReflectionMap:
         kind=_KINDS[m.kind],
         radiance=decode_rgb9e5(m.texels, m.scale).reshape(6, m.size, m.size, 3),
         orientation=_unit(m.orientation) if m.orientation else None,
+        drawn=drawn.read(m.drawn) if m.HasField("drawn") else None,
     )
 
 

@@ -24,6 +24,10 @@ instructions: build ## record the instruction counts of the hot path (tests/benc
 	@$(MAKE) -j$(JOBS) bench-programs
 	@$(VENV)/bin/python tests/bench/instructions.py --write
 
+.PHONY: draws
+draws: build ## show rooms to a daemon with six subscriptions that say what they draw: docs/users/clients.md (ten minutes)
+	@OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python tests/bench/draws.py --page
+
 .PHONY: trade
 trade: build $(BUILD)/scenes/blender.stamp ## measure what each choice costs and brings again: host_py/lightprobe/trade.json, docs/users/trade.md (half an hour)
 	@$(MAKE) -j$(JOBS) bench-programs

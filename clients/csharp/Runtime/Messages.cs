@@ -190,6 +190,28 @@ namespace Lightprobe.Messages
         }
     }
 
+    /// <summary>What an app draws: the most error in Subscription.draws, the error to expect in Estimate.drawn and ReflectionMap.drawn. Each is measured in its own way (docs/users/conventions.md, "What is drawn").</summary>
+    public sealed class Drawn
+    {
+        /// <summary>light on matt surfaces, of its mean</summary>
+        public uint? DiffusePermille;
+        /// <summary>light in the shadow of a ball on a table, of the open light</summary>
+        public uint? ShadowsPermille;
+        /// <summary>what a surface of 15 degrees of blur shows, of white on a screen</summary>
+        public uint? GlossyPermille;
+        /// <summary>what a surface of 1.5 degrees of blur shows, of white on a screen</summary>
+        public uint? MirrorsPermille;
+
+        internal WireWriter Write(WireWriter w)
+        {
+            if (DiffusePermille.HasValue) w.UInt32(1, DiffusePermille.Value, true);
+            if (ShadowsPermille.HasValue) w.UInt32(2, ShadowsPermille.Value, true);
+            if (GlossyPermille.HasValue) w.UInt32(3, GlossyPermille.Value, true);
+            if (MirrorsPermille.HasValue) w.UInt32(4, MirrorsPermille.Value, true);
+            return w;
+        }
+    }
+
     public enum EstimateFrame : uint
     {
         Probe = 0,
@@ -242,6 +264,8 @@ namespace Lightprobe.Messages
         public readonly List<float> Position = new List<float>();
         /// <summary>On request: one directional light for what the listed lights leave (docs/users/conventions.md). Its id is 0. AMBIENT does not contain it: add lights, KEY and AMBIENT. TOTAL does: add none of them.</summary>
         public Light Key;
+        /// <summary>Of what Subscription.draws names: 1 sigma of what this packet and its reflection map leave out, and of how well the light is known. More than was asked: that cannot be had. Absent: not asked, or not known.</summary>
+        public Drawn Drawn;
         /// <summary>absent: nothing is known, and the ambient light beside the probe is taken to be as here</summary>
         public Room Room;
 
@@ -274,6 +298,7 @@ namespace Lightprobe.Messages
                     case 19: m.OrientationSigmaDeg = r.Float("Estimate.orientation_sigma_deg"); break;
                     case 25: r.Floats("Estimate.position", m.Position); break;
                     case 21: m.Key = Light.Read(r.Message("Estimate.key")); break;
+                    case 27: m.Drawn = Drawn.Read(r.Message("Estimate.drawn")); break;
                     case 26: m.Room = Room.Read(r.Message("Estimate.room")); break;
                     default: r.Skip(); break;
                 }
@@ -326,6 +351,8 @@ namespace Lightprobe.Messages
         public readonly List<float> Orientation = new List<float>();
         /// <summary>RGB9E5, little-endian: from the lowest bit up 9 bits each of R, G, B, and 5 of the exponent e: value = mantissa * 2^(e - 24). Faces +X -X +Y -Y +Z -Z, rows and columns as OpenGL and WebXR have them (docs/users/conventions.md).</summary>
         public byte[] Texels = new byte[0];
+        /// <summary>glossy and mirrors: 1 sigma of what a map of this size leaves out, and of how well the light is known</summary>
+        public Drawn Drawn;
 
         internal static ReflectionMap Read(WireReader r)
         {
@@ -342,6 +369,7 @@ namespace Lightprobe.Messages
                     case 7: m.Scale = r.Float("ReflectionMap.scale"); break;
                     case 8: r.Floats("ReflectionMap.orientation", m.Orientation); break;
                     case 9: m.Texels = r.Bytes("ReflectionMap.texels"); break;
+                    case 10: m.Drawn = Drawn.Read(r.Message("ReflectionMap.drawn")); break;
                     default: r.Skip(); break;
                 }
             return m;
@@ -773,6 +801,8 @@ namespace Lightprobe.Messages
         public ReflectionMapWish ReflectionMap;
         /// <summary>While an estimate says nothing that the one sent last does not, it is left out: then they come this far apart, and last so much longer (Estimate.ttl_ms). What is new is sent as soon as ever: light that has changed by more than tolerance_permille (of the mean irradiance; at least by 4, a step of an 8-bit picture), other lights, other flags, a larger error. 0: nothing is left out.</summary>
         public uint QuietMs;
+        /// <summary>What the app draws, and the most error of each; 0 or absent: not drawn. Then the daemon chooses the least that suffices: SH order, lights, area lights, size and rate of reflection maps. sh_order (default 4 then), max_lights (8), reflection_map (64, 5 a second) are upper bounds; key_light: KEY may be sent. Estimate.drawn says what came of it. tolerance_permille then says what is news, and no more. A daemon before protocol 1.6 knows none of this.</summary>
+        public Drawn Draws;
 
         internal WireWriter Write(WireWriter w)
         {
@@ -790,6 +820,7 @@ namespace Lightprobe.Messages
             w.Bool(13, LeaveOutReflections);
             if (ReflectionMap != null) w.Message(14, ReflectionMap.Write(new WireWriter()));
             w.UInt32(15, QuietMs);
+            if (Draws != null) w.Message(16, Draws.Write(new WireWriter()));
             return w;
         }
     }

@@ -66,6 +66,19 @@ namespace Lightprobe
             return null;
         }
 
+        internal static string Broken(Drawn m)
+        {
+            if (!(RangeCheck.IsInside(m.DiffusePermille, double.MinValue, 1000000, double.NegativeInfinity)))
+                return "Drawn.diffuse_permille: expected a number, 0 to 1000000";
+            if (!(RangeCheck.IsInside(m.ShadowsPermille, double.MinValue, 1000000, double.NegativeInfinity)))
+                return "Drawn.shadows_permille: expected a number, 0 to 1000000";
+            if (!(RangeCheck.IsInside(m.GlossyPermille, double.MinValue, 1000000, double.NegativeInfinity)))
+                return "Drawn.glossy_permille: expected a number, 0 to 1000000";
+            if (!(RangeCheck.IsInside(m.MirrorsPermille, double.MinValue, 1000000, double.NegativeInfinity)))
+                return "Drawn.mirrors_permille: expected a number, 0 to 1000000";
+            return null;
+        }
+
         internal static string Broken(Room m)
         {
             if (!(RangeCheck.Keeps(m.WallsM, 6, double.MinValue, 10000, 0, false, false, false)))
@@ -111,6 +124,8 @@ namespace Lightprobe
                 return ofSh;
             if (m.Key != null && Broken(m.Key) is string ofKey)
                 return ofKey;
+            if (m.Drawn != null && Broken(m.Drawn) is string ofDrawn)
+                return ofDrawn;
             if (m.Room != null && Broken(m.Room) is string ofRoom)
                 return ofRoom;
             return null;
@@ -163,6 +178,8 @@ namespace Lightprobe
                 return "ReflectionMap.orientation: expected a unit vector of 4 numbers";
             if (!(m.Texels.Length == 24 * (m.Size + 0L) * (m.Size + 0L)))
                 return "ReflectionMap.texels: expected 24 × size × size bytes";
+            if (m.Drawn != null && Broken(m.Drawn) is string ofDrawn)
+                return ofDrawn;
             return null;
         }
 

@@ -71,6 +71,18 @@ export interface SphericalHarmonics {
   coefficients: number[];
 }
 
+/** Errors of what an app draws, as shares, each of its own measure; absent: not drawn, or not known. */
+export interface Drawn {
+  /** Light on matt surfaces, of its mean. */
+  diffuse?: number;
+  /** Light in the shadow of a ball on a table, of the open light. */
+  shadows?: number;
+  /** What a surface of 15° of blur shows, of white on a screen. */
+  glossy?: number;
+  /** What a surface of 1.5° of blur shows, of white on a screen. */
+  mirrors?: number;
+}
+
 /** The room around the probe as a box: what the ambient light is like beside the probe. */
 export interface Room {
   /** From the probe to the walls at −x +x −y +y −z +z of the box's own axes. */
@@ -118,6 +130,8 @@ export interface Estimate {
   positionM: [number, number, number] | undefined;
   /** undefined: nothing is known of the ambient light beside the probe. */
   room: Room | undefined;
+  /** Error to expect of what the subscription draws, 1 sigma; undefined: it did not say what it draws. */
+  drawn?: Drawn | undefined;
 }
 
 export interface Hello {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /** Reflection maps: radiance on the six faces of a cube, in OpenGL's and WebXR's orientation, in the probe's axes. */
 
+import type { Drawn } from "./estimate.js";
 import type { Vec3 } from "./sh.js";
 
 export interface ReflectionMap {
@@ -19,6 +20,8 @@ export interface ReflectionMap {
   faces: Float32Array<ArrayBuffer>[];
   /** x, y, z, w: turns the probe frame, in which the map always is, into that of Estimate.orientation. */
   orientation: [number, number, number, number] | undefined;
+  /** Error to expect of glossy things and mirrors, 1 sigma; undefined: the probe is older than this. */
+  drawn?: Drawn | undefined;
 }
 
 /** Of each face: where its middle, its columns and its rows lead (OpenGL 4.6, table 8.19). */

@@ -5,7 +5,7 @@ import { create, fromBinary, toBinary } from "@bufbuild/protobuf";
 import * as pb from "./gen/lightprobe_pb.js";
 import { broken } from "./ranges.js";
 import { decodeRgb9e5, type ReflectionMap } from "./reflection.js";
-import type { Estimate, Health, Hello, Light, Pong, Refusal, Room, SphericalHarmonics, Vec3 } from "./estimate.js";
+import type { Drawn, Estimate, Health, Hello, Light, Pong, Refusal, Room, SphericalHarmonics, Vec3 } from "./estimate.js";
 
 export const PROTOCOL_MAJOR = 1;
 /** From this minor version on, estimates carry the number of the subscription that they answer. */
@@ -54,7 +54,16 @@ export interface Subscription {
   leaveOutReflections: boolean;
   /** What metal and glass mirror; undefined: none. The probe sends it only if Hello.maxReflectionMapSize is not 0. */
   reflectionMap: ReflectionMapWish | undefined;
+  /** What the app draws, and the most error of each (0.02: 2 %). Then the probe chooses the least that suffices, and `shOrder`, `maxLights` and
+   * `reflectionMap` are no wishes any more: they are not sent where they are the defaults, and upper bounds where they are not. */
+  draws?: Drawn | undefined;
 }
+
+const THINGS = ["diffuse", "shadows", "glossy", "mirrors"] as const;
+
+/** What is not as exact as was asked, or not known to be. */
+export const unmet = (draws: Drawn, drawn: Drawn): (keyof Drawn)[] =>
+  THINGS.filter((thing) => draws[thing] !== undefined && !((drawn[thing] ?? Infinity) <= draws[thing]));
 
 export interface ReflectionMapWish {
   /** Texels along an edge; the probe may have fewer. */
@@ -73,6 +82,18 @@ export const DEFAULT_SUBSCRIPTION: Subscription = {
 
 const kindOf = (kind: "AMBIENT" | "TOTAL"): pb.SphericalHarmonics_Kind => (kind === "TOTAL" ? pb.SphericalHarmonics_Kind.TOTAL : pb.SphericalHarmonics_Kind.AMBIENT);
 
+const permilleOf = (draws: Drawn): Record<string, number> =>
+  Object.fromEntries(THINGS.flatMap((thing) => (draws[thing] === undefined ? [] : [[`${thing}Permille`, Math.round(1000 * draws[thing])]])));
+
+function drawnOf(m: pb.Drawn): Drawn {
+  const drawn: Drawn = {};
+  for (const thing of THINGS) {
+    const permille = m[`${thing}Permille`];
+    if (permille !== undefined) drawn[thing] = permille / 1000;
+  }
+  return drawn;
+}
+
 function need(value: boolean, what: string): void {
   if (!value) throw new RangeError(`subscription: ${what}`);
 }
@@ -88,13 +109,16 @@ export function encodeSubscription(wish: Subscription, number: number): Uint8Arr
   const map = wish.reflectionMap;
   need(!map || [16, 32, 64].includes(map.size), `reflectionMap.size ${map?.size}: expected 16, 32 or 64`);
   need(!map?.rateHz || (map.rateHz > 0 && map.rateHz <= 30), `reflectionMap.rateHz ${map?.rateHz}: expected 0…30`);
+  const { draws } = wish;
+  for (const thing of THINGS) need(!draws || draws[thing] === undefined || (draws[thing] >= 0.001 && draws[thing] <= 1), `draws.${thing} ${draws?.[thing]}: expected 0.001…1`);
+  const bound = (value: number, byDefault: number): number | undefined => (draws && value === byDefault ? undefined : value);
   return new Uint8Array(toBinary(pb.FromClientSchema, create(pb.FromClientSchema, {
     message: {
       case: "subscribe",
       value: {
         rateHz: wish.rateHz,
-        shOrder: wish.shOrder,
-        maxLights: wish.maxLights,
+        shOrder: bound(wish.shOrder, DEFAULT_SUBSCRIPTION.shOrder),
+        maxLights: bound(wish.maxLights, DEFAULT_SUBSCRIPTION.maxLights),
         kind: kindOf(wish.kind),
         tolerancePermille: Math.round(1000 * wish.tolerance),
         smoothing: wish.smoothing === "RAW" ? pb.Subscription_Smoothing.RAW : pb.Subscription_Smoothing.SMOOTHED,
@@ -104,6 +128,7 @@ export function encodeSubscription(wish: Subscription, number: number): Uint8Arr
         areaLights: wish.areaLights,
         leaveOutReflections: wish.leaveOutReflections,
         ...(map ? { reflectionMap: { size: map.size, rateHz: map.rateHz ?? 0, kind: kindOf(map.kind ?? "TOTAL") } } : {}),
+        ...(draws ? { draws: permilleOf(draws) } : {}),
         number,
         frame: wish.frame === "WORLD" ? pb.Estimate_Frame.WORLD : pb.Estimate_Frame.PROBE,
       },
@@ -225,6 +250,7 @@ function estimateOf(m: pb.Estimate): Estimate {
     orientationSigmaDeg: m.orientationSigmaDeg,
     positionM: m.position.length ? (m.position as [number, number, number]) : undefined,
     room: m.room && roomOf(m.room),
+    drawn: m.drawn && drawnOf(m.drawn),
   };
 }
 
@@ -244,6 +270,7 @@ function reflectionMapOf(m: pb.ReflectionMap): ReflectionMap {
     size: m.size,
     faces: decodeRgb9e5(m.texels, m.size, m.scale),
     orientation: m.orientation.length ? unit<[number, number, number, number]>(m.orientation) : undefined,
+    drawn: m.drawn && drawnOf(m.drawn),
   };
 }
 

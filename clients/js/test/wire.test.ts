@@ -3,7 +3,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { create, fromBinary, toBinary } from "@bufbuild/protobuf";
 import * as pb from "../src/gen/lightprobe_pb.js";
-import { DEFAULT_SUBSCRIPTION, WireError, decode, encodeSubscription } from "../src/wire.js";
+import { DEFAULT_SUBSCRIPTION, WireError, decode, encodeSubscription, unmet } from "../src/wire.js";
 import { flagNames } from "../src/index.js";
 import { bytes, expected, names } from "./golden.js";
 
@@ -114,6 +114,24 @@ test("how far away a lamp is, and how sure that is", () => {
   if (message?.kind !== "estimate") return;
   const { distanceM, distanceSigma, nearestM } = message.estimate.lights[0]!;
   assert.deepEqual([distanceM, distanceSigma, nearestM], [2.75, 0.012, undefined]);
+});
+
+test("what is drawn: asked in permille, and told as shares", () => {
+  const message = decode(bytes("estimate_drawn.bin"));
+  assert.equal(message?.kind, "estimate");
+  if (message?.kind !== "estimate") return;
+  assert.deepEqual(message.estimate.drawn, { diffuse: 0.021, shadows: 0, mirrors: 1000 });
+  assert.deepEqual(unmet({ diffuse: 0.02, shadows: 0.01, glossy: 0.1 }, message.estimate.drawn!), ["diffuse", "glossy"]);
+  const map = decode(bytes("reflection_map_drawn.bin"));
+  assert.deepEqual(map?.kind === "reflectionMap" && map.reflectionMap.drawn, { glossy: 0.003, mirrors: 0.109 });
+  const draws = { diffuse: 0.02, shadows: 0.05, mirrors: 0.3 };
+  const sent = fromBinary(pb.FromClientSchema, encodeSubscription({ ...DEFAULT_SUBSCRIPTION, draws, maxLights: 1 }, 9)).message;
+  const frozen = fromBinary(pb.FromClientSchema, bytes("from_client_draws.bin")).message;
+  assert.ok(sent.case === "subscribe" && frozen.case === "subscribe");
+  assert.deepEqual(sent.value.draws, frozen.value.draws);
+  assert.deepEqual([sent.value.shOrder, sent.value.maxLights], [undefined, 1]);
+  for (const wrong of [{ diffuse: 0 }, { mirrors: 2 }, { glossy: NaN }])
+    assert.throws(() => encodeSubscription({ ...DEFAULT_SUBSCRIPTION, draws: wrong }, 1), RangeError, JSON.stringify(wrong));
 });
 
 test("garbage is a WireError, and a message of the future is skipped", () => {

@@ -7,6 +7,8 @@
 #include "include/luminance.h"
 #include "light/film/polarization.h"
 
+_Static_assert(LP_FINE_SH_COUNT == LP_SH_MAX_COUNT, "all bands of the projection");
+
 static double luminance(const double rgb[3])
 {
 	return LP_LUMINANCE_R * rgb[0] + LP_LUMINANCE_G * rgb[1] + LP_LUMINANCE_B * rgb[2];
@@ -104,6 +106,8 @@ void lp_model_predict(const double (*total)[3], struct lp_light_estimate *estima
 	float shadow[LP_MAX_LIGHTS + 1] = {0.0F}; /* contrast lost with lights k and beyond */
 
 	memcpy(residual, total, sizeof(residual));
+	for (int i = 0; i < LP_FINE_SH_COUNT; i++)
+		estimate->fine_sh[i] = (float)luminance(total[i]);
 	for (int k = estimate->light_count - 1; k >= 0; k--)
 		shadow[k] = shadow[k + 1] + lp_facing_share(estimate, k);
 	for (int k = 0; k <= LP_MAX_LIGHTS; k++) {

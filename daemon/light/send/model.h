@@ -11,11 +11,11 @@
 #include "light/math/sh.h"
 
 /*
- * Fill estimate->predicted_error from the projection to order LP_SH_MAX_ORDER and the lights
- * listed. Error of order l with the first k lights, relative to the mean irradiance over all
- * normals: root mean square over normals of the irradiance in the bands above l that the k lights
- * do not bring (by Parseval; Ramamoorthi & Hanrahan 2001), plus LP_SHADOW_SHARE of the shadow
- * contrast that is lost with the lights left out.
+ * Fill estimate->fine_sh, and estimate->predicted_error from the projection to order
+ * LP_SH_MAX_ORDER and the lights listed. Error of order l with the first k lights, relative to the
+ * mean irradiance over all normals: root mean square over normals of the irradiance in the bands
+ * above l that the k lights do not bring (by Parseval; Ramamoorthi & Hanrahan 2001), plus
+ * LP_SHADOW_SHARE of the shadow contrast that is lost with the lights left out.
  */
 void lp_model_predict(const double (*total)[3], struct lp_light_estimate *estimate);
 

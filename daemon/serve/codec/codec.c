@@ -18,13 +18,14 @@
 #include "light/send/model.h"
 #include "proto/lightprobe.pb.h"
 #include "proto/ranges.h"
+#include "serve/codec/codec_fields.h"
 #include "serve/health.h"
 
 #define PROTOCOL_MAJOR 1
 /* 1: estimates echo the number of their subscription. 2: Hello names the probe. 3: poses, pings,
  * WORLD and the probe's orientation; KEY and area lights. 4: reflection maps; polarization maps,
- * sweeps on request. 5: stills on request. */
-#define PROTOCOL_MINOR 5
+ * sweeps on request. 5: stills on request. 6: subscriptions by what is drawn. */
+#define PROTOCOL_MINOR 6
 #define LEAST_SLEEP_NS (50 * LP_NS_PER_MS) /* less may be the reading of two clocks */
 #define LENGTH_PREFIX_BYTES 3		   /* of messages up to 2 MiB */
 /* What FromProbe adds to the message in it: its tag and its length. */
@@ -275,6 +276,7 @@ int lp_encode_estimate(const struct lp_light_estimate *estimate, const struct lp
 		       &wire->predicted_error_permille);
 	wire->has_relighting_sigma_permille =
 		scaled(estimate->relighting_sigma, 1000, &wire->relighting_sigma_permille);
+	wire->has_drawn = variant->has_drawn && lp_fill_drawn(&wire->drawn, &variant->drawn);
 	wire->has_exposure_us = isfinite(estimate->exposure_us);
 	if (wire->has_exposure_us)
 		wire->exposure_us = (uint32_t)fminf(fmaxf(roundf(estimate->exposure_us), 0), 4e9F);

@@ -11,6 +11,7 @@
 #include <stdint.h>
 
 #include "include/light_estimate.h"
+#include "serve/drawn/drawn.h"
 
 struct lp_health_report;
 struct lp_packet;
@@ -38,8 +39,10 @@ struct lp_subscription {
 	uint32_t health_period_ms; /* 0: none */
 	uint32_t quiet_ms;	   /* between estimates that say nothing new; 0: all are sent */
 	bool leave_out_reflections;
-	struct lp_reflection_wish reflection;
-	uint32_t number; /* the client's own, echoed in its estimates; 0: the defaults */
+	struct lp_reflection_wish reflection; /* with has_draws: the most */
+	bool has_draws;	       /* what follows decides; orders and lights are the most */
+	struct lp_drawn draws; /* tolerance of each thing; 0: it is not drawn */
+	uint32_t number;       /* the client's own, echoed in its estimates; 0: the defaults */
 };
 
 /* Everything that makes one client's estimate packet differ from another's. */
@@ -47,6 +50,8 @@ struct lp_variant {
 	bool total, key;
 	int sh_order, lights;
 	bool world; /* directions and SH have been turned into the app's world */
+	bool has_drawn;
+	struct lp_drawn drawn; /* errors to state; NAN: none */
 };
 
 /* Times of a client are nanoseconds of its own clock, within LP_MOST_CLIENT_TIME_NS of 0. */
@@ -118,7 +123,8 @@ struct lp_hello {
 struct lp_reflection_header {
 	int size;
 	bool total;
-	float scale; /* lp_cube_encode() */
+	float scale;	       /* lp_cube_encode() */
+	struct lp_drawn drawn; /* its errors; NAN: not known */
 };
 
 /* Most bytes of a reflection map's message beside its texels. */

@@ -10,6 +10,7 @@
 #include "light/send/cube.h"
 #include "proto/lightprobe.pb.h"
 #include "proto/ranges.h"
+#include "serve/codec/codec_fields.h"
 #include "serve/codec/codec.h"
 
 #define FROM_PROBE_REFLECTION_MAP 6 /* FromProbe.reflection_map: left out by lightprobe.options */
@@ -30,6 +31,27 @@ static bool write_bytes(pb_ostream_t *stream, const pb_field_t *field, void *con
 	       pb_encode_string(stream, bytes->data, bytes->size);
 }
 
+/* A sigma, rounded up: it is never less than stated. */
+static bool permille_of(float sigma, uint32_t *permille)
+{
+	if (isnan(sigma))
+		return false;
+	*permille = (uint32_t)fminf(fmaxf(ceilf(sigma * 1000.0F), 0.0F), 1e6F);
+	return true;
+}
+
+bool lp_fill_drawn(lightprobe_v1_Drawn *wire, const struct lp_drawn *drawn)
+{
+	const float *of = drawn->of;
+
+	wire->has_diffuse_permille = permille_of(of[LP_DRAWN_DIFFUSE], &wire->diffuse_permille);
+	wire->has_shadows_permille = permille_of(of[LP_DRAWN_SHADOWS], &wire->shadows_permille);
+	wire->has_glossy_permille = permille_of(of[LP_DRAWN_GLOSSY], &wire->glossy_permille);
+	wire->has_mirrors_permille = permille_of(of[LP_DRAWN_MIRRORS], &wire->mirrors_permille);
+	return wire->has_diffuse_permille || wire->has_shadows_permille ||
+	       wire->has_glossy_permille || wire->has_mirrors_permille;
+}
+
 static void fill(lightprobe_v1_ReflectionMap *wire, const struct lp_light_estimate *estimate,
 		 const struct lp_reflection_header *header, const struct lp_stamp *stamp)
 {
@@ -41,6 +63,7 @@ static void fill(lightprobe_v1_ReflectionMap *wire, const struct lp_light_estima
 				   : lightprobe_v1_SphericalHarmonics_Kind_AMBIENT;
 	wire->size = (uint32_t)header->size;
 	wire->scale = header->scale;
+	wire->has_drawn = lp_fill_drawn(&wire->drawn, &header->drawn);
 	wire->orientation_count = estimate->orientation.known ? 4 : 0;
 	for (int i = 0; i < 4; i++)
 		wire->orientation[i] = estimate->orientation.xyzw[i];

@@ -6,6 +6,7 @@
 #include <pb_decode.h>
 
 #include "include/publisher.h"
+#include "light/send/cube.h"
 #include "proto/lightprobe.pb.h"
 #include "serve/codec/codec.h"
 
@@ -46,6 +47,38 @@ static int read_reflection(const lightprobe_v1_Subscription *wire, struct lp_ref
 	return 0;
 }
 
+static float tolerance_of(bool is_sent, uint32_t permille)
+{
+	return is_sent ? fminf((float)permille / 1000.0F, 1.0F) : 0.0F;
+}
+
+/* What is drawn, and the most that may be sent for it. */
+static void read_draws(const lightprobe_v1_Subscription *wire, struct lp_subscription *subscription)
+{
+	const lightprobe_v1_Drawn *draws = &wire->draws;
+	float *of = subscription->draws.of;
+
+	if (!wire->has_draws)
+		return;
+	subscription->has_draws = true;
+	subscription->area_lights = true;
+	of[LP_DRAWN_DIFFUSE] = tolerance_of(draws->has_diffuse_permille, draws->diffuse_permille);
+	of[LP_DRAWN_SHADOWS] = tolerance_of(draws->has_shadows_permille, draws->shadows_permille);
+	of[LP_DRAWN_GLOSSY] = tolerance_of(draws->has_glossy_permille, draws->glossy_permille);
+	of[LP_DRAWN_MIRRORS] = tolerance_of(draws->has_mirrors_permille, draws->mirrors_permille);
+	if (!wire->has_sh_order)
+		subscription->sh_order = LP_MAX_SH_ORDER;
+	if (!wire->has_max_lights)
+		subscription->max_lights = LP_MAX_LIGHTS;
+	if (!wire->has_reflection_map)
+		subscription->reflection =
+			(struct lp_reflection_wish){.size = LP_CUBE_MOST,
+						    .rate_hz = REFLECTION_RATE_HZ,
+						    .total = true};
+	if (!(of[LP_DRAWN_GLOSSY] > 0.0F) && !(of[LP_DRAWN_MIRRORS] > 0.0F))
+		subscription->reflection.size = 0;
+}
+
 static int read_subscription(const lightprobe_v1_Subscription *wire,
 			     struct lp_subscription *subscription, const char **reason)
 {
@@ -80,7 +113,10 @@ static int read_subscription(const lightprobe_v1_Subscription *wire,
 	subscription->key_light = wire->key_light;
 	subscription->area_lights = wire->area_lights;
 	subscription->leave_out_reflections = wire->leave_out_reflections;
-	return read_reflection(wire, &subscription->reflection, reason);
+	const int refused = read_reflection(wire, &subscription->reflection, reason);
+
+	read_draws(wire, subscription);
+	return refused;
 }
 
 static bool sane_time(int64_t time_ns)

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import typer
 
+from lightprobe import drawn
 from lightprobe.cli import check
 from lightprobe.errors import UsageError
 from lightprobe.sim.room import Room
@@ -20,8 +21,6 @@ from lightprobe.trade import DRAWS, SIGHTS, Advice, Choice, Need, advise, table
 
 _SIZE_PX = (1920, 960)
 _DECODES = 25
-#: Other words for what is drawn.
-_WORDS = {"matt": "diffuse", "metal": "glossy", "chrome": "mirrors", "reflections": "mirrors"}
 _NUMBER = re.compile(r"(\d+(?:\.\d+)?)\s*(%|k|M|)$")
 _FACTORS = {"%": 0.01, "k": 1e3, "M": 1e6, "": 1.0}
 _UNMET = {
@@ -91,11 +90,7 @@ def command(
 
 
 def _things(text: str) -> tuple[str, ...]:
-    found = tuple(_WORDS.get(word.strip(), word.strip()) for word in text.split(","))
-    for name in found:
-        if name not in DRAWS:
-            raise UsageError(f"trade: --draws {name}: expected {', '.join(DRAWS)}, by comma")
-    return found
+    return tuple(drawn.thing(word, "trade") for word in text.split(","))
 
 
 def _sight(text: str) -> str:

@@ -12,6 +12,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from lightprobe import drawn
 from lightprobe.client import Client
 from lightprobe.colour import linear_to_srgb, luminance
 from lightprobe.estimate import FLAG_WORDS, Estimate, Health, Light, flag_names
@@ -161,6 +162,17 @@ def plain(estimate: Estimate) -> str:
     return f"{line} {room_words(estimate)}".rstrip()
 
 
+def drawn_words(client: Client) -> str:
+    """What to expect of what is drawn, and what of it is more than was asked; "": nothing is."""
+    estimate = client.latest()
+    if estimate is None or estimate.drawn is None:
+        return ""
+    draws = client.subscription.draws or {}
+    map_ = client.reflection_map
+    size = f", map of {map_.size}" if map_ is not None else ""
+    return f"draws {drawn.words(draws, estimate.drawn)}; order {estimate.sh.order}{size}"
+
+
 class RateMeter:
     """Estimates per second over the last two seconds."""
 
@@ -190,8 +202,9 @@ def dashboard(client: Client, rate_hz: float, note: str = "") -> RenderableType:
         parts.append(Panel(_lamps(estimate), title="lamps", title_align="left"))
         kind = f"SH of radiance, order {estimate.sh.order}, {estimate.sh.kind}, luminance"
         parts.append(Panel(sh_table(estimate), title=kind, title_align="left"))
-        if words := room_words(estimate):
-            parts.append(Text(words))
+        for words in (room_words(estimate), drawn_words(client)):
+            if words:
+                parts.append(Text(words))
         if flags:
             parts.append(Text("\n".join(flags), style="yellow"))
     parts.append(_health(client))

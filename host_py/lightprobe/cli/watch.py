@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 from rich.live import Live
 
+from lightprobe import drawn
 from lightprobe.cli import check, view
 from lightprobe.client import DEFAULT_URI, Client
 from lightprobe.errors import ProbeTimeout, UsageError
@@ -27,7 +28,10 @@ _PATIENCE_S = 10.0
 
 def command(
     uri: Annotated[str, typer.Argument(help="tcp:HOST:PORT or unix:PATH.")] = DEFAULT_URI,
-    order: Annotated[int, typer.Option(min=0, max=4, help="Highest SH order.")] = 2,
+    order: Annotated[
+        int | None,
+        typer.Option(min=0, max=4, help="Highest SH order; default 2, with --draws 4."),
+    ] = None,
     lights: Annotated[int, typer.Option(min=0, max=8, help="Maximum number of lamps listed.")] = 8,
     kind: Annotated[
         str, typer.Option(help="AMBIENT: SH without the listed lamps; TOTAL: with them.")
@@ -47,6 +51,14 @@ def command(
             help="Use the smallest model with a predicted error below this.",
         ),
     ] = 0.0,
+    draws: Annotated[
+        str | None,
+        typer.Option(
+            metavar="WORD:N%,…",
+            help="What is drawn, and the most error of each: the probe chooses the least that "
+            "suffices. diffuse, shadows, glossy, mirrors; say diffuse:2%,chrome:10%.",
+        ),
+    ] = None,
     raw: Annotated[
         bool, typer.Option("--raw", help="Show estimates that are not smoothed in time.")
     ] = False,
@@ -59,9 +71,12 @@ def command(
     A dashboard on a terminal, one line a second elsewhere, every estimate with --json. Ends on
     Ctrl-C. The exit code is 1 when no estimate came (in --seconds, or 10 s with --count).
     """
+    things = None if draws is None else drawn.parse(draws, "watch")
+    most = 2 if things is None else drawn.MOST_ORDER
     subscription = Subscription(
-        rate_hz, order, lights, _kind(kind), tolerance, "RAW" if raw else "SMOOTHED"
-    )
+        rate_hz, most if order is None else order, lights, _kind(kind), tolerance,
+        "RAW" if raw else "SMOOTHED", draws=things,
+    )  # fmt: skip
     with Client(uri, subscription) as client, suppress(KeyboardInterrupt):
         if as_json:
             print_json(client, seconds, count)
@@ -118,6 +133,7 @@ def _print_lines(client: Client, step: Step) -> None:
             waiting = client.last_error or "no light yet"
             box = view.box_words(estimate, client.health)
             line = f"{rate_hz:.1f}/s {view.plain(estimate)}" if estimate else waiting
+            line = f"{line} {view.drawn_words(client)}".rstrip()
             print(f"{line}  {box}".rstrip(), flush=True)
         if note and note != said:
             print(note, flush=True)
