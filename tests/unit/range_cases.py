@@ -22,6 +22,7 @@ PLACES = {
     "Light": ("estimate.lights", "estimate.key"),
     "SphericalHarmonics": ("estimate.sh",),
     "Estimate": ("estimate",),
+    "Drawn": ("estimate.drawn", "reflection_map.drawn"),
     "Room": ("estimate.room",),
     "ReflectionMap": ("reflection_map",),
     "PolarizationMap": ("polarization_map",),
@@ -59,6 +60,7 @@ def good(kind):
                 orientation=[0, 0, 0.6, 0.8],
                 position=[1, 1.5, -2],
                 room=pb.Room(**room),
+                drawn=pb.Drawn(diffuse_permille=20, glossy_permille=0),
                 cd_m2_per_unit=100,
             )
         )
@@ -68,7 +70,13 @@ def good(kind):
         )
     elif kind == "reflection_map":
         message.reflection_map.MergeFrom(
-            pb.ReflectionMap(kind=2, size=16, scale=1, orientation=[0, 0, 0, 1])
+            pb.ReflectionMap(
+                kind=2,
+                size=16,
+                scale=1,
+                orientation=[0, 0, 0, 1],
+                drawn=pb.Drawn(mirrors_permille=109),
+            )
         )
     else:
         message.polarization_map.MergeFrom(pb.PolarizationMap(width=2, height=1, s0_unit=1))

@@ -390,19 +390,21 @@ static void test_same_wishes_share_a_map(void **state)
 	lp_packets_forget(packets);
 }
 
-/* Byte by byte what proto/golden holds, and other languages decode. */
-static void test_bytes_are_the_frozen_ones(void **state)
+/* Byte by byte what proto/golden holds, and other languages decode; `drawn`: the errors in it. */
+static void compare_bytes(const char *path, struct lp_drawn drawn)
 {
-	const struct lp_reflection_header header = {.size = 16, .total = true, .scale = 0.25F};
+	const struct lp_reflection_header header = {.size = 16,
+						    .total = true,
+						    .scale = 0.25F,
+						    .drawn = drawn};
 	const struct lp_stamp stamp = {.boot_id = 305419896, .subscription = 300};
 	static uint8_t texels[4 * LP_CUBE_TEXELS(16)], expected[8192], large[8192];
 	struct lp_packet packet = {.data = large, .capacity_bytes = sizeof(large)};
 	struct lp_light_estimate estimate = {.sequence = 12,
 					     .orientation = {.known = true,
 							     .xyzw = {0.5F, -0.5F, 0.5F, 0.5F}}};
-	FILE *file = fopen("proto/golden/reflection_map.bin", "rb");
+	FILE *file = fopen(path, "rb");
 
-	(void)state;
 	assert_non_null(file);
 	const size_t size = fread(expected, 1, sizeof(expected), file);
 
@@ -416,6 +418,16 @@ static void test_bytes_are_the_frozen_ones(void **state)
 	lp_clock_simulate(0);
 	assert_int_equal(packet.size_bytes, size);
 	assert_memory_equal(large, expected, size);
+}
+
+static void test_bytes_are_the_frozen_ones(void **state)
+{
+	const struct lp_drawn unknown = {{NAN, NAN, NAN, NAN}},
+			      known = {{NAN, NAN, 0.003F, 0.1085F}};
+
+	(void)state;
+	compare_bytes("proto/golden/reflection_map.bin", unknown);
+	compare_bytes("proto/golden/reflection_map_drawn.bin", known);
 }
 
 int main(void)
