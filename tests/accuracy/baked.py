@@ -157,13 +157,17 @@ def draw(path: Path) -> None:
         "the same packet, no shadows": luminance(light.irradiance(mesh.normals)),
     }
     figure = plt.figure(figsize=(12, 4.4), layout="constrained", facecolor="0.12")
+    eye = np.array([np.cos(np.radians(-60)), np.sin(np.radians(-60)), np.tan(np.radians(25))])
     corners = mesh.vertices[mesh.triangles][..., [0, 2, 1]] * [1, -1, 1]
+    faces = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) @ eye > 0
     for k, (title, values) in enumerate(drawn.items()):
         axes = figure.add_subplot(1, 3, k + 1, projection="3d", facecolor="0.12")
         axes.set_title(title, color="white")
-        grey = (values[mesh.triangles].mean(axis=1) / truth.max()).clip(0, 1) ** (1 / 2.2)
+        grey = (values[mesh.triangles[faces]].mean(axis=1) / truth.max()).clip(0, 1) ** (1 / 2.2)
         colours = np.repeat(grey[:, None], 3, axis=1)
-        axes.add_collection3d(Poly3DCollection(corners, facecolors=colours, edgecolors=colours))
+        axes.add_collection3d(
+            Poly3DCollection(corners[faces], facecolors=colours, edgecolors=colours)
+        )
         axes.set(xlim=(-0.6, 0.6), ylim=(-0.6, 0.6), zlim=(0, 1.5), box_aspect=(1.2, 1.2, 1.5))
         axes.view_init(25, -60)
         axes.set_axis_off()
