@@ -28,6 +28,7 @@ MAY = {
 }
 SERVED = ("estimate/estimates.h", "drivers/publisher/places.h")
 LAYERS = ("linear", "math", "find", "turn", "place", "film", "send", "lamps", "clipped", "ring")
+CODEC = "serve/codec/codec.h"  # of what is on the wire nothing else is included elsewhere
 MOST_FILES = 12
 SMALL_ROOMS = ("light", "vision", "estimate", "serve", "app")
 LINKS = ROOT / "daemon" / "drivers" / "link"
@@ -73,7 +74,10 @@ def faults_of(path: Path) -> list[str]:
     text = path.read_text()
     faults = []
     for quote, name in INCLUDE.findall(text):
-        if name.endswith(".pb.h") and not here.match("daemon/serve/codec/*.c"):
+        in_codec = here.match("daemon/serve/codec/*")
+        if name.startswith("serve/codec/") and name != CODEC and not in_codec:
+            faults.append(f"{here}: includes {name}: others than its room include {CODEC}")
+        if name.endswith(".pb.h") and (not in_codec or here.name == Path(CODEC).name):
             faults.append(
                 f"{here}: includes {name}: generated protobuf belongs to serve/codec alone"
             )
