@@ -36,9 +36,10 @@ struct shown {
 
 /* ---------------------------------------------------------------- lobes */
 
-/* Texels in the lobe around a view, from `at` on; written where there is room for them. */
-static int cover(struct lobes *lobes, const struct lp_cube_grid *grid, double blur_rad, int view,
-		 int at)
+/* Texels in the lobe around a view, from `at` on; written where there is room for them. `to`:
+ * directions of all texels. */
+static int cover(struct lobes *lobes, const struct lp_cube_grid *grid, const float (*to)[3],
+		 double blur_rad, int view, int at)
 {
 	const double width2 = 4.0 * M_PI / grid->texels;
 	const double more_rad = sqrt(blur_rad * blur_rad + width2 / 6.0);
@@ -48,19 +49,17 @@ static int cover(struct lobes *lobes, const struct lp_cube_grid *grid, double bl
 
 	lp_drawn_spread(view, VIEWS, towards);
 	for (int i = 0; i < grid->texels; i++) {
-		float to[3];
-
-		lp_cube_direction(grid->size, i, to);
-		const double cosine = lp_dot(towards, (const double[]){to[0], to[1], to[2]});
+		const double cosine =
+			lp_dot(towards, (const double[]){to[i][0], to[i][1], to[i][2]});
 
 		if (cosine < least)
 			continue;
 		if (lobes->texel) {
+			const double solid = (double)grid->solid_angle_sr[i];
+
 			lobes->texel[at] = (uint16_t)i;
-			lobes->sharp[at] = (float)(lp_drawn_lobe(blur_rad, cosine) *
-						   (double)grid->solid_angle_sr[i]);
-			lobes->blurred[at] = (float)(lp_drawn_lobe(more_rad, cosine) *
-						     (double)grid->solid_angle_sr[i]);
+			lobes->sharp[at] = (float)(lp_drawn_lobe(blur_rad, cosine) * solid);
+			lobes->blurred[at] = (float)(lp_drawn_lobe(more_rad, cosine) * solid);
 			sum += (double)lobes->blurred[at];
 		}
 		at++;
@@ -70,12 +69,13 @@ static int cover(struct lobes *lobes, const struct lp_cube_grid *grid, double bl
 	return at;
 }
 
-static bool create_lobes(struct lobes *lobes, const struct lp_cube_grid *grid, double blur_rad)
+static bool fill_lobes(struct lobes *lobes, const struct lp_cube_grid *grid, const float (*to)[3],
+		       double blur_rad)
 {
 	int count = 0;
 
 	for (int v = 0; v < VIEWS; v++)
-		count = cover(lobes, grid, blur_rad, v, count);
+		count = cover(lobes, grid, to, blur_rad, v, count);
 	lobes->sharp = malloc((size_t)count * sizeof(*lobes->sharp));
 	lobes->blurred = malloc((size_t)count * sizeof(*lobes->blurred));
 	lobes->texel = malloc((size_t)count * sizeof(*lobes->texel));
@@ -84,10 +84,24 @@ static bool create_lobes(struct lobes *lobes, const struct lp_cube_grid *grid, d
 	count = 0;
 	for (int v = 0; v < VIEWS; v++) {
 		lobes->start[v] = count;
-		count = cover(lobes, grid, blur_rad, v, count);
+		count = cover(lobes, grid, to, blur_rad, v, count);
 	}
 	lobes->start[VIEWS] = count;
 	return true;
+}
+
+static bool create_lobes(struct lobes *lobes, const struct lp_cube_grid *grid, double blur_rad)
+{
+	float(*to)[3] = malloc((size_t)grid->texels * sizeof(*to));
+	bool complete;
+
+	if (!to)
+		return false;
+	for (int i = 0; i < grid->texels; i++)
+		lp_cube_direction(grid->size, i, to[i]);
+	complete = fill_lobes(lobes, grid, (const float(*)[3])to, blur_rad);
+	free(to);
+	return complete;
 }
 
 static void free_lobes(struct lobes *lobes)
