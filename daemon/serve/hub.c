@@ -169,6 +169,9 @@ static void send_reflection(struct lp_hub *hub, struct lp_hub_client *client,
 		lp_packets_choose(hub->packets, &hub->last, &hub->last_computed, &wanted);
 
 	wish.size = choice.map_size;
+	/* decided with this frame, or due by its light: the next frame's surroundings suffice */
+	if (wanted.has_draws && surroundings->size < wish.size)
+		return;
 	if (!wish.size || !take_turn(&client->reflection_due_ns, wish.rate_hz, now_ns))
 		return;
 	packet = lp_reflection_maps_packet(hub->reflections, surroundings, &choice, &wish, &stamp);
