@@ -9,7 +9,10 @@ import random
 from collections import deque
 from collections.abc import Callable
 
+from lightprobe.hil.bench import Bench
 from lightprobe.hil.box import Box
+from lightprobe.hil.check import Verdict
+from lightprobe.hil.run import choose, run
 from lightprobe.mcu import link as mcu_link
 from lightprobe.mcu import messages as mcu
 from lightprobe.mcu.link import CanFrame, Raw
@@ -83,6 +86,10 @@ class RigWire:
             self.rig.command(f"run {min(STEP_US, end_us - now_us)}")
             self._take()
 
+    def sleep(self, seconds: float) -> None:
+        """The host's sleep: time goes on."""
+        self.rig.command(f"run {round(1e6 * seconds)}")
+
     def close(self) -> None:
         """The rig is the test's."""
 
@@ -106,14 +113,26 @@ class RigWire:
                 found += [(t_us, message) for message in self._decoder.feed(frame)]
             self.bad = self._decoder.bad
             return found
-        taken = self.rig._can_frames() if self.kind == "CAN" else self.rig._mails()
+        try:
+            taken = list(self.rig._can_frames() if self.kind == "CAN" else self.rig._mails())
+        except AssertionError:  # in the boot loader nobody acknowledges
+            raise OSError(mcu_link.NO_ACKNOWLEDGE[0], "no acknowledge") from None
         return [(t_us, message) for t_us, _, _, message in taken if message is not None]
 
 
 def greeted(wire: RigWire) -> Box:
     """A box that has said hello over this wire."""
     wire.rig.command("run 30000")
-    return Box(f"rig:{wire.kind.lower()}", wire, wire.now_ns)
+    return Box(f"rig:{wire.kind.lower()}", wire, wire.now_ns, wire.sleep)
+
+
+def passes(rig: Rig, *names: str, seconds: float = 2.0) -> None:
+    """Let these checks of `lightprobe hil` judge a chip; AssertionError with what they found."""
+    bench = Bench(greeted(RigWire(rig)), seconds)
+    findings = run(bench, choose((), names), lambda check, finding: None)
+    assert set(names) == set(findings)
+    wrong = {name: one for name, one in findings.items() if one.verdict is not Verdict.PASS}
+    assert not wrong
 
 
 def replaced(name: str, **signals: int | str) -> Callable[[Message], Message]:

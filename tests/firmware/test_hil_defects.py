@@ -193,7 +193,27 @@ def deaf_feedback(broken: RigWire) -> None:
     broken.rig.run(30_000)
     broken.rig.ask("Rates", ring_scans=0, wheel_ms=20, counters_ms=0)
     broken.rig.fit_feedback()
-    at_the_move(16, feedback_forced=0)(broken)
+    at_the_move(17, feedback_forced=0)(broken)
+
+
+def other_moves(
+    change: Callable[[dict[str, int | str]], dict[str, int | str]],
+) -> Callable[[RigWire], None]:
+    """The box does another move than the one it was told."""
+
+    def make(broken: RigWire) -> None:
+        def repair(raw: Raw) -> Raw:
+            assert isinstance(raw, bytes)
+            envelope = mcu_link.cobs_decode(raw[:-1])
+            message = mcu_link.unpack_envelope(envelope) if envelope else None
+            found = mcu.decode(*message) if message else None
+            if not found or found.name != "WheelMove":
+                return raw
+            return mcu_link.serial_frame(*mcu.encode("WheelMove", **change(found.signals)))
+
+        broken.repair = repair
+
+    return make
 
 
 def exchanged(a: int, b: int) -> Callable[[RigWire], None]:
@@ -234,6 +254,11 @@ DEFECTS = (
     Defect("a wheel that never turned", "wheel-home", box(stuck=1), "INDEX_"),
     Defect("the wheel gets stuck", "wheel-angles", at_the_move(3, stuck=1), "WHEEL_STUCK"),
     Defect("a slow servo", "wheel-time", at_the_move(2, slow=0.25), "WHEEL_SLOW"),
+    Defect("it turns faster than told", "wheel-sweep", other_moves(
+        lambda move: move | {"slew_ddeg_s": int(move["slew_ddeg_s"]) * 11 // 10}), "calibrate"),
+    Defect("it goes beyond its ends", "wheel-ends", other_moves(
+        lambda move: move | {"target_cdeg": min(max(int(move["target_cdeg"]), 0), 18000)}),
+        "it took -0.01°; it took 180.01°"),
     Defect("the wheel slips", "wheel-repeat", at_the_move(4, slip_deg=30), "WHEEL_SLIP"),
     Defect("the feedback's wire breaks off", "feedback", deaf_feedback, "FEEDBACK_OPEN"),
     Defect("it does not let the servo go", "wheel-stop", never_releases, "pulses go on"),
@@ -244,7 +269,7 @@ DEFECTS = (
 )  # fmt: skip
 
 
-def checked(wire: RigWire) -> dict[str, Finding]:
+def checked(wire: RigWire, groups: tuple[Group, ...] = EVERYTHING) -> dict[str, Finding]:
     """All checks of a box in an uneven light, whose sensors a finger covers when asked to."""
     rig = wire.rig
     light = {k: rig.get(f"ldr{k}_lux") for k in range(9)}
@@ -259,7 +284,7 @@ def checked(wire: RigWire) -> dict[str, Finding]:
     cover(-1)
     rig.command("run 1500000")
     bench = Bench(greeted(wire), SECONDS, cover)
-    return hil.run(bench, hil.choose(EVERYTHING), lambda check, finding: None)
+    return hil.run(bench, hil.choose(groups), lambda check, finding: None)
 
 
 @pytest.fixture
@@ -314,8 +339,29 @@ def test_the_same_on_the_flashed_binary(
     named(make_wire(), defect)
 
 
+@pytest.mark.parametrize("carrier", ["i2c", "can"])
+@pytest.mark.parametrize("name", ["a brown-out", "messages are lost"])
+def test_other_carriers_tell_of_losses_and_starts_too(
+    make_wire: Callable[..., RigWire], carrier: str, name: str
+) -> None:
+    named(make_wire(carrier), next(one for one in DEFECTS if one.name == name))
+
+
 def test_every_check_finds_a_defect() -> None:
-    """But `faults` and `wheel-sweep`, `wheel-ends`: see the tests below."""
-    assert {one.found_by for one in DEFECTS} | {"faults", "wheel-sweep", "wheel-ends"} == {
-        one.name for one in hil.ALL
-    }
+    """`faults` judges what no other check does: see the next test."""
+    assert {one.found_by for one in DEFECTS} | {"faults"} == {one.name for one in hil.ALL}
+
+
+def test_a_fault_of_the_wheel_is_told_without_moving_it(
+    make_wire: Callable[..., RigWire]
+) -> None:
+    wire = make_wire(target="host")
+    wire.rig.run(30_000)
+    wire.rig.ask("Rates", ring_scans=0, wheel_ms=20, counters_ms=0)
+    wire.rig.home()
+    wire.rig.set(stuck=1)
+    wire.rig.move(90)
+    found = failed(checked(wire, (Group.READ,)))
+    assert set(found) == {"faults"}
+    assert "free it" in found["faults"]
+    assert wire.rig.phase() == "FAULT"  # nobody has cleared it

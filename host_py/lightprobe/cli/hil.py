@@ -55,11 +55,18 @@ def command(
         typer.Option(callback=check.number(1, 600, "seconds"), help="How long traffic is watched."),
     ] = 5.0,
     json_file: Annotated[
-        Path | None, typer.Option("--json", metavar="FILE", help="Write the report for programs.")
+        Path | None,
+        typer.Option(
+            "--json", metavar="FILE", callback=check.new_file(),
+            help="Write the report for programs.",
+        ),
     ] = None,
     html_file: Annotated[
         Path | None,
-        typer.Option("--html", metavar="FILE", help="Write the report as a page with plots."),
+        typer.Option(
+            "--html", metavar="FILE", callback=check.new_file(),
+            help="Write the report as a page with plots.",
+        ),
     ] = None,
     list_only: Annotated[
         bool, typer.Option("--list", help="List the checks and their bounds, and do nothing.")

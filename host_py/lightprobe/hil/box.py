@@ -8,7 +8,7 @@ from contextlib import suppress
 
 from lightprobe.hil.check import FaultError, RestartError
 from lightprobe.mcu import messages as mcu
-from lightprobe.mcu.link import McuError, RawCarrier, open_carrier
+from lightprobe.mcu.link import NO_ACKNOWLEDGE, McuError, RawCarrier, open_carrier
 from lightprobe.mcu.session import HELLO_S, words
 
 _STATUS = (
@@ -17,16 +17,21 @@ _STATUS = (
 )  # fmt: skip
 _STATUS_S = 0.3
 _TRIES = 5
+_PAUSE_S = 0.005
 
 
 class Box(mcu.Mcu):
     """One box. Whatever it says is noted; a start that nobody asked for ends what is going on."""
 
     def __init__(
-        self, uri: str, carrier: RawCarrier, now_ns: Callable[[], int] = time.monotonic_ns
+        self,
+        uri: str,
+        carrier: RawCarrier,
+        now_ns: Callable[[], int] = time.monotonic_ns,
+        sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         """Greet the box on this carrier; McuError when nobody answers."""
-        super().__init__(carrier, self._note, now_ns)
+        super().__init__(carrier, self._note, now_ns, sleep)
         self.uri = uri
         self.wire = carrier
         self.wheel: mcu.WheelState | None = None
@@ -61,12 +66,20 @@ class Box(mcu.Mcu):
         return self._decoder.rings_lost
 
     def answers(self) -> bool:
-        """Tell whether it still says anything."""
-        try:
-            self._hello(HELLO_S)
-        except McuError:
-            return False
-        return True
+        """Tell whether it still says anything, or does again after a boot loader's time."""
+        end_ns = self.now_ns() + round(1e9 * HELLO_S)
+        while self.now_ns() < end_ns:
+            try:
+                self._hello(1.0)
+            except McuError:
+                pass
+            except OSError as error:
+                if error.errno not in NO_ACKNOWLEDGE:
+                    raise
+                self.sleep(0.01)  # on I2C nobody is there while it starts
+            else:
+                return True
+        return False
 
     def events(self, timeout_s: float) -> Iterator[mcu.Event]:
         """Yield events; RestartError when one shows that the box has started again."""
@@ -103,13 +116,20 @@ class Box(mcu.Mcu):
                     return
 
     def send(self, name: str, **signals: int | str) -> None:
-        """Send one message, and do not wait."""
-        self.carrier.send(*mcu.encode(name, **signals))
+        """Send one message, and do not wait for what it says."""
+        self.put(*mcu.encode(name, **signals))
 
-    def once(self, message_id: int, payload: bytes, seconds: float) -> list[mcu.Event]:
-        """Send one message, known or not; give all that comes within so long."""
-        self.carrier.send(message_id, payload)
-        return list(self.listen(seconds))
+    def put(self, message_id: int, payload: bytes) -> None:
+        """Send one message, known or not; again where a slave had no room for it as yet."""
+        for left in reversed(range(_TRIES)):
+            try:
+                self.carrier.send(message_id, payload)
+            except OSError as error:
+                if not left or error.errno not in NO_ACKNOWLEDGE:
+                    raise
+                self.sleep(_PAUSE_S)
+            else:
+                return
 
     def status(self) -> dict[str, mcu.Event]:
         """Ask for everything: the messages by name; McuError when parts stay away."""

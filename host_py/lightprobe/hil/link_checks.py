@@ -11,8 +11,8 @@ from lightprobe.mcu import link as mcu_link
 from lightprobe.mcu import messages as mcu
 from lightprobe.mcu.link import CanFrame, McuError, Raw
 
-_ANSWER_S = 0.25  # longer than a host waits until it asks again
-_TRIES = 4
+_ANSWER_S, _TWICE_S = 1.0, 0.15  # for an answer, and for a second one that there must not be
+_TRIES = 3
 _REPEATS = 3
 _WINDOWS_US = {50: 10_000, 60: 8_330}
 _SPARE = "hold_max_ds"  # a parameter that changes nothing while the servo is off
@@ -96,18 +96,23 @@ def _queries(bench: Bench) -> Finding:
 def _answered_once(
     bench: Bench, message_id: int, payload: bytes, answer: str, result: str
 ) -> bool:
-    """Send once; again only where nothing came, because the wire may have lost it."""
-    for _ in range(_TRIES):
-        events = bench.box.once(message_id, payload, _ANSWER_S)
-        messages = [event for event in events if isinstance(event, mcu.Message)]
-        found = [
-            one for one in messages
-            if one.name == answer or (one.name == "Result" and one["request"] == message_id)
-        ]  # fmt: skip
-        if found:
-            return len(found) == 1 and (
-                found[0].name == answer and (not result or found[0]["result"] == result)
-            )
+    """Send once, and again where nothing came: the wire may have lost it, or the host slept."""
+    box = bench.box
+
+    def answers(one: mcu.Event) -> bool:
+        return isinstance(one, mcu.Message) and (
+            one.name == answer or (one.name == "Result" and one["request"] == message_id)
+        )
+
+    for sent in range(1, _TRIES + 1):
+        box.put(message_id, payload)
+        first = next((one for one in box.listen(_ANSWER_S) if answers(one)), None)
+        if first is None:
+            continue
+        more = [one for one in box.listen(_TWICE_S) if answers(one)]
+        assert isinstance(first, mcu.Message)
+        is_right = first.name == answer and (not result or first["result"] == result)
+        return is_right and 1 + len(more) <= sent
     return False
 
 
@@ -130,8 +135,14 @@ def damaged(kind: str) -> list[tuple[str, Raw]]:
         ("garbage", random.Random(1).randbytes(9)),
     ]
     if kind == "I2C":
+        good = mcu_link.i2c_mail(message_id, payload)
         raw: list[tuple[str, Raw]] = [(name, bytes([len(one)]) + one) for name, one in wrong]
-        return [*raw, ("length that is not there", mcu_link.i2c_mail(message_id, payload)[:-1])]
+        lengths = [
+            ("shorter than it says", good[:-1]), ("longer than it says", good + b"\0"),
+            ("another length", bytes([good[0] + 1]) + good[1:]), ("no length", b"\0"),
+            ("length beyond the longest", b"\xff" * 13),
+        ]  # fmt: skip
+        return [*raw, *lengths]
     raw = [(name, mcu_link.cobs_encode(one) + b"\0") for name, one in wrong]
     return [*raw, ("oversized", b"\1" * 60 + b"\0"), ("a block that overruns", b"\x09\1\2\0")]
 

@@ -108,7 +108,7 @@ th, td { padding: .4rem .7rem .4rem 0; border-bottom: 1px solid #e3e8ee; vertica
 td:nth-child(2) { white-space: nowrap; font-weight: 600; }
 td:first-child { white-space: nowrap; }
 .pass { color: #14743a; } .fail { color: #b3261e; } .skipped { color: #6b7682; }
-.step { color: #b3261e; display: block; } small { color: #5b6875; }
+.step { color: #b3261e; } .step, .asks { display: block; } small { color: #5b6875; }
 svg { width: 100%; height: auto; }
 """
 
@@ -135,7 +135,7 @@ def _row(check: Check, finding: Finding) -> str:
     verdict = finding.verdict.value
     return (
         f'<tr><td>{text(check.name)}<td class="{verdict}">{verdict}'
-        f"<td>{text(finding.measured)}{step}<br><small>{text(check.asks)}</small>"
+        f'<td>{text(finding.measured)}{step}<small class="asks">{text(check.asks)}</small>'
         f"<td>{text(check.bound)}<br><small>{text(check.source.file)}</small></tr>"
     )
 

@@ -23,7 +23,7 @@ from lightprobe.hil.check import (
     skipped,
 )
 from lightprobe.mcu import faults
-from lightprobe.mcu.link import McuError
+from lightprobe.mcu.link import NO_ACKNOWLEDGE, McuError
 
 #: Causes of a start that tell of a defect; the others are what a port or a person does.
 _BAD_CAUSES = ("BROWN_OUT", "WATCHDOG", "STACK")
@@ -59,7 +59,7 @@ def _starts(bench: Bench) -> Finding:
 
 FIRST = Check(
     "faults", "Has the firmware latched a fault that no other check judges?", "none",
-    Source("docs/users/faults.md", "What is wrong, and what to do"), _faults, needs=("versions",),
+    Source("firmware/README.md", "is latched until the host clears it"), _faults, needs=("versions",),
 )  # fmt: skip
 LAST = Check(
     "starts", "Has the box started again by itself?", "not once; not by brown-out or watchdog",
@@ -137,7 +137,9 @@ class _Run:
 
     def _error(self, check: Check, error: Exception) -> Finding:
         try:
-            if not isinstance(error, McuError) or not self.bench.box.answers():
+            starting = isinstance(error, OSError) and error.errno in NO_ACKNOWLEDGE
+            gone = not starting and not isinstance(error, McuError)
+            if gone or not self.bench.box.answers():
                 return self._silence(check, error)
             if _STOPPED in str(error):
                 self.bench.box.raise_fault()
@@ -145,8 +147,8 @@ class _Run:
             return self._fault(check, fault)
         except RestartError as start:
             return self._started(start)
-        except (OSError, can.CanError) as gone:
-            return self._silence(check, gone)
+        except (OSError, can.CanError) as end:
+            return self._silence(check, end)
         step = "the firmware is not that of this release, or damaged: `lightprobe mcu flash`"
         return judged(False, str(error).removeprefix("mcu: "), step)
 

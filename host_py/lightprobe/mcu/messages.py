@@ -248,10 +248,11 @@ class Mcu:
         carrier: Carrier,
         on_event: Callable[[Event], None] | None = None,
         now_ns: Callable[[], int] = time.monotonic_ns,
+        sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        """Use `carrier`; takes it over and closes it. `now_ns`: its clock, if simulated."""
+        """Use `carrier`; takes it over and closes it. `now_ns`, `sleep`: where time is simulated."""
         self.carrier = carrier
-        self.now_ns = now_ns
+        self.now_ns, self.sleep = now_ns, sleep
         self._on_event = on_event
         self._decoder = EventDecoder()
         # At random: a command that carries the former program's token would count as repeated.
@@ -281,7 +282,7 @@ class Mcu:
             except OSError as error:  # on I2C: nobody there, or starting
                 if not left or error.errno not in NO_ACKNOWLEDGE:
                     raise
-                time.sleep(timeout_s / tries)
+                self.sleep(timeout_s / tries)
                 continue
             answer = self._await(message_id, _answer_to(name, signals), timeout_s / tries)
             if answer is None:
