@@ -59,7 +59,8 @@ def _starts(bench: Bench) -> Finding:
 
 FIRST = Check(
     "faults", "Has the firmware latched a fault that no other check judges?", "none",
-    Source("firmware/README.md", "is latched until the host clears it"), _faults, needs=("versions",),
+    Source("firmware/README.md", "is latched until the host clears it"), _faults,
+    needs=("versions",),
 )  # fmt: skip
 LAST = Check(
     "starts", "Has the box started again by itself?", "not once; not by brown-out or watchdog",

@@ -201,6 +201,7 @@ def _ends(bench: Bench) -> Finding:
                 "WheelMove", token=_OTHER_TOKEN, target_cdeg=cdeg, slew_ddeg_s=0, hold_ds=0
             )
             wrong.append(f"it took {cdeg * _CDEG:g}°")
+            bench.box.settle(_OTHER_TOKEN, HOMING_S)
         except McuError as error:
             if "OUT_OF_RANGE" not in str(error):
                 raise

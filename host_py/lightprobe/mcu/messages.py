@@ -250,7 +250,7 @@ class Mcu:
         now_ns: Callable[[], int] = time.monotonic_ns,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        """Use `carrier`; takes it over and closes it. `now_ns`, `sleep`: where time is simulated."""
+        """Use `carrier`; takes it over and closes it. `now_ns`, `sleep`: of a simulated time."""
         self.carrier = carrier
         self.now_ns, self.sleep = now_ns, sleep
         self._on_event = on_event
