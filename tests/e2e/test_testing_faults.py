@@ -16,7 +16,7 @@ pytestmark = pytest.mark.many_frames
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "users" / "testing.md"
 #: Numbers that say when or how much another fault of the table is, and sensors that are alike.
-ALIKE = {f"ldr{k}_forced" for k in range(9) if k != 3}
+ALIKE = {f"ldr{k}_{what}" for k in range(9) if k != 3 for what in ("forced", "noise")}
 SMALL = Options(size_px=(320, 160), rate_hz=10.0, ambient=10.0)
 WRONG = EstimateFlag.STALE | EstimateFlag.RING_ONLY | EstimateFlag.WHEEL_FAULT
 

@@ -225,14 +225,19 @@ void world_step(struct world *world)
 		light_ldrs(world);
 }
 
-double world_ldr_mv(const struct world *world, unsigned channel)
+double world_ldr_mv(struct world *world, unsigned channel)
 {
+	if (world->select_stuck >= 1)
+		channel &= ~(1U << ((unsigned)world->select_stuck - 1));
 	if (channel >= WORLD_LDRS)
 		return 0;
 	if (world->ldr_forced[channel] >= 0)
 		return world->ldr_forced[channel] * divided(world, channel, 0) * world->supply_mv;
 	double light = world->ldr_lux[channel] < 0 ? flicker(world) : 1;
-	return light * world->ldr_mv[channel] * world->supply_mv / 5000;
+	double mv = light * world->ldr_mv[channel] * world->supply_mv / 5000;
+	if (world->ldr_noise[channel] > 0)
+		mv += world->ldr_noise[channel] * noise(world) * world->supply_mv;
+	return limit(mv, 0, world->supply_mv);
 }
 
 double world_adc_mv(const struct world *world, double mv)
@@ -328,7 +333,8 @@ static void answer_angles(const struct world *world, const long long *ns, int co
 	}
 #define LDR(k)                                                                                 \
 	OF_LDR(k, lux), OF_LDR(k, mv), OF_LDR(k, r10_ohm), OF_LDR(k, gamma), OF_LDR(k, drift), \
-		OF_LDR(k, mux_ohm), OF_LDR(k, forced), OF_LDR(k, rested_lux)
+		OF_LDR(k, mux_ohm), OF_LDR(k, forced), OF_LDR(k, rested_lux), \
+		OF_LDR(k, noise)
 static const struct {
 	const char *name;
 	size_t offset;
@@ -377,6 +383,7 @@ static const struct {
 	NUMBER(index_b_forced),
 	NUMBER(index_glitches),
 	NUMBER(feedback_forced),
+	NUMBER(select_stuck),
 	NUMBER(line_noise),
 	NUMBER(line_cut),
 	NUMBER(line_unplugged),

@@ -64,6 +64,10 @@ struct world {
 	double feedback_forced;	       /* -1: real; else this share of the supply */
 	double ldr_forced[WORLD_LDRS]; /* -1: real; else the share of the supply before the
 					  multiplexer: 0 open, 1 shorted */
+	double ldr_noise[WORLD_LDRS];  /* of each conversion, uniform, this share of the supply to
+					  both sides: a loose contact */
+	double select_stuck;	       /* 1 to 4: this select line of the multiplexer, S0 to S3,
+					  stays low; 0: none */
 	double line_noise;	       /* share of the serial line's bytes that are changed */
 	double line_cut;	       /* 1: none passes */
 	double line_unplugged;	       /* 1: the serial device is not there */
@@ -109,7 +113,7 @@ void world_power(struct world *world, bool on);
 void world_step(struct world *world);
 
 /* What the pins see. */
-double world_ldr_mv(const struct world *world, unsigned channel);
+double world_ldr_mv(struct world *world, unsigned channel);
 double world_feedback_mv(struct world *world);
 
 /* What the ADC makes of a voltage, as a voltage: its offset added, never below 0. */

@@ -195,6 +195,7 @@ class Root(LazyGroup):
         "record": Entry("record:record", "Record a probe's messages (MCAP).", "record"),
         "replay": Entry("record:replay", "Serve a recording as a probe.", "record"),
         "pair": Entry("pair:command", "Make key, certificate and token for wss:.", "pair"),
+        "hil": Entry("hil:command", "Check a box, and write down that it works.", "mcu"),
         "mcu": Entry("mcu:app", "Talk to the microcontroller of wheel and ring.", "mcu"),
     }  # fmt: skip
 

@@ -7,6 +7,7 @@ import errno
 import importlib.resources
 import os
 import time
+from dataclasses import dataclass
 from functools import cache
 from typing import Protocol, cast
 
@@ -171,8 +172,39 @@ def keep_dtr(descriptor: int, *, keep: bool = True) -> None:
     termios.tcsetattr(descriptor, termios.TCSANOW, settings)
 
 
+@dataclass(frozen=True)
+class CanFrame:
+    """A frame as it is on the CAN bus, ours or not."""
+
+    identifier: int
+    data: bytes
+    extended: bool = False
+    remote: bool = False
+
+
+#: What goes onto the wire without being a message: bytes, or one frame of CAN.
+Raw = bytes | CanFrame
+
+
+class RawCarrier(Carrier, Protocol):
+    """A carrier that says what it is, and on which broken messages can be sent, too."""
+
+    @property
+    def kind(self) -> str:
+        """Name that the DBC's Capabilities.carrier has for it."""
+
+    @property
+    def bad(self) -> int:
+        """How many broken messages it has received."""
+
+    def send_raw(self, raw: Raw) -> None:
+        """Put this onto the wire as it is; OSError when a slave does not acknowledge it."""
+
+
 class SerialCarrier:
     """COBS frames on a serial port or pty, for this program alone (flock)."""
+
+    kind = "SERIAL"
 
     def __init__(self, device: str, baud: int = BAUD) -> None:
         """Open `device`; raises serial.SerialException (an OSError) when that fails."""
@@ -185,7 +217,17 @@ class SerialCarrier:
 
     def send(self, message_id: int, payload: bytes) -> None:
         """Write one frame."""
-        self._port.write(serial_frame(message_id, payload))
+        self.send_raw(serial_frame(message_id, payload))
+
+    @property
+    def bad(self) -> int:
+        """How many broken frames have come."""
+        return self.decoder.bad
+
+    def send_raw(self, raw: Raw) -> None:
+        """Write bytes as they are."""
+        assert isinstance(raw, bytes)
+        self._port.write(raw)
 
     def receive(self, timeout_s: float) -> tuple[int, bytes] | None:
         """Return the next message, or None when none came in time."""
@@ -244,6 +286,7 @@ class LinuxI2cBus:
 class I2cCarrier:
     """The mailbox of mcu.md; polls it, since a slave cannot speak first."""
 
+    kind = "I2C"
     POLL_S = 0.002
 
     def __init__(self, bus: I2cBus, address: int = I2C_ADDRESS) -> None:
@@ -254,7 +297,12 @@ class I2cCarrier:
 
     def send(self, message_id: int, payload: bytes) -> None:
         """Write one message into the mailbox."""
-        self._bus.write(self._address, i2c_mail(message_id, payload))
+        self.send_raw(i2c_mail(message_id, payload))
+
+    def send_raw(self, raw: Raw) -> None:
+        """Write bytes as they are, in one transaction."""
+        assert isinstance(raw, bytes)
+        self._bus.write(self._address, raw)
 
     def receive(self, timeout_s: float) -> tuple[int, bytes] | None:
         """Read the mailbox until a message is there or the time is over."""
@@ -280,6 +328,8 @@ class I2cCarrier:
 class CanCarrier:
     """Frames as they are, on any bus that python-can knows."""
 
+    kind = "CAN"
+
     def __init__(self, bus: can.BusABC) -> None:
         """Use `bus`; takes it over and shuts it down."""
         self._bus = bus
@@ -287,8 +337,16 @@ class CanCarrier:
 
     def send(self, message_id: int, payload: bytes) -> None:
         """Send one frame; raises can.CanError when the bus refuses it."""
-        frame_id = CAN_BASE + message_id
-        self._bus.send(can.Message(arbitration_id=frame_id, data=payload, is_extended_id=False))
+        self.send_raw(CanFrame(CAN_BASE + message_id, payload))
+
+    def send_raw(self, raw: Raw) -> None:
+        """Send any frame."""
+        assert isinstance(raw, CanFrame)
+        frame = can.Message(
+            arbitration_id=raw.identifier, data=raw.data, is_extended_id=raw.extended,
+            is_remote_frame=raw.remote,
+        )  # fmt: skip
+        self._bus.send(frame)
 
     def receive(self, timeout_s: float) -> tuple[int, bytes] | None:
         """Return the next message of ours, or None when none came in time."""
@@ -310,7 +368,7 @@ class CanCarrier:
         self._bus.shutdown()
 
 
-def open_carrier(uri: str) -> Carrier:
+def open_carrier(uri: str) -> RawCarrier:
     """Open serial:DEVICE[?baud=N], i2c:DEVICE[?address=0x2c] or can:CHANNEL (SocketCAN).
 
     The daemon's way of writing it, with `mcu:` before, means the same. Raises McuError for what

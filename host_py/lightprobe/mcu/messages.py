@@ -243,9 +243,16 @@ def _answer_to(name: str, signals: dict[str, int | str]) -> Callable[[Message], 
 class Mcu:
     """Requests with answers over a carrier; whatever else arrives goes to `on_event`."""
 
-    def __init__(self, carrier: Carrier, on_event: Callable[[Event], None] | None = None) -> None:
-        """Use `carrier`; takes it over and closes it."""
+    def __init__(
+        self,
+        carrier: Carrier,
+        on_event: Callable[[Event], None] | None = None,
+        now_ns: Callable[[], int] = time.monotonic_ns,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        """Use `carrier`; takes it over and closes it. `now_ns`, `sleep`: of a simulated time."""
         self.carrier = carrier
+        self.now_ns, self.sleep = now_ns, sleep
         self._on_event = on_event
         self._decoder = EventDecoder()
         # At random: a command that carries the former program's token would count as repeated.
@@ -275,7 +282,7 @@ class Mcu:
             except OSError as error:  # on I2C: nobody there, or starting
                 if not left or error.errno not in NO_ACKNOWLEDGE:
                     raise
-                time.sleep(timeout_s / tries)
+                self.sleep(timeout_s / tries)
                 continue
             answer = self._await(message_id, _answer_to(name, signals), timeout_s / tries)
             if answer is None:
@@ -290,9 +297,9 @@ class Mcu:
     def _await(
         self, request_id: int, wanted: Callable[[Message], bool], timeout_s: float
     ) -> Message | None:
-        end = time.monotonic() + timeout_s
-        while (left := end - time.monotonic()) > 0:
-            for event in self.events(left):
+        end_ns = self.now_ns() + round(1e9 * timeout_s)
+        while (left_ns := end_ns - self.now_ns()) > 0:
+            for event in self.events(left_ns / 1e9):
                 if isinstance(event, Message):
                     if event.name == "Result" and event["request"] == request_id:
                         return event
@@ -300,7 +307,7 @@ class Mcu:
                         return event
                 if self._on_event:
                     self._on_event(event)
-                if time.monotonic() >= end:
+                if self.now_ns() >= end_ns:
                     break
         return None
 
@@ -383,9 +390,9 @@ class Mcu:
     def clock(self) -> ClockReading:
         """Exchange times once; raises McuError when the MCU could not stamp the request."""
         self._count = (self._count + 1) & 0xFF
-        sent_ns = time.monotonic_ns()
+        sent_ns = self.now_ns()
         m = self.request("TimeRequest", repeat=False, count=self._count)
-        received_ns = time.monotonic_ns()
+        received_ns = self.now_ns()
         if not m["stamped"]:
             raise McuError("mcu: TimeRequest: reception was not stamped; ask again")
         t_rx_us, turnaround_us = m.number("t_rx_us"), m.number("turnaround_us")

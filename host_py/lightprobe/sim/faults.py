@@ -168,6 +168,11 @@ BOX = {
         )
         for k in range(9)
     },
+    **{
+        f"ldr{k}_noise": (0, f"noise of sensor {k} of the ring, as a share of the supply")
+        for k in range(9)
+    },
+    "select_stuck": (0, "1 to 4: select line S0 to S3 of the multiplexer stays low"),
     "line_noise": (0, "share of the serial line's bytes that are changed"),
     "line_cut": (0, "1: no byte passes"),
     "line_unplugged": (0, "1: the serial device is not there"),

@@ -200,6 +200,13 @@ _BOX = (
         "a light sensor of the ring is shorted; told where it is darker than 1000 lx",
         "fault LDR_SHORTED",
     ),
+    ("ldr-noise", "ldr3_noise=0.1", "a light sensor of the ring has a loose contact", "nothing"),
+    (
+        "select-stuck",
+        "select_stuck=1",
+        "a select line of the multiplexer is not connected: sensors read as their neighbours",
+        "nothing",
+    ),
     ("line-noise", "line_noise=0.02", "one byte in fifty on the serial line is changed", "nothing"),
     ("line-cut", "line_cut=1", "no byte passes the serial line", "fault mcu-silent"),
     ("line-unplugged", "line_unplugged=1", "the serial device is not there", "fault mcu-waiting"),
