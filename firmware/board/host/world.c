@@ -333,8 +333,7 @@ static void answer_angles(const struct world *world, const long long *ns, int co
 	}
 #define LDR(k)                                                                                 \
 	OF_LDR(k, lux), OF_LDR(k, mv), OF_LDR(k, r10_ohm), OF_LDR(k, gamma), OF_LDR(k, drift), \
-		OF_LDR(k, mux_ohm), OF_LDR(k, forced), OF_LDR(k, rested_lux), \
-		OF_LDR(k, noise)
+		OF_LDR(k, mux_ohm), OF_LDR(k, forced), OF_LDR(k, rested_lux), OF_LDR(k, noise)
 static const struct {
 	const char *name;
 	size_t offset;
