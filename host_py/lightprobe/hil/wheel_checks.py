@@ -97,6 +97,8 @@ def _plot(bench: Bench, events: list[mcu.Event]) -> None:
             state = states.pop(one.counter)
             t_s = (one.t_phase_us + 1000 * one.age_ms) / 1e6
             points.append((t_s, state.measured_deg, state.commanded_deg))
+    if points:
+        points.append((points[-1][0], None, None))  # nobody looked until the next move
 
 
 def _drives(bench: Bench) -> list[Drive]:
