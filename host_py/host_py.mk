@@ -20,7 +20,7 @@ python: $(STAMPS)/venv daemon firmware-host
 RUFF := RUFF_CACHE_DIR=$(BUILD)/cache/ruff $(VENV)/bin/ruff --config host_py/pyproject.toml
 
 check-python:
-	@$(RUFF) format --check -q host_py tests docs proto clients packaging packaging
+	@$(RUFF) format --check -q host_py tests docs proto clients packaging
 	@$(RUFF) check -q host_py tests docs proto clients packaging
 	@$(VENV)/bin/mypy --config-file host_py/pyproject.toml host_py/lightprobe
 	@$(VENV)/bin/mypy --config-file host_py/pyproject.toml clients/blender/addon clients/blender/tools
