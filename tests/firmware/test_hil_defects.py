@@ -333,9 +333,7 @@ def test_a_defect_is_named_by_its_check_and_by_no_other(
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("defect", [d for d in DEFECTS if d.target == "host"], ids=lambda d: d.name)
-def test_the_same_on_the_flashed_binary(
-    make_wire: Callable[..., RigWire], defect: Defect
-) -> None:
+def test_the_same_on_the_flashed_binary(make_wire: Callable[..., RigWire], defect: Defect) -> None:
     named(make_wire(), defect)
 
 
@@ -352,9 +350,7 @@ def test_every_check_finds_a_defect() -> None:
     assert {one.found_by for one in DEFECTS} | {"faults"} == {one.name for one in hil.ALL}
 
 
-def test_a_fault_of_the_wheel_is_told_without_moving_it(
-    make_wire: Callable[..., RigWire]
-) -> None:
+def test_a_fault_of_the_wheel_is_told_without_moving_it(make_wire: Callable[..., RigWire]) -> None:
     wire = make_wire(target="host")
     wire.rig.run(30_000)
     wire.rig.ask("Rates", ring_scans=0, wheel_ms=20, counters_ms=0)

@@ -36,7 +36,8 @@ def command(
     port: Annotated[
         str,
         typer.Argument(
-            metavar="PORT", envvar=ENVIRONMENT,
+            metavar="PORT",
+            envvar=ENVIRONMENT,
             help="serial:DEVICE[?baud=N], i2c:DEVICE[?address=N] or can:CHANNEL.",
         ),
     ] = DEFAULT_PORT,
@@ -57,14 +58,18 @@ def command(
     json_file: Annotated[
         Path | None,
         typer.Option(
-            "--json", metavar="FILE", callback=check.new_file(),
+            "--json",
+            metavar="FILE",
+            callback=check.new_file(),
             help="Write the report for programs.",
         ),
     ] = None,
     html_file: Annotated[
         Path | None,
         typer.Option(
-            "--html", metavar="FILE", callback=check.new_file(),
+            "--html",
+            metavar="FILE",
+            callback=check.new_file(),
             help="Write the report as a page with plots.",
         ),
     ] = None,

@@ -93,9 +93,7 @@ def _queries(bench: Bench) -> Finding:
     return judged(not wrong, measured, step)
 
 
-def _answered_once(
-    bench: Bench, message_id: int, payload: bytes, answer: str, result: str
-) -> bool:
+def _answered_once(bench: Bench, message_id: int, payload: bytes, answer: str, result: str) -> bool:
     """Send once, and again where nothing came: the wire may have lost it, or the host slept."""
     box = bench.box
 

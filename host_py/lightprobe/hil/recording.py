@@ -108,9 +108,7 @@ def risen(before: dict[str, mcu.Event], after: dict[str, mcu.Event]) -> dict[str
     return rises
 
 
-def _take(
-    event: mcu.Event, now_ns: int, rings: list[mcu.Ring], exchanges: list[Exchange]
-) -> None:
+def _take(event: mcu.Event, now_ns: int, rings: list[mcu.Ring], exchanges: list[Exchange]) -> None:
     if isinstance(event, mcu.Ring):
         rings.append(event)
     elif isinstance(event, mcu.Message) and event.name == "TimeReply":
