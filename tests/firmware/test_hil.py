@@ -312,8 +312,9 @@ def test_ctrl_c_ends_the_command_and_the_servo_is_let_go(
     port: tuple[Path, Callable[[str], str]],
 ) -> None:
     line, tell = port
-    command = [sys.executable, "-um", "lightprobe", "hil", str(line), "--only", "wheel-sweep",
-               "--only", "wheel-home"]  # fmt: skip
+    command = [sys.executable, "-um", "lightprobe", "hil", str(line)]
+    for name in ("home", "angles", "time", "sweep", "repeat", "ends"):  # half a minute
+        command += ["--only", f"wheel-{name}"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as run:
         assert run.stdout is not None
         while b"wheel-home" not in run.stdout.readline():

@@ -19,7 +19,7 @@ from lightprobe.mcu.link import McuError
 ENVIRONMENT = "LIGHTPROBE_MCU"
 DEFAULT_PORT = "serial:/dev/ttyUSB0"
 #: Opening the port resets an Arduino; its boot loader then waits for a while.
-HELLO_S = 8.0
+HELLO_S = 4.0
 HOMING_S = 12.0
 _REPORT_MS = 50
 

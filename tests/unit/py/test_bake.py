@@ -83,17 +83,23 @@ def test_a_sky_beside_a_roof_is_as_large_as_it_is(roof):
 
 
 def by_one_ray_each(vertices, triangles, directions):
-    """Tell what each vertex sees, by solving for each ray and triangle."""
+    """Tell what each vertex sees, and of which rays rounding does not decide."""
     seen = np.ones((len(directions), len(vertices)), bool)
+    clear = np.ones_like(seen)
     for k, d in enumerate(directions):
         for triangle in triangles:
             a, b, c = vertices[triangle]
             system = np.stack([-d, b - a, c - a], axis=1)
-            if abs(np.linalg.det(system)) < 1e-12:
+            edge_on = abs(np.linalg.det(system)) < 1e-9
+            own = np.isin(np.arange(len(vertices)), triangle)
+            if edge_on:
+                clear[k] = False
                 continue
             t, s, u = np.linalg.solve(system, (vertices - a).T)
-            seen[k] &= ~((t > 1e-4) & (s > 1e-9) & (u > 1e-9) & (s + u < 1 - 1e-9))
-    return seen
+            margins = np.abs([s, u, 1 - s - u])
+            clear[k] &= own | ((margins > 1e-6).all(axis=0) & (np.abs(t) > 1e-3))
+            seen[k] &= own | ~((t > 0) & (s > 0) & (u > 0) & (s + u < 1))
+    return seen, clear
 
 
 @settings(max_examples=25, deadline=None)
@@ -103,9 +109,9 @@ def test_random_triangles_hide_what_they_hide(seed, count):
     vertices, triangles = rng.normal(size=(3 * count, 3)), np.arange(3 * count).reshape(-1, 3)
     along = geometry.normalize(rng.normal(size=(5, 3)))
     seen = visibility.visible(vertices, triangles, along)
-    assert np.array_equal(
-        seen, by_one_ray_each(vertices, triangles, np.concatenate([along, -along]))
-    )
+    true, clear = by_one_ray_each(vertices, triangles, np.concatenate([along, -along]))
+    assert clear.mean() > 0.5
+    assert np.array_equal(seen[clear], true[clear])
 
 
 def test_a_file_holds_all_of_it(roof, tmp_path):

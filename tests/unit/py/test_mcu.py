@@ -2,7 +2,6 @@
 
 import errno
 import itertools
-import time
 
 import pytest
 from lightprobe.mcu import messages as mcu
@@ -12,11 +11,12 @@ from lightprobe.mcu.link import McuError
 class Line:
     """Answers every request from the `answers_from`-th on; sending takes `sending_s` each time."""
 
-    def __init__(self, monkeypatch, answers_from, sending_s):
+    def __init__(self, answers_from, sending_s):
         self.now_s, self.sent, self.ready = 0.0, 0, []
         self.answers_from, self.sending_s = answers_from, iter(sending_s)
-        monkeypatch.setattr(time, "monotonic", lambda: self.now_s)
-        monkeypatch.setattr(time, "sleep", self.sleep)
+
+    def mcu(self):
+        return mcu.Mcu(self, now_ns=lambda: round(1e9 * self.now_s), sleep=self.sleep)
 
     def sleep(self, seconds):
         self.now_s += seconds
@@ -38,23 +38,23 @@ class Line:
         pass
 
 
-def test_a_request_is_repeated_until_it_is_answered(monkeypatch):
-    line = Line(monkeypatch, answers_from=10, sending_s=itertools.repeat(0.0))
-    mcu.Mcu(line).rates()
+def test_a_request_is_repeated_until_it_is_answered():
+    line = Line(answers_from=10, sending_s=itertools.repeat(0.0))
+    line.mcu().rates()
     assert line.sent == 10
     assert line.now_s == pytest.approx(0.9)
 
 
-def test_silence_ends_after_the_time_it_was_given(monkeypatch):
-    line = Line(monkeypatch, answers_from=99, sending_s=itertools.repeat(0.0))
+def test_silence_ends_after_the_time_it_was_given():
+    line = Line(answers_from=99, sending_s=itertools.repeat(0.0))
     with pytest.raises(McuError, match="Rates: no answer in 1 s"):
-        mcu.Mcu(line).rates()
+        line.mcu().rates()
     assert line.now_s == pytest.approx(1.0)
 
 
-def test_a_machine_that_stops_for_a_while_loses_one_try(monkeypatch):
-    line = Line(monkeypatch, answers_from=2, sending_s=[3.0, 0.0])
-    mcu.Mcu(line).rates()
+def test_a_machine_that_stops_for_a_while_loses_one_try():
+    line = Line(answers_from=2, sending_s=[3.0, 0.0])
+    line.mcu().rates()
     assert line.sent == 2
 
 
@@ -67,15 +67,15 @@ class StartingDevice(Line):
             raise OSError(errno.EREMOTEIO, "no acknowledge")
 
 
-def test_a_device_that_starts_is_waited_for(monkeypatch):
-    line = StartingDevice(monkeypatch, answers_from=5, sending_s=itertools.repeat(0.0))
-    mcu.Mcu(line).rates()
+def test_a_device_that_starts_is_waited_for():
+    line = StartingDevice(answers_from=5, sending_s=itertools.repeat(0.0))
+    line.mcu().rates()
     assert line.sent == 5
     assert line.now_s == pytest.approx(0.4)
 
 
-def test_a_device_that_never_acknowledges_is_told(monkeypatch):
-    line = StartingDevice(monkeypatch, answers_from=99, sending_s=itertools.repeat(0.0))
+def test_a_device_that_never_acknowledges_is_told():
+    line = StartingDevice(answers_from=99, sending_s=itertools.repeat(0.0))
     with pytest.raises(OSError, match="no acknowledge"):
-        mcu.Mcu(line).rates()
+        line.mcu().rates()
     assert line.now_s == pytest.approx(0.9)
