@@ -202,6 +202,21 @@ namespace Lightprobe.Messages
         /// <summary>what a surface of 1.5 degrees of blur shows, of white on a screen</summary>
         public uint? MirrorsPermille;
 
+        internal static Drawn Read(WireReader r)
+        {
+            var m = new Drawn();
+            while (r.Next(out int field))
+                switch (field)
+                {
+                    case 1: m.DiffusePermille = r.UInt32("Drawn.diffuse_permille"); break;
+                    case 2: m.ShadowsPermille = r.UInt32("Drawn.shadows_permille"); break;
+                    case 3: m.GlossyPermille = r.UInt32("Drawn.glossy_permille"); break;
+                    case 4: m.MirrorsPermille = r.UInt32("Drawn.mirrors_permille"); break;
+                    default: r.Skip(); break;
+                }
+            return m;
+        }
+
         internal WireWriter Write(WireWriter w)
         {
             if (DiffusePermille.HasValue) w.UInt32(1, DiffusePermille.Value, true);
@@ -264,7 +279,7 @@ namespace Lightprobe.Messages
         public readonly List<float> Position = new List<float>();
         /// <summary>On request: one directional light for what the listed lights leave (docs/users/conventions.md). Its id is 0. AMBIENT does not contain it: add lights, KEY and AMBIENT. TOTAL does: add none of them.</summary>
         public Light Key;
-        /// <summary>Of what Subscription.draws names: 1 sigma of what this packet and its reflection map leave out, and of how well the light is known. More than was asked: that cannot be had. Absent: not asked, or not known.</summary>
+        /// <summary>Of what Subscription.draws names: what this packet and its reflection map leave out, with 2 sigma of how well the light is known. More than was asked: that cannot be had. Absent: not asked, or not known.</summary>
         public Drawn Drawn;
         /// <summary>absent: nothing is known, and the ambient light beside the probe is taken to be as here</summary>
         public Room Room;
@@ -351,7 +366,7 @@ namespace Lightprobe.Messages
         public readonly List<float> Orientation = new List<float>();
         /// <summary>RGB9E5, little-endian: from the lowest bit up 9 bits each of R, G, B, and 5 of the exponent e: value = mantissa * 2^(e - 24). Faces +X -X +Y -Y +Z -Z, rows and columns as OpenGL and WebXR have them (docs/users/conventions.md).</summary>
         public byte[] Texels = new byte[0];
-        /// <summary>glossy and mirrors: 1 sigma of what a map of this size leaves out, and of how well the light is known</summary>
+        /// <summary>glossy and mirrors: what a map of this size leaves out, with 2 sigma of how well the light is known</summary>
         public Drawn Drawn;
 
         internal static ReflectionMap Read(WireReader r)

@@ -154,9 +154,9 @@ def writing(field: FieldDescriptorProto) -> str:
 
 
 def message(
-    one: DescriptorProto, comments: Comments, path: tuple[int, ...], is_sent: bool
+    one: DescriptorProto, comments: Comments, path: tuple[int, ...], is_sent: bool, is_read: bool
 ) -> list[str]:
-    """Give a message: its fields, how it is read, and, if clients send it, written."""
+    """Give a message: its fields, how clients read it, and how they write it."""
     lines = summary(comments, path, "    ")
     lines += [f"    public sealed class {one.name}", "    {"]
     for number, field in enumerate(one.field):
@@ -164,7 +164,7 @@ def message(
         kind = field_type(field)
         keep = "readonly " if field.label == FieldDescriptorProto.LABEL_REPEATED else ""
         lines.append(f"        public {keep}{kind} {pascal(field.name)}{default(field)};")
-    if not is_sent:
+    if is_read:
         lines += ["", f"        internal static {one.name} Read(WireReader r)", "        {"]
         lines += [
             f"            var m = new {one.name}();",
@@ -176,17 +176,17 @@ def message(
         ]
         lines += ["                    default: r.Skip(); break;", "                }"]
         lines += ["            return m;", "        }"]
-    else:
+    if is_sent:
         lines += ["", "        internal WireWriter Write(WireWriter w)", "        {"]
         lines += [f"            {writing(field)}" for field in one.field]
         lines += ["            return w;", "        }"]
     return [*lines, "    }", ""]
 
 
-def sent(schema: FileDescriptorProto) -> set[str]:
-    """Give the messages that clients send."""
+def within(schema: FileDescriptorProto, root: str) -> set[str]:
+    """Give a message and all that it holds."""
     by_name = {one.name: one for one in schema.message_type}
-    found, open_ = set(), ["FromClient"]
+    found, open_ = set(), [root]
     while open_:
         name = open_.pop()
         found.add(name)
@@ -197,14 +197,15 @@ def sent(schema: FileDescriptorProto) -> set[str]:
 def generated() -> str:
     """Give the whole file."""
     schema, comments = described()
-    of_clients = sent(schema)
+    to_probe, from_probe = within(schema, "FromClient"), within(schema, "FromProbe")
     lines: list[str] = []
     for number, one in enumerate(schema.enum_type):
         lines += enum(one.name, one, comments, (5, number))
     for number, parent in enumerate(schema.message_type):
         for inner, one in enumerate(parent.enum_type):
             lines += enum(parent.name + one.name, one, comments, (4, number, 4, inner))
-        lines += message(parent, comments, (4, number), parent.name in of_clients)
+        directions = (parent.name in to_probe, parent.name in from_probe)
+        lines += message(parent, comments, (4, number), *directions)
     return _HEAD + "\n".join(lines).rstrip() + "\n}\n"
 
 
