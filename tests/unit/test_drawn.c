@@ -208,6 +208,8 @@ static void test_what_is_stated(void **state)
 	/* nobody knows how well the light is known */
 	stated = lp_drawn_stated(left_out, 0.25F, &maps, &asked, NAN, 0);
 	assert_true(isnan(stated.of[DIFFUSE]));
+	assert_false(isnan(lp_drawn_of_map(&maps, 64, 0.02F).of[MIRRORS]));
+	assert_true(isnan(lp_drawn_of_map(&maps, 64, NAN).of[MIRRORS]));
 }
 
 /* ---------------------------------------------------------------- lists */

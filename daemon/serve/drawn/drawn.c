@@ -84,7 +84,7 @@ struct lp_drawn lp_drawn_of_map(const struct lp_drawn_maps *maps, int map_size, 
 	const float glossy = maps->glossy_slope * known(measured);
 	const float mirrors = maps->mirror_slope * known(measured);
 
-	if (!size)
+	if (!size || !isfinite(measured)) /* nothing is promised of light that is not known */
 		return (struct lp_drawn){{NAN, NAN, NAN, NAN}};
 	return (struct lp_drawn){
 		{NAN, NAN, hypotf(maps->glossy[k], glossy), hypotf(maps->mirrors[k], mirrors)}};

@@ -15,6 +15,7 @@ import typer
 from lightprobe.bake import Bake, mesh
 from lightprobe.cli import check, whole_file
 from lightprobe.cli.export import receive
+from lightprobe.cli.wishes import Lights, Order, Wait
 from lightprobe.client import DEFAULT_URI
 from lightprobe.errors import UsageError
 from lightprobe.estimate import Estimate, flag_names
@@ -58,16 +59,9 @@ def command(
     flip: Annotated[
         bool, typer.Option("--flip", help="The mesh's triangles face inward: turn them round.")
     ] = False,
-    order: Annotated[int, typer.Option(min=0, max=4, help="Highest SH order.")] = 2,
-    lights: Annotated[int, typer.Option(min=0, max=8, help="Maximum number of lamps listed.")] = 8,
-    wait_s: Annotated[
-        float,
-        typer.Option(
-            "--wait",
-            callback=check.number(0, 3600, "seconds"),
-            help="Seconds to wait for an estimate.",
-        ),
-    ] = 10.0,
+    order: Order = 2,
+    lights: Lights = 8,
+    wait_s: Wait = 10.0,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
     """Light a mesh by a probe, with the shadows that the mesh casts on itself.

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from lightprobe.cli import check, whole_file
 from lightprobe.cli.cuts import Constellation, ConstellationCut, cut_of
+from lightprobe.cli.wishes import Lights, Order, Wait
 from lightprobe.client import DEFAULT_URI, Client
 from lightprobe.errors import ProbeTimeout, UsageError
 from lightprobe.estimate import Estimate, EstimateFlag, flag_names
@@ -63,8 +64,8 @@ def command(
             "faces of the map's size. The daemon must allow it (--reflection-map=64).",
         ),
     ] = False,
-    order: Annotated[int, typer.Option(min=0, max=4, help="Highest SH order.")] = 2,
-    lights: Annotated[int, typer.Option(min=0, max=8, help="Maximum number of lamps listed.")] = 8,
+    order: Order = 2,
+    lights: Lights = 8,
     area_lights: Annotated[
         bool, typer.Option("--area-lights", help="List windows, soft boxes and the like, too.")
     ] = False,
@@ -74,14 +75,7 @@ def command(
     ] = False,
     constellation: Constellation = None,
     cut: ConstellationCut = "variance",
-    wait_s: Annotated[
-        float,
-        typer.Option(
-            "--wait",
-            callback=check.number(0, 3600, "seconds"),
-            help="Seconds to wait for an estimate.",
-        ),
-    ] = 10.0,
+    wait_s: Wait = 10.0,
     as_json: Annotated[bool, typer.Option("--json", help="Print the estimate as JSON.")] = False,
 ) -> None:
     """Write the light of a probe, as it is now, for programs that have no client.
