@@ -55,6 +55,25 @@ async function lookUntil(opened: Opened, is: (looked: Looked) => boolean): Promi
   throw new Error(`never: ${is.toString()}; ${JSON.stringify(await call(opened, "look")).slice(0, 300)} ${opened.said.join("\n")}`);
 }
 
+const NORMALS: Vec3[] = Array.from({ length: 60 }, (_, i) => {
+  const y = 1 - (2 * (i + 0.5)) / 60, radius = Math.sqrt(1 - y * y);
+  return [radius * Math.cos(i * 2.399963), y, radius * Math.sin(i * 2.399963)];
+});
+
+const shownAt = ({ sh, direction, intensity }: Numbers): number[] =>
+  NORMALS.flatMap((n) => irradiance({ sh: { kind: "AMBIENT", order: 2, coefficients: sh }, lights: [{ direction, irradiance: intensity }] } as unknown as Estimate, n));
+const change = (a: number[], b: number[]): number => Math.max(...a.map((value, i) => Math.abs(value - b[i]!)));
+
+/** Looks until the frames show the packet that the page has, times `gain` where it is given: the shim fades, and on a busy machine a new packet may come in the midst of it. */
+async function lookUntilShown(opened: Opened, gain: (estimate: Estimate) => number): Promise<Looked> {
+  return lookUntil(opened, ({ frames, estimate }) => {
+    const shown = frames.filter((one) => one !== null).at(-1);
+    if (!shown || !estimate) return false;
+    const wanted = NORMALS.flatMap((n) => irradiance(estimate, n).map((value) => gain(estimate) * value));
+    return change(shownAt(shown), wanted) < 0.01 * Math.max(...wanted);
+  });
+}
+
 const hasFrames = ({ frames }: Looked): boolean => frames.some((frame) => frame !== null);
 /** A direction of the session in the axes of a probe whose −Z is turned to the left by 90°. */
 const toLeft = ([x, y, z]: Vec3): Vec3 => [-z, y, x];
@@ -165,26 +184,16 @@ test("a probe on a head that is turned to the left: poses are sent, and light co
   await call(opened, "start", ASKS, "rgba16f");
   const before = (await lookUntil(opened, ({ estimate }) => estimate?.frame === "WORLD")).changes;
   await lookUntil(opened, ({ frames, changes }) => changes > before || frames.length > 60);
-  const { frames, estimate } = await lookUntil(opened, (looked) => looked.frames.length > 30), found = await call<Mirrored>(opened, "mirrored", AXES);
+  await lookUntilShown(opened, () => 0.9);
+  const found = await call<Mirrored>(opened, "mirrored", AXES);
   AXES.forEach((axis, i) => {
     const inProbe = toLeft(axis), colour = AXIS_COLOURS[AXES.findIndex((one) => one.every((value, a) => value === inProbe[a]! + 0))]!;
     found.colours[i]!.forEach((value, c) => assert.ok(Math.abs(value - 0.9 * colour[c]!) < 0.02, `along ${String(axis)}: ${String(found.colours[i])}, expected 0.9 × ${String(colour)}`));
   });
-  const wanted = NORMALS.flatMap((n) => irradiance(estimate!, n).map((value) => 0.9 * value));
-  assert.ok(change(shownAt(frames.at(-1)!), wanted) < 0.01 * Math.max(...wanted));
   assert.deepEqual(opened.faults, []);
 });
 
 // ---------------------------------------------------------------- what goes wrong
-
-const NORMALS: Vec3[] = Array.from({ length: 60 }, (_, i) => {
-  const y = 1 - (2 * (i + 0.5)) / 60, radius = Math.sqrt(1 - y * y);
-  return [radius * Math.cos(i * 2.399963), y, radius * Math.sin(i * 2.399963)];
-});
-
-const shownAt = ({ sh, direction, intensity }: Numbers): number[] =>
-  NORMALS.flatMap((n) => irradiance({ sh: { kind: "AMBIENT", order: 2, coefficients: sh }, lights: [{ direction, irradiance: intensity }] } as unknown as Estimate, n));
-const change = (a: number[], b: number[]): number => Math.max(...a.map((value, i) => Math.abs(value - b[i]!)));
 
 /** The largest change of E(n) from one frame to the next, and from the first to the last. */
 function changes(frames: (Numbers | null)[]): { step: number; whole: number; count: number } {
@@ -211,10 +220,9 @@ test("a probe that comes late, goes, and comes back with another boot: null unti
   flaky.picture = axesPanorama(); // it stands elsewhere now
   await flaky.start(publish, "--ttl-ms=600000");
   const back = await lookUntil(opened, ({ estimate }) => estimate !== null && estimate.bootId !== bootId);
-  const settled = await lookUntil(opened, ({ frames }) => frames.length > 60);
-  const there = changes([...back.frames, ...settled.frames]), now = shownAt(settled.frames.at(-1)!);
-  const wanted = NORMALS.flatMap((n) => irradiance(settled.estimate!, n).map((value) => 0.3 * value));
-  assert.ok(change(now, wanted) < 0.01 * Math.max(...wanted), "the light is not the new probe's");
+  const settled = await lookUntilShown(opened, () => 0.3);
+  assert.equal(settled.estimate!.bootId, back.estimate!.bootId);
+  const there = changes([...back.frames, ...settled.frames]);
   assert.ok(there.step < 0.75 * there.whole, `${there.step} of ${there.whole}`);
   assert.deepEqual(opened.faults, []);
 });
@@ -222,9 +230,7 @@ test("a probe that comes late, goes, and comes back with another boot: null unti
 test("a page that asks once a second has the light, as bright as a page shows it", { timeout: 2 * LONG_MS }, async () => {
   const opened = await pages.open(browser, { tag: tag(lamp, ""), script: plain });
   await call(opened, "start", ASKS, "rgba16f", 1000);
-  const { frames, estimate } = await lookUntil(opened, (looked) => looked.frames.filter(Boolean).length > 2);
-  const gain = Math.PI / 2 / meanIrradiance(estimate!), wanted = NORMALS.flatMap((n) => irradiance(estimate!, n).map((value) => gain * value));
-  assert.ok(change(shownAt(frames.filter(Boolean).at(-1)!), wanted) < 0.02 * Math.max(...wanted));
+  await lookUntilShown(opened, (estimate) => Math.PI / 2 / meanIrradiance(estimate));
 });
 
 test("a page that never asks connects to nothing, and its session is the browser's own", { timeout: 2 * LONG_MS }, async () => {
