@@ -53,7 +53,7 @@ $(WEBXR)/installed: tests/engines/webxr/package.json tests/engines/webxr/package
 
 .PHONY: test-webxr bench-webxr
 test-webxr: build $(WEBXR)/installed ## test lightprobe-webxr.js in pages of Babylon.js, A-Frame and <model-viewer> (250 MB from npm)
-	@cd $(JS) && node --test dist/test/webxr_engines.js
+	@cd $(JS) && node dist/test/again.js dist/test/webxr_engines.js
 
 bench-webxr: build $(call apt,web) ## print the size of lightprobe-webxr.js and what it takes of a frame, in Chromium with graphics in software
 	@cd $(JS) && node dist/test/webxr_times.js
