@@ -128,9 +128,11 @@ def command(
     probe: Annotated[
         str | None,
         typer.Option(
-            metavar="ball:MM|diffuse-ball:MM",
+            metavar="ball:MM|diffuse-ball:MM|rod:MM,MM",
             help="The pictures show a ball: ball:60mm (also ball:60mm,black or ,silver) mirrors, "
-            "diffuse-ball:40mm is white and matt.",
+            "diffuse-ball:40mm is white and matt. Or a rod that stands upright on the board: "
+            "rod:60mm,8mm@5,4, its height, its diameter and its place in squares from the upper "
+            "left corner (default: the middle).",
         ),
     ] = None,
     intrinsics: Annotated[
@@ -145,7 +147,7 @@ def command(
         str,
         typer.Option(
             metavar="COLUMNSxROWS|none",
-            help="With --probe: squares of the printed board beside the ball, which is the frame "
+            help="With --probe: squares of the printed board, which is the frame "
             "of the estimate; none: the camera is.",
         ),
     ] = "11x8",
@@ -153,7 +155,8 @@ def command(
         float | None,
         typer.Option(
             callback=check.number(1, 1000, "mm"),
-            help="With --probe: side of the board's squares, to check the ball's diameter.",
+            help="With --probe: side of the board's squares as printed: a rod needs it, a ball's "
+            "diameter is checked by it.",
         ),
     ] = None,
     ball_at: Annotated[

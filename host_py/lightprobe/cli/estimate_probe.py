@@ -1,4 +1,4 @@
-"""`lightprobe estimate --probe`: a ball in the pictures of an ordinary camera."""
+"""`lightprobe estimate --probe`: a ball or a rod in the pictures of an ordinary camera."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ from lightprobe.estimate import EstimateFlag
 from lightprobe.evaluate import offline
 from lightprobe.imaging import image, metadata
 from lightprobe.imaging.ball import Pinhole
-from lightprobe.probe import diffuse, find, kinds, mirror
+from lightprobe.probe import board as boards
+from lightprobe.probe import diffuse, find, kinds, mirror, rod
 from lightprobe.probe.find import Request, Sight
 from lightprobe.probe.kinds import ProbeError
 
@@ -28,6 +29,8 @@ from lightprobe.probe.kinds import ProbeError
 _FILM_MM = float(np.hypot(36, 24))
 #: Of the panorama of what a diffuse ball shows, which is nowhere finer than 8°.
 _DIFFUSE_WIDTH = 480
+#: Of the panorama of what a rod shows: fine enough for the sun. A lamp of it is found so near.
+_ROD_WIDTH, _SAME_LAMP_DEG = 1440, 3.0
 #: Sections of a camera file that are about codes, whatever is in the picture.
 _OF_CODES = ("response", "photometry")
 
@@ -50,7 +53,9 @@ def estimate(
     settings: offline.Settings,
     options: Options,
 ) -> daemon.Once:
-    """Estimate with a ball as the probe; raises UsageError, ProbeError, and what estimating does.
+    """Estimate with a ball or a rod as the probe.
+
+    Raises UsageError, ProbeError, and what estimating does.
 
     The frame of the estimate is the board's, or without one the camera's.
     """
@@ -59,6 +64,8 @@ def estimate(
     size_px = mirror.size_of(files)
     pinhole = pinhole_of(options.intrinsics, files[0], size_px)
     board = None if options.board == "none" else lens_board.parse(options.board)
+    if isinstance(kind, kinds.Upright):
+        return _with_rod(files, exposures_us, settings, options, kind, pinhole)
     request = Request(kind, pinhole, board, options.square_mm, parse_place(options.at))
     sight = find.find(files, request)
     if not kind.is_mirror:
@@ -137,6 +144,64 @@ def _with_diffuse(
         found, lights=lamps, flags=found.flags | EstimateFlag.PARTIAL_VIEW, relighting_sigma=sigma
     )
     return dataclasses.replace(once, estimate=found)
+
+
+def _with_rod(
+    files: Sequence[Path],
+    exposures_us: Sequence[float],
+    settings: offline.Settings,
+    options: Options,
+    kind: kinds.Upright,
+    pinhole: Pinhole,
+) -> daemon.Once:
+    """Find lamps by their shadows, let the pipeline list them, and put in what is known of them."""
+    if options.board == "none" or options.square_mm is None:
+        raise UsageError(
+            "estimate: --probe rod: needs the printed board: give --square-mm, the side of its "
+            "squares as printed"
+        )
+    if options.save_camera:
+        raise UsageError("estimate: --save-camera: is for mirror balls")
+    board = lens_board.parse(options.board)
+    stands = rod.stand(kind, board, options.square_mm)
+    offline.check_exposures(files, exposures_us)
+    pose = _pose(files, pinhole, board)
+    radiance, clipped = diffuse.merged(files, exposures_us)
+    found = rod.solve(rod.sheet(radiance, clipped, pinhole, pose, board, stands), stands, pose)
+    with tempfile.TemporaryDirectory(prefix="lightprobe-rod-") as name:
+        file = Path(name) / "light.pfm"
+        image.write_pfm(file, found.panorama(_ROD_WIDTH))
+        settings = dataclasses.replace(settings, camera="equirect")
+        once = offline.estimate_pictures([file], (), settings)
+    seen = once.estimate
+    lamps = []
+    for lamp in seen.lights:
+        known = max(found.lamps, key=lambda one: float(one.direction @ lamp.direction))
+        if known.direction @ lamp.direction > np.cos(np.radians(_SAME_LAMP_DEG)):
+            lamp = dataclasses.replace(
+                lamp, direction=known.direction, direction_sigma_deg=known.direction_sigma_deg,
+                irradiance_sigma=rod.PAPER_SIGMA * lamp.irradiance,
+                angular_radius_deg=float(np.degrees(known.radius_rad)),
+            )  # fmt: skip
+        lamps.append(lamp)
+    sigma = float(np.hypot(seen.relighting_sigma or 0.0, found.relighting_sigma))
+    seen = dataclasses.replace(
+        seen, lights=tuple(lamps), flags=seen.flags | EstimateFlag.PARTIAL_VIEW,
+        relighting_sigma=sigma,
+    )  # fmt: skip
+    return dataclasses.replace(once, estimate=seen, log=[*found.notes, *once.log])
+
+
+def _pose(files: Sequence[Path], pinhole: Pinhole, board: lens_board.Board) -> boards.Pose:
+    """The board in the first picture that shows it; ProbeError."""
+    for file in files:
+        grey = np.asarray(find.as_codes(file).astype(np.float32) @ find.LUMA, np.uint8)
+        pose = boards.find(grey, pinhole, board)
+        if pose:
+            return pose
+    raise ProbeError(
+        f"{files[0]}: no board is found: let the picture show most of it, sharp and evenly lit"
+    )
 
 
 def _in_words(text: str, cuts: Sequence[Path], files: Sequence[Path]) -> str:

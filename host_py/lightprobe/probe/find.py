@@ -18,6 +18,8 @@ from lightprobe.probe import outline as outlines
 from lightprobe.probe.kinds import Kind, ProbeError
 from lightprobe.probe.outline import Outline
 
+#: Shares of red, green and blue in the grey picture.
+LUMA = (0.299, 0.587, 0.114)
 #: Codes that a picture for finding should have in the mean.
 _BEST_MEAN = 105.0
 #: Outlines whose middles are nearer than this share of the radius are one.
@@ -83,7 +85,7 @@ def find(files: Sequence[Path], request: Request) -> Sight:
 
 def find_in(codes: NDArray[np.uint8], request: Request) -> Sight:
     """Find ball and board in one picture (H, W, 3)."""
-    grey = np.asarray(codes.astype(np.float32) @ [0.299, 0.587, 0.114], np.uint8)
+    grey = np.asarray(codes.astype(np.float32) @ LUMA, np.uint8)
     outline = find_outline(codes, grey, request)
     pose = boards.find(grey, request.pinhole, request.board) if request.board else None
     if request.board and pose is None:
