@@ -7,6 +7,8 @@ from lightprobe import geometry
 from lightprobe.imaging import camera
 from look_around import LOOKS, PHONE, Case, find, run, seen_share, table
 
+pytestmark = pytest.mark.many_frames
+
 ROOMS = ("procedural:2",)
 #: More relighting error than by the 360° camera, at most.
 BOUND = 0.02
@@ -41,7 +43,6 @@ def test_what_is_seen():
 
 
 @pytest.mark.nightly
-@pytest.mark.many_frames
 def test_looking_around_is_nearly_as_good_as_a_360_camera(cases):
     for case in cases.values():
         assert case.stated is not None
@@ -53,7 +54,6 @@ def test_looking_around_is_nearly_as_good_as_a_360_camera(cases):
 
 
 @pytest.mark.nightly
-@pytest.mark.many_frames
 def test_a_ceiling_that_nobody_saw_is_told(cases):
     for case in cases.values():
         if case.look == "low":
